@@ -170,7 +170,7 @@ def find_model(identity: bytes) -> str:
     for profile in PROFILES.values():
         firmware = profile.firmware
         if firmware.version is None:
-            matches = firmware.identity_word in identity and profile.machine_word in identity
+            matches = firmware.identity_text in identity and profile.machine_text in identity
         else:
             matches = firmware.read_suffix(identity) == profile.banner_suffix
         if matches:
@@ -192,8 +192,8 @@ def _verify_idle(port: Port, url: str, firmware: Firmware, answer_s: float) -> N
         elif isinstance(event, UnknownLine):
             idle.judge_answer(event.text)
         elif isinstance(event, Report):
-            if idle.card or not event.targets_off:
-                cause = SD_PRINT if idle.card else "a heater is on"
+            if idle.is_printing_from_card or not event.targets_off:
+                cause = SD_PRINT if idle.is_printing_from_card else "a heater is on"
                 raise PortError(f"{url}: its printer is not idle: {cause}; wait until it is")
             return
     raise PortError(f"{url}: its printer does not report that it is idle; switch it off and on")

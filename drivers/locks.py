@@ -52,7 +52,7 @@ def acquire_lock(path: Path) -> int | None:
     else:
         os.close(descriptor)
         return None
-    try:  # erases the previous holder's id, which must not be killed; in place, as the disk may be full
+    try:  # erases the previous holder's id, so that `kill_holder` spares it; in place: the disk may be full
         os.pwrite(descriptor, b" " * os.fstat(descriptor).st_size, 0)
     except OSError:
         os.close(descriptor)

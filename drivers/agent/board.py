@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-from drivers.agent.emulator_bed import EmulatorBed
+from drivers.agent.emulator_control import EmulatorControl
 from drivers.agent.idle_watch import SD_PRINT, IdleWatch
 from drivers.clock import Clock, read_wall_s
 from drivers.errors import AgentError, Fault, PortError, PortNotIdle
@@ -79,7 +79,7 @@ class Board:
         self.is_simulated = url.startswith("sim://")
         self.pace = Pace.from_clock(clock)
         self.profile, self._firmware = profile, profile.firmware
-        self.link = Link(self._firmware, self.pace.floor_s)
+        self.link = Link(self._firmware, self.pace.min_time_out_s)
         self.session: Session | None = None
         self.report: Report | None = None
         self.absent_reason: str | None = "the port has not been opened yet"
@@ -89,7 +89,7 @@ class Board:
         self.stuck_heater: str | None = None
         self.rearms_alarm = False
         self.idle_watch = IdleWatch()
-        self.emulator = EmulatorBed(folder if self.is_simulated else None)
+        self.emulator = EmulatorControl(folder if self.is_simulated else None)
         self.has_changed = False
         self._url, self._folder, self._clock = url, folder, clock
         self._save, self._on_port_change = save, on_port_change
@@ -202,7 +202,7 @@ class Board:
         AgentError
             The printer prints from its SD card.
         """
-        if self.idle_watch.card:
+        if self.idle_watch.is_printing_from_card:
             raise AgentError(SD_PRINT)
         self.state.bed_unknown_reason = self.stuck_heater = None
         self.state.hot = False
@@ -234,8 +234,8 @@ class Board:
         AgentError
             The board prints.
         """
-        if self.session is not None or self.idle_watch.card:
-            raise AgentError(SD_PRINT if self.idle_watch.card else "it prints")
+        if self.session is not None or self.idle_watch.is_printing_from_card:
+            raise AgentError(SD_PRINT if self.idle_watch.is_printing_from_card else "it prints")
         self._is_idle_confirmed = True
         self.state.reset_verified = self.state.reset_failed = None
         if self._port is None:

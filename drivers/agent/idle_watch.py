@@ -69,22 +69,22 @@ class IdleWatch:
     ----------
     filament
         Judgement on the position of the filament.
-    card
+    is_printing_from_card
         True while the printer prints from its SD card.
     is_cold
         True if three consecutive reports showed both heaters off and cold.
     """
 
     def __init__(self) -> None:
-        self.card = False
+        self.is_printing_from_card = False
         self.filament = FilamentWatch()
         self.reset()
 
     def reset(self) -> None:
         """Forget all answers: the board was reset, or has printed for the farm."""
-        self.card = False
+        self.is_printing_from_card = False
         self._position: bytes | None = None
-        self._first: bytes | None = None  # the answer before there is a position
+        self._first_position: bytes | None = None  # the answer before there is a position
         self._unconfirmed_position: bytes | None = None  # last answer that differs from the known position
         self._was_heated = False
         self._coolest_c = [float("inf"), float("inf")]
@@ -104,17 +104,19 @@ class IdleWatch:
             True if it is such an answer; the event that it shows, if not caused by the farm.
         """
         if text.startswith(_CARD):
-            self.card = text.startswith(_CARD[0]) or (self.card and text.startswith(_CARD[2]))
-            return True, SD_PRINT if self.card else None
+            self.is_printing_from_card = text.startswith(_CARD[0]) or (
+                self.is_printing_from_card and text.startswith(_CARD[2])
+            )
+            return True, SD_PRINT if self.is_printing_from_card else None
         if _POSITION.match(text) is None:
             return False, None
         if text == self._position:
             self._unconfirmed_position = None
         elif text != self._unconfirmed_position:
-            self._first = self._first or text
+            self._first_position = self._first_position or text
             self._unconfirmed_position = text  # a garbled digit may be the cause, in the first answer as well
         else:
-            has_moved = self._position is not None or not _may_be_garbled(self._first or text, text)
+            has_moved = self._position is not None or not _may_be_garbled(self._first_position or text, text)
             self._position, self._unconfirmed_position = text, None
             self.filament.judge_position(text)
             return True, MOVED_REASON if has_moved else None

@@ -53,7 +53,7 @@ class Agent:
         self._journal = Journal(folder / JOURNAL)
         spool = Spool(folder / "spool", profile)
         saved_print = self._journal.state.print
-        spool.keep_only(None if saved_print is None else saved_print.print_id)
+        spool.delete_others(None if saved_print is None else saved_print.print_id)
         self._journal.shorten()
         self._board = Board(
             start.port, profile, folder / EMULATOR, self._clock, self._save, self._on_port_change
@@ -155,7 +155,7 @@ class Agent:
         )
         now_s = read_wall_s()
         if self._server is not None:
-            self._server.end_stalled()
+            self._server.drop_stalled_clients()
         if key == self._pushed_key and now_s < self._push_wall_s:
             return
         self._pushed_key = key

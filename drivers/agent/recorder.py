@@ -80,7 +80,7 @@ class Recorder:
         )
         self._program = program
         self.board.idle_watch.filament.confirm()
-        status = self.board.emulator.status()
+        status = self.board.emulator.read_status()
         self._starved_before_s = status.starved_s if status is not None else 0.0
         self.board.begin(Session(context))
 
@@ -165,7 +165,7 @@ class Recorder:
 
     def describe_print(self, saved_print: PrintSnapshot, context: SessionContext) -> PrintSnapshot:
         """Return the current state of the open print."""
-        status = self.board.emulator.status()
+        status = self.board.emulator.read_status()
         starved_s = saved_print.starved_s if status is None else status.starved_s - self._starved_before_s
         awaits_outcome = self._lacks_outcome(context)
         readings: dict[str, object] = {

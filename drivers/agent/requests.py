@@ -156,7 +156,7 @@ class RequestHandler:
         snapshot, attention = self._journal.state.print, self._board.state.attention_reason
         if attention is not None and snapshot is not None and snapshot.fault == Fault.WRONG_PRINTER:
             self._journal.write(self._clock.now(), identity=None)  # a person has checked which printer it is
-        self._board.emulator.clear()
+        self._board.emulator.clear_bed()
         self._board.clear_attention()
         self._recorder.alarms.clear()
         if request.filament is not None:

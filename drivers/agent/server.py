@@ -84,7 +84,7 @@ class Server:
         for client in tuple(self._clients):
             self._send(client, line)
 
-    def end_stalled(self) -> None:
+    def drop_stalled_clients(self) -> None:
         """Drop clients whose request is incomplete for 10 s, and accept again; call it every few seconds."""
         now_s = read_wall_s()
         for client in tuple(self._clients):

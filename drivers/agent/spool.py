@@ -80,7 +80,7 @@ class Spool:
             The copy cannot be written.
         """
         path = self._make_path(print_id)
-        self.keep_only(print_id)
+        self.delete_others(print_id)
         digest = hashlib.sha256()
         refusal: BadGcode | None = None
 
@@ -110,8 +110,8 @@ class Spool:
                 raise _make_write_error(path, error) from error
             raise BadGcode(f"{source}: cannot be read ({error.strerror}); is its folder shared?") from error
 
-    def keep_only(self, print_id: str | None) -> None:
-        """Delete the files of all other prints: of an upload that was never started, of a dead agent."""
+    def delete_others(self, print_id: str | None) -> None:
+        """Delete the files of all other prints: of an upload that was never started, or of a dead agent."""
         kept_files = set() if print_id is None else {self._make_path(print_id), self.make_part_path(print_id)}
         for path in self._folder.iterdir():
             if path not in kept_files and path.suffix in (_GCODE, _PART):

@@ -37,7 +37,7 @@ def describe_link(board: Board, journal_error: str | None) -> tuple[LinkState, s
         return LinkState.CONNECTING, None
     if board.state.attention_reason is not None:
         return LinkState.FAULT, board.state.attention_reason
-    if board.idle_watch.card:
+    if board.idle_watch.is_printing_from_card:
         return LinkState.FAULT, SD_PRINT
     if not (board.reset_verified or board.reset_failed):
         return LinkState.FAULT, UNVERIFIED_REASON
@@ -58,7 +58,7 @@ def make_snapshot(start: StartFile, recorder: Recorder, now_s: float) -> Snapsho
         The farm's clock.
     """
     board, journal_state = recorder.board, recorder.journal.state
-    session, report, emulator = board.session, board.report, board.emulator.status()
+    session, report, emulator = board.session, board.report, board.emulator.read_status()
     link, reason = describe_link(board, recorder.journal_error)
     if session is not None:
         filament = session.context.filament

@@ -248,11 +248,11 @@ def main(arguments: list[str] | None = None) -> int:
         parser.error(str(error))
     with lock:
         if options.detach:
-            ready, done_fd = os.pipe()
+            ready_fd, done_fd = os.pipe()
             if os.fork() > 0:
                 os.close(done_fd)
-                return 0 if os.read(ready, 1) else 1
-            os.close(ready)
+                return 0 if os.read(ready_fd, 1) else 1
+            os.close(ready_fd)
         emulator = Emulator(
             PROFILES[options.model],
             faults,

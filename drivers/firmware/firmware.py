@@ -45,8 +45,8 @@ class Firmware:
         Pattern of the offset in the settings, which a banner with a version contains; group 1 is the offset.
     banner_end
         Text in the banner's last line; None if only silence marks the end of the banner.
-    identity_query, identity_word
-        A query, and a text that its answer must contain besides `Profile.machine_word`.
+    identity_query, identity_text
+        A query, and a text that its answer must contain besides `Profile.machine_text`.
     settings_query, position_query, report_query
         Queries for the settings with the home offset, for the position of the head, and for temperatures.
     idle_queries
@@ -93,7 +93,7 @@ class Firmware:
     home_offset: re.Pattern[bytes]
     banner_end: bytes | None
     identity_query: bytes
-    identity_word: bytes
+    identity_text: bytes
     settings_query: bytes
     position_query: bytes
     report_query: bytes

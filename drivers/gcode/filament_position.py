@@ -150,11 +150,11 @@ class MotionState:
 def _find_feed(program: Program, line: int) -> float:
     """Find the last F before `line`; NaN if there was none."""
     while line > 0:
-        first = max(0, line - WINDOW_LINES)
-        for move in reversed(program.read_lines(first, line)):
+        start_line = max(0, line - WINDOW_LINES)
+        for move in reversed(program.read_lines(start_line, line)):
             if move.startswith(_MOVE_STARTS) and (match := _FEED.search(move)) is not None:
                 return float(match[1])
-        line = first
+        line = start_line
     return math.nan
 
 

@@ -133,15 +133,15 @@ class Timeline:
     def close(self) -> None:
         """Interpolate the seconds of marks without a time."""
         lines, seconds = self._lines, self._seconds
-        last_line, last_s, since = 0, 0.0, 0
+        last_line, last_s, unknown_start = 0, 0.0, 0
         for index, line in enumerate(lines):
             if math.isnan(seconds[index]):
                 continue
-            for unknown in range(since, index):
+            for unknown in range(unknown_start, index):
                 share = (lines[unknown] - last_line) / (line - last_line)
                 seconds[unknown] = last_s + share * (seconds[index] - last_s)
-            last_line, last_s, since = line, seconds[index], index + 1
-        for unknown in range(since, len(lines)):
+            last_line, last_s, unknown_start = line, seconds[index], index + 1
+        for unknown in range(unknown_start, len(lines)):
             seconds[unknown] = last_s
 
     def _mark(self, line: int, seconds: float) -> None:

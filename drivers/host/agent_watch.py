@@ -49,10 +49,10 @@ class AgentWatch:
 
     Attributes
     ----------
-    starts
+    start_count
         Number of agents that it has started.
-    ended_start
-        Number of the last one of them that has ended, or could not be started.
+    last_ended_start
+        Number of the last of these agents that has ended, or could not be started; 0 if none has.
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class AgentWatch:
         self._client = AgentClient(folder, on_message=self._heartbeat.reset)
         self._backoff = Backoff()
         self._process: subprocess.Popen[bytes] | None = None
-        self.starts = self.ended_start = 0
+        self.start_count = self.last_ended_start = 0
         self._reason: str | None = None
         self._listen_task: asyncio.Task[None] | None = None
         self._phase = AgentPhase.STARTING
@@ -92,13 +92,13 @@ class AgentWatch:
     def describe(self) -> AgentState:
         """Describe the agent for the daemon."""
         pid = find_agent_pid(self._folder)
-        runs = None if pid is None else Installation.from_agent(pid)
+        installation = None if pid is None else Installation.from_agent(pid)
         return AgentState(
             printer=self.printer,
             phase=self._find_phase(),
             pid=pid,
-            restarts=max(0, self.starts - 1),
-            installation="" if runs is None else runs.folder,
+            restarts=max(0, self.start_count - 1),
+            installation="" if installation is None else installation.folder,
             reason=self._reason,
         )
 
@@ -120,7 +120,7 @@ class AgentWatch:
             self._listen_task = asyncio.create_task(self._listen())
         if self._process is not None and self._process.poll() is not None:
             if self._process.returncode or not agents_are_units():  # else systemd has started it
-                self.ended_start = self.starts
+                self.last_ended_start = self.start_count
                 self._reason = f"its agent ended with {self._process.returncode}"
                 log.warning("%s: %s", self.printer, self._reason)
             self._process = None
@@ -140,7 +140,7 @@ class AgentWatch:
     def _start(self) -> None:
         self._backoff = self._backoff.start(time.monotonic())
         self._heartbeat.reset()
-        self.starts += 1
+        self.start_count += 1
         try:
             installation = (
                 self.kept_installation
@@ -150,7 +150,7 @@ class AgentWatch:
             self._process = start_agent(self.start, self._folder, installation)
             log.info("%s: agent started, pid %d", self.printer, self._process.pid)
         except DriverError as error:
-            self.ended_start = self.starts
+            self.last_ended_start = self.start_count
             self._reason = str(error)
             log.error("%s", error)
 

@@ -107,9 +107,9 @@ class HostPlaces:
 
 
 def _replace(path: Path, text: str) -> None:
-    new = path.with_name(f".{path.name}.new")
-    new.write_text(text)
-    new.replace(path)
+    new_path = path.with_name(f".{path.name}.new")
+    new_path.write_text(text)
+    new_path.replace(path)
 
 
 def reach_service(places: HostPlaces) -> socket.socket:

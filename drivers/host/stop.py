@@ -20,7 +20,7 @@ def stop_host(
     command: str,
     farm: str,
     starts: Sequence[StartFile],
-    take: Callable[[StopResult], None],
+    on_result: Callable[[StopResult], None],
     timeout_s: float = _STOP_S,
 ) -> None:
     """Stop printers on another host. Never raises; each printer has one result.
@@ -33,8 +33,8 @@ def stop_host(
         Name of the farm.
     starts
         Start files of the printers' agents.
-    take
-        Function that gets each result as soon as it is known.
+    on_result
+        Called with each result as soon as it is known.
     timeout_s
         Wall seconds for all results.
     """
@@ -58,7 +58,7 @@ def stop_host(
                     result = StopResult.parse(line)
                     if result.printer in missing_printers:
                         missing_printers.remove(result.printer)
-                        take(result)
+                        on_result(result)
                 errors = process.stderr.read().decode(errors="replace").strip().splitlines()
                 reason = errors[-1] if errors else reason
             finally:
@@ -67,4 +67,4 @@ def stop_host(
     except (OSError, ValueError, TypeError) as error:
         reason = str(error)
     for printer in sorted(missing_printers):
-        take(StopResult(printer, None, False, f"cannot be stopped: {host}: {reason}; switch it off"))
+        on_result(StopResult(printer, None, False, f"cannot be stopped: {host}: {reason}; switch it off"))

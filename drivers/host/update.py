@@ -17,17 +17,17 @@ from drivers.remote import Installation
 
 log = logging.getLogger(__name__)
 
-_PATIENCE_S = 90.0  # wall seconds in which a new agent has to answer; a board takes 10 to connect
+_READY_S = 90.0  # wall seconds in which a new agent has to answer; a board takes 10 to connect
 _POLL_S = 0.2
 
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """A new agent after the replacement.
+    """Observations of a new agent since the replacement.
 
     Attributes
     ----------
-    link_before
+    old_link
         Link of the old agent; None if it was not known.
     snapshot
         Latest report of the new agent; None before the first.
@@ -37,7 +37,7 @@ class Trial:
         Wall seconds since the replacement.
     """
 
-    link_before: m.LinkState | None
+    old_link: m.LinkState | None
     snapshot: m.Snapshot | None
     has_ended: bool
     waited_s: float
@@ -49,13 +49,13 @@ def judge_trial(trial: Trial) -> str | bool:
     A printer that could not be reached before need not be reached now.
     """
     snapshot = trial.snapshot
-    if snapshot is not None and snapshot.link in (m.LinkState.READY, m.LinkState.BUSY, trial.link_before):
+    if snapshot is not None and snapshot.link in (m.LinkState.READY, m.LinkState.BUSY, trial.old_link):
         return True
     if snapshot is not None and snapshot.link in (m.LinkState.FAULT, m.LinkState.ABSENT):
         return f"its new agent reports: {snapshot.reason or snapshot.link}"
     if trial.has_ended:
         return "its new agent has ended"
-    return trial.waited_s > _PATIENCE_S and f"its new agent was not ready in {_PATIENCE_S:g} s"
+    return trial.waited_s > _READY_S and f"its new agent was not ready in {_READY_S:g} s"
 
 
 class AgentsUpdate:
@@ -116,8 +116,8 @@ class AgentsUpdate:
     async def _replace(self, watch: AgentWatch) -> None:
         """Replace an agent; after a fault, start its old version again and end the update."""
         try:
-            before, starts = watch.snapshot, watch.starts
-            old = watch.find_installation()
+            old_snapshot, start_count = watch.snapshot, watch.start_count
+            old_installation = watch.find_installation()
             kept_installation, watch.kept_installation = watch.kept_installation, None
             try:
                 await watch.end()
@@ -126,28 +126,30 @@ class AgentsUpdate:
                 log.info("%s: not replaced: %s", watch.printer, error)
                 return
             watch.snapshot = None
-            fault = await self._await_verdict(watch, None if before is None else before.link, starts)
+            old_link = None if old_snapshot is None else old_snapshot.link
+            fault = await self._await_trial(watch, old_link, start_count)
             if fault is not None:
-                await self._restore_old_version(watch, old, fault)
+                await self._restore_old_version(watch, old_installation, fault)
         finally:
             self._replaced_printer = None
             self._on_change()
 
-    async def _await_verdict(
-        self, watch: AgentWatch, link_before: m.LinkState | None, starts: int
+    async def _await_trial(
+        self, watch: AgentWatch, old_link: m.LinkState | None, start_count: int
     ) -> str | None:
-        """Wait for the verdict on the first agent after `starts`; return its fault, or None."""
+        """Wait for the result of the first agent after `start_count` starts; return its fault, or None."""
         started_s = time.monotonic()
         while True:
-            runs = watch.find_installation()
-            snapshot = watch.snapshot if runs == self._installation else None
+            installation = watch.find_installation()
+            snapshot = watch.snapshot if installation == self._installation else None
             waited_s = time.monotonic() - started_s
-            verdict = judge_trial(Trial(link_before, snapshot, watch.ended_start > starts, waited_s))
-            if verdict is True:
+            has_ended = watch.last_ended_start > start_count
+            result = judge_trial(Trial(old_link, snapshot, has_ended, waited_s))
+            if result is True:
                 log.info("%s: its agent is of this version now", watch.printer)
                 return None
-            if verdict:
-                return str(verdict)
+            if result:
+                return str(result)
             await asyncio.sleep(_POLL_S)
 
     async def _restore_old_version(self, watch: AgentWatch, old: Installation | None, fault: str) -> None:

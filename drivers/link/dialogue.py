@@ -13,7 +13,7 @@ from drivers.ports import Port
 
 
 def exchange(
-    port: Port, link: Link, patience_s: float, *, is_new: bool = True, unconfirmed: bytes = b""
+    port: Port, link: Link, limit_s: float, *, is_new: bool = True, unconfirmed: bytes = b""
 ) -> Iterator[tuple[float, Event]]:
     """Pass bytes between a port and a link, and yield the events.
 
@@ -21,7 +21,7 @@ def exchange(
     ----------
     port, link
         The caller may `send` and `poll` on the link between two events.
-    patience_s
+    limit_s
         Wall seconds after which the exchange ends.
     is_new
         True if the port was just opened or reset; otherwise the link continues from its current state.
@@ -39,7 +39,7 @@ def exchange(
         The port was disconnected.
     """
     now_s = time.monotonic()
-    deadline_s = now_s + patience_s
+    deadline_s = now_s + limit_s
     if is_new:
         link.on_opened(now_s, unconfirmed)
     while now_s < deadline_s and link.phase is not Phase.DEAD:

@@ -29,16 +29,18 @@ class Link:
     ----------
     firmware
         The board's firmware.
-    floor_s
+    min_time_out_s
         Lower bound of all time-outs, in seconds of the caller's clock: if that clock runs faster than wall
         time, the host's own scheduling must not look like a silent board.
     """
 
-    def __init__(self, firmware: Firmware, floor_s: float = 0.0) -> None:
+    def __init__(self, firmware: Firmware, min_time_out_s: float = 0.0) -> None:
         self._firmware = firmware
-        self._floor_s = floor_s
+        self._min_time_out_s = min_time_out_s
         keeps_alive = firmware.keep_alive is not None
-        self._silence_s = max(KEEP_ALIVE_S, floor_s / 4) if keeps_alive else max(SILENCE_S, floor_s / 8)
+        self._silence_s = (
+            max(KEEP_ALIVE_S, min_time_out_s / 4) if keeps_alive else max(SILENCE_S, min_time_out_s / 8)
+        )
         self.poll_every_s = math.inf
         self.ignore_faults = False  # faults that the firmware reports: a stopped board still answers M105
         self._reset()
@@ -46,7 +48,7 @@ class Link:
     def _reset(self) -> None:
         self.phase = Phase.CLOSED
         self._output = b""
-        self._opening = Opening(self._firmware, self._floor_s)
+        self._opening = Opening(self._firmware, self._min_time_out_s)
         self._partial = b""
         self._due_s = math.inf  # time-out of the line in flight, or of the phase
         self._poll_at_s = math.inf
@@ -72,8 +74,8 @@ class Link:
         """
         self._reset()
         self.phase = Phase.OPENING
-        self._opening = Opening(self._firmware, self._floor_s, unconfirmed)
-        self._due_s = now_s + self._opening.first_s
+        self._opening = Opening(self._firmware, self._min_time_out_s, unconfirmed)
+        self._due_s = now_s + self._opening.first_query_s
 
     def on_restarted(self, now_s: float) -> None:
         """Accept an unrequested restart of the board, and continue with its banner."""
@@ -250,7 +252,7 @@ class Link:
         """Handle a busy message: the board executes a long command, so a query is useless."""
         if not self._awaits_ok:
             return
-        if now_s - self._recovery.sent_s > max(self._outbox.patience_s, 5 * self._floor_s):
+        if now_s - self._recovery.sent_s > max(self._outbox.time_out_s, 5 * self._min_time_out_s):
             self._give_up(Fault.NO_ANSWER, "the board is busy with one command for too long", events)
         else:
             self._recovery.busy_s = now_s
@@ -271,9 +273,9 @@ class Link:
     def _apply_answer(self, last_line: int, now_s: float, events: list[Event]) -> None:
         """Act on an answer with the number of the last accepted line, sent after all lines had arrived."""
         outbox = self._outbox
-        resendable = outbox.holds(last_line + 1)
+        can_resend = outbox.holds(last_line + 1)
         confirmations = self._recovery.count_needed(self._firmware, outbox.is_move, self._silence_s)
-        action, line = self._recovery.decide(last_line, self._place, confirmations, resendable)
+        action, line = self._recovery.decide(last_line, self._place, confirmations, can_resend)
         if action is Action.QUERY_AGAIN:
             self._query(now_s)
             return
@@ -303,7 +305,7 @@ class Link:
 
     @property
     def _unreadable_s(self) -> float:
-        return max(UNREADABLE_S, self._floor_s / 40)
+        return max(UNREADABLE_S, self._min_time_out_s / 40)
 
     def tick(self, now_s: float) -> Events:
         """Perform the actions that are due at `now_s`."""
@@ -344,7 +346,7 @@ class Link:
         self._output += self._firmware.last_line_query
         wait_s = self._silence_s * 2**self._recovery.queries
         if self._recovery.queries == MAX_QUERIES:
-            wait_s = max(self._outbox.patience_s, 5 * self._floor_s) - (wait_s - self._silence_s)
+            wait_s = max(self._outbox.time_out_s, 5 * self._min_time_out_s) - (wait_s - self._silence_s)
         self._due_s = now_s + wait_s
 
     def _schedule_query(self, now_s: float) -> None:
@@ -365,7 +367,7 @@ class Link:
         """Send the next line if none is in flight."""
         if self._awaits_ok or self.phase is not Phase.LIVE:
             return
-        if now_s >= self._poll_at_s and self._outbox.is_unsent_line:
+        if now_s >= self._poll_at_s and self._outbox.is_next_unsent:
             self._outbox.insert_poll()
             self._poll_at_s = now_s + self.poll_every_s
         line = self._outbox.take_next()

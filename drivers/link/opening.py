@@ -38,7 +38,7 @@ class Opening:
     ----------
     firmware
         The board's firmware.
-    floor_s
+    min_time_out_s
         See `Link`.
     unconfirmed
         Commands sent before; a board that does not restart must have received them.
@@ -51,27 +51,31 @@ class Opening:
         True if the unconfirmed commands may be lost.
     """
 
-    def __init__(self, firmware: Firmware, floor_s: float, unconfirmed: bytes = b"") -> None:
+    def __init__(self, firmware: Firmware, min_time_out_s: float, unconfirmed: bytes = b"") -> None:
         self.has_restarted = False
         self.banner = b""
         self.is_refused = False
-        self._firmware, self._floor_s, self._unconfirmed = firmware, floor_s, unconfirmed
+        self._firmware, self._min_time_out_s, self._unconfirmed = firmware, min_time_out_s, unconfirmed
         self._tries = 0
 
     @property
-    def first_s(self) -> float:
+    def first_query_s(self) -> float:
         """Seconds to wait for ``start`` before the first query."""
-        return max(UNCONFIRMED_S, self._floor_s / 8) if self._unconfirmed else max(START_S, self._floor_s)
+        return (
+            max(UNCONFIRMED_S, self._min_time_out_s / 8)
+            if self._unconfirmed
+            else max(START_S, self._min_time_out_s)
+        )
 
     @property
     def quiet_s(self) -> float:
         """Seconds to wait for the rest of a banner."""
-        return max(QUIET_S, self._floor_s / 4)
+        return max(QUIET_S, self._min_time_out_s / 4)
 
     @property
     def answer_s(self) -> float:
         """Seconds to wait for the answer to a query."""
-        return max(START_S if self._unconfirmed else START_S / 2, self._floor_s)
+        return max(START_S if self._unconfirmed else START_S / 2, self._min_time_out_s)
 
     def classify(self, line: bytes) -> OpeningLine:
         """Classify a line from the board."""

@@ -41,7 +41,7 @@ class Outbox:
         self._base = 1
         self._cursor = -1
         self._highest_sent = -1  # the highest number that was sent before the cursor went back
-        self._patience: dict[int, float] = {}  # time-outs of slow lines, by number
+        self._time_outs_s: dict[int, float] = {}  # time-outs of slow lines, by number
         self._feedrate_mm_min = math.inf  # feedrate after the last encoded line
         self._slow_s = 0.0  # duration of the slowest move among the last `QUEUED_LINES`
         self._slow_line_end = -1  # number of the last line that `_slow_s` delays
@@ -71,8 +71,8 @@ class Outbox:
         return max(self._highest_sent, self.number)
 
     @property
-    def is_unsent_line(self) -> bool:
-        """True if the next line was never sent: another line may be inserted before it."""
+    def is_next_unsent(self) -> bool:
+        """True if the next line was never sent, so that another line may be inserted before it."""
         return self.number >= self._highest_sent
 
     @property
@@ -96,9 +96,9 @@ class Outbox:
         return self.number in self._polls
 
     @property
-    def patience_s(self) -> float:
+    def time_out_s(self) -> float:
         """Time-out of the last sent line, in seconds."""
-        return max(POLL_S if self.is_poll else LINE_S, self._patience.get(self.number, 0.0))
+        return max(POLL_S if self.is_poll else LINE_S, self._time_outs_s.get(self.number, 0.0))
 
     def holds(self, number: int) -> bool:
         """Return True if the line is recent enough to be resent."""
@@ -131,7 +131,7 @@ class Outbox:
         self._source = None
         self._queue.clear()
         del self._frames[sent_count:]
-        self._patience = {n: s for n, s in self._patience.items() if n < self._base + sent_count}
+        self._time_outs_s = {n: s for n, s in self._time_outs_s.items() if n < self._base + sent_count}
         feedrates = (_FEEDRATE.search(line) for line in reversed(self._frames))
         if (feedrate := next(filter(None, feedrates), None)) is not None:
             self._feedrate_mm_min = float(feedrate[1]) or self._feedrate_mm_min
@@ -145,7 +145,7 @@ class Outbox:
         self._frames.append(add_frame(number, self._firmware.report_query))
         self._polls = {n for n in self._polls if n >= self._base}
         self._polls = {n + (n >= number) for n in self._polls} | {number}
-        self._patience = {n + (n >= number): s for n, s in self._patience.items()}
+        self._time_outs_s = {n + (n >= number): s for n, s in self._time_outs_s.items()}
         if self._source_number + self._source_stop - self._source_start > number:
             self._source_number += 1  # the rest of the program follows
         self._frames += add_frames(number + 1, map(remove_frame, encoded_lines))
@@ -184,7 +184,7 @@ class Outbox:
             del self._frames[:excess]
             self._base += excess
             self._cursor -= excess
-            self._patience = {n: s for n, s in self._patience.items() if n >= self._base}
+            self._time_outs_s = {n: s for n, s in self._time_outs_s.items() if n >= self._base}
         first = self._base + len(self._frames)
         commands: list[bytes] = []
         if self._queue:
@@ -199,10 +199,10 @@ class Outbox:
             if command.startswith(_MOVES):
                 self._note_slow_move(number, command)
             elif (waiting_s := self._firmware.waiting_s.get(command.split(b" ", 1)[0])) is not None:
-                self._patience[number] = waiting_s
+                self._time_outs_s[number] = waiting_s
                 self._slow_path_end = number
             if number <= self._slow_line_end:
-                self._patience[number] = max(self._slow_s, self._patience.get(number, 0.0))
+                self._time_outs_s[number] = max(self._slow_s, self._time_outs_s.get(number, 0.0))
 
     def _note_slow_move(self, number: int, move: bytes) -> None:
         """Note a move whose feedrate may make it longer than `LINE_S`; its length is unknown here."""

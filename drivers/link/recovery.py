@@ -1,6 +1,6 @@
 """Recovery of a link that does not know the last line that the board accepted. Pure.
 
-The link sends queries (`Recovery.note_query`) and passes the answers here; a `Verdict` is the action to take.
+The link sends queries (`Recovery.note_query`) and passes the answers here; a `Decision` tells it what to do.
 """
 
 from __future__ import annotations
@@ -54,8 +54,8 @@ class Action(Enum):
     REPEAT = "all lines from this one on are resent"
 
 
-class Verdict(NamedTuple):
-    """An action, and the line that it concerns."""
+class Decision(NamedTuple):
+    """Action, and the line that it concerns."""
 
     action: Action
     line: int = -1
@@ -95,20 +95,20 @@ class Recovery:
         """Time of the last sign of progress: the line in flight was sent, or a busy message arrived."""
         return max(self.sent_s, self.busy_s)
 
-    def count_needed(self, firmware: Firmware, moves: bool, patience_s: float) -> float:
-        """Compute the number of answers that are needed before the ok of an accepted line is taken for lost.
+    def count_needed(self, firmware: Firmware, moves: bool, busy_interval_s: float) -> float:
+        """Compute the number of answers that are needed before the ok of an accepted line counts as lost.
 
-        A board with busy messages is idle if it sent none for `patience_s` before the query.
+        A board with busy messages is idle if it sent none for `busy_interval_s` before the query.
 
         Parameters
         ----------
         moves
             The line in flight is a move.
-        patience_s
+        busy_interval_s
             Seconds within which a working board sends a busy message.
         """
         if firmware.keep_alive is not None:
-            return 1 if self._queried_s >= self.alive_s + patience_s else math.inf
+            return 1 if self._queried_s >= self.alive_s + busy_interval_s else math.inf
         return 1 if firmware.acknowledges_read_moves and moves else CONFIRMATIONS
 
     def note_query(self, place: Place, now_s: float) -> None:
@@ -127,7 +127,7 @@ class Recovery:
         return has_queried
 
     def match_answer(self, last_line: int, place: Place, awaits_ok: bool) -> Action | None:
-        """Match an answer to its query; None if that was sent from the current place: `decide` on it."""
+        """Match an answer to its query; None if that query is of the current place: call `decide` then."""
         unanswered_queries = self._unanswered_queries
         while unanswered_queries and 0 < unanswered_queries[0].highest_number < last_line:
             unanswered_queries.popleft()  # its answer was lost
@@ -142,7 +142,7 @@ class Recovery:
         """Drop the unanswered queries: they were lost."""
         self._unanswered_queries.clear()
 
-    def decide(self, last_line: int, place: Place, confirmations: float, resendable: bool) -> Verdict:
+    def decide(self, last_line: int, place: Place, confirmations: float, can_resend: bool) -> Decision:
         """Decide on an answer with the number of the last accepted line, sent after all lines had arrived.
 
         Parameters
@@ -150,8 +150,8 @@ class Recovery:
         last_line, place
             The answer, and the current place of the link.
         confirmations
-            Number of answers after which the ok of an accepted line is taken for lost.
-        resendable
+            Number of answers after which the ok of an accepted line counts as lost.
+        can_resend
             Line `last_line` + 1 can be sent again.
         """
         number, highest_number = place.number, place.highest_number
@@ -159,19 +159,19 @@ class Recovery:
         if number > 0 and last_line not in (number - 1, number, self._unconfirmed_line):
             self._unconfirmed_line = last_line
             self._contradictions += 1
-            return Verdict(Action.GIVE_UP_NOISY if self._contradictions > TRIES else Action.QUERY_AGAIN)
+            return Decision(Action.GIVE_UP_NOISY if self._contradictions > TRIES else Action.QUERY_AGAIN)
         self._unconfirmed_line = self.resend_number = -1
         self._contradictions = 0
         if last_line == number:
             self.confirmations += 1
-            return Verdict(Action.ACCEPT if self.confirmations >= confirmations else Action.WAIT)
+            return Decision(Action.ACCEPT if self.confirmations >= confirmations else Action.WAIT)
         if number == 0:
-            return Verdict(Action.REPEAT, 0)  # the M110 that restarts the count was lost
+            return Decision(Action.REPEAT, 0)  # the M110 that restarts the count was lost
         if number < last_line <= highest_number:
-            return Verdict(Action.ACCEPT_UP_TO, last_line)
-        if last_line > highest_number or last_line < 0 or not resendable:
-            return Verdict(Action.GIVE_UP_REBOOT)
-        return Verdict(Action.REPEAT, last_line + 1)
+            return Decision(Action.ACCEPT_UP_TO, last_line)
+        if last_line > highest_number or last_line < 0 or not can_resend:
+            return Decision(Action.GIVE_UP_REBOOT)
+        return Decision(Action.REPEAT, last_line + 1)
 
     def count_repair(self, number: int) -> bool:
         """Count a line that was lost, or whose ok was; return False if there are too many."""

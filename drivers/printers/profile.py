@@ -88,7 +88,7 @@ class Profile:
     slicer_names
         Pattern of the names that slicers use for it, in lower case.
     family
-        Model with the same feeder and hot end, whose G-code also suits this one except for the height.
+        Model with the same feeder and hot end; its G-code also suits this model, except for the height.
     bed_mm, height_mm
         The build volume.
     clips
@@ -104,11 +104,11 @@ class Profile:
     max_nozzle_c, max_bed_c
         Upper limits for a file.
     min_extrusion_c
-        Below this the firmware ignores extrusion.
+        Nozzle temperature below which the firmware ignores extrusion.
     gcode_flavor
         Cura's name; E in mm.
     start_code, end_code
-        Templates with the fields `bed_c`, `nozzle_c` and `prime_mm`, and with the field `park_mm`.
+        Templates: the start code has the fields `bed_c`, `nozzle_c` and `prime_mm`, the end code `park_mm`.
     ready_mm
         Position of the head after the start code.
     prime_mm3
@@ -128,7 +128,7 @@ class Profile:
         the part.
     banner_suffix
         Suffix of the firmware's version in the banner.
-    machine_word
+    machine_text
         Text in the answer to `Firmware.identity_query`.
     """
 
@@ -165,7 +165,7 @@ class Profile:
     head_above_nozzle_mm: float
     leave_code: tuple[bytes, ...]
     banner_suffix: str = ""
-    machine_word: bytes = b""
+    machine_text: bytes = b""
 
     @property
     def top_mm(self) -> float:

@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from drivers.messages import Filament, PrintSnapshot
 
-RECENT_PRINTS = 1000  # ended prints kept in memory, more than a week has
+RECENT_PRINTS = 1000  # ended prints kept in memory: more than those of a week
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from drivers.clock import Clock
 from drivers.errors import AgentError
 
 NAME = "start.json"
-AGENT_LOG = "agent.log"  # file in an agent's folder, too
+AGENT_LOG = "agent.log"  # also in the folder of the agent
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,21 +33,21 @@ class HeaterRule:
         Distance from the target at which it counts as reached.
     stall_s
         Before that, it must come `PROGRESS_C` nearer within this time.
-    hold_c, away_s
-        Afterwards it must not be further away than `hold_c` for `away_s`.
+    hold_c, max_away_s
+        Afterwards it may be further away than `hold_c` for `max_away_s` at most.
     cold_c
         Below this it counts as off, since it may not cool any further.
-    falls_c, falls_s
-        Switched off above `cold_c`, it must cool by `falls_c` within `falls_s`: proof that it is off.
+    cooling_c, cooling_s
+        Switched off above `cold_c`, it must cool by `cooling_c` within `cooling_s`: proof that it is off.
     """
 
     band_c: float
     stall_s: float
     hold_c: float
-    away_s: float
+    max_away_s: float
     cold_c: float
-    falls_c: float
-    falls_s: float
+    cooling_c: float
+    cooling_s: float
 
 
 RULES = {
@@ -80,16 +80,16 @@ class HeaterWatch:
 
     Parameters
     ----------
-    patience_s
-        Lower bound of every rule's times, in seconds: with an accelerated clock the host's scheduling
+    min_duration_s
+        Lower bound of the times of every rule, in seconds: with an accelerated clock the host's scheduling
         must not look like a fault.
     """
 
-    def __init__(self, patience_s: float) -> None:
-        self._gap_s = max(GAP_S, patience_s / 4)
+    def __init__(self, min_duration_s: float) -> None:
+        self._gap_s = max(GAP_S, min_duration_s / 4)
         self._reported_s = math.nan
         self._watched_s = 0.0  # seconds covered by reports
-        self._heaters = {name: _Heater(name, rule, patience_s) for name, rule in RULES.items()}
+        self._heaters = {name: _Heater(name, rule, min_duration_s) for name, rule in RULES.items()}
 
     def judge(self, report: Report, set_c: dict[HeaterName, float], now_s: float) -> Finding | None:
         """Judge a report.
@@ -137,10 +137,10 @@ class HeaterWatch:
 
 
 class _Heater:
-    def __init__(self, name: HeaterName, rule: HeaterRule, patience_s: float) -> None:
-        self._name, self._rule, self._patience_s = name, rule, patience_s
+    def __init__(self, name: HeaterName, rule: HeaterRule, min_duration_s: float) -> None:
+        self._name, self._rule, self._min_duration_s = name, rule, min_duration_s
         self._last: deque[float] = deque(maxlen=3)
-        self._rise = _RiseDetector(rule, patience_s)
+        self._rise = _RiseDetector(rule, min_duration_s)
         self.set_target(0.0)
 
     def restart(self) -> None:
@@ -151,8 +151,8 @@ class _Heater:
         """Set the target to compare with."""
         self.is_cooling = False
         self._set_c = set_c
-        self._reached = False
-        self._since_s = math.nan  # time of the first report since then
+        self._is_reached = False
+        self._since_s = math.nan  # time of the first report after the target was set
         self._min_distance_c, self._progress_s = math.inf, math.nan
         self._off_target_since_s = math.inf  # time since which it is away from the target
         self._hottest_c = -math.inf  # since it was switched off
@@ -162,8 +162,8 @@ class _Heater:
     def now_c(self) -> float:
         return median(self._last) if self._last else math.nan
 
-    def check(self, is_c: float, target_c: float, set_c: float, now_s: float) -> Finding | None:
-        self._last.append(is_c)
+    def check(self, reading_c: float, target_c: float, set_c: float, now_s: float) -> Finding | None:
+        self._last.append(reading_c)
         if set_c != self._set_c:
             self.set_target(set_c)
         if math.isnan(self._since_s):
@@ -182,14 +182,14 @@ class _Heater:
                 return self._make_stuck_finding(f"is off, and gets hotter: from {start_c:g} to {now_c:g} C")
             return self._check_off(now_c, now_s)
         if abs(now_c - set_c) <= self._rule.band_c:
-            self._reached = True
-        return self._check_hold(now_c, now_s) if self._reached else self._check_approach(now_c, now_s)
+            self._is_reached = True
+        return self._check_hold(now_c, now_s) if self._is_reached else self._check_approach(now_c, now_s)
 
     def _check_approach(self, now_c: float, now_s: float) -> Finding | None:
         distance_c = abs(now_c - self._set_c)
         if distance_c < self._min_distance_c - PROGRESS_C:
             self._min_distance_c, self._progress_s = distance_c, now_s
-        elif now_s - self._progress_s > max(self._rule.stall_s, self._patience_s):
+        elif now_s - self._progress_s > max(self._rule.stall_s, self._min_duration_s):
             if now_c > self._set_c:
                 return self._make_finding(
                     Fault.HEATER_STUCK_ON, f"stays at {now_c:g} C, above {self._set_c:g}"
@@ -203,7 +203,7 @@ class _Heater:
             self._off_target_since_s = math.inf
             return None
         self._off_target_since_s = min(self._off_target_since_s, now_s)
-        if now_s - self._off_target_since_s <= max(self._rule.away_s, self._patience_s):
+        if now_s - self._off_target_since_s <= max(self._rule.max_away_s, self._min_duration_s):
             return None
         if now_c > self._set_c:
             return self._make_finding(Fault.HEATER_STUCK_ON, f"went up to {now_c:g} C, above {self._set_c:g}")
@@ -215,11 +215,11 @@ class _Heater:
             self._coolest_c = max(rule.cold_c, min(self._coolest_c, now_c))
             if now_c > self._coolest_c + rule.hold_c:  # more than the other heater can cause
                 self.is_cooling, self._since_s, self._hottest_c = False, now_s, now_c
-        elif now_c < rule.cold_c or now_c <= self._hottest_c - rule.falls_c:
+        elif now_c < rule.cold_c or now_c <= self._hottest_c - rule.cooling_c:
             self.is_cooling, self._coolest_c = True, now_c
         else:
             self._hottest_c = max(self._hottest_c, now_c)
-            if now_s - self._since_s > max(rule.falls_s, self._patience_s):
+            if now_s - self._since_s > max(rule.cooling_s, self._min_duration_s):
                 return self._make_stuck_finding(f"is off, and does not cool from {now_c:g} C")
         return None
 
@@ -237,8 +237,8 @@ class _RiseDetector:
     continues over a reset of the board.
     """
 
-    def __init__(self, rule: HeaterRule, patience_s: float) -> None:
-        self._cold_c, self._after_s = rule.cold_c, max(RISE_S, patience_s)
+    def __init__(self, rule: HeaterRule, min_duration_s: float) -> None:
+        self._cold_c, self._after_s = rule.cold_c, max(RISE_S, min_duration_s)
         self._targets: deque[float] = deque(maxlen=3)
         self._since_s = math.nan
         self.coolest_c = math.inf  # since it was shown to be off

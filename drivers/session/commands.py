@@ -65,5 +65,5 @@ def await_report(context: SessionContext, deadline_s: float) -> Answer:
 
 def arm_dead_man(context: SessionContext, seconds: float) -> Script:
     """Arm the firmware's dead-man: heaters go off after these seconds without a command; 0 disarms it."""
-    context.dead_man_s = max(seconds, 10 * context.pace.floor_s) if seconds else 0.0
+    context.dead_man_s = max(seconds, 10 * context.pace.min_time_out_s) if seconds else 0.0
     yield from send(context, context.firmware.dead_man % context.dead_man_s)

@@ -20,7 +20,7 @@ from drivers.records import Suspicion
 from drivers.safety import HeaterWatch
 
 REPORT_S = 180.0  # limit between two reports while heating, as one may wait behind a slow move and be resent
-BLIND_S = 700.0  # limit without a report while printing: longer than any command may take
+NO_REPORT_S = 700.0  # limit without a report while printing: longer than any command may take
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,7 @@ class Pace:
     board, so each of them has a bound in wall time.
     """
 
-    floor_s: float = 2.0
+    min_time_out_s: float = 2.0
     heating_s: float = 1.0
     printing_s: float = 3.0
     idle_s: float = 5.0
@@ -41,7 +41,7 @@ class Pace:
         """Compute the pace: at least 2 wall seconds; 10 reports a wall second heating, 2 printing, 1 idle."""
         scale = clock.scale
         return cls(
-            floor_s=2.0 * scale,
+            min_time_out_s=2.0 * scale,
             heating_s=max(1.0, 0.1 * scale),
             printing_s=max(3.0, 0.5 * scale),
             idle_s=max(5.0, 1.0 * scale),
@@ -136,7 +136,7 @@ class SessionContext:
     pause_wanted, pause_ends_s, nozzle_paused
         True if a person wants a pause; the time at which it times out; True if the pause switched the nozzle
         off, whatever the file has set.
-    unreadable
+    read_error
         Reason for which the file can no longer be read.
     """
 
@@ -176,11 +176,11 @@ class SessionContext:
     pause_wanted: bool = field(default=False, init=False)
     pause_ends_s: float | None = field(default=None, init=False)
     nozzle_paused: bool = field(default=False, init=False)
-    unreadable: UnreadableFile | None = field(default=None, init=False)
+    read_error: UnreadableFile | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
         self.started_s = self.report_s = self.last_command_s = self.now_s
-        self.watch = HeaterWatch(2 * self.pace.floor_s)
+        self.watch = HeaterWatch(2 * self.pace.min_time_out_s)
 
     @property
     def firmware(self) -> Firmware:
@@ -208,12 +208,12 @@ class SessionContext:
     @property
     def report_deadline_s(self) -> float:
         """Time by which a report that is requested now has to arrive."""
-        return self.now_s + max(REPORT_S, 5 * self.pace.floor_s)
+        return self.now_s + max(REPORT_S, 5 * self.pace.min_time_out_s)
 
     @property
-    def blind_deadline_s(self) -> float:
+    def no_report_deadline_s(self) -> float:
         """Time at which a print without a report is ended."""
-        return self.report_s + max(BLIND_S, 5 * self.pace.floor_s)
+        return self.report_s + max(NO_REPORT_S, 5 * self.pace.min_time_out_s)
 
     def wait(self, condition: Callable[[], bool], limit_s: float) -> Wait:
         """Return a wait of at most `limit_s`, or of the shortest time-out if that is longer."""
@@ -221,7 +221,7 @@ class SessionContext:
 
     def compute_limit_s(self, limit_s: float) -> float:
         """Compute the end of a time limit, which is never below the shortest time-out."""
-        return self.now_s + max(limit_s, 2 * self.pace.floor_s)
+        return self.now_s + max(limit_s, 2 * self.pace.min_time_out_s)
 
     def request_power_off(self) -> None:
         """Request, once, that the caller cuts the mains."""

@@ -135,10 +135,10 @@ def compute_power_off_due_s(context: SessionContext) -> float:
     """Return the time of the request to cut the mains, unless the suspected heater is seen to cool before."""
     if context.suspicion is None or context.wants_power_off or context.ended:
         return math.inf
-    patience_s = 2 * context.pace.floor_s
+    min_wait_s = 2 * context.pace.min_time_out_s
     # The suspicion may be from the previous session.
     suspected_s, started_s = context.suspicion.since_s, context.started_s
-    return max(suspected_s + max(SUSPECT_S, patience_s), started_s + max(RESTART_S, patience_s))
+    return max(suspected_s + max(SUSPECT_S, min_wait_s), started_s + max(RESTART_S, min_wait_s))
 
 
 def _list_set_targets_c(context: SessionContext) -> dict[HeaterName, float]:

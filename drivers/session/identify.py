@@ -35,9 +35,9 @@ def identify(context: SessionContext) -> Script:
             problem = f"another printer, or levelled again: {offsets}"
         else:
             answer = yield from query(context, firmware.identity_query)
-            if firmware.identity_word not in answer:
+            if firmware.identity_text not in answer:
                 problem = f"M115 reports another firmware than {firmware.title}"
-            elif profile.machine_word not in answer:
+            elif profile.machine_text not in answer:
                 problem = f"M115 reports another machine than the {profile.title}"
             else:
                 context.identity = identity.offset

@@ -75,7 +75,7 @@ def can_pause(context: SessionContext) -> bool:
 def pause(context: SessionContext, program: Program, done_lines: int) -> Script:
     """Park, keep the bed warm, wait for a person, and return.
 
-    The filament is parked, as it must be in place at every end of the pause. Source:
+    The filament is parked, because the pause may also end the print. Source:
     docs/explanation/ultimaker2-serial.md, section 5.
     """
     firmware = context.firmware

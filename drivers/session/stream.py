@@ -69,26 +69,26 @@ def _stream(context: SessionContext, program: Program, start: int, stop: int) ->
 
     def read_lines(start: int, end: int) -> list[bytes]:
         """Read lines for the link. After a read error there are no more: none may be skipped."""
-        if context.unreadable is None:
+        if context.read_error is None:
             try:
                 return program.read_lines(start, end)
             except UnreadableFile as error:
-                context.unreadable = error
+                context.read_error = error
         return []
 
     def is_sent_or_paused() -> bool:
         can_begin_pause = context.pause_wanted and can_pause(context)
-        return link.is_drained or context.unreadable is not None or can_begin_pause
+        return link.is_drained or context.read_error is not None or can_begin_pause
 
     while start < stop:
         link.poll_every_s = context.pace.printing_s
         link.stream(context.now_s, read_lines, start, stop)
         context.report_s = context.now_s
-        while not (yield Wait(is_sent_or_paused, context.blind_deadline_s)):
-            if context.now_s >= context.blind_deadline_s:
+        while not (yield Wait(is_sent_or_paused, context.no_report_deadline_s)):
+            if context.now_s >= context.no_report_deadline_s:
                 raise PrintEnded(Fault.NO_ANSWER, "the board prints, but reports no temperatures")
-        if context.unreadable is not None:
-            raise context.unreadable
+        if context.read_error is not None:
+            raise context.read_error
         if link.is_drained:
             return
         link.halt()

@@ -145,4 +145,4 @@ def _check_printers(books: Books) -> Iterator[str]:
 def _check_outages(books: Books) -> Iterator[str]:
     open_outages = [outage.id for outage in books.outages.values() if outage.confirmed_s is None]
     if len(open_outages) > 1:
-        yield f"the farm: outages {' and '.join(map(str, open_outages))} are not confirmed, there can be one"
+        yield f"the farm: outages {' and '.join(map(str, open_outages))} are open; at most one may be"

@@ -1,4 +1,4 @@
-"""A stranger puts parts together by the page alone, and a wrong mating would not fit."""
+"""Assembly by the page of instructions alone: parts that do not belong together do not fit."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_parts_go_together_by_codes_and_pins_in_one_way_which_is_right(folder: P
     assert outcome.least_gap_mm > 0.5
 
 
-def test_parts_under_each_others_names_are_noticed(folder: Path, tmp_path: Path) -> None:
+def test_parts_with_exchanged_names_are_noticed(folder: Path, tmp_path: Path) -> None:
     shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
     shutil.copyfile(folder / "p01.stl", tmp_path / "p02.stl")
     shutil.copyfile(folder / "p02.stl", tmp_path / "p01.stl")
@@ -55,18 +55,18 @@ def make_socket(depths_mm: list[float], up_z: float) -> Socket:
     )
 
 
-def test_pins_of_unequal_depth_leave_one_way_and_equal_ones_two() -> None:
+def test_parts_fit_in_one_way_on_unequal_pins_and_in_two_on_equal_pins() -> None:
     unequal = [make_socket([7.0, 4.0], up_z) for up_z in (1.0, -1.0)]
     equal = [make_socket([7.0, 7.0], up_z) for up_z in (1.0, -1.0)]
     assert len(list(find_placements(*unequal, [13.0, 7.0]))) == 1
     assert len(list(find_placements(*equal, [13.0, 13.0]))) == 2
-    further = replace(unequal[1], at_mm=1.1 * unequal[1].at_mm)
-    assert list(find_placements(unequal[0], further, [13.0, 7.0])) == []  # distances of pins are unique
-    assert list(find_placements(unequal[0], further, None)) == []
+    wider_socket = replace(unequal[1], at_mm=1.1 * unequal[1].at_mm)
+    assert list(find_placements(unequal[0], wider_socket, [13.0, 7.0])) == []  # distances of pins are unique
+    assert list(find_placements(unequal[0], wider_socket, None)) == []
     assert len(list(find_placements(*equal, None))) == 2  # a foreign body fits if all holes meet
 
 
-def test_keys_of_two_lengths_leave_one_way_and_go_into_no_holes() -> None:
+def test_parts_fit_in_one_way_on_keys_of_two_lengths_and_keys_fit_no_holes() -> None:
     holes = [make_socket([4.05, 2.55], up_z) for up_z in (1.0, -1.0)]
     grooves = [replace(socket, is_groove=np.ones(2, dtype=np.bool_)) for socket in holes]
     assert len(list(find_placements(*grooves, [], [8.0, 5.0]))) == 1

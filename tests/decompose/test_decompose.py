@@ -64,10 +64,10 @@ def test_one_printer_prints_a_small_model_whole(
 def test_interior_is_omitted_if_that_saves_time(fleet: list[PrinterRoom], cost: CostModel) -> None:
     block = Model(Solid.box((0, 0, 0), (500, 400, 380)), (), 1.0)
     printers = [PrinterRoom(f"p{i}", fleet[0].boxes) for i in range(40)]
-    dear = replace(cost, volume_s_mm3=1.0)
-    hollow = decompose_model(block, printers, Options(Engine.GUILLOTINE, 9, prove=False), dear)
+    cost_of_volume = replace(cost, volume_s_mm3=1.0)
+    hollow = decompose_model(block, printers, Options(Engine.GUILLOTINE, 9, prove=False), cost_of_volume)
     full_result = decompose_model(
-        block, printers, Options(Engine.GUILLOTINE, 9, Interior.KEEP, prove=False), dear
+        block, printers, Options(Engine.GUILLOTINE, 9, Interior.KEEP, prove=False), cost_of_volume
     )
     volume = sum(p.solid.volume_mm3 for p in hollow.parts)
     assert volume < 0.95 * block.solid.volume_mm3
@@ -121,12 +121,12 @@ def test_printer_may_print_in_several_rounds(ball: Model, fleet: list[PrinterRoo
 
 
 def test_separate_pieces_are_separate_parts(fleet: list[PrinterRoom], cost: CostModel) -> None:
-    two = Model(
+    two_body_model = Model(
         Solid.union([Solid.box((0, 0, 0), (30, 30, 30)), Solid.box((60, 5, 0), (90, 35, 30))]), (), 1.0
     )
-    assert len(decompose_model(two, fleet[:2], COARSE_OPTIONS, cost).parts) == 2
+    assert len(decompose_model(two_body_model, fleet[:2], COARSE_OPTIONS, cost).parts) == 2
     with pytest.raises(NoFit, match="needs 2 parts"):
-        decompose_model(two, fleet[:1], COARSE_OPTIONS, cost)
+        decompose_model(two_body_model, fleet[:1], COARSE_OPTIONS, cost)
 
 
 def test_pieces_in_one_cell_are_separate_parts(fleet: list[PrinterRoom], cost: CostModel) -> None:
@@ -196,8 +196,8 @@ def test_written_parts_fit_together_to_the_model(
         assert mesh.bounds[:, :2].sum(axis=0) == pytest.approx([0.0, 0.0], abs=1e-4)
         matrix = np.array(part["to_model"])
         assert np.linalg.det(matrix[:3, :3]) == pytest.approx(1.0)
-        back = mesh.apply_transform(matrix)
-        assert back.bounds == pytest.approx(np.array([part["min_mm"], part["max_mm"]]), abs=1e-4)
+        model_mesh = mesh.apply_transform(matrix)
+        assert model_mesh.bounds == pytest.approx(np.array([part["min_mm"], part["max_mm"]]), abs=1e-4)
         solid = Solid.from_arrays(mesh.vertices, mesh.faces)
         assert solid.volume_mm3 == pytest.approx(part["volume_mm3"], rel=1e-5)
         total += part["volume_mm3"]

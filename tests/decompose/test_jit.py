@@ -23,7 +23,7 @@ def test_change_in_any_compiled_file_is_seen(tmp_path: Path) -> None:
 
 
 @pytest.fixture
-def read_only(monkeypatch: pytest.MonkeyPatch) -> set[Path]:
+def unwritable_folders(monkeypatch: pytest.MonkeyPatch) -> set[Path]:
     """Make folders unwritable, also if the tests run as root."""
     folders: set[Path] = set()
     writable = jit.is_writable
@@ -37,12 +37,12 @@ def test_code_is_stored_beside_writable_sources(tmp_path: Path) -> None:
 
 
 def test_installed_code_is_copied_for_a_user_who_may_not_write_it(
-    tmp_path: Path, read_only: set[Path]
+    tmp_path: Path, unwritable_folders: set[Path]
 ) -> None:
     installed_folder, own_folder = tmp_path / "installed", tmp_path / "home" / "own"
     (installed_folder / "grid").mkdir(parents=True)
     (installed_folder / "grid" / "boxes.nbc").write_bytes(b"code")
-    read_only.add(installed_folder)
+    unwritable_folders.add(installed_folder)
     assert find_code_folder(installed_folder, [own_folder]) == own_folder
     assert (own_folder / "grid" / "boxes.nbc").read_bytes() == b"code"
     assert [path.name for path in own_folder.parent.iterdir()] == ["own"]
@@ -51,9 +51,11 @@ def test_installed_code_is_copied_for_a_user_who_may_not_write_it(
     assert (own_folder / "grid" / "rays.nbc").exists()  # it is not copied again
 
 
-def test_unwritable_home_falls_back_to_a_temporary_folder(tmp_path: Path, read_only: set[Path]) -> None:
+def test_unwritable_home_falls_back_to_a_temporary_folder(
+    tmp_path: Path, unwritable_folders: set[Path]
+) -> None:
     (tmp_path / "file").write_text("no folder")
-    read_only.add(tmp_path / "installed")
+    unwritable_folders.add(tmp_path / "installed")
     other_folders = [tmp_path / "file" / "own", tmp_path / "scratch"]
     assert find_code_folder(tmp_path / "installed", other_folders) == tmp_path / "scratch"
     assert find_code_folder(tmp_path / "installed", other_folders[:1]) is None

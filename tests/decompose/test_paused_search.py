@@ -76,9 +76,9 @@ def test_attempt_that_failed_leaves_the_best_result(paused: PausedSearch) -> Non
     count = len(paused.plan_round())
     outcomes = [paused.fail_attempt(number, "its worker had no memory") for number in range(count)]
     search = replace(paused, best=paused.resume(outcomes))
-    made = search.best.attempts[1 : 1 + count]
-    assert {attempt.reason for attempt in made} == {"its worker had no memory"}
-    assert not any(attempt.finished for attempt in made)
+    attempts = search.best.attempts[1 : 1 + count]
+    assert {attempt.reason for attempt in attempts} == {"its worker had no memory"}
+    assert not any(attempt.finished for attempt in attempts)
     assert search.best.makespan_s == paused.best.makespan_s
     assert sum(attempt.effort_s for attempt in search.best.attempts) <= BEST.budget_s * (1.0 + 1e-9)
 

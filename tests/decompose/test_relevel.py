@@ -43,29 +43,29 @@ def pass_to_process(decomposition: Decomposition) -> Decomposition:
     return pickle.loads(pickle.dumps(decomposition.without_parts()))  # type: ignore[no-any-return]
 
 
-def make_times_s(decomposition: Decomposition, slow: int, factor: float = 1.2) -> np.ndarray:
+def make_times_s(decomposition: Decomposition, slow_part: int, factor: float = 1.2) -> np.ndarray:
     """Return the parts' sliced times, with one slower than its price."""
     seconds = np.array([part.price_s for part in decomposition.parts])
-    seconds[slow] *= factor
+    seconds[slow_part] *= factor
     return seconds
 
 
-def find_part_number(new_result: Decomposition, decomposition: Decomposition, slow: int) -> int:
+def find_part_number(new_result: Decomposition, decomposition: Decomposition, slow_part: int) -> int:
     """Find the number of a part after its borders have moved, as parts are numbered by position."""
-    centre_mm = decomposition.parts[slow].solid.bounds_mm.mean(axis=0)
+    centre_mm = decomposition.parts[slow_part].solid.bounds_mm.mean(axis=0)
     return int(
         np.argmin([np.linalg.norm(p.solid.bounds_mm.mean(axis=0) - centre_mm) for p in new_result.parts])
     )
 
 
-@pytest.mark.parametrize("slow", range(4))
-def test_slow_part_gets_smaller(slow: int, decomposition: Decomposition, cost: CostModel) -> None:
-    before_s = make_times_s(decomposition, slow)
-    new_result = relevel_planes(MODEL, pass_to_process(decomposition), before_s, cost)
+@pytest.mark.parametrize("slow_part", range(4))
+def test_slow_part_gets_smaller(slow_part: int, decomposition: Decomposition, cost: CostModel) -> None:
+    old_times_s = make_times_s(decomposition, slow_part)
+    new_result = relevel_planes(MODEL, pass_to_process(decomposition), old_times_s, cost)
     assert new_result is not None
-    number = find_part_number(new_result, decomposition, slow)
-    assert make_times_s(new_result, number).max() < 0.97 * before_s.max()
-    assert new_result.parts[number].price_s < decomposition.parts[slow].price_s
+    number = find_part_number(new_result, decomposition, slow_part)
+    assert make_times_s(new_result, number).max() < 0.97 * old_times_s.max()
+    assert new_result.parts[number].price_s < decomposition.parts[slow_part].price_s
     assert new_result.coverage.surface_error < 1e-6
     assert sum(p.solid.volume_mm3 for p in new_result.parts) == pytest.approx(MODEL.solid.volume_mm3)
 
@@ -79,15 +79,19 @@ def test_relevel_with_true_prices_changes_nothing(decomposition: Decomposition, 
 
 def test_reported_repairs_are_kept(decomposition: Decomposition, cost: CostModel) -> None:
     attempts = (Attempt(Engine.GUILLOTINE, "auto", 15.0, 9.0),)
-    was = replace(
+    old_result = replace(
         pass_to_process(decomposition),
         yaw_deg=15.0,
         attempts=attempts,
         options=replace(OPTIONS, engine=Engine.BEST),
     )
-    new_result = relevel_planes(MODEL, was, make_times_s(decomposition, 1), cost)
+    new_result = relevel_planes(MODEL, old_result, make_times_s(decomposition, 1), cost)
     assert new_result is not None
-    assert (new_result.yaw_deg, new_result.attempts, new_result.options) == (15.0, attempts, was.options)
+    assert (new_result.yaw_deg, new_result.attempts, new_result.options) == (
+        15.0,
+        attempts,
+        old_result.options,
+    )
     assert (new_result.serial_s, new_result.gap, new_result.cells) == (
         decomposition.serial_s,
         decomposition.gap,
@@ -101,14 +105,17 @@ def test_second_relevel_continues_from_the_first(decomposition: Decomposition, c
         MODEL, pass_to_process(decomposition), make_times_s(decomposition, 1), cost
     )
     assert first_relevel is not None
-    slow = find_part_number(first_relevel, decomposition, 1)
+    slow_part = find_part_number(first_relevel, decomposition, 1)
     assert (
-        relevel_planes(MODEL, pass_to_process(first_relevel), make_times_s(first_relevel, slow), cost) is None
+        relevel_planes(MODEL, pass_to_process(first_relevel), make_times_s(first_relevel, slow_part), cost)
+        is None
     )  # it is level
-    twice = relevel_planes(MODEL, pass_to_process(first_relevel), make_times_s(first_relevel, 2, 1.3), cost)
-    assert twice is not None
+    second_relevel = relevel_planes(
+        MODEL, pass_to_process(first_relevel), make_times_s(first_relevel, 2, 1.3), cost
+    )
+    assert second_relevel is not None
     assert (
-        make_times_s(twice, find_part_number(twice, first_relevel, 2), 1.3).max()
+        make_times_s(second_relevel, find_part_number(second_relevel, first_relevel, 2), 1.3).max()
         < make_times_s(first_relevel, 2, 1.3).max()
     )
 
@@ -132,15 +139,15 @@ def test_slow_part_ends_sooner_on_unequal_printers(faster: float, cost: CostMode
     rooms = tuple(replace(room, time_factor=1.0 + faster * i) for i, room in enumerate(ROOMS))
     factors = {room.name: room.time_factor for room in rooms}
     decomposition = decompose_model(MODEL, rooms, OPTIONS, cost)
-    before_s = make_times_s(decomposition, 0, 1.1)
-    new_result = relevel_planes(MODEL, pass_to_process(decomposition), before_s, cost)
+    old_times_s = make_times_s(decomposition, 0, 1.1)
+    new_result = relevel_planes(MODEL, pass_to_process(decomposition), old_times_s, cost)
     assert new_result is not None and new_result.cutting is not None
     after_s = make_times_s(new_result, find_part_number(new_result, decomposition, 0), 1.1)
 
     def ends_s(parts: Sequence[Part], seconds: np.ndarray) -> float:
         return max(s * factors[part.printer] for part, s in zip(parts, seconds, strict=True))
 
-    assert ends_s(new_result.parts, after_s) < 0.97 * ends_s(decomposition.parts, before_s)
+    assert ends_s(new_result.parts, after_s) < 0.97 * ends_s(decomposition.parts, old_times_s)
     times_s = [s * factors[part.printer] for part, s in zip(new_result.parts, after_s, strict=True)]
     assert min(times_s) > 0.97 * max(times_s)
     assert len({part.printer for part in new_result.parts}) == len(new_result.parts)
@@ -165,8 +172,8 @@ def test_each_piece_of_a_box_keeps_its_time_ratio(cost: CostModel) -> None:
     result = _cut_previous_boxes(problem, grid_cut, [prices_s[0], 1.2 * prices_s[1], 1.1 * prices_s[2]])
     assert result is not None
     moved_planes = shift_box_planes(problem, problem.build_grid(problem.model), boxes_mm, result)
-    slower = {bool(piece.solid.bounds_mm[0, 0] < 100.0): piece.time_ratio for piece in moved_planes[1:]}
-    assert slower == pytest.approx({False: 1.2, True: 1.1})
+    time_ratios = {bool(piece.solid.bounds_mm[0, 0] < 100.0): piece.time_ratio for piece in moved_planes[1:]}
+    assert time_ratios == pytest.approx({False: 1.2, True: 1.1})
 
 
 def test_unrelated_parts_are_unchanged(decomposition: Decomposition, cost: CostModel) -> None:
@@ -175,11 +182,11 @@ def test_unrelated_parts_are_unchanged(decomposition: Decomposition, cost: CostM
         relevel_planes(MODEL, pass_to_process(decomposition), make_times_s(decomposition, 0)[:-1], cost)
         is None
     )
-    twice = replace(decomposition.cutting, boxes_mm=decomposition.cutting.boxes_mm[[0, 0, 1, 2]])
+    repeated_cutting = replace(decomposition.cutting, boxes_mm=decomposition.cutting.boxes_mm[[0, 0, 1, 2]])
     assert (
         relevel_planes(
             MODEL,
-            replace(pass_to_process(decomposition), cutting=twice),
+            replace(pass_to_process(decomposition), cutting=repeated_cutting),
             make_times_s(decomposition, 0),
             cost,
         )

@@ -1,4 +1,4 @@
-"""The bundle of the pages: what it is made of, and what it weighs."""
+"""Bundle of the scripts of the pages: its sources and its size."""
 
 import gzip
 import json

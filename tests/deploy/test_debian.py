@@ -128,7 +128,7 @@ def test_scripts_are_not_tested_on_the_host_itself():
     assert (run.returncode, "in the copy only" in run.stderr) == (2, True)
 
 
-def test_scripts_of_the_package_by_dpkg_beside_a_systemctl_that_records():
+def test_scripts_of_the_package_run_by_dpkg_with_a_recording_systemctl():
     """Installs, upgrades, removes and purges a package with a stub program over this host's files."""
     run = subprocess.run([DEBIAN / "test-scripts.sh"], capture_output=True, text=True)
     if run.returncode == CANNOT_RUN:

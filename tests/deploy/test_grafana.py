@@ -1,4 +1,4 @@
-"""Grafana board: every panel asks for metrics that the farm serves, at a separate place."""
+"""Grafana board: every panel queries metrics that the farm serves, and no two panels overlap."""
 
 import itertools
 import json

@@ -2,15 +2,15 @@
 
 import pytest
 
-from hosts.apt_host import Host, resources
+from hosts.apt_host import Host, create_resources
 
 
 class TestInstall:
     @pytest.mark.parametrize("version", ["4.13", "5.0"])
     def test_all_files_are_fetched_in_one_version(self, tmp_path, version):
         host = Host(tmp_path, apt=version)
-        code, message, calls = host.run()
-        assert (code, message.splitlines()[-1]) == (
+        code, output, calls = host.run()
+        assert (code, output.splitlines()[-1]) == (
             0,
             f"install: CuraEngine {version} and Cura's settings are in place.",
         )
@@ -29,9 +29,9 @@ class TestInstall:
     def test_configured_engine_of_a_supported_version_is_used(self, tmp_path, version):
         host = Host(tmp_path)
         engine = host.engine(version, tmp_path / "mine")
-        engine_files = resources(tmp_path / "cura", version)
-        code, message, calls = host.run(FARM_CURA_ENGINE=str(engine), FARM_CURA_RESOURCES=str(engine_files))
-        assert (code, message, calls) == (0, "", "")
+        engine_files = create_resources(tmp_path / "cura", version)
+        code, output, calls = host.run(FARM_CURA_ENGINE=str(engine), FARM_CURA_RESOURCES=str(engine_files))
+        assert (code, output, calls) == (0, "", "")
 
     @pytest.mark.parametrize(
         ("engine", "settings", "wrong"),
@@ -44,16 +44,16 @@ class TestInstall:
     )
     def test_configured_engine_of_another_version_is_refused(self, tmp_path, engine, settings, wrong):
         host = Host(tmp_path)
-        folder = resources(tmp_path / "cura", settings) if settings else tmp_path
+        folder = create_resources(tmp_path / "cura", settings) if settings else tmp_path
         program = host.engine(engine, tmp_path / "mine")
-        code, message, _ = host.run(FARM_CURA_ENGINE=str(program), FARM_CURA_RESOURCES=str(folder))
+        code, output, _ = host.run(FARM_CURA_ENGINE=str(program), FARM_CURA_RESOURCES=str(folder))
         assert code == 1
-        assert wrong in message
+        assert wrong in output
 
     def test_settings_of_another_version_are_replaced(self, tmp_path):
         host = Host(tmp_path, apt="5.0")
         host.engine("5.0")
-        resources(host.settings, "4.13")
+        create_resources(host.settings, "4.13")
         code, _, calls = host.run()
         assert code == 0
         assert "cura-engine" not in calls
@@ -62,21 +62,21 @@ class TestInstall:
     def test_packages_of_another_version_are_not_used(self, tmp_path):
         host = Host(tmp_path, apt="5.0")
         host.engine("4.13")
-        code, message, _ = host.run()
+        code, output, _ = host.run()
         assert code == 1
-        assert "apt has no version 4.13 of: cura fdm-materials" in message
+        assert "apt has no version 4.13 of: cura fdm-materials" in output
         assert not host.settings.exists()
 
     @pytest.mark.parametrize(
-        ("host", "message"),
+        ("host", "output"),
         [
             ({}, "There is no apt here"),
             ({"apt": "4.8"}, "apt has no version 4.13 or 5"),
             ({"apt": "5.0", "packaged_version": "4.13"}, "has not the settings of CuraEngine 5.0"),
         ],
     )
-    def test_unavailable_engine_is_reported_with_its_requirements(self, tmp_path, host, message):
+    def test_unavailable_engine_is_reported_with_its_requirements(self, tmp_path, host, output):
         code, errors, _ = Host(tmp_path, **host).run()
         assert code == 1
-        assert message in errors
+        assert output in errors
         assert "FARM_CURA_ENGINE" in errors

@@ -86,16 +86,16 @@ def test_missing_packages_are_unpacked_and_not_installed(install, tmp_path: Path
     }
     assert not (tmp_path / "other-calls").exists()
     unpacked_folder = tmp_path / "env" / "debian" / "usr"
-    message = subprocess.check_output([tmp_path / "env" / "bin" / "sshd", "-D", "a b"], text=True, env={})
-    assert message == f"{unpacked_folder}/sbin/sshd {unpacked_folder}/lib -D a b\n"
-    message = subprocess.check_output([tmp_path / "env" / "bin" / "tcc", "x.c"], text=True, env={})
-    assert message.endswith(f" -B{unpacked_folder}/lib/tcc x.c\n")
+    output = subprocess.check_output([tmp_path / "env" / "bin" / "sshd", "-D", "a b"], text=True, env={})
+    assert output == f"{unpacked_folder}/sbin/sshd {unpacked_folder}/lib -D a b\n"
+    output = subprocess.check_output([tmp_path / "env" / "bin" / "tcc", "x.c"], text=True, env={})
+    assert output.endswith(f" -B{unpacked_folder}/lib/tcc x.c\n")
     assert install() == ""
 
 
 def test_unavailable_package_is_reported_without_failure(install, tmp_path: Path):
-    message = install(NO_APT="1", NO_PIP="1")
-    assert message.count("skipped") == 3
+    output = install(NO_APT="1", NO_PIP="1")
+    assert output.count("skipped") == 3
     assert not (tmp_path / "env" / "bin" / "sshd").exists()
     assert not (tmp_path / "env" / ".installed").exists()
 

@@ -54,18 +54,18 @@ def test_service_of_farm_estop_takes_the_listening_socket_of_its_unit(tmp_path: 
     path = tmp_path / "estop.sock"
     command = ["systemd-socket-activate", "--inetd", "-l", str(path), sys.executable, "-m", module]
     command += ["--state", str(tmp_path / "state"), "--fleet", str(tmp_path / "fleet.yaml")]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as serving:
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as server:
         try:
-            assert serving.stderr is not None and "Listening" in serving.stderr.readline()
+            assert server.stderr is not None and "Listening" in server.stderr.readline()
             for _ in range(2):  # the second one by the same process
                 with socket.socket(socket.AF_UNIX) as client:
                     client.settimeout(60.0)
                     client.connect(str(path))
                     client.sendall(b'{"printers":["um2-01"]}\n')
-                    message = client.makefile().read()
-                assert '"over":true' in message and "fleet.yaml" in message
+                    output = client.makefile().read()
+                assert '"over":true' in output and "fleet.yaml" in output
         finally:
-            serving.kill()
+            server.kill()
 
 
 def test_agents_unit_waits_for_its_print_and_depends_on_nothing_that_may_stop():

@@ -22,7 +22,7 @@ def test_clock_of_scale_one_equals_wall_time():
 
 
 @pytest.mark.parametrize("step_s", [600.0, -600.0, 3e7])
-def test_setting_the_host_s_clock_moves_no_deadline(step_s: float, monkeypatch: pytest.MonkeyPatch):
+def test_setting_the_clock_of_the_host_moves_no_deadline(step_s: float, monkeypatch: pytest.MonkeyPatch):
     set_s = time.time() + step_s
     before_s = Clock().now()
     monkeypatch.setattr(time, "time", lambda: set_s)
@@ -47,16 +47,16 @@ def test_clock_step_of_the_host_is_applied_once(step_s: float, monkeypatch: pyte
 
 
 def test_small_steps_add_up(monkeypatch: pytest.MonkeyPatch):
-    real, clock = time.time, Clock()
+    real_time, clock = time.time, Clock()
     taken_s = []
     for tenths in range(1, 31):
-        monkeypatch.setattr(time, "time", lambda tenths=tenths: real() + tenths / 10)
+        monkeypatch.setattr(time, "time", lambda tenths=tenths: real_time() + tenths / 10)
         taken_s.append(clock.follow_host())
     assert 0.0 in taken_s
     assert 2.0 < clock.ahead_s == pytest.approx(sum(taken_s))
 
 
 def test_clock_of_simulated_printers_never_steps(monkeypatch: pytest.MonkeyPatch):
-    real, clock = time.time, Clock(60.0, time.time())
-    monkeypatch.setattr(time, "time", lambda: real() + 1e6)
+    real_time, clock = time.time, Clock(60.0, time.time())
+    monkeypatch.setattr(time, "time", lambda: real_time() + 1e6)
     assert (clock.follow_host(), clock.ahead_s) == (0.0, 0.0)

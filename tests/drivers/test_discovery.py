@@ -138,9 +138,9 @@ def test_farm_commissions_a_printer_with_and_without_its_agent(tmp_path: Path, p
         process.kill()
         process.wait(10.0)
     assert Journal(folder / "journal.jsonl").state.board.reset_verified == str(printer)
-    far = farm(tmp_path, f"{printer}, host: pc-b", "--commission", "a", "--yes")
+    result = farm(tmp_path, f"{printer}, host: pc-b", "--commission", "a", "--yes")
     assert (
-        far.returncode == 5 and "is on pc-b" in far.stderr
+        result.returncode == 5 and "is on pc-b" in result.stderr
     )  # the port of that name here belongs to another printer
-    unknown = farm(tmp_path, printer, "--commission", "z", "--yes")
-    assert unknown.returncode == 4
+    unknown_result = farm(tmp_path, printer, "--commission", "z", "--yes")
+    assert unknown_result.returncode == 4

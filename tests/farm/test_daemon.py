@@ -33,8 +33,18 @@ COMMANDS = [f"farm.cli.commands.{path.stem}" for path in Path(commands.__file__)
 @pytest.mark.parametrize("module", ["farm.daemon", "farm.planning.tasks", *COMMANDS])
 def test_modules_of_workers_are_not_loaded_by_the_daemon(module):
     """Limit the imports, so that a restarted daemon and every `farm status` start fast."""
-    slow = ("numpy", "scipy", "trimesh", "numba", "sklearn", "matplotlib", "shapely", "manifold3d", "httpx")
-    script = f"import sys, {module}; print([m for m in {slow} if m in sys.modules])"
+    slow_modules = (
+        "numpy",
+        "scipy",
+        "trimesh",
+        "numba",
+        "sklearn",
+        "matplotlib",
+        "shapely",
+        "manifold3d",
+        "httpx",
+    )
+    script = f"import sys, {module}; print([m for m in {slow_modules} if m in sys.modules])"
     result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert result.stdout == "[]\n"
 
@@ -45,11 +55,11 @@ def test_clock_step_of_the_host_reaches_every_component(tmp_path, monkeypatch):
     state = StateFolder(tmp_path / "state")
     state.make()
     daemon = Daemon(make_fleet(), FarmPaths(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))
-    real, reports = time.time, []
+    real_time, reports = time.time, []
     monkeypatch.setattr(daemon._timers, "on_clock_set", lambda: reports.append("timers"))
     monkeypatch.setattr(daemon._agents.hosts, "on_clock_set", lambda by_s: reports.append("hosts"))
     monkeypatch.setattr(daemon._controller, "handle", lambda *events: reports.extend(events))
-    monkeypatch.setattr(time, "time", lambda: real() + 6 * 3600.0)
+    monkeypatch.setattr(time, "time", lambda: real_time() + 6 * 3600.0)
     before_s = daemon._clock.now()
 
     async def look():

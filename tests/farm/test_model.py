@@ -45,6 +45,6 @@ def test_damaged_part_is_refused(damage):
 
 def test_plate_of_farm_0_1_is_read_by_its_former_names():
     plate = make_plan_event().plates[0]
-    former = plate.model_dump()
-    former |= {"print_time_s": former.pop("sliced_s"), "estimated_s": former.pop("expected_s")}
-    assert type(plate).model_validate(former) == plate
+    old_fields = plate.model_dump()
+    old_fields |= {"print_time_s": old_fields.pop("sliced_s"), "estimated_s": old_fields.pop("expected_s")}
+    assert type(plate).model_validate(old_fields) == plate

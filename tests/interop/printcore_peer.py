@@ -13,11 +13,11 @@ from printrun.printcore import printcore
 
 
 def send(core, path):
-    began = time.monotonic()
+    started_s = time.monotonic()
     core.startprint(gcoder.LightGCode(Path(path).read_text().splitlines()))
     while core.printing:
         time.sleep(0.001)
-    return time.monotonic() - began
+    return time.monotonic() - started_s
 
 
 def main():

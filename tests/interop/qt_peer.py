@@ -14,7 +14,7 @@ os.environ["QT_QPA_PLATFORM"] = "offscreen"
 from PySide6.QtCore import QCoreApplication, QTimer, QUrl
 from PySide6.QtNetwork import QHttpMultiPart, QHttpPart, QNetworkAccessManager, QNetworkRequest
 
-PATIENCE_MS = 200_000
+TIME_LIMIT_MS = 200_000
 
 
 def make_part(disposition, body, content_type):
@@ -41,7 +41,7 @@ def main():
     manager = QNetworkAccessManager()
     reply = manager.post(request, form)
     reply.finished.connect(app.quit)
-    QTimer.singleShot(PATIENCE_MS, app.quit)
+    QTimer.singleShot(TIME_LIMIT_MS, app.quit)
     app.exec()
     headers = {bytes(k.data()).decode().lower(): bytes(v.data()).decode() for k, v in reply.rawHeaderPairs()}
     status = reply.attribute(QNetworkRequest.Attribute.HttpStatusCodeAttribute)

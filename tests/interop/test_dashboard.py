@@ -43,7 +43,7 @@ def make_bed_unknown(farm, reason="the lid was open"):
 
 
 def browse(tmp_path, act):
-    """Act in a browser in which ann has logged in, at a farm with a task and a planned job."""
+    """Run `act` in a browser in which ann has logged in, at a farm with a task and a planned job."""
 
     async def run():
         farm = NetworkFarm(tmp_path)
@@ -93,8 +93,8 @@ def print_outcomes(farm):
     for state, verdict in OUTCOMES:
         attempt = controller.books.open_print_on("a")
         reason = "the nozzle got cold" if state is PrintState.FAILED else None
-        ended = make_end_event(attempt.id, state, at_s=now_s, started_s=now_s - 60.0, reason=reason)
-        controller.handle(ended)
+        end_event = make_end_event(attempt.id, state, at_s=now_s, started_s=now_s - 60.0, reason=reason)
+        controller.handle(end_event)
         if state is PrintState.FAILED or verdict is not None:
             controller.handle(cleared.model_copy(update={"verdict": verdict or Verdict.GOOD}))
     alarm = {"alarm": "the nozzle cannot be switched off", "nozzle_c": 231.0, "bed_c": 60.0}
@@ -107,12 +107,12 @@ def print_outcomes(farm):
 def test_pages_with_every_outcome_and_an_alarm_are_accessible(tmp_path):
     async def act(farm, browser, base):
         print_outcomes(farm)
-        found = {}
+        faults_by_page = {}
         for path in ("/", "/jobs/1", "/jobs/2", "/timeline", "/printers/a", "/history"):
             await browser.open(base + path)
             if faults := await find_faults(browser):
-                found[path] = faults
-        assert found == {}
+                faults_by_page[path] = faults
+        assert faults_by_page == {}
 
     browse(tmp_path, act)
 
@@ -137,7 +137,7 @@ def read_times(text):
     return [60 * int(hours) + int(minutes) for hours, minutes in re.findall(r"(\d\d):(\d\d)", text)]
 
 
-def test_times_in_sentences_and_charts_are_in_the_reader_s_zone(tmp_path):
+def test_times_in_sentences_and_charts_are_in_the_zone_of_the_reader(tmp_path):
     async def act(farm, browser, base):
         start = TextTime(text="Tue 22:15", at="2023-11-14T22:15:00+00:00")
         hold = Hold(code=HoldCode.START_TIME, text="its job starts Tue 22:15", times=(start,))
@@ -220,8 +220,8 @@ FIELDS = "[...document.querySelectorAll('nav, form, input')].filter((one) => one
 def test_pages_fit_on_paper_without_forms_and_on_white(tmp_path, path):
     async def act(farm, browser, base):
         await browser.open(base + path)
-        dark = [{"name": "prefers-color-scheme", "value": "dark"}]
-        await browser.call("Emulation.setEmulatedMedia", media="print", features=dark)
+        dark_scheme = [{"name": "prefers-color-scheme", "value": "dark"}]
+        await browser.call("Emulation.setEmulatedMedia", media="print", features=dark_scheme)
         size = {"width": PAPER_PX, "height": 1000, "deviceScaleFactor": 1, "mobile": False}
         await browser.call("Emulation.setDeviceMetricsOverride", **size)
         assert await browser.evaluate(FIELDS) == 0

@@ -29,7 +29,7 @@ from drivers.session import Pace, Session, SessionContext
 FOLDER = Path(__file__).parent
 PYTHON = Path(os.environ.get("FARM_INTEROP", "none"))  # of that environment
 SCALE = 10.0  # our time-outs are farm seconds; the virtual printer's are not
-PATIENCE_S = 120.0
+TIME_LIMIT_S = 120.0
 
 pytestmark = [
     pytest.mark.system,
@@ -70,7 +70,7 @@ def stream(
     faults: list[Fault] = []
     link.poll_every_s = 10.0
     with octoprint(folder, *injected, firmware=firmware) as port:
-        until_s = time.monotonic() + PATIENCE_S
+        until_s = time.monotonic() + TIME_LIMIT_S
         link.on_opened(clock.now())
         while not faults and not (is_connected and link.is_drained):
             assert time.monotonic() < until_s, f"it does not end: {link.streamed_lines} lines"
@@ -164,7 +164,7 @@ def test_session_prints_a_part_to_a_virtual_ender_3(tmp_path: Path):
     with octoprint(tmp_path, firmware=MARLIN2) as port:
         link.on_opened(clock.now())
         session.on_port_reset()
-        until_s = time.monotonic() + PATIENCE_S
+        until_s = time.monotonic() + TIME_LIMIT_S
         while not context.ended:
             assert time.monotonic() < until_s, f"{context.phase}, {context.acknowledged_lines} lines"
             due_s = min(link.deadline_s, session.deadline_s) - clock.now()
@@ -208,7 +208,7 @@ def test_printcore_prints_to_the_emulator_to_the_end(tmp_path: Path, faults: str
     emulator = tmp_path / "emulator"
     tty = launch(f"sim://ultimaker2_plus{faults}", emulator, Clock(SCALE, time.time()))
     try:
-        subprocess.run([PYTHON, FOLDER / "printcore_peer.py", tty, path], check=True, timeout=PATIENCE_S)
+        subprocess.run([PYTHON, FOLDER / "printcore_peer.py", tty, path], check=True, timeout=TIME_LIMIT_S)
         status = read_status(emulator)
     finally:
         control(emulator, Command.POWER_OFF)

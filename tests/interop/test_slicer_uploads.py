@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 import trimesh
 
-from farms.real_farm import PATIENCE_S, RealFarm, wait_for
+from farms.real_farm import TIME_LIMIT_S, RealFarm, wait_for
 from model_files.make_gcode import make_marlin, make_square
 
 FOLDER = Path(__file__).parent
@@ -52,7 +52,7 @@ class ServedFarm(RealFarm):
         self.up()
         self.key = self.ok("key", "add", "slicer", "--role", "print").strip()
 
-    def wait_printed(self, job):
+    def wait_until_printed(self, job):
         """Wait until a job is printed, clear its bed, and return the printer."""
         wait_for(f"job {job}", lambda: self.job(job)["state"] in END_STATES)
         (plate,) = self.job(job)["plates"]
@@ -85,7 +85,7 @@ def send_by_curl(farm, path, url_path="", **fields):
         check=True,
         capture_output=True,
         text=True,
-        timeout=PATIENCE_S,
+        timeout=TIME_LIMIT_S,
     ).stdout
     body, _, status_line = answer.rpartition("\n")
     status, _, kind = status_line.partition(" ")
@@ -96,7 +96,7 @@ def send_by_qt(farm, path, *fields, url_path=""):
     url = f"{farm.url}{url_path}/api/files/local"
     command = [PYTHON, FOLDER / "qt_peer.py", url, farm.key, path, path.name, *fields]
     return json.loads(
-        subprocess.run(command, check=True, capture_output=True, text=True, timeout=PATIENCE_S).stdout
+        subprocess.run(command, check=True, capture_output=True, text=True, timeout=TIME_LIMIT_S).stdout
     )
 
 
@@ -107,7 +107,7 @@ def test_gcode_of_prusaslicer_is_printed_by_the_printer_of_its_address(farm, sli
     assert status == 201, body
     job = farm.job(int(json.loads(body)["files"]["local"]["path"].partition("/")[0]))
     assert (job["name"], job["submitted_by"]) == ("sent.gcode", "key slicer")
-    assert farm.wait_printed(job["id"]) == "b"
+    assert farm.wait_until_printed(job["id"]) == "b"
 
 
 @needs_curl
@@ -129,14 +129,14 @@ def test_large_model_is_sent_by_curl_that_expects_to_continue(farm, tmp_path):
 
 
 @pytest.mark.parametrize("fields", [(), ("select=true", "print=true")], ids=["upload", "print"])
-def test_upload_of_qt_is_a_job_with_the_location_that_cura_s_plugin_reads(farm, qt, tower, fields):
+def test_upload_of_qt_is_a_job_with_the_location_that_the_plugin_of_cura_reads(farm, qt, tower, fields):
     answer = send_by_qt(farm, tower, *fields)
     assert answer["status"] == 201, answer
     location = answer["headers"]["location"]
     assert location.startswith(f"{farm.url}/api/files/local/") and location.endswith("/tower.gcode")
     number = int(location.split("/")[-2])
     if fields:
-        farm.wait_printed(number)
+        farm.wait_until_printed(number)
     else:
         assert farm.job(number)["options"]["hold"]
 
@@ -152,11 +152,11 @@ def test_refusal_to_qt_is_exactly_plain_text(farm, qt, tmp_path):
 def test_octorest_uploads_selects_and_follows_a_print(farm, tower):
     command = [PYTHON, FOLDER / "octorest_peer.py", farm.url, farm.key, tower]
     answer = json.loads(
-        subprocess.run(command, check=True, capture_output=True, text=True, timeout=PATIENCE_S).stdout
+        subprocess.run(command, check=True, capture_output=True, text=True, timeout=TIME_LIMIT_S).stdout
     )
     assert answer["version"]["text"].startswith("OctoPrint")
     number = int(answer["upload"]["files"]["local"]["path"].partition("/")[0])
     assert answer["held"]["name"] == "tower.gcode"
     assert answer["printer"]["state"]["flags"]["operational"] is True
     assert "404" in answer["refusal"]
-    farm.wait_printed(number)
+    farm.wait_until_printed(number)

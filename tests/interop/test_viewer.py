@@ -38,7 +38,7 @@ def glb(tmp_path):
 
 
 def browse(tmp_path, act, **job):
-    """Act in a browser in which ann has logged in."""
+    """Run `act` in a browser in which ann has logged in."""
 
     async def run():
         farm = NetworkFarm(tmp_path)

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 from playwright.sync_api import expect, sync_playwright
 
-from browser.chromium import CHROMIUM, OPTIONS, PATIENCE_S
+from browser.chromium import CHROMIUM, OPTIONS, TIME_LIMIT_S
 from farms.real_farm import RealFarm, find_free_port, wait_for
 
 pytestmark = [
@@ -27,7 +27,7 @@ def farm(tmp_path):
 
 @pytest.fixture
 def browser():
-    expect.set_options(timeout=1000 * PATIENCE_S)
+    expect.set_options(timeout=1000 * TIME_LIMIT_S)
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=OPTIONS)
         yield browser
@@ -37,7 +37,7 @@ def browser():
 def open_context(browser, base):
     """Open a window with its own session, whose pages wait as long as the tests do."""
     context = browser.new_context(base_url=base)
-    context.set_default_timeout(1000 * PATIENCE_S)
+    context.set_default_timeout(1000 * TIME_LIMIT_S)
     return context
 
 

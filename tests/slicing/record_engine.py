@@ -24,7 +24,7 @@ from slicing.settings import SettingsRequest, find_engine, find_resources, resol
 MOVE = trimesh.transformations.translation_matrix
 
 
-def model():
+def make_model():
     """Make a plate with a hole, a fin of one line and a post: rings, a line, and several islands."""
     plate = trimesh.creation.box((14, 14, 2), MOVE((0, 0, 1)))
     fin = trimesh.creation.box((0.3, 10, 2), MOVE((-5.5, 0, 3)))
@@ -36,7 +36,7 @@ def model():
 def main():
     settings = resolve_settings(SettingsRequest(UM2_PLUS), find_resources())
     engine = find_engine()
-    stl = model().export(file_type="stl")
+    stl = make_model().export(file_type="stl")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "model.stl"
         path.write_bytes(stl)

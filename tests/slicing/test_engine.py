@@ -67,7 +67,7 @@ def test_missing_output_is_an_empty_file(run):
 
 
 @pytest.mark.parametrize(
-    ("body", "error", "message"),
+    ("body", "error", "script_text"),
     [
         ("echo '[ERROR] no such luck' >&2; exit 3", EngineFailed, r"exit code 3\): \[ERROR\] no such luck"),
         ("exit 3", EngineFailed, "log is empty"),
@@ -83,8 +83,8 @@ def test_missing_output_is_an_empty_file(run):
         ),
     ],
 )
-def test_each_way_to_end_has_its_error(run, body, error, message):
-    with pytest.raises(error, match=message) as failed:
+def test_each_way_to_end_has_its_error(run, body, error, script_text):
+    with pytest.raises(error, match=script_text) as failed:
         run(body)
     assert type(failed.value) is error
     assert isinstance(failed.value, SlicingError)
@@ -144,8 +144,8 @@ def test_real_engine_without_memory_is_reported(engine, tmp_path, settings_of, c
 
 def test_progress_is_read_from_the_log(run):
     shares = []
-    message = r"printf 'Progress:inset+skin:1:100 \t0.250000%%\nProgress:export:9:9 \t0.750000%%\n'"
-    run(f"[ $3 = -p ] || exit 1; {message}", progress=shares.append)
+    script_text = r"printf 'Progress:inset+skin:1:100 \t0.250000%%\nProgress:export:9:9 \t0.750000%%\n'"
+    run(f"[ $3 = -p ] || exit 1; {script_text}", progress=shares.append)
     assert shares == [0.75]
     run("[ $3 = -m1 ] || exit 1")
 

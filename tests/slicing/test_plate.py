@@ -52,8 +52,8 @@ def test_supports_are_printed_in_both_scopes(request_for, settings_of):
         ]
     )
     assert ";TYPE:SUPPORT\n" in slice_plate(request_for(tee)).gcode.read_text()
-    without = slice_plate(request_for(tee, settings=settings_of(support_enable="false")))
-    assert ";TYPE:SUPPORT\n" not in without.gcode.read_text()
+    plain_slice = slice_plate(request_for(tee, settings=settings_of(support_enable="false")))
+    assert ";TYPE:SUPPORT\n" not in plain_slice.gcode.read_text()
 
 
 def test_memory_limit_grows_with_the_layers(request_for, settings_of):
@@ -95,10 +95,10 @@ def test_part_is_sliced_again_as_a_wider_mesh(request_for, tmp_path):
     corners = read_triangles(request.stl.read_bytes())
     folder = tmp_path / "wider"
     folder.mkdir()
-    wider = plate._widen(request, corners, 1e-3, 0.01, folder)
-    assert wider.stl != request.stl
-    assert trimesh.load_mesh(wider.stl).extents == pytest.approx((80.08, 60.06, 2.0), abs=1e-3)
-    assert float(wider.settings.extruder["xy_offset"]) == pytest.approx(
+    wider_mesh = plate._widen(request, corners, 1e-3, 0.01, folder)
+    assert wider_mesh.stl != request.stl
+    assert trimesh.load_mesh(wider_mesh.stl).extents == pytest.approx((80.08, 60.06, 2.0), abs=1e-3)
+    assert float(wider_mesh.settings.extruder["xy_offset"]) == pytest.approx(
         0.01 + float(request.settings.extruder.get("xy_offset") or 0.0)
     )
     assert plate._widen(request, corners, 0.0, 0.0, folder) is request
@@ -173,10 +173,10 @@ def test_repeated_slice_runs_no_engine(request_for, cube_20, tmp_path, settings_
 
 
 def test_error_for_a_full_disk_names_the_file(tmp_path, monkeypatch):
-    def full(*_):
+    def fail_on_full_disk(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("slicing.slice_store.os.fdopen", full)
+    monkeypatch.setattr("slicing.slice_store.os.fdopen", fail_on_full_disk)
     with pytest.raises(OSError, match="No space left") as error:
         write_atomically(tmp_path / "part.gcode", b"G28")
     assert error.value.filename == str(tmp_path / "part.gcode")
@@ -225,9 +225,9 @@ def test_engine_runs_in_worker_processes(request_for, cube_20):
     request = request_for(cube_20)
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
         assert pool.submit(slice_plate, request).result(60).layers == 100
-        tall = replace(request, bed=((-30.0, -30.0, 30.0, 30.0, 5.0),))
+        low_bed_request = replace(request, bed=((-30.0, -30.0, 30.0, 30.0, 5.0),))
         with pytest.raises(SliceRejected, match="outside the bed"):
-            pool.submit(slice_plate, tall).result(60)
+            pool.submit(slice_plate, low_bed_request).result(60)
 
 
 def test_failing_engine_is_reported(request_for, cube_20, script):

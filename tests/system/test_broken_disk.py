@@ -71,10 +71,10 @@ def test_full_disk_stops_and_loses_no_print(disk_farm):
     farm.submit(2)
     wait_for("both to print", lambda: clear_and_list_prints(farm) == {"1/01", "2/01"})
     farm.disk.fill()
-    status, message = farm.request_any("POST", *farm.make_submission(9))
+    status, answer = farm.request_any("POST", *farm.make_submission(9))
     assert status == 500
-    assert "No space left" in message["error"]
-    assert "check its disk space" in message["error"]
+    assert "No space left" in answer["error"]
+    assert "check its disk space" in answer["error"]
     assert len(farm.request("GET", "/status")["jobs"]) == 2
     wait_for("both to end, and nobody can write that down", lambda: both_are_off(farm))
     (first, *_) = farm.request("GET", "/status")["todo"]

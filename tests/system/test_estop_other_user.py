@@ -52,26 +52,26 @@ def test_member_of_the_group_stops_a_printer_whose_daemon_and_agent_hang(tmp_pat
         os.chown(path, -1, NOBODY_UID)
         path.chmod(0o660)
         listener.listen(128)
-        hung, server = [], None
+        stopped_pids, server = [], None
         try:
             farm.up()
-            hung += [farm.status()["daemon"]["pid"], farm.printer("um2-01")["agent_pid"]]
-            for pid in hung:
+            stopped_pids += [farm.status()["daemon"]["pid"], farm.printer("um2-01")["agent_pid"]]
+            for pid in stopped_pids:
                 os.kill(pid, signal.SIGSTOP)
             arguments = [sys.executable, "-c", ESTOP_AS_USER, str(NOBODY_UID), shared_folder / "farm.sock"]
             idle = [connected(path) for _ in range(CLIENT_COUNT)]
             server = subprocess.Popen(command, stdin=listener)  # as systemd does it
             client = subprocess.Popen(arguments, stdout=subprocess.PIPE)
-            message, _ = client.communicate(timeout=120)
+            output, _ = client.communicate(timeout=120)
             for rig in idle:
                 rig.close()
-            [row] = json.loads(message)["printers"]
+            [row] = json.loads(output)["printers"]
             assert (client.returncode, row["printer"], row["seen_off"]) == (0, "um2-01", True)
         finally:
             if server is not None:
                 server.kill()
                 server.wait()
-            for pid in hung:
+            for pid in stopped_pids:
                 with suppress(ProcessLookupError):
                     os.kill(pid, signal.SIGCONT)
             farm.end()

@@ -32,21 +32,23 @@ def killed_farm(tmp_path):
 def test_no_plate_is_lost_or_printed_twice_after_a_kill_at_any_event(killed_farm, seed, rounds):
     """Kill the daemon at every event of a job: before, during or after its commit."""
     rng = random.Random(seed)
-    fates = [
-        fate
+    deaths = [
+        death
         for round_number in range(rounds)
         for place, event in enumerate(JOB)
-        for fate in ((MOMENTS[(place + round_number) % 3], event), (AFTER_DELAY, rng.uniform(0.3, 2.0)))[
+        for death in ((MOMENTS[(place + round_number) % 3], event), (AFTER_DELAY, rng.uniform(0.3, 2.0)))[
             : 1 + place % 2
         ]
     ]
-    killed_farm.start_daemons(fates)
+    killed_farm.start_daemons(deaths)
     killed_farm.submit(3 * rounds)
     killed_farm.judge_prints_good(failing_prints=[1])
-    while len(killed_farm.list_deaths()) < len(fates):  # a quick machine was through before all had come
+    while len(killed_farm.list_deaths()) < len(
+        deaths
+    ):  # a fast machine may finish the jobs before all deaths
         killed_farm.submit(1)
         killed_farm.judge_prints_good()
     killed_farm.check()
     assert killed_farm.list_deaths() == [
-        moment if moment == AFTER_DELAY else f"{moment} {of}" for moment, of in fates
+        moment if moment == AFTER_DELAY else f"{moment} {event_kind}" for moment, event_kind in deaths
     ]

@@ -133,7 +133,7 @@ def watched_farm(make_farm):
 
 
 def have_last_stills(job):
-    """Tell that each print of a job has a still of its end or failure: it is fetched after that."""
+    """Check that each print of a job has a still of its end or failure, which is fetched after the end."""
     return all(
         ("failure" if attempt["state"] == "failed" else "end")
         in {still["moment"] for still in attempt["stills"]}
@@ -180,7 +180,7 @@ def test_printer_of_a_dead_agent_is_cooled(watched_farm, bar, tmp_path):
         return emulator.nozzle_target_c == 0 and emulator.bed_target_c == 0
 
     # Not a benchmark but the promise itself: five seconds from an agent's death to no heat.
-    wait_for("targets 0", is_cold, patience_s=5.0)
+    wait_for("targets 0", is_cold, limit_s=5.0)
     assert time.monotonic() - kill_s < 5.0
     wait_for("the books to know", lambda: farm.printer("one")["state"] == "look")
     printer = farm.printer("one")

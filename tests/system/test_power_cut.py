@@ -45,11 +45,13 @@ def test_journal_keeps_every_record_that_the_agent_acted_on(tmp_path, monkeypatc
     disk = PowerCut(monkeypatch, folder)
     journal = Journal(folder / JOURNAL)
     for number, phase in enumerate((m.PrintPhase.SPOOLED, m.PrintPhase.PRINTING, m.PrintPhase.DONE)):
-        shot = m.PrintSnapshot(print_id="p-1", phase=phase)
-        journal.write(float(number), print=shot.model_dump(mode="json"), filament="parked", hot=number < 2)
+        print_snapshot = m.PrintSnapshot(print_id="p-1", phase=phase)
+        journal.write(
+            float(number), print=print_snapshot.model_dump(mode="json"), filament="parked", hot=number < 2
+        )
         rest_state = Journal(disk.copy_rest(tmp_path / f"left-{number}") / JOURNAL).state
         assert (rest_state.print, rest_state.filament, rest_state.board.hot) == (
-            shot,
+            print_snapshot,
             m.Filament.PARKED,
             number < 2,
         )

@@ -98,9 +98,9 @@ def farm(tmp_path, monkeypatch):
 
 
 def test_agents_are_replaced_when_idle_one_host_first_and_brought_back_at_the_first_fault(farm, tmp_path):
-    slow = tmp_path / "slow.gcode"
-    slow.write_text(write_slow_gcode(moves=int(PRINT_S / 20), move_s=20.0))
-    farm.ok("submit", slow, "--colour", "red")
+    slow_file = tmp_path / "slow.gcode"
+    slow_file.write_text(write_slow_gcode(moves=int(PRINT_S / 20), move_s=20.0))
+    farm.ok("submit", slow_file, "--colour", "red")
     wait_for("the print", lambda: farm.printer(PRINTING_PRINTER)["state"] == "printing")
     old_agents = farm.agents()
     assert {version for version, _ in old_agents.values()} == {OLD}

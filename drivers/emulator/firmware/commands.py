@@ -20,7 +20,7 @@ HYSTERESIS_C = 3.0
 RESIDENCY_S = 3.0
 REPORT_S = 1.0
 HOME_MM_S = (100.0, 100.0, 40.0)
-BUMP_S = (0.75, 0.7)  # second, slow approach to the endstop: XY together, Z; gives 5.3 s from the middle
+BUMP_S = (0.75, 0.7)  # seconds of the second, slow approach to the endstops: of X and Y together, and of Z
 RETRACT_MM, RETRACT_MM_S = 6.5, 25.0
 ARC_SEGMENT_MM = 1.0
 ARC_MAX_CHORDS = 4096  # more than the longest arc over this bed needs
@@ -52,11 +52,11 @@ def execute(commands: Commands, machine: Machine, line: bytes, now_s: float) -> 
             return command(machine, line, now_s) if command is not None else None
     extruder = read_value(line, b"T")
     if extruder is None:
-        machine.say(wording.format_unknown(line))
+        machine.send(wording.format_unknown(line))
     elif extruder == 0:
-        machine.say(b"echo:Active Extruder: 0\n")
+        machine.send(b"echo:Active Extruder: 0\n")
     else:
-        machine.say(b"echo:T%cInvalid extruder\n" % (int(extruder) & 0xFF))
+        machine.send(b"echo:T%cInvalid extruder\n" % (int(extruder) & 0xFF))
     return None
 
 
@@ -103,7 +103,7 @@ def home(machine: Machine, line: bytes, now_s: float) -> Work:
             machine.shift[i] = 0.0
             machine.homed_axes[i] = True
     machine.is_homed = all(machine.homed_axes)
-    machine.planner.place((position[0], position[1], position[2], e), begin_s + duration_s)
+    machine.planner.set_position((position[0], position[1], position[2], e), begin_s + duration_s)
     machine.board.changes += 1
 
 
@@ -129,16 +129,16 @@ def move_arc(machine: Machine, line: bytes, now_s: float) -> None:
     radius_mm = math.hypot(i, j)
     distance_mm = math.hypot(angle_rad * radius_mm, target[2] - start[2])
     chords = max(1, min(ARC_MAX_CHORDS, int(distance_mm / ARC_SEGMENT_MM)))
-    first = math.atan2(-j, -i)
+    start_angle_rad = math.atan2(-j, -i)
     modes, machine.relative, machine.relative_e = (machine.relative, machine.relative_e), False, False
     for k in range(1, chords):
-        part = k / chords
+        share = k / chords
         machine.queue_linear_move(
             None,
-            centre_x + radius_mm * math.cos(first + angle_rad * part),
-            centre_y + radius_mm * math.sin(first + angle_rad * part),
-            start[2] + (target[2] - start[2]) * part,
-            start[3] + (target[3] - start[3]) * part,
+            centre_x + radius_mm * math.cos(start_angle_rad + angle_rad * share),
+            centre_y + radius_mm * math.sin(start_angle_rad + angle_rad * share),
+            start[2] + (target[2] - start[2]) * share,
+            start[3] + (target[3] - start[3]) * share,
             now_s,
         )
     machine.queue_linear_move(None, target[0], target[1], target[2], target[3], now_s)
@@ -231,7 +231,7 @@ def wait_nozzle(machine: Machine, line: bytes, now_s: float) -> Work:
             break
         if now_s >= report_s:
             seconds_left = b"?" if arrival_s == math.inf else b"%d" % int(arrival_s + RESIDENCY_S - now_s)
-            machine.say(b"T:%.1f E:0 W:%b\n" % (reading_c, seconds_left))
+            machine.send(b"T:%.1f E:0 W:%b\n" % (reading_c, seconds_left))
             report_s = now_s + REPORT_S
         if arrival_s < math.inf:
             next_s = arrival_s + RESIDENCY_S
@@ -251,7 +251,7 @@ def wait_bed(machine: Machine, line: bytes, now_s: float) -> Work:
     while machine.board.read_bed_c(now_s) < bed.target_c - WINDOW_C:
         if now_s >= report_s:
             nozzle_c = machine.board.nozzle.compute_temperature_c(now_s)
-            machine.say(b"T:%.2f E:0 B:%.1f\n" % (nozzle_c, machine.board.read_bed_c(now_s)))
+            machine.send(b"T:%.2f E:0 B:%.1f\n" % (nozzle_c, machine.board.read_bed_c(now_s)))
             report_s = now_s + REPORT_S
         arrive_s = now_s + bed.compute_heating_s(bed.target_c - WINDOW_C, now_s)
         now_s = min(report_s, max(arrive_s, now_s + 0.001))
@@ -277,7 +277,7 @@ def format_temperatures(machine: Machine, now_s: float, decimals: int = 1) -> by
 
 def report_position(machine: Machine, line: bytes, now_s: float) -> None:
     position = [a - b for a, b in zip(machine.planner.position(now_s), machine.shift, strict=True)]
-    machine.say(
+    machine.send(
         b"X:%.2fY:%.2fZ:%.2fE:%.2f Count X: %.2fY:%.2fZ:%.2f\n"
         % (*map(_drop_sign_of_zero, machine.position), *map(_drop_sign_of_zero, position[:3]))
     )
@@ -290,23 +290,23 @@ def report_endstops(machine: Machine, line: bytes, now_s: float) -> None:
     states = [
         b"TRIGGERED" if is_pressed else b"open" for is_pressed in (x < home[0], y > home[1], z > home[2])
     ]
-    machine.say(b"Reporting endstop status\nx_min: %by_max: %bz_max: %b" % (states[0], states[1], states[2]))
+    machine.send(b"Reporting endstop status\nx_min: %by_max: %bz_max: %b" % (states[0], states[1], states[2]))
 
 
 def report_card(machine: Machine, line: bytes, now_s: float) -> None:
     progress = machine.compute_sd_progress(now_s)
-    machine.say(
+    machine.send(
         b"SD printing byte %d/%d\n" % progress if progress is not None else b"Not SD printing\nCard error:1\n"
     )
 
 
 def list_card(machine: Machine, line: bytes, now_s: float) -> None:
-    machine.say(b"Begin file list\nEnd file list\n")
+    machine.send(b"Begin file list\nEnd file list\n")
 
 
 def init_card(machine: Machine, line: bytes, now_s: float) -> Work:
     yield now_s + 2.0
-    machine.say(b"echo:SD init fail\n")
+    machine.send(b"echo:SD init fail\n")
 
 
 def beep(machine: Machine, line: bytes, now_s: float) -> Work:

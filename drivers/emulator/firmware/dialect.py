@@ -44,7 +44,7 @@ class Dialect:
         True if an ok can contain the line number and the free space of both buffers.
     keep_alive
         Message sent every `Machine.keep_alive_s` while a command is executed; empty if there is none.
-    inactive_since_s
+    find_inactive_since_s
         Returns the time from which M85 counts.
     halts
         True if a fault ends in kill(), until a reset; else moves are refused, and the watchdog resets a
@@ -65,5 +65,5 @@ class Dialect:
     acknowledges_read_moves: bool
     advanced_ok: bool
     keep_alive: bytes
-    inactive_since_s: Callable[[Machine], float]
+    find_inactive_since_s: Callable[[Machine], float]
     halts: bool

@@ -1,8 +1,8 @@
 """Main loop of the firmware: bytes and the time in, bytes out; no I/O and no clock.
 
-`EmulatedFirmware.feed` computes every event up to `now` at its exact time (a move that ended at 103.2 s frees
-its place at 103.2 s, even if `feed` is called at 103.4 s), so a late host does not prolong a print while the
-planner has moves left. `EmulatedFirmware.deadline_s` is the time of the next call without bytes.
+`EmulatedFirmware.feed` computes every event up to `now_s` at its exact time, so a late host does not prolong
+a print while the planner has moves left: a move that ended at 103.2 s frees its place at 103.2 s, even if
+`feed` is called at 103.4 s. `EmulatedFirmware.deadline_s` is the time of the next call without bytes.
 
 The order of events follows ``Marlin_main.cpp`` of the Ultimaker 2: ``get_command`` (`listener`) reads lines
 from a ring buffer of 127 bytes into a buffer of 8, and acknowledges G0-G3 there; the loop executes one line
@@ -57,7 +57,7 @@ class EmulatedFirmware(Listener):
         self._asleep_until_s = -math.inf
         self._before_reset = (0, 0.0, 0.0)  # moves, time of moves and starvation before the last reset
         self._time_s = now_s
-        self.machine = Machine(self.board, self._say, self.stop, self.dialect.fault_messages, now_s)
+        self.machine = Machine(self.board, self._send, self.stop, self.dialect.fault_messages, now_s)
         self.reset(now_s)
 
     # --- interface ---
@@ -75,7 +75,7 @@ class EmulatedFirmware(Listener):
         self.resets += 1
         self.board.changes += 1
         self.phase = Phase.BOOTLOADER
-        self.machine = Machine(self.board, self._say, self.stop, self.dialect.fault_messages, now_s)
+        self.machine = Machine(self.board, self._send, self.stop, self.dialect.fault_messages, now_s)
         self._drop_input()
         self._running: Work | None = None
         self._resume_s = math.inf
@@ -86,7 +86,7 @@ class EmulatedFirmware(Listener):
             (
                 (start_s, self._start),
                 (start_s + BANNER_S + FIRST_COMMAND_S, self._run_commands),
-                (start_s + SD_FAIL_S, lambda _: self._say(self.dialect.late_banner)),
+                (start_s + SD_FAIL_S, lambda _: self._send(self.dialect.late_banner)),
             )
         )
         self._time_s = now_s
@@ -157,7 +157,9 @@ class EmulatedFirmware(Listener):
         due_s = self._schedule[0][0] if self._schedule else math.inf
         if self.phase in (Phase.RUNNING, Phase.MUTE):
             machine = self.machine
-            due_s = min(due_s, machine.trip_s, self.dialect.inactive_since_s(machine) + machine.dead_man_s)
+            due_s = min(
+                due_s, machine.trip_s, self.dialect.find_inactive_since_s(machine) + machine.dead_man_s
+            )
             if self.dialect.keep_alive and self._is_busy():
                 due_s = min(due_s, self._busy_message_s)
         return due_s
@@ -171,7 +173,7 @@ class EmulatedFirmware(Listener):
             if self._schedule and self._schedule[0][0] <= at_s:
                 self._schedule.popleft()[1](at_s)
             elif self._busy_message_s <= at_s and self.dialect.keep_alive and self._is_busy():
-                self._say(self.dialect.keep_alive)
+                self._send(self.dialect.keep_alive)
                 self._busy_message_s += self.machine.keep_alive_s
             elif self.machine.trip_s <= at_s:
                 self.stop(self.machine.trip_message, at_s)
@@ -254,7 +256,7 @@ class EmulatedFirmware(Listener):
             return
         m_code = None if code is not None else read_value(line, b"M")
         if m_code == 105:  # does not feed the dead-man
-            self._say(self.dialect.report(machine, now_s))
+            self._send(self.dialect.report(machine, now_s))
             return
         if m_code == 999:
             machine.is_stopped = False
@@ -285,7 +287,7 @@ class EmulatedFirmware(Listener):
     def _start(self, now_s: float) -> None:
         self.phase = Phase.BOOTING
         limits, levelled_mm100 = self.machine.limits, self._faults.levelled
-        self._say(wording.START + self.dialect.banner(self.board.profile, limits, levelled_mm100))
+        self._send(wording.START + self.dialect.banner(self.board.profile, limits, levelled_mm100))
 
     def _run_commands(self, now_s: float) -> None:
         self.phase = Phase.RUNNING

@@ -23,7 +23,7 @@ from drivers.emulator.hardware.noise import Noise
 from drivers.gcode import compute_checksum
 
 _COMMAND = re.compile(rb"[GMT]")
-_WHOLE = re.compile(rb"[ \t]*([-+]?\d+)")
+_WHOLE_NUMBER = re.compile(rb"[ \t]*([-+]?\d+)")
 
 
 class Phase(StrEnum):
@@ -148,7 +148,7 @@ class Listener(ABC):
         line = line.partition(b"\0")[0]
         star = line.find(b"*")
         if b"N" in line:
-            match = _WHOLE.match(line, line.find(b"N") + 1)
+            match = _WHOLE_NUMBER.match(line, line.find(b"N") + 1)
             n = int(match[1]) if match else 0
             if n != self._last_number + 1 and b"M110" not in line:
                 self._refuse(wording.LINE_NUMBER)
@@ -166,10 +166,9 @@ class Listener(ABC):
             if self.noise is not None:
                 self.noise.check_accepted(n, line)
         elif star >= 0 and self.dialect.checksum_needs_number:
-            say = (
-                self._report_error if _COMMAND.search(line) else self._say
-            )  # without a command it is a query
-            say(wording.format_line_error(wording.NO_LINE_NUMBER, self._last_number))
+            # Without a command, the line is a query.
+            report = self._report_error if _COMMAND.search(line) else self._send
+            report(wording.format_line_error(wording.NO_LINE_NUMBER, self._last_number))
             return
         elif (urgent := self.dialect.urgent.get(int(read_value(line, b"M") or 0))) is not None:
             urgent(self.machine, self._time_s)
@@ -177,7 +176,7 @@ class Listener(ABC):
                 return
         if _is_move(line):
             if self.machine.is_stopped:
-                self._say(wording.STOPPED)
+                self._send(wording.STOPPED)
             elif self.dialect.acknowledges_read_moves:
                 self._acknowledge()
         self._buffer.append(line)
@@ -191,14 +190,14 @@ class Listener(ABC):
 
     def _request_resend(self) -> None:
         self._receiver.flush()
-        self._say(b"Resend: %d\n" % (self._last_number + 1))
+        self._send(b"Resend: %d\n" % (self._last_number + 1))
         if not self._faults.mute_resend:
             self.machine.last_command_s = max(self.machine.last_command_s, self._time_s)
-            self._say(self._sampler.garble_ok(wording.OK))
+            self._send(self._sampler.garble_ok(wording.OK))
 
     # --- messages ---
 
-    def _say(self, text: bytes) -> None:
+    def _send(self, text: bytes) -> None:
         self._output.append(text)
 
     def _finish_command(self) -> None:
@@ -214,11 +213,11 @@ class Listener(ABC):
                 self.dialect.buffer_lines - len(self._buffer),
             )
             text = b"ok N%d P%d B%d\n" % (self._number, *free)
-        self._say(self._sampler.garble_ok(text))
+        self._send(self._sampler.garble_ok(text))
 
     def _report_error(self, text: bytes) -> None:
         self.errors += 1
-        self._say(text)
+        self._send(text)
 
 
 def _is_move(line: bytes) -> bool:

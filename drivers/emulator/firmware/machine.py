@@ -47,7 +47,7 @@ class Machine:
     ----------
     board
         The board. Its coordinates are the true ones; the firmware's differ by a shift until it is homed.
-    say
+    send
         Called with the bytes for the host.
     stop
         Called with a message and the time if the firmware stops itself (``Stop()``).
@@ -60,7 +60,7 @@ class Machine:
     def __init__(
         self,
         board: EmulatedBoard,
-        say: Callable[[bytes], None],
+        send: Callable[[bytes], None],
         stop: Callable[[bytes, float], None],
         fault_messages: FaultMessages,
         now_s: float,
@@ -83,7 +83,7 @@ class Machine:
         self.keep_alive_s = KEEP_ALIVE_S  # between two busy messages
         self.armed_s = now_s  # time of the M85
         self.last_command_s = now_s  # time at which the last command was finished
-        self.say = say
+        self.send = send
         self.stop = stop
         self._sd: tuple[int, float] | None = None  # SD print: size of the file and start time
         self.shift = [x, y, z, board.filament_mm]  # true position minus the host's
@@ -169,10 +169,10 @@ class Machine:
         """Return the extrusion that the firmware allows: 0 if the nozzle is too cold or the move too long."""
         nozzle = self.board.nozzle
         if nozzle.compute_temperature_c(now_s) < self.extrude_min_c:
-            self.say(wording.COLD_EXTRUSION)
+            self.send(wording.COLD_EXTRUSION)
             return 0.0
         if abs(de) > EXTRUDE_MAX_MM:
-            self.say(wording.LONG_EXTRUSION)
+            self.send(wording.LONG_EXTRUSION)
             return 0.0
         return de * self.flow_factor
 

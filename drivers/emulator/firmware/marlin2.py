@@ -69,15 +69,15 @@ def _report_position(machine: Machine, line: bytes, now_s: float) -> None:
     counts = [
         round(value * steps) for value, steps in zip((x, y, z), machine.limits.steps_per_mm, strict=False)
     ]
-    machine.say(b"X:%.2f Y:%.2f Z:%.2f E:%.2f Count X:%d Y:%d Z:%d\n" % (x, y, z, e, *counts))
+    machine.send(b"X:%.2f Y:%.2f Z:%.2f E:%.2f Count X:%d Y:%d Z:%d\n" % (x, y, z, e, *counts))
 
 
 def _report_settings(machine: Machine, line: bytes, now_s: float) -> None:
-    machine.say(format_settings(machine.limits, machine.board.faults.levelled))
+    machine.send(format_settings(machine.limits, machine.board.faults.levelled))
 
 
 def _identify(machine: Machine, line: bytes, now_s: float) -> None:
-    machine.say(_IDENTITY % machine.board.profile.machine_word)
+    machine.send(_IDENTITY % machine.board.profile.machine_text)
 
 
 def _set_mode(machine: Machine, line: bytes, now_s: float) -> None:
@@ -145,6 +145,6 @@ MARLIN2 = Dialect(
     acknowledges_read_moves=False,
     advanced_ok=True,
     keep_alive=b"echo:busy: processing\n",
-    inactive_since_s=_find_last_activity_s,
+    find_inactive_since_s=_find_last_activity_s,
     halts=True,
 )

@@ -197,10 +197,10 @@ class Planner:
             if position[3] != self._head[3]:
                 self._on_move(position[3] - self._head[3], position[2])
         self._blocks.clear()
-        self.place(position, now_s)
+        self.set_position(position, now_s)
         return position
 
-    def place(self, position: Point, now_s: float) -> None:
+    def set_position(self, position: Point, now_s: float) -> None:
         """Set the position of the empty queue, after homing."""
         self.target = self._head = position
         self.idle_since_s = now_s
@@ -267,7 +267,7 @@ class Planner:
                 blocks[i].entry_2 = reach_2
 
     def _begin(self, now_s: float) -> None:
-        """Start the block in front; its exit speed fixes the next one's entry speed."""
+        """Start the first block; the next one enters at the speed at which it exits."""
         blocks = self._blocks
         block = blocks[0]
         if len(blocks) > 1:

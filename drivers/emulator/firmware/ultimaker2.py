@@ -65,11 +65,11 @@ def format_settings(limits: Limits, levelled: int = 0) -> bytes:
 
 
 def identify(machine: Machine, line: bytes, now_s: float) -> None:
-    machine.say(IDENTITY)
+    machine.send(IDENTITY)
 
 
 def report_settings(machine: Machine, line: bytes, now_s: float) -> None:
-    machine.say(format_settings(machine.limits, machine.board.faults.levelled))
+    machine.send(format_settings(machine.limits, machine.board.faults.levelled))
 
 
 ULTIMAKER2 = Dialect(
@@ -113,6 +113,6 @@ ULTIMAKER2 = Dialect(
     acknowledges_read_moves=True,
     advanced_ok=False,
     keep_alive=b"",
-    inactive_since_s=lambda machine: machine.last_command_s,
+    find_inactive_since_s=lambda machine: machine.last_command_s,
     halts=False,
 )

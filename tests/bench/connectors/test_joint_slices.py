@@ -19,7 +19,7 @@ NARROWER_MM = 0.2
 
 @pytest.fixture(scope="module")
 def printed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Connectors, PrintedPart]:
-    """Slice the left of three blocks: one beside it, one below, so that a cut face lies on the bed."""
+    """Slice the left of three blocks: one starts_beside it, one below, so that a cut face lies on the bed."""
     spans = [((0, 0, 0), (16, 50, 26)), ((16, 0, 0), (30, 50, 26)), ((0, 0, -12), (16, 50, 0))]
     pieces = [
         Piece(Solid.box(*span), list_box_planes(np.array(span, dtype=np.float64)), np.zeros((0, 2, 3)))
@@ -45,7 +45,7 @@ def test_all_marks_of_the_part_are_legible_in_its_outer_walls(
     assert far_marks and not any(sliced_part.is_legible(mark) for mark in far_marks)  # it was not sliced
 
 
-def test_holes_that_lie_and_that_open_on_the_bed_stay_free_of_support(
+def test_level_holes_and_holes_open_to_the_bed_stay_free_of_support(
     printed: tuple[Connectors, PrintedPart],
 ) -> None:
     connectors, sliced_part = printed
@@ -65,13 +65,13 @@ def test_seams_of_the_outer_wall_hide_in_the_gutter_and_not_in_grooves_of_keys(
     [gutter] = [candidate for candidate in connectors.gutters if candidate.part == 0]
     starts_mm = sliced_part.find_seams(longest_only=True)
     start, end = gutter.line_mm
-    beside = starts_mm[(starts_mm[:, 2] > start[2]) & (starts_mm[:, 2] < end[2])]
-    assert len(beside) > 40
+    starts_beside = starts_mm[(starts_mm[:, 2] > start[2]) & (starts_mm[:, 2] < end[2])]
+    assert len(starts_beside) > 40
     keys_mm = np.array([pin.at_mm for pin in connectors.pins if pin.joint == gutter.joint])
     assert (
         np.abs(keys_mm[:, 1] - start[1]) > 5.0
     ).all()  # else a seam there would count as one in the gutter
-    is_in_gutter = (start[0] - beside[:, 0] > 0.3) & (np.abs(beside[:, 1] - start[1]) < 0.8)
+    is_in_gutter = (start[0] - starts_beside[:, 0] > 0.3) & (np.abs(starts_beside[:, 1] - start[1]) < 0.8)
     assert is_in_gutter.mean() > 0.98
 
 

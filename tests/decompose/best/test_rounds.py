@@ -93,9 +93,9 @@ def test_order_in_which_attempts_of_a_round_end_changes_nothing(
         return
     serial = find_best(problem, engines)
     assert (serial.makespan_s, serial.yaw_deg) == (state.best.makespan_s, state.best.yaw_deg)
-    begun = serial.attempts[: len(state.attempts)]
-    assert drop_times(begun) == drop_times(state.attempts)
-    assert all("not begun" in attempt.reason for attempt in serial.attempts[len(begun) :])
+    started_attempts = serial.attempts[: len(state.attempts)]
+    assert drop_times(started_attempts) == drop_times(state.attempts)
+    assert all("not begun" in attempt.reason for attempt in serial.attempts[len(started_attempts) :])
 
 
 @settings(max_examples=60, deadline=None)
@@ -114,8 +114,8 @@ def test_rounds_keep_the_budget_and_repeat_no_attempt(
             assert sum(trial.effort_s for trial in trials) <= compute_remaining_s(problem, state) + 1e-9
         if len(trials) > 1:
             assert efforts_s.pop() >= state.attempts[0].effort_s
-    made = [(a.engine, a.granularity, a.yaw_deg) for a in states[-1].attempts]
-    assert len(set(made)) == len(made)
+    attempts = [(a.engine, a.granularity, a.yaw_deg) for a in states[-1].attempts]
+    assert len(set(attempts)) == len(attempts)
 
 
 def test_round_is_as_large_as_the_budget_allows(cost: CostModel, result: Decomposition) -> None:

@@ -49,7 +49,7 @@ class Engines:
         self.posed_problem.append(problem)
         problem.effort.record(Work.SUM, round(1e9 / WORK_NS[Work.SUM]))  # a second
         if math.isinf(makespan_s := self.ends_s(problem.options)):
-            raise NoFit(f"nothing at {problem.options.granularity}")
+            raise NoFit(f"nothing at {make_problem.options.granularity}")
         engine = problem.options.engine
         faults = (Fault(0, "is a sliver"),) if engine in self.faulty else ()
         return replace(
@@ -61,7 +61,7 @@ class Engines:
         return [(item.options.engine, item.options.granularity) for item in self.posed_problem]
 
 
-def problem(cost: CostModel, printers: int = 20, **options: object) -> Problem:
+def make_problem(cost: CostModel, printers: int = 20, **options: object) -> Problem:
     return Problem(BLOCK, tuple(ROOMS[:printers]), cost, Options(Engine.BEST, **options))  # type: ignore[arg-type]
 
 
@@ -81,7 +81,7 @@ FIRST_ATTEMPTS = [(Engine.GUILLOTINE, "auto")]
 
 def test_other_grids_are_tried_and_none_twice(cost: CostModel, result: Decomposition) -> None:
     engines = Engines(result, compute_far_makespan_s)
-    best = find_best(problem(cost), engines)
+    best = find_best(make_problem(cost), engines)
     grids = [cells for _, cells in engines.engine_grids[1:] if isinstance(cells, int)]
     turned_attempts = [(Engine.GUILLOTINE, "auto")] * len(OTHER_YAWS_DEG)
     assert (
@@ -89,7 +89,7 @@ def test_other_grids_are_tried_and_none_twice(cost: CostModel, result: Decomposi
         == FIRST_ATTEMPTS + [(Engine.GUILLOTINE, cells) for cells in grids] + turned_attempts
     )
     shapes = [count_cells(BLOCK.extents_mm, cells) for cells in grids]
-    shapes.append(count_cells(BLOCK.extents_mm, problem(cost).granularity(BLOCK)))
+    shapes.append(count_cells(BLOCK.extents_mm, make_problem(cost).granularity(BLOCK)))
     assert len({*shapes}) == len(shapes) > 1
     assert len(grids) <= len(OTHER_GRIDS)
     assert best.makespan_s == 1.2 * BOUND_S - max(grids)
@@ -100,7 +100,7 @@ def test_other_grids_are_tried_and_none_twice(cost: CostModel, result: Decomposi
 def test_spent_share_of_the_budget_is_reported(cost: CostModel, result: Decomposition) -> None:
     shares: list[float] = []
     with listen_to_progress(shares.append):
-        find_best(problem(cost, best=BestOptions(4.0)), Engines(result, compute_far_makespan_s))
+        find_best(make_problem(cost, best=BestOptions(4.0)), Engines(result, compute_far_makespan_s))
     assert shares[:4] == pytest.approx([0.25, 0.5, 0.75, 1.0], abs=1e-3)
     assert max(shares) <= 1.0
 
@@ -108,7 +108,7 @@ def test_spent_share_of_the_budget_is_reported(cost: CostModel, result: Decompos
 def test_no_bound_is_proven_for_a_worse_result(cost: CostModel, result: Decomposition) -> None:
     """Attempts of a round have to beat the best result of the rounds before, not each other."""
     engines = Engines(result, compute_far_makespan_s)
-    find_best(problem(cost), engines)
+    find_best(make_problem(cost), engines)
     ends = [compute_far_makespan_s(item.options) for item in engines.posed_problem]
     other_grids = sum(cells != "auto" for _, cells in engines.engine_grids)
     best_known_s = [item.best_known_s for item in engines.posed_problem]
@@ -119,7 +119,7 @@ def test_no_bound_is_proven_for_a_worse_result(cost: CostModel, result: Decompos
 def test_other_grids_are_not_tried_for_small_gains(cost: CostModel, result: Decomposition) -> None:
     """Use a decomposition in which all printers are busy nearly to the end."""
     engines = Engines(replace(result, sum_s=20.0 * 1.2 * BOUND_S), lambda _: 1.2 * 1.02 * BOUND_S)
-    best = find_best(problem(cost), engines)
+    best = find_best(make_problem(cost), engines)
     assert engines.engine_grids[:1] == FIRST_ATTEMPTS
     assert {cells for _, cells in engines.engine_grids} == {"auto"}
     assert list_yaws_deg(best) == [0.0, *OTHER_YAWS_DEG]
@@ -130,7 +130,7 @@ def test_only_the_requested_grid_is_tried(
     printers: int, options: dict[str, object], cost: CostModel, result: Decomposition
 ) -> None:
     engines = Engines(result, compute_far_makespan_s)
-    find_best(problem(cost, printers, **options), engines)
+    find_best(make_problem(cost, printers, **options), engines)
     assert len(engines.engine_grids) == 1
     assert {cells for _, cells in engines.engine_grids} == {options.get("granularity", "auto")}
 
@@ -143,10 +143,10 @@ def test_other_grids_are_tried_at_the_best_angle(cost: CostModel, result: Decomp
 
     first_attempts: list[object] = []
     engines = Engines(result, lambda options: 1.3 * BOUND_S)
-    find_best(problem(cost), engines)
+    find_best(make_problem(cost), engines)
     first_attempts += [cells for _, cells in engines.engine_grids if cells != "auto"]
     engines = Engines(result, ends_s)
-    best = find_best(problem(cost), engines)
+    best = find_best(make_problem(cost), engines)
     yaw_deg = OTHER_YAWS_DEG[1]
     later_attempts = best.attempts[1 + len(first_attempts) + len(OTHER_YAWS_DEG) :]
     assert best.makespan_s == 1.2 * BOUND_S
@@ -163,7 +163,7 @@ def test_rotated_cuts_need_a_minimum_gain(
 ) -> None:
     busy_result = replace(result, sum_s=20.0 * 0.98 * BOUND_S)  # other grids are not tried
     engines = Engines(busy_result, lambda _: BOUND_S * (share if len(engines.posed_problem) > 1 else 1.0))
-    best = find_best(problem(cost), engines)
+    best = find_best(make_problem(cost), engines)
     assert best.makespan_s == BOUND_S * (share if is_taken else 1.0)
     assert [a.makespan_s for a in best.attempts[1:]] == [share * BOUND_S] * len(OTHER_YAWS_DEG)
 
@@ -185,9 +185,9 @@ def test_parts_of_a_rotated_model_are_in_the_original_frame(
     np.testing.assert_allclose([bounds_mm.min(axis=0), bounds_mm.max(axis=0)], bar.solid.bounds_mm, atol=1e-6)
     for part in result.parts:
         points, _ = part.build_printing_mesh()
-        back = points @ part.to_model[:3, :3].T + part.to_model[:3, 3]
+        model_points = points @ part.to_model[:3, :3].T + part.to_model[:3, 3]
         vertices, _ = part.solid.arrays()
-        np.testing.assert_allclose(back, vertices, atol=1e-4)
+        np.testing.assert_allclose(model_points, vertices, atol=1e-4)
         cuts = [n for *n, d in part.planes.tolist() if np.abs(vertices @ n - d).min() < 1e-6]
         assert len(cuts) == 1  # across the bar
         assert abs(cuts[0] @ rotation[:, 0]) == pytest.approx(1.0)
@@ -195,12 +195,12 @@ def test_parts_of_a_rotated_model_are_in_the_original_frame(
 
 def test_another_grid_may_have_the_better_result(cost: CostModel, result: Decomposition) -> None:
     engines = Engines(result, lambda options: math.inf if options.granularity == "auto" else 1.5 * BOUND_S)
-    best = find_best(problem(cost), engines)
+    best = find_best(make_problem(cost), engines)
     assert best.makespan_s == 1.5 * BOUND_S
     assert [a.makespan_s for a in best.attempts[:2]] == [None, None]
     nothing = Engines(result, lambda options: math.inf)
     with pytest.raises(NoFit, match="nothing at auto"):
-        find_best(problem(cost), nothing)
+        find_best(make_problem(cost), nothing)
 
 
 @pytest.mark.parametrize(
@@ -217,7 +217,7 @@ def test_result_is_kept_when_a_later_grid_fails(
             raise error
         return engines(task)
 
-    best = find_best(problem(cost), fail_later)
+    best = find_best(make_problem(cost), fail_later)
     assert best.makespan_s == 1.5 * BOUND_S
     assert {attempt.reason for attempt in best.attempts[1:]} == {str(error)}
 
@@ -226,7 +226,7 @@ def test_slow_printers_have_less_to_gain(cost: CostModel, result: Decomposition)
     """Use printers that are busy to the end, ten of them half as fast; equal speeds would gain a quarter."""
     printers = tuple(replace(p, time_factor=2.0 if i < 10 else 1.0) for i, p in enumerate(ROOMS))
     engines = Engines(replace(result, sum_s=15.0 * 1.5 * BOUND_S), lambda _: 1.51 * BOUND_S)
-    best = find_best(replace(problem(cost), printers=printers), engines)
+    best = find_best(replace(make_problem(cost), printers=printers), engines)
     assert {cells for _, cells in engines.engine_grids} == {"auto"}
     assert best.compute_possible_gain(printers) == pytest.approx(1.0 - 1.5 / 1.51)
     assert best.compute_possible_gain(ROOMS) == pytest.approx(1.0 - 0.75 * 1.5 / 1.51)
@@ -237,7 +237,7 @@ def test_result_with_faults_is_the_last_choice(cost: CostModel, result: Decompos
         return BOUND_S * (1.5 if options.engine is Engine.GUILLOTINE else 1.6)
 
     engines = Engines(result, ends_s, faulty=(Engine.GUILLOTINE,))
-    best = find_best(problem(cost, granularity=8), engines)
+    best = find_best(make_problem(cost, granularity=8), engines)
     assert best.engine is Engine.PARALLELOBOX
     assert [item.best_known_s for item in engines.posed_problem] == [math.inf, math.inf]
 
@@ -261,7 +261,7 @@ def test_broken_rule_is_reported_after_the_budget_was_spent(
         assert task.effort.is_spent()
         raise error
 
-    second_attempt = find_best(problem(cost, granularity=8), fail_late).attempts[1]
+    second_attempt = find_best(make_problem(cost, granularity=8), fail_late).attempts[1]
     assert second_attempt.reason.startswith(message)
     assert not second_attempt.finished
 
@@ -277,7 +277,7 @@ def test_no_attempt_starts_with_too_little_budget(
     """Use attempts of a second, of which half must be left for another one."""
     monkeypatch.setattr(rounds, "GRID_SHARE", math.inf)
     engines = Engines(result, compute_far_makespan_s)
-    best = find_best(problem(cost, best=BestOptions(budget_s)), engines)
+    best = find_best(make_problem(cost, best=BestOptions(budget_s)), engines)
     assert len(engines.engine_grids) == attempt_count
     later_attempts = best.attempts[attempt_count:]
     assert later_attempts
@@ -287,13 +287,13 @@ def test_no_attempt_starts_with_too_little_budget(
 
 def test_parallelobox_is_tried_only_without_a_sound_result(cost: CostModel, result: Decomposition) -> None:
     engines = Engines(result, compute_far_makespan_s)
-    find_best(problem(cost), engines)
+    find_best(make_problem(cost), engines)
     assert Engine.PARALLELOBOX not in {engine for engine, _ in engines.engine_grids}
 
 
 @pytest.mark.parametrize("budget_s", [0.0, 2.0])
 @pytest.mark.parametrize("faulty", [False, True])
-def test_small_budget_refuses_no_model_that_a_finer_grid_parts(
+def test_small_budget_refuses_no_model_that_a_finer_grid_can_cut(
     budget_s: float, faulty: bool, cost: CostModel, result: Decomposition
 ) -> None:
     """Use coarse grids and another engine without a result, or with a faulty one."""
@@ -303,18 +303,20 @@ def test_small_budget_refuses_no_model_that_a_finer_grid_parts(
         fault = (problem.options.engine,) if coarse and faulty else ()
         return Engines(result, lambda _: math.inf if coarse and not faulty else 1.2 * BOUND_S, fault)(problem)
 
-    best = find_best(problem(cost, best=BestOptions(budget_s)), part)
+    best = find_best(make_problem(cost, best=BestOptions(budget_s)), part)
     assert not best.faults
     assert best.attempts[0].granularity != "auto"
     assert best.attempts[1].granularity == "auto"
 
 
 def test_first_grid_is_coarser_for_a_small_budget(cost: CostModel) -> None:
-    grids = [choose_first_grid(problem(cost, best=BestOptions(budget_s))) for budget_s in (0.0, 2.0, 6.0)]
+    grids = [
+        choose_first_grid(make_problem(cost, best=BestOptions(budget_s))) for budget_s in (0.0, 2.0, 6.0)
+    ]
     assert grids[0] == 15  # as for few printers
     assert [*grids] == sorted(grids)
-    assert grids[1] < grids[2] < problem(cost).granularity(BLOCK)
-    assert choose_first_grid(problem(cost)) == "auto"
-    assert choose_first_grid(problem(cost, granularity=30, best=BestOptions(0.0))) == 30
+    assert grids[1] < grids[2] < make_problem(cost).granularity(BLOCK)
+    assert choose_first_grid(make_problem(cost)) == "auto"
+    assert choose_first_grid(make_problem(cost, granularity=30, best=BestOptions(0.0))) == 30
     narrow = tuple(PrinterRoom(str(i), ((32.0, 32.0, 32.0),)) for i in range(20))
-    assert choose_first_grid(replace(problem(cost, best=BestOptions(0.0)), printers=narrow)) == 19
+    assert choose_first_grid(replace(make_problem(cost, best=BestOptions(0.0)), printers=narrow)) == 19

@@ -56,11 +56,11 @@ def price_content_s(solid: Solid, box: np.ndarray, cost: CostModel) -> float:
 
 
 def is_deep(box: np.ndarray, low: np.ndarray, high: np.ndarray, wall_mm: float) -> bool:
-    """Check whether a box is further than the wall inside a block."""
+    """Return True if a box is further from all sides of a block than the thickness of its wall."""
     return bool((box[0] >= low + wall_mm).all() and (box[1] <= high - wall_mm).all())
 
 
-def room(size_mm: float, factor: float = 1.0) -> PrinterRoom:
+def make_room(size_mm: float, factor: float = 1.0) -> PrinterRoom:
     return PrinterRoom("", ((size_mm,) * 3,), factor)
 
 
@@ -79,7 +79,7 @@ def test_no_partition_of_a_curved_solid_undercuts_the_bound(
     makespan_s = max(
         price_content_s(solid, box, cost) * factor for box, factor in zip(boxes, factors, strict=True)
     )
-    printers = [room(longest_mm, float(factor)) for factor in factors]
+    printers = [make_room(longest_mm, float(factor)) for factor in factors]
     for wall_mm in (1.0, math.inf):
         bound_s = bound_any_boxes_s(vertices[faces], printers, cost, wall_mm, ABOVE * makespan_s)
         assert 0.0 <= bound_s <= makespan_s
@@ -106,7 +106,7 @@ def test_no_hollow_partition_of_a_block_undercuts_the_bound(
     times_s = [price_content_s(solid, box, COSTS[0]) for box in boxes]
     vertices, faces = solid.arrays()
     longest_mm = max(float(np.ptp(box, axis=0).max()) for box in boxes)
-    printers = [room(longest_mm)] * len(boxes)
+    printers = [make_room(longest_mm)] * len(boxes)
     bound_s = bound_any_boxes_s(vertices[faces], printers, COSTS[0], wall_mm, ABOVE * max(times_s))
     assert bound_s <= sum(times_s) / len(boxes)
 
@@ -115,7 +115,7 @@ def test_cuts_that_rooms_need_and_solid_that_must_be_printed_raise_the_bound(cos
     solid = Solid.box((0, 0, 0), (400, 400, 400))
     vertices, faces = solid.arrays()
     triangles = vertices[faces]
-    small, large = [room(205.0)] * 8, [room(500.0)] * 8
+    small, large = [make_room(205.0)] * 8, [make_room(500.0)] * 8
     hollow_s = bound_any_boxes_s(triangles, small, cost, 10.0, 1e6)
     full_s = bound_any_boxes_s(triangles, small, cost, math.inf, 1e6)
     uncut_s = bound_any_boxes_s(triangles, large, cost, math.inf, 1e6)
@@ -127,6 +127,6 @@ def test_cuts_that_rooms_need_and_solid_that_must_be_printed_raise_the_bound(cos
 
 def test_faster_printers_lower_the_bound_by_their_throughput(cost: CostModel) -> None:
     vertices, faces = Solid.box((0, 0, 0), (300, 300, 300)).arrays()
-    equal_s = bound_any_boxes_s(vertices[faces], [room(205.0)] * 8, cost, math.inf, 1e6)
-    twice_s = bound_any_boxes_s(vertices[faces], [room(205.0, 0.5)] * 8, cost, math.inf, 5e5)
+    equal_s = bound_any_boxes_s(vertices[faces], [make_room(205.0)] * 8, cost, math.inf, 1e6)
+    twice_s = bound_any_boxes_s(vertices[faces], [make_room(205.0, 0.5)] * 8, cost, math.inf, 5e5)
     assert twice_s == pytest.approx(0.5 * equal_s)

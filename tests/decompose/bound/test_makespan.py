@@ -21,7 +21,7 @@ from decompose.print_time import CostModel, Recipe, price_axis_poses_s
 shapes = st.tuples(st.integers(1, 4), st.integers(1, 3), st.integers(1, 3))
 
 
-def printable(boxes: BoxTables) -> list[tuple[Box, float, int]]:
+def list_printable_boxes(boxes: BoxTables) -> list[tuple[Box, float, int]]:
     """List all boxes that may be parts, with time and number of pieces."""
     results = []
     for box in list_boxes(boxes.shape):
@@ -41,11 +41,11 @@ def solve(boxes: BoxTables, is_needed: np.ndarray, printers: int) -> tuple[Bound
 
 def find_min_makespan_by_recursion(boxes: BoxTables, is_needed: np.ndarray, printers: int) -> float:
     """Search all sets of boxes that cover the needed cells, which include all partitions."""
-    number = {tuple(map(int, cell)): 1 << i for i, cell in enumerate(np.argwhere(is_needed))}
+    bits = {tuple(map(int, cell)): 1 << i for i, cell in enumerate(np.argwhere(is_needed))}
     choices = []
-    for box, seconds, pieces in printable(boxes):
+    for box, seconds, pieces in list_printable_boxes(boxes):
         cells_inside = sum(
-            bit for cell, bit in number.items() if all(box[a] <= cell[a] < box[a + 3] for a in range(3))
+            bit for cell, bit in bits.items() if all(box[a] <= cell[a] < box[a + 3] for a in range(3))
         )
         choices.append((cells_inside, seconds, pieces))
 
@@ -63,7 +63,7 @@ def find_min_makespan_by_recursion(boxes: BoxTables, is_needed: np.ndarray, prin
             default=math.inf,
         )
 
-    return find_least_s(sum(number.values()), printers)
+    return find_least_s(sum(bits.values()), printers)
 
 
 @settings(max_examples=40, deadline=None)
@@ -78,14 +78,14 @@ def test_no_partition_is_below_the_bound(shape: Shape, seed: int, printers: int)
 @settings(max_examples=40, deadline=None)
 @given(shape=shapes, seed=st.integers(0, 10**6), printers=st.integers(1, 12))
 def test_weights_prove_the_bound(shape: Shape, seed: int, printers: int) -> None:
-    """Recompute the bound with integers of any size: some part has its share, and no faster box has."""
+    """Check in exact integers that no box faster than the bound has the weight of an average part."""
     boxes, is_needed = make_tables(shape, seed)
     bound, _ = solve(boxes, is_needed, printers)
     assert bound.weights.dtype == np.int64
     assert (bound.weights >= 0).all()
     assert not bound.weights[~is_needed].any()
     total = sum(bound.weights.ravel().tolist())
-    for (x0, y0, z0, x1, y1, z1), seconds, pieces in printable(boxes):
+    for (x0, y0, z0, x1, y1, z1), seconds, pieces in list_printable_boxes(boxes):
         if seconds < bound.seconds:
             assert sum(bound.weights[x0:x1, y0:y1, z0:z1].ravel().tolist()) * printers < pieces * total
 
@@ -96,7 +96,7 @@ def test_bound_equals_that_of_the_complete_linear_programme(shape: Shape, seed: 
     """Solve the linear programme for all boxes at once, with at most one part per cell."""
     boxes, is_needed = make_tables(shape, seed)
     bound, _ = solve(boxes, is_needed, printers)
-    all_boxes = printable(boxes)
+    all_boxes = list_printable_boxes(boxes)
     cells_inside = np.zeros((len(all_boxes), *shape))
     for row, ((x0, y0, z0, x1, y1, z1), _, _) in zip(cells_inside, all_boxes, strict=True):
         row[x0:x1, y0:y1, z0:z1] = 1.0

@@ -81,7 +81,9 @@ def test_key_lies_in_the_grooves_of_block_and_plate_as_wide_as_their_fit(
             assert (overlap_mm3 < 1e-4) == goes_in
 
 
-def test_it_prints_without_support_in_two_pieces_and_is_a_closed_stl(coupon: tuple[float, Coupon]) -> None:
+def test_coupon_prints_without_support_in_two_pieces_and_is_a_closed_stl(
+    coupon: tuple[float, Coupon],
+) -> None:
     _, coupon_result = coupon
     assert len(coupon_result.solid.pieces()) == 2
     assert round_triangles(*coupon_result.solid.arrays()) is not None

@@ -106,7 +106,7 @@ def test_arrow_of_a_turned_text_still_points_up():
     assert all(np.linalg.norm(wing_mm - tip, axis=1).min() < 1e-9 for wing_mm in (first_line, second_line))
 
 
-def test_thin_joint_has_neither_pins_nor_digits_and_this_is_said():
+def test_thin_joint_has_neither_pins_nor_digits_and_that_is_reported():
     connectors, parts = plan(make_boxes(((0, 0, 0), (60, 40, 3)), ((60, 0, 0), (120, 40, 3))))
     assert not connectors.pins and not connectors.tools
     assert [reason for _, reason in connectors.unpinned] == ["too small for a pin"]
@@ -212,8 +212,8 @@ def test_a_body_that_is_turned_around_stays_open_with_pins_of_each_diameter(
 
 @pytest.mark.parametrize("up", [UPRIGHT, LEANING])
 def test_pair_keeps_off_a_distance_that_is_taken(up: np.ndarray):
-    free = distance_mm(*plan(HALVES, [up, UPRIGHT])[0].pins)
-    options = replace(ALL, taken_mm=(free, free - 1.6))
+    untaken_mm = distance_mm(*plan(HALVES, [up, UPRIGHT])[0].pins)
+    options = replace(ALL, taken_mm=(untaken_mm, untaken_mm - 1.6))
     connectors, _ = plan(HALVES, [up, UPRIGHT], options)
     assert min(abs(distance_mm(*connectors.pins) - taken) for taken in options.taken_mm) > 1.4
     assert find_wrong_fits(connectors.pins, (distance_mm(*connectors.pins),)) == [

@@ -1,4 +1,4 @@
-"""Instructions for assembly: all parts and joints, nothing loaded, and glue in each picture."""
+"""Instructions for assembly: all parts and joints, no external files, and glue in each picture."""
 
 from __future__ import annotations
 
@@ -240,7 +240,7 @@ def test_faces_point_away_from_the_fixed_body_also_where_they_slide(pinwheel: De
             assert any((lo < point).all() and (point < hi).all() for lo, hi in bounds)
 
 
-def test_view_before_is_kept_or_approached(drilled_table: Decomposition) -> None:
+def test_previous_view_is_kept_or_approached(drilled_table: Decomposition) -> None:
     pose = find_pose(drilled_table.assembly.steps[0].direction)
     scene = build_both(0, drilled_table, 60.0 * drilled_table.assembly.steps[0].direction)
 
@@ -313,7 +313,7 @@ def test_parts_are_drawn_alike_in_another_process(drilled_table: Decomposition, 
     assert (local_folder / ASSEMBLY).stat().st_size == (remote_folder / ASSEMBLY).stat().st_size
 
 
-def test_a_share_of_the_steps_is_drawn_as_among_all(
+def test_some_steps_alone_are_drawn_as_among_all_steps(
     drilled_table: Decomposition, step_pictures: list[StepPictures]
 ) -> None:
     middle = len(step_pictures) // 2

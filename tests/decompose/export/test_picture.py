@@ -28,18 +28,18 @@ def test_colours_of_parts_differ() -> None:
     colours = make_part_colours(200)
     assert colours.min() >= 0.0 and colours.max() <= 1.0
     assert len(np.unique(np.round(255 * colours), axis=0)) == 200
-    apart = np.linalg.norm(np.diff(colours[:100], axis=0), axis=1)
-    assert apart.min() > 0.15
+    distances = np.linalg.norm(np.diff(colours[:100], axis=0), axis=1)
+    assert distances.min() > 0.15
 
 
 def test_glb_has_each_part_in_place_in_metres_with_y_up(parts: list[Part], tmp_path: Path) -> None:
     write_glb(parts, tmp_path / "assembly.glb")
-    view_context = trimesh.load_scene(tmp_path / "assembly.glb")
-    assert sorted(view_context.geometry) == ["p01", "p02", "p03", "p04"]
-    assert view_context.bounds == pytest.approx(np.array([[0.0, 0.0, -0.09], [0.29, 0.09, 0.0]]))
-    colours = {tuple(mesh.visual.material.baseColorFactor) for mesh in view_context.geometry.values()}
+    scene = trimesh.load_scene(tmp_path / "assembly.glb")
+    assert sorted(scene.geometry) == ["p01", "p02", "p03", "p04"]
+    assert scene.bounds == pytest.approx(np.array([[0.0, 0.0, -0.09], [0.29, 0.09, 0.0]]))
+    colours = {tuple(mesh.visual.material.baseColorFactor) for mesh in scene.geometry.values()}
     assert len(colours) == 4
-    mesh = view_context.geometry["p02"]
+    mesh = scene.geometry["p02"]
     mesh.merge_vertices(merge_norm=True, merge_tex=True)
     assert mesh.is_watertight
     assert mesh.volume == pytest.approx(parts[1].solid.volume_mm3, rel=1e-5)

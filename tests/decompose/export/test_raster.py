@@ -39,11 +39,11 @@ def test_only_jumps_of_depth_are_outlined() -> None:
     shade = (AMBIENT_SHARE + (1.0 - AMBIENT_SHARE) * LIGHT_DIRECTION[2]) * COLOUR[2]
     row = int(drawing.place(np.array([[0.0, 0.0, 0.5]]))[0, 1])
     blue = drawing.picture[row, drawing.visible[row] == 1, 2]
-    dark = blue < shade * (1.0 + OUTLINE_BRIGHTNESS) / 2.0
-    assert blue[dark] == pytest.approx(shade * OUTLINE_BRIGHTNESS)
-    assert blue[~dark] == pytest.approx(shade)
+    is_outline = blue < shade * (1.0 + OUTLINE_BRIGHTNESS) / 2.0
+    assert blue[is_outline] == pytest.approx(shade * OUTLINE_BRIGHTNESS)
+    assert blue[~is_outline] == pytest.approx(shade)
     # The rim of the plate and its edge beside the cube, on both sides; the middle of the plate has none.
-    assert dark[0] and dark[-1] and 4 <= dark.sum() <= 6
+    assert is_outline[0] and is_outline[-1] and 4 <= is_outline.sum() <= 6
 
 
 @pytest.mark.parametrize("oversample", [2, 3])

@@ -16,11 +16,11 @@ from decompose.geometry import (
 )
 
 places = st.integers(-20, 20).map(lambda v: v / 2.0)
-several = st.lists(st.tuples(places, places), min_size=3, max_size=30).map(np.array)
+place_groups = st.lists(st.tuples(places, places), min_size=3, max_size=30).map(np.array)
 
 
 @settings(deadline=None)  # the first call compiles
-@given(several)
+@given(place_groups)
 def test_outline_has_the_area_of_the_hull_and_holds_all_points(points: np.ndarray) -> None:
     outline = find_convex_outline(points)
     hull = MultiPoint(points).convex_hull
@@ -35,7 +35,7 @@ def test_outline_has_the_area_of_the_hull_and_holds_all_points(points: np.ndarra
 
 
 @settings(deadline=None)  # the first call compiles
-@given(several)
+@given(place_groups)
 def test_smallest_rectangle_equals_that_of_shapely(points: np.ndarray) -> None:
     outline = find_convex_outline(points)
     if not len(outline):

@@ -206,12 +206,12 @@ def test_repeated_triangles_are_dropped(tmp_path: Path) -> None:
 
 
 def test_bodies_are_joined_and_cavities_kept(tmp_path: Path) -> None:
-    apart = [
+    separate_blocks = [
         make_block((0, 0, 0), (10, 10, 10)),
         make_block((5, 5, 5), (15, 15, 15)),
         make_block((30, 0, 0), (40, 10, 10)),
     ]
-    model = load_model(save(tmp_path / "three.stl", np.concatenate(apart)))
+    model = load_model(save(tmp_path / "three.stl", np.concatenate(separate_blocks)))
     assert model.solid.volume_mm3 == pytest.approx(2000.0 - 125.0 + 1000.0)
     assert any("3 bodies" in r for r in model.repairs)
     hollow = [

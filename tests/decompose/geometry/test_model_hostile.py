@@ -67,9 +67,9 @@ def test_invalid_sizes_are_refused(
 ) -> None:
     path = tmp_path / "ball.stl"
     write_stl(path, make_ball().astype(np.float32))
-    with pytest.raises(error) as raised:
+    with pytest.raises(error) as error_info:
         load_model(path, scale=scale, longest_side_mm=longest_side_mm)
-    assert "\n" not in str(raised.value)
+    assert "\n" not in str(error_info.value)
 
 
 def test_tiny_model_with_a_distant_point_is_refused(tmp_path: Path) -> None:
@@ -83,8 +83,10 @@ def test_million_vertices_in_one_place_are_refused(tmp_path: Path) -> None:
     sphere = trimesh.creation.icosphere(3, 20.0)
     copies = 1_000_000 // len(sphere.vertices) + 1
     indices = len(sphere.vertices) * np.random.default_rng(0).integers(0, copies, sphere.faces.shape)
-    many = trimesh.Trimesh(np.tile(sphere.vertices, (copies, 1)), sphere.faces + indices, process=False)
-    many.export(tmp_path / "copies.ply")
+    many_spheres = trimesh.Trimesh(
+        np.tile(sphere.vertices, (copies, 1)), sphere.faces + indices, process=False
+    )
+    many_spheres.export(tmp_path / "copies.ply")
     model = load_model(tmp_path / "copies.ply")
     assert model.solid.volume_mm3 == pytest.approx(sphere.volume, rel=1e-4)
 
@@ -112,7 +114,7 @@ def test_files_with_false_headers_are_refused(tmp_path: Path, name: str) -> None
 
 @pytest.mark.parametrize("encoding", ["binary", "ascii"])
 @pytest.mark.parametrize(
-    ("true_count", "lie"),
+    ("true_count", "false_count"),
     [
         (b"vertex 642", b"vertex 999999999999"),
         (b"vertex 642", b"vertex -5"),
@@ -124,13 +126,13 @@ def test_files_with_false_headers_are_refused(tmp_path: Path, name: str) -> None
     ],
 )
 def test_ply_with_a_false_header_is_refused(
-    tmp_path: Path, encoding: str, true_count: bytes, lie: bytes
+    tmp_path: Path, encoding: str, true_count: bytes, false_count: bytes
 ) -> None:
     path = tmp_path / "lie.ply"
     trimesh.creation.icosphere(3, 20.0).export(path, encoding=encoding)
     data = path.read_bytes()
     assert true_count in data
-    path.write_bytes(data.replace(true_count, lie, 1))
+    path.write_bytes(data.replace(true_count, false_count, 1))
     with pytest.raises(DecomposeError, match=r"^lie\.ply: ") as error:
         load_model(path)
     assert "\n" not in str(error.value)

@@ -23,12 +23,12 @@ def make_crossing_tube(apart_mm: float, rings: int = 60, sides: int = 12) -> Sol
     middle = np.stack(
         [90.0 * np.sin(angles), 60.0 * np.sin(2.0 * angles), apart_mm / 2.0 * np.cos(angles)], axis=1
     )
-    along = np.roll(middle, -1, axis=0) - np.roll(middle, 1, axis=0)
-    along /= np.linalg.norm(along, axis=1)[:, None]
-    side = np.cross(along, [0.0, 0.0, 1.0])
+    tangents = np.roll(middle, -1, axis=0) - np.roll(middle, 1, axis=0)
+    tangents /= np.linalg.norm(tangents, axis=1)[:, None]
+    side = np.cross(tangents, [0.0, 0.0, 1.0])
     side /= np.linalg.norm(side, axis=1)[:, None]
     around = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)[None, :, None]
-    ring = np.cos(around) * side[:, None] + np.sin(around) * np.cross(side, along)[:, None]
+    ring = np.cos(around) * side[:, None] + np.sin(around) * np.cross(side, tangents)[:, None]
     vertices = (middle[:, None] + RADIUS_MM * ring).reshape(-1, 3)
     i, j = (grid.ravel() for grid in np.meshgrid(np.arange(rings), np.arange(sides), indexing="ij"))
     below, above = sides * i, sides * ((i + 1) % rings)

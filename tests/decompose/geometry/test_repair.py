@@ -64,10 +64,10 @@ def test_touching_cubes_of_a_lattice_are_united(
 
 def make_overlapping_blocks() -> np.ndarray:
     """Make two blocks that overlap slightly and share an edge of four triangles; no edge is open."""
-    hair_mm = 0.01
+    overlap_mm = 0.01
     first_body, second_body = (
         make_block((0, 0, 0), (20, 20, 20)),
-        make_block((20 - hair_mm, 0, 0), (40, 30, 20)),
+        make_block((20 - overlap_mm, 0, 0), (40, 30, 20)),
     )
     second_body[(second_body[..., 0] < 20) & (second_body[..., 1] == 0.0), 0] = (
         20.0  # so that its side intersects the first block

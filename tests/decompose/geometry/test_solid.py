@@ -33,8 +33,8 @@ def test_split_keeps_volume_and_adds_the_cut_twice(ring_with_bar: Solid, axis: i
 
 
 def test_pieces_come_in_order_of_position() -> None:
-    two = Solid.union([Solid.box((5, 0, 0), (6, 1, 1)), Solid.box((0, 0, 0), (1, 1, 1))])
-    assert [p.bounds_mm[0, 0] for p in two.pieces()] == [0.0, 5.0]
+    separate_boxes = Solid.union([Solid.box((5, 0, 0), (6, 1, 1)), Solid.box((0, 0, 0), (1, 1, 1))])
+    assert [p.bounds_mm[0, 0] for p in separate_boxes.pieces()] == [0.0, 5.0]
     assert Solid.box((0, 0, 0), (1, 1, 1)).clip((3, 3, 3), (4, 4, 4)).pieces() == []
 
 

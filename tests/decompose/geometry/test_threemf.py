@@ -136,7 +136,7 @@ def test_file_of_another_program_gives_the_same_solid(tmp_path: Path) -> None:
 
 
 def compute_determinant(matrix: list[float]) -> float:
-    """Compute it by products: the LU factors of `numpy.linalg.det` divide by values close to 0."""
+    """Compute the determinant by products; `numpy.linalg.det` would divide by values close to 0."""
     x, y, z = np.reshape(matrix, (3, 3))
     return float(x @ np.cross(y, z))
 
@@ -211,8 +211,8 @@ def test_components_that_multiply_are_counted_before_they_are_placed() -> None:
             write_object_xml(n, write_components_xml(*[f'objectid="{n - 1}"'] * 10)) for n in range(2, 22)
         ]
         read_refusal(pack_3mf(write_model_xml([write_object_xml(1, leaf), *levels], ['objectid="21"'])), kind)
-    many = write_model_xml([write_object_xml(1, BOX)], ['objectid="1"'] * 10_001)
-    assert "10000 objects" in read_refusal(pack_3mf(many), ModelTooDetailed)
+    many_items = write_model_xml([write_object_xml(1, BOX)], ['objectid="1"'] * 10_001)
+    assert "10000 objects" in read_refusal(pack_3mf(many_items), ModelTooDetailed)
 
 
 def test_package_that_unpacks_to_gigabytes_is_refused_unread(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -247,7 +247,7 @@ def test_tags_without_end_and_tags_without_number_are_refused(monkeypatch: pytes
 
 
 @pytest.mark.parametrize(
-    ("was", "becomes"),
+    ("old_text", "new_text"),
     [
         ('<vertex x="', '<vertex w="'),
         ('<vertex x="-5.0', '<vertex x="five'),
@@ -263,10 +263,10 @@ def test_tags_without_end_and_tags_without_number_are_refused(monkeypatch: pytes
         ("http://schemas.microsoft.com/3dmanufacturing/core", "http://elsewhere"),
     ],
 )
-def test_broken_model_is_refused_in_a_sentence(was: str, becomes: str) -> None:
+def test_broken_model_is_refused_in_a_sentence(old_text: str, new_text: str) -> None:
     model = write_model_xml([write_object_xml(1, BOX)], ['objectid="1"'])
-    assert was in model
-    read_refusal(pack_3mf(model.replace(was, becomes, 1)))
+    assert old_text in model
+    read_refusal(pack_3mf(model.replace(old_text, new_text, 1)))
 
 
 def test_more_triangles_than_fit_the_memory_are_refused_while_they_are_read() -> None:

@@ -29,23 +29,23 @@ def block() -> Solid:
     return Solid.box((0, 0, 0), (300, 260, 220))
 
 
-def turned_block() -> Solid:
+def make_turned_block() -> Solid:
     box = trimesh.creation.box((300.0, 260.0, 280.0))
     box.apply_transform(trimesh.transformations.rotation_matrix(0.7, [0.2, 1.0, 0.4]))
     return Solid.from_arrays(box.vertices, box.faces)
 
 
 @pytest.mark.parametrize("min_wall_mm", [3.0, 25.0])
-@pytest.mark.parametrize("shape", [ball, make_tube, block, turned_block])
+@pytest.mark.parametrize("shape", [ball, make_tube, block, make_turned_block])
 def test_hollow_leaves_the_minimum_wall(
     shape: Callable[[], Solid], min_wall_mm: float, cost: CostModel
 ) -> None:
     solid = shape()
     vertices, faces = solid.arrays()
     grid = build_grid(vertices[faces], 14, GridRules(min_wall_mm, False, cost.overhang_cos, cost.skin_cos))
-    left_out = np.argwhere((grid.cells == Cell.INTERNAL) & ~grid.needed)
-    assert len(left_out) > 0
-    hollow = Solid.union([Solid.box(*grid.bounds_mm((*cell, *(cell + 1)))) for cell in left_out])
+    hollow_cells = np.argwhere((grid.cells == Cell.INTERNAL) & ~grid.needed)
+    assert len(hollow_cells) > 0
+    hollow = Solid.union([Solid.box(*grid.bounds_mm((*cell, *(cell + 1)))) for cell in hollow_cells])
     lo, hi = solid.bounds_mm
     surroundings = Solid.box(lo - 60.0, hi + 60.0).subtract(solid)
     cell_mm = max(float(np.diff(planes).max()) for planes in grid.planes)
@@ -55,7 +55,7 @@ def test_hollow_leaves_the_minimum_wall(
 
 def test_grid_supports_no_wall_and_a_kept_interior(cost: CostModel) -> None:
     vertices, faces = block().arrays()
-    bare = build_grid(vertices[faces], 10, GridRules(0.0, False, cost.overhang_cos, cost.skin_cos))
+    boundary_grid = build_grid(vertices[faces], 10, GridRules(0.0, False, cost.overhang_cos, cost.skin_cos))
     kept_grid = build_grid(vertices[faces], 10, GridRules(25.0, True, cost.overhang_cos, cost.skin_cos))
-    assert (bare.needed == (bare.cells == Cell.BOUNDARY)).all()
+    assert (boundary_grid.needed == (boundary_grid.cells == Cell.BOUNDARY)).all()
     assert kept_grid.needed.all()

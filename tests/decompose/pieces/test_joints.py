@@ -49,8 +49,8 @@ def test_two_halves_have_one_joint() -> None:
 
 def test_duplicate_plane_counts_once() -> None:
     item, other_pieces = cut(make_block((0, 0, 0), (60, 40, 30)), x=(25.0,))
-    twice = Piece(item.solid, np.concatenate([item.planes, -item.planes]), item.boxes_mm)
-    (joint,) = find_joints([twice, other_pieces])
+    doubled_piece = Piece(item.solid, np.concatenate([item.planes, -item.planes]), item.boxes_mm)
+    (joint,) = find_joints([doubled_piece, other_pieces])
     assert joint.area_mm2 == pytest.approx(1200.0)
 
 

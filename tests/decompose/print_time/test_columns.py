@@ -107,8 +107,8 @@ def test_many_islands_are_near_each_other() -> None:
     result = measure(Solid.union(posts))
     assert result.islands_mm == pytest.approx(19 * 30.0)
     assert result.bodies_mm == pytest.approx(19 * 30.0)
-    spaced_mm = np.sqrt(54.0 * 42.0 / 20.0)
-    assert result.island_paths_mm2 == pytest.approx(19 * 30.0 * spaced_mm, rel=0.03)
+    spacing_mm = np.sqrt(54.0 * 42.0 / 20.0)
+    assert result.island_paths_mm2 == pytest.approx(19 * 30.0 * spacing_mm, rel=0.03)
 
 
 def test_holes_of_a_layer_are_counted() -> None:
@@ -119,8 +119,8 @@ def test_holes_of_a_layer_are_counted() -> None:
     plate = Solid.box((0, 0, 0), (60, 60, 10)).subtract(holes)
     result = measure(plate)
     assert result.holes_mm == pytest.approx(4 * 5.0, abs=4 * 10.0 / 16)  # they end at half of the height
-    spaced_mm = np.sqrt((60.0**2 - 4 * np.pi * 4.0**2) / 5.0)
-    assert result.hole_paths_mm2 == pytest.approx(result.holes_mm * spaced_mm, rel=0.05)
+    spacing_mm = np.sqrt((60.0**2 - 4 * np.pi * 4.0**2) / 5.0)
+    assert result.hole_paths_mm2 == pytest.approx(result.holes_mm * spacing_mm, rel=0.05)
     assert measure(Solid.box((0, 0, 0), (60, 60, 10))).holes_mm == 0.0
 
 

@@ -17,7 +17,7 @@ def measure(solid: Solid, ring_cos: float = 1.0) -> Contours:
     return measure_contours(*solid.arrays(), UP, 0.7, ring_cos)
 
 
-def frustum(low_mm: float, top_mm: float, high_mm: float) -> Solid:
+def make_frustum(low_mm: float, top_mm: float, high_mm: float) -> Solid:
     corners = [
         (x * side, y * side, z)
         for side, z in ((low_mm / 2, 0.0), (top_mm / 2, high_mm))
@@ -50,7 +50,7 @@ def test_rings_lie_below_slopes_that_are_flat_enough() -> None:
     """Check the least slope with a ring: 10 degrees for 2 mm of depth and lines of 0.35 mm."""
     ring_cos = Recipe(infill_steps=1, infill_step_mm=2.0).ring_cos
     assert np.degrees(np.arcsin(ring_cos)) == pytest.approx(9.93, abs=0.01)
-    gentle, steep = frustum(60, 60 - 2 * 20 * np.tan(np.radians(15)), 20), frustum(60, 58, 20)
+    gentle, steep = make_frustum(60, 60 - 2 * 20 * np.tan(np.radians(15)), 20), make_frustum(60, 58, 20)
     rings = measure(gentle, ring_cos)
     assert rings.steep_top_mm2 == pytest.approx(60.0**2 - (60 - 40 * np.tan(np.radians(15))) ** 2)
     assert rings.ring_mm2 == pytest.approx(rings.steep_top_mm2 / np.tan(np.radians(15)))

@@ -48,9 +48,9 @@ def test_price_of_a_cube_equals_a_manual_calculation() -> None:
     cost = CostModel(7.0, 0.5, 0.25, 2.0, 50.0, 100.0, 3.0, 11.0, brim_mm=8.0)
     ring = 8.0 * (2.0 * 20.0 + math.pi * 8.0)
     body = max(0.5 * 1000.0 + 0.25 * 400.0, 11.0 * 10.0)
-    by_hand = 7.0 + body + 2.0 * 200.0 + 3.0 * ring
+    expected_s = 7.0 + body + 2.0 * 200.0 + 3.0 * ring
     times_s = price_axis_poses_s(*Solid.box((5, 5, 5), (15, 15, 15)).arrays(), cost)
-    assert times_s == pytest.approx([by_hand] * 6)  # its underside lies on the bed: no support
+    assert times_s == pytest.approx([expected_s] * 6)  # its underside lies on the bed: no support
 
 
 def test_needle_takes_the_minimum_time_of_its_layers() -> None:
@@ -233,11 +233,11 @@ def test_axis_poses_are_priced_like_other_rotations(ring_with_bar: Solid, cost: 
 
 def test_features_are_returned_in_the_order_of_the_poses(ring_with_bar: Solid, cost: CostModel) -> None:
     rotations = Rotation.random(40, random_state=3).as_matrix()
-    together, _ = sum_pose_features(*ring_with_bar.arrays(), rotations, cost)
-    assert together.shape == (40, len(ADDITIVE))
+    features, _ = sum_pose_features(*ring_with_bar.arrays(), rotations, cost)
+    assert features.shape == (40, len(ADDITIVE))
     for i in (0, 17, 39):
         single_features, _ = sum_pose_features(*ring_with_bar.arrays(), rotations[i : i + 1], cost)
-        assert together[i] == pytest.approx(single_features[0])
+        assert features[i] == pytest.approx(single_features[0])
 
 
 def test_part_may_be_turned_about_the_vertical_only() -> None:

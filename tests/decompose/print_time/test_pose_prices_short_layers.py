@@ -58,9 +58,11 @@ def test_short_layers_of_a_tip_are_slowed_down() -> None:
     assert expected_s > 100.0
     assert price_short_layers_s(tip.triangles, COST) == pytest.approx(expected_s, rel=0.03)
     pose = measure_pose(tip.vertices, tip.faces, np.zeros(len(tip.faces), np.bool_), np.eye(3), COST)
-    hasty = CostModel.from_recipe(Recipe(min_layer_s=0.0))
-    hasty_pose = measure_pose(tip.vertices, tip.faces, np.zeros(len(tip.faces), np.bool_), np.eye(3), hasty)
-    assert pose.price_s - hasty_pose.price_s == pytest.approx(expected_s, rel=0.03)
+    cost_without_min_layer = CostModel.from_recipe(Recipe(min_layer_s=0.0))
+    unlimited_pose = measure_pose(
+        tip.vertices, tip.faces, np.zeros(len(tip.faces), np.bool_), np.eye(3), cost_without_min_layer
+    )
+    assert pose.price_s - unlimited_pose.price_s == pytest.approx(expected_s, rel=0.03)
 
 
 @pytest.mark.parametrize(("layer_mm", "angle_deg"), [(0.25, 45.0), (0.1, 45.0), (0.25, 60.0)])

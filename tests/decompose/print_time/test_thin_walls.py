@@ -39,10 +39,10 @@ def test_thin_fins_on_a_thick_block_count_by_themselves() -> None:
 
 
 def test_leaning_wall_has_its_area_and_its_level_width() -> None:
-    lean = np.radians(20.0)
-    wall = Solid.box((0, 0, 0), (50, 1.6 * np.cos(lean), 20 / np.cos(lean)))
+    lean_rad = np.radians(20.0)
+    wall = Solid.box((0, 0, 0), (50, 1.6 * np.cos(lean_rad), 20 / np.cos(lean_rad)))
     leaning_wall = measure(wall.rotate(Rotation.from_euler("x", -20.0, degrees=True).as_matrix()))
-    assert leaning_wall.full_mm2 == pytest.approx(SIDES_MM2 / np.cos(lean), rel=0.1)
+    assert leaning_wall.full_mm2 == pytest.approx(SIDES_MM2 / np.cos(lean_rad), rel=0.1)
 
 
 @pytest.mark.parametrize("high_mm, layers", [(1.2, 2), (1.6, 0), (3.0, 0)])

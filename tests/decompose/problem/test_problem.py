@@ -28,7 +28,7 @@ OPTIONS = Options(
 )
 
 
-def fleet(*factors: float) -> list[PrinterRoom]:
+def make_fleet(*factors: float) -> list[PrinterRoom]:
     return [PrinterRoom(str(i), ROOM, factor) for i, factor in enumerate(factors)]
 
 
@@ -36,29 +36,29 @@ def block(size_mm: float, printer: PrinterRoom | None = None) -> Piece:
     return Piece(Solid.box((0, 0, 0), (size_mm,) * 3), np.zeros((0, 4)), np.zeros((0, 2, 3)), printer)
 
 
-def task(cost: CostModel, printers: Sequence[PrinterRoom], **options: object) -> Problem:
+def make_task(cost: CostModel, printers: Sequence[PrinterRoom], **options: object) -> Problem:
     model = Model(Solid.box((0, 0, 0), (90, 90, 90)), (), 1.0)
     return Problem(model, tuple(printers), cost, replace(OPTIONS, **options))  # type: ignore[arg-type]
 
 
 def estimate_s(cost: CostModel, size_mm: float) -> float:
-    (pose,) = task(cost, fleet(1.0)).find_poses([block(size_mm)])
+    (pose,) = make_task(cost, make_fleet(1.0)).find_poses([block(size_mm)])
     assert pose is not None
     return pose.price_s
 
 
 def test_longest_piece_is_for_the_quickest_printer(cost: CostModel) -> None:
-    problem = task(cost, fleet(1.5, 0.5))
+    problem = make_task(cost, make_fleet(1.5, 0.5))
     short_s, long_s = estimate_s(cost, 30.0), estimate_s(cost, 60.0)
     expected_s = max(1.5 * short_s, 0.5 * long_s)
     slow, quick = problem.printers
     assert problem.compute_makespan_s([block(30.0), block(60.0)]) == pytest.approx(expected_s)
     assert problem.compute_makespan_s([block(30.0, quick), block(60.0, slow)]) == pytest.approx(expected_s)
-    assert task(cost, fleet(1.5)).compute_makespan_s([block(30.0)]) == pytest.approx(1.5 * short_s)
+    assert make_task(cost, make_fleet(1.5)).compute_makespan_s([block(30.0)]) == pytest.approx(1.5 * short_s)
 
 
 def test_time_of_a_part_that_does_not_fit_is_infinite(cost: CostModel) -> None:
-    problem = task(cost, fleet(1.0), prove=True)
+    problem = make_task(cost, make_fleet(1.0), prove=True)
     for pieces in ([block(130.0)], [block(30.0), block(30.0)]):
         assert problem.compute_makespan_s(pieces) == math.inf
         assert not problem.needs_proof(pieces)
@@ -67,7 +67,7 @@ def test_time_of_a_part_that_does_not_fit_is_infinite(cost: CostModel) -> None:
 @pytest.mark.parametrize("factor", [0.5, 1.0, 2.0])
 def test_bound_is_proven_for_candidates_only(factor: float, cost: CostModel) -> None:
     """Prove the partition with fewer parts if two end at the same time."""
-    problem = task(cost, fleet(factor, factor), prove=True)
+    problem = make_task(cost, make_fleet(factor, factor), prove=True)
     pieces = [block(30.0), block(60.0)]
     ends_s = factor * estimate_s(cost, 60.0)
     assert problem.needs_proof(pieces)
@@ -83,19 +83,19 @@ def test_bound_scales_with_the_speed_of_the_printers(
 ) -> None:
     options = replace(OPTIONS, engine=engine, prove=True)
     model = Model(ring_with_bar, (), 1.0)
-    usual, quick = (decompose_model(model, fleet(*[f] * 8), options, cost) for f in (1.0, 0.5))
+    usual, quick = (decompose_model(model, make_fleet(*[f] * 8), options, cost) for f in (1.0, 0.5))
     assert quick.makespan_s == pytest.approx(0.5 * usual.makespan_s)
     assert quick.grid_makespan_s == pytest.approx(0.5 * usual.grid_makespan_s)
     assert quick.lower_bound_s == pytest.approx(0.5 * usual.lower_bound_s)
-    assert quick.compute_possible_gain(fleet(*[0.5] * 8)) == pytest.approx(
-        usual.compute_possible_gain(fleet(*[1.0] * 8))
+    assert quick.compute_possible_gain(make_fleet(*[0.5] * 8)) == pytest.approx(
+        usual.compute_possible_gain(make_fleet(*[1.0] * 8))
     )
 
 
 def test_bound_holds_on_unequal_printers_for_common_boxes(ring_with_bar: Solid, cost: CostModel) -> None:
     options = replace(OPTIONS, engine=Engine.PARALLELOBOX, prove=True)
-    result = decompose_model(Model(ring_with_bar, (), 1.0), fleet(0.5, *[1.0] * 7), options, cost)
-    equal = decompose_model(Model(ring_with_bar, (), 1.0), fleet(*[1.0] * 8), options, cost)
+    result = decompose_model(Model(ring_with_bar, (), 1.0), make_fleet(0.5, *[1.0] * 7), options, cost)
+    equal = decompose_model(Model(ring_with_bar, (), 1.0), make_fleet(*[1.0] * 8), options, cost)
     assert 0.5 * equal.grid_makespan_s <= result.grid_makespan_s <= equal.grid_makespan_s
     assert 0.0 < result.lower_bound_s <= result.grid_makespan_s
     assert result.lower_bound_s == pytest.approx(0.5 * equal.lower_bound_s)
@@ -103,7 +103,7 @@ def test_bound_holds_on_unequal_printers_for_common_boxes(ring_with_bar: Solid, 
 
 def test_reported_time_includes_every_attempt(ring_with_bar: Solid, cost: CostModel) -> None:
     options = replace(OPTIONS, engine=Engine.BEST)
-    result = decompose_model(Model(ring_with_bar, (), 1.0), fleet(*[1.0] * 4), options, cost)
+    result = decompose_model(Model(ring_with_bar, (), 1.0), make_fleet(*[1.0] * 4), options, cost)
     assert result.attempts[0].compute_s > 0.0
     assert result.compute_s["total"] >= sum(item.compute_s for item in result.attempts)
 
@@ -112,7 +112,7 @@ def test_reported_time_includes_every_attempt(ring_with_bar: Solid, cost: CostMo
 def test_started_work_is_done_once(threads: int, cost: CostModel) -> None:
     calls: list[int] = []
     with ThreadPoolExecutor(1) as executor:
-        problem = replace(task(cost, fleet(1.0)), executor=executor if threads else None)
+        problem = replace(make_task(cost, make_fleet(1.0)), executor=executor if threads else None)
         wait = problem.start(lambda: calls.append(len(calls)) or len(calls))
         assert wait() == wait() == 1
     assert calls == [0]

@@ -121,7 +121,7 @@ def notch_edge(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
 
 
 @pytest.mark.parametrize(
-    ("spoil", "rule", "name"),
+    ("damage", "rule", "name"),
     [
         (make_overlapping, Rule.NO_OVERLAP, "p02"),
         (repeat_part, Rule.NO_OVERLAP, "p03"),
@@ -140,13 +140,13 @@ def test_broken_rule_is_named(
     model: Model,
     grid: Grid,
     halves: list[Box],
-    spoil: Callable[[list[Part], Model, Grid], list[Part]],
+    damage: Callable[[list[Part], Model, Grid], list[Part]],
     rule: Rule,
     name: str | None,
 ) -> None:
-    spoilt = replace(valid_result, parts=tuple(spoil(list(valid_result.parts), model, grid)))
+    damaged_result = replace(valid_result, parts=tuple(damage(list(valid_result.parts), model, grid)))
     with pytest.raises(GeometryError) as error:
-        check_result(spoilt.parts, convert_to_mm(grid, halves), model, PRINTERS, 5.0)
+        check_result(damaged_result.parts, convert_to_mm(grid, halves), model, PRINTERS, 5.0)
     assert (error.value.rule, error.value.part) == (rule, name)
     assert str(rule) in str(error.value)
 

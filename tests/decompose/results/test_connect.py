@@ -81,7 +81,7 @@ def shift_out(parts: DrilledParts) -> DrilledParts:
     return change_pin(parts, shift)
 
 
-def leave_undeclared(parts: DrilledParts) -> DrilledParts:
+def cut_undeclared_hole(parts: DrilledParts) -> DrilledParts:
     hole = Solid.box((25.0, 18.0, 5.0), (28.0, 21.0, 9.0))
     return replace(parts, drilled=[parts.drilled[0].subtract(hole), *parts.drilled[1:]])
 
@@ -104,9 +104,9 @@ def tilt_pin(parts: DrilledParts) -> DrilledParts:
 
 
 @pytest.mark.parametrize(
-    ("spoil", "rule"),
+    ("damage", "rule"),
     [
-        (leave_undeclared, Rule.DRILLED),
+        (cut_undeclared_hole, Rule.DRILLED),
         (add_material, Rule.DRILLED),
         (shift_out, Rule.SKIN),
         (turn_over, Rule.SUPPORT_FREE),
@@ -114,11 +114,11 @@ def tilt_pin(parts: DrilledParts) -> DrilledParts:
         (tilt_pin, Rule.ORDER),
     ],
 )
-def test_each_rule_refuses(
-    drilled_parts: DrilledParts, spoil: Callable[[DrilledParts], DrilledParts], rule: Rule
+def test_each_rule_refuses_parts_that_break_it(
+    drilled_parts: DrilledParts, damage: Callable[[DrilledParts], DrilledParts], rule: Rule
 ) -> None:
     assert list(drilled_parts.find_faults()) == []
-    assert rule in {fault.rule for fault in spoil(drilled_parts).find_faults()}
+    assert rule in {fault.rule for fault in damage(drilled_parts).find_faults()}
 
 
 def test_pins_of_one_depth_or_of_one_distance_fit_wrongly(drilled_parts: DrilledParts) -> None:
@@ -172,8 +172,8 @@ def test_hole_is_as_wide_as_its_printer_needs_and_both_grooves_as_the_wider_fit(
             if pin.along is not None:
                 assert pin.depth_mm == pytest.approx((2.85 + 0.7) / np.sqrt(2.0))
                 continue
-            across = hole.points_mm[:6] - hole.points_mm[:6].mean(axis=0)
-            width_mm = np.sqrt(3.0) * np.linalg.norm(across, axis=1).max()
+            offsets_mm = hole.points_mm[:6] - hole.points_mm[:6].mean(axis=0)
+            width_mm = np.sqrt(3.0) * np.linalg.norm(offsets_mm, axis=1).max()
             assert width_mm == pytest.approx(2.85 + parts.blanks[hole.part].pin_fit_mm)
 
 
@@ -188,10 +188,10 @@ def test_prices_grow_with_the_tools_of_a_part_alone(drilled_parts: DrilledParts)
     connectors = drilled_parts.connectors
     ups = [blank.up for blank in drilled_parts.blanks]
     prices_s = [price_connectors(connectors, n, up, BARE_S) for n, up in enumerate(ups)]
-    fewer = replace(connectors, pins=connectors.pins[1:])
-    less_s = [price_connectors(fewer, n, up, BARE_S) for n, up in enumerate(ups)]
+    fewer_pins = replace(connectors, pins=connectors.pins[1:])
+    fewer_prices_s = [price_connectors(fewer_pins, n, up, BARE_S) for n, up in enumerate(ups)]
     cut_parts = {hole.part for hole in connectors.pins[0].holes}
-    assert [less < price for less, price in zip(less_s, prices_s, strict=True)] == [
+    assert [cheaper_s < price for cheaper_s, price in zip(fewer_prices_s, prices_s, strict=True)] == [
         n in cut_parts for n in range(3)
     ]
     assert price_connectors(Connectors(), 0, UP_AXIS, BARE_S) == 0.0
@@ -222,8 +222,8 @@ def test_part_that_is_cut_again_keeps_its_holes_and_codes(halves: Decomposition)
 
 
 def test_without_options_parts_stay_as_they_were_cut(halves: Decomposition) -> None:
-    plain_grid = replace(halves, options=replace(halves.options, connectors=ConnectorOptions()))
-    assert connect_parts(plain_grid) is plain_grid
+    plain_halves = replace(halves, options=replace(halves.options, connectors=ConnectorOptions()))
+    assert connect_parts(plain_halves) is plain_halves
 
 
 def test_parts_that_break_a_rule_stay_as_they_were_cut(
@@ -242,7 +242,7 @@ def test_parts_that_break_a_rule_stay_as_they_were_cut(
 
 
 @pytest.mark.parametrize("kind", [ModelNotSolid, shapely.errors.GEOSException, QhullError])
-def test_failure_of_an_operation_leaves_all_parts_and_is_said(
+def test_failure_of_an_operation_leaves_all_parts_and_is_reported(
     halves: Decomposition, monkeypatch: pytest.MonkeyPatch, kind: type[Exception]
 ) -> None:
     def fail(*args: object) -> Connectors:
@@ -255,7 +255,7 @@ def test_failure_of_an_operation_leaves_all_parts_and_is_said(
     assert failure.startswith("no pins and marks: cutting holes")
 
 
-def test_holes_that_spoil_an_stl_are_left_out_and_that_is_said(
+def test_holes_that_would_damage_an_stl_are_left_out_and_reported(
     halves: Decomposition, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     def refuse_holes(path: Path, part: Part) -> None:

@@ -173,10 +173,10 @@ def test_next_agent_cuts_the_mains_for_a_heater_not_seen_to_cool(tmp_path: Path,
 def test_full_disk_does_not_prevent_the_power_off(tmp_path: Path, mark: Path):
     agent = Agent(tmp_path, relay(mark))
 
-    def full(at_s: float, **record: object) -> None:
+    def fail_on_full_disk(at_s: float, **record: object) -> None:
         raise JournalError("full")
 
-    agent.journal.write = full  # type: ignore[method-assign]
+    agent.journal.write = fail_on_full_disk  # type: ignore[method-assign]
     agent.report(21.0)
     agent.report(90.0, 20)
     assert agent.wait_for_outcome().outcome == CUT_OUTCOME and runs(mark) == 1
@@ -200,8 +200,8 @@ def test_hanging_command_does_not_block_the_agent(tmp_path: Path, mark: Path):
 
 def start_print(folder: Path, command: str | None) -> tuple[Agent, Rig]:
     agent, rig = Agent(folder, command), Rig(text=make_gcode(4000)).run_until_printing(300)
-    shot = PrintSnapshot(print_id="p-1", phase=PrintPhase.PRINTING, extruded=True)
-    agent.journal.write(0.0, print=shot.model_dump(mode="json"), filament=Filament.AT_NOZZLE.value)
+    print_snapshot = PrintSnapshot(print_id="p-1", phase=PrintPhase.PRINTING, extruded=True)
+    agent.journal.write(0.0, print=print_snapshot.model_dump(mode="json"), filament=Filament.AT_NOZZLE.value)
     agent.board.session = rig.session
     return agent, rig
 
@@ -230,8 +230,8 @@ def test_mains_are_cut_once_at_the_end_of_a_print_with_a_short_reason(
     step_until(agent, rig, lambda: agent.board.session is None)
     ended_print = agent.journal.state.print
     assert ended_print is not None and ended_print.phase is PrintPhase.FAILED
-    message = CUT_OUTCOME if command else NO_COMMAND
-    assert str(ended_print.reason).count(message) == 1 and len(str(ended_print.reason)) < 250
+    outcome = CUT_OUTCOME if command else NO_COMMAND
+    assert str(ended_print.reason).count(outcome) == 1 and len(str(ended_print.reason)) < 250
     assert runs(mark) == command
     assert agent.look == ended_print.reason
     agent.report(300.0)
@@ -246,8 +246,8 @@ def test_end_of_a_print_waits_for_the_outcome_of_the_command(tmp_path: Path, mar
     step_until(agent, rig, lambda: rig.session.context.ended)
     agent.recorder.record_changes()
     assert agent.board.session is not None and agent.journal.state.print is not None
-    shot = agent.recorder.describe_print(agent.journal.state.print, rig.session.context)
-    assert shot.phase is PrintPhase.ENDING and shot.ended_s is None
+    print_snapshot = agent.recorder.describe_print(agent.journal.state.print, rig.session.context)
+    assert print_snapshot.phase is PrintPhase.ENDING and print_snapshot.ended_s is None
     (tmp_path / "gate").write_text("go\n")
     step_until(agent, rig, lambda: agent.board.session is None)
     assert "power_off_cmd failed (no): switch it off by hand" in agent.look

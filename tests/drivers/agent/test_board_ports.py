@@ -31,8 +31,8 @@ def test_missing_port_is_reported_as_absent_and_the_agent_continues(tmp_path: Pa
         rig.spawn()
         try:
             await rig.connect()
-            message = await rig.until(lambda s: s.link is m.LinkState.ABSENT)
-            assert "plugged in" in str(message.reason)
+            snapshot = await rig.until(lambda s: s.link is m.LinkState.ABSENT)
+            assert "plugged in" in str(snapshot.reason)
             assert is_alive(rig.folder)
         finally:
             await rig.close()
@@ -55,8 +55,8 @@ def test_port_is_opened_after_a_person_confirms_the_printer_idle(
             launch(f"sim://{MODEL}", tmp_path / "emulator", rig.clock)
             rig.spawn()
             await rig.connect()
-            message = await rig.until(lambda s: s.link is m.LinkState.FAULT)
-            assert "does not print" in str(message.reason) and message.bed_unknown_reason is not None
+            snapshot = await rig.until(lambda s: s.link is m.LinkState.FAULT)
+            assert "does not print" in str(snapshot.reason) and snapshot.bed_unknown_reason is not None
             assert not link_open()
             reply = await rig.start(make_gcode(10))
             assert reply.error is not None and not link_open()
@@ -95,11 +95,11 @@ def test_board_without_reset_is_reported_and_cooled_by_command(tmp_path: Path):
         rig.spawn()
         try:
             await rig.connect()
-            message = await rig.until(lambda s: s.link is m.LinkState.FAULT)
+            snapshot = await rig.until(lambda s: s.link is m.LinkState.FAULT)
             assert (await rig.start(make_gcode(10))).error is not None
             assert (await rig.client.request(m.BedCleared(id=0))).error is None
-            message = await rig.wait_until_ready()
-            assert not message.reset_verified and "DTR" in str(message.reason)
+            snapshot = await rig.wait_until_ready()
+            assert not snapshot.reset_verified and "DTR" in str(snapshot.reason)
             assert (await rig.start(make_gcode(10))).error is None
             await rig.wait_for_phase(m.PrintPhase.DONE)
             assert (await rig.client.request(m.ForgetPrint(id=0, print_id="p-1"))).error is None
@@ -198,10 +198,10 @@ def test_hot_printer_that_disconnects_has_its_mains_cut_and_is_reported(tmp_path
             assert (tmp_path / "cut").read_text() == "um2-01\n"
             assert not (await rig.until(lambda s: s.link is m.LinkState.ABSENT)).heaters_off
             launch(f"sim://{MODEL}", tmp_path / "emulator", rig.clock)
-            back = await rig.until(
+            snapshot = await rig.until(
                 lambda s: s.heaters_off
             )  # the agent's heat may still be on: the port is opened
-            assert back.link is m.LinkState.FAULT and "mains" in str(back.reason)
+            assert snapshot.link is m.LinkState.FAULT and "mains" in str(snapshot.reason)
         finally:
             await rig.close()
             if emulator_is_running(tmp_path / "emulator"):

@@ -1,4 +1,4 @@
-"""Parked filament over restarts of the agent."""
+"""Parked filament across restarts of the agent."""
 
 import asyncio
 import os
@@ -36,7 +36,7 @@ async def print_file(folder: Path) -> AsyncIterator[Printer]:
         await printer.wait_for_phase(m.PrintPhase.DONE)
         await printer.until(lambda s: s.link is m.LinkState.READY and s.filament is m.Filament.PARKED)
         assert (await printer.client.request(m.ForgetPrint(id=0, print_id="p-1"))).error is None
-        await _await_rest(printer, '"X:')
+        await _wait_for_rest_position(printer, '"X:')
         dtr = os.open(emulator / "tty", os.O_RDWR | os.O_NOCTTY)  # DTR stays set while no agent has the port
         await _end(printer)
         yield printer
@@ -47,7 +47,7 @@ async def print_file(folder: Path) -> AsyncIterator[Printer]:
             os.close(dtr)
 
 
-async def _await_rest(printer: Printer, record: str) -> None:
+async def _wait_for_rest_position(printer: Printer, record: str) -> None:
     """Wait until the last record of the agent's journal has this rest position."""
     async with asyncio.timeout(DEADLINE_S):
         while f'"rest": {record}' not in (printer.folder / JOURNAL).read_text().splitlines()[-1]:
@@ -92,7 +92,7 @@ def test_filament_is_unknown_if_the_printer_was_used_while_no_agent_watched(
         async with print_file(tmp_path) as printer:
             await asyncio.to_thread(control, tmp_path / "emulator", **action)
             await _start_again(printer)
-            await _await_rest(printer, "null")
+            await _wait_for_rest_position(printer, "null")
             assert printer.last_snapshot is not None and printer.last_snapshot.filament is m.Filament.UNKNOWN
             bed_cleared = m.BedCleared(id=0, filament=m.Filament.AT_NOZZLE)
             assert (await printer.client.request(bed_cleared)).error is None

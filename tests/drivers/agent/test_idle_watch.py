@@ -14,9 +14,9 @@ def test_moved_position_is_detected_when_reported_twice():
             watch.judge_answer(text)
             for text in (HOME, HOME, position, HOME, position, position, position, HOME, HOME)
         ]
-        doubts = [doubt for understood, doubt in verdicts]
+        reasons = [reason for understood, reason in verdicts]
         assert all(understood for understood, _ in verdicts)
-        assert doubts == [None, None, None, None, None, MOVED_REASON, None, None, MOVED_REASON]
+        assert reasons == [None, None, None, None, None, MOVED_REASON, None, None, MOVED_REASON]
 
 
 def test_garbled_first_answer_is_not_a_move():
@@ -52,10 +52,12 @@ def test_position_after_a_reset_is_not_a_move():
 def test_print_from_the_sd_card_is_detected_until_it_ends():
     watch = IdleWatch()
     assert watch.judge_answer(b"Not SD printing") == (True, None)
-    assert watch.judge_answer(b"Card error:1") == (True, None) and not watch.card
-    assert watch.judge_answer(b"SD printing byte 2048/90210") == (True, SD_PRINT) and watch.card
-    assert watch.judge_answer(b"Card error:0") == (True, SD_PRINT) and watch.card
-    assert watch.judge_answer(b"Not SD printing") == (True, None) and not watch.card
+    assert watch.judge_answer(b"Card error:1") == (True, None) and not watch.is_printing_from_card
+    assert (
+        watch.judge_answer(b"SD printing byte 2048/90210") == (True, SD_PRINT) and watch.is_printing_from_card
+    )
+    assert watch.judge_answer(b"Card error:0") == (True, SD_PRINT) and watch.is_printing_from_card
+    assert watch.judge_answer(b"Not SD printing") == (True, None) and not watch.is_printing_from_card
     assert watch.judge_answer(b"echo:SD init fail") == (False, None)
 
 

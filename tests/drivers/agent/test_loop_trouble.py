@@ -23,11 +23,11 @@ from printers.agent_with_emulator import DEADLINE_S, MODEL, SCALE, make_gcode, p
 class ScriptedAgent(Agent):
     """Agent in this process, with an action at each step of its loop."""
 
-    do: Callable[["ScriptedAgent"], None]
+    act: Callable[["ScriptedAgent"], None]
 
     def _push(self) -> None:
         super()._push()
-        self.do(self)
+        self.act(self)
 
     def start(self, gcode_path: Path, text: str, **moments: float) -> m.Reply:
         gcode_path.write_text(text)
@@ -50,7 +50,7 @@ class ScriptedAgent(Agent):
 
 
 @pytest.fixture
-def driven(tmp_path: Path) -> Iterator[ScriptedAgent]:
+def scripted_agent(tmp_path: Path) -> Iterator[ScriptedAgent]:
     handlers = [(number, signal.getsignal(number)) for number in (signal.SIGTERM, signal.SIGINT)]
     agent = ScriptedAgent(StartFile("um2-01", MODEL, f"sim://{MODEL}", SCALE, time.time()), tmp_path)
     try:
@@ -64,8 +64,8 @@ def driven(tmp_path: Path) -> Iterator[ScriptedAgent]:
 
 
 @pytest.mark.system
-def test_agent_with_an_internal_error_switches_the_heaters_off(driven: ScriptedAgent, tmp_path: Path):
-    def do(agent: ScriptedAgent) -> None:
+def test_agent_with_an_internal_error_switches_the_heaters_off(scripted_agent: ScriptedAgent, tmp_path: Path):
+    def act(agent: ScriptedAgent) -> None:
         snapshot = agent.snapshot
         if snapshot.link is m.LinkState.READY:
             assert agent.start(tmp_path / "a.gcode", make_gcode(50_000)).error is None
@@ -74,9 +74,9 @@ def test_agent_with_an_internal_error_switches_the_heaters_off(driven: ScriptedA
             assert status.nozzle_target_c > 0
             raise ZeroDivisionError("a fault of ours")
 
-    driven.do = do
+    scripted_agent.act = act
     with pytest.raises(ZeroDivisionError):
-        driven.run()
+        scripted_agent.run()
     assert wait_for_emulator(
         tmp_path / "emulator", lambda s: (s.nozzle_target_c, s.bed_target_c) == (0.0, 0.0)
     )
@@ -105,20 +105,20 @@ def test_agent_without_a_writable_journal_ends_the_heat_of_the_previous_one(tmp_
 
 @pytest.mark.system
 def test_full_disk_stops_no_print_and_starts_none(
-    driven: ScriptedAgent, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    scripted_agent: ScriptedAgent, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     is_full = False
-    tell = Journal.write
+    write_record = Journal.write
     phases: list[m.PrintPhase] = []
 
     def write(journal: Journal, at_s: float, **record: object) -> None:
         if is_full:
             raise JournalError("the disk is full")
-        tell(journal, at_s, **record)
+        write_record(journal, at_s, **record)
 
     monkeypatch.setattr(Journal, "write", write)
 
-    def do(agent: ScriptedAgent) -> None:
+    def act(agent: ScriptedAgent) -> None:
         nonlocal is_full
         snapshot = agent.snapshot
         if snapshot.link is m.LinkState.READY and snapshot.print is None:
@@ -137,22 +137,22 @@ def test_full_disk_stops_no_print_and_starts_none(
                 elif snapshot.link is m.LinkState.READY:
                     assert agent._answer(m.Shutdown(id=2)).error is None
 
-    driven.do = do
-    driven.run()
+    scripted_agent.act = act
+    scripted_agent.run()
     assert m.PrintPhase.PRINTING in phases
     memory = Journal(tmp_path / "journal.jsonl").state
     assert memory.ended == {"p-1"} and memory.filament is m.Filament.PARKED
 
 
 @pytest.mark.system
-def test_agent_lists_its_prints_including_forgotten_ones(driven: ScriptedAgent, tmp_path: Path):
+def test_agent_lists_its_prints_including_forgotten_ones(scripted_agent: ScriptedAgent, tmp_path: Path):
     text = make_gcode(300)
     phases: list[m.PrintPhase] = []
 
     def list_prints(since_s: float) -> tuple[m.PrintSnapshot, ...]:
-        return driven._answer(m.ListPrints(id=3, since_s=since_s)).prints
+        return scripted_agent._answer(m.ListPrints(id=3, since_s=since_s)).prints
 
-    def do(agent: ScriptedAgent) -> None:
+    def act(agent: ScriptedAgent) -> None:
         snapshot = agent.snapshot
         if snapshot.link is m.LinkState.READY and snapshot.print is None:
             assert list_prints(0.0) == ()
@@ -172,30 +172,30 @@ def test_agent_lists_its_prints_including_forgotten_ones(driven: ScriptedAgent, 
             assert lines[-1].at_s <= snapshot.now_s + 60.0
             assert agent._answer(m.Shutdown(id=4)).error is None
 
-    driven.do = do
-    driven.run()
+    scripted_agent.act = act
+    scripted_agent.run()
     assert m.PrintPhase.PRINTING in phases
 
 
-def test_agent_stays_while_heat_may_be_on(driven: ScriptedAgent) -> None:
+def test_agent_stays_while_heat_may_be_on(scripted_agent: ScriptedAgent) -> None:
     """Keep the agent running, to switch the heat off when the port returns."""
     replies = []
 
-    def do(agent: ScriptedAgent) -> None:
+    def act(agent: ScriptedAgent) -> None:
         if agent.snapshot.link is m.LinkState.READY:
             agent._board.state.hot = True
             replies.append(agent._answer(m.Shutdown(id=1)).error)
             assert agent._answer(m.Shutdown(id=2, now=True)).error is None
 
-    driven.do = do
-    driven.run()
+    scripted_agent.act = act
+    scripted_agent.run()
     assert "may still be hot" in str(replies[0])
 
 
 @pytest.mark.parametrize("end", [m.Shutdown(id=1, now=True), signal.SIGINT])
 @pytest.mark.system
 def test_ending_agent_switches_off_heat_left_by_an_ended_print(
-    driven: ScriptedAgent, tmp_path: Path, end: m.Shutdown | signal.Signals
+    scripted_agent: ScriptedAgent, tmp_path: Path, end: m.Shutdown | signal.Signals
 ):
     was_heated = False
 
@@ -203,7 +203,7 @@ def test_ending_agent_switches_off_heat_left_by_an_ended_print(
         status = read_status(tmp_path / "emulator")
         return {status.nozzle_target_c, status.bed_target_c}
 
-    def do(agent: ScriptedAgent) -> None:
+    def act(agent: ScriptedAgent) -> None:
         nonlocal was_heated
         board = agent._board
         if agent.snapshot.link is m.LinkState.READY and not was_heated:
@@ -217,19 +217,19 @@ def test_ending_agent_switches_off_heat_left_by_an_ended_print(
             else:
                 signal.raise_signal(end)
 
-    driven.do = do
-    driven.run()
+    scripted_agent.act = act
+    scripted_agent.run()
     assert wait_for_emulator(tmp_path / "emulator", lambda _: targets() == {0.0})
 
 
 @pytest.mark.system
 def test_late_start_is_refused_and_a_print_ends_by_its_time_limit_without_a_daemon(
-    driven: ScriptedAgent, tmp_path: Path
+    scripted_agent: ScriptedAgent, tmp_path: Path
 ):
     replies: list[m.Reply] = []
     failed_prints: list[m.PrintSnapshot] = []
 
-    def do(agent: ScriptedAgent) -> None:
+    def act(agent: ScriptedAgent) -> None:
         snapshot, now_s = agent.snapshot, agent._clock.now()
         if snapshot.link is m.LinkState.READY and snapshot.print is None:
             replies.append(agent.start(tmp_path / "a.gcode", make_gcode(20_000), not_after_s=now_s - 1.0))
@@ -245,8 +245,8 @@ def test_late_start_is_refused_and_a_print_ends_by_its_time_limit_without_a_daem
             failed_prints.append(snapshot.print)
             agent._answer(m.Shutdown(id=2))
 
-    driven.do = do
-    driven.run()
+    scripted_agent.act = act
+    scripted_agent.run()
     assert replies[0].late and "too late" in str(replies[0].error)
     assert (failed_prints[0].phase, failed_prints[0].fault) == (m.PrintPhase.FAILED, Fault.HOURS_ENDED)
     status = read_status(tmp_path / "emulator")

@@ -54,8 +54,8 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ServerBen
     bench = ServerBench(tmp_path, monkeypatch)
     yield bench
     bench.server.close()
-    for printer in bench.clients:
-        printer.close()
+    for client in bench.clients:
+        client.close()
 
 
 def is_open(client: socket.socket) -> bool:
@@ -71,9 +71,9 @@ def is_open(client: socket.socket) -> bool:
 
 
 def test_idle_clients_are_limited_and_the_latest_requester_is_kept(bench: ServerBench):
-    asks = bench.client(b'{"do": "hello", "id": 1}\n')
+    requester = bench.client(b'{"do": "hello", "id": 1}\n')
     idle = [bench.client() for _ in range(IDLE_CLIENTS)]
-    assert is_open(asks) and is_open(idle[-1])
+    assert is_open(requester) and is_open(idle[-1])
     assert sum(map(is_open, idle)) == module._MAX_CLIENTS - 1
 
 
@@ -86,10 +86,10 @@ def test_incomplete_request_is_dropped_after_its_time_limit(bench: ServerBench):
     bench.now_s += 9.0
     half_client.sendall(b"l")  # single bytes do not extend the time limit
     bench.run_once()
-    bench.server.end_stalled()
+    bench.server.drop_stalled_clients()
     assert is_open(half_client)
     bench.now_s += 2.0
-    bench.server.end_stalled()
+    bench.server.drop_stalled_clients()
     assert not is_open(half_client) and is_open(whole_client) and is_open(silent_client)
 
 
@@ -114,12 +114,12 @@ def test_loop_pauses_without_free_descriptors_and_continues_later(
         waiting_client = bench.client()
         assert full_listener.tries == 1
         bench.now_s += 2.0
-        bench.server.end_stalled()
+        bench.server.drop_stalled_clients()
         bench.run_once()
         assert full_listener.tries == 2
     assert len(caplog.records) == 1
     monkeypatch.setattr(bench.server, "_listener", listener)
     bench.now_s += 2.0
-    bench.server.end_stalled()
+    bench.server.drop_stalled_clients()
     bench.run_once()
     assert waiting_client.recv(16) == b"{}\n"

@@ -88,5 +88,5 @@ def test_files_of_all_other_prints_are_deleted(tmp_path: Path):
     spool.take("p-3", source, sha256)
     assert [path.name for path in (tmp_path / "spool").iterdir()] == ["p-3.gcode"]
     assert printing_path.read_lines(0, 1) == [b"G28"]
-    spool.keep_only(None)
+    spool.delete_others(None)
     assert not list((tmp_path / "spool").iterdir())

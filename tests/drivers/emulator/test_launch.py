@@ -18,12 +18,12 @@ from drivers.errors import PortError
 pytestmark = pytest.mark.system
 
 SCALE = 50.0
-PATIENCE_S = 20.0
+TIME_LIMIT_S = 20.0
 
 
 def wait_for(condition: Callable[[], bool]) -> None:
     """Poll until a condition is true, up to a deadline."""
-    until_s = time.monotonic() + PATIENCE_S
+    until_s = time.monotonic() + TIME_LIMIT_S
     while not condition():
         assert time.monotonic() < until_s, "it never happened"
         select.select([], [], [], 0.01)
@@ -36,11 +36,11 @@ class Link:
         self.port = os.open(tty, os.O_RDWR | os.O_NOCTTY)
 
     def read_until(self, pattern: bytes) -> bytes:
-        message = b""
-        while pattern not in message:
-            assert select.select([self.port], [], [], PATIENCE_S)[0], f"only {message!r}"
-            message += os.read(self.port, 4096)
-        return message
+        data = b""
+        while pattern not in data:
+            assert select.select([self.port], [], [], TIME_LIMIT_S)[0], f"only {data!r}"
+            data += os.read(self.port, 4096)
+        return data
 
     def ask(self, line: bytes, pattern: bytes = b"ok") -> bytes:
         os.write(self.port, line + b"\n")

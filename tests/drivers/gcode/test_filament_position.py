@@ -16,9 +16,9 @@ def parse_program(text: str) -> Program:
     return read_program(io.BytesIO((HEAD + text).encode()), ULTIMAKER2_PLUS)
 
 
-def measure_after(text: str, stopped_at: tuple[float, float, float, float] | None = None) -> float:
+def measure_after(text: str, last_position: tuple[float, float, float, float] | None = None) -> float:
     p = parse_program(text)
-    return measure_retraction(p, p.count, stopped_at)
+    return measure_retraction(p, p.count, last_position)
 
 
 @pytest.mark.parametrize(
@@ -41,7 +41,7 @@ HOP = "G1 X20 Y10 E5\nG1 E-1.5\nG0 X80\nG1 E5\nG1 X90 E6\n"
 
 
 @pytest.mark.parametrize(
-    ("stopped_at", "retracted_mm"),
+    ("last_position", "retracted_mm"),
     [
         ((15.0, 10.0, 1.0, 2.5), 0.0),  # before the retraction
         ((20.0, 10.0, 1.0, 2.0), 3.0),  # in it
@@ -52,9 +52,9 @@ HOP = "G1 X20 Y10 E5\nG1 E-1.5\nG0 X80\nG1 E5\nG1 X90 E6\n"
     ],
 )
 def test_interrupted_move_decides_the_retraction(
-    stopped_at: tuple[float, float, float, float], retracted_mm: float
+    last_position: tuple[float, float, float, float], retracted_mm: float
 ):
-    assert measure_after(HOP, stopped_at) == pytest.approx(retracted_mm)
+    assert measure_after(HOP, last_position) == pytest.approx(retracted_mm)
 
 
 @given(st.lists(st.sampled_from((1.0, 0.5, -2.0, 2.0, 0.0)), min_size=1, max_size=60), st.booleans())

@@ -103,9 +103,9 @@ def test_frame_holds_its_command_and_fits(line):
     assume(len(command) <= ULTIMAKER2.command_bytes)
     frame = add_frame(number, command)
     assert remove_frame(frame) == command
-    text, _, message = frame.removesuffix(b"\n").rpartition(b"*")
+    text, _, checksum_text = frame.removesuffix(b"\n").rpartition(b"*")
     assert text.split() == [b"N%d" % number, *command.split()]
-    assert int(message) == compute_checksum(text)
+    assert int(checksum_text) == compute_checksum(text)
     assert len(frame) <= LINE_BYTES + 1
 
 

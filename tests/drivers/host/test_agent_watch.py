@@ -24,12 +24,12 @@ def test_agent_without_a_lock_yet_runs_is_killed_and_counts_as_ended(tmp_path, m
         watch = AgentWatch(StartFile("a", "ultimaker2_plus", "sim://x"), tmp_path, None, lambda: None)
         watch.keep_alive()
         assert watch.is_running and not watch.is_alive
-        assert (watch.starts, watch.ended_start) == (1, 0)
+        assert (watch.start_count, watch.last_ended_start) == (1, 0)
         watch.kill()
         processes[0].wait(20.0)
         assert not watch.is_running
         watch.keep_alive()
-        assert watch.ended_start == 1
+        assert watch.last_ended_start == 1
         watch.kill()
         await watch.close()
 

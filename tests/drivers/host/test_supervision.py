@@ -12,10 +12,10 @@ from drivers.host.supervision import Backoff, ReportFilter
 def test_agent_that_ends_is_started_at_once_then_after_longer_and_longer_waits():
     backoff, now_s, waits_s = Backoff(), 1000.0, []
     for _ in range(10):
-        began_s = now_s
+        started_s = now_s
         while not backoff.may_start(now_s):
             now_s += 0.5
-        waits_s.append(now_s - began_s)
+        waits_s.append(now_s - started_s)
         backoff = backoff.start(now_s)
     assert waits_s == [0, 0, 0.5, 1, 2, 4, 8, 16, 32, 60]
 

@@ -23,8 +23,8 @@ class FakeWatch:
         self.snapshot = self.report(m.LinkState.BUSY if is_printing else m.LinkState.READY, is_printing)
         self.runs = OLD
         self.is_running = True
-        self.starts = self.ended_start = 0
-        self.deaf = False  # as a new agent
+        self.start_count = self.last_ended_start = 0
+        self.ignores_end = False  # as a new agent
 
     def report(self, link: m.LinkState, is_printing: bool = False) -> m.Snapshot:
         report = m.PrintSnapshot(print_id="p", phase=m.PrintPhase.PRINTING) if is_printing else None
@@ -38,7 +38,7 @@ class FakeWatch:
     async def end(self) -> None:
         if self.snapshot is not None and self.snapshot.print is not None:
             raise AgentError("it is printing")
-        if self.deaf and self.runs == NEW:
+        if self.ignores_end and self.runs == NEW:
             raise AgentError("it does not answer")
         self.runs = self.kept_installation or NEW
         asyncio.get_running_loop().call_later(0.0, self.start)
@@ -101,12 +101,12 @@ def test_first_fault_brings_the_old_version_back_and_ends_the_update(tmp_path, m
 def test_new_agent_that_does_not_end_is_killed_for_the_old_one(monkeypatch):
     monkeypatch.setattr(Installation, "exists", True)
     watch = FakeWatch("a", new_link=m.LinkState.FAULT)
-    watch.deaf = True
+    watch.ignores_end = True
     run_update([watch], lambda agents: agents.describe([watch]).phase is UpdatePhase.FAILED)
     assert watch.runs == OLD
 
 
-def test_verdict_on_a_new_agent():
+def test_new_agent_is_judged_by_its_link_and_the_waiting_time():
     ready_report, fault, absent_report = (
         FakeWatch("a").report(link) for link in (m.LinkState.READY, m.LinkState.FAULT, m.LinkState.ABSENT)
     )

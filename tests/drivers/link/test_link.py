@@ -23,10 +23,10 @@ def test_frames_equal_those_of_the_documentation():
     assert add_frame(0, b"M110") == b"N0 M110*35\n"
 
 
-@given(count=st.integers(1, 700), piece=st.sampled_from([1, 2, 7, 10_000]))
+@given(count=st.integers(1, 700), piece_bytes=st.sampled_from([1, 2, 7, 10_000]))
 @settings(max_examples=25, deadline=None)
-def test_clean_wire_executes_every_line_once_without_resends(count: int, piece: int):
-    bench = Bench(Wire(0.0, 0.0, piece, 0)).boot()
+def test_clean_wire_executes_every_line_once_without_resends(count: int, piece_bytes: int):
+    bench = Bench(Wire(0.0, 0.0, piece_bytes, 0)).boot()
     program = make_lines(count)
     stream_program(bench, program)
     bench.run()
@@ -54,14 +54,14 @@ def test_resent_line_is_counted_once():
     count=st.integers(1, 400),
     loss_share=st.sampled_from([0.0, 0.0002, 0.002]),
     change_share=st.sampled_from([0.0002, 0.001, 0.01]),
-    piece=st.sampled_from([1, 10_000]),
+    piece_bytes=st.sampled_from([1, 10_000]),
     seed=st.integers(0, 2**32),
 )
 @settings(max_examples=150, deadline=None)
 def test_lossy_wire_executes_lines_once_in_order_or_ends_in_a_named_fault(
-    count: int, loss_share: float, change_share: float, piece: int, seed: int
+    count: int, loss_share: float, change_share: float, piece_bytes: int, seed: int
 ):
-    bench = Bench(Wire(loss_share, change_share, piece, seed)).boot()
+    bench = Bench(Wire(loss_share, change_share, piece_bytes, seed)).boot()
     program = [*make_lines(count), b"M400", b"M400", b"M400"]
     stream_program(bench, program)
     bench.run()
@@ -175,19 +175,19 @@ def measure_silence_s(bench: Bench, *commands: bytes) -> float:
 
 
 def test_time_out_is_never_below_the_minimum():
-    assert measure_silence_s(Bench(floor_s=200.0).boot(), b"G1 X1") >= 200.0
-    bench = Bench(floor_s=200.0).boot()
+    assert measure_silence_s(Bench(min_time_out_s=200.0).boot(), b"G1 X1") >= 200.0
+    bench = Bench(min_time_out_s=200.0).boot()
     bench.run()
     bench.link.send(bench.now_s, b"G1 X1")
     assert bench.link.deadline_s >= bench.now_s + 25.0  # a query is cheap: an eighth of the time limit
 
 
 @pytest.mark.parametrize(
-    ("command", "patience_s"),
+    ("command", "time_out_s"),
     [(b"G1 X1", 50.0), (b"M401", 300.0), (b"G28", 1500.0), (b"G4 P60000", 3000.0), (b"M400", 3000.0)],
 )
-def test_command_that_waits_for_moves_has_a_longer_time_out(command: bytes, patience_s: float):
-    assert measure_silence_s(Bench().boot(), command) == pytest.approx(patience_s, abs=0.1)
+def test_command_that_waits_for_moves_has_a_longer_time_out(command: bytes, time_out_s: float):
+    assert measure_silence_s(Bench().boot(), command) == pytest.approx(time_out_s, abs=0.1)
 
 
 def test_queries_after_a_line_fit_the_ring_buffer_of_the_board():

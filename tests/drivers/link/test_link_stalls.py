@@ -57,11 +57,11 @@ def test_lost_ok_during_slow_moves_causes_no_resend(moves: list[float], feed_mm_
     while not (is_connected and link.is_drained):
         assert link.phase is not Phase.DEAD
         now_s = max(now_s, min(firmware.deadline_s(), link.deadline_s)) + 1e-3
-        back = firmware.feed(link.take(), now_s)
-        if back == b"ok\n":
+        answer = firmware.feed(link.take(), now_s)
+        if answer == b"ok\n":
             answers += 1
-            back = b"" if answers in hits else back
-        link.receive(back, now_s)
+            answer = b"" if answers in hits else answer
+        link.receive(answer, now_s)
         link.tick(now_s)
         if not is_connected and link.phase is Phase.LIVE:
             is_connected = True

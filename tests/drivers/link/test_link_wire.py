@@ -25,7 +25,7 @@ class Recorder(EmulatedFirmware):
     """Board that records the numbered lines that it accepted."""
 
     def __init__(self, faults: Faults, seed: int) -> None:
-        self.taken: list[tuple[int, bytes]] = []
+        self.accepted_lines: list[tuple[int, bytes]] = []
         super().__init__(PROFILES["ultimaker2_plus"], faults, random.Random(seed), 0.0)
 
     def _read_plain_move(self) -> bool:
@@ -35,39 +35,39 @@ class Recorder(EmulatedFirmware):
         old_number = self._last_number
         super()._accept(line)
         if self._last_number != old_number:
-            self.taken.append((self._last_number, remove_frame(line)))
+            self.accepted_lines.append((self._last_number, remove_frame(line)))
 
 
 class Wire:
-    """One direction of a wire: pieces of `piece` bytes, each delayed by up to `late_s`, in order."""
+    """One direction of a wire: pieces of `piece_bytes`, each delayed by up to `max_delay_s`, in order."""
 
-    def __init__(self, piece: int, late_s: float, rng: random.Random) -> None:
-        self.piece, self.late_s, self.rng = piece, late_s, rng
-        self.under_way: deque[tuple[float, bytes]] = deque()
+    def __init__(self, piece_bytes: int, max_delay_s: float, rng: random.Random) -> None:
+        self.piece_bytes, self.max_delay_s, self.rng = piece_bytes, max_delay_s, rng
+        self.in_transit: deque[tuple[float, bytes]] = deque()
         self.last_s = 0.0
 
     def put(self, data: bytes, now_s: float) -> None:
-        for index in range(0, len(data), self.piece):
-            self.last_s = max(self.last_s, now_s + self.rng.random() * self.late_s)
-            self.under_way.append((self.last_s, data[index : index + self.piece]))
+        for index in range(0, len(data), self.piece_bytes):
+            self.last_s = max(self.last_s, now_s + self.rng.random() * self.max_delay_s)
+            self.in_transit.append((self.last_s, data[index : index + self.piece_bytes]))
 
     def due_s(self) -> float:
-        return self.under_way[0][0] if self.under_way else math.inf
+        return self.in_transit[0][0] if self.in_transit else math.inf
 
     def take(self, now_s: float) -> bytes:
         data = b""
-        while self.under_way and self.under_way[0][0] <= now_s:
-            data += self.under_way.popleft()[1]
+        while self.in_transit and self.in_transit[0][0] <= now_s:
+            data += self.in_transit.popleft()[1]
         return data
 
 
 def print_program(
-    program: list[bytes], faults: Faults, piece: int, late_s: float, seed: int
+    program: list[bytes], faults: Faults, piece_bytes: int, max_delay_s: float, seed: int
 ) -> tuple[Recorder, Link, list[Fault]]:
     """Stream a program to the end, or until the link has given up."""
     rng = random.Random(seed)
     firmware, link = Recorder(faults, seed), Link(ULTIMAKER2)
-    to_board, to_host = Wire(piece, late_s, rng), Wire(piece, late_s, rng)
+    to_board, to_host = Wire(piece_bytes, max_delay_s, rng), Wire(piece_bytes, max_delay_s, rng)
     now_s, is_connected, fault_texts = 0.0, False, []
     link.on_opened(now_s)
     for _ in range(100_000):
@@ -90,25 +90,39 @@ def print_program(
     noise=st.sampled_from([0.0, 0.0002, 0.001, 0.01]),
     loss_share=st.sampled_from([0.0, 0.0002, 0.002]),
     doubling_share=st.sampled_from([0.0, 0.0002, 0.002]),
-    piece=st.sampled_from([1, 2, 7, 1000]),
-    late_s=st.sampled_from([0.0, 0.01, 0.5, 12.0]),
+    piece_bytes=st.sampled_from([1, 2, 7, 1000]),
+    max_delay_s=st.sampled_from([0.0, 0.01, 0.5, 12.0]),
     seed=st.integers(0, 2**32),
 )
 @example(
-    count=120, noise=0.0002, loss_share=0.0002, doubling_share=0.002, piece=7, late_s=0.0, seed=580706
+    count=120,
+    noise=0.0002,
+    loss_share=0.0002,
+    doubling_share=0.002,
+    piece_bytes=7,
+    max_delay_s=0.0,
+    seed=580706,
 )  # two spaces
 @settings(max_examples=80, deadline=None)
 def test_noisy_wire_executes_lines_once_unaltered_or_ends_in_a_named_fault(
-    count: int, noise: float, loss_share: float, doubling_share: float, piece: int, late_s: float, seed: int
+    count: int,
+    noise: float,
+    loss_share: float,
+    doubling_share: float,
+    piece_bytes: int,
+    max_delay_s: float,
+    seed: int,
 ):
     path = [b"G1 X%d.%02d Y%d E%d" % (i % 200, i % 97, i % 190, i) for i in range(1, count)]
     program = [b"M302 S0", *path, *[b"M400"] * 3]
     firmware, link, fault_texts = print_program(
-        program, Faults(noise=noise, lost=loss_share, doubled=doubling_share), piece, late_s, seed
+        program, Faults(noise=noise, lost=loss_share, doubled=doubling_share), piece_bytes, max_delay_s, seed
     )
-    numbers = [number for number, _ in firmware.taken]
+    numbers = [number for number, _ in firmware.accepted_lines]
     assert numbers == list(range(1, len(numbers) + 1))
-    altered_count = sum(body != line for (_, body), line in zip(firmware.taken, program, strict=False))
+    altered_count = sum(
+        body != line for (_, body), line in zip(firmware.accepted_lines, program, strict=False)
+    )
     assert altered_count == (firmware.noise.altered_lines if firmware.noise is not None else 0)
     if fault_texts:
         assert set(fault_texts) <= NAMED_FAULTS
@@ -134,12 +148,12 @@ def test_checksum_collision_is_counted():
     now_s = 10.0
     for _ in range(200):
         now_s = max(now_s + 0.01, min(firmware.deadline_s(), link.deadline_s, now_s + 1.0))
-        back = firmware.feed(link.take(), now_s)
-        link.receive(back, now_s)
+        answer = firmware.feed(link.take(), now_s)
+        link.receive(answer, now_s)
         link.tick(now_s)
-        if link.phase is Phase.LIVE and not firmware.taken and link.is_drained:
+        if link.phase is Phase.LIVE and not firmware.accepted_lines and link.is_drained:
             link.send(now_s, b"G1 X12", b"G1 X10")
-    assert [body for _, body in firmware.taken] == [b"G1 X21", b"G1 X10"]
+    assert [body for _, body in firmware.accepted_lines] == [b"G1 X21", b"G1 X10"]
     assert firmware.noise.altered_lines == 1
 
 

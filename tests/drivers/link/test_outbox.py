@@ -25,7 +25,7 @@ def send_all(commands, polls_before=()):
             outbox.insert_poll()
             outbox.take_next()
         assert outbox.take_next() is not None
-        waits.append(outbox.patience_s)
+        waits.append(outbox.time_out_s)
     return outbox, waits
 
 

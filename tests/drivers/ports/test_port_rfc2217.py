@@ -59,7 +59,7 @@ def url(tmp_path: Path) -> Iterator[str]:
     with (tmp_path / "ser2net.log").open("wb") as log:
         server = subprocess.Popen(command, env=env, stdout=log, stderr=log, cwd=Path(__file__).parents[3])
     try:
-        _until_it_listens(number)
+        _wait_until_listening(number)
         yield f"rfc2217://127.0.0.1:{number}"
     finally:
         server.kill()
@@ -67,7 +67,7 @@ def url(tmp_path: Path) -> Iterator[str]:
         control(emulator, "power_off")
 
 
-def _until_it_listens(number: int) -> None:
+def _wait_until_listening(number: int) -> None:
     """Wait by the kernel's list of sockets, as a connection would open the port."""
     until_s = time.monotonic() + DEADLINE_S
     while f":{number:04X} 00000000:0000 0A" not in Path("/proc/net/tcp").read_text():
@@ -112,13 +112,13 @@ def test_agent_opens_the_port_after_a_person_confirms_it_idle(tmp_path: Path, ur
         await client.connect()
         try:
             async with asyncio.timeout(DEADLINE_S):
-                async for message in client.snapshots():
-                    if message.link is m.LinkState.FAULT and not is_requested:
+                async for snapshot in client.snapshots():
+                    if snapshot.link is m.LinkState.FAULT and not is_requested:
                         is_requested = True
                         assert not read_status(tmp_path / "emulator").link_open
                         assert (await client.request(m.BedCleared(id=0))).error is None
-                    if message.link is m.LinkState.READY and message.nozzle is not None:
-                        assert is_requested and message.reset_verified
+                    if snapshot.link is m.LinkState.READY and snapshot.nozzle is not None:
+                        assert is_requested and snapshot.reset_verified
                         break
         finally:
             await client.close()

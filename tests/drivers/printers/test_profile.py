@@ -16,9 +16,9 @@ def test_room_with_a_brim_is_on_the_bed_and_off_the_clips(model: str, brim_mm: f
     width, depth = profile.bed_mm
     bed = Rect(-width / 2, -depth / 2, width / 2, depth / 2)
     for box in compute_part_room(profile, brim_mm):
-        grown = box.rect.expand(brim_mm - 1e-9)
-        assert bed.contains(grown)
-        assert not any(grown.overlaps(clip) for clip in profile.clips)
+        enlarged_rect = box.rect.expand(brim_mm - 1e-9)
+        assert bed.contains(enlarged_rect)
+        assert not any(enlarged_rect.overlaps(clip) for clip in profile.clips)
         assert box.height_mm == profile.height_mm
 
 

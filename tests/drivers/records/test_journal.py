@@ -97,10 +97,10 @@ def test_partial_record_of_the_board_keeps_the_rest(tmp_path):
 
 
 def test_snapshot_keeps_its_names_on_the_wire():
-    message = m.Snapshot(printer="a", agent_pid=1, link=m.LinkState.READY, bed_unknown_reason="moved")
-    line = json.loads(message.model_dump_json())
+    snapshot = m.Snapshot(printer="a", agent_pid=1, link=m.LinkState.READY, bed_unknown_reason="moved")
+    line = json.loads(snapshot.model_dump_json())
     assert line["doubt"] == "moved" and "bed_unknown_reason" not in line
-    assert m.from_agent_adapter.validate_json(json.dumps(line)) == message
+    assert m.from_agent_adapter.validate_json(json.dumps(line)) == snapshot
 
 
 def test_alarm_is_written_and_read_under_its_first_names(tmp_path):

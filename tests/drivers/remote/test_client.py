@@ -26,7 +26,7 @@ def test_connection_and_request_fail_without_an_agent(tmp_path: Path):
 
 def test_unknown_fields_are_ignored_in_snapshots_and_refused_in_requests():
     heater = {"now_c": 20.0, "target_c": 0.0, "power": 0.5}
-    message = {
+    fields = {
         "kind": "snapshot",
         "printer": "a",
         "agent_pid": 1,
@@ -34,7 +34,7 @@ def test_unknown_fields_are_ignored_in_snapshots_and_refused_in_requests():
         "bed": heater,
         "humidity": 40,
     }
-    snapshot = m.from_agent_adapter.validate_python(message)
+    snapshot = m.from_agent_adapter.validate_python(fields)
     assert isinstance(snapshot, m.Snapshot) and snapshot.bed == m.Heater(now_c=20.0, target_c=0.0)
     with pytest.raises(ValidationError):
         m.request_adapter.validate_python({"do": "hello", "id": 1, "loudly": True})
@@ -52,7 +52,7 @@ def test_unreadable_message_counts_as_a_sign_of_life(tmp_path: Path):
         server = await asyncio.start_unix_server(speak, tmp_path / "agent.sock")
         client = AgentClient(tmp_path, on_message=lambda: signs.append(True))
         await client.connect()
-        assert [message async for message in client.snapshots()] == []
+        assert [snapshot async for snapshot in client.snapshots()] == []
         await client.close()
         server.close()
 

@@ -26,7 +26,7 @@ MAX_LINE_BYTES = 95  # with its newline
 BLOCKING_MOVES = 18  # moves that fill the planner, and one that waits for room
 
 
-def busy_host(moves: int = BLOCKING_MOVES, model: str = "ultimaker2_plus") -> Host:
+def make_busy_host(moves: int = BLOCKING_MOVES, model: str = "ultimaker2_plus") -> Host:
     """Make a hot board with its fan on and a planner full of moves of 2 s."""
     host = Host(model, Faults(no_reset=True))
     host.send("G28")
@@ -48,12 +48,12 @@ def exchange(host: Host, link: Link, seconds: float) -> list[Event]:
         sent = link.take()
         if not sent:
             host.now_s = min(max(host.now_s, host.firmware.deadline_s()), link.deadline_s, end_s)
-        back = host.firmware.feed(sent, host.now_s)
-        events += link.receive(back, host.now_s) or ()
+        answer = host.firmware.feed(sent, host.now_s)
+        events += link.receive(answer, host.now_s) or ()
         events += link.tick(host.now_s)
         if host.now_s >= end_s:
             return events
-        if not (sent or back):
+        if not (sent or answer):
             host.now_s += 1e-4
 
 
@@ -67,7 +67,7 @@ def has_ended(host: Host) -> bool:
 
 
 def test_heat_and_queued_moves_end_within_one_move():
-    host = busy_host()
+    host = make_busy_host()
     host.firmware.feed(ULTIMAKER2.abort_unnumbered, host.now_s)
     assert not has_ended(host)
     host.wait(1.1 * MOVE_S)
@@ -76,7 +76,7 @@ def test_heat_and_queued_moves_end_within_one_move():
 
 @pytest.mark.parametrize("cut_off", ["G1 X7", "N19 G1 X70 Y5", "N1"])
 def test_truncated_line_before_the_abort_costs_one_more_move_at_most(cut_off: str):
-    host = busy_host()
+    host = make_busy_host()
     host.firmware.feed(cut_off.encode(), host.now_s)
     host.firmware.feed(ULTIMAKER2.abort_unnumbered, host.now_s)
     link = Link(ULTIMAKER2)
@@ -89,7 +89,7 @@ def test_truncated_line_before_the_abort_costs_one_more_move_at_most(cut_off: st
 
 def test_longest_line_the_abort_and_a_poll_fit_into_the_receive_buffer():
     assert MAX_LINE_BYTES + len(ULTIMAKER2.abort_unnumbered) + len(b"M105\n") <= RING_BYTES
-    host = busy_host()
+    host = make_busy_host()
     line = add_number(host.n + 1, "G1 X90 " + " " * 80)[: MAX_LINE_BYTES - 1]
     host.send_burst(line.ljust(MAX_LINE_BYTES - 1))
     host.firmware.feed(ULTIMAKER2.abort_unnumbered, host.now_s)
@@ -100,7 +100,7 @@ def test_longest_line_the_abort_and_a_poll_fit_into_the_receive_buffer():
 
 
 def test_on_marlin_2_moves_end_at_once_and_heat_a_second_later():
-    host = busy_host(model="creality_ender3")
+    host = make_busy_host(model="creality_ender3")
     host.firmware.feed(MARLIN2.abort_unnumbered, host.now_s)
     assert not host.firmware.machine.planner
     host.wait(1.1)
@@ -115,7 +115,7 @@ def test_on_marlin_2_moves_end_at_once_and_heat_a_second_later():
 
 
 def test_restarting_board_loses_the_abort_and_is_seen_to_restart():
-    host = busy_host()
+    host = make_busy_host()
     host.firmware.feed(ULTIMAKER2.abort_unnumbered, host.now_s)
     host.firmware.reset(host.now_s)
     link = Link(ULTIMAKER2)

@@ -45,8 +45,8 @@ async def print_until_hot(folder: Path, process: subprocess.Popen[bytes]) -> Non
     await client.connect()
     is_requested = False
     async with asyncio.timeout(DEADLINE_S):
-        async for message in client.snapshots():
-            if message.link is m.LinkState.READY and not is_requested:
+        async for snapshot in client.snapshots():
+            if snapshot.link is m.LinkState.READY and not is_requested:
                 is_requested = True
                 sha256 = hashlib.sha256(text.encode()).hexdigest()
                 start = m.StartPrint(
@@ -58,7 +58,7 @@ async def print_until_hot(folder: Path, process: subprocess.Popen[bytes]) -> Non
                     filament=m.Filament.PARKED,
                 )
                 assert (await client.request(start)).error is None
-            if message.print is not None and message.print.phase is m.PrintPhase.PRINTING:
+            if snapshot.print is not None and snapshot.print.phase is m.PrintPhase.PRINTING:
                 break
     assert process.poll() is None
     await client.close()
@@ -70,9 +70,9 @@ async def find_ended_print(folder: Path) -> m.PrintSnapshot:
     await client.connect()
     try:
         async with asyncio.timeout(DEADLINE_S):
-            async for message in client.snapshots():
-                if message.print is not None and message.print.phase.ended:
-                    return message.print
+            async for snapshot in client.snapshots():
+                if snapshot.print is not None and snapshot.print.phase.ended:
+                    return snapshot.print
     finally:
         await client.close()
     raise AssertionError("the agent is gone")
@@ -113,21 +113,21 @@ def test_printer_with_a_hung_agent_is_stopped_and_needs_attention_afterwards(
 
 
 @pytest.mark.system
-@pytest.mark.parametrize("dies", [False, True], ids=["estop", "its agent dies"])
-def test_queued_moves_and_heat_end_on_a_board_that_dtr_does_not_reset(tmp_path: Path, dies: bool):
+@pytest.mark.parametrize("agent_dies", [False, True], ids=["estop", "its agent dies"])
+def test_queued_moves_and_heat_end_on_a_board_that_dtr_does_not_reset(tmp_path: Path, agent_dies: bool):
     """Fill the planner with moves of half a minute."""
     emulator = tmp_path / "emulator"
     printer = Printer(tmp_path / "state" / "agents" / "um2-01", str(emulator / "tty"))
     # The first move is fast: after ten seconds without a temperature the agent ends the print by itself.
-    slow = HEAD + "G1 F6000 X50 Y50 Z0.3\n"
-    slow += "".join(f"G1 F6 X{50 + 20 * (i % 2)} Y50 Z0.3 E{i * 0.1}\n" for i in range(1000))
+    slow_gcode = HEAD + "G1 F6000 X50 Y50 Z0.3\n"
+    slow_gcode += "".join(f"G1 F6 X{50 + 20 * (i % 2)} Y50 Z0.3 E{i * 0.1}\n" for i in range(1000))
 
     async def print_slowly() -> None:
         await printer.connect()
         await printer.until(lambda s: s.link is m.LinkState.FAULT)
         assert (await printer.client.request(m.BedCleared(id=0))).error is None
         await printer.wait_until_ready()
-        assert (await printer.start(slow)).error is None
+        assert (await printer.start(slow_gcode)).error is None
         await printer.wait_for_phase(m.PrintPhase.PRINTING)
         assert await asyncio.to_thread(
             wait_for_emulator, emulator, lambda status: status.position_mm[2] < 1.0
@@ -145,8 +145,8 @@ def test_queued_moves_and_heat_end_on_a_board_that_dtr_does_not_reset(tmp_path: 
         printer.spawn()
         asyncio.run(print_slowly())
         assert printer.process is not None
-        printer.process.send_signal(signal.SIGKILL if dies else signal.SIGSTOP)
-        if dies:
+        printer.process.send_signal(signal.SIGKILL if agent_dies else signal.SIGSTOP)
+        if agent_dies:
             printer.process.wait(10.0)
             asyncio.run(wait_until_left())
         else:
@@ -155,13 +155,15 @@ def test_queued_moves_and_heat_end_on_a_board_that_dtr_does_not_reset(tmp_path: 
             result = stop_printer(target, watch_s=100.0)
             assert (result.seen_off, result.is_still) == (True, True), result.text
             assert "not reset" in result.text and "stands still" in result.text
-        was = read_status(emulator)
-        assert (was.nozzle_target_c, was.bed_target_c) == (0.0, 0.0)
-        assert was.resets <= 1  # on a busy host the firmware's dead-man, 20 s at this scale, may be sooner
+        old_status = read_status(emulator)
+        assert (old_status.nozzle_target_c, old_status.bed_target_c) == (0.0, 0.0)
+        assert (
+            old_status.resets <= 1
+        )  # on a busy host the firmware's dead-man, 20 s at this scale, may be sooner
         assert wait_for_emulator(
-            emulator, lambda status: status.time_s > was.time_s + 500.0
+            emulator, lambda status: status.time_s > old_status.time_s + 500.0
         )  # two and a half moves
-        assert read_status(emulator).position_mm == was.position_mm
+        assert read_status(emulator).position_mm == old_status.position_mm
     finally:
         if printer.process is not None:
             printer.process.kill()
@@ -193,7 +195,7 @@ def test_heater_that_does_not_cool_is_not_reported_as_off(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, listens: bool
 ):
     for name, rule in tuple(heater_watch.RULES.items()):
-        monkeypatch.setitem(heater_watch.RULES, name, replace(rule, falls_s=1.0))
+        monkeypatch.setitem(heater_watch.RULES, name, replace(rule, cooling_s=1.0))
     master, slave = pty.openpty()
     tty.setraw(slave)
 
@@ -300,14 +302,14 @@ def test_unchanged_start_file_is_not_written_again(tmp_path: Path):
 
 
 def test_no_process_is_killed_for_the_pid_of_a_former_agent(tmp_path: Path):
-    bystander = subprocess.Popen(["sleep", "60"])
+    unrelated_process = subprocess.Popen(["sleep", "60"])
     try:
-        (tmp_path / AGENT_LOCK).write_text(str(bystander.pid))
+        (tmp_path / AGENT_LOCK).write_text(str(unrelated_process.pid))
         assert kill_holder(tmp_path / AGENT_LOCK)
-        assert bystander.poll() is None
+        assert unrelated_process.poll() is None
     finally:
-        bystander.kill()
-        bystander.wait()
+        unrelated_process.kill()
+        unrelated_process.wait()
 
 
 def test_result_has_the_same_names_in_json_in_all_versions():

@@ -47,8 +47,8 @@ def test_healthy_heater_causes_no_finding(name: HeaterName, set_c: float, every_
             curve.step(is_on, every_s)
             if (curve.now_c < target_c) != is_on and target_c:
                 curve.now_c = target_c
-            seen_c = curve.now_c + rng.gauss(0.0, 0.15)
-            assert observe(watch, name, seen_c, target_c, now_s) is None
+            reading_c = curve.now_c + rng.gauss(0.0, 0.15)
+            assert observe(watch, name, reading_c, target_c, now_s) is None
     assert watch.is_cooling
 
 
@@ -133,7 +133,7 @@ def test_garbled_report_among_good_ones_is_ignored(
     """Garble at most every third report, as reports have no checksum."""
     set_c = 210.0 if name is NOZZLE else 60.0
     watch, now_s = HeaterWatch(4.0), 0.0
-    for good_count, bad_c in garbled_reports:
-        for seen_c in (*[set_c] * (good_count + 2), bad_c):
+    for good_count, garbled_c in garbled_reports:
+        for reading_c in (*[set_c] * (good_count + 2), garbled_c):
             now_s += 3.0
-            assert observe(watch, name, seen_c, set_c, now_s) is None
+            assert observe(watch, name, reading_c, set_c, now_s) is None

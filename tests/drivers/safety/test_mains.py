@@ -13,8 +13,8 @@ def test_command_gets_the_printer_without_a_shell(tmp_path: Path):
     relay = tmp_path / "relay"
     relay.write_text(f'#!/bin/sh\nprintf "%s|" "$@" > {record_path}\n')
     relay.chmod(0o700)
-    message = cut_mains(f"{relay} {{printer}} 'a b' $(touch${{IFS}}x) ; &", "um2-01")
-    assert message == "power_off_cmd cut its mains"
+    outcome = cut_mains(f"{relay} {{printer}} 'a b' $(touch${{IFS}}x) ; &", "um2-01")
+    assert outcome == "power_off_cmd cut its mains"
     assert record_path.read_text() == "um2-01|a b|$(touch${IFS}x)|;|&|"
 
 
@@ -33,5 +33,5 @@ def test_command_gets_the_printer_without_a_shell(tmp_path: Path):
     ],
 )
 def test_every_failure_is_reported_and_needs_a_person(command: str, reason: str):
-    message = cut_mains(command, "um2-01", timeout_s=0.2)
-    assert reason in message and message.endswith("switch it off by hand")
+    outcome = cut_mains(command, "um2-01", timeout_s=0.2)
+    assert reason in outcome and outcome.endswith("switch it off by hand")

@@ -41,7 +41,7 @@ def test_after_a_pause_the_head_is_back_before_the_filament():
     rig.session.resume(rig.now_s)
     index = len(rig.sent)
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.PRINTING)
-    back = rig.sent[index:]
+    return_commands = rig.sent[index:]
     order = [
         b"E13.500",
         b"G1 F9000 X%.3f Y%.3f" % (x, y),
@@ -49,7 +49,7 @@ def test_after_a_pause_the_head_is_back_before_the_filament():
         b"G1 F1500 E6.500",
         b"G92 E",
     ]
-    places = [back.index(command) for command in order]
+    places = [return_commands.index(command) for command in order]
     assert places == sorted(places)
 
 

@@ -26,17 +26,17 @@ def test_print_passes_its_phases_and_ends_with_heaters_off_and_filament_parked()
     assert rig.firmware.errors == 0
 
 
-def test_file_s_waits_are_never_sent_and_the_dead_man_is_armed_before_any_heat():
+def test_wait_commands_of_the_file_are_never_sent_and_the_dead_man_is_armed_before_any_heat():
     rig = Rig().run()
     assert b"M109" not in rig.sent and b"M190" not in rig.sent
     assert rig.sent.index(b"M85 S1200") < rig.sent.index(b"M140 S60")
     assert rig.sent.rindex(b"M85 S0") > rig.sent.rindex(b"G28")
 
 
-@pytest.mark.parametrize(("filament", "pushes"), [(Filament.PARKED, 1), (Filament.AT_NOZZLE, 0)])
-def test_parked_filament_is_unparked_once(filament: Filament, pushes: int):
+@pytest.mark.parametrize(("filament", "push_count"), [(Filament.PARKED, 1), (Filament.AT_NOZZLE, 0)])
+def test_parked_filament_is_unparked_once(filament: Filament, push_count: int):
     rig = Rig(filament=filament).run()
-    assert rig.sent.count(b"G1 F300 E20") == pushes
+    assert rig.sent.count(b"G1 F300 E20") == push_count
 
 
 @pytest.mark.parametrize("lines", [0, 3, 9, 10, 12, 60, 150])
@@ -197,7 +197,7 @@ def test_repeated_and_late_cancels_change_nothing():
 
 def test_accelerated_pace_is_bounded_in_wall_time():
     pace = Pace.from_clock(Clock(scale=60.0))
-    assert (pace.floor_s, pace.printing_s) == (120.0, 30.0)
+    assert (pace.min_time_out_s, pace.printing_s) == (120.0, 30.0)
     assert Pace.from_clock(Clock()).printing_s == 3.0
 
 
@@ -279,10 +279,10 @@ class DyingDisk(MemoryStore):
     def __init__(self, bad_data: bytes | None) -> None:
         super().__init__()
         self._bad = bad_data
-        self.mended = False
+        self.is_readable = False
 
     def read(self, start: int, end: int) -> bytes:
-        if start < 10_000 or self.mended:
+        if start < 10_000 or self.is_readable:
             return super().read(start, end)
         if self._bad is None:
             raise OSError(errno.EIO, os.strerror(errno.EIO))
@@ -298,7 +298,7 @@ def test_disk_failure_ends_the_print_safely_without_skipped_lines(bad_data: byte
     rig = Rig(text=text, store=disk).run()
     assert_end_with_heaters_off(rig, PrintPhase.FAILED, Fault.BAD_FILE)
     assert rig.session.context.reason is not None and message in rig.session.context.reason
-    disk.mended = True
+    disk.is_readable = True
     sent_moves = rig.list_moves()
     assert 0 < len(sent_moves) < 1500
     moves = [

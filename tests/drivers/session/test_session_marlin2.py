@@ -16,7 +16,7 @@ from printers.print_rig import Rig, assert_end_with_heaters_off
 ENDER3 = PROFILES["creality_ender3"]
 
 
-def gcode(moves: int = 200) -> str:
+def make_gcode(moves: int = 200) -> str:
     path = "\n".join(f"G1 F3000 X{50 + 40 * (i % 2)} Y{50 + i * 0.2:.2f} E{i + 1}" for i in range(moves))
     start = "\n".join(ENDER3.start_code).format(bed_c=60.0, nozzle_c=205.0, prime_mm=12.5)
     end = "\n".join(ENDER3.end_code).format(park_mm=5.0 - ENDER3.parked_mm)
@@ -26,13 +26,13 @@ def gcode(moves: int = 200) -> str:
     )
 
 
-def rig(moves: int = 200, **faults: float) -> Rig:
-    return Rig(Faults(**faults), gcode(moves), "creality_ender3", profile=ENDER3)
+def make_rig(moves: int = 200, **faults: float) -> Rig:
+    return Rig(Faults(**faults), make_gcode(moves), "creality_ender3", profile=ENDER3)
 
 
 @pytest.mark.parametrize("advanced_ok", [False, True])
 def test_part_is_printed_with_each_line_once_and_ends_cold(advanced_ok: bool):
-    printer = rig(advanced_ok=advanced_ok).run()
+    printer = make_rig(advanced_ok=advanced_ok).run()
     assert_end_with_heaters_off(printer, PrintPhase.DONE, None)
     board = printer.firmware.board
     assert printer.firmware.errors == 0 and printer.link.repeat_count == 0
@@ -46,7 +46,7 @@ def test_part_is_printed_with_each_line_once_and_ends_cold(advanced_ok: bool):
 @pytest.mark.parametrize("seed", range(3))
 def test_part_is_exact_over_a_noisy_wire(seed: int):
     faults = Faults(noise=2e-4, lost=1e-4, doubled=1e-4)
-    printer = Rig(faults, gcode(600), "creality_ender3", seed=seed, profile=ENDER3).run()
+    printer = Rig(faults, make_gcode(600), "creality_ender3", seed=seed, profile=ENDER3).run()
     assert_end_with_heaters_off(printer, PrintPhase.DONE, None)
     noise = printer.firmware.noise
     assert noise is not None and noise.damaged_bytes > 0 and noise.altered_lines == 0
@@ -68,14 +68,14 @@ def test_part_is_exact_over_a_noisy_wire(seed: int):
 )
 @pytest.mark.parametrize("advanced_ok", [False, True])
 def test_part_is_exact_where_lines_or_answers_are_lost(faults: dict[str, float], advanced_ok: bool):
-    printer = rig(400, advanced_ok=advanced_ok, **faults).run()
+    printer = make_rig(400, advanced_ok=advanced_ok, **faults).run()
     assert_end_with_heaters_off(printer, PrintPhase.DONE, None)
     assert printer.firmware.board.filament_mm == pytest.approx(400.0 + 12.5, abs=0.01)
 
 
 def test_slow_move_has_no_time_out_while_the_board_is_busy():
-    slow = gcode(60).replace("F3000", "F120")  # 20 s each, and the planner is full
-    printer = Rig(Faults(), slow, "creality_ender3", profile=ENDER3).run()
+    slow_gcode = make_gcode(60).replace("F3000", "F120")  # 20 s each, and the planner is full
+    printer = Rig(Faults(), slow_gcode, "creality_ender3", profile=ENDER3).run()
     assert_end_with_heaters_off(printer, PrintPhase.DONE, None)
     assert printer.link.repeat_count == 0
     questions = printer.sent.count(ENDER3.firmware.last_line_query)
@@ -83,7 +83,7 @@ def test_slow_move_has_no_time_out_while_the_board_is_busy():
 
 
 def test_cancel_lifts_the_head_off_the_part_and_parks_the_filament():
-    printer = rig().run_until_printing()
+    printer = make_rig().run_until_printing()
     printer.session.cancel("enough", printer.now_s)
     printer.run()
     assert_end_with_heaters_off(printer, PrintPhase.CANCELLED, None)
@@ -94,7 +94,7 @@ def test_cancel_lifts_the_head_off_the_part_and_parks_the_filament():
 
 
 def test_print_resumes_at_its_position():
-    printer = rig().run_until_printing()
+    printer = make_rig().run_until_printing()
     printer.session.pause(printer.now_s)
     printer.run(
         until=lambda: printer.session.context.phase is PrintPhase.PAUSED and printer.targets()[0] == 0.0
@@ -109,7 +109,7 @@ def test_print_resumes_at_its_position():
 
 
 def test_dead_man_ends_the_heat_of_a_host_that_died():
-    printer = rig().run_until_printing()
+    printer = make_rig().run_until_printing()
     firmware, since_s = printer.firmware, printer.now_s
     while firmware.phase is Phase.RUNNING:
         assert printer.now_s < since_s + 700.0, "it continues to heat"
@@ -119,14 +119,14 @@ def test_dead_man_ends_the_heat_of_a_host_that_died():
 
 
 def test_halted_board_is_reset_and_confirmed_off():
-    printer = rig(kill_after=150).run()
+    printer = make_rig(kill_after=150).run()
     assert_end_with_heaters_off(printer, PrintPhase.FAILED, Fault.KILL)
     assert printer.firmware.phase is Phase.RUNNING
     assert b"G28 Z0" not in printer.sent  # its switch is down at the bed, below the part
 
 
 def test_head_does_not_move_after_a_reset_in_a_cancel():
-    printer = rig(silent_after=150).run_until_printing(60)
+    printer = make_rig(silent_after=150).run_until_printing(60)
     printer.session.cancel("enough", printer.now_s)
     printer.run()
     assert printer.targets() == (0.0, 0.0) and printer.session.context.heaters_off
@@ -134,15 +134,15 @@ def test_head_does_not_move_after_a_reset_in_a_cancel():
 
 
 def test_heater_that_gives_no_heat_ends_the_print():
-    printer = rig(dead_nozzle=True).run()
+    printer = make_rig(dead_nozzle=True).run()
     assert printer.session.context.phase is PrintPhase.FAILED
     assert printer.session.context.fault in (Fault.HEATER_TIMEOUT, Fault.KILL)
     assert printer.targets() == (0.0, 0.0)
 
 
 def test_another_machine_with_marlin_2_is_not_heated():
-    other_profile = replace(ENDER3, machine_word=b"MACHINE_TYPE:CR-10 EXTRUDER", title="CR-10")
-    printer = Rig(Faults(), gcode(), "creality_ender3", profile=other_profile).run()
+    other_profile = replace(ENDER3, machine_text=b"MACHINE_TYPE:CR-10 EXTRUDER", title="CR-10")
+    printer = Rig(Faults(), make_gcode(), "creality_ender3", profile=other_profile).run()
     assert (printer.session.context.phase, printer.session.context.fault) == (
         PrintPhase.FAILED,
         Fault.WRONG_PRINTER,
@@ -154,7 +154,7 @@ def test_another_machine_with_marlin_2_is_not_heated():
 @pytest.mark.parametrize("model", ["ultimaker2_plus", "creality_ender3"])
 def test_board_with_another_firmware_is_not_heated(model: str):
     profile = PROFILES["creality_ender3" if model == "ultimaker2_plus" else "ultimaker2_plus"]
-    printer = Rig(Faults(), gcode(), model, profile=profile).run()
+    printer = Rig(Faults(), make_gcode(), model, profile=profile).run()
     assert printer.session.context.phase is PrintPhase.FAILED
     assert printer.firmware.board.nozzle.compute_temperature_c(printer.now_s) < 25.0
 
@@ -168,12 +168,12 @@ def test_relative_extrusion_is_refused():
 def test_hot_head_stops_only_for_the_interval_of_keep_alive(fault: str):
     """Use short moves, of which the planner contains 0.1 s."""
     path = "\n".join(f"G1 F3000 X{50 + 0.3 * (i % 100):.1f} Y{50 + i * 0.01:.2f}" for i in range(3000))
-    text = gcode(1).replace("G1 F3000 X50 Y50.00 E1", f"G1 F3000 X50 Y50.00 E1\n{path}")
+    text = make_gcode(1).replace("G1 F3000 X50 Y50.00 E1", f"G1 F3000 X50 Y50.00 E1\n{path}")
     printer = Rig(Faults(**{fault: 0.002}), text, "creality_ender3", seed=4, profile=ENDER3)
-    worst_s, was_s = 0.0, 0.0
+    worst_s, last_starved_s = 0.0, 0.0
     while not printer.session.context.ended:
         printer.step()
         starved_s = printer.firmware.starved_s
-        worst_s, was_s = max(worst_s, starved_s - was_s), starved_s
+        worst_s, last_starved_s = max(worst_s, starved_s - last_starved_s), starved_s
     assert_end_with_heaters_off(printer, PrintPhase.DONE, None)
     assert 0.0 < worst_s < 2.0

@@ -165,9 +165,9 @@ def test_board_that_restarts_during_the_confirmation_is_polled_at_once():
     rig.run(until=lambda: not rig.session.context.wants_reset and rig.link.phase is LinkPhase.LIVE)
     assert not rig.session.context.ended
     rig.firmware.reset(rig.now_s)
-    again_s = rig.now_s
+    restarted_s = rig.now_s
     rig.run(until=lambda: rig.session.context.wants_reset)
-    assert rig.now_s - again_s < 10.0
+    assert rig.now_s - restarted_s < 10.0
     assert_end_with_heaters_off(rig.run(), PrintPhase.FAILED, Fault.NO_ANSWER)
 
 

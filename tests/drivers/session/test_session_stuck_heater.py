@@ -41,10 +41,10 @@ def measure_request_s(rig: Rig) -> float:
 @pytest.mark.parametrize("heater", [NOZZLE, BED])
 def test_power_off_is_requested_soon_after_a_stuck_heater(heater: HeaterName):
     rig = start_with_stuck_heater(heater)
-    found_s = measure_finding_s(rig)
-    assert measure_request_s(rig) - found_s <= LIMIT_S
+    finding_s = measure_finding_s(rig)
+    assert measure_request_s(rig) - finding_s <= LIMIT_S
     rig.run()
-    assert rig.now_s - found_s <= 150.0  # and its state is not 'ending' for long
+    assert rig.now_s - finding_s <= 150.0  # and its state is not 'ending' for long
     assert not rig.session.context.heaters_off
 
 
@@ -57,30 +57,30 @@ def test_activity_of_the_board_does_not_delay_the_power_off(
     heater: HeaterName, activity: str, after_s: float
 ):
     rig = start_with_stuck_heater(heater)
-    found_s = measure_finding_s(rig)
-    rig.run(until=lambda: rig.now_s >= found_s + after_s)
+    finding_s = measure_finding_s(rig)
+    rig.run(until=lambda: rig.now_s >= finding_s + after_s)
     rig.firmware.trigger_fault(activity, rig.now_s)
-    assert measure_request_s(rig) - found_s <= LIMIT_S
+    assert measure_request_s(rig) - finding_s <= LIMIT_S
 
 
 def test_lost_port_does_not_delay_the_power_off():
     rig = start_with_stuck_heater(NOZZLE)
-    found_s = measure_finding_s(rig)
+    finding_s = measure_finding_s(rig)
     rig.is_plugged = False
     rig.link.on_closed()
     rig.session.fail(Fault.PORT_LOST, "unplugged", rig.now_s)
-    assert measure_request_s(rig) - found_s <= LIMIT_S
+    assert measure_request_s(rig) - finding_s <= LIMIT_S
 
 
 def test_stuck_nozzle_heater_is_found_after_a_cancel_or_in_a_pause():
     """Find the fault by the temperature alone, as the target is 0."""
-    for stop in (
+    for stop_session in (
         lambda rig: rig.session.cancel("no more", rig.now_s),
         lambda rig: rig.session.pause(rig.now_s),
     ):
         rig = start_with_stuck_heater(NOZZLE)
         started_s = rig.now_s
-        stop(rig)
+        stop_session(rig)
         assert measure_request_s(rig) - started_s <= 45.0  # a pause first retracts the hot filament
         rig.run()
         assert (
@@ -122,7 +122,7 @@ def test_suspicion_by_a_broken_sensor_ends_when_the_heater_cools():
 @pytest.mark.parametrize("burns", [False, True])
 def test_session_after_a_dead_agent_keeps_the_finding(burns: bool):
     rig = start_with_stuck_heater(NOZZLE)
-    found_s = measure_finding_s(rig)
+    finding_s = measure_finding_s(rig)
     suspicion = rig.session.context.suspicion
     assert suspicion is not None
     if not burns:
@@ -133,7 +133,7 @@ def test_session_after_a_dead_agent_keeps_the_finding(burns: bool):
         SessionContext(rig.link, None, PLUS, Filament.UNKNOWN, Pace(), rig.now_s, suspicion=suspicion)
     )
     if burns:
-        assert measure_request_s(rig) - found_s <= LIMIT_S
+        assert measure_request_s(rig) - finding_s <= LIMIT_S
     rig.run()
     assert rig.session.context.wants_power_off is burns
     assert rig.session.context.heaters_off is not burns
@@ -162,7 +162,7 @@ def test_rules_allow_for_the_delays_of_an_accelerated_clock():
         late_finding = slow.judge(report, {NOZZLE: 0.0, BED: 0.0}, float(now_s))
         at_once = quick.judge(report, {NOZZLE: 0.0, BED: 0.0}, float(now_s))
         assert late_finding is None and (at_once is None) == (now_s < 13)
-    pace = Pace(floor_s=240.0)
+    pace = Pace(min_time_out_s=240.0)
     rig = Rig()
     rig.session = Session(
         SessionContext(

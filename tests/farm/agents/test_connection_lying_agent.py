@@ -80,11 +80,11 @@ def read_snapshots(snapshot_values):
     """Yield the snapshots of an agent that can be parsed."""
     for item in snapshot_values:
         try:
-            message = read_line(json.dumps({"kind": "snapshot", **item}).encode())
+            snapshot = read_line(json.dumps({"kind": "snapshot", **item}).encode())
         except MessageError:
             continue
-        assert isinstance(message, Snapshot)
-        yield message
+        assert isinstance(snapshot, Snapshot)
+        yield snapshot
 
 
 def read_views(controller, folder):
@@ -120,8 +120,8 @@ def test_any_snapshot_can_be_recorded_shown_and_read(snapshot_values, tmp_path_f
     folder = tmp_path_factory.mktemp("lies")
     farm = make_busy_farm(folder)
     other_print = farm.controller.books.prints["theirs"]
-    for message in read_snapshots(snapshot_values):
-        farm.controller.on_snapshot(to_farm_snapshot(message, Clock()))
+    for snapshot in read_snapshots(snapshot_values):
+        farm.controller.on_snapshot(to_farm_snapshot(snapshot, Clock()))
         read_views(farm.controller, folder)
     assert farm.controller.books.prints["theirs"] == other_print
     with Store(folder / "farm.db") as store:
@@ -136,12 +136,15 @@ def test_any_journal_since_the_backup_can_be_recorded(last_record, reported_prin
     farm = make_busy_farm(folder)
     farm.controller.start(farm.effects, restored_s=NOW_S + 1.0)
     other_print = farm.controller.books.prints["theirs"]
-    for message in read_snapshots([last_record]):
+    for snapshot in read_snapshots([last_record]):
         print_views = [
-            item.print for item in read_snapshots({**last_record, "print": shot} for shot in reported_prints)
+            item.print
+            for item in read_snapshots(
+                {**last_record, "print": reported_print} for reported_print in reported_prints
+            )
         ]
-        shot = [to_farm_print(item, compute_clock_offset_s(message, Clock())) for item in print_views]
-        farm.controller.on_journal(to_farm_snapshot(message, Clock()), shot)
+        farm_prints = [to_farm_print(item, compute_clock_offset_s(snapshot, Clock())) for item in print_views]
+        farm.controller.on_journal(to_farm_snapshot(snapshot, Clock()), farm_prints)
         assert farm.controller.unreported_since_s("a") is None
         read_views(farm.controller, folder)
     assert farm.controller.books.prints["theirs"] == other_print

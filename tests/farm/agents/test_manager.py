@@ -121,39 +121,51 @@ def test_agent_that_has_just_started_is_ended_too(tmp_path: Path):
             control(state.agent("a") / "emulator", "power_off")
 
 
-@pytest.mark.parametrize(("apart_s", "shift_s"), [(0.0, 0.0), (-20.0, 0.0), (3600.0, -3600.0), (-3e7, 3e7)])
-def test_times_of_an_agent_with_another_clock_are_corrected(apart_s: float, shift_s: float):
+@pytest.mark.parametrize(
+    ("clock_offset_s", "correction_s"), [(0.0, 0.0), (-20.0, 0.0), (3600.0, -3600.0), (-3e7, 3e7)]
+)
+def test_times_of_an_agent_with_another_clock_are_corrected(clock_offset_s: float, correction_s: float):
     clock = Clock()
-    began_s = clock.now() + apart_s
-    shot = m.PrintSnapshot(print_id="p", phase=m.PrintPhase.PRINTING, started_s=began_s)
-    message = m.Snapshot(
-        protocol=m.PROTOCOL, printer="a", agent_pid=1, now_s=began_s, link=m.LinkState.BUSY, print=shot
+    started_s = clock.now() + clock_offset_s
+    print_snapshot = m.PrintSnapshot(print_id="p", phase=m.PrintPhase.PRINTING, started_s=started_s)
+    snapshot = m.Snapshot(
+        protocol=m.PROTOCOL,
+        printer="a",
+        agent_pid=1,
+        now_s=started_s,
+        link=m.LinkState.BUSY,
+        print=print_snapshot,
     )
-    received_print = to_farm_snapshot(message, clock).print
+    received_print = to_farm_snapshot(snapshot, clock).print
     assert received_print is not None
-    assert received_print.started_s == pytest.approx(began_s + shift_s, abs=30.0)
-    assert compute_clock_offset_s(message, clock) == pytest.approx(shift_s, abs=30.0)
+    assert received_print.started_s == pytest.approx(started_s + correction_s, abs=30.0)
+    assert compute_clock_offset_s(snapshot, clock) == pytest.approx(correction_s, abs=30.0)
 
 
 @pytest.mark.parametrize("step_s", [30.0, -30.0, 6 * 3600.0, -6 * 3600.0])
-@pytest.mark.parametrize("later", [False, True])
-def test_agents_agree_on_deadlines_with_a_daemon_whose_clock_was_set(step_s: float, later: bool):
+@pytest.mark.parametrize("agent_is_later", [False, True])
+def test_agents_agree_on_deadlines_with_a_daemon_whose_clock_was_set(step_s: float, agent_is_later: bool):
     """Start the agent before or after the host's clock is set."""
-    daemon, agent = Clock(ahead_s=step_s), Clock(ahead_s=step_s if later else 0.0)
-    began_s = agent.now()
-    shot = m.PrintSnapshot(print_id="p", phase=m.PrintPhase.PRINTING, started_s=began_s)
-    message = m.Snapshot(
-        protocol=m.PROTOCOL, printer="a", agent_pid=1, now_s=began_s, link=m.LinkState.BUSY, print=shot
+    daemon, agent = Clock(ahead_s=step_s), Clock(ahead_s=step_s if agent_is_later else 0.0)
+    started_s = agent.now()
+    print_snapshot = m.PrintSnapshot(print_id="p", phase=m.PrintPhase.PRINTING, started_s=started_s)
+    snapshot = m.Snapshot(
+        protocol=m.PROTOCOL,
+        printer="a",
+        agent_pid=1,
+        now_s=started_s,
+        link=m.LinkState.BUSY,
+        print=print_snapshot,
     )
-    received_print = to_farm_snapshot(message, daemon).print
+    received_print = to_farm_snapshot(snapshot, daemon).print
     assert received_print is not None and received_print.started_s is not None
-    off_s = (
-        30.0 if later and abs(step_s) < 60.0 else 5.0
+    tolerance_s = (
+        30.0 if agent_is_later and abs(step_s) < 60.0 else 5.0
     )  # less than a minute may be caused by the transfer alone
-    assert daemon.now() - received_print.started_s == pytest.approx(0.0, abs=off_s + 5.0)
+    assert daemon.now() - received_print.started_s == pytest.approx(0.0, abs=tolerance_s + 5.0)
     deadline_s = daemon.now() + 600.0
     sent_request = to_agent_clock(
-        start(None, deadline_s), compute_clock_offset_s(message, daemon), deadline_s
+        start(None, deadline_s), compute_clock_offset_s(snapshot, daemon), deadline_s
     )
     assert isinstance(sent_request, m.StartPrint)
     assert sent_request.not_after_s is not None and sent_request.not_after_s - agent.now() == pytest.approx(
@@ -258,13 +270,13 @@ class FakeClient:
 
     def __init__(self) -> None:
         self.sent: list[m.Request] = []
-        self.let = asyncio.Event()
+        self.answer_allowed = asyncio.Event()
         self.snapshot = m.Snapshot(protocol=m.PROTOCOL, printer="a", agent_pid=7, link=m.LinkState.ABSENT)
 
     async def request(self, request: m.Request) -> m.Reply:
         self.sent.append(request)
         if isinstance(request, m.Upload):
-            await self.let.wait()
+            await self.answer_allowed.wait()
         return m.Reply(id=request.id, snapshot=self.snapshot)
 
 
@@ -342,10 +354,12 @@ def test_internal_error_does_not_stop_listening_to_an_agent(tmp_path: Path, monk
 def test_snapshot_of_another_printer_is_ignored_and_only_an_emulator_reports_its_bed(
     tmp_path: Path, port: str, bed_clear: bool | None
 ):
-    lie = m.Snapshot(protocol=m.PROTOCOL, printer="b", agent_pid=7, link=m.LinkState.READY, bed_clear=True)
+    wrong_snapshot = m.Snapshot(
+        protocol=m.PROTOCOL, printer="b", agent_pid=7, link=m.LinkState.READY, bed_clear=True
+    )
 
     async def scenario(link, client):  # type: ignore[no-untyped-def]
-        client.snapshot = lie
+        client.snapshot = wrong_snapshot
         link.send(m.CancelPrint(id=0, print_id="x"))
 
     _, listener = run_connection(tmp_path, scenario, port)
@@ -371,7 +385,7 @@ def test_print_cancelled_during_its_upload_does_not_start(tmp_path: Path):
             await asyncio.sleep(0)
         link.send(m.CancelPrint(id=0, print_id="x"))
         await asyncio.sleep(0)
-        client.let.set()
+        client.answer_allowed.set()
 
     client, _ = run_connection(tmp_path, scenario)
     assert {type(item) for item in client.sent} == {m.Upload, m.CancelPrint}

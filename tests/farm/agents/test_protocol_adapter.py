@@ -25,16 +25,16 @@ def make_snapshot(**fields):
     )
 
 
-def convert_snapshot(message, is_simulated=False, bed_cleared=False):
-    return to_trusted_snapshot(message, CLOCK, "a", is_simulated, bed_cleared)
+def convert_snapshot(snapshot, is_simulated=False, bed_cleared=False):
+    return to_trusted_snapshot(snapshot, CLOCK, "a", is_simulated, bed_cleared)
 
 
 @pytest.mark.parametrize("field", ["alarm", "bed_unknown_reason"])
 def test_earlier_snapshot_does_not_undo_a_cleared_bed(field):
     """Ignore the alarm of a snapshot that left its agent before the command arrived."""
-    message = make_snapshot(alarm="the nozzle stays hot", doubt="the board was reset")
-    assert getattr(convert_snapshot(message), field) is not None
-    assert getattr(convert_snapshot(message, bed_cleared=True), field) is None
+    snapshot = make_snapshot(alarm="the nozzle stays hot", doubt="the board was reset")
+    assert getattr(convert_snapshot(snapshot), field) is not None
+    assert getattr(convert_snapshot(snapshot, bed_cleared=True), field) is None
 
 
 def test_readings_of_a_printer_are_copied_to_its_view():
@@ -49,9 +49,9 @@ def test_readings_of_a_printer_are_copied_to_its_view():
 
 
 def test_bed_is_reported_by_emulators_only():
-    message = make_snapshot(bed_clear=True)
-    assert convert_snapshot(message, is_simulated=True).bed_clear is True
-    assert convert_snapshot(message).bed_clear is None
+    snapshot = make_snapshot(bed_clear=True)
+    assert convert_snapshot(snapshot, is_simulated=True).bed_clear is True
+    assert convert_snapshot(snapshot).bed_clear is None
 
 
 def test_agent_reports_its_own_printer_only():

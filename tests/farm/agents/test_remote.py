@@ -67,23 +67,23 @@ class Pipe:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._gone = folder / "gone"
+        self._cut_marker = folder / "gone"
         script = folder / "way.sh"
         script.write_text(
-            f'#!/bin/sh\n[ -e {self._gone} ] && {{ echo "no route" >&2; exit 255; }}\n'
+            f'#!/bin/sh\n[ -e {self._cut_marker} ] && {{ echo "no route" >&2; exit 255; }}\n'
             f'echo $$ >> {folder}/pids\nfor last; do :; done\nexec sh -c "exec env $last"\n'
         )
         script.chmod(0o700)
         self.ssh = str(script)
 
     def cut(self) -> None:
-        self._gone.touch()
+        self._cut_marker.touch()
         for number in (self._folder / "pids").read_text().split():
             with suppress(ProcessLookupError):
                 os.kill(int(number), signal.SIGKILL)
 
     def mend(self) -> None:
-        self._gone.unlink()
+        self._cut_marker.unlink()
 
     def close(self) -> None:
         self.cut()
@@ -110,7 +110,7 @@ class Sshd:
         self._server: subprocess.Popen[bytes] | None = None
         self.mend()
 
-    def _free(self) -> int:
+    def _find_free_port(self) -> int:
         import socket
 
         with socket.socket() as probe:
@@ -164,7 +164,7 @@ class SilentNetwork(SilentRoute):
     def __init__(self, folder: Path) -> None:
         super().__init__()
 
-    def ended(self) -> int:
+    def count_ended_bridges(self) -> int:
         """Count the bridges that have noticed a lost client."""
         return sum(bridge.poll() is not None for bridge in self.bridges)
 
@@ -249,19 +249,19 @@ def test_print_survives_a_network_failure_of_ten_minutes(
                     assert is_alive(remote_folder)
                     await asyncio.sleep(0.05)
             remote_host.mend()
-            snapshot = await wait_until(lambda s: s.print is not None and s.print.state.ended)
+            snapshot = await wait_until(lambda s: s.print is not None and s.print.state.count_ended_bridges)
             assert snapshot.print is not None and snapshot.print.state is PrintState.DONE, snapshot
             assert find_agent_pid(remote_folder) == first_pid
             if isinstance(remote_host, SilentNetwork):
                 async with asyncio.timeout(DEADLINE_S):
-                    while remote_host.ended() < len(remote_host.bridges) - 1:
+                    while remote_host.count_ended_bridges() < len(remote_host.bridges) - 1:
                         await asyncio.sleep(0.05)
                 assert len(remote_host.bridges) >= 2
             await link.close()
             listener.last = AgentSnapshot(printer="a", link=Link.STARTING)
             link = AgentConnection("a", None, state, clock, listener)  # removed from the fleet meanwhile
             link.start()
-            await wait_until(lambda s: s.print is not None and s.print.state.ended)
+            await wait_until(lambda s: s.print is not None and s.print.state.count_ended_bridges)
             assert read_status(remote_folder / "emulator").starved_s < 60.0
             await link.shut_down()
             async with asyncio.timeout(DEADLINE_S):

@@ -64,15 +64,15 @@ def test_update_that_a_broken_connection_has_lost_begins_again():
 
 @given(UPDATES, st.sets(st.sampled_from("abcde")))
 def test_nothing_begins_before_the_first_host_is_done_nor_after_a_fault(updates, names):
-    begun_hosts = tuple(sorted(names & updates.keys()))
-    step = plan_rollout(updates, begun_hosts)
+    started_hosts = tuple(sorted(names & updates.keys()))
+    step = plan_rollout(updates, started_hosts)
     assert all(updates[host] is not None for host in step.begin)
-    assert all(updates[host] is OUTDATED for host in set(step.begin) & set(begun_hosts))
-    if begun_hosts and updates[begun_hosts[0]] is not CURRENT:
-        assert set(step.begin) <= set(begun_hosts)
-    if any(updates[host] is FAILED for host in begun_hosts):
+    assert all(updates[host] is OUTDATED for host in set(step.begin) & set(started_hosts))
+    if started_hosts and updates[started_hosts[0]] is not CURRENT:
+        assert set(step.begin) <= set(started_hosts)
+    if any(updates[host] is FAILED for host in started_hosts):
         assert step.ended and step.fault and not step.begin
-    if not begun_hosts:
+    if not started_hosts:
         assert len(step.begin) <= 1
 
 

@@ -13,7 +13,7 @@ from hosts.fake_camera import make_jpeg, run_camera
 SECRET = "pass-w0rd"
 
 
-def take(url):
+def fetch_image(url):
     return asyncio.run(fetch_still(url))
 
 
@@ -23,7 +23,7 @@ def send_image(request):
 
 def test_still_is_fetched():
     with run_camera(send_image) as camera:
-        image = take(f"http://{camera.address}/shot.jpg?size=big")
+        image = fetch_image(f"http://{camera.address}/shot.jpg?size=big")
     assert image.content == make_jpeg()
     path, headers = camera.requests[0]
     assert path == "/shot.jpg?size=big"
@@ -31,14 +31,14 @@ def test_still_is_fetched():
 
 
 def test_host_name_is_looked_up_and_kept_in_the_request(monkeypatch):
-    real = socket.getaddrinfo
+    real_getaddrinfo = socket.getaddrinfo
 
     def look_up(host, *args, **keywords):
-        return real("127.0.0.1", *args, **keywords)
+        return real_getaddrinfo("127.0.0.1", *args, **keywords)
 
     monkeypatch.setattr(socket, "getaddrinfo", look_up)
     with run_camera(send_image) as camera:
-        take(f"http://camera.lab.example:{camera.server_port}/")
+        fetch_image(f"http://camera.lab.example:{camera.server_port}/")
     assert camera.requests[0][1]["host"] == f"camera.lab.example:{camera.server_port}"
 
 
@@ -46,7 +46,7 @@ def test_second_address_is_tried_where_the_first_refuses(monkeypatch):
     with run_camera(send_image) as camera:
         rows = [(None, None, 0, "", (address, camera.server_port)) for address in ("127.0.0.2", "127.0.0.1")]
         monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: rows)
-        assert take(f"http://camera.lab.example:{camera.server_port}/").content == make_jpeg()
+        assert fetch_image(f"http://camera.lab.example:{camera.server_port}/").content == make_jpeg()
 
 
 def test_basic_authentication_is_sent_when_asked_for():
@@ -57,7 +57,7 @@ def test_basic_authentication_is_sent_when_asked_for():
             request.send(b"who?", 401, www_authenticate='Basic realm="camera"')
 
     with run_camera(answer) as camera:
-        take(f"http://look:{SECRET}@{camera.address}/")
+        fetch_image(f"http://look:{SECRET}@{camera.address}/")
     assert camera.requests[1][1]["authorization"] == "Basic bG9vazpwYXNzLXcwcmQ="
 
 
@@ -76,7 +76,7 @@ def test_digest_authentication_is_sent_when_asked_for():
             request.send(b"who?", 401, www_authenticate='Digest realm="camera", nonce="abc"')
 
     with run_camera(answer) as camera:
-        take(f"http://look:{SECRET}@{camera.address}/shot")
+        fetch_image(f"http://look:{SECRET}@{camera.address}/shot")
 
 
 def send_endlessly(request):
@@ -137,7 +137,7 @@ def send_endless_401(request):
 def test_hostile_camera_gives_an_error_without_its_address(answer, message, monkeypatch):
     monkeypatch.setattr(fetch, "FETCH_S", 5.0 if answer is not send_slowly else 0.2)
     with run_camera(answer) as camera, pytest.raises(CameraError, match=message) as error:
-        take(f"http://look:{SECRET}@{camera.address}/secret-path")
+        fetch_image(f"http://look:{SECRET}@{camera.address}/secret-path")
     assert SECRET not in str(error.value) and "secret-path" not in str(error.value)
 
 
@@ -146,14 +146,14 @@ def test_redirect_on_the_same_host_is_followed():
         send_image(request) if request.path == "/new" else request.send(b"", 302, location="/new")
 
     with run_camera(answer) as camera:
-        assert take(f"http://{camera.address}/old").content == make_jpeg()
+        assert fetch_image(f"http://{camera.address}/old").content == make_jpeg()
 
 
 def test_host_that_does_not_answer_is_an_error():
     with socket.socket() as closed_socket:
         closed_socket.bind(("127.0.0.1", 0))
         with pytest.raises(CameraError, match="connection was refused"):
-            take(f"http://127.0.0.1:{closed_socket.getsockname()[1]}/")
+            fetch_image(f"http://127.0.0.1:{closed_socket.getsockname()[1]}/")
 
 
 def test_unknown_name_is_an_error(monkeypatch):
@@ -162,4 +162,4 @@ def test_unknown_name_is_an_error(monkeypatch):
 
     monkeypatch.setattr(socket, "getaddrinfo", look_up)
     with pytest.raises(CameraError, match=r"camera\.lab\.example is unknown"):
-        take("http://camera.lab.example/")
+        fetch_image("http://camera.lab.example/")

@@ -54,11 +54,11 @@ def open_print():
 
 
 def report(layer, layers=100, state=PrintState.PRINTING, print_id="x"):
-    message = AgentPrint(
+    agent_print = AgentPrint(
         print_id=print_id, state=state, fault=None, reason=None, progress_s=1.0, print_time_s=90.0,
         extruded=True, started_s=2.0, ended_s=None, layers=layers, layer=layer,
     )  # fmt: skip
-    return {"a": AgentSnapshot(printer="a", link=Link.BUSY, print=message)}
+    return {"a": AgentSnapshot(printer="a", link=Link.BUSY, print=agent_print)}
 
 
 def find(books, snapshots, now_s=1000.0, scale=1.0, cameras=CAMERAS):

@@ -35,22 +35,22 @@ class Bench:
         self.server = EstopServer(self.listening, self.begin, lambda _: self.uid)
 
     def begin(self, connection, request):
-        work = FakeEstop()
-        self.started.append((request, work))
-        return work
+        estop = FakeEstop()
+        self.started.append((request, estop))
+        return estop
 
-    def connect(self, uid, message=b""):
+    def connect(self, uid, data=b""):
         self.uid = uid
         client = socket.socket(socket.AF_UNIX)
         self.ends.append(client)
         client.connect(self.path)
-        client.sendall(message)
+        client.sendall(data)
         self.serve_once()
         self.serve_once()
         return client
 
-    def serve_once(self, later_s=0.0):
-        self.now_s += later_s
+    def serve_once(self, elapsed_s=0.0):
+        self.now_s += elapsed_s
         self.server.serve_once(self.now_s, 0.0)
 
 
@@ -65,10 +65,10 @@ def bench(tmp_path):
 def is_refused(client):
     client.settimeout(0.0)
     try:
-        message = client.recv(4096)
+        answer = client.recv(4096)
     except BlockingIOError:
         return False
-    return not message or "too many" in json.loads(message)["error"]
+    return not answer or "too many" in json.loads(answer)["error"]
 
 
 def test_request_is_passed_on_once_complete(bench):
@@ -76,12 +76,12 @@ def test_request_is_passed_on_once_complete(bench):
     assert bench.started == []
     client.sendall(REQUEST[5:])
     bench.serve_once()
-    assert [message for message, _ in bench.started] == [REQUEST]
+    assert [request for request, _ in bench.started] == [REQUEST]
 
 
-@pytest.mark.parametrize("message", [b"", REQUEST[:5]], ids=["nothing", "half a request"])
-def test_connection_without_a_request_is_ended_after_two_seconds(bench, message):
-    client = bench.connect(1000, message)
+@pytest.mark.parametrize("data", [b"", REQUEST[:5]], ids=["nothing", "half a request"])
+def test_connection_without_a_request_is_ended_after_two_seconds(bench, data):
+    client = bench.connect(1000, data)
     bench.serve_once(REQUEST_S)
     assert not is_refused(client)
     bench.serve_once(0.1)

@@ -168,7 +168,7 @@ def test_urgent_work_runs_first_and_a_cancelled_task_frees_its_worker(pool, tmp_
     async def use(workers):
         busy_task = asyncio.ensure_future(workers.run(work.write_line, tmp_path / "fifo", "hello"))
         await asyncio.sleep(0)
-        also_busy = asyncio.ensure_future(workers.run(work.write_line, tmp_path / "urgent", "hello"))
+        second_task = asyncio.ensure_future(workers.run(work.write_line, tmp_path / "urgent", "hello"))
         await asyncio.sleep(0)
         tasks = []
         for name, urgent in (("plate 1", False), ("plate 2", False), ("given up", True), ("model", True)):
@@ -178,7 +178,7 @@ def test_urgent_work_runs_first_and_a_cancelled_task_frees_its_worker(pool, tmp_
         await asyncio.to_thread((tmp_path / "fifo").read_text)
         await asyncio.gather(busy_task, *tasks)
         await asyncio.to_thread((tmp_path / "urgent").read_text)
-        await also_busy
+        await second_task
 
     pool.run(use)
     assert order == ["model", "plate 1", "plate 2"]
@@ -261,11 +261,11 @@ def test_oversized_model_ends_with_advice(pool):
 
 def test_failed_worker_start_is_retried(pool, monkeypatch):
     class FullDisk(Worker):
-        left = 2
+        successes_left = 2
 
         def __init__(self, *arguments):
-            FullDisk.left -= 1
-            if FullDisk.left >= 0:
+            FullDisk.successes_left -= 1
+            if FullDisk.successes_left >= 0:
                 raise OSError("no space left")
             super().__init__(*arguments)
 
@@ -277,7 +277,7 @@ def test_failed_worker_start_is_retried(pool, monkeypatch):
         return await workers.run(work.get_pid)
 
     assert pool.run(use) > 0
-    assert FullDisk.left < 0
+    assert FullDisk.successes_left < 0
 
 
 def test_engine_is_not_bound_by_the_memory_limit_of_its_worker(pool, tmp_path):

@@ -233,10 +233,10 @@ def test_paused_print_is_a_task_with_its_time_limit(farm, plan):
     pause_instruction = ev.SendPause(print_id=attempt.id, printer="a", wanted=True)
 
     def find_last_instruction():
-        pauses = [
+        resume_tasks = [
             instruction for instruction in farm.effects.instructions if isinstance(instruction, ev.SendPause)
         ]
-        return pauses[-1]
+        return resume_tasks[-1]
 
     farm.printers.pause("a", True, "ann")
     assert find_last_instruction() == pause_instruction
@@ -244,11 +244,11 @@ def test_paused_print_is_a_task_with_its_time_limit(farm, plan):
     def snapshot(state, **changes):
         facts = {"fault": None, "reason": None, "progress_s": 5.0, "print_time_s": 90.0, "extruded": True}
         facts |= {"started_s": 2.0, "ended_s": None, **changes}
-        message = AgentPrint(print_id=attempt.id, state=state, **facts)
-        farm.controller.on_snapshot(AgentSnapshot(printer="a", link=Link.BUSY, print=message))
-        scene = farm.view_context(STATE)
-        view = describe_printer(scene, farm.controller.fleet.printer("a"), None)
-        return view, [item for item in list_tasks(scene) if item.code == "resume"]
+        agent_print = AgentPrint(print_id=attempt.id, state=state, **facts)
+        farm.controller.on_snapshot(AgentSnapshot(printer="a", link=Link.BUSY, print=agent_print))
+        context = farm.view_context(STATE)
+        view = describe_printer(context, farm.controller.fleet.printer("a"), None)
+        return view, [item for item in list_tasks(context) if item.code == "resume"]
 
     snapshot(PrintState.PRINTING)  # the pause arrived while it was heating
     assert find_last_instruction() == pause_instruction
@@ -281,12 +281,12 @@ def test_temperatures_and_progress_run_no_scheduler(farm, plan, monkeypatch):
     monkeypatch.setattr(scheduler, "assign_plates", count_call)
 
     def report(step, link=Link.BUSY, state=PrintState.PRINTING):
-        message = AgentPrint(
+        agent_print = AgentPrint(
             print_id=attempt.id, state=state, fault=None, reason=None, progress_s=1.0 * step,
             print_time_s=90.0, extruded=True, started_s=2.0, ended_s=None, layer=step, layers=90,
         )  # fmt: skip
         heat = {"nozzle_c": 20.0 + step, "bed_c": 20.0 + step, "nozzle_target_c": 210.0}
-        farm.controller.on_snapshot(AgentSnapshot(printer="a", link=link, print=message, **heat))
+        farm.controller.on_snapshot(AgentSnapshot(printer="a", link=link, print=agent_print, **heat))
 
     report(0)
     assert len(runs) == 1  # the start of printing is in the books
@@ -302,7 +302,7 @@ def test_temperatures_and_progress_run_no_scheduler(farm, plan, monkeypatch):
     assert len(runs) == 3
 
 
-def test_hold_says_the_end_by_progress_without_a_commit(farm, monkeypatch):
+def test_hold_shows_the_end_computed_from_progress_without_a_commit(farm, monkeypatch):
     monkeypatch.setattr(FakeClock, "now_s", START_S)
     farm.controller.clock = FakeClock()
     farm.ready("a", "b")
@@ -310,27 +310,27 @@ def test_hold_says_the_end_by_progress_without_a_commit(farm, monkeypatch):
     event = make_plan_event(1, 3)
     farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0))
 
-    def shown():
+    def find_notice():
         job = describe_job(farm.view_context(STATE), farm.controller.books.jobs[1])
         (hold,) = (plate.hold for plate in job.plates if plate.hold is not None)
         return hold
 
     farm.controller.handle()
-    first_text = shown()
-    assert "a and b are printing until" in first_text.text
+    first_notice = find_notice()
+    assert "a and b are printing until" in first_notice.text
     for name, progress_s in (("a", 1.0), ("b", 80.0)):
         attempt = farm.controller.books.open_print_on(name)
-        message = AgentPrint(
+        agent_print = AgentPrint(
             print_id=attempt.id, state=PrintState.PRINTING, fault=None, reason=None, progress_s=progress_s,
             print_time_s=90.0, extruded=True, started_s=FakeClock.now_s - 3600.0, ended_s=None,
         )  # fmt: skip
-        farm.controller.on_snapshot(AgentSnapshot(printer=name, link=Link.BUSY, print=message))
+        farm.controller.on_snapshot(AgentSnapshot(printer=name, link=Link.BUSY, print=agent_print))
     FakeClock.now_s += 3600.0
-    latest, context = shown(), farm.view_context(STATE)
-    assert latest.text != first_text.text
+    second_notice, context = find_notice(), farm.view_context(STATE)
+    assert second_notice.text != first_notice.text
     views = [describe_printer(context, section, None) for section in context.fleet.printers]
     end_s = FakeClock.now_s + min(view.print.remaining_s for view in views)
-    assert datetime.fromisoformat(latest.times[0].at).timestamp() == end_s == FakeClock.now_s + 10.0
+    assert datetime.fromisoformat(second_notice.times[0].at).timestamp() == end_s == FakeClock.now_s + 10.0
     kinds = [kind for _, kind, _ in farm.store.events()]
     assert kinds[-5:] == ["JobPlanned", *["PlateAssigned"] * 2, *["PrintProgressed"] * 2]
 
@@ -338,7 +338,7 @@ def test_hold_says_the_end_by_progress_without_a_commit(farm, monkeypatch):
 def test_start_writes_little_with_many_waiting_plates(farm, monkeypatch):
     sizes = {}
 
-    def weigh(event, old_books, new_books, commit=farm.store.commit):
+    def record_size(event, old_books, new_books, commit=farm.store.commit):
         commit(event, old_books, new_books)
         texts = [entity.model_dump_json() for entity in (event, *list_changed_entities(old_books, new_books))]
         sizes.setdefault(type(event).__name__, []).append(sum(map(len, texts)))
@@ -346,7 +346,7 @@ def test_start_writes_little_with_many_waiting_plates(farm, monkeypatch):
     farm.ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     event = make_plan_event(1, 100)
-    monkeypatch.setattr(farm.store, "commit", weigh)
+    monkeypatch.setattr(farm.store, "commit", record_size)
     farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0))
     assert sizes.pop("JobPlanned")
     assert sizes.keys() == {"PlateAssigned"} and max(sizes["PlateAssigned"]) < 4096

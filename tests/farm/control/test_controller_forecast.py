@@ -44,7 +44,7 @@ class Night:
         self.controller = self.farm.controller
         self.controller.started_s = now_s - HOUR
         self.farm.ready(*self.controller.fleet.names)
-        self.due, self.begun, self.until_s = [], set(), now_s + 28 * 24 * HOUR
+        self.pending_steps, self.started_ids, self.until_s = [], set(), now_s + 28 * 24 * HOUR
 
     def plan(self, hours, options):
         request = f"r{len(self.controller.books.jobs):07d}"
@@ -76,46 +76,46 @@ class Night:
             self.planned += 1
             self.controller.on_plan(number, FarmError("no better plan"))
 
-    def say(self, name, print_id, state, started_s, ended_s=None):
+    def report_print(self, name, print_id, state, started_s, ended_s=None):
         extruded = state is not PrintState.HEATING
-        message = AgentPrint(
+        agent_print = AgentPrint(
             print_id=print_id, state=state, fault=None, reason=None, progress_s=float(extruded),
             print_time_s=1.0, extruded=extruded, started_s=started_s, ended_s=ended_s,
         )  # fmt: skip
         link = Link.READY if state.ended else Link.BUSY
         filament = FilamentState.PARKED
         self.controller.on_snapshot(
-            AgentSnapshot(printer=name, link=link, filament=filament, agent_pid=9, print=message)
+            AgentSnapshot(printer=name, link=link, filament=filament, agent_pid=9, print=agent_print)
         )
 
     def begin_prints(self):
         self.refuse_revisions()
         now_s = self.clock.now_s
         for attempt in list(self.controller.books.open_prints()):
-            if attempt.id not in self.begun:
-                self.begun.add(attempt.id)
+            if attempt.id not in self.started_ids:
+                self.started_ids.add(attempt.id)
                 plate = self.controller.books.plates[attempt.plate]
                 moments = {PrintState.PRINTING: HEATING_S, PrintState.DONE: plate.expected_s}
-                self.say(attempt.printer, attempt.id, PrintState.HEATING, now_s)
+                self.report_print(attempt.printer, attempt.id, PrintState.HEATING, now_s)
                 for state, after_s in moments.items():
-                    self.push(now_s + after_s, attempt.printer, attempt.id, state, now_s)
+                    self.add_step(now_s + after_s, attempt.printer, attempt.id, state, now_s)
 
-    def push(self, at_s, name, print_id, state, started_s):
+    def add_step(self, at_s, name, print_id, state, started_s):
         """Add an action: a state of a print, or a cleared bed if there is none."""
-        heapq.heappush(self.due, (at_s, ORDER.index(state), name, print_id, started_s))
+        heapq.heappush(self.pending_steps, (at_s, ORDER.index(state), name, print_id, started_s))
 
     def step(self):
         """Advance to the time of the next change; return False if there is none."""
         self.begin_prints()
         edge_s = self.next_edge_s()
-        next_s = min(self.due[0][0] if self.due else float("inf"), edge_s)
+        next_s = min(self.pending_steps[0][0] if self.pending_steps else float("inf"), edge_s)
         if next_s == float("inf") or next_s > self.until_s:
             return False
         self.clock.now_s = next_s
-        if not self.due or self.due[0][0] > next_s:
+        if not self.pending_steps or self.pending_steps[0][0] > next_s:
             self.controller.handle()
             return True
-        self.happen(next_s)
+        self.take_step(next_s)
         return True
 
     def next_edge_s(self):
@@ -125,17 +125,17 @@ class Night:
         edges = (rules.attended.edge_s(now_s), rules.quiet.edge_s(now_s), *starts)
         return min((edge for edge in edges if edge is not None and edge > now_s), default=float("inf"))
 
-    def happen(self, next_s):
+    def take_step(self, next_s):
         """Perform the next action that is due."""
-        _, order, name, print_id, started_s = heapq.heappop(self.due)
+        _, order, name, print_id, started_s = heapq.heappop(self.pending_steps)
         state = ORDER[order]
         if state is None:
             self.farm.clear_bed(name)
             return
-        self.say(name, print_id, state, started_s, next_s if state.ended else None)
+        self.report_print(name, print_id, state, started_s, next_s if state.ended else None)
         if state.ended:
             clear_s = self.controller.rules.bed_clear_s(next_s, CLEARING_S)
-            self.push(clear_s, name, print_id, None, 0.0)
+            self.add_step(clear_s, name, print_id, None, 0.0)
 
     def ends_s(self):
         """Run to the end; return the end of each plate."""
@@ -153,7 +153,7 @@ jobs = st.lists(
     min_size=1,
     max_size=3,
 )
-houses = st.fixed_dictionaries(
+rule_sets = st.fixed_dictionaries(
     {},
     optional={
         "attended": st.sampled_from([["08:00-18:00"], ["mon-fri 08:00-12:00", "13:00-17:00"]]),
@@ -185,28 +185,28 @@ houses = st.fixed_dictionaries(
     11,
     [1700, 260, 1161],
 )
-@given(jobs, houses, st.integers(1, 4), st.integers(0, 23), st.lists(st.integers(200, 2000), max_size=4))
-def test_forecast_is_exact_without_failures(work, start_rules, printers, hour, reels):
+@given(jobs, rule_sets, st.integers(1, 4), st.integers(0, 23), st.lists(st.integers(200, 2000), max_size=4))
+def test_forecast_is_exact_without_failures(job_specs, start_rules, printers, hour, reels):
     with tempfile.TemporaryDirectory() as folder:
         night = Night(Path(folder) / "farm", printers, MONDAY_S + hour * HOUR, start_rules)
         for name, grams in zip(night.controller.fleet.names, reels, strict=False):
             reel = {"material": "generic_pla", "grams": grams, "nozzle_mm": 0.4}
             night.controller.handle(ev.ReelLoaded(at_s=1.0, printer=name, reel=reel, by="ann"))
-        for hours, options in work:
+        for hours, options in job_specs:
             night.plan(hours, options)
         night.begin_prints()
         now_s = night.clock.now_s
         books = night.controller.books
-        foreseen = dict(night.controller.build_view_context(StateFolder(Path(folder))).ends_s)
+        forecast_ends_s = dict(night.controller.build_view_context(StateFolder(Path(folder))).ends_s)
         waiting_ids = {plate.id for plate in books.waiting_plates()}
-        assert foreseen.keys() <= waiting_ids
+        assert forecast_ends_s.keys() <= waiting_ids
         end_times_s = night.ends_s()
         remaining_ids = {p.id for p in night.controller.books.waiting_plates()}
-        assert remaining_ids == waiting_ids - foreseen.keys()
+        assert remaining_ids == waiting_ids - forecast_ends_s.keys()
         for number in books.jobs:
-            plates = [name for name in foreseen if night.controller.books.plates[name].job == number]
+            plates = [name for name in forecast_ends_s if night.controller.books.plates[name].job == number]
             if plates:
-                expected_s = max(foreseen[name] for name in plates) - now_s
+                expected_s = max(forecast_ends_s[name] for name in plates) - now_s
                 elapsed_s = max(end_times_s[name] for name in plates) - now_s
                 assert abs(elapsed_s - expected_s) <= 0.02 * elapsed_s, (number, expected_s, elapsed_s)
         assert all(p.bed is not Bed.UNKNOWN for p in night.controller.books.printers.values())

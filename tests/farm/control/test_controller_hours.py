@@ -53,9 +53,9 @@ def report(farm, state=PrintState.PRINTING, **changes):
     attempt = farm.controller.books.open_print_on("a")
     facts = {"fault": None, "reason": None, "progress_s": 5.0, "print_time_s": 90.0, "extruded": True}
     facts |= {"started_s": FRIDAY, "ended_s": None, "ends_by_s": STOP, **changes}
-    message = AgentPrint(print_id=attempt.id, state=state, **facts)
+    agent_print = AgentPrint(print_id=attempt.id, state=state, **facts)
     farm.controller.on_snapshot(
-        AgentSnapshot(printer="a", link=Link.BUSY, reset_verified=False, print=message)
+        AgentSnapshot(printer="a", link=Link.BUSY, reset_verified=False, print=agent_print)
     )
     return attempt
 

@@ -147,24 +147,24 @@ def test_updated_situation_is_that_of_the_books_after_the_starts(plates, printer
         farm.controller.stopping = True  # nothing starts with the reports
         farm.ready(*farm.controller.fleet.names)
         situations = farm.controller.situations
-        before = situations.build(situations.find_held_back_plates())
-        assignments = assign_plates(before)
+        old_situation = situations.build(situations.find_held_back_plates())
+        assignments = assign_plates(old_situation)
         starts = assignments[: data.draw(st.integers(0, len(assignments)))]
-        now_s = before.now_s
+        now_s = old_situation.now_s
         farm.controller.handle(
             *(
                 ev.PlateAssigned(at_s=now_s, plate=start.plate, printer=start.printer, print_id=start.plate)
                 for start in starts
             )
         )
-        updated, after = (
-            situations.update(before, starts),
+        updated_situation, new_situation = (
+            situations.update(old_situation, starts),
             situations.build(situations.find_held_back_plates()),
         )
         farm.store.close()
-    assert updated.printers == after.printers
-    assert [plate.id for plate in updated.waiting] == [plate.id for plate in after.waiting]
-    assert {printer.name for printer in updated.free} == {p.name for p in before.free} - {
+    assert updated_situation.printers == new_situation.printers
+    assert [plate.id for plate in updated_situation.waiting] == [plate.id for plate in new_situation.waiting]
+    assert {printer.name for printer in updated_situation.free} == {p.name for p in old_situation.free} - {
         start.printer for start in starts
     }
 

@@ -46,7 +46,7 @@ def check(simulation):
 
 
 @pytest.fixture(scope="module")
-def undisturbed(tmp_path_factory):
+def commit_count(tmp_path_factory):
     simulation = FarmSimulation(tmp_path_factory.mktemp("undisturbed"), PLATES)
     simulation.run()
     commits = simulation.commits
@@ -55,12 +55,12 @@ def undisturbed(tmp_path_factory):
 
 
 @pytest.mark.parametrize("is_killed_after", [False, True], ids=["before", "after"])
-def test_no_state_is_lost_if_killed_at_any_commit(is_killed_after, undisturbed, tmp_path):
-    assert undisturbed > 20
-    for number in range(1, undisturbed + 1):
+def test_no_state_is_lost_if_killed_at_any_commit(is_killed_after, commit_count, tmp_path):
+    assert commit_count > 20
+    for number in range(1, commit_count + 1):
         folder = tmp_path / str(number)
         folder.mkdir()
-        simulation = FarmSimulation(folder, PLATES, kills=[number], after=is_killed_after)
+        simulation = FarmSimulation(folder, PLATES, kills=[number], is_killed_after=is_killed_after)
         simulation.run()
         assert simulation.restarts == 1
         check(simulation)
@@ -69,13 +69,15 @@ def test_no_state_is_lost_if_killed_at_any_commit(is_killed_after, undisturbed, 
 @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(kills=st.sets(st.integers(4, 60), min_size=2, max_size=8), is_killed_after=st.booleans())
 def test_no_state_is_lost_over_repeated_kills(kills, is_killed_after, tmp_path_factory):
-    simulation = FarmSimulation(tmp_path_factory.mktemp("again"), PLATES, kills=kills, after=is_killed_after)
+    simulation = FarmSimulation(
+        tmp_path_factory.mktemp("again"), PLATES, kills=kills, is_killed_after=is_killed_after
+    )
     simulation.run()
     check(simulation)
 
 
 @pytest.mark.parametrize(
-    ("failures", "repaired", "message"),
+    ("failing_sql", "repairing_sql", "message"),
     [
         ("PRAGMA max_page_count = 1", "PRAGMA max_page_count = 100000", "full"),
         ("PRAGMA query_only = 1", "PRAGMA query_only = 0", "readonly"),
@@ -83,19 +85,21 @@ def test_no_state_is_lost_over_repeated_kills(kills, is_killed_after, tmp_path_f
     ids=["disk full", "read-only"],
 )
 @pytest.mark.parametrize("first_failure", range(0, 16, 5))
-def test_controller_continues_after_failed_commits(first_failure, failures, repaired, message, tmp_path):
+def test_controller_continues_after_failed_commits(
+    first_failure, failing_sql, repairing_sql, message, tmp_path
+):
     simulation = FarmSimulation(tmp_path, PLATES)
-    tell, minutes = simulation.report_to_daemon, itertools.count()
+    report_to_daemon, minutes = simulation.report_to_daemon, itertools.count()
 
-    def tell_while_broken():
+    def report_while_broken():
         minute = next(minutes)
         if minute == first_failure:
-            simulation.store._db.execute(failures)
+            simulation.store._db.execute(failing_sql)
         elif minute == first_failure + 4:
-            simulation.store._db.execute(repaired)
-        tell()
+            simulation.store._db.execute(repairing_sql)
+        report_to_daemon()
 
-    simulation.report_to_daemon = tell_while_broken
+    simulation.report_to_daemon = report_while_broken
     simulation.run()
     check(simulation)
 

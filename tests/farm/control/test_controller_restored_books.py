@@ -32,19 +32,22 @@ PLATES = 4
 PLANNED_S = 1_790_000_000.0
 
 
-def run(simulation, folder, copy_minute, damage_minute, unreachable=(), away_for=0):
+def run(simulation, folder, copy_minute, damage_minute, unreachable=(), away_minutes=0):
     """Run a job to its end, with books that are copied in one minute and damaged in a later one."""
-    plan_event, copy = None, folder / "copy.db"
+    planned_minute, copy = None, folder / "copy.db"
     for minute in itertools.count():
         assert minute < 300, simulation.controller.books
-        if plan_event is None and simulation.controller.books.plates:
-            plan_event = minute
-        if plan_event is not None and minute == plan_event + copy_minute:
+        if planned_minute is None and simulation.controller.books.plates:
+            planned_minute = minute
+        if planned_minute is not None and minute == planned_minute + copy_minute:
             copy_books(simulation.path, copy, simulation.clock.now())
-        if plan_event is not None and minute == plan_event + copy_minute + damage_minute:
+        if planned_minute is not None and minute == planned_minute + copy_minute + damage_minute:
             simulation.restore(copy)
             simulation.unreachable = frozenset(unreachable)
-        if plan_event is not None and minute == plan_event + copy_minute + damage_minute + away_for:
+        if (
+            planned_minute is not None
+            and minute == planned_minute + copy_minute + damage_minute + away_minutes
+        ):
             simulation.unreachable = frozenset()
         yield minute
         job = simulation.controller.books.jobs.get(1)
@@ -73,16 +76,16 @@ def check(simulation):
     copy_minute=st.integers(0, 12),
     damage_minute=st.integers(0, 14),
     unreachable=st.sets(st.sampled_from("ab")),
-    away_for=st.integers(0, 8),
+    away_minutes=st.integers(0, 8),
     files=st.sampled_from([1, 2, PLATES]),
 )
 def test_restored_backup_neither_loses_nor_repeats_a_plate(
-    copy_minute, damage_minute, unreachable, away_for, files, tmp_path_factory
+    copy_minute, damage_minute, unreachable, away_minutes, files, tmp_path_factory
 ):
     """Include a person who approves at once, and agents that connect later."""
     folder = tmp_path_factory.mktemp("copied")
-    simulation = FarmSimulation(folder, PLATES, bad=(), files=files)
-    for _ in run(simulation, folder, copy_minute, damage_minute, unreachable, away_for):
+    simulation = FarmSimulation(folder, PLATES, bad_prints=(), files=files)
+    for _ in run(simulation, folder, copy_minute, damage_minute, unreachable, away_minutes):
         pass
     if files == PLATES:
         assert sorted(plate for plate, *_ in simulation.judged_prints) == [
@@ -159,7 +162,7 @@ def test_open_print_of_a_backup_waits_for_its_agent(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "stranger",
+    "unknown_print",
     [
         reports(sha256="1" * 64),
         reports(sha256=None),  # an older agent started it
@@ -168,16 +171,16 @@ def test_open_print_of_a_backup_waits_for_its_agent(tmp_path):
     ],
     ids=["another file", "no file", "before it was planned", "still printing"],
 )
-def test_print_without_a_plate_needs_a_person(stranger, tmp_path):
+def test_print_without_a_plate_needs_a_person(unknown_print, tmp_path):
     farm = restore_farm(tmp_path)
     farm.report("b")
-    farm.report("a", stranger)
+    farm.report("a", unknown_print)
     approve_job(farm)
     state = StateFolder(tmp_path)
     (look,) = (item for item in list_tasks(farm.view_context(state)) if item.code == "look")
     assert look.printers == ["a"]
     assert "it made a print after the backup of the database that match no waiting plate" in look.text
-    farm.controller.on_snapshot(AgentSnapshot(printer="a", link=Link.READY, print=stranger))
+    farm.controller.on_snapshot(AgentSnapshot(printer="a", link=Link.READY, print=unknown_print))
     assert look in list_tasks(farm.view_context(state))
     assert not farm.controller.books.prints
     farm.clear_bed("b", FilamentState.PARKED)
@@ -200,9 +203,9 @@ def test_interrupted_import_of_a_journal_is_repeated(tmp_path):
     ready_snapshot = AgentSnapshot(printer="a", link=Link.READY, agent_pid=9, filament=FilamentState.PARKED)
     events = list(import_agent_journal(farm.controller.books, ready_snapshot, prints, PLANNED_S + 1e3))
     farm.controller.handle(*events)
-    for dies in range(len(events)):
-        other_farm = restore_farm(tmp_path / str(dies), 2)
-        other_farm.controller.handle(*events[:dies])
+    for count in range(len(events)):
+        other_farm = restore_farm(tmp_path / str(count), 2)
+        other_farm.controller.handle(*events[:count])
         since_s = other_farm.controller.unreported_since_s("a")
         assert since_s == PLANNED_S + 1.0
         other_farm.controller.handle(
@@ -214,9 +217,9 @@ def test_interrupted_import_of_a_journal_is_repeated(tmp_path):
 
 def test_inconsistent_restored_books_are_logged(tmp_path, caplog):
     farm = Farm(tmp_path / "farm")
-    spoilt = farm.controller.books.printer("a").model_copy(
+    changed_printer = farm.controller.books.printer("a").model_copy(
         update={"reel": Reel(material="generic_pla", grams=-1.0, nozzle_mm=0.4)}
     )
-    farm.controller.books = put(farm.controller.books, spoilt)
+    farm.controller.books = put(farm.controller.books, changed_printer)
     farm.controller.start(farm.effects, restored_s=1.0)
     assert "printer a: its reel has -1 g" in caplog.text

@@ -102,11 +102,11 @@ def test_telemetry_alone_does_not_schedule(farm, calls):
 
 
 def test_failed_commit_is_repeated_at_the_next_tick(farm, calls, monkeypatch):
-    def full(*_):
+    def fail_on_full_disk(*_):
         raise StoreError("the database cannot be written: disk full")
 
     with monkeypatch.context() as patch:
-        patch.setattr(farm.store, "commit", full)
+        patch.setattr(farm.store, "commit", fail_on_full_disk)
         with pytest.raises(StoreError):
             tick(farm, MORNING)
     tick(farm, MORNING + 1.0)

@@ -55,7 +55,7 @@ def end(farm, plate, state=PrintState.DONE):
     """End the print of a plate after 100 s."""
     books = farm.controller.books
     attempt = next(p for p in books.open_prints() if p.plate == plate)
-    begun_s = farm.controller.clock.at_s
+    started_s = farm.controller.clock.at_s
     farm.controller.clock.at_s += 100.0
     report = AgentPrint(
         print_id=attempt.id,
@@ -65,16 +65,16 @@ def end(farm, plate, state=PrintState.DONE):
         progress_s=90.0,
         print_time_s=90.0,
         extruded=True,
-        started_s=begun_s,
-        ended_s=begun_s + 100.0,
+        started_s=started_s,
+        ended_s=started_s + 100.0,
     )
     idle = {"link": Link.READY, "agent_pid": 9, "filament": FilamentState.PARKED}
     farm.controller.on_snapshot(AgentSnapshot(printer=attempt.printer, print=report, **idle))
-    farm.controller.clock.at_s = begun_s
+    farm.controller.clock.at_s = started_s
     return attempt.printer
 
 
-def view(farm):
+def describe_first_job(farm):
     return describe_job(farm.view_context(STATE), farm.controller.books.job(1))
 
 
@@ -86,7 +86,7 @@ def test_all_copies_print_side_by_side(farm):
         "1/02.1",
         "1/02.2",
     }
-    job_view = view(farm)
+    job_view = describe_first_job(farm)
     assert [(part.id, part.copy_number) for part in job_view.parts] == [
         ("1/p01.1", 1),
         ("1/p02.1", 1),
@@ -103,7 +103,7 @@ def test_failed_part_of_a_copy_is_printed_again_alone(farm):
     printer = end(farm, "1/02.2")
     farm.clear_bed(printer, verdict=Verdict.BAD, reason="fell over")
     assert [p.plate for p in farm.controller.books.open_prints()] == ["1/02.2"]
-    job_view = view(farm)
+    job_view = describe_first_job(farm)
     assert (job_view.printed, job_view.good, job_view.printed_copies) == (3, 3, 1)
     screen = Console(file=io.StringIO(), width=100)
     screen.print(render_job(job_view, 100))
@@ -112,7 +112,7 @@ def test_failed_part_of_a_copy_is_printed_again_alone(farm):
         assert text in page
     farm.clear_bed(end(farm, "1/02.2"))
     assert farm.controller.books.job(1).state is JobState.DONE
-    assert view(farm).printed_copies == 2
+    assert describe_first_job(farm).printed_copies == 2
 
 
 def test_part_of_a_copy_is_named_with_its_number(farm):

@@ -76,7 +76,7 @@ def test_kept_dry_run_is_held_until_its_plan_is_approved(tmp_path):
         farm.jobs.keep_dry_run(number, "ann")
 
 
-def test_dry_run_is_printed_by_who_submitted_it(tmp_path):
+def test_dry_run_may_be_printed_by_the_person_who_submitted_it(tmp_path):
     farm = Farm(tmp_path)
     number = submit(farm, "a", dry_run=True, hold=True)
     with pytest.raises(Refused, match="only an operator"):

@@ -350,11 +350,13 @@ def test_timeline_of_a_job_waits_for_the_plates_of_jobs_before_it(farm, state):
         farm.controller.on_plan(number, plan_for(number, state, plates=4))
     night_alone = describe_night_of(farm, state, second_job)
     asyncio.run(farm.jobs.approve(first_job, farm.controller.books.job(first_job).plan, state, "ann"))
-    beside = describe_night_of(farm, state, second_job)
-    assert {slot.plate for slot in beside.slots} == {f"{second_job}/0{i}" for i in (1, 2, 3, 4)}
+    second_night = describe_night_of(farm, state, second_job)
+    assert {slot.plate for slot in second_night.slots} == {f"{second_job}/0{i}" for i in (1, 2, 3, 4)}
     last_end = max(slot.ends for slot in describe_night_of(farm, state, first_job).slots)
     assert (
-        min(slot.starts for slot in night_alone.slots) < last_end <= min(slot.starts for slot in beside.slots)
+        min(slot.starts for slot in night_alone.slots)
+        < last_end
+        <= min(slot.starts for slot in second_night.slots)
     )
 
 
@@ -366,11 +368,11 @@ def test_tasks_name_the_approval_and_the_short_reel(farm, state, monkeypatch):
         asyncio.run(farm.printers.load_reel(name, LoadRequest(grams=4.0), "ann"))
     second_job = submit(farm, "s")
     farm.controller.on_plan(second_job, plan_for(second_job, state, plates=1))
-    scene = farm.view_context(state)
-    assert [(item.code, item.text) for item in list_tasks(scene)] == [
+    context = farm.view_context(state)
+    assert [(item.code, item.text) for item in list_tasks(context)] == [
         ("approve", f"approve job {first_job} (2 parts, 6 g): `farm approve {first_job}`"),
         ("reel", f"a has 4 g, {second_job}/01 needs 8 g: load a reel, then `farm load a`"),
     ]
     assert [
-        describe_job(scene, farm.controller.books.job(n)).waits_for_person for n in (first_job, second_job)
+        describe_job(context, farm.controller.books.job(n)).waits_for_person for n in (first_job, second_job)
     ] == [True] * 2

@@ -16,7 +16,7 @@ from farm.state import events as ev
 
 pytest.importorskip("apprise")
 pytestmark = pytest.mark.filterwarnings("ignore:'imghdr' is deprecated:DeprecationWarning")  # apprise's
-PATIENCE_S = 60.0
+TIME_LIMIT_S = 60.0
 
 
 @pytest.fixture
@@ -52,9 +52,9 @@ def test_notice_is_sent_once_over_restarts(server, tmp_path, caplog):
     file = tmp_path / "told.json"
     notifier = Notifier(urls, "lab", file, 0.0)
     notifier.notify(make_printed_books(), 500.0)
-    message = posts.get(timeout=PATIENCE_S)
-    assert message["title"] == "lab"
-    assert message["message"].splitlines() == [
+    post = posts.get(timeout=TIME_LIMIT_S)
+    assert post["title"] == "lab"
+    assert post["message"].splitlines() == [
         "job 1 (bracket.stl) is printed: 1 part in 3 min",
         "all jobs have ended",
     ]
@@ -65,7 +65,7 @@ def test_notice_is_sent_once_over_restarts(server, tmp_path, caplog):
     assigned_event = ev.PlateAssigned(at_s=550.0, plate="1/02", printer="b", print_id="y")
     books, _ = apply_events(make_printing_books(plates=2), assigned_event, failed_event)
     restarted_notifier.notify(books, 700.0)
-    assert posts.get(timeout=PATIENCE_S)["message"] == "1/p02 failed on b: it was killed"
+    assert posts.get(timeout=TIME_LIMIT_S)["message"] == "1/p02 failed on b: it was killed"
     assert posts.empty()
     assert "secret" not in caplog.text
 
@@ -79,7 +79,7 @@ def test_events_before_the_first_notice_are_not_sent(server, tmp_path):
     assert not file.exists()
     late_notifier = Notifier([SecretStr(f"json://{address}/")], "lab", file, 150.0)
     late_notifier.notify(make_printed_books(), 500.0)
-    assert posts.get(timeout=PATIENCE_S)["title"] == "lab"
+    assert posts.get(timeout=TIME_LIMIT_S)["title"] == "lab"
     assert posts.empty()
 
 
@@ -106,7 +106,7 @@ def test_events_after_a_backward_clock_step_are_notified(server, tmp_path):
     notifier = Notifier([SecretStr(f"json://{address}/")], "lab", file, 4000.0)
     notifier.on_clock_set(-3900.0)
     notifier.notify(make_printed_books(), 500.0)
-    assert "is printed" in posts.get(timeout=PATIENCE_S)["message"]
+    assert "is printed" in posts.get(timeout=TIME_LIMIT_S)["message"]
     file.write_text(json.dumps({"since_s": 4000.0, "told": {}}))
     Notifier([SecretStr(f"json://{address}/")], "lab", file, 100.0).notify(make_printed_books(), 500.0)
-    assert "is printed" in posts.get(timeout=PATIENCE_S)["message"]
+    assert "is printed" in posts.get(timeout=TIME_LIMIT_S)["message"]

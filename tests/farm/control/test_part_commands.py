@@ -46,9 +46,9 @@ def ends(farm, printer, state=PrintState.DONE, **changes):
     attempt = farm.controller.books.open_print_on(printer)
     facts = {"fault": None, "reason": "so", "progress_s": 5.0, "print_time_s": 90.0, "extruded": True}
     facts |= {"started_s": 2.0, "ended_s": 50.0, **changes}
-    message = AgentPrint(print_id=attempt.id, state=state, **facts)
+    agent_print = AgentPrint(print_id=attempt.id, state=state, **facts)
     idle = {"link": Link.READY, "agent_pid": 9, "filament": FilamentState.PARKED}
-    farm.controller.on_snapshot(AgentSnapshot(printer=printer, print=message, **idle))
+    farm.controller.on_snapshot(AgentSnapshot(printer=printer, print=agent_print, **idle))
     farm.ready(printer)
     return attempt
 
@@ -239,7 +239,7 @@ def test_refused_start_uses_no_filament(farm):
 
 
 @pytest.mark.parametrize(
-    "say",
+    "report_end",
     [
         lambda farm: farm.jobs.pause(1, False, "ann"),
         lambda farm: farm.parts.pause(1, "p01", False, "ann"),
@@ -247,7 +247,7 @@ def test_refused_start_uses_no_filament(farm):
     ],
     ids=["resume job", "resume part", "reprint"],
 )
-def test_part_stopped_by_estop_waits_for_a_person(farm, say):
+def test_part_stopped_by_estop_waits_for_a_person(farm, report_end):
     ends(farm, "a", PrintState.FAILED, fault="estop")
     for _ in range(2):  # other waiting plates continue
         ends(farm, "b")
@@ -258,7 +258,7 @@ def test_part_stopped_by_estop_waits_for_a_person(farm, say):
     assert hold.code is HoldCode.STOPPED and "`farm resume 1/p01`" in hold.text
     [task] = [item for item in list_tasks(farm.view_context(STATE)) if item.code == "stopped"]
     assert "part 1/p01 stopped by `farm estop`" in task.text and "`farm resume 1/p01`" in task.text
-    say(farm)
+    report_end(farm)
     assert farm.controller.books.open_print_on("b").plate == "1/01"
     assert not [item for item in list_tasks(farm.view_context(STATE)) if item.code == "stopped"]
 

@@ -99,8 +99,10 @@ def test_job_does_not_wait_long_for_its_new_plan(farm, reason):
         farm.controller.handle()
     else:
         for _ in range(2):  # the end of the start-up, then that of the delay
-            later_s = farm.controller.next_change_s
-            farm.controller.clock = SimpleNamespace(now=lambda later_s=later_s: later_s, scale=1.0)
+            next_change_s = farm.controller.next_change_s
+            farm.controller.clock = SimpleNamespace(
+                now=lambda next_change_s=next_change_s: next_change_s, scale=1.0
+            )
             farm.controller.tick()
     assert len(printing(farm)) == 2
     farm.controller.on_plan(1, make_plan(1, [3.0] * 6, "cdefgh"))
@@ -116,19 +118,19 @@ def test_new_plan_that_ends_later_is_not_used(farm):
 
 def test_fewer_plates_replace_more(farm):
     farm.controller.handle(
-        ev.PlanRevised(**dict(make_farm_event(farm, [1.0] * 3, "abc"), job=1)),
+        ev.PlanRevised(**dict(make_revised_fields(farm, [1.0] * 3, "abc"), job=1)),
     )
-    farm.controller.handle(ev.PlanRevised(**dict(make_farm_event(farm, [9.0], "a"), job=1)))
+    farm.controller.handle(ev.PlanRevised(**dict(make_revised_fields(farm, [9.0], "a"), job=1)))
     books = farm.controller.books
     assert books.jobs[1].plates == ("1/01",)
     assert books.plate_state(books.plates["1/03"]) is PlateState.REPLACED
-    farm.controller.handle(ev.PlanRevised(**dict(make_farm_event(farm, [1.0] * 3, "abc"), job=1)))
+    farm.controller.handle(ev.PlanRevised(**dict(make_revised_fields(farm, [1.0] * 3, "abc"), job=1)))
     books = farm.controller.books
     assert books.plate_state(books.plates["1/03"]) is PlateState.WAITING
     assert validate_books(books) == []
 
 
-def make_farm_event(farm, hours, printers):
+def make_revised_fields(farm, hours, printers):
     plan = make_plan(1, hours, printers)
     event = make_plan_event(1, len(hours))
     return event.model_copy(update={"plates": plan.plates, "at_s": farm.controller.clock.now()})
@@ -138,7 +140,7 @@ def test_plan_of_a_started_job_is_never_replaced(farm):
     farm.clear_bed("a")
     assert printing(farm) == {"a": "1/01"}
     with pytest.raises(InvalidTransition, match="has started"):
-        farm.controller.handle(ev.PlanRevised(**dict(make_farm_event(farm, [1.0] * 3, "abc"), job=1)))
+        farm.controller.handle(ev.PlanRevised(**dict(make_revised_fields(farm, [1.0] * 3, "abc"), job=1)))
     connect_at_once(farm)
     assert len(farm.effects.plans) == 1
 
@@ -195,8 +197,8 @@ def test_job_that_waits_for_its_start_is_not_examined_again_for_other_idle_print
     controller.handle(ev.JobRescheduled(at_s=at_s, job=1, not_before_s=at_s + 9 * HOUR))
     farm.ready(*"cdefgh", bed_clear=False)
     farm.ready("a", link=Link.ABSENT, reason="unplugged")
-    examined = len(examined_jobs)
-    assert examined > 0
+    examined_count = len(examined_jobs)
+    assert examined_count > 0
     for name in "cdef":
         controller.handle(ev.BedCleared(at_s=at_s, printer=name, by="ann"))
-    assert len(examined_jobs) == examined
+    assert len(examined_jobs) == examined_count

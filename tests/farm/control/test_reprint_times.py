@@ -25,27 +25,27 @@ class Night:
         event = make_plan_event(1, 2)
         self.farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0, None))
 
-    def report(self, printer, state, began_s):
+    def report(self, printer, state, started_s):
         """Report the progress of a print by the agent of its printer."""
         attempt = self.farm.controller.books.open_print_on(printer)
         is_ended = state.ended
-        message = AgentPrint(
+        agent_print = AgentPrint(
             print_id=attempt.id, state=state, fault=None, reason=None, progress_s=90.0, print_time_s=90.0,
-            extruded=True, started_s=began_s, ended_s=self.clock.now_s if is_ended else None,
+            extruded=True, started_s=started_s, ended_s=self.clock.now_s if is_ended else None,
         )  # fmt: skip
         link, filament = Link.READY if is_ended else Link.BUSY, FilamentState.PARKED
         self.farm.controller.on_snapshot(
-            AgentSnapshot(printer=printer, link=link, agent_pid=9, filament=filament, print=message)
+            AgentSnapshot(printer=printer, link=link, agent_pid=9, filament=filament, print=agent_print)
         )
 
     def finish(self, *printers):
         """Let the prints of these printers run for 100 s from now on, and clear their beds."""
-        began_s = self.clock.now_s
+        started_s = self.clock.now_s
         for printer in printers:
-            self.report(printer, PrintState.PRINTING, began_s)
+            self.report(printer, PrintState.PRINTING, started_s)
         self.clock.now_s += 100.0
         for printer in printers:
-            self.report(printer, PrintState.DONE, began_s)
+            self.report(printer, PrintState.DONE, started_s)
             self.farm.ready(printer)
             self.farm.clear_bed(printer)
 

@@ -14,7 +14,7 @@ CELSIUS = st.none() | st.floats(-20.0, 300.0)
 SECONDS = st.floats(0.0, 1e5)
 
 
-def printing_books():
+def make_printing_state():
     assigned_event = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="p")
     started_event = ev.PrintProgressed(
         at_s=3.0, print_id="p", state=PrintState.PRINTING, started_s=3.0, extruded=True
@@ -22,7 +22,7 @@ def printing_books():
     return apply_events(make_printing_books(), assigned_event, started_event)[0]
 
 
-BOOKS = printing_books()
+BOOKS = make_printing_state()
 PRINT = AgentPrint(
     print_id="p", state=PrintState.PRINTING, fault=None, reason=None, progress_s=1.0, print_time_s=90.0,
     extruded=True, started_s=3.0, ended_s=None,
@@ -34,9 +34,9 @@ BUSY = AgentSnapshot(printer="a", link=Link.BUSY, agent_pid=9, print=PRINT)
 def test_telemetry_without_changes_is_not_reported(nozzle_c, bed_c, target_c, progress_s, layer):
     telemetry = Telemetry()
     assert telemetry.store(BUSY, 60.0)
-    message = PRINT.model_copy(update={"progress_s": progress_s, "layer": layer, "z_mm": layer * 0.1})
+    agent_print = PRINT.model_copy(update={"progress_s": progress_s, "layer": layer, "z_mm": layer * 0.1})
     heat = {"nozzle_c": nozzle_c, "bed_c": bed_c, "nozzle_target_c": target_c, "bed_target_c": target_c}
-    later_snapshot = BUSY.model_copy(update={"print": message, **heat})
+    later_snapshot = BUSY.model_copy(update={"print": agent_print, **heat})
     assert not telemetry.store(later_snapshot, 60.0)
     reading = read_snapshot(BOOKS, later_snapshot, BUSY, True, 60.0)
     assert (reading.events, reading.instructions, reading.invalid_transition) == ((), (), None)

@@ -33,28 +33,32 @@ def test_missed_timer_runs_once(begin):
     time = begin("2026-11-20 22:00")
     times_s, alarms = [], []
 
-    def turn():
-        times_s.append(time.now_s - time.begun_s)
+    def tick():
+        times_s.append(time.now_s - time.started_s)
         if len(times_s) == 10:
             time.stall(3 * HOUR_S)
 
     async def run_evening():
         timers = Timers(time)
-        timers.call_every(60.0, "turn", turn)
+        timers.call_every(60.0, "turn", tick)
         for hour in (1.0, 2.0, 6.0):
-            timers.call_at(time.begun_s + hour * HOUR_S, f"alarm {hour}", lambda: alarms.append(time.now_s))
+            timers.call_at(time.started_s + hour * HOUR_S, f"alarm {hour}", lambda: alarms.append(time.now_s))
         timers.start()
         await asyncio.sleep(7 * HOUR_S - 30.0)
         timers.stop()
         await asyncio.sleep(0)
 
     time.run(run_evening())
-    woke_s = 600.0 + 3 * HOUR_S
+    wake_up_s = 600.0 + 3 * HOUR_S
     assert times_s[:10] == pytest.approx([60.0 * n for n in range(1, 11)], abs=1e-3)
-    assert woke_s <= times_s[10] < times_s[11] <= woke_s + 61.0  # one for all those missed, then as before
-    assert len(times_s) == 10 + 1 + (7 * HOUR_S - 30.0 - woke_s) // 60.0
-    assert [moment - time.begun_s for moment in alarms[:2]] == pytest.approx([woke_s, woke_s], abs=1.0)
-    assert alarms[2] - time.begun_s == pytest.approx(6 * HOUR_S, abs=1e-3)
+    assert (
+        wake_up_s <= times_s[10] < times_s[11] <= wake_up_s + 61.0
+    )  # one for all those missed, then as before
+    assert len(times_s) == 10 + 1 + (7 * HOUR_S - 30.0 - wake_up_s) // 60.0
+    assert [moment - time.started_s for moment in alarms[:2]] == pytest.approx(
+        [wake_up_s, wake_up_s], abs=1.0
+    )
+    assert alarms[2] - time.started_s == pytest.approx(6 * HOUR_S, abs=1e-3)
 
 
 @pytest.mark.parametrize("step_h", [6.0, -6.0])
@@ -62,11 +66,11 @@ def test_clock_step_takes_effect_at_once(begin, step_h):
     """Check that a periodic timer is late by one period at most, and that an alarm follows the calendar."""
     time = begin("2026-11-20 12:00")
     times_s, alarms = [], []
-    alarm_s = time.begun_s + 7 * HOUR_S
+    alarm_s = time.started_s + 7 * HOUR_S
 
     async def run_day():
         timers = Timers(time)
-        timers.call_every(1.0, "turn", lambda: times_s.append(time.now_s - time.begun_s))
+        timers.call_every(1.0, "turn", lambda: times_s.append(time.now_s - time.started_s))
         timers.call_at(alarm_s, "alarm", lambda: alarms.append(time.now()))
         timers.start()
         await asyncio.sleep(60.5)
@@ -86,8 +90,8 @@ def test_clock_step_takes_effect_at_once(begin, step_h):
 @pytest.mark.parametrize(
     "first", ["2026-03-27", "2026-10-23", "2026-11-20"], ids=["spring", "autumn", "plain"]
 )
-@pytest.mark.parametrize("asleep", [False, True])
-def test_books_are_backed_up_once_a_night(begin, tmp_path, first, asleep):
+@pytest.mark.parametrize("is_suspended", [False, True])
+def test_books_are_backed_up_once_a_night(begin, tmp_path, first, is_suspended):
     """Make backups at four, also when clocks change, or as soon as possible after the host slept."""
     time = begin(f"{first} 12:00")
     state = StateFolder(tmp_path)
@@ -99,7 +103,7 @@ def test_books_are_backed_up_once_a_night(begin, tmp_path, first, asleep):
         nightly = NightlyBackup(state, time, BERLIN, timers.call_at, errors.append, cleanups.append)
         timers.start()
         await nightly.begin()
-        if asleep:
+        if is_suspended:
             await asyncio.sleep(parse_time(f"{first} 23:30") - time.now_s)
             time.stall(7 * HOUR_S)
         await asyncio.sleep(parse_time(f"{first} 12:00") + 4 * 24.5 * HOUR_S - time.now_s)
@@ -113,7 +117,7 @@ def test_books_are_backed_up_once_a_night(begin, tmp_path, first, asleep):
         for copy in list_backups(state)
     ]
     due = [days[0].replace(hour=12), *(day.replace(hour=4) for day in days[1:])]
-    if asleep:
+    if is_suspended:
         due[1] = days[1].replace(hour=6, minute=30)
     assert backup_times_s[::-1] == due
     assert not any(errors)

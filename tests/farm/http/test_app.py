@@ -38,15 +38,15 @@ def daemon(tmp_path):
     controller.on_snapshot(
         AgentSnapshot(printer="a", link=Link.READY, bed_clear=True, filament=FilamentState.PARKED)
     )
-    went_down = []
+    shutdowns = []
 
     async def down(now):
-        went_down.append(now)
+        shutdowns.append(now)
 
     services = Services(controller, state, tmp_path / "fleet.yaml", SameProcess(), down)
     app = make_app(services, DryRuns(controller))
     app.state.inspections = services.inspections
-    app.state.controller, app.state.went_down, app.state.folder = controller, went_down, state
+    app.state.controller, app.state.shutdowns, app.state.folder = controller, shutdowns, state
     return app
 
 
@@ -163,18 +163,18 @@ def test_upload_beyond_the_quota_is_refused_before_it_is_sent(daemon, monkeypatc
 def test_incomplete_upload_is_refused_and_leaves_no_file(daemon):
     """End the connection in the middle of the body, as Ctrl-C at `farm submit` does."""
     messages = [{"type": "http.request", "body": b"solid", "more_body": True}, {"type": "http.disconnect"}]
-    body_bytes = []
+    messages_sent = []
 
     async def receive():
         return messages.pop(0)
 
     async def send(message):
-        body_bytes.append(message)
+        messages_sent.append(message)
 
     query = b"request_id=rrrrrrrr&name=box.stl&size=100"
     scope = {"type": "http", "http_version": "1.1", "method": "POST", "path": "/jobs", "query_string": query}
     asyncio.run(daemon({**scope, "headers": [], "state": {}}, receive, send))
-    assert body_bytes[0]["status"] == 409
+    assert messages_sent[0]["status"] == 409
     assert not daemon.state.controller.books.jobs
     assert not list(daemon.state.folder.work.iterdir())
 
@@ -281,7 +281,7 @@ def test_shutdown_is_refused_during_planning(daemon):
     assert "being planned: job 1; use --wait" in answer.json()["error"]
     for mode in ("wait", "now"):
         assert ask(daemon, "POST", "/down", json={mode: True}).status_code == 200
-    assert daemon.state.went_down == [False, True]
+    assert daemon.state.shutdowns == [False, True]
 
 
 @pytest.mark.parametrize(
@@ -310,15 +310,15 @@ def test_shutdown_is_refused_during_an_inspection(daemon):
 
 def test_shutdown_request_ends_the_daemon(daemon):
     assert ask(daemon, "POST", "/down", json={"now": True}).status_code == 200
-    assert daemon.state.went_down == [True]
+    assert daemon.state.shutdowns == [True]
 
 
 def test_routes_reach_the_commands(daemon):
-    body_bytes = {"why": "a\x1b[2J\nnew belt"}
-    assert ask(daemon, "POST", "/printers/a/maintenance", json=body_bytes).status_code == 200
+    body_fields = {"why": "a\x1b[2J\nnew belt"}
+    assert ask(daemon, "POST", "/printers/a/maintenance", json=body_fields).status_code == 200
     printer = ask(daemon, "GET", "/status").json()["printers"][0]
     assert (printer["state"], printer["maintenance"]) == ("maintenance", "a [2J new belt")
-    assert ask(daemon, "POST", "/printers/a/maintained", json=body_bytes).status_code == 200
+    assert ask(daemon, "POST", "/printers/a/maintained", json=body_fields).status_code == 200
     submit(daemon, make_stl())
     assert ask(daemon, "POST", "/jobs/1/pause").status_code == 200
     assert ask(daemon, "GET", "/jobs/1").json()["job"]["paused"]
@@ -330,12 +330,12 @@ def test_routes_reach_the_commands(daemon):
         body = (
             None
             if path.startswith("/jobs")
-            else {**body_bytes, **({"bad": True} if "cleared" in path else {})}
+            else {**body_fields, **({"bad": True} if "cleared" in path else {})}
         )
         answer = ask(daemon, "POST", path, json=body)
         assert (answer.status_code, answer.json()["exit_code"]) == (409, 5), path
     for path in ("/jobs/1/parts/p9/reprint", "/jobs/1/parts/p9/cancel", "/jobs/7/pause", "/printers/z/fail"):
-        assert ask(daemon, "POST", path, json=body_bytes).status_code == 404, path
+        assert ask(daemon, "POST", path, json=body_fields).status_code == 404, path
     assert ask(daemon, "POST", "/jobs/1/parts/p9/pause").status_code == 404
     assert ask(daemon, "GET", "/history").json()["prints"] == []
     assert ask(daemon, "GET", "/history?job=7").status_code == 404

@@ -165,12 +165,12 @@ def test_unusable_socket_path_is_reported(tmp_path):
 REQUEST_AS_USER = """
 import os, socket, sys
 os.setgroups([]); os.setgid(int(sys.argv[2])); os.setuid(int(sys.argv[2]))
-way = socket.socket(socket.AF_UNIX)
-way.connect(bytes.fromhex(sys.argv[1]))
-way.sendall(b"POST /printers/a/cleared HTTP/1.1\\r\\nHost: farm\\r\\nConnection: close\\r\\n"
+client = socket.socket(socket.AF_UNIX)
+client.connect(bytes.fromhex(sys.argv[1]))
+client.sendall(b"POST /printers/a/cleared HTTP/1.1\\r\\nHost: farm\\r\\nConnection: close\\r\\n"
             b"Content-Type: application/json\\r\\nContent-Length: 2\\r\\n\\r\\n{}")
-while said := way.recv(4096):
-    sys.stdout.write(said.decode())
+while data := client.recv(4096):
+    sys.stdout.write(data.decode())
 """
 
 

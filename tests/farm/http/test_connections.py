@@ -102,9 +102,9 @@ async def ask(path, *pieces):
     for piece in pieces:
         writer.write(piece)
         await writer.drain()
-    message = await reader.read()
+    answer = await reader.read()
     writer.close()
-    return message
+    return answer
 
 
 def test_idle_connections_are_closed_to_serve_a_request(tmp_path):
@@ -122,13 +122,13 @@ def test_idle_connections_are_closed_to_serve_a_request(tmp_path):
 
 def test_connection_of_a_client_that_does_not_read_is_closed_to_serve_a_request(tmp_path):
     async def hold_connection(server, path):
-        unread = [await asyncio.open_unix_connection(path, limit=1) for _ in range(4)]
-        for _, writer in unread:
+        unread_connections = [await asyncio.open_unix_connection(path, limit=1) for _ in range(4)]
+        for _, writer in unread_connections:
             writer.write(COMPLETE_REQUEST.replace(b"/status", b"/large"))
         while not all(connection.flow.write_paused for connection in server.server_state.connections):
             await asyncio.sleep(0.001)
         assert b"well" in await ask(path, COMPLETE_REQUEST)
-        for _, writer in unread:
+        for _, writer in unread_connections:
             writer.close()
 
     serve(tmp_path, 4, hold_connection)
@@ -225,9 +225,9 @@ def test_errors_of_accept_are_logged_and_accepting_continues(tmp_path, monkeypat
 
     with caplog.at_level(logging.WARNING, logger="farm"):
         serve(tmp_path, 4, scenario)
-    message = " ".join(record.getMessage() for record in caplog.records)
+    log_text = " ".join(record.getMessage() for record in caplog.records)
     for error_text in ("no socket", "no room", "no protocol"):
-        assert error_text in message
+        assert error_text in log_text
 
 
 ENDING = """
@@ -288,8 +288,8 @@ def test_killed_agent_is_restarted_despite_many_idle_clients(tmp_path):
             os.kill(killed_pid, signal.SIGKILL)
 
             def has_restarted():
-                message = farm.run("status", "--json")
-                [printer] = json.loads(message.stdout)["printers"] if message.returncode == 0 else [{}]
+                result = farm.run("status", "--json")
+                [printer] = json.loads(result.stdout)["printers"] if result.returncode == 0 else [{}]
                 return printer.get("agent_pid") not in (None, killed_pid) and printer["state"] == "idle"
 
             wait_for("another agent", has_restarted, 60.0)

@@ -42,7 +42,7 @@ def test_host_is_described_with_its_agents_ports_and_wait():
     assert view.waiting == "agents that ended: b (its agent ended with 1)"
 
 
-def test_printers_of_a_lost_host_are_unknown_and_no_task_each():
+def test_printers_of_a_lost_host_are_unknown_and_have_no_tasks_of_their_own():
     reason = "no connection to its host pc-b: no route"
     lost_snapshot = AgentSnapshot(printer="a", link=Link.STARTING, reason=reason, host_lost=True)
     context = make_context({"a": lost_snapshot, "b": AgentSnapshot(printer="b", link=Link.STARTING)})

@@ -127,10 +127,10 @@ class SlowFile(io.BytesIO):
 
     def __init__(self):
         super().__init__()
-        self.ready, self.written = threading.Event(), b""
+        self.may_write, self.written = threading.Event(), b""
 
     def write(self, content):
-        assert self.ready.wait(30), "nobody could tell it: the event loop was waiting for the disk"
+        assert self.may_write.wait(30), "nobody could tell it: the event loop was waiting for the disk"
         self.written += content
         return super().write(content)
 
@@ -149,7 +149,7 @@ def test_slow_disk_delays_its_upload_only(tmp_path, monkeypatch):
         receive_task = asyncio.create_task(receive())
         await asyncio.sleep(0)  # it writes while the loop continues
         assert (file.written, receive_task.done()) == (b"", False)
-        file.ready.set()
+        file.may_write.set()
         await receive_task
 
     asyncio.run(upload_slowly())

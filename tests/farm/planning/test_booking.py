@@ -15,10 +15,10 @@ from slicing.checks import UnprintedWall
 
 
 def test_plan_has_every_part_and_plate(bar, files, tmp_path):
-    work = decompose_task(bar, files, tmp_path)
-    decomposition = decompose_job(work)
-    tasks = slice_tasks(work, decomposition)
-    slices = [slice_part(item) for item in tasks]
+    task = decompose_task(bar, files, tmp_path)
+    decomposition = decompose_job(task)
+    plate_tasks = slice_tasks(task, decomposition)
+    slices = [slice_part(item) for item in plate_tasks]
     thin = UnprintedWall(120.0, 1.0, 9.0, 3.0, -4.0)
     decomposition = replace(
         decomposition,
@@ -28,8 +28,8 @@ def test_plan_has_every_part_and_plate(bar, files, tmp_path):
         ),
     )
     slices[0] = replace(slices[0], unprinted=(thin,) * 9)
-    draw_job(work, decomposition.drawing_record)
-    plan = book_plan(join_slices(work, decomposition, tasks, slices), files)
+    draw_job(task, decomposition.drawing_record)
+    plan = book_plan(join_slices(task, decomposition, plate_tasks, slices), files)
     assert [p.warnings for p in plan.plates] == [(str(thin),) * MAX_WARNINGS, (MAY_FALL_WARNING,)]
     assert [p.printer for p in plan.plates] == ["p0", "p1"]
     assert sum(p.geometry.volume_mm3 for p in plan.parts) == pytest.approx(260 * 14 * 12)
@@ -41,7 +41,7 @@ def test_plan_has_every_part_and_plate(bar, files, tmp_path):
         request_id="r",
         name="bar",
         model_file=bar.file,
-        options=work.options,
+        options=task.options,
         submitted_s=0.0,
         picture=plan.picture,
         assembly=plan.assembly,

@@ -154,8 +154,8 @@ def test_useless_relevel_is_discarded(state, bar, fail, monkeypatch):
 class RecordingWorkers(SameProcess):
     """Workers that record their tasks, each in its own step of the event loop; drawings may be held."""
 
-    def __init__(self, held=(), has_idle=True):
-        self.started, self.ended, self.held, self.has_idle = [], [], held, has_idle
+    def __init__(self, held_calls=(), has_idle=True):
+        self.started, self.ended, self.held_calls, self.has_idle = [], [], held_calls, has_idle
 
     async def run(self, work, *args, limit=None, group=None):
         name = getattr(work, "target", "slow").rpartition(":")[2]
@@ -163,7 +163,7 @@ class RecordingWorkers(SameProcess):
         call = f"{name} {number}"
         self.started.append(call)
         await asyncio.sleep(0)
-        if call in self.held:
+        if call in self.held_calls:
             await asyncio.Event().wait()
         result = work(*args)
         self.ended.append(call)
@@ -187,7 +187,7 @@ def test_parts_are_drawn_while_they_are_sliced(state, bar, monkeypatch):
 
 def test_the_drawing_of_parts_that_are_cut_again_is_stopped(state, bar, monkeypatch):
     slow_down_slices(monkeypatch, lambda stl, length_mm: 10.0 * length_mm * (stl.stem == "p02"))
-    workers = RecordingWorkers(held={"draw_job 0"})
+    workers = RecordingWorkers(held_calls={"draw_job 0"})
     result = plan_noted(state, bar, workers, monkeypatch)
     assert isinstance(result, Plan), result
     assert {"draw_job 0", "draw_job 1"} <= set(workers.started) and "draw_job 0" not in workers.ended
@@ -230,13 +230,13 @@ def test_plan_is_retried_after_a_full_disk(state, tmp_path, monkeypatch):
         async def run(self, work, *args, limit=None, group=None):
             raise next(answers)
 
-    reports, scenes = [], []
+    reports, task_texts = [], []
 
     def tell(number, progress):
         reports.append(progress.step)
         farm = Farm(tmp_path / "farm")
         farm.controller.on_plan_progress(number, progress)
-        scenes.append([item.text for item in list_tasks(farm.view_context(state)) if item.code == "farm"])
+        task_texts.append([item.text for item in list_tasks(farm.view_context(state)) if item.code == "farm"])
 
     async def main():
         future = asyncio.get_running_loop().create_future()
@@ -248,8 +248,8 @@ def test_plan_is_retried_after_a_full_disk(state, tmp_path, monkeypatch):
     result = asyncio.run(main())
     assert reports == [PlanStep.WAITING, PlanStep.NO_ROOM, PlanStep.WAITING]
     assert "No space left" in str(result)  # the second time there was room: the error is the job's
-    assert [len(texts) for texts in scenes] == [0, 1, 0]
-    assert "free space" in scenes[1][0] and "job 7" in scenes[1][0]
+    assert [len(texts) for texts in task_texts] == [0, 1, 0]
+    assert "free space" in task_texts[1][0] and "job 7" in task_texts[1][0]
 
 
 def test_plan_that_cannot_be_recorded_fails_its_job(state, monkeypatch):

@@ -81,29 +81,29 @@ def side_by_side(monkeypatch):
 
 @pytest.mark.usefixtures("side_by_side")
 def test_a_plan_is_the_same_by_one_worker_and_by_two(planned, bar, tmp_path):
-    state, by_one = planned
-    two, by_two = plan_here(tmp_path / "two", bar, 2)
-    assert by_two == replace(
-        by_one, decomposition=by_two.decomposition
+    state, plan_by_one_worker = planned
+    two_workers_state, plan_by_two_workers = plan_here(tmp_path / "two", bar, 2)
+    assert plan_by_two_workers == replace(
+        plan_by_one_worker, decomposition=plan_by_two_workers.decomposition
     )  # it contains the duration of the planning
-    assert len(by_two.plates) == 3
-    assert list_stored(state) == list_stored(two)
+    assert len(plan_by_two_workers.plates) == 3
+    assert list_stored(state) == list_stored(two_workers_state)
 
 
 @pytest.mark.usefixtures("side_by_side")
 def test_a_plan_is_the_same_here_and_on_a_cluster(planned, bar, tmp_path):
-    local_state, local = planned
+    local_state, local_plan = planned
     remote_state = StateFolder(tmp_path / "there")
 
     async def main():
         job = make_job(remote_state, bar)
         async with cluster(tmp_path / "cluster", ["w1", "w2"]) as (pool, _):
-            remote = await plan(remote_state, job, pool)
+            remote_plan = await plan(remote_state, job, pool)
             assert pool.own.calls == []
-        return remote
+        return remote_plan
 
-    remote = asyncio.run(main())
-    assert remote == replace(local, decomposition=remote.decomposition)
+    remote_plan = asyncio.run(main())
+    assert remote_plan == replace(local_plan, decomposition=remote_plan.decomposition)
     assert list_stored(local_state) == list_stored(remote_state)
     assert not list(remote_state.work.iterdir()) and not list(remote_state.slices.iterdir())
 
@@ -158,10 +158,10 @@ def test_attempts_side_by_side_have_the_plan_of_one_worker(bar, tmp_path):
         states.append(StateFolder(tmp_path / name))
         plans.append(asyncio.run(make_plan(states[-1])))
         most_at_once.append(CountingWorkers.most_at_once[DECOMPOSING.work])
-    by_one, by_two = plans
-    assert by_two == replace(by_one, decomposition=by_two.decomposition)
+    plan_by_one_worker, plan_by_two_workers = plans
+    assert plan_by_two_workers == replace(plan_by_one_worker, decomposition=plan_by_two_workers.decomposition)
     assert list_stored(states[0]) == list_stored(states[1])
     assert most_at_once[1] == 2
-    attempts = read_attempts(states[0], by_one)
+    attempts = read_attempts(states[0], plan_by_one_worker)
     assert sum(attempt["finished"] for attempt in attempts) >= 3
-    assert read_attempts(states[1], by_two) == attempts
+    assert read_attempts(states[1], plan_by_two_workers) == attempts

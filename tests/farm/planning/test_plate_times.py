@@ -32,8 +32,8 @@ def test_loads_move_only_between_equal_printers_without_delay(loads_s, factors, 
     takes = reassign_loads(loads_s, kinds, factors)
     assert sorted(takes) == sorted(takes.values()) == NAMES
     assert all(kinds[item] == kinds[other_item] for item, other_item in takes.items())
-    stays = {name: name for name in NAMES}
-    assert compute_makespan(loads_s, takes, factors) <= compute_makespan(loads_s, stays, factors)
+    unmoved_plates = {name: name for name in NAMES}
+    assert compute_makespan(loads_s, takes, factors) <= compute_makespan(loads_s, unmoved_plates, factors)
 
 
 def test_loads_stay_without_learned_factors():

@@ -133,8 +133,8 @@ def make_queued_job(number, **changes):
 def decide(jobs, fleet):
     """Decide on the jobs of a queue; return the orders and the holds."""
     moment = make_situation([], fleet)
-    desk = JobAdmission()
-    results = list(desk.decide(Books.from_entities(jobs), moment, Availability(moment.printers)))
+    admission = JobAdmission()
+    results = list(admission.decide(Books.from_entities(jobs), moment, Availability(moment.printers)))
     orders = [(item.job, item.printers) for item in results if isinstance(item, StartPlanning)]
     return orders, {item.job: item.hold for item in results if isinstance(item, HoldJob)}
 

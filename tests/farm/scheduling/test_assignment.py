@@ -140,14 +140,16 @@ def test_hold_names_the_reason_to_wait():
 
 def test_plate_is_moved_only_to_a_printer_with_enough_room():
     small_printer = make_printer("b", room=((-50.0, -50.0, 50.0, 50.0, 205.0),))
-    aside = Requirements("generic_pla", None, 0.4, (20.0, -20.0, 60.0, 20.0, 30.0))
+    small_bed_requirements = Requirements("generic_pla", None, 0.4, (20.0, -20.0, 60.0, 20.0, 30.0))
     assignments, holds = assign(
-        [make_plate("1/01", "a", requirements=aside)], [make_printer("a", booked=True), small_printer]
+        [make_plate("1/01", "a", requirements=small_bed_requirements)],
+        [make_printer("a", booked=True), small_printer],
     )
     assert assignments == []
     assert holds["1/01"].code is HoldCode.PRINTER_BUSY
     assignments, _ = assign(
-        [make_plate("1/01", "a", requirements=aside)], [make_printer("a", booked=True), make_printer("b")]
+        [make_plate("1/01", "a", requirements=small_bed_requirements)],
+        [make_printer("a", booked=True), make_printer("b")],
     )
     assert assignments[0].printer == "b"
 
@@ -168,7 +170,7 @@ def test_limit_on_printers_of_a_job_holds_for_any_fleet(waiting_plates, fleet, e
     assert len(assignments) <= extra_printers
 
 
-def test_earlier_jobs_plate_comes_before_a_longer_one_of_a_later_job():
+def test_plate_of_an_earlier_job_comes_before_a_longer_one_of_a_later_job():
     waiting_plates = [
         make_plate("1/01", "x", job=1, expected_s=60.0),
         make_plate("2/01", "x", job=2, expected_s=6000.0),

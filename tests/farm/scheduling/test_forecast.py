@@ -52,7 +52,7 @@ waiting = st.lists(
     max_size=8,
     unique_by=lambda p: p.id,
 )
-houses = st.builds(
+rule_sets = st.builds(
     make_rules,
     attended=st.sampled_from([(), ("08:00-18:00",), ("mon-fri 08:00-12:00", "13:00-17:00")]),
     quiet=st.sampled_from([(), ("22:00-06:00",), ("sat,sun 00:00-24:00",)]),
@@ -61,7 +61,7 @@ houses = st.builds(
 )
 
 
-@given(waiting, fleets, houses, st.floats(0, 7 * 24 * HOUR), st.randoms())
+@given(waiting, fleets, rule_sets, st.floats(0, 7 * 24 * HOUR), st.randoms())
 def test_forecast_keeps_its_invariants(plates, fleet, start_rules, after_s, random):
     now_s = MONDAY_S + after_s
     forecast_slots = forecast(plates, fleet, start_rules, now_s)

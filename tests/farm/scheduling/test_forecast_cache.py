@@ -11,8 +11,8 @@ from farm.scheduling.forecast_cache import ForecastCache
 from farm.scheduling.situation_builder import describe_plates
 
 
-class Scene:
-    """Books and a time; the made situations are counted."""
+class CachedForecast:
+    """Forecast cache on books and a clock that the test sets; counts the situations that are built."""
 
     scale = 2.0
 
@@ -34,23 +34,23 @@ class Scene:
 
 
 @pytest.fixture
-def scene():
-    return Scene()
+def cached_forecast():
+    return CachedForecast()
 
 
-def test_forecast_is_computed_again_after_changes_with_a_minimum_interval(scene):
-    first_s = scene.cache.find_ends()
+def test_forecast_is_computed_again_after_changes_with_a_minimum_interval(cached_forecast):
+    first_s = cached_forecast.cache.find_ends()
     # A bed is cleared between them.
     assert first_s.by_plate == {"1/01": 1100.0, "1/02": 1100.0 + 900.0 + 100.0} and first_s.at_s == 1000.0
-    scene.now_s = 1050.0
-    assert scene.cache.find_ends() is first_s
-    scene.move(1009.0, plates=1)  # 4.5 s of the wall later
-    assert scene.cache.find_ends() is first_s
-    scene.now_s = 1011.0
-    assert scene.cache.find_ends().by_plate == {"1/01": 1111.0}
-    scene.now_s = 1072.0  # no request for a minute
-    assert scene.cache.find_ends().by_plate == {"1/01": 1172.0}
-    assert scene.situations == 3
+    cached_forecast.now_s = 1050.0
+    assert cached_forecast.cache.find_ends() is first_s
+    cached_forecast.move(1009.0, plates=1)  # 4.5 s of the wall later
+    assert cached_forecast.cache.find_ends() is first_s
+    cached_forecast.now_s = 1011.0
+    assert cached_forecast.cache.find_ends().by_plate == {"1/01": 1111.0}
+    cached_forecast.now_s = 1072.0  # no request for a minute
+    assert cached_forecast.cache.find_ends().by_plate == {"1/01": 1172.0}
+    assert cached_forecast.situations == 3
 
 
 def run(steps):
@@ -58,36 +58,36 @@ def run(steps):
         pass
 
 
-def test_no_caller_waits_for_the_forecast_of_a_large_queue(scene, monkeypatch):
+def test_no_caller_waits_for_the_forecast_of_a_large_queue(cached_forecast, monkeypatch):
     monkeypatch.setattr(forecast_cache, "LARGE_QUEUE", 2)
-    cache = scene.cache
+    cache = cached_forecast.cache
     assert cache.find_ends().by_plate == {} and cache.find_ends().at_s == -math.inf  # not even for the first
     run(cache.find_background_work())
     first_s = cache.find_ends()
     assert first_s.at_s == 1000.0 and first_s.by_plate.keys() == {"1/01", "1/02"}
-    scene.move(1089.0, plates=3)
+    cached_forecast.move(1089.0, plates=3)
     assert cache.find_background_work() is None
-    scene.now_s = 1091.0
+    cached_forecast.now_s = 1091.0
     assert cache.find_ends() is first_s
     steps = cache.find_background_work()
     assert cache.find_ends() is first_s
     run(steps)
     second_ends = cache.find_ends()
     assert second_ends.at_s == 1091.0 and second_ends.by_plate.keys() == {"1/01", "1/02", "1/03"}
-    scene.move(1200.0, plates=2)
+    cached_forecast.move(1200.0, plates=2)
     steps = cache.find_background_work()
     cache.on_clock_set()
     run(steps)  # it was computed with the former hours
     assert cache.find_ends().at_s == -math.inf
 
 
-def test_forecast_of_a_queue_that_has_become_small_is_made_on_request(scene, monkeypatch):
+def test_forecast_of_a_queue_that_has_become_small_is_made_on_request(cached_forecast, monkeypatch):
     monkeypatch.setattr(forecast_cache, "LARGE_QUEUE", 2)
-    run(scene.cache.find_background_work())
-    scene.move(1200.0, plates=1)
-    assert scene.cache.find_background_work() is None
-    assert scene.cache.find_ends().by_plate.keys() == {"1/01"}
-    scene.move(1300.0, plates=2)
-    assert scene.cache.find_ends().at_s == 1200.0
-    run(scene.cache.find_background_work())
-    assert scene.cache.find_ends().at_s == 1300.0
+    run(cached_forecast.cache.find_background_work())
+    cached_forecast.move(1200.0, plates=1)
+    assert cached_forecast.cache.find_background_work() is None
+    assert cached_forecast.cache.find_ends().by_plate.keys() == {"1/01"}
+    cached_forecast.move(1300.0, plates=2)
+    assert cached_forecast.cache.find_ends().at_s == 1200.0
+    run(cached_forecast.cache.find_background_work())
+    assert cached_forecast.cache.find_ends().at_s == 1300.0

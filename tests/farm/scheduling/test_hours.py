@@ -67,8 +67,8 @@ def test_length_of_a_night_changes_with_daylight_saving():
 def test_window_edges_in_skipped_or_repeated_hours():
     skipped_span = hours("01:30-04:00").span(parse_time("2026-03-29 03:00"))
     assert skipped_span == (parse_time("2026-03-29 02:30"), parse_time("2026-03-29 04:00"))
-    twice = hours("00:30-01:30").span(parse_time("2026-10-25 01:10", fold=1))
-    assert twice == (parse_time("2026-10-25 00:30"), parse_time("2026-10-25 01:30", fold=1))
+    repeated_span = hours("00:30-01:30").span(parse_time("2026-10-25 01:10", fold=1))
+    assert repeated_span == (parse_time("2026-10-25 00:30"), parse_time("2026-10-25 01:30", fold=1))
     assert hours("01:15-01:45").span(parse_time("2026-03-29 02:20")) == (
         parse_time("2026-03-29 02:15"),
         parse_time("2026-03-29 02:45"),

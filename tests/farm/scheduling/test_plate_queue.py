@@ -1,4 +1,4 @@
-"""Queue of waiting plates: read by its jobs, it gives what all of its plates give."""
+"""Queue of waiting plates: summaries computed for each job equal those computed for each plate."""
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -31,7 +31,7 @@ plates = st.lists(
 
 
 @given(plates)
-def test_queue_gives_what_its_plates_give(waiting_plates):
+def test_summaries_of_a_queue_match_its_plates(waiting_plates):
     queue = PlateQueue.from_plates(waiting_plates)
     assert list(queue) == sorted(waiting_plates, key=lambda plate: plate.priority_key)
     assert len(queue) == len(waiting_plates) and bool(queue) is bool(waiting_plates)
@@ -46,7 +46,7 @@ def test_queue_gives_what_its_plates_give(waiting_plates):
 
 
 @given(plates, st.data())
-def test_queue_without_plates_is_that_of_the_others(waiting_plates, data):
+def test_queue_after_a_removal_equals_a_queue_of_the_other_plates(waiting_plates, data):
     removed = data.draw(st.sets(st.sampled_from(waiting_plates or [make_plate("x", "a")])))
     names = {plate.id for plate in removed}
     queue = PlateQueue.from_plates(waiting_plates)

@@ -58,14 +58,14 @@ def make_events(step, books, number):
 
 @settings(max_examples=50)
 @given(st.lists(STEPS, max_size=12), st.booleans())
-def test_cached_description_equals_a_new_one(steps, away):
+def test_cached_description_equals_a_new_one(steps, is_absent):
     books, builder = make_printing_books(plates=5), SituationBuilder(list_bed_boxes)
     for number, step in enumerate(steps):
         new_events = [] if books.jobs[1].state.ended else make_events(step, books, number)
         books, _ = apply_events(books, *new_events)
         snapshots = (
             {**READY_SNAPSHOTS, "b": READY_SNAPSHOTS["b"].model_copy(update={"link": Link.ABSENT})}
-            if away
+            if is_absent
             else READY_SNAPSHOTS
         )
         new_builder = SituationBuilder(list_bed_boxes)
@@ -75,15 +75,15 @@ def test_cached_description_equals_a_new_one(steps, away):
         assert find_plate_holds(books, books.jobs.values(), SECTIONS, 210.0, builder.may_hold_back) == holds
         all_values = find_plate_holds(books, books.jobs.values(), SECTIONS, 210.0, lambda *_: True)
         assert all_values == holds
-        away = not away
+        is_absent = not is_absent
 
 
 def test_firmware_with_an_unverified_dead_man_prints_only_attended():
-    real = PrinterSection(name="a", model="creality_ender3", port="/dev/ttyUSB0")
-    simulated_section = real.model_copy(update={"port": "sim://creality_ender3"})
-    plus = real.model_copy(update={"model": "ultimaker2_plus"})
+    real_section = PrinterSection(name="a", model="creality_ender3", port="/dev/ttyUSB0")
+    simulated_section = real_section.model_copy(update={"port": "sim://creality_ender3"})
+    plus_section = real_section.model_copy(update={"model": "ultimaker2_plus"})
     books, builder = make_printing_books(plates=1), SituationBuilder(list_bed_boxes)
-    fleets = [Fleet(printers=(item,)) for item in (real, simulated_section, plus)]
+    fleets = [Fleet(printers=(item,)) for item in (real_section, simulated_section, plus_section)]
     results = [builder.printers(fleet, books, {})[0] for fleet in fleets]
     assert [item.unattended for item in results] == [False, True, True]
     reason = "it is not verified that Marlin 2 switches the heaters off when its host dies"
@@ -96,9 +96,9 @@ def test_one_printer_is_described_as_among_all_unless_it_is_disabled():
     assert [builder.printer(FLEET, name, books, READY_SNAPSHOTS) for name in PRINTERS] == list(views)
     assert builder.printer(FLEET, "z", books, READY_SNAPSHOTS) is None
     disabled_section = SECTIONS[0].model_copy(update={"enabled": False})
-    smaller = FLEET.model_copy(update={"printers": (disabled_section, *SECTIONS[1:])})
-    assert builder.printer(smaller, "a", books, READY_SNAPSHOTS) is None
-    assert builder.printers(smaller, books, READY_SNAPSHOTS) == views[1:]
+    smaller_fleet = FLEET.model_copy(update={"printers": (disabled_section, *SECTIONS[1:])})
+    assert builder.printer(smaller_fleet, "a", books, READY_SNAPSHOTS) is None
+    assert builder.printers(smaller_fleet, books, READY_SNAPSHOTS) == views[1:]
 
 
 def test_only_changed_entities_are_described_again():

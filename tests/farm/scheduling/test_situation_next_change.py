@@ -17,7 +17,7 @@ TICK_S = 1200.0
 TICKS = 3 * 24 * 3  # three days
 FRIDAY = datetime(2026, 11, 20, 17, tzinfo=UTC).timestamp()
 
-houses = st.builds(
+rule_sets = st.builds(
     make_rules,
     attended=st.sampled_from([(), ("mon-fri 08:00-18:00",), ("08:00-10:00", "16:00-18:00")]),
     quiet=st.sampled_from([(), ("22:00-06:00",), ("sat 12:00-14:00",)]),
@@ -62,7 +62,7 @@ def start_plates(moment):
     return moment, starts
 
 
-@given(plates, fleets, houses)
+@given(plates, fleets, rule_sets)
 @settings(max_examples=60, deadline=None)
 def test_no_start_changes_before_the_next_change(waiting_plates, fleet, start_rules):
     eager = lazy = make_situation(waiting_plates, fleet, start_rules, FRIDAY)

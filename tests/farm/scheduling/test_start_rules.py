@@ -129,10 +129,8 @@ def test_start_is_allowed_until_the_latest_start(waiting_plates, fleet, start_ru
         if at_s is None:
             continue
         latest_s = start_rules.latest_start_s(plate_view, printer_view, at_s)
-        for within_s in (at_s, (at_s + min(latest_s, at_s + HOUR)) / 2, min(latest_s, at_s + HOUR) - 1e-3):
-            assert (
-                within_s < at_s or start_rules.find_start(plate_view, printer_view, within_s).at_s == within_s
-            )
+        for time_s in (at_s, (at_s + min(latest_s, at_s + HOUR)) / 2, min(latest_s, at_s + HOUR) - 1e-3):
+            assert time_s < at_s or start_rules.find_start(plate_view, printer_view, time_s).at_s == time_s
         if latest_s < math.inf:
             assert start_rules.find_start(plate_view, printer_view, latest_s + 1.0).at_s != latest_s + 1.0
         ends_by_s = start_rules.ends_by_s(printer_view, at_s)
@@ -181,20 +179,20 @@ def test_every_possible_start_is_made_in_any_order(waiting_plates, fleet, start_
     def can_start(plate_view, printer_view):
         return bool(assign([plate_view], [printer_view], start_rules, now_s)[0])
 
-    def count_most_starts(remaining_plates, printers_free):
+    def find_best_starts(remaining_plates, free_printers):
         if not remaining_plates:
             return ()
         first_plate, *other_plates = remaining_plates
-        options = [count_most_starts(other_plates, printers_free)]
+        options = [find_best_starts(other_plates, free_printers)]
         options += [
-            (first_plate.id, *count_most_starts(other_plates, printers_free - {p}))
-            for p in printers_free
+            (first_plate.id, *find_best_starts(other_plates, free_printers - {p}))
+            for p in free_printers
             if can_start(first_plate, p)
         ]
         return max(options, key=lambda ids: [p.id in ids for p in remaining_plates])
 
     ordered_plates = sorted(waiting_plates, key=lambda p: p.priority_key)
-    assert {a.plate for a in assignments} == set(count_most_starts(ordered_plates, frozenset(fleet)))
+    assert {a.plate for a in assignments} == set(find_best_starts(ordered_plates, frozenset(fleet)))
 
 
 def test_planned_printer_is_never_a_spare():

@@ -202,10 +202,10 @@ class RandomNight(RuleBasedStateMachine):
     @rule(data=st.data(), repeated=st.booleans())
     def cancel_or_reprint(self, data, repeated):
         plate = self.books.plates[data.draw(st.sampled_from(sorted(self.books.plates)))]
-        stands = self.books.plate_state(plate)
-        if repeated and stands not in (PlateState.WAITING, PlateState.PRINTING):
+        state = self.books.plate_state(plate)
+        if repeated and state not in (PlateState.WAITING, PlateState.PRINTING):
             self.happen(ev.ReprintRequested(at_s=self.now, plate=plate.id, why="more", by="ann"))
-        elif not repeated and stands is not PlateState.CANCELLED:
+        elif not repeated and state is not PlateState.CANCELLED:
             self.happen(ev.PlateCancelled(at_s=self.now, plate=plate.id, by="ann"))
 
     @rule(printer=st.sampled_from(PRINTERS))
@@ -250,17 +250,17 @@ class RandomNight(RuleBasedStateMachine):
     @invariant()
     def check_no_plate_is_lost(self):
         for item in self.books.jobs.values():
-            stand = {self.books.plate_state(plate) for plate in self.books.plates_of(item)}
-            is_coming = bool(stand & {PlateState.WAITING, PlateState.PRINTING})
+            states = {self.books.plate_state(plate) for plate in self.books.plates_of(item)}
+            is_coming = bool(states & {PlateState.WAITING, PlateState.PRINTING})
             match item.state:
                 case JobState.PRINTING:
                     assert is_coming
                 case JobState.PRINTED:
-                    assert not is_coming and PlateState.PRINTED in stand
+                    assert not is_coming and PlateState.PRINTED in states
                 case JobState.DONE:
-                    assert PlateState.GOOD in stand and stand <= {PlateState.GOOD, PlateState.CANCELLED}
+                    assert PlateState.GOOD in states and states <= {PlateState.GOOD, PlateState.CANCELLED}
                 case JobState.FAILED:
-                    assert not is_coming and PlateState.OUT_OF_ATTEMPTS in stand
+                    assert not is_coming and PlateState.OUT_OF_ATTEMPTS in states
                 case JobState.CANCELLED:
                     assert not is_coming
 

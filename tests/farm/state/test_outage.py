@@ -45,10 +45,10 @@ def test_losses_within_the_window_are_one_outage_without_attempts():
 def test_outage_window_covers_reporting_delays_on_a_fast_clock():
     assert [compute_outage_window_s(scale) for scale in (1.0, 5.0, 300.0)] == [WINDOW_S, WINDOW_S, 300.0]
     second_loss = lose_printer("b", 250.0)  # half a wall second after the other
-    real, _ = apply_events(
+    books_with_real_printers, _ = apply_events(
         make_printing_books(), *make_assigned_events(*TWO_PLATES), lose_printer("a", 100.0), second_loss
     )
-    assert real.outage is None
+    assert books_with_real_printers.outage is None
     fast = replace(make_printing_books(), outage_window_s=compute_outage_window_s(300.0))
     fast, _ = apply_events(fast, *make_assigned_events(*TWO_PLATES), lose_printer("a", 100.0), second_loss)
     assert fast.outage.printers == ("a", "b")
@@ -94,8 +94,8 @@ def test_group_of_lost_printers_is_the_same_for_each(times_s):
         assert name in group
         assert all(groups[other_name] == group for other_name in group)
     gaps = sorted(times_s)
-    wide = sum(next_s - previous_s > WINDOW_S for previous_s, next_s in itertools.pairwise(gaps))
-    assert len(set(groups.values())) == wide + 1
+    wide_gap_count = sum(next_s - previous_s > WINDOW_S for previous_s, next_s in itertools.pairwise(gaps))
+    assert len(set(groups.values())) == wide_gap_count + 1
 
 
 def test_failure_before_an_outage_stays_charged():

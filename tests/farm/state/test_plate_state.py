@@ -185,7 +185,7 @@ def test_maintenance_lasts_until_ended_by_a_person():
 
 
 def test_unconfirmed_print_cancelled_elsewhere_has_failed():
-    """Cancel an agent before it reported the start: a person has to check the bed."""
+    """Cancel a print before its agent reports the start: a person has to check the bed."""
     assigned_event = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
     books, _ = apply_events(
         make_printing_books(1),

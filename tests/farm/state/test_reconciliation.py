@@ -18,7 +18,7 @@ from farm.state.reconciliation import (
 
 
 def test_manual_use_makes_bed_and_filament_unknown():
-    message = AgentSnapshot(
+    snapshot = AgentSnapshot(
         printer="a",
         link=Link.READY,
         bed_clear=True,
@@ -26,29 +26,31 @@ def test_manual_use_makes_bed_and_filament_unknown():
         bed_unknown_reason="its board was reset, but not by the farm",
     )
     books, _ = apply_events(
-        make_printing_books(), *observe_idle_printer(make_printing_books().printers["a"], message, 5.0)
+        make_printing_books(), *observe_idle_printer(make_printing_books().printers["a"], snapshot, 5.0)
     )
     printer = books.printers["a"]
     assert (printer.bed, printer.filament) == (Bed.UNKNOWN, FilamentState.UNKNOWN)
     assert "reset" in printer.attention_reason
-    assert list(observe_idle_printer(printer, message, 6.0)) == []
+    assert list(observe_idle_printer(printer, snapshot, 6.0)) == []
     # Not even an emulator's report replaces the inspection.
     assert (
-        list(observe_idle_printer(printer, message.model_copy(update={"bed_unknown_reason": None}), 7.0))
+        list(observe_idle_printer(printer, snapshot.model_copy(update={"bed_unknown_reason": None}), 7.0))
         == []
     )
 
 
 def test_agent_that_was_started_again_knows_the_filament_but_not_the_bed():
-    message = AgentSnapshot(
+    first_snapshot = AgentSnapshot(
         printer="a",
         link=Link.READY,
         filament=FilamentState.UNKNOWN,
         bed_unknown_reason="it was not watched before its agent was started",
     )
-    expected_snapshot = message.model_copy(update={"filament": FilamentState.PARKED})
+    expected_snapshot = first_snapshot.model_copy(update={"filament": FilamentState.PARKED})
     books = make_printing_books()
-    for at_s, snapshot in enumerate((message, expected_snapshot, expected_snapshot, expected_snapshot)):
+    for at_s, snapshot in enumerate(
+        (first_snapshot, expected_snapshot, expected_snapshot, expected_snapshot)
+    ):
         books, _ = apply_events(books, *observe_idle_printer(books.printers["a"], snapshot, float(at_s)))
     printer = books.printers["a"]
     assert (printer.bed, printer.filament) == (Bed.UNKNOWN, FilamentState.PARKED)
@@ -60,17 +62,17 @@ def test_agent_that_was_started_again_knows_the_filament_but_not_the_bed():
 
 
 def test_bed_of_an_emulator_is_used_only_if_unknown():
-    message = AgentSnapshot(printer="a", link=Link.READY, bed_clear=True, filament=FilamentState.PARKED)
+    snapshot = AgentSnapshot(printer="a", link=Link.READY, bed_clear=True, filament=FilamentState.PARKED)
     books, _ = apply_events(Books(), *make_fleet_events(Bed.UNKNOWN))
-    books, _ = apply_events(books, *observe_idle_printer(books.printers["a"], message, 5.0))
+    books, _ = apply_events(books, *observe_idle_printer(books.printers["a"], snapshot, 5.0))
     assert books.printers["a"].bed is Bed.CLEAR
-    assert list(observe_idle_printer(books.printers["a"], message, 6.0)) == []
+    assert list(observe_idle_printer(books.printers["a"], snapshot, 6.0)) == []
 
 
 def test_real_printer_does_not_report_its_bed():
-    message = AgentSnapshot(printer="a", link=Link.READY, filament=FilamentState.PARKED)
+    snapshot = AgentSnapshot(printer="a", link=Link.READY, filament=FilamentState.PARKED)
     books, _ = apply_events(Books(), *make_fleet_events(Bed.UNKNOWN))
-    assert list(observe_idle_printer(books.printers["a"], message, 5.0)) == []
+    assert list(observe_idle_printer(books.printers["a"], snapshot, 5.0)) == []
 
 
 def report(print_id="x", state=PrintState.PRINTING, link=Link.BUSY, **changes):
@@ -83,8 +85,8 @@ def report(print_id="x", state=PrintState.PRINTING, link=Link.BUSY, **changes):
         "started_s": 2.0,
         "ended_s": None,
     }
-    message = AgentPrint(print_id=print_id, state=state, **{**facts, **changes})
-    return AgentSnapshot(printer="a", link=link, filament=FilamentState.PARKED, print=message)
+    agent_print = AgentPrint(print_id=print_id, state=state, **{**facts, **changes})
+    return AgentSnapshot(printer="a", link=link, filament=FilamentState.PARKED, print=agent_print)
 
 
 def make_assigned_books():
@@ -126,9 +128,9 @@ def make_idle_snapshot(link=Link.READY, pid=9, **changes):
 def test_cancelled_print_ends_when_its_agent_confirms():
     """Wait for the confirmation: the start may be in transit together with an older snapshot."""
     books, _ = apply_events(make_assigned_books(), ev.JobCancelled(at_s=3.0, job=1))
-    stop = ev.SendCancel(print_id="x", printer="a", reason=books.prints["x"].cancel_reason)
+    cancel_instruction = ev.SendCancel(print_id="x", printer="a", reason=books.prints["x"].cancel_reason)
     assert list(reconcile_print(books.prints["x"], make_idle_snapshot(), 4.0)) == []
-    assert list(list_pending_instructions(books.prints["x"], make_idle_snapshot())) == [stop]
+    assert list(list_pending_instructions(books.prints["x"], make_idle_snapshot())) == [cancel_instruction]
     # no agent would receive it
     assert list(list_pending_instructions(books.prints["x"], make_idle_snapshot(Link.STARTING))) == []
     assert (
@@ -150,22 +152,25 @@ def test_unstartable_print_is_reassigned_after_its_agent_confirms(link):
     assert [plate.id for plate in books.waiting_plates()] == ["1/02"]
     assert list(reconcile_print(books.prints["x"], stale_snapshot, 4.0)) == []
     # It started nevertheless and is ended: its plate is free again, without a charged attempt.
-    began, _ = apply_events(
+    started_books, _ = apply_events(
         books, *reconcile_print(books.prints["x"], report(state=PrintState.HEATING, extruded=False), 5.0)
     )
     assert [
-        type(item) for item in list_pending_instructions(began.prints["x"], report(state=PrintState.HEATING))
+        type(item)
+        for item in list_pending_instructions(started_books.prints["x"], report(state=PrintState.HEATING))
     ] == [ev.SendCancel]
     last_report = report(state=PrintState.CANCELLED, link=Link.READY, extruded=False, ended_s=9.0)
-    began, _ = apply_events(began, *reconcile_print(began.prints["x"], last_report, 9.0))
-    assert began.prints["x"].state is PrintState.CANCELLED
+    started_books, _ = apply_events(
+        started_books, *reconcile_print(started_books.prints["x"], last_report, 9.0)
+    )
+    assert started_books.prints["x"].state is PrintState.CANCELLED
     # Or it never started.
     books, _ = apply_events(
         books, *reconcile_print(books.prints["x"], make_idle_snapshot(link, acknowledged_cancel="x"), 5.0)
     )
     assert books.prints["x"].state is PrintState.CANCELLED
     assert books.printers["a"].bed is Bed.CLEAR
-    for entry in (books, began):
+    for entry in (books, started_books):
         assert [plate.id for plate in entry.waiting_plates()] == ["1/01", "1/02"]
 
 
@@ -195,11 +200,11 @@ def test_restored_books_adopt_the_print_of_an_agent(state):
     assert (
         list(list_pending_instructions(books.prints["a"], make_idle_snapshot())) == []
     )  # it is not begun (again)
-    message = report("a")
-    books, instructions = apply_events(books, *reconcile_print(books.prints["a"], message, 51.0))
-    assert (instructions, list(list_pending_instructions(books.prints["a"], message))) == ([], [])
+    snapshot = report("a")
+    books, instructions = apply_events(books, *reconcile_print(books.prints["a"], snapshot, 51.0))
+    assert (instructions, list(list_pending_instructions(books.prints["a"], snapshot))) == ([], [])
     assert (books.prints["a"].state, books.prints["a"].restored) == (PrintState.PRINTING, False)
-    assert list(reconcile_print(books.prints["a"], message, 52.0)) == []
+    assert list(reconcile_print(books.prints["a"], snapshot, 52.0)) == []
     last_report = report("a", state=PrintState.DONE, link=Link.READY, ended_s=90.0)
     books, _ = apply_events(books, *reconcile_print(books.prints["a"], last_report, 100.0))
     assert books.plate_state(books.plates["1/01"]) is PlateState.PRINTED
@@ -211,8 +216,8 @@ def test_restored_books_adopt_the_print_of_an_agent(state):
 def test_print_unknown_to_its_agent_is_no_outage_and_no_attempt():
     books = restore_books(PrintState.PRINTING, PrintState.PRINTING)
     for name in "ab":
-        message = make_idle_snapshot().model_copy(update={"printer": name})
-        books, _ = apply_events(books, *reconcile_print(books.prints[name], message, 51.0))
+        snapshot = make_idle_snapshot().model_copy(update={"printer": name})
+        books, _ = apply_events(books, *reconcile_print(books.prints[name], snapshot, 51.0))
     assert books.outage is None
     assert {(p.state, p.charged) for p in books.prints.values()} == {(PrintState.FAILED, False)}
     assert "check what became of it" in books.printers["a"].attention_reason
@@ -231,8 +236,8 @@ def test_print_ended_in_the_books_is_cancelled_at_its_agent():
     heating_report = report(state=PrintState.HEATING, extruded=False)
     instructions = list(handle_unknown_print(books.printers["a"], books.prints["x"], heating_report, 4.0))
     assert [type(item) for item in instructions] == [ev.SendCancel]
-    for message in (report(), report(state=PrintState.CANCELLED, link=Link.READY, ended_s=9.0)):
-        unknown_bed_books, _ = handle_unknown_print(books.printers["a"], books.prints["x"], message, 4.0)
+    for snapshot in (report(), report(state=PrintState.CANCELLED, link=Link.READY, ended_s=9.0)):
+        unknown_bed_books, _ = handle_unknown_print(books.printers["a"], books.prints["x"], snapshot, 4.0)
         assert (
             apply_events(books, unknown_bed_books)[0].printers["a"].bed is Bed.UNKNOWN
         )  # the bed is no longer clear
@@ -287,13 +292,13 @@ def test_cancelled_print_is_not_paused():
 
 @pytest.mark.parametrize("known_fields", ["bed", "filament"])
 def test_emulator_provides_the_unknown_bed_or_filament(known_fields):
-    message = AgentSnapshot(printer="a", link=Link.READY, bed_clear=True, filament=FilamentState.PARKED)
+    snapshot = AgentSnapshot(printer="a", link=Link.READY, bed_clear=True, filament=FilamentState.PARKED)
     unknown = {"bed": Bed.UNKNOWN, "filament": FilamentState.UNKNOWN}
     unknown[known_fields] = Bed.NOT_CLEAR if known_fields == "bed" else FilamentState.AT_NOZZLE
     printer = Printer(name="a", **unknown)
-    (event,) = observe_idle_printer(printer, message, 5.0)
+    (event,) = observe_idle_printer(printer, snapshot, 5.0)
     books, _ = apply_events(Books.from_entities([printer]), event)
-    took = books.printers["a"]
+    printer = books.printers["a"]
     bed = Bed.NOT_CLEAR if known_fields == "bed" else Bed.CLEAR
     filament = FilamentState.AT_NOZZLE if known_fields == "filament" else FilamentState.PARKED
-    assert (took.bed, took.filament) == (bed, filament)
+    assert (printer.bed, printer.filament) == (bed, filament)

@@ -35,7 +35,7 @@ def books():
     return put(books, *parts, replace_fields(books.jobs[1], assembly_s=3600.0))
 
 
-def describe(books, now_s=10.0):
+def make_context(books, now_s=10.0):
     snapshots = {name: AgentSnapshot(printer=name, link=Link.READY) for name in PRINTERS}
     return ViewContext(FLEET, books, snapshots, StateFolder(Path("/state")), now_s)
 
@@ -48,7 +48,7 @@ def print_parts(books):
 
 
 def test_parts_are_listed_in_the_order_of_gluing(books):
-    view = describe_job(describe(books), books.jobs[1])
+    view = describe_job(make_context(books), books.jobs[1])
     assert [part.id for part in view.parts] == ["1/p01", "1/p02", "1/p03"]
     assert [part.id for part in view.parts_by_use] == ["1/p03", "1/p01", "1/p02"]
     console = Console(width=140, record=True, file=io.StringIO())
@@ -58,7 +58,7 @@ def test_parts_are_listed_in_the_order_of_gluing(books):
 
 
 def test_beds_are_cleared_in_the_order_of_gluing(books):
-    [task] = [item for item in list_tasks(describe(print_parts(books), 300.0)) if item.code == "clear"]
+    [task] = [item for item in list_tasks(make_context(print_parts(books), 300.0)) if item.code == "clear"]
     assert task.printers == ["c", "a", "b"]
     assert task.brief == "c (1/p03) a (1/p01) b (1/p02)"
     assert task.text.startswith(f"clear 3 beds: {task.brief}, then")
@@ -66,24 +66,24 @@ def test_beds_are_cleared_in_the_order_of_gluing(books):
 
 def test_time_from_submission_to_assembled_is_foreseen_then_measured(books):
     books = print_parts(books)
-    view = describe_job(describe(books, 300.0), books.jobs[1])
+    view = describe_job(make_context(books, 300.0), books.jobs[1])
     assert (view.assembly_s, view.glued) == (3600.0, False)
     assert view.submitted_to_assembled_s == pytest.approx(203.0 + 3600.0)
     assert ("assembly, expected", "1h00") in list_figures(view)
     books, _ = apply_events(books, ev.JobAssembled(at_s=5000.0, job=1, minutes=50.0, by="ann"))
-    view = describe_job(describe(books, 6000.0), books.jobs[1])
+    view = describe_job(make_context(books, 6000.0), books.jobs[1])
     assert (view.assembly_s, view.glued, view.submitted_to_assembled_s) == (3000.0, True, 5000.0)
     assert ("assembly", "50 min") in list_figures(view)
 
 
 def test_gluing_is_in_the_lists_of_jobs_and_prints_once_it_is_reported(books):
     books = print_parts(books)
-    context = describe(books, 300.0)
+    context = make_context(books, 300.0)
     assert [row.assembled for row in (*list_jobs(context, None, 9), *list_history(context))] == [None] * 4
     [outcome] = describe_history(context, HistoryFilter()).jobs
     assert (outcome.assembled, outcome.assembly_s, outcome.assembly_expected_s) == (None, None, 3600.0)
     books, _ = apply_events(books, ev.JobAssembled(at_s=5000.0, job=1, minutes=50.0, by="ann"))
-    context = describe(books, 6000.0)
+    context = make_context(books, 6000.0)
     rows = [
         *list_jobs(context, None, 9),
         *list_history(context),
@@ -99,15 +99,15 @@ def test_reported_times_correct_those_expected_of_a_later_job(books):
         update={"assembly_s": 1000.0, "state": JobState.PRINTED, "ended_s": 400.0}
     )
     books = put(print_parts(books), later_job)
-    assert describe_job(describe(books), books.jobs[2]).assembly_s == pytest.approx(1000.0)
+    assert describe_job(make_context(books), books.jobs[2]).assembly_s == pytest.approx(1000.0)
     books, _ = apply_events(
         books, ev.JobAssembled(at_s=5000.0, job=1, minutes=90.0, by="ann")
     )  # expected: an hour
-    assert describe_job(describe(books), books.jobs[2]).assembly_s == pytest.approx(1250.0)
+    assert describe_job(make_context(books), books.jobs[2]).assembly_s == pytest.approx(1250.0)
 
 
 def test_page_of_a_job_names_its_instructions(books):
-    view = describe_job(describe(print_parts(books), 300.0), print_parts(books).jobs[1])
+    view = describe_job(make_context(print_parts(books), 300.0), print_parts(books).jobs[1])
     console = Console(width=140, record=True, file=io.StringIO())
     console.print(render_job(view))
     assert f"steps, codes and pins to glue it: {view.folder}/instructions.html" in console.export_text()
@@ -126,7 +126,7 @@ def test_other_jobs_take_as_long_as_people_reported():
     assert measure_assembly(make_job(), 50.0, 1.0).work_s is None
 
 
-def test_of_plates_that_take_as_long_the_one_glued_first_is_served_first(books):
+def test_first_glued_of_equally_long_plates_is_served_first(books):
     def serve(*expected_s):
         plates = [
             plate.model_copy(update={"expected_s": seconds})

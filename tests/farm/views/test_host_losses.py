@@ -87,13 +87,13 @@ def test_no_loss_joins_a_notice_that_was_sent(at_s):
     names, sent_keys = [f"pc-{number}" for number in range(len(at_s))], set()
     fleet = make_fleet(names, printers_each=1)
     books = make_fleet_books(fleet)
-    for host, lost_s in zip(names, sorted(at_s), strict=True):
-        books, _ = apply_events(books, make_loss(fleet, host, lost_s))
+    for host, lost_at_s in zip(names, sorted(at_s), strict=True):
+        books, _ = apply_events(books, make_loss(fleet, host, lost_at_s))
         loss = books.printer(f"{host}-1").host_loss
         assert f"hosts {loss.at_s:.0f}" in {
             due.key for due in list_due_notices(books, LATER_S, 0.0, sent_keys)
         }
-        sent_keys |= {notice.key for notice in list_due_notices(books, lost_s, 0.0, sent_keys)}
+        sent_keys |= {notice.key for notice in list_due_notices(books, lost_at_s, 0.0, sent_keys)}
 
 
 def test_a_loss_just_after_a_notice_has_its_own():

@@ -55,7 +55,7 @@ def test_route_without_a_role_is_not_served(farm):
         f"{NETWORK_PREFIX}/jobs/1/x",
     ):
         assert farm.ask("GET", path, operator).status_code == 404, path
-    assert farm.went_down == []
+    assert farm.shutdowns == []
 
 
 def list_callers(farm, needed_role):
@@ -94,7 +94,7 @@ OTHER_SITES = (
 
 
 @pytest.mark.parametrize(("method", "path"), ROLES)
-def test_route_for_every_kind_of_caller(farm, method, path):
+def test_route_answers_each_kind_of_caller_by_its_role(farm, method, path):
     needed_role, path_filled = ROLES[method, path], fill(path)
     callers = list(list_callers(farm, needed_role))
 
@@ -114,8 +114,8 @@ def test_route_for_every_kind_of_caller(farm, method, path):
     if method == "POST":
         for headers in operator_headers:
             for site in OTHER_SITES:
-                without = {name: value for name, value in headers.items() if name != "origin"}
-                assert ask(without | site) == 403, site
+                headers_without_origin = {name: value for name, value in headers.items() if name != "origin"}
+                assert ask(headers_without_origin | site) == 403, site
         assert (
             ask({"cookie": operator_headers[1]["cookie"]}) == 403
         )  # no browser sends a form without its origin

@@ -15,7 +15,7 @@ from farm.web.access import ROLES
 from farms.network_farm import NetworkFarm
 
 CONCURRENT_CLIENTS = 8
-PATIENCE_S = 20.0
+TIME_LIMIT_S = 20.0
 ANSWER_S = 5.0
 
 
@@ -44,7 +44,7 @@ async def fuzz(farm, requests):
 
     await asyncio.gather(*(work() for _ in range(CONCURRENT_CLIENTS)))
     server.should_exit = True
-    await asyncio.wait_for(serve_task, PATIENCE_S)
+    await asyncio.wait_for(serve_task, TIME_LIMIT_S)
     listener.close()
     return answers
 
@@ -93,7 +93,7 @@ def test_requests_with_every_role_do_not_fail(farm):
         for request, statuses in answers
     )
     assert 0 < len(farm.store.events()) - events <= 5 * change_count
-    assert farm.went_down == [] and not list(farm.state.work.iterdir())
+    assert farm.shutdowns == [] and not list(farm.state.work.iterdir())
 
 
 def test_a_stream_is_read_until_its_first_event():
@@ -112,6 +112,6 @@ def test_a_stream_is_read_until_its_first_event():
             port = server.sockets[0].getsockname()[1]
             data = b"GET /live HTTP/1.1\r\nHost: localhost\r\n\r\n"
             request = FuzzedRequest(data, "look", "GET", "/live", intact=True)
-            return await asyncio.wait_for(send(port, request), PATIENCE_S)
+            return await asyncio.wait_for(send(port, request), TIME_LIMIT_S)
 
     assert 200 in asyncio.run(ask())

@@ -72,4 +72,4 @@ def test_generated_requests_get_answers_that_match_the_description(farm, mode):
         with suppress(Unsatisfiable):  # a route without parameters has no invalid request
             ask()
             requested_routes.add(operation.path)
-    assert len(requested_routes) > 15 and farm.went_down == []
+    assert len(requested_routes) > 15 and farm.shutdowns == []

@@ -86,8 +86,8 @@ def test_cookie_over_https_is_secure_and_of_this_host_alone(tmp_path, web):
     assert {"secure", "path=/"} <= attributes
     assert not any(attribute.startswith("domain") for attribute in attributes)
     assert farm.browse("GET", "/", text).status_code == 200
-    without_prefix = {"cookie": f"farm-8467={text}"}
-    assert farm.ask("GET", "/", headers=without_prefix).status_code == 401
+    headers_without_prefix = {"cookie": f"farm-8467={text}"}
+    assert farm.ask("GET", "/", headers=headers_without_prefix).status_code == 401
     farm.store.close()
 
 
@@ -102,10 +102,10 @@ def test_logging_out_ends_the_session_and_forgets_the_cookie(farm):
     assert "max-age=0" in read_cookie(answer)[1]
     kind, body = farm.read_last_event()
     assert (kind, json.loads(body)["by"]) == ("KeyRevoked", "ann")
-    ended = farm.browse("GET", "/", text)
-    assert ended.status_code == 401
-    assert "farm web" in ended.text
-    assert "max-age=0" in read_cookie(ended)[1]
+    answer = farm.browse("GET", "/", text)
+    assert answer.status_code == 401
+    assert "farm web" in answer.text
+    assert "max-age=0" in read_cookie(answer)[1]
     key = farm.add(Role.LOOK).text
     assert farm.ask("POST", "/logout", key).status_code == 409
     assert farm.ask("GET", "/", key).status_code == 200
@@ -259,8 +259,8 @@ def test_session_does_no_more_than_its_user_may_now(farm):
     )
     assert "ann (print)" in farm.browse("GET", "/", text).text
     farm.user_roles["ann"] = None
-    gone = farm.browse("GET", "/", text)
-    assert (gone.status_code, "this host no longer has a user ann" in gone.text) == (403, True)
+    answer = farm.browse("GET", "/", text)
+    assert (answer.status_code, "this host no longer has a user ann" in answer.text) == (403, True)
     farm.user_roles["ann"] = Role.OPERATE  # as after a failure of the user database
     assert farm.browse("POST", CLEARED_PATH, text, json={}).status_code == 200
 

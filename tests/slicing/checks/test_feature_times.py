@@ -78,7 +78,7 @@ def test_file_without_times_has_no_features():
     assert astuple(measure_feature_times(path, LIMITS)) == (0.0,) * 5
 
 
-def test_features_are_those_of_the_firmwares_planner(request_for):
+def test_features_are_those_of_the_planner_of_the_firmware(request_for):
     model = trimesh.boolean.difference([trimesh.creation.box((30, 20, 6)), trimesh.creation.cylinder(6, 20)])
     result = slice_plate(request_for(model))
     path = read_toolpath(result.gcode.read_bytes())

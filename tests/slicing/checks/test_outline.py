@@ -46,12 +46,12 @@ def draw_gcode(layers, lines=LINES):
     for number, paths in enumerate(layers):
         text += [f";LAYER:{number}", ";TYPE:WALL-OUTER"]
         height = lines.compute_top_mm(number)
-        thick = lines.layer_height_mm if number else lines.layer_height_0_mm
+        layer_mm = lines.layer_height_mm if number else lines.layer_height_0_mm
         for points in paths:
             points = np.asarray(points)[:, :2] + 100.0
             text.append(f"G0 F9000 X{points[0][0]:.3f} Y{points[0][1]:.3f} Z{height:.3f}")
             for start, end_points in pairwise(points):
-                fed_mm += np.hypot(*(end_points - start)) * lines.width_mm * thick / MM2
+                fed_mm += np.hypot(*(end_points - start)) * lines.width_mm * layer_mm / MM2
                 text.append(f"G1 F1800 X{end_points[0]:.3f} Y{end_points[1]:.3f} E{fed_mm:.5f}")
     return "\n".join(text).encode()
 
@@ -60,7 +60,7 @@ def count_layers(mesh, lines=LINES):
     return round((mesh.extents[2] - lines.layer_height_0_mm) / lines.layer_height_mm) + 1
 
 
-def circle(radius_mm):
+def make_circle(radius_mm):
     angles = np.arange(64) * 2 * np.pi / 64
     return shapely.Polygon(radius_mm * np.column_stack((np.cos(angles), np.sin(angles))))
 
@@ -68,8 +68,8 @@ def circle(radius_mm):
 RECTANGLE = shapely.box(-15, -10, 15, 10)
 SHAPES = {
     id(BOX): lambda z_mm: RECTANGLE,
-    id(TUBE): lambda z_mm: RECTANGLE.difference(circle(5)),
-    id(CONE): lambda z_mm: circle(15 - 0.75 * z_mm),
+    id(TUBE): lambda z_mm: RECTANGLE.difference(make_circle(5)),
+    id(CONE): lambda z_mm: make_circle(15 - 0.75 * z_mm),
     id(FIN): lambda z_mm: RECTANGLE if z_mm < 6 else shapely.box(3.85, -6, 4.15, 6),
 }
 
@@ -98,20 +98,20 @@ def test_wall_along_the_outline_passes(mesh):
         [np.asarray(ring)[::-1] for ring in layer] for layer in layers
     ]  # the direction of Cura 5
     assert check(mesh, reversed_layers) == ()
-    inside_out = mesh.copy()
-    inside_out.invert()
-    assert check(inside_out, layers) == ()
+    inverted_mesh = mesh.copy()
+    inverted_mesh.invert()
+    assert check(inverted_mesh, layers) == ()
 
 
 def test_model_is_grown_as_the_settings_say():
     lines = replace(LINES, offset_mm=0.4, offset_0_mm=-0.3)
-    grown = [
+    grown_layers = [
         list(draw_rings(shape.buffer(0.4 if number else -0.3, join_style="mitre")))
         for number, shape in enumerate(list_shapes(BOX))
     ]
-    assert check(BOX, grown, lines) == ()
+    assert check(BOX, grown_layers, lines) == ()
     with pytest.raises(SliceRejected, match="layer 0"):
-        check(BOX, grown)
+        check(BOX, grown_layers)
 
 
 def break_layer(change):

@@ -39,8 +39,8 @@ def test_time_is_distributed_by_the_duration_of_moves():
 
 
 def test_file_without_times_is_unchanged():
-    bare = TWO_LAYERS.replace(b";TIME_ELAPSED", b";NOTHING")
-    assert add_times(bare, read_toolpath(bare)) == bare
+    untimed_gcode = TWO_LAYERS.replace(b";TIME_ELAPSED", b";NOTHING")
+    assert add_times(untimed_gcode, read_toolpath(untimed_gcode)) == untimed_gcode
 
 
 def compute_start_times_s(path):
@@ -56,7 +56,7 @@ def compute_start_times_s(path):
     return np.array(times_s)
 
 
-def test_times_within_layers_are_those_of_the_firmwares_planner(request_for):
+def test_times_within_layers_are_those_of_the_planner_of_the_firmware(request_for):
     model = trimesh.boolean.difference([trimesh.creation.box((30, 20, 6)), trimesh.creation.cylinder(6, 20)])
     result = slice_plate(request_for(model))
     with result.gcode.open("rb") as lines:
@@ -74,9 +74,11 @@ def test_times_within_layers_are_those_of_the_firmwares_planner(request_for):
     planned_s = compute_start_times_s(path)
     first_move = next(comment.move for comment in path.comments if comment.text.startswith("LAYER:"))
     # A move begins when the queue has accepted as many more moves as fit into it.
-    began = planned_s[CAPACITY:] - planned_s[first_move + CAPACITY]
+    expected_times_s = planned_s[CAPACITY:] - planned_s[first_move + CAPACITY]
     marks = [(n.move, float(n.text[13:])) for n in path.comments if n.text.startswith("TIME_ELAPSED:")]
-    error_s = np.array([seconds - began[move] for move, seconds in marks if move < len(began)])
+    error_s = np.array(
+        [seconds - expected_times_s[move] for move, seconds in marks if move < len(expected_times_s)]
+    )
     assert len(error_s) > 100
     assert np.abs(error_s).max() < 0.01 * result.sliced_s
     assert np.abs(error_s - np.median(error_s)).mean() < 0.001 * result.sliced_s

@@ -255,8 +255,8 @@ def test_progress_has_marks_from_the_stopwatch_not_from_the_file():
 
 
 def test_slow_layer_has_more_than_one_mark():
-    slow = [line.replace("F1800", "F30") for line in make_marlin()]
-    assert len(check_rules(accept(slow)).timeline) > 6
+    slow_gcode = [line.replace("F1800", "F30") for line in make_marlin()]
+    assert len(check_rules(accept(slow_gcode)).timeline) > 6
 
 
 def test_type_comments_are_kept():

@@ -137,24 +137,24 @@ STYLES = {
 def test_output_of_cura_is_accepted(model, style, engine, settings_of, tmp_path):
     stl, settings_by_scope = tmp_path / "model.stl", settings_of()
     stl.write_bytes(write_stl_bytes(MODELS[model]))
-    settings_reported = [
+    stacks = [
         {**settings, **STYLES[style]} for settings in (settings_by_scope.global_, settings_by_scope.extruder)
     ]
-    result = run_engine(engine, stl, *settings_reported, EngineLimits(200, 60.0))
+    result = run_engine(engine, stl, *stacks, EngineLimits(200, 60.0))
     check_rules(accept(result.gcode.splitlines(keepends=True)))
 
 
-@pytest.mark.parametrize(("apart_mm", "clear"), [(150.0, True), (25.0, False)])
+@pytest.mark.parametrize(("distance_mm", "is_accepted"), [(150.0, True), (25.0, False)])
 def test_one_at_a_time_output_is_accepted_with_room_for_the_head(
-    apart_mm, clear, engine, settings_of, tmp_path
+    distance_mm, is_accepted, engine, settings_of, tmp_path
 ):
     """Move the second object by the bed's centre, which the engine adds only from that object on."""
     settings_by_scope = settings_of()
     for scope, values in (("global", settings_by_scope.global_), ("extruder", settings_by_scope.extruder)):
-        settings_reported = {**values, "print_sequence": "one_at_a_time"}
-        entries = {key: {"default_value": value} for key, value in settings_reported.items()}
+        stacks = {**values, "print_sequence": "one_at_a_time"}
+        entries = {key: {"default_value": value} for key, value in stacks.items()}
         (tmp_path / f"{scope}.json").write_text(json.dumps({"settings": entries}))
-    for name, x, centre in (("a", -apart_mm / 2, 111.5), ("b", apart_mm / 2, 0.0)):
+    for name, x, centre in (("a", -distance_mm / 2, 111.5), ("b", distance_mm / 2, 0.0)):
         post = trimesh.creation.cylinder(5, 8, transform=translate((centre + x, centre, 4)))
         (tmp_path / f"{name}.stl").write_bytes(post.export(file_type="stl"))
     command = [engine, "slice", "-j", "global.json", "-e0", "-j", "extruder.json", "-o", "out.gcode"]
@@ -162,7 +162,7 @@ def test_one_at_a_time_output_is_accepted_with_room_for_the_head(
     subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
     lines = (tmp_path / "out.gcode").read_bytes().splitlines(keepends=True)
     assert sum(line.startswith(b";LAYER:0") for line in lines) == 2
-    if clear:
+    if is_accepted:
         check_rules(accept(lines))
     else:
         assert_refused(lines, r"Z 0\.27 into what is printed up to Z 8")

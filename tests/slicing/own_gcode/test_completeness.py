@@ -195,10 +195,10 @@ def test_file_with_stated_filament_is_refused_if_any_layer_is_missing(slicer, da
 
 
 def test_empty_layers_are_accepted_if_all_filament_is_present():
-    message = [line.replace("COUNT:20", "COUNT:40") for line in make_ultigcode(make_square(layers=20))]
-    assert_refused(message, "names 40 layers")
+    lines = [line.replace("COUNT:20", "COUNT:40") for line in make_ultigcode(make_square(layers=20))]
+    assert_refused(lines, "names 40 layers")
     volume = round(accept(make_ultigcode(make_square(layers=20))).filament_mm * FILAMENT_MM2)
-    figures = [line.replace("TIME:6666", "TIME:60").replace(":6666", f":{volume}") for line in message]
+    figures = [line.replace("TIME:6666", "TIME:60").replace(":6666", f":{volume}") for line in lines]
     assert not any("layers" in line for line in accept(figures).notices)
     higher_figures = [line.replace(f":{volume}", f":{volume + 2}") for line in figures]
     problem = rf"line 3 says that it takes {volume + 2} mm3 of filament, and its lines extrude {volume}"
@@ -253,9 +253,9 @@ def test_e_restarted_without_g92_is_refused_with_its_line(mm_a_layer):
     """Refuse a file of which the last 40 of 100 layers would be dropped without a message."""
     lines, layers = make_marlin(make_square(side_mm=mm_a_layer / 4 / 0.0125, at_mm=20.0, layers=100)), 60
     index = lines.index(f";LAYER:{layers}")
-    message = accept([*lines[:index], "G92 E0", *shift_e(lines[index:])])
-    assert message.layers == 100
-    assert len(select_extrusions(list_moves(extract_body(message)))) == 400
+    own_gcode = accept([*lines[:index], "G92 E0", *shift_e(lines[index:])])
+    assert own_gcode.layers == 100
+    assert len(select_extrusions(list_moves(extract_body(own_gcode)))) == 400
     assert_refused(
         [*lines[:index], *shift_e(lines[index:])], rf"retracted by .* mm since line {index + 3}: .*G92 E0"
     )

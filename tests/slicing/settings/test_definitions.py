@@ -184,10 +184,10 @@ def test_cura_5_formula_reads_the_value_below_its_profile(formula, value):
 
 
 def test_scope_of_a_setting_follows_its_definition():
-    extra = {
+    extra_definition = {
         "overrides": {"child": {"enabled": "flag and width > 1"}, "areas": {"enabled": "[x for x in y]"}}
     }
-    machine = merge_definitions([ROOT, extra])
+    machine = merge_definitions([ROOT, extra_definition])
 
     def is_enabled(key, **user):
         return Resolver(

@@ -75,7 +75,7 @@ def test_every_combination_of_printer_and_quality_resolves(resources, model, noz
 
 
 @pytest.mark.parametrize("model", OLD_MODELS)
-def test_violations_of_cura_s_own_profiles_are_listed(resources, model):
+def test_violations_by_profiles_of_cura_are_listed(resources, model):
     violations = set()
     for nozzle_mm in NOZZLES_MM if model.endswith("plus") else (0.4,):
         for material in list_materials(resources):

@@ -36,25 +36,25 @@ class FakeSliceResult:
         self.features = FeatureTimes(0.5 * sliced_s, 0.2 * sliced_s, 0.1 * sliced_s, 0.0, 0.2 * sliced_s)
 
 
-def slice_tasks(work, decomposition):
+def slice_tasks(task, decomposition):
     return build_slice_tasks(
-        SliceBatch(decomposition.parts, work.printers, work.options.quality, work.folder, None)
+        SliceBatch(decomposition.parts, task.printers, task.options.quality, task.folder, None)
     )
 
 
-def join_slices(work, decomposition, tasks, slices):
+def join_slices(task, decomposition, tasks, slices):
     """Return a sliced job with these slices."""
-    sections = {section.name: section for section in work.printers}
+    sections = {section.name: section for section in task.printers}
     triples = zip(decomposition.parts, tasks, slices, strict=True)
     parts = (SlicedPart(part, sections[part.printer], item, result) for part, item, result in triples)
-    return SlicedJob(work, decomposition, tuple(parts))
+    return SlicedJob(task, decomposition, tuple(parts))
 
 
-def slice_late(work, decomposition, late_s):
+def slice_late(task, decomposition, late_s):
     """Return a sliced job in which each part takes the mean price, and the last part longer."""
-    tasks = slice_tasks(work, decomposition)
-    prelude_s = compute_prelude_seconds(work.printers[0], tasks[0].settings)
+    tasks = slice_tasks(task, decomposition)
+    prelude_s = compute_prelude_seconds(task.printers[0], tasks[0].settings)
     seconds = [part.price_s - prelude_s for part in decomposition.parts]
     mean_s = sum(seconds) / len(seconds)
     seconds = [mean_s] * (len(seconds) - 1) + [mean_s + late_s]
-    return join_slices(work, decomposition, tasks, map(FakeSliceResult, seconds))
+    return join_slices(task, decomposition, tasks, map(FakeSliceResult, seconds))

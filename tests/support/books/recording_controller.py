@@ -82,6 +82,6 @@ class Farm(Commands):
     def report(self, name, *prints):
         """Report the prints of an agent since the books were copied, and its state."""
         facts = {"link": Link.READY, "agent_pid": 9, "filament": FilamentState.PARKED}
-        message = AgentSnapshot(printer=name, print=prints[-1] if prints else None, **facts)
-        self.controller.on_journal(message, prints)
-        self.controller.on_snapshot(message)
+        snapshot = AgentSnapshot(printer=name, print=prints[-1] if prints else None, **facts)
+        self.controller.on_journal(snapshot, prints)
+        self.controller.on_snapshot(snapshot)

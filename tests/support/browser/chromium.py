@@ -9,7 +9,7 @@ import shutil
 import signal
 
 CHROMIUM = shutil.which("chromium")
-PATIENCE_S = 120.0
+TIME_LIMIT_S = 120.0
 OPTIONS = ("--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader", "--disable-dev-shm-usage")
 """Options of each start; the third draws WebGL without a graphics card."""
 
@@ -62,7 +62,7 @@ class Tab:
             const look = () => {{ if ({expression}) done(true); else setTimeout(look, 100) }}
             look()
         }})"""
-        async with asyncio.timeout(PATIENCE_S):
+        async with asyncio.timeout(TIME_LIMIT_S):
             while not await self._await_promise(watch):
                 await asyncio.sleep(0)  # another page was loaded
 
@@ -110,7 +110,7 @@ class Tab:
         path.write_bytes(base64.b64decode((await self.call("Page.captureScreenshot"))["data"]))
 
     async def _wait(self):
-        async with asyncio.timeout(PATIENCE_S):
+        async with asyncio.timeout(TIME_LIMIT_S):
             await self._loaded.wait()
 
     def on_event(self, method, params):
@@ -136,7 +136,7 @@ class Pipe:
             message["sessionId"] = session
         self._answers[number] = asyncio.get_running_loop().create_future()
         self._out.write(json.dumps(message).encode() + b"\0")
-        async with asyncio.timeout(PATIENCE_S):
+        async with asyncio.timeout(TIME_LIMIT_S):
             answer = await self._answers[number]
         del self._answers[number]
         assert "error" not in answer, (method, answer)
@@ -226,7 +226,7 @@ class Chromium(Tab):
         self._out.close()  # it ends when its pipe is closed
         self._transport.close()
         try:
-            async with asyncio.timeout(PATIENCE_S):
+            async with asyncio.timeout(TIME_LIMIT_S):
                 await self._process.wait()
         except TimeoutError:
             os.killpg(self._process.pid, signal.SIGKILL)

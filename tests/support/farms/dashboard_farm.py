@@ -33,13 +33,13 @@ def add_planned_job(books, number, plates=2, at_s=START_S, is_held=False, **chan
     )[0]
 
 
-def add_print(books, plate, printer_name, begin_s, took_s, **changes):
+def add_print(books, plate, printer_name, begin_s, duration_s, **changes):
     """Return the books with an ended print of a plate, whose bed is cleared."""
     name = f"{plate}-{begin_s}"
     books, _ = apply_events(
         books,
         ev.PlateAssigned(at_s=begin_s, plate=plate, printer=printer_name, print_id=name),
-        make_end_event(name, at_s=begin_s + took_s, started_s=begin_s, **changes),
+        make_end_event(name, at_s=begin_s + duration_s, started_s=begin_s, **changes),
     )
     return books
 

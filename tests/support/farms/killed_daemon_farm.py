@@ -21,7 +21,7 @@ from farm.cli.client import SocketConnection
 from farm.model import Bed, PrintState
 from farm.paths import StateFolder, read_anchor
 from farm.state.storage.store import Store
-from farms.real_farm import PATIENCE_S, RealFarm, wait_for
+from farms.real_farm import TIME_LIMIT_S, RealFarm, wait_for
 from model_files.make_gcode import make_marlin, make_square
 
 RESTART_SCRIPT = Path(__file__).with_name("restarted_daemon.py")
@@ -52,11 +52,11 @@ class KilledFarm(RealFarm):
             full_disk = "uploads: {free_gb: 0}, time_scale: 300"
             self.fleet.write_text(self.fleet.read_text().replace("time_scale: 300", full_disk))
 
-    def start_daemons(self, fates):
-        """Start daemons that die as `fates` says; the last one survives."""
+    def start_daemons(self, deaths):
+        """Start daemons that die as `deaths` says; the last one survives."""
         self.kill_daemons()
         self.state.mkdir(exist_ok=True)
-        command = [sys.executable, "-P", RESTART_SCRIPT, json.dumps(fates), *self.list_daemon_arguments()]
+        command = [sys.executable, "-P", RESTART_SCRIPT, json.dumps(deaths), *self.list_daemon_arguments()]
         if self.disk is not None:
             command = self.disk.command(command)
         with self.log_file.open("ab") as log:
@@ -86,7 +86,7 @@ class KilledFarm(RealFarm):
     def try_request(self, method, path, body=None):
         """Send a request; return status and answer, or None if the daemon died before or does not run."""
         assert self.supervisor.poll() is None, self.log()
-        with contextlib.closing(SocketConnection(self.socket, PATIENCE_S, PATIENCE_S)) as connection:
+        with contextlib.closing(SocketConnection(self.socket, TIME_LIMIT_S, TIME_LIMIT_S)) as connection:
             try:
                 connection.request(method, path, body, {"Content-Type": "application/json"})
                 answer = connection.getresponse()
@@ -124,7 +124,7 @@ class KilledFarm(RealFarm):
     def judge_prints_good(self, failing_prints=()):
         """Find all printed jobs good; `failing_prints` are the numbers of the prints that fail."""
         started_prints = []
-        give_up = time.monotonic() + PATIENCE_S
+        give_up = time.monotonic() + TIME_LIMIT_S
         while True:
             view = self.request("GET", "/status")
             if {job["state"] for job in view["jobs"]} == {"done"}:  # jobs that ended long ago are not shown
@@ -157,9 +157,9 @@ class KilledFarm(RealFarm):
         results = {}
         for name in self.printers:
             for line in (self.state / "agents" / name / JOURNAL).read_text().splitlines():
-                message = json.loads(line).get("print")
-                if message is not None:
-                    results[message["print_id"]] = (name, message)
+                record_print = json.loads(line).get("print")
+                if record_print is not None:
+                    results[record_print["print_id"]] = (name, record_print)
         return results
 
     def books(self):
@@ -179,8 +179,8 @@ class KilledFarm(RealFarm):
         started_prints = [p for p in books.prints.values() if p.started_s is not None]
         prints_by_id = {p.id: (p.printer, p.state, p.started_s, p.ended_s) for p in started_prints}
         journals = {
-            name: (printer, message["phase"], message["started_s"], message["ended_s"])
-            for name, (printer, message) in self.journals().items()
+            name: (printer, record_print["phase"], record_print["started_s"], record_print["ended_s"])
+            for name, (printer, record_print) in self.journals().items()
         }
         assert prints_by_id == journals
         done_prints = [p for p in started_prints if p.state is PrintState.DONE]

@@ -46,14 +46,14 @@ class NetworkFarm:
         self.controller.start(RecordedEffects())
         ready = {"link": Link.READY, "bed_clear": True, "filament": FilamentState.PARKED}
         self.controller.on_snapshot(AgentSnapshot(printer=printers[0], **ready))
-        self.went_down = []
+        self.shutdowns = []
         self.user_roles = {}
         self.services = Services(
             self.controller,
             self.state,
             folder / "fleet.yaml",
             AcceptAll(),
-            self._go_down,
+            self._record_shutdown,
             find_user_role=lambda name, _: self.user_roles.get(name, Role.OPERATE),
         )
         self.keys, self.sessions = KeyCommands(self.controller), self.services.sessions
@@ -62,8 +62,8 @@ class NetworkFarm:
         self.web = make_web_app(self.services, self.dry_runs, {HOST})
         self.cookie = SessionCookie.for_section(self.controller.fleet.web)
 
-    async def _go_down(self, now):
-        self.went_down.append(now)
+    async def _record_shutdown(self, now):
+        self.shutdowns.append(now)
 
     def ask(self, method, path, text=None, host=HOST, address="10.0.0.9", headers=None, **options):
         """Send a request with the text of a key."""

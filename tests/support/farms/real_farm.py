@@ -18,20 +18,20 @@ from farm.cli.client import connect
 from farm.paths import find_farm_paths
 
 FARM = Path(sys.executable).with_name("farm")
-PATIENCE_S = 240.0
+TIME_LIMIT_S = 240.0
 TIME_SCALE = 150
 BUDGET_S = 2  # of the search for parts: more time gains little on small models
 
 
-def wait_for(description, condition, patience_s=PATIENCE_S):
+def wait_for(description, condition, limit_s=TIME_LIMIT_S):
     """Poll until a condition of a real process is true, up to a deadline."""
-    give_up = time.monotonic() + patience_s
+    give_up = time.monotonic() + limit_s
     while time.monotonic() < give_up:
         value = condition()
         if value:
             return value
         time.sleep(0.1)
-    raise AssertionError(f"waited {patience_s:.0f} s for {description}")
+    raise AssertionError(f"waited {limit_s:.0f} s for {description}")
 
 
 def find_free_port():
@@ -57,7 +57,7 @@ class RealFarm:
         self.fleet.write_text(f"fleet: {{{fleet_options}}}\nprinters:\n{rows}")
 
     def run(self, *arguments, **env):
-        """Run a farm command to its end; a result with code, out and err."""
+        """Run a farm command to its end; return a result with code, out and err."""
         command = [*self.wrapper, str(FARM), *map(str, arguments), "--state", str(self.state)]
         if arguments[0] in ("up", "daemon"):
             command += ["--fleet", str(self.fleet)]
@@ -66,7 +66,7 @@ class RealFarm:
             check=False,
             capture_output=True,
             text=True,
-            timeout=PATIENCE_S,
+            timeout=TIME_LIMIT_S,
             env={**os.environ, **env},
             stdin=subprocess.DEVNULL,
         )

@@ -1,8 +1,8 @@
 """A real daemon that is killed repeatedly and restarted each time, as by systemd.
 
-    python restarted_daemon.py FATES FARM-ARGUMENTS...
+    python restarted_daemon.py DEATHS FARM-ARGUMENTS...
 
-FATES is JSON with an item for each daemon in turn: a moment and the event at whose first commit it dies, or
+DEATHS is JSON with an item for each daemon in turn: a moment and the event at whose first commit it dies, or
 `later` and a number of seconds. The daemon after the last item survives. Each death is reported. A daemon
 starts fast: it is forked from a process with all imports, and runs the workers' tasks itself.
 """
@@ -70,24 +70,24 @@ def schedule_death(moment, event_or_delay_s):
     Store.commit = commit_until_death
 
 
-def start_daemon(fate):
+def start_daemon(death):
     """Fork a daemon that dies at a given commit; return its process id."""
     pid = os.fork()
     if pid == 0:
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
-        if fate is not None:
-            schedule_death(*fate)
+        if death is not None:
+            schedule_death(*death)
         main()
         os._exit(0)
     return pid
 
 
-def keep_running(fates):
+def keep_running(deaths):
     """Start daemons one after another until one ends by itself or this process is ended."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit())
     farm.daemon.Workers = NoWorkers
-    for fate in itertools.chain(fates, itertools.repeat(None)):
-        pid = start_daemon(fate)
+    for death in itertools.chain(deaths, itertools.repeat(None)):
+        pid = start_daemon(death)
         try:
             _, status = os.waitpid(pid, 0)
         except SystemExit:

@@ -40,15 +40,15 @@ class DaemonKilled(BaseException):
 class SteppingStore(Store):
     """A store that kills the daemon just before or just after given commits."""
 
-    def __init__(self, path, world):
+    def __init__(self, path, simulation):
         super().__init__(path)
         self._db.execute("PRAGMA synchronous = OFF")  # a killed process loses no written data
-        self._world = world
+        self._simulation = simulation
 
     def commit(self, event, old_books, new_books):
-        self._world.commits += 1
-        is_killed = self._world.commits in self._world.kills
-        if is_killed and not self._world.after:
+        self._simulation.commits += 1
+        is_killed = self._simulation.commits in self._simulation.kills
+        if is_killed and not self._simulation.is_killed_after:
             raise DaemonKilled
         super().commit(event, old_books, new_books)
         if is_killed:
@@ -115,30 +115,44 @@ class FarmSimulation:
     Parameters
     ----------
     kills
-        Commits, counted from 1, at which the daemon is killed; `after`: just after them.
-    fails
-        Numbers of the prints that fail; `bad`: numbers of the finished prints that a person finds bad.
+        Commits, counted from 1, just before which the daemon is killed.
+    is_killed_after
+        Kill it just after these commits instead.
+    failing_prints
+        Numbers of the prints that fail.
+    bad_prints
+        Numbers of the finished prints that a person finds bad.
     files
         Number of different files of the plates.
     """
 
-    def __init__(self, folder, plates=3, kills=(), after=False, fails=(1,), bad=(0,), files=100):
+    def __init__(
+        self,
+        folder,
+        plates=3,
+        kills=(),
+        is_killed_after=False,
+        failing_prints=(1,),
+        bad_prints=(0,),
+        files=100,
+    ):
         self.path = folder / "farm.db"
-        self.kills, self.after, self.fails, self.bad = frozenset(kills), after, fails, bad
+        self.kills, self.is_killed_after = frozenset(kills), is_killed_after
+        self.failing_prints, self.bad_prints = failing_prints, bad_prints
         self.clock = Clock()
         self.agents = {name: Agent(name) for name in "ab"}
         self.commits = self.started_count = self.restarts = 0
         self.judged_prints = []  # [plate, printer, verdict] of each completed print
-        self.prints = {}  # print id -> (printer, start, end) in truth
+        self.prints = {}  # print id -> (printer, start, end) as they really were
         self.plates, self.files = plates, files
-        self.to_plan = None
+        self.job_to_plan = None
         self.is_restored = False  # the books were replaced by a copy
         self.unreachable = frozenset()  # agents that do not reach the daemon
-        self.restart_if_killed(self.up)
+        self.restart_if_killed(self.start_daemon)
 
     # -- the daemon -------------------------------------------------------------------------------------
 
-    def up(self):
+    def start_daemon(self):
         self.store = SteppingStore(self.path, self)
         self.controller = Controller(make_fleet(), self.store, self.clock, list_bed_boxes)
         commands = Commands(self.controller)
@@ -152,9 +166,9 @@ class FarmSimulation:
             path.unlink()
         shutil.copy(copy, self.path)
         self.restarts += 1
-        self.to_plan = None
+        self.job_to_plan = None
         self.is_restored = True
-        self.restart_if_killed(self.up)
+        self.restart_if_killed(self.start_daemon)
 
     def restart_if_killed(self, function):
         """Call the daemon, and start it again if it is killed; return whether the call succeeded."""
@@ -163,8 +177,8 @@ class FarmSimulation:
         except DaemonKilled:
             self.store.close()
             self.restarts += 1
-            self.to_plan = None
-            self.restart_if_killed(self.up)
+            self.job_to_plan = None
+            self.restart_if_killed(self.start_daemon)
             return False
         except FarmError:  # the books cannot be written, or the call is refused
             return False
@@ -172,7 +186,7 @@ class FarmSimulation:
 
     def perform(self, instruction, books):
         if isinstance(instruction, StartPlanning):
-            self.to_plan = instruction.job
+            self.job_to_plan = instruction.job
         agent = self.agents.get(getattr(instruction, "printer", None))
         if isinstance(instruction, ev.SendStart):
             if agent.print_id is None:
@@ -196,11 +210,11 @@ class FarmSimulation:
             agent.state = NEXT_STATE[agent.state]
             if agent.state is PrintState.HEATING:
                 agent.started_s = self.clock.now_s
-                agent.fails = self.started_count in self.fails
+                agent.will_fail = self.started_count in self.failing_prints
                 self.started_count += 1
             elif agent.state is PrintState.PRINTING:
                 agent.on_bed = agent.plate
-            elif agent.state is PrintState.ENDING and agent.fails:
+            elif agent.state is PrintState.ENDING and agent.will_fail:
                 agent.state = PrintState.FAILED
             if agent.state.ended:
                 agent.ended_s = self.clock.now_s
@@ -214,8 +228,8 @@ class FarmSimulation:
             if agent.name not in self.unreachable:
                 self.restart_if_killed(lambda agent=agent: self.report_agent(agent))
         self.restart_if_killed(self.controller.handle)
-        if self.to_plan is not None:
-            job, self.to_plan = self.to_plan, None
+        if self.job_to_plan is not None:
+            job, self.job_to_plan = self.job_to_plan, None
             event = make_plan_event(1, self.plates)
             plates = tuple(
                 plate.model_copy(update={"sha256": f"{i % self.files:064x}"})
@@ -227,7 +241,7 @@ class FarmSimulation:
                 not self.restart_if_killed(lambda: self.controller.on_plan(job, plan))
                 and self.restarts == restarts
             ):
-                self.to_plan = job  # as `JobPlanner` does if the disk is full
+                self.job_to_plan = job  # as `JobPlanner` does if the disk is full
 
     def report_agent(self, agent):
         since_s = self.controller.unreported_since_s(agent.name)
@@ -249,7 +263,7 @@ class FarmSimulation:
                 for i, (_, name, verdict) in enumerate(self.judged_prints)
                 if name == agent.name and not verdict
             ]
-            verdict = Verdict.BAD if indices and indices[-1] in self.bad else Verdict.GOOD
+            verdict = Verdict.BAD if indices and indices[-1] in self.bad_prints else Verdict.GOOD
             if self.controller.books.print_to_judge(agent.name) is None:
                 verdict = Verdict.GOOD
             agent_bed, agent.on_bed = agent.on_bed, None
@@ -270,9 +284,9 @@ class FarmSimulation:
         self.clear_and_judge()
         self.advance_prints()
 
-    def run(self, patience=200):
+    def run(self, max_minutes=200):
         """Run until the job is done; return the number of minutes."""
-        for minute in range(patience):
+        for minute in range(max_minutes):
             self.step()
             if self.controller.books.jobs and self.controller.books.jobs[1].state is JobState.DONE:
                 return minute

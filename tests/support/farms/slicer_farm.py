@@ -27,7 +27,7 @@ class SlicerFarm(WebFarm):
         return self.controller.books.jobs
 
     @property
-    def left_files(self):
+    def unfinished_uploads(self):
         """List the files in the folder of unfinished uploads."""
         return sorted(path.name for path in self.state.work.iterdir())
 

@@ -20,7 +20,7 @@ TOOLS = (
     "touch",
     "chmod",
 )
-NUMBERS = {"4.8": 16, "4.13": 19, "5.0": 20, "5.2": 21}
+SETTING_VERSIONS = {"4.8": 16, "4.13": 19, "5.0": 20, "5.2": 21}
 
 APT_CACHE = """#!/bin/bash
 [[ -f $STATE/lists ]] || exit 0
@@ -41,11 +41,11 @@ exit 0
 """
 
 
-def resources(folder, version):
+def create_resources(folder, version):
     """Create the files that identify a folder of Cura's resources."""
     for name in ("definitions", "extruders", "variants", "quality", "materials"):
         (folder / name).mkdir(parents=True)
-    text = f'{{"metadata": {{"setting_version": {NUMBERS[version]}}}}}\n'
+    text = f'{{"metadata": {{"setting_version": {SETTING_VERSIONS[version]}}}}}\n'
     (folder / "definitions" / "fdmprinter.def.json").write_text(text.replace("}}", "}\n}"))
     (folder / "definitions" / "ultimaker2_plus.def.json").write_text("{}")
     (folder / "materials" / "generic_pla.xml.fdm_material").write_text("<a/>")
@@ -70,7 +70,7 @@ class Host:
                 epoch = "1:" if package == "cura-engine" else ""
                 (self.state / f"candidate-{package}").write_text(f"{epoch}{apt}.0-6")
             self.engine(apt, self.state / "new-engine")
-            resources(self.state / "packaged", packaged_version or apt)
+            create_resources(self.state / "packaged", packaged_version or apt)
         if lists:
             (self.state / "lists").touch()
 

@@ -17,12 +17,12 @@ def make_jpeg(width=640, height=480, tail=b"picture"):
 def make_png(width=2, height=2):
     """PNG with a header of this size; the image data is complete if it is small."""
 
-    def chunk(kind, data):
+    def make_chunk(kind, data):
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
     rows = b"".join(b"\0" + bytes(width) for _ in range(height if height < 100 else 0))
     header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
-    parts = [chunk(b"IHDR", header), chunk(b"IDAT", zlib.compress(rows)), chunk(b"IEND", b"")]
+    parts = [make_chunk(b"IHDR", header), make_chunk(b"IDAT", zlib.compress(rows)), make_chunk(b"IEND", b"")]
     return b"\x89PNG\r\n\x1a\n" + b"".join(parts)
 
 

@@ -23,13 +23,13 @@ class FakeTime:
     set_s = 0.0
 
     def __init__(self, monkeypatch, now_s):
-        self.now_s = self.begun_s = now_s
-        time = self
+        self.now_s = self.started_s = now_s
+        clock = self
 
         class Datetime(datetime):
             @classmethod
             def now(cls, tz=None):
-                return datetime.fromtimestamp(time.now_s + time.set_s, tz)
+                return datetime.fromtimestamp(clock.now_s + clock.set_s, tz)
 
         for module in HOST_TIME:
             monkeypatch.setattr(f"{module}.datetime", Datetime)
@@ -56,7 +56,7 @@ class FakeTime:
     def run(self, work):
         """Run a coroutine to its end."""
         loop = asyncio.SelectorEventLoop(_ClockSelector(self))
-        loop.time = lambda: self.now_s - self.begun_s
+        loop.time = lambda: self.now_s - self.started_s
         try:
             return loop.run_until_complete(work)
         finally:
@@ -66,13 +66,13 @@ class FakeTime:
 class _ClockSelector(selectors.SelectSelector):
     """A selector that advances the clock instead of waiting."""
 
-    def __init__(self, time):
+    def __init__(self, clock):
         super().__init__()
-        self._time = time
+        self._clock = clock
 
     def select(self, timeout=None):
         events = super().select(0)
         if not events:
             assert timeout is not None, "nothing will ever happen"
-            self._time.now_s += timeout
+            self._clock.now_s += timeout
         return events

@@ -20,7 +20,7 @@ class SilentRoute:
 
     def __init__(self) -> None:
         self._silent = threading.Event()
-        self._over = threading.Event()
+        self._closed_event = threading.Event()
         self._listener = socket.create_server(("127.0.0.1", 0))
         self.ssh = f"{sys.executable} {Path(__file__)} {self._listener.getsockname()[1]}"
         self.bridges: list[subprocess.Popen[bytes]] = []  # the bridges, oldest first
@@ -34,7 +34,7 @@ class SilentRoute:
         self._silent.clear()
 
     def close(self) -> None:
-        self._over.set()
+        self._closed_event.set()
         for thread in self._threads:
             thread.join(10.0)
         for bridge in self.bridges:
@@ -42,9 +42,9 @@ class SilentRoute:
         self._listener.close()
 
     def _accept(self) -> None:
-        while not self._over.is_set():
+        while not self._closed_event.is_set():
             if self._silent.is_set() or not select.select([self._listener], [], [], _STEP_S)[0]:
-                self._over.wait(_STEP_S)
+                self._closed_event.wait(_STEP_S)
                 continue
             caller, _ = self._listener.accept()
             thread = threading.Thread(target=self._carry, args=(caller,), daemon=True)
@@ -62,9 +62,9 @@ class SilentRoute:
         assert bridge.stdin is not None and bridge.stdout is not None
         pairs = {caller.fileno(): bridge.stdin.fileno(), bridge.stdout.fileno(): caller.fileno()}
         with caller, bridge.stdin, bridge.stdout, suppress(OSError):
-            while not self._over.is_set():
+            while not self._closed_event.is_set():
                 if self._silent.is_set():
-                    self._over.wait(_STEP_S)
+                    self._closed_event.wait(_STEP_S)
                     continue
                 for readable in select.select([*pairs], [], [], _STEP_S)[0]:
                     data = os.read(readable, 65536)

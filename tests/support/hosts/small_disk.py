@@ -10,9 +10,9 @@ class SmallDisk:
 
     Attributes
     ----------
-    there
+    is_mounted
         True if it could be mounted.
-    seen
+    visible_folder
         Path of the folder for processes outside of the namespaces.
     """
 

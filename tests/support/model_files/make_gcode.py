@@ -15,8 +15,8 @@ class TravelStopwatch:
 
     def move(self, x, y, z, e, speed_mm_s):
         position = (x, y, z, e)
-        way_mm = math.dist(self._position[:3], position[:3]) or abs(e - self._position[3])
-        self._position, self._elapsed_s = position, self._elapsed_s + way_mm / speed_mm_s
+        distance_mm = math.dist(self._position[:3], position[:3]) or abs(e - self._position[3])
+        self._position, self._elapsed_s = position, self._elapsed_s + distance_mm / speed_mm_s
 
     def wait(self, seconds):
         self._elapsed_s += seconds
@@ -38,10 +38,10 @@ def make_square(side_mm=20.0, at_mm=100.0, layers=3, layer_mm=0.2, e_per_mm=0.4 
     return result
 
 
-def print_in_sequence(first_object, second_object, above_mm=30.0):
+def print_in_sequence(first_object, second_object, travel_z_mm=30.0):
     """Join two objects: the head goes up, over to the second one, and down."""
     (x, y, *_), *_ = second_object[0]
-    return [*first_object, [(x, y, above_mm, 0.0), *second_object[0]], *second_object[1:]]
+    return [*first_object, [(x, y, travel_z_mm, 0.0), *second_object[0]], *second_object[1:]]
 
 
 def make_marlin(layers=None, *, start=None, comments=True, relative=False, tail=None, body=()):

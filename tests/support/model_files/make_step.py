@@ -51,8 +51,8 @@ def write_step_text(size_mm, unit_mm=1.0):
     def write_edge(start, end):
         if (end, start) in edges:
             return add(f"ORIENTED_EDGE('',*,*,{edges[end, start]},.F.)")
-        along = add(f"VECTOR('',{write_vector('DIRECTION', write_direction(start, end))},1.)")
-        line = add(f"LINE('',{write_vector('CARTESIAN_POINT', corners[start])},{along})")
+        vector = add(f"VECTOR('',{write_vector('DIRECTION', write_direction(start, end))},1.)")
+        line = add(f"LINE('',{write_vector('CARTESIAN_POINT', corners[start])},{vector})")
         edges[start, end] = add(f"EDGE_CURVE('',{vertices[start]},{vertices[end]},{line},.T.)")
         return add(f"ORIENTED_EDGE('',*,*,{edges[start, end]},.T.)")
 

@@ -44,13 +44,13 @@ class Host:
 
     def send(self, line: str, seconds: float = 600.0) -> list[str]:
         """Send a line and wait for its ok (which may follow other text on its line)."""
-        message = self.send_burst(line)
+        answers = self.send_burst(line)
         end_s = self.now_s + seconds
-        while not any(text.endswith("ok") or text.startswith("ok") for text in message):
+        while not any(text.endswith("ok") or text.startswith("ok") for text in answers):
             due_s = self.firmware.deadline_s()
-            assert due_s <= end_s, f"no ok to {line!r}, only {message}"
-            message += self.wait_until(due_s)
-        return message
+            assert due_s <= end_s, f"no ok to {line!r}, only {answers}"
+            answers += self.wait_until(due_s)
+        return answers
 
     def send_numbered(self, body: str) -> list[str]:
         """Send a line with number and checksum."""

@@ -33,19 +33,19 @@ class Firmware:
     def execute(self, line: bytes) -> bytes:
         body = line
         number = re.search(rb"N(-?\d+)", line)
-        star = line.find(b"*")
+        star_index = line.find(b"*")
         if number is not None:
             n = int(number[1])
             if n != self.last + 1 and b"M110" not in line:
                 return self.reject(b"Line Number is not Last Line Number+1")
-            if star < 0:
+            if star_index < 0:
                 return self.reject(b"No Checksum with line number")
-            message = re.match(rb"\d*", line[star + 1 :])
-            if reduce(xor, line[:star], 0) != int((message and message[0]) or b"-1"):
+            checksum_match = re.match(rb"\d*", line[star_index + 1 :])
+            if reduce(xor, line[:star_index], 0) != int((checksum_match and checksum_match[0]) or b"-1"):
                 return self.reject(b"checksum mismatch")
             self.last = n
             body = remove_frame(line)
-        elif star >= 0:
+        elif star_index >= 0:
             return b"Error:No Line Number with checksum, Last Line: %d\n" % self.last
         if not body.strip():
             return b""
@@ -63,10 +63,10 @@ class Firmware:
 
 
 class Wire:
-    """Wire that loses or changes each byte with a given probability, and delivers pieces of `piece` bytes."""
+    """Wire that loses or changes each byte with a given probability, and delivers pieces of `piece_bytes`."""
 
-    def __init__(self, loss_share: float, change_share: float, piece: int, seed: int) -> None:
-        self.loss_share, self.change_share, self.piece = loss_share, change_share, piece
+    def __init__(self, loss_share: float, change_share: float, piece_bytes: int, seed: int) -> None:
+        self.loss_share, self.change_share, self.piece_bytes = loss_share, change_share, piece_bytes
         self.rng = random.Random(seed)
 
     def carry(self, data: bytes) -> list[bytes]:
@@ -82,16 +82,16 @@ class Wire:
                     else byte
                 )
             data = bytes(result)
-        return [data[i : i + self.piece] for i in range(0, len(data), self.piece)]
+        return [data[i : i + self.piece_bytes] for i in range(0, len(data), self.piece_bytes)]
 
 
 class Bench:
     """A link and a board at the ends of a wire, with their own clock."""
 
-    def __init__(self, wire: Wire | None = None, floor_s: float = 0.0) -> None:
+    def __init__(self, wire: Wire | None = None, min_time_out_s: float = 0.0) -> None:
         self.firmware = Firmware()
         self.wire = wire or Wire(0.0, 0.0, 10_000, 0)
-        self.link = Link(ULTIMAKER2, floor_s)
+        self.link = Link(ULTIMAKER2, min_time_out_s)
         self.now_s = 0.0
         self.events: list[object] = []
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import httpx
 
 KEY = "0123456789ABCDEF0123456789ABCDEF"
-PATIENCE_S = 120.0
+TIME_LIMIT_S = 120.0
 CONFIGURATION = {  # OctoPrint reads YAML, of which JSON is a subset
     "server": {
         "firstRun": False,
@@ -71,7 +71,7 @@ class OctoPrintServer:
 
     def _wait(self, folder):
         """Wait until OctoPrint answers and its printer is connected."""
-        give_up = time.monotonic() + PATIENCE_S
+        give_up = time.monotonic() + TIME_LIMIT_S
         while time.monotonic() < give_up and self._process.poll() is None:
             try:
                 answer = self.ask("GET", "/api/printer")

@@ -39,7 +39,7 @@ OPTIONS = Options(Engine.CUBE_SKELETON, fit_first_layer=False, prove=False)
 shapes = st.tuples(st.integers(1, 5), st.integers(1, 5), st.integers(1, 4))
 
 
-def printers(count: int) -> list[PrinterRoom]:
+def make_printers(count: int) -> list[PrinterRoom]:
     return [replace(ROOM, name=str(i)) for i in range(count)]
 
 
@@ -173,7 +173,7 @@ def test_cube_whose_parts_end_first_is_used(
 
     monkeypatch.setattr(cube_skeleton, "refine_cube", scale_cube)
     monkeypatch.setattr(cube_skeleton, "_cut_shell", record_cut)
-    problem = Problem(make_ball(95.0), tuple(printers(40)), cost, OPTIONS)
+    problem = Problem(make_ball(95.0), tuple(make_printers(40)), cost, OPTIONS)
     assert cube_skeleton.cut_by_cube_skeleton(problem).pieces is cuts[chosen_index]
     assert problem.compute_makespan_s(cuts[chosen_index]) < problem.compute_makespan_s(cuts[1 - chosen_index])
 
@@ -200,20 +200,20 @@ def test_cubes_are_compared_by_the_times_of_their_pieces(
 def test_engine_returns_checked_parts(interior: Interior, cost: CostModel) -> None:
     model = make_ball(150.0)
     options = replace(OPTIONS, interior=interior)
-    result = decompose_model(model, printers(20), options, cost)
+    result = decompose_model(model, make_printers(20), options, cost)
     assert 8 <= len(result.parts) <= 20
     for part in result.parts:
         assert ROOM.fits(*(np.ptp(part.build_printing_mesh()[0], axis=0) - 1e-6))
     printed_mm3 = sum(p.solid.volume_mm3 for p in result.parts)
     assert (0.3 if interior is Interior.LEAVE else 0.5) < printed_mm3 / model.solid.volume_mm3 < 0.9
     if interior is Interior.LEAVE:
-        second_result = decompose_model(model, printers(20), options, cost)
+        second_result = decompose_model(model, make_printers(20), options, cost)
         assert [p.solid.volume_mm3 for p in second_result.parts] == [p.solid.volume_mm3 for p in result.parts]
 
 
 def test_fewer_printers_get_merged_pieces(cost: CostModel) -> None:
     small_ball = make_ball(95.0)
-    counts = [len(decompose_model(small_ball, printers(n), OPTIONS, cost).parts) for n in (30, 5)]
+    counts = [len(decompose_model(small_ball, make_printers(n), OPTIONS, cost).parts) for n in (30, 5)]
     assert counts[0] >= 20
     assert counts[1] == 5
 
@@ -221,26 +221,26 @@ def test_fewer_printers_get_merged_pieces(cost: CostModel) -> None:
 def test_faithful_form_reproduces_the_published_parts(cost: CostModel) -> None:
     faithful = replace(OPTIONS, faithful=True)
     with pytest.raises(NoFit, match="each on a printer of its own, and there are 2") as error:
-        decompose_model(make_ball(95.0), printers(2), faithful, cost)
+        decompose_model(make_ball(95.0), make_printers(2), faithful, cost)
     printers_needed = error.value.printers_needed
     assert printers_needed is not None and printers_needed >= 13  # pairs, once, of 26
-    assert len(decompose_model(make_ball(95.0), printers(26), faithful, cost).parts) == printers_needed
+    assert len(decompose_model(make_ball(95.0), make_printers(26), faithful, cost).parts) == printers_needed
     with pytest.raises(NoFit, match=r"of the \d+ parts that cube-skeleton makes for 26 printers fit none"):
-        decompose_model(make_ball(330.0), printers(26), faithful, cost)
+        decompose_model(make_ball(330.0), make_printers(26), faithful, cost)
 
 
 def test_model_too_thin_for_a_cube_is_refused(cost: CostModel) -> None:
     sheet = Model(Solid.box((0, 0, 0), (400, 150, 3)), (), 1.0)
-    result = decompose_model(sheet, printers(4), OPTIONS, cost)
+    result = decompose_model(sheet, make_printers(4), OPTIONS, cost)
     assert 2 <= len(result.parts) <= 4
     assert sum(p.solid.volume_mm3 for p in result.parts) == pytest.approx(400 * 150 * 3)
     with pytest.raises(NoFit, match="no room for a cube"):
-        decompose_model(sheet, printers(4), replace(OPTIONS, faithful=True), cost)
+        decompose_model(sheet, make_printers(4), replace(OPTIONS, faithful=True), cost)
 
 
 def test_solid_model_keeps_its_cube(cost: CostModel) -> None:
     block = Model(Solid.box((0, 0, 0), (260, 18, 18)), (), 1.0)
-    result = decompose_model(block, printers(6), OPTIONS, cost)
+    result = decompose_model(block, make_printers(6), OPTIONS, cost)
     assert sum(p.solid.volume_mm3 for p in result.parts) == pytest.approx(260 * 18 * 18)
 
 
@@ -250,7 +250,7 @@ def test_pieces_that_would_meet_along_an_edge_stay_apart(cost: CostModel) -> Non
     )
     pieces = [Piece(Solid.box(*box), list_box_planes(box), box[None]) for box in boxes]
     model = Model(Solid.union([piece.solid for piece in pieces]), (), 1.0)
-    merger = _Merging(pieces, Problem(model, tuple(printers(1)), cost, OPTIONS))
+    merger = _Merging(pieces, Problem(model, tuple(make_printers(1)), cost, OPTIONS))
     merger.merge_down_to(1)
     merged_pieces = merger.list_merged_pieces()
     assert len(merged_pieces) == 2

@@ -40,7 +40,7 @@ def rough_ball() -> Model:
 directions = st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(lambda v: np.linalg.norm(v) > 0.1)
 
 
-def printers(count: int) -> list[PrinterRoom]:
+def make_printers(count: int) -> list[PrinterRoom]:
     return [replace(ROOM, name=str(i)) for i in range(count)]
 
 
@@ -50,8 +50,8 @@ def test_solid_is_cut_by_an_oblique_plane(
     ring_with_bar: Solid, direction: tuple[float, float, float], share: float
 ) -> None:
     normal = np.array(direction) / np.linalg.norm(direction)
-    along = ring_with_bar.arrays()[0] @ normal
-    at_mm = float(along.min() + share * np.ptp(along))
+    distances_mm = ring_with_bar.arrays()[0] @ normal
+    at_mm = float(distances_mm.min() + share * np.ptp(distances_mm))
     below, above = ring_with_bar.split_by_plane(normal, at_mm)
     assert below.volume_mm3 + above.volume_mm3 == pytest.approx(ring_with_bar.volume_mm3, rel=1e-9)
     assert (below.arrays()[0] @ normal).max() < at_mm + 1e-7
@@ -77,16 +77,16 @@ def test_number_of_parts_required_by_the_room_is_computed() -> None:
 
 
 def test_films_on_a_cut_are_ignored() -> None:
-    two = [Solid.box((0, 0, 0), (10, 10, 10)), Solid.box((20, 0, 0), (20 + 1e-9, 10, 10))]
-    result = split_connected(Piece(Solid.union(two), np.zeros((0, 4)), np.zeros((0, 2, 3))))
+    separate_boxes = [Solid.box((0, 0, 0), (10, 10, 10)), Solid.box((20, 0, 0), (20 + 1e-9, 10, 10))]
+    result = split_connected(Piece(Solid.union(separate_boxes), np.zeros((0, 4)), np.zeros((0, 2, 3))))
     assert [piece.solid.volume_mm3 for piece in result] == pytest.approx([1000.0])
 
 
 def test_cut_plane_keeps_its_distance_from_faces() -> None:
     step = Solid.union([Solid.box((0, 0, 0), (100, 40, 40)), Solid.box((0, 0, 0), (50, 40, 90))])
-    along = np.array([1.0, 0.0, 0.0])
-    assert place_clear_of_faces(step, along, 30.0) == 30.0
-    assert abs(place_clear_of_faces(step, along, 50.5) - 50.0) == pytest.approx(CLEAR_MM)
+    direction = np.array([1.0, 0.0, 0.0])
+    assert place_clear_of_faces(step, direction, 30.0) == 30.0
+    assert abs(place_clear_of_faces(step, direction, 50.5) - 50.0) == pytest.approx(CLEAR_MM)
 
 
 def test_planes_of_symmetry_differ_and_the_best_is_first() -> None:
@@ -113,16 +113,16 @@ def test_parts_add_up_to_the_model_and_are_deterministic(options: Options, cost:
     """An egg, whose halves are connected wherever it is cut."""
     egg = trimesh.creation.icosphere(2, 50.0)
     model = Model(Solid.from_arrays(egg.vertices * (1.0, 1.3, 1.7), egg.faces), (), 1.0)
-    result = decompose_model(model, printers(4), options, cost)
+    result = decompose_model(model, make_printers(4), options, cost)
     assert 2 <= len(result.parts) <= 4
     assert sum(p.solid.volume_mm3 for p in result.parts) == pytest.approx(model.solid.volume_mm3, rel=1e-9)
     assert result.makespan_s < result.serial_s
-    second_result = decompose_model(model, printers(4), options, cost)
+    second_result = decompose_model(model, make_printers(4), options, cost)
     assert [p.solid.volume_mm3 for p in second_result.parts] == [p.solid.volume_mm3 for p in result.parts]
 
 
 def test_model_larger_than_the_room_is_cut(rough_ball: Model, cost: CostModel) -> None:
-    result = decompose_model(rough_ball, printers(9), OPTIONS, cost)
+    result = decompose_model(rough_ball, make_printers(9), OPTIONS, cost)
     assert 8 <= len(result.parts) <= 9
     for part in result.parts:
         assert ROOM.fits(*(np.ptp(part.build_printing_mesh()[0], axis=0) - 1e-6))
@@ -130,12 +130,12 @@ def test_model_larger_than_the_room_is_cut(rough_ball: Model, cost: CostModel) -
 
 def test_parts_that_do_not_fit_are_counted_in_the_error(rough_ball: Model, cost: CostModel) -> None:
     with pytest.raises(NoFit, match=r"4 of the 4 parts that symmetry makes for 4 printers fit none"):
-        decompose_model(rough_ball, printers(4), FAITHFUL, cost)
+        decompose_model(rough_ball, make_printers(4), FAITHFUL, cost)
     with pytest.raises(NoFit, match="need at least 8 parts, and there are 4 printers") as error:
-        decompose_model(rough_ball, printers(4), OPTIONS, cost)
+        decompose_model(rough_ball, make_printers(4), OPTIONS, cost)
     assert error.value.printers_needed == 8
 
 
 def test_one_printer_gets_an_uncut_model_that_fits(ring_with_bar: Solid, cost: CostModel) -> None:
     for options in (OPTIONS, FAITHFUL):
-        assert len(decompose_model(Model(ring_with_bar, (), 1.0), printers(1), options, cost).parts) == 1
+        assert len(decompose_model(Model(ring_with_bar, (), 1.0), make_printers(1), options, cost).parts) == 1

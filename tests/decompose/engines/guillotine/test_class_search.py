@@ -36,8 +36,8 @@ def compute_shared_s(model: Model, printers: Sequence[PrinterRoom], cost: CostMo
     poses = problem.find_poses(list(cut_for_uniform_printers(problem).pieces))
     times_s = sorted((pose.price_s for pose in poses if pose is not None), reverse=True)
     assert len(times_s) == len(poses)
-    quickest = sorted(printer.time_factor for printer in printers)
-    return max(time * factor for time, factor in zip(times_s, quickest[: len(times_s)], strict=True))
+    sorted_factors = sorted(printer.time_factor for printer in printers)
+    return max(time * factor for time, factor in zip(times_s, sorted_factors[: len(times_s)], strict=True))
 
 
 @pytest.fixture(scope="module")

@@ -50,17 +50,17 @@ def test_each_point_equals_a_separate_search(shape: Shape, seed: int) -> None:
     shape=st.tuples(st.integers(1, 4), st.integers(1, 3), st.integers(1, 3)),
     seed=st.integers(0, 10**6),
     order=st.lists(st.integers(0, 1), min_size=1, max_size=5),
-    quicker=st.floats(0.5, 1.5),
+    ratio=st.floats(0.5, 1.5),
 )
 def test_each_point_of_unequal_printers_equals_a_separate_search(
-    shape: Shape, seed: int, order: list[int], quicker: float
+    shape: Shape, seed: int, order: list[int], ratio: float
 ) -> None:
     """Use a second class with another speed; some boxes fit only one of the two."""
     first_boxes, is_needed = make_tables(shape, seed)
     rng = np.random.default_rng(seed)
     factors = np.where(rng.random((2, len(first_boxes.seconds))) < 0.2, np.inf, 1.0).astype(np.float32)
     scaled_tables = replace(first_boxes, seconds=first_boxes.seconds * factors[0])
-    other_boxes = replace(first_boxes, seconds=first_boxes.seconds * np.float32(quicker) * factors[1])
+    other_boxes = replace(first_boxes, seconds=first_boxes.seconds * np.float32(ratio) * factors[1])
     fleets = np.cumsum(np.eye(2, dtype=np.int64)[order], axis=0)
     points = {p.printers: p.makespan_s for p in compute_makespan_curve([scaled_tables, other_boxes], fleets)}
     for first_count, other_count in fleets.tolist():

@@ -98,22 +98,22 @@ def test_pinwheel_without_a_guillotine_cut_is_found(axis: int, mirrored_axis: in
 
 def test_face_is_moved_and_a_spare_printer_is_used() -> None:
     boxes = make_even_tables((6, 2, 1))
-    uneven: list[Box] = [(0, 0, 0, 5, 2, 1), (5, 0, 0, 6, 2, 1)]
-    assert sort_times_s(boxes, improve_locally(boxes, uneven, 2)) == [6.0, 6.0]
-    assert sort_times_s(boxes, improve_locally(boxes, uneven, 3)) == [4.0, 4.0, 4.0]
+    uneven_boxes: list[Box] = [(0, 0, 0, 5, 2, 1), (5, 0, 0, 6, 2, 1)]
+    assert sort_times_s(boxes, improve_locally(boxes, uneven_boxes, 2)) == [6.0, 6.0]
+    assert sort_times_s(boxes, improve_locally(boxes, uneven_boxes, 3)) == [4.0, 4.0, 4.0]
 
 
 def test_l_shape_is_recut_between_other_boxes() -> None:
     """Use a slow box that does not form a box with its neighbours; other boxes do not change."""
     boxes = make_even_tables((4, 4, 1))
     other_box: Box = (2, 2, 0, 4, 4, 1)
-    ell: list[Box] = [(0, 0, 0, 4, 2, 1), (0, 2, 0, 2, 4, 1)]
+    l_shaped_boxes: list[Box] = [(0, 0, 0, 4, 2, 1), (0, 2, 0, 2, 4, 1)]
     boxes.seconds[box_index(other_box, boxes.shape)] = 0.5
     for box in list_boxes(boxes.shape):  # only the other way to cut the L ends sooner
         if box not in (other_box, (0, 0, 0, 2, 4, 1), (2, 0, 0, 4, 2, 1)):
             boxes.seconds[box_index(box, boxes.shape)] += 5.0
     boxes.seconds[box_index((0, 0, 0, 2, 4, 1), boxes.shape)] = 4.0
-    assert sorted(improve_locally(boxes, [other_box, *ell], 3)) == [
+    assert sorted(improve_locally(boxes, [other_box, *l_shaped_boxes], 3)) == [
         (0, 0, 0, 2, 4, 1),
         (2, 0, 0, 4, 2, 1),
         other_box,

@@ -22,13 +22,13 @@ from decompose.grid.boxes import list_rooms
 from decompose.pieces import assign_bottleneck
 from decompose.printers import PrinterRoom
 
-Worth = tuple[int, int, int]  # parts, seconds, units of cut area
+SortKey = tuple[int, int, int]  # parts, seconds, units of cut area
 Parts = tuple[int, ...]  # of each class of printers
 
 
-def find_best_by_recursion(boxes: BoxTables, is_needed: np.ndarray, limit_s: float) -> Worth:
+def find_best_by_recursion(boxes: BoxTables, is_needed: np.ndarray, limit_s: float) -> SortKey:
     @cache
-    def best(box: Box) -> Worth:
+    def find_best(box: Box) -> SortKey:
         cells_inside = np.argwhere(is_needed[box[0] : box[3], box[1] : box[4], box[2] : box[5]])
         if not len(cells_inside):
             return 0, 0, 0
@@ -48,11 +48,11 @@ def find_best_by_recursion(boxes: BoxTables, is_needed: np.ndarray, limit_s: flo
             for plane in range(box[axis] + 1, box[axis + 3]):
                 near, far = list(box), list(box)
                 near[axis + 3] = far[axis] = plane
-                a, b = best(tuple(near)), best(tuple(far))  # type: ignore[arg-type]
+                a, b = find_best(tuple(near)), find_best(tuple(far))  # type: ignore[arg-type]
                 results.append((a[0] + b[0], a[1] + b[1], a[2] + b[2]))
         return min(results)
 
-    return best((0, 0, 0, *boxes.shape))
+    return find_best((0, 0, 0, *boxes.shape))
 
 
 def find_fewest_by_recursion(boxes: BoxTables, is_needed: np.ndarray, limit_s: float) -> int:
@@ -85,22 +85,24 @@ def test_minimum_number_of_parts_at_a_time_limit(shape: Shape, seed: int, share:
 
 
 @settings(max_examples=40, deadline=None)
-@given(shape=shapes, seed=st.integers(0, 10**6), share=st.floats(0.2, 1.2), alike=st.booleans())
-def test_ties_are_broken_by_work_then_by_cut_area(shape: Shape, seed: int, share: float, alike: bool) -> None:
+@given(shape=shapes, seed=st.integers(0, 10**6), share=st.floats(0.2, 1.2), has_equal_costs=st.booleans())
+def test_ties_are_broken_by_work_then_by_cut_area(
+    shape: Shape, seed: int, share: float, has_equal_costs: bool
+) -> None:
     boxes, is_needed = make_tables(shape, seed)
-    if alike:  # so that only cuts decide
+    if has_equal_costs:  # so that only cuts decide
         boxes.seconds[np.isfinite(boxes.seconds)] = 100.0
     limit = share * 130.0 * float(np.prod(shape))
     solver = Partitioner(boxes)
     if solver.solve(limit, ties=True) >= UNREACHABLE:
         return
     indices = [box_index(box, shape) for box in solver.list_chosen_boxes()]
-    worth = (
+    sort_key = (
         sum(int(boxes.pieces[i]) for i in indices),
         sum(round(boxes.seconds[i]) for i in indices),
         sum(round(boxes.cut_mm2[i] / AREA_MM2) for i in indices),
     )
-    assert worth == find_best_by_recursion(boxes, is_needed, limit)
+    assert sort_key == find_best_by_recursion(boxes, is_needed, limit)
 
 
 @pytest.mark.parametrize("is_busy", [False, True])
@@ -111,19 +113,19 @@ def test_an_executor_free_or_busy_changes_no_solution(
 ) -> None:
     boxes, _ = make_tables(shape, seed)
     limit_s = share * 130.0 * float(np.prod(shape))
-    alone = Partitioner(boxes)
-    fewest = alone.solve(limit_s, ties=True)
+    serial_partitioner = Partitioner(boxes)
+    fewest = serial_partitioner.solve(limit_s, ties=True)
     is_over = Event()
     with ThreadPoolExecutor(1) as executor:
         if is_busy:
             executor.submit(is_over.wait)
-        helped = Partitioner(boxes, executor=executor)
-        fewest_by_both = helped.solve(limit_s, ties=True)
+        parallel_partitioner = Partitioner(boxes, executor=executor)
+        parallel_fewest = parallel_partitioner.solve(limit_s, ties=True)
         is_over.set()
-    assert fewest_by_both == fewest
-    assert (helped.counts == alone.counts).all()
+    assert parallel_fewest == fewest
+    assert (parallel_partitioner.counts == serial_partitioner.counts).all()
     if fewest < UNREACHABLE:
-        assert helped.list_chosen_boxes() == alone.list_chosen_boxes()
+        assert parallel_partitioner.list_chosen_boxes() == serial_partitioner.list_chosen_boxes()
 
 
 @settings(max_examples=25, deadline=None)
@@ -147,12 +149,12 @@ def test_minimum_makespan_is_independent_of_the_lower_bound(
     boxes, _ = make_tables(shape, seed)
     makespan_s = Partitioner(boxes).find_min_makespan(printers, 0.0, tolerance_s=1e-3)
     bound_s = share * (makespan_s or 1.0)
-    near = Partitioner(boxes)
-    assert near.find_min_makespan(printers, bound_s, 1e-3, is_near=True) == (
+    partitioner = Partitioner(boxes)
+    assert partitioner.find_min_makespan(printers, bound_s, 1e-3, is_near=True) == (
         None if makespan_s is None else pytest.approx(makespan_s, abs=2e-3)
     )
     if makespan_s is not None:
-        assert len(near.list_chosen_boxes()) <= printers
+        assert len(partitioner.list_chosen_boxes()) <= printers
 
 
 def list_shares_by_recursion(
@@ -168,9 +170,9 @@ def list_shares_by_recursion(
         lo, hi = cells_inside.min(axis=0) + box[:3], cells_inside.max(axis=0) + box[:3] + 1
         box = (*map(int, lo), *map(int, hi))  # type: ignore[assignment]
         index = box_index(box, classes[0].shape)
-        able = [i for i, boxes in enumerate(classes) if boxes.seconds[index] <= limit_s]
-        takers = combinations_with_replacement(able, int(classes[0].pieces[index]))
-        results = {tuple(item.count(i) for i in range(len(classes))) for item in takers}
+        able_classes = [i for i, boxes in enumerate(classes) if boxes.seconds[index] <= limit_s]
+        class_choices = combinations_with_replacement(able_classes, int(classes[0].pieces[index]))
+        results = {tuple(item.count(i) for i in range(len(classes))) for item in class_choices}
         for axis in range(3):
             for plane in range(box[axis] + 1, box[axis + 3]):
                 near, far = list(box), list(box)
@@ -208,12 +210,12 @@ def test_unequal_printers_match_an_exhaustive_distribution(
     limit = share * 130.0 * float(np.prod(shape))
     solver = Partitioner(classes[0], [OtherClass(*item) for item in zip(classes[1:], counts, strict=True)])
     shares = list_shares_by_recursion(classes, is_needed, limit, max_count=12)
-    within = [
+    feasible_s = [
         parts_by_class[0]
         for parts_by_class in shares
         if all(n <= m for n, m in zip(parts_by_class[1:], counts, strict=True))
     ]
-    expected_s = min(within, default=UNREACHABLE)
+    expected_s = min(feasible_s, default=UNREACHABLE)
     for ties in (False, True):
         assert solver.solve(limit, ties) == expected_s
         if expected_s >= UNREACHABLE:
@@ -243,12 +245,12 @@ def test_more_printers_of_another_class_never_end_later(
     shape: Shape, seed: int, printers: int, other_count: int
 ) -> None:
     (first_boxes, second_boxes), _ = make_classes(shape, seed, 2)
-    alone_s = Partitioner(first_boxes).find_min_makespan(printers, 0.0, tolerance_s=1e-3)
+    first_s = Partitioner(first_boxes).find_min_makespan(printers, 0.0, tolerance_s=1e-3)
     partitioner = Partitioner(first_boxes, [OtherClass(second_boxes, other_count)])
     both_s = partitioner.find_min_makespan(printers, 0.0, tolerance_s=1e-3)
-    if alone_s is not None:
+    if first_s is not None:
         assert both_s is not None
-        assert both_s <= alone_s + 1e-3
+        assert both_s <= first_s + 1e-3
         assert partitioner.find_min_makespan(printers, 0.0, max_s=0.5 * both_s) is None
 
 

@@ -24,7 +24,7 @@ from decompose.problem import Effort, Problem, Work
 ROOM = ((220.0, 220.0, 200.0),)
 
 
-def problem(
+def make_problem(
     solid: Solid, cost: CostModel, printers: int, cells: int, interior: Interior = Interior.KEEP
 ) -> Problem:
     options = Options(Engine.GUILLOTINE, cells, interior, min_wall_mm=3.0, fit_first_layer=False)
@@ -59,7 +59,7 @@ def cone() -> Solid:
 
 
 def test_cone_is_cut_into_two_parts_of_equal_time(cone: Solid, cost: CostModel) -> None:
-    task = problem(cone, cost, 2, cells=2)
+    task = make_problem(cone, cost, 2, cells=2)
     nx, ny, nz = task.build_grid(task.model).shape
     middle = nx // 2
     old_pieces, new_pieces = run(task, [(0, 0, 0, middle, ny, nz), (middle, 0, 0, nx, ny, nz)])
@@ -76,19 +76,19 @@ def test_other_parts_are_balanced_if_one_pose_would_get_worse(
     cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Use a thin end that would need another pose if it were longer: the other cut moves."""
-    task = problem(cone, cost, 3, cells=4)
+    task = make_problem(cone, cost, 3, cells=4)
     nx, ny, nz = task.build_grid(task.model).shape
     thirds = [0, nx // 3, 2 * nx // 3, nx]
     boxes = [(a, 0, 0, b, ny, nz) for a, b in pairwise(thirds)]
     end_mm = task.build_grid(task.model).planes[0][thirds[2]]
     pose = Problem.find_pose
 
-    def worse(self: Problem, piece: Piece) -> Pose | None:
+    def worsen_pose(self: Problem, piece: Piece) -> Pose | None:
         result = pose(self, piece)
         longer = bool(piece.solid.bounds_mm[1, 0] > 239.0 and piece.solid.bounds_mm[0, 0] < end_mm - 0.1)
         return replace(result, price_s=10.0 * result.price_s) if result and longer else result
 
-    monkeypatch.setattr(Problem, "find_pose", worse)
+    monkeypatch.setattr(Problem, "find_pose", worsen_pose)
     old_pieces, new_pieces = run(task, boxes)
     assert compute_longest_s(task, new_pieces) < 0.96 * compute_longest_s(task, old_pieces)
     assert max(piece.solid.bounds_mm[0, 0] for piece in new_pieces) >= end_mm - 0.1
@@ -98,11 +98,11 @@ class Rounds:
     """Counter of the rounds of plane shifts, from one set of poses to the next."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.begun = 0
+        self.started_count = 0
         take_steps = _PlaneShift._take_steps
 
         def count_call(start_shift: _PlaneShift, parts: list[BoxPart], slopes: np.ndarray) -> list[BoxPart]:
-            self.begun += 1
+            self.started_count += 1
             return take_steps(start_shift, parts, slopes)
 
         monkeypatch.setattr(_PlaneShift, "_take_steps", count_call)
@@ -128,16 +128,16 @@ def test_planes_move_once_after_the_budget_is_spent(
     cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rounds = Rounds(monkeypatch)
-    task = replace(problem(cone, cost, 2, cells=2), effort=Effort(0.0))
+    task = replace(make_problem(cone, cost, 2, cells=2), effort=Effort(0.0))
     old_pieces, new_pieces = run(task, make_halves(task))
     assert compute_longest_s(task, new_pieces) < 0.95 * compute_longest_s(task, old_pieces)
-    assert rounds.begun == 1
+    assert rounds.started_count == 1
     assert task.effort.cut_short
 
 
 def test_last_round_prices_every_part(cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plane_shift, "ROUNDS", 1)
-    task = replace(problem(cone, cost, 2, cells=2), effort=Effort(0.0))
+    task = replace(make_problem(cone, cost, 2, cells=2), effort=Effort(0.0))
     old_pieces, new_pieces = run(task, make_halves(task))
     assert compute_longest_s(task, new_pieces) < 0.95 * compute_longest_s(task, old_pieces)
     assert not task.effort.cut_short
@@ -148,11 +148,11 @@ def test_useless_round_is_not_repeated_after_the_budget(
     faulty: bool, cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Make every moved part ten times slower in its true pose, or impossible to glue well."""
-    task = replace(problem(cone, cost, 2, cells=2), effort=Effort(0.0))
+    task = replace(make_problem(cone, cost, 2, cells=2), effort=Effort(0.0))
     grid = task.build_grid(task.model)
     pose = Problem.find_pose
 
-    def worse(self: Problem, piece: Piece) -> Pose | None:
+    def worsen_pose(self: Problem, piece: Piece) -> Pose | None:
         result = pose(self, piece)
         return result and replace(result, price_s=10.0 * result.price_s)
 
@@ -161,10 +161,10 @@ def test_useless_round_is_not_repeated_after_the_budget(
     if faulty:
         monkeypatch.setattr(_PlaneShift, "_has_faults", lambda *_: True)
     else:
-        monkeypatch.setattr(Problem, "find_pose", worse)
+        monkeypatch.setattr(Problem, "find_pose", worsen_pose)
     rounds = Rounds(monkeypatch)
     shift_planes(task, grid, pieces_by_box)
-    assert rounds.begun == 1
+    assert rounds.started_count == 1
     assert task.effort.cut_short
 
 
@@ -176,23 +176,23 @@ def test_fixed_longest_part_does_not_stop_other_faces(
     monkeypatch.setattr(
         _PlaneShift, "_take_steps", lambda _, parts, slopes: shifts.append(len(parts)) or [*parts]
     )
-    task = problem(cone, cost, 2, cells=2)
+    task = make_problem(cone, cost, 2, cells=2)
     run(task, make_halves(task))
     assert shifts == [2]
 
 
 def test_only_broken_parts_are_recut_to_find_the_face(cone: Solid, cost: CostModel) -> None:
-    task = problem(cone, cost, 2, cells=2)
+    task = make_problem(cone, cost, 2, cells=2)
     search, parts = start_shift(task)
     box = parts[0].box_mm + np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
-    slower = replace(parts[0], box_mm=box, seconds=2.0 * parts[0].seconds)
-    assert search._stop_faces(parts, [slower, parts[1]], parts[0].seconds)
+    slower_part = replace(parts[0], box_mm=box, seconds=2.0 * parts[0].seconds)
+    assert search._stop_faces(parts, [slower_part, parts[1]], parts[0].seconds)
     assert task.effort.done[Work.FACE_CUT] == 0
     search.free[:] = True
-    broken = replace(slower, pieces=slower.pieces * 2, seconds=np.inf)
-    assert search._stop_faces(parts, [broken, parts[1]])
+    broken_part = replace(slower_part, pieces=slower_part.pieces * 2, seconds=np.inf)
+    assert search._stop_faces(parts, [broken_part, parts[1]])
     assert task.effort.done[Work.FACE_CUT] == search.nearby_solids[0].faces
-    assert not search._stop_faces(parts, [broken, parts[1]])  # it is barred already
+    assert not search._stop_faces(parts, [broken_part, parts[1]])  # it is barred already
 
 
 def test_new_pose_is_computed_once_and_recorded(
@@ -210,14 +210,14 @@ def test_new_pose_is_computed_once_and_recorded(
 
     monkeypatch.setattr(_PlaneShift, "_measure", make_tall)
     monkeypatch.setattr(Problem, "find_pose", count_call)
-    task = problem(cone, cost, 2, cells=2)
+    task = make_problem(cone, cost, 2, cells=2)
     old_pieces, new_pieces = run(task, make_halves(task))
     assert new_pieces[0].solid is not old_pieces[0].solid
     assert len({*posed_parts}) == len(posed_parts) == task.effort.done[Work.PIECE_POSED] > 4
 
 
 def test_slower_of_two_printers_gets_less(cone: Solid, cost: CostModel) -> None:
-    task = problem(cone, cost, 2, cells=2)
+    task = make_problem(cone, cost, 2, cells=2)
     slow, quick = PrinterRoom("slow", ROOM, 1.2), PrinterRoom("quick", ROOM, 0.9)
     task = replace(task, printers=(slow, quick))
     grid = task.build_grid(task.model)
@@ -239,14 +239,14 @@ def test_slower_of_two_printers_gets_less(cone: Solid, cost: CostModel) -> None:
 def test_lid_moves_into_the_hollow_behind_it(cost: CostModel) -> None:
     """Use two cells of 45 mm in front of the hollow, where a wall of 24 mm is enough."""
     block = Solid.box((0.0, 0.0, 0.0), (180.0, 180.0, 180.0))
-    task = problem(block, cost, 6, cells=8, interior=Interior.LEAVE)
+    task = make_problem(block, cost, 6, cells=8, interior=Interior.LEAVE)
     task = replace(task, options=replace(task.options, min_wall_mm=24.0))
     grid = task.build_grid(task.model)
     assert grid.shape == (8, 8, 8)
     assert not grid.needed[2:6, 2:6, 2:6].any()
-    lids = [(0, 0, 0, 8, 8, 2), (0, 0, 6, 8, 8, 8)]
+    end_layers = [(0, 0, 0, 8, 8, 2), (0, 0, 6, 8, 8, 8)]
     walls = [(0, 0, 2, 2, 8, 6), (6, 0, 2, 8, 8, 6), (2, 0, 2, 6, 2, 6), (2, 6, 2, 6, 8, 6)]
-    old_pieces, new_pieces = run(task, [*lids, *walls])
+    old_pieces, new_pieces = run(task, [*end_layers, *walls])
     assert compute_longest_s(task, new_pieces) < 0.85 * compute_longest_s(task, old_pieces)
     assert 24.0 <= new_pieces[0].boxes_mm[0, 1, 2] < 32.0
 
@@ -254,23 +254,23 @@ def test_lid_moves_into_the_hollow_behind_it(cost: CostModel) -> None:
 def test_next_search_continues_from_the_result_of_the_last(
     cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Move a plane with a short reach to its best place by several searches, if requested."""
-    task = replace(problem(cone, cost, 2, cells=2), thorough=True)
-    _, far = run(task, make_halves(task))
+    """Limit the reach of a search; with `thorough`, several searches reach the best place."""
+    task = replace(make_problem(cone, cost, 2, cells=2), thorough=True)
+    _, far_pieces = run(task, make_halves(task))
     monkeypatch.setattr(plane_shift, "REACH", 0.05)
     old_pieces, new_pieces = run(task, make_halves(task))
-    assert compute_longest_s(task, new_pieces) < 1.03 * compute_longest_s(task, far)
+    assert compute_longest_s(task, new_pieces) < 1.03 * compute_longest_s(task, far_pieces)
     assert compute_longest_s(task, new_pieces) < 0.95 * compute_longest_s(task, old_pieces)
-    _, quick = run(replace(task, thorough=False), make_halves(task))
-    assert compute_longest_s(task, quick) > 1.05 * compute_longest_s(task, new_pieces)
+    _, quick_pieces = run(replace(task, thorough=False), make_halves(task))
+    assert compute_longest_s(task, quick_pieces) > 1.05 * compute_longest_s(task, new_pieces)
 
 
 def test_time_ratio_of_a_slice_is_used(cone: Solid, cost: CostModel) -> None:
-    task = problem(cone, cost, 2, cells=2)
+    task = make_problem(cone, cost, 2, cells=2)
     grid = task.build_grid(task.model)
     pieces_by_box = {
-        box: [replace(piece, time_ratio=slower) for piece in cut_cells(cone, grid, box)]
-        for box, slower in zip(make_halves(task), (1.0, 1.3), strict=True)
+        box: [replace(piece, time_ratio=time_ratio) for piece in cut_cells(cone, grid, box)]
+        for box, time_ratio in zip(make_halves(task), (1.0, 1.3), strict=True)
     }
     a, b = shift_planes(task, grid, pieces_by_box)
     assert (a.time_ratio, b.time_ratio) == (1.0, 1.3)
@@ -283,7 +283,7 @@ def test_shifted_plane_keeps_its_distance_from_a_flat_face(cost: CostModel) -> N
     bar = Solid.union(
         [Solid.box((0.0, 0.0, 0.0), (300.0, 40.0, 40.0)), Solid.box((0.0, -20.0, -20.0), (95.0, 60.0, 60.0))]
     )
-    task = problem(bar, cost, 3, cells=4)
+    task = make_problem(bar, cost, 3, cells=4)
     nx, ny, nz = task.build_grid(task.model).shape
     thirds = [0, nx // 3, 2 * nx // 3, nx]
     old_pieces, new_pieces = run(task, [(a, 0, 0, b, ny, nz) for a, b in pairwise(thirds)])
@@ -302,7 +302,7 @@ def test_shifted_part_still_fits_its_printer(cost: CostModel) -> None:
     bar = Solid.union(
         [Solid.box((0.0, 10.0, 10.0), (280.0, 50.0, 50.0)), Solid.box((215.0, 0.0, 0.0), (400.0, 60.0, 60.0))]
     )
-    task = problem(bar, cost, 2, cells=8)
+    task = make_problem(bar, cost, 2, cells=8)
     grid = task.build_grid(task.model)
     nx, ny, nz = grid.shape
     index = int(np.searchsorted(grid.planes[0], 220.0)) - 1
@@ -316,7 +316,7 @@ def test_shifted_part_still_fits_its_printer(cost: CostModel) -> None:
 def test_shifted_planes_give_a_complete_and_no_slower_partition(
     ring_with_bar: Solid, cost: CostModel, corner: tuple[int, int, int]
 ) -> None:
-    task = problem(ring_with_bar, cost, 8, cells=6)
+    task = make_problem(ring_with_bar, cost, 8, cells=6)
     grid = task.build_grid(task.model)
     nx, ny, nz = grid.shape
     x, y, z = (min(a, n - 1) for a, n in zip(corner, grid.shape, strict=True))

@@ -15,29 +15,31 @@ EXTENDED = tuple((x, y, 305.0) for x, y, _ in PLUS)
 FLAT = ((250.0, 150.0, 100.0),)
 
 
-def printers(*rooms_and_factors: tuple[tuple[tuple[float, float, float], ...], float]) -> list[PrinterRoom]:
+def make_printers(
+    *rooms_and_factors: tuple[tuple[tuple[float, float, float], ...], float],
+) -> list[PrinterRoom]:
     return [PrinterRoom(str(i), *item) for i, item in enumerate(rooms_and_factors)]
 
 
 def test_equal_printers_are_one_class() -> None:
-    (only,) = classify_printers(printers(*[(PLUS, 1.1)] * 5), 100.0)
+    (only,) = classify_printers(make_printers(*[(PLUS, 1.1)] * 5), 100.0)
     assert (only.boxes, only.time_factor, only.count) == (PLUS, 1.1, 5)
 
 
 def test_different_rooms_are_classes_but_similar_speeds_are_not() -> None:
-    fleet = printers(*[(PLUS, 1.0 + 0.002 * i) for i in range(8)], *[(EXTENDED, 1.0)] * 3)
+    fleet = make_printers(*[(PLUS, 1.0 + 0.002 * i) for i in range(8)], *[(EXTENDED, 1.0)] * 3)
     result = classify_printers(fleet, 100.0)
     assert [(item.boxes, item.count) for item in result] == [(PLUS, 8), (EXTENDED, 3)]
     assert result[0].time_factor == 1.014
 
 
 def test_wide_nozzle_is_a_separate_class_before_a_room() -> None:
-    fleet = printers(*[(PLUS, 1.0)] * 12, *[(PLUS, 0.4)] * 3, *[(EXTENDED, 1.0)] * 4)
-    three = classify_printers(fleet, 1000.0)
-    assert [item.count for item in three] == [12, 4, 3]
-    two = classify_printers(fleet, 20.0)
-    assert [(item.count, item.time_factor) for item in two] == [(16, 1.0), (3, 0.4)]
-    assert two[0].boxes == PLUS
+    fleet = make_printers(*[(PLUS, 1.0)] * 12, *[(PLUS, 0.4)] * 3, *[(EXTENDED, 1.0)] * 4)
+    three_classes = classify_printers(fleet, 1000.0)
+    assert [item.count for item in three_classes] == [12, 4, 3]
+    two_classes = classify_printers(fleet, 20.0)
+    assert [(item.count, item.time_factor) for item in two_classes] == [(16, 1.0), (3, 0.4)]
+    assert two_classes[0].boxes == PLUS
 
 
 factors = st.floats(0.3, 2.0)
@@ -48,7 +50,7 @@ rooms = st.sampled_from([PLUS, EXTENDED, FLAT])
 def test_each_printer_of_a_class_can_print_its_parts(
     fleet: list[tuple[tuple[tuple[float, float, float], ...], float]], max_count: int
 ) -> None:
-    result = classify_printers(printers(*fleet), max_count)
+    result = classify_printers(make_printers(*fleet), max_count)
     members = [printer.name for item in result for printer in item.printers]
     assert sorted(members) == sorted(str(i) for i in range(len(fleet)))
     assert len(result) == 1 or count_sums([item.count for item in result]) <= max_count

@@ -72,11 +72,11 @@ def test_blocks_are_disjoint_and_cover_the_cells(shape: Shape, seed: int, share:
     assert ((cover(blocks, shape) == 1) == (owner != FREE)).all()
     assert cover(blocks, shape).max(initial=0) <= 1
     free_count = int((terrain.needed & (owner == FREE)).sum())
-    filled_count = fill_voids(blocks, owner, terrain, free_count)
-    assert filled_count is not None  # a block for each cell would do
-    assert cover(filled_count, shape).max(initial=0) <= 1
-    assert (cover(filled_count, shape)[terrain.needed] == 1).all()
-    for block in filled_count:
+    filled_blocks = fill_voids(blocks, owner, terrain, free_count)
+    assert filled_blocks is not None  # a block for each cell would do
+    assert cover(filled_blocks, shape).max(initial=0) <= 1
+    assert (cover(filled_blocks, shape)[terrain.needed] == 1).all()
+    for block in filled_blocks:
         index = box_index((*block.tolist(),), shape)
         assert np.isfinite(terrain.seconds[index])
         assert terrain.pieces[index] == 1
@@ -157,10 +157,10 @@ def test_seeds_are_distinct_boundary_cells(ball_grid: Grid, ball_points: np.ndar
         SeedSource(ball_points, ball_grid, make_empty_mask(ball_grid)), count, np.random.default_rng(3)
     )
     # Fewer vertices than seeds:
-    few = draw_seeds(
+    few_seeds = draw_seeds(
         SeedSource(ball_points[:3], ball_grid, make_empty_mask(ball_grid)), count, np.random.default_rng(3)
     )
-    assert len(set(few)) == len(result)
+    assert len(set(few_seeds)) == len(result)
 
 
 def test_seeds_spread_over_the_surface(ball_grid: Grid, ball_points: np.ndarray) -> None:
@@ -204,20 +204,20 @@ def test_prices_of_the_paper_match_the_solid_in_each_box(
     terrain = make_paper_terrain(ball_grid, ball_boxes)
     rng = np.random.default_rng(1)
     shape = ball_grid.shape
-    for at in rng.choice(len(ball_boxes.seconds), 25, replace=False):
+    for number in rng.choice(len(ball_boxes.seconds), 25, replace=False):
         sizes = [n * (n + 1) // 2 for n in shape]
-        index, iz = divmod(int(at), sizes[2])
+        index, iz = divmod(int(number), sizes[2])
         ix, iy = divmod(index, sizes[1])
         spans = [find_interval_ends(i, n) for i, n in zip((ix, iy, iz), shape, strict=True)]
         x, y, z = spans
         box = (x[0], y[0], z[0], x[1], y[1], z[1])
         piece: Solid = ball.solid.clip(*ball_grid.bounds_mm(box))
         expected_s = SPEED_MM_S * (piece.volume_mm3 + piece.area_mm2)
-        assert terrain.printing[at] == pytest.approx(expected_s, rel=1e-4, abs=1.0)
-    at_all = box_index((0, 0, 0, *shape), shape)
+        assert terrain.printing[number] == pytest.approx(expected_s, rel=1e-4, abs=1.0)
+    whole_box = box_index((0, 0, 0, *shape), shape)
     # The surface of a ball that is steeper than the support angle projects to the same disc on all sides.
     down_mm2 = math.pi * (150.0 * math.sin(math.radians(45.0))) ** 2
-    assert terrain.overhang[at_all] == pytest.approx(down_mm2, rel=0.1)
+    assert terrain.overhang[whole_box] == pytest.approx(down_mm2, rel=0.1)
 
 
 def make_rotation(angle: float, axis: tuple[float, float, float]) -> np.ndarray:
@@ -244,34 +244,36 @@ def test_mirror_of_a_mirrored_cloud_is_found(angle: float, seed: int) -> None:
 
 
 @pytest.fixture(scope="module")
-def skewed() -> Model:
+def rotated_model() -> Model:
     """Make a symmetric block with a step, rotated off the axes."""
     step = Solid.union([Solid.box((-150, -40, -50), (150, 40, 10)), Solid.box((-60, -40, 5), (60, 10, 90))])
     vertices, faces = step.arrays()
     return Model(Solid.from_arrays(vertices @ make_rotation(0.4, (0.0, 0.0, 1.0)).T, faces), (), 1.0)
 
 
-GROWN = Options(Engine.PARALLELOBOX, granularity="vcoarse", seed=1)
+COARSE_OPTIONS = Options(Engine.PARALLELOBOX, granularity="vcoarse", seed=1)
 
 
 @pytest.mark.parametrize(
     "options",
     [
-        GROWN,
-        replace(GROWN, parallelobox=ParalleloboxOptions(score=Score.HIGH)),
-        replace(GROWN, faithful=True),
+        COARSE_OPTIONS,
+        replace(COARSE_OPTIONS, parallelobox=ParalleloboxOptions(score=Score.HIGH)),
+        replace(COARSE_OPTIONS, faithful=True),
     ],
 )
 def test_engine_returns_checked_parts(
-    options: Options, skewed: Model, plus_room: PrinterRoom, cost: CostModel
+    options: Options, rotated_model: Model, plus_room: PrinterRoom, cost: CostModel
 ) -> None:
     printers = [replace(plus_room, name=str(i)) for i in range(9)]
-    assert align_model(skewed, 1, cost.overhang_cos).mirror is not None
-    result = decompose_model(skewed, printers, options, cost)
+    assert align_model(rotated_model, 1, cost.overhang_cos).mirror is not None
+    result = decompose_model(rotated_model, printers, options, cost)
     assert result.engine is Engine.PARALLELOBOX
     assert 2 <= len(result.parts) <= 9
-    assert sum(p.solid.volume_mm3 for p in result.parts) == pytest.approx(skewed.solid.volume_mm3, rel=1e-6)
-    lo, hi = skewed.solid.bounds_mm
+    assert sum(p.solid.volume_mm3 for p in result.parts) == pytest.approx(
+        rotated_model.solid.volume_mm3, rel=1e-6
+    )
+    lo, hi = rotated_model.solid.bounds_mm
     assert np.min([p.solid.bounds_mm[0] for p in result.parts], axis=0) == pytest.approx(lo, abs=1e-6)
     assert np.max([p.solid.bounds_mm[1] for p in result.parts], axis=0) == pytest.approx(hi, abs=1e-6)
     for part in result.parts:  # the print pose is still one that fits
@@ -279,24 +281,24 @@ def test_engine_returns_checked_parts(
         assert plus_room.fits(width, depth, height)
         assert part.build_printing_mesh()[0][:, 2].min() == pytest.approx(0.0, abs=1e-6)
     if options.faithful:  # no part crosses the plane of symmetry, x = 0 before the block was turned
-        across = make_rotation(0.4, (0.0, 0.0, 1.0))[:, 0]
-        sides = [part.solid.arrays()[0] @ across for part in result.parts]
+        direction = make_rotation(0.4, (0.0, 0.0, 1.0))[:, 0]
+        sides = [part.solid.arrays()[0] @ direction for part in result.parts]
         assert all(side.min() > -1e-6 or side.max() < 1e-6 for side in sides)
         return
-    second_result = decompose_model(skewed, printers, options, cost)
+    second_result = decompose_model(rotated_model, printers, options, cost)
     assert [p.solid.volume_mm3 for p in second_result.parts] == [p.solid.volume_mm3 for p in result.parts]
     assert second_result.makespan_s == result.makespan_s
 
 
 def test_option_faithful_uses_the_settings_of_the_paper(
-    skewed: Model, plus_room: PrinterRoom, cost: CostModel, monkeypatch: pytest.MonkeyPatch
+    rotated_model: Model, plus_room: PrinterRoom, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Check a very fine grid, three tries, symmetry, 1 degree of overhang tolerance and speeds of 20 mm/s,
     but no infill, which neither the paper's formulas nor its program have."""
     calls: list[tuple[str, int, float]] = []
     build, draw = problem_module.build_grid, search.draw_seed_sets
 
-    def gridded(*args: Any) -> Grid:
+    def record_grid(*args: Any) -> Grid:
         calls.append(("grid", args[1], args[2].overhang_cos))
         return build(*args)
 
@@ -304,13 +306,17 @@ def test_option_faithful_uses_the_settings_of_the_paper(
         calls.append(("draws", args[1], args[2]))
         return draw(*args)
 
-    monkeypatch.setattr(problem_module, "build_grid", gridded)
+    monkeypatch.setattr(problem_module, "build_grid", record_grid)
     monkeypatch.setattr(search, "draw_seed_sets", record_draw)
     printers = [replace(plus_room, name=str(i)) for i in range(9)]
     options = replace(
-        GROWN, faithful=True, parallelobox=ParalleloboxOptions(tries=1), prove=False, fit_first_layer=False
+        COARSE_OPTIONS,
+        faithful=True,
+        parallelobox=ParalleloboxOptions(tries=1),
+        prove=False,
+        fit_first_layer=False,
     )
-    result = decompose_model(skewed, printers, options, cost)
+    result = decompose_model(rotated_model, printers, options, cost)
     assert result.options.granularity == "vfine" and result.options.parallelobox.tries == 3
     assert {size for kind, size, _ in calls if kind == "grid"} == {15}
     assert math.sin(math.radians(1.0)) in {steep for kind, _, steep in calls if kind == "grid"}
@@ -331,13 +337,13 @@ def test_option_faithful_uses_the_settings_of_the_paper(
 @settings(max_examples=1, deadline=None)
 @given(seed=st.integers(0, 10**6), printers=st.integers(9, 14))
 def test_result_is_never_worse_than_the_faithful_one(
-    skewed: Model, plus_room: PrinterRoom, cost: CostModel, seed: int, printers: int
+    rotated_model: Model, plus_room: PrinterRoom, cost: CostModel, seed: int, printers: int
 ) -> None:
     """Compare both on a rotated model with a plane of symmetry that is large enough for a finer grid."""
     fleet = [replace(plus_room, name=str(i)) for i in range(printers)]
     options = Options(Engine.PARALLELOBOX, seed=seed, fit_first_layer=False, prove=False)
-    faithful = decompose_model(skewed, fleet, replace(options, faithful=True), cost)
-    default = decompose_model(skewed, fleet, options, cost)
+    faithful = decompose_model(rotated_model, fleet, replace(options, faithful=True), cost)
+    default = decompose_model(rotated_model, fleet, options, cost)
     assert default.makespan_s <= faithful.makespan_s or (faithful.faults and not default.faults)
 
 
@@ -364,4 +370,4 @@ def test_model_is_rotated_to_reduce_its_overhangs(cost: CostModel) -> None:
 
 def test_too_few_printers_are_reported(ball: Model, plus_room: PrinterRoom, cost: CostModel) -> None:
     with pytest.raises(NoFit, match=r"no attempt of parallelobox covers .* --engine guillotine"):
-        decompose_model(ball, [plus_room, replace(plus_room, name="b")], GROWN, cost)
+        decompose_model(ball, [plus_room, replace(plus_room, name="b")], COARSE_OPTIONS, cost)

@@ -16,13 +16,13 @@ from decompose.print_time.poses.footing import FIRST_LAYER_MM, Footing
 NO_PROPS = np.zeros((0, 2))
 
 
-def footing(solid: Solid) -> Footing:
+def measure_footing(solid: Solid) -> Footing:
     vertices, faces = solid.arrays()
     return Footing.from_mesh(vertices[faces], NO_PROPS)
 
 
 def measure_box(width: float, depth: float, height: float) -> Footing:
-    return footing(Solid.box((0, 0, 0), (width, depth, height)))
+    return measure_footing(Solid.box((0, 0, 0), (width, depth, height)))
 
 
 def test_footing_of_a_block_is_its_base() -> None:
@@ -38,14 +38,14 @@ def test_footing_of_a_block_is_its_base() -> None:
 def test_ball_touches_where_its_first_layer_is_cut() -> None:
     mesh = trimesh.creation.icosphere(5, 20.0)
     mesh.apply_translation([0, 0, 20])
-    result = footing(Solid.from_arrays(mesh.vertices, mesh.faces))
+    result = measure_footing(Solid.from_arrays(mesh.vertices, mesh.faces))
     assert result.contact_mm2 == pytest.approx(math.pi * (400 - (20 - FIRST_LAYER_MM) ** 2), rel=0.1)
     assert result.sharp_corners == 0
 
 
 def test_legs_stand_on_thin_walls_but_on_a_wide_base() -> None:
     legs = [Solid.box((x, y, 0), (x + 5, y + 5, 40)) for x in (0, 55) for y in (0, 35)]
-    result = footing(Solid.union([*legs, Solid.box((0, 0, 40), (60, 40, 45))]))
+    result = measure_footing(Solid.union([*legs, Solid.box((0, 0, 40), (60, 40, 45))]))
     assert result.contact_mm2 == pytest.approx(100.0)
     assert result.wall_mm == pytest.approx(5.0)
     assert result.width_mm == pytest.approx(40.0)
@@ -64,7 +64,7 @@ def test_footing_of_an_edge_is_empty() -> None:
     mesh = trimesh.creation.box((10, 10, 10))
     mesh.apply_transform(trimesh.transformations.rotation_matrix(math.pi / 4, [1, 0, 0]))
     mesh.apply_translation([0, 0, math.sqrt(50.0)])
-    result = footing(Solid.from_arrays(mesh.vertices, mesh.faces))
+    result = measure_footing(Solid.from_arrays(mesh.vertices, mesh.faces))
     assert result.contact_mm2 == pytest.approx(2 * FIRST_LAYER_MM * 10.0)
     assert Footing.from_mesh(np.zeros((0, 3, 3)), NO_PROPS).inside_mm(np.zeros((1, 2))) == -math.inf
 
@@ -80,7 +80,7 @@ def test_brim_depends_on_width_height_and_size() -> None:
     assert measure_box(40, 40, 20).brim_width_mm(20.0, -0.1, 8.0) == 8.0  # its centre of mass is beside it
     disc = trimesh.creation.cylinder(60.0, 10.0, sections=64)
     disc.apply_translation([0, 0, 5])
-    blunt = footing(Solid.from_arrays(disc.vertices, disc.faces))
+    blunt = measure_footing(Solid.from_arrays(disc.vertices, disc.faces))
     assert 0.0 < blunt.brim_width_mm(10.0, 5.0, 8.0) < 8.0  # of the same length, without corners
 
 
@@ -93,7 +93,7 @@ def test_chamfered_corner_is_sharp_a_rounded_one_is_not() -> None:
             for a, b in ((0.0, corner_mm), (corner_mm, 0.0))
         ]
         hull = trimesh.convex.convex_hull([(x, y, z) for x, y in corners for z in (0.0, 10.0)])
-        return footing(Solid.from_arrays(hull.vertices, hull.faces))
+        return measure_footing(Solid.from_arrays(hull.vertices, hull.faces))
 
     assert block(0.2).sharp_corners == 4
     assert block(8.0).sharp_corners == 0

@@ -47,13 +47,13 @@ def find_up(pose: Pose) -> npt.NDArray[np.float64]:
     return pose.to_model[:3, 2]
 
 
-def arch() -> Solid:
+def make_arch() -> Solid:
     hole = trimesh.creation.cylinder(20.0, 60.0, sections=48)
     hole.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
     return Solid.box((-35, -15, 0), (35, 15, 40)).subtract(Solid.from_arrays(hole.vertices, hole.faces))
 
 
-def tee() -> Solid:
+def make_tee() -> Solid:
     return Solid.union([Solid.box((-5, -15, 0), (5, 15, 40)), Solid.box((-30, -15, 40), (30, 15, 50))])
 
 
@@ -82,15 +82,15 @@ def test_tilted_block_is_laid_flat() -> None:
     assert pose.footing.contact_mm2 == pytest.approx(np.prod(pose.size_mm[:2]), rel=1e-6)
 
 
-@pytest.mark.parametrize("solid", [arch(), tee()])
+@pytest.mark.parametrize("solid", [make_arch(), make_tee()])
 def test_pose_without_support_is_preferred(solid: Solid) -> None:
     pose = find_pose(solid)
     assert pose.stands
     assert pose.support_mm3 == 0.0
-    as_it_is = measure_pose(
+    unrotated_pose = measure_pose(
         *solid.arrays(), np.zeros(len(solid.arrays()[1]), np.bool_), POSE_ROTATIONS[4], COST
     )
-    assert pose.price_s < as_it_is.price_s
+    assert pose.price_s < unrotated_pose.price_s
 
 
 def test_pyramid_is_turned_over() -> None:
@@ -120,7 +120,7 @@ def test_edge_is_not_used_as_footing() -> None:
 
 
 def test_rotating_the_model_rotates_the_pose() -> None:
-    solid = Solid.union([tee(), Solid.box((-5, -15, 0), (20, 10, 8))])
+    solid = Solid.union([make_tee(), Solid.box((-5, -15, 0), (20, 10, 8))])
     pose, turned_pose = find_pose(solid), find_pose(rotate_solid(solid))
     assert turned_pose.price_s == pytest.approx(pose.price_s, rel=0.01)
     assert find_up(turned_pose) == pytest.approx(ROTATION @ find_up(pose), abs=1e-6)
@@ -159,9 +159,11 @@ def test_cut_face_at_the_bed_is_not_squeezed_out() -> None:
     for is_marked, expansion in ((is_cut, -0.2), (~is_cut & is_cut, 0.0)):
         pose = measure_pose(vertices, faces, is_marked, POSE_ROTATIONS[4], COST)
         assert pose.layer_0_expansion_mm == expansion
-        as_set = measure_pose(vertices, faces, is_marked, POSE_ROTATIONS[4], COST, fit_first_layer=False)
-        assert as_set.layer_0_expansion_mm is as_set.brim_width_mm is None
-        assert as_set.price_s > pose.price_s  # the quality's brim
+        default_pose = measure_pose(
+            vertices, faces, is_marked, POSE_ROTATIONS[4], COST, fit_first_layer=False
+        )
+        assert default_pose.layer_0_expansion_mm is default_pose.brim_width_mm is None
+        assert default_pose.price_s > pose.price_s  # the quality's brim
 
 
 def test_long_bar_goes_across_the_bed() -> None:
@@ -206,7 +208,7 @@ def test_part_that_lies_on_a_slanting_side_is_written_flat_and_closed(tmp_path: 
     mesh = trimesh.load_mesh(tmp_path / part.file)
     assert mesh.is_watertight
     assert mesh.bounds[0, 2] == 0.0
-    flat = (mesh.triangles[:, :, 2] == 0.0).all(axis=1)
-    assert mesh.area_faces[flat].sum() == pytest.approx(np.prod(mesh.extents[:2]), rel=1e-4)
-    back = mesh.apply_transform(part.to_model)
-    assert back.bounds == pytest.approx(model.solid.bounds_mm, abs=1e-3)
+    is_on_bed = (mesh.triangles[:, :, 2] == 0.0).all(axis=1)
+    assert mesh.area_faces[is_on_bed].sum() == pytest.approx(np.prod(mesh.extents[:2]), rel=1e-4)
+    model_mesh = mesh.apply_transform(part.to_model)
+    assert model_mesh.bounds == pytest.approx(model.solid.bounds_mm, abs=1e-3)

@@ -27,16 +27,16 @@ def host() -> Host:
 def test_banner_comes_a_second_after_power_and_the_card_fails_2_3_s_later() -> None:
     host = Host(boot=False)
     assert host.wait_until(0.99) == []
-    message = host.wait_until(1.05)
-    assert message[:3] == [
+    answers = host.wait_until(1.05)
+    assert answers[:3] == [
         "start",
         "echo:Marlin 1.0.0",
         "echo: Last Updated: Mar 15 2018 13:04:08 | Author: Vers:_3.3.0",
     ]
-    assert "echo: Free Memory: 2055  PlannerBufferBytes: 1232" in message
-    assert "echo:  M92 X80.00 Y80.00 Z200.00 E369.00" in message
-    assert "echo:  M201 X9000 Y9000 Z100 E10000" in message
-    assert message[-1] == "echo:   M301 P10.03 I1.50 D70.00"
+    assert "echo: Free Memory: 2055  PlannerBufferBytes: 1232" in answers
+    assert "echo:  M92 X80.00 Y80.00 Z200.00 E369.00" in answers
+    assert "echo:  M201 X9000 Y9000 Z100 E10000" in answers
+    assert answers[-1] == "echo:   M301 P10.03 I1.50 D70.00"
     assert host.wait_until(3.29) == []
     assert host.wait_until(3.31) == ["echo:SD init fail"]
 
@@ -47,9 +47,9 @@ def test_bytes_to_the_bootloader_are_lost_and_later_ones_wait() -> None:
     assert host.send_burst("M105") == []
     host.wait_until(1.1)
     assert host.send_burst("M114") == []
-    message = host.wait_until(3.0)
-    assert [line for line in message if line.startswith(("ok", "X:"))][1:] == ["ok"]
-    assert not any("T:" in line for line in message)
+    answers = host.wait_until(3.0)
+    assert [line for line in answers if line.startswith(("ok", "X:"))][1:] == ["ok"]
+    assert not any("T:" in line for line in answers)
 
 
 def test_extended_model_differs_in_banner_and_height() -> None:
@@ -103,12 +103,12 @@ def test_answers_equal_those_of_the_firmware(host: Host, line: str, answer: list
 
 
 def test_m115_lists_no_capabilities(host: Host) -> None:
-    message = host.send("M115")
-    assert message[0].startswith(
+    answers = host.send("M115")
+    assert answers[0].startswith(
         "FIRMWARE_NAME:Marlin Ultimaker2; Sprinter/grbl mashup for gen6 FIRMWARE_URL:"
     )
-    assert message[0].endswith("PROTOCOL_VERSION:1.0 MACHINE_TYPE:Ultimaker EXTRUDER_COUNT:1")
-    assert message[1:] == ["ok"]
+    assert answers[0].endswith("PROTOCOL_VERSION:1.0 MACHINE_TYPE:Ultimaker EXTRUDER_COUNT:1")
+    assert answers[1:] == ["ok"]
 
 
 def test_position_is_the_last_target_and_the_count_is_where_the_head_is(host: Host) -> None:
@@ -161,9 +161,9 @@ def test_extrusion_of_a_metre_is_refused(host: Host) -> None:
 def test_moves_are_acknowledged_when_read_and_commands_after_execution(host: Host) -> None:
     """Check that the oks of both moves come before the answer to the M105 that precedes them."""
     assert host.send_burst("G28", "M105", "G1 X10 F6000", "M114", "G1 X20") == ["ok", "ok"]
-    message = host.wait(30.0)
-    assert message[0] == "ok" and message[1].startswith("ok T:") and message[2].startswith("X:10.00")
-    assert message[3:] == ["ok"]
+    answers = host.wait(30.0)
+    assert answers[0] == "ok" and answers[1].startswith("ok T:") and answers[2].startswith("X:10.00")
+    assert answers[3:] == ["ok"]
 
 
 def test_seventeen_moves_are_acknowledged_at_once_then_one_per_finished_move(host: Host) -> None:
@@ -185,9 +185,9 @@ def test_late_host_does_not_delay_queued_moves() -> None:
     for late_s in (0.0, 0.15):
         host = Host()
         for k in range(1, 60):
-            message = host.send_burst(f"G1 X{2 * k} F1200")  # 0.1 s each
-            while "ok" not in message:
-                message += host.wait_until(host.firmware.deadline_s() + late_s)
+            answers = host.send_burst(f"G1 X{2 * k} F1200")  # 0.1 s each
+            while "ok" not in answers:
+                answers += host.wait_until(host.firmware.deadline_s() + late_s)
         host.send("M400")
         ends.append(host.firmware.machine.planner.idle_since_s)
     assert ends[0] == pytest.approx(ends[1], abs=1e-6)
@@ -207,8 +207,8 @@ def test_relative_moves_and_g92_are_applied(host: Host) -> None:
     for line in ("G28", "G91", "G1 X5 F3000", "G1 X5 Y-10", "G90", "G92 X100 E7", "G1 X101"):
         host.send(line)
     host.send("M400")
-    message = host.send("M114")[0]
-    assert message.startswith("X:101.00Y:214.50Z:215.00E:7.00 Count X: 101.00")
+    answer = host.send("M114")[0]
+    assert answer.startswith("X:101.00Y:214.50Z:215.00E:7.00 Count X: 101.00")
     assert host.firmware.machine.planner.position(host.now_s)[0] == pytest.approx(11.0)
 
 
@@ -247,13 +247,13 @@ def test_m0_never_finishes(host: Host) -> None:
 
 def test_m109_reports_each_second_and_holds_three_seconds(host: Host) -> None:
     started_s = host.now_s
-    message = host.send("M109 S60")
-    assert [line[-3:] for line in message[-4:-1]] == ["W:2", "W:1", "W:0"] and message[-1] == "ok"
-    assert all(line.startswith("T:") and " E:0 W:" in line for line in message[:-1])
-    assert message[0].endswith("W:?")
+    answers = host.send("M109 S60")
+    assert [line[-3:] for line in answers[-4:-1]] == ["W:2", "W:1", "W:0"] and answers[-1] == "ok"
+    assert all(line.startswith("T:") and " E:0 W:" in line for line in answers[:-1])
+    assert answers[0].endswith("W:?")
     expected_s = PROFILES["ultimaker2_plus"].nozzle.compute_heating_s(59.0) + 3.0
     assert host.now_s - started_s == pytest.approx(expected_s, abs=0.05)
-    assert len(message) - 1 == int(expected_s)
+    assert len(answers) - 1 == int(expected_s)
 
 
 def test_m109_also_waits_for_cooling(host: Host) -> None:
@@ -265,8 +265,8 @@ def test_m109_also_waits_for_cooling(host: Host) -> None:
 
 
 def test_m190_reports_the_bed_and_finishes_at_once_if_hotter(host: Host) -> None:
-    message = host.send("M190 S40", 5000)
-    assert message[0].startswith("T:21.00 E:0 B:21.") and message[-1] == "ok"
+    answers = host.send("M190 S40", 5000)
+    assert answers[0].startswith("T:21.00 E:0 B:21.") and answers[-1] == "ok"
     assert host.send_burst("M190 S30") == ["ok"]
 
 

@@ -24,20 +24,20 @@ def test_stopped_firmware_acknowledges_moves_and_heats() -> None:
     host.send("M140 S60")
     host.send("M104 S210")
     host.send("G4 P0")
-    message = host.wait(1.0)
+    answers = host.wait(1.0)
     assert host.board.nozzle.target_c == host.board.bed.target_c == 0.0
     assert host.send_burst("G1 X5") == [STOP_MESSAGE, "ok"]
     assert host.send("M104 S200") == ["ok"]
     assert host.board.nozzle.target_c == 200.0
     host.send("G28")
     assert host.firmware.machine.is_homed
-    assert message == []
+    assert answers == []
 
 
 def test_open_sensor_stops_the_print_with_its_message() -> None:
     host = Host(faults=Faults(stop_after=1))
-    message = host.send_burst("G4 P0")
-    assert message == [
+    answers = host.send_burst("G4 P0")
+    assert answers == [
         "Error:0",
         ": Extruder switched off. MAXTEMP triggered !",
         f"Error:{STOP_MESSAGE}",
@@ -49,24 +49,24 @@ def test_open_sensor_stops_the_print_with_its_message() -> None:
 
 def test_target_above_275_degrees_stops_the_firmware(host: Host) -> None:
     host.send("M104 S300")
-    message = host.wait(1000.0)
-    assert message[:2] == ["Error:0", ": Extruder switched off. MAXTEMP triggered !"]
+    answers = host.wait(1000.0)
+    assert answers[:2] == ["Error:0", ": Extruder switched off. MAXTEMP triggered !"]
     assert host.board.nozzle.target_c == 0.0
 
 
 def test_dead_nozzle_is_detected_after_30_s_and_m109_continues() -> None:
     host = Host(faults=Faults(dead_nozzle=True))
     started_s = host.now_s
-    message = host.send("M109 S210")
-    assert f"Error:{STOP_MESSAGE}" in message and message[-1] == "ok"
+    answers = host.send("M109 S210")
+    assert f"Error:{STOP_MESSAGE}" in answers and answers[-1] == "ok"
     assert host.now_s - started_s == pytest.approx(33.0, abs=1.1)
 
 
 def test_dead_bed_heater_is_not_detected() -> None:
     host = Host(faults=Faults(dead_bed=True))
     host.send_burst("M190 S60")
-    message = host.wait(3600.0)
-    assert len(message) > 3500 and all(line.startswith("T:21.00 E:0 B:21.0") for line in message)
+    answers = host.wait(3600.0)
+    assert len(answers) > 3500 and all(line.startswith("T:21.00 E:0 B:21.0") for line in answers)
 
 
 def test_dead_man_kills_and_the_watchdog_resets(host: Host) -> None:

@@ -105,16 +105,16 @@ def test_one_command_is_read_per_line(host: Host) -> None:
 
 def test_line_is_cut_at_95_characters(host: Host) -> None:
     assert host.send_burst("M117 " + "a" * 90) == ["ok"]
-    message = host.send_burst("M117 " + "a" * 95)
-    assert message == ["ok", 'echo:Unknown command: "aaaa"', "ok"]
+    answers = host.send_burst("M117 " + "a" * 95)
+    assert answers == ["ok", 'echo:Unknown command: "aaaa"', "ok"]
 
 
 def test_full_ring_loses_bytes_silently(host: Host) -> None:
     line = "M105" + " " * 57  # with its newline 62 bytes: two fit the ring's 127, the third loses its end
     assert host.send_burst("G4 S5") == []
     assert host.send_burst(line, line, line) == []
-    message = host.wait(10.0)
-    assert [answer[:5] for answer in message] == ["ok", "ok T:", "ok T:"]
+    answers = host.wait(10.0)
+    assert [answer[:5] for answer in answers] == ["ok", "ok T:", "ok T:"]
 
 
 def test_flipped_bytes_are_refused_and_requested_again() -> None:
@@ -122,8 +122,8 @@ def test_flipped_bytes_are_refused_and_requested_again() -> None:
     executed_count, tries = 0, 0
     while executed_count < 200:
         tries += 1
-        message = host.send_burst(add_number(executed_count + 1, "G4 P0"))
-        if not message or message[0] != "ok":
+        answers = host.send_burst(add_number(executed_count + 1, "G4 P0"))
+        if not answers or answers[0] != "ok":
             continue  # nothing, or an error: the line has to be sent again
         executed_count += 1
     assert host.firmware._last_number == 200

@@ -15,12 +15,12 @@ def host() -> Host:
 
 
 def test_identity_is_reported(host: Host):
-    message = host.send("M115")
+    answers = host.send("M115")
     assert (
-        message[0].startswith("FIRMWARE_NAME:Marlin 2.0")
-        and "MACHINE_TYPE:Ender-3 EXTRUDER_COUNT:1" in message[0]
+        answers[0].startswith("FIRMWARE_NAME:Marlin 2.0")
+        and "MACHINE_TYPE:Ender-3 EXTRUDER_COUNT:1" in answers[0]
     )
-    assert message[-1] == "ok"
+    assert answers[-1] == "ok"
     assert "echo:  M206 X0.00 Y0.00 Z0.00" in host.send("M503")
     assert host.send("M105") == ["ok T:21.00 /0.00 B:21.00 /0.00 @:0 B@:0"]
     assert host.send("M114") == ["X:0.00 Y:0.00 Z:0.00 E:0.00 Count X:0 Y:0 Z:0", "ok"]
@@ -35,11 +35,11 @@ def test_number_without_a_checksum_is_refused_with_the_last_line(host: Host):
 
 def test_ok_of_a_move_comes_when_it_is_in_the_planner(host: Host):
     host.send("G28")
-    message = [line for x in range(40) for line in host.send_numbered(f"G1 F600 X{x % 2 * 100}")]
-    assert [line for line in message if not line.startswith("ok")] == ["echo:busy: processing"] * (
-        message.count("echo:busy: processing")
+    answers = [line for x in range(40) for line in host.send_numbered(f"G1 F600 X{x % 2 * 100}")]
+    assert [line for line in answers if not line.startswith("ok")] == ["echo:busy: processing"] * (
+        answers.count("echo:busy: processing")
     )
-    assert message.count("ok") == 40 and message.count("echo:busy: processing") > 50
+    assert answers.count("ok") == 40 and answers.count("echo:busy: processing") > 50
     assert 24 <= host.firmware.moves <= 40
 
 

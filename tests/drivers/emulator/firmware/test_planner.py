@@ -183,7 +183,7 @@ def test_short_moves_are_stretched_only_while_few_are_queued() -> None:
             planner.add((100 + k * 0.2, 100.0, 50.0, 0.0), 100.0, now_s)  # 2 ms each
         planner.advance(math.inf)
         elapsed_s.append(planner.idle_since_s)
-    plain_s, full_s, late_s = elapsed_s
+    plain_s, full_queue_s, late_host_s = elapsed_s
     assert plain_s == pytest.approx(0.8, rel=0.1)
-    assert plain_s < full_s < plain_s + 8 * 0.02  # only its first moves were added to a short queue
-    assert late_s > 2 * plain_s
+    assert plain_s < full_queue_s < plain_s + 8 * 0.02  # only its first moves were added to a short queue
+    assert late_host_s > 2 * plain_s

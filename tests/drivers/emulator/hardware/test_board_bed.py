@@ -58,9 +58,9 @@ def test_retraction_moves_the_filament_and_prints_nothing(host: Host) -> None:
 
 def stream_lines(host: Host, pause_s: float) -> None:
     for k in range(1, 40):
-        message = host.send_burst(f"G1 X{50 + k} E{k * 0.05:.3f} F3000")
-        while "ok" not in message:
-            message += host.wait_until(host.firmware.deadline_s())
+        answers = host.send_burst(f"G1 X{50 + k} E{k * 0.05:.3f} F3000")
+        while "ok" not in answers:
+            answers += host.wait_until(host.firmware.deadline_s())
         if k == 20:
             host.wait(pause_s)
 

@@ -21,7 +21,7 @@ class Daemon(BaseHTTPRequestHandler):
     protocol_version = "HTTP/1.1"
 
     def do_POST(self):
-        if self.server.deaf:
+        if self.server.is_silent:
             self.do_GET()
             self.close_connection = True
             return
@@ -51,7 +51,7 @@ class Daemon(BaseHTTPRequestHandler):
 @pytest.fixture
 def daemon(tmp_path):
     with UnixStreamServer(str(tmp_path / "farm.sock"), Daemon) as server:
-        server.requests, server.answer, server.deaf = [], (200, b"{}"), False
+        server.requests, server.answer, server.is_silent = [], (200, b"{}"), False
         thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
         thread.start()
         yield server
@@ -88,8 +88,8 @@ def test_user_outside_the_group_gets_a_reason(client, monkeypatch):
 
 def test_daemon_that_dies_during_an_answer_is_unreachable(tmp_path, client):
     def die(listener):
-        talk, _ = listener.accept()
-        talk.close()
+        connection, _ = listener.accept()
+        connection.close()
 
     with socket.socket(socket.AF_UNIX) as listener:
         listener.bind(str(tmp_path / "farm.sock"))
@@ -140,7 +140,7 @@ def test_early_refusal_of_an_upload_keeps_its_message(daemon, client, tmp_path, 
     model = tmp_path / "part.stl"
     model.write_bytes(bytes(4_000_000))  # more than the socket buffers
     problem = {"error": "the farm is going down", "code": "refused", "exit_code": 5}
-    daemon.answer, daemon.deaf = (409, json.dumps(problem).encode()), True
+    daemon.answer, daemon.is_silent = (409, json.dumps(problem).encode()), True
     monkeypatch.setattr(Client, "status", lambda self: None)
     with pytest.raises(FarmError, match="going down"):
         client.submit(model, JobOptions())

@@ -14,8 +14,8 @@ from farm.paths import find_farm_paths
 
 
 @pytest.fixture
-def pressed(tmp_path):
-    """Return a button that is connected to a thread with this `stop`."""
+def press_button(tmp_path):
+    """Return a function that presses the button; a thread serves the request with the given `stop`."""
     path = tmp_path / "estop.sock"
 
     def press(stop, printers):
@@ -24,13 +24,13 @@ def pressed(tmp_path):
             listener.listen()
 
             def serve():
-                talk, _ = listener.accept()
+                connection, _ = listener.accept()
                 with (
-                    talk,
-                    talk.makefile("r", encoding="utf-8") as request_file,
-                    talk.makefile("w") as message,
+                    connection,
+                    connection.makefile("r", encoding="utf-8") as request_file,
+                    connection.makefile("w") as answer_file,
                 ):
-                    estop_socket.serve_request(request_file, message, stop)
+                    estop_socket.serve_request(request_file, answer_file, stop)
 
             serve_thread = threading.Thread(target=serve)
             serve_thread.start()
@@ -44,7 +44,7 @@ def pressed(tmp_path):
     return press
 
 
-def test_results_are_printed_as_they_arrive(pressed):
+def test_results_are_printed_as_they_arrive(press_button):
     messages = [
         estop_socket.StopReport(printer="a", text="it cools"),
         estop_socket.StopReport(printer="a", text="off", seen_off=True),
@@ -53,47 +53,49 @@ def test_results_are_printed_as_they_arrive(pressed):
 
     def stop(printers, report):
         requests.extend(printers)
-        for message in messages:
-            report(message)
+        for report_item in messages:
+            report(report_item)
 
-    assert pressed(stop, ["a"]) == messages
+    assert press_button(stop, ["a"]) == messages
     assert requests == ["a"]
 
 
-def test_error_of_the_server_is_an_error_of_the_client(pressed):
+def test_error_of_the_server_is_an_error_of_the_client(press_button):
     def stop(printers, say):
         raise NoSuchThing("there is no printer z")
 
     with pytest.raises(FarmError, match="there is no printer z") as error:
-        pressed(stop, ["z"])
+        press_button(stop, ["z"])
     assert error.value.code is ErrorCode.NO_SUCH_THING
 
 
-@pytest.mark.parametrize("rubbish", [b"\xff\xfe\n", b"\n", b'{"printers": "all"}\n', b"[" * 100_000 + b"\n"])
-def test_invalid_request_is_refused_and_stops_nothing(tmp_path, rubbish):
-    request_file, message = io.TextIOWrapper(io.BytesIO(rubbish), encoding="utf-8"), io.StringIO()
+@pytest.mark.parametrize(
+    "invalid_data", [b"\xff\xfe\n", b"\n", b'{"printers": "all"}\n', b"[" * 100_000 + b"\n"]
+)
+def test_invalid_request_is_refused_and_stops_nothing(tmp_path, invalid_data):
+    request_file, answer_file = io.TextIOWrapper(io.BytesIO(invalid_data), encoding="utf-8"), io.StringIO()
     estop_socket.serve_request(
-        request_file, message, lambda printers, report: pytest.fail(f"stopped {printers}")
+        request_file, answer_file, lambda printers, report: pytest.fail(f"stopped {printers}")
     )
-    assert '"code":"refused"' in message.getvalue()
+    assert '"code":"refused"' in answer_file.getvalue()
 
 
-@pytest.mark.parametrize("rubbish", [b"\xff\xfe\n", b"{}\n", b"\n"])
-def test_invalid_answer_does_not_confirm_a_stop(tmp_path, rubbish):
+@pytest.mark.parametrize("invalid_data", [b"\xff\xfe\n", b"{}\n", b"\n"])
+def test_invalid_answer_does_not_confirm_a_stop(tmp_path, invalid_data):
     path = tmp_path / "estop.sock"
     with socket.socket(socket.AF_UNIX) as listener:
         listener.bind(str(path))
         listener.listen()
 
         def answer():
-            talk, _ = listener.accept()
-            with talk:
-                talk.sendall(rubbish)
+            connection, _ = listener.accept()
+            with connection:
+                connection.sendall(invalid_data)
 
         answer_thread = threading.Thread(target=answer)
         answer_thread.start()
         with pytest.raises(FarmError, match="switch the printers off by hand"):
-            estop_socket.request_stop(path, [], lambda message: None)
+            estop_socket.request_stop(path, [], lambda report: None)
         answer_thread.join()
 
 
@@ -105,10 +107,10 @@ def test_lost_connection_does_not_confirm_a_stop(tmp_path):
         closing_thread = threading.Thread(target=lambda: listener.accept()[0].close())
         closing_thread.start()
         with pytest.raises(FarmError, match="switch the printers off by hand"):
-            estop_socket.request_stop(path, [], lambda message: None)
+            estop_socket.request_stop(path, [], lambda report: None)
         closing_thread.join()
     with pytest.raises(FarmError, match="switch the printers off by hand"):
-        estop_socket.request_stop(path, [], lambda message: None)
+        estop_socket.request_stop(path, [], lambda report: None)
 
 
 def test_farm_of_another_user_without_a_socket_is_reported(tmp_path, monkeypatch):
@@ -163,24 +165,24 @@ def test_report_line_is_written_in_one_call(monkeypatch):
 
 
 def test_lines_of_several_printers_do_not_mix(tmp_path, monkeypatch):
-    all_there = threading.Barrier(8)
+    all_started = threading.Barrier(8)
     busy, overlaps, results = [], [], []
 
     def end_stop(name):
         def end(tell):
-            all_there.wait(10.0)
+            all_started.wait(10.0)
             for _ in range(20):
                 tell("it cools")
             return StopResult(name, 0.0, True, "off", is_still=True)
 
         return end
 
-    def report(message):
-        busy.append(message)
+    def report(item):
+        busy.append(item)
         threading.Event().wait(0.0001)  # lets another thread run
         overlaps.extend(busy[1:])
-        busy.remove(message)
-        results.append(message.printer)
+        busy.remove(item)
+        results.append(item.printer)
 
     targets = {name: end_stop(name) for name in "abcdefgh"}
     monkeypatch.setattr(estop, "find_targets", lambda paths: (targets, None))

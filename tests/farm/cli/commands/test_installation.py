@@ -21,9 +21,9 @@ def test_entries_for_new_printers_are_valid_in_a_fleet_file(tmp_path: Path, monk
         PluggedDevice(Path("/dev/serial/by-path/pci-0:2:1.0"), Path("/dev/ttyACM2"), "a board", None),
     ]
     monkeypatch.setattr(discovery, "list_plugged_devices", lambda _: rows)
-    message = CliRunner().invoke(app, ["discover", "--fleet", str(fleet), "--state", str(tmp_path)]).stdout
-    assert "/dev/known  a board  um2-01" in message
-    lines = [line for line in message.splitlines() if line.startswith("  - {")]
+    output = CliRunner().invoke(app, ["discover", "--fleet", str(fleet), "--state", str(tmp_path)]).stdout
+    assert "/dev/known  a board  um2-01" in output
+    lines = [line for line in output.splitlines() if line.startswith("  - {")]
     fleet.write_text(fleet.read_text() + "\n".join(lines) + "\n")
     printers = load_fleet(fleet, frozenset(PROFILES)).printers
     assert [(printer.name, printer.port) for printer in printers] == [

@@ -70,8 +70,8 @@ def test_signal_ends_the_engine_and_leaves_no_file(box, env, tmp_path, number, c
         assert fifo.readline() == "slicing\n"
         process.send_signal(number)
         fifo.read()
-    _, message = process.communicate()
+    _, output = process.communicate()
     assert process.returncode == code
-    assert "Traceback" not in message
+    assert "Traceback" not in output
     assert not list(tmp_path.glob("*.gcode"))
     assert not list((tmp_path / "tmp").iterdir())

@@ -41,8 +41,8 @@ def test_row_of_a_free_printer_shows_its_reservation():
 
 
 def test_manually_used_printer_needs_an_inspection_with_its_time():
-    doubt = ev.BedBecameUnknown(at_s=6.5 * 3600.0, printer="um2-03", reason="used at its LCD")
-    books, _ = apply_events(make_night_books(), doubt)
+    bed_event = ev.BedBecameUnknown(at_s=6.5 * 3600.0, printer="um2-03", reason="used at its LCD")
+    books, _ = apply_events(make_night_books(), bed_event)
     lines = render(make_status(books))
     assert lines[1].startswith(
         "DO NOW   clear 2 beds: um2-01..02     inspect: um2-03: used at its LCD (06:30), um2-04:"

@@ -168,20 +168,23 @@ def test_print_that_ended_last_month_has_its_date():
     )
 
 
-def make_trouble(printer, text):
+def make_connect_task(printer, text):
     return api.Todo(code="connect", printers=[printer], text="", brief=f"{printer}: {text}")
 
 
 def test_printers_with_the_same_problem_are_one_task():
-    todo = [make_trouble(name, f"/run/{name}/tty: no such file") for name in ("um2-01", "um2-02", "um2x-01")]
-    lines = render_lines(make_view([], todo=[*todo, make_trouble("um2-05", "no answer")]), 80)
+    todo = [
+        make_connect_task(name, f"/run/{name}/tty: no such file") for name in ("um2-01", "um2-02", "um2x-01")
+    ]
+    lines = render_lines(make_view([], todo=[*todo, make_connect_task("um2-05", "no answer")]), 80)
     assert lines[1] == "DO NOW   connect: um2-01..02 um2x-01: /run/um2-01/tty: no such file"
     assert lines[2] == "         connect: um2-05: no answer"
 
 
 def test_long_tasks_have_a_line_each():
     todo = [
-        make_trouble(name, f"no answer {i} " + "word " * 9) for i, name in enumerate(("um2-01", "um2-02"))
+        make_connect_task(name, f"no answer {i} " + "word " * 9)
+        for i, name in enumerate(("um2-01", "um2-02"))
     ]
     starts = [line.split()[:2] for line in render_lines(make_view([], todo=todo), 80) if "connect" in line]
     assert [line[-1] for line in starts] == ["NOW", "um2-02:"]

@@ -31,7 +31,7 @@ def read_pids(note):
     return [int(pid) for pid in note.read_text().split()] if note.exists() else []
 
 
-def test_a_killed_worker_and_a_killed_scheduler(tmp_path, monkeypatch):
+def test_tasks_survive_a_killed_worker_and_a_killed_scheduler(tmp_path, monkeypatch):
     monkeypatch.setattr(cluster_state, "WORKER_TIMEOUT_S", 1.0)
     source, note, second_note = tmp_path / "model.stl", tmp_path / "pids", tmp_path / "second"
     source.write_bytes(b"solid")

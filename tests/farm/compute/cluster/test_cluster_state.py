@@ -6,11 +6,11 @@ from farm.compute.cluster.cluster_state import ClusterState, ClusterWorker, Plac
 
 
 @pytest.mark.parametrize(
-    ("lost_s", "place"),
+    ("without_worker_s", "place"),
     [(0.0, Place.CLUSTER), (0.1, Place.WAITING), (29.9, Place.WAITING), (30.0, Place.HERE)],
 )
-def test_work_runs_here_after_half_a_minute_without_a_worker(lost_s, place):
-    assert choose_place(lost_s) is place
+def test_work_runs_here_after_half_a_minute_without_a_worker(without_worker_s, place):
+    assert choose_place(without_worker_s) is place
 
 
 def test_problems_name_the_cluster_and_each_refused_worker():

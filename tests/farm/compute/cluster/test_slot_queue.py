@@ -15,23 +15,23 @@ class Queue:
     """Tasks that wait for a slot, and the order in which they got one."""
 
     def __init__(self):
-        self.slots, self.served, self.ends = SlotQueue(), [], {}
+        self.slots, self.started_tasks, self.end_events = SlotQueue(), [], {}
 
     def add(self, name, group, urgent=False):
-        self.ends[name] = asyncio.Event()
+        self.end_events[name] = asyncio.Event()
         return asyncio.ensure_future(self._take(name, group, urgent))
 
     async def _take(self, name, group, urgent):
         async with self.slots.take(group, urgent) as has_slot:
-            self.served.append((name, has_slot))
-            await self.ends[name].wait()
+            self.started_tasks.append((name, has_slot))
+            await self.end_events[name].wait()
 
 
 def run(use):
     async def main():
         queue = Queue()
         tasks = await use(queue)
-        for event in queue.ends.values():
+        for event in queue.end_events.values():
             event.set()
         queue.slots.update(9, False)
         for task in tasks:
@@ -47,16 +47,16 @@ def test_groups_share_the_slots_and_urgent_tasks_go_first():
         tasks = [queue.add(name, name[0]) for name in ("a1", "a2", "a3", "b1")]
         tasks.append(queue.add("c1", "c", urgent=True))
         await settle()
-        assert queue.slots.waiting == 5 and queue.served == []
+        assert queue.slots.waiting == 5 and queue.started_tasks == []
         queue.slots.update(3, False)
         await settle()
-        assert [name for name, _ in queue.served] == ["c1", "a1", "b1"]
-        queue.ends["c1"].set()
+        assert [name for name, _ in queue.started_tasks] == ["c1", "a1", "b1"]
+        queue.end_events["c1"].set()
         await settle()
-        assert queue.served[-1] == ("a2", True)
+        assert queue.started_tasks[-1] == ("a2", True)
         return tasks
 
-    assert len(run(use).served) == 5
+    assert len(run(use).started_tasks) == 5
 
 
 def test_a_cancelled_task_gives_its_slot_back():
@@ -67,7 +67,7 @@ def test_a_cancelled_task_gives_its_slot_back():
         second_turn.cancel()
         first_turn.cancel()
         await settle()
-        assert [name for name, _ in queue.served] == ["x", "z"]
+        assert [name for name, _ in queue.started_tasks] == ["x", "z"]
         return [first_turn, second_turn, third_turn]
 
     assert run(use).slots.waiting == 0
@@ -79,7 +79,7 @@ def test_nobody_waits_where_the_cluster_is_given_up():
         await settle()
         queue.slots.update(0, True)
         await settle()
-        assert queue.served == [("x", False), ("y", False)]
+        assert queue.started_tasks == [("x", False), ("y", False)]
         return tasks
 
     run(use)

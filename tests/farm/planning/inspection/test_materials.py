@@ -41,7 +41,7 @@ def choose(text, resources, model="ultimaker2_plus"):
 
 
 @pytest.mark.parametrize(
-    ("text", "meant"),
+    ("text", "expected_fields"),
     [
         ("PLA", ("PLA", "PLA", None)),
         ("pla", ("PLA", "PLA", None)),
@@ -57,8 +57,8 @@ def choose(text, resources, model="ultimaker2_plus"):
         ("generic_cpe clear", ("generic_cpe", "CPE", "clear")),
     ],
 )
-def test_material_is_found_by_kind_or_file_with_its_colour(text, meant):
-    assert parse_material(text, KINDS) == NamedMaterial(*meant)
+def test_material_is_found_by_kind_or_file_with_its_colour(text, expected_fields):
+    assert parse_material(text, KINDS) == NamedMaterial(*expected_fields)
 
 
 @given(st.text(max_size=30))

@@ -170,7 +170,7 @@ def test_tall_print_is_assigned_to_a_tall_printer(plan):
     assert plan(tall).plates[0].printer == "b"
 
 
-def test_temperatures_of_ultigcode_are_those_of_the_printers_material(plan, files):
+def test_temperatures_of_ultigcode_are_those_of_the_material_of_the_printer(plan, files):
     plan_result = plan(make_ultigcode(), [printer("a", material="generic_abs")])
     text = (files / plan_result.plates[0].gcode).read_text()
     abs_c = {line for line in text.splitlines() if line.startswith(("M109", "M190"))}

@@ -37,7 +37,7 @@ def box(tmp_path):
     return path
 
 
-def test_a_slice_is_the_same(cluster, box, tmp_path):
+def test_a_slice_on_a_cluster_is_the_same(cluster, box, tmp_path):
     remote_path, local_path = tmp_path / "there" / "box.gcode", tmp_path / "here.gcode"
     report = slice_on_cluster(cluster, box, remote_path, OPTIONS, tmp_path / "cache")
     assert report == slice_to_file(box, local_path, OPTIONS)

@@ -77,7 +77,7 @@ def cut():
 
 
 @pytest.mark.parametrize(
-    ("moves", "rounds_s", "kept_s", "folders"),
+    ("moves", "rounds_s", "best_times_s", "folders"),
     [
         ([1, 2], [(90.0, 100.0), (96.0, 95.0), (95.5, 95.2)], (95.5, 95.2), ["0", "1", "2"]),
         ([1], [(90.0, 100.0), (101.0, 90.0)], (90.0, 100.0), ["0", "1"]),
@@ -88,7 +88,7 @@ def cut():
     ids=["twice", "not sooner", "no gain", "broken rule", "bad to glue"],
 )
 def test_cuts_are_moved_while_the_slowest_slice_ends_sooner(
-    cut, tmp_path, monkeypatch, moves, rounds_s, kept_s, folders
+    cut, tmp_path, monkeypatch, moves, rounds_s, best_times_s, folders
 ):
     slicer, pending_moves = Slicer(*rounds_s), list(moves)
 
@@ -101,5 +101,5 @@ def test_cuts_are_moved_while_the_slowest_slice_ends_sooner(
 
     monkeypatch.setattr(sliced_parts, "relevel_planes", relevel)
     best = level_by_slices(None, cut, slicer, None, None, tmp_path)
-    assert best.times_s == kept_s
+    assert best.times_s == best_times_s
     assert slicer.folders == folders

@@ -33,8 +33,8 @@ def test_fewer_rounds_go_before_more_parts_and_all_printers_are_tried(copies, pr
     assert counts[0][0] == -(
         -copies // printers
     )  # in one round less there is no room for one part of each copy
-    for (rounds_a, parts_a), (rounds_b, parts_b) in pairwise(counts):
-        assert rounds_a < rounds_b and parts_a < parts_b
+    for (more_rounds, parts_a), (rounds_b, parts_b) in pairwise(counts):
+        assert more_rounds < rounds_b and parts_a < parts_b
     for rounds_, parts in counts:
         assert copies * parts <= rounds_ * printers
 
@@ -164,8 +164,8 @@ def test_copies_of_a_small_model_stay_whole_unless_a_person_gives_printers(box, 
     assert len(decompose_job(auto).parts) == 1
     four_printers = replace(auto, options=JobOptions(copies=2, printers=4))
     assert len(decompose_job(four_printers).parts) == 2
-    many = replace(auto, options=JobOptions(copies=9, printers=4))
-    assert len(decompose_job(many).parts) == 1
+    many_copies = replace(auto, options=JobOptions(copies=9, printers=4))
+    assert len(decompose_job(many_copies).parts) == 1
 
 
 @pytest.mark.usefixtures("without_pictures")
@@ -175,8 +175,8 @@ def test_copies_are_cut_so_that_all_are_done_in_time(box, files, tmp_path):
     assert len(decompose_job(replace(task, within_s=whole_part.price_s * 1.2)).parts) == 1
     assert len(decompose_job(replace(task, within_s=whole_part.price_s * 0.9)).parts) == 2
     # Six copies on four printers take two rounds.
-    six = replace(task, options=JobOptions(copies=6))
-    assert len(decompose_job(replace(six, within_s=whole_part.price_s * 2.4)).parts) == 1
+    six_copies = replace(task, options=JobOptions(copies=6))
+    assert len(decompose_job(replace(six_copies, within_s=whole_part.price_s * 2.4)).parts) == 1
 
 
 class FakeSliceResult:

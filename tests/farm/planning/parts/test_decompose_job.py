@@ -28,15 +28,15 @@ from farm.state.storage.store import Store
 
 
 def test_requested_engine_is_used(bar, files, tmp_path):
-    work = decompose_task(bar, files, tmp_path)
-    grown = replace(work, options=JobOptions(engine="parallelobox"), budget_s=7.0)
-    decomposition = decompose_job(grown)
+    task = decompose_task(bar, files, tmp_path)
+    parallelobox_task = replace(task, options=JobOptions(engine="parallelobox"), budget_s=7.0)
+    decomposition = decompose_job(parallelobox_task)
     assert len(decomposition.parts) == 2
-    report = json.loads((grown.folder / "decomposition.json").read_text())
+    report = json.loads((parallelobox_task.folder / "decomposition.json").read_text())
     assert report["engine"] == "parallelobox"
     assert report["options"]["budget_s"] == 7.0
-    draw_job(grown, decomposition.drawing_record)
-    page = (grown.folder / "instructions.html").read_text()
+    draw_job(parallelobox_task, decomposition.drawing_record)
+    page = (parallelobox_task.folder / "instructions.html").read_text()
     assert page.count("<td>in the middle</td>") + page.count(", from the middle</td>") == 2
 
 
@@ -68,9 +68,9 @@ def test_dry_run_of_a_whole_model_shows_what_more_printers_would_save(files, tmp
     path = tmp_path / "upload.stl"
     trimesh.creation.box((60.0, 36.0, 28.0)).export(path)
     box = inspect_model(path, "box.stl", JobOptions(), files)
-    work = replace(decompose_task(box, files, tmp_path), options=JobOptions(dry_run=True))
-    (whole_part,) = decompose_job(work).parts
-    curve = json.loads((work.folder / REPORT).read_text())["curve"]
+    task = replace(decompose_task(box, files, tmp_path), options=JobOptions(dry_run=True))
+    (whole_part,) = decompose_job(task).parts
+    curve = json.loads((task.folder / REPORT).read_text())["curve"]
     assert [point["printers"] for point in curve] == [1, 2]
     assert curve[0]["makespan_s"] == pytest.approx(whole_part.price_s, rel=0.3)
     assert curve[1]["makespan_s"] < curve[0]["makespan_s"]
@@ -81,11 +81,11 @@ def test_fewest_parts_in_time_are_cut(files, tmp_path):
     path = tmp_path / "upload.stl"
     trimesh.creation.box((110.0, 36.0, 28.0)).export(path)
     box = inspect_model(path, "box.stl", JobOptions(), files)
-    work = decompose_task(box, files, tmp_path, printers=3)
-    (whole_part,) = decompose_job(replace(work, within_s=1e6)).parts
+    task = decompose_task(box, files, tmp_path, printers=3)
+    (whole_part,) = decompose_job(replace(task, within_s=1e6)).parts
     takes_s = whole_part.price_s
     counts = [
-        len(decompose_job(replace(work, within_s=share * takes_s * DEADLINE_MARGIN)).parts)
+        len(decompose_job(replace(task, within_s=share * takes_s * DEADLINE_MARGIN)).parts)
         for share in (1.0, 0.7, 0.01)
     ]
     assert counts == [1, 2, 3]
@@ -148,20 +148,22 @@ def test_speed_of_a_printer_depends_on_its_nozzle(bar, files, tmp_path, monkeypa
         section.model_copy(update={"nozzle_mm": nozzle_mm})
         for section, nozzle_mm in zip(fleet(4).printers, nozzles, strict=True)
     ]
-    work = decompose_task(bar, files, tmp_path)
+    task = decompose_task(bar, files, tmp_path)
     factors = {"p3": TimeFactors(1.1)}
-    work = replace(work, printers=tuple(printers), options=JobOptions(printers=4), time_factors=factors)
+    task = replace(task, printers=tuple(printers), options=JobOptions(printers=4), time_factors=factors)
     with pytest.raises(FarmError, match="seen enough"):
-        decompose_job(work)
+        decompose_job(task)
     assert [room.name for room in rooms_used] == [
         "p0",
         "p1",
         "p2",
         "p3",
     ]  # the coarse nozzle was not requested
-    first_factor, fine, wide, worn = (room.time_factor for room in rooms_used)
-    assert (first_factor, worn) == (1.0, 1.1)
-    assert wide < 0.8 and fine > 1.5
+    default_factor, narrow_nozzle_factor, wide_nozzle_factor, slow_printer_factor = (
+        room.time_factor for room in rooms_used
+    )
+    assert (default_factor, slow_printer_factor) == (1.0, 1.1)
+    assert wide_nozzle_factor < 0.8 and narrow_nozzle_factor > 1.5
 
 
 @pytest.mark.usefixtures("without_pictures")
@@ -175,12 +177,12 @@ def test_each_part_is_cut_and_sliced_for_the_printer_that_it_goes_to(files, tmp_
     changes = {"name": "high", "model": extended_model, "port": f"sim://{extended_model}", "nozzle_mm": 0.6}
     high_printer = low_printer.model_copy(update=changes)
     options = JobOptions(printers=2, engine="guillotine")
-    work = replace(
+    task = replace(
         decompose_task(tower, files, tmp_path), printers=(low_printer, high_printer), options=options
     )
-    decomposition = decompose_job(work)
+    decomposition = decompose_job(task)
     assert {part.printer for part in decomposition.parts} == {"p0", "high"}
-    for item, part in zip(slice_tasks(work, decomposition), decomposition.parts, strict=True):
+    for item, part in zip(slice_tasks(task, decomposition), decomposition.parts, strict=True):
         height = np.ptp(trimesh.load_mesh(item.stl).bounds[:, 2])
         assert height > 205.0 if part.printer == "high" else height <= 205.0
         section = {"p0": low_printer, "high": high_printer}[part.printer]

@@ -16,9 +16,9 @@ pytestmark = pytest.mark.usefixtures("without_pictures")
 
 
 def test_part_with_a_slow_slice_is_cut_smaller(bar, files, tmp_path):
-    work = decompose_task(bar, files, tmp_path)
-    decomposition = decompose_job(work)
-    slow = slice_late(work, decomposition, late_s=RELEVEL_LATE_S * 3)
+    task = decompose_task(bar, files, tmp_path)
+    decomposition = decompose_job(task)
+    slow = slice_late(task, decomposition, late_s=RELEVEL_LATE_S * 3)
     assert slow.makespan_s() == slow.parts[1].expected_s() == slow.busy_s()[decomposition.parts[1].printer]
     assert slow.should_relevel()
     new_result = relevel_parts(slow, tmp_path / "levelled")
@@ -33,22 +33,22 @@ def test_part_with_a_slow_slice_is_cut_smaller(bar, files, tmp_path):
 
 
 def test_balanced_parts_are_not_relevelled(bar, files, tmp_path):
-    work = decompose_task(bar, files, tmp_path)
-    decomposition = decompose_job(work)
+    task = decompose_task(bar, files, tmp_path)
+    decomposition = decompose_job(task)
     assert not slice_late(
-        work, decomposition, late_s=RELEVEL_LATE_S
+        task, decomposition, late_s=RELEVEL_LATE_S
     ).should_relevel()  # in the mean half of that later
     assert not replace(
-        slice_late(work, decomposition, 1e4), decomposed=replace(decomposition, cut_record=None)
+        slice_late(task, decomposition, 1e4), decomposed=replace(decomposition, cut_record=None)
     ).should_relevel()
-    level = slice_late(work, decomposition, late_s=0.0)
+    level = slice_late(task, decomposition, late_s=0.0)
     assert relevel_parts(level, tmp_path / "levelled") is None
 
 
 def test_part_of_features_that_its_printer_prints_slowly_is_relevelled(bar, files, tmp_path):
     factors = dict.fromkeys(("p0", "p1"), TimeFactors(1.0, (1.0, 1.0, 1.3, 1.0, 1.0)))
-    work = replace(decompose_task(bar, files, tmp_path), time_factors=factors)
-    level = slice_late(work, decompose_job(work), late_s=0.0)
+    task = replace(decompose_task(bar, files, tmp_path), time_factors=factors)
+    level = slice_late(task, decompose_job(task), late_s=0.0)
     first, *others = level.parts
     total_s = first.result.sliced_s
     first.result.features = FeatureTimes(0.0, 0.0, total_s, 0.0, 0.0)
@@ -59,9 +59,9 @@ def test_part_of_features_that_its_printer_prints_slowly_is_relevelled(bar, file
 
 
 def test_slow_printer_is_busy_longer(bar, files, tmp_path):
-    work = replace(decompose_task(bar, files, tmp_path), time_factors={"p0": TimeFactors(1.5)})
-    decomposition = decompose_job(work)
-    level = slice_late(work, decomposition, late_s=0.0)
+    task = replace(decompose_task(bar, files, tmp_path), time_factors={"p0": TimeFactors(1.5)})
+    decomposition = decompose_job(task)
+    level = slice_late(task, decomposition, late_s=0.0)
     printed_s = level.parts[0].result.sliced_s
     assert level.busy_s()["p0"] == pytest.approx(
         level.busy_s()["p1"] + 0.5 * printed_s
@@ -69,10 +69,10 @@ def test_slow_printer_is_busy_longer(bar, files, tmp_path):
 
 
 def test_several_parts_per_printer_are_not_relevelled(bar, files, tmp_path):
-    work = decompose_task(bar, files, tmp_path)
-    decomposition = decompose_job(work)
-    assert slice_late(work, decomposition, late_s=1e4).should_relevel()
+    task = decompose_task(bar, files, tmp_path)
+    decomposition = decompose_job(task)
+    assert slice_late(task, decomposition, late_s=1e4).should_relevel()
     two_parts = replace(
         decomposition, parts=tuple(replace(part, printer="p0") for part in decomposition.parts)
     )
-    assert not slice_late(work, two_parts, late_s=1e4).should_relevel()
+    assert not slice_late(task, two_parts, late_s=1e4).should_relevel()

@@ -22,8 +22,8 @@ class ScriptedWorkers:
     def __init__(self, folder, rounds=(3,), order=(), errors=None):
         self.paused = [PausedJob(folder / f"search-{n}.pickle", n, 0.25) for n in rounds]
         self.order, self.errors = list(order), errors or {}
-        self.turn = asyncio.Condition()
-        self.running, self.most, self.cancelled = 0, 0, []
+        self.order_changed = asyncio.Condition()
+        self.running_count, self.max_running_count, self.cancelled = 0, 0, []
         self.outcomes = []
 
     async def run(self, work, task, *args, limit=None):
@@ -35,14 +35,14 @@ class ScriptedWorkers:
         return self.paused.pop(0) if self.paused else DECOMPOSED
 
     async def try_grid(self, record, number, folder):
-        self.running += 1
-        self.most = max(self.most, self.running)
+        self.running_count += 1
+        self.max_running_count = max(self.max_running_count, self.running_count)
         try:
             await asyncio.sleep(0)
-            async with self.turn:
-                await self.turn.wait_for(lambda: not self.order or self.order[0] == number)
+            async with self.order_changed:
+                await self.order_changed.wait_for(lambda: not self.order or self.order[0] == number)
                 self.order = self.order[1:]
-                self.turn.notify_all()
+                self.order_changed.notify_all()
             if number in self.errors:
                 raise self.errors[number]
             return folder / "outcome.pickle"
@@ -50,7 +50,7 @@ class ScriptedWorkers:
             self.cancelled.append(number)
             raise
         finally:
-            self.running -= 1
+            self.running_count -= 1
 
 
 def make_task(folder):
@@ -72,7 +72,7 @@ def test_outcomes_are_taken_in_the_order_of_the_plan(order):
     folder = Path("plan")
     workers, answer = run_rounds(folder, rounds=(4,), order=order)
     assert answer == DECOMPOSED
-    assert workers.most == 4
+    assert workers.max_running_count == 4
     assert workers.outcomes == [tuple(folder / f"search-4.{n}" / "outcome.pickle" for n in range(4))]
 
 
@@ -103,14 +103,14 @@ def test_another_error_ends_the_other_attempts():
     with pytest.raises(FarmError, match="no settings"):
         asyncio.run(main())
     assert sorted(workers.cancelled) == [0, 2]
-    assert workers.running == 0
+    assert workers.running_count == 0
 
 
 def test_cancelled_search_ends_all_attempts():
     async def main():
         workers = ScriptedWorkers(Path("plan"), order=[9])
         search = asyncio.ensure_future(SearchRounds(workers, make_task(Path("plan"))).run())
-        while workers.running < 3:
+        while workers.running_count < 3:
             await asyncio.sleep(0)
         search.cancel()
         with pytest.raises(asyncio.CancelledError):
@@ -129,7 +129,7 @@ def test_progress_adds_up_the_attempts(tmp_path):
         ProgressFile(tmp_path).report(0.25, 0.0)
         assert rounds.read_progress(0.0).share == 0.25
         search = asyncio.ensure_future(rounds.run())
-        while workers.running < 2:
+        while workers.running_count < 2:
             await asyncio.sleep(0)
         folders = [tmp_path / f"search-2.{number}" for number in range(2)]
         for folder in folders:

@@ -44,12 +44,12 @@ def fail_plate(farm, printer, plate):
     attempt = farm.controller.books.open_print_on(printer)
     assert attempt.plate == plate
     now_s = farm.controller.clock.now()
-    message = AgentPrint(
+    agent_print = AgentPrint(
         print_id=attempt.id, state=PrintState.FAILED, fault="mintemp", reason="no heat", progress_s=5.0,
         print_time_s=90.0, extruded=True, started_s=now_s - 60.0, ended_s=now_s,
     )  # fmt: skip
     idle = {"link": Link.READY, "agent_pid": 9, "filament": FilamentState.PARKED}
-    farm.controller.on_snapshot(AgentSnapshot(printer=printer, print=message, **idle))
+    farm.controller.on_snapshot(AgentSnapshot(printer=printer, print=agent_print, **idle))
 
 
 def make_cut(farm, plate, hours, printers):

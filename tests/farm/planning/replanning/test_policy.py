@@ -129,8 +129,15 @@ def test_failed_part_is_cut_for_printers_not_needed_by_others():
     assert choice == policy.Recut("1/01", ("c", "d", "a"))
     short_part = make_part(hours=1.0)
     assert policy.choose_recut(short_part, make_situation([short_part], fleet, NIGHT, NOW_S)) is None
-    two = make_part(extra_printers=2)
-    assert len(policy.choose_recut(two, make_situation([two], fleet, NIGHT, NOW_S)).printers) == 2
+    two_place_part = make_part(extra_printers=2)
+    assert (
+        len(
+            policy.choose_recut(
+                two_place_part, make_situation([two_place_part], fleet, NIGHT, NOW_S)
+            ).printers
+        )
+        == 2
+    )
     assert (
         policy.choose_recut(
             make_part(extra_printers=1), make_situation([make_part(extra_printers=1)], fleet, NIGHT, NOW_S)

@@ -94,11 +94,11 @@ def test_pieces_fill_their_part_exactly_and_are_sliced_each_for_its_own_printer(
     result = run_replan(state, task, decomposition=True)
     assert isinstance(result, ReplannedPlate), result
     solids = [read_in_model_frame(state.files / part.file, part.geometry.to_model) for part in result.parts]
-    together = Solid.union(solids)
+    union = Solid.union(solids)
     volumes = (
         sum(solid.volume_mm3 for solid in solids),  # no volume is missing
-        together.volume_mm3,  # no volume is there twice
-        part_solid.intersect(together).volume_mm3,  # and all pieces are within the part
+        union.volume_mm3,  # no volume is there twice
+        part_solid.intersect(union).volume_mm3,  # and all pieces are within the part
     )
     assert volumes == pytest.approx((part_solid.volume_mm3,) * 3, rel=1e-5)
     for part, solid in zip(result.parts, solids, strict=True):
@@ -108,8 +108,8 @@ def test_pieces_fill_their_part_exactly_and_are_sliced_each_for_its_own_printer(
     assert [plate.id for plate in result.plates] == [f"1/01{letter}" for letter in letters]
     assert {part.cut_from for part in result.parts} == {"1/p01"}
     assert len({plate.printer for plate in result.plates}) == len(result.plates)
-    kins = {"a": PLUS, "b": PLUS, "c": UM2}
-    assert all(plate.family == kins[plate.printer] for plate in result.plates)
+    families = {"a": PLUS, "b": PLUS, "c": UM2}
+    assert all(plate.family == families[plate.printer] for plate in result.plates)
     report = json.loads((state.files / result.decomposition).read_text())
     assert [(item["id"], item["file"]) for item in report["parts"]] == [
         (f"p01{letter}", f"p01{letter}.stl") for letter in letters

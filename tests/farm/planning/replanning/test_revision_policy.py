@@ -101,13 +101,13 @@ works = st.lists(st.integers(1, 40).map(lambda quarters: quarters / 4), min_size
 @example([{}, {}, {"bed": Bed.NOT_CLEAR}, {"bed": Bed.NOT_CLEAR}], [0.25, 0.25, 4.0], 4, 0, False)
 @given(fleets, works, st.integers(1, 8), st.integers(0, 4 * 3600), st.booleans())
 def test_revision_saves_the_margin_with_its_planning_time_and_is_the_last(
-    states, hours, used, planning_s, night
+    states, hours, used_count, planning_s, night
 ):
     """Check that no revision follows a plan that ends as estimated while the printers are unchanged."""
     fleet = [make_printer("abcdefgh"[index], **facts) for index, facts in enumerate(states)]
     names = tuple(p.name for p in fleet)
     free_printers = tuple(p.name for p in fleet if p.obstacle() is None)
-    job = make_planned_job(hours, "abcdefgh"[:used], planning_s=float(planning_s))
+    job = make_planned_job(hours, "abcdefgh"[:used_count], planning_s=float(planning_s))
     start_rules = make_rules(attended=["08:00-18:00"]) if night else make_rules()
     moment = replace(make_situation(job.plates, fleet, start_rules), now_s=20 * HOUR)
     revision = choose_revision(job, moment, (free_printers, names))
@@ -125,10 +125,12 @@ def test_revision_saves_the_margin_with_its_planning_time_and_is_the_last(
 
 
 @given(fleets, works, st.integers(1, 8), st.integers(0, 4 * 3600), st.booleans())
-def test_forecasts_that_are_not_made_would_not_change_the_choice(states, hours, used, planning_s, starts):
+def test_forecasts_that_are_not_made_would_not_change_the_choice(
+    states, hours, used_count, planning_s, starts
+):
     fleet = [make_printer("abcdefgh"[index], **facts) for index, facts in enumerate(states)]
     free_printers = tuple(p.name for p in fleet if p.obstacle() is None)
-    job = make_planned_job(hours, "abcdefgh"[:used], planning_s=float(planning_s))
+    job = make_planned_job(hours, "abcdefgh"[:used_count], planning_s=float(planning_s))
     situation = make_situation(job.plates, fleet)
     candidates = (free_printers, tuple(p.name for p in fleet))
     with (

@@ -9,8 +9,8 @@ from farm.state.lifecycles import FARM_WIDE, LIFECYCLES, NEW
 
 
 def test_every_event_has_a_subject():
-    about = set().union(*(lifecycle.kinds for lifecycle in LIFECYCLES)) | FARM_WIDE
-    assert about == set(get_args(ev.AnyEvent))
+    handled_events = set().union(*(lifecycle.kinds for lifecycle in LIFECYCLES)) | FARM_WIDE
+    assert handled_events == set(get_args(ev.AnyEvent))
 
 
 @pytest.mark.parametrize("lifecycle", LIFECYCLES, ids=lambda item: item.entity)
@@ -18,12 +18,12 @@ def test_every_state_is_reachable(lifecycle):
     rows = [*lifecycle.transitions, *lifecycle.consequences]
     reached_states = {NEW}
     while True:
-        further = (
+        new_states = (
             set().union(*(row.ends or () for row in rows if row.starts & reached_states)) - reached_states
         )
-        if not further:
+        if not new_states:
             break
-        reached_states |= further
+        reached_states |= new_states
     assert reached_states - {NEW} == set(lifecycle.states)
 
 

@@ -95,8 +95,8 @@ def test_printer_with_few_prints_has_the_factors_of_its_family_at_its_own_speed(
     plates = [make_plate(number) for number in range(1, MIN_PRINTS + 3)]
     prints = [make_print(plate, printer="b") for plate in plates[:-2]]
     prints += [make_print(plate, printer="a", speed=1.05) for plate in plates[-2:]]
-    mean = sum(PLANTED) / 5
-    printer, _ = learn(prints, plates, a=1.05 * mean, b=mean)
+    mean_ratio = sum(PLANTED) / 5
+    printer, _ = learn(prints, plates, a=1.05 * mean_ratio, b=mean_ratio)
     assert not printer.feature_factors.own
     assert printer.feature_factors.prints == MIN_PRINTS + 2
     expected = tuple(1.05 * factor for factor in PLANTED)

@@ -35,13 +35,13 @@ _bytes = st.floats(0, 1e13)
 @given(
     free_bytes=_bytes,
     stored_bytes=_bytes,
-    prunable=_bytes,
+    prunable_bytes=_bytes,
     day=st.floats(1, 1e12),
     max_bytes=_bytes,
     more_bytes=_bytes,
 )
 def test_more_free_space_is_never_full_earlier(
-    free_bytes, stored_bytes, prunable, day, max_bytes, more_bytes
+    free_bytes, stored_bytes, prunable_bytes, day, max_bytes, more_bytes
 ):
     def forecast_nights(**changes):
         use = DiskUse(
@@ -49,7 +49,7 @@ def test_more_free_space_is_never_full_earlier(
                 {
                     "free_bytes": free_bytes,
                     "stored_bytes": stored_bytes,
-                    "prunable_bytes": prunable,
+                    "prunable_bytes": prunable_bytes,
                     "day_bytes": day,
                 }
                 | changes
@@ -59,7 +59,7 @@ def test_more_free_space_is_never_full_earlier(
 
     slack = 1 + 1e-9
     assert forecast_nights(free_bytes=free_bytes + more_bytes) * slack >= forecast_nights()
-    assert forecast_nights(prunable_bytes=prunable + more_bytes) * slack >= forecast_nights()
+    assert forecast_nights(prunable_bytes=prunable_bytes + more_bytes) * slack >= forecast_nights()
     assert forecast_nights(day_bytes=day + more_bytes) <= forecast_nights() * slack
 
 

@@ -51,7 +51,7 @@ def test_oldest_jobs_are_selected_until_the_rest_fits():
     assert select_jobs(books, make_sizes(books), KeepRules(90, 3500), NOW_S, NOW_S) == []
 
 
-def test_printers_of_another_job_are_not_free():
+def test_files_shared_with_another_job_are_not_freed():
     books = make_old_books((JobState.DONE, 20), (JobState.DONE, 10), shared_numbers=(1, 2))
     sizes = dict.fromkeys(list_named_files(books), 0) | {"shared.npz": 500}
     assert select_jobs(books, sizes, KeepRules(90, 400), NOW_S, NOW_S) == [1, 2]

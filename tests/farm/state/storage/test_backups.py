@@ -79,19 +79,19 @@ def test_damaged_database_is_restored_from_the_newest_intact_backup(state, damag
     books = fill(state)
     back_up(state, NIGHT_S)
     back_up(state, NIGHT_S + DAY_S).write_bytes(b"half a copy" * 100)
-    intact = state.books.read_bytes()
-    harm = {
+    intact_bytes = state.books.read_bytes()
+    damaged_bytes = {
         "no database": b"these are not the books that you are looking for" * 50,
-        "a page": intact[:4096] + b"\xff" * 4096 + intact[8192:],
+        "a page": intact_bytes[:4096] + b"\xff" * 4096 + intact_bytes[8192:],
         "nothing left": b"",
     }[damage]
-    state.books.write_bytes(harm)
+    state.books.write_bytes(damaged_bytes)
     store, restored_s = open_books(state, NIGHT_S + 2 * DAY_S)
     with store:
         assert restored_s == NIGHT_S
         assert store.load() == books
-    (aside,) = state.root.glob("farm.db.damaged-*[0-9]")
-    assert aside.read_bytes() == harm
+    (moved_file,) = state.root.glob("farm.db.damaged-*[0-9]")
+    assert moved_file.read_bytes() == damaged_bytes
 
 
 def test_backup_is_recognised_until_it_is_restored(state):
@@ -203,8 +203,8 @@ def test_restored_database_starts_nothing_before_an_inspection(tmp_path):
     assert (
         next_books.jobs[2].hold == books.jobs[1].hold
     )  # the job may have been planned and printed since the copy
-    frozen, _ = apply(ev.BooksRestored(at_s=NIGHT_S, copied_s=NIGHT_S), make_held_books())
-    assert frozen.jobs[1].hold == books.jobs[1].hold  # and a held job may have been approved
+    restored_books, _ = apply(ev.BooksRestored(at_s=NIGHT_S, copied_s=NIGHT_S), make_held_books())
+    assert restored_books.jobs[1].hold == books.jobs[1].hold  # and a held job may have been approved
     for name in "ab":
         farm.report(name)  # its agent does not know the print, which was only assigned
     assert {p.state for p in farm.controller.books.prints.values()} == {PrintState.CANCELLED}

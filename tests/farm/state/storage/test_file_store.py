@@ -94,10 +94,10 @@ def test_age_of_a_file_counts_from_its_storing(tmp_path):
 def test_file_stored_during_a_deletion_is_kept(tmp_path):
     store = tmp_path / "files"
     store.mkdir()
-    stop = threading.Event()
+    stop_event = threading.Event()
 
     def delete():
-        while not stop.is_set():
+        while not stop_event.is_set():
             delete_files(store, list_files(store), time.time())
 
     with ThreadPoolExecutor() as pool:
@@ -109,7 +109,7 @@ def test_file_stored_during_a_deletion_is_kept(tmp_path):
                 with suppress(FileNotFoundError):
                     os.utime(store / name, (1000.0, 1000.0))  # old enough to be deleted at any moment
         finally:
-            stop.set()
+            stop_event.set()
         deletion.result()
 
 

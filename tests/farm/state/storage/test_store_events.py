@@ -23,26 +23,25 @@ def list_times_s(store):
 @settings(deadline=None, max_examples=30)  # every commit is synced to the disk
 @given(
     times_s=st.lists(st.floats(0, 100), max_size=12),
-    before_s=st.floats(0, 110),
+    end_s=st.floats(0, 110),
     max_count=st.integers(1, 20),
-    at_once=st.integers(1, 5),
+    batch_size=st.integers(1, 5),
 )
-def test_remaining_events_are_the_latest(tmp_path_factory, times_s, before_s, max_count, at_once):
+def test_remaining_events_are_the_latest(tmp_path_factory, times_s, end_s, max_count, batch_size):
     path = tmp_path_factory.mktemp("books") / "farm.db"
     with Store(path) as store:
         record(store, *times_s)
-        last_number = store.find_last_old_event(before_s, max_count)
+        last_number = store.find_last_old_event(end_s, max_count)
         expected_count = store.count_events(last_number)
         deleted_count = 0
-        while batch_count := store.delete_events(last_number, at_once):
+        while batch_count := store.delete_events(last_number, batch_size):
             deleted_count += batch_count
         kept_times_s = list_times_s(store)
         assert deleted_count == expected_count == len(times_s) - len(kept_times_s)
         assert kept_times_s == times_s[len(times_s) - len(kept_times_s) :]
         assert len(kept_times_s) <= max_count and bool(kept_times_s) is bool(times_s)
         assert (
-            all(at_s < before_s for at_s in times_s[:deleted_count])
-            or deleted_count == len(times_s) - max_count
+            all(at_s < end_s for at_s in times_s[:deleted_count]) or deleted_count == len(times_s) - max_count
         )
         record(store, 200.0)
     with Store(path) as store:

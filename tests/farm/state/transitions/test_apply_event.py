@@ -66,10 +66,12 @@ INVALID_EVENTS = {
 }
 
 
-@pytest.mark.parametrize(("events_before", "event", "message"), INVALID_EVENTS.values(), ids=INVALID_EVENTS)
-def test_invalid_transition_names_its_cause(events_before, event, message):
+@pytest.mark.parametrize(
+    ("events_before", "event", "error_with_print_history"), INVALID_EVENTS.values(), ids=INVALID_EVENTS
+)
+def test_invalid_transition_names_its_cause(events_before, event, error_with_print_history):
     books, _ = apply_events(make_printing_books(), *events_before)
-    with pytest.raises(InvalidTransition, match=message) as error:
+    with pytest.raises(InvalidTransition, match=error_with_print_history) as error:
         apply(event, books)
     assert type(event).__name__ in str(error.value)
 
@@ -115,17 +117,19 @@ def test_error_has_the_history_of_its_entity_only(tmp_path):
             books = new_books
         with pytest.raises(InvalidTransition) as error:
             apply(HEATING, books)
-        message = store.add_history(error.value)
+        error_with_print_history = store.add_history(error.value)
         with pytest.raises(InvalidTransition) as error:
             apply(ev.PlanningStarted(at_s=9.0, job=1), books)
-        of_the_job = store.add_history(error.value)
-    assert [line.partition(" ")[2].partition(" ")[2] for line in message.history] == [
+        error_with_job_history = store.add_history(error.value)
+    assert [line.partition(" ")[2].partition(" ")[2] for line in error_with_print_history.history] == [
         "PlateAssigned",
         "PrintProgressed heating",
         "PrintEnded done",
     ]
-    assert "print x is done; before that: 1970-01-01 00:00:02 PlateAssigned, " in str(message)
-    assert [line.split()[2] for line in of_the_job.history] == [
+    assert "print x is done; before that: 1970-01-01 00:00:02 PlateAssigned, " in str(
+        error_with_print_history
+    )
+    assert [line.split()[2] for line in error_with_job_history.history] == [
         "JobSubmitted",
         "PlanningStarted",
         "JobPlanned",

@@ -91,8 +91,8 @@ def test_resliced_part_keeps_its_name_and_prints():
         apply_events(books, make_begun_event("1/02", "c", "z"))
 
 
-@pytest.mark.parametrize("meanwhile", ["printing", "printed", "cancelled", "held", "replaced"])
-def test_plate_that_no_longer_waits_is_not_replaced(meanwhile):
+@pytest.mark.parametrize("new_state", ["printing", "printed", "cancelled", "held", "replaced"])
+def test_plate_that_no_longer_waits_is_not_replaced(new_state):
     books = make_failed_books()
     event = make_replaced_event(books, "1/02")
     other_events = {
@@ -101,7 +101,7 @@ def test_plate_that_no_longer_waits_is_not_replaced(meanwhile):
         "cancelled": [ev.PlateCancelled(at_s=8.0, plate="1/02", by="ann")],
         "held": [ev.BooksRestored(at_s=8.0, copied_s=7.0)],
         "replaced": [make_replaced_event(books, "1/02", ())],
-    }[meanwhile]
+    }[new_state]
     books, _ = apply_events(books, *other_events)
     with pytest.raises(InvalidTransition):
         apply_events(books, event)

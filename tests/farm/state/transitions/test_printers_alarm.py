@@ -21,13 +21,13 @@ FLEET = Fleet.model_validate(
 
 def make_snapshot(alarm: str | None = FINDING, **fields: object) -> AgentSnapshot:
     """Build a snapshot of the agent of a while its print ends."""
-    message = AgentPrint(
+    agent_print = AgentPrint(
         print_id="x", state=PrintState.ENDING, fault=None, reason=None, progress_s=1.0, print_time_s=9.0,
         extruded=True, started_s=2.0, ended_s=None,
     )  # fmt: skip
     expected = {
         "printer": "a", "link": Link.BUSY, "agent_pid": 7, "nozzle_c": 271.4, "bed_c": 60.2,
-        "nozzle_target_c": 0.0, "bed_target_c": 0.0, "alarm": alarm, "print": message,
+        "nozzle_target_c": 0.0, "bed_target_c": 0.0, "alarm": alarm, "print": agent_print,
     }  # fmt: skip
     return AgentSnapshot.model_validate(expected | fields)
 
@@ -40,12 +40,12 @@ def begin_print():
     return apply_events(make_printing_books(), assigned_event, progress_event)[0]
 
 
-def find_context(books, message):
-    return ViewContext(FLEET, books, {"a": message}, StateFolder(Path("/state")), now_s=60.0)
+def find_context(books, agent_print):
+    return ViewContext(FLEET, books, {"a": agent_print}, StateFolder(Path("/state")), now_s=60.0)
 
 
-def apply_report(books, message, at_s=50.0):
-    return apply_events(books, *detect_alarm(books.printers["a"], message, at_s))[0]
+def apply_report(books, agent_print, at_s=50.0):
+    return apply_events(books, *detect_alarm(books.printers["a"], agent_print, at_s))[0]
 
 
 def test_alarm_is_the_first_task_with_state_and_temperatures():
@@ -60,10 +60,10 @@ def test_alarm_is_the_first_task_with_state_and_temperatures():
     assert "(fault, nozzle 271 C" in list_tasks(find_context(make_printing_books(), idle))[0].text
 
 
-@pytest.mark.parametrize("hand", ["maintenance", "outage"])
-def test_alarm_precedes_other_states_of_the_printer(hand: str):
+@pytest.mark.parametrize("other_state", ["maintenance", "outage"])
+def test_alarm_precedes_other_states_of_the_printer(other_state: str):
     books = apply_report(begin_print(), make_snapshot())
-    if hand == "maintenance":
+    if other_state == "maintenance":
         books, _ = apply_events(
             books, ev.MaintenanceStarted(at_s=51.0, printer="a", why="a nozzle", by="ann")
         )

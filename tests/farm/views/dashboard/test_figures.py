@@ -13,9 +13,9 @@ PLATES = {plate.id: plate for plate in make_plan_event(1, 2).plates}  # 100 s an
 DONE, FAILED, CANCELLED = PrintState.DONE, PrintState.FAILED, PrintState.CANCELLED
 
 
-def make_attempt(state=DONE, took_s=100.0, **changes):
+def make_attempt(state=DONE, duration_s=100.0, **changes):
     facts = {"id": "x", "plate": "1/01", "job": 1, "printer": "a", "assigned_s": 0.0, "started_s": 1000.0}
-    ends_s = 1000.0 + took_s if state.ended else None
+    ends_s = 1000.0 + duration_s if state.ended else None
     return Print(**{**facts, "state": state, "ended_s": ends_s, "grams": 3.0, **changes})
 
 
@@ -23,9 +23,9 @@ def test_prints_are_counted_by_outcome():
     figures = sum_figures(
         "all",
         [
-            make_attempt(took_s=110.0),
-            make_attempt(took_s=90.0, verdict=Verdict.GOOD),
-            make_attempt(took_s=130.0, verdict=Verdict.BAD, grams=4.0),
+            make_attempt(duration_s=110.0),
+            make_attempt(duration_s=90.0, verdict=Verdict.GOOD),
+            make_attempt(duration_s=130.0, verdict=Verdict.BAD, grams=4.0),
             make_attempt(FAILED, 50.0, grams=1.0),
             make_attempt(CANCELLED, 20.0, grams=0.5),
             make_attempt(CANCELLED, started_s=None),  # never started
@@ -41,10 +41,10 @@ def test_prints_are_counted_by_outcome():
 
 
 def test_print_that_was_paused_says_nothing_about_the_forecast():
-    assert sum_figures("all", [make_attempt(took_s=5000.0, paused=True)], PLATES).deviation is None
+    assert sum_figures("all", [make_attempt(duration_s=5000.0, paused=True)], PLATES).deviation is None
 
 
-def test_nothing_has_no_success():
+def test_figures_of_no_prints_have_no_success_rate():
     assert sum_figures("all", [], PLATES).success is None
 
 
@@ -70,5 +70,5 @@ def test_groups_add_up_to_the_total_and_every_print_is_counted_once(prints):
 
 
 def test_month_is_that_of_the_zone():
-    assert name_month(make_attempt(took_s=0.0), UTC) == "1970-01"
+    assert name_month(make_attempt(duration_s=0.0), UTC) == "1970-01"
     assert name_month(make_attempt(PrintState.PRINTING), UTC) == ""

@@ -135,8 +135,8 @@ def test_spans_are_apart_inside_of_the_time_and_agree_with_the_hours(texts, begi
     assert all(begin_s <= first_s < last_s <= end_s for first_s, last_s in spans)
     assert all(span[1] < next_span[0] for span, next_span in pairwise(spans))
     for at_s in (begin_s, begin_s + length_s / 2):
-        within = any(first_s <= at_s < last_s for first_s, last_s in spans)
-        assert within == (week.span(at_s) is not None)
+        is_open = any(first_s <= at_s < last_s for first_s, last_s in spans)
+        assert is_open == (week.span(at_s) is not None)
 
 
 def test_always_attended_is_one_span():

@@ -56,11 +56,11 @@ def test_starved_time_does_not_exceed_the_printing_time():
     """Limit the starved time of a part that was printed twice by the total time."""
     books = make_printing_books(plates=1)
     assert make_view(books).starved_share is None
-    for name, begun_s in (("p", 2.0), ("q", 202.0)):
-        assigned_event = ev.PlateAssigned(at_s=begun_s, plate="1/01", printer="a", print_id=name)
-        done_event = make_end_event(name, at_s=begun_s + 100.0, started_s=begun_s, starved_s=80.0)
-        cleared_event = ev.BedCleared(at_s=begun_s + 150.0, printer="a", by="ann", filament=None)
-        repeated_event = ev.ReprintRequested(at_s=begun_s + 160.0, plate="1/01", why="", by="ann")
+    for name, started_s in (("p", 2.0), ("q", 202.0)):
+        assigned_event = ev.PlateAssigned(at_s=started_s, plate="1/01", printer="a", print_id=name)
+        done_event = make_end_event(name, at_s=started_s + 100.0, started_s=started_s, starved_s=80.0)
+        cleared_event = ev.BedCleared(at_s=started_s + 150.0, printer="a", by="ann", filament=None)
+        repeated_event = ev.ReprintRequested(at_s=started_s + 160.0, plate="1/01", why="", by="ann")
         books, _ = apply_events(books, assigned_event, done_event, cleared_event, repeated_event)
     assert make_view(books).starved_share == pytest.approx(0.8)
 
@@ -88,8 +88,8 @@ def test_failed_job_has_no_speedup():
     )
     view_before = make_view(books)
     assert view_before.speedup and view_before.utilisation
-    cancelled_event, _ = apply_events(books, ev.JobCancelled(at_s=5.0, job=1))
-    job_view = make_view(cancelled_event)
+    cancelled_books, _ = apply_events(books, ev.JobCancelled(at_s=5.0, job=1))
+    job_view = make_view(cancelled_books)
     assert (job_view.speedup, job_view.utilisation) == (None, None)
     assert job_view.estimated_s == view_before.estimated_s
 
@@ -99,14 +99,19 @@ def make_context(books, now_s, progress=None, **snapshots):
 
 
 def test_progress_of_a_plan_is_shown():
-    far = PlanProgress(step=PlanStep.SLICING, done=3, of=8)
+    progress = PlanProgress(step=PlanStep.SLICING, done=3, of=8)
     queued_books, _ = apply_events(Books(), *make_fleet_events(), ev.JobSubmitted(at_s=0.0, job=make_job()))
     planning_books, _ = apply_events(queued_books, ev.PlanningStarted(at_s=0.0, job=1))
     planned_books, _ = apply_events(planning_books, make_plan_event())
-    cancelled_event, _ = apply_events(planned_books, ev.JobCancelled(at_s=1.0, job=1))
-    states = (queued_books, planning_books, planned_books, cancelled_event)
-    shown_progress = [describe_job(make_context(b, 1.0, {1: far}), b.jobs[1]).progress for b in states]
-    assert shown_progress == [None, far, far, None]  # a planned job may be planned again before it starts
+    cancelled_books, _ = apply_events(planned_books, ev.JobCancelled(at_s=1.0, job=1))
+    states = (queued_books, planning_books, planned_books, cancelled_books)
+    shown_progress = [describe_job(make_context(b, 1.0, {1: progress}), b.jobs[1]).progress for b in states]
+    assert shown_progress == [
+        None,
+        progress,
+        progress,
+        None,
+    ]  # a planned job may be planned again before it starts
 
 
 @pytest.mark.parametrize(("progress_s", "remaining_s"), [(0.0, 10.0 + 90.0 * 1.2 - 5.0), (30.0, 60.0 * 1.2)])
@@ -114,12 +119,12 @@ def test_remaining_time_uses_the_factor_of_the_printer(progress_s, remaining_s):
     books, _ = apply_events(
         make_printing_books(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
     )
-    began = ev.PrintProgressed(
+    started_event = ev.PrintProgressed(
         at_s=2.0, print_id="x", state=PrintState.PRINTING, started_s=2.0, extruded=True
     )
-    books, _ = apply_events(books, began)
+    books, _ = apply_events(books, started_event)
     books.printers["a"] = books.printers["a"].model_copy(update={"time_factor": 1.2})
-    message = AgentPrint(
+    agent_print = AgentPrint(
         print_id="x",
         state=PrintState.PRINTING,
         fault=None,
@@ -134,7 +139,7 @@ def test_remaining_time_uses_the_factor_of_the_printer(progress_s, remaining_s):
         feature="FILL",
     )
     view = describe_printer(
-        make_context(books, 7.0, a=AgentSnapshot(printer="a", link=Link.BUSY, print=message)),
+        make_context(books, 7.0, a=AgentSnapshot(printer="a", link=Link.BUSY, print=agent_print)),
         FLEET.printer("a"),
         None,
     )

@@ -70,10 +70,10 @@ steps = st.tuples(
     st.sampled_from([PrintState.PRINTING, PrintState.DONE, PrintState.FAILED]),
     st.sampled_from([None, *Verdict]),
 )
-held = st.dictionaries(st.sampled_from(PLATES), st.sampled_from(HOLDS))
+hold_sets = st.dictionaries(st.sampled_from(PLATES), st.sampled_from(HOLDS))
 
 
-@given(st.lists(st.tuples(st.none() | steps, held), min_size=1, max_size=8))
+@given(st.lists(st.tuples(st.none() | steps, hold_sets), min_size=1, max_size=8))
 def test_a_cached_view_equals_a_fresh_one(moments):
     books, cache = make_printing_books(plates=2), JobCache()
     for now_s, (step, holds) in enumerate(moments, 10):
@@ -101,10 +101,10 @@ def test_cache_keeps_a_limited_number_of_jobs(monkeypatch):
     monkeypatch.setattr(module, "MAX_JOBS", 2)
     cache, books = RevisionCache(), put(make_printing_books(), *(make_job(number) for number in (2, 3)))
     books = replace(books, _revisions=dict.fromkeys((1, 2, 3), "first"))
-    made = []
+    described_jobs = []
 
     def find(job):
-        return cache.find(books, job, lambda: made.append(job) or job)
+        return cache.find(books, job, lambda: described_jobs.append(job) or job)
 
     assert [find(job) for job in (1, 1, 2, 3, 3, 1)] == [1, 1, 2, 3, 3, 1]
-    assert made == [1, 2, 3, 1]
+    assert described_jobs == [1, 2, 3, 1]

@@ -75,17 +75,17 @@ def test_wait_for_a_printer_within_a_run_is_counted():
         *make_attempt("x", "1/01", "a", 0.0, 100.0),
         *make_attempt("y", "1/02", "a", 400.0, 500.0),
     )
-    job_view = compute_times(books, DAY_S)
-    assert (len(job_view.runs), job_view.elapsed_s, job_view.utilisation) == (1, 500.0, pytest.approx(0.4))
+    times = compute_times(books, DAY_S)
+    assert (len(times.runs), times.elapsed_s, times.utilisation) == (1, 500.0, pytest.approx(0.4))
 
 
 def test_cancelled_reprint_does_not_change_the_figures(done_books):
     old_times = compute_times(done_books, DAY_S)
     repeated_event = ev.ReprintRequested(at_s=DAY_S, plate="1/01", why="lost", by="ann")
-    cancelled_event, _ = apply_events(
+    cancelled_books, _ = apply_events(
         done_books, repeated_event, ev.PlateCancelled(at_s=DAY_S + 9.0, plate="1/01", by="ann")
     )
-    new_times = compute_times(cancelled_event, 2 * DAY_S)
+    new_times = compute_times(cancelled_books, 2 * DAY_S)
     assert (new_times.elapsed_s, new_times.speedup) == (old_times.elapsed_s, old_times.speedup)
 
 
@@ -105,18 +105,18 @@ SPANS = st.lists(st.tuples(st.floats(0.0, 1e5), st.floats(1.0, 1e5)), min_size=1
 def test_runs_are_disjoint_and_each_print_is_in_one(spans):
     """Make one reprint after another, each some time after the end of the job."""
     books, at_s = make_printing_books(1), 0.0
-    for number, (wait_s, took_s) in enumerate(spans):
+    for number, (wait_s, duration_s) in enumerate(spans):
         at_s += 1.0 + wait_s
         if number:
             requested_event = ev.ReprintRequested(at_s=at_s, plate="1/01", why="", by="ann")
             books, _ = apply_events(books, requested_event)
-        books, _ = apply_events(books, *make_attempt(f"x{number}", "1/01", "a", at_s, at_s + took_s))
-        at_s += took_s
+        books, _ = apply_events(books, *make_attempt(f"x{number}", "1/01", "a", at_s, at_s + duration_s))
+        at_s += duration_s
     job = books.job(1)
     runs = list(list_runs(job, books.prints_of_job(job), at_s + DAY_S))
     assert len(runs) == len(spans) == len(job.reopenings) + 1
     assert all(item.ended_s <= next_run.started_s for item, next_run in pairwise(runs))
-    assert sum(item.length_s for item in runs) == pytest.approx(sum(took_s for _, took_s in spans))
+    assert sum(item.length_s for item in runs) == pytest.approx(sum(duration_s for _, duration_s in spans))
 
 
 def test_job_of_older_books_has_one_run():

@@ -147,7 +147,7 @@ def test_recorded_upload_becomes_a_job_however_it_is_split(name, farm):
         (model, is_held, note)
     }
     assert len(farm.jobs_by_number) == len(CHUNKS)
-    assert (farm.left_files, list(farm.temporary.iterdir())) == ([], [])
+    assert (farm.unfinished_uploads, list(farm.temporary.iterdir())) == ([], [])
 
 
 def test_libcurl_that_expects_it_is_told_to_continue_but_not_with_a_wrong_key(farm):
@@ -177,7 +177,7 @@ def test_upload_cut_at_any_byte_leaves_nothing(name, reset, farm):
             for end in range(len(recording)):
                 answer = await connections.cut(recording[:end], reset)
                 assert b" 201 " not in answer, end
-                assert (len(farm.jobs_by_number), farm.left_files) == (0, []), end
+                assert (len(farm.jobs_by_number), farm.unfinished_uploads) == (0, []), end
                 assert read_answer(await connections.send(HEALTH))[0] == 200, end
             assert {path for path in farm.state.root.rglob("*") if path.is_file()} == state
             assert (len(farm.controller._store.events()), list(farm.temporary.iterdir())) == (events, [])
@@ -198,4 +198,4 @@ def test_refused_gcode_is_one_line_of_text_with_line_and_reason_in_front(farm):
     status, headers, text = read_answer(asyncio.run(scenario()))
     assert (status, headers["content-type"]) == (400, "text/plain")
     assert text.startswith("line 5: M109 sets 999 C, and the nozzle may have at most 260")
-    assert (farm.jobs_by_number, farm.left_files) == ({}, [])
+    assert (farm.jobs_by_number, farm.unfinished_uploads) == ({}, [])

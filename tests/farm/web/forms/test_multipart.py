@@ -22,7 +22,7 @@ def write_field(name, value):
     return f'Content-Disposition: form-data; name="{name}"', value.encode()
 
 
-def file(name="a.gcode", content=CONTENT, header="Content-Disposition"):
+def write_file_field(name="a.gcode", content=CONTENT, header="Content-Disposition"):
     disposition = f'{header}: form-data; name="file"; filename="{name}"'
     return f"{disposition}\r\nContent-Type: application/octet-stream", content
 
@@ -36,9 +36,14 @@ def read(form, *cuts, content_type=CURL):
     return reader, b"".join(pieces)
 
 
-PRUSA = write_form([write_field("print", "true"), write_field("path", "x/y"), file()])
+PRUSA = write_form([write_field("print", "true"), write_field("path", "x/y"), write_file_field()])
 CURA = write_form(
-    [write_field("path", "x/y"), file(), write_field("select", "true"), write_field("print", "true")]
+    [
+        write_field("path", "x/y"),
+        write_file_field(),
+        write_field("select", "true"),
+        write_field("print", "true"),
+    ]
 )
 
 
@@ -60,7 +65,9 @@ def test_form_is_read_byte_by_byte():
 @pytest.mark.parametrize("boundary", ["boundary_.oOo._a/b+c==", "------------------------1234567890abcdef"])
 @pytest.mark.parametrize("quote", ['"', ""])
 def test_boundaries_of_qt_and_of_curl_are_read_quoted_or_not(boundary, quote):
-    form = write_form([file("Größe \N{OLD ITALIC LETTER A}.gcode", header="content-disposition")], boundary)
+    form = write_form(
+        [write_file_field("Größe \N{OLD ITALIC LETTER A}.gcode", header="content-disposition")], boundary
+    )
     reader, content = read(form, content_type=f"multipart/form-data; boundary={quote}{boundary}{quote}")
     assert (reader.file_name, content) == ("Größe \N{OLD ITALIC LETTER A}.gcode", CONTENT)
 
@@ -77,9 +84,15 @@ def test_truncated_form_is_never_complete():
     ("form", "reason"),
     [
         (write_form([write_field("print", "true")]), "no file"),
-        (write_form([file(), file("b.gcode")]), "two files"),
-        (write_form([write_field(str(n), "x") for n in range(MAX_PARTS)] + [file()]), "more than 20 parts"),
-        (write_form([write_field("path", "x" * (MAX_FIELD_BYTES + 1)), file()]), "longer than 64 KiB"),
+        (write_form([write_file_field(), write_file_field("b.gcode")]), "two files"),
+        (
+            write_form([write_field(str(n), "x") for n in range(MAX_PARTS)] + [write_file_field()]),
+            "more than 20 parts",
+        ),
+        (
+            write_form([write_field("path", "x" * (MAX_FIELD_BYTES + 1)), write_file_field()]),
+            "longer than 64 KiB",
+        ),
         (write_form([("X" * 10_000 + ": y", b"")]), "cannot be read"),
         (write_form([(f"X{n}: y", b"") for n in range(1)] + [("\x00: y", b"")]), "cannot be read"),
         (b"no form at all", "cannot be read"),
@@ -114,7 +127,7 @@ def test_any_bytes_are_read_or_refused(noise, at):
 
 
 @pytest.mark.parametrize(
-    ("value", "means"), [("true", True), ("True ", True), ("1", True), ("", False), ("false", False)]
+    ("value", "expected"), [("true", True), ("True ", True), ("1", True), ("", False), ("false", False)]
 )
-def test_every_form_of_true_is_read(value, means):
-    assert read(write_form([write_field("print", value), file()]))[0].is_true("print") is means
+def test_every_form_of_true_is_read(value, expected):
+    assert read(write_form([write_field("print", value), write_file_field()]))[0].is_true("print") is expected

@@ -58,7 +58,7 @@ def parse(message):
 
 
 async def read_changes(stream):
-    """Return the version and the changes of the next message that is no beat."""
+    """Return the version and the changes of the next message that is not a heartbeat."""
     while (message := await anext(stream)) == HEARTBEAT:
         pass
     return parse(message)

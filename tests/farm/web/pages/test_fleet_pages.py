@@ -119,10 +119,10 @@ def test_printer_page_warns_of_heat_before_it_offers_to_clear_the_bed(farm):
 )
 def test_printer_page_has_the_forms_of_the_role(farm, role, actions):
     page = read(farm, "/printers/a", role)
-    found = [
+    found_actions = [
         action for action in ("cleared", "load", "maintenance") if f'action="/printers/a/{action}"' in page
     ]
-    assert found == actions
+    assert found_actions == actions
 
 
 def test_history_is_exported_as_chosen(busy_farm):

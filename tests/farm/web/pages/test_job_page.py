@@ -53,7 +53,7 @@ def list_paths(page):
     return set(re.findall(r'action="([^"]+)"', page)) - {"/logout"}
 
 
-def test_rows_show_each_part_s_state_and_what_was_expected_and_reached():
+def test_rows_show_the_state_of_each_part_with_its_expected_and_actual_times():
     rows = list_rows(make_data(make_night_books()))
     assert {name: row.state for name, row in rows.items()} == {
         "p01": "printed",
@@ -87,7 +87,7 @@ def test_row_has_the_printer_and_the_end_of_the_forecast():
     assert (row.printer, row.ends) == ("um2-07", slots["1/01"].ends)
 
 
-def test_times_of_a_job_are_elements_that_a_script_shows_in_the_reader_s_zone():
+def test_times_of_a_job_are_elements_that_a_script_shows_in_the_zone_of_the_reader():
     data = make_data(make_night_books(), eta="1970-01-01T09:00:00+00:00")
     page = render(data)
     assert 'printed, ends <time datetime="1970-01-01T09:00:00+00:00">Thu 09:00</time>, in 2h00.' in page
@@ -149,8 +149,8 @@ def test_printing_job_is_paused_or_resumed_and_cancelling_takes_a_second_press()
 
 
 def test_dry_run_offers_print_keep_discard_and_its_curve():
-    dry = JobOptions(dry_run=True, hold=True)
-    data = make_data(make_night_books(), state=JobState.HELD, options=dry, plan="abc")
+    dry_run_options = JobOptions(dry_run=True, hold=True)
+    data = make_data(make_night_books(), state=JobState.HELD, options=dry_run_options, plan="abc")
     slots = [make_slot()]
     timeline = api.Timeline(
         job=1,

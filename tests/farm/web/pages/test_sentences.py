@@ -38,8 +38,8 @@ def test_each_time_of_a_sentence_is_an_element():
 
 
 def test_longer_one_of_two_times_is_found():
-    far = TextTime(text="Fri 22:00 20 Nov", at="2027-11-20T22:00:00+01:00")
-    page = format_sentence(Sentence("until Fri 22:00 20 Nov", (FRIDAY, far)))
+    distant_time = TextTime(text="Fri 22:00 20 Nov", at="2027-11-20T22:00:00+01:00")
+    page = format_sentence(Sentence("until Fri 22:00 20 Nov", (FRIDAY, distant_time)))
     assert page == 'until <time datetime="2027-11-20T22:00:00+01:00">Fri 22:00 20 Nov</time>'
 
 

@@ -79,8 +79,8 @@ def test_pause_toggles_the_selected_job(farm, key):
 
 
 def test_unsupported_commands_are_refused_in_plain_text(farm, key):
-    nothing = farm.ask("POST", "/api/job", key, json=START)
-    assert (nothing.status_code, nothing.text[:20]) == (400, "no file is selected,")
+    answer_without_file = farm.ask("POST", "/api/job", key, json=START)
+    assert (answer_without_file.status_code, answer_without_file.text[:20]) == (400, "no file is selected,")
     farm.upload(key)
     select(farm, key, "box.gcode")
     for path, body in (
@@ -125,5 +125,8 @@ def test_requests_of_cura_are_answered_at_both_addresses(farm):
         user = farm.ask("POST", f"{prefix}/api/login", key, json={"passive": True}).json()
         assert (user["name"], user["admin"]) == ("key laptop", False)
         assert farm.ask("GET", f"{prefix}/api/currentuser", key).json()["name"] == "key laptop"
-        unknown = farm.ask("GET", "/to/nobody/api/printer", key)
-        assert (unknown.status_code, unknown.headers["content-type"]) == (404, "text/plain")
+        answer_to_unknown = farm.ask("GET", "/to/nobody/api/printer", key)
+        assert (answer_to_unknown.status_code, answer_to_unknown.headers["content-type"]) == (
+            404,
+            "text/plain",
+        )

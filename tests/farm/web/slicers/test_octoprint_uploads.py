@@ -29,7 +29,7 @@ def test_upload_holds_a_job_and_upload_and_print_submits_one(make):
     assert [answer.json()["effectivePrint"] for answer in (held_answer, printed_answer)] == [False, True]
     assert farm.jobs_by_number[1].submitted_by == "key print"
     assert farm.jobs_by_number[1].name == "box.gcode"
-    assert farm.left_files == []
+    assert farm.unfinished_uploads == []
 
 
 def test_answer_is_that_of_octoprint_with_a_location(make):
@@ -69,8 +69,11 @@ def test_address_of_a_printer_asks_for_that_one(make):
     answer = farm.upload(key, url_path="/to/b" + UPLOAD, print="true")
     assert farm.jobs_by_number[1].options.only == ("b",)
     assert answer.headers["location"] == f"http://{HOST}/to/b{UPLOAD}/1/box.gcode"
-    unknown = farm.upload(key, url_path="/to/c" + UPLOAD)
-    assert (unknown.status_code, unknown.text) == (404, "there is no printer c; the fleet has a, b")
+    answer_to_unknown = farm.upload(key, url_path="/to/c" + UPLOAD)
+    assert (answer_to_unknown.status_code, answer_to_unknown.text) == (
+        404,
+        "there is no printer c; the fleet has a, b",
+    )
     assert len(farm.jobs_by_number) == 1
 
 
@@ -80,7 +83,7 @@ def test_refusal_is_plain_text_with_line_and_reason_in_front(make):
     assert answer.status_code == 400
     assert answer.headers["content-type"] == "text/plain"
     assert answer.text == "line 12: G29 probes the bed, which this printer cannot"
-    assert (farm.jobs_by_number, farm.left_files) == ({}, [])
+    assert (farm.jobs_by_number, farm.unfinished_uploads) == ({}, [])
 
 
 def test_folder_is_shown_and_not_interpreted(make):
@@ -111,7 +114,7 @@ def test_upload_cut_at_any_byte_leaves_nothing(make):
     for end in range(len(FORM)):
         answer = farm.send(UPLOAD, key, [FORM[:end], None], announce(len(FORM)))
         assert answer.status == 400, answer
-    assert (farm.jobs_by_number, farm.left_files, len(farm.store.events())) == ({}, [], events)
+    assert (farm.jobs_by_number, farm.unfinished_uploads, len(farm.store.events())) == ({}, [], events)
     assert farm.send(UPLOAD, key, [FORM], announce(len(FORM))).status == 201
     assert farm.jobs_by_number[1].name == "a.gcode"
 

@@ -26,7 +26,7 @@ def make_progress(state=PrintState.PRINTING, share=0.25, remaining_s=300.0):
         (PrintState.ENDING, "Cancelling"),
     ],
 )
-def test_states_of_a_print_have_octoprint_s_names(state, text):
+def test_states_of_a_print_have_the_names_of_octoprint(state, text):
     assert views.describe_current_job(make_job(), make_progress(state))["state"] == text
 
 

@@ -1,16 +1,16 @@
-"""Status and bed of the emulator of a ``sim://`` port; a real printer reports neither."""
+"""Access to the emulator of a ``sim://`` port: its status, and its bed; a real printer reports neither."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from drivers.emulator.launch import control, read_status
+from drivers.emulator import launch
 from drivers.emulator.status import EmulatorStatus
 from drivers.errors import PortError
 
 
-class EmulatorBed:
-    """The emulator behind a port, if there is one.
+class EmulatorControl:
+    """Access to the emulator behind a port, if there is one.
 
     Parameters
     ----------
@@ -21,16 +21,16 @@ class EmulatorBed:
     def __init__(self, folder: Path | None) -> None:
         self._folder = folder
 
-    def status(self) -> EmulatorStatus | None:
+    def read_status(self) -> EmulatorStatus | None:
         """Read the status of the emulator; None for a real printer, or if it does not answer."""
         if self._folder is None:
             return None
         try:
-            return read_status(self._folder)
+            return launch.read_status(self._folder)
         except PortError:
             return None
 
-    def clear(self) -> None:
+    def clear_bed(self) -> None:
         """Clear the bed of the emulator.
 
         Raises
@@ -39,4 +39,4 @@ class EmulatorBed:
             The emulator does not answer.
         """
         if self._folder is not None:
-            control(self._folder, "clear_bed")
+            launch.control(self._folder, "clear_bed")
