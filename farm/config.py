@@ -54,7 +54,7 @@ def _parse_windows(value: object) -> object:
 
 Windows = Annotated[
     tuple[Window, ...], Field(max_length=7 * 24), BeforeValidator(_parse_windows)
-]  # each hour of a week
+]  # at most one for each hour of a week
 
 
 class _Section(BaseModel):

@@ -49,7 +49,7 @@ def build_planned_event(
         glue_s = (plan.assembly_s or 0.0) * compute_assembly_ratio(books.jobs.values())
         notices = (*notices, *_describe_lateness(job, ends_s, glue_s, rules, now_s))
     is_parallel = len({slot.printer for slot in forecast.slots}) == len(plan.plates)
-    is_unlimited = forecast.unprintable_plates or (is_parallel and rules.max_heating is None)
+    has_no_waits = forecast.unprintable_plates or (is_parallel and rules.max_heating is None)
     return ev.JobPlanned(
         at_s=now_s,
         job=job.id,
@@ -58,7 +58,7 @@ def build_planned_event(
         repairs=notices,
         scale=plan.scale,
         serial_s=plan.serial_s,
-        expected_s=plan.expected_s if is_unlimited else forecast.ends_s - forecast.starts_s,
+        expected_s=plan.expected_s if has_no_waits else forecast.ends_s - forecast.starts_s,
         lower_bound_s=max(0.0, forecast.lower_bound_s - forecast.starts_s),
         picture=plan.picture,
         assembly=plan.assembly,
@@ -78,7 +78,10 @@ def _describe_lateness(
     for state, deadline_s, reached_s in deadlines:
         if deadline_s is not None and reached_s > deadline_s:
             deadline, earliest = (rules.format_moment(at_s, now_s) for at_s in (deadline_s, reached_s))
-            yield (f"It was to be {state} by {deadline}; the earliest possible is {earliest} ({rules.zone}).")
+            yield (
+                f"It cannot be {state} by {deadline}: the earliest possible time is "
+                f"{earliest} ({rules.zone})."
+            )
 
 
 def hash_plan(parts: Iterable[Part], plates: Iterable[Plate]) -> str:

@@ -264,7 +264,7 @@ def _list_held_jobs(books: Books) -> Iterator[api.Todo]:
         jobs = f"job{'s' * (len(restored_jobs) > 1)} {' '.join(map(str, restored_jobs))}"
         text = (
             f"the database was restored from a backup: check which parts of {jobs} were printed since, "
-            "`farm cancel JOB/PART` those, then `farm approve JOB`"
+            "cancel those with `farm cancel JOB/PART`, then `farm approve JOB`"
         )
         yield api.Todo(code="restored", printers=[], text=text, jobs=restored_jobs)
     for job in held_jobs:

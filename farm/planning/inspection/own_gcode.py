@@ -257,8 +257,8 @@ def _describe_obstacle(section: PrinterSection, accepted_gcode: AcceptedGcode) -
     ):  # fmt: skip
         (left, front, _), (right, back, _) = accepted_gcode.min_mm, accepted_gcode.max_mm
         return (
-            f"prints on X {left:.1f}..{right:.1f}, Y {front:.1f}..{back:.1f}, up to Z {z1:.1f} mm: not all "
-            f"on the bed of {section.name}, off its clips and within its height; move it in your slicer"
+            f"prints on X {left:.1f}..{right:.1f}, Y {front:.1f}..{back:.1f}, up to Z {z1:.1f} mm: partly "
+            f"off the bed of {section.name}, on its clips or above its height; move it in your slicer"
         )
     profile = PROFILES[section.model]
     size_mm = (*profile.bed_mm, profile.height_mm + _REACH_MM)
@@ -296,7 +296,7 @@ def _check_options(options: JobOptions) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _Lines:
-    """Lines of a file, read again at each iteration, cut at the shortest length that is refused."""
+    """Lines of a file, read again at each iteration; one that is refused for its length is cut there."""
 
     path: Path
 

@@ -123,7 +123,7 @@ class PlanRevisions:
         """
         self.has_more, self.postponed = False, frozenset()
         changeable = {job.id for job in books.jobs.values() if self._is_changeable(books, job)}
-        plates_by_job = _find_unstarted(books, situation, changeable) if changeable else {}
+        plates_by_job = _find_unstarted_jobs(books, situation, changeable) if changeable else {}
         if not plates_by_job:
             return
         reservations, ratio = find_reservations(), compute_assembly_ratio(books.jobs.values())
@@ -194,7 +194,7 @@ class PlanRevisions:
         self.end(number)
         job = books.job(number)
         changeable = {number} if _may_change(books, job) else set()
-        plates = _find_unstarted(books, situation, changeable).get(number)
+        plates = _find_unstarted_jobs(books, situation, changeable).get(number)
         if plates is None:  # a person has cancelled or changed the job meanwhile
             return None
         if isinstance(result, FarmError):
@@ -213,7 +213,7 @@ class PlanRevisions:
         return event
 
 
-def _find_unstarted(
+def _find_unstarted_jobs(
     books: Books, situation: Situation, jobs: Collection[int]
 ) -> dict[int, tuple[WaitingPlate, ...]]:
     """Find the jobs whose plates may all be assigned, each with its plates."""

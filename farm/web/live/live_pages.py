@@ -50,7 +50,7 @@ class _Topic:
         if self._rounds_left <= 0:
             await self._render_again()
 
-    async def receive(self, version: str) -> None:
+    async def refresh_for(self, version: str) -> None:
         """Render again for a viewer with an unknown version, which may be newer than the last rendering."""
         if self._rounds > 1 and version not in (self.version, self._previous_version):
             await self._render_again()
@@ -75,7 +75,7 @@ class _Topic:
             async with asyncio.timeout(seconds):
                 await self._change.wait()
 
-    def catch_up(self, version: str) -> bytes:
+    def list_changes_since(self, version: str) -> bytes:
         """Return the changes from a version to the present one: none, the last changes, or the whole page."""
         if version == self.version:
             return b""
@@ -140,10 +140,10 @@ class LivePages:
         topic.viewers += 1  # before any await: a round ends a page without viewers
         self._start()
         try:
-            await topic.receive(version)
+            await topic.refresh_for(version)
             yield _RETRY
             while is_allowed() and not self._streams.is_closed and not topic.is_over:
-                message = topic.catch_up(version)
+                message = topic.list_changes_since(version)
                 version = topic.version
                 yield message or _HEARTBEAT
                 if version == topic.version and not topic.is_over:  # else it changed in the meantime

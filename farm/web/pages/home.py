@@ -31,7 +31,7 @@ class Bed:
         Name of the printer.
     plate
         The last plate that was printed on it; None without one.
-    is_judged
+    awaits_verdict
         True if its part waits for a verdict.
     seen
         Id of the last print on it, as the form of an outdated page must not clear a later plate; "none"
@@ -42,7 +42,7 @@ class Bed:
 
     printer: str
     plate: str | None
-    is_judged: bool
+    awaits_verdict: bool
     seen: str
     good: str | None = None
 
@@ -202,10 +202,16 @@ def _describe_task(
 def describe_bed(printer: api.PrinterView, good: str | None = None) -> Bed:
     """Describe the plate on the bed of a printer, and the questions on its part."""
     last_print = printer.last
-    is_judged = last_print is not None and last_print.state is PrintState.DONE and last_print.verdict is None
+    awaits_verdict = (
+        last_print is not None and last_print.state is PrintState.DONE and last_print.verdict is None
+    )
     last_print_id = last_print.id if last_print is not None else "none"
     return Bed(
-        printer.name, last_print.plate if last_print is not None else None, is_judged, last_print_id, good
+        printer.name,
+        last_print.plate if last_print is not None else None,
+        awaits_verdict,
+        last_print_id,
+        good,
     )
 
 

@@ -240,7 +240,7 @@ def test_missed_deadline_is_reported_with_the_earliest_end(farm, state):
 
     assert miss_deadline(3600) == ()
     (notice,) = miss_deadline(50)
-    assert notice.startswith("It was to be printed by") and "the earliest possible is" in notice
+    assert notice.startswith("It cannot be printed by") and "the earliest possible time is" in notice
     assert miss_deadline(600) == ()
     for name in "ab":  # a person has to clear them first
         farm.controller.handle(
@@ -285,7 +285,7 @@ def test_missed_deadline_of_the_assembly_is_reported(farm, state):
 
     assert miss_deadline(3600 + 600) == ()
     (notice,) = miss_deadline(3600 + 50)
-    assert notice.startswith("It was to be assembled by") and "the earliest possible is" in notice
+    assert notice.startswith("It cannot be assembled by") and "the earliest possible time is" in notice
 
 
 def test_assembly_is_reported_once_all_parts_are_printed(farm):

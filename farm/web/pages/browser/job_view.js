@@ -17,18 +17,18 @@ const nameOf = (mesh) => mesh.userData.name ?? mesh.name;
 const hueOf = (number) => new Color().setHSL((number * GOLDEN) % 1, 0.5, 0.55);
 
 /** Add an input with its label. */
-const addInput = (place, words, attributes, act) => {
+const addInput = (container, text, attributes, act) => {
   const label = document.createElement("label");
   const input = Object.assign(document.createElement("input"), attributes);
-  label.append(attributes.type === "radio" ? input : `${words} `, attributes.type === "radio" ? ` ${words}` : input);
+  label.append(attributes.type === "radio" ? input : `${text} `, attributes.type === "radio" ? ` ${text}` : input);
   input.addEventListener("input", () => act(input));
-  place.append(label);
+  container.append(label);
   return input;
 };
 
 class JobView {
-  constructor(place, gltf) {
-    this.stage = new Stage(place, "The parts of this job. The arrow keys turn the view; the table describes the parts.");
+  constructor(container, gltf) {
+    this.stage = new Stage(container, "The parts of this job. The arrow keys turn the view; the table describes the parts.");
     this.rows = findRows();
     this.parts = new Map();
     this.stage.content.add(gltf.scene);
@@ -49,14 +49,14 @@ class JobView {
     this.by = kinds.size > 1 ? "state" : "printer"; // all parts wait before the first print
     this.picked = null; // a part of the model
     this.copy = null; // name of the picked row if the part has several copies
-    this.addControls(place);
+    this.addControls(container);
     this.setApart(0.35);
     this.paint();
     this.stage.frame();
     this.stage.onPick((mesh) => this.pick(mesh ? nameOf(mesh) : null));
   }
 
-  addControls(place) {
+  addControls(container) {
     const controls = document.createElement("div");
     controls.className = "tools";
     this.apart = addInput(controls, "Apart", { type: "range", min: 0, max: 100, value: 35 }, (input) => {
@@ -70,17 +70,17 @@ class JobView {
         this.setStep(Number(input.value));
       });
     }
-    for (const [by, words] of [["state", "Colour by state"], ["printer", "by printer"]]) {
-      addInput(controls, words, { type: "radio", name: "colour-by", checked: by === this.by }, () => {
+    for (const [by, text] of [["state", "Colour by state"], ["printer", "by printer"]]) {
+      addInput(controls, text, { type: "radio", name: "colour-by", checked: by === this.by }, () => {
         this.by = by;
         this.paint();
       });
     }
     this.key = document.createElement("p");
     this.key.className = "key";
-    this.words = document.createElement("p");
-    this.words.setAttribute("role", "status");
-    place.append(controls, this.key, this.words);
+    this.caption = document.createElement("p");
+    this.caption.setAttribute("role", "status");
+    container.append(controls, this.key, this.caption);
     for (const [name, row] of this.rows) this.addButton(name, row);
     const table = document.querySelector("table.parts");
     if (table) {
@@ -128,19 +128,19 @@ class JobView {
     for (const [name, { mesh }] of this.parts) {
       const values = new Set(this.rowsOf(name).map((row) => row.dataset[this.by === "state" ? "kind" : "printer"]));
       const [first = "cut into smaller parts"] = values;
-      const words = values.size > 1 ? `copies with several ${this.by}s` : first;
+      const text = values.size > 1 ? `copies with several ${this.by}s` : first;
       const colour = this.by === "printer" && values.size === 1
         ? hueOf(printers.indexOf(first))
-        : readColour(`--fill-${STATES.includes(words) ? words : "other"}`);
-      meanings.set(words, colour);
+        : readColour(`--fill-${STATES.includes(text) ? text : "other"}`);
+      meanings.set(text, colour);
       mesh.material.color.copy(colour);
       mesh.material.emissive.set(name === this.picked ? 0x555522 : 0);
     }
-    this.key.replaceChildren(...[...meanings].sort().map(([words, colour]) => {
+    this.key.replaceChildren(...[...meanings].sort().map(([text, colour]) => {
       const entry = document.createElement("span");
       const patch = document.createElement("i");
       patch.style.background = `#${colour.getHexString()}`;
-      entry.append(patch, ` ${words}`);
+      entry.append(patch, ` ${text}`);
       return entry;
     }));
     this.stage.requestFrame();
@@ -151,8 +151,8 @@ class JobView {
     [this.picked, this.copy] = [name, copy];
     const rows = this.markRows();
     if (!copy) rows[0]?.scrollIntoView({ block: "nearest" });
-    const words = rows.map(({ dataset }) => `${dataset.part}: ${dataset.kind}, ${dataset.printer}`);
-    this.words.textContent = words.join("; ") || (name ?? "");
+    const text = rows.map(({ dataset }) => `${dataset.part}: ${dataset.kind}, ${dataset.printer}`);
+    this.caption.textContent = text.join("; ") || (name ?? "");
     this.paint();
   }
 
@@ -175,9 +175,9 @@ class JobView {
 }
 
 /** Replace the picture in an element by a 3D view of its model. */
-export const showJob = async (place) => {
-  const gltf = await new GLTFLoader().loadAsync(place.dataset.model);
-  const picture = place.querySelector("img");
-  new JobView(place, gltf);
+export const showJob = async (container) => {
+  const gltf = await new GLTFLoader().loadAsync(container.dataset.model);
+  const picture = container.querySelector("img");
+  new JobView(container, gltf);
   picture?.remove();
 };

@@ -14,16 +14,16 @@ export const readColour = (name) => new Color(getComputedStyle(document.document
 
 export class Stage {
   /**
-   * @param {HTMLElement} place element to fill
+   * @param {HTMLElement} container element to fill
    * @param {string} label description of the view for screen readers
    */
-  constructor(place, label) {
+  constructor(container, label) {
     this.renderer = new WebGLRenderer({ antialias: true, preserveDrawingBuffer: true }); // a view without a buffer prints blank
     this.canvas = this.renderer.domElement;
     this.canvas.setAttribute("role", "img");
     this.canvas.setAttribute("aria-label", label);
     this.canvas.tabIndex = 0;
-    place.append(this.canvas);
+    container.append(this.canvas);
     this.scene = new Scene();
     this.content = new Group();
     const sun = new DirectionalLight(0xffffff, 2.2);
@@ -34,7 +34,7 @@ export class Stage {
     this.controls = new OrbitControls(this.camera, this.canvas);
     this.controls.addEventListener("change", () => this.requestFrame());
     this.canvas.addEventListener("keydown", (event) => this.turn(event));
-    new ResizeObserver(() => this.resize()).observe(place);
+    new ResizeObserver(() => this.resize()).observe(container);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.requestFrame());
     this.waiting = false;
     this.resize();

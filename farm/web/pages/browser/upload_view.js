@@ -54,9 +54,9 @@ const compare = (size, beds) => {
 };
 
 class UploadView {
-  constructor(place, form, beds) {
-    Object.assign(this, { place, form, beds, stage: null, model: null });
-    this.words = document.getElementById("size");
+  constructor(container, form, beds) {
+    Object.assign(this, { container, form, beds, stage: null, model: null });
+    this.caption = document.getElementById("size");
     form.elements.file.addEventListener("change", () => this.read(form.elements.file.files[0]));
     for (const name of ["scale", "longest_side_mm"]) form.elements[name].addEventListener("input", () => this.show());
     const drop = form.querySelector(".drop");
@@ -72,19 +72,19 @@ class UploadView {
 
   async read(file) {
     this.model = null;
-    this.place.hidden = true;
-    this.words.textContent = "";
+    this.container.hidden = true;
+    this.caption.textContent = "";
     const reader = READERS[file?.name.split(".").pop().toLowerCase()];
     if (!file || !reader) return;
     if (file.size > LARGEST_BYTES) {
-      this.words.textContent = "The file is too large for a preview.";
+      this.caption.textContent = "The file is too large for a preview.";
       return;
     }
     try {
       this.model = reader(await file.arrayBuffer());
       this.show(true);
     } catch (error) {
-      this.words.textContent = `No preview (${error.message}); the farm checks the file after the upload.`;
+      this.caption.textContent = `No preview (${error.message}); the farm checks the file after the upload.`;
     }
   }
 
@@ -95,9 +95,9 @@ class UploadView {
     const raw = new Box3().setFromObject(this.model).getSize(new Vector3());
     const scale = findScale(this.form, Math.max(...raw));
     const size = raw.toArray().map((mm) => mm * scale);
-    this.words.textContent = `${format(size)}. ${compare(size, this.beds)}`;
-    this.place.hidden = false;
-    this.stage ??= new Stage(this.place, "The model beside the printers' build volume");
+    this.caption.textContent = `${format(size)}. ${compare(size, this.beds)}`;
+    this.container.hidden = false;
+    this.stage ??= new Stage(this.container, "The model beside the printers' build volume");
     this.draw(scale, isNew);
   }
 
@@ -131,7 +131,7 @@ class UploadView {
 }
 
 /** Show a preview of the file that a person chooses or drops. */
-export const showUpload = async (place) => {
-  const beds = JSON.parse(place.dataset.beds);
-  if (beds.length) new UploadView(place, document.getElementById("submit"), beds);
+export const showUpload = async (container) => {
+  const beds = JSON.parse(container.dataset.beds);
+  if (beds.length) new UploadView(container, document.getElementById("submit"), beds);
 };

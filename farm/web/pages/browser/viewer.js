@@ -3,13 +3,13 @@
 import { showJob } from "./job_view.js";
 import { showUpload } from "./upload_view.js";
 
-const place = document.getElementById("viewer");
+const container = document.getElementById("viewer");
 const views = { model: showJob, beds: showUpload };
 
 for (const [name, show] of Object.entries(views)) {
-  if (place && name in place.dataset) {
+  if (container && name in container.dataset) {
     try {
-      await show(place);
+      await show(container);
     } catch (error) {
       console.warn("no 3D view:", error);
     }

@@ -32,7 +32,7 @@ class PartRow:
         Completed share of the open print, 0 to 1; None without one.
     ends
         End of its print, expected or actual, ISO 8601; None if unknown.
-    expected, now, actual
+    expected, total, actual
         Printing times: planned; expected of the open print by its progress; actual of the last print.
     why
         Reason why it waits or failed; empty if there is none.
@@ -49,7 +49,7 @@ class PartRow:
     progress: float | None
     ends: str | None
     expected: str
-    now: str
+    total: str
     actual: str
     filament: str
     why: Sentence
@@ -97,7 +97,7 @@ def list_part_rows(
                 if slot is not None
                 else (last_print.ended if last_print is not None else None),
                 expected=format_duration(plate.estimated_s),
-                now=_estimate_total_time(last_print, open_print, job.now),
+                total=_estimate_total_time(last_print, open_print, job.now),
                 actual=_describe_actual(last_print, plate.estimated_s),
                 filament=format_filament(plate.grams, plate.filament_mm, plate.price, job.currency),
                 why=_explain(plate, last_print),

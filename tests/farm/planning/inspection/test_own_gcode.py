@@ -123,7 +123,7 @@ def test_one_printer_may_be_requested(inspect):
     [
         (make_ultigcode(nozzle="0.8"), "nozzle of 0.8 mm, and a has 0.4 mm"),
         (make_marlin(make_square(at_mm=210.0)), "X 210.0..230.0"),
-        (make_marlin(make_square(at_mm=0.0)), "off its clips"),
+        (make_marlin(make_square(at_mm=0.0)), "on its clips"),
         (make_marlin(make_square(layers=1000, layer_mm=0.32)), "up to Z 320.0 mm"),
         (make_marlin(body=["G0 Z12", "G0 X-20"]), "moves to X -20.0"),
         (make_marlin(body=["G0 Z400"]), "moves to Z 400.0"),
