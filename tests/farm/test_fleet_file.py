@@ -118,7 +118,10 @@ def test_fleet_file_of_the_repository_is_valid():
         ),
         (VALID_FILE.replace("/dev/serial/by-path/one", "COM3"), "fleet.yaml:5: printers.0.port"),
         (VALID_FILE.replace("/dev/serial/by-path/one", "socket://h:1"), "no DTR"),
-        (VALID_FILE.replace("/dev/serial/by-path/one", "sim://ultimaker2_extended_plus"), "a model other than"),
+        (
+            VALID_FILE.replace("/dev/serial/by-path/one", "sim://ultimaker2_extended_plus"),
+            "a model other than",
+        ),
         (VALID_FILE.replace("model: ultimaker2_plus", "model: prusa"), "'prusa' is not one of"),
         (VALID_FILE.replace("name: a,", "name: ../a,"), "printers.0.name"),
         (
