@@ -191,7 +191,7 @@ def collect_holes(
     }
     return Socket(
         np.array([at for at, _, _, _ in holes]).reshape(-1, 3),
-        np.array([depth for _, depth, _, _ in holes]),
+        np.array([reach for _, reach, _, _ in holes]),
         np.array([normal for _, _, normal, _ in holes]).reshape(-1, 3),
         arrows,
         np.array([is_groove for _, _, _, is_groove in holes], dtype=np.bool_),

@@ -51,7 +51,7 @@ def open_calls(args: argparse.Namespace, local_call: Call | None = None) -> Iter
         yield local_call or (lambda work, *arguments: work(*arguments))
         return
     with tempfile.TemporaryDirectory(prefix="farm-bench-") as scratch:
-        local_workers = Workers(Path(scratch) / "own", 1)
+        local_workers = Workers(Path(scratch) / "local", 1)
         with open_pool(lambda: connect_cluster(local_workers, args.scheduler, args.certificates)) as call:
             yield call
 

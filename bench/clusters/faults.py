@@ -52,7 +52,7 @@ def _list_files(source: Path, folder: Path, *_: object) -> TaskFiles:
     return TaskFiles(reads=(source,), folders=(folder,))
 
 
-def work_for(source: Path, folder: Path, seconds: float) -> int:
+def copy_later(source: Path, folder: Path, seconds: float) -> int:
     """Copy a file after some seconds. Returns the file's size."""
     folder.mkdir(parents=True, exist_ok=True)
     time.sleep(seconds)
@@ -60,7 +60,7 @@ def work_for(source: Path, folder: Path, seconds: float) -> int:
     return source.stat().st_size
 
 
-slow = Deferred("bench.clusters.faults:work_for", _list_files)
+deferred_copy = Deferred("bench.clusters.faults:copy_later", _list_files)
 
 
 @dataclass
@@ -212,7 +212,7 @@ class Rounds:
 
     async def _run_task(self, path: Path) -> bool:
         """Run a task beside the job. Returns True if its result is correct."""
-        size = await self._pool.run(slow, self._source, path, TASK_S, limit=LIMIT, group="tasks")
+        size = await self._pool.run(deferred_copy, self._source, path, TASK_S, limit=LIMIT, group="tasks")
         content = self._source.read_bytes()
         return size == len(content) and (path / "copy").read_bytes() == content
 

@@ -54,8 +54,8 @@ class HostGroups:
         addresses: dict[str, tuple[str, int]] = {}
         for name, hosts in groups.items():
             address = "127.0.0.1" if self._network is None else self._network.address(name)
-            words = [sys.executable, "-m", "bench.fleets.host_services", str(folder), address, *hosts]
-            command = words if self._network is None else self._network.command(name, words)
+            arguments = [sys.executable, "-m", "bench.fleets.host_services", str(folder), address, *hosts]
+            command = arguments if self._network is None else self._network.command(name, arguments)
             process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
             self._processes[name] = process
             assert process.stdout is not None

@@ -21,7 +21,7 @@ from drivers.locks import AGENT_LOCK, acquire_lock
 
 MODEL = "ultimaker2_plus"
 PORT = f"sim://{MODEL}"
-_IDLE_TURNS = 5
+_IDLE_TURNS = 5  # an idle agent reports in every fifth round
 
 
 @dataclass(slots=True)

@@ -50,7 +50,7 @@ KINDS = {
 }
 REST = ("slope ends", "infill ends", "travel", *SUPPORT)
 ROUNDS, MIN_ERROR = 30, 1e-3  # number of rounds of the fit; smaller errors count as this large
-TABLES = "columns"  # the term of the tables, in place of those of supports
+TABLES = "columns"  # term that the tables of the search have instead of the terms of supports
 
 
 class Table:
@@ -70,7 +70,8 @@ class Table:
             for row, f in zip(rows, features, strict=True)
         ]
         self.terms = {term: np.array([s[term].sum() for s in seconds]) for term in FACTORS}
-        self.bodies = {term: np.array([s[term][:2].sum() for s in seconds]) for term in FACTORS}
+        # Seconds to which the minimum time of a layer applies.
+        self.body_terms_s = {term: np.array([s[term][:2].sum() for s in seconds]) for term in FACTORS}
         costs = {name: CostModel.from_recipe(recipe) for name, recipe in recipes.items()}
         self.min_s = np.array([costs[row.settings].min_s_mm * row.height_mm for row in rows])
 
@@ -88,14 +89,14 @@ class Table:
         factors[TABLES] = float(_fit(columns, support[rows] * weight)[0])
         return factors
 
-    def errors(self, factors: dict[str, float], tables: bool) -> Floats:
+    def compute_errors(self, factors: dict[str, float], tables: bool) -> Floats:
         """Compute the relative errors (rows,): of the tables' price, or of a part's with its own supports."""
         excluded_terms = SUPPORT if tables else (TABLES,)
         total, body = np.zeros((2, len(self.sliced_s)))
         for name, factor in factors.items():
             if name not in excluded_terms:
                 total += factor * self.terms[name]
-                body += factor * self.bodies[name]
+                body += factor * self.body_terms_s[name]
         return (total + np.maximum(0.0, self.min_s - body)) / self.sliced_s - 1.0
 
     def cross_validate(self, training_rows: npt.NDArray[np.bool_], tables: bool = False) -> Floats:
@@ -103,7 +104,7 @@ class Table:
         errors = np.zeros(len(self.sliced_s))
         for model in np.unique(self.models):
             in_model = self.models == model
-            errors[in_model] = self.errors(self.fit(training_rows & ~in_model), tables)[in_model]
+            errors[in_model] = self.compute_errors(self.fit(training_rows & ~in_model), tables)[in_model]
         return errors
 
 
@@ -162,7 +163,7 @@ def compute_report(rows: Sequence[Row]) -> dict[str, Any]:
         "held_out": compute_figures(table.cross_validate(all_rows), groups),
         "held_out_tables": compute_figures(table.cross_validate(all_rows, tables=True), groups),
         "fitted_on_two_settings": compute_figures(table.cross_validate(in_full_settings), groups),
-        "as_in_code": compute_figures(table.errors(dict(FACTORS), tables=False), groups),
+        "as_in_code": compute_figures(table.compute_errors(dict(FACTORS), tables=False), groups),
         "by_model": compute_figures(table.cross_validate(all_rows), by_model),
     }
 

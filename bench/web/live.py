@@ -153,7 +153,7 @@ def start_server(printers: int) -> Iterator[Server]:
             process.join()
 
 
-def view(port: int, keys: list[str], viewers: int, seconds: float) -> int:
+def receive_streams(port: int, keys: list[str], viewers: int, seconds: float) -> int:
     """Receive streams for a time; return the bytes."""
     received_bytes, selector = 0, selectors.DefaultSelector()
     for number in range(viewers):
@@ -174,12 +174,12 @@ def measure(printers: int, viewers: int, seconds: float) -> dict[str, Any]:
     """Measure the CPU of the server, without viewers and with them."""
     with start_server(printers) as server:
         time.sleep(_WARM_UP_S)
-        idle_s, begin_s = server.read_cpu_s(), time.monotonic()
+        begin_cpu_s, begin_s = server.read_cpu_s(), time.monotonic()
         time.sleep(seconds / 2)
-        idle_share = (server.read_cpu_s() - idle_s) / (time.monotonic() - begin_s)
-        before_s, begin_s = server.read_cpu_s(), time.monotonic()
-        received_bytes = view(server.port, server.keys, viewers, seconds)
-        share = (server.read_cpu_s() - before_s) / (time.monotonic() - begin_s)
+        idle_share = (server.read_cpu_s() - begin_cpu_s) / (time.monotonic() - begin_s)
+        begin_cpu_s, begin_s = server.read_cpu_s(), time.monotonic()
+        received_bytes = receive_streams(server.port, server.keys, viewers, seconds)
+        share = (server.read_cpu_s() - begin_cpu_s) / (time.monotonic() - begin_s)
     return {
         "printers": printers, "prints": server.prints, "viewers": viewers, "core_share": share,
         "core_share_without_viewers": idle_share, "bytes_per_viewer_s": received_bytes / viewers / seconds,
