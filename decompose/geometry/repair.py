@@ -89,7 +89,7 @@ def close_surface(name: str, surface: Surface, report: Report = lambda _: None) 
         repairs.append("Turned triangles that faced the wrong way.")
     solid, twice_mm3 = resolve_overlaps(solid)
     if twice_mm3:
-        messages.append(f"United limbs that run through each other: {twice_mm3:.3g} mm3 counted twice.")
+        messages.append(f"United bodies that intersected: {twice_mm3:.3g} mm3 were counted twice.")
     return solid, repairs + messages
 
 

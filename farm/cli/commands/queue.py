@@ -32,7 +32,7 @@ def queue(
     job: Annotated[
         int | None, typer.Argument(help="The job to move; none: only show.", autocompletion=completion.jobs)
     ] = None,
-    to: Annotated[api.QueuePlace | None, typer.Argument(help="Where to move it.")] = None,
+    to: Annotated[api.QueuePlace | None, typer.Argument(help="One of up, down, first and last.")] = None,
     before: Annotated[
         int | None, typer.Option(help="Move it before this job.", autocompletion=completion.jobs)
     ] = None,

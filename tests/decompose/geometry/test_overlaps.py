@@ -114,5 +114,5 @@ def test_loaded_model_says_what_was_united(tmp_path: Path) -> None:
     path = tmp_path / "eight.stl"
     write_stl(path, vertices[faces].astype(np.float32))
     model = load_model(path)
-    assert any(text.startswith("United limbs that run through each other") for text in model.repairs)
+    assert any(text.startswith("United bodies that intersected") for text in model.repairs)
     assert compute_shared_mm3(model.solid) < 1e-3
