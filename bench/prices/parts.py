@@ -41,19 +41,22 @@ OTHER_MODEL_MM = 200.0  # longest side of a model from a folder
 
 EVEN: Mapping[str, Any] = {"gradual_infill_steps": 0}
 
+# As in `glue` when the dataset was made: even infill, and all skins at Cura's speed of them.
+_DATASET: Mapping[str, Any] = {**EVEN, "roofing_layer_count": 0, "speed_topbottom": 30}
+
 # This project's two qualities, and settings that differ in all terms of the physical model; `even` is
-# `glue` without its gradual infill.
+# `glue` as it was.
 SETTINGS: dict[str, tuple[str, float, Mapping[str, Any]]] = {
-    "even": ("glue", 0.4, EVEN),
+    "even": ("glue", 0.4, _DATASET),
     "paper": ("paper", 0.4, {}),
     "glue": ("glue", 0.4, {}),
-    "fine": ("glue", 0.4, {**EVEN, "layer_height": 0.15, "infill_sparse_density": 20}),
-    "wide": ("glue", 0.6, EVEN),
+    "fine": ("glue", 0.4, {**_DATASET, "layer_height": 0.15, "infill_sparse_density": 20}),
+    "wide": ("glue", 0.6, {**_DATASET, "speed_topbottom": 20}),
     "other": (
         "glue",
         0.4,
         {
-            **EVEN,
+            **_DATASET,
             "layer_height": 0.25,
             "line_width": 0.4,
             "speed_wall_0": 25,
