@@ -118,7 +118,7 @@ def run_engine(
         arguments = ["slice", *options, "-j", "global.json", "-e0", "-j", "extruder.json"]
         command = [str(engine), *arguments, "-o", "part.gcode", "-l", "part.stl"]
         exit_code, log = _run_process(command, folder, limits, progress)
-        # Seen on a machine under load, where a second run succeeded.
+        # This error was seen on a machine under load, where a second run succeeded.
         if exit_code > 0 and _UNKNOWN_ERROR in log:
             exit_code, log = _run_process(command, folder, limits, progress)
         if exit_code != 0:
@@ -225,7 +225,7 @@ def _build_engine_error(exit_code: int, log: str, memory_bytes: int) -> EngineFa
 def _limit_child(memory_bytes: int, parent_pid: int) -> None:
     """Limit the child process: lowest priority, limited memory and output, killed if its parent ends."""
     os.nice(19)
-    # The parent may have its own limit, against which the stacks would count in full.
+    # The parent may have its own limit, against which the stacks of threads would count in full.
     data_limit = resource.getrlimit(resource.RLIMIT_DATA)[1]
     resource.setrlimit(resource.RLIMIT_DATA, (data_limit, data_limit))
     for limit, maximum in (

@@ -89,12 +89,12 @@ def measure_feature_times(path: Toolpath, limits: MotionLimits) -> FeatureTimes:
     layer_s = np.diff(np.array([0.0, *(elapsed_s for _, elapsed_s in ends)]))
     planned_s = np.diff(sums[bounds])
     scales = np.divide(layer_s, planned_s, out=np.zeros_like(layer_s), where=planned_s > 0.0)
-    is_layer = slice(int(bounds[0]), int(bounds[-1]))
-    scaled_s = seconds[is_layer] * np.repeat(scales, np.diff(bounds))
+    layer_moves = slice(int(bounds[0]), int(bounds[-1]))
+    scaled_s = seconds[layer_moves] * np.repeat(scales, np.diff(bounds))
     groups = [names.index(_GROUPS.get(feature, "travel_s")) for feature in path.features]
     extrudes = (path.extruded_mm > 0.0) & path.is_move
     group = np.where(extrudes, np.array(groups)[path.feature], names.index("travel_s"))
-    return FeatureTimes(*np.bincount(group[is_layer], weights=scaled_s, minlength=len(names)).tolist())
+    return FeatureTimes(*np.bincount(group[layer_moves], weights=scaled_s, minlength=len(names)).tolist())
 
 
 def estimate_move_seconds(path: Toolpath, limits: MotionLimits) -> Floats:
@@ -115,10 +115,10 @@ def estimate_move_seconds(path: Toolpath, limits: MotionLimits) -> Floats:
     for _ in range(_PASSES):
         junction[1:] = np.minimum(junction[1:], junction[:-1] + gain)
         junction[:-1] = np.minimum(junction[:-1], junction[1:] + gain)
-    entry, leave = junction[:-1], junction[1:]
-    peak = np.minimum(top, np.sqrt(np.maximum((gain + entry + leave) / 2.0, np.maximum(entry, leave))))
-    ramps_mm = np.maximum(2.0 * peak**2 - entry - leave, 0.0) / (2.0 * acceleration)
-    ramps_s = (2.0 * peak - np.sqrt(entry) - np.sqrt(leave)) / acceleration
+    entry, exit_ = junction[:-1], junction[1:]
+    peak = np.minimum(top, np.sqrt(np.maximum((gain + entry + exit_) / 2.0, np.maximum(entry, exit_))))
+    ramps_mm = np.maximum(2.0 * peak**2 - entry - exit_, 0.0) / (2.0 * acceleration)
+    ramps_s = (2.0 * peak - np.sqrt(entry) - np.sqrt(exit_)) / acceleration
     seconds: Floats = ramps_s + np.maximum(length_mm - ramps_mm, 0.0) / peak
     return np.where(np.any(delta_mm != 0.0, axis=1), seconds, 0.0)
 

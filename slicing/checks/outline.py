@@ -153,7 +153,7 @@ def _check_areas(model: Rings, printed: Rings, walls: Walls, layout: WallLayout)
         raise SliceRejected(
             Rule.OUTLINE,
             f"{100 - 100 * share:.0f} % of the model is missing: its walls are too thin to print, or its "
-            "mesh is broken; thicken them, scale it up, take a finer nozzle, or repair it",
+            "mesh is broken; thicken them, scale it up, choose a finer nozzle, or repair it",
         )
     missing_mm2 = walls.compute_missing_areas_mm2(layout, len(model.area_mm2))
     incomplete = np.flatnonzero(missing_mm2 > LOST_MM2 + LOST_SHARE * model.area_mm2)
@@ -162,7 +162,7 @@ def _check_areas(model: Rings, printed: Rings, walls: Walls, layout: WallLayout)
         raise SliceRejected(
             Rule.OUTLINE,
             f"layer {layer} (Z {layout.compute_top_mm(layer):.2f} mm) lacks {missing_mm2[layer]:.0f} mm2 "
-            "within its inner walls; repair the mesh, or scale it by a thousandth",
+            "within its inner walls; repair the mesh, or scale it by a factor of 1.001",
         )
 
 
@@ -190,7 +190,7 @@ class _Sections:
         self._layout = layout
 
     def cut_at(self, z_mm: float, layer: int) -> Geometry:
-        """Cut the model at a height where its winding number is positive, grown as in `layer`."""
+        """Find the area at a height with a positive winding number, expanded as in `layer`."""
         pieces = list(cut_sections(self._corners, np.array([z_mm])))
         if not pieces:
             return shapely.Polygon()

@@ -138,7 +138,8 @@ def _find_line_width_mm(nozzle_mm: float | None) -> float:
     if nozzle_mm is None:
         raise GcodeRefused(
             "it does not name the nozzle it was sliced for, and the printers have several: write a comment "
-            "like `; nozzle_diameter = 0.4` into it, or ask for one printer's material or colour"
+            "like `; nozzle_diameter = 0.4` into it, or choose a material or "
+            "colour that only printers with one nozzle have"
         )
     return nozzle_mm
 
@@ -166,8 +167,8 @@ def _compute_section_ratio(extent: Extent, layers: int, target: PrintTarget, noz
     ratio = section_mm2 / nominal_mm2
     if not PLAUSIBLE_RATIO[0] < ratio < PLAUSIBLE_RATIO[1]:
         raise GcodeRefused(
-            f"its lines have {section_mm2:.3f} mm2 on average, and layers of {layer_mm:.3g} mm with a "
-            f"nozzle of {nozzle_mm:g} mm about {nominal_mm2:.3f}: set the filament's diameter to "
+            f"its lines have {section_mm2:.3f} mm2 of section on average; layers of {layer_mm:.3g} mm with a "
+            f"nozzle of {nozzle_mm:g} mm need about {nominal_mm2:.3f}: set the filament's diameter to "
             f"{target.filament_mm:.4g} mm in your slicer, and let it count E in mm, not in mm3"
         )
     return ratio

@@ -76,12 +76,14 @@ def find_machine(
 def check_machine(
     machine: Machine, nozzle_mm: float | None, section_ratio: float, target: PrintTarget
 ) -> tuple[str, ...]:
-    """Refuse a file that was sliced for another machine; return warnings. Its size is checked elsewhere.
+    """Refuse a file that was sliced for another machine; return warnings.
+
+    The size of the print is checked elsewhere.
 
     Parameters
     ----------
     nozzle_mm
-        The nozzle that it was sliced for; None if it does not say.
+        The nozzle that the file was sliced for; None if it does not say.
     section_ratio
         Ratio of the section of its lines to the section of a line as wide as the nozzle.
     target

@@ -156,7 +156,7 @@ class _Scan:
             if "E" in rest and ("X" in rest or "Y" in rest):
                 self.print_line = number
         elif code == "M221" and rest.split()[:1] != ["S100"]:
-            self.completeness.change_flow()
+            self.completeness.record_flow_change()
         elif not self.print_line:
             self._read_start(code)
 
@@ -192,8 +192,11 @@ def _is_ulticode(facts: dict[str, bytes], filament_mm: float) -> bool:
     if facts.get("use_volumetric_e") == b"1":
         raise GcodeRefused("it counts filament in mm3: switch off `Use volumetric E` in your slicer")
     diameter_mm = _read_number(facts, *_FILAMENT_FACTS)
-    thinner_mm, thicker_mm = FILAMENT_SLACK_MM
-    if diameter_mm is not None and not thinner_mm <= round(diameter_mm - filament_mm, 3) <= thicker_mm:
+    min_difference_mm, max_difference_mm = FILAMENT_SLACK_MM
+    if (
+        diameter_mm is not None
+        and not min_difference_mm <= round(diameter_mm - filament_mm, 3) <= max_difference_mm
+    ):
         raise GcodeRefused(
             f"it was sliced for filament of {diameter_mm:g} mm: set the filament's diameter to "
             f"{filament_mm:.4g} mm"

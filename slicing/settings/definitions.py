@@ -89,11 +89,11 @@ def _read_setting(key: str, entry: Mapping[str, Any]) -> Setting:
         value=_read_formula(entry.get("value")),
         resolve=_read_formula(entry.get("resolve")),
         limit_to_extruder=_read_formula(entry.get("limit_to_extruder")),
-        per_extruder=_read_limit(entry.get("settable_per_extruder", True)),
-        minimum=_read_limit(entry.get("minimum_value")),
-        maximum=_read_limit(entry.get("maximum_value")),
+        per_extruder=_read_value_or_formula(entry.get("settable_per_extruder", True)),
+        minimum=_read_value_or_formula(entry.get("minimum_value")),
+        maximum=_read_value_or_formula(entry.get("maximum_value")),
         options=tuple(entry.get("options", ())),
-        enabled=_read_limit(entry.get("enabled", True)),
+        enabled=_read_value_or_formula(entry.get("enabled", True)),
     )
 
 
@@ -101,7 +101,7 @@ def _read_formula(raw: Any) -> Formula | None:
     return None if raw is None else Formula(str(raw))
 
 
-def _read_limit(raw: Any) -> Any:
+def _read_value_or_formula(raw: Any) -> Any:
     return Formula(raw) if isinstance(raw, str) else raw
 
 

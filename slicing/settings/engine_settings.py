@@ -97,7 +97,7 @@ def find_shrinkage_scale(resolver: Resolver, kind: str) -> tuple[float, float]:
     resolver
         Cura's settings; their own factors take precedence.
     kind
-        Kind of material, like PLA; empty for none of the farm's factors.
+        Kind of material, like PLA; if it is empty, none of the farm's factors is used.
     """
     keys = resolver.list_keys(Scope.GLOBAL)
     uniform, xy, z = (
@@ -131,7 +131,9 @@ def build_engine_settings(
     """
     global_, extruder = _format_scopes(resolver)
     if global_["adhesion_type"] == "raft":
-        raise BadSetting("adhesion_type=raft: a raft is not supported; set it to brim, or take quality glue")
+        raise BadSetting(
+            "adhesion_type=raft: a raft is not supported; set it to brim, or choose quality glue"
+        )
     values = _ExtruderValues(resolver)
     support, directions = values.read_flag("support_enable"), _DIRECTIONS.get(extruder["infill_pattern"], 1)
     top_layers, bottom_layers = (

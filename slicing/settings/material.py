@@ -111,7 +111,7 @@ def read_material(root: ET.Element, name: str, product: str, hotend: str) -> Mat
             values[entry.get("key", "")] = _BOOLEANS.get(text.lower(), text)
     if not compatible:
         raise BadSetting(
-            f"material {name} is not for the {product} with the nozzle {hotend}; take another material or "
+            f"material {name} is not for the {product} with the nozzle {hotend}; choose another material or "
             "nozzle"
         )
     for key, path in (("material_diameter", "properties/m:diameter"), ("material_guid", "metadata/m:GUID")):
@@ -120,7 +120,7 @@ def read_material(root: ET.Element, name: str, product: str, hotend: str) -> Mat
             values[key] = value
     density = root.findtext("m:properties/m:density", namespaces=NAMESPACES)
     if density is None:
-        raise BadSetting(f"material {name} has no density in its file; take another one, like generic_pla")
+        raise BadSetting(f"material {name} has no density in its file; choose another one, like generic_pla")
     return Material(values, float(density), read_material_kind(root))
 
 

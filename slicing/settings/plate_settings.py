@@ -161,7 +161,7 @@ def _resolve(
     except DefinitionError as error:
         if not user_keys:
             raise
-        raise BadSetting(f"{', '.join(user_keys)}: with this {error}") from error
+        raise BadSetting(f"with the given {', '.join(user_keys)}: {error}") from error
     quality = FARM_QUALITIES.get(request_key.quality)
     compensates = (
         quality is not None and quality.compensates_shrinkage and {*SHRINKAGE_KEYS}.isdisjoint(user_keys)
@@ -216,7 +216,7 @@ def _describe_refusal(violation: Violation, request_key: _RequestKey) -> str:
         return f"{violation.key}={value}{cause} is out of range; {violation.allowed}"
     source = f"{request_key.quality} with {request_key.material}"
     return (
-        f"{violation.key}={value}, from {source}, is out of range; {violation.allowed}: take another "
+        f"{violation.key}={value}, from {source}, is out of range; {violation.allowed}: choose another "
         f"material or quality (only `farm slice` can set another value, with --set {violation.key}=VALUE)"
     )
 

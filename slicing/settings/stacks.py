@@ -15,8 +15,8 @@ from slicing.settings.resolver import Layer, ProfileIndex, Scope
 from slicing.settings.resources import Machine, Profile, Resources
 
 _GENERIC_MATERIALS = ("generic_pla", "generic_pla_175")
-_MAX_DEVIATION_MM = 0.5
-"""Maximum difference of the diameters: Cura compares them as whole millimetres."""
+_MAX_DIAMETER_DIFFERENCE_MM = 0.5
+"""Maximum difference between the diameters of filament and printer: Cura compares whole millimetres."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,12 +120,12 @@ def _read_material(machine: Machine, hotend: str, name: str, resources: Resource
     root = resources.read_material(name)
     if name in machine.excluded_materials:
         generic = next(pla for pla in _GENERIC_MATERIALS if pla not in machine.excluded_materials)
-        raise BadSetting(f"material {name} is not for the {machine.name}; take another one, like {generic}")
+        raise BadSetting(f"material {name} is not for the {machine.name}; choose another one, like {generic}")
     material = read_material(root, name, machine.name, hotend)
     if name in resources.list_own_material_names():
         _check_values(machine, material, name)
     diameter_mm = float(material.values.get("material_diameter", machine.diameter_mm))
-    if abs(diameter_mm - machine.diameter_mm) > _MAX_DEVIATION_MM:
+    if abs(diameter_mm - machine.diameter_mm) > _MAX_DIAMETER_DIFFERENCE_MM:
         raise BadSetting(
             f"material {name} has a diameter of {diameter_mm:g} mm; the {machine.name} needs "
             f"{machine.diameter_mm:g} mm"
@@ -163,7 +163,7 @@ def _find_qualities(
             name for name, farm_quality in FARM_QUALITIES.items() if {*farm_quality.bases} & {*available}
         ]
         context = f"{material} and a nozzle of {hotend} on the {machine.name}"
-        offer = f"there is {', '.join(available)}" if available else "take another material or nozzle"
+        offer = f"there is {', '.join(available)}" if available else "choose another material or nozzle"
         advice = suggest_names(quality, available) or f"; {offer}"
         raise BadSetting(f"quality {quality}: there is none for {context}{advice}")
     return global_profiles[base], candidates[base]

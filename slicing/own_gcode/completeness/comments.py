@@ -81,9 +81,9 @@ class Completeness:
         else:
             self._figures.read(comment, number)
 
-    def change_flow(self) -> None:
+    def record_flow_change(self) -> None:
         """Record that the file changes the flow, which feeds more or less filament than E states."""
-        self._figures.change_flow()
+        self._figures.record_flow_change()
 
     @property
     def figures(self) -> StatedFigures:

@@ -124,7 +124,7 @@ class FiguresReader:
         elif _EXACT_SLICERS.match(comment) is not None:
             self._is_exact = True
 
-    def change_flow(self) -> None:
+    def record_flow_change(self) -> None:
         """Record that the file changes the flow, which feeds more or less filament than E states."""
         self._is_flow_changed = True
 

@@ -137,7 +137,7 @@ def test_disabled_setting_is_not_a_violation(resources):
 def test_material_too_hot_for_the_printer_is_reported_and_printable_colder(resources):
     message = read_refusal(resources, {}, material="generic_pc")
     assert "default_material_print_temperature=270, from glue with generic_pc" in message
-    assert "take another material" in message
+    assert "choose another material" in message
     colder = {"default_material_print_temperature": "260"}
     request = SettingsRequest(UM2_PLUS, material="generic_pc", overrides=colder)
     assert resolve_settings(request, resources).nozzle_c == LIMITS.max_nozzle_c
