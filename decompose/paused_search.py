@@ -10,7 +10,15 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
-from decompose.best import Outcome, SearchState, Trial, continue_rounds, make_attempt, plan_next_round
+from decompose.best import (
+    Outcome,
+    SearchState,
+    Trial,
+    continue_rounds,
+    end_rounds,
+    make_attempt,
+    plan_next_round,
+)
 from decompose.decompose import run_engine
 from decompose.geometry import Model
 from decompose.print_time import CostModel
@@ -75,9 +83,19 @@ class PausedSearch:
         )
         return Outcome(attempt)
 
-    def resume(self, outcomes: Sequence[Outcome]) -> Decomposition:
-        """Add the outcomes of the round, in its order, and go on; the result may be a paused search again."""
-        result = continue_rounds(self._problem, self._run_engine, self._state.add(outcomes))
+    def resume(self, outcomes: Sequence[Outcome], end_reason: str | None = None) -> Decomposition:
+        """Add the outcomes of the round, in its order, and go on; the result may be a paused search again.
+
+        Parameters
+        ----------
+        end_reason
+            Reason to begin no other attempt, and end with the best result.
+        """
+        state = self._state.add(outcomes)
+        if end_reason is None:
+            result = continue_rounds(self._problem, self._run_engine, state)
+        else:
+            result = end_rounds(self._problem, state, end_reason)
         later_attempts = result.attempts[len(self.best.attempts) :]
         total_s = self.best.compute_s["total"] + sum(attempt.compute_s for attempt in later_attempts)
         compute_s = result.compute_s | {"serial": self.best.compute_s["serial"], "total": total_s}

@@ -104,10 +104,10 @@ def plan_next_round(problem: Problem, state: SearchState) -> tuple[Trial, ...]:
     return tuple(replace(trial, effort_s=remaining_s / count) for trial in trials[:count])
 
 
-def list_open_attempts(problem: Problem, state: SearchState) -> list[Attempt]:
-    """List the attempts for which the budget of a search that has ended did not suffice."""
+def list_open_attempts(problem: Problem, state: SearchState, reason: str = SPENT) -> list[Attempt]:
+    """List the attempts that a search that has ended did not begin, with the reason."""
     return [
-        Attempt(trial.engine, trial.granularity, trial.yaw_deg, finished=False, reason=SPENT)
+        Attempt(trial.engine, trial.granularity, trial.yaw_deg, finished=False, reason=reason)
         for stage in _list_stages(problem, state)
         for trial in stage
     ]

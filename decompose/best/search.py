@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from decompose.best.attempt import ByEngine, Outcome, Trial, make_attempt
-from decompose.best.rounds import SearchState, list_open_attempts, plan_next_round
+from decompose.best.rounds import SPENT, SearchState, list_open_attempts, plan_next_round
 from decompose.problem import Problem
 from decompose.progress import report_progress
 from decompose.results import Decomposition
@@ -44,7 +44,7 @@ def continue_rounds(problem: Problem, by_engine: ByEngine, state: SearchState) -
                 open_printers=problem.printers,
             )
         state = state.add(_make_round(problem, by_engine, state, trials))
-    return _choose_result(problem, state)
+    return end_rounds(problem, state)
 
 
 def _make_round(
@@ -65,11 +65,17 @@ def _make_round(
     return outcomes
 
 
-def _choose_result(problem: Problem, state: SearchState) -> Decomposition:
-    """Return the best result; raises the error of the first engine if there is none."""
+def end_rounds(problem: Problem, state: SearchState, reason: str = SPENT) -> Decomposition:
+    """Return the best result; raises the error of the first engine if there is none.
+
+    Parameters
+    ----------
+    reason
+        Reason for which the other attempts are not begun.
+    """
     if state.best is None:
         assert state.failure is not None  # the first engine is always tried
         raise state.failure
-    attempts = (*state.attempts, *list_open_attempts(problem, state))
+    attempts = (*state.attempts, *list_open_attempts(problem, state, reason))
     options = replace(problem.options, best=replace(problem.options.best, pauses=False))
     return replace(state.best, options=options, attempts=attempts, open_printers=())

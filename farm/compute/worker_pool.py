@@ -158,7 +158,8 @@ class Workers:
             return answer  # type: ignore[no-any-return]
         raise FarmError(
             f"{limit.work} ended its worker process {_MAX_ATTEMPTS} times ({exit_text}): most often "
-            "too little memory; scale the model down or simplify its mesh"
+            "too little memory; scale the model down or simplify its mesh",
+            ErrorCode.LIMIT,
         )
 
     def close(self) -> None:

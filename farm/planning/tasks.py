@@ -28,7 +28,9 @@ def list_attempt_files(task: DecomposeTask, record: Path, _number: int, folder: 
     return TaskFiles(reads=(task.model, record), folders=(folder,), live=(folder / PROGRESS,))
 
 
-def list_continue_files(task: DecomposeTask, record: Path, outcomes: Sequence[Path | str]) -> TaskFiles:
+def list_continue_files(
+    task: DecomposeTask, record: Path, outcomes: Sequence[Path | str], _end_reason: str | None = None
+) -> TaskFiles:
     """List the files of `continue_job`: those of `decompose_job`, the record, the outcomes of the round."""
     reads = (task.model, record, *(file for file in outcomes if isinstance(file, Path)))
     return TaskFiles(reads=reads, folders=(task.folder,), live=(task.folder / PROGRESS,))

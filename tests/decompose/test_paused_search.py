@@ -83,6 +83,19 @@ def test_attempt_that_failed_leaves_the_best_result(paused: PausedSearch) -> Non
     assert sum(attempt.effort_s for attempt in search.best.attempts) <= BEST.budget_s * (1.0 + 1e-9)
 
 
+def test_search_ends_early_with_the_best_result_of_the_round(paused: PausedSearch) -> None:
+    outcomes = [paused.make_attempt(number) for number in range(len(paused.plan_round()))]
+    ended, best = paused.resume(outcomes, "not begun: out of memory"), paused.best
+    assert not ended.open_printers and not ended.options.best.pauses
+    results = [outcome.result.makespan_s for outcome in outcomes if outcome.result is not None]
+    assert results and ended.makespan_s == min(results) < best.makespan_s
+    later_attempts = ended.attempts[1 + len(outcomes) :]
+    assert later_attempts
+    assert {(attempt.reason, attempt.finished) for attempt in later_attempts} == {
+        ("not begun: out of memory", False)
+    }
+
+
 def test_attempt_reports_its_own_share_of_the_budget(paused: PausedSearch) -> None:
     shares: list[float] = []
     with listen_to_progress(shares.append):

@@ -57,7 +57,7 @@ def try_grid(task: DecomposeTask, record: Path, number: int, folder: Path) -> Pa
 
 
 def continue_job(
-    task: DecomposeTask, record: Path, outcomes: Sequence[Path | str]
+    task: DecomposeTask, record: Path, outcomes: Sequence[Path | str], end_reason: str | None = None
 ) -> DecomposedJob | PausedJob:
     """Continue a paused job after a round of attempts, and write its parts.
 
@@ -67,6 +67,8 @@ def continue_job(
         See `PausedJob`.
     outcomes
         File of each attempt of the round, or the reason why the attempt has none.
+    end_reason
+        Reason to begin no other attempt, and end with the best result; None: the search goes on.
 
     Raises
     ------
@@ -80,7 +82,8 @@ def continue_job(
                 if isinstance(outcome, str)
                 else pickle.loads(outcome.read_bytes())
                 for number, outcome in enumerate(outcomes)
-            ]
+            ],
+            end_reason,
         )
         return finish_job(replace(search, best=best), task)
 

@@ -39,8 +39,21 @@ class SearchRounds:
         )
         while isinstance(answer, PausedJob):
             outcomes = await self._make_attempts(answer)
+            answer = await self._continue(answer.record, outcomes)
+        return answer
+
+    async def _continue(self, record: Path, outcomes: tuple[Path | str, ...]) -> DecomposedJob | PausedJob:
+        """Continue the search after a round; beyond a limit, end it with the best result so far."""
+        answer: DecomposedJob | PausedJob
+        try:
+            answer = await self._workers.run(continue_job, self._task, record, outcomes, limit=DECOMPOSING)
+        except FarmError as error:
+            if error.code is not ErrorCode.LIMIT:
+                raise
+            self._warn("the search for parts ends early", error)
+            reason = f"not begun: {error}"
             answer = await self._workers.run(
-                continue_job, self._task, answer.record, outcomes, limit=DECOMPOSING
+                continue_job, self._task, record, outcomes, reason, limit=DECOMPOSING
             )
         return answer
 
@@ -86,6 +99,9 @@ class SearchRounds:
         except FarmError as error:
             if error.code is not ErrorCode.LIMIT:
                 raise
-            log.warning("job %d: an attempt failed: %s", self._task.job, error, extra={"job": self._task.job})
+            self._warn("an attempt failed", error)
             return str(error)
         return outcome
+
+    def _warn(self, effect: str, error: FarmError) -> None:
+        log.warning("job %d: %s: %s", self._task.job, effect, error, extra={"job": self._task.job})

@@ -52,8 +52,10 @@ def test_work_of_a_dead_worker_is_repeated(pool, tmp_path):
 
 def test_work_that_kills_every_worker_is_reported_and_the_next_runs(pool, tmp_path):
     async def use(workers):
-        with pytest.raises(FarmError, match=r"decomposing ended its worker process 2 times \(SIGSEGV\)"):
+        match = r"decomposing ended its worker process 2 times \(SIGSEGV\)"
+        with pytest.raises(FarmError, match=match) as raised:
             await workers.run(work.die, signal.SIGSEGV, limit=DECOMPOSING)
+        assert raised.value.code is ErrorCode.LIMIT
         return await workers.run(work.get_pid)
 
     assert has_ended(pool.run(use))

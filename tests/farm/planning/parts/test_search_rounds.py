@@ -19,12 +19,13 @@ DECOMPOSED = "decomposed"
 class ScriptedWorkers:
     """Workers that answer each task at once, but attempts in a given order, or with an error."""
 
-    def __init__(self, folder, rounds=(3,), order=(), errors=None):
+    def __init__(self, folder, rounds=(3,), order=(), errors=None, continue_errors=()):
         self.paused = [PausedJob(folder / f"search-{n}.pickle", n, 0.25) for n in rounds]
         self.order, self.errors = list(order), errors or {}
         self.order_changed = asyncio.Condition()
         self.running_count, self.max_running_count, self.cancelled = 0, 0, []
-        self.outcomes = []
+        self.outcomes, self.end_reasons = [], []
+        self.continue_errors = list(continue_errors)
 
     async def run(self, work, task, *args, limit=None):
         if work is try_grid:
@@ -32,6 +33,9 @@ class ScriptedWorkers:
         assert work is (continue_job if args else decompose_job)
         if args:
             self.outcomes.append(args[1])
+            self.end_reasons.append(args[2] if len(args) > 2 else None)
+            if self.continue_errors:
+                raise self.continue_errors.pop(0)
         return self.paused.pop(0) if self.paused else DECOMPOSED
 
     async def try_grid(self, record, number, folder):
@@ -90,6 +94,18 @@ def test_attempt_beyond_a_limit_has_no_result():
     first, second, third = workers.outcomes[0]
     assert second == "not enough memory for decomposing"
     assert isinstance(first, Path) and isinstance(third, Path)
+
+
+def test_search_beyond_a_limit_ends_with_its_best_result():
+    error = FarmError("decomposing did not end within 30 min", ErrorCode.LIMIT)
+    workers, answer = run_rounds(Path("plan"), continue_errors=[error])
+    assert answer == DECOMPOSED
+    assert workers.outcomes[0] == workers.outcomes[1] and len(workers.outcomes) == 2
+    assert workers.end_reasons == [None, "not begun: decomposing did not end within 30 min"]
+    with pytest.raises(FarmError, match="30 min"):
+        run_rounds(Path("plan"), continue_errors=[error, error])
+    with pytest.raises(FarmError, match="no settings"):
+        run_rounds(Path("plan"), continue_errors=[FarmError("no settings")])
 
 
 def test_another_error_ends_the_other_attempts():
