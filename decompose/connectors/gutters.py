@@ -17,7 +17,7 @@ import shapely
 from decompose.arrays import Floats
 from decompose.connectors.faces import Room, Side, find_sides
 from decompose.connectors.records import RIM_MM, Gutter
-from decompose.connectors.tools import GROOVE_MM, LIP_MM, make_groove
+from decompose.connectors.tools import LIP_MM, make_groove
 from decompose.pieces import Joint
 
 UPRIGHT_SIN = 0.02  # maximum sine of the angle between an upright face and the vertical
@@ -25,7 +25,8 @@ PITCH_MM = 4.0  # pitch of the tested places
 SHORTEST_MM = 15.0  # minimum range of heights that a gutter adds
 MAX_GUTTERS = 3  # maximum number of gutters of a part
 ROUND_MM = 0.05
-WIDTH = 0.7  # half of its width, as a multiple of its depth: an angle of 70 degrees
+DEPTH_MM = 0.4
+WIDTH = 0.9  # half of its width, as a multiple of its depth: an angle of 84 degrees
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,7 +73,7 @@ def place_gutters(room: Room, joints: Sequence[Joint]) -> list[Gutter]:
             best = places[int(np.argmax(gains))]
             covered_span = covered_span.union(_span(best))
             places = [place for place in places if place.side is not best.side]
-            groove = make_groove(part, best.line_mm, best.side.into, width=WIDTH)
+            groove = make_groove(part, best.line_mm, best.side.into, DEPTH_MM, WIDTH)
             room.tools.append(groove)
             gutters.append(Gutter(part, best.side.joint, best.line_mm, groove))
     return gutters
@@ -84,8 +85,8 @@ def _span(place: _Place) -> shapely.LineString:
 
 def _find_places(room: Room, side: Side) -> Iterator[_Place]:
     """List the places on a side where a gutter keeps its distance from the rim and from other tools."""
-    reach_mm = GROOVE_MM + LIP_MM + RIM_MM + ROUND_MM
-    free_area = room.find_room(side, GROOVE_MM).buffer(-reach_mm)
+    reach_mm = DEPTH_MM + LIP_MM + RIM_MM + ROUND_MM
+    free_area = room.find_room(side, DEPTH_MM).buffer(-reach_mm)
     if free_area.is_empty:
         return
     up = room.blanks[side.part].up

@@ -196,8 +196,15 @@ class Solid:
         at_mm
             Offset of the plane along its normal.
         """
+        return self.sections(frame, np.array([at_mm]))[0]
+
+    def sections(self, frame: Floats, at_mm: Floats) -> list[list[Floats]]:
+        """Cut at parallel planes with offsets (n,); see `section`. The solid is rotated once."""
         rotated_manifold = self.manifold.transform(np.hstack([frame, np.zeros((3, 1))]))
-        return [np.asarray(ring, dtype=np.float64) for ring in rotated_manifold.slice(at_mm).to_polygons()]
+        return [
+            [np.asarray(ring, dtype=np.float64) for ring in rotated_manifold.slice(offset_mm).to_polygons()]
+            for offset_mm in at_mm.tolist()
+        ]
 
     def pieces(self) -> list[Solid]:
         """Split into connected pieces, each with its cavities, in the order of their least corners."""

@@ -1,7 +1,9 @@
 """Ceilings of holes and grooves, measured layer by layer as a slicer sees them.
 
 The slicer supports what reaches further over the layer below than the support angle allows. The rule of
-connectors cuts the hollows into layers, without the formulas of the search for their shapes.
+connectors cuts the hollows into layers, without the formulas of the search for their shapes. Between two
+heights at which a hollow has corners, the edges of its sections change linearly, so that the layers at both
+ends stand for the others.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ REACH_MM = LAYER_MM * math.tan(math.radians(50.0))  # reach of a layer beyond th
 RING_MM = 1.0  # minimum length of a ring: the slicer drops shorter ones
 SLACK_MM = 0.004  # tolerance for the rounding of sections
 LEVEL = 0.5  # minimum vertical component of the normal of a level face; others are upright
+EDGE_MM = 1e-6  # distance at which a layer is at the height of a corner
 AIR_MM = 5.0  # thickness of the air in front of an upright face, and around its tools
 
 
@@ -60,9 +63,40 @@ def measure_ceiling_mm2(
     frame = np.vstack([choose_plane_axes(up), up])
     low_mm = float((corners_mm @ up).min())
     layers = np.arange(low_mm + LAYER_MM / 2.0, high_mm, LAYER_MM)
-    areas = np.array([_cut_layer(hollow, frame, at_mm) for at_mm in layers])
-    open_below = shapely.buffer(areas[:-1], -REACH_MM - SLACK_MM, quad_segs=4)
-    return float(shapely.area(shapely.difference(open_below, areas[1:])).max(initial=0.0))
+    areas = _cut_layers(hollow, frame, layers)
+    below = [n for n in areas if n + 1 in areas]
+    open_below = shapely.buffer([areas[n] for n in below], -REACH_MM - SLACK_MM, quad_segs=4)
+    ceilings = shapely.difference(open_below, [areas[n + 1] for n in below])
+    return float(shapely.area(ceilings).max(initial=0.0))
+
+
+def _cut_layers(hollow: Solid, frame: Floats, layers: Floats) -> dict[int, shapely.Geometry]:
+    """Cut a hollow at heights (n,); of layers of a run without corners, only the two at each end.
+
+    All of them where a ring at an end is so short that the slicer drops it.
+    """
+    corners = np.sort(hollow.arrays()[0] @ frame[2])
+    is_corner = np.searchsorted(corners, layers[:-1] - EDGE_MM) < np.searchsorted(
+        corners, layers[1:] + EDGE_MM
+    )
+    breaks = 1 + np.flatnonzero(is_corner)
+    runs = [run.tolist() for run in np.split(np.arange(len(layers)), breaks) if len(run)]
+    ends = sorted({n for run in runs for n in _find_ends(run)})
+    outlines = dict(zip(ends, _cut_outlines(hollow, frame, layers[ends]), strict=True))
+    others = [
+        n
+        for run in runs
+        if any(ring.length < RING_MM for end in (run[0], run[-1]) for ring in outlines[end])
+        for n in run
+        if n not in outlines
+    ]
+    outlines |= dict(zip(others, _cut_outlines(hollow, frame, layers[others]), strict=True))
+    return {n: _fill(outlines[n]) for n in sorted(outlines)}
+
+
+def _find_ends(run: list[int]) -> list[int]:
+    """Find the first two and the last two layers of a run of them."""
+    return [*run[:2], *run[-2:]]
 
 
 def _lengthen(corners_mm: Floats, direction: Floats) -> Floats:
@@ -85,10 +119,15 @@ def _build_air(corners_mm: Floats, into: Floats, face_mm: float, up: Floats) -> 
     return Solid.prism([ring], frame, face_mm - AIR_MM, face_mm)
 
 
-def _cut_layer(hollow: Solid, frame: Floats, at_mm: float) -> shapely.Geometry:
-    """Cut a hollow at a height without rings that are too short, as the slicer does."""
-    rings = [ring for ring in hollow.section(frame, at_mm) if len(ring) > 2]
-    outlines = [ring for ring in map(shapely.Polygon, rings) if ring.length >= RING_MM]
+def _cut_outlines(hollow: Solid, frame: Floats, at_mm: Floats) -> list[list[shapely.Polygon]]:
+    return [
+        [shapely.Polygon(ring) for ring in rings if len(ring) > 2] for rings in hollow.sections(frame, at_mm)
+    ]
+
+
+def _fill(outlines: Sequence[shapely.Polygon]) -> shapely.Geometry:
+    """Build the area of a layer without rings that are too short, as the slicer does."""
+    outlines = [outline for outline in outlines if outline.length >= RING_MM]
     if len(outlines) == 1:
         return outlines[0].buffer(0.0)
     area: shapely.Geometry = shapely.Polygon()

@@ -5,6 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from decompose.connectors.tools import make_groove
+from decompose.geometry import Solid
+from decompose.results import overhangs
 from decompose.results.overhangs import measure_ceiling_mm2
 
 UP_AXIS = np.array([0.0, 0.0, 1.0])
@@ -45,3 +48,31 @@ def test_bodies_that_meet_are_one_hollow() -> None:
     roof = make_prism([(-2, 0), (2, 0), (2, 3), (0, 5.1), (-2, 3)])
     through = make_prism([(-1, 3), (1, 3), (1, 6), (-1, 6)])
     assert measure_ceiling_mm2([roof, through], SIDE, 0.0, UP_AXIS) > 5.0
+
+
+@pytest.mark.parametrize("lean", [-0.3, 0.0, 0.4])
+@pytest.mark.parametrize("roof_mm", [0.6, 1.9, 2.1])
+def test_layers_between_corners_stand_for_the_others(
+    lean: float, roof_mm: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Compare with all layers: a high groove, one that leans, and a roof that is flat or steep half-way."""
+    ends = np.array([[0.0, 0.0, 1.0], [0.0, 40.0 * lean, 40.0]])
+    roof = make_prism([(3, 12), (7, 12), (7, 23), (5, 23 + roof_mm), (3, 23)])
+    tools = [make_groove(0, ends, SIDE).points_mm, roof]
+    counts: list[int] = []
+    cut = Solid.sections
+
+    def count_sections(solid: Solid, frame: np.ndarray, at_mm: np.ndarray) -> list[list[np.ndarray]]:
+        counts.append(len(at_mm))
+        return cut(solid, frame, at_mm)
+
+    monkeypatch.setattr(Solid, "sections", count_sections)
+    area_mm2, few = measure_ceiling_mm2(tools, SIDE, 0.0, UP_AXIS), sum(counts)
+    monkeypatch.setattr(overhangs, "RING_MM", 1e-9)  # nothing is dropped ...
+    all_mm2 = measure_ceiling_mm2(tools, SIDE, 0.0, UP_AXIS)
+    monkeypatch.setattr(overhangs, "_find_ends", lambda run: run)  # ... and each layer is cut
+    counts.clear()
+    assert measure_ceiling_mm2(tools, SIDE, 0.0, UP_AXIS) == pytest.approx(all_mm2, abs=1e-6)
+    assert area_mm2 == pytest.approx(all_mm2, abs=1e-6)
+    assert few < sum(counts) / 2
+    assert (area_mm2 > 0.1) is (roof_mm < 1.7)
