@@ -40,10 +40,10 @@ class CountGoal:
         A person's time for each part: to clear its bed, and to glue it. The sum of printing and handling is
         minimised.
     within_s
-        Time limit for printing all parts: the number of parts is the lowest one that keeps it, or, if none
+        Time limit for printing all parts: the number of parts is the lowest one that meets it, or, if none
         does, the fastest one, however long the handling takes.
     glued
-        Whether the time limit includes gluing the parts.
+        Whether the time limit also includes gluing the parts.
     """
 
     clear_s: float = CLEAR_S
@@ -69,7 +69,7 @@ def decompose_auto(
     """Cut a model for the number of printers that suits a goal, the first ones of a list.
 
     The number is chosen from the curve of makespans of the first printers by the tables, with their rooms and
-    speeds; if that number is too small for the true parts, all printers are used.
+    speeds; if that number is too small for the parts as they are cut, all printers are used.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def decompose_auto(
 
 
 def build_curve(problem: Problem) -> tuple[CurvePoint, ...]:
-    """Compute the makespan of the first 1, 2, ... printers by the tables; numbers too small are left out.
+    """Compute the makespan of the first 1, 2, ... printers by the tables, without numbers that are too small.
 
     Unequal printers are grouped in classes, on a coarser grid, since there are more ways to distribute parts
     among them; a number of printers of a class has their mean speed.

@@ -57,7 +57,7 @@ def ensure_compiled() -> None:
 
 
 def _cut_small_models() -> None:
-    """Repair a ring with missing triangles and a loose one, and cut it by each engine."""
+    """Repair a ring that lacks triangles and has a loose one, and cut it with each engine."""
     with tempfile.TemporaryDirectory() as scratch:
         path = Path(scratch) / "ring.stl"
         ring: Any = trimesh.creation.torus(60.0, 25.0, major_sections=24, minor_sections=12)

@@ -126,7 +126,7 @@ class _StageTimes:
     """Wall time by stage."""
 
     def __init__(self) -> None:
-        self._start = self._stage_start_s = perf_counter()
+        self._start_s = self._stage_start_s = perf_counter()
         self._stage_times_s: dict[str, float] = {}
 
     def record_stage(self, stage: str) -> None:
@@ -135,4 +135,4 @@ class _StageTimes:
         self._stage_start_s = now_s
 
     def stage_times(self) -> dict[str, float]:
-        return {**self._stage_times_s, "total": self._stage_start_s - self._start}
+        return {**self._stage_times_s, "total": self._stage_start_s - self._start_s}

@@ -69,7 +69,7 @@ class NoFit(DecomposeError):
     def from_shortage(
         cls, extents_mm: Iterable[float], needed: int, printers: int, more: str = "more printers"
     ) -> NoFit:
-        """Build the error of parts that outnumber the printers, `more` of which are to be freed."""
+        """Build the error of parts that outnumber the printers; `more` names the printers to free."""
         return cls(
             f"{format_size(extents_mm)} mm needs {needed} parts, each on a printer of its own, and there are "
             f"{printers}: free {more}, or give a smaller --longest-side",
@@ -96,8 +96,8 @@ class Rule(StrEnum):
     INSIDE = "inside"  # parts and hollows together are exactly the model
     # Pins and marks; a part that breaks these is printed without them.
     DRILLED = "drilled"  # nothing but the holes and marks is removed, and a part stays one piece
-    SKIN = "skin"  # they keep a wall to the outside, to other faces and to each other
-    # Each pin can be inserted, and no body fits turned around or in the place of another one.
+    SKIN = "skin"  # pins and marks keep a wall to the outside, to other faces and to each other
+    # Each pin can be inserted, and no body fits when it is turned, or in the place of another one.
     PINNED = "pinned"
     ORDER = "order"  # each pin is along the direction of its step
     SUPPORT_FREE = "support-free"  # their ceilings need no support

@@ -38,7 +38,7 @@ class Score(StrEnum):
 
     LOW = "low"  # the lowest score is best
     HIGH = "high"  # the highest score is best, as in the paper's text
-    BOTH = "both"  # default number of draws of seeds
+    BOTH = "both"  # both are evaluated, and the better result is used
 
     @property
     def readings(self) -> tuple[Score, ...]:
@@ -130,7 +130,7 @@ class Options:
     seed
         Seed of the random numbers of the engines; the guillotine engine uses none.
     faithful
-        Run a baseline method as its authors published it, with their prices and settings.
+        Run a published method as its authors describe it, with their prices and settings.
     fit_first_layer
         Choose the brim and the first-layer expansion of each part.
     prove

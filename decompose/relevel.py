@@ -1,8 +1,8 @@
 """Second move of the cut planes, by the sliced time of each part.
 
-Prices of parts have errors of one or two per cent, and a job waits for the part with the largest error. The
-error hardly changes when the faces of a part move by some millimetres. So each part keeps its ratio of sliced
-time to price, and the planes are moved by price times ratio, as they were by the price before.
+Prices of parts have errors of one or two per cent, and a job waits for the part that is underestimated most.
+The error hardly changes when the faces of a part move by some millimetres. So each part keeps its ratio of
+sliced time to price, and the planes are moved by price times ratio, as they were by the price before.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def _shift_planes(problem: Problem, cut_boxes: list[list[Piece]]) -> list[Piece]
 
 
 def _carry_over(previous: Decomposition, result: Decomposition, elapsed_s: float) -> Decomposition:
-    """Copy the history of the decomposition that a result improves to the result."""
+    """Copy to a result the history of the decomposition that it improves."""
     return replace(
         result,
         engine=previous.engine,
@@ -110,7 +110,7 @@ def _cut_previous_boxes(
     """
     if len(sliced_s) != len(cutting.cut_for):
         return None
-    # In the poses that were sliced, which may be steadier than the fastest ones.
+    # The prices are those of the sliced poses, which may be steadier than the fastest ones.
     prices_s = dict(enumerate(cutting.prices_s))
     parts_of: dict[bytes, list[int]] = {}
     for i, box in enumerate(cutting.boxes_mm):

@@ -17,7 +17,7 @@ import trimesh
 
 from decompose.arrays import Floats, Ints
 from decompose.connectors.marks import SIZES_MM
-from decompose.connectors.strokes import GRID_HIGH, draw_strokes, text_width
+from decompose.connectors.strokes import GRID_HEIGHT, draw_strokes, text_width
 from decompose.geometry import choose_plane_axes
 
 MIN_SEED_MM2, MIN_FACE_MM2 = 4.0, 25.0  # smallest triangle that begins a face, smallest face
@@ -207,7 +207,7 @@ def _read_codes(
                 strokes = _draw_text(text, height_mm)
                 local = (letters - middle) @ frame.T
                 half = (
-                    np.array([text_width(text), GRID_HIGH]) * height_mm / GRID_HIGH / 2.0
+                    np.array([text_width(text), GRID_HEIGHT]) * height_mm / GRID_HEIGHT / 2.0
                     + CLEARANCE_SHARE * height_mm
                 )
                 is_near = (np.abs(local) < half).all(axis=1)
@@ -247,7 +247,7 @@ def _find_text(text: str, height_mm: float, points: Floats) -> Iterator[tuple[Fl
 
 
 def _draw_text(text: str, height_mm: float) -> Floats:
-    return draw_strokes(text) * (height_mm / GRID_HIGH)
+    return draw_strokes(text) * (height_mm / GRID_HEIGHT)
 
 
 def _find_nearest(arrows: list[tuple[Floats, Floats]], middle: Floats) -> tuple[Floats, Floats] | None:

@@ -182,9 +182,9 @@ class _Plan:
         direction = self._search.directions[split.direction]
         resting_parts = find_rest(self._weights, _list_numbers(fixed), direction)
         other_resting_parts = find_rest(self._weights, _list_numbers(moved), -direction)
-        lighter = float(self._volumes_mm3[moved].sum()) > float(self._volumes_mm3[fixed].sum())
+        is_fixed_lighter = float(self._volumes_mm3[moved].sum()) > float(self._volumes_mm3[fixed].sum())
         if bool(other_resting_parts) > bool(resting_parts) or (
-            lighter and bool(other_resting_parts) == bool(resting_parts)
+            is_fixed_lighter and bool(other_resting_parts) == bool(resting_parts)
         ):
             moved, fixed, direction, resting_parts = fixed, moved, -direction, other_resting_parts
         across = np.outer(moved, fixed)

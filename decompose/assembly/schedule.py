@@ -1,6 +1,6 @@
 """Schedule of an assembly: time of each step, and an order of work while glue dries.
 
-The times are estimates; for models of 6 to 12 parts their sum agrees with the 3.6 minutes a part of the
+The times are estimates; for models of 6 to 12 parts their sum agrees with the 3.6 minutes per part in the
 literature (`engines.guillotine.ASSEMBLE_S`).
 """
 

@@ -26,9 +26,10 @@ class Shadow:
     Attributes
     ----------
     first
-        Numbers of the first line along each of the two axes across.
+        Numbers of the first line along each of the two axes perpendicular to the lines.
     low, high
-        (lines, lines) least and greatest coordinate along the axis, mm; inf and -inf if there is none.
+        (lines, lines) least and greatest coordinate along the axis, mm; inf and -inf for a line that misses
+        the part.
     """
 
     first: tuple[int, int]
@@ -36,7 +37,7 @@ class Shadow:
     high: Floats
 
     def blocks(self, other: Shadow) -> tuple[bool, bool]:
-        """Check whether this part blocks another one that moves along the axis, and against it."""
+        """Check whether this part blocks another that moves along the axis, and one that moves against it."""
         start = np.maximum(self.first, other.first)
         end = np.minimum(np.add(self.first, self.low.shape), np.add(other.first, other.low.shape))
         if (start >= end).any():

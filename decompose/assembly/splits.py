@@ -2,8 +2,8 @@
 
 Faces that close along their normal take pins and keys, and the glue stays on them. A split all of whose faces
 close is never worse than another: any way to take the set apart also takes apart the two sets that it leaves,
-along the same faces or fewer. So a choice arises only where each split slides. There the splits with least
-sliding glue are compared by all glue that slides until single parts are left.
+along the same faces or fewer. So a choice arises only where each split slides. There the splits with the
+least sliding glue are compared by all glue that slides until single parts are left.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Split:
     direction: int
 
     @property
-    def smaller(self) -> int:
+    def smaller_count(self) -> int:
         """Number of parts of the smaller set."""
         return int(min(self.moved.sum(), self.fixed.sum()))
 
@@ -89,7 +89,7 @@ class Glue:
         return int(connected_components(self.holds[parts][:, parts], directed=False)[0])
 
     def count_added_bodies(self, split: Split) -> int:
-        """Count the bodies that are held apart by a split, beyond those of its set."""
+        """Count the bodies that a split creates, beyond those of its set."""
         sides = self.count_bodies(split.moved) + self.count_bodies(split.fixed)
         return sides - self.count_bodies(split.moved | split.fixed)
 
@@ -120,23 +120,23 @@ class SplitSearch:
     def find_split(self, parts: Bools) -> Split | None:
         """Find the best split of a set (n,) into two that can be moved apart, in as few bodies as possible.
 
-        Among splits that close, halves of equal size are preferred, as their glue dries side by side.
+        Among splits that close, halves of equal size are preferred, as their glue dries at the same time.
         """
-        return self._choose(parts, MAX_COMPARED if len(self._sliding_mm2) < MAX_EXAMINED else 1)
+        return self._choose_split(parts, MAX_COMPARED if len(self._sliding_mm2) < MAX_EXAMINED else 1)
 
-    def _choose(self, parts: Bools, max_compared: int) -> Split | None:
+    def _choose_split(self, parts: Bools, max_compared: int) -> Split | None:
         splits = self._list_splits(parts)
         if not splits:
             return None
-        splits.sort(key=lambda split: (-split.smaller, -self.glue.measure_mm2(split)))
-        # The split of one body adds a body; loose bodies are separated without one.
+        splits.sort(key=lambda split: (-split.smaller_count, -self.glue.measure_mm2(split)))
+        # The split of one body adds a body; loose bodies are separated without adding any.
         most_added = int(self.glue.count_bodies(parts) == 1)
         for split in filter(self.glue.closes, splits):
             if self.glue.count_added_bodies(split) <= most_added:
                 return split
         sliding = sorted(splits, key=self.glue.measure_sliding_mm2)
-        apart = (split for split in sliding if self.glue.count_added_bodies(split) <= most_added)
-        compared = list(islice(apart, max_compared))
+        candidates = (split for split in sliding if self.glue.count_added_bodies(split) <= most_added)
+        compared = list(islice(candidates, max_compared))
         if not compared:
             return min(splits, key=self.glue.count_added_bodies)
         return compared[0] if len(compared) == 1 else min(compared, key=self._measure_all_sliding_mm2)
@@ -147,7 +147,7 @@ class SplitSearch:
         for parts in (split.moved, split.fixed):
             key = parts.tobytes()
             if key not in self._sliding_mm2:
-                following = self._choose(parts, 1) if parts.sum() > 1 else None
+                following = self._choose_split(parts, 1) if parts.sum() > 1 else None
                 self._sliding_mm2[key] = (
                     0.0 if following is None else self._measure_all_sliding_mm2(following)
                 )

@@ -1,6 +1,6 @@
-"""Rounds of the engine `best`: which attempts come next, with which effort. Pure.
+"""Rounds of the engine `best`: the next attempts, and their effort. Pure.
 
-The attempts of a round depend on the rounds before alone, not on each other, so that they can be made side
+The attempts of a round depend only on earlier rounds, not on each other, so that they can be made side
 by side, in any order, with the same result.
 """
 
@@ -26,7 +26,7 @@ OTHER_YAWS_DEG = (45.0, 15.0, 75.0, 30.0, 60.0)
 # Minimum gain of a rotation, as a share of the makespan: cuts along a model's own sides are easier to glue.
 MIN_TURNING_GAIN = 0.01
 MIN_GAIN = 0.03  # minimum possible gain, as a share of the makespan, for which another grid is tried
-SPENT = "not begun: the budget was spent"
+SPENT = "not started: the budget was spent"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -170,7 +170,7 @@ def _list_other_grids(problem: Problem, state: SearchState, grid: str | int) -> 
 def choose_first_grid(problem: Problem) -> str | int:
     """Choose the first granularity: the requested one, or a coarser one than ``auto`` for a small budget.
 
-    The grid is not made coarser than parts of the size of the printers' rooms need.
+    The grid stays fine enough for parts as large as the printers' rooms.
     """
     options, extents_mm = problem.options, problem.model.extents_mm
     if options.granularity != "auto":

@@ -8,19 +8,19 @@ and each mm3 of solid in a box once.
 
 Cut faces. A line along an axis runs through a length L of solid. A box is at most R long, the longest side of
 a room. So m >= L / R boxes share it, and there are m - 1 places where one ends and the next begins: two cut
-faces each, whether the boxes touch or not. Where they do not, solid is left out, which only that far from the
-surface may be: at most a length U of the line. This costs at least
+faces each, whether the boxes touch or not. Where they do not, solid is left out, which is
+allowed only far enough from the surface: at most on a length U of the line. This costs at least
 
     min(0 if L <= R, 2 k (m - 1) - v U / 3), with the least m >= 2 for which L - U <= m R
 
 more than to print it all in one box; k is the least price of a mm2 of cut face in any pose, v that of a mm3,
 a third of which counts for each of the three lines through a point. Integrated over all lines of three axes,
-this is what cuts cost, less what hollows save. It grows with L and falls with U. So L is taken as the longest
-run of cells full of solid, and U as all cells that may be left out, of the finer ones of a grid; the
-lines of a row of cells have the same.
+this is what cuts cost, less what hollows save. It grows with L and falls with U. So, on a fine
+grid, L is the longest run of full cells, and U the length of all cells that may be left out; all lines in a
+row of cells have the same L and U.
 
 What `price` subtracts from the price of a box is at most the inset over the height of a room, and the rim of
-as much skin as a box may have that ends before the time that the bound does not exceed.
+as much skin as fits into a box whose time is at most the limit of the bound.
 
 As on a grid, a box is priced as one part in an axis pose (`grid.boxes`), even if its solid is in several
 pieces. Supports, brims and minimum times of layers only add to the price.
@@ -57,10 +57,10 @@ def bound_any_boxes_s(
     cost
         Print time of a part.
     wall_mm
-        What is nearer than this to the surface is in a box; inf for all solid.
+        All solid nearer than this to the surface is in a box; inf for all solid.
     makespan_s
-        Any time, such as the makespan of a known partition: the bound is at most that. What a rim may save is
-        taken from it, as partitions that end later are above the bound in any case.
+        Upper limit of the bound, such as the makespan of a known partition. It also limits what rims may
+        save, as partitions that end later are above the bound in any case.
     """
     factors = [printer.time_factor for printer in printers]
     rooms_mm = np.array([box for printer in printers for box in printer.boxes])
@@ -92,7 +92,7 @@ def _price_least_surface_s(triangles: Floats, cost: CostModel) -> float:
 
 
 def _price_cuts_s_mm2(solid_mm: Floats, hollow_mm: Floats, longest_mm: float, cost: CostModel) -> Floats:
-    """Compute the least that lines (k,) cost more than in one box, in s for each mm2 of them.
+    """Compute the least extra cost of lines (k,) over one box, in s for each mm2 of their cross-section.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def _compute_max_rim_s(cost: CostModel, makespan_s: float) -> float:
 
 
 def _lay_grid(triangles: Floats) -> Grid:
-    """Lay a grid of near-cubes over a mesh."""
+    """Lay a grid of nearly cubic cells over a mesh."""
     lo_mm, hi_mm = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
     edge_mm = float(np.prod(hi_mm - lo_mm) ** (1.0 / 3.0)) / CELLS
     px, py, pz = (
@@ -132,7 +132,8 @@ def _lay_grid(triangles: Floats) -> Grid:
 def _find_unneeded_cells(grid: Grid, wall_mm: float) -> Bools:
     """Find the cells with solid that may be further from the surface than the wall.
 
-    Not those that lie within the wall of the furthest point of the box about the surface in a cell near them.
+    Cells are left out if they lie within the wall of the furthest point of the box about the surface in a
+    cell near them.
     """
     has_surface = grid.cells == Cell.BOUNDARY
     surface = grid.surface[has_surface]

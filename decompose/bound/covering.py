@@ -20,7 +20,7 @@ from decompose.grid import BoxTables
 from decompose.jit import jit
 
 RESTARTS, STEPS = 60, 100  # maximum number of restarts, and number of steps between them
-ACTIVE_SHARE = 0.9  # share of its most weight from which a box may get a share before the next restart
+ACTIVE_SHARE = 0.9  # share of its maximum weight from which a box may get a share before the next restart
 TOLERANCE = 1e-4  # the search stops when the fewest boxes exceed the printers by this share
 BOUND_TOLERANCE = 1e-3  # the search stops when the bounds on the fewest boxes differ by this share
 
@@ -196,7 +196,8 @@ def _advance(p: _Programme, work: _Workspace, balance: float, current: _Iterate,
 def _advance_active(p: _Programme, work: _Workspace, balance: float, current: _Iterate) -> _Iterate:
     """Make `STEPS` steps with the boxes that may get a share in them; return the mean of the iterates.
 
-    These have a share, or hold almost as much weight as they may. The bounds on the fewest boxes are of all.
+    These have a share, or hold almost as much weight as they may. The bounds on the fewest boxes use all
+    boxes.
     """
     _sum_in_boxes(current.weights, p.corners, work.sums, work.in_box)
     active = np.flatnonzero((current.shares > 0.0) | (work.in_box > ACTIVE_SHARE * p.pieces))

@@ -16,7 +16,7 @@ from decompose.connectors.keys import (
 )
 from decompose.connectors.pins import END_MM, choose_depths_mm
 from decompose.connectors.records import Mark, Tool
-from decompose.connectors.strokes import GRID_HIGH, draw_strokes
+from decompose.connectors.strokes import GRID_HEIGHT, draw_strokes
 from decompose.connectors.tools import make_groove, make_hole
 from decompose.errors import DecomposeError
 from decompose.geometry import Solid
@@ -25,23 +25,23 @@ FITS_MM = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7)
 GAUGE_FIT_MM = 0.8  # width of the gauges beyond the pin, which enters them easily
 LETTERS_MM, GROOVE_MM = 6.0, 0.5
 GAP_MM = 3.0  # gap between holes, numbers and edges
-APART_MM = 6.0  # gap between the block and the plate
+PLATE_GAP_MM = 6.0  # gap between the block and the plate
 UP = np.array([0.0, 0.0, 1.0])
 INWARDS, DOWNWARDS = np.array([0.0, 1.0, 0.0]), -UP
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Coupon:
-    """Coupon in its printing pose: a block, and a plate behind it that closes on its back.
+    """Coupon in its printing pose: a block, and a plate that is pressed against its back.
 
     Attributes
     ----------
     solid
         Block and plate with all holes, grooves and numbers.
     holes
-        Holes on top, then in front, by rising fit; then the gauges for lengths, the longest first.
+        Holes on top, then in front, by increasing fit; then the gauges for lengths, the longest first.
     grooves
-        Grooves of a short key in the back of the block, by rising fit, then those in the plate.
+        Grooves of a short key in the back of the block, by increasing fit, then those in the plate.
     marks
         Numbers of the holes, then of the grooves in the block: fits in tenths of a millimetre, and lengths in
         millimetres.
@@ -65,7 +65,7 @@ class _Layout:
 
     @property
     def pitch_mm(self) -> float:
-        """Distance of two columns."""
+        """Distance between two columns."""
         return self.pin_mm + 2.0 * GAP_MM + 1.5
 
     @property
@@ -76,7 +76,7 @@ class _Layout:
 
     @property
     def mouth_mm(self) -> float:
-        """Length of the mouth of the longest groove, a little too long."""
+        """Length of the mouth of the longest groove, slightly overestimated."""
         return SHORT_MM + 2.0 * compute_groove_depth_mm(self.pin_mm, FITS_MM[-1])
 
     @property
@@ -106,10 +106,10 @@ def make_coupon(pin_mm: float) -> Coupon:
     layout = _Layout(pin_mm)
     width_mm = layout.pitch_mm * (len(FITS_MM) + len(layout.lengths_mm))
     block = Solid.box((0.0, 0.0, 0.0), (width_mm, layout.depth_mm, layout.height_mm))
-    plate_y_mm = layout.depth_mm + APART_MM
-    thick_mm = compute_groove_depth_mm(pin_mm, FITS_MM[-1]) + GAP_MM
+    plate_y_mm = layout.depth_mm + PLATE_GAP_MM
+    thickness_mm = compute_groove_depth_mm(pin_mm, FITS_MM[-1]) + GAP_MM
     plate = Solid.box(
-        (0.0, plate_y_mm, 0.0), (layout.pitch_mm * len(FITS_MM), plate_y_mm + thick_mm, layout.height_mm)
+        (0.0, plate_y_mm, 0.0), (layout.pitch_mm * len(FITS_MM), plate_y_mm + thickness_mm, layout.height_mm)
     )
     holes, marks = _make_holes(layout)
     grooves = [
@@ -163,12 +163,12 @@ def _name_fits() -> Iterator[str]:
 def _drill(mouth_mm: Floats, direction: Floats, width_mm: float, depth_mm: float) -> Tool:
     hole = make_hole(0, mouth_mm, direction, UP, (width_mm, depth_mm), np.zeros(3))
     if hole is None:
-        raise DecomposeError(f"a hole {width_mm:g} mm wide needs support: take another diameter")
+        raise DecomposeError(f"a hole {width_mm:g} mm wide needs support: choose another diameter")
     return hole
 
 
 def _write(text: str, middle: Floats, upward: Floats, direction: Floats) -> Mark:
     right = np.cross(upward, -direction)
-    lines = draw_strokes(text) * (LETTERS_MM / GRID_HIGH) @ np.stack([right, upward]) + middle
+    lines = draw_strokes(text) * (LETTERS_MM / GRID_HEIGHT) @ np.stack([right, upward]) + middle
     grooves = tuple(make_groove(0, line, direction, GROOVE_MM - 0.002 * n) for n, line in enumerate(lines))
     return Mark(0, 0, text, LETTERS_MM, lines, grooves)

@@ -100,7 +100,7 @@ class Room:
     _solid_at: dict[tuple[int, float, int], shapely.Geometry] = field(default_factory=dict)
 
     def is_level(self, side: Side) -> bool:
-        """Check whether grooves in a face are rings of its layers, which take longer than bends of a wall."""
+        """Check whether a face is printed level: a groove in it is a slow ring, not a bend of a wall."""
         return abs(float(side.into @ self.blanks[side.part].up)) > LEVEL_SIN
 
     def find_room(self, side: Side, depth_mm: float) -> shapely.Geometry:
@@ -145,7 +145,7 @@ class Room:
     def _find_gaps(self, side: Side, depth_mm: float) -> Solid:
         """Find what is not solid below a face, to a depth.
 
-        The part, with all its triangles, is cut once for each face, and then only its gaps.
+        The part may have many triangles, so it is cut once for each face; after that only its gaps are cut.
         """
         solid = self.blanks[side.part].solid
         if depth_mm > SLAB_MM:

@@ -1,4 +1,4 @@
-"""Gutters: upright grooves on hidden faces, which hide the seams of the outer walls and give room to glue.
+"""Gutters: upright grooves on hidden faces, which hide the seams of the outer walls and make room for glue.
 
 The slicer begins each ring at its sharpest inner corner. Without one it begins at an edge between two cut
 faces, or at a fold of the visible surface, and leaves a bump there. A gutter is sharper than the grooves of

@@ -35,12 +35,12 @@ SHORT_MM = 5.0  # length of the shorter key of a pair, and of additional keys
 LONGER_MM = 1.0  # excess over the mouth of the short groove, on whose rims a reversed long key stays
 END_MM = 0.25  # gap at each end of a key
 LEVELS = 6  # depths at which the wall around a groove is examined
-NEAREST_MM = 12.0  # least distance of two keys, or of a key from a pin
+NEAREST_MM = 12.0  # minimum distance between two keys, or between a key and a pin
 LEVEL_LOSS = 0.1  # loss of weight of a place for each level face: a groove there prints several times longer
 MAX_TRIED = 20  # places that are tried, the best first
 PITCH_MM = 1.0  # least distance of the points between which grooves are tried
 MAX_POINTS = 150  # maximum number of these points on a face
-SEAT_MM = 3.0  # distance of the places that are tried on faces that slide
+SEAT_MM = 3.0  # pitch of the places that are tried on faces that slide
 SLACK_MM = 0.05  # tolerance for the rounding of buffers
 MAX_EXIT_MM = 80.0  # maximum distance that a key slides through its groove
 
@@ -110,7 +110,7 @@ class KeyMaker:
         return choose_key_lengths_mm(self.key_mm)
 
     def find_places(self, sites: Sequence[Site], length_mm: float) -> list[KeyPlace]:
-        """List the places on the sites where a key of a length has its wall on both sides."""
+        """List the places on the sites where a key of a length leaves a sufficient wall on both sides."""
         return [place for site in sites for place in self._find_on_site(site, length_mm)]
 
     def find_sliding_places(
@@ -193,7 +193,7 @@ class KeyMaker:
                 yield KeyPlace(site, site.moved.lift(middles[n]), direction)
 
     def _find_seats(self, site: Site, length_mm: float) -> Floats:
-        """Find the middles (n, 3) of keys along the direction of the step, with their wall on both sides."""
+        """Find the middles (n, 3) of keys along the direction of the step that leave sufficient walls."""
         room = shapely.intersection_all(
             [self._find_room(side, self._depth_mm(site)) for side in (site.moved, site.fixed)]
         )
@@ -206,10 +206,10 @@ class KeyMaker:
     def _find_exits(self, slide: KeySlide, seats_mm: Floats, ends: Sequence[Side]) -> Iterator[KeyPlace]:
         """Find the faces of a part through which its groove can leave it from seats (n, 3)."""
         side, along = slide.open_side, slide.along
-        wide_mm = self._depth_mm(slide.site) + KEY_RIM_MM + SLACK_MM
-        area = self.room.find_solid_area(side, wide_mm, KEY_RIM_MM)
+        half_width_mm = self._depth_mm(slide.site) + KEY_RIM_MM + SLACK_MM
+        area = self.room.find_solid_area(side, half_width_mm, KEY_RIM_MM)
         shapely.prepare(area)
-        across = wide_mm * np.cross(side.into, along)
+        across = half_width_mm * np.cross(side.into, along)
         for end in ends:
             end_mm = float(end.face.offset_mm * end.face.normal @ along)
             for seat_mm in seats_mm:
@@ -217,7 +217,7 @@ class KeyMaker:
                 if not 0.0 < exit_mm <= MAX_EXIT_MM:
                     continue
                 section = seat_mm + exit_mm * along + np.array([-across, across])
-                below = [section + depth_mm * side.into for depth_mm in (SLACK_MM, wide_mm)]
+                below = [section + depth_mm * side.into for depth_mm in (SLACK_MM, half_width_mm)]
                 way = np.concatenate([seat_mm + np.array([-across, across]), section - SLACK_MM * along])
                 if end.face.outline.covers(_hull(end.flatten(np.concatenate(below)))) and area.covers(
                     _hull(side.flatten(way))
@@ -263,13 +263,13 @@ class KeyPlacer:
         long, short = (self._list_places(length_mm) for length_mm in lengths_mm)
         if not long or not short:
             return
-        apart_mm = cdist(*(self._flatten(places) for places in (long, short)))
-        apart_mm[~self._is_free(apart_mm)] = 0.0
-        apart_mm[apart_mm < NEAREST_MM] = 0.0
-        worth_mm = apart_mm * np.add.outer(self._weigh(long), self._weigh(short)) / 2.0
-        for index in np.argsort(-worth_mm, axis=None, kind="stable")[:MAX_TRIED].tolist():
-            first, second = np.unravel_index(index, apart_mm.shape)
-            if not apart_mm[first, second]:
+        separations_mm = cdist(*(self._project_places(places) for places in (long, short)))
+        separations_mm[~self._is_free(separations_mm)] = 0.0
+        separations_mm[separations_mm < NEAREST_MM] = 0.0
+        weighted_mm = separations_mm * np.add.outer(self._weigh(long), self._weigh(short)) / 2.0
+        for index in np.argsort(-weighted_mm, axis=None, kind="stable")[:MAX_TRIED].tolist():
+            first, second = np.unravel_index(index, separations_mm.shape)
+            if not separations_mm[first, second]:
                 return
             keys = [
                 self.maker.make(place, length_mm)
@@ -279,45 +279,46 @@ class KeyPlacer:
                 self._add(*(key for key in keys if key is not None))
                 return
 
-    def place_second(self) -> None:
+    def place_second_key(self) -> None:
         """Place a short key as far as possible from the only pin; anywhere if there is no pin."""
         places = self._list_places(SHORT_MM)
         if not places:
             return
         if not self.pins:
-            self._place_first(range(len(places)))
+            self._place_first_of(range(len(places)))
             return
-        apart_mm = cdist(self._flatten(places), self._flat(self.pins[0].at_mm[None]))[:, 0]
-        order = np.argsort(-apart_mm * self._weigh(places), kind="stable")
-        self._place_first(order[self._is_free(apart_mm[order])].tolist())
+        separations_mm = cdist(self._project_places(places), self._project(self.pins[0].at_mm[None]))[:, 0]
+        order = np.argsort(-separations_mm * self._weigh(places), kind="stable")
+        self._place_first_of(order[self._is_free(separations_mm[order])].tolist())
 
-    def place_further(self) -> None:
-        """Place short keys where most glue is far from the others."""
+    def place_further_keys(self) -> None:
+        """Place short keys near the most glue that is far from all pins and keys."""
         count = 0
         while self.pins and len(self.pins) > count:
             count = len(self.pins)
-            far = find_far_glue(self.glue_mm, self.pins)
-            places = self._list_places(SHORT_MM) if len(far) else []
+            far_glue = find_far_glue(self.glue_mm, self.pins)
+            places = self._list_places(SHORT_MM) if len(far_glue) else []
             if places:
-                self._place_first(sort_by_gain(_list_points(places), far, self._weigh(places)))
+                self._place_first_of(sort_by_gain(_list_points(places), far_glue, self._weigh(places)))
 
-    def place_sliding(self, sites: Sequence[Site]) -> None:
-        """Place short keys on faces that slide, where most glue is far from the others."""
+    def place_sliding_keys(self, sites: Sequence[Site]) -> None:
+        """Place short keys on faces that slide, near the most glue that is far from all pins and keys."""
         count = -1
         while len(self.pins) > count:
             count = len(self.pins)
-            far = find_far_glue(self.glue_mm, self.pins)
-            places = self.maker.find_sliding_places(sites, self.sites, SHORT_MM) if len(far) else []
+            far_glue = find_far_glue(self.glue_mm, self.pins)
+            places = self.maker.find_sliding_places(sites, self.sites, SHORT_MM) if len(far_glue) else []
             places = self._list_free(places)
             if places:
-                numbers = sort_by_gain(_list_points(places), far, self._weigh(places))
-                self._try([places[number] for number in numbers])
+                numbers = sort_by_gain(_list_points(places), far_glue, self._weigh(places))
+                self._add_first_printable([places[number] for number in numbers])
 
-    def _place_first(self, numbers: Sequence[int]) -> None:
+    def _place_first_of(self, numbers: Sequence[int]) -> None:
+        """Place a short key at the first printable one of the places with these numbers."""
         places = self._list_places(SHORT_MM)
-        self._try([places[number] for number in numbers[:MAX_TRIED]])
+        self._add_first_printable([places[number] for number in numbers[:MAX_TRIED]])
 
-    def _try(self, places: Sequence[KeyPlace]) -> None:
+    def _add_first_printable(self, places: Sequence[KeyPlace]) -> None:
         """Place a short key at the first of some places where its grooves print without support."""
         for place in places[:MAX_TRIED]:
             key = self.maker.make(place, SHORT_MM)
@@ -348,16 +349,17 @@ class KeyPlacer:
         sites = [place.site for place in places]
         return 1.0 - LEVEL_LOSS * np.array([is_level(site.moved) + is_level(site.fixed) for site in sites])
 
-    def _is_free(self, apart_mm: Floats) -> Bools:
-        is_free = np.ones(apart_mm.shape, dtype=np.bool_)
+    def _is_free(self, separations_mm: Floats) -> Bools:
+        """Check which distances differ enough from those of the pairs of other steps."""
+        is_free = np.ones(separations_mm.shape, dtype=np.bool_)
         for taken_mm in self.taken_mm:
-            is_free &= np.abs(apart_mm - taken_mm) > self.distinct_mm
+            is_free &= np.abs(separations_mm - taken_mm) > self.distinct_mm
         return is_free
 
-    def _flatten(self, places: Sequence[KeyPlace]) -> Floats:
-        return self._flat(_list_points(places))
+    def _project_places(self, places: Sequence[KeyPlace]) -> Floats:
+        return self._project(_list_points(places))
 
-    def _flat(self, points_mm: Floats) -> Floats:
+    def _project(self, points_mm: Floats) -> Floats:
         direction = self.maker.direction
         return points_mm - np.outer(points_mm @ direction, direction)
 
@@ -372,7 +374,7 @@ def _hull(points: Floats) -> shapely.Geometry:
 
 
 def _list_rim(polygon: shapely.Polygon) -> tuple[Floats, float]:
-    """List points (n, 2) along the rims of a polygon; also return the distance between them."""
+    """List points (n, 2) along the rims of a polygon; return also the distance between them."""
     rings = [polygon.exterior, *polygon.interiors]
     pitch_mm = max(PITCH_MM, sum(ring.length for ring in rings) / MAX_POINTS)
     points = [shapely.line_interpolate_point(ring, np.arange(0.0, ring.length, pitch_mm)) for ring in rings]

@@ -15,7 +15,7 @@ from decompose.arrays import Floats
 from decompose.assembly import Assembly
 from decompose.connectors.faces import Room, Side, find_sides
 from decompose.connectors.records import RIM_MM, Mark
-from decompose.connectors.strokes import GRID_HIGH, draw_strokes, text_width
+from decompose.connectors.strokes import GRID_HEIGHT, draw_strokes, text_width
 from decompose.connectors.tools import (
     GROOVE_SIN,
     LIP_MM,
@@ -30,10 +30,12 @@ SIZES_MM = ((5.0, 0.35), (4.0, 0.35))  # height of letters, depth of their groov
 ARROW = "^"
 ARROW_CELL = 7.0  # width of the arrow's cell on the grid of the letters
 DOTS = 3
-DOT_PITCH = 4.0  # distance of two dots, on the grid of the letters
-UNLIKE_MM = 0.002  # difference in depth of strokes: operations on solids err where faces coincide
+DOT_PITCH = 4.0  # distance between two dots, on the grid of the letters
+DEPTH_STEP_MM = 0.002  # difference in depth of strokes: operations on solids err where faces coincide
 GRID_MM = 2.0  # pitch of the places that are tried
-LEVEL = 0.99  # cosine to the vertical from which a face is level, and the arrow points to the back
+LEVEL_COS = (
+    0.99  # minimum cosine between the normal of a level face, where the arrow points back, and the vertical
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,8 +69,8 @@ def place_marks(
         placed = _mark_joint(room, pairs, 1 + steps.get(number, 0) % DOTS)
         marks += placed
         if len(placed) < 2:
-            hangs = any(_needs_support(room, side) for pair in pairs[:1] for side in pair)
-            unmarked.append((number, "a face hangs over in its part's pose" if hangs else "too small"))
+            needs_support = any(_needs_support(room, side) for pair in pairs[:1] for side in pair)
+            unmarked.append((number, "a face overhangs in its part's pose" if needs_support else "too small"))
     return marks + _number_parts(room, joints, marks), unmarked
 
 
@@ -77,7 +79,7 @@ def _mark_joint(room: Room, pairs: Sequence[tuple[Side, Side]], dots: int) -> li
     best: list[Mark] = []
     for pair in pairs:
         marks = [
-            _place(room, side, _list_texts(room, side, room.blanks[other.part].name))
+            _place_text(room, side, _list_texts(room, side, room.blanks[other.part].name))
             for side, other in (pair, pair[::-1])
         ]
         placed = [mark for mark in marks if mark is not None]
@@ -86,7 +88,7 @@ def _mark_joint(room: Room, pairs: Sequence[tuple[Side, Side]], dots: int) -> li
         if len(best) == 2:
             break
     if not best and pairs:
-        dotted = [_place(room, side, [_draw_dots(dots)]) for side in pairs[0]]
+        dotted = [_place_text(room, side, [_draw_dots(dots)]) for side in pairs[0]]
         best = [mark for mark in dotted if mark is not None]
     for mark in best:
         room.tools += mark.grooves
@@ -94,7 +96,7 @@ def _mark_joint(room: Room, pairs: Sequence[tuple[Side, Side]], dots: int) -> li
 
 
 def _number_parts(room: Room, joints: Sequence[Joint], marks: Sequence[Mark]) -> list[Mark]:
-    """Write the own number of each part that has no mark with it."""
+    """Write its number on each part that has no mark with it."""
     numbered_parts = {mark.part for mark in marks if mark.text.startswith(f"{room.blanks[mark.part].name}-")}
     new_marks = []
     for part, blank in enumerate(room.blanks):
@@ -108,9 +110,9 @@ def _number_parts(room: Room, joints: Sequence[Joint], marks: Sequence[Mark]) ->
             for side in pair
             if side.part == part
         ]
-        texts = [_lay_out(blank.name, size, "") for size in SIZES_MM]
+        texts = [_lay_out_text(blank.name, size, "") for size in SIZES_MM]
         for side in sorted(sides, key=lambda side: (room.is_level(side), -side.face.area_mm2)):
-            mark = _place(room, side, texts[-1:] if room.is_level(side) else texts)
+            mark = _place_text(room, side, texts[-1:] if room.is_level(side) else texts)
             if mark is not None:
                 room.tools += mark.grooves
                 new_marks.append(mark)
@@ -123,24 +125,24 @@ def _list_texts(room: Room, side: Side, neighbour: str) -> list[_Text]:
     is_level = room.is_level(side)
     code = f"-{neighbour}" if is_level else f"{room.blanks[side.part].name}-{neighbour}"
     sizes = SIZES_MM[-1:] if is_level else SIZES_MM
-    return [*(_lay_out(code, size, ARROW) for size in sizes), _lay_out(code, sizes[-1], "")]
+    return [*(_lay_out_text(code, size, ARROW) for size in sizes), _lay_out_text(code, sizes[-1], "")]
 
 
-def _lay_out(code: str, size_mm: tuple[float, float], arrow: str) -> _Text:
+def _lay_out_text(code: str, size_mm: tuple[float, float], arrow: str) -> _Text:
     height_mm, depth_mm = size_mm
     strokes, width = draw_strokes(code), text_width(code)
     if arrow:
         left, right = np.array([[ARROW_CELL / 2.0, 0.0], [width / 2.0, 0.0]])
         strokes = np.concatenate([strokes - left, draw_strokes(arrow) + right])
         width += ARROW_CELL
-    scale = height_mm / GRID_HIGH
-    half = np.array([width, GRID_HIGH]) * scale / 2.0
+    scale = height_mm / GRID_HEIGHT
+    half = np.array([width, GRID_HEIGHT]) * scale / 2.0
     return _Text(code + arrow, height_mm, depth_mm, strokes * scale, half)
 
 
 def _draw_dots(count: int) -> _Text:
     height_mm, depth_mm = SIZES_MM[-1]
-    pitch_mm = DOT_PITCH * height_mm / GRID_HIGH
+    pitch_mm = DOT_PITCH * height_mm / GRID_HEIGHT
     centres = np.zeros((count, 2, 2))
     centres[:, :, 0] = ((np.arange(count) - (count - 1) / 2.0) * pitch_mm)[:, None]
     centres[:, :, 0] += [-RIDGE_MM, RIDGE_MM]
@@ -154,8 +156,8 @@ def _needs_support(room: Room, side: Side) -> bool:
     return overhang_sin(cone.points_mm, side.into, room.blanks[side.part].up) > GROOVE_SIN
 
 
-def _place(room: Room, side: Side, texts: Sequence[_Text]) -> Mark | None:
-    """Place the first text that finds room on a side of a joint, level or upright."""
+def _place_text(room: Room, side: Side, texts: Sequence[_Text]) -> Mark | None:
+    """Place the first text for which a side of a joint has room, horizontally or turned by 90 degrees."""
     if _needs_support(room, side):
         return None
     depth_mm = max(text.depth_mm for text in texts)
@@ -179,14 +181,14 @@ def _keep_arrow_up(text: _Text, turn: int) -> Floats:
         return text.strokes_mm
     count = len(draw_strokes(ARROW))
     arrow = text.strokes_mm[-count:]
-    centre = np.array([text.half_mm[0] - ARROW_CELL / 2.0 * text.height_mm / GRID_HIGH, 0.0])
+    centre = np.array([text.half_mm[0] - ARROW_CELL / 2.0 * text.height_mm / GRID_HEIGHT, 0.0])
     rotated = (arrow - centre) @ np.array([[0.0, -1.0], [1.0, 0.0]]) + centre
     return np.concatenate([text.strokes_mm[:-count], rotated])
 
 
 def _engrave(room: Room, side: Side, text: _Text, lines_mm: Floats) -> Mark | None:
     grooves = tuple(
-        make_groove(side.part, line, side.into, text.depth_mm - UNLIKE_MM * (n % 16))
+        make_groove(side.part, line, side.into, text.depth_mm - DEPTH_STEP_MM * (n % 16))
         for n, line in enumerate(lines_mm)
     )
     up = room.blanks[side.part].up
@@ -197,8 +199,8 @@ def _engrave(room: Room, side: Side, text: _Text, lines_mm: Floats) -> Mark | No
 
 
 def _find_upward(side: Side) -> Floats:
-    """Find the direction (3,) on a face that the arrow shows: up in the model, on level faces back."""
-    target = np.eye(3)[1 if abs(side.face.normal[2]) > LEVEL else 2]
+    """Find the direction (3,) of the arrow on a face: up in the model, or to its back on level faces."""
+    target = np.eye(3)[1 if abs(side.face.normal[2]) > LEVEL_COS else 2]
     flat = target - (target @ side.face.normal) * side.face.normal
     return np.asarray(flat / np.linalg.norm(flat))
 

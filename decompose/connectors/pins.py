@@ -24,21 +24,24 @@ from decompose.connectors.tools import make_hole
 from decompose.options import THIN_FILAMENT_MM, ConnectorOptions
 from decompose.pieces import Joint, list_polygons
 
-SHALLOW = 1.05  # depth of the shallow hole of a pair, in diameters of the pin
+SHALLOW_DIAMETERS = 1.05  # depth of the shallow hole of a pair, in diameters of the pin
 SHALLOWEST_MM = 2.5  # least depth of a hole
-DEEPER_MM = 3.0  # excess of the deep hole: a body turned half around stays open by about this
+EXTRA_DEPTH_MM = 3.0  # excess of the deep hole: a body turned by 180 degrees stays open by about this
 END_MM = 0.5  # gap at each end of a pin
 DISTINCT_MM = 0.7  # least difference between the distances of two pairs, besides twice the fit
-NEAREST_PAIR_MM = 8.0  # minimum distance of two pins that fix an angle
-FAR_PAIR_MM = 80.0  # distance of two pins from which one hole is a slot
+NEAREST_PAIR_MM = 8.0  # minimum distance between two pins that fix an angle
+FAR_PAIR_MM = 80.0  # distance between two pins from which one hole is a slot
 SLOT_MM = 0.25  # elongation of a slot at each end, for 0.2 % of shrinkage and the play of the pins
 PLACES_MM = 15.0  # pitch of the places that are tried for glue that is far from pins
 MAX_FURTHER_PINS = 8  # maximum number of pins of a step besides its pair
-COMFORT_MM, COMFORT_SHARE = 2.0, 0.8  # additional margin, if the pair keeps this share of its distance
+EXTRA_MARGIN_MM, EXTRA_MARGIN_SHARE = (
+    2.0,
+    0.8,
+)  # additional margin, if the pair keeps this share of its distance
 ROUND_MM = 0.03  # margin for buffers, which may cut inner corners
 CORNER_MM = 0.5  # corners of a hull that stand out by less are left out
-ALONG = 0.999  # minimum cosine between a normal and the direction along it
-LEVEL = 1e-7  # maximum sine of the angle between a face that slides and its direction
+ALONG_COS = 0.999  # minimum cosine between a normal and the direction along it
+SLIDING_SIN = 1e-7  # maximum sine of the angle between a face that slides and its direction
 
 
 def choose_depths_mm(pin_mm: float) -> tuple[float, float]:
@@ -46,8 +49,8 @@ def choose_depths_mm(pin_mm: float) -> tuple[float, float]:
 
     A hole costs print time by its depth. Pins only align the faces, which the glue holds.
     """
-    shallow_mm = max(SHALLOWEST_MM, round(2.0 * SHALLOW * pin_mm) / 2.0)
-    return shallow_mm + DEEPER_MM, shallow_mm
+    shallow_mm = max(SHALLOWEST_MM, round(2.0 * SHALLOW_DIAMETERS * pin_mm) / 2.0)
+    return shallow_mm + EXTRA_DEPTH_MM, shallow_mm
 
 
 def choose_keys_mm(pin_mm: float) -> list[float]:
@@ -122,7 +125,7 @@ def _find_sites(
     for one, other in pairs:
         moved, fixed = (one, other) if one.part in step.moved_parts else (other, one)
         along = float(moved.into @ step.direction)
-        if abs(along) < LEVEL if sliding else along > ALONG:
+        if abs(along) < SLIDING_SIN if sliding else along > ALONG_COS:
             sites.append(Site(moved, fixed))
     return sites
 
@@ -142,7 +145,8 @@ class _Placer:
     def place(self, taken_mm: Sequence[float]) -> list[Pin]:
         """Place all keys and pins of the step; the distance of its pair differs from those taken.
 
-        A pair of keys prints in least time, then pins take faces that lean, and thin keys take thin walls.
+        A pair of keys comes first, as it prints in the least time; then pins, for inclined faces, and thin
+        keys, for thin walls.
         """
         pins: list[Pin] = []
         keys, *thin_keys = [
@@ -163,20 +167,20 @@ class _Placer:
             if not pins:
                 placer.place_pair()
         if not pins:
-            pins += self._place_one()
+            pins += self._place_single_pin()
         for placer in (keys, *thin_keys):
             if len(pins) < 2:
-                placer.place_second()
-        keys.place_further()
+                placer.place_second_key()
+        keys.place_further_keys()
         for _ in range(MAX_FURTHER_PINS if pins else 0):
-            further = self._place_further(pins)
+            further = self._place_further_pin(pins)
             if further is None:
                 break
             pins.append(further)
         for placer in thin_keys:
-            placer.place_further()
+            placer.place_further_keys()
         for placer in (keys, *thin_keys):
-            placer.place_sliding(self.sliding_sites)
+            placer.place_sliding_keys(self.sliding_sites)
         return pins
 
     @property
@@ -211,7 +215,7 @@ class _Placer:
         radius_mm = shapely.minimum_bounding_radius(outline) + RIM_MM + slack_mm
         room = self.room.find_room(side, float((tool.points_mm @ side.into).max()))
         places = room.buffer(-radius_mm)
-        if places.is_empty:  # a thin wall may still take the outline itself
+        if places.is_empty:  # a thin wall may have room for the outline, if not for its circle
             return erode(room, outline.buffer(RIM_MM + slack_mm, 3))
         return shapely.transform(places, lambda points: points - (centre.x, centre.y))
 
@@ -224,14 +228,15 @@ class _Placer:
         best_pair = self._find_farthest_pair(deep, shallow)
         if best_pair is None:
             return []
-        inner = [[place.buffer(-COMFORT_MM) for place in places] for places in (deep, shallow)]
-        comfortable = self._find_farthest_pair(*inner)
-        if comfortable is not None and comfortable[0] >= COMFORT_SHARE * best_pair[0]:
-            best_pair = comfortable
-        apart_mm, (site, deep_mm), (shallow_site, end) = best_pair
-        for back_mm in np.arange(0.0, apart_mm - NEAREST_PAIR_MM, 0.5):
-            shallow_mm = end + self._flat((deep_mm - end)[None])[0] * back_mm / apart_mm  # stays in its plane
-            new_mm = self._measure_across_mm(deep_mm, shallow_mm)
+        inner = [[place.buffer(-EXTRA_MARGIN_MM) for place in places] for places in (deep, shallow)]
+        roomy_pair = self._find_farthest_pair(*inner)
+        if roomy_pair is not None and roomy_pair[0] >= EXTRA_MARGIN_SHARE * best_pair[0]:
+            best_pair = roomy_pair
+        separation_mm, (site, deep_mm), (shallow_site, end) = best_pair
+        for back_mm in np.arange(0.0, separation_mm - NEAREST_PAIR_MM, 0.5):
+            # The pin moves within the plane of its face.
+            shallow_mm = end + self._project((deep_mm - end)[None])[0] * back_mm / separation_mm
+            new_mm = self._measure_separation_mm(deep_mm, shallow_mm)
             if any(abs(new_mm - known_mm) < self.distinct_mm for known_mm in taken_mm):
                 continue
             if not shallow[shallow_site].contains(
@@ -242,17 +247,18 @@ class _Placer:
             if deep_pin is None:
                 return []
             self.room.tools += deep_pin.holes
-            shallow_pin = self._make_pin(shallow_site, shallow_mm, 1, self._make_slot(deep_mm, shallow_mm))
+            shallow_pin = self._make_pin(shallow_site, shallow_mm, 1, self._compute_slot(deep_mm, shallow_mm))
             if shallow_pin is not None:
                 self.room.tools += shallow_pin.holes
                 return [deep_pin, shallow_pin]
             del self.room.tools[-2:]
         return []
 
-    def _make_slot(self, point_mm: Floats, end_mm: Floats) -> Floats:
+    def _compute_slot(self, point_mm: Floats, end_mm: Floats) -> Floats:
+        """Compute the elongation (3,) of a hole towards another one; 0 unless they are far apart."""
         across = (end_mm - point_mm) - ((end_mm - point_mm) @ self.step.direction) * self.step.direction
-        apart_mm = float(np.linalg.norm(across))
-        return SLOT_MM * across / apart_mm if apart_mm > FAR_PAIR_MM else np.zeros(3)
+        separation_mm = float(np.linalg.norm(across))
+        return SLOT_MM * across / separation_mm if separation_mm > FAR_PAIR_MM else np.zeros(3)
 
     def _find_farthest_pair(
         self, deep: list[shapely.Geometry], shallow: list[shapely.Geometry]
@@ -261,13 +267,13 @@ class _Placer:
         ends = [self._list_corners(places) for places in (deep, shallow)]
         if not all(len(sites) for sites, _ in ends):
             return None
-        apart = cdist(*(self._flat(points) for _, points in ends))
-        first, second = np.unravel_index(int(apart.argmax()), apart.shape)
-        if apart[first, second] < NEAREST_PAIR_MM:
+        separations_mm = cdist(*(self._project(points) for _, points in ends))
+        first, second = np.unravel_index(int(separations_mm.argmax()), separations_mm.shape)
+        if separations_mm[first, second] < NEAREST_PAIR_MM:
             return None
         (sites, points), (others, other_points) = ends
         return (
-            float(apart[first, second]),
+            float(separations_mm[first, second]),
             (sites[first], points[first]),
             (others[second], other_points[second]),
         )
@@ -282,13 +288,13 @@ class _Placer:
             points.append(self.sites[number].moved.lift(corners))
         return sites, np.concatenate(points)
 
-    def _flat(self, points_mm: Floats) -> Floats:
+    def _project(self, points_mm: Floats) -> Floats:
         return points_mm - np.outer(points_mm @ self.step.direction, self.step.direction)
 
-    def _measure_across_mm(self, start_mm: Floats, end_mm: Floats) -> float:
-        return float(np.linalg.norm(self._flat((start_mm - end_mm)[None])))
+    def _measure_separation_mm(self, start_mm: Floats, end_mm: Floats) -> float:
+        return float(np.linalg.norm(self._project((start_mm - end_mm)[None])))
 
-    def _place_one(self) -> list[Pin]:
+    def _place_single_pin(self) -> list[Pin]:
         """Place one pin in the middle of the widest place, deep if possible."""
         for index in range(2):
             places = self._find_places(index)
@@ -304,8 +310,8 @@ class _Placer:
                     return [pin]
         return []
 
-    def _place_further(self, pins: Sequence[Pin]) -> Pin | None:
-        """Place a shallow pin where most glue is far from the others; None where none is worthwhile."""
+    def _place_further_pin(self, pins: Sequence[Pin]) -> Pin | None:
+        """Place a shallow pin near the most glue that is far from all pins; None if none is worthwhile."""
         far_glue = find_far_glue(self.glue_mm, pins)
         if not len(far_glue):
             return None

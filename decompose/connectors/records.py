@@ -62,7 +62,7 @@ class Pin:
     holes
         Holes, or grooves, in the moved part and in the fixed one.
     along
-        (3,) unit vector in which a key lies; None for a pin in holes. If it is that of the step, the faces
+        (3,) unit vector along which a key lies; None for a pin in holes. If it is that of the step, the faces
         slide over each other, and one of the grooves has an exit through which the key enters it.
     """
 
@@ -182,6 +182,6 @@ class Connectors:
 
 
 def distance_mm(a: Pin, b: Pin) -> float:
-    """Measure the distance of two pins across their axis."""
+    """Measure the distance between two pins across their axis."""
     offset_mm = a.at_mm - b.at_mm
     return float(np.linalg.norm(offset_mm - (offset_mm @ a.axis) * a.axis))

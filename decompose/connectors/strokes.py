@@ -6,9 +6,9 @@ import numpy as np
 
 from decompose.arrays import Floats
 
-GRID_HIGH = 6.0
-GRID_WIDE = 4.0
-ADVANCE = 5.6  # distance of two letters
+GRID_HEIGHT = 6.0
+GRID_WIDTH = 4.0
+ADVANCE = 5.6  # distance between the left sides of two letters
 
 # Each letter: polylines of points x, y as pairs of digits.
 LETTERS = {
@@ -56,7 +56,7 @@ LETTERS = {
 
 def text_width(text: str) -> float:
     """Compute the width of a text on the grid."""
-    return ADVANCE * (len(text) - 1) + GRID_WIDE
+    return ADVANCE * (len(text) - 1) + GRID_WIDTH
 
 
 def draw_strokes(text: str) -> Floats:
@@ -77,5 +77,5 @@ def draw_strokes(text: str) -> Floats:
         for line in filter(None, LETTERS.get(letter, "").split("|")):
             points = [[float(point[0]) + ADVANCE * number, float(point[1])] for point in line.split()]
             strokes += [list(pair) for pair in zip(points, points[1:] or points, strict=False)]
-    middle = np.array([text_width(text) / 2.0, GRID_HIGH / 2.0])
+    middle = np.array([text_width(text) / 2.0, GRID_HEIGHT / 2.0])
     return np.asarray(np.array(strokes).reshape(-1, 2, 2) - middle)

@@ -38,7 +38,7 @@ ceiling that ends in a point closes by a step that it supports (`closes_in_a_ste
 LAYER_MM, STEP_MM = 0.2, 0.23  # height of a layer, and maximum step between two layers without support
 RING_MM = 1.0  # minimum length of a ring: the slicer drops shorter ones, so that a ceiling closes early
 _EDGE_MM = 1e-3
-_MOUTH = -0.99  # maximum cosine between the normal of the mouth and the direction into the part
+_MOUTH_COS = -0.99  # maximum cosine between the normal of the mouth and the direction into the part
 _CORNERS = np.deg2rad(90.0 + 60.0 * np.arange(6))
 _CONE = np.deg2rad(45.0 * np.arange(8))
 
@@ -128,7 +128,7 @@ def overhang_sin(points_mm: Floats, into: Floats, up: Floats) -> float:
     The mouth does not count. The sine is negative if nothing overhangs.
     """
     normals = ConvexHull(points_mm).equations[:, :3]
-    sides = normals[normals @ into > _MOUTH]
+    sides = normals[normals @ into > _MOUTH_COS]
     return float((sides @ up).max())
 
 

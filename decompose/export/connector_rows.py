@@ -93,7 +93,7 @@ def name_mark(decomposition: Decomposition, mark: Mark) -> str:
     return " ".join(decomposition.parts[part].id for part in (mark.part, joint.a, joint.b))
 
 
-def list_orphans(decomposition: Decomposition) -> list[dict[str, Any]]:
+def list_unglued_codes(decomposition: Decomposition) -> list[dict[str, Any]]:
     """List the codes on joints that no step glues."""
     used_joints = {joint for step in decomposition.assembly.steps for joint in step.joints}
     joints = dict.fromkeys(mark.joint for mark in decomposition.connectors.marks)

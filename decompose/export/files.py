@@ -52,7 +52,7 @@ def write_parts(decomposition: Decomposition, folder: Path) -> Decomposition:
     Raises
     ------
     GeometryError
-        An STL, read back, is not watertight or has another volume, also without holes and marks.
+        An STL, read back, is not watertight or has another volume, even without holes and marks.
     """
     folder.mkdir(parents=True, exist_ok=True)
     planned_result = decomposition.with_assembly()
@@ -88,7 +88,7 @@ def draw_parts(
     folder
         Folder that exists.
     find_place
-        For the instructions, which show each part on its bed.
+        Finds the place of a part on its bed, for the instructions; None if the bed is not shown.
     overview, steps
         Picture of the parts as PNG, and pictures of all steps; None to draw them.
     """

@@ -18,7 +18,7 @@ from decompose.results import Part
 METRES_Y_UP = np.array([[1e-3, 0, 0, 0], [0, 0, 1e-3, 0], [0, -1e-3, 0, 0], [0, 0, 0, 1]])
 """From mm with z up to metres with y up (glTF 2.0, 3.6 "Coordinate system and units")."""
 STEP_S, MOVE_S = 1.5, 1.0  # duration of a step in the animation, and of the move in it
-APART_MM, APART_SHARE = 25.0, 0.3  # minimum move of a body, also as a share of its extent
+MIN_MOVE_MM, MIN_MOVE_SHARE = 25.0, 0.3  # minimum move of a body, also as a share of its extent
 FLOAT = 5126  # glTF 2.0, 3.6.2.2: component type of single precision
 MODEL = "model"
 
@@ -42,7 +42,7 @@ def find_moves(parts: Sequence[Part], steps: Sequence[AssemblyStep]) -> Floats:
     for row, step in zip(moves, steps, strict=True):
         heights = [parts[number].solid.arrays()[0] @ step.direction for number in step.moved_parts]
         extent_mm = max(h.max() for h in heights) - min(h.min() for h in heights)
-        row[:] = max(APART_MM, APART_SHARE * float(extent_mm)) * step.direction
+        row[:] = max(MIN_MOVE_MM, MIN_MOVE_SHARE * float(extent_mm)) * step.direction
     return moves
 
 
@@ -114,10 +114,12 @@ def _add_animation(
     samplers: list[dict[str, Any]] = []
     channels: list[dict[str, Any]] = []
     for part, name in enumerate(names):
-        own = offsets[:, part]
-        if not own.any():
+        part_offsets = offsets[:, part]
+        if not part_offsets.any():
             continue
-        keys = np.append(np.stack([own[:-1], own[1:]], axis=1).reshape(-1, 3), own[-1:], axis=0)
+        keys = np.append(
+            np.stack([part_offsets[:-1], part_offsets[1:]], axis=1).reshape(-1, 3), part_offsets[-1:], axis=0
+        )
         channels.append({"sampler": len(samplers), "target": {"node": nodes[name], "path": "translation"}})
         samplers.append(
             {"input": times_s, "output": _add_values(tree, buffers, keys), "interpolation": "LINEAR"}

@@ -16,8 +16,8 @@ from decompose.export.connector_rows import (
     explain_pins,
     list_blank_faces,
     list_codes,
-    list_orphans,
     list_pins,
+    list_unglued_codes,
 )
 from decompose.export.layout import describe_place, draw_layout, name_printer, sort_by_use
 from decompose.export.page_check import find_page_faults
@@ -114,7 +114,7 @@ def render_instructions(decomposition: Decomposition, pictures: Pictures, faults
         thin_rims=decomposition.describe_thin_rims(),
         sheet=make_sheet(decomposition.connectors.pins),
         marked=bool(decomposition.connectors.marks),
-        orphans=list_orphans(decomposition),
+        unglued_codes=list_unglued_codes(decomposition),
         failures=decomposition.connectors.failures,
         faults=faults,
     )
@@ -181,7 +181,7 @@ def _describe_joint(number: int, decomposition: Decomposition) -> dict[str, Any]
         "parts": " ".join(ids),
         "name": "-".join(map(find_part_number, ids)),
         "area": f"{joint.area_mm2:,.0f}",
-        "weak": "" if joint.holds(decomposition.options.min_glue_mm2) else "holds nothing by itself",
+        "weak": "" if joint.holds(decomposition.options.min_glue_mm2) else "does not hold by itself",
         "codes": list_codes(decomposition, number),
         "blank": list_blank_faces(decomposition, number),
         "pins": list_pins(decomposition, number),

@@ -1,4 +1,4 @@
-"""Cut list of pins as a drawing true to size: a ruler to check the print, and a gauge for each length."""
+"""Cut list of pins as a full-size drawing: a ruler to check the print, and a gauge for each length."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class PinSheet:
 
 
 def make_sheet(pins: Sequence[Pin]) -> PinSheet | None:
-    """Make the sheet of pins; None without any."""
+    """Make the sheet of pins; None if there are no pins."""
     if not pins:
         return None
     cuts = list_cuts(pins)
@@ -48,9 +48,9 @@ def make_sheet(pins: Sequence[Pin]) -> PinSheet | None:
 
 
 def _describe_stock(cuts: Sequence[tuple[float, float, int]], diameter_mm: float) -> tuple[str, int, str]:
-    own = [(length_mm, count) for diameter, length_mm, count in cuts if diameter == diameter_mm]
-    stock_mm = sum(count * (length_mm + SAW_MM) for length_mm, count in own)
-    return f"{diameter_mm:g}", sum(count for _, count in own), f"{stock_mm:,.0f}"
+    diameter_cuts = [(length_mm, count) for diameter, length_mm, count in cuts if diameter == diameter_mm]
+    stock_mm = sum(count * (length_mm + SAW_MM) for length_mm, count in diameter_cuts)
+    return f"{diameter_mm:g}", sum(count for _, count in diameter_cuts), f"{stock_mm:,.0f}"
 
 
 def format_length(length_mm: float) -> str:

@@ -68,14 +68,14 @@ def draw_steps(decomposition: Decomposition, first: int = 0, end: int | None = N
     pictures: list[StepPictures] = []
     azimuth_deg: float | None = None
     for number, step in enumerate(decomposition.assembly.steps[:end]):
-        apart_mm = find_gap_mm(step, decomposition) * step.direction
-        scene = build_both(number, decomposition, apart_mm)
+        offset_mm = find_gap_mm(step, decomposition) * step.direction
+        scene = build_both(number, decomposition, offset_mm)
         pose = find_pose(step.direction)
         azimuth_deg, elevation_deg = choose_view(scene, pose, ELEVATIONS_DEG, azimuth_deg)
         if number < first:
             continue
         camera = make_camera(azimuth_deg, elevation_deg) @ pose
-        both = _draw_both(scene, step, decomposition, camera, apart_mm)
+        both = _draw_both(scene, step, decomposition, camera, offset_mm)
         moved = build_moved(number, decomposition)
         turned_pose = turn_over(pose, azimuth_deg)
         view = choose_view(moved, turned_pose, TURNED_OVER_DEG, azimuth_deg)
@@ -103,20 +103,20 @@ def turn_over(pose: Floats, azimuth_deg: float) -> Floats:
 
 def find_gap_mm(step: AssemblyStep, decomposition: Decomposition) -> float:
     """Find the gap at which the bodies are drawn, so that their glued faces are seen."""
-    [apart_mm] = find_moves(decomposition.parts, [step])
+    [move_mm] = find_moves(decomposition.parts, [step])
     corners = [
         np.array(face.outline.envelope.exterior.coords) @ face.axes
         for joint in step.joints
         for face in decomposition.joints[joint].faces
     ]
     if not corners:
-        return float(np.linalg.norm(apart_mm))
+        return float(np.linalg.norm(move_mm))
     across = np.concatenate(corners) @ (np.eye(3) - np.outer(step.direction, step.direction))
-    return max(float(np.linalg.norm(apart_mm)), GAP_SHARE * float(np.ptp(across, axis=0).max()))
+    return max(float(np.linalg.norm(move_mm)), GAP_SHARE * float(np.ptp(across, axis=0).max()))
 
 
 def choose_view(
-    scene: Scene, pose: Floats, elevations_deg: Sequence[float], before_deg: float | None
+    scene: Scene, pose: Floats, elevations_deg: Sequence[float], previous_deg: float | None
 ) -> tuple[float, float]:
     """Choose the view that shows most of the glued faces and pins, close to that of the previous step.
 
@@ -128,7 +128,7 @@ def choose_view(
         Right, back and up of the pose in that frame, as rows (3, 3).
     elevations_deg
         Heights of the eye that are tried.
-    before_deg
+    previous_deg
         Azimuth of the previous step.
 
     Returns
@@ -142,10 +142,10 @@ def choose_view(
     def compute_merit(view: tuple[float, float]) -> float:
         tilts = outwards @ (make_camera(*view) @ pose)[2]
         visible_mm2 = areas_mm2 @ np.where(tilts > 0.0, 1.0 - np.abs(tilts - BEST_TILT), 0.0)
-        turn_deg = 0.0 if before_deg is None else abs((view[0] - before_deg + 180.0) % 360.0 - 180.0)
+        turn_deg = 0.0 if previous_deg is None else abs((view[0] - previous_deg + 180.0) % 360.0 - 180.0)
         return float(visible_mm2 / (areas_mm2.sum() or 1.0) - TURN_COST * turn_deg / 45.0)
 
-    def count(view: tuple[float, float]) -> float:
+    def score_drawing(view: tuple[float, float]) -> float:
         drawing = draw(scene.shapes, make_camera(*view) @ pose, DRAWN_VIEW_PX, oversample=1)
         visible_pixels = np.bincount(drawing.visible.ravel(), minlength=1 + len(scene.shapes))[1:]
         glued_mm2 = visible_pixels[len(scene.parts) : scene.first_pin].sum() / drawing.pixels_per_mm**2
@@ -158,7 +158,7 @@ def choose_view(
         (azimuth_deg, elevation_deg) for elevation_deg, azimuth_deg in product(elevations_deg, AZIMUTHS_DEG)
     ]
     best = sorted(views, key=compute_merit, reverse=True)[:MAX_DRAWN_VIEWS]
-    return max(best, key=lambda view: count(view) + compute_merit(view))
+    return max(best, key=lambda view: score_drawing(view) + compute_merit(view))
 
 
 def name_top(camera: Floats) -> str:
@@ -172,16 +172,16 @@ def name_top(camera: Floats) -> str:
 
 
 def _draw_both(
-    scene: Scene, step: AssemblyStep, decomposition: Decomposition, camera: Floats, apart_mm: Floats
+    scene: Scene, step: AssemblyStep, decomposition: Decomposition, camera: Floats, offset_mm: Floats
 ) -> bytes:
     drawing = draw(scene.shapes, camera, LONG_SIDE_PX, oversample=2)
     figure, axes = make_figure(drawing)
     write_labels(axes, drawing, [find_part_number(decomposition.parts[number].id) for number in scene.parts])
     for pin in scene.pins:
-        rod = np.array([_find_tip(pin), pin.at_mm + apart_mm])
+        rod = np.array([_find_tip(pin), pin.at_mm + offset_mm])
         axes.plot(*drawing.place(rod).T, ls=":", lw=1.2, color=PIN_INK)
     _name_pins(axes, drawing, scene, [_find_tip(pin) for pin in scene.pins])
-    _draw_arrow(axes, drawing, step, decomposition, apart_mm)
+    _draw_arrow(axes, drawing, step, decomposition, offset_mm)
     _draw_scale(axes, drawing)
     return encode_png(figure)
 
@@ -213,12 +213,12 @@ def _name_pins(axes: Any, drawing: Drawing, scene: Scene, points_mm: Sequence[Fl
 
 
 def _draw_arrow(
-    axes: Any, drawing: Drawing, step: AssemblyStep, decomposition: Decomposition, apart_mm: Floats
+    axes: Any, drawing: Drawing, step: AssemblyStep, decomposition: Decomposition, offset_mm: Floats
 ) -> None:
     """Draw the movement of the moved body as an arrow from its middle."""
     bounds = [decomposition.parts[number].solid.bounds_mm for number in step.moved_parts]
     middle = np.mean([bound.mean(axis=0) for bound in bounds], axis=0)
-    start, end = drawing.place(np.array([middle + apart_mm, middle]))
+    start, end = drawing.place(np.array([middle + offset_mm, middle]))
     axes.annotate(
         "",
         xy=end,

@@ -76,7 +76,7 @@ def find_glued_faces(step: AssemblyStep, decomposition: Decomposition) -> list[G
     return glued_faces
 
 
-def build_both(number: int, decomposition: Decomposition, apart_mm: Floats) -> Scene:
+def build_both(number: int, decomposition: Decomposition, moved_offset_mm: Floats) -> Scene:
     """Build the scene of a step: the fixed body with its pins, on a table if it stands, and the moved body.
 
     Parameters
@@ -85,7 +85,7 @@ def build_both(number: int, decomposition: Decomposition, apart_mm: Floats) -> S
         Index of the step.
     decomposition
         Decomposition with the parts, in mm.
-    apart_mm
+    moved_offset_mm
         (3,) offset of the moved body from its place.
     """
     step = decomposition.assembly.steps[number]
@@ -93,10 +93,13 @@ def build_both(number: int, decomposition: Decomposition, apart_mm: Floats) -> S
     pins = [pin for pin in decomposition.connectors.pins if pin.step == number]
     shapes = [
         *_paint_parts(step.fixed_parts, decomposition, np.zeros(3)),
-        *_paint_parts(step.moved_parts, decomposition, apart_mm),
+        *_paint_parts(step.moved_parts, decomposition, moved_offset_mm),
         *(Shape(fill_face(entry.face, entry.outward), GLUE_COLOUR) for entry in glued_faces),
         *(Shape(_make_rod(pin), PIN_COLOUR) for pin in pins),
-        *(Shape(fill_face(entry.face, -entry.outward) + apart_mm, GLUE_COLOUR) for entry in glued_faces),
+        *(
+            Shape(fill_face(entry.face, -entry.outward) + moved_offset_mm, GLUE_COLOUR)
+            for entry in glued_faces
+        ),
         *_write_codes(step, step.fixed_parts, decomposition),
     ]
     if step.rests_on:

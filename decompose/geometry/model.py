@@ -169,7 +169,7 @@ def _flatten(text: str) -> str:
 def _read_triangles(
     path: Path, source: str, name: str, suffix: str, memory_bytes: int | None
 ) -> tuple[Floats, tuple[str, ...]]:
-    """Read the triangles (m, 3, 3) of a file; also its notices, a sentence each."""
+    """Read the triangles (m, 3, 3) of a file; return also its notices, a sentence each."""
     try:
         data = path.read_bytes()
     except (OSError, ValueError) as error:  # a path with a zero byte is a ValueError
@@ -207,13 +207,13 @@ def _check_stl(name: str, data: bytes) -> tuple[bytes, tuple[str, ...]]:
         return data, ()
     if len(data) < STL_HEADER_BYTES + STL_COUNT_BYTES:
         raise ModelUnreadable(f"{name}: {len(data)} bytes are not an STL; export the model again")
-    stated_count, present = read_face_count(data), count_stored_faces(data)
-    if stated_count > present:
+    stated_count, stored_count = read_face_count(data), count_stored_faces(data)
+    if stated_count > stored_count:
         raise ModelUnreadable(
-            f"{name}: its header promises {stated_count} triangles, the file holds {int(present)}: "
+            f"{name}: its header states {stated_count} triangles, the file holds {int(stored_count)}: "
             "not an STL or only a part of one; copy or export it again"
         )
-    if stated_count == present:
+    if stated_count == stored_count:
         return data, ()
     # Some programs write colours or their name after the last triangle.
     stl_bytes = STL_HEADER_BYTES + STL_COUNT_BYTES + stated_count * STL_FACE_BYTES

@@ -1,7 +1,7 @@
-"""Repair of surfaces that overlap themselves: their limbs are united to one solid.
+"""Repair of surfaces that overlap themselves: their branches are united to one solid.
 
-Where two limbs of one surface intersect, their common volume counts twice. Vertical rays find such places.
-The surface is cut there, so that the limbs are separate pieces, and the pieces are united.
+Where two branches of one surface intersect, their common volume counts twice. Vertical rays find such places.
+The surface is cut there, so that the branches are separate pieces, and the pieces are united.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from decompose.geometry.solid import Solid
 RAYS = 40_000  # approximate number of rays over the area of a solid seen from above
 MARGIN_STEPS = 2.0  # margin around the rays that meet an overlap, in steps between rays
 ROUNDING_SHARE = 1e-7  # minimum height of an overlap, as a share of the solid's height: less is rounding
-HALVINGS = 4  # maximum number of times that a piece is halved to separate its limbs
-# Share of an overlap that may remain after its limbs are united: more is a fold, which is kept.
+HALVINGS = 4  # maximum number of times that a piece is halved to separate its branches
+# Share of an overlap that may remain after its branches are united: more is a fold, which is kept.
 LEFT_SHARE = 0.1
 MAX_PLACES = 64  # maximum number of places, the largest first
 MAX_ROUNDS = 4  # each round cuts the whole surface: a million faces take seconds
@@ -55,7 +55,7 @@ def find_overlaps(solid: Solid) -> Overlaps:
     Returns
     -------
     Overlaps
-        The places, none of them where no ray meets an overlap.
+        The places where rays meet overlaps; smaller overlaps may lie between the rays.
     """
     vertices, faces = solid.arrays()
     triangles = np.ascontiguousarray(vertices[faces])
@@ -63,7 +63,7 @@ def find_overlaps(solid: Solid) -> Overlaps:
     width, depth, height = (hi - lo).tolist()
     step_mm = max(math.sqrt(width * depth / RAYS), max(width, depth) / RAYS)  # in a sliver there are few rays
     shape = math.ceil(width / step_mm), math.ceil(depth / step_mm)
-    # Off the middle by an irregular share: a ray through an edge of the mesh could count twice.
+    # The rays are shifted by irregular shares of a step: one through an edge of the mesh could count twice.
     origin_mm = lo[:2] + step_mm * (0.5 + np.array([0.0123, 0.0271]))
     normals = compute_unit_normals(triangles)
     crossings = find_crossings(triangles, normals, Rays(origin_mm, step_mm, shape))
@@ -74,12 +74,12 @@ def find_overlaps(solid: Solid) -> Overlaps:
         ray
     ]  # with an odd number, the ray has met a sliver
     length_mm = np.append(np.diff(crossings.z_mm), 0.0)
-    is_twice = is_whole & (inside_of > 1) & (length_mm > ROUNDING_SHARE * height)
-    excess_mm = ((inside_of - 1) * length_mm)[is_twice]
+    is_overlap = is_whole & (inside_of > 1) & (length_mm > ROUNDING_SHARE * height)
+    excess_mm = ((inside_of - 1) * length_mm)[is_overlap]
     low_mm = np.full(shape[0] * shape[1], np.inf)
     high_mm = np.full(shape[0] * shape[1], -np.inf)
-    np.minimum.at(low_mm, ray[is_twice], crossings.z_mm[is_twice])
-    np.maximum.at(high_mm, ray[is_twice], (crossings.z_mm + length_mm)[is_twice])
+    np.minimum.at(low_mm, ray[is_overlap], crossings.z_mm[is_overlap])
+    np.maximum.at(high_mm, ray[is_overlap], (crossings.z_mm + length_mm)[is_overlap])
     places = label(np.isfinite(low_mm).reshape(shape), structure=np.ones((3, 3)))[0]
     boxes = np.zeros((places.max(initial=0), 2, 3))
     sizes_mm = np.zeros(len(boxes))
@@ -94,7 +94,7 @@ def find_overlaps(solid: Solid) -> Overlaps:
 
 
 def resolve_overlaps(solid: Solid) -> tuple[Solid, float]:
-    """Unite the limbs of a solid that intersect each other.
+    """Unite the branches of a solid that intersect each other.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def resolve_overlaps(solid: Solid) -> tuple[Solid, float]:
     -------
     tuple
         The solid, in which overlaps count once, and the volume in mm3 that counted more than once before; the
-        same solid and 0 if nothing overlaps, if all overlaps are folds of one limb, or if more
+        same solid and 0 if nothing overlaps, if all overlaps are folds of one branch, or if more
         than the overlaps would be lost.
     """
     overlaps_before = find_overlaps(solid)
@@ -126,9 +126,9 @@ def resolve_overlaps(solid: Solid) -> tuple[Solid, float]:
 
 def _has_lost_nothing_else(resolved_mm3: float, solid: Solid, united_solid: Solid) -> bool:
     """Check that the union has lost no body and no volume besides the overlaps, and has kept the size."""
-    besides_mm3 = abs(solid.volume_mm3 - united_solid.volume_mm3 - resolved_mm3)
+    unexplained_mm3 = abs(solid.volume_mm3 - united_solid.volume_mm3 - resolved_mm3)
     return (
-        besides_mm3 <= MAX_LOST_SHARE * resolved_mm3 + 1e-3 * solid.volume_mm3
+        unexplained_mm3 <= MAX_LOST_SHARE * resolved_mm3 + 1e-3 * solid.volume_mm3
         and np.allclose(united_solid.bounds_mm, solid.bounds_mm)
         and len(united_solid.pieces()) <= len(solid.pieces())
     )
@@ -144,8 +144,8 @@ def _choose_separate_boxes(boxes_mm: list[Floats]) -> list[int]:
 
 
 def _unite_places(solid: Solid, boxes_mm: list[Floats]) -> Solid:
-    """Unite the limbs in boxes that do not touch; return the same solid if all contain folds of one limb."""
-    results = [(box_mm, _unite_limbs(solid.clip(*box_mm))) for box_mm in boxes_mm]
+    """Unite the branches in boxes that do not touch; return the solid unchanged if all are folds."""
+    results = [(box_mm, _unite_branches(solid.clip(*box_mm))) for box_mm in boxes_mm]
     united_places = [(box_mm, united_solid) for box_mm, united_solid in results if united_solid is not None]
     if not united_places:
         return solid
@@ -153,22 +153,24 @@ def _unite_places(solid: Solid, boxes_mm: list[Floats]) -> Solid:
     return Solid.union([other_solid, *(united_solid for _, united_solid in united_places)])
 
 
-def _unite_limbs(solid_in_box: Solid) -> Solid | None:
-    """Unite the limbs in a box around an overlap; None if it is a fold of one limb."""
-    limbs = [limb for piece in solid_in_box.pieces() for limb in _split_limbs(piece, HALVINGS)]
-    if len(limbs) < 2:
+def _unite_branches(solid_in_box: Solid) -> Solid | None:
+    """Unite the branches in a box around an overlap; None if it is a fold of one branch."""
+    branches = [branch for piece in solid_in_box.pieces() for branch in _split_branches(piece, HALVINGS)]
+    if len(branches) < 2:
         return None
-    united_solid = Solid.union(limbs)
+    united_solid = Solid.union(branches)
     is_fold = find_overlaps(united_solid).volume_mm3 > LEFT_SHARE * find_overlaps(solid_in_box).volume_mm3
     return None if is_fold else united_solid
 
 
-def _split_limbs(piece: Solid, halvings: int) -> list[Solid]:
-    """Halve a piece that overlaps itself repeatedly until its limbs are separate pieces."""
+def _split_branches(piece: Solid, halvings: int) -> list[Solid]:
+    """Halve a piece that overlaps itself repeatedly until its branches are separate pieces."""
     boxes_mm = find_overlaps(piece).boxes_mm
     if not len(boxes_mm) or not halvings:
         return [piece]
     lo, hi = boxes_mm[:, 0].min(axis=0), boxes_mm[:, 1].max(axis=0)
     axis = int(np.argmax(hi - lo))
     halves = piece.split(axis, float(lo[axis] + hi[axis]) / 2.0)
-    return [limb for half in halves for part in half.pieces() for limb in _split_limbs(part, halvings - 1)]
+    return [
+        branch for half in halves for part in half.pieces() for branch in _split_branches(part, halvings - 1)
+    ]

@@ -53,11 +53,11 @@ def find_bounds(triangles: Floats) -> tuple[Floats, Floats]:
     for t in range(len(triangles)):
         for corner in range(3):
             for axis in range(3):
-                place = triangles[t, corner, axis]
-                if place < lo[axis]:
-                    lo[axis] = place
-                if place > hi[axis]:
-                    hi[axis] = place
+                coordinate = triangles[t, corner, axis]
+                if coordinate < lo[axis]:
+                    lo[axis] = coordinate
+                if coordinate > hi[axis]:
+                    hi[axis] = coordinate
     return lo, hi
 
 

@@ -48,7 +48,7 @@ Report = Callable[[str], None]
 
 
 def close_surface(name: str, surface: Surface, report: Report = lambda _: None) -> tuple[Solid, list[str]]:
-    """Close a surface to a solid; also returns the repairs, a sentence each.
+    """Close a surface to a solid; return also the repairs, a sentence each.
 
     Raises
     ------
@@ -69,21 +69,24 @@ def close_surface(name: str, surface: Surface, report: Report = lambda _: None) 
         report(f"joining {bodies_after} bodies")
     solid = _join_bodies(name, closed_bodies, messages)
     del split_bodies, closed_bodies  # those of a large model take a gigabyte
-    single_edges, shared = sum(use.single_count for use in uses), sum(use.shared_count for use in uses)
+    single_edges = sum(use.single_count for use in uses)
+    nonmanifold_edges = sum(use.nonmanifold_count for use in uses)
     if is_changed:
         report("comparing the repaired surface")
         is_open = single_edges > 0
-        defect = "not closed" if is_open else f"no solid ({shared} edges whose triangles do not pair up)"
+        unpaired = f"no solid ({nonmanifold_edges} edges whose triangles do not pair up)"
         mesh = trimesh.Trimesh(surface.vertices, surface.faces, process=False)
-        new_share = _refuse_if_changed(name, mesh, solid, defect)
+        new_share = _refuse_if_changed(name, mesh, solid, "not closed" if is_open else unpaired)
         repairs.append(
             f"{'Closed an open' if is_open else 'Repaired an entangled'} mesh ({single_edges} open edges, "
-            f"{shared} shared by more than two triangles): {100.0 * new_share:.2g} % of the surface is new."
+            f"{nonmanifold_edges} shared by more than two triangles): {100.0 * new_share:.2g} % of the "
+            "surface is new."
         )
-    elif shared:
+    elif nonmanifold_edges:
         noun = "bodies" if bodies_after > bodies_before else "surfaces"
         repairs.append(
-            f"Separated {noun} that touch or overlap ({shared} edges shared by more than two triangles)."
+            f"Separated {noun} that touch or overlap "
+            f"({nonmanifold_edges} edges shared by more than two triangles)."
         )
     if any(use.is_closed and use.repeated_count for use in uses):
         repairs.append("Turned triangles that faced the wrong way.")
@@ -116,7 +119,7 @@ def _list_bodies(name: str, surface: Surface) -> list[Any]:
 
 
 def _close_bodies(bodies: list[Any], uses: list[EdgeUses], report: Report) -> tuple[list[Any], bool]:
-    """Close surfaces that enclose something; also whether any hole was filled or a surface changed.
+    """Close surfaces that enclose something; return also whether a hole was filled or a surface changed.
 
     Flat holes are capped. Others are closed by MeshFix, one body after the other (all at once would drop all
     but the largest), unless it takes away some of the surface: then they are capped too.
@@ -190,16 +193,16 @@ def _refuse_if_changed(name: str, mesh_before: Any, solid: Solid, defect: str) -
     new_share = float(_is_far(mesh_after, mesh_before).mean())
     if new_share > NEW_SHARE:
         raise ModelNotSolid(
-            f"{name}: {defect}, and repairing it would invent {100 * new_share:.0f} % of its surface (limit "
+            f"{name}: {defect}, and repairing it would add {100 * new_share:.0f} % of new surface (limit "
             f"{100 * NEW_SHARE:.0f} %): half a model or loose triangles; repair it by hand"
         )
-    shrink = float(
+    size_change_share = float(
         np.abs(mesh_after.bounds - mesh_before.bounds).max() / np.ptp(mesh_before.bounds, axis=0).max()
     )
-    if lost_share > MAX_LOST_SHARE or shrink > EXTENT_SHARE:
+    if lost_share > MAX_LOST_SHARE or size_change_share > EXTENT_SHARE:
         raise ModelNotSolid(
             f"{name}: {defect}, and repairing it would lose {100 * lost_share:.0f} % of its surface and "
-            f"change its size by {100 * shrink:.0f} %; repair it by hand"
+            f"change its size by {100 * size_change_share:.0f} %; repair it by hand"
         )
     return new_share
 
@@ -227,10 +230,10 @@ def _is_inside(points: Floats, triangles: Floats) -> Bools:
 
     The ray is tilted by an irregular angle to avoid the edges of boxes.
     """
-    lean = np.array([0.0123456789, 0.0345678912])
-    points = np.column_stack([points[:, :2] - points[:, 2:] * lean, points[:, 2]])
-    triangles = np.concatenate([triangles[..., :2] - triangles[..., 2:] * lean, triangles[..., 2:]], axis=2)
-    return np.asarray(_find_triangles_above(points, triangles) % 2 == 1)
+    tilt = np.array([0.0123456789, 0.0345678912])
+    points = np.column_stack([points[:, :2] - points[:, 2:] * tilt, points[:, 2]])
+    triangles = np.concatenate([triangles[..., :2] - triangles[..., 2:] * tilt, triangles[..., 2:]], axis=2)
+    return np.asarray(_count_triangles_above(points, triangles) % 2 == 1)
 
 
 def _measure_body(body: Any) -> tuple[float, float]:
@@ -269,7 +272,7 @@ def measure_surface(vertices: Floats, faces: Ints) -> tuple[float, float]:
 
 
 @jit
-def _find_triangles_above(points: Floats, triangles: Floats) -> Ints:
+def _count_triangles_above(points: Floats, triangles: Floats) -> Ints:
     """Count the triangles (m, 3, 3) vertically above each of n points (n, 3), both float64 in mm."""
     counts = np.zeros(len(points), np.int64)
     for i in range(len(points)):

@@ -63,17 +63,17 @@ def split_shells(vertices: Floats, faces: Ints) -> list[tuple[Floats, Ints]] | N
     a, b = order[first], order[first + 1]
     if (tail[a] == tail[b]).any():
         return None
-    matched = []
+    sorted_edges = []
     for start, count in zip(starts[counts > 2], counts[counts > 2], strict=True):
         edge_order = order[start : start + count]
         begins_ends = _order_around_edge(vertices, faces, tail, head, face, edge_order)
         if begins_ends is None:
             return None
-        matched.append(begins_ends)
+        sorted_edges.append(begins_ends)
     splits = []
     for pair in (_pair_crossing, _pair_nested):
         pairs = np.concatenate(
-            [np.stack([a, b], axis=1), *(pair(pairs_of_edge) for pairs_of_edge in matched)]
+            [np.stack([a, b], axis=1), *(pair(pairs_of_edge) for pairs_of_edge in sorted_edges)]
         )
         splits.append(_split_surfaces(vertices, faces, pairs))
     return max(splits, key=len)
@@ -88,14 +88,14 @@ def _split_surfaces(vertices: Floats, faces: Ints, pairs: Ints) -> list[tuple[Fl
     corner = label_components(
         len(tail), np.concatenate([a, next_corners[a]]), np.concatenate([next_corners[b], b])
     )
-    place = np.zeros((corner.max() + 1, 3))
-    place[corner] = vertices[tail]
+    positions = np.zeros((corner.max() + 1, 3))
+    positions[corner] = vertices[tail]
     label = label_components(len(faces), face[a], face[b])
-    split = corner.reshape(-1, 3)
+    face_corners = corner.reshape(-1, 3)
     shells = []
     for number in range(label.max() + 1):
-        used_vertices, index = np.unique(split[label == number], return_inverse=True)
-        shells.append((place[used_vertices], index.reshape(-1, 3).astype(np.int64)))
+        used_vertices, index = np.unique(face_corners[label == number], return_inverse=True)
+        shells.append((positions[used_vertices], index.reshape(-1, 3).astype(np.int64)))
     return shells
 
 
@@ -186,7 +186,7 @@ def _list_half_edges(faces: Ints) -> tuple[Ints, Ints, Ints]:
 
 
 def _sort_by_edge(tail: Ints, head: Ints) -> tuple[Ints, Ints, Ints]:
-    """Sort half-edges by their edges; also the first index of each edge in that order, and its count."""
+    """Sort half-edges by their edges; return also the first index and the count of each edge."""
     lo, hi = np.minimum(tail, head), np.maximum(tail, head)
     order = np.lexsort((hi, lo))
     new = np.flatnonzero(np.concatenate([[True], (np.diff(lo[order]) != 0) | (np.diff(hi[order]) != 0)]))
@@ -206,37 +206,38 @@ def label_components(count: int, rows: Ints, columns: Ints) -> Ints:
     Returns
     -------
     ndarray
-        (count,) int64, from 0 on.
+        (count,) int64 number of the component of each node; components are numbered from 0.
     """
     graph = coo_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(count, count))
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
 def _order_around_edge(
-    vertices: Floats, faces: Ints, tail: Ints, head: Ints, face: Ints, angles: Ints
+    vertices: Floats, faces: Ints, tail: Ints, head: Ints, face: Ints, half_edges: Ints
 ) -> tuple[Ints, Bools] | None:
-    """Sort the half-edges (k,) of an edge by angle; also which of them (k,) begin solid, the others end it.
+    """Sort the half-edges (k,) of an edge by angle, and find those (k,) at which solid begins, not ends.
 
-    The order starts at a face that begins solid where the fewest solids are. None if the faces that begin and
-    that end solid differ in number.
+    The order starts at a face at which solid begins, where the fewest solids overlap. None if solid does not
+    begin at as many faces as it ends.
     """
-    start, end = min(tail[angles[0]], head[angles[0]]), max(tail[angles[0]], head[angles[0]])
+    start, end = min(tail[half_edges[0]], head[half_edges[0]]), max(tail[half_edges[0]], head[half_edges[0]])
     along = vertices[end] - vertices[start]
     along = along / np.linalg.norm(along)
-    third = vertices[faces[face[angles]].sum(axis=1) - start - end] - vertices[start]
+    third = vertices[faces[face[half_edges]].sum(axis=1) - start - end] - vertices[start]
     across = np.cross(np.eye(3)[int(np.abs(along).argmin())], along)
     across /= np.linalg.norm(across)
     angle = np.arctan2(third @ np.cross(along, across), third @ across)
     angle = np.round(angle / SAME_ANGLE_RAD) * SAME_ANGLE_RAD
     angle = np.where(angle <= -np.pi + SAME_ANGLE_RAD, np.pi, angle)
-    # The normal of a face that runs along the edge is where angles grow: its solid is before it.
-    begins = tail[angles] != start
+    # The normal of a face that runs along the edge points to greater angles: its solid is at smaller
+    # ones.
+    begins = tail[half_edges] != start
     order = np.lexsort((begins, angle))
     depth = np.cumsum(np.where(begins[order], 1, -1))  # number of solids at each angle about the edge
     if depth[-1] != 0:
         return None
     order = np.roll(order, -1 - int(depth.argmin()))  # the first angle is in the air
-    return angles[order], begins[order]
+    return half_edges[order], begins[order]
 
 
 def _pair_crossing(around: tuple[Ints, Bools]) -> Ints:

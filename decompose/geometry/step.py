@@ -25,7 +25,7 @@ MAX_GLB_BYTES = 2**31
 
 _BEGIN, _END = b"ISO-10303-21;", b"END-ISO-10303-21;"
 _EDGE_BYTES = 1024  # number of bytes at each end of a file that are searched for these marks
-_MM = 1000.0  # GLB is in metres
+_MM_PER_M = 1000.0  # GLB is in metres
 _FACE_BYTES = 120  # maximum bytes of a face in a GLB: three corners with normals, and their numbers
 _GLB_HEAD_BYTES = 2**20
 _CONVERT = """
@@ -72,7 +72,7 @@ def read_step(name: str, data: bytes, max_triangles: int | None = None) -> Float
             raise ModelTooDetailed(f"{name}: has more triangles than the memory suffices for: simplify it")
         with np.errstate(all="ignore"):  # coordinates are checked by the caller
             mesh: Any = trimesh.load(glb, process=False, force="mesh")
-            triangles = np.array(mesh.triangles, dtype=np.float64) * _MM
+            triangles = np.array(mesh.triangles, dtype=np.float64) * _MM_PER_M
     if triangles.size == 0:
         raise ModelEmpty(f"{name}: holds no surface; export the solid again")
     if max_triangles is not None and len(triangles) > max_triangles:

@@ -1,10 +1,10 @@
-"""Planes of symmetry, by the search of SBD; the symmetry cut of Parallelobox takes the best one.
+"""Planes of symmetry, as symmetry-based decomposition (SBD) finds them; Parallelobox cuts at the best one.
 
 Hatton et al. 2023: planes through the mean of the vertices, normals drawn from the sphere; the score is the
 mean distance from the vertices' mirror images to the nearest vertex. Two steps have no effect in their
-program by mistake, and only `draw_mirrors` omits them as well: the best normals are refined, and a plane
-counts only within a tolerance, here a share of the model's size. Only the second of their three draws of
-normals has an effect: here there is one draw.
+program, by mistake: the best normals are refined, and a plane counts only if its score is within a tolerance
+(here a share of the model's size). Both are done here, except by `draw_mirrors`. Of their three
+draws of normals only the second has an effect, so there is one draw here.
 """
 
 from __future__ import annotations
@@ -177,7 +177,7 @@ def find_rotation_to_axis(normal: Floats) -> tuple[Floats, int]:
 
 
 def find_least_rotation(direction: Floats, target: Floats) -> Floats:
-    """Find the least rotation (3, 3) that turns a unit vector (3,) to another, not to its opposite."""
+    """Find the least rotation (3, 3) from a unit vector (3,) to another one, which is not its opposite."""
     cross, cosine = np.cross(direction, target), float(direction @ target)
     skew = np.array([[0.0, -cross[2], cross[1]], [cross[2], 0.0, -cross[0]], [-cross[1], cross[0], 0.0]])
     rotation: Floats = np.eye(3) + skew + skew @ skew / (1.0 + cosine)

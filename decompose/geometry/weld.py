@@ -37,20 +37,20 @@ class EdgeUses:
     ----------
     single_count
         Edges of one face: the surface is open there.
-    shared_count
+    nonmanifold_count
         Edges of more than two faces.
     repeated_count
         Directed edges of two faces: the faces are oriented in opposite directions.
     """
 
     single_count: int
-    shared_count: int
+    nonmanifold_count: int
     repeated_count: int
 
     @property
     def is_closed(self) -> bool:
         """Check that each edge has two faces."""
-        return self.single_count == self.shared_count == 0
+        return self.single_count == self.nonmanifold_count == 0
 
 
 def weld_triangles(triangles: Floats) -> Surface:
@@ -104,7 +104,7 @@ def count_edge_uses(faces: Ints) -> EdgeUses:
     is_same = np.concatenate([[False], undirected_edges[1:] == undirected_edges[:-1], [False]])
     return EdgeUses(
         single_count=int((~is_same[:-1] & ~is_same[1:]).sum()),
-        shared_count=int((~is_same[:-2] & is_same[1:-1] & is_same[2:]).sum()),
+        nonmanifold_count=int((~is_same[:-2] & is_same[1:-1] & is_same[2:]).sum()),
         repeated_count=repeated_count,
     )
 

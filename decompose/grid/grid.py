@@ -52,9 +52,9 @@ class GridRules:
     keep_interior
         Whether every internal cell is needed.
     overhang_cos
-        Faces whose normal points down by more than this count as overhangs.
+        Cosine of the angle between normal and downward direction above which a face counts as an overhang.
     skin_cos
-        Faces whose normal points up or down by more than this get skin.
+        Cosine of the angle between normal and vertical above which a face gets skin.
     """
 
     min_wall_mm: float
@@ -112,7 +112,7 @@ class Grid:
 
 
 def find_flat_coordinates(triangles: Floats, axis: int) -> npt.NDArray[Any]:
-    """Find the coordinates (k,) at which the mesh has faces square to an axis, sorted.
+    """Find the coordinates (k,) at which the mesh has faces perpendicular to an axis, sorted.
 
     Parameters
     ----------
@@ -157,10 +157,10 @@ def count_cuts(shape: tuple[int, int, int]) -> int:
 
 
 def count_cells(size_mm: Floats, granularity: int) -> tuple[int, int, int]:
-    """Count cells along each axis: near-cubes, granularity cubed of them, fewer if they get too small.
+    """Count the nearly cubic cells along each axis: about granularity**3 in all, fewer if they get too small.
 
-    The number is also limited if a flat model would have many times as many boxes of cells as a cube, or a
-    long one many times as many cuts.
+    The number is also limited if a flat model would have many times as many boxes of cells as a cube, or
+    a long one many times as many cuts.
 
     Parameters
     ----------
@@ -209,10 +209,10 @@ def build_grid(
         inner_planes = planes[plane_at[0]][1:-1]
         inner_planes[np.abs(inner_planes - plane_at[1]).argmin()] = plane_at[1]
     grid = fill_grid(triangles, planes, rules)
-    times = max(1, min(CELL_DIVISION, int((MAX_FINE_CELLS / grid.needed.size) ** (1.0 / 3.0))))
-    finer_planes = (divide_planes(px, times), divide_planes(py, times), divide_planes(pz, times))
+    divisions = max(1, min(CELL_DIVISION, int((MAX_FINE_CELLS / grid.needed.size) ** (1.0 / 3.0))))
+    finer_planes = (divide_planes(px, divisions), divide_planes(py, divisions), divide_planes(pz, divisions))
     fine = fill_grid(triangles, finer_planes, replace(rules, keep_interior=True))
-    return replace(grid, bodies=_find_bodies(fine.extents, fine.cuts, times))
+    return replace(grid, bodies=_find_bodies(fine.extents, fine.cuts, divisions))
 
 
 def fill_grid(triangles: Floats, planes: tuple[Floats, Floats, Floats], rules: GridRules) -> Grid:
@@ -259,16 +259,16 @@ def fill_grid(triangles: Floats, planes: tuple[Floats, Floats, Floats], rules: G
     return Grid(planes, cells, needed, sums, area, extents, surface, cut_areas, NO_BODIES)
 
 
-def _find_bodies(extents: Floats, cuts: tuple[Floats, Floats, Floats], times: int) -> CellBodies:
+def _find_bodies(extents: Floats, cuts: tuple[Floats, Floats, Floats], divisions: int) -> CellBodies:
     """Find the bodies of cells by a grid that divides them; `extents` and `cuts` are of that finer grid."""
     nx, ny, nz = extents.shape[:3]
     open_x, open_y, open_z = (cut[:nx, :ny, :nz] > 0.0 for cut in cuts)
-    return find_bodies(np.isfinite(extents[..., 0]), (open_x, open_y, open_z), times)
+    return find_bodies(np.isfinite(extents[..., 0]), (open_x, open_y, open_z), divisions)
 
 
-def divide_planes(planes: Floats, times: int) -> Floats:
+def divide_planes(planes: Floats, divisions: int) -> Floats:
     """Divide each interval of planes (n + 1,) into equal ones."""
-    shares = np.arange(times) / times
+    shares = np.arange(divisions) / divisions
     return np.append((planes[:-1, None] + np.diff(planes)[:, None] * shares).ravel(), planes[-1])
 
 

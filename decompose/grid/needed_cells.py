@@ -14,7 +14,7 @@ from decompose.arrays import Bools, Floats
 from decompose.grid.grid import Cell, Grid, GridRules, divide_planes, fill_grid
 from decompose.jit import jit
 
-SAME_MM = 1e-9  # maximum distance of coordinates of the same plane
+SAME_MM = 1e-9  # maximum difference between coordinates of the same plane
 MAX_DIVISION = 4
 
 
@@ -36,8 +36,8 @@ def refine_cells(
     max_cells
         Maximum number of cells in total, unless the grid itself has more.
     """
-    times = max(1, min(MAX_DIVISION, int((max_cells / grid.needed.size) ** (1.0 / 3.0))))
-    px, py, pz = (divide_planes(planes, times) for planes in grid.planes)
+    divisions = max(1, min(MAX_DIVISION, int((max_cells / grid.needed.size) ** (1.0 / 3.0))))
+    px, py, pz = (divide_planes(planes, divisions) for planes in grid.planes)
     fine = fill_grid(triangles, (px, py, pz), GridRules(min_wall_mm, True, 1.0, 1.0))
     needed = fine.cells != Cell.EXTERNAL
     if not keep_interior:
@@ -45,7 +45,7 @@ def refine_cells(
         needed = boundary | needed & _is_near(fine.surface[boundary], fine.planes, min_wall_mm)
     coarse = grid.needed
     for axis in range(3):
-        coarse = coarse.repeat(times, axis=axis)
+        coarse = coarse.repeat(divisions, axis=axis)
     return NeededCells(fine.planes, needed & coarse)
 
 

@@ -9,7 +9,7 @@ SHARES = 2  # number of shares that work is divided into
 
 
 def run_shares(executor: Executor | None, work: Callable[[int], None]) -> None:
-    """Call work for each share, the second one in an executor; here where it has not begun it in time."""
+    """Call work for each share, the second one in an executor, or here if the executor has not started it."""
     if executor is None:
         for share in range(SHARES):
             work(share)

@@ -92,7 +92,7 @@ class Joint:
         return replace(self, faces=tuple(face.move(transform) for face in self.faces))
 
     def holds(self, min_glue_mm2: float) -> bool:
-        """Check whether the joint has the least area and is two walls wide; for 0 mm2 any joint holds.
+        """Check whether the joint has the minimum area and is two walls wide; for 0 mm2 any joint holds.
 
         The parts would fold about a narrower joint, however long it is.
         """
@@ -199,15 +199,15 @@ def _describe_sliver(piece: CutSolid) -> str:
     vertices, faces = piece.solid.arrays()
     for plane in piece.planes:
         distances_mm = vertices @ plane[:3] - plane[3]
-        across_mm = float(np.ptp(distances_mm))
-        if across_mm < SLIVER_MM and (np.abs(distances_mm) < ON_PLANE_MM).sum() >= 3:
-            return f"is {across_mm:.1f} mm thin where it was cut, less than {SLIVER_MM:g} mm"
-    thick_mm = 2.0 * piece.solid.volume_mm3 / piece.solid.area_mm2
-    if thick_mm < TWO_WALLS_MM:
+        cut_thickness_mm = float(np.ptp(distances_mm))
+        if cut_thickness_mm < SLIVER_MM and (np.abs(distances_mm) < ON_PLANE_MM).sum() >= 3:
+            return f"is {cut_thickness_mm:.1f} mm thin where it was cut, less than {SLIVER_MM:g} mm"
+    thickness_mm = 2.0 * piece.solid.volume_mm3 / piece.solid.area_mm2
+    if thickness_mm < TWO_WALLS_MM:
         triangles = vertices[faces[find_cut_faces(vertices, faces, piece.planes)]]
         cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
         if np.linalg.norm(cross, axis=1).sum() / 2.0 > FLAKE_SHARE * piece.solid.area_mm2:
-            return f"is a flake of {thick_mm:.1f} mm"
+            return f"is a flake of {thickness_mm:.1f} mm"
     return ""
 
 

@@ -45,12 +45,12 @@ def describe_thin_rims(names: Sequence[str], joints: Sequence[Joint], seams: Seq
     joints, seams
         Joints, and the seam of each.
     """
-    whole_mm = sum(seam.thin_mm for seam in seams)
-    if whole_mm < NOTABLE_MM:
+    total_mm = sum(seam.thin_mm for seam in seams)
+    if total_mm < NOTABLE_MM:
         return ""
     joint, seam = max(zip(joints, seams, strict=True), key=lambda pair: pair[1].thin_mm)
     return (
-        f"the rim is thinner than two lines on {whole_mm:.0f} mm of the seams, most between "
+        f"the rim is thinner than two lines on {total_mm:.0f} mm of the seams, most between "
         f"{names[joint.a]} and {names[joint.b]} ({seam.thin_mm:.0f} mm): it may break off"
     )
 
@@ -103,12 +103,12 @@ class _Rims:
             on_rim = (flat[pairs] & is_outer[:, ::-1]).any(axis=1)
             lines = (vertices @ face.axes.T)[corners[on_rim]]
             rim = shapely.union_all(shapely.linestrings(lines))
-            thin = _find_thin(self._solids[number], vertices, faces[flat], face)
+            thin = _find_thin_area(self._solids[number], vertices, faces[flat], face)
             self._rims[key] = rim, rim.intersection(thin.buffer(LINE_MM))
         return self._rims[key]
 
 
-def _find_thin(solid: Solid, vertices: Floats, flat: Ints, face: JointFace) -> shapely.Geometry:
+def _find_thin_area(solid: Solid, vertices: Floats, flat: Ints, face: JointFace) -> shapely.Geometry:
     """Find the area where a solid is thinner than two walls behind faces (m, 3) on the plane of a joint."""
     a, b, c = np.moveaxis(vertices[flat], 1, 0)
     outside = np.sign(float((np.cross(b - a, c - a) @ face.normal).sum()))
@@ -135,7 +135,7 @@ def _make_valid(ring: Floats) -> shapely.Geometry:
 
 
 def _measure_ring_mm2(ring: Floats) -> float:
-    """Measure the area of a ring (n, 2), negative if it is clockwise; unlike `is_ccw`, also with a spike."""
+    """Measure the area of a ring (n, 2), negative if it is clockwise; right even for a ring with spikes."""
     x, y = (ring - ring[0]).T
     return float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum()) / 2.0
 

@@ -1,4 +1,4 @@
-"""Kernels of `columns`: upright rays through a mesh, and the supports, mass and islands along them."""
+"""Kernels of `columns`: vertical rays through a mesh, and the supports, mass and islands along them."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def sweep_columns(
     height
         Height of the mesh in mm.
     overhang_cos
-        Faces whose normal points down by more than this get support.
+        Downward component of a face's unit normal above which it gets support.
     """
     origin, step, (nx, ny) = rays.origin_mm, rays.step_mm, rays.shape
     normals = compute_unit_normals(triangles)
@@ -204,9 +204,9 @@ def _add(sums: Floats, level: int, place: tuple[float, float], bottom: float, to
 
 @jit
 def _sum_towers_mm(runs: Runs, supports: Floats, carried_mm: float, step: float) -> tuple[float, float]:
-    """Sum the height of air under runs of solid that neither a run nor a support beside them carries.
+    """Sum the height of air under runs of solid that no neighbouring run or support carries.
 
-    Where runs beside each other begin at about the same height, as along an edge, the first one counts as a
+    Where neighbouring runs begin at about the same height, as along an edge, the first one counts as a
     tower; of the others, both sides of the strip of support below them count.
 
     Parameters
@@ -214,7 +214,8 @@ def _sum_towers_mm(runs: Runs, supports: Floats, carried_mm: float, step: float)
     supports
         (nx, ny) float64 height of support in each column, in mm.
     carried_mm, step
-        Height by which a run beside has to begin lower to carry a run, and distance of the columns, in mm.
+        Height by which a neighbouring run must begin lower to carry a run, and distance between columns, in
+        mm.
 
     Returns
     -------
@@ -272,8 +273,8 @@ def _sum_islands_mm(
 ) -> tuple[float, float, float, float, float]:
     """Sum over the height: islands of a layer less one, bodies of solid less one, and holes.
 
-    The fourth and the last sum are of the islands and the holes times the mean distance of their kind, in
-    mm2: the side of the square that each of them has of the layer's rectangle, or of its solid.
+    The fourth and the fifth sum, in mm2, multiply islands and holes by their mean distance, taken as the side
+    of a square: an equal share of the layer's rectangle for each island, of its solid for each hole.
 
     Parameters
     ----------
@@ -284,7 +285,7 @@ def _sum_islands_mm(
     height
         Height of the mesh in mm.
     step
-        Distance of the columns in mm.
+        Distance between columns in mm.
     """
     nx, ny = shape
     total, other_bodies, holes, hole_paths, island_paths = 0, 0, 0, 0.0, 0.0

@@ -25,7 +25,7 @@ class Columns:
     Attributes
     ----------
     support_mm3
-        Volume below faces that lean out too far, down to the bed or to the part.
+        Volume below faces that overhang too far, down to the bed or to the part.
     support_side_mm2
         Upright sides of this support, counted along the columns' grid, and of the strips under edges that
         begin in mid-air, whose faces need no support.
@@ -93,7 +93,7 @@ def measure_columns(
     is_marked
         (m,) faces to which no support should stick.
     overhang_cos
-        Faces whose normal points down by more than this get support.
+        Downward component of a face's unit normal above which it gets support.
     count
         Approximate number of columns.
     """

@@ -15,8 +15,8 @@ from decompose.jit import jit
 from decompose.print_time.surfaces import Surfaces, measure_surfaces
 
 RISING_SHARE = 1.5
-"""Width by which skin continues under a wall that rises from it, over the width of the walls that stand at an
-edge: under the walls, and further by what Cura expands it. Measured on a block that stands on another."""
+"""Width of the skin that continues under a wall which rises from it, as a multiple of the width of the walls
+at an edge: Cura expands skin beyond the walls. Measured on a block that stands on another."""
 
 
 class Contours(NamedTuple):
@@ -25,10 +25,10 @@ class Contours(NamedTuple):
     Attributes
     ----------
     rim_mm
-        Length of the rims of faces with skin, as seen from above, each times the share of a right angle by
-        which the face beside it is steeper; negative, and `RISING_SHARE` times, where that face rises there.
+        Weighted length of the rims of faces with skin, as seen from above. The weight is the difference
+        between |n| of the face and of the steeper one beside it; times -`RISING_SHARE` if that one rises.
     ends_mm
-        The same without a sign: the ends of lines of skin.
+        The same length without sign and `RISING_SHARE`: lines of skin end there.
     ring_mm2
         Sum of A sqrt(1 - n^2) over the slopes below which infill is denser.
     steep_top_mm2

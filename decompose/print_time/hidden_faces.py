@@ -12,7 +12,9 @@ from decompose.arrays import Bools, Floats
 from decompose.jit import jit
 from decompose.print_time.surfaces import Surfaces
 
-LEVEL_COS = 0.999  # minimum downward part of the normal of a face that lies on the bed: within 2.6 degrees
+LEVEL_COS = (
+    0.999  # minimum downward component of the normal of a face that lies on the bed: within 2.6 degrees
+)
 ON_BED_MM = 0.15
 SEEN_MM2 = 1.0  # minimum area of visible faces: less is rounding
 
@@ -69,7 +71,7 @@ def measure_hidden_faces(
     bed_mm
         Place of the bed along `up`.
     skin_cos
-        Minimum upward part of the normal of a top with skin; see `CostModel`.
+        Minimum upward component of the normal of a top with skin; see `CostModel`.
     """
     normals, areas, centres = surfaces
     cut_bed, seen_bed, cut_top, seen_top = 0.0, 0.0, 0.0, 0.0

@@ -161,8 +161,8 @@ def price_short_layers_s(triangles: Floats, cost: CostModel) -> float:
 def _sum_by_slab(triangles: Floats, height: float) -> tuple[Floats, Floats]:
     """Sum A sqrt(1 - n^2) over the faces in each slab (SLABS,), and the mean section of the solid there.
 
-    The section at a height is the sum of A n over all faces above it, n being the upward part of a face's
-    unit normal.
+    The section at a height is the sum of A n over all faces above it, n being the upward component of a
+    face's unit normal.
     """
     lateral, section_sums = np.zeros(SLABS + 1), np.zeros(SLABS + 1)  # sums below each plane, and above it
     for t in range(len(triangles)):

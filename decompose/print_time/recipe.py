@@ -11,7 +11,7 @@ import numpy as np
 from decompose.arrays import Floats
 
 ADDITIVE = ("volume_mm3", "lateral_mm2", "skin_mm2", "slope_mm2", "column_mm3")
-"""Features that add up over the cells of a grid, n being the upward part of a face's unit normal.
+"""Features that add up over the cells of a grid, n being the upward component of a face's unit normal.
 
 volume_mm3
     Volume of the solid.
@@ -20,7 +20,7 @@ lateral_mm2
 skin_mm2, slope_mm2
     Sums of A |n| and of A sqrt(1 - n^2) over the faces so flat that they get top or bottom skin.
 column_mm3
-    Sum of A |n| z over the faces that lean out further than the support angle, z being their height above the
+    Sum of A |n| z over the faces that overhang by more than the support angle, z being their height above the
     bed: the support's volume, if it reaches the bed.
 """
 

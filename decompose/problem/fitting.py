@@ -1,4 +1,4 @@
-"""Pieces and the printers' room: number of parts that it needs, misfits, and places for cuts."""
+"""Pieces and the printers' room: number of parts that it needs, misfits, and positions of cuts."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ROUNDING_MM3 = 1e-6  # maximum volume of a film that rounding leaves on a cut pl
 def count_blocks(size_mm: Floats, printers: Sequence[PrinterRoom]) -> tuple[int, int, int]:
     """Compute the fewest equal, axis-aligned blocks along each side of a box (3,) that fit every printer.
 
-    A box of one block fits; a box of several blocks may still fit when rotated.
+    A box that is one block fits; a box of several blocks may still fit when it is rotated.
     """
     axis_counts = []
     for printer in printers:
@@ -43,7 +43,7 @@ def count_parts(solid: Solid, printers: Sequence[PrinterRoom]) -> int:
 def place_clear_of_faces(
     solid: Solid, normal: Floats, at_mm: float, reach_mm: float = 2.0 * CLEAR_MM
 ) -> float:
-    """Find a place for a plane near `at_mm` where no face of the solid is close to it.
+    """Find the offset of a plane near `at_mm` that is not close to any face parallel to it.
 
     A cut close to a face would leave slivers, and the face would count as a cut. If no place within reach is
     clear, the result is the place furthest from all faces.
@@ -83,11 +83,11 @@ def refuse_misfits(
     if misfits:
         raise NoFit(
             f"{misfits} of the {len(pieces)} parts that {engine} makes for {printers} printers fit none of "
-            f"them: take another --longest-side, or --engine guillotine"
+            f"them: choose another --longest-side, or --engine guillotine"
         )
     if len(pieces) > printers:
         raise NoFit(
             f"{engine} makes {len(pieces)} parts, each on a printer of its own, and there are {printers}: "
-            f"free more printers, or take --engine guillotine",
+            f"free more printers, or choose --engine guillotine",
             sufficient_printers,
         )

@@ -32,7 +32,7 @@ def choose_granularity(granularity: str | int, printers: int, room_ratio: float 
     Raises
     ------
     DecomposeError
-        It is none of these.
+        The granularity is none of these.
     """
     if granularity == "auto":
         finer = math.ceil(math.pow(CELLS_PER_PART * printers, 1.0 / 3.0))

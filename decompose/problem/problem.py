@@ -56,8 +56,8 @@ class Problem:
     best_known_s
         Makespan of the best result so far: no bound is proven for a result that ends later.
     thorough
-        Whether to shift also the planes of partitions besides the best one, and moved planes again, within
-        the budget.
+        Whether to also shift the planes of partitions other than the best one, and to shift moved planes
+        again, within the budget.
     frame
         (3, 3) ``v_cut = frame @ v_model``: rotation of the model so far.
     """
@@ -159,11 +159,11 @@ class Problem:
         pieces: Sequence[Piece],
         proof: Callable[[], float] | None = None,
     ) -> GridFigures:
-        """Compute the makespan of boxes by the tables, and a bound that no partition undercuts.
+        """Compute the makespan of boxes by the tables, and a lower bound for all partitions.
 
-        `pieces` are the final pieces from these boxes, or from similar ones; `proof` is of `start_proof`, if
-        it has begun. The boxes fit every printer: the longest is for the fastest one. The bound is proven as
-        if all printers were as fast as that one.
+        `pieces` are the final pieces from these boxes, or from similar ones; `proof` is the result of
+        `start_proof`, if the proof has been started. The boxes fit every printer: the longest is for the
+        fastest one. The bound is proven as if all printers were as fast as that one.
         """
         printers = len(self.printers)
         times_s = sorted((boxes.longest_s([box]) for box in partition), reverse=True)
@@ -181,18 +181,18 @@ class Problem:
         if not self.options.prove:
             return False
         ends_s = self.compute_makespan_s(pieces)
-        # One of two results that end at the same time is chosen.
+        # Of two results that end at the same time, either may be chosen.
         return math.isfinite(ends_s) and ends_s <= self.best_known_s
 
     def compute_makespan_s(self, pieces: Sequence[Piece]) -> float:
-        """Compute the time when the last piece ends, each truly posed, on its printer; inf for no fit.
+        """Compute the time when the last piece ends, each in its best pose, on its printer; inf for no fit.
 
         The printers for which the pieces are cut are ignored, as in the makespan of the result.
         """
-        takers = self.assign_printers(pieces)
-        if takers is None:
+        assigned_printers = self.assign_printers(pieces)
+        if assigned_printers is None:
             return math.inf
-        pairs = zip(self.find_poses(pieces), takers, strict=True)
+        pairs = zip(self.find_poses(pieces), assigned_printers, strict=True)
         return max(pose.price_s * printer.time_factor for pose, printer in pairs if pose is not None)
 
     def assign_printers(self, pieces: Sequence[Piece]) -> list[PrinterRoom] | None:
@@ -268,7 +268,7 @@ def validate_problem(
         raise NoFit("no printer: name at least one")
     for printer in printers:
         if not printer.boxes:
-            raise NoFit(f"{printer.name} has no room for a part; take a narrower brim or a larger volume")
+            raise NoFit(f"{printer.name} has no room for a part; choose a narrower brim or a larger volume")
     if not (math.isfinite(options.min_wall_mm) and options.min_wall_mm >= 0.0):
         raise DecomposeError(f"--min-wall {options.min_wall_mm}: give a number of mm, 0 or more")
     if not (math.isfinite(options.min_glue_mm2) and options.min_glue_mm2 >= 0.0):

@@ -20,7 +20,7 @@ from decompose.results.decomposition import Coverage, Part
 
 SURFACE_SHARE = 1e-6
 OVERLAP_MM3 = 1e-3
-CRUMB_SHARE = 1e-12  # minimum volume of a hollow, as a share of the model: less is rounding
+MIN_HOLLOW_SHARE = 1e-12  # minimum volume of a hollow, as a share of the model: less is rounding
 STL_VOLUME_SHARE = 1e-5
 FIT_MM = 1e-6
 LAP_MM = 1e-6  # overlap of boxes that are united, so that rounding leaves no films between them
@@ -132,7 +132,7 @@ def check_missing(parts: Sequence[Part], boxes_mm: Floats, model: Model, min_wal
             None,
             f"{missing_mm3:.1f} mm3 are missing, but {hollow_mm3:.1f} are outside of all boxes",
         )
-    if hollow is None or hollow_mm3 <= CRUMB_SHARE * model_mm3:
+    if hollow is None or hollow_mm3 <= MIN_HOLLOW_SHARE * model_mm3:
         return
     lo, hi = model.solid.bounds_mm
     far_mm = 2.0 * min_wall_mm + 1.0  # the sides of this box are further from all hollows than the limit

@@ -11,7 +11,7 @@ from decompose.arrays import Floats
 from decompose.connectors import LEVEL_SIN, Connectors
 from decompose.options import THIN_FILAMENT_MM
 
-REFERENCE_S = 5_000.0  # print time of the part on which a mark takes its price
+REFERENCE_S = 5_000.0  # print time of a part on which a mark has its price in `PRICES_S`
 PRICES_S = {
     "groove upright": 3.9,
     "groove top": 11.0,

@@ -20,19 +20,19 @@ from decompose.results.overhangs import measure_ceiling_mm2
 
 EPS_MM3 = 1e-3  # rounding of an operation on solids
 EPS_MM2, SPECK_MM2 = 0.005, 0.3  # maximum ceiling of a layer in a hole, and at crossing strokes
-RIM_MM = 1.15  # least wall around a tool, and between two: the rim of the search less its rounding
+RIM_MM = 1.15  # minimum wall around a tool, and between two: the rim of the search less its rounding
 FILM_MM = 0.06  # depth at a face that rounding may leave undecided
 HOLE_DEG, GROOVE_DEG = 40.5, 48.0  # flattest ceilings, from the vertical; supports begin at 50
-SIDE = -0.99
+MOUTH_COS = -0.99  # maximum cosine between the normal of the mouth and the direction into the part
 SWELL_MM = 0.005  # growth of the tools in the check that nothing else was removed
 THIN_MM = 0.05  # minimum thickness of a real difference: less is an error at faces that nearly coincide
 KEY_END_MM = 0.25  # gap at each end of a key
-KEY_RIM_MM = 0.75  # least wall around the groove of a key
+KEY_RIM_MM = 0.75  # minimum wall around the groove of a key
 ARC_SEGMENTS = 4  # lines of a quarter of a circle, which is drawn outside of it
-COAXIAL = 1.0 - 1e-9
-LEVEL = 1e-6
+COAXIAL_COS = 1.0 - 1e-9  # minimum cosine between two parallel directions
+LEVEL_SIN = 1e-6  # maximum sine of the angle between a direction and the face that it lies in
 FAR_MM = 2000.0  # distance beyond all parts
-OPEN_MM = 1.0  # minimum gap of a joint whose body is turned half around
+OPEN_MM = 1.0  # minimum gap of a joint whose body is turned by 180 degrees
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,19 +92,19 @@ class DrilledParts:
             yield Rule.DRILLED, "more was removed than the holes and marks"
         if len(drilled.pieces()) != 1:
             yield Rule.DRILLED, "it is no longer one piece"
-        sleeves = Solid.union([group.sleeve() for group in groups if not group.exits])
+        sleeves = Solid.union([group.sleeve() for group in groups if not group.has_exit])
         if sleeves.subtract(undrilled).volume_mm3 > EPS_MM3 or any(
-            _is_thick(self._subtract_all(group.sleeve())) for group in groups if group.exits
+            _is_thick(self._subtract_all(group.sleeve())) for group in groups if group.has_exit
         ):
             yield Rule.SKIN, "the wall around a hole or mark is too thin"
         if any(not group.is_hidden(undrilled) for group in groups):
             yield Rule.SKIN, "a hole or mark is not inside its joint"
         if any(a.gap_mm(b, RIM_MM) < RIM_MM - FILM_MM for a, b in combinations(tools, 2) if _is_near(a, b)):
-            yield Rule.SKIN, "two holes or marks are too near to each other"
+            yield Rule.SKIN, "two holes or marks are too close to each other"
         for group in groups:
             steepest = group.overhang(self.blanks[part].up)
             if steepest > group.limit:
-                yield Rule.SUPPORT_FREE, f"a {group.kind} hangs over by {math.degrees(steepest):.0f} degrees"
+                yield Rule.SUPPORT_FREE, f"a {group.kind} overhangs by {math.degrees(steepest):.0f} degrees"
             if group.measure_ceiling_mm2(self.blanks[part].up) > group.speck_mm2:
                 yield Rule.SUPPORT_FREE, f"the ceiling of a {group.kind} closes in one step"
 
@@ -119,7 +119,7 @@ class DrilledParts:
         moved, fixed = pin.holes
         if moved.part not in step.moved_parts or fixed.part not in step.fixed_parts or not _closes(pin, step):
             yield Rule.ORDER, f"a pin of step {pin.step + 1} is not along its direction"
-        if pin.along is not None and abs(float(pin.along @ moved.into)) > LEVEL:
+        if pin.along is not None and abs(float(pin.along @ moved.into)) > LEVEL_SIN:
             yield Rule.PINNED, f"a key of step {pin.step + 1} does not lie in its joint"
         rod = _make_rod(pin)
         for hole in pin.holes:
@@ -127,9 +127,9 @@ class DrilledParts:
                 yield Rule.PINNED, f"a pin of step {pin.step + 1} does not go into its hole"
             if hole.exit is None:
                 continue
-            way = _make_rod(pin, hole.exit)
+            path = _make_rod(pin, hole.exit)
             body = step.moved_parts if hole is moved else step.fixed_parts
-            if any(way.intersect(self.drilled[part]).volume_mm3 > EPS_MM3 for part in body):
+            if any(path.intersect(self.drilled[part]).volume_mm3 > EPS_MM3 for part in body):
                 yield Rule.ORDER, f"a key of step {pin.step + 1} does not slide into its groove"
 
 
@@ -140,14 +140,14 @@ def _closes(pin: Pin, step: AssemblyStep) -> bool:
     part's along it.
     """
     moved, fixed = pin.holes
-    if float(pin.axis @ step.direction) < COAXIAL or float(-moved.into @ fixed.into) < COAXIAL:
+    if float(pin.axis @ step.direction) < COAXIAL_COS or float(-moved.into @ fixed.into) < COAXIAL_COS:
         return False
     exits = [None if hole.exit is None else float(hole.exit @ step.direction) for hole in pin.holes]
     if not pin.slides:
-        return exits == [None, None] and float(moved.into @ step.direction) >= COAXIAL
-    return abs(float(moved.into @ step.direction)) < LEVEL and (
-        (exits[1] is None and exits[0] is not None and exits[0] < -COAXIAL)
-        or (exits[0] is None and exits[1] is not None and exits[1] > COAXIAL)
+        return exits == [None, None] and float(moved.into @ step.direction) >= COAXIAL_COS
+    return abs(float(moved.into @ step.direction)) < LEVEL_SIN and (
+        (exits[1] is None and exits[0] is not None and exits[0] < -COAXIAL_COS)
+        or (exits[0] is None and exits[1] is not None and exits[1] > COAXIAL_COS)
     )
 
 
@@ -161,7 +161,7 @@ def _make_rod(pin: Pin, exit_direction: Floats | None = None) -> Solid:
 
 
 def find_wrong_fits(pins: Sequence[Pin], taken_mm: Sequence[float] = ()) -> list[str]:
-    """Find pairs of pins that admit a body turned half around, or in the place of another step.
+    """Find pairs of pins that admit a body turned by 180 degrees, or in the place of another step.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ def find_wrong_fits(pins: Sequence[Pin], taken_mm: Sequence[float] = ()) -> list
         else:  # a key goes into no hole, and a long one into no short groove
             is_open = (deep.along is None) != (shallow.along is None) or deep.length_mm > _mouth_mm(shallow)
         if not is_open:
-            faults.append(f"step {step + 1} can be turned half around")
+            faults.append(f"step {step + 1} can be turned by 180 degrees")
         if any(
             abs(distance_mm(deep, shallow) - taken_distance_mm) <= 2.0 * _measure_play_mm(deep)
             for taken_distance_mm in taken_mm
@@ -230,7 +230,7 @@ class _Group:
 
     @property
     def rim_mm(self) -> float:
-        """Least wall around the tools."""
+        """Minimum wall around the tools."""
         return KEY_RIM_MM if self.kind == "groove" else RIM_MM
 
     def sleeve(self) -> Solid:
@@ -245,7 +245,7 @@ class _Group:
         return _extrude(self._draw_outline(), first.into, first.face_mm + FILM_MM, reach_mm + RIM_MM)
 
     @property
-    def exits(self) -> bool:
+    def has_exit(self) -> bool:
         """Check whether it is a groove that leaves its part through a second face."""
         return self.tools[0].exit is not None
 
@@ -254,12 +254,12 @@ class _Group:
         into = self.tools[0].into
         across = choose_plane_axes(into)
         outline = self._draw_outline()
-        if self.exits:
+        if self.has_exit:
             wall = self.sleeve().intersect(undrilled)
             outline = polygons_of(wall.project(np.vstack([across, into])))
         for face in self.joint.faces:
             along = float(face.normal @ into)
-            if abs(along) < COAXIAL or abs(face.offset_mm * along - self.tools[0].face_mm) > 1e-6:
+            if abs(along) < COAXIAL_COS or abs(face.offset_mm * along - self.tools[0].face_mm) > 1e-6:
                 continue
             placed = shapely.transform(
                 face.outline,
@@ -284,9 +284,9 @@ class _Group:
             normals = np.cross(b - a, c - a)
             sizes = np.linalg.norm(normals, axis=1)
             normals = normals[sizes > 1e-6] / sizes[sizes > 1e-6, None]
-            is_open = normals @ tool.into <= SIDE
+            is_open = normals @ tool.into <= MOUTH_COS
             if tool.exit is not None:
-                is_open |= normals @ tool.exit > COAXIAL
+                is_open |= normals @ tool.exit > COAXIAL_COS
             sides = normals[~is_open]
             steepest = max(steepest, float((sides @ up).max()))
         return math.asin(min(1.0, steepest))

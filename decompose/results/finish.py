@@ -176,7 +176,7 @@ def apply_time_ratios(pieces: Sequence[Piece], poses: Sequence[Pose]) -> list[Po
 
 def _require_pose(pose: Pose | None) -> Pose:
     if pose is None:
-        raise NoFit("a part fits no printer in any pose: take another engine, or a finer --granularity")
+        raise NoFit("a part fits no printer in any pose: choose another engine, or a finer --granularity")
     return pose
 
 

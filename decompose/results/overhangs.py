@@ -21,7 +21,7 @@ LAYER_MM = 0.2
 REACH_MM = LAYER_MM * math.tan(math.radians(50.0))  # reach of a layer beyond the one below, without support
 RING_MM = 1.0  # minimum length of a ring: the slicer drops shorter ones
 SLACK_MM = 0.004  # tolerance for the rounding of sections
-LEVEL = 0.5  # minimum vertical component of the normal of a level face; others are upright
+LEVEL_COS = 0.5  # minimum vertical component of the normal of a level face; others are upright
 EDGE_MM = 1e-6  # distance at which a layer is at the height of a corner
 AIR_MM = 5.0  # thickness of the air in front of an upright face, and around its tools
 
@@ -49,7 +49,7 @@ def measure_ceiling_mm2(
         (3,) unit vector along which they leave the part through another face, above which nothing is printed.
     """
     rise = float(into @ up)
-    if rise < -LEVEL:
+    if rise < -LEVEL_COS:
         return 0.0  # a hollow that opens upwards only gets wider
     corners_mm = np.concatenate(tools)
     high_mm = float((corners_mm @ up).max()) + 2.0 * LAYER_MM
@@ -57,7 +57,7 @@ def measure_ceiling_mm2(
         tools = [_lengthen(tool, exit_direction) for tool in tools]
         high_mm -= 3.0 * LAYER_MM * float(exit_direction @ up > 0.0)
     bodies = [Solid.hull(tool) for tool in tools]
-    if rise <= LEVEL:
+    if rise <= LEVEL_COS:
         bodies.append(_build_air(corners_mm, into, face_mm, up))
     hollow = Solid.union(bodies)
     frame = np.vstack([choose_plane_axes(up), up])

@@ -1,6 +1,6 @@
 """The engine `cube-skeleton`: CSSS, a hollow model cut by the sides of a cube inside (Li et al. 2021).
 
-The model is hollowed to the least wall; the planes of the largest cube in the hollow cut the shell into up
+The model is hollowed to the minimum wall; the planes of the largest cube in the hollow cut the shell into up
 to 26 regions; small loose pieces of a region are joined to their smallest neighbours, and pieces are merged
 while they fit. With the interior kept, the cube is printed too, with cubes from its faces outwards: the
 skeleton.
@@ -65,7 +65,7 @@ def cut_by_cube_skeleton(problem: Problem) -> Partition:
     is_hollow = bool(shell.cavity.any())
     cube = find_largest_cube(shell.cavity if is_hollow else grid.cells == Cell.INTERNAL)
     if cube is None and faithful:
-        raise NoFit("there is no room for a cube inside the model: take --engine guillotine")
+        raise NoFit("there is no room for a cube inside the model: choose --engine guillotine")
     problem.on_stage("hollow")
     best = _cut_shell(problem, grid, shell, cube)
     if cube is not None and is_hollow and not faithful:

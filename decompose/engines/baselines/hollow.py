@@ -15,7 +15,7 @@ Block = tuple[int, int, int, int, int, int]  # x0, y0, z0, x1, y1, z1 in cells, 
 
 MAX_GROWTH_CELLS = 2.0  # maximum growth of a cube on each side, as a multiple of a cell's longest side
 ACCURACY_MM = 0.2  # accuracy of the cube's size
-MARGIN_MM = 0.01  # margin above the least wall, since distances are rounded
+MARGIN_MM = 0.01  # margin above the minimum wall, since distances are rounded
 ROUNDS = 2  # rounds of growth in every direction
 
 
@@ -40,7 +40,7 @@ class Shell:
 
 
 def hollow_model(solid: Solid, grid: Grid, cube: Block | None = None) -> Shell:
-    """Remove the cells that are at least the least wall away from the surface, and a cube."""
+    """Remove the cells that are at least the minimum wall away from the surface, and a cube."""
     cube_cells = np.zeros_like(grid.needed)
     if cube is not None:
         cube_cells[cube[0] : cube[3], cube[1] : cube[4], cube[2] : cube[5]] = True
@@ -115,7 +115,7 @@ def find_largest_cube(cells: Bools) -> Block | None:
 
 
 def refine_cube(solid: Solid, cube_mm: Floats, cell_mm: float, wall_mm: float) -> Floats:
-    """Grow a cube (2, 3) within a cuboid of these corners in mm until it reaches the least wall.
+    """Grow a cube (2, 3) within a cuboid of these corners in mm until it reaches the minimum wall.
 
     It grows about its middle and towards each corner, by bisection against the mesh itself, for `ROUNDS`
     rounds, by at most `MAX_GROWTH_CELLS` cells: then hardly any larger cube that contains it keeps the wall.

@@ -38,7 +38,7 @@ REFINING_SAMPLES = 25  # number of normals in a round of the refinement
 MIN_SHARE = 1.0 / 1.5  # minimum volume of a half in the authors' program, as a share of the mean part's
 # Places of a plane about the boundary of a block, as a share of the block.
 OFFSETS: Floats = np.array([0.0, 0.05, -0.05, 0.1, -0.1, 0.15, -0.15, 0.2, -0.2, 0.3, -0.3])
-CRUMB_SHARE = 0.05  # minimum volume of a part, as a share of the mean part's
+MIN_VOLUME_SHARE = 0.05  # minimum volume of a part, as a share of the mean part's
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,7 +47,7 @@ class _Part:
 
     piece: Piece
     price: float
-    needs: int = 1
+    printers_needed: int = 1
 
 
 Leaves = tuple[float, tuple[_Part, ...]]  # the greatest price of some parts, and the parts
@@ -89,10 +89,11 @@ def cut_by_symmetry(problem: Problem) -> Partition:
     form = _PublishedForm(problem) if problem.options.faithful else _CorrectedForm(problem)
     printers = len(problem.printers)
     uncut_part = form.uncut_part()
-    if uncut_part.needs > printers:
+    if uncut_part.printers_needed > printers:
         raise NoFit(
-            f"the printers' rooms need at least {uncut_part.needs} parts, and there are {printers} printers",
-            uncut_part.needs,
+            f"the printers' rooms need at least {uncut_part.printers_needed} parts, and there are "
+            f"{printers} printers",
+            uncut_part.printers_needed,
         )
     parts = list(_find_best_leaves(form, uncut_part, printers, TREE_DEPTH)[printers][1])
     problem.on_stage("tree")
@@ -106,7 +107,7 @@ def cut_by_symmetry(problem: Problem) -> Partition:
 
 def _find_best_leaves(form: _Form, part: _Part, printers: int, depth: int) -> list[Leaves]:
     """Find the leaves of the tree of cuts with the lowest maximum price, for 0, 1, ... printers."""
-    best = [NO_LEAVES if k < part.needs else (part.price, (part,)) for k in range(printers + 1)]
+    best = [NO_LEAVES if k < part.printers_needed else (part.price, (part,)) for k in range(printers + 1)]
     if depth == 0 or printers < 2:
         return best
     for children in form.list_cuts(part):
@@ -135,8 +136,8 @@ def _cut_halves(piece: Piece, normal: Floats, at_mm: float) -> list[Piece]:
     return [Piece(side, planes, piece.boxes_mm) for side in sides if not side.is_empty]
 
 
-def _sum_needs(parts: list[_Part]) -> int:
-    return sum(part.needs for part in parts)
+def _sum_printers_needed(parts: list[_Part]) -> int:
+    return sum(part.printers_needed for part in parts)
 
 
 class _PublishedForm(_Form):
@@ -182,9 +183,9 @@ class _CorrectedForm(_Form):
 
     def price_part(self, piece: Piece) -> _Part:
         """Price a piece as a part."""
-        needs = count_parts(piece.solid, self.problem.rooms)
+        printers_needed = count_parts(piece.solid, self.problem.rooms)
         seconds = float(price_axis_poses_s(*piece.solid.arrays(), self.problem.cost).min())
-        return _Part(piece, seconds / needs, needs)
+        return _Part(piece, seconds / printers_needed, printers_needed)
 
     def list_cuts(self, part: _Part) -> Iterator[list[_Part]]:
         solid = part.piece.solid
@@ -192,21 +193,23 @@ class _CorrectedForm(_Form):
         for mirror in find_good_mirrors(vertices, self.rng, GOOD_PLANES, REFINING_SAMPLES):
             yield from self.split_at_plane(part.piece, mirror.normal, mirror.offset_mm)
         normal, places_mm = self.find_planes_across(solid)
-        part_count, best_children = max(2, part.needs), None
+        part_count, best_children = max(2, part.printers_needed), None
         for at_mm in places_mm:
             for children in self.split_at_plane(part.piece, normal, at_mm):
-                if best_children is None or _sum_needs(children) < _sum_needs(best_children):
+                if best_children is None or _sum_printers_needed(children) < _sum_printers_needed(
+                    best_children
+                ):
                     best_children = children
-            if best_children is not None and _sum_needs(best_children) <= part_count:
+            if best_children is not None and _sum_printers_needed(best_children) <= part_count:
                 break
         if best_children is not None:
             yield best_children
 
     def split_at_plane(self, piece: Piece, normal: Floats, at_mm: float) -> Iterator[list[_Part]]:
-        """Yield the connected pieces on both sides of a plane near a place, unless one of them is a crumb."""
+        """Yield the connected pieces on both sides of a plane near `at_mm`, unless one is too small."""
         at_mm = place_clear_of_faces(piece.solid, normal, at_mm)
         pieces = [p for half in _cut_halves(piece, normal, at_mm) for p in split_connected(half)]
-        min_mm3 = CRUMB_SHARE * min(self.mean_mm3, piece.solid.volume_mm3)
+        min_mm3 = MIN_VOLUME_SHARE * min(self.mean_mm3, piece.solid.volume_mm3)
         if len(pieces) > 1 and all(fragment.solid.volume_mm3 >= min_mm3 for fragment in pieces):
             yield [self.price_part(fragment) for fragment in pieces]
 
@@ -223,15 +226,15 @@ class _CorrectedForm(_Form):
 
     def cut_further(self, parts: list[_Part]) -> list[_Part]:
         while True:
-            costliest_part = max(parts, key=lambda part: (part.needs > 1, part.price))
+            costliest_part = max(parts, key=lambda part: (part.printers_needed > 1, part.price))
             other_parts = [part for part in parts if part is not costliest_part]
-            free = len(self.problem.printers) - _sum_needs(other_parts)
+            free = len(self.problem.printers) - _sum_printers_needed(other_parts)
             for children in self.list_cuts(costliest_part):
                 is_costlier = (
-                    costliest_part.needs == 1
+                    costliest_part.printers_needed == 1
                     and max(child.price for child in children) >= costliest_part.price
                 )
-                if _sum_needs(children) <= free and not is_costlier:
+                if _sum_printers_needed(children) <= free and not is_costlier:
                     parts = other_parts + children
                     break
             else:

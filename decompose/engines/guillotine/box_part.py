@@ -39,7 +39,7 @@ class BoxPart:
         fitting = tuple(pose for pose in poses if pose is not None)
         return replace(self, poses=fitting, seconds=find_slowest_s(self.pieces, poses))
 
-    def is_like(self, other: BoxPart) -> bool:
+    def has_similar_pieces(self, other: BoxPart) -> bool:
         """Check whether it has as many pieces as another part, none of them a sliver by comparison."""
         return len(self.pieces) == len(other.pieces) and self.min_mm >= min(SLIVER_MM, other.min_mm)
 

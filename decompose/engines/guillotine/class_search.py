@@ -1,7 +1,7 @@
 """The engine `guillotine`: for uniform printers, and for printers of unequal rooms and speeds.
 
-The model is cut as for equal printers first: each part fits the room that all of them share, and the quickest
-printer takes the longest part. Then it is cut for classes of printers (`printer_classes`): exact over all
+The model is cut as for equal printers first: each part fits the room that all of them share, and the fastest
+printer prints the longest part. Then it is cut for classes of printers (`printer_classes`): exact over all
 guillotine partitions and all ways to distribute their parts. The better one of the two is the result, so that
 the result is never worse where the classes are too coarse.
 """
@@ -191,7 +191,7 @@ class _ClassSearch(ExactSearch):
     def compute_grid_figures(
         self, grid: Grid, cut: Cut, min_s: float, pieces: Sequence[Piece]
     ) -> GridFigures:
-        """Compute the makespan of boxes by the tables, and a bound that no partition undercuts.
+        """Compute the makespan of boxes by the tables, and a lower bound for all partitions.
 
         The bound is proven as if all printers had the speed of the fastest and, for each box, the best room.
         """
@@ -203,11 +203,11 @@ class _ClassSearch(ExactSearch):
         else:
             makespan_s = float(times[range(len(assigned_printers)), assigned_printers].max())
         if problem.needs_proof(pieces):
-            quickest = np.float32(problem.fastest_factor)
+            fastest = np.float32(problem.fastest_factor)
             tables = [problem.price_boxes(grid, [room]) for room in problem.rooms]
             best = replace(
                 tables[0],
-                seconds=quickest * np.min([boxes.seconds for boxes in tables], axis=0),
+                seconds=fastest * np.min([boxes.seconds for boxes in tables], axis=0),
                 pieces=np.max([boxes.pieces for boxes in tables], axis=0),
             )
             problem.effort.record(Work.BOX_PROVEN, len(best.seconds))

@@ -124,7 +124,7 @@ def find_knee(
 
 
 def find_fewest_in_time(points: Sequence[CurvePoint], within_s: float, handling_s: float = 0.0) -> CurvePoint:
-    """Find the fewest printers that finish within a time; the fastest number if none does.
+    """Find the fewest printers that finish within a time; if none do, those that finish first.
 
     Parameters
     ----------

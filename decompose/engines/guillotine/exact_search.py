@@ -49,7 +49,7 @@ def cut_for_uniform_printers(problem: Problem) -> Partition:
     grid, boxes, bound_s = build_tables(problem)
     find_cells = problem.start(partial(refine_needed_cells, problem, grid))
     engine = ExactSearch(problem, grid, boxes, bound_s)
-    is_proven = problem.options.prove and math.isinf(problem.best_known_s)  # even if the planes gain by it
+    is_proven = problem.options.prove and math.isinf(problem.best_known_s)  # no result to beat
     problem.effort.reserved_s = estimate_shift_s(problem, len(problem.printers))
     partition = engine.run()
     problem.effort.reserved_s = 0.0
@@ -101,7 +101,7 @@ class ExactSearch:
         self.rejections: list[str] = []  # the fault of each rejected choice
 
     def run(self) -> dict[Box, list[Piece]]:
-        """Search for the partition that truly ends soonest; its boxes, and their pieces."""
+        """Search for the partition that ends soonest by true prices; return its boxes, and their pieces."""
         best: list[Box] = []
         best_s = math.inf
         rounds, effort = 0, self.problem.effort
@@ -159,7 +159,7 @@ class ExactSearch:
                 yield {box: self.cut[box] for box in boxes}
 
     def _solve_within(self, limit_s: float) -> list[Box]:
-        """Find a partition with about the least work whose true times keep a limit; empty if none does."""
+        """Find a partition with about the least work whose true times meet a limit; empty if none does."""
         best: list[Box] = []
         for _ in range(MAX_ROUNDS):
             if self.problem.effort.is_spent():
@@ -244,7 +244,7 @@ class ExactSearch:
         if self.rejections:
             return NoFit(
                 f"every partition has a part that cannot be glued well; in the last of "
-                f"{len(self.rejections)} one {self.rejections[-1]}: take more printers, "
+                f"{len(self.rejections)} partitions, one {self.rejections[-1]}:  add printers, "
                 "a greater --longest-side, or (farm decompose) a lower --min-glue"
             )
         printers_needed = self.solver.solve(sys.float_info.max)  # finite: inf means no fit

@@ -27,7 +27,7 @@ from decompose.problem import Effort, Work
 
 MAX_WINDOWS = 200  # maximum number of windows solved in one search
 MAX_BOXES_IN_WINDOW = 5  # maximum number of boxes in a window
-MAX_NEIGHBOURS = 10  # maximum number of neighbours of a box in its windows, the quickest first
+MAX_NEIGHBOURS = 10  # maximum number of neighbours of a box in its windows, the fastest first
 MAX_WINDOWS_OF_A_BOX = 24  # maximum number of windows about one box, those with the most slack first
 MAX_BOXES = 150_000  # maximum number of boxes of all sizes in a window's tables
 MAX_TIME_RATIO = 0.999  # a window's new time must be below this share of its time
@@ -38,7 +38,7 @@ Pinwheel = tuple[int, int, int, int, int, int]  # axis of extrusion, whether it 
 
 @jit
 def _cut_in_two(box: Box, shape: Shape) -> tuple[int, int]:
-    """Find the two boxes that form a box of two cells or more: its last layer, and all others."""
+    """Find the two boxes that form a box of two cells or more: its last layer, and the rest."""
     x0, y0, z0, x1, y1, z1 = box
     if z1 - z0 > 1:
         return compute_index((x0, y0, z0, x1, y1, z1 - 1), shape), compute_index(
@@ -96,8 +96,8 @@ def _join_ends(
 
 @jit
 def _fill_tables(
-    own: Bools,
-    others: Ints,
+    own_cells: Bools,
+    other_sums: Ints,
     place: tuple[Shape, Shape],
     grid_tables: tuple[npt.NDArray[np.float32], npt.NDArray[np.int16]],
     tables: tuple[npt.NDArray[np.float32], npt.NDArray[np.int32], npt.NDArray[np.int16]],
@@ -106,21 +106,21 @@ def _fill_tables(
 
     Parameters
     ----------
-    own
+    own_cells
         (wx, wy, wz) cells of the window to be covered.
-    others
+    other_sums
         (wx + 1, wy + 1, wz + 1) int64 summed-area table of the cells of other parts.
     place
         First cell x, y, z of the window on the grid, and the grid's shape.
     grid_tables
         `seconds` and `pieces` of the grid, (boxes of the grid,).
     tables
-        `seconds`, `trimmed` and `pieces` of the window, (boxes of the window,): as +inf, -1 and 1 at first.
+        `seconds`, `trimmed` and `pieces` of the window, (boxes of the window,), initially +inf, -1 and 1.
     """
     (x, y, z), grid_shape = place
     grid_seconds, grid_pieces = grid_tables
     seconds, trimmed, pieces = tables
-    wx, wy, wz = shape = own.shape
+    wx, wy, wz = shape = own_cells.shape
     ends = np.zeros((len(seconds), 6), np.int16)  # the price of the box about the cells to be covered
     box = -1
     for ix in range(wx * (wx + 1) // 2):
@@ -132,7 +132,7 @@ def _fill_tables(
                     box += 1
                     sides = (x0, y0, z0, x1, y1, z0 + dz)
                     if x1 - x0 == 1 and y1 - y0 == 1 and dz == 1:
-                        if not own[x0, y0, z0]:
+                        if not own_cells[x0, y0, z0]:
                             continue
                         for k in range(6):
                             ends[box, k] = sides[k]
@@ -142,7 +142,7 @@ def _fill_tables(
                         (ends[box, 0], ends[box, 1], ends[box, 2], ends[box, 3], ends[box, 4], ends[box, 5]),
                         shape,
                     )
-                    if trimmed[box] == box and _count_cells(others, sides) == 0:
+                    if trimmed[box] == box and _count_cells(other_sums, sides) == 0:
                         on_grid = compute_index(
                             (x + x0, y + y0, z + z0, x + x1, y + y1, z + z0 + dz), grid_shape
                         )
@@ -223,11 +223,11 @@ class Window:
     ----------
     boxes
         The tables of the grid.
-    boxes_inside, others
+    boxes_inside, other_boxes
         Boxes of the partition that are cut again, and all others.
     """
 
-    def __init__(self, boxes: BoxTables, boxes_inside: Iterable[Box], others: Iterable[Box]) -> None:
+    def __init__(self, boxes: BoxTables, boxes_inside: Iterable[Box], other_boxes: Iterable[Box]) -> None:
         inside_boxes = np.array(sorted(boxes_inside))
         self._lo, hi = inside_boxes[:, :3].min(axis=0), inside_boxes[:, 3:].max(axis=0)
         nx, ny, nz = (hi - self._lo).tolist()
@@ -239,7 +239,7 @@ class Window:
             is_covered[tuple(cell)] = (
                 boxes.trimmed[box_index((x, y, z, x + 1, y + 1, z + 1), boxes.shape)] >= 0
             )
-        boxes_outside = np.array(list(others)).reshape(-1, 6)
+        boxes_outside = np.array(list(other_boxes)).reshape(-1, 6)
         boxes_outside = boxes_outside[
             (boxes_outside[:, :3] < hi).all(axis=1) & (boxes_outside[:, 3:] > self._lo).all(axis=1)
         ]
@@ -273,7 +273,7 @@ class Window:
             inside[lo[0] : hi[0], lo[1] : hi[1], lo[2] : hi[2]] = True
         return inside
 
-    def fewest_parts(self, limit_s: float) -> int:
+    def count_fewest_parts(self, limit_s: float) -> int:
         """Find the fewest parts that each take at most limit_s; `UNREACHABLE` or more for none."""
         by_cuts = self._solver.solve(limit_s, ties=True)
         count, *pinwheel = _count_fewest_in_pinwheel(self._solver.counts, *self.shape)
@@ -298,12 +298,12 @@ class Window:
         The search does not go below min_s.
         """
         high = float(np.nextafter(np.float32(below_s), np.float32(0.0)))
-        if self.fewest_parts(high) > parts:
+        if self.count_fewest_parts(high) > parts:
             return None
         best, low = self.list_chosen_boxes(), min_s
         while high - low > TOLERANCE * high:
             middle = (low + high) / 2.0
-            if self.fewest_parts(middle) <= parts:
+            if self.count_fewest_parts(middle) <= parts:
                 best, high = self.list_chosen_boxes(), middle
             else:
                 low = middle
@@ -381,8 +381,8 @@ def _list_groups(boxes: BoxTables, parts: list[Box]) -> Iterator[frozenset[Box]]
         neighbours = sorted(neighbours, key=lambda i: seconds[i])[:MAX_NEIGHBOURS]
         groups = []
         for extra in range(MAX_BOXES_IN_WINDOW):
-            for boxes_outside in combinations(neighbours, extra):
-                group = [int(centre), *boxes_outside]
+            for chosen_neighbours in combinations(neighbours, extra):
+                group = [int(centre), *chosen_neighbours]
                 sides = ends[group, 3:].max(axis=0) - ends[group, :3].min(axis=0)
                 if np.prod(sides * (sides + 1) // 2) <= MAX_BOXES:
                     groups.append((float(seconds[group].mean()), sorted(parts[i] for i in group)))

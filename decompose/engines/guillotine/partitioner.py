@@ -207,7 +207,7 @@ class Partitioner:
                 for a, b in shares:
                     if self._find_value(near, a) + self._find_value(far, b) == value:
                         return (far, b), (near, a)
-        raise LookupError(f"no solution for {box}: nothing reaches it at this limit")
+        raise LookupError(f"no solution for {box}: no cut has its value at this limit")
 
     def _trim(self, box: Box) -> Box | None:
         index = int(self.boxes.trimmed[box_index(box, self.boxes.shape)])
@@ -243,7 +243,7 @@ class Partitioner:
         if high < 0.0 or (not is_reached and self.solve(high) > printers):
             return None
         while high - low > tolerance_s:
-            # Of a range over orders of magnitude, the lower part is more probable.
+            # In a range over several orders of magnitude, the lower part is more probable.
             middle = math.sqrt(low * high) if high > WIDE_RATIO * low > 0.0 else (low + high) / 2.0
             if self.solve(middle) <= printers:
                 high = self._find_reached_s(middle)
@@ -253,7 +253,7 @@ class Partitioner:
         return high
 
     def _find_reached_s(self, limit_s: float) -> float:
-        """Find the lowest limit that the last solution keeps."""
+        """Find the lowest limit that the last solution meets."""
         return limit_s if self.others else min(limit_s, self.longest_s())
 
     def longest_s(self) -> float:

@@ -20,7 +20,7 @@ from decompose.options import Interior
 from decompose.problem import Problem
 
 MAX_COVERED = 20_000_000  # maximum number of fine cells times boxes in the test of the covering
-MOVE_S_MM = 0.05  # minimum gain in s for each mm of a move, so that no face moves without a gain
+MOVE_S_PER_MM = 0.05  # minimum gain in s for each mm of a move, so that no face moves without a gain
 
 
 def fill_out_boxes(partition: Sequence[Box], empty: Bools) -> list[Box]:
@@ -92,8 +92,8 @@ def group_faces(boxes_mm: Floats) -> Ints:
     is_shared = np.zeros(count * 6, dtype=np.bool_)
     for axis in range(3):
         across = [i for i in range(3) if i != axis]
-        on = np.abs(hi[:, None, axis] - lo[None, :, axis]) < SAME_MM
-        for i, j in np.argwhere(on & (overlap[:, :, across] > SAME_MM).all(axis=2)):
+        is_touching = np.abs(hi[:, None, axis] - lo[None, :, axis]) < SAME_MM
+        for i, j in np.argwhere(is_touching & (overlap[:, :, across] > SAME_MM).all(axis=2)):
             groups.join(_number_face(i, 1, axis), _number_face(j, 0, axis))
             is_shared[[_number_face(i, 1, axis), _number_face(j, 0, axis)]] = True
     for i, j, axes in _find_crossings(boxes_mm, overlap):
@@ -164,11 +164,11 @@ def move_groups(boxes_mm: Floats, groups: Ints, shifts_mm: Floats) -> Floats:
     shifts_mm
         (groups,) shifts.
     """
-    by = np.append(shifts_mm, 0.0)  # the last entry is for the fixed faces: group -1
-    return np.asarray(boxes_mm + by[groups])
+    padded_shifts_mm = np.append(shifts_mm, 0.0)  # the last entry is for the fixed faces: group -1
+    return np.asarray(boxes_mm + padded_shifts_mm[groups])
 
 
-def free_directions(boxes_mm: Floats, groups: Ints, cells: NeededCells, step_mm: float) -> Bools:
+def find_free_directions(boxes_mm: Floats, groups: Ints, cells: NeededCells, step_mm: float) -> Bools:
     """Check whether each group can move down, and up, by a step while all others stay: (groups, 2).
 
     Parameters
@@ -186,31 +186,31 @@ def free_directions(boxes_mm: Floats, groups: Ints, cells: NeededCells, step_mm:
     free = np.zeros((count, 2), dtype=np.bool_)
     for group in range(count):
         for side, sign in enumerate((-1.0, 1.0)):
-            by = np.zeros(count)
-            by[group] = sign * step_mm
-            free[group, side] = cells.is_partition(move_groups(boxes_mm, groups, by))
+            shifts_mm = np.zeros(count)
+            shifts_mm[group] = sign * step_mm
+            free[group, side] = cells.is_partition(move_groups(boxes_mm, groups, shifts_mm))
     return free
 
 
-def keep_clear(flats_mm: Floats, old_mm: float, new_mm: float, clear_mm: float) -> float:
-    """Find the place of a plane that moves, short of its target where that is near a flat face.
+def find_clear_position(flats_mm: Floats, old_mm: float, new_mm: float, clear_mm: float) -> float:
+    """Find the new position of a plane; it stops short of its target if a flat face is near that.
 
-    The place is between the old and the new one, clear of all flat faces; the old one where there is none.
+    The position is between the old and the new one, clear of all flat faces; the old one if there is none.
 
     Parameters
     ----------
     flats_mm
         (k,) coordinates of flat faces along the axis.
     old_mm, new_mm
-        Present and wanted place of the plane.
+        Present and wanted position of the plane.
     clear_mm
         Distance to keep from flat faces.
     """
     low, high = sorted((old_mm, new_mm))
-    places = [new_mm, *(flats_mm - clear_mm), *(flats_mm + clear_mm)]
-    for place in sorted((p for p in places if low <= p <= high), key=lambda p: abs(p - new_mm)):
-        if np.abs(flats_mm - place).min(initial=np.inf) >= clear_mm - SAME_MM:
-            return float(place)
+    positions = [new_mm, *(flats_mm - clear_mm), *(flats_mm + clear_mm)]
+    for position in sorted((p for p in positions if low <= p <= high), key=lambda p: abs(p - new_mm)):
+        if np.abs(flats_mm - position).min(initial=np.inf) >= clear_mm - SAME_MM:
+            return float(position)
     return old_mm
 
 
@@ -273,7 +273,7 @@ def solve_plane_shifts(
     rights = np.concatenate([-seconds, *lengths_mm, np.zeros(2 * count)])
     is_limited = np.isfinite(rights)
     solution = linprog(
-        np.array([*np.zeros(count), *np.full(count, MOVE_S_MM), 1.0]),
+        np.array([*np.zeros(count), *np.full(count, MOVE_S_PER_MM), 1.0]),
         rows[is_limited],
         rights[is_limited],
         bounds=[*zip(limits.low_mm, limits.high_mm, strict=True), *[(0.0, None)] * count, (None, None)],

@@ -27,9 +27,9 @@ from decompose.engines.guillotine.box_part import (
 from decompose.engines.guillotine.plane_moves import (
     ShiftLimits,
     fill_out_boxes,
-    free_directions,
+    find_clear_position,
+    find_free_directions,
     group_faces,
-    keep_clear,
     move_groups,
     refine_needed_cells,
     solve_plane_shifts,
@@ -60,7 +60,7 @@ MEAN_PRICINGS = 10  # mean number of times that a search prices each part: for i
 def shift_planes(
     problem: Problem, grid: Grid, cut: Mapping[Box, Sequence[Piece]], cells: NeededCells | None = None
 ) -> list[Piece]:
-    """Move the cut planes of a partition so that its slowest piece, truly posed, ends soonest.
+    """Move the cut planes of a partition so that its slowest piece, in its best pose, ends soonest.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ class _PlaneShift:
             for box, inside in zip(boxes_mm, pieces, strict=True)
         ]
         self.groups = group_faces(self.start_mm)
-        self.free = free_directions(self.start_mm, self.groups, self.cells, TRIAL_MM)
+        self.free = find_free_directions(self.start_mm, self.groups, self.cells, TRIAL_MM)
         self.axes = np.zeros(len(self.free), dtype=np.int64)
         self.axes[self.groups[self.groups >= 0]] = np.argwhere(self.groups >= 0)[:, 2]
         self.reach_mm = (REACH * cell_mm)[self.axes]
@@ -238,7 +238,9 @@ class _PlaneShift:
                 continue
             move_mm = part.box_mm - old.box_mm
             faces = [face for face in np.ndindex(2, 3) if move_mm[face] != 0.0]
-            breaking_faces = [] if part.is_like(old) else self._find_breaking_faces(i, old, faces, move_mm)
+            breaking_faces = (
+                [] if part.has_similar_pieces(old) else self._find_breaking_faces(i, old, faces, move_mm)
+            )
             for face in breaking_faces or faces:
                 self.free[self.groups[(i, *face)], int(move_mm[face] > 0.0)] = False
         return bool((self.free != previous_free).any())
@@ -252,7 +254,7 @@ class _PlaneShift:
         for face in faces:
             box = part.box_mm.copy()
             box[face] += move_mm[face]
-            if not self._cut(i, box).is_like(part):
+            if not self._cut(i, box).has_similar_pieces(part):
                 breaking_faces.append(face)
         return breaking_faces
 
@@ -300,7 +302,9 @@ class _PlaneShift:
         for group in range(len(old)):
             if abs(new[group] - old[group]) < MIN_MOVE_MM:
                 new[group] = old[group]
-            new[group] = keep_clear(self.flats_mm[self.axes[group]], old[group], new[group], CLEAR_MM)
+            new[group] = find_clear_position(
+                self.flats_mm[self.axes[group]], old[group], new[group], CLEAR_MM
+            )
             if new[group] != old[group]:  # groups that move to one plane get exactly the same place
                 new[group] = round(new[group], PLANE_DIGITS)
         return np.where(self.groups >= 0, new[self.groups], places_mm)
@@ -354,7 +358,7 @@ class _PlaneShift:
         No poses if the part breaks into pieces.
         """
         new = self._cut(i, box_mm)
-        if not new.is_like(part):
+        if not new.has_similar_pieces(part):
             return new, []
         poses: list[Pose | None] = []
         for piece, old in zip(new.pieces, part.poses, strict=True):

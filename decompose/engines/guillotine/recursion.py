@@ -87,7 +87,7 @@ def lower_boxes(value: Table, sums: Ints, shape: Shape, length: int, first: int,
                 _update_min(value, size, (row, a, b), block, sums)
             for state in range(states):
                 at, to = state * size + row, state * block
-                _rotate(value[at : at + block], transposed[to : to + block], rows, tz)
+                _transpose(value[at : at + block], transposed[to : to + block], rows, tz)
             for dz in range(2, nz + 1):
                 places = (nz - dz + 1) * rows
                 up = interval(0, dz, nz) * rows
@@ -96,11 +96,11 @@ def lower_boxes(value: Table, sums: Ints, shape: Shape, length: int, first: int,
                     _update_min(transposed, block, (up, a, b), places, sums)
             for state in range(states):
                 at, to = state * size + row, state * block
-                _rotate(transposed[to : to + block], value[at : at + block], tz, rows)
+                _transpose(transposed[to : to + block], value[at : at + block], tz, rows)
 
 
 @jit
-def _rotate(rows: Table, columns: Table, m: int, n: int) -> None:
+def _transpose(rows: Table, columns: Table, m: int, n: int) -> None:
     """Transpose an (m, n) table into an (n, m) one, both flat."""
     for i in range(m):
         for k in range(n):

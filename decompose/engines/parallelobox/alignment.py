@@ -55,7 +55,7 @@ def align_model(model: Model, seed: int, overhang_cos: float) -> AlignedModel:
     Parameters
     ----------
     overhang_cos
-        Faces whose normal points down by more than this count as overhangs.
+        Cosine of the angle between normal and downward direction above which a face counts as an overhang.
     """
     vertices, faces = model.solid.arrays()
     mirror = find_mirror(vertices, np.random.default_rng(seed))
@@ -92,7 +92,7 @@ def measure_overhang_mm2(triangles: Floats, overhang_cos: float) -> float:
 def _find_box_frame(vertices: Floats, axis: int) -> Floats:
     """Find the rotation (3, 3) into the frame of the smallest box about vertices (n, 3).
 
-    With an axis from 0 to 2 only turns about it, which leave a plane of symmetry where it is.
+    With an axis from 0 to 2, only turns about it are considered, which keep a plane of symmetry in place.
     """
     if axis < 0:
         to_box: Any = oriented_bounds  # trimesh has no types for it

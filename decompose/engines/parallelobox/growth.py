@@ -175,7 +175,7 @@ def grow_blocks(seeds: list[Box], terrain: Terrain, score: Score) -> tuple[Ints,
     Returns
     -------
     blocks, owner
-        (k, 6) in cells, half-open, and (nx, ny, nz): the block that has a cell, `FREE` or `BARRED`.
+        (k, 6) in cells, half-open, and (nx, ny, nz): number of the block of each cell, `FREE` or `BARRED`.
     """
     blocks = np.array(seeds, dtype=np.int64).reshape(-1, 6)
     owner = np.where(terrain.barred, BARRED, FREE).astype(np.int64)
@@ -193,7 +193,7 @@ def _fill(
     number: int,
     max_blocks: int,
 ) -> tuple[bool, Ints]:
-    """Cover needed cells without an owner by blocks, numbered from `number`, of at most `max_blocks` parts.
+    """Cover needed cells without an owner by new blocks of at most `max_blocks` parts in all.
 
     Parameters
     ----------
@@ -201,6 +201,9 @@ def _fill(
         As in `_grow`; owner is changed.
     seconds, pieces
         (boxes,) of `Terrain`.
+
+    number
+        Number of the first new block.
 
     Returns
     -------

@@ -62,13 +62,14 @@ def cut_by_parallelobox(problem: Problem) -> Partition:
     if not candidates:
         raise NoFit(
             f"no attempt of parallelobox covers the model with {len(problem.printers)} parts that fit: "
-            f"free more printers, or take --engine guillotine, which finds parts wherever there are any"
+            f"free more printers, or choose --engine guillotine, which finds parts wherever there are any"
         )
     best = min(candidates, key=_Candidate.rank)
     if best.fault and not problem.options.faithful:
         raise NoFit(
             f"every attempt of parallelobox that was examined has a part that cannot be glued well; in "
-            f"the best it {best.fault}: free more printers, take --engine guillotine, or a lower --min-glue"
+            f"the best it {best.fault}: free more printers, or choose --engine guillotine or "
+            f"a lower --min-glue"
         )
     figures = problem.compute_grid_figures(best.space.grid, best.space.boxes, list(best.cut), best.pieces)
     problem.on_stage("bound")
@@ -114,7 +115,7 @@ class _Candidate:
 
 
 def _build_search_spaces(problem: Problem) -> list[_SearchSpace]:
-    """Build the paper's grid and, unless faithful, the problem's own; only that for a given granularity."""
+    """Build the paper's grid and, unless faithful, the problem's; only the latter if granularity is given."""
     options = problem.options
     overhang_cos = math.sin(math.radians(OVERHANG_TOLERANCE_DEG))  # the paper's
     spaces = []

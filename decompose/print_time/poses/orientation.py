@@ -26,12 +26,12 @@ from decompose.print_time.surfaces import measure_surfaces
 from decompose.printers import PrinterRoom
 
 HULL_FACETS, FLAT_FACES = 24, 12  # maximum number of candidates of each kind, the largest first
-SAME = 1000  # reciprocal of the difference of the coordinates of directions that are taken as the same
+DIRECTION_STEPS = 1000  # coordinates of directions are compared after rounding to 1 / DIRECTION_STEPS
 DISTINCT_DEG = 2.0  # minimum angle between two candidates
 MAX_MEASURED = 24  # maximum number of measured candidates, in the order of their prices
 ESTIMATE_COLUMNS = 1_500  # approximate number of columns for an estimate
 CERTAIN_SUPPORT_SHARE = 0.8  # share of an estimated support that is certainly needed
-DEGREES: Floats = np.radians(np.arange(90.0))
+YAWS_RAD: Floats = np.radians(np.arange(90.0))
 
 
 def find_best_pose(
@@ -65,8 +65,8 @@ def find_best_pose(
     if not len(rotations):
         return None
     features, extents = sum_pose_features(vertices, faces, rotations, cost, hull.points, cut)
-    thinnest = replace(cost, brim_mm=0.0) if fit_first_layer else cost
-    min_s = [thinnest.price_s([*f[:COLUMN], 0.0], e) for f, e in zip(features, extents, strict=True)]
+    cost_without_brim = replace(cost, brim_mm=0.0) if fit_first_layer else cost
+    min_s = [cost_without_brim.price_s([*f[:COLUMN], 0.0], e) for f, e in zip(features, extents, strict=True)]
     max_s = [cost.price_s(f, e) for f, e in zip(features, extents, strict=True)]
     mesh = PartMesh(vertices, faces, cut)
     best: Pose | None = None
@@ -153,7 +153,7 @@ def list_directions(vertices: Floats, faces: Ints, hull: Hull) -> Floats:
 
 @jit
 def _add_distinct(known_directions: Floats, candidates: Floats, max_count: int, near_cos: float) -> Floats:
-    """Append up to `max_count` candidates (m, 3) to the directions (k, 3) that they are not near; float64."""
+    """Append up to `max_count` candidates (m, 3) that are not near any of the directions (k, 3); float64."""
     directions = np.zeros((len(known_directions) + max_count, 3))
     count = len(known_directions)
     directions[:count] = known_directions
@@ -179,8 +179,12 @@ def _find_flat_directions(areas: Floats) -> Floats:
     areas = areas[size > 0.0]
     if not len(areas):
         return areas
-    x, y, z = np.rint(areas / size[size > 0.0, None] * SAME).astype(np.int64).T
-    _, group = np.unique(((x + SAME) * (2 * SAME + 1) + y + SAME) * (2 * SAME + 1) + z, return_inverse=True)
+    x, y, z = np.rint(areas / size[size > 0.0, None] * DIRECTION_STEPS).astype(np.int64).T
+    _, group = np.unique(
+        ((x + DIRECTION_STEPS) * (2 * DIRECTION_STEPS + 1) + y + DIRECTION_STEPS) * (2 * DIRECTION_STEPS + 1)
+        + z,
+        return_inverse=True,
+    )
     sums = np.zeros((group.max() + 1, 3))
     np.add.at(sums, group.reshape(-1), areas)
     size = np.linalg.norm(sums, axis=1)
@@ -203,7 +207,7 @@ def _orient(up: Floats, hull: Floats, printers: Sequence[PrinterRoom]) -> Floats
     flat = hull @ np.array([x, y]).T
     height = float(np.ptp(hull @ up))
     outline = find_convex_outline(flat)
-    angles = find_smallest_rectangle(outline) + DEGREES
+    angles = find_smallest_rectangle(outline) + YAWS_RAD
     if len(axis):
         angles = np.insert(angles, 0, 0.0)
     for angle, (width, depth) in zip(angles, measure_rectangles(outline, angles).tolist(), strict=True):

@@ -190,24 +190,24 @@ def measure_from_features(
     )
 
 
-def _price_pose_s(features: Floats, extents_mm: Floats, inside: Columns, cost: CostModel) -> float:
-    """Price `ADDITIVE` features (5,) and extents (3,) with what the columns of the part show."""
-    bodies_mm = inside.bodies_mm - HOLE_INSET_SHARE * inside.holes_mm
+def _price_pose_s(features: Floats, extents_mm: Floats, columns: Columns, cost: CostModel) -> float:
+    """Price `ADDITIVE` features (5,) and extents (3,), corrected by the columns of the part."""
+    bodies_mm = columns.bodies_mm - HOLE_INSET_SHARE * columns.holes_mm
     return (
         cost.price_s([*features[:COLUMN], 0.0], extents_mm)
         - cost.price_insets_s(float(features[LATERAL]), float(extents_mm[2]), bodies_mm)
-        + cost.price_paths_s(inside.island_paths_mm2, inside.holes_mm, inside.hole_paths_mm2)
-        + cost.price_brim_s(inside.brim_mm2(cost.brim_mm), extents_mm)
+        + cost.price_paths_s(columns.island_paths_mm2, columns.holes_mm, columns.hole_paths_mm2)
+        + cost.price_brim_s(columns.brim_mm2(cost.brim_mm), extents_mm)
         + cost.price_support_s(
-            inside.support_mm3, inside.support_side_mm2, inside.towers_mm, inside.islands_mm
+            columns.support_mm3, columns.support_side_mm2, columns.towers_mm, columns.islands_mm
         )
     )
 
 
-def _compute_strain(footing: Footing, inside: Columns, height_mm: float, leans_mm: Sequence[float]) -> float:
+def _compute_strain(footing: Footing, columns: Columns, height_mm: float, leans_mm: Sequence[float]) -> float:
     """Compute the worst ratio of the moments that tilt a growing part to the moment that holds it."""
-    area_mm2 = footing.contact_mm2 + SUPPORTED_CONTACT_SHARE * inside.propped_mm2
+    area_mm2 = footing.contact_mm2 + SUPPORTED_CONTACT_SHARE * columns.propped_mm2
     holds = ADHESION_N_MM2 * area_mm2 * footing.width_mm / 2.0
-    outside = max(w * max(0.0, -lean) for w, lean in zip(inside.volumes_mm3, leans_mm, strict=True))
+    outside = max(w * max(0.0, -lean) for w, lean in zip(columns.volumes_mm3, leans_mm, strict=True))
     pulls = PULL_N * height_mm + WEIGHT_N_MM3 * outside
     return float(pulls / holds) if holds > 0.0 else math.inf

@@ -34,7 +34,7 @@ def write_coupon(out: Path, pin_mm: float | None) -> dict[str, Any]:
         corners = round_triangles(*coupon.solid.arrays())
         if corners is None:
             raise DecomposeError(
-                f"the coupon for pins of {pin_mm:g} mm touches itself: take another diameter"
+                f"the coupon for pins of {pin_mm:g} mm touches itself: choose another diameter"
             )
     try:
         out.parent.mkdir(parents=True, exist_ok=True)

@@ -11,7 +11,7 @@ import trimesh
 
 from bench.connectors.part_reader import _read_codes, read_part
 from decompose.connectors.marks import SIZES_MM
-from decompose.connectors.strokes import GRID_HIGH, draw_strokes
+from decompose.connectors.strokes import GRID_HEIGHT, draw_strokes
 from decompose.connectors.tools import make_groove
 from decompose.geometry import Solid
 
@@ -46,7 +46,7 @@ def test_groove_of_a_key_is_read_with_half_the_length_that_it_takes(tmp_path: Pa
 
 
 def test_corner_between_the_sides_of_grooves_is_no_end_of_a_stroke() -> None:
-    strokes = draw_strokes("-18") * (SIZES_MM[1][0] / GRID_HIGH)
+    strokes = draw_strokes("-18") * (SIZES_MM[1][0] / GRID_HEIGHT)
     ends = np.unique(strokes.reshape(-1, 2), axis=0)
     bottom = np.column_stack([ends, np.full(len(ends), -SIZES_MM[1][1])])
     corner = [*(ends[0] - [0.125, 0.0]), -SIZES_MM[1][1] + 0.11]

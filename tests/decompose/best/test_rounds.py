@@ -95,7 +95,7 @@ def test_order_in_which_attempts_of_a_round_end_changes_nothing(
     assert (serial.makespan_s, serial.yaw_deg) == (state.best.makespan_s, state.best.yaw_deg)
     started_attempts = serial.attempts[: len(state.attempts)]
     assert drop_times(started_attempts) == drop_times(state.attempts)
-    assert all("not begun" in attempt.reason for attempt in serial.attempts[len(started_attempts) :])
+    assert all("not started" in attempt.reason for attempt in serial.attempts[len(started_attempts) :])
 
 
 @settings(max_examples=60, deadline=None)

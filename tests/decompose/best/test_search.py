@@ -282,7 +282,7 @@ def test_no_attempt_starts_with_too_little_budget(
     later_attempts = best.attempts[attempt_count:]
     assert later_attempts
     assert not any(a.finished for a in later_attempts)
-    assert all("not begun" in a.reason for a in later_attempts)
+    assert all("not started" in a.reason for a in later_attempts)
 
 
 def test_parallelobox_is_tried_only_without_a_sound_result(cost: CostModel, result: Decomposition) -> None:

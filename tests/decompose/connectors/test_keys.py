@@ -85,7 +85,7 @@ def test_groove_near_the_outside_is_refused() -> None:
 def test_keys_of_one_length_can_be_turned_half_around() -> None:
     long_key, short_key = plan(5.5, 0.4).connectors.pins
     equal_key = replace(long_key, length_mm=short_key.length_mm + 1.0)
-    assert find_wrong_fits([equal_key, short_key]) == ["step 1 can be turned half around"]
+    assert find_wrong_fits([equal_key, short_key]) == ["step 1 can be turned by 180 degrees"]
 
 
 def test_cut_list_names_pieces_of_each_diameter() -> None:

@@ -24,7 +24,7 @@ from decompose.results.connector_rules import DrilledParts, find_wrong_fits
 ALL = ConnectorOptions(2.85, 0.4, marks=True)
 QUICK = (Phase.explicit, Phase.reuse, Phase.generate)  # shrinking takes minutes
 UPRIGHT = np.array([0.0, 0.0, 1.0])
-LEANING = np.array([0.0, 0.6, -0.8])  # a level face hangs over in this pose: it takes holes, but no grooves
+LEANING = np.array([0.0, 0.6, -0.8])  # a level face overhangs in this pose: it may have holes, but no grooves
 Span = tuple[tuple[float, ...], tuple[float, ...]]
 
 
@@ -134,7 +134,7 @@ def test_hollow_below_a_joint_keeps_keys_and_pins_off(up: np.ndarray, rim_mm: fl
 def test_face_that_leans_over_in_its_pose_is_not_marked():
     connectors, _ = plan(HALVES, [LEANING, UPRIGHT])
     assert {mark.part for mark in connectors.marks} == {1}
-    assert connectors.unmarked == ((0, "a face hangs over in its part's pose"),)
+    assert connectors.unmarked == ((0, "a face overhangs in its part's pose"),)
     assert len(connectors.pins) == 2  # their holes have a roof that follows the pose
 
 

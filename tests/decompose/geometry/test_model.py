@@ -107,7 +107,7 @@ def test_unreadable_and_empty_files_are_refused(tmp_path: Path) -> None:
     save(tmp_path / "points.stl", np.zeros((7, 3, 3)))
     with pytest.raises(ModelEmpty):
         load_model(tmp_path / "points.stl")
-    with pytest.raises(ModelUnreadable, match="header promises 1280 triangles, the file holds 6"):
+    with pytest.raises(ModelUnreadable, match="header states 1280 triangles, the file holds 6"):
         load_model(damage_file(tmp_path / "half.stl", lambda b: b[: len(b) // 2]))
 
 
@@ -231,7 +231,7 @@ def test_messages_use_the_given_name_of_a_file(tmp_path: Path) -> None:
     path = save(tmp_path / "3fa9c1", make_ball())
     assert load_model(path, name="My Ball.STL").repairs == ()
     path.write_bytes(path.read_bytes()[:200])
-    with pytest.raises(ModelUnreadable, match=r"^My Ball\.STL: its header promises"):
+    with pytest.raises(ModelUnreadable, match=r"^My Ball\.STL: its header states"):
         load_model(path, name="My Ball.STL")
     # Where a package that guesses encodings is installed, these bytes are a text without triangles.
     with pytest.raises((ModelUnreadable, ModelEmpty), match=r"^ball\.obj: "):

@@ -18,7 +18,7 @@ RADIUS_MM = 12.0
 
 
 def make_crossing_tube(apart_mm: float, rings: int = 60, sides: int = 12) -> Solid:
-    """Build a closed tube along a figure of eight, whose two limbs cross at a given distance."""
+    """Build a closed tube along a figure of eight, whose two branches cross at a given distance."""
     angles = np.linspace(0.0, 2.0 * np.pi, rings, endpoint=False)
     middle = np.stack(
         [90.0 * np.sin(angles), 60.0 * np.sin(2.0 * angles), apart_mm / 2.0 * np.cos(angles)], axis=1
@@ -48,7 +48,7 @@ def compute_shared_mm3(solid: Solid) -> float:
 
 
 @pytest.mark.parametrize("apart_mm", [1.0, 6.0, 20.0])
-def test_limbs_that_run_through_each_other_count_once(apart_mm: float) -> None:
+def test_branches_that_intersect_count_once(apart_mm: float) -> None:
     tube = make_crossing_tube(apart_mm)
     twice_mm3 = find_overlaps(tube).volume_mm3
     assert twice_mm3 == pytest.approx(compute_shared_mm3(tube), rel=0.05)
@@ -89,7 +89,7 @@ def test_operation_that_fails_leaves_the_model_as_it_was(
     assert resolve_overlaps(bodies) == (bodies, 0.0)
 
 
-def test_limbs_apart_stay_as_they_are(ring_with_bar: Solid) -> None:
+def test_branches_apart_stay_as_they_are(ring_with_bar: Solid) -> None:
     for solid in (make_crossing_tube(40.0), ring_with_bar, Solid.box((0.0, 0.0, 0.0), (1.0, 2.0, 3.0))):
         assert resolve_overlaps(solid) == (solid, 0.0)
 

@@ -129,7 +129,7 @@ def test_gaps_that_rounding_left_are_welded() -> None:
 
 def test_cup_without_wall_thickness_is_refused() -> None:
     """Check the refusal of a repair that would add a lid to a cup."""
-    with pytest.raises(ModelNotSolid, match=r"would invent 2\d %"):
+    with pytest.raises(ModelNotSolid, match=r"would add 2\d %"):
         close_surface("cup", weld_triangles(remove_lid(make_block((0, 0, 0), (100, 100, 50)), 2, 50.0)))
 
 

@@ -48,7 +48,7 @@ def test_edge_uses_are_those_of_an_edge_by_edge_count(faces: list[tuple[int, int
     counts = [undirected_edges.count(edge) for edge in set(undirected_edges)]
     uses = count_edge_uses(distinct_faces)
     assert uses.single_count == counts.count(1)
-    assert uses.shared_count == sum(count > 2 for count in counts)
+    assert uses.nonmanifold_count == sum(count > 2 for count in counts)
     assert uses.repeated_count == len(directed_edges) - len(set(directed_edges))
 
 

@@ -125,7 +125,7 @@ def test_pins_of_one_depth_or_of_one_distance_fit_wrongly(drilled_parts: Drilled
     pins = drilled_parts.connectors.pins
     assert find_wrong_fits(pins) == []
     equal_pins = [replace(pin, length_mm=2.0 * pin.depth_mm - 5.0) for pin in pins]
-    assert any("half around" in fault for fault in find_wrong_fits(equal_pins))
+    assert any("by 180 degrees" in fault for fault in find_wrong_fits(equal_pins))
     first_pins = [pin for pin in pins if pin.step == 0][:2]
     repeated_pins = [replace(pin, step=1) for pin in first_pins]
     assert any("fit each other" in fault for fault in find_wrong_fits([*first_pins, *repeated_pins]))

@@ -63,7 +63,7 @@ def test_window_of_all_boxes_is_as_good_as_the_exact_search(shape: Shape, seed: 
     assume(is_needed.any())
     limit_s = share * 130.0 * float(np.prod(shape))
     window = Window(boxes, [(0, 0, 0, *shape)], [])
-    fewest = window.fewest_parts(limit_s)
+    fewest = window.count_fewest_parts(limit_s)
     assert min(fewest, UNREACHABLE) <= Partitioner(boxes).solve(limit_s)
     if fewest < UNREACHABLE:
         partition = window.list_chosen_boxes()

@@ -13,9 +13,9 @@ from decompose.engines.guillotine.neighbourhood import list_pinwheel_boxes
 from decompose.engines.guillotine.plane_moves import (
     ShiftLimits,
     fill_out_boxes,
-    free_directions,
+    find_clear_position,
+    find_free_directions,
     group_faces,
-    keep_clear,
     move_groups,
     solve_plane_shifts,
 )
@@ -55,7 +55,7 @@ def test_simultaneous_moves_of_all_groups_keep_a_complete_partition(seed: int, c
     for group in range(count):
         faces = np.argwhere(groups == group)
         assert len({(axis, boxes[box, side, axis]) for box, side, axis in faces}) == 1
-    assert free_directions(boxes, groups, cells, 1.0).all()
+    assert find_free_directions(boxes, groups, cells, 1.0).all()
     assert cells.is_partition(move_groups(boxes, groups, rng.uniform(-4.9, 4.9, count)))
 
 
@@ -81,10 +81,10 @@ def test_face_moves_only_into_a_box_that_covers_it() -> None:
     is_needed[3:, :, :3] = False
     cells = NeededCells(PLANES, is_needed)
     groups = group_faces(convert_to_mm(boxes))
-    assert free_directions(convert_to_mm(boxes), groups, cells, 1.0).tolist() == [[True, False]]
+    assert find_free_directions(convert_to_mm(boxes), groups, cells, 1.0).tolist() == [[True, False]]
     filled_boxes = fill_out_boxes(boxes, ~is_needed)
     assert filled_boxes == [(0, 0, 0, 6, 6, 3), (0, 0, 3, 6, 6, 6)]
-    assert free_directions(
+    assert find_free_directions(
         convert_to_mm(filled_boxes), group_faces(convert_to_mm(filled_boxes)), cells, 1.0
     ).tolist() == [[True, True]]
 
@@ -118,7 +118,7 @@ def test_overlapping_or_incomplete_boxes_are_no_partition() -> None:
 )
 def test_plane_stops_before_flat_faces(flats: list[float], old_mm: float, new_mm: float) -> None:
     flats_mm = np.array(sorted(flats))
-    place = keep_clear(flats_mm, old_mm, new_mm, 2.0)
+    place = find_clear_position(flats_mm, old_mm, new_mm, 2.0)
     assert min(old_mm, new_mm) <= place <= max(old_mm, new_mm)
     assert place == old_mm or np.abs(flats_mm - place).min(initial=np.inf) >= 2.0 - 1e-6
     if np.abs(flats_mm - new_mm).min(initial=np.inf) >= 2.0:
