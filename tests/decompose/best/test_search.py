@@ -49,7 +49,7 @@ class Engines:
         self.posed_problem.append(problem)
         problem.effort.record(Work.SUM, round(1e9 / WORK_NS[Work.SUM]))  # a second
         if math.isinf(makespan_s := self.ends_s(problem.options)):
-            raise NoFit(f"nothing at {make_problem.options.granularity}")
+            raise NoFit(f"nothing at {problem.options.granularity}")
         engine = problem.options.engine
         faults = (Fault(0, "is a sliver"),) if engine in self.faulty else ()
         return replace(
