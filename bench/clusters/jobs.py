@@ -32,7 +32,7 @@ from farm.planning.tasks import decompose_job, draw_job, draw_overview, draw_som
 
 MODEL = "ultimaker2_plus"
 KIND, SEED = "organic", 1
-SIDE_MM = 200.0  # parts are small, so that slices take seconds
+SIDE_MM = 200.0  # longest side of the model for 20 printers: parts are small, so that slices take seconds
 BUDGET_S = 5.0
 PARALLEL_TASKS = {
     "slice_part",
@@ -252,9 +252,9 @@ def list_stages(tasks: list[dict[str, Any]]) -> list[dict[str, list[float]]]:
 
 
 def _make_job(parts: int, state: StateFolder) -> tuple[Job, Fleet]:
-    """Make a job for a number of printers; return it with the printers."""
+    """Make a job for a number of printers, whose model has a volume in proportion; return both."""
     state.make()
-    model = draw_model(KIND, SEED, SIDE_MM)
+    model = draw_model(KIND, SEED, SIDE_MM * (parts / 20.0) ** (1.0 / 3.0))
     corners = round_triangles(*model.solid.arrays())
     assert corners is not None
     path = state.root / f"{KIND}.stl"
