@@ -85,7 +85,7 @@ class SliceRejected(SlicingError):
 
 
 class OutsideBed(SliceRejected):
-    """It prints outside the bed: brim or support reaches further than the part's box and its brim.
+    """It prints outside the bed: its support or brim reaches further than the expected brim.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ class OutsideBed(SliceRejected):
     low_mm, high_mm
         Bounds (x, y) of all that is extruded, from the bed's centre.
     height_mm
-        Least height of a printer for it.
+        Minimum build height that the part needs.
     """
 
     def __init__(

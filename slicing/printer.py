@@ -65,8 +65,8 @@ class PrintCode:
         Parameters
         ----------
         nozzle_c, bed_c
-            Temperatures of the first layer, in C. At 0 C the bed cannot be heated, and lines with ``{bed_c}``
-            are left out.
+            Temperatures of the first layer, in C. 0 means a bed without a heater: lines with ``{bed_c}`` are
+            left out.
         filament_mm2
             Cross-section of the filament.
         """

@@ -94,7 +94,7 @@ class HostRecord:
         waiting_agents = [agent for agent in self.state.agents if agent.phase is AgentPhase.WAITING]
         if waiting_agents:
             names = " ".join(agent.printer for agent in waiting_agents)
-            return f"agents that ended: {names} ({waiting_agents[0].reason or 'started again soon'})"
+            return f"agents that have to start again: {names} ({waiting_agents[0].reason or 'soon'})"
         return self.state.update.reason
 
     def find_change(self, now_s: float, scale: float) -> HostChange | None:

@@ -111,7 +111,7 @@ class JobView(JobFigures):
         return len(self.plates)
 
     @property
-    def parts_by_use(self) -> list[PartView]:
+    def parts_in_gluing_order(self) -> list[PartView]:
         """Parts of each copy in the order in which they are glued."""
         return sorted(self.parts, key=lambda part: (part.copy_number, part.glue_rank or len(self.parts)))
 

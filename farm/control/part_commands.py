@@ -12,7 +12,7 @@ from farm.state import PlateState, find_stopped_print
 from farm.state import events as ev
 from farm.text import parse_part_number
 
-_PRINTED = {
+_REFUSALS = {
     PlateState.PRINTED: "is already printed",
     PlateState.GOOD: "is already printed",
     PlateState.CANCELLED: "is already cancelled",
@@ -59,28 +59,30 @@ class PartCommands:
 
     def _cancel(self, plate: Plate, by: str) -> str:
         state = self._controller.books.plate_state(plate)
-        if state in _PRINTED and (state is not PlateState.GOOD or self._find_printer(plate) is None):
-            raise Refused(f"part {plate.parts[0]} {_PRINTED[state]}")
+        if state in _REFUSALS and (state is not PlateState.GOOD or self._find_printer(plate) is None):
+            raise Refused(f"part {plate.parts[0]} {_REFUSALS[state]}")
         self._controller.handle(ev.PlateCancelled(at_s=self._controller.clock.now(), plate=plate.id, by=by))
         return plate.parts[0]
 
-    def pause(self, job: int, part: str, is_paused: bool, by: str) -> str:
+    def pause(self, job: int, part: str, pause_requested: bool, by: str) -> str:
         """Pause or resume a part, on its printer or in the queue; return the printer, or an empty text."""
         plate = self._find_plate(job, part)
         printer = self._find_printer(plate)
         if printer is not None:
-            self._printers.pause(printer, is_paused, by)
+            self._printers.pause(printer, pause_requested, by)
             return printer
         name, state = plate.parts[0], self._controller.books.plate_state(plate)
         if state is not PlateState.WAITING:
-            reason = _PRINTED.get(state, f"failed too often: print it again with `farm reprint {job} {part}`")
+            reason = _REFUSALS.get(
+                state, f"failed too often: print it again with `farm reprint {job} {part}`"
+            )
             raise Refused(f"part {name} {reason}")
-        if plate.paused is is_paused:
-            if not is_paused and self._controller.books.job(job).paused:
+        if plate.paused is pause_requested:
+            if not pause_requested and self._controller.books.job(job).paused:
                 raise Refused(f"job {job} is paused: `farm resume {job}` resumes its parts")
-            raise Refused(f"part {name} is {'already paused' if is_paused else 'not paused'}")
+            raise Refused(f"part {name} is {'already paused' if pause_requested else 'not paused'}")
         at_s = self._controller.clock.now()
-        self._controller.handle(ev.PlatePaused(at_s=at_s, plate=plate.id, wanted=is_paused, by=by))
+        self._controller.handle(ev.PlatePaused(at_s=at_s, plate=plate.id, wanted=pause_requested, by=by))
         return ""
 
     def _find_plate(self, job: int, part: str) -> Plate:

@@ -14,7 +14,7 @@ class Instruction(BaseModel):
 
 
 class SendStart(Instruction):
-    """Start a print, within the limits of hours when it is sent."""
+    """Start a print; the attended and quiet hours limit when it may start and end."""
 
     print_id: str
     printer: str

@@ -49,7 +49,7 @@ def build_planned_event(
         glue_s = (plan.assembly_s or 0.0) * compute_assembly_ratio(books.jobs.values())
         notices = (*notices, *_describe_lateness(job, ends_s, glue_s, rules, now_s))
     is_parallel = len({slot.printer for slot in forecast.slots}) == len(plan.plates)
-    has_no_waits = forecast.unprintable_plates or (is_parallel and rules.max_heating is None)
+    uses_plan_time = forecast.unprintable_plates or (is_parallel and rules.max_heating is None)
     return ev.JobPlanned(
         at_s=now_s,
         job=job.id,
@@ -58,7 +58,7 @@ def build_planned_event(
         repairs=notices,
         scale=plan.scale,
         serial_s=plan.serial_s,
-        expected_s=plan.expected_s if has_no_waits else forecast.ends_s - forecast.starts_s,
+        expected_s=plan.expected_s if uses_plan_time else forecast.ends_s - forecast.starts_s,
         lower_bound_s=max(0.0, forecast.lower_bound_s - forecast.starts_s),
         picture=plan.picture,
         assembly=plan.assembly,

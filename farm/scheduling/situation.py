@@ -22,7 +22,7 @@ class Situation:
     printers
         The fleet, in any order.
     rules
-        Hours, and the limit on printers that heat at the same time.
+        Attended and quiet hours, and the limit on printers that heat at the same time.
     now_s
         Farm time, seconds since the epoch.
     time_scale

@@ -189,7 +189,7 @@ class Upkeep:
         )
 
     async def _compact_events(self, backup: Path) -> int:
-        """Delete the events older than the kept days, in batches; return their number."""
+        """Delete the events older than those that are kept, in batches; return their number."""
         now_s = self._controller.clock.now()
         last = self._store.find_last_old_event(now_s - self._rules.days * _DAY_S, MAX_EVENTS)
         if not last:

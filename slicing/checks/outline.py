@@ -177,9 +177,9 @@ def _sample_layers(layers: npt.NDArray[np.intp], difference_mm2: Floats) -> npt.
     """Choose at most `EXACT_LAYERS` of the layers: the worst, and others in even steps."""
     if len(layers) <= EXACT_LAYERS:
         return layers
-    candidates = layers[np.argsort(difference_mm2)[-EXACT_LAYERS // 4 :]]
-    evenly_spaced = layers[np.linspace(0, len(layers) - 1, EXACT_LAYERS - len(candidates)).astype(int)]
-    return np.unique(np.concatenate((candidates, evenly_spaced)))
+    worst_layers = layers[np.argsort(difference_mm2)[-EXACT_LAYERS // 4 :]]
+    evenly_spaced = layers[np.linspace(0, len(layers) - 1, EXACT_LAYERS - len(worst_layers)).astype(int)]
+    return np.unique(np.concatenate((worst_layers, evenly_spaced)))
 
 
 class _Sections:
@@ -271,7 +271,7 @@ def _format_place(shape: Geometry) -> str:
 
 
 def _join_pieces(
-    pieces: list[tuple[int, Geometry]], layout: WallLayout, sampled_share: float
+    pieces: list[tuple[int, Geometry]], layout: WallLayout, layers_per_sample: float
 ) -> tuple[UnprintedWall, ...]:
     """Join pieces above one another into walls, the largest first."""
     if not pieces:
@@ -287,7 +287,9 @@ def _join_pieces(
             layout.compute_top_mm(min(layers) - 1) if min(layers) else 0.0,
             layout.compute_top_mm(max(layers)),
         )
-        side_mm2 = sum(piece.length / 2 for _, piece in wall_pieces) * layout.layer_height_mm * sampled_share
+        side_mm2 = (
+            sum(piece.length / 2 for _, piece in wall_pieces) * layout.layer_height_mm * layers_per_sample
+        )
         if high_mm - low_mm < TIP_MM or side_mm2 < MIN_WALL_MM2:
             continue
         middle = ((box[0] + box[2]) / 2, (box[1] + box[3]) / 2)

@@ -1,4 +1,4 @@
-"""Reasons against a person's own G-code, and the moment at which each of them refuses the file."""
+"""Reasons to refuse a person's own G-code, and the moment at which each of them refuses the file."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from slicing.errors import GcodeRefused
 
 
 class Objections:
-    """Reasons that refuse a file once something is printed after them.
+    """Reasons to refuse a file once something is printed after them.
 
     A command that must not be in a print is harmless in an end script, which is not printed. So an objection
     is only recorded, and the file is refused with the next line that prints.

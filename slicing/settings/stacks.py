@@ -78,7 +78,7 @@ def _is_known(machine: Machine, key: str) -> bool:
 
 
 def _check_values(machine: Machine, material: Material, name: str) -> None:
-    """Check that the values of an own material are of their settings' types."""
+    """Check that the values of a user's material have the types of their settings."""
     for key, text in material.values.items():
         setting = machine.settings.get(key) or machine.extruder.get(key)
         if setting is not None:

@@ -37,7 +37,8 @@ def submit(
     models: Annotated[
         list[Path],
         typer.Argument(
-            metavar="MODEL...", help="STL, 3MF, STEP, OBJ, PLY or OFF; or own G-code. A job for each."
+            metavar="MODEL...",
+            help="STL, 3MF, STEP, OBJ, PLY or OFF; or your own G-code. Each file is a job.",
         ),
     ],
     printers: Annotated[str, typer.Option(help="The number of printers to use, or auto.")] = "auto",

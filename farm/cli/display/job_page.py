@@ -188,7 +188,7 @@ def _list_times(view: api.JobView) -> list[tuple[str, str]]:
 def _lay_out_parts(view: api.JobView, width: int | None) -> list[Text]:
     rows, now = [], view.now
     plates = {plate.id: plate for plate in view.plates}
-    for part in view.parts_by_use:
+    for part in view.parts_in_gluing_order:
         plate = plates[part.plate]
         last_print = part.own_prints[-1] if part.own_prints else None
         rows.append(

@@ -246,7 +246,7 @@ class _Candidates:
         self._usable_printers: dict[Hashable, dict[str, FleetPrinter]] = {}
 
     def has_all(self, job: Job, names: Iterable[str]) -> bool:
-        """Return whether a job could use all of some printers without a repair."""
+        """Return whether a job could use each of the named printers, and none of them needs a repair."""
         return all(map(self._find_usable_printers(job).__contains__, names))
 
     def choose(self, job: Job, taken_printers: Collection[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:

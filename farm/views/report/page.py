@@ -94,7 +94,7 @@ def render_page(
         gantt=lay_out_gantt(list_bars(job, history, now)),
         failures=_list_failures(job),
         stills=_list_stills(job, pictures),
-        figures=[_describe_part(part, job, pictures.get(part.id)) for part in job.parts_by_use],
+        figures=[_describe_part(part, job, pictures.get(part.id)) for part in job.parts_in_gluing_order],
         assembly=None if assembly is None else _make_data_url(assembly),
         decomposition=decomposition or Report(),
         steps=[] if decomposition is None else _list_steps(decomposition),

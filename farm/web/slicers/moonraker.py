@@ -50,8 +50,8 @@ def moonraker_routes(services: Services, jobs: JobCommands) -> APIRouter:
         job = controller.books.job(slicer_upload.job)
         path = format_file_path(job)
         response.headers["location"] = f"{address.root}/server/files/{_ROOT}/{quote(path)}"
-        is_printed = slicer_upload.print_requested and not job.options.hold
+        is_queued = slicer_upload.print_requested and not job.options.hold
         item = {"path": path, "root": _ROOT}
-        return {"item": item, "print_started": False, "print_queued": is_printed, "action": "create_file"}
+        return {"item": item, "print_started": False, "print_queued": is_queued, "action": "create_file"}
 
     return router

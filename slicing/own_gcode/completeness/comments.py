@@ -162,8 +162,8 @@ class Completeness:
         if self._layer_count >= self._stated_count - allowed:
             return None
         return (
-            f"line {self._stated_count_line} names {self._stated_count} layers, and {self._layer_count} of "
-            "them are in it"
+            f"line {self._stated_count_line} states {self._stated_count} layers, but the file has "
+            f"only {self._layer_count}"
         )
 
     @property

@@ -98,9 +98,9 @@ class StatedFigures:
             Highest Z that it reaches up to the last printed line.
         """
         if self.low_mm is not None and low_mm > self.low_mm + _HEIGHT_SLACK_MM:
-            return f"its slicer says that it begins at Z {self.low_mm:g}, and it begins at Z {low_mm:g}"
+            return f"its slicer states a lowest Z of {self.low_mm:g}, but it begins at Z {low_mm:g}"
         if self.high_mm is not None and high_mm < self.high_mm - _HEIGHT_SLACK_MM:
-            return f"its slicer says that it goes up to Z {self.high_mm:g}, and it ends at Z {high_mm:g}"
+            return f"its slicer states a highest Z of {self.high_mm:g}, but it ends at Z {high_mm:g}"
         return None
 
 
@@ -138,12 +138,12 @@ class FiguresReader:
         return StatedFigures(filament, numbers.get(b"MINZ"), numbers.get(b"MAXZ"))
 
     def describe_missing_time(self) -> str | None:
-        """Return the reason why the last layers are missing; None if the last one ends at the stated time."""
+        """Describe by the stated time that the last layers are missing; None if the last one ends then."""
         time_s = self._numbers.get(b"TIME", 0.0)
         elapsed_s = self._numbers.get(b"TIME_ELAPSED", inf)
         if self._has_placeholders or not self._is_exact or elapsed_s >= time_s - _TIME_SLACK_S:
             return None
-        return f"its slicer says that it takes {time_s:g} s, and its last layer ends after {elapsed_s:g} s"
+        return f"its slicer states a time of {time_s:g} s, but its last layer ends after {elapsed_s:g} s"
 
 
 def _read_filament(match: re.Match[bytes], line: int) -> StatedFilament | None:

@@ -39,7 +39,7 @@ def test_host_is_described_with_its_agents_ports_and_wait():
         ("b", "waiting", None, 3),
     ]
     assert view.ports[0].printer == "a"
-    assert view.waiting == "agents that ended: b (its agent ended with 1)"
+    assert view.waiting == "agents that have to start again: b (its agent ended with 1)"
 
 
 def test_printers_of_a_lost_host_are_unknown_and_have_no_tasks_of_their_own():

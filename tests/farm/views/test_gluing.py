@@ -50,7 +50,7 @@ def print_parts(books):
 def test_parts_are_listed_in_the_order_of_gluing(books):
     view = describe_job(make_context(books), books.jobs[1])
     assert [part.id for part in view.parts] == ["1/p01", "1/p02", "1/p03"]
-    assert [part.id for part in view.parts_by_use] == ["1/p03", "1/p01", "1/p02"]
+    assert [part.id for part in view.parts_in_gluing_order] == ["1/p03", "1/p01", "1/p02"]
     console = Console(width=140, record=True, file=io.StringIO())
     console.print(render_job(view))
     rows = [line.split()[:2] for line in console.export_text().splitlines() if line.startswith("1/p")]

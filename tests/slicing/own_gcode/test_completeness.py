@@ -129,7 +129,7 @@ def test_empty_layers_that_cura_omits_are_a_warning():
     """Accept empty layers in the tip of a spire if the closing comment is present."""
     lines = make_ultigcode(make_square(layers=20))
     lines_of_24 = [line.replace("COUNT:20", "COUNT:24") for line in lines]
-    assert "names 24 layers, and 20 of them are in it: Cura" in accept(lines_of_24).notices[-1]
+    assert "states 24 layers, but the file has only 20: Cura" in accept(lines_of_24).notices[-1]
     assert not any("layers" in line for line in accept(lines).notices)
     assert_refused(lines_of_24[:-1], "closes its files with a comment")
     assert_refused(
@@ -227,7 +227,7 @@ def test_missing_layer_is_reported_with_relative_e():
     gap = [*lines[:index], *lines[end:]]
     relative = [line.split(" E")[0] + " E1.6" if line.startswith("G1 F1800") else line for line in gap]
     relative.insert(relative.index(";LAYER:0"), "M83")
-    assert "names 20 layers, and 19 of them are in it" in accept(relative).notices[-1]
+    assert "states 20 layers, but the file has only 19" in accept(relative).notices[-1]
 
 
 def test_block_of_settings_that_does_not_end_is_refused():

@@ -64,8 +64,10 @@ def add_header(lines, *figures):
 def test_lowest_and_highest_layer_match_the_figures_of_the_slicer(relative):
     complete = add_header(make_marlin(SMALL_TOWER, relative=relative), "LAYER_COUNT:20", "MINZ:0.2", "MAXZ:4")
     assert check_rules(accept(complete))
-    assert_refused(remove_layers(complete, 0), "Z 0.2, and it begins at Z 0.4|the first move that feeds")
-    assert_refused(remove_layers(complete, 19), "up to Z 4, and it ends at Z 3.8: lines are missing")
+    assert_refused(
+        remove_layers(complete, 0), "a lowest Z of 0.2, but it begins at Z 0.4|the first move that feeds"
+    )
+    assert_refused(remove_layers(complete, 19), "a highest Z of 4, but it ends at Z 3.8: lines are missing")
     for placeholder in ("TIME:6666", "MINZ:2.14748e+06"):
         assert accept(
             remove_layers([*complete[:2], f";{placeholder}", *complete[2:]], 5) if relative else complete
@@ -77,7 +79,7 @@ def test_hop_above_the_highest_layer_is_not_a_layer():
     lines[lines.index(";LAYER:19") + 1 : lines.index(";LAYER:19") + 1] = ["G0 Z5"]
     complete = add_header(lines, "LAYER_COUNT:20", "MINZ:0.2", "MAXZ:5")
     assert check_rules(accept(complete))
-    assert_refused(remove_layers(complete, 18, 19), "up to Z 5, and it ends at Z 3.6")
+    assert_refused(remove_layers(complete, 18, 19), "a highest Z of 5, but it ends at Z 3.6")
 
 
 def test_end_of_the_last_layer_matches_the_time_of_the_slicer():
