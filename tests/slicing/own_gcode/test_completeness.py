@@ -94,12 +94,12 @@ def test_file_of_a_slicer_without_a_closing_mark_is_refused_before_its_end_code(
 def test_fewer_layers_than_the_file_names_are_refused():
     assert accept(COUNTED_LINES).layers == 100
     assert_refused(
-        [line for line in COUNTED_LINES if line != ";LAYER:99"], "line 1 names 100 layers, and 99 of them"
+        [line for line in COUNTED_LINES if line != ";LAYER:99"], "line 1 states 100 layers, but the file has only 99"
     )
     index = COUNTED_LINES.index(";LAYER:60")
     assert_refused(
         [*COUNTED_LINES[:index], *END],
-        rf"line {index + len(END)}: .* line 1 names 100 layers, and 60 of them",
+        rf"line {index + len(END)}: .* line 1 states 100 layers, but the file has only 60",
     )
 
 
@@ -109,7 +109,7 @@ def test_fewer_layers_than_the_file_names_are_refused():
 )
 def test_count_of_each_slicer_is_known(count):
     lines = [line.replace(";LAYER:", ";LAYER_CHANGE ") for line in make_marlin(make_square(layers=60))]
-    assert_refused([*lines, count], "names 100 layers, and 60 of them")
+    assert_refused([*lines, count], "states 100 layers, but the file has only 60")
     assert accept([*lines, count.replace("100", "60")]).layers == 60
 
 
@@ -122,7 +122,7 @@ def test_layers_of_sequential_objects_are_counted_per_object():
     for index in reversed(ends):
         lines.insert(index, ";LAYER_COUNT:3")
     assert accept(lines).layers == 6
-    assert_refused([line.replace("COUNT:3", "COUNT:5") for line in lines], "names 5 layers, and 3 of them")
+    assert_refused([line.replace("COUNT:3", "COUNT:5") for line in lines], "states 5 layers, but the file has only 3")
 
 
 def test_empty_layers_that_cura_omits_are_a_warning():
@@ -133,7 +133,7 @@ def test_empty_layers_that_cura_omits_are_a_warning():
     assert not any("layers" in line for line in accept(lines).notices)
     assert_refused(lines_of_24[:-1], "closes its files with a comment")
     assert_refused(
-        [line.replace("COUNT:20", "COUNT:30") for line in lines], "names 30 layers, and 20 of them"
+        [line.replace("COUNT:20", "COUNT:30") for line in lines], "states 30 layers, but the file has only 20"
     )
 
 
@@ -196,7 +196,7 @@ def test_file_with_stated_filament_is_refused_if_any_layer_is_missing(slicer, da
 
 def test_empty_layers_are_accepted_if_all_filament_is_present():
     lines = [line.replace("COUNT:20", "COUNT:40") for line in make_ultigcode(make_square(layers=20))]
-    assert_refused(lines, "names 40 layers")
+    assert_refused(lines, "states 40 layers")
     volume = round(accept(make_ultigcode(make_square(layers=20))).filament_mm * FILAMENT_MM2)
     figures = [line.replace("TIME:6666", "TIME:60").replace(":6666", f":{volume}") for line in lines]
     assert not any("layers" in line for line in accept(figures).notices)
@@ -208,7 +208,7 @@ def test_empty_layers_are_accepted_if_all_filament_is_present():
         "M221 S101",
         *higher_figures[-6:],
     ]  # more than its E: no comparison is possible
-    assert_refused(flow, "names 40 layers")
+    assert_refused(flow, "states 40 layers")
     assert accept([line.replace("COUNT:40", "COUNT:20") for line in flow]).layers == 20
 
 

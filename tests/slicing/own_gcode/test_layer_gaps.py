@@ -90,7 +90,7 @@ def test_end_of_the_last_layer_matches_the_time_of_the_slicer():
     complete[1:1] = [f";{figure}" for figure in figures]
     assert check_rules(accept(complete))
     assert accept([line.replace("ED:200.0", "ED:200.9") for line in complete])
-    assert_refused(remove_layers(complete, 19), "takes 200 s, and its last layer ends after 190 s")
+    assert_refused(remove_layers(complete, 19), "a time of 200 s, but its last layer ends after 190 s")
 
 
 def remove_lines(lines, number, end):
