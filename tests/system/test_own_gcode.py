@@ -77,7 +77,10 @@ def test_unprintable_gcode_is_refused_at_submission(one_printer_farm, tmp_path):
 def test_truncated_file_is_refused_and_foreign_machine_is_a_warning(one_printer_farm, tmp_path):
     path, whole_lines = tmp_path / "tower.gcode", [";LAYER_COUNT:3", *make_marlin()]
     for cut, message in (
-        ("\n".join(whole_lines[: whole_lines.index(";LAYER:2")]) + "\n", "states 3 layers, but the file has only 2"),
+        (
+            "\n".join(whole_lines[: whole_lines.index(";LAYER:2")]) + "\n",
+            "states 3 layers, but the file has only 2",
+        ),
         ("\n".join(whole_lines), "no newline"),
     ):
         path.write_text(cut)
