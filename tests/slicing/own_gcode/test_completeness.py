@@ -154,7 +154,7 @@ def test_file_with_missing_layers_and_an_intact_end_is_refused(data):
             accept(hole)
         return
     try:
-        assert "layers, and" in accept(hole).notices[-1]
+        assert "layers, but" in accept(hole).notices[-1]
     except GcodeRefused as refusal:
         assert re.search("lines are missing|states .* layers", str(refusal))
 
