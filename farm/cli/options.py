@@ -75,7 +75,7 @@ PinFit = Annotated[
     typer.Option(
         min=0,
         max=2,
-        help="Width of a hole across its flats beyond the pin, mm; default: that of fleet.yaml, or 0.4.",
+        help="Clearance of a hole around its pin, across the flats, mm; default: that of fleet.yaml, or 0.4.",
     ),
 ]
 Marks = Annotated[
