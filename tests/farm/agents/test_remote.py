@@ -99,7 +99,7 @@ class Sshd:
             subprocess.run(arguments, check=True)
         (folder / "sshd").write_text(
             f"HostKey {folder}/host\nAuthorizedKeysFile {folder}/mine.pub\nStrictModes no\nUsePAM no\n"
-            f"PidFile none\nPasswordAuthentication no\nListenAddress 127.0.0.1\nPort {self._free()}\n"
+            f"PidFile none\nPasswordAuthentication no\nListenAddress 127.0.0.1\nPort {self._find_free_port()}\n"
         )
         (folder / "ssh").write_text(
             f"Host pc-b\n HostName 127.0.0.1\n Port {self._port}\n IdentityFile {folder}/mine\n"
@@ -249,7 +249,7 @@ def test_print_survives_a_network_failure_of_ten_minutes(
                     assert is_alive(remote_folder)
                     await asyncio.sleep(0.05)
             remote_host.mend()
-            snapshot = await wait_until(lambda s: s.print is not None and s.print.state.count_ended_bridges)
+            snapshot = await wait_until(lambda s: s.print is not None and s.print.state.ended)
             assert snapshot.print is not None and snapshot.print.state is PrintState.DONE, snapshot
             assert find_agent_pid(remote_folder) == first_pid
             if isinstance(remote_host, SilentNetwork):
@@ -261,7 +261,7 @@ def test_print_survives_a_network_failure_of_ten_minutes(
             listener.last = AgentSnapshot(printer="a", link=Link.STARTING)
             link = AgentConnection("a", None, state, clock, listener)  # removed from the fleet meanwhile
             link.start()
-            await wait_until(lambda s: s.print is not None and s.print.state.count_ended_bridges)
+            await wait_until(lambda s: s.print is not None and s.print.state.ended)
             assert read_status(remote_folder / "emulator").starved_s < 60.0
             await link.shut_down()
             async with asyncio.timeout(DEADLINE_S):
