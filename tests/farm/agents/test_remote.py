@@ -99,7 +99,7 @@ class Sshd:
             subprocess.run(arguments, check=True)
         (folder / "sshd").write_text(
             f"HostKey {folder}/host\nAuthorizedKeysFile {folder}/mine.pub\nStrictModes no\nUsePAM no\n"
-            f"PidFile none\nPasswordAuthentication no\nListenAddress 127.0.0.1\nPort {self._find_free_port()}\n"
+            f"PidFile none\nPasswordAuthentication no\nListenAddress 127.0.0.1\nPort {self._find_port()}\n"
         )
         (folder / "ssh").write_text(
             f"Host pc-b\n HostName 127.0.0.1\n Port {self._port}\n IdentityFile {folder}/mine\n"
@@ -110,7 +110,7 @@ class Sshd:
         self._server: subprocess.Popen[bytes] | None = None
         self.mend()
 
-    def _find_free_port(self) -> int:
+    def _find_port(self) -> int:
         import socket
 
         with socket.socket() as probe:
