@@ -74,7 +74,7 @@ REFUSALS = {
     "empty": (write_empty, "empty"),
     "flat": (write_flat, "flat"),
     "nan": (write_nan, "not a number"),
-    "half_an_stl": (write_half_stl, "promises"),
+    "half_an_stl": (write_half_stl, "header states"),
     "loose_triangles": (write_loose_triangles, "solid"),
     "in_metres": (write_in_metres, "--scale"),
 }

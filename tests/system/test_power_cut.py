@@ -85,7 +85,7 @@ def test_database_keeps_every_committed_event(tmp_path):
     synced_folder.mkdir()
     books.parent.mkdir()
     env = {**os.environ, "LD_PRELOAD": str(shim), "SYNCED_TO": str(synced_folder)}
-    env["PYTHONPATH"] = os.pathsep.join((str(SHIM_SOURCE.parent), str(SHIM_SOURCE.parents[2])))
+    env["PYTHONPATH"] = os.pathsep.join((str(SHIM_SOURCE.parents[1]), str(SHIM_SOURCE.parents[3])))
     command = [sys.executable, "-c", COMMITS, str(books)]
     pipe = subprocess.PIPE
     with subprocess.Popen(command, env=env, stdin=pipe, stdout=pipe, text=True) as process:
