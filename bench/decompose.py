@@ -222,7 +222,7 @@ def slice_whole(run: Run, results: Path, cache: Path) -> float | None:
 
 
 def compute_row(run: Run, report: dict[str, Any], sliced_s: list[float | None] | None) -> dict[str, Any]:
-    """Compute one row of the table. Times are CuraEngine's where every part was sliced, else the cost's."""
+    """Compute one row of the table. Times are CuraEngine's where every part was sliced, else prices."""
     row: dict[str, Any] = {"model": run.path.stem, "printers": run.printers, "engine": run.engine}
     if "refused" in report:
         return row | {"refused": report["refused"]}

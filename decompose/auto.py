@@ -68,8 +68,9 @@ def decompose_auto(
 ) -> Decomposition:
     """Cut a model for the number of printers that suits a goal, the first ones of a list.
 
-    The number is chosen from the curve of makespans of the first printers by the tables, with their rooms and
-    speeds; if that number is too small for the parts as they are cut, all printers are used.
+    The number is chosen from the makespans for the first 1, 2, ... printers, which the tables of the grid
+    give for their rooms and speeds; if that number is too small for the parts as they are cut, all printers
+    are used.
 
     Parameters
     ----------

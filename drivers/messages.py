@@ -260,7 +260,7 @@ class ListPrints(_Request):
 
 
 class ListLines(_Request):
-    """List the last lines on the wire; nothing else changes."""
+    """List the last lines on the wire."""
 
     first_protocol: ClassVar[int] = 4
     do: Literal["lines"] = "lines"

@@ -252,7 +252,7 @@ def list_stages(tasks: list[dict[str, Any]]) -> list[dict[str, list[float]]]:
 
 
 def _make_job(parts: int, state: StateFolder) -> tuple[Job, Fleet]:
-    """Make a job for a number of printers, whose model has a volume in proportion; return both."""
+    """Make printers, and a job whose model has a volume in proportion to their number."""
     state.make()
     model = draw_model(KIND, SEED, SIDE_MM * (parts / 20.0) ** (1.0 / 3.0))
     corners = round_triangles(*model.solid.arrays())

@@ -2,9 +2,10 @@
 
 Usage: python -m bench.prices.cut_wall_speeds FOLDER [--parts 5] [--quality glue] [--speeds 50,60]
 
-FOLDER is one of `farm decompose` or `bench.decompose`, not turned about z. Each slice's moves are planned
-twice, with acceleration and jerk (`bench.prices.move_times`): as they are, and with the walls along cut faces
-at least as fast as the given speed. Layers that CuraEngine slows down keep their speeds.
+FOLDER was written by `farm decompose` or `bench.decompose`, for a model not turned about z. Each slice's
+moves are planned twice, with acceleration and jerk (`bench.prices.move_times`): as they are, and with the
+walls along cut faces at least as fast as the given speed. Layers that CuraEngine slows down keep their
+speeds.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ WALLS = tuple(KINDS.index(name) for name in ("WALL-OUTER", "WALL-INNER"))
 
 @dataclass(frozen=True, slots=True)
 class Plane:
-    """Upright cut plane of a part on the bed: an outward unit normal (2,), and its place along it in mm."""
+    """Upright cut plane of a part on the bed: an outward unit normal (2,), and its offset along it in mm."""
 
     normal: Floats
     place_mm: float

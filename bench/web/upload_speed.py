@@ -3,8 +3,9 @@
 ``python -m bench.web.upload_speed [--mb MB] [--times N] [--form] [--json]``. A real daemon with one simulated
 printer. This process sends a file of that size over loopback TCP with a key: `--form` as slicers do
 (multipart), else as `farm submit` does. Another process asks for `GET /status` on the Unix socket and on TCP
-every 50 ms. The file is G-code that its first line refuses, so that the answer comes as soon as the last byte
-is on the disk. One more upload is cut in its middle: the files that it leaves on the disk are counted.
+every 50 ms. The file is G-code that is refused for its first line, so that the answer comes as soon as the
+last byte is on the disk. One more upload is cut in its middle: the files that it leaves on the disk are
+counted.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ BOUNDARY = b"------------------------9b1418d19f570849"
 
 
 def make_request(farm: WebFarm, key: str, size: int, form: bool) -> tuple[bytes, bytes, bytes]:
-    """Return the bytes of the request before the file, and after it."""
+    """Return the headers of the request, and its bytes before and after the file."""
     head_bytes, tail_bytes = b"", b""
     if form:
         path, kind = "/api/files/local", b"multipart/form-data; boundary=" + BOUNDARY

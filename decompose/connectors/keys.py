@@ -204,7 +204,7 @@ class KeyMaker:
         return site.moved.lift(middles[shapely.covers(room, lines)])
 
     def _find_exits(self, slide: KeySlide, seats_mm: Floats, ends: Sequence[Side]) -> Iterator[KeyPlace]:
-        """Find the faces of a part through which its groove can leave it from seats (n, 3)."""
+        """Yield places of keys at seats (n, 3) whose groove can leave the part through one of its faces."""
         side, along = slide.open_side, slide.along
         half_width_mm = self._depth_mm(slide.site) + KEY_RIM_MM + SLACK_MM
         area = self.room.find_solid_area(side, half_width_mm, KEY_RIM_MM)
@@ -243,10 +243,11 @@ class KeyPlacer:
     maker
         Maker of keys for the step.
     sites, glue_mm, pins
-        Faces of the step that close along its direction; points (n, 3) of all of its glue; its pins and keys
-        so far.
+        Faces of the step that close along its direction; sample points (n, 3) on all of its glued faces; its
+        pins and keys so far.
     taken_mm
-        Distances of the pairs of other steps; that of this pair differs from each by `distinct_mm`.
+        Distance between the two keys or pins of each other step; that of this step differs from each of them
+        by at least `distinct_mm`.
     """
 
     maker: KeyMaker

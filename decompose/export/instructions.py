@@ -61,7 +61,7 @@ def write_instructions(
     Parameters
     ----------
     decomposition
-        Its parts with their names.
+        Decomposition whose parts have their names.
     path
         File to write.
     overview
@@ -90,7 +90,7 @@ def render_instructions(decomposition: Decomposition, pictures: Pictures, faults
     Parameters
     ----------
     decomposition
-        Its parts with their names.
+        Decomposition whose parts have their names.
     pictures
         Pictures of its steps and parts.
     faults

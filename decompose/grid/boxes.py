@@ -56,7 +56,7 @@ class BoxTables:
 
 @jit
 def _fits_all(rooms: Floats, width_mm: float, depth_mm: float, height_mm: float) -> bool:
-    """Check whether extents fit a box of each of rooms (rooms, boxes, 3), turned about z or not."""
+    """Check whether extents fit each room of (rooms, boxes, 3): one of its boxes, turned about z or not."""
     for r in range(len(rooms)):
         fits = False
         for b in range(rooms.shape[1]):
@@ -71,7 +71,7 @@ def _fits_all(rooms: Floats, width_mm: float, depth_mm: float, height_mm: float)
 
 @jit
 def _clear_ends(ends: Floats) -> None:
-    """Set ends (12,) to the values for no cell; see `_find_cell_ends`."""
+    """Set ends (12,) to those of no cell: inf for a least value, -inf for a greatest one."""
     for k in range(3):
         ends[k], ends[k + 3], ends[k + 6], ends[k + 9] = np.inf, -np.inf, np.inf, -np.inf
 

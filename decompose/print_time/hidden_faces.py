@@ -20,7 +20,7 @@ SEEN_MM2 = 1.0  # minimum area of visible faces: less is rounding
 
 
 class HiddenFaces(NamedTuple):
-    """Areas in mm2 of faces with skin, as seen from above: on the bed and on top, cut and of the model."""
+    """Areas in mm2, projected on the bed, of faces with skin: on the bed and on top, cut and of the model."""
 
     cut_bed_mm2: float
     seen_bed_mm2: float
@@ -38,7 +38,7 @@ class HiddenFaces(NamedTuple):
         return self.cut_top_mm2 > 0.0 and self.seen_top_mm2 < SEEN_MM2
 
     def compute_saved_mm(self, bed_mm: float, top_mm: float) -> float:
-        """Compute the height of skin that a sheet on the bed saves, by the heights of `CostModel`."""
+        """Compute the height of skin saved on a thin flat part on the bed, by the heights of `CostModel`."""
         return (bed_mm if self.is_bed_hidden else 0.0) + (top_mm if self.are_tops_hidden else 0.0)
 
     def compute_saved_skin_mm2(self, bed_share: float, top_share: float) -> float:

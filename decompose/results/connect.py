@@ -21,12 +21,13 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
     Parameters
     ----------
     decomposition
-        With `Decomposition.with_assembly`.
+        Decomposition that `Decomposition.with_assembly` returned.
 
     Returns
     -------
     Decomposition
-        With `Part.drilled` and `connectors`; unchanged if the options request neither pins nor marks.
+        The same with `Part.drilled` and `connectors`; unchanged if the options request neither pins nor
+        marks.
     """
     options = decomposition.options
     if options.connectors.is_empty or len(decomposition.parts) < 2:

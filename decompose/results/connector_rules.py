@@ -28,11 +28,11 @@ SWELL_MM = 0.005  # growth of the tools in the check that nothing else was remov
 THIN_MM = 0.05  # minimum thickness of a real difference: less is an error at faces that nearly coincide
 KEY_END_MM = 0.25  # gap at each end of a key
 KEY_RIM_MM = 0.75  # minimum wall around the groove of a key
-ARC_SEGMENTS = 4  # lines of a quarter of a circle, which is drawn outside of it
+ARC_SEGMENTS = 4  # sides for a quarter of a circle, of a polygon around the circle
 COAXIAL_COS = 1.0 - 1e-9  # minimum cosine between two parallel directions
 LEVEL_SIN = 1e-6  # maximum sine of the angle between a direction and the face that it lies in
 FAR_MM = 2000.0  # distance beyond all parts
-OPEN_MM = 1.0  # minimum gap of a joint whose body is turned by 180 degrees
+OPEN_MM = 1.0  # minimum gap of a joint if one of its bodies is turned by 180 degrees
 
 
 @dataclass(frozen=True, slots=True)

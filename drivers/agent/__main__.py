@@ -61,7 +61,7 @@ def _take_lock(folder: Path) -> bool:
 
 
 def _end_heat(start: StartFile, folder: Path) -> None:
-    """Switch off heaters that the last agent left on; without a writable journal nothing is printed."""
+    """Switch off heaters that the last agent left on, if this one cannot run."""
     if read_journal(folder / JOURNAL)[0].may_be_hot:
         result = stop_board(StopTarget.from_agent(start, folder))
         logging.error("%s: its last agent left a print open: %s", start.printer, result.text)

@@ -77,7 +77,7 @@ def launch(url: str, folder: Path, clock: Clock) -> Path:
     with _lock_file(folder / LAUNCH_LOCK):
         if is_running(folder):
             return folder / TTY
-        # This process forks the emulator and ends once the port exists.
+        # The process started here forks the emulator, and ends once the port exists.
         arguments = ["--model", address.profile.model, "--folder", str(folder.absolute()), "--detach"]
         arguments += ["--scale", repr(clock.scale), "--anchor", repr(clock.anchor_s)]
         arguments += ["--seed", str(address.seed)]

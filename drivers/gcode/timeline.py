@@ -45,7 +45,7 @@ class Mark:
     layer
         Layer of the file, from 0; None before the first.
     z_mm
-        The layer's height; 0 before the first.
+        Z of the layer; 0 before the first.
     feature
         Feature being printed; None if the file does not say.
     """

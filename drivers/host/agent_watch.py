@@ -134,7 +134,7 @@ class AgentWatch:
             self._on_change()
 
     def restart(self) -> None:
-        """Start the agent without a wait if it has ended."""
+        """Let the next check start an ended agent without a delay."""
         self._backoff = Backoff()
 
     def _start(self) -> None:

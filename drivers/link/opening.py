@@ -8,7 +8,7 @@ from drivers.firmware import Firmware
 from drivers.link.recovery import TRIES
 
 START_S = 10.0  # maximum time from the opening of the port to ``start``; the bootloader takes one second
-UNCONFIRMED_S = 0.3  # time until the first query, if the board may not restart
+UNCONFIRMED_S = 0.3  # time until the first query, if it is possible that the board does not restart
 QUIET_S = 1.0  # after ``start``: time for the rest of the banner
 
 

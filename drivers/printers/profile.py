@@ -114,7 +114,7 @@ class Profile:
     prime_mm3
         Volume that the start code extrudes.
     parked_mm
-        Retraction of the filament after a print, or after the printer's own menu.
+        Retraction of the filament after a print, also one that was started at the printer's menu.
     pause_xy_mm
         Position of the head in a pause: X and Y.
     head_mm

@@ -38,7 +38,7 @@ class Pace:
 
     @classmethod
     def from_clock(cls, clock: Clock) -> Pace:
-        """Compute the pace: at least 2 wall seconds; 10 reports a wall second heating, 2 printing, 1 idle."""
+        """Compute the pace: time-outs of 2 wall seconds or more; at most 10 reports a wall second."""
         scale = clock.scale
         return cls(
             min_time_out_s=2.0 * scale,

@@ -62,7 +62,7 @@ def test_part_is_found_from_its_row_and_its_row_from_the_part(tmp_path, glb):
         assert await browser.evaluate("document.querySelector('#viewer img')") is None
         assert await browser.evaluate(COLOURS) == "printing,waiting"
         await browser.evaluate("document.querySelectorAll('#viewer [type=radio]')[1].click()")
-        assert await browser.evaluate(COLOURS) == "a"  # which the forecast has for both
+        assert await browser.evaluate(COLOURS) == "a"  # the printer of both parts in the forecast
         await browser.evaluate("document.querySelector('#p02 th button').click()")
         picked_row = "document.querySelector('tr.picked').id"
         assert await browser.evaluate(picked_row) == "p02"

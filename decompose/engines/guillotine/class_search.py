@@ -1,9 +1,9 @@
-"""The engine `guillotine`: for uniform printers, and for printers of unequal rooms and speeds.
+"""The engine `guillotine`: for uniform printers, and for printers with unequal build volumes and speeds.
 
-The model is cut as for equal printers first: each part fits the room that all of them share, and the fastest
-printer prints the longest part. Then it is cut for classes of printers (`printer_classes`): exact over all
-guillotine partitions and all ways to distribute their parts. The better one of the two is the result, so that
-the result is never worse where the classes are too coarse.
+The model is cut as for equal printers first: each part fits the build volume common to all
+of them, and the fastest printer prints the longest part. Then it is cut for classes of printers
+(`printer_classes`): exact over all guillotine partitions and all ways to distribute their parts. The better
+one of the two is the result, so that the result is never worse where the classes are too coarse.
 """
 
 from __future__ import annotations

@@ -369,7 +369,7 @@ def _count_pieces(boxes: BoxTables, partition: Iterator[Box] | Sequence[Box] | f
 
 
 def _list_groups(boxes: BoxTables, parts: list[Box]) -> Iterator[frozenset[Box]]:
-    """Yield windows about each part, the slowest part first, and its window with the most slack first."""
+    """Yield groups of boxes to cut again: the slowest part first, its group with the most slack first."""
     ends = np.array(parts)
     seconds = np.array([_find_seconds(boxes, box) for box in parts])
     for centre in np.lexsort((*ends.T, -seconds)):

@@ -44,7 +44,7 @@ MAX_TIED = 120_000_000  # maximum number of values in all states with which ties
 
 @dataclass(frozen=True, slots=True)
 class OtherClass:
-    """Printers of another class than the one that a partition is counted for.
+    """Printers of another class than the one whose number is minimised.
 
     Attributes
     ----------

@@ -47,7 +47,7 @@ def _update_min(value: Table, size: int, start: tuple[int, int, int], count: int
 
 @jit
 def lower_boxes(value: Table, sums: Ints, shape: Shape, length: int, first: int, end: int) -> None:
-    """Lower boxes of one length along x, in place, to their least sums over all guillotine partitions.
+    """Lower the values of boxes of one length along x, in place, to the least sums of their partitions.
 
     All shorter boxes have to be lowered before; those of one length do not depend on each other. Boxes of one
     length along an axis are adjacent in the tables: boxes with the same sides are added at once, at all

@@ -37,7 +37,7 @@ class BlockPartition:
     Attributes
     ----------
     longest
-        Greatest P of a block, the paper's parallel score.
+        Greatest parallel score of a block, the paper's P.
     parts
         Number of pieces in all blocks, by the grid.
     """

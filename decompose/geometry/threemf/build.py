@@ -164,7 +164,7 @@ class _Build:
         Parameters
         ----------
         path
-            Part of the references.
+            Path of the package part that contains the references.
         parent_transform
             (4, 3), the transform of the object that they belong to.
         """

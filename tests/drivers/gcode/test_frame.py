@@ -42,7 +42,7 @@ RECEIVER = FirmwareReceiver()
 
 
 def read_values(line: bytes) -> dict[bytes, float]:
-    """Return the values of a line's letters; a J without a number, from a newline, is an arc's default."""
+    """Return the values of a line's letters, without a bare J: a flipped newline, the default of an arc."""
     results = {letter: read_value(line, letter) for letter in LETTERS}
     return {letter: v for letter, v in results.items() if v is not None and (letter, v) != (b"J", 0.0)}
 

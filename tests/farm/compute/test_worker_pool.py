@@ -187,7 +187,7 @@ def test_urgent_work_runs_first_and_a_cancelled_task_frees_its_worker(pool, tmp_
 
 
 def test_quick_task_does_not_wait_while_all_workers_are_busy(pool):
-    """Run a dry run of a second while a model is decomposed for minutes."""
+    """Run a dry run, which takes a second, while a model is decomposed for minutes."""
 
     async def use(workers):
         long_tasks = [asyncio.ensure_future(workers.run(work.pause, limit=DECOMPOSING)) for _ in range(2)]
