@@ -67,9 +67,7 @@ def check_scheduler(value: str) -> str:
     if match is None or not 0 < int(match[3]) < 65536:
         raise ValueError(f"{value!r} is not the address of a scheduler: use tls://HOST:PORT")
     if match[1] == "tcp" and match[2] not in ("localhost", "127.0.0.1", "[::1]"):
-        raise ValueError(
-            f"{value!r} is not encrypted, which is allowed only on this computer: use tls://HOST:PORT"
-        )
+        raise ValueError(f"{value!r} is not encrypted: use tls://HOST:PORT, except on this computer")
     return value
 
 

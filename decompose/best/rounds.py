@@ -105,7 +105,7 @@ def plan_next_round(problem: Problem, state: SearchState) -> tuple[Trial, ...]:
 
 
 def list_open_attempts(problem: Problem, state: SearchState, reason: str = SPENT) -> list[Attempt]:
-    """List the attempts that a search that has ended did not begin, with the reason."""
+    """List the attempts that a search has not started, with the reason."""
     return [
         Attempt(trial.engine, trial.granularity, trial.yaw_deg, finished=False, reason=reason)
         for stage in _list_stages(problem, state)

@@ -71,7 +71,7 @@ def end_rounds(problem: Problem, state: SearchState, reason: str = SPENT) -> Dec
     Parameters
     ----------
     reason
-        Reason for which the other attempts are not begun.
+        Reason for which the other attempts are not started.
     """
     if state.best is None:
         assert state.failure is not None  # the first engine is always tried

@@ -26,7 +26,7 @@ SHORTEST_MM = 15.0  # minimum range of heights that a gutter adds
 MAX_GUTTERS = 3  # maximum number of gutters of a part
 ROUND_MM = 0.05
 DEPTH_MM = 0.4
-WIDTH = 0.9  # half of its width, as a multiple of its depth: an angle of 84 degrees
+WIDTH_RATIO = 0.9  # half of the width over the depth: an angle of 84 degrees
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,7 +73,7 @@ def place_gutters(room: Room, joints: Sequence[Joint]) -> list[Gutter]:
             best = places[int(np.argmax(gains))]
             covered_span = covered_span.union(_span(best))
             places = [place for place in places if place.side is not best.side]
-            groove = make_groove(part, best.line_mm, best.side.into, DEPTH_MM, WIDTH)
+            groove = make_groove(part, best.line_mm, best.side.into, DEPTH_MM, WIDTH_RATIO)
             room.tools.append(groove)
             gutters.append(Gutter(part, best.side.joint, best.line_mm, groove))
     return gutters

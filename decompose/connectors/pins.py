@@ -34,10 +34,8 @@ FAR_PAIR_MM = 80.0  # distance between two pins from which one hole is a slot
 SLOT_MM = 0.25  # elongation of a slot at each end, for 0.2 % of shrinkage and the play of the pins
 PLACES_MM = 15.0  # pitch of the places that are tried for glue that is far from pins
 MAX_FURTHER_PINS = 8  # maximum number of pins of a step besides its pair
-EXTRA_MARGIN_MM, EXTRA_MARGIN_SHARE = (
-    2.0,
-    0.8,
-)  # additional margin, if the pair keeps this share of its distance
+EXTRA_MARGIN_MM = 2.0  # additional margin of a pair that keeps the next share of its distance
+EXTRA_MARGIN_SHARE = 0.8
 ROUND_MM = 0.03  # margin for buffers, which may cut inner corners
 CORNER_MM = 0.5  # corners of a hull that stand out by less are left out
 ALONG_COS = 0.999  # minimum cosine between a normal and the direction along it

@@ -90,18 +90,27 @@ def make_hole(
 
 
 def make_groove(
-    part: int, ends_mm: Floats, into: Floats, depth_mm: float = GROOVE_MM, width: float = 1.0
+    part: int, ends_mm: Floats, into: Floats, depth_mm: float = GROOVE_MM, width_ratio: float = 1.0
 ) -> Tool:
     """Make a V groove along a stroke with ends (2, 3), or a cone where they are equal.
 
-    Half of its width is `width` times its depth.
+    Parameters
+    ----------
+    ends_mm
+        Ends of the bottom of the groove, on the face.
+    into
+        (3,) unit vector from the face into the part.
+    width_ratio
+        Half of the width of the groove over its depth: 1 for an angle of 90 degrees.
     """
     along = ends_mm[1] - ends_mm[0]
     if not along.any():
         along = np.cross(into, np.eye(3)[int(np.abs(into).argmin())])
     first = along / np.linalg.norm(along)
     second = np.cross(into, first)
-    rim = (first * np.cos(_CONE)[:, None] + width * second * np.sin(_CONE)[:, None]) * (depth_mm + LIP_MM)
+    rim = (first * np.cos(_CONE)[:, None] + width_ratio * second * np.sin(_CONE)[:, None]) * (
+        depth_mm + LIP_MM
+    )
     cone = np.vstack([rim - LIP_MM * into, depth_mm * into])
     points = np.concatenate([cone + end for end in np.unique(ends_mm, axis=0)])
     return Tool(part, points, into, float(ends_mm[0] @ into))

@@ -38,9 +38,8 @@ class Link:
         self._firmware = firmware
         self._min_time_out_s = min_time_out_s
         keeps_alive = firmware.keep_alive is not None
-        self._silence_s = (
-            max(KEEP_ALIVE_S, min_time_out_s / 4) if keeps_alive else max(SILENCE_S, min_time_out_s / 8)
-        )
+        shortest_s, parts = (KEEP_ALIVE_S, 4) if keeps_alive else (SILENCE_S, 8)
+        self._silence_s = max(shortest_s, min_time_out_s / parts)
         self.poll_every_s = math.inf
         self.ignore_faults = False  # faults that the firmware reports: a stopped board still answers M105
         self._reset()

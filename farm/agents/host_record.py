@@ -69,7 +69,7 @@ class HostRecord:
         if self.disconnected_s is None:
             self.connected_s, self.disconnected_s = None, now_s
 
-    def shift(self, by_s: float) -> None:
+    def shift_times(self, by_s: float) -> None:
         """Shift the times of the connection by a step of the farm's clock."""
         if self.connected_s is not None:
             self.connected_s += by_s

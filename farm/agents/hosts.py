@@ -279,7 +279,7 @@ class Hosts:
     def on_clock_set(self, by_s: float) -> None:
         """Handle a step of the clock by `by_s` farm seconds: hosts are lost after the same wall time."""
         for record in self.records:
-            record.shift(by_s)
+            record.shift_times(by_s)
 
     def begin_update(self, by: str) -> tuple[str, ...]:
         """Start updating the agents of all hosts to the versions of their services.

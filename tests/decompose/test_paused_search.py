@@ -85,14 +85,14 @@ def test_attempt_that_failed_leaves_the_best_result(paused: PausedSearch) -> Non
 
 def test_search_ends_early_with_the_best_result_of_the_round(paused: PausedSearch) -> None:
     outcomes = [paused.make_attempt(number) for number in range(len(paused.plan_round()))]
-    ended, best = paused.resume(outcomes, "not begun: out of memory"), paused.best
+    ended, best = paused.resume(outcomes, "not started: out of memory"), paused.best
     assert not ended.open_printers and not ended.options.best.pauses
     results = [outcome.result.makespan_s for outcome in outcomes if outcome.result is not None]
     assert results and ended.makespan_s == min(results) < best.makespan_s
     later_attempts = ended.attempts[1 + len(outcomes) :]
     assert later_attempts
     assert {(attempt.reason, attempt.finished) for attempt in later_attempts} == {
-        ("not begun: out of memory", False)
+        ("not started: out of memory", False)
     }
 
 

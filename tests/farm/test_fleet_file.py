@@ -363,7 +363,7 @@ CLUSTER = VALID_FILE.replace("timezone", "compute: {scheduler: 'SCHEDULER'CERTIF
         ("pc-a:8786", "", "'pc-a:8786' is not the address of a scheduler: use tls://HOST:PORT"),
         ("tls://pc-a", "", "use tls://HOST:PORT"),
         ("tls://pc-a:99999", "", "use tls://HOST:PORT"),
-        ("tcp://pc-a:8786", "", "is not encrypted, which is allowed only on this computer"),
+        ("tcp://pc-a:8786", "", "is not encrypted: use tls://HOST:PORT, except on this computer"),
         ("tls://pc-a:8786", "", "fleet.compute.certificates: is needed for a scheduler with TLS"),
     ],
 )

@@ -51,7 +51,7 @@ class SearchRounds:
             if error.code is not ErrorCode.LIMIT:
                 raise
             self._warn("the search for parts ends early", error)
-            reason = f"not begun: {error}"
+            reason = f"not started: {error}"
             answer = await self._workers.run(
                 continue_job, self._task, record, outcomes, reason, limit=DECOMPOSING
             )

@@ -121,21 +121,20 @@ def test_agent_that_has_just_started_is_ended_too(tmp_path: Path):
             control(state.agent("a") / "emulator", "power_off")
 
 
+def make_printing_snapshot(started_s: float) -> m.Snapshot:
+    """Make the report of an agent whose print starts at this moment of its clock."""
+    print_snapshot = m.PrintSnapshot(print_id="p", phase=m.PrintPhase.PRINTING, started_s=started_s)
+    facts = {"protocol": m.PROTOCOL, "agent_pid": 1, "link": m.LinkState.BUSY}
+    return m.Snapshot.model_validate({**facts, "printer": "a", "now_s": started_s, "print": print_snapshot})
+
+
 @pytest.mark.parametrize(
     ("clock_offset_s", "correction_s"), [(0.0, 0.0), (-20.0, 0.0), (3600.0, -3600.0), (-3e7, 3e7)]
 )
 def test_times_of_an_agent_with_another_clock_are_corrected(clock_offset_s: float, correction_s: float):
     clock = Clock()
     started_s = clock.now() + clock_offset_s
-    print_snapshot = m.PrintSnapshot(print_id="p", phase=m.PrintPhase.PRINTING, started_s=started_s)
-    snapshot = m.Snapshot(
-        protocol=m.PROTOCOL,
-        printer="a",
-        agent_pid=1,
-        now_s=started_s,
-        link=m.LinkState.BUSY,
-        print=print_snapshot,
-    )
+    snapshot = make_printing_snapshot(started_s)
     received_print = to_farm_snapshot(snapshot, clock).print
     assert received_print is not None
     assert received_print.started_s == pytest.approx(started_s + correction_s, abs=30.0)
@@ -148,20 +147,11 @@ def test_agents_agree_on_deadlines_with_a_daemon_whose_clock_was_set(step_s: flo
     """Start the agent before or after the host's clock is set."""
     daemon, agent = Clock(ahead_s=step_s), Clock(ahead_s=step_s if agent_is_later else 0.0)
     started_s = agent.now()
-    print_snapshot = m.PrintSnapshot(print_id="p", phase=m.PrintPhase.PRINTING, started_s=started_s)
-    snapshot = m.Snapshot(
-        protocol=m.PROTOCOL,
-        printer="a",
-        agent_pid=1,
-        now_s=started_s,
-        link=m.LinkState.BUSY,
-        print=print_snapshot,
-    )
+    snapshot = make_printing_snapshot(started_s)
     received_print = to_farm_snapshot(snapshot, daemon).print
     assert received_print is not None and received_print.started_s is not None
-    tolerance_s = (
-        30.0 if agent_is_later and abs(step_s) < 60.0 else 5.0
-    )  # less than a minute may be caused by the transfer alone
+    # Less than a minute may be caused by the transfer alone.
+    tolerance_s = 30.0 if agent_is_later and abs(step_s) < 60.0 else 5.0
     assert daemon.now() - received_print.started_s == pytest.approx(0.0, abs=tolerance_s + 5.0)
     deadline_s = daemon.now() + 600.0
     sent_request = to_agent_clock(

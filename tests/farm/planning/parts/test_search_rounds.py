@@ -101,7 +101,7 @@ def test_search_beyond_a_limit_ends_with_its_best_result():
     workers, answer = run_rounds(Path("plan"), continue_errors=[error])
     assert answer == DECOMPOSED
     assert workers.outcomes[0] == workers.outcomes[1] and len(workers.outcomes) == 2
-    assert workers.end_reasons == [None, "not begun: decomposing did not end within 30 min"]
+    assert workers.end_reasons == [None, "not started: decomposing did not end within 30 min"]
     with pytest.raises(FarmError, match="30 min"):
         run_rounds(Path("plan"), continue_errors=[error, error])
     with pytest.raises(FarmError, match="no settings"):
