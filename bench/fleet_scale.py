@@ -43,7 +43,7 @@ from bench.fleets.faults import (
     measure_loss,
     measure_poor_network,
 )
-from bench.fleets.host_services import FARM, HostGroups, find_network_obstacle, make_places
+from bench.fleets.host_services import FARM, HostGroups, find_network_obstacle, make_paths
 from bench.fleets.measured_daemon import fill_books
 from bench.fleets.protocol_agents import MODEL, PORT, ProtocolAgents
 from drivers.clock import Clock
@@ -111,7 +111,7 @@ def prepare(setting: Setting, folder: Path, notify: str) -> dict[str, Path]:
             row |= {"host": host, "host_command": _HOST_COMMAND}
         rows.append(row)
         folders[name] = (
-            make_places(folder / "hosts", host).find_agent_folder(name) if host else state.agent(name)
+            make_paths(folder / "hosts", host).find_agent_folder(name) if host else state.agent(name)
         )
     fleet = {"fleet": {"name": FARM, "notify": [notify]}, "printers": rows}
     (folder / "fleet.yaml").write_text(yaml.safe_dump(fleet))

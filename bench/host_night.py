@@ -144,7 +144,7 @@ class HostNight(Night):
         return {**entry, "host": host, "host_command": self.hosts.command(host)}
 
     def _find_agent_folder(self, name: str) -> Path:
-        folder: Path = self.hosts.places[self._find_host(name)].find_agent_folder(name)
+        folder: Path = self.hosts.paths[self._find_host(name)].find_agent_folder(name)
         return folder
 
     def _cause_failures(self, view: api.Status, job: api.JobView) -> None:

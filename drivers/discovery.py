@@ -105,7 +105,7 @@ def commission(url: str, folder: Path | None, firmware: Firmware, answer_s: floa
         folder.mkdir(parents=True, exist_ok=True)
         lock = acquire_lock(folder / AGENT_LOCK)
         if lock is None:
-            raise PortError(f"{url}: its agent is running: send it the request")
+            raise PortError(f"{url}: its agent owns the port: send the request to the agent")
     try:
         port = open_port(url, Path(), Clock(), firmware.baud_rate)
         try:

@@ -191,7 +191,7 @@ def _slice_once(request: PlateRequest, corners: Floats, progress: Progress | Non
         layer_height_mm=max(settings.layer_height_mm, settings.layer_height_0_mm),
         min_extrusion_c=min_extrusion_c,
     )
-    output.check_parking(facts, settings.printer.code.parked_mm)
+    output.check_parking(facts, settings.printer.code.park_retraction_mm)
     unprinted: tuple[UnprintedWall, ...] = ()
     if layout is not None:
         unprinted = check_outline(

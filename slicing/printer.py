@@ -4,8 +4,8 @@ Cura leaves homing, heating, priming and switching off to the menu of these prin
 G-code sends its own code. In the flavour ``RepRap (Marlin/Sprinter)`` the extruder counts millimetres of
 filament, as the firmware expects from a host (its own UltiGCode counts mm3).
 
-A print ends with the filament parked `PrintCode.parked_mm` back. The host that streams the next file knows
-whether it is parked and pushes it back: the start code only primes.
+A print ends with the filament retracted by `PrintCode.park_retraction_mm`. The host that streams the next
+file knows whether it is parked and pushes it back: the start code only primes.
 """
 
 from __future__ import annotations
@@ -46,9 +46,9 @@ class PrintCode:
         Lines with the field ``{park_mm}``: the relative feed that parks the filament, in mm.
     prime_mm3
         Volume that the start code primes.
-    parked_mm
+    park_retraction_mm
         Distance by which the filament is retracted after the end code.
-    ready_mm
+    start_position_mm
         Position (x, y, z) of the head after the start code.
     """
 
@@ -56,8 +56,8 @@ class PrintCode:
     start: tuple[str, ...]
     end: tuple[str, ...]
     prime_mm3: float
-    parked_mm: float
-    ready_mm: Point
+    park_retraction_mm: float
+    start_position_mm: Point
 
     def build_start_code(self, nozzle_c: float, bed_c: float, filament_mm2: float) -> str:
         """Fill in the start code.
@@ -76,7 +76,7 @@ class PrintCode:
 
     def build_end_code(self, retracted_mm: float) -> str:
         """Fill in the end code for filament that the slicer has already drawn back by `retracted_mm`."""
-        return "\n".join(line.format(park_mm=retracted_mm - self.parked_mm) for line in self.end)
+        return "\n".join(line.format(park_mm=retracted_mm - self.park_retraction_mm) for line in self.end)
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drivers.host.places import HostPlaces
+from drivers.host.paths import HostPaths
 from drivers.host.service import HostService
 
 if TYPE_CHECKING:
@@ -30,9 +30,9 @@ _SUPPORT = Path(__file__).parents[2] / "tests/support"
 _BYTES = 65536
 
 
-def make_places(folder: Path, host: str) -> HostPlaces:
+def make_paths(folder: Path, host: str) -> HostPaths:
     """Return the files of a host."""
-    return HostPlaces(FARM, {"XDG_STATE_HOME": str(folder / host)})
+    return HostPaths(FARM, {"XDG_STATE_HOME": str(folder / host)})
 
 
 class HostGroups:
@@ -133,15 +133,15 @@ async def _serve(folder: Path, address: str, hosts: Sequence[str]) -> None:
     addresses: dict[str, tuple[str, int]] = {}
     services = []
     for host in hosts:
-        places = make_places(folder, host)
-        places.make()
-        services.append(asyncio.create_task(HostService(places).run()))
+        paths = make_paths(folder, host)
+        paths.create_folder()
+        services.append(asyncio.create_task(HostService(paths).run()))
 
         async def carry(
-            reader: asyncio.StreamReader, writer: asyncio.StreamWriter, places: HostPlaces = places
+            reader: asyncio.StreamReader, writer: asyncio.StreamWriter, paths: HostPaths = paths
         ) -> None:
             with suppress(OSError):
-                with places.open_socket_path() as path:
+                with paths.open_socket_path() as path:
                     inner_reader, inner_writer = await asyncio.open_unix_connection(path)
                 copies = [
                     asyncio.create_task(_copy(reader, inner_writer)),

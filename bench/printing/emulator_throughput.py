@@ -56,7 +56,7 @@ def measure_firmware_us(lines: list[bytes]) -> float:
             start_s = time.process_time()
         reply = firmware.feed(line, now_s)
         while not reply:
-            now_s = firmware.deadline_s()
+            now_s = firmware.compute_deadline_s()
             reply = firmware.feed(b"", now_s)
     return (time.process_time() - start_s) / (len(lines) - len(PREPARATION)) * 1e6
 

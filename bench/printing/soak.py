@@ -72,7 +72,7 @@ def soak(lines: int, damage: float, seed: int = 0) -> Outcome:
     while fault is None:
         sent_bytes = link.take()
         if not sent_bytes:
-            due_s = min(firmware.deadline_s(), link.deadline_s)
+            due_s = min(firmware.compute_deadline_s(), link.deadline_s)
             now_s = max(now_s + 1e-4, due_s)
         else:
             now_s += 0.002

@@ -286,7 +286,7 @@ def run(kind: FaultKind, faults: int, seed: int) -> Outcome:
     now_s, is_connected, fault, fault_count = 0.0, False, None, 0
     marks_s: list[tuple[float, float]] = []  # at each fault: the time, and the seconds of motion until then
     while fault is None and not (is_connected and link.is_drained):
-        now_s = max(now_s, min(firmware.deadline_s(), link.deadline_s, to_board.due_s, to_host.due_s))
+        now_s = max(now_s, min(firmware.compute_deadline_s(), link.deadline_s, to_board.due_s, to_host.due_s))
         answer = firmware.feed(to_board.take(now_s), now_s)
         add_refusal.last_number = firmware.last_number  # type: ignore[attr-defined]
         to_host.put(injector.damage_answer(answer) if answer else answer, now_s)

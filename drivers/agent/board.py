@@ -57,11 +57,11 @@ class Board:
         State that outlives the agent.
     resets
         Number of resets that the agent did not cause.
-    stuck_heater
+    stuck_heater_text
         Finding of a heater of the idle board that is off and gets hotter; the recorder takes it over.
     rearms_alarm
         True if the printer was reconnected or seen cold: later findings are new ones.
-    idle_watch, emulator, wire
+    idle_watch, emulator, wire_record
         Watch over the idle board; status and bed of the emulator, if there is one; last bytes on the port.
     has_changed
         True if anything changed other than the next line of a program.
@@ -86,7 +86,7 @@ class Board:
         self.needs_permission = False
         self.state = BoardState()
         self.resets = 0
-        self.stuck_heater: str | None = None
+        self.stuck_heater_text: str | None = None
         self.rearms_alarm = False
         self.idle_watch = IdleWatch()
         self.emulator = EmulatorControl(folder if self.is_simulated else None)
@@ -94,7 +94,7 @@ class Board:
         self._url, self._folder, self._clock = url, folder, clock
         self._save, self._on_port_change = save, on_port_change
         self._port: Port | None = None
-        self.wire = WireRecord(clock.now)
+        self.wire_record = WireRecord(clock.now)
         self._retry_wall_s = 0.0
         self._is_idle_confirmed = False  # a person confirmed that the port may be opened
         self._pulses_left = 0  # DTR pulses left before reset counts as failed
@@ -147,7 +147,7 @@ class Board:
             if not is_same_device:
                 self.idle_watch.filament.note_reset()
             port = open_port(self._url, self._folder, self._clock, self._firmware.baud_rate)
-            self._port = RecordedPort(port, self.wire)
+            self._port = RecordedPort(port, self.wire_record)
             self.state.device_id = device
         except PortError as error:
             self.needs_permission = isinstance(error, PortNotIdle)
@@ -172,7 +172,7 @@ class Board:
     def begin(self, session: Session) -> None:
         """Start a session on the board, which begins with a reset."""
         self.session = session
-        self.stuck_heater = None
+        self.stuck_heater_text = None
         self.idle_watch.reset()
         self._process((), self._clock.now())
 
@@ -204,7 +204,7 @@ class Board:
         """
         if self.idle_watch.is_printing_from_card:
             raise AgentError(SD_PRINT)
-        self.state.bed_unknown_reason = self.stuck_heater = None
+        self.state.bed_unknown_reason = self.stuck_heater_text = None
         self.state.hot = False
         was_ready = self.state.attention_reason is None and self.link.phase is not Phase.DEAD
         self.state.attention_reason = None
@@ -329,7 +329,7 @@ class Board:
         cause, fault = self.idle_watch.judge_report(report)
         if cause is not None:
             self._mark_bed_unknown(cause)
-        self.stuck_heater = self.stuck_heater if fault is None else fault.text
+        self.stuck_heater_text = self.stuck_heater_text if fault is None else fault.text
         self.rearms_alarm = self.rearms_alarm or self.idle_watch.is_cold
         if self.link.is_drained:
             # ends heat left on when the port was lost; queries alone would feed the dead-man
@@ -343,7 +343,7 @@ class Board:
         elif fault.fault in (Fault.NO_ANSWER, Fault.NOISY_LINE):
             self._on_port_lost(PortError(f"{self._url}: {fault.text}; is the printer switched on?"))
         elif fault.fault is Fault.MAXTEMP:  # both heaters are off: one is stuck on, or a sensor is broken
-            self.stuck_heater = f"both heaters are off, and the board says {fault.text.lstrip(' :')}"
+            self.stuck_heater_text = f"both heaters are off, and the board says {fault.text.lstrip(' :')}"
         else:
             self.state.attention_reason = fault.text
 
@@ -352,7 +352,7 @@ class Board:
         self.rearms_alarm = self.rearms_alarm or (self.absent_reason is not None and self.session is None)
         self.absent_reason = None
         self.needs_permission = False
-        self.report = self.stuck_heater = None
+        self.report = self.stuck_heater_text = None
         self.idle_watch.reset()
         if self.session is None:
             self.link.poll_every_s = self.pace.idle_s

@@ -134,7 +134,7 @@ class Agent:
             is_late = isinstance(error, TooLate)
             return Reply(id=request.id, error=str(error), late=is_late, snapshot=self._build_snapshot())
         prints = list_prints(self._recorder, request.since_s) if isinstance(request, ListPrints) else ()
-        lines = self._board.wire.list_lines() if isinstance(request, ListLines) else ()
+        lines = self._board.wire_record.list_lines() if isinstance(request, ListLines) else ()
         wire_lines = tuple(WireLine(at_s=line.at_s, sent=line.sent, text=line.text) for line in lines)
         return Reply(id=request.id, snapshot=self._build_snapshot(), prints=prints, lines=wire_lines)
 

@@ -16,7 +16,7 @@ from drivers.session import Session, SessionContext
 
 log = logging.getLogger(__name__)
 
-_NEEDS_ATTENTION = frozenset(
+_ATTENTION_FAULTS = frozenset(
     (
         Fault.STOPPED, Fault.MAXTEMP, Fault.MINTEMP, Fault.KILL, Fault.ENDSTOP, Fault.HEATER_TIMEOUT,
         Fault.THERMAL_RUNAWAY, Fault.HEATER_STUCK_ON, Fault.TARGET_CHANGED, Fault.WRONG_PRINTER,
@@ -107,9 +107,9 @@ class Recorder:
             alarms.mark_ended()
         if session is not None:
             alarms.take_from_session(session, now_s)
-        elif (stuck := alarms.take_from_idle(board.stuck_heater, now_s)) is not None:
-            board.state.attention_reason = _join(board.state.attention_reason, f"{stuck}: switch it off")
-        board.stuck_heater = None
+        elif (stuck_text := alarms.take_from_idle(board.stuck_heater_text, now_s)) is not None:
+            board.state.attention_reason = _join(board.state.attention_reason, f"{stuck_text}: switch it off")
+        board.stuck_heater_text = None
         outcome = alarms.poll_outcome()
         if outcome is None:
             return
@@ -136,8 +136,10 @@ class Recorder:
         has_changed = (context.phase, context.extruded) != (saved_print.phase, saved_print.extruded)
         if not has_changed and context.filament is saved_state.filament:
             return
-        attention = context.fault in _NEEDS_ATTENTION or context.wants_power_off or not context.heaters_off
-        if context.ended and attention:
+        needs_attention = (
+            context.fault in _ATTENTION_FAULTS or context.wants_power_off or not context.heaters_off
+        )
+        if context.ended and needs_attention:
             self.board.state.attention_reason = context.reason
         if context.ended:
             self.board.state.hot = not context.heaters_off

@@ -76,7 +76,7 @@ class RequestHandler:
             case StartPrint():
                 self._start(request)
             case Upload():
-                self._spool.put(request.print_id, request.offset, request.data)
+                self._spool.append_upload(request.print_id, request.offset, request.data)
             case CancelPrint() | EndPrintBy() | PausePrint() | ResumePrint() | ForgetPrint():
                 snapshot = self._journal.state.print
                 if snapshot is not None and snapshot.print_id == request.print_id:
@@ -104,7 +104,7 @@ class RequestHandler:
                 if not snapshot.phase.ended:
                     raise AgentError(f"print {snapshot.print_id} is still open: cancel it first")
                 self._journal.write(self._clock.now(), print=None)
-                self._spool.drop(request.print_id)
+                self._spool.delete(request.print_id)
                 self._journal.shorten()
 
     def _start(self, request: StartPrint) -> None:
@@ -124,7 +124,7 @@ class RequestHandler:
         )
         try:
             source = Path(request.gcode) if request.gcode else self._spool.make_part_path(request.print_id)
-            program = self._spool.take(request.print_id, source, request.sha256)
+            program = self._spool.import_gcode(request.print_id, source, request.sha256)
             self._spool.make_part_path(request.print_id).unlink(missing_ok=True)
         except BadGcode as error:
             update = {"phase": PrintPhase.FAILED, "fault": Fault.BAD_FILE, "reason": str(error)}

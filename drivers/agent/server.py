@@ -27,11 +27,11 @@ _BACKLOG_BYTES = 1024 * 1024  # a client that reads too slowly is dropped; it ca
 
 
 class _Client:
-    __slots__ = ("incoming", "outgoing", "partial_since_s", "requested_s", "socket")
+    __slots__ = ("incoming", "last_request_s", "outgoing", "partial_since_s", "socket")
 
     def __init__(self, connection: socket.socket) -> None:
         self.socket = connection
-        self.requested_s = -math.inf  # time of its last request
+        self.last_request_s = -math.inf  # time of its last request
         self.partial_since_s = math.inf  # arrival time of an incomplete request
         self.incoming = b""
         self.outgoing = b""
@@ -121,7 +121,7 @@ class Server:
                 log.warning("cannot accept a client: %s", error)
             return
         if len(self._clients) >= _MAX_CLIENTS:  # a live client that is dropped will reconnect
-            self._drop(min(self._clients, key=lambda client: client.requested_s))
+            self._drop(min(self._clients, key=lambda client: client.last_request_s))
         connection.setblocking(False)
         client = _Client(connection)
         self._clients[client] = None
@@ -151,7 +151,7 @@ class Server:
         if client.incoming:
             client.partial_since_s = min(client.partial_since_s, now_s)
         if lines:
-            client.requested_s = now_s
+            client.last_request_s = now_s
         for line in lines:
             try:
                 request = request_adapter.validate_json(line)

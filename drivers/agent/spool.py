@@ -39,7 +39,7 @@ class Spool:
         """Check a print id. Raises AgentError if it is invalid."""
         self._make_path(print_id)
 
-    def put(self, print_id: str, offset: int, data: bytes) -> None:
+    def append_upload(self, print_id: str, offset: int, data: bytes) -> None:
         """Append a piece of an uploaded file.
 
         Parameters
@@ -69,7 +69,7 @@ class Spool:
         """Return the path of an uploaded file."""
         return self._make_path(print_id).with_suffix(_PART)
 
-    def take(self, print_id: str, source: Path, sha256: str) -> Program:
+    def import_gcode(self, print_id: str, source: Path, sha256: str) -> Program:
         """Read a file, and copy its commands into the spool, completely on the disk.
 
         Raises
@@ -118,7 +118,7 @@ class Spool:
                 with suppress(OSError):
                     path.unlink()
 
-    def drop(self, print_id: str) -> None:
+    def delete(self, print_id: str) -> None:
         """Delete the files of a print."""
         self._make_path(print_id).unlink(missing_ok=True)
         self.make_part_path(print_id).unlink(missing_ok=True)

@@ -56,9 +56,9 @@ class Emulator:
         self._bytewise = faults.bytewise
         self._pieces: deque[bytes] = deque()
         self._is_on = True
-        self._status_changes = -1
+        self._published_change_count = -1
         self._status_due_s = 0.0
-        self.show(0.0)
+        self.publish_status(0.0)
 
     def run(self) -> None:
         """Serve until switched off."""
@@ -68,9 +68,9 @@ class Emulator:
         slack_s = SLACK_S * scale if scale > 1.0 else 0.0
         now_s = 0.0
         while self._is_on:
-            due_s = firmware.deadline_s(slack_s)
+            due_s = firmware.compute_deadline_s(slack_s)
             if wires is not None:
-                due_s = min(due_s, wires[0].due_s(), wires[1].due_s())
+                due_s = min(due_s, wires[0].compute_due_s(), wires[1].compute_due_s())
             wait_s = min((due_s - now_s) / scale, self._status_due_s - time.monotonic())
             if self._pieces:
                 wait_s = 0.0
@@ -103,19 +103,19 @@ class Emulator:
                 data_out = self._pieces.popleft() if self._pieces else b""
             if data_out:
                 port.write(data_out)
-            if board.changes != self._status_changes or time.monotonic() >= self._status_due_s:
-                self.show(now_s)
+            if board.change_count != self._published_change_count or time.monotonic() >= self._status_due_s:
+                self.publish_status(now_s)
         firmware.machine.power_down(now_s)
         port.unplug()
-        self.show(now_s)
+        self.publish_status(now_s)
 
     def switch_off(self) -> None:
         self._is_on = False
 
-    def show(self, now_s: float) -> None:
+    def publish_status(self, now_s: float) -> None:
         """Write the status; switch off if the folder was removed."""
         firmware, board = self._firmware, self._firmware.board
-        x, y, z, _ = firmware.machine.planner.position(now_s)
+        x, y, z, _ = firmware.machine.planner.compute_position(now_s)
         status = EmulatorStatus(
             pid=os.getpid(),
             model=self._profile.model,
@@ -146,7 +146,7 @@ class Emulator:
         except OSError:
             self._is_on = self._folder.is_dir()  # on a full disk the last status stays
         rotate_log(self._folder / LOG)
-        self._status_changes = board.changes
+        self._published_change_count = board.change_count
         self._status_due_s = time.monotonic() + STATUS_S
 
     def _process_port_events(self, now_s: float) -> None:
@@ -159,7 +159,7 @@ class Emulator:
             self._firmware.feed(b"", now_s)
             self._firmware.reset(now_s)
         if self._port.is_open != was_open:
-            self._firmware.board.changes += 1
+            self._firmware.board.change_count += 1
 
     def _serve_control(self, now_s: float) -> None:
         """Execute one command from the control socket."""
@@ -169,7 +169,7 @@ class Emulator:
                 link.settimeout(CONTROL_S)
                 with link.makefile("rb") as requests:
                     answer = self._execute(json.loads(requests.readline()), now_s)
-                self.show(now_s)
+                self.publish_status(now_s)
                 link.sendall(json.dumps(answer).encode() + b"\n")
         except (OSError, ValueError, KeyError) as error:
             print(f"control: {error}", file=sys.stderr)  # noqa: T201 - its log

@@ -68,7 +68,7 @@ class Faults:
     no_reset: bool = False  # DTR is not connected: neither opening the port nor a pulse resets the board
     # not faults: an option of some firmwares, and a difference between two printers
     advanced_ok: bool = False  # an ok has the line number and the free space of both buffers
-    levelled: int = 0  # hundredths of a millimetre by which the Z of M206 is below -10
+    home_offset_mm100: int = 0  # hundredths of a millimetre by which the Z of M206 is below -10
 
     @property
     def affects_lines(self) -> bool:

@@ -4,7 +4,7 @@ from drivers.gcode.filament_position import MotionState, Point, measure_retracti
 from drivers.gcode.frame import add_frame, add_frames, compute_checksum, remove_frame
 from drivers.gcode.program import (
     MAX_LINE_BYTES,
-    Heat,
+    HeatCommand,
     HeaterName,
     Program,
     ProgramStore,
@@ -15,7 +15,7 @@ from drivers.gcode.timeline import Feature, Mark
 __all__ = [
     "MAX_LINE_BYTES",
     "Feature",
-    "Heat",
+    "HeatCommand",
     "HeaterName",
     "Mark",
     "MotionState",

@@ -41,7 +41,7 @@ class HeaterName(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Heat:
+class HeatCommand:
     """A line that sets a temperature (M104, M140) or also waits for it (M109, M190)."""
 
     line: int
@@ -83,11 +83,11 @@ class Program:
         All lines, each with its newline.
     count
         Number of lines.
-    offsets, sums
+    offsets, checksums
         Byte offset of every 256th line in the store, and of its end; the CRC-32 of each such block.
     timeline
         Progress of the print at each line.
-    heats
+    heat_commands
         Lines that set a temperature.
     home_line
         First G28; `count` if there is none.
@@ -98,9 +98,9 @@ class Program:
     store: ProgramStore
     count: int
     offsets: array[int]
-    sums: array[int]
+    checksums: array[int]
     timeline: Timeline
-    heats: tuple[Heat, ...]
+    heat_commands: tuple[HeatCommand, ...]
     home_line: int
     extrusion_line: int
     _relative: array[int]  # lines at which G91 begins, ends, begins ...
@@ -141,7 +141,7 @@ class Program:
             data = self.store.read(self.offsets[block], self.offsets[block + 1])
         except OSError as error:
             raise UnreadableFile(f"its copy cannot be read ({error.strerror}): check the disk") from error
-        if crc32(data) != self.sums[block]:
+        if crc32(data) != self.checksums[block]:
             raise UnreadableFile("its copy on the disk has changed: check the disk")
         return data
 
@@ -151,7 +151,7 @@ class Program:
 
     def find_target_c(self, heater: HeaterName, line: int) -> float | None:
         """Find the target of a heater after `line` lines; None before the first."""
-        for heat in reversed(self.heats):
+        for heat in reversed(self.heat_commands):
             if heat.heater is heater and heat.line < line:
                 return heat.target_c
         return None
@@ -212,7 +212,7 @@ class _Reader:
         self.extrusion_line = -1
         self._home_line = -1
         self._timeline = Timeline()
-        self._heats: list[Heat] = []
+        self._heat_commands: list[HeatCommand] = []
         self._toggles = array("Q"), array("Q")
         self._peak_lines, self._peaks_mm = array("Q"), array("d")
 
@@ -230,7 +230,7 @@ class _Reader:
     def _note_command(self, command: Command, number: int) -> None:
         count = self.text.count
         if command.name in _HEATING_CODES:
-            self._heats.append(_read_heat(command, number, count, self._profile))
+            self._heat_commands.append(_read_heat_command(command, number, count, self._profile))
         elif command.name in _MODES:
             mode, state = _MODES[command.name]
             if len(self._toggles[mode]) % 2 != state:
@@ -245,7 +245,7 @@ class _Reader:
 
     def note_first_extrusion(self, number: int) -> None:
         """Note the first extruding move. Raises BadGcode if the nozzle is cold."""
-        if not any(heat.waits and heat.heater is HeaterName.NOZZLE for heat in self._heats):
+        if not any(heat.waits and heat.heater is HeaterName.NOZZLE for heat in self._heat_commands):
             raise BadGcode(f"line {number}: extrudes before an M109: heat the nozzle first")
         self.extrusion_line = self.text.count
 
@@ -272,9 +272,9 @@ class _Reader:
             store=text.store,
             count=count,
             offsets=text.offsets,
-            sums=text.sums,
+            checksums=text.checksums,
             timeline=self._timeline,
-            heats=tuple(self._heats),
+            heat_commands=tuple(self._heat_commands),
             home_line=count if self._home_line < 0 else self._home_line,
             extrusion_line=count if self.extrusion_line < 0 else self.extrusion_line,
             _relative=self._toggles[0],
@@ -290,7 +290,7 @@ class _Text:
     def __init__(self, store: ProgramStore) -> None:
         self.store = store
         self.count = 0
-        self.offsets, self.sums = array("Q", (0,)), array("L")
+        self.offsets, self.checksums = array("Q", (0,)), array("L")
         self._block = bytearray()
 
     def add(self, line: bytes) -> None:
@@ -307,10 +307,10 @@ class _Text:
             self._block.clear()
             self.store.write(data)
             self.offsets.append(self.offsets[-1] + len(data))
-            self.sums.append(crc32(data))
+            self.checksums.append(crc32(data))
 
 
-def _read_heat(command: Command, number: int, count: int, profile: Profile) -> Heat:
+def _read_heat_command(command: Command, number: int, count: int, profile: Profile) -> HeatCommand:
     """Parse a heating line that follows `count` lines. Raises BadGcode."""
     target_c = command.words.get(b"S")
     if target_c is None or target_c < 0:
@@ -319,4 +319,4 @@ def _read_heat(command: Command, number: int, count: int, profile: Profile) -> H
     limit_c = profile.max_nozzle_c if heater is HeaterName.NOZZLE else profile.max_bed_c
     if target_c > limit_c:
         raise BadGcode(f"line {number}: {target_c:g} C is too hot for the {heater}: at most {limit_c:g} C")
-    return Heat(count, heater, target_c, waits=command.name in (b"M109", b"M190"))
+    return HeatCommand(count, heater, target_c, waits=command.name in (b"M109", b"M190"))

@@ -133,12 +133,12 @@ class AgentWatch:
             self._phase = phase
             self._on_change()
 
-    def restart(self) -> None:
+    def reset_backoff(self) -> None:
         """Let the next check start an ended agent without a delay."""
         self._backoff = Backoff()
 
     def _start(self) -> None:
-        self._backoff = self._backoff.start(time.monotonic())
+        self._backoff = self._backoff.record_start(time.monotonic())
         self._heartbeat.reset()
         self.start_count += 1
         try:
@@ -158,7 +158,7 @@ class AgentWatch:
         pid = find_agent_pid(self._folder)
         if pid is not None and self._heartbeat.is_hung(time.monotonic(), lambda: sample_process(pid)):
             log.error("%s: its agent (pid %d) hangs: replacing it", self.printer, pid)
-            self._reason = "its agent was hung, and was replaced"
+            self._reason = "its agent stopped responding, and was replaced"
             self.kill()
 
     async def _listen(self) -> None:

@@ -14,7 +14,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 
 from drivers.errors import AgentError, DriverError
 from drivers.host.messages import HostRequest, HostTask, is_for_host
-from drivers.host.places import HostPlaces, reach_service
+from drivers.host.paths import HostPaths, reach_service
 from drivers.records import StartFile
 from drivers.remote import bridge
 from drivers.safety import StopResult, StopTarget, stop_printer
@@ -31,11 +31,11 @@ def serve_stdio() -> int:
         return bridge.execute(line)
     try:
         request = HostRequest.parse(line)
-        places = HostPlaces(request.farm)
+        paths = HostPaths(request.farm)
         if request.do is HostTask.STOP:
-            _stop_printers(request, places)
+            _stop_printers(request, paths)
         else:
-            with reach_service(places) as service:
+            with reach_service(paths) as service:
                 service.sendall(line)
                 _carry(service)
     except BrokenPipeError:
@@ -66,16 +66,16 @@ def _carry(service: socket.socket) -> None:
             unwritten[source] = unwritten[source][os.write(target, unwritten[source]) :]
 
 
-def _stop_printers(request: HostRequest, places: HostPlaces) -> None:
+def _stop_printers(request: HostRequest, paths: HostPaths) -> None:
     """Stop printers side by side; write each result as a line of JSON when it is known."""
     with ThreadPoolExecutor(max_workers=max(1, len(request.starts))) as pool:
-        for stop in as_completed([pool.submit(_stop, start, places) for start in request.starts]):
+        for stop in as_completed([pool.submit(_stop, start, paths) for start in request.starts]):
             sys.stdout.write(stop.result().dump() + "\n")
             sys.stdout.flush()
 
 
-def _stop(start: StartFile, places: HostPlaces) -> StopResult:
+def _stop(start: StartFile, paths: HostPaths) -> StopResult:
     try:
-        return stop_printer(StopTarget.from_agent(start, places.find_agent_folder(start.printer)))
+        return stop_printer(StopTarget.from_agent(start, paths.find_agent_folder(start.printer)))
     except (AgentError, OSError) as error:
         return StopResult(start.printer, None, False, f"cannot be stopped: {error}; switch it off")

@@ -30,7 +30,7 @@ from drivers.host.messages import (
     HostState,
     PortState,
 )
-from drivers.host.places import HostPlaces, read_version
+from drivers.host.paths import HostPaths, read_version
 from drivers.host.update import AgentsUpdate
 from drivers.locks import acquire_lock, write_pid
 from drivers.log_file import rotate_log
@@ -49,12 +49,12 @@ class HostService:
 
     Parameters
     ----------
-    places
+    paths
         Its files.
     """
 
-    def __init__(self, places: HostPlaces) -> None:
-        self._places = places
+    def __init__(self, paths: HostPaths) -> None:
+        self._paths = paths
         self._watches: dict[str, AgentWatch] = {}
         self._daemon: MuxConnection | None = None
         self._daemon_writer: asyncio.StreamWriter | None = None
@@ -65,12 +65,12 @@ class HostService:
         self._report_s = 1.0
         self._version, self._installation = read_version(), Installation.of_this_process()
         self._update = AgentsUpdate(self._installation, self._on_update)
-        for start, kept_installation in places.read_agents().values():
+        for start, kept_installation in paths.read_agents().values():
             self._add(start, kept_installation)
 
     async def run(self) -> None:
         """Serve until there are neither agents nor a daemon for `_UNUSED_S`."""
-        with self._places.open_socket_path() as path:
+        with self._paths.open_socket_path() as path:
             server = await asyncio.start_unix_server(self._serve, path, limit=LINE_BYTES)
         states = asyncio.create_task(self._send_states())
         ports = asyncio.create_task(self._list_ports())
@@ -98,7 +98,7 @@ class HostService:
         if self._daemon_writer is not None and time.monotonic() - self._last_message_s > SILENCE_S:
             log.warning("the daemon is silent: closing its connection")
             self._daemon_writer.transport.abort()
-        rotate_log(self._places.log)
+        rotate_log(self._paths.log)
 
     def _set_agents(self, starts: tuple[StartFile, ...]) -> None:
         """Run these agents from now on; others are ended when they are idle."""
@@ -120,7 +120,7 @@ class HostService:
         self._watch()
 
     def _add(self, start: StartFile, kept_installation: Installation | None) -> None:
-        folder = self._places.find_agent_folder(start.printer)
+        folder = self._paths.find_agent_folder(start.printer)
         self._watches[start.printer] = AgentWatch(start, folder, kept_installation, self._change_event.set)
 
     async def _retire(self, watch: AgentWatch) -> None:
@@ -140,9 +140,9 @@ class HostService:
             agents = [
                 (watch.start, watch.kept_installation) for watch in self._watches.values() if watch.is_wanted
             ]
-            self._places.write_agents(agents)
+            self._paths.write_agents(agents)
         except OSError as error:
-            log.error("%s: cannot be written (%s); check its disk", self._places.folder, error)
+            log.error("%s: cannot be written (%s); check its disk", self._paths.folder, error)
 
     # -- daemon -----------------------------------------------------------------------------------------
 
@@ -195,7 +195,7 @@ class HostService:
         if watch is None:
             stream.close(f"this host has no printer {name}")
             return
-        self._spawn(carry_stream(stream, self._places.find_agent_folder(name), self._report_s))
+        self._spawn(carry_stream(stream, self._paths.find_agent_folder(name), self._report_s))
 
     async def _send_states(self) -> None:
         """Send the host's state when it changes, and every `STATE_S` as the heartbeat."""
@@ -243,8 +243,8 @@ class HostService:
         task.add_done_callback(self._tasks.discard)
 
 
-async def _run(places: HostPlaces) -> None:
-    service = asyncio.ensure_future(HostService(places).run())
+async def _run(paths: HostPaths) -> None:
+    service = asyncio.ensure_future(HostService(paths).run())
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, service.cancel)
@@ -255,18 +255,18 @@ async def _run(places: HostPlaces) -> None:
 def run_service(farm: str) -> int:
     """Run the service of a farm on this host until it ends."""
     os.umask(0o077)
-    places = HostPlaces(farm)
+    paths = HostPaths(farm)
     logging.basicConfig(
         stream=sys.stdout, level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s"
     )
-    places.make()
-    lock = acquire_lock(places.lock)
+    paths.create_folder()
+    lock = acquire_lock(paths.lock)
     if lock is None:
-        logging.error("%s: another service has this host's agents", places.folder)
+        logging.error("%s: another service has this host's agents", paths.folder)
         return 1
-    places.write_version()
+    paths.write_version()
     write_pid(lock)
-    asyncio.run(_run(places))
+    asyncio.run(_run(paths))
     return 0
 
 

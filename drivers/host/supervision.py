@@ -10,7 +10,7 @@ from typing import Any
 _FIRST_WAIT_S = 0.5
 _MAX_WAIT_S = 60.0
 _STEADY_S = 60.0  # an agent that ran for this long is restarted without delay
-_VOLATILE = {
+_VOLATILE_FIELDS = {
     "": ("now_s", "starved_s"),
     "nozzle": ("now_c",),
     "bed": ("now_c",),
@@ -38,7 +38,7 @@ class Backoff:
         """Return whether the wait is over."""
         return now_s >= self.started_s + self.wait_s
 
-    def start(self, now_s: float) -> Backoff:
+    def record_start(self, now_s: float) -> Backoff:
         """Compute the wait after a start at `now_s`."""
         if now_s - self.started_s > max(_STEADY_S, 2 * self.wait_s):
             return Backoff(now_s, 0.0 if self.started_s == -math.inf else _FIRST_WAIT_S)
@@ -83,7 +83,7 @@ def _read_fields(line: bytes) -> dict[str, Any] | None:
     fields: dict[str, Any] = json.loads(line)
     if fields.get("kind") != "snapshot":
         return None
-    for name, volatile in _VOLATILE.items():
+    for name, volatile in _VOLATILE_FIELDS.items():
         record = fields if name == "" else fields.get(name) or {}
         for field in volatile:
             record.pop(field, None)

@@ -167,4 +167,4 @@ class AgentsUpdate:
                 log.error("%s: the new agent is killed: %s", watch.printer, error)
                 watch.kill()
         watch.snapshot = None
-        watch.restart()
+        watch.reset_backoff()

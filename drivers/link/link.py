@@ -125,7 +125,7 @@ class Link:
     @property
     def streamed_lines(self) -> int:
         """Number of acknowledged lines of the program, counted from its first line."""
-        return self._outbox.streamed_lines(self._awaits_ok)
+        return self._outbox.count_streamed_lines(self._awaits_ok)
 
     @property
     def deadline_s(self) -> float:

@@ -15,17 +15,17 @@ from drivers.firmware import Firmware
 from drivers.gcode import add_frame, add_frames, remove_frame
 
 HISTORY_LINES = 32
-LINE_S = 50.0  # time-out of a line
-POLL_S = 150.0  # time-out of an M105, which waits behind up to 8 moves
-REACH_MM = 460.0  # longest straight move over the largest bed
-ARC_REACH_MM = 1450.0  # longest arc
+LINE_TIME_OUT_S = 50.0  # time-out of a line
+POLL_TIME_OUT_S = 150.0  # time-out of an M105, which waits behind up to 8 moves
+MAX_MOVE_MM = 460.0  # longest straight move over the largest bed
+MAX_ARC_MM = 1450.0  # longest arc
 QUEUED_LINES = 32  # number of lines behind a slow move whose answers it delays: 16 planned, 8 waiting
 _BLOCK_LINES = 256
 
 _MOVES = (b"G0 ", b"G1 ", b"G2 ", b"G3 ")
 _ARCS = (b"G2 ", b"G3 ")
 _FEEDRATE = re.compile(rb"F(\d+\.?\d*)")
-_TRAVELS = re.compile(rb".*[XYZ]").match  # moves more than the feeder
+_match_head_move = re.compile(rb".*[XYZ]").match  # moves more than the feeder
 
 Source = Callable[[int, int], list[bytes]]
 """Returns lines `start` to `stop` of a program."""
@@ -98,13 +98,15 @@ class Outbox:
     @property
     def time_out_s(self) -> float:
         """Time-out of the last sent line, in seconds."""
-        return max(POLL_S if self.is_poll else LINE_S, self._time_outs_s.get(self.number, 0.0))
+        return max(
+            POLL_TIME_OUT_S if self.is_poll else LINE_TIME_OUT_S, self._time_outs_s.get(self.number, 0.0)
+        )
 
     def holds(self, number: int) -> bool:
         """Return True if the line is recent enough to be resent."""
         return number >= self._base and self.number - number < HISTORY_LINES
 
-    def streamed_lines(self, awaits_ok: bool) -> int:
+    def count_streamed_lines(self, awaits_ok: bool) -> int:
         """Count the acknowledged lines of the program; with `awaits_ok`, without the last sent one."""
         number = self.number
         number -= awaits_ok and not self.is_poll  # an M105 is not part of the program
@@ -205,15 +207,15 @@ class Outbox:
                 self._time_outs_s[number] = max(self._slow_s, self._time_outs_s.get(number, 0.0))
 
     def _note_slow_move(self, number: int, move: bytes) -> None:
-        """Note a move whose feedrate may make it longer than `LINE_S`; its length is unknown here."""
+        """Note a move that may take longer than `LINE_TIME_OUT_S` at its feedrate; its length is unknown."""
         if b"F" in move and (match := _FEEDRATE.search(move)) is not None and float(match[1]) > 0.0:
             self._feedrate_mm_min = float(match[1])
         if move.startswith(_ARCS):
-            duration_s = 60.0 * ARC_REACH_MM / self._feedrate_mm_min
-        elif self._feedrate_mm_min * LINE_S >= 60.0 * REACH_MM or not _TRAVELS(move):
+            duration_s = 60.0 * MAX_ARC_MM / self._feedrate_mm_min
+        elif self._feedrate_mm_min * LINE_TIME_OUT_S >= 60.0 * MAX_MOVE_MM or not _match_head_move(move):
             return
         else:
-            duration_s = 60.0 * REACH_MM / self._feedrate_mm_min
-        if duration_s > LINE_S:
+            duration_s = 60.0 * MAX_MOVE_MM / self._feedrate_mm_min
+        if duration_s > LINE_TIME_OUT_S:
             self._slow_s = max(duration_s, self._slow_s if number <= self._slow_line_end else 0.0)
             self._slow_line_end = number + QUEUED_LINES

@@ -95,7 +95,7 @@ class Profile:
         Bounding rectangles of the areas that the definition forbids.
     home_mm
         Firmware coordinates after G28.
-    travel_mm
+    max_position_mm
         Largest coordinates that the firmware allows: X, Y, Z.
     steps_per_mm, max_feedrate_mm_s, max_acceleration_mm_s2
         For X, Y, Z, E.
@@ -109,15 +109,15 @@ class Profile:
         Cura's name; E in mm.
     start_code, end_code
         Templates: the start code has the fields `bed_c`, `nozzle_c` and `prime_mm`, the end code `park_mm`.
-    ready_mm
+    start_position_mm
         Position of the head after the start code.
     prime_mm3
         Volume that the start code extrudes.
-    parked_mm
+    park_retraction_mm
         Retraction of the filament after a print, also one that was started at the printer's menu.
     pause_xy_mm
         Position of the head in a pause: X and Y.
-    head_mm
+    head_extent_mm
         Extent of the head with its fans, relative to the nozzle: left, right, front, back.
     retraction_mm, retraction_mm_s
         Length and speed of G10.
@@ -141,7 +141,7 @@ class Profile:
     height_mm: float
     clips: tuple[Rect, ...]
     home_mm: tuple[float, float, float]
-    travel_mm: tuple[float, float, float]
+    max_position_mm: tuple[float, float, float]
     steps_per_mm: tuple[float, float, float, float]
     max_feedrate_mm_s: tuple[float, float, float, float]
     max_acceleration_mm_s2: tuple[float, float, float, float]
@@ -155,11 +155,11 @@ class Profile:
     gcode_flavor: str
     start_code: tuple[str, ...]
     end_code: tuple[str, ...]
-    ready_mm: tuple[float, float, float]
+    start_position_mm: tuple[float, float, float]
     prime_mm3: float
-    parked_mm: float
+    park_retraction_mm: float
     pause_xy_mm: tuple[float, float]
-    head_mm: tuple[float, float, float, float]
+    head_extent_mm: tuple[float, float, float, float]
     retraction_mm: float
     retraction_mm_s: float
     head_above_nozzle_mm: float

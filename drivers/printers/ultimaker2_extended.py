@@ -12,6 +12,6 @@ ULTIMAKER2_EXTENDED = replace(
     title="Ultimaker 2 Extended",
     height_mm=305.0,
     home_mm=(0.0, 224.5, 320.0),
-    travel_mm=(230.0, 224.5, 330.0),
+    max_position_mm=(230.0, 224.5, 330.0),
     banner_suffix="ex",
 )

@@ -20,7 +20,7 @@ ULTIMAKER2_PLUS = Profile(
         Rect(108.0, -112.5, 115.0, -104.5),
     ),
     home_mm=(0.0, 224.5, 215.0),
-    travel_mm=(230.0, 224.5, 225.0),
+    max_position_mm=(230.0, 224.5, 225.0),
     steps_per_mm=(80.0, 80.0, 200.0, 369.0),
     max_feedrate_mm_s=(300.0, 300.0, 40.0, 45.0),
     max_acceleration_mm_s2=(9000.0, 9000.0, 100.0, 10000.0),
@@ -51,11 +51,11 @@ ULTIMAKER2_PLUS = Profile(
         "G0 F3000 Y50",
     ),
     end_code=("M104 S0", "M140 S0", "M107", "G91", "G1 F1500 E{park_mm:g}", "G90", "G28", "M84"),
-    ready_mm=(5.0, 50.0, 20.0),
+    start_position_mm=(5.0, 50.0, 20.0),
     prime_mm3=50.0,  # the firmware's ``PRIMING_MM3``
-    parked_mm=20.0,  # ``END_OF_PRINT_RETRACTION``
+    park_retraction_mm=20.0,  # ``END_OF_PRINT_RETRACTION``
     pause_xy_mm=(10.0, 200.0),  # docs/explanation/ultimaker2-serial.md, section 5
-    head_mm=(-44.0, 64.0, -34.0, 14.0),  # Cura's ``machine_head_with_fans_polygon``
+    head_extent_mm=(-44.0, 64.0, -34.0, 14.0),  # Cura's ``machine_head_with_fans_polygon``
     retraction_mm=6.5,  # Cura's figures, and the firmware's
     retraction_mm_s=25.0,
     head_above_nozzle_mm=5.0,

@@ -81,7 +81,7 @@ def serve(request: BridgeRequest, folder: Path) -> None:
             pid = find_agent_pid(folder)
             if pid is not None and heartbeat.is_hung(time.monotonic(), partial(sample_process, pid)):
                 kill_agent(folder)
-                raise AgentError(f"{start.printer}: its agent was hung, and is replaced")
+                raise AgentError(f"{start.printer}: its agent stopped responding, and is replaced")
 
 
 def _connect(folder: Path) -> socket.socket:

@@ -58,9 +58,9 @@ class AgentClient:
         self._on_message = on_message
         self._folder = folder
         self._route = route
-        self._carrier: asyncio.subprocess.Process | None = None
+        self._route_process: asyncio.subprocess.Process | None = None
         self._writer: asyncio.StreamWriter | None = None
-        self._reading: asyncio.Task[None] | None = None
+        self._read_task: asyncio.Task[None] | None = None
         self._pending_replies: dict[int, asyncio.Future[Reply]] = {}
         self._snapshots: asyncio.Queue[Snapshot | None] = asyncio.Queue()
         self._ids = count(1)
@@ -69,7 +69,7 @@ class AgentClient:
     @property
     def is_connected(self) -> bool:
         """True while requests can be sent."""
-        return self._reading is not None and not self._reading.done()
+        return self._read_task is not None and not self._read_task.done()
 
     async def connect(self, timeout_s: float = 10.0) -> None:
         """Connect, waiting for an agent that is just starting.
@@ -110,7 +110,7 @@ class AgentClient:
         try:
             rotate_log(self._folder / AGENT_LOG)
             with (self._folder / AGENT_LOG).open("ab") as log:
-                self._carrier = await asyncio.create_subprocess_exec(
+                self._route_process = await asyncio.create_subprocess_exec(
                     *command,
                     stdin=asyncio.subprocess.PIPE,
                     stdout=asyncio.subprocess.PIPE,
@@ -118,7 +118,7 @@ class AgentClient:
                     limit=_LINE_BYTES,
                     start_new_session=True,
                 )
-            reader, self._writer = self._carrier.stdout, self._carrier.stdin
+            reader, self._writer = self._route_process.stdout, self._route_process.stdin
             assert reader is not None and self._writer is not None
             self._writer.write(first_line)
             first = await asyncio.wait_for(reader.readline(), FIRST_MESSAGE_S)
@@ -135,7 +135,7 @@ class AgentClient:
 
     def _listen(self, reader: asyncio.StreamReader) -> None:
         self._snapshots = asyncio.Queue()
-        self._reading = asyncio.create_task(self._read(reader, self._snapshots))
+        self._read_task = asyncio.create_task(self._read(reader, self._snapshots))
 
     async def snapshots(self) -> AsyncIterator[Snapshot]:
         """Yield the snapshots of the agent until the connection closes."""
@@ -179,14 +179,14 @@ class AgentClient:
             with suppress(OSError):
                 await self._writer.wait_closed()
             self._writer = None
-        if self._carrier is not None:
+        if self._route_process is not None:
             with suppress(ProcessLookupError):
-                self._carrier.kill()  # the agent behind it has its own process session
-            await self._carrier.wait()
-            self._carrier = None
-        if self._reading is not None:
-            await self._reading
-            self._reading = None
+                self._route_process.kill()  # the agent behind it has its own process session
+            await self._route_process.wait()
+            self._route_process = None
+        if self._read_task is not None:
+            await self._read_task
+            self._read_task = None
 
     async def _open(self) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
         # The path of a socket is limited to 107 bytes, but the path of a state folder is not.

@@ -91,14 +91,14 @@ class HeaterWatch:
         self._watched_s = 0.0  # seconds covered by reports
         self._heaters = {name: _Heater(name, rule, min_duration_s) for name, rule in RULES.items()}
 
-    def judge(self, report: Report, set_c: dict[HeaterName, float], now_s: float) -> Finding | None:
+    def judge(self, report: Report, set_targets_c: dict[HeaterName, float], now_s: float) -> Finding | None:
         """Judge a report.
 
         Parameters
         ----------
         report
             The report.
-        set_c
+        set_targets_c
             Target that the farm has set for each heater.
         now_s
             Time of the report, in seconds of a monotonic clock.
@@ -116,7 +116,7 @@ class HeaterWatch:
             HeaterName.BED: (report.bed_c, report.bed_target_c),
         }
         findings = [
-            heater.check(*reported_c[name], set_c[name], self._watched_s)
+            heater.check(*reported_c[name], set_targets_c[name], self._watched_s)
             for name, heater in self._heaters.items()
         ]
         return next((finding for finding in findings if finding is not None), None)
@@ -130,27 +130,27 @@ class HeaterWatch:
         """True if both are off, and each was seen cooling or cold since then."""
         return all(heater.is_cooling for heater in self._heaters.values())
 
-    def restart(self) -> None:
+    def reset(self) -> None:
         """Reset the observations: both were switched off now."""
         for heater in self._heaters.values():
-            heater.restart()
+            heater.reset()
 
 
 class _Heater:
     def __init__(self, name: HeaterName, rule: HeaterRule, min_duration_s: float) -> None:
         self._name, self._rule, self._min_duration_s = name, rule, min_duration_s
-        self._last: deque[float] = deque(maxlen=3)
-        self._rise = _RiseDetector(rule, min_duration_s)
+        self._last_readings_c: deque[float] = deque(maxlen=3)
+        self._rise_detector = _RiseDetector(rule, min_duration_s)
         self.set_target(0.0)
 
-    def restart(self) -> None:
-        self._last.clear()
+    def reset(self) -> None:
+        self._last_readings_c.clear()
         self.set_target(0.0)
 
-    def set_target(self, set_c: float) -> None:
+    def set_target(self, set_target_c: float) -> None:
         """Set the target to compare with."""
         self.is_cooling = False
-        self._set_c = set_c
+        self._set_target_c = set_target_c
         self._is_reached = False
         self._since_s = math.nan  # time of the first report after the target was set
         self._min_distance_c, self._progress_s = math.inf, math.nan
@@ -160,54 +160,58 @@ class _Heater:
 
     @property
     def now_c(self) -> float:
-        return median(self._last) if self._last else math.nan
+        return median(self._last_readings_c) if self._last_readings_c else math.nan
 
-    def check(self, reading_c: float, target_c: float, set_c: float, now_s: float) -> Finding | None:
-        self._last.append(reading_c)
-        if set_c != self._set_c:
-            self.set_target(set_c)
+    def check(
+        self, reading_c: float, reported_target_c: float, set_target_c: float, now_s: float
+    ) -> Finding | None:
+        self._last_readings_c.append(reading_c)
+        if set_target_c != self._set_target_c:
+            self.set_target(set_target_c)
         if math.isnan(self._since_s):
             self._since_s = now_s
-        if len(self._last) < 3:
+        if len(self._last_readings_c) < 3:
             return None
         now_c = self.now_c
-        rises = self._rise.check(now_c, max(target_c, set_c), now_s)
+        rises = self._rise_detector.check(now_c, max(reported_target_c, set_target_c), now_s)
         if now_c <= SENSOR_BROKEN_C:
             self.is_cooling = False
             return self._make_finding(Fault.MINTEMP, f"reads {now_c:g} C: its sensor is broken")
-        if set_c == 0.0:
+        if set_target_c == 0.0:
             if rises:
                 self.is_cooling = False
-                start_c = self._rise.coolest_c
+                start_c = self._rise_detector.coolest_c
                 return self._make_stuck_finding(f"is off, and gets hotter: from {start_c:g} to {now_c:g} C")
             return self._check_off(now_c, now_s)
-        if abs(now_c - set_c) <= self._rule.band_c:
+        if abs(now_c - set_target_c) <= self._rule.band_c:
             self._is_reached = True
         return self._check_hold(now_c, now_s) if self._is_reached else self._check_approach(now_c, now_s)
 
     def _check_approach(self, now_c: float, now_s: float) -> Finding | None:
-        distance_c = abs(now_c - self._set_c)
+        distance_c = abs(now_c - self._set_target_c)
         if distance_c < self._min_distance_c - PROGRESS_C:
             self._min_distance_c, self._progress_s = distance_c, now_s
         elif now_s - self._progress_s > max(self._rule.stall_s, self._min_duration_s):
-            if now_c > self._set_c:
+            if now_c > self._set_target_c:
                 return self._make_finding(
-                    Fault.HEATER_STUCK_ON, f"stays at {now_c:g} C, above {self._set_c:g}"
+                    Fault.HEATER_STUCK_ON, f"stays at {now_c:g} C, above {self._set_target_c:g}"
                 )
-            progress_text = f"got to {now_c:g} of {self._set_c:g} C and no further"
+            progress_text = f"got to {now_c:g} of {self._set_target_c:g} C and no further"
             return self._make_finding(Fault.HEATER_TIMEOUT, progress_text)
         return None
 
     def _check_hold(self, now_c: float, now_s: float) -> Finding | None:
-        if abs(now_c - self._set_c) <= self._rule.hold_c:
+        if abs(now_c - self._set_target_c) <= self._rule.hold_c:
             self._off_target_since_s = math.inf
             return None
         self._off_target_since_s = min(self._off_target_since_s, now_s)
         if now_s - self._off_target_since_s <= max(self._rule.max_away_s, self._min_duration_s):
             return None
-        if now_c > self._set_c:
-            return self._make_finding(Fault.HEATER_STUCK_ON, f"went up to {now_c:g} C, above {self._set_c:g}")
-        return self._make_finding(Fault.THERMAL_RUNAWAY, f"fell from {self._set_c:g} to {now_c:g} C")
+        if now_c > self._set_target_c:
+            return self._make_finding(
+                Fault.HEATER_STUCK_ON, f"went up to {now_c:g} C, above {self._set_target_c:g}"
+            )
+        return self._make_finding(Fault.THERMAL_RUNAWAY, f"fell from {self._set_target_c:g} to {now_c:g} C")
 
     def _check_off(self, now_c: float, now_s: float) -> Finding | None:
         rule = self._rule

@@ -10,7 +10,7 @@ from drivers.session.context import Answer, PrintEnded, Script, SessionContext, 
 
 SEND_S = 180.0
 RESET_S = 30.0  # maximum time for a port that disappeared to return
-GREETING_S = 30.0  # the link itself queries before that
+CONNECT_S = 30.0  # the link itself queries before that
 TRIES = 3
 HEAT_DEAD_MAN_S = 1200.0  # nothing feeds it during a G28 or behind slow moves
 PRINT_DEAD_MAN_S = 600.0  # moves feed it, but not an M400 behind 17 slow ones
@@ -25,19 +25,19 @@ def connect(context: SessionContext) -> Script:
     """
     link = context.link
     for _ in range(TRIES):
-        context.greeting = None
+        context.connection = None
         context.wants_reset = True
         link.poll_every_s = context.pace.heating_s
         if not (yield context.wait(lambda: not context.wants_reset, RESET_S)):
             raise PrintEnded(Fault.PORT_LOST, "the port is missing")
-        yield context.wait(lambda: context.greeting is not None or link.phase is LinkPhase.DEAD, GREETING_S)
-        greeting = context.greeting
-        if greeting is not None and greeting.restarted:
+        yield context.wait(lambda: context.connection is not None or link.phase is LinkPhase.DEAD, CONNECT_S)
+        connection = context.connection
+        if connection is not None and connection.restarted:
             context.dead_man_s = 0.0
             if context.firmware.setup_commands:
                 yield from send(context, *context.firmware.setup_commands)
             return
-        if greeting is not None and not context.board_resets:
+        if connection is not None and not context.board_resets:
             yield from send(context, *context.firmware.reset_commands)
             return
     raise PrintEnded(Fault.NO_ANSWER, "the board did not restart when its port was opened")

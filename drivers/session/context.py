@@ -61,7 +61,7 @@ class PrintEnded(Exception):
 class Wait:
     """Condition of a script and its time limit; the script receives True if the condition was met."""
 
-    until: Callable[[], bool]
+    condition: Callable[[], bool]
     deadline_s: float = math.inf
 
 
@@ -116,7 +116,7 @@ class SessionContext:
     heaters_off, targets_off_s
         True if, since the last heating command, a report has shown both targets 0 and each heater was seen
         cooling or cold; the time at which both targets were first reported 0.
-    greeting
+    connection
         The board's banner, or first answer, since the last reset.
     report, report_s
         The last temperatures, and the time of that report.
@@ -129,11 +129,11 @@ class SessionContext:
     dead_man_s, last_command_s
         Time without a command after which the firmware's dead-man switches heaters off; time of the last
         command.
-    heated_lines
+    executed_lines
         Number of lines up to the last heating line that the session executed itself.
     final_lines
         Number of lines that the printer has acknowledged, once the stream is over.
-    pause_wanted, pause_ends_s, nozzle_paused
+    pause_requested, pause_ends_s, nozzle_paused
         True if a person wants a pause; the time at which it times out; True if the pause switched the nozzle
         off, whatever the file has set.
     read_error
@@ -162,7 +162,7 @@ class SessionContext:
     power_off_requested_s: float = field(default=math.inf, init=False)
     heaters_off: bool = field(default=False, init=False)
     targets_off_s: float | None = field(default=None, init=False)
-    greeting: Connected | None = field(default=None, init=False)
+    connection: Connected | None = field(default=None, init=False)
     report: Report | None = field(default=None, init=False)
     report_s: float = field(init=False)
     watch: HeaterWatch = field(init=False)
@@ -171,9 +171,9 @@ class SessionContext:
     answer: bytes = field(default=b"", init=False)
     dead_man_s: float = field(default=0.0, init=False)
     last_command_s: float = field(init=False)
-    heated_lines: int = field(default=0, init=False)
+    executed_lines: int = field(default=0, init=False)
     final_lines: int | None = field(default=None, init=False)
-    pause_wanted: bool = field(default=False, init=False)
+    pause_requested: bool = field(default=False, init=False)
     pause_ends_s: float | None = field(default=None, init=False)
     nozzle_paused: bool = field(default=False, init=False)
     read_error: UnreadableFile | None = field(default=None, init=False)
@@ -196,14 +196,14 @@ class SessionContext:
         """Number of lines of the file that the printer has acknowledged."""
         if self.final_lines is not None:
             return self.final_lines
-        if self.program is None or self.greeting is None:
+        if self.program is None or self.connection is None:
             return 0  # until the board has restarted, the link still counts the lines printed before
         return self.done_lines
 
     @property
     def done_lines(self) -> int:
         """Number of lines of the file that were acknowledged or executed by the session."""
-        return max(self.heated_lines, self.link.streamed_lines)
+        return max(self.executed_lines, self.link.streamed_lines)
 
     @property
     def report_deadline_s(self) -> float:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from drivers.errors import Fault
-from drivers.gcode import Heat, HeaterName
+from drivers.gcode import HeatCommand, HeaterName
 from drivers.link import Report
 from drivers.messages import PrintPhase
 from drivers.records import Suspicion
@@ -42,31 +42,31 @@ def set_target(context: SessionContext, heater: HeaterName, target_c: float) -> 
     yield from send(context, _SET_COMMANDS[heater] % target_c)
 
 
-def heat(context: SessionContext, target: Heat) -> Script:
+def heat(context: SessionContext, command: HeatCommand) -> Script:
     """Heat as M109 and M190 do, in steps that can be aborted; the heater watch detects faults."""
-    yield from set_target(context, target.heater, target.target_c)
-    if target.target_c == 0:
+    yield from set_target(context, command.heater, command.target_c)
+    if command.target_c == 0:
         return
     context.link.poll_every_s = context.pace.heating_s
-    limit_s = context.now_s + HEAT_LIMIT_S[target.heater]
+    limit_s = context.now_s + HEAT_LIMIT_S[command.heater]
     reached_s = math.inf
     while True:
         context.link.poll_soon(context.now_s + context.pace.heating_s)
         if not (yield from await_report(context, context.report_deadline_s)):
-            text = f"the board answers, but reports no temperature of the {target.heater}"
+            text = f"the board answers, but reports no temperature of the {command.heater}"
             raise PrintEnded(Fault.NO_ANSWER, text)
-        now_c = context.watch.compute_median_c(target.heater)
-        missing_c = target.target_c - now_c
-        if target.heater is HeaterName.BED and missing_c <= BED_BAND_C:
+        now_c = context.watch.compute_median_c(command.heater)
+        missing_c = command.target_c - now_c
+        if command.heater is HeaterName.BED and missing_c <= BED_BAND_C:
             return
-        if target.heater is HeaterName.NOZZLE and abs(missing_c) <= NOZZLE_BAND_C:
+        if command.heater is HeaterName.NOZZLE and abs(missing_c) <= NOZZLE_BAND_C:
             reached_s = min(reached_s, context.now_s)
             if context.now_s - reached_s >= NOZZLE_HOLD_S:
                 return
             continue
         reached_s = math.inf
         if context.now_s > limit_s:
-            text = f"the {target.heater} reached only {now_c:g} of {target.target_c:g} C in time"
+            text = f"the {command.heater} reached only {now_c:g} of {command.target_c:g} C in time"
             raise PrintEnded(Fault.HEATER_TIMEOUT, text)
         if context.now_s - context.last_command_s > FEED_S:
             yield from arm_dead_man(context, context.dead_man_s)
@@ -76,7 +76,7 @@ def confirm_off(context: SessionContext) -> Answer:
     """Poll until a report shows both targets 0 and every warm heater was seen to cool."""
     limit_s = context.compute_limit_s(OFF_S)
     context.targets_off_s = None
-    context.watch.restart()
+    context.watch.reset()
     context.link.poll_every_s = context.pace.heating_s
     context.link.poll(context.now_s)
     min_s = context.compute_limit_s(MIN_OFF_S)
@@ -108,8 +108,8 @@ def verify_targets(context: SessionContext) -> Script:
 
 def watch_heaters(context: SessionContext, report: Report) -> PrintEnded | None:
     """Judge a report; return the end of the print that it causes, or None."""
-    set_c = _list_set_targets_c(context)
-    finding = context.watch.judge(report, set_c, context.now_s)
+    set_targets_c = _list_set_targets_c(context)
+    finding = context.watch.judge(report, set_targets_c, context.now_s)
     is_ending = context.phase is PrintPhase.ENDING
     if context.phase not in _HEATED_PHASES and not is_ending:
         return None
@@ -122,7 +122,7 @@ def watch_heaters(context: SessionContext, report: Report) -> PrintEnded | None:
     print_end = None if finding is None else PrintEnded(finding.fault, finding.text)
     if is_ending:
         return print_end if context.reason is None else None  # else the print is ending already
-    return _watch_targets(context, report, set_c) or print_end
+    return _watch_targets(context, report, set_targets_c) or print_end
 
 
 def note_suspicion(context: SessionContext, text: str) -> None:
@@ -146,17 +146,17 @@ def _list_set_targets_c(context: SessionContext) -> dict[HeaterName, float]:
     program = context.program
     if program is None or context.phase not in _HEATED_PHASES:
         return dict.fromkeys(HeaterName, 0.0)
-    set_c = {name: program.find_target_c(name, context.done_lines) or 0.0 for name in HeaterName}
+    set_targets_c = {name: program.find_target_c(name, context.done_lines) or 0.0 for name in HeaterName}
     if context.nozzle_paused:
-        set_c[HeaterName.NOZZLE] = 0.0
-    return set_c
+        set_targets_c[HeaterName.NOZZLE] = 0.0
+    return set_targets_c
 
 
 def _watch_targets(
-    context: SessionContext, report: Report, set_c: dict[HeaterName, float]
+    context: SessionContext, report: Report, set_targets_c: dict[HeaterName, float]
 ) -> PrintEnded | None:
     """Detect a changed target: Tinker firmware, or a person at the knob, may set one."""
-    nozzle_c, bed_c = set_c[HeaterName.NOZZLE], set_c[HeaterName.BED]
+    nozzle_c, bed_c = set_targets_c[HeaterName.NOZZLE], set_targets_c[HeaterName.BED]
     is_unchanged = abs(report.nozzle_target_c - nozzle_c) <= 1 and abs(report.bed_target_c - bed_c) <= 1
     context.unexpected_reports = 0 if is_unchanged else context.unexpected_reports + 1
     if context.unexpected_reports < UNEXPECTED_REPORTS:

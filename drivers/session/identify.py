@@ -19,9 +19,9 @@ def identify(context: SessionContext) -> Script:
     problem = ""
     for _ in range(TRIES):
         yield from connect(context)
-        assert context.greeting is not None
-        identity = firmware.read_identity(context.greeting.banner)
-        if not context.greeting.restarted or firmware.version is None:
+        assert context.connection is not None
+        identity = firmware.read_identity(context.connection.banner)
+        if not context.connection.restarted or firmware.version is None:
             # the home height identifies an Extended; other models answer `identity_query`
             offset = firmware.read_offset((yield from query(context, firmware.settings_query)))
             identity = None if offset is None else Identity(profile.banner_suffix, offset)

@@ -15,7 +15,7 @@ from drivers.session.park import LIFT_MM, compute_lift_mm, measure_retracted_mm,
 STOP_S = 30.0  # the stop waits for the current move
 BARRIERS = 3  # a garbled answer may fake one of them, but not three
 
-_RESET_AFTER = frozenset(
+_RESET_FAULTS = frozenset(
     (
         Fault.STOPPED, Fault.MAXTEMP, Fault.MINTEMP, Fault.KILL, Fault.REBOOT, Fault.ENDSTOP,
         Fault.NO_ANSWER, Fault.NOISY_LINE, Fault.PORT_LOST, Fault.AGENT_DIED, Fault.ESTOP,
@@ -27,8 +27,8 @@ def make_safe(context: SessionContext) -> Script:
     """Abort the print, by command if the board responds, else by a reset."""
     context.final_lines = context.acknowledged_lines
     is_homed = context.program is not None and context.final_lines > context.program.home_line
-    responds = context.greeting is not None and context.link.phase is LinkPhase.LIVE
-    if responds and context.fault not in _RESET_AFTER:
+    responds = context.connection is not None and context.link.phase is LinkPhase.LIVE
+    if responds and context.fault not in _RESET_FAULTS:
         try:
             if (yield from _abort(context, is_homed)):
                 return
@@ -77,8 +77,8 @@ def _switch_off_by_reset(context: SessionContext, is_homed: bool) -> Script:
             try:
                 if (yield from _reset_and_confirm_off(context, is_homed)):
                     return
-            except PrintEnded as ended:
-                if ended.fault is Fault.PORT_LOST:
+            except PrintEnded as print_end:
+                if print_end.fault is Fault.PORT_LOST:
                     break
             if context.wants_power_off:
                 break
@@ -92,7 +92,7 @@ def _reset_and_confirm_off(context: SessionContext, is_homed: bool) -> Answer:
     """Reset the board and confirm its heaters off; then move away from the part, if that is safe."""
     firmware = context.firmware
     yield from connect(context)
-    has_restarted = context.greeting is None or context.greeting.restarted
+    has_restarted = context.connection is None or context.connection.restarted
     if not has_restarted:
         yield from send(context, firmware.motors_off)  # its move queue is empty: it stands still
     if not (yield from confirm_off(context)):

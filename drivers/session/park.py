@@ -1,7 +1,7 @@
 """Scripts that move filament and head between two prints and in a pause. Pure.
 
-The filament is either parked, retracted by `Profile.parked_mm`, or at the nozzle, retracted as the file
-itself does. While it moves between the two, its position is unknown.
+The filament is either parked, retracted by `Profile.park_retraction_mm`, or at the nozzle, retracted as the
+file itself does. While it moves between the two, its position is unknown.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from drivers.errors import Fault, UnreadableFile
-from drivers.gcode import Heat, HeaterName, MotionState, Point, Program, measure_retraction
+from drivers.gcode import HeatCommand, HeaterName, MotionState, Point, Program, measure_retraction
 from drivers.messages import Filament, PrintPhase
 from drivers.session.commands import PAUSE_DEAD_MAN_S, PRINT_DEAD_MAN_S, arm_dead_man, send
 from drivers.session.context import PrintEnded, Script, SessionContext
@@ -25,21 +25,21 @@ PAUSE_FEED_S = 4.0  # a command shows "Printing with USB" for 5 s, to deter peop
 def unpark(context: SessionContext) -> Script:
     """Move parked filament to the nozzle."""
     context.filament = Filament.UNKNOWN
-    push_command = b"G1 F300 E%g" % context.profile.parked_mm
+    push_command = b"G1 F300 E%g" % context.profile.park_retraction_mm
     yield from send(context, b"M82", b"G92 E0", push_command, b"G92 E0", context.firmware.wait_moves)
     context.filament = Filament.AT_NOZZLE
 
 
 def park(context: SessionContext, back_mm: float, can_extrude: bool) -> Script:
     """Retract the filament from `back_mm` behind the nozzle (NaN: unknown) to its parked position."""
-    parked_mm = context.profile.parked_mm
+    park_retraction_mm = context.profile.park_retraction_mm
     if math.isnan(back_mm):
         context.filament = Filament.UNKNOWN
-    elif abs(parked_mm - back_mm) <= PARKED_SLACK_MM:
+    elif abs(park_retraction_mm - back_mm) <= PARKED_SLACK_MM:
         context.filament = Filament.PARKED
     elif can_extrude:
         context.filament = Filament.UNKNOWN
-        pull_command = b"G1 F1500 E%.3f" % (back_mm - parked_mm)
+        pull_command = b"G1 F1500 E%.3f" % (back_mm - park_retraction_mm)
         if (yield from send(context, b"G91", pull_command, b"G90", context.firmware.wait_moves)):
             context.filament = Filament.PARKED
     elif back_mm > PARKED_SLACK_MM:
@@ -99,19 +99,21 @@ def pause(context: SessionContext, program: Program, done_lines: int) -> Script:
     yield from arm_dead_man(context, PRINT_DEAD_MAN_S)
     yield from set_target(context, HeaterName.NOZZLE, target_c)
     context.nozzle_paused = False
-    yield from heat(context, Heat(done_lines, HeaterName.NOZZLE, target_c, waits=True))
+    yield from heat(context, HeatCommand(done_lines, HeaterName.NOZZLE, target_c, waits=True))
     context.filament = Filament.UNKNOWN
     yield from send(
-        context, *_list_return_commands(moves, position, context.profile.parked_mm), firmware.wait_moves
+        context,
+        *_list_return_commands(moves, position, context.profile.park_retraction_mm),
+        firmware.wait_moves,
     )
     context.filament = Filament.AT_NOZZLE
     context.phase = PrintPhase.PRINTING
 
 
-def _list_return_commands(moves: MotionState, position: Point, parked_mm: float) -> list[bytes]:
+def _list_return_commands(moves: MotionState, position: Point, park_retraction_mm: float) -> list[bytes]:
     """List the commands that push the filament, return to the part and restore the file's settings."""
     x, y, z, e = position
-    push_mm = parked_mm - moves.retracted_mm
+    push_mm = park_retraction_mm - moves.retracted_mm
     last_mm = min(LAST_EXTRUSION_MM, push_mm)
     commands = [b"G91", b"G1 F300 E%.3f" % (push_mm - last_mm), b"G90"]
     commands += [b"G1 F9000 X%.3f Y%.3f" % (x, y), b"G1 F1200 Z%.3f" % z]
@@ -127,10 +129,10 @@ def _await_resume(context: SessionContext) -> Script:
     """Wait until a person resumes the print, and feed the dead-man."""
     context.pause_ends_s = context.now_s + PAUSE_LIMIT_S
     context.link.poll_every_s = context.pace.printing_s
-    while context.pause_wanted:
+    while context.pause_requested:
         if context.now_s >= context.pause_ends_s:
             raise PrintEnded(Fault.PAUSE_TIMEOUT, f"nobody resumed it within {PAUSE_LIMIT_S / 3600:g} h")
-        yield context.wait(lambda: not context.pause_wanted, PAUSE_FEED_S)
-        if context.pause_wanted:
+        yield context.wait(lambda: not context.pause_requested, PAUSE_FEED_S)
+        if context.pause_requested:
             yield from arm_dead_man(context, context.dead_man_s)
     context.pause_ends_s = None

@@ -26,7 +26,7 @@ from drivers.session.leave import make_safe
 from drivers.session.stream import print_program
 
 UNATTENDED_REASON = "it prints only while somebody is there, and the attended hours have ended"
-_HEAT_MESSAGES = {
+_PREVIOUS_FAULT_REASONS = {
     Fault.AGENT_DIED: "the agent's process ended in the middle of the print",
     Fault.ESTOP: "a person stopped it by `farm estop`",
 }
@@ -69,7 +69,7 @@ class Session:
         if now_s >= compute_power_off_due_s(context):
             context.request_power_off()
         while not context.ended:
-            if self._wait.until():
+            if self._wait.condition():
                 self._step(lambda: self._script.send(True))
             elif now_s >= self._wait.deadline_s:
                 self._step(lambda: self._script.send(False))
@@ -82,12 +82,12 @@ class Session:
 
     def pause(self, now_s: float) -> None:
         """Request a pause at the next place that the head can return to; no effect unless printing."""
-        self.context.pause_wanted = self.context.phase in (PrintPhase.PRINTING, PrintPhase.PAUSED)
+        self.context.pause_requested = self.context.phase in (PrintPhase.PRINTING, PrintPhase.PAUSED)
         self.advance((), now_s)
 
     def resume(self, now_s: float) -> None:
         """Continue after a `pause`."""
-        self.context.pause_wanted = False
+        self.context.pause_requested = False
         self.advance((), now_s)
 
     def end_by(self, at_s: float | None, now_s: float) -> None:
@@ -140,7 +140,7 @@ def _run(context: SessionContext) -> Script:
     outcome = PrintPhase.DONE
     try:
         if context.program is None:
-            raise PrintEnded(context.previous_fault, _HEAT_MESSAGES[context.previous_fault])
+            raise PrintEnded(context.previous_fault, _PREVIOUS_FAULT_REASONS[context.previous_fault])
         yield from identify(context)
         yield from print_program(context, context.program)
     except (PrintEnded, UnreadableFile) as error:
@@ -158,7 +158,7 @@ def _process_event(context: SessionContext, event: Event) -> PrintEnded | None:
         context.report, context.report_s = event, context.now_s
         return watch_heaters(context, event)
     if isinstance(event, Connected):
-        context.greeting = event
+        context.connection = event
     elif isinstance(event, UnknownLine):
         context.answer += event.text + b"\n"
         context.position = read_position(event.text) or context.position

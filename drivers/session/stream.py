@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from drivers.errors import Fault, UnreadableFile
-from drivers.gcode import Heat, HeaterName, Program
+from drivers.gcode import HeatCommand, HeaterName, Program
 from drivers.messages import Filament, PrintPhase
 from drivers.session.commands import HEAT_DEAD_MAN_S, PRINT_DEAD_MAN_S, arm_dead_man, send
 from drivers.session.context import PrintEnded, Script, SessionContext, Wait
@@ -21,7 +21,7 @@ def print_program(context: SessionContext, program: Program) -> Script:
     context.heaters_off = False
     yield from arm_dead_man(context, HEAT_DEAD_MAN_S)
     cooling_line = next(
-        (h.line for h in program.heats if _is_end_of_heat(h, program.extrusion_line)), program.count
+        (h.line for h in program.heat_commands if _is_end_of_heat(h, program.extrusion_line)), program.count
     )
     start = 0
     for stop, heat_command in _list_stops(program, cooling_line):
@@ -30,7 +30,7 @@ def print_program(context: SessionContext, program: Program) -> Script:
         if stop == program.home_line + 1:
             yield from check_height(context, program.read_lines(program.home_line, stop)[0])
         if heat_command is not None:
-            context.heated_lines = start = stop + 1
+            context.executed_lines = start = stop + 1
             yield from heat(context, heat_command)
             can_extrude = heat_command.heater is HeaterName.NOZZLE and extrudes(
                 context, heat_command.target_c
@@ -46,16 +46,16 @@ def print_program(context: SessionContext, program: Program) -> Script:
     yield from _finish(context, program)
 
 
-def _list_stops(program: Program, cooling_line: int) -> list[tuple[int, Heat | None]]:
+def _list_stops(program: Program, cooling_line: int) -> list[tuple[int, HeatCommand | None]]:
     """List the lines before which the stream stops, each with the heating that replaces it."""
     lines = (program.home_line + 1, program.extrusion_line, program.count)
-    stops: dict[int, Heat | None] = dict.fromkeys(lines)
-    stops |= {heat_command.line: heat_command for heat_command in program.heats if heat_command.waits}
+    stops: dict[int, HeatCommand | None] = dict.fromkeys(lines)
+    stops |= {heat_command.line: heat_command for heat_command in program.heat_commands if heat_command.waits}
     stops.setdefault(cooling_line, None)
     return sorted(((line, stops[line]) for line in stops if line <= program.count), key=lambda s: s[0])
 
 
-def _is_end_of_heat(heat_command: Heat, after_line: int) -> bool:
+def _is_end_of_heat(heat_command: HeatCommand, after_line: int) -> bool:
     return (
         heat_command.heater is HeaterName.NOZZLE
         and heat_command.target_c == 0
@@ -77,7 +77,7 @@ def _stream(context: SessionContext, program: Program, start: int, stop: int) ->
         return []
 
     def is_sent_or_paused() -> bool:
-        can_begin_pause = context.pause_wanted and can_pause(context)
+        can_begin_pause = context.pause_requested and can_pause(context)
         return link.is_drained or context.read_error is not None or can_begin_pause
 
     while start < stop:

@@ -91,10 +91,10 @@ def build_slicing_printer(profile: Profile) -> PrinterModel:
             start=profile.start_code,
             end=profile.end_code,
             prime_mm3=profile.prime_mm3,
-            parked_mm=profile.parked_mm,
-            ready_mm=profile.ready_mm,
+            park_retraction_mm=profile.park_retraction_mm,
+            start_position_mm=profile.start_position_mm,
         ),
-        head=HeadShape(*profile.head_mm, underside_mm=profile.head_above_nozzle_mm),
+        head=HeadShape(*profile.head_extent_mm, underside_mm=profile.head_above_nozzle_mm),
         retraction_mm=profile.retraction_mm,
         retraction_mm_s=profile.retraction_mm_s,
     )

@@ -79,7 +79,7 @@ class Head:
                 "the hot end: take that out of your slicer's start script"
             )
         if self._retracted_mm:
-            self._writer.add_move((*self._code.ready_mm, -self._retracted_mm, retraction_mm_s))
+            self._writer.add_move((*self._code.start_position_mm, -self._retracted_mm, retraction_mm_s))
 
     def move(self, target: Point, extruded_mm: float, speed_mm_s: float, factor: float) -> bool:
         """Make one straight move.
@@ -129,7 +129,7 @@ class Head:
 
     @property
     def _max_retracted_mm(self) -> float:
-        return self._code.parked_mm + RETRACTED_SLACK_MM
+        return self._code.park_retraction_mm + RETRACTED_SLACK_MM
 
     def _check_feed(self, extruded_mm: float, speed_mm_s: float) -> None:
         if extruded_mm > MAX_EXTRUDED_MM:
@@ -158,7 +158,7 @@ class Head:
         if self._has_approached:
             return True
         x, y, z = start
-        ready_mm = self._code.ready_mm
+        start_position_mm = self._code.start_position_mm
         if extruded_mm <= 0 or math.isnan(x + y + z):
             is_move = any(
                 a != b and not (math.isnan(a) and math.isnan(b)) for a, b in zip(start, target, strict=True)
@@ -166,10 +166,10 @@ class Head:
             if extruded_mm > 0 and is_move:
                 self._objections.add("extrudes before the file has set X, Y and Z")
             elif extruded_mm:
-                self._writer.add_move((*ready_mm, extruded_mm, speed_mm_s))
+                self._writer.add_move((*start_position_mm, extruded_mm, speed_mm_s))
             return False
         self._check_above_bed(z)
-        self._writer.add_move((x, y, ready_mm[2], 0.0, TRAVEL_MM_S))
+        self._writer.add_move((x, y, start_position_mm[2], 0.0, TRAVEL_MM_S))
         self._writer.add_move((x, y, z, 0.0, LOWER_MM_S))
         self._has_approached = True
         return True

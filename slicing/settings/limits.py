@@ -153,7 +153,7 @@ def _find_farm_bounds(
         case "layer_height" | "layer_height_0":
             return None, LAYER_SHARE * nozzle_mm
         case "retraction_amount":
-            return 0.0, printer.code.parked_mm
+            return 0.0, printer.code.park_retraction_mm
         case "retraction_extra_prime_amount" | "wipe_retraction_extra_prime_amount":
             return -_MAX_EXTRA_MM3, _MAX_EXTRA_MM3
         case "retraction_hop" | "wipe_hop_amount":

@@ -154,7 +154,7 @@ def test_session_prints_a_part_to_a_virtual_ender_3(tmp_path: Path):
     """Identify the printer, heat, print every line, and confirm the heaters off."""
     profile, moves = PROFILES["creality_ender3"], make_spiral(300)
     start = "\n".join(profile.start_code).format(bed_c=40.0, nozzle_c=190.0, prime_mm=5.0)
-    end = "\n".join(profile.end_code).format(park_mm=-profile.parked_mm)
+    end = "\n".join(profile.end_code).format(park_mm=-profile.park_retraction_mm)
     text = b"\n".join((start.encode(), b";LAYER:0", *moves, end.encode()))
     clock = Clock(SCALE, time.time())
     link = Link(MARLIN2, 2.0 * SCALE)

@@ -22,7 +22,7 @@ def test_bed_at_0_c_is_left_out_of_the_start_code():
 
 @pytest.mark.parametrize("retracted_mm", [0.0, 6.5])
 def test_end_code_parks_the_filament_that_was_not_retracted(retracted_mm):
-    code = replace(UM2_PLUS.code, parked_mm=12.0)
+    code = replace(UM2_PLUS.code, park_retraction_mm=12.0)
     assert f"G1 F1500 E{retracted_mm - 12:g}" in code.build_end_code(retracted_mm).splitlines()
 
 

@@ -76,7 +76,7 @@ class HostsFarm(RealFarm):
         for host, names in HOSTS.items():
             self.pipes[host].close(*names)
             for name in names:
-                emulator = self.pipes[host].places.find_agent_folder(name) / "emulator"
+                emulator = self.pipes[host].paths.find_agent_folder(name) / "emulator"
                 if is_running(emulator):
                     control(emulator, Command.POWER_OFF)
 

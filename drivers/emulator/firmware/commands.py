@@ -104,7 +104,7 @@ def home(machine: Machine, line: bytes, now_s: float) -> Work:
             machine.homed_axes[i] = True
     machine.is_homed = all(machine.homed_axes)
     machine.planner.set_position((position[0], position[1], position[2], e), begin_s + duration_s)
-    machine.board.changes += 1
+    machine.board.change_count += 1
 
 
 def move_arc(machine: Machine, line: bytes, now_s: float) -> None:
@@ -276,7 +276,7 @@ def format_temperatures(machine: Machine, now_s: float, decimals: int = 1) -> by
 
 
 def report_position(machine: Machine, line: bytes, now_s: float) -> None:
-    position = [a - b for a, b in zip(machine.planner.position(now_s), machine.shift, strict=True)]
+    position = [a - b for a, b in zip(machine.planner.compute_position(now_s), machine.shift, strict=True)]
     machine.send(
         b"X:%.2fY:%.2fZ:%.2fE:%.2f Count X: %.2fY:%.2fZ:%.2f\n"
         % (*map(_drop_sign_of_zero, machine.position), *map(_drop_sign_of_zero, position[:3]))
@@ -285,7 +285,7 @@ def report_position(machine: Machine, line: bytes, now_s: float) -> None:
 
 def report_endstops(machine: Machine, line: bytes, now_s: float) -> None:
     # No newline at its end: the ok follows on the same line, as in the firmware.
-    x, y, z, _ = machine.planner.position(now_s)
+    x, y, z, _ = machine.planner.compute_position(now_s)
     home = machine.board.profile.home_mm
     states = [
         b"TRIGGERED" if is_pressed else b"open" for is_pressed in (x < home[0], y > home[1], z > home[2])

@@ -20,13 +20,13 @@ class Dialect:
     ----------
     commands, fault_messages
         See `Commands` and `FaultMessages`.
-    urgent
+    urgent_commands
         Commands, by M number, that are executed as soon as they are read without a line number.
-    banner
-        Makes the text after ``start`` from the printer, its limits and `Faults.levelled`.
+    format_banner
+        Makes the text after ``start`` from the printer, its limits and `Faults.home_offset_mm100`.
     late_banner
         Text sent some seconds after the banner.
-    report
+    format_report
         Makes the answer to M105, which begins with its ok.
     buffer_lines
         Number of lines read ahead, including the one being executed.
@@ -53,10 +53,10 @@ class Dialect:
 
     commands: Commands
     fault_messages: FaultMessages
-    urgent: Mapping[int, Callable[[Machine, float], None]]
-    banner: Callable[[Profile, Limits, int], bytes]
+    urgent_commands: Mapping[int, Callable[[Machine, float], None]]
+    format_banner: Callable[[Profile, Limits, int], bytes]
     late_banner: bytes
-    report: Callable[[Machine, float], bytes]
+    format_report: Callable[[Machine, float], bytes]
     buffer_lines: int
     line_ends: bytes
     comment_spans_lines: bool

@@ -2,7 +2,7 @@
 
 `EmulatedFirmware.feed` computes every event up to `now_s` at its exact time, so a late host does not prolong
 a print while the planner has moves left: a move that ended at 103.2 s frees its place at 103.2 s, even if
-`feed` is called at 103.4 s. `EmulatedFirmware.deadline_s` is the time of the next call without bytes.
+`feed` is called at 103.4 s. `EmulatedFirmware.compute_deadline_s` is the time of the next call without bytes.
 
 The order of events follows ``Marlin_main.cpp`` of the Ultimaker 2: ``get_command`` (`listener`) reads lines
 from a ring buffer of 127 bytes into a buffer of 8, and acknowledges G0-G3 there; the loop executes one line
@@ -73,7 +73,7 @@ class EmulatedFirmware(Listener):
             starved_s + old.starved_s,
         )
         self.resets += 1
-        self.board.changes += 1
+        self.board.change_count += 1
         self.phase = Phase.BOOTLOADER
         self.machine = Machine(self.board, self._send, self.stop, self.dialect.fault_messages, now_s)
         self._drop_input()
@@ -112,7 +112,7 @@ class EmulatedFirmware(Listener):
             return b""
         return answers if self.noise is None else self.noise.carry(answers)
 
-    def deadline_s(self, slack_s: float = 0.0) -> float:
+    def compute_deadline_s(self, slack_s: float = 0.0) -> float:
         """Return the latest time for the next `feed`; infinite if nothing is due.
 
         With a slack, oks may be sent later by that time while the planner stays well filled: one wake-up
@@ -200,7 +200,7 @@ class EmulatedFirmware(Listener):
                     break
                 self._time_s = max(self._time_s, free_s)
                 planner.advance(self._time_s)
-                machine.release(self._time_s)
+                machine.queue_waiting_move(self._time_s)
                 machine.last_command_s = self._time_s
                 continue
             if self._running is not None:
@@ -256,7 +256,7 @@ class EmulatedFirmware(Listener):
             return
         m_code = None if code is not None else read_value(line, b"M")
         if m_code == 105:  # does not feed the dead-man
-            self._send(self.dialect.report(machine, now_s))
+            self._send(self.dialect.format_report(machine, now_s))
             return
         if m_code == 999:
             machine.is_stopped = False
@@ -286,8 +286,8 @@ class EmulatedFirmware(Listener):
 
     def _start(self, now_s: float) -> None:
         self.phase = Phase.BOOTING
-        limits, levelled_mm100 = self.machine.limits, self._faults.levelled
-        self._send(wording.START + self.dialect.banner(self.board.profile, limits, levelled_mm100))
+        limits, home_offset_mm100 = self.machine.limits, self._faults.home_offset_mm100
+        self._send(wording.START + self.dialect.format_banner(self.board.profile, limits, home_offset_mm100))
 
     def _run_commands(self, now_s: float) -> None:
         self.phase = Phase.RUNNING

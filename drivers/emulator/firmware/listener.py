@@ -170,8 +170,8 @@ class Listener(ABC):
             report = self._report_error if _COMMAND.search(line) else self._send
             report(wording.format_line_error(wording.NO_LINE_NUMBER, self._last_number))
             return
-        elif (urgent := self.dialect.urgent.get(int(read_value(line, b"M") or 0))) is not None:
-            urgent(self.machine, self._time_s)
+        elif (command := self.dialect.urgent_commands.get(int(read_value(line, b"M") or 0))) is not None:
+            command(self.machine, self._time_s)
             if self.phase is not Phase.RUNNING:
                 return
         if _is_move(line):

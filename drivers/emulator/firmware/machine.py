@@ -27,10 +27,10 @@ _NUMBER = re.compile(rb"[ \t]*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,2}(?!\d)
 
 def read_value(line: bytes, letter: bytes) -> float | None:
     """Parse the number after the first such letter in the line (``code_seen``); 0 without digits."""
-    value = line.find(letter)
-    if value < 0:
+    index = line.find(letter)
+    if index < 0:
         return None
-    match = _NUMBER.match(line, value + 1)
+    match = _NUMBER.match(line, index + 1)
     return float(match[1]) if match else 0.0
 
 
@@ -96,7 +96,7 @@ class Machine:
         self.extrude_min_c = board.profile.min_extrusion_c
         self.retracted_mm = 0.0
         self.is_streaming = False  # a print is running: an empty queue is the host's fault
-        self.top_mm = board.profile.travel_mm  # soft limits
+        self.top_mm = board.profile.max_position_mm  # soft limits
 
     # --- moves ---
 
@@ -123,20 +123,20 @@ class Machine:
         """Queue one straight move; None if the line lacks the axis. F in mm/min."""
         if f is not None and f > 0.0:
             self.feedrate_mm_s = f / 60.0
-        value, top, relative = self.position, self.top_mm, self.relative
-        x0, y0, z0, e0 = value
+        position, top, relative = self.position, self.top_mm, self.relative
+        x0, y0, z0, e0 = position
         x = x0 if x is None else (x0 + x if relative else x)
         y = y0 if y is None else (y0 + y if relative else y)
         z = z0 if z is None else (z0 + z if relative else z)
         e = e0 if e is None else (e0 + e if relative or self.relative_e else e)
-        value[0] = x = 0.0 if x < 0.0 else (x if x < top[0] else top[0])
-        value[1] = y = 0.0 if y < 0.0 else (y if y < top[1] else top[1])
-        value[2] = z = 0.0 if z < 0.0 else (z if z < top[2] else top[2])
-        value[3] = e
-        rate = self.feedrate_mm_s
+        position[0] = x = 0.0 if x < 0.0 else (x if x < top[0] else top[0])
+        position[1] = y = 0.0 if y < 0.0 else (y if y < top[1] else top[1])
+        position[2] = z = 0.0 if z < 0.0 else (z if z < top[2] else top[2])
+        position[3] = e
+        rate_mm_s = self.feedrate_mm_s
         if x != x0 or y != y0:
-            rate *= self.feed_factor
-        self.queue(x, y, z, e - e0, rate, now_s)
+            rate_mm_s *= self.feed_factor
+        self.queue(x, y, z, e - e0, rate_mm_s, now_s)
 
     def queue(self, x: float, y: float, z: float, de: float, rate_mm_s: float, now_s: float) -> None:
         """Queue a move to the position already in `position`; `de` is its extrusion in mm."""
@@ -155,7 +155,7 @@ class Machine:
             self.is_streaming = True
         planner.add(target, rate_mm_s, now_s)
 
-    def release(self, now_s: float) -> None:
+    def queue_waiting_move(self, now_s: float) -> None:
         """Move the first waiting move to the planner, which has room."""
         target, rate_mm_s = self.waiting_moves.popleft()
         self.planner.add(target, rate_mm_s, now_s)

@@ -30,8 +30,8 @@ _IDENTITY = (
 )
 
 
-def format_banner(profile: Profile, limits: Limits, levelled: int = 0) -> bytes:
-    """Format the text after ``start`` at every boot; `levelled` as in `Faults`."""
+def format_banner(profile: Profile, limits: Limits, home_offset_mm100: int = 0) -> bytes:
+    """Format the text after ``start`` at every boot; `home_offset_mm100` as in `Faults`."""
     head = (
         b"echo:Marlin 2.0.9.1\n"
         b"echo: Last Updated: 2021-07-01 | Author: (none, default config)\n"
@@ -39,10 +39,10 @@ def format_banner(profile: Profile, limits: Limits, levelled: int = 0) -> bytes:
         b"echo: Free Memory: 2417  PlannerBufferBytes: 1344\n"
         b"echo:V83 stored settings retrieved (583 bytes; crc 51963)\n"
     )
-    return head + format_settings(limits, levelled)
+    return head + format_settings(limits, home_offset_mm100)
 
 
-def format_settings(limits: Limits, levelled: int = 0) -> bytes:
+def format_settings(limits: Limits, home_offset_mm100: int = 0) -> bytes:
     """Format the answer to ``M503``, also sent at boot (``MarlinSettings::report``)."""
     steps, feed, top = limits.steps_per_mm, limits.feedrate_mm_s, limits.acceleration_mm_s2
     return (
@@ -57,7 +57,7 @@ def format_settings(limits: Limits, levelled: int = 0) -> bytes:
         "echo:Acceleration (units/s2): P<print_accel> R<retract_accel> T<travel_accel>\n"
         f"echo:  M204 P{limits.print_mm_s2:.2f} R{limits.retract_mm_s2:.2f} T{limits.print_mm_s2:.2f}\n"
         "echo:Home offset:\n"
-        f"echo:  M206 X0.00 Y0.00 Z{-levelled / 100:.2f}\n"
+        f"echo:  M206 X0.00 Y0.00 Z{-home_offset_mm100 / 100:.2f}\n"
         "echo:PID settings:\n"
         "echo:  M301 P21.73 I1.54 D76.55\n"
     ).encode()
@@ -73,7 +73,7 @@ def _report_position(machine: Machine, line: bytes, now_s: float) -> None:
 
 
 def _report_settings(machine: Machine, line: bytes, now_s: float) -> None:
-    machine.send(format_settings(machine.limits, machine.board.faults.levelled))
+    machine.send(format_settings(machine.limits, machine.board.faults.home_offset_mm100))
 
 
 def _identify(machine: Machine, line: bytes, now_s: float) -> None:
@@ -130,13 +130,13 @@ MARLIN2 = Dialect(
         no_endstop=b"echo:Homing Failed\n",
         stuck_endstop=b"echo:Homing Failed\n",
     ),
-    urgent={
+    urgent_commands={
         112: lambda machine, now_s: machine.stop(b"", now_s),
         410: lambda machine, now_s: machine.quick_stop(now_s),
     },
-    banner=format_banner,
+    format_banner=format_banner,
     late_banner=b"echo:No media\n",
-    report=partial(format_temperatures, decimals=2),
+    format_report=partial(format_temperatures, decimals=2),
     buffer_lines=4,
     line_ends=b"\n\r",
     comment_spans_lines=False,

@@ -171,7 +171,7 @@ class Planner:
         self._speed_mm_s = v
         self.moves += 1
 
-    def position(self, now_s: float) -> Point:
+    def compute_position(self, now_s: float) -> Point:
         """Compute the position of head and feeder; the queue must be advanced to `now_s`."""
         if not self._blocks:
             return self._head
@@ -191,7 +191,7 @@ class Planner:
     def stop(self, now_s: float) -> Point:
         """Stop at once and drop the queue (``quickStop``, a reset); return the position of the head."""
         self.advance(now_s)
-        position = self.position(now_s)
+        position = self.compute_position(now_s)
         if self._blocks:
             self.busy_s += now_s - self._begin_s
             if position[3] != self._head[3]:

@@ -27,8 +27,8 @@ IDENTITY = (
 )
 
 
-def format_banner(profile: Profile, limits: Limits, levelled: int = 0) -> bytes:
-    """Format the text after ``start`` at every boot; `levelled` as in `Faults`."""
+def format_banner(profile: Profile, limits: Limits, home_offset_mm100: int = 0) -> bytes:
+    """Format the text after ``start`` at every boot; `home_offset_mm100` as in `Faults`."""
     head = (
         "echo:Marlin 1.0.0\n"
         "echo: Last Updated: Mar 15 2018 13:04:08 | Author: Vers:_3.3.0"
@@ -37,10 +37,10 @@ def format_banner(profile: Profile, limits: Limits, levelled: int = 0) -> bytes:
         "echo: Free Memory: 2055  PlannerBufferBytes: 1232\n"
         "echo:Stored settings retrieved\n"
     )
-    return head.encode() + format_settings(limits, levelled)
+    return head.encode() + format_settings(limits, home_offset_mm100)
 
 
-def format_settings(limits: Limits, levelled: int = 0) -> bytes:
+def format_settings(limits: Limits, home_offset_mm100: int = 0) -> bytes:
     """Format the answer to ``M503``, which also ends the banner."""
     steps, feed, top = limits.steps_per_mm, limits.feedrate_mm_s, limits.acceleration_mm_s2
     return (
@@ -58,7 +58,7 @@ def format_settings(limits: Limits, levelled: int = 0) -> bytes:
         f"echo:  M205 S0.00 T0.00 B20000 X{limits.jerk_xy_mm_s:.2f} Z{limits.jerk_z_mm_s:.2f} "
         f"E{limits.jerk_e_mm_s:.2f}\n"
         "echo:Home offset (mm):\n"
-        f"echo:  M206 X0.00 Y0.00 Z{-10 - levelled / 100:.2f}\n"
+        f"echo:  M206 X0.00 Y0.00 Z{-10 - home_offset_mm100 / 100:.2f}\n"
         "echo:PID settings:\n"
         "echo:   M301 P10.03 I1.50 D70.00\n"
     ).encode()
@@ -69,7 +69,7 @@ def identify(machine: Machine, line: bytes, now_s: float) -> None:
 
 
 def report_settings(machine: Machine, line: bytes, now_s: float) -> None:
-    machine.send(format_settings(machine.limits, machine.board.faults.levelled))
+    machine.send(format_settings(machine.limits, machine.board.faults.home_offset_mm100))
 
 
 ULTIMAKER2 = Dialect(
@@ -101,10 +101,10 @@ ULTIMAKER2 = Dialect(
         no_endstop=b"Error:Endstop not pressed after homing down. Endstop broken?\n",
         stuck_endstop=b"Error:Endstop still pressed after backing off. Endstop stuck?\n",
     ),
-    urgent={},
-    banner=format_banner,
+    urgent_commands={},
+    format_banner=format_banner,
     late_banner=b"echo:SD init fail\n",
-    report=format_temperatures,
+    format_report=format_temperatures,
     buffer_lines=8,
     line_ends=b"\n\r:",
     comment_spans_lines=True,

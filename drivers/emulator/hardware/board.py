@@ -30,7 +30,7 @@ class EmulatedBoard:
         Net filament through the feeder since power on.
     filament_end_mm
         Position of the filament's end relative to the nozzle's tip; never above 0.
-    changes
+    change_count
         Number of changes that a person at the printer would notice at once.
     """
 
@@ -47,9 +47,9 @@ class EmulatedBoard:
         self.bed_shorted = False  # its sensor reads `SHORTED_C`
         self.head_mm = profile.home_mm
         self.filament_mm = 0.0
-        self.filament_end_mm = -profile.parked_mm  # as after the end code or the printer's own menu
+        self.filament_end_mm = -profile.park_retraction_mm  # as after the end code or the printer's own menu
         self.bed_clear = True
-        self.changes = 0
+        self.change_count = 0
         self._bed_filament_mm = 0.0
 
     def feed_filament(self, e_mm: float, z_mm: float) -> None:
@@ -61,7 +61,7 @@ class EmulatedBoard:
                 self._bed_filament_mm += end_mm
                 if self._bed_filament_mm > OOZE_MM:
                     self.bed_clear = False
-                    self.changes += 1
+                    self.change_count += 1
             end_mm = 0.0
         self.filament_end_mm = end_mm
 
@@ -69,7 +69,7 @@ class EmulatedBoard:
         """Clear the bed, as a person does."""
         self._bed_filament_mm = 0.0
         self.bed_clear = True
-        self.changes += 1
+        self.change_count += 1
 
     def read_bed_c(self, now_s: float) -> float:
         """Return the reading of the bed's sensor."""
@@ -77,13 +77,13 @@ class EmulatedBoard:
 
     def set_nozzle(self, target_c: float, now_s: float) -> None:
         self.nozzle.set_target(target_c, now_s)
-        self.changes += 1
+        self.change_count += 1
 
     def set_bed(self, target_c: float, now_s: float) -> None:
         self.bed.set_target(target_c, now_s)
         if self.bed_shorted:
             self.bed.burns = target_c > 0.0  # its controller reads a cold bed
-        self.changes += 1
+        self.change_count += 1
 
     def switch_heaters_off(self, now_s: float) -> None:
         self.set_nozzle(0.0, now_s)

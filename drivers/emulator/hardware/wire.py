@@ -29,7 +29,7 @@ class Wire:
             arrived_bytes.append(self._in_transit.popleft()[1])
         return b"".join(arrived_bytes)
 
-    def due_s(self) -> float:
+    def compute_due_s(self) -> float:
         """Return the arrival time of the next bytes; infinite if none are in transit."""
         return self._in_transit[0][0] if self._in_transit else math.inf
 

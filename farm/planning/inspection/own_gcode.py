@@ -311,7 +311,7 @@ class FirmwareTime:
 
     def __init__(self, profile: Profile) -> None:
         self._planner = Planner(
-            Limits.from_profile(profile), (*profile.ready_mm, 0.0), lambda _e_mm, _z_mm: None
+            Limits.from_profile(profile), (*profile.start_position_mm, 0.0), lambda _e_mm, _z_mm: None
         )
         self._now_s = 0.0
 

@@ -16,21 +16,21 @@ def test_spool_keeps_a_checked_copy(tmp_path: Path):
     source = tmp_path / "a.gcode"
     source.write_bytes(b"G28\n")
     spool = Spool(tmp_path / "spool", ULTIMAKER2_PLUS)
-    program = spool.take("p-1", source, hashlib.sha256(b"G28\n").hexdigest())
+    program = spool.import_gcode("p-1", source, hashlib.sha256(b"G28\n").hexdigest())
     assert program.count == 1
     assert (tmp_path / "spool" / "p-1.gcode").read_bytes() == b"G28\n"
     source.unlink()
-    spool.drop("p-1")
-    spool.drop("p-1")
+    spool.delete("p-1")
+    spool.delete("p-1")
     assert os.listdir(tmp_path / "spool") == []  # noqa: PTH208
     assert program.read_lines(0, 1) == [b"G28"]  # a running print keeps its open file
     source.write_bytes(b"M0\n")
     with pytest.raises(BadGcode, match="knob"):
-        spool.take("p-1", source, hashlib.sha256(b"M0\n").hexdigest())
+        spool.import_gcode("p-1", source, hashlib.sha256(b"M0\n").hexdigest())
     with pytest.raises(BadGcode, match="sha256"):
-        spool.take("p-1", source, "0" * 64)
+        spool.import_gcode("p-1", source, "0" * 64)
     with pytest.raises(BadGcode, match="cannot be read"):
-        spool.take("p-1", tmp_path / "none", "0" * 64)
+        spool.import_gcode("p-1", tmp_path / "none", "0" * 64)
     with pytest.raises(AgentError):
         spool.check("../p-1")
 
@@ -46,7 +46,7 @@ def test_full_disk_leaves_no_partial_copy(tmp_path: Path, monkeypatch: pytest.Mo
 
     monkeypatch.setattr(hashlib, "sha256", FullDiskHash)
     with pytest.raises(AgentError, match="make room"):
-        spool.take("p-1", source, "0" * 64)
+        spool.import_gcode("p-1", source, "0" * 64)
     assert not list((tmp_path / "spool").iterdir())
 
 
@@ -54,23 +54,23 @@ def test_file_is_received_in_pieces_over_the_socket(tmp_path: Path):
     spool = Spool(tmp_path, ULTIMAKER2_PLUS)
     text = b"G28\n" * 100
     for offset in (0, 64, 0, 64, 128):  # restarted after an interruption
-        spool.put("p-1", offset, text[offset : offset + 64])
+        spool.append_upload("p-1", offset, text[offset : offset + 64])
     with pytest.raises(AgentError, match="follow"):
-        spool.put("p-1", 128, b"G28\n")
-    spool.put("p-1", 192, text[192:])
-    program = spool.take("p-1", spool.make_part_path("p-1"), hashlib.sha256(text).hexdigest())
+        spool.append_upload("p-1", 128, b"G28\n")
+    spool.append_upload("p-1", 192, text[192:])
+    program = spool.import_gcode("p-1", spool.make_part_path("p-1"), hashlib.sha256(text).hexdigest())
     assert program.count == 100
-    spool.put("p-2", 0, b"left")
+    spool.append_upload("p-2", 0, b"left")
     Spool(tmp_path, ULTIMAKER2_PLUS)
     assert not spool.make_part_path("p-2").exists()
     with pytest.raises(AgentError):
-        spool.put("../p", 0, b"")
+        spool.append_upload("../p", 0, b"")
 
 
 def test_overwritten_copy_is_not_printed(tmp_path: Path):
     source = tmp_path / "a.gcode"
     source.write_bytes(b"G28\n")
-    program = Spool(tmp_path / "spool", ULTIMAKER2_PLUS).take(
+    program = Spool(tmp_path / "spool", ULTIMAKER2_PLUS).import_gcode(
         "p-1", source, hashlib.sha256(b"G28\n").hexdigest()
     )
     (tmp_path / "spool" / "p-1.gcode").write_bytes(b"G29\n")
@@ -83,9 +83,9 @@ def test_files_of_all_other_prints_are_deleted(tmp_path: Path):
     source.write_bytes(b"G28\n")
     spool = Spool(tmp_path / "spool", ULTIMAKER2_PLUS)
     sha256 = hashlib.sha256(b"G28\n").hexdigest()
-    printing_path = spool.take("p-1", source, sha256)
-    spool.put("p-2", 0, b"G28\n")  # an upload that was never started
-    spool.take("p-3", source, sha256)
+    printing_path = spool.import_gcode("p-1", source, sha256)
+    spool.append_upload("p-2", 0, b"G28\n")  # an upload that was never started
+    spool.import_gcode("p-3", source, sha256)
     assert [path.name for path in (tmp_path / "spool").iterdir()] == ["p-3.gcode"]
     assert printing_path.read_lines(0, 1) == [b"G28"]
     spool.delete_others(None)

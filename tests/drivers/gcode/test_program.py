@@ -48,7 +48,7 @@ def test_comments_blanks_and_queries_are_not_sent():
 
 def test_heating_lines_are_listed_with_their_targets():
     p = parse_program(SLICED_GCODE)
-    waits = [(h.heater, h.target_c) for h in p.heats if h.waits]
+    waits = [(h.heater, h.target_c) for h in p.heat_commands if h.waits]
     assert waits == [(HeaterName.BED, 60.0), (HeaterName.NOZZLE, 210.0)]
     assert p.find_target_c(HeaterName.NOZZLE, 0) is None
     assert p.find_target_c(HeaterName.NOZZLE, 4) == 210.0
@@ -284,7 +284,7 @@ def test_any_bytes_are_read_or_refused(data: bytes):
 
 def test_heating_lines_are_found_in_every_notation():
     p = parse_program("M104S200\nM0109 T0 S210\nM190S60\nG1 E1\n")
-    results = [(h.heater, h.target_c, h.waits) for h in p.heats]
+    results = [(h.heater, h.target_c, h.waits) for h in p.heat_commands]
     nozzle, bed = HeaterName.NOZZLE, HeaterName.BED
     assert results == [(nozzle, 200.0, False), (nozzle, 210.0, True), (bed, 60.0, True)]
 
@@ -335,6 +335,6 @@ def test_modes_and_height_at_a_line_follow_from_the_lines_before(lines: list[str
 @pytest.mark.parametrize("command", ["M104", "M109", "M140", "M190"])
 def test_targets_above_the_limits_of_the_printer_are_refused(command: str):
     heater, max_c = ("nozzle", 260) if command in ("M104", "M109") else ("bed", 115)
-    assert parse_program(f"{command} S{max_c}\n").heats[0].target_c == max_c
+    assert parse_program(f"{command} S{max_c}\n").heat_commands[0].target_c == max_c
     with pytest.raises(BadGcode, match=f"{max_c + 0.5} C is too hot for the {heater}: at most {max_c} C"):
         parse_program(f"{command} S{max_c + 0.5}\n")

@@ -16,12 +16,12 @@ def test_agent_that_ends_is_started_at_once_then_after_longer_and_longer_waits()
         while not backoff.may_start(now_s):
             now_s += 0.5
         waits_s.append(now_s - started_s)
-        backoff = backoff.start(now_s)
+        backoff = backoff.record_start(now_s)
     assert waits_s == [0, 0, 0.5, 1, 2, 4, 8, 16, 32, 60]
 
 
 def test_agent_that_ran_for_long_is_started_soon_again():
-    backoff = Backoff(started_s=0.0, wait_s=60.0).start(500.0)
+    backoff = Backoff(started_s=0.0, wait_s=60.0).record_start(500.0)
     assert backoff.may_start(501.0) and not backoff.may_start(500.0)
 
 

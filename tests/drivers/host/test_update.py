@@ -49,7 +49,7 @@ class FakeWatch:
     def kill(self) -> None:
         self.runs = self.kept_installation or NEW
 
-    def restart(self) -> None:
+    def reset_backoff(self) -> None:
         """Start the agent immediately: it has already ended."""
 
 

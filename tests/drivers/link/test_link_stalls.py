@@ -56,7 +56,7 @@ def test_lost_ok_during_slow_moves_causes_no_resend(moves: list[float], feed_mm_
     now_s, is_connected, answers = 0.0, False, 0
     while not (is_connected and link.is_drained):
         assert link.phase is not Phase.DEAD
-        now_s = max(now_s, min(firmware.deadline_s(), link.deadline_s)) + 1e-3
+        now_s = max(now_s, min(firmware.compute_deadline_s(), link.deadline_s)) + 1e-3
         answer = firmware.feed(link.take(), now_s)
         if answer == b"ok\n":
             answers += 1

@@ -72,7 +72,7 @@ def print_program(
     link.on_opened(now_s)
     for _ in range(100_000):
         to_board.put(link.take(), now_s)
-        due_s = min(firmware.deadline_s(), link.deadline_s, to_board.due_s(), to_host.due_s())
+        due_s = min(firmware.compute_deadline_s(), link.deadline_s, to_board.due_s(), to_host.due_s())
         now_s = max(now_s, min(due_s, now_s + 1000.0)) + 1e-4
         to_host.put(firmware.feed(to_board.take(now_s), now_s), now_s)
         events = [*(link.receive(to_host.take(now_s), now_s) or ()), *link.tick(now_s)]
@@ -147,7 +147,7 @@ def test_checksum_collision_is_counted():
     firmware.reset(10.0)
     now_s = 10.0
     for _ in range(200):
-        now_s = max(now_s + 0.01, min(firmware.deadline_s(), link.deadline_s, now_s + 1.0))
+        now_s = max(now_s + 0.01, min(firmware.compute_deadline_s(), link.deadline_s, now_s + 1.0))
         answer = firmware.feed(link.take(), now_s)
         link.receive(answer, now_s)
         link.tick(now_s)

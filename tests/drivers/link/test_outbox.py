@@ -7,7 +7,7 @@ from drivers.firmware import ULTIMAKER2
 from drivers.gcode.frame import LINE_BYTES
 from drivers.link import Link, Phase
 from drivers.link.opening import START_S
-from drivers.link.outbox import HISTORY_LINES, LINE_S, QUEUED_LINES, REACH_MM, Outbox
+from drivers.link.outbox import HISTORY_LINES, LINE_TIME_OUT_S, MAX_MOVE_MM, QUEUED_LINES, Outbox
 from drivers.link.recovery import MAX_QUERIES, TRIES, Place, Recovery
 from drivers.link.replies import Report
 
@@ -32,13 +32,13 @@ def send_all(commands, polls_before=()):
 def test_lines_behind_a_slow_move_have_its_time_limit():
     _, waits = send_all([SLOW, *[FAST] * (QUEUED_LINES + 3)])
     assert QUEUED_LINES >= 16 + 8  # planned, and waiting
-    assert waits[: QUEUED_LINES + 1] == [pytest.approx(60 * REACH_MM / 60)] * (QUEUED_LINES + 1)
-    assert waits[QUEUED_LINES + 1 :] == [LINE_S] * 3
+    assert waits[: QUEUED_LINES + 1] == [pytest.approx(60 * MAX_MOVE_MM / 60)] * (QUEUED_LINES + 1)
+    assert waits[QUEUED_LINES + 1 :] == [LINE_TIME_OUT_S] * 3
 
 
 def test_time_limit_follows_the_slowest_queued_move():
     _, waits = send_all([FAST, SLOWER, SLOW, FAST])
-    assert waits == [LINE_S, *[pytest.approx(60 * REACH_MM / 30)] * 3]
+    assert waits == [LINE_TIME_OUT_S, *[pytest.approx(60 * MAX_MOVE_MM / 30)] * 3]
 
 
 @pytest.mark.parametrize("lines_before", range(1, 6))

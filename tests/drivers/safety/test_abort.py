@@ -47,7 +47,7 @@ def exchange(host: Host, link: Link, seconds: float) -> list[Event]:
     while True:
         sent = link.take()
         if not sent:
-            host.now_s = min(max(host.now_s, host.firmware.deadline_s()), link.deadline_s, end_s)
+            host.now_s = min(max(host.now_s, host.firmware.compute_deadline_s()), link.deadline_s, end_s)
         answer = host.firmware.feed(sent, host.now_s)
         events += link.receive(answer, host.now_s) or ()
         events += link.tick(host.now_s)

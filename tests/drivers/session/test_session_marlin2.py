@@ -19,7 +19,7 @@ ENDER3 = PROFILES["creality_ender3"]
 def make_gcode(moves: int = 200) -> str:
     path = "\n".join(f"G1 F3000 X{50 + 40 * (i % 2)} Y{50 + i * 0.2:.2f} E{i + 1}" for i in range(moves))
     start = "\n".join(ENDER3.start_code).format(bed_c=60.0, nozzle_c=205.0, prime_mm=12.5)
-    end = "\n".join(ENDER3.end_code).format(park_mm=5.0 - ENDER3.parked_mm)
+    end = "\n".join(ENDER3.end_code).format(park_mm=5.0 - ENDER3.park_retraction_mm)
     return (
         f";FLAVOR:Marlin\n{start}\n;LAYER:0\nG0 F9000 X50 Y50 Z0.2\n{path}\n"
         f";TIME_ELAPSED:100\nG1 F1500 E{moves - 5:.2f}\n{end}\n"
@@ -37,7 +37,7 @@ def test_part_is_printed_with_each_line_once_and_ends_cold(advanced_ok: bool):
     board = printer.firmware.board
     assert printer.firmware.errors == 0 and printer.link.repeat_count == 0
     assert board.filament_mm == pytest.approx(200.0 + 12.5, abs=0.01)  # 8 mm forward at the start, 8 mm back
-    assert board.filament_end_mm == pytest.approx(-ENDER3.parked_mm, abs=0.01)
+    assert board.filament_end_mm == pytest.approx(-ENDER3.park_retraction_mm, abs=0.01)
     assert printer.session.context.filament is Filament.PARKED
     assert printer.firmware.machine.is_homed and not board.bed_clear
     assert printer.phases[-3:] == [PrintPhase.PRINTING, PrintPhase.ENDING, PrintPhase.DONE]
@@ -87,9 +87,9 @@ def test_cancel_lifts_the_head_off_the_part_and_parks_the_filament():
     printer.session.cancel("enough", printer.now_s)
     printer.run()
     assert_end_with_heaters_off(printer, PrintPhase.CANCELLED, None)
-    x, y, z, _ = printer.firmware.machine.planner.position(printer.now_s)
+    x, y, z, _ = printer.firmware.machine.planner.compute_position(printer.now_s)
     assert (x, y) == (0.0, 0.0) and z == pytest.approx(26.0)  # 10 over the prime's, to the next mm
-    assert printer.firmware.board.filament_end_mm == pytest.approx(-ENDER3.parked_mm, abs=0.3)
+    assert printer.firmware.board.filament_end_mm == pytest.approx(-ENDER3.park_retraction_mm, abs=0.3)
     assert b"M410" in printer.sent and b"M401" not in printer.sent
 
 
@@ -113,7 +113,7 @@ def test_dead_man_ends_the_heat_of_a_host_that_died():
     firmware, since_s = printer.firmware, printer.now_s
     while firmware.phase is Phase.RUNNING:
         assert printer.now_s < since_s + 700.0, "it continues to heat"
-        printer.now_s = max(printer.now_s + 1e-3, firmware.deadline_s())
+        printer.now_s = max(printer.now_s + 1e-3, firmware.compute_deadline_s())
         firmware.feed(b"", printer.now_s)
     assert firmware.phase is Phase.HALTED and printer.targets() == (0.0, 0.0)
 

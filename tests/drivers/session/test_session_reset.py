@@ -80,7 +80,7 @@ def test_heat_up_that_takes_longer_than_the_dead_man_does_not_trip_it(monkeypatc
 def test_board_ends_its_heat_after_its_host_died():
     rig = Rig(text=make_gcode(200)).run_until_printing(100)
     dead_s = rig.now_s
-    while (due_s := rig.firmware.deadline_s()) < dead_s + 1000.0:
+    while (due_s := rig.firmware.compute_deadline_s()) < dead_s + 1000.0:
         rig.firmware.feed(b"", due_s)
     assert rig.targets() == (0.0, 0.0)
 
@@ -109,7 +109,7 @@ def test_board_without_reset_is_initialised_before_each_print():
 
 
 def test_another_board_without_reset_is_detected():
-    rig = Rig(Faults(no_reset=True, levelled=3), identity="X0.00 Y0.00 Z-10.00").run()
+    rig = Rig(Faults(no_reset=True, home_offset_mm100=3), identity="X0.00 Y0.00 Z-10.00").run()
     assert_end_with_heaters_off(rig, PrintPhase.FAILED, Fault.WRONG_PRINTER)
 
 

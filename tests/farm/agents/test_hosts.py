@@ -83,8 +83,8 @@ def pipe(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[HostPipe]:
     finally:
         pipe.close(*NAMES)
         for name in NAMES:
-            if emulator_is_running(pipe.places.find_agent_folder(name) / "emulator"):
-                control(pipe.places.find_agent_folder(name) / "emulator", "power_off")
+            if emulator_is_running(pipe.paths.find_agent_folder(name) / "emulator"):
+                control(pipe.paths.find_agent_folder(name) / "emulator", "power_off")
 
 
 async def wait_for(holds: Callable[[], object]) -> None:
@@ -152,14 +152,14 @@ def test_print_survives_the_death_of_the_host_service_and_of_the_network(
             )
             manager._connections["a"].send(start)
             await wait_for(lambda: is_in(listener, PrintState.PRINTING))
-            old_pids = {name: find_agent_pid(pipe.places.find_agent_folder(name)) for name in NAMES}
-            service = find_holder(pipe.places.lock)
+            old_pids = {name: find_agent_pid(pipe.paths.find_agent_folder(name)) for name in NAMES}
+            service = find_holder(pipe.paths.lock)
             assert service is not None
             os.kill(service, signal.SIGKILL)
             await wait_for(lambda: listener.last["a"].host_lost)
             await wait_for(lambda: not listener.last["a"].host_lost and listener.last["a"].print)
-            assert find_holder(pipe.places.lock) != service
-            assert {name: find_agent_pid(pipe.places.find_agent_folder(name)) for name in NAMES} == old_pids
+            assert find_holder(pipe.paths.lock) != service
+            assert {name: find_agent_pid(pipe.paths.find_agent_folder(name)) for name in NAMES} == old_pids
             await wait_for(lambda: listener.knows_as_connected("pc-b"))
             listener.events.clear()
             pipe.cut()
@@ -167,11 +167,11 @@ def test_print_survives_the_death_of_the_host_service_and_of_the_network(
             (loss,) = listener.events
             assert isinstance(loss, ev.HostLost) and loss.printers == NAMES
             assert all(listener.last[name].host_lost for name in NAMES)
-            assert is_alive(pipe.places.find_agent_folder("a")) and is_locked(pipe.places.lock)
+            assert is_alive(pipe.paths.find_agent_folder("a")) and is_locked(pipe.paths.lock)
             pipe.mend()
             await wait_for(lambda: listener.last["a"].print and listener.last["a"].print.state.ended)
             assert is_in(listener, PrintState.DONE), listener.last["a"]
-            assert find_agent_pid(pipe.places.find_agent_folder("a")) == old_pids["a"]
+            assert find_agent_pid(pipe.paths.find_agent_folder("a")) == old_pids["a"]
             await wait_for(lambda: listener.knows_as_connected("pc-b"))
             assert [type(event) for event in listener.events] == [ev.HostLost, ev.HostConnected]
 
@@ -190,7 +190,7 @@ def test_agents_are_watched_without_the_daemon_stopped_at_once_and_ended_with_th
 ):
     state, listener, clock = StateFolder(tmp_path / "here"), RecordingListener(), Clock(SCALE, time.time())
     state.make()
-    folders = {name: pipe.places.find_agent_folder(name) for name in NAMES}
+    folders = {name: pipe.paths.find_agent_folder(name) for name in NAMES}
 
     async def wait_until_killed() -> None:
         async with connected_agents(pipe, state, clock, listener):

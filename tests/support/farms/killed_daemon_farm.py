@@ -198,7 +198,8 @@ class KilledFarm(RealFarm):
         each_mm = PRIMED_MM + self.fed_mm
         statuses = [self.emulator_status(name) for name in self.printers]
         fed_mm = sum(
-            record.filament_mm - (record.filament_end_mm + ULTIMAKER2_PLUS.parked_mm) for record in statuses
+            record.filament_mm - (record.filament_end_mm + ULTIMAKER2_PLUS.park_retraction_mm)
+            for record in statuses
         )
         assert len(done_prints) * each_mm - 1.0 < fed_mm < len(started_prints) * each_mm + 1.0, (
             fed_mm,

@@ -6,7 +6,7 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 
-from drivers.host.places import HostPlaces, end_service
+from drivers.host.paths import HostPaths, end_service
 from drivers.remote import kill_agent
 
 
@@ -26,7 +26,7 @@ class HostPipe:
         self.ssh = str(script)
         remote_folder = folder / "there"
         self.command = f"XDG_STATE_HOME={remote_folder} {sys.executable} -m farm.cli.main host"
-        self.places = HostPlaces(farm, {"XDG_STATE_HOME": str(remote_folder)})
+        self.paths = HostPaths(farm, {"XDG_STATE_HOME": str(remote_folder)})
 
     @property
     def pids(self) -> list[int]:
@@ -48,6 +48,6 @@ class HostPipe:
     def close(self, *printers: str) -> None:
         """End the service and the agents."""
         self.cut()
-        end_service(self.places)
+        end_service(self.paths)
         for printer in printers:
-            kill_agent(self.places.find_agent_folder(printer))
+            kill_agent(self.paths.find_agent_folder(printer))

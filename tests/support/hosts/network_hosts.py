@@ -12,7 +12,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from drivers.host.places import HostPlaces
+from drivers.host.paths import HostPaths
 from drivers.locks import find_holder
 from drivers.remote import find_agent_pid
 from hosts.remote_shell import READY
@@ -43,7 +43,7 @@ class NetworkHosts:
         addresses = {name: self._network.address(name) for name in names}
         (folder / "addresses.json").write_text(json.dumps(addresses))
         self.ssh = f"{sys.executable} {_SHELL} call {folder / 'addresses.json'}"
-        self.places = {name: HostPlaces(farm, {"XDG_STATE_HOME": str(folder / name)}) for name in names}
+        self.paths = {name: HostPaths(farm, {"XDG_STATE_HOME": str(folder / name)}) for name in names}
         self._shells = [self._listen(name, addresses[name]) for name in names]
 
     def _listen(self, name: str, address: str) -> subprocess.Popen[bytes]:
@@ -72,18 +72,16 @@ class NetworkHosts:
 
     def kill_service(self, name: str) -> bool:
         """Kill the service of a host; return True if it ran."""
-        return _kill(find_holder(self.places[name].lock))
+        return _kill(find_holder(self.paths[name].lock))
 
     def kill_agents(self, name: str, printers: Sequence[str]) -> int:
         """Kill the agents of a host; return the number of those that ran."""
-        return sum(
-            _kill(find_agent_pid(self.places[name].find_agent_folder(printer))) for printer in printers
-        )
+        return sum(_kill(find_agent_pid(self.paths[name].find_agent_folder(printer))) for printer in printers)
 
     def list_processes(self) -> list[int]:
         """List the processes of all hosts, without their remote shells."""
         shells = {shell.pid for shell in self._shells}
-        return [pid for name in self.places for pid in self._network.pids(name) if pid not in shells]
+        return [pid for name in self.paths for pid in self._network.pids(name) if pid not in shells]
 
     def close(self) -> None:
         """Remove the hosts, and end their remaining processes."""

@@ -30,7 +30,7 @@ class Host:
 
     def wait_until(self, end_s: float) -> list[str]:
         data = b""
-        while (due_s := self.firmware.deadline_s()) <= end_s:
+        while (due_s := self.firmware.compute_deadline_s()) <= end_s:
             self.now_s = max(self.now_s, due_s)
             data += self.firmware.feed(b"", self.now_s)
         self.now_s = end_s
@@ -47,7 +47,7 @@ class Host:
         answers = self.send_burst(line)
         end_s = self.now_s + seconds
         while not any(text.endswith("ok") or text.startswith("ok") for text in answers):
-            due_s = self.firmware.deadline_s()
+            due_s = self.firmware.compute_deadline_s()
             assert due_s <= end_s, f"no ok to {line!r}, only {answers}"
             answers += self.wait_until(due_s)
         return answers

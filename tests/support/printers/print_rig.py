@@ -94,7 +94,7 @@ class Rig:
         sent = link.take()
         self.sent += sent
         if not sent:
-            due_s = min(self.firmware.deadline_s(), link.deadline_s, session.deadline_s)
+            due_s = min(self.firmware.compute_deadline_s(), link.deadline_s, session.deadline_s)
             due_s = due_s if self.is_plugged else min(due_s, self.back_s)
             assert due_s < math.inf, "no event is due"
             self.now_s = max(self.now_s + 1e-4, due_s)

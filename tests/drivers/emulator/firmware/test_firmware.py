@@ -175,7 +175,7 @@ def test_seventeen_moves_are_acknowledged_at_once_then_one_per_finished_move(hos
     assert oks == 17
     assert host.send_burst() == []
     for ok_count in (1, 1, 1):
-        due_s = host.firmware.deadline_s()
+        due_s = host.firmware.compute_deadline_s()
         assert host.wait_until(due_s) == ["ok"] * ok_count
         host.send_burst("G1 X100 F6000")
 
@@ -187,7 +187,7 @@ def test_late_host_does_not_delay_queued_moves() -> None:
         for k in range(1, 60):
             answers = host.send_burst(f"G1 X{2 * k} F1200")  # 0.1 s each
             while "ok" not in answers:
-                answers += host.wait_until(host.firmware.deadline_s() + late_s)
+                answers += host.wait_until(host.firmware.compute_deadline_s() + late_s)
         host.send("M400")
         ends.append(host.firmware.machine.planner.idle_since_s)
     assert ends[0] == pytest.approx(ends[1], abs=1e-6)
@@ -209,7 +209,7 @@ def test_relative_moves_and_g92_are_applied(host: Host) -> None:
     host.send("M400")
     answer = host.send("M114")[0]
     assert answer.startswith("X:101.00Y:214.50Z:215.00E:7.00 Count X: 101.00")
-    assert host.firmware.machine.planner.position(host.now_s)[0] == pytest.approx(11.0)
+    assert host.firmware.machine.planner.compute_position(host.now_s)[0] == pytest.approx(11.0)
 
 
 def test_arc_follows_its_circle(host: Host) -> None:
@@ -230,9 +230,9 @@ def test_quick_stop_empties_the_planner_and_keeps_the_position(host: Host) -> No
     position, count = host.send("M114")[0].removeprefix("X:").split(" Count X: ")
     assert position.split("Y:")[0] == count.split("Y:")[0]
     assert 40 < float(count.split("Y:")[0]) < 60
-    old_position = host.firmware.machine.planner.position(host.now_s)
+    old_position = host.firmware.machine.planner.compute_position(host.now_s)
     host.wait(10.0)
-    assert host.firmware.machine.planner.position(host.now_s) == old_position
+    assert host.firmware.machine.planner.compute_position(host.now_s) == old_position
 
 
 def test_m0_never_finishes(host: Host) -> None:
@@ -313,7 +313,7 @@ def test_no_command_with_any_numbers_crashes_the_firmware(
         host.send_burst(" ".join([code, *parameters]))
         host.now_s += pause_s
         host.firmware.feed(b"", host.now_s)
-        assert all(map(math.isfinite, host.firmware.machine.planner.position(host.now_s)))
+        assert all(map(math.isfinite, host.firmware.machine.planner.compute_position(host.now_s)))
         assert host.firmware.printing_s <= host.now_s
     host.firmware.reset(host.now_s)
     host.wait(5.0)

@@ -115,7 +115,7 @@ def test_moves_and_heat_continue_without_a_host(host: Host) -> None:
     host.send("G1 X200 F600")
     host.wait(3600.0)
     assert host.board.nozzle.target_c == 210.0
-    assert host.firmware.machine.planner.position(host.now_s)[0] == 200.0
+    assert host.firmware.machine.planner.compute_position(host.now_s)[0] == 200.0
 
 
 def test_brown_out_resets_the_board() -> None:

@@ -82,7 +82,7 @@ def test_m410_stops_at_once_and_keeps_the_position(host: Host):
     host.send_burst(add_number(1, "G1 F600 X100"))
     host.wait(3.0)
     assert host.send_burst("M410") == []
-    x_mm = host.firmware.machine.planner.position(host.now_s)[0]
+    x_mm = host.firmware.machine.planner.compute_position(host.now_s)[0]
     host.wait(2.0)
     assert 20.0 < x_mm < 40.0
     assert host.send("M114")[0].startswith(f"X:{x_mm:.2f} ")

@@ -120,12 +120,12 @@ def test_speed_is_continuous_within_jerk_and_the_position_without_a_jump(
     planner = bench.planner
     for target in moves[:CAPACITY]:
         planner.add(target, v, 0.0)
-    last_position = planner.position(0.0)
+    last_position = planner.compute_position(0.0)
     now_s = 0.0
     while len(planner) and now_s < 20.0:
         now_s += 0.001
         planner.advance(now_s)
-        position_mm = planner.position(now_s)
+        position_mm = planner.compute_position(now_s)
         for axis in range(3):
             max_mm = PROFILE.max_feedrate_mm_s[axis] * 0.001
             assert abs(position_mm[axis] - last_position[axis]) <= max_mm * 1.001 + 1e-9
@@ -153,7 +153,7 @@ def test_stop_keeps_the_position_and_counts_fed_filament() -> None:
     position_mm = bench.planner.stop(0.5)
     assert 100 < position_mm[0] < 200 and position_mm[1] == 100
     assert bench.fed_mm == pytest.approx(position_mm[3]) == pytest.approx((position_mm[0] - 100) / 10)
-    assert len(bench.planner) == 0 and bench.planner.position(9.0) == position_mm
+    assert len(bench.planner) == 0 and bench.planner.compute_position(9.0) == position_mm
 
 
 def test_moves_added_late_do_not_stretch_a_queue_that_is_not_empty() -> None:

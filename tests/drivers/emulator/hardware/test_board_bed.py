@@ -60,7 +60,7 @@ def stream_lines(host: Host, pause_s: float) -> None:
     for k in range(1, 40):
         answers = host.send_burst(f"G1 X{50 + k} E{k * 0.05:.3f} F3000")
         while "ok" not in answers:
-            answers += host.wait_until(host.firmware.deadline_s())
+            answers += host.wait_until(host.firmware.compute_deadline_s())
         if k == 20:
             host.wait(pause_s)
 

@@ -33,7 +33,7 @@ def read_version() -> str:
         return ""
 
 
-class HostPlaces:
+class HostPaths:
     """Files of the service of one farm on this host.
 
     Parameters
@@ -58,7 +58,7 @@ class HostPlaces:
             raise AgentError(f"{printer!r}: not a name of a printer")
         return find_folder(self.farm, printer, self._env)
 
-    def make(self) -> None:
+    def create_folder(self) -> None:
         """Create the folder, accessible to its user only."""
         self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
 
@@ -112,7 +112,7 @@ def _replace(path: Path, text: str) -> None:
     new_path.replace(path)
 
 
-def reach_service(places: HostPlaces) -> socket.socket:
+def reach_service(paths: HostPaths) -> socket.socket:
     """Connect to the service of this host; start it if none runs, or one of another version.
 
     Raises
@@ -120,13 +120,13 @@ def reach_service(places: HostPlaces) -> socket.socket:
     AgentError
         It does not start.
     """
-    if is_locked(places.lock) and not places.has_this_version():
-        end_service(places)
+    if is_locked(paths.lock) and not paths.has_this_version():
+        end_service(paths)
     deadline_s, process = time.monotonic() + _START_S, None
     while time.monotonic() < deadline_s:
-        if not is_locked(places.lock) and (process is None or process.poll() is not None):
-            process = _start_service(places)
-        with suppress(OSError), places.open_socket_path() as path:
+        if not is_locked(paths.lock) and (process is None or process.poll() is not None):
+            process = _start_service(paths)
+        with suppress(OSError), paths.open_socket_path() as path:
             connection = socket.socket(socket.AF_UNIX)
             try:
                 connection.connect(path)
@@ -135,17 +135,17 @@ def reach_service(places: HostPlaces) -> socket.socket:
                 raise
             return connection
         time.sleep(RETRY_S)
-    raise AgentError(f"{places.folder}: the service of this host does not answer; see {places.log}")
+    raise AgentError(f"{paths.folder}: the service of this host does not answer; see {paths.log}")
 
 
-def _start_service(places: HostPlaces) -> subprocess.Popen[bytes]:
+def _start_service(paths: HostPaths) -> subprocess.Popen[bytes]:
     """Start the service in its own process session, in which it survives this connection."""
     installation = Installation.of_this_process()
     try:
-        places.make()
-        with places.log.open("ab") as log:
+        paths.create_folder()
+        with paths.log.open("ab") as log:
             return subprocess.Popen(
-                [installation.python, "-m", "drivers.host.service", places.farm],
+                [installation.python, "-m", "drivers.host.service", paths.farm],
                 cwd=installation.folder,
                 stdin=subprocess.DEVNULL,
                 stdout=log,
@@ -153,17 +153,17 @@ def _start_service(places: HostPlaces) -> subprocess.Popen[bytes]:
                 start_new_session=True,
             )
     except OSError as error:
-        raise AgentError(f"{places.folder}: the service of this host does not start ({error})") from error
+        raise AgentError(f"{paths.folder}: the service of this host does not start ({error})") from error
 
 
-def end_service(places: HostPlaces) -> None:
+def end_service(paths: HostPaths) -> None:
     """End the service; its agents continue. Raises AgentError if it cannot be ended."""
-    pid = find_holder(places.lock)
+    pid = find_holder(paths.lock)
     if pid is not None:
         with suppress(ProcessLookupError):
             os.kill(pid, signal.SIGTERM)
     deadline_s = time.monotonic() + _END_S
-    while is_locked(places.lock) and time.monotonic() < deadline_s:
+    while is_locked(paths.lock) and time.monotonic() < deadline_s:
         time.sleep(RETRY_S / 5)
-    if is_locked(places.lock) and not kill_holder(places.lock):
-        raise AgentError(f"{places.folder}: the service of another version cannot be ended; end it by hand")
+    if is_locked(paths.lock) and not kill_holder(paths.lock):
+        raise AgentError(f"{paths.folder}: the service of another version cannot be ended; end it by hand")
