@@ -42,7 +42,7 @@ class PageStep:
     moved: tuple[str, ...]
     fixed: tuple[str, ...]
     codes: tuple[tuple[str, str], ...]
-    blank: tuple[str, ...]
+    blank_parts: tuple[str, ...]
     pins_mm: tuple[float, ...]
     keys_mm: tuple[float, ...]
 
@@ -53,7 +53,7 @@ class PageStep:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Socket:
+class MatingFace:
     """Glued face of a body: holes and grooves (n, 3), their reaches (see `Hole`), normals and arrows."""
 
     at_mm: Floats
@@ -74,14 +74,14 @@ class Outcome:
     misread
         Codes of the page that were not found on their parts.
     wrong_fits
-        Pairs of other steps' bodies that fit each other with all their pins, whatever their codes.
+        Pairs of bodies of different steps that fit each other with all their pins, codes ignored.
     least_gap_mm
         Least gap at which a joint stays open if its long pin goes into a short hole.
     """
 
     folder: str
     steps: int = 0
-    right: int = 0
+    correct: int = 0
     wrong: int = 0
     ambiguous: int = 0
     unsolved: int = 0
@@ -123,18 +123,20 @@ def assemble(folder: Path) -> Outcome:
     }
     outcome = Outcome(folder.name, steps=len(steps))
     poses = {part: np.eye(4) for part in true_poses}  # pose of each part in the frame of its body
-    sockets: list[tuple[Socket, Socket]] = []
+    face_pairs: list[tuple[MatingFace, MatingFace]] = []
     for step in steps:
-        lettered = [(part, text) for part, text in step.codes if "-" in text]
+        lettered_codes = [(part, text) for part, text in step.codes if "-" in text]
         read_codes = {
             (names[part], text) for part in true_poses for face in faces[part] for text in face.codes
         }
-        outcome.misread += sum(code not in read_codes for code in lettered)
-        fixed, moved = (collect_holes(body, step, faces, poses, names) for body in (step.fixed, step.moved))
-        located = step.is_located
-        placements = list(find_placements(fixed, moved, step.pins_mm, step.keys_mm)) if located else []
+        outcome.misread += sum(code not in read_codes for code in lettered_codes)
+        fixed, moved = (
+            find_mating_face(body, step, faces, poses, names) for body in (step.fixed, step.moved)
+        )
+        has_pins = step.is_located
+        placements = list(find_placements(fixed, moved, step.pins_mm, step.keys_mm)) if has_pins else []
         true_placement = find_true_placement(step, true_poses, poses)
-        if not located:
+        if not has_pins:
             outcome.without_pins += 1
         elif not placements:
             outcome.unsolved += 1
@@ -143,29 +145,29 @@ def assemble(folder: Path) -> Outcome:
         elif differ(placements[0], true_placement):
             outcome.wrong += 1
         else:
-            outcome.right += 1
-        if located:
-            sockets.append((fixed, moved))
-            outcome.least_gap_mm = min(outcome.least_gap_mm, measure_gap(fixed, moved, step.pins_mm))
+            outcome.correct += 1
+        if has_pins:
+            face_pairs.append((fixed, moved))
+            outcome.least_gap_mm = min(outcome.least_gap_mm, measure_gap_mm(fixed, moved, step.pins_mm))
         placement = placements[0] if len(placements) == 1 else true_placement
         for part in step.moved:
             poses[part] = placement @ poses[part]
     outcome.wrong_fits = sum(
         any(True for _ in find_placements(fixed, moved, None))
-        for (a, (fixed, _)), (b, (_, moved)) in product(enumerate(sockets), repeat=2)
+        for (a, (fixed, _)), (b, (_, moved)) in product(enumerate(face_pairs), repeat=2)
         if a != b
     )
     return outcome
 
 
-def collect_holes(
+def find_mating_face(
     body: Sequence[str],
     step: PageStep,
     faces: dict[str, list[CodedFace]],
     poses: dict[str, Floats],
     names: dict[str, str],
-) -> Socket:
-    """Collect the faces of a body that carry the codes of a step, or are level with one that does."""
+) -> MatingFace:
+    """Find the glued face of a body: its faces that carry the codes of a step, or are level with one."""
     own_names = {names[part] for part in body}
     step_codes = {(part, text) for part, text in step.codes if part in own_names}
     placed_faces = [
@@ -174,7 +176,7 @@ def collect_holes(
     planes = [
         compute_plane(face, rotation, translation)
         for face, name, rotation, translation in placed_faces
-        if any((name, text) in step_codes for text in face.codes) or (face.holes and name in step.blank)
+        if any((name, text) in step_codes for text in face.codes) or (face.holes and name in step.blank_parts)
     ]
     level_faces = [
         (face, name, rotation, translation)
@@ -189,7 +191,7 @@ def collect_holes(
         for text, arrow in face.codes.items()
         if arrow is not None and (name, text) in step_codes
     }
-    return Socket(
+    return MatingFace(
         np.array([at for at, _, _, _ in holes]).reshape(-1, 3),
         np.array([reach for _, reach, _, _ in holes]),
         np.array([normal for _, _, normal, _ in holes]).reshape(-1, 3),
@@ -202,7 +204,7 @@ def list_open_holes(
     faces: Sequence[PlacedFace], body: Sequence[PlacedFace]
 ) -> list[tuple[Floats, float, Floats, bool]]:
     """List position, reach, normal and kind of the holes in faces that belong to no closed joint."""
-    mouths = [
+    openings = [
         (rotation @ hole.at_mm + translation, rotation @ face.normal)
         for face, _, rotation, translation in body
         for hole in face.holes
@@ -210,8 +212,8 @@ def list_open_holes(
 
     def is_open(at_mm: Floats, normal: Floats) -> bool:
         return not any(
-            np.linalg.norm(at_mm - other_mm) < PLAY_MM and normal @ other < -MIN_COSINE
-            for other_mm, other in mouths
+            np.linalg.norm(at_mm - other_mm) < PLAY_MM and normal @ other_normal < -MIN_COSINE
+            for other_mm, other_normal in openings
         )
 
     return [
@@ -229,28 +231,28 @@ def compute_plane(face: CodedFace, rotation: Floats, translation: Floats) -> Flo
 
 
 def find_placements(
-    fixed: Socket, moved: Socket, pins_mm: Sequence[float] | None, keys_mm: Sequence[float] = ()
+    fixed: MatingFace, moved: MatingFace, pins_mm: Sequence[float] | None, keys_mm: Sequence[float] = ()
 ) -> Iterator[Floats]:
     """Find all placements (4, 4) of a body against another in which the pins go into their holes.
 
     Parameters
     ----------
     fixed, moved
-        Holes of both.
+        Glued faces of both.
     pins_mm
-        Lengths of the pins; None: as many as there are holes in the fixed body, whatever the codes.
+        Lengths of the pins; None: a pin in every hole, and codes are ignored.
     keys_mm
         Lengths of the keys.
     """
     placements: list[Floats] = []
     pairs = list(permutations(range(len(moved.at_mm)), 2))
     for i, j in permutations(range(len(fixed.at_mm)), 2):
-        distances_mm = fixed.at_mm[j] - fixed.at_mm[i]
+        fixed_offset_mm = fixed.at_mm[j] - fixed.at_mm[i]
         for k, m in pairs:
-            other = moved.at_mm[m] - moved.at_mm[k]
-            if abs(np.linalg.norm(distances_mm) - np.linalg.norm(other)) > PLAY_MM:
+            moved_offset_mm = moved.at_mm[m] - moved.at_mm[k]
+            if abs(np.linalg.norm(fixed_offset_mm) - np.linalg.norm(moved_offset_mm)) > PLAY_MM:
                 continue
-            placement = place(fixed, moved, (i, j), (k, m))
+            placement = compute_placement(fixed, moved, (i, j), (k, m))
             if placement is None or not pins_fit(fixed, moved, placement, pins_mm, keys_mm):
                 continue
             if all(differ(placement, earlier) for earlier in placements):
@@ -260,16 +262,18 @@ def find_placements(
 
 def differ(placement: Floats, other: Floats) -> bool:
     """Check whether two placements (4, 4) differ by more than the play of the pins."""
-    distances_mm = np.abs(placement - other)
-    return bool(distances_mm[:3, 3].max() > MAX_ERROR_MM or distances_mm[:3, :3].max() > MAX_ROTATION_ERROR)
+    differences = np.abs(placement - other)
+    return bool(differences[:3, 3].max() > MAX_ERROR_MM or differences[:3, :3].max() > MAX_ROTATION_ERROR)
 
 
-def place(fixed: Socket, moved: Socket, ends: tuple[int, int], others: tuple[int, int]) -> Floats | None:
-    """Lay two holes of a body on two of another, mouth to mouth; None if their faces do not meet."""
+def compute_placement(
+    fixed: MatingFace, moved: MatingFace, fixed_holes: tuple[int, int], moved_holes: tuple[int, int]
+) -> Floats | None:
+    """Compute the placement (4, 4) that puts two holes onto two others; None if their faces do not meet."""
     frames = []
-    for socket, (a, b), sign in ((fixed, ends, 1.0), (moved, others, -1.0)):
-        direction = socket.at_mm[b] - socket.at_mm[a]
-        normal = sign * socket.normals[a]
+    for face_side, (a, b), sign in ((fixed, fixed_holes, 1.0), (moved, moved_holes, -1.0)):
+        direction = face_side.at_mm[b] - face_side.at_mm[a]
+        normal = sign * face_side.normals[a]
         direction = direction - (direction @ normal) * normal
         length = np.linalg.norm(direction)
         if length < 1.0:
@@ -277,14 +281,14 @@ def place(fixed: Socket, moved: Socket, ends: tuple[int, int], others: tuple[int
         frames.append(np.stack([direction / length, np.cross(normal, direction / length), normal]))
     placement = np.eye(4)
     placement[:3, :3] = frames[0].T @ frames[1]
-    middle = (fixed.at_mm[list(ends)].mean(axis=0), moved.at_mm[list(others)].mean(axis=0))
-    placement[:3, 3] = middle[0] - placement[:3, :3] @ middle[1]
+    middles_mm = (fixed.at_mm[list(fixed_holes)].mean(axis=0), moved.at_mm[list(moved_holes)].mean(axis=0))
+    placement[:3, 3] = middles_mm[0] - placement[:3, :3] @ middles_mm[1]
     return placement
 
 
 def pins_fit(
-    fixed: Socket,
-    moved: Socket,
+    fixed: MatingFace,
+    moved: MatingFace,
     placement: Floats,
     pins_mm: Sequence[float] | None,
     keys_mm: Sequence[float] = (),
@@ -303,26 +307,26 @@ def pins_fit(
         return False
     spaces_mm = fixed.reaches_mm[:, None] + moved.reaches_mm[None]
     return all(
-        holds_all(spaces_mm[is_joined & (fixed.is_groove[:, None] == is_key)], lengths_mm)
+        has_space_for_all(spaces_mm[is_joined & (fixed.is_groove[:, None] == is_key)], lengths_mm)
         for is_key, lengths_mm in ((False, pins_mm), (True, keys_mm))
     )
 
 
-def holds_all(spaces_mm: Floats, lengths_mm: Sequence[float]) -> bool:
+def has_space_for_all(spaces_mm: Floats, lengths_mm: Sequence[float]) -> bool:
     """Check whether there is a longer space for each length."""
     spaces, lengths = sorted(spaces_mm, reverse=True), sorted(lengths_mm, reverse=True)
     return len(spaces) >= len(lengths) and all(a > b for a, b in zip(spaces, lengths, strict=False))
 
 
-def measure_gap(fixed: Socket, moved: Socket, pins_mm: Sequence[float]) -> float:
-    """Measure by how much a joint stays open if its longest pin is in a deep hole and meets a shallow one."""
-    longest = max(pins_mm, default=0.0)
-    gaps = [
-        longest - a - b
+def measure_gap_mm(fixed: MatingFace, moved: MatingFace, pins_mm: Sequence[float]) -> float:
+    """Measure the gap of a joint if its longest pin is put into a deep hole and meets a shallow one."""
+    longest_mm = max(pins_mm, default=0.0)
+    gaps_mm = [
+        longest_mm - a - b
         for a, b in product(fixed.reaches_mm[~fixed.is_groove], moved.reaches_mm[~moved.is_groove])
-        if min(a, b) < longest / 2.0 < max(a, b)
+        if min(a, b) < longest_mm / 2.0 < max(a, b)
     ]
-    return float(min(gaps, default=np.inf))
+    return float(min(gaps_mm, default=np.inf))
 
 
 def find_true_placement(step: PageStep, true_poses: dict[str, Floats], poses: dict[str, Floats]) -> Floats:

@@ -3,7 +3,7 @@
 ``PYTHONPATH=tests/support python -m bench.cluster faults [--rounds N] [--seed N] [--json]``, as root, runs
 rounds in which a process or the network fails; see `bench.clusters.faults`. The figures of each round are
 printed when it ends, with `--json` to standard error. Checks: the plan of the job is that of one computer,
-each result is taken once, and at the end no host has a task or an extra process.
+no result is taken twice, and at the end no host has a task or an extra process.
 
 ``... jobs [--parts 20,100] [--workers 1,2] [--record FILE] [--json]`` plans a job by a number of workers of
 this computer; see `bench.clusters.jobs`. The times of the tasks can be recorded. ``... drawings [--parts
@@ -49,8 +49,8 @@ FAULT_COLUMNS = {
     "fault": "{fault}",
     "rounds": "{rounds}",
     "during the job": "{during_job}",
-    "duration": "{least_s:.0f} to {most_s:.0f} s",
-    "jobs ended, as on one computer": "{same}",
+    "duration": "{shortest_s:.0f} to {longest_s:.0f} s",
+    "jobs ended, as on one computer": "{same_plans}",
     "correct tasks": "{correct_tasks}",
     "results taken twice": "{results_taken_twice}",
     "remaining tasks": "{remaining_tasks}",
@@ -94,7 +94,7 @@ def main() -> None:
         table = (
             (REPLAY_COLUMNS, figures["runs"])
             if is_replay
-            else (FAULT_COLUMNS, sum_up_faults(figures["rounds"]))
+            else (FAULT_COLUMNS, summarise_faults(figures["rounds"]))
         )
         args.page.write_text(replace_table(args.page.read_text(), args.measurement, *table))
     if args.json:
@@ -112,10 +112,11 @@ def measure_jobs(args: argparse.Namespace, folder: Path) -> list[dict[str, Any]]
 
     rows: list[dict[str, Any]] = []
     records: dict[str, list[dict[str, list[float]]]] = {}
-    for parts in map(int, args.parts.split(",")):
-        for workers in map(int, (args.workers or "1,2").split(",")):
-            row = measure_job(parts, workers, folder)
-            records.setdefault(str(parts), list_stages(row.pop("tasks")))  # one worker does no drawing twice
+    for part_count in map(int, args.parts.split(",")):
+        for worker_count in map(int, (args.workers or "1,2").split(",")):
+            row = measure_job(part_count, worker_count, folder)
+            # Only the first run is recorded: with one worker, nothing is drawn twice.
+            records.setdefault(str(part_count), list_stages(row.pop("tasks")))
             rows.append(row)
     if args.record is not None:
         args.record.write_text(json.dumps(records, indent=1) + "\n")
@@ -127,9 +128,9 @@ def measure_searches(args: argparse.Namespace, folder: Path) -> list[dict[str, A
     from bench.clusters.jobs import measure_search
 
     return [
-        measure_search(parts, workers, args.budget, folder)
-        for parts in map(int, args.parts.split(","))
-        for workers in map(int, (args.workers or "1,2").split(","))
+        measure_search(part_count, worker_count, args.budget, folder)
+        for part_count in map(int, args.parts.split(","))
+        for worker_count in map(int, (args.workers or "1,2").split(","))
     ]
 
 
@@ -142,12 +143,12 @@ def measure_drawings(args: argparse.Namespace, folder: Path) -> list[dict[str, A
 
 def replay_jobs(args: argparse.Namespace, folder: Path) -> list[dict[str, Any]]:
     """Run the recorded jobs on each number of sleeping workers."""
-    by_parts = json.loads(args.tasks.read_text())
-    recorded_jobs = [by_parts[parts] for parts in args.parts.split(",")]
+    jobs_by_parts = json.loads(args.tasks.read_text())
+    recorded_jobs = [jobs_by_parts[parts] for parts in args.parts.split(",")]
     rows = []
-    for workers in map(int, (args.workers or "4,16,64,256").split(",")):
-        jobs = [recorded_jobs[n % len(recorded_jobs)] for n in range(args.jobs or max(2, workers // 4))]
-        rows.append(asyncio.run(replay(workers, jobs, args.scale, folder / str(workers))))
+    for worker_count in map(int, (args.workers or "4,16,64,256").split(",")):
+        jobs = [recorded_jobs[n % len(recorded_jobs)] for n in range(args.jobs or max(2, worker_count // 4))]
+        rows.append(asyncio.run(replay(worker_count, jobs, args.scale, folder / str(worker_count))))
     return rows
 
 
@@ -160,16 +161,16 @@ def replace_table(page: str, name: str, columns: dict[str, str], rows: list[dict
         Headings, with the format of each cell.
     """
     begin, end = TABLE_BEGIN.format(name), TABLE_END.format(name)
-    head, _, tail = page.partition(begin)
-    _, _, end_of_page = tail.partition(end)
+    before, _, after = page.partition(begin)
+    _, _, rest = after.partition(end)
     lines = [" | ".join(["", *columns, ""]).strip(), "|---" * len(columns) + "|"]
     for row in rows:
         cells = [column.format(**row) for column in columns.values()]
         lines.append(" | ".join(["", *cells, ""]).strip())
-    return "\n".join([head + begin, *lines, end + end_of_page])
+    return "\n".join([before + begin, *lines, end + rest])
 
 
-def sum_up_faults(rounds: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def summarise_faults(rounds: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Return a row for each kind of fault."""
     rows = []
     for fault in dict.fromkeys(figures["fault"] for figures in rounds):
@@ -178,9 +179,11 @@ def sum_up_faults(rounds: list[dict[str, Any]]) -> list[dict[str, Any]]:
             {
                 "fault": fault,
                 "rounds": len(fault_rounds),
-                "least_s": min(figures["duration_s"] for figures in fault_rounds),
-                "most_s": max(figures["duration_s"] for figures in fault_rounds),
-                "same": sum(figures["job_ended"] and not figures["differences"] for figures in fault_rounds),
+                "shortest_s": min(figures["duration_s"] for figures in fault_rounds),
+                "longest_s": max(figures["duration_s"] for figures in fault_rounds),
+                "same_plans": sum(
+                    figures["job_ended"] and not figures["differences"] for figures in fault_rounds
+                ),
                 "correct_tasks": sum(figures["correct_tasks"] for figures in fault_rounds),
                 "results_taken_twice": sum(figures["results_taken_twice"] for figures in fault_rounds),
                 "remaining_tasks": sum(figures["remaining_tasks"] for figures in fault_rounds),

@@ -6,7 +6,7 @@ Usage: python -m bench.decompose --models DIR [--printers 20,50,100] [--engines 
 
 Engines other than `best` run only for the first number of printers. If an engine that takes no number returns
 k parts, `best` runs for k printers as well, for a fair comparison. Partitions of the guillotine engine are
-balanced again by their sliced times (`decompose.relevel`) where that is faster. Each run is a file in
+balanced again by their sliced times (`decompose.relevel`) if that makes them faster. Each run is a file in
 --results and is not repeated; slices are cached. The uncut model is sliced once, on a bed without limits
 (--no-whole: its time is the cost's estimate).
 """
@@ -87,21 +87,21 @@ class Run:
         return SettingsRequest(build_slicing_printer(BEDS[PRINTER]), quality=self.quality)
 
 
-def cut(run: Run, folder: Path) -> dict[str, Any]:
+def cut_model(run: Run, folder: Path) -> dict[str, Any]:
     """Decompose a model in its own process; return the report, with wall time and peak memory."""
     recipe = make_recipe(run.quality)
     cost = CostModel.from_recipe(recipe)
     settings = resolve_settings(run.settings_request, find_resources())
     room = list_model_sizes(compute_part_room(PROFILES[PRINTER], settings.brim_width_mm), settings)
     printers = [PrinterRoom(str(i), room) for i in range(run.printers)]
-    faithful = run.engine.endswith(FAITHFUL_SUFFIX)
+    is_faithful = run.engine.endswith(FAITHFUL_SUFFIX)
     engine = Engine(run.engine.removesuffix(FAITHFUL_SUFFIX))
-    fit_layer = run.quality == "glue"
+    fits_first_layer = run.quality == "glue"
     options = Options(
         engine,
         run.granularity,
-        faithful=faithful,
-        fit_first_layer=fit_layer,
+        faithful=is_faithful,
+        fit_first_layer=fits_first_layer,
         best=BestOptions(run.budget_s),
     )
     _compile_kernels(cost, room)
@@ -132,7 +132,7 @@ def relevel(run: Run, cut_file: Path, folder: Path, sliced_s: list[float]) -> di
 
 
 def list_cut_files(run: Run, folder: Path) -> TaskFiles:
-    """List the files of `cut`: the model, the folder of the parts."""
+    """List the files of `cut_model`: the model, the folder of the parts."""
     return TaskFiles(reads=(run.path,), folders=(folder,))
 
 
@@ -141,7 +141,7 @@ def list_relevel_files(run: Run, cut_file: Path, folder: Path, _: list[float]) -
     return TaskFiles(reads=(run.path, cut_file), folders=(folder,))
 
 
-deferred_cut = Deferred("bench.decompose:cut", list_cut_files)
+deferred_cut = Deferred("bench.decompose:cut_model", list_cut_files)
 deferred_relevel = Deferred("bench.decompose:relevel", list_relevel_files)
 
 
@@ -171,7 +171,7 @@ def slice_parts(
     settings = resolve_settings(request, find_resources())
     room = compute_part_room(PROFILES[PRINTER], settings.brim_width_mm)
 
-    def slice_one(part: dict[str, Any]) -> float | None:
+    def slice_report_part(part: dict[str, Any]) -> float | None:
         task = SliceTask(
             part["id"], folder / part["file"], request, find_resources(), settings, room, find_engine(),
             folder / f"{part['id']}.gcode", args.results / "slices",
@@ -193,7 +193,7 @@ def slice_parts(
             task.out.with_suffix(".placed.stl").unlink(missing_ok=True)
 
     with ThreadPoolExecutor(count_calls(args, args.jobs)) as pool:
-        return list(pool.map(slice_one, report["parts"]))
+        return list(pool.map(slice_report_part, report["parts"]))
 
 
 def slice_whole(run: Run, results: Path, cache: Path) -> float | None:
@@ -319,14 +319,14 @@ def make_rows(path: Path, args: argparse.Namespace) -> list[dict[str, Any]]:
 
 def format_row(row: dict[str, Any]) -> str:
     """Format one row."""
-    head = f"{row['model']:20} N {row['printers']:3} {row['engine']:22}"
+    row_label = f"{row['model']:20} N {row['printers']:3} {row['engine']:22}"
     if "refused" in row:
-        return f"{head} refused: {row['refused']}"
+        return f"{row_label} refused: {row['refused']}"
     error = f"{row['cost_error']:.1%}" if "cost_error" in row else "-"
     sliced_text = f", E sliced {row['efficiency_sliced']:.3f}" if "efficiency_sliced" in row else ""
     time_text = f"{row['parallel_s']:6.0f} s" + (f" (first {row['first_s']:.0f})" if "first_s" in row else "")
     return (
-        f"{head} {row['parts']:3} parts, {time_text}, "
+        f"{row_label} {row['parts']:3} parts, {time_text}, "
         f"E {row['efficiency']:.3f}{sliced_text}, best pose {row['efficiency_best_pose']:.3f}, "
         f"balance {row['balance']:.3f}, gap {row['gap']:.1%} (result {row['above_bound']:+.1%}), "
         f"cost error {error}, {row['wall_s']:.0f} s, "

@@ -1,10 +1,10 @@
 """Costs of a large fleet in the daemon: CPU of an event, bytes of a commit, `farm status`, all printing.
 
-``python -m bench.fleet_scale [--hosts N] [--printers N] [--idle N] [--plates N] [--turns N] [--seconds S]
-[--gcode-kb N] [--profile FILE] [--json]``.
+``python -m bench.fleet_scale [--hosts N] [--printers N] [--idle N] [--plates N] [--plate-changes N]
+[--seconds S] [--gcode-kb N] [--profile FILE] [--json]``.
 The daemon is a separate process on a state folder with that many waiting plates; its agents only speak the
 protocol, all in this process. First every printer gets a plate, then all print for `--seconds`, then
-`--turns` prints end one after the other: each bed is cleared, and gets its next plate.
+`--plate-changes` prints end one after the other: each bed is cleared, and its printer gets the next plate.
 
 With `--hosts` the printers are spread over hosts, each with the real service of `farm host`, and the daemon
 connects to each as over ssh. After the prints, one host is lost, then half of them; then, where this computer
@@ -49,9 +49,9 @@ from bench.fleets.protocol_agents import MODEL, PORT, ProtocolAgents
 from drivers.clock import Clock
 from farm.paths import StateFolder, write_anchor
 
-PATIENCE_S = 600.0
-STATUS_TIMES = 5
-PLATES_OF_A_PRINTER = 10
+TIMEOUT_S = 600.0
+STATUS_REQUESTS = 5
+PLATES_PER_PRINTER = 10
 _HOST_COMMAND = "farm host"
 GOALS = {
     "event_median_ms": 5.0,
@@ -64,14 +64,14 @@ HOST_GOALS = GOALS | {"status_cpu_ms": 300.0, "cpu_share": 0.5, "memory_mb": 400
 
 
 @dataclass(frozen=True, slots=True)
-class Setting:
-    """Size of a measurement; see the options of `main`."""
+class FleetSize:
+    """Size of a measured fleet; see the options of `main`."""
 
     printers: int
     hosts: int
     idle: int
     plates: int
-    turns: int
+    plate_changes: int
     seconds: float
     gcode_kb: int
     profile: Path | None
@@ -100,12 +100,12 @@ def compute_percentile(values: Sequence[float], share: float) -> float:
     return sorted(values)[min(len(values) - 1, int(share * len(values)))]
 
 
-def prepare(setting: Setting, folder: Path, notify: str) -> dict[str, Path]:
+def write_state(size: FleetSize, folder: Path, notify: str) -> dict[str, Path]:
     """Write fleet, books and the G-code of the plates. Returns the folder of each agent."""
     state, rows, folders = StateFolder(folder), [], {}
-    for number, name in enumerate([*setting.printer_names, *setting.idle_names]):
-        host, row = setting.host_of(number), {"name": name, "model": MODEL, "port": PORT}
-        if number >= setting.printers:
+    for number, name in enumerate([*size.printer_names, *size.idle_names]):
+        host, row = size.host_of(number), {"name": name, "model": MODEL, "port": PORT}
+        if number >= size.printers:
             row["material"] = "generic_abs"
         if host:
             row |= {"host": host, "host_command": _HOST_COMMAND}
@@ -116,66 +116,67 @@ def prepare(setting: Setting, folder: Path, notify: str) -> dict[str, Path]:
     fleet = {"fleet": {"name": FARM, "notify": [notify]}, "printers": rows}
     (folder / "fleet.yaml").write_text(yaml.safe_dump(fleet))
     write_anchor(state.clock, 1.0, time.time())
-    fill_books(state.books, setting.printer_names, setting.plates)
+    fill_books(state.books, size.printer_names, size.plates)
     state.files.mkdir()
-    (state.files / "g.gcode").write_bytes(b"G1 X10\n" * (setting.gcode_kb * 1024 // 7))
+    (state.files / "g.gcode").write_bytes(b"G1 X10\n" * (size.gcode_kb * 1024 // 7))
     return folders
 
 
-def measure(setting: Setting) -> dict[str, Any]:
+def measure(size: FleetSize) -> dict[str, Any]:
     """Run the whole measurement in a temporary folder."""
     with contextlib.ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         notices = stack.enter_context(contextlib.closing(NoticeReceiver()))
-        folders = prepare(setting, folder, notices.url)
+        folders = write_state(size, folder, notices.url)
         agents = stack.enter_context(contextlib.closing(ProtocolAgents(folders, Clock())))
-        names = group_hosts(setting.host_names)
+        names = group_hosts(size.host_names)
         (folder / "hosts").mkdir(exist_ok=True)
         groups = HostGroups(folder / "hosts", names, bool(names) and find_network_obstacle() is None)
         stack.callback(groups.close)
-        daemon = Daemon(folder, setting.profile, groups.ssh if names else None)
+        daemon = Daemon(folder, size.profile, groups.ssh if names else None)
         stack.callback(daemon.kill)
-        return _run(daemon, agents, groups, notices, setting)
+        return _run(daemon, agents, groups, notices, size)
 
 
 def _run(
-    daemon: Daemon, agents: ProtocolAgents, groups: HostGroups, notices: NoticeReceiver, setting: Setting
+    daemon: Daemon, agents: ProtocolAgents, groups: HostGroups, notices: NoticeReceiver, size: FleetSize
 ) -> dict[str, Any]:
-    names = group_hosts(setting.host_names)
-    figures = _start(daemon, agents, setting)
+    names = group_hosts(size.host_names)
+    figures = _wait_until_printing(daemon, agents, size)
     follower = EventFollower(daemon.socket)
     fleet = PrintingFleet(daemon, agents, groups, names, follower, notices)
-    figures |= _measure_prints(fleet, setting)
-    figures["memory_mb"] = daemon.memory_mb()
-    figures |= _measure_faults(fleet, setting)
+    figures |= _measure_prints(fleet, size)
+    figures["memory_mb"] = daemon.read_memory_mb()
+    figures |= _measure_faults(fleet, size)
     period_s = figures.pop("period_s")
-    return _summarise(daemon.end(), daemon, setting, period_s) | figures
+    return _summarise(daemon.stop(), daemon, size, period_s) | figures
 
 
-def _start(daemon: Daemon, agents: ProtocolAgents, setting: Setting) -> dict[str, Any]:
-    """Wait until all print."""
-    began_cpu_s = daemon.cpu_s()
-    _wait_for_prints(agents, setting.printers)
-    begin_s, begin_cpu_s = time.monotonic() - daemon.started_s, daemon.cpu_s() - began_cpu_s
-    _wait(agents, daemon.answers, "the daemon to answer")
+def _wait_until_printing(daemon: Daemon, agents: ProtocolAgents, size: FleetSize) -> dict[str, Any]:
+    """Wait until all printers print; return the wall and CPU seconds until then."""
+    initial_cpu_s = daemon.read_cpu_s()
+    _wait_for_prints(agents, size.printers)
+    until_printing_s = time.monotonic() - daemon.started_s
+    until_printing_cpu_s = daemon.read_cpu_s() - initial_cpu_s
+    _wait_for(agents, daemon.is_answering, "the daemon to answer")
     agents.serve(3.0)
-    return {"begin_s": begin_s, "begin_cpu_s": begin_cpu_s}
+    return {"until_printing_s": until_printing_s, "until_printing_cpu_s": until_printing_cpu_s}
 
 
-def _measure_prints(fleet: PrintingFleet, setting: Setting) -> dict[str, Any]:
+def _measure_prints(fleet: PrintingFleet, size: FleetSize) -> dict[str, Any]:
     """Measure the load of all prints, of `farm status`, and the delays of events."""
     daemon, agents = fleet.daemon, fleet.agents
-    before_s, begun_s = daemon.cpu_s(), time.monotonic()
-    agents.serve(setting.seconds)
-    ended_s = time.monotonic()
-    share = (daemon.cpu_s() - before_s) / (ended_s - begun_s)
-    status = _measure_requests(fleet, daemon.client.status_summary)  # first: the cold one counts too
+    start_cpu_s, start_s = daemon.read_cpu_s(), time.monotonic()
+    agents.serve(size.seconds)
+    end_s = time.monotonic()
+    cpu_share = (daemon.read_cpu_s() - start_cpu_s) / (end_s - start_s)
+    status = _measure_requests(fleet, daemon.client.status_summary)  # first, so that it includes a cold cache
     full_status = _measure_requests(fleet, daemon.client.status)
-    delays_s = measure_event_delays(fleet, setting.turns)
-    _wait_for_prints(agents, setting.printers)
+    delays_s = measure_event_delays(fleet, size.plate_changes)
+    _wait_for_prints(agents, size.printers)
     return {
-        "period_s": (begun_s, ended_s),
-        "cpu_share": share,
+        "period_s": (start_s, end_s),
+        "cpu_share": cpu_share,
         "status_cpu_ms": 1000 * max(cpu_s for cpu_s, _ in status),
         "status_ms": 1000 * max(wall_s for _, wall_s in status),
         "status_json_cpu_ms": 1000 * max(cpu_s for cpu_s, _ in full_status),
@@ -187,16 +188,16 @@ def _measure_prints(fleet: PrintingFleet, setting: Setting) -> dict[str, Any]:
 def _measure_requests(fleet: PrintingFleet, request: Callable[[], object]) -> list[tuple[float, float]]:
     """Return the daemon's CPU seconds until each of some requests is answered, and the wall seconds."""
     durations_s = []
-    for _ in range(STATUS_TIMES):
-        before_s, requested_s = fleet.daemon.cpu_s(), time.monotonic()
+    for _ in range(STATUS_REQUESTS):
+        start_cpu_s, start_s = fleet.daemon.read_cpu_s(), time.monotonic()
         request()
-        wall_s = time.monotonic() - requested_s
-        durations_s.append((fleet.daemon.cpu_s() - before_s, wall_s))
+        wall_s = time.monotonic() - start_s
+        durations_s.append((fleet.daemon.read_cpu_s() - start_cpu_s, wall_s))
         fleet.agents.serve(2.0)
     return durations_s
 
 
-def _measure_faults(fleet: PrintingFleet, setting: Setting) -> dict[str, Any]:
+def _measure_faults(fleet: PrintingFleet, size: FleetSize) -> dict[str, Any]:
     """Measure the effects of lost hosts and of a poor network."""
     if not fleet.names:
         return {}
@@ -205,18 +206,18 @@ def _measure_faults(fleet: PrintingFleet, setting: Setting) -> dict[str, Any]:
         "half_lost": measure_loss(fleet, [name for name in (ONE, HALF) if name in fleet.names]),
     }
     if fleet.groups.has_network:
-        figures["poor_network"] = measure_poor_network(fleet, setting.seconds, min(setting.turns, 10))
+        figures["poor_network"] = measure_poor_network(fleet, size.seconds, min(size.plate_changes, 10))
     return figures
 
 
 def _summarise(
-    measures: dict[str, list[float]], daemon: Daemon, setting: Setting, period_s: tuple[float, float]
+    measures: dict[str, list[float]], daemon: Daemon, size: FleetSize, period_s: tuple[float, float]
 ) -> dict[str, Any]:
     """Summarise the daemon's own measurements."""
     reports = sum(period_s[0] <= at_s < period_s[1] for at_s in measures["snapshot_at_s"])
     return {
         "connect_s": max(measures["connected_at_s"]) - daemon.started_s,
-        "report_s": (setting.printers + setting.idle) * (period_s[1] - period_s[0]) / max(1, reports),
+        "report_s": (size.printers + size.idle) * (period_s[1] - period_s[0]) / max(1, reports),
         "events": len(measures["event_s"]),
         "event_median_ms": 1000 * statistics.median(measures["event_s"]),
         "event_p99_ms": 1000 * compute_percentile(measures["event_s"], 0.99),
@@ -233,15 +234,15 @@ def _wait_for_prints(agents: ProtocolAgents, printers: int) -> None:
     """Serve the agents until all printers print."""
 
     def are_all_printing() -> bool:
-        agents.begin()
-        return len(agents.printing) == printers
+        agents.advance_heating()
+        return len(agents.printing_names) == printers
 
-    _wait(agents, are_all_printing, "all printers to print")
+    _wait_for(agents, are_all_printing, "all printers to print")
 
 
-def _wait(agents: ProtocolAgents, condition: Callable[[], bool], condition_name: str) -> None:
-    if not agents.serve(PATIENCE_S, condition):
-        raise RuntimeError(f"waited {PATIENCE_S:.0f} s for {condition_name}")
+def _wait_for(agents: ProtocolAgents, condition: Callable[[], bool], condition_name: str) -> None:
+    if not agents.serve(TIMEOUT_S, condition):
+        raise RuntimeError(f"waited {TIMEOUT_S:.0f} s for {condition_name}")
 
 
 def list_missed_goals(figures: dict[str, Any], goals: dict[str, float]) -> list[str]:
@@ -260,8 +261,8 @@ def read_options() -> argparse.Namespace:
         "--hosts", type=int, default=0, help="hosts with their services; 0: agents of this host"
     )
     parser.add_argument("--idle", type=int, default=0, help="additional printers, which no plate fits")
-    parser.add_argument("--plates", type=int, help=f"{PLATES_OF_A_PRINTER} for each printer by default")
-    parser.add_argument("--turns", type=int, default=40, help="number of prints that end")
+    parser.add_argument("--plates", type=int, help=f"{PLATES_PER_PRINTER} for each printer by default")
+    parser.add_argument("--plate-changes", type=int, default=40, help="number of prints that end")
     parser.add_argument("--seconds", type=float, default=20.0, help="time for which all printers print")
     parser.add_argument("--gcode-kb", type=int, default=64, help="size of each plate's G-code")
     parser.add_argument("--profile", type=Path, help="writes the daemon's profile (cProfile) to this file")
@@ -272,13 +273,13 @@ def read_options() -> argparse.Namespace:
 def main() -> None:
     options = vars(read_options())
     as_json, plates = options.pop("json"), options.pop("plates")
-    plates = PLATES_OF_A_PRINTER * options["printers"] if plates is None else plates
-    setting = Setting(plates=plates, **options)
-    figures = measure(setting)
-    goals = HOST_GOALS if setting.hosts else GOALS
+    plates = PLATES_PER_PRINTER * options["printers"] if plates is None else plates
+    size = FleetSize(plates=plates, **options)
+    figures = measure(size)
+    goals = HOST_GOALS if size.hosts else GOALS
     missed = list_missed_goals(figures, goals)
     if as_json:
-        head = {name: getattr(setting, name) for name in ("printers", "hosts", "idle", "plates", "gcode_kb")}
+        head = {name: getattr(size, name) for name in ("printers", "hosts", "idle", "plates", "gcode_kb")}
         print(json.dumps({"schema": 1, **head, **figures, "missed": missed}))
         return
     for name, value in figures.items():

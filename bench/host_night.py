@@ -36,8 +36,8 @@ from hosts.virtual_network import find_obstacle  # type: ignore[import-not-found
 
 OLD_VERSION, NEW_VERSION = "1.0.0", "1.0.1"
 UPDATE_SHARE = 0.3  # share of the first plates that is printed when the new version is installed
-SHORTEST_S, LONGEST_S = 5.0, 60.0  # wall seconds for which a host is away; one away for 30 is lost
-ENDING_S = 90.0  # wall seconds until a service without a daemon ends: 60, and a margin
+MIN_ABSENCE_S, MAX_ABSENCE_S = 5.0, 60.0  # wall seconds for which a host is away; one away for 30 is lost
+SERVICE_END_S = 90.0  # wall seconds until a service without a daemon ends: 60, and a margin
 SAMPLE_S = 20.0  # time between two samples of CPU time
 _TICK_S = 1 / os.sysconf("SC_CLK_TCK")
 
@@ -75,7 +75,10 @@ def plan_faults(
     kinds = [list(HostFault)[index % len(HostFault)] for index in range(count)]
     faults = [
         PlannedFault(
-            rng.uniform(*rng.choice(spans_s)), kind, rng.choice(hosts), rng.uniform(SHORTEST_S, LONGEST_S)
+            rng.uniform(*rng.choice(spans_s)),
+            kind,
+            rng.choice(hosts),
+            rng.uniform(MIN_ABSENCE_S, MAX_ABSENCE_S),
         )
         for kind in kinds
     ]
@@ -94,13 +97,13 @@ class CpuMeter:
     def sample(self) -> None:
         """Take a sample if it is due; processes that started or ended since the last one do not count."""
         now_s = time.monotonic()
-        passed_s = now_s - self._sampled_s
-        if passed_s < SAMPLE_S:
+        elapsed_s = now_s - self._sampled_s
+        if elapsed_s < SAMPLE_S:
             return
         used_s = {pid: cpu_s for pid in self._list_processes() if (cpu_s := _read_cpu_s(pid)) is not None}
         if self._used_s:
-            pids_of_both = used_s.keys() & self._used_s.keys()
-            self.shares.append(sum(used_s[pid] - self._used_s[pid] for pid in pids_of_both) / passed_s)
+            common_pids = used_s.keys() & self._used_s.keys()
+            self.shares.append(sum(used_s[pid] - self._used_s[pid] for pid in common_pids) / elapsed_s)
         self._sampled_s, self._used_s = now_s, used_s
 
 
@@ -128,10 +131,10 @@ class HostNight(Night):
         self.command = [str(program)]
         spans_s = [(300.0, self.plate_s), (self.back_after_s, self.back_after_s + 2 * self.plate_s)]
         self.faults = plan_faults(args.faults, names, spans_s, random.Random(args.seed))
-        self.faults_done: Counter[str] = Counter()
-        self._returns_s: dict[str, float] = {}  # return of each absent host, on the monotonic clock
+        self.fault_counts: Counter[str] = Counter()
+        self._return_times_s: dict[str, float] = {}  # return of each absent host, on the monotonic clock
         self._updated_at_s: float | None = None  # elapsed farm seconds
-        self._update_waits = False
+        self._is_update_pending = False
         self._daemon_pid = 0
         self._meter = CpuMeter(lambda: [self._daemon_pid, *self.hosts.list_processes()])
 
@@ -152,44 +155,44 @@ class HostNight(Night):
         elapsed_s = job.elapsed_s or 0.0
         if view.daemon.pid != self._daemon_pid:  # a new daemon does not continue an update
             self._daemon_pid = view.daemon.pid
-            self._update_waits = self._updated_at_s is not None
-        if self._update_waits:
+            self._is_update_pending = self._updated_at_s is not None
+        if self._is_update_pending:
             self._begin_update()
         self._meter.sample()
-        self._mend_hosts()
+        self._reconnect_hosts()
         if self._updated_at_s is None and elapsed_s > UPDATE_SHARE * self.plate_s:
             self._updated_at_s = elapsed_s
             self.versions.use(NEW_VERSION)
             os.kill(view.daemon.pid, signal.SIGKILL)
             self.run_farm("up")
         while self.faults and elapsed_s >= self.faults[0].at_s:
-            self._inject(self.faults.pop(0))
+            self._cause_fault(self.faults.pop(0))
 
     def _begin_update(self) -> None:
         """Begin the update once all hosts are connected, with services of the new version."""
         hosts = self.client.hosts().hosts
         if all(host.connected and host.version == NEW_VERSION for host in hosts):
-            self._update_waits = False
+            self._is_update_pending = False
             with suppress(FarmError):  # nothing is left to update
                 self.client.update_hosts()
 
-    def _inject(self, fault: PlannedFault) -> None:
-        self.faults_done[fault.kind] += 1
+    def _cause_fault(self, fault: PlannedFault) -> None:
+        self.fault_counts[fault.kind] += 1
         if fault.kind is not HostFault.SERVICE:
             self.hosts.cut(fault.host)
-            back_s = time.monotonic() + fault.duration_s
-            self._returns_s[fault.host] = max(back_s, self._returns_s.get(fault.host, 0.0))
+            return_s = time.monotonic() + fault.duration_s
+            self._return_times_s[fault.host] = max(return_s, self._return_times_s.get(fault.host, 0.0))
         if fault.kind is not HostFault.NETWORK:
             self.hosts.kill_service(fault.host)
         if fault.kind is HostFault.POWER:
             printers = [name for name in self.names if self._find_host(name) == fault.host]
             self.hosts.kill_agents(fault.host, printers)
 
-    def _mend_hosts(self, at_once: bool = False) -> None:
-        for host, back_s in list(self._returns_s.items()):
-            if at_once or time.monotonic() >= back_s:
-                self.hosts.mend(host)
-                del self._returns_s[host]
+    def _reconnect_hosts(self, at_once: bool = False) -> None:
+        for host, return_s in list(self._return_times_s.items()):
+            if at_once or time.monotonic() >= return_s:
+                self.hosts.reconnect(host)
+                del self._return_times_s[host]
 
     def _compute_figures(self, job: api.JobView, wall_s: float) -> dict[str, object]:
         with Store(self.state.books) as store:
@@ -199,7 +202,7 @@ class HostNight(Night):
         return {
             **super()._compute_figures(job, wall_s),
             "hosts": self.args.hosts,
-            **{kind.replace(" ", "_"): self.faults_done[kind] for kind in HostFault},
+            **{kind.replace(" ", "_"): self.fault_counts[kind] for kind in HostFault},
             "hosts_lost": events["HostLost"],
             "hosts_back": events["HostConnected"],
             "agents_updated": sum(self.versions.find(agent.installation) == NEW_VERSION for agent in agents),
@@ -209,22 +212,22 @@ class HostNight(Night):
             "cpu_share_max": round(max(shares), 2),
         }
 
-    def _end(self) -> None:
-        self._mend_hosts(at_once=True)
-        super()._end()
+    def _stop(self) -> None:
+        self._reconnect_hosts(at_once=True)
+        super()._stop()
 
     def count_remaining_processes(self) -> int:
         """Count the processes that are left on the hosts after their services had time to end."""
-        give_up_s = time.monotonic() + ENDING_S
-        while self.hosts.list_processes() and time.monotonic() < give_up_s:
+        deadline_s = time.monotonic() + SERVICE_END_S
+        while self.hosts.list_processes() and time.monotonic() < deadline_s:
             time.sleep(1.0)
         return len(self.hosts.list_processes())
 
     def close(self) -> None:
         """End the remaining processes, and remove the hosts."""
         for name in self.names:
-            if is_running(self._emulator(name)):
-                control(self._emulator(name), Command.POWER_OFF)
+            if is_running(self._find_emulator(name)):
+                control(self._find_emulator(name), Command.POWER_OFF)
         self.hosts.close()
 
 

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from bench.connectors.joint_slices import slice_printed
+from bench.connectors.joint_slices import slice_part
 from bench.models.shapes import SHAPES
 from bench.prices.parts import make_recipe
 from decompose.connectors import pairs_of
@@ -53,7 +53,7 @@ class Row:
         Number of connectors that were left out because they broke a rule.
     compute_s
         CPU seconds of drilling.
-    price_share
+    added_time_share
         Increase of the longest part's printing time by connectors, as a share.
     """
 
@@ -68,7 +68,7 @@ class Row:
     lettered_share: float
     failures: int
     compute_s: float
-    price_share: float
+    added_time_share: float
     sliced: SlicedFigures | None = None
 
 
@@ -83,8 +83,8 @@ class SlicedFigures:
     bare_s: float
     drilled_s: float
     priced_added_s: float
-    support_mm3: float
-    support_added_mm3: float
+    support_filament_mm: float
+    support_filament_added_mm: float
     marks: int
     illegible: tuple[str, ...]
 
@@ -107,9 +107,9 @@ def cut_case(name: str, printers: int, longest_side_mm: float) -> Decomposition:
 def measure(name: str, printers: int, longest_side_mm: float, slices: int) -> Row:
     """Cut a model, drill its parts, and measure them."""
     cut = cut_case(name, printers, longest_side_mm)
-    began_s = process_time()
+    start_s = process_time()
     drilled = connect_parts(cut)
-    compute_s = process_time() - began_s
+    compute_s = process_time() - start_s
     connectors, steps = drilled.connectors, drilled.assembly.steps
     pairs = pairs_of(connectors.pins)
     row = Row(
@@ -127,7 +127,7 @@ def measure(name: str, printers: int, longest_side_mm: float, slices: int) -> Ro
         / (2 * len(drilled.joints) or 1),
         failures=len(connectors.failures),
         compute_s=compute_s,
-        price_share=max(p.price_s for p in drilled.parts) / max(p.price_s for p in cut.parts) - 1.0,
+        added_time_share=max(p.price_s for p in drilled.parts) / max(p.price_s for p in cut.parts) - 1.0,
     )
     return replace(row, sliced=slice_parts(cut, drilled, slices)) if slices else row
 
@@ -155,31 +155,33 @@ def slice_parts(cut: Decomposition, result: Decomposition, count: int) -> Sliced
     marks = 0
     for number, part in enumerate(result.parts[:count]):
         with tempfile.TemporaryDirectory() as folder:
-            bare = slice_printed(part, part.solid, Path(folder))
-            drilled = slice_printed(part, part.printed, Path(folder))
+            bare = slice_part(part, part.solid, Path(folder))
+            drilled = slice_part(part, part.printed, Path(folder))
         pairs.append((bare, drilled))
-        marks_of_part = [mark for mark in result.connectors.marks if mark.part == number]
-        marks += len(marks_of_part)
-        illegible += [f"{part.id}: {mark.text}" for mark in marks_of_part if not drilled.is_legible(mark)]
+        part_marks = [mark for mark in result.connectors.marks if mark.part == number]
+        marks += len(part_marks)
+        illegible += [f"{part.id}: {mark.text}" for mark in part_marks if not drilled.is_legible(mark)]
     return SlicedFigures(
         parts=len(pairs),
         bare_s=sum(bare.sliced_s for bare, _ in pairs),
         drilled_s=sum(drilled.sliced_s for _, drilled in pairs),
         priced_added_s=sum(p.price_s for p in result.parts[:count])
         - sum(p.price_s for p in cut.parts[:count]),
-        support_mm3=sum(bare.support_mm3 for bare, _ in pairs),
-        support_added_mm3=sum(drilled.support_mm3 - bare.support_mm3 for bare, drilled in pairs),
+        support_filament_mm=sum(bare.support_filament_mm for bare, _ in pairs),
+        support_filament_added_mm=sum(
+            drilled.support_filament_mm - bare.support_filament_mm for bare, drilled in pairs
+        ),
         marks=marks,
         illegible=tuple(illegible),
     )
 
 
-def read_finished(path: Path | None) -> dict[tuple[str, int], dict[str, Any]]:
+def read_finished_cases(path: Path | None) -> dict[tuple[str, int], dict[str, Any]]:
     """Read the cases that a file of an earlier run has, by model and number of printers."""
     if path is None or not path.exists():
         return {}
-    lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
-    return {(line["model"], line["printers"]): line for line in lines}
+    rows = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+    return {(line["model"], line["printers"]): line for line in rows}
 
 
 def main() -> None:
@@ -192,13 +194,13 @@ def main() -> None:
     parser.add_argument("--resume", type=Path)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    rows_by_case, rows = read_finished(options.resume), []
-    ends_s = monotonic() + options.budget
+    rows_by_case, rows = read_finished_cases(options.resume), []
+    deadline_s = monotonic() + options.budget
     for name in options.models:
         for printers in map(int, options.printers.split(",")):
             key = (Path(name).name, printers)
             if key not in rows_by_case:
-                if monotonic() > ends_s:
+                if monotonic() > deadline_s:
                     continue
                 row = measure(name, printers, options.longest_side, options.slices)
                 rows_by_case[key] = {"printers": printers, **asdict(row)}
@@ -209,7 +211,7 @@ def main() -> None:
             if not options.json:
                 print("  ".join(f"{field} {value}" for field, value in rows[-1].items()), flush=True)
     if options.json:
-        print(json.dumps({"schema": 2, "models": rows}))
+        print(json.dumps({"schema": 3, "models": rows}))
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ Real processes: every agent resets its board, heats, streams short moves and end
   fast that moves take almost no time: this is the limit of host and link.
 * ``printcore``: an agent and then printcore print the same moves on one emulator, in wall time and with the
   time of bytes at 250000 baud. Needs a PYTHON that has Printrun (`make interop` makes one).
-* ``agent``: N agents at 50 lines/s, peers that only acknowledge: turnaround, CPU, memory
+* ``agent``: N agents at 50 lines/s, on boards that only acknowledge: turnaround, CPU, memory
   (`bench.printing.agent`).
 * ``peers``: the same for 50 agents.
 * ``memory``: one agent that prints a file of 50 MB.
@@ -38,16 +38,16 @@ from drivers.errors import DriverError
 from drivers.remote import AgentClient, spawn_agent
 
 PARTS = ("throughput", "printcore", "agent", "peers", "memory", "estop")
-INTEROP = Path(__file__).parents[1] / ".venv" / "interop" / "bin" / "python"
+INTEROP_PYTHON = Path(__file__).parents[1] / ".venv" / "interop" / "bin" / "python"
 MODEL = "ultimaker2_plus"
-PEER = Path(__file__).parents[1] / "tests" / "interop" / "printcore_peer.py"
-HEAD = "G21\nG90\nM82\nM107\nG28\nM109 S180\nG1 F2400 Z20\nG92 E0\n"
+PRINTCORE_SCRIPT = Path(__file__).parents[1] / "tests" / "interop" / "printcore_peer.py"
+START_GCODE = "G21\nG90\nM82\nM107\nG28\nM109 S180\nG1 F2400 Z20\nG92 E0\n"
 # Cold moves in the time that bytes need: nothing but the link is measured.
-COMPARISON_HEAD = (
+COMPARISON_START_GCODE = (
     "G21\nG90\nM82\nM107\nG28\nM302 S0\nM109 S30\nG1 F2400 Z205\nG92 E0\nG0 F9000 X10 Y10\nM400\n"
 )
 COMPARISON_ROUNDS = 3
-TAIL = "M104 S0\nM140 S0\nG28\nM84\n"
+END_GCODE = "M104 S0\nM140 S0\nG28\nM84\n"
 
 
 def read_cpu_s(pid: int) -> float:
@@ -64,7 +64,7 @@ async def print_file(
     client = AgentClient(folder)
     try:
         await client.connect()
-        start = m.StartPrint(
+        start_request = m.StartPrint(
             id=0,
             print_id="bench",
             gcode=str(gcode),
@@ -72,19 +72,19 @@ async def print_file(
             print_time_s=1.0,
             filament=m.Filament.PARKED,
         )
-        began_s = ended_s = cpu_before_s = cpu_after_s = 0.0
-        start_sent = False
+        start_s = end_s = start_cpu_s = end_cpu_s = 0.0
+        is_start_sent = False
         async for snapshot in client.snapshots():
-            if snapshot.link is m.LinkState.READY and not start_sent:
-                start_sent = True
-                reply = await client.request(start)
+            if snapshot.link is m.LinkState.READY and not is_start_sent:
+                is_start_sent = True
+                reply = await client.request(start_request)
                 if reply.error:
                     raise SystemExit(reply.error)
             phase = snapshot.print.phase if snapshot.print else None
-            if phase is m.PrintPhase.PRINTING and not began_s:
-                began_s, cpu_before_s = time.time(), read_cpu_s(process.pid)
-            if phase is m.PrintPhase.ENDING and not ended_s:
-                ended_s, cpu_after_s = time.time(), read_cpu_s(process.pid)
+            if phase is m.PrintPhase.PRINTING and not start_s:
+                start_s, start_cpu_s = time.time(), read_cpu_s(process.pid)
+            if phase is m.PrintPhase.ENDING and not end_s:
+                end_s, end_cpu_s = time.time(), read_cpu_s(process.pid)
             if phase is not None and phase.ended:
                 if phase is not m.PrintPhase.DONE:
                     raise SystemExit(f"the print ended {phase}: {snapshot.print and snapshot.print.reason}")
@@ -97,7 +97,7 @@ async def print_file(
         await asyncio.to_thread(process.wait, 30.0)
         if not keep_emulator:
             control(folder / "emulator", "power_off")
-    return began_s, ended_s, cpu_after_s - cpu_before_s
+    return start_s, end_s, end_cpu_s - start_cpu_s
 
 
 async def measure(agents: int, lines: int, scale: float) -> dict[str, float]:
@@ -105,7 +105,7 @@ async def measure(agents: int, lines: int, scale: float) -> dict[str, float]:
     moves = "".join(
         f"G1 X{100 + i % 2 * 0.2:.3f} Y{100 + i % 7 * 0.1:.3f} E{i * 0.01:.5f}\n" for i in range(lines)
     )
-    text = (HEAD + "G0 F9000 X100 Y100 Z0.3\n" + moves + TAIL).encode()
+    text = (START_GCODE + "G0 F9000 X100 Y100 Z0.3\n" + moves + END_GCODE).encode()
     with tempfile.TemporaryDirectory() as folder:
         gcode = Path(folder) / "bench.gcode"
         gcode.write_bytes(text)
@@ -113,12 +113,12 @@ async def measure(agents: int, lines: int, scale: float) -> dict[str, float]:
         runs = await asyncio.gather(
             *(print_file(Path(folder) / f"p{number}", clock, gcode) for number in range(agents))
         )
-    span_s = max(run[1] for run in runs) - min(run[0] for run in runs)
+    duration_s = max(run[1] for run in runs) - min(run[0] for run in runs)
     return {
         "agents": agents,
         "lines": agents * lines,
-        "wall_s": round(span_s, 2),
-        "lines_per_s": round(agents * lines / span_s),
+        "wall_s": round(duration_s, 2),
+        "lines_per_s": round(agents * lines / duration_s),
         "agent_cpu_us_per_line": round(1e6 * sum(run[2] for run in runs) / (agents * lines), 1),
     }
 
@@ -130,30 +130,36 @@ def compare_with_printcore(lines: int, python: Path) -> dict[str, float]:
         for i in range(lines)
     )
     with tempfile.TemporaryDirectory() as folder:
-        whole_file, head, path = (
+        whole_file, head_file, moves_file = (
             Path(folder) / name for name in ("whole.gcode", "head.gcode", "moves.gcode")
         )
-        whole_file.write_text(COMPARISON_HEAD + moves + "M104 S0\n")  # no G28, whose time would count
-        head.write_text(COMPARISON_HEAD)
-        path.write_text(moves)
-        printer = Path(folder) / "p"
+        whole_file.write_text(COMPARISON_START_GCODE + moves + "M104 S0\n")  # no G28, whose time would count
+        head_file.write_text(COMPARISON_START_GCODE)
+        moves_file.write_text(moves)
+        printer_folder = Path(folder) / "p"
         agent_rates, printcore_rates = [], []
         try:
             for _ in range(COMPARISON_ROUNDS):  # in turn, so that other load affects both
                 url = f"sim://{MODEL}?wire=1"
-                began_s, ended_s, _ = asyncio.run(
-                    print_file(printer, Clock(), whole_file, url, keep_emulator=True)
+                start_s, end_s, _ = asyncio.run(
+                    print_file(printer_folder, Clock(), whole_file, url, keep_emulator=True)
                 )
-                agent_rates.append(lines / (ended_s - began_s))
-                control(printer / "emulator", "clear_bed")
-                run = [str(python), str(PEER), str(printer / "emulator" / "tty"), str(path), str(head)]
+                agent_rates.append(lines / (end_s - start_s))
+                control(printer_folder / "emulator", "clear_bed")
+                command = [
+                    str(python),
+                    str(PRINTCORE_SCRIPT),
+                    str(printer_folder / "emulator" / "tty"),
+                    str(moves_file),
+                    str(head_file),
+                ]
                 printcore_rates.append(
-                    lines / float(subprocess.run(run, check=True, stdout=subprocess.PIPE).stdout)
+                    lines / float(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
                 )
-                shutil.rmtree(printer / "spool")
-                (printer / "journal.jsonl").unlink()
+                shutil.rmtree(printer_folder / "spool")
+                (printer_folder / "journal.jsonl").unlink()
         finally:
-            control(printer / "emulator", "power_off")
+            control(printer_folder / "emulator", "power_off")
     return {
         "wire_lines_per_s": round(median(agent_rates), 1),
         "wire_printcore_lines_per_s": round(median(printcore_rates), 1),
@@ -171,7 +177,7 @@ def main() -> None:
     parser.add_argument("--agents", type=int, default=8)
     parser.add_argument("--lines", type=int, default=10_000, help="lines of each agent")
     parser.add_argument("--scale", type=float, default=300.0, help="farm seconds in a wall second")
-    parser.add_argument("--beside", type=Path, default=INTEROP, help="a Python that has Printrun")
+    parser.add_argument("--beside", type=Path, default=INTEROP_PYTHON, help="a Python that has Printrun")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     measurements: dict[str, Callable[[], dict[str, float]]] = {

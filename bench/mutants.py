@@ -26,20 +26,20 @@ from bench.mutant_groups import GROUPS, Group
 ROOT = Path(__file__).parents[1]
 PYTHON = ROOT / ".venv" / "bin" / "python"
 TIMEOUT_S = 600.0
-_NO_FAULT = ("BitOr", "RemoveDecorator")  # mutants that change no behaviour
+_EQUIVALENT_OPERATORS = ("BitOr", "RemoveDecorator")  # mutants that change no behaviour
 
 
 def test_group(name: str, group: Group, seed: int, folder: Path) -> list[tuple[str, str]]:
     """Run a sample of the mutants of a group; return outcome and diff of each."""
-    copy, session, config = folder / "sources", folder / "session.sqlite", folder / "config.toml"
+    sources, session, config = folder / "sources", folder / "session.sqlite", folder / "config.toml"
     shutil.rmtree(folder, ignore_errors=True)
     list_command = ["git", "ls-files", "--cached", "--others", "--exclude-standard"]
     files = subprocess.run(
         list_command, cwd=ROOT, capture_output=True, text=True, check=True
     ).stdout.splitlines()
     for file in files:
-        (copy / file).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy(ROOT / file, copy / file)
+        (sources / file).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(ROOT / file, sources / file)
     command = f"{PYTHON} -m pytest -x --hypothesis-profile=ci -p no:cacheprovider {' '.join(group.tests)}"
     modules = ", ".join(f'"{module}"' for module in group.modules)
     config.write_text(
@@ -51,7 +51,7 @@ def test_group(name: str, group: Group, seed: int, folder: Path) -> list[tuple[s
         # No bytecode: Python would take two mutants of the same second and size for the same file.
         env = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
         tool = Path(sys.executable).with_name("cosmic-ray")
-        subprocess.run([tool, *arguments], cwd=copy, env=env, check=True)
+        subprocess.run([tool, *arguments], cwd=sources, env=env, check=True)
 
     run_cosmic_ray("baseline", config)
     run_cosmic_ray("init", config, session)
@@ -67,7 +67,9 @@ def _sample(db: WorkDB, rng: random.Random, count: int) -> None:
     """Reduce the mutants to a random sample."""
     items = sorted(db.work_items, key=lambda item: str(item.mutations))
     candidates = [
-        item for item in items if not any(name in item.mutations[0].operator_name for name in _NO_FAULT)
+        item
+        for item in items
+        if not any(name in item.mutations[0].operator_name for name in _EQUIVALENT_OPERATORS)
     ]
     sample = {item.job_id for item in rng.sample(candidates, min(count, len(candidates)))}
     skipped_result = WorkResult(worker_outcome=WorkerOutcome.SKIPPED)
@@ -84,11 +86,11 @@ def main() -> None:
     options = parser.parse_args()
     names = options.group or list(GROUPS)
 
-    def work(name: str) -> list[tuple[str, str]]:
+    def run_group(name: str) -> list[tuple[str, str]]:
         return test_group(name, GROUPS[name], options.seed, ROOT / "build" / "mutants" / name)
 
     with ThreadPoolExecutor(options.at_once) as pool:
-        results_by_group = dict(zip(names, pool.map(work, names), strict=True))
+        results_by_group = dict(zip(names, pool.map(run_group, names), strict=True))
     for name, results in results_by_group.items():
         for outcome, diff in results:
             if outcome == TestOutcome.SURVIVED.value:

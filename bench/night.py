@@ -45,11 +45,11 @@ from farm.state.storage import Store
 from farm.state.transitions import apply
 
 MODEL = "ultimaker2_plus"
-SIDE_MM, LAYER_MM, MOVES_A_LAYER = 20.0, 0.2, 4
+SIDE_MM, LAYER_MM, MOVES_PER_LAYER = 20.0, 0.2, 4
 E_PER_MM = 0.4 * LAYER_MM / 6.38  # for lines of 0.4 mm, with filament of 2.85 mm
 AWAY_AFTER_S = 1800.0  # farm time at which the operator's night begins
 POLL_S = 0.3  # wall seconds between two polls of the operator
-ANSWER_S = 120.0  # wall seconds for the start of a daemon on a busy machine
+START_TIMEOUT_S = 120.0  # wall seconds for the start of a daemon on a busy machine
 
 
 def write_slow_gcode(moves: int, move_s: float) -> str:
@@ -57,13 +57,13 @@ def write_slow_gcode(moves: int, move_s: float) -> str:
     lines = [";FLAVOR:Marlin", "M140 S60", "M104 S205", "M190 S60", "M109 S205", "G28"]
     lines += ["G1 X5 Y5 Z0.3 F3000", "G1 X5 Y100 E15 F1000", "M82", "G92 E0"]
     corners = [(0, 0), (1, 0), (1, 1), (0, 1)]
-    fed_mm = 0.0
-    for layer in range(max(1, moves // MOVES_A_LAYER)):
+    e_mm = 0.0
+    for layer in range(max(1, moves // MOVES_PER_LAYER)):
         lines += [f";LAYER:{layer}", f"G0 F9000 X100 Y100 Z{LAYER_MM * (layer + 1):.2f}"]
         for x, y in (*corners[1:], corners[0]):
-            fed_mm += SIDE_MM * E_PER_MM
+            e_mm += SIDE_MM * E_PER_MM
             speed = 60 * SIDE_MM / move_s
-            lines.append(f"G1 F{speed:.1f} X{100 + SIDE_MM * x:g} Y{100 + SIDE_MM * y:g} E{fed_mm:.4f}")
+            lines.append(f"G1 F{speed:.1f} X{100 + SIDE_MM * x:g} Y{100 + SIDE_MM * y:g} E{e_mm:.4f}")
     end = ["G1 F1500 E-6", "M104 S0", "M140 S0", "M107", "G91", "G1 Z10", "G90", "G28 X0 Y0", "M84"]
     return "\n".join([*lines, *end]) + "\n"
 
@@ -86,26 +86,26 @@ class Night:
         self.plate_s = self._add_planned_job()
         print_numbers = range(1, args.plates + 1)
         # Numbers of started prints at which one fails, and at which a printer is unplugged.
-        self.failure_counts = sorted(
+        self.failure_numbers = sorted(
             self.rng.sample(print_numbers, max(1, round(args.failing * args.plates)))
         )
-        self.unplug_count = self.rng.randint(2, args.printers)
+        self.unplug_number = self.rng.randint(2, args.printers)
         # Numbers of printed plates at which the daemon is killed, within the first half of them.
-        self.kill_counts = [(kill + 1) * args.plates // (2 * args.kills) for kill in range(args.kills)]
+        self.kill_thresholds = [(kill + 1) * args.plates // (2 * args.kills) for kill in range(args.kills)]
         # Printers and plates whose print was made to fail.
-        self.wrong_plates: set[tuple[str, str]] = set()
-        self.unplugged: str | None = None
-        self.kills_done = 0
+        self.failed_plates: set[tuple[str, str]] = set()
+        self.unplugged_printer: str | None = None
+        self.kill_count = 0
 
     def _write_fleet(self) -> None:
         now_time = datetime.now(UTC)
-        local_rows = [
+        attended_windows = [
             (now_time - timedelta(hours=1), AWAY_AFTER_S),
             (now_time + timedelta(seconds=self.back_after_s), 12 * 3600.0),
         ]
         windows = [
-            f"{begins:%H:%M}-{(max(begins, now_time) + timedelta(seconds=length_s)):%H:%M}"
-            for begins, length_s in local_rows
+            f"{start_time:%H:%M}-{(max(start_time, now_time) + timedelta(seconds=length_s)):%H:%M}"
+            for start_time, length_s in attended_windows
         ]
         rows = "".join(
             f"  - {json.dumps(self._describe_printer(i, name))}\n" for i, name in enumerate(self.names)
@@ -126,10 +126,10 @@ class Night:
         path.write_text(write_slow_gcode(self.args.moves, self.args.move_s))
         options = JobOptions()
         model = inspect_gcode(path, path.name, options, self.fleet.printers, self.state.files)
-        scratch = self.state.work / "plan"
-        scratch.mkdir()
+        plan_folder = self.state.work / "plan"
+        plan_folder.mkdir()
         task = DecomposeTask(
-            1, self.state.files / model.file, options, self.fleet.printers[:1], rounds=1, folder=scratch
+            1, self.state.files / model.file, options, self.fleet.printers[:1], rounds=1, folder=plan_folder
         )
         plan = plan_gcode(task, self.state.files)
         now_s = time.time()
@@ -198,16 +198,18 @@ class Night:
                 time.sleep(POLL_S)
             return self._compute_figures(job, time.monotonic() - start_s)
         finally:
-            self._end()
+            self._stop()
 
     def _read_status(self) -> api.Status:
-        deadline_s = time.monotonic() + ANSWER_S
+        deadline_s = time.monotonic() + START_TIMEOUT_S
         while True:
             try:
                 return self.client.status()
             except DaemonUnreachable as error:
                 if time.monotonic() > deadline_s:
-                    raise SystemExit(f"the daemon has not answered for {ANSWER_S:.0f} s: {error}") from error
+                    raise SystemExit(
+                        f"the daemon has not answered for {START_TIMEOUT_S:.0f} s: {error}"
+                    ) from error
                 time.sleep(POLL_S)
 
     def _cause_failures(self, view: api.Status, job: api.JobView) -> None:
@@ -217,22 +219,29 @@ class Night:
         """
         started_count = sum(attempt.started is not None for part in job.parts for attempt in part.prints)
         for printer in view.printers:
-            printing = printer.print
-            if printing is None or printing.state != PrintState.PRINTING or not printing.layer:
+            print_view = printer.print
+            if print_view is None or print_view.state != PrintState.PRINTING or not print_view.layer:
                 continue
-            key = (printer.name, printing.plate)
-            if printing.progress > 0.5 or printer.name == self.unplugged or key in self.wrong_plates:
+            attempt_key = (printer.name, print_view.plate)
+            if (
+                print_view.progress > 0.5
+                or printer.name == self.unplugged_printer
+                or attempt_key in self.failed_plates
+            ):
                 continue
-            if self.unplugged is None and started_count >= self.unplug_count:
-                self.unplugged = printer.name
-                self.wrong_plates.add(key)
-                control(self._emulator(printer.name), Command.UNPLUG)
-            elif self.failure_counts and started_count >= self.failure_counts[0]:
-                del self.failure_counts[0]
-                self.wrong_plates.add(key)
-                control(self._emulator(printer.name), Command.RESET)
-        if self.kills_done < len(self.kill_counts) and job.printed >= self.kill_counts[self.kills_done]:
-            self.kills_done += 1
+            if self.unplugged_printer is None and started_count >= self.unplug_number:
+                self.unplugged_printer = printer.name
+                self.failed_plates.add(attempt_key)
+                control(self._find_emulator(printer.name), Command.UNPLUG)
+            elif self.failure_numbers and started_count >= self.failure_numbers[0]:
+                del self.failure_numbers[0]
+                self.failed_plates.add(attempt_key)
+                control(self._find_emulator(printer.name), Command.RESET)
+        if (
+            self.kill_count < len(self.kill_thresholds)
+            and job.printed >= self.kill_thresholds[self.kill_count]
+        ):
+            self.kill_count += 1
             os.kill(view.daemon.pid, signal.SIGKILL)
             self.run_farm("up")
 
@@ -265,7 +274,7 @@ class Night:
         with Store(self.state.books) as store:
             books = store.load()
         good_plates = [p for p in books.plates.values() if books.plate_state(p) is PlateState.GOOD]
-        printer_count = len(self.names) - (self.unplugged is not None)
+        printer_count = len(self.names) - (self.unplugged_printer is not None)
         rounds = -(-len(books.plates) // printer_count)
         return {
             "printers": len(self.names),
@@ -274,8 +283,8 @@ class Night:
             "lost": len(books.plates) - len(good_plates),
             "printed_twice": sum(count > 1 for count in self._count_completed_prints(books).values()),
             "failed": sum(p.state is PrintState.FAILED for p in books.prints.values()),
-            "daemon_killed": self.kills_done,
-            "unplugged": self.unplugged,
+            "daemon_killed": self.kill_count,
+            "unplugged": self.unplugged_printer,
             "makespan_s": round(job.elapsed_s or 0.0),
             "lower_bound_s": round(rounds * self.plate_s),
             "away_s": self.back_after_s - AWAY_AFTER_S,
@@ -298,18 +307,18 @@ class Night:
     def _find_agent_folder(self, name: str) -> Path:
         return self.state.agent(name)
 
-    def _emulator(self, name: str) -> Path:
+    def _find_emulator(self, name: str) -> Path:
         return self._find_agent_folder(name) / "emulator"
 
-    def _end(self) -> None:
+    def _stop(self) -> None:
         command = [*self.command, "down", "--now", "--state", str(self.state.root)]
         if subprocess.run(command, capture_output=True, check=False).returncode != 0:
             for name in self.names:
                 kill_agent(self._find_agent_folder(name))
         for name in self.names:
-            if is_running(self._emulator(name)):
+            if is_running(self._find_emulator(name)):
                 try:
-                    control(self._emulator(name), Command.POWER_OFF)
+                    control(self._find_emulator(name), Command.POWER_OFF)
                 except DriverError as error:
                     print(error, file=sys.stderr)
 

@@ -5,8 +5,8 @@ Usage: python -m bench.unseen [--seed 1] [--kinds organic,bust,...] [--printers 
 
 Each kind is a family: limbs of ellipsoids, a head of noise on shoulders, a lattice of struts, a thin shell, a
 block with bores, a flat sheet with ribs. Times are prices of the cost model, against the whole model in its
-best pose; nothing is sliced (`bench.decompose` does). `wall_s` is the time of this machine, `effort_s` the
-counted work.
+best pose; nothing is sliced (`bench.decompose` does). `wall_s` is the wall time on this machine, `effort_s`
+the counted work.
 """
 
 from __future__ import annotations
@@ -33,7 +33,11 @@ from decompose.print_time import CostModel, Recipe
 from decompose.printers import PrinterRoom
 from farm.compute import Deferred, TaskFiles
 
-ROOM = ((206.9, 190.9, 205.0), (173.9, 197.9, 205.0), (164.9, 206.9, 205.0))  # an Ultimaker 2+ with its brim
+ROOM_SIZES_MM = (
+    (206.9, 190.9, 205.0),
+    (173.9, 197.9, 205.0),
+    (164.9, 206.9, 205.0),
+)  # an Ultimaker 2+ with its brim
 
 
 def organic(rng: np.random.Generator) -> Solid:
@@ -117,8 +121,8 @@ def flat(rng: np.random.Generator) -> Solid:
     bodies = [Solid.box((0.0, 0.0, 0.0), (width, depth, 3.0))]
     for _ in range(5):
         x, y = rng.uniform(0.0, 0.6, 2) * (width, depth)
-        long_mm = float(rng.uniform(60.0, 140.0))
-        size = (long_mm, 4.0) if rng.random() < 0.5 else (4.0, long_mm)
+        length_mm = float(rng.uniform(60.0, 140.0))
+        size = (length_mm, 4.0) if rng.random() < 0.5 else (4.0, length_mm)
         bodies.append(Solid.box((x, y, 0.0), (x + size[0], y + size[1], float(rng.uniform(10.0, 30.0)))))
     return Solid.union(bodies)
 
@@ -171,15 +175,15 @@ class Figures:
 def measure(kind: str, seed: int, printers: int, side_mm: float, budget_s: float) -> Figures:
     """Decompose one model with default settings."""
     model = draw_model(kind, seed, side_mm)
-    rooms = [PrinterRoom(str(number), ROOM) for number in range(printers)]
+    rooms = [PrinterRoom(str(number), ROOM_SIZES_MM) for number in range(printers)]
     options = Options(best=BestOptions(budget_s))
-    began_s, result, reason = perf_counter(), None, ""
+    start_s, result, reason = perf_counter(), None, ""
     with ThreadPoolExecutor() as executor:
         try:
             result = decompose_model(model, rooms, options, CostModel.from_recipe(Recipe()), executor)
         except DecomposeError as error:
             reason = str(error)
-    wall_s = perf_counter() - began_s
+    wall_s = perf_counter() - start_s
     peak_mb = read_peak_mb()
     if result is None:
         no_figures = (None,) * 6

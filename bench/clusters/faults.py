@@ -20,7 +20,7 @@ from typing import Any
 
 import trimesh
 
-from bench.clusters.hosts import ENDING_S, FARM, NICE, SAMPLE_S, SCHEDULER, WORKERS, Hosts, list_children
+from bench.clusters.hosts import END_TIMEOUT_S, FARM, NICE, SAMPLE_S, SCHEDULER, WORKERS, Hosts, list_children
 from farm.compute import Deferred, Limit, Pool, TaskFiles, Workers
 from farm.compute.cluster import ClusterPool, Place, cluster_pool, connect_cluster
 from farm.compute.cluster.remote_task import RemoteTask
@@ -34,17 +34,22 @@ from farm.planning.plan import Plan, PlanRequest
 
 KILLS = ("kill worker", "kill scheduler")
 STOPS = ("stop worker", "stop scheduler")
-NETWORK = ("cut worker", "cut scheduler", "cut farm", "delay all", "lose from all")
-FAULTS = (*KILLS, *STOPS, *NETWORK)
-FAULT_S = 40.0  # duration of a stopped process, or of a disturbed network
+NETWORK_FAULTS = ("cut worker", "cut scheduler", "cut farm", "delay packets", "drop packets")
+FAULTS = (*KILLS, *STOPS, *NETWORK_FAULTS)
+FAULT_DURATION_S = 40.0  # time for which a process is stopped, or the network disturbed
 DELAY_S, LOSS = 0.3, 0.05  # delay and share of lost packets at each host, in both directions
-TASKS, TASK_S = 8, 4.0
-AFTER_S = (0.3, 7.0)  # range of the start of a fault in a round: tasks run for 8 s on four workers
-MODEL, MODELS, PRINTERS, BUDGET_S = "ultimaker2_plus", 3, 3, 1.0
+TASK_COUNT, TASK_S = 8, 4.0
+START_RANGE_S = (0.3, 7.0)  # a fault starts in this range of a round: tasks run for 8 s on four workers
+PRINTER_MODEL, MODEL_COUNT, PRINTER_COUNT, BUDGET_S = "ultimaker2_plus", 3, 3, 1.0
 LIMIT = Limit("sleeping", 600.0)
 UNCOMPARED_FIELDS = ("decomposition", "cached")  # duration of planning, cached slices
 FLEET = Fleet.model_validate(
-    {"printers": [{"name": f"p{n}", "model": MODEL, "port": f"sim://{MODEL}"} for n in range(PRINTERS)]}
+    {
+        "printers": [
+            {"name": f"p{n}", "model": PRINTER_MODEL, "port": f"sim://{PRINTER_MODEL}"}
+            for n in range(PRINTER_COUNT)
+        ]
+    }
 )
 
 
@@ -52,27 +57,27 @@ def _list_files(source: Path, folder: Path, *_: object) -> TaskFiles:
     return TaskFiles(reads=(source,), folders=(folder,))
 
 
-def copy_later(source: Path, folder: Path, seconds: float) -> int:
-    """Copy a file after some seconds. Returns the file's size."""
+def copy_after_delay(source: Path, folder: Path, seconds: float) -> int:
+    """Copy a file after a delay. Returns the file's size."""
     folder.mkdir(parents=True, exist_ok=True)
     time.sleep(seconds)
     (folder / "copy").write_bytes(source.read_bytes())
     return source.stat().st_size
 
 
-deferred_copy = Deferred("bench.clusters.faults:copy_later", _list_files)
+deferred_copy = Deferred("bench.clusters.faults:copy_after_delay", _list_files)
 
 
 @dataclass
-class Watch:
+class StatusSampler:
     """Samples of the sentence about the cluster in `farm status`, taken while tasks were open.
 
     Attributes
     ----------
     samples, place_samples, wait_samples
-        Number of samples, of those that name the place of the tasks, and of those that name a wait.
+        Number of all samples, of those that say where tasks run, and of those that say what they wait for.
     longest_silence_s
-        Longest time in which the sentence named neither the place of the tasks nor the cause of a wait.
+        Longest time in which the sentence said neither where the tasks run nor what they wait for.
     used_local_pool
         True if it said that this computer runs the tasks.
     """
@@ -91,14 +96,14 @@ class Watch:
             state = pool.state
             view = describe_cluster(state)
             names_place = any(phrase in view.text for phrase in ("running: ", "on this host"))
-            waits = "wait" in view.text or "on the way" in view.text
+            names_wait = "wait" in view.text or "on the way" in view.text
             now_s = time.monotonic()
-            if names_place or waits or not (state.tasks or state.waiting or state.here):
+            if names_place or names_wait or not (state.tasks or state.waiting or state.here):
                 last_named_s = now_s
             self.samples += 1
             self.place_samples, self.wait_samples = (
                 self.place_samples + names_place,
-                self.wait_samples + waits,
+                self.wait_samples + names_wait,
             )
             self.longest_silence_s = max(self.longest_silence_s, now_s - last_named_s)
             self.used_local_pool = self.used_local_pool or state.place is Place.HERE
@@ -107,25 +112,25 @@ class Watch:
             await asyncio.sleep(SAMPLE_S)
 
 
-class TakenFiles:
-    """Count of results whose files were put in place, by task."""
+class TakenResults:
+    """Counts of the results whose files were written, by task."""
 
     def __init__(self) -> None:
-        self.by_task: Counter[tuple[str, ...]] = Counter()
+        self.counts_by_task: Counter[tuple[str, ...]] = Counter()
         self._write = cluster_pool.write_files
 
     def write(self, task: RemoteTask, files: dict[str, bytes]) -> None:
         """Write files as `remote_task.write_files` does, and count those that are results."""
         if not set(files) <= set(task.live):
-            self.by_task[(task.limit.work, *task.folders, *task.writes)] += 1
+            self.counts_by_task[(task.limit.work, *task.folders, *task.writes)] += 1
         self._write(task, files)
 
     def count_repeated(self) -> int:
         """Return the number of results that were taken more than once."""
-        return sum(count > 1 for count in self.by_task.values())
+        return sum(count > 1 for count in self.counts_by_task.values())
 
 
-class Rounds:
+class FaultRounds:
     """Rounds with a fault each, on one cluster.
 
     Parameters
@@ -133,13 +138,13 @@ class Rounds:
     pool
         Pool on the cluster.
     local_pool
-        Pool of this computer, on which the job is planned once more, for comparison.
+        Pool of this computer, on which the same job is planned for comparison.
     """
 
     def __init__(self, hosts: Hosts, pool: ClusterPool, local_pool: Workers, rng: random.Random) -> None:
         self._hosts, self._pool, self._local_pool, self._rng = hosts, pool, local_pool, rng
-        self._idle: Counter[str] = Counter()  # processes of each host before the first fault
-        self._folder, self._plans = hosts.folder, dict[int, Any]()
+        self._initial_processes: Counter[str] = Counter()  # processes of each host before the first fault
+        self._folder, self._local_plans = hosts.folder, dict[int, Any]()
         self._source = hosts.folder / "model.bin"
         self._source.write_bytes(rng.randbytes(200_000))
 
@@ -148,63 +153,65 @@ class Rounds:
         pool, rng = self._pool, self._rng
         while not (pool.state.place is Place.CLUSTER and len(pool.state.workers) == len(WORKERS)):
             await asyncio.sleep(SAMPLE_S)
-        self._idle = self._idle or self._count_processes()
-        outs = [self._folder / f"round-{number}" / f"out-{task}" for task in range(TASKS)]
+        self._initial_processes = self._initial_processes or self._count_processes()
+        output_folders = [self._folder / f"round-{number}" / f"out-{task}" for task in range(TASK_COUNT)]
         state = StateFolder(self._folder / f"round-{number}" / "cluster")
         job = self._make_job(number, state)
-        taken_files, watch = TakenFiles(), Watch()
-        cluster_pool.write_files = taken_files.write
-        watch_task = asyncio.ensure_future(watch.follow(pool))
-        after_s = rng.uniform(*AFTER_S)
-        begin_s = time.monotonic()
+        taken_results, sampler = TakenResults(), StatusSampler()
+        cluster_pool.write_files = taken_results.write
+        sampling_task = asyncio.ensure_future(sampler.follow(pool))
+        fault_start_s = rng.uniform(*START_RANGE_S)
+        start_s = time.monotonic()
         plan_task = asyncio.ensure_future(_plan(state, job, pool))
-        tasks = [asyncio.ensure_future(self._run_task(path)) for path in outs]
-        fault_task = asyncio.ensure_future(self._fail(fault, after_s, rng.uniform(0.0, 5.0)))
+        tasks = [asyncio.ensure_future(self._run_task(path)) for path in output_folders]
+        fault_task = asyncio.ensure_future(self._cause_fault(fault, fault_start_s, rng.uniform(0.0, 5.0)))
         try:
             task_results = await asyncio.gather(*tasks)
             plan = await plan_task
-            duration_s = time.monotonic() - begin_s
-            watch_task.cancel()
+            duration_s = time.monotonic() - start_s
+            sampling_task.cancel()
             victim = await fault_task
             task_count, processes = await self._wait_for_no_tasks()
         finally:
-            watch_task.cancel()
-            cluster_pool.write_files = taken_files._write
-        local = await self._plan_locally(number)
+            sampling_task.cancel()
+            cluster_pool.write_files = taken_results._write
+        local_plan = await self._plan_locally(number)
         shutil.rmtree(self._folder / f"round-{number}")
-        watch_figures = asdict(watch)
+        status_figures = asdict(sampler)
         return {
             "fault": fault,
             "victim": victim,
-            "after_s": after_s,
+            "after_s": fault_start_s,
             "duration_s": duration_s,
-            "during_job": after_s < duration_s,
+            "during_job": fault_start_s < duration_s,
             "job_ended": isinstance(plan, Plan),
-            "differences": list_differences(plan, local),
+            "differences": list_differences(plan, local_plan),
             "correct_tasks": sum(task_results),
-            "results_taken_twice": taken_files.count_repeated(),
+            "results_taken_twice": taken_results.count_repeated(),
             "remaining_tasks": task_count,
             "processes": processes,
-            "extra_processes": (processes - self._idle).total(),
-            **watch_figures,
+            "extra_processes": (processes - self._initial_processes).total(),
+            **status_figures,
         }
 
     async def _plan_locally(self, number: int) -> Any:
         """Plan the job of a round on this computer, or return its plan of an earlier round."""
-        kind = number % MODELS
-        if kind not in self._plans:
+        model_index = number % MODEL_COUNT
+        if model_index not in self._local_plans:
             state = StateFolder(self._folder / f"round-{number}" / "local")
             for pid in self._local_pool.pids:
                 os.setpriority(os.PRIO_PROCESS, pid, NICE + 19)
-            self._plans[kind] = await _plan(state, self._make_job(number, state), self._local_pool)
-        return self._plans[kind]
+            self._local_plans[model_index] = await _plan(
+                state, self._make_job(number, state), self._local_pool
+            )
+        return self._local_plans[model_index]
 
     def _make_job(self, number: int, state: StateFolder) -> Job:
         """Make the job of a round, with one of a few models."""
         state.make()
         path = state.root / "bar.stl"
-        trimesh.creation.box((250.0 + 5.0 * (number % MODELS), 16.0, 12.0)).export(path)
-        options = JobOptions(printers=PRINTERS)
+        trimesh.creation.box((250.0 + 5.0 * (number % MODEL_COUNT), 16.0, 12.0)).export(path)
+        options = JobOptions(printers=PRINTER_COUNT)
         model = inspect_model(path, "bar.stl", options, state.files)
         return Job(
             id=1, request_id="r" * 8, name="bar", model_file=model.file, options=options, submitted_s=0.0
@@ -216,28 +223,28 @@ class Rounds:
         content = self._source.read_bytes()
         return size == len(content) and (path / "copy").read_bytes() == content
 
-    async def _fail(self, fault: str, after_s: float, restart_s: float) -> str:
+    async def _cause_fault(self, fault: str, delay_s: float, restart_s: float) -> str:
         """Cause a fault after some seconds, and repair it. Returns the names of its hosts."""
-        await asyncio.sleep(after_s)
+        await asyncio.sleep(delay_s)
         kind, _, target = fault.partition(" ")
         victims = {"worker": [self._rng.choice(WORKERS)], "scheduler": [SCHEDULER], "farm": [FARM]}
         names = victims.get(target, [FARM, SCHEDULER, *WORKERS])
         if fault in KILLS:
-            self._hosts.send(names[0], signal.SIGKILL)
+            self._hosts.send_signal(names[0], signal.SIGKILL)
             await asyncio.sleep(restart_s)
             self._hosts.start(names[0])
         elif fault in STOPS:
-            self._hosts.send(names[0], signal.SIGSTOP)
-            await asyncio.sleep(FAULT_S)
-            self._hosts.send(names[0], signal.SIGCONT)
+            self._hosts.send_signal(names[0], signal.SIGSTOP)
+            await asyncio.sleep(FAULT_DURATION_S)
+            self._hosts.send_signal(names[0], signal.SIGCONT)
         else:
             self._hosts.network.disturb(
                 *names,
                 cut=kind == "cut",
                 delay_s=DELAY_S if kind == "delay" else 0.0,
-                loss=LOSS if kind == "lose" else 0.0,
+                loss=LOSS if kind == "drop" else 0.0,
             )
-            await asyncio.sleep(FAULT_S)
+            await asyncio.sleep(FAULT_DURATION_S)
             self._hosts.network.disturb(*names)
         return ", ".join(names)
 
@@ -249,11 +256,11 @@ class Rounds:
         tuple[int, Counter[str]]
             Number of tasks that are left at the end, and of processes of each host.
         """
-        end_s = time.monotonic() + ENDING_S
+        deadline_s = time.monotonic() + END_TIMEOUT_S
         while True:
             task_count = await asyncio.to_thread(self._hosts.count_tasks)
             processes = await asyncio.to_thread(self._count_processes)
-            if not (task_count or processes - self._idle) or time.monotonic() >= end_s:
+            if not (task_count or processes - self._initial_processes) or time.monotonic() >= deadline_s:
                 return task_count, processes
             await asyncio.sleep(SAMPLE_S)
 
@@ -271,13 +278,13 @@ async def _plan(state: StateFolder, job: Job, pool: Pool) -> Any:
     return await future
 
 
-def list_differences(plan: Any, local: Any) -> list[str]:
+def list_differences(plan: Any, local_plan: Any) -> list[str]:
     """List the fields in which two plans differ; files of parts and plates are named by their content."""
-    if not isinstance(plan, Plan) or not isinstance(local, Plan):
-        return [f"{plan} and {local}"]
+    if not isinstance(plan, Plan) or not isinstance(local_plan, Plan):
+        return [f"{plan} and {local_plan}"]
     pairs: list[tuple[str, Any, Any]] = []
     for item in fields(Plan):
-        values, local_values = getattr(plan, item.name), getattr(local, item.name)
+        values, local_values = getattr(plan, item.name), getattr(local_plan, item.name)
         if item.name not in ("parts", "plates"):
             pairs.append((item.name, values, local_values))
         elif len(values) != len(local_values):
@@ -317,9 +324,9 @@ async def run_faults(
             hosts.start(name)
         pool = connect_cluster(local_pool, hosts.address, hosts.certificates)
         pool.start()
-        run = Rounds(hosts, pool, local_pool, rng)
+        fault_rounds = FaultRounds(hosts, pool, local_pool, rng)
         for number, fault in enumerate(kinds[:rounds]):
-            figures.append(await run.run(number + 1, fault))
+            figures.append(await fault_rounds.run(number + 1, fault))
             report(figures[-1])
         pool.close()
         await pool.wait_closed()
@@ -327,17 +334,17 @@ async def run_faults(
     finally:
         local_pool.close()
         await asyncio.to_thread(hosts.close)
-    return {"rounds": figures, **_sum_up(figures), "processes_left": task_count}
+    return {"rounds": figures, **_summarise(figures), "processes_left": task_count}
 
 
-def _sum_up(figures: list[dict[str, Any]]) -> dict[str, Any]:
+def _summarise(figures: list[dict[str, Any]]) -> dict[str, Any]:
     durations_s = sorted(row["duration_s"] for row in figures)
     return {
         "during_job": sum(row["during_job"] for row in figures),
         "jobs_ended": sum(row["job_ended"] for row in figures),
         "same_plans": sum(not row["differences"] for row in figures),
         "correct_tasks": sum(row["correct_tasks"] for row in figures),
-        "tasks": TASKS * len(figures),
+        "tasks": TASK_COUNT * len(figures),
         "results_taken_twice": sum(row["results_taken_twice"] for row in figures),
         "remaining_tasks": sum(row["remaining_tasks"] for row in figures),
         "extra_processes": sum(row["extra_processes"] for row in figures),

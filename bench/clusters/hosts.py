@@ -15,7 +15,7 @@ from hosts.virtual_network import Network
 
 WORKERS = ("w1", "w2", "w3", "w4")
 SCHEDULER, FARM = "scheduler", "farm"
-ENDING_S = 30.0  # maximum time for the tasks of a round to end
+END_TIMEOUT_S = 30.0  # maximum time for the tasks of a round to end
 SAMPLE_S = 0.2
 PORT = 8786
 NICE = -9  # niceness of workers; their tasks add 19, and would hardly run on a busy computer
@@ -33,14 +33,19 @@ class Hosts:
 
     def start(self, name: str) -> None:
         """Start the scheduler, or a worker."""
-        tools, pem = Path(sys.executable).parent, self.certificates
+        programs, certificates = Path(sys.executable).parent, self.certificates
         if name == SCHEDULER:
-            command = [str(tools / "dask"), "scheduler", "--protocol", "tls", "--port", str(PORT)]
+            command = [str(programs / "dask"), "scheduler", "--protocol", "tls", "--port", str(PORT)]
             command += ["--host", self.network.address(SCHEDULER), "--no-dashboard", "--no-show"]
-            command += ["--tls-ca-file", str(pem / "ca.pem"), "--tls-cert", str(pem / "cert.pem")]
-            command += ["--tls-key", str(pem / "key.pem")]
+            command += [
+                "--tls-ca-file",
+                str(certificates / "ca.pem"),
+                "--tls-cert",
+                str(certificates / "cert.pem"),
+            ]
+            command += ["--tls-key", str(certificates / "key.pem")]
         else:
-            command = [str(tools / "farm"), "worker", self.address, "--certificates", str(pem)]
+            command = [str(programs / "farm"), "worker", self.address, "--certificates", str(certificates)]
             command += ["--name", name, "--folder", str(self.folder / name), "--slots", "1"]
         path = os.pathsep.join(filter(None, sys.path))
         with (self.folder / f"{name}.log").open("a") as log:
@@ -51,10 +56,10 @@ class Hosts:
                 env=os.environ | {"PYTHONPATH": path},
             )
 
-    def send(self, name: str, number: signal.Signals) -> None:
+    def send_signal(self, name: str, signal_number: signal.Signals) -> None:
         """Send a signal to a process."""
-        self._running[name].send_signal(number)
-        if number is signal.SIGKILL:
+        self._running[name].send_signal(signal_number)
+        if signal_number is signal.SIGKILL:
             self._running[name].wait()
 
     def count_tasks(self) -> int:
@@ -70,8 +75,8 @@ class Hosts:
         """End all processes, as systemd ends services. Returns the number of those that are left."""
         for process in self._running.values():
             process.terminate()
-        end_s = time.monotonic() + ENDING_S
-        while (count := sum(self.count_processes().values())) and time.monotonic() < end_s:
+        deadline_s = time.monotonic() + END_TIMEOUT_S
+        while (count := sum(self.count_processes().values())) and time.monotonic() < deadline_s:
             for process in self._running.values():
                 process.poll()
             time.sleep(SAMPLE_S)

@@ -31,21 +31,16 @@ from farm.planning.plan import DecomposedJob, DecomposeTask, Plan, PlanRequest
 from farm.planning.tasks import decompose_job, draw_job, draw_overview, draw_some_steps, warm_up_planning
 
 MODEL = "ultimaker2_plus"
-KIND, SEED = "organic", 1
+MODEL_KIND, MODEL_SEED = "organic", 1
 SIDE_MM = 200.0  # longest side of the model for 20 printers: parts are small, so that slices take seconds
 BUDGET_S = 5.0
-PARALLEL_TASKS = {
-    "slice_part",
-    "draw_overview",
-    "draw_some_steps",
-    "draw_job",
-    "try_grid",
-}  # tasks that run at the same time
+PARALLEL_TASKS = {"slice_part", "draw_overview", "draw_some_steps", "draw_job", "try_grid"}
+"""Tasks of which several run at the same time."""
 
 
 @dataclass(frozen=True, slots=True)
 class TimedTask:
-    """Task of a job: begin and end after the start of the job, and CPU seconds, the engine's included."""
+    """Task of a job: its start and end, from the start of the job, and CPU seconds with CuraEngine's."""
 
     kind: str
     begin_s: float
@@ -54,12 +49,12 @@ class TimedTask:
 
 
 def run_timed(work: Callable[..., Any], *args: object) -> tuple[Any, float]:
-    """Call a function. Returns its result and CPU seconds, including those of its processes."""
-    begin_s = _read_cpu_s()
-    return work(*args), _read_cpu_s() - begin_s
+    """Call a function. Returns its result and CPU seconds, including those of its child processes."""
+    start_cpu_s = _read_cpu_s()
+    return work(*args), _read_cpu_s() - start_cpu_s
 
 
-timed = Deferred("bench.clusters.jobs:run_timed")
+deferred_run_timed = Deferred("bench.clusters.jobs:run_timed")
 
 
 def _read_cpu_s() -> float:
@@ -94,7 +89,7 @@ class TimingPool:
     ) -> Any:
         """Run a function, and record its times."""
         begin_s = time.monotonic()
-        result, cpu_s = await self._pool.run(timed, work, *args, limit=limit, group=group)
+        result, cpu_s = await self._pool.run(deferred_run_timed, work, *args, limit=limit, group=group)
         end_s = time.monotonic()
         name = getattr(work, "target", "").rpartition(":")[2]
         self.tasks.append(TimedTask(name, begin_s - self._begin_s, end_s - self._begin_s, cpu_s))
@@ -105,33 +100,33 @@ class TimingPool:
         self._pool.close()
 
 
-def measure_job(parts: int, workers: int, folder: Path) -> dict[str, Any]:
+def measure_job(part_count: int, worker_count: int, folder: Path) -> dict[str, Any]:
     """Plan a job of a number of parts by a number of workers. Returns its figures and its tasks."""
-    return asyncio.run(_measure_job(parts, workers, folder))
+    return asyncio.run(_measure_job(part_count, worker_count, folder))
 
 
-async def _measure_job(parts: int, workers: int, folder: Path) -> dict[str, Any]:
-    state = StateFolder(folder / f"{parts}-{workers}")
-    local_pool = Workers(folder / "workers", workers, warm_up=warm_up_planning)
+async def _measure_job(part_count: int, worker_count: int, folder: Path) -> dict[str, Any]:
+    state = StateFolder(folder / f"{part_count}-{worker_count}")
+    local_pool = Workers(folder / "workers", worker_count, warm_up=warm_up_planning)
     while local_pool.starting is not None:
         await asyncio.sleep(0.1)
     try:
-        job, fleet = _make_job(parts, state)
+        job, fleet = _make_job(part_count, state)
         pool = TimingPool(local_pool)
         future: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
         planner = JobPlanner(state, pool, BUDGET_S, lambda _, plan: future.set_result(plan), lambda *_: None)
-        begin_s = time.monotonic()
+        start_s = time.monotonic()
         planner.start(PlanRequest(job, fleet.printers))
         plan = await future
-        duration_s = time.monotonic() - begin_s
+        duration_s = time.monotonic() - start_s
     finally:
         local_pool.close()
     shutil.rmtree(state.root)
     if not isinstance(plan, Plan):
-        raise SystemExit(f"{parts} parts: {plan}")
+        raise SystemExit(f"{part_count} parts: {plan}")
     return {
         "parts": len(plan.plates),
-        "workers": workers,
+        "workers": worker_count,
         "duration_s": duration_s,
         "cpu_s": sum(task.cpu_s for task in pool.tasks),
         "expected_s": plan.expected_s,
@@ -140,26 +135,28 @@ async def _measure_job(parts: int, workers: int, folder: Path) -> dict[str, Any]
     }
 
 
-def measure_search(parts: int, workers: int, budget_s: float, folder: Path) -> dict[str, Any]:
+def measure_search(part_count: int, worker_count: int, budget_s: float, folder: Path) -> dict[str, Any]:
     """Search for the parts of a job by a number of workers, without slices. Returns its figures.
 
     Returns
     -------
     dict
-        `duration_s`; `cpu_s` of all tasks; `chain_s`, the sum of the longest task of each stage; `ratio`,
-        `chain_s` as a share of `cpu_s`; `attempts`, the number of tasks of each stage; `makespan_s`;
+        `duration_s`; `cpu_s` of all tasks; `critical_s`, the sum of the longest task of each stage; `ratio`,
+        `critical_s` as a share of `cpu_s`; `attempts`, the number of tasks of each stage; `makespan_s`;
         `effort_s`; `tasks`.
     """
-    return asyncio.run(_measure_search(parts, workers, budget_s, folder))
+    return asyncio.run(_measure_search(part_count, worker_count, budget_s, folder))
 
 
-async def _measure_search(parts: int, workers: int, budget_s: float, folder: Path) -> dict[str, Any]:
-    state = StateFolder(folder / f"{parts}-{workers}-search")
-    local_pool = Workers(folder / "workers", workers, warm_up=warm_up_planning)
+async def _measure_search(
+    part_count: int, worker_count: int, budget_s: float, folder: Path
+) -> dict[str, Any]:
+    state = StateFolder(folder / f"{part_count}-{worker_count}-search")
+    local_pool = Workers(folder / "workers", worker_count, warm_up=warm_up_planning)
     while local_pool.starting is not None:
         await asyncio.sleep(0.1)
     try:
-        job, fleet = _make_job(parts, state)
+        job, fleet = _make_job(part_count, state)
         work = state.work / "job"
         work.mkdir(parents=True)
         model = state.files / job.model_file
@@ -167,24 +164,24 @@ async def _measure_search(parts: int, workers: int, budget_s: float, folder: Pat
             1, model, job.options, fleet.printers, 1, work, budget_s=budget_s, side_by_side=True
         )
         pool = TimingPool(local_pool)
-        begin_s = time.monotonic()
+        start_s = time.monotonic()
         decomposed_job = await SearchRounds(PoolShare(pool, 1), task).run()
-        duration_s = time.monotonic() - begin_s
+        duration_s = time.monotonic() - start_s
     finally:
         local_pool.close()
     report = json.loads((work / REPORT).read_text())
     shutil.rmtree(state.root)
     tasks = [asdict(timed_task) for timed_task in pool.tasks]
     stages = list_stages(tasks)
-    chain_s = sum(max(times_s) for stage in stages for times_s in stage.values())
+    critical_s = sum(max(times_s) for stage in stages for times_s in stage.values())
     cpu_s = sum(timed_task.cpu_s for timed_task in pool.tasks)
     return {
         "parts": len(decomposed_job.parts),
-        "workers": workers,
+        "workers": worker_count,
         "duration_s": duration_s,
         "cpu_s": cpu_s,
-        "chain_s": chain_s,
-        "ratio": chain_s / cpu_s,
+        "critical_s": critical_s,
+        "ratio": critical_s / cpu_s,
         "attempts": [len(times_s) for stage in stages for times_s in stage.values()],
         "makespan_s": report["makespan_s"],
         "effort_s": sum(attempt["effort_s"] for attempt in report["attempts"]),
@@ -192,17 +189,17 @@ async def _measure_search(parts: int, workers: int, budget_s: float, folder: Pat
     }
 
 
-def measure_drawing(parts: int, folder: Path) -> dict[str, Any]:
+def measure_drawing(part_count: int, folder: Path) -> dict[str, Any]:
     """Cut a job, and draw its parts by one worker and by several. Returns CPU seconds.
 
     Returns
     -------
     dict
-        `single_drawer_s`, if one worker draws; `tasks`, as in a stage of `list_stages`; `chain_s`, the sum of
-        the longest picture and the page; and `ratio`, `chain_s` as a share of `single_drawer_s`.
+        `single_drawer_s`, if one worker draws; `tasks`, as in a stage of `list_stages`; `critical_s`, the sum
+        of the longest picture and the page; and `ratio`, `critical_s` as a share of `single_drawer_s`.
     """
-    state = StateFolder(folder / f"{parts}-drawn")
-    job, fleet = _make_job(parts, state)
+    state = StateFolder(folder / f"{part_count}-drawn")
+    job, fleet = _make_job(part_count, state)
     work = state.work / "job"
     work.mkdir(parents=True)
     model = state.files / job.model_file
@@ -223,13 +220,13 @@ def measure_drawing(parts: int, folder: Path) -> dict[str, Any]:
         "draw_job": [run_timed(draw_job, task, record, overview, tuple(files))[1]],
     }
     shutil.rmtree(state.root)
-    chain_s = max(*tasks["draw_overview"], *tasks["draw_some_steps"]) + sum(tasks["draw_job"])
+    critical_s = max(*tasks["draw_overview"], *tasks["draw_some_steps"]) + sum(tasks["draw_job"])
     return {
         "parts": len(decomposition.parts),
         "single_drawer_s": single_drawer_s,
         "tasks": tasks,
-        "chain_s": chain_s,
-        "ratio": chain_s / single_drawer_s,
+        "critical_s": critical_s,
+        "ratio": critical_s / single_drawer_s,
     }
 
 
@@ -251,18 +248,23 @@ def list_stages(tasks: list[dict[str, Any]]) -> list[dict[str, list[float]]]:
     return stages
 
 
-def _make_job(parts: int, state: StateFolder) -> tuple[Job, Fleet]:
-    """Make printers, and a job whose model has a volume in proportion to their number."""
+def _make_job(printer_count: int, state: StateFolder) -> tuple[Job, Fleet]:
+    """Make a fleet of printers, and a job whose model's volume is proportional to their number."""
     state.make()
-    model = draw_model(KIND, SEED, SIDE_MM * (parts / 20.0) ** (1.0 / 3.0))
+    model = draw_model(MODEL_KIND, MODEL_SEED, SIDE_MM * (printer_count / 20.0) ** (1.0 / 3.0))
     corners = round_triangles(*model.solid.arrays())
     assert corners is not None
-    path = state.root / f"{KIND}.stl"
+    path = state.root / f"{MODEL_KIND}.stl"
     write_stl(path, corners)
-    options = JobOptions(printers=parts)
+    options = JobOptions(printers=printer_count)
     inspection = inspect_model(path, path.name, options, state.files)
     job = Job(
-        id=1, request_id="r" * 8, name=KIND, model_file=inspection.file, options=options, submitted_s=0.0
+        id=1,
+        request_id="r" * 8,
+        name=MODEL_KIND,
+        model_file=inspection.file,
+        options=options,
+        submitted_s=0.0,
     )
-    sections = [{"name": f"p{n}", "model": MODEL, "port": f"sim://{MODEL}"} for n in range(parts)]
+    sections = [{"name": f"p{n}", "model": MODEL, "port": f"sim://{MODEL}"} for n in range(printer_count)]
     return job, Fleet.model_validate({"printers": sections})

@@ -27,7 +27,7 @@ from farm.compute.cluster.dask_worker import FarmWorker
 from farm.compute.cluster.relocation import dump, load
 from farm.compute.cluster.remote_task import RemoteAnswer, RemoteTask
 
-DISABLED_OWN_WORK = {
+DISABLED_MONITORING = {
     "distributed.worker.profile.enabled": False,
     "distributed.admin.tick.interval": "10s",
     "distributed.admin.system-monitor.interval": "60s",
@@ -51,7 +51,7 @@ class SleepingExecutor:
 
 
 class TimedConnection(Connection):
-    """Connection that records the seconds that each task takes beyond its sleep."""
+    """Connection that records the overhead of each task: the seconds that it takes beyond its sleep."""
 
     def __init__(self, overhead_s: list[float], *args: Any) -> None:
         super().__init__(*args)
@@ -70,7 +70,7 @@ def _list_no_files(_: float) -> TaskFiles:
     return TaskFiles()
 
 
-sleep = Deferred("time:sleep", _list_no_files)
+deferred_sleep = Deferred("time:sleep", _list_no_files)
 
 
 Stages = list[dict[str, list[float]]]
@@ -92,12 +92,12 @@ def find_critical_path(stages: Stages, single_drawer: bool = False) -> list[tupl
     path: list[tuple[str, float]] = []
     drawing_path: list[tuple[str, float]] = []
     for stage in stages:
-        begin = list(path)
+        path_before = list(path)
         path += [(kind, max(times_s)) for kind, times_s in stage.items() if kind not in DRAWINGS]
-        drawing = [max(batch, key=get_seconds) for batch in list_drawings(stage, single_drawer)]
-        if drawing:  # after the first slice
+        longest_drawings = [max(batch, key=get_seconds) for batch in list_drawings(stage, single_drawer)]
+        if longest_drawings:  # after the first slice
             first_slice = ("slice_part", min(stage["slice_part"]))
-            drawing_path = max(drawing_path, [*begin, first_slice, *drawing], key=sum_path)
+            drawing_path = max(drawing_path, [*path_before, first_slice, *longest_drawings], key=sum_path)
     return max(path, drawing_path, key=sum_path)
 
 
@@ -118,7 +118,7 @@ async def run_job(pool: ClusterPool, number: int, stages: Stages, scale: float, 
     """Run a job's tasks like a plan: stage by stage, with drawings in parallel to later stages."""
 
     def start(seconds: float) -> asyncio.Future[None]:
-        return asyncio.ensure_future(pool.run(sleep, seconds * scale, limit=LIMIT, group=number))
+        return asyncio.ensure_future(pool.run(deferred_sleep, seconds * scale, limit=LIMIT, group=number))
 
     async def draw(stage: dict[str, list[float]]) -> None:
         for batch in list_drawings(stage, single_drawer):
@@ -143,15 +143,15 @@ async def replay(workers: int, jobs: list[Stages], scale: float, folder: Path) -
     """Run the jobs on sleeping workers, then again with one worker drawing each job. Returns the figures."""
     overhead_s: list[float] = []
     logging.getLogger("distributed").setLevel(logging.WARNING)
-    with dask.config.set(DISABLED_OWN_WORK):
+    with dask.config.set(DISABLED_MONITORING):
         async with Scheduler(host="127.0.0.1", port=0, dashboard_address="127.0.0.1:0") as scheduler:
             executors: list[Any] = [SleepingExecutor(f"w{n}") for n in range(workers)]
             worker_tasks = [
                 FarmWorker(scheduler.address, executor, 1, folder / executor.host) for executor in executors
             ]
             await asyncio.gather(*worker_tasks)
-            link = partial(TimedConnection, overhead_s, scheduler.address, None, INSTALLATION)
-            pool = ClusterPool(Recorder(), scheduler.address, INSTALLATION, link)
+            make_connection = partial(TimedConnection, overhead_s, scheduler.address, None, INSTALLATION)
+            pool = ClusterPool(Recorder(), scheduler.address, INSTALLATION, make_connection)
             pool.start()
             while len(pool.state.workers) < workers:
                 await asyncio.sleep(0.1)
@@ -167,7 +167,7 @@ async def replay(workers: int, jobs: list[Stages], scale: float, folder: Path) -
         "single_drawer_s": single_drawer_s,
         "ratio": duration_s / single_drawer_s,
         "overhead_ms": overhead_ms,
-        **sum_up(workers, jobs, duration_s, cpu_s),
+        **summarise(workers, jobs, duration_s, cpu_s),
     }
 
 
@@ -182,7 +182,7 @@ async def _run_jobs(
     return (time.monotonic() - begin_s) / scale, time.process_time() - begin_cpu_s
 
 
-def sum_up(workers: int, jobs: list[Stages], duration_s: float, cpu_s: float) -> dict[str, Any]:
+def summarise(workers: int, jobs: list[Stages], duration_s: float, cpu_s: float) -> dict[str, Any]:
     """Return the times of the jobs, and their lower bounds.
 
     Parameters

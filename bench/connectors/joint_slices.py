@@ -28,11 +28,11 @@ PRINTER = "ultimaker2_plus"
 READ_DEPTH_MM = 0.2  # depth below a face at which its grooves are read
 POINT_PITCH = 0.25  # pitch of the points of a letter, on the grid of the letters
 LETTER_MARGIN = 0.75  # margin around the box of a letter, on that grid
-READ_SHARE = 0.8  # minimum share of the points of a legible arrow or dot
+MIN_READ_SHARE = 0.8  # minimum share of the points of a legible arrow or dot
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PrintedPart:
+class SlicedPart:
     """Slice of a part: its path, its outer walls, and the transform (4, 4) from the joints' frame to it."""
 
     path: Toolpath
@@ -42,12 +42,11 @@ class PrintedPart:
     sliced_s: float
 
     @property
-    def support_mm3(self) -> float:
-        """Volume of supports in mm3."""
+    def support_filament_mm(self) -> float:
+        """Length of the filament in supports, in mm."""
         is_support = self.path.is_feature("SUPPORT") | self.path.is_feature("SUPPORT-INTERFACE")
-        is_move = (self.path.start[:, :2] != self.path.end[:, :2]).any(
-            axis=1
-        )  # unretractions extrude at rest
+        # An unretraction extrudes without a move in the plane.
+        is_move = (self.path.start[:, :2] != self.path.end[:, :2]).any(axis=1)
         return float(self.path.extruded_mm[is_support & is_move].clip(min=0.0).sum())
 
     def find_seams(self, longest_only: bool = False) -> Floats:
@@ -63,8 +62,8 @@ class PrintedPart:
         starts = starts[walls.is_closed[starts]]
         if longest_only:
             lengths = np.bincount(walls.run, np.hypot(*(walls.end - walls.start).T))[walls.run[starts]]
-            order = starts[np.lexsort((-lengths, walls.layer[starts]))]
-            starts = order[np.diff(walls.layer[order], prepend=-1) > 0]
+            sorted_starts = starts[np.lexsort((-lengths, walls.layer[starts]))]
+            starts = sorted_starts[np.diff(walls.layer[sorted_starts], prepend=-1) > 0]
         z_mm = self.layout.layer_height_0_mm + self.layout.layer_height_mm * (walls.layer[starts] - 0.5)
         placed_mm = np.column_stack([walls.start[starts], z_mm]) - self.to_print[:3, 3]
         return np.asarray(placed_mm @ np.linalg.inv(self.to_print[:3, :3]).T)
@@ -90,19 +89,22 @@ class PrintedPart:
             stroke_count = len(strokes)
             if "".join(self._read_letters(mark, code, strokes, depth_mm)) != code:
                 return False
-        signs = np.concatenate(
+        sign_points = np.concatenate(
             [np.linspace(start, end, 5) for start, end in mark.lines_mm[stroke_count:]] or [np.zeros((0, 3))]
         )
-        return not len(signs) or (~self.is_printed(signs + READ_DEPTH_MM * direction)).mean() >= READ_SHARE
+        return (
+            not len(sign_points)
+            or (~self.is_printed(sign_points + READ_DEPTH_MM * direction)).mean() >= MIN_READ_SHARE
+        )
 
     def _read_letters(self, mark: Mark, code: str, strokes: Floats, depth_mm: float) -> Iterator[str]:
-        flat = np.column_stack([strokes.reshape(-1, 2), np.ones(2 * len(strokes))])
-        lift = np.linalg.lstsq(flat, mark.lines_mm[: len(strokes)].reshape(-1, 3), rcond=None)[0]
-        scale = float(np.linalg.norm(lift[1]))
+        stroke_points = np.column_stack([strokes.reshape(-1, 2), np.ones(2 * len(strokes))])
+        to_face = np.linalg.lstsq(stroke_points, mark.lines_mm[: len(strokes)].reshape(-1, 3), rcond=None)[0]
+        scale = float(np.linalg.norm(to_face[1]))
         half_width = round(max(0.3, (depth_mm - READ_DEPTH_MM) / scale), 3)
         for n in range(len(code)):
             middle = np.array([ADVANCE * n + GRID_WIDTH / 2.0 - text_width(code) / 2.0, 0.0])
-            points_mm = np.column_stack([_LETTER_GRID + middle, np.ones(len(_LETTER_GRID))]) @ lift
+            points_mm = np.column_stack([_LETTER_GRID + middle, np.ones(len(_LETTER_GRID))]) @ to_face
             is_missing = ~self.is_printed(points_mm + READ_DEPTH_MM * mark.grooves[0].into)
             yield max(_READABLE, key=lambda letter: _correlate_letters(letter, half_width, is_missing))
 
@@ -112,7 +114,7 @@ def measure_depth_mm(mark: Mark) -> float:
     return float((mark.grooves[0].points_mm @ mark.grooves[0].into).max() - mark.grooves[0].face_mm)
 
 
-def slice_printed(part: Part, solid: Solid, folder: Path) -> PrintedPart:
+def slice_part(part: Part, solid: Solid, folder: Path) -> SlicedPart:
     """Slice a part in its pose, with the settings of quality `glue`, in the middle of an endless bed."""
     resources = find_resources()
     request = SettingsRequest(build_slicing_printer(BEDS[PRINTER]))
@@ -141,7 +143,7 @@ def slice_printed(part: Part, solid: Solid, folder: Path) -> PrintedPart:
     to_print[:3, :3] = scale[:, None] * part.to_model[:3, :3].T
     to_print[:3, 3] = shift - to_print[:3, :3] @ part.to_model[:3, 3]
     walls = Walls.from_toolpath(path, layout, (centre[0], centre[1]), settings.filament_mm2)
-    return PrintedPart(path, walls, layout, to_print, result.sliced_s)
+    return SlicedPart(path, walls, layout, to_print, result.sliced_s)
 
 
 _READABLE = [letter for letter in LETTERS if letter not in ".^"]

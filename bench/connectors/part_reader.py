@@ -28,7 +28,7 @@ BOTTOM_RISE_MM = 0.03  # half of the difference in height along the bottom of a 
 STROKE_TOLERANCE_MM = 0.12  # distance from a stroke to points at the bottom of its groove
 CLEARANCE_SHARE = 0.3  # free margin around a code, as a share of the height of letters
 RIM_RAYS = 8  # number of points on the rim of a pin at which the depth is measured
-GROOVE_WIDTH_MM, GROOVE_SLACK_MM = 2.0, 0.1  # least width of the groove of a key, error of its depth
+GROOVE_WIDTH_MM, GROOVE_TOLERANCE_MM = 2.0, 0.1  # least width of the groove of a key, error of its depth
 MIN_HOLE_DEPTH_MM = 1.0  # grooves of codes are less deep
 
 
@@ -156,7 +156,7 @@ def _read_grooves(
         if width_mm < GROOVE_WIDTH_MM:
             continue
         at_mm = box[:4].mean(axis=0) @ axes + offset_mm * normal
-        if abs(_measure_distance_to_wall_mm(corners, at_mm, -normal) - width_mm / 2.0) < GROOVE_SLACK_MM:
+        if abs(_measure_distance_to_wall_mm(corners, at_mm, -normal) - width_mm / 2.0) < GROOVE_TOLERANCE_MM:
             yield Hole(at_mm, (length_mm - width_mm / np.sqrt(2.0)) / 2.0, is_groove=True)
 
 
@@ -188,36 +188,37 @@ def _read_codes(
     depths_mm = offset_mm - vertices @ normal
     is_inside = shapely.contains_xy(shapely.convex_hull(outline), vertices @ axes.T)
     for height_mm, groove_mm in SIZES_MM:
-        bottom = np.unique(
+        bottom_points = np.unique(
             (vertices @ axes.T)[
                 is_inside & (np.abs(depths_mm - groove_mm + BOTTOM_RISE_MM) < BOTTOM_RISE_MM + 0.02)
             ],
             axis=0,
         )
-        arrows = [(frame, middle) for frame, middle in _find_text("^", height_mm, bottom)]
-        on_arrow = np.zeros(len(bottom), dtype=np.bool_)
+        arrows = [(frame, middle) for frame, middle in _find_text("^", height_mm, bottom_points)]
+        on_arrow = np.zeros(len(bottom_points), dtype=np.bool_)
         for frame, middle in arrows:
             on_arrow |= (
-                _measure_distances_mm(bottom, _draw_text("^", height_mm) @ frame + middle)
+                _measure_distances_mm(bottom_points, _draw_text("^", height_mm) @ frame + middle)
                 < STROKE_TOLERANCE_MM
             )
-        letters = bottom[~on_arrow]
+        letter_points = bottom_points[~on_arrow]
         for text in texts:
-            for frame, middle in _find_text(text, height_mm, letters):
+            for frame, middle in _find_text(text, height_mm, letter_points):
                 strokes = _draw_text(text, height_mm)
-                local = (letters - middle) @ frame.T
-                half = (
+                local_mm = (letter_points - middle) @ frame.T
+                half_size_mm = (
                     np.array([text_width(text), GRID_HEIGHT]) * height_mm / GRID_HEIGHT / 2.0
                     + CLEARANCE_SHARE * height_mm
                 )
-                is_near = (np.abs(local) < half).all(axis=1)
-                if (_measure_distances_mm(local[is_near], strokes) > STROKE_TOLERANCE_MM).any():
+                is_near = (np.abs(local_mm) < half_size_mm).all(axis=1)
+                if (_measure_distances_mm(local_mm[is_near], strokes) > STROKE_TOLERANCE_MM).any():
                     continue  # part of a longer code
                 arrow_pose = _find_nearest(arrows, middle)
-                is_own = (
-                    arrow_pose is not None and np.linalg.norm(arrow_pose[1] - middle) < half[0] + height_mm
+                is_own_arrow = (
+                    arrow_pose is not None
+                    and np.linalg.norm(arrow_pose[1] - middle) < half_size_mm[0] + height_mm
                 )
-                codes[text] = arrow_pose[0][1] @ axes if arrow_pose is not None and is_own else None
+                codes[text] = arrow_pose[0][1] @ axes if arrow_pose is not None and is_own_arrow else None
     return codes
 
 
@@ -227,19 +228,19 @@ def _find_text(text: str, height_mm: float, points: Floats) -> Iterator[tuple[Fl
     ends = np.unique(np.round(strokes.reshape(-1, 2), 6), axis=0)
     if len(points) < len(ends):
         return
-    distances_mm = np.linalg.norm(ends[:, None] - ends[None], axis=2)
-    i, j = np.unravel_index(int(distances_mm.argmax()), distances_mm.shape)
+    end_distances_mm = np.linalg.norm(ends[:, None] - ends[None], axis=2)
+    i, j = np.unravel_index(int(end_distances_mm.argmax()), end_distances_mm.shape)
     middles: list[Floats] = []
-    distances = np.linalg.norm(points[:, None] - points[None], axis=2)
-    for a, b in np.argwhere(np.abs(distances - distances_mm[i, j]) < STROKE_TOLERANCE_MM):
+    point_distances_mm = np.linalg.norm(points[:, None] - points[None], axis=2)
+    for a, b in np.argwhere(np.abs(point_distances_mm - end_distances_mm[i, j]) < STROKE_TOLERANCE_MM):
         text_direction, point_direction = ends[j] - ends[i], points[b] - points[a]
         turn_rad = np.arctan2(point_direction[1], point_direction[0]) - np.arctan2(
             text_direction[1], text_direction[0]
         )
         frame = np.array([[np.cos(turn_rad), np.sin(turn_rad)], [-np.sin(turn_rad), np.cos(turn_rad)]])
         middle = points[a] - ends[i] @ frame
-        gaps = np.linalg.norm((ends @ frame + middle)[:, None] - points[None], axis=2).min(axis=1)
-        if gaps.max() < STROKE_TOLERANCE_MM and all(
+        gaps_mm = np.linalg.norm((ends @ frame + middle)[:, None] - points[None], axis=2).min(axis=1)
+        if gaps_mm.max() < STROKE_TOLERANCE_MM and all(
             np.linalg.norm(middle - other_middle) > 1.0 for other_middle in middles
         ):
             middles.append(middle)

@@ -36,7 +36,7 @@ from farm.state.storage import Store
 MODEL = "ultimaker2_plus"
 REPEATS = 5
 MAX_TICKS = 200
-TURNS = 40
+PLATE_CHANGES = 40
 
 
 class Effects:
@@ -62,17 +62,17 @@ class Effects:
             controller.on_plan(self.plans.pop(), FarmError("no better plan"))
 
 
-def make_report(printer: str, attempt: Print | None = None, progress_s: float = 0.0) -> AgentSnapshot:
+def make_snapshot(printer: str, attempt: Print | None = None, progress_s: float = 0.0) -> AgentSnapshot:
     """Make the report of a printer that is ready, or prints."""
-    report = None
+    agent_print = None
     if attempt is not None:
-        report = AgentPrint(
+        agent_print = AgentPrint(
             print_id=attempt.id, state=PrintState.PRINTING, fault=None, reason=None, progress_s=progress_s,
             print_time_s=9000.0, extruded=True, started_s=attempt.assigned_s, ended_s=None,
         )  # fmt: skip
     return AgentSnapshot(
         printer=printer, link=Link.READY, agent_pid=9, filament=FilamentState.PARKED, bed_clear=True,
-        print=report,
+        print=agent_print,
     )  # fmt: skip
 
 
@@ -107,7 +107,7 @@ def measure(printers: int, plates: int) -> dict[str, float]:
 def _measure_controller(
     controller: Controller, effects: Effects, state: StateFolder, names: list[str]
 ) -> dict[str, float]:
-    connect_s = measure_calls(lambda name=name: controller.on_snapshot(make_report(name)) for name in names)  # type: ignore[misc]
+    connect_s = measure_calls(lambda name=name: controller.on_snapshot(make_snapshot(name)) for name in names)  # type: ignore[misc]
     tick_s: list[float] = []
     while len(list(controller.books.open_prints())) < len(names) and len(tick_s) < MAX_TICKS:
         tick_s += measure_calls([controller.tick])
@@ -116,16 +116,18 @@ def _measure_controller(
 
     def report_all(progress_s: float) -> list[float]:
         return measure_calls(
-            lambda attempt=attempt: controller.on_snapshot(make_report(attempt.printer, attempt, progress_s))  # type: ignore[misc]
+            lambda attempt=attempt: controller.on_snapshot(
+                make_snapshot(attempt.printer, attempt, progress_s)
+            )  # type: ignore[misc]
             for attempt in prints
         )
 
     event_s, report_s = report_all(0.0), report_all(1.0)
-    cleared_s = [_measure_cleared(controller, effects, attempt) for attempt in prints[:TURNS]]
+    cleared_s = [_measure_cleared(controller, effects, attempt) for attempt in prints[:PLATE_CHANGES]]
     controller.tick()
     services: Any = Services(controller, state, state.root / "fleet.yaml", None, None)  # type: ignore[arg-type]
     schedule_s = measure_calls([controller.handle] * REPEATS)
-    quiet_s = measure_calls([controller.tick] * REPEATS)
+    tick_times_s = measure_calls([controller.tick] * REPEATS)
     summary_s = measure_calls([lambda: summarise_farm(services).model_dump_json()] * REPEATS)
     status_s = measure_calls([lambda: describe_farm(services).model_dump_json()] * REPEATS)
     return {
@@ -136,7 +138,7 @@ def _measure_controller(
         "report_ms": 1000 * statistics.median(report_s),
         "cleared_ms": 1000 * statistics.median(cleared_s),
         "schedule_ms": 1000 * statistics.median(schedule_s),
-        "tick_ms": 1000 * statistics.median(quiet_s),
+        "tick_ms": 1000 * statistics.median(tick_times_s),
         "status_ms": 1000 * statistics.median(summary_s),
         "first_status_ms": 1000 * summary_s[0],
         "status_json_ms": 1000 * statistics.median(status_s),
@@ -145,14 +147,16 @@ def _measure_controller(
 
 def _measure_cleared(controller: Controller, effects: Effects, attempt: Print) -> float:
     """End a print, and clear its bed; return the CPU seconds in which the next plate starts."""
-    clear = make_report(attempt.printer)
-    report = make_report(attempt.printer, attempt)
-    assert report.print is not None
-    done = report.print.model_copy(update={"state": PrintState.DONE, "ended_s": controller.clock.now()})
-    controller.on_snapshot(report.model_copy(update={"bed_clear": False, "print": done}))
-    controller.on_snapshot(clear.model_copy(update={"bed_clear": False}))
+    ready_snapshot = make_snapshot(attempt.printer)
+    printing_snapshot = make_snapshot(attempt.printer, attempt)
+    assert printing_snapshot.print is not None
+    done_print = printing_snapshot.print.model_copy(
+        update={"state": PrintState.DONE, "ended_s": controller.clock.now()}
+    )
+    controller.on_snapshot(printing_snapshot.model_copy(update={"bed_clear": False, "print": done_print}))
+    controller.on_snapshot(ready_snapshot.model_copy(update={"bed_clear": False}))
     controller.tick()
-    controller.on_snapshot(clear)
+    controller.on_snapshot(ready_snapshot)
     event = ev.BedCleared(at_s=controller.clock.now(), printer=attempt.printer, by="ann")
     (seconds,) = measure_calls([lambda: controller.handle(event)])
     effects.refuse_plans(controller)

@@ -16,13 +16,13 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
-from bench.fleets.measured_daemon import MEASURES
+from bench.fleets.measured_daemon import MEASUREMENTS_FILE
 from farm.cli.client import Client
 from farm.cli.client.connections import SocketConnection
 from farm.errors import FarmError
 
-_END_S = 60.0
-_SILENCE_S = 60.0
+_STOP_TIMEOUT_S = 60.0
+_READ_TIMEOUT_S = 60.0
 
 
 class Daemon:
@@ -49,17 +49,17 @@ class Daemon:
         self.socket = folder / "farm.sock"
         self.client = Client(self.socket)
 
-    def cpu_s(self) -> float:
+    def read_cpu_s(self) -> float:
         """Return the CPU seconds of all threads of the daemon."""
         return time.clock_gettime((~self._process.pid << 3) | 2)
 
-    def memory_mb(self) -> float:
+    def read_memory_mb(self) -> float:
         """Return the resident memory of the daemon in MB, without that of its workers."""
         status = Path(f"/proc/{self._process.pid}/status").read_text()
         (line,) = (line for line in status.splitlines() if line.startswith("VmRSS"))
         return int(line.split()[1]) / 1024
 
-    def answers(self) -> bool:
+    def is_answering(self) -> bool:
         """Check whether the daemon answers."""
         try:
             self.client.names()
@@ -69,12 +69,12 @@ class Daemon:
             return False
         return True
 
-    def end(self) -> dict[str, list[float]]:
-        """End the daemon without ending prints; return its own measurements."""
+    def stop(self) -> dict[str, list[float]]:
+        """Stop the daemon without ending prints; return its own measurements."""
         self._process.send_signal(signal.SIGTERM)
-        self._process.wait(_END_S)
-        measures: dict[str, list[float]] = json.loads((self._folder / MEASURES).read_text())
-        return measures
+        self._process.wait(_STOP_TIMEOUT_S)
+        measurements: dict[str, list[float]] = json.loads((self._folder / MEASUREMENTS_FILE).read_text())
+        return measurements
 
     def kill(self) -> None:
         """Kill the daemon in any state."""
@@ -93,24 +93,24 @@ class ReceivedEvent:
 
 @dataclass
 class EventFollower:
-    """Follower of `/events` in its own thread."""
+    """Follower of `/events` in its own thread, with all events received."""
 
     socket: Path
-    seen: list[ReceivedEvent] = field(default_factory=list)
+    events: list[ReceivedEvent] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         threading.Thread(target=self._follow, daemon=True).start()
 
     def count(self, kind: str, since_s: float) -> int:
         """Count the events of a kind since a time."""
-        return sum(event.fields["kind"] == kind and event.at_s >= since_s for event in self.seen)
+        return sum(event.fields["kind"] == kind and event.at_s >= since_s for event in self.events)
 
     def find(self, kind: str, printer: str, since_s: float) -> ReceivedEvent | None:
         """Find the first event of a kind on a printer since a time."""
         return next(
             (
                 event
-                for event in list(self.seen)
+                for event in list(self.events)
                 if event.at_s >= since_s
                 and event.fields["kind"] == kind
                 and event.fields["printer"] == printer
@@ -119,13 +119,13 @@ class EventFollower:
         )
 
     def _follow(self) -> None:
-        connection = SocketConnection(self.socket, 1.0, _SILENCE_S)
+        connection = SocketConnection(self.socket, 1.0, _READ_TIMEOUT_S)
         with suppress(OSError, HTTPException):
             connection.request("GET", "/events")
             answer = connection.getresponse()
             while line := answer.readline():
                 if line.startswith(b"data: "):
-                    self.seen.append(ReceivedEvent(time.monotonic(), json.loads(line[6:])))
+                    self.events.append(ReceivedEvent(time.monotonic(), json.loads(line[6:])))
 
 
 class NoticeReceiver:

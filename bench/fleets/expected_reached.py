@@ -23,13 +23,13 @@ FARM = Path(sys.executable).with_name("farm")
 MODEL = "ultimaker2_plus"
 LENGTH_MM, WIDTH_MM, HEIGHT_MM = 40.0, 18.0, 12.0  # about half an hour for each printer
 MAX_STARVED_SHARE = 0.01  # share of the time in which emulators waited
-PATIENCE_S = 3600.0
+TIMEOUT_S = 3600.0
 
 
 def run_farm(state: Path, *arguments: str) -> str:
     """Run a farm command on the state folder."""
     command = [str(FARM), *arguments, "--state", str(state)]
-    process = subprocess.run(command, check=False, capture_output=True, text=True, timeout=PATIENCE_S)
+    process = subprocess.run(command, check=False, capture_output=True, text=True, timeout=TIMEOUT_S)
     if process.returncode:
         sys.exit(f"farm {arguments[0]}: {process.stderr.strip()}")
     return process.stdout

@@ -14,7 +14,7 @@ from farm import api
 
 ONE, HALF, REST = "one", "half", "rest"
 LOSS, DELAY_S = 0.05, 0.3
-_PATIENCE_S = 180.0
+_TIMEOUT_S = 180.0
 _POLL_S = 2.0
 _NOTICE_S = 20.0  # time in which every notice is sent: they wait for 10 s, as further losses may join them
 
@@ -39,10 +39,10 @@ class PrintingFleet:
 
     def wait(self, condition: Callable[[], bool], name: str) -> float:
         """Serve the agents until a condition holds; return the seconds. Raises RuntimeError."""
-        begun_s = time.monotonic()
-        if not self.agents.serve(_PATIENCE_S, limit_polls(condition)):
-            raise RuntimeError(f"waited {_PATIENCE_S:.0f} s for {name}")
-        return time.monotonic() - begun_s
+        start_s = time.monotonic()
+        if not self.agents.serve(_TIMEOUT_S, limit_polls(condition)):
+            raise RuntimeError(f"waited {_TIMEOUT_S:.0f} s for {name}")
+        return time.monotonic() - start_s
 
     def count_unknown(self) -> int:
         """Count the printers in an unknown state."""
@@ -61,9 +61,9 @@ def limit_polls(condition: Callable[[], bool]) -> Callable[[], bool]:
         nonlocal polled_s
         if time.monotonic() - polled_s < _POLL_S:
             return False
-        holds = condition()
+        is_true = condition()
         polled_s = time.monotonic()
-        return holds
+        return is_true
 
     return poll
 
@@ -78,41 +78,41 @@ def measure_loss(fleet: PrintingFleet, groups: list[str]) -> dict[str, Any]:
         tasks and lines of notices, with their texts; prints that ended meanwhile; the daemon's share of a
         core.
     """
-    hosts = sum(len(fleet.names[name]) for name in groups)
+    host_count = sum(len(fleet.names[name]) for name in groups)
     fleet.agents.serve(_NOTICE_S)  # notices on prints and jobs that have ended are sent first
-    printing_count, notice_count, begun_s = (
-        len(fleet.agents.printing),
+    printing_count, notice_count, start_s = (
+        len(fleet.agents.printing_names),
         len(fleet.notices.lines),
         time.monotonic(),
     )
-    cpu_s = fleet.daemon.cpu_s()
-    fleet.groups.lose(*groups)
+    start_cpu_s = fleet.daemon.read_cpu_s()
+    fleet.groups.disconnect(*groups)
     loss_task_s = fleet.wait(
-        lambda: fleet.follower.count("HostLost", begun_s) >= hosts, "the loss to be noticed"
+        lambda: fleet.follower.count("HostLost", start_s) >= host_count, "the loss to be noticed"
     )
     fleet.agents.serve(_NOTICE_S)
     status = fleet.daemon.client.status()
     tasks = [todo for todo in status.todo if todo.code == "host"]
-    unknown = sum(printer.state == "unknown" for printer in status.printers)
-    share = (fleet.daemon.cpu_s() - cpu_s) / (time.monotonic() - begun_s)
+    unknown_count = sum(printer.state == "unknown" for printer in status.printers)
+    cpu_share = (fleet.daemon.read_cpu_s() - start_cpu_s) / (time.monotonic() - start_s)
     lines = fleet.notices.lines[notice_count:]
-    fleet.groups.mend(*groups)
+    fleet.groups.reconnect(*groups)
     reconnected_s = fleet.wait(lambda: fleet.count_lost() == 0 and fleet.count_unknown() == 0, "the hosts")
     return {
-        "hosts": hosts,
-        "printers": unknown,
+        "hosts": host_count,
+        "printers": unknown_count,
         "loss_task_s": loss_task_s,
-        "events": fleet.follower.count("HostLost", begun_s),
+        "events": fleet.follower.count("HostLost", start_s),
         "tasks": len(tasks),
         "notices": len(lines),
         "notice_texts": lines,
-        "prints_ended": printing_count - len(fleet.agents.printing),
-        "cpu_share": share,
+        "prints_ended": printing_count - len(fleet.agents.printing_names),
+        "cpu_share": cpu_share,
         "reconnected_s": reconnected_s,
     }
 
 
-def measure_poor_network(fleet: PrintingFleet, seconds: float, turns: int) -> dict[str, float]:
+def measure_poor_network(fleet: PrintingFleet, seconds: float, plate_changes: int) -> dict[str, float]:
     """Lose and delay packets between the daemon and all hosts, and connect anew on such a network.
 
     Returns
@@ -121,41 +121,41 @@ def measure_poor_network(fleet: PrintingFleet, seconds: float, turns: int) -> di
         Hosts lost, the daemon's share of a core, the delay of an event, and the seconds in which all hosts
         connect.
     """
-    fleet.groups.slow_down(LOSS, DELAY_S)
-    began_s, cpu_s = time.monotonic(), fleet.daemon.cpu_s()
+    fleet.groups.disturb(LOSS, DELAY_S)
+    start_s, start_cpu_s = time.monotonic(), fleet.daemon.read_cpu_s()
     fleet.agents.serve(seconds)
-    share = (fleet.daemon.cpu_s() - cpu_s) / (time.monotonic() - began_s)
-    delays_s = measure_event_delays(fleet, turns)
-    lost = fleet.follower.count("HostLost", began_s)
+    cpu_share = (fleet.daemon.read_cpu_s() - start_cpu_s) / (time.monotonic() - start_s)
+    delays_s = measure_event_delays(fleet, plate_changes)
+    lost_count = fleet.follower.count("HostLost", start_s)
     fleet.groups.break_connections()
     connect_s = fleet.wait(lambda: fleet.count_lost() == 0 and fleet.count_unknown() == 0, "the hosts")
-    fleet.groups.slow_down(0.0, 0.0)
+    fleet.groups.disturb(0.0, 0.0)
     return {
         "loss": LOSS,
         "delay_s": DELAY_S,
-        "hosts_lost": lost,
-        "cpu_share": share,
+        "hosts_lost": lost_count,
+        "cpu_share": cpu_share,
         "event_delay_median_s": sorted(delays_s)[len(delays_s) // 2],
         "event_delay_max_s": max(delays_s),
         "connect_s": connect_s,
     }
 
 
-def measure_event_delays(fleet: PrintingFleet, turns: int) -> list[float]:
+def measure_event_delays(fleet: PrintingFleet, plate_changes: int) -> list[float]:
     """End prints one after another, and start the next; return the seconds until each end is on `/events`."""
     delays_s = []
-    for name in fleet.agents.printing[:turns]:
+    for name in fleet.agents.printing_names[:plate_changes]:
         since_s = time.monotonic()
-        fleet.agents.end(name)
+        fleet.agents.end_print(name)
 
         def is_known(name: str = name, since_s: float = since_s) -> bool:
             return fleet.follower.find("PrintEnded", name, since_s) is not None
 
-        if not fleet.agents.serve(_PATIENCE_S, is_known):
-            raise RuntimeError(f"waited {_PATIENCE_S:.0f} s for the end of the print on {name}")
-        seen = fleet.follower.find("PrintEnded", name, since_s)
-        assert seen is not None
-        delays_s.append(seen.at_s - since_s)
-        fleet.agents.serve(_PATIENCE_S, lambda name=name: fleet.agents.is_forgotten(name))  # type: ignore[misc]
+        if not fleet.agents.serve(_TIMEOUT_S, is_known):
+            raise RuntimeError(f"waited {_TIMEOUT_S:.0f} s for the end of the print on {name}")
+        event = fleet.follower.find("PrintEnded", name, since_s)
+        assert event is not None
+        delays_s.append(event.at_s - since_s)
+        fleet.agents.serve(_TIMEOUT_S, lambda name=name: fleet.agents.is_forgotten(name))  # type: ignore[misc]
         fleet.daemon.client.cleared(name, api.ClearedRequest())
     return delays_s

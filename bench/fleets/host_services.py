@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 FARM = "scale"
 _SSH_PIPE = Path(__file__).with_name("ssh_pipe.py")
 _SUPPORT = Path(__file__).parents[2] / "tests/support"
-_BYTES = 65536
+_BUFFER_BYTES = 65536
 
 
 def make_paths(folder: Path, host: str) -> HostPaths:
@@ -71,28 +71,28 @@ class HostGroups:
         """Check whether packets can be lost and delayed."""
         return self._network is not None
 
-    def lose(self, *groups: str) -> None:
-        """Drop all bytes to and from these groups, as if their cable was cut or their computers hung."""
-        self._set_lost(groups, True)
+    def disconnect(self, *groups: str) -> None:
+        """Drop all bytes to and from these groups, as if a cable was cut or the computers hung."""
+        self._set_connected(groups, False)
 
-    def mend(self, *groups: str) -> None:
+    def reconnect(self, *groups: str) -> None:
         """Pass bytes again."""
-        self._set_lost(groups, False)
+        self._set_connected(groups, True)
 
-    def _set_lost(self, groups: Sequence[str], lost: bool) -> None:
+    def _set_connected(self, groups: Sequence[str], connected: bool) -> None:
         if self._network is not None:
-            self._network.disturb(*groups, cut=lost)
+            self._network.disturb(*groups, cut=not connected)
             return
         for name in groups:
-            self._processes[name].send_signal(signal.SIGSTOP if lost else signal.SIGCONT)
+            self._processes[name].send_signal(signal.SIGCONT if connected else signal.SIGSTOP)
 
-    def slow_down(self, loss: float, delay_s: float) -> None:
+    def disturb(self, loss: float, delay_s: float) -> None:
         """Lose this share of all packets, and delay the others in each direction."""
         assert self._network is not None
         self._network.disturb(*self._processes, loss=loss, delay_s=delay_s)
 
     def break_connections(self) -> None:
-        """Kill the stand-ins for ssh."""
+        """Kill the processes that stand for ssh."""
         pids = self._pids.read_text().split()
         self._pids.unlink()
         for pid in pids:
@@ -110,20 +110,20 @@ class HostGroups:
 
 def find_network_obstacle() -> str | None:
     """Return the reason why this computer cannot have a network that loses packets, or None."""
-    _find_support()
+    _add_support_path()
     from hosts.virtual_network import find_obstacle
 
     return find_obstacle()
 
 
 def _open_network(names: Iterable[str]) -> Network:
-    _find_support()
+    _add_support_path()
     from hosts.virtual_network import Network
 
     return Network(list(names))
 
 
-def _find_support() -> None:
+def _add_support_path() -> None:
     """Make the support modules of the tests importable."""
     if str(_SUPPORT) not in sys.path:
         sys.path.append(str(_SUPPORT))
@@ -137,15 +137,15 @@ async def _serve(folder: Path, address: str, hosts: Sequence[str]) -> None:
         paths.create_folder()
         services.append(asyncio.create_task(HostService(paths).run()))
 
-        async def carry(
+        async def forward(
             reader: asyncio.StreamReader, writer: asyncio.StreamWriter, paths: HostPaths = paths
         ) -> None:
             with suppress(OSError):
                 with paths.open_socket_path() as path:
                     inner_reader, inner_writer = await asyncio.open_unix_connection(path)
                 copies = [
-                    asyncio.create_task(_copy(reader, inner_writer)),
-                    asyncio.create_task(_copy(inner_reader, writer)),
+                    asyncio.create_task(_copy_stream(reader, inner_writer)),
+                    asyncio.create_task(_copy_stream(inner_reader, writer)),
                 ]
                 await asyncio.wait(copies, return_when=asyncio.FIRST_COMPLETED)
                 for copy in copies:
@@ -153,7 +153,7 @@ async def _serve(folder: Path, address: str, hosts: Sequence[str]) -> None:
                 inner_writer.close()
             writer.close()
 
-        server = await asyncio.start_server(carry, address, 0)
+        server = await asyncio.start_server(forward, address, 0)
         addresses[host] = server.sockets[0].getsockname()
     sys.stdout.write(json.dumps(addresses) + "\n")
     sys.stdout.flush()
@@ -163,9 +163,9 @@ async def _serve(folder: Path, address: str, hosts: Sequence[str]) -> None:
     await asyncio.gather(*services, return_exceptions=True)
 
 
-async def _copy(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+async def _copy_stream(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
     with suppress(OSError):
-        while data := await reader.read(_BYTES):
+        while data := await reader.read(_BUFFER_BYTES):
             writer.write(data)
             await writer.drain()
 

@@ -27,15 +27,15 @@ from farm.state.books import list_changed_entities
 from farm.state.storage import Store
 from farm.state.transitions import apply
 
-MEASURES = "measures.json"
-PLATES_OF_A_JOB = 20
+MEASUREMENTS_FILE = "measures.json"
+PLATES_PER_JOB = 20
 
 
 def fill_books(path: Path, printers: list[str], plates: int) -> None:
-    """Write books of planned jobs with this number of plates: some for tall printers, some with a limit."""
+    """Write books of planned jobs with this number of plates; every tenth job is limited to four printers."""
     rng, store, books = random.Random(1), Store(path), Books()
-    for number in range(1, -(-plates // PLATES_OF_A_JOB) + 1):
-        count = min(PLATES_OF_A_JOB, plates - (number - 1) * PLATES_OF_A_JOB)
+    for number in range(1, -(-plates // PLATES_PER_JOB) + 1):
+        plate_count = min(PLATES_PER_JOB, plates - (number - 1) * PLATES_PER_JOB)
         options = JobOptions(printers=4 if number % 10 == 0 else None)
         job = Job(
             id=number, request_id=f"request-{number}", name="bunny.stl", model_file="m.npz", options=options,
@@ -44,7 +44,7 @@ def fill_books(path: Path, printers: list[str], plates: int) -> None:
         for event in (
             ev.JobSubmitted(at_s=float(number), job=job),
             ev.PlanningStarted(at_s=float(number), job=number),
-            make_planned_event(number, count, printers, rng, options.printers),
+            make_planned_event(number, plate_count, printers, rng, options.printers),
         ):
             new_books, _ = apply(event, books)
             store.commit(event, books, new_books)
@@ -53,31 +53,31 @@ def fill_books(path: Path, printers: list[str], plates: int) -> None:
 
 
 def make_planned_event(
-    number: int, count: int, printers: list[str], rng: random.Random, limit: int | None = None
+    job: int, plate_count: int, printers: list[str], rng: random.Random, max_printers: int | None = None
 ) -> ev.JobPlanned:
     """Make the plan of one job, which may use a limited number of printers."""
     parts, plates = [], []
-    for plate_number in range(1, count + 1):
+    for plate_number in range(1, plate_count + 1):
         sliced_s, top = rng.uniform(3600.0, 36000.0), (40.0, 40.0, rng.uniform(50.0, 190.0))
         geometry = PartGeometry(to_model=(1.0,) * 16, min_mm=(-40.0, -40.0, 0.0), max_mm=top, volume_mm3=1e5)
-        name, part = f"{number}/{plate_number:02d}", f"{number}/p{plate_number:02d}"
-        parts.append(Part(id=part, job=number, plate=name, file="p.stl", geometry=geometry))
+        name, part = f"{job}/{plate_number:02d}", f"{job}/p{plate_number:02d}"
+        parts.append(Part(id=part, job=job, plate=name, file="p.stl", geometry=geometry))
         plates.append(
             Plate(
-                id=name, job=number, parts=(part,), gcode="g.gcode", sha256="0" * 64, sliced_s=sliced_s,
+                id=name, job=job, parts=(part,), gcode="g.gcode", sha256="0" * 64, sliced_s=sliced_s,
                 expected_s=sliced_s + 300.0, grams=90.0, filament_mm=11000.0, layers=500,
                 min_mm=(-40.0, -40.0, 0.2), max_mm=top, material="generic_pla", nozzle_mm=0.4,
                 family=PROFILES["ultimaker2_plus"].family, printer=printers[rng.randrange(len(printers))],
             )
         )  # fmt: skip
     return ev.JobPlanned(
-        at_s=float(number), job=number, parts=tuple(parts), plates=tuple(plates), repairs=(), scale=1.0,
+        at_s=float(job), job=job, parts=tuple(parts), plates=tuple(plates), repairs=(), scale=1.0,
         serial_s=9e5, expected_s=36000.0, picture=None,
-        printers=tuple(sorted({plate.printer for plate in plates}))[:limit],
+        printers=tuple(sorted({plate.printer for plate in plates}))[:max_printers],
     )  # fmt: skip
 
 
-class Measures:
+class Measurements:
     """CPU seconds of events, reports and timers; bytes of commits.
 
     `start_bytes` is the size of the largest commit of each event that starts a print; `snapshot_at_s` has the
@@ -146,13 +146,13 @@ class Measures:
 def main() -> None:
     folder = Path(sys.argv[1])
     signal.signal(signal.SIGTERM, signal.SIG_IGN)  # its server ends at this signal, then raises it again
-    measures = Measures()
-    Store.commit = measures.count_bytes(Store.commit)  # type: ignore[method-assign]
+    measurements = Measurements()
+    Store.commit = measurements.count_bytes(Store.commit)  # type: ignore[method-assign]
     for name in ("handle", "on_refusal", "on_plan"):
-        setattr(Controller, name, measures.measure_time(getattr(Controller, name), []))
-    on_snapshot = measures.measure_time(Controller.on_snapshot, measures.report_s)
-    Controller.on_snapshot = measures.record_times(on_snapshot)  # type: ignore[method-assign]
-    Daemon._schedule = measures.measure_time(Daemon._schedule, measures.timer_s)  # type: ignore[method-assign]
+        setattr(Controller, name, measurements.measure_time(getattr(Controller, name), []))
+    on_snapshot = measurements.measure_time(Controller.on_snapshot, measurements.report_s)
+    Controller.on_snapshot = measurements.record_times(on_snapshot)  # type: ignore[method-assign]
+    Daemon._schedule = measurements.measure_time(Daemon._schedule, measurements.timer_s)  # type: ignore[method-assign]
     paths = FarmPaths(StateFolder(folder), folder / "farm.sock", folder / "fleet.yaml")
     fleet = load_fleet(paths.fleet, frozenset(PROFILES))
     profile = cProfile.Profile(time.thread_time) if len(sys.argv) > 2 else None
@@ -164,8 +164,8 @@ def main() -> None:
     finally:
         if profile is not None:
             profile.dump_stats(sys.argv[2])
-        lists = {name: value for name, value in vars(measures).items() if isinstance(value, list)}
-        (folder / MEASURES).write_text(json.dumps(lists))
+        lists = {name: value for name, value in vars(measurements).items() if isinstance(value, list)}
+        (folder / MEASUREMENTS_FILE).write_text(json.dumps(lists))
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from drivers.locks import AGENT_LOCK, acquire_lock
 
 MODEL = "ultimaker2_plus"
 PORT = f"sim://{MODEL}"
-_IDLE_TURNS = 5  # an idle agent reports in every fifth round
+_IDLE_REPORT_ROUNDS = 5  # an idle agent reports in every fifth round
 
 
 @dataclass(slots=True)
@@ -93,7 +93,7 @@ class ProtocolAgents:
             agent.server = Server(folder, self._selector, agent.answer, agent.snapshot)
 
     @property
-    def printing(self) -> list[str]:
+    def printing_names(self) -> list[str]:
         """Printers with an open print."""
         return [n for n, a in self._agents.items() if a.print is not None and not a.print.phase.ended]
 
@@ -101,29 +101,29 @@ class ProtocolAgents:
         """Check whether the daemon has recorded the end of a print."""
         return self._agents[name].print is None
 
-    def begin(self) -> None:
+    def advance_heating(self) -> None:
         """Advance every heating print to its first layer, and report it."""
         for agent in self._agents.values():
             if agent.print is not None and agent.print.phase is m.PrintPhase.HEATING:
                 agent.server.push(agent.snapshot())
-                self._change(agent, phase=m.PrintPhase.PRINTING, extruded=True, layer=1)
+                self._update_print(agent, phase=m.PrintPhase.PRINTING, extruded=True, layer=1)
 
-    def end(self, name: str) -> None:
+    def end_print(self, name: str) -> None:
         """End a print as done."""
         agent = self._agents[name]
         agent.bed_clear = False
-        self._change(agent, phase=m.PrintPhase.DONE, ended_s=self._clock.now())
+        self._update_print(agent, phase=m.PrintPhase.DONE, ended_s=self._clock.now())
 
     def report_temperatures(self, name: str) -> None:
         """Send one report with new temperatures and progress."""
         agent = self._agents[name]
         agent.nozzle_c = 209.0 + time.monotonic() % 2.0
         if agent.print is not None and not agent.print.phase.ended:
-            self._change(agent, progress_s=agent.print.progress_s + 1.0)
+            self._update_print(agent, progress_s=agent.print.progress_s + 1.0)
         else:
             agent.server.push(agent.snapshot())
 
-    def _change(self, agent: _Agent, **changes: object) -> None:
+    def _update_print(self, agent: _Agent, **changes: object) -> None:
         assert agent.print is not None
         agent.print = agent.print.model_copy(update=changes)
         agent.server.push(agent.snapshot())
@@ -133,16 +133,16 @@ class ProtocolAgents:
 
         Like real agents, they report every second while they print, and every fifth second otherwise.
         """
-        names, printing_agents = list(self._agents), set(self.printing)
+        names, printing_agents = list(self._agents), set(self.printing_names)
         start_s, report_count = time.monotonic(), 0
-        while (passed_s := time.monotonic() - start_s) < seconds:
+        while (elapsed_s := time.monotonic() - start_s) < seconds:
             if condition():
                 return True
             for key, mask in self._selector.select(0.02):
                 key.data(mask)
-            for number in range(report_count, due_count := int(passed_s * len(names))):
+            for number in range(report_count, due_count := int(elapsed_s * len(names))):
                 round_number, index = divmod(number, len(names))
-                if names[index] in printing_agents or (round_number + index) % _IDLE_TURNS == 0:
+                if names[index] in printing_agents or (round_number + index) % _IDLE_REPORT_ROUNDS == 0:
                     self.report_temperatures(names[index])
             report_count = due_count
         return condition()

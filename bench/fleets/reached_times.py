@@ -51,7 +51,7 @@ def list_rows(books: Books) -> Iterator[Row]:
             (p for p in books.prints.values() if p.printer == name and p.state is PrintState.DONE),
             key=lambda p: p.ended_s or 0.0,
         )
-        factor, ratios, factors_before, by_feature = 1.0, [], [], []
+        factor, ratios, factors_before, feature_factors = 1.0, [], [], []
         timings: list[Timing] = []
         for attempt in ended_prints:
             plate = books.plates[attempt.plate]
@@ -62,8 +62,8 @@ def list_rows(books: Books) -> Iterator[Row]:
                 continue
             ratios.append(reached_s / plate.sliced_s)
             factors_before.append(factor)
-            learned = TimeFactors(factor, fit_feature_factors(timings[-MAX_PRINTS:]))
-            by_feature.append(learned.compute_factor(plate.feature_shares))
+            learned_factors = TimeFactors(factor, fit_feature_factors(timings[-MAX_PRINTS:]))
+            feature_factors.append(learned_factors.compute_factor(plate.feature_shares))
             if plate.feature_shares is not None:
                 timings.append(Timing(plate.feature_shares, ratios[-1]))
             factor = update_time_factor(factor, plate.sliced_s, reached_s, attempt.starved_s)
@@ -76,7 +76,7 @@ def list_rows(books: Books) -> Iterator[Row]:
                 time_factor=factor,
                 error_without=float(np.abs(ratio - 1).mean()),
                 error_with=float(np.abs(ratio / factors - 1).mean()),
-                error_by_feature=float(np.abs(ratio / np.array(by_feature) - 1).mean()),
+                error_by_feature=float(np.abs(ratio / np.array(feature_factors) - 1).mean()),
             )
 
 

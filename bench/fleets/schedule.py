@@ -94,15 +94,15 @@ def main() -> None:
     zone = ZoneInfo("Europe/London")
     hours = Hours((parse_window("mon-fri 08:00-18:00"),), zone)
     attended_rules = StartRules(hours, Hours((), zone), first_layers_attended=False, max_heating=20)
-    free_rules = StartRules(Hours((), zone), Hours((), zone))
+    unrestricted_rules = StartRules(Hours((), zone), Hours((), zone))
     plates = make_queue(options.plates, random.Random(1))
-    busy, idle = make_fleet(options.printers, busy=True), make_fleet(options.printers, busy=False)
-    unlimited_fleet = [replace(printer, grams=None) for printer in idle]
+    busy_fleet, idle_fleet = make_fleet(options.printers, busy=True), make_fleet(options.printers, busy=False)
+    unlimited_fleet = [replace(printer, grams=None) for printer in idle_fleet]
     forecast = forecast_prints(
         Situation(
             PlateQueue.from_plates(replace(plate, job=1) for plate in plates),
             tuple(unlimited_fleet),
-            free_rules,
+            unrestricted_rules,
             NOW_S,
         )
     )
@@ -112,12 +112,12 @@ def main() -> None:
         "plates": options.plates,
         "assign_ms": measure_best_ms(
             lambda: assign_plates(
-                Situation(PlateQueue.from_plates(plates), tuple(busy), attended_rules, NOW_S)
+                Situation(PlateQueue.from_plates(plates), tuple(busy_fleet), attended_rules, NOW_S)
             )
         ),
         "forecast_ms": measure_best_ms(
             lambda: forecast_prints(
-                Situation(PlateQueue.from_plates(plates), tuple(unlimited_fleet), free_rules, NOW_S)
+                Situation(PlateQueue.from_plates(plates), tuple(unlimited_fleet), unrestricted_rules, NOW_S)
             )
         ),
         "over_bound": (forecast.ends_s - NOW_S) / (forecast.lower_bound_s - NOW_S) - 1,

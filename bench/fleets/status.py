@@ -45,11 +45,11 @@ from farm.planning import list_bed_boxes
 from farm.state import Books
 from farm.state.storage import Store
 
-PARTS = 9
+PARTS_PER_JOB = 9
 PRINTING_JOBS = 10  # number of jobs that print, and of jobs that wait for a verdict
 WAITING_JOBS = 20  # jobs without a started plate
 HOUR_S = 3600.0
-BOX = ((-40.0, -40.0, 0.2), (40.0, 40.0, 100.0))
+BOUNDS_MM = ((-40.0, -40.0, 0.2), (40.0, 40.0, 100.0))
 
 
 def make_job(number: int, jobs: int, printers: list[str], now_s: float) -> list[Entity]:
@@ -60,30 +60,32 @@ def make_job(number: int, jobs: int, printers: list[str], now_s: float) -> list[
     is_open = is_printing or is_waiting
     state = JobState.PRINTING if is_open else JobState.DONE if has_verdicts else JobState.PRINTED
     start_s = now_s - HOUR_S - (0.0 if is_open else (jobs - number) * HOUR_S)
-    plates = [f"{number}/{i:02d}" for i in range(1, PARTS + 1)]
+    plate_ids = [f"{number}/{i:02d}" for i in range(1, PARTS_PER_JOB + 1)]
     entities: list[Entity] = []
-    for i, plate in enumerate(plates):
-        printer = printers[(number * PARTS + i) % len(printers)]
+    for i, plate_id in enumerate(plate_ids):
+        printer = printers[(number * PARTS_PER_JOB + i) % len(printers)]
         attempt = Print(
-            id=plate, plate=plate, job=number, printer=printer, assigned_s=start_s, started_s=start_s,
+            id=plate_id, plate=plate_id, job=number, printer=printer, assigned_s=start_s, started_s=start_s,
             state=PrintState.PRINTING if is_printing else PrintState.DONE, extruded=True,
             ended_s=None if is_printing else start_s + HOUR_S, verdict=Verdict.GOOD if has_verdicts else None,
         )  # fmt: skip
         part = Part(
-            id=f"{number}/p{i + 1:02d}", job=number, plate=plate, file="p.stl",
-            geometry=PartGeometry(to_model=(1.0,) * 16, min_mm=BOX[0], max_mm=BOX[1], volume_mm3=1e5),
+            id=f"{number}/p{i + 1:02d}", job=number, plate=plate_id, file="p.stl",
+            geometry=PartGeometry(
+                to_model=(1.0,) * 16, min_mm=BOUNDS_MM[0], max_mm=BOUNDS_MM[1], volume_mm3=1e5
+            ),
         )  # fmt: skip
-        entry = Plate(
-            id=plate, job=number, parts=(part.id,), gcode="g.gcode", sha256="0" * 64, sliced_s=HOUR_S,
-            expected_s=HOUR_S + 300.0, grams=90.0, filament_mm=11000.0, layers=500, min_mm=BOX[0],
-            max_mm=BOX[1], material="generic_pla", nozzle_mm=0.4, printer=printer,
+        plate = Plate(
+            id=plate_id, job=number, parts=(part.id,), gcode="g.gcode", sha256="0" * 64, sliced_s=HOUR_S,
+            expected_s=HOUR_S + 300.0, grams=90.0, filament_mm=11000.0, layers=500, min_mm=BOUNDS_MM[0],
+            max_mm=BOUNDS_MM[1], material="generic_pla", nozzle_mm=0.4, printer=printer,
             prints=() if is_waiting else (attempt.id,),
         )  # fmt: skip
-        entities += [part, entry] if is_waiting else [part, entry, attempt]
+        entities += [part, plate] if is_waiting else [part, plate, attempt]
     job = Job(
         id=number, request_id=f"request-{number}", name="bunny.stl", model_file="m.npz", options=JobOptions(),
-        state=state, submitted_s=start_s, planned_s=start_s, plates=tuple(plates),
-        parts=tuple(f"{number}/p{i:02d}" for i in range(1, PARTS + 1)), expected_s=HOUR_S,
+        state=state, submitted_s=start_s, planned_s=start_s, plates=tuple(plate_ids),
+        parts=tuple(f"{number}/p{i:02d}" for i in range(1, PARTS_PER_JOB + 1)), expected_s=HOUR_S,
         serial_s=9 * HOUR_S, ended_s=None if is_open else start_s + HOUR_S,
     )  # fmt: skip
     return [job, *entities]
@@ -117,8 +119,8 @@ async def measure(printers: int, jobs: int, rounds: int, folder: Path) -> dict[s
     controller.stopping = True  # nothing is scheduled: only the answer is measured
     now_s = clock.now()
     entities = [entity for number in range(1, jobs + 1) for entity in make_job(number, jobs, names, now_s)]
-    beds = [Printer(name=name, bed=Bed.NOT_CLEAR, filament=FilamentState.PARKED) for name in names]
-    controller.books = Books.from_entities([*entities, *beds])
+    printer_records = [Printer(name=name, bed=Bed.NOT_CLEAR, filament=FilamentState.PARKED) for name in names]
+    controller.books = Books.from_entities([*entities, *printer_records])
     for name in names:
         controller.telemetry.snapshots[name] = make_snapshot(name, controller.books)
 
@@ -130,7 +132,7 @@ async def measure(printers: int, jobs: int, rounds: int, folder: Path) -> dict[s
         Services(controller, StateFolder(folder), folder / "fleet.yaml", workers, shut_down),
         DryRuns(controller),
     )
-    took_s, cpu_s = [], []
+    durations_s, cpu_times_s = [], []
     person = Person(os.getuid(), os.getgid())
 
     async def identify_person(scope: Any, receive: Any, send: Any) -> None:
@@ -140,21 +142,21 @@ async def measure(printers: int, jobs: int, rounds: int, folder: Path) -> dict[s
         transport=httpx.ASGITransport(identify_person), base_url="http://farm"
     ) as client:
         for _ in range(rounds + 1):
-            start, cpu = time.perf_counter(), time.process_time()
+            start_s, start_cpu_s = time.perf_counter(), time.process_time()
             answer = await client.get("/status")
-            took_s.append(time.perf_counter() - start)
-            cpu_s.append(time.process_time() - cpu)
+            durations_s.append(time.perf_counter() - start_s)
+            cpu_times_s.append(time.process_time() - start_cpu_s)
             assert answer.status_code == 200, answer.text
     workers.close()
-    took_s = sorted(took_s[1:])  # the first one compiles the schema
+    durations_s = sorted(durations_s[1:])  # the first one compiles the schema
     return {
         "printers": printers,
         "jobs": jobs,
         "prints": len(controller.books.prints),
         "answer_bytes": len(answer.content),
-        "median_s": statistics.median(took_s),
-        "worst_s": took_s[-1],
-        "cpu_median_s": statistics.median(cpu_s[1:]),
+        "median_s": statistics.median(durations_s),
+        "worst_s": durations_s[-1],
+        "cpu_median_s": statistics.median(cpu_times_s[1:]),
     }
 
 

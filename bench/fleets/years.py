@@ -1,7 +1,7 @@
-"""Size of a state folder after a year of nights, with and without the nightly prune. Nothing is printed.
+"""Size of a state folder after a year of nights, with and without the nightly prune, from simulated prints.
 
     python -m bench.fleets.years --json
-    python -m bench.fleets.years --measure STATE_FOLDER    # sizes of the files of a planned job: NIGHT
+    python -m bench.fleets.years --measure STATE_FOLDER    # sizes of the files of a planned job
 
 Every night a job is planned, printed on eight printers and judged, and the database is backed up. Its files
 have the sizes of one real night and take no space (they are sparse). The state, its events, the backup and
@@ -39,11 +39,11 @@ from farm.state.transitions import apply
 from farm.upkeep.upkeep import Upkeep
 
 DAY_S = 86400.0
-BEGIN_S = 1_790_000_000.0
-PARTS = 8
+START_S = 1_790_000_000.0
+PARTS_PER_JOB = 8
 PICTURE_BYTES = 17_000  # mean size of the pictures of parts
-STORED_BEFORE_S = 7200.0  # wall seconds for which stored files are kept
-NIGHT = {
+FILE_AGE_S = 7200.0  # wall seconds; the prune keeps younger files
+JOB_FILE_BYTES = {
     "model": [1009943],
     "stl": [703584, 484884, 408684, 480384, 511284, 579384, 311584, 446084],
     "gcode": [22400779, 12443729, 10703633, 10851730, 12796205, 15853277, 10104921, 10837877],
@@ -54,10 +54,10 @@ NIGHT = {
 """Bytes of the files of one job: the Stanford bunny, 350 mm long, 1.65 kg in eight parts of 14 h each."""
 
 
-class Calendar(Clock):
+class NightClock(Clock):
     """Clock that is set to the time of each night."""
 
-    now_s = BEGIN_S
+    now_s = START_S
 
     def now(self) -> float:
         return self.now_s
@@ -77,14 +77,14 @@ def write_sparse(files: Path, name: str, size: int) -> str:
     path = files / name
     path.touch()
     os.truncate(path, size)
-    stored_s = time.time() - STORED_BEFORE_S
+    stored_s = time.time() - FILE_AGE_S
     os.utime(path, (stored_s, stored_s))
     return name
 
 
-def list_printers(jobs: int) -> list[str]:
+def list_printer_names(jobs: int) -> list[str]:
     """List the printers for a number of jobs a night."""
-    return [f"um2-{number:02d}" for number in range(1, PARTS * jobs + 1)]
+    return [f"um2-{number:02d}" for number in range(1, PARTS_PER_JOB * jobs + 1)]
 
 
 def list_job_events(
@@ -138,34 +138,34 @@ def list_job_events(
         yield ev.BedCleared(at_s=end_s + 3600.0, printer=printer, by="ann")
 
 
-class Year:
+class SimulatedFarm:
     """State folder of a farm that prints every night."""
 
     def __init__(self, root: Path, keep: dict[str, float], jobs: int) -> None:
         self.state = StateFolder(root)
         self.state.make()
-        self.store, self.clock = Store(self.state.books), Calendar()
+        self.store, self.clock = Store(self.state.books), NightClock()
         fleet = Fleet.model_validate({"fleet": {"keep": keep}, "printers": []})
         self.controller = Controller(fleet, self.store, self.clock, list_bed_boxes)
         self.controller.start(NoEffects())
         self.upkeep = Upkeep(self.controller, self.store, self.state, cast(Workers, FakeWorkers()))
         self.prune_s: list[float] = []
         self._jobs = jobs
-        for name in list_printers(jobs):
-            self._commit(ev.PrinterAdded(at_s=BEGIN_S, printer=name, bed=Bed.CLEAR))
+        for name in list_printer_names(jobs):
+            self._commit(ev.PrinterAdded(at_s=START_S, printer=name, bed=Bed.CLEAR))
 
     def _commit(self, event: ev.AnyEvent) -> None:
         new_books, _ = apply(event, self.controller.books)
         self.store.commit(event, self.controller.books, new_books)
         self.controller.books = new_books
 
-    async def print_nights(self, nights: int) -> None:
+    async def simulate_nights(self, nights: int) -> None:
         """Print for some nights, each followed by the upkeep."""
         for night in range(1, nights + 1):
-            self.clock.now_s = BEGIN_S + night * DAY_S
+            self.clock.now_s = START_S + night * DAY_S
             for index in range(self._jobs):
                 number = (night - 1) * self._jobs + index + 1
-                printers = list_printers(self._jobs)[PARTS * index :][:PARTS]
+                printers = list_printer_names(self._jobs)[PARTS_PER_JOB * index :][:PARTS_PER_JOB]
                 for event in list_job_events(
                     number, self.clock.now_s - 14 * 3600.0, self._write_files(number), printers
                 ):
@@ -179,7 +179,7 @@ class Year:
             kind: [
                 write_sparse(self.state.files, f"{number}-{i}.{kind}", size) for i, size in enumerate(sizes)
             ]
-            for kind, sizes in NIGHT.items()
+            for kind, sizes in JOB_FILE_BYTES.items()
         }
 
     def measure(self) -> dict[str, Any]:
@@ -229,9 +229,9 @@ def measure_job(state: StateFolder, number: int) -> dict[str, list[int]]:
 def run(nights: int, keep: dict[str, float], jobs: int) -> dict[str, Any]:
     """Simulate a farm in a new folder."""
     with tempfile.TemporaryDirectory(prefix="farm-years-") as folder:
-        year = Year(Path(folder), keep, jobs)
-        asyncio.run(year.print_nights(nights))
-        return year.measure()
+        farm = SimulatedFarm(Path(folder), keep, jobs)
+        asyncio.run(farm.simulate_nights(nights))
+        return farm.measure()
 
 
 def main() -> None:
@@ -252,9 +252,9 @@ def main() -> None:
     logging.disable()
     no_limits = {"days": 1e6, "gb": 1e6}
     figures = {
-        "night_gb": args.jobs * sum(map(sum, NIGHT.values())) / 1e9,
+        "night_gb": args.jobs * sum(map(sum, JOB_FILE_BYTES.values())) / 1e9,
         "nights": args.nights,
-        "printers": PARTS * args.jobs,
+        "printers": PARTS_PER_JOB * args.jobs,
         "kept": run(args.nights, {"days": args.days, "gb": args.gb}, args.jobs),
         "everything": run(args.nights, no_limits, args.jobs),
     }

@@ -24,8 +24,10 @@ from decompose.geometry.model import load_model
 
 def write_torus(path: Path, triangles: int) -> None:
     """Write a torus with about this number of triangles, with major sections three times the minor ones."""
-    minor = round((triangles / 6) ** 0.5)
-    torus = trimesh.creation.torus(100.0, 40.0, major_sections=3 * minor, minor_sections=minor)
+    minor_sections = round((triangles / 6) ** 0.5)
+    torus = trimesh.creation.torus(
+        100.0, 40.0, major_sections=3 * minor_sections, minor_sections=minor_sections
+    )
     path.write_bytes(trimesh.exchange.stl.export_stl(torus))
 
 

@@ -39,9 +39,9 @@ def grille() -> Solid:
     return plate().subtract(Solid.union(holes))
 
 
-def fins(thick_mm: float) -> Callable[[], Solid]:
+def fins(thickness_mm: float) -> Callable[[], Solid]:
     return lambda: Solid.union(
-        [block(0, 0, 0, 50, 50, 2), *(block(0, 8 * i, 1, 50, thick_mm, 40) for i in range(7))]
+        [block(0, 0, 0, 50, 50, 2), *(block(0, 8 * i, 1, 50, thickness_mm, 40) for i in range(7))]
     )
 
 
@@ -55,8 +55,8 @@ def bored_block() -> Solid:
 
 
 def posts() -> Solid:
-    posts_ = [block(10 * i, 10 * j, 1, 4, 4, 30) for i in range(6) for j in range(6)]
-    return Solid.union([block(0, 0, 0, 60, 60, 2), *posts_])
+    pillars = [block(10 * i, 10 * j, 1, 4, 4, 30) for i in range(6) for j in range(6)]
+    return Solid.union([block(0, 0, 0, 60, 60, 2), *pillars])
 
 
 def table() -> Solid:
@@ -65,8 +65,8 @@ def table() -> Solid:
 
 
 def legs() -> Solid:
-    posts_ = [block(x, y, 2, 14, 14, 41) for x in (0, 46) for y in (0, 46)]
-    return Solid.union([block(0, 0, 0, 60, 60, 3), *posts_])
+    pillars = [block(x, y, 2, 14, 14, 41) for x in (0, 46) for y in (0, 46)]
+    return Solid.union([block(0, 0, 0, 60, 60, 3), *pillars])
 
 
 def ledges() -> Solid:

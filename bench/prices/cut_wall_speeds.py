@@ -43,7 +43,7 @@ class Plane:
     """Upright cut plane of a part on the bed: an outward unit normal (2,), and its offset along it in mm."""
 
     normal: Floats
-    place_mm: float
+    plane_offset_mm: float
 
 
 def find_cut_planes(part: dict[str, Any], model_mm: Floats) -> list[Plane]:
@@ -57,8 +57,8 @@ def find_cut_planes(part: dict[str, Any], model_mm: Floats) -> list[Plane]:
         for axis in range(3):
             normal = (2 * end - 1) * to_model[axis, :3]  # of the model's axis, on the bed
             if abs(side_mm[axis] - model_mm[end, axis]) > TOLERANCE_MM and abs(normal[2]) < 1e-6:
-                place_mm = (2 * end - 1) * (side_mm[axis] - to_model[axis, 3])
-                planes.append(Plane(normal[:2], float(place_mm)))
+                plane_offset_mm = (2 * end - 1) * (side_mm[axis] - to_model[axis, 3])
+                planes.append(Plane(normal[:2], float(plane_offset_mm)))
     return planes
 
 
@@ -73,13 +73,15 @@ def find_cut_walls(
     """Find the moves (n,) of walls along cut planes: half a line inside for the outer one, or 1.5 lines."""
     ends_mm = np.cumsum(moves[:, :2], axis=0)
     starts_mm, ends_mm = ends_mm - moves[:, :2] - offset_mm, ends_mm - offset_mm
-    along = np.zeros(len(moves), np.bool_)
+    is_along_cut = np.zeros(len(moves), np.bool_)
     for plane in planes:
-        depths_mm = np.stack([plane.place_mm - points @ plane.normal for points in (starts_mm, ends_mm)])
+        depths_mm = np.stack(
+            [plane.plane_offset_mm - points @ plane.normal for points in (starts_mm, ends_mm)]
+        )
         for wall, kind in enumerate(WALLS):
-            near = np.abs(depths_mm - (wall + 0.5) * line_mm) < TOLERANCE_MM
-            along |= (kinds == kind) & near.all(axis=0)
-    return along
+            is_near = np.abs(depths_mm - (wall + 0.5) * line_mm) < TOLERANCE_MM
+            is_along_cut |= (kinds == kind) & is_near.all(axis=0)
+    return is_along_cut
 
 
 def measure(part: dict[str, Any], args: argparse.Namespace, model_mm: Floats) -> list[float]:
@@ -98,17 +100,17 @@ def measure(part: dict[str, Any], args: argparse.Namespace, model_mm: Floats) ->
     centre_mm = (points_mm[is_outer].min(axis=0) + points_mm[is_outer].max(axis=0)) / 2.0
     offset_mm = centre_mm - trimesh.load_mesh(stl).bounds[:, :2].mean(axis=0)
     planes = find_cut_planes(part, model_mm)
-    along = find_cut_walls(moves, kinds, planes, offset_mm, settings.line_width_mm)
-    full_mm_s = {WALLS[0]: settings.speed_wall_0_mm_s, WALLS[1]: settings.speed_wall_x_mm_s}
-    for kind, speed_mm_s in full_mm_s.items():
-        along &= (kinds != kind) | (moves[:, 4] > speed_mm_s - 0.1)
-    seconds = plan_moves_s(moves, stops)
+    is_along_cut = find_cut_walls(moves, kinds, planes, offset_mm, settings.line_width_mm)
+    full_speeds_mm_s = {WALLS[0]: settings.speed_wall_0_mm_s, WALLS[1]: settings.speed_wall_x_mm_s}
+    for kind, speed_mm_s in full_speeds_mm_s.items():
+        is_along_cut &= (kinds != kind) | (moves[:, 4] > speed_mm_s - 0.1)
+    move_times_s = plan_moves_s(moves, stops)
     saved_s = []
     for speed_mm_s in args.speeds:
-        fast = moves.copy()
-        fast[along, 4] = np.maximum(fast[along, 4], speed_mm_s)
-        saved_s.append(float(seconds.sum() - plan_moves_s(fast, stops).sum()))
-    return [float(seconds.sum()), float(seconds[along].sum()), *saved_s]
+        faster_moves = moves.copy()
+        faster_moves[is_along_cut, 4] = np.maximum(faster_moves[is_along_cut, 4], speed_mm_s)
+        saved_s.append(float(move_times_s.sum() - plan_moves_s(faster_moves, stops).sum()))
+    return [float(move_times_s.sum()), float(move_times_s[is_along_cut].sum()), *saved_s]
 
 
 def main() -> None:
@@ -129,9 +131,9 @@ def main() -> None:
             np.max([part["max_mm"] for part in parts], axis=0),
         ]
     )
-    chosen = parts[:: max(1, len(parts) // args.parts)][: args.parts]
+    sampled_parts = parts[:: max(1, len(parts) // args.parts)][: args.parts]
     total_s = np.zeros(2 + len(args.speeds))
-    for part in chosen:
+    for part in sampled_parts:
         total_s += measure(part, args, model_mm)
     print(f"{total_s[0]:.0f} s, of which walls on upright cut faces {total_s[1] / total_s[0]:.1%}")
     for speed_mm_s, saved_s in zip(args.speeds, total_s[2:], strict=True):

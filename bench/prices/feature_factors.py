@@ -51,7 +51,7 @@ def make_limits(**changes: float) -> Limits:
     return limits
 
 
-def limit_feeder(feed_mm_s: float, jerk_e_mm_s: float) -> Limits:
+def make_feeder_limits(feed_mm_s: float, jerk_e_mm_s: float) -> Limits:
     limits = make_limits(jerk_e_mm_s=jerk_e_mm_s)
     limits.feedrate_mm_s[3] = feed_mm_s
     return limits
@@ -62,7 +62,7 @@ FIRMWARES: Mapping[str, Callable[[], Limits]] = {
     "third of the acceleration": lambda: make_limits(print_mm_s2=1000.0),
     "half of the jerk": lambda: make_limits(jerk_xy_mm_s=10.0),
     "both": lambda: make_limits(print_mm_s2=1000.0, jerk_xy_mm_s=10.0),
-    "slow feeder": lambda: limit_feeder(12.0, 1.0),
+    "slow feeder": lambda: make_feeder_limits(12.0, 1.0),
     "quicker": lambda: make_limits(print_mm_s2=5000.0, jerk_xy_mm_s=30.0),
 }
 
@@ -132,18 +132,18 @@ def slice_part(stl: Path, cache: Path) -> PlateResult:
 
 def time_layers_s(path: Toolpath, limits: Limits) -> float:
     """Time the layers of a file with a planner that is always kept full, in seconds."""
-    times = [comment.move for comment in path.comments if comment.text.startswith("TIME_ELAPSED:")]
-    first = next(comment.move for comment in path.comments if comment.text.startswith("LAYER:"))
-    last = times[-1]
-    start = tuple(path.start[first].tolist())
+    time_moves = [comment.move for comment in path.comments if comment.text.startswith("TIME_ELAPSED:")]
+    first_move = next(comment.move for comment in path.comments if comment.text.startswith("LAYER:"))
+    last_move = time_moves[-1]
+    start = tuple(path.start[first_move].tolist())
     planner, now_s = Planner(limits, start, lambda e_mm, z_mm: None), 0.0
-    place = np.array(start)
-    moves = (path.end - path.start)[first:last]
-    for move, feed_mm_s in zip(moves, path.feed_mm_min[first:last] / 60.0, strict=True):
-        place = place + move
+    position_mm = np.array(start)
+    moves = (path.end - path.start)[first_move:last_move]
+    for move, feed_mm_s in zip(moves, path.feed_mm_min[first_move:last_move] / 60.0, strict=True):
+        position_mm = position_mm + move
         now_s = max(now_s, planner.compute_free_s())
         planner.advance(now_s)
-        planner.add(tuple(place.tolist()), max(feed_mm_s, 1.0), now_s)
+        planner.add(tuple(position_mm.tolist()), max(feed_mm_s, 1.0), now_s)
     planner.advance(np.inf)
     return planner.busy_s
 
@@ -158,22 +158,24 @@ def learn_factors(parts: Sequence[PartTimes], actual_s: Sequence[float]) -> Time
     return TimeFactors(factor, fit_feature_factors(timings))
 
 
-def compare(parts: Sequence[PartTimes], firmware: str, splits: int, pauses: int = 0) -> Errors:
+def compute_errors(parts: Sequence[PartTimes], firmware: str, splits: int, pauses: int = 0) -> Errors:
     """Predict held-out parts from 30 others, over some divisions; with unnoticed pauses of 20 % in a few."""
     rows = []
     for split in range(splits):
         rng = random.Random(split)
-        order = list(parts)
-        rng.shuffle(order)
-        learned_from, held_out = order[:MIN_PRINTS], order[MIN_PRINTS:]
+        shuffled_parts = list(parts)
+        rng.shuffle(shuffled_parts)
+        training_parts, test_parts = shuffled_parts[:MIN_PRINTS], shuffled_parts[MIN_PRINTS:]
         actual_s = [
-            part.actual_s[firmware] * (1.2 if i < pauses else 1.0) for i, part in enumerate(learned_from)
+            part.actual_s[firmware] * (1.2 if i < pauses else 1.0) for i, part in enumerate(training_parts)
         ]
-        mixed = list(zip(learned_from, actual_s, strict=True))
-        rng.shuffle(mixed)
-        factors = learn_factors([part for part, _ in mixed], [reached_s for _, reached_s in mixed])
-        ratios = np.array([part.actual_s[firmware] / part.sliced_s for part in held_out])
-        by_feature = np.array([factors.compute_factor(part.shares) for part in held_out])
+        timed_parts = list(zip(training_parts, actual_s, strict=True))
+        rng.shuffle(timed_parts)
+        factors = learn_factors(
+            [part for part, _ in timed_parts], [reached_s for _, reached_s in timed_parts]
+        )
+        ratios = np.array([part.actual_s[firmware] / part.sliced_s for part in test_parts])
+        by_feature = np.array([factors.compute_factor(part.shares) for part in test_parts])
         errors = [np.abs(ratios / expected - 1.0) for expected in (1.0, factors.overall, by_feature)]
         rows.append((*(error.mean() for error in errors), errors[1].max(), errors[2].max()))
     name = firmware + (f", {pauses} pauses" if pauses else "")
@@ -195,8 +197,8 @@ def main() -> None:
     parts = [
         part for part in list_parts(seeds, args.side, args.cache) if shows_speed(part.sliced_s, part.sliced_s)
     ]
-    rows = [compare(parts, firmware, args.splits) for firmware in FIRMWARES]
-    rows.append(compare(parts, "both", args.splits, pauses=3))
+    rows = [compute_errors(parts, firmware, args.splits) for firmware in FIRMWARES]
+    rows.append(compute_errors(parts, "both", args.splits, pauses=3))
     if args.json:
         print(json.dumps({"parts": len(parts), "errors": [asdict(row) for row in rows]}, indent=1))
         return

@@ -43,7 +43,7 @@ from slicing.settings import PartSettings, SettingsRequest, find_engine, find_re
 
 SIDE_MM = 180.0
 CORNER_SHARE = 0.45  # length of a cut corner, as a share of each side
-LINES = {
+LINE_KINDS = {
     "walls": ("WALL-OUTER", "WALL-INNER"),
     "infill": ("FILL",),
     "skins": ("SKIN",),
@@ -51,7 +51,7 @@ LINES = {
     "brim": ("SKIRT",),
     "travel": ("travel", "retraction"),
 }
-ON_PLANE_MM = 1e-4
+PLANE_TOLERANCE_MM = 1e-4
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +60,7 @@ class PosedPart:
 
     name: str
     corners: np.ndarray
-    cut: np.ndarray
+    is_cut: np.ndarray
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +83,7 @@ def list_parts(seeds: Sequence[int], pieces: Sequence[str], shapes: bool, cache:
     """Yield whole shapes, and pieces of each unseen model; poses are kept in the cache."""
     for name, shape in SHAPES.items() if shapes else ():
         vertices, faces = shape().arrays()
-        yield place(name, vertices, faces, np.zeros(len(faces), np.bool_), np.eye(3))
+        yield place_on_bed(name, vertices, faces, np.zeros(len(faces), np.bool_), np.eye(3))
     cost = CostModel.from_recipe(make_recipe("glue"))
     for seed in seeds:
         for kind in KINDS:
@@ -91,7 +91,7 @@ def list_parts(seeds: Sequence[int], pieces: Sequence[str], shapes: bool, cache:
                 cache_file = cache / f"{kind}-{seed}-{corner}.npz"
                 if not cache_file.exists():
                     posed_part = cut_piece(kind, seed, corner, cost)
-                    np.savez(cache_file, corners=posed_part.corners, cut=posed_part.cut)
+                    np.savez(cache_file, corners=posed_part.corners, cut=posed_part.is_cut)
                 with np.load(cache_file) as arrays:
                     yield PosedPart(cache_file.stem, arrays["corners"], arrays["cut"])
 
@@ -109,15 +109,16 @@ def cut_piece(kind: str, seed: int, corner: str, cost: CostModel, side_mm: float
         solid = solid.split_by_plane(np.eye(3)[axis], at_mm)[corner == "high"]
     vertices, faces = solid.arrays()
     is_on_plane = [
-        (np.abs(vertices[faces][:, :, axis] - at_mm) < ON_PLANE_MM).all(axis=1) for axis, at_mm in planes
+        (np.abs(vertices[faces][:, :, axis] - at_mm) < PLANE_TOLERANCE_MM).all(axis=1)
+        for axis, at_mm in planes
     ]
     is_cut = np.any([*is_on_plane, np.zeros(len(faces), np.bool_)], axis=0)
     pose = find_best_pose(vertices, faces, is_cut, (), cost)
     assert pose is not None
-    return place("", vertices, faces, is_cut, pose.to_model[:3, :3].T)
+    return place_on_bed("", vertices, faces, is_cut, pose.to_model[:3, :3].T)
 
 
-def place(name: str, vertices: Floats, faces: Ints, is_cut: Bools, rotation: Floats) -> PosedPart:
+def place_on_bed(name: str, vertices: Floats, faces: Ints, is_cut: Bools, rotation: Floats) -> PosedPart:
     """Place a mesh on the bed, centred, in single precision as in an STL."""
     placed_mm = vertices @ rotation.T
     lo, hi = placed_mm.min(axis=0), placed_mm.max(axis=0)
@@ -152,14 +153,14 @@ def measure(posed_part: PosedPart, quality: str, cache: Path) -> Row | None:
 
 def price_features_s(posed_part: PosedPart, pose: Pose, recipe: Recipe) -> dict[str, float]:
     """Price each group of terms separately; ``slow`` is the time added by the minimum time of a layer."""
-    fast = replace(
+    unlimited_recipe = replace(
         recipe, min_layer_s=0.0, brim_mm=recipe.brim_mm if pose.brim_width_mm is None else pose.brim_width_mm
     )
-    parts = {}
+    prices_s = {}
     for group in GROUPS:
-        cost = build_group_cost(fast, group)
-        parts[group] = price_part(posed_part, cost, fits=False).price_s
-    return parts | {"slow": pose.price_s - sum(parts.values())}
+        cost = build_group_cost(unlimited_recipe, group)
+        prices_s[group] = price_part(posed_part, cost, fits_first_layer=False).price_s
+    return prices_s | {"slow": pose.price_s - sum(prices_s.values())}
 
 
 def weld(corners: Floats) -> tuple[Floats, Ints]:
@@ -168,9 +169,9 @@ def weld(corners: Floats) -> tuple[Floats, Ints]:
     return vertices, index.reshape(-1, 3).astype(np.int64)
 
 
-def price_part(posed_part: PosedPart, cost: CostModel, fits: bool) -> Pose:
+def price_part(posed_part: PosedPart, cost: CostModel, fits_first_layer: bool) -> Pose:
     vertices, faces = weld(posed_part.corners)
-    return measure_pose(vertices, faces, posed_part.cut, np.eye(3), cost, fits)
+    return measure_pose(vertices, faces, posed_part.is_cut, np.eye(3), cost, fits_first_layer)
 
 
 def slice_features_s(
@@ -203,7 +204,7 @@ def format_row(row: Row) -> str:
 
 
 def sum_groups_s(kinds_s: Mapping[str, float]) -> dict[str, float]:
-    return {group: sum(kinds_s[name] for name in names) for group, names in LINES.items()}
+    return {group: sum(kinds_s[name] for name in names) for group, names in LINE_KINDS.items()}
 
 
 def main() -> None:

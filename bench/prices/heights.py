@@ -34,9 +34,9 @@ def compute_shares(nominal: LayerHeights, nozzle_mm: float, hundredths: range) -
         height_mm = hundredth / 100.0
         heights = fit_heights(height_mm, nominal, max_first_mm=LAYER_SHARE * nozzle_mm)
         change = abs(heights.first_mm / nominal.first_mm - 1.0)
-        exact = abs(compute_printed_height_mm(height_mm, heights) - height_mm) <= MAX_HEIGHT_ERROR_MM
+        is_exact = abs(compute_printed_height_mm(height_mm, heights) - height_mm) <= MAX_HEIGHT_ERROR_MM
         case = next((i for i, spread in enumerate(FIRST_LAYER_CHANGES) if change <= spread + 1e-9), -1)
-        counts[case if exact else -1] += 1
+        counts[case if is_exact else -1] += 1
     return {name: count / len(hundredths) for name, count in zip(CASES, counts, strict=True)}
 
 

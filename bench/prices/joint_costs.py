@@ -25,14 +25,14 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import nnls
 
-from bench.connectors.joint_slices import slice_printed
+from bench.connectors.joint_slices import slice_part
 from bench.joints import cut_case
 from decompose.connectors import Blank, Connectors, drill
 from decompose.files.names import find_part_number
 from decompose.results import Decomposition, connect_parts
 from decompose.results.connector_prices import count_tools, scale_price
 
-MAX_ADDED_SUPPORT_MM3 = 1.0  # with more, the added time is not that of a groove alone
+MAX_ADDED_SUPPORT_MM = 1.0  # of filament; with more, the added time is not that of a groove alone
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,22 +53,22 @@ class Sample:
 def slice_kinds(result: Decomposition, count: int) -> Iterator[Sample]:
     """Slice the first parts of a drilled result with each kind of connectors alone."""
     blanks = [Blank(find_part_number(p.id), p.solid, p.rotation[2]) for p in result.parts]
-    all_of = result.connectors
+    connectors = result.connectors
     kinds = [
-        Connectors(pins=tuple(pin for pin in all_of.pins if pin.along is not None)),
-        Connectors(pins=tuple(pin for pin in all_of.pins if pin.along is None)),
-        Connectors(marks=all_of.marks),
-        Connectors(gutters=all_of.gutters),
+        Connectors(pins=tuple(pin for pin in connectors.pins if pin.along is not None)),
+        Connectors(pins=tuple(pin for pin in connectors.pins if pin.along is None)),
+        Connectors(marks=connectors.marks),
+        Connectors(gutters=connectors.gutters),
     ]
     solids_by_kind = [drill(blanks, kind) for kind in kinds]
     for number, part in enumerate(result.parts[:count]):
         with tempfile.TemporaryDirectory() as folder:
-            bare = slice_printed(part, part.solid, Path(folder))
+            bare = slice_part(part, part.solid, Path(folder))
             for kind, solids in zip(kinds, solids_by_kind, strict=True):
                 amounts = count_tools(kind, number, blanks[number].up)
                 if amounts:
-                    drilled = slice_printed(part, solids[number], Path(folder))
-                    if abs(drilled.support_mm3 - bare.support_mm3) < MAX_ADDED_SUPPORT_MM3:
+                    drilled = slice_part(part, solids[number], Path(folder))
+                    if abs(drilled.support_filament_mm - bare.support_filament_mm) < MAX_ADDED_SUPPORT_MM:
                         added_s = drilled.sliced_s - bare.sliced_s
                         yield Sample(part.id, bare.sliced_s, added_s, dict(amounts))
 

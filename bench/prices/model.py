@@ -31,7 +31,7 @@ from bench.prices.parts import (
     SETTINGS,
     Row,
     list_models,
-    list_unseen,
+    list_unseen_models,
     make_recipe,
     make_table,
     read_rows,
@@ -50,10 +50,10 @@ KINDS = {
 }
 REST = ("slope ends", "infill ends", "travel", *SUPPORT)
 ROUNDS, MIN_ERROR = 30, 1e-3  # number of rounds of the fit; smaller errors count as this large
-TABLES = "columns"  # term that the tables of the search have instead of the terms of supports
+COLUMN_TERM = "columns"  # term of the search's tables, in place of the terms of supports
 
 
-class Table:
+class Dataset:
     """Rows as arrays: seconds of each term before its factor, and the sliced times."""
 
     def __init__(self, rows: Sequence[Row]) -> None:
@@ -85,13 +85,13 @@ class Table:
             for name, factor in zip(names, _fit(matrix, seconds[rows] * weight), strict=True):
                 factors[name] += float(factor)
         support = np.sum([factors[name] * self.terms[name] for name in SUPPORT], axis=0)
-        columns = (self.terms[TABLES][rows] * weight)[:, None]
-        factors[TABLES] = float(_fit(columns, support[rows] * weight)[0])
+        columns = (self.terms[COLUMN_TERM][rows] * weight)[:, None]
+        factors[COLUMN_TERM] = float(_fit(columns, support[rows] * weight)[0])
         return factors
 
-    def compute_errors(self, factors: dict[str, float], tables: bool) -> Floats:
+    def compute_errors(self, factors: dict[str, float], by_tables: bool) -> Floats:
         """Compute the relative errors (rows,): of the tables' price, or of a part's with its own supports."""
-        excluded_terms = SUPPORT if tables else (TABLES,)
+        excluded_terms = SUPPORT if by_tables else (COLUMN_TERM,)
         total, body = np.zeros((2, len(self.sliced_s)))
         for name, factor in factors.items():
             if name not in excluded_terms:
@@ -99,12 +99,12 @@ class Table:
                 body += factor * self.body_terms_s[name]
         return (total + np.maximum(0.0, self.min_s - body)) / self.sliced_s - 1.0
 
-    def cross_validate(self, training_rows: npt.NDArray[np.bool_], tables: bool = False) -> Floats:
+    def cross_validate(self, training_rows: npt.NDArray[np.bool_], by_tables: bool = False) -> Floats:
         """Compute the errors (rows,), each with factors fitted without its model."""
         errors = np.zeros(len(self.sliced_s))
         for model in np.unique(self.models):
             in_model = self.models == model
-            errors[in_model] = self.compute_errors(self.fit(training_rows & ~in_model), tables)[in_model]
+            errors[in_model] = self.compute_errors(self.fit(training_rows & ~in_model), by_tables)[in_model]
         return errors
 
 
@@ -129,25 +129,27 @@ def _list_features(row: Row, brim_mm: float) -> Floats:
 
 
 def summarise(errors: Floats) -> dict[str, float]:
-    size = np.abs(errors)
+    absolute_errors = np.abs(errors)
     return {
         "rows": len(errors),
-        "mean_absolute_error": float(size.mean()),
+        "mean_absolute_error": float(absolute_errors.mean()),
         "mean_error": float(errors.mean()),
-        "nine_in_ten_within": float(np.quantile(size, 0.9)),
-        "worst_error": float(size.max()),
+        "nine_in_ten_within": float(np.quantile(absolute_errors, 0.9)),
+        "worst_error": float(absolute_errors.max()),
     }
 
 
 def compute_report(rows: Sequence[Row]) -> dict[str, Any]:
     """Compute all figures: of parts as a plan prices them, and of the tables of the search."""
-    table = Table(rows)
+    dataset = Dataset(rows)
     all_rows = np.ones(len(rows), dtype=np.bool_)
-    in_full_settings = np.isin(table.settings, FULL_SETTINGS)
-    has_supports = table.kinds["support_s"] > 0.02 * table.sliced_s
-    groups = {"printed": table.printed, "turned": ~table.printed, "with supports": has_supports}
-    groups |= {name: table.printed & (table.settings == name) for name in SETTINGS}
-    by_model = {str(model): table.printed & (table.models == model) for model in np.unique(table.models)}
+    in_full_settings = np.isin(dataset.settings, FULL_SETTINGS)
+    has_supports = dataset.kinds["support_s"] > 0.02 * dataset.sliced_s
+    group_masks = {"printed": dataset.printed, "turned": ~dataset.printed, "with supports": has_supports}
+    group_masks |= {name: dataset.printed & (dataset.settings == name) for name in SETTINGS}
+    model_masks = {
+        str(model): dataset.printed & (dataset.models == model) for model in np.unique(dataset.models)
+    }
 
     def compute_figures(
         errors: Floats, masks: dict[str, npt.NDArray[np.bool_]]
@@ -156,15 +158,15 @@ def compute_report(rows: Sequence[Row]) -> dict[str, Any]:
 
     return {
         "schema": 1,
-        "models": len(by_model),
+        "models": len(model_masks),
         "parts": len({(row.model, row.part) for row in rows}),
-        "factors": table.fit(all_rows),
+        "factors": dataset.fit(all_rows),
         "factors_in_code": dict(FACTORS),
-        "held_out": compute_figures(table.cross_validate(all_rows), groups),
-        "held_out_tables": compute_figures(table.cross_validate(all_rows, tables=True), groups),
-        "fitted_on_two_settings": compute_figures(table.cross_validate(in_full_settings), groups),
-        "as_in_code": compute_figures(table.compute_errors(dict(FACTORS), tables=False), groups),
-        "by_model": compute_figures(table.cross_validate(all_rows), by_model),
+        "held_out": compute_figures(dataset.cross_validate(all_rows), group_masks),
+        "held_out_tables": compute_figures(dataset.cross_validate(all_rows, by_tables=True), group_masks),
+        "fitted_on_two_settings": compute_figures(dataset.cross_validate(in_full_settings), group_masks),
+        "as_in_code": compute_figures(dataset.compute_errors(dict(FACTORS), by_tables=False), group_masks),
+        "by_model": compute_figures(dataset.cross_validate(all_rows), model_masks),
     }
 
 
@@ -183,7 +185,7 @@ def main() -> int:
     if args.dataset and args.dataset.exists():
         rows = read_rows(args.dataset)
     else:
-        models = list_models(args.models) if args.unseen is None else list_unseen(args.unseen)
+        models = list_models(args.models) if args.unseen is None else list_unseen_models(args.unseen)
         rows = make_table(models, args.parts, args.workers, args.cache)
         if args.dataset:
             write_rows(args.dataset, rows)

@@ -1,6 +1,8 @@
 """Seconds of each kind of line in G-code, with acceleration and jerk as CuraEngine plans them.
 
-Each layer starts and ends at a stop. A retraction counts by itself, a move without filament as travel.
+Each layer starts and ends at a stop. A retraction counts by itself, a move without filament as travel. Speeds
+are propagated over all moves, as in CuraEngine; `slicing.checks.feature_times` is an estimate from the few
+moves around each junction.
 """
 
 from __future__ import annotations

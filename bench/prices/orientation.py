@@ -27,7 +27,7 @@ import numpy as np
 
 from bench.models.other_shapes import OTHER_SHAPES
 from bench.models.shapes import SHAPES
-from bench.prices.parts import COUNTS, ENDLESS_BED, PRINTER, list_models
+from bench.prices.parts import ENDLESS_BED, PRINTER, PRINTER_COUNTS, list_models
 from decompose.decompose import decompose_model
 from decompose.errors import DecomposeError
 from decompose.geometry import Solid, write_stl
@@ -82,9 +82,11 @@ class Row:
     axes_stand: list[bool]
     axes_touched_mm2: list[float]
 
-    def best_axis_s(self, is_standing: bool = False) -> float | None:
+    def find_best_axis_s(self, standing_only: bool = False) -> float | None:
         poses = zip(self.axes_s, self.axes_stand, strict=True)
-        return min((t for t, stands in poses if t is not None and (stands or not is_standing)), default=None)
+        return min(
+            (t for t, stands in poses if t is not None and (stands or not standing_only)), default=None
+        )
 
 
 def list_parts(
@@ -93,9 +95,9 @@ def list_parts(
     """Yield `count` parts: one of each decomposed model in turn, in random order."""
     rng = np.random.default_rng(2)
 
-    def list_shuffled() -> Iterator[list[tuple[str, Part]]]:
+    def list_shuffled_parts() -> Iterator[list[tuple[str, Part]]]:
         for name, model in list_models(folder, shapes):
-            for printers in COUNTS:
+            for printers in PRINTER_COUNTS:
                 try:
                     parts = decompose_model(model, [room] * printers, Options(prove=False), cost).parts
                 except DecomposeError as error:
@@ -103,7 +105,7 @@ def list_parts(
                     continue
                 yield [(f"{name}-{printers}-{parts[i].id}", parts[i]) for i in rng.permutation(len(parts))]
 
-    rounds = zip_longest(*list_shuffled())
+    rounds = zip_longest(*list_shuffled_parts())
     yield from islice(
         (entry for row in rounds for entry in row if entry is not None),
         count,
@@ -178,10 +180,10 @@ def summarise(rows: list[Row]) -> dict[str, Any]:
     is_touched = [t > TOUCHED_MM2 for r in rows for t in r.axes_touched_mm2]
     return {
         "schema": 1,
-        "to_best_axis": compute_ratios([(r.chosen_s, r.best_axis_s()) for r in rows]),
-        "to_best_axis_full_brim": compute_ratios([(r.full_brim_s, r.best_axis_s()) for r in rows]),
+        "to_best_axis": compute_ratios([(r.chosen_s, r.find_best_axis_s()) for r in rows]),
+        "to_best_axis_full_brim": compute_ratios([(r.full_brim_s, r.find_best_axis_s()) for r in rows]),
         "to_best_standing_axis": compute_ratios(
-            [(r.chosen_s, r.best_axis_s(is_standing=True)) for r in rows]
+            [(r.chosen_s, r.find_best_axis_s(standing_only=True)) for r in rows]
         ),
         "to_pose_in_model": compute_ratios([(r.chosen_s, r.pose_in_model_s) for r in rows]),
         "price_ratio": compute_ratios([(r.price_s, r.chosen_s) for r in rows]),
@@ -237,7 +239,7 @@ def main() -> int:
 def _format_line(row: Row) -> str:
     up_text = " ".join(f"{v:+.2f}" for v in row.up)
     chosen, axis, in_model = (
-        "-" if t is None else f"{t:.0f}" for t in (row.chosen_s, row.best_axis_s(), row.pose_in_model_s)
+        "-" if t is None else f"{t:.0f}" for t in (row.chosen_s, row.find_best_axis_s(), row.pose_in_model_s)
     )
     brim = "-" if row.brim_mm is None else f"{row.brim_mm:g}"
     times_text = f"chosen {chosen:>6}  axis {axis:>6}  in model {in_model:>6}"

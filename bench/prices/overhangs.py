@@ -29,7 +29,7 @@ from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_
 CASES = ((0.25, 45.0), (0.1, 45.0), (0.25, 60.0))  # layer height in mm, support angle in degrees
 YAWS_DEG = (0.0, 33.0)
 HEIGHT_MM, SIDE_MM = 20.0, 30.0
-START_BELOW_DEG, STEPS = 3.0, 6  # start of the search, and number of its halvings
+SEARCH_RANGE_DEG, HALVINGS = 3.0, 6  # start of the search, and number of its halvings
 
 
 def make_leaning_block(angle_deg: float, yaw_deg: float) -> trimesh.Trimesh:
@@ -58,18 +58,18 @@ def find_angles(layer_mm: float, angle_deg: float, yaw_deg: float, folder: Path)
     settings = resolve_settings(
         SettingsRequest(build_slicing_printer(BEDS[PRINTER]), "paper", overrides=overrides), find_resources()
     )
-    free_deg, supported_deg = angle_deg - START_BELOW_DEG, angle_deg
-    for _ in range(STEPS):
-        middle_deg = (free_deg + supported_deg) / 2.0
+    bare_deg, supported_deg = angle_deg - SEARCH_RANGE_DEG, angle_deg
+    for _ in range(HALVINGS):
+        middle_deg = (bare_deg + supported_deg) / 2.0
         if is_supported(make_leaning_block(middle_deg, yaw_deg), settings, folder):
             supported_deg = middle_deg
         else:
-            free_deg = middle_deg
+            bare_deg = middle_deg
     return {
         "layer_height_mm": layer_mm,
         "support_angle_deg": angle_deg,
         "yaw_deg": yaw_deg,
-        "bare_deg": free_deg,
+        "bare_deg": bare_deg,
         "supported_deg": supported_deg,
         "cost_deg": build_recipe(settings, prelude_s=0.0).supported_deg,
     }

@@ -36,13 +36,13 @@ from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_
 PRINTER = "ultimaker2_plus"
 # Large enough for every part: only times are measured.
 ENDLESS_BED = ((-500.0, -500.0, 500.0, 500.0, 500.0),)
-COUNTS = (4, 9)  # printers, for parts of two sizes
+PRINTER_COUNTS = (4, 9)  # printers, for parts of two sizes
 OTHER_MODEL_MM = 200.0  # longest side of a model from a folder
 
-EVEN: Mapping[str, Any] = {"gradual_infill_steps": 0}
+EVEN_INFILL: Mapping[str, Any] = {"gradual_infill_steps": 0}
 
 # As in `glue` when the dataset was made: even infill, and all skins at Cura's speed of them.
-_DATASET: Mapping[str, Any] = {**EVEN, "roofing_layer_count": 0, "speed_topbottom": 30}
+_DATASET: Mapping[str, Any] = {**EVEN_INFILL, "roofing_layer_count": 0, "speed_topbottom": 30}
 
 # This project's two qualities, and settings that differ in all terms of the physical model; `even` is
 # `glue` as it was.
@@ -71,7 +71,7 @@ SETTINGS: dict[str, tuple[str, float, Mapping[str, Any]]] = {
 }
 OTHER_POSES = (0, 1, 2, 3, 5)  # indices into POSE_ROTATIONS; 4 leaves a part as it lies
 FULL_SETTINGS = ("even", "paper")  # the other settings are used for every second part
-FEATURES_S = {
+FIELDS_BY_FEATURE = {
     "WALL-OUTER": "walls_s",
     "WALL-INNER": "walls_s",
     "FILL": "fill_s",
@@ -130,11 +130,11 @@ def make_recipe(name: str) -> Recipe:
 def write_rows(path: Path, rows: Sequence[Row]) -> None:
     """Write rows as CSV, with six digits."""
     with path.open("w", newline="", encoding="utf-8") as file:
-        table = csv.writer(file, lineterminator="\n")
-        table.writerow(f.name for f in fields(Row))
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(f.name for f in fields(Row))
         for row in rows:
             values = asdict(row).values()
-            table.writerow(f"{v:.6g}" if isinstance(v, float) else v for v in values)
+            writer.writerow(f"{v:.6g}" if isinstance(v, float) else v for v in values)
 
 
 def read_rows(path: Path) -> list[Row]:
@@ -180,7 +180,7 @@ class PosedPart:
         return corners, np.arange(len(corners)).reshape(-1, 3)
 
 
-def list_unseen(seed: int) -> Iterator[tuple[str, Model]]:
+def list_unseen_models(seed: int) -> Iterator[tuple[str, Model]]:
     """Yield a model of each kind of `bench.unseen`, drawn by a seed."""
     for kind in KINDS:
         yield f"{kind}-{seed}", draw_model(kind, seed, OTHER_MODEL_MM)
@@ -191,7 +191,7 @@ def list_parts(models: Iterable[tuple[str, Model]], max_parts: int) -> Iterator[
     cost = CostModel.from_recipe(make_recipe("glue"))
     room = tuple(box.size_mm for box in compute_part_room(PROFILES[PRINTER], make_recipe("glue").brim_mm))
     for name, model in models:
-        for count in COUNTS:
+        for count in PRINTER_COUNTS:
             printers = [PrinterRoom(str(i), room) for i in range(count)]
             try:
                 parts = list(decompose_model(model, printers, Options(prove=False), cost).parts)
@@ -201,34 +201,34 @@ def list_parts(models: Iterable[tuple[str, Model]], max_parts: int) -> Iterator[
             rng = np.random.default_rng(count)  # for each model, so that models can be added
             rng.shuffle(parts)  # type: ignore[arg-type]
             for part in parts[:max_parts]:
-                label = f"{count}-{part.id}"
-                yield PosedPart(name, label, True, part.build_stl_triangles())
+                part_name = f"{count}-{part.id}"
+                yield PosedPart(name, part_name, True, part.build_stl_triangles())
                 if rng.random() < 0.35:
                     vertices, faces = part.build_printing_mesh()
                     turned_mm = vertices @ POSE_ROTATIONS[rng.choice(OTHER_POSES)].T
                     lo, hi = turned_mm.min(axis=0), turned_mm.max(axis=0)
                     corners = round_triangles(turned_mm - [*(lo + hi)[:2] / 2.0, lo[2]], faces)
                     if corners is not None:
-                        yield PosedPart(name, f"{label}-turned", False, corners)
+                        yield PosedPart(name, f"{part_name}-turned", False, corners)
 
 
 def measure(posed_part: PosedPart, setting: str, folder: Path, cache: Path | None) -> Row | None:
     """Slice one part at one setting; None if the slice is refused."""
     settings = resolve_named_settings(setting)
     name = f"{posed_part.model}-{posed_part.part}-{setting}"
-    stl, out = folder / f"{name}.stl", folder / f"{name}.gcode"
+    stl, output = folder / f"{name}.stl", folder / f"{name}.gcode"
     write_stl(stl, posed_part.corners)
     request = PlateRequest(
-        stl=stl, settings=settings, output_path=out, engine=find_engine(), bed=ENDLESS_BED, cache=cache
+        stl=stl, settings=settings, output_path=output, engine=find_engine(), bed=ENDLESS_BED, cache=cache
     )
     try:
         sliced_s = slice_plate(request).sliced_s
     except SlicingError as error:
         print(f"{name}: {error}", file=sys.stderr)
         return None
-    kinds = measure_kinds_s(out.read_text(encoding="utf-8"))
+    kinds = measure_kinds_s(output.read_text(encoding="utf-8"))
     stl.unlink()
-    out.unlink()
+    output.unlink()
     cost = CostModel.from_recipe(build_recipe(settings, prelude_s=0.0))
     (features,), (extents,) = sum_pose_features(*posed_part.arrays, POSE_ROTATIONS[4:5], cost)
     no_marks = np.zeros(len(posed_part.corners), dtype=np.bool_)
@@ -246,11 +246,11 @@ def measure(posed_part: PosedPart, setting: str, folder: Path, cache: Path | Non
 
 def measure_kinds_s(gcode: str) -> dict[str, float]:
     """Compute the seconds of extrusion of each kind of line: length over speed, without acceleration."""
-    seconds = dict.fromkeys(FEATURES_S.values(), 0.0)
+    seconds = dict.fromkeys(FIELDS_BY_FEATURE.values(), 0.0)
     kind, position, feed = "", dict.fromkeys("XYZEF", 0.0), 1.0
     for line in gcode.splitlines():
         if line.startswith(";TYPE:"):
-            kind = FEATURES_S.get(line[6:], "")
+            kind = FIELDS_BY_FEATURE.get(line[6:], "")
         elif line.startswith(("G0 ", "G1 ", "G92 ")):
             next_position = position | {
                 text[0]: float(text[1:]) for text in re.findall(r"[XYZEF]-?[\d.]+", line)

@@ -46,12 +46,12 @@ async def print_once(plate: PlateResult, folder: Path, clock: Clock) -> m.PrintS
     process = spawn_agent("bench", MODEL, f"sim://{MODEL}", folder, clock)
     client = AgentClient(folder)
     await client.connect()
-    start_sent = False
+    is_start_sent = False
     try:
         async for snapshot in client.snapshots():
-            if snapshot.link is m.LinkState.READY and not start_sent:
-                start_sent = True
-                start = m.StartPrint(
+            if snapshot.link is m.LinkState.READY and not is_start_sent:
+                is_start_sent = True
+                start_request = m.StartPrint(
                     id=0,
                     print_id="bench",
                     gcode=str(plate.gcode),
@@ -59,7 +59,7 @@ async def print_once(plate: PlateResult, folder: Path, clock: Clock) -> m.PrintS
                     print_time_s=plate.sliced_s,
                     filament=m.Filament.PARKED,
                 )
-                reply = await client.request(start)
+                reply = await client.request(start_request)
                 if reply.error:
                     raise SystemExit(reply.error)
             if snapshot.print is not None and snapshot.print.phase.ended:
@@ -83,10 +83,14 @@ def main() -> None:
         for side_mm in SIDES_MM:
             plate = slice_cube(side_mm, settings, Path(name))
             folder = Path(name) / f"agent-{side_mm:g}"
-            end = asyncio.run(print_once(plate, folder, Clock(options.scale, time.time())))
-            if end.phase is not m.PrintPhase.DONE or end.ended_s is None or end.started_s is None:
-                raise SystemExit(f"the print ended {end.phase}: {end.reason}")
-            reached_s = end.ended_s - end.started_s
+            ended_print = asyncio.run(print_once(plate, folder, Clock(options.scale, time.time())))
+            if (
+                ended_print.phase is not m.PrintPhase.DONE
+                or ended_print.ended_s is None
+                or ended_print.started_s is None
+            ):
+                raise SystemExit(f"the print ended {ended_print.phase}: {ended_print.reason}")
+            reached_s = ended_print.ended_s - ended_print.started_s
             expected_s = compute_plate_seconds(
                 PROFILES[MODEL], plate.sliced_s, settings.nozzle_c, settings.bed_c
             )
@@ -97,7 +101,7 @@ def main() -> None:
                     "reached_s": reached_s,
                     "expected_s": expected_s,
                     "beside_layers_s": reached_s - plate.sliced_s,
-                    "starved_s": end.starved_s,
+                    "starved_s": ended_print.starved_s,
                 }
             )
     if options.json:

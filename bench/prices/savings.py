@@ -3,8 +3,8 @@
 Usage: python -m bench.prices.savings [--kinds mechanical,organic,bust] [--seed 1] [--side 150] [--printers 6]
        [--quality glue] [--cache DIR] [--json] [--scheduler tls://HOST:PORT --certificates DIR]
 
-Each model is cut twice, by prices with and without hidden faces, and all parts are
-sliced, each cut with the quality's infill and with one of even density. Times are CuraEngine's.
+Each model is cut by prices with and without hidden faces, and with gradual infill and infill of even density;
+all parts of the four are sliced. Times are CuraEngine's.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from bench.clusters.calls import add_cluster_options, count_calls, open_calls
-from bench.prices.parts import ENDLESS_BED, EVEN, PRINTER
+from bench.prices.parts import ENDLESS_BED, EVEN_INFILL, PRINTER
 from bench.unseen import draw_model
 from decompose.decompose import decompose_model
 from decompose.geometry import write_stl
@@ -75,7 +75,7 @@ def measure(kind: str, args: argparse.Namespace) -> list[Row]:
     for has_hidden_faces in (False, True):
         for gradual in (False, True):
             request = SettingsRequest(
-                build_slicing_printer(BEDS[PRINTER]), args.quality, overrides={} if gradual else EVEN
+                build_slicing_printer(BEDS[PRINTER]), args.quality, overrides={} if gradual else EVEN_INFILL
             )
             settings = resolve_settings(request, find_resources())
             recipe = build_recipe(settings, prelude_s=0.0)
@@ -128,8 +128,8 @@ def main() -> None:
     add_cluster_options(parser)
     args = parser.parse_args()
     with open_calls(args) as call, ThreadPoolExecutor(count_calls(args)) as threads:
-        by_kind = threads.map(lambda kind: call(deferred_measure, kind, args), args.kinds.split(","))
-        rows = [row for kind_rows in by_kind for row in kind_rows]
+        rows_by_kind = threads.map(lambda kind: call(deferred_measure, kind, args), args.kinds.split(","))
+        rows = [row for kind_rows in rows_by_kind for row in kind_rows]
     if args.json:
         print(json.dumps([asdict(row) for row in rows], indent=1))
         return

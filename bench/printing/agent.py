@@ -1,8 +1,8 @@
 """CPU, memory and turnaround of agents whose printers only acknowledge lines.
 
 ``python -m bench.printing.agent [--agents N] [--lines N] [--rate LINES_PER_S] [--megabytes MB] [--json]``.
-Real agents on real pseudo-terminals and wall time; the peers, all in this process, send at most `rate` oks a
-second. Turnaround is the time from writing an ok to reading the next line, with this process and the kernel
+Real agents on real pseudo-terminals and wall time; the boards, all in this process, send at most `rate` oks
+a second. Turnaround is the time from writing an ok to reading the next line, with this process and the kernel
 included. CPU and memory are the kernel's figures for each agent while it streams.
 """
 
@@ -32,13 +32,13 @@ from drivers.printers import PROFILES
 from drivers.remote import AgentClient, spawn_agent
 
 MODEL = "ultimaker2_plus"
-HEAD = "G21\nG90\nM82\nM107\nG28\nM109 S180\nG1 F2400 Z20\nG92 E0\n"
+START_GCODE = "G21\nG90\nM82\nM107\nG28\nM109 S180\nG1 F2400 Z20\nG92 E0\n"
 BOOT_S = 0.3  # the board ignores received bytes during this time
-TAIL = "M104 S0\nM140 S0\nG28\nM84\n"
+END_GCODE = "M104 S0\nM140 S0\nG28\nM84\n"
 POSITION_ANSWER = b"X:0.00Y:224.50Z:215.00E:0.00 Count X: 0.00Y:224.50Z:215.00\n"
 
 
-class Peer:
+class FakeBoard:
     """Board that acknowledges lines, and reaches every target temperature at once."""
 
     def __init__(self, link: Path, period_s: float) -> None:
@@ -49,7 +49,7 @@ class Peer:
         self._period_s = period_s
         self._partial = b""
         self._nozzle_c = self._bed_c = b"0"
-        self._free_s = self._ok_sent_s = self.boot_end_s = 0.0
+        self._next_ok_s = self._ok_sent_s = self.boot_end_s = 0.0
 
     def reset(self) -> None:
         """Reset, as when the host opens the port."""
@@ -68,8 +68,8 @@ class Peer:
             if command.startswith(b"G1 X"):
                 if self._ok_sent_s:
                     self.turnarounds_s.append(now_s - self._ok_sent_s)
-                self._free_s = max(now_s, self._free_s + self._period_s)
-                return self._free_s
+                self._next_ok_s = max(now_s, self._next_ok_s + self._period_s)
+                return self._next_ok_s
             self._ok_sent_s = 0.0
             self._answer(command)
         return None
@@ -82,8 +82,8 @@ class Peer:
             self._bed_c = value
         elif name == b"M105":
             nozzle_c, bed_c = (max(float(c), 21.0) for c in (self._nozzle_c, self._bed_c))
-            heat = (nozzle_c, self._nozzle_c, bed_c, self._bed_c)
-            self.port.write(b"ok T:%.1f /%b.0 B:%.1f /%b.0 @:0 B@:0\n" % heat)
+            temperatures = (nozzle_c, self._nozzle_c, bed_c, self._bed_c)
+            self.port.write(b"ok T:%.1f /%b.0 B:%.1f /%b.0 @:0 B@:0\n" % temperatures)
             return
         answers = {b"M115": ultimaker2.IDENTITY, b"M114": POSITION_ANSWER, b"M27": b"Not SD printing\n"}
         self.port.write(answers.get(name, b"") + wording.OK)
@@ -95,21 +95,21 @@ class Peer:
         self._ok_sent_s = 0.0 if has_booted else time.monotonic()
 
 
-class Peers(threading.Thread):
-    """Thread that serves all peers with one `poll`."""
+class FakeBoards(threading.Thread):
+    """Thread that serves all boards with one `poll`."""
 
-    def __init__(self, peers: list[Peer]) -> None:
+    def __init__(self, boards: list[FakeBoard]) -> None:
         super().__init__(daemon=True)
-        self._peers = peers
+        self._boards = boards
         self.is_stopped = False
 
     def run(self) -> None:
         poll = select.epoll()
-        deadlines: list[tuple[float, int, Peer]] = []
-        for peer in self._peers:
-            poll.register(peer.port.watch_fd, select.EPOLLIN)
-        by_watch = {peer.port.watch_fd: peer for peer in self._peers}
-        by_master = {peer.port.master: peer for peer in self._peers}
+        deadlines: list[tuple[float, int, FakeBoard]] = []
+        for board in self._boards:
+            poll.register(board.port.watch_fd, select.EPOLLIN)
+        boards_by_watch_fd = {board.port.watch_fd: board for board in self._boards}
+        boards_by_master_fd = {board.port.master: board for board in self._boards}
         open_ports: set[int] = set()
         while not self.is_stopped:
             wait_s = max(0.0, deadlines[0][0] - time.monotonic()) if deadlines else 0.1
@@ -118,28 +118,28 @@ class Peers(threading.Thread):
             while deadlines and deadlines[0][0] <= now_s:
                 heapq.heappop(deadlines)[2].send_due()
             for fd, _ in events:
-                if fd in by_watch:
-                    peer = by_watch[fd]
-                    if peer.port.process_opens():
-                        peer.reset()
-                        deadlines = [entry for entry in deadlines if entry[2] is not peer]
+                if fd in boards_by_watch_fd:
+                    board = boards_by_watch_fd[fd]
+                    if board.port.process_opens():
+                        board.reset()
+                        deadlines = [entry for entry in deadlines if entry[2] is not board]
                         heapq.heapify(deadlines)
-                        heapq.heappush(deadlines, (peer.boot_end_s, fd, peer))
-                    master = peer.port.master
-                    if peer.port.is_open != (master in open_ports):
-                        if peer.port.is_open:
+                        heapq.heappush(deadlines, (board.boot_end_s, fd, board))
+                    master = board.port.master
+                    if board.port.is_open != (master in open_ports):
+                        if board.port.is_open:
                             poll.register(master, select.EPOLLIN)
                             open_ports.add(master)
                         else:
                             poll.unregister(master)
                             open_ports.discard(master)
                 elif fd in open_ports:
-                    due_s = by_master[fd].receive(now_s)
+                    due_s = boards_by_master_fd[fd].receive(now_s)
                     if due_s is not None:
-                        heapq.heappush(deadlines, (due_s, fd, by_master[fd]))
+                        heapq.heappush(deadlines, (due_s, fd, boards_by_master_fd[fd]))
 
 
-def measure_cost(pid: int) -> tuple[float, float]:
+def measure_process(pid: int) -> tuple[float, float]:
     """Measure CPU seconds and resident MB of a process."""
     process = Path("/proc") / str(pid)
     fields = (process / "stat").read_text().rpartition(")")[2].split()
@@ -162,19 +162,19 @@ async def print_file(
     """Print on one printer, to the end or for `max_lines`; measure CPU share and memory of its agent."""
     process = spawn_agent(folder.name, MODEL, str(port), folder, Clock())
     client = AgentClient(folder)
-    clear_sent = start_sent = False
+    is_clear_sent = is_start_sent = False
     first_line: tuple[float, float] | None = None
-    memory_mb, share = 0.0, 0.0
+    memory_mb, cpu_share = 0.0, 0.0
     try:
         await client.connect(timeout_s=60.0)
         async for snapshot in client.snapshots():
-            if snapshot.link is m.LinkState.FAULT and not clear_sent:
-                clear_sent = True
+            if snapshot.link is m.LinkState.FAULT and not is_clear_sent:
+                is_clear_sent = True
                 await client.request(m.BedCleared(id=0))
-            elif snapshot.link is m.LinkState.READY and not start_sent:
-                start_sent = True
+            elif snapshot.link is m.LinkState.READY and not is_start_sent:
+                is_start_sent = True
                 filament = m.Filament.AT_NOZZLE
-                start = m.StartPrint(
+                start_request = m.StartPrint(
                     id=0,
                     print_id="bench",
                     gcode=str(gcode),
@@ -182,16 +182,16 @@ async def print_file(
                     print_time_s=1.0,
                     filament=filament,
                 )
-                reply = await client.request(start)
+                reply = await client.request(start_request)
                 if reply.error:
                     raise RuntimeError(reply.error)
             elif snapshot.print is not None:
                 if snapshot.print.phase is m.PrintPhase.PRINTING:
-                    cpu_s, mb = measure_cost(process.pid)
+                    cpu_s, mb = measure_process(process.pid)
                     memory_mb = max(memory_mb, mb)
                     first_line = first_line or (time.monotonic(), cpu_s)
                     if time.monotonic() > first_line[0]:
-                        share = (cpu_s - first_line[1]) / (time.monotonic() - first_line[0])
+                        cpu_share = (cpu_s - first_line[1]) / (time.monotonic() - first_line[0])
                     if max_lines is not None and snapshot.print.line > max_lines:
                         break
                 elif snapshot.print.phase.ended:
@@ -204,12 +204,12 @@ async def print_file(
         await client.close()
         if await asyncio.to_thread(_is_running, process):
             process.kill()
-    return {"cpu_share": share, "memory_mb": memory_mb}
+    return {"cpu_share": cpu_share, "memory_mb": memory_mb}
 
 
 def write_gcode(lines: int, megabytes: int) -> bytes:
     """Write G-code with at least this number of moves, in layers and features, and at least this size."""
-    text = [HEAD, "G0 F9000 X100 Y100 Z0.3\n"]
+    chunks = [START_GCODE, "G0 F9000 X100 Y100 Z0.3\n"]
     size = i = 0
     while i < lines or size < megabytes * 1_000_000:
         chunk = f"G1 X{100 + i % 2 * 0.2:.3f} Y{100 + i % 7 * 0.1:.3f} E{i * 0.01:.5f}\n"
@@ -217,10 +217,10 @@ def write_gcode(lines: int, megabytes: int) -> bytes:
             chunk += f";LAYER:{i // 1200}\n"
         if not i % 12:
             chunk += f";TYPE:{('WALL-INNER', 'FILL')[i // 12 % 2]}\n"
-        text.append(chunk)
+        chunks.append(chunk)
         size += len(chunk)
         i += 1
-    return "".join((*text, TAIL)).encode()
+    return "".join((*chunks, END_GCODE)).encode()
 
 
 async def measure(agents: int, lines: int, rate: float, megabytes: int = 0) -> dict[str, float]:
@@ -230,9 +230,9 @@ async def measure(agents: int, lines: int, rate: float, megabytes: int = 0) -> d
         folder = Path(name)
         gcode = folder / "bench.gcode"
         gcode.write_bytes(text)
-        peers = [Peer(folder / f"tty{number}", 1.0 / rate) for number in range(agents)]
-        acknowledging_peers = Peers(peers)
-        acknowledging_peers.start()
+        boards = [FakeBoard(folder / f"tty{number}", 1.0 / rate) for number in range(agents)]
+        board_thread = FakeBoards(boards)
+        board_thread.start()
         sha256 = hashlib.sha256(text).hexdigest()
         results = await asyncio.gather(
             *(
@@ -247,12 +247,12 @@ async def measure(agents: int, lines: int, rate: float, megabytes: int = 0) -> d
             ),
             return_exceptions=True,  # all agents end before a failure is reported
         )
-        acknowledging_peers.is_stopped = True
-        acknowledging_peers.join()
+        board_thread.is_stopped = True
+        board_thread.join()
     if errors := [run for run in results if isinstance(run, BaseException)]:
         raise SystemExit(str(errors[0]))
     runs = [run for run in results if not isinstance(run, BaseException)]
-    turnarounds_s = sorted(value for peer in peers for value in peer.turnarounds_s)
+    turnarounds_s = sorted(value for board in boards for value in board.turnarounds_s)
     return {
         "agents": agents,
         "lines_per_s_each": rate,

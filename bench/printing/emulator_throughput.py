@@ -72,18 +72,18 @@ def measure_port_us(lines: list[bytes], scale: float) -> tuple[float, float]:
             while b"SD init" not in reply:
                 select.select([port], [], [])
                 reply += os.read(port, 4096)
-            start_s, used_cpu_s = 0.0, 0.0
+            start_s, start_cpu_s = 0.0, 0.0
             pid = read_status(folder).pid
             for index, line in enumerate(lines):
                 if index == len(PREPARATION):
-                    start_s, used_cpu_s = time.perf_counter(), _read_cpu_s(pid)
+                    start_s, start_cpu_s = time.perf_counter(), _read_cpu_s(pid)
                 os.write(port, line)
                 reply = b""
                 while b"ok" not in reply:
                     select.select([port], [], [])
                     reply += os.read(port, 4096)
             moves = len(lines) - len(PREPARATION)
-            wall_s, cpu_s = time.perf_counter() - start_s, _read_cpu_s(pid) - used_cpu_s
+            wall_s, cpu_s = time.perf_counter() - start_s, _read_cpu_s(pid) - start_cpu_s
             return wall_s / moves * 1e6, cpu_s / moves * 1e6
         finally:
             os.close(port)

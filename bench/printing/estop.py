@@ -24,8 +24,8 @@ from drivers.remote import AgentClient, find_agent_pid, kill_agent
 
 MODEL = "ultimaker2_plus"
 FARM = Path(sys.executable).with_name("farm")
-HEAD = "G21\nG90\nM82\nM107\nM140 S60\nG28\nM190 S60\nM109 S210\nG1 F2400 Z20\nG92 E0\n"
-PATIENCE_S = 120.0
+START_GCODE = "G21\nG90\nM82\nM107\nM140 S60\nG28\nM190 S60\nM109 S210\nG1 F2400 Z20\nG92 E0\n"
+TIMEOUT_S = 120.0
 
 
 async def heat(folder: Path, gcode: Path) -> None:
@@ -33,11 +33,11 @@ async def heat(folder: Path, gcode: Path) -> None:
     client = AgentClient(folder)
     await client.connect(60.0)
     is_requested = False
-    async with asyncio.timeout(PATIENCE_S):
+    async with asyncio.timeout(TIMEOUT_S):
         async for snapshot in client.snapshots():
             if snapshot.link is m.LinkState.READY and not is_requested:
                 is_requested = True
-                start = m.StartPrint(
+                start_request = m.StartPrint(
                     id=0,
                     print_id="bench",
                     gcode=str(gcode),
@@ -45,7 +45,7 @@ async def heat(folder: Path, gcode: Path) -> None:
                     print_time_s=60.0,
                     filament=m.Filament.PARKED,
                 )
-                await client.request(start)
+                await client.request(start_request)
             if snapshot.print is not None and snapshot.print.phase is m.PrintPhase.PRINTING:
                 break
     await client.close()
@@ -57,7 +57,7 @@ def is_hot(folder: Path) -> bool:
     return bool(status.nozzle_target_c or status.bed_target_c)
 
 
-async def prepare(folders: list[Path], gcode: Path) -> None:
+async def heat_all(folders: list[Path], gcode: Path) -> None:
     await asyncio.gather(*(heat(folder, gcode) for folder in folders))
 
 
@@ -71,24 +71,24 @@ def measure(printers: int) -> dict[str, float]:
         )
         fleet.write_text(f"fleet: {{time_scale: 60}}\nprinters:\n{rows}")
         moves = (f"G1 F6000 X{50 + i % 2 * 100} Y{50 + i % 100} Z0.3 E{i * 0.5}\n" for i in range(100_000))
-        gcode.write_text(HEAD + "".join(moves))
+        gcode.write_text(START_GCODE + "".join(moves))
         path_options = ["--state", str(state), "--fleet", str(fleet)]
         subprocess.run([FARM, "up", *path_options], check=True, stdout=subprocess.DEVNULL)
         folders = [state / "agents" / f"p{i}" for i in range(printers)]
         daemon = int((state / "lock").read_text())
         try:
-            asyncio.run(prepare(folders, gcode))
+            asyncio.run(heat_all(folders, gcode))
             for pid in (daemon, *(find_agent_pid(folder) for folder in folders)):
                 assert pid is not None
                 os.kill(pid, signal.SIGSTOP)
             assert all(map(is_hot, folders))
-            began_s = time.monotonic()
-            command = subprocess.Popen([FARM, "estop", "--json", *path_options], stdout=subprocess.PIPE)
-            while any(map(is_hot, folders)) and time.monotonic() < began_s + PATIENCE_S:
+            start_s = time.monotonic()
+            process = subprocess.Popen([FARM, "estop", "--json", *path_options], stdout=subprocess.PIPE)
+            while any(map(is_hot, folders)) and time.monotonic() < start_s + TIMEOUT_S:
                 time.sleep(0.002)
-            off_s = time.monotonic() - began_s
-            report = json.loads(command.communicate()[0])
-            seen_off_s = time.monotonic() - began_s
+            targets_off_s = time.monotonic() - start_s
+            report = json.loads(process.communicate()[0])
+            reported_off_s = time.monotonic() - start_s
         finally:
             os.kill(daemon, signal.SIGKILL)
             for folder in folders:
@@ -97,8 +97,8 @@ def measure(printers: int) -> dict[str, float]:
                     control(folder / "emulator", "power_off")
     return {
         "printers": printers,
-        "targets_0_after_s": round(off_s, 3),
-        "all_seen_off_after_s": round(seen_off_s, 3),
+        "targets_0_after_s": round(targets_off_s, 3),
+        "all_seen_off_after_s": round(reported_off_s, 3),
         "seen_off": sum(row["seen_off"] for row in report["printers"]),
     }
 

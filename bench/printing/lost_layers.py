@@ -78,7 +78,7 @@ def _cut_one(layers: list[bytes], rng: random.Random) -> list[bytes]:
     return layers[:index] + layers[index + 1 :]
 
 
-def _cut_run(layers: list[bytes], rng: random.Random) -> list[bytes]:
+def _cut_consecutive(layers: list[bytes], rng: random.Random) -> list[bytes]:
     first_layer = rng.randrange(1, len(layers) - 1)
     return layers[:first_layer] + layers[rng.randrange(first_layer, len(layers) - 1) + 1 :]
 
@@ -92,7 +92,7 @@ def _cut_last(layers: list[bytes], rng: random.Random) -> list[bytes]:
     return layers[: -rng.randint(1, max(1, len(layers) // 3))]
 
 
-def _tear(layers: list[bytes], rng: random.Random) -> list[bytes]:
+def _cut_lines(layers: list[bytes], rng: random.Random) -> list[bytes]:
     """Remove the lines between two random places."""
     lines = b"".join(layers).splitlines(keepends=True)
     start, stop = sorted(rng.sample(range(1, len(lines) - 1), 2))
@@ -102,14 +102,14 @@ def _tear(layers: list[bytes], rng: random.Random) -> list[bytes]:
 CUTS: dict[str, Cut] = {
     "first": _cut_first,
     "one": _cut_one,
-    "run": _cut_run,
+    "run": _cut_consecutive,
     "many": _cut_many,
     "last": _cut_last,
-    "torn": _tear,
+    "torn": _cut_lines,
 }
 
 
-class NoStopwatch:
+class ZeroStopwatch:
     """Stopwatch that always reads 0: acceptance does not depend on it."""
 
     def move(self, x: float, y: float, z: float, e: float, speed_mm_s: float) -> None: ...
@@ -198,7 +198,7 @@ def split_layers(gcode: bytes) -> tuple[bytes, list[bytes], bytes]:
 def find_refusal(gcode: bytes, target: PrintTarget) -> str | None:
     """Read a file; return the reason for its refusal, None if it is accepted."""
     try:
-        accept_gcode(gcode.splitlines(keepends=True), target, stopwatch=NoStopwatch())
+        accept_gcode(gcode.splitlines(keepends=True), target, stopwatch=ZeroStopwatch())
     except GcodeRefused as refused:
         return str(refused)
     return None
@@ -209,8 +209,8 @@ def list_slices(
 ) -> Iterator[tuple[str, bytes]]:
     """Yield the name and the G-code of each slice with more than three layers."""
     for name, mesh in models.items():
-        for title_suffix, settings in SLICE_SETTINGS.items():
-            title = f"{Path(name).stem}, {title_suffix}"
+        for variant, settings in SLICE_SETTINGS.items():
+            title = f"{Path(name).stem}, {variant}"
             path = folder / f"{title}.gcode"
             if not path.exists():
                 path.write_bytes(slicer.slice_model(mesh, settings))

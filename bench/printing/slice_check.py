@@ -56,14 +56,14 @@ def make_models() -> dict[str, trimesh.Trimesh]:
 
 
 @dataclass
-class CpuClock:
+class CpuTimes:
     """CPU seconds of this process and of its ended children."""
 
     own_s: float = 0.0
     engine_s: float = 0.0
 
     @classmethod
-    def now(cls) -> CpuClock:
+    def read(cls) -> CpuTimes:
         children = resource.getrusage(resource.RUSAGE_CHILDREN)
         return cls(time.process_time(), children.ru_utime + children.ru_stime)
 
@@ -76,7 +76,7 @@ def check_model(name: str, mesh: trimesh.Trimesh, settings: EngineSettings, fold
     stl = folder / "model.stl"
     mesh.export(stl)
     request = PlateRequest(stl, settings, folder / "model.gcode", find_engine(), ENDLESS_BED)
-    start = CpuClock.now()
+    start = CpuTimes.read()
     refusal: str | None = None
     unprinted_walls: tuple[UnprintedWall, ...] = ()
     lines = 0
@@ -86,7 +86,7 @@ def check_model(name: str, mesh: trimesh.Trimesh, settings: EngineSettings, fold
         lines = result.gcode.read_bytes().count(b"\n")
     except SliceRejected as error:
         refusal = str(error)
-    end = CpuClock.now()
+    end = CpuTimes.read()
     check_s, engine_s = end.own_s - start.own_s, end.engine_s - start.engine_s
     return {
         "model": name,

@@ -22,7 +22,7 @@ from drivers.link import Link, LinkFault, Phase
 from drivers.printers import PROFILES
 
 MODEL = "ultimaker2_plus"
-HEAD = [b"M302 S0", b"G28", b"G92 E0", b"G1 F9000 X90 Y90 Z0.3"]
+START_LINES = [b"M302 S0", b"G28", b"G92 E0", b"G1 F9000 X90 Y90 Z0.3"]
 BARRIERS = [b"M400"] * 3
 
 
@@ -67,7 +67,7 @@ def soak(lines: int, damage: float, seed: int = 0) -> Outcome:
     link = Link(ULTIMAKER2)
     link.on_opened(now_s)
     fault: str | None = None
-    began_s = time.process_time()
+    start_s = time.process_time()
     is_connected = False
     while fault is None:
         sent_bytes = link.take()
@@ -81,7 +81,7 @@ def soak(lines: int, damage: float, seed: int = 0) -> Outcome:
         fault = next((event.fault for event in events if isinstance(event, LinkFault)), None)
         if not is_connected and link.phase is Phase.LIVE:
             is_connected = True
-            link.send(now_s, *HEAD)
+            link.send(now_s, *START_LINES)
             link.stream(now_s, lambda a, b: list_lines(a, b, lines), 0, lines + len(BARRIERS))
         elif is_connected and link.is_drained:
             break
@@ -101,12 +101,12 @@ def soak(lines: int, damage: float, seed: int = 0) -> Outcome:
         altered=firmware.noise.altered_lines if firmware.noise is not None else 0,
         damaged_bytes=firmware.noise.damaged_bytes if firmware.noise is not None else 0,
         repeated=link.repeat_count,
-        cpu_s=round(time.process_time() - began_s, 1),
+        cpu_s=round(time.process_time() - start_s, 1),
     )
 
 
 def list_lines(start: int, stop: int, lines: int) -> list[bytes]:
-    """Yield the lines of the file, and the barriers after it."""
+    """List some lines of the file, and of the barriers after it."""
     return [make_move(index) for index in range(start, min(stop, lines))] + [BARRIERS[0]] * max(
         0, stop - max(start, lines)
     )

@@ -29,8 +29,8 @@ from drivers.printers import PROFILES
 MODEL = "ultimaker2_plus"
 LINES_PER_FAULT = 30
 TO_BOARD_S, TO_HOST_S = 0.001, 0.004  # transfer times; the USB chip sends its buffer every 4 ms
-HEAD = [b"M302 S0", b"G28", b"G92 E0", b"G1 F3000 X90 Y90 Z0.3", b"M400"]
-TAIL = [b"M400"] * 3
+START_LINES = [b"M302 S0", b"G28", b"G92 E0", b"G1 F3000 X90 Y90 Z0.3", b"M400"]
+END_LINES = [b"M400"] * 3
 SPECIAL_LINES = {10: b"M106 S%d", 20: b"M400"}  # in place of moves, by their index in each 30 lines
 
 Damage = Callable[[bytes, random.Random], bytes]
@@ -88,13 +88,13 @@ class FaultKind:
     ----------
     to_board, to_host
         Damage to the line, and to the answer; None for none.
-    lines
-        Pattern of the damaged lines.
+    line_pattern
+        Regular expression of the lines that are damaged.
     """
 
     to_board: Damage | None = None
     to_host: Damage | None = None
-    lines: bytes = rb" G1 "
+    line_pattern: bytes = rb" G1 "
 
 
 def remove_all(data: bytes, rng: random.Random) -> bytes:
@@ -150,13 +150,13 @@ KINDS: dict[str, FaultKind] = {
     "refusal without cause: of the third line before it": FaultKind(to_host=add_refusal(3)),
     "refusal without cause: of the 40th line before it": FaultKind(to_host=add_refusal(40)),
     **{
-        f"{code}: {name}": FaultKind(to_board=damage, lines=lines)
-        for code, lines in _OTHER_COMMANDS.items()
+        f"{code}: {name}": FaultKind(to_board=damage, line_pattern=pattern)
+        for code, pattern in _OTHER_COMMANDS.items()
         for name, damage in _LINE_DAMAGES.items()
     },
     **{
-        f"{code}'s answer: {name}": FaultKind(to_host=damage, lines=lines)
-        for code, lines in _OTHER_COMMANDS.items()
+        f"{code}'s answer: {name}": FaultKind(to_host=damage, line_pattern=pattern)
+        for code, pattern in _OTHER_COMMANDS.items()
         for name, damage in _ANSWER_DAMAGES.items()
     },
 }
@@ -248,28 +248,28 @@ class FaultInjector:
 
     def __init__(self, kind: FaultKind, rng: random.Random) -> None:
         self._kind, self._rng = kind, rng
-        self._number = re.compile(rb"N(\d+)" + kind.lines)
+        self._line_pattern = re.compile(rb"N(\d+)" + kind.line_pattern)
         self._next_number = LINES_PER_FAULT  # first line number of the next fault
-        self._is_answer_next = False  # the answer is damaged next
+        self._damages_next_answer = False
         self.fault_count = 0
 
     def _schedule_next(self, number: int) -> None:
         self._next_number = number - number % LINES_PER_FAULT + LINES_PER_FAULT + self._rng.randrange(3)
 
     def damage_line(self, data: bytes) -> bytes:
-        match = self._number.match(data)
+        match = self._line_pattern.match(data)
         if match is None or int(match[1]) < self._next_number:
             return data
         self._schedule_next(int(match[1]))
-        self._is_answer_next = self._kind.to_host is not None
-        self.fault_count += not self._is_answer_next
+        self._damages_next_answer = self._kind.to_host is not None
+        self.fault_count += not self._damages_next_answer
         return self._kind.to_board(data, self._rng) if self._kind.to_board else data
 
     def damage_answer(self, data: bytes) -> bytes:
-        if not self._is_answer_next or (self._kind.to_board and b"Resend" not in data):
+        if not self._damages_next_answer or (self._kind.to_board and b"Resend" not in data):
             return data
         assert self._kind.to_host is not None
-        self._is_answer_next = False
+        self._damages_next_answer = False
         self.fault_count += 1
         return self._kind.to_host(data, self._rng)
 
@@ -278,13 +278,15 @@ def run(kind: FaultKind, faults: int, seed: int) -> Outcome:
     """Print with a number of faults of one kind."""
     rng = random.Random(seed)
     lines = (faults + 2) * LINES_PER_FAULT
-    program = [*(make_move(index) for index in range(lines)), *TAIL]
+    program = [*(make_move(index) for index in range(lines)), *END_LINES]
     firmware, link, injector = Recorder(rng), Link(ULTIMAKER2), FaultInjector(kind, rng)
     link.poll_every_s = 0.2
     link.on_opened(0.0)
     to_board, to_host = WireDirection(TO_BOARD_S), WireDirection(TO_HOST_S)
     now_s, is_connected, fault, fault_count = 0.0, False, None, 0
-    marks_s: list[tuple[float, float]] = []  # at each fault: the time, and the seconds of motion until then
+    fault_marks: list[
+        tuple[float, float]
+    ] = []  # at each fault: the time, and the seconds of motion until then
     while fault is None and not (is_connected and link.is_drained):
         now_s = max(now_s, min(firmware.compute_deadline_s(), link.deadline_s, to_board.due_s, to_host.due_s))
         answer = firmware.feed(to_board.take(now_s), now_s)
@@ -295,22 +297,23 @@ def run(kind: FaultKind, faults: int, seed: int) -> Outcome:
         fault = next((event.fault for event in events if isinstance(event, LinkFault)), None)
         if not is_connected and link.phase is Phase.LIVE:
             is_connected = True
-            link.send(now_s, *HEAD)
+            link.send(now_s, *START_LINES)
             link.stream(now_s, lambda a, b: program[a:b], 0, len(program))
         to_board.put(injector.damage_line(link.take()), now_s)
-        if injector.fault_count > fault_count and len(marks_s) <= faults:
+        if injector.fault_count > fault_count and len(fault_marks) <= faults:
             fault_count = injector.fault_count
-            marks_s.append((now_s, firmware.printing_s))
+            fault_marks.append((now_s, firmware.printing_s))
     stalls_s = tuple(
-        max(0.0, next_mark[0] - mark[0] - (next_mark[1] - mark[1])) for mark, next_mark in pairwise(marks_s)
+        max(0.0, next_mark[0] - mark[0] - (next_mark[1] - mark[1]))
+        for mark, next_mark in pairwise(fault_marks)
     )
     machine = firmware.machine
     is_at_end = abs(machine.position[3] - (lines - 1) * 0.02) < 1e-6
     has_fed = abs(firmware.board.filament_mm - (lines - 1) * 0.02) < 1e-3
-    expected_lines, received_lines = [*HEAD, *program], firmware.received
+    expected_lines, received_lines = [*START_LINES, *program], firmware.received
     is_exact = received_lines == expected_lines[: len(received_lines)] and len(received_lines) > len(
         expected_lines
-    ) - len(TAIL)
+    ) - len(END_LINES)
     return Outcome(fault, fault is None and is_exact and is_at_end and has_fed, stalls_s, link.repeat_count)
 
 

@@ -52,9 +52,9 @@ def main() -> None:
     times_s: dict[str, dict[str, float]] = {}
 
     def measure_stage(stage: str, compute: Callable[[], Any]) -> Any:
-        wall, cpu = perf_counter(), process_time()
+        start_s, start_cpu_s = perf_counter(), process_time()
         result = compute()
-        times_s[stage] = {"wall_s": perf_counter() - wall, "cpu_s": process_time() - cpu}
+        times_s[stage] = {"wall_s": perf_counter() - start_s, "cpu_s": process_time() - start_cpu_s}
         return result
 
     grid = measure_stage("grid", lambda: problem.build_grid(model))

@@ -1,9 +1,9 @@
-"""Unusual models and numbers of printers: each ends soon, with parts or a refusal that proposes a change.
+"""Unusual models and numbers of printers: each soon gives parts, or a refusal that proposes a change.
 
 Usage: python -m bench.search.edge_cases [--only sheet,rod,...] [--budget 20] [--json]
 
 A sheet of 450 x 450 x 1 mm, a rod of 2 m, a vase, ten bodies, a sphere, 1 and 100 printers, and `auto`.
-Nothing is sliced. `wall_s` and `cpu_s` are those of this machine, from the model in memory to checked parts.
+Nothing is sliced. `wall_s` and `cpu_s` are measured from the model in memory to the checked parts.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from dataclasses import asdict, dataclass
 from time import perf_counter, process_time
 
 from bench.models.shapes import ellipsoid
-from bench.unseen import ROOM
+from bench.unseen import ROOM_SIZES_MM
 from decompose.auto import decompose_auto
 from decompose.decompose import decompose_model
 from decompose.errors import DecomposeError
@@ -83,10 +83,10 @@ CASES: Mapping[str, Case] = {
 def run_case(name: str, case: Case, budget_s: float) -> Outcome:
     """Decompose the model of a case with default options."""
     model = Model(case.draw(), (), 1.0)
-    printers = [PrinterRoom(str(number), ROOM) for number in range(case.printers)]
+    printers = [PrinterRoom(str(number), ROOM_SIZES_MM) for number in range(case.printers)]
     options = Options(best=BestOptions(budget_s))
     decompose = decompose_auto if case.auto else decompose_model
-    began_s, began_cpu_s = perf_counter(), process_time()
+    start_s, start_cpu_s = perf_counter(), process_time()
     parts, makespan_s, effort_s, refusal = None, None, None, ""
     with ThreadPoolExecutor(os.cpu_count()) as executor:
         try:
@@ -95,7 +95,7 @@ def run_case(name: str, case: Case, budget_s: float) -> Outcome:
             effort_s = sum(attempt.effort_s for attempt in result.attempts)
         except DecomposeError as error:
             refusal = str(error)
-    wall_s, cpu_s = perf_counter() - began_s, process_time() - began_cpu_s
+    wall_s, cpu_s = perf_counter() - start_s, process_time() - start_cpu_s
     return Outcome(name, case.printers, parts, makespan_s, effort_s, wall_s, cpu_s, refusal)
 
 

@@ -35,22 +35,22 @@ PRINTER = "ultimaker2_plus"
 
 
 def measure_search(problem: Problem) -> tuple[Effort, dict[str, float]]:
-    """Measure the counted effort of a search, and the CPU seconds at which each of its stages ends."""
-    effort, ends_s, began_s = Effort(), {}, process_time()
+    """Measure the counted effort of a search, and the CPU seconds until the end of each of its stages."""
+    effort, stage_ends_s, start_s = Effort(), {}, process_time()
 
-    def record_lap(stage: str) -> None:
-        ends_s[stage] = process_time() - began_s
+    def record_stage_end(stage: str) -> None:
+        stage_ends_s[stage] = process_time() - start_s
 
     try:
-        ENGINES[problem.options.engine](replace(problem, effort=effort, on_stage=record_lap))
+        ENGINES[problem.options.engine](replace(problem, effort=effort, on_stage=record_stage_end))
     except NoFit as error:
         print(f"{problem.options.engine}: {error}", file=sys.stderr)
-    record_lap("all")
-    return effort, ends_s
+    record_stage_end("all")
+    return effort, stage_ends_s
 
 
 def fit_prices(runs: Sequence[dict[str, Any]]) -> dict[str, float]:
-    """Fit the nanoseconds of a unit of each kind."""
+    """Fit the nanoseconds of a unit of each kind of work."""
     kinds = [str(work) for work in Work]
     rows = np.array([[run["done"].get(kind, 0) / run["cpu_s"] for kind in kinds] for run in runs])
     scale = np.maximum(rows.max(axis=0), 1e-12)
@@ -85,11 +85,11 @@ def main() -> None:
         for printers in options.printers:
             for engine in options.engines:
                 rooms = tuple(PrinterRoom(str(i), room) for i in range(printers))
-                effort, ends_s = measure_search(Problem(model, rooms, cost, Options(engine)))
-                cpu_s = ends_s["all"]
+                effort, stage_ends_s = measure_search(Problem(model, rooms, cost, Options(engine)))
+                cpu_s = stage_ends_s["all"]
                 units_by_work = {str(work): units for work, units in effort.done.items()}
                 run = {"model": path.stem, "printers": printers, "engine": str(engine), "cpu_s": cpu_s}
-                runs.append(run | {"effort_s": effort.spent_s, "ends_s": ends_s, "done": units_by_work})
+                runs.append(run | {"effort_s": effort.spent_s, "ends_s": stage_ends_s, "done": units_by_work})
                 if not options.json:
                     times_text = f"{effort.spent_s:6.1f} s counted, {cpu_s:6.1f} s of CPU"
                     print(f"{path.stem:20} N {printers:3} {engine:13} {times_text}", flush=True)

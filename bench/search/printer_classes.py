@@ -66,8 +66,8 @@ def compute_makespan_s(problem: Problem, partition: Partition) -> float:
     )
 
 
-def equalise(printers: Sequence[PrinterRoom]) -> tuple[PrinterRoom, ...]:
-    """Make the same printers with the height of the lowest, and equal speeds."""
+def make_uniform_printers(printers: Sequence[PrinterRoom]) -> tuple[PrinterRoom, ...]:
+    """Make as many equal printers, with the room of the lowest one and one speed."""
     lowest = min((printer.boxes for printer in printers), key=lambda boxes: max(box[2] for box in boxes))
     return tuple(replace(printer, boxes=lowest, time_factor=1.0) for printer in printers)
 
@@ -76,7 +76,7 @@ def compare(path: Path, side_mm: float, problem: Problem) -> dict[str, Any]:
     """Compare both makespans for one model, with CPU seconds; a makespan is None if no cut fits."""
     row: dict[str, Any] = {"model": path.stem, "side_mm": side_mm, "printers": len(problem.printers)}
     for name, printers, search in (
-        ("shared", equalise(problem.printers), cut_for_uniform_printers),
+        ("shared", make_uniform_printers(problem.printers), cut_for_uniform_printers),
         ("unequal", problem.printers, cut_by_guillotine),
     ):
         start_cpu_s = process_time()

@@ -65,7 +65,7 @@ class Tracer:
         ]
 
 
-async def load(
+async def load_page(
     tab: Any, address: str, slowdown: int, network: Mapping[str, float]
 ) -> tuple[list[float], float]:
     """Load a page several times without a cache; return sorted first paints in ms, and the size in kB."""
@@ -80,14 +80,14 @@ async def load(
     return sorted(paints), float(await tab.evaluate(_WEIGHT)) / 1000
 
 
-async def browse(port: int, key: str, seconds: float, folder: Path) -> dict[str, Any]:
+async def measure_home(port: int, key: str, seconds: float, folder: Path) -> dict[str, Any]:
     """Measure Home in a browser."""
     home = f"http://127.0.0.1:{port}/"
     async with Chromium(folder, "") as tab:
         await tab.call("Network.setExtraHTTPHeaders", headers={"X-Api-Key": key})
-        paints_ms, home_kb = await load(tab, home, 1, _UNLIMITED)
-        phone_paints_ms, _ = await load(tab, home, 4, _SLOW_4G)
-        await load(tab, home, 1, _UNLIMITED)
+        paints_ms, home_kb = await load_page(tab, home, 1, _UNLIMITED)
+        phone_paints_ms, _ = await load_page(tab, home, 4, _SLOW_4G)
+        await load_page(tab, home, 1, _UNLIMITED)
         tasks = await Tracer(tab).trace(seconds)
     viewer = load_static_files().get("viewer.js")
     return {
@@ -103,7 +103,7 @@ async def browse(port: int, key: str, seconds: float, folder: Path) -> dict[str,
 def measure(printers: int, seconds: float) -> dict[str, Any]:
     """Serve the farm from its own process, and measure Home."""
     with start_server(printers) as server:
-        result = asyncio.run(browse(server.port, server.keys[1], seconds, server.folder / "profile"))
+        result = asyncio.run(measure_home(server.port, server.keys[1], seconds, server.folder / "profile"))
     return {"prints": server.prints, **result, "load": os.getloadavg()[0]}
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import yaml
 
 FARM = Path(sys.executable).with_name("farm")
-PATIENCE_S = 600.0
+TIMEOUT_S = 600.0
 _MODEL = "ultimaker2_plus"
 
 
@@ -31,11 +31,8 @@ class WebFarm:
     def __init__(self, folder: Path, printers: Sequence[str] = ("um2-01",)) -> None:
         with socket.create_server(("127.0.0.1", 0)) as probe:
             self.port = probe.getsockname()[1]
-        compilation = [
-            sys.executable,
-            "-m",
-            "decompose.compilation",
-        ]  # otherwise the first model waits for it
+        # Compiled before the start, so that the first model does not wait for it.
+        compilation = [sys.executable, "-m", "decompose.compilation"]
         subprocess.run(compilation, check=True, stdout=subprocess.DEVNULL)
         self.state, self.fleet = folder / "state", folder / "fleet.yaml"
         rows = [{"name": name, "model": _MODEL, "port": f"sim://{_MODEL}"} for name in printers]
@@ -50,16 +47,16 @@ class WebFarm:
     def run(self, *arguments: str) -> str:
         """Run a command of `farm`."""
         command = [str(FARM), *arguments, "--state", str(self.state)]
-        return subprocess.run(command, check=True, capture_output=True, text=True, timeout=PATIENCE_S).stdout
+        return subprocess.run(command, check=True, capture_output=True, text=True, timeout=TIMEOUT_S).stdout
 
     def add_key(self, name: str, role: str) -> str:
         """Add a key, and return its text."""
         return self.run("key", "add", name, "--role", role).strip()
 
-    def cpu_s(self) -> float:
+    def read_cpu_s(self) -> float:
         """Return the CPU seconds of the daemon, in all its threads."""
         return time.clock_gettime((~self.pid << 3) | 2)
 
-    def list_leftovers(self) -> list[str]:
+    def list_work_files(self) -> list[str]:
         """List the files in the work folder."""
         return [str(path) for path in (self.state / "work").rglob("*") if path.is_file()]

@@ -26,14 +26,14 @@ from bench.web.farm import WebFarm
 from bench.web.requests import FuzzedRequest, list_statuses, make_request
 from farm.http.stream_limit import STREAM_TYPE
 
-ANSWER_S = 600.0  # a model waits for the start of the workers, and for the planning of earlier models
-DAMAGED_S = 0.05
+ANSWER_TIMEOUT_S = 600.0  # a model waits for the start of the workers, and for the planning of earlier models
+DAMAGED_TIMEOUT_S = 0.05
 """Time for the answer to a request that a server need not answer."""
-WARM_UP = 5000
+WARM_UP_REQUESTS = 5000
 """Requests after which the daemon has loaded all code, and memory is measured."""
 GOALS = {
-    "failed": 0, "unanswered": 0, "events_without_right": 0, "jobs_without_right": 0,
-    "prints_without_right": 0,
+    "failed": 0, "unanswered": 0, "events_without_permission": 0, "jobs_without_permission": 0,
+    "prints_without_permission": 0,
     "uploads_left": 0, "new_descriptors": 4, "memory_growth_mb_per_100000": 20.0,
 }  # fmt: skip
 _CAMERA_SILENT = 503
@@ -69,9 +69,9 @@ class FuzzedFarm(WebFarm):
         }
 
 
-async def send(port: int, request: FuzzedRequest, answer_s: float = ANSWER_S) -> list[int]:
+async def send(port: int, request: FuzzedRequest, answer_s: float = ANSWER_TIMEOUT_S) -> list[int]:
     """Send a request on its own connection. Returns the statuses of the answers."""
-    answer, timeout_s = b"", answer_s if request.intact else DAMAGED_S
+    answer, timeout_s = b"", answer_s if request.intact else DAMAGED_TIMEOUT_S
     with suppress(ConnectionError, TimeoutError):
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
         try:
@@ -98,14 +98,14 @@ class RequestSender:
         """Send a number of requests by callers with these keys."""
         remaining = number
 
-        async def work() -> None:
+        async def send_requests() -> None:
             nonlocal remaining
             while remaining > 0:
                 remaining -= 1
                 request = make_request(self._rng, keys)
                 self._count(request, await send(self._port, request))
 
-        await asyncio.gather(*(work() for _ in range(self._connections)))
+        await asyncio.gather(*(send_requests() for _ in range(self._connections)))
 
     def _count(self, request: FuzzedRequest, statuses: list[int]) -> None:
         self.sent += 1
@@ -120,7 +120,7 @@ class RequestSender:
             self.failures.append((statuses, request.data))
 
 
-def measure(number: int, seed: int, connections: int) -> dict[str, Any]:
+def measure(request_count: int, seed: int, connections: int) -> dict[str, Any]:
     """Send the requests, and compare the daemon before and after."""
     with tempfile.TemporaryDirectory() as name:
         farm = FuzzedFarm(Path(name))
@@ -129,22 +129,22 @@ def measure(number: int, seed: int, connections: int) -> dict[str, Any]:
             read_only_keys = {name: farm.keys[name] for name in ("nobody", "wrong", "revoked", "look")}
             writing_keys = {name: farm.keys[name] for name in ("print", "operate")}
             measures_before = farm.measure()
-            warm_up = min(WARM_UP, number // 4)
+            warm_up = min(WARM_UP_REQUESTS, request_count // 4)
             asyncio.run(sender.run(warm_up, read_only_keys))
             measures_after_warm_up = farm.measure()
-            asyncio.run(sender.run(number * 3 // 4 - warm_up, read_only_keys))
+            asyncio.run(sender.run(request_count * 3 // 4 - warm_up, read_only_keys))
             measures_read_only = farm.measure()
             accepted_read_only = sender.accepted
-            asyncio.run(sender.run(number - number * 3 // 4, writing_keys))
+            asyncio.run(sender.run(request_count - request_count * 3 // 4, writing_keys))
             measures_after = farm.measure()
-            deadline_s = time.monotonic() + ANSWER_S
+            deadline_s = time.monotonic() + ANSWER_TIMEOUT_S
             while measures_after["uploads"] and time.monotonic() < deadline_s:
                 time.sleep(1.0)  # a complete upload is inspected even if its sender has disconnected
                 measures_after = farm.measure()
             status = json.loads(farm.run("status", "--json"))
         finally:
             farm.run("down", "--now")
-    count = max(1, number * 3 // 4 - warm_up)
+    count = max(1, request_count * 3 // 4 - warm_up)
     failed_count = sum(bool(statuses) for statuses, _ in sender.failures)
     return {
         "requests": sender.sent,
@@ -154,9 +154,9 @@ def measure(number: int, seed: int, connections: int) -> dict[str, Any]:
         "failed": failed_count,
         "unanswered": sender.unanswered,
         "failures": [(statuses, repr(data[:2000])) for statuses, data in sender.failures[:_MAX_SHOWN]],
-        "events_without_right": measures_read_only["event"] - measures_before["event"],
-        "jobs_without_right": measures_read_only["job"],
-        "prints_without_right": measures_read_only["print"],
+        "events_without_permission": measures_read_only["event"] - measures_before["event"],
+        "jobs_without_permission": measures_read_only["job"],
+        "prints_without_permission": measures_read_only["print"],
         "accepted_changes": sender.accepted - accepted_read_only,
         "new_events": measures_after["event"] - measures_read_only["event"],
         "new_jobs": measures_after["job"],
@@ -189,8 +189,8 @@ def main() -> None:
     else:
         print(
             f"{result['requests']} requests in {result['seconds']:.0f} s: {result['failed']} failed, "
-            f"{result['unanswered']} unanswered; {result['events_without_right']} events and "
-            f"{result['prints_without_right']} prints by callers without that right; "
+            f"{result['unanswered']} unanswered; {result['events_without_permission']} events and "
+            f"{result['prints_without_permission']} prints by callers without permission; "
             f"memory grows by {result['memory_growth_mb_per_100000']:.1f} MB for 100,000 requests"
         )
         for statuses, data in result["failures"]:

@@ -24,7 +24,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from bench.fleets.measured_daemon import PLATES_OF_A_JOB, fill_books
+from bench.fleets.measured_daemon import PLATES_PER_JOB, fill_books
 from drivers.clock import Clock
 from farm.api import KeyRequest
 from farm.compute import Workers
@@ -70,7 +70,7 @@ async def serve(folder: Path, printers: int, pipe: Connection) -> None:
     state = StateFolder(folder)
     state.make()
     names = [f"um2-{number:03d}" for number in range(1, printers + 1)]
-    fill_books(state.books, names, 2 * PLATES_OF_A_JOB + 2 * printers)
+    fill_books(state.books, names, 2 * PLATES_PER_JOB + 2 * printers)
     with socket.create_server(("127.0.0.1", 0)) as probe:
         port = probe.getsockname()[1]
     web = {"listen": f"127.0.0.1:{port}"}
@@ -88,17 +88,17 @@ async def serve(folder: Path, printers: int, pipe: Connection) -> None:
         state,
         folder / "fleet.yaml",
         Workers(state.work / "workers", 1, None, warm_up_planning),
-        refuse,
+        refuse_shutdown,
     )
     server = NetworkServer(
         WebSection.model_validate(web), make_web_app(services, DryRuns(controller), ()), 200, NetworkState()
     )
     server.start(lambda: True)
     keys = KeyCommands(controller)
-    texts = [
+    key_texts = [
         keys.add(KeyRequest(name=str(role), role=role), "bench").text for role in (Role.LOOK, Role.OPERATE)
     ]
-    pipe.send((port, texts, len(list(controller.books.open_prints()))))
+    pipe.send((port, key_texts, len(list(controller.books.open_prints()))))
     progress_s = 0.0
     while True:
         if pipe.poll():
@@ -114,7 +114,7 @@ async def serve(folder: Path, printers: int, pipe: Connection) -> None:
     store.close()
 
 
-async def refuse(now: bool) -> None:
+async def refuse_shutdown(now: bool) -> None:
     """Refuse to shut down."""
 
 
@@ -161,8 +161,8 @@ def receive_streams(port: int, keys: list[str], viewers: int, seconds: float) ->
         head = f"GET /live HTTP/1.1\r\nHost: localhost\r\nX-Api-Key: {keys[number % len(keys)]}\r\n\r\n"
         client.sendall(head.encode())
         selector.register(client, selectors.EVENT_READ)
-    end_s = time.monotonic() + seconds
-    while time.monotonic() < end_s:
+    deadline_s = time.monotonic() + seconds
+    while time.monotonic() < deadline_s:
         for key, _ in selector.select(0.2):
             received_bytes += len(key.fileobj.recv(2**18))  # type: ignore[union-attr]
     for key in list(selector.get_map().values()):
@@ -174,15 +174,16 @@ def measure(printers: int, viewers: int, seconds: float) -> dict[str, Any]:
     """Measure the CPU of the server, without viewers and with them."""
     with start_server(printers) as server:
         time.sleep(_WARM_UP_S)
-        begin_cpu_s, begin_s = server.read_cpu_s(), time.monotonic()
+        start_cpu_s, start_s = server.read_cpu_s(), time.monotonic()
         time.sleep(seconds / 2)
-        idle_share = (server.read_cpu_s() - begin_cpu_s) / (time.monotonic() - begin_s)
-        begin_cpu_s, begin_s = server.read_cpu_s(), time.monotonic()
+        idle_core_share = (server.read_cpu_s() - start_cpu_s) / (time.monotonic() - start_s)
+        start_cpu_s, start_s = server.read_cpu_s(), time.monotonic()
         received_bytes = receive_streams(server.port, server.keys, viewers, seconds)
-        share = (server.read_cpu_s() - begin_cpu_s) / (time.monotonic() - begin_s)
+        core_share = (server.read_cpu_s() - start_cpu_s) / (time.monotonic() - start_s)
     return {
-        "printers": printers, "prints": server.prints, "viewers": viewers, "core_share": share,
-        "core_share_without_viewers": idle_share, "bytes_per_viewer_s": received_bytes / viewers / seconds,
+        "printers": printers, "prints": server.prints, "viewers": viewers, "core_share": core_share,
+        "core_share_without_viewers": idle_core_share,
+        "bytes_per_viewer_s": received_bytes / viewers / seconds,
         "load": os.getloadavg()[0],
     }  # fmt: skip
 

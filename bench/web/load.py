@@ -1,11 +1,11 @@
-"""Delays of other clients while thousands of clients on the network stop in the middle of a request.
+"""Response times for other clients while thousands of clients on the network leave their requests incomplete.
 
 ``python -m bench.web.load [--connections N] [--seconds S] [--json]``. A real daemon, one simulated printer
-that prints. Clients on the network stop in every way: they are silent, send half a head, half a body of
-JSON, half an upload, or never read the answers to many requests; a disconnected client connects again.
-Meanwhile another process requests `GET /status` on the Unix socket every 50 ms, and on the network every
-second. At the end the daemon gets SIGTERM with all of them connected. The exit status is 1 if a goal is
-missed.
+that prints. Each client on the network connects, and then stops: before it sends anything, in the middle of
+a head, of a JSON body or of an upload, or without reading the answers to its requests. A client that is
+disconnected connects again. Meanwhile another process requests `GET /status` on the Unix socket every 50 ms,
+and on the network every second. At the end the daemon gets SIGTERM while all clients are connected. The exit
+status is 1 if a goal is missed.
 """
 
 from __future__ import annotations
@@ -30,23 +30,25 @@ import httpx
 import trimesh
 
 from bench.web.farm import WebFarm
-from bench.web.upload_speed import PATIENCE_S, POLL_S
+from bench.web.upload_speed import POLL_S, TIMEOUT_S
 from farm.api import NETWORK_PREFIX
 
 GOALS = {
     "status_p99_ms": 100.0, "status_worst_ms": 1000.0, "network_failures_share": 0.1, "new_agents": 0,
-    "printer_lost": 0, "end_s": 30.0, "uploads_left": 0,
+    "printer_lost": 0, "shutdown_s": 30.0, "uploads_left": 0,
 }  # fmt: skip
-_NETWORK_S = 1.0
+_NETWORK_PERIOD_S = 1.0
 _SPARE_DESCRIPTORS = 100
-_LARGE = 10**9
+_LARGE_BYTES = 10**9
 
 
 def list_incomplete_requests(key: str) -> list[bytes]:
     """List incomplete requests of hanging clients."""
     head = f"Host: localhost\r\nX-Api-Key: {key}\r\n"
     status = f"GET {NETWORK_PREFIX}/status HTTP/1.1\r\n{head}\r\n"
-    upload = f"POST {NETWORK_PREFIX}/jobs?request_id=12345678&name=a.stl&size={_LARGE} HTTP/1.1\r\n{head}"
+    upload = (
+        f"POST {NETWORK_PREFIX}/jobs?request_id=12345678&name=a.stl&size={_LARGE_BYTES} HTTP/1.1\r\n{head}"
+    )
     form = f"POST /api/files/local HTTP/1.1\r\n{head}Content-Type: multipart/form-data; boundary=x\r\n"
     return [
         text.encode()
@@ -55,8 +57,8 @@ def list_incomplete_requests(key: str) -> list[bytes]:
             "GET /heal",
             f"GET {NETWORK_PREFIX}/status HTTP/1.1\r\nX-Slow: ",
             f"POST {NETWORK_PREFIX}/printers/um2-01/fail HTTP/1.1\r\n{head}Content-Length: 20\r\n\r\n{{",
-            f"{upload}Content-Length: {_LARGE}\r\n\r\nsolid",
-            f"{form}Content-Length: {_LARGE}\r\n\r\n--x\r\nContent-Disposition: form-data; name=",
+            f"{upload}Content-Length: {_LARGE_BYTES}\r\n\r\nsolid",
+            f"{form}Content-Length: {_LARGE_BYTES}\r\n\r\n--x\r\nContent-Disposition: form-data; name=",
             status * 5,
             f"GET {NETWORK_PREFIX}/events HTTP/1.1\r\n{head}\r\n",
         )
@@ -64,18 +66,18 @@ def list_incomplete_requests(key: str) -> list[bytes]:
 
 
 class HangingClients:
-    """Connections that hang; those that are closed connect again."""
+    """Clients that stop in the middle of a request; those that are disconnected connect again."""
 
     def __init__(self, port: int, key: str, number: int) -> None:
         self._port, self._incomplete_requests = port, list_incomplete_requests(key)
         self._selector = selectors.DefaultSelector()
-        self._number, self.connected, self.closed, self.refused = number, 0, 0, 0
+        self._max_count, self.connected_count, self.closed_count, self.refused_count = number, 0, 0, 0
 
     def hang(self, seconds: float) -> None:
         """Keep the connections open for some seconds."""
-        end_s = time.monotonic() + seconds
-        while time.monotonic() < end_s:
-            for _ in range(min(10, self._number - len(self._selector.get_map()))):
+        deadline_s = time.monotonic() + seconds
+        while time.monotonic() < deadline_s:
+            for _ in range(min(10, self._max_count - len(self._selector.get_map()))):
                 self._connect()
             for key, _ in self._selector.select(0.05):
                 self._read(key.fileobj)  # type: ignore[arg-type]
@@ -85,24 +87,24 @@ class HangingClients:
         client.settimeout(0.2)
         try:
             client.connect(("127.0.0.1", self._port))
-            client.send(self._incomplete_requests[self.connected % len(self._incomplete_requests)])
+            client.send(self._incomplete_requests[self.connected_count % len(self._incomplete_requests)])
         except OSError:
             client.close()
-            self.refused += 1
+            self.refused_count += 1
             return
         client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-        self.connected += 1
+        self.connected_count += 1
         self._selector.register(client, selectors.EVENT_READ)
 
     def _read(self, client: socket.socket) -> None:
-        """Read a few bytes, so that a close is seen and answers stay unread."""
+        """Read a few bytes: enough to see that the connection is closed, too few to read the answers."""
         data = b""
         with suppress(OSError):
             data = client.recv(16)
         if not data:
             self._selector.unregister(client)
             client.close()
-            self.closed += 1
+            self.closed_count += 1
 
 
 def request_status(state: Path, port: int, key: str, pipe: Connection) -> None:
@@ -112,13 +114,13 @@ def request_status(state: Path, port: int, key: str, pipe: Connection) -> None:
     next_s = 0.0
     url, headers = f"http://127.0.0.1:{port}{NETWORK_PREFIX}/status", {"x-api-key": key}
     transport = httpx.HTTPTransport(uds=str(state / "farm.sock"))
-    with httpx.Client(transport=transport, base_url="http://farm", timeout=PATIENCE_S) as local_client:
+    with httpx.Client(transport=transport, base_url="http://farm", timeout=TIMEOUT_S) as local_client:
         while not pipe.poll():
             start_s = time.perf_counter()
             local_client.get("/status").raise_for_status()
             local_ms.append(1000 * (time.perf_counter() - start_s))
             if time.monotonic() >= next_s:
-                next_s, request_count = time.monotonic() + _NETWORK_S, request_count + 1
+                next_s, request_count = time.monotonic() + _NETWORK_PERIOD_S, request_count + 1
                 try:
                     httpx.get(url, headers=headers, timeout=5.0).raise_for_status()
                 except httpx.HTTPError:
@@ -132,8 +134,8 @@ def read_printer(farm: WebFarm) -> dict[str, Any]:
     return printer
 
 
-def measure(number: int, seconds: float) -> dict[str, Any]:
-    """Measure the answers while connections hang, and how the daemon ends with them."""
+def measure(connection_count: int, seconds: float) -> dict[str, Any]:
+    """Measure response times while connections hang, and then the time in which the daemon shuts down."""
     with tempfile.TemporaryDirectory() as name:
         farm = WebFarm(Path(name))
         try:
@@ -141,15 +143,15 @@ def measure(number: int, seconds: float) -> dict[str, Any]:
             model = Path(name) / "box.stl"
             trimesh.creation.box((20.0, 20.0, 5.0)).export(model)
             farm.run("submit", str(model), "--json")
-            give_up_s = time.monotonic() + PATIENCE_S
-            while read_printer(farm)["print"] is None and time.monotonic() < give_up_s:
+            deadline_s = time.monotonic() + TIMEOUT_S
+            while read_printer(farm)["print"] is None and time.monotonic() < deadline_s:
                 time.sleep(0.5)
             printer_before = read_printer(farm)
             receiver, sender = multiprocessing.get_context("spawn").Pipe()
             requester = multiprocessing.get_context("spawn").Process(
                 target=request_status, args=(farm.state, farm.port, key, sender)
             )
-            clients = HangingClients(farm.port, key, number)
+            clients = HangingClients(farm.port, key, connection_count)
             clients.hang(5.0)
             requester.start()
             clients.hang(seconds)
@@ -160,19 +162,19 @@ def measure(number: int, seconds: float) -> dict[str, Any]:
             printer_after = read_printer(farm)
             start_s = time.monotonic()
             os.kill(farm.pid, signal.SIGTERM)
-            while (farm.state / "farm.sock").exists() and time.monotonic() < start_s + PATIENCE_S:
+            while (farm.state / "farm.sock").exists() and time.monotonic() < start_s + TIMEOUT_S:
                 clients.hang(0.1)
-            end_s = time.monotonic() - start_s
+            shutdown_s = time.monotonic() - start_s
             uploads_left = [path.name for path in (farm.state / "work").glob("upload-*")]
         finally:
             farm.start()
             farm.run("down", "--now")
     local_ms.sort()
     return {
-        "connections": number,
-        "connections_opened": clients.connected,
-        "closed_by_the_daemon": clients.closed,
-        "refused": clients.refused,
+        "connections": connection_count,
+        "connections_opened": clients.connected_count,
+        "closed_by_the_daemon": clients.closed_count,
+        "refused": clients.refused_count,
         "descriptors": descriptors,
         "status_requests": len(local_ms),
         "status_median_ms": local_ms[len(local_ms) // 2],
@@ -182,7 +184,7 @@ def measure(number: int, seconds: float) -> dict[str, Any]:
         "network_failures_share": failed_count / max(1, request_count),
         "new_agents": int(printer_before["agent_pid"] != printer_after["agent_pid"]),
         "printer_lost": int(printer_after["print"] is None),
-        "end_s": end_s,
+        "shutdown_s": shutdown_s,
         "uploads_left": len(uploads_left),
         "load": os.getloadavg()[0],
     }
@@ -214,7 +216,7 @@ def main() -> None:
             f"{result['status_median_ms']:.0f} ms, 99 % within {result['status_p99_ms']:.0f} ms, at worst "
             f"{result['status_worst_ms']:.0f} ms; on the network "
             f"{100 * result['network_failures_share']:.0f} % failed; "
-            f"the daemon ended within {result['end_s']:.1f} s of SIGTERM"
+            f"the daemon ended within {result['shutdown_s']:.1f} s of SIGTERM"
         )
     sys.exit(any(result[name] > limit for name, limit in GOALS.items()))
 

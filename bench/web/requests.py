@@ -31,12 +31,12 @@ VALID_VALUES = {
     "request_id": "r" * 8,
     "token": "t" * 8,
 }
-FIELDS = (
+BODY_FIELDS = (
     "why", "bad", "good", "filament", "material", "colour", "grams", "nozzle_mm", "plan", "to", "before",
     "now",
     "wait", "dry_run", "command", "print", "select", "role", "days", "user", "options", "quality", "printers",
 )  # fmt: skip
-QUERY = (
+QUERY_FIELDS = (
     "request_id", "name", "size", "options", "job", "printer", "last", "since", "apikey", "path", "force",
 )  # fmt: skip
 STL = b"solid a\n" + b"".join(
@@ -48,7 +48,7 @@ STL = b"solid a\n" + b"".join(
 ) + b"endsolid a\n"  # fmt: skip
 GCODE = b";FLAVOR:Marlin\nG28\nM104 S200\nG1 X10 Y10 E1\n"
 _METHODS = ("GET", "POST", "PUT", "DELETE", "HEAD", "OPTIONS", "PATCH", "TRACE", "CONNECT", "get", "P\x00ST")
-_SUBMIT = f"{NETWORK_PREFIX}/jobs"
+_SUBMIT_ROUTE = f"{NETWORK_PREFIX}/jobs"
 _PLAIN_SHARE = 0.3
 _PLAIN_BODIES = (b"{}", b'{"why": "x"}', b'{"grams": 500, "colour": "red"}', b'{"bad": true, "why": "x"}')
 _ENCODING = "surrogatepass"
@@ -90,9 +90,9 @@ def make_request(rng: random.Random, keys: Mapping[str, str]) -> FuzzedRequest:
     is_plain = rng.random() < _PLAIN_SHARE
     if rng.random() < 0.05:
         method = rng.choice(_METHODS)
-    path = _fill(rng, template, 1.0 if is_plain else 0.8)
+    path = _fill_path(rng, template, 1.0 if is_plain else 0.8)
     body, media_type = (rng.choice(_PLAIN_BODIES), "application/json") if is_plain else _make_body(rng)
-    if is_plain and template == _SUBMIT:
+    if is_plain and template == _SUBMIT_ROUTE:
         body, media_type = STL, "application/octet-stream"
         path = f"{template}?request_id={rng.getrandbits(64):016x}&name=a.stl&size={len(body)}"
     headers = {"Host": HOST, "Connection": "close", "Content-Type": media_type}
@@ -120,7 +120,7 @@ def _is_invalid(path: str, headers: Mapping[str, str]) -> bool:
     )
 
 
-def _fill(rng: random.Random, template: str, valid_share: float) -> str:
+def _fill_path(rng: random.Random, template: str, valid_share: float) -> str:
     """Fill in the parameters of a path, and add a query."""
     path = template
     for name, value in VALID_VALUES.items():
@@ -131,12 +131,13 @@ def _fill(rng: random.Random, template: str, valid_share: float) -> str:
         path = rng.choice(HOSTILE_VALUES)
     if not path.startswith("/"):
         path = f"/{path}"
-    if template == _SUBMIT and rng.random() < 0.7:
+    if template == _SUBMIT_ROUTE and rng.random() < 0.7:
         name = rng.choice(("a.stl", "a.gcode", "a.3mf", "a.obj", "../a.stl", "ü.stl", "a" * 150))
         size = rng.choice((0, 1, len(GCODE), len(STL), 10**15))
         return f"{path}?request_id={rng.getrandbits(64):016x}&name={name}&size={size}"
     query = [
-        f"{rng.choice(QUERY)}={rng.choice((*HOSTILE_VALUES, '1', 'a'))}" for _ in range(rng.randrange(3))
+        f"{rng.choice(QUERY_FIELDS)}={rng.choice((*HOSTILE_VALUES, '1', 'a'))}"
+        for _ in range(rng.randrange(3))
     ]
     has_query = query and rng.random() > valid_share
     return f"{path}?{'&'.join(query)}" if has_query else path
@@ -170,7 +171,7 @@ def _make_body(rng: random.Random) -> tuple[bytes, str]:
     if kind in (0, 6, 7):
         return (b"" if kind == 0 else rng.choice((b"{}", b'{"why": "x"}'))), "application/json"
     if kind <= 2:
-        value = {rng.choice(FIELDS): _make_value(rng, 3) for _ in range(rng.randrange(4))}
+        value = {rng.choice(BODY_FIELDS): _make_value(rng, 3) for _ in range(rng.randrange(4))}
         return json.dumps(value if rng.random() < 0.9 else _make_value(rng, 3)).encode(), "application/json"
     if kind == 3:
         return _make_form(rng)
@@ -185,7 +186,7 @@ def _make_value(rng: random.Random, depth: int) -> Any:
     if kind == 6:
         return [_make_value(rng, depth - 1) for _ in range(rng.randrange(4))]
     if kind == 7:
-        return {rng.choice((*FIELDS, "x")): _make_value(rng, depth - 1) for _ in range(rng.randrange(4))}
+        return {rng.choice((*BODY_FIELDS, "x")): _make_value(rng, depth - 1) for _ in range(rng.randrange(4))}
     number = rng.choice((0, 1, -1, 2**63, 10**400, 0.5, float("inf"), float("nan"), -1e308))
     return (None, rng.random() < 0.5, number, rng.choice(HOSTILE_VALUES), "a", "p01")[kind]
 
@@ -222,13 +223,13 @@ def _damage_length(rng: random.Random, method: str, path: str, headers: dict[str
 
 def _damage_chunks(rng: random.Random, method: str, path: str, headers: dict[str, str], body: bytes) -> bytes:
     """Send chunks, some of them wrong, some in addition to a length."""
-    headers_added = {"Transfer-Encoding": rng.choice(("chunked", "gzip, chunked", "x"))}
+    added_headers = {"Transfer-Encoding": rng.choice(("chunked", "gzip, chunked", "x"))}
     if rng.random() < 0.3:
-        headers_added["Content-Length"] = str(len(body))
+        added_headers["Content-Length"] = str(len(body))
     size = rng.choice((f"{len(body):x}", "-1", "ffffffffffffffff", "x", f"{len(body):x};ext=1"))
     end = rng.choice(("\r\n0\r\n\r\n", "\r\n0\r\nTrailer: x\r\n\r\n", "", "0"))
     return (
-        _write_head(method, path, {**headers, **headers_added}) + f"{size}\r\n".encode() + body + end.encode()
+        _write_head(method, path, {**headers, **added_headers}) + f"{size}\r\n".encode() + body + end.encode()
     )
 
 
@@ -255,13 +256,15 @@ def _damage_bytes(rng: random.Random, method: str, path: str, headers: dict[str,
     return bytes(data)
 
 
-def _cut(rng: random.Random, method: str, path: str, headers: dict[str, str], body: bytes) -> bytes:
+def _cut_request(rng: random.Random, method: str, path: str, headers: dict[str, str], body: bytes) -> bytes:
     """Cut a request at a random place."""
     data = _write_head(method, path, {**headers, "Content-Length": str(len(body))}) + body
     return data[: rng.randrange(len(data))]
 
 
-def _repeat(rng: random.Random, method: str, path: str, headers: dict[str, str], body: bytes) -> bytes:
+def _repeat_request(
+    rng: random.Random, method: str, path: str, headers: dict[str, str], body: bytes
+) -> bytes:
     """Send several requests at once on one connection."""
     open_headers = {**headers, "Content-Length": str(len(body)), "Connection": "keep-alive"}
     last_headers = {**headers, "Content-Length": str(len(body))}
@@ -269,7 +272,15 @@ def _repeat(rng: random.Random, method: str, path: str, headers: dict[str, str],
     return requests + _write_head(method, path, last_headers) + body
 
 
-_DAMAGES = (_damage_length, _damage_chunks, _damage_head, _damage_bytes, _damage_bytes, _cut, _repeat)
+_DAMAGES = (
+    _damage_length,
+    _damage_chunks,
+    _damage_head,
+    _damage_bytes,
+    _damage_bytes,
+    _cut_request,
+    _repeat_request,
+)
 
 
 def list_statuses(answer: bytes) -> Iterable[int]:

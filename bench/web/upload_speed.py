@@ -32,33 +32,37 @@ from farm.api import NETWORK_PREFIX
 MB = 10**6
 BLOCK = b"M999 ; a command that no file may have\n" + b"G1 X100.123 Y100.456 E0.12345\n" * 30_000
 POLL_S = 0.05
-PATIENCE_S = 300.0
+TIMEOUT_S = 300.0
 GOALS = {"mb_per_s": 100.0, "status_worst_ms": 100.0}
 BOUNDARY = b"------------------------9b1418d19f570849"
 
 
 def make_request(farm: WebFarm, key: str, size: int, form: bool) -> tuple[bytes, bytes, bytes]:
     """Return the headers of the request, and its bytes before and after the file."""
-    head_bytes, tail_bytes = b"", b""
+    bytes_before_file, bytes_after_file = b"", b""
     if form:
-        path, kind = "/api/files/local", b"multipart/form-data; boundary=" + BOUNDARY
+        path, media_type = "/api/files/local", b"multipart/form-data; boundary=" + BOUNDARY
         for name, value in ((b"print", b"false"), (b"path", b"")):
-            head_bytes += b'--%b\r\nContent-Disposition: form-data; name="%b"\r\n\r\n%b\r\n' % (
+            bytes_before_file += b'--%b\r\nContent-Disposition: form-data; name="%b"\r\n\r\n%b\r\n' % (
                 BOUNDARY,
                 name,
                 value,
             )
-        head_bytes += (
+        bytes_before_file += (
             b'--%b\r\nContent-Disposition: form-data; name="file"; filename="big.gcode"\r\n' % BOUNDARY
         )
-        head_bytes += b"Content-Type: application/octet-stream\r\n\r\n"
-        tail_bytes = b"\r\n--%b--\r\n" % BOUNDARY
+        bytes_before_file += b"Content-Type: application/octet-stream\r\n\r\n"
+        bytes_after_file = b"\r\n--%b--\r\n" % BOUNDARY
     else:
         path = f"{NETWORK_PREFIX}/jobs?request_id={secrets.token_hex(8)}&name=big.gcode&size={size}"
-        kind = b"application/octet-stream"
-    length = len(head_bytes) + size + len(tail_bytes)
+        media_type = b"application/octet-stream"
+    length = len(bytes_before_file) + size + len(bytes_after_file)
     head = f"POST {path} HTTP/1.1\r\nHost: localhost\r\nX-Api-Key: {key}\r\nContent-Length: {length}\r\n"
-    return head.encode() + b"Connection: close\r\nContent-Type: %b\r\n\r\n" % kind, head_bytes, tail_bytes
+    return (
+        head.encode() + b"Connection: close\r\nContent-Type: %b\r\n\r\n" % media_type,
+        bytes_before_file,
+        bytes_after_file,
+    )
 
 
 def upload(farm: WebFarm, key: str, size: int, form: bool, share: float = 1.0) -> tuple[float, int, str]:
@@ -69,10 +73,10 @@ def upload(farm: WebFarm, key: str, size: int, form: bool, share: float = 1.0) -
     seconds, status, text
         Seconds from the first byte to the answer; status 0 for an upload that was cut.
     """
-    head, head_bytes, tail_bytes = make_request(farm, key, size, form)
-    with socket.create_connection(("127.0.0.1", farm.port), PATIENCE_S) as connection:
+    head, bytes_before_file, bytes_after_file = make_request(farm, key, size, form)
+    with socket.create_connection(("127.0.0.1", farm.port), TIMEOUT_S) as connection:
         start_s = time.perf_counter()
-        connection.sendall(head + head_bytes)
+        connection.sendall(head + bytes_before_file)
         remaining_bytes = int(size * share)
         while remaining_bytes:
             block = memoryview(BLOCK)[:remaining_bytes]
@@ -80,7 +84,7 @@ def upload(farm: WebFarm, key: str, size: int, form: bool, share: float = 1.0) -
             remaining_bytes -= len(block)
         if share < 1.0:
             return time.perf_counter() - start_s, 0, ""
-        connection.sendall(tail_bytes)
+        connection.sendall(bytes_after_file)
         answer = b""
         while chunk := connection.recv(65536):
             answer += chunk
@@ -89,14 +93,14 @@ def upload(farm: WebFarm, key: str, size: int, form: bool, share: float = 1.0) -
     return duration_s, int(status.split()[1]), text.decode()
 
 
-def ask_status(state: Path, port: int, key: str, pipe: Connection) -> None:
+def request_status(state: Path, port: int, key: str, pipe: Connection) -> None:
     """Request the status until a message stops it; send the milliseconds of each answer."""
     durations_ms: list[float] = []
     socket_transport = httpx.HTTPTransport(uds=str(state / "farm.sock"))
     with (
-        httpx.Client(transport=socket_transport, base_url="http://farm", timeout=PATIENCE_S) as local_client,
+        httpx.Client(transport=socket_transport, base_url="http://farm", timeout=TIMEOUT_S) as local_client,
         httpx.Client(
-            base_url=f"http://127.0.0.1:{port}", headers={"x-api-key": key}, timeout=PATIENCE_S
+            base_url=f"http://127.0.0.1:{port}", headers={"x-api-key": key}, timeout=TIMEOUT_S
         ) as network_client,
     ):
         while not pipe.poll():
@@ -108,44 +112,44 @@ def ask_status(state: Path, port: int, key: str, pipe: Connection) -> None:
     pipe.send(durations_ms)
 
 
-def measure_answers(farm: WebFarm, key: str) -> Iterator[list[float]]:
-    """Request the status in another process; yield an empty list, then the milliseconds of the answers."""
+def measure_response_times(farm: WebFarm, key: str) -> Iterator[list[float]]:
+    """Request the status in another process; yield an empty list, then the response times in ms."""
     receiver, sender = multiprocessing.get_context("spawn").Pipe()
-    asker = multiprocessing.get_context("spawn").Process(
-        target=ask_status, args=(farm.state, farm.port, key, sender)
+    requester = multiprocessing.get_context("spawn").Process(
+        target=request_status, args=(farm.state, farm.port, key, sender)
     )
-    asker.start()
+    requester.start()
     yield []
     receiver.send(None)
     yield receiver.recv()
-    asker.join()
+    requester.join()
 
 
 def measure(size_mb: int, times: int, form: bool) -> dict[str, Any]:
-    """Measure the speed of uploads, the answers during them, and the files that a cut upload leaves."""
+    """Measure the speed of uploads, response times during them, and the files that a cut upload leaves."""
     with tempfile.TemporaryDirectory() as name:
         farm = WebFarm(Path(name))
         try:
             key = farm.add_key("bench", "print")
             size, durations_s = size_mb * MB, []
             upload(farm, key, MB, form)  # the first one waits for the workers
-            idle_answers = measure_answers(farm, key)
-            next(idle_answers)
+            idle_times = measure_response_times(farm, key)
+            next(idle_times)
             time.sleep(3.0)
-            idle_ms = sorted(next(idle_answers))
-            before_s, busy_answers = farm.cpu_s(), measure_answers(farm, key)
-            next(busy_answers)
+            idle_ms = sorted(next(idle_times))
+            start_cpu_s, busy_times = farm.read_cpu_s(), measure_response_times(farm, key)
+            next(busy_times)
             time.sleep(2.0)  # until the first request
             for _ in range(times):
                 seconds, status, text = upload(farm, key, size, form)
                 if status != 400 or "line 1" not in text:
                     raise RuntimeError(f"unexpected answer {status}: {text}")
                 durations_s.append(seconds)
-            status_ms = sorted(next(busy_answers))
-            cpu_s = farm.cpu_s() - before_s
+            status_ms = sorted(next(busy_times))
+            cpu_s = farm.read_cpu_s() - start_cpu_s
             upload(farm, key, size, form, share=0.5)
             time.sleep(1.0)
-            leftovers = farm.list_leftovers()
+            left_files = farm.list_work_files()
         finally:
             farm.run("down", "--now")
     return {
@@ -160,7 +164,7 @@ def measure(size_mb: int, times: int, form: bool) -> dict[str, Any]:
         "status_worst_ms": status_ms[-1],
         "idle_status_median_ms": idle_ms[len(idle_ms) // 2],
         "idle_status_worst_ms": idle_ms[-1],
-        "files_of_cut_upload": leftovers,
+        "files_of_cut_upload": left_files,
         "load": os.getloadavg()[0],
     }
 
@@ -181,8 +185,10 @@ def main() -> None:
             f"{result['status_median_ms']:.0f} ms (median), {result['status_worst_ms']:.0f} ms at worst; "
             f"an interrupted upload leaves {len(result['files_of_cut_upload'])} files"
         )
-    slow = result["mb_per_s"] < GOALS["mb_per_s"] or result["status_worst_ms"] > GOALS["status_worst_ms"]
-    sys.exit(slow or bool(result["files_of_cut_upload"]))
+    is_goal_missed = (
+        result["mb_per_s"] < GOALS["mb_per_s"] or result["status_worst_ms"] > GOALS["status_worst_ms"]
+    )
+    sys.exit(is_goal_missed or bool(result["files_of_cut_upload"]))
 
 
 if __name__ == "__main__":

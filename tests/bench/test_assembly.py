@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.assembly import Socket, assemble, find_placements
+from bench.assembly import MatingFace, assemble, find_placements
 from decompose.decompose import decompose_model
 from decompose.export import write_decomposition
 from decompose.geometry import Model, Solid
@@ -35,7 +35,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_parts_go_together_by_codes_and_pins_in_one_way_which_is_right(folder: Path) -> None:
     outcome = assemble(folder)
-    assert (outcome.steps, outcome.right) == (3, 3)
+    assert (outcome.steps, outcome.correct) == (3, 3)
     assert (outcome.misread, outcome.ambiguous, outcome.wrong, outcome.wrong_fits) == (0, 0, 0, 0)
     assert outcome.least_gap_mm > 0.5
 
@@ -45,12 +45,12 @@ def test_parts_with_exchanged_names_are_noticed(folder: Path, tmp_path: Path) ->
     shutil.copyfile(folder / "p01.stl", tmp_path / "p02.stl")
     shutil.copyfile(folder / "p02.stl", tmp_path / "p01.stl")
     outcome = assemble(tmp_path)
-    assert outcome.misread > 0 and outcome.right < outcome.steps
+    assert outcome.misread > 0 and outcome.correct < outcome.steps
 
 
-def make_socket(depths_mm: list[float], up_z: float) -> Socket:
+def make_socket(depths_mm: list[float], up_z: float) -> MatingFace:
     at_mm = np.array([[0.0, 0.0, 0.0], [30.0, 0.0, 0.0]])
-    return Socket(
+    return MatingFace(
         at_mm, np.array(depths_mm), np.tile([0.0, 0.0, up_z], (2, 1)), {}, np.zeros(2, dtype=np.bool_)
     )
 

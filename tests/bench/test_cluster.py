@@ -2,7 +2,7 @@
 
 import pytest
 
-from bench.cluster import REPLAY_COLUMNS, replace_table, sum_up_faults
+from bench.cluster import REPLAY_COLUMNS, replace_table, summarise_faults
 from bench.clusters.jobs import list_stages
 from bench.clusters.replay import find_critical_path, sum_path
 
@@ -90,14 +90,24 @@ def test_rounds_are_summed_up_for_each_fault():
         },
         {**figures, "fault": "cut farm", "duration_s": 60.0, "differences": ["1/01 sha256: a and b"]},
     ]
-    cut, killed_row = sum_up_faults(rounds)
-    assert (cut["rounds"], cut["least_s"], cut["most_s"], cut["same"], cut["used_local_pool"]) == (
+    cut, killed_row = summarise_faults(rounds)
+    assert (
+        cut["rounds"],
+        cut["shortest_s"],
+        cut["longest_s"],
+        cut["same_plans"],
+        cut["used_local_pool"],
+    ) == (
         2,
         50.0,
         60.0,
         1,
         1,
     )
-    assert (killed_row["fault"], killed_row["same"], killed_row["correct_tasks"]) == ("kill worker", 1, 8)
+    assert (killed_row["fault"], killed_row["same_plans"], killed_row["correct_tasks"]) == (
+        "kill worker",
+        1,
+        8,
+    )
     assert (cut["extra_processes"], killed_row["extra_processes"]) == (0, 2)
     assert (cut["during_job"], killed_row["during_job"]) == (2, 0)

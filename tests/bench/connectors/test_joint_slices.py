@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.connectors.joint_slices import PrintedPart, slice_printed
+from bench.connectors.joint_slices import SlicedPart, slice_part
 from decompose.assembly import plan_assembly
 from decompose.connectors import Blank, Connectors, drill, plan_connectors
 from decompose.geometry import Solid
@@ -18,7 +18,7 @@ NARROWER_MM = 0.2
 
 
 @pytest.fixture(scope="module")
-def printed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Connectors, PrintedPart]:
+def printed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Connectors, SlicedPart]:
     """Slice the left of three blocks: one starts_beside it, one below, so that a cut face lies on the bed."""
     spans = [((0, 0, 0), (16, 50, 26)), ((16, 0, 0), (30, 50, 26)), ((0, 0, -12), (16, 50, 0))]
     pieces = [
@@ -31,11 +31,11 @@ def printed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Connectors, Print
         blanks, joints, plan_assembly(pieces, joints), ConnectorOptions(2.85, marks=True), 25.0
     )
     part = Part("p01", pieces[0].solid, np.eye(4), 0.0, "a", layer_0_expansion_mm=-NARROWER_MM)
-    return connectors, slice_printed(part, drill(blanks, connectors)[0], tmp_path_factory.mktemp("slice"))
+    return connectors, slice_part(part, drill(blanks, connectors)[0], tmp_path_factory.mktemp("slice"))
 
 
 def test_all_marks_of_the_part_are_legible_in_its_outer_walls(
-    printed: tuple[Connectors, PrintedPart],
+    printed: tuple[Connectors, SlicedPart],
 ) -> None:
     connectors, sliced_part = printed
     marks = [mark for mark in connectors.marks if mark.part == 0]
@@ -46,7 +46,7 @@ def test_all_marks_of_the_part_are_legible_in_its_outer_walls(
 
 
 def test_level_holes_and_holes_open_to_the_bed_stay_free_of_support(
-    printed: tuple[Connectors, PrintedPart],
+    printed: tuple[Connectors, SlicedPart],
 ) -> None:
     connectors, sliced_part = printed
     directions = {
@@ -54,12 +54,12 @@ def test_level_holes_and_holes_open_to_the_bed_stay_free_of_support(
     }
     assert directions == {0, 1}
     assert (
-        sliced_part.support_mm3 < 0.1
+        sliced_part.support_filament_mm < 0.1
     )  # specks where strokes of the mark on the bed cross; a hole had 1.3 mm3
 
 
 def test_seams_of_the_outer_wall_hide_in_the_gutter_and_not_in_grooves_of_keys(
-    printed: tuple[Connectors, PrintedPart],
+    printed: tuple[Connectors, SlicedPart],
 ) -> None:
     connectors, sliced_part = printed
     [gutter] = [candidate for candidate in connectors.gutters if candidate.part == 0]
@@ -75,7 +75,7 @@ def test_seams_of_the_outer_wall_hide_in_the_gutter_and_not_in_grooves_of_keys(
     assert is_in_gutter.mean() > 0.98
 
 
-def test_first_layer_of_a_face_that_is_glued_is_narrower(printed: tuple[Connectors, PrintedPart]) -> None:
+def test_first_layer_of_a_face_that_is_glued_is_narrower(printed: tuple[Connectors, SlicedPart]) -> None:
     _, sliced_part = printed
     first, second = (sliced_part.walls.start[sliced_part.walls.layer == layer] for layer in (0, 10))
     assert np.ptp(second, axis=0) - np.ptp(first, axis=0) == pytest.approx(2.0 * NARROWER_MM, abs=0.06)

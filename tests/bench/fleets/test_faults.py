@@ -15,31 +15,31 @@ LOSS = "pc-01 does not answer"
 class FleetWithLateNotice:
     """Fleet whose job has just been printed: the notice on it is sent after its last print."""
 
-    printing: tuple[str, ...] = ()
+    printing_names: tuple[str, ...] = ()
 
     def __init__(self):
-        self.now_s, self.is_lost, self.losses, self.lines = 0.0, False, 0, []
-        self.due = {9.0: "job 2 is printed: 20 parts in 91 s"}
+        self.now_s, self.is_lost, self.loss_count, self.lines = 0.0, False, 0, []
+        self.notices_due = {9.0: "job 2 is printed: 20 parts in 91 s"}
 
     def serve(self, seconds, condition=lambda: False):
-        end_s = self.now_s + seconds
-        while self.now_s < end_s:
+        deadline_s = self.now_s + seconds
+        while self.now_s < deadline_s:
             if condition():
                 return True
             self.now_s += 1.0
-            if self.now_s in self.due:
-                self.lines.append(self.due[self.now_s])
+            if self.now_s in self.notices_due:
+                self.lines.append(self.notices_due[self.now_s])
         return False
 
-    def lose(self, *groups):
-        self.is_lost, self.losses = True, self.losses + 1
-        self.due[self.now_s + 10.0] = LOSS
+    def disconnect(self, *groups):
+        self.is_lost, self.loss_count = True, self.loss_count + 1
+        self.notices_due[self.now_s + 10.0] = LOSS
 
-    def mend(self, *groups):
+    def reconnect(self, *groups):
         self.is_lost = False
 
     def count(self, kind, since_s):
-        return self.losses
+        return self.loss_count
 
 
 def test_notices_on_earlier_prints_do_not_count(monkeypatch):
@@ -50,7 +50,7 @@ def test_notices_on_earlier_prints_do_not_count(monkeypatch):
         status=lambda: SimpleNamespace(todo=[], printers=printers if fleet.is_lost else []),
         hosts=lambda: SimpleNamespace(hosts=[]),
     )
-    daemon = SimpleNamespace(client=client, cpu_s=lambda: 0.0)
+    daemon = SimpleNamespace(client=client, read_cpu_s=lambda: 0.0)
     names = {ONE: ["pc-01"]}
     figures = measure_loss(PrintingFleet(daemon, fleet, fleet, names, fleet, fleet), [ONE])
     assert figures["notice_texts"] == [LOSS] and figures["notices"] == figures["events"] == 1

@@ -168,7 +168,7 @@ def test_print_survives_the_death_of_the_host_service_and_of_the_network(
             assert isinstance(loss, ev.HostLost) and loss.printers == NAMES
             assert all(listener.last[name].host_lost for name in NAMES)
             assert is_alive(pipe.paths.find_agent_folder("a")) and is_locked(pipe.paths.lock)
-            pipe.mend()
+            pipe.reconnect()
             await wait_for(lambda: listener.last["a"].print and listener.last["a"].print.state.ended)
             assert is_in(listener, PrintState.DONE), listener.last["a"]
             assert find_agent_pid(pipe.paths.find_agent_folder("a")) == old_pids["a"]

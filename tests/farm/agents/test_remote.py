@@ -82,7 +82,7 @@ class Pipe:
             with suppress(ProcessLookupError):
                 os.kill(int(number), signal.SIGKILL)
 
-    def mend(self) -> None:
+    def reconnect(self) -> None:
         self._cut_marker.unlink()
 
     def close(self) -> None:
@@ -108,7 +108,7 @@ class Sshd:
         )
         self.ssh = f"{SSH} -F {folder}/ssh"
         self._server: subprocess.Popen[bytes] | None = None
-        self.mend()
+        self.reconnect()
 
     def _find_port(self) -> int:
         import socket
@@ -118,7 +118,7 @@ class Sshd:
             self._port: int = probe.getsockname()[1]
         return self._port
 
-    def mend(self) -> None:
+    def reconnect(self) -> None:
         if os.getuid() == 0:
             Path("/run/sshd").mkdir(exist_ok=True)  # what openssh-server's own unit would make
         arguments = [str(SSHD), "-D", "-e", "-f", str(self._folder / "sshd")]
@@ -248,7 +248,7 @@ def test_print_survives_a_network_failure_of_ten_minutes(
                 while clock.now() < started_s + OUTAGE_S:
                     assert is_alive(remote_folder)
                     await asyncio.sleep(0.05)
-            remote_host.mend()
+            remote_host.reconnect()
             snapshot = await wait_until(lambda s: s.print is not None and s.print.state.ended)
             assert snapshot.print is not None and snapshot.print.state is PrintState.DONE, snapshot
             assert find_agent_pid(remote_folder) == first_pid

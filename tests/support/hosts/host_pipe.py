@@ -41,7 +41,7 @@ class HostPipe:
             with suppress(ProcessLookupError):
                 os.kill(number, signal.SIGKILL)
 
-    def mend(self) -> None:
+    def reconnect(self) -> None:
         """Allow connections again."""
         self._cut_marker.unlink()
 

@@ -66,7 +66,7 @@ class NetworkHosts:
         """Cut a host off the network; no end is notified."""
         self._network.disturb(name, cut=True)
 
-    def mend(self, name: str) -> None:
+    def reconnect(self, name: str) -> None:
         """Connect a host to the network again."""
         self._network.disturb(name)
 

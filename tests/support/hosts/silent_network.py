@@ -30,7 +30,7 @@ class SilentRoute:
     def cut(self) -> None:
         self._silent.set()
 
-    def mend(self) -> None:
+    def reconnect(self) -> None:
         self._silent.clear()
 
     def close(self) -> None:
