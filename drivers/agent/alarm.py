@@ -79,7 +79,7 @@ class Alarms:
             if alarm is None or not alarm.suspected:
                 self.alarm = Alarm(text=suspicion.text, at_s=suspicion.since_s)
         elif alarm is not None and alarm.suspected:
-            self.alarm = None  # the heater was seen to cool
+            self.alarm = None  # the heater has cooled
 
     def take_from_idle(self, finding: str | None, now_s: float) -> str | None:
         """Take over a finding of the idle board; return it if it is new."""

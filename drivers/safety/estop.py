@@ -315,6 +315,6 @@ class _Board:
                     break
                 if watch.is_cooling:
                     now = f"nozzle {event.nozzle_c:g} C, bed {event.bed_c:g} C"
-                    return f"heaters seen off and cooling ({method}; {now})", True
+                    return f"heaters confirmed off and cooling ({method}; {now})", True
         now = f"nozzle {report.nozzle_c:g} C, bed {report.bed_c:g} C"
         return f"shows targets 0, but was not seen to cool ({now}): switch it off", False

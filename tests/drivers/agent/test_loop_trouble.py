@@ -97,7 +97,7 @@ def test_agent_without_a_writable_journal_ends_the_heat_of_the_previous_one(tmp_
                 subprocess.run, command, check=False, capture_output=True, text=True, timeout=DEADLINE_S
             )
             assert answer.returncode == 1
-            assert "cannot be written" in answer.stdout and "seen off" in answer.stdout
+            assert "cannot be written" in answer.stdout and "confirmed off" in answer.stdout
             assert rig.read_targets() == (0.0, 0.0)
 
     run(scenario())

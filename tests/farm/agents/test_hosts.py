@@ -209,7 +209,7 @@ def test_agents_are_watched_without_the_daemon_stopped_at_once_and_ended_with_th
     farm = [Path(sys.executable).with_name("farm"), "estop", "--state", state.root, "--fleet", fleet]
     connections = len(pipe.pids)
     stop_result = subprocess.run(farm, check=False, capture_output=True, text=True, timeout=90)
-    assert stop_result.returncode == 0 and stop_result.stdout.count("seen off") == 2, stop_result
+    assert stop_result.returncode == 0 and stop_result.stdout.count("confirmed off") == 2, stop_result
     assert len(pipe.pids) == connections + 1
     assert all(read_status(folder / "emulator").resets for folder in folders.values())
 

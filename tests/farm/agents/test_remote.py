@@ -287,7 +287,7 @@ def test_printer_on_another_host_is_stopped_and_one_that_cannot_be_reached_is_na
     launch(f"sim://{MODEL}", remote_folder / "emulator", Clock(SCALE, time.time()))
     farm = [Path(sys.executable).with_name("farm"), "estop", "--state", tmp_path / "here", "--fleet", fleet]
     result = subprocess.run(farm, check=False, capture_output=True, text=True, timeout=90)
-    assert result.returncode == 0 and "seen off" in result.stdout, result
+    assert result.returncode == 0 and "confirmed off" in result.stdout, result
     assert read_status(remote_folder / "emulator").resets == 1
     remote_host.cut()
     result = subprocess.run(farm, check=False, capture_output=True, text=True, timeout=90)
