@@ -2,7 +2,7 @@
 # Bundles the scripts of farm/web/pages/browser with their libraries into farm/web/pages/built, with the licences.
 #
 # The libraries come from npm, as package-lock.json pins them by their hashes; node is the system's (18 or newer), else
-# pip's. Where either cannot be had the pages are served without these scripts: that is no error.
+# pip's. If either is not available, the pages are served without these scripts, which is no error.
 # usage: deploy/build-pages.sh PYTHON     `make install`, `make wheel` and `make deb` call it
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -16,7 +16,7 @@ readonly NODE_HASH=sha256:4196a947bcc883f2003ab101762d729f3e99b5e86b75bd09151563
 
 say() { echo "install: $*" >&2; }
 
-# Leaves no bundle of other sources: pages with it would fail, those without do without.
+# Removes a bundle that was built from other sources: pages would fail with it, and work without one.
 skip() {
     rm -rf "$BUILT"
     say "$* The pages work without their 3D view; run this again to add it."
@@ -42,7 +42,7 @@ find_node() {
 }
 
 mkdir -p "$WORK" "$BUILT"
-find_node || skip "There is no node, and pip cannot fetch it."
+find_node || skip "Node is not installed, and pip cannot fetch it."
 cp "$SOURCES"/package*.json "$WORK"
 say "Fetching the libraries of the pages ..."
 # Without a network that answers, npm would try for a quarter of an hour.

@@ -1,6 +1,6 @@
-# A root with a new Debian 12, for scripts that try an installation there (sourced; SAYS is the name in messages).
+# A root folder with a new Debian 12, for scripts that test an installation in it (sourced; SAYS is the name in messages).
 # apt's sources, keys and options, pip's settings with the folders that they name, certificates and proxies of this host
-# hold in there, too.
+# are used there too.
 
 readonly SUITE=bookworm
 
@@ -24,7 +24,7 @@ find_package() {
     echo "$deb"
 }
 
-# Makes a folder on a disk, which goes with this script: `$scratch`. usage: make_scratch NAME
+# Makes a folder on a disk, which is deleted when the script ends: `$scratch`. usage: make_scratch NAME
 make_scratch() {
     scratch=$(mktemp -d "/var/tmp/farm-$1.XXXXXX")
     trap 'rm -rf --one-file-system "$scratch"' EXIT
@@ -61,7 +61,7 @@ enter() {
     mount --rbind /sys "$root/sys"
     mount_devices "$root" "$no_shm"
     while read -r path; do
-        rmdir "$root$path" 2>/dev/null || true  # the place of a mount, where an earlier run made it
+        rmdir "$root$path" 2>/dev/null || true  # mount point of an earlier run
         [[ -e $path && ! -s $root$path ]] || continue
         mkdir -p "$(dirname "$root$path")"
         if [[ -d $path ]]; then mkdir "$root$path"; else touch "$root$path"; fi
@@ -86,7 +86,7 @@ need_mmdebstrap() {
 # usage: build_root ROOT PACKAGES
 build_root() {
     local sources options root=$1 packages=$2
-    # What this host says of the same Debian: its sources, and the options that apt needs to reach them.
+    # This host's sources of the same Debian, and the options that apt needs to reach them.
     mapfile -t sources < <(grep -lsw "$SUITE" /etc/apt/sources.list /etc/apt/sources.list.d/*.{list,sources} || true)
     mapfile -t options < <(grep -ls Acquire /etc/apt/apt.conf /etc/apt/apt.conf.d/* || true)
     say "Building a Debian 12 ($SUITE) ..."
@@ -94,7 +94,7 @@ build_root() {
         "$SUITE" "$root" "${sources[@]}" || fail "mmdebstrap has built no root."
 }
 
-# How this host reaches Debian and Python's packages.
+# Copies the settings with which this host reaches Debian's and Python's packages.
 # usage: copy_settings ROOT HOME
 copy_settings() {
     local root=$1 home=$2

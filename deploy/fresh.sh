@@ -4,8 +4,9 @@
 # usage, as root: deploy/fresh.sh [--no-shm] [--keep FOLDER] [TARGET...]     TARGET: of make; demo and test by default
 #
 # --no-shm leaves the new root without /dev/shm. --keep builds the root in FOLDER and leaves it there with what was
-# installed: the next run with the same FOLDER begins with that and only takes the new commit. apt's sources, keys and options, pip's settings with the folders
-# that they name, certificates and proxies of this host hold in there, too. Without --keep the root goes away at the end.
+# installed: the next run with the same FOLDER begins with that and only takes the new commit. Without --keep the root is
+# deleted at the end. apt's sources, keys and options, pip's settings with the folders that they name, certificates and
+# proxies of this host are used there too.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 

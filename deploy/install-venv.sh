@@ -29,7 +29,7 @@ if ! "$python" -c 'import ensurepip, venv' 2>/dev/null; then
     "${install[@]}" >/dev/null 2>&1 || { "${sudo[@]}" apt-get update -qq && "${install[@]}" >/dev/null; }
 fi
 
-# One that another Python made, or that was moved here, is made anew.
+# An environment that another Python made, or that was moved here, is made again.
 if [[ $("$venv/bin/python" -c 'import pip, sys; print(sys.version)' 2>/dev/null) != \
     "$("$python" -c 'import sys; print(sys.version)')" ]]; then
     rm -rf "$venv"

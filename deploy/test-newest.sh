@@ -6,7 +6,7 @@ cd "$(dirname "$0")/.."
 
 say() { echo "newest: $*" >&2; }
 
-# A program that is there may be a shim that runs nothing.
+# An existing program may be a shim that runs no Python.
 find_python() {
     local path version=$1
     local pyenv=${PYENV_ROOT:-$HOME/.pyenv}/versions

@@ -268,7 +268,8 @@ def draw_lifecycle(lifecycle: Lifecycle) -> str:
 def write_holds_page(words: dict[str, Any]) -> str:
     """Explain the reasons for which a plate or a job waits."""
     intro = (
-        "Why a plate or a job waits: `hold.code` in `--json`. `hold.text` says it of this case in a sentence."
+        "Why a plate or a job waits: `hold.code` in `--json`. "
+        "`hold.text` describes the present case in a sentence."
     )
     return f"# Hold codes\n\n{intro}\n\n{make_names_table(HoldCode, 'hold_codes', words)}"
 
@@ -277,12 +278,12 @@ def write_faults_page(words: dict[str, Any]) -> str:
     """Explain the reasons of failed prints and of refused slices."""
     parts = [
         "# Faults",
-        "Why a print failed: `fault` in `--json`. `reason` says it of this case in a sentence.",
+        "Why a print failed: `fault` in `--json`. `reason` describes the present case in a sentence.",
     ]
-    parts.append(f"## Seen at the printer\n{make_names_table(Fault, 'faults', words)}")
-    parts.append(f"## Said by the farm itself\n{make_names_table(OwnFault, 'own_faults', words)}")
+    parts.append(f"## Detected at the printer\n{make_names_table(Fault, 'faults', words)}")
+    parts.append(f"## Detected by the farm\n{make_names_table(OwnFault, 'own_faults', words)}")
     parts.append(
-        "## Rules that a slice must keep\nA slice that breaks one of them is refused by its name.\n\n"
+        "## Rules that a slice must keep\nA slice that breaks one of them is refused, and the error names the rule.\n\n"
         + make_names_table(Rule, "slice_rules", words)
     )
     return "\n\n".join(parts)

@@ -51,8 +51,8 @@ def main() -> int:
     finally:
         farm("down", "--now", check=False)
     print(
-        f"\nParts and G-code are in {STATE.relative_to(ROOT)}/jobs/1/. On a real farm, which stays up, a "
-        "person would now\nclear the beds and say so for each; `make demo` starts afresh."
+        f"\nParts and G-code are in {STATE.relative_to(ROOT)}/jobs/1/. On a real farm, which keeps running, "
+        "a person would now\nclear the beds and confirm each; `make demo` starts over."
     )
     return code
 

@@ -85,7 +85,7 @@ class SliceRejected(SlicingError):
 
 
 class OutsideBed(SliceRejected):
-    """It prints outside the bed: its support or brim reaches further than the expected brim.
+    """Print outside the bed: its support or brim reaches further than the expected brim.
 
     Parameters
     ----------

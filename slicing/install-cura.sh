@@ -41,7 +41,7 @@ settings_version() {
     case $number in
         19) echo 4.13 ;;
         20) echo 5.0 ;;
-        2[1-9]) echo 5.x ;;  # which of them a number is, only Cura knows
+        2[1-9]) echo 5.x ;;  # the number does not tell which release of Cura 5
     esac
 }
 
@@ -112,10 +112,10 @@ if [[ -z $have_engine ]]; then
 fi
 
 if [[ -z ${FARM_CURA_RESOURCES:-} ]] && ! match "$have_engine" "$have_settings"; then
-    say "Taking Cura's settings out of Debian's packages 'cura' and 'fdm-materials' (not installed) ..."
+    say "Extracting Cura's settings from Debian's packages 'cura' and 'fdm-materials', which are not installed ..."
     scratch=$(mktemp -d)
     trap 'rm -rf "$scratch"' EXIT
-    # A list that is old names a file that is gone; then it is refreshed once.
+    # An outdated package list may name a file that no longer exists; it is then refreshed once.
     download() { (cd "$scratch" && apt-get -o APT::Sandbox::User="$(id -un)" download -qq cura fdm-materials); }
     download || { refresh_lists && download; } || fail "apt could not download cura and fdm-materials."
     for package in "$scratch"/*.deb; do dpkg-deb -x "$package" "$scratch/unpacked"; done
@@ -124,7 +124,7 @@ if [[ -z ${FARM_CURA_RESOURCES:-} ]] && ! match "$have_engine" "$have_settings";
         cp -rL "$scratch/unpacked/usr/share/cura/resources/$folder" "$scratch/resources/"
     done
     match "$have_engine" "$(settings_version "$scratch/resources")" ||
-        fail "Debian's cura package has not the settings of CuraEngine $have_engine."
+        fail "Debian's cura package does not have the settings of CuraEngine $have_engine."
     # The folder appears whole or not at all.
     mkdir -p "$(dirname "$RESOURCES")"
     rm -rf "$RESOURCES" "$RESOURCES.new"

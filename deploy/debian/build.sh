@@ -3,7 +3,7 @@
 # usage: deploy/debian/build.sh [VERSION]     by default that of pyproject.toml with the number of commits
 #
 # /opt/farm/.venv has the wheel of this checkout and the pinned dependencies, and Cura's settings out of Debian's
-# packages. Nothing in it says where it was built.
+# packages. It does not contain the path of the build.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 umask 022
@@ -34,22 +34,22 @@ trap 'rm -rf "$scratch"' EXIT
 root=$scratch/root
 mkdir -p "$root$VENV" build/dist
 
-# The environment: made by Debian's Python, filled by the pip of the checkout, then told where it will stand.
+# The environment: made by Debian's Python, filled by the pip of the checkout, then set to the path where it will be installed.
 build_environment() {
     local pip=("$BIN/python" -m pip --disable-pip-version-check)
-    rm -rf build/lib build/bdist.* # an earlier build leaves modules there that are gone
+    rm -rf build/lib build/bdist.* # an earlier build leaves modules there that no longer exist
     "${pip[@]}" wheel --quiet --no-deps --no-build-isolation -w "$scratch" .
     "$PYTHON" -m venv --without-pip "$root$VENV"
     local install=("${pip[@]}" --python "$root$VENV/bin/python" install --quiet --no-compile)
     "${install[@]}" --require-hashes -r requirements.lock
     "${install[@]}" --no-deps "$scratch"/farm-*.whl
-    rm -f "$root$VENV"/lib/python3*/site-packages/farm-*.dist-info/direct_url.json # names the place of the build
+    rm -f "$root$VENV"/lib/python3*/site-packages/farm-*.dist-info/direct_url.json # contains the path of the build
     "${pip[@]}" --python "$root$VENV/bin/python" uninstall --quiet --yes setuptools # only builds need it
     find "$root$VENV/bin" -type f ! -name farm -delete
     find "$root$VENV" -name tests -type d -path '*/site-packages/*' -prune -exec rm -rf {} +
     sed -i "1s,.*,#!$VENV/bin/python," "$root$VENV/bin/farm"
     sed -i '/^command = /d' "$root$VENV/pyvenv.cfg"
-    "$PYTHON" -m compileall -q -j0 -s "$root" -p / "$root$VENV/lib" >/dev/null || true # some have files for other Pythons
+    "$PYTHON" -m compileall -q -j0 -s "$root" -p / "$root$VENV/lib" >/dev/null || true # some libraries have files for other Pythons
 }
 
 # Debian's packages that have the libraries to which the wheels are linked and which they do not bring.

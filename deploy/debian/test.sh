@@ -11,7 +11,7 @@ readonly SAYS=test-deb
 . deploy/debian-root.sh
 
 readonly SCALE=5 # of the printers' clock: the print of the box then takes four minutes
-# On a busy host the upgrade may outlast the prints: one that has ended well was not disturbed either.
+# On a busy host a print may end before the upgrade does: if it ended as `done`, it was not disturbed either.
 readonly UNDISTURBED='all(p["print"] or (p["last"] and p["last"]["state"] == "done") for p in printers)'
 
 # --- inside: process 1 of namespaces of its own, so that no process and no mount outlasts it -------------------------
@@ -109,11 +109,11 @@ run_test() {
     check "the agents are the same" test "$(ask '[p["agent_pid"] for p in printers]')" = "$pids"
     check "the prints end well" wait_for 600 'all(p["last"] and p["last"]["state"] == "done" for p in printers)'
 
-    # An agent of a daemon on another host, to this script: its words.
+    # A process with the command line of an agent whose daemon is on another host.
     bash -c 'exec -a /opt/farm/.venv/bin/python sh -c cat -m drivers.agent --folder /elsewhere' < <(sleep 600) &
     agent=$!
     check "a removal is refused while an agent of another host's daemon runs" refused apt-get remove -qq -y farm
-    check "the program is there after it" farm --version
+    check "the program is still installed after it" farm --version
     kill "$agent"
     check "a farm without a print is removed" apt-get remove -qq -y farm
     check "no process is left" refused farm_processes
@@ -144,4 +144,4 @@ sed -i 's/^Version: .*/&.later/' "$scratch/later/DEBIAN/control"
 dpkg-deb --root-owner-group -Znone -b "$scratch/later" "$root/tmp/2.deb" > /dev/null
 rm -rf "$scratch/later"
 unshare --mount --pid --fork --kill-child --propagation private "$PWD/deploy/debian/test.sh" --inside "$root"
-say "The package installs, upgrades while printers print, and goes without a trace."
+say "The package installs, upgrades while printers print, and is removed completely."

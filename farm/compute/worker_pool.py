@@ -40,7 +40,8 @@ def compute_memory_per_worker(count: int, memory_gb: float | None) -> int:
     count
         Number of workers.
     memory_gb
-        Memory of each, from `fleet.yaml`; None for a share of the machine that suffices for a large model.
+        Memory of each worker, from `fleet.yaml`; None for a share of the machine that suffices for a large
+        model.
     """
     if memory_gb is not None:
         return int(memory_gb * _GB)

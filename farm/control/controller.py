@@ -19,7 +19,7 @@ from farm.control.job_planning import JobPlanning
 from farm.control.log_subjects import log_event
 from farm.control.scheduler import Scheduler
 from farm.control.situations import Situations
-from farm.control.telemetry import Telemetry, list_unconfirmed_instructions, read_snapshot
+from farm.control.telemetry import Telemetry, compare_snapshot, list_unconfirmed_instructions
 from farm.errors import FarmError
 from farm.log_format import PrinterLog
 from farm.model import AgentPrint, AgentSnapshot, Bed, JobState, PlanProgress, PrintState
@@ -98,7 +98,8 @@ class Controller:
     def handle(self, *events: ev.AnyEvent) -> None:
         """Apply events, commit each, schedule once, and perform the effects.
 
-        The next tick repeats what agents have not confirmed: to look for it costs time for each printer.
+        Instructions that agents have not confirmed are repeated by the next tick, as a search for them takes
+        time for each printer.
 
         Raises
         ------
@@ -186,18 +187,18 @@ class Controller:
         name = snapshot.printer
         previous = self.telemetry.snapshots.get(name)
         in_use = self.situations.printer(name) is not None
-        reading = read_snapshot(self.books, snapshot, previous, in_use, self.clock.now())
-        if reading.invalid_transition is not None:  # one faulty agent must not stop the others
-            error_with_history = self._store.add_history(reading.invalid_transition)
+        changes = compare_snapshot(self.books, snapshot, previous, in_use, self.clock.now())
+        if changes.invalid_transition is not None:  # one faulty agent must not stop the others
+            error_with_history = self._store.add_history(changes.invalid_transition)
             PrinterLog(log, name).error("its agent's snapshot does not fit the books: %s", error_with_history)
         has_changed = self.telemetry.store(snapshot, self.clock.now())
         try:
-            if reading.events or has_changed:
+            if changes.events or has_changed:
                 schedules_now = len(self.fleet.printers) <= LARGE_FLEET
-                self._handle_all(reading.events, self._list_unconfirmed([name]), schedules_now)
+                self._handle_all(changes.events, self._list_unconfirmed([name]), schedules_now)
             else:
                 self._perform(self._list_unconfirmed([name]))
-            self._perform(reading.instructions)
+            self._perform(changes.instructions)
         except StoreError as error:
             self.telemetry.reject(snapshot, previous, str(error))
             raise

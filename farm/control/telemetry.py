@@ -144,7 +144,7 @@ def _choose_hotter(first_c: int | None, second_c: int | None) -> int | None:
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class SnapshotChanges:
     """Result of comparing a snapshot with the books.
 
     Attributes
@@ -162,9 +162,9 @@ class Reading:
     invalid_transition: InvalidTransition | None = None
 
 
-def read_snapshot(
+def compare_snapshot(
     books: Books, snapshot: AgentSnapshot, previous: AgentSnapshot | None, in_use: bool, now_s: float
-) -> Reading:
+) -> SnapshotChanges:
     """Compare a snapshot with the books.
 
     Parameters
@@ -182,8 +182,8 @@ def read_snapshot(
     try:
         comparison.run(previous, in_use)
     except InvalidTransition as error:
-        return Reading(tuple(comparison.events), tuple(comparison.instructions), error)
-    return Reading(tuple(comparison.events), tuple(comparison.instructions))
+        return SnapshotChanges(tuple(comparison.events), tuple(comparison.instructions), error)
+    return SnapshotChanges(tuple(comparison.events), tuple(comparison.instructions))
 
 
 def list_unconfirmed_instructions(

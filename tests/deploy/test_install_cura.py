@@ -72,7 +72,7 @@ class TestInstall:
         [
             ({}, "There is no apt here"),
             ({"apt": "4.8"}, "apt has no version 4.13 or 5"),
-            ({"apt": "5.0", "packaged_version": "4.13"}, "has not the settings of CuraEngine 5.0"),
+            ({"apt": "5.0", "packaged_version": "4.13"}, "does not have the settings of CuraEngine 5.0"),
         ],
     )
     def test_unavailable_engine_is_reported_with_its_requirements(self, tmp_path, host, output):

@@ -168,7 +168,7 @@ def test_page_says_when_it_may_be_old_and_recovers(tmp_path):
         streams = farm.services.page_streams
         streams.close()
         await browser.wait_for(f"!{STALE_ELEMENT}.hidden")
-        assert "No news from the farm since" in await browser.evaluate(f"{STALE_ELEMENT}.innerText")
+        assert "No updates from the farm since" in await browser.evaluate(f"{STALE_ELEMENT}.innerText")
         make_bed_unknown(farm, "its board was reset")
         streams._close_event.clear()
         await browser.wait_for(f"{STALE_ELEMENT}.hidden && {TASK}.innerText.includes('its board was reset')")

@@ -72,7 +72,7 @@ def test_job_is_dropped_planned_printed_taken_off_and_seen_in_two_tabs(farm, bro
     expect(corridor.locator("#printer-um2-01")).to_contain_text("box")
     context.set_offline(True)
     for page in (desk, corridor):
-        expect(page.locator(".stale")).to_contain_text("No news from the farm since")
+        expect(page.locator(".stale")).to_contain_text("No updates from the farm since")
     wait_for("the end", lambda: farm.job()["state"] == "printed")
     context.set_offline(False)
     expect(desk.locator("#part-rows")).to_contain_text("printed")

@@ -39,7 +39,7 @@ def estop(
     paths: FarmPaths,
     printers: Annotated[
         list[str] | None,
-        typer.Argument(help="The printers to stop; none: all.", autocompletion=completion.printers),
+        typer.Argument(help="The printers to stop; default: all.", autocompletion=completion.printers),
     ] = None,
     asked: Annotated[bool, typer.Option("--asked", hidden=True)] = False,
     json: Json = False,

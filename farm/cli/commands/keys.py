@@ -41,7 +41,7 @@ class KeyAction(StrEnum):
 @with_paths
 def key(
     paths: FarmPaths,
-    action: Annotated[KeyAction | None, typer.Argument(help="The action; none: list the keys.")] = None,
+    action: Annotated[KeyAction | None, typer.Argument(help="The action; default: list the keys.")] = None,
     name: Annotated[
         str | None,
         typer.Argument(

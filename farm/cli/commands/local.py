@@ -79,7 +79,7 @@ def decompose(
     assemble: Annotated[float, typer.Option(min=0, help="auto: time to glue a part, s.")] = 216.0,
     quality: Quality = "glue",
     slice_: Annotated[
-        bool, typer.Option("--slice", help="Write G-code too, and move the cuts by the sliced times.")
+        bool, typer.Option("--slice", help="Write G-code too, and balance the parts by their sliced times.")
     ] = False,
     scheduler: Scheduler = None,
     certificates: Certificates = None,
@@ -133,7 +133,7 @@ def slice_model(
     out: Annotated[Path, typer.Option("-o", "--out", help="The G-code file.")],
     printer_model: Annotated[str, typer.Option(help="Cura's definition id.")] = "ultimaker2_plus",
     quality: Quality = "glue",
-    material: Annotated[str, typer.Option(help="PLA, or a name of Cura's.")] = "generic_pla",
+    material: Annotated[str, typer.Option(help="PLA, or Cura's name of a material.")] = "generic_pla",
     nozzle: Annotated[float, typer.Option(help="Nozzle size, mm.")] = 0.4,
     set_: Annotated[list[str] | None, typer.Option("--set", help="A Cura setting, KEY=VALUE.")] = None,
     longest_side: LongestSide = None,
@@ -242,10 +242,12 @@ def worker(
     ] = None,
     slots: Annotated[
         int | None,
-        typer.Option(min=1, max=_MAX_SLOTS, help="Tasks at the same time; default: one for each core."),
+        typer.Option(
+            min=1, max=_MAX_SLOTS, help="Number of tasks at the same time; default: one for each core."
+        ),
     ] = None,
     memory_gb: Annotated[
-        float | None, typer.Option(min=1, help="Memory of each; default: an equal share.")
+        float | None, typer.Option(min=1, help="Memory of each task, GB; default: an equal share.")
     ] = None,
 ) -> None:
     """Run tasks of farms on this computer, as a worker of a Dask cluster."""

@@ -25,7 +25,7 @@ Targets = Annotated[
 OptionalTargets = Annotated[
     list[str] | None,
     typer.Argument(
-        help="Printers, jobs (3) or parts (3/p01); none: the whole farm after an outage.",
+        help="Printers, jobs (3) or parts (3/p01); default: the whole farm after an outage.",
         autocompletion=completion.targets,
     ),
 ]
@@ -213,7 +213,7 @@ def load(
         str | None, typer.Argument(help="The new reel: a material, with or without its colour: 'black PLA'.")
     ] = None,
     material: Annotated[
-        str | None, typer.Option(help="Material of the new reel: PLA, or a name of Cura's.")
+        str | None, typer.Option(help="Material of the new reel: PLA, or Cura's name of a material.")
     ] = None,
     colour: Annotated[str | None, typer.Option(help="Colour of the new reel.")] = None,
     grams: Annotated[float | None, typer.Option(help="Filament on the new reel, g.", min=0)] = None,

@@ -36,7 +36,7 @@ def prune(
 
 
 def describe_prune(answer: api.PruneResponse) -> list[str]:
-    """Describe the deleted jobs and amounts, one a line; for a dry run, those that would be deleted."""
+    """Describe the deleted jobs and amounts, one on each line; for a dry run, those that would be deleted."""
     lines = [f"job {job.id}  {job.size_bytes / _GB:.2f} GB  {job.name}" for job in answer.jobs]
     jobs = format_count(len(answer.jobs), "job")
     verb = "would be pruned" if answer.dry_run else "pruned"

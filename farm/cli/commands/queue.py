@@ -30,7 +30,8 @@ _COLUMNS = (
 def queue(
     paths: FarmPaths,
     job: Annotated[
-        int | None, typer.Argument(help="The job to move; none: only show.", autocompletion=completion.jobs)
+        int | None,
+        typer.Argument(help="The job to move; default: only show the queue.", autocompletion=completion.jobs),
     ] = None,
     to: Annotated[api.QueuePlace | None, typer.Argument(help="One of up, down, first and last.")] = None,
     before: Annotated[

@@ -44,7 +44,7 @@ def submit(
     printers: Annotated[str, typer.Option(help="The number of printers to use, or auto.")] = "auto",
     longest_side: LongestSide = None,
     scale: Scale = None,
-    engine: Annotated[Engine, typer.Option(help="The algorithm that decomposes it.")] = Engine.BEST,
+    engine: Annotated[Engine, typer.Option(help="The algorithm that decomposes the model.")] = Engine.BEST,
     material: Annotated[
         str | None,
         typer.Option(help="Use only printers with this material, like PLA or 'black PLA'."),

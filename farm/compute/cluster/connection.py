@@ -75,7 +75,7 @@ class Connection:
 
     async def watch(self) -> None:
         """Connect, and report the workers, until cancelled."""
-        report_task = asyncio.get_running_loop().create_task(self._report_always())
+        report_task = asyncio.get_running_loop().create_task(self._repeat_report())
         try:
             while True:
                 try:
@@ -164,7 +164,7 @@ class Connection:
             async with asyncio.timeout(_ANSWER_S):
                 identity = await self._client.scheduler.identity()
             workers = list_workers(identity["workers"], self._installation)
-            await self._give_up_stuck(identity["workers"])
+            await self._remove_stuck_workers(identity["workers"])
             self._report(workers)
             await asyncio.sleep(_POLL_S)
 
@@ -179,13 +179,13 @@ class Connection:
                 loss.set_result(None)  # Dask would wait for them even after they return at other addresses
         self._on_workers(self._workers)
 
-    async def _report_always(self) -> None:
+    async def _repeat_report(self) -> None:
         """Report the last list of workers every second, also while there is no connection."""
         while True:
             await asyncio.sleep(_POLL_S)
             self._on_workers(self._workers)
 
-    async def _give_up_stuck(self, records: dict[str, dict[str, Any]]) -> None:
+    async def _remove_stuck_workers(self, records: dict[str, dict[str, Any]]) -> None:
         """Remove workers without a recent heartbeat: a stopped process keeps its connection and its tasks.
 
         Dask removes them after five minutes by default. Their tasks go to other workers.

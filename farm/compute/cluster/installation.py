@@ -44,7 +44,7 @@ class Installation:
 
     @classmethod
     def from_record(cls, record: dict[str, str]) -> Self:
-        """Read a record by `as_record`, which may come from another version of farm."""
+        """Read a record that `as_record` made, which may come from another version of farm."""
         return cls(**{name: str(record.get(name, "?")) for name in cls.__dataclass_fields__})
 
     def as_record(self) -> dict[str, str]:

@@ -30,7 +30,7 @@ class WorkerOptions:
     slots
         Number of tasks at the same time.
     memory_gb
-        Memory of each; None for a share of the machine.
+        Memory of each task; None for a share of the machine.
     """
 
     scheduler: str

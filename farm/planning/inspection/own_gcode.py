@@ -296,7 +296,7 @@ def _check_options(options: JobOptions) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _Lines:
-    """Lines of a file, read again at each iteration; one that is refused for its length is cut there."""
+    """Lines of a file, read again at each iteration; a line that is too long is cut at the limit."""
 
     path: Path
 

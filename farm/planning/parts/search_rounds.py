@@ -91,7 +91,7 @@ class SearchRounds:
             await asyncio.gather(*attempts, return_exceptions=True)  # until their workers have ended
 
     async def _make_attempt(self, record: Path, number: int, folder: Path) -> Path | str:
-        """Make an attempt; return its file, or the limit that it exceeded: an earlier result exists then."""
+        """Make an attempt; return the file of its outcome, or the limit that it exceeded."""
         try:
             outcome: Path = await self._workers.run(
                 try_grid, self._task, record, number, folder, limit=DECOMPOSING

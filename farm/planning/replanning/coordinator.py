@@ -125,7 +125,7 @@ class ReplanCoordinator:
             if any(policy.is_other_kind(demand, k) for k in kinds)
         }
         holds = find_holds(situation, ()) if demands else {}
-        ends = policy.ExpectedEnds(situation)
+        ends = policy.EndForecast(situation)
         for view in [view for view in situation.waiting if view.demand in demands]:
             plate = books.plates[view.id]
             if not free_printers or view.id in self._running or not _may_be_replanned(books, plate):

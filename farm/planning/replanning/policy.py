@@ -69,8 +69,8 @@ def saves_enough(before_s: float, after_s: float, now_s: float) -> bool:
     return after_s + max(MIN_GAIN_S, MIN_GAIN_SHARE * (before_s - now_s)) <= before_s
 
 
-class ExpectedEnds:
-    """Expected ends of the waiting plates of a situation, forecast on first use.
+class EndForecast:
+    """Forecast of the ends of the waiting plates of a situation, made on first use.
 
     Printers that need inspection count only if fleet.yaml has attended hours.
     """
@@ -96,7 +96,7 @@ class ExpectedEnds:
 
 def compute_expected_end_s(plate: WaitingPlate, situation: Situation) -> float:
     """Return the expected end of a waiting plate in the queue with all others; infinity if unknown."""
-    return ExpectedEnds(situation).find(plate)
+    return EndForecast(situation).find(plate)
 
 
 def compute_one_piece_end_s(plate: WaitingPlate, situation: Situation) -> float:
@@ -114,7 +114,7 @@ def choose_reslice(
     plate: WaitingPlate,
     situation: Situation,
     free: Sequence[FleetPrinter],
-    ends: ExpectedEnds | None = None,
+    ends: EndForecast | None = None,
 ) -> Reslice | None:
     """Choose a printer of another kind on which a waiting plate ends sooner by the margin; or None.
 
@@ -133,7 +133,7 @@ def choose_reslice(
     if best is None:
         return None
     after_s = _estimate_resliced_end_s(plate, best, situation)
-    if not saves_enough((ends or ExpectedEnds(situation)).find(plate), after_s, situation.now_s):
+    if not saves_enough((ends or EndForecast(situation)).find(plate), after_s, situation.now_s):
         return None
     return Reslice(plate.id, best.name)
 

@@ -44,7 +44,7 @@ class FaultView:
 
 @dataclass(frozen=True, slots=True)
 class PrinterPage:
-    """One printer, with its past.
+    """One printer, with its history.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ def describe_printer_page(
     hold: Hold | None,
     kept_for: str | None = None,
 ) -> PrinterPage:
-    """Describe a printer with its past.
+    """Describe a printer with its history.
 
     Parameters
     ----------

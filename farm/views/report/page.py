@@ -45,8 +45,8 @@ class JobContents:
 
 
 @dataclass(frozen=True, slots=True)
-class _Figure:
-    """Part on the page; `picture` as a data URL."""
+class _PartEntry:
+    """Entry of a part on the page; `picture` is a data URL."""
 
     part: api.PartView
     plate: api.PlateStatus
@@ -155,11 +155,11 @@ def _list_stills(job: api.JobView, pictures: Mapping[str, bytes]) -> list[tuple[
     ]
 
 
-def _describe_part(part: api.PartView, job: api.JobView, picture: bytes | None) -> _Figure:
+def _describe_part(part: api.PartView, job: api.JobView, picture: bytes | None) -> _PartEntry:
     plate = next(plate for plate in job.plates if plate.id == part.plate)
     prints = part.own_prints
     outcome = name_outcome(prints[-1].state, prints[-1].verdict) if prints else "waiting"
-    return _Figure(
+    return _PartEntry(
         part=part,
         plate=plate,
         outcome=f"{outcome}, {len(prints)} prints" if len(prints) > 1 else outcome,

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from books.make_books import apply_events, make_printing_books
-from farm.control.telemetry import TEMPERATURES_KEPT_S, Telemetry, TemperatureRecord, read_snapshot
+from farm.control.telemetry import TEMPERATURES_KEPT_S, Telemetry, TemperatureRecord, compare_snapshot
 from farm.model import AgentPrint, AgentSnapshot, Link, PrintState
 from farm.state import events as ev
 
@@ -38,8 +38,8 @@ def test_telemetry_without_changes_is_not_reported(nozzle_c, bed_c, target_c, pr
     heat = {"nozzle_c": nozzle_c, "bed_c": bed_c, "nozzle_target_c": target_c, "bed_target_c": target_c}
     later_snapshot = BUSY.model_copy(update={"print": agent_print, **heat})
     assert not telemetry.store(later_snapshot, 60.0)
-    reading = read_snapshot(BOOKS, later_snapshot, BUSY, True, 60.0)
-    assert (reading.events, reading.instructions, reading.invalid_transition) == ((), (), None)
+    changes = compare_snapshot(BOOKS, later_snapshot, BUSY, True, 60.0)
+    assert (changes.events, changes.instructions, changes.invalid_transition) == ((), (), None)
     assert telemetry.snapshots["a"] == later_snapshot
 
 
@@ -60,10 +60,10 @@ def test_snapshot_is_compared_step_by_step():
     """Compare in steps: the outcome of an unknown print depends on the bed after the known one."""
     other_print = PRINT.model_copy(update={"print_id": "q", "state": PrintState.DONE, "ended_s": 50.0})
     ready_snapshot = AgentSnapshot(printer="a", link=Link.READY, agent_pid=9, print=other_print)
-    reading = read_snapshot(BOOKS, ready_snapshot, BUSY, True, 60.0)
-    kinds = [type(event).__name__ for event in reading.events]
+    changes = compare_snapshot(BOOKS, ready_snapshot, BUSY, True, 60.0)
+    kinds = [type(event).__name__ for event in changes.events]
     assert kinds == ["PrintEnded", "BedBecameUnknown"]
-    assert [type(item).__name__ for item in reading.instructions] == ["SendForget"]
+    assert [type(item).__name__ for item in changes.instructions] == ["SendForget"]
 
 
 def record(*readings):

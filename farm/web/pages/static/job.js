@@ -3,7 +3,7 @@
 const outline = (root) =>
   [...root.querySelectorAll("section, tr[data-part]")].map((element) => element.id || element.getAttribute("aria-labelledby")).join();
 
-document.addEventListener("fresh", ({ detail }) => {
+document.addEventListener("element-received", ({ detail }) => {
   if (detail.id !== "main") return;
   if (outline(detail) !== outline(document.getElementById("main"))) location.reload();
   detail.querySelector("#viewer")?.replaceWith(document.getElementById("viewer").cloneNode(true));

@@ -1,5 +1,5 @@
 // Updates a live page: a stream of server-sent events brings the changed elements.
-// Keeps focus, open forms and typed text. The event "fresh" tells other scripts about each new element.
+// Keeps focus, open forms and typed text. The event "element-received" tells other scripts about each new element.
 
 const RETRY_MS = 3000;
 const SILENCE_MS = 15000;
@@ -9,12 +9,12 @@ const main = document.getElementById("main");
 const page = document.body.dataset.live;
 let version = document.body.dataset.version;
 let source = null;
-let heard = Date.now();
-let retry = 0;
+let contactMs = Date.now();
+let retryTimer = 0;
 
 const isAlike = (old, fresh) => old.nodeType === fresh.nodeType && old.nodeName === fresh.nodeName && !old.id && !fresh.id;
 
-const removeAndNext = (node) => {
+const removeAndGetNext = (node) => {
   const next = node.nextSibling;
   node.remove();
   return next;
@@ -41,7 +41,7 @@ export const sync = (old, fresh) => {
   const wanted = new Set([...fresh.children].map((child) => child.id));
   let at = old.firstChild;
   for (const child of [...fresh.childNodes]) {
-    while (at && at.id && !wanted.has(at.id)) at = removeAndNext(at);
+    while (at && at.id && !wanted.has(at.id)) at = removeAndGetNext(at);
     const same = child.id ? known.get(child.id) : at && isAlike(at, child) && at;
     if (!same) {
       old.insertBefore(child, at);
@@ -51,7 +51,7 @@ export const sync = (old, fresh) => {
     else old.insertBefore(same, at);
     sync(same, child);
   }
-  while (at) at = removeAndNext(at);
+  while (at) at = removeAndGetNext(at);
 };
 
 const apply = (changes) => {
@@ -60,7 +60,7 @@ const apply = (changes) => {
     const template = document.createElement("template");
     template.innerHTML = html;
     const fresh = template.content.firstElementChild;
-    document.dispatchEvent(new CustomEvent("fresh", { detail: fresh }));
+    document.dispatchEvent(new CustomEvent("element-received", { detail: fresh }));
     const old = document.getElementById(id);
     if (old) sync(old, fresh);
   }
@@ -76,8 +76,8 @@ document.getElementById("notes").append(warning);
 
 const showStale = (isStale) => {
   if (isStale && warning.hidden) {
-    const since = new Date(heard).toLocaleTimeString([], { hour12: false });
-    warning.textContent = `No news from the farm since ${since}. This page may be outdated; trying again.`;
+    const since = new Date(contactMs).toLocaleTimeString([], { hour12: false });
+    warning.textContent = `No updates from the farm since ${since}. This page may be outdated; trying again.`;
   }
   warning.hidden = !isStale;
   main.classList.toggle("old", isStale);
@@ -85,13 +85,13 @@ const showStale = (isStale) => {
 
 // -- the stream -------------------------------------------------------------------------------------------------
 
-const hear = () => {
-  heard = Date.now();
+const recordContact = () => {
+  contactMs = Date.now();
   showStale(false);
 };
 
 const disconnect = () => {
-  clearTimeout(retry);
+  clearTimeout(retryTimer);
   source?.close();
   source = null;
 };
@@ -101,15 +101,15 @@ const connect = () => {
   if (document.hidden) return;
   source = new EventSource(`/live?${new URLSearchParams({ page, version })}`);
   source.onmessage = (event) => {
-    hear();
+    recordContact();
     version = event.lastEventId;
     apply(JSON.parse(event.data));
   };
-  source.addEventListener("beat", hear);
+  source.addEventListener("beat", recordContact);
   source.onerror = () => {
     disconnect();
     showStale(true);
-    retry = setTimeout(connect, RETRY_MS);
+    retryTimer = setTimeout(connect, RETRY_MS);
   };
 };
 
@@ -127,7 +127,7 @@ if (page) {
   addEventListener("pageshow", (event) => event.persisted && connect());
   addEventListener("online", connect);
   addEventListener("offline", () => source?.onerror()); // an open stream may report no error
-  setInterval(() => source && Date.now() - heard > SILENCE_MS && source.onerror(), 1000);
+  setInterval(() => source && Date.now() - contactMs > SILENCE_MS && source.onerror(), 1000);
   setInterval(showStills, STILL_MS);
   connect();
 }

@@ -37,4 +37,4 @@ const localiseTimes = (root) => {
 };
 
 localiseTimes(document);
-document.addEventListener("fresh", (event) => localiseTimes(event.detail));
+document.addEventListener("element-received", (event) => localiseTimes(event.detail));
