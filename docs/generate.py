@@ -283,7 +283,8 @@ def write_faults_page(words: dict[str, Any]) -> str:
     parts.append(f"## Detected at the printer\n{make_names_table(Fault, 'faults', words)}")
     parts.append(f"## Detected by the farm\n{make_names_table(OwnFault, 'own_faults', words)}")
     parts.append(
-        "## Rules that a slice must keep\nA slice that breaks one of them is refused, and the error names the rule.\n\n"
+        "## Rules that a slice must keep\n"
+        "A slice that breaks one of them is refused, and the error names the rule.\n\n"
         + make_names_table(Rule, "slice_rules", words)
     )
     return "\n\n".join(parts)
