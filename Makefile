@@ -12,6 +12,9 @@ SOURCES := farm drivers decompose slicing
 LOCK_OPTIONS := --quiet --generate-hashes --allow-unsafe --strip-extras --all-build-deps --no-header \
 	--no-emit-index-url --no-emit-find-links --no-emit-trusted-host --no-emit-options
 
+# Tests start a thousand processes: where the environment forbids to keep bytecode, half of each start would be its compilation.
+export PYTHONDONTWRITEBYTECODE :=
+
 .PHONY: install demo test test-system test-waiting test-rest test-newest fresh interop peers check docs screenshots mutants lock \
 	clean engine pages deb test-deb test-container wheel
 .DELETE_ON_ERROR:
