@@ -264,7 +264,7 @@ class Night:
                         if item.code == "look"
                         else printers_to_clear.intersection(item.printers)
                     ):
-                        self.client.cleared(name, api.ClearedRequest())
+                        self.client.clear_bed(name, api.ClearedRequest())
             except FarmError:
                 pass  # the state changed meanwhile: the next poll shows it
 

@@ -98,7 +98,7 @@ class StatusSampler:
             names_place = any(phrase in view.text for phrase in ("running: ", "on this host"))
             names_wait = "wait" in view.text or "on the way" in view.text
             now_s = time.monotonic()
-            if names_place or names_wait or not (state.tasks or state.waiting or state.here):
+            if names_place or names_wait or not (state.tasks or state.waiting_count or state.local_count):
                 last_named_s = now_s
             self.samples += 1
             self.place_samples, self.wait_samples = (

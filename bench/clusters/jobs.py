@@ -75,9 +75,9 @@ class TimingPool:
         return self._pool.memory_bytes
 
     @property
-    def starting(self) -> str | None:
+    def start_step(self) -> str | None:
         """Step of the start of the workers."""
-        return self._pool.starting
+        return self._pool.start_step
 
     @property
     def has_idle(self) -> bool:
@@ -108,7 +108,7 @@ def measure_job(part_count: int, worker_count: int, folder: Path) -> dict[str, A
 async def _measure_job(part_count: int, worker_count: int, folder: Path) -> dict[str, Any]:
     state = StateFolder(folder / f"{part_count}-{worker_count}")
     local_pool = Workers(folder / "workers", worker_count, warm_up=warm_up_planning)
-    while local_pool.starting is not None:
+    while local_pool.start_step is not None:
         await asyncio.sleep(0.1)
     try:
         job, fleet = _make_job(part_count, state)
@@ -153,7 +153,7 @@ async def _measure_search(
 ) -> dict[str, Any]:
     state = StateFolder(folder / f"{part_count}-{worker_count}-search")
     local_pool = Workers(folder / "workers", worker_count, warm_up=warm_up_planning)
-    while local_pool.starting is not None:
+    while local_pool.start_step is not None:
         await asyncio.sleep(0.1)
     try:
         job, fleet = _make_job(part_count, state)

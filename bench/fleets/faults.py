@@ -157,5 +157,5 @@ def measure_event_delays(fleet: PrintingFleet, plate_changes: int) -> list[float
         assert event is not None
         delays_s.append(event.at_s - since_s)
         fleet.agents.serve(_TIMEOUT_S, lambda name=name: fleet.agents.is_forgotten(name))  # type: ignore[misc]
-        fleet.daemon.client.cleared(name, api.ClearedRequest())
+        fleet.daemon.client.clear_bed(name, api.ClearedRequest())
     return delays_s

@@ -47,10 +47,10 @@ class _Camera:
     printer: str
     url: str
     state: CameraState = field(default_factory=CameraState)
-    latest: Image | None = None
+    latest_still: Image | None = None
     latest_s: float = 0.0
     viewed_s: float = 0.0
-    running: asyncio.Task[Image] | None = None
+    fetch_task: asyncio.Task[Image] | None = None
     keep_after_s: float = 0.0  # earliest time to store a still again, after an error of the disk
 
 
@@ -99,9 +99,9 @@ class Cameras:
         if camera is None:
             raise NoSuchThing(f"{printer} has no camera: give its address by `camera` in fleet.yaml")
         now_s = camera.viewed_s = self._monotonic()
-        if camera.latest is not None and now_s - camera.latest_s < MAX_STILL_AGE_S:
-            return camera.latest
-        task = camera.running or self._begin(camera)
+        if camera.latest_still is not None and now_s - camera.latest_s < MAX_STILL_AGE_S:
+            return camera.latest_still
+        task = camera.fetch_task or self._begin(camera)
         try:
             if task is None:
                 raise CameraError(camera.state.problem or "the last request was too recent")
@@ -114,13 +114,17 @@ class Cameras:
         now_s = self._monotonic()
         for camera in self._cameras.values():
             if now_s - max(camera.viewed_s, camera.latest_s) > _FORGET_S:
-                camera.latest = None
+                camera.latest_still = None
         controller = self._controller
         snapshots, farm_s = controller.telemetry.snapshots, controller.clock.now()
         scale, printers = controller.clock.scale, frozenset(self._cameras)
         for due in find_due_stills(controller.books, snapshots, printers, farm_s, scale):
             camera = self._cameras[due.printer]
-            if due.printer in self._store_tasks or camera.running is not None or now_s < camera.keep_after_s:
+            if (
+                due.printer in self._store_tasks
+                or camera.fetch_task is not None
+                or now_s < camera.keep_after_s
+            ):
                 continue
             task = self._begin(camera)
             if task is not None:
@@ -133,8 +137,10 @@ class Cameras:
 
     async def close(self) -> None:
         """Cancel all running fetches."""
-        running_tasks = [camera.running for camera in self._cameras.values() if camera.running is not None]
-        tasks = [*self._store_tasks.values(), *running_tasks]
+        fetch_tasks = [
+            camera.fetch_task for camera in self._cameras.values() if camera.fetch_task is not None
+        ]
+        tasks = [*self._store_tasks.values(), *fetch_tasks]
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
@@ -145,7 +151,7 @@ class Cameras:
         if now_s < camera.state.next_s:
             return None
         camera.state = camera.state.begin(now_s)
-        task = camera.running = asyncio.get_running_loop().create_task(self._run(camera))
+        task = camera.fetch_task = asyncio.get_running_loop().create_task(self._run(camera))
         task.add_done_callback(_consume_error)
         return task
 
@@ -162,10 +168,10 @@ class Cameras:
             raise CameraError(camera.state.problem or "") from None
         else:
             camera.state = camera.state.succeed()
-            camera.latest, camera.latest_s = image, self._monotonic()
+            camera.latest_still, camera.latest_s = image, self._monotonic()
             return image
         finally:
-            camera.running = None
+            camera.fetch_task = None
             problem = camera.state.problem
             if problem is not None and previous_problem is None:
                 PrinterLog(log, camera.printer).warning("its camera sends no still: %s", problem)

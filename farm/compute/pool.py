@@ -20,7 +20,7 @@ class Pool(Protocol):
         ...
 
     @property
-    def starting(self) -> str | None:
+    def start_step(self) -> str | None:
         """Step of the start of the workers on this computer, as text; None once one of them is ready."""
         ...
 

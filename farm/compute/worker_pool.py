@@ -107,9 +107,9 @@ class Workers:
         return self._memory_bytes
 
     @property
-    def starting(self) -> str | None:
+    def start_step(self) -> str | None:
         """Step of the start of the workers, as text; None once one of them is ready."""
-        steps = [worker.starting for worker in self._alive]
+        steps = [worker.start_step for worker in self._alive]
         return steps[0] if steps and all(steps) else None
 
     @property
@@ -196,7 +196,7 @@ class Workers:
             raise FarmError(_CLOSED)
         free = [worker for worker in self._idle if urgent or worker is not self._urgent_worker]
         if free:
-            worker = max(free, key=lambda worker: worker.starting is None)
+            worker = max(free, key=lambda worker: worker.start_step is None)
             self._idle.remove(worker)
             return worker
         task = _WaitingTask(group, urgent, asyncio.get_running_loop().create_future())

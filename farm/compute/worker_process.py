@@ -64,7 +64,7 @@ class Worker:
         child_pipe.close()  # else the end of the process would not close the pipe
 
     @property
-    def starting(self) -> str | None:
+    def start_step(self) -> str | None:
         """Step of the start, as text; None once the process is ready."""
         try:
             return (self.folder / _STEP).read_text() or "starting"

@@ -177,7 +177,11 @@ class Controller:
 
     def _list_unconfirmed(self, names: Iterable[str] | None) -> Iterator[ev.AnyInstruction]:
         """Yield the instructions on open prints, of some printers or all, that agents have not confirmed."""
-        snapshots, find_printer, now_s = self.telemetry.snapshots, self.situations.printer, self.clock.now()
+        snapshots, find_printer, now_s = (
+            self.telemetry.snapshots,
+            self.situations.describe_printer,
+            self.clock.now(),
+        )
         yield from list_unconfirmed_instructions(
             self.books, snapshots, names, find_printer, self.rules, now_s
         )
@@ -186,7 +190,7 @@ class Controller:
         """Handle the changes that an agent's snapshot shows; the rest of it is telemetry."""
         name = snapshot.printer
         previous = self.telemetry.snapshots.get(name)
-        in_use = self.situations.printer(name) is not None
+        in_use = self.situations.describe_printer(name) is not None
         changes = compare_snapshot(self.books, snapshot, previous, in_use, self.clock.now())
         if changes.invalid_transition is not None:  # one faulty agent must not stop the others
             error_with_history = self._store.add_history(changes.invalid_transition)

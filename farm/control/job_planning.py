@@ -77,7 +77,7 @@ class JobPlanning:
                 **list_reservations(situation, reserved_printers),
             },
             reserved=frozenset(reserved_printers),
-            starting=is_starting,
+            is_starting=is_starting,
         )
         decisions = list(self._admission.decide(books, situation, fleet))
         self.holds = {entry.job: entry.hold for entry in decisions if isinstance(entry, HoldJob)}

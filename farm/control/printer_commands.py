@@ -47,7 +47,7 @@ class PrinterCommands:
         """Raise Refused if one of the printers may not print now because nobody is present."""
         now_s = self._controller.clock.now()
         fleet_printers = [
-            p for name in printers if (p := self._controller.situations.printer(name)) is not None
+            p for name in printers if (p := self._controller.situations.describe_printer(name)) is not None
         ]
         reasons = [
             reason

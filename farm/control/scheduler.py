@@ -89,13 +89,13 @@ class Scheduler:
         yield from revisions.revise(situations.books, situation, possible_assignments, find_reservations)
         # A job that is being planned again keeps its printers: no other job takes them meanwhile.
         revision_holds = revisions.holds(situations.books, situation.now_s)
-        postponed_plates = revisions.postponed.union(revision_holds)
+        postponed_plates = revisions.postponed_plates.union(revision_holds)
         allowed_assignments = self._replanning.exclude_reserved(situations.books, possible_assignments)
         assignments = [a for a in allowed_assignments if a.plate not in postponed_plates]
         situation = situation.without(revision_holds)
         starts, self._later_starts = assignments[:MAX_STARTS], assignments[MAX_STARTS:]
         yield from self._start(starts)
-        if self._later_starts or revisions.postponed:
+        if self._later_starts or revisions.postponed_plates:
             self.next_change_s = situation.now_s
             return
         if starts:

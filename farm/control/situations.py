@@ -93,8 +93,8 @@ class Situations:
         """Return the current situation, with all waiting plates except those held back."""
         farm = self._farm
         return Situation(
-            waiting=self._builder.waiting(farm.books),
-            printers=self.printers(),
+            waiting=self._builder.describe_waiting_plates(farm.books),
+            printers=self.describe_printers(),
             rules=farm.rules,
             now_s=self.now_s,
             time_scale=farm.clock.scale,
@@ -111,8 +111,12 @@ class Situations:
         numbers = dict.fromkeys(books.plates[assignment.plate].job for assignment in assignments)
         jobs = [job for job in map(books.jobs.__getitem__, numbers) if job.state is JobState.PRINTING]
         names = [assignment.printer for assignment in assignments]
-        printers = self.printers() if farm.rules.max_heating is not None else self._list_printers(names)
-        waiting = self._builder.waiting_of(books, jobs).without(self.find_held_back_plates(jobs))
+        printers = (
+            self.describe_printers() if farm.rules.max_heating is not None else self._list_printers(names)
+        )
+        waiting = self._builder.describe_waiting_plates_of(books, jobs).without(
+            self.find_held_back_plates(jobs)
+        )
         return Situation(waiting, printers, farm.rules, self.now_s, farm.clock.scale)
 
     def build_for_display(self, held_back: Mapping[str, Hold]) -> Situation:
@@ -135,23 +139,23 @@ class Situations:
         printers = tuple([started_printers.get(p.name, p) for p in situation.printers])
         return situation.without({start.plate for start in starts}).with_printers(printers)
 
-    def printers(self) -> tuple[FleetPrinter, ...]:
+    def describe_printers(self) -> tuple[FleetPrinter, ...]:
         """Describe the enabled printers to the scheduler."""
         farm = self._farm
-        return self._builder.printers(farm.fleet, farm.books, farm.telemetry.snapshots)
+        return self._builder.describe_printers(farm.fleet, farm.books, farm.telemetry.snapshots)
 
-    def printer(self, name: str) -> FleetPrinter | None:
+    def describe_printer(self, name: str) -> FleetPrinter | None:
         """Describe a printer to the scheduler; None if it is disabled or unknown."""
         farm = self._farm
-        return self._builder.printer(farm.fleet, name, farm.books, farm.telemetry.snapshots)
+        return self._builder.describe_printer(farm.fleet, name, farm.books, farm.telemetry.snapshots)
 
     def _list_printers(self, names: Collection[str]) -> tuple[FleetPrinter, ...]:
-        return tuple([printer for name in names if (printer := self.printer(name)) is not None])
+        return tuple([printer for name in names if (printer := self.describe_printer(name)) is not None])
 
     def find_limits(self, print_id: str) -> PrintLimits:
         """Find the time limits of a print from the attended and quiet hours."""
         attempt = self.books.prints[print_id]
-        printer = self.printer(attempt.printer)
+        printer = self.describe_printer(attempt.printer)
         if printer is None:
             return PrintLimits(None, None)
         return find_print_limits(attempt, self.books, printer, self._farm.rules, self.now_s)

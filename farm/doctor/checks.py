@@ -116,14 +116,14 @@ def check_files(facts: Facts) -> Iterator[Finding]:
     files = facts.files
     action = "`farm cancel` the job, and submit its model again"
     for condition, names in (
-        ("is missing", files.missing),
-        ("has changed since it was planned", files.changed),
+        ("is missing", files.missing_files),
+        ("has changed since it was planned", files.changed_files),
     ):
         yield from (make_problem("files", f"{name} {condition}", action) for name in names[:_MAX_SHOWN])
         if len(names) > _MAX_SHOWN:
             yield make_problem("files", f"and {len(names) - _MAX_SHOWN} more: each {condition}", action)
-    if not files.missing and not files.changed:
-        yield make_success("files", f"{format_count(files.checked, 'file')} of open jobs, as planned")
+    if not files.missing_files and not files.changed_files:
+        yield make_success("files", f"{format_count(files.checked_count, 'file')} of open jobs, as planned")
 
 
 def check_agents(facts: Facts) -> Iterator[Finding]:

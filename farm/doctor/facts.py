@@ -40,15 +40,15 @@ class FileFacts:
 
     Attributes
     ----------
-    checked
+    checked_count
         Number of checked files.
-    missing, changed
+    missing_files, changed_files
         Missing files, and files whose content differs from the plan, each with its job.
     """
 
-    checked: int = 0
-    missing: tuple[str, ...] = ()
-    changed: tuple[str, ...] = ()
+    checked_count: int = 0
+    missing_files: tuple[str, ...] = ()
+    changed_files: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

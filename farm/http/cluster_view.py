@@ -23,17 +23,17 @@ def describe_cluster(state: ClusterState) -> api.ClusterView:
             api.ClusterTaskView(what=task.work, group=_name_group(task), worker=task.host)
             for task in state.tasks
         ],
-        waiting=state.waiting,
-        here=state.here,
+        waiting=state.waiting_count,
+        here=state.local_count,
     )
 
 
 def _describe_work(state: ClusterState) -> str:
     """Describe where tasks run in one sentence."""
     if state.place is Place.HERE:
-        tasks = format_count(state.here, "task") if state.here else "nothing to do"
+        tasks = format_count(state.local_count, "task") if state.local_count else "nothing to do"
         return f"no worker of {state.scheduler} for {state.lost_s:.0f} s: computing on this host, {tasks}"
-    queue_note = f", {format_count(state.waiting, 'task')} waiting" if state.waiting else ""
+    queue_note = f", {format_count(state.waiting_count, 'task')} waiting" if state.waiting_count else ""
     if state.place is Place.WAITING:
         return f"waiting for a worker of {state.scheduler}, {state.lost_s:.0f} s so far{queue_note}"
     usable = [worker for worker in state.workers if worker.refused is None]
@@ -44,7 +44,7 @@ def _describe_work(state: ClusterState) -> str:
     sent_count = len(state.tasks) - counts.total()
     running_note = f"running: {places}" if places else "nothing runs"
     running_note += f", {format_count(sent_count, 'task')} on the way" if sent_count else ""
-    here = f", {format_count(state.here, 'task')} on this host" if state.here else ""
+    here = f", {format_count(state.local_count, 'task')} on this host" if state.local_count else ""
     return f"{head}; {running_note}{queue_note}{here}"
 
 

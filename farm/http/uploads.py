@@ -186,7 +186,7 @@ class Uploads:
         raise NoSuchThing(f"there is no open upload {request_id}")
 
     def _describe_wait(self) -> str:
-        start_step = self._workers.starting
+        start_step = self._workers.start_step
         if start_step is None:
             return "waiting for a worker"
         return f"waiting for the workers to start: {start_step}"

@@ -91,7 +91,7 @@ class Availability:
         Free printers that are reserved, each with its purpose: a plate or a job.
     reserved
         Printers for which plates are being replanned: chosen only if there is no other.
-    starting
+    is_starting
         True just after the start of the farm: jobs wait for printers that are still connecting.
     unattended_blocked
         Printers on which no print may start while nobody is present: chosen only if there is no other.
@@ -100,7 +100,7 @@ class Availability:
     printers: tuple[FleetPrinter, ...]
     reservations: Mapping[str, str] = field(default_factory=dict)
     reserved: frozenset[str] = frozenset()
-    starting: bool = False
+    is_starting: bool = False
     unattended_blocked: frozenset[str] = frozenset()
 
     def with_pending_plans(self, pending_plans: Iterable[PendingPlan]) -> Availability:
@@ -141,7 +141,7 @@ def choose_printers(request: JobRequest, availability: Availability) -> PlanOrde
     starting_printers = [
         p.name for p in matching_printers if p.link in (Link.STARTING, Link.CONNECTING) and not p.booked
     ]
-    if starting_printers and availability.starting:
+    if starting_printers and availability.is_starting:
         return Hold(code=HoldCode.PRINTER_CONNECTING, text=f"connecting to {' '.join(starting_printers)}")
     usable_printers = list_usable_printers(matching_printers, availability)
     reserved_names = availability.reserved | availability.reservations.keys()

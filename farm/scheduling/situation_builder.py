@@ -181,7 +181,7 @@ class SituationBuilder:
             frozenset(),
         )  # printers that open jobs ask for
 
-    def printers(
+    def describe_printers(
         self, fleet: Fleet, books: Books, snapshots: Mapping[str, AgentSnapshot]
     ) -> tuple[FleetPrinter, ...]:
         """Describe the enabled printers."""
@@ -193,7 +193,7 @@ class SituationBuilder:
             ]
         )
 
-    def printer(
+    def describe_printer(
         self, fleet: Fleet, name: str, books: Books, snapshots: Mapping[str, AgentSnapshot]
     ) -> FleetPrinter | None:
         """Describe one printer; None if it is disabled or unknown."""
@@ -239,14 +239,14 @@ class SituationBuilder:
             self._named_printers = books.jobs, names
         return self._named_printers[1]
 
-    def waiting(self, books: Books) -> PlateQueue:
+    def describe_waiting_plates(self, books: Books) -> PlateQueue:
         """Describe the waiting plates of printing jobs."""
         printing_jobs = [job for job in books.jobs.values() if job.state is JobState.PRINTING]
-        queue = self.waiting_of(books, printing_jobs)
+        queue = self.describe_waiting_plates_of(books, printing_jobs)
         self._jobs = {job.id: self._jobs[job.id] for job in printing_jobs}
         return queue
 
-    def waiting_of(self, books: Books, jobs: Iterable[Job]) -> PlateQueue:
+    def describe_waiting_plates_of(self, books: Books, jobs: Iterable[Job]) -> PlateQueue:
         """Describe the waiting plates of some printing jobs."""
         return PlateQueue.from_jobs(self._describe_job(books, job).waiting for job in jobs)
 

@@ -72,17 +72,17 @@ def summarise_job(books: Books, job: Job) -> JobSummary:
     )
 
 
-def summarise_night(books: Books, recent: Iterable[Print], now_s: float) -> NightSummary | None:
+def summarise_night(books: Books, recent_prints: Iterable[Print], now_s: float) -> NightSummary | None:
     """Count the prints of the last night; None if none ended in it.
 
     Parameters
     ----------
-    recent
+    recent_prints
         Prints that include all that ended last night.
     """
     since_s = now_s - NIGHT_S
     ended_prints = [
-        p for p in recent if p.ended_s is not None and p.ended_s >= since_s and p.started_s is not None
+        p for p in recent_prints if p.ended_s is not None and p.ended_s >= since_s and p.started_s is not None
     ]
     if not ended_prints:
         return None

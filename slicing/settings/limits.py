@@ -98,7 +98,7 @@ class Violation:
     scope: Scope
     key: str
     value: Any
-    allowed: str
+    allowed_values: str
     is_farm_limit: bool  # Cura's own profiles have to keep it too
 
 

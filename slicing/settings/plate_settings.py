@@ -213,11 +213,12 @@ def _describe_refusal(violation: Violation, request_key: _RequestKey) -> str:
     keys = [key for key, _ in request_key.overrides]
     cause = "" if violation.key in keys else f" follows from {', '.join(keys)} and"
     if keys:
-        return f"{violation.key}={value}{cause} is out of range; {violation.allowed}"
+        return f"{violation.key}={value}{cause} is out of range; {violation.allowed_values}"
     source = f"{request_key.quality} with {request_key.material}"
     return (
-        f"{violation.key}={value}, from {source}, is out of range; {violation.allowed}: choose another "
-        f"material or quality (only `farm slice` can set another value, with --set {violation.key}=VALUE)"
+        f"{violation.key}={value}, from {source}, is out of range; {violation.allowed_values}: choose "
+        "another material or quality (only `farm slice` can set another value, "
+        f"with --set {violation.key}=VALUE)"
     )
 
 

@@ -72,7 +72,7 @@ class Client:
     def cancel(self, number: int) -> api.JobStatus:
         return self._request(api.JobStatus, "POST", f"/jobs/{number}/cancel")
 
-    def cleared(self, printer: str, request: api.ClearedRequest) -> api.ClearedResponse:
+    def clear_bed(self, printer: str, request: api.ClearedRequest) -> api.ClearedResponse:
         return self._request(api.ClearedResponse, "POST", f"/printers/{printer}/cleared", body=request)
 
     def history(self, job: int | None, printer: str | None, last: int) -> api.History:

@@ -98,7 +98,7 @@ def cleared(
         raise NoSuchThing(f"there is no printer {' '.join(unknown)}; the fleet has {' '.join(fleet)}")
     request = ClearedRequest(filament=filament, bad=bad or why is not None, why=why, good=good)
     for printer in printers:
-        answer = client.cleared(printer, request)
+        answer = client.clear_bed(printer, request)
         print("; ".join((f"{printer}: bed clear", *_describe_part(request, answer))))
 
 

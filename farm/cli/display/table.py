@@ -52,12 +52,12 @@ def lay_out_table(columns: Sequence[Column], rows: Sequence[Sequence[str]], widt
     width
         Width of the terminal; None for no limit.
     """
-    full = [
+    full_widths = [
         max(cell_len(text) for text in (column.heading, *(row[i] for row in rows)))
         for i, column in enumerate(columns)
     ]
-    empty = [not any(row[i] for row in rows) for i in range(len(columns))]
-    widths = full if width is None else _fit_widths(columns, full, empty, width)
+    is_empty = [not any(row[i] for row in rows) for i in range(len(columns))]
+    widths = full_widths if width is None else _fit_widths(columns, full_widths, is_empty, width)
     headings = [column.heading for column in columns]
     styles = [HEADING, *[""] * len(rows)]
     if widths is None:
@@ -99,28 +99,28 @@ def _wrap(text: Text, width: int) -> list[Text]:
 
 
 def _fit_widths(
-    columns: Sequence[Column], full: Sequence[int], empty: Sequence[bool], width: int
+    columns: Sequence[Column], full_widths: Sequence[int], is_empty: Sequence[bool], width: int
 ) -> list[int] | None:
     """Choose the width of each column, 0 to leave it out; None if the columns of rank 0 are too wide."""
     least_widths = [
         natural if c.min_width is None else min(natural, c.min_width)
-        for c, natural in zip(columns, full, strict=True)
+        for c, natural in zip(columns, full_widths, strict=True)
     ]
     visible = [i for i, _ in enumerate(columns)]
-    order = sorted(visible, key=lambda i: (empty[i], columns[i].rank), reverse=True)
+    order = sorted(visible, key=lambda i: (is_empty[i], columns[i].rank), reverse=True)
 
     def compute_spare(widths: Sequence[int]) -> int:
         return width - sum(widths[i] for i in visible) - _GAP * (len(visible) - 1)
 
     removable = [i for i in order if columns[i].rank > 0]
-    while compute_spare(full if any(empty[i] for i in removable) else least_widths) < 0:
+    while compute_spare(full_widths if any(is_empty[i] for i in removable) else least_widths) < 0:
         if not removable:
             return None
         visible.remove(removable.pop(0))
     fitted_widths = [least_widths[i] if i in visible else 0 for i, _ in enumerate(columns)]
     free_width = compute_spare(fitted_widths)
     for i in sorted(visible, key=lambda i: columns[i].rank):
-        extra = min(free_width, full[i] - fitted_widths[i])
+        extra = min(free_width, full_widths[i] - fitted_widths[i])
         fitted_widths[i] += extra
         free_width -= extra
     return fitted_widths

@@ -104,9 +104,9 @@ class ClusterPool:
         return self._local_pool.memory_bytes
 
     @property
-    def starting(self) -> str | None:
-        """Step of the start of the workers on this computer; see `Workers.starting`."""
-        return self._local_pool.starting
+    def start_step(self) -> str | None:
+        """Step of the start of the workers on this computer; see `Workers.start_step`."""
+        return self._local_pool.start_step
 
     @property
     def has_idle(self) -> bool:
@@ -127,7 +127,7 @@ class ClusterPool:
             choose_place(lost_s),
             self._workers,
             tasks,
-            self._slot_queue.waiting,
+            self._slot_queue.waiting_count,
             self._local_count,
             lost_s,
         )

@@ -51,9 +51,9 @@ class ClusterState:
 
     Attributes
     ----------
-    waiting
+    waiting_count
         Number of tasks that wait for a worker.
-    here
+    local_count
         Number of tasks that run or wait on this computer instead.
     lost_s
         Wall seconds since it last had a usable worker; 0 while it has one.
@@ -63,8 +63,8 @@ class ClusterState:
     place: Place
     workers: tuple[ClusterWorker, ...]
     tasks: tuple[RunningTask, ...]
-    waiting: int
-    here: int
+    waiting_count: int
+    local_count: int
     lost_s: float
 
     def list_problems(self) -> list[str]:

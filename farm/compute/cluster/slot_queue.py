@@ -28,7 +28,7 @@ class SlotQueue:
         self._running: Counter[Hashable] = Counter()
 
     @property
-    def waiting(self) -> int:
+    def waiting_count(self) -> int:
         """Number of tasks that wait."""
         return len(self._waiting)
 

@@ -149,7 +149,7 @@ def _describe_figures(services: Services, context: ViewContext) -> api.FarmFigur
     controller = services.controller
     fleet = controller.fleet
     reservations = controller.scheduler.list_reservations()
-    obstacles = {printer.name: printer.obstacle() for printer in controller.situations.printers()}
+    obstacles = {printer.name: printer.obstacle() for printer in controller.situations.describe_printers()}
     return api.FarmFigures(
         daemon=services.daemon_view(context),
         todo=list_tasks(context),

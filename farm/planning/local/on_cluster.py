@@ -36,7 +36,7 @@ class Cluster:
 class _ThisProcess:
     """Pool that runs work in this process, once the cluster is abandoned."""
 
-    starting = None
+    start_step = None
     has_idle = True
 
     def __init__(self, on_notice: Callable[[str], None]) -> None:

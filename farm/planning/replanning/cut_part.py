@@ -18,7 +18,7 @@ from decompose.files.names import INSTRUCTIONS, REPORT
 from decompose.geometry import Model, Solid
 from decompose.options import Interior
 from decompose.results import Decomposition
-from decompose.results import Part as Drawn
+from decompose.results import Part as DrawnPart
 from farm.errors import ErrorCode, FarmError
 from farm.model import Part
 from farm.planning.error_translation import translate_errors
@@ -113,7 +113,9 @@ def _move_planes(planes: np.ndarray, transform: np.ndarray) -> np.ndarray:
     return np.column_stack((normals, planes[:, 3] + normals @ transform[:3, 3]))
 
 
-def _convert_part(files: Path, part: Part) -> Drawn:
+def _convert_part(files: Path, part: Part) -> DrawnPart:
     """Convert the record of a part to a part for the picture."""
     to_model = np.reshape(part.geometry.to_model, (4, 4))
-    return Drawn(Path(part.id).name, _move_solid(_read_solid(files / part.file), to_model), to_model, 0.0, "")
+    return DrawnPart(
+        Path(part.id).name, _move_solid(_read_solid(files / part.file), to_model), to_model, 0.0, ""
+    )

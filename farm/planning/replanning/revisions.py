@@ -58,7 +58,7 @@ class PlanRevisions:
     ----------
     has_more
         True if jobs remain for the next run, which begins immediately.
-    postponed
+    postponed_plates
         Plates of these jobs that could start, but wait until their job is examined.
     """
 
@@ -66,7 +66,7 @@ class PlanRevisions:
         self._running: dict[int, StartPlanning] = {}
         self._began_s: dict[int, float] = {}
         self._held_until_s: dict[int, float] = {}
-        self.has_more, self.postponed = False, frozenset[str]()
+        self.has_more, self.postponed_plates = False, frozenset[str]()
         self._examined_keys: set[_Key] = set()  # jobs with their plans, idle and usable printers
         self._changeable: dict[int, tuple[object, bool]] = {}  # by job, with its revision in the books
 
@@ -121,7 +121,7 @@ class PlanRevisions:
         find_reservations
             Returns the free printers that are reserved, each with its purpose.
         """
-        self.has_more, self.postponed = False, frozenset()
+        self.has_more, self.postponed_plates = False, frozenset()
         changeable = {job.id for job in books.jobs.values() if self._is_changeable(books, job)}
         plates_by_job = _find_unstarted_jobs(books, situation, changeable) if changeable else {}
         if not plates_by_job:
@@ -152,7 +152,7 @@ class PlanRevisions:
                 if forecast_size > MAX_FORECAST:
                     self.has_more = True
                     if starts:
-                        self.postponed |= {plate.id for plate in plates}
+                        self.postponed_plates |= {plate.id for plate in plates}
                     continue
                 forecast_size += len(situation.printers) + len(situation.waiting.up_to(plates[0].queue_rank))
                 names = choose_revision(candidate, situation, (idle, usable_printers))

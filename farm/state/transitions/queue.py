@@ -18,13 +18,13 @@ from farm.state.transitions.rules import change
 
 @change.register
 def _(event: ev.JobMoved, books: Books) -> Result:
-    others = [job for job in books.open_jobs() if job.id != event.job]
-    numbers = [job.id for job in others]
+    other_jobs = [job for job in books.open_jobs() if job.id != event.job]
+    numbers = [job.id for job in other_jobs]
     if event.before is not None and event.before not in numbers:
         target = books.job(event.before)
         raise InvalidTransition(event, JOB, target.id, target.state, "not in the queue")
-    place = len(others) if event.before is None else numbers.index(event.before)
-    return put(books, *_place_job(books.job(event.job), others, place, max(books.jobs))), ()
+    place = len(other_jobs) if event.before is None else numbers.index(event.before)
+    return put(books, *_place_job(books.job(event.job), other_jobs, place, max(books.jobs))), ()
 
 
 @change.register
@@ -32,20 +32,20 @@ def _(event: ev.JobRescheduled, books: Books) -> Result:
     return put(books, replace_fields(books.job(event.job), not_before_s=event.not_before_s)), ()
 
 
-def _place_job(job: Job, others: list[Job], place: int, last_number: int) -> Iterator[Job]:
+def _place_job(job: Job, other_jobs: list[Job], place: int, last_number: int) -> Iterator[Job]:
     """Yield a job with its new rank; if no rank is free there, also the other jobs with new ranks.
 
     Parameters
     ----------
-    others
+    other_jobs
         The other open jobs, in their order.
     place
-        Index in `others` before which the job is put.
+        Index in `other_jobs` before which the job is put.
     last_number
         Largest number of any job, so the largest rank of a job that was not moved.
     """
-    jobs_before, jobs_after = others[:place], others[place:]
-    if not others:
+    jobs_before, jobs_after = other_jobs[:place], other_jobs[place:]
+    if not other_jobs:
         return
     priority = (jobs_after[0] if jobs_after else jobs_before[-1]).priority
     high = jobs_after[0].queue_rank[1] if jobs_after else last_number + 1.0

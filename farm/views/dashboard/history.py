@@ -60,7 +60,7 @@ class HistoryView:
     ----------
     rows
         The last prints, at most as many as the page shows.
-    hidden
+    hidden_count
         Number of prints that only the CSV file lists.
     """
 
@@ -73,7 +73,7 @@ class HistoryView:
     by_month: list[Figures]
     jobs: list[JobOutcome]
     rows: list[api.HistoryRow]
-    hidden: int
+    hidden_count: int
 
 
 def describe_history(context: ViewContext, history_filter: HistoryFilter, max_rows: int = 100) -> HistoryView:
@@ -112,7 +112,7 @@ def describe_history(context: ViewContext, history_filter: HistoryFilter, max_ro
         by_month=group_figures(prints, books.plates, lambda attempt: name_month(attempt, zone)),
         jobs=[_describe_outcome(context, job) for job in jobs[:max_rows]],
         rows=[describe_ended_print(context, attempt) for attempt in reversed(shown_prints)],
-        hidden=len(prints) - len(shown_prints),
+        hidden_count=len(prints) - len(shown_prints),
     )
 
 

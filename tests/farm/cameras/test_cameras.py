@@ -105,7 +105,7 @@ def test_camera_without_viewers_is_not_polled_and_its_still_is_dropped(rig):
 
     asyncio.run(wait())
     assert len(rig.requests) == 1
-    assert rig.cameras._cameras["a"].latest is None
+    assert rig.cameras._cameras["a"].latest_still is None
 
 
 def test_printer_without_a_camera_and_unknown_printers_are_errors(rig):

@@ -71,9 +71,9 @@ def test_start_step_is_reported_until_a_worker_is_ready(pool, tmp_path):
     os.mkfifo(tmp_path / "fifo")
 
     async def use(workers):
-        await wait_until(lambda: workers.starting == "compiling")
+        await wait_until(lambda: workers.start_step == "compiling")
         await asyncio.to_thread((tmp_path / "fifo").write_text, "go on")
-        await wait_until(lambda: workers.starting is None)
+        await wait_until(lambda: workers.start_step is None)
         return await workers.run(work.get_pid)
 
     assert pool.run(use, warm_up=partial(work.start_after, tmp_path / "fifo", tmp_path / "first"))
@@ -83,7 +83,7 @@ def test_work_is_given_to_a_started_worker(pool, tmp_path):
     os.mkfifo(tmp_path / "fifo")
 
     async def use(workers):
-        await wait_until(lambda: workers.starting is None)
+        await wait_until(lambda: workers.start_step is None)
         return [await workers.run(work.get_pid) for _ in range(3)]
 
     warm_up = partial(work.start_after, tmp_path / "fifo", tmp_path / "first")

@@ -67,7 +67,7 @@ def test_open_uploads_count_until_inspected(tmp_path, monkeypatch):
             fleet=make_fleet().model_copy(update={"fleet": section}), books=SimpleNamespace(jobs={})
         )
         inspections: dict[Path, str] = {}
-        workers = SimpleNamespace(run=run, starting="loading the planning code", memory_bytes=GB)
+        workers = SimpleNamespace(run=run, start_step="loading the planning code", memory_bytes=GB)
         uploads = Uploads(controller, state, workers, inspections)
 
         async def send_content():
@@ -78,7 +78,7 @@ def test_open_uploads_count_until_inspected(tmp_path, monkeypatch):
         )
         await may_check.wait()
         assert uploads.describe("a").step == "waiting for the workers to start: loading the planning code"
-        workers.starting = None
+        workers.start_step = None
         assert uploads.describe("a").step == "waiting for a worker"
         assert list(inspections.values()) == ["a.stl"]
         name_step_file(next(state.work.glob("upload-*"))).write_text("repairing")

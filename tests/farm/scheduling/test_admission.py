@@ -35,7 +35,7 @@ def begin(
         Availability(
             tuple(fleet),
             dict.fromkeys(taken_printers, "9/01"),
-            starting=starting_jobs,
+            is_starting=starting_jobs,
             unattended_blocked=blocked_printers,
         ),
     )

@@ -69,8 +69,10 @@ def test_cached_description_equals_a_new_one(steps, is_absent):
             else READY_SNAPSHOTS
         )
         new_builder = SituationBuilder(list_bed_boxes)
-        assert builder.waiting(books) == new_builder.waiting(books)
-        assert builder.printers(FLEET, books, snapshots) == new_builder.printers(FLEET, books, snapshots)
+        assert builder.describe_waiting_plates(books) == new_builder.describe_waiting_plates(books)
+        assert builder.describe_printers(FLEET, books, snapshots) == new_builder.describe_printers(
+            FLEET, books, snapshots
+        )
         holds = find_plate_holds(books, books.jobs.values(), SECTIONS, 210.0)
         assert find_plate_holds(books, books.jobs.values(), SECTIONS, 210.0, builder.may_hold_back) == holds
         all_values = find_plate_holds(books, books.jobs.values(), SECTIONS, 210.0, lambda *_: True)
@@ -84,7 +86,7 @@ def test_firmware_with_an_unverified_dead_man_prints_only_attended():
     plus_section = real_section.model_copy(update={"model": "ultimaker2_plus"})
     books, builder = make_printing_books(plates=1), SituationBuilder(list_bed_boxes)
     fleets = [Fleet(printers=(item,)) for item in (real_section, simulated_section, plus_section)]
-    results = [builder.printers(fleet, books, {})[0] for fleet in fleets]
+    results = [builder.describe_printers(fleet, books, {})[0] for fleet in fleets]
     assert [item.unattended for item in results] == [False, True, True]
     reason = "it is not verified that Marlin 2 switches the heaters off when its host dies"
     assert results[0].attended_reason == reason
@@ -92,13 +94,13 @@ def test_firmware_with_an_unverified_dead_man_prints_only_attended():
 
 def test_one_printer_is_described_as_among_all_unless_it_is_disabled():
     books, builder = make_printing_books(plates=1), SituationBuilder(list_bed_boxes)
-    views = builder.printers(FLEET, books, READY_SNAPSHOTS)
-    assert [builder.printer(FLEET, name, books, READY_SNAPSHOTS) for name in PRINTERS] == list(views)
-    assert builder.printer(FLEET, "z", books, READY_SNAPSHOTS) is None
+    views = builder.describe_printers(FLEET, books, READY_SNAPSHOTS)
+    assert [builder.describe_printer(FLEET, name, books, READY_SNAPSHOTS) for name in PRINTERS] == list(views)
+    assert builder.describe_printer(FLEET, "z", books, READY_SNAPSHOTS) is None
     disabled_section = SECTIONS[0].model_copy(update={"enabled": False})
     smaller_fleet = FLEET.model_copy(update={"printers": (disabled_section, *SECTIONS[1:])})
-    assert builder.printer(smaller_fleet, "a", books, READY_SNAPSHOTS) is None
-    assert builder.printers(smaller_fleet, books, READY_SNAPSHOTS) == views[1:]
+    assert builder.describe_printer(smaller_fleet, "a", books, READY_SNAPSHOTS) is None
+    assert builder.describe_printers(smaller_fleet, books, READY_SNAPSHOTS) == views[1:]
 
 
 def test_only_changed_entities_are_described_again():
@@ -110,14 +112,20 @@ def test_only_changed_entities_are_described_again():
     )
     books, _ = apply_events(make_printing_books(plates=2), *second_job)
     builder = SituationBuilder(list_bed_boxes)
-    old_plates, printers = list(builder.waiting(books)), builder.printers(FLEET, books, READY_SNAPSHOTS)
+    old_plates, printers = (
+        list(builder.describe_waiting_plates(books)),
+        builder.describe_printers(FLEET, books, READY_SNAPSHOTS),
+    )
     assert [view.id for view in old_plates] == [
         plate.id for plate in (*first_plan.plates, *second_job[2].plates)
     ]
     started_event = ev.PlateAssigned(at_s=5.0, plate="1/01", printer="a", print_id="x")
     books, _ = apply_events(books, started_event)
     hot_snapshots = {**READY_SNAPSHOTS, "c": READY_SNAPSHOTS["c"].model_copy(update={"nozzle_c": 210.0})}
-    new_plates, new_printers = list(builder.waiting(books)), builder.printers(FLEET, books, hot_snapshots)
+    new_plates, new_printers = (
+        list(builder.describe_waiting_plates(books)),
+        builder.describe_printers(FLEET, books, hot_snapshots),
+    )
     assert [view.id for view in new_plates] == ["1/02", "2/01", "2/02", "2/03"]
     assert all(
         new_plate is old_plate for new_plate, old_plate in zip(new_plates[1:], old_plates[2:], strict=True)
@@ -139,7 +147,8 @@ def test_capabilities_have_a_name_only_if_a_job_requests_it():
     ):
         books, _ = apply_events(books, *events)
         assert [
-            printer.capabilities.requested_name for printer in builder.printers(FLEET, books, READY_SNAPSHOTS)
+            printer.capabilities.requested_name
+            for printer in builder.describe_printers(FLEET, books, READY_SNAPSHOTS)
         ] == names
     assert derive_job_requirements(asking_job).only == ("b",)
 
@@ -156,7 +165,7 @@ def test_running_print_ends_where_its_printer_is_shown_to_end(progress_s, late_s
     snapshots = {**READY_SNAPSHOTS, "a": AgentSnapshot(printer="a", link=Link.BUSY, print=report)}
     context = ViewContext(FLEET, books, snapshots, StateFolder(Path("/state")), 300.0 + late_s)
     builder = SituationBuilder(list_bed_boxes)
-    printers = builder.printers(FLEET, books, snapshots)
+    printers = builder.describe_printers(FLEET, books, snapshots)
     situation = Situation(PlateQueue(), printers, StartRules.from_config(FLEET.fleet), context.now_s)
     busy_printer, *other_printers = update_ends(situation, books, snapshots).printers
     assert busy_printer.free_s == context.now_s + context.remaining_s(books.open_print_on("a"))

@@ -19,7 +19,7 @@ INSTALLATION = Installation("1", "4.13", "abc", "numpy 2", "", "", "")
 class Recorder:
     """Local pool that runs each task immediately and records it."""
 
-    starting = None
+    start_step = None
     has_idle = True
     memory_bytes = 2**30
 

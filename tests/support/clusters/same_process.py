@@ -6,7 +6,7 @@ from farm.planning.plan import InspectedSubmission
 class SameProcess:
     """Workers that run each task immediately."""
 
-    starting = None
+    start_step = None
     has_idle = True
     memory_bytes = 2**40
 

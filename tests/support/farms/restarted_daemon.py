@@ -26,7 +26,7 @@ AFTER_DELAY = "later"
 class NoWorkers:
     """Stand-in for the daemon's worker processes."""
 
-    starting = None
+    start_step = None
     has_idle = True
     memory_bytes = 2**40
 

@@ -28,7 +28,10 @@ def printer_pages(pages: PageContext) -> APIRouter:
     fleet = controller.fleet.fleet
 
     async def show(reader: Reader, name: str, note: Note | None = None) -> str:
-        context, printer = controller.build_view_context(services.state), controller.situations.printer(name)
+        context, printer = (
+            controller.build_view_context(services.state),
+            controller.situations.describe_printer(name),
+        )
         page = describe_printer_page(
             context,
             name,

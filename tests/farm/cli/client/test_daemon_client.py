@@ -122,7 +122,7 @@ def test_daemon_of_another_version_is_reported(daemon, client):
 
 def test_requests_arrive_unchanged(daemon, client, tmp_path, monkeypatch):
     daemon.answer = (200, b'{"again": null}')
-    client.cleared("um2-01", ClearedRequest(bad=True, why="warped: 3 mm & more"))
+    client.clear_bed("um2-01", ClearedRequest(bad=True, why="warped: 3 mm & more"))
     ((path, body),) = daemon.requests
     assert path == "/printers/um2-01/cleared"
     assert json.loads(body)["why"] == "warped: 3 mm & more"

@@ -47,7 +47,7 @@ def test_groups_share_the_slots_and_urgent_tasks_go_first():
         tasks = [queue.add(name, name[0]) for name in ("a1", "a2", "a3", "b1")]
         tasks.append(queue.add("c1", "c", urgent=True))
         await settle()
-        assert queue.slots.waiting == 5 and queue.started_tasks == []
+        assert queue.slots.waiting_count == 5 and queue.started_tasks == []
         queue.slots.update(3, False)
         await settle()
         assert [name for name, _ in queue.started_tasks] == ["c1", "a1", "b1"]
@@ -70,7 +70,7 @@ def test_a_cancelled_task_gives_its_slot_back():
         assert [name for name, _ in queue.started_tasks] == ["x", "z"]
         return [first_turn, second_turn, third_turn]
 
-    assert run(use).slots.waiting == 0
+    assert run(use).slots.waiting_count == 0
 
 
 def test_nobody_waits_where_the_cluster_is_given_up():

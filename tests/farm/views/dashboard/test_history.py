@@ -61,7 +61,7 @@ def test_prints_are_chosen(filters, prints):
 
 def test_long_history_is_shown_in_part_and_counted_in_full():
     view = describe_history(make_context(make_books_of_ten_days(), NOW_S), HistoryFilter(), max_rows=1)
-    assert (len(view.rows), view.hidden, view.total.prints) == (1, 3, 4)
+    assert (len(view.rows), view.hidden_count, view.total.prints) == (1, 3, 4)
 
 
 def test_unknown_job_is_refused():
