@@ -1,4 +1,4 @@
-# Two commands do everything: `make demo` and `make test`. Both stand on `make install`.
+# Two commands do everything: `make demo` and `make test`. Both run `make install` first.
 # A step that is done leaves a stamp in .venv, so that a second run is quick.
 SHELL := /bin/bash
 PYTHON ?= $(firstword $(wildcard /usr/bin/python3.11) python3.11)
@@ -12,7 +12,7 @@ SOURCES := farm drivers decompose slicing
 LOCK_OPTIONS := --quiet --generate-hashes --allow-unsafe --strip-extras --all-build-deps --no-header \
 	--no-emit-index-url --no-emit-find-links --no-emit-trusted-host --no-emit-options
 
-# Tests start a thousand processes: where the environment forbids to keep bytecode, half of each start would be its compilation.
+# Tests start a thousand processes: if the environment forbids storing bytecode, its compilation takes half of each start.
 export PYTHONDONTWRITEBYTECODE :=
 
 .PHONY: install demo test test-system test-waiting test-rest test-newest fresh interop peers check docs screenshots mutants lock \
@@ -21,11 +21,11 @@ export PYTHONDONTWRITEBYTECODE :=
 
 install: engine pages $(VENV)/.compiled
 
-# CuraEngine and the settings of the same version; quick where they are there.
+# CuraEngine and the settings of the same version; quick if they are installed.
 engine:
 	@slicing/install-cura.sh .cura/resources
 
-# The scripts of the pages with their libraries; without node or a network the pages do without.
+# The scripts of the pages with their libraries; without node or a network the pages work without them.
 pages: $(VENV)/.installed
 	@deploy/build-pages.sh $(BIN)/python
 
@@ -36,7 +36,7 @@ $(VENV)/.installed: requirements.lock pyproject.toml deploy/install-venv.sh
 	@$(PIP) --no-deps --no-build-isolation -e .
 	@touch $@
 
-# The machine code of the planning; a new version of its sources is compiled anew.
+# The machine code of the planning; a new version of its sources is compiled again.
 $(VENV)/.compiled: $(VENV)/.installed $(shell find decompose -name '*.py')
 	@echo "Compiling the planning code: one to five minutes ..."
 	@$(BIN)/python -m decompose.compilation
@@ -51,7 +51,7 @@ $(VENV)/.installed-dev: requirements-dev.lock $(VENV)/.installed
 demo: install
 	$(BIN)/python examples/demo.py
 
-# Most of the time tests wait for real processes: those run beside the others, and each lot is told when it is over.
+# Tests with real processes mostly wait: they run in parallel with the others, and each group is reported when it has ended.
 SYSTEM := tests/system tests/farm/web
 WAITING := tests/interop tests/farm/agents tests/farm/control tests/farm/http tests/drivers
 test: install $(VENV)/.installed-dev peers
@@ -66,12 +66,12 @@ test-waiting:
 test-rest:
 	$(BIN)/python -m pytest tests $(addprefix --ignore=,$(SYSTEM) $(WAITING))
 
-# What may differ with a newer Python, of the tests that start no farm of real processes.
+# Tests that start no farm of real processes, and that may differ with a newer Python.
 test-newest: install
 	@deploy/test-newest.sh
 
 # Both commands in a new Debian 12, as root: before each release. `make fresh COMMANDS=test`, `make fresh SHM=no`,
-# `make fresh KEEP=FOLDER`: the root stays there, and the next run takes it.
+# `make fresh KEEP=FOLDER`: the root stays there, and the next run uses it.
 COMMANDS := demo test
 fresh:
 	@deploy/fresh.sh $(if $(filter no,$(SHM)),--no-shm) $(if $(KEEP),--keep $(KEEP)) $(COMMANDS)
@@ -93,11 +93,11 @@ wheel: pages $(VENV)/.installed
 	$(BIN)/python -m pip --disable-pip-version-check wheel --quiet --no-deps --no-build-isolation -w build/dist .
 	sed -n 's/^\([A-Za-z0-9_.-]*==[^ ]*\).*/\1/p' requirements.lock > build/dist/constraints.txt
 
-# Only against software that we did not write.
+# Only the tests against software of others.
 interop: $(VENV)/.installed-dev peers
 	$(WITH_PEERS) $(BIN)/python -m pytest tests/interop
 
-# That software: quick where it is there; the tests are skipped where it cannot be had.
+# Installs that software, quickly if it is there already; if it is not available, the tests are skipped.
 peers: $(VENV)/.installed-dev
 	@PYTHON=$(PYTHON) deploy/install-peers.sh $(INTEROP)
 
@@ -117,11 +117,11 @@ docs: $(VENV)/.installed-dev
 	@echo "The documentation is in build/docs/index.html"
 
 # Pictures of the dashboard: a daemon, simulated printers and Debian's Chromium; ten minutes on an idle machine.
-# Ended early, it leaves its farm up, and the next run takes the pictures that are missing.
+# If it is interrupted, its farm keeps running, and the next run takes the pictures that are missing.
 screenshots: $(VENV)/.installed-dev engine pages
 	PYTHONPATH=tests/support $(BIN)/python docs/screenshots.py
 
-# Deliberate faults in the rules that prints depend on, and which of them no test sees: about half an hour.
+# Deliberate faults in the rules that prints depend on, and those that no test detects: about half an hour.
 mutants: $(VENV)/mutants/.installed
 	nice -n 19 $(VENV)/mutants/bin/python -m bench.mutants --at-once 2
 

@@ -89,13 +89,13 @@ def pair_with_words(names: Iterable[str], section: str, words: dict[str, str]) -
 
 
 def make_names_table(kind: type[Enum], section: str, words: dict[str, Any]) -> str:
-    """Lay out the members of an enumeration and what they mean."""
+    """Lay out the members of an enumeration with their meanings."""
     rows = pair_with_words((str(member.value) for member in kind), section, words[section])
     return make_table(("name", "meaning"), rows)
 
 
 def describe_value(schema: dict[str, Any]) -> str:
-    """Say in a few words which values a JSON schema allows."""
+    """Describe the values that a JSON schema allows in a few words."""
     if "$ref" in schema:
         name = str(schema["$ref"]).rpartition("/")[2]
         return "hours of the week" if name == "Window" else f"[{name}](#{name.lower()})"
@@ -127,18 +127,18 @@ def write_commands_page(_: dict[str, Any]) -> str:
         "The commands that need nothing but the daemon also take "
         f"{' and '.join(f'`{option}`' for option in NETWORK_OPTIONS)} (or `FARM_URL` and `FARM_KEY_FILE`), "
         "for [a farm on another host](../how-to/network.md): "
-        f"{', '.join(f'`{name}`' for name in _network_commands())}.",
+        f"{', '.join(f'`{name}`' for name in _list_network_commands())}.",
         "`farm --install-completion` makes the shell complete commands, printers, jobs and parts.",
     ]
     for name, command in load_commands(app).items():
         parts.append(f"## farm {name}\n{command.help}")
-        rows = list(_options(command))
+        rows = list(_list_options(command))
         if rows:
             parts.append(make_table(("option", "default", "meaning"), rows))
     return "\n\n".join(parts)
 
 
-def _network_commands() -> list[str]:
+def _list_network_commands() -> list[str]:
     return [
         name
         for name, command in load_commands(app).items()
@@ -146,7 +146,7 @@ def _network_commands() -> list[str]:
     ]
 
 
-def _options(command: Any) -> Iterator[tuple[str, str, str]]:
+def _list_options(command: Any) -> Iterator[tuple[str, str, str]]:
     for param in command.params:
         if getattr(param, "hidden", False) or param.opts[-1] in (*SHARED_OPTIONS, *NETWORK_OPTIONS):
             continue
@@ -178,12 +178,12 @@ def write_fleet_page(words: dict[str, Any]) -> str:
             field = schema["properties"][name]
             nested = any("$ref" in one for one in field.get("anyOf", [field]))
             value = "keys" if nested else describe_value(field).replace(" or null", "")
-            rows.append((shown, value, _default(name, schema), meaning.format(models=models)))
+            rows.append((shown, value, _describe_default(name, schema), meaning.format(models=models)))
         parts.append(f"## {title}\n" + make_table(("key", "value", "default", "meaning"), rows))
     return "\n\n".join(parts)
 
 
-def _default(name: str, schema: dict[str, Any]) -> str:
+def _describe_default(name: str, schema: dict[str, Any]) -> str:
     if name in schema.get("required", ()):
         return "required"
     default = schema["properties"][name].get("default")
@@ -200,18 +200,18 @@ def write_json_page(words: dict[str, Any]) -> str:
     for title, model in SCHEMAS:
         schema = model.model_json_schema(by_alias=True)
         objects |= schema.get("$defs", {})
-        parts.append(f"## {title}\n" + _fields(model.__name__, schema, fields))
-    parts.append("## Objects in them")
+        parts.append(f"## {title}\n" + _make_fields_table(model.__name__, schema, fields))
+    parts.append("## Objects inside these objects")
     for name, schema in sorted(objects.items()):
         if "enum" in schema:
             body = "One of " + ", ".join(f"`{value}`" for value in schema["enum"]) + "."
         else:
-            body = _fields(name, schema, fields)
+            body = _make_fields_table(name, schema, fields)
         parts.append(f"### {name}\n{body}")
     return "\n\n".join(parts)
 
 
-def _fields(name: str, schema: dict[str, Any], words: dict[str, dict[str, str]]) -> str:
+def _make_fields_table(name: str, schema: dict[str, Any], words: dict[str, dict[str, str]]) -> str:
     own = words.get(name, {})
     if left := sorted(set(own) - set(schema["properties"])):
         raise MissingWords(f"{WORDS}: {name} has no field {left[0]!r}: remove it from 'json_fields'")
@@ -317,7 +317,7 @@ PAGES = {
 
 
 def main() -> int:
-    """Write the pages, or with --check say whether they are what they should be."""
+    """Write the pages, or with --check report those that are not up to date."""
     words = yaml.safe_load(WORDS.read_text(encoding="utf-8"))
     stale = []
     for name, make in PAGES.items():

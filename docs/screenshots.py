@@ -1,8 +1,8 @@
 """Screenshots of the dashboard: a real daemon, simulated printers, and Chromium without a window.
 
-A run that was ended early leaves its farm up in the folder; the next one takes the pictures that are missing.
+If a run is interrupted, its farm keeps running; the next run takes only the pictures that are missing.
 
-Usage: PYTHONPATH=tests/support python docs/screenshots.py [--only PAGE ...] [--stage FOLDER] [--keep]
+Usage: PYTHONPATH=tests/support python docs/screenshots.py [--only PAGE ...] [--folder FOLDER] [--keep]
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ from browser.chromium import CHROMIUM, Chromium  # type: ignore[import-not-found
 ROOT = Path(__file__).resolve().parents[1]
 PICTURES = ROOT / "docs" / "pictures" / "dashboard"
 FARM = Path(sys.executable).with_name("farm")
-STAGE = ROOT / "build" / "screenshots"
+FOLDER = ROOT / "build" / "screenshots"
 PORT = 8479
 SCALE = 120
-PATIENCE_S = 900.0
+TIMEOUT_S = 900.0
 WIDTHS_PX = (390, 1280, 1920)
 THEMES = ("light", "dark")
 HIGHEST_PX = {"api": 1200}  # the beginning of a page as long as that shows how it reads
@@ -76,18 +76,18 @@ printers:
 """
 
 
-class Stage:
-    """A farm with simulated printers in its own folder.
+class DemoFarm:
+    """Farm with simulated printers, in a folder of its own.
 
     Parameters
     ----------
     folder
-        For its state, its fleet file, and the list of the pictures that were taken.
+        Folder for its state, its fleet file, and the list of the pictures that were taken.
     """
 
     def __init__(self, folder: Path) -> None:
         self._folder, self._taken = folder, folder / "taken"
-        self.is_set = self._taken.exists() and self._is_up()
+        self.has_jobs = self._taken.exists() and self._is_up()
 
     def _is_up(self) -> bool:
         """Return whether a daemon answers."""
@@ -97,7 +97,7 @@ class Stage:
         return [str(FARM), *arguments, "--state", str(self._folder / "state")]
 
     def prepare(self) -> None:
-        """Empty the folder, in which a run may have ended early, and write the fleet file."""
+        """Empty the folder, in which a run may have been interrupted, and write the fleet file."""
         self.clear()
         self._folder.mkdir(parents=True)
         models = ["ultimaker2_plus"] * 5 + ["ultimaker2_extended_plus"] * 2
@@ -119,7 +119,7 @@ class Stage:
         return self._taken.read_text().split() if self._taken.exists() else []
 
     def record(self, *names: str) -> None:
-        """Record that pictures were taken; without a name, that the stage is set."""
+        """Record that pictures were taken; without a name, that the jobs are ready for pictures."""
         with self._taken.open("a") as file:
             file.writelines(f"{name}\n" for name in names)
 
@@ -137,13 +137,13 @@ class Stage:
         """Return `farm status --json`."""
         return json.loads(self.run_farm("status", "--json"))
 
-    def wait(self, what: str, condition: Callable[[Any], object]) -> Any:
-        """Wait until the status is so, and return it: a later one may be another."""
-        give_up_s = time.monotonic() + PATIENCE_S
-        print(f"waiting for {what} ...", flush=True)
+    def wait(self, subject: str, condition: Callable[[Any], object]) -> Any:
+        """Wait until the status meets a condition, and return that status."""
+        give_up_s = time.monotonic() + TIMEOUT_S
+        print(f"waiting for {subject} ...", flush=True)
         while not condition(status := self.read_status()):
             if time.monotonic() > give_up_s:
-                raise SystemExit(f"gave up waiting for {what}")
+                raise SystemExit(f"gave up waiting for {subject}")
             time.sleep(1.0)
         return status
 
@@ -154,33 +154,33 @@ def find_afternoon() -> str:
     return min(ZONES, key=lambda zone: abs(datetime.fromtimestamp(now_s, ZoneInfo(zone)).hour - 15))
 
 
-def set_stage(stage: Stage) -> None:
+def run_jobs(demo_farm: DemoFarm) -> None:
     """Print a model, with a failure; clear most of its beds, so that another job prints while others wait."""
     folder = Path(tempfile.mkdtemp())
     aqueduct = str(folder / "aqueduct.stl")
     subprocess.run([sys.executable, str(ROOT / "examples" / "make_aqueduct.py"), aqueduct], check=True)
-    stage.run_farm("up")
-    stage.wait("printers", lambda s: all(one["state"] == "idle" for one in s["printers"]))
-    stage.run_farm("submit", aqueduct, "--name", "Aqueduct", "--note", "for the exhibition")
-    stage.wait("the plan", lambda s: s["jobs"][0]["plates"])
+    demo_farm.run_farm("up")
+    demo_farm.wait("printers", lambda s: all(one["state"] == "idle" for one in s["printers"]))
+    demo_farm.run_farm("submit", aqueduct, "--name", "Aqueduct", "--note", "for the exhibition")
+    demo_farm.wait("the plan", lambda s: s["jobs"][0]["plates"])
     for name, options in (
         ("Model of a bridge", ["--longest-side", "200", "--copies", "4"]),
         ("Viaduct", ["--longest-side", "120", "--copies", "2", "--hold"]),
         ("Tomorrow's aqueduct", ["--longest-side", "140", "--copies", "2", "--overnight"]),
     ):
-        stage.run_farm("submit", aqueduct, "--name", name, *options)
-    stage.wait("plans", lambda s: all(one["plates"] for one in s["jobs"]))
-    status = stage.wait("a print", lambda s: any(one["state"] == "printing" for one in s["printers"]))
+        demo_farm.run_farm("submit", aqueduct, "--name", name, *options)
+    demo_farm.wait("plans", lambda s: all(one["plates"] for one in s["jobs"]))
+    status = demo_farm.wait("a print", lambda s: any(one["state"] == "printing" for one in s["printers"]))
     busy = next(one["name"] for one in status["printers"] if one["state"] == "printing")
-    stage.run_farm("fail", busy, "--why", "the first layer came off")
-    done = stage.wait("a part", lambda s: [one for one in s["printers"] if is_done(one)])
-    stage.run_farm("cleared", next(one["name"] for one in done["printers"] if is_done(one)))
-    stage.wait("its parts", lambda s: s["jobs"][0]["state"] == "printed")
-    for printer in [one for one in stage.read_status()["printers"] if one["look"] is None][2:]:
-        stage.run_farm("cleared", printer["name"])
-    stage.wait("another print", lambda s: any(one["state"] == "printing" for one in s["printers"]))
-    stage.record()
-    print("the stage is set", flush=True)
+    demo_farm.run_farm("fail", busy, "--why", "the first layer came off")
+    done = demo_farm.wait("a part", lambda s: [one for one in s["printers"] if is_done(one)])
+    demo_farm.run_farm("cleared", next(one["name"] for one in done["printers"] if is_done(one)))
+    demo_farm.wait("its parts", lambda s: s["jobs"][0]["state"] == "printed")
+    for printer in [one for one in demo_farm.read_status()["printers"] if one["look"] is None][2:]:
+        demo_farm.run_farm("cleared", printer["name"])
+    demo_farm.wait("another print", lambda s: any(one["state"] == "printing" for one in s["printers"]))
+    demo_farm.record()
+    print("the farm is ready for pictures", flush=True)
 
 
 def is_done(printer: Any) -> bool:
@@ -188,13 +188,13 @@ def is_done(printer: Any) -> bool:
     return bool(printer["last"]) and printer["last"]["state"] == "done"
 
 
-async def take_pictures(stage: Stage, zone: str, profile: Path, names: list[str]) -> None:
+async def take_pictures(demo_farm: DemoFarm, zone: str, profile: Path, names: list[str]) -> None:
     """Take a picture of each page in each width and theme, except those that were taken.
 
     Parameters
     ----------
-    stage
-        Knows the pictures that were taken.
+    demo_farm
+        The farm, with the list of the pictures that were taken.
     zone
         Time zone of the browser.
     profile
@@ -202,7 +202,7 @@ async def take_pictures(stage: Stage, zone: str, profile: Path, names: list[str]
     names
         Pages, as in `PAGES`.
     """
-    address, taken = stage.make_link(), set(stage.read_taken())
+    address, taken = demo_farm.make_link(), set(demo_farm.read_taken())
     base = address.partition(PAGES[LOGIN])[0]
     PICTURES.mkdir(parents=True, exist_ok=True)
     async with Chromium(profile, "") as browser:
@@ -218,12 +218,12 @@ async def take_pictures(stage: Stage, zone: str, profile: Path, names: list[str]
                     picture = f"{name}-{width_px}-{theme}.png"
                     if picture in taken:
                         continue
-                    await browser.open(stage.make_link() if name == LOGIN else base + PAGES[name])
+                    await browser.open(demo_farm.make_link() if name == LOGIN else base + PAGES[name])
                     await asyncio.sleep(1.0 if name in ("job", "submit") else 0.3)  # scripts draw
                     await save(
                         browser, width_px, PICTURES / picture, HIGHEST_PX.get(name, DEFAULT_HIGHEST_PX)
                     )
-                    stage.record(picture)
+                    demo_farm.record(picture)
         for message in browser.messages:
             print(f"the browser says: {message}")
 
@@ -255,21 +255,23 @@ def main() -> int:
     """Take the pictures. Returns an exit code."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", nargs="*", choices=PAGES, default=list(PAGES))
-    parser.add_argument("--stage", type=Path, default=STAGE, help="folder of the farm: build/screenshots")
-    parser.add_argument("--keep", action="store_true", help="leave the farm up once all pictures are taken")
+    parser.add_argument("--folder", type=Path, default=FOLDER, help="folder of the farm: build/screenshots")
+    parser.add_argument(
+        "--keep", action="store_true", help="keep the farm running after all pictures are taken"
+    )
     arguments = parser.parse_args()
     if CHROMIUM is None:
         print("pictures need a browser: apt-get install chromium")
         return 1
-    stage = Stage(arguments.stage.resolve())
-    if not stage.is_set:
-        stage.prepare()
-        set_stage(stage)
-    zone = stage.read_status()["fleet"]["timezone"]
+    demo_farm = DemoFarm(arguments.folder.resolve())
+    if not demo_farm.has_jobs:
+        demo_farm.prepare()
+        run_jobs(demo_farm)
+    zone = demo_farm.read_status()["fleet"]["timezone"]
     with tempfile.TemporaryDirectory() as profile:
-        asyncio.run(take_pictures(stage, zone, Path(profile), arguments.only))
+        asyncio.run(take_pictures(demo_farm, zone, Path(profile), arguments.only))
     if not arguments.keep:
-        stage.clear()
+        demo_farm.clear()
     return 0
 
 

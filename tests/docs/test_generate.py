@@ -32,9 +32,9 @@ def test_description_without_a_name_is_refused():
 def test_field_of_json_without_words_is_refused():
     schema = {"properties": {"grams": {"type": "number"}, "new": {"type": "number"}}}
     expected = {"any": {"grams": "Filament."}, "Reel": {"new": "It is new."}}
-    assert "It is new." in generate._fields("Reel", schema, expected)
+    assert "It is new." in generate._make_fields_table("Reel", schema, expected)
     with pytest.raises(generate.MissingWords, match="'new' under 'json_fields', Reel"):
-        generate._fields("Reel", schema, {"any": {"grams": "Filament."}})
+        generate._make_fields_table("Reel", schema, {"any": {"grams": "Filament."}})
 
 
 def test_cell_text_is_escaped():

@@ -5,7 +5,7 @@ import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { Stage, readColour } from "./stage.js";
 
 const STATES = ["waiting", "printing", "printed", "good", "bad", "failed", "cancelled"]; // colours in palette.css
-const GOLDEN = 0.618; // neighbouring numbers get distant hues
+const GOLDEN_RATIO = 0.618; // neighbouring numbers get distant hues
 const STEP_S = 1.5; // of each step in the animation (decompose/export/glb.py)
 
 /** Return the rows of the parts by name. */
@@ -14,14 +14,14 @@ const findRows = () => new Map([...document.querySelectorAll("tr[data-part]")].m
 /** Return the name of a part in the file; three.js removes the dots from the name of its mesh. */
 const nameOf = (mesh) => mesh.userData.name ?? mesh.name;
 
-const hueOf = (number) => new Color().setHSL((number * GOLDEN) % 1, 0.5, 0.55);
+const hueOf = (number) => new Color().setHSL((number * GOLDEN_RATIO) % 1, 0.5, 0.55);
 
 /** Add an input with its label. */
-const addInput = (container, text, attributes, act) => {
+const addInput = (container, text, attributes, onInput) => {
   const label = document.createElement("label");
   const input = Object.assign(document.createElement("input"), attributes);
   label.append(attributes.type === "radio" ? input : `${text} `, attributes.type === "radio" ? ` ${text}` : input);
-  input.addEventListener("input", () => act(input));
+  input.addEventListener("input", () => onInput(input));
   container.append(label);
   return input;
 };
@@ -37,16 +37,16 @@ class JobView {
       if (!mesh.isMesh) return;
       mesh.material = mesh.material.clone();
       const centre = new Box3().setFromBufferAttribute(mesh.geometry.attributes.position).getCenter(new Vector3());
-      this.parts.set(nameOf(mesh), { mesh, centre, home: mesh.position.clone() });
+      this.parts.set(nameOf(mesh), { mesh, centre, restPosition: mesh.position.clone() });
     });
     const middle = new Vector3();
     for (const { centre } of this.parts.values()) middle.addScaledVector(centre, 1 / this.parts.size);
-    for (const part of this.parts.values()) part.away = part.centre.clone().sub(middle);
+    for (const part of this.parts.values()) part.direction = part.centre.clone().sub(middle);
     this.clip = gltf.animations[0];
     this.mixer = this.clip ? new AnimationMixer(gltf.scene) : null;
     this.mixer?.clipAction(this.clip).play();
     const kinds = new Set([...this.rows.values()].map((row) => row.dataset.kind));
-    this.by = kinds.size > 1 ? "state" : "printer"; // all parts wait before the first print
+    this.colourBy = kinds.size > 1 ? "state" : "printer"; // all parts wait before the first print
     this.picked = null; // a part of the model
     this.copy = null; // name of the picked row if the part has several copies
     this.addControls(container);
@@ -59,20 +59,20 @@ class JobView {
   addControls(container) {
     const controls = document.createElement("div");
     controls.className = "tools";
-    this.apart = addInput(controls, "Apart", { type: "range", min: 0, max: 100, value: 35 }, (input) => {
-      if (this.step) this.step.value = this.step.max;
+    this.apartInput = addInput(controls, "Apart", { type: "range", min: 0, max: 100, value: 35 }, (input) => {
+      if (this.stepInput) this.stepInput.value = this.stepInput.max;
       this.setApart(input.value / 100);
     });
     if (this.clip) {
       const steps = Math.round(this.clip.duration / STEP_S);
-      this.step = addInput(controls, "Assembly", { type: "range", min: 0, max: steps, value: steps }, (input) => {
-        this.apart.value = 0;
+      this.stepInput = addInput(controls, "Assembly", { type: "range", min: 0, max: steps, value: steps }, (input) => {
+        this.apartInput.value = 0;
         this.setStep(Number(input.value));
       });
     }
     for (const [by, text] of [["state", "Colour by state"], ["printer", "by printer"]]) {
-      addInput(controls, text, { type: "radio", name: "colour-by", checked: by === this.by }, () => {
-        this.by = by;
+      addInput(controls, text, { type: "radio", name: "colour-by", checked: by === this.colourBy }, () => {
+        this.colourBy = by;
         this.paint();
       });
     }
@@ -85,7 +85,7 @@ class JobView {
     const table = document.querySelector("table.parts");
     if (table) {
       const watch = { attributeFilter: ["data-kind", "data-printer"], childList: true, subtree: true };
-      new MutationObserver(() => this.follow()).observe(table, watch);
+      new MutationObserver(() => this.updateRows()).observe(table, watch);
     }
   }
 
@@ -102,7 +102,7 @@ class JobView {
   }
 
   /** Update the view after rows were replaced or changed their state. */
-  follow() {
+  updateRows() {
     this.rows = findRows();
     for (const [name, row] of this.rows) this.addButton(name, row);
     this.markRows();
@@ -110,12 +110,14 @@ class JobView {
   }
 
   setApart(share) {
-    for (const { mesh, home, away } of this.parts.values()) mesh.position.copy(home).addScaledVector(away, 1.2 * share);
+    for (const { mesh, restPosition, direction } of this.parts.values()) {
+      mesh.position.copy(restPosition).addScaledVector(direction, 1.2 * share);
+    }
     this.stage.requestFrame();
   }
 
   setStep(number) {
-    for (const { mesh, home } of this.parts.values()) mesh.position.copy(home);
+    for (const { mesh, restPosition } of this.parts.values()) mesh.position.copy(restPosition);
     const end = Math.min(number * STEP_S, this.clip.duration - 1e-3);
     this.mixer.setTime(end);
     this.stage.requestFrame();
@@ -126,10 +128,10 @@ class JobView {
     const printers = [...new Set([...this.rows.values()].map((row) => row.dataset.printer))].sort();
     const meanings = new Map();
     for (const [name, { mesh }] of this.parts) {
-      const values = new Set(this.rowsOf(name).map((row) => row.dataset[this.by === "state" ? "kind" : "printer"]));
+      const values = new Set(this.rowsOf(name).map((row) => row.dataset[this.colourBy === "state" ? "kind" : "printer"]));
       const [first = "cut into smaller parts"] = values;
-      const text = values.size > 1 ? `copies with several ${this.by}s` : first;
-      const colour = this.by === "printer" && values.size === 1
+      const text = values.size > 1 ? `copies with several ${this.colourBy}s` : first;
+      const colour = this.colourBy === "printer" && values.size === 1
         ? hueOf(printers.indexOf(first))
         : readColour(`--fill-${STATES.includes(text) ? text : "other"}`);
       meanings.set(text, colour);

@@ -36,16 +36,16 @@ export class Stage {
     this.canvas.addEventListener("keydown", (event) => this.turn(event));
     new ResizeObserver(() => this.resize()).observe(container);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.requestFrame());
-    this.waiting = false;
+    this.isFrameRequested = false;
     this.resize();
   }
 
   /** Draw once at the next animation frame. */
   requestFrame() {
-    if (this.waiting) return;
-    this.waiting = true;
+    if (this.isFrameRequested) return;
+    this.isFrameRequested = true;
     requestAnimationFrame(() => {
-      this.waiting = false;
+      this.isFrameRequested = false;
       this.draw();
     });
   }
@@ -83,7 +83,7 @@ export class Stage {
   }
 
   /** Call a function with the mesh under the pointer, or null, at each click. */
-  onPick(act) {
+  onPick(callback) {
     let start = null;
     this.canvas.addEventListener("pointerdown", (event) => { start = [event.clientX, event.clientY]; });
     this.canvas.addEventListener("pointerup", (event) => {
@@ -94,7 +94,7 @@ export class Stage {
       );
       const caster = new Raycaster();
       caster.setFromCamera(at, this.camera);
-      act(caster.intersectObject(this.content, true).find((hit) => hit.object.isMesh)?.object ?? null);
+      callback(caster.intersectObject(this.content, true).find((hit) => hit.object.isMesh)?.object ?? null);
     });
   }
 

@@ -60,11 +60,11 @@ class UploadView {
     form.elements.file.addEventListener("change", () => this.read(form.elements.file.files[0]));
     for (const name of ["scale", "longest_side_mm"]) form.elements[name].addEventListener("input", () => this.show());
     const drop = form.querySelector(".drop");
-    const isOver = (event, over) => { event.preventDefault(); drop.classList.toggle("over", over); };
-    drop.addEventListener("dragover", (event) => isOver(event, true));
-    drop.addEventListener("dragleave", (event) => isOver(event, false));
+    const markDrop = (event, isOver) => { event.preventDefault(); drop.classList.toggle("over", isOver); };
+    drop.addEventListener("dragover", (event) => markDrop(event, true));
+    drop.addEventListener("dragleave", (event) => markDrop(event, false));
     drop.addEventListener("drop", (event) => {
-      isOver(event, false);
+      markDrop(event, false);
       form.elements.file.files = event.dataTransfer.files;
       this.read(form.elements.file.files[0]);
     });
