@@ -307,7 +307,7 @@ def parse_start_and_deadline_s(
         if options.at is not None:
             begins_s: float | None = parse_moment_s(options.at, now_s, rules.zone)
         else:
-            begins_s = rules.night_start_s(now_s) if options.overnight else None
+            begins_s = rules.find_night_start_s(now_s) if options.overnight else None
         deadline = options.done_by or options.assembled_by
         return begins_s, None if deadline is None else parse_moment_s(deadline, begins_s or now_s, rules.zone)
     except ValueError as error:

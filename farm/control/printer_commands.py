@@ -52,7 +52,7 @@ class PrinterCommands:
         reasons = [
             reason
             for printer in fleet_printers
-            if (reason := self._controller.rules.unattended_reason(printer, now_s)) is not None
+            if (reason := self._controller.rules.find_unattended_reason(printer, now_s)) is not None
         ]
         if reasons:
             raise Refused("; ".join(reasons))

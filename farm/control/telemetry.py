@@ -219,7 +219,7 @@ def list_unconfirmed_instructions(
             continue
         printer = find_printer(attempt.printer)
         if printer is not None:
-            ends_by_s = rules.ends_by_s(printer, now_s)
+            ends_by_s = rules.find_latest_end_s(printer, now_s)
         else:
             ends_by_s = None if snapshot.print is None else snapshot.print.ends_by_s
         for instruction in list_pending_instructions(attempt, snapshot, ends_by_s):

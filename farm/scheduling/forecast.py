@@ -178,7 +178,10 @@ class _Simulation:
                 give_up_s = self._now_s + _HORIZON_S
 
     def _find_next_edge_s(self) -> float:
-        edges = (self._rules.attended.edge_s(self._now_s), self._rules.quiet.edge_s(self._now_s))
+        edges = (
+            self._rules.attended.find_next_edge_s(self._now_s),
+            self._rules.quiet.find_next_edge_s(self._now_s),
+        )
         return min((edge_s for edge_s in edges if edge_s is not None), default=math.inf)
 
     def _apply(self, kind: int, subject: object) -> None:
@@ -245,7 +248,7 @@ class _Simulation:
         self._heating_count += 1
         self._push(self._now_s + plate.heating_s, _HEATED, name)
         self._push(end_s, _END, plate.job)
-        self._push(self._rules.bed_clear_s(end_s, CLEARING_S), _READY, name)
+        self._push(self._rules.find_bed_clear_s(end_s, CLEARING_S), _READY, name)
         if plate.job in self._extra_printers:
             self._extra_printers[plate.job] -= 1
         self._planned_plates[plate.planned_printer] -= 1
@@ -282,7 +285,7 @@ def _find_ready_s(printer: FleetPrinter, rules: StartRules, now_s: float) -> flo
     """Return the time at which a printer is idle and clear."""
     if printer.obstacle() is None:
         return now_s
-    return rules.bed_clear_s(max(now_s, printer.free_s or now_s), CLEARING_S)
+    return rules.find_bed_clear_s(max(now_s, printer.free_s or now_s), CLEARING_S)
 
 
 def _find_fitting(

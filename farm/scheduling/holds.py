@@ -102,7 +102,7 @@ def find_next_change_s(
     starts = (job.not_before_s for job in books.jobs.values() if not job.state.ended)
     moments = (*other_times_s, *(at_s for at_s in starts if at_s is not None))
     return min(
-        situation.next_change_s(),
+        situation.find_next_change_s(),
         _find_loss_window_end_s(books, held_back),
         *(at_s for at_s in moments if at_s > situation.now_s),
     )
@@ -248,7 +248,7 @@ class HoldReasons:
     def _find_shared_hold(self, plate: WaitingPlate, group: _Group) -> Hold:
         rules, now_s = self._situation.rules, self._situation.now_s
         if plate.not_before_s is not None and plate.not_before_s > now_s:
-            return rules.hold_until_start(plate.not_before_s, now_s)  # no printer would start it now
+            return rules.make_start_hold(plate.not_before_s, now_s)  # no printer would start it now
         reel_hold: Hold | None = None
         for name in group.idle:
             hold = self._find_printer_hold(plate, name)

@@ -27,17 +27,17 @@ class Hours:
     windows: tuple[Window, ...]
     zone: tzinfo
 
-    def span(self, at_s: float) -> Span | None:
+    def find_span(self, at_s: float) -> Span | None:
         """Return the half-open span around `at_s`, or None. A span that never ends has the end infinity."""
         return next((span for span in self._list_spans_near(at_s) if span[0] <= at_s < span[1]), None)
 
-    def next_span(self, at_s: float) -> Span | None:
+    def find_next_span(self, at_s: float) -> Span | None:
         """Return the first span that starts after `at_s`; None if there is none."""
         return next((span for span in self._list_spans_near(at_s) if span[0] > at_s), None)
 
-    def edge_s(self, at_s: float) -> float | None:
+    def find_next_edge_s(self, at_s: float) -> float | None:
         """Return the next start or end of a window; None if there is none."""
-        current, next_span = self.span(at_s), self.next_span(at_s)
+        current, next_span = self.find_span(at_s), self.find_next_span(at_s)
         if current is not None:
             return None if math.isinf(current[1]) else current[1]
         return next_span[0] if next_span is not None else None

@@ -124,7 +124,7 @@ class _Kind:
         """Describe free printers of one kind."""
         first = inputs.fleet[names[0]]
         grams = max(_read_grams(inputs.fleet[name]) for name in names)
-        window = inputs.rules.start_window(first.unattended, inputs.now_s)
+        window = inputs.rules.find_start_window(first.unattended, inputs.now_s)
         unassigned, planned, rank = names.copy(), inputs.planned_printers, inputs.order.rank
         if len(names) > 1:
             unassigned = sorted(names, key=lambda name: (name in planned, rank[name]), reverse=True)

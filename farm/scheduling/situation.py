@@ -60,13 +60,13 @@ class Situation:
         """Return whether hours and start times let a plate start on a printer now."""
         return self.rules.find_start(plate, printer, self.now_s).at_s == self.now_s
 
-    def next_change_s(self) -> float:
+    def find_next_change_s(self) -> float:
         """Return the next time at which the set of plates that can start changes; infinity for never.
 
         Until then, scheduling the same plates and printers gives the same result.
         """
         starts_s = (at_s for at_s in self.waiting.starts_s if at_s > self.now_s)
-        return min((self.rules.next_change_s(self.waiting, self.printers, self.now_s), *starts_s))
+        return min((self.rules.find_next_change_s(self.waiting, self.printers, self.now_s), *starts_s))
 
     def without(self, plates: Collection[str]) -> Situation:
         """Return the situation without some of the waiting plates."""

@@ -383,8 +383,8 @@ def find_print_limits(
 ) -> PrintLimits:
     """Find the latest start and end of a print that may start now."""
     (plate,) = describe_plates([books.plates[attempt.plate]], books)
-    latest_s = rules.latest_start_s(plate, printer, now_s)
-    return PrintLimits(None if math.isinf(latest_s) else latest_s, rules.ends_by_s(printer, now_s))
+    latest_s = rules.find_latest_start_s(plate, printer, now_s)
+    return PrintLimits(None if math.isinf(latest_s) else latest_s, rules.find_latest_end_s(printer, now_s))
 
 
 def derive_job_requirements(job: Job) -> Requirements:

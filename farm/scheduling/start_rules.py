@@ -116,7 +116,7 @@ class StartRules:
         at_s, reason = from_s, None
         if plate.not_before_s is not None and plate.not_before_s > at_s:
             at_s = plate.not_before_s
-            reason = self.hold_until_start(at_s, from_s)
+            reason = self.make_start_hold(at_s, from_s)
         while at_s < from_s + _HORIZON_S:
             for start in (
                 self._skip_quiet_hours(plate, at_s, from_s),
@@ -133,15 +133,15 @@ class StartRules:
         text = f"it takes {format_duration(plate.expected_s)}: longer than the hours in fleet.yaml ever allow"
         return Start(None, Hold(code=HoldCode.TOO_LONG, text=text))
 
-    def hold_until_start(self, at_s: float, now_s: float) -> Hold:
+    def make_start_hold(self, at_s: float, now_s: float) -> Hold:
         """Return the hold of a plate whose job starts later."""
         start = self.name_time(at_s, now_s)
         return Hold(code=HoldCode.START_TIME, text=f"its job starts {start.text}", times=(start,))
 
-    def start_window(self, is_unattended: bool, at_s: float) -> StartWindow:
+    def find_start_window(self, is_unattended: bool, at_s: float) -> StartWindow:
         """Return the limits on prints that start at `at_s` on printers with this permission."""
-        quiet = self.quiet.span(at_s) or self.quiet.next_span(at_s)
-        attended_span = self.attended.span(at_s)
+        quiet = self.quiet.find_span(at_s) or self.quiet.find_next_span(at_s)
+        attended_span = self.attended.find_span(at_s)
         return StartWindow(
             at_s=at_s,
             quiet_s=math.inf if quiet is None else quiet[0],
@@ -152,7 +152,7 @@ class StartRules:
 
     def _skip_quiet_hours(self, plate: WaitingPlate, at_s: float, now_s: float) -> Start | None:
         """Return the end of the quiet hours that a print at `at_s` would reach; else None."""
-        quiet = self.quiet.span(at_s) or self.quiet.next_span(at_s)
+        quiet = self.quiet.find_span(at_s) or self.quiet.find_next_span(at_s)
         if quiet is None or at_s + plate.expected_s * LATE_FACTOR <= quiet[0]:
             return None
         if quiet[1] == float("inf"):
@@ -172,10 +172,10 @@ class StartRules:
         rule = "first layers are printed only in attended hours"
         if not printer.unattended:
             rule = f"{printer.name} prints only in attended hours ({printer.attended_reason})"
-        span = self.attended.span(at_s)
+        span = self.attended.find_span(at_s)
         if span is not None and at_s + needed_s <= span[1]:
             return None
-        next_span = self.attended.next_span(at_s)
+        next_span = self.attended.find_next_span(at_s)
         if next_span is None:
             text = f"{rule}, and fleet.yaml has none (`attended`)"
             return Start(None, Hold(code=HoldCode.UNATTENDED, text=text))
@@ -189,7 +189,7 @@ class StartRules:
             return plate.expected_s * LATE_FACTOR + CLEARING_RESERVE_S
         return plate.first_layer_s if self.first_layers_attended else None
 
-    def latest_start_s(self, plate: WaitingPlate, printer: FleetPrinter, at_s: float) -> float:
+    def find_latest_start_s(self, plate: WaitingPlate, printer: FleetPrinter, at_s: float) -> float:
         """Return the latest start of a plate that may start at `at_s`; infinity for no limit."""
         return min(self._list_latest_starts_s([plate], [printer], at_s))
 
@@ -197,7 +197,7 @@ class StartRules:
         self, plates: Iterable[WaitingPlate], printers: Collection[FleetPrinter], at_s: float
     ) -> Iterator[float]:
         """Yield the latest start in the hours around `at_s` for each plate on each printer."""
-        quiet, attended_span = self.quiet.next_span(at_s), self.attended.span(at_s)
+        quiet, attended_span = self.quiet.find_next_span(at_s), self.attended.find_span(at_s)
         for plate in plates:
             before_quiet_s = math.inf if quiet is None else quiet[0] - plate.expected_s * LATE_FACTOR
             for printer in printers:
@@ -207,7 +207,7 @@ class StartRules:
                 else:
                     yield min(before_quiet_s, attended_span[1] - needed_s)
 
-    def next_change_s(
+    def find_next_change_s(
         self, plates: Collection[WaitingPlate], printers: Iterable[FleetPrinter], now_s: float
     ) -> float:
         """Return the next time at which hours change the plates that may start; infinity for never.
@@ -216,32 +216,32 @@ class StartRules:
         """
         # Hours depend on this field of a printer only.
         kinds = {printer.unattended: printer for printer in printers}
-        moments = [self.attended.edge_s(now_s), self.quiet.edge_s(now_s)]
+        moments = [self.attended.find_next_edge_s(now_s), self.quiet.find_next_edge_s(now_s)]
         if self.quiet.windows or self.attended.windows:
             moments += [
                 at_s + _TOLERANCE_S for at_s in self._list_latest_starts_s(plates, kinds.values(), now_s)
             ]
         return min((at_s for at_s in moments if at_s is not None and at_s > now_s), default=math.inf)
 
-    def ends_by_s(self, printer: FleetPrinter, at_s: float) -> float | None:
+    def find_latest_end_s(self, printer: FleetPrinter, at_s: float) -> float | None:
         """Return the latest end of a print that runs at `at_s`; None if it may continue unattended."""
         if printer.unattended:
             return None
-        span = self.attended.span(at_s)
+        span = self.attended.find_span(at_s)
         if span is not None and math.isinf(span[1]):
             return None
         return at_s if span is None else span[1] - CLEARING_RESERVE_S
 
-    def unattended_reason(self, printer: FleetPrinter, now_s: float) -> str | None:
+    def find_unattended_reason(self, printer: FleetPrinter, now_s: float) -> str | None:
         """Return the reason why a printer may not continue printing now; None if it may."""
-        ends_by_s = self.ends_by_s(printer, now_s)
+        ends_by_s = self.find_latest_end_s(printer, now_s)
         if ends_by_s is None or now_s < ends_by_s:
             return None
-        next_span = self.attended.next_span(now_s)
+        next_span = self.attended.find_next_span(now_s)
         hint = "" if next_span is None else f": from {self.format_moment(next_span[0], now_s)} ({self.zone})"
         return f"{printer.name} prints only in attended hours ({printer.attended_reason}){hint}"
 
-    def night_start_s(self, now_s: float) -> float | None:
+    def find_night_start_s(self, now_s: float) -> float | None:
         """Return the start of the night: the end of the attended hours; None if it has started.
 
         Raises
@@ -251,7 +251,7 @@ class StartRules:
         """
         if not self.attended.windows:
             raise ValueError("--overnight needs `attended` hours in fleet.yaml")
-        span = self.attended.span(now_s)
+        span = self.attended.find_span(now_s)
         if span is not None and math.isinf(span[1]):
             raise ValueError(
                 "--overnight starts when nobody is there, and the `attended` hours of fleet.yaml never end: "
@@ -259,8 +259,8 @@ class StartRules:
             )
         if self.first_layers_attended:
             while span is not None and span[1] - FIRST_LAYER_S <= now_s:
-                span = self.attended.next_span(span[1])
-            span = span or self.attended.next_span(now_s)
+                span = self.attended.find_next_span(span[1])
+            span = span or self.attended.find_next_span(now_s)
             latest = None if span is None else datetime.fromtimestamp(span[1] - FIRST_LAYER_S, self.zone)
             example = "" if latest is None else f", like --at '{latest:%a %H:%M}'"
             raise ValueError(
@@ -271,13 +271,13 @@ class StartRules:
 
     def is_attended(self, at_s: float) -> bool:
         """Return whether a time is within the attended hours; False if fleet.yaml has none."""
-        return self.attended.span(at_s) is not None
+        return self.attended.find_span(at_s) is not None
 
-    def bed_clear_s(self, ended_s: float, clearing_s: float) -> float:
+    def find_bed_clear_s(self, ended_s: float, clearing_s: float) -> float:
         """Return the earliest time at which a person can have cleared the bed of an ended print."""
-        if not self.attended.windows or self.attended.span(ended_s) is not None:
+        if not self.attended.windows or self.attended.find_span(ended_s) is not None:
             return ended_s + clearing_s
-        next_span = self.attended.next_span(ended_s)
+        next_span = self.attended.find_next_span(ended_s)
         return (next_span[0] if next_span is not None else ended_s) + clearing_s
 
 

@@ -105,7 +105,7 @@ def list_spans(hours: Hours, begin_s: float, end_s: float) -> list[tuple[float, 
     """List the spans of weekly hours within an interval, clipped to it."""
     spans, at_s = [], begin_s
     while at_s < end_s:
-        span = hours.span(at_s) or hours.next_span(at_s)
+        span = hours.find_span(at_s) or hours.find_next_span(at_s)
         if span is None or span[0] >= end_s:
             break
         spans.append((max(begin_s, span[0]), min(end_s, span[1])))

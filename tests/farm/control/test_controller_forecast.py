@@ -122,7 +122,7 @@ class Night:
         """Return the time at which hours or start times change next."""
         rules, now_s = self.controller.rules, self.clock.now_s
         starts = (job.not_before_s for job in self.controller.books.jobs.values() if not job.state.ended)
-        edges = (rules.attended.edge_s(now_s), rules.quiet.edge_s(now_s), *starts)
+        edges = (rules.attended.find_next_edge_s(now_s), rules.quiet.find_next_edge_s(now_s), *starts)
         return min((edge for edge in edges if edge is not None and edge > now_s), default=float("inf"))
 
     def take_step(self, next_s):
@@ -134,7 +134,7 @@ class Night:
             return
         self.report_print(name, print_id, state, started_s, next_s if state.ended else None)
         if state.ended:
-            clear_s = self.controller.rules.bed_clear_s(next_s, CLEARING_S)
+            clear_s = self.controller.rules.find_bed_clear_s(next_s, CLEARING_S)
             self.add_step(clear_s, name, print_id, None, 0.0)
 
     def ends_s(self):

@@ -39,19 +39,19 @@ def test_invalid_window_is_refused_with_an_example(text):
 def test_spans_may_cross_midnight_and_the_end_of_the_week():
     night = hours("fri 22:00-06:00", "sat 06:00-08:00")
     begin, end = parse_time("2026-11-20 22:00"), parse_time("2026-11-21 08:00")
-    assert night.span(parse_time("2026-11-21 05:00")) == (begin, end)
-    assert night.span(parse_time("2026-11-21 08:00")) is None
-    assert night.next_span(end) == (begin + 7 * 86400, end + 7 * 86400)
-    assert night.edge_s(parse_time("2026-11-21 05:00")) == end
-    assert night.edge_s(end) == begin + 7 * 86400
+    assert night.find_span(parse_time("2026-11-21 05:00")) == (begin, end)
+    assert night.find_span(parse_time("2026-11-21 08:00")) is None
+    assert night.find_next_span(end) == (begin + 7 * 86400, end + 7 * 86400)
+    assert night.find_next_edge_s(parse_time("2026-11-21 05:00")) == end
+    assert night.find_next_edge_s(end) == begin + 7 * 86400
 
 
 def test_windows_may_cover_nothing_or_the_whole_week():
-    assert hours().span(parse_time("2026-11-20 22:00")) is None
-    assert hours().edge_s(parse_time("2026-11-20 22:00")) is None
+    assert hours().find_span(parse_time("2026-11-20 22:00")) is None
+    assert hours().find_next_edge_s(parse_time("2026-11-20 22:00")) is None
     whole_week = hours("00:00-12:00", "12:00-24:00")
-    assert whole_week.span(parse_time("2026-11-20 22:00"))[1] == math.inf
-    assert whole_week.edge_s(parse_time("2026-11-20 22:00")) is None
+    assert whole_week.find_span(parse_time("2026-11-20 22:00"))[1] == math.inf
+    assert whole_week.find_next_edge_s(parse_time("2026-11-20 22:00")) is None
 
 
 def test_length_of_a_night_changes_with_daylight_saving():
@@ -59,17 +59,17 @@ def test_length_of_a_night_changes_with_daylight_saving():
     lengths = [
         (end - begin) / 3600
         for day in ("2026-03-28 23:00", "2026-10-24 23:00", "2026-11-20 23:00")
-        for begin, end in [night.span(parse_time(day))]
+        for begin, end in [night.find_span(parse_time(day))]
     ]
     assert lengths == [7, 9, 8]
 
 
 def test_window_edges_in_skipped_or_repeated_hours():
-    skipped_span = hours("01:30-04:00").span(parse_time("2026-03-29 03:00"))
+    skipped_span = hours("01:30-04:00").find_span(parse_time("2026-03-29 03:00"))
     assert skipped_span == (parse_time("2026-03-29 02:30"), parse_time("2026-03-29 04:00"))
-    repeated_span = hours("00:30-01:30").span(parse_time("2026-10-25 01:10", fold=1))
+    repeated_span = hours("00:30-01:30").find_span(parse_time("2026-10-25 01:10", fold=1))
     assert repeated_span == (parse_time("2026-10-25 00:30"), parse_time("2026-10-25 01:30", fold=1))
-    assert hours("01:15-01:45").span(parse_time("2026-03-29 02:20")) == (
+    assert hours("01:15-01:45").find_span(parse_time("2026-03-29 02:20")) == (
         parse_time("2026-03-29 02:15"),
         parse_time("2026-03-29 02:45"),
     )
@@ -88,10 +88,10 @@ def test_edges_in_a_skipped_or_repeated_hour(window, begin, end):
     """Check the edges of attended and of quiet hours."""
     berlin = Hours((parse_window(window),), ZoneInfo("Europe/Berlin"))
     span = tuple(datetime.fromisoformat(text).timestamp() for text in (begin, end))
-    assert berlin.span(span[0]) == berlin.span(span[1] - 1.0) == span
-    assert berlin.span(span[0] - 1.0) is None and berlin.span(span[1]) is None
-    assert berlin.edge_s(span[0] - 60.0) == span[0]
-    assert berlin.edge_s(span[0]) == span[1]
+    assert berlin.find_span(span[0]) == berlin.find_span(span[1] - 1.0) == span
+    assert berlin.find_span(span[0] - 1.0) is None and berlin.find_span(span[1]) is None
+    assert berlin.find_next_edge_s(span[0] - 60.0) == span[0]
+    assert berlin.find_next_edge_s(span[0]) == span[1]
 
 
 windows = st.lists(
@@ -109,7 +109,11 @@ windows = st.lists(
 def test_spans_keep_their_invariants(texts, moment):
     calendar = hours(*texts)
     now_s = moment.replace(tzinfo=LONDON).timestamp()
-    span, next_span, edge_s = calendar.span(now_s), calendar.next_span(now_s), calendar.edge_s(now_s)
+    span, next_span, edge_s = (
+        calendar.find_span(now_s),
+        calendar.find_next_span(now_s),
+        calendar.find_next_edge_s(now_s),
+    )
     if span is not None:
         assert span[0] <= now_s < span[1]
     if next_span is not None:
@@ -117,5 +121,5 @@ def test_spans_keep_their_invariants(texts, moment):
         assert next_span[0] - now_s <= timedelta(days=8).total_seconds()
         assert span is None or span[1] < next_span[0]
     if edge_s is not None:
-        assert (calendar.span(edge_s) is None) is (span is not None)
-        assert (calendar.span((now_s + edge_s) / 2) is None) is (span is None)
+        assert (calendar.find_span(edge_s) is None) is (span is not None)
+        assert (calendar.find_span((now_s + edge_s) / 2) is None) is (span is None)

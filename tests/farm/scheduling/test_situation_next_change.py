@@ -73,7 +73,7 @@ def test_no_start_changes_before_the_next_change(waiting_plates, fleet, start_ru
         lazy_starts = []
         if now_s >= due_s:
             lazy, lazy_starts = start_plates(replace(lazy, now_s=now_s))
-            due_s = lazy.next_change_s()
+            due_s = lazy.find_next_change_s()
         assert lazy_starts == eager_starts
 
 
@@ -92,4 +92,4 @@ def test_no_start_changes_before_the_next_change(waiting_plates, fleet, start_ru
 )
 def test_next_change_is_computed(start_rules, changes, after_s):
     moment = make_situation([make_plate("x", "a", **changes)], [make_printer("a")], start_rules, FRIDAY)
-    assert moment.next_change_s() - FRIDAY == pytest.approx(after_s, abs=0.01)
+    assert moment.find_next_change_s() - FRIDAY == pytest.approx(after_s, abs=0.01)

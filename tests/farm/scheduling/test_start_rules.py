@@ -97,9 +97,9 @@ def test_forbidden_starts_are_refused(waiting_plates, fleet, start_rules, now_s,
         assert printer_view.bed is Bed.CLEAR
         assert printer_view.grams is None or plate_view.grams <= printer_view.grams
         assert plate_view.not_before_s is None or plate_view.not_before_s <= now_s
-        quiet = start_rules.quiet.span(now_s) or start_rules.quiet.next_span(now_s)
+        quiet = start_rules.quiet.find_span(now_s) or start_rules.quiet.find_next_span(now_s)
         assert quiet is None or now_s + plate_view.expected_s <= quiet[0]
-        attended_span = start_rules.attended.span(now_s)
+        attended_span = start_rules.attended.find_span(now_s)
         if not printer_view.unattended:
             assert (
                 attended_span is not None
@@ -128,14 +128,14 @@ def test_start_is_allowed_until_the_latest_start(waiting_plates, fleet, start_ru
         at_s = start_rules.find_start(plate_view, printer_view, now_s).at_s
         if at_s is None:
             continue
-        latest_s = start_rules.latest_start_s(plate_view, printer_view, at_s)
+        latest_s = start_rules.find_latest_start_s(plate_view, printer_view, at_s)
         for time_s in (at_s, (at_s + min(latest_s, at_s + HOUR)) / 2, min(latest_s, at_s + HOUR) - 1e-3):
             assert time_s < at_s or start_rules.find_start(plate_view, printer_view, time_s).at_s == time_s
         if latest_s < math.inf:
             assert start_rules.find_start(plate_view, printer_view, latest_s + 1.0).at_s != latest_s + 1.0
-        ends_by_s = start_rules.ends_by_s(printer_view, at_s)
+        ends_by_s = start_rules.find_latest_end_s(printer_view, at_s)
         assert (ends_by_s is None) == (
-            printer_view.unattended or math.isinf(start_rules.attended.span(at_s)[1])
+            printer_view.unattended or math.isinf(start_rules.attended.find_span(at_s)[1])
         )
         assert ends_by_s is None or at_s + plate_view.expected_s < ends_by_s
 
@@ -145,24 +145,24 @@ def test_attended_printer_ends_before_the_hours_and_names_the_next_start():
         make_rules(attended=WEEK[0]),
         make_printer("a", unattended=False, attended_reason="so"),
     )
-    assert start_rules.ends_by_s(lone_printer, FRIDAY) == parse_time("2026-11-20 17:45")
-    assert start_rules.unattended_reason(lone_printer, parse_time("2026-11-20 17:44")) is None
+    assert start_rules.find_latest_end_s(lone_printer, FRIDAY) == parse_time("2026-11-20 17:45")
+    assert start_rules.find_unattended_reason(lone_printer, parse_time("2026-11-20 17:44")) is None
     message = "a prints only in attended hours (so): from Mon 08:00 (UTC)"
-    assert start_rules.unattended_reason(lone_printer, parse_time("2026-11-20 17:45")) == message
-    assert start_rules.unattended_reason(lone_printer, parse_time("2026-11-21 03:00")) == message
-    assert start_rules.ends_by_s(lone_printer, parse_time("2026-11-21 03:00")) == parse_time(
+    assert start_rules.find_unattended_reason(lone_printer, parse_time("2026-11-20 17:45")) == message
+    assert start_rules.find_unattended_reason(lone_printer, parse_time("2026-11-21 03:00")) == message
+    assert start_rules.find_latest_end_s(lone_printer, parse_time("2026-11-21 03:00")) == parse_time(
         "2026-11-21 03:00"
     )
-    assert make_rules().unattended_reason(lone_printer, FRIDAY) == "a prints only in attended hours (so)"
-    assert start_rules.unattended_reason(make_printer("a"), parse_time("2026-11-21 03:00")) is None
-    assert make_rules(attended=["00:00-24:00"]).ends_by_s(lone_printer, FRIDAY) is None
+    assert make_rules().find_unattended_reason(lone_printer, FRIDAY) == "a prints only in attended hours (so)"
+    assert start_rules.find_unattended_reason(make_printer("a"), parse_time("2026-11-21 03:00")) is None
+    assert make_rules(attended=["00:00-24:00"]).find_latest_end_s(lone_printer, FRIDAY) is None
 
 
 @given(plates, fleets, rule_sets, moments)
 @settings(deadline=None)
 def test_window_allows_exactly_the_possible_starts(waiting_plates, fleet, start_rules, now_s):
     for plate_view, printer_view in ((w, p) for w in waiting_plates for p in fleet):
-        window = start_rules.start_window(printer_view.unattended, now_s)
+        window = start_rules.find_start_window(printer_view.unattended, now_s)
         assert window.allows(plate_view) == (
             start_rules.find_start(plate_view, printer_view, now_s).at_s == now_s
         )

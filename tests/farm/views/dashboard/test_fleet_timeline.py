@@ -136,7 +136,7 @@ def test_spans_are_apart_inside_of_the_time_and_agree_with_the_hours(texts, begi
     assert all(span[1] < next_span[0] for span, next_span in pairwise(spans))
     for at_s in (begin_s, begin_s + length_s / 2):
         is_open = any(first_s <= at_s < last_s for first_s, last_s in spans)
-        assert is_open == (week.span(at_s) is not None)
+        assert is_open == (week.find_span(at_s) is not None)
 
 
 def test_always_attended_is_one_span():
