@@ -144,7 +144,7 @@ class HostNight(Night):
     def _describe_printer(self, seed: int, name: str) -> dict[str, str]:
         host = self._find_host(name)
         entry = super()._describe_printer(seed, name)
-        return {**entry, "host": host, "host_command": self.hosts.command(host)}
+        return {**entry, "host": host, "host_command": self.hosts.make_command(host)}
 
     def _find_agent_folder(self, name: str) -> Path:
         folder: Path = self.hosts.paths[self._find_host(name)].find_agent_folder(name)

@@ -33,11 +33,12 @@ from decompose.print_time import CostModel, Recipe
 from decompose.printers import PrinterRoom
 from farm.compute import Deferred, TaskFiles
 
+# Rooms of an Ultimaker 2+, without the margin of the brim.
 ROOM_SIZES_MM = (
     (206.9, 190.9, 205.0),
     (173.9, 197.9, 205.0),
     (164.9, 206.9, 205.0),
-)  # an Ultimaker 2+ with its brim
+)
 
 
 def organic(rng: np.random.Generator) -> Solid:

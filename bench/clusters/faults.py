@@ -238,14 +238,14 @@ class FaultRounds:
             await asyncio.sleep(FAULT_DURATION_S)
             self._hosts.send_signal(names[0], signal.SIGCONT)
         else:
-            self._hosts.network.disturb(
+            self._hosts.network.set_faults(
                 *names,
                 cut=kind == "cut",
                 delay_s=DELAY_S if kind == "delay" else 0.0,
                 loss=LOSS if kind == "drop" else 0.0,
             )
             await asyncio.sleep(FAULT_DURATION_S)
-            self._hosts.network.disturb(*names)
+            self._hosts.network.set_faults(*names)
         return ", ".join(names)
 
     async def _wait_for_no_tasks(self) -> tuple[int, Counter[str]]:

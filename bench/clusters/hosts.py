@@ -28,7 +28,7 @@ class Hosts:
         self.folder = folder
         self.network = Network([SCHEDULER, *WORKERS], seed)
         self.certificates = make_certificates(folder / "certificates")
-        self.address = f"tls://{self.network.address(SCHEDULER)}:{PORT}"
+        self.address = f"tls://{self.network.get_address(SCHEDULER)}:{PORT}"
         self._running: dict[str, subprocess.Popen[bytes]] = {}
 
     def start(self, name: str) -> None:
@@ -36,7 +36,7 @@ class Hosts:
         programs, certificates = Path(sys.executable).parent, self.certificates
         if name == SCHEDULER:
             command = [str(programs / "dask"), "scheduler", "--protocol", "tls", "--port", str(PORT)]
-            command += ["--host", self.network.address(SCHEDULER), "--no-dashboard", "--no-show"]
+            command += ["--host", self.network.get_address(SCHEDULER), "--no-dashboard", "--no-show"]
             command += [
                 "--tls-ca-file",
                 str(certificates / "ca.pem"),
@@ -50,7 +50,7 @@ class Hosts:
         path = os.pathsep.join(filter(None, sys.path))
         with (self.folder / f"{name}.log").open("a") as log:
             self._running[name] = subprocess.Popen(
-                self.network.command(name, ["nice", "-n", str(NICE), *command]),
+                self.network.make_command(name, ["nice", "-n", str(NICE), *command]),
                 stdout=log,
                 stderr=log,
                 env=os.environ | {"PYTHONPATH": path},
@@ -65,11 +65,11 @@ class Hosts:
     def count_tasks(self) -> int:
         """Count the tasks that workers have, by their folders, and the engines that run."""
         folders = sum(1 for name in WORKERS for _ in (self.folder / name / "tasks").glob("*"))
-        return folders + sum(_is_engine(pid) for name in WORKERS for pid in self.network.pids(name))
+        return folders + sum(_is_engine(pid) for name in WORKERS for pid in self.network.list_pids(name))
 
     def count_processes(self) -> dict[str, int]:
         """Count the processes of each host."""
-        return {name: len(self.network.pids(name)) for name in (SCHEDULER, *WORKERS)}
+        return {name: len(self.network.list_pids(name)) for name in (SCHEDULER, *WORKERS)}
 
     def end(self) -> int:
         """End all processes, as systemd ends services. Returns the number of those that are left."""

@@ -53,9 +53,9 @@ class HostGroups:
         self._processes: dict[str, subprocess.Popen[str]] = {}
         addresses: dict[str, tuple[str, int]] = {}
         for name, hosts in groups.items():
-            address = "127.0.0.1" if self._network is None else self._network.address(name)
+            address = "127.0.0.1" if self._network is None else self._network.get_address(name)
             arguments = [sys.executable, "-m", "bench.fleets.host_services", str(folder), address, *hosts]
-            command = arguments if self._network is None else self._network.command(name, arguments)
+            command = arguments if self._network is None else self._network.make_command(name, arguments)
             process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
             self._processes[name] = process
             assert process.stdout is not None
@@ -81,7 +81,7 @@ class HostGroups:
 
     def _set_connected(self, groups: Sequence[str], connected: bool) -> None:
         if self._network is not None:
-            self._network.disturb(*groups, cut=not connected)
+            self._network.set_faults(*groups, cut=not connected)
             return
         for name in groups:
             self._processes[name].send_signal(signal.SIGCONT if connected else signal.SIGSTOP)
@@ -89,7 +89,7 @@ class HostGroups:
     def disturb(self, loss: float, delay_s: float) -> None:
         """Lose this share of all packets, and delay the others in each direction."""
         assert self._network is not None
-        self._network.disturb(*self._processes, loss=loss, delay_s=delay_s)
+        self._network.set_faults(*self._processes, loss=loss, delay_s=delay_s)
 
     def break_connections(self) -> None:
         """Kill the processes that stand for ssh."""

@@ -284,9 +284,8 @@ def run(kind: FaultKind, faults: int, seed: int) -> Outcome:
     link.on_opened(0.0)
     to_board, to_host = WireDirection(TO_BOARD_S), WireDirection(TO_HOST_S)
     now_s, is_connected, fault, fault_count = 0.0, False, None, 0
-    fault_marks: list[
-        tuple[float, float]
-    ] = []  # at each fault: the time, and the seconds of motion until then
+    # For each fault: its time, and the seconds of motion until then.
+    fault_marks: list[tuple[float, float]] = []
     while fault is None and not (is_connected and link.is_drained):
         now_s = max(now_s, min(firmware.compute_deadline_s(), link.deadline_s, to_board.due_s, to_host.due_s))
         answer = firmware.feed(to_board.take(now_s), now_s)

@@ -33,14 +33,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_parts_go_together_by_codes_and_pins_in_one_way_which_is_right(folder: Path) -> None:
+def test_codes_and_pins_allow_only_the_correct_assembly(folder: Path) -> None:
     outcome = assemble(folder)
     assert (outcome.steps, outcome.correct) == (3, 3)
     assert (outcome.misread, outcome.ambiguous, outcome.wrong, outcome.wrong_fits) == (0, 0, 0, 0)
     assert outcome.least_gap_mm > 0.5
 
 
-def test_parts_with_exchanged_names_are_noticed(folder: Path, tmp_path: Path) -> None:
+def test_swapped_parts_are_detected(folder: Path, tmp_path: Path) -> None:
     shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
     shutil.copyfile(folder / "p01.stl", tmp_path / "p02.stl")
     shutil.copyfile(folder / "p02.stl", tmp_path / "p01.stl")
@@ -48,7 +48,7 @@ def test_parts_with_exchanged_names_are_noticed(folder: Path, tmp_path: Path) ->
     assert outcome.misread > 0 and outcome.correct < outcome.steps
 
 
-def make_socket(depths_mm: list[float], up_z: float) -> MatingFace:
+def make_face(depths_mm: list[float], up_z: float) -> MatingFace:
     at_mm = np.array([[0.0, 0.0, 0.0], [30.0, 0.0, 0.0]])
     return MatingFace(
         at_mm, np.array(depths_mm), np.tile([0.0, 0.0, up_z], (2, 1)), {}, np.zeros(2, dtype=np.bool_)
@@ -56,19 +56,19 @@ def make_socket(depths_mm: list[float], up_z: float) -> MatingFace:
 
 
 def test_parts_fit_in_one_way_on_unequal_pins_and_in_two_on_equal_pins() -> None:
-    unequal = [make_socket([7.0, 4.0], up_z) for up_z in (1.0, -1.0)]
-    equal = [make_socket([7.0, 7.0], up_z) for up_z in (1.0, -1.0)]
+    unequal = [make_face([7.0, 4.0], up_z) for up_z in (1.0, -1.0)]
+    equal = [make_face([7.0, 7.0], up_z) for up_z in (1.0, -1.0)]
     assert len(list(find_placements(*unequal, [13.0, 7.0]))) == 1
     assert len(list(find_placements(*equal, [13.0, 13.0]))) == 2
-    wider_socket = replace(unequal[1], at_mm=1.1 * unequal[1].at_mm)
-    assert list(find_placements(unequal[0], wider_socket, [13.0, 7.0])) == []  # distances of pins are unique
-    assert list(find_placements(unequal[0], wider_socket, None)) == []
+    wider_face = replace(unequal[1], at_mm=1.1 * unequal[1].at_mm)
+    assert list(find_placements(unequal[0], wider_face, [13.0, 7.0])) == []  # distances of pins are unique
+    assert list(find_placements(unequal[0], wider_face, None)) == []
     assert len(list(find_placements(*equal, None))) == 2  # a foreign body fits if all holes meet
 
 
 def test_parts_fit_in_one_way_on_keys_of_two_lengths_and_keys_fit_no_holes() -> None:
-    holes = [make_socket([4.05, 2.55], up_z) for up_z in (1.0, -1.0)]
-    grooves = [replace(socket, is_groove=np.ones(2, dtype=np.bool_)) for socket in holes]
+    holes = [make_face([4.05, 2.55], up_z) for up_z in (1.0, -1.0)]
+    grooves = [replace(face, is_groove=np.ones(2, dtype=np.bool_)) for face in holes]
     assert len(list(find_placements(*grooves, [], [8.0, 5.0]))) == 1
     assert list(find_placements(*holes, [], [8.0, 5.0])) == []
     assert list(find_placements(grooves[0], holes[1], None)) == []

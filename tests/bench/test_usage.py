@@ -22,11 +22,11 @@ def read_docstring(path: Path) -> str:
 @pytest.mark.parametrize("path", list_benches(), ids=lambda path: str(path.relative_to(BENCH)))
 def test_usage_names_the_options_of_the_parser(path: Path):
     text = path.read_text()
-    parsed = set(re.findall(rf'add_argument\(\s*"({OPTION})"', text))
+    parser_options = set(re.findall(rf'add_argument\(\s*"({OPTION})"', text))
     if "add_cluster_options(" in text:
-        parsed |= CLUSTER_OPTIONS
-    named = set(re.findall(OPTION, re.sub(r"`farm [^`]*`", "", read_docstring(path))))
-    assert named == parsed
+        parser_options |= CLUSTER_OPTIONS
+    named_options = set(re.findall(OPTION, re.sub(r"`farm [^`]*`", "", read_docstring(path))))
+    assert named_options == parser_options
 
 
 def test_most_benches_have_a_usage():

@@ -16,7 +16,7 @@ from tests.decompose.conftest import PLUS
 OPTIONS = Options(Engine.GUILLOTINE, 4, prove=False)
 
 
-def block(size_mm: tuple[float, float, float]) -> Model:
+def make_block(size_mm: tuple[float, float, float]) -> Model:
     return Model(Solid.box((0.0, 0.0, 0.0), size_mm), (), 1.0)
 
 
@@ -33,10 +33,10 @@ def test_advised_size_can_be_cut(
 ) -> None:
     rooms = [PrinterRoom(str(number), PLUS) for number in range(printers)]
     with pytest.raises(NoFit, match="give a smaller --longest-side") as error:
-        decompose_model(block(size_mm), rooms, OPTIONS, cost)
+        decompose_model(make_block(size_mm), rooms, OPTIONS, cost)
     assert error.value.is_too_large
-    side_mm = advise_longest_side_mm(block(size_mm), rooms, OPTIONS, cost)
+    side_mm = advise_longest_side_mm(make_block(size_mm), rooms, OPTIONS, cost)
     assert side_mm is not None
     assert least_mm <= side_mm <= most_mm
     x_mm, y_mm, z_mm = (side_mm / max(size_mm) * side for side in size_mm)
-    assert len(decompose_model(block((x_mm, y_mm, z_mm)), rooms, OPTIONS, cost).parts) <= printers
+    assert len(decompose_model(make_block((x_mm, y_mm, z_mm)), rooms, OPTIONS, cost).parts) <= printers

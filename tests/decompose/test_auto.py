@@ -48,13 +48,13 @@ def test_curve_considers_the_room_of_printers(cost: CostModel) -> None:
     """Use a model higher than two low printers, which needs three parts in their common room."""
     low_room, high_room = PrinterRoom("low", ((100.0,) * 3,)), PrinterRoom("high", ((100.0, 100.0, 160.0),))
     model = Model(Solid.box((0, 0, 0), (90, 90, 230)), (), 1.0)
-    fine = replace(COARSE_OPTIONS, granularity=6)
-    result = auto.decompose_auto(model, [low_room, high_room], fine, cost)
+    fine_options = replace(COARSE_OPTIONS, granularity=6)
+    result = auto.decompose_auto(model, [low_room, high_room], fine_options, cost)
     assert [point.printers for point in result.curve] == [2]
     assert {part.printer for part in result.parts} == {"low", "high"}
     lows = [replace(low_room, name=str(i)) for i in range(3)]
     curves = [
-        auto.decompose_auto(model, rooms, fine, cost).curve
+        auto.decompose_auto(model, rooms, fine_options, cost).curve
         for rooms in ([*lows, high_room], [high_room, *lows])
     ]
     assert [[point.printers for point in curve] for curve in curves] == [[3, 4], [2, 3, 4]]

@@ -23,16 +23,19 @@ from decompose.print_time import CostModel, Recipe
 from decompose.printers import PrinterRoom
 
 
-def signatures():
+def list_signatures():
     for name, module in tuple(sys.modules.items()):
-        for one in vars(module).values() if name.startswith("decompose.") else ():
-            if isinstance(one, Dispatcher):
-                yield from (f"{one.__module__}.{one.__name__}{made}" for made in one.signatures)
+        for function in vars(module).values() if name.startswith("decompose.") else ():
+            if isinstance(function, Dispatcher):
+                yield from (
+                    f"{function.__module__}.{function.__name__}{types}"
+                    for types in function.signatures
+                )
 
 
 compile_all()
-before = set(signatures())
-assert len(before) > 15
+old_signatures = set(list_signatures())
+assert len(old_signatures) > 15
 folder = Path(sys.argv[1])
 torus = trimesh.creation.torus(90.0, 30.0)
 cross = trimesh.util.concatenate([trimesh.creation.box(size) for size in ((200, 60, 60), (60, 200, 60))])
@@ -44,9 +47,9 @@ for name, mesh, options in (
 ):
     mesh.export(folder / f"{name}.stl")
     model = load_model(folder / f"{name}.stl")
-    found = decompose_model(model, rooms, options, CostModel.from_recipe(Recipe()))
-    write_decomposition(found, folder / name)
-print(sorted(set(signatures()) - before))
+    result = decompose_model(model, rooms, options, CostModel.from_recipe(Recipe()))
+    write_decomposition(result, folder / name)
+print(sorted(set(list_signatures()) - old_signatures))
 """
 
 

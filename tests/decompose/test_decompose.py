@@ -170,12 +170,11 @@ def test_written_parts_fit_together_to_the_model(
     result = write_decomposition(
         decompose_model(Model(ring_with_bar, (), 1.0), fleet[:4], COARSE_OPTIONS, cost), tmp_path / "out"
     )
-    book = json.loads((tmp_path / "out" / "decomposition.json").read_text())
-    assert book["schema"] == 1
-    assert book["engine"] == "guillotine"
-    assert [item["engine"] for item in book["attempts"]] == [
-        "guillotine"
-    ]  # after a valid result no other engine is tried
+    report = json.loads((tmp_path / "out" / "decomposition.json").read_text())
+    assert report["schema"] == 1
+    assert report["engine"] == "guillotine"
+    # No other engine is tried after a valid result.
+    assert [item["engine"] for item in report["attempts"]] == ["guillotine"]
     assert {
         "serial_s",
         "serial_as_is_s",
@@ -185,11 +184,11 @@ def test_written_parts_fit_together_to_the_model(
         "lower_bound_s",
         "gap",
         "compute_s",
-    } <= set(book)
-    assert book["coverage"].keys() == {"surface_error", "overlap_mm3"}
-    assert len(book["parts"]) == len(result.parts)
+    } <= set(report)
+    assert report["coverage"].keys() == {"surface_error", "overlap_mm3"}
+    assert len(report["parts"]) == len(result.parts)
     total = 0.0
-    for part in book["parts"]:
+    for part in report["parts"]:
         mesh = trimesh.load(tmp_path / "out" / part["file"], force="mesh")
         assert mesh.is_watertight
         assert mesh.bounds[0, 2] == pytest.approx(0.0, abs=1e-4)

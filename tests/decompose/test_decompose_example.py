@@ -17,7 +17,7 @@ from decompose.printers import PrinterRoom
 ROOT = Path(__file__).parents[2]
 
 
-def make(*args: str) -> subprocess.CompletedProcess[str]:
+def run_script(*args: str) -> subprocess.CompletedProcess[str]:
     script = ROOT / "examples" / "make_aqueduct.py"
     return subprocess.run(
         [sys.executable, str(script), *args],
@@ -30,10 +30,10 @@ def make(*args: str) -> subprocess.CompletedProcess[str]:
 
 def test_aqueduct_of_the_paper_is_cut(tmp_path: Path, fleet: list[PrinterRoom], cost: CostModel) -> None:
     first_path, second_path = tmp_path / "a.stl", tmp_path / "b.stl"
-    process = make(str(first_path))
+    process = run_script(str(first_path))
     assert process.returncode == 0, process.stderr
     assert "330 x" in process.stdout
-    make(str(second_path))
+    run_script(str(second_path))
     assert first_path.read_bytes() == second_path.read_bytes()
     model = load_model(first_path)
     assert model.repairs == ()
@@ -46,9 +46,9 @@ def test_aqueduct_of_the_paper_is_cut(tmp_path: Path, fleet: list[PrinterRoom], 
 
 
 def test_unwritable_output_folder_is_refused(tmp_path: Path) -> None:
-    assert make().returncode == 2
-    assert "usage" in make("--help").stdout
+    assert run_script().returncode == 2
+    assert "usage" in run_script("--help").stdout
     assert not (ROOT / "--help").exists()
-    process = make(str(tmp_path / "no" / "such" / "folder.stl"))
+    process = run_script(str(tmp_path / "no" / "such" / "folder.stl"))
     assert process.returncode == 1
     assert len(process.stderr.splitlines()) == 1

@@ -76,7 +76,7 @@ def run(solid: Solid, cost: CostModel, printers: int, granularity: int) -> Decom
 
 
 @pytest.mark.parametrize(
-    ("make", "granularity", "printers"),
+    ("make_solid", "granularity", "printers"),
     [
         (make_nested_bodies, 6, 12),
         (make_touching_bodies, 6, 8),
@@ -92,9 +92,9 @@ def run(solid: Solid, cost: CostModel, printers: int, granularity: int) -> Decom
     ],
 )
 def test_whole_models_are_cut_without_faults(
-    make: Callable[[], Solid], granularity: int, printers: int, cost: CostModel
+    make_solid: Callable[[], Solid], granularity: int, printers: int, cost: CostModel
 ) -> None:
-    solid = make()
+    solid = make_solid()
     result = run(solid, cost, printers, granularity)
     assert 2 <= len(result.parts) <= printers
     assert result.faults == ()

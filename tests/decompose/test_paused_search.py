@@ -25,13 +25,13 @@ BEST = BestOptions(12.0)  # a round of several attempts, and one that is alone
 
 
 @pytest.fixture(scope="module")
-def whole(cost: CostModel) -> Decomposition:
+def unpaused_result(cost: CostModel) -> Decomposition:
     """Search without a pause."""
     return decompose_model(L_SHAPE, ROOMS, Options(best=BEST, prove=False), cost)
 
 
 @pytest.fixture(scope="module")
-def paused(cost: CostModel) -> PausedSearch:
+def paused_search(cost: CostModel) -> PausedSearch:
     """Search until the first round of several attempts."""
     options = Options(best=replace(BEST, pauses=True), prove=False)
     best = decompose_model(L_SHAPE, ROOMS, options, cost)
@@ -43,10 +43,10 @@ def drop_times(result: Decomposition) -> list[object]:
 
 
 def test_attempts_in_any_order_have_the_result_of_one_process(
-    whole: Decomposition, paused: PausedSearch
+    unpaused_result: Decomposition, paused_search: PausedSearch
 ) -> None:
     """Make the attempts of each round in reverse order, each as if in a process of its own."""
-    search, rounds = paused, 0
+    search, rounds = paused_search, 0
     while search.best.open_printers:
         numbers = range(len(search.plan_round()))
         assert len(numbers) > 1
@@ -56,49 +56,53 @@ def test_attempts_in_any_order_have_the_result_of_one_process(
     assert rounds == 1
     assert search.best.yaw_deg
     result = search.best
-    assert drop_times(result) == drop_times(whole)
-    assert (result.makespan_s, result.sum_s, result.yaw_deg) == (whole.makespan_s, whole.sum_s, whole.yaw_deg)
-    assert result.options == whole.options
-    for part, other in zip(result.parts, whole.parts, strict=True):
+    assert drop_times(result) == drop_times(unpaused_result)
+    assert (result.makespan_s, result.sum_s, result.yaw_deg) == (
+        unpaused_result.makespan_s,
+        unpaused_result.sum_s,
+        unpaused_result.yaw_deg,
+    )
+    assert result.options == unpaused_result.options
+    for part, other in zip(result.parts, unpaused_result.parts, strict=True):
         assert (part.id, part.printer, part.price_s) == (other.id, other.printer, other.price_s)
         np.testing.assert_array_equal(part.solid.bounds_mm, other.solid.bounds_mm)
         np.testing.assert_array_equal(part.to_model, other.to_model)
 
 
-def test_search_pauses_once_it_has_a_result(paused: PausedSearch) -> None:
-    best = paused.best
+def test_search_pauses_once_it_has_a_result(paused_search: PausedSearch) -> None:
+    best = paused_search.best
     assert best.open_printers == tuple(ROOMS)
     assert len(best.attempts) == 1
-    assert paused.spent_share == pytest.approx(best.attempts[0].effort_s / BEST.budget_s)
+    assert paused_search.spent_share == pytest.approx(best.attempts[0].effort_s / BEST.budget_s)
 
 
-def test_attempt_that_failed_leaves_the_best_result(paused: PausedSearch) -> None:
-    count = len(paused.plan_round())
-    outcomes = [paused.fail_attempt(number, "its worker had no memory") for number in range(count)]
-    search = replace(paused, best=paused.resume(outcomes))
+def test_attempt_that_failed_leaves_the_best_result(paused_search: PausedSearch) -> None:
+    count = len(paused_search.plan_round())
+    outcomes = [paused_search.fail_attempt(number, "its worker had no memory") for number in range(count)]
+    search = replace(paused_search, best=paused_search.resume(outcomes))
     attempts = search.best.attempts[1 : 1 + count]
     assert {attempt.reason for attempt in attempts} == {"its worker had no memory"}
     assert not any(attempt.finished for attempt in attempts)
-    assert search.best.makespan_s == paused.best.makespan_s
+    assert search.best.makespan_s == paused_search.best.makespan_s
     assert sum(attempt.effort_s for attempt in search.best.attempts) <= BEST.budget_s * (1.0 + 1e-9)
 
 
-def test_search_ends_early_with_the_best_result_of_the_round(paused: PausedSearch) -> None:
-    outcomes = [paused.make_attempt(number) for number in range(len(paused.plan_round()))]
-    ended, best = paused.resume(outcomes, "not started: out of memory"), paused.best
-    assert not ended.open_printers and not ended.options.best.pauses
+def test_search_ends_early_with_the_best_result_of_the_round(paused_search: PausedSearch) -> None:
+    outcomes = [paused_search.make_attempt(number) for number in range(len(paused_search.plan_round()))]
+    ended_search, best = paused_search.resume(outcomes, "not started: out of memory"), paused_search.best
+    assert not ended_search.open_printers and not ended_search.options.best.pauses
     results = [outcome.result.makespan_s for outcome in outcomes if outcome.result is not None]
-    assert results and ended.makespan_s == min(results) < best.makespan_s
-    later_attempts = ended.attempts[1 + len(outcomes) :]
+    assert results and ended_search.makespan_s == min(results) < best.makespan_s
+    later_attempts = ended_search.attempts[1 + len(outcomes) :]
     assert later_attempts
     assert {(attempt.reason, attempt.finished) for attempt in later_attempts} == {
         ("not started: out of memory", False)
     }
 
 
-def test_attempt_reports_its_own_share_of_the_budget(paused: PausedSearch) -> None:
+def test_attempt_reports_its_own_share_of_the_budget(paused_search: PausedSearch) -> None:
     shares: list[float] = []
     with listen_to_progress(shares.append):
-        outcome = paused.make_attempt(0)
+        outcome = paused_search.make_attempt(0)
     assert shares == sorted(shares)
     assert shares[-1] == pytest.approx(outcome.attempt.effort_s / BEST.budget_s)

@@ -38,7 +38,7 @@ def decomposition(cost: CostModel) -> Decomposition:
     return decompose_model(MODEL, ROOMS, OPTIONS, cost)
 
 
-def pass_to_process(decomposition: Decomposition) -> Decomposition:
+def pickle_and_unpickle(decomposition: Decomposition) -> Decomposition:
     """Return the object as it arrives from another process."""
     return pickle.loads(pickle.dumps(decomposition.without_parts()))  # type: ignore[no-any-return]
 
@@ -61,7 +61,7 @@ def find_part_number(new_result: Decomposition, decomposition: Decomposition, sl
 @pytest.mark.parametrize("slow_part", range(4))
 def test_slow_part_gets_smaller(slow_part: int, decomposition: Decomposition, cost: CostModel) -> None:
     old_times_s = make_times_s(decomposition, slow_part)
-    new_result = relevel_planes(MODEL, pass_to_process(decomposition), old_times_s, cost)
+    new_result = relevel_planes(MODEL, pickle_and_unpickle(decomposition), old_times_s, cost)
     assert new_result is not None
     number = find_part_number(new_result, decomposition, slow_part)
     assert make_times_s(new_result, number).max() < 0.97 * old_times_s.max()
@@ -72,7 +72,7 @@ def test_slow_part_gets_smaller(slow_part: int, decomposition: Decomposition, co
 
 def test_relevel_with_true_prices_changes_nothing(decomposition: Decomposition, cost: CostModel) -> None:
     assert (
-        relevel_planes(MODEL, pass_to_process(decomposition), make_times_s(decomposition, 0, 1.0), cost)
+        relevel_planes(MODEL, pickle_and_unpickle(decomposition), make_times_s(decomposition, 0, 1.0), cost)
         is None
     )
 
@@ -80,7 +80,7 @@ def test_relevel_with_true_prices_changes_nothing(decomposition: Decomposition, 
 def test_reported_repairs_are_kept(decomposition: Decomposition, cost: CostModel) -> None:
     attempts = (Attempt(Engine.GUILLOTINE, "auto", 15.0, 9.0),)
     old_result = replace(
-        pass_to_process(decomposition),
+        pickle_and_unpickle(decomposition),
         yaw_deg=15.0,
         attempts=attempts,
         options=replace(OPTIONS, engine=Engine.BEST),
@@ -102,16 +102,19 @@ def test_reported_repairs_are_kept(decomposition: Decomposition, cost: CostModel
 
 def test_second_relevel_continues_from_the_first(decomposition: Decomposition, cost: CostModel) -> None:
     first_relevel = relevel_planes(
-        MODEL, pass_to_process(decomposition), make_times_s(decomposition, 1), cost
+        MODEL, pickle_and_unpickle(decomposition), make_times_s(decomposition, 1), cost
     )
     assert first_relevel is not None
     slow_part = find_part_number(first_relevel, decomposition, 1)
+    # The parts are balanced already.
     assert (
-        relevel_planes(MODEL, pass_to_process(first_relevel), make_times_s(first_relevel, slow_part), cost)
+        relevel_planes(
+            MODEL, pickle_and_unpickle(first_relevel), make_times_s(first_relevel, slow_part), cost
+        )
         is None
-    )  # it is level
+    )
     second_relevel = relevel_planes(
-        MODEL, pass_to_process(first_relevel), make_times_s(first_relevel, 2, 1.3), cost
+        MODEL, pickle_and_unpickle(first_relevel), make_times_s(first_relevel, 2, 1.3), cost
     )
     assert second_relevel is not None
     assert (
@@ -125,7 +128,9 @@ def test_rotated_model_is_relevelled_in_its_own_frame(cost: CostModel) -> None:
 
     task = rotate_about_z(Problem(MODEL, ROOMS, cost, OPTIONS), -20.0)
     decomposition = run_engine(task, serial=lambda: (1.0, 1.0))
-    new_result = relevel_planes(MODEL, pass_to_process(decomposition), make_times_s(decomposition, 1), cost)
+    new_result = relevel_planes(
+        MODEL, pickle_and_unpickle(decomposition), make_times_s(decomposition, 1), cost
+    )
     assert new_result is not None
     assert sum(p.solid.volume_mm3 for p in new_result.parts) == pytest.approx(MODEL.solid.volume_mm3)
     lo, hi = MODEL.solid.bounds_mm
@@ -133,40 +138,42 @@ def test_rotated_model_is_relevelled_in_its_own_frame(cost: CostModel) -> None:
         assert (part.solid.bounds_mm[0] >= lo - 1e-6).all() and (part.solid.bounds_mm[1] <= hi + 1e-6).all()
 
 
-@pytest.mark.parametrize("faster", [0.0, 0.03, 0.1])
-def test_slow_part_ends_sooner_on_unequal_printers(faster: float, cost: CostModel) -> None:
+@pytest.mark.parametrize("speed_step", [0.0, 0.03, 0.1])
+def test_slow_part_ends_sooner_on_unequal_printers(speed_step: float, cost: CostModel) -> None:
     """Prices are deliberately uneven, so printers must not be assigned by them."""
-    rooms = tuple(replace(room, time_factor=1.0 + faster * i) for i, room in enumerate(ROOMS))
+    rooms = tuple(replace(room, time_factor=1.0 + speed_step * i) for i, room in enumerate(ROOMS))
     factors = {room.name: room.time_factor for room in rooms}
     decomposition = decompose_model(MODEL, rooms, OPTIONS, cost)
     old_times_s = make_times_s(decomposition, 0, 1.1)
-    new_result = relevel_planes(MODEL, pass_to_process(decomposition), old_times_s, cost)
+    new_result = relevel_planes(MODEL, pickle_and_unpickle(decomposition), old_times_s, cost)
     assert new_result is not None and new_result.cutting is not None
-    after_s = make_times_s(new_result, find_part_number(new_result, decomposition, 0), 1.1)
+    new_times_s = make_times_s(new_result, find_part_number(new_result, decomposition, 0), 1.1)
 
-    def ends_s(parts: Sequence[Part], seconds: np.ndarray) -> float:
+    def compute_end_s(parts: Sequence[Part], seconds: np.ndarray) -> float:
         return max(s * factors[part.printer] for part, s in zip(parts, seconds, strict=True))
 
-    assert ends_s(new_result.parts, after_s) < 0.97 * ends_s(decomposition.parts, old_times_s)
-    times_s = [s * factors[part.printer] for part, s in zip(new_result.parts, after_s, strict=True)]
+    assert compute_end_s(new_result.parts, new_times_s) < 0.97 * compute_end_s(
+        decomposition.parts, old_times_s
+    )
+    times_s = [s * factors[part.printer] for part, s in zip(new_result.parts, new_times_s, strict=True)]
     assert min(times_s) > 0.97 * max(times_s)
     assert len({part.printer for part in new_result.parts}) == len(new_result.parts)
 
 
 def test_each_piece_of_a_box_keeps_its_time_ratio(cost: CostModel) -> None:
     """The left leg of a U is higher: sorted by height it is second, by position first."""
-    u = Solid.union(
+    u_shape = Solid.union(
         [
             Solid.box((0, 0, 0), (200, 40, 60)),
             Solid.box((0, 0, 50), (40, 40, 150)),
             Solid.box((160, 0, 50), (200, 40, 110)),
         ]
     )
-    problem = Problem(Model(u, (), 1.0), ROOMS[:3], cost, replace(OPTIONS, granularity=4))
+    problem = Problem(Model(u_shape, (), 1.0), ROOMS[:3], cost, replace(OPTIONS, granularity=4))
     boxes_mm = np.array(
         [[[-1.0, -1.0, -1.0], [201.0, 41.0, 70.0]], [[-1.0, -1.0, 70.0], [201.0, 41.0, 151.0]]]
     )
-    parts = sort_pieces(piece for box in boxes_mm for piece in cut_box(u, *box))
+    parts = sort_pieces(piece for box in boxes_mm for piece in cut_box(u_shape, *box))
     prices_s = [pose.price_s for pose in problem.find_poses(parts) if pose is not None]
     grid_cut = Cutting(4, np.eye(3), boxes_mm[[0, 1, 1]], (None,) * 3, ROOMS[:3])
     result = _cut_previous_boxes(problem, grid_cut, [prices_s[0], 1.2 * prices_s[1], 1.1 * prices_s[2]])
@@ -179,14 +186,14 @@ def test_each_piece_of_a_box_keeps_its_time_ratio(cost: CostModel) -> None:
 def test_unrelated_parts_are_unchanged(decomposition: Decomposition, cost: CostModel) -> None:
     assert decomposition.cutting is not None
     assert (
-        relevel_planes(MODEL, pass_to_process(decomposition), make_times_s(decomposition, 0)[:-1], cost)
+        relevel_planes(MODEL, pickle_and_unpickle(decomposition), make_times_s(decomposition, 0)[:-1], cost)
         is None
     )
     repeated_cutting = replace(decomposition.cutting, boxes_mm=decomposition.cutting.boxes_mm[[0, 0, 1, 2]])
     assert (
         relevel_planes(
             MODEL,
-            replace(pass_to_process(decomposition), cutting=repeated_cutting),
+            replace(pickle_and_unpickle(decomposition), cutting=repeated_cutting),
             make_times_s(decomposition, 0),
             cost,
         )
@@ -197,4 +204,7 @@ def test_unrelated_parts_are_unchanged(decomposition: Decomposition, cost: CostM
 def test_parts_without_a_grid_are_unchanged(cost: CostModel) -> None:
     decomposition = decompose_model(MODEL, ROOMS, replace(OPTIONS, engine=Engine.PARALLELOBOX), cost)
     assert decomposition.cutting is None
-    assert relevel_planes(MODEL, pass_to_process(decomposition), make_times_s(decomposition, 0), cost) is None
+    assert (
+        relevel_planes(MODEL, pickle_and_unpickle(decomposition), make_times_s(decomposition, 0), cost)
+        is None
+    )

@@ -12,7 +12,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 SOURCES = ROOT / "farm/web/pages/browser"
 SCRIPT = "deploy/build-pages.sh"
-LARGEST_BYTES = 250_000
+MAX_BYTES = 250_000
 
 
 def test_libraries_are_pinned_by_hashes_and_name_no_host():
@@ -31,16 +31,16 @@ def test_bundle_is_small_and_comes_with_the_licence():
     bundle = ROOT / "farm/web/pages/built/viewer.js"
     if not bundle.exists():
         pytest.skip("the scripts of the pages are not built: make pages")
-    assert len(gzip.compress(bundle.read_bytes())) < LARGEST_BYTES
+    assert len(gzip.compress(bundle.read_bytes())) < MAX_BYTES
     assert "MIT License" in bundle.with_name("three.LICENSE.txt").read_text()
 
 
 def test_installation_continues_without_node_and_keeps_no_old_bundle(tmp_path):
-    place = tmp_path / "checkout"
-    (place / "deploy").mkdir(parents=True)
-    shutil.copy(ROOT / SCRIPT, place / "deploy")
-    shutil.copytree(SOURCES, place / "farm/web/pages/browser")
-    bundle_folder = place / "farm/web/pages/built"
+    checkout = tmp_path / "checkout"
+    (checkout / "deploy").mkdir(parents=True)
+    shutil.copy(ROOT / SCRIPT, checkout / "deploy")
+    shutil.copytree(SOURCES, checkout / "farm/web/pages/browser")
+    bundle_folder = checkout / "farm/web/pages/built"
     bundle_folder.mkdir()
     (bundle_folder / "viewer.js").write_text("old")
     (bundle_folder / ".sources").write_text("digest of earlier sources")
@@ -50,9 +50,9 @@ def test_installation_continues_without_node_and_keeps_no_old_bundle(tmp_path):
         (tools / name).symlink_to(shutil.which(name))
     (tools / "python").write_text("#!/bin/sh\nexit 1\n")  # pip has no network
     (tools / "python").chmod(0o755)
-    run = subprocess.run(
-        [place / SCRIPT, "python"], env={**os.environ, "PATH": str(tools)}, capture_output=True, text=True
+    result = subprocess.run(
+        [checkout / SCRIPT, "python"], env={**os.environ, "PATH": str(tools)}, capture_output=True, text=True
     )
-    assert run.returncode == 0, run.stderr
-    assert "The pages work without their 3D view" in run.stderr
+    assert result.returncode == 0, result.stderr
+    assert "The pages work without their 3D view" in result.stderr
     assert not bundle_folder.exists()

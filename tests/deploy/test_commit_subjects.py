@@ -30,7 +30,7 @@ class Repository:
         command = [self.script, *arguments]
         return subprocess.run(command, cwd="/", check=False, capture_output=True, text=True)
 
-    def begin_rule_at(self, commit: str) -> None:
+    def set_base(self, commit: str) -> None:
         text = SCRIPT.read_text()
         self.script.parent.mkdir(exist_ok=True)
         self.script.write_text(re.sub(r"^BASE=\w+", f"BASE={commit}", text, flags=re.M))
@@ -43,7 +43,7 @@ def repository(tmp_path: Path) -> Repository:
     folder.mkdir()
     new_repository = Repository(folder)
     new_repository.git("init", "--quiet")
-    new_repository.begin_rule_at(new_repository.commit("before the rule: " + LONG_SUBJECT))
+    new_repository.set_base(new_repository.commit("before the rule: " + LONG_SUBJECT))
     return new_repository
 
 
@@ -67,7 +67,7 @@ def test_shallow_clone_without_the_base_is_checked(repository: Repository, tmp_p
     repository.commit("Two")
     clone = Repository(tmp_path / "clone")
     repository.git("clone", "--quiet", "--depth", "1", f"file://{repository.folder}", str(clone.folder))
-    clone.begin_rule_at(base)
+    clone.set_base(base)
     assert clone.check().returncode == 0
     clone.commit(LONG_SUBJECT)
     assert clone.check().returncode == 1
@@ -75,7 +75,7 @@ def test_shallow_clone_without_the_base_is_checked(repository: Repository, tmp_p
 
 def test_folder_without_git_passes(tmp_path: Path):
     folder = Repository(tmp_path)
-    folder.begin_rule_at("0" * 40)
+    folder.set_base("0" * 40)
     assert folder.check().returncode == 0
 
 

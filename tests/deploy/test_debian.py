@@ -112,9 +112,9 @@ def test_running_agents_of_every_user_are_found():
     command = [python, "-c", "cat", "-m", "drivers.agent", "--folder", "/home/ann/agents/um2-09"]
     script = ["sh", "-c", f"set -e\n{function}\nagents_run"]
     with subprocess.Popen(command, executable="/bin/sh", stdin=subprocess.PIPE) as agent:
-        while_it_runs = subprocess.run(script, capture_output=True, text=True, check=True).stdout
+        output = subprocess.run(script, capture_output=True, text=True, check=True).stdout
         agent.communicate()
-    assert "--folder /home/ann/agents/um2-09" in while_it_runs
+    assert "--folder /home/ann/agents/um2-09" in output
     assert "um2-09" not in subprocess.run(script, capture_output=True, text=True, check=True).stdout
 
 

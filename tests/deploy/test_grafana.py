@@ -46,9 +46,10 @@ def test_panels_have_unique_ids_and_do_not_overlap():
     assert len({panel["id"] for panel in PANELS}) == len(PANELS)
     cells = [
         (x, y)
-        for place in (panel["gridPos"] for panel in PANELS)
+        for position in (panel["gridPos"] for panel in PANELS)
         for x, y in itertools.product(
-            range(place["x"], place["x"] + place["w"]), range(place["y"], place["y"] + place["h"])
+            range(position["x"], position["x"] + position["w"]),
+            range(position["y"], position["y"] + position["h"]),
         )
     ]
     assert len(cells) == len(set(cells))

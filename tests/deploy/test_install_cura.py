@@ -34,7 +34,7 @@ class TestInstall:
         assert (code, output, calls) == (0, "", "")
 
     @pytest.mark.parametrize(
-        ("engine", "settings", "wrong"),
+        ("engine", "settings", "message"),
         [
             ("4.8", "4.13", "is not CuraEngine 4.13 or 5"),
             ("5.0", "4.13", "CuraEngine is 5.0, and FARM_CURA_RESOURCES="),
@@ -42,13 +42,13 @@ class TestInstall:
             ("5.0", None, "is not Cura's resources folder"),
         ],
     )
-    def test_configured_engine_of_another_version_is_refused(self, tmp_path, engine, settings, wrong):
+    def test_configured_engine_of_another_version_is_refused(self, tmp_path, engine, settings, message):
         host = Host(tmp_path)
         folder = create_resources(tmp_path / "cura", settings) if settings else tmp_path
         program = host.engine(engine, tmp_path / "mine")
         code, output, _ = host.run(FARM_CURA_ENGINE=str(program), FARM_CURA_RESOURCES=str(folder))
         assert code == 1
-        assert wrong in output
+        assert message in output
 
     def test_settings_of_another_version_are_replaced(self, tmp_path):
         host = Host(tmp_path, apt="5.0")
@@ -68,15 +68,15 @@ class TestInstall:
         assert not host.settings.exists()
 
     @pytest.mark.parametrize(
-        ("host", "output"),
+        ("host", "message"),
         [
             ({}, "There is no apt here"),
             ({"apt": "4.8"}, "apt has no version 4.13 or 5"),
             ({"apt": "5.0", "packaged_version": "4.13"}, "does not have the settings of CuraEngine 5.0"),
         ],
     )
-    def test_unavailable_engine_is_reported_with_its_requirements(self, tmp_path, host, output):
-        code, errors, _ = Host(tmp_path, **host).run()
+    def test_unavailable_engine_is_reported_with_its_requirements(self, tmp_path, host, message):
+        code, output, _ = Host(tmp_path, **host).run()
         assert code == 1
-        assert output in errors
-        assert "FARM_CURA_ENGINE" in errors
+        assert message in output
+        assert "FARM_CURA_ENGINE" in output

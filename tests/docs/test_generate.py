@@ -8,7 +8,7 @@ import pytest
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 
-def load(name: str):
+def load_script(name: str):
     """Load a script of docs as a module."""
     spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
     module = importlib.util.module_from_spec(spec)
@@ -16,7 +16,7 @@ def load(name: str):
     return module
 
 
-generate = load("generate")
+generate = load_script("generate")
 
 
 def test_name_without_a_description_is_refused_with_the_section():
@@ -56,6 +56,6 @@ def test_schema_is_described_in_words(schema: dict, description: str):
 
 
 def test_terminal_picture_shows_the_output_and_loads_nothing():
-    svg = load("terminal_picture").draw("farm status", "\x1b[1mDO NOW\x1b[0m nothing <b>", 40)
+    svg = load_script("terminal_picture").draw("farm status", "\x1b[1mDO NOW\x1b[0m nothing <b>", 40)
     assert "DO" in svg and "&lt;b&gt;" in svg
     assert "http" not in svg.replace("http://www.w3.org/2000/svg", "")

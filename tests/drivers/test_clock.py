@@ -6,10 +6,10 @@ from hypothesis import strategies as st
 
 from drivers.clock import Clock, read_wall_s
 
-moments = st.floats(0, 4e9)
+times_s = st.floats(0, 4e9)
 
 
-@given(scale=st.floats(1, 1000), anchor_s=moments, wall_s=moments)
+@given(scale=st.floats(1, 1000), anchor_s=times_s, wall_s=times_s)
 def test_wall_and_farm_time_are_inverse_conversions(scale: float, anchor_s: float, wall_s: float):
     clock = Clock(scale, anchor_s)
     assert clock.to_wall_s(clock.to_farm_s(wall_s)) == pytest.approx(wall_s, abs=1e-2)
@@ -38,9 +38,8 @@ def test_clock_step_of_the_host_is_applied_once(step_s: float, monkeypatch: pyte
     monkeypatch.setattr(time, "time", lambda: host_time() + step_s)
     assert clock.follow_host() == pytest.approx(step_s, abs=1.0)
     assert clock.follow_host() == 0.0
-    assert clock.now() - agent_clock.now() == pytest.approx(
-        step_s, abs=1.0
-    )  # the agent's clock does not follow
+    # The agent's clock does not follow.
+    assert clock.now() - agent_clock.now() == pytest.approx(step_s, abs=1.0)
     assert clock.to_wall_s(clock.now()) == pytest.approx(read_wall_s(), abs=60.0)
     monkeypatch.setattr(time, "time", host_time)
     assert clock.follow_host() == pytest.approx(-step_s, abs=1.0)

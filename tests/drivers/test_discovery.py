@@ -116,17 +116,16 @@ def test_farm_commissions_a_printer_with_and_without_its_agent(tmp_path: Path, p
     assert result_alone.returncode == 0, result_alone.stderr
     assert f"model: {MODEL}" in result_alone.stdout  # the line for fleet.yaml
     (tmp_path / "by-path").symlink_to(printer)
-    wrong_result = farm(
-        tmp_path, printer, "--commission", str(tmp_path / "by-path"), "--yes"
-    )  # with another name
+    # The name is another than that of the fleet.
+    wrong_result = farm(tmp_path, printer, "--commission", str(tmp_path / "by-path"), "--yes")
     assert wrong_result.returncode == 2 and "fleet.yaml says ultimaker2_plus" in wrong_result.stderr
     folder = tmp_path / "state" / "agents" / "b"
     process = spawn_agent("b", MODEL, str(printer), folder, Clock(120.0, time.time()))
     try:
         fleet = tmp_path / "fleet.yaml"
         fleet.write_text(f"printers:\n  - {{name: b, model: {MODEL}, port: {printer}}}\n")
-        until_s = time.monotonic() + 30.0
-        while find_agent_pid(folder) is None and time.monotonic() < until_s:
+        deadline_s = time.monotonic() + 30.0
+        while find_agent_pid(folder) is None and time.monotonic() < deadline_s:
             select.select([], [], [], 0.02)
         command = [FARM, "discover", "--commission", "b", "--yes"]
         command += ["--state", tmp_path / "state", "--fleet", fleet]
@@ -139,8 +138,7 @@ def test_farm_commissions_a_printer_with_and_without_its_agent(tmp_path: Path, p
         process.wait(10.0)
     assert Journal(folder / "journal.jsonl").state.board.reset_verified == str(printer)
     result = farm(tmp_path, f"{printer}, host: pc-b", "--commission", "a", "--yes")
-    assert (
-        result.returncode == 5 and "is on pc-b" in result.stderr
-    )  # the port of that name here belongs to another printer
+    # The port of that name here belongs to another printer.
+    assert result.returncode == 5 and "is on pc-b" in result.stderr
     unknown_result = farm(tmp_path, printer, "--commission", "z", "--yes")
     assert unknown_result.returncode == 4

@@ -62,13 +62,13 @@ def test_clock_step_of_the_host_reaches_every_component(tmp_path, monkeypatch):
     monkeypatch.setattr(time, "time", lambda: real_time() + 6 * 3600.0)
     before_s = daemon._clock.now()
 
-    async def look():
+    async def follow_clock():
         follow_task = asyncio.get_running_loop().create_task(daemon._follow_clock())
         for _ in range(10):
             await asyncio.sleep(0)
         follow_task.cancel()
 
-    asyncio.run(look())
+    asyncio.run(follow_clock())
     daemon._workers.close()
     daemon._store.close()
     assert daemon._clock.now() - before_s == pytest.approx(6 * 3600.0, abs=60.0)
@@ -77,8 +77,8 @@ def test_clock_step_of_the_host_reaches_every_component(tmp_path, monkeypatch):
     assert event.by_s == pytest.approx(6 * 3600.0, abs=60.0)
 
 
-@pytest.mark.parametrize(("now", "looks"), [(False, 3), (True, 0)])
-def test_down_waits_for_a_plan_in_progress_unless_now(tmp_path, monkeypatch, now, looks):
+@pytest.mark.parametrize(("now", "poll_count"), [(False, 3), (True, 0)])
+def test_down_waits_for_a_plan_in_progress_unless_now(tmp_path, monkeypatch, now, poll_count):
     state = StateFolder(tmp_path / "state")
     state.make()
     daemon = Daemon(make_fleet(), FarmPaths(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))
@@ -88,19 +88,19 @@ def test_down_waits_for_a_plan_in_progress_unless_now(tmp_path, monkeypatch, now
         polls.append(next(planning_states))
         return polls[-1]
 
-    async def no_time(_):
+    async def skip_sleep(_):
         pass
 
     async def shut_down_agents():
         ends.append(list(polls))
 
     monkeypatch.setattr(daemon._controller.planning, "list_running_jobs", list_planning)
-    monkeypatch.setattr("farm.daemon.asyncio.sleep", no_time)
+    monkeypatch.setattr("farm.daemon.asyncio.sleep", skip_sleep)
     monkeypatch.setattr(daemon._agents, "shut_down_agents", shut_down_agents)
     asyncio.run(daemon._end(now))
     daemon._workers.close()
     daemon._store.close()
-    assert len(ends[0]) == looks
+    assert len(ends[0]) == poll_count
 
 
 def test_down_waits_for_inspections_but_not_for_a_plan_that_waits_for_disk_space(tmp_path, monkeypatch):

@@ -68,16 +68,16 @@ class Printer(virtual.VirtualPrinter):
 
     def __init__(self, folder, firmware, faults):
         self.marlin2 = firmware == "marlin2"
-        self.done = (folder / "done.txt").open("w", buffering=1)
-        self.dropped = (folder / "dropped.txt").open("w", buffering=1)
-        self.dropped.write("resend_with_timeout\n")
-        self.count = 0
+        self.done_file = (folder / "done.txt").open("w", buffering=1)
+        self.dropped_file = (folder / "dropped.txt").open("w", buffering=1)
+        self.dropped_file.write("resend_with_timeout\n")
+        self.command_count = 0
         self.faults = faults
         super().__init__(Settings(folder, firmware), None, str(folder), read_timeout=0.2)
 
     def _triggerResend(self, expected=None, actual=None, checksum=None):
         if actual is None and not checksum and expected == self.current_line + 1:
-            # Our question; the printer's firmware answers it so.
+            # Our query: the printer's firmware answers it like this.
             if self.marlin2:
                 self._send(f"Error:No Checksum with line number, Last Line: {self.lastN}")
                 self._send(f"Resend: {self.lastN + 1}")
@@ -86,7 +86,7 @@ class Printer(virtual.VirtualPrinter):
                 self._send(f"Error:No Line Number with checksum, Last Line: {self.lastN}")
             return
         if self._resend_every_n and checksum:
-            self.dropped.write("resend_ratio\n")
+            self.dropped_file.write("resend_ratio\n")
         super()._triggerResend(expected, actual, checksum)
 
     def _error(self, error, *args, **kwargs):
@@ -102,9 +102,9 @@ class Printer(virtual.VirtualPrinter):
             super()._gcode_M503(data)
 
     def _gcode_G(self, code, data):
-        self.count += 1
-        self.done.write(data.partition("*")[0].strip() + "\n")
-        for fault in self.faults.pop(self.count, ()):
+        self.command_count += 1
+        self.done_file.write(data.partition("*")[0].strip() + "\n")
+        for fault in self.faults.pop(self.command_count, ()):
             self._debugTrigger(fault)
 
 
@@ -123,7 +123,7 @@ def main():
     os.close(slave)
     printer = Printer(folder, firmware, faults)
 
-    def talk():
+    def answer_lines():
         try:
             while True:
                 line = printer.readline()
@@ -132,7 +132,7 @@ def main():
         except Exception:
             os.close(master)
 
-    threading.Thread(target=talk, daemon=True).start()
+    threading.Thread(target=answer_lines, daemon=True).start()
     try:
         while data := os.read(master, 256):
             if firmware == "marlin2":  # which refuses a number without a checksum; the virtual printer obeys

@@ -12,7 +12,7 @@ from printrun import gcoder
 from printrun.printcore import printcore
 
 
-def send(core, path):
+def print_file(core, path):
     started_s = time.monotonic()
     core.startprint(gcoder.LightGCode(Path(path).read_text().splitlines()))
     while core.printing:
@@ -21,17 +21,17 @@ def send(core, path):
 
 
 def main():
-    port, path, *head = sys.argv[1:]
+    port, path, *header_files = sys.argv[1:]
     core = printcore()
     core.loud = False
     core.connect(port, 250000)
     while not core.online:
         time.sleep(0.01)
     time.sleep(1.0)
-    for header in head:
-        send(core, header)
+    for header_file in header_files:
+        print_file(core, header_file)
         time.sleep(0.5)
-    print(send(core, path), flush=True)
+    print(print_file(core, path), flush=True)
     core.send_now("M400")
     time.sleep(1.0)
     core.disconnect()

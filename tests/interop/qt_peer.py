@@ -33,8 +33,8 @@ def main():
     content = Path(file).read_bytes()
     form.append(make_part(f'name="file"; filename="{name}"', content, "application/octet-stream"))
     for field in fields:
-        key_word, _, value = field.partition("=")
-        form.append(make_part(f'name="{key_word}"', value.encode(), "text/plain"))
+        field_name, _, value = field.partition("=")
+        form.append(make_part(f'name="{field_name}"', value.encode(), "text/plain"))
     request = QNetworkRequest(QUrl(url))
     request.setRawHeader(b"X-Api-Key", key.encode())
     request.setRawHeader(b"User-Agent", b"Cura/5.10.0 OctoPrintPlugin/3.7.3")

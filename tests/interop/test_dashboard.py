@@ -35,15 +35,15 @@ PAGES = (
 )
 TASK = "document.querySelector('.task')"
 STALE_ELEMENT = "document.querySelector('.stale')"
-HOSTS = "performance.getEntriesByType('resource').map((one) => new URL(one.name).host)"
+RESOURCE_HOSTS = "performance.getEntriesByType('resource').map((entry) => new URL(entry.name).host)"
 
 
 def make_bed_unknown(farm, reason="the lid was open"):
     farm.controller.handle(ev.BedBecameUnknown(at_s=farm.clock.now(), printer="a", reason=reason))
 
 
-def browse(tmp_path, act):
-    """Run `act` in a browser in which ann has logged in, at a farm with a task and a planned job."""
+def run_in_browser(tmp_path, scenario):
+    """Run a scenario in a browser in which ann has logged in, at a farm with a task and a planned job."""
 
     async def run():
         farm = NetworkFarm(tmp_path)
@@ -54,7 +54,7 @@ def browse(tmp_path, act):
             base = f"http://127.0.0.1:{port}"
             await browser.open(f"{base}/login/{farm.sessions.make_link('ann', Role.OPERATE)}")
             await browser.press("button")
-            await act(farm, browser, base)
+            await scenario(farm, browser, base)
             farm.services.page_streams.close()
         assert not [message for message in browser.messages if "Content Security Policy" in message]
         farm.store.close()
@@ -64,17 +64,17 @@ def browse(tmp_path, act):
 
 @pytest.mark.skipif(not AXE.exists(), reason="make pages")
 def test_pages_are_accessible_load_nothing_from_elsewhere_and_fit_a_narrow_phone(tmp_path):
-    async def act(farm, browser, base):
+    async def scenario(farm, browser, base):
         results = {}
         link = f"/login/{farm.sessions.make_link('ann', Role.LOOK)}"
         for path in (*PAGES, link):
             await browser.open(base + path)
-            assert set(await read(browser, HOSTS)) <= {base.removeprefix("http://")}, path
+            assert set(await read(browser, RESOURCE_HOSTS)) <= {base.removeprefix("http://")}, path
             if faults := await find_faults(browser):
                 results[path] = faults
         assert results == {}
 
-    browse(tmp_path, act)
+    run_in_browser(tmp_path, scenario)
 
 
 OUTCOMES = (
@@ -105,7 +105,7 @@ def print_outcomes(farm):
 
 @pytest.mark.skipif(not AXE.exists(), reason="make pages")
 def test_pages_with_every_outcome_and_an_alarm_are_accessible(tmp_path):
-    async def act(farm, browser, base):
+    async def scenario(farm, browser, base):
         print_outcomes(farm)
         faults_by_page = {}
         for path in ("/", "/jobs/1", "/jobs/2", "/timeline", "/printers/a", "/history"):
@@ -114,11 +114,11 @@ def test_pages_with_every_outcome_and_an_alarm_are_accessible(tmp_path):
                 faults_by_page[path] = faults
         assert faults_by_page == {}
 
-    browse(tmp_path, act)
+    run_in_browser(tmp_path, scenario)
 
 
 def test_home_changes_by_itself_while_focus_and_what_is_typed_stay(tmp_path):
-    async def act(farm, browser, _):
+    async def scenario(farm, browser, _):
         await browser.evaluate("window.sameDocument = true; document.querySelector('nav a').focus()")
         assert "the lid was open" in await browser.evaluate(f"{TASK}.innerText")
         make_bed_unknown(farm, "its board was reset")
@@ -126,10 +126,12 @@ def test_home_changes_by_itself_while_focus_and_what_is_typed_stay(tmp_path):
         assert await browser.evaluate("document.activeElement.textContent") == "Home"
         assert await browser.evaluate("window.sameDocument") is True
 
-    browse(tmp_path, act)
+    run_in_browser(tmp_path, scenario)
 
 
-MARKED_TEXTS = "[...document.querySelectorAll('time, [data-time]')].map((one) => one.textContent).join('; ')"
+MARKED_TEXTS = (
+    "[...document.querySelectorAll('time, [data-time]')].map((element) => element.textContent).join('; ')"
+)
 
 
 def read_times(text):
@@ -138,7 +140,7 @@ def read_times(text):
 
 
 def test_times_in_sentences_and_charts_are_in_the_zone_of_the_reader(tmp_path):
-    async def act(farm, browser, base):
+    async def scenario(farm, browser, base):
         start = TextTime(text="Tue 22:15", at="2023-11-14T22:15:00+00:00")
         hold = Hold(code=HoldCode.START_TIME, text="its job starts Tue 22:15", times=(start,))
         farm.controller.scheduler.find_plate_holds = lambda: {"1/01": hold}
@@ -152,18 +154,18 @@ def test_times_in_sentences_and_charts_are_in_the_zone_of_the_reader(tmp_path):
         assert "Times are in your time zone, Asia/Tokyo. The farm is in UTC." in pages["Asia/Tokyo"]
         assert "its job starts Tue 22:15" in pages["UTC"]
         assert re.search(r"its job starts .*07:15", pages["Asia/Tokyo"])
-        local = [(time + 9 * 60) % (24 * 60) for time in pages["times UTC"]]
-        assert len(local) > 5
-        assert pages["times Asia/Tokyo"] == local
+        local_minutes = [(time + 9 * 60) % (24 * 60) for time in pages["times UTC"]]
+        assert len(local_minutes) > 5
+        assert pages["times Asia/Tokyo"] == local_minutes
         await browser.open(f"{base}/timeline")
         assert "All times on this page are in UTC" in await browser.read_text()
         assert "your time zone" not in await browser.read_text()
 
-    browse(tmp_path, act)
+    run_in_browser(tmp_path, scenario)
 
 
 def test_page_says_when_it_may_be_old_and_recovers(tmp_path):
-    async def act(farm, browser, _):
+    async def scenario(farm, browser, _):
         await browser.wait_for(f"{STALE_ELEMENT} !== null && {STALE_ELEMENT}.hidden")
         streams = farm.services.page_streams
         streams.close()
@@ -173,27 +175,27 @@ def test_page_says_when_it_may_be_old_and_recovers(tmp_path):
         streams._close_event.clear()
         await browser.wait_for(f"{STALE_ELEMENT}.hidden && {TASK}.innerText.includes('its board was reset')")
 
-    browse(tmp_path, act)
+    run_in_browser(tmp_path, scenario)
 
 
 def test_page_catches_up_after_the_computer_has_slept(tmp_path):
-    async def act(farm, browser, _):
+    async def scenario(farm, browser, _):
         await browser.wait_for(f"{STALE_ELEMENT} !== null && {STALE_ELEMENT}.hidden")
         browser.sleep()
         make_bed_unknown(farm, "its board was reset")
         browser.sleep(False)
         await browser.wait_for(f"{STALE_ELEMENT}.hidden && {TASK}.innerText.includes('its board was reset')")
 
-    browse(tmp_path, act)
+    run_in_browser(tmp_path, scenario)
 
 
 CHART = "document.querySelector('[data-now]')"
-DEGREES = "[...document.querySelectorAll('.degrees text')].map((one) => one.getBoundingClientRect())"
+DEGREES = "[...document.querySelectorAll('.degrees text')].map((element) => element.getBoundingClientRect())"
 
 
 @pytest.mark.parametrize("width_px", [390, 320])
 def test_degrees_stay_in_view_beside_a_chart_that_scrolls(tmp_path, width_px):
-    async def act(farm, browser, base):
+    async def scenario(farm, browser, base):
         for nozzle_c in (21.0, 180.0):
             farm.controller.on_snapshot(
                 AgentSnapshot(printer="a", link=Link.READY, nozzle_c=nozzle_c, bed_c=20.0)
@@ -201,24 +203,26 @@ def test_degrees_stay_in_view_beside_a_chart_that_scrolls(tmp_path, width_px):
         size = {"width": width_px, "height": 800, "deviceScaleFactor": 1, "mobile": True}
         await browser.call("Emulation.setDeviceMetricsOverride", **size)
         await browser.open(f"{base}/printers/a")
-        for at in (0, 2000):
-            await browser.evaluate(f"{CHART}.scrollLeft = {at}")
-            places = await read(browser, f"{DEGREES}.map((one) => [one.left, one.right])")
-            assert len(places) == 5  # 0 to 200
-            assert all(0 <= left < right <= width_px for left, right in places)
+        for scroll_px in (0, 2000):
+            await browser.evaluate(f"{CHART}.scrollLeft = {scroll_px}")
+            positions = await read(browser, f"{DEGREES}.map((box) => [box.left, box.right])")
+            assert len(positions) == 5  # 0 to 200
+            assert all(0 <= left < right <= width_px for left, right in positions)
         assert await browser.evaluate(f"{CHART}.scrollLeft") > width_px  # to the present
 
-    browse(tmp_path, act)
+    run_in_browser(tmp_path, scenario)
 
 
 PAPER_PX = 718  # A4 between margins of 10 mm, at 96 px an inch
 IS_LIGHT_SCRIPT = "getComputedStyle(document.body).backgroundColor === 'rgb(255, 255, 255)'"
-FIELDS = "[...document.querySelectorAll('nav, form, input')].filter((one) => one.checkVisibility()).length"
+FIELDS = (
+    "[...document.querySelectorAll('nav, form, input')].filter((element) => element.checkVisibility()).length"
+)
 
 
 @pytest.mark.parametrize("path", ["/", "/jobs/1", "/timeline", "/printers/a", "/history"])
 def test_pages_fit_on_paper_without_forms_and_on_white(tmp_path, path):
-    async def act(farm, browser, base):
+    async def scenario(farm, browser, base):
         await browser.open(base + path)
         dark_scheme = [{"name": "prefers-color-scheme", "value": "dark"}]
         await browser.call("Emulation.setEmulatedMedia", media="print", features=dark_scheme)
@@ -230,11 +234,11 @@ def test_pages_fit_on_paper_without_forms_and_on_white(tmp_path, path):
         pdf = base64.b64decode((await browser.call("Page.printToPDF"))["data"])
         assert pdf.startswith(b"%PDF-")
 
-    browse(tmp_path, act)
+    run_in_browser(tmp_path, scenario)
 
 
 def test_forms_work_without_scripts_and_by_keyboard(tmp_path):
-    async def act(farm, browser, base):
+    async def scenario(farm, browser, base):
         await browser.call("Emulation.setScriptExecutionDisabled", value=True)
         await browser.open(base)
         focus_path = []
@@ -246,7 +250,7 @@ def test_forms_work_without_scripts_and_by_keyboard(tmp_path):
         assert "a is clear." in await browser.read_text()
         assert "Inspect a" not in await browser.read_text()
 
-    browse(tmp_path, act)
+    run_in_browser(tmp_path, scenario)
 
 
 async def press_key(browser, key, code):

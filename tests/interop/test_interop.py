@@ -38,7 +38,7 @@ pytestmark = [
 
 
 @contextmanager
-def octoprint(folder: Path, *faults: str, firmware: Firmware = ULTIMAKER2) -> Iterator[SerialPort]:
+def open_octoprint(folder: Path, *faults: str, firmware: Firmware = ULTIMAKER2) -> Iterator[SerialPort]:
     """Provide an open port of a virtual printer; each fault is NAME@LINE."""
     name = "marlin2" if firmware is MARLIN2 else "ultimaker2"
     peer = subprocess.Popen(
@@ -61,19 +61,19 @@ def octoprint(folder: Path, *faults: str, firmware: Firmware = ULTIMAKER2) -> It
         peer.stdout.close()
 
 
-def stream(
-    folder: Path, program: list[bytes], *injected: str, firmware: Firmware = ULTIMAKER2
+def print_program(
+    folder: Path, program: list[bytes], *injected_faults: str, firmware: Firmware = ULTIMAKER2
 ) -> tuple[Link, list[Fault]]:
     """Print to a virtual printer until the end, or until the link gives up."""
     clock = Clock(SCALE, time.time())
     link, is_connected = Link(firmware, 2.0 * SCALE), False
     faults: list[Fault] = []
     link.poll_every_s = 10.0
-    with octoprint(folder, *injected, firmware=firmware) as port:
-        until_s = time.monotonic() + TIME_LIMIT_S
+    with open_octoprint(folder, *injected_faults, firmware=firmware) as port:
+        deadline_s = time.monotonic() + TIME_LIMIT_S
         link.on_opened(clock.now())
         while not faults and not (is_connected and link.is_drained):
-            assert time.monotonic() < until_s, f"it does not end: {link.streamed_lines} lines"
+            assert time.monotonic() < deadline_s, f"it does not end: {link.streamed_lines} lines"
             wait_s = max(0.0, min(clock.to_wall_duration_s(link.deadline_s - clock.now()), 1.0))
             try:
                 data = port.read() if select.select([port.fileno()], [], [], wait_s)[0] else b""
@@ -105,7 +105,7 @@ def read_executed(folder: Path) -> list[bytes]:
 def test_virtual_printer_prints_to_the_end_with_its_faults(tmp_path: Path):
     """Print with its default simulated errors (lines 100 to 115) and its debug commands."""
     program = make_spiral(600)
-    link, faults = stream(
+    link, faults = print_program(
         tmp_path,
         program,
         "dont_answer@150",
@@ -131,7 +131,7 @@ def test_virtual_printer_prints_to_the_end_with_its_faults(tmp_path: Path):
 def test_virtual_printer_as_marlin_2_prints_to_the_end_with_its_faults(tmp_path: Path):
     """Print with numbered oks, busy messages, and the answer of Marlin 2 to the query."""
     program = make_spiral(600)
-    link, faults = stream(
+    link, faults = print_program(
         tmp_path,
         program,
         "dont_answer@150",
@@ -161,12 +161,12 @@ def test_session_prints_a_part_to_a_virtual_ender_3(tmp_path: Path):
     program = read_program(io.BytesIO(text + b"\n"), profile)
     context = SessionContext(link, program, profile, Filament.PARKED, Pace.from_clock(clock), clock.now())
     session = Session(context)
-    with octoprint(tmp_path, firmware=MARLIN2) as port:
+    with open_octoprint(tmp_path, firmware=MARLIN2) as port:
         link.on_opened(clock.now())
         session.on_port_reset()
-        until_s = time.monotonic() + TIME_LIMIT_S
+        deadline_s = time.monotonic() + TIME_LIMIT_S
         while not context.ended:
-            assert time.monotonic() < until_s, f"{context.phase}, {context.acknowledged_lines} lines"
+            assert time.monotonic() < deadline_s, f"{context.phase}, {context.acknowledged_lines} lines"
             due_s = min(link.deadline_s, session.deadline_s) - clock.now()
             wait_s = max(0.0, min(clock.to_wall_duration_s(due_s), 1.0))
             data = port.read() if select.select([port.fileno()], [], [], wait_s)[0] else b""
@@ -195,7 +195,7 @@ def test_session_prints_a_part_to_a_virtual_ender_3(tmp_path: Path):
 )
 def test_unrecoverable_fault_of_the_virtual_printer_is_named(tmp_path: Path, trigger: str, fault: Fault):
     program = make_spiral(200)
-    _, faults = stream(tmp_path, program, f"{trigger}@60")
+    _, faults = print_program(tmp_path, program, f"{trigger}@60")
     assert faults == [fault]
     assert program[: len(read_executed(tmp_path))] == read_executed(tmp_path)
 

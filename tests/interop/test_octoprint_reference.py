@@ -136,9 +136,8 @@ def test_answer_is_a_subset_of_the_one_of_octoprint(title, octoprint, farm_answe
             urlsplit(reply.headers["location"]).path for reply in (reference, answer)
         )
         assert answer_path.rpartition("/")[0].startswith(reference_path.rpartition("/")[0])
-        assert (
-            answer_path.endswith(reference_path.rpartition("/")[2]) or "appkeys" in path
-        )  # whose tokens are random
+        # Tokens of app keys are random.
+        assert answer_path.endswith(reference_path.rpartition("/")[2]) or "appkeys" in path
     if reference.content:
         assert answer.headers["content-type"] == reference.headers["content-type"]
         compare(answer.json(), reference.json(), required_keys)

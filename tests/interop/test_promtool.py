@@ -16,7 +16,7 @@ RULES, BOARD = DEPLOY / "prometheus/farm.rules.yml", DEPLOY / "grafana/farm.json
 pytestmark = pytest.mark.skipif(shutil.which("promtool") is None, reason="promtool is missing: `make peers`")
 
 
-def run(*arguments, text=None):
+def run_promtool(*arguments, text=None):
     return subprocess.run(
         ["promtool", *arguments], input=text, capture_output=True, text=True, check=False, timeout=60
     )
@@ -25,13 +25,13 @@ def run(*arguments, text=None):
 def test_metrics_follow_the_rules_for_names(tmp_path):
     farm = ScrapedFarm(tmp_path)
     farm.print_plate(PrintState.DONE)
-    result = run("check", "metrics", text=farm.scrape())
+    result = run_promtool("check", "metrics", text=farm.scrape())
     assert (result.returncode, result.stdout, result.stderr) == (0, "", "")
-    assert run("check", "metrics", text="farm_wrong_total 1 2 3\n").returncode != 0
+    assert run_promtool("check", "metrics", text="farm_wrong_total 1 2 3\n").returncode != 0
 
 
 def test_alert_rules_are_valid_and_use_existing_metrics_only(tmp_path):
-    result = run("check", "rules", str(RULES))
+    result = run_promtool("check", "rules", str(RULES))
     assert result.returncode == 0, result.stdout + result.stderr
     text = ScrapedFarm(tmp_path).scrape()
     metric_names = set(re.findall(r"\bfarm_[a-z_]+", RULES.read_text()))
@@ -48,6 +48,6 @@ def test_expressions_of_the_grafana_board_are_valid(tmp_path):
     rules = [{"record": f"panel:{number}", "expr": expr} for number, expr in enumerate(expressions)]
     path = tmp_path / "rules.json"  # JSON is YAML
     path.write_text(json.dumps({"groups": [{"name": "board", "rules": rules}]}))
-    result = run("check", "rules", str(path))
+    result = run_promtool("check", "rules", str(path))
     assert result.returncode == 0, result.stdout + result.stderr
     assert f"{len(rules)} rules found" in result.stdout

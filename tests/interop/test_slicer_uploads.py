@@ -88,8 +88,8 @@ def send_by_curl(farm, path, url_path="", **fields):
         timeout=TIME_LIMIT_S,
     ).stdout
     body, _, status_line = answer.rpartition("\n")
-    status, _, kind = status_line.partition(" ")
-    return int(status), kind, body
+    status, _, content_type = status_line.partition(" ")
+    return int(status), content_type, body
 
 
 def send_by_qt(farm, path, *fields, url_path=""):
@@ -113,8 +113,8 @@ def test_gcode_of_prusaslicer_is_printed_by_the_printer_of_its_address(farm, sli
 @needs_curl
 def test_refusal_is_shown_by_prusaslicer_with_its_line(farm, slice_box):
     gcode_path = slice_box("hot", "--temperature", "290")
-    status, kind, body = send_by_curl(farm, gcode_path, print="true")
-    assert (status, kind) == (400, "text/plain")
+    status, content_type, body = send_by_curl(farm, gcode_path, print="true")
+    assert (status, content_type) == (400, "text/plain")
     assert body.startswith("line ") and "M104 sets 290 C, and the nozzle may have at most 260" in body[:100]
 
 

@@ -25,7 +25,9 @@ pytestmark = [
 ]
 WINDOW_PX = (1000, 700)
 STATUS_TEXT = "document.querySelector('#viewer [role=status]').textContent"
-COLOURS = "[...document.querySelectorAll('#viewer .key span')].map((one) => one.textContent.trim()).join()"
+COLOURS = (
+    "[...document.querySelectorAll('#viewer .key span')].map((element) => element.textContent.trim()).join()"
+)
 
 
 @pytest.fixture
@@ -37,8 +39,8 @@ def glb(tmp_path):
     return (tmp_path / "a.glb").read_bytes()
 
 
-def browse(tmp_path, act, **job):
-    """Run `act` in a browser in which ann has logged in."""
+def run_in_browser(tmp_path, scenario, **job):
+    """Run a scenario in a browser in which ann has logged in."""
 
     async def run():
         farm = NetworkFarm(tmp_path)
@@ -48,7 +50,7 @@ def browse(tmp_path, act, **job):
             base = f"http://127.0.0.1:{port}"
             await browser.open(f"{base}/login/{farm.sessions.make_link('ann', Role.OPERATE)}")
             await browser.press("button")
-            await act(browser, base, *([farm] if job else []))
+            await scenario(browser, base, *([farm] if job else []))
             assert not [message for message in browser.messages if "Content Security Policy" in message]
         farm.store.close()
 
@@ -56,7 +58,7 @@ def browse(tmp_path, act, **job):
 
 
 def test_part_is_found_from_its_row_and_its_row_from_the_part(tmp_path, glb):
-    async def act(browser, base, _):
+    async def scenario(browser, base, _):
         await browser.open(f"{base}/jobs/1")
         await browser.wait_for("document.querySelector('#viewer canvas') !== null")
         assert await browser.evaluate("document.querySelector('#viewer img')") is None
@@ -77,11 +79,11 @@ def test_part_is_found_from_its_row_and_its_row_from_the_part(tmp_path, glb):
         await browser.click(left + 2, top + 2)  # beside all parts
         assert await browser.evaluate("document.querySelector('tr.picked')") is None
 
-    browse(tmp_path, act, glb=glb)
+    run_in_browser(tmp_path, scenario, glb=glb)
 
 
 def test_part_of_a_job_with_copies_has_a_row_for_each(tmp_path, glb):
-    async def act(browser, base, _):
+    async def scenario(browser, base, _):
         await browser.open(f"{base}/jobs/1")
         await browser.wait_for("document.querySelector('#viewer canvas') !== null")
         await browser.evaluate("document.querySelectorAll('#viewer [type=radio]')[0].click()")
@@ -90,11 +92,11 @@ def test_part_of_a_job_with_copies_has_a_row_for_each(tmp_path, glb):
         assert await browser.evaluate("document.querySelector('tr.picked').id") == "p02.2"
         assert (await browser.evaluate(STATUS_TEXT)).startswith("p02.2: ")
 
-    browse(tmp_path, act, glb=glb, copies=2)
+    run_in_browser(tmp_path, scenario, glb=glb, copies=2)
 
 
 def test_view_stays_while_the_state_of_the_job_changes(tmp_path, glb):
-    async def act(browser, base, farm):
+    async def scenario(browser, base, farm):
         await browser.open(f"{base}/jobs/1")
         await browser.wait_for("document.querySelector('#viewer canvas') !== null")
         await browser.evaluate("window.isSame = true; document.querySelector('#p02 th button').click()")
@@ -104,16 +106,16 @@ def test_view_stays_while_the_state_of_the_job_changes(tmp_path, glb):
         assert await browser.evaluate("window.isSame && document.querySelector('#viewer canvas') !== null")
         assert await browser.evaluate("document.querySelector('tr.picked th button').textContent") == "p02"
 
-    browse(tmp_path, act, glb=glb)
+    run_in_browser(tmp_path, scenario, glb=glb)
 
 
 def test_model_that_is_no_glb_leaves_the_picture(tmp_path):
-    async def act(browser, base, _):
+    async def scenario(browser, base, _):
         await browser.open(f"{base}/jobs/1")
         await browser.wait_for("document.querySelector('#viewer img') !== null")
         assert "p02" in await browser.read_text()
 
-    browse(tmp_path, act, glb=b"no glb")
+    run_in_browser(tmp_path, scenario, glb=b"no glb")
 
 
 def write_model(mesh, kind):
@@ -139,7 +141,7 @@ def test_size_of_a_chosen_model_is_seen_before_it_is_sent(tmp_path, name, unit, 
     path = tmp_path / name
     path.write_bytes(write_model(trimesh.creation.box((20.0, 30.0, 100.0)), path.suffix[1:]))
 
-    async def act(browser, base):
+    async def scenario(browser, base):
         await browser.open(f"{base}/submit")
         await browser.evaluate(f"document.querySelector('[name=scale]').value = '{unit}'")
         await browser.choose_file("[name=file]", path)
@@ -147,4 +149,4 @@ def test_size_of_a_chosen_model_is_seen_before_it_is_sent(tmp_path, name, unit, 
         assert await browser.evaluate("document.getElementById('size').textContent") == expected
         assert await browser.evaluate("document.querySelector('#viewer canvas') !== null")
 
-    browse(tmp_path, act)
+    run_in_browser(tmp_path, scenario)

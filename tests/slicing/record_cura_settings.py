@@ -48,7 +48,7 @@ GLUE = {
     "top_layers": "=max(4, math.ceil(round(top_thickness / resolveOrValue('layer_height'), 4)))",
 }
 ODD_SETTINGS = {"infill_pattern": "cubic", "wall_thickness": 1.3, "adhesion_type": "skirt", "xy_offset": 0.1}
-# Cura leaves the material of a plain Ultimaker 2 to its menu; here it is in the stack.
+# For a plain Ultimaker 2, Cura leaves the material to the printer's menu; here it is in the stack.
 COMBINATIONS = [  # printer, nozzle, material, quality, the user's changes
     (PLUS, "0.4 mm", "generic_pla", "fast", {}),
     (PLUS, "0.4 mm", "generic_pla", "fast", PAPER),
@@ -108,7 +108,7 @@ class Registry:
         return [json.loads(path.read_text()).get("metadata", {})] if path.is_file() else []
 
 
-def stand_in(name, **content):
+def make_stub_module(name, **content):
     module = sys.modules[name] = ModuleType(name)
     module.__dict__.update(content)
     return module
@@ -121,7 +121,7 @@ class Cura:
         self.folder = root / "usr/share/cura/resources"
         sys.path[:0] = [str(root / "usr/lib/python3/dist-packages"), str(root / "usr/lib/cura/plugins")]
         self.registry = Registry(self.folder)
-        self.registry.load = self.definition
+        self.registry.load = self.load_definition
         self.machine = None
         managers = SimpleNamespace(defaultExtruderPosition="0")
         application = SimpleNamespace(
@@ -133,10 +133,10 @@ class Cura:
             getCuraFormulaFunctions=lambda: None,
         )
         self.managers = managers
-        class_ = type(
+        application_class = type(
             "CuraApplication", (), {"SettingVersion": 19, "getInstance": staticmethod(lambda: application)}
         )
-        app = stand_in(
+        app = make_stub_module(
             "UM.Application",
             Application=type(
                 "Application",
@@ -152,35 +152,35 @@ class Cura:
         UM.Application = app
         import cura
 
-        cura.CuraApplication = stand_in("cura.CuraApplication", CuraApplication=class_)
-        connection = IntEnum(
+        cura.CuraApplication = make_stub_module("cura.CuraApplication", CuraApplication=application_class)
+        connection_types = IntEnum(
             "ConnectionType",
             {"NotConnected": 0, "UsbConnection": 1, "NetworkConnection": 2, "CloudConnection": 3},
         )
-        stand_in("cura.PrinterOutput.PrinterOutputDevice", ConnectionType=connection)
-        stand_in("cura.Settings.ExtruderManager", ExtruderManager=object)
+        make_stub_module("cura.PrinterOutput.PrinterOutputDevice", ConnectionType=connection_types)
+        make_stub_module("cura.Settings.ExtruderManager", ExtruderManager=object)
 
-        def of(module, name):
+        def import_name(module, name):
             return getattr(importlib.import_module(module), name)
 
-        self.Definition = of("UM.Settings.DefinitionContainer", "DefinitionContainer")
-        self.Instance = of("UM.Settings.InstanceContainer", "InstanceContainer")
-        self.Function = of("UM.Settings.SettingFunction", "SettingFunction")
-        self.Global = of("cura.Settings.GlobalStack", "GlobalStack")
-        self.Extruder = of("cura.Settings.ExtruderStack", "ExtruderStack")
-        resources = of("UM.Resources", "Resources")
-        result = {
+        self.Definition = import_name("UM.Settings.DefinitionContainer", "DefinitionContainer")
+        self.Instance = import_name("UM.Settings.InstanceContainer", "InstanceContainer")
+        self.Function = import_name("UM.Settings.SettingFunction", "SettingFunction")
+        self.Global = import_name("cura.Settings.GlobalStack", "GlobalStack")
+        self.Extruder = import_name("cura.Settings.ExtruderStack", "ExtruderStack")
+        resources = import_name("UM.Resources", "Resources")
+        paths = {
             path.name: str(path)
             for kind in ("definitions", "extruders")
             for path in (self.folder / kind).glob("*.json")
         }
-        resources.getPath = classmethod(lambda cls, kind, *name: result[Path(*name).name])
-        of("UM.Settings.ContainerRegistry", "ContainerRegistry").getInstance = staticmethod(
+        resources.getPath = classmethod(lambda cls, kind, *name: paths[Path(*name).name])
+        import_name("UM.Settings.ContainerRegistry", "ContainerRegistry").getInstance = staticmethod(
             lambda: self.registry
         )
         for module in ("UM.Settings.InstanceContainer", "UM.Settings.ContainerStack"):
             importlib.import_module(module).setContainerRegistry(self.registry)
-        self.Material = of("XmlMaterialProfile.XmlMaterialProfile", "XmlMaterialProfile")
+        self.Material = import_name("XmlMaterialProfile.XmlMaterialProfile", "XmlMaterialProfile")
         products = json.loads(
             (root / "usr/lib/cura/plugins/XmlMaterialProfile/product_to_id.json").read_text()
         )
@@ -188,26 +188,27 @@ class Cura:
             lambda cls: {name: [item] for name, item in products.items()}
         )
         # The files are of this version and need no upgrade.
-        of("UM.Settings.Interfaces", "ContainerInterface")._updateSerialized = classmethod(
+        import_name("UM.Settings.Interfaces", "ContainerInterface")._updateSerialized = classmethod(
             lambda cls, text, name=None, **rest: text
         )
-        definition = of("UM.Settings.SettingDefinition", "SettingDefinition")  # as in CuraApplication
-        kind = of("UM.Settings.SettingDefinition", "DefinitionPropertyType")
-        for name, per_extruder in {
+        # As in CuraApplication.
+        definition = import_name("UM.Settings.SettingDefinition", "SettingDefinition")
+        kind = import_name("UM.Settings.SettingDefinition", "DefinitionPropertyType")
+        for name, default in {
             "settable_per_mesh": True,
             "settable_per_extruder": True,
             "settable_per_meshgroup": True,
             "settable_globally": True,
         }.items():
-            definition.addSupportedProperty(name, kind.Any, default=per_extruder, read_only=True)
+            definition.addSupportedProperty(name, kind.Any, default=default, read_only=True)
         definition.addSupportedProperty("limit_to_extruder", kind.Function, default="-1", depends_on="value")
         definition.addSupportedProperty("resolve", kind.Function, default=None, depends_on="value")
         # From 5.0 on, extruder numbers are integers.
-        number = getattr(importlib.import_module("UM.Settings.SettingDefinition"), "toIntConversion", str)
+        convert = getattr(importlib.import_module("UM.Settings.SettingDefinition"), "toIntConversion", str)
         for name in ("extruder", "optional_extruder"):
-            definition.addSettingType(name, None, number, None)
+            definition.addSettingType(name, None, convert, None)
         definition.addSettingType("[int]", None, str, None)
-        functions = of("cura.Settings.CuraFormulaFunctions", "CuraFormulaFunctions")(application)
+        functions = import_name("cura.Settings.CuraFormulaFunctions", "CuraFormulaFunctions")(application)
         for name, call in {
             "defaultExtruderPosition": "getDefaultExtruderPosition",
             "extruderValue": "getValueInExtruder",
@@ -218,33 +219,33 @@ class Cura:
         }.items():
             self.Function.registerOperator(name, getattr(functions, call))
 
-    def definition(self, name, kind="definitions"):
+    def load_definition(self, name, kind="definitions"):
         if name not in self.registry.containers:
             container = self.Definition(name)
             container.deserialize((self.folder / kind / f"{name}.def.json").read_text())
             self.registry.addContainer(container)
         return self.registry.containers[name]
 
-    def profile(self, path, definition):
+    def load_profile(self, path, definition):
         container = self.Instance(path.name)
         container.setDefinition(definition)
         container.deserialize(path.read_text(), path.name)
-        container.getDefinition = lambda: self.definition(definition)
+        container.getDefinition = lambda: self.load_definition(definition)
         return container
 
-    def empty(self, name):
+    def make_empty(self, name):
         container = self.Instance(name)
         container.setMetaDataEntry("type", name)
         return container
 
     def list_profiles(self, kind, definition):
         return [
-            self.profile(path, definition)
+            self.load_profile(path, definition)
             for path in sorted((self.folder / kind).rglob("*.inst.cfg"))
             if f"\ndefinition = {definition}\n" in path.read_text()
         ]
 
-    def material(self, name, machine, hotend):
+    def find_material(self, name, machine, hotend):
         """Return the container that Cura's VariantNode chooses: the most specific one."""
         if name not in self.registry.containers:
             container = self.Material(name)
@@ -253,18 +254,18 @@ class Cura:
         names = (f"{name}_{machine}_{hotend.replace(' ', '_')}", f"{name}_{machine}", name)
         return next(self.registry.containers[item] for item in names if item in self.registry.containers)
 
-    def record(self, machine, hotend, material, quality, user):
-        definition = self.definition(machine)
+    def record_settings(self, machine, hotend, material, quality, user):
+        definition = self.load_definition(machine)
         metadata = definition.getMetaData()
-        base = metadata.get("quality_definition", machine)
+        quality_definition = metadata.get("quality_definition", machine)
         qualities = [
             item
-            for item in self.list_profiles("quality", base)
+            for item in self.list_profiles("quality", quality_definition)
             if item.getMetaDataEntry("quality_type") == quality
         ]
         global_quality = next(item for item in qualities if item.getMetaDataEntry("global_quality") == "True")
-        variant, own_quality = self.empty("variant"), global_quality
-        kind = self.material(material, machine, hotend).getMetaDataEntry("material")
+        variant, own_quality = self.make_empty("variant"), global_quality
+        kind = self.find_material(material, machine, hotend).getMetaDataEntry("material")
         if metadata.get("has_variants"):
             variant = next(
                 item for item in self.list_profiles("variants", machine) if item.getName() == hotend
@@ -275,45 +276,57 @@ class Cura:
             ) or next(
                 item
                 for item in fitting_qualities
-                if self.material(item.getMetaDataEntry("material"), machine, hotend).getMetaDataEntry(
+                if self.find_material(item.getMetaDataEntry("material"), machine, hotend).getMetaDataEntry(
                     "material"
                 )
                 == kind
             )
-        all_values = self.Global("global")
-        train = self.Extruder("extruder")
-        self.managers.activeMachine = all_values
-        number = self.definition(metadata["machine_extruder_trains"]["0"], "extruders")
-        self.fill(all_values, [None, None, None, global_quality, None, None, None, definition], user, machine)
-        self.fill(
-            train,
-            [None, None, None, own_quality, self.material(material, machine, hotend), variant, None, number],
+        global_stack = self.Global("global")
+        extruder_stack = self.Extruder("extruder")
+        self.managers.activeMachine = global_stack
+        extruder_definition = self.load_definition(metadata["machine_extruder_trains"]["0"], "extruders")
+        self.fill_stack(
+            global_stack, [None, None, None, global_quality, None, None, None, definition], user, machine
+        )
+        self.fill_stack(
+            extruder_stack,
+            [
+                None,
+                None,
+                None,
+                own_quality,
+                self.find_material(material, machine, hotend),
+                variant,
+                None,
+                extruder_definition,
+            ],
             user,
             machine,
         )
-        train.setMetaDataEntry("position", "0")
-        train.setNextStack(all_values)
-        all_values._extruders["0"] = train
-        keys = sorted(definition.getAllKeys() | number.getAllKeys())
+        extruder_stack.setMetaDataEntry("position", "0")
+        extruder_stack.setNextStack(global_stack)
+        global_stack._extruders["0"] = extruder_stack
+        keys = sorted(definition.getAllKeys() | extruder_definition.getAllKeys())
         settings = [
             key
             for key in keys
-            if (definition.findDefinitions(key=key) or number.findDefinitions(key=key))[0].type != "category"
+            if (definition.findDefinitions(key=key) or extruder_definition.findDefinitions(key=key))[0].type
+            != "category"
         ]
         return {
             "global": {
-                key: str(all_values.getProperty(key, "value"))
+                key: str(global_stack.getProperty(key, "value"))
                 for key in settings
                 if definition.findDefinitions(key=key)
             },
             "extruder": {
-                key: str(train.getProperty(key, "value"))
+                key: str(extruder_stack.getProperty(key, "value"))
                 for key in settings
-                if train.getProperty(key, "settable_per_extruder")
+                if extruder_stack.getProperty(key, "settable_per_extruder")
             },
         }
 
-    def fill(self, stack, containers, user, machine):
+    def fill_stack(self, stack, containers, user, machine):
         names = (
             "user",
             "quality_changes",
@@ -324,9 +337,11 @@ class Cura:
             "definition_changes",
             "",
         )
-        stack._containers = [item or self.empty(name) for item, name in zip(containers, names, strict=True)]
+        stack._containers = [
+            item or self.make_empty(name) for item, name in zip(containers, names, strict=True)
+        ]
         changes = self.Instance("changes")
-        changes.getDefinition = lambda: self.definition(machine)
+        changes.getDefinition = lambda: self.load_definition(machine)
         changes.setDefinition(machine)
         for key, value in user.items():
             is_formula = isinstance(value, str) and value.startswith("=")
@@ -337,7 +352,7 @@ class Cura:
 def main():
     root, path = Path(sys.argv[1]).resolve(), Path(sys.argv[2])
     cura = Cura(root)
-    records = [cura.record(*combination) for combination in COMBINATIONS]
+    records = [cura.record_settings(*combination) for combination in COMBINATIONS]
     tables = {}
     for scope in ("global", "extruder"):
         keys = sorted({key for item in records for key in item[scope]})

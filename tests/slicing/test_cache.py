@@ -28,27 +28,30 @@ def test_kept_entries_fit_and_were_used_last(entries, max_bytes):
         assert sum(entry.size_bytes for entry in (*kept_entries, last_removed)) > max_bytes
 
 
-def put(folder, letter, used_s, ends=("json", "gcode")):
-    for end in ends:
-        path = folder / f"{letter * 64}.{end}"
+def write_entry(folder, letter, used_s, suffixes=("json", "gcode")):
+    for suffix in suffixes:
+        path = folder / f"{letter * 64}.{suffix}"
         path.write_bytes(b"x" * 50)
         os.utime(path, (used_s, used_s))
 
 
 def test_longest_unused_entries_are_deleted_completely(tmp_path):
-    put(tmp_path, "a", 1000)
-    put(tmp_path, "b", 2000)
-    put(tmp_path, "c", 3000)
+    write_entry(tmp_path, "a", 1000)
+    write_entry(tmp_path, "b", 2000)
+    write_entry(tmp_path, "c", 3000)
     half_written = tmp_path / f".{'d' * 64}.gcode.k3j_x"
     half_written.write_bytes(b"x" * 50)
     os.utime(half_written, (500, 500))
     os.utime(tmp_path / f"{'a' * 64}.json", (2500, 2500))  # read again
-    thesis = tmp_path / "thesis.gcode"
-    thesis.write_bytes(b"x" * 1000)
-    os.utime(thesis, (1, 1))
+    other_file = tmp_path / "thesis.gcode"
+    other_file.write_bytes(b"x" * 1000)
+    os.utime(other_file, (1, 1))
     trim_cache(tmp_path, 200)
     names = {path.name for path in tmp_path.iterdir()}
-    assert names == {thesis.name, *(f"{letter * 64}.{end}" for letter in "ac" for end in ("json", "gcode"))}
+    assert names == {
+        other_file.name,
+        *(f"{letter * 64}.{suffix}" for letter in "ac" for suffix in ("json", "gcode")),
+    }
 
 
 def test_missing_folder_is_ignored(tmp_path):

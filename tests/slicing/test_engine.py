@@ -67,7 +67,7 @@ def test_missing_output_is_an_empty_file(run):
 
 
 @pytest.mark.parametrize(
-    ("body", "error", "script_text"),
+    ("body", "error", "message"),
     [
         ("echo '[ERROR] no such luck' >&2; exit 3", EngineFailed, r"exit code 3\): \[ERROR\] no such luck"),
         ("exit 3", EngineFailed, "log is empty"),
@@ -83,8 +83,8 @@ def test_missing_output_is_an_empty_file(run):
         ),
     ],
 )
-def test_each_way_to_end_has_its_error(run, body, error, script_text):
-    with pytest.raises(error, match=script_text) as failed:
+def test_each_way_to_end_has_its_error(run, body, error, message):
+    with pytest.raises(error, match=message) as failed:
         run(body)
     assert type(failed.value) is error
     assert isinstance(failed.value, SlicingError)
@@ -98,17 +98,17 @@ def test_success_at_the_second_attempt_counts(run, tmp_path):
 
 def test_hanging_engine_is_killed_with_its_children(run, tmp_path):
     fifo = tmp_path / "fifo"
-    with wait_for_writers(fifo) as hang_up_poll:
+    with wait_for_writers(fifo) as has_ended:
         with pytest.raises(EngineTimeout, match=r"did not finish within 0\.5 s; scale"):
             run(f"sleep 600 > {fifo} & sleep 600 > {fifo}", timeout_s=0.5)
-        assert hang_up_poll()
+        assert has_ended()
 
 
 def test_children_left_running_are_killed(run, tmp_path):
     fifo = tmp_path / "fifo"
-    with wait_for_writers(fifo) as hang_up_poll:
+    with wait_for_writers(fifo) as has_ended:
         assert run(f"exec 3> {fifo}; sleep 600 & echo done").log == "done\n"
-        assert hang_up_poll()
+        assert has_ended()
 
 
 def test_engine_with_closed_streams_is_awaited(run):
@@ -129,9 +129,9 @@ def test_engine_with_excessive_output_is_stopped(run, monkeypatch):
 
 
 def test_engine_with_excessive_memory_is_stopped(run):
-    eater = f"exec {sys.executable} -c 'x = []\nwhile True: x.append(bytearray(1 << 26))'"
+    memory_command = f"exec {sys.executable} -c 'x = []\nwhile True: x.append(bytearray(1 << 26))'"
     with pytest.raises(EngineFailed, match="MemoryError"):
-        run(eater, memory_bytes=2**29)
+        run(memory_command, memory_bytes=2**29)
 
 
 def test_real_engine_without_memory_is_reported(engine, tmp_path, settings_of, cube_20):
@@ -159,7 +159,7 @@ def test_engine_dies_with_its_caller(tmp_path, script):
         f"limits = EngineLimits(1, 600)\n"
         f"run_engine(pathlib.Path({str(engine)!r}), pathlib.Path('none'), {{}}, {{}}, limits)"
     )
-    with wait_for_writers(fifo) as hang_up_poll:
+    with wait_for_writers(fifo) as has_ended:
         root = Path(engine_module.__file__).parents[1]
         environ = {"TMPDIR": str(tmp_path), "PYTHONPATH": str(root), "PATH": os.environ["PATH"]}
         worker = subprocess.Popen([sys.executable, "-c", code], env=environ)
@@ -167,7 +167,7 @@ def test_engine_dies_with_its_caller(tmp_path, script):
         os.close(reader)
         worker.send_signal(signal.SIGKILL)
         worker.wait()
-        assert hang_up_poll()
+        assert has_ended()
 
 
 @pytest.mark.parametrize(

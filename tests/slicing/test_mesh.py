@@ -47,7 +47,7 @@ def make_slab(low_mm, high_mm, height):
     return trimesh.convex.convex_hull(np.array(points))
 
 
-def merge(corners):
+def merge_corners(corners):
     return trimesh.Trimesh(corners.reshape(-1, 3), np.arange(len(corners) * 3).reshape(-1, 3), process=True)
 
 
@@ -55,18 +55,18 @@ def merge(corners):
     "mesh", [trimesh.creation.icosphere(2, 60.0), make_slab((100.0, 80.0), (90.0, 85.0), 40.0)]
 )
 def test_waved_part_differs_by_hundredths_of_a_mm_only(mesh):
-    waved_mesh = merge(read_triangles(write_triangles(add_waves(np.asarray(mesh.triangles)))))
+    waved_mesh = merge_corners(read_triangles(write_triangles(add_waves(np.asarray(mesh.triangles)))))
     assert waved_mesh.is_watertight
     assert waved_mesh.volume == pytest.approx(mesh.volume, rel=2e-4)
     assert waved_mesh.bounds == pytest.approx(mesh.bounds, abs=1.01 * WAVE_MM)
-    _, away_mm, _ = trimesh.proximity.closest_point_naive(mesh, waved_mesh.vertices[:200])
-    assert away_mm.max() <= 1.01 * np.hypot(WAVE_MM, WAVE_MM)
+    _, distances_mm, _ = trimesh.proximity.closest_point_naive(mesh, waved_mesh.vertices[:200])
+    assert distances_mm.max() <= 1.01 * np.hypot(WAVE_MM, WAVE_MM)
 
 
 def test_corners_of_a_waved_part_lie_on_the_crests():
     """Check that flat sides stay straight between crest and trough."""
     block = trimesh.creation.box((130.0, 40.0, 10.0))
-    waved_mesh = merge(add_waves(np.asarray(block.triangles)))
+    waved_mesh = merge_corners(add_waves(np.asarray(block.triangles)))
     front = waved_mesh.vertices[np.abs(waved_mesh.vertices[:, 1] + 20.0) < 0.1]
     xs = np.unique(front[:, 0].round(1))
     assert np.diff(xs).max() <= STEPS_MM[0] + 0.1

@@ -249,9 +249,9 @@ def test_engine_that_hangs_is_stopped_with_all_its_processes(request_for, cube_2
         engine = script(f"sleep 600 > {fifo} & sleep 600 > {fifo}")
         with pytest.raises(EngineTimeout, match="did not finish within 1 s"):
             slice_plate(replace(request_for(cube_20), engine=engine, timeout_s=1.0))
-        hang_up = select.poll()
-        hang_up.register(reader, 0)
-        assert hang_up.poll(10_000)  # the processes that wrote have ended
+        poll = select.poll()
+        poll.register(reader, 0)
+        assert poll.poll(10_000)  # the processes that wrote have ended
     finally:
         os.close(reader)
 

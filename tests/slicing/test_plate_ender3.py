@@ -24,11 +24,10 @@ def test_part_passes_all_checks_of_a_slice(tmp_path, engine, resources, quality)
     stl.write_bytes(write_stl_bytes(trimesh.creation.box((60, 30, 10))))
     result = slice_plate(PlateRequest(stl, settings, tmp_path / "part.gcode", engine, bed, timeout_s=60.0))
     text = result.gcode.read_text()
-    order = [text.index(f"\n{mark}") for mark in ("M190 S", "M109 S200", "G28\n", ";LAYER:0\n")]
-    assert order == sorted(order)  # the printer heats before it homes
-    assert text.rindex("\nG1 F1500 E-1.5\n") > text.rindex(
-        ";TIME_ELAPSED"
-    )  # 6.5 of 8 mm are already retracted
+    positions = [text.index(f"\n{mark}") for mark in ("M190 S", "M109 S200", "G28\n", ";LAYER:0\n")]
+    assert positions == sorted(positions)  # the printer heats before it homes
+    # 6.5 of 8 mm are already retracted.
+    assert text.rindex("\nG1 F1500 E-1.5\n") > text.rindex(";TIME_ELAPSED")
     assert "M83" not in text and "G10" not in text
 
 

@@ -21,7 +21,7 @@ def test_shorted_nozzle_of_an_idle_printer_is_the_first_task_and_cuts_the_mains(
         control(farm.emulator("um2-01"), "break", fault="nozzle_burns_after")
         wait_for("its mains to be cut", mark.exists, 40.0)
         alarm = wait_for(
-            "what came of it", lambda: [t for t in farm.status()["todo"] if "cut its mains" in t["text"]]
+            "its outcome", lambda: [t for t in farm.status()["todo"] if "cut its mains" in t["text"]]
         )
         assert alarm[0] == farm.status()["todo"][0] and alarm[0]["code"] == "alarm"
         assert "go to um2-01 now: " in alarm[0]["text"] and ", nozzle " in alarm[0]["text"]

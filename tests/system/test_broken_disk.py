@@ -20,14 +20,14 @@ pytestmark = pytest.mark.system
 @pytest.fixture
 def disk_farm(tmp_path):
     """A farm whose state folder is on a small disk."""
-    with ExitStack() as ends:  # in reverse, and each of them whatever became of the others
+    with ExitStack() as stack:  # in reverse order, even if one of them fails
         disk = SmallDisk(tmp_path / "state", 8)
-        ends.callback(disk.end)
+        stack.callback(disk.end)
         if not disk.is_mounted:
-            pytest.skip("nobody can mount a disk here")
+            pytest.skip("no disk can be mounted here")
         farm = KilledFarm(tmp_path, disk)
-        ends.callback(farm.end)
-        ends.callback(disk.free)
+        stack.callback(farm.end)
+        stack.callback(disk.free)
         yield farm
 
 
@@ -40,13 +40,13 @@ def farm(tmp_path):
 
 def clear_and_list_prints(farm):
     """Clear the beds that are to be cleared; return the prints whose first layer has begun."""
-    view = farm.request("GET", "/status")
-    farm.clear_beds(view)
-    prints = [printer["print"] for printer in view["printers"] if printer["print"]]
-    return {rig["plate"] for rig in prints if rig["layer"]}
+    status = farm.request("GET", "/status")
+    farm.clear_beds(status)
+    prints = [printer["print"] for printer in status["printers"] if printer["print"]]
+    return {item["plate"] for item in prints if item["layer"]}
 
 
-def both_are_off(farm):
+def are_heaters_off(farm):
     """Read the targets from the boards."""
     targets = [printer["targets"] for printer in farm.request("GET", "/status")["printers"]]
     return all((target["nozzle_c"], target["bed_c"]) == (0.0, 0.0) for target in targets)
@@ -56,7 +56,7 @@ def read_start_failure(farm, read_only=False):
     """Return the line in which the daemon gives the reason."""
     command = [sys.executable, "-P", "-m", "farm.cli.main", *farm.list_daemon_arguments()]
     result = subprocess.run(
-        farm.disk.command(command, read_only), check=False, capture_output=True, text=True
+        farm.disk.make_command(command, read_only), check=False, capture_output=True, text=True
     )
     assert result.returncode == 1, result.stderr
     (line,) = (line for line in result.stderr.splitlines() if line.startswith("farm: "))
@@ -76,7 +76,7 @@ def test_full_disk_stops_and_loses_no_print(disk_farm):
     assert "No space left" in answer["error"]
     assert "check its disk space" in answer["error"]
     assert len(farm.request("GET", "/status")["jobs"]) == 2
-    wait_for("both to end, and nobody can write that down", lambda: both_are_off(farm))
+    wait_for("both to end without a record", lambda: are_heaters_off(farm))
     (first, *_) = farm.request("GET", "/status")["todo"]
     assert first["code"] == "farm"
     assert "disk is full" in first["text"]

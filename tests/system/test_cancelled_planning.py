@@ -41,8 +41,8 @@ def list_children(pid):
 
 
 def list_workers(daemon):
-    marks = {pid: Path(f"/proc/{pid}/cmdline").read_bytes() for pid in list_children(daemon)}
-    return {pid for pid, command in marks.items() if b"spawn_main" in command}
+    commands = {pid: Path(f"/proc/{pid}/cmdline").read_bytes() for pid in list_children(daemon)}
+    return {pid for pid, command in commands.items() if b"spawn_main" in command}
 
 
 def test_planning_processes_end_with_their_job_and_with_the_daemon(make_farm, bar, hanging_engine, tmp_path):
@@ -71,11 +71,13 @@ def test_planning_processes_end_with_their_job_and_with_the_daemon(make_farm, ba
         farm.kill_daemon()
         fifo.read()
     wait_for("its workers to end", lambda: not any(Path(f"/proc/{pid}").exists() for pid in old_workers))
-    partial = farm.state / "slices" / ".some.gcode.x"  # as a worker leaves it that is killed while it writes
-    partial.touch()
+    partial_file = (
+        farm.state / "slices" / ".some.gcode.x"
+    )  # as a worker leaves it that is killed while it writes
+    partial_file.touch()
     # It is planned again by the next daemon, which goes down in the middle of it.
     farm.up(FARM_CURA_ENGINE=str(hanging_engine))
-    assert not partial.exists()
+    assert not partial_file.exists()
     daemon = farm.status()["daemon"]["pid"]
     with (tmp_path / "fifo").open() as fifo:
         assert fifo.readline() == "slicing\n"

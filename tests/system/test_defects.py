@@ -16,13 +16,13 @@ from farms.real_farm import RealFarm, wait_for
 pytestmark = pytest.mark.system
 
 MODEL = "ultimaker2_plus"
-SIM = (MODEL, f"sim://{MODEL}")
+SIMULATED = (MODEL, f"sim://{MODEL}")
 
 
 @pytest.fixture(scope="module")
 def shared_farm(tmp_path_factory):
     """Provide one farm for all rows; no row may disturb it."""
-    farm = RealFarm(tmp_path_factory.mktemp("farm"), {"one": SIM})
+    farm = RealFarm(tmp_path_factory.mktemp("farm"), {"one": SIMULATED})
     farm.up()
     yield farm
     assert {p["state"] for p in farm.status()["printers"]} == {"idle"}
@@ -89,9 +89,9 @@ def read_one_line(stderr):
 
 @pytest.mark.parametrize("defect", REFUSALS)
 def test_unusable_model_is_refused(shared_farm, tmp_path, defect):
-    make, message = REFUSALS[defect]
+    write, message = REFUSALS[defect]
     path = tmp_path / "model.stl"
-    path = make(path) or path
+    path = write(path) or path
     result = shared_farm.run("submit", path, "--wait")
     assert result.returncode == 5, result.stderr
     assert message in read_one_line(result.stderr)
@@ -105,7 +105,7 @@ def test_missing_file_is_refused(shared_farm, tmp_path):
 
 
 def test_unreachable_daemon_is_reported(make_farm, bar):
-    farm = make_farm({"one": SIM})
+    farm = make_farm({"one": SIMULATED})
     for arguments in (("submit", bar), ("status",), ("status", 1, "--json"), ("down",)):
         result = farm.run(*arguments)
         assert result.returncode == 3
@@ -113,7 +113,7 @@ def test_unreachable_daemon_is_reported(make_farm, bar):
 
 
 def test_unknown_key_in_the_fleet_file_is_reported(make_farm):
-    farm = make_farm({"one": SIM})
+    farm = make_farm({"one": SIMULATED})
     farm.fleet.write_text(farm.fleet.read_text().replace("name: one", "name: one, colur: red"))
     result = farm.run("up")
     assert result.returncode == 2
@@ -121,7 +121,7 @@ def test_unknown_key_in_the_fleet_file_is_reported(make_farm):
 
 
 def test_unknown_material_in_the_fleet_file_is_reported(make_farm):
-    farm = make_farm({"one": SIM})
+    farm = make_farm({"one": SIMULATED})
     farm.fleet.write_text(farm.fleet.read_text().replace("name: one", "name: one, material: PLAA"))
     result = farm.run("up")
     assert result.returncode == 2
@@ -149,7 +149,7 @@ def test_missing_port_is_reported(make_farm, tmp_path):
 
 
 def test_missing_cura_engine_is_reported(make_farm, bar, tmp_path):
-    farm = make_farm({"one": SIM})
+    farm = make_farm({"one": SIMULATED})
     farm.up(FARM_CURA_ENGINE=str(tmp_path / "no-engine"))
     result = farm.run("submit", bar, "--wait")
     assert result.returncode == 1, result.stderr
@@ -161,7 +161,7 @@ def test_failing_cura_engine_is_reported(make_farm, bar, tmp_path):
     script = "[ $1 = help ] && exec CuraEngine help; echo 'out of memory' >&2; exit 1"
     engine.write_text(f"#!/bin/sh\n{script}\n")
     engine.chmod(engine.stat().st_mode | stat.S_IXUSR)
-    farm = make_farm({"one": SIM, "two": SIM})
+    farm = make_farm({"one": SIMULATED, "two": SIMULATED})
     farm.up(FARM_CURA_ENGINE=str(engine))
     result = farm.run("submit", bar, "--wait")
     assert result.returncode == 1, result.stderr
@@ -170,7 +170,7 @@ def test_failing_cura_engine_is_reported(make_farm, bar, tmp_path):
 
 
 def test_part_that_fits_no_printer_is_refused(make_farm, tmp_path):
-    farm = make_farm({"one": SIM})
+    farm = make_farm({"one": SIMULATED})
     # A printer so small that nothing printable is left of its bed within the clips and the brim.
     farm.fleet.write_text(farm.fleet.read_text().replace("name: one", "name: one, volume_mm: [20, 20, 20]"))
     farm.up()
@@ -182,7 +182,7 @@ def test_part_that_fits_no_printer_is_refused(make_farm, tmp_path):
 
 
 def test_open_mesh_is_repaired_and_parts_are_printed_in_rounds(make_farm, tmp_path):
-    farm = make_farm({"one": SIM})
+    farm = make_farm({"one": SIMULATED})
     farm.up()
     bar = trimesh.creation.box((260.0, 12.0, 10.0)).subdivide().subdivide()
     bar.update_faces(np.arange(len(bar.faces)) != 7)
@@ -200,7 +200,7 @@ def test_open_mesh_is_repaired_and_parts_are_printed_in_rounds(make_farm, tmp_pa
 
 
 def test_read_only_state_folder_is_refused(make_farm, tmp_path):
-    farm = make_farm({"one": SIM})
+    farm = make_farm({"one": SIMULATED})
     farm.state = Path("/proc/farm")
     result = farm.run("up")
     assert result.returncode == 1

@@ -12,7 +12,7 @@ ENDER3, PLUS = "creality_ender3", "ultimaker2_plus"
 
 
 @pytest.fixture
-def mixed(make_farm):
+def mixed_farm(make_farm):
     farm = make_farm({"ender": (ENDER3, f"sim://{ENDER3}"), "um2": (PLUS, f"sim://{PLUS}")})
     text = farm.fleet.read_text()
     farm.fleet.write_text(text.replace(f"model: {ENDER3},", f"model: {ENDER3}, material: generic_pla_175,"))
@@ -20,16 +20,16 @@ def mixed(make_farm):
     return farm
 
 
-def test_model_is_split_between_two_models_of_printer(mixed, bar):
-    result = mixed.run("submit", bar, "--wait", "--json")
-    assert result.returncode == 0, (result.stderr, mixed.log())
+def test_model_is_split_between_two_models_of_printer(mixed_farm, bar):
+    result = mixed_farm.run("submit", bar, "--wait", "--json")
+    assert result.returncode == 0, (result.stderr, mixed_farm.log())
     job = json.loads(result.stdout)["job"]
     assert job["state"] == "printed"
     assert {part["prints"][-1]["printer"] for part in job["parts"]} == {"ender", "um2"}
     for name in ("ender", "um2"):
-        printer, emulator = mixed.printer(name), mixed.emulator_status(name)
+        printer, emulator = mixed_farm.printer(name), mixed_farm.emulator_status(name)
         assert (printer["bed"], printer["filament"], printer["heaters_off"]) == ("not_clear", "parked", True)
         assert (emulator.nozzle_target_c, emulator.bed_target_c, emulator.bed_clear) == (0.0, 0.0, False)
         assert emulator.altered == emulator.damaged == 0
-    mixed.ok("cleared", "all")
-    assert mixed.status()["todo"] == []
+    mixed_farm.ok("cleared", "all")
+    assert mixed_farm.status()["todo"] == []

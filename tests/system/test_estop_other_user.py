@@ -25,10 +25,10 @@ app(["estop", "--json", "--socket", sys.argv[2]])
 """
 
 
-def connected(path):
-    rig = socket.socket(socket.AF_UNIX)
-    rig.connect(str(path))
-    return rig
+def connect(path):
+    client_socket = socket.socket(socket.AF_UNIX)
+    client_socket.connect(str(path))
+    return client_socket
 
 
 @pytest.mark.system
@@ -59,12 +59,12 @@ def test_member_of_the_group_stops_a_printer_whose_daemon_and_agent_hang(tmp_pat
             for pid in stopped_pids:
                 os.kill(pid, signal.SIGSTOP)
             arguments = [sys.executable, "-c", ESTOP_AS_USER, str(NOBODY_UID), shared_folder / "farm.sock"]
-            idle = [connected(path) for _ in range(CLIENT_COUNT)]
+            idle_clients = [connect(path) for _ in range(CLIENT_COUNT)]
             server = subprocess.Popen(command, stdin=listener)  # as systemd does it
             client = subprocess.Popen(arguments, stdout=subprocess.PIPE)
             output, _ = client.communicate(timeout=120)
-            for rig in idle:
-                rig.close()
+            for client_socket in idle_clients:
+                client_socket.close()
             [row] = json.loads(output)["printers"]
             assert (client.returncode, row["printer"], row["seen_off"]) == (0, "um2-01", True)
         finally:

@@ -12,7 +12,7 @@ from farms.restarted_daemon import AFTER_DELAY, MOMENTS
 
 pytestmark = pytest.mark.system
 
-JOB = (  # what is committed of a job, from its submission to a person's word
+JOB_EVENTS = (  # what is committed of a job, from its submission to a person's word
     *("JobSubmitted", "PlanningStarted", "JobPlanned", "PlateAssigned", "PrintProgressed", "PrintEnded"),
     "BedCleared",
 )
@@ -35,17 +35,16 @@ def test_no_plate_is_lost_or_printed_twice_after_a_kill_at_any_event(killed_farm
     deaths = [
         death
         for round_number in range(rounds)
-        for place, event in enumerate(JOB)
-        for death in ((MOMENTS[(place + round_number) % 3], event), (AFTER_DELAY, rng.uniform(0.3, 2.0)))[
-            : 1 + place % 2
+        for index, event in enumerate(JOB_EVENTS)
+        for death in ((MOMENTS[(index + round_number) % 3], event), (AFTER_DELAY, rng.uniform(0.3, 2.0)))[
+            : 1 + index % 2
         ]
     ]
     killed_farm.start_daemons(deaths)
     killed_farm.submit(3 * rounds)
     killed_farm.judge_prints_good(failing_prints=[1])
-    while len(killed_farm.list_deaths()) < len(
-        deaths
-    ):  # a fast machine may finish the jobs before all deaths
+    # A fast machine may finish the jobs before all deaths.
+    while len(killed_farm.list_deaths()) < len(deaths):
         killed_farm.submit(1)
         killed_farm.judge_prints_good()
     killed_farm.check()

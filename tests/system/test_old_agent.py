@@ -31,25 +31,25 @@ def test_agent_of_an_earlier_version_is_detected_and_replaced(tmp_path):
     farm = RealFarm(tmp_path, {"um2-01": ("ultimaker2_plus", "sim://ultimaker2_plus")})
     sources = write_old_sources(tmp_path / "then")
     agent = farm.state / "agents" / "um2-01"
-    old = None
+    old_agent = None
     try:
         farm.up()
         farm.kill_daemon()
         wait_for("the agent's end", lambda: kill_agent(agent))
         command = [sys.executable, "-m", "drivers.agent", "--folder", str(agent)]
-        old = subprocess.Popen(command, cwd=sources, stderr=subprocess.DEVNULL, start_new_session=True)
+        old_agent = subprocess.Popen(command, cwd=sources, stderr=subprocess.DEVNULL, start_new_session=True)
         farm.ok("up")
-        look = wait_for("the daemon to find it", lambda: farm.printer("um2-01")["look"])
-        assert "farm up --replace um2-01" in look
-        assert farm.printer("um2-01")["agent_pid"] == old.pid
+        attention_reason = wait_for("the daemon to find it", lambda: farm.printer("um2-01")["look"])
+        assert "farm up --replace um2-01" in attention_reason
+        assert farm.printer("um2-01")["agent_pid"] == old_agent.pid
         assert "needs_a_look" in farm.printer("um2-01")["hold"]["code"]
         assert len((farm.state / "daemon.log").read_text().splitlines()) < 50  # it asks for nothing in vain
         assert "is replaced" in farm.ok("up", "--replace", "um2-01")
-        assert old.wait(60.0) is not None
+        assert old_agent.wait(60.0) is not None
         wait_for("another agent", lambda: farm.printer("um2-01")["state"] == "idle")
-        assert farm.printer("um2-01")["agent_pid"] != old.pid
+        assert farm.printer("um2-01")["agent_pid"] != old_agent.pid
     finally:
         farm.end()
-        if old is not None and old.poll() is None:
-            os.kill(old.pid, signal.SIGKILL)
-            old.wait()
+        if old_agent is not None and old_agent.poll() is None:
+            os.kill(old_agent.pid, signal.SIGKILL)
+            old_agent.wait()

@@ -55,18 +55,18 @@ class HostsFarm(RealFarm):
         self.versions.use(version)
         self.kill_daemon()
         self.ok("up")
-        wait_for("the new services", lambda: {h["version"] for h in self.hosts()} == {version})
+        wait_for("the new services", lambda: {h["version"] for h in self.list_hosts()} == {version})
         self.ok("hosts", "--update")
 
-    def hosts(self) -> list[dict]:
+    def list_hosts(self) -> list[dict]:
         """Return the hosts, as `farm hosts --json` shows them."""
         return self._read(self._client().hosts())["hosts"]
 
-    def agents(self) -> dict[str, tuple[str | None, int]]:
+    def read_agents(self) -> dict[str, tuple[str | None, int]]:
         """Return the version and the process of each agent that runs."""
         return {
             agent["printer"]: (self.versions.find(agent["installation"]), agent["pid"])
-            for host in self.hosts()
+            for host in self.list_hosts()
             for agent in host["agents"]
         }
 
@@ -102,22 +102,22 @@ def test_agents_are_replaced_when_idle_one_host_first_and_brought_back_at_the_fi
     slow_file.write_text(write_slow_gcode(moves=int(PRINT_S / 20), move_s=20.0))
     farm.ok("submit", slow_file, "--colour", "red")
     wait_for("the print", lambda: farm.printer(PRINTING_PRINTER)["state"] == "printing")
-    old_agents = farm.agents()
+    old_agents = farm.read_agents()
     assert {version for version, _ in old_agents.values()} == {OLD}
 
     farm.update(BROKEN)
     tasks = wait_for("the fault", lambda: [t for t in farm.status()["todo"] if "the update" in t["text"]])
     assert "a2: its new agent has ended; its old version is started again" in tasks[0]["text"]
-    wait_for("the old agent", lambda: {version for version, _ in farm.agents().values()} == {OLD})
+    wait_for("the old agent", lambda: {version for version, _ in farm.read_agents().values()} == {OLD})
     wait_for("its printer", lambda: farm.printer("a2")["state"] == "idle")
-    new_agents = farm.agents()
+    new_agents = farm.read_agents()
     assert {name for name in new_agents if new_agents[name] != old_agents[name]} == {"a2"}
 
     farm.update(NEW)
     states = []
 
     def is_updated() -> bool:
-        agents = farm.agents()
+        agents = farm.read_agents()
         states.append({name: version for name, (version, _) in agents.items()})
         if farm.job()["printed"] == 0:
             assert agents[PRINTING_PRINTER] == old_agents[PRINTING_PRINTER]

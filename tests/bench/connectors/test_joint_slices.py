@@ -19,7 +19,7 @@ NARROWER_MM = 0.2
 
 @pytest.fixture(scope="module")
 def printed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Connectors, SlicedPart]:
-    """Slice the left of three blocks: one starts_beside it, one below, so that a cut face lies on the bed."""
+    """Slice the left of three blocks: one beside it, one below, so that a cut face lies on the bed."""
     spans = [((0, 0, 0), (16, 50, 26)), ((16, 0, 0), (30, 50, 26)), ((0, 0, -12), (16, 50, 0))]
     pieces = [
         Piece(Solid.box(*span), list_box_planes(np.array(span, dtype=np.float64)), np.zeros((0, 2, 3)))
@@ -53,9 +53,8 @@ def test_level_holes_and_holes_open_to_the_bed_stay_free_of_support(
         round(float(hole.into @ UP)) for pin in connectors.pins for hole in pin.holes if not hole.part
     }
     assert directions == {0, 1}
-    assert (
-        sliced_part.support_filament_mm < 0.1
-    )  # specks where strokes of the mark on the bed cross; a hole had 1.3 mm3
+    # Specks remain where strokes of the mark on the bed cross; a hole had 1.3 mm.
+    assert sliced_part.support_filament_mm < 0.1
 
 
 def test_seams_of_the_outer_wall_hide_in_the_gutter_and_not_in_grooves_of_keys(
@@ -65,13 +64,14 @@ def test_seams_of_the_outer_wall_hide_in_the_gutter_and_not_in_grooves_of_keys(
     [gutter] = [candidate for candidate in connectors.gutters if candidate.part == 0]
     starts_mm = sliced_part.find_seams(longest_only=True)
     start, end = gutter.line_mm
-    starts_beside = starts_mm[(starts_mm[:, 2] > start[2]) & (starts_mm[:, 2] < end[2])]
-    assert len(starts_beside) > 40
+    gutter_starts_mm = starts_mm[(starts_mm[:, 2] > start[2]) & (starts_mm[:, 2] < end[2])]
+    assert len(gutter_starts_mm) > 40
     keys_mm = np.array([pin.at_mm for pin in connectors.pins if pin.joint == gutter.joint])
-    assert (
-        np.abs(keys_mm[:, 1] - start[1]) > 5.0
-    ).all()  # else a seam there would count as one in the gutter
-    is_in_gutter = (start[0] - starts_beside[:, 0] > 0.3) & (np.abs(starts_beside[:, 1] - start[1]) < 0.8)
+    # A seam nearer to a key would count as one in the gutter.
+    assert (np.abs(keys_mm[:, 1] - start[1]) > 5.0).all()
+    is_in_gutter = (start[0] - gutter_starts_mm[:, 0] > 0.3) & (
+        np.abs(gutter_starts_mm[:, 1] - start[1]) < 0.8
+    )
     assert is_in_gutter.mean() > 0.98
 
 

@@ -25,7 +25,7 @@ def make_boxes(*spans: Span) -> list[Piece]:
     ]
 
 
-def plan(pieces: Sequence[Piece]) -> Assembly:
+def plan_and_check(pieces: Sequence[Piece]) -> Assembly:
     """Plan an assembly, and check by a replay that its steps can be executed."""
     joints = find_joints(pieces)
     assembly = plan_assembly(pieces, joints)
@@ -37,7 +37,7 @@ def plan(pieces: Sequence[Piece]) -> Assembly:
 
 
 def test_assembly_of_two_halves_moves_the_lighter_one():
-    [step] = plan(make_boxes(((0, 0, 0), (60, 40, 20)), ((0, 0, 20), (60, 40, 30)))).steps
+    [step] = plan_and_check(make_boxes(((0, 0, 0), (60, 40, 20)), ((0, 0, 20), (60, 40, 30)))).steps
     assert (step.moved_parts, step.fixed_parts) == ((1,), (0,))
     assert step.direction == pytest.approx([0, 0, 1])
     assert step.glue_mm2 == pytest.approx(2400.0)
@@ -46,7 +46,7 @@ def test_assembly_of_two_halves_moves_the_lighter_one():
 
 def test_sub_assemblies_are_glued_side_by_side():
     cells = [((x, y, 0.0), (x + 30.0, y + 30.0, 20.0)) for x in (0.0, 30.0) for y in (0.0, 30.0)]
-    assembly = plan(make_boxes(*cells))
+    assembly = plan_and_check(make_boxes(*cells))
     assert [step.level for step in assembly.steps] == [1, 1, 2]
     assert {len(step.joints) for step in assembly.steps[:2]} == {1}
 
@@ -63,7 +63,7 @@ def make_pinwheel() -> list[Piece]:
 
 
 def test_pinwheel_is_closed_by_slides():
-    assembly = plan(make_pinwheel())
+    assembly = plan_and_check(make_pinwheel())
     assert len(assembly.steps) == 4 and not assembly.locked
     assert any(step.slides for step in assembly.steps)
 
@@ -71,7 +71,7 @@ def test_pinwheel_is_closed_by_slides():
 def test_pinwheel_slides_along_one_face():
     """Expect that one brick is taken off first: each other split of the whole slides along more faces."""
     pieces = make_pinwheel()
-    [sliding_step] = [step for step in plan(pieces).steps if step.slides]
+    [sliding_step] = [step for step in plan_and_check(pieces).steps if step.slides]
     joints = find_joints(pieces)
     sliding_faces = [
         face
@@ -89,8 +89,8 @@ def test_ball_in_a_hollow_is_laid_in_before_the_shell_is_closed():
         for lo, hi in ((-9.0, 30.0), (30.0, 99.0))
         for piece in cut_box(shell, (-9, -9, lo), (99, 99, hi))
     ]
-    loose = make_boxes(((20, 20, 20), (40, 40, 40)))
-    assembly = plan([*halves, *loose])
+    loose_box = make_boxes(((20, 20, 20), (40, 40, 40)))
+    assembly = plan_and_check([*halves, *loose_box])
     first_step, second_step = assembly.steps
     assert first_step.joints == () and 2 in (*first_step.moved_parts, *first_step.fixed_parts)
     assert len(second_step.joints) == 1
@@ -99,7 +99,7 @@ def test_ball_in_a_hollow_is_laid_in_before_the_shell_is_closed():
 def test_bodies_that_stand_apart_need_no_step_between_them():
     pair = ((0.0, 0.0, 0.0), (20.0, 20.0, 20.0)), ((20.0, 0.0, 0.0), (40.0, 20.0, 20.0))
     second_pair = ((100.0, 0.0, 0.0), (120.0, 20.0, 20.0)), ((120.0, 0.0, 0.0), (140.0, 20.0, 20.0))
-    assembly = plan(make_boxes(*pair, *second_pair))
+    assembly = plan_and_check(make_boxes(*pair, *second_pair))
     assert sorted(sorted((*step.moved_parts, *step.fixed_parts)) for step in assembly.steps) == [
         [0, 1],
         [2, 3],
@@ -120,18 +120,20 @@ def test_linked_rings_are_a_fault():
 
 def test_two_ears_above_a_plane_are_joined_one_by_one():
     head = Solid.box((0, 0, 0), (100, 30, 30))
-    ears = Solid.union([head, Solid.box((0, 0, 30), (20, 30, 60)), Solid.box((80, 0, 30), (100, 30, 60))])
+    eared_head = Solid.union(
+        [head, Solid.box((0, 0, 30), (20, 30, 60)), Solid.box((80, 0, 30), (100, 30, 60))]
+    )
     pieces = [
         piece
         for lo, hi in ((-9.0, 30.0), (30.0, 99.0))
-        for piece in cut_box(ears, (-9, -9, lo), (999, 99, hi))
+        for piece in cut_box(eared_head, (-9, -9, lo), (999, 99, hi))
     ]
-    assembly = plan(pieces)
+    assembly = plan_and_check(pieces)
     assert [len(step.moved_parts) for step in assembly.steps] == [1, 1]
 
 
 def test_body_that_would_fall_over_is_held():
-    [step] = plan(make_boxes(((0, 0, 0), (3, 3, 25)), ((0, 0, 25), (3, 3, 50)))).steps
+    [step] = plan_and_check(make_boxes(((0, 0, 0), (3, 3, 25)), ((0, 0, 25), (3, 3, 50)))).steps
     assert step.rests_on == ()
 
 
@@ -143,14 +145,14 @@ def test_thin_plate_in_a_thin_box_is_laid_in_before_the_box_is_closed():
         for lo, hi in ((-9.0, 110.0), (110.0, 999.0))
         for piece in cut_box(box, (-9, -9, lo), (99, 99, hi))
     ]
-    first_step, second_step = plan([*halves, *make_boxes(((5, 5, 100), (55, 55, 102)))]).steps
+    first_step, second_step = plan_and_check([*halves, *make_boxes(((5, 5, 100), (55, 55, 102)))]).steps
     assert first_step.joints == () and 2 in (*first_step.moved_parts, *first_step.fixed_parts)
     assert len(second_step.joints) == 1
 
 
 def test_replay_reports_a_step_in_a_wrong_direction():
     pieces = make_pinwheel()
-    assembly, joints, solids = plan(pieces), find_joints(pieces), [piece.solid for piece in pieces]
+    assembly, joints, solids = plan_and_check(pieces), find_joints(pieces), [piece.solid for piece in pieces]
     last_step = assembly.steps[-1]
     wrong_step = replace(last_step, direction=-last_step.direction)
     steps = (*assembly.steps[:-1], wrong_step)
@@ -160,7 +162,7 @@ def test_replay_reports_a_step_in_a_wrong_direction():
 @pytest.mark.parametrize("missing_step", range(4))
 def test_replay_reports_a_step_that_is_missing(missing_step: int):
     pieces = make_pinwheel()
-    steps = list(plan(pieces).steps)
+    steps = list(plan_and_check(pieces).steps)
     del steps[missing_step]
     assert find_order_faults([piece.solid for piece in pieces], find_joints(pieces), Assembly(tuple(steps)))
 

@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 from decompose.assembly.schedule import Work, compute_critical_path_s, order_steps
 
 
-def join(*bodies: set[int]) -> Work:
+def glue(*bodies: set[int]) -> Work:
     a, b = bodies
     return Work((frozenset(a), frozenset(b)), joints=1, glue_mm2=500.0, steady=True)
 
 
 def test_person_glues_the_next_pair_while_the_first_dries() -> None:
-    works = [join({0}, {1}), join({0, 1}, {2}), join({3}, {4}), join({0, 1, 2}, {3, 4})]
+    works = [glue({0}, {1}), glue({0, 1}, {2}), glue({3}, {4}), glue({0, 1, 2}, {3, 4})]
     order = order_steps(works, dry_s=100.0)
     assert [number for number, _ in order] == [0, 2, 1, 3]
     assert order[1][1] == pytest.approx(works[0].seconds)
@@ -23,7 +23,7 @@ def test_person_glues_the_next_pair_while_the_first_dries() -> None:
 
 
 def test_person_waits_where_nothing_else_is_left() -> None:
-    works = [join({0}, {1}), join({0, 1}, {2})]
+    works = [glue({0}, {1}), glue({0, 1}, {2})]
     order = order_steps(works, dry_s=1000.0)
     assert order == [(0, 0.0), (1, pytest.approx(works[0].seconds + 1000.0))]
     assert compute_critical_path_s(works, dry_s=1000.0) == pytest.approx(order[1][1] + works[1].seconds)
@@ -45,7 +45,7 @@ def draw_trees(draw: st.DrawFn) -> list[Work]:
     while len(bodies) > 1:
         a = bodies.pop(draw(st.integers(0, len(bodies) - 1)))
         b = bodies.pop(draw(st.integers(0, len(bodies) - 1)))
-        works.append(join(a, b))
+        works.append(glue(a, b))
         bodies.append(a | b)
     return works
 
@@ -54,13 +54,15 @@ def draw_trees(draw: st.DrawFn) -> list[Work]:
 def test_no_step_begins_before_its_bodies_are_dry(works: list[Work], dry_s: float) -> None:
     order = order_steps(works, dry_s)
     assert sorted(number for number, _ in order) == list(range(len(works)))
-    dry_at_s = {work.parts: at_s + work.seconds + dry_s for work, (_, at_s) in _match(works, order)}
-    for work, (_, at_s) in _match(works, order):
+    dry_at_s = {work.parts: at_s + work.seconds + dry_s for work, (_, at_s) in pair_with_order(works, order)}
+    for work, (_, at_s) in pair_with_order(works, order):
         assert all(at_s >= dry_at_s[body] - 1e-6 for body in work.bodies if body in dry_at_s)
-    ends_s = max(at_s + works[number].seconds for number, at_s in order)
+    end_s = max(at_s + works[number].seconds for number, at_s in order)
     busy_s = sum(work.seconds for work in works)
-    assert max(busy_s, compute_critical_path_s(works, dry_s)) - 1e-6 <= ends_s <= busy_s + dry_s * len(works)
+    assert max(busy_s, compute_critical_path_s(works, dry_s)) - 1e-6 <= end_s <= busy_s + dry_s * len(works)
 
 
-def _match(works: list[Work], order: list[tuple[int, float]]) -> list[tuple[Work, tuple[int, float]]]:
+def pair_with_order(
+    works: list[Work], order: list[tuple[int, float]]
+) -> list[tuple[Work, tuple[int, float]]]:
     return [(works[number], (number, at_s)) for number, at_s in order]

@@ -28,7 +28,7 @@ from decompose.results import Decomposition
 BOUND_S = 1000.0
 BLOCK = Model(Solid.box((0, 0, 0), (300, 90, 80)), (), 1.0)
 ROOMS = [PrinterRoom(str(i), ((200.0, 200.0, 200.0),)) for i in range(20)]
-Ends = Callable[[Options], float]
+MakespanOf = Callable[[Options], float]
 
 
 @pytest.fixture(scope="module")
@@ -41,14 +41,16 @@ def result(cost: CostModel) -> Decomposition:
 class Engines:
     """Engines that end at given times (inf: no partition), and record their problems."""
 
-    def __init__(self, result: Decomposition, ends_s: Ends, faulty: tuple[Engine, ...] = ()) -> None:
-        self.result, self.ends_s, self.faulty = result, ends_s, faulty
-        self.posed_problem: list[Problem] = []
+    def __init__(
+        self, result: Decomposition, makespan_of: MakespanOf, faulty: tuple[Engine, ...] = ()
+    ) -> None:
+        self.result, self.makespan_of, self.faulty = result, makespan_of, faulty
+        self.problems: list[Problem] = []
 
     def __call__(self, problem: Problem) -> Decomposition:
-        self.posed_problem.append(problem)
+        self.problems.append(problem)
         problem.effort.record(Work.SUM, round(1e9 / WORK_NS[Work.SUM]))  # a second
-        if math.isinf(makespan_s := self.ends_s(problem.options)):
+        if math.isinf(makespan_s := self.makespan_of(problem.options)):
             raise NoFit(f"nothing at {problem.options.granularity}")
         engine = problem.options.engine
         faults = (Fault(0, "is a sliver"),) if engine in self.faulty else ()
@@ -58,7 +60,7 @@ class Engines:
 
     @property
     def engine_grids(self) -> list[tuple[Engine, str | int]]:
-        return [(item.options.engine, item.options.granularity) for item in self.posed_problem]
+        return [(item.options.engine, item.options.granularity) for item in self.problems]
 
 
 def make_problem(cost: CostModel, printers: int = 20, **options: object) -> Problem:
@@ -109,11 +111,11 @@ def test_no_bound_is_proven_for_a_worse_result(cost: CostModel, result: Decompos
     """Attempts of a round have to beat the best result of the rounds before, not each other."""
     engines = Engines(result, compute_far_makespan_s)
     find_best(make_problem(cost), engines)
-    ends = [compute_far_makespan_s(item.options) for item in engines.posed_problem]
+    makespans_s = [compute_far_makespan_s(item.options) for item in engines.problems]
     other_grids = sum(cells != "auto" for _, cells in engines.engine_grids)
-    best_known_s = [item.best_known_s for item in engines.posed_problem]
-    assert best_known_s[: 1 + other_grids] == [math.inf] + [ends[0]] * other_grids
-    assert best_known_s[1 + other_grids :] == [min(ends)] * len(OTHER_YAWS_DEG)
+    best_known_s = [item.best_known_s for item in engines.problems]
+    assert best_known_s[: 1 + other_grids] == [math.inf] + [makespans_s[0]] * other_grids
+    assert best_known_s[1 + other_grids :] == [min(makespans_s)] * len(OTHER_YAWS_DEG)
 
 
 def test_other_grids_are_not_tried_for_small_gains(cost: CostModel, result: Decomposition) -> None:
@@ -136,23 +138,22 @@ def test_only_the_requested_grid_is_tried(
 
 
 def test_other_grids_are_tried_at_the_best_angle(cost: CostModel, result: Decomposition) -> None:
-    def ends_s(options: Options) -> float:
-        return BOUND_S * (
-            1.2 if len(engines.posed_problem) == 1 + len(first_attempts) + 2 else 1.3
-        )  # the second yaw
+    def makespan_of(options: Options) -> float:
+        # The second yaw is faster.
+        return BOUND_S * (1.2 if len(engines.problems) == 1 + len(first_attempts) + 2 else 1.3)
 
     first_attempts: list[object] = []
     engines = Engines(result, lambda options: 1.3 * BOUND_S)
     find_best(make_problem(cost), engines)
     first_attempts += [cells for _, cells in engines.engine_grids if cells != "auto"]
-    engines = Engines(result, ends_s)
+    engines = Engines(result, makespan_of)
     best = find_best(make_problem(cost), engines)
     yaw_deg = OTHER_YAWS_DEG[1]
     later_attempts = best.attempts[1 + len(first_attempts) + len(OTHER_YAWS_DEG) :]
     assert best.makespan_s == 1.2 * BOUND_S
     assert later_attempts
     assert {attempt.yaw_deg for attempt in later_attempts} == {yaw_deg}
-    lengths = [item.model.extents_mm[0] for item in engines.posed_problem]
+    lengths = [item.model.extents_mm[0] for item in engines.problems]
     assert lengths[-1] == pytest.approx(lengths[1 + len(first_attempts) + 1])
     assert lengths[-1] == pytest.approx(300 * math.cos(math.radians(15)) + 90 * math.sin(math.radians(15)))
 
@@ -162,7 +163,7 @@ def test_rotated_cuts_need_a_minimum_gain(
     share: float, is_taken: bool, cost: CostModel, result: Decomposition
 ) -> None:
     busy_result = replace(result, sum_s=20.0 * 0.98 * BOUND_S)  # other grids are not tried
-    engines = Engines(busy_result, lambda _: BOUND_S * (share if len(engines.posed_problem) > 1 else 1.0))
+    engines = Engines(busy_result, lambda _: BOUND_S * (share if len(engines.problems) > 1 else 1.0))
     best = find_best(make_problem(cost), engines)
     assert best.makespan_s == BOUND_S * (share if is_taken else 1.0)
     assert [a.makespan_s for a in best.attempts[1:]] == [share * BOUND_S] * len(OTHER_YAWS_DEG)
@@ -198,9 +199,9 @@ def test_another_grid_may_have_the_better_result(cost: CostModel, result: Decomp
     best = find_best(make_problem(cost), engines)
     assert best.makespan_s == 1.5 * BOUND_S
     assert [a.makespan_s for a in best.attempts[:2]] == [None, None]
-    nothing = Engines(result, lambda options: math.inf)
+    failing_engines = Engines(result, lambda options: math.inf)
     with pytest.raises(NoFit, match="nothing at auto"):
-        find_best(make_problem(cost), nothing)
+        find_best(make_problem(cost), failing_engines)
 
 
 @pytest.mark.parametrize(
@@ -233,13 +234,13 @@ def test_slow_printers_have_less_to_gain(cost: CostModel, result: Decomposition)
 
 
 def test_result_with_faults_is_the_last_choice(cost: CostModel, result: Decomposition) -> None:
-    def ends_s(options: Options) -> float:
+    def makespan_of(options: Options) -> float:
         return BOUND_S * (1.5 if options.engine is Engine.GUILLOTINE else 1.6)
 
-    engines = Engines(result, ends_s, faulty=(Engine.GUILLOTINE,))
+    engines = Engines(result, makespan_of, faulty=(Engine.GUILLOTINE,))
     best = find_best(make_problem(cost, granularity=8), engines)
     assert best.engine is Engine.PARALLELOBOX
-    assert [item.best_known_s for item in engines.posed_problem] == [math.inf, math.inf]
+    assert [item.best_known_s for item in engines.problems] == [math.inf, math.inf]
 
 
 @pytest.mark.parametrize(
@@ -298,12 +299,12 @@ def test_small_budget_refuses_no_model_that_a_finer_grid_can_cut(
 ) -> None:
     """Use coarse grids and another engine without a result, or with a faulty one."""
 
-    def part(problem: Problem) -> Decomposition:
+    def run_engine(problem: Problem) -> Decomposition:
         coarse = problem.options.granularity != "auto" or problem.options.engine == Engine.PARALLELOBOX
         fault = (problem.options.engine,) if coarse and faulty else ()
         return Engines(result, lambda _: math.inf if coarse and not faulty else 1.2 * BOUND_S, fault)(problem)
 
-    best = find_best(make_problem(cost, best=BestOptions(budget_s)), part)
+    best = find_best(make_problem(cost, best=BestOptions(budget_s)), run_engine)
     assert not best.faults
     assert best.attempts[0].granularity != "auto"
     assert best.attempts[1].granularity == "auto"
@@ -318,5 +319,5 @@ def test_first_grid_is_coarser_for_a_small_budget(cost: CostModel) -> None:
     assert grids[1] < grids[2] < make_problem(cost).granularity(BLOCK)
     assert choose_first_grid(make_problem(cost)) == "auto"
     assert choose_first_grid(make_problem(cost, granularity=30, best=BestOptions(0.0))) == 30
-    narrow = tuple(PrinterRoom(str(i), ((32.0, 32.0, 32.0),)) for i in range(20))
-    assert choose_first_grid(replace(make_problem(cost, best=BestOptions(0.0)), printers=narrow)) == 19
+    small_rooms = tuple(PrinterRoom(str(i), ((32.0, 32.0, 32.0),)) for i in range(20))
+    assert choose_first_grid(replace(make_problem(cost, best=BestOptions(0.0)), printers=small_rooms)) == 19

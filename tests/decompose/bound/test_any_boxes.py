@@ -16,7 +16,9 @@ from decompose.pieces import find_cut_faces, list_box_planes
 from decompose.print_time import POSE_ROTATIONS, CostModel, Recipe, measure_pose, price_axis_poses_s
 from decompose.printers import PrinterRoom
 
-ABOVE = 1.001  # ratio of the makespan that is said to be known to the one that must not be undercut
+KNOWN_MAKESPAN_RATIO = (
+    1.001  # ratio of the makespan that is said to be known to the one that must not be undercut
+)
 COSTS = (
     CostModel.from_recipe(Recipe()),
     CostModel.from_recipe(Recipe(prelude_s=60.0, bed_layers_saved=2.0, top_layers_saved=1.0)),
@@ -81,7 +83,9 @@ def test_no_partition_of_a_curved_solid_undercuts_the_bound(
     )
     printers = [make_room(longest_mm, float(factor)) for factor in factors]
     for wall_mm in (1.0, math.inf):
-        bound_s = bound_any_boxes_s(vertices[faces], printers, cost, wall_mm, ABOVE * makespan_s)
+        bound_s = bound_any_boxes_s(
+            vertices[faces], printers, cost, wall_mm, KNOWN_MAKESPAN_RATIO * makespan_s
+        )
         assert 0.0 <= bound_s <= makespan_s
 
 
@@ -107,7 +111,9 @@ def test_no_hollow_partition_of_a_block_undercuts_the_bound(
     vertices, faces = solid.arrays()
     longest_mm = max(float(np.ptp(box, axis=0).max()) for box in boxes)
     printers = [make_room(longest_mm)] * len(boxes)
-    bound_s = bound_any_boxes_s(vertices[faces], printers, COSTS[0], wall_mm, ABOVE * max(times_s))
+    bound_s = bound_any_boxes_s(
+        vertices[faces], printers, COSTS[0], wall_mm, KNOWN_MAKESPAN_RATIO * max(times_s)
+    )
     assert bound_s <= sum(times_s) / len(boxes)
 
 
@@ -115,18 +121,18 @@ def test_cuts_that_rooms_need_and_solid_that_must_be_printed_raise_the_bound(cos
     solid = Solid.box((0, 0, 0), (400, 400, 400))
     vertices, faces = solid.arrays()
     triangles = vertices[faces]
-    small, large = [make_room(205.0)] * 8, [make_room(500.0)] * 8
-    hollow_s = bound_any_boxes_s(triangles, small, cost, 10.0, 1e6)
-    full_s = bound_any_boxes_s(triangles, small, cost, math.inf, 1e6)
-    uncut_s = bound_any_boxes_s(triangles, large, cost, math.inf, 1e6)
+    small_rooms, large_rooms = [make_room(205.0)] * 8, [make_room(500.0)] * 8
+    hollow_s = bound_any_boxes_s(triangles, small_rooms, cost, 10.0, 1e6)
+    full_s = bound_any_boxes_s(triangles, small_rooms, cost, math.inf, 1e6)
+    uncut_s = bound_any_boxes_s(triangles, large_rooms, cost, math.inf, 1e6)
     assert hollow_s < full_s and uncut_s < full_s
     makespan_s = price_content_s(solid, np.array([[0.0] * 3, [200.0] * 3]), cost)
     assert 0.85 * makespan_s < full_s <= makespan_s  # eight cubes are the best partition into boxes
-    assert bound_any_boxes_s(triangles, small, cost, math.inf, 10.0) == 10.0
+    assert bound_any_boxes_s(triangles, small_rooms, cost, math.inf, 10.0) == 10.0
 
 
 def test_faster_printers_lower_the_bound_by_their_throughput(cost: CostModel) -> None:
     vertices, faces = Solid.box((0, 0, 0), (300, 300, 300)).arrays()
     equal_s = bound_any_boxes_s(vertices[faces], [make_room(205.0)] * 8, cost, math.inf, 1e6)
-    twice_s = bound_any_boxes_s(vertices[faces], [make_room(205.0, 0.5)] * 8, cost, math.inf, 5e5)
-    assert twice_s == pytest.approx(0.5 * equal_s)
+    fast_s = bound_any_boxes_s(vertices[faces], [make_room(205.0, 0.5)] * 8, cost, math.inf, 5e5)
+    assert fast_s == pytest.approx(0.5 * equal_s)

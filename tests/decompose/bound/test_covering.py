@@ -16,20 +16,20 @@ shapes = st.tuples(st.integers(1, 5), st.integers(1, 4), st.integers(1, 4))
 @settings(max_examples=30, deadline=None)
 @given(shape=shapes, seed=st.integers(0, 10**6), limit_s=st.floats(100.0, 1500.0))
 def test_shares_cover_all_cells_and_weights_exceed_no_box(shape: Shape, seed: int, limit_s: float) -> None:
-    boxes, is_needed = make_tables(shape, seed)
+    tables, is_needed = make_tables(shape, seed)
     is_needed[0, 0, 0] = True
-    boxes.trimmed[box_index((0, 0, 0, 1, 1, 1), shape)] = box_index((0, 0, 0, 1, 1, 1), shape)
-    result = cover_cells(boxes, is_needed, limit_s, 3, is_needed / is_needed.sum())
+    tables.trimmed[box_index((0, 0, 0, 1, 1, 1), shape)] = box_index((0, 0, 0, 1, 1, 1), shape)
+    result = cover_cells(tables, is_needed, limit_s, 3, is_needed / is_needed.sum())
     assert not result.weights[~is_needed].any()
     assert (result.weights >= 0.0).all()
     cover_count = np.zeros(shape)
     pieces = 0.0
     for (x0, y0, z0, x1, y1, z1), share in zip(result.boxes.tolist(), result.shares.tolist(), strict=True):
         index = box_index((x0, y0, z0, x1, y1, z1), shape)
-        assert boxes.seconds[index] <= limit_s
-        assert result.weights[x0:x1, y0:y1, z0:z1].sum() <= boxes.pieces[index] * (1.0 + 1e-9)
+        assert tables.seconds[index] <= limit_s
+        assert result.weights[x0:x1, y0:y1, z0:z1].sum() <= tables.pieces[index] * (1.0 + 1e-9)
         cover_count[x0:x1, y0:y1, z0:z1] += share
-        pieces += share * int(boxes.pieces[index])
+        pieces += share * int(tables.pieces[index])
     if result.shares.any():
         assert (cover_count[is_needed] >= 1.0 - 1e-9).all()
         assert result.weights.sum() <= pieces * (1.0 + 1e-9)

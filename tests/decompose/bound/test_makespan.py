@@ -21,29 +21,29 @@ from decompose.print_time import CostModel, Recipe, price_axis_poses_s
 shapes = st.tuples(st.integers(1, 4), st.integers(1, 3), st.integers(1, 3))
 
 
-def list_printable_boxes(boxes: BoxTables) -> list[tuple[Box, float, int]]:
+def list_printable_boxes(tables: BoxTables) -> list[tuple[Box, float, int]]:
     """List all boxes that may be parts, with time and number of pieces."""
     results = []
-    for box in list_boxes(boxes.shape):
-        index = box_index(box, boxes.shape)
-        if boxes.trimmed[index] == index and np.isfinite(boxes.seconds[index]):
-            results.append((box, float(boxes.seconds[index]), int(boxes.pieces[index])))
+    for box in list_boxes(tables.shape):
+        index = box_index(box, tables.shape)
+        if tables.trimmed[index] == index and np.isfinite(tables.seconds[index]):
+            results.append((box, float(tables.seconds[index]), int(tables.pieces[index])))
     return results
 
 
-def solve(boxes: BoxTables, is_needed: np.ndarray, printers: int) -> tuple[Bound, float]:
+def compute_bound(tables: BoxTables, is_needed: np.ndarray, printers: int) -> tuple[Bound, float]:
     """Compute the bound, and the makespan of the best guillotine partition from which it started."""
-    solver = Partitioner(boxes)
+    solver = Partitioner(tables)
     assume(is_needed.any())
     assume(solver.find_min_makespan(printers, 0.0, tolerance_s=1e-3) is not None)
-    return bound_makespan(boxes, is_needed, printers, solver.longest_s()), solver.longest_s()
+    return bound_makespan(tables, is_needed, printers, solver.longest_s()), solver.longest_s()
 
 
-def find_min_makespan_by_recursion(boxes: BoxTables, is_needed: np.ndarray, printers: int) -> float:
+def find_min_makespan_by_recursion(tables: BoxTables, is_needed: np.ndarray, printers: int) -> float:
     """Search all sets of boxes that cover the needed cells, which include all partitions."""
     bits = {tuple(map(int, cell)): 1 << i for i, cell in enumerate(np.argwhere(is_needed))}
     choices = []
-    for box, seconds, pieces in list_printable_boxes(boxes):
+    for box, seconds, pieces in list_printable_boxes(tables):
         cells_inside = sum(
             bit for cell, bit in bits.items() if all(box[a] <= cell[a] < box[a + 3] for a in range(3))
         )
@@ -69,23 +69,23 @@ def find_min_makespan_by_recursion(boxes: BoxTables, is_needed: np.ndarray, prin
 @settings(max_examples=40, deadline=None)
 @given(shape=shapes, seed=st.integers(0, 10**6), printers=st.integers(1, 4))
 def test_no_partition_is_below_the_bound(shape: Shape, seed: int, printers: int) -> None:
-    boxes, is_needed = make_tables(shape, seed)
+    tables, is_needed = make_tables(shape, seed)
     assume(is_needed.sum() <= 14)
-    bound, makespan = solve(boxes, is_needed, printers)
-    assert 0.0 < bound.seconds <= find_min_makespan_by_recursion(boxes, is_needed, printers) <= makespan
+    bound, makespan_s = compute_bound(tables, is_needed, printers)
+    assert 0.0 < bound.seconds <= find_min_makespan_by_recursion(tables, is_needed, printers) <= makespan_s
 
 
 @settings(max_examples=40, deadline=None)
 @given(shape=shapes, seed=st.integers(0, 10**6), printers=st.integers(1, 12))
 def test_weights_prove_the_bound(shape: Shape, seed: int, printers: int) -> None:
     """Check in exact integers that no box faster than the bound has the weight of an average part."""
-    boxes, is_needed = make_tables(shape, seed)
-    bound, _ = solve(boxes, is_needed, printers)
+    tables, is_needed = make_tables(shape, seed)
+    bound, _ = compute_bound(tables, is_needed, printers)
     assert bound.weights.dtype == np.int64
     assert (bound.weights >= 0).all()
     assert not bound.weights[~is_needed].any()
     total = sum(bound.weights.ravel().tolist())
-    for (x0, y0, z0, x1, y1, z1), seconds, pieces in list_printable_boxes(boxes):
+    for (x0, y0, z0, x1, y1, z1), seconds, pieces in list_printable_boxes(tables):
         if seconds < bound.seconds:
             assert sum(bound.weights[x0:x1, y0:y1, z0:z1].ravel().tolist()) * printers < pieces * total
 
@@ -94,43 +94,43 @@ def test_weights_prove_the_bound(shape: Shape, seed: int, printers: int) -> None
 @given(shape=shapes, seed=st.integers(0, 10**6), printers=st.integers(1, 6))
 def test_bound_equals_that_of_the_complete_linear_programme(shape: Shape, seed: int, printers: int) -> None:
     """Solve the linear programme for all boxes at once, with at most one part per cell."""
-    boxes, is_needed = make_tables(shape, seed)
-    bound, _ = solve(boxes, is_needed, printers)
-    all_boxes = list_printable_boxes(boxes)
+    tables, is_needed = make_tables(shape, seed)
+    bound, _ = compute_bound(tables, is_needed, printers)
+    all_boxes = list_printable_boxes(tables)
     cells_inside = np.zeros((len(all_boxes), *shape))
     for row, ((x0, y0, z0, x1, y1, z1), _, _) in zip(cells_inside, all_boxes, strict=True):
         row[x0:x1, y0:y1, z0:z1] = 1.0
     cells_inside = cells_inside[:, is_needed]
 
-    def find_refutation(limit_s: float) -> bool:
+    def is_refuted(limit_s: float) -> bool:
         rows = [i for i, (_, seconds, _) in enumerate(all_boxes) if seconds <= limit_s]
         parts = np.array([all_boxes[i][2] for i in rows], float)
         spread = linprog(-np.ones(cells_inside.shape[1]), cells_inside[rows], parts, bounds=(0.0, 1.0))
         return bool(-spread.fun > printers + 1e-3)
 
-    limits = sorted(seconds for _, seconds, _ in all_boxes)
-    proven = next(t for t in limits if not find_refutation(t))
-    assert bound.seconds >= proven * (1.0 - 2.0 * TOLERANCE)
+    limits_s = sorted(seconds for _, seconds, _ in all_boxes)
+    proven_s = next(t for t in limits_s if not is_refuted(t))
+    assert bound.seconds >= proven_s * (1.0 - 2.0 * TOLERANCE)
 
 
 def test_row_of_equal_cells_is_bounded_by_the_longest_share() -> None:
     """Print seven cells on three printers: one prints three, and fractions of boxes do not reduce that."""
     shape = (7, 1, 1)
-    boxes, _ = make_tables(shape, 0)
+    tables, _ = make_tables(shape, 0)
     is_needed = np.ones(shape, bool)
     for box in list_boxes(shape):
         index = box_index(box, shape)
-        boxes.trimmed[index], boxes.pieces[index] = index, 1
-        boxes.seconds[index] = 10.0 * (box[3] - box[0])
-    assert bound_makespan(boxes, is_needed, 3, 30.0).seconds == 30.0
+        tables.trimmed[index], tables.pieces[index] = index, 1
+        tables.seconds[index] = 10.0 * (box[3] - box[0])
+    assert bound_makespan(tables, is_needed, 3, 30.0).seconds == 30.0
 
 
 def test_bound_exceeds_the_volume_bound_with_many_cells() -> None:
     """Check that the bound stays close on a grid that is too large for a simplex method."""
-    boxes, is_needed = make_tables((9, 8, 7), 3)
-    solver = Partitioner(boxes)
+    tables, is_needed = make_tables((9, 8, 7), 3)
+    solver = Partitioner(tables)
     assert solver.find_min_makespan(20, 0.0) is not None
-    bound = bound_makespan(boxes, is_needed, 20, solver.longest_s())
+    bound = bound_makespan(tables, is_needed, 20, solver.longest_s())
     assert 0.8 * solver.longest_s() <= bound.seconds <= solver.longest_s()
 
 

@@ -22,9 +22,9 @@ def coupon(request: pytest.FixtureRequest) -> tuple[float, Coupon]:
 def measure_width_mm(points: np.ndarray, direction: np.ndarray) -> float:
     """Measure the width across the flats of a hole, below any roof."""
     u = np.cross(np.eye(3)[int(np.abs(direction).argmin())], direction)
-    flat = points @ np.stack([u, np.cross(direction, u)]).T
-    middle = shapely.Point(flat[:6].mean(axis=0))
-    return 2.0 * float(shapely.MultiPoint(flat).convex_hull.exterior.distance(middle))
+    plane_points = points @ np.stack([u, np.cross(direction, u)]).T
+    middle = shapely.Point(plane_points[:6].mean(axis=0))
+    return 2.0 * float(shapely.MultiPoint(plane_points).convex_hull.exterior.distance(middle))
 
 
 def test_holes_on_top_and_in_front_get_wider_by_a_tenth(coupon: tuple[float, Coupon]) -> None:
@@ -73,12 +73,12 @@ def test_key_lies_in_the_grooves_of_block_and_plate_as_wide_as_their_fit(
     count = len(coupon_result.fits_mm)
     for fit_mm, groove in zip(coupon_result.fits_mm, coupon_result.grooves[:count], strict=True):
         middle = groove.points_mm.mean(axis=0)
-        for excess_mm, goes_in in ((-0.02, True), (0.1, False)):
+        for excess_mm, fits in ((-0.02, True), (0.1, False)):
             circle = shapely.Point(middle[0], back_mm).buffer((pin_mm + fit_mm + excess_mm) / 2.0, 32)
             ring = [np.asarray(circle.exterior.coords)[:-1]]
             rod = Solid.prism(ring, np.eye(3), float(middle[2]) - 1.0, float(middle[2]) + 1.0)
             overlap_mm3 = sum(rod.intersect(body).volume_mm3 for body in (block, closed_plate))
-            assert (overlap_mm3 < 1e-4) == goes_in
+            assert (overlap_mm3 < 1e-4) == fits
 
 
 def test_coupon_prints_without_support_in_two_pieces_and_is_a_closed_stl(

@@ -18,7 +18,7 @@ from decompose.options import ConnectorOptions
 from decompose.pieces import Piece, find_joints
 from decompose.results.connector_rules import DrilledParts, find_wrong_fits
 
-QUICK = (Phase.explicit, Phase.reuse, Phase.generate)  # shrinking takes minutes
+PHASES = (Phase.explicit, Phase.reuse, Phase.generate)  # shrinking takes minutes
 CUT = np.array([[0.0, 0.0, 1.0, 30.0]])
 POSES = [np.array(up) for up in ((0.0, 0.0, 1.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))]
 
@@ -53,7 +53,7 @@ def test_leaning_wall_has_a_long_and_a_short_key_far_apart(width_mm: float, key_
     assert find_wrong_fits([long_key, short_key]) == [] and list(parts.find_faults()) == []
 
 
-@settings(deadline=None, max_examples=15, phases=QUICK)
+@settings(deadline=None, max_examples=15, phases=PHASES)
 @given(st.floats(3.0, 9.0), st.floats(-0.9, 0.9), st.sampled_from(POSES))
 def test_connectors_of_leaning_walls_break_no_rule(
     width_mm: float, slope: float, up_axis: np.ndarray
@@ -89,8 +89,8 @@ def test_keys_of_one_length_can_be_turned_half_around() -> None:
 
 
 def test_cut_list_names_pieces_of_each_diameter() -> None:
-    thin, thick = plan(5.5, 0.4).connectors.pins, plan(7.0, 0.4).connectors.pins
-    sheet = make_sheet([*thin, *thick])
+    thin_keys, thick_keys = plan(5.5, 0.4).connectors.pins, plan(7.0, 0.4).connectors.pins
+    sheet = make_sheet([*thin_keys, *thick_keys])
     assert sheet is not None
     assert [row[:2] for row in sheet.rows] == [("2.85", "9"), ("2.85", "5"), ("1.75", "8"), ("1.75", "5")]
     assert [(diameter, count) for diameter, count, _ in sheet.stocks] == [("2.85", 2), ("1.75", 2)]
@@ -98,6 +98,9 @@ def test_cut_list_names_pieces_of_each_diameter() -> None:
 
 def test_thick_and_thin_key_of_one_length_are_no_pair() -> None:
     """The thin one goes into both grooves, so that the two do not show which way round a body is."""
-    thick, thin = plan(7.0, 0.4).connectors.pins[1], plan(5.5, 0.4).connectors.pins[1]
-    assert (thick.length_mm, thin.length_mm) == (5.0, 5.0) and thick.diameter_mm > thin.diameter_mm
-    assert pairs_of([thick, thin]) == {} and find_wrong_fits([thick, thin]) == []
+    thick_key, thin_key = plan(7.0, 0.4).connectors.pins[1], plan(5.5, 0.4).connectors.pins[1]
+    assert (thick_key.length_mm, thin_key.length_mm) == (
+        5.0,
+        5.0,
+    ) and thick_key.diameter_mm > thin_key.diameter_mm
+    assert pairs_of([thick_key, thin_key]) == {} and find_wrong_fits([thick_key, thin_key]) == []

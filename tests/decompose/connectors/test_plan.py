@@ -21,8 +21,8 @@ from decompose.options import ConnectorOptions
 from decompose.pieces import Piece, find_joints, list_box_planes
 from decompose.results.connector_rules import DrilledParts, find_wrong_fits
 
-ALL = ConnectorOptions(2.85, 0.4, marks=True)
-QUICK = (Phase.explicit, Phase.reuse, Phase.generate)  # shrinking takes minutes
+ALL_CONNECTORS = ConnectorOptions(2.85, 0.4, marks=True)
+PHASES = (Phase.explicit, Phase.reuse, Phase.generate)  # shrinking takes minutes
 UPRIGHT = np.array([0.0, 0.0, 1.0])
 LEANING = np.array([0.0, 0.6, -0.8])  # a level face overhangs in this pose: it may have holes, but no grooves
 Span = tuple[tuple[float, ...], tuple[float, ...]]
@@ -36,7 +36,9 @@ def make_boxes(*spans: Span) -> list[Piece]:
 
 
 def plan(
-    pieces: Sequence[Piece], ups: Sequence[np.ndarray] | None = None, options: ConnectorOptions = ALL
+    pieces: Sequence[Piece],
+    ups: Sequence[np.ndarray] | None = None,
+    options: ConnectorOptions = ALL_CONNECTORS,
 ) -> tuple[Connectors, DrilledParts]:
     """Plan connectors, drill the parts, and check that no rule is broken."""
     joints = find_joints(pieces)
@@ -56,10 +58,10 @@ HALVES = make_boxes(((0, 0, 0), (60, 40, 20)), ((0, 0, 20), (60, 40, 50)))
 
 def test_two_halves_get_a_long_and_a_short_key_in_opposite_corners():
     connectors, _ = plan(HALVES)
-    long, short = connectors.pins
-    assert long.along is not None and short.along is not None
-    assert long.length_mm > short.length_mm + 2.0
-    assert distance_mm(long, short) > 0.7 * np.hypot(60.0, 40.0)
+    long_key, short_key = connectors.pins
+    assert long_key.along is not None and short_key.along is not None
+    assert long_key.length_mm > short_key.length_mm + 2.0
+    assert distance_mm(long_key, short_key) > 0.7 * np.hypot(60.0, 40.0)
     assert not connectors.unpinned and not connectors.unmarked
 
 
@@ -96,8 +98,8 @@ def test_upright_faces_have_a_gutter_inside_of_their_rim_and_level_ones_none():
 
 
 def test_arrow_of_a_turned_text_still_points_up():
-    narrow = make_boxes(((0, 0, 0), (30, 14, 70)), ((30, 0, 0), (60, 14, 70)))
-    connectors, _ = plan(narrow, options=ConnectorOptions(marks=True))
+    narrow_boxes = make_boxes(((0, 0, 0), (30, 14, 70)), ((30, 0, 0), (60, 14, 70)))
+    connectors, _ = plan(narrow_boxes, options=ConnectorOptions(marks=True))
     mark = connectors.marks[0]
     assert np.ptp(mark.lines_mm[..., 2]) > 15.0  # the text runs upwards
     shaft, first_line, second_line = mark.lines_mm[-3:]
@@ -126,9 +128,9 @@ def test_hollow_below_a_joint_keeps_keys_and_pins_off(up: np.ndarray, rim_mm: fl
     hollow = Solid.box((10, 5, 2), (58, 38, 17.5))
     low = Piece(low.solid.subtract(hollow), low.planes, low.boxes_mm)
     connectors, _ = plan([low, high], [up, UPRIGHT])
-    over = shapely.box(10.0, 5.0, 58.0, 38.0).buffer(rim_mm - 1e-6)
+    hollow_area = shapely.box(10.0, 5.0, 58.0, 38.0).buffer(rim_mm - 1e-6)
     assert connectors.pins
-    assert not any(over.contains(shapely.Point(pin.at_mm[:2])) for pin in connectors.pins)
+    assert not any(hollow_area.contains(shapely.Point(pin.at_mm[:2])) for pin in connectors.pins)
 
 
 def test_face_that_leans_over_in_its_pose_is_not_marked():
@@ -183,7 +185,7 @@ def test_pin_that_gives_way_to_another_pair_stays_in_its_plane():
         assert min(abs(float(pin.at_mm @ face.normal) - face.offset_mm) for face in faces) < 1e-6
 
 
-@settings(deadline=None, max_examples=6, phases=QUICK)
+@settings(deadline=None, max_examples=6, phases=PHASES)
 @given(st.randoms(use_true_random=False), st.integers(2, 5))
 def test_random_partitions_break_no_rule_and_no_two_pairs_are_alike(random: Random, cuts: int) -> None:
     pieces = cut_at_random(random, cuts)
@@ -212,8 +214,8 @@ def test_a_body_that_is_turned_around_stays_open_with_pins_of_each_diameter(
 
 @pytest.mark.parametrize("up", [UPRIGHT, LEANING])
 def test_pair_keeps_off_a_distance_that_is_taken(up: np.ndarray):
-    untaken_mm = distance_mm(*plan(HALVES, [up, UPRIGHT])[0].pins)
-    options = replace(ALL, taken_mm=(untaken_mm, untaken_mm - 1.6))
+    free_distance_mm = distance_mm(*plan(HALVES, [up, UPRIGHT])[0].pins)
+    options = replace(ALL_CONNECTORS, taken_mm=(free_distance_mm, free_distance_mm - 1.6))
     connectors, _ = plan(HALVES, [up, UPRIGHT], options)
     assert min(abs(distance_mm(*connectors.pins) - taken) for taken in options.taken_mm) > 1.4
     assert find_wrong_fits(connectors.pins, (distance_mm(*connectors.pins),)) == [

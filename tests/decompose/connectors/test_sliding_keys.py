@@ -19,14 +19,14 @@ from decompose.options import ConnectorOptions
 from decompose.pieces import Piece, find_joints, list_box_planes
 from decompose.results.connector_rules import DrilledParts
 
-QUICK = (Phase.explicit, Phase.reuse, Phase.generate)  # shrinking takes minutes
+PHASES = (Phase.explicit, Phase.reuse, Phase.generate)  # shrinking takes minutes
 FLOOR_MM, WALL_MM = 20.0, 40.0  # top of the lower part's floor, and front of its wall
 WALL = 1  # number of the part
 UP = np.array([0.0, 0.0, 1.0])
 POSES = [np.array(up) for up in ((0.0, 0.0, 1.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0), (0.0, -1.0, 0.0))]
 
 
-def plan(height_mm: float, up: np.ndarray = POSES[0], *, cap_mm: float = 0.0) -> DrilledParts:
+def make_drilled_parts(height_mm: float, up: np.ndarray = POSES[0], *, cap_mm: float = 0.0) -> DrilledParts:
     """Plan the connectors of a floor with a wall, and of a block that comes from above.
 
     The block closes on the floor and slides along the wall. `cap_mm`: thickness of a fourth part, which is
@@ -43,13 +43,17 @@ def plan(height_mm: float, up: np.ndarray = POSES[0], *, cap_mm: float = 0.0) ->
     bodies = [((1,), (0,)), *([((3,), (2,))] if cap_mm else []), ((2, 3) if cap_mm else (2,), (0, 1))]
     steps = []
     for moved, fixed in bodies:
-        own = tuple(
+        step_joints = tuple(
             n
             for n, joint in enumerate(joints)
             if {(joint.a in moved, joint.b in fixed), (joint.b in moved, joint.a in fixed)} & {(True, True)}
         )
-        slides = len(own) > 1
-        steps.append(AssemblyStep(moved, fixed, UP, own, sum(joints[n].area_mm2 for n in own), slides, (), 1))
+        slides = len(step_joints) > 1
+        steps.append(
+            AssemblyStep(
+                moved, fixed, UP, step_joints, sum(joints[n].area_mm2 for n in step_joints), slides, (), 1
+            )
+        )
     blanks = [Blank(str(n), piece.solid, up) for n, piece in enumerate(pieces, 1)]
     options = ConnectorOptions(2.85, 0.4)
     assembly = Assembly(tuple(steps))
@@ -58,19 +62,19 @@ def plan(height_mm: float, up: np.ndarray = POSES[0], *, cap_mm: float = 0.0) ->
     return DrilledParts(blanks, drill(blanks, connectors), joints, assembly.steps, connectors)
 
 
-def list_sliding(parts: DrilledParts) -> list[Pin]:
+def list_sliding_pins(parts: DrilledParts) -> list[Pin]:
     return [pin for pin in parts.connectors.pins if pin.slides]
 
 
 @pytest.fixture(scope="module")
-def tall() -> DrilledParts:
-    return plan(150.0)
+def tall_parts() -> DrilledParts:
+    return make_drilled_parts(150.0)
 
 
-def test_glue_on_a_wall_far_from_the_floor_gets_keys_that_slide_in(tall: DrilledParts) -> None:
-    step = tall.steps[-1]
-    keys = list_sliding(tall)
-    assert step.slides and keys and list(tall.find_faults()) == []
+def test_glue_on_a_wall_far_from_the_floor_gets_keys_that_slide_in(tall_parts: DrilledParts) -> None:
+    step = tall_parts.steps[-1]
+    keys = list_sliding_pins(tall_parts)
+    assert step.slides and keys and list(tall_parts.find_faults()) == []
     for key in keys:
         assert name_kind(key) == "sliding key"
         assert abs(float(key.at_mm[1]) - WALL_MM) < 1e-6 and key.at_mm[2] > FLOOR_MM
@@ -79,15 +83,15 @@ def test_glue_on_a_wall_far_from_the_floor_gets_keys_that_slide_in(tall: Drilled
 
 
 def test_wall_near_the_floor_needs_no_keys_that_slide() -> None:
-    assert list_sliding(plan(60.0)) == []
+    assert list_sliding_pins(make_drilled_parts(60.0)) == []
 
 
 def test_keys_enter_the_wall_from_above_where_a_thin_cap_covers_it() -> None:
     """Keys on the wall's top have no room in the cap, so that glue below it is far from all others."""
-    parts = plan(150.0, cap_mm=2.0)
+    parts = make_drilled_parts(150.0, cap_mm=2.0)
     exits = [
         (hole.part, float(hole.exit @ UP))
-        for key in list_sliding(parts)
+        for key in list_sliding_pins(parts)
         for hole in key.holes
         if hole.exit is not None
     ]
@@ -95,14 +99,14 @@ def test_keys_enter_the_wall_from_above_where_a_thin_cap_covers_it() -> None:
     assert set(exits) == {(WALL, 1.0)}
 
 
-@settings(deadline=None, max_examples=10, phases=QUICK)
+@settings(deadline=None, max_examples=10, phases=PHASES)
 @given(st.floats(90.0, 190.0), st.sampled_from(POSES), st.sampled_from([0.0, 2.0, 20.0]))
 def test_keys_that_slide_break_no_rule(height_mm: float, up: np.ndarray, cap_mm: float) -> None:
-    assert list(plan(height_mm, up, cap_mm=cap_mm).find_faults()) == []
+    assert list(make_drilled_parts(height_mm, up, cap_mm=cap_mm).find_faults()) == []
 
 
 def change_key(parts: DrilledParts, **changes: object) -> DrilledParts:
-    key = list_sliding(parts)[0]
+    key = list_sliding_pins(parts)[0]
     pins = tuple(replace(pin, **changes) if pin is key else pin for pin in parts.connectors.pins)
     connectors = Connectors(pins=pins)
     return replace(parts, connectors=connectors, drilled=drill(parts.blanks, connectors))
@@ -119,8 +123,8 @@ def close_groove(hole: Tool, key: Pin, *, exit_direction: np.ndarray | None) -> 
     return replace(make_groove(hole.part, ends, hole.into, key.depth_mm), exit=exit_direction)
 
 
-def test_key_that_cannot_enter_its_groove_is_refused(tall: DrilledParts) -> None:
-    key = list_sliding(tall)[0]
+def test_key_that_cannot_enter_its_groove_is_refused(tall_parts: DrilledParts) -> None:
+    key = list_sliding_pins(tall_parts)[0]
     moved, fixed = key.holes
     assert moved.exit is not None
     for other in (
@@ -128,23 +132,23 @@ def test_key_that_cannot_enter_its_groove_is_refused(tall: DrilledParts) -> None
         close_groove(moved, key, exit_direction=None),
         replace(moved, exit=-moved.exit),
     ):
-        assert Rule.ORDER in find_rules(change_key(tall, holes=(other, fixed)))
-    assert Rule.PINNED in find_rules(change_key(tall, along=np.array([0.0, 0.6, 0.8])))
+        assert Rule.ORDER in find_rules(change_key(tall_parts, holes=(other, fixed)))
+    assert Rule.PINNED in find_rules(change_key(tall_parts, along=np.array([0.0, 0.6, 0.8])))
 
 
-def test_groove_that_leaves_through_the_surface_is_refused(tall: DrilledParts) -> None:
+def test_groove_that_leaves_through_the_surface_is_refused(tall_parts: DrilledParts) -> None:
     """The groove runs up the block, to its top, which is seen."""
-    key = list_sliding(tall)[0]
+    key = list_sliding_pins(tall_parts)[0]
     moved, fixed = key.holes
     assert moved.exit is not None
-    top_mm = tall.blanks[moved.part].solid.bounds_mm[1][2]
+    top_mm = tall_parts.blanks[moved.part].solid.bounds_mm[1][2]
     ends = np.array([key.at_mm, [*key.at_mm[:2], top_mm + 0.1]])
-    upwards = replace(make_groove(moved.part, ends, moved.into, key.depth_mm), exit=-moved.exit)
-    assert Rule.SKIN in find_rules(change_key(tall, holes=(upwards, fixed)))
+    open_groove = replace(make_groove(moved.part, ends, moved.into, key.depth_mm), exit=-moved.exit)
+    assert Rule.SKIN in find_rules(change_key(tall_parts, holes=(open_groove, fixed)))
 
 
-def test_keys_that_slide_belong_to_no_pair(tall: DrilledParts) -> None:
-    key, other = (*list_sliding(tall), *list_sliding(tall))[:2]
-    long_key = next(pin for pin in tall.connectors.pins if not pin.slides)
+def test_keys_that_slide_belong_to_no_pair(tall_parts: DrilledParts) -> None:
+    key, other = (*list_sliding_pins(tall_parts), *list_sliding_pins(tall_parts))[:2]
+    long_key = next(pin for pin in tall_parts.connectors.pins if not pin.slides)
     assert pairs_of([key, replace(other, length_mm=9.0)]) == {}
     assert pairs_of([long_key, replace(key, step=long_key.step)]) == {}

@@ -50,8 +50,8 @@ def test_hole_in_any_direction_has_a_ceiling_that_prints_and_takes_the_pin(
 def test_ceiling_rises_to_the_beds_up(axis: tuple[float, ...], extra: tuple[float, ...]) -> None:
     hole = make_hole(0, np.zeros(3), np.array(axis), UP, SIZE, np.zeros(3))
     assert hole is not None
-    reach = (hole.points_mm @ UP).max()
-    assert reach == pytest.approx(1.9 * 1.625 if extra[2] == 1.9 else extra[2])
+    height_mm = (hole.points_mm @ UP).max()
+    assert height_mm == pytest.approx(1.9 * 1.625 if extra[2] == 1.9 else extra[2])
 
 
 def test_hole_that_opens_upwards_is_a_plain_hexagon():

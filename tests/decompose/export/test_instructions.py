@@ -89,12 +89,12 @@ def pinwheel(table: Decomposition) -> Decomposition:
     ]
     parts = []
     for number, span in enumerate(spans, 1):
-        boxes_mm = {
+        fields = {
             "id": f"p{number:02d}",
             "solid": Solid.box(*span),
             "planes": list_box_planes(np.array(span, float)),
         }
-        parts.append(replace(table.parts[0], **boxes_mm))
+        parts.append(replace(table.parts[0], **fields))
     joints = tuple(find_joints(parts))
     return replace(table.without_parts(), parts=tuple(parts), joints=joints).with_assembly()
 
@@ -221,11 +221,11 @@ def test_holes_of_the_moved_body_lie_where_its_pins_go(drilled_table: Decomposit
 
 def test_step_without_pins_says_why(drilled_table: Decomposition, step_pictures: list[StepPictures]) -> None:
     other_pins = tuple(pin for pin in drilled_table.connectors.pins if pin.step != 1)
-    for drilled_parts, reason in (
+    for unpinned, reason in (
         (((1, "too small for a pin"),), "too small for a pin"),
         ((), "its holes were left out"),
     ):
-        connectors = replace(drilled_table.connectors, pins=other_pins, unpinned=drilled_parts)
+        connectors = replace(drilled_table.connectors, pins=other_pins, unpinned=unpinned)
         text = render_instructions(replace(drilled_table, connectors=connectors), Pictures(step_pictures))
         assert f"No pins ({reason}): line the faces up by their rims." in text
 
@@ -298,8 +298,8 @@ def test_layout_shows_every_part_in_its_colour(table: Decomposition) -> None:
     pixels = np.asarray(picture, dtype=np.float64) / 255.0
     for colour in make_part_colours(len(table.parts)):
         shares = pixels / colour
-        alike = (np.ptp(shares, axis=2) < 0.05) & (shares.max(axis=2) > 0.45)
-        assert alike.sum() > 300
+        is_similar = (np.ptp(shares, axis=2) < 0.05) & (shares.max(axis=2) > 0.45)
+        assert is_similar.sum() > 300
 
 
 def test_parts_are_drawn_alike_in_another_process(drilled_table: Decomposition, tmp_path: Path) -> None:

@@ -53,15 +53,17 @@ def test_picture_shows_visible_parts(parts: list[Part], tmp_path: Path) -> None:
     tops = (255 * make_part_colours(4)).astype(int)
     for channel in range(3):  # a face is lit between half and all of its colour
         shares = picture / np.maximum(1, tops[channel])
-        alike = (np.ptp(shares, axis=2) < 0.03) & (shares.max(axis=2) > 0.5) & (shares.max(axis=2) < 1.01)
-        assert alike.sum() > 300
+        is_similar = (
+            (np.ptp(shares, axis=2) < 0.03) & (shares.max(axis=2) > 0.5) & (shares.max(axis=2) < 1.01)
+        )
+        assert is_similar.sum() > 300
     assert (picture[: height // 8] == 255).all(axis=2).mean() > 0.5
 
 
 def test_picture_names_hidden_parts(
     parts: list[Part], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    message: list[str] = []
-    monkeypatch.setattr("decompose.export.picture.fill", lambda text, width: message.append(text) or text)
+    messages: list[str] = []
+    monkeypatch.setattr("decompose.export.picture.fill", lambda text, width: messages.append(text) or text)
     draw_assembly(parts, tmp_path / "assembly.png", longest_px=300)
-    assert message == ["behind: 4"]
+    assert messages == ["behind: 4"]

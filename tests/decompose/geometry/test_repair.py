@@ -51,15 +51,16 @@ def test_touching_bodies_are_separated(corner: tuple[float, ...], pieces: int) -
 @settings(max_examples=30, deadline=None)
 @given(st.lists(st.tuples(*[st.integers(0, 3)] * 3), min_size=1, max_size=12, unique=True), st.data())
 def test_touching_cubes_of_a_lattice_are_united(
-    places: list[tuple[int, int, int]], data: st.DataObject
+    positions: list[tuple[int, int, int]], data: st.DataObject
 ) -> None:
     """Use cubes that share faces, edges and corners, some of them inside out."""
     cubes = [
-        make_block(tuple(10.0 * p for p in place), tuple(10.0 * p + 10.0 for p in place)) for place in places
+        make_block(tuple(10.0 * p for p in position), tuple(10.0 * p + 10.0 for p in position))
+        for position in positions
     ]
     order = data.draw(st.permutations(range(12 * len(cubes))))
     solid, _ = close_surface("lattice", weld_triangles(np.concatenate(cubes)[list(order)]))
-    assert solid.volume_mm3 == pytest.approx(1000.0 * len(places))
+    assert solid.volume_mm3 == pytest.approx(1000.0 * len(positions))
 
 
 def make_overlapping_blocks() -> np.ndarray:
@@ -134,9 +135,11 @@ def test_cup_without_wall_thickness_is_refused() -> None:
 
 
 def test_surface_that_a_repair_would_drop_is_refused() -> None:
-    sail = np.array([[[50.0, 50.0, 100.0], [50.0, 250.0, 100.0], [50.0, 50.0, 250.0]]])
+    loose_triangle = np.array([[[50.0, 50.0, 100.0], [50.0, 250.0, 100.0], [50.0, 50.0, 250.0]]])
     with pytest.raises(ModelNotSolid, match=r"would lose \d+ %"):
-        close_surface("sail", weld_triangles(np.concatenate([make_block((0, 0, 0), (100, 100, 100)), sail])))
+        close_surface(
+            "sail", weld_triangles(np.concatenate([make_block((0, 0, 0), (100, 100, 100)), loose_triangle]))
+        )
 
 
 def test_one_sided_surfaces_are_not_oriented() -> None:

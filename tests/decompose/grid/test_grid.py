@@ -46,7 +46,7 @@ def recipe_cost() -> CostModel:
 
 
 @pytest.fixture(scope="module")
-def boxes(grid: Grid, recipe_cost: CostModel) -> BoxTables:
+def tables(grid: Grid, recipe_cost: CostModel) -> BoxTables:
     return price_boxes(grid, [HUGE_ROOM], recipe_cost)
 
 
@@ -59,7 +59,7 @@ def draw_box(draw: st.DrawFn, shape: tuple[int, int, int]) -> tuple[int, ...]:
 @settings(max_examples=40, deadline=None)
 @given(data=st.data())
 def test_sums_over_a_box_equal_those_of_the_cut_solid(
-    data: st.DataObject, grid: Grid, boxes: BoxTables, recipe_cost: CostModel, ring_with_bar: Solid
+    data: st.DataObject, grid: Grid, tables: BoxTables, recipe_cost: CostModel, ring_with_bar: Solid
 ) -> None:
     box = data.draw(draw_box(grid.shape))
     x0, y0, z0, x1, y1, z1 = box
@@ -68,16 +68,16 @@ def test_sums_over_a_box_equal_those_of_the_cut_solid(
     assert grid.sums[cells][..., VOLUME].sum() == pytest.approx(clipped_solid.volume_mm3, rel=1e-9, abs=1e-6)
     index = box_index(box, grid.shape)  # type: ignore[arg-type]
     if clipped_solid.is_empty:
-        assert boxes.trimmed[index] == -1
+        assert tables.trimmed[index] == -1
         return
     extents = grid.extents[cells].reshape(-1, 6)
     assert np.allclose(extents[:, :3].min(axis=0), clipped_solid.bounds_mm[0], atol=1e-9)
     assert np.allclose(extents[:, 3:].max(axis=0), clipped_solid.bounds_mm[1], atol=1e-9)
     # The table's cost is that of the solid in its best pose, which checks all other terms.
-    if boxes.trimmed[index] == index:
+    if tables.trimmed[index] == index:
         times_s = price_axis_poses_s(*clipped_solid.arrays(), recipe_cost)
-        assert boxes.seconds[index] == pytest.approx(times_s.min(), rel=1e-6)
-        assert boxes.pieces[index] <= len(clipped_solid.pieces())
+        assert tables.seconds[index] == pytest.approx(times_s.min(), rel=1e-6)
+        assert tables.pieces[index] <= len(clipped_solid.pieces())
 
 
 @settings(max_examples=40, deadline=None)
@@ -95,11 +95,11 @@ def test_separate_rods_in_one_cell_are_counted_separately(
     vertices, faces = comb.arrays()
     grid = build_grid(vertices[faces], 3, GridRules(0.0, True, 0.7, 0.75))
     room = PrinterRoom("", ((data.draw(st.sampled_from((1e4, 70.0))),) * 3,))
-    boxes = price_boxes(grid, [room], recipe_cost)
+    tables = price_boxes(grid, [room], recipe_cost)
     box = data.draw(draw_box(grid.shape))
     index = box_index(box, grid.shape)  # type: ignore[arg-type]
-    if boxes.trimmed[index] == index and np.isfinite(boxes.seconds[index]):
-        assert boxes.pieces[index] == len(comb.clip(*grid.bounds_mm(box)).pieces())
+    if tables.trimmed[index] == index and np.isfinite(tables.seconds[index]):
+        assert tables.pieces[index] == len(comb.clip(*grid.bounds_mm(box)).pieces())
 
 
 @settings(max_examples=20, deadline=None)
@@ -169,14 +169,14 @@ def test_solves_of_long_and_flat_grids_are_short(size_mm: tuple[float, float, fl
 
 @pytest.mark.parametrize("size_mm", [(450.0, 450.0, 1.0), (2000.0, 20.0, 20.0), (450.0, 100.0, 100.0)])
 def test_flat_model_has_about_as_many_boxes_as_a_cube(size_mm: tuple[float, float, float]) -> None:
-    boxes = np.prod([n * (n + 1) // 2 for n in count_cells(np.array(size_mm), 15)])
-    assert boxes <= 1.5 * (15 * 16 // 2) ** 3
+    box_count = np.prod([n * (n + 1) // 2 for n in count_cells(np.array(size_mm), 15)])
+    assert box_count <= 1.5 * (15 * 16 // 2) ** 3
 
 
 def test_tables_are_the_same_when_threads_share_the_work(
-    grid: Grid, boxes: BoxTables, recipe_cost: CostModel
+    grid: Grid, tables: BoxTables, recipe_cost: CostModel
 ) -> None:
     with ThreadPoolExecutor(1) as executor:
-        shared_boxes = price_boxes(grid, [HUGE_ROOM], recipe_cost, executor)
+        shared_tables = price_boxes(grid, [HUGE_ROOM], recipe_cost, executor)
     for name in ("seconds", "trimmed", "pieces", "cut_mm2"):
-        np.testing.assert_array_equal(getattr(shared_boxes, name), getattr(boxes, name))
+        np.testing.assert_array_equal(getattr(shared_tables, name), getattr(tables, name))

@@ -13,7 +13,7 @@ from decompose.grid import Cell, GridRules, build_grid
 from decompose.print_time import CostModel
 
 
-def ball() -> Solid:
+def make_ball() -> Solid:
     sphere = trimesh.creation.icosphere(4, 150.0)
     return Solid.from_arrays(sphere.vertices, sphere.faces)
 
@@ -25,7 +25,7 @@ def make_tube() -> Solid:
     return Solid.from_arrays(ring.vertices, ring.faces)
 
 
-def block() -> Solid:
+def make_block() -> Solid:
     return Solid.box((0, 0, 0), (300, 260, 220))
 
 
@@ -36,11 +36,11 @@ def make_turned_block() -> Solid:
 
 
 @pytest.mark.parametrize("min_wall_mm", [3.0, 25.0])
-@pytest.mark.parametrize("shape", [ball, make_tube, block, make_turned_block])
+@pytest.mark.parametrize("make_solid", [make_ball, make_tube, make_block, make_turned_block])
 def test_hollow_leaves_the_minimum_wall(
-    shape: Callable[[], Solid], min_wall_mm: float, cost: CostModel
+    make_solid: Callable[[], Solid], min_wall_mm: float, cost: CostModel
 ) -> None:
-    solid = shape()
+    solid = make_solid()
     vertices, faces = solid.arrays()
     grid = build_grid(vertices[faces], 14, GridRules(min_wall_mm, False, cost.overhang_cos, cost.skin_cos))
     hollow_cells = np.argwhere((grid.cells == Cell.INTERNAL) & ~grid.needed)
@@ -54,7 +54,7 @@ def test_hollow_leaves_the_minimum_wall(
 
 
 def test_grid_supports_no_wall_and_a_kept_interior(cost: CostModel) -> None:
-    vertices, faces = block().arrays()
+    vertices, faces = make_block().arrays()
     boundary_grid = build_grid(vertices[faces], 10, GridRules(0.0, False, cost.overhang_cos, cost.skin_cos))
     kept_grid = build_grid(vertices[faces], 10, GridRules(25.0, True, cost.overhang_cos, cost.skin_cos))
     assert (boundary_grid.needed == (boundary_grid.cells == Cell.BOUNDARY)).all()

@@ -14,7 +14,7 @@ from decompose.print_time import CostModel, Recipe
 SIDES_MM = np.array([300.0, 260.0, 280.0])
 
 
-def block(rotation: Rotation) -> np.ndarray:
+def make_block(rotation: Rotation) -> np.ndarray:
     """Return the triangles (12, 3, 3) of a rotated block."""
     box = trimesh.creation.box(SIDES_MM)
     return np.asarray(rotation.apply(box.vertices)[box.faces])
@@ -47,7 +47,7 @@ def refine_needed_cells(grid: Grid, cells: NeededCells) -> np.ndarray:
 def test_cells_near_the_surface_are_needed(rotation: Rotation, count: int, wall_mm: float) -> None:
     """Compare with the depth of corners in a block in closed form, which is enough as a block is convex."""
     cost = CostModel.from_recipe(Recipe())
-    triangles = block(rotation)
+    triangles = make_block(rotation)
     grid = make_grid(triangles, cost, count, wall_mm)
     cells = refine_cells(grid, triangles, wall_mm, keep_interior=False, max_cells=200_000)
     assert not (cells.needed & ~refine_needed_cells(grid, cells)).any()
@@ -65,7 +65,7 @@ def test_cells_near_the_surface_are_needed(rotation: Rotation, count: int, wall_
 
 
 def test_kept_interior_is_needed(cost: CostModel) -> None:
-    triangles = block(Rotation.from_rotvec([0.3, 0.2, 0.1]))
+    triangles = make_block(Rotation.from_rotvec([0.3, 0.2, 0.1]))
     grid = make_grid(triangles, cost, 6, 10.0, keep=True)
     kept_cells, shell_cells = (refine_cells(grid, triangles, 10.0, keep, 200_000) for keep in (True, False))
     assert (kept_cells.needed >= shell_cells.needed).all()

@@ -16,23 +16,28 @@ from decompose.printers import PrinterRoom
 
 
 @given(
-    parts=st.integers(1, 4), spare=st.integers(-1, 2), fits=st.floats(0.3, 1.0), seed=st.integers(0, 10**6)
+    part_count=st.integers(1, 4),
+    spare_count=st.integers(-1, 2),
+    fit_share=st.floats(0.3, 1.0),
+    seed=st.integers(0, 10**6),
 )
 def test_assignment_minimises_the_end_of_the_last_part(
-    parts: int, spare: int, fits: float, seed: int
+    part_count: int, spare_count: int, fit_share: float, seed: int
 ) -> None:
     rng = np.random.default_rng(seed)
-    printers = max(1, parts + spare)
-    seconds = np.outer(rng.integers(1, 9, parts) * 100.0, rng.choice([0.9, 1.0, 1.2], printers))
-    seconds[rng.random(seconds.shape) > fits] = np.inf
-    all_assignments = [seconds[range(parts), list(p)] for p in permutations(range(printers), parts)]
+    printer_count = max(1, part_count + spare_count)
+    seconds = np.outer(rng.integers(1, 9, part_count) * 100.0, rng.choice([0.9, 1.0, 1.2], printer_count))
+    seconds[rng.random(seconds.shape) > fit_share] = np.inf
+    all_assignments = [
+        seconds[range(part_count), list(p)] for p in permutations(range(printer_count), part_count)
+    ]
     best = min(((t.max(), t.sum()) for t in all_assignments), default=(np.inf, np.inf))
     result = assign_bottleneck(seconds)
     if result is None:
         assert np.isinf(best[0])
         return
-    assert len(set(result)) == parts
-    times_s = seconds[range(parts), result]
+    assert len(set(result)) == part_count
+    times_s = seconds[range(part_count), result]
     assert times_s.max() == best[0]
     assert abs(times_s.sum() - best[1]) < 1e-3
 

@@ -28,7 +28,7 @@ def make_block(lo: tuple[float, ...], hi: tuple[float, ...]) -> Solid:
     return Solid.box(lo, hi)
 
 
-def cut(
+def cut_by_planes(
     solid: Solid, x: tuple[float, ...] = (), y: tuple[float, ...] = (), z: tuple[float, ...] = ()
 ) -> list[Piece]:
     """Cut a solid by planes through all of it; return the pieces."""
@@ -41,14 +41,14 @@ def cut(
 
 
 def test_two_halves_have_one_joint() -> None:
-    (joint,) = find_joints(cut(make_block((0, 0, 0), (60, 40, 30)), x=(25.0,)))
+    (joint,) = find_joints(cut_by_planes(make_block((0, 0, 0), (60, 40, 30)), x=(25.0,)))
     assert (joint.a, joint.b) == (0, 1)
     assert joint.area_mm2 == pytest.approx(1200.0)
     assert joint.width_mm == pytest.approx(30.0, rel=0.02)
 
 
 def test_duplicate_plane_counts_once() -> None:
-    item, other_pieces = cut(make_block((0, 0, 0), (60, 40, 30)), x=(25.0,))
+    item, other_pieces = cut_by_planes(make_block((0, 0, 0), (60, 40, 30)), x=(25.0,))
     doubled_piece = Piece(item.solid, np.concatenate([item.planes, -item.planes]), item.boxes_mm)
     (joint,) = find_joints([doubled_piece, other_pieces])
     assert joint.area_mm2 == pytest.approx(1200.0)
@@ -56,14 +56,14 @@ def test_duplicate_plane_counts_once() -> None:
 
 def test_width_of_a_frame_is_that_of_its_rim() -> None:
     frame = make_block((0, 0, 0), (60, 60, 30)).subtract(make_block((4, 4, -1), (56, 56, 31)))
-    pieces = cut(frame, z=(15.0,))
+    pieces = cut_by_planes(frame, z=(15.0,))
     (joint,) = find_joints(pieces)
     assert joint.area_mm2 == pytest.approx(60.0**2 - 52.0**2)
     assert joint.width_mm == pytest.approx(4.0 * 2.0 / (1.0 + np.sqrt(0.5)), rel=0.05)  # in a corner
 
 
 def test_pieces_that_meet_in_an_edge_have_no_joint() -> None:
-    pieces = cut(make_block((0, 0, 0), (60, 40, 30)), x=(25.0,), y=(20.0,))
+    pieces = cut_by_planes(make_block((0, 0, 0), (60, 40, 30)), x=(25.0,), y=(20.0,))
     assert [(j.a, j.b) for j in find_joints(pieces)] == [(0, 1), (0, 2), (1, 3), (2, 3)]
 
 
@@ -72,7 +72,7 @@ def test_pieces_that_meet_in_an_edge_have_no_joint() -> None:
 def test_each_cut_face_is_glued_on_both_sides(
     ring_with_bar: Solid, x: list[float], y: list[float], z: list[float]
 ) -> None:
-    pieces = cut(ring_with_bar, tuple(x), tuple(y), tuple(z))
+    pieces = cut_by_planes(ring_with_bar, tuple(x), tuple(y), tuple(z))
     cut_mm2 = 0.0
     for piece in pieces:
         vertices, faces = piece.solid.arrays()
@@ -95,15 +95,15 @@ def test_joints_on_oblique_planes_are_found() -> None:
 
 def test_thin_slice_is_a_sliver_but_not_a_thin_model() -> None:
     slab = make_block((0, 0, 0), (100, 60, 4))
-    assert find_faults(cut(slab, x=(50.0,))) == []
-    (fault,) = find_faults(cut(slab, x=(94.0,)))
+    assert find_faults(cut_by_planes(slab, x=(50.0,))) == []
+    (fault,) = find_faults(cut_by_planes(slab, x=(94.0,)))
     assert fault.piece == 1
     assert fault.reason.startswith("is 6.0 mm thin")
 
 
 def test_film_with_a_rib_is_a_flake() -> None:
     model = Solid.union([make_block((0, 0, 0), (60, 60, 30.5)), make_block((0, 30, 0), (60, 30.6, 40))])
-    (fault,) = find_faults(cut(model, z=(30.0,)))
+    (fault,) = find_faults(cut_by_planes(model, z=(30.0,)))
     assert fault.piece == 1
     assert "flake" in fault.reason
 
@@ -120,12 +120,12 @@ def make_dumbbell(bar_mm: float) -> Solid:
 
 
 def test_piece_on_a_thin_connection_is_loose() -> None:
-    pieces = cut(make_dumbbell(4.0), x=(60.0,))
+    pieces = cut_by_planes(make_dumbbell(4.0), x=(60.0,))
     (fault,) = find_faults(pieces)
     assert fault.piece == 0  # the lighter one
     assert "16.0 mm2 of glue, less than 25 mm2" in fault.reason
     assert find_faults(pieces, min_glue_mm2=15.0) == []
-    assert find_faults(cut(make_dumbbell(6.0), x=(60.0,))) == []
+    assert find_faults(cut_by_planes(make_dumbbell(6.0), x=(60.0,))) == []
 
 
 def test_weak_joint_beside_a_strong_one_does_not_hold() -> None:
@@ -143,8 +143,8 @@ def test_weak_joint_beside_a_strong_one_does_not_hold() -> None:
     assert find_faults(pieces) == []
     thin = make_block((30, 30, 0), (60, 60, 0.5))
     pieces[2] = Piece(thin, pieces[2].planes, pieces[2].boxes_mm)
-    weak = min(find_joints(pieces), key=lambda j: j.area_mm2)
-    assert weak.area_mm2 == pytest.approx(15.0)
+    weak_joint = min(find_joints(pieces), key=lambda j: j.area_mm2)
+    assert weak_joint.area_mm2 == pytest.approx(15.0)
     assert [f.piece for f in find_faults(pieces)] == [2]
 
 
@@ -160,7 +160,7 @@ def make_finned_blocks() -> Solid:
 
 
 def test_long_thin_joint_does_not_hold() -> None:
-    pieces = cut(make_finned_blocks(), y=(80.0,))
+    pieces = cut_by_planes(make_finned_blocks(), y=(80.0,))
     (joint,) = find_joints(pieces)
     assert joint.area_mm2 == pytest.approx(200.0)
     assert joint.width_mm == pytest.approx(0.5, rel=0.02)
@@ -173,11 +173,11 @@ def test_long_thin_joint_does_not_hold() -> None:
 def test_partition_with_a_thin_joint_is_rejected(cost: CostModel) -> None:
     """Use a model whose cheapest cut is between the two blocks."""
     printers = [PrinterRoom(f"um-{i}", ((420.0, 420.0, 100.0),)) for i in range(2)]
-    narrow = Options(Engine.GUILLOTINE, 6, min_glue_mm2=0.0, prove=False)
-    loose = decompose_model(Model(make_finned_blocks(), (), 1.0), printers, narrow, cost)
-    assert min(j.width_mm for j in loose.joints) < 1.0
+    options = Options(Engine.GUILLOTINE, 6, min_glue_mm2=0.0, prove=False)
+    weak_result = decompose_model(Model(make_finned_blocks(), (), 1.0), printers, options, cost)
+    assert min(j.width_mm for j in weak_result.joints) < 1.0
     result = decompose_model(
-        Model(make_finned_blocks(), (), 1.0), printers, replace(narrow, min_glue_mm2=25.0), cost
+        Model(make_finned_blocks(), (), 1.0), printers, replace(options, min_glue_mm2=25.0), cost
     )
     assert result.faults == ()
     assert all(j.holds(25.0) for j in result.joints)
@@ -186,7 +186,12 @@ def test_partition_with_a_thin_joint_is_rejected(cost: CostModel) -> None:
 
 def test_bodies_that_touch_nothing_are_not_loose() -> None:
     assert (
-        find_faults([*cut(make_block((0, 0, 0), (40, 40, 40))), *cut(make_block((50, 0, 0), (60, 10, 10)))])
+        find_faults(
+            [
+                *cut_by_planes(make_block((0, 0, 0), (40, 40, 40))),
+                *cut_by_planes(make_block((50, 0, 0), (60, 10, 10))),
+            ]
+        )
         == []
     )
 
@@ -212,9 +217,9 @@ def test_partition_with_a_weak_joint_is_rejected(
     min_mm2 = min(glued_mm2)
     assert min_mm2 >= held_mm2  # of the bar, or of a block that is cut instead
     assert (min_mm2 < 25.0) == (min_glue_mm2 == 0.0)
-    book = result.as_dict()["joints"]
-    assert all(j["glued"] == (j["area_mm2"] >= min_glue_mm2) for j in book)
-    assert {j["a"] for j in book} <= {p.id for p in result.parts}
+    joint_records = result.as_dict()["joints"]
+    assert all(j["glued"] == (j["area_mm2"] >= min_glue_mm2) for j in joint_records)
+    assert {j["a"] for j in joint_records} <= {p.id for p in result.parts}
 
 
 @pytest.mark.parametrize("engine", [Engine.GUILLOTINE, Engine.PARALLELOBOX, Engine.BEST])
@@ -234,7 +239,7 @@ def list_corners(face: JointFace) -> Floats:
 
 @given(st.floats(0.0, 6.3), st.tuples(*[st.floats(-300.0, 300.0)] * 3))
 def test_moving_a_joint_moves_its_corners(angle: float, offset: tuple[float, float, float]) -> None:
-    (joint,) = find_joints(cut(make_block((0, 0, 0), (60, 40, 30)), x=(25.0,)))
+    (joint,) = find_joints(cut_by_planes(make_block((0, 0, 0), (60, 40, 30)), x=(25.0,)))
     transform = np.eye(4)
     transform[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
     transform[:3, :3] = transform[:3, :3] @ np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
@@ -248,7 +253,7 @@ def test_moving_a_joint_moves_its_corners(angle: float, offset: tuple[float, flo
 
 def test_faces_lie_on_planes_that_were_not_rounded() -> None:
     at_mm = 20.1234567890123
-    (joint,) = find_joints(cut(make_block((0, 0, 0), (60, 40, 30)), x=(at_mm,)))
+    (joint,) = find_joints(cut_by_planes(make_block((0, 0, 0), (60, 40, 30)), x=(at_mm,)))
     assert joint.faces[0].offset_mm == at_mm
 
 

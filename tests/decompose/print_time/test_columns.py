@@ -47,9 +47,8 @@ def test_supports_end_on_the_part(bench: Solid) -> None:
 
 
 def test_marked_faces_are_touched_from_below_and_from_above(bench: Solid) -> None:
-    assert measure(bench, -1.0).touched_mm2 == pytest.approx(
-        30 * 20, rel=0.05
-    )  # the seat, not the foot's base
+    # Support touches the seat, but not the base of the foot.
+    assert measure(bench, -1.0).touched_mm2 == pytest.approx(30 * 20, rel=0.05)
     assert measure(bench, 1.0).touched_mm2 == pytest.approx(10 * 20, rel=0.05)  # the foot, not the seat's top
     assert measure(bench, 0.5).touched_mm2 == 0.0
 
@@ -93,9 +92,8 @@ def test_islands_are_separate_areas_of_a_layer() -> None:
     table = Solid.union([*legs, Solid.box((0, 0, 30), (40, 40, 40))])
     assert measure(legs[0]).islands_mm == 0.0
     assert measure(Solid.union(legs)).islands_mm == pytest.approx(3 * 30.0)
-    assert measure(table).islands_mm == pytest.approx(
-        4 * 30.0, abs=4 * 40.0 / 16
-    )  # and the support between them
+    # The islands of the support between the legs count too.
+    assert measure(table).islands_mm == pytest.approx(4 * 30.0, abs=4 * 40.0 / 16)
     assert (
         measure(Solid.union(legs)).bodies_mm == measure(table).bodies_mm == pytest.approx(3 * 30.0, abs=8.0)
     )
@@ -126,11 +124,11 @@ def test_holes_of_a_layer_are_counted() -> None:
 
 def test_brim_surrounds_each_foot_but_fills_no_hole() -> None:
     legs = [Solid.box((x, 0, 0), (x + 20, 20, 10)) for x in (0, 80)]
-    around_mm2 = 4 * 20.0 * 5.0 + np.pi * 5.0**2
-    assert measure(legs[0]).brim_mm2(5.0) == pytest.approx(around_mm2, rel=0.03)
-    assert measure(Solid.union(legs)).brim_mm2(5.0) == pytest.approx(2 * around_mm2, rel=0.05)
+    brim_mm2 = 4 * 20.0 * 5.0 + np.pi * 5.0**2
+    assert measure(legs[0]).brim_mm2(5.0) == pytest.approx(brim_mm2, rel=0.03)
+    assert measure(Solid.union(legs)).brim_mm2(5.0) == pytest.approx(2 * brim_mm2, rel=0.05)
     ring = Solid.box((0, 0, 0), (20, 20, 10)).subtract(Solid.box((4, 4, -1), (16, 16, 11)))
-    assert measure(ring).brim_mm2(5.0) == pytest.approx(around_mm2, rel=0.03)
+    assert measure(ring).brim_mm2(5.0) == pytest.approx(brim_mm2, rel=0.03)
     assert measure(ring).brim_mm2(0.0) == 0.0
 
 

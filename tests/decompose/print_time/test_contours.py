@@ -50,9 +50,12 @@ def test_rings_lie_below_slopes_that_are_flat_enough() -> None:
     """Check the least slope with a ring: 10 degrees for 2 mm of depth and lines of 0.35 mm."""
     ring_cos = Recipe(infill_steps=1, infill_step_mm=2.0).ring_cos
     assert np.degrees(np.arcsin(ring_cos)) == pytest.approx(9.93, abs=0.01)
-    gentle, steep = make_frustum(60, 60 - 2 * 20 * np.tan(np.radians(15)), 20), make_frustum(60, 58, 20)
-    rings = measure(gentle, ring_cos)
+    flat_frustum, steep_frustum = (
+        make_frustum(60, 60 - 2 * 20 * np.tan(np.radians(15)), 20),
+        make_frustum(60, 58, 20),
+    )
+    rings = measure(flat_frustum, ring_cos)
     assert rings.steep_top_mm2 == pytest.approx(60.0**2 - (60 - 40 * np.tan(np.radians(15))) ** 2)
     assert rings.ring_mm2 == pytest.approx(rings.steep_top_mm2 / np.tan(np.radians(15)))
-    assert measure(steep, ring_cos).ring_mm2 == 0.0
-    assert measure_contours(*gentle.arrays(), POSE_ROTATIONS[5][2], 0.7, ring_cos).ring_mm2 == 0.0
+    assert measure(steep_frustum, ring_cos).ring_mm2 == 0.0
+    assert measure_contours(*flat_frustum.arrays(), POSE_ROTATIONS[5][2], 0.7, ring_cos).ring_mm2 == 0.0

@@ -36,9 +36,9 @@ def make_cost(**coefficients: float) -> CostModel:
     return replace(NOTHING, **coefficients)
 
 
-def make_wedge(reach: float) -> Solid:
+def make_wedge(run: float) -> Solid:
     """Make a block of 5 mm depth whose upper half leans out by `reach` over 10 mm."""
-    vertices = [(x, y, z) for y in (0.0, 5.0) for x, z in ((0, 0), (10, 0), (10 + reach, 10), (0, 10))]
+    vertices = [(x, y, z) for y in (0.0, 5.0) for x, z in ((0, 0), (10, 0), (10 + run, 10), (0, 10))]
     faces = [(0, 1, 2), (0, 2, 3), (4, 6, 5), (4, 7, 6)]
     faces += [f for i in range(4) for j in [(i + 1) % 4] for f in [(i, 4 + i, 4 + j), (i, 4 + j, j)]]
     return Solid.from_arrays(vertices, faces)
@@ -57,10 +57,10 @@ def test_needle_takes_the_minimum_time_of_its_layers() -> None:
     cost = CostModel.from_recipe(Recipe(min_layer_s=5.0))
     needle, block = Solid.box((0, 0, 0), (3, 3, 60)), Solid.box((0, 0, 0), (60, 60, 60))
     faster = replace(cost, min_s_mm=0.0)
-    upright = POSE_ROTATIONS[4:5]
+    upright_rotation = POSE_ROTATIONS[4:5]
     body = cost.volume_s_mm3 * 540.0 + cost.lateral_s_mm2 * 720.0 * (1.0 - MAX_INSET_SHARE)
-    slowed_s = price_poses_s(*needle.arrays(), upright, cost) - price_poses_s(
-        *needle.arrays(), upright, faster
+    slowed_s = price_poses_s(*needle.arrays(), upright_rotation, cost) - price_poses_s(
+        *needle.arrays(), upright_rotation, faster
     )
     assert slowed_s[0] == pytest.approx(5.0 * 60.0 / 0.25 - body)
     assert price_axis_poses_s(*block.arrays(), cost) == pytest.approx(
@@ -111,11 +111,11 @@ def test_infill_gets_sparser_below_the_tops(steps, denser_mm):
 def test_walls_cover_the_rim_of_a_skin() -> None:
     cost = make_cost(skin_s_mm2=1.0, skin_rim_s_mm=4.0)
     large_block, small_block = Solid.box((0, 0, 0), (50, 50, 1)), Solid.box((0, 0, 0), (2, 2, 1))
-    upright = POSE_ROTATIONS[4:5]
-    assert price_poses_s(*large_block.arrays(), upright, cost)[0] == pytest.approx(
+    upright_rotation = POSE_ROTATIONS[4:5]
+    assert price_poses_s(*large_block.arrays(), upright_rotation, cost)[0] == pytest.approx(
         5000.0 - 4.0 * math.sqrt(5000.0)
     )
-    assert price_poses_s(*small_block.arrays(), upright, cost)[0] == 0.0
+    assert price_poses_s(*small_block.arrays(), upright_rotation, cost)[0] == 0.0
 
 
 def test_only_overhangs_off_the_bed_cost_support() -> None:
@@ -138,11 +138,10 @@ def test_slopes_up_to_45_degrees_need_no_support() -> None:
 def test_slope_has_skin_if_its_steps_are_wider_than_the_walls() -> None:
     recipe = Recipe(layer_height_mm=0.2, skin_layers=4.0, wall_count=2, line_width_mm=0.35)
     cost = replace(make_cost(slope_s_mm2=1.0), skin_cos=recipe.skin_cos)
-    steepest = (
-        4 * 0.2 / (2 * 0.35 + 0.35 / 2)
-    )  # height over width, where 4 layers leave just this area uncovered
-    for reach, has_skin in ((10.0 / steepest - 0.1, False), (10.0 / steepest + 0.1, True)):
-        assert (price_axis_poses_s(*make_wedge(reach).arrays(), cost)[4] > 0.0) == has_skin
+    # Slope (height over width) at which 4 layers leave just this area uncovered.
+    steepest = 4 * 0.2 / (2 * 0.35 + 0.35 / 2)
+    for run, has_skin in ((10.0 / steepest - 0.1, False), (10.0 / steepest + 0.1, True)):
+        assert (price_axis_poses_s(*make_wedge(run).arrays(), cost)[4] > 0.0) == has_skin
 
 
 @pytest.mark.parametrize(
@@ -199,9 +198,11 @@ def test_additive_features_add_up_over_a_cut(
     parts = sum(sum_pose_features(*half.arrays(), rotations, cost)[0] for half in halves)
     cut_mm2 = (sum(half.area_mm2 for half in halves) - ring_with_bar.area_mm2) / 2.0
     n = abs(float(rotations[0, 2, 0]))
-    upright = math.sqrt(1.0 - n * n)
+    vertical_share = math.sqrt(1.0 - n * n)
     added_features = (
-        np.array([0.0, upright, n * (n > cost.skin_cos), upright * (n > cost.skin_cos)]) * 2.0 * cut_mm2
+        np.array([0.0, vertical_share, n * (n > cost.skin_cos), vertical_share * (n > cost.skin_cos)])
+        * 2.0
+        * cut_mm2
     )
     assert parts[0, :4] == pytest.approx(features[0, :4] + added_features, rel=1e-6, abs=1e-3)
 

@@ -84,9 +84,9 @@ def test_tables_price_hidden_faces_as_parts_do(ring_with_bar: Solid, top_share: 
     cost = replace(COST, hidden_top_share=top_share, **angles)
     vertices, faces = ring_with_bar.arrays()
     grid = build_grid(vertices[faces], 4, GridRules(0.0, True, 0.7, 0.75))
-    boxes = price_boxes(grid, [PrinterRoom("huge", ((1e4, 1e4, 1e4),))], cost)
+    tables = price_boxes(grid, [PrinterRoom("huge", ((1e4, 1e4, 1e4),))], cost)
     cheaper_count = 0
-    for index in np.flatnonzero(boxes.trimmed == np.arange(len(boxes.trimmed)))[::9]:
+    for index in np.flatnonzero(tables.trimmed == np.arange(len(tables.trimmed)))[::9]:
         lo, hi = grid.bounds_mm(box_at(int(index), grid.shape))
         mesh = ring_with_bar.clip(lo, hi).arrays()
         planes = [[*axis, end[i]] for end in (lo, hi) for i, axis in enumerate(np.eye(3).tolist())]
@@ -94,8 +94,8 @@ def test_tables_price_hidden_faces_as_parts_do(ring_with_bar: Solid, top_share: 
         features, extents = sum_pose_features(*mesh, POSE_ROTATIONS, cost, cut=is_cut)
         hidden_s = min(cost.price_s(*pose) for pose in zip(features, extents, strict=True))
         visible_s = price_poses_s(*mesh, POSE_ROTATIONS, cost).min()
-        assert hidden_s * (1.0 - 1e-5) <= boxes.seconds[index] <= visible_s * (1.0 + 1e-5)
-        cheaper_count += boxes.seconds[index] < visible_s * (1.0 - 1e-3)
+        assert hidden_s * (1.0 - 1e-5) <= tables.seconds[index] <= visible_s * (1.0 + 1e-5)
+        cheaper_count += tables.seconds[index] < visible_s * (1.0 - 1e-3)
         if not top_share:
-            assert boxes.seconds[index] == pytest.approx(hidden_s, rel=1e-5)
+            assert tables.seconds[index] == pytest.approx(hidden_s, rel=1e-5)
     assert cheaper_count > 10

@@ -32,7 +32,7 @@ def make_fleet(*factors: float) -> list[PrinterRoom]:
     return [PrinterRoom(str(i), ROOM, factor) for i, factor in enumerate(factors)]
 
 
-def block(size_mm: float, printer: PrinterRoom | None = None) -> Piece:
+def make_block(size_mm: float, printer: PrinterRoom | None = None) -> Piece:
     return Piece(Solid.box((0, 0, 0), (size_mm,) * 3), np.zeros((0, 4)), np.zeros((0, 2, 3)), printer)
 
 
@@ -41,25 +41,29 @@ def make_task(cost: CostModel, printers: Sequence[PrinterRoom], **options: objec
     return Problem(model, tuple(printers), cost, replace(OPTIONS, **options))  # type: ignore[arg-type]
 
 
-def estimate_s(cost: CostModel, size_mm: float) -> float:
-    (pose,) = make_task(cost, make_fleet(1.0)).find_poses([block(size_mm)])
+def compute_price_s(cost: CostModel, size_mm: float) -> float:
+    (pose,) = make_task(cost, make_fleet(1.0)).find_poses([make_block(size_mm)])
     assert pose is not None
     return pose.price_s
 
 
 def test_longest_piece_is_for_the_quickest_printer(cost: CostModel) -> None:
     problem = make_task(cost, make_fleet(1.5, 0.5))
-    short_s, long_s = estimate_s(cost, 30.0), estimate_s(cost, 60.0)
+    short_s, long_s = compute_price_s(cost, 30.0), compute_price_s(cost, 60.0)
     expected_s = max(1.5 * short_s, 0.5 * long_s)
     slow, quick = problem.printers
-    assert problem.compute_makespan_s([block(30.0), block(60.0)]) == pytest.approx(expected_s)
-    assert problem.compute_makespan_s([block(30.0, quick), block(60.0, slow)]) == pytest.approx(expected_s)
-    assert make_task(cost, make_fleet(1.5)).compute_makespan_s([block(30.0)]) == pytest.approx(1.5 * short_s)
+    assert problem.compute_makespan_s([make_block(30.0), make_block(60.0)]) == pytest.approx(expected_s)
+    assert problem.compute_makespan_s([make_block(30.0, quick), make_block(60.0, slow)]) == pytest.approx(
+        expected_s
+    )
+    assert make_task(cost, make_fleet(1.5)).compute_makespan_s([make_block(30.0)]) == pytest.approx(
+        1.5 * short_s
+    )
 
 
 def test_time_of_a_part_that_does_not_fit_is_infinite(cost: CostModel) -> None:
     problem = make_task(cost, make_fleet(1.0), prove=True)
-    for pieces in ([block(130.0)], [block(30.0), block(30.0)]):
+    for pieces in ([make_block(130.0)], [make_block(30.0), make_block(30.0)]):
         assert problem.compute_makespan_s(pieces) == math.inf
         assert not problem.needs_proof(pieces)
 
@@ -68,12 +72,12 @@ def test_time_of_a_part_that_does_not_fit_is_infinite(cost: CostModel) -> None:
 def test_bound_is_proven_for_candidates_only(factor: float, cost: CostModel) -> None:
     """Prove the partition with fewer parts if two end at the same time."""
     problem = make_task(cost, make_fleet(factor, factor), prove=True)
-    pieces = [block(30.0), block(60.0)]
-    ends_s = factor * estimate_s(cost, 60.0)
+    pieces = [make_block(30.0), make_block(60.0)]
+    end_s = factor * compute_price_s(cost, 60.0)
     assert problem.needs_proof(pieces)
-    assert replace(problem, best_known_s=ends_s).needs_proof(pieces)
-    assert replace(problem, best_known_s=1.001 * ends_s).needs_proof(pieces)
-    assert not replace(problem, best_known_s=0.999 * ends_s).needs_proof(pieces)
+    assert replace(problem, best_known_s=end_s).needs_proof(pieces)
+    assert replace(problem, best_known_s=1.001 * end_s).needs_proof(pieces)
+    assert not replace(problem, best_known_s=0.999 * end_s).needs_proof(pieces)
     assert not replace(problem, options=OPTIONS).needs_proof(pieces)
 
 
@@ -83,12 +87,14 @@ def test_bound_scales_with_the_speed_of_the_printers(
 ) -> None:
     options = replace(OPTIONS, engine=engine, prove=True)
     model = Model(ring_with_bar, (), 1.0)
-    usual, quick = (decompose_model(model, make_fleet(*[f] * 8), options, cost) for f in (1.0, 0.5))
-    assert quick.makespan_s == pytest.approx(0.5 * usual.makespan_s)
-    assert quick.grid_makespan_s == pytest.approx(0.5 * usual.grid_makespan_s)
-    assert quick.lower_bound_s == pytest.approx(0.5 * usual.lower_bound_s)
-    assert quick.compute_possible_gain(make_fleet(*[0.5] * 8)) == pytest.approx(
-        usual.compute_possible_gain(make_fleet(*[1.0] * 8))
+    normal_result, fast_result = (
+        decompose_model(model, make_fleet(*[f] * 8), options, cost) for f in (1.0, 0.5)
+    )
+    assert fast_result.makespan_s == pytest.approx(0.5 * normal_result.makespan_s)
+    assert fast_result.grid_makespan_s == pytest.approx(0.5 * normal_result.grid_makespan_s)
+    assert fast_result.lower_bound_s == pytest.approx(0.5 * normal_result.lower_bound_s)
+    assert fast_result.compute_possible_gain(make_fleet(*[0.5] * 8)) == pytest.approx(
+        normal_result.compute_possible_gain(make_fleet(*[1.0] * 8))
     )
 
 

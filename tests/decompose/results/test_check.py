@@ -158,7 +158,7 @@ def test_hollows_must_be_whole_cells_inside_the_wall(cost: CostModel) -> None:
     room = [PrinterRoom("p", ((500.0, 500.0, 500.0),))]
     base = decompose_model(block, room, Options(granularity=10, min_wall_mm=15.0), cost)
     shell = block.solid.subtract(Solid.box(*grid.bounds_mm((4, 4, 4, 6, 6, 6))))
-    near = block.solid.subtract(Solid.box(*grid.bounds_mm((1, 4, 4, 6, 6, 6))))
+    thin_walled_solid = block.solid.subtract(Solid.box(*grid.bounds_mm((1, 4, 4, 6, 6, 6))))
 
     def list_boxes_around(lo: int) -> list[Box]:
         """List the boxes around the hollow [lo, 6) x [4, 6) x [4, 6)."""
@@ -172,7 +172,7 @@ def test_hollows_must_be_whole_cells_inside_the_wall(cost: CostModel) -> None:
     with pytest.raises(GeometryError) as error:
         check_missing(hollow.parts, convert_to_mm(grid, [(0, 0, 0, 10, 10, 10)]), block, 15.0)
     assert error.value.rule == Rule.INSIDE
-    thin = replace(base, parts=(make_part(near, "p01", "p"),))
+    thin = replace(base, parts=(make_part(thin_walled_solid, "p01", "p"),))
     with pytest.raises(GeometryError) as error:
         check_missing(thin.parts, convert_to_mm(grid, list_boxes_around(1)), block, 15.0)
     assert error.value.rule == Rule.WALL
@@ -191,7 +191,7 @@ def test_wall_is_measured_to_faces_not_only_to_their_corners(
     x, z = np.array([-1.0, 150.0, 170.0, 201.0]), np.array([-1.0, top - 20.0, top, 201.0])
     cuts = (np.ones((4, 3, 3)), np.ones((3, 4, 3)), np.ones((3, 3, 4)))
     grid = replace(plain_grid, planes=(x, x, z), cuts=cuts)  # its middle cell is the hollow
-    list_boxes_around: list[Box] = [
+    boxes_around: list[Box] = [
         (0, 0, 0, 1, 3, 3), (2, 0, 0, 3, 3, 3), (1, 0, 0, 2, 1, 3),
         (1, 2, 0, 2, 3, 3), (1, 1, 0, 2, 2, 1), (1, 1, 2, 2, 2, 3),
     ]  # fmt: skip
@@ -199,10 +199,10 @@ def test_wall_is_measured_to_faces_not_only_to_their_corners(
     shell = cube.solid.subtract(Solid.box((150.0, 150.0, top - 20.0), (170.0, 170.0, top)))
     hollow = replace(base, parts=(make_part(shell, "p01", "p"),))
     if gap is None:
-        check_missing(hollow.parts, convert_to_mm(grid, list_boxes_around), cube, 10.0)
+        check_missing(hollow.parts, convert_to_mm(grid, boxes_around), cube, 10.0)
         return
     with pytest.raises(GeometryError, match=f"is {gap:.2f} mm from the surface") as error:
-        check_missing(hollow.parts, convert_to_mm(grid, list_boxes_around), cube, 10.0)
+        check_missing(hollow.parts, convert_to_mm(grid, boxes_around), cube, 10.0)
     assert error.value.rule == Rule.WALL
 
 
@@ -211,8 +211,8 @@ def test_damaged_stl_is_refused(valid_result: Decomposition, tmp_path: Path) -> 
     path = tmp_path / files.parts[0].file
     data = bytearray(path.read_bytes())
     check_stl(path, files.parts[0])
-    fewer = int.from_bytes(data[80:84], "little") - 1
-    path.write_bytes(data[:80] + fewer.to_bytes(4, "little") + data[84:-50])
+    triangle_count = int.from_bytes(data[80:84], "little") - 1
+    path.write_bytes(data[:80] + triangle_count.to_bytes(4, "little") + data[84:-50])
     with pytest.raises(GeometryError, match="not watertight"):
         check_stl(path, files.parts[0])
     with pytest.raises(GeometryError, match="mm3 instead of"):

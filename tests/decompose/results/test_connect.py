@@ -29,7 +29,7 @@ from decompose.results.connector_rules import DrilledParts, find_wrong_fits
 
 ALL_CONNECTORS = ConnectorOptions(2.85, 0.4, marks=True)
 UP_AXIS = np.array([0.0, 0.0, 1.0])
-BARE_S = 5_000.0
+PART_S = 5_000.0
 LEANING_AXIS = np.array([0.0, 0.6, -0.8])  # level faces take holes in this pose, but no grooves
 
 
@@ -143,15 +143,15 @@ def halves() -> Decomposition:
 def test_parts_are_written_with_their_holes_and_the_report_lists_them(
     halves: Decomposition, tmp_path: Path
 ) -> None:
-    stored = connect_parts(halves)
-    for part in stored.parts:
+    connected = connect_parts(halves)
+    for part in connected.parts:
         assert part.printed.volume_mm3 < part.solid.volume_mm3 - 50.0
         write_stl(tmp_path / f"{part.id}.stl", part.build_stl_triangles())
         check_stl(tmp_path / f"{part.id}.stl", part)
-    for number, (part, old) in enumerate(zip(stored.parts, halves.parts, strict=True)):
-        added_s = price_connectors(stored.connectors, number, old.rotation[2], old.price_s)
+    for number, (part, old) in enumerate(zip(connected.parts, halves.parts, strict=True)):
+        added_s = price_connectors(connected.connectors, number, old.rotation[2], old.price_s)
         assert part.price_s - old.price_s == pytest.approx(added_s)
-    report_object = json.loads(json.dumps(stored.as_dict()))
+    report_object = json.loads(json.dumps(connected.as_dict()))
     [step], report = report_object["assembly"]["steps"], report_object["connectors"]
     assert step["pins"] == [pin["id"] for pin in report["pins"]] == [1, 2]
     assert step["codes"] == [{"part": "p01", "text": "1-2^"}, {"part": "p02", "text": "2-1^"}]
@@ -178,26 +178,26 @@ def test_hole_is_as_wide_as_its_printer_needs_and_both_grooves_as_the_wider_fit(
 
 
 def test_fit_of_a_blank_is_that_of_its_printer(halves: Decomposition) -> None:
-    fits_mm = replace(ALL_CONNECTORS, printer_fits_mm=((halves.parts[1].printer, 0.7),))
-    stored = connect_parts(replace(halves, options=replace(halves.options, connectors=fits_mm)))
-    assert not stored.connectors.failures
-    assert [pin.depth_mm for pin in stored.connectors.pins] == pytest.approx([3.55 / np.sqrt(2.0)] * 2)
+    options = replace(ALL_CONNECTORS, printer_fits_mm=((halves.parts[1].printer, 0.7),))
+    connected = connect_parts(replace(halves, options=replace(halves.options, connectors=options)))
+    assert not connected.connectors.failures
+    assert [pin.depth_mm for pin in connected.connectors.pins] == pytest.approx([3.55 / np.sqrt(2.0)] * 2)
 
 
 def test_prices_grow_with_the_tools_of_a_part_alone(drilled_parts: DrilledParts) -> None:
     connectors = drilled_parts.connectors
     ups = [blank.up for blank in drilled_parts.blanks]
-    prices_s = [price_connectors(connectors, n, up, BARE_S) for n, up in enumerate(ups)]
+    prices_s = [price_connectors(connectors, n, up, PART_S) for n, up in enumerate(ups)]
     fewer_pins = replace(connectors, pins=connectors.pins[1:])
-    fewer_prices_s = [price_connectors(fewer_pins, n, up, BARE_S) for n, up in enumerate(ups)]
+    fewer_prices_s = [price_connectors(fewer_pins, n, up, PART_S) for n, up in enumerate(ups)]
     cut_parts = {hole.part for hole in connectors.pins[0].holes}
     assert [cheaper_s < price for cheaper_s, price in zip(fewer_prices_s, prices_s, strict=True)] == [
         n in cut_parts for n in range(3)
     ]
-    assert price_connectors(Connectors(), 0, UP_AXIS, BARE_S) == 0.0
-    only_marks = replace(connectors, pins=(), gutters=())
-    assert price_connectors(only_marks, 0, ups[0], 4.0 * BARE_S) == pytest.approx(
-        2.0 * price_connectors(only_marks, 0, ups[0], BARE_S)
+    assert price_connectors(Connectors(), 0, UP_AXIS, PART_S) == 0.0
+    marks_only = replace(connectors, pins=(), gutters=())
+    assert price_connectors(marks_only, 0, ups[0], 4.0 * PART_S) == pytest.approx(
+        2.0 * price_connectors(marks_only, 0, ups[0], PART_S)
     )
 
 
@@ -229,12 +229,12 @@ def test_without_options_parts_stay_as_they_were_cut(halves: Decomposition) -> N
 def test_parts_that_break_a_rule_stay_as_they_were_cut(
     halves: Decomposition, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def plan_badly(*args: object) -> Connectors:
+    def plan_pin_outside(*args: object) -> Connectors:
         connectors = plan_connectors(*args)  # type: ignore[arg-type]
         deep, shallow = connectors.pins
         return replace(connectors, pins=(move_hole(deep, (0.0, 0.0, 50.0)), shallow))
 
-    monkeypatch.setattr(connect, "plan_connectors", plan_badly)
+    monkeypatch.setattr(connect, "plan_connectors", plan_pin_outside)
     result = connect_parts(halves)
     assert not result.connectors.pins
     assert all("has no holes and marks" in failure for failure in result.connectors.failures)

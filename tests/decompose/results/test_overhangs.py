@@ -46,8 +46,8 @@ def test_ceiling_that_needs_support_is_found(
 def test_bodies_that_meet_are_one_hollow() -> None:
     """Join a roof, which alone needs no support, with a body through its ridge: a flat ceiling."""
     roof = make_prism([(-2, 0), (2, 0), (2, 3), (0, 5.1), (-2, 3)])
-    through = make_prism([(-1, 3), (1, 3), (1, 6), (-1, 6)])
-    assert measure_ceiling_mm2([roof, through], SIDE, 0.0, UP_AXIS) > 5.0
+    crossing_prism = make_prism([(-1, 3), (1, 3), (1, 6), (-1, 6)])
+    assert measure_ceiling_mm2([roof, crossing_prism], SIDE, 0.0, UP_AXIS) > 5.0
 
 
 @pytest.mark.parametrize("lean", [-0.3, 0.0, 0.4])
@@ -67,12 +67,12 @@ def test_layers_between_corners_stand_for_the_others(
         return cut(solid, frame, at_mm)
 
     monkeypatch.setattr(Solid, "sections", count_sections)
-    area_mm2, few = measure_ceiling_mm2(tools, SIDE, 0.0, UP_AXIS), sum(counts)
+    area_mm2, section_count = measure_ceiling_mm2(tools, SIDE, 0.0, UP_AXIS), sum(counts)
     monkeypatch.setattr(overhangs, "RING_MM", 1e-9)  # nothing is dropped ...
     all_mm2 = measure_ceiling_mm2(tools, SIDE, 0.0, UP_AXIS)
     monkeypatch.setattr(overhangs, "_find_ends", lambda run: run)  # ... and each layer is cut
     counts.clear()
     assert measure_ceiling_mm2(tools, SIDE, 0.0, UP_AXIS) == pytest.approx(all_mm2, abs=1e-6)
     assert area_mm2 == pytest.approx(all_mm2, abs=1e-6)
-    assert few < sum(counts) / 2
+    assert section_count < sum(counts) / 2
     assert (area_mm2 > 0.1) is (roof_mm < 1.7)

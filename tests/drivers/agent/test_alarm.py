@@ -40,9 +40,9 @@ class Agent:
             self.recorder.record_changes()
 
     def wait_until(self, condition: Callable[[], bool]) -> None:
-        until_s = time.monotonic() + DEADLINE_S
+        deadline_s = time.monotonic() + DEADLINE_S
         while not condition():
-            assert time.monotonic() < until_s
+            assert time.monotonic() < deadline_s
             select.select([], [], [], 0.01)
             self.recorder.record_changes()
 
@@ -57,7 +57,7 @@ class Agent:
         return self.recorder.alarms.alarm
 
     @property
-    def look(self) -> str:
+    def read_attention_reason(self) -> str:
         return str(self.board.state.attention_reason)
 
 
@@ -66,7 +66,7 @@ def mark(tmp_path: Path) -> Path:
     return tmp_path / "mark"
 
 
-def relay(mark: Path, command: str = "") -> str:
+def write_relay_script(mark: Path, command: str = "") -> str:
     script = mark.with_name("relay.sh")
     script.write_text(f'#!/bin/sh\necho "$1" >> {mark}\n{command}\n')
     script.chmod(0o700)
@@ -78,34 +78,38 @@ def runs(mark: Path) -> int:
 
 
 def test_finding_on_an_idle_printer_cuts_the_mains_once(tmp_path: Path, mark: Path):
-    agent = Agent(tmp_path, relay(mark))
+    agent = Agent(tmp_path, write_relay_script(mark))
     agent.report(21.0)
     agent.report(90.0, 50)
     alarm = agent.wait_for_outcome()
     agent.report(120.0, 50)
     assert alarm.outcome == CUT_OUTCOME and runs(mark) == 1
-    assert agent.look.count("gets hotter") == agent.look.count(CUT_OUTCOME) == 1
+    assert (
+        agent.read_attention_reason.count("gets hotter")
+        == agent.read_attention_reason.count(CUT_OUTCOME)
+        == 1
+    )
 
 
 def test_printer_with_an_attention_reason_has_its_mains_cut(tmp_path: Path, mark: Path):
-    agent = Agent(tmp_path, relay(mark))
+    agent = Agent(tmp_path, write_relay_script(mark))
     agent.board.state.attention_reason = "its print failed"
     agent.report(21.0)
     agent.report(90.0)
     agent.wait_for_outcome()
-    assert runs(mark) == 1 and agent.look.startswith("its print failed; the nozzle is off")
+    assert runs(mark) == 1 and agent.read_attention_reason.startswith("its print failed; the nozzle is off")
 
 
 def test_maxtemp_on_an_idle_board_cuts_the_mains(tmp_path: Path, mark: Path):
     """Cut the mains immediately: without a link no report would show a rise."""
-    agent = Agent(tmp_path, relay(mark))
+    agent = Agent(tmp_path, write_relay_script(mark))
     agent.report(21.0)
     agent.board._on_idle_trouble(LinkFault(Fault.MAXTEMP, "MAXTEMP triggered"), 0.0)
     agent.report(21.0)
     agent.wait_for_outcome()
     assert runs(mark) == 1
     assert (
-        agent.look
+        agent.read_attention_reason
         == f"both heaters are off, and the board says MAXTEMP triggered: switch it off; {CUT_OUTCOME}"
     )
 
@@ -114,11 +118,11 @@ def test_without_a_command_a_person_is_notified_once(tmp_path: Path):
     agent = Agent(tmp_path, None)
     agent.report(21.0)
     agent.report(90.0, 50)
-    assert agent.look.count(NO_COMMAND) == 1 and len(agent.look) < 200
+    assert agent.read_attention_reason.count(NO_COMMAND) == 1 and len(agent.read_attention_reason) < 200
 
 
 def test_finding_is_new_after_the_printer_was_cold_absent_or_checked(tmp_path: Path, mark: Path):
-    agent = Agent(tmp_path, relay(mark))
+    agent = Agent(tmp_path, write_relay_script(mark))
 
     def make_hot_reports(count: int) -> None:
         agent.report(21.0)
@@ -140,7 +144,7 @@ def test_finding_is_new_after_the_printer_was_cold_absent_or_checked(tmp_path: P
 
 
 def test_request_is_in_the_journal_before_the_command_runs(tmp_path: Path, mark: Path):
-    agent = Agent(tmp_path, relay(mark, f"cp {tmp_path / JOURNAL} {tmp_path}/seen"))
+    agent = Agent(tmp_path, write_relay_script(mark, f"cp {tmp_path / JOURNAL} {tmp_path}/seen"))
     agent.report(21.0)
     agent.report(90.0)
     agent.wait_for_outcome()
@@ -153,25 +157,25 @@ def test_next_agent_completes_a_requested_power_off(tmp_path: Path, mark: Path):
     Journal(tmp_path / JOURNAL).write(5.0, alarm=alarm.dump_record())
     assert read_journal(tmp_path / JOURNAL)[0].may_be_hot
     for _ in range(2):  # and not by the one after that
-        agent = Agent(tmp_path, relay(mark))
+        agent = Agent(tmp_path, write_relay_script(mark))
         agent.recorder.record_changes()
         assert agent.wait_for_outcome().outcome == CUT_OUTCOME
         agent.recorder.record_changes()
         assert runs(mark) == 1
-    assert agent.look == f"{alarm.text}; {CUT_OUTCOME}"
+    assert agent.read_attention_reason == f"{alarm.text}; {CUT_OUTCOME}"
 
 
 def test_next_agent_cuts_the_mains_for_a_heater_not_seen_to_cool(tmp_path: Path, mark: Path):
     alarm = Alarm(text="the nozzle went up to 250 C, above 210", at_s=5.0)
     Journal(tmp_path / JOURNAL).write(5.0, alarm=alarm.dump_record())
-    agent = Agent(tmp_path, relay(mark))
+    agent = Agent(tmp_path, write_relay_script(mark))
     agent.recorder.record_changes()
     agent.wait_for_outcome()
-    assert runs(mark) == 1 and alarm.text in agent.look
+    assert runs(mark) == 1 and alarm.text in agent.read_attention_reason
 
 
 def test_full_disk_does_not_prevent_the_power_off(tmp_path: Path, mark: Path):
-    agent = Agent(tmp_path, relay(mark))
+    agent = Agent(tmp_path, write_relay_script(mark))
 
     def fail_on_full_disk(at_s: float, **record: object) -> None:
         raise JournalError("full")
@@ -185,7 +189,7 @@ def test_full_disk_does_not_prevent_the_power_off(tmp_path: Path, mark: Path):
 def test_hanging_command_does_not_block_the_agent(tmp_path: Path, mark: Path):
     """Handle reports while the command runs, and take its outcome when it ends."""
     os.mkfifo(tmp_path / "gate")
-    agent = Agent(tmp_path, relay(mark, f"read go < {tmp_path}/gate"))
+    agent = Agent(tmp_path, write_relay_script(mark, f"read go < {tmp_path}/gate"))
     agent.report(21.0)
     agent.report(90.0)
     agent.wait_until(lambda: runs(mark) == 1)
@@ -221,7 +225,7 @@ def step_until(agent: Agent, rig: Rig, wait_until: Callable[[], bool]) -> None:
 def test_mains_are_cut_once_at_the_end_of_a_print_with_a_short_reason(
     tmp_path: Path, mark: Path, heater: str, command: bool
 ):
-    agent, rig = start_print(tmp_path, relay(mark) if command else None)
+    agent, rig = start_print(tmp_path, write_relay_script(mark) if command else None)
     rig.firmware.trigger_fault(f"{heater}_burns_after", rig.now_s)
     step_until(agent, rig, lambda: agent.alarm is not None)
     assert rig.session.context.phase is PrintPhase.ENDING  # people are notified before it has ended
@@ -233,15 +237,17 @@ def test_mains_are_cut_once_at_the_end_of_a_print_with_a_short_reason(
     outcome = CUT_OUTCOME if command else NO_COMMAND
     assert str(ended_print.reason).count(outcome) == 1 and len(str(ended_print.reason)) < 250
     assert runs(mark) == command
-    assert agent.look == ended_print.reason
+    assert agent.read_attention_reason == ended_print.reason
     agent.report(300.0)
     agent.report(350.0, 20)  # it stays hot, which is known
-    assert runs(mark) == command and agent.look == ended_print.reason
+    assert runs(mark) == command and agent.read_attention_reason == ended_print.reason
 
 
 def test_end_of_a_print_waits_for_the_outcome_of_the_command(tmp_path: Path, mark: Path):
     os.mkfifo(tmp_path / "gate")
-    agent, rig = start_print(tmp_path, relay(mark, f"read go < {tmp_path}/gate; echo no >&2; exit 1"))
+    agent, rig = start_print(
+        tmp_path, write_relay_script(mark, f"read go < {tmp_path}/gate; echo no >&2; exit 1")
+    )
     rig.firmware.trigger_fault("nozzle_burns_after", rig.now_s)
     step_until(agent, rig, lambda: rig.session.context.ended)
     agent.recorder.record_changes()
@@ -250,24 +256,24 @@ def test_end_of_a_print_waits_for_the_outcome_of_the_command(tmp_path: Path, mar
     assert print_snapshot.phase is PrintPhase.ENDING and print_snapshot.ended_s is None
     (tmp_path / "gate").write_text("go\n")
     step_until(agent, rig, lambda: agent.board.session is None)
-    assert "power_off_cmd failed (no): switch it off by hand" in agent.look
+    assert "power_off_cmd failed (no): switch it off by hand" in agent.read_attention_reason
 
 
 def test_cooling_heater_ends_the_alarm(tmp_path: Path, mark: Path):
-    agent, rig = start_print(tmp_path, relay(mark))
+    agent, rig = start_print(tmp_path, write_relay_script(mark))
     rig.firmware.trigger_fault("nozzle_burns_after", rig.now_s)
     step_until(agent, rig, lambda: agent.alarm is not None)
     rig.firmware.board.nozzle.compute_temperature_c(rig.now_s)
     rig.firmware.board.nozzle.burns = False
     step_until(agent, rig, lambda: agent.board.session is None)
     assert agent.alarm is None and read_journal(tmp_path / JOURNAL)[0].alarm is None
-    assert runs(mark) == 0 and "went up to" in agent.look
+    assert runs(mark) == 0 and "went up to" in agent.read_attention_reason
 
 
 def test_cancelled_print_with_a_stuck_heater_needs_attention(tmp_path: Path, mark: Path):
-    agent, rig = start_print(tmp_path, relay(mark))
+    agent, rig = start_print(tmp_path, write_relay_script(mark))
     rig.firmware.trigger_fault("nozzle_burns_after", rig.now_s)
     rig.session.cancel("no more", rig.now_s)
     step_until(agent, rig, lambda: agent.board.session is None)
     assert runs(mark) == 1
-    assert agent.look.startswith("no more; the nozzle is off, and gets hotter")
+    assert agent.read_attention_reason.startswith("no more; the nozzle is off, and gets hotter")

@@ -21,10 +21,10 @@ SCALE = 6.0  # a higher scale would make the minimum delay (4 s of wall time) lo
 @pytest.mark.parametrize("is_killed", [False, True])
 def test_shorted_nozzle_cuts_the_mains_once(tmp_path: Path, is_killed: bool):
     """Cut the mains also if the agent is killed after the finding: the next agent completes it."""
-    mark, gate = tmp_path / "mark", tmp_path / "gate"
-    os.mkfifo(gate)
+    mark, fifo = tmp_path / "mark", tmp_path / "gate"
+    os.mkfifo(fifo)
     script = tmp_path / "relay.sh"
-    script.write_text(f'#!/bin/sh\necho "$1" >> {mark}\nread go < {gate}\n')
+    script.write_text(f'#!/bin/sh\necho "$1" >> {mark}\nread go < {fifo}\n')
     script.chmod(0o700)
     rig = Printer(tmp_path / "agent", f"sim://{MODEL}")
     rig.clock, rig.power_off_cmd = Clock(SCALE, time.time()), f"{script} {{printer}}"
@@ -38,7 +38,7 @@ def test_shorted_nozzle_cuts_the_mains_once(tmp_path: Path, is_killed: bool):
             assert (await rig.start(text)).error is None
             await rig.wait_for_phase(m.PrintPhase.PRINTING)
             control(rig.folder / "emulator", "break", fault="nozzle_burns_after")
-            result = await rig.until(lambda s: s.alarm is not None)
+            result = await rig.wait_for(lambda s: s.alarm is not None)
             assert "went up to" in str(result.alarm) and result.nozzle is not None
             if is_killed:
                 assert rig.process is not None
@@ -48,12 +48,12 @@ def test_shorted_nozzle_cuts_the_mains_once(tmp_path: Path, is_killed: bool):
                 rig.spawn()
                 await rig.connect()
             # While the command hangs, the loop continues to read.
-            snapshot = await rig.until(lambda s: mark.exists() and s.nozzle is not None)
+            snapshot = await rig.wait_for(lambda s: mark.exists() and s.nozzle is not None)
             assert snapshot.print is not None and snapshot.print.phase is m.PrintPhase.ENDING
-            at_c = snapshot.nozzle.now_c if snapshot.nozzle else 0.0
-            await rig.until(lambda s: s.nozzle is not None and s.nozzle.now_c > at_c + 2.0)
-            await asyncio.to_thread(gate.write_text, "go\n")
-            alarm_snapshot = await rig.until(lambda s: "cut its mains" in str(s.alarm))
+            old_c = snapshot.nozzle.now_c if snapshot.nozzle else 0.0
+            await rig.wait_for(lambda s: s.nozzle is not None and s.nozzle.now_c > old_c + 2.0)
+            await asyncio.to_thread(fifo.write_text, "go\n")
+            alarm_snapshot = await rig.wait_for(lambda s: "cut its mains" in str(s.alarm))
             assert str(alarm_snapshot.alarm).count("cut its mains") == 1
             assert mark.read_text() == "um2-01\n"
         finally:

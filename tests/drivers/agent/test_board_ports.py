@@ -31,7 +31,7 @@ def test_missing_port_is_reported_as_absent_and_the_agent_continues(tmp_path: Pa
         rig.spawn()
         try:
             await rig.connect()
-            snapshot = await rig.until(lambda s: s.link is m.LinkState.ABSENT)
+            snapshot = await rig.wait_for(lambda s: s.link is m.LinkState.ABSENT)
             assert "plugged in" in str(snapshot.reason)
             assert is_alive(rig.folder)
         finally:
@@ -55,7 +55,7 @@ def test_port_is_opened_after_a_person_confirms_the_printer_idle(
             launch(f"sim://{MODEL}", tmp_path / "emulator", rig.clock)
             rig.spawn()
             await rig.connect()
-            snapshot = await rig.until(lambda s: s.link is m.LinkState.FAULT)
+            snapshot = await rig.wait_for(lambda s: s.link is m.LinkState.FAULT)
             assert "does not print" in str(snapshot.reason) and snapshot.bed_unknown_reason is not None
             assert not link_open()
             reply = await rig.start(make_gcode(10))
@@ -71,9 +71,9 @@ def test_port_is_opened_after_a_person_confirms_the_printer_idle(
             snapshot = await rig.wait_until_ready()
             assert snapshot.bed_unknown_reason is not None
             control(tmp_path / "emulator", "power_off")
-            await rig.until(lambda s: s.link is m.LinkState.ABSENT)
+            await rig.wait_for(lambda s: s.link is m.LinkState.ABSENT)
             launch(f"sim://{MODEL}", tmp_path / "emulator", rig.clock)  # plugged in again
-            await rig.until(lambda s: s.link is m.LinkState.FAULT)
+            await rig.wait_for(lambda s: s.link is m.LinkState.FAULT)
             assert not link_open()
             assert (await rig.client.request(m.Commission(id=0))).error is None
             await rig.wait_until_ready()
@@ -95,7 +95,7 @@ def test_board_without_reset_is_reported_and_cooled_by_command(tmp_path: Path):
         rig.spawn()
         try:
             await rig.connect()
-            snapshot = await rig.until(lambda s: s.link is m.LinkState.FAULT)
+            snapshot = await rig.wait_for(lambda s: s.link is m.LinkState.FAULT)
             assert (await rig.start(make_gcode(10))).error is not None
             assert (await rig.client.request(m.BedCleared(id=0))).error is None
             snapshot = await rig.wait_until_ready()
@@ -134,7 +134,7 @@ def test_heat_left_by_a_print_is_ended_by_command_without_a_reset(tmp_path: Path
         rig.spawn()
         try:
             await rig.connect()
-            await rig.until(lambda s: s.heaters_off)
+            await rig.wait_for(lambda s: s.heaters_off)
             assert read_status(emulator).nozzle_target_c == 0.0
         finally:
             await rig.close()
@@ -158,15 +158,15 @@ def test_manual_use_of_an_idle_printer_makes_its_bed_unknown(
 ):
     async def scenario() -> None:
         async with printer(tmp_path) as rig:
-            idle = await rig.until(lambda s: s.link is m.LinkState.READY and s.heaters_off)
-            assert idle.bed_unknown_reason is None
+            idle_snapshot = await rig.wait_for(lambda s: s.link is m.LinkState.READY and s.heaters_off)
+            assert idle_snapshot.bed_unknown_reason is None
             await asyncio.to_thread(control, rig.folder / "emulator", **action)
-            snapshot = await rig.until(lambda s: s.bed_unknown_reason is not None)
+            snapshot = await rig.wait_for(lambda s: s.bed_unknown_reason is not None)
             assert expected_text in str(snapshot.bed_unknown_reason) or expected_text == "SD card"
             reply = await rig.start(make_gcode(10))
             assert reply.error is not None
             if expected_text == "SD card":
-                await rig.until(lambda s: "SD" in str(s.reason))
+                await rig.wait_for(lambda s: "SD" in str(s.reason))
                 reply = await rig.client.request(m.BedCleared(id=0))
                 assert "SD card" in str(reply.error)
                 assert read_status(rig.folder / "emulator").nozzle_target_c > 0  # nobody has reset it
@@ -187,7 +187,7 @@ def test_hot_printer_that_disconnects_has_its_mains_cut_and_is_reported(tmp_path
             launch(f"sim://{MODEL}", tmp_path / "emulator", rig.clock)
             rig.spawn()
             await rig.connect()
-            await rig.until(lambda s: s.link is m.LinkState.FAULT)
+            await rig.wait_for(lambda s: s.link is m.LinkState.FAULT)
             await rig.client.request(m.BedCleared(id=0))
             await rig.wait_until_ready()
             assert (await rig.start(make_gcode(50_000))).error is None
@@ -196,11 +196,10 @@ def test_hot_printer_that_disconnects_has_its_mains_cut_and_is_reported(tmp_path
             failed_print = await rig.wait_for_phase(m.PrintPhase.FAILED)
             assert failed_print.fault == "port_lost" and "mains" in str(failed_print.reason)
             assert (tmp_path / "cut").read_text() == "um2-01\n"
-            assert not (await rig.until(lambda s: s.link is m.LinkState.ABSENT)).heaters_off
+            assert not (await rig.wait_for(lambda s: s.link is m.LinkState.ABSENT)).heaters_off
             launch(f"sim://{MODEL}", tmp_path / "emulator", rig.clock)
-            snapshot = await rig.until(
-                lambda s: s.heaters_off
-            )  # the agent's heat may still be on: the port is opened
+            # The agent's heat may still be on when the port is opened.
+            snapshot = await rig.wait_for(lambda s: s.heaters_off)
             assert snapshot.link is m.LinkState.FAULT and "mains" in str(snapshot.reason)
         finally:
             await rig.close()

@@ -28,17 +28,17 @@ async def print_file(folder: Path) -> AsyncIterator[Printer]:
     try:
         printer.spawn()
         await printer.connect()
-        await printer.until(lambda s: s.link is m.LinkState.FAULT)
+        await printer.wait_for(lambda s: s.link is m.LinkState.FAULT)
         bed_cleared = m.BedCleared(id=0, filament=m.Filament.PARKED)
         assert (await printer.client.request(bed_cleared)).error is None
         await printer.wait_until_ready()
         assert (await printer.start(make_gcode(10))).error is None
         await printer.wait_for_phase(m.PrintPhase.DONE)
-        await printer.until(lambda s: s.link is m.LinkState.READY and s.filament is m.Filament.PARKED)
+        await printer.wait_for(lambda s: s.link is m.LinkState.READY and s.filament is m.Filament.PARKED)
         assert (await printer.client.request(m.ForgetPrint(id=0, print_id="p-1"))).error is None
         await _wait_for_rest_position(printer, '"X:')
         dtr = os.open(emulator / "tty", os.O_RDWR | os.O_NOCTTY)  # DTR stays set while no agent has the port
-        await _end(printer)
+        await _shut_down_agent(printer)
         yield printer
     finally:
         await printer.close()
@@ -54,18 +54,18 @@ async def _wait_for_rest_position(printer: Printer, record: str) -> None:
             await asyncio.sleep(0.02)
 
 
-async def _end(printer: Printer) -> None:
+async def _shut_down_agent(printer: Printer) -> None:
     assert (await printer.client.request(m.Shutdown(id=0))).error is None
     assert printer.process is not None
     await asyncio.to_thread(printer.process.wait, 30.0)
     await printer.client.close()
 
 
-async def _start_again(printer: Printer) -> m.Snapshot:
+async def _restart_agent(printer: Printer) -> m.Snapshot:
     printer.client = type(printer.client)(printer.folder)
     printer.spawn()
     await printer.connect()
-    return await printer.until(lambda s: s.nozzle is not None)
+    return await printer.wait_for(lambda s: s.nozzle is not None)
 
 
 @pytest.mark.system
@@ -73,12 +73,12 @@ def test_filament_is_parked_after_a_restart_of_the_agent(tmp_path: Path) -> None
     async def scenario() -> None:
         async with print_file(tmp_path) as printer:
             for _ in range(2):
-                first_snapshot = await _start_again(printer)
+                first_snapshot = await _restart_agent(printer)
                 assert first_snapshot.bed_unknown_reason is not None
-                known_snapshot = await printer.until(lambda s: s.filament is not m.Filament.UNKNOWN)
+                known_snapshot = await printer.wait_for(lambda s: s.filament is not m.Filament.UNKNOWN)
                 assert known_snapshot.filament is m.Filament.PARKED
                 assert known_snapshot.bed_unknown_reason is not None  # the bed still needs an inspection
-                await _end(printer)
+                await _shut_down_agent(printer)
 
     run(scenario())
 
@@ -91,12 +91,12 @@ def test_filament_is_unknown_if_the_printer_was_used_while_no_agent_watched(
     async def scenario() -> None:
         async with print_file(tmp_path) as printer:
             await asyncio.to_thread(control, tmp_path / "emulator", **action)
-            await _start_again(printer)
+            await _restart_agent(printer)
             await _wait_for_rest_position(printer, "null")
             assert printer.last_snapshot is not None and printer.last_snapshot.filament is m.Filament.UNKNOWN
             bed_cleared = m.BedCleared(id=0, filament=m.Filament.AT_NOZZLE)
             assert (await printer.client.request(bed_cleared)).error is None
-            await printer.until(lambda s: s.filament is m.Filament.AT_NOZZLE)
+            await printer.wait_for(lambda s: s.filament is m.Filament.AT_NOZZLE)
 
     run(scenario())
 
@@ -105,9 +105,8 @@ def test_position_counts_only_after_a_print_and_until_a_reset() -> None:
     watch = FilamentWatch()
     watch.confirm()
     watch.judge_position(REST_POSITION)
-    assert (
-        watch.is_certain and watch.rest_position is None
-    )  # a board that has just started reports the same each time
+    # A board that has just started reports the same each time.
+    assert watch.is_certain and watch.rest_position is None
     watch.note_print()
     watch.judge_position(REST_POSITION)
     assert watch.rest_position == REST_POSITION.decode()
@@ -117,15 +116,18 @@ def test_position_counts_only_after_a_print_and_until_a_reset() -> None:
     assert watch.rest_position is None
 
 
-@pytest.mark.parametrize(("position", "certain"), [(REST_POSITION, True), (OTHER_POSITION, False)])
+@pytest.mark.parametrize(("position", "is_certain"), [(REST_POSITION, True), (OTHER_POSITION, False)])
 def test_next_agent_knows_the_filament_if_the_printer_rests_where_it_was(
-    position: bytes, certain: bool
+    position: bytes, is_certain: bool
 ) -> None:
     watch = FilamentWatch(rest_position=REST_POSITION.decode())
     assert not watch.is_certain
     watch.judge_position(position)
-    assert (watch.is_certain, watch.rest_position) == (certain, REST_POSITION.decode() if certain else None)
+    assert (watch.is_certain, watch.rest_position) == (
+        is_certain,
+        REST_POSITION.decode() if is_certain else None,
+    )
     watch.judge_position(REST_POSITION)
-    assert watch.is_certain is certain  # an unknown state needs a person's answer
+    assert watch.is_certain is is_certain  # an unknown state needs a person's answer
     watch.forget()
     assert (watch.is_certain, watch.rest_position) == (False, None)

@@ -22,11 +22,11 @@ def test_moved_position_is_detected_when_reported_twice():
 def test_garbled_first_answer_is_not_a_move():
     """Use a position only after it was reported twice; a later move from it is detected."""
     watch = IdleWatch()
-    answers = [
+    reasons = [
         watch.judge_answer(text)[1]
         for text in (FED_POSITION, HOME, HOME, HOME, MOVED_POSITION, MOVED_POSITION)
     ]
-    assert answers == [None, None, None, None, None, MOVED_REASON]
+    assert reasons == [None, None, None, None, None, MOVED_REASON]
 
 
 def test_move_after_the_first_answer_is_detected():
@@ -71,12 +71,12 @@ def test_manually_heated_nozzle_is_detected_but_a_garbled_report_is_ignored():
 
 def test_rising_heater_is_stuck_on_and_cooling_heater_is_not():
     watch = IdleWatch()
-    falling_verdicts = [Report(float(t), 0.0, 60.0, 0.0) for t in range(210, 40, -5)]
-    assert all(watch.judge_report(report) == (None, None) for report in falling_verdicts)
+    falling_reports = [Report(float(t), 0.0, 60.0, 0.0) for t in range(210, 40, -5)]
+    assert all(watch.judge_report(report) == (None, None) for report in falling_reports)
     rising_verdicts = [watch.judge_report(Report(float(t), 0.0, 60.0, 0.0))[1] for t in range(45, 100, 5)]
-    results = [finding for finding in rising_verdicts if finding is not None]
-    assert results and all(finding.fault is Fault.HEATER_STUCK_ON for finding in results)
-    assert rising_verdicts.index(results[0]) == 6  # three reports above 60 C
-    assert "nozzle" in results[0].text
+    findings = [finding for finding in rising_verdicts if finding is not None]
+    assert findings and all(finding.fault is Fault.HEATER_STUCK_ON for finding in findings)
+    assert rising_verdicts.index(findings[0]) == 6  # three reports above 60 C
+    assert "nozzle" in findings[0].text
     watch.judge_report(Report(120.0, 200.0, 60.0, 0.0))  # heating by a person is no fault
     assert watch.judge_report(Report(150.0, 0.0, 60.0, 0.0)) == (None, None)

@@ -39,15 +39,15 @@ def test_print_runs_once_and_leaves_the_bed_not_clear(tmp_path: Path):
             )
             assert (done_print.layer, done_print.layers, done_print.feature) == (1, 1, "FILL")
             assert done_print.extruded and done_print.started_s is not None and done_print.ended_s is not None
-            last_snapshot = await rig.until(lambda s: s.bed_clear is False)
+            last_snapshot = await rig.wait_for(lambda s: s.bed_clear is False)
             assert last_snapshot.heaters_off and last_snapshot.filament is m.Filament.PARKED
             assert rig.read_targets() == (0.0, 0.0)
             moves = read_status(rig.folder / "emulator").moves
             assert (await rig.start(text)).error is None  # ended: never printed twice
             assert (await rig.client.request(m.ForgetPrint(id=0, print_id="p-1"))).error is None
-            await rig.until(lambda s: s.print is None)
+            await rig.wait_for(lambda s: s.print is None)
             assert (await rig.client.request(m.BedCleared(id=0))).error is None
-            await rig.until(lambda s: s.bed_clear is True and s.link is m.LinkState.READY)
+            await rig.wait_for(lambda s: s.bed_clear is True and s.link is m.LinkState.READY)
             reply = await rig.start(text)  # ended and forgotten: never printed twice either
             assert reply.error is None
             assert reply.snapshot is not None and reply.snapshot.print is None
@@ -88,13 +88,13 @@ def test_print_continues_without_a_daemon_and_sigterm_ends_the_agent_afterwards(
     async def scenario() -> None:
         async with printer(tmp_path) as rig:
             await rig.start(make_gcode(3000))
-            printing_print = await rig.wait_for_phase(m.PrintPhase.PRINTING)
+            running_print = await rig.wait_for_phase(m.PrintPhase.PRINTING)
             await rig.client.close()
             assert rig.process is not None
             rig.process.send_signal(signal.SIGTERM)
             await rig.connect()
-            last_snapshot = await rig.until(
-                lambda s: s.print is not None and s.print.line > printing_print.line
+            last_snapshot = await rig.wait_for(
+                lambda s: s.print is not None and s.print.line > running_print.line
             )
             assert last_snapshot.agent_pid == rig.process.pid
             reply = await rig.client.request(m.Shutdown(id=0))
@@ -109,7 +109,7 @@ def test_print_continues_without_a_daemon_and_sigterm_ends_the_agent_afterwards(
             assert rig.read_targets() == (0.0, 0.0)
             rig.spawn()
             await rig.connect()
-            last_snapshot = await rig.until(lambda s: s.heaters_off)
+            last_snapshot = await rig.wait_for(lambda s: s.heaters_off)
             assert last_snapshot.filament is m.Filament.PARKED
             rig.process.send_signal(signal.SIGTERM)  # idle now
             assert await asyncio.to_thread(rig.process.wait, 10.0) == 0
@@ -144,7 +144,7 @@ def test_cancel_parks_the_filament_after_any_retraction(tmp_path: Path, lines: i
     async def scenario() -> None:
         async with printer(tmp_path) as rig:
             await rig.start(HEAD.replace("S180", "S210") + "".join(strokes) + TAIL)
-            await rig.until(lambda s: s.print is not None and s.print.line >= lines)
+            await rig.wait_for(lambda s: s.print is not None and s.print.line >= lines)
             await rig.client.request(m.CancelPrint(id=0, print_id="p-1"))
             await rig.wait_for_phase(m.PrintPhase.CANCELLED)
             last_snapshot = await rig.wait_until_ready()
@@ -159,15 +159,15 @@ def test_print_is_paused_and_resumed(tmp_path: Path):
     async def scenario() -> None:
         async with printer(tmp_path) as rig:
             await rig.start(make_gcode(1500))
-            await rig.until(lambda s: s.print is not None and s.print.line >= 100)
+            await rig.wait_for(lambda s: s.print is not None and s.print.line >= 100)
             await rig.client.request(m.PausePrint(id=0, print_id="p-1"))
             paused_print = await rig.wait_for_phase(m.PrintPhase.PAUSED)
-            await rig.until(lambda s: s.filament is m.Filament.PARKED)
+            await rig.wait_for(lambda s: s.filament is m.Filament.PARKED)
             assert await asyncio.to_thread(
                 wait_for_emulator, rig.folder / "emulator", lambda s: s.nozzle_target_c == 0
             )
             assert rig.read_targets() == (0.0, 40.0)
-            await rig.until(lambda s: s.print is not None and s.print.pause_ends_s is not None)
+            await rig.wait_for(lambda s: s.print is not None and s.print.pause_ends_s is not None)
             await rig.client.request(m.ResumePrint(id=0, print_id="p-1"))
             done_print = await rig.wait_for_phase(m.PrintPhase.DONE)
             assert done_print.line == done_print.lines > paused_print.line
@@ -187,12 +187,12 @@ def test_pulled_cable_fails_the_print_and_heaters_are_confirmed_off_later(
             await rig.wait_for_phase(m.PrintPhase.PRINTING)
             old_tty = read_status(rig.folder / "emulator").tty
             control(rig.folder / "emulator", "unplug")
-            await rig.until(lambda s: s.reason is not None)
+            await rig.wait_for(lambda s: s.reason is not None)
             assert rig.read_targets() != (0.0, 0.0)
             control(rig.folder / "emulator", "plug")
             failed_print = await rig.wait_for_phase(m.PrintPhase.FAILED)
             assert failed_print.fault == "port_lost"
-            last_snapshot = await rig.until(lambda s: s.link is not m.LinkState.BUSY)
+            last_snapshot = await rig.wait_for(lambda s: s.link is not m.LinkState.BUSY)
             assert last_snapshot.heaters_off
             assert rig.read_targets() == (0.0, 0.0)
             assert read_status(rig.folder / "emulator").tty != old_tty
@@ -204,13 +204,13 @@ def test_pulled_cable_fails_the_print_and_heaters_are_confirmed_off_later(
 def test_swapped_cables_are_reported_until_a_person_confirms(tmp_path: Path):
     async def scenario() -> None:
         rig = Printer(tmp_path / "agent", f"sim://{MODEL}?home_offset_mm100=100")
-        for print_id, level, phase in (("p-1", 100, "done"), ("p-2", 250, "failed"), ("p-3", 250, "done")):
-            rig.url = f"sim://{MODEL}?home_offset_mm100={level}"
+        for print_id, offset, phase in (("p-1", 100, "done"), ("p-2", 250, "failed"), ("p-3", 250, "done")):
+            rig.url = f"sim://{MODEL}?home_offset_mm100={offset}"
             rig.spawn()
             try:
                 await rig.connect()
                 if print_id == "p-3":
-                    await rig.until(lambda s: s.link is m.LinkState.FAULT)
+                    await rig.wait_for(lambda s: s.link is m.LinkState.FAULT)
                     assert (await rig.client.request(m.BedCleared(id=0))).error is None
                 await rig.wait_until_ready()
                 assert (await rig.start(make_gcode(20), print_id)).error is None
@@ -234,7 +234,7 @@ def test_file_with_another_hash_heats_nothing(tmp_path: Path):
             assert failed_print.fault == "bad_file" and not failed_print.extruded
             await rig.start(make_gcode(10) + "M0\n", print_id="p-2")
             failed_print = (
-                await rig.until(lambda s: s.print is not None and s.print.print_id == "p-2")
+                await rig.wait_for(lambda s: s.print is not None and s.print.print_id == "p-2")
             ).print  # type: ignore[assignment]
             assert failed_print.fault == "bad_file" and "M0" in str(failed_print.reason)
             reply = await rig.start(make_gcode(10), print_id="../p")
@@ -261,7 +261,7 @@ def test_printer_switched_off_is_absent_and_reconnects(tmp_path: Path):
     async def scenario() -> None:
         async with printer(tmp_path) as rig:
             control(rig.folder / "emulator", "power_off")
-            snapshot = await rig.until(lambda s: s.link is m.LinkState.ABSENT)
+            snapshot = await rig.wait_for(lambda s: s.link is m.LinkState.ABSENT)
             assert snapshot.reason is not None
             reply = await rig.start(make_gcode(10))
             assert reply.error is not None and "absent" in reply.error
@@ -273,8 +273,8 @@ def test_printer_switched_off_is_absent_and_reconnects(tmp_path: Path):
 @pytest.mark.system
 def test_second_agent_of_a_printer_is_refused_and_the_socket_is_private(tmp_path: Path):
     async def scenario() -> None:
-        deep = tmp_path / ("x" * 60) / ("y" * 60)
-        async with printer(deep) as rig:
+        deep_folder = tmp_path / ("x" * 60) / ("y" * 60)
+        async with printer(deep_folder) as rig:
             assert len(str(rig.folder / "agent.sock")) > 107
             assert stat.S_IMODE((rig.folder / "agent.sock").stat().st_mode) == 0o600
             assert is_alive(rig.folder)

@@ -30,33 +30,33 @@ def fill_journal(path: Path) -> None:
 @pytest.mark.system
 def test_full_log_and_a_long_journal_are_continued_without_losing_a_line(tmp_path: Path):
     async def scenario() -> None:
-        async with printer(tmp_path) as client:
-            assert client.process is not None
-            client.process.send_signal(signal.SIGTERM)
-            client.process.wait(10.0)
-            first_log = (client.folder / AGENT_LOG).read_text()
-            with (client.folder / AGENT_LOG).open("a") as log:
+        async with printer(tmp_path) as rig:
+            assert rig.process is not None
+            rig.process.send_signal(signal.SIGTERM)
+            rig.process.wait(10.0)
+            first_log = (rig.folder / AGENT_LOG).read_text()
+            with (rig.folder / AGENT_LOG).open("a") as log:
                 log.write("x" * 3_000_000 + "\n")
-            fill_journal(client.folder / JOURNAL)
-            client.spawn()
-            await client.connect()
-            await client.wait_until_ready()
-            assert (await client.start(make_gcode(50))).error is None
-            await client.wait_for_phase(m.PrintPhase.DONE)
+            fill_journal(rig.folder / JOURNAL)
+            rig.spawn()
+            await rig.connect()
+            await rig.wait_until_ready()
+            assert (await rig.start(make_gcode(50))).error is None
+            await rig.wait_for_phase(m.PrintPhase.DONE)
             old_log, new_log = (
-                (client.folder / f"{AGENT_LOG}.1").read_text(),
-                (client.folder / AGENT_LOG).read_text(),
+                (rig.folder / f"{AGENT_LOG}.1").read_text(),
+                (rig.folder / AGENT_LOG).read_text(),
             )
             assert old_log.startswith(first_log + "x" * 100) and len(new_log) < 10_000
-            records = (json.loads(line) for line in (client.folder / JOURNAL).read_text().splitlines())
+            records = (json.loads(line) for line in (rig.folder / JOURNAL).read_text().splitlines())
             prints = (record["print"] for record in records if record.get("print"))
-            phases = [expected["phase"] for expected in prints if expected["print_id"] == "p-1"]
+            phases = [item["phase"] for item in prints if item["print_id"] == "p-1"]
             log_texts = [
                 line.rpartition("print p-1: ")[2] for line in new_log.splitlines() if "print p-1: " in line
             ]
             assert phases[0] == "spooled" and log_texts == phases[1:] and log_texts[-1] == "done"
-            assert (client.folder / JOURNAL).stat().st_size < MAX_BYTES
-            state = Journal(client.folder / JOURNAL).state
+            assert (rig.folder / JOURNAL).stat().st_size < MAX_BYTES
+            state = Journal(rig.folder / JOURNAL).state
             assert len(state.recent) == 1000 and state.recent[-1].print_id == "p-1"
 
     run(scenario())

@@ -32,12 +32,12 @@ def signals() -> Iterator[None]:
 
 
 def make_agent(folder: Path) -> Agent:
-    printer = Agent(StartFile("a", MODEL, f"sim://{MODEL}"), folder)
-    printer._board.state.bed_unknown_reason = None
-    return printer
+    agent = Agent(StartFile("a", MODEL, f"sim://{MODEL}"), folder)
+    agent._board.state.bed_unknown_reason = None
+    return agent
 
 
-def start(folder: Path, print_id: str) -> m.StartPrint:
+def make_request(folder: Path, print_id: str) -> m.StartPrint:
     file = folder / "p.gcode"
     file.write_bytes(GCODE)
     digest = hashlib.sha256(GCODE).hexdigest()
@@ -54,13 +54,13 @@ def test_forgotten_print_is_not_started_a_second_time(tmp_path: Path):
         done_print = m.PrintSnapshot(print_id=print_id, phase=m.PrintPhase.DONE, ended_s=1.0)
         journal.write(1.0, print=done_print.model_dump(mode="json"), filament="parked")
     journal.write(2.0, print=None)
-    printer = make_agent(tmp_path)
+    agent = make_agent(tmp_path)
     for print_id in ("p-1", "p-2"):
-        reply = printer._answer(start(tmp_path, print_id))
+        reply = agent._answer(make_request(tmp_path, print_id))
         assert reply.error is None
         assert reply.snapshot is not None and reply.snapshot.print is None
-        assert printer._board.session is None
-    assert printer._answer(start(tmp_path, "p-3")).error is None  # as any other is
-    assert printer._board.session is not None
-    printer._requests.has_ended = True
-    printer.run()
+        assert agent._board.session is None
+    assert agent._answer(make_request(tmp_path, "p-3")).error is None  # as any other is
+    assert agent._board.session is not None
+    agent._requests.has_ended = True
+    agent.run()

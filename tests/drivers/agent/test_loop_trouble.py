@@ -29,7 +29,7 @@ class ScriptedAgent(Agent):
         super()._push()
         self.act(self)
 
-    def start(self, gcode_path: Path, text: str, **moments: float) -> m.Reply:
+    def start(self, gcode_path: Path, text: str, **limits_s: float) -> m.Reply:
         gcode_path.write_text(text)
         digest = hashlib.sha256(text.encode()).hexdigest()
         request = m.StartPrint(
@@ -39,8 +39,8 @@ class ScriptedAgent(Agent):
             sha256=digest,
             print_time_s=60.0,
             filament=m.Filament.PARKED,
-            not_after_s=moments.get("not_after_s"),
-            ends_by_s=moments.get("ends_by_s"),
+            not_after_s=limits_s.get("not_after_s"),
+            ends_by_s=limits_s.get("ends_by_s"),
         )
         return self._answer(request)
 
@@ -199,7 +199,7 @@ def test_ending_agent_switches_off_heat_left_by_an_ended_print(
 ):
     was_heated = False
 
-    def targets() -> set[float]:
+    def read_targets() -> set[float]:
         status = read_status(tmp_path / "emulator")
         return {status.nozzle_target_c, status.bed_target_c}
 
@@ -219,7 +219,7 @@ def test_ending_agent_switches_off_heat_left_by_an_ended_print(
 
     scripted_agent.act = act
     scripted_agent.run()
-    assert wait_for_emulator(tmp_path / "emulator", lambda _: targets() == {0.0})
+    assert wait_for_emulator(tmp_path / "emulator", lambda _: read_targets() == {0.0})
 
 
 @pytest.mark.system
@@ -234,8 +234,8 @@ def test_late_start_is_refused_and_a_print_ends_by_its_time_limit_without_a_daem
         if snapshot.link is m.LinkState.READY and snapshot.print is None:
             replies.append(agent.start(tmp_path / "a.gcode", make_gcode(20_000), not_after_s=now_s - 1.0))
             assert agent.snapshot.print is None
-            hours = {"not_after_s": now_s + 600.0, "ends_by_s": now_s + 10_000.0}
-            assert agent.start(tmp_path / "a.gcode", make_gcode(20_000), **hours).error is None
+            time_limits = {"not_after_s": now_s + 600.0, "ends_by_s": now_s + 10_000.0}
+            assert agent.start(tmp_path / "a.gcode", make_gcode(20_000), **time_limits).error is None
         elif snapshot.print is not None and snapshot.print.phase is m.PrintPhase.PRINTING:
             if snapshot.print.ends_by_s is not None and snapshot.print.ends_by_s > now_s:
                 agent._answer(m.EndPrintBy(id=3, print_id="another", ends_by_s=now_s))

@@ -18,7 +18,7 @@ from drivers.messages import AGENT_SOCKET
 IDLE_CLIENTS = 40
 
 
-class ServerBench:
+class ServerRig:
     """A server on a selector, with a controlled clock."""
 
     def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -30,7 +30,7 @@ class ServerBench:
         self.path = str(folder / AGENT_SOCKET)
         self.clients: list[socket.socket] = []
 
-    def client(self, content: bytes = b"") -> socket.socket:
+    def connect(self, content: bytes = b"") -> socket.socket:
         printer = socket.socket(socket.AF_UNIX)
         self.clients.append(printer)
         printer.connect(self.path)
@@ -49,19 +49,19 @@ class ServerBench:
 
 
 @pytest.fixture
-def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ServerBench]:
+def rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ServerRig]:
     monkeypatch.setattr(module, "_encode_line", lambda message: b"{}\n")
-    bench = ServerBench(tmp_path, monkeypatch)
-    yield bench
-    bench.server.close()
-    for client in bench.clients:
-        client.close()
+    rig = ServerRig(tmp_path, monkeypatch)
+    yield rig
+    rig.server.close()
+    for connect in rig.clients:
+        connect.close()
 
 
-def is_open(client: socket.socket) -> bool:
-    client.setblocking(False)
+def is_open(connect: socket.socket) -> bool:
+    connect.setblocking(False)
     try:
-        while data := client.recv(4096):
+        while data := connect.recv(4096):
             assert data
     except BlockingIOError:
         return True
@@ -70,56 +70,56 @@ def is_open(client: socket.socket) -> bool:
     return False
 
 
-def test_idle_clients_are_limited_and_the_latest_requester_is_kept(bench: ServerBench):
-    requester = bench.client(b'{"do": "hello", "id": 1}\n')
-    idle = [bench.client() for _ in range(IDLE_CLIENTS)]
-    assert is_open(requester) and is_open(idle[-1])
-    assert sum(map(is_open, idle)) == module._MAX_CLIENTS - 1
+def test_idle_clients_are_limited_and_the_latest_requester_is_kept(rig: ServerRig):
+    requester = rig.connect(b'{"do": "hello", "id": 1}\n')
+    idle_clients = [rig.connect() for _ in range(IDLE_CLIENTS)]
+    assert is_open(requester) and is_open(idle_clients[-1])
+    assert sum(map(is_open, idle_clients)) == module._MAX_CLIENTS - 1
 
 
-def test_incomplete_request_is_dropped_after_its_time_limit(bench: ServerBench):
-    half_client, whole_client, silent_client = (
-        bench.client(b'{"do": "he'),
-        bench.client(b'{"do": "hello", "id": 1}\n'),
-        bench.client(),
+def test_incomplete_request_is_dropped_after_its_time_limit(rig: ServerRig):
+    partial_client, complete_client, silent_client = (
+        rig.connect(b'{"do": "he'),
+        rig.connect(b'{"do": "hello", "id": 1}\n'),
+        rig.connect(),
     )
-    bench.now_s += 9.0
-    half_client.sendall(b"l")  # single bytes do not extend the time limit
-    bench.run_once()
-    bench.server.drop_stalled_clients()
-    assert is_open(half_client)
-    bench.now_s += 2.0
-    bench.server.drop_stalled_clients()
-    assert not is_open(half_client) and is_open(whole_client) and is_open(silent_client)
+    rig.now_s += 9.0
+    partial_client.sendall(b"l")  # single bytes do not extend the time limit
+    rig.run_once()
+    rig.server.drop_stalled_clients()
+    assert is_open(partial_client)
+    rig.now_s += 2.0
+    rig.server.drop_stalled_clients()
+    assert not is_open(partial_client) and is_open(complete_client) and is_open(silent_client)
 
 
 def test_loop_pauses_without_free_descriptors_and_continues_later(
-    bench: ServerBench, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    rig: ServerRig, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ):
     class FullListener:
         def __init__(self, listener: socket.socket) -> None:
-            self.listener, self.tries = listener, 0
+            self.listener, self.attempts = listener, 0
 
         def fileno(self) -> int:
             return self.listener.fileno()
 
         def accept(self) -> None:
-            self.tries += 1
+            self.attempts += 1
             raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
 
-    listener = bench.server._listener
+    listener = rig.server._listener
     full_listener = FullListener(listener)
-    monkeypatch.setattr(bench.server, "_listener", full_listener)
+    monkeypatch.setattr(rig.server, "_listener", full_listener)
     with caplog.at_level(logging.WARNING):
-        waiting_client = bench.client()
-        assert full_listener.tries == 1
-        bench.now_s += 2.0
-        bench.server.drop_stalled_clients()
-        bench.run_once()
-        assert full_listener.tries == 2
+        waiting_client = rig.connect()
+        assert full_listener.attempts == 1
+        rig.now_s += 2.0
+        rig.server.drop_stalled_clients()
+        rig.run_once()
+        assert full_listener.attempts == 2
     assert len(caplog.records) == 1
-    monkeypatch.setattr(bench.server, "_listener", listener)
-    bench.now_s += 2.0
-    bench.server.drop_stalled_clients()
-    bench.run_once()
+    monkeypatch.setattr(rig.server, "_listener", listener)
+    rig.now_s += 2.0
+    rig.server.drop_stalled_clients()
+    rig.run_once()
     assert waiting_client.recv(16) == b"{}\n"

@@ -13,8 +13,8 @@ HOLD_COMMAND = 'echo "$1" > "$0"; shift; "$@"; rm "$0"'
 
 
 def wait_for_file(path: Path, exists: bool) -> bool:
-    until_s = time.monotonic() + 10.0
-    while path.exists() != exists and time.monotonic() < until_s:
+    deadline_s = time.monotonic() + 10.0
+    while path.exists() != exists and time.monotonic() < deadline_s:
         select.select([], [], [], 0.01)
     return path.exists() == exists
 

@@ -23,9 +23,9 @@ TIME_LIMIT_S = 20.0
 
 def wait_for(condition: Callable[[], bool]) -> None:
     """Poll until a condition is true, up to a deadline."""
-    until_s = time.monotonic() + TIME_LIMIT_S
+    deadline_s = time.monotonic() + TIME_LIMIT_S
     while not condition():
-        assert time.monotonic() < until_s, "it never happened"
+        assert time.monotonic() < deadline_s, "it never happened"
         select.select([], [], [], 0.01)
 
 
@@ -62,7 +62,7 @@ class Printer:
     def status(self) -> EmulatorStatus:
         return read_status(self.folder)
 
-    def booted(self) -> Link:
+    def boot_and_connect(self) -> Link:
         link = Link(self.start_emulator())
         link.read_until(b"SD init fail\n")
         return link
@@ -95,14 +95,14 @@ def test_running_emulator_is_found_and_not_started_twice(printer: Printer) -> No
 
 
 def test_port_does_not_echo_and_answers(printer: Printer) -> None:
-    link = printer.booted()
+    link = printer.boot_and_connect()
     assert link.ask(b"M105") == b"ok T:21.0 /0.0 B:21.0 /0.0 @:0 B@:0\n"
     assert printer.status().link_open
     link.close()
 
 
 def test_closed_port_changes_nothing_and_an_opened_one_resets(printer: Printer) -> None:
-    link = printer.booted()
+    link = printer.boot_and_connect()
     link.ask(b"M104 S200")
     wait_for(lambda: printer.status().nozzle_target_c == 200.0)
     link.close()
@@ -118,7 +118,7 @@ def test_closed_port_changes_nothing_and_an_opened_one_resets(printer: Printer) 
 
 
 def test_port_closed_and_opened_at_once_is_a_reset_each_time(printer: Printer) -> None:
-    link = printer.booted()
+    link = printer.boot_and_connect()
     old_resets = printer.status().resets
     for count in range(1, 6):
         link.ask(b"M104 S200")
@@ -131,7 +131,7 @@ def test_port_closed_and_opened_at_once_is_a_reset_each_time(printer: Printer) -
 
 
 def test_print_makes_the_bed_not_clear_until_a_person_clears_it(printer: Printer) -> None:
-    link = printer.booted()
+    link = printer.boot_and_connect()
     link.ask(b"M109 S200", b"\nok\n")
     for line in (b"G28", b"G92 E0", b"G1 E20 F1500", b"G92 E0", b"G1 X50 Y50 Z0.3 F9000"):
         link.ask(line)
@@ -153,7 +153,7 @@ def test_print_makes_the_bed_not_clear_until_a_person_clears_it(printer: Printer
 
 
 def test_power_is_cut_and_restored(printer: Printer) -> None:
-    link = printer.booted()
+    link = printer.boot_and_connect()
     link.ask(b"M104 S200")
     control(printer.folder, Command.POWER_OFF)
     assert not is_running(printer.folder)
@@ -191,7 +191,7 @@ def test_slow_wire_delays_answers(printer: Printer) -> None:
 
 
 def test_status_is_written_atomically(printer: Printer) -> None:
-    link = printer.booted()
+    link = printer.boot_and_connect()
     statuses = set()
     for k in range(60):  # each target is written at once, and read in the middle of it
         os.write(link.port, b"M104 S%d\n" % (k % 2 * 50))
@@ -205,7 +205,7 @@ def test_status_is_written_atomically(printer: Printer) -> None:
 def test_pulled_cable_hangs_up_and_returns_as_another_device(
     printer: Printer,
 ) -> None:
-    link = printer.booted()
+    link = printer.boot_and_connect()
     link.ask(b"M104 S200")
     old_status = printer.status()
     control(printer.folder, Command.UNPLUG)
@@ -223,7 +223,7 @@ def test_pulled_cable_hangs_up_and_returns_as_another_device(
 
 
 def test_actions_at_the_display_show_in_queries_only(printer: Printer) -> None:
-    link = printer.booted()
+    link = printer.boot_and_connect()
     link.ask(b"G28")
     control(printer.folder, Command.SET_NOZZLE, target_c=150)
     assert b"/150.0" in link.ask(b"M105")
@@ -241,6 +241,6 @@ def test_actions_at_the_display_show_in_queries_only(printer: Printer) -> None:
 
 def test_answers_in_pieces_are_complete_at_the_end(printer: Printer) -> None:
     printer.start_emulator("sim://ultimaker2_plus?bytewise=1")
-    link = printer.booted()
+    link = printer.boot_and_connect()
     assert b"EXTRUDER_COUNT:1\nok" in link.ask(b"M115")
     link.close()

@@ -17,8 +17,8 @@ def parse_program(text: str) -> Program:
 
 
 def measure_after(text: str, last_position: tuple[float, float, float, float] | None = None) -> float:
-    p = parse_program(text)
-    return measure_retraction(p, p.count, last_position)
+    program = parse_program(text)
+    return measure_retraction(program, program.count, last_position)
 
 
 @pytest.mark.parametrize(

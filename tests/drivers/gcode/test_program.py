@@ -40,31 +40,31 @@ M140 S0
 
 
 def test_comments_blanks_and_queries_are_not_sent():
-    p = parse_program(SLICED_GCODE)
-    assert p.read_lines(0, 3) == [b"M140 S60", b"G28", b"M190 S60"]
-    assert p.count == 11
-    assert not any(b";" in line or b"M105" in line for line in p.read_lines(0, p.count))
+    program = parse_program(SLICED_GCODE)
+    assert program.read_lines(0, 3) == [b"M140 S60", b"G28", b"M190 S60"]
+    assert program.count == 11
+    assert not any(b";" in line or b"M105" in line for line in program.read_lines(0, program.count))
 
 
 def test_heating_lines_are_listed_with_their_targets():
-    p = parse_program(SLICED_GCODE)
-    waits = [(h.heater, h.target_c) for h in p.heat_commands if h.waits]
+    program = parse_program(SLICED_GCODE)
+    waits = [(h.heater, h.target_c) for h in program.heat_commands if h.waits]
     assert waits == [(HeaterName.BED, 60.0), (HeaterName.NOZZLE, 210.0)]
-    assert p.find_target_c(HeaterName.NOZZLE, 0) is None
-    assert p.find_target_c(HeaterName.NOZZLE, 4) == 210.0
-    assert p.find_target_c(HeaterName.NOZZLE, p.count) == 0.0
+    assert program.find_target_c(HeaterName.NOZZLE, 0) is None
+    assert program.find_target_c(HeaterName.NOZZLE, 4) == 210.0
+    assert program.find_target_c(HeaterName.NOZZLE, program.count) == 0.0
 
 
 def test_progress_is_linear_in_time_within_a_layer():
-    p = parse_program(SLICED_GCODE)
-    assert p.home_line == 1
-    assert p.extrusion_line == 5
-    assert p.compute_progress(0).seconds == 0.0
-    assert p.compute_progress(7).seconds == 10.0
-    assert p.compute_progress(8).seconds == 20.0
-    assert p.compute_progress(p.count).seconds == 30.0
-    assert [p.compute_progress(n).layer for n in (0, 6, 7, 8)] == [None, 0, 1, 1]
-    assert p.layers == 2
+    program = parse_program(SLICED_GCODE)
+    assert program.home_line == 1
+    assert program.extrusion_line == 5
+    assert program.compute_progress(0).seconds == 0.0
+    assert program.compute_progress(7).seconds == 10.0
+    assert program.compute_progress(8).seconds == 20.0
+    assert program.compute_progress(program.count).seconds == 30.0
+    assert [program.compute_progress(n).layer for n in (0, 6, 7, 8)] == [None, 0, 1, 1]
+    assert program.layers == 2
 
 
 FEATURES = """M109 S210
@@ -90,8 +90,8 @@ G28
 
 
 def test_marks_hold_time_layer_height_and_feature():
-    p = parse_program(FEATURES)
-    assert tuple(p.timeline) == (
+    program = parse_program(FEATURES)
+    assert tuple(program.timeline) == (
         Mark(1, 0.0, 0, 0.27, None),
         Mark(2, pytest.approx(2.0), 0, 0.27, Feature.SKIRT),
         Mark(3, 4.0, 0, 0.27, Feature.WALL_OUTER),
@@ -100,9 +100,9 @@ def test_marks_hold_time_layer_height_and_feature():
         Mark(8, pytest.approx(17.5), 1, 0.47, None),
         Mark(9, 20.0, 1, 0.47, None),
     )
-    assert p.compute_progress(4) == Mark(4, 7.0, 0, 0.27, Feature.WALL_OUTER)
-    assert p.compute_progress(0) == Mark(0, 0.0)
-    assert p.compute_progress(p.count).seconds == p.time_s == 20.0
+    assert program.compute_progress(4) == Mark(4, 7.0, 0, 0.27, Feature.WALL_OUTER)
+    assert program.compute_progress(0) == Mark(0, 0.0)
+    assert program.compute_progress(program.count).seconds == program.time_s == 20.0
 
 
 NOTES = st.one_of(
@@ -125,14 +125,14 @@ def test_commands_are_kept_and_the_timeline_rises(lines: list[str]):
     commands = [command for line in lines if (command := line.partition(";")[0].strip())]
     if not commands:
         return
-    p = parse_program("\n".join(lines))
-    assert [line.decode() for line in p.read_lines(0, p.count)] == commands
-    marks = [(mark.line, mark.seconds) for mark in p.timeline]
+    program = parse_program("\n".join(lines))
+    assert [line.decode() for line in program.read_lines(0, program.count)] == commands
+    marks = [(mark.line, mark.seconds) for mark in program.timeline]
     assert marks == sorted(marks)
     assert len({line for line, _ in marks}) == len(marks)
-    times_s = [p.compute_progress(line).seconds for line in range(p.count + 1)]
+    times_s = [program.compute_progress(line).seconds for line in range(program.count + 1)]
     assert times_s == sorted(times_s)
-    assert times_s[-1] == p.time_s == max((s for _, s in marks), default=0.0)
+    assert times_s[-1] == program.time_s == max((s for _, s in marks), default=0.0)
 
 
 @pytest.mark.parametrize(
@@ -200,10 +200,10 @@ def test_file_without_a_command_is_refused():
 )
 def test_any_slice_of_lines_equals_the_slice_of_the_list(values: list[int], start: int, stop: int):
     lines = [b"G1 X%d" % v for v in values]
-    p = read_program((line + b" ; c\n" for line in lines), ULTIMAKER2_PLUS)
-    assert p.read_lines(start, stop) == lines[start:stop]
-    assert p.count == len(lines)
-    times_s = [p.compute_progress(n).seconds for n in range(0, p.count + 1, 50)]
+    program = read_program((line + b" ; c\n" for line in lines), ULTIMAKER2_PLUS)
+    assert program.read_lines(start, stop) == lines[start:stop]
+    assert program.count == len(lines)
+    times_s = [program.compute_progress(n).seconds for n in range(0, program.count + 1, 50)]
     assert times_s == sorted(times_s)
 
 
@@ -223,15 +223,15 @@ def test_readable_lines_are_rewritten_in_one_form(line: str, sent_line: bytes):
 
 
 def test_display_texts_are_dropped():
-    p = parse_program("M117 Ärger: N1 *\nM118 " + "long " * 30 + "\nG28\n")
-    assert p.read_lines(0, p.count) == [b"G28"]
+    program = parse_program("M117 Ärger: N1 *\nM118 " + "long " * 30 + "\nG28\n")
+    assert program.read_lines(0, program.count) == [b"G28"]
 
 
 _NUMBERS = [
     "1", "-1", "1.5", ".5", "-.5", "5.", "0", "-0", "999999", "1000000", "9" * 70, "", "1 2", "1e5", "1E5",
     "--1", ".", "-", "+1", "+", "1.2.3", "nan", "inf", "0x10", "1_0", "\0", "é",
 ]  # fmt: skip
-_ANSWER_STARTS = [
+_LINE_STARTS = [
     "G0", "G1", "G01", "G2", "G3", "G4", "G28", "G90", "G91", "G92", "M82", "M83", "M104", "M109", "M140",
     "M106", "M117", "T0", "G", "g1", "", "\ufeffG1", ";LAYER:", ";TIME_ELAPSED:", "G1\tX5;LAYER:", "G1X1Y1E1",
 ]  # fmt: skip
@@ -240,7 +240,7 @@ LETTERS = st.sampled_from([*"XYZEFSPGMTNxé*:;"])
 WORDS = st.builds("{}{}{}".format, st.sampled_from(["", " ", "  ", "\t"]), LETTERS, NUMBERS)
 HARD_LINES = st.builds(
     "{}{}{}".format,
-    st.sampled_from(_ANSWER_STARTS),
+    st.sampled_from(_LINE_STARTS),
     st.lists(WORDS, max_size=4).map("".join),
     st.sampled_from(["", " ", "\r", " ; a comment", ";", "\0", "a" * 90]),
 )
@@ -253,59 +253,63 @@ def test_accepted_lines_can_be_followed_and_never_crash_an_agent(lines: list[str
     accepted_lines = []
     for line in ["M109 S210", *lines]:
         try:
-            p = parse_program("\n".join(["M109 S210", *accepted_lines, line]))
+            program = parse_program("\n".join(["M109 S210", *accepted_lines, line]))
         except BadGcode as refused:
             assert str(refused).startswith("line ") and "\n" not in str(refused)
         else:
             accepted_lines.append(line)
-    p = parse_program("\n".join(accepted_lines))
-    line_count = data.draw(st.integers(0, p.count))
-    moves = MotionState(p, line_count)
-    expected = [mm for mm in (*moves.position, moves.retracted_mm, moves.feed_mm_min) if not math.isnan(mm)]
-    assert all(abs(mm) < 1e9 for mm in expected)
-    assert 0.0 <= measure_retraction(p, line_count, (10.0, 10.0, 1.0, 1.0)) < 1e9
-    mark = p.compute_progress(line_count)
+    program = parse_program("\n".join(accepted_lines))
+    line_count = data.draw(st.integers(0, program.count))
+    moves = MotionState(program, line_count)
+    values = [mm for mm in (*moves.position, moves.retracted_mm, moves.feed_mm_min) if not math.isnan(mm)]
+    assert all(abs(mm) < 1e9 for mm in values)
+    assert 0.0 <= measure_retraction(program, line_count, (10.0, 10.0, 1.0, 1.0)) < 1e9
+    mark = program.compute_progress(line_count)
     assert all(
-        abs(number) < 1e9 for number in (mark.seconds, mark.z_mm, p.compute_highest_mm(line_count), p.time_s)
+        abs(number) < 1e9
+        for number in (mark.seconds, mark.z_mm, program.compute_highest_mm(line_count), program.time_s)
     )
-    sent_lines = p.read_lines(0, p.count)
-    assert parse_program("\n".join(line.decode() for line in sent_lines)).read_lines(0, p.count) == sent_lines
+    sent_lines = program.read_lines(0, program.count)
+    assert (
+        parse_program("\n".join(line.decode() for line in sent_lines)).read_lines(0, program.count)
+        == sent_lines
+    )
     assert all(re.fullmatch(rb"[GMT]\d+( [A-Z](-?(\d+(\.\d*)?|\.\d+))?)*", line) for line in sent_lines)
 
 
 @given(st.binary(max_size=200))
 def test_any_bytes_are_read_or_refused(data: bytes):
     try:
-        p = read_program(io.BytesIO(data), ULTIMAKER2_PLUS)
+        program = read_program(io.BytesIO(data), ULTIMAKER2_PLUS)
     except BadGcode:
         return
-    assert all(0 < len(line) <= ULTIMAKER2.command_bytes for line in p.read_lines(0, p.count))
+    assert all(0 < len(line) <= ULTIMAKER2.command_bytes for line in program.read_lines(0, program.count))
 
 
 def test_heating_lines_are_found_in_every_notation():
-    p = parse_program("M104S200\nM0109 T0 S210\nM190S60\nG1 E1\n")
-    results = [(h.heater, h.target_c, h.waits) for h in p.heat_commands]
+    program = parse_program("M104S200\nM0109 T0 S210\nM190S60\nG1 E1\n")
+    results = [(h.heater, h.target_c, h.waits) for h in program.heat_commands]
     nozzle, bed = HeaterName.NOZZLE, HeaterName.BED
     assert results == [(nozzle, 200.0, False), (nozzle, 210.0, True), (bed, 60.0, True)]
 
 
 def test_g92_is_not_counted_as_extrusion():
-    p = parse_program("G92 E0\nM109 S210\nG1 X1 E1\n")
-    assert p.extrusion_line == 2
+    program = parse_program("G92 E0\nM109 S210\nG1 X1 E1\n")
+    assert program.extrusion_line == 2
 
 
 def test_long_files_and_their_marks_take_little_memory():
-    part = "".join(f";TYPE:FILL\n{'G1 X1 Y1 E1' + chr(10)}" * 50 + f"G0 Z{i}\n" for i in range(1, 400))
+    layers_text = "".join(f";TYPE:FILL\n{'G1 X1 Y1 E1' + chr(10)}" * 50 + f"G0 Z{i}\n" for i in range(1, 400))
     tracemalloc.start()
     try:
-        p = read_program(
-            io.BytesIO(("M109 S210\n;LAYER:0\n" + part).encode()), ULTIMAKER2_PLUS, DiscardingStore()
+        program = read_program(
+            io.BytesIO(("M109 S210\n;LAYER:0\n" + layers_text).encode()), ULTIMAKER2_PLUS, DiscardingStore()
         )
         held_bytes, _ = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
-    assert len(p.timeline) > 15_000
-    assert held_bytes < 60 * len(p.timeline)
+    assert len(program.timeline) > 15_000
+    assert held_bytes < 60 * len(program.timeline)
 
 
 class DiscardingStore:
@@ -320,12 +324,12 @@ class DiscardingStore:
 
 @given(st.lists(st.sampled_from(["G90", "G91", "M82", "M83", "G1 X1", "G1 Z2", "G1 Z7"]), min_size=1))
 def test_modes_and_height_at_a_line_follow_from_the_lines_before(lines: list[str]):
-    p = parse_program("\n".join(lines))
+    program = parse_program("\n".join(lines))
     relative = relative_e = False
     highest_mm = 0.0
     for n, line in enumerate(lines):
-        assert (p.is_relative(n), p.is_e_relative(n)) == (relative, relative_e)
-        assert highest_mm <= p.compute_highest_mm(n) <= highest_mm + 1.0
+        assert (program.is_relative(n), program.is_e_relative(n)) == (relative, relative_e)
+        assert highest_mm <= program.compute_highest_mm(n) <= highest_mm + 1.0
         relative = {"G91": True, "G90": False}.get(line, relative)
         relative_e = {"M83": True, "M82": False}.get(line, relative_e)
         if line.startswith("G1 Z") and not relative:

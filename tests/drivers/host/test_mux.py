@@ -13,29 +13,29 @@ FRAMES = st.builds(
 )  # fmt: skip
 
 
-def cut(data: bytes, cuts: list[int]) -> list[bytes]:
-    """Cut bytes into pieces whose lengths are taken from `cuts` in turn."""
+def split(data: bytes, piece_sizes: list[int]) -> list[bytes]:
+    """Split bytes into pieces whose lengths are taken from `piece_sizes` in turn."""
     pieces, offset, cycle = [], 0, 0
     while offset < len(data):
-        size = cuts[cycle % len(cuts)] if cuts else len(data)
+        size = piece_sizes[cycle % len(piece_sizes)] if piece_sizes else len(data)
         pieces.append(data[offset : offset + size])
         offset, cycle = offset + size, cycle + 1
     return pieces
 
 
-def move(source: Mux, target: Mux, cuts: list[int]) -> list[object]:
+def transfer(source: Mux, target: Mux, piece_sizes: list[int]) -> list[object]:
     """Move all bytes that one end can send now to the other; return the events there."""
     events: list[object] = []
     while data := source.take():
-        for piece in cut(data, cuts):
+        for piece in split(data, piece_sizes):
             events += target.receive(piece)
     return events
 
 
 @given(st.lists(FRAMES, max_size=20), st.lists(st.integers(1, 400), max_size=5))
-def test_frames_are_the_same_after_any_cuts(frames, cuts):
+def test_frames_are_the_same_after_any_split(frames, piece_sizes):
     reader, data = FrameReader(), b"".join(frame.encode() for frame in frames)
-    assert [frame for piece in cut(data, cuts) for frame in reader.feed(piece)] == frames
+    assert [frame for piece in split(data, piece_sizes) for frame in reader.feed(piece)] == frames
 
 
 PATTERN = bytes(range(251)) * 1000
@@ -45,53 +45,53 @@ STEPS = st.lists(st.tuples(st.integers(0, 2), ACTIONS, st.integers(0, 200_000)),
 
 @settings(max_examples=25, deadline=None)
 @given(STEPS, st.lists(st.integers(1, 50_000), min_size=1, max_size=4))
-def test_bytes_of_each_stream_arrive_once_and_in_order(steps, cuts):
+def test_bytes_of_each_stream_arrive_once_and_in_order(steps, piece_sizes):
     daemon, host = Mux(), Mux()
     streams = [daemon.open(f"um2-{number}") for number in range(3)]
-    assert [event for event in move(daemon, host, cuts) if isinstance(event, Opened)] == [
+    assert [event for event in transfer(daemon, host, piece_sizes) if isinstance(event, Opened)] == [
         Opened(stream, f"um2-{number}") for number, stream in enumerate(streams)
     ]
-    ends = {"to host": (daemon, host), "to daemon": (host, daemon)}
-    sent = {(direction, s): b"" for direction in ends for s in streams}
+    directions = {"to host": (daemon, host), "to daemon": (host, daemon)}
+    sent = {(direction, s): b"" for direction in directions for s in streams}
     received = dict.fromkeys(sent, b"")
 
-    def settle() -> None:
-        for direction, (source, target) in ends.items():
-            for event in move(source, target, cuts):
+    def transfer_all() -> None:
+        for direction, (source, target) in directions.items():
+            for event in transfer(source, target, piece_sizes):
                 assert isinstance(event, Received)
                 received[direction, event.stream] += event.data
 
-    for sender, stream_number, size in steps:
-        stream = streams[sender]
-        if stream_number == "consume":
-            for direction, (_, target) in ends.items():
+    for stream_number, action, size in steps:
+        stream = streams[stream_number]
+        if action == "consume":
+            for direction, (_, target) in directions.items():
                 target.consume(stream, min(size, len(received[direction, stream])))
         else:
-            piece = PATTERN[len(sent[stream_number, stream]) % 251 :][:size]
-            ends[stream_number][0].write(stream, piece)
-            sent[stream_number, stream] += piece
-        settle()
+            piece = PATTERN[len(sent[action, stream]) % 251 :][:size]
+            directions[action][0].write(stream, piece)
+            sent[action, stream] += piece
+        transfer_all()
         assert all(sent[key].startswith(received[key]) for key in sent)
     for _ in range(1 + sum(size for _, _, size in steps) // (WINDOW_BYTES // 4)):
-        for _, target in ends.values():
+        for _, target in directions.values():
             for stream in streams:
                 target.consume(stream, WINDOW_BYTES)
-        settle()
+        transfer_all()
     assert received == sent
 
 
 def test_unread_stream_stops_and_the_others_continue():
     daemon, host = Mux(), Mux()
     slow, fast = daemon.open("slow"), daemon.open("fast")
-    list(move(daemon, host, []))
+    list(transfer(daemon, host, []))
     host.write(slow, b"s" * (WINDOW_BYTES + 1000))
-    move(host, daemon, [])
+    transfer(host, daemon, [])
     assert host.count_waiting(slow) == 1000
     host.write(fast, b"f" * 100)
-    assert move(host, daemon, []) == [Received(fast, b"f" * 100)]
+    assert transfer(host, daemon, []) == [Received(fast, b"f" * 100)]
     daemon.consume(slow, WINDOW_BYTES)
-    move(daemon, host, [])
-    assert move(host, daemon, []) == [Received(slow, b"s" * 1000)]
+    transfer(daemon, host, [])
+    assert transfer(host, daemon, []) == [Received(slow, b"s" * 1000)]
 
 
 def test_streams_take_turns_so_that_a_short_one_does_not_wait_for_a_long_one():
@@ -106,26 +106,26 @@ def test_streams_take_turns_so_that_a_short_one_does_not_wait_for_a_long_one():
 def test_stream_closes_after_its_bytes_and_late_bytes_are_dropped():
     daemon, host = Mux(), Mux()
     stream = daemon.open("a")
-    move(daemon, host, [])
+    transfer(daemon, host, [])
     host.write(stream, b"last")
     host.close(stream, "the agent has ended")
     daemon.write(stream, b"too late")
-    assert move(host, daemon, []) == [Received(stream, b"last"), Closed(stream, "the agent has ended")]
-    assert move(daemon, host, []) == []
-    assert move(host, daemon, []) == []
+    assert transfer(host, daemon, []) == [Received(stream, b"last"), Closed(stream, "the agent has ended")]
+    assert transfer(daemon, host, []) == []
+    assert transfer(host, daemon, []) == []
     assert daemon.open("a") != stream
 
 
 def test_close_of_a_full_stream_waits_for_its_bytes():
     daemon, host = Mux(), Mux()
     stream = daemon.open("a")
-    move(daemon, host, [])
+    transfer(daemon, host, [])
     host.write(stream, b"x" * (WINDOW_BYTES + 1))
     host.close(stream)
-    assert not any(isinstance(event, Closed) for event in move(host, daemon, []))
+    assert not any(isinstance(event, Closed) for event in transfer(host, daemon, []))
     daemon.consume(stream, WINDOW_BYTES)
-    move(daemon, host, [])
-    assert move(host, daemon, []) == [Received(stream, b"x"), Closed(stream, "")]
+    transfer(daemon, host, [])
+    assert transfer(host, daemon, []) == [Received(stream, b"x"), Closed(stream, "")]
 
 
 def test_messages_overtake_waiting_data():

@@ -117,7 +117,6 @@ def test_new_agent_is_judged_by_its_link_and_the_waiting_time():
     assert judge_trial(Trial(old_link, None, False, 5.0)) is False  # a busy computer starts it late
     assert judge_trial(Trial(old_link, None, True, 0.1)) == "its new agent has ended"
     assert "its port is gone" in str(judge_trial(Trial(old_link, fault, False, 5.0)))
-    assert (
-        judge_trial(Trial(m.LinkState.ABSENT, absent_report, False, 5.0)) is True
-    )  # as before the update, which is not the cause
+    # The printer was absent before the update too, so the update is not the cause.
+    assert judge_trial(Trial(m.LinkState.ABSENT, absent_report, False, 5.0)) is True
     assert "was not ready" in str(judge_trial(Trial(old_link, report, False, 100.0)))

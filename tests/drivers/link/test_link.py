@@ -40,9 +40,9 @@ def test_resent_line_is_counted_once():
     class LossyWire(Wire):
         """Wire that loses the third line."""
 
-        def carry(self, data: bytes) -> list[bytes]:
+        def transmit(self, data: bytes) -> list[bytes]:
             is_lost = data.startswith(b"N3 ") and not bench.link.repeat_count
-            return [] if is_lost else super().carry(data)
+            return [] if is_lost else super().transmit(data)
 
     bench = Bench(LossyWire(0.0, 0.0, 10_000, 0)).boot()
     stream_program(bench, make_lines(5))
@@ -280,7 +280,7 @@ def test_resend_of_a_board_that_lost_its_count_is_ignored():
     bench = Bench().boot()
     stream_program(bench, make_lines(300))
     bench.run(until_s=1.0)
-    bench.firmware.last = 0  # it was reset, and its `start` was lost
+    bench.firmware.last_number = 0  # it was reset, and its `start` was lost
     executed_count = len(bench.firmware.executed)
     bench.run()
     assert bench.list_faults() == [Fault.REBOOT]

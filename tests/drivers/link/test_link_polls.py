@@ -17,15 +17,15 @@ class Board:
     def __init__(self, poll_every_s: float) -> None:
         self.link, self.now_s = Link(ULTIMAKER2), 0.0
         self.link.poll_every_s = poll_every_s
-        self.done: list[bytes] = []
-        self.reports = 0
-        self.last = -1
+        self.executed: list[bytes] = []
+        self.report_count = 0
+        self.last_number = -1
         self.link.on_opened(0.0)
-        self.hear(BANNER)
+        self.receive(BANNER)
 
-    def hear(self, data: bytes) -> list[object]:
+    def receive(self, data: bytes) -> list[object]:
         events = list(self.link.receive(data, self.now_s) or ())
-        self.reports += sum(isinstance(event, Report) for event in events)
+        self.report_count += sum(isinstance(event, Report) for event in events)
         return events
 
     def step(self) -> bool:
@@ -35,14 +35,14 @@ class Board:
             return False
         result = re.fullmatch(rb"N(\d+) (.*)\*\d+\n", line)
         assert result is not None, line
-        self.last += 1
-        assert int(result[1]) == self.last
+        self.last_number += 1
+        assert int(result[1]) == self.last_number
         self.now_s += 0.25
         if result[2] == b"M105":
-            self.hear(REPORT)
+            self.receive(REPORT)
         else:
-            self.done.append(result[2])
-            self.hear(b"ok\n")
+            self.executed.append(result[2])
+            self.receive(b"ok\n")
         return True
 
 
@@ -61,13 +61,13 @@ def test_polls_keep_the_order_of_lines_and_are_not_counted(
         board.link.send(0.0, *commands)
     board.link.stream(0.0, lambda a, b: PROGRAM[a:b], start, len(PROGRAM))
     while board.step():
-        printed_count = sum(line.startswith(b"G1") for line in board.done)
+        printed_count = sum(line.startswith(b"G1") for line in board.executed)
         assert board.link.streamed_lines == start + printed_count
         assert not board.link.is_drained or start + printed_count == len(PROGRAM)
     assert board.link.is_drained
-    assert board.done == [b"M110", *commands, *PROGRAM[start:]]
+    assert board.executed == [b"M110", *commands, *PROGRAM[start:]]
     assert board.link.repeat_count == 0
-    assert board.reports >= len(PROGRAM) * 0.2 / poll_every_s
+    assert board.report_count >= len(PROGRAM) * 0.2 / poll_every_s
     assert len(board.link._outbox._frames) < 400  # a print has a million lines
 
 
@@ -77,15 +77,15 @@ def test_late_report_does_not_answer_a_refused_poll():
         pass
     board.link.poll(board.now_s)
     assert b"M105" in board.link.take()
-    board.hear(b"Resend: %d\n" % (board.last + 1))
-    assert [type(event) for event in board.hear(REPORT)] == [Report]
+    board.receive(b"Resend: %d\n" % (board.last_number + 1))
+    assert [type(event) for event in board.receive(REPORT)] == [Report]
     assert not board.link.is_drained
 
 
 def test_line_in_flight_is_not_counted_as_printed():
     board = Board(1e9)
     board.link.stream(0.0, lambda a, b: PROGRAM[a:b], 0, 3)
-    while board.last < 2:
+    while board.last_number < 2:
         board.step()
     assert board.link.take().startswith(b"N3 ")
     assert (board.link.streamed_lines, board.link.is_drained) == (2, False)

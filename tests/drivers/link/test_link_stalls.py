@@ -40,27 +40,29 @@ def test_print_is_exact_and_continues_within_3_s_after_any_damage(name: str, see
 @given(
     moves=st.lists(st.sampled_from([0.5, 3.0, 40.0, 180.0]), min_size=1, max_size=40),
     feed_mm_min=st.sampled_from([120, 600, 3000]),
-    hits=st.sets(st.integers(0, 39), max_size=2),
+    lost_answers=st.sets(st.integers(0, 39), max_size=2),
 )
-@example(moves=[0.5, 180.0] + [0.5] * 18, feed_mm_min=120, hits=set())
+@example(moves=[0.5, 180.0] + [0.5] * 18, feed_mm_min=120, lost_answers=set())
 @settings(max_examples=60, deadline=None)
-def test_lost_ok_during_slow_moves_causes_no_resend(moves: list[float], feed_mm_min: int, hits: set[int]):
+def test_lost_ok_during_slow_moves_causes_no_resend(
+    moves: list[float], feed_mm_min: int, lost_answers: set[int]
+):
     """Use a move of 90 s, during which the board is silent and is queried."""
-    places = [20.0 + (mm if index % 2 else 0.0) for index, mm in enumerate(moves)]
-    program = [b"G1 F%d X%.1f" % (feed_mm_min, x) for x in places]
+    x_positions_mm = [20.0 + (mm if index % 2 else 0.0) for index, mm in enumerate(moves)]
+    program = [b"G1 F%d X%.1f" % (feed_mm_min, x) for x in x_positions_mm]
     firmware, link = (
         EmulatedFirmware(PROFILES["ultimaker2_plus"], Faults(), random.Random(0), 0.0),
         Link(ULTIMAKER2),
     )
     link.on_opened(0.0)
-    now_s, is_connected, answers = 0.0, False, 0
+    now_s, is_connected, answer_count = 0.0, False, 0
     while not (is_connected and link.is_drained):
         assert link.phase is not Phase.DEAD
         now_s = max(now_s, min(firmware.compute_deadline_s(), link.deadline_s)) + 1e-3
         answer = firmware.feed(link.take(), now_s)
         if answer == b"ok\n":
-            answers += 1
-            answer = b"" if answers in hits else answer
+            answer_count += 1
+            answer = b"" if answer_count in lost_answers else answer
         link.receive(answer, now_s)
         link.tick(now_s)
         if not is_connected and link.phase is Phase.LIVE:

@@ -68,7 +68,7 @@ def print_program(
     rng = random.Random(seed)
     firmware, link = Recorder(faults, seed), Link(ULTIMAKER2)
     to_board, to_host = Wire(piece_bytes, max_delay_s, rng), Wire(piece_bytes, max_delay_s, rng)
-    now_s, is_connected, fault_texts = 0.0, False, []
+    now_s, is_connected, link_faults = 0.0, False, []
     link.on_opened(now_s)
     for _ in range(100_000):
         to_board.put(link.take(), now_s)
@@ -76,12 +76,12 @@ def print_program(
         now_s = max(now_s, min(due_s, now_s + 1000.0)) + 1e-4
         to_host.put(firmware.feed(to_board.take(now_s), now_s), now_s)
         events = [*(link.receive(to_host.take(now_s), now_s) or ()), *link.tick(now_s)]
-        fault_texts += [event.fault for event in events if isinstance(event, LinkFault)]
+        link_faults += [event.fault for event in events if isinstance(event, LinkFault)]
         if not is_connected and link.phase is Phase.LIVE:
             is_connected = True
             link.stream(now_s, lambda a, b: program[a:b], 0, len(program))
-        elif (is_connected and link.is_drained) or fault_texts:
-            return firmware, link, fault_texts
+        elif (is_connected and link.is_drained) or link_faults:
+            return firmware, link, link_faults
     raise AssertionError("it does not end")
 
 
@@ -94,6 +94,7 @@ def print_program(
     max_delay_s=st.sampled_from([0.0, 0.01, 0.5, 12.0]),
     seed=st.integers(0, 2**32),
 )
+# Noise gives two spaces.
 @example(
     count=120,
     noise=0.0002,
@@ -102,7 +103,7 @@ def print_program(
     piece_bytes=7,
     max_delay_s=0.0,
     seed=580706,
-)  # two spaces
+)
 @settings(max_examples=80, deadline=None)
 def test_noisy_wire_executes_lines_once_unaltered_or_ends_in_a_named_fault(
     count: int,
@@ -115,7 +116,7 @@ def test_noisy_wire_executes_lines_once_unaltered_or_ends_in_a_named_fault(
 ):
     path = [b"G1 X%d.%02d Y%d E%d" % (i % 200, i % 97, i % 190, i) for i in range(1, count)]
     program = [b"M302 S0", *path, *[b"M400"] * 3]
-    firmware, link, fault_texts = print_program(
+    firmware, link, link_faults = print_program(
         program, Faults(noise=noise, lost=loss_share, doubled=doubling_share), piece_bytes, max_delay_s, seed
     )
     numbers = [number for number, _ in firmware.accepted_lines]
@@ -124,8 +125,8 @@ def test_noisy_wire_executes_lines_once_unaltered_or_ends_in_a_named_fault(
         body != line for (_, body), line in zip(firmware.accepted_lines, program, strict=False)
     )
     assert altered_count == (firmware.noise.altered_lines if firmware.noise is not None else 0)
-    if fault_texts:
-        assert set(fault_texts) <= NAMED_FAULTS
+    if link_faults:
+        assert set(link_faults) <= NAMED_FAULTS
     else:
         assert len(numbers) >= count
         assert link.streamed_lines == len(program)

@@ -16,7 +16,7 @@ SLOW, SLOWER, FAST = b"G1 F60 X10", b"G1 F30 X10", b"G1 F6000 X10"
 
 def send_all(commands, polls_before=()):
     """Send all commands through an outbox; return it with the time limit of each."""
-    outbox, waits = Outbox(ULTIMAKER2), []
+    outbox, time_outs_s = Outbox(ULTIMAKER2), []
     outbox.begin()
     assert outbox.take_next() is not None  # M110
     outbox.queue(tuple(commands))
@@ -25,20 +25,20 @@ def send_all(commands, polls_before=()):
             outbox.insert_poll()
             outbox.take_next()
         assert outbox.take_next() is not None
-        waits.append(outbox.time_out_s)
-    return outbox, waits
+        time_outs_s.append(outbox.time_out_s)
+    return outbox, time_outs_s
 
 
 def test_lines_behind_a_slow_move_have_its_time_limit():
-    _, waits = send_all([SLOW, *[FAST] * (QUEUED_LINES + 3)])
+    _, time_outs_s = send_all([SLOW, *[FAST] * (QUEUED_LINES + 3)])
     assert QUEUED_LINES >= 16 + 8  # planned, and waiting
-    assert waits[: QUEUED_LINES + 1] == [pytest.approx(60 * MAX_MOVE_MM / 60)] * (QUEUED_LINES + 1)
-    assert waits[QUEUED_LINES + 1 :] == [LINE_TIME_OUT_S] * 3
+    assert time_outs_s[: QUEUED_LINES + 1] == [pytest.approx(60 * MAX_MOVE_MM / 60)] * (QUEUED_LINES + 1)
+    assert time_outs_s[QUEUED_LINES + 1 :] == [LINE_TIME_OUT_S] * 3
 
 
 def test_time_limit_follows_the_slowest_queued_move():
-    _, waits = send_all([FAST, SLOWER, SLOW, FAST])
-    assert waits == [LINE_TIME_OUT_S, *[pytest.approx(60 * MAX_MOVE_MM / 30)] * 3]
+    _, time_outs_s = send_all([FAST, SLOWER, SLOW, FAST])
+    assert time_outs_s == [LINE_TIME_OUT_S, *[pytest.approx(60 * MAX_MOVE_MM / 30)] * 3]
 
 
 @pytest.mark.parametrize("lines_before", range(1, 6))
@@ -79,7 +79,7 @@ def test_link_gives_up_on_a_silent_board_after_four_queries():
 
 
 def test_resend_is_accepted_after_two_unanswered_queries():
-    link, now_s, questions = Link(ULTIMAKER2), 0.0, 0
+    link, now_s, query_count = Link(ULTIMAKER2), 0.0, 0
     link.on_opened(now_s)
     link.receive(b"start\necho:   M301 P10\n", now_s)
     link.send(now_s, FAST, FAST, FAST)
@@ -88,10 +88,10 @@ def test_resend_is_accepted_after_two_unanswered_queries():
     assert b"N3 " in link.take()
     link.receive(b"Error:checksum mismatch, Last Line: 2\nResend: 3\nok\n", now_s)
     while b"N3 " not in (sent := link.take()):
-        questions += sent.count(ULTIMAKER2.last_line_query)
+        query_count += sent.count(ULTIMAKER2.last_line_query)
         now_s = link.deadline_s
         link.tick(now_s)
-    assert questions == 2
+    assert query_count == 2
 
 
 def test_refusal_without_a_number_leaves_queries_pending():

@@ -38,14 +38,14 @@ def url(tmp_path: Path) -> Iterator[str]:
         pytest.skip("needs ser2net and a C compiler")
     emulator = tmp_path / "emulator"
     launch(f"sim://{MODEL}", emulator, Clock(60.0, time.time()))
-    lines = tmp_path / "lines.so"
+    modem_lines = tmp_path / "lines.so"
     source = Path(__file__).with_name("modem_lines.c")
-    subprocess.run([C_COMPILER, "-shared", "-fPIC", "-nostdlib", "-o", lines, source], check=True)
+    subprocess.run([C_COMPILER, "-shared", "-fPIC", "-nostdlib", "-o", modem_lines, source], check=True)
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
-        number = probe.getsockname()[1]
+        port_number = probe.getsockname()[1]
     (tmp_path / "ser2net.yaml").write_text(
-        f"%YAML 1.1\n---\nconnection: &a\n  accepter: telnet(rfc2217),tcp,127.0.0.1,{number}\n"
+        f"%YAML 1.1\n---\nconnection: &a\n  accepter: telnet(rfc2217),tcp,127.0.0.1,{port_number}\n"
         f"  connector: serialdev,{(emulator / 'tty').resolve()},115200n81,local\n"
         "  options: {mdns: false, mdns-sysattrs: false}\n"
     )
@@ -54,24 +54,24 @@ def url(tmp_path: Path) -> Iterator[str]:
         f"control(Path({str(emulator)!r}), 'reset')\n"
     )
     reset = f"env -u LD_PRELOAD {sys.executable} {tmp_path}/reset.py"
-    env = {**os.environ, "LD_PRELOAD": str(lines), "RESET": reset}
+    env = {**os.environ, "LD_PRELOAD": str(modem_lines), "RESET": reset}
     command = [SER2NET, "-n", "-d", "-c", str(tmp_path / "ser2net.yaml")]
     with (tmp_path / "ser2net.log").open("wb") as log:
         server = subprocess.Popen(command, env=env, stdout=log, stderr=log, cwd=Path(__file__).parents[3])
     try:
-        _wait_until_listening(number)
-        yield f"rfc2217://127.0.0.1:{number}"
+        _wait_until_listening(port_number)
+        yield f"rfc2217://127.0.0.1:{port_number}"
     finally:
         server.kill()
         server.wait()
         control(emulator, "power_off")
 
 
-def _wait_until_listening(number: int) -> None:
+def _wait_until_listening(port_number: int) -> None:
     """Wait by the kernel's list of sockets, as a connection would open the port."""
-    until_s = time.monotonic() + DEADLINE_S
-    while f":{number:04X} 00000000:0000 0A" not in Path("/proc/net/tcp").read_text():
-        assert time.monotonic() < until_s
+    deadline_s = time.monotonic() + DEADLINE_S
+    while f":{port_number:04X} 00000000:0000 0A" not in Path("/proc/net/tcp").read_text():
+        assert time.monotonic() < deadline_s
         time.sleep(0.02)
 
 
@@ -133,6 +133,6 @@ def test_agent_opens_the_port_after_a_person_confirms_it_idle(tmp_path: Path, ur
 def test_host_that_does_not_answer_is_a_port_error():
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
-        number = probe.getsockname()[1]
+        port_number = probe.getsockname()[1]
     with pytest.raises(PortError, match="ser2net"):
-        NetPort(f"rfc2217://127.0.0.1:{number}", ULTIMAKER2.baud_rate)
+        NetPort(f"rfc2217://127.0.0.1:{port_number}", ULTIMAKER2.baud_rate)

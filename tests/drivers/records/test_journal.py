@@ -23,9 +23,9 @@ def test_truncated_journal_is_read_to_its_last_complete_record(tmp_path: Path):
     journal.write(2.0, print=open_print.model_dump(mode="json"), look="smoke")
     with path.open("ab") as end:
         end.write(b'{"at_s": 3.0, "print": nu')
-    memory = Journal(path).state
-    assert memory.print == open_print
-    assert (list(memory.recent), memory.filament, memory.board.attention_reason) == (
+    loaded_state = Journal(path).state
+    assert loaded_state.print == open_print
+    assert (list(loaded_state.recent), loaded_state.filament, loaded_state.board.attention_reason) == (
         [ended_print],
         m.Filament.PARKED,
         "smoke",
@@ -45,8 +45,8 @@ def test_full_disk_fails_the_write_and_keeps_the_records(tmp_path: Path, monkeyp
             journal.write(2.0, filament="at_nozzle")
     assert journal.state.filament is m.Filament.PARKED
     journal.write(3.0, look="smoke")
-    memory = Journal(path).state
-    assert (memory.filament, memory.board.attention_reason) == (m.Filament.PARKED, "smoke")
+    loaded_state = Journal(path).state
+    assert (loaded_state.filament, loaded_state.board.attention_reason) == (m.Filament.PARKED, "smoke")
 
 
 def test_damaged_journal_needs_attention_and_may_leave_the_printer_hot(tmp_path: Path):
@@ -57,9 +57,11 @@ def test_damaged_journal_needs_attention_and_may_leave_the_printer_hot(tmp_path:
         end.write(b'\x00\x00\x00{"at_s": 2.0\n{"at_s": 3.0, "print": {"colour": 1}}\n5\n[]\n')
     assert Journal(path).state.may_be_hot  # one of them may have begun a print
     Journal(path).write(4.0, print=ended_print.model_dump(mode="json"))
-    memory = Journal(path).state
-    assert memory.ended == {"p-1"} and not memory.may_be_hot
-    assert memory.board.attention_reason is not None and "journal" in memory.board.attention_reason
+    loaded_state = Journal(path).state
+    assert loaded_state.ended == {"p-1"} and not loaded_state.may_be_hot
+    assert (
+        loaded_state.board.attention_reason is not None and "journal" in loaded_state.board.attention_reason
+    )
     with path.open("ab") as end:
         end.write(b"?\n")
     assert Journal(path).state.may_be_hot

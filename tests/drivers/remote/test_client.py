@@ -43,13 +43,13 @@ def test_unknown_fields_are_ignored_in_snapshots_and_refused_in_requests():
 def test_unreadable_message_counts_as_a_sign_of_life(tmp_path: Path):
     signs: list[bool] = []
 
-    async def speak(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def send_message(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         writer.write(b'{"kind": "snapshot", "printer": "a", "agent_pid": 1, "link": "floating"}\n')
         await writer.drain()
         writer.close()
 
     async def scenario() -> None:
-        server = await asyncio.start_unix_server(speak, tmp_path / "agent.sock")
+        server = await asyncio.start_unix_server(send_message, tmp_path / "agent.sock")
         client = AgentClient(tmp_path, on_message=lambda: signs.append(True))
         await client.connect()
         assert [snapshot async for snapshot in client.snapshots()] == []

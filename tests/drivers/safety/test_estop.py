@@ -124,7 +124,7 @@ def test_queued_moves_and_heat_end_on_a_board_that_dtr_does_not_reset(tmp_path: 
 
     async def print_slowly() -> None:
         await printer.connect()
-        await printer.until(lambda s: s.link is m.LinkState.FAULT)
+        await printer.wait_for(lambda s: s.link is m.LinkState.FAULT)
         assert (await printer.client.request(m.BedCleared(id=0))).error is None
         await printer.wait_until_ready()
         assert (await printer.start(slow_gcode)).error is None
@@ -134,7 +134,7 @@ def test_queued_moves_and_heat_end_on_a_board_that_dtr_does_not_reset(tmp_path: 
         )
         await printer.client.close()
 
-    async def wait_until_left() -> None:
+    async def wait_until_failed() -> None:
         printer.spawn()
         await printer.connect()
         assert (await printer.wait_for_phase(m.PrintPhase.FAILED)).fault == "agent_died"
@@ -148,7 +148,7 @@ def test_queued_moves_and_heat_end_on_a_board_that_dtr_does_not_reset(tmp_path: 
         printer.process.send_signal(signal.SIGKILL if agent_dies else signal.SIGSTOP)
         if agent_dies:
             printer.process.wait(10.0)
-            asyncio.run(wait_until_left())
+            asyncio.run(wait_until_failed())
         else:
             # In this process, with time: on a busy host the firmware's dead-man may precede `farm estop`.
             [target] = list_targets(printer.folder.parent).values()
@@ -157,12 +157,10 @@ def test_queued_moves_and_heat_end_on_a_board_that_dtr_does_not_reset(tmp_path: 
             assert "not reset" in result.text and "stands still" in result.text
         old_status = read_status(emulator)
         assert (old_status.nozzle_target_c, old_status.bed_target_c) == (0.0, 0.0)
-        assert (
-            old_status.resets <= 1
-        )  # on a busy host the firmware's dead-man, 20 s at this scale, may be sooner
-        assert wait_for_emulator(
-            emulator, lambda status: status.time_s > old_status.time_s + 500.0
-        )  # two and a half moves
+        # On a busy host the firmware's dead-man, 20 s at this scale, may be sooner.
+        assert old_status.resets <= 1
+        # Time for two and a half moves.
+        assert wait_for_emulator(emulator, lambda status: status.time_s > old_status.time_s + 500.0)
         assert read_status(emulator).position_mm == old_status.position_mm
     finally:
         if printer.process is not None:
@@ -190,9 +188,9 @@ def test_board_that_does_not_show_its_heaters_off_has_its_mains_cut(tmp_path: Pa
         os.close(master)
 
 
-@pytest.mark.parametrize("listens", [True, False], ids=["", "without a listener"])
+@pytest.mark.parametrize("has_listener", [True, False], ids=["", "without a listener"])
 def test_heater_that_does_not_cool_is_not_reported_as_off(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, listens: bool
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, has_listener: bool
 ):
     for name, rule in tuple(heater_watch.RULES.items()):
         monkeypatch.setitem(heater_watch.RULES, name, replace(rule, cooling_s=1.0))
@@ -208,14 +206,14 @@ def test_heater_that_does_not_cool_is_not_reported_as_off(
 
     lines: list[str] = []
 
-    def tell(text: str) -> None:
+    def report(text: str) -> None:
         lines.append(text)
-        if not listens:
+        if not has_listener:
             raise BrokenPipeError
 
     threading.Timer(0.2, serve_board).start()
     try:
-        result = stop_printer(StopTarget("a", os.ttyname(slave), tmp_path / "a", ULTIMAKER2), notify=tell)
+        result = stop_printer(StopTarget("a", os.ttyname(slave), tmp_path / "a", ULTIMAKER2), notify=report)
         assert not result.seen_off and "not seen to cool" in result.text
         assert len(lines) == 1 and "both targets 0" in lines[0]
         assert Journal(tmp_path / "a" / "journal.jsonl").state.board.hot
@@ -283,13 +281,14 @@ def test_targets_are_read_from_start_files_and_broken_files_are_skipped(tmp_path
         if text is not None:
             (tmp_path / name / "start.json").write_text(text)
     (tmp_path / "e").mkdir()
+    # A start file of an older version: its printer must be found by an emergency stop.
     (tmp_path / "e" / "start.json").write_text(
         '{"printer": "e", "model": "' + MODEL + '", "port": "/dev/null"}'
-    )  # as an older farm wrote it: the printer must be found for an emergency stop
+    )
     StartFile("d", MODEL, "/dev/null", power_off_cmd="relay d").write(tmp_path / "d")
     target = StopTarget("d", "/dev/null", tmp_path / "d", ULTIMAKER2, "relay d")
-    older = StopTarget("e", "/dev/null", tmp_path / "e", ULTIMAKER2)
-    assert list_targets(tmp_path) == {"d": target, "e": older}
+    old_target = StopTarget("e", "/dev/null", tmp_path / "e", ULTIMAKER2)
+    assert list_targets(tmp_path) == {"d": target, "e": old_target}
 
 
 def test_unchanged_start_file_is_not_written_again(tmp_path: Path):

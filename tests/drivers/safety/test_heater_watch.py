@@ -40,8 +40,8 @@ def test_healthy_heater_causes_no_finding(name: HeaterName, set_c: float, every_
     watch, curve, rng = HeaterWatch(4.0), Curve(name), random.Random(1)
     now_s = 0.0
     for target_c, seconds in ((set_c, 1800.0), (set_c - 15, 900.0), (set_c, 900.0), (0.0, 3600.0)):
-        until_s = now_s + seconds
-        while now_s < until_s:
+        end_s = now_s + seconds
+        while now_s < end_s:
             now_s += every_s
             is_on = curve.now_c < target_c
             curve.step(is_on, every_s)

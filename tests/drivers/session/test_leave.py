@@ -34,8 +34,8 @@ def cancel_print(rig: Rig) -> None:
 def pause(rig: Rig, seconds: float) -> None:
     """Request a pause, and run for `seconds`."""
     rig.session.pause(rig.now_s)
-    until_s = rig.now_s + seconds
-    rig.run(until=lambda: rig.now_s >= until_s)
+    end_s = rig.now_s + seconds
+    rig.run(until=lambda: rig.now_s >= end_s)
 
 
 def kill_agent(rig: Rig) -> None:
@@ -49,7 +49,7 @@ def lose_port_temporarily(rig: Rig) -> None:
     rig.is_plugged = False
     rig.link.on_closed()
     rig.session.fail(Fault.PORT_LOST, "went away", rig.now_s)
-    rig.back_s = rig.now_s + 10.0
+    rig.reconnect_at_s = rig.now_s + 10.0
 
 
 def turn_knob(rig: Rig) -> None:
@@ -91,8 +91,8 @@ def cancel_after_a_resume_of(seconds: float) -> Leave:
     def leave(rig: Rig) -> None:
         pause(rig, 60.0)
         rig.session.resume(rig.now_s)
-        until_s = rig.now_s + seconds
-        rig.run(until=lambda: rig.now_s >= until_s)
+        end_s = rig.now_s + seconds
+        rig.run(until=lambda: rig.now_s >= end_s)
         cancel_print(rig)
 
     leave.__name__ = f"cancelled_after_a_resume_of_{seconds:g}_s"
@@ -124,8 +124,8 @@ def end_print(leave: Leave, lines: int, seconds: float, text: str) -> Rig:
     """Run a print, end it in some way after a number of lines and seconds, and run to its end."""
     rig = Rig(text=text)
     rig.run(until=lambda: rig.session.context.acknowledged_lines >= lines)
-    until_s = rig.now_s + seconds
-    rig.run(until=lambda: rig.now_s >= until_s)
+    end_s = rig.now_s + seconds
+    rig.run(until=lambda: rig.now_s >= end_s)
     if not rig.session.context.ended:
         leave(rig)
     rig.run()
@@ -192,39 +192,38 @@ def test_responsive_firmware_parks_the_filament(lines: int):
     cancel_s=st.sampled_from([math.inf, 5.0, 300.0, 600.0]),
     pause_s=st.just(math.inf) | st.floats(200.0, 700.0),
     unplug_s=st.sampled_from([math.inf, math.inf, 300.0, 500.0]),
-    back_s=st.sampled_from([2.0, 20.0, 100.0]),
+    reconnect_after_s=st.sampled_from([2.0, 20.0, 100.0]),
     seed=st.integers(0, 1000),
 )
 @settings(max_examples=120, deadline=None)
 def test_any_print_ends_and_reports_its_heaters_correctly(
-    faults: Faults, cancel_s: float, pause_s: float, unplug_s: float, back_s: float, seed: int
+    faults: Faults, cancel_s: float, pause_s: float, unplug_s: float, reconnect_after_s: float, seed: int
 ):
     """Heaters are off or the mains are requested, and a print that counts as done was executed."""
     rig = Rig(faults, text=make_gcode(150), seed=seed)
     board, session, is_paused = rig.firmware.board, rig.session, False
     while not session.context.ended:
         rig.step()
-        passed_s = rig.now_s - 1000.0
-        if passed_s > unplug_s:
-            unplug_s, rig.is_plugged, rig.back_s = math.inf, False, rig.now_s + back_s
+        elapsed_s = rig.now_s - 1000.0
+        if elapsed_s > unplug_s:
+            unplug_s, rig.is_plugged, rig.reconnect_at_s = math.inf, False, rig.now_s + reconnect_after_s
             rig.link.on_closed()
             session.fail(Fault.PORT_LOST, "unplugged", rig.now_s)
-        if passed_s > cancel_s:
+        if elapsed_s > cancel_s:
             session.cancel("no more", rig.now_s)
-        if passed_s > pause_s and not is_paused:
+        if elapsed_s > pause_s and not is_paused:
             is_paused = True
             session.pause(rig.now_s)
-        if session.context.phase is PrintPhase.PAUSED and passed_s > pause_s + 400.0:
+        if session.context.phase is PrintPhase.PAUSED and elapsed_s > pause_s + 400.0:
             session.resume(rig.now_s)
-        assert passed_s < 20_000.0, "it does not end"
+        assert elapsed_s < 20_000.0, "it does not end"
     assert (session.context.phase is PrintPhase.FAILED) == (session.context.fault is not None)
     assert session.context.heaters_off or session.context.wants_power_off
     if session.context.heaters_off:
         assert rig.targets() == (0.0, 0.0)
         for heater in (board.nozzle, board.bed):
-            assert (
-                not heater.burns or heater.compute_temperature_c(rig.now_s) < 90.0
-            )  # the print has just begun
+            # The print has just begun.
+            assert not heater.burns or heater.compute_temperature_c(rig.now_s) < 90.0
     if session.context.phase is PrintPhase.DONE and not (
         rig.firmware.noise and rig.firmware.noise.altered_lines
     ):

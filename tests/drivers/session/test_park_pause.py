@@ -12,7 +12,7 @@ from printers.print_rig import GCODE, Rig, assert_end_with_heaters_off, make_gco
 @pytest.mark.parametrize("lines", [14, 40, 77, 111, 190, 260])
 def test_pause_parks_keeps_the_bed_warm_and_resumes_exactly(lines: int):
     text = make_retracting_gcode(60)
-    straight = Rig(text=text).run()
+    unpaused_rig = Rig(text=text).run()
     rig = Rig(text=text).run_until_printing(lines)
     rig.session.pause(rig.now_s)
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.PAUSED and rig.targets()[0] == 0.0)
@@ -28,9 +28,9 @@ def test_pause_parks_keeps_the_bed_warm_and_resumes_exactly(lines: int):
     rig.session.resume(rig.now_s)
     rig.run()
     assert_end_with_heaters_off(rig, PrintPhase.DONE, None)
-    assert board.filament_mm == pytest.approx(straight.firmware.board.filament_mm, abs=0.01)
+    assert board.filament_mm == pytest.approx(unpaused_rig.firmware.board.filament_mm, abs=0.01)
     assert board.filament_end_mm == pytest.approx(-20.0, abs=0.1)
-    assert rig.list_moves() == straight.list_moves()
+    assert rig.list_moves() == unpaused_rig.list_moves()
 
 
 def test_after_a_pause_the_head_is_back_before_the_filament():
@@ -49,8 +49,8 @@ def test_after_a_pause_the_head_is_back_before_the_filament():
         b"G1 F1500 E6.500",
         b"G92 E",
     ]
-    places = [return_commands.index(command) for command in order]
-    assert places == sorted(places)
+    indices = [return_commands.index(command) for command in order]
+    assert indices == sorted(indices)
 
 
 def make_sequential_gcode() -> str:
@@ -121,8 +121,8 @@ def test_head_clears_the_highest_part_without_layer_comments(layers: bool):
 
 @pytest.mark.parametrize("steps", range(12))
 def test_pause_during_cooling_extrudes_no_cold_filament(steps: int):
-    ends = Rig().program.read_lines(0, 10_000).index(b"M104 S0")
-    rig = Rig().run_until_printing(ends - 2)
+    end_line = Rig().program.read_lines(0, 10_000).index(b"M104 S0")
+    rig = Rig().run_until_printing(end_line - 2)
     for _ in range(steps):
         rig.step()
     rig.session.pause(rig.now_s)
@@ -132,7 +132,8 @@ def test_pause_during_cooling_extrudes_no_cold_filament(steps: int):
         )
     )
     assert (
-        rig.session.context.acknowledged_lines <= ends or rig.session.context.phase is not PrintPhase.PAUSED
+        rig.session.context.acknowledged_lines <= end_line
+        or rig.session.context.phase is not PrintPhase.PAUSED
     )
     cold_s = rig.now_s + 900.0
     rig.run(until=lambda: rig.now_s > cold_s)

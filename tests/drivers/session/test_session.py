@@ -147,11 +147,11 @@ def test_recoverable_faults_print_the_same_part(faults: Faults):
 def test_stopped_firmware_is_detected_by_its_targets():
     """Lose the board's messages: it acknowledges every move and executes none."""
     rig = Rig(Faults(stop_after=700), text=make_gcode(1000))
-    listen = rig.link.receive
+    receive = rig.link.receive
 
     def receive_garbled(data: bytes, now_s: float) -> object:
         altered_data = data.replace(b"Printer stopped", b"Pr#nter st#pped").replace(b"MAXTEMP", b"M#XT#MP")
-        return listen(altered_data, now_s)
+        return receive(altered_data, now_s)
 
     rig.link.receive = receive_garbled  # type: ignore[method-assign, assignment]
     assert_end_with_heaters_off(rig.run(), PrintPhase.FAILED, Fault.TARGET_CHANGED)
@@ -218,8 +218,8 @@ def test_moves_longer_than_a_time_out_cause_no_fault():
 
 def test_unreadable_reports_end_the_heat_up():
     rig = Rig()
-    listen = rig.link.receive
-    rig.link.receive = lambda data, now_s: listen(data.replace(b"ok T:", b"ok T:? "), now_s)  # type: ignore[method-assign]
+    receive = rig.link.receive
+    rig.link.receive = lambda data, now_s: receive(data.replace(b"ok T:", b"ok T:? "), now_s)  # type: ignore[method-assign]
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.ENDING)
     assert rig.session.context.fault is Fault.NO_ANSWER
     rig.run()
@@ -229,8 +229,8 @@ def test_unreadable_reports_end_the_heat_up():
 
 def test_unreadable_reports_end_the_print():
     rig = Rig(text=make_gcode(3000)).run_until_printing(100)
-    listen = rig.link.receive
-    rig.link.receive = lambda data, now_s: listen(data.replace(b"ok T:", b"ok T:? "), now_s)  # type: ignore[method-assign]
+    receive = rig.link.receive
+    rig.link.receive = lambda data, now_s: receive(data.replace(b"ok T:", b"ok T:? "), now_s)  # type: ignore[method-assign]
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.ENDING)
     assert rig.session.context.fault is Fault.NO_ANSWER
     rig.run()
@@ -248,8 +248,8 @@ def test_cold_first_stage_leaves_the_filament_parked():
 @pytest.mark.parametrize("after_s", [0.1 * i for i in range(30)])
 def test_cancel_parks_the_filament_from_any_state(after_s: float):
     rig = Rig(text=make_retracting_gcode(120)).run_until_printing(60 + int(130 * after_s))
-    until_s = rig.now_s + after_s
-    rig.run(until=lambda: rig.now_s >= until_s)
+    end_s = rig.now_s + after_s
+    rig.run(until=lambda: rig.now_s >= end_s)
     rig.session.cancel("no more", rig.now_s)
     rig.run()
     assert_end_with_heaters_off(rig, PrintPhase.CANCELLED, None)
@@ -278,15 +278,15 @@ class DyingDisk(MemoryStore):
 
     def __init__(self, bad_data: bytes | None) -> None:
         super().__init__()
-        self._bad = bad_data
+        self._bad_data = bad_data
         self.is_readable = False
 
     def read(self, start: int, end: int) -> bytes:
         if start < 10_000 or self.is_readable:
             return super().read(start, end)
-        if self._bad is None:
+        if self._bad_data is None:
             raise OSError(errno.EIO, os.strerror(errno.EIO))
-        return self._bad
+        return self._bad_data
 
 
 @pytest.mark.parametrize(

@@ -12,10 +12,12 @@ from printers.print_rig import Rig, assert_end_with_heaters_off, make_gcode
 def test_print_over_its_time_limit_is_ended_safely(no_reset: bool):
     rig = Rig(Faults(no_reset=no_reset), text=make_gcode(3000)).run_until_printing(100)
     rig.session.context.ends_by_s = rig.now_s + 60.0
-    by_s = rig.session.context.ends_by_s
+    limit_s = rig.session.context.ends_by_s
     rig.run()
     assert_end_with_heaters_off(rig, PrintPhase.FAILED, Fault.HOURS_ENDED)
-    assert rig.session.context.ended_s is not None and by_s <= rig.session.context.ended_s <= by_s + 120.0
+    assert (
+        rig.session.context.ended_s is not None and limit_s <= rig.session.context.ended_s <= limit_s + 120.0
+    )
     assert rig.session.context.filament is Filament.PARKED
     assert rig.firmware.board.filament_end_mm == pytest.approx(-20.0, abs=0.5)
     assert rig.firmware.resets == (0 if no_reset else 1)

@@ -78,8 +78,8 @@ def test_slow_move_has_no_time_out_while_the_board_is_busy():
     printer = Rig(Faults(), slow_gcode, "creality_ender3", profile=ENDER3).run()
     assert_end_with_heaters_off(printer, PrintPhase.DONE, None)
     assert printer.link.repeat_count == 0
-    questions = printer.sent.count(ENDER3.firmware.last_line_query)
-    assert questions < 150  # at most one for each line, not one every 0.3 s
+    query_count = printer.sent.count(ENDER3.firmware.last_line_query)
+    assert query_count < 150  # at most one for each line, not one every 0.3 s
 
 
 def test_cancel_lifts_the_head_off_the_part_and_parks_the_filament():
@@ -99,8 +99,8 @@ def test_print_resumes_at_its_position():
     printer.run(
         until=lambda: printer.session.context.phase is PrintPhase.PAUSED and printer.targets()[0] == 0.0
     )
-    until_s = printer.now_s + 900.0
-    printer.run(until=lambda: printer.now_s > until_s)
+    end_s = printer.now_s + 900.0
+    printer.run(until=lambda: printer.now_s > end_s)
     assert printer.firmware.phase is Phase.RUNNING  # the dead-man is restarted
     printer.session.resume(printer.now_s)
     printer.run()

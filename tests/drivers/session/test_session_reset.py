@@ -31,7 +31,7 @@ def test_returned_port_is_reset_and_confirmed_off():
     rig.is_plugged = False
     rig.link.on_closed()
     rig.session.fail(Fault.PORT_LOST, "went away", rig.now_s)
-    rig.back_s = rig.now_s + 10.0
+    rig.reconnect_at_s = rig.now_s + 10.0
     assert_end_with_heaters_off(rig.run(), PrintPhase.FAILED, Fault.PORT_LOST)
 
 
@@ -79,8 +79,8 @@ def test_heat_up_that_takes_longer_than_the_dead_man_does_not_trip_it(monkeypatc
 
 def test_board_ends_its_heat_after_its_host_died():
     rig = Rig(text=make_gcode(200)).run_until_printing(100)
-    dead_s = rig.now_s
-    while (due_s := rig.firmware.compute_deadline_s()) < dead_s + 1000.0:
+    death_s = rig.now_s
+    while (due_s := rig.firmware.compute_deadline_s()) < death_s + 1000.0:
         rig.firmware.feed(b"", due_s)
     assert rig.targets() == (0.0, 0.0)
 

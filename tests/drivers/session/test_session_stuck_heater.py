@@ -25,14 +25,14 @@ def start_with_stuck_heater(heater: HeaterName) -> Rig:
     return rig
 
 
-def measure_finding_s(rig: Rig) -> float:
+def run_until_finding(rig: Rig) -> float:
     """Run until the finding, and return its time."""
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.ENDING)
     assert rig.session.context.fault is Fault.HEATER_STUCK_ON
     return rig.now_s
 
 
-def measure_request_s(rig: Rig) -> float:
+def run_until_power_off_request(rig: Rig) -> float:
     rig.run(until=lambda: rig.session.context.wants_power_off)
     assert rig.session.context.wants_power_off
     return rig.now_s
@@ -41,8 +41,8 @@ def measure_request_s(rig: Rig) -> float:
 @pytest.mark.parametrize("heater", [NOZZLE, BED])
 def test_power_off_is_requested_soon_after_a_stuck_heater(heater: HeaterName):
     rig = start_with_stuck_heater(heater)
-    finding_s = measure_finding_s(rig)
-    assert measure_request_s(rig) - finding_s <= LIMIT_S
+    finding_s = run_until_finding(rig)
+    assert run_until_power_off_request(rig) - finding_s <= LIMIT_S
     rig.run()
     assert rig.now_s - finding_s <= 150.0  # and its state is not 'ending' for long
     assert not rig.session.context.heaters_off
@@ -57,19 +57,19 @@ def test_activity_of_the_board_does_not_delay_the_power_off(
     heater: HeaterName, activity: str, after_s: float
 ):
     rig = start_with_stuck_heater(heater)
-    finding_s = measure_finding_s(rig)
+    finding_s = run_until_finding(rig)
     rig.run(until=lambda: rig.now_s >= finding_s + after_s)
     rig.firmware.trigger_fault(activity, rig.now_s)
-    assert measure_request_s(rig) - finding_s <= LIMIT_S
+    assert run_until_power_off_request(rig) - finding_s <= LIMIT_S
 
 
 def test_lost_port_does_not_delay_the_power_off():
     rig = start_with_stuck_heater(NOZZLE)
-    finding_s = measure_finding_s(rig)
+    finding_s = run_until_finding(rig)
     rig.is_plugged = False
     rig.link.on_closed()
     rig.session.fail(Fault.PORT_LOST, "unplugged", rig.now_s)
-    assert measure_request_s(rig) - finding_s <= LIMIT_S
+    assert run_until_power_off_request(rig) - finding_s <= LIMIT_S
 
 
 def test_stuck_nozzle_heater_is_found_after_a_cancel_or_in_a_pause():
@@ -81,7 +81,7 @@ def test_stuck_nozzle_heater_is_found_after_a_cancel_or_in_a_pause():
         rig = start_with_stuck_heater(NOZZLE)
         started_s = rig.now_s
         stop_session(rig)
-        assert measure_request_s(rig) - started_s <= 45.0  # a pause first retracts the hot filament
+        assert run_until_power_off_request(rig) - started_s <= 45.0  # a pause first retracts the hot filament
         rig.run()
         assert (
             rig.session.context.suspicion is not None
@@ -96,7 +96,7 @@ def test_stuck_nozzle_heater_is_found_at_the_end_of_the_file(lines_before_the_en
     rig.firmware.trigger_fault("nozzle_burns_after", rig.now_s)
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.ENDING)
     started_s = rig.now_s
-    assert measure_request_s(rig) - started_s <= LIMIT_S
+    assert run_until_power_off_request(rig) - started_s <= LIMIT_S
     rig.run()
     assert rig.session.context.phase is PrintPhase.FAILED
     assert rig.session.context.fault in (Fault.HEATER_STUCK_ON, Fault.MAXTEMP)
@@ -106,7 +106,7 @@ def test_stuck_nozzle_heater_is_found_while_the_bed_heats():
     rig = Rig()
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.HEATING)
     rig.firmware.trigger_fault("nozzle_burns_after", rig.now_s)
-    measure_request_s(rig)
+    run_until_power_off_request(rig)
     assert rig.firmware.board.nozzle.compute_temperature_c(rig.now_s) < 80.0
 
 
@@ -122,7 +122,7 @@ def test_suspicion_by_a_broken_sensor_ends_when_the_heater_cools():
 @pytest.mark.parametrize("burns", [False, True])
 def test_session_after_a_dead_agent_keeps_the_finding(burns: bool):
     rig = start_with_stuck_heater(NOZZLE)
-    finding_s = measure_finding_s(rig)
+    finding_s = run_until_finding(rig)
     suspicion = rig.session.context.suspicion
     assert suspicion is not None
     if not burns:
@@ -133,7 +133,7 @@ def test_session_after_a_dead_agent_keeps_the_finding(burns: bool):
         SessionContext(rig.link, None, PLUS, Filament.UNKNOWN, Pace(), rig.now_s, suspicion=suspicion)
     )
     if burns:
-        assert measure_request_s(rig) - finding_s <= LIMIT_S
+        assert run_until_power_off_request(rig) - finding_s <= LIMIT_S
     rig.run()
     assert rig.session.context.wants_power_off is burns
     assert rig.session.context.heaters_off is not burns
@@ -150,18 +150,18 @@ def test_old_finding_requests_power_off_after_the_time_to_cool(burns: bool):
     )
     if burns:
         rig.firmware.board.nozzle._temperature_c = 200.0
-        assert measure_request_s(rig) - started_s <= LIMIT_S / 2
+        assert run_until_power_off_request(rig) - started_s <= LIMIT_S / 2
     rig.run()
     assert rig.session.context.wants_power_off is burns and rig.session.context.heaters_off is not burns
 
 
 def test_rules_allow_for_the_delays_of_an_accelerated_clock():
-    quick, slow = HeaterWatch(4.0), HeaterWatch(480.0)
+    fast_watch, slow_watch = HeaterWatch(4.0), HeaterWatch(480.0)
     for now_s in range(400):
         report = Report(200.0 + now_s, 0.0, 21.0, 0.0)
-        late_finding = slow.judge(report, {NOZZLE: 0.0, BED: 0.0}, float(now_s))
-        at_once = quick.judge(report, {NOZZLE: 0.0, BED: 0.0}, float(now_s))
-        assert late_finding is None and (at_once is None) == (now_s < 13)
+        late_finding = slow_watch.judge(report, {NOZZLE: 0.0, BED: 0.0}, float(now_s))
+        early_finding = fast_watch.judge(report, {NOZZLE: 0.0, BED: 0.0}, float(now_s))
+        assert late_finding is None and (early_finding is None) == (now_s < 13)
     pace = Pace(min_time_out_s=240.0)
     rig = Rig()
     rig.session = Session(

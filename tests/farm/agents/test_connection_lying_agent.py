@@ -20,7 +20,7 @@ from farm.views import describe_job, describe_night, describe_printer, list_hist
 
 NOW_S = datetime(2026, 11, 1).timestamp()
 WILD_NUMBERS = [float("nan"), float("inf"), -1e300, 1e300, -1.0, 0.0, 1e-300, 1e12, NOW_S, NOW_S + 1e4]
-moments = st.sampled_from([None, *WILD_NUMBERS])
+times_s = st.sampled_from([None, *WILD_NUMBERS])
 numbers = st.sampled_from(WILD_NUMBERS)
 
 
@@ -45,19 +45,18 @@ prints = st.fixed_dictionaries(
         "progress_s": numbers,
         "print_time_s": numbers,
         "extruded": st.booleans(),
-        "started_s": moments,
-        "ended_s": moments,
-        "pause_ends_s": moments,
-        "ends_by_s": moments,
+        "started_s": times_s,
+        "ended_s": times_s,
+        "pause_ends_s": times_s,
+        "ends_by_s": times_s,
         "starved_s": numbers,
         "layer": st.sampled_from([None, -5, 10**30]),
-        "z_mm": moments,
+        "z_mm": times_s,
         "sha256": st.sampled_from([None, "0" * 64]),
     },
 )
-similar_prints = prints.map(
-    lambda item: {"started_s": NOW_S + 9.0, **item, "sha256": "0" * 64}
-)  # of a file that is waiting
+# Prints of a file that is waiting.
+similar_prints = prints.map(lambda item: {"started_s": NOW_S + 9.0, **item, "sha256": "0" * 64})
 snapshots = st.fixed_dictionaries(
     {
         "printer": st.just("a"),

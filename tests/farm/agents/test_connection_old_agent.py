@@ -140,9 +140,8 @@ def test_idle_agent_of_an_earlier_protocol_gets_no_print_and_is_to_be_replaced(t
             link.send(m.EndPrintBy(id=0, print_id="p", ends_by_s=900.0))
             while link._pending:
                 await asyncio.sleep(0.01)
-        assert (
-            listener.was_refused == [("p", True)] * 3
-        )  # the print was not started, so its plate is reassigned
+        # The print was not started, so its plate is assigned again.
+        assert listener.was_refused == [("p", True)] * 3
         await links.replace("a")
         with pytest.raises(NoSuchThing):
             await links.replace("b")

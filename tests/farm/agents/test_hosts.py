@@ -43,12 +43,12 @@ class RecordingListener:
     """Listener that stores the last snapshot of each printer, and the events of hosts."""
 
     def __init__(self) -> None:
-        self.last: dict[str, AgentSnapshot] = {}
+        self.last_snapshots: dict[str, AgentSnapshot] = {}
         self.events: list[ev.AnyEvent] = []
         self.warnings: dict[str, str | None] = {}
 
     def on_snapshot(self, snapshot: AgentSnapshot) -> None:
-        self.last[snapshot.printer] = snapshot
+        self.last_snapshots[snapshot.printer] = snapshot
 
     def on_refusal(self, print_id: str, reason: str, is_late: bool) -> None:
         raise AssertionError(reason)
@@ -70,8 +70,10 @@ class RecordingListener:
         kinds = [type(event) for event in self.events if getattr(event, "host", None) == host]
         return kinds[-1:] in ([], [ev.HostConnected])
 
-    def links(self) -> set[Link]:
-        return {self.last[name].link if name in self.last else Link.STARTING for name in NAMES}
+    def list_links(self) -> set[Link]:
+        return {
+            self.last_snapshots[name].link if name in self.last_snapshots else Link.STARTING for name in NAMES
+        }
 
 
 @pytest.fixture
@@ -87,9 +89,9 @@ def pipe(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[HostPipe]:
                 control(pipe.paths.find_agent_folder(name) / "emulator", "power_off")
 
 
-async def wait_for(holds: Callable[[], object]) -> None:
+async def wait_for(condition: Callable[[], object]) -> None:
     async with asyncio.timeout(DEADLINE_S):
-        while not holds():
+        while not condition():
             await asyncio.sleep(0.02)
 
 
@@ -104,7 +106,7 @@ def make_fleet(pipe: HostPipe) -> Fleet:
 
 
 @asynccontextmanager
-async def connected_agents(
+async def connect_agents(
     pipe: HostPipe, state: StateFolder, clock: Clock, listener: RecordingListener
 ) -> AsyncIterator[AgentManager]:
     """Connect a manager to the two agents, and watch them like the daemon."""
@@ -139,8 +141,8 @@ def test_print_survives_the_death_of_the_host_service_and_of_the_network(
     (tmp_path / "a.gcode").write_bytes(text)
 
     async def scenario() -> None:
-        async with connected_agents(pipe, state, clock, listener) as manager:
-            await wait_for(lambda: listener.links() == {Link.READY})
+        async with connect_agents(pipe, state, clock, listener) as manager:
+            await wait_for(lambda: listener.list_links() == {Link.READY})
             assert len(pipe.pids) == 1  # one connection for both printers
             start = m.StartPrint(
                 id=0,
@@ -151,13 +153,15 @@ def test_print_survives_the_death_of_the_host_service_and_of_the_network(
                 filament=m.Filament.PARKED,
             )
             manager._connections["a"].send(start)
-            await wait_for(lambda: is_in(listener, PrintState.PRINTING))
+            await wait_for(lambda: is_print_in(listener, PrintState.PRINTING))
             old_pids = {name: find_agent_pid(pipe.paths.find_agent_folder(name)) for name in NAMES}
             service = find_holder(pipe.paths.lock)
             assert service is not None
             os.kill(service, signal.SIGKILL)
-            await wait_for(lambda: listener.last["a"].host_lost)
-            await wait_for(lambda: not listener.last["a"].host_lost and listener.last["a"].print)
+            await wait_for(lambda: listener.last_snapshots["a"].host_lost)
+            await wait_for(
+                lambda: not listener.last_snapshots["a"].host_lost and listener.last_snapshots["a"].print
+            )
             assert find_holder(pipe.paths.lock) != service
             assert {name: find_agent_pid(pipe.paths.find_agent_folder(name)) for name in NAMES} == old_pids
             await wait_for(lambda: listener.knows_as_connected("pc-b"))
@@ -166,11 +170,13 @@ def test_print_survives_the_death_of_the_host_service_and_of_the_network(
             await wait_for(lambda: listener.events)
             (loss,) = listener.events
             assert isinstance(loss, ev.HostLost) and loss.printers == NAMES
-            assert all(listener.last[name].host_lost for name in NAMES)
+            assert all(listener.last_snapshots[name].host_lost for name in NAMES)
             assert is_alive(pipe.paths.find_agent_folder("a")) and is_locked(pipe.paths.lock)
             pipe.reconnect()
-            await wait_for(lambda: listener.last["a"].print and listener.last["a"].print.state.ended)
-            assert is_in(listener, PrintState.DONE), listener.last["a"]
+            await wait_for(
+                lambda: listener.last_snapshots["a"].print and listener.last_snapshots["a"].print.state.ended
+            )
+            assert is_print_in(listener, PrintState.DONE), listener.last_snapshots["a"]
             assert find_agent_pid(pipe.paths.find_agent_folder("a")) == old_pids["a"]
             await wait_for(lambda: listener.knows_as_connected("pc-b"))
             assert [type(event) for event in listener.events] == [ev.HostLost, ev.HostConnected]
@@ -178,9 +184,9 @@ def test_print_survives_the_death_of_the_host_service_and_of_the_network(
     asyncio.run(scenario())
 
 
-def is_in(listener: RecordingListener, state: PrintState) -> bool:
+def is_print_in(listener: RecordingListener, state: PrintState) -> bool:
     """Check whether printer a has a print in this state."""
-    report = listener.last["a"].print
+    report = listener.last_snapshots["a"].print
     return report is not None and report.state is state
 
 
@@ -193,8 +199,8 @@ def test_agents_are_watched_without_the_daemon_stopped_at_once_and_ended_with_th
     folders = {name: pipe.paths.find_agent_folder(name) for name in NAMES}
 
     async def wait_until_killed() -> None:
-        async with connected_agents(pipe, state, clock, listener):
-            await wait_for(lambda: listener.links() == {Link.READY})
+        async with connect_agents(pipe, state, clock, listener):
+            await wait_for(lambda: listener.list_links() == {Link.READY})
         killed_pid = find_agent_pid(folders["a"])
         assert killed_pid is not None
         os.kill(killed_pid, signal.SIGKILL)
@@ -214,9 +220,9 @@ def test_agents_are_watched_without_the_daemon_stopped_at_once_and_ended_with_th
     assert all(read_status(folder / "emulator").resets for folder in folders.values())
 
     async def wait_until_ended() -> None:
-        async with connected_agents(pipe, state, clock, listener) as manager:
-            listener.last.clear()
-            await wait_for(lambda: not listener.links() & {Link.STARTING, Link.CONNECTING})
+        async with connect_agents(pipe, state, clock, listener) as manager:
+            listener.last_snapshots.clear()
+            await wait_for(lambda: not listener.list_links() & {Link.STARTING, Link.CONNECTING})
             await manager.shut_down_agents()
             await wait_for(lambda: not any(map(is_alive, folders.values())))
 

@@ -76,5 +76,5 @@ def test_lines_have_times_that_can_be_shown(at_s):
     """Limit times of lines, which could otherwise not be rendered."""
     (line,) = to_farm_lines([m.WireLine.model_construct(at_s=at_s, sent=True, text="M105")], 1e9)
     assert datetime.fromtimestamp(line.at_s, UTC).year in (1970, 2001, 9000)
-    (usual,) = to_farm_lines([m.WireLine(at_s=7.5, sent=False, text="ok")], 1e9)
-    assert usual == m.WireLine(at_s=1e9 + 7.5, sent=False, text="ok")
+    (normal_line,) = to_farm_lines([m.WireLine(at_s=7.5, sent=False, text="ok")], 1e9)
+    assert normal_line == m.WireLine(at_s=1e9 + 7.5, sent=False, text="ok")

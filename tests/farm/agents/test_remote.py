@@ -47,10 +47,10 @@ class RecordingListener:
     """Listener that stores the last snapshot."""
 
     def __init__(self) -> None:
-        self.last = AgentSnapshot(printer="a", link=Link.STARTING)
+        self.last_snapshot = AgentSnapshot(printer="a", link=Link.STARTING)
 
     def on_snapshot(self, snapshot: AgentSnapshot) -> None:
-        self.last = snapshot
+        self.last_snapshot = snapshot
 
     def on_refusal(self, print_id: str, reason: str, is_late: bool) -> None:
         raise AssertionError(reason)
@@ -219,9 +219,9 @@ def test_print_survives_a_network_failure_of_ten_minutes(
 
     async def wait_until(condition: Any) -> AgentSnapshot:
         async with asyncio.timeout(DEADLINE_S):
-            while not condition(listener.last):
+            while not condition(listener.last_snapshot):
                 await asyncio.sleep(0.05)
-            return listener.last
+            return listener.last_snapshot
 
     async def scenario() -> None:
         link = AgentConnection("a", section, state, clock, listener, "test")
@@ -258,7 +258,7 @@ def test_print_survives_a_network_failure_of_ten_minutes(
                         await asyncio.sleep(0.05)
                 assert len(remote_host.bridges) >= 2
             await link.close()
-            listener.last = AgentSnapshot(printer="a", link=Link.STARTING)
+            listener.last_snapshot = AgentSnapshot(printer="a", link=Link.STARTING)
             link = AgentConnection("a", None, state, clock, listener)  # removed from the fleet meanwhile
             link.start()
             await wait_until(lambda s: s.print is not None and s.print.state.ended)
@@ -301,13 +301,13 @@ def test_idle_agent_of_a_removed_printer_is_ended_on_its_host(tmp_path: Path, re
     remote_folder = tmp_path / "there" / "farm-agents" / "test" / "a"
     state, clock = StateFolder(tmp_path / "here"), Clock(SCALE, time.time())
     state.make()
-    kept_file = state.agent("a") / "way.json"
+    route_file = state.agent("a") / "way.json"
 
-    def make_farm(*names: str) -> AgentManager:
+    def make_manager(*names: str) -> AgentManager:
         facts = {"model": MODEL, "port": f"sim://{MODEL}", "host": "pc-b", "host_command": command}
         printers = [{"name": "b", "enabled": False, **facts}, *({"name": n, **facts} for n in names)]
-        raw = {"fleet": {"name": "test"}, "printers": printers}
-        return AgentManager(Fleet.model_validate(raw), state, clock, RecordingListener())
+        fleet_fields = {"fleet": {"name": "test"}, "printers": printers}
+        return AgentManager(Fleet.model_validate(fleet_fields), state, clock, RecordingListener())
 
     async def wait_until(condition: Callable[[], bool]) -> None:
         async with asyncio.timeout(DEADLINE_S):
@@ -315,18 +315,18 @@ def test_idle_agent_of_a_removed_printer_is_ended_on_its_host(tmp_path: Path, re
                 await asyncio.sleep(0.05)
 
     async def scenario() -> None:
-        old_printer = make_farm("a")
-        old_printer.start(())
+        old_manager = make_manager("a")
+        old_manager.start(())
         await wait_until(lambda: is_alive(remote_folder))
-        await old_printer.close()
+        await old_manager.close()
         for _ in range(2):  # the second time no agent runs there
-            load_route = kept_file.read_text()
-            new_printer = make_farm()
-            new_printer.start(())
-            await wait_until(lambda: not kept_file.exists())
+            route_text = route_file.read_text()
+            new_manager = make_manager()
+            new_manager.start(())
+            await wait_until(lambda: not route_file.exists())
             await wait_until(lambda: not is_alive(remote_folder))
-            await new_printer.close()
-            kept_file.write_text(load_route)
+            await new_manager.close()
+            route_file.write_text(route_text)
 
     asyncio.run(scenario())
 

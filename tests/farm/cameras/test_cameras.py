@@ -84,7 +84,7 @@ def rig(tmp_path):
 
 
 def test_camera_is_polled_once_for_all_viewers_and_at_most_every_two_seconds(rig):
-    async def look():
+    async def fetch_repeatedly():
         assert await asyncio.gather(*(rig.cameras.fetch_still("a") for _ in range(20))) == [IMAGE] * 20
         rig.now_s += 1.9
         assert await rig.cameras.fetch_still("a") == IMAGE
@@ -92,7 +92,7 @@ def test_camera_is_polled_once_for_all_viewers_and_at_most_every_two_seconds(rig
         rig.now_s += 0.1
         await rig.cameras.fetch_still("a")
 
-    asyncio.run(look())
+    asyncio.run(fetch_repeatedly())
     assert rig.requests == [URL.replace("{printer}", "a")] * 2
 
 
@@ -119,7 +119,7 @@ def test_dead_camera_is_logged_once_and_is_asked_less_often(rig, caplog, answer)
     caplog.set_level(logging.INFO)
     rig.answer = answer
 
-    async def look():
+    async def fetch_repeatedly():
         for _ in range(300):  # a viewer for five minutes
             with pytest.raises(FarmError, match="the camera of a: it") as error:
                 await rig.cameras.fetch_still("a")
@@ -130,7 +130,7 @@ def test_dead_camera_is_logged_once_and_is_asked_less_often(rig, caplog, answer)
         rig.now_s += 60.0
         assert await rig.cameras.fetch_still("a") == IMAGE
 
-    asyncio.run(look())
+    asyncio.run(fetch_repeatedly())
     lines = [record.message for record in caplog.records if record.name.startswith("farm.cameras")]
     assert len(lines) == 2 and "pass-w0rd" not in caplog.text
     assert lines[0].startswith("a: its camera sends no still: it")

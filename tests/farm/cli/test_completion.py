@@ -24,7 +24,7 @@ NAMES = Names(
 )
 
 
-class Daemon(BaseHTTPRequestHandler):
+class FakeDaemonHandler(BaseHTTPRequestHandler):
     def do_GET(self):
         body = NAMES.model_dump_json().encode() if self.path == "/names" else b"?"
         self.send_response(200)
@@ -39,7 +39,7 @@ class Daemon(BaseHTTPRequestHandler):
 @pytest.fixture
 def daemon(tmp_path):
     """Serve the socket of a daemon with these names."""
-    with UnixStreamServer(str(tmp_path / "farm.sock"), Daemon) as server:
+    with UnixStreamServer(str(tmp_path / "farm.sock"), FakeDaemonHandler) as server:
         thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
         thread.start()
         yield tmp_path / "farm.sock"

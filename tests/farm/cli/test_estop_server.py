@@ -22,19 +22,19 @@ class FakeEstop:
         return self.code
 
 
-class Bench:
+class ServerRig:
     """Server with a controlled clock, and users who connect."""
 
     def __init__(self, folder):
         self.now_s, self.uid = 100.0, 1000
-        self.started, self.ends = [], []
-        self.listening = socket.socket(socket.AF_UNIX)
+        self.started, self.clients = [], []
+        self.listener = socket.socket(socket.AF_UNIX)
         self.path = str(folder / "s")
-        self.listening.bind(self.path)
-        self.listening.listen(128)
-        self.server = EstopServer(self.listening, self.begin, lambda _: self.uid)
+        self.listener.bind(self.path)
+        self.listener.listen(128)
+        self.server = EstopServer(self.listener, self.start_stop, lambda _: self.uid)
 
-    def begin(self, connection, request):
+    def start_stop(self, connection, request):
         estop = FakeEstop()
         self.started.append((request, estop))
         return estop
@@ -42,7 +42,7 @@ class Bench:
     def connect(self, uid, data=b""):
         self.uid = uid
         client = socket.socket(socket.AF_UNIX)
-        self.ends.append(client)
+        self.clients.append(client)
         client.connect(self.path)
         client.sendall(data)
         self.serve_once()
@@ -55,10 +55,10 @@ class Bench:
 
 
 @pytest.fixture
-def bench(tmp_path):
-    bench = Bench(tmp_path)
-    yield bench
-    for client in (bench.listening, *bench.ends, *bench.server._pending):
+def rig(tmp_path):
+    rig = ServerRig(tmp_path)
+    yield rig
+    for client in (rig.listener, *rig.clients, *rig.server._pending):
         client.close()
 
 
@@ -71,62 +71,62 @@ def is_refused(client):
     return not answer or "too many" in json.loads(answer)["error"]
 
 
-def test_request_is_passed_on_once_complete(bench):
-    client = bench.connect(1000, REQUEST[:5])
-    assert bench.started == []
+def test_request_is_passed_on_once_complete(rig):
+    client = rig.connect(1000, REQUEST[:5])
+    assert rig.started == []
     client.sendall(REQUEST[5:])
-    bench.serve_once()
-    assert [request for request, _ in bench.started] == [REQUEST]
+    rig.serve_once()
+    assert [request for request, _ in rig.started] == [REQUEST]
 
 
 @pytest.mark.parametrize("data", [b"", REQUEST[:5]], ids=["nothing", "half a request"])
-def test_connection_without_a_request_is_ended_after_two_seconds(bench, data):
-    client = bench.connect(1000, data)
-    bench.serve_once(REQUEST_S)
+def test_connection_without_a_request_is_ended_after_two_seconds(rig, data):
+    client = rig.connect(1000, data)
+    rig.serve_once(REQUEST_S)
     assert not is_refused(client)
-    bench.serve_once(0.1)
-    assert is_refused(client) and bench.started == []
+    rig.serve_once(0.1)
+    assert is_refused(client) and rig.started == []
 
 
-def test_requests_are_limited_per_user(bench):
-    clients = [bench.connect(1000) for _ in range(CLIENT_COUNT)]
+def test_requests_are_limited_per_user(rig):
+    clients = [rig.connect(1000) for _ in range(CLIENT_COUNT)]
     assert sum(not is_refused(client) for client in clients) == MAX_PER_USER
-    bench.connect(2000, REQUEST)
-    assert len(bench.started) == 1
+    rig.connect(2000, REQUEST)
+    assert len(rig.started) == 1
 
 
-def test_running_stops_count_until_they_end(bench):
+def test_running_stops_count_until_they_end(rig):
     for _ in range(MAX_PER_USER):
-        bench.connect(1000, REQUEST)
-    assert is_refused(bench.connect(1000, REQUEST)) and len(bench.started) == MAX_PER_USER
-    bench.started[0][1].code = 0
-    bench.connect(1000, REQUEST)
-    assert len(bench.started) == MAX_PER_USER + 1
+        rig.connect(1000, REQUEST)
+    assert is_refused(rig.connect(1000, REQUEST)) and len(rig.started) == MAX_PER_USER
+    rig.started[0][1].code = 0
+    rig.connect(1000, REQUEST)
+    assert len(rig.started) == MAX_PER_USER + 1
 
 
-def test_total_number_of_requests_is_limited(bench):
+def test_total_number_of_requests_is_limited(rig):
     for uid in range(MAX_TOTAL // MAX_PER_USER + 1):
         for _ in range(MAX_PER_USER):
-            bench.connect(uid, REQUEST)
-    assert len(bench.started) == MAX_TOTAL
+            rig.connect(uid, REQUEST)
+    assert len(rig.started) == MAX_TOTAL
 
 
-def test_server_continues_a_second_after_missing_descriptors(bench, monkeypatch):
+def test_server_continues_a_second_after_missing_descriptors(rig, monkeypatch):
     class FullListener:
         def fileno(self):
-            return bench.listening.fileno()
+            return rig.listener.fileno()
 
         def accept(self):
             raise OSError(24, "Too many open files")
 
-    monkeypatch.setattr(bench.server, "_listener", FullListener())
-    bench.connect(1000, REQUEST)
-    monkeypatch.setattr(bench.server, "_listener", bench.listening)
-    bench.serve_once(0.5)
-    assert bench.started == []
-    bench.serve_once(0.6)
-    bench.serve_once()
-    assert len(bench.started) == 1
+    monkeypatch.setattr(rig.server, "_listener", FullListener())
+    rig.connect(1000, REQUEST)
+    monkeypatch.setattr(rig.server, "_listener", rig.listener)
+    rig.serve_once(0.5)
+    assert rig.started == []
+    rig.serve_once(0.6)
+    rig.serve_once()
+    assert len(rig.started) == 1
 
 
 def test_peer_is_identified_by_the_kernel():

@@ -9,14 +9,14 @@ from farm import api
 from farm.cli.job_files import fetch_files, is_picture
 from farm.errors import FarmError, Refused
 
-PARTS = {"p01.stl": b"solid", "plate-01.gcode": b"G28" * 1000, "assembly.png": b"\x89PNG"}
+CONTENTS = {"p01.stl": b"solid", "plate-01.gcode": b"G28" * 1000, "assembly.png": b"\x89PNG"}
 
 
 class FakeClient:
     """Client of a daemon that sends these contents, and announces the names and hashes of `files`."""
 
     def __init__(self, files=None, contents=None):
-        self.contents = PARTS if contents is None else contents
+        self.contents = CONTENTS if contents is None else contents
         self.announced = self.contents if files is None else files
         self.downloads = []
 
@@ -34,21 +34,21 @@ class FakeClient:
             write(content[start : start + 7])
 
 
-def read(folder):
+def read_folder(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
 def test_files_are_written_with_their_content_and_found_by_name_and_by_hash(tmp_path):
     paths = fetch_files(FakeClient(), 3, tmp_path / "new" / "folder")
-    assert read(tmp_path / "new" / "folder") == PARTS
-    stored_name = hashlib.sha256(PARTS["p01.stl"]).hexdigest()
-    assert paths.find(f"/var/lib/farm/files/{stored_name}.stl").read_bytes() == PARTS["p01.stl"]
+    assert read_folder(tmp_path / "new" / "folder") == CONTENTS
+    stored_name = hashlib.sha256(CONTENTS["p01.stl"]).hexdigest()
+    assert paths.find(f"/var/lib/farm/files/{stored_name}.stl").read_bytes() == CONTENTS["p01.stl"]
     assert paths.find("/var/lib/farm/jobs/3/assembly.png").name == "assembly.png"
     assert paths.find("/etc/passwd") is None
 
 
 @pytest.mark.parametrize(("mask", "mode"), [(0o077, 0o600), (0o022, 0o644), (0o002, 0o664)])
-def test_files_are_readable_as_the_user_wants_it(tmp_path, mask, mode):
+def test_files_have_the_mode_that_the_umask_allows(tmp_path, mask, mode):
     old_mask = os.umask(mask)
     try:
         fetch_files(FakeClient(), 3, tmp_path)
@@ -63,7 +63,7 @@ def test_second_fetch_brings_only_what_is_missing(tmp_path):
     (tmp_path / "p01.stl").unlink()
     client = FakeClient()
     assert fetch_files(client, 3, tmp_path).written == client.downloads == ["p01.stl"]
-    assert read(tmp_path) == PARTS
+    assert read_folder(tmp_path) == CONTENTS
 
 
 def test_own_file_is_overwritten_with_force_only(tmp_path):
@@ -72,21 +72,21 @@ def test_own_file_is_overwritten_with_force_only(tmp_path):
     with pytest.raises(Refused, match=r"assembly\.png.*--force"):
         fetch_files(client, 3, tmp_path)
     assert client.downloads == []
-    assert read(tmp_path) == {"assembly.png": b"mine"}
+    assert read_folder(tmp_path) == {"assembly.png": b"mine"}
     fetch_files(client, 3, tmp_path, force=True)
-    assert read(tmp_path) == PARTS
+    assert read_folder(tmp_path) == CONTENTS
 
 
 def test_link_in_the_folder_is_replaced_and_not_followed(tmp_path):
-    outside_folder = tmp_path / "outside"
-    outside_folder.write_bytes(b"mine")
+    outside_file = tmp_path / "outside"
+    outside_file.write_bytes(b"mine")
     folder = tmp_path / "folder"
     folder.mkdir()
-    (folder / "p01.stl").symlink_to(outside_folder)
+    (folder / "p01.stl").symlink_to(outside_file)
     with pytest.raises(Refused):
         fetch_files(FakeClient(), 3, folder)
     fetch_files(FakeClient(), 3, folder, force=True)
-    assert outside_folder.read_bytes() == b"mine"
+    assert outside_file.read_bytes() == b"mine"
     assert not (folder / "p01.stl").is_symlink()
 
 
@@ -108,7 +108,7 @@ def test_unsafe_file_name_is_refused_and_nothing_is_written(tmp_path, name):
 def test_damaged_content_leaves_no_file(tmp_path, sent_content):
     with pytest.raises(FarmError, match=r"p01\.stl"):
         fetch_files(FakeClient({"p01.stl": b"solid"}, {"p01.stl": sent_content}), 3, tmp_path)
-    assert read(tmp_path) == {}
+    assert read_folder(tmp_path) == {}
 
 
 def test_lost_connection_keeps_complete_files_only(tmp_path):
@@ -121,7 +121,7 @@ def test_lost_connection_keeps_complete_files_only(tmp_path):
 
     with pytest.raises(FarmError, match="no daemon"):
         fetch_files(LostConnection(), 3, tmp_path)
-    assert read(tmp_path) == {"p01.stl": PARTS["p01.stl"]}
+    assert read_folder(tmp_path) == {"p01.stl": CONTENTS["p01.stl"]}
 
 
 def test_folder_that_cannot_be_made_is_named(tmp_path):
@@ -132,4 +132,4 @@ def test_folder_that_cannot_be_made_is_named(tmp_path):
 
 def test_report_needs_pictures_and_parts_only(tmp_path):
     fetch_files(FakeClient(), 3, tmp_path, select=is_picture)
-    assert sorted(read(tmp_path)) == ["assembly.png", "p01.stl"]
+    assert sorted(read_folder(tmp_path)) == ["assembly.png", "p01.stl"]

@@ -53,9 +53,9 @@ def test_work_of_a_dead_worker_is_repeated(pool, tmp_path):
 def test_work_that_kills_every_worker_is_reported_and_the_next_runs(pool, tmp_path):
     async def use(workers):
         match = r"decomposing ended its worker process 2 times \(SIGSEGV\)"
-        with pytest.raises(FarmError, match=match) as raised:
+        with pytest.raises(FarmError, match=match) as error:
             await workers.run(work.die, signal.SIGSEGV, limit=DECOMPOSING)
-        assert raised.value.code is ErrorCode.LIMIT
+        assert error.value.code is ErrorCode.LIMIT
         return await workers.run(work.get_pid)
 
     assert has_ended(pool.run(use))
@@ -232,9 +232,11 @@ def test_groups_share_the_workers_evenly(pool, tmp_path):
         order.append(group)
 
     async def use(workers):
-        big_share, small_share = PoolShare(workers, "big"), PoolShare(workers, "small")
+        large_share, small_share = PoolShare(workers, "big"), PoolShare(workers, "small")
         busy_task = [
-            asyncio.ensure_future(big_share.run(work.write_line, tmp_path / name, "hello", limit=DECOMPOSING))
+            asyncio.ensure_future(
+                large_share.run(work.write_line, tmp_path / name, "hello", limit=DECOMPOSING)
+            )
             for name in ("one", "two")
         ]
         tasks = [asyncio.ensure_future(run_one(workers, group)) for group in ("big", "big", "small")]

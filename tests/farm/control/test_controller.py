@@ -164,12 +164,12 @@ def test_unattended_start_is_not_repeated_at_night(farm, plan, tmp_path):
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     farm.controller.on_plan(1, plan)
     assert any(isinstance(i, ev.SendStart) for i in farm.effects.instructions)
-    night = Farm(tmp_path, quiet="00:00-24:00")
-    night.ready("a", "b")
-    assert not [i for i in night.effects.instructions if isinstance(i, ev.SendStart)]
-    day = Farm(tmp_path)
-    day.ready("a", "b")
-    assert [i for i in day.effects.instructions if isinstance(i, ev.SendStart)]
+    quiet_farm = Farm(tmp_path, quiet="00:00-24:00")
+    quiet_farm.ready("a", "b")
+    assert not [i for i in quiet_farm.effects.instructions if isinstance(i, ev.SendStart)]
+    attended_farm = Farm(tmp_path)
+    attended_farm.ready("a", "b")
+    assert [i for i in attended_farm.effects.instructions if isinstance(i, ev.SendStart)]
 
 
 def test_planning_is_repeated_after_the_daemon_died(farm, tmp_path):
@@ -232,16 +232,16 @@ def test_paused_print_is_a_task_with_its_time_limit(farm, plan):
         farm.printers.pause("a", False, "ann")
     pause_instruction = ev.SendPause(print_id=attempt.id, printer="a", wanted=True)
 
-    def find_last_instruction():
-        resume_tasks = [
+    def find_last_pause():
+        pauses = [
             instruction for instruction in farm.effects.instructions if isinstance(instruction, ev.SendPause)
         ]
-        return resume_tasks[-1]
+        return pauses[-1]
 
     farm.printers.pause("a", True, "ann")
-    assert find_last_instruction() == pause_instruction
+    assert find_last_pause() == pause_instruction
 
-    def snapshot(state, **changes):
+    def report_state(state, **changes):
         facts = {"fault": None, "reason": None, "progress_s": 5.0, "print_time_s": 90.0, "extruded": True}
         facts |= {"started_s": 2.0, "ended_s": None, **changes}
         agent_print = AgentPrint(print_id=attempt.id, state=state, **facts)
@@ -250,17 +250,17 @@ def test_paused_print_is_a_task_with_its_time_limit(farm, plan):
         view = describe_printer(context, farm.controller.fleet.printer("a"), None)
         return view, [item for item in list_tasks(context) if item.code == "resume"]
 
-    snapshot(PrintState.PRINTING)  # the pause arrived while it was heating
-    assert find_last_instruction() == pause_instruction
-    assert snapshot(PrintState.PAUSED)[1] == []  # it parks
-    view, (item,) = snapshot(PrintState.PAUSED, pause_ends_s=7200.0)
+    report_state(PrintState.PRINTING)  # the pause arrived while it was heating
+    assert find_last_pause() == pause_instruction
+    assert report_state(PrintState.PAUSED)[1] == []  # it parks
+    view, (item,) = report_state(PrintState.PAUSED, pause_ends_s=7200.0)
     assert (view.state, view.print.pause_ends) == ("paused", "1970-01-01T02:00:00+00:00")
     assert item.text == "resume a by 01 Jan 1970 02:00, or its print will be ended: `farm resume a`"
     assert [time.text for time in item.times] == ["01 Jan 1970 02:00"]
     farm.printers.pause("a", False, "ann")
-    assert find_last_instruction() == pause_instruction.model_copy(update={"wanted": False})
-    view, other_values = snapshot(PrintState.PRINTING)
-    assert (view.state, view.print.pause_ends, other_values) == ("printing", None, [])
+    assert find_last_pause() == pause_instruction.model_copy(update={"wanted": False})
+    view, tasks = report_state(PrintState.PRINTING)
+    assert (view.state, view.print.pause_ends, tasks) == ("printing", None, [])
     farm.jobs.cancel(1, "ann")
     with pytest.raises(Refused, match="ending"):
         farm.printers.pause("a", True, "ann")
@@ -310,14 +310,14 @@ def test_hold_shows_the_end_computed_from_progress_without_a_commit(farm, monkey
     event = make_plan_event(1, 3)
     farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0))
 
-    def find_notice():
+    def find_hold():
         job = describe_job(farm.view_context(STATE), farm.controller.books.jobs[1])
         (hold,) = (plate.hold for plate in job.plates if plate.hold is not None)
         return hold
 
     farm.controller.handle()
-    first_notice = find_notice()
-    assert "a and b are printing until" in first_notice.text
+    first_hold = find_hold()
+    assert "a and b are printing until" in first_hold.text
     for name, progress_s in (("a", 1.0), ("b", 80.0)):
         attempt = farm.controller.books.open_print_on(name)
         agent_print = AgentPrint(
@@ -326,11 +326,11 @@ def test_hold_shows_the_end_computed_from_progress_without_a_commit(farm, monkey
         )  # fmt: skip
         farm.controller.on_snapshot(AgentSnapshot(printer=name, link=Link.BUSY, print=agent_print))
     FakeClock.now_s += 3600.0
-    second_notice, context = find_notice(), farm.view_context(STATE)
-    assert second_notice.text != first_notice.text
+    second_hold, context = find_hold(), farm.view_context(STATE)
+    assert second_hold.text != first_hold.text
     views = [describe_printer(context, section, None) for section in context.fleet.printers]
     end_s = FakeClock.now_s + min(view.print.remaining_s for view in views)
-    assert datetime.fromisoformat(second_notice.times[0].at).timestamp() == end_s == FakeClock.now_s + 10.0
+    assert datetime.fromisoformat(second_hold.times[0].at).timestamp() == end_s == FakeClock.now_s + 10.0
     kinds = [kind for _, kind, _ in farm.store.events()]
     assert kinds[-5:] == ["JobPlanned", *["PlateAssigned"] * 2, *["PrintProgressed"] * 2]
 
@@ -354,17 +354,17 @@ def test_start_writes_little_with_many_waiting_plates(farm, monkeypatch):
 
 def test_failed_report_is_handled_when_repeated(farm):
     farm.ready("a", "b")
-    result = AgentSnapshot(printer="a", link=Link.READY, agent_pid=9, alarm="it gets hotter", nozzle_c=90.0)
+    snapshot = AgentSnapshot(printer="a", link=Link.READY, agent_pid=9, alarm="it gets hotter", nozzle_c=90.0)
     farm.store._db.execute("PRAGMA query_only = 1")
     for _ in range(2):
         with pytest.raises(StoreError):
-            farm.controller.on_snapshot(result)
+            farm.controller.on_snapshot(snapshot)
     farm.ready("b")  # the snapshot changes nothing in the books
     context = farm.view_context(STATE)
     assert "nothing is recorded until there is space" in context.warnings[0]
     assert context.snapshots["a"].nozzle_c == 90.0
     farm.store._db.execute("PRAGMA query_only = 0")
-    farm.controller.on_snapshot(result)
+    farm.controller.on_snapshot(snapshot)
     assert farm.controller.books.printers["a"].alarm == "it gets hotter"
     assert farm.view_context(STATE).warnings == ()
 
@@ -384,12 +384,12 @@ def test_effects_before_an_error_are_performed(farm, plan):
 def test_stuck_heater_is_recorded_for_idle_and_printing_printers(farm):
     farm.ready("a", "b")
     for link in (Link.BUSY, Link.FAULT):
-        result = f"the nozzle is off, and gets hotter ({link})"
-        farm.controller.on_snapshot(AgentSnapshot(printer="a", link=link, agent_pid=7, alarm=result))
+        alarm = f"the nozzle is off, and gets hotter ({link})"
+        farm.controller.on_snapshot(AgentSnapshot(printer="a", link=link, agent_pid=7, alarm=alarm))
         assert (
             farm.controller.books.printers["a"].attention_reason,
             farm.controller.books.printers["a"].alarm,
         ) == (
-            result,
-            result,
+            alarm,
+            alarm,
         )

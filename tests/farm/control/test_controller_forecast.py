@@ -17,7 +17,7 @@ from farm.scheduling.forecast import CLEARING_S
 from farm.state import events as ev
 from farm.state.plate_state import PlateState
 
-HOUR = 3600.0
+HOUR_S = 3600.0
 MONDAY_S = 1_000_000.0 // 604800 * 604800 + 4 * 86400  # 00:00 UTC
 HEATING_S = 300.0
 ORDER = (PrintState.DONE, PrintState.PRINTING, None)  # of simultaneous changes, as in the forecast
@@ -33,7 +33,7 @@ class Clock:
         return self.now_s
 
 
-class Night:
+class ForecastSimulation:
     """Farm whose printers and people act as in the forecast."""
 
     def __init__(self, folder, printers, now_s, start_rules):
@@ -42,9 +42,9 @@ class Night:
             folder, ["ultimaker2_plus"] * printers, clock=self.clock, timezone="UTC", **start_rules
         )
         self.controller = self.farm.controller
-        self.controller.started_s = now_s - HOUR
+        self.controller.started_s = now_s - HOUR_S
         self.farm.ready(*self.controller.fleet.names)
-        self.pending_steps, self.started_ids, self.until_s = [], set(), now_s + 28 * 24 * HOUR
+        self.pending_steps, self.started_ids, self.end_s = [], set(), now_s + 28 * 24 * HOUR_S
 
     def plan(self, hours, options):
         request = f"r{len(self.controller.books.jobs):07d}"
@@ -56,8 +56,8 @@ class Night:
         plates = tuple(
             plate.model_copy(
                 update={
-                    "sliced_s": item * HOUR,
-                    "expected_s": item * HOUR + HEATING_S,
+                    "sliced_s": item * HOUR_S,
+                    "expected_s": item * HOUR_S + HEATING_S,
                     "grams": 100.0 * item,
                     "printer": names[index % min(len(names), options.printers or len(names))],
                     "family": "ultimaker2_plus",
@@ -88,16 +88,16 @@ class Night:
             AgentSnapshot(printer=name, link=link, filament=filament, agent_pid=9, print=agent_print)
         )
 
-    def begin_prints(self):
+    def start_prints(self):
         self.refuse_revisions()
         now_s = self.clock.now_s
         for attempt in list(self.controller.books.open_prints()):
             if attempt.id not in self.started_ids:
                 self.started_ids.add(attempt.id)
                 plate = self.controller.books.plates[attempt.plate]
-                moments = {PrintState.PRINTING: HEATING_S, PrintState.DONE: plate.expected_s}
+                state_delays_s = {PrintState.PRINTING: HEATING_S, PrintState.DONE: plate.expected_s}
                 self.report_print(attempt.printer, attempt.id, PrintState.HEATING, now_s)
-                for state, after_s in moments.items():
+                for state, after_s in state_delays_s.items():
                     self.add_step(now_s + after_s, attempt.printer, attempt.id, state, now_s)
 
     def add_step(self, at_s, name, print_id, state, started_s):
@@ -106,10 +106,10 @@ class Night:
 
     def step(self):
         """Advance to the time of the next change; return False if there is none."""
-        self.begin_prints()
+        self.start_prints()
         edge_s = self.next_edge_s()
         next_s = min(self.pending_steps[0][0] if self.pending_steps else float("inf"), edge_s)
-        if next_s == float("inf") or next_s > self.until_s:
+        if next_s == float("inf") or next_s > self.end_s:
             return False
         self.clock.now_s = next_s
         if not self.pending_steps or self.pending_steps[0][0] > next_s:
@@ -137,7 +137,7 @@ class Night:
             clear_s = self.controller.rules.find_bed_clear_s(next_s, CLEARING_S)
             self.add_step(clear_s, name, print_id, None, 0.0)
 
-    def ends_s(self):
+    def run_to_end(self):
         """Run to the end; return the end of each plate."""
         while self.step():
             pass
@@ -188,30 +188,34 @@ rule_sets = st.fixed_dictionaries(
 @given(jobs, rule_sets, st.integers(1, 4), st.integers(0, 23), st.lists(st.integers(200, 2000), max_size=4))
 def test_forecast_is_exact_without_failures(job_specs, start_rules, printers, hour, reels):
     with tempfile.TemporaryDirectory() as folder:
-        night = Night(Path(folder) / "farm", printers, MONDAY_S + hour * HOUR, start_rules)
-        for name, grams in zip(night.controller.fleet.names, reels, strict=False):
+        simulation = ForecastSimulation(
+            Path(folder) / "farm", printers, MONDAY_S + hour * HOUR_S, start_rules
+        )
+        for name, grams in zip(simulation.controller.fleet.names, reels, strict=False):
             reel = {"material": "generic_pla", "grams": grams, "nozzle_mm": 0.4}
-            night.controller.handle(ev.ReelLoaded(at_s=1.0, printer=name, reel=reel, by="ann"))
+            simulation.controller.handle(ev.ReelLoaded(at_s=1.0, printer=name, reel=reel, by="ann"))
         for hours, options in job_specs:
-            night.plan(hours, options)
-        night.begin_prints()
-        now_s = night.clock.now_s
-        books = night.controller.books
-        forecast_ends_s = dict(night.controller.build_view_context(StateFolder(Path(folder))).ends_s)
+            simulation.plan(hours, options)
+        simulation.start_prints()
+        now_s = simulation.clock.now_s
+        books = simulation.controller.books
+        forecast_ends_s = dict(simulation.controller.build_view_context(StateFolder(Path(folder))).ends_s)
         waiting_ids = {plate.id for plate in books.waiting_plates()}
         assert forecast_ends_s.keys() <= waiting_ids
-        end_times_s = night.ends_s()
-        remaining_ids = {p.id for p in night.controller.books.waiting_plates()}
+        end_times_s = simulation.run_to_end()
+        remaining_ids = {p.id for p in simulation.controller.books.waiting_plates()}
         assert remaining_ids == waiting_ids - forecast_ends_s.keys()
         for number in books.jobs:
-            plates = [name for name in forecast_ends_s if night.controller.books.plates[name].job == number]
+            plates = [
+                name for name in forecast_ends_s if simulation.controller.books.plates[name].job == number
+            ]
             if plates:
                 expected_s = max(forecast_ends_s[name] for name in plates) - now_s
                 elapsed_s = max(end_times_s[name] for name in plates) - now_s
                 assert abs(elapsed_s - expected_s) <= 0.02 * elapsed_s, (number, expected_s, elapsed_s)
-        assert all(p.bed is not Bed.UNKNOWN for p in night.controller.books.printers.values())
+        assert all(p.bed is not Bed.UNKNOWN for p in simulation.controller.books.printers.values())
         assert not any(
-            night.controller.books.plate_state(p) is PlateState.PRINTING
-            for p in night.controller.books.plates.values()
+            simulation.controller.books.plate_state(p) is PlateState.PRINTING
+            for p in simulation.controller.books.plates.values()
         )
-        night.farm.store.close()
+        simulation.farm.store.close()

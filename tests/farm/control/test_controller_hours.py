@@ -33,14 +33,14 @@ class Clock:
         return self.now_s
 
 
-FRIDAY, STOP = parse_time("2026-11-20 17:00"), parse_time("2026-11-20 17:45")
+FRIDAY_S, STOP_S = parse_time("2026-11-20 17:00"), parse_time("2026-11-20 17:45")
 
 
 @pytest.fixture
 def farm(tmp_path):
     """Make a farm with a job of one part; the board of `a` has no reset, and `b` is absent."""
     farm = Farm(tmp_path, timezone="UTC", attended=["mon-fri 08:00-18:00"])
-    farm.controller.clock, farm.controller.started_s = Clock(FRIDAY), FRIDAY - 3600.0
+    farm.controller.clock, farm.controller.started_s = Clock(FRIDAY_S), FRIDAY_S - 3600.0
     farm.ready("a", reset_verified=False)
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(), "ann")
     event = make_plan_event(1, 1)
@@ -52,7 +52,7 @@ def report(farm, state=PrintState.PRINTING, **changes):
     """Build a snapshot of the agent of `a` about its print."""
     attempt = farm.controller.books.open_print_on("a")
     facts = {"fault": None, "reason": None, "progress_s": 5.0, "print_time_s": 90.0, "extruded": True}
-    facts |= {"started_s": FRIDAY, "ended_s": None, "ends_by_s": STOP, **changes}
+    facts |= {"started_s": FRIDAY_S, "ended_s": None, "ends_by_s": STOP_S, **changes}
     agent_print = AgentPrint(print_id=attempt.id, state=state, **facts)
     farm.controller.on_snapshot(
         AgentSnapshot(printer="a", link=Link.BUSY, reset_verified=False, print=agent_print)
@@ -60,7 +60,7 @@ def report(farm, state=PrintState.PRINTING, **changes):
     return attempt
 
 
-def list_deadline_texts(farm):
+def list_deadline_tasks(farm):
     return [item for item in list_tasks(farm.view_context(STATE)) if item.code in ("hours", "resume")]
 
 
@@ -68,25 +68,24 @@ def test_print_gets_its_latest_start_and_end(farm):
     attempt = farm.controller.books.open_print_on("a")
     span = farm.controller.situations.find_limits(attempt.id)
     needed_s = farm.controller.books.plates[attempt.plate].expected_s * 1.05
-    assert span.not_after_s == pytest.approx(STOP - needed_s)
-    assert span.ends_by_s == STOP
+    assert span.not_after_s == pytest.approx(STOP_S - needed_s)
+    assert span.ends_by_s == STOP_S
 
 
 def test_changed_hours_are_sent_to_the_agent(farm):
     attempt = report(farm)
     instructions = [i for i in farm.effects.instructions if isinstance(i, ev.SendEndBy)]
     assert instructions == []
-    report(farm, ends_by_s=STOP - 3600.0)
-    assert farm.effects.instructions[-1] == ev.SendEndBy(print_id=attempt.id, printer="a", ends_by_s=STOP)
+    report(farm, ends_by_s=STOP_S - 3600.0)
+    assert farm.effects.instructions[-1] == ev.SendEndBy(print_id=attempt.id, printer="a", ends_by_s=STOP_S)
     report(farm, ends_by_s=None)
-    assert farm.effects.instructions[-1].ends_by_s == STOP
+    assert farm.effects.instructions[-1].ends_by_s == STOP_S
     instruction_count = len(farm.effects.instructions)
     [removed_section] = (p for p in farm.controller.fleet.printers if p.name == "b")
     fleet = farm.controller.fleet
-    farm.controller.fleet = fleet.model_copy(
-        update={"printers": (removed_section,)}
-    )  # `a` was removed from it
-    report(farm, ends_by_s=STOP - 3600.0)
+    # `a` was removed from the fleet.
+    farm.controller.fleet = fleet.model_copy(update={"printers": (removed_section,)})
+    report(farm, ends_by_s=STOP_S - 3600.0)
     farm.controller.fleet = fleet
     report(farm, PrintState.ENDING)
     assert len(farm.effects.instructions) == instruction_count
@@ -112,27 +111,27 @@ def test_late_start_is_refused_and_its_plate_waits(farm):
 
 def test_print_beyond_the_hours_is_a_task_before_its_end(farm):
     report(farm)
-    assert list_deadline_texts(farm) == []
+    assert list_deadline_tasks(farm) == []
     report(farm, progress_s=10.0, print_time_s=90.0)
-    farm.controller.clock.now_s = STOP - 20.0
-    (item,) = list_deadline_texts(farm)
+    farm.controller.clock.now_s = STOP_S - 20.0
+    (item,) = list_deadline_tasks(farm)
     assert item.code == "hours" and item.printers == ["a"]
     assert "ends at Fri 17:45" in item.text and "attended" in item.text
     report(farm, PrintState.ENDING)
-    assert list_deadline_texts(farm) == []
+    assert list_deadline_tasks(farm) == []
 
 
 def test_pause_is_resumed_in_attended_hours_only(farm):
     report(farm)
     farm.printers.pause("a", True, "ann")
-    report(farm, PrintState.PAUSED, pause_ends_s=STOP + 3600.0)
-    assert [item.text for item in list_deadline_texts(farm)] == [
+    report(farm, PrintState.PAUSED, pause_ends_s=STOP_S + 3600.0)
+    assert [item.text for item in list_deadline_tasks(farm)] == [
         "resume a by Fri 17:45, or its print will be ended: `farm resume a`"
     ]
     farm.controller.clock.now_s = parse_time("2026-11-20 19:00")
     with pytest.raises(Refused, match=r"only in attended hours .*: from Mon 08:00"):
         farm.printers.pause("a", False, "ann")
-    farm.controller.clock.now_s = STOP - 60.0
+    farm.controller.clock.now_s = STOP_S - 60.0
     farm.printers.pause("a", False, "ann")
     assert not farm.controller.books.open_print_on("a").pause_requested
 
@@ -145,14 +144,14 @@ def test_job_is_resumed_only_if_its_printers_may_continue(farm):
     with pytest.raises(Refused, match=r"^a prints only in attended hours .*: from Mon 08:00 \(UTC\)$"):
         farm.jobs.pause(1, False, "ann")
     assert farm.controller.books.jobs[1].paused
-    report(farm, PrintState.FAILED, fault="hours_ended", reason="nobody was to be there", ended_s=STOP)
+    report(farm, PrintState.FAILED, fault="hours_ended", reason="nobody was to be there", ended_s=STOP_S)
     farm.jobs.pause(1, False, "ann")  # its waiting plates have their own start time
     assert not farm.controller.books.jobs[1].paused
 
 
 def test_end_of_hours_is_not_charged_to_the_plate_and_needs_an_inspection(farm):
     attempt = report(farm)
-    end_fields = {"fault": "hours_ended", "reason": "nobody was to be there any more", "ended_s": STOP}
+    end_fields = {"fault": "hours_ended", "reason": "nobody was to be there any more", "ended_s": STOP_S}
     report(farm, PrintState.FAILED, **end_fields)
     books = farm.controller.books
     assert not books.prints[attempt.id].charged
@@ -173,9 +172,11 @@ def test_clock_step_moves_hours_and_no_print(farm, step_s):
     assert farm.controller.clock.now() - moved_print.started_s == age_s
     assert moved_print.assigned_s == pytest.approx(attempt.assigned_s + step_s)
     assert farm.controller.clock.now() - farm.controller.started_s == pytest.approx(3600.0 + 600.0)
-    report(farm, started_s=moved_print.started_s, ends_by_s=STOP + step_s)  # on the former clock
+    report(farm, started_s=moved_print.started_s, ends_by_s=STOP_S + step_s)  # on the former clock
     if step_s < 0:
-        assert farm.effects.instructions[-1] == ev.SendEndBy(print_id=attempt.id, printer="a", ends_by_s=STOP)
+        assert farm.effects.instructions[-1] == ev.SendEndBy(
+            print_id=attempt.id, printer="a", ends_by_s=STOP_S
+        )
 
 
 def test_hours_and_start_times_follow_a_clock_step(tmp_path):

@@ -17,15 +17,14 @@ from farm.state.storage.store import Store, StoreError
 from farm.views import list_tasks
 from farms.simulated_fleet import FarmSimulation
 
-PLATES = 3
+PLATE_COUNT = 3
 
 
-def check(simulation):
+def check_books(simulation):
     """Compare the books with the true prints, for the daemon and for the next one that reads them."""
     good_plates = [plate for plate, _, verdict in simulation.judged_prints if verdict is Verdict.GOOD]
-    assert sorted(good_plates) == [
-        f"1/0{i}" for i in range(1, PLATES + 1)
-    ]  # no plate is lost, none is printed twice
+    # No plate is lost, none is printed twice.
+    assert sorted(good_plates) == [f"1/0{i}" for i in range(1, PLATE_COUNT + 1)]
     books = simulation.controller.books
     simulation.store.close()
     with Store(simulation.path) as store:
@@ -47,10 +46,10 @@ def check(simulation):
 
 @pytest.fixture(scope="module")
 def commit_count(tmp_path_factory):
-    simulation = FarmSimulation(tmp_path_factory.mktemp("undisturbed"), PLATES)
+    simulation = FarmSimulation(tmp_path_factory.mktemp("undisturbed"), PLATE_COUNT)
     simulation.run()
     commits = simulation.commits
-    check(simulation)
+    check_books(simulation)
     return commits
 
 
@@ -60,20 +59,20 @@ def test_no_state_is_lost_if_killed_at_any_commit(is_killed_after, commit_count,
     for number in range(1, commit_count + 1):
         folder = tmp_path / str(number)
         folder.mkdir()
-        simulation = FarmSimulation(folder, PLATES, kills=[number], is_killed_after=is_killed_after)
+        simulation = FarmSimulation(folder, PLATE_COUNT, kills=[number], is_killed_after=is_killed_after)
         simulation.run()
         assert simulation.restarts == 1
-        check(simulation)
+        check_books(simulation)
 
 
 @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(kills=st.sets(st.integers(4, 60), min_size=2, max_size=8), is_killed_after=st.booleans())
 def test_no_state_is_lost_over_repeated_kills(kills, is_killed_after, tmp_path_factory):
     simulation = FarmSimulation(
-        tmp_path_factory.mktemp("again"), PLATES, kills=kills, is_killed_after=is_killed_after
+        tmp_path_factory.mktemp("again"), PLATE_COUNT, kills=kills, is_killed_after=is_killed_after
     )
     simulation.run()
-    check(simulation)
+    check_books(simulation)
 
 
 @pytest.mark.parametrize(
@@ -88,7 +87,7 @@ def test_no_state_is_lost_over_repeated_kills(kills, is_killed_after, tmp_path_f
 def test_controller_continues_after_failed_commits(
     first_failure, failing_sql, repairing_sql, message, tmp_path
 ):
-    simulation = FarmSimulation(tmp_path, PLATES)
+    simulation = FarmSimulation(tmp_path, PLATE_COUNT)
     report_to_daemon, minutes = simulation.report_to_daemon, itertools.count()
 
     def report_while_broken():
@@ -101,11 +100,11 @@ def test_controller_continues_after_failed_commits(
 
     simulation.report_to_daemon = report_while_broken
     simulation.run()
-    check(simulation)
+    check_books(simulation)
 
 
 def test_full_disk_is_reported_and_starts_nothing(tmp_path):
-    simulation = FarmSimulation(tmp_path, PLATES)
+    simulation = FarmSimulation(tmp_path, PLATE_COUNT)
     simulation.report_to_daemon()
     simulation.store._db.execute("PRAGMA max_page_count = 1")
     with pytest.raises(FarmError, match="full; nothing was started"):

@@ -94,22 +94,22 @@ def test_restored_backup_neither_loses_nor_repeats_a_plate(
     check(simulation)
 
 
-def restore_farm(folder, plates=1, printing=None):
+def restore_farm(folder, plates=1, first_print_id=None):
     """Make a farm with books of the time after a job was planned, or its first plate assigned to `a`."""
     farm = Farm(folder)
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     event = make_plan_event(1, plates)
     farm.controller.handle(ev.PlanningStarted(at_s=PLANNED_S, job=1))
     farm.controller.handle(event.model_copy(update={"at_s": PLANNED_S}))
-    if printing is not None:
+    if first_print_id is not None:
         farm.controller.handle(ev.BedReported(at_s=PLANNED_S, printer="a", bed="clear", filament="parked"))
-        assigned_event = ev.PlateAssigned(at_s=PLANNED_S, plate="1/01", printer="a", print_id=printing)
+        assigned_event = ev.PlateAssigned(at_s=PLANNED_S, plate="1/01", printer="a", print_id=first_print_id)
         farm.controller.handle(assigned_event)
     farm.controller.start(farm.effects, restored_s=PLANNED_S + 1.0)
     return farm
 
 
-def reports(print_id="x", started_s=PLANNED_S + 100.0, sha256="0" * 64, **changes):
+def make_agent_print(print_id="x", started_s=PLANNED_S + 100.0, sha256="0" * 64, **changes):
     facts = {"state": PrintState.DONE, "fault": None, "reason": None, "progress_s": 90.0}
     facts |= {"print_time_s": 90.0, "extruded": True, "ended_s": started_s + 100.0}
     return AgentPrint(print_id=print_id, started_s=started_s, sha256=sha256, **{**facts, **changes})
@@ -127,8 +127,8 @@ def test_print_after_the_backup_is_imported_and_judged_at_the_bed(tmp_path):
         "the database was restored from a backup: check which parts of job 1 were printed"
     )
     assert "`farm approve 1`" in items["approve"]
-    farm.report("a", reports("x"), reports("y", PLANNED_S + 300.0))
-    farm.report("b", reports("z", state=PrintState.PRINTING, ended_s=None))
+    farm.report("a", make_agent_print("x"), make_agent_print("y", PLANNED_S + 300.0))
+    farm.report("b", make_agent_print("z", state=PrintState.PRINTING, ended_s=None))
     approve_job(farm)
     books = farm.controller.books
     assert {name: p.state for name, p in books.prints.items()} == {
@@ -139,21 +139,21 @@ def test_print_after_the_backup_is_imported_and_judged_at_the_bed(tmp_path):
     assert len({p.plate for p in books.prints.values()}) == 3
     farm.clear_bed("a", FilamentState.PARKED)
     assert {farm.controller.books.prints[name].verdict for name in "xy"} == {Verdict.GOOD}
-    farm.report("b", reports("z"))
+    farm.report("b", make_agent_print("z"))
     assert farm.controller.books.jobs[1].state is JobState.PRINTED
 
 
 def test_open_print_of_a_backup_waits_for_its_agent(tmp_path):
-    farm = restore_farm(tmp_path, printing="p")
+    farm = restore_farm(tmp_path, first_print_id="p")
     farm.controller.on_snapshot(
         AgentSnapshot(printer="a", link=Link.ABSENT, reason="its agent does not start")
     )
     assert not farm.controller.books.prints["p"].state.ended
-    farm.report("a", reports("p"))
+    farm.report("a", make_agent_print("p"))
     farm.report("b")
     assert approve_job(farm).controller.books.jobs[1].state is JobState.PRINTED
     # It is not awaited if a person has cancelled it.
-    farm = restore_farm(tmp_path / "other", printing="p")
+    farm = restore_farm(tmp_path / "other", first_print_id="p")
     farm.jobs.cancel(1, "ann")
     farm.controller.on_snapshot(
         AgentSnapshot(printer="a", link=Link.ABSENT, reason="its agent does not start")
@@ -164,10 +164,10 @@ def test_open_print_of_a_backup_waits_for_its_agent(tmp_path):
 @pytest.mark.parametrize(
     "unknown_print",
     [
-        reports(sha256="1" * 64),
-        reports(sha256=None),  # an older agent started it
-        reports(started_s=PLANNED_S - 100.0),
-        reports(state=PrintState.PRINTING, ended_s=None, sha256="1" * 64),
+        make_agent_print(sha256="1" * 64),
+        make_agent_print(sha256=None),  # an older agent started it
+        make_agent_print(started_s=PLANNED_S - 100.0),
+        make_agent_print(state=PrintState.PRINTING, ended_s=None, sha256="1" * 64),
     ],
     ids=["another file", "no file", "before it was planned", "still printing"],
 )
@@ -177,11 +177,11 @@ def test_print_without_a_plate_needs_a_person(unknown_print, tmp_path):
     farm.report("a", unknown_print)
     approve_job(farm)
     state = StateFolder(tmp_path)
-    (look,) = (item for item in list_tasks(farm.view_context(state)) if item.code == "look")
-    assert look.printers == ["a"]
-    assert "it made a print after the backup of the database that match no waiting plate" in look.text
+    (task,) = (item for item in list_tasks(farm.view_context(state)) if item.code == "look")
+    assert task.printers == ["a"]
+    assert "it made a print after the backup of the database that match no waiting plate" in task.text
     farm.controller.on_snapshot(AgentSnapshot(printer="a", link=Link.READY, print=unknown_print))
-    assert look in list_tasks(farm.view_context(state))
+    assert task in list_tasks(farm.view_context(state))
     assert not farm.controller.books.prints
     farm.clear_bed("b", FilamentState.PARKED)
     assert [p.printer for p in farm.controller.books.prints.values()] == ["b"]
@@ -199,7 +199,10 @@ def test_restored_job_waits_for_every_printer_in_use(tmp_path):
 
 
 def test_interrupted_import_of_a_journal_is_repeated(tmp_path):
-    farm, prints = restore_farm(tmp_path / "whole", 2), [reports("x"), reports("y", PLANNED_S + 300.0)]
+    farm, prints = (
+        restore_farm(tmp_path / "whole", 2),
+        [make_agent_print("x"), make_agent_print("y", PLANNED_S + 300.0)],
+    )
     ready_snapshot = AgentSnapshot(printer="a", link=Link.READY, agent_pid=9, filament=FilamentState.PARKED)
     events = list(import_agent_journal(farm.controller.books, ready_snapshot, prints, PLANNED_S + 1e3))
     farm.controller.handle(*events)

@@ -12,8 +12,8 @@ from farm.planning import Plan
 from farm.state import events as ev
 from farm.state.storage import StoreError
 
-NIGHT = datetime(2026, 11, 20, 23, tzinfo=UTC).timestamp()
-MORNING = datetime(2026, 11, 21, 6, tzinfo=UTC).timestamp()
+NIGHT_S = datetime(2026, 11, 20, 23, tzinfo=UTC).timestamp()
+MORNING_S = datetime(2026, 11, 21, 6, tzinfo=UTC).timestamp()
 
 
 class Clock:
@@ -45,8 +45,8 @@ def calls(monkeypatch):
 @pytest.fixture
 def farm(tmp_path, calls):
     """Make a job of one part that waits for the end of quiet hours, on a farm that started an hour ago."""
-    farm = Farm(tmp_path, clock=Clock(NIGHT), timezone="UTC", quiet=["22:00-06:00"])
-    farm.controller.started_s = NIGHT - 3600.0
+    farm = Farm(tmp_path, clock=Clock(NIGHT_S), timezone="UTC", quiet=["22:00-06:00"])
+    farm.controller.started_s = NIGHT_S - 3600.0
     farm.ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(), "ann")
     event = make_plan_event(1, 1)
@@ -62,7 +62,7 @@ def tick(farm, at_s):
 
 def test_tick_without_a_change_does_not_schedule(farm, calls):
     for seconds in range(1, 3600):
-        tick(farm, NIGHT + seconds)
+        tick(farm, NIGHT_S + seconds)
     assert calls == []
     assert [hold.code for hold in farm.controller.scheduler.find_plate_holds().values()] == [
         HoldCode.QUIET_HOURS
@@ -70,27 +70,27 @@ def test_tick_without_a_change_does_not_schedule(farm, calls):
 
 
 def test_tick_at_the_end_of_quiet_hours_starts_the_plate(farm, calls):
-    assert farm.controller.next_change_s == MORNING
-    tick(farm, MORNING - 1.0)
+    assert farm.controller.next_change_s == MORNING_S
+    tick(farm, MORNING_S - 1.0)
     assert calls == []
-    tick(farm, MORNING)
-    assert calls == [MORNING]
+    tick(farm, MORNING_S)
+    assert calls == [MORNING_S]
     assert farm.controller.books.open_print_on("a") is not None
 
 
 def test_tick_repeats_an_unconfirmed_start(farm):
-    tick(farm, MORNING)
+    tick(farm, MORNING_S)
     farm.effects.instructions.clear()
-    tick(farm, MORNING + 1.0)
+    tick(farm, MORNING_S + 1.0)
     assert [type(item) for item in farm.effects.instructions] == [ev.SendStart]
 
 
 def test_command_of_a_person_leaves_the_repetition_to_the_next_tick(farm):
-    tick(farm, MORNING)
+    tick(farm, MORNING_S)
     farm.effects.instructions.clear()
     farm.clear_bed("b")
     assert [type(item) for item in farm.effects.instructions] == [ev.SendCleared]
-    tick(farm, MORNING + 1.0)
+    tick(farm, MORNING_S + 1.0)
     assert [type(item) for item in farm.effects.instructions] == [ev.SendCleared, ev.SendStart]
 
 
@@ -108,15 +108,15 @@ def test_failed_commit_is_repeated_at_the_next_tick(farm, calls, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(farm.store, "commit", fail_on_full_disk)
         with pytest.raises(StoreError):
-            tick(farm, MORNING)
-    tick(farm, MORNING + 1.0)
-    assert calls == [MORNING, MORNING + 1.0]
+            tick(farm, MORNING_S)
+    tick(farm, MORNING_S + 1.0)
+    assert calls == [MORNING_S, MORNING_S + 1.0]
     assert farm.controller.books.job(1).state is JobState.PRINTING
     assert farm.controller.books.open_print_on("a") is not None
 
 
 def test_plate_of_a_single_lost_printer_is_reassigned(farm, calls):
-    tick(farm, MORNING)
+    tick(farm, MORNING_S)
     lost_print = farm.controller.books.open_print_on("a")
     end_fields = {
         "state": "failed",
@@ -126,25 +126,27 @@ def test_plate_of_a_single_lost_printer_is_reassigned(farm, calls):
         "extruded": False,
     }
     farm.controller.handle(
-        ev.PrintEnded(at_s=MORNING, print_id=lost_print.id, started_s=MORNING, ended_s=MORNING, **end_fields)
+        ev.PrintEnded(
+            at_s=MORNING_S, print_id=lost_print.id, started_s=MORNING_S, ended_s=MORNING_S, **end_fields
+        )
     )
     assert [hold.code for hold in farm.controller.scheduler.find_plate_holds().values()] == [
         HoldCode.JUST_LOST
     ]
-    tick(farm, MORNING + 10.0)
+    tick(farm, MORNING_S + 10.0)
     assert farm.controller.books.open_print_on("b") is None
-    tick(farm, MORNING + 11.0)
+    tick(farm, MORNING_S + 11.0)
     assert farm.controller.books.open_print_on("b") is not None
 
 
 def test_tick_starts_a_plate_made_possible_by_the_last_start(tmp_path):
     """Start the first plate, planned for the tall printer c, on a, so that c can be the spare."""
     models = ("ultimaker2_plus", "ultimaker2_plus", "ultimaker2_extended_plus")
-    farm = Farm(tmp_path, models, Clock(NIGHT), timezone="UTC", attended=["08:00-10:00"])
-    farm.controller.started_s = NIGHT - 3600.0
+    farm = Farm(tmp_path, models, Clock(NIGHT_S), timezone="UTC", attended=["08:00-10:00"])
+    farm.controller.started_s = NIGHT_S - 3600.0
     farm.ready("a", "b", "c")
     reel = Reel(material="generic_pla", nozzle_mm=0.4, grams=10.0)
-    farm.controller.handle(ev.ReelLoaded(at_s=NIGHT, printer="c", reel=reel, by="ann"))
+    farm.controller.handle(ev.ReelLoaded(at_s=NIGHT_S, printer="c", reel=reel, by="ann"))
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(spares=1), "ann")
     event = make_plan_event(1, 2)
     plates = [
@@ -153,6 +155,6 @@ def test_tick_starts_a_plate_made_possible_by_the_last_start(tmp_path):
     ]
     plan = Plan(event.parts, tuple(plates), event.repairs, 1.0, 500.0, 100.0, None)
     farm.controller.on_plan(1, plan)
-    tick(farm, NIGHT)
+    tick(farm, NIGHT_S)
     books = farm.controller.books
     assert [books.open_print_on(name) is not None for name in "abc"] == [True, True, False]

@@ -51,7 +51,7 @@ def farm(tmp_path):
     return farm
 
 
-def end(farm, plate, state=PrintState.DONE):
+def end_print(farm, plate, state=PrintState.DONE):
     """End the print of a plate after 100 s."""
     books = farm.controller.books
     attempt = next(p for p in books.open_prints() if p.plate == plate)
@@ -68,8 +68,8 @@ def end(farm, plate, state=PrintState.DONE):
         started_s=started_s,
         ended_s=started_s + 100.0,
     )
-    idle = {"link": Link.READY, "agent_pid": 9, "filament": FilamentState.PARKED}
-    farm.controller.on_snapshot(AgentSnapshot(printer=attempt.printer, print=report, **idle))
+    idle_fields = {"link": Link.READY, "agent_pid": 9, "filament": FilamentState.PARKED}
+    farm.controller.on_snapshot(AgentSnapshot(printer=attempt.printer, print=report, **idle_fields))
     farm.controller.clock.at_s = started_s
     return attempt.printer
 
@@ -99,8 +99,8 @@ def test_all_copies_print_side_by_side(farm):
 
 def test_failed_part_of_a_copy_is_printed_again_alone(farm):
     for plate in ("1/01.1", "1/02.1", "1/01.2"):
-        farm.clear_bed(end(farm, plate))
-    printer = end(farm, "1/02.2")
+        farm.clear_bed(end_print(farm, plate))
+    printer = end_print(farm, "1/02.2")
     farm.clear_bed(printer, verdict=Verdict.BAD, reason="fell over")
     assert [p.plate for p in farm.controller.books.open_prints()] == ["1/02.2"]
     job_view = describe_first_job(farm)
@@ -110,18 +110,18 @@ def test_failed_part_of_a_copy_is_printed_again_alone(farm):
     page = screen.file.getvalue()
     for text in ("vase", "for Ada", "1 of 2", "1/p02.2", "attempt 2"):
         assert text in page
-    farm.clear_bed(end(farm, "1/02.2"))
+    farm.clear_bed(end_print(farm, "1/02.2"))
     assert farm.controller.books.job(1).state is JobState.DONE
     assert describe_first_job(farm).printed_copies == 2
 
 
 def test_part_of_a_copy_is_named_with_its_number(farm):
-    end(farm, "1/01.2")
+    end_print(farm, "1/01.2")
     assert farm.parts.reprint(1, "p01.2", "scratched", "ann") == "1/p01.2"
     assert farm.parts.cancel(1, "2.1", "ann") == "1/p02.1"
 
 
 def test_history_has_the_note_of_the_job(farm):
-    end(farm, "1/01.1")
+    end_print(farm, "1/01.1")
     (row,) = list_history(farm.view_context(STATE))
     assert (row.part, row.name, row.note) == ("1/p01.1", "vase", "for Ada")

@@ -22,20 +22,20 @@ def submit(farm, name, **options):
 
 def test_abandoned_dry_run_is_cancelled(tmp_path):
     farm = Farm(tmp_path)
-    expected_job, removed_job = (submit(farm, name, dry_run=True, hold=True) for name in "ab")
+    kept_job, abandoned_job = (submit(farm, name, dry_run=True, hold=True) for name in "ab")
     held_job = submit(farm, "c", hold=True)
     dry_runs = DryRuns(farm.controller)
     dry_runs.cancel_abandoned(0.0)
-    dry_runs.keep(expected_job, DRY_RUN_TIMEOUT_S)
+    dry_runs.keep(kept_job, DRY_RUN_TIMEOUT_S)
     dry_runs.cancel_abandoned(DRY_RUN_TIMEOUT_S)
     jobs = farm.controller.books.jobs
     assert not any(job.state.ended for job in jobs.values())
     dry_runs.cancel_abandoned(DRY_RUN_TIMEOUT_S + 1.0)
     jobs = farm.controller.books.jobs
-    assert [jobs[n].state.ended for n in (expected_job, removed_job, held_job)] == [False, True, False]
-    assert jobs[removed_job].reason == "cancelled by the farm: nobody waits for its plan any more"
+    assert [jobs[n].state.ended for n in (kept_job, abandoned_job, held_job)] == [False, True, False]
+    assert jobs[abandoned_job].reason == "cancelled by the farm: nobody waits for its plan any more"
     dry_runs.cancel_abandoned(3 * DRY_RUN_TIMEOUT_S)
-    assert farm.controller.books.jobs[expected_job].state is JobState.CANCELLED
+    assert farm.controller.books.jobs[kept_job].state is JobState.CANCELLED
 
 
 def test_dry_run_needs_no_approval():
@@ -102,10 +102,8 @@ def test_approved_dry_run_is_not_cancelled(tmp_path):
 def test_model_is_planned_again_without_another_upload(tmp_path):
     farm = Farm(tmp_path)
     number = submit(farm, "a", dry_run=True, hold=True)
-    planned_job = farm.jobs.plan_again(
-        number, "b" * 8, JobOptions(printers=2, dry_run=True, hold=True), "ann"
-    )
-    first_job, second_job = (farm.controller.books.job(n) for n in (number, planned_job))
+    new_number = farm.jobs.plan_again(number, "b" * 8, JobOptions(printers=2, dry_run=True, hold=True), "ann")
+    first_job, second_job = (farm.controller.books.job(n) for n in (number, new_number))
     assert (second_job.model_file, second_job.name, second_job.repairs) == (
         first_job.model_file,
         first_job.name,

@@ -233,8 +233,8 @@ def test_invalid_start_time_is_refused_at_submission(farm):
 
 def test_missed_deadline_is_reported_with_the_earliest_end(farm, state):
     def miss_deadline(seconds):
-        moment = datetime.fromtimestamp(farm.controller.clock.now() + seconds).astimezone().isoformat()
-        number = submit(farm, name=f"{seconds:03d}", done_by=moment, hold=True)
+        deadline = datetime.fromtimestamp(farm.controller.clock.now() + seconds).astimezone().isoformat()
+        number = submit(farm, name=f"{seconds:03d}", done_by=deadline, hold=True)
         farm.controller.on_plan(number, plan_for(number, state))
         return farm.controller.books.job(number).repairs
 
@@ -278,8 +278,8 @@ def test_deadline_of_the_assembly_leaves_time_to_glue(farm):
 
 def test_missed_deadline_of_the_assembly_is_reported(farm, state):
     def miss_deadline(seconds):
-        moment = datetime.fromtimestamp(farm.controller.clock.now() + seconds).astimezone().isoformat()
-        number = submit(farm, name=f"{seconds:04d}", assembled_by=moment, hold=True)
+        deadline = datetime.fromtimestamp(farm.controller.clock.now() + seconds).astimezone().isoformat()
+        number = submit(farm, name=f"{seconds:04d}", assembled_by=deadline, hold=True)
         farm.controller.on_plan(number, replace(plan_for(number, state), assembly_s=3600.0))
         return farm.controller.books.job(number).repairs
 

@@ -42,13 +42,13 @@ def farm(tmp_path):
     return farm
 
 
-def ends(farm, printer, state=PrintState.DONE, **changes):
+def end_print(farm, printer, state=PrintState.DONE, **changes):
     attempt = farm.controller.books.open_print_on(printer)
     facts = {"fault": None, "reason": "so", "progress_s": 5.0, "print_time_s": 90.0, "extruded": True}
     facts |= {"started_s": 2.0, "ended_s": 50.0, **changes}
     agent_print = AgentPrint(print_id=attempt.id, state=state, **facts)
-    idle = {"link": Link.READY, "agent_pid": 9, "filament": FilamentState.PARKED}
-    farm.controller.on_snapshot(AgentSnapshot(printer=printer, print=agent_print, **idle))
+    idle_fields = {"link": Link.READY, "agent_pid": 9, "filament": FilamentState.PARKED}
+    farm.controller.on_snapshot(AgentSnapshot(printer=printer, print=agent_print, **idle_fields))
     farm.ready(printer)
     return attempt
 
@@ -57,11 +57,11 @@ def test_failing_print_is_ended_and_its_part_printed_elsewhere(farm):
     farm.printers.fail_print("a", "a blob", "ann")
     with pytest.raises(Refused, match="ending"):
         farm.printers.fail_print("a", "a blob", "ann")
-    attempt = ends(farm, "a", PrintState.CANCELLED)
+    attempt = end_print(farm, "a", PrintState.CANCELLED)
     assert farm.controller.books.prints[attempt.id].fault == "by_a_person"
     with pytest.raises(Refused, match="a is not printing"):
         farm.printers.fail_print("a", "a blob", "ann")
-    ends(farm, "b")
+    end_print(farm, "b")
     farm.clear_bed("b")
     plates = {
         plate.id: farm.controller.books.plate_state(plate).name
@@ -85,8 +85,8 @@ def test_part_is_cancelled_by_name_or_by_printer(farm):
     with pytest.raises(Refused, match="already cancelled"):
         farm.parts.cancel(1, "p03", "ann")
     assert farm.parts.cancel_on("a", "ann") == "1/p01"
-    ends(farm, "a", PrintState.CANCELLED)
-    ends(farm, "b")
+    end_print(farm, "a", PrintState.CANCELLED)
+    end_print(farm, "b")
     farm.clear_bed("a")
     with pytest.raises(Refused, match="a is not printing"):
         farm.parts.cancel_on("a", "ann")
@@ -102,7 +102,7 @@ def test_paused_job_starts_no_plate(farm):
     farm.jobs.pause(1, True, "ann")
     with pytest.raises(Refused, match="already paused"):
         farm.jobs.pause(1, True, "ann")
-    ends(farm, "a")
+    end_print(farm, "a")
     farm.clear_bed("a")
     assert farm.controller.books.open_print_on("a") is None
     assert farm.controller.scheduler.find_plate_holds().get("1/03").code is HoldCode.PAUSED
@@ -131,7 +131,7 @@ def test_paused_waiting_part_is_not_assigned(farm, tmp_path):
     assert farm.parts.pause(1, "p03", True, "ann") == ""
     with pytest.raises(Refused, match="already paused"):
         farm.parts.pause(1, "3", True, "ann")
-    ends(farm, "a")
+    end_print(farm, "a")
     farm.clear_bed("a")
     assert farm.controller.books.open_print_on("a") is None
     hold = farm.controller.scheduler.find_plate_holds().get("1/03")
@@ -156,7 +156,7 @@ def test_resumed_job_resumes_its_paused_parts(farm):
 def test_printer_in_maintenance_finishes_its_print_and_gets_no_other(farm):
     farm.printers.begin_maintenance("a", "a new belt", "ann")
     assert farm.controller.books.open_print_on("a").cancel_reason is None
-    ends(farm, "a")
+    end_print(farm, "a")
     farm.clear_bed("a")
     assert farm.controller.books.open_print_on("a") is None
     farm.printers.end_maintenance("a", "ann")
@@ -167,7 +167,7 @@ def test_printer_in_maintenance_finishes_its_print_and_gets_no_other(farm):
 
 @pytest.mark.parametrize("is_cancelled", [False, True])
 def test_bad_part_is_printed_again_unless_its_job_was_cancelled(farm, is_cancelled):
-    ends(farm, "a")
+    end_print(farm, "a")
     if is_cancelled:
         farm.jobs.cancel(1, "ann")
     answer = farm.clear_bed("a", verdict=Verdict.BAD, reason="warped")
@@ -175,7 +175,7 @@ def test_bad_part_is_printed_again_unless_its_job_was_cancelled(farm, is_cancell
 
 
 def test_bad_verdict_requires_a_printed_part(farm):
-    ends(farm, "a")
+    end_print(farm, "a")
     farm.clear_bed("a", verdict=Verdict.BAD, reason="warped")
     assert farm.controller.books.plates["1/01"].prints
     assert farm.controller.books.open_print_on("a").plate in ("1/01", "1/03")
@@ -189,12 +189,12 @@ def test_outage_blocks_starts_until_confirmed(farm):
     with pytest.raises(Refused, match="there is no outage"):
         farm.printers.confirm_outage("ann")
     now_s = farm.controller.clock.now()
-    ends(farm, "a", PrintState.FAILED, fault="port_lost", ended_s=now_s)
+    end_print(farm, "a", PrintState.FAILED, fault="port_lost", ended_s=now_s)
     farm.clear_bed("a")
     assert farm.controller.scheduler.find_plate_holds().get("1/01").code is HoldCode.JUST_LOST
     assert farm.controller.books.open_print_on("a").plate == "1/03"
-    ends(farm, "a")
-    ends(farm, "b", PrintState.FAILED, fault="agent_died", ended_s=now_s + 1.0)
+    end_print(farm, "a")
+    end_print(farm, "b", PrintState.FAILED, fault="agent_died", ended_s=now_s + 1.0)
     for name in "ab":
         farm.clear_bed(name)
     assert {farm.controller.scheduler.find_plate_holds().get(name).code for name in ("1/01", "1/02")} == {
@@ -223,7 +223,7 @@ def test_plates_of_a_held_job_do_not_wait_for_an_outage(farm):
     event = make_plan_event(2, 1)
     farm.controller.on_plan(2, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
     for name in "ab":
-        ends(farm, name, PrintState.FAILED, fault="port_lost", ended_s=farm.controller.clock.now())
+        end_print(farm, name, PrintState.FAILED, fault="port_lost", ended_s=farm.controller.clock.now())
     assert farm.controller.books.outage is not None
     assert farm.controller.scheduler.find_plate_holds().get("2/01") is None  # no event would remove it again
 
@@ -248,9 +248,9 @@ def test_refused_start_uses_no_filament(farm):
     ids=["resume job", "resume part", "reprint"],
 )
 def test_part_stopped_by_estop_waits_for_a_person(farm, report_end):
-    ends(farm, "a", PrintState.FAILED, fault="estop")
+    end_print(farm, "a", PrintState.FAILED, fault="estop")
     for _ in range(2):  # other waiting plates continue
-        ends(farm, "b")
+        end_print(farm, "b")
         farm.clear_bed("b")
     farm.controller.handle()
     assert farm.controller.books.open_print_on("b") is None
@@ -265,7 +265,7 @@ def test_part_stopped_by_estop_waits_for_a_person(farm, report_end):
 
 def test_parts_stopped_by_estop_are_one_task(farm):
     for printer in "ab":
-        ends(farm, printer, PrintState.FAILED, fault="estop")
+        end_print(farm, printer, PrintState.FAILED, fault="estop")
     [task] = [item for item in list_tasks(farm.view_context(STATE)) if item.code == "stopped"]
     assert task.text.startswith(
         "2 parts of job 1 stopped by `farm estop`: print them again with `farm resume 1`"
@@ -274,9 +274,9 @@ def test_parts_stopped_by_estop_are_one_task(farm):
 
 @pytest.mark.parametrize("verdict", list(Verdict))
 def test_old_page_does_not_clear_the_bed_of_a_later_plate(farm, verdict):
-    first_print = ends(farm, "a")
+    first_print = end_print(farm, "a")
     farm.clear_bed("a", seen=first_print.id)
-    second_print = ends(farm, "a")
+    second_print = end_print(farm, "a")
     for seen_print in (first_print.id, "none"):
         with pytest.raises(Refused, match=f"plate {second_print.plate} was printed on a after this page"):
             farm.clear_bed("a", verdict=verdict, seen=seen_print)

@@ -54,23 +54,23 @@ def farm(tmp_path):
     return farm
 
 
-WHO = [("1", "ab"), ("1/p01", "a"), ("1/2", "b"), ("b", "b")]
+TARGETS = [("1", "ab"), ("1/p01", "a"), ("1/2", "b"), ("b", "b")]
 
 
-@pytest.mark.parametrize(("target", "printers"), WHO)
+@pytest.mark.parametrize(("target", "printers"), TARGETS)
 def test_paused_part_continues_when_resumed(farm, target, printers):
     for verb, is_paused in (("pause", True), ("resume", False)):
         assert farm.ask(target, verb).status_code == 200
-        wishes = {
+        requests = {
             (item.printer, item.wanted)
             for item in farm.effects.instructions
             if isinstance(item, ev.SendPause)
         }
-        assert wishes == {(printer, is_paused) for printer in printers}
+        assert requests == {(printer, is_paused) for printer in printers}
     assert farm.ask(target, "resume").status_code == 409
 
 
-@pytest.mark.parametrize(("target", "printers"), WHO)
+@pytest.mark.parametrize(("target", "printers"), TARGETS)
 def test_cancelled_part_is_not_printed_again(farm, target, printers):
     assert farm.ask(target, "cancel").status_code == 200
     assert {item.printer for item in farm.effects.instructions if isinstance(item, ev.SendCancel)} == set(

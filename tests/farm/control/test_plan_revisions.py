@@ -15,7 +15,7 @@ from farm.state import PlateState, validate_books
 from farm.state import events as ev
 from farm.state.lifecycles import InvalidTransition
 
-HOUR = 3600.0
+HOUR_S = 3600.0
 
 
 def make_plan(number, hours, printers):
@@ -24,8 +24,8 @@ def make_plan(number, hours, printers):
     plates = tuple(
         plate.model_copy(
             update={
-                "sliced_s": length_h * HOUR,
-                "expected_s": length_h * HOUR + 300.0,
+                "sliced_s": length_h * HOUR_S,
+                "expected_s": length_h * HOUR_S + 300.0,
                 "printer": printers[index % len(printers)],
                 "kin": PLUS,
             }
@@ -52,7 +52,7 @@ def submit_planned(farm, **options):
     assert farm.controller.books.jobs[1].planned_for == ("a", "b")
 
 
-def printing(farm):
+def list_open_prints(farm):
     return {attempt.printer: attempt.plate for attempt in farm.controller.books.open_prints()}
 
 
@@ -70,7 +70,7 @@ def connect_at_once(farm):
 def test_job_is_planned_again_for_more_printers_and_starts_only_then(farm):
     connect_at_once(farm)
     assert farm.effects.plans[1:] == [(1, list("abcdefgh"), 1)]
-    assert printing(farm) == {}
+    assert list_open_prints(farm) == {}
     assert {hold.code for hold in farm.controller.scheduler.find_plate_holds().values()} == {
         HoldCode.BEING_REPLANNED
     }
@@ -78,7 +78,7 @@ def test_job_is_planned_again_for_more_printers_and_starts_only_then(farm):
     farm.controller.on_plan(1, make_plan(1, [3.0] * 6, "cdefgh"))
     job = farm.controller.books.jobs[1]
     assert (len(job.plates), job.revisions) == (6, 1)
-    assert set(printing(farm)) == set("cdefgh")
+    assert set(list_open_prints(farm)) == set("cdefgh")
     assert [plan for plan in farm.effects.plans if plan[0] == 1][2:] == []  # it is not planned a third time
     assert validate_books(farm.controller.books) == []
 
@@ -87,7 +87,7 @@ def test_plan_stays_if_the_new_one_fails_or_is_not_sooner(farm):
     connect_at_once(farm)
     farm.controller.on_plan(1, FarmError("the engine died"))
     assert farm.controller.books.jobs[1].plates == ("1/01", "1/02")
-    assert len(printing(farm)) == 2
+    assert len(list_open_prints(farm)) == 2
     assert len(farm.effects.plans) == 2
 
 
@@ -104,7 +104,7 @@ def test_job_does_not_wait_long_for_its_new_plan(farm, reason):
                 now=lambda next_change_s=next_change_s: next_change_s, scale=1.0
             )
             farm.controller.tick()
-    assert len(printing(farm)) == 2
+    assert len(list_open_prints(farm)) == 2
     farm.controller.on_plan(1, make_plan(1, [3.0] * 6, "cdefgh"))
     assert farm.controller.books.jobs[1].plates == ("1/01", "1/02")
 
@@ -113,7 +113,7 @@ def test_new_plan_that_ends_later_is_not_used(farm):
     connect_at_once(farm)
     farm.controller.on_plan(1, make_plan(1, [9.0] * 6, "cdefgh"))
     assert farm.controller.books.jobs[1].revisions == 0
-    assert set(printing(farm).values()) == {"1/01", "1/02"}
+    assert set(list_open_prints(farm).values()) == {"1/01", "1/02"}
 
 
 def test_fewer_plates_replace_more(farm):
@@ -138,7 +138,7 @@ def make_revised_fields(farm, hours, printers):
 
 def test_plan_of_a_started_job_is_never_replaced(farm):
     farm.clear_bed("a")
-    assert printing(farm) == {"a": "1/01"}
+    assert list_open_prints(farm) == {"a": "1/01"}
     with pytest.raises(InvalidTransition, match="has started"):
         farm.controller.handle(ev.PlanRevised(**dict(make_revised_fields(farm, [1.0] * 3, "abc"), job=1)))
     connect_at_once(farm)
@@ -151,7 +151,7 @@ def test_cancelled_job_is_no_longer_planned_again(farm):
     assert ev.StopPlanning(job=1) in farm.effects.instructions
     farm.controller.on_plan(1, make_plan(1, [3.0] * 6, "cdefgh"))
     assert farm.controller.books.jobs[1].state is JobState.CANCELLED
-    assert printing(farm) == {}
+    assert list_open_prints(farm) == {}
 
 
 def test_new_daemon_examines_the_job_again(farm, tmp_path):
@@ -165,7 +165,7 @@ def test_new_daemon_examines_the_job_again(farm, tmp_path):
     restarted_farm.controller.stopping = False
     restarted_farm.controller.handle()
     assert restarted_farm.effects.plans == [old_plan]
-    assert printing(restarted_farm) == {}
+    assert list_open_prints(restarted_farm) == {}
 
 
 def test_jobs_start_run_by_run_if_their_forecasts_are_large(tmp_path, monkeypatch):
@@ -184,9 +184,9 @@ def test_jobs_start_run_by_run_if_their_forecasts_are_large(tmp_path, monkeypatc
     started_jobs = []
     for _ in range(3):
         controller.tick()
-        started_jobs.append({plate.partition("/")[0] for plate in printing(farm).values()})
+        started_jobs.append({plate.partition("/")[0] for plate in list_open_prints(farm).values()})
     assert started_jobs == [{"1"}, {"1", "2"}, {"1", "2", "3"}]
-    assert len(printing(farm)) == 6
+    assert len(list_open_prints(farm)) == 6
 
 
 def test_job_that_waits_for_its_start_is_not_examined_again_for_other_idle_printers(farm, monkeypatch):
@@ -194,7 +194,7 @@ def test_job_that_waits_for_its_start_is_not_examined_again_for_other_idle_print
     monkeypatch.setattr(revisions, "choose_revision", lambda job, *_: examined_jobs.append(job.number))
     controller: Controller = farm.controller
     at_s = controller.clock.now()
-    controller.handle(ev.JobRescheduled(at_s=at_s, job=1, not_before_s=at_s + 9 * HOUR))
+    controller.handle(ev.JobRescheduled(at_s=at_s, job=1, not_before_s=at_s + 9 * HOUR_S))
     farm.ready(*"cdefgh", bed_clear=False)
     farm.ready("a", link=Link.ABSENT, reason="unplugged")
     examined_count = len(examined_jobs)

@@ -66,13 +66,13 @@ def test_impossible_move_is_refused_with_the_reason(farm):
 
 
 def test_moved_job_gets_the_next_free_printer_and_forecast(farm, tmp_path):
-    def ends():
+    def read_ends():
         farm.controller.handle()
         context = farm.view_context(STATE)
         return {entry.id: entry.eta for entry in describe_queue(context).jobs}
 
-    ends_before = ends()
-    assert ends_before[1] <= ends_before[2] <= ends_before[3]
+    old_ends = read_ends()
+    assert old_ends[1] <= old_ends[2] <= old_ends[3]
     move(farm, 3, "first")
     waiting_plates = list(farm.controller.situations.build_for_forecast().waiting)
     assert [plate.job for plate in waiting_plates[:3]] == [3, 3, 3]

@@ -13,8 +13,8 @@ from farms.simulated_fleet import Clock
 DAY_S = 86400.0
 
 
-class Night:
-    """Farm of two printers with a clock that the test moves."""
+class Scenario:
+    """Job on a farm of two printers, with a clock that the test sets."""
 
     def __init__(self, folder):
         self.clock = Clock()
@@ -49,14 +49,14 @@ class Night:
             self.farm.ready(printer)
             self.farm.clear_bed(printer)
 
-    def job(self):
+    def describe_job(self):
         return describe_job(self.farm.view_context(self.state), self.farm.controller.books.job(1))
 
 
 def test_reprint_a_day_later_adds_the_time_of_its_print(tmp_path):
-    night = Night(tmp_path)
-    night.finish("a", "b")
-    first_view = night.job()
+    scenario = Scenario(tmp_path)
+    scenario.finish("a", "b")
+    first_view = scenario.describe_job()
     assert (first_view.state, first_view.elapsed_s, first_view.speedup, first_view.utilisation) == (
         JobState.DONE,
         100.0,
@@ -64,9 +64,9 @@ def test_reprint_a_day_later_adds_the_time_of_its_print(tmp_path):
         1.0,
     )
 
-    night.clock.now_s += DAY_S
-    night.farm.parts.reprint(1, "p01", "it fell", "ann")
-    requested_view = night.job()
+    scenario.clock.now_s += DAY_S
+    scenario.farm.parts.reprint(1, "p01", "it fell", "ann")
+    requested_view = scenario.describe_job()
     assert (
         requested_view.state,
         requested_view.elapsed_s,
@@ -78,9 +78,9 @@ def test_reprint_a_day_later_adds_the_time_of_its_print(tmp_path):
         200.0,
         2.5,
     )
-    night.finish("a")
+    scenario.finish("a")
 
-    repeated_view = night.job()
+    repeated_view = scenario.describe_job()
     assert (repeated_view.state, repeated_view.elapsed_s, repeated_view.current_s, repeated_view.speedup) == (
         JobState.DONE,
         200.0,
@@ -90,10 +90,10 @@ def test_reprint_a_day_later_adds_the_time_of_its_print(tmp_path):
     assert repeated_view.utilisation == pytest.approx(2 / 3)
     assert repeated_view.runs[0].ended < repeated_view.runs[1].started
     assert (repeated_view.wasted_s, repeated_view.good) == (100.0, 2)
-    rows = list_history(night.farm.view_context(night.state), job=1)
+    rows = list_history(scenario.farm.view_context(scenario.state), job=1)
     assert [row.took_s for row in rows] == [100.0] * 3
     assert [row.part for row in rows if row.wasted] == ["1/p01"]
 
-    night.farm.store.close()
-    night.farm = Farm(tmp_path, clock=night.clock)  # the books have the same after a restart
-    assert night.job() == repeated_view
+    scenario.farm.store.close()
+    scenario.farm = Farm(tmp_path, clock=scenario.clock)  # after a restart
+    assert scenario.describe_job() == repeated_view

@@ -14,7 +14,7 @@ CELSIUS = st.none() | st.floats(-20.0, 300.0)
 SECONDS = st.floats(0.0, 1e5)
 
 
-def make_printing_state():
+def make_books():
     assigned_event = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="p")
     started_event = ev.PrintProgressed(
         at_s=3.0, print_id="p", state=PrintState.PRINTING, started_s=3.0, extruded=True
@@ -22,7 +22,7 @@ def make_printing_state():
     return apply_events(make_printing_books(), assigned_event, started_event)[0]
 
 
-BOOKS = make_printing_state()
+BOOKS = make_books()
 PRINT = AgentPrint(
     print_id="p", state=PrintState.PRINTING, fault=None, reason=None, progress_s=1.0, print_time_s=90.0,
     extruded=True, started_s=3.0, ended_s=None,
@@ -66,7 +66,7 @@ def test_snapshot_is_compared_step_by_step():
     assert [type(item).__name__ for item in changes.instructions] == ["SendForget"]
 
 
-def record(*readings):
+def record_readings(*readings):
     """Return the stored readings: time, nozzle and bed."""
     temperatures = TemperatureRecord()
     for at_s, nozzle_c, bed_c in readings:
@@ -77,12 +77,12 @@ def record(*readings):
 
 def test_hottest_reading_of_a_minute_is_kept():
     seconds = [(float(s), 290.0 if s == 30 else 210.0, 60.0) for s in range(120)]
-    assert record(*seconds) == [(0.0, 290, 60), (60.0, 210, 60)]
+    assert record_readings(*seconds) == [(0.0, 290, 60), (60.0, 210, 60)]
 
 
 def test_printer_without_answer_leaves_one_gap():
     silent = [(20.0 + s, None, None) for s in range(300)]
-    assert record((0.0, 20.4, 19.6), *silent, (330.0, 21.0, 20.0)) == [
+    assert record_readings((0.0, 20.4, 19.6), *silent, (330.0, 21.0, 20.0)) == [
         (0.0, 20, 20),
         (20.0, None, None),
         (330.0, 21, 20),
@@ -91,7 +91,7 @@ def test_printer_without_answer_leaves_one_gap():
 
 @given(st.lists(st.tuples(st.floats(0.0, 1e6), CELSIUS, CELSIUS), max_size=200))
 def test_temperatures_are_bounded_and_in_order_even_if_the_clock_is_set_back(readings):
-    temperatures = record(*readings)
+    temperatures = record_readings(*readings)
     assert [at_s for at_s, *_ in temperatures] == sorted(at_s for at_s, *_ in temperatures)
     assert len(temperatures) <= TEMPERATURES_KEPT_S / 60.0
 
@@ -107,8 +107,10 @@ def test_temperatures_from_before_twelve_hours_are_not_listed():
 
 def test_reading_that_cannot_be_true_is_limited():
     """Limit readings, as a chart has a line for every fifty degrees."""
-    assert record((0.0, 1e300, -1e300)) == [(0.0, 999, -99)]
+    assert record_readings((0.0, 1e300, -1e300)) == [(0.0, 999, -99)]
 
 
 def test_temperatures_of_weeks_are_bounded():
-    assert len(record(*((60.0 * n, 20.0, 20.0) for n in range(20_000)))) == TEMPERATURES_KEPT_S / 60.0
+    assert (
+        len(record_readings(*((60.0 * n, 20.0, 20.0) for n in range(20_000)))) == TEMPERATURES_KEPT_S / 60.0
+    )

@@ -22,11 +22,11 @@ def test_work_runs_on_the_event_loop(plain):
             if not result.done():
                 result.get_loop().call_soon_threadsafe(result.set_result, threading.current_thread())
 
-        async def patient_work() -> None:
+        async def async_work() -> None:
             work()
 
         timers = Timers(Clock())
-        timers.call_every(0.01, "work", work if plain else patient_work)
+        timers.call_every(0.01, "work", work if plain else async_work)
         timers.start()
         try:
             return await result

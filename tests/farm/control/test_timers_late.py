@@ -22,15 +22,15 @@ def parse_time(text):
 
 
 @pytest.fixture
-def begin(monkeypatch):
-    def begin(text):
+def make_time(monkeypatch):
+    def make_time(text):
         return FakeTime(monkeypatch, parse_time(text))
 
-    return begin
+    return make_time
 
 
-def test_missed_timer_runs_once(begin):
-    time = begin("2026-11-20 22:00")
+def test_missed_timer_runs_once(make_time):
+    time = make_time("2026-11-20 22:00")
     times_s, alarms = [], []
 
     def tick():
@@ -51,20 +51,19 @@ def test_missed_timer_runs_once(begin):
     time.run(run_evening())
     wake_up_s = 600.0 + 3 * HOUR_S
     assert times_s[:10] == pytest.approx([60.0 * n for n in range(1, 11)], abs=1e-3)
-    assert (
-        wake_up_s <= times_s[10] < times_s[11] <= wake_up_s + 61.0
-    )  # one for all those missed, then as before
+    # One run for all those that were missed, then as before.
+    assert wake_up_s <= times_s[10] < times_s[11] <= wake_up_s + 61.0
     assert len(times_s) == 10 + 1 + (7 * HOUR_S - 30.0 - wake_up_s) // 60.0
-    assert [moment - time.started_s for moment in alarms[:2]] == pytest.approx(
+    assert [alarm_s - time.started_s for alarm_s in alarms[:2]] == pytest.approx(
         [wake_up_s, wake_up_s], abs=1.0
     )
     assert alarms[2] - time.started_s == pytest.approx(6 * HOUR_S, abs=1e-3)
 
 
 @pytest.mark.parametrize("step_h", [6.0, -6.0])
-def test_clock_step_takes_effect_at_once(begin, step_h):
+def test_clock_step_takes_effect_at_once(make_time, step_h):
     """Check that a periodic timer is late by one period at most, and that an alarm follows the calendar."""
-    time = begin("2026-11-20 12:00")
+    time = make_time("2026-11-20 12:00")
     times_s, alarms = [], []
     alarm_s = time.started_s + 7 * HOUR_S
 
@@ -91,9 +90,9 @@ def test_clock_step_takes_effect_at_once(begin, step_h):
     "first", ["2026-03-27", "2026-10-23", "2026-11-20"], ids=["spring", "autumn", "plain"]
 )
 @pytest.mark.parametrize("is_suspended", [False, True])
-def test_books_are_backed_up_once_a_night(begin, tmp_path, first, is_suspended):
+def test_books_are_backed_up_once_a_night(make_time, tmp_path, first, is_suspended):
     """Make backups at four, also when clocks change, or as soon as possible after the host slept."""
-    time = begin(f"{first} 12:00")
+    time = make_time(f"{first} 12:00")
     state = StateFolder(tmp_path)
     Store(state.books).close()
     errors, cleanups = [], []
@@ -116,8 +115,8 @@ def test_books_are_backed_up_once_a_night(begin, tmp_path, first, is_suspended):
         datetime.fromtimestamp(parse_backup_time_s(copy), BERLIN).replace(tzinfo=None)
         for copy in list_backups(state)
     ]
-    due = [days[0].replace(hour=12), *(day.replace(hour=4) for day in days[1:])]
+    due_times = [days[0].replace(hour=12), *(day.replace(hour=4) for day in days[1:])]
     if is_suspended:
-        due[1] = days[1].replace(hour=6, minute=30)
-    assert backup_times_s[::-1] == due
+        due_times[1] = days[1].replace(hour=6, minute=30)
+    assert backup_times_s[::-1] == due_times
     assert not any(errors)

@@ -90,9 +90,9 @@ def test_command_prints_every_check_and_exits_with_1_on_problems(paths):
         "--fleet",
         str(paths.fleet),
     ]
-    run = CliRunner().invoke(app, ["doctor", "--json", *options])
-    answer = json.loads(run.stdout)
-    assert (run.exit_code, answer["schema"]) == (1, 1)
+    result = CliRunner().invoke(app, ["doctor", "--json", *options])
+    answer = json.loads(result.stdout)
+    assert (result.exit_code, answer["schema"]) == (1, 1)
     checks = {finding["check"] for finding in answer["findings"]}
     assert {
         "fleet",

@@ -111,7 +111,7 @@ def test_truncated_upload_creates_no_job_and_no_file(daemon, size):
     assert not list(daemon.state.folder.work.iterdir())
 
 
-def endless_body(chunks):
+def make_endless_body(chunks):
     """Yield a JSON string without an end; append the size of each chunk that is read to `chunks`."""
 
     async def send_pieces():
@@ -126,7 +126,7 @@ def endless_body(chunks):
 @pytest.mark.parametrize("path", ["/printers/a/fail", "/down", "/jobs/1/approve", "/jobs/1/parts/p1/reprint"])
 def test_endless_body_is_refused_without_being_read_further(daemon, path):
     chunks = []
-    answer = ask(daemon, "POST", path, content=endless_body(chunks))
+    answer = ask(daemon, "POST", path, content=make_endless_body(chunks))
     assert sum(chunks) <= MAX_BODY_BYTES + 4096
     assert (answer.status_code, answer.json()["exit_code"]) == (413, 5)
     assert answer.json()["error"] == f"the request to {path} is longer than 64 KiB"
@@ -147,7 +147,7 @@ def test_upload_beyond_the_quota_is_refused_before_it_is_sent(daemon, monkeypatc
         "POST",
         "/jobs",
         params={"request_id": "r" * 8, "name": "big.stl", "size": 3_000_000_000},
-        content=endless_body(chunks),
+        content=make_endless_body(chunks),
     )
     assert (answer.status_code, answer.json()["exit_code"]) == (409, 5)
     assert "big.stl has 3.0 GB; the largest model may have 2 GB" in answer.json()["error"]

@@ -29,12 +29,12 @@ from farm.planning.printer_settings import list_bed_boxes
 from farm.state.storage.store import Store
 
 MODEL = "ultimaker2_plus"
-STRANGER = Person(uid=54321, gid=54321)
+NON_MEMBER = Person(uid=54321, gid=54321)
 GROUP = grp.getgrgid(os.getgid()).gr_name
 NO_GROUP = "no-such-group-here"
 
 
-def make(folder, **fleet):
+def build_app(folder, **fleet):
     rows = [{"name": "a", "model": MODEL, "port": f"sim://{MODEL}"}]
     checked_fleet = Fleet.model_validate({"fleet": fleet, "printers": rows})
     state = StateFolder(folder / "state")
@@ -75,15 +75,15 @@ OPERATOR_REQUESTS = (
 
 @pytest.mark.parametrize(("path", "body"), OPERATOR_REQUESTS)
 def test_commands_that_continue_prints_are_for_operators(tmp_path, path, body):
-    app = make(tmp_path, operators=NO_GROUP)
-    answer = ask(app, STRANGER, "POST", path, json=body)
+    app = build_app(tmp_path, operators=NO_GROUP)
+    answer = ask(app, NON_MEMBER, "POST", path, json=body)
     assert (answer.status_code, answer.json()["exit_code"]) == (409, 5)
     assert "is not an operator: only members of the group no-such-group-here may" in answer.json()["error"]
 
 
 @pytest.mark.parametrize("group", [None, NO_GROUP])
 def test_request_without_a_caller_is_refused_on_every_route(tmp_path, group):
-    app = make(tmp_path, operators=group)
+    app = build_app(tmp_path, operators=group)
     values = {"number": "1", "name": "a", "part": "p01", "request_id": "r" * 8, "code": "1234"}
     routes = [
         (verb, path.format(**values)) for path, verbs in app.openapi()["paths"].items() for verb in verbs
@@ -97,27 +97,27 @@ def test_request_without_a_caller_is_refused_on_every_route(tmp_path, group):
 
 @pytest.mark.parametrize("group", [None, GROUP])
 def test_members_are_operators_or_all_users_without_a_group(tmp_path, group):
-    app = make(tmp_path, operators=group)
+    app = build_app(tmp_path, operators=group)
     member = Person(uid=54321, gid=os.getgid())
     assert ask(app, member, "POST", "/printers/a/cleared", json={}).status_code == 200
     assert app.state.controller._store.events()[-1][2].count('"by":"uid 54321"') == 1
 
 
 def test_owner_of_the_daemon_is_an_operator(tmp_path):
-    app = make(tmp_path, operators=NO_GROUP)
+    app = build_app(tmp_path, operators=NO_GROUP)
     assert ask(app, Person(os.getuid(), 0), "POST", "/printers/a/cleared", json={}).status_code == 200
 
 
 def test_commands_that_stop_prints_are_for_all_users(tmp_path):
-    app = make(tmp_path, operators=NO_GROUP)
+    app = build_app(tmp_path, operators=NO_GROUP)
     params = {"request_id": "r" * 8, "name": "box.stl", "size": 1}
-    assert ask(app, STRANGER, "POST", "/jobs", params=params, content=b"x").status_code == 200
-    job = ask(app, STRANGER, "GET", "/jobs/1").json()["job"]
+    assert ask(app, NON_MEMBER, "POST", "/jobs", params=params, content=b"x").status_code == 200
+    job = ask(app, NON_MEMBER, "GET", "/jobs/1").json()["job"]
     assert job["submitted_by"] == "uid 54321"
-    assert ask(app, STRANGER, "POST", "/jobs/1/pause").status_code == 200
-    answer = ask(app, STRANGER, "POST", "/jobs/1/cancel").json()["job"]
+    assert ask(app, NON_MEMBER, "POST", "/jobs/1/pause").status_code == 200
+    answer = ask(app, NON_MEMBER, "POST", "/jobs/1/cancel").json()["job"]
     assert (answer["state"], answer["reason"]) == ("cancelled", "cancelled by uid 54321")
-    assert ask(app, STRANGER, "POST", "/printers/a/maintenance", json={"why": "smoke"}).status_code == 200
+    assert ask(app, NON_MEMBER, "POST", "/printers/a/maintenance", json={"why": "smoke"}).status_code == 200
 
 
 def test_role_of_a_user_follows_the_databases_of_the_host(monkeypatch):
@@ -132,9 +132,8 @@ def test_role_of_a_user_follows_the_databases_of_the_host(monkeypatch):
     groups.remove(os.getgid())
     assert find_user_role("ann", GROUP) is Role.PRINT
     assert find_user_role("bob", None) is None
-    assert (
-        find_user_role(Person(54322, 54322).name, GROUP) is Role.PRINT
-    )  # the user database has no such user
+    # The user database has no such user.
+    assert find_user_role(Person(54322, 54322).name, GROUP) is Role.PRINT
     assert find_user_role(f"uid {os.getuid()}", NO_GROUP) is Role.OPERATE
 
 
@@ -193,6 +192,6 @@ async def post_as(app, *uids):
 
 @pytest.mark.skipif(os.getuid() != 0, reason="needs root, to be another user")
 def test_caller_is_identified_by_the_kernel(tmp_path):
-    stranger, root = asyncio.run(post_as(make(tmp_path, operators=NO_GROUP), 54321, 0))
-    assert "uid 54321 is not an operator" in stranger
-    assert root.startswith("HTTP/1.1 200")
+    other_answer, root_answer = asyncio.run(post_as(build_app(tmp_path, operators=NO_GROUP), 54321, 0))
+    assert "uid 54321 is not an operator" in other_answer
+    assert root_answer.startswith("HTTP/1.1 200")

@@ -67,7 +67,7 @@ def test_repeated_error_is_logged_once_a_minute(caplog):
     assert [record.getMessage() for record in caplog.records] == ["no room (1 times)", "no room (1000 times)"]
 
 
-async def hello(scope, receive, send):
+async def serve_hello(scope, receive, send):
     while (await receive()).get("more_body"):
         pass
     await send({"type": "http.response.start", "status": 200, "headers": []})
@@ -84,7 +84,7 @@ def serve(tmp_path, max_connections, scenario):
             listener.bind(str(tmp_path / "s"))
             listener.listen(64)
             listener.setblocking(False)
-            config = uvicorn.Config(hello, http=PeerProtocol, log_config=None, lifespan="off")
+            config = uvicorn.Config(serve_hello, http=PeerProtocol, log_config=None, lifespan="off")
             server = BoundedServer(config, max_connections)
             serve_task = asyncio.create_task(server._serve([listener]))
             try:
@@ -109,19 +109,19 @@ async def ask(path, *pieces):
 
 def test_idle_connections_are_closed_to_serve_a_request(tmp_path):
     async def scenario(server, path):
-        idle = [await asyncio.open_unix_connection(path) for _ in range(40)]
-        for _, writer in idle[::2]:
+        idle_clients = [await asyncio.open_unix_connection(path) for _ in range(40)]
+        for _, writer in idle_clients[::2]:
             writer.write(INCOMPLETE_REQUEST)
         assert b"well" in await ask(path, COMPLETE_REQUEST)
         assert len(server.server_state.connections) <= 4
-        for _, writer in idle:
+        for _, writer in idle_clients:
             writer.close()
 
     serve(tmp_path, 4, scenario)
 
 
 def test_connection_of_a_client_that_does_not_read_is_closed_to_serve_a_request(tmp_path):
-    async def hold_connection(server, path):
+    async def scenario(server, path):
         unread_connections = [await asyncio.open_unix_connection(path, limit=1) for _ in range(4)]
         for _, writer in unread_connections:
             writer.write(COMPLETE_REQUEST.replace(b"/status", b"/large"))
@@ -131,7 +131,7 @@ def test_connection_of_a_client_that_does_not_read_is_closed_to_serve_a_request(
         for _, writer in unread_connections:
             writer.close()
 
-    serve(tmp_path, 4, hold_connection)
+    serve(tmp_path, 4, scenario)
 
 
 @pytest.mark.parametrize(
@@ -181,19 +181,19 @@ def test_missing_descriptors_are_logged_once_and_retried(tmp_path, monkeypatch, 
     monkeypatch.setattr(connections, "_CHECK_INTERVAL_S", 0.01)
 
     async def scenario(server, path):
-        loop, tries = asyncio.get_running_loop(), []
+        loop, attempts = asyncio.get_running_loop(), []
         accept = loop.sock_accept
 
         async def accept_when_free(listener):
-            tries.append(1)
-            if len(tries) < 20:
+            attempts.append(1)
+            if len(attempts) < 20:
                 raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
             return await accept(listener)
 
         monkeypatch.setattr(loop, "sock_accept", accept_when_free)
         assert b"well" in await ask(path, COMPLETE_REQUEST)  # by the accept in progress
         assert b"well" in await ask(path, COMPLETE_REQUEST)
-        assert len(tries) >= 20
+        assert len(attempts) >= 20
 
     with caplog.at_level(logging.WARNING, logger="farm"):
         serve(tmp_path, 4, scenario)
@@ -205,7 +205,7 @@ def test_errors_of_accept_are_logged_and_accepting_continues(tmp_path, monkeypat
     monkeypatch.setattr(connections, "_LOG_INTERVAL_S", 0.0)
 
     async def scenario(server, path):
-        loop, make = asyncio.get_running_loop(), server._make_protocol
+        loop, make_protocol = asyncio.get_running_loop(), server._make_protocol
         accept, faults = loop.sock_accept, [MemoryError("no room"), ValueError("no socket")]
 
         async def fail_to_accept(listener):
@@ -214,7 +214,7 @@ def test_errors_of_accept_are_logged_and_accepting_continues(tmp_path, monkeypat
             return await accept(listener)
 
         def raise_error():
-            server._make_protocol = make
+            server._make_protocol = make_protocol
             raise RuntimeError("no protocol")
 
         monkeypatch.setattr(loop, "sock_accept", fail_to_accept)
@@ -230,7 +230,7 @@ def test_errors_of_accept_are_logged_and_accepting_continues(tmp_path, monkeypat
         assert error_text in log_text
 
 
-ENDING = """
+SERVER_SCRIPT = """
 import asyncio, sys, uvicorn
 from farm.http import BoundedServer, PeerProtocol, end_at_signals, listen
 
@@ -255,9 +255,9 @@ asyncio.run(serve(Path(sys.argv[1])))
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_code_after_the_server_runs_when_a_signal_ends_it(tmp_path, number):
-    command = [sys.executable, "-c", ENDING, str(tmp_path / "farm.sock")]
+@pytest.mark.parametrize("signal_number", [signal.SIGTERM, signal.SIGINT])
+def test_code_after_the_server_runs_when_a_signal_ends_it(tmp_path, signal_number):
+    command = [sys.executable, "-c", SERVER_SCRIPT, str(tmp_path / "farm.sock")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout.readline() == "listening\n"
         with socket.socket(socket.AF_UNIX) as client:
@@ -265,7 +265,7 @@ def test_code_after_the_server_runs_when_a_signal_ends_it(tmp_path, number):
             client.connect(str(tmp_path / "farm.sock"))
             client.send(COMPLETE_REQUEST)
             assert client.recv(100).startswith(b"HTTP/1.1 204")  # so the server has started
-        process.send_signal(number)
+        process.send_signal(signal_number)
         output, _ = process.communicate(timeout=30)
     assert (process.returncode, output) == (0, "served\nclosed\n")
 
@@ -278,9 +278,9 @@ def test_killed_agent_is_restarted_despite_many_idle_clients(tmp_path):
         farm.up()
         farm.wrapper = []
         killed_pid = farm.printer("um2-01")["agent_pid"]
-        with ExitStack() as idle:
+        with ExitStack() as idle_clients:
             for number in range(IDLE_CLIENTS):
-                client = idle.enter_context(closing(socket.socket(socket.AF_UNIX)))
+                client = idle_clients.enter_context(closing(socket.socket(socket.AF_UNIX)))
                 client.settimeout(30.0)
                 client.connect(str(farm.state / "farm.sock"))
                 if number % 2:

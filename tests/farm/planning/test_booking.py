@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from books.decompose_tasks import decompose_task, join_slices, slice_tasks
+from books.decompose_tasks import join_slices, make_decompose_task, make_slice_tasks
 from farm.model import Job, PartPrintOptions
 from farm.planning.booking import MAX_WARNINGS, MAY_FALL_WARNING, book_plan, list_job_files
 from farm.planning.parts.decompose_job import decompose_job
@@ -15,9 +15,9 @@ from slicing.checks import UnprintedWall
 
 
 def test_plan_has_every_part_and_plate(bar, files, tmp_path):
-    task = decompose_task(bar, files, tmp_path)
+    task = make_decompose_task(bar, files, tmp_path)
     decomposition = decompose_job(task)
-    plate_tasks = slice_tasks(task, decomposition)
+    plate_tasks = make_slice_tasks(task, decomposition)
     slices = [slice_part(item) for item in plate_tasks]
     thin = UnprintedWall(120.0, 1.0, 9.0, 3.0, -4.0)
     decomposition = replace(

@@ -44,7 +44,7 @@ def test_progress_is_reported_to_the_listener_of_its_context_only():
 def test_planner_shows_what_the_worker_of_a_decomposition_reports(tmp_path, monkeypatch):
     """Run a worker that decomposes until its progress of one half has been shown."""
     monkeypatch.setattr(plan_builder, "_POLL_S", 0.0)
-    shown_progress, half = [], asyncio.Event()
+    shown_progress, half_shown = [], asyncio.Event()
 
     class Worker:
         async def run(self, work, task, limit=None):
@@ -53,19 +53,19 @@ def test_planner_shows_what_the_worker_of_a_decomposition_reports(tmp_path, monk
             progress.report(0.0, 0.0)
             progress.report(0.25, 10.0)
             progress.report(0.5, 20.0)
-            await half.wait()
+            await half_shown.wait()
             raise RuntimeError("ended")
 
-    def show(progress):
+    def record(progress):
         shown_progress.append(progress)
         if progress.share == 0.5:
-            half.set()
+            half_shown.set()
 
     class Task:
         folder = tmp_path
 
     with pytest.raises(RuntimeError, match="ended"):
-        asyncio.run(PlanBuilder(Task(), Worker(), StateFolder(tmp_path), show).plan_model())
+        asyncio.run(PlanBuilder(Task(), Worker(), StateFolder(tmp_path), record).plan_model())
     assert shown_progress[0].step is PlanStep.WAITING
     last_progress = shown_progress[-1]
     assert (last_progress.step, last_progress.share, last_progress.remaining_s) == (

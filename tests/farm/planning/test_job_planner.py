@@ -170,7 +170,7 @@ class RecordingWorkers(SameProcess):
         return result
 
 
-def plan_noted(state, job, workers, monkeypatch):
+def plan_with_workers(state, job, workers, monkeypatch):
     monkeypatch.setattr(SameProcess, "run", workers.run)
     monkeypatch.setattr(SameProcess, "has_idle", workers.has_idle)
     return plan(state, job)[1]
@@ -178,7 +178,7 @@ def plan_noted(state, job, workers, monkeypatch):
 
 def test_parts_are_drawn_while_they_are_sliced(state, bar, monkeypatch):
     workers = RecordingWorkers()
-    result = plan_noted(state, bar, workers, monkeypatch)
+    result = plan_with_workers(state, bar, workers, monkeypatch)
     assert isinstance(result, Plan), result
     assert workers.started == ["decompose_job 0", "slice_part 0", "slice_part 1", "draw_job 0"]
     for name in (result.picture, result.assembly, result.instructions):
@@ -188,7 +188,7 @@ def test_parts_are_drawn_while_they_are_sliced(state, bar, monkeypatch):
 def test_the_drawing_of_parts_that_are_cut_again_is_stopped(state, bar, monkeypatch):
     slow_down_slices(monkeypatch, lambda stl, length_mm: 10.0 * length_mm * (stl.stem == "p02"))
     workers = RecordingWorkers(held_calls={"draw_job 0"})
-    result = plan_noted(state, bar, workers, monkeypatch)
+    result = plan_with_workers(state, bar, workers, monkeypatch)
     assert isinstance(result, Plan), result
     assert {"draw_job 0", "draw_job 1"} <= set(workers.started) and "draw_job 0" not in workers.ended
     page = (state.files / result.instructions).read_text()
@@ -200,7 +200,7 @@ def test_the_drawing_of_parts_that_are_cut_again_is_stopped(state, bar, monkeypa
 def test_parts_that_may_be_cut_again_are_drawn_by_idle_workers_alone(state, bar, monkeypatch):
     slow_down_slices(monkeypatch, lambda stl, length_mm: 10.0 * length_mm * (stl.stem == "p02"))
     workers = RecordingWorkers(has_idle=False)
-    result = plan_noted(state, bar, workers, monkeypatch)
+    result = plan_with_workers(state, bar, workers, monkeypatch)
     assert isinstance(result, Plan), result
     assert "relevel_parts 0" in workers.started
     assert [call for call in workers.started if call.startswith("draw")] == ["draw_job 0"]
@@ -221,9 +221,9 @@ def test_a_plan_without_its_drawing_fails(state, bar, monkeypatch):
 
 def test_plan_is_retried_after_a_full_disk(state, tmp_path, monkeypatch):
     """Retry the plan: otherwise jobs of a night would fail one after the other at a full disk."""
-    usage, looks = shutil.disk_usage(state.root), iter([ROOM_BYTES - 1] * 3 + [ROOM_BYTES] * 9)
+    usage, free_bytes = shutil.disk_usage(state.root), iter([ROOM_BYTES - 1] * 3 + [ROOM_BYTES] * 9)
     monkeypatch.setattr(job_planner, "_RETRY_S", 0.0)
-    monkeypatch.setattr(job_planner.shutil, "disk_usage", lambda _: usage._replace(free=next(looks)))
+    monkeypatch.setattr(job_planner.shutil, "disk_usage", lambda _: usage._replace(free=next(free_bytes)))
     answers = iter([FarmError("the engine wrote half a file", ErrorCode.SLICE), OSError(28, "No space left")])
 
     class FullDisk:
@@ -232,7 +232,7 @@ def test_plan_is_retried_after_a_full_disk(state, tmp_path, monkeypatch):
 
     reports, task_texts = [], []
 
-    def tell(number, progress):
+    def record_progress(number, progress):
         reports.append(progress.step)
         farm = Farm(tmp_path / "farm")
         farm.controller.on_plan_progress(number, progress)
@@ -240,7 +240,9 @@ def test_plan_is_retried_after_a_full_disk(state, tmp_path, monkeypatch):
 
     async def main():
         future = asyncio.get_running_loop().create_future()
-        planner = JobPlanner(state, FullDisk(), 20.0, lambda _, result: future.set_result(result), tell)
+        planner = JobPlanner(
+            state, FullDisk(), 20.0, lambda _, result: future.set_result(result), record_progress
+        )
         job = Job(id=7, request_id="r" * 8, name="x", model_file="x", options=JobOptions(), submitted_s=0.0)
         planner.start(PlanRequest(job, ()))
         return await future
@@ -255,21 +257,21 @@ def test_plan_is_retried_after_a_full_disk(state, tmp_path, monkeypatch):
 def test_plan_that_cannot_be_recorded_fails_its_job(state, monkeypatch):
     """Fail the job, which would otherwise stay in planning until the next start of the daemon."""
     monkeypatch.setattr(PlanBuilder, "plan_model", lambda _: asyncio.sleep(0, object.__new__(Plan)))
-    reports = []
+    results = []
 
-    def done(number, result):
-        reports.append(result)
+    def record_result(number, result):
+        results.append(result)
         if isinstance(result, Plan):
             raise KeyError("p07")
 
     async def main():
-        planner = JobPlanner(state, SameProcess(), 20.0, done, lambda *_: None)
+        planner = JobPlanner(state, SameProcess(), 20.0, record_result, lambda *_: None)
         job = Job(id=7, request_id="r" * 8, name="x", model_file="x", options=JobOptions(), submitted_s=0.0)
         planner.start(PlanRequest(job, ()))
         while asyncio.all_tasks() - {asyncio.current_task()}:
             await asyncio.sleep(0)
 
     asyncio.run(main())
-    assert isinstance(reports[0], Plan)
-    assert str(reports[1]).startswith("its plan was refused: KeyError: 'p07'")
-    assert len(reports) == 2
+    assert isinstance(results[0], Plan)
+    assert str(results[1]).startswith("its plan was refused: KeyError: 'p07'")
+    assert len(results) == 2

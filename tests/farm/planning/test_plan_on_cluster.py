@@ -48,7 +48,7 @@ def bar(tmp_path_factory):
     return path
 
 
-def plan_here(folder, bar, count):
+def plan_locally(folder, bar, count):
     """Plan a job by a number of worker processes."""
     state = StateFolder(folder)
 
@@ -70,7 +70,7 @@ def list_stored(state):
 @pytest.fixture(scope="module")
 def planned(bar, tmp_path_factory):
     """Plan with one worker; return state folder and plan."""
-    return plan_here(tmp_path_factory.mktemp("one") / "state", bar, 1)
+    return plan_locally(tmp_path_factory.mktemp("one") / "state", bar, 1)
 
 
 @pytest.fixture
@@ -82,10 +82,9 @@ def side_by_side(monkeypatch):
 @pytest.mark.usefixtures("side_by_side")
 def test_a_plan_is_the_same_by_one_worker_and_by_two(planned, bar, tmp_path):
     state, plan_by_one_worker = planned
-    two_workers_state, plan_by_two_workers = plan_here(tmp_path / "two", bar, 2)
-    assert plan_by_two_workers == replace(
-        plan_by_one_worker, decomposition=plan_by_two_workers.decomposition
-    )  # it contains the duration of the planning
+    two_workers_state, plan_by_two_workers = plan_locally(tmp_path / "two", bar, 2)
+    # It contains the duration of the planning.
+    assert plan_by_two_workers == replace(plan_by_one_worker, decomposition=plan_by_two_workers.decomposition)
     assert len(plan_by_two_workers.plates) == 3
     assert list_stored(state) == list_stored(two_workers_state)
 

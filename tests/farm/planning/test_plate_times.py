@@ -19,8 +19,8 @@ def test_time_factor_applies_to_layers_only():
     assert compute_plate_seconds(profile, 1000.0, 200.0, 60.0, 1.2) == pytest.approx(prelude_s + 1200.0)
 
 
-def compute_makespan(loads_s, takes, factors):
-    return max(load_s * factors[takes[name]] for name, load_s in loads_s.items())
+def compute_makespan(loads_s, new_printers, factors):
+    return max(load_s * factors[new_printers[name]] for name, load_s in loads_s.items())
 
 
 @given(
@@ -29,11 +29,13 @@ def compute_makespan(loads_s, takes, factors):
     st.fixed_dictionaries({name: st.sampled_from(["low", "tall"]) for name in NAMES}),
 )
 def test_loads_move_only_between_equal_printers_without_delay(loads_s, factors, kinds):
-    takes = reassign_loads(loads_s, kinds, factors)
-    assert sorted(takes) == sorted(takes.values()) == NAMES
-    assert all(kinds[item] == kinds[other_item] for item, other_item in takes.items())
-    unmoved_plates = {name: name for name in NAMES}
-    assert compute_makespan(loads_s, takes, factors) <= compute_makespan(loads_s, unmoved_plates, factors)
+    new_printers = reassign_loads(loads_s, kinds, factors)
+    assert sorted(new_printers) == sorted(new_printers.values()) == NAMES
+    assert all(kinds[item] == kinds[other_item] for item, other_item in new_printers.items())
+    unchanged_printers = {name: name for name in NAMES}
+    assert compute_makespan(loads_s, new_printers, factors) <= compute_makespan(
+        loads_s, unchanged_printers, factors
+    )
 
 
 def test_loads_stay_without_learned_factors():
@@ -42,5 +44,5 @@ def test_loads_stay_without_learned_factors():
 
 
 def test_single_part_is_moved_to_the_fastest_printer():
-    takes = reassign_loads({"a": 5.0}, {"a": 0, "b": 0}, {"a": 1.1, "b": 0.9})
-    assert takes == {"a": "b", "b": "a"}
+    new_printers = reassign_loads({"a": 5.0}, {"a": 0, "b": 0}, {"a": 1.1, "b": 0.9})
+    assert new_printers == {"a": "b", "b": "a"}

@@ -19,7 +19,7 @@ from farm.state.books import Books
 ANY_PRINTER = Requirements(None, None, None)
 
 
-def begin(
+def choose(
     requirements,
     printers,
     min_parts,
@@ -48,22 +48,22 @@ def test_first_job_uses_all_idle_and_clear_printers():
         make_printer("c", booked=True),
         make_printer("d"),
     ]
-    assert begin(ANY_PRINTER, None, 0, fleet, frozenset(), True) == PlanOrder(("a", "d"))
-    assert begin(ANY_PRINTER, None, 0, fleet, frozenset("d"), True) == PlanOrder(("a",))
-    assert begin(ANY_PRINTER, 1, 0, fleet, frozenset(), True) == PlanOrder(("a",))
+    assert choose(ANY_PRINTER, None, 0, fleet, frozenset(), True) == PlanOrder(("a", "d"))
+    assert choose(ANY_PRINTER, None, 0, fleet, frozenset("d"), True) == PlanOrder(("a",))
+    assert choose(ANY_PRINTER, 1, 0, fleet, frozenset(), True) == PlanOrder(("a",))
 
 
 def test_fewer_requested_printers_are_the_largest():
     fleet = [make_printer("a"), make_printer("b", room=TALL)]
-    assert begin(ANY_PRINTER, 1, 0, fleet, frozenset(), True) == PlanOrder(("b",))
+    assert choose(ANY_PRINTER, 1, 0, fleet, frozenset(), True) == PlanOrder(("b",))
 
 
 def test_job_waits_for_connecting_printers():
-    answer = begin(
+    answer = choose(
         ANY_PRINTER, None, 0, [make_printer("a"), make_printer("b", link=Link.STARTING)], frozenset(), True
     )
     assert isinstance(answer, Hold) and "b" in answer.text
-    decision = begin(
+    decision = choose(
         ANY_PRINTER, None, 0, [make_printer("a"), make_printer("b", link=Link.STARTING)], frozenset(), False
     )
     assert decision == PlanOrder(("a",))
@@ -71,29 +71,28 @@ def test_job_waits_for_connecting_printers():
 
 def test_excess_parts_are_planned_for_busy_printers_then_in_rounds():
     fleet = [make_printer("a"), make_printer("b", booked=True), make_printer("c")]
-    assert begin(ANY_PRINTER, None, 3, fleet, frozenset(), True) == PlanOrder(("a", "b", "c"))
+    assert choose(ANY_PRINTER, None, 3, fleet, frozenset(), True) == PlanOrder(("a", "b", "c"))
     printers = [
         make_printer("a"),
         make_printer("b", link=Link.ABSENT),
         make_printer("c", attention_reason="it smokes"),
     ]
-    assert begin(ANY_PRINTER, None, 2, printers, frozenset(), True) == PlanOrder(("a",), rounds=2)
-    assert begin(ANY_PRINTER, None, 5, fleet, frozenset(), True) == PlanOrder(("a", "c"), rounds=3)
+    assert choose(ANY_PRINTER, None, 2, printers, frozenset(), True) == PlanOrder(("a",), rounds=2)
+    assert choose(ANY_PRINTER, None, 5, fleet, frozenset(), True) == PlanOrder(("a", "c"), rounds=3)
 
 
 def test_job_is_planned_though_no_printer_is_free():
     busy_printer, full_printer = make_printer("c", booked=True), make_printer("b", bed=Bed.NOT_CLEAR)
     broken_printer = make_printer("a", attention_reason="it smokes")
-    assert begin(
+    assert choose(
         ANY_PRINTER, None, 0, [broken_printer, full_printer, busy_printer], frozenset(), True
     ) == PlanOrder(("b", "c"))
-    assert begin(
+    assert choose(
         ANY_PRINTER, 1, 0, [broken_printer, full_printer, busy_printer], frozenset(), True
     ) == PlanOrder(("b",))
-    assert begin(ANY_PRINTER, None, 0, [broken_printer], frozenset(), True) == PlanOrder(
-        ("a",)
-    )  # no other fact is known
-    assert begin(ANY_PRINTER, None, 0, [make_printer("d"), busy_printer], frozenset("d"), True) == PlanOrder(
+    # Nothing else is known about the printers.
+    assert choose(ANY_PRINTER, None, 0, [broken_printer], frozenset(), True) == PlanOrder(("a",))
+    assert choose(ANY_PRINTER, None, 0, [make_printer("d"), busy_printer], frozenset("d"), True) == PlanOrder(
         ("c", "d")
     )
 
@@ -110,17 +109,17 @@ def test_job_that_no_printer_matches_is_held_with_the_reason():
 def test_job_at_night_is_planned_for_unattended_printers():
     fleet = [make_printer("a"), make_printer("b"), make_printer("c", unattended=False)]
     blocked_printers = frozenset("c")
-    assert begin(
+    assert choose(
         ANY_PRINTER, None, 0, fleet, frozenset(), True, blocked_printers=blocked_printers
     ) == PlanOrder(("a", "b"))
-    assert begin(
+    assert choose(
         ANY_PRINTER, None, 3, fleet, frozenset(), True, blocked_printers=blocked_printers
     ) == PlanOrder(("a", "b"), rounds=2)
-    assert begin(
+    assert choose(
         ANY_PRINTER, None, 0, fleet[2:], frozenset(), True, blocked_printers=blocked_printers
     ) == PlanOrder(("c",))
     busy_printers = [make_printer("a", booked=True), fleet[2]]
-    assert begin(
+    assert choose(
         ANY_PRINTER, None, 0, busy_printers, frozenset(), True, blocked_printers=blocked_printers
     ) == PlanOrder(("a",))
 
@@ -132,9 +131,9 @@ def make_queued_job(number, **changes):
 
 def decide(jobs, fleet):
     """Decide on the jobs of a queue; return the orders and the holds."""
-    moment = make_situation([], fleet)
+    situation = make_situation([], fleet)
     admission = JobAdmission()
-    results = list(admission.decide(Books.from_entities(jobs), moment, Availability(moment.printers)))
+    results = list(admission.decide(Books.from_entities(jobs), situation, Availability(situation.printers)))
     orders = [(item.job, item.printers) for item in results if isinstance(item, StartPlanning)]
     return orders, {item.job: item.hold for item in results if isinstance(item, HoldJob)}
 

@@ -39,8 +39,8 @@ def test_printer_is_reserved_for_a_plate_waiting_for_the_heating_limit():
 
 
 def test_printers_are_reserved_for_replans_and_as_spares():
-    moment = make_situation([], FLEET, spares=1)
-    reservations = list_reservations(moment, {"b": "6/03"})
+    situation = make_situation([], FLEET, spares=1)
+    reservations = list_reservations(situation, {"b": "6/03"})
     assert reservations == {"b": "6/03", "c": "a failed part (--spares)"}
 
 

@@ -16,19 +16,19 @@ NOW_S = 1_000_000.0
 
 
 def assign(waiting_plates, fleet, start_rules=None, **changes):
-    moment = make_situation(waiting_plates, fleet, start_rules, NOW_S, **changes)
-    assignments = assignment.assign_plates(moment)
-    return assignments, assignment.find_holds(moment, assignments)
+    situation = make_situation(waiting_plates, fleet, start_rules, NOW_S, **changes)
+    assignments = assignment.assign_plates(situation)
+    return assignments, assignment.find_holds(situation, assignments)
 
 
 def test_unmatched_printers_and_plates_are_skipped(monkeypatch):
     """Skip plates of other materials, which would be searched for each free printer in a large queue."""
-    assigned_pairs = []
+    placed_ids = []
     place = plate_matching._Matching.place
     monkeypatch.setattr(
         plate_matching._Matching,
         "place",
-        lambda self, item: (assigned_pairs.append(item.id), place(self, item))[1],
+        lambda self, item: (placed_ids.append(item.id), place(self, item))[1],
     )
     fleet = [make_printer("a"), *(make_printer(name, material="generic_abs") for name in "bcd")]
     tpu = Requirements(material="generic_tpu", colour=None, nozzle_mm=0.4)
@@ -36,8 +36,8 @@ def test_unmatched_printers_and_plates_are_skipped(monkeypatch):
     other_plates = [make_plate(f"2/{number:02d}", "a", requirements=tpu, job=2) for number in range(50)]
     assignments, _ = assign([*waiting_plates, *other_plates], fleet)
     assert [item.printer for item in assignments] == ["a"]
-    assert len(assigned_pairs) == 1
-    assert assign(waiting_plates, fleet[1:])[0] == [] and len(assigned_pairs) == 1
+    assert len(placed_ids) == 1
+    assert assign(waiting_plates, fleet[1:])[0] == [] and len(placed_ids) == 1
 
 
 def test_plate_waits_for_the_start_time_of_its_job():
@@ -87,15 +87,15 @@ def test_assignment_keeps_its_invariants(waiting_plates, fleet):
     used_printers = [a.printer for a in assignments]
     assert len(used_printers) == len(set(used_printers))
     for pair in assignments:
-        printer_view = by_name[pair.printer]
+        printer = by_name[pair.printer]
         assert (
-            printer_view.bed is Bed.CLEAR
-            and printer_view.link is Link.READY
-            and not printer_view.booked
-            and printer_view.attention_reason is None
+            printer.bed is Bed.CLEAR
+            and printer.link is Link.READY
+            and not printer.booked
+            and printer.attention_reason is None
         )
-        assert printer_view.filament is not FilamentState.UNKNOWN
-        assert by_id[pair.plate].requirements.matches(printer_view.capabilities)
+        assert printer.filament is not FilamentState.UNKNOWN
+        assert by_id[pair.plate].requirements.matches(printer.capabilities)
     assert {a.plate for a in assignments} | set(holds) == set(by_id)
     assert not {a.plate for a in assignments} & set(holds)
 
@@ -104,9 +104,9 @@ def test_assignment_keeps_its_invariants(waiting_plates, fleet):
 def test_no_matching_printer_stays_idle(waiting_plates, fleet):
     assignments, holds = assign(waiting_plates, fleet)
     used_printers = {a.printer for a in assignments}
-    for waits in (p for p in waiting_plates if p.id in holds):
+    for plate in (p for p in waiting_plates if p.id in holds):
         idle_printers = [p for p in fleet if p.name not in used_printers and p.obstacle() is None]
-        assert not [p for p in idle_printers if waits.requirements.matches(p.capabilities)]
+        assert not [p for p in idle_printers if plate.requirements.matches(p.capabilities)]
 
 
 @given(plates, printers, st.randoms())
@@ -165,7 +165,7 @@ def test_job_uses_at_most_the_requested_printers():
 @given(plates, printers, st.integers(0, 5))
 def test_limit_on_printers_of_a_job_holds_for_any_fleet(waiting_plates, fleet, extra_printers):
     assignments, _ = assign(
-        [replace(waits, extra_printers=extra_printers) for waits in waiting_plates], fleet
+        [replace(plate, extra_printers=extra_printers) for plate in waiting_plates], fleet
     )
     assert len(assignments) <= extra_printers
 
@@ -185,15 +185,17 @@ def test_gcode_for_another_kind_of_printer_waits():
     plain_printer = replace(
         plain_printer, capabilities=replace(plain_printer.capabilities, family="ultimaker2")
     )
-    plus = make_printer("plus")
-    plus = replace(plus, capabilities=replace(plus.capabilities, family="ultimaker2_plus"))
+    plus_printer = make_printer("plus")
+    plus_printer = replace(
+        plus_printer, capabilities=replace(plus_printer.capabilities, family="ultimaker2_plus")
+    )
     sliced_plate = make_plate(
         "p1", "plus", requirements=Requirements("generic_pla", None, 0.4, box(100.0), "ultimaker2_plus")
     )
     assignments, holds = assign([sliced_plate], [plain_printer])
     assert not assignments
     assert "an ultimaker2_plus, which it was sliced for" in holds["p1"].text
-    assignments, _ = assign([sliced_plate], [plain_printer, plus])
+    assignments, _ = assign([sliced_plate], [plain_printer, plus_printer])
     assert [a.printer for a in assignments] == ["plus"]
 
 
@@ -241,20 +243,22 @@ ready_printers = st.lists(
 
 @given(plates, ready_printers)
 def test_short_cut_to_an_untaken_printer_changes_no_assignment(waiting_plates, fleet):
-    moment = make_situation(waiting_plates, fleet, None, NOW_S)
+    situation = make_situation(waiting_plates, fleet, None, NOW_S)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(plate_matching._Matching, "_find_unassigned_printer", lambda self, make_plate: None)
-        expected = assignment.assign_plates(moment)
-    assert assignment.assign_plates(moment) == expected
+        patch.setattr(plate_matching._Matching, "_find_unassigned_printer", lambda self, plate: None)
+        expected = assignment.assign_plates(situation)
+    assert assignment.assign_plates(situation) == expected
 
 
 @given(plates, ready_printers, printers)
 def test_only_starts_that_are_still_possible_are_selected(waiting_plates, fleet, later_fleet):
-    moment, later_moment = (make_situation(waiting_plates, p, None, NOW_S) for p in (fleet, later_fleet))
-    assignments = assignment.assign_plates(moment)
-    assert assignment.select_possible_assignments(assignments, moment) == assignments
-    possible = assignment.select_possible_assignments(assignments, later_moment)
-    free_names = {p.name for p in later_moment.free}
+    situation, later_situation = (
+        make_situation(waiting_plates, p, None, NOW_S) for p in (fleet, later_fleet)
+    )
+    assignments = assignment.assign_plates(situation)
+    assert assignment.select_possible_assignments(assignments, situation) == assignments
+    possible = assignment.select_possible_assignments(assignments, later_situation)
+    free_names = {p.name for p in later_situation.free}
     assert all(item in assignments and item.printer in free_names for item in possible)
     extra_printers = {
         plate.job: plate.extra_printers for plate in waiting_plates if plate.extra_printers is not None

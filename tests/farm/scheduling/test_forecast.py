@@ -13,10 +13,10 @@ from farm.scheduling.forecast import CLEARING_S, compute_seconds_on, forecast_pr
 from farm.scheduling.matching import Requirements
 
 MONDAY_S = 1_000_000.0 // 604800 * 604800 + 4 * 86400  # 00:00 UTC
-HOUR = 3600.0
+HOUR_S = 3600.0
 
 
-def forecast(waiting_plates, fleet, start_rules, now_s):
+def make_forecast(waiting_plates, fleet, start_rules, now_s):
     return forecast_prints(make_situation(waiting_plates, fleet, start_rules, now_s))
 
 
@@ -26,7 +26,7 @@ fleets = st.lists(
         st.sampled_from("abcd"),
         room=st.sampled_from([LOW, TALL]),
         booked=st.booleans(),
-        free_s=st.none() | st.floats(MONDAY_S, MONDAY_S + 10 * HOUR),
+        free_s=st.none() | st.floats(MONDAY_S, MONDAY_S + 10 * HOUR_S),
         bed=st.sampled_from([Bed.CLEAR, Bed.NOT_CLEAR]),
         grams=st.none() | st.floats(0, 300),
         time_factors=st.sampled_from([0.9, 1.0, 1.2]).map(TimeFactors),
@@ -34,7 +34,7 @@ fleets = st.lists(
     min_size=1,
     unique_by=lambda p: p.name,
 )
-waiting = st.lists(
+plate_lists = st.lists(
     st.builds(
         make_plate,
         st.uuids().map(str),
@@ -42,7 +42,7 @@ waiting = st.lists(
         requirements=st.builds(
             Requirements, st.none(), st.none(), st.none(), st.sampled_from([box(100.0), box(250.0)])
         ),
-        expected_s=st.floats(600, 9 * HOUR),
+        expected_s=st.floats(600, 9 * HOUR_S),
         heating_s=st.just(300.0),
         first_layer_s=st.just(500.0),
         grams=st.floats(0, 100),
@@ -61,86 +61,86 @@ rule_sets = st.builds(
 )
 
 
-@given(waiting, fleets, rule_sets, st.floats(0, 7 * 24 * HOUR), st.randoms())
+@given(plate_lists, fleets, rule_sets, st.floats(0, 7 * 24 * HOUR_S), st.randoms())
 def test_forecast_keeps_its_invariants(plates, fleet, start_rules, after_s, random):
     now_s = MONDAY_S + after_s
-    forecast_slots = forecast(plates, fleet, start_rules, now_s)
+    forecast = make_forecast(plates, fleet, start_rules, now_s)
     by_id, by_name = {p.id: p for p in plates}, {p.name: p for p in fleet}
-    assert sorted(
-        [slot.plate for slot in forecast_slots.slots] + list(forecast_slots.unprintable_plates)
-    ) == sorted(by_id)
+    assert sorted([slot.plate for slot in forecast.slots] + list(forecast.unprintable_plates)) == sorted(
+        by_id
+    )
     for name, slots in itertools.groupby(
-        sorted(forecast_slots.slots, key=lambda s: s.printer), lambda s: s.printer
+        sorted(forecast.slots, key=lambda s: s.printer), lambda s: s.printer
     ):
         ordered_slots = sorted(slots, key=lambda slot: slot.starts_s)
         for item, next_slot in itertools.pairwise(ordered_slots):
             assert next_slot.starts_s >= item.ends_s + CLEARING_S
-        on_reel = by_name[name].grams
-        assert on_reel is None or sum(by_id[slot.plate].grams for slot in ordered_slots) <= on_reel
-    for slot in forecast_slots.slots:
-        plate_view, printer_view = by_id[slot.plate], by_name[slot.printer]
-        assert plate_view.requirements.matches(printer_view.capabilities)
+        reel_grams = by_name[name].grams
+        assert reel_grams is None or sum(by_id[slot.plate].grams for slot in ordered_slots) <= reel_grams
+    for slot in forecast.slots:
+        plate, printer = by_id[slot.plate], by_name[slot.printer]
+        assert plate.requirements.matches(printer.capabilities)
         assert slot.starts_s >= now_s
-        assert slot.ends_s - slot.starts_s == pytest.approx(compute_seconds_on(plate_view, printer_view))
-        assert start_rules.find_start(plate_view, printer_view, slot.starts_s).at_s == slot.starts_s
-        heats = [s for s in forecast_slots.slots if s.starts_s <= slot.starts_s < s.starts_s + 300.0]
-        assert start_rules.max_heating is None or len(heats) <= start_rules.max_heating
-    assert now_s <= forecast_slots.lower_bound_s <= forecast_slots.ends_s
+        assert slot.ends_s - slot.starts_s == pytest.approx(compute_seconds_on(plate, printer))
+        assert start_rules.find_start(plate, printer, slot.starts_s).at_s == slot.starts_s
+        heating_slots = [s for s in forecast.slots if s.starts_s <= slot.starts_s < s.starts_s + 300.0]
+        assert start_rules.max_heating is None or len(heating_slots) <= start_rules.max_heating
+    assert now_s <= forecast.lower_bound_s <= forecast.ends_s
     for items in (plates, fleet):
         random.shuffle(items)
-    assert forecast(plates, fleet, start_rules, now_s) == forecast_slots
+    assert make_forecast(plates, fleet, start_rules, now_s) == forecast
 
 
-@given(st.lists(st.floats(600, 9 * HOUR), min_size=1, max_size=6), st.integers(1, 3))
+@given(st.lists(st.floats(600, 9 * HOUR_S), min_size=1, max_size=6), st.integers(1, 3))
 def test_bound_is_below_the_end_of_every_order(times, count):
     names = "abc"[:count]
     plates = [make_plate(f"1/{i}", "a", expected_s=seconds) for i, seconds in enumerate(times)]
-    forecast_slots = forecast(plates, [make_printer(name) for name in names], make_rules(), 0.0)
+    forecast = make_forecast(plates, [make_printer(name) for name in names], make_rules(), 0.0)
     best = min(
         max(sum(t for t, place in zip(times, places, strict=True) if place == name) for name in names)
         for places in itertools.product(names, repeat=len(times))
     )
-    assert forecast_slots.lower_bound_s <= best * (1 + 1e-9)
+    assert forecast.lower_bound_s <= best * (1 + 1e-9)
     rounds = -(-len(times) // count)
-    assert forecast_slots.ends_s <= 4 / 3 * best + len(times) * CLEARING_S
-    assert rounds > 1 or forecast_slots.ends_s == pytest.approx(best)
+    assert forecast.ends_s <= 4 / 3 * best + len(times) * CLEARING_S
+    assert rounds > 1 or forecast.ends_s == pytest.approx(best)
 
 
 def test_second_round_waits_for_a_cleared_bed():
     start_rules = make_rules(attended=("mon-fri 08:00-18:00",))
-    plates = [make_plate("1/01", "a", expected_s=4 * HOUR), make_plate("1/02", "a", expected_s=2 * HOUR)]
-    forecast_slots = forecast(plates, [make_printer("a")], start_rules, MONDAY_S + 17 * HOUR)
-    assert [slot.starts_s - MONDAY_S for slot in forecast_slots.slots] == [17 * HOUR, 32 * HOUR + CLEARING_S]
+    plates = [make_plate("1/01", "a", expected_s=4 * HOUR_S), make_plate("1/02", "a", expected_s=2 * HOUR_S)]
+    forecast = make_forecast(plates, [make_printer("a")], start_rules, MONDAY_S + 17 * HOUR_S)
+    assert [slot.starts_s - MONDAY_S for slot in forecast.slots] == [17 * HOUR_S, 32 * HOUR_S + CLEARING_S]
 
 
 def test_heating_limit_delays_starts():
-    plates = [make_plate(f"1/{i}", "abc"[i], expected_s=HOUR, heating_s=600.0) for i in range(3)]
-    forecast_slots = forecast(plates, [make_printer(name) for name in "abc"], make_rules(max_heating=2), 0.0)
-    assert [slot.starts_s for slot in forecast_slots.slots] == [0.0, 0.0, 600.0]
+    plates = [make_plate(f"1/{i}", "abc"[i], expected_s=HOUR_S, heating_s=600.0) for i in range(3)]
+    forecast = make_forecast(plates, [make_printer(name) for name in "abc"], make_rules(max_heating=2), 0.0)
+    assert [slot.starts_s for slot in forecast.slots] == [0.0, 0.0, 600.0]
 
 
 def test_absent_printer_is_not_used():
-    plates = [make_plate(f"1/{i}", "a", expected_s=HOUR) for i in range(2)]
-    forecast_slots = forecast(
+    plates = [make_plate(f"1/{i}", "a", expected_s=HOUR_S) for i in range(2)]
+    forecast = make_forecast(
         plates, [make_printer("a"), make_printer("b", link=Link.ABSENT)], make_rules(), 0.0
     )
-    assert {slot.printer for slot in forecast_slots.slots} == {"a"}
+    assert {slot.printer for slot in forecast.slots} == {"a"}
 
 
 def test_time_of_a_plate_scales_with_the_time_factor():
-    view = make_plate("p", "a", expected_s=1100.0, heating_s=100.0, time_factor=1.25)
+    plate = make_plate("p", "a", expected_s=1100.0, heating_s=100.0, time_factor=1.25)
     for factor, seconds in ((1.0, 100.0 + 800.0), (1.25, 1100.0)):
         printer = make_printer("b", time_factors=TimeFactors(factor))
-        assert compute_seconds_on(view, printer) == pytest.approx(seconds)
+        assert compute_seconds_on(plate, printer) == pytest.approx(seconds)
 
 
 def test_time_of_a_plate_follows_its_features():
-    view = make_plate("p", "a", expected_s=1100.0, heating_s=100.0, feature_shares=(0.5, 0.2, 0.1, 0.0, 0.2))
+    plate = make_plate("p", "a", expected_s=1100.0, heating_s=100.0, feature_shares=(0.5, 0.2, 0.1, 0.0, 0.2))
     printer = make_printer("b", time_factors=TimeFactors(1.1, (1.0, 1.0, 1.2, 1.0, 1.4)))
-    assert compute_seconds_on(view, printer) == pytest.approx(100.0 + 1000.0 * 1.1)
-    travel = replace(view, feature_shares=(0.0, 0.0, 0.0, 0.0, 1.0))
+    assert compute_seconds_on(plate, printer) == pytest.approx(100.0 + 1000.0 * 1.1)
+    travel = replace(plate, feature_shares=(0.0, 0.0, 0.0, 0.0, 1.0))
     assert compute_seconds_on(travel, printer) == pytest.approx(100.0 + 1000.0 * 1.4)
-    assert compute_seconds_on(replace(view, feature_shares=None), printer) == pytest.approx(1200.0)
+    assert compute_seconds_on(replace(plate, feature_shares=None), printer) == pytest.approx(1200.0)
 
 
 def test_bound_includes_plates_for_some_printers_only():
@@ -148,18 +148,18 @@ def test_bound_includes_plates_for_some_printers_only():
         Requirements(None, None, None, box(height_mm)) for height_mm in (100.0, 250.0)
     )
     needs = enumerate((tall_requirements, low_requirements, low_requirements))
-    plates = [make_plate(f"1/{i}", "b", requirements=need, expected_s=2 * HOUR) for i, need in needs]
-    forecast_slots = forecast(
+    plates = [make_plate(f"1/{i}", "b", requirements=need, expected_s=2 * HOUR_S) for i, need in needs]
+    forecast = make_forecast(
         plates, [make_printer("a", room=LOW), make_printer("b", room=TALL)], make_rules(), 0.0
     )
-    assert forecast_slots.lower_bound_s == pytest.approx(3 * HOUR)
+    assert forecast.lower_bound_s == pytest.approx(3 * HOUR_S)
 
 
 def test_plate_for_which_the_reel_of_the_next_printer_is_too_short_waits_for_another():
-    plates = [make_plate(f"1/{i}", "a", expected_s=HOUR, grams=40.0) for i in range(2)]
-    fleet = [make_printer("a", grams=50.0), make_printer("b", booked=True, free_s=10 * HOUR)]
-    forecast_slots = forecast(plates, fleet, make_rules(), 0.0)
-    assert (forecast_slots.unprintable_plates, [slot.printer for slot in forecast_slots.slots]) == (
+    plates = [make_plate(f"1/{i}", "a", expected_s=HOUR_S, grams=40.0) for i in range(2)]
+    fleet = [make_printer("a", grams=50.0), make_printer("b", booked=True, free_s=10 * HOUR_S)]
+    forecast = make_forecast(plates, fleet, make_rules(), 0.0)
+    assert (forecast.unprintable_plates, [slot.printer for slot in forecast.slots]) == (
         (),
         ["a", "b"],
     )

@@ -58,8 +58,8 @@ def test_length_of_a_night_changes_with_daylight_saving():
     night = hours("22:00-06:00")
     lengths = [
         (end - begin) / 3600
-        for day in ("2026-03-28 23:00", "2026-10-24 23:00", "2026-11-20 23:00")
-        for begin, end in [night.find_span(parse_time(day))]
+        for time in ("2026-03-28 23:00", "2026-10-24 23:00", "2026-11-20 23:00")
+        for begin, end in [night.find_span(parse_time(time))]
     ]
     assert lengths == [7, 9, 8]
 

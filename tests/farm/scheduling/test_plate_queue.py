@@ -6,20 +6,20 @@ from hypothesis import strategies as st
 from books.scheduling_examples import make_plate
 from farm.scheduling import PlateQueue, Requirements
 
-jobs = {1: (0, None), 2: (1, None), 3: (0, 0.5)}  # priority and rank by number
+ranks_by_job = {1: (0, None), 2: (1, None), 3: (0, 0.5)}  # priority and rank by number
 plates = st.lists(
     st.builds(
         lambda name, job, material, **changes: make_plate(
             name,
             job=job,
-            priority=jobs[job][0],
-            rank=jobs[job][1],
+            priority=ranks_by_job[job][0],
+            rank=ranks_by_job[job][1],
             extra_printers={1: None, 2: 3, 3: 0}[job],
             requirements=Requirements(material, None, 0.4),
             **changes,
         ),
         st.uuids().map(str),
-        st.sampled_from(list(jobs)),
+        st.sampled_from(list(ranks_by_job)),
         st.sampled_from(["generic_pla", "generic_abs", None]),
         planned_printer=st.sampled_from("abc"),
         expected_s=st.floats(60, 1e5),

@@ -33,7 +33,7 @@ SECTIONS = FLEET.printers
 READY_SNAPSHOTS = {
     n: AgentSnapshot(printer=n, link=Link.READY, filament=FilamentState.PARKED) for n in PRINTERS
 }
-STEPS = st.sampled_from(["start", "fail", "done", "clear", "pause", "go on", "lose"])
+STEPS = st.sampled_from(["start", "fail", "done", "clear", "pause", "resume", "lose"])
 
 
 def make_events(step, books, number):
@@ -41,9 +41,13 @@ def make_events(step, books, number):
     waiting_plates = [plate for plate in books.waiting_plates() if not plate.paused]
     free_printers = [n for n in PRINTERS if books.open_print_on(n) is None]
     print_id = f"print-{number}"
-    clear = [n for n in free_printers if books.printer(n).bed is Bed.CLEAR]
-    if step == "start" and waiting_plates and clear:
-        return [ev.PlateAssigned(at_s=5.0, plate=waiting_plates[0].id, printer=clear[0], print_id=print_id)]
+    clear_printers = [n for n in free_printers if books.printer(n).bed is Bed.CLEAR]
+    if step == "start" and waiting_plates and clear_printers:
+        return [
+            ev.PlateAssigned(
+                at_s=5.0, plate=waiting_plates[0].id, printer=clear_printers[0], print_id=print_id
+            )
+        ]
     if step in ("fail", "lose") and open_prints:
         fault = Fault.KILL if step == "fail" else Fault.PORT_LOST
         return [make_end_event(open_prints[0].id, PrintState.FAILED, fault=fault, reason="so")]
@@ -51,7 +55,7 @@ def make_events(step, books, number):
         return [make_end_event(open_prints[0].id)]
     if step == "clear" and free_printers:
         return [ev.BedCleared(at_s=300.0, printer=free_printers[0], by="ann", filament=FilamentState.PARKED)]
-    if step in ("pause", "go on"):
+    if step in ("pause", "resume"):
         return [ev.JobPaused(at_s=6.0, job=1, wanted=step == "pause", by="ann")]
     return []
 
@@ -75,8 +79,8 @@ def test_cached_description_equals_a_new_one(steps, is_absent):
         )
         holds = find_plate_holds(books, books.jobs.values(), SECTIONS, 210.0)
         assert find_plate_holds(books, books.jobs.values(), SECTIONS, 210.0, builder.may_hold_back) == holds
-        all_values = find_plate_holds(books, books.jobs.values(), SECTIONS, 210.0, lambda *_: True)
-        assert all_values == holds
+        unfiltered_holds = find_plate_holds(books, books.jobs.values(), SECTIONS, 210.0, lambda *_: True)
+        assert unfiltered_holds == holds
         is_absent = not is_absent
 
 
@@ -86,10 +90,10 @@ def test_firmware_with_an_unverified_dead_man_prints_only_attended():
     plus_section = real_section.model_copy(update={"model": "ultimaker2_plus"})
     books, builder = make_printing_books(plates=1), SituationBuilder(list_bed_boxes)
     fleets = [Fleet(printers=(item,)) for item in (real_section, simulated_section, plus_section)]
-    results = [builder.describe_printers(fleet, books, {})[0] for fleet in fleets]
-    assert [item.unattended for item in results] == [False, True, True]
+    printers = [builder.describe_printers(fleet, books, {})[0] for fleet in fleets]
+    assert [item.unattended for item in printers] == [False, True, True]
     reason = "it is not verified that Marlin 2 switches the heaters off when its host dies"
-    assert results[0].attended_reason == reason
+    assert printers[0].attended_reason == reason
 
 
 def test_one_printer_is_described_as_among_all_unless_it_is_disabled():
@@ -139,10 +143,10 @@ def test_only_changed_entities_are_described_again():
 
 def test_capabilities_have_a_name_only_if_a_job_requests_it():
     books, builder = make_printing_books(plates=1), SituationBuilder(list_bed_boxes)
-    asking_job = make_job(2).model_copy(update={"options": JobOptions(only=("b",))})
+    requesting_job = make_job(2).model_copy(update={"options": JobOptions(only=("b",))})
     for events, names in (
         ([], [None, None, None]),
-        ([ev.JobSubmitted(at_s=2.0, job=asking_job)], [None, "b", None]),
+        ([ev.JobSubmitted(at_s=2.0, job=requesting_job)], [None, "b", None]),
         ([ev.JobCancelled(at_s=3.0, job=2, by="ann")], [None, None, None]),
     ):
         books, _ = apply_events(books, *events)
@@ -150,7 +154,7 @@ def test_capabilities_have_a_name_only_if_a_job_requests_it():
             printer.capabilities.requested_name
             for printer in builder.describe_printers(FLEET, books, READY_SNAPSHOTS)
         ] == names
-    assert derive_job_requirements(asking_job).only == ("b",)
+    assert derive_job_requirements(requesting_job).only == ("b",)
 
 
 @given(st.floats(0, 200), st.floats(-300, 300), st.sampled_from(["print", "another", None]))

@@ -12,10 +12,10 @@ from books.scheduling_examples import UTC, make_plate, make_printer, make_rules,
 from farm.model import Bed
 from farm.scheduling.assignment import assign_plates
 
-HOUR = 3600.0
+HOUR_S = 3600.0
 TICK_S = 1200.0
 TICKS = 3 * 24 * 3  # three days
-FRIDAY = datetime(2026, 11, 20, 17, tzinfo=UTC).timestamp()
+FRIDAY_S = datetime(2026, 11, 20, 17, tzinfo=UTC).timestamp()
 
 rule_sets = st.builds(
     make_rules,
@@ -39,36 +39,36 @@ plates = st.lists(
         make_plate,
         st.uuids().map(str),
         st.sampled_from("abcd"),
-        expected_s=st.floats(600, 20 * HOUR),
+        expected_s=st.floats(600, 20 * HOUR_S),
         first_layer_s=st.floats(300, 900),
         job=st.integers(1, 3),
         failed_on=st.frozensets(st.sampled_from("abcd")),
-        not_before_s=st.none() | st.floats(FRIDAY, FRIDAY + 30 * HOUR),
+        not_before_s=st.none() | st.floats(FRIDAY_S, FRIDAY_S + 30 * HOUR_S),
     ),
     unique_by=lambda p: p.id,
     max_size=6,
 )
 
 
-def start_plates(moment):
+def start_plates(situation):
     """Schedule repeatedly, removing started plates from the queue, until nothing starts."""
     starts = []
-    while assignments := assign_plates(moment):
+    while assignments := assign_plates(situation):
         starts += assignments
         taken_printers = {item.printer for item in assignments}
-        moment = moment.without({item.plate for item in assignments}).with_printers(
-            tuple(replace(p, booked=True) if p.name in taken_printers else p for p in moment.printers)
+        situation = situation.without({item.plate for item in assignments}).with_printers(
+            tuple(replace(p, booked=True) if p.name in taken_printers else p for p in situation.printers)
         )
-    return moment, starts
+    return situation, starts
 
 
 @given(plates, fleets, rule_sets)
 @settings(max_examples=60, deadline=None)
 def test_no_start_changes_before_the_next_change(waiting_plates, fleet, start_rules):
-    eager = lazy = make_situation(waiting_plates, fleet, start_rules, FRIDAY)
+    eager = lazy = make_situation(waiting_plates, fleet, start_rules, FRIDAY_S)
     due_s = -math.inf
     for tick in range(TICKS):
-        now_s = FRIDAY + tick * TICK_S
+        now_s = FRIDAY_S + tick * TICK_S
         eager, eager_starts = start_plates(replace(eager, now_s=now_s))
         lazy_starts = []
         if now_s >= due_s:
@@ -81,15 +81,16 @@ def test_no_start_changes_before_the_next_change(waiting_plates, fleet, start_ru
     ("start_rules", "changes", "after_s"),
     [
         (make_rules(), {}, math.inf),  # only an event changes a decision
-        (make_rules(attended=["mon-fri 08:00-18:00"]), {"expected_s": 20 * HOUR}, HOUR),  # the hours end
+        (make_rules(attended=["mon-fri 08:00-18:00"]), {"expected_s": 20 * HOUR_S}, HOUR_S),  # the hours end
+        # Too late to start the plate.
         (
             make_rules(quiet=["22:00-06:00"]),
-            {"expected_s": HOUR},
-            (5 - 1.05) * HOUR,
-        ),  # too late for the plate
-        (make_rules(), {"not_before_s": FRIDAY + 60.0}, 60.0),
+            {"expected_s": HOUR_S},
+            (5 - 1.05) * HOUR_S,
+        ),
+        (make_rules(), {"not_before_s": FRIDAY_S + 60.0}, 60.0),
     ],
 )
 def test_next_change_is_computed(start_rules, changes, after_s):
-    moment = make_situation([make_plate("x", "a", **changes)], [make_printer("a")], start_rules, FRIDAY)
-    assert moment.find_next_change_s() - FRIDAY == pytest.approx(after_s, abs=0.01)
+    situation = make_situation([make_plate("x", "a", **changes)], [make_printer("a")], start_rules, FRIDAY_S)
+    assert situation.find_next_change_s() - FRIDAY_S == pytest.approx(after_s, abs=0.01)

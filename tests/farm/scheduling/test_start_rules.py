@@ -26,7 +26,7 @@ from farm.scheduling.matching import Requirements
 from farm.scheduling.start_rules import CLEARING_RESERVE_S, compute_needed_grams, find_filament_shortage
 from farm.text import format_moment
 
-HOUR = 3600.0
+HOUR_S = 3600.0
 WEEK = [("mon-fri 08:00-18:00",), ("08:00-10:00", "16:00-18:00"), ()]
 
 
@@ -34,13 +34,13 @@ def parse_time(text):
     return datetime.fromisoformat(text).replace(tzinfo=UTC).timestamp()
 
 
-FRIDAY = parse_time("2026-11-20 17:00")
+FRIDAY_S = parse_time("2026-11-20 17:00")
 
 
 def assign(waiting_plates, fleet, start_rules, now_s, spares=0):
-    moment = make_situation(waiting_plates, fleet, start_rules, now_s, spares=spares)
-    assignments = assignment.assign_plates(moment)
-    return assignments, assignment.find_holds(moment, assignments)
+    situation = make_situation(waiting_plates, fleet, start_rules, now_s, spares=spares)
+    assignments = assignment.assign_plates(situation)
+    return assignments, assignment.find_holds(situation, assignments)
 
 
 fleets = st.lists(
@@ -63,13 +63,13 @@ plates = st.lists(
         requirements=st.builds(
             Requirements, st.none(), st.none(), st.none(), st.sampled_from([box(100.0), box(250.0)])
         ),
-        expected_s=st.floats(600, 20 * HOUR),
+        expected_s=st.floats(600, 20 * HOUR_S),
         first_layer_s=st.floats(300, 900),
         grams=st.floats(1, 150),
         job=st.integers(1, 3),
         priority=st.integers(0, 2),
         failed_on=st.frozensets(st.sampled_from("abcd")),
-        not_before_s=st.none() | st.floats(FRIDAY - HOUR, FRIDAY + HOUR),
+        not_before_s=st.none() | st.floats(FRIDAY_S - HOUR_S, FRIDAY_S + HOUR_S),
     ),
     max_size=7,
     unique_by=lambda p: p.id,
@@ -81,10 +81,10 @@ rule_sets = st.builds(
     first_layers_attended=st.booleans(),
     max_heating=st.none() | st.integers(1, 3),
 )
-moments = st.floats(FRIDAY, FRIDAY + 7 * 24 * HOUR)
+times_s = st.floats(FRIDAY_S, FRIDAY_S + 7 * 24 * HOUR_S)
 
 
-@given(plates, fleets, rule_sets, moments, st.integers(0, 2))
+@given(plates, fleets, rule_sets, times_s, st.integers(0, 2))
 def test_forbidden_starts_are_refused(waiting_plates, fleet, start_rules, now_s, spares):
     assignments, holds = assign(waiting_plates, fleet, start_rules, now_s, spares)
     by_name, by_id = {p.name: p for p in fleet}, {p.id: p for p in waiting_plates}
@@ -93,23 +93,23 @@ def test_forbidden_starts_are_refused(waiting_plates, fleet, start_rules, now_s,
     if start_rules.max_heating is not None:
         heating_count = sum(p.heating for p in fleet)
         assert not assignments or heating_count + len(assignments) <= start_rules.max_heating
-    for plate_view, printer_view in ((by_id[a.plate], by_name[a.printer]) for a in assignments):
-        assert printer_view.bed is Bed.CLEAR
-        assert printer_view.grams is None or plate_view.grams <= printer_view.grams
-        assert plate_view.not_before_s is None or plate_view.not_before_s <= now_s
+    for plate, printer in ((by_id[a.plate], by_name[a.printer]) for a in assignments):
+        assert printer.bed is Bed.CLEAR
+        assert printer.grams is None or plate.grams <= printer.grams
+        assert plate.not_before_s is None or plate.not_before_s <= now_s
         quiet = start_rules.quiet.find_span(now_s) or start_rules.quiet.find_next_span(now_s)
-        assert quiet is None or now_s + plate_view.expected_s <= quiet[0]
+        assert quiet is None or now_s + plate.expected_s <= quiet[0]
         attended_span = start_rules.attended.find_span(now_s)
-        if not printer_view.unattended:
+        if not printer.unattended:
             assert (
                 attended_span is not None
-                and now_s + plate_view.expected_s + CLEARING_RESERVE_S <= attended_span[1]
+                and now_s + plate.expected_s + CLEARING_RESERVE_S <= attended_span[1]
             )
         elif start_rules.first_layers_attended:
-            assert attended_span is not None and now_s + plate_view.first_layer_s <= attended_span[1]
+            assert attended_span is not None and now_s + plate.first_layer_s <= attended_span[1]
 
 
-@given(plates, fleets, rule_sets, moments)
+@given(plates, fleets, rule_sets, times_s)
 def test_every_time_in_the_sentence_of_a_hold_is_data_too(waiting_plates, fleet, start_rules, now_s):
     _, holds = assign(waiting_plates, fleet, start_rules, now_s)
     now = datetime.fromtimestamp(now_s, UTC)
@@ -121,23 +121,23 @@ def test_every_time_in_the_sentence_of_a_hold_is_data_too(waiting_plates, fleet,
             assert format_moment(datetime.fromisoformat(time.at), now) == time.text
 
 
-@given(plates, fleets, rule_sets, moments)
+@given(plates, fleets, rule_sets, times_s)
 @settings(deadline=None)
 def test_start_is_allowed_until_the_latest_start(waiting_plates, fleet, start_rules, now_s):
-    for plate_view, printer_view in ((w, p) for w in waiting_plates for p in fleet):
-        at_s = start_rules.find_start(plate_view, printer_view, now_s).at_s
+    for plate, printer in ((w, p) for w in waiting_plates for p in fleet):
+        at_s = start_rules.find_start(plate, printer, now_s).at_s
         if at_s is None:
             continue
-        latest_s = start_rules.find_latest_start_s(plate_view, printer_view, at_s)
-        for time_s in (at_s, (at_s + min(latest_s, at_s + HOUR)) / 2, min(latest_s, at_s + HOUR) - 1e-3):
-            assert time_s < at_s or start_rules.find_start(plate_view, printer_view, time_s).at_s == time_s
+        latest_s = start_rules.find_latest_start_s(plate, printer, at_s)
+        for time_s in (at_s, (at_s + min(latest_s, at_s + HOUR_S)) / 2, min(latest_s, at_s + HOUR_S) - 1e-3):
+            assert time_s < at_s or start_rules.find_start(plate, printer, time_s).at_s == time_s
         if latest_s < math.inf:
-            assert start_rules.find_start(plate_view, printer_view, latest_s + 1.0).at_s != latest_s + 1.0
-        ends_by_s = start_rules.find_latest_end_s(printer_view, at_s)
+            assert start_rules.find_start(plate, printer, latest_s + 1.0).at_s != latest_s + 1.0
+        ends_by_s = start_rules.find_latest_end_s(printer, at_s)
         assert (ends_by_s is None) == (
-            printer_view.unattended or math.isinf(start_rules.attended.find_span(at_s)[1])
+            printer.unattended or math.isinf(start_rules.attended.find_span(at_s)[1])
         )
-        assert ends_by_s is None or at_s + plate_view.expected_s < ends_by_s
+        assert ends_by_s is None or at_s + plate.expected_s < ends_by_s
 
 
 def test_attended_printer_ends_before_the_hours_and_names_the_next_start():
@@ -145,7 +145,7 @@ def test_attended_printer_ends_before_the_hours_and_names_the_next_start():
         make_rules(attended=WEEK[0]),
         make_printer("a", unattended=False, attended_reason="so"),
     )
-    assert start_rules.find_latest_end_s(lone_printer, FRIDAY) == parse_time("2026-11-20 17:45")
+    assert start_rules.find_latest_end_s(lone_printer, FRIDAY_S) == parse_time("2026-11-20 17:45")
     assert start_rules.find_unattended_reason(lone_printer, parse_time("2026-11-20 17:44")) is None
     message = "a prints only in attended hours (so): from Mon 08:00 (UTC)"
     assert start_rules.find_unattended_reason(lone_printer, parse_time("2026-11-20 17:45")) == message
@@ -153,22 +153,22 @@ def test_attended_printer_ends_before_the_hours_and_names_the_next_start():
     assert start_rules.find_latest_end_s(lone_printer, parse_time("2026-11-21 03:00")) == parse_time(
         "2026-11-21 03:00"
     )
-    assert make_rules().find_unattended_reason(lone_printer, FRIDAY) == "a prints only in attended hours (so)"
+    assert (
+        make_rules().find_unattended_reason(lone_printer, FRIDAY_S) == "a prints only in attended hours (so)"
+    )
     assert start_rules.find_unattended_reason(make_printer("a"), parse_time("2026-11-21 03:00")) is None
-    assert make_rules(attended=["00:00-24:00"]).find_latest_end_s(lone_printer, FRIDAY) is None
+    assert make_rules(attended=["00:00-24:00"]).find_latest_end_s(lone_printer, FRIDAY_S) is None
 
 
-@given(plates, fleets, rule_sets, moments)
+@given(plates, fleets, rule_sets, times_s)
 @settings(deadline=None)
 def test_window_allows_exactly_the_possible_starts(waiting_plates, fleet, start_rules, now_s):
-    for plate_view, printer_view in ((w, p) for w in waiting_plates for p in fleet):
-        window = start_rules.find_start_window(printer_view.unattended, now_s)
-        assert window.allows(plate_view) == (
-            start_rules.find_start(plate_view, printer_view, now_s).at_s == now_s
-        )
+    for plate, printer in ((w, p) for w in waiting_plates for p in fleet):
+        window = start_rules.find_start_window(printer.unattended, now_s)
+        assert window.allows(plate) == (start_rules.find_start(plate, printer, now_s).at_s == now_s)
 
 
-@given(plates, fleets, rule_sets, moments)
+@given(plates, fleets, rule_sets, times_s)
 @settings(deadline=None)
 def test_every_possible_start_is_made_in_any_order(waiting_plates, fleet, start_rules, now_s):
     """Compare with brute force: as many plates as possible start, including the first of the queue."""
@@ -176,8 +176,8 @@ def test_every_possible_start_is_made_in_any_order(waiting_plates, fleet, start_
     start_rules = replace(start_rules, max_heating=None)
     assignments, _ = assign(waiting_plates, fleet, start_rules, now_s)
 
-    def can_start(plate_view, printer_view):
-        return bool(assign([plate_view], [printer_view], start_rules, now_s)[0])
+    def can_start(plate, printer):
+        return bool(assign([plate], [printer], start_rules, now_s)[0])
 
     def find_best_starts(remaining_plates, free_printers):
         if not remaining_plates:
@@ -198,12 +198,12 @@ def test_every_possible_start_is_made_in_any_order(waiting_plates, fleet, start_
 def test_planned_printer_is_never_a_spare():
     high_plate = make_plate("1/02", "b", requirements=Requirements("generic_pla", None, 0.4, box(231.0)))
     assignments, _ = assign(
-        [high_plate], [make_printer("a"), make_printer("b", room=TALL)], make_rules(), FRIDAY, spares=1
+        [high_plate], [make_printer("a"), make_printer("b", room=TALL)], make_rules(), FRIDAY_S, spares=1
     )
     assert assignments[0].printer == "b"
     broken_printer = make_printer("b", room=TALL, attention_reason="heater")
     assignments, _ = assign(
-        [high_plate], [broken_printer, make_printer("c", room=TALL)], make_rules(), FRIDAY, spares=1
+        [high_plate], [broken_printer, make_printer("c", room=TALL)], make_rules(), FRIDAY_S, spares=1
     )
     assert assignments[0].printer == "c"
 
@@ -213,7 +213,7 @@ def test_every_plate_is_served_eventually(waiting_plates, fleet, spares):
     """Check that plates that fit a printer start after all prints have ended and all beds are clear."""
     waiting_plates = [replace(p, not_before_s=None) for p in waiting_plates]
     for _ in range(len(waiting_plates) + 1):
-        _, holds = assign(waiting_plates, fleet, make_rules(max_heating=4), FRIDAY, spares)
+        _, holds = assign(waiting_plates, fleet, make_rules(max_heating=4), FRIDAY_S, spares)
         waiting_plates = [p for p in waiting_plates if p.id in holds]
         fleet = [replace(p, heating=False) for p in fleet]
     final_codes = {
@@ -225,38 +225,38 @@ def test_every_plate_is_served_eventually(waiting_plates, fleet, spares):
     for candidate in waiting_plates:
         if holds[candidate.id].code is HoldCode.KEPT_AS_SPARE:  # its own printer waits for a person
             planned_printer = [p for p in fleet if p.name == candidate.planned_printer]
-            assert not assign([candidate], planned_printer, make_rules(max_heating=4), FRIDAY)[0]
+            assert not assign([candidate], planned_printer, make_rules(max_heating=4), FRIDAY_S)[0]
         else:
             assert holds[candidate.id].code in final_codes
 
 
-def find_printer(plate_view, printer_view, start_rules=None, now_s=FRIDAY, **changes):
-    assignments, holds = assign([plate_view], [printer_view], start_rules or make_rules(), now_s, **changes)
-    return holds[plate_view.id] if holds else assignments[0].printer
+def find_printer(plate, printer, start_rules=None, now_s=FRIDAY_S, **changes):
+    assignments, holds = assign([plate], [printer], start_rules or make_rules(), now_s, **changes)
+    return holds[plate.id] if holds else assignments[0].printer
 
 
 @pytest.mark.parametrize(
-    ("plate_view", "printer_view", "start_rules", "code", "message"),
+    ("plate", "printer", "start_rules", "code", "message"),
     [
-        ({"expected_s": 6 * HOUR}, {}, {"quiet": ["22:00-06:00"]}, "quiet_hours", "to Sat 06:00"),
-        ({"expected_s": 17 * HOUR}, {}, {"quiet": ["22:00-06:00"]}, "too_long", "takes 17h00"),
+        ({"expected_s": 6 * HOUR_S}, {}, {"quiet": ["22:00-06:00"]}, "quiet_hours", "to Sat 06:00"),
+        ({"expected_s": 17 * HOUR_S}, {}, {"quiet": ["22:00-06:00"]}, "too_long", "takes 17h00"),
         ({}, {"unattended": False}, {"attended": WEEK[0]}, "unattended", "from Mon 08:00"),
         ({}, {"unattended": False}, {}, "unattended", "has none (`attended`)"),
         (
-            {"first_layer_s": 2 * HOUR},
+            {"first_layer_s": 2 * HOUR_S},
             {},
             {"attended": WEEK[0], "first_layers_attended": True},
             "unattended",
             "first layers",
         ),
-        ({"not_before_s": FRIDAY + HOUR}, {}, {}, "start_time", "Fri 18:00"),
+        ({"not_before_s": FRIDAY_S + HOUR_S}, {}, {}, "start_time", "Fri 18:00"),
         ({"grams": 96.0}, {"grams": 40.0}, {}, "reel_too_short", "a has 40 g, this plate needs 101 g"),
         ({}, {"heating": True}, {"max_heating": 1}, "heating_limit", "1 printers are heating up"),
     ],
 )
-def test_hold_has_a_code_and_a_reason(plate_view, printer_view, start_rules, code, message):
+def test_hold_has_a_code_and_a_reason(plate, printer, start_rules, code, message):
     hold = find_printer(
-        make_plate("1/01", "a", **plate_view), make_printer("a", **printer_view), make_rules(**start_rules)
+        make_plate("1/01", "a", **plate), make_printer("a", **printer), make_rules(**start_rules)
     )
     assert hold.code == code
     assert message in hold.text
@@ -265,57 +265,60 @@ def test_hold_has_a_code_and_a_reason(plate_view, printer_view, start_rules, cod
 
 def test_short_reel_is_named_in_addition_to_another_hold():
     short_printer = make_printer("b", grams=10.0)
-    busy_printer = make_printer("a", booked=True, free_s=FRIDAY + HOUR)
-    hold = assign([make_plate("1/01", "a", grams=20.0)], [busy_printer, short_printer], make_rules(), FRIDAY)[
-        1
-    ]["1/01"]
+    busy_printer = make_printer("a", booked=True, free_s=FRIDAY_S + HOUR_S)
+    hold = assign(
+        [make_plate("1/01", "a", grams=20.0)], [busy_printer, short_printer], make_rules(), FRIDAY_S
+    )[1]["1/01"]
     assert hold.code is HoldCode.PRINTER_BUSY
     assert (hold.reel.printer, hold.reel.text) == ("b", "b has 10 g, 1/01 needs 25 g")
     colour = Requirements("generic_pla", "white", 0.4, box(100.0))
     fleet = [make_printer("b", grams=10.0, colour="white"), make_printer("c", colour="black")]
-    hold = assign([make_plate("1/01", "b", grams=20.0, requirements=colour)], fleet, make_rules(), FRIDAY)[1][
-        "1/01"
-    ]
+    hold = assign([make_plate("1/01", "b", grams=20.0, requirements=colour)], fleet, make_rules(), FRIDAY_S)[
+        1
+    ]["1/01"]
     assert hold.text.startswith("needs white: b has 10 g") and hold.reel.text == "b has 10 g, 1/01 needs 25 g"
 
 
 def test_margin_is_kept_to_quiet_hours():
     start_rules = make_rules(quiet=["22:00-06:00"])
     assert (
-        find_printer(make_plate("1/01", "a", expected_s=5 * HOUR / 1.05 - 1), make_printer("a"), start_rules)
+        find_printer(
+            make_plate("1/01", "a", expected_s=5 * HOUR_S / 1.05 - 1), make_printer("a"), start_rules
+        )
         == "a"
     )
     assert (
-        find_printer(make_plate("1/01", "a", expected_s=5 * HOUR), make_printer("a"), start_rules).code
+        find_printer(make_plate("1/01", "a", expected_s=5 * HOUR_S), make_printer("a"), start_rules).code
         == "quiet_hours"
     )
 
 
 def test_hold_of_a_large_plate_names_when_its_printers_are_free():
-    tall = [
-        make_printer(n, room=TALL, booked=True, free_s=FRIDAY + 10.2 * HOUR) for n in ("um2x-02", "um2x-03")
+    tall_printers = [
+        make_printer(n, room=TALL, booked=True, free_s=FRIDAY_S + 10.2 * HOUR_S)
+        for n in ("um2x-02", "um2x-03")
     ]
     hold = assign(
         [make_plate("1/01", "um2x-02", requirements=Requirements("generic_pla", None, 0.4, box(231.0)))],
-        [make_printer("um2-01"), *tall],
+        [make_printer("um2-01"), *tall_printers],
         make_rules(),
-        FRIDAY,
+        FRIDAY_S,
     )[1]["1/01"]
     assert hold.text == "needs 231 mm of height: um2x-02 and um2x-03 are printing until Sat 03:12"
 
 
 def test_priority_precedes_order_of_submission():
     early_plate, urgent_plate = make_plate("1/01", "a", job=1), make_plate("2/01", "a", job=2, priority=1)
-    assignments, holds = assign([early_plate, urgent_plate], [make_printer("a")], make_rules(), FRIDAY)
+    assignments, holds = assign([early_plate, urgent_plate], [make_printer("a")], make_rules(), FRIDAY_S)
     assert assignments[0].plate == "2/01"
     assert holds["1/01"].code is HoldCode.PRINTER_BUSY
 
 
 def test_plate_moves_to_an_equivalent_printer():
-    low_plate = make_plate("1/01", "b", expected_s=9 * HOUR)
+    low_plate = make_plate("1/01", "b", expected_s=9 * HOUR_S)
     high_plate = make_plate("1/02", "b", requirements=Requirements("generic_pla", None, 0.4, box(231.0)))
     assignments, _ = assign(
-        [low_plate, high_plate], [make_printer("a"), make_printer("b", room=TALL)], make_rules(), FRIDAY
+        [low_plate, high_plate], [make_printer("a"), make_printer("b", room=TALL)], make_rules(), FRIDAY_S
     )
     assert {a.plate: a.printer for a in assignments} == {"1/01": "a", "1/02": "b"}
 
@@ -323,27 +326,27 @@ def test_plate_moves_to_an_equivalent_printer():
 def test_spares_are_kept_for_plates_that_failed():
     fleet = [make_printer("a"), make_printer("b"), make_printer("c", room=TALL)]
     waiting_plates = [make_plate(f"1/0{i}", "a") for i in range(3)]
-    assignments, holds = assign(waiting_plates, fleet, make_rules(), FRIDAY, spares=1)
+    assignments, holds = assign(waiting_plates, fleet, make_rules(), FRIDAY_S, spares=1)
     assert {a.printer for a in assignments} == {"a", "b"}
     assert [hold.code for hold in holds.values()] == [HoldCode.KEPT_AS_SPARE]
     assignments, _ = assign(
-        [make_plate("1/01", "a", failed_on=frozenset("ab"))], fleet, make_rules(), FRIDAY, spares=1
+        [make_plate("1/01", "a", failed_on=frozenset("ab"))], fleet, make_rules(), FRIDAY_S, spares=1
     )
     assert assignments[0].printer == "c"
 
 
 def test_reel_with_enough_grams_is_accepted():
-    waiting_plates, reel_printer = make_plate("p1", "a", grams=200.0), make_printer("a")
-    needed_grams = compute_needed_grams(waiting_plates)
-    assert find_filament_shortage(waiting_plates, reel_printer, needed_grams) is None
-    assert (
-        find_filament_shortage(waiting_plates, reel_printer, needed_grams - 0.1).code
-        is HoldCode.REEL_TOO_SHORT
-    )
+    plate, printer = make_plate("p1", "a", grams=200.0), make_printer("a")
+    needed_grams = compute_needed_grams(plate)
+    assert find_filament_shortage(plate, printer, needed_grams) is None
+    assert find_filament_shortage(plate, printer, needed_grams - 0.1).code is HoldCode.REEL_TOO_SHORT
 
 
 def test_longest_plate_of_a_job_is_served_first():
-    short_plate, long_plate = make_plate("a", "a", expected_s=HOUR), make_plate("b", "a", expected_s=2 * HOUR)
+    short_plate, long_plate = (
+        make_plate("a", "a", expected_s=HOUR_S),
+        make_plate("b", "a", expected_s=2 * HOUR_S),
+    )
     assert tuple(make_situation([short_plate, long_plate], [make_printer("a")]).waiting) == (
         long_plate,
         short_plate,

@@ -132,25 +132,25 @@ def test_unknown_amounts_are_described():
         Books().printer("z")
 
 
-class RandomNight(RuleBasedStateMachine):
+class RandomEvents(RuleBasedStateMachine):
     """Events in any order that the controller could produce, committed to a store."""
 
     def __init__(self):
         super().__init__()
         self.books, _ = apply_events(Books(), *make_fleet_events())
         self.ids = itertools.count()
-        self.now = 10.0
+        self.now_s = 10.0
 
-    def happen(self, event):
-        self.now += 1.0
+    def apply_event(self, event):
+        self.now_s += 1.0
         self.books, _ = apply_events(self.books, event)
 
     @rule(plates=st.integers(1, 3))
     def submit_and_plan(self, plates):
         number = len(self.books.jobs) + 1
-        self.happen(ev.JobSubmitted(at_s=self.now, job=make_job(number)))
-        self.happen(ev.PlanningStarted(at_s=self.now, job=number))
-        self.happen(make_plan_event(number, plates, self.now))
+        self.apply_event(ev.JobSubmitted(at_s=self.now_s, job=make_job(number)))
+        self.apply_event(ev.PlanningStarted(at_s=self.now_s, job=number))
+        self.apply_event(make_plan_event(number, plates, self.now_s))
 
     @rule(data=st.data())
     def assign(self, data):
@@ -162,8 +162,8 @@ class RandomNight(RuleBasedStateMachine):
         ]
         if plates and free_printers:
             plate, printer = data.draw(st.sampled_from(plates)), data.draw(st.sampled_from(free_printers))
-            self.happen(
-                ev.PlateAssigned(at_s=self.now, plate=plate, printer=printer, print_id=str(next(self.ids)))
+            self.apply_event(
+                ev.PlateAssigned(at_s=self.now_s, plate=plate, printer=printer, print_id=str(next(self.ids)))
             )
 
     @precondition(lambda self: any(True for _ in self.books.open_prints()))
@@ -174,29 +174,29 @@ class RandomNight(RuleBasedStateMachine):
     )
     def end(self, data, state, fault):
         name = data.draw(st.sampled_from([p.id for p in self.books.open_prints()]))
-        self.happen(make_end_event(name, state, self.now, reason="because", fault=fault))
+        self.apply_event(make_end_event(name, state, self.now_s, reason="because", fault=fault))
 
     @precondition(lambda self: any(p.state.ended for p in self.books.prints.values()))
     @rule(data=st.data(), state=st.sampled_from(PrintState))
     def reject_late_verdict(self, data, state):
         name = data.draw(st.sampled_from([p.id for p in self.books.prints.values() if p.state.ended]))
         progress = ev.PrintProgressed(
-            at_s=self.now, print_id=name, state=state, started_s=None, extruded=True
+            at_s=self.now_s, print_id=name, state=state, started_s=None, extruded=True
         )
-        for late_event in (make_end_event(name, state, self.now), progress):
+        for late_event in (make_end_event(name, state, self.now_s), progress):
             with pytest.raises(InvalidTransition):
                 apply(late_event, self.books)
 
     @rule(printer=st.sampled_from(PRINTERS), verdict=st.sampled_from(Verdict))
     def clear(self, printer, verdict):
         if self.books.open_print_on(printer) is None:
-            self.happen(ev.BedCleared(at_s=self.now, printer=printer, by="ann", verdict=verdict))
+            self.apply_event(ev.BedCleared(at_s=self.now_s, printer=printer, by="ann", verdict=verdict))
 
     @precondition(lambda self: any(p.cancel_reason is None for p in self.books.open_prints()))
     @rule(data=st.data())
     def fail(self, data):
         name = data.draw(st.sampled_from([p.id for p in self.books.open_prints() if p.cancel_reason is None]))
-        self.happen(ev.PrintFailRequested(at_s=self.now, print_id=name, why="a blob", by="ann"))
+        self.apply_event(ev.PrintFailRequested(at_s=self.now_s, print_id=name, why="a blob", by="ann"))
 
     @precondition(lambda self: self.books.plates)
     @rule(data=st.data(), repeated=st.booleans())
@@ -204,20 +204,20 @@ class RandomNight(RuleBasedStateMachine):
         plate = self.books.plates[data.draw(st.sampled_from(sorted(self.books.plates)))]
         state = self.books.plate_state(plate)
         if repeated and state not in (PlateState.WAITING, PlateState.PRINTING):
-            self.happen(ev.ReprintRequested(at_s=self.now, plate=plate.id, why="more", by="ann"))
+            self.apply_event(ev.ReprintRequested(at_s=self.now_s, plate=plate.id, why="more", by="ann"))
         elif not repeated and state is not PlateState.CANCELLED:
-            self.happen(ev.PlateCancelled(at_s=self.now, plate=plate.id, by="ann"))
+            self.apply_event(ev.PlateCancelled(at_s=self.now_s, plate=plate.id, by="ann"))
 
     @rule(printer=st.sampled_from(PRINTERS))
     def lose(self, printer):
         if self.books.open_print_on(printer) is None:
-            self.happen(ev.PrinterLost(at_s=self.now, printer=printer))
+            self.apply_event(ev.PrinterLost(at_s=self.now_s, printer=printer))
 
     @precondition(lambda self: any(not job.state.ended for job in self.books.jobs.values()))
     @rule(data=st.data())
     def cancel(self, data):
         open_jobs = sorted(number for number, item in self.books.jobs.items() if not item.state.ended)
-        self.happen(ev.JobCancelled(at_s=self.now, job=data.draw(st.sampled_from(open_jobs))))
+        self.apply_event(ev.JobCancelled(at_s=self.now_s, job=data.draw(st.sampled_from(open_jobs))))
 
     @invariant()
     def check_no_printer_is_booked_twice(self):
@@ -251,18 +251,18 @@ class RandomNight(RuleBasedStateMachine):
     def check_no_plate_is_lost(self):
         for item in self.books.jobs.values():
             states = {self.books.plate_state(plate) for plate in self.books.plates_of(item)}
-            is_coming = bool(states & {PlateState.WAITING, PlateState.PRINTING})
+            has_open_plate = bool(states & {PlateState.WAITING, PlateState.PRINTING})
             match item.state:
                 case JobState.PRINTING:
-                    assert is_coming
+                    assert has_open_plate
                 case JobState.PRINTED:
-                    assert not is_coming and PlateState.PRINTED in states
+                    assert not has_open_plate and PlateState.PRINTED in states
                 case JobState.DONE:
                     assert PlateState.GOOD in states and states <= {PlateState.GOOD, PlateState.CANCELLED}
                 case JobState.FAILED:
-                    assert not is_coming and PlateState.OUT_OF_ATTEMPTS in states
+                    assert not has_open_plate and PlateState.OUT_OF_ATTEMPTS in states
                 case JobState.CANCELLED:
-                    assert not is_coming
+                    assert not has_open_plate
 
     @invariant()
     def check_outage_is_notified_once(self):
@@ -277,15 +277,15 @@ class RandomNight(RuleBasedStateMachine):
                 assert printer.bed is not Bed.CLEAR
 
 
-RandomNight.TestCase.settings = settings(max_examples=60, stateful_step_count=30, deadline=None)
-TestAnyNight = RandomNight.TestCase
+RandomEvents.TestCase.settings = settings(max_examples=60, stateful_step_count=30, deadline=None)
+TestRandomEvents = RandomEvents.TestCase
 
 
 @given(st.lists(st.tuples(st.integers(0, 4), st.integers(0, 2)), max_size=12), st.booleans())
-def test_changes_are_found_in_any_order(puts, is_shuffled):
+def test_changes_are_found_in_any_order(changes, is_shuffled):
     old_items = {number: object() for number in range(3)}
     new_items = dict(old_items)
-    for number, change in puts:
+    for number, change in changes:
         if change == 2:
             new_items.pop(number, None)
         else:

@@ -100,7 +100,7 @@ def test_group_of_lost_printers_is_the_same_for_each(times_s):
 
 def test_failure_before_an_outage_stays_charged():
     """Count a failure before the outage, so that the job stays failed."""
-    own_failure = (
+    earlier_events = (
         *make_assigned_events(("1/01", "a")),
         make_end_event("a", PrintState.FAILED, 50.0, fault="maxtemp"),
         ev.BedCleared(at_s=60.0, printer="a", by="ann"),
@@ -108,7 +108,7 @@ def test_failure_before_an_outage_stays_charged():
         *make_assigned_events(("1/02", "b")),
     )
     books, _ = apply_events(
-        make_printing_books(), *own_failure, lose_printer("again", 100.0), lose_printer("b", 101.0)
+        make_printing_books(), *earlier_events, lose_printer("again", 100.0), lose_printer("b", 101.0)
     )
     assert books.outage.printers == ("a", "b")
     assert {name: attempt.charged for name, attempt in books.prints.items()} == {

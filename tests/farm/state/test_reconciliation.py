@@ -197,9 +197,8 @@ def restore_books(*states):
 @pytest.mark.parametrize("state", [PrintState.ASSIGNED, PrintState.PRINTING])
 def test_restored_books_adopt_the_print_of_an_agent(state):
     books = restore_books(state)
-    assert (
-        list(list_pending_instructions(books.prints["a"], make_idle_snapshot())) == []
-    )  # it is not begun (again)
+    # The print is not started again.
+    assert list(list_pending_instructions(books.prints["a"], make_idle_snapshot())) == []
     snapshot = report("a")
     books, instructions = apply_events(books, *reconcile_print(books.prints["a"], snapshot, 51.0))
     assert (instructions, list(list_pending_instructions(books.prints["a"], snapshot))) == ([], [])
@@ -238,9 +237,8 @@ def test_print_ended_in_the_books_is_cancelled_at_its_agent():
     assert [type(item) for item in instructions] == [ev.SendCancel]
     for snapshot in (report(), report(state=PrintState.CANCELLED, link=Link.READY, ended_s=9.0)):
         unknown_bed_books, _ = handle_unknown_print(books.printers["a"], books.prints["x"], snapshot, 4.0)
-        assert (
-            apply_events(books, unknown_bed_books)[0].printers["a"].bed is Bed.UNKNOWN
-        )  # the bed is no longer clear
+        # The bed is no longer clear.
+        assert apply_events(books, unknown_bed_books)[0].printers["a"].bed is Bed.UNKNOWN
 
 
 def test_unknown_print_continues_and_makes_the_bed_unknown():

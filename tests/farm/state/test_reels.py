@@ -58,8 +58,10 @@ def test_fleet_shows_the_loaded_reels():
     row = {"name": "a", "model": "ultimaker2_plus", "port": "sim://ultimaker2_plus", "colour": "red"}
     fleet = Fleet.model_validate({"printers": [row, {**row, "name": "b"}]})
     abs_ = Reel(material="generic_abs", nozzle_mm=0.8)
-    fleet_now = apply_reels(fleet, {"a": Printer(name="a", reel=abs_), "b": Printer(name="b")})
-    shown_fields = [(section.material, section.colour, section.nozzle_mm) for section in fleet_now.printers]
+    fleet_with_reels = apply_reels(fleet, {"a": Printer(name="a", reel=abs_), "b": Printer(name="b")})
+    shown_fields = [
+        (section.material, section.colour, section.nozzle_mm) for section in fleet_with_reels.printers
+    ]
     assert shown_fields == [("generic_abs", None, 0.8), ("generic_pla", "red", 0.4)]
 
 

@@ -48,9 +48,12 @@ def test_complete_part_is_good_and_not_reprinted():
     assert books.plate_state(books.plates["1/01"]) is PlateState.GOOD
     assert books.jobs[1].state is JobState.DONE
     assert list(books.waiting_plates()) == []
-    result = books.prints["x"]
-    assert (result.state, result.verdict) == (PrintState.DONE, Verdict.GOOD)
-    assert "confirmed good by ann" in result.verdict_why and AGENT_DEATH["reason"] in result.verdict_why
+    salvaged_print = books.prints["x"]
+    assert (salvaged_print.state, salvaged_print.verdict) == (PrintState.DONE, Verdict.GOOD)
+    assert (
+        "confirmed good by ann" in salvaged_print.verdict_why
+        and AGENT_DEATH["reason"] in salvaged_print.verdict_why
+    )
     printer = books.printer("a")
     assert (printer.bed, printer.attention_reason) == (Bed.CLEAR, None)
     assert instructions == [ev.SendCleared(printer="a", filament=None)]
@@ -149,9 +152,8 @@ def test_task_asks_for_the_verdict_after_an_outage():
         {"then": (make_whole_part_event(),)},
         {"then": (ev.BedCleared(at_s=500.0, printer="a", by="ann"),)},
         {"then": (ev.PlateCancelled(at_s=500.0, plate="1/01", by="ann"),)},
-        {
-            "then": (make_assigned_event("1/01", "b", "y"), make_end_event("y", at_s=300.0))
-        },  # printed meanwhile
+        # The reprint ended meanwhile.
+        {"then": (make_assigned_event("1/01", "b", "y"), make_end_event("y", at_s=300.0))},
     ],
 )
 def test_no_verdict_is_requested_for_an_incomplete_part(facts):

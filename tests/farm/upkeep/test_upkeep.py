@@ -73,7 +73,7 @@ class StoppedClock(Clock):
         return NOW_S
 
 
-def fill(root, ages=AGES, events=40):
+def fill_state(root, ages=AGES, events=40):
     """Make a state folder with jobs, their files and links, and events of the last 200 days."""
     state = StateFolder(root)
     state.make()
@@ -95,7 +95,7 @@ def open_upkeep(state, work=omit_pictures, **keep):
     return farm, Upkeep(farm.controller, farm.store, state, InlineWorkers(work))
 
 
-def show(state, books, number):
+def show_job(state, books, number):
     """Return the views of `farm status JOB` and `farm history`, and lay out `farm report`."""
     context = ViewContext(make_fleet((PLUS,) * 3), books, {}, state, NOW_S)
     view, rows = describe_job(context, books.jobs[number]), list_history(context, number)
@@ -104,11 +104,14 @@ def show(state, books, number):
     return view, rows
 
 
-def check_whole(state, books, old_books):
+def check_jobs(state, books, old_books):
     """Check that every job is shown as before the prune, and that no file of the books is missing."""
     assert list_named_files(books) <= list_files(state.files).keys()
     for number, entry in books.jobs.items():
-        (old_view, old_rows), (view, rows) = show(state, old_books, number), show(state, books, number)
+        (old_view, old_rows), (view, rows) = (
+            show_job(state, old_books, number),
+            show_job(state, books, number),
+        )
         changed_fields = {"parts", "plates", "pruned"}
         assert rows == old_rows
         assert view.model_dump(exclude=changed_fields) == old_view.model_dump(exclude=changed_fields)
@@ -120,10 +123,10 @@ def check_whole(state, books, old_books):
 
 
 def test_files_of_old_jobs_are_deleted_except_pictures(tmp_path):
-    state, old_books = fill(tmp_path)
-    farm, run = open_upkeep(state)
+    state, old_books = fill_state(tmp_path)
+    farm, cleanup = open_upkeep(state)
     with farm.store:
-        answer = asyncio.run(run.prune("ann", dry_run=False))
+        answer = asyncio.run(cleanup.prune("ann", dry_run=False))
         books = farm.controller.books
     assert [job.id for job in answer.jobs] == OLD_JOBS
     assert [number for number, job in books.jobs.items() if job.pruned_s is not None] == OLD_JOBS
@@ -132,7 +135,7 @@ def test_files_of_old_jobs_are_deleted_except_pictures(tmp_path):
     assert answer.stored_bytes == 1000 * len(list_named_files(books))
     assert [path.name for path in state.job(1).iterdir()] == ["assembly.png"]
     assert len(list(state.job(4).iterdir())) > 4
-    check_whole(state, books, old_books)
+    check_jobs(state, books, old_books)
     assert len(list_backups(state)) == 1
     with Store(state.books) as store:
         assert store.load() == books
@@ -141,65 +144,65 @@ def test_files_of_old_jobs_are_deleted_except_pictures(tmp_path):
 
 
 def test_dry_run_lists_the_same_and_changes_nothing(tmp_path):
-    state, old_books = fill(tmp_path)
-    farm, run = open_upkeep(state)
+    state, old_books = fill_state(tmp_path)
+    farm, cleanup = open_upkeep(state)
     with farm.store:
-        preview = asyncio.run(run.prune("ann", dry_run=True))
+        preview = asyncio.run(cleanup.prune("ann", dry_run=True))
         assert farm.controller.books == old_books and not list_backups(state)
         assert len(list_files(state.files)) == len(list_named_files(old_books))
-        result = asyncio.run(run.prune("ann", dry_run=False))
+        result = asyncio.run(cleanup.prune("ann", dry_run=False))
     assert preview == result.model_copy(update={"dry_run": True})
 
 
 def test_full_store_deletes_the_oldest_files_first(tmp_path):
-    state, _ = fill(tmp_path)
-    farm, run = open_upkeep(state, days=365, gb=36e-6)
+    state, _ = fill_state(tmp_path)
+    farm, cleanup = open_upkeep(state, days=365, gb=36e-6)
     with farm.store:
-        answer = asyncio.run(run.prune("ann", dry_run=False))
+        answer = asyncio.run(cleanup.prune("ann", dry_run=False))
     assert [job.id for job in answer.jobs] == [1]
     assert answer.stored_bytes == 36_000
 
 
 def test_parts_of_a_pruned_job_keep_small_pictures(tmp_path):
-    state, old_books = fill(tmp_path, ages=((JobState.DONE, 100),))
+    state, old_books = fill_state(tmp_path, ages=((JobState.DONE, 100),))
     for name in ("1-p01.stl", "1-p02.stl"):
         trimesh.creation.box((10, 20, 30)).export(state.files / name)
         os.utime(state.files / name, (1000.0, 1000.0))
-    farm, run = open_upkeep(state, work=None)
+    farm, cleanup = open_upkeep(state, work=None)
     with farm.store:
-        asyncio.run(run.prune("ann", dry_run=False))
+        asyncio.run(cleanup.prune("ann", dry_run=False))
         books = farm.controller.books
-    view, _ = show(state, books, 1)
+    view, _ = show_job(state, books, 1)
     assert all(Path(part.picture).read_bytes().startswith(b"\x89PNG") for part in view.parts)
     assert {path.name for path in state.job(1).iterdir()} == {"assembly.png", "p01.png", "p02.png"}
-    check_whole(state, books, old_books)
+    check_jobs(state, books, old_books)
 
 
 def test_files_of_an_unknown_database_stay_for_the_kept_days(tmp_path):
     """Keep files, as a person may have moved the database and put it back."""
-    state, old_books = fill(tmp_path)
+    state, old_books = fill_state(tmp_path)
     for name in list_named_files(old_books):
         stored_s = time.time() - (89 if name.endswith("gcode") else 91) * DAY_S
         os.utime(state.files / name, (stored_s, stored_s))
     state.books.rename(tmp_path / "moved.db")
-    farm, run = open_upkeep(state)
+    farm, cleanup = open_upkeep(state)
     with farm.store:
-        asyncio.run(finish(run))
+        asyncio.run(finish_cleanup(cleanup))
     assert list_files(state.files).keys() == {
         name for name in list_named_files(old_books) if name.endswith("gcode")
     }
 
 
 def test_old_events_are_deleted_after_the_backup(tmp_path):
-    state, books = fill(tmp_path, events=400)
-    farm, run = open_upkeep(state)
+    state, books = fill_state(tmp_path, events=400)
+    farm, cleanup = open_upkeep(state)
     with farm.store:
-        answer = asyncio.run(run.prune("ann", dry_run=False))
+        answer = asyncio.run(cleanup.prune("ann", dry_run=False))
         events = farm.store.events()
     assert answer.events == 220  # of 200 days, evenly
     assert min(at_s for at_s, _, _ in events) >= NOW_S - 90 * DAY_S
-    people = [body for _, kind, body in events if kind == "MaintenanceEnded"]
-    assert len(people) == 180 and '"ann-399"' in people[-1]
+    kept_events = [body for _, kind, body in events if kind == "MaintenanceEnded"]
+    assert len(kept_events) == 180 and '"ann-399"' in kept_events[-1]
     (copy,) = list_backups(state)
     with Store(copy) as backup:
         assert len(backup.events()) == 400 and backup.load() == books
@@ -212,22 +215,22 @@ def test_old_events_are_deleted_after_the_backup(tmp_path):
 
 def test_backup_from_before_a_compaction_is_restored(tmp_path):
     """Mark the jobs that were pruned since the backup as pruned again; none of its files is missing."""
-    state, old_books = fill(tmp_path)
-    farm, run = open_upkeep(state)
+    state, old_books = fill_state(tmp_path)
+    farm, cleanup = open_upkeep(state)
     with farm.store:
-        asyncio.run(run.prune("ann", dry_run=False))
+        asyncio.run(cleanup.prune("ann", dry_run=False))
     state.books.write_bytes(b"damage" * 1000)
     for suffix in ("-wal", "-shm"):
         state.books.with_name(state.books.name + suffix).unlink(missing_ok=True)
     store, copied_s = open_books(state, NOW_S)
     assert copied_s == NOW_S and store.load() == old_books
     store.close()
-    farm, run = open_upkeep(state)
+    farm, cleanup = open_upkeep(state)
     with farm.store:
         farm.controller.handle(ev.BooksRestored(at_s=NOW_S, copied_s=copied_s))
         for name in "abc":
             farm.controller.handle(ev.BedCleared(at_s=NOW_S, printer=name, by="ann"))
-        asyncio.run(run.prune("ann", dry_run=False))
+        asyncio.run(cleanup.prune("ann", dry_run=False))
         books = farm.controller.books
     assert [number for number, job in books.jobs.items() if job.pruned_s is not None] == OLD_JOBS
     assert validate_books(books) == validate_books(old_books)
@@ -235,10 +238,10 @@ def test_backup_from_before_a_compaction_is_restored(tmp_path):
 
 
 def test_reprint_of_a_pruned_job_is_refused_with_its_reason(tmp_path):
-    state, _ = fill(tmp_path)
-    farm, run = open_upkeep(state)
+    state, _ = fill_state(tmp_path)
+    farm, cleanup = open_upkeep(state)
     with farm.store:
-        asyncio.run(run.prune("ann", dry_run=False))
+        asyncio.run(cleanup.prune("ann", dry_run=False))
         with pytest.raises(Refused, match=r"were pruned on \d{4}-\d\d-\d\d .*submit bracket.stl again"):
             farm.parts.reprint(1, "p01", "", "ann")
         assert farm.controller.books.jobs[1].state is JobState.DONE
@@ -246,19 +249,19 @@ def test_reprint_of_a_pruned_job_is_refused_with_its_reason(tmp_path):
 
 
 def test_failed_run_is_reported_and_the_next_one_continues(tmp_path, monkeypatch):
-    state, _ = fill(tmp_path)
-    farm, run = open_upkeep(state)
+    state, _ = fill_state(tmp_path)
+    farm, cleanup = open_upkeep(state)
 
     async def run_nights():
         backup = back_up(state, NOW_S)
         with monkeypatch.context() as patch:
             patch.setattr(upkeep, "delete_files", fail)
-            run.clean_up(backup)
-            await asyncio.gather(*run._tasks)
+            cleanup.clean_up(backup)
+            await asyncio.gather(*cleanup._tasks)
         context = farm.view_context(state)
         assert "old files cannot be deleted (no disk)" in list_tasks(context)[0].text
-        run.clean_up(backup)
-        await asyncio.gather(*run._tasks)
+        cleanup.clean_up(backup)
+        await asyncio.gather(*cleanup._tasks)
 
     def fail(*_):
         raise OSError("no disk")
@@ -271,21 +274,21 @@ def test_failed_run_is_reported_and_the_next_one_continues(tmp_path, monkeypatch
 
 def test_full_disk_deletes_jobs_from_before_the_last_backup(tmp_path, monkeypatch):
     """Prune although a full disk prevents the backup."""
-    state, _ = fill(tmp_path)
+    state, _ = fill_state(tmp_path)
     back_up(state, NOW_S - 97 * DAY_S)
 
     def fail(*_):
         raise StoreError("the disk is full")
 
     monkeypatch.setattr(upkeep, "back_up", fail)
-    farm, run = open_upkeep(state)
+    farm, cleanup = open_upkeep(state)
     with farm.store:
-        answer = asyncio.run(run.prune("ann", dry_run=False))
+        answer = asyncio.run(cleanup.prune("ann", dry_run=False))
         assert [job.id for job in answer.jobs] == [1, 2]  # job 3 ended since
         for copy in list_backups(state):
             copy.unlink()
         with pytest.raises(StoreError, match="the disk is full"):
-            asyncio.run(run.prune("ann", dry_run=False))
+            asyncio.run(cleanup.prune("ann", dry_run=False))
 
 
 def run_until_killed(state, step):
@@ -305,8 +308,8 @@ def run_until_killed(state, step):
             for owner, name in CHANGES:
                 function = getattr(owner, name)
                 setattr(owner, name, lambda *args, _f=function, **kwargs: die_at_call(_f, *args, **kwargs))
-            _, run = open_upkeep(state)
-            asyncio.run(run.prune("ann", dry_run=False))
+            _, cleanup = open_upkeep(state)
+            asyncio.run(cleanup.prune("ann", dry_run=False))
             os._exit(0)
         finally:
             os._exit(1)
@@ -324,18 +327,18 @@ CHANGES = (
 
 def test_interrupted_prune_is_finished_at_the_next_start(tmp_path):
     for step in range(200):
-        state, old_books = fill(tmp_path / str(step), events=10)
+        state, old_books = fill_state(tmp_path / str(step), events=10)
         is_done = run_until_killed(state, step)
-        farm, run = open_upkeep(state)
+        farm, cleanup = open_upkeep(state)
         with farm.store:
-            check_whole(state, farm.controller.books, old_books)  # before any change is complete
-            asyncio.run(finish(run))
+            check_jobs(state, farm.controller.books, old_books)  # before any change is complete
+            asyncio.run(finish_cleanup(cleanup))
             books = farm.controller.books
             assert list_files(state.files).keys() == list_named_files(books)
             dead_links = [link for link in state.jobs.glob("*/*") if not link.exists()]
             assert not dead_links
-            asyncio.run(run.prune("ann", dry_run=False))
-            check_whole(state, farm.controller.books, old_books)
+            asyncio.run(cleanup.prune("ann", dry_run=False))
+            check_jobs(state, farm.controller.books, old_books)
             jobs = farm.controller.books.jobs.values()
             assert sorted(job.id for job in jobs if job.pruned_s is not None) == OLD_JOBS
             assert min(at_s for at_s, _, _ in farm.store.events()) >= NOW_S - 90 * DAY_S
@@ -344,6 +347,6 @@ def test_interrupted_prune_is_finished_at_the_next_start(tmp_path):
     assert is_done and step > 30
 
 
-async def finish(run):
-    run.begin()
-    await asyncio.gather(*run._tasks)
+async def finish_cleanup(cleanup):
+    cleanup.begin()
+    await asyncio.gather(*cleanup._tasks)

@@ -100,9 +100,8 @@ def test_reported_times_correct_those_expected_of_a_later_job(books):
     )
     books = put(print_parts(books), later_job)
     assert describe_job(make_context(books), books.jobs[2]).assembly_s == pytest.approx(1000.0)
-    books, _ = apply_events(
-        books, ev.JobAssembled(at_s=5000.0, job=1, minutes=90.0, by="ann")
-    )  # expected: an hour
+    # An hour was expected.
+    books, _ = apply_events(books, ev.JobAssembled(at_s=5000.0, job=1, minutes=90.0, by="ann"))
     assert describe_job(make_context(books), books.jobs[2]).assembly_s == pytest.approx(1250.0)
 
 

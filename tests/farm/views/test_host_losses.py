@@ -42,7 +42,7 @@ def make_loss(fleet, host, at_s):
     return ev.HostLost(at_s=at_s, host=host, printers=list_printers(fleet, host), reason="time-out")
 
 
-def make_return(fleet, host, at_s):
+def make_reconnection(fleet, host, at_s):
     return ev.HostConnected(at_s=at_s, host=host, printers=list_printers(fleet, host))
 
 
@@ -63,7 +63,7 @@ def test_lost_host_is_one_task_and_one_notice_until_it_is_back():
     (notice,) = list_due_notices(books, LATER_S, 0.0, ())
     assert notice.text == sentence
     assert list_due_notices(books, LATER_S, 0.0, {notice.key}) == []
-    books, _ = apply_events(books, make_return(fleet, "pc-b", 200.0))
+    books, _ = apply_events(books, make_reconnection(fleet, "pc-b", 200.0))
     assert list_host_tasks(fleet, books) == [] == list_due_notices(books, LATER_S, 0.0, ())
     books, _ = apply_events(books, make_loss(fleet, "pc-b", 300.0))
     assert [due.key for due in list_due_notices(books, LATER_S, 0.0, {notice.key})] == ["hosts 300"]
@@ -83,11 +83,11 @@ def test_hosts_that_are_lost_together_are_one_notice_that_waits_for_all():
 
 
 @given(st.lists(st.floats(0.0, 100.0), min_size=1, max_size=12))
-def test_no_loss_joins_a_notice_that_was_sent(at_s):
-    names, sent_keys = [f"pc-{number}" for number in range(len(at_s))], set()
+def test_no_loss_joins_a_notice_that_was_sent(loss_times_s):
+    names, sent_keys = [f"pc-{number}" for number in range(len(loss_times_s))], set()
     fleet = make_fleet(names, printers_each=1)
     books = make_fleet_books(fleet)
-    for host, lost_at_s in zip(names, sorted(at_s), strict=True):
+    for host, lost_at_s in zip(names, sorted(loss_times_s), strict=True):
         books, _ = apply_events(books, make_loss(fleet, host, lost_at_s))
         loss = books.printer(f"{host}-1").host_loss
         assert f"hosts {loss.at_s:.0f}" in {

@@ -18,7 +18,7 @@ def farm(tmp_path):
     farm.store.close()
 
 
-def send(farm, session, path, fields=None, page="/"):
+def send_form(farm, session, path, fields=None, page="/"):
     """Send a form from a page; return where it leads."""
     answer = farm.browse("POST", path, session, {"referer": PAGE + page}, data=fields or {})
     assert answer.status_code == 303, answer.text
@@ -27,12 +27,12 @@ def send(farm, session, path, fields=None, page="/"):
 
 def test_form_does_what_the_api_does_and_says_so_once(farm):
     session = farm.open_session()
-    assert send(farm, session, "/printers/a/cleared", {"why": "", "good": ""}) == "/"
+    assert send_form(farm, session, "/printers/a/cleared", {"why": "", "good": ""}) == "/"
     kind, body = farm.read_last_event()
     assert (kind, json.loads(body)["by"], json.loads(body)["why"]) == ("BedCleared", "ann", None)
     assert '<p class="done">a is clear.</p>' in farm.browse("GET", "/", session).text
     assert "a is clear." not in farm.browse("GET", "/", session).text
-    send(farm, session, "/printers/a/load", {"grams": "432.5", "material": ""})
+    send_form(farm, session, "/printers/a/load", {"grams": "432.5", "material": ""})
     assert "432 g" in farm.browse("GET", "/", session).text
 
 
@@ -53,7 +53,7 @@ def test_form_does_what_the_api_does_and_says_so_once(farm):
 def test_refusal_is_a_note_on_the_page_and_changes_nothing(farm, path, fields, expected_note):
     session = farm.open_session()
     event_count = len(farm.store.events())
-    assert send(farm, session, path, fields) == "/"
+    assert send_form(farm, session, path, fields) == "/"
     page = farm.browse("GET", "/", session).text
     assert (
         expected_note in page[page.index('<p class="problem">') : page.index("</p>", page.index("problem"))]
@@ -79,7 +79,7 @@ def test_form_leads_back_to_its_page_and_to_no_other_site(farm, referer, page):
 
 def test_note_is_of_one_reader(farm):
     ann, bob = farm.open_session(user="ann"), farm.open_session(Role.LOOK, user="bob")
-    send(farm, ann, "/printers/a/cleared")
+    send_form(farm, ann, "/printers/a/cleared")
     assert "a is clear" not in farm.browse("GET", "/", bob).text
     assert "a is clear" in farm.browse("GET", "/", ann).text
 

@@ -24,7 +24,7 @@ def farm(tmp_path):
     farm.store.close()
 
 
-def fill(path):
+def fill_path(path):
     query = "?wait=false" if path.endswith("/events") else ""  # without it the stream does not end
     query = "?page=/nothing" if path == "/live" else query
     return path.format(**VALUES) + query
@@ -46,7 +46,7 @@ def test_route_without_a_role_is_not_served(farm):
         ("HEAD", f"{NETWORK_PREFIX}/status"),
         ("GET", f"{NETWORK_PREFIX}/.."),
     }:
-        assert farm.ask(method, fill(path), operator, json={}).status_code == 404, (method, path)
+        assert farm.ask(method, fill_path(path), operator, json={}).status_code == 404, (method, path)
     for path in (
         "/status",
         "/docs",
@@ -73,15 +73,15 @@ def list_callers(farm, needed_role):
     for text in wrong_texts:
         yield f"key {text}", {"x-api-key": text.encode()}, 401
     for text in ("nonsense", sessions[OPERATE][:-1], ended_session, unused_session, keys[OPERATE]):
-        yield f"session {text}", OWN_PAGE | farm.hold(text), 401
-    operator, session = {"x-api-key": keys[OPERATE]}, farm.hold(sessions[OPERATE])
+        yield f"session {text}", OWN_PAGE | farm.make_cookie_header(text), 401
+    operator, session = {"x-api-key": keys[OPERATE]}, farm.make_cookie_header(sessions[OPERATE])
     yield "other host", operator | {"host": "evil.example"}, 421
     yield "other host, session", OWN_PAGE | session | {"host": "evil.example"}, 421
     for role in Role:
         status = None if role.allows(needed_role) else 403
         yield f"key {role}", {"x-api-key": keys[role]}, status
         yield f"bearer {role}", {"authorization": f"Bearer {keys[role]}"}, status
-        yield f"session {role}", OWN_PAGE | farm.hold(sessions[role]), status
+        yield f"session {role}", OWN_PAGE | farm.make_cookie_header(sessions[role]), status
 
 
 OTHER_SITES = (
@@ -95,11 +95,11 @@ OTHER_SITES = (
 
 @pytest.mark.parametrize(("method", "path"), ROLES)
 def test_route_answers_each_kind_of_caller_by_its_role(farm, method, path):
-    needed_role, path_filled = ROLES[method, path], fill(path)
+    needed_role, filled_path = ROLES[method, path], fill_path(path)
     callers = list(list_callers(farm, needed_role))
 
     def ask(headers):
-        return farm.ask(method, path_filled, headers=headers, json={"why": "x"}).status_code
+        return farm.ask(method, filled_path, headers=headers, json={"why": "x"}).status_code
 
     def count_events():
         return len(farm.store.events())
@@ -116,9 +116,8 @@ def test_route_answers_each_kind_of_caller_by_its_role(farm, method, path):
             for site in OTHER_SITES:
                 headers_without_origin = {name: value for name, value in headers.items() if name != "origin"}
                 assert ask(headers_without_origin | site) == 403, site
-        assert (
-            ask({"cookie": operator_headers[1]["cookie"]}) == 403
-        )  # no browser sends a form without its origin
+        # No browser sends a form without its origin.
+        assert ask({"cookie": operator_headers[1]["cookie"]}) == 403
     assert count_events() == event_count  # refused requests changed nothing
     for name, headers, status in callers:
         if status is None and (method, path) != ("POST", "/logout"):
@@ -189,7 +188,7 @@ def test_every_answer_forbids_scripts_and_frames_and_no_other_site_may_read_it(f
 
 
 def test_body_that_cannot_be_parsed_gives_an_error_like_any_other(farm):
-    path, key = fill(f"{NETWORK_PREFIX}/printers/{{name}}/cleared"), farm.add(OPERATE).text
+    path, key = fill_path(f"{NETWORK_PREFIX}/printers/{{name}}/cleared"), farm.add(OPERATE).text
     answer = farm.ask("POST", path, key, content=b'{"why": "\xff"}', headers=JSON)
     assert answer.status_code == 400
     assert answer.json().keys() == {"error", "code", "exit_code"}

@@ -14,7 +14,7 @@ from farm.state.event_rows import EventRow
 from farms.web_farm import HOST, WebFarm, get_network_path
 from hosts.fake_event_loop_clock import FakeTime
 
-EVENTS = get_network_path("/events")
+EVENTS_PATH = get_network_path("/events")
 
 
 @pytest.fixture
@@ -38,23 +38,23 @@ def read_stream(text):
 
 def test_stream_has_all_events_after_a_number(farm):
     key = farm.add_key(Role.LOOK)
-    answer = farm.ask("GET", EVENTS, key, params={"since": 0, "wait": "false"})
+    answer = farm.ask("GET", EVENTS_PATH, key, params={"since": 0, "wait": "false"})
     assert answer.headers["content-type"].startswith("text/event-stream")
     events = read_stream(answer.text)
     assert [number for number, _ in events] == list(range(1, farm.store.find_last_event() + 1))
     assert [event["kind"] for _, event in events] == [kind for _, kind, _ in farm.store.events()]
-    later_answer = farm.ask("GET", EVENTS, key, params={"since": 2, "wait": "false"})
+    later_answer = farm.ask("GET", EVENTS_PATH, key, params={"since": 2, "wait": "false"})
     assert read_stream(later_answer.text) == events[2:]
     repeated_answer = farm.ask(
-        "GET", EVENTS, key, headers={"Last-Event-ID": "3"}, params={"since": 0, "wait": "false"}
+        "GET", EVENTS_PATH, key, headers={"Last-Event-ID": "3"}, params={"since": 0, "wait": "false"}
     )
     assert read_stream(repeated_answer.text) == events[3:]
-    assert read_stream(farm.ask("GET", EVENTS, key, params={"wait": "false"}).text) == []
+    assert read_stream(farm.ask("GET", EVENTS_PATH, key, params={"wait": "false"}).text) == []
 
 
 def test_event_names_job_and_person_but_no_file_and_no_hash(farm):
     key = farm.add_key(Role.LOOK)
-    text = farm.ask("GET", EVENTS, key, params={"since": 0, "wait": "false"}).text
+    text = farm.ask("GET", EVENTS_PATH, key, params={"since": 0, "wait": "false"}).text
     submitted_event = next(event for _, event in read_stream(text) if event["kind"] == "JobSubmitted")
     assert (submitted_event["job"], submitted_event["by"]) == (1, "ann")
     assert farm.controller.books.keys[key.id].digest not in text
@@ -65,19 +65,19 @@ def test_event_names_job_and_person_but_no_file_and_no_hash(farm):
 
 def test_number_that_the_log_does_not_have_yet_is_refused(farm):
     key = farm.add_key(Role.LOOK)
-    answer = farm.ask("GET", EVENTS, key, params={"since": 1000})
+    answer = farm.ask("GET", EVENTS_PATH, key, params={"since": 1000})
     assert answer.status_code == 409
     assert f"since={farm.store.find_last_event()}" in answer.json()["error"]
     for number in ("x", "-1", str(2**63)):
-        assert farm.ask("GET", EVENTS, key, headers={"Last-Event-ID": number}).status_code == 400
+        assert farm.ask("GET", EVENTS_PATH, key, headers={"Last-Event-ID": number}).status_code == 400
 
 
-def follow_stream(farm, key, react):
-    """Open a stream, call `react` with its text at each chunk, and return the text at its end."""
+def follow_stream(farm, key, on_text):
+    """Open a stream, call `on_text` with its text at each chunk, and return the text at its end."""
     scope = {
         "type": "http",
         "method": "GET",
-        "path": EVENTS,
+        "path": EVENTS_PATH,
         "query_string": b"",
         "headers": [(b"host", HOST.encode()), (b"x-api-key", key.text.encode())],
         "client": ("10.0.0.9", 1),
@@ -89,7 +89,7 @@ def follow_stream(farm, key, react):
 
     async def send(message):
         chunks.append(message.get("body", b"").decode())
-        react("".join(chunks))
+        on_text("".join(chunks))
 
     asyncio.run(farm.web(scope, receive, send))
     return "".join(chunks)
@@ -98,13 +98,13 @@ def follow_stream(farm, key, react):
 def test_stream_shows_a_new_event_and_ends_when_the_key_is_revoked(farm):
     key = farm.add_key(Role.LOOK)
 
-    def react(text):
+    def on_text(text):
         if "retry" in text and "JobCancelled" not in text:
             farm.jobs.cancel(1, "bob")
         elif text.endswith(":\n\n") and farm.controller.books.keys[key.id].revoked_s is None:  # a heartbeat
             farm.keys.revoke(key.id, "ann")
 
-    text = follow_stream(farm, key, react)
+    text = follow_stream(farm, key, on_text)
     cancelled_event = next(event for _, event in read_stream(text) if event["kind"] == "JobCancelled")
     assert (cancelled_event["job"], cancelled_event["by"]) == (1, "bob")
     assert "KeyRevoked" not in text
@@ -118,11 +118,11 @@ def test_stream_ends_with_the_daemon_and_its_place_is_free_again(farm):
         with streams.count("key look"):
             pass
 
-    def react(text):
+    def on_text(text):
         if "retry" in text:
             streams.close()
 
-    follow_stream(farm, key, react)
+    follow_stream(farm, key, on_text)
     assert streams._callers.total() == 0
     with pytest.raises(Refused, match="shutting down"):
         streams.check("key look")
@@ -142,12 +142,12 @@ def test_streams_are_limited_for_a_caller_and_in_all():
 
 
 def test_long_log_is_sent_in_order(monkeypatch):
-    class Log(NoEvents):
+    class LongLog(NoEvents):
         def read_events(self, after, limit):
             return [EventRow(n, 0.0, "JobMoved") for n in range(after + 1, min(after + limit, 1000) + 1)]
 
     async def read():
-        rows = EventStreams(Log()).follow(17, lambda: True, wait=False)
+        rows = EventStreams(LongLog()).follow(17, lambda: True, wait=False)
         return [row.number async for batch in rows for row in batch]
 
     assert FakeTime(monkeypatch, 0.0).run(read()) == list(range(18, 1001))

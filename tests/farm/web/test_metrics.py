@@ -10,7 +10,7 @@ from farms.scraped_farm import ScrapedFarm
 DONE, FAILED = PrintState.DONE, PrintState.FAILED
 
 
-def read(text):
+def read_samples(text):
     """Return the samples of a scrape by name and labels."""
     return {
         (sample.name, *sorted(sample.labels.values())): sample.value
@@ -28,20 +28,20 @@ def test_prints_are_counted_by_outcome_and_never_fall_over_a_restart(tmp_path):
     old_totals = {}
     for state in (DONE, FAILED, DONE):
         farm.print_plate(state)
-        new_totals = sum_totals(read(farm.scrape()))
+        new_totals = sum_totals(read_samples(farm.scrape()))
         assert all(new_totals[key] >= value for key, value in old_totals.items())
         old_totals = new_totals
     assert old_totals["farm_prints_total", "a", "done"] == 2
     assert old_totals["farm_prints_total", "a", "failed"] == 1
     assert old_totals["farm_print_seconds_total", "a", "done"] == pytest.approx(200.0, abs=1.0)
     farm.restart()
-    assert sum_totals(read(farm.scrape())) == old_totals
+    assert sum_totals(read_samples(farm.scrape())) == old_totals
 
 
 def test_each_printer_has_one_state_and_an_absent_reading_has_no_sample(tmp_path):
     farm = ScrapedFarm(tmp_path)
     farm.print_plate(DONE)
-    samples = read(farm.scrape())
+    samples = read_samples(farm.scrape())
     for printer in ("a", "b"):
         states = [samples["farm_printer_state", *sorted((printer, state))] for state in _PRINTER_STATES]
         assert sorted(states) == [0.0] * (len(states) - 1) + [1.0], printer

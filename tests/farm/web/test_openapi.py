@@ -40,7 +40,7 @@ def list_references(value):
 def test_every_served_route_is_described_with_its_role_and_no_other(document):
     operations = list_operations(document)
     described_routes = {
-        place for place in ROLES if place[1].startswith(get_network_path("/"))
+        route for route in ROLES if route[1].startswith(get_network_path("/"))
     } - OWN_DESCRIPTION
     assert operations.keys() == described_routes | {("GET", METRICS), ("GET", LIVENESS)}
     for (verb, path), operation in operations.items():
@@ -51,11 +51,11 @@ def test_every_served_route_is_described_with_its_role_and_no_other(document):
 
 
 def test_every_answer_has_a_schema_and_every_reference_is_there(document):
-    for place, operation in list_operations(document).items():
+    for route, operation in list_operations(document).items():
         for status, answer in operation["responses"].items():
             for kind, content in answer["content"].items():
-                assert kind != "application/json" or content["schema"], (place, status)
-        assert "422" not in operation["responses"], place
+                assert kind != "application/json" or content["schema"], (route, status)
+        assert "422" not in operation["responses"], route
     schemas = document["components"]["schemas"]
     assert {f"#/components/schemas/{name}" for name in schemas} == list_references(document)
     assert "DownRequest" not in schemas

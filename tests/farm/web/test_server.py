@@ -34,7 +34,7 @@ def make_certificate(folder):
     return cert, key
 
 
-def reach(port, path, context=None, key=None):
+def request_page(port, path, context=None, key=None):
     """Return the status of a request, and its answer."""
     scheme = "http" if context is None else "https"
     request = urllib.request.Request(f"{scheme}://localhost:{port}{path}")
@@ -84,9 +84,9 @@ def test_another_host_sees_and_submits_over_tls_as_its_role_allows(farm, tmp_pat
     added_key = farm.ok("key", "add", "laptop", "--role", "look").strip()
     context = ssl.create_default_context(cafile=cert)
     wait_for("the server", lambda: "closed" not in farm.ok("key").splitlines()[0], 30.0)
-    assert reach(port, "/healthz", context) == (200, b'{"status":"ok"}')
-    assert reach(port, "/api/v1/status", context)[0] == 401
-    assert reach(port, "/status", context, added_key)[0] == 404
+    assert request_page(port, "/healthz", context) == (200, b'{"status":"ok"}')
+    assert request_page(port, "/api/v1/status", context)[0] == 401
+    assert request_page(port, "/status", context, added_key)[0] == 404
 
     file = tmp_path / "key"
     file.touch(mode=0o600)
@@ -124,12 +124,12 @@ def test_another_host_sees_and_submits_over_tls_as_its_role_allows(farm, tmp_pat
         urllib.request.urlopen(page, timeout=30, context=context)
     error.value.close()
     farm.ok("key", "revoke", listed_keys[0]["id"])
-    assert reach(port, "/api/v1/status", context, added_key)[0] == 401
+    assert request_page(port, "/api/v1/status", context, added_key)[0] == 401
     # a client that never begins its handshake does not delay others
-    with ExitStack() as idle:
+    with ExitStack() as idle_clients:
         for _ in range(100):
-            idle.enter_context(socket.create_connection(("127.0.0.1", port), 30))
-        assert reach(port, "/healthz", context)[0] == 200
+            idle_clients.enter_context(socket.create_connection(("127.0.0.1", port), 30))
+        assert request_page(port, "/healthz", context)[0] == 200
 
 
 def test_slow_network_clients_do_not_delay_the_socket(farm):
@@ -139,13 +139,13 @@ def test_slow_network_clients_do_not_delay_the_socket(farm):
         farm.up()
         assert "Address already in use" in farm.ok("key")
     wait_for("the port", lambda: "closed" not in farm.ok("key").splitlines()[0], 60.0)
-    with ExitStack() as idle:
+    with ExitStack() as idle_clients:
         for number in range(300):
-            client = idle.enter_context(socket.create_connection(("127.0.0.1", port), 30))
+            client = idle_clients.enter_context(socket.create_connection(("127.0.0.1", port), 30))
             if number % 2:
                 client.send(INCOMPLETE_HEAD)
         assert farm.status()["printers"][0]["state"] == "idle"
-        assert reach(port, "/healthz")[0] == 200
+        assert request_page(port, "/healthz")[0] == 200
     pid = farm.status()["daemon"]["pid"]
     os.kill(pid, signal.SIGTERM)
     wait_for("the daemon's end", lambda: not (farm.state / "farm.sock").exists(), 30.0)
@@ -156,11 +156,11 @@ def test_daemon_ends_in_time_with_hanging_clients_and_half_uploads(farm, tmp_pat
     farm.fleet.write_text(farm.fleet.read_text() + f"web: {{listen: '127.0.0.1:{port}'}}\n")
     farm.up()
     key = farm.ok("key", "add", "ann", "--role", "print").strip()
-    beginnings = list_incomplete_requests(key)
+    incomplete_requests = list_incomplete_requests(key)
     with ExitStack() as stack:
         for number in range(150):
             client = stack.enter_context(socket.create_connection(("127.0.0.1", port), 30))
-            client.send(beginnings[number % len(beginnings)])
+            client.send(incomplete_requests[number % len(incomplete_requests)])
         status = farm.status()
         agent = status["printers"][0]["agent_pid"]
         wait_for("half an upload", lambda: list((farm.state / "work").glob("upload-*")), 60.0)

@@ -19,7 +19,7 @@ async def do_nothing(scope, receive, send):
     pass
 
 
-def run(section, has_key, until):
+def run(section, has_key, condition):
     """Serve until a problem is reported, then close; return the problem."""
     state = NetworkState()
 
@@ -27,7 +27,7 @@ def run(section, has_key, until):
         server = NetworkServer(section, do_nothing, 4, state)
         server.start(has_key)
         async with asyncio.timeout(30):
-            while not until(state):
+            while not condition(state):
                 await asyncio.sleep(0)
         await server.close()
 

@@ -180,19 +180,19 @@ def test_event_log_names_every_kind_of_caller(farm):
     farm.browse("POST", CLEARED_PATH, farm.open_session(Role.OPERATE, "ann"), json={})
     farm.ask("POST", CLEARED_PATH, farm.add(Role.OPERATE, "panel").text, json={})
     assert ask_socket(farm, DAEMON_USER, "/printers/a/cleared").status_code == 200
-    cleared_event = [json.loads(body)["by"] for _, kind, body in farm.store.events() if kind == "BedCleared"]
-    assert cleared_event == ["ann", "key panel", DAEMON_USER.name]
+    callers = [json.loads(body)["by"] for _, kind, body in farm.store.events() if kind == "BedCleared"]
+    assert callers == ["ann", "key panel", DAEMON_USER.name]
 
 
-STRANGER = Person(uid=54321, gid=54321)
+NON_MEMBER = Person(uid=54321, gid=54321)
 """User who is not in the daemon's group."""
 
 
 @pytest.mark.parametrize(
     ("group", "person", "role"),
     [
-        (None, STRANGER, "operate"),
-        (grp.getgrgid(os.getgid()).gr_name, STRANGER, "print"),
+        (None, NON_MEMBER, "operate"),
+        (grp.getgrgid(os.getgid()).gr_name, NON_MEMBER, "print"),
         (grp.getgrgid(os.getgid()).gr_name, DAEMON_USER, "operate"),
     ],
 )
@@ -215,7 +215,7 @@ def test_link_is_for_the_user_whom_the_kernel_names(tmp_path, group, person, rol
 def test_operators_alone_end_all_sessions(tmp_path):
     farm = NetworkFarm(tmp_path, fleet={"operators": grp.getgrgid(os.getgid()).gr_name})
     text = farm.open_session()
-    assert ask_socket(farm, STRANGER, "/sessions/end").status_code == 409
+    assert ask_socket(farm, NON_MEMBER, "/sessions/end").status_code == 409
     assert farm.browse("GET", "/", text).status_code == 200
     assert ask_socket(farm, DAEMON_USER, "/sessions/end").json()["ended"] == 1
     assert farm.browse("GET", "/", text).status_code == 401
@@ -364,7 +364,7 @@ def test_live_page_is_for_the_role_of_now_and_its_stream_ends_with_that_role(tmp
         if b"beat" in chunks[-1]:
             farm.services.page_streams.close()  # otherwise the stream would not end
 
-    headers = {"host": HOST, **farm.hold(session)}
+    headers = {"host": HOST, **farm.make_cookie_header(session)}
     scope = {
         "type": "http",
         "method": "GET",

@@ -17,10 +17,10 @@ FIRST_PAGE_BYTES, WITH_VIEWER_BYTES = 60_000, 250_000
 
 
 def test_first_page_of_a_hundred_printers_is_light(tmp_path):
-    network = NetworkFarm(tmp_path)
-    key = network.add(Role.OPERATE).text
-    status = api.Status.model_validate(network.ask("GET", "/api/v1/status", key).json())
-    network.store.close()
+    farm = NetworkFarm(tmp_path)
+    key = farm.add(Role.OPERATE).text
+    status = api.Status.model_validate(farm.ask("GET", "/api/v1/status", key).json())
+    farm.store.close()
     progress = api.PrintProgress(
         job=1, plate="1/01", state="printing", progress=0.5, remaining_s=4000.0, layers=9, pause_ends=None
     )
@@ -47,27 +47,27 @@ def test_viewer_is_light():
 
 
 def test_page_is_compressed_for_clients_that_read_it(tmp_path):
-    network = NetworkFarm(tmp_path)
-    session = network.open_session()
-    page = network.browse("GET", "/", session)
+    farm = NetworkFarm(tmp_path)
+    session = farm.open_session()
+    page = farm.browse("GET", "/", session)
     assert page.headers["content-encoding"] == "gzip"
     assert page.headers["vary"].lower() == "accept-encoding"
-    plain_page = network.browse("GET", "/", session, {"accept-encoding": "identity"})
+    plain_page = farm.browse("GET", "/", session, {"accept-encoding": "identity"})
     assert "content-encoding" not in plain_page.headers
     assert int(plain_page.headers["content-length"]) == len(plain_page.content)
     assert plain_page.text == page.text
-    assert "content-encoding" not in network.ask("GET", "/healthz").headers
-    network.store.close()
+    assert "content-encoding" not in farm.ask("GET", "/healthz").headers
+    farm.store.close()
 
 
 def test_files_of_jobs_are_sent_as_they_are(tmp_path):
-    network = NetworkFarm(tmp_path)
-    plan_job(network, glb=b"glTF" * 1000)
-    (network.state.files / "g.gcode").write_bytes(b"G1 X1\n" * 1000)
-    (network.state.files / "p.stl").write_bytes(b"solid " * 1000)
-    session = network.open_session()
+    farm = NetworkFarm(tmp_path)
+    plan_job(farm, glb=b"glTF" * 1000)
+    (farm.state.files / "g.gcode").write_bytes(b"G1 X1\n" * 1000)
+    (farm.state.files / "p.stl").write_bytes(b"solid " * 1000)
+    session = farm.open_session()
     for name in ("plate-01.gcode", "p01.stl", "assembly.glb"):
-        answer = network.browse("GET", f"/api/v1/jobs/1/files/{name}", session)
+        answer = farm.browse("GET", f"/api/v1/jobs/1/files/{name}", session)
         assert "content-encoding" not in answer.headers, (name, answer.headers)
         assert int(answer.headers["content-length"]) == len(answer.content) >= 4000
-    network.store.close()
+    farm.store.close()

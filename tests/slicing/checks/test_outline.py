@@ -12,7 +12,7 @@ from slicing.checks import WallLayout, check_outline, read_toolpath, read_wall_l
 from slicing.errors import Rule, SliceRejected
 from slicing.plate import slice_plate
 
-LINES = WallLayout(
+LAYOUT = WallLayout(
     layer_height_0_mm=0.3,
     layer_height_mm=0.2,
     width_mm=0.35,
@@ -22,7 +22,7 @@ LINES = WallLayout(
     offset_mm=0.0,
     slack_mm=0.0,
 )
-MM2 = 6.379
+FILAMENT_MM2 = 6.379
 MOVE = trimesh.transformations.translation_matrix
 BOX = trimesh.creation.box((30, 20, 6), MOVE((0, 0, 3)))
 CONE = trimesh.creation.cone(15, 20, sections=64)
@@ -31,33 +31,33 @@ TUBE = trimesh.boolean.difference([BOX, trimesh.creation.cylinder(5, 20, section
 FIN = trimesh.boolean.union([BOX, trimesh.creation.box((0.3, 12, 9), MOVE((4, 0, 9)))])
 
 
-def draw_rings(shape, lines=LINES):
+def draw_rings(shape, layout=LAYOUT):
     """Yield the centre lines of the outer wall of a shape."""
-    inner_shape = shape.buffer(-lines.width_mm / 2 - lines.inset_mm, join_style="mitre")
+    inner_shape = shape.buffer(-layout.width_mm / 2 - layout.inset_mm, join_style="mitre")
     for part in shapely.get_parts(inner_shape):
         if part.is_empty:
             continue
         yield from (part.exterior.coords, *(hole.coords for hole in part.interiors))
 
 
-def draw_gcode(layers, lines=LINES):
+def draw_gcode(layers, layout=LAYOUT):
     """Write G-code of an outer wall: for each layer its rings, each a list of points."""
     text, fed_mm = [";LAYER_COUNT:9"], 0.0
     for number, paths in enumerate(layers):
         text += [f";LAYER:{number}", ";TYPE:WALL-OUTER"]
-        height = lines.compute_top_mm(number)
-        layer_mm = lines.layer_height_mm if number else lines.layer_height_0_mm
+        height = layout.compute_top_mm(number)
+        layer_mm = layout.layer_height_mm if number else layout.layer_height_0_mm
         for points in paths:
             points = np.asarray(points)[:, :2] + 100.0
             text.append(f"G0 F9000 X{points[0][0]:.3f} Y{points[0][1]:.3f} Z{height:.3f}")
             for start, end_points in pairwise(points):
-                fed_mm += np.hypot(*(end_points - start)) * lines.width_mm * layer_mm / MM2
+                fed_mm += np.hypot(*(end_points - start)) * layout.width_mm * layer_mm / FILAMENT_MM2
                 text.append(f"G1 F1800 X{end_points[0]:.3f} Y{end_points[1]:.3f} E{fed_mm:.5f}")
     return "\n".join(text).encode()
 
 
-def count_layers(mesh, lines=LINES):
-    return round((mesh.extents[2] - lines.layer_height_0_mm) / lines.layer_height_mm) + 1
+def count_layers(mesh, layout=LAYOUT):
+    return round((mesh.extents[2] - layout.layer_height_0_mm) / layout.layer_height_mm) + 1
 
 
 def make_circle(radius_mm):
@@ -74,47 +74,46 @@ SHAPES = {
 }
 
 
-def list_shapes(mesh, lines=LINES):
+def list_shapes(mesh, layout=LAYOUT):
     """Return the sections of one of the models above."""
-    return [SHAPES[id(mesh)](z_mm) for z_mm in lines.compute_section_heights_mm(count_layers(mesh, lines))]
+    return [SHAPES[id(mesh)](z_mm) for z_mm in layout.compute_section_heights_mm(count_layers(mesh, layout))]
 
 
-def check(mesh, layers, lines=LINES, removed_layers=0):
+def check_layers(mesh, layers, layout=LAYOUT, removed_layers=0):
     return check_outline(
-        read_toolpath(draw_gcode(layers, lines)),
+        read_toolpath(draw_gcode(layers, layout)),
         np.asarray(mesh.triangles, float),
-        lines,
+        layout,
         removed_layers=removed_layers,
         centre_mm=(100.0, 100.0),
-        filament_mm2=MM2,
+        filament_mm2=FILAMENT_MM2,
     )
 
 
 @pytest.mark.parametrize("mesh", [BOX, TUBE], ids=["box", "tube"])
 def test_wall_along_the_outline_passes(mesh):
     layers = [list(draw_rings(shape)) for shape in list_shapes(mesh)]
-    assert check(mesh, layers) == ()
-    reversed_layers = [
-        [np.asarray(ring)[::-1] for ring in layer] for layer in layers
-    ]  # the direction of Cura 5
-    assert check(mesh, reversed_layers) == ()
+    assert check_layers(mesh, layers) == ()
+    # Cura 5 draws rings in the other direction.
+    reversed_layers = [[np.asarray(ring)[::-1] for ring in layer] for layer in layers]
+    assert check_layers(mesh, reversed_layers) == ()
     inverted_mesh = mesh.copy()
     inverted_mesh.invert()
-    assert check(inverted_mesh, layers) == ()
+    assert check_layers(inverted_mesh, layers) == ()
 
 
 def test_model_is_grown_as_the_settings_say():
-    lines = replace(LINES, offset_mm=0.4, offset_0_mm=-0.3)
+    layout = replace(LAYOUT, offset_mm=0.4, offset_0_mm=-0.3)
     grown_layers = [
         list(draw_rings(shape.buffer(0.4 if number else -0.3, join_style="mitre")))
         for number, shape in enumerate(list_shapes(BOX))
     ]
-    assert check(BOX, grown_layers, lines) == ()
+    assert check_layers(BOX, grown_layers, layout) == ()
     with pytest.raises(SliceRejected, match="layer 0"):
-        check(BOX, grown_layers)
+        check_layers(BOX, grown_layers)
 
 
-def break_layer(change):
+def change_fifth_layer(change):
     """Return the tube with its fifth layer changed."""
     layers = [list(draw_rings(shape)) for shape in list_shapes(TUBE)]
     layers[5] = change(layers[5])
@@ -137,7 +136,7 @@ def break_layer(change):
 )
 def test_layer_that_differs_from_the_model_is_refused(change, message):
     with pytest.raises(SliceRejected, match=message) as error:
-        check(TUBE, break_layer(change))
+        check_layers(TUBE, change_fifth_layer(change))
     assert error.value.rule is Rule.OUTLINE
     assert "repair the mesh" in str(error.value)
 
@@ -145,9 +144,9 @@ def test_layer_that_differs_from_the_model_is_refused(change, message):
 def test_missing_top_is_refused():
     layers = [list(draw_rings(shape)) for shape in list_shapes(TUBE)]
     with pytest.raises(SliceRejected, match="leaves out"):
-        check(TUBE, layers[:20])
+        check_layers(TUBE, layers[:20])
     with pytest.raises(SliceRejected, match="% of the model is missing"):
-        check(TUBE, layers[:10])
+        check_layers(TUBE, layers[:10])
 
 
 def test_short_gap_without_flow_does_not_open_a_ring():
@@ -155,21 +154,21 @@ def test_short_gap_without_flow_does_not_open_a_ring():
     outer = np.asarray(layers[5][0])
     gap_end = outer[2] + (outer[3] - outer[2]) / 20
     layers[5] = [outer[:3], np.vstack((gap_end, outer[3:]))]
-    assert check(BOX, layers) == ()
+    assert check_layers(BOX, layers) == ()
 
 
 def test_removed_bottom_layers_are_considered():
     layers = [list(draw_rings(shape)) for shape in list_shapes(CONE)]
-    assert check(CONE, layers) == ()
-    assert check(CONE, layers[2:], removed_layers=2) == ()
-    assert check(CONE, layers[2:], replace(LINES, offset_0_mm=-0.3), removed_layers=2) == ()
+    assert check_layers(CONE, layers) == ()
+    assert check_layers(CONE, layers[2:], removed_layers=2) == ()
+    assert check_layers(CONE, layers[2:], replace(LAYOUT, offset_0_mm=-0.3), removed_layers=2) == ()
     with pytest.raises(SliceRejected, match="layer"):
-        check(CONE, layers[2:])
+        check_layers(CONE, layers[2:])
 
 
 def test_unprintable_wall_is_reported_with_its_size_and_position():
     layers = [list(draw_rings(shape)) for shape in list_shapes(FIN)]
-    (wall,) = check(FIN, layers)
+    (wall,) = check_layers(FIN, layers)
     assert wall.area_mm2 == pytest.approx(12 * 7.5, rel=0.05)
     assert (wall.x_mm, wall.y_mm) == pytest.approx((4, 0), abs=0.1)
     assert (wall.from_z_mm, wall.to_z_mm) == pytest.approx((6, 13.5), abs=0.11)
@@ -179,7 +178,7 @@ def test_unprintable_wall_is_reported_with_its_size_and_position():
 def test_wall_of_one_line_is_printed():
     layers = [list(draw_rings(shape)) for shape in list_shapes(FIN)]
     layers = [layer or [[(4, -5.8), (4, 5.8)]] for layer in layers]
-    assert check(FIN, layers) == ()
+    assert check_layers(FIN, layers) == ()
 
 
 @pytest.mark.parametrize(

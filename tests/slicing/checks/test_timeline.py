@@ -46,12 +46,12 @@ def test_file_without_times_is_unchanged():
 def compute_start_times_s(path):
     """Compute the times (n,) at which a planner that is always kept full accepts each move."""
     planner = Planner(Limits.from_profile(PROFILES["ultimaker2_plus"]), (0.0,) * 4, lambda e_mm, z_mm: None)
-    place, now_s, times_s = np.zeros(4), 0.0, []
+    position, now_s, times_s = np.zeros(4), 0.0, []
     for move, feed in zip(path.end - path.start, path.feed_mm_min / 60, strict=True):
-        place = place + move
+        position = position + move
         now_s = max(now_s, planner.compute_free_s())
         planner.advance(now_s)
-        planner.add(tuple(place), max(feed, 1.0), now_s)
+        planner.add(tuple(position), max(feed, 1.0), now_s)
         times_s.append(now_s)
     return np.array(times_s)
 
@@ -76,9 +76,9 @@ def test_times_within_layers_are_those_of_the_planner_of_the_firmware(request_fo
     # A move begins when the queue has accepted as many more moves as fit into it.
     expected_times_s = planned_s[CAPACITY:] - planned_s[first_move + CAPACITY]
     marks = [(n.move, float(n.text[13:])) for n in path.comments if n.text.startswith("TIME_ELAPSED:")]
-    error_s = np.array(
+    errors_s = np.array(
         [seconds - expected_times_s[move] for move, seconds in marks if move < len(expected_times_s)]
     )
-    assert len(error_s) > 100
-    assert np.abs(error_s).max() < 0.01 * result.sliced_s
-    assert np.abs(error_s - np.median(error_s)).mean() < 0.001 * result.sliced_s
+    assert len(errors_s) > 100
+    assert np.abs(errors_s).max() < 0.01 * result.sliced_s
+    assert np.abs(errors_s - np.median(errors_s)).mean() < 0.001 * result.sliced_s

@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 from model_files.make_gcode import (
     FILAMENT_MM2,
     encode_lines,
+    join_objects,
     make_marlin,
     make_square,
     make_ultigcode,
-    print_in_sequence,
 )
 from model_files.own_gcode import accept, assert_refused, check_rules, extract_body, list_moves
 from slicing.errors import GcodeRefused
@@ -37,7 +37,7 @@ def test_start_that_leaves_the_head_in_the_bed_is_refused(z, message):
 
 def test_sequential_objects_are_limited_to_the_clearance_of_the_head():
     def make_two_towers(layers):
-        return make_marlin(print_in_sequence(make_square(layers=layers), make_square(at_mm=170.0, layers=2)))
+        return make_marlin(join_objects(make_square(layers=layers), make_square(at_mm=170.0, layers=2)))
 
     check_rules(accept(make_two_towers(layers=50)))
     assert_refused(make_two_towers(layers=53), "Z 0.2 beside what is 10.6 mm high.*Print Sequence")
@@ -161,10 +161,10 @@ LINES = st.one_of(
 @example([b";LAYER:0\n"], [], make_ultigcode)
 @settings(max_examples=300, deadline=None)
 def test_any_file_is_refused_or_safe(lines_before, lines_inside, dialect):
-    good_lines = encode_lines(dialect())
-    middle = len(good_lines) - 8
+    valid_lines = encode_lines(dialect())
+    middle = len(valid_lines) - 8
     try:
-        result = accept([*lines_before, *good_lines[:middle], *lines_inside, *good_lines[middle:]])
+        result = accept([*lines_before, *valid_lines[:middle], *lines_inside, *valid_lines[middle:]])
     except GcodeRefused as error:
         assert "\n" not in str(error)
     else:
@@ -176,6 +176,6 @@ def test_any_file_is_refused_or_safe(lines_before, lines_inside, dialect):
             back_mm = max(0.0, back_mm - e)
             assert back_mm <= 20.5 + 1e-4
             if z < 10:
-                lines_inside = zip(result.min_mm[:2], (x, y), result.max_mm[:2], strict=True)
-                assert all(low - 1e-3 <= value <= high + 1e-3 for low, value, high in lines_inside)
+                limits = zip(result.min_mm[:2], (x, y), result.max_mm[:2], strict=True)
+                assert all(low - 1e-3 <= value <= high + 1e-3 for low, value, high in limits)
         assert back_mm == pytest.approx(0.0, abs=1e-4)

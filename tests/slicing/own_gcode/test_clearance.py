@@ -6,7 +6,7 @@ import subprocess
 import pytest
 import trimesh
 
-from model_files.make_gcode import make_marlin, make_square, print_in_sequence
+from model_files.make_gcode import join_objects, make_marlin, make_square
 from model_files.make_stl import write_stl_bytes
 from model_files.own_gcode import accept, assert_refused, check_rules
 from printers.slicing_printers import UM2_PLUS
@@ -18,25 +18,28 @@ TOWER_18 = make_square(layers=90)
 
 
 @pytest.mark.parametrize(
-    ("moves", "collides"),
+    ("moves", "colliding_move"),
     [
         (["G0 X90 Y110 Z20", "G0 Z0.3", "G0 X130"], 2),  # through the middle
         (["G0 X90 Y110 Z30", "G0 X130 Z0.3"], 2),  # slanting
         (["G0 X90 Y110 Z20", "G0 X130"], None),  # above
+        # Into a hollow tower, less deep than the nozzle is long.
         (
             ["G0 Z25", "G0 X110 Y110", "G0 Z14", "G0 Z25"],
             None,
-        ),  # into a hollow tower, less than the nozzle's length
+        ),
         (["G0 Z25", "G0 X60 Y110", "G0 Z5"], 3),  # beside it: the head is 64 mm wide there
         (["G0 Z25", "G0 X190 Y190", "G0 Z5", "G0 Z25"], None),  # further away than the head is wide
     ],
 )
-def test_move_through_printed_lines_is_refused(moves, collides):
+def test_move_through_printed_lines_is_refused(moves, colliding_move):
     lines = make_marlin(TOWER_18)
     index = lines.index(";LAYER:89") + 1
     lines[index:index] = moves
-    if collides:
-        assert_refused(lines, rf"line {index + collides}: moves at Z .* into what is printed up to Z 17.8")
+    if colliding_move:
+        assert_refused(
+            lines, rf"line {index + colliding_move}: moves at Z .* into what is printed up to Z 17.8"
+        )
     else:
         check_rules(accept(lines))
 
@@ -51,13 +54,13 @@ def test_extent_of_the_head_matches_the_definition_of_cura():
     assert collides_at(100, 100, 8.0) and not collides_at(100, 100, 8.7)
     assert collides_at(102, 100) and not collides_at(102, 100, 4.0)
     # the head covers 44 mm left of the nozzle, 64 mm right, 34 mm in front and 14 mm behind
-    assert [collides_at(*offset_mm) for offset_mm in ((143, 100), (146, 100), (37, 100), (34, 100))] == [
+    assert [collides_at(*position_mm) for position_mm in ((143, 100), (146, 100), (37, 100), (34, 100))] == [
         True,
         False,
         True,
         False,
     ]
-    assert [collides_at(*offset_mm) for offset_mm in ((100, 133), (100, 136), (100, 87), (100, 84))] == [
+    assert [collides_at(*position_mm) for position_mm in ((100, 133), (100, 136), (100, 87), (100, 84))] == [
         True,
         False,
         True,
@@ -67,7 +70,7 @@ def test_extent_of_the_head_matches_the_definition_of_cura():
 
 def test_sequential_objects_need_the_width_of_the_head_between_them():
     def make_two_towers(at_mm, layers):
-        return make_marlin(print_in_sequence(make_square(layers=layers), make_square(at_mm=at_mm, layers=2)))
+        return make_marlin(join_objects(make_square(layers=layers), make_square(at_mm=at_mm, layers=2)))
 
     check_rules(accept(make_two_towers(170.0, layers=45)))
     check_rules(accept(make_two_towers(135.0, layers=25)))  # 5 mm high: below the head
@@ -82,21 +85,21 @@ def test_later_lines_are_obstacles_too():
         make_square(at_mm=50.0, layers=1),
     )
     assert_refused(
-        make_marlin(print_in_sequence(print_in_sequence(first_object, second_object), third_object)),
+        make_marlin(join_objects(join_objects(first_object, second_object), third_object)),
         r"Z 0\.2 into what is printed up to Z 8",
     )
 
 
 def test_total_pause_time_is_limited():
-    def make_wait(seconds, layers):
+    def add_pauses(seconds, layers):
         lines = make_marlin(make_square(layers=layers))
         for number in range(layers):
             index = lines.index(f";LAYER:{number}") + 2
             lines[index:index] = [f"G4 S{seconds}"]
         return lines
 
-    check_rules(accept(make_wait(30, 100)))
-    assert_refused(make_wait(40, 100), r"waits 3640 s in all so far: at most 3600")
+    check_rules(accept(add_pauses(30, 100)))
+    assert_refused(add_pauses(40, 100), r"waits 3640 s in all so far: at most 3600")
     assert_refused(
         make_marlin(body=["G4 S50", "G0 X99", "G4 P20000"]), r"waits 70 s in one place: at most 60"
     )
@@ -151,8 +154,8 @@ def test_one_at_a_time_output_is_accepted_with_room_for_the_head(
     """Move the second object by the bed's centre, which the engine adds only from that object on."""
     settings_by_scope = settings_of()
     for scope, values in (("global", settings_by_scope.global_), ("extruder", settings_by_scope.extruder)):
-        stacks = {**values, "print_sequence": "one_at_a_time"}
-        entries = {key: {"default_value": value} for key, value in stacks.items()}
+        settings = {**values, "print_sequence": "one_at_a_time"}
+        entries = {key: {"default_value": value} for key, value in settings.items()}
         (tmp_path / f"{scope}.json").write_text(json.dumps({"settings": entries}))
     for name, x, centre in (("a", -distance_mm / 2, 111.5), ("b", distance_mm / 2, 0.0)):
         post = trimesh.creation.cylinder(5, 8, transform=translate((centre + x, centre, 4)))

@@ -35,13 +35,13 @@ def format_cura_settings():
 
 
 @cache
-def write_complete(slicer):
+def read_complete_file(slicer):
     """Return a file of a slicer for the tile, or the plate, of the fixtures."""
     if slicer == "cura 5":
         record = json.loads(gzip.decompress((FIXTURES / "engine-5.0.json.gz").read_bytes()))
         return record["gcode"].encode()
     if slicer == "cura and its settings":
-        return write_complete("ultigcode") + format_cura_settings()
+        return read_complete_file("ultigcode") + format_cura_settings()
     return gzip.decompress((FIXTURES / f"tile-{slicer}.gcode.gz").read_bytes())
 
 
@@ -50,11 +50,13 @@ SLICERS = ["ultigcode", "cura 5", "cura and its settings", "prusaslicer"]
 
 @pytest.mark.parametrize("slicer", [*SLICERS, "slic3r"])
 def test_complete_file_is_accepted(slicer):
-    check_rules(accept(write_complete(slicer).splitlines(keepends=True)))
+    check_rules(accept(read_complete_file(slicer).splitlines(keepends=True)))
 
 
-def cut_is_refused(file, index):
-    assume(file[:index] != write_complete("ultigcode"))  # a complete file, to which Cura adds its settings
+def assert_cut_is_refused(file, index):
+    assume(
+        file[:index] != read_complete_file("ultigcode")
+    )  # a complete file, to which Cura adds its settings
     with pytest.raises(GcodeRefused, match=r"line \d+|prints nothing|start of its print|its flavour"):
         accept(file[:index].splitlines(keepends=True))
 
@@ -64,17 +66,17 @@ def cut_is_refused(file, index):
 @example(share=0.9999999)
 @settings(max_examples=60, deadline=None)
 def test_file_cut_at_any_byte_is_refused(slicer, share):
-    file = write_complete(slicer)
-    cut_is_refused(file, int(share * len(file)))
+    file = read_complete_file(slicer)
+    assert_cut_is_refused(file, int(share * len(file)))
 
 
 @pytest.mark.parametrize("slicer", SLICERS)
 @given(data=st.data())
 @settings(max_examples=40, deadline=None)
 def test_file_cut_at_the_end_of_any_line_is_refused(slicer, data):
-    file = write_complete(slicer)
+    file = read_complete_file(slicer)
     ends = [result.end() for result in re.finditer(rb"\n", file)]
-    cut_is_refused(file, data.draw(st.sampled_from(ends[:-1])))
+    assert_cut_is_refused(file, data.draw(st.sampled_from(ends[:-1])))
 
 
 @given(st.data())
@@ -82,13 +84,13 @@ def test_file_cut_at_the_end_of_any_line_is_refused(slicer, data):
 def test_file_of_a_slicer_without_a_closing_mark_is_refused_before_its_end_code(data):
     """Check files of Slic3r, which end with its settings, and of an unknown slicer, with end code only."""
     slic3r, unknown = (
-        write_complete("slic3r"),
+        read_complete_file("slic3r"),
         "\n".join(make_marlin(make_square(layers=20))).encode() + b"\n",
     )
     for file, end in ((slic3r, b"; filament used"), (unknown, b"M104 S0")):
         ends = [result.end() for result in re.finditer(rb"\n", file[: file.index(end)])]
-        cut_is_refused(file, data.draw(st.sampled_from(ends)))
-        cut_is_refused(file, data.draw(st.sampled_from(ends)) - data.draw(st.integers(1, 2)))
+        assert_cut_is_refused(file, data.draw(st.sampled_from(ends)))
+        assert_cut_is_refused(file, data.draw(st.sampled_from(ends)) - data.draw(st.integers(1, 2)))
 
 
 def test_fewer_layers_than_the_file_names_are_refused():
@@ -129,10 +131,10 @@ def test_layers_of_sequential_objects_are_counted_per_object():
 def test_empty_layers_that_cura_omits_are_a_warning():
     """Accept empty layers in the tip of a spire if the closing comment is present."""
     lines = make_ultigcode(make_square(layers=20))
-    lines_of_24 = [line.replace("COUNT:20", "COUNT:24") for line in lines]
-    assert "states 24 layers, but the file has only 20: Cura" in accept(lines_of_24).notices[-1]
+    lines_stating_24 = [line.replace("COUNT:20", "COUNT:24") for line in lines]
+    assert "states 24 layers, but the file has only 20: Cura" in accept(lines_stating_24).notices[-1]
     assert not any("layers" in line for line in accept(lines).notices)
-    assert_refused(lines_of_24[:-1], "closes its files with a comment")
+    assert_refused(lines_stating_24[:-1], "closes its files with a comment")
     assert_refused(
         [line.replace("COUNT:20", "COUNT:30") for line in lines], "states 30 layers, but the file has only 20"
     )
@@ -142,39 +144,41 @@ def test_empty_layers_that_cura_omits_are_a_warning():
 @settings(max_examples=20, deadline=None)
 def test_file_with_missing_layers_and_an_intact_end_is_refused(data):
     """Detect missing filament, which one move would extrude, and missing last layers by their count."""
-    lines = write_complete("ultigcode").splitlines(keepends=True)
+    lines = read_complete_file("ultigcode").splitlines(keepends=True)
     starts = [index for index, line in enumerate(lines) if line.startswith(b";LAYER:")]
     last_index = max(index for index, line in enumerate(lines) if line.startswith(b";TIME_ELAPSED:")) + 1
     starts.append(last_index)
     first_layer = data.draw(st.integers(1, len(starts) - 2))
     end_layer = data.draw(st.integers(first_layer + 1, len(starts) - 1))
-    hole = lines[: starts[first_layer]] + lines[starts[end_layer] :]
+    file_with_gap = lines[: starts[first_layer]] + lines[starts[end_layer] :]
     if end_layer < len(starts) - 1:
         with pytest.raises(GcodeRefused, match=r"lines are missing|states .* layers"):
-            accept(hole)
+            accept(file_with_gap)
         return
     try:
-        assert "layers, but" in accept(hole).notices[-1]
+        assert "layers, but" in accept(file_with_gap).notices[-1]
     except GcodeRefused as refusal:
         assert re.search("lines are missing|states .* layers", str(refusal))
 
 
-def write_figures(slicer):
+def read_file_with_figures(slicer):
     """Write a file with the figures that its slicer knows at the end, which Cura writes into its head."""
     if slicer == "cura 5":
         record = json.loads(gzip.decompress((FIXTURES / "engine-5.0.json.gz").read_bytes()))
         [head] = re.findall(
             r"Gcode header after slicing:\n(.*?)\n+End of gcode header", record["log"], re.DOTALL
         )
-        return head.encode() + write_complete(slicer)[write_complete(slicer).index(b"\n\n;Generated") :]
+        return (
+            head.encode() + read_complete_file(slicer)[read_complete_file(slicer).index(b"\n\n;Generated") :]
+        )
     if slicer == "ultigcode":
-        return write_complete(slicer).replace(b":6666\n;MATERIAL:6666", b":105\n;MATERIAL:246")
-    return write_complete(slicer)
+        return read_complete_file(slicer).replace(b":6666\n;MATERIAL:6666", b":105\n;MATERIAL:246")
+    return read_complete_file(slicer)
 
 
 @pytest.mark.parametrize("slicer", ["cura 5", "ultigcode", "prusaslicer", "slic3r"])
 def test_filament_that_a_slicer_names_is_in_its_file(slicer):
-    lines = write_figures(slicer).splitlines(keepends=True)
+    lines = read_file_with_figures(slicer).splitlines(keepends=True)
     assert survey_lines(lines, 2.85).figures.filament is not None
     check_rules(accept(lines))
 
@@ -184,7 +188,7 @@ def test_filament_that_a_slicer_names_is_in_its_file(slicer):
 @settings(max_examples=25, deadline=None)
 def test_file_with_stated_filament_is_refused_if_any_layer_is_missing(slicer, data):
     """Include the last layers, and files with relative E."""
-    lines = write_figures(slicer).splitlines(keepends=True)
+    lines = read_file_with_figures(slicer).splitlines(keepends=True)
     starts = [index for index, line in enumerate(lines) if line.startswith((b";LAYER:", b";LAYER_CHANGE"))]
     starts.append(
         max(index for index, line in enumerate(lines) if line.startswith(b"G1 X") and b"E" in line) + 1
@@ -204,13 +208,14 @@ def test_empty_layers_are_accepted_if_all_filament_is_present():
     higher_figures = [line.replace(f":{volume}", f":{volume + 2}") for line in figures]
     problem = rf"line 3 says that it takes {volume + 2} mm3 of filament, and its lines extrude {volume}"
     assert_refused(higher_figures, problem)
-    flow = [
+    # The flow is more than the E of the file, so no comparison is possible.
+    lines_with_flow = [
         *higher_figures[:-6],
         "M221 S101",
         *higher_figures[-6:],
-    ]  # more than its E: no comparison is possible
-    assert_refused(flow, "states 40 layers")
-    assert accept([line.replace("COUNT:40", "COUNT:20") for line in flow]).layers == 20
+    ]
+    assert_refused(lines_with_flow, "states 40 layers")
+    assert accept([line.replace("COUNT:40", "COUNT:20") for line in lines_with_flow]).layers == 20
 
 
 def test_filament_for_lines_that_are_missing_is_refused_with_the_line():
@@ -225,10 +230,12 @@ def test_missing_layer_is_reported_with_relative_e():
     """Report a missing layer, which may also be an empty one that was omitted."""
     lines = make_ultigcode(make_square(layers=20))
     index, end = lines.index(";LAYER:7"), lines.index(";LAYER:8")
-    gap = [*lines[:index], *lines[end:]]
-    relative = [line.split(" E")[0] + " E1.6" if line.startswith("G1 F1800") else line for line in gap]
-    relative.insert(relative.index(";LAYER:0"), "M83")
-    assert "states 20 layers, but the file has only 19" in accept(relative).notices[-1]
+    lines_with_gap = [*lines[:index], *lines[end:]]
+    relative_lines = [
+        line.split(" E")[0] + " E1.6" if line.startswith("G1 F1800") else line for line in lines_with_gap
+    ]
+    relative_lines.insert(relative_lines.index(";LAYER:0"), "M83")
+    assert "states 20 layers, but the file has only 19" in accept(relative_lines).notices[-1]
 
 
 def test_block_of_settings_that_does_not_end_is_refused():
@@ -249,10 +256,10 @@ def test_last_line_without_a_newline_is_refused():
         accept([*(line.encode() + b"\n" for line in make_marlin()[:-1]), b"M84"])
 
 
-@pytest.mark.parametrize("mm_a_layer", [0.6, 8.0, 16.0])
-def test_e_restarted_without_g92_is_refused_with_its_line(mm_a_layer):
+@pytest.mark.parametrize("mm_per_layer", [0.6, 8.0, 16.0])
+def test_e_restarted_without_g92_is_refused_with_its_line(mm_per_layer):
     """Refuse a file of which the last 40 of 100 layers would be dropped without a message."""
-    lines, layers = make_marlin(make_square(side_mm=mm_a_layer / 4 / 0.0125, at_mm=20.0, layers=100)), 60
+    lines, layers = make_marlin(make_square(side_mm=mm_per_layer / 4 / 0.0125, at_mm=20.0, layers=100)), 60
     index = lines.index(f";LAYER:{layers}")
     own_gcode = accept([*lines[:index], "G92 E0", *shift_e(lines[index:])])
     assert own_gcode.layers == 100

@@ -6,7 +6,7 @@ from model_files.make_gcode import FILAMENT_MM2, make_marlin, make_square
 from model_files.own_gcode import accept, assert_refused
 
 THIN_FILAMENT_SQUARE = make_square(e_per_mm=0.4 * 0.2 / (FILAMENT_MM2 * 1.75**2 / 2.85**2) * 0.85)
-"""As a slicer counts E for filament of 1.75 mm: few enough to look plausible for 2.85 mm."""
+"""As a slicer counts E for filament of 1.75 mm: little enough to look plausible for 2.85 mm."""
 
 
 def make_file(comment, lines=None):
@@ -82,10 +82,10 @@ def test_file_for_another_machine_must_state_its_filament():
 
 
 def test_wide_lines_without_a_nozzle_are_a_warning():
-    wide = make_square(e_per_mm=0.8 * 0.2 / FILAMENT_MM2)
-    assert len(list_warnings(make_marlin(wide))) == 1
-    assert list_warnings(make_file(";Nozzle Diameter #1: 0.80", make_marlin(wide))) == []
-    assert accept(make_file(";Nozzle Diameter #1: 0.80", make_marlin(wide))).nozzle_mm == 0.8
+    wide_square = make_square(e_per_mm=0.8 * 0.2 / FILAMENT_MM2)
+    assert len(list_warnings(make_marlin(wide_square))) == 1
+    assert list_warnings(make_file(";Nozzle Diameter #1: 0.80", make_marlin(wide_square))) == []
+    assert accept(make_file(";Nozzle Diameter #1: 0.80", make_marlin(wide_square))).nozzle_mm == 0.8
 
 
 def test_machine_name_is_printed_without_control_characters():

@@ -178,9 +178,9 @@ def test_only_the_extruders_own_keys_are_listed_for_it():
 )
 def test_cura_5_formula_reads_the_value_below_its_profile(formula, value):
     user = {"width": 3.0, "height": 0.9, "warmth": Formula(formula)}
-    below = make_resolver(user=user, extruder={"width": 2.0}, global_values={"height": 0.2})
-    assert below.compute_value(Scope.EXTRUDER, "warmth") == value
-    assert below.compute_value(Scope.EXTRUDER, "width") == 3.0  # and only there
+    resolver = make_resolver(user=user, extruder={"width": 2.0}, global_values={"height": 0.2})
+    assert resolver.compute_value(Scope.EXTRUDER, "warmth") == value
+    assert resolver.compute_value(Scope.EXTRUDER, "width") == 3.0  # and only there
 
 
 def test_scope_of_a_setting_follows_its_definition():

@@ -26,26 +26,26 @@ CASES = [*REQUESTED_HEIGHTS.items(), (0.4, LayerHeights(0.3, 0.2))]
 cases = st.sampled_from(CASES)
 
 
-def fit(height_mm, nozzle_mm, heights):
+def fit_for_nozzle(height_mm, nozzle_mm, heights):
     return fit_heights(height_mm, heights, max_first_mm=0.8 * nozzle_mm)
 
 
 @given(st.floats(0.2, HIGHEST_MM), cases)
 def test_layers_change_by_4_percent_at_most_and_the_first_stays_printable(height_mm, case):
     nozzle_mm, heights = case
-    result = fit(height_mm, nozzle_mm, heights)
+    result = fit_for_nozzle(height_mm, nozzle_mm, heights)
     assert abs(result.other_mm / heights.other_mm - 1) <= 0.04 + 1e-9
     assert 0.75 * heights.first_mm - 1e-3 <= result.first_mm <= 0.8 * nozzle_mm + 1e-9
     assert result.first_mm <= 1.25 * heights.first_mm + 1e-3
 
 
 @given(st.floats(0.0, 1.0), cases)
-def test_every_part_of_some_layers_is_printed_to_its_height(share, case):
+def test_every_part_of_enough_layers_is_printed_to_its_height(share, case):
     nozzle_mm, heights = case
     lowest_mm = MIN_EXACT_LAYERS * heights.other_mm
     height_mm = lowest_mm + share * (HIGHEST_MM - lowest_mm)
     assert (
-        abs(compute_printed_height_mm(height_mm, fit(height_mm, nozzle_mm, heights)) - height_mm)
+        abs(compute_printed_height_mm(height_mm, fit_for_nozzle(height_mm, nozzle_mm, heights)) - height_mm)
         <= MAX_HEIGHT_ERROR_MM
     )
 
@@ -54,7 +54,7 @@ def test_every_part_of_some_layers_is_printed_to_its_height(share, case):
 @example(156.94921875, (0.4, LayerHeights(0.3, 0.2)))  # the first layer changes by 4 % exactly
 def test_first_layer_changes_only_if_the_others_cannot_reach_the_height(height_mm, case):
     nozzle_mm, heights = case
-    result = fit(height_mm, nozzle_mm, heights)
+    result = fit_for_nozzle(height_mm, nozzle_mm, heights)
     heights_alone = fit_heights(height_mm, heights, max_first_mm=0.0)
     assert heights_alone.first_mm == heights.first_mm
     if abs(compute_printed_height_mm(height_mm, heights_alone) - height_mm) <= MAX_HEIGHT_ERROR_MM - 0.002:
@@ -65,12 +65,17 @@ def test_first_layer_changes_only_if_the_others_cannot_reach_the_height(height_m
         assert compute_error_um(height_mm, heights, range(low_um, high_um + 1)) > 17
 
 
-def compute_error_um(height_mm, heights, firsts_um):
+def compute_error_um(height_mm, heights, first_layers_um):
     """Compute the least error in um over these first layers and all layer heights within 4 %."""
     other_um = round(1000 * heights.other_mm)
-    layers = range(int(np.ceil(0.96 * other_um)), int(1.04 * other_um) + 1)
-    tops = [(1000 * height_mm - first_um) % layer for first_um in firsts_um for layer in layers]
-    return min(min(top, layer - top) for top, layer in zip(tops, [*layers] * len(firsts_um), strict=True))
+    layers_um = range(int(np.ceil(0.96 * other_um)), int(1.04 * other_um) + 1)
+    remainders_um = [
+        (1000 * height_mm - first_um) % layer_um for first_um in first_layers_um for layer_um in layers_um
+    ]
+    return min(
+        min(remainder_um, layer_um - remainder_um)
+        for remainder_um, layer_um in zip(remainders_um, [*layers_um] * len(first_layers_um), strict=True)
+    )
 
 
 @pytest.mark.parametrize(("nozzle_mm", "heights"), CASES)
@@ -85,25 +90,25 @@ def test_every_height_is_fitted_or_reported(nozzle_mm, heights):
 def list_reached(heights, low_um, high_um):
     """Check that first layers between these limits reach every height of several layers within 20 um."""
     other_um, count = round(1000 * heights.other_mm), int(1000 * HIGHEST_MM)
-    near = np.zeros(count + 1, dtype=bool)
+    is_reached = np.zeros(count + 1, dtype=bool)
     for layer in range(int(np.ceil(0.96 * other_um)), int(1.04 * other_um) + 1):
         for top in range(0, count, layer):
-            near[max(0, top + low_um - 20) : top + high_um + 21] = True
-    return near[MIN_EXACT_LAYERS * other_um :]
+            is_reached[max(0, top + low_um - 20) : top + high_um + 21] = True
+    return is_reached[MIN_EXACT_LAYERS * other_um :]
 
 
 @given(st.floats(0.01, HIGHEST_MM), cases)
 def test_fitting_never_increases_the_height_error(height_mm, case):
     nozzle_mm, heights = case
     plain_error_mm = abs(compute_printed_height_mm(height_mm, heights) - height_mm)
-    assert abs(compute_printed_height_mm(height_mm, fit(height_mm, nozzle_mm, heights)) - height_mm) <= max(
-        plain_error_mm, MAX_HEIGHT_ERROR_MM
-    )
+    assert abs(
+        compute_printed_height_mm(height_mm, fit_for_nozzle(height_mm, nozzle_mm, heights)) - height_mm
+    ) <= max(plain_error_mm, MAX_HEIGHT_ERROR_MM)
 
 
 def test_fitting_height_is_unchanged():
     heights = REQUESTED_HEIGHTS[0.4]
-    assert fit(0.27 + 100 * 0.2, 0.4, heights) == heights
+    assert fit_for_nozzle(0.27 + 100 * 0.2, 0.4, heights) == heights
     assert fit_heights(33.3, heights, max_first_mm=0.0).first_mm == heights.first_mm
 
 

@@ -24,7 +24,7 @@ REQUEST = SettingsRequest(UM2_PLUS, material="my_petg")
 
 
 @pytest.fixture
-def write(tmp_path, monkeypatch):
+def write_material(tmp_path, monkeypatch):
     """Write an own material file, and return the resources with it."""
     monkeypatch.setenv(OWN_MATERIALS_VARIABLE, str(tmp_path))
 
@@ -32,11 +32,11 @@ def write(tmp_path, monkeypatch):
         data = text if isinstance(text, bytes) else text.encode()
         (tmp_path / f"{name}.xml.fdm_material").write_bytes(data)
         try:
-            results = find_resources()
+            resources = find_resources()
         except SlicingError as error:
             pytest.skip(str(error))
         _forget()
-        return results
+        return resources
 
     yield write_file
     _forget()
@@ -50,19 +50,19 @@ def _forget():
         function.cache_clear()
 
 
-def test_settings_of_an_own_material_are_used(write):
-    result = resolve_settings(REQUEST, write(FILE))
+def test_settings_of_an_own_material_are_used(write_material):
+    result = resolve_settings(REQUEST, write_material(FILE))
     assert (result.nozzle_c, result.bed_c) == (233.0, 77.0)
     assert float(result.extruder["retraction_speed"]) == 31.0
     assert result.density_g_cm3 == 1.27
 
 
-def test_kind_without_a_profile_uses_that_of_a_related_kind(write):
-    resources = write(FILE)
+def test_kind_without_a_profile_uses_that_of_a_related_kind(write_material):
+    resources = write_material(FILE)
     cpe = resolve_settings(SettingsRequest(UM2_PLUS, material="generic_cpe"), resources)
     assert resolve_settings(REQUEST, resources).extruder["speed_print"] == cpe.extruder["speed_print"]
     with pytest.raises(BadSetting, match="there is none for my_petg"):
-        resolve_settings(REQUEST, write(FILE.replace("PETG", "Wood")))
+        resolve_settings(REQUEST, write_material(FILE.replace("PETG", "Wood")))
 
 
 BOMB = '<!DOCTYPE lolz [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;">]>'
@@ -94,24 +94,24 @@ REFUSALS = {
 
 
 @pytest.mark.parametrize("case", REFUSALS)
-def test_invalid_material_file_is_refused_with_the_reason(write, case):
+def test_invalid_material_file_is_refused_with_the_reason(write_material, case):
     text, expected_text = REFUSALS[case]
     with pytest.raises(BadSetting) as error:
-        resolve_settings(REQUEST, write(text))
+        resolve_settings(REQUEST, write_material(text))
     assert expected_text in str(error.value)
     assert len(str(error.value).splitlines()) == 1
 
 
-def test_own_material_does_not_replace_one_of_cura_s(write):
+def test_own_material_does_not_replace_one_of_cura_s(write_material):
     with pytest.raises(BadSetting, match="Cura has a material generic_pla of its own; rename the file"):
-        resolve_settings(SettingsRequest(UM2_PLUS), write(FILE, "generic_pla"))
+        resolve_settings(SettingsRequest(UM2_PLUS), write_material(FILE, "generic_pla"))
 
 
 @settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(position=st.integers(0, len(FILE)), junk=st.binary(max_size=8), length=st.integers(0, 40))
-def test_damaged_file_is_refused_or_a_valid_material(write, position, junk, length):
+def test_damaged_file_is_refused_or_a_valid_material(write_material, position, junk, length):
     data = FILE.encode()
     try:
-        resolve_settings(REQUEST, write(data[:position] + junk + data[position + length :]))
+        resolve_settings(REQUEST, write_material(data[:position] + junk + data[position + length :]))
     except SlicingError as error:
         assert len(str(error).splitlines()) == 1

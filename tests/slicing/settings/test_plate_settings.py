@@ -26,17 +26,42 @@ def compute_lines_mm(settings, width_mm):
 def test_quality_paper_has_the_settings_of_the_paper(resources, settings_of):
     if "material_shrinkage_percentage_xy" in resources.read_machine("ultimaker2_plus").settings:
         pytest.skip("the figures are those of Cura 4.13")
-    s = settings_of("paper")
-    assert (len(s.global_), len(s.extruder)) == (575, 458)  # the extruder's 457, and support_enable
-    assert (s.layer_height_mm, s.layer_height_0_mm, s.line_width_mm) == (0.25, 0.27, 0.35)
-    assert (s.wall_count, s.top_layers, s.bottom_layers, s.infill_line_distance_mm) == (2, 3, 3, 7.0)
-    assert (s.speed_wall_0_mm_s, s.speed_wall_x_mm_s, s.speed_infill_mm_s) == (40.0, 50.0, 60.0)
-    assert (s.speed_topbottom_mm_s, s.speed_support_mm_s, s.speed_layer_0_mm_s) == (30.0, 40.0, 30.0)
-    assert s.support_line_distance_mm == pytest.approx(7 / 3)
-    assert s.brim_width_mm == pytest.approx(23 * 0.35)
-    assert (s.nozzle_c, s.bed_c, s.density_g_cm3, s.filament_diameter_mm) == (200.0, 50.0, 1.24, 2.85)
-    assert s.global_["support_enable"] == s.extruder["support_enable"] == "True"
-    assert s.extruder["brim_line_count"] == "23"
+    settings = settings_of("paper")
+    assert (len(settings.global_), len(settings.extruder)) == (
+        575,
+        458,
+    )  # the extruder's 457, and support_enable
+    assert (settings.layer_height_mm, settings.layer_height_0_mm, settings.line_width_mm) == (
+        0.25,
+        0.27,
+        0.35,
+    )
+    assert (
+        settings.wall_count,
+        settings.top_layers,
+        settings.bottom_layers,
+        settings.infill_line_distance_mm,
+    ) == (2, 3, 3, 7.0)
+    assert (settings.speed_wall_0_mm_s, settings.speed_wall_x_mm_s, settings.speed_infill_mm_s) == (
+        40.0,
+        50.0,
+        60.0,
+    )
+    assert (settings.speed_topbottom_mm_s, settings.speed_support_mm_s, settings.speed_layer_0_mm_s) == (
+        30.0,
+        40.0,
+        30.0,
+    )
+    assert settings.support_line_distance_mm == pytest.approx(7 / 3)
+    assert settings.brim_width_mm == pytest.approx(23 * 0.35)
+    assert (settings.nozzle_c, settings.bed_c, settings.density_g_cm3, settings.filament_diameter_mm) == (
+        200.0,
+        50.0,
+        1.24,
+        2.85,
+    )
+    assert settings.global_["support_enable"] == settings.extruder["support_enable"] == "True"
+    assert settings.extruder["brim_line_count"] == "23"
 
 
 @pytest.mark.parametrize("quality", ["fast", "normal", "high", *FARM_QUALITIES])
@@ -44,23 +69,23 @@ def test_quality_paper_has_the_settings_of_the_paper(resources, settings_of):
     ("model", "height"), [("ultimaker2_plus", "205"), ("ultimaker2_extended_plus", "305")]
 )
 def test_every_quality_resolves_for_every_printer(settings_of, quality, model, height):
-    s = settings_of(quality, model)
-    assert s.global_["machine_height"] == height
-    assert s.global_["machine_gcode_flavor"] == "RepRap (Marlin/Sprinter)"
-    assert 0.05 < s.layer_height_mm < 0.3
+    settings = settings_of(quality, model)
+    assert settings.global_["machine_height"] == height
+    assert settings.global_["machine_gcode_flavor"] == "RepRap (Marlin/Sprinter)"
+    assert 0.05 < settings.layer_height_mm < 0.3
 
 
 def test_model_without_qualities_of_its_own_takes_those_of_all_machines(resources):
     printer = replace(PRINTERS["creality_ender3"], name="prusa_i3_mk3")
-    s = resolve_settings(SettingsRequest(printer, "draft", material="generic_pla_175"), resources)
-    assert (s.layer_height_mm, s.filament_diameter_mm) == (0.2, 1.75)
+    settings = resolve_settings(SettingsRequest(printer, "draft", material="generic_pla_175"), resources)
+    assert (settings.layer_height_mm, settings.filament_diameter_mm) == (0.2, 1.75)
 
 
 @pytest.mark.parametrize(("quality", "bed", "top"), [("paper", 3, 3), ("paper-hidden", 1, 2), ("glue", 2, 3)])
 def test_hidden_faces_get_fewer_solid_layers(resources, settings_of, quality, bed, top):
     request = SettingsRequest(UM2_PLUS, quality)
-    s = settings_of(quality)
-    assert (s.hidden.bed_layers, s.hidden.top_layers) == (bed, top)
+    settings = settings_of(quality)
+    assert (settings.hidden.bed_layers, settings.hidden.top_layers) == (bed, top)
     hidden_settings = resolve_settings(
         request, resources, PartSettings(bed_face_hidden=True, tops_hidden=True)
     )
@@ -71,10 +96,10 @@ def test_hidden_faces_get_fewer_solid_layers(resources, settings_of, quality, be
     # Faces that are not on the bed keep their layers, and so does a part without hidden faces.
     assert (
         hidden_settings.extruder["bottom_layers"]
-        == s.extruder["initial_bottom_layers"]
-        == str(s.bottom_layers)
+        == settings.extruder["initial_bottom_layers"]
+        == str(settings.bottom_layers)
     )
-    assert replace(hidden_settings, extruder=s.extruder) == s
+    assert replace(hidden_settings, extruder=settings.extruder) == settings
     assert settings_of("paper-hidden").extruder == settings_of("paper").extruder
 
 
@@ -95,8 +120,11 @@ def test_hidden_faces_get_fewer_solid_layers(resources, settings_of, quality, be
 def test_skins_are_as_fast_as_inner_walls_and_roofs_as_cura_has_them(
     resources, request_changes, skin_mm_s, roof_mm_s
 ):
-    s = resolve_settings(SettingsRequest(**{"printer": UM2_PLUS, **request_changes}), resources)
-    assert (s.speed_topbottom_mm_s, float(s.extruder["speed_roofing"])) == (skin_mm_s, roof_mm_s)
+    settings = resolve_settings(SettingsRequest(**{"printer": UM2_PLUS, **request_changes}), resources)
+    assert (settings.speed_topbottom_mm_s, float(settings.extruder["speed_roofing"])) == (
+        skin_mm_s,
+        roof_mm_s,
+    )
 
 
 def test_only_seen_tops_have_a_roof(resources):
@@ -116,11 +144,15 @@ def test_glue_closes_its_tops_at_any_layer_height(settings_of):
 
 
 def test_override_changes_dependent_settings(settings_of):
-    s = settings_of("paper", infill_sparse_density="20", brim_width="4", support_enable="false")
-    line_mm = float(s.extruder["infill_line_width"])
-    assert float(s.extruder["infill_line_distance"]) == pytest.approx(line_mm * 100 / 20)
-    assert s.brim_width_mm == pytest.approx(compute_lines_mm(s, 4.0))
-    assert (s.support_line_distance_mm, s.extruder["support_enable"], s.global_["support_enable"]) == (
+    settings = settings_of("paper", infill_sparse_density="20", brim_width="4", support_enable="false")
+    line_mm = float(settings.extruder["infill_line_width"])
+    assert float(settings.extruder["infill_line_distance"]) == pytest.approx(line_mm * 100 / 20)
+    assert settings.brim_width_mm == pytest.approx(compute_lines_mm(settings, 4.0))
+    assert (
+        settings.support_line_distance_mm,
+        settings.extruder["support_enable"],
+        settings.global_["support_enable"],
+    ) == (
         0.0,
         "False",
         "False",
@@ -148,8 +180,8 @@ def test_temperatures_reach_the_start_code(settings_of):
 def test_glue_keeps_its_brim_if_the_profile_of_cura_counts_lines(resources, material):
     overrides = {"default_material_print_temperature": "240"}
     request = SettingsRequest(UM2_PLUS, material=material, overrides=overrides)
-    s = resolve_settings(request, resources)
-    assert s.brim_width_mm == pytest.approx(compute_lines_mm(s, 8.0))
+    settings = resolve_settings(request, resources)
+    assert settings.brim_width_mm == pytest.approx(compute_lines_mm(settings, 8.0))
     narrow = resolve_settings(request, resources, PartSettings(brim_width_mm=3.0))
     assert narrow.brim_width_mm == pytest.approx(compute_lines_mm(narrow, 3.0))
 
@@ -161,19 +193,19 @@ def test_width_of_brim_and_skirt_follows_the_adhesion_type(settings_of):
 
 @pytest.mark.parametrize("nozzle_mm", [0.25, 0.6, 0.8])
 def test_size_of_another_nozzle_reaches_the_settings(resources, nozzle_mm):
-    s = resolve_settings(SettingsRequest(UM2_PLUS, nozzle_mm=nozzle_mm), resources)
-    assert s.extruder["machine_nozzle_size"] == f"{nozzle_mm}"
+    settings = resolve_settings(SettingsRequest(UM2_PLUS, nozzle_mm=nozzle_mm), resources)
+    assert settings.extruder["machine_nozzle_size"] == f"{nozzle_mm}"
 
 
 def test_brand_takes_the_profiles_of_its_kind(resources):
-    s = resolve_settings(SettingsRequest(UM2_PLUS, "paper", "ultimaker_pla_blue"), resources)
-    assert s.layer_height_mm == 0.25
+    settings = resolve_settings(SettingsRequest(UM2_PLUS, "paper", "ultimaker_pla_blue"), resources)
+    assert settings.layer_height_mm == 0.25
 
 
 def test_abs_has_higher_temperatures(resources):
-    s = resolve_settings(SettingsRequest(UM2_PLUS, "fast", "generic_abs"), resources)
-    assert s.nozzle_c > 220
-    assert s.density_g_cm3 == pytest.approx(1.1)
+    settings = resolve_settings(SettingsRequest(UM2_PLUS, "fast", "generic_abs"), resources)
+    assert settings.nozzle_c > 220
+    assert settings.density_g_cm3 == pytest.approx(1.1)
 
 
 @pytest.mark.parametrize(
@@ -216,9 +248,9 @@ def test_unknown_name_is_refused_in_one_line(resources, change, message):
 )
 def test_part_has_its_own_brim_within_the_qualitys(resources, overrides, chosen_mm, brim_mm, adhesion):
     request = SettingsRequest(UM2_PLUS, overrides=overrides)
-    s = resolve_settings(request, resources, PartSettings(brim_width_mm=chosen_mm))
-    assert s.brim_width_mm == pytest.approx(compute_lines_mm(s, brim_mm))
-    assert s.global_["adhesion_type"] == adhesion
+    settings = resolve_settings(request, resources, PartSettings(brim_width_mm=chosen_mm))
+    assert settings.brim_width_mm == pytest.approx(compute_lines_mm(settings, brim_mm))
+    assert settings.global_["adhesion_type"] == adhesion
 
 
 def test_first_layer_of_a_part_is_wider_or_narrower_than_the_others(resources):

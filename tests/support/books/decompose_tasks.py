@@ -16,7 +16,7 @@ def fleet(count=2):
     return Fleet.model_validate({"printers": printers})
 
 
-def decompose_task(bar, files, tmp_path, printers=2, rounds=1):
+def make_decompose_task(bar, files, tmp_path, printers=2, rounds=1):
     return DecomposeTask(
         job=1,
         model=files / bar.file,
@@ -36,7 +36,7 @@ class FakeSliceResult:
         self.features = FeatureTimes(0.5 * sliced_s, 0.2 * sliced_s, 0.1 * sliced_s, 0.0, 0.2 * sliced_s)
 
 
-def slice_tasks(task, decomposition):
+def make_slice_tasks(task, decomposition):
     return build_slice_tasks(
         SliceBatch(decomposition.parts, task.printers, task.options.quality, task.folder, None)
     )
@@ -52,7 +52,7 @@ def join_slices(task, decomposition, tasks, slices):
 
 def slice_late(task, decomposition, late_s):
     """Return a sliced job in which each part takes the mean price, and the last part longer."""
-    tasks = slice_tasks(task, decomposition)
+    tasks = make_slice_tasks(task, decomposition)
     prelude_s = compute_prelude_seconds(task.printers[0], tasks[0].settings)
     seconds = [part.price_s - prelude_s for part in decomposition.parts]
     mean_s = sum(seconds) / len(seconds)

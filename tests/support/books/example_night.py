@@ -55,8 +55,8 @@ def make_night_books():
 
 
 def make_view_context(books):
-    idle = {"link": Link.READY, "filament": FilamentState.PARKED, "nozzle_c": 24.2, "bed_c": 22.0}
-    snapshots = {name: AgentSnapshot(printer=name, **idle) for name in PRINTERS}
+    idle_fields = {"link": Link.READY, "filament": FilamentState.PARKED, "nozzle_c": 24.2, "bed_c": 22.0}
+    snapshots = {name: AgentSnapshot(printer=name, **idle_fields) for name in PRINTERS}
     return ViewContext(FLEET, books, snapshots, StateFolder(Path("/state")), NOW_S)
 
 
@@ -74,13 +74,13 @@ def make_status(books):
     )
 
 
-def summarise(view):
+def summarise(status):
     """Return a farm without the parts and plates of its jobs, as `farm status` prints it."""
     figures = set(api.JobFigures.model_fields)
     jobs = [
         api.JobSummary(**{name: getattr(job, name) for name in figures}, plate_count=job.plate_count)
-        for job in view.jobs
+        for job in status.jobs
     ]
-    waits = [api.Wait(hold=hold, plates=plates) for hold, plates in group_holds(view.jobs)]
-    farm_figures = {name: getattr(view, name) for name in api.FarmFigures.model_fields}
+    waits = [api.Wait(hold=hold, plates=plates) for hold, plates in group_holds(status.jobs)]
+    farm_figures = {name: getattr(status, name) for name in api.FarmFigures.model_fields}
     return api.StatusSummary(**farm_figures, jobs=jobs, waits=waits)

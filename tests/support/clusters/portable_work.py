@@ -28,20 +28,20 @@ def _allocate(source, folder, gigabytes):
     return len(bytes(int(gigabytes * 2**30)))
 
 
-def _hold(source, folder, note):
+def _hold(source, folder, pid_file):
     """Write the process id to a file of the test, and wait until the process is ended."""
     folder.mkdir(exist_ok=True)
     (folder / "progress.json").write_text("held")
-    with Path(note).open("a") as file:
+    with Path(pid_file).open("a") as file:
         file.write(f"{os.getpid()}\n")
     signal.pause()
 
 
-def _hold_once(source, folder, note):
+def _hold_once(source, folder, pid_file):
     """Wait in the first call, and return the number of the call in the second one."""
-    calls = Path(note).read_text().count("\n") + 1 if Path(note).exists() else 1
+    calls = Path(pid_file).read_text().count("\n") + 1 if Path(pid_file).exists() else 1
     if calls == 1:
-        _hold(source, folder, note)
+        _hold(source, folder, pid_file)
     return calls
 
 

@@ -58,7 +58,7 @@ class KilledFarm(RealFarm):
         self.state.mkdir(exist_ok=True)
         command = [sys.executable, "-P", RESTART_SCRIPT, json.dumps(deaths), *self.list_daemon_arguments()]
         if self.disk is not None:
-            command = self.disk.command(command)
+            command = self.disk.make_command(command)
         with self.log_file.open("ab") as log:
             self.supervisor = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
 
@@ -124,24 +124,24 @@ class KilledFarm(RealFarm):
     def judge_prints_good(self, failing_prints=()):
         """Find all printed jobs good; `failing_prints` are the numbers of the prints that fail."""
         started_prints = []
-        give_up = time.monotonic() + TIME_LIMIT_S
+        deadline_s = time.monotonic() + TIME_LIMIT_S
         while True:
-            view = self.request("GET", "/status")
-            if {job["state"] for job in view["jobs"]} == {"done"}:  # jobs that ended long ago are not shown
+            status = self.request("GET", "/status")
+            if {job["state"] for job in status["jobs"]} == {"done"}:  # jobs that ended long ago are not shown
                 return
-            assert time.monotonic() < give_up, (view, self.log())
-            for printer in view["printers"]:
+            assert time.monotonic() < deadline_s, (status, self.log())
+            for printer in status["printers"]:
                 key = printer["print"] and (printer["name"], printer["print"]["plate"])
                 if key and printer["print"]["layer"] and key not in started_prints:
                     if len(started_prints) in failing_prints:
                         control(self.emulator(printer["name"]), Command.RESET)
                     started_prints.append(key)
-            self.clear_beds(view)
+            self.clear_beds(status)
             time.sleep(POLL_S)
 
-    def clear_beds(self, view):
-        """Clear all beds that `view` shows as full or in need of an inspection."""
-        for item in view["todo"]:
+    def clear_beds(self, status):
+        """Clear all beds that `status` shows as full or in need of an inspection."""
+        for item in status["todo"]:
             for name in item["printers"] if item["code"] in ("clear", "look") else ():
                 # If the daemon dies or the state changes meanwhile, the next poll shows it.
                 self.try_request("POST", f"/printers/{name}/cleared", "{}")

@@ -80,10 +80,14 @@ class NetworkFarm:
 
     def browse(self, method, path, session=None, headers=None, **options):
         """Send a request as a browser does from the farm's own pages, with the text of a session."""
-        own_headers = {"accept": "text/html", **OWN_PAGE, **(self.hold(session) if session else {})}
+        own_headers = {
+            "accept": "text/html",
+            **OWN_PAGE,
+            **(self.make_cookie_header(session) if session else {}),
+        }
         return self.ask(method, path, headers={**own_headers, **(headers or {})}, **options)
 
-    def hold(self, session):
+    def make_cookie_header(self, session):
         """Return the header with the cookie of a session."""
         return {"cookie": f"{self.cookie.name}={session}"}
 

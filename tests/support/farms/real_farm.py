@@ -25,8 +25,8 @@ BUDGET_S = 2  # of the search for parts: more time gains little on small models
 
 def wait_for(description, condition, limit_s=TIME_LIMIT_S):
     """Poll until a condition of a real process is true, up to a deadline."""
-    give_up = time.monotonic() + limit_s
-    while time.monotonic() < give_up:
+    deadline_s = time.monotonic() + limit_s
+    while time.monotonic() < deadline_s:
         value = condition()
         if value:
             return value

@@ -37,7 +37,7 @@ class SlicerFarm(WebFarm):
 
     def send(self, path, key, chunks, headers):
         """Send a body in chunks; None cuts the connection. Returns status, text, and the unread chunks."""
-        messages_sent = []
+        sent_messages = []
         messages = [
             {"type": "http.disconnect"}
             if chunk is None
@@ -49,9 +49,9 @@ class SlicerFarm(WebFarm):
             return messages.pop(0)
 
         async def send(message):
-            messages_sent.append(message)
+            sent_messages.append(message)
 
-        raw = {"host": HOST, "x-api-key": key.text, **headers}
+        all_headers = {"host": HOST, "x-api-key": key.text, **headers}
         scope = {
             "type": "http",
             "asgi": {"version": "3.0"},
@@ -62,10 +62,10 @@ class SlicerFarm(WebFarm):
             "raw_path": path.encode(),
             "query_string": b"",
             "root_path": "",
-            "headers": [(name.encode(), value.encode()) for name, value in raw.items()],
+            "headers": [(name.encode(), value.encode()) for name, value in all_headers.items()],
             "client": ("10.0.0.9", 1),
             "server": (HOST, 80),
         }
         asyncio.run(self.web(scope, receive, send))
-        body = b"".join(message.get("body", b"") for message in messages_sent)
-        return SimpleNamespace(status=messages_sent[0]["status"], text=body.decode(), unread=len(messages))
+        body = b"".join(message.get("body", b"") for message in sent_messages)
+        return SimpleNamespace(status=sent_messages[0]["status"], text=body.decode(), unread=len(messages))

@@ -4,7 +4,7 @@ import asyncio
 import selectors
 from datetime import datetime
 
-HOST_TIME = (
+HOST_TIME_MODULES = (
     "apscheduler.schedulers.base",
     "apscheduler.triggers.interval",
     "apscheduler.executors.base",
@@ -31,7 +31,7 @@ class FakeTime:
             def now(cls, tz=None):
                 return datetime.fromtimestamp(clock.now_s + clock.set_s, tz)
 
-        for module in HOST_TIME:
+        for module in HOST_TIME_MODULES:
             monkeypatch.setattr(f"{module}.datetime", Datetime)
 
         async def run_in_place(work, *args):
@@ -73,6 +73,6 @@ class _ClockSelector(selectors.SelectSelector):
     def select(self, timeout=None):
         events = super().select(0)
         if not events:
-            assert timeout is not None, "nothing will ever happen"
+            assert timeout is not None, "no timer is set"
             self._clock.now_s += timeout
         return events

@@ -40,14 +40,14 @@ class NetworkHosts:
         folder.mkdir()
         self._folder, self._program = folder, program
         self._network = Network(names)
-        addresses = {name: self._network.address(name) for name in names}
+        addresses = {name: self._network.get_address(name) for name in names}
         (folder / "addresses.json").write_text(json.dumps(addresses))
         self.ssh = f"{sys.executable} {_SHELL} call {folder / 'addresses.json'}"
         self.paths = {name: HostPaths(farm, {"XDG_STATE_HOME": str(folder / name)}) for name in names}
         self._shells = [self._listen(name, addresses[name]) for name in names]
 
     def _listen(self, name: str, address: str) -> subprocess.Popen[bytes]:
-        command = self._network.command(name, [sys.executable, str(_SHELL), "listen", address])
+        command = self._network.make_command(name, [sys.executable, str(_SHELL), "listen", address])
         path = os.pathsep.join(filter(None, sys.path))
         with (self._folder / f"{name}.log").open("ab") as log:
             shell = subprocess.Popen(
@@ -58,17 +58,17 @@ class NetworkHosts:
             raise OSError(f"{name} does not listen; see {log.name}")
         return shell
 
-    def command(self, name: str) -> str:
+    def make_command(self, name: str) -> str:
         """Return the `host_command` of a host's printers."""
         return f"XDG_STATE_HOME={self._folder / name} {self._program} host"
 
     def cut(self, name: str) -> None:
         """Cut a host off the network; no end is notified."""
-        self._network.disturb(name, cut=True)
+        self._network.set_faults(name, cut=True)
 
     def reconnect(self, name: str) -> None:
         """Connect a host to the network again."""
-        self._network.disturb(name)
+        self._network.set_faults(name)
 
     def kill_service(self, name: str) -> bool:
         """Kill the service of a host; return True if it ran."""
@@ -81,7 +81,7 @@ class NetworkHosts:
     def list_processes(self) -> list[int]:
         """List the processes of all hosts, without their remote shells."""
         shells = {shell.pid for shell in self._shells}
-        return [pid for name in self.paths for pid in self._network.pids(name) if pid not in shells]
+        return [pid for name in self.paths for pid in self._network.list_pids(name) if pid not in shells]
 
     def close(self) -> None:
         """Remove the hosts, and end their remaining processes."""

@@ -47,11 +47,11 @@ class SilentRoute:
                 self._closed_event.wait(_STEP_S)
                 continue
             caller, _ = self._listener.accept()
-            thread = threading.Thread(target=self._carry, args=(caller,), daemon=True)
+            thread = threading.Thread(target=self._forward, args=(caller,), daemon=True)
             self._threads.append(thread)
             thread.start()
 
-    def _carry(self, caller: socket.socket) -> None:
+    def _forward(self, caller: socket.socket) -> None:
         command = b""
         while not command.endswith(b"\n"):
             command += caller.recv(1)

@@ -31,7 +31,7 @@ class SmallDisk:
         self.visible_folder = Path(f"/proc/{self._holder.pid}/root{folder}")
         self._folder = folder
 
-    def command(self, command, read_only=False):
+    def make_command(self, command, read_only=False):
         """Return a command that runs with the disk mounted; `read_only`: without write access."""
         enter = ["nsenter", "--preserve-credentials", "--user", "--mount", f"--target={self._holder.pid}"]
         if read_only:

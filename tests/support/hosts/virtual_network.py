@@ -59,15 +59,15 @@ class Wires:
     loss: dict[int, float] = field(default_factory=dict)
     delay_s: dict[int, float] = field(default_factory=dict)
     cut: set[int] = field(default_factory=set)
-    _homes: dict[bytes, int] = field(default_factory=dict)
+    _ports_by_address: dict[bytes, int] = field(default_factory=dict)
     _in_transit: list[tuple[float, int, int, bytes]] = field(default_factory=list)
     _count: int = 0
 
     def send(self, frame: bytes, port: int, now_s: float) -> None:
         """Send a frame from a port to that of its destination, or to all others if that is unknown."""
         destination, sender = frame[:6], frame[6:12]
-        self._homes[sender] = port
-        port_out = None if destination[0] & _BROADCAST else self._homes.get(destination)
+        self._ports_by_address[sender] = port
+        port_out = None if destination[0] & _BROADCAST else self._ports_by_address.get(destination)
         ports_out = [out for out in range(self.ports) if out != port]
         for out in ports_out if port_out is None else [port_out]:
             if self._passes(port) and self._passes(out):
@@ -81,7 +81,7 @@ class Wires:
             _, _, port, frame = heapq.heappop(self._in_transit)
             yield port, frame
 
-    def wait_s(self, now_s: float) -> float | None:
+    def compute_wait_s(self, now_s: float) -> float | None:
         """Return the seconds until the next frame arrives; None if there is none."""
         return max(0.0, self._in_transit[0][0] - now_s) if self._in_transit else None
 
@@ -97,40 +97,40 @@ class Network:
 
     def __init__(self, names: Sequence[str], seed: int = 0) -> None:
         self.names, number = ["farm", *names], find_free_network()
-        self._spaces = {name: f"farm-{os.getpid()}-{name}" for name in names}
+        self._namespaces = {name: f"farm-{os.getpid()}-{name}" for name in names}
         self._addresses = {name: f"{_NETWORK}.{number}.{1 + index}" for index, name in enumerate(self.names)}
-        hosts = [[self._addresses[name], self._spaces.get(name)] for name in self.names]
+        hosts = [[self._addresses[name], self._namespaces.get(name)] for name in self.names]
         self._switch = subprocess.Popen(
             [sys.executable, __file__, json.dumps(hosts), str(seed)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             start_new_session=True,
         )
-        self._order()
+        self._send_order()
 
-    def address(self, name: str) -> str:
+    def get_address(self, name: str) -> str:
         """Return the address of a host."""
         return self._addresses[name]
 
-    def command(self, name: str, command: Sequence[str]) -> list[str]:
+    def make_command(self, name: str, command: Sequence[str]) -> list[str]:
         """Return the command that runs another one on a host, in the same process."""
-        return ["ip", "netns", "exec", self._spaces[name], *command]
+        return ["ip", "netns", "exec", self._namespaces[name], *command]
 
-    def pids(self, name: str) -> list[int]:
+    def list_pids(self, name: str) -> list[int]:
         """Return the processes of a host."""
-        command = ["ip", "netns", "pids", self._spaces[name]]
+        command = ["ip", "netns", "pids", self._namespaces[name]]
         return [int(pid) for pid in subprocess.run(command, capture_output=True, check=True).stdout.split()]
 
-    def disturb(self, *names: str, loss: float = 0.0, delay_s: float = 0.0, cut: bool = False) -> None:
+    def set_faults(self, *names: str, loss: float = 0.0, delay_s: float = 0.0, cut: bool = False) -> None:
         """Set the faults of hosts; no fault repairs them."""
         ports = [self.names.index(name) for name in names]
-        self._order({"ports": ports, "loss": loss, "delay_s": delay_s, "cut": cut})
+        self._send_order({"ports": ports, "loss": loss, "delay_s": delay_s, "cut": cut})
 
     def close(self) -> None:
         """End the switch, and the remaining processes on the hosts."""
         self._switch.communicate()
 
-    def _order(self, order: dict[str, object] | None = None) -> None:
+    def _send_order(self, order: dict[str, object] | None = None) -> None:
         """Send an order to the switch, and wait for its confirmation."""
         assert self._switch.stdin is not None and self._switch.stdout is not None
         if order is not None:
@@ -147,16 +147,16 @@ def find_free_network() -> int:
     return next(number for number in numbers if f" {_NETWORK}.{number}.1/" not in result)
 
 
-def _open_port(number: int, address: str, space: str | None) -> int:
+def _open_port(number: int, address: str, namespace: str | None) -> int:
     """Make a network interface with an address, in a namespace. Returns its other end."""
     port = os.open(_TUN, os.O_RDWR | os.O_NONBLOCK)
     name = f"farm{os.getppid()}n{number}"
     fcntl.ioctl(port, _TUNSETIFF, struct.pack("16sH22x", name.encode(), _IFF_TAP | _IFF_NO_PI))
     prefix = ["ip"]
-    if space is not None:
-        subprocess.run(["ip", "netns", "add", space], check=True)
-        subprocess.run(["ip", "link", "set", name, "netns", space], check=True)
-        prefix = ["ip", "-n", space]
+    if namespace is not None:
+        subprocess.run(["ip", "netns", "add", namespace], check=True)
+        subprocess.run(["ip", "link", "set", name, "netns", namespace], check=True)
+        prefix = ["ip", "-n", namespace]
         subprocess.run([*prefix, "link", "set", "lo", "up"], check=True)
     subprocess.run([*prefix, "addr", "add", f"{address}/24", "dev", name], check=True)
     subprocess.run([*prefix, "link", "set", name, "up"], check=True)
@@ -167,7 +167,7 @@ def _switch_frames(ports: list[int], rng: random.Random) -> None:
     """Switch frames between the ports and follow orders until the input ends."""
     wires = Wires(len(ports), rng)
     while True:
-        ready, _, _ = select.select([0, *ports], [], [], wires.wait_s(time.monotonic()))
+        ready, _, _ = select.select([0, *ports], [], [], wires.compute_wait_s(time.monotonic()))
         for number, port in enumerate(ports):
             if port in ready:
                 with contextlib.suppress(OSError):
@@ -192,23 +192,25 @@ def _confirm() -> None:
     sys.stdout.flush()
 
 
-def _remove(space: str) -> None:
+def _remove_namespace(namespace: str) -> None:
     """End the processes of a namespace, and remove it."""
-    pids = subprocess.run(["ip", "netns", "pids", space], capture_output=True).stdout.split()
+    pids = subprocess.run(["ip", "netns", "pids", namespace], capture_output=True).stdout.split()
     for pid in pids:
         with contextlib.suppress(ProcessLookupError):
             os.kill(int(pid), signal.SIGKILL)
-    subprocess.run(["ip", "netns", "delete", space], capture_output=True)
+    subprocess.run(["ip", "netns", "delete", namespace], capture_output=True)
 
 
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     hosts = json.loads(sys.argv[1])
     try:
-        opened = [_open_port(number, address, space) for number, (address, space) in enumerate(hosts)]
+        opened_ports = [
+            _open_port(number, address, namespace) for number, (address, namespace) in enumerate(hosts)
+        ]
         _confirm()
-        _switch_frames(opened, random.Random(int(sys.argv[2])))
+        _switch_frames(opened_ports, random.Random(int(sys.argv[2])))
     finally:
         for _, host in hosts:
             if host is not None:
-                _remove(host)
+                _remove_namespace(host)

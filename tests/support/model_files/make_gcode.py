@@ -38,7 +38,7 @@ def make_square(side_mm=20.0, at_mm=100.0, layers=3, layer_mm=0.2, e_per_mm=0.4 
     return result
 
 
-def print_in_sequence(first_object, second_object, travel_z_mm=30.0):
+def join_objects(first_object, second_object, travel_z_mm=30.0):
     """Join two objects: the head goes up, over to the second one, and down."""
     (x, y, *_), *_ = second_object[0]
     return [*first_object, [(x, y, travel_z_mm, 0.0), *second_object[0]], *second_object[1:]]

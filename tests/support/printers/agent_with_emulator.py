@@ -75,17 +75,17 @@ class Printer:
         async for snapshot in self.client.snapshots():
             self.last_snapshot = snapshot
 
-    async def until(self, condition: Callable[[m.Snapshot], bool]) -> m.Snapshot:
+    async def wait_for(self, condition: Callable[[m.Snapshot], bool]) -> m.Snapshot:
         async with asyncio.timeout(DEADLINE_S):
             while self.last_snapshot is None or not condition(self.last_snapshot):
                 await asyncio.sleep(0.01)
             return self.last_snapshot
 
     async def wait_until_ready(self) -> m.Snapshot:
-        return await self.until(lambda s: s.link is m.LinkState.READY)
+        return await self.wait_for(lambda s: s.link is m.LinkState.READY)
 
     async def wait_for_phase(self, phase: m.PrintPhase) -> m.PrintSnapshot:
-        snapshot = await self.until(lambda s: s.print is not None and s.print.phase is phase)
+        snapshot = await self.wait_for(lambda s: s.print is not None and s.print.phase is phase)
         assert snapshot.print is not None
         return snapshot.print
 
@@ -137,8 +137,8 @@ def run(scenario: Coroutine[Any, Any, None]) -> None:
 
 def wait_for_emulator(folder: Path, condition: Callable[[EmulatorStatus], bool]) -> bool:
     """Wait until the state of an emulator meets a condition; return False at the deadline."""
-    until_s = time.monotonic() + DEADLINE_S
-    while not condition(read_status(folder)) and time.monotonic() < until_s:
+    deadline_s = time.monotonic() + DEADLINE_S
+    while not condition(read_status(folder)) and time.monotonic() < deadline_s:
         select.select([], [], [], 0.02)
     return condition(read_status(folder))
 

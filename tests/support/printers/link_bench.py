@@ -18,7 +18,7 @@ class Firmware:
     """Line numbers, checksums, resends and oks, without a machine."""
 
     def __init__(self) -> None:
-        self.last = 0
+        self.last_number = 0
         self.partial = b""
         self.executed: list[tuple[int, bytes]] = []  # numbered lines that were executed
         self.mute = False
@@ -36,21 +36,21 @@ class Firmware:
         star_index = line.find(b"*")
         if number is not None:
             n = int(number[1])
-            if n != self.last + 1 and b"M110" not in line:
+            if n != self.last_number + 1 and b"M110" not in line:
                 return self.reject(b"Line Number is not Last Line Number+1")
             if star_index < 0:
                 return self.reject(b"No Checksum with line number")
             checksum_match = re.match(rb"\d*", line[star_index + 1 :])
             if reduce(xor, line[:star_index], 0) != int((checksum_match and checksum_match[0]) or b"-1"):
                 return self.reject(b"checksum mismatch")
-            self.last = n
+            self.last_number = n
             body = remove_frame(line)
         elif star_index >= 0:
-            return b"Error:No Line Number with checksum, Last Line: %d\n" % self.last
+            return b"Error:No Line Number with checksum, Last Line: %d\n" % self.last_number
         if not body.strip():
             return b""
         if number is not None and not body.startswith((b"M110", b"M105")):
-            self.executed.append((self.last, body))
+            self.executed.append((self.last_number, body))
         if body.startswith(b"M105"):
             return b"ok T:200.0 /210.0 B:60.0 /60.0 @:0 B@:0\n"
         if b"M119" in body:
@@ -59,7 +59,7 @@ class Firmware:
 
     def reject(self, data: bytes) -> bytes:
         self.partial = b""
-        return b"Error:%b, Last Line: %d\nResend: %d\nok\n" % (data, self.last, self.last + 1)
+        return b"Error:%b, Last Line: %d\nResend: %d\nok\n" % (data, self.last_number, self.last_number + 1)
 
 
 class Wire:
@@ -69,7 +69,7 @@ class Wire:
         self.loss_share, self.change_share, self.piece_bytes = loss_share, change_share, piece_bytes
         self.rng = random.Random(seed)
 
-    def carry(self, data: bytes) -> list[bytes]:
+    def transmit(self, data: bytes) -> list[bytes]:
         if self.loss_share or self.change_share:
             result = bytearray()
             for byte in data:
@@ -106,8 +106,8 @@ class Bench:
             if self.now_s >= until_s:
                 return
             if sent := self.link.take():
-                for received in self.wire.carry(sent):
-                    for answer in self.wire.carry(self.firmware.feed(received)):
+                for received in self.wire.transmit(sent):
+                    for answer in self.wire.transmit(self.firmware.feed(received)):
                         self.events += self.link.receive(answer, self.now_s) or ()
                 self.now_s += 0.01
             elif self.link.deadline_s == math.inf:

@@ -50,14 +50,14 @@ class OctoPrintServer:
             )
         self._client = httpx.Client(base_url=f"http://127.0.0.1:{self.port}", timeout=60)
         try:
-            self._wait(folder)
+            self._wait_until_connected(folder)
         except BaseException:
             self.close()
             raise
 
-    def ask(self, method, path, text=KEY, **options):
+    def ask(self, method, path, key=KEY, **options):
         """Send a request with a key, and return its response."""
-        return self._client.request(method, path, headers={"x-api-key": text} if text else {}, **options)
+        return self._client.request(method, path, headers={"x-api-key": key} if key else {}, **options)
 
     def close(self):
         """End OctoPrint."""
@@ -69,10 +69,10 @@ class OctoPrintServer:
             self._process.kill()
             self._process.wait()
 
-    def _wait(self, folder):
+    def _wait_until_connected(self, folder):
         """Wait until OctoPrint answers and its printer is connected."""
-        give_up = time.monotonic() + TIME_LIMIT_S
-        while time.monotonic() < give_up and self._process.poll() is None:
+        deadline_s = time.monotonic() + TIME_LIMIT_S
+        while time.monotonic() < deadline_s and self._process.poll() is None:
             try:
                 answer = self.ask("GET", "/api/printer")
                 if answer.status_code == 200 and answer.json()["temperature"]:

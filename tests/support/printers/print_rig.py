@@ -78,13 +78,13 @@ class Rig:
         )
         self.session.context.board_resets = not faults.no_reset
         self.is_plugged = True
-        self.back_s = math.inf  # time at which the cable is plugged in again
+        self.reconnect_at_s = math.inf  # time at which the cable is plugged in again
         self.sent = b""
         self.phases = [self.session.context.phase]
 
     def step(self) -> None:
         session, link = self.session, self.link
-        self.is_plugged = self.is_plugged or self.now_s >= self.back_s
+        self.is_plugged = self.is_plugged or self.now_s >= self.reconnect_at_s
         if session.context.wants_reset and self.is_plugged:
             session.context.wants_reset = False
             if self.session.context.board_resets:
@@ -95,7 +95,7 @@ class Rig:
         self.sent += sent
         if not sent:
             due_s = min(self.firmware.compute_deadline_s(), link.deadline_s, session.deadline_s)
-            due_s = due_s if self.is_plugged else min(due_s, self.back_s)
+            due_s = due_s if self.is_plugged else min(due_s, self.reconnect_at_s)
             assert due_s < math.inf, "no event is due"
             self.now_s = max(self.now_s + 1e-4, due_s)
         else:

@@ -81,16 +81,21 @@ def test_largest_cube_is_found(shape: tuple[int, int, int], seed: int, share: fl
 @settings(max_examples=80, deadline=None)
 @given(shape=shapes, seed=st.integers(0, 10**6), share=st.floats(0.0, 1.0))
 def test_cells_of_the_shell_meet_in_faces_only(shape: tuple[int, int, int], seed: int, share: float) -> None:
-    old_bounds_mm = np.random.default_rng(seed).random(shape) < share
-    cells = remove_diagonals(old_bounds_mm)
-    assert not (cells & ~old_bounds_mm).any()
+    old_cells = np.random.default_rng(seed).random(shape) < share
+    cells = remove_diagonals(old_cells)
+    assert not (cells & ~old_cells).any()
     for a, b in ((0, 1), (0, 2), (1, 2)):
-        view = np.moveaxis(cells, (a, b), (0, 1))
-        near, far, left, right = view[:-1, :-1], view[1:, 1:], view[1:, :-1], view[:-1, 1:]
+        plane_cells = np.moveaxis(cells, (a, b), (0, 1))
+        near, far, left, right = (
+            plane_cells[:-1, :-1],
+            plane_cells[1:, 1:],
+            plane_cells[1:, :-1],
+            plane_cells[:-1, 1:],
+        )
         assert not ((near & far & ~left & ~right) | (left & right & ~near & ~far)).any()
     box = np.zeros(shape, bool)
     box[: (shape[0] + 1) // 2, : (shape[1] + 1) // 2, : (shape[2] + 1) // 2] = True
-    assert remove_diagonals(old_bounds_mm | box, box)[box].all()
+    assert remove_diagonals(old_cells | box, box)[box].all()
 
 
 def test_shell_keeps_the_wall(cost: CostModel) -> None:
@@ -123,18 +128,18 @@ def test_cube_in_a_block_grows_until_it_reaches_the_wall(
     assert min(size) - 2.0 * min_mm - 4.0 * ACCURACY_MM <= edges[0] <= min(size) - 2.0 * min_mm + 1e-6
     assert (cube[0] >= min_mm - 1e-6).all() and (cube[1] <= np.array(size) - min_mm + 1e-6).all()
     assert (cube[0] <= first_cube[0]).all() and (cube[1] >= first_cube[1]).all()
-    near = refine_cube(Solid.box((0, 0, 0), size), first_cube, 1.0, wall_mm)
-    assert (near[0] >= first_cube[0] - 2.0).all() and (near[1] <= first_cube[1] + 2.0).all()
+    limited_cube = refine_cube(Solid.box((0, 0, 0), size), first_cube, 1.0, wall_mm)
+    assert (limited_cube[0] >= first_cube[0] - 2.0).all() and (limited_cube[1] <= first_cube[1] + 2.0).all()
 
 
 def test_grid_planes_lie_on_the_sides_of_the_refined_cube(cost: CostModel) -> None:
     """Use a ball on a plate whose upper face lies in the plane of the cube's lower side."""
     body = make_ball(100.0).solid
     vertices, faces = body.arrays()
-    rough = build_grid(vertices[faces], 20, GridRules(12.0, False, cost.overhang_cos, cost.skin_cos))
-    first_cube = find_largest_cube(hollow_model(body, rough).cavity)
+    rough_grid = build_grid(vertices[faces], 20, GridRules(12.0, False, cost.overhang_cos, cost.skin_cos))
+    first_cube = find_largest_cube(hollow_model(body, rough_grid).cavity)
     assert first_cube is not None
-    side_mm = float(refine_cube(body, np.array(rough.bounds_mm(first_cube)), 10.0, 12.0)[0, 2])
+    side_mm = float(refine_cube(body, np.array(rough_grid.bounds_mm(first_cube)), 10.0, 12.0)[0, 2])
     solid = Solid.union([body, Solid.box((-90, -90, side_mm - 20.0), (90, 90, side_mm + 0.5))])
     vertices, faces = solid.arrays()
     grid = build_grid(vertices[faces], 20, GridRules(12.0, False, cost.overhang_cos, cost.skin_cos))

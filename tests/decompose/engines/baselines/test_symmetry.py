@@ -28,7 +28,7 @@ from decompose.problem.fitting import (
 
 ROOM = PrinterRoom("plus", ((206.9, 190.9, 205.0),))
 OPTIONS = Options(Engine.SYMMETRY, seed=3, fit_first_layer=False, prove=False)
-FAITHFUL = replace(OPTIONS, faithful=True)
+FAITHFUL_OPTIONS = replace(OPTIONS, faithful=True)
 
 
 @pytest.fixture(scope="module")
@@ -57,21 +57,25 @@ def test_solid_is_cut_by_an_oblique_plane(
     assert (below.arrays()[0] @ normal).max() < at_mm + 1e-7
     assert (above.arrays()[0] @ normal).min() > at_mm - 1e-7
     # The faces on the plane are known to be cuts; all others are the unchanged surface.
-    uncut = 0.0
+    uncut_mm2 = 0.0
     for side in (below, above):
         vertices, faces = side.arrays()
         corners = vertices[faces[~find_cut_faces(vertices, faces, np.array([[*normal, at_mm]]))]]
         cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        uncut += float(np.linalg.norm(cross, axis=1).sum() / 2.0)
-    assert uncut == pytest.approx(ring_with_bar.area_mm2, rel=1e-7)
+        uncut_mm2 += float(np.linalg.norm(cross, axis=1).sum() / 2.0)
+    assert uncut_mm2 == pytest.approx(ring_with_bar.area_mm2, rel=1e-7)
 
 
 def test_number_of_parts_required_by_the_room_is_computed() -> None:
     size = np.array([450.0, 100.0, 300.0])
     assert count_blocks(size, [ROOM]) == (3, 1, 2)
-    tall = PrinterRoom("tall", ((206.9, 190.9, 305.0),))
-    assert sorted(count_blocks(size, [tall])) == [1, 1, 3] or count_blocks(size, [tall]) == (2, 1, 2)
-    assert count_blocks(size, [ROOM, tall]) == (3, 1, 2)
+    tall_room = PrinterRoom("tall", ((206.9, 190.9, 305.0),))
+    assert sorted(count_blocks(size, [tall_room])) == [1, 1, 3] or count_blocks(size, [tall_room]) == (
+        2,
+        1,
+        2,
+    )
+    assert count_blocks(size, [ROOM, tall_room]) == (3, 1, 2)
     assert count_parts(Solid.box((0, 0, 0), (190.9, 205.0, 206.9)), [ROOM]) == 1
     assert count_parts(Solid.box((0, 0, 0), (191.0, 205.1, 206.9)), [ROOM]) == 2
 
@@ -108,7 +112,7 @@ def test_planes_of_symmetry_differ_and_the_best_is_first() -> None:
     assert len(draw_mirrors(asymmetric_points, np.random.default_rng(0), 5)) >= 3  # however bad
 
 
-@pytest.mark.parametrize("options", [OPTIONS, FAITHFUL])
+@pytest.mark.parametrize("options", [OPTIONS, FAITHFUL_OPTIONS])
 def test_parts_add_up_to_the_model_and_are_deterministic(options: Options, cost: CostModel) -> None:
     """An egg, whose halves are connected wherever it is cut."""
     egg = trimesh.creation.icosphere(2, 50.0)
@@ -130,12 +134,12 @@ def test_model_larger_than_the_room_is_cut(rough_ball: Model, cost: CostModel) -
 
 def test_parts_that_do_not_fit_are_counted_in_the_error(rough_ball: Model, cost: CostModel) -> None:
     with pytest.raises(NoFit, match=r"4 of the 4 parts that symmetry makes for 4 printers fit none"):
-        decompose_model(rough_ball, make_printers(4), FAITHFUL, cost)
+        decompose_model(rough_ball, make_printers(4), FAITHFUL_OPTIONS, cost)
     with pytest.raises(NoFit, match="need at least 8 parts, and there are 4 printers") as error:
         decompose_model(rough_ball, make_printers(4), OPTIONS, cost)
     assert error.value.printers_needed == 8
 
 
 def test_one_printer_gets_an_uncut_model_that_fits(ring_with_bar: Solid, cost: CostModel) -> None:
-    for options in (OPTIONS, FAITHFUL):
+    for options in (OPTIONS, FAITHFUL_OPTIONS):
         assert len(decompose_model(Model(ring_with_bar, (), 1.0), make_printers(1), options, cost).parts) == 1

@@ -61,14 +61,14 @@ def test_too_few_printers_are_reported_with_the_required_kind(cost: CostModel) -
     model = Model(Solid.box((0, 0, 0), (90, 90, 700)), (), 1.0)
     options = replace(OPTIONS, granularity=8)
     lows = [PrinterRoom(f"low-{i}", LOW) for i in range(3)]
-    highs = [PrinterRoom(f"high-{i}", HIGH) for i in range(3)]
+    high_rooms = [PrinterRoom(f"high-{i}", HIGH) for i in range(3)]
     message = r"needs 6 parts.*there are 4: free 2 more with room for 100 x 100 x 160 mm"
     with pytest.raises(NoFit, match=message) as error:
-        decompose_model(model, [*lows, highs[0]], options, cost)
+        decompose_model(model, [*lows, high_rooms[0]], options, cost)
     assert error.value.printers_needed == 6
-    assert len(decompose_model(model, [*lows, *highs], options, cost).parts) == 6
+    assert len(decompose_model(model, [*lows, *high_rooms], options, cost).parts) == 6
     with pytest.raises(NoFit, match="there are 5: free 1 more"):
-        decompose_model(model, [*lows, *highs[:2]], options, cost)
+        decompose_model(model, [*lows, *high_rooms[:2]], options, cost)
 
 
 def test_fast_printer_gets_more_work(ring_with_bar: Solid, cost: CostModel) -> None:

@@ -33,12 +33,12 @@ def make_equal_fleets(max_count: int) -> np.ndarray:
 @settings(max_examples=25, deadline=None)
 @given(shape=st.tuples(st.integers(1, 4), st.integers(1, 4), st.integers(1, 3)), seed=st.integers(0, 10**6))
 def test_each_point_equals_a_separate_search(shape: Shape, seed: int) -> None:
-    boxes, is_needed = make_tables(shape, seed)
+    tables, is_needed = make_tables(shape, seed)
     points = {
-        p.printers: p.makespan_s for p in compute_makespan_curve([boxes], make_equal_fleets(MAX_PRINTERS))
+        p.printers: p.makespan_s for p in compute_makespan_curve([tables], make_equal_fleets(MAX_PRINTERS))
     }
     for printers in range(1, MAX_PRINTERS + 1):
-        least_s = Partitioner(boxes).find_min_makespan(printers, 0.0, tolerance_s=1e-3)
+        least_s = Partitioner(tables).find_min_makespan(printers, 0.0, tolerance_s=1e-3)
         if least_s is None or not is_needed.any():
             assert printers not in points
         else:
@@ -56,11 +56,11 @@ def test_each_point_of_unequal_printers_equals_a_separate_search(
     shape: Shape, seed: int, order: list[int], ratio: float
 ) -> None:
     """Use a second class with another speed; some boxes fit only one of the two."""
-    first_boxes, is_needed = make_tables(shape, seed)
+    first_tables, is_needed = make_tables(shape, seed)
     rng = np.random.default_rng(seed)
-    factors = np.where(rng.random((2, len(first_boxes.seconds))) < 0.2, np.inf, 1.0).astype(np.float32)
-    scaled_tables = replace(first_boxes, seconds=first_boxes.seconds * factors[0])
-    other_boxes = replace(first_boxes, seconds=first_boxes.seconds * np.float32(ratio) * factors[1])
+    factors = np.where(rng.random((2, len(first_tables.seconds))) < 0.2, np.inf, 1.0).astype(np.float32)
+    scaled_tables = replace(first_tables, seconds=first_tables.seconds * factors[0])
+    other_boxes = replace(first_tables, seconds=first_tables.seconds * np.float32(ratio) * factors[1])
     fleets = np.cumsum(np.eye(2, dtype=np.int64)[order], axis=0)
     points = {p.printers: p.makespan_s for p in compute_makespan_curve([scaled_tables, other_boxes], fleets)}
     for first_count, other_count in fleets.tolist():
@@ -74,18 +74,18 @@ def test_each_point_of_unequal_printers_equals_a_separate_search(
 
 
 def test_more_printers_never_take_longer_and_threads_change_nothing() -> None:
-    boxes, _ = make_tables((6, 5, 4), 3)
-    points = compute_makespan_curve([boxes], make_equal_fleets(30))
+    tables, _ = make_tables((6, 5, 4), 3)
+    points = compute_makespan_curve([tables], make_equal_fleets(30))
     assert [p.printers for p in points] == list(range(points[0].printers, 31))
     assert all(b.makespan_s <= a.makespan_s for a, b in pairwise(points))
     with ThreadPoolExecutor(2) as executor:
-        assert compute_makespan_curve([boxes], make_equal_fleets(30), executor) == points
+        assert compute_makespan_curve([tables], make_equal_fleets(30), executor) == points
 
 
 def test_curve_of_an_empty_model_is_empty() -> None:
-    boxes, _ = make_tables((2, 2, 2), 1)
-    boxes.seconds[:] = np.inf
-    assert compute_makespan_curve([boxes], make_equal_fleets(4)) == ()
+    tables, _ = make_tables((2, 2, 2), 1)
+    tables.seconds[:] = np.inf
+    assert compute_makespan_curve([tables], make_equal_fleets(4)) == ()
 
 
 def test_knee_includes_the_work_of_a_person() -> None:

@@ -60,7 +60,7 @@ def test_looser_partitions_are_complete_without_more_work(
 
 def test_earliest_end_after_plane_shifts_is_chosen(task: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
     """Return the second of the looser partitions."""
-    ends: dict[int, float] = {}
+    ends_s: dict[int, float] = {}
     results: list[tuple[Piece, ...]] = []
 
     def reverse_shift(
@@ -68,11 +68,11 @@ def test_earliest_end_after_plane_shifts_is_chosen(task: Problem, monkeypatch: p
     ) -> list[Piece]:
         pieces = tuple(piece for pieces_of_box in cut.values() for piece in pieces_of_box)
         results.append(pieces)
-        ends[id(pieces[0])] = (9.0, 8.0, 5.0, 7.0)[len(results) - 1]
+        ends_s[id(pieces[0])] = (9.0, 8.0, 5.0, 7.0)[len(results) - 1]
         return list(pieces)
 
     monkeypatch.setattr(exact_search, "shift_planes", reverse_shift)
-    monkeypatch.setattr(Problem, "compute_makespan_s", lambda _, pieces: ends[id(pieces[0])])
+    monkeypatch.setattr(Problem, "compute_makespan_s", lambda _, pieces: ends_s[id(pieces[0])])
     result = exact_search.cut_for_uniform_printers(task)
     assert len(results) > 2
     assert result.pieces == results[2]
@@ -85,10 +85,10 @@ def test_earliest_end_after_plane_shifts_is_chosen(task: Problem, monkeypatch: p
 def test_partitions_far_above_the_best_are_not_improved(
     best_known_s: float, budget_s: float, thorough: bool, task: Problem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def list_looser(self: ExactSearch, best: list[Box]) -> Iterator[dict[Box, list[Piece]]]:
+    def refuse_to_list(self: ExactSearch, best: list[Box]) -> Iterator[dict[Box, list[Piece]]]:
         raise AssertionError
 
-    monkeypatch.setattr(ExactSearch, "list_looser_partitions", list_looser)
+    monkeypatch.setattr(ExactSearch, "list_looser_partitions", refuse_to_list)
     exact_search.cut_for_uniform_printers(
         replace(task, best_known_s=best_known_s, effort=Effort(budget_s), thorough=thorough)
     )
@@ -99,7 +99,7 @@ def test_corrected_piece_counts_need_few_solves(
     budget_s: float, task: Problem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Check that each correction starts from the last makespan, with and without a budget."""
-    corrections, solves = iter(range(10)), 2
+    corrections, max_solves = iter(range(10)), 2
     monkeypatch.setattr(
         ExactSearch, "_correct_piece_counts", lambda self, _: next(corrections, None) is not None
     )
@@ -108,12 +108,12 @@ def test_corrected_piece_counts_need_few_solves(
     monkeypatch.setattr(ExactSearch, "_improve", lambda self, _: [])
     task = replace(task, effort=Effort(budget_s))
     grid = task.build_grid(task.model)
-    boxes = task.price_boxes(grid)
-    solver = Partitioner(boxes)
+    tables = task.price_boxes(grid)
+    solver = Partitioner(tables)
     assert solver.find_min_makespan(len(ROOMS), 1.0) is not None
-    search = ExactSearch(task, grid, boxes, 1.0)
+    search = ExactSearch(task, grid, tables, 1.0)
     search.run()
-    assert search.solver.sums <= solver.sums + 10 * solves * count_cuts(boxes.shape)
+    assert search.solver.sums <= solver.sums + 10 * max_solves * count_cuts(tables.shape)
     assert task.effort.cut_short == (budget_s == 0.0)
 
 
@@ -123,13 +123,13 @@ def test_search_ends_when_its_share_of_the_budget_is_spent(
     """Use partitions whose corrections never end, after a first one that is found."""
     corrections = 0
 
-    def correct(self: ExactSearch, partition: list[Box]) -> bool:
+    def correct_once(self: ExactSearch, partition: list[Box]) -> bool:
         nonlocal corrections
         corrections += 1
         assert corrections < 1000
         return corrections > 1
 
-    monkeypatch.setattr(ExactSearch, "_correct_piece_counts", correct)
+    monkeypatch.setattr(ExactSearch, "_correct_piece_counts", correct_once)
     monkeypatch.setattr(ExactSearch, "_forbid_faulty", lambda self, _: False)
     monkeypatch.setattr(ExactSearch, "_compute_true_makespan_s", lambda self, _: 1e9)
     monkeypatch.setattr(ExactSearch, "_improve", lambda self, _: [])

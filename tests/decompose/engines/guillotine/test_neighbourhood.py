@@ -28,13 +28,13 @@ def count_cover(shape: Shape, partition: list[Box]) -> np.ndarray:
     return cells
 
 
-def count_pieces(boxes: BoxTables, partition: list[Box]) -> int:
-    return sum(int(boxes.pieces[box_index(box, boxes.shape)]) for box in partition)
+def count_pieces(tables: BoxTables, partition: list[Box]) -> int:
+    return sum(int(tables.pieces[box_index(box, tables.shape)]) for box in partition)
 
 
-def make_feasible_partition(boxes: BoxTables, limit_s: float) -> list[Box]:
+def make_feasible_partition(tables: BoxTables, limit_s: float) -> list[Box]:
     """Make a partition by guillotine cuts with the fewest parts within a high time limit."""
-    solver = Partitioner(boxes)
+    solver = Partitioner(tables)
     assume(solver.solve(limit_s) < UNREACHABLE)
     return solver.list_chosen_boxes()
 
@@ -42,34 +42,34 @@ def make_feasible_partition(boxes: BoxTables, limit_s: float) -> list[Box]:
 @settings(max_examples=60, deadline=None)
 @given(shape=shapes, seed=st.integers(0, 10**6), spare=st.integers(0, 3), share=st.floats(0.3, 1.2))
 def test_improved_partition_is_valid_and_no_slower(shape: Shape, seed: int, spare: int, share: float) -> None:
-    boxes, is_needed = make_tables(shape, seed)
-    partition = make_feasible_partition(boxes, share * 130.0 * float(np.prod(shape)))
+    tables, is_needed = make_tables(shape, seed)
+    partition = make_feasible_partition(tables, share * 130.0 * float(np.prod(shape)))
     assume(partition)
-    printers = count_pieces(boxes, partition) + spare
-    improved_partition = improve_locally(boxes, partition, printers)
-    assert count_pieces(boxes, improved_partition) <= printers
+    printers = count_pieces(tables, partition) + spare
+    improved_partition = improve_locally(tables, partition, printers)
+    assert count_pieces(tables, improved_partition) <= printers
     cells = count_cover(shape, improved_partition)
     assert cells.max() <= 1
     assert (cells[is_needed] == 1).all()
-    assert all(boxes.trimmed[box_index(box, shape)] == box_index(box, shape) for box in improved_partition)
-    assert sort_times_s(boxes, improved_partition) <= sort_times_s(boxes, partition)
-    assert improve_locally(boxes, partition, printers) == improved_partition
+    assert all(tables.trimmed[box_index(box, shape)] == box_index(box, shape) for box in improved_partition)
+    assert sort_times_s(tables, improved_partition) <= sort_times_s(tables, partition)
+    assert improve_locally(tables, partition, printers) == improved_partition
 
 
 @settings(max_examples=60, deadline=None)
 @given(shape=shapes, seed=st.integers(0, 10**6), share=st.floats(0.1, 1.2))
 def test_window_of_all_boxes_is_as_good_as_the_exact_search(shape: Shape, seed: int, share: float) -> None:
-    boxes, is_needed = make_tables(shape, seed)
+    tables, is_needed = make_tables(shape, seed)
     assume(is_needed.any())
     limit_s = share * 130.0 * float(np.prod(shape))
-    window = Window(boxes, [(0, 0, 0, *shape)], [])
+    window = Window(tables, [(0, 0, 0, *shape)], [])
     fewest = window.count_fewest_parts(limit_s)
-    assert min(fewest, UNREACHABLE) <= Partitioner(boxes).solve(limit_s)
+    assert min(fewest, UNREACHABLE) <= Partitioner(tables).solve(limit_s)
     if fewest < UNREACHABLE:
         partition = window.list_chosen_boxes()
-        assert count_pieces(boxes, partition) == fewest
+        assert count_pieces(tables, partition) == fewest
         assert (count_cover(shape, partition)[is_needed] == 1).all()
-        assert max(sort_times_s(boxes, partition)) <= limit_s
+        assert max(sort_times_s(tables, partition)) <= limit_s
 
 
 def make_even_tables(shape: Shape) -> BoxTables:
@@ -86,34 +86,34 @@ def make_even_tables(shape: Shape) -> BoxTables:
 def test_pinwheel_without_a_guillotine_cut_is_found(axis: int, mirrored_axis: int) -> None:
     shape: list[int] = [3, 3, 3]
     shape[axis] = 1
-    boxes = make_even_tables((shape[0], shape[1], shape[2]))
-    wheel = list_pinwheel_boxes(boxes.shape, (axis, mirrored_axis, 1, 2, 1, 2))
-    allowed_indices = [box_index(box, boxes.shape) for box in wheel]
-    boxes.seconds[[i for i in range(len(boxes.seconds)) if i not in allowed_indices]] += 10.0
-    boxes.seconds[box_index((0, 0, 0, *boxes.shape), boxes.shape)] = 40.0
-    assert Partitioner(boxes).solve(2.0) >= UNREACHABLE
-    assert sorted(improve_locally(boxes, [(0, 0, 0, *boxes.shape)], 5)) == sorted(wheel)
-    assert improve_locally(boxes, [(0, 0, 0, *boxes.shape)], 1) == [(0, 0, 0, *boxes.shape)]
+    tables = make_even_tables((shape[0], shape[1], shape[2]))
+    wheel = list_pinwheel_boxes(tables.shape, (axis, mirrored_axis, 1, 2, 1, 2))
+    allowed_indices = [box_index(box, tables.shape) for box in wheel]
+    tables.seconds[[i for i in range(len(tables.seconds)) if i not in allowed_indices]] += 10.0
+    tables.seconds[box_index((0, 0, 0, *tables.shape), tables.shape)] = 40.0
+    assert Partitioner(tables).solve(2.0) >= UNREACHABLE
+    assert sorted(improve_locally(tables, [(0, 0, 0, *tables.shape)], 5)) == sorted(wheel)
+    assert improve_locally(tables, [(0, 0, 0, *tables.shape)], 1) == [(0, 0, 0, *tables.shape)]
 
 
 def test_face_is_moved_and_a_spare_printer_is_used() -> None:
-    boxes = make_even_tables((6, 2, 1))
+    tables = make_even_tables((6, 2, 1))
     uneven_boxes: list[Box] = [(0, 0, 0, 5, 2, 1), (5, 0, 0, 6, 2, 1)]
-    assert sort_times_s(boxes, improve_locally(boxes, uneven_boxes, 2)) == [6.0, 6.0]
-    assert sort_times_s(boxes, improve_locally(boxes, uneven_boxes, 3)) == [4.0, 4.0, 4.0]
+    assert sort_times_s(tables, improve_locally(tables, uneven_boxes, 2)) == [6.0, 6.0]
+    assert sort_times_s(tables, improve_locally(tables, uneven_boxes, 3)) == [4.0, 4.0, 4.0]
 
 
 def test_l_shape_is_recut_between_other_boxes() -> None:
     """Use a slow box that does not form a box with its neighbours; other boxes do not change."""
-    boxes = make_even_tables((4, 4, 1))
+    tables = make_even_tables((4, 4, 1))
     other_box: Box = (2, 2, 0, 4, 4, 1)
     l_shaped_boxes: list[Box] = [(0, 0, 0, 4, 2, 1), (0, 2, 0, 2, 4, 1)]
-    boxes.seconds[box_index(other_box, boxes.shape)] = 0.5
-    for box in list_boxes(boxes.shape):  # only the other way to cut the L ends sooner
+    tables.seconds[box_index(other_box, tables.shape)] = 0.5
+    for box in list_boxes(tables.shape):  # only the other way to cut the L ends sooner
         if box not in (other_box, (0, 0, 0, 2, 4, 1), (2, 0, 0, 4, 2, 1)):
-            boxes.seconds[box_index(box, boxes.shape)] += 5.0
-    boxes.seconds[box_index((0, 0, 0, 2, 4, 1), boxes.shape)] = 4.0
-    assert sorted(improve_locally(boxes, [other_box, *l_shaped_boxes], 3)) == [
+            tables.seconds[box_index(box, tables.shape)] += 5.0
+    tables.seconds[box_index((0, 0, 0, 2, 4, 1), tables.shape)] = 4.0
+    assert sorted(improve_locally(tables, [other_box, *l_shaped_boxes], 3)) == [
         (0, 0, 0, 2, 4, 1),
         (2, 0, 0, 4, 2, 1),
         other_box,

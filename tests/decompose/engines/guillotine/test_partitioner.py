@@ -26,7 +26,7 @@ SortKey = tuple[int, int, int]  # parts, seconds, units of cut area
 Parts = tuple[int, ...]  # of each class of printers
 
 
-def find_best_by_recursion(boxes: BoxTables, is_needed: np.ndarray, limit_s: float) -> SortKey:
+def find_best_by_recursion(tables: BoxTables, is_needed: np.ndarray, limit_s: float) -> SortKey:
     @cache
     def find_best(box: Box) -> SortKey:
         cells_inside = np.argwhere(is_needed[box[0] : box[3], box[1] : box[4], box[2] : box[5]])
@@ -34,14 +34,14 @@ def find_best_by_recursion(boxes: BoxTables, is_needed: np.ndarray, limit_s: flo
             return 0, 0, 0
         lo, hi = cells_inside.min(axis=0) + box[:3], cells_inside.max(axis=0) + box[:3] + 1
         box = (*map(int, lo), *map(int, hi))  # type: ignore[assignment]
-        index = box_index(box, boxes.shape)
+        index = box_index(box, tables.shape)
         results = [(UNREACHABLE, 0, 0)]
-        if boxes.seconds[index] <= limit_s:
+        if tables.seconds[index] <= limit_s:
             results = [
                 (
-                    int(boxes.pieces[index]),
-                    round(boxes.seconds[index]),
-                    round(boxes.cut_mm2[index] / AREA_MM2),
+                    int(tables.pieces[index]),
+                    round(tables.seconds[index]),
+                    round(tables.cut_mm2[index] / AREA_MM2),
                 )
             ]
         for axis in range(3):
@@ -52,11 +52,11 @@ def find_best_by_recursion(boxes: BoxTables, is_needed: np.ndarray, limit_s: flo
                 results.append((a[0] + b[0], a[1] + b[1], a[2] + b[2]))
         return min(results)
 
-    return find_best((0, 0, 0, *boxes.shape))
+    return find_best((0, 0, 0, *tables.shape))
 
 
-def find_fewest_by_recursion(boxes: BoxTables, is_needed: np.ndarray, limit_s: float) -> int:
-    return find_best_by_recursion(boxes, is_needed, limit_s)[0]
+def find_fewest_by_recursion(tables: BoxTables, is_needed: np.ndarray, limit_s: float) -> int:
+    return find_best_by_recursion(tables, is_needed, limit_s)[0]
 
 
 shapes = st.tuples(st.integers(1, 4), st.integers(1, 3), st.integers(1, 3))
@@ -65,23 +65,23 @@ shapes = st.tuples(st.integers(1, 4), st.integers(1, 3), st.integers(1, 3))
 @settings(max_examples=40, deadline=None)
 @given(shape=shapes, seed=st.integers(0, 10**6), share=st.floats(0.05, 1.2))
 def test_minimum_number_of_parts_at_a_time_limit(shape: Shape, seed: int, share: float) -> None:
-    boxes, is_needed = make_tables(shape, seed)
-    limit = share * 130.0 * float(np.prod(shape))
-    solver = Partitioner(boxes)
-    expected_count = find_fewest_by_recursion(boxes, is_needed, limit)
+    tables, is_needed = make_tables(shape, seed)
+    limit_s = share * 130.0 * float(np.prod(shape))
+    solver = Partitioner(tables)
+    expected_count = find_fewest_by_recursion(tables, is_needed, limit_s)
     for ties in (False, True):
-        result = solver.solve(limit, ties)
+        result = solver.solve(limit_s, ties)
         assert result == expected_count
     if result >= UNREACHABLE:
         return
     partition = solver.list_chosen_boxes()
-    assert sum(int(boxes.pieces[box_index(b, shape)]) for b in partition) == result
-    cover = np.zeros(shape, int)
+    assert sum(int(tables.pieces[box_index(b, shape)]) for b in partition) == result
+    cover_count = np.zeros(shape, int)
     for x0, y0, z0, x1, y1, z1 in partition:
-        cover[x0:x1, y0:y1, z0:z1] += 1
-    assert cover.max(initial=0) <= 1
-    assert (cover[is_needed] == 1).all()
-    assert all(boxes.seconds[box_index(b, shape)] <= limit for b in partition)
+        cover_count[x0:x1, y0:y1, z0:z1] += 1
+    assert cover_count.max(initial=0) <= 1
+    assert (cover_count[is_needed] == 1).all()
+    assert all(tables.seconds[box_index(b, shape)] <= limit_s for b in partition)
 
 
 @settings(max_examples=40, deadline=None)
@@ -89,20 +89,20 @@ def test_minimum_number_of_parts_at_a_time_limit(shape: Shape, seed: int, share:
 def test_ties_are_broken_by_work_then_by_cut_area(
     shape: Shape, seed: int, share: float, has_equal_costs: bool
 ) -> None:
-    boxes, is_needed = make_tables(shape, seed)
+    tables, is_needed = make_tables(shape, seed)
     if has_equal_costs:  # so that only cuts decide
-        boxes.seconds[np.isfinite(boxes.seconds)] = 100.0
-    limit = share * 130.0 * float(np.prod(shape))
-    solver = Partitioner(boxes)
-    if solver.solve(limit, ties=True) >= UNREACHABLE:
+        tables.seconds[np.isfinite(tables.seconds)] = 100.0
+    limit_s = share * 130.0 * float(np.prod(shape))
+    solver = Partitioner(tables)
+    if solver.solve(limit_s, ties=True) >= UNREACHABLE:
         return
     indices = [box_index(box, shape) for box in solver.list_chosen_boxes()]
     sort_key = (
-        sum(int(boxes.pieces[i]) for i in indices),
-        sum(round(boxes.seconds[i]) for i in indices),
-        sum(round(boxes.cut_mm2[i] / AREA_MM2) for i in indices),
+        sum(int(tables.pieces[i]) for i in indices),
+        sum(round(tables.seconds[i]) for i in indices),
+        sum(round(tables.cut_mm2[i] / AREA_MM2) for i in indices),
     )
-    assert sort_key == find_best_by_recursion(boxes, is_needed, limit)
+    assert sort_key == find_best_by_recursion(tables, is_needed, limit_s)
 
 
 @pytest.mark.parametrize("is_busy", [False, True])
@@ -111,17 +111,17 @@ def test_ties_are_broken_by_work_then_by_cut_area(
 def test_an_executor_free_or_busy_changes_no_solution(
     is_busy: bool, shape: Shape, seed: int, share: float
 ) -> None:
-    boxes, _ = make_tables(shape, seed)
+    tables, _ = make_tables(shape, seed)
     limit_s = share * 130.0 * float(np.prod(shape))
-    serial_partitioner = Partitioner(boxes)
+    serial_partitioner = Partitioner(tables)
     fewest = serial_partitioner.solve(limit_s, ties=True)
-    is_over = Event()
+    release = Event()
     with ThreadPoolExecutor(1) as executor:
         if is_busy:
-            executor.submit(is_over.wait)
-        parallel_partitioner = Partitioner(boxes, executor=executor)
+            executor.submit(release.wait)
+        parallel_partitioner = Partitioner(tables, executor=executor)
         parallel_fewest = parallel_partitioner.solve(limit_s, ties=True)
-        is_over.set()
+        release.set()
     assert parallel_fewest == fewest
     assert (parallel_partitioner.counts == serial_partitioner.counts).all()
     if fewest < UNREACHABLE:
@@ -131,14 +131,14 @@ def test_an_executor_free_or_busy_changes_no_solution(
 @settings(max_examples=25, deadline=None)
 @given(shape=shapes, seed=st.integers(0, 10**6), printers=st.integers(1, 6))
 def test_minimum_makespan_equals_an_exhaustive_search(shape: Shape, seed: int, printers: int) -> None:
-    boxes, is_needed = make_tables(shape, seed)
-    limits = np.unique(boxes.seconds[np.isfinite(boxes.seconds)])
-    reachable = [t for t in limits if find_fewest_by_recursion(boxes, is_needed, float(t)) <= printers]
-    result = Partitioner(boxes).find_min_makespan(printers, 0.0, tolerance_s=1e-3)
-    if not is_needed.any() or not reachable:
+    tables, is_needed = make_tables(shape, seed)
+    limits_s = np.unique(tables.seconds[np.isfinite(tables.seconds)])
+    reachable_s = [t for t in limits_s if find_fewest_by_recursion(tables, is_needed, float(t)) <= printers]
+    result = Partitioner(tables).find_min_makespan(printers, 0.0, tolerance_s=1e-3)
+    if not is_needed.any() or not reachable_s:
         assert result is None
     else:
-        assert result == pytest.approx(float(reachable[0]), abs=2e-3)
+        assert result == pytest.approx(float(reachable_s[0]), abs=2e-3)
 
 
 @settings(max_examples=25, deadline=None)
@@ -146,10 +146,10 @@ def test_minimum_makespan_equals_an_exhaustive_search(shape: Shape, seed: int, p
 def test_minimum_makespan_is_independent_of_the_lower_bound(
     shape: Shape, seed: int, printers: int, share: float
 ) -> None:
-    boxes, _ = make_tables(shape, seed)
-    makespan_s = Partitioner(boxes).find_min_makespan(printers, 0.0, tolerance_s=1e-3)
+    tables, _ = make_tables(shape, seed)
+    makespan_s = Partitioner(tables).find_min_makespan(printers, 0.0, tolerance_s=1e-3)
     bound_s = share * (makespan_s or 1.0)
-    partitioner = Partitioner(boxes)
+    partitioner = Partitioner(tables)
     assert partitioner.find_min_makespan(printers, bound_s, 1e-3, is_near=True) == (
         None if makespan_s is None else pytest.approx(makespan_s, abs=2e-3)
     )
@@ -186,13 +186,13 @@ def list_shares_by_recursion(
 
 def make_classes(shape: Shape, seed: int, number: int) -> tuple[list[BoxTables], np.ndarray]:
     """Make tables of the same boxes on printers with another speed and too little room for some of them."""
-    boxes, is_needed = make_tables(shape, seed)
+    tables, is_needed = make_tables(shape, seed)
     rng = np.random.default_rng(seed)
     results = []
     for _ in range(number):
-        seconds = boxes.seconds * np.float32(rng.uniform(0.5, 1.5))
+        seconds = tables.seconds * np.float32(rng.uniform(0.5, 1.5))
         seconds[rng.random(len(seconds)) < 0.2] = np.inf
-        results.append(replace(boxes, seconds=seconds))
+        results.append(replace(tables, seconds=seconds))
     return results, is_needed
 
 
@@ -207,9 +207,9 @@ def test_unequal_printers_match_an_exhaustive_distribution(
     shape: Shape, seed: int, share: float, counts: list[int]
 ) -> None:
     classes, is_needed = make_classes(shape, seed, 1 + len(counts))
-    limit = share * 130.0 * float(np.prod(shape))
+    limit_s = share * 130.0 * float(np.prod(shape))
     solver = Partitioner(classes[0], [OtherClass(*item) for item in zip(classes[1:], counts, strict=True)])
-    shares = list_shares_by_recursion(classes, is_needed, limit, max_count=12)
+    shares = list_shares_by_recursion(classes, is_needed, limit_s, max_count=12)
     feasible_s = [
         parts_by_class[0]
         for parts_by_class in shares
@@ -217,7 +217,7 @@ def test_unequal_printers_match_an_exhaustive_distribution(
     ]
     expected_s = min(feasible_s, default=UNREACHABLE)
     for ties in (False, True):
-        assert solver.solve(limit, ties) == expected_s
+        assert solver.solve(limit_s, ties) == expected_s
         if expected_s >= UNREACHABLE:
             continue
         indices = [
@@ -228,15 +228,17 @@ def test_unequal_printers_match_an_exhaustive_distribution(
         printers = [classes[0]] * expected_s + [
             c for c, n in zip(classes[1:], counts, strict=True) for _ in range(n)
         ]
-        cover = np.zeros(shape, int)
+        cover_count = np.zeros(shape, int)
         for x0, y0, z0, x1, y1, z1 in solver.list_chosen_boxes():
-            cover[x0:x1, y0:y1, z0:z1] += 1
-        assert cover.max(initial=0) <= 1
-        assert (cover[is_needed] == 1).all()
+            cover_count[x0:x1, y0:y1, z0:z1] += 1
+        assert cover_count.max(initial=0) <= 1
+        assert (cover_count[is_needed] == 1).all()
         times_s = np.array([[table.seconds[i] for table in printers] for i in indices]).reshape(
             len(indices), len(printers)
         )
-        assert not len(indices) or assign_bottleneck(np.where(times_s <= limit, times_s, np.inf)) is not None
+        assert (
+            not len(indices) or assign_bottleneck(np.where(times_s <= limit_s, times_s, np.inf)) is not None
+        )
 
 
 @settings(max_examples=25, deadline=None)
@@ -244,23 +246,23 @@ def test_unequal_printers_match_an_exhaustive_distribution(
 def test_more_printers_of_another_class_never_end_later(
     shape: Shape, seed: int, printers: int, other_count: int
 ) -> None:
-    (first_boxes, second_boxes), _ = make_classes(shape, seed, 2)
-    first_s = Partitioner(first_boxes).find_min_makespan(printers, 0.0, tolerance_s=1e-3)
-    partitioner = Partitioner(first_boxes, [OtherClass(second_boxes, other_count)])
-    both_s = partitioner.find_min_makespan(printers, 0.0, tolerance_s=1e-3)
+    (first_tables, second_tables), _ = make_classes(shape, seed, 2)
+    first_s = Partitioner(first_tables).find_min_makespan(printers, 0.0, tolerance_s=1e-3)
+    partitioner = Partitioner(first_tables, [OtherClass(second_tables, other_count)])
+    two_classes_s = partitioner.find_min_makespan(printers, 0.0, tolerance_s=1e-3)
     if first_s is not None:
-        assert both_s is not None
-        assert both_s <= first_s + 1e-3
-        assert partitioner.find_min_makespan(printers, 0.0, max_s=0.5 * both_s) is None
+        assert two_classes_s is not None
+        assert two_classes_s <= first_s + 1e-3
+        assert partitioner.find_min_makespan(printers, 0.0, max_s=0.5 * two_classes_s) is None
 
 
-def cut_at_random(boxes: BoxTables, box: Box, limit_s: float, rng: np.random.Generator) -> list[Box] | None:
+def cut_at_random(tables: BoxTables, box: Box, limit_s: float, rng: np.random.Generator) -> list[Box] | None:
     """Make a guillotine partition of a box by random cuts, down to boxes that end in time, or None."""
-    index = int(boxes.trimmed[box_index(box, boxes.shape)])
+    index = int(tables.trimmed[box_index(box, tables.shape)])
     if index < 0:
         return []
-    box = box_at(index, boxes.shape)
-    if boxes.seconds[index] <= limit_s and boxes.pieces[index] == 1:
+    box = box_at(index, tables.shape)
+    if tables.seconds[index] <= limit_s and tables.pieces[index] == 1:
         return [box]
     cuts = [(axis, plane) for axis in range(3) for plane in range(box[axis] + 1, box[axis + 3])]
     if not cuts:
@@ -268,86 +270,88 @@ def cut_at_random(boxes: BoxTables, box: Box, limit_s: float, rng: np.random.Gen
     axis, plane = cuts[rng.integers(len(cuts))]
     near, far = list(box), list(box)
     near[axis + 3] = far[axis] = plane
-    sides = [cut_at_random(boxes, tuple(side), limit_s, rng) for side in (near, far)]  # type: ignore[arg-type]
+    sides = [cut_at_random(tables, tuple(side), limit_s, rng) for side in (near, far)]  # type: ignore[arg-type]
     return None if sides[0] is None or sides[1] is None else sides[0] + sides[1]
 
 
 @settings(max_examples=40, deadline=None)
 @given(shape=st.tuples(*[st.integers(1, 6)] * 3), seed=st.integers(0, 10**6), share=st.floats(0.05, 0.8))
 def test_random_cuts_give_no_better_partition(shape: Shape, seed: int, share: float) -> None:
-    boxes, is_needed = make_tables(shape, seed)
+    tables, is_needed = make_tables(shape, seed)
     rng = np.random.default_rng(seed)
-    result = cut_at_random(boxes, (0, 0, 0, *shape), share * 130.0 * float(np.prod(shape)), rng)
+    result = cut_at_random(tables, (0, 0, 0, *shape), share * 130.0 * float(np.prod(shape)), rng)
     if result is None or not is_needed.any():
         reject()
-    solver = Partitioner(boxes)
+    solver = Partitioner(tables)
     least_s = solver.find_min_makespan(len(result), 0.0, tolerance_s=1e-3)
     assert least_s is not None
-    assert solver.longest_s() <= boxes.longest_s(result)
-    assert solver.solve(boxes.longest_s(result)) <= len(result)
+    assert solver.longest_s() <= tables.longest_s(result)
+    assert solver.solve(tables.longest_s(result)) <= len(result)
 
 
-def partition_greedily(boxes: BoxTables, printers: int) -> list[Box]:
+def partition_greedily(tables: BoxTables, printers: int) -> list[Box]:
     """Cut the costliest box at its best plane as long as printers are left."""
 
-    def trim(box: list[int]) -> Box | None:
-        index = int(boxes.trimmed[box_index((*box,), boxes.shape)])  # type: ignore[arg-type]
-        return None if index < 0 else box_at(index, boxes.shape)
+    def trim_box(box: list[int]) -> Box | None:
+        index = int(tables.trimmed[box_index((*box,), tables.shape)])  # type: ignore[arg-type]
+        return None if index < 0 else box_at(index, tables.shape)
 
-    def seconds(box: Box) -> float:
-        return float(boxes.seconds[box_index(box, boxes.shape)])
+    def get_seconds(box: Box) -> float:
+        return float(tables.seconds[box_index(box, tables.shape)])
 
-    def halves(box: Box) -> list[list[Box]]:
+    def list_cuts(box: Box) -> list[list[Box]]:
         results = []
         for axis in range(3):
             for plane in range(box[axis] + 1, box[axis + 3]):
                 near, far = list(box), list(box)
                 near[axis + 3] = far[axis] = plane
-                results.append([side for side in (trim(near), trim(far)) if side is not None])
+                results.append([side for side in (trim_box(near), trim_box(far)) if side is not None])
         return results
 
-    box_of_all = trim([0, 0, 0, *boxes.shape])
+    box_of_all = trim_box([0, 0, 0, *tables.shape])
     parts = [] if box_of_all is None else [box_of_all]
-    while parts and sum(int(boxes.pieces[box_index(box, boxes.shape)]) for box in parts) < printers:
-        worst = max(parts, key=seconds)
-        cuts = halves(worst)
+    while parts and sum(int(tables.pieces[box_index(box, tables.shape)]) for box in parts) < printers:
+        worst = max(parts, key=get_seconds)
+        cuts = list_cuts(worst)
         if not cuts:
             break
         parts.remove(worst)
-        parts += min(cuts, key=lambda sides: max(seconds(side) for side in sides))
+        parts += min(cuts, key=lambda sides: max(get_seconds(side) for side in sides))
     return parts
 
 
 @settings(max_examples=40, deadline=None)
 @given(shape=st.tuples(*[st.integers(1, 6)] * 3), seed=st.integers(0, 10**6), printers=st.integers(1, 12))
 def test_greedy_cuts_give_no_better_partition(shape: Shape, seed: int, printers: int) -> None:
-    boxes, _ = make_tables(shape, seed)
-    result = partition_greedily(boxes, printers)
-    assume(result and np.isfinite(boxes.longest_s(result)))
-    count = sum(int(boxes.pieces[box_index(box, shape)]) for box in result)
-    solver = Partitioner(boxes)
+    tables, _ = make_tables(shape, seed)
+    result = partition_greedily(tables, printers)
+    assume(result and np.isfinite(tables.longest_s(result)))
+    count = sum(int(tables.pieces[box_index(box, shape)]) for box in result)
+    solver = Partitioner(tables)
     assert solver.find_min_makespan(count, 0.0, tolerance_s=1e-3) is not None
-    assert solver.longest_s() <= boxes.longest_s(result) + 1e-3
+    assert solver.longest_s() <= tables.longest_s(result) + 1e-3
 
 
 def rotate_tables(
-    boxes: BoxTables, axes: tuple[int, int, int], is_mirrored: tuple[bool, bool, bool]
+    tables: BoxTables, axes: tuple[int, int, int], is_mirrored: tuple[bool, bool, bool]
 ) -> BoxTables:
     """Permute and mirror the axes of the tables of a model."""
-    shape = (boxes.shape[axes[0]], boxes.shape[axes[1]], boxes.shape[axes[2]])
+    shape = (tables.shape[axes[0]], tables.shape[axes[1]], tables.shape[axes[2]])
 
-    def place(box: Box) -> Box:
+    def rotate_box(box: Box) -> Box:
         lo, hi = list(box[:3]), list(box[3:])
         for axis in range(3):
             if is_mirrored[axis]:
-                lo[axis], hi[axis] = boxes.shape[axis] - box[axis + 3], boxes.shape[axis] - box[axis]
+                lo[axis], hi[axis] = tables.shape[axis] - box[axis + 3], tables.shape[axis] - box[axis]
         a, b, c = axes
         return lo[a], lo[b], lo[c], hi[a], hi[b], hi[c]
 
-    new_index = np.array([box_index(place(box_at(i, boxes.shape)), shape) for i in range(len(boxes.seconds))])
-    result = BoxTables(shape, *(np.empty_like(t) for t in (boxes.seconds, boxes.trimmed, boxes.pieces)))
-    result.seconds[new_index], result.pieces[new_index] = boxes.seconds, boxes.pieces
-    result.trimmed[new_index] = np.where(boxes.trimmed < 0, -1, new_index[boxes.trimmed])
+    new_index = np.array(
+        [box_index(rotate_box(box_at(i, tables.shape)), shape) for i in range(len(tables.seconds))]
+    )
+    result = BoxTables(shape, *(np.empty_like(t) for t in (tables.seconds, tables.trimmed, tables.pieces)))
+    result.seconds[new_index], result.pieces[new_index] = tables.seconds, tables.pieces
+    result.trimmed[new_index] = np.where(tables.trimmed < 0, -1, new_index[tables.trimmed])
     return result
 
 
@@ -362,11 +366,11 @@ def rotate_tables(
 def test_turned_or_mirrored_model_takes_the_same_time(
     shape: Shape, seed: int, axes: list[int], is_mirrored: tuple[bool, bool, bool], printers: int
 ) -> None:
-    boxes, _ = make_tables(shape, seed)
-    rotated_boxes = rotate_tables(boxes, (axes[0], axes[1], axes[2]), is_mirrored)
+    tables, _ = make_tables(shape, seed)
+    rotated_tables = rotate_tables(tables, (axes[0], axes[1], axes[2]), is_mirrored)
     times_s = [
         Partitioner(item).find_min_makespan(printers, 0.0, tolerance_s=1e-3)
-        for item in (boxes, rotated_boxes)
+        for item in (tables, rotated_tables)
     ]
     assert (times_s[0] is None) == (times_s[1] is None)
     assert times_s[0] is None or times_s[0] == pytest.approx(times_s[1], abs=2e-3)

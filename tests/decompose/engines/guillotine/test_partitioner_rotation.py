@@ -14,7 +14,7 @@ ROOM = PrinterRoom("cube", ((60.0, 60.0, 60.0),))
 PRINTERS = 12
 
 
-def makespan_s(triangles: np.ndarray, cost: CostModel) -> float:
+def compute_makespan_s(triangles: np.ndarray, cost: CostModel) -> float:
     grid = build_grid(triangles, 6, GridRules(0.0, True, cost.overhang_cos, cost.skin_cos))
     solver = Partitioner(price_boxes(grid, [ROOM], cost))
     result = solver.find_min_makespan(PRINTERS, 0.0, tolerance_s=0.01)
@@ -31,8 +31,9 @@ def test_times_of_rotated_grids_are_equal(
     cost: CostModel,
 ) -> None:
     placed_triangles = (triangles * signs)[:, :, list(axes)]
-    is_odd = np.prod(signs) * np.linalg.det(np.eye(3)[list(axes)]) < 0.0
-    placed_triangles = placed_triangles[:, ::-1] if is_odd else placed_triangles  # outward faces stay outward
-    assert makespan_s(np.ascontiguousarray(placed_triangles), cost) == pytest.approx(
-        makespan_s(triangles, cost), rel=1e-4
+    is_mirrored = np.prod(signs) * np.linalg.det(np.eye(3)[list(axes)]) < 0.0
+    # A mirrored face points inwards unless its corners are reversed.
+    placed_triangles = placed_triangles[:, ::-1] if is_mirrored else placed_triangles
+    assert compute_makespan_s(np.ascontiguousarray(placed_triangles), cost) == pytest.approx(
+        compute_makespan_s(triangles, cost), rel=1e-4
     )

@@ -22,8 +22,8 @@ def make_printers(
 
 
 def test_equal_printers_are_one_class() -> None:
-    (only,) = classify_printers(make_printers(*[(PLUS, 1.1)] * 5), 100.0)
-    assert (only.boxes, only.time_factor, only.count) == (PLUS, 1.1, 5)
+    (printer_class,) = classify_printers(make_printers(*[(PLUS, 1.1)] * 5), 100.0)
+    assert (printer_class.boxes, printer_class.time_factor, printer_class.count) == (PLUS, 1.1, 5)
 
 
 def test_different_rooms_are_classes_but_similar_speeds_are_not() -> None:

@@ -141,7 +141,7 @@ def ball_grid(ball: Model, cost: CostModel) -> Grid:
 
 
 @pytest.fixture(scope="module")
-def ball_boxes(ball_grid: Grid, printers: list[PrinterRoom], cost: CostModel) -> BoxTables:
+def ball_tables(ball_grid: Grid, printers: list[PrinterRoom], cost: CostModel) -> BoxTables:
     return price_boxes(ball_grid, printers, cost)
 
 
@@ -175,9 +175,9 @@ def test_seeds_spread_over_the_surface(ball_grid: Grid, ball_points: np.ndarray)
 
 @pytest.mark.parametrize("score", Score.BOTH.readings)
 def test_attempts_cover_the_model_and_are_deterministic(
-    score: Score, ball_grid: Grid, ball_boxes: BoxTables, ball_points: np.ndarray
+    score: Score, ball_grid: Grid, ball_tables: BoxTables, ball_points: np.ndarray
 ) -> None:
-    terrain = make_time_terrain(ball_grid, ball_boxes)
+    terrain = make_time_terrain(ball_grid, ball_tables)
     seed_sets = draw_seed_sets(SeedSource(ball_points, ball_grid, terrain.barred), 14, 2, 5)
     result = run_attempts(seed_sets, terrain, 14, score)
     assert result
@@ -186,9 +186,9 @@ def test_attempts_cover_the_model_and_are_deterministic(
         assert count.max() == 1
         assert (count[ball_grid.needed] == 1).all()
         indices = [box_index(block, ball_grid.shape) for block in item.blocks]
-        assert (ball_boxes.trimmed[indices] == indices).all()  # no block ends in a layer of nothing
-        assert item.parts == ball_boxes.pieces[indices].sum() <= 14
-        assert item.longest == ball_boxes.seconds[indices].max() < np.inf
+        assert (ball_tables.trimmed[indices] == indices).all()  # no block ends in a layer of nothing
+        assert item.parts == ball_tables.pieces[indices].sum() <= 14
+        assert item.longest == ball_tables.seconds[indices].max() < np.inf
     assert [a.longest for a in result] == sorted(a.longest for a in result)
     with ThreadPoolExecutor(2) as pool:
         threaded_sets = draw_seed_sets(SeedSource(ball_points, ball_grid, terrain.barred), 14, 2, 5, pool.map)
@@ -199,12 +199,12 @@ def test_attempts_cover_the_model_and_are_deterministic(
 
 
 def test_prices_of_the_paper_match_the_solid_in_each_box(
-    ball: Model, ball_grid: Grid, ball_boxes: BoxTables
+    ball: Model, ball_grid: Grid, ball_tables: BoxTables
 ) -> None:
-    terrain = make_paper_terrain(ball_grid, ball_boxes)
+    terrain = make_paper_terrain(ball_grid, ball_tables)
     rng = np.random.default_rng(1)
     shape = ball_grid.shape
-    for number in rng.choice(len(ball_boxes.seconds), 25, replace=False):
+    for number in rng.choice(len(ball_tables.seconds), 25, replace=False):
         sizes = [n * (n + 1) // 2 for n in shape]
         index, iz = divmod(int(number), sizes[2])
         ix, iy = divmod(index, sizes[1])
@@ -320,10 +320,11 @@ def test_option_faithful_uses_the_settings_of_the_paper(
     assert result.options.granularity == "vfine" and result.options.parallelobox.tries == 3
     assert {size for kind, size, _ in calls if kind == "grid"} == {15}
     assert math.sin(math.radians(1.0)) in {steep for kind, _, steep in calls if kind == "grid"}
+    # Draws for the two halves.
     assert sorted(item[1:] for item in calls if item[0] == "draws") == [
         (4, 3),
         (5, 3),
-    ]  # of the two halves
+    ]
     assert SPEED_MM_S == 20.0
     assert result.options.parallelobox.score is Score.HIGH
     assert (

@@ -74,9 +74,8 @@ def test_brim_depends_on_width_height_and_size() -> None:
     assert measure_box(40, 10, 100).brim_width_mm(100.0, 5.0, 8.0) == 8.0  # a tall plate
     assert measure_box(8, 8, 8).brim_width_mm(8.0, 5.0, 8.0) > 5.0  # little contact with the bed
     assert measure_box(120, 40, 20).brim_width_mm(20.0, 5.0, 8.0) == 8.0  # long: it would curl up
-    assert (
-        measure_box(120, 40, 20).brim_width_mm(20.0, 5.0, 8.0, 0.002) < 2.5
-    )  # and less where it shrinks less
+    # The brim is narrower if the material shrinks less.
+    assert measure_box(120, 40, 20).brim_width_mm(20.0, 5.0, 8.0, 0.002) < 2.5
     assert measure_box(40, 40, 20).brim_width_mm(20.0, -0.1, 8.0) == 8.0  # its centre of mass is beside it
     disc = trimesh.creation.cylinder(60.0, 10.0, sections=64)
     disc.apply_translation([0, 0, 5])
@@ -85,7 +84,7 @@ def test_brim_depends_on_width_height_and_size() -> None:
 
 
 def test_chamfered_corner_is_sharp_a_rounded_one_is_not() -> None:
-    def block(corner_mm: float) -> Footing:
+    def measure_block(corner_mm: float) -> Footing:
         corners = [
             (x + s * a, y + t * b)
             for x, s in ((0, 1), (80, -1))
@@ -95,9 +94,9 @@ def test_chamfered_corner_is_sharp_a_rounded_one_is_not() -> None:
         hull = trimesh.convex.convex_hull([(x, y, z) for x, y in corners for z in (0.0, 10.0)])
         return measure_footing(Solid.from_arrays(hull.vertices, hull.faces))
 
-    assert block(0.2).sharp_corners == 4
-    assert block(8.0).sharp_corners == 0
-    assert block(8.0).brim_width_mm(10.0, 5.0, 8.0) < block(0.2).brim_width_mm(10.0, 5.0, 8.0)
+    assert measure_block(0.2).sharp_corners == 4
+    assert measure_block(8.0).sharp_corners == 0
+    assert measure_block(8.0).brim_width_mm(10.0, 5.0, 8.0) < measure_block(0.2).brim_width_mm(10.0, 5.0, 8.0)
 
 
 def test_first_layer_is_narrowed_at_joints_but_not_at_thin_walls() -> None:

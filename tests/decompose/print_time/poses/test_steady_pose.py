@@ -58,9 +58,8 @@ def test_steady_pose_fits_its_printer_and_keeps_supports_off_cuts(cost: CostMode
     )
     tee = Solid.union([Solid.box((-5, -5, 0), (5, 5, 40)), Solid.box((-30, -5, 40), (30, 5, 100))])
     vertices, faces = tee.arrays()
-    is_cut = (np.abs(vertices[faces][:, :, 1] + 5.0) < 1e-9).all(
-        axis=1
-    )  # one of its flat sides, the foot if lying
+    # One of its flat sides, on which it stands if it lies.
+    is_cut = (np.abs(vertices[faces][:, :, 1] + 5.0) < 1e-9).all(axis=1)
     mesh = PartMesh(vertices, faces, is_cut)
     best = find_best_pose(vertices, faces, is_cut, [ROOM], cost)
     assert best is not None

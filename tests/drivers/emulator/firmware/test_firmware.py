@@ -167,21 +167,21 @@ def test_moves_are_acknowledged_when_read_and_commands_after_execution(host: Hos
 
 
 def test_seventeen_moves_are_acknowledged_at_once_then_one_per_finished_move(host: Host) -> None:
-    oks = 0
+    ok_count = 0
     for k in range(40):
         if host.send_burst(f"G1 X{20 if k % 2 else 220} F6000") != ["ok"]:
             break
-        oks += 1
-    assert oks == 17
+        ok_count += 1
+    assert ok_count == 17
     assert host.send_burst() == []
-    for ok_count in (1, 1, 1):
+    for _ in range(3):
         due_s = host.firmware.compute_deadline_s()
-        assert host.wait_until(due_s) == ["ok"] * ok_count
+        assert host.wait_until(due_s) == ["ok"]
         host.send_burst("G1 X100 F6000")
 
 
 def test_late_host_does_not_delay_queued_moves() -> None:
-    ends = []
+    ends_s = []
     for late_s in (0.0, 0.15):
         host = Host()
         for k in range(1, 60):
@@ -189,8 +189,8 @@ def test_late_host_does_not_delay_queued_moves() -> None:
             while "ok" not in answers:
                 answers += host.wait_until(host.firmware.compute_deadline_s() + late_s)
         host.send("M400")
-        ends.append(host.firmware.machine.planner.idle_since_s)
-    assert ends[0] == pytest.approx(ends[1], abs=1e-6)
+        ends_s.append(host.firmware.machine.planner.idle_since_s)
+    assert ends_s[0] == pytest.approx(ends_s[1], abs=1e-6)
 
 
 def test_m400_ends_with_the_last_move(host: Host) -> None:
@@ -282,11 +282,11 @@ def test_temperatures_are_reported_with_their_targets(host: Host) -> None:
 
 
 def test_same_seed_gives_the_same_run() -> None:
-    days = []
+    runs = []
     for _ in range(2):
         host = Host(faults=Faults(checksum=0.2, drop_ok=0.2))
-        days.append([host.send_burst(add_number(n, "G4 P0")) for n in range(1, 60)])
-    assert days[0] == days[1]
+        runs.append([host.send_burst(add_number(n, "G4 P0")) for n in range(1, 60)])
+    assert runs[0] == runs[1]
 
 
 # --- invariants ---

@@ -27,7 +27,7 @@ class Bench:
     def _fed(self, e_mm: float, z_mm: float) -> None:
         self.fed_mm += e_mm
 
-    def go(self, target: Point, feedrate_mm_s: float) -> None:
+    def add_move(self, target: Point, feedrate_mm_s: float) -> None:
         self.now_s = max(self.now_s, self.planner.compute_free_s())
         self.planner.advance(self.now_s)
         self.planner.add(target, feedrate_mm_s, self.now_s)
@@ -50,20 +50,20 @@ def compute_trapezoid_s(mm: float, v: float, a: float, entry: float, leave: floa
 @pytest.mark.parametrize("v", [5.0, 60.0, 150.0, 300.0])
 def test_straight_move_takes_the_time_of_its_trapezoid(mm: float, v: float) -> None:
     bench = Bench()
-    bench.go((100 + mm, 100, 50, 0), v)
+    bench.add_move((100 + mm, 100, 50, 0), v)
     entry = min(v, PROFILE.jerk_mm_s[0] / 2)  # from standstill: half the jerk
     assert bench.finish() == pytest.approx(compute_trapezoid_s(mm, v, 3000.0, entry))
 
 
 def test_z_keeps_its_limits_of_speed_and_acceleration() -> None:
     bench = Bench()
-    bench.go((100, 100, 150, 0), 300.0)
+    bench.add_move((100, 100, 150, 0), 300.0)
     assert bench.finish() == pytest.approx(compute_trapezoid_s(100.0, 40.0, 100.0, PROFILE.jerk_mm_s[1] / 2))
 
 
 def test_feeder_keeps_its_speed_limit() -> None:
     bench = Bench()
-    bench.go((100, 100, 50, 90), 300.0)
+    bench.add_move((100, 100, 50, 90), 300.0)
     assert bench.finish() == pytest.approx(compute_trapezoid_s(90.0, 45.0, 3000.0, PROFILE.jerk_mm_s[2] / 2))
     assert bench.fed_mm == pytest.approx(90.0)
 
@@ -72,9 +72,9 @@ def test_feeder_keeps_its_speed_limit() -> None:
 @settings(max_examples=40, deadline=None)
 def test_split_line_takes_about_as_long_as_a_whole_one(pieces: int, v: float) -> None:
     unsplit_bench, split_bench = Bench(), Bench()
-    unsplit_bench.go((180, 100, 50, 4), v)
+    unsplit_bench.add_move((180, 100, 50, 4), v)
     for k in range(1, pieces + 1):
-        split_bench.go((100 + 80 * k / pieces, 100, 50, 4 * k / pieces), v)
+        split_bench.add_move((100 + 80 * k / pieces, 100, 50, 4 * k / pieces), v)
     one_s, many_s = unsplit_bench.finish(), split_bench.finish()
     # Up to two starts from standstill and the end of the queue take longer; nothing gets shorter.
     assert many_s >= one_s - 1e-9
@@ -97,10 +97,10 @@ def test_moves_end_at_their_target_and_never_early(moves: list[Point], v: float)
     bench = Bench()
     min_s, position_mm = 0.0, START
     for target in moves:
-        bench.go(target, v)
+        bench.add_move(target, v)
         assert len(bench.planner) <= CAPACITY
-        here_mm = math.dist(bench.planner.target[:3], position_mm[:3])
-        min_s += here_mm / v
+        move_mm = math.dist(bench.planner.target[:3], position_mm[:3])
+        min_s += move_mm / v
         position_mm = bench.planner.target
     assert bench.finish() >= min_s * (1 - 1e-9)
     # Moves of less than six steps are added to the next ones.
@@ -137,7 +137,7 @@ def test_speed_is_continuous_within_jerk_and_the_position_without_a_jump(
 def test_entry_speeds_are_reachable(moves: list[Point], v: float) -> None:
     bench = Bench()
     for target in moves:
-        bench.go(target, v)
+        bench.add_move(target, v)
         blocks = bench.planner._blocks
         for old_position, next_block in itertools.pairwise(blocks[1:]):
             assert next_block.entry_2 <= old_position.entry_2 + old_position.gain_2 + 1e-6
@@ -148,8 +148,8 @@ def test_entry_speeds_are_reachable(moves: list[Point], v: float) -> None:
 
 def test_stop_keeps_the_position_and_counts_fed_filament() -> None:
     bench = Bench()
-    bench.go((200, 100, 50, 10), 100.0)
-    bench.go((200, 200, 50, 20), 100.0)
+    bench.add_move((200, 100, 50, 10), 100.0)
+    bench.add_move((200, 200, 50, 20), 100.0)
     position_mm = bench.planner.stop(0.5)
     assert 100 < position_mm[0] < 200 and position_mm[1] == 100
     assert bench.fed_mm == pytest.approx(position_mm[3]) == pytest.approx((position_mm[0] - 100) / 10)
@@ -161,7 +161,7 @@ def test_moves_added_late_do_not_stretch_a_queue_that_is_not_empty() -> None:
     prompt_bench, late_bench = Bench(), Bench()
     targets = [(100 + 2.0 * k, 100.0, 50.0, 0.1 * k) for k in range(1, 45)]
     for target in targets:
-        prompt_bench.go(target, 50.0)
+        prompt_bench.add_move(target, 50.0)
     for k, target in enumerate(targets):
         if len(late_bench.planner) >= CAPACITY:
             late_bench.now_s = max(late_bench.now_s, late_bench.planner.compute_free_s()) + (

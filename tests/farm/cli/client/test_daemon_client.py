@@ -15,13 +15,13 @@ from farm.errors import DaemonUnreachable, ErrorCode, FarmError, NoSuchThing
 from farm.model import JobOptions
 
 
-class Daemon(BaseHTTPRequestHandler):
+class FakeDaemon(BaseHTTPRequestHandler):
     """Server that answers with the request, or with a given answer."""
 
     protocol_version = "HTTP/1.1"
 
     def do_POST(self):
-        if self.server.is_silent:
+        if self.server.answers_early:
             self.do_GET()
             self.close_connection = True
             return
@@ -50,8 +50,8 @@ class Daemon(BaseHTTPRequestHandler):
 
 @pytest.fixture
 def daemon(tmp_path):
-    with UnixStreamServer(str(tmp_path / "farm.sock"), Daemon) as server:
-        server.requests, server.answer, server.is_silent = [], (200, b"{}"), False
+    with UnixStreamServer(str(tmp_path / "farm.sock"), FakeDaemon) as server:
+        server.requests, server.answer, server.answers_early = [], (200, b"{}"), False
         thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
         thread.start()
         yield server
@@ -140,7 +140,7 @@ def test_early_refusal_of_an_upload_keeps_its_message(daemon, client, tmp_path, 
     model = tmp_path / "part.stl"
     model.write_bytes(bytes(4_000_000))  # more than the socket buffers
     problem = {"error": "the farm is going down", "code": "refused", "exit_code": 5}
-    daemon.answer, daemon.is_silent = (409, json.dumps(problem).encode()), True
+    daemon.answer, daemon.answers_early = (409, json.dumps(problem).encode()), True
     monkeypatch.setattr(Client, "status", lambda self: None)
     with pytest.raises(FarmError, match="going down"):
         client.submit(model, JobOptions())
@@ -182,7 +182,7 @@ REPAIR_PROGRESS = {"step": "repairing", "received": 5, "size": 5}
 
 
 @pytest.fixture
-def minute(monkeypatch):
+def minute_clock(monkeypatch):
     """Advance the client's clock by a minute at each reading, and skip its sleeps."""
     clock = itertools.count(0.0, 60.0)
     monkeypatch.setattr("farm.cli.client.daemon_client.time.monotonic", lambda: next(clock))
@@ -190,7 +190,7 @@ def minute(monkeypatch):
     monkeypatch.setattr("farm.cli.client.daemon_client._POLL_S", 0.01)
 
 
-def test_client_waits_while_the_daemon_reports_progress(tmp_path, minute):
+def test_client_waits_while_the_daemon_reports_progress(tmp_path, minute_clock):
     """Wait an hour for a submission: for a worker, and for the repair of a large broken model."""
     model, reports = tmp_path / "box.stl", []
     model.write_bytes(b"solid")
@@ -199,7 +199,7 @@ def test_client_waits_while_the_daemon_reports_progress(tmp_path, minute):
     assert {view.step for view in reports} == {"repairing"}
 
 
-def test_client_gives_up_when_the_daemon_is_silent(tmp_path, minute):
+def test_client_gives_up_when_the_daemon_is_silent(tmp_path, minute_clock):
     model = tmp_path / "box.stl"
     model.write_bytes(b"solid")
     daemon = SlowDaemon(tmp_path, [REPAIR_PROGRESS, *[UNREACHABLE_ERROR] * 9])

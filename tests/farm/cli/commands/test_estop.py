@@ -14,11 +14,11 @@ from farm.paths import find_farm_paths
 
 
 @pytest.fixture
-def press_button(tmp_path):
+def send_stop(tmp_path):
     """Return a function that presses the button; a thread serves the request with the given `stop`."""
     path = tmp_path / "estop.sock"
 
-    def press(stop, printers):
+    def send(stop, printers):
         with socket.socket(socket.AF_UNIX) as listener:
             listener.bind(str(path))
             listener.listen()
@@ -41,10 +41,10 @@ def press_button(tmp_path):
                 serve_thread.join()
             return results
 
-    return press
+    return send
 
 
-def test_results_are_printed_as_they_arrive(press_button):
+def test_results_are_printed_as_they_arrive(send_stop):
     messages = [
         estop_socket.StopReport(printer="a", text="it cools"),
         estop_socket.StopReport(printer="a", text="off", seen_off=True),
@@ -56,16 +56,16 @@ def test_results_are_printed_as_they_arrive(press_button):
         for report_item in messages:
             report(report_item)
 
-    assert press_button(stop, ["a"]) == messages
+    assert send_stop(stop, ["a"]) == messages
     assert requests == ["a"]
 
 
-def test_error_of_the_server_is_an_error_of_the_client(press_button):
-    def stop(printers, say):
+def test_error_of_the_server_is_an_error_of_the_client(send_stop):
+    def stop(printers, report):
         raise NoSuchThing("there is no printer z")
 
     with pytest.raises(FarmError, match="there is no printer z") as error:
-        press_button(stop, ["z"])
+        send_stop(stop, ["z"])
     assert error.value.code is ErrorCode.NO_SUCH_THING
 
 
@@ -158,33 +158,33 @@ class RecordedStream(io.StringIO):
 
 
 def test_report_line_is_written_in_one_call(monkeypatch):
-    sheet = RecordedStream()
-    monkeypatch.setattr(estop.sys, "stdout", sheet)
+    stream = RecordedStream()
+    monkeypatch.setattr(estop.sys, "stdout", stream)
     estop.print_report(estop_socket.StopReport(printer="a", text="ssh said\nthis and\r that"))
-    assert sheet.writes == ["a: ssh said this and that\n"]
+    assert stream.writes == ["a: ssh said this and that\n"]
 
 
 def test_lines_of_several_printers_do_not_mix(tmp_path, monkeypatch):
     all_started = threading.Barrier(8)
-    busy, overlaps, results = [], [], []
+    current_reports, overlaps, results = [], [], []
 
-    def end_stop(name):
-        def end(tell):
+    def make_target(name):
+        def stop(tell):
             all_started.wait(10.0)
             for _ in range(20):
                 tell("it cools")
             return StopResult(name, 0.0, True, "off", is_still=True)
 
-        return end
+        return stop
 
     def report(item):
-        busy.append(item)
+        current_reports.append(item)
         threading.Event().wait(0.0001)  # lets another thread run
-        overlaps.extend(busy[1:])
-        busy.remove(item)
+        overlaps.extend(current_reports[1:])
+        current_reports.remove(item)
         results.append(item.printer)
 
-    targets = {name: end_stop(name) for name in "abcdefgh"}
+    targets = {name: make_target(name) for name in "abcdefgh"}
     monkeypatch.setattr(estop, "find_targets", lambda paths: (targets, None))
     estop.stop_all(find_farm_paths(tmp_path, None, None), [], report)
     assert overlaps == [] and len(results) == 8 * 21

@@ -27,17 +27,17 @@ def env(tmp_path):
     return {**os.environ, "TMPDIR": str(tmp_path / "tmp"), "XDG_CACHE_HOME": str(tmp_path / "cache")}
 
 
-def farm(env, *arguments):
+def run_slice(env, *arguments):
     command = [str(FARM), "slice", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, env=env, check=False)
 
 
 def test_json_is_one_object_and_slicing_again_is_from_the_cache(box, env, tmp_path):
-    first_result = farm(env, box, "-o", tmp_path / "a.gcode", "--json")
+    first_result = run_slice(env, box, "-o", tmp_path / "a.gcode", "--json")
     assert (first_result.returncode, first_result.stderr) == (0, "")
     report = json.loads(first_result.stdout)
     assert (report["schema"], report["cached"]) == (1, False)
-    second_result = farm(env, box, "-o", tmp_path / "b.gcode", "--price-per-kg", "20")
+    second_result = run_slice(env, box, "-o", tmp_path / "b.gcode", "--price-per-kg", "20")
     assert second_result.returncode == 0
     assert second_result.stdout.endswith("from the cache\n")
     assert (tmp_path / "b.gcode").read_bytes() == (tmp_path / "a.gcode").read_bytes()
@@ -45,13 +45,13 @@ def test_json_is_one_object_and_slicing_again_is_from_the_cache(box, env, tmp_pa
 
 
 def test_error_is_printed_in_one_line(box, env, tmp_path):
-    result = farm(env, box, "-o", tmp_path / "a.gcode", "--set", "layer_height")
+    result = run_slice(env, box, "-o", tmp_path / "a.gcode", "--set", "layer_height")
     assert (result.returncode, result.stdout) == (2, "")
     assert result.stderr == "farm: --set layer_height: must be KEY=VALUE\n"
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_signal_ends_the_engine_and_leaves_no_file(box, env, tmp_path, number, code):
+@pytest.mark.parametrize(("signal_number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_signal_ends_the_engine_and_leaves_no_file(box, env, tmp_path, signal_number, code):
     """Detect the end of the engine by a FIFO, whose end of file comes when no process holds it open."""
     os.mkfifo(tmp_path / "fifo")
     engine = tmp_path / "engine"
@@ -64,11 +64,11 @@ def test_signal_ends_the_engine_and_leaves_no_file(box, env, tmp_path, number, c
         stderr=subprocess.PIPE,
         text=True,
         # A shell that runs the tests in the background ignores SIGINT, which is inherited.
-        preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),
+        preexec_fn=lambda: signal.signal(signal_number, signal.SIG_DFL),
     )
     with (tmp_path / "fifo").open() as fifo:
         assert fifo.readline() == "slicing\n"
-        process.send_signal(number)
+        process.send_signal(signal_number)
         fifo.read()
     _, output = process.communicate()
     assert process.returncode == code

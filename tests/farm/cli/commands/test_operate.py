@@ -49,7 +49,7 @@ def test_option_all_selects_the_beds_to_clear():
     ],
 )
 def test_cancel_names_the_beds_to_clear(printers, expected_text, monkeypatch):
-    class Daemon:
+    class FakeDaemon:
         def __init__(self, _):
             pass
 
@@ -57,19 +57,19 @@ def test_cancel_names_the_beds_to_clear(printers, expected_text, monkeypatch):
             plates = [PlateStatus.model_construct(printer=name, printing=True) for name in printers]
             return JobStatus.model_construct(job=JobView.model_construct(plates=plates))
 
-    monkeypatch.setattr(operate, "connect", Daemon)
+    monkeypatch.setattr(operate, "connect", FakeDaemon)
     assert CliRunner().invoke(app, ["cancel", "3"]).stdout == f"{expected_text}\n"
 
 
 def test_interrupted_upload_may_have_been_submitted(tmp_path, monkeypatch):
-    class Daemon:
+    class FakeDaemon:
         def __init__(self, _):
             pass
 
         def submit(self, model, options, **_):
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(submit, "connect", Daemon)
+    monkeypatch.setattr(submit, "connect", FakeDaemon)
     (tmp_path / "part.stl").touch()
     result = CliRunner().invoke(app, ["submit", str(tmp_path / "part.stl")])
     assert result.exit_code == 130
@@ -89,13 +89,13 @@ class RecordingDaemon:
 
 def test_reel_is_described_in_words(monkeypatch):
     daemon = RecordingDaemon()
-    monkeypatch.setattr(operate, "connect", lambda places: daemon)
+    monkeypatch.setattr(operate, "connect", lambda paths: daemon)
     result = CliRunner().invoke(app, ["load", "um2-01", "black ABS", "--grams", "750"])
     assert result.stdout == "um2-01: black ABS, 750 g, nozzle 0.6 mm\n"
     assert daemon.requests == [("um2-01", LoadRequest(material="black ABS", grams=750.0))]
 
 
 def test_material_given_twice_is_refused(monkeypatch):
-    monkeypatch.setattr(operate, "connect", lambda places: RecordingDaemon())
+    monkeypatch.setattr(operate, "connect", lambda paths: RecordingDaemon())
     result = CliRunner().invoke(app, ["load", "um2-01", "ABS", "--material", "PLA"])
     assert result.exit_code != 0

@@ -30,9 +30,9 @@ def farm(tmp_path, monkeypatch):
     event = make_plan_event(1, 1)
     farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
     now_s = farm.controller.clock.now()
-    expected_text(farm, "a", PrintState.PRINTING, started_s=now_s - 100.0)
+    report_print(farm, "a", PrintState.PRINTING, started_s=now_s - 100.0)
     death = {"fault": "agent_died", "reason": "its agent died", "started_s": now_s - 100.0, "ended_s": now_s}
-    expected_text(farm, "a", PrintState.FAILED, **death)
+    report_print(farm, "a", PrintState.FAILED, **death)
     daemon = make_app(
         Services(farm.controller, StateFolder(tmp_path), tmp_path / "fleet.yaml", None, None),
         DryRuns(farm.controller),
@@ -60,7 +60,7 @@ def farm(tmp_path, monkeypatch):
     return farm
 
 
-def expected_text(farm, printer, state, **facts):
+def report_print(farm, printer, state, **facts):
     attempt = farm.controller.books.open_print_on(printer)
     progress = {"fault": None, "reason": None, "progress_s": 5.0, "print_time_s": 90.0, "extruded": True}
     progress |= {"started_s": None, "ended_s": None, **facts}
@@ -100,21 +100,21 @@ def test_good_part_of_a_failed_print_is_not_reprinted(farm, part):
 def test_good_part_names_its_running_reprint_and_the_command_to_end_it(farm):
     farm.controller.clock.ahead_s += 60.0  # a loss that may affect several printers is reported after a delay
     farm.ready("b")
-    expected_text(farm, "b", PrintState.HEATING, started_s=farm.controller.clock.now())
+    report_print(farm, "b", PrintState.HEATING, started_s=farm.controller.clock.now())
     answer = ask("cleared", "a", "--good", "1/p01")
     assert answer.stdout == (
         "a: bed clear; part 1/p01 is good; b already prints it again: stop that with `farm cancel b`\n"
     )
     assert ask("cancel", "b").exit_code == 0
     assert farm.controller.books.open_print_on("b").cancel_reason is not None
-    expected_text(farm, "b", PrintState.CANCELLED, ended_s=farm.controller.clock.now())
+    report_print(farm, "b", PrintState.CANCELLED, ended_s=farm.controller.clock.now())
     assert farm.controller.books.jobs[1].state is JobState.DONE
 
 
 def test_shutdown_ends_a_print_of_a_part_found_good(farm):
     farm.controller.clock.ahead_s += 60.0
     farm.ready("b")
-    expected_text(farm, "b", PrintState.HEATING, started_s=farm.controller.clock.now())
+    report_print(farm, "b", PrintState.HEATING, started_s=farm.controller.clock.now())
     ask("cleared", "a", "--good", "1/p01")
     abort_prints(farm.controller)
     assert farm.controller.books.open_print_on("b").cancel_reason is not None
@@ -146,6 +146,6 @@ def test_part_of_a_completed_print_may_be_named_as_good(farm):
     farm.ready("a")
     farm.controller.handle()  # like the daemon's timer
     now_s = farm.controller.clock.now()
-    expected_text(farm, "a", PrintState.DONE, started_s=now_s - 100.0, ended_s=now_s)
+    report_print(farm, "a", PrintState.DONE, started_s=now_s - 100.0, ended_s=now_s)
     assert ask("cleared", "a", "--good", "p01").stdout == "a: bed clear\n"
     assert farm.controller.books.jobs[1].state is JobState.DONE

@@ -8,7 +8,7 @@ from farm.cli.commands import operate
 from farm.cli.main import app
 
 
-class Daemon:
+class FakeDaemon:
     """Farm in which a print lasts longer than the attended hours."""
 
     def __init__(self, _: object) -> None:
@@ -24,7 +24,7 @@ class Daemon:
 
 
 def test_print_resumed_too_late_is_a_warning(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(operate, "connect", Daemon)
+    monkeypatch.setattr(operate, "connect", FakeDaemon)
     output = CliRunner().invoke(app, ["resume", "a"]).stdout.splitlines()
     assert output == ["a: resumed", "a needs until Fri 19:00"]
 
@@ -39,5 +39,5 @@ def test_print_resumed_too_late_is_a_warning(monkeypatch: pytest.MonkeyPatch):
     ],
 )
 def test_pause_is_reported(target: str, output: str, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(operate, "connect", Daemon)
+    monkeypatch.setattr(operate, "connect", FakeDaemon)
     assert CliRunner().invoke(app, ["pause", target]).stdout == f"{output}\n"

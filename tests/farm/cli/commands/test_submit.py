@@ -17,14 +17,14 @@ from farm.model import JobOptions, JobState
 REFUSAL = "broken.stl: is flat"
 
 
-class Daemon:
+class FakeDaemon:
     """Daemon that refuses a model named broken, and fails to plan one named tall."""
 
     jobs: dict[int, SimpleNamespace]
 
     def __init__(self, _):
         self.jobs, self.cancelled = {}, []
-        Daemon.last = self
+        FakeDaemon.last = self
 
     def submit(self, model, options, report=None):
         if model.name.startswith("broken"):
@@ -75,7 +75,7 @@ class Daemon:
 
 @pytest.fixture
 def run(tmp_path, monkeypatch):
-    monkeypatch.setattr(submit, "connect", Daemon)
+    monkeypatch.setattr(submit, "connect", FakeDaemon)
     monkeypatch.setattr(submission, "show_result", lambda view: typer.echo(f"result {view.id}"))
     monkeypatch.setattr(submission, "show_timeline", lambda plan: typer.echo(f"plan {plan.job}"))
     monkeypatch.chdir(tmp_path)
@@ -91,7 +91,7 @@ def run(tmp_path, monkeypatch):
 def test_each_model_is_one_job_and_the_first_failure_sets_the_exit_code(run):
     outcome = run("a.stl", "broken.stl", "tall.stl", "b.stl", "missing.stl")
     assert outcome.exit_code == 5
-    assert [job.name for job in Daemon.last.jobs.values()] == ["a.stl", "tall.stl", "b.stl"]
+    assert [job.name for job in FakeDaemon.last.jobs.values()] == ["a.stl", "tall.stl", "b.stl"]
     assert outcome.stdout.count("submitted") == 3
     lines = outcome.stderr.splitlines()
     assert lines[0].endswith(REFUSAL)
@@ -104,21 +104,21 @@ def test_each_model_is_one_job_and_the_first_failure_sets_the_exit_code(run):
 def test_pattern_not_expanded_by_the_shell_is_expanded(run, tmp_path):
     for pattern in ("[ab].stl", str(tmp_path / "[ab].stl")):
         assert run(pattern).exit_code == 0
-        assert [job.name for job in Daemon.last.jobs.values()] == ["a.stl", "b.stl"]
+        assert [job.name for job in FakeDaemon.last.jobs.values()] == ["a.stl", "b.stl"]
     assert "no such file" in run("z*.stl", "a.stl").stderr
-    assert len(Daemon.last.jobs) == 1
+    assert len(FakeDaemon.last.jobs) == 1
 
 
 def test_existing_file_named_like_a_pattern_is_not_expanded(run, tmp_path):
     (tmp_path / "[ab].stl").write_text("model")
     run("[ab].stl")
-    assert [job.name for job in Daemon.last.jobs.values()] == ["[ab].stl"]
+    assert [job.name for job in FakeDaemon.last.jobs.values()] == ["[ab].stl"]
 
 
 def test_several_dry_runs_are_shown_one_after_the_other_and_cancelled(run):
     outcome = run("--dry-run", "a.stl", "broken.stl", "tall.stl", "b.stl")
     assert outcome.stdout.splitlines() == ["plan 1", "plan 3"]
-    assert Daemon.last.cancelled == [1, 3]
+    assert FakeDaemon.last.cancelled == [1, 3]
     assert outcome.exit_code == 5
     assert "tall.stl: job 2: does not fit" in outcome.stderr
     result_alone = run("--dry-run", "tall.stl")
@@ -153,7 +153,7 @@ def test_wait_covers_every_submitted_model(run):
 def test_name_note_and_copies_are_sent_with_the_job(run):
     outcome = run("a.stl", "--name", "  left\tbracket ", "--note", "for\nAda", "--copies", "3")
     assert outcome.exit_code == 0
-    assert Daemon.last.jobs[1].options == JobOptions(name="left bracket", note="for Ada", copies=3)
+    assert FakeDaemon.last.jobs[1].options == JobOptions(name="left bracket", note="for Ada", copies=3)
     assert "left bracket submitted" in outcome.stdout
 
 

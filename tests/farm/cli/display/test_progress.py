@@ -28,12 +28,18 @@ def print_progress(*steps):
     return [line.strip() for line in screen.export_text().splitlines()]
 
 
-def search(share, remaining_s):
+def make_progress(share, remaining_s):
     return PlanProgress(step=PlanStep.DECOMPOSING, share=share, remaining_s=remaining_s)
 
 
 def test_search_prints_a_line_for_each_quarter():
-    steps = [search(None, None), search(0.01, 99.0), search(0.25, 30.0), search(0.3, 28.0), search(1.0, 0.2)]
+    steps = [
+        make_progress(None, None),
+        make_progress(0.01, 99.0),
+        make_progress(0.25, 30.0),
+        make_progress(0.3, 28.0),
+        make_progress(1.0, 0.2),
+    ]
     assert print_progress(*steps, PlanProgress(step=PlanStep.LEVELLING)) == [
         "decomposing",
         "decomposing 0 %",
@@ -45,4 +51,4 @@ def test_search_prints_a_line_for_each_quarter():
 
 @given(st.lists(st.tuples(st.floats(0.0, 1.0), st.none() | st.floats(0.0, 1e6))))
 def test_search_prints_at_most_five_lines(steps):
-    assert len(print_progress(*(search(share, remaining_s) for share, remaining_s in steps))) <= 5
+    assert len(print_progress(*(make_progress(share, remaining_s) for share, remaining_s in steps))) <= 5

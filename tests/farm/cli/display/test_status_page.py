@@ -85,14 +85,14 @@ def test_printer_in_maintenance_shows_its_reason():
     assert row.endswith("maintenance --done (belt)")
 
 
-@pytest.mark.parametrize(("link", "needs"), [("absent", "connect"), ("starting", "wait (connecting)")])
-def test_absent_printer_is_a_task_but_not_a_connecting_one(link, needs):
+@pytest.mark.parametrize(("link", "text"), [("absent", "connect"), ("starting", "wait (connecting)")])
+def test_absent_printer_is_a_task_but_not_a_connecting_one(link, text):
     hold = Hold(code=HoldCode.PRINTER_ABSENT, text="")
     printer_view = (
         make_status(make_night_books()).printers[0].model_copy(update={"state": link, "hold": hold})
     )
     view = make_status(make_night_books()).model_copy(update={"printers": [printer_view]})
-    assert render(view)[-1].endswith(needs)
+    assert render(view)[-1].endswith(text)
 
 
 def test_verdict_on_a_part_is_shown():
@@ -115,8 +115,8 @@ def test_verdict_on_a_part_is_shown():
 
 
 def test_tasks_share_a_line_only_if_they_fit():
-    narrow = render(make_status(make_night_books()), width=60)
-    assert narrow[1:3] == [
+    narrow_lines = render(make_status(make_night_books()), width=60)
+    assert narrow_lines[1:3] == [
         "DO NOW   clear 3 beds: um2-01..03",
         "         inspect: um2-04: it does not get warm (00:00)",
     ]

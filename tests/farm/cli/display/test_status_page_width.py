@@ -13,8 +13,8 @@ from farm.cli.display.status_page import render_status
 from farm.model import Bed, Hold, HoldCode, PrintState, Verdict
 
 NOW = datetime(2026, 11, 22, 7, 0, tzinfo=UTC)
-VIEW = make_status(make_night_books())
-SIZES = pytest.mark.parametrize("width", [60, 80, 100, 120])
+STATUS = make_status(make_night_books())
+WIDTHS = pytest.mark.parametrize("width", [60, 80, 100, 120])
 BUSY_HOLD = Hold(code=HoldCode.PRINTER_BUSY, text="um2-01 is printing until Mon 04:00; " + "word " * 20)
 
 TEXTS = st.integers(1, 12).map(lambda number: " ".join(["word", "belt"] * number))
@@ -40,7 +40,7 @@ LAST_PRINTS = st.builds(
 @st.composite
 def printers(draw):
     name = draw(NAMES)
-    return VIEW.printers[0].model_copy(
+    return STATUS.printers[0].model_copy(
         update={
             "name": name,
             "state": draw(
@@ -67,8 +67,8 @@ FLEETS = st.lists(printers(), min_size=1, max_size=12, unique_by=lambda printer:
 
 
 def make_view(fleet, **values):
-    fleet_options = VIEW.fleet.model_copy(update={"now": NOW.isoformat()})
-    return VIEW.model_copy(update={"printers": fleet, "fleet": fleet_options, **values})
+    fleet_options = STATUS.fleet.model_copy(update={"now": NOW.isoformat()})
+    return STATUS.model_copy(update={"printers": fleet, "fleet": fleet_options, **values})
 
 
 def render_lines(view, width=None, height=None):
@@ -77,10 +77,10 @@ def render_lines(view, width=None, height=None):
 
 def make_waiting_job(number, **values):
     values = {"state": "queued", "parts": [], "plates": [], "hold": BUSY_HOLD, "progress": None, **values}
-    return VIEW.jobs[0].model_copy(update={"id": number, "name": "box.stl", **values})
+    return STATUS.jobs[0].model_copy(update={"id": number, "name": "box.stl", **values})
 
 
-@SIZES
+@WIDTHS
 @settings(max_examples=30, suppress_health_check=[HealthCheck.too_slow])
 @given(fleet=FLEETS)
 def test_lines_fit_the_terminal_and_list_every_printer(width, fleet):
@@ -94,22 +94,22 @@ def test_lines_fit_the_terminal_and_list_every_printer(width, fleet):
         assert any(line.startswith(printer.name) for line in rows)
 
 
-@SIZES
+@WIDTHS
 @settings(max_examples=20, suppress_health_check=[HealthCheck.too_slow])
 @given(fleet=FLEETS, height=st.integers(4, 40))
 def test_watched_page_fits_the_terminal(width, fleet, height):
-    jobs = [VIEW.jobs[0], *(make_waiting_job(i) for i in range(2, 30))]
+    jobs = [STATUS.jobs[0], *(make_waiting_job(i) for i in range(2, 30))]
     lines = render_lines(make_view(fleet, jobs=jobs), width, height)
     assert len(lines) <= height
     assert all(cell_len(line) <= width for line in lines)
 
 
-@SIZES
+@WIDTHS
 def test_printing_row_is_complete_in_every_width(width):
     long_row = {"state": "printing", "print": make_progress("12/03", 44_000, 0.55), "nozzle_c": 200.0}
     fleet = [
         p.model_copy(update={"targets": api.Targets(nozzle_c=200, bed_c=60), **long_row})
-        for p in VIEW.printers
+        for p in STATUS.printers
     ]
     rows = [line for line in render_lines(make_view(fleet), width) if line.startswith("um2-")]
     for number, row in enumerate(rows, 1):
@@ -117,13 +117,13 @@ def test_printing_row_is_complete_in_every_width(width):
 
 
 def test_ended_jobs_are_listed_below_the_printers():
-    cancelled_job = VIEW.jobs[0].model_copy(update={"id": 1, "state": "cancelled", "name": "old.stl"})
-    lines = render_lines(make_view(VIEW.printers, jobs=[cancelled_job, make_waiting_job(2)]), 80)
-    places = [
+    cancelled_job = STATUS.jobs[0].model_copy(update={"id": 1, "state": "cancelled", "name": "old.stl"})
+    lines = render_lines(make_view(STATUS.printers, jobs=[cancelled_job, make_waiting_job(2)]), 80)
+    positions = [
         next(i for i, line in enumerate(lines) if line.startswith(head))
         for head in ("JOB 2", "PRINTER", "JOB 1")
     ]
-    assert places == sorted(places)
+    assert positions == sorted(positions)
 
 
 def test_jobs_with_the_same_hold_share_one_sentence():
@@ -133,7 +133,7 @@ def test_jobs_with_the_same_hold_share_one_sentence():
 
 
 def test_plates_of_several_jobs_with_the_same_hold_share_one_sentence():
-    parts = VIEW.jobs[0].parts
+    parts = STATUS.jobs[0].parts
     held_jobs = [
         make_waiting_job(
             number,
@@ -142,7 +142,7 @@ def test_plates_of_several_jobs_with_the_same_hold_share_one_sentence():
             parts=parts,
             plates=[
                 p.model_copy(update={"id": f"{number}/0{i}", "hold": BUSY_HOLD})
-                for i, p in enumerate(VIEW.jobs[0].plates, 1)
+                for i, p in enumerate(STATUS.jobs[0].plates, 1)
             ],
         )
         for number in (3, 4)
@@ -162,7 +162,7 @@ def test_print_that_ended_last_month_has_its_date():
     last_print = api.LastPrint(
         plate="1/01", state=PrintState.DONE, ended="2026-10-30T06:00:00+00:00", off=None, verdict=Verdict.GOOD
     )
-    old_printer = VIEW.printers[0].model_copy(update={"last": last_print, "bed": Bed.UNKNOWN})
+    old_printer = STATUS.printers[0].model_copy(update={"last": last_print, "bed": Bed.UNKNOWN})
     assert render_lines(make_view([old_printer]), 80)[-1].startswith(
         "um2-01   remove  1/01  at Fri 30 Oct 06:00"
     )
@@ -186,5 +186,5 @@ def test_long_tasks_have_a_line_each():
         make_connect_task(name, f"no answer {i} " + "word " * 9)
         for i, name in enumerate(("um2-01", "um2-02"))
     ]
-    starts = [line.split()[:2] for line in render_lines(make_view([], todo=todo), 80) if "connect" in line]
-    assert [line[-1] for line in starts] == ["NOW", "um2-02:"]
+    words = [line.split()[:2] for line in render_lines(make_view([], todo=todo), 80) if "connect" in line]
+    assert [line[-1] for line in words] == ["NOW", "um2-02:"]

@@ -27,13 +27,13 @@ def is_gone(pid):
     return not Path(f"/proc/{pid}").exists()
 
 
-def read_pids(note):
-    return [int(pid) for pid in note.read_text().split()] if note.exists() else []
+def read_pids(pid_file):
+    return [int(pid) for pid in pid_file.read_text().split()] if pid_file.exists() else []
 
 
 def test_tasks_survive_a_killed_worker_and_a_killed_scheduler(tmp_path, monkeypatch):
     monkeypatch.setattr(cluster_state, "WORKER_TIMEOUT_S", 1.0)
-    source, note, second_note = tmp_path / "model.stl", tmp_path / "pids", tmp_path / "second"
+    source, pid_file, second_pid_file = tmp_path / "model.stl", tmp_path / "pids", tmp_path / "second"
     source.write_bytes(b"solid")
     processes = Processes(tmp_path)
 
@@ -50,18 +50,18 @@ def test_tasks_survive_a_killed_worker_and_a_killed_scheduler(tmp_path, monkeypa
         )
         pool.start()
         await wait_until(lambda: len(pool.state.workers) == 2)
-        task = asyncio.ensure_future(pool.run(work.hold_once, source, tmp_path / "out", str(note)))
-        await wait_until(lambda: read_pids(note) and pool.state.tasks[0].host)
+        task = asyncio.ensure_future(pool.run(work.hold_once, source, tmp_path / "out", str(pid_file)))
+        await wait_until(lambda: read_pids(pid_file) and pool.state.tasks[0].host)
         processes.send(pool.state.tasks[0].host, signal.SIGKILL)
         assert await task == 2
-        await wait_until(lambda: is_gone(read_pids(note)[0]))
+        await wait_until(lambda: is_gone(read_pids(pid_file)[0]))
         await wait_until(lambda: len(pool.state.workers) == 1)
-        task = asyncio.ensure_future(pool.run(work.hold_once, source, tmp_path / "out", str(second_note)))
-        await wait_until(lambda: read_pids(second_note))
+        task = asyncio.ensure_future(pool.run(work.hold_once, source, tmp_path / "out", str(second_pid_file)))
+        await wait_until(lambda: read_pids(second_pid_file))
         processes.send("scheduler", signal.SIGKILL)
         assert await task == 2
         assert local_pool.calls == [work.hold_once] and pool.state.place is Place.HERE
-        await wait_until(lambda: is_gone(read_pids(second_note)[0]))
+        await wait_until(lambda: is_gone(read_pids(second_pid_file)[0]))
         pool.close()
         await pool.wait_closed()
 

@@ -17,12 +17,12 @@ from farm.compute.limits import CHECKING
 from farm.errors import ErrorCode, FarmError
 
 
-def run(use, *args, **options):
-    """Run `use(pool, scheduler)` with a cluster."""
+def run(scenario, *args, **options):
+    """Run `scenario(pool, scheduler)` with a cluster."""
 
     async def main():
         async with cluster(*args, **options) as (pool, scheduler):
-            return await use(pool, scheduler)
+            return await scenario(pool, scheduler)
 
     return asyncio.run(main())
 
@@ -39,7 +39,7 @@ def test_files_go_to_workers_and_come_back(tmp_path, source):
     path, folder = tmp_path / "out", tmp_path / "cluster"
     old_installation = replace(INSTALLATION, engine="5.0")
 
-    async def use(pool, scheduler):
+    async def scenario(pool, scheduler):
         first_result = await pool.run(work.copy, source, path / "1")
         (cached_file,) = (folder / "w1" / "files").iterdir()
         cached_file.unlink()
@@ -53,7 +53,7 @@ def test_files_go_to_workers_and_come_back(tmp_path, source):
         ]
         return first_result, second_result
 
-    first_host, second_host = run(use, folder, ["w1", "w2"], installations={"w2": old_installation})
+    first_host, second_host = run(scenario, folder, ["w1", "w2"], installations={"w2": old_installation})
     assert second_host["copy"] == path / "2" / "copy.txt"
     assert second_host["copy"].read_bytes() == first_host["copy"].read_bytes() == source.read_bytes()
     assert (path / "2" / "deep" / "size.txt").read_text() == "5000"
@@ -65,23 +65,23 @@ def test_files_go_to_workers_and_come_back(tmp_path, source):
 def test_a_task_for_workers_that_left_goes_to_others(tmp_path, source):
     """Reassign a task that Dask keeps for the addresses of workers, which return with other addresses."""
 
-    async def use(pool, scheduler):
+    async def scenario(pool, scheduler):
         pool._link._workers = (ClusterWorker("w1", "tcp://127.0.0.1:1", 1),)
         async with asyncio.timeout(300):
             return await pool.run(work.copy, source, tmp_path / "out")
 
-    answer = run(use, tmp_path / "cluster", ["w1"])
+    answer = run(scenario, tmp_path / "cluster", ["w1"])
     assert answer["copy"].read_bytes() == source.read_bytes()
 
 
-def run_in_processes(tmp_path, use, **options):
-    """Run `use(pool, processes)` with a worker that runs tasks in processes."""
+def run_in_processes(tmp_path, scenario, **options):
+    """Run `scenario(pool, processes)` with a worker that runs tasks in processes."""
 
     async def main():
         processes = Workers(tmp_path / "processes", 1, **options)
         try:
             async with cluster(tmp_path / "cluster", ["w1"], pools={"w1": processes}) as (pool, _):
-                await use(pool, processes)
+                await scenario(pool, processes)
         finally:
             processes.close()
 
@@ -89,14 +89,14 @@ def run_in_processes(tmp_path, use, **options):
 
 
 def test_a_cancelled_task_ends_its_process_on_the_worker(tmp_path, source):
-    note, path = tmp_path / "pids", tmp_path / "out"
+    pid_file, path = tmp_path / "pids", tmp_path / "out"
 
-    async def use(pool, processes):
-        task = asyncio.ensure_future(pool.run(work.hold, source, path, str(note)))
+    async def scenario(pool, processes):
+        task = asyncio.ensure_future(pool.run(work.hold, source, path, str(pid_file)))
         while not (path / "progress.json").exists():  # a progress file, which the worker sends
             await asyncio.sleep(0.02)
         assert [run_task.host for run_task in pool.state.tasks] == ["w1"] and not pool.has_idle
-        (pid,) = map(int, note.read_text().split())
+        (pid,) = map(int, pid_file.read_text().split())
         assert pid in processes.pids
         task.cancel()
         while pid in processes.pids:
@@ -105,24 +105,24 @@ def test_a_cancelled_task_ends_its_process_on_the_worker(tmp_path, source):
             await task
         assert pool.state.tasks == () and pool.has_idle
 
-    run_in_processes(tmp_path, use)
+    run_in_processes(tmp_path, scenario)
 
 
 def test_the_limits_of_a_task_hold_on_the_worker(tmp_path, source):
     """Check limits of time and memory, with the same messages as on this computer; the worker continues."""
-    note, path = tmp_path / "pids", tmp_path / "out"
+    pid_file, path = tmp_path / "pids", tmp_path / "out"
 
-    async def use(pool, processes):
+    async def scenario(pool, processes):
         with pytest.raises(FarmError, match="holding did not end within") as error:
-            await pool.run(work.hold, source, path, str(note), limit=Limit("holding", 1.0))
+            await pool.run(work.hold, source, path, str(pid_file), limit=Limit("holding", 1.0))
         with pytest.raises(FarmError, match=r"not enough memory for allocating .* 0\.5 GB") as large:
             await pool.run(work.allocate, source, path, 2.0, limit=Limit("allocating", 60.0))
         assert error.value.code is large.value.code is ErrorCode.LIMIT
         assert (await pool.run(work.copy, source, path))["copy"].exists()
-        (pid,) = map(int, note.read_text().split())
+        (pid,) = map(int, pid_file.read_text().split())
         assert pid not in processes.pids and pool.own.calls == []
 
-    run_in_processes(tmp_path, use, memory_gb=0.5)
+    run_in_processes(tmp_path, scenario, memory_gb=0.5)
 
 
 class LostLink:
@@ -152,7 +152,7 @@ def test_work_continues_here_when_the_cluster_is_silent_for_half_a_minute(tmp_pa
             local_pool,
             "tls://a:1",
             INSTALLATION,
-            lambda *on: links.append(LostLink(*on)) or links[0],
+            lambda *args: links.append(LostLink(*args)) or links[0],
             lambda: now_s,
         )
         (link,), workers = links, (ClusterWorker("w1", "tls://b:1", 1),)
@@ -196,7 +196,7 @@ def test_what_a_worker_could_not_do_is_done_here(tmp_path, source):
     async def main():
         links, local_pool = [], Recorder()
         pool = ClusterPool(
-            local_pool, "tls://a:1", INSTALLATION, lambda *on: links.append(UnfitLink(*on)) or links[0]
+            local_pool, "tls://a:1", INSTALLATION, lambda *args: links.append(UnfitLink(*args)) or links[0]
         )
         links[0].on_workers((ClusterWorker("w1", "tls://b:1", 1),))
         assert (await pool.run(work.copy, source, tmp_path / "out"))["copy"].exists()
@@ -206,17 +206,17 @@ def test_what_a_worker_could_not_do_is_done_here(tmp_path, source):
 
 
 @pytest.mark.parametrize(
-    "sent", [{"0" * 64: b"other bytes"}, {}], ids=["damaged in transit", "of another version"]
+    "files", [{"0" * 64: b"other bytes"}, {}], ids=["damaged in transit", "of another version"]
 )
-def test_a_worker_refuses_damaged_files_and_other_versions(tmp_path, sent):
+def test_a_worker_refuses_damaged_files_and_other_versions(tmp_path, files):
     async def main():
         executor = TaskExecutor("w1", tmp_path, Recorder(), INSTALLATION)
-        installation = INSTALLATION if sent else replace(INSTALLATION, settings="other")
-        return await executor.execute(RemoteTask("t", b"", CHECKING, installation), sent)
+        installation = INSTALLATION if files else replace(INSTALLATION, settings="other")
+        return await executor.execute(RemoteTask("t", b"", CHECKING, installation), files)
 
     answer = asyncio.run(main())
     assert answer.mismatch == (
-        "the file 000000000000 was damaged in transit" if sent else "it has Cura's settings abc, not other"
+        "the file 000000000000 was damaged in transit" if files else "it has Cura's settings abc, not other"
     )
 
 

@@ -30,8 +30,8 @@ def swap(files, name):
 
 
 def test_a_call_has_the_paths_of_the_worker_and_its_result_those_of_the_caller():
-    relocated = Relocation.from_pairs([("/state", "/here")])
+    relocation = Relocation.from_pairs([("/state", "/here")])
     call = dump((swap, ((Path("/state/a"), Path("/usr/b")), "/state/text")))
-    assert load(call, relocated)[1] == ((Path("/here/a"), Path("/usr/b")), "/state/text")
-    result = load(run_relocated(call, relocated))
+    assert load(call, relocation)[1] == ((Path("/here/a"), Path("/usr/b")), "/state/text")
+    result = load(run_relocated(call, relocation))
     assert result == {"first": Path("/usr/b"), "second": Path("/state/a"), "name": "/state/text"}

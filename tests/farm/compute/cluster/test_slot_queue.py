@@ -6,7 +6,7 @@ from contextlib import suppress
 from farm.compute.cluster.slot_queue import SlotQueue
 
 
-async def settle():
+async def run_pending_tasks():
     for _ in range(5):
         await asyncio.sleep(0)
 
@@ -27,10 +27,10 @@ class Queue:
             await self.end_events[name].wait()
 
 
-def run(use):
+def run(scenario):
     async def main():
         queue = Queue()
-        tasks = await use(queue)
+        tasks = await scenario(queue)
         for event in queue.end_events.values():
             event.set()
         queue.slots.update(9, False)
@@ -43,58 +43,58 @@ def run(use):
 
 
 def test_groups_share_the_slots_and_urgent_tasks_go_first():
-    async def use(queue):
+    async def scenario(queue):
         tasks = [queue.add(name, name[0]) for name in ("a1", "a2", "a3", "b1")]
         tasks.append(queue.add("c1", "c", urgent=True))
-        await settle()
+        await run_pending_tasks()
         assert queue.slots.waiting_count == 5 and queue.started_tasks == []
         queue.slots.update(3, False)
-        await settle()
+        await run_pending_tasks()
         assert [name for name, _ in queue.started_tasks] == ["c1", "a1", "b1"]
         queue.end_events["c1"].set()
-        await settle()
+        await run_pending_tasks()
         assert queue.started_tasks[-1] == ("a2", True)
         return tasks
 
-    assert len(run(use).started_tasks) == 5
+    assert len(run(scenario).started_tasks) == 5
 
 
 def test_a_cancelled_task_gives_its_slot_back():
-    async def use(queue):
+    async def scenario(queue):
         queue.slots.update(1, False)
-        first_turn, second_turn, third_turn = (queue.add(name, name) for name in "xyz")
-        await settle()
-        second_turn.cancel()
-        first_turn.cancel()
-        await settle()
+        first_task, second_task, third_task = (queue.add(name, name) for name in "xyz")
+        await run_pending_tasks()
+        second_task.cancel()
+        first_task.cancel()
+        await run_pending_tasks()
         assert [name for name, _ in queue.started_tasks] == ["x", "z"]
-        return [first_turn, second_turn, third_turn]
+        return [first_task, second_task, third_task]
 
-    assert run(use).slots.waiting_count == 0
+    assert run(scenario).slots.waiting_count == 0
 
 
 def test_nobody_waits_where_the_cluster_is_given_up():
-    async def use(queue):
+    async def scenario(queue):
         tasks = [queue.add(name, name) for name in "xy"]
-        await settle()
+        await run_pending_tasks()
         queue.slots.update(0, True)
-        await settle()
+        await run_pending_tasks()
         assert queue.started_tasks == [("x", False), ("y", False)]
         return tasks
 
-    run(use)
+    run(scenario)
 
 
 def test_a_slot_is_free_until_a_task_takes_it():
     slot_states = []
 
-    async def use(queue):
+    async def scenario(queue):
         queue.slots.update(1, False)
         slot_states.append(queue.slots.has_free)
         tasks = [queue.add("a", 1)]
-        await settle()
+        await run_pending_tasks()
         slot_states.append(queue.slots.has_free)
         return tasks
 
-    run(use)
+    run(scenario)
     assert slot_states == [True, False]

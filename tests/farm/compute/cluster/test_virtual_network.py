@@ -42,10 +42,10 @@ def test_delays_add_up_and_frames_keep_their_order():
     wires = Wires(2, random.Random(1), delay_s={0: 0.3, 1: 0.1})
     wires.send(make_frame(ALL, A, b"1"), 0, 0.0)
     wires.send(make_frame(ALL, A, b"2"), 0, 0.0)
-    assert wires.wait_s(0.1) == pytest.approx(0.3)
+    assert wires.compute_wait_s(0.1) == pytest.approx(0.3)
     assert list_arrived(wires, 0.39) == []
     assert [content[-1:] for _, content in list_arrived(wires, 0.41)] == [b"1", b"2"]
-    assert wires.wait_s(0.5) is None
+    assert wires.compute_wait_s(0.5) is None
 
 
 def test_a_cut_port_has_no_frames_and_a_bad_one_loses_its_share():
@@ -66,19 +66,21 @@ CONNECT = "import socket, sys; socket.create_connection((sys.argv[1], 9), timeou
 def test_hosts_reach_each_other_unless_cut_and_end_with_the_network():
     network = Network(["a", "b"])
 
-    def reach(source, target):
+    def connect(source, target):
         """Return the error of a connection to a port where nothing listens: refused if the host answers."""
-        command = network.command(source, [sys.executable, "-S", "-c", CONNECT, network.address(target)])
+        command = network.make_command(
+            source, [sys.executable, "-S", "-c", CONNECT, network.get_address(target)]
+        )
         return subprocess.run(command, capture_output=True, text=True).stderr.splitlines()[-1]
 
     try:
-        assert reach("a", "b").startswith("ConnectionRefusedError")
-        network.disturb("b", cut=True)
-        assert reach("a", "b").startswith("TimeoutError")
-        assert reach("a", "farm").startswith("ConnectionRefusedError")
-        network.disturb("b")
-        process = subprocess.Popen(network.command("b", ["sleep", "600"]))
-        while network.pids("b") != [process.pid]:
+        assert connect("a", "b").startswith("ConnectionRefusedError")
+        network.set_faults("b", cut=True)
+        assert connect("a", "b").startswith("TimeoutError")
+        assert connect("a", "farm").startswith("ConnectionRefusedError")
+        network.set_faults("b")
+        process = subprocess.Popen(network.make_command("b", ["sleep", "600"]))
+        while network.list_pids("b") != [process.pid]:
             assert process.poll() is None
     finally:
         network.close()

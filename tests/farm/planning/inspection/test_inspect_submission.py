@@ -15,5 +15,5 @@ def test_stored_solid_equals_the_submitted_one(tmp_path, files):
     model = read_inspected(files / inspection.file)
     assert model.scale == inspection.scale == pytest.approx(385.0)
     assert np.ptp(model.solid.arrays()[0], axis=0).max() == pytest.approx(77.0, rel=1e-12)
-    scaled_ball = trimesh.creation.icosphere(2, 0.1)
-    assert model.solid.volume_mm3 == pytest.approx(scaled_ball.volume * inspection.scale**3, rel=1e-5)
+    unscaled_ball = trimesh.creation.icosphere(2, 0.1)
+    assert model.solid.volume_mm3 == pytest.approx(unscaled_ball.volume * inspection.scale**3, rel=1e-5)

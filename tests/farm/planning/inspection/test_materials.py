@@ -90,8 +90,8 @@ def make_section(**values):
 def test_section_of_a_printer_has_file_kind_and_colour(resources):
     result = complete_section(make_section(material="black PLA"), FleetSection())
     assert (result.material, result.material_kind, result.colour) == ("generic_pla", "PLA", "black")
-    complete = complete_section(make_section(material="black PLA", colour="white"), FleetSection())
-    assert complete.colour == "white"
+    section_with_colour = complete_section(make_section(material="black PLA", colour="white"), FleetSection())
+    assert section_with_colour.colour == "white"
 
 
 def test_folder_of_own_materials_is_read_and_errors_are_reported(resources, tmp_path):

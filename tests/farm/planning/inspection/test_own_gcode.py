@@ -19,7 +19,7 @@ from slicing.settings import find_resources
 LOW, TALL = "ultimaker2_plus", "ultimaker2_extended_plus"
 
 
-def printer(name, model=LOW, **fields):
+def make_section(name, model=LOW, **fields):
     return PrinterSection(name=name, model=model, port=f"/dev/{name}", **fields)
 
 
@@ -44,7 +44,7 @@ def inspect(tmp_path, files):
         upload = tmp_path / "upload"
         upload.unlink(missing_ok=True)
         upload.write_text("\n".join(lines) + "\n")
-        fleet = fleet or [printer("a"), printer("b", TALL)]
+        fleet = fleet or [make_section("a"), make_section("b", TALL)]
         return inspect_gcode(upload, name, JobOptions(**options), fleet, files)
 
     return run
@@ -53,7 +53,7 @@ def inspect(tmp_path, files):
 @pytest.fixture
 def plan(tmp_path, files, inspect):
     def run(lines, fleet=(), **options):
-        fleet = tuple(fleet or [printer("a"), printer("b", TALL)])
+        fleet = tuple(fleet or [make_section("a"), make_section("b", TALL)])
         inspection = inspect(lines, fleet, **options)
         folder = tmp_path / "work"
         folder.mkdir()
@@ -136,7 +136,7 @@ def test_file_that_fits_no_printer_is_refused(inspect, lines, message):
 
 
 def test_file_without_a_nozzle_needs_printers_with_one_size(inspect):
-    fleet = [printer("a"), printer("b", nozzle_mm=0.8, colour="red")]
+    fleet = [make_section("a"), make_section("b", nozzle_mm=0.8, colour="red")]
     with pytest.raises(FarmError, match=r"nozzle_diameter = 0\.4") as error:
         inspect(make_marlin(), fleet)
     assert error.value.code is ErrorCode.GCODE
@@ -154,7 +154,9 @@ def test_refusal_names_the_line(inspect):
 
 
 def test_plan_is_one_plate_on_the_lowest_printer_that_fits(plan, files):
-    plan_result = plan(make_marlin(), [printer("b", TALL), printer("c", price_per_kg=30.0), printer("d")])
+    plan_result = plan(
+        make_marlin(), [make_section("b", TALL), make_section("c", price_per_kg=30.0), make_section("d")]
+    )
     (plate,), (part,) = plan_result.plates, plan_result.parts
     assert (plate.printer, plate.parts, part.plate) == ("c", (part.id,), plate.id)
     assert plan_result.serial_s == plan_result.expected_s == plate.expected_s > plate.sliced_s > 0
@@ -166,23 +168,23 @@ def test_plan_is_one_plate_on_the_lowest_printer_that_fits(plan, files):
 
 
 def test_tall_print_is_assigned_to_a_tall_printer(plan):
-    tall = make_marlin(make_square(layers=750, layer_mm=0.32))
-    assert plan(tall).plates[0].printer == "b"
+    tall_lines = make_marlin(make_square(layers=750, layer_mm=0.32))
+    assert plan(tall_lines).plates[0].printer == "b"
 
 
 def test_temperatures_of_ultigcode_are_those_of_the_material_of_the_printer(plan, files):
-    plan_result = plan(make_ultigcode(), [printer("a", material="generic_abs")])
+    plan_result = plan(make_ultigcode(), [make_section("a", material="generic_abs")])
     text = (files / plan_result.plates[0].gcode).read_text()
-    abs_c = {line for line in text.splitlines() if line.startswith(("M109", "M190"))}
-    assert {line.split()[0] for line in abs_c} == {"M109", "M190"}
-    assert not abs_c & {"M109 S200", "M190 S60"}
+    temperature_lines = {line for line in text.splitlines() if line.startswith(("M109", "M190"))}
+    assert {line.split()[0] for line in temperature_lines} == {"M109", "M190"}
+    assert not temperature_lines & {"M109 S200", "M190 S60"}
 
 
-@pytest.mark.parametrize(("nozzle_c", "requested_material"), [(250, True), (215, False)])
-def test_file_for_another_material_is_a_warning(plan, inspect, nozzle_c, requested_material):
+@pytest.mark.parametrize(("nozzle_c", "has_warning"), [(250, True), (215, False)])
+def test_file_for_another_material_is_a_warning(plan, inspect, nozzle_c, has_warning):
     lines = [line.replace("S205", f"S{nozzle_c}") for line in make_marlin()]
     for notices in (inspect(lines).repairs, plan(lines).repairs):
-        assert any(f"{nozzle_c} C, and generic_pla on a" in line for line in notices) is requested_material
+        assert any(f"{nozzle_c} C, and generic_pla on a" in line for line in notices) is has_warning
 
 
 @pytest.mark.parametrize(
@@ -196,7 +198,7 @@ def test_file_for_another_material_is_a_warning(plan, inspect, nozzle_c, request
     ],
 )
 def test_file_with_another_material_name_is_a_warning(plan, inspect, message, material, has_warning):
-    lines, fleet = [*make_marlin(), f"; filament_type = {message}"], [printer("a", material=material)]
+    lines, fleet = [*make_marlin(), f"; filament_type = {message}"], [make_section("a", material=material)]
     for notices in (inspect(lines, fleet).repairs, plan(lines, fleet).repairs):
         warnings = [line for line in notices if line.startswith("Warning: it was sliced for")]
         assert [repr(message) in line and material in line for line in warnings] == [True] * has_warning
@@ -231,7 +233,7 @@ def test_large_file_takes_little_more_memory_than_its_text(inspect):
     tracemalloc.start()
     try:
         inspect(lines)
-        _, peak = tracemalloc.get_traced_memory()
+        _, peak_bytes = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
-    assert peak < 6 * sum(map(len, lines))
+    assert peak_bytes < 6 * sum(map(len, lines))

@@ -21,7 +21,7 @@ def box(tmp_path):
     return path
 
 
-def slice_(path, output, cache=None, on_step=lambda _: None, **options):
+def slice_model(path, output, cache=None, on_step=lambda _: None, **options):
     defaults = {
         "printer_model": "ultimaker2_plus",
         "quality": "glue",
@@ -34,7 +34,7 @@ def slice_(path, output, cache=None, on_step=lambda _: None, **options):
 
 def read_refusal(path, output, **options):
     with pytest.raises(FarmError) as error:
-        slice_(path, output, **options)
+        slice_model(path, output, **options)
     assert "\n" not in str(error.value)
     return error.value
 
@@ -42,11 +42,11 @@ def read_refusal(path, output, **options):
 def test_second_slice_is_from_the_cache_and_equal(box, tmp_path):
     cache, output = tmp_path / "cache", tmp_path / "new folder" / "box.gcode"
     steps = []
-    first_result = slice_(box, output, cache=cache, on_step=steps.append)
+    first_result = slice_model(box, output, cache=cache, on_step=steps.append)
     content = output.read_bytes()
     assert steps[:3] == ["box.stl: reading", "box.stl: checking its surface", "slicing box.stl"]
     assert all(re.fullmatch(r"slicing box.stl, \d+%", text) for text in steps[3:])
-    second_result = slice_(box, output, cache=cache)
+    second_result = slice_model(box, output, cache=cache)
     assert (first_result["cached"], second_result["cached"]) == (False, True)
     assert output.read_bytes() == content
     assert [path.name for path in output.parent.iterdir()] == ["box.gcode"]
@@ -110,10 +110,10 @@ def test_proposed_scale_of_a_large_model_fits(tmp_path, monkeypatch, size, by_sc
     message = str(read_refusal(path, tmp_path / "out.gcode"))
     scale, longest = re.search(r"--scale (\S+) or --longest-side (\S+)$", message).groups()
 
-    def engine(task, progress):
+    def refuse_slicing(task, progress):
         raise FarmError("it fits")
 
-    monkeypatch.setattr("farm.planning.local.slice_file.slice_part", engine)
+    monkeypatch.setattr("farm.planning.local.slice_file.slice_part", refuse_slicing)
     size_option = {"scale": float(scale)} if by_scale else {"longest_side_mm": float(longest)}
     assert str(read_refusal(path, tmp_path / "out.gcode", **size_option)) == "it fits"
 
@@ -136,7 +136,7 @@ OWN_MATERIAL = """<fdmmaterial xmlns="http://www.ultimaker.com/material" version
 def test_settings_of_an_own_material_are_in_the_gcode(box, tmp_path, monkeypatch):
     (tmp_path / "petg.xml.fdm_material").write_text(OWN_MATERIAL)
     monkeypatch.setenv("FARM_MATERIALS", str(tmp_path))
-    report = slice_(box, tmp_path / "box.gcode", material="black PETG")
+    report = slice_model(box, tmp_path / "box.gcode", material="black PETG")
     lines = (tmp_path / "box.gcode").read_text().splitlines()
     assert "M109 S233" in lines
     assert report["grams"] == pytest.approx(report["filament_mm3"] * 1.27e-3)

@@ -9,7 +9,7 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from books.decompose_tasks import decompose_task, join_slices, slice_tasks
+from books.decompose_tasks import join_slices, make_decompose_task, make_slice_tasks
 from books.make_books import make_plan_event
 from farm.config import Fleet
 from farm.errors import ErrorCode, FarmError
@@ -30,9 +30,8 @@ def test_fewer_rounds_go_before_more_parts_and_all_printers_are_tried(copies, pr
     max_count = printers * rounds
     counts = list(iterate_part_counts(copies, printers, max_count))
     assert counts[-1][1] == max_count
-    assert counts[0][0] == -(
-        -copies // printers
-    )  # in one round less there is no room for one part of each copy
+    # One round fewer has no room for a part of each copy.
+    assert counts[0][0] == -(-copies // printers)
     for (more_rounds, parts_a), (rounds_b, parts_b) in pairwise(counts):
         assert more_rounds < rounds_b and parts_a < parts_b
     for rounds_, parts in counts:
@@ -152,7 +151,7 @@ def test_copies_of_a_model_too_long_for_a_bed_share_the_printers(bar, files, tmp
     """Cut at least two parts: four printers print two copies at the same time, three need two rounds."""
     for printers, copies, parts in ((4, 2, 2), (3, 2, 3), (2, 2, 2), (8, 2, 4)):
         task = replace(
-            decompose_task(bar, files, tmp_path, printers=printers),
+            make_decompose_task(bar, files, tmp_path, printers=printers),
             options=JobOptions(copies=copies, printers=printers),
         )
         assert len(decompose_job(task).parts) == parts, (printers, copies)
@@ -160,7 +159,7 @@ def test_copies_of_a_model_too_long_for_a_bed_share_the_printers(bar, files, tmp
 
 @pytest.mark.usefixtures("without_pictures")
 def test_copies_of_a_small_model_stay_whole_unless_a_person_gives_printers(box, files, tmp_path):
-    auto = replace(decompose_task(box, files, tmp_path, printers=4), options=JobOptions(copies=2))
+    auto = replace(make_decompose_task(box, files, tmp_path, printers=4), options=JobOptions(copies=2))
     assert len(decompose_job(auto).parts) == 1
     four_printers = replace(auto, options=JobOptions(copies=2, printers=4))
     assert len(decompose_job(four_printers).parts) == 2
@@ -170,7 +169,7 @@ def test_copies_of_a_small_model_stay_whole_unless_a_person_gives_printers(box, 
 
 @pytest.mark.usefixtures("without_pictures")
 def test_copies_are_cut_so_that_all_are_done_in_time(box, files, tmp_path):
-    task = replace(decompose_task(box, files, tmp_path, printers=4), options=JobOptions(copies=2))
+    task = replace(make_decompose_task(box, files, tmp_path, printers=4), options=JobOptions(copies=2))
     (whole_part,) = decompose_job(task).parts
     assert len(decompose_job(replace(task, within_s=whole_part.price_s * 1.2)).parts) == 1
     assert len(decompose_job(replace(task, within_s=whole_part.price_s * 0.9)).parts) == 2
@@ -193,9 +192,9 @@ class FakeSliceResult:
 @pytest.mark.usefixtures("without_pictures")
 def test_copies_reuse_cuts_slices_and_files(bar, files, tmp_path):
     options = JobOptions(copies=3, printers=6)
-    task = replace(decompose_task(bar, files, tmp_path, printers=6), options=options)
+    task = replace(make_decompose_task(bar, files, tmp_path, printers=6), options=options)
     decomposition = decompose_job(task)
-    tasks = slice_tasks(task, decomposition)
+    tasks = make_slice_tasks(task, decomposition)
     gcodes = [tmp_path / f"{i}.gcode" for i in range(len(tasks))]
     for i, path in enumerate(gcodes):
         path.write_text(f"; {i}\n")

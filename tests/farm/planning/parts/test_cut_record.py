@@ -5,7 +5,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from books.decompose_tasks import decompose_task
+from books.decompose_tasks import make_decompose_task
 from decompose.options import Engine
 from decompose.results import Attempt, Cutting
 from farm.errors import FarmError
@@ -15,7 +15,7 @@ from farm.planning.parts.decompose_job import decompose_job
 
 def test_cut_record_is_read_back_exactly(bar, files, tmp_path):
     """Check groups of boxes by their bytes, and infinite figures, for which JSON has no number."""
-    decomposition = decompose_job(decompose_task(bar, files, tmp_path))
+    decomposition = decompose_job(make_decompose_task(bar, files, tmp_path))
     first_record = read_cut_record(decomposition.cut_record)
     assert len(first_record.cutting.boxes_mm) == len(decomposition.parts) and first_record.parts == ()
     first_record = replace(

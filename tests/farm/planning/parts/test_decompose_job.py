@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from books.decompose_tasks import decompose_task, fleet, slice_tasks
+from books.decompose_tasks import fleet, make_decompose_task, make_slice_tasks
 from books.recording_controller import Commands, RecordedEffects
 from decompose.engines.guillotine import exact_search, plane_shift
 from decompose.engines.parallelobox import search as parallelobox_search
@@ -28,7 +28,7 @@ from farm.state.storage.store import Store
 
 
 def test_requested_engine_is_used(bar, files, tmp_path):
-    task = decompose_task(bar, files, tmp_path)
+    task = make_decompose_task(bar, files, tmp_path)
     parallelobox_task = replace(task, options=JobOptions(engine="parallelobox"), budget_s=7.0)
     decomposition = decompose_job(parallelobox_task)
     assert len(decomposition.parts) == 2
@@ -43,9 +43,9 @@ def test_requested_engine_is_used(bar, files, tmp_path):
 @pytest.mark.usefixtures("without_pictures")
 def test_too_few_printers_report_the_required_number_unless_in_rounds(bar, files, tmp_path):
     with pytest.raises(TooFewPrinters) as error:
-        decompose_job(decompose_task(bar, files, tmp_path, printers=1))
+        decompose_job(make_decompose_task(bar, files, tmp_path, printers=1))
     assert error.value.needed == 2
-    decomposition = decompose_job(decompose_task(bar, files, tmp_path, printers=1, rounds=2))
+    decomposition = decompose_job(make_decompose_task(bar, files, tmp_path, printers=1, rounds=2))
     assert [p.printer for p in decomposition.parts] == ["p0", "p0"]
 
 
@@ -54,13 +54,13 @@ def test_model_for_one_printer_stays_whole_unless_more_are_requested(files, tmp_
     path = tmp_path / "upload.stl"
     trimesh.creation.box((60.0, 36.0, 28.0)).export(path)
     box = inspect_model(path, "box.stl", JobOptions(), files)
-    assert [part.printer for part in decompose_job(decompose_task(box, files, tmp_path)).parts] == ["p0"]
-    slow = replace(decompose_task(box, files, tmp_path), time_factors={"p0": TimeFactors(1.1)})
-    assert [part.printer for part in decompose_job(slow).parts] == ["p1"]
-    report = json.loads((slow.folder / REPORT).read_text())
+    assert [part.printer for part in decompose_job(make_decompose_task(box, files, tmp_path)).parts] == ["p0"]
+    slow_task = replace(make_decompose_task(box, files, tmp_path), time_factors={"p0": TimeFactors(1.1)})
+    assert [part.printer for part in decompose_job(slow_task).parts] == ["p1"]
+    report = json.loads((slow_task.folder / REPORT).read_text())
     assert [part["printer"] for part in report["parts"]] == ["p1"]
-    two_printers = replace(decompose_task(box, files, tmp_path), options=JobOptions(printers=2))
-    assert len(decompose_job(two_printers).parts) == 2
+    two_printer_task = replace(make_decompose_task(box, files, tmp_path), options=JobOptions(printers=2))
+    assert len(decompose_job(two_printer_task).parts) == 2
 
 
 @pytest.mark.usefixtures("without_pictures")
@@ -68,7 +68,7 @@ def test_dry_run_of_a_whole_model_shows_what_more_printers_would_save(files, tmp
     path = tmp_path / "upload.stl"
     trimesh.creation.box((60.0, 36.0, 28.0)).export(path)
     box = inspect_model(path, "box.stl", JobOptions(), files)
-    task = replace(decompose_task(box, files, tmp_path), options=JobOptions(dry_run=True))
+    task = replace(make_decompose_task(box, files, tmp_path), options=JobOptions(dry_run=True))
     (whole_part,) = decompose_job(task).parts
     curve = json.loads((task.folder / REPORT).read_text())["curve"]
     assert [point["printers"] for point in curve] == [1, 2]
@@ -81,11 +81,11 @@ def test_fewest_parts_in_time_are_cut(files, tmp_path):
     path = tmp_path / "upload.stl"
     trimesh.creation.box((110.0, 36.0, 28.0)).export(path)
     box = inspect_model(path, "box.stl", JobOptions(), files)
-    task = decompose_task(box, files, tmp_path, printers=3)
+    task = make_decompose_task(box, files, tmp_path, printers=3)
     (whole_part,) = decompose_job(replace(task, within_s=1e6)).parts
-    takes_s = whole_part.price_s
+    whole_s = whole_part.price_s
     counts = [
-        len(decompose_job(replace(task, within_s=share * takes_s * DEADLINE_MARGIN)).parts)
+        len(decompose_job(replace(task, within_s=share * whole_s * DEADLINE_MARGIN)).parts)
         for share in (1.0, 0.7, 0.01)
     ]
     assert counts == [1, 2, 3]
@@ -93,16 +93,17 @@ def test_fewest_parts_in_time_are_cut(files, tmp_path):
 
 @pytest.mark.usefixtures("without_pictures")
 def test_first_layer_is_fitted_in_quality_glue_only(bar, files, tmp_path):
-    glue = decompose_task(bar, files, tmp_path)
-    paper = replace(glue, options=JobOptions(quality="paper"))
-    for part in decompose_job(glue).parts:
+    glue_task = make_decompose_task(bar, files, tmp_path)
+    paper_task = replace(glue_task, options=JobOptions(quality="paper"))
+    for part in decompose_job(glue_task).parts:
         assert 0.0 <= part.print_options.brim_width_mm <= 8.05
-        assert (
-            part.print_options.layer_0_expansion_mm == -0.2
-        )  # it was cut across, and that face is on the bed
-    decomposition = decompose_job(paper)
+        # It was cut across, and that face is on the bed.
+        assert part.print_options.layer_0_expansion_mm == -0.2
+    decomposition = decompose_job(paper_task)
     assert {part.print_options for part in decomposition.parts} == {PartPrintOptions()}
-    assert {item.print_options for item in slice_tasks(paper, decomposition)} == {PartPrintOptions()}
+    assert {item.print_options for item in make_slice_tasks(paper_task, decomposition)} == {
+        PartPrintOptions()
+    }
 
 
 @pytest.mark.usefixtures("without_pictures")
@@ -117,7 +118,7 @@ def test_parts_that_overlap_are_found_and_the_job_is_refused(bar, files, tmp_pat
         monkeypatch.setattr(engine, "cut_cells", cut_enlarged_cells)
     monkeypatch.setattr(plane_shift, "cut_box", enlarge)
     with pytest.raises(FarmError) as error:
-        decompose_job(decompose_task(bar, files, tmp_path))
+        decompose_job(make_decompose_task(bar, files, tmp_path))
     assert error.value.code is ErrorCode.GEOMETRY
     assert "overlap" in str(error.value)
     controller = Controller(fleet(), Store(tmp_path / "farm.db"), Clock(), list_bed_boxes)
@@ -148,17 +149,18 @@ def test_speed_of_a_printer_depends_on_its_nozzle(bar, files, tmp_path, monkeypa
         section.model_copy(update={"nozzle_mm": nozzle_mm})
         for section, nozzle_mm in zip(fleet(4).printers, nozzles, strict=True)
     ]
-    task = decompose_task(bar, files, tmp_path)
+    task = make_decompose_task(bar, files, tmp_path)
     factors = {"p3": TimeFactors(1.1)}
     task = replace(task, printers=tuple(printers), options=JobOptions(printers=4), time_factors=factors)
     with pytest.raises(FarmError, match="seen enough"):
         decompose_job(task)
+    # The coarse nozzle was not requested.
     assert [room.name for room in rooms_used] == [
         "p0",
         "p1",
         "p2",
         "p3",
-    ]  # the coarse nozzle was not requested
+    ]
     default_factor, narrow_nozzle_factor, wide_nozzle_factor, slow_printer_factor = (
         room.time_factor for room in rooms_used
     )
@@ -178,11 +180,11 @@ def test_each_part_is_cut_and_sliced_for_the_printer_that_it_goes_to(files, tmp_
     high_printer = low_printer.model_copy(update=changes)
     options = JobOptions(printers=2, engine="guillotine")
     task = replace(
-        decompose_task(tower, files, tmp_path), printers=(low_printer, high_printer), options=options
+        make_decompose_task(tower, files, tmp_path), printers=(low_printer, high_printer), options=options
     )
     decomposition = decompose_job(task)
     assert {part.printer for part in decomposition.parts} == {"p0", "high"}
-    for item, part in zip(slice_tasks(task, decomposition), decomposition.parts, strict=True):
+    for item, part in zip(make_slice_tasks(task, decomposition), decomposition.parts, strict=True):
         height = np.ptp(trimesh.load_mesh(item.stl).bounds[:, 2])
         assert height > 205.0 if part.printer == "high" else height <= 205.0
         section = {"p0": low_printer, "high": high_printer}[part.printer]
@@ -196,7 +198,7 @@ def test_omitted_pins_are_reported_with_the_job(bar, files, tmp_path, monkeypatc
         raise RuntimeError("QH6154 initial simplex is flat")
 
     monkeypatch.setattr(connect, "plan_connectors", fail)
-    pinned_task = replace(decompose_task(bar, files, tmp_path), options=JobOptions(pin_mm=2.85))
+    pinned_task = replace(make_decompose_task(bar, files, tmp_path), options=JobOptions(pin_mm=2.85))
     result = decompose_job(pinned_task)
     assert len(result.parts) == 2
     assert result.repairs[-1] == "Warning: no pins and marks: QH6154 initial simplex is flat."

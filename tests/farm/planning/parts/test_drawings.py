@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from books.decompose_tasks import decompose_task
+from books.decompose_tasks import make_decompose_task
 from clusters.same_process import SameProcess
 from farm.compute import PoolShare
 from farm.errors import FarmError
@@ -52,14 +52,14 @@ def start_drawing(pool, task, decomposition):
 
 
 @pytest.fixture
-def cut(bar, files, tmp_path):
+def cut_bar(bar, files, tmp_path):
     """Cut a bar for six printers; return task and parts."""
-    task = decompose_task(bar, files, tmp_path, printers=6)
+    task = make_decompose_task(bar, files, tmp_path, printers=6)
     return task, decompose_job(task)
 
 
-def test_pictures_by_several_workers_are_the_same(cut, tmp_path, monkeypatch):
-    task, result = cut
+def test_pictures_by_several_workers_are_the_same(cut_bar, tmp_path, monkeypatch):
+    task, result = cut_bar
     assert result.steps >= 2
     monkeypatch.setattr(drawings, "MIN_STEPS", 1)
     draw_job(task, result.drawing_record)
@@ -73,14 +73,14 @@ def test_pictures_by_several_workers_are_the_same(cut, tmp_path, monkeypatch):
     assert {name: (task.folder / name).read_bytes() for name in FILES} == pictures
 
 
-def test_few_steps_are_drawn_by_one_worker(cut):
-    task, result = cut
+def test_few_steps_are_drawn_by_one_worker(cut_bar):
+    task, result = cut_bar
     pool = RecordingPool()
     start_drawing(pool, task, result)
     assert pool.names == ["draw_job"]
 
 
-def test_a_share_that_fails_ends_the_others(cut):
+def test_a_share_that_fails_ends_the_others(cut_bar):
     class FailingPool(SameProcess):
         def __init__(self):
             self.open = 0
@@ -94,7 +94,7 @@ def test_a_share_that_fails_ends_the_others(cut):
             finally:
                 self.open -= 1
 
-    task, result = cut
+    task, result = cut_bar
     pool = FailingPool()
     with pytest.raises(FarmError, match="no room for a picture"):
         start_drawing(pool, task, replace(result, steps=40))

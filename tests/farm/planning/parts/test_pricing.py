@@ -156,8 +156,8 @@ def test_holes_have_the_fit_of_their_printer_unless_the_job_has_its_own():
         PrinterSection(name=name, model="ultimaker2_plus", port="sim://ultimaker2_plus", pin_fit_mm=fit_mm)
         for name, fit_mm in (("a", 0.5), ("b", None))
     ]
-    fleets = build_decompose_options(JobOptions(pin_mm=2.85), sections).connectors
-    assert [fleets.find_fit_mm(name) for name in "ab"] == [0.5, 0.4]
+    connectors = build_decompose_options(JobOptions(pin_mm=2.85), sections).connectors
+    assert [connectors.find_fit_mm(name) for name in "ab"] == [0.5, 0.4]
     job_connectors = build_decompose_options(JobOptions(pin_mm=2.85, pin_fit_mm=0.3), sections).connectors
     assert [job_connectors.find_fit_mm(name) for name in "ab"] == [0.3, 0.3]
 
@@ -170,9 +170,9 @@ def test_partition_has_the_factor_for_the_features_of_the_model():
     factors = {"a": TimeFactors(1.1), "b": TimeFactors(1.1, (1.0, 1.0, 1.4, 1.0, 1.0))}
     sheet = Solid.box((0.0, 0.0, 0.0), (150.0, 150.0, 2.0))
     tower = Solid.box((0.0, 0.0, 0.0), (20.0, 20.0, 180.0))
-    of_sheet, of_tower = (
+    sheet_factors, tower_factors = (
         estimate_time_factors(printers, factors, solid, "glue", find_resources()) for solid in (sheet, tower)
     )
-    assert of_sheet["a"] == of_tower["a"] == 1.1
-    assert of_sheet["c"] == of_tower["c"] == 1.0
-    assert 1.4 > of_sheet["b"] > 1.3 > of_tower["b"] > 1.0
+    assert sheet_factors["a"] == tower_factors["a"] == 1.1
+    assert sheet_factors["c"] == tower_factors["c"] == 1.0
+    assert 1.4 > sheet_factors["b"] > 1.3 > tower_factors["b"] > 1.0

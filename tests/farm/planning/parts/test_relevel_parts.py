@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from books.decompose_tasks import decompose_task, slice_late
+from books.decompose_tasks import make_decompose_task, slice_late
 from farm.model import TimeFactors
 from farm.planning.parts.decompose_job import decompose_job
 from farm.planning.parts.relevel_parts import relevel_parts
@@ -16,7 +16,7 @@ pytestmark = pytest.mark.usefixtures("without_pictures")
 
 
 def test_part_with_a_slow_slice_is_cut_smaller(bar, files, tmp_path):
-    task = decompose_task(bar, files, tmp_path)
+    task = make_decompose_task(bar, files, tmp_path)
     decomposition = decompose_job(task)
     slow = slice_late(task, decomposition, late_s=RELEVEL_LATE_S * 3)
     assert slow.makespan_s() == slow.parts[1].expected_s() == slow.busy_s()[decomposition.parts[1].printer]
@@ -33,11 +33,10 @@ def test_part_with_a_slow_slice_is_cut_smaller(bar, files, tmp_path):
 
 
 def test_balanced_parts_are_not_relevelled(bar, files, tmp_path):
-    task = decompose_task(bar, files, tmp_path)
+    task = make_decompose_task(bar, files, tmp_path)
     decomposition = decompose_job(task)
-    assert not slice_late(
-        task, decomposition, late_s=RELEVEL_LATE_S
-    ).should_relevel()  # in the mean half of that later
+    # On average, slices are later by half of that.
+    assert not slice_late(task, decomposition, late_s=RELEVEL_LATE_S).should_relevel()
     assert not replace(
         slice_late(task, decomposition, 1e4), decomposed=replace(decomposition, cut_record=None)
     ).should_relevel()
@@ -47,7 +46,7 @@ def test_balanced_parts_are_not_relevelled(bar, files, tmp_path):
 
 def test_part_of_features_that_its_printer_prints_slowly_is_relevelled(bar, files, tmp_path):
     factors = dict.fromkeys(("p0", "p1"), TimeFactors(1.0, (1.0, 1.0, 1.3, 1.0, 1.0)))
-    task = replace(decompose_task(bar, files, tmp_path), time_factors=factors)
+    task = replace(make_decompose_task(bar, files, tmp_path), time_factors=factors)
     level = slice_late(task, decompose_job(task), late_s=0.0)
     first, *others = level.parts
     total_s = first.result.sliced_s
@@ -59,17 +58,16 @@ def test_part_of_features_that_its_printer_prints_slowly_is_relevelled(bar, file
 
 
 def test_slow_printer_is_busy_longer(bar, files, tmp_path):
-    task = replace(decompose_task(bar, files, tmp_path), time_factors={"p0": TimeFactors(1.5)})
+    task = replace(make_decompose_task(bar, files, tmp_path), time_factors={"p0": TimeFactors(1.5)})
     decomposition = decompose_job(task)
     level = slice_late(task, decomposition, late_s=0.0)
     printed_s = level.parts[0].result.sliced_s
-    assert level.busy_s()["p0"] == pytest.approx(
-        level.busy_s()["p1"] + 0.5 * printed_s
-    )  # of the layers alone
+    # The ratio is that of the layers alone.
+    assert level.busy_s()["p0"] == pytest.approx(level.busy_s()["p1"] + 0.5 * printed_s)
 
 
 def test_several_parts_per_printer_are_not_relevelled(bar, files, tmp_path):
-    task = decompose_task(bar, files, tmp_path)
+    task = make_decompose_task(bar, files, tmp_path)
     decomposition = decompose_job(task)
     assert slice_late(task, decomposition, late_s=1e4).should_relevel()
     two_parts = replace(

@@ -12,14 +12,14 @@ from farm.state import events as ev
 from farm.state.storage.store import StoreError
 
 UM2 = "ultimaker2"
-HOUR = 3600.0
+HOUR_S = 3600.0
 
 
 class Clock:
     scale = 1.0
 
     def __init__(self):
-        self.now_s = 20 * HOUR  # of a day on which no person is there before 8
+        self.now_s = 20 * HOUR_S  # of a day on which no person is there before 8
 
     def now(self):
         return self.now_s
@@ -32,9 +32,9 @@ def make_farm(tmp_path, models, plates=1, **options):
     farm.ready(*farm.names)
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(**options))
     event = make_plan_event(1, plates)
-    hours = {"expected_s": 10 * HOUR, "sliced_s": 10 * HOUR - 300.0, "family": PLUS}
+    hours = {"expected_s": 10 * HOUR_S, "sliced_s": 10 * HOUR_S - 300.0, "family": PLUS}
     long_plates = tuple(plate.model_copy(update=hours) for plate in event.plates)
-    farm.controller.on_plan(1, Plan(event.parts, long_plates, (), 1.0, 1.0, 10 * HOUR, None))
+    farm.controller.on_plan(1, Plan(event.parts, long_plates, (), 1.0, 1.0, 10 * HOUR_S, None))
     if options.get("hold"):
         farm.controller.handle(ev.JobApproved(at_s=1.0, job=1, by="ann"))
     return farm
@@ -48,11 +48,11 @@ def fail_plate(farm, printer, plate):
         print_id=attempt.id, state=PrintState.FAILED, fault="mintemp", reason="no heat", progress_s=5.0,
         print_time_s=90.0, extruded=True, started_s=now_s - 60.0, ended_s=now_s,
     )  # fmt: skip
-    idle = {"link": Link.READY, "agent_pid": 9, "filament": FilamentState.PARKED}
-    farm.controller.on_snapshot(AgentSnapshot(printer=printer, print=agent_print, **idle))
+    idle_fields = {"link": Link.READY, "agent_pid": 9, "filament": FilamentState.PARKED}
+    farm.controller.on_snapshot(AgentSnapshot(printer=printer, print=agent_print, **idle_fields))
 
 
-def make_cut(farm, plate, hours, printers):
+def make_recut(farm, plate, hours, printers):
     """Return the result of a cut: one piece of this duration for each printer."""
     old_plate = farm.controller.books.plates[plate]
     (part,) = (farm.controller.books.parts[name] for name in old_plate.parts)
@@ -60,13 +60,13 @@ def make_cut(farm, plate, hours, printers):
     for letter, printer in zip("abcdefgh", printers, strict=False):
         changes = {"id": f"{part.id}{letter}", "plate": f"{plate}{letter}", "cut_from": part.id}
         parts.append(part.model_copy(update=changes))
-        time = {"expected_s": hours * HOUR, "sliced_s": hours * HOUR - 300.0}
+        time = {"expected_s": hours * HOUR_S, "sliced_s": hours * HOUR_S - 300.0}
         changes = {"id": f"{plate}{letter}", "parts": (f"{part.id}{letter}",), "printer": printer}
         plates.append(old_plate.model_copy(update={"prints": (), **changes, **time}))
     return ReplannedPlate(tuple(parts), tuple(plates), "n.png")
 
 
-def start_printing(farm):
+def list_started_plates(farm):
     return {attempt.printer: attempt.plate for attempt in farm.controller.books.open_prints()}
 
 
@@ -78,11 +78,11 @@ def test_failed_part_is_cut_for_the_free_printers_and_held(tmp_path):
     hold = farm.controller.scheduler.find_plate_holds().get("1/01")
     assert hold.code is HoldCode.BEING_RECUT
     assert "b, c and d" in hold.text
-    assert start_printing(farm) == {}
+    assert list_started_plates(farm) == {}
     farm.controller.handle()
     assert len(farm.effects.replans) == 1
-    farm.controller.on_replan("1/01", make_cut(farm, "1/01", 4.0, printers))
-    assert start_printing(farm) == {"b": "1/01a", "c": "1/01b", "d": "1/01c"}
+    farm.controller.on_replan("1/01", make_recut(farm, "1/01", 4.0, printers))
+    assert list_started_plates(farm) == {"b": "1/01a", "c": "1/01b", "d": "1/01c"}
 
 
 def test_pieces_that_cannot_be_stored_are_planned_again(tmp_path):
@@ -90,23 +90,23 @@ def test_pieces_that_cannot_be_stored_are_planned_again(tmp_path):
     fail_plate(farm, "a", "1/01")
     farm.store._db.execute("PRAGMA query_only = 1")
     with pytest.raises(StoreError):
-        farm.controller.on_replan("1/01", make_cut(farm, "1/01", 4.0, "bcd"))
+        farm.controller.on_replan("1/01", make_recut(farm, "1/01", 4.0, "bcd"))
     farm.store._db.execute("PRAGMA query_only = 0")
     farm.controller.handle()
     assert farm.effects.replans == [("1/01", ["b", "c", "d"], True)] * 2
-    farm.controller.on_replan("1/01", make_cut(farm, "1/01", 4.0, "bcd"))
-    assert start_printing(farm) == {"b": "1/01a", "c": "1/01b", "d": "1/01c"}
+    farm.controller.on_replan("1/01", make_recut(farm, "1/01", 4.0, "bcd"))
+    assert list_started_plates(farm) == {"b": "1/01a", "c": "1/01b", "d": "1/01c"}
 
 
 def test_part_that_is_not_sooner_in_pieces_stays_whole(tmp_path):
     for name, result in {
-        "slow": lambda farm: make_cut(farm, "1/01", 9.0, "bcd"),
+        "slow": lambda farm: make_recut(farm, "1/01", 9.0, "bcd"),
         "failed": lambda farm: FarmError("too thin"),
     }.items():
         farm = make_farm(tmp_path / name, [PLUS] * 4, plates=1)
         fail_plate(farm, "a", "1/01")
         farm.controller.on_replan("1/01", result(farm))
-        assert start_printing(farm) == {"b": "1/01"}
+        assert list_started_plates(farm) == {"b": "1/01"}
         fail_plate(farm, "b", "1/01")  # the next failure is examined again: two printers are free now
         assert [decomposition for _, _, decomposition in farm.effects.replans] == [True, True]
 
@@ -118,11 +118,10 @@ def test_job_with_a_later_start_gets_no_reserved_printers(tmp_path):
     farm.jobs.submit("s" * 8, "n.stl", MODEL, JobOptions(material="generic_pla"))
     event = make_plan_event(2, 2)
     farm.controller.on_plan(2, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0))
-    assert not start_printing(farm).keys() & set(reserved_printers)
+    assert not list_started_plates(farm).keys() & set(reserved_printers)
     farm.controller.on_replan("1/01", FarmError("too thin"))
-    assert (
-        len(start_printing(farm).keys() & set(reserved_printers)) == 3
-    )  # its own plate, and those of the other job
+    # The plate itself, and those of the other job.
+    assert len(list_started_plates(farm).keys() & set(reserved_printers)) == 3
 
 
 def test_replan_is_repeated_after_a_restart(tmp_path):
@@ -130,34 +129,33 @@ def test_replan_is_repeated_after_a_restart(tmp_path):
     fail_plate(farm, "a", "1/01")
     farm.store.close()
     restarted_farm = Farm(tmp_path, [PLUS] * 4, farm.controller.clock, attended=["08:00-18:00"])
-    restarted_farm.controller.on_replan(
-        "1/01", make_cut(farm, "1/01", 4.0, "bcd")
-    )  # it has not started such a task
+    # The restarted farm has not started such a task.
+    restarted_farm.controller.on_replan("1/01", make_recut(farm, "1/01", 4.0, "bcd"))
     assert restarted_farm.controller.books.jobs[1].plates == ("1/01",)
     restarted_farm.ready("b", "c", "d")
-    assert start_printing(restarted_farm) == {"b": "1/01"}  # which was there first
+    assert list_started_plates(restarted_farm) == {"b": "1/01"}  # which was there first
 
 
 def test_part_that_is_cancelled_while_it_is_cut_is_not_replaced(tmp_path):
     farm = make_farm(tmp_path, [PLUS] * 4, plates=1)
     fail_plate(farm, "a", "1/01")
     farm.parts.cancel(1, "p01", "ann")
-    farm.controller.on_replan("1/01", make_cut(farm, "1/01", 4.0, "bcd"))
+    farm.controller.on_replan("1/01", make_recut(farm, "1/01", 4.0, "bcd"))
     assert farm.controller.books.jobs[1].parts == ("1/p01",)
-    assert start_printing(farm) == {}
+    assert list_started_plates(farm) == {}
 
 
 def test_approved_plan_is_not_replanned(tmp_path):
     farm = make_farm(tmp_path, [PLUS] * 4, plates=1, hold=True)
     fail_plate(farm, "a", "1/01")
     assert farm.effects.replans == []
-    assert start_printing(farm) == {"b": "1/01"}
+    assert list_started_plates(farm) == {"b": "1/01"}
 
 
 def make_replanned_plate(farm, plate, printer, hours):
     old_plate = farm.controller.books.plates[plate]
     name = make_next_plate_id(plate)
-    time = {"expected_s": hours * HOUR, "sliced_s": hours * HOUR - 300.0, "prints": ()}
+    time = {"expected_s": hours * HOUR_S, "sliced_s": hours * HOUR_S - 300.0, "prints": ()}
     new_plate = old_plate.model_copy(update={"id": name, "family": UM2, "printer": printer, **time})
     (part,) = (
         farm.controller.books.parts[item].model_copy(update={"plate": name}) for item in old_plate.parts
@@ -171,7 +169,7 @@ def test_plate_of_a_full_bed_is_resliced_overnight(tmp_path):
     assert farm.effects.replans == [("1/01", ["b"], False)]
     assert farm.controller.scheduler.find_plate_holds().get("1/01") is not None
     farm.controller.on_replan("1/01", make_replanned_plate(farm, "1/01", "b", 11.0))
-    assert start_printing(farm) == {"b": "1/01-2"}
+    assert list_started_plates(farm) == {"b": "1/01-2"}
     assert farm.controller.books.jobs[1].parts == ("1/p01",)
     assert farm.controller.books.plates["1/01"].replaced_by == ("1/01-2",)
 
@@ -180,8 +178,8 @@ def test_backward_clock_step_does_not_delay_the_next_search(tmp_path):
     farm = make_farm(tmp_path, [PLUS, PLUS, UM2], plates=2)
     fail_plate(farm, "a", "1/01")
     farm.controller.on_replan("1/01", FarmError("too thin"))
-    farm.controller.clock.now_s -= HOUR
-    farm.controller.on_clock_set(-HOUR)
+    farm.controller.clock.now_s -= HOUR_S
+    farm.controller.on_clock_set(-HOUR_S)
     farm.controller.clock.now_s += 60.0
     fail_plate(farm, "b", "1/02")
     assert farm.effects.replans == [("1/01", ["c"], False), ("1/02", ["c"], False)]
@@ -191,19 +189,19 @@ def test_useless_reslice_is_not_repeated(tmp_path):
     farm = make_farm(tmp_path, [PLUS, UM2], plates=1)
     fail_plate(farm, "a", "1/01")
     farm.controller.on_replan("1/01", make_replanned_plate(farm, "1/01", "b", 30.0))
-    farm.controller.clock.now_s += HOUR
+    farm.controller.clock.now_s += HOUR_S
     farm.controller.handle()
     assert len(farm.effects.replans) == 1
-    assert start_printing(farm) == {}
+    assert list_started_plates(farm) == {}
     farm.clear_bed("a", FilamentState.PARKED)
-    assert start_printing(farm) == {"a": "1/01"}
+    assert list_started_plates(farm) == {"a": "1/01"}
 
 
 def test_planned_printer_may_take_the_plate_before_the_reslice(tmp_path):
     farm = make_farm(tmp_path, [PLUS, UM2], plates=1)
     fail_plate(farm, "a", "1/01")
     farm.clear_bed("a", FilamentState.PARKED)
-    assert start_printing(farm) == {"a": "1/01"}
+    assert list_started_plates(farm) == {"a": "1/01"}
     farm.controller.on_replan("1/01", make_replanned_plate(farm, "1/01", "b", 9.0))
     assert farm.controller.books.jobs[1].plates == ("1/01",)
     assert [make_next_plate_id(name) for name in ("3/07", "3/07-2", "3/07a")] == [
@@ -218,8 +216,8 @@ def test_search_is_not_delayed_by_a_backward_clock_step(tmp_path):
     farm.printers.begin_maintenance("b", "a new belt", "ann")
     fail_plate(farm, "a", "1/01")
     assert farm.effects.replans == []
-    farm.controller.clock.now_s -= HOUR
-    farm.controller.on_clock_set(-HOUR)
+    farm.controller.clock.now_s -= HOUR_S
+    farm.controller.on_clock_set(-HOUR_S)
     farm.printers.end_maintenance("b", "ann")
     farm.controller.clock.now_s += 11.0
     farm.controller.handle()

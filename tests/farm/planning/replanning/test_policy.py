@@ -12,9 +12,9 @@ from farm.model import Bed, HoldCode, TimeFactors
 from farm.planning.replanning import policy
 from farm.scheduling.matching import Capabilities, Requirements
 
-HOUR = 3600.0
-NOW_S = 1_000_000.0 // 604800 * 604800 + 4 * 86400 + 20 * HOUR  # Monday, 20:00 UTC
-NIGHT = make_rules(attended=["08:00-18:00"])
+HOUR_S = 3600.0
+NOW_S = 1_000_000.0 // 604800 * 604800 + 4 * 86400 + 20 * HOUR_S  # Monday, 20:00 UTC
+ATTENDED_RULES = make_rules(attended=["08:00-18:00"])
 PLUS, UM2 = "ultimaker2_plus", "ultimaker2"
 
 
@@ -30,7 +30,7 @@ def make_part(hours=10.0, **changes):
         "heating_s": 300.0,
         "grams": 50.0,
     }
-    return make_plate("1/01", "a", **{**facts, "expected_s": hours * HOUR, **changes})
+    return make_plate("1/01", "a", **{**facts, "expected_s": hours * HOUR_S, **changes})
 
 
 def test_cost_of_a_piece_equals_that_of_a_decomposition():
@@ -44,7 +44,7 @@ def test_plate_of_a_bed_full_until_morning_is_resliced():
     )
     choice = policy.choose_reslice(
         make_part(),
-        make_situation([make_part()], [full_printer, other_printer], NIGHT, NOW_S),
+        make_situation([make_part()], [full_printer, other_printer], ATTENDED_RULES, NOW_S),
         [other_printer],
     )
     assert choice == policy.Reslice("1/01", "b")
@@ -58,10 +58,11 @@ def test_plate_of_a_bed_full_until_morning_is_resliced():
         ({"failed_on": frozenset("b")}, {"family": UM2}),
         ({"extra_printers": 0}, {"family": UM2}),  # its job already uses its maximum number of printers
         ({"requirements": Requirements("generic_abs", None, 0.4, box(100.0), PLUS)}, {"family": UM2}),
+        # Too high for the other family.
         (
             {"requirements": Requirements("generic_pla", None, 0.4, box(250.0), PLUS)},
             {"family": UM2},
-        ),  # too high
+        ),
         ({}, {"family": PLUS, "nozzle_mm": 0.25}),  # 25 h on the finer nozzle: the bed is cleared before
         ({}, {"family": UM2, "unattended": False}),
     ],
@@ -69,10 +70,10 @@ def test_plate_of_a_bed_full_until_morning_is_resliced():
 def test_plate_waits_if_the_other_printer_does_not_match(changes, other_fields):
     full_printer = make_family_printer("a", PLUS, bed=Bed.NOT_CLEAR)
     free_printer = make_family_printer("b", **other_fields)
-    view = make_part(**changes)
+    part = make_part(**changes)
     assert (
         policy.choose_reslice(
-            view, make_situation([view], [full_printer, free_printer], NIGHT, NOW_S), [free_printer]
+            part, make_situation([part], [full_printer, free_printer], ATTENDED_RULES, NOW_S), [free_printer]
         )
         is None
     )
@@ -82,7 +83,7 @@ def test_plate_waits_if_its_printer_is_free_soon():
     """Use a plate of ten hours: a fifth of the waiting time has to be saved."""
 
     def choose(hours):
-        busy_printer = make_family_printer("a", PLUS, booked=True, free_s=NOW_S + hours * HOUR)
+        busy_printer = make_family_printer("a", PLUS, booked=True, free_s=NOW_S + hours * HOUR_S)
         other_printer = make_family_printer("b", UM2)
         return policy.choose_reslice(
             make_part(),
@@ -105,10 +106,11 @@ def test_part_of_a_removed_printer_model_is_sliced_for_another():
 
 
 def test_printer_to_be_inspected_counts_only_with_attended_hours():
+    # The other printer needs 20 h.
     broken_printer, other_printer = (
         make_family_printer("a", PLUS, attention_reason="no heat"),
         make_family_printer("b", UM2, time_factors=TimeFactors(2.0)),
-    )  # 20 h
+    )
 
     def choose(start_rules):
         return policy.choose_reslice(
@@ -117,54 +119,60 @@ def test_printer_to_be_inspected_counts_only_with_attended_hours():
             [other_printer],
         )
 
-    assert choose(NIGHT) is None  # by 18:15 on the next day
+    assert choose(ATTENDED_RULES) is None  # by 18:15 on the next day
     assert choose(make_rules()) == policy.Reslice("1/01", "b")
 
 
 def test_failed_part_is_cut_for_printers_not_needed_by_others():
     fleet = [make_family_printer(name, PLUS) for name in "abcd"]
     failed_part = make_part(failed_on=frozenset("a"))
-    other_plate = make_plate("1/02", "b", expected_s=HOUR)
-    choice = policy.choose_recut(failed_part, make_situation([failed_part, other_plate], fleet, NIGHT, NOW_S))
+    other_plate = make_plate("1/02", "b", expected_s=HOUR_S)
+    choice = policy.choose_recut(
+        failed_part, make_situation([failed_part, other_plate], fleet, ATTENDED_RULES, NOW_S)
+    )
     assert choice == policy.Recut("1/01", ("c", "d", "a"))
     short_part = make_part(hours=1.0)
-    assert policy.choose_recut(short_part, make_situation([short_part], fleet, NIGHT, NOW_S)) is None
-    two_place_part = make_part(extra_printers=2)
+    assert policy.choose_recut(short_part, make_situation([short_part], fleet, ATTENDED_RULES, NOW_S)) is None
+    part_for_two_printers = make_part(extra_printers=2)
     assert (
         len(
             policy.choose_recut(
-                two_place_part, make_situation([two_place_part], fleet, NIGHT, NOW_S)
+                part_for_two_printers, make_situation([part_for_two_printers], fleet, ATTENDED_RULES, NOW_S)
             ).printers
         )
         == 2
     )
     assert (
         policy.choose_recut(
-            make_part(extra_printers=1), make_situation([make_part(extra_printers=1)], fleet, NIGHT, NOW_S)
+            make_part(extra_printers=1),
+            make_situation([make_part(extra_printers=1)], fleet, ATTENDED_RULES, NOW_S),
         )
         is None
     )
-    assert policy.choose_recut(failed_part, make_situation([failed_part], fleet[:1], NIGHT, NOW_S)) is None
+    assert (
+        policy.choose_recut(failed_part, make_situation([failed_part], fleet[:1], ATTENDED_RULES, NOW_S))
+        is None
+    )
 
 
 def test_part_of_a_removed_model_is_cut_only_if_reslicing_is_worse():
     fleet = [make_family_printer(name, UM2) for name in "bc"]
     short_part, long_part = make_part(hours=1.0), make_part(hours=10.0)
     assert policy.compute_expected_end_s(
-        short_part, make_situation([short_part], fleet, NIGHT, NOW_S)
+        short_part, make_situation([short_part], fleet, ATTENDED_RULES, NOW_S)
     ) == float("inf")
-    assert policy.choose_recut(short_part, make_situation([short_part], fleet, NIGHT, NOW_S)) is None
+    assert policy.choose_recut(short_part, make_situation([short_part], fleet, ATTENDED_RULES, NOW_S)) is None
     assert policy.choose_reslice(
-        short_part, make_situation([short_part], fleet, NIGHT, NOW_S), fleet
+        short_part, make_situation([short_part], fleet, ATTENDED_RULES, NOW_S), fleet
     ) == policy.Reslice("1/01", "b")
-    assert policy.choose_recut(long_part, make_situation([long_part], fleet, NIGHT, NOW_S)) == policy.Recut(
-        "1/01", ("b", "c")
-    )
+    assert policy.choose_recut(
+        long_part, make_situation([long_part], fleet, ATTENDED_RULES, NOW_S)
+    ) == policy.Recut("1/01", ("b", "c"))
 
 
 def test_pieces_may_end_before_quiet_hours_unlike_the_whole_part():
     start_rules = make_rules(quiet=["06:00-22:00"])
-    now_s = NOW_S + 3 * HOUR  # 23:00
+    now_s = NOW_S + 3 * HOUR_S  # 23:00
     fleet = [make_family_printer(name, PLUS) for name in "abc"]
     assert (
         policy.choose_recut(make_part(), make_situation([make_part()], fleet, start_rules, now_s)) is not None
@@ -178,7 +186,7 @@ fleets = st.lists(
         st.sampled_from([PLUS, UM2]),
         nozzle_mm=st.sampled_from([0.4, 0.8]),
         booked=st.booleans(),
-        free_s=st.none() | st.floats(NOW_S, NOW_S + 20 * HOUR),
+        free_s=st.none() | st.floats(NOW_S, NOW_S + 20 * HOUR_S),
         bed=st.sampled_from([Bed.CLEAR, Bed.NOT_CLEAR]),
         grams=st.none() | st.floats(0, 200),
         time_factors=st.sampled_from([0.9, 1.0, 1.2]).map(TimeFactors),
@@ -196,28 +204,30 @@ parts = st.builds(
 
 
 @given(parts, fleets)
-def test_recut_requests_matching_free_printers_if_useful(view, fleet):
+def test_recut_requests_matching_free_printers_if_useful(part, fleet):
     by_name = {p.name: p for p in fleet}
     free_printers = [p for p in fleet if p.obstacle() is None]
-    whole_s = policy.compute_expected_end_s(view, make_situation([view], fleet, NIGHT, NOW_S))
-    reslice = policy.choose_reslice(view, make_situation([view], fleet, NIGHT, NOW_S), free_printers)
+    whole_s = policy.compute_expected_end_s(part, make_situation([part], fleet, ATTENDED_RULES, NOW_S))
+    reslice = policy.choose_reslice(part, make_situation([part], fleet, ATTENDED_RULES, NOW_S), free_printers)
     if reslice is not None:
         other_printer = by_name[reslice.printer]
         assert other_printer.obstacle() is None
-        assert not view.requirements.matches(other_printer.capabilities)
-        assert (other_printer.capabilities.material, other_printer.name in view.failed_on) == (
+        assert not part.requirements.matches(other_printer.capabilities)
+        assert (other_printer.capabilities.material, other_printer.name in part.failed_on) == (
             "generic_pla",
             False,
         )
         assert whole_s - NOW_S > policy.MIN_GAIN_S
-    decomposition = policy.choose_recut(view, make_situation([view], fleet, NIGHT, NOW_S))
-    if decomposition is not None:
-        assert 2 <= len(set(decomposition.printers)) == len(decomposition.printers) <= policy.MAX_PIECES
-        assert all(by_name[name].obstacle() is None for name in decomposition.printers)
-        assert view.extra_printers is None or len(decomposition.printers) <= view.extra_printers
+    recut = policy.choose_recut(part, make_situation([part], fleet, ATTENDED_RULES, NOW_S))
+    if recut is not None:
+        assert 2 <= len(set(recut.printers)) == len(recut.printers) <= policy.MAX_PIECES
+        assert all(by_name[name].obstacle() is None for name in recut.printers)
+        assert part.extra_printers is None or len(recut.printers) <= part.extra_printers
         assert whole_s - NOW_S > policy.MIN_GAIN_S + 2 * policy.JOIN_S
     assert (
-        policy.choose_reslice(view, make_situation([view], fleet[::-1], NIGHT, NOW_S), free_printers[::-1])
+        policy.choose_reslice(
+            part, make_situation([part], fleet[::-1], ATTENDED_RULES, NOW_S), free_printers[::-1]
+        )
         == reslice
     )
-    assert policy.choose_recut(view, make_situation([view], fleet[::-1], NIGHT, NOW_S)) == decomposition
+    assert policy.choose_recut(part, make_situation([part], fleet[::-1], ATTENDED_RULES, NOW_S)) == recut

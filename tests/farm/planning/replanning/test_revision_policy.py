@@ -21,7 +21,7 @@ from farm.planning.replanning.revision_policy import (
 from farm.scheduling import assign_plates
 from farm.scheduling.matching import Requirements
 
-HOUR = 3600.0
+HOUR_S = 3600.0
 ANY_PRINTER = Requirements(None, None, None)
 
 
@@ -29,7 +29,7 @@ def make_planned_job(hours, names, **changes):
     """Return a planned job with a plate of each of these lengths, for these printers in turn."""
     plates = tuple(
         make_plate(
-            f"1/{index:02d}", names[index % len(names)], expected_s=item * HOUR + 300.0, heating_s=300.0
+            f"1/{index:02d}", names[index % len(names)], expected_s=item * HOUR_S + 300.0, heating_s=300.0
         )
         for index, item in enumerate(hours, 1)
     )
@@ -51,7 +51,7 @@ def test_plan_stays_if_the_gain_is_small():
     fleet = [make_printer(name) for name in "abc"]
     assert choose(make_planned_job([2.0, 2.0], "ab"), fleet, "abc") is None
     assert choose(make_planned_job([8.0, 8.0], "ab"), fleet, "ab") is None
-    assert choose(make_planned_job([2.0, 2.0], "ab", planning_s=5 * HOUR), fleet, "abc") is None
+    assert choose(make_planned_job([2.0, 2.0], "ab", planning_s=5 * HOUR_S), fleet, "abc") is None
 
 
 def test_plan_without_some_printers_is_not_revised_for_more():
@@ -65,19 +65,19 @@ def test_fewer_parts_are_planned_for_unattended_nights():
         make_printer("b"),
         *(make_printer(name, bed=Bed.NOT_CLEAR) for name in "cdef"),
     ]
-    night = make_rules(attended=["08:00-18:00"])
+    start_rules = make_rules(attended=["08:00-18:00"])
     job = make_planned_job([1.0] * 6, "abcdef")
-    moment = replace(make_situation(job.plates, fleet, night), now_s=20 * HOUR)
-    assert choose_revision(job, moment, ["ab"]) == ("a", "b")
-    by_day = replace(moment, now_s=9 * HOUR)
-    assert choose_revision(job, by_day, ["ab"]) is None
+    situation = replace(make_situation(job.plates, fleet, start_rules), now_s=20 * HOUR_S)
+    assert choose_revision(job, situation, ["ab"]) == ("a", "b")
+    day_situation = replace(situation, now_s=9 * HOUR_S)
+    assert choose_revision(job, day_situation, ["ab"]) is None
 
 
 def test_plan_that_meets_its_deadline_stays():
     fleet = [make_printer(name) for name in "abcdefgh"]
-    job = make_planned_job([8.0, 8.0], "ab", done_by_s=9 * HOUR)
+    job = make_planned_job([8.0, 8.0], "ab", done_by_s=9 * HOUR_S)
     assert choose(job, fleet, "abcdefgh") is None
-    assert choose(replace(job, done_by_s=7 * HOUR), fleet, "abcdefgh") == tuple("abcdefgh")
+    assert choose(replace(job, done_by_s=7 * HOUR_S), fleet, "abcdefgh") == tuple("abcdefgh")
 
 
 def test_plan_in_rounds_is_not_made_for_fewer_printers():
@@ -87,46 +87,49 @@ def test_plan_in_rounds_is_not_made_for_fewer_printers():
 
 def test_plan_that_no_printer_can_print_is_made_again():
     job = make_planned_job([8.0], "z")
-    tall = tuple(replace(p, requirements=Requirements("generic_pla", None, 0.8)) for p in job.plates)
-    assert choose(replace(job, plates=tall), [make_printer("a"), make_printer("b")], "ab") == ("a", "b")
+    other_plates = tuple(replace(p, requirements=Requirements("generic_pla", None, 0.8)) for p in job.plates)
+    assert choose(replace(job, plates=other_plates), [make_printer("a"), make_printer("b")], "ab") == (
+        "a",
+        "b",
+    )
 
 
 fleets = st.lists(
-    st.sampled_from([{}, {"bed": Bed.NOT_CLEAR}, {"booked": True, "free_s": 5 * HOUR}]), max_size=8
+    st.sampled_from([{}, {"bed": Bed.NOT_CLEAR}, {"booked": True, "free_s": 5 * HOUR_S}]), max_size=8
 )
-works = st.lists(st.integers(1, 40).map(lambda quarters: quarters / 4), min_size=1, max_size=8)
+durations_h = st.lists(st.integers(1, 40).map(lambda quarters: quarters / 4), min_size=1, max_size=8)
 
 
 # Two of the four printers, equal parts estimated: then all four again.
 @example([{}, {}, {"bed": Bed.NOT_CLEAR}, {"bed": Bed.NOT_CLEAR}], [0.25, 0.25, 4.0], 4, 0, False)
-@given(fleets, works, st.integers(1, 8), st.integers(0, 4 * 3600), st.booleans())
+@given(fleets, durations_h, st.integers(1, 8), st.integers(0, 4 * 3600), st.booleans())
 def test_revision_saves_the_margin_with_its_planning_time_and_is_the_last(
-    states, hours, used_count, planning_s, night
+    states, hours, used_count, planning_s, has_attended_hours
 ):
     """Check that no revision follows a plan that ends as estimated while the printers are unchanged."""
     fleet = [make_printer("abcdefgh"[index], **facts) for index, facts in enumerate(states)]
     names = tuple(p.name for p in fleet)
     free_printers = tuple(p.name for p in fleet if p.obstacle() is None)
     job = make_planned_job(hours, "abcdefgh"[:used_count], planning_s=float(planning_s))
-    start_rules = make_rules(attended=["08:00-18:00"]) if night else make_rules()
-    moment = replace(make_situation(job.plates, fleet, start_rules), now_s=20 * HOUR)
-    revision = choose_revision(job, moment, (free_printers, names))
+    start_rules = make_rules(attended=["08:00-18:00"]) if has_attended_hours else make_rules()
+    situation = replace(make_situation(job.plates, fleet, start_rules), now_s=20 * HOUR_S)
+    revision = choose_revision(job, situation, (free_printers, names))
     if revision is None:
         return
     assert revision in (free_printers, names)
-    before_s = find_end_s({p.id for p in job.plates}, moment)
+    before_s = find_end_s({p.id for p in job.plates}, situation)
     plates = estimate_plates(job, revision)
-    next_situation = moment.with_waiting(plates)
+    next_situation = situation.with_waiting(plates)
     after_s = find_end_s({p.id for p in plates}, next_situation)
     gain_s = before_s - (after_s + planning_s)
-    assert gain_s >= max(MIN_GAIN_S, MIN_GAIN_SHARE * (before_s - moment.now_s))
+    assert gain_s >= max(MIN_GAIN_S, MIN_GAIN_SHARE * (before_s - situation.now_s))
     revised_job = replace(job, plates=plates, planned_for=revision)
     assert choose_revision(revised_job, next_situation, (free_printers, names)) is None
 
 
-@given(fleets, works, st.integers(1, 8), st.integers(0, 4 * 3600), st.booleans())
+@given(fleets, durations_h, st.integers(1, 8), st.integers(0, 4 * 3600), st.booleans())
 def test_forecasts_that_are_not_made_would_not_change_the_choice(
-    states, hours, used_count, planning_s, starts
+    states, hours, used_count, planning_s, has_started
 ):
     fleet = [make_printer("abcdefgh"[index], **facts) for index, facts in enumerate(states)]
     free_printers = tuple(p.name for p in fleet if p.obstacle() is None)
@@ -140,7 +143,7 @@ def test_forecasts_that_are_not_made_would_not_change_the_choice(
         ),
     ):
         choice = choose_revision(job, situation, candidates)
-    if starts and len(assign_plates(situation)) == len(job.plates):
+    if has_started and len(assign_plates(situation)) == len(job.plates):
         job = replace(job, end_s=find_end_s({p.id for p in job.plates}, situation))
     assert choose_revision(job, situation, candidates) == choice
     assert choice is None or revision_policy.may_revise(job, situation, candidates)
@@ -151,7 +154,7 @@ def test_revision_considers_jobs_of_higher_priority(priority):
     """Use free printers that will soon print a job of higher priority."""
     fleet = [make_printer(name) for name in "abcd"]
     other_jobs = [
-        make_plate(f"9/0{index}", name, job=9, priority=priority, expected_s=40 * HOUR)
+        make_plate(f"9/0{index}", name, job=9, priority=priority, expected_s=40 * HOUR_S)
         for index, name in enumerate("cd")
     ]
     job = make_planned_job([8.0, 8.0], "ab")

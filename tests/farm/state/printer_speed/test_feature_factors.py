@@ -15,7 +15,7 @@ from farm.state.printer_speed import (
     fit_feature_factors,
 )
 
-PLANTED = st.tuples(*[st.floats(MIN_FACTOR + 0.01, MAX_FACTOR - 0.01)] * 5)
+TRUE_FACTORS = st.tuples(*[st.floats(MIN_FACTOR + 0.01, MAX_FACTOR - 0.01)] * 5)
 SEEDS = st.integers(0, 10_000)
 
 
@@ -34,17 +34,17 @@ def draw_timings(seed, factors, count=40, noise=0.0):
     return timings
 
 
-@given(SEEDS, PLANTED)
-def test_planted_factors_are_recovered(seed, planted):
-    assert fit_feature_factors(draw_timings(seed, planted)) == pytest.approx(planted, abs=1e-3)
+@given(SEEDS, TRUE_FACTORS)
+def test_true_factors_are_recovered(seed, true_factors):
+    assert fit_feature_factors(draw_timings(seed, true_factors)) == pytest.approx(true_factors, abs=1e-3)
 
 
-@given(SEEDS, PLANTED)
-def test_noise_of_a_percent_leaves_the_time_of_other_prints_within_a_percent(seed, planted):
-    factors = fit_feature_factors(draw_timings(seed, planted, count=60, noise=0.01))
+@given(SEEDS, TRUE_FACTORS)
+def test_noise_of_a_percent_leaves_the_time_of_other_prints_within_a_percent(seed, true_factors):
+    factors = fit_feature_factors(draw_timings(seed, true_factors, count=60, noise=0.01))
     errors = [
         TimeFactors(1.0, factors).compute_factor(timing.shares) / timing.ratio - 1.0
-        for timing in draw_timings(seed + 1, planted)
+        for timing in draw_timings(seed + 1, true_factors)
     ]
     assert sum(map(abs, errors)) / len(errors) < 0.01
 
@@ -63,16 +63,16 @@ def test_one_factor_of_all_prints_is_the_factor_of_all_features(seed, ratio):
     assert fit_feature_factors(timings) == pytest.approx((ratio,) * 5)
 
 
-@given(SEEDS, PLANTED)
-def test_feature_without_time_gets_a_factor_among_the_others(seed, planted):
+@given(SEEDS, TRUE_FACTORS)
+def test_feature_without_time_gets_a_factor_among_the_others(seed, true_factors):
     timings = []
-    for timing in draw_timings(seed, planted):
+    for timing in draw_timings(seed, true_factors):
         walls, infill, skins, supports, travel = timing.shares
         shares = (walls + supports, infill, skins, 0.0, travel)
-        timings.append(Timing(shares, TimeFactors(1.0, planted).compute_factor(shares)))
+        timings.append(Timing(shares, TimeFactors(1.0, true_factors).compute_factor(shares)))
     walls, infill, skins, supports, travel = fit_feature_factors(timings)
     others = (walls, infill, skins, travel)
-    assert others == pytest.approx((*planted[:3], planted[4]), abs=1e-3)
+    assert others == pytest.approx((*true_factors[:3], true_factors[4]), abs=1e-3)
     assert min(others) - 1e-9 <= supports <= max(others) + 1e-9
 
 
@@ -93,12 +93,12 @@ def test_factors_are_bounded_and_the_order_of_prints_is_without_effect(timings, 
     assert fit_feature_factors(shuffled) == factors
 
 
-@given(SEEDS, PLANTED, st.lists(st.floats(0.5, 2.0), min_size=1, max_size=6))
-def test_few_prints_with_a_wrong_time_are_ignored(seed, planted, wrong_ratios):
-    timings = draw_timings(seed, planted, count=40)
+@given(SEEDS, TRUE_FACTORS, st.lists(st.floats(0.5, 2.0), min_size=1, max_size=6))
+def test_few_prints_with_a_wrong_time_are_ignored(seed, true_factors, wrong_ratios):
+    timings = draw_timings(seed, true_factors, count=40)
     others = [Timing(timing.shares, ratio) for timing, ratio in zip(timings, wrong_ratios, strict=False)]
     factors = fit_feature_factors([*others, *timings[len(others) :]])
-    assert factors == pytest.approx(planted, abs=0.02)
+    assert factors == pytest.approx(true_factors, abs=0.02)
 
 
 def test_too_few_prints_teach_nothing():

@@ -19,7 +19,7 @@ from farm.state.printer_speed import (
 
 HOUR_S = 3600.0
 FACTORS = st.floats(MIN_TIME_FACTOR, MAX_TIME_FACTOR)
-LENGTHS = st.floats(MIN_LEARNED_S, 100 * HOUR_S)
+DURATIONS_S = st.floats(MIN_LEARNED_S, 100 * HOUR_S)
 TIMES_S = st.floats(0.0, 1e9)
 
 
@@ -29,21 +29,21 @@ def apply_ratios(ratios, factor=1.0):
     return factor
 
 
-@given(FACTORS, FACTORS, LENGTHS)
+@given(FACTORS, FACTORS, DURATIONS_S)
 def test_time_factor_converges_to_the_true_ratio(start, true_ratio, expected_s):
     factor = start
     for _ in range(60):
-        nearer = update_time_factor(factor, expected_s, true_ratio * expected_s)
-        assert abs(nearer - true_ratio) <= abs(factor - true_ratio) + 1e-12
-        factor = nearer
+        new_factor = update_time_factor(factor, expected_s, true_ratio * expected_s)
+        assert abs(new_factor - true_ratio) <= abs(factor - true_ratio) + 1e-12
+        factor = new_factor
     assert factor == pytest.approx(true_ratio, abs=1e-4)
 
 
 @given(FACTORS, TIMES_S, TIMES_S, TIMES_S)
 def test_time_factor_is_bounded_and_changes_slowly(factor, expected_s, reached_s, starved_s):
-    item = update_time_factor(factor, expected_s, reached_s, starved_s)
-    assert MIN_TIME_FACTOR <= item <= MAX_TIME_FACTOR
-    assert abs(item - factor) <= 0.025 + 1e-12
+    new_factor = update_time_factor(factor, expected_s, reached_s, starved_s)
+    assert MIN_TIME_FACTOR <= new_factor <= MAX_TIME_FACTOR
+    assert abs(new_factor - factor) <= 0.025 + 1e-12
 
 
 @given(st.lists(st.floats(0.9, 1.2), min_size=1, max_size=5), FACTORS)

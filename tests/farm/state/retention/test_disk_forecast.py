@@ -15,10 +15,11 @@ GB = 1e9
     ("use", "nights"),
     [
         (DiskUse(10 * GB, 5 * GB, 0.0, 1 * GB), 9.5),  # nothing to prune before 50 GB
+        # After one night each new job replaces an old one.
         (
             DiskUse(10 * GB, 49 * GB, 40 * GB, 1 * GB),
             49.5,
-        ),  # after one night each new job replaces an old one
+        ),
         (DiskUse(10 * GB, 49 * GB, 0.0, 1 * GB), 9.5),  # all files are needed
         (DiskUse(0.4 * GB, 49 * GB, 40 * GB, 1 * GB), 0.0),
         (DiskUse(2 * GB, 1 * GB, 1 * GB, 1 * GB), 1.5),  # full before the limit is reached

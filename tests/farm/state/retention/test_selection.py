@@ -44,10 +44,11 @@ def test_oldest_jobs_are_selected_until_the_rest_fits():
     books = make_old_books(*((JobState.DONE, 10 + number) for number in range(5)))  # 7 files per job
     assert len(list_job_file_names(books, books.jobs[1])) == 7
     rules = KeepRules(days=90, max_bytes=2500)
+    # Without pictures 3500 - 2 * 600 bytes are left.
     assert select_jobs(books, make_sizes(books), rules, NOW_S, NOW_S) == [
         5,
         4,
-    ]  # without pictures: 3500 - 2 * 600
+    ]
     assert select_jobs(books, make_sizes(books), KeepRules(90, 3500), NOW_S, NOW_S) == []
 
 
@@ -142,16 +143,16 @@ def test_unavailable_store_prunes_no_job():
     assert list_lost_jobs(unplanned_books, set()) == []
 
 
-_jobs = st.lists(st.tuples(st.sampled_from(JobState), st.floats(0, 400)), min_size=1, max_size=8)
+_job_lists = st.lists(st.tuples(st.sampled_from(JobState), st.floats(0, 400)), min_size=1, max_size=8)
 
 
-@given(jobs=_jobs, days=st.floats(2, 365), max_count=st.integers(0, 6000), data=st.data())
-def test_deleted_files_are_unused_and_kept_ones_complete(jobs, days, max_count, data):
+@given(jobs=_job_lists, days=st.floats(2, 365), max_total_bytes=st.integers(0, 6000), data=st.data())
+def test_deleted_files_are_unused_and_kept_ones_complete(jobs, days, max_total_bytes, data):
     shared_numbers = data.draw(st.sets(st.integers(1, len(jobs))))
     bed = data.draw(st.sampled_from(Bed))
     books = make_old_books(*jobs, shared_numbers=shared_numbers)
     books = put(books, replace_fields(books.printers["a"], bed=bed), Outage(id=1, at_s=0.0, printers=()))
-    sizes, rules = make_sizes(books), KeepRules(days, max_count)
+    sizes, rules = make_sizes(books), KeepRules(days, max_total_bytes)
     selected_jobs = select_jobs(books, sizes, rules, NOW_S, NOW_S)
     new_books = books
     for number in selected_jobs:
@@ -167,11 +168,11 @@ def test_deleted_files_are_unused_and_kept_ones_complete(jobs, days, max_count, 
         assert entry.picture in list_named_files(new_books)
     ends = [books.jobs[number].ended_s for number in selected_jobs]
     assert ends == sorted(ends)
-    left_jobs = [
+    kept_jobs = [
         e
         for n, e in new_books.jobs.items()
         if n not in selected_jobs and find_keep_reason(new_books, e) is None
     ]
-    old_jobs = [e for e in left_jobs if e.ended_s < NOW_S - MIN_AGE_S]
+    old_jobs = [e for e in kept_jobs if e.ended_s < NOW_S - MIN_AGE_S]
     assert all(e.ended_s >= NOW_S - days * DAY_S for e in old_jobs)
-    assert not old_jobs or sum(sizes[name] for name in list_named_files(new_books)) <= max_count
+    assert not old_jobs or sum(sizes[name] for name in list_named_files(new_books)) <= max_total_bytes

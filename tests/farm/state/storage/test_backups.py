@@ -31,7 +31,7 @@ from farm.state.storage.store import Store, StoreError
 from farm.state.transitions import apply
 from farm.views import list_tasks
 
-NIGHT_S = 1_790_000_000.0
+FIRST_BACKUP_S = 1_790_000_000.0
 DAY_S = 86400.0
 
 
@@ -40,8 +40,8 @@ def state(tmp_path):
     return StateFolder(tmp_path)
 
 
-def fill(state):
-    """Write books with three printers; return them and their JSON."""
+def write_books(state):
+    """Write books with three printers, and return them."""
     books = Books()
     with Store(state.books) as store:
         for event in make_fleet_events():
@@ -60,13 +60,13 @@ def make_held_books():
 
 
 def test_backup_of_books_in_use_succeeds_and_old_ones_are_deleted(state):
-    books = fill(state)
-    assert is_due(state, NIGHT_S)
+    books = write_books(state)
+    assert is_due(state, FIRST_BACKUP_S)
     with Store(state.books):
         for night in range(BACKUP_COUNT + 2):
-            back_up(state, NIGHT_S + night * DAY_S)
+            back_up(state, FIRST_BACKUP_S + night * DAY_S)
     backup_times_s = [parse_backup_time_s(copy) for copy in list_backups(state)]
-    assert backup_times_s == [NIGHT_S + night * DAY_S for night in range(BACKUP_COUNT + 1, 1, -1)]
+    assert backup_times_s == [FIRST_BACKUP_S + night * DAY_S for night in range(BACKUP_COUNT + 1, 1, -1)]
     assert not is_due(state, backup_times_s[0] + DAY_S - 1)
     (state.backups / "books-before-upgrade.db").touch()  # a person's copy: neither used nor deleted
     assert [parse_backup_time_s(copy) for copy in list_backups(state)] == backup_times_s
@@ -76,9 +76,9 @@ def test_backup_of_books_in_use_succeeds_and_old_ones_are_deleted(state):
 
 @pytest.mark.parametrize("damage", ["no database", "a page", "nothing left"])
 def test_damaged_database_is_restored_from_the_newest_intact_backup(state, damage):
-    books = fill(state)
-    back_up(state, NIGHT_S)
-    back_up(state, NIGHT_S + DAY_S).write_bytes(b"half a copy" * 100)
+    books = write_books(state)
+    back_up(state, FIRST_BACKUP_S)
+    back_up(state, FIRST_BACKUP_S + DAY_S).write_bytes(b"half a copy" * 100)
     intact_bytes = state.books.read_bytes()
     damaged_bytes = {
         "no database": b"these are not the books that you are looking for" * 50,
@@ -86,64 +86,64 @@ def test_damaged_database_is_restored_from_the_newest_intact_backup(state, damag
         "nothing left": b"",
     }[damage]
     state.books.write_bytes(damaged_bytes)
-    store, restored_s = open_books(state, NIGHT_S + 2 * DAY_S)
+    store, restored_s = open_books(state, FIRST_BACKUP_S + 2 * DAY_S)
     with store:
-        assert restored_s == NIGHT_S
+        assert restored_s == FIRST_BACKUP_S
         assert store.load() == books
     (moved_file,) = state.root.glob("farm.db.damaged-*[0-9]")
     assert moved_file.read_bytes() == damaged_bytes
 
 
 def test_backup_is_recognised_until_it_is_restored(state):
-    fill(state)
-    back_up(state, NIGHT_S).replace(state.books)  # for example by hand
+    write_books(state)
+    back_up(state, FIRST_BACKUP_S).replace(state.books)  # for example by hand
     for _ in range(2):  # the first daemon dies before it has recorded the restore
-        store, copied_s = open_books(state, NIGHT_S + DAY_S)
+        store, copied_s = open_books(state, FIRST_BACKUP_S + DAY_S)
         with store:
-            assert copied_s == NIGHT_S
+            assert copied_s == FIRST_BACKUP_S
             books = store.load()
-            event = ev.BooksRestored(at_s=NIGHT_S + DAY_S, copied_s=NIGHT_S)
+            event = ev.BooksRestored(at_s=FIRST_BACKUP_S + DAY_S, copied_s=FIRST_BACKUP_S)
             new_books, _ = apply(event, books)
     with Store(state.books) as store:
         store.commit(event, books, new_books)
-    store, copied_s = open_books(state, NIGHT_S + DAY_S)
+    store, copied_s = open_books(state, FIRST_BACKUP_S + DAY_S)
     with store:
         assert copied_s is None
-    assert parse_backup_time_s(back_up(state, NIGHT_S + 2 * DAY_S)) == NIGHT_S + 2 * DAY_S
+    assert parse_backup_time_s(back_up(state, FIRST_BACKUP_S + 2 * DAY_S)) == FIRST_BACKUP_S + 2 * DAY_S
 
 
 def test_missing_backup_is_reported_with_advice(state):
     state.books.write_bytes(b"no books" * 999)
     with pytest.raises(FarmError, match="no intact backup of it: move"):
-        open_books(state, NIGHT_S)
+        open_books(state, FIRST_BACKUP_S)
     assert state.books.read_bytes() == b"no books" * 999
 
 
 def test_database_of_a_newer_version_is_not_reported_as_damaged(state):
     import sqlite3
 
-    fill(state)
-    back_up(state, NIGHT_S)
+    write_books(state)
+    back_up(state, FIRST_BACKUP_S)
     with sqlite3.connect(state.books) as db:
         db.execute("PRAGMA user_version = 99")
     db.close()
     with pytest.raises(StoreError, match="newer version"):
-        open_books(state, NIGHT_S)
+        open_books(state, FIRST_BACKUP_S)
 
 
 def test_failed_backup_keeps_earlier_ones(state):
-    fill(state)
-    back_up(state, NIGHT_S)
+    write_books(state)
+    back_up(state, FIRST_BACKUP_S)
     state.books.write_bytes(b"no books" * 999)
     with pytest.raises(StoreError, match="cannot be copied"):
-        back_up(state, NIGHT_S + DAY_S)
-    assert [parse_backup_time_s(copy) for copy in list_backups(state)] == [NIGHT_S]
+        back_up(state, FIRST_BACKUP_S + DAY_S)
+    assert [parse_backup_time_s(copy) for copy in list_backups(state)] == [FIRST_BACKUP_S]
     assert len(list(state.backups.iterdir())) == 1
 
 
 @pytest.mark.parametrize("problem", ["no folder", "the disk", "a fault of our own"])
 def test_failed_backup_is_reported_and_retried(state, problem, tmp_path, monkeypatch):
-    fill(state)
+    write_books(state)
     if problem == "no folder":
         state.backups.write_text("a file in its place")
     else:
@@ -192,18 +192,19 @@ def test_restored_database_starts_nothing_before_an_inspection(tmp_path):
     farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0, None))
     farm.jobs.submit("s" * 8, "n.stl", MODEL, JobOptions())
     instruction_count = len(farm.effects.instructions)
-    farm.controller.start(farm.effects, restored_s=NIGHT_S)
+    farm.controller.start(farm.effects, restored_s=FIRST_BACKUP_S)
     books = farm.controller.books
     assert {printer.bed for printer in books.printers.values()} == {Bed.NOT_CLEAR}
     assert {printer.filament for printer in books.printers.values()} == {FilamentState.UNKNOWN}
     assert (books.jobs[1].state, books.jobs[1].hold.code) == (JobState.HELD, HoldCode.APPROVAL)
     assert books.jobs[2].options.hold
-    next_books, _ = apply(ev.PlanningStarted(at_s=NIGHT_S, job=2), books)
+    next_books, _ = apply(ev.PlanningStarted(at_s=FIRST_BACKUP_S, job=2), books)
     next_books, _ = apply(make_plan_event(2, 1).model_copy(update={"held": True}), next_books)
-    assert (
-        next_books.jobs[2].hold == books.jobs[1].hold
-    )  # the job may have been planned and printed since the copy
-    restored_books, _ = apply(ev.BooksRestored(at_s=NIGHT_S, copied_s=NIGHT_S), make_held_books())
+    # The job may have been planned and printed since the copy.
+    assert next_books.jobs[2].hold == books.jobs[1].hold
+    restored_books, _ = apply(
+        ev.BooksRestored(at_s=FIRST_BACKUP_S, copied_s=FIRST_BACKUP_S), make_held_books()
+    )
     assert restored_books.jobs[1].hold == books.jobs[1].hold  # and a held job may have been approved
     for name in "ab":
         farm.report(name)  # its agent does not know the print, which was only assigned
@@ -217,27 +218,27 @@ def test_restored_database_starts_nothing_before_an_inspection(tmp_path):
 
 
 def test_full_disk_empties_the_slice_cache_for_the_backup(state, monkeypatch):
-    fill(state)
+    write_books(state)
     state.slices.mkdir()
     entry = state.slices / f"{'0' * 64}.json"
     entry.write_text("{}")
-    back_up(state, NIGHT_S)
+    back_up(state, FIRST_BACKUP_S)
     assert entry.exists()
     monkeypatch.setattr(backups.shutil, "disk_usage", lambda _: Mock(free=10**6))
-    back_up(state, NIGHT_S + DAY_S)
+    back_up(state, FIRST_BACKUP_S + DAY_S)
     assert not entry.exists() and len(list_backups(state)) == 2
 
 
 def test_unreadable_backup_is_discarded(state, monkeypatch):
-    fill(state)
-    back_up(state, NIGHT_S)
-    copy = backups.copy_books
+    write_books(state)
+    back_up(state, FIRST_BACKUP_S)
+    copy_books = backups.copy_books
 
     def garble(source, target, now_s):
-        copy(source, target, now_s)
+        copy_books(source, target, now_s)
         target.write_bytes(target.read_bytes()[:-4096] + b"x" * 4096)
 
     monkeypatch.setattr(backups, "copy_books", garble)
     with pytest.raises(StoreError):
-        back_up(state, NIGHT_S + DAY_S)
-    assert [parse_backup_time_s(result) for result in list_backups(state)] == [NIGHT_S]
+        back_up(state, FIRST_BACKUP_S + DAY_S)
+    assert [parse_backup_time_s(result) for result in list_backups(state)] == [FIRST_BACKUP_S]

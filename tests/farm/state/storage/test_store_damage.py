@@ -33,7 +33,7 @@ EVENTS = (
 NOW_S = 1000.0
 
 
-class Night:
+class KilledDaemon:
     """Folder of a killed daemon, with its books after each event."""
 
     def __init__(self, folder, history):
@@ -41,7 +41,7 @@ class Night:
 
 
 @pytest.fixture(scope="module")
-def night(tmp_path_factory):
+def killed_daemon(tmp_path_factory):
     """Kill a daemon with most commits still in the write-ahead log."""
     state = StateFolder(tmp_path_factory.mktemp("night"))
     history = [Books()]
@@ -54,13 +54,13 @@ def night(tmp_path_factory):
             history.append(new_books)
         killed_folder = tmp_path_factory.mktemp("killed") / "state"
         shutil.copytree(state.root, killed_folder)
-    return Night(killed_folder, history)
+    return KilledDaemon(killed_folder, history)
 
 
-def check(night, folder, damage_database):
+def check(killed_daemon, folder, damage_database):
     """Open books after damage; return True if they were restored, None if they were refused."""
     shutil.rmtree(folder, ignore_errors=True)
-    shutil.copytree(night.folder, folder)
+    shutil.copytree(killed_daemon.folder, folder)
     state = StateFolder(folder)
     damage_database(state)
     try:
@@ -71,9 +71,9 @@ def check(night, folder, damage_database):
     with store:
         books = store.load()
         if restored_s is None:
-            assert books == night.history[-1]
+            assert books == killed_daemon.history[-1]
             return False
-        assert books in night.history[BACKED_UP_EVENTS:]
+        assert books in killed_daemon.history[BACKED_UP_EVENTS:]
         new_books, _ = apply(ev.BooksRestored(at_s=NOW_S, copied_s=restored_s), books)
         store.commit(ev.BooksRestored(at_s=NOW_S, copied_s=restored_s), books, new_books)
         assert all(printer.bed is Bed.NOT_CLEAR for printer in new_books.printers.values())
@@ -95,25 +95,29 @@ def flip_bit(path, offset, bit=0):
     offset=st.integers(0, 2**20),
     bit=st.integers(0, 7),
 )
-def test_flipped_bit_anywhere_is_detected(night, tmp_path_factory, file_name, offset, bit):
+def test_flipped_bit_anywhere_is_detected(killed_daemon, tmp_path_factory, file_name, offset, bit):
     folder = tmp_path_factory.getbasetemp() / "flipped"
-    check(night, folder, lambda state: flip_bit(state.books.with_name(f"farm.db{file_name}"), offset, bit))
+    check(
+        killed_daemon,
+        folder,
+        lambda state: flip_bit(state.books.with_name(f"farm.db{file_name}"), offset, bit),
+    )
 
 
 @settings(max_examples=30, deadline=None)
 @given(share=st.floats(0, 0.999))
-def test_truncated_write_ahead_log_is_detected(night, tmp_path_factory, share):
+def test_truncated_write_ahead_log_is_detected(killed_daemon, tmp_path_factory, share):
     """Detect a truncated log, which SQLite does not, and after which former clear beds would be used."""
 
     def cut(state):
         log = state.books.with_name("farm.db-wal")
         log.write_bytes(log.read_bytes()[: int(share * log.stat().st_size)])
 
-    assert check(night, tmp_path_factory.getbasetemp() / "cut", cut)
+    assert check(killed_daemon, tmp_path_factory.getbasetemp() / "cut", cut)
 
 
-def test_intact_database_is_opened_unchanged(night, tmp_path):
-    assert check(night, tmp_path / "state", lambda state: None) is False
+def test_intact_database_is_opened_unchanged(killed_daemon, tmp_path):
+    assert check(killed_daemon, tmp_path / "state", lambda state: None) is False
     state = StateFolder(tmp_path / "state")
     for path in state.root.glob("farm.db*"):  # moved by a person, or most of it
         if not path.name.endswith("-count"):
@@ -124,7 +128,7 @@ def test_intact_database_is_opened_unchanged(night, tmp_path):
         assert (store.load(), restored_s) == (Books(), None)
 
 
-def test_every_changed_row_is_found(night, tmp_path):
+def test_every_changed_row_is_found(killed_daemon, tmp_path):
     """Find a changed digit of a time, which leaves the pages of SQLite valid."""
     import sqlite3
 
@@ -137,4 +141,4 @@ def test_every_changed_row_is_found(night, tmp_path):
         return damage_database
 
     for table in ("job", "plate", "print"):
-        assert check(night, tmp_path / table, change(table))
+        assert check(killed_daemon, tmp_path / table, change(table))

@@ -66,12 +66,10 @@ INVALID_EVENTS = {
 }
 
 
-@pytest.mark.parametrize(
-    ("events_before", "event", "error_with_print_history"), INVALID_EVENTS.values(), ids=INVALID_EVENTS
-)
-def test_invalid_transition_names_its_cause(events_before, event, error_with_print_history):
+@pytest.mark.parametrize(("events_before", "event", "message"), INVALID_EVENTS.values(), ids=INVALID_EVENTS)
+def test_invalid_transition_names_its_cause(events_before, event, message):
     books, _ = apply_events(make_printing_books(), *events_before)
-    with pytest.raises(InvalidTransition, match=error_with_print_history) as error:
+    with pytest.raises(InvalidTransition, match=message) as error:
         apply(event, books)
     assert type(event).__name__ in str(error.value)
 

@@ -42,9 +42,8 @@ def test_expected_time_follows_what_was_reported_within_bounds():
     assert compute_assembly_ratio([make_glued_job(90.0)] * 9) == pytest.approx(1.45)
     assert compute_assembly_ratio([make_glued_job(9_000.0)]) == pytest.approx(2.5)  # as 240 minutes
     assert compute_assembly_ratio([make_glued_job(0.1)] * 99) == pytest.approx(0.2575)
-    assert (
-        compute_assembly_ratio([make_glued_job(9_000.0), *[make_glued_job(60.0)] * 9]) < 1.3
-    )  # a wrong report is outvoted
+    # A wrong report is outvoted.
+    assert compute_assembly_ratio([make_glued_job(9_000.0), *[make_glued_job(60.0)] * 9]) < 1.3
 
 
 def test_printing_has_to_end_before_the_gluing():

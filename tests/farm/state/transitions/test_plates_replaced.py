@@ -39,7 +39,7 @@ def make_replaced_event(books, plate, names=("a", "b")):
     )
 
 
-def make_begun_event(plate, printer, print_id):
+def make_assigned_event(plate, printer, print_id):
     return ev.PlateAssigned(at_s=2.0, plate=plate, printer=printer, print_id=print_id)
 
 
@@ -50,7 +50,7 @@ def make_cleared_event(printer, verdict=Verdict.GOOD):
 def make_failed_books():
     return apply_events(
         make_printing_books(3),
-        make_begun_event("1/02", "b", "x"),
+        make_assigned_event("1/02", "b", "x"),
         make_end_event("x", PrintState.FAILED, fault="mintemp"),
     )[0]
 
@@ -72,7 +72,7 @@ def test_pieces_replace_their_part_and_continue_its_attempts():
         name = f"y{attempt}"
         events = (
             make_cleared_event("b"),
-            make_begun_event("1/02a", "b", name),
+            make_assigned_event("1/02a", "b", name),
             make_end_event(name, PrintState.FAILED, fault="mintemp"),
         )
         books, _ = apply_events(books, *events)
@@ -88,7 +88,7 @@ def test_resliced_part_keeps_its_name_and_prints():
     assert (job.parts, books.parts["1/p02"].plate) == (("1/p01", "1/p02", "1/p03"), "1/02-2")
     assert books.plates["1/02-2"].prints == ("x",)
     with pytest.raises(InvalidTransition, match="plate 1/02 is replaced"):
-        apply_events(books, make_begun_event("1/02", "c", "z"))
+        apply_events(books, make_assigned_event("1/02", "c", "z"))
 
 
 @pytest.mark.parametrize("new_state", ["printing", "printed", "cancelled", "held", "replaced"])
@@ -96,8 +96,8 @@ def test_plate_that_no_longer_waits_is_not_replaced(new_state):
     books = make_failed_books()
     event = make_replaced_event(books, "1/02")
     other_events = {
-        "printing": [make_begun_event("1/02", "a", "z")],
-        "printed": [make_begun_event("1/02", "a", "z"), make_end_event("z")],
+        "printing": [make_assigned_event("1/02", "a", "z")],
+        "printed": [make_assigned_event("1/02", "a", "z"), make_end_event("z")],
         "cancelled": [ev.PlateCancelled(at_s=8.0, plate="1/02", by="ann")],
         "held": [ev.BooksRestored(at_s=8.0, copied_s=7.0)],
         "replaced": [make_replaced_event(books, "1/02", ())],
@@ -131,7 +131,7 @@ def test_replacing_plates_neither_loses_nor_repeats_a_part(choices):
             )
         elif kind == "begin" and waiting_ids and attempt is None and books.printers[printer].bed is Bed.CLEAR:
             books, _ = apply_events(
-                books, make_begun_event(waiting_ids[choice % len(waiting_ids)], printer, f"p{number}")
+                books, make_assigned_event(waiting_ids[choice % len(waiting_ids)], printer, f"p{number}")
             )
         elif kind in ("done", "fail") and attempt is not None:
             state = PrintState.DONE if kind == "done" else PrintState.FAILED
@@ -143,8 +143,8 @@ def test_replacing_plates_neither_loses_nor_repeats_a_part(choices):
             )
     job = books.jobs[1]
     assert len(set(job.plates)) == len(job.plates)
-    current = [name for plate in books.plates_of(job) for name in plate.parts]
-    assert sorted(current) == sorted(job.parts)
+    current_parts = [name for plate in books.plates_of(job) for name in plate.parts]
+    assert sorted(current_parts) == sorted(job.parts)
     assert all(books.parts[name].plate in job.plates for name in job.parts)
     for part_id in ("1/p01", "1/p02", "1/p03"):  # each part is there, or all of its pieces
         assert sum(compute_share(books, name, part_id) for name in job.parts) == pytest.approx(1.0)
@@ -168,7 +168,7 @@ def compute_share(books, part, part_id):
 
 def test_failures_of_a_cut_part_are_shown_once():
     books = make_failed_books()
-    books, _ = apply_events(books, make_replaced_event(books, "1/02"), make_begun_event("1/02a", "a", "y"))
+    books, _ = apply_events(books, make_replaced_event(books, "1/02"), make_assigned_event("1/02a", "a", "y"))
     view = describe_job(make_view_context(books), books.jobs[1])
     shown_prints = {part.id: [item.part for item in part.prints] for part in view.parts}
     assert shown_prints == {

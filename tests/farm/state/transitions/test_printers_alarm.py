@@ -25,14 +25,14 @@ def make_snapshot(alarm: str | None = FINDING, **fields: object) -> AgentSnapsho
         print_id="x", state=PrintState.ENDING, fault=None, reason=None, progress_s=1.0, print_time_s=9.0,
         extruded=True, started_s=2.0, ended_s=None,
     )  # fmt: skip
-    expected = {
+    default_fields = {
         "printer": "a", "link": Link.BUSY, "agent_pid": 7, "nozzle_c": 271.4, "bed_c": 60.2,
         "nozzle_target_c": 0.0, "bed_target_c": 0.0, "alarm": alarm, "print": agent_print,
     }  # fmt: skip
-    return AgentSnapshot.model_validate(expected | fields)
+    return AgentSnapshot.model_validate(default_fields | fields)
 
 
-def begin_print():
+def start_print():
     assigned_event = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
     progress_event = ev.PrintProgressed(
         at_s=3.0, print_id="x", state=PrintState.ENDING, started_s=2.0, extruded=True
@@ -40,29 +40,29 @@ def begin_print():
     return apply_events(make_printing_books(), assigned_event, progress_event)[0]
 
 
-def find_context(books, agent_print):
-    return ViewContext(FLEET, books, {"a": agent_print}, StateFolder(Path("/state")), now_s=60.0)
+def make_context(books, snapshot):
+    return ViewContext(FLEET, books, {"a": snapshot}, StateFolder(Path("/state")), now_s=60.0)
 
 
-def apply_report(books, agent_print, at_s=50.0):
-    return apply_events(books, *detect_alarm(books.printers["a"], agent_print, at_s))[0]
+def apply_report(books, snapshot, at_s=50.0):
+    return apply_events(books, *detect_alarm(books.printers["a"], snapshot, at_s))[0]
 
 
 def test_alarm_is_the_first_task_with_state_and_temperatures():
-    books = apply_report(begin_print(), make_snapshot())
-    first_task = list_tasks(find_context(books, make_snapshot()))[0]
+    books = apply_report(start_print(), make_snapshot())
+    first_task = list_tasks(make_context(books, make_snapshot()))[0]
     assert (first_task.code, first_task.printers) == ("alarm", ["a"])
     assert first_task.text == f"go to a now: {FINDING} (ending, nozzle 271 C, target 0, bed 60 C, target 0)"
-    assert [task.printers for task in list_tasks(find_context(books, make_snapshot()))].count(["a"]) == 1
-    printer_view = describe_printer(find_context(books, make_snapshot()), FLEET.printers[0], None)
+    assert [task.printers for task in list_tasks(make_context(books, make_snapshot()))].count(["a"]) == 1
+    printer_view = describe_printer(make_context(books, make_snapshot()), FLEET.printers[0], None)
     assert (printer_view.state, printer_view.look) == ("look", FINDING)
     idle = make_snapshot(link=Link.FAULT, print=None, reason=f"{FINDING}: switch it off")
-    assert "(fault, nozzle 271 C" in list_tasks(find_context(make_printing_books(), idle))[0].text
+    assert "(fault, nozzle 271 C" in list_tasks(make_context(make_printing_books(), idle))[0].text
 
 
 @pytest.mark.parametrize("other_state", ["maintenance", "outage"])
 def test_alarm_precedes_other_states_of_the_printer(other_state: str):
-    books = apply_report(begin_print(), make_snapshot())
+    books = apply_report(start_print(), make_snapshot())
     if other_state == "maintenance":
         books, _ = apply_events(
             books, ev.MaintenanceStarted(at_s=51.0, printer="a", why="a nozzle", by="ann")
@@ -71,11 +71,11 @@ def test_alarm_precedes_other_states_of_the_printer(other_state: str):
         lost_events = [ev.PrinterLost(at_s=51.0, printer=name) for name in "bc"]
         books, _ = apply_events(books, *lost_events)
         assert books.outage is not None
-    assert list_tasks(find_context(books, make_snapshot()))[0].code == "alarm"
+    assert list_tasks(make_context(books, make_snapshot()))[0].code == "alarm"
 
 
 def test_alarm_is_notified_once_and_its_outcome_later():
-    books = apply_report(begin_print(), make_snapshot())
+    books = apply_report(start_print(), make_snapshot())
     notices = list_due_notices(books, 50.0, 0.0, ())
     assert [notice.text for notice in notices] == [f"go to a now: {FINDING}"]
     books = apply_report(books, make_snapshot(), 51.0)
@@ -87,7 +87,7 @@ def test_alarm_is_notified_once_and_its_outcome_later():
 
 
 def test_alarm_after_a_cleared_one_is_notified():
-    books = apply_report(begin_print(), make_snapshot())
+    books = apply_report(start_print(), make_snapshot())
     failed_event = ev.PrintEnded(
         at_s=60.0, print_id="x", state=PrintState.FAILED, fault="heater_stuck_on", reason=CUT_TEXT,
         started_s=2.0, ended_s=60.0, extruded=True, filament="unknown",

@@ -51,9 +51,9 @@ def test_moved_job_keeps_its_place_and_the_others_their_order(priorities, moves)
         if number > len(priorities) or next_number == number or (next_number or 0) > len(priorities):
             continue
         other_numbers = [n for n in list_order(books) if n != number]
-        place = len(other_numbers) if next_number is None else other_numbers.index(next_number)
+        index = len(other_numbers) if next_number is None else other_numbers.index(next_number)
         books = move(books, number, next_number)
-        assert list_order(books) == [*other_numbers[:place], number, *other_numbers[place:]]
+        assert list_order(books) == [*other_numbers[:index], number, *other_numbers[index:]]
     later_event = ev.JobSubmitted(at_s=2.0, job=make_job(len(priorities) + 1))
     last_order = list_order(apply_events(books, later_event)[0])
     same_numbers = [n for n in last_order if books.jobs.get(n, later_event.job).priority == 0]
@@ -67,11 +67,11 @@ def test_two_jobs_can_be_swapped_any_number_of_times():
         books = move(books, second_number, next_number=first_number)
         assert list_order(books)[:2] == [second_number, first_number]
     for _ in range(200):
-        _first, second_number, last_order = list_order(books)
+        _first, second_number, third_number = list_order(books)
         books = move(books, second_number, next_number=None)
-        assert list_order(books)[1:] == [last_order, second_number]
-    later_event = apply_events(books, ev.JobSubmitted(at_s=2.0, job=make_job(4)))[0]
-    assert list_order(later_event)[-1] == 4
+        assert list_order(books)[1:] == [third_number, second_number]
+    later_books = apply_events(books, ev.JobSubmitted(at_s=2.0, job=make_job(4)))[0]
+    assert list_order(later_books)[-1] == 4
 
 
 def test_job_cannot_be_put_before_one_that_is_not_in_the_queue():

@@ -40,7 +40,7 @@ def test_prints_are_counted_by_outcome():
     assert figures.deviation == pytest.approx(330.0 / 300.0 - 1)
 
 
-def test_print_that_was_paused_says_nothing_about_the_forecast():
+def test_paused_print_has_no_deviation():
     assert sum_figures("all", [make_attempt(duration_s=5000.0, paused=True)], PLATES).deviation is None
 
 

@@ -72,26 +72,26 @@ def test_job_has_no_price_if_one_reel_has_none():
 def test_cancelled_parts_are_shown_with_the_job():
     books = make_printing_books(plates=1)
     name, plate = next(iter(books.plates.items()))
-    thin = "walls too thin to print: 90 mm2 at X4 Y0, Z 6.1..13.5 mm"
+    warning = "walls too thin to print: 90 mm2 at X4 Y0, Z 6.1..13.5 mm"
     job_view = make_view(
-        dataclasses.replace(books, plates={name: plate.model_copy(update={"warnings": (thin,)})})
+        dataclasses.replace(books, plates={name: plate.model_copy(update={"warnings": (warning,)})})
     )
-    assert job_view.plates[0].warnings == [thin]
+    assert job_view.plates[0].warnings == [warning]
     console = Console(width=120, record=True, file=io.StringIO())
     console.print(render_job(job_view))
-    assert f"plate {name}: {thin}" in console.export_text()
+    assert f"plate {name}: {warning}" in console.export_text()
 
 
 def test_failed_job_has_no_speedup():
     books, _ = apply_events(
         make_printing_books(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
     )
-    view_before = make_view(books)
-    assert view_before.speedup and view_before.utilisation
+    old_view = make_view(books)
+    assert old_view.speedup and old_view.utilisation
     cancelled_books, _ = apply_events(books, ev.JobCancelled(at_s=5.0, job=1))
     job_view = make_view(cancelled_books)
     assert (job_view.speedup, job_view.utilisation) == (None, None)
-    assert job_view.estimated_s == view_before.estimated_s
+    assert job_view.estimated_s == old_view.estimated_s
 
 
 def make_context(books, now_s, progress=None, **snapshots):
@@ -106,12 +106,13 @@ def test_progress_of_a_plan_is_shown():
     cancelled_books, _ = apply_events(planned_books, ev.JobCancelled(at_s=1.0, job=1))
     states = (queued_books, planning_books, planned_books, cancelled_books)
     shown_progress = [describe_job(make_context(b, 1.0, {1: progress}), b.jobs[1]).progress for b in states]
+    # A planned job may be planned again before it starts.
     assert shown_progress == [
         None,
         progress,
         progress,
         None,
-    ]  # a planned job may be planned again before it starts
+    ]
 
 
 @pytest.mark.parametrize(("progress_s", "remaining_s"), [(0.0, 10.0 + 90.0 * 1.2 - 5.0), (30.0, 60.0 * 1.2)])

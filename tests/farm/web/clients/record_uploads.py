@@ -26,7 +26,7 @@ ANSWER = b'{"done":true}'
 FILE = "file=@{path};filename={name};type=application/octet-stream"
 PRUSA, EXPECT = ["-A", "PrusaSlicer/2.9.4"], ["-H", "Expect: 100-continue"]
 LOCAL = "/api/files/local"
-CURL = {  # name -> (path, name of the file, options)
+CURL_UPLOADS = {  # name -> (path, name of the file, options)
     "libcurl-print": (LOCAL, "part.gcode", [*PRUSA, *EXPECT, "-F", "print=true", "-F", "path=", "-F", FILE]),
     "libcurl-upload": (LOCAL, "part.gcode", [*PRUSA, "-F", "print=false", "-F", "path=", "-F", FILE]),
     "libcurl-file-first": (LOCAL, "part.gcode", [*PRUSA, "-F", FILE, "-F", "path=", "-F", "print=true"]),
@@ -37,7 +37,7 @@ CURL = {  # name -> (path, name of the file, options)
         ["-F", "root=gcodes", "-F", "print=true", "-F", FILE],
     ),
 }
-QT = {
+QT_UPLOADS = {
     "qt-print": ("part.gcode", ["select=true", "print=true"]),
     "qt-upload": ("part.gcode", []),
     "qt-odd-name": ("Größe 2 (1).gcode", []),
@@ -59,8 +59,8 @@ def receive_request(listener: socket.socket) -> bytes:
         while len(data) < size:
             data += connection.recv(65536)
         head = b"HTTP/1.1 201 CREATED\r\nContent-Type: application/json\r\n"
-        place = b"Location: http://farm/api/files/local/part.gcode\r\n"
-        connection.sendall(head + place + b"Content-Length: %d\r\n\r\n" % len(ANSWER) + ANSWER)
+        location = b"Location: http://farm/api/files/local/part.gcode\r\n"
+        connection.sendall(head + location + b"Content-Length: %d\r\n\r\n" % len(ANSWER) + ANSWER)
         return data
 
 
@@ -83,13 +83,13 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as scratch:
         path = Path(scratch) / "part.gcode"
         path.write_text("\n".join(make_marlin(make_square(layers=2))) + "\n")
-        for name, (place, file_name, options) in CURL.items():
+        for name, (url_path, file_name, options) in CURL_UPLOADS.items():
             quoted_name = '"' + file_name.replace('"', '\\"') + '"'
             arguments = [
                 option.format(path=path, name=quoted_name) if option is FILE else option for option in options
             ]
-            record(name, ["curl", "-sS", "-H", f"X-Api-Key: {KEY}", *arguments, url + place])
-        for name, (file_name, fields) in QT.items():
+            record(name, ["curl", "-sS", "-H", f"X-Api-Key: {KEY}", *arguments, url + url_path])
+        for name, (file_name, fields) in QT_UPLOADS.items():
             peer = [os.environ["FARM_INTEROP"], TESTS / "interop/qt_peer.py"]
             record(name, [*peer, url + LOCAL, KEY, path, file_name, *fields])
 

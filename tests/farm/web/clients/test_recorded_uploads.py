@@ -40,12 +40,12 @@ def farm(tmp_path, monkeypatch):
     temporary.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(temporary))
     farm = SlicerFarm(tmp_path)
-    farm.temporary, farm.text = temporary, farm.add_key(Role.PRINT).text.encode()
+    farm.temporary, farm.key_text = temporary, farm.add_key(Role.PRINT).text.encode()
     return farm
 
 
 def read_recording(name, farm):
-    return (FOLDER / f"{name}.http").read_bytes().replace(RECORDED_KEY, farm.text)
+    return (FOLDER / f"{name}.http").read_bytes().replace(RECORDED_KEY, farm.key_text)
 
 
 class Connections:
@@ -65,16 +65,16 @@ class Connections:
             if answer.startswith(CONTINUE_REPLY):
                 answer += await reader.readuntil(b"\r\n\r\n")
             answer += await reader.readexactly(int(read_answer(answer)[1]["content-length"]))
-        await self._settle()
+        await self._wait_until_idle()
         return answer
 
-    async def wait(self, data):
+    async def send_head(self, data):
         """Send a part of a request, and return the head of the answer."""
         reader, writer = await asyncio.open_connection("127.0.0.1", self._port)
         with closing(writer):
             writer.write(data)
             answer = await reader.readuntil(b"\r\n\r\n")
-        await self._settle()
+        await self._wait_until_idle()
         return answer
 
     async def cut(self, data, reset):
@@ -86,18 +86,18 @@ class Connections:
             linger = struct.pack("ii", 1, 0)
             writer.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, linger)
         with closing(writer):
-            answer = b"" if reset else await self._end(reader, writer)
-        await self._settle()
+            answer = b"" if reset else await self._finish(reader, writer)
+        await self._wait_until_idle()
         return answer
 
     @staticmethod
-    async def _end(reader, writer):
+    async def _finish(reader, writer):
         with suppress(ConnectionError):
             writer.write_eof()
             return await reader.read()
         return b""
 
-    async def _settle(self):
+    async def _wait_until_idle(self):
         state = self._server._server.server_state
         async with asyncio.timeout(60):
             while state.tasks or state.connections:
@@ -156,11 +156,11 @@ def test_libcurl_that_expects_it_is_told_to_continue_but_not_with_a_wrong_key(fa
 
     async def scenario():
         async with serve(farm) as connections:
-            answer = await connections.send(head.replace(farm.text, RECORDED_KEY))
-            return await connections.wait(head), answer
+            answer = await connections.send(head.replace(farm.key_text, RECORDED_KEY))
+            return await connections.send_head(head), answer
 
-    is_continued, result = asyncio.run(scenario())
-    assert is_continued.startswith(CONTINUE_REPLY)
+    interim_answer, result = asyncio.run(scenario())
+    assert interim_answer.startswith(CONTINUE_REPLY)
     assert read_answer(result)[0] == 401
 
 

@@ -9,12 +9,12 @@ NAMES = st.lists(st.sampled_from(["a", "b-1", "c--", "printer-d"]), unique=True)
 TEXTS = st.text("ab<>&;-! \nü", max_size=8).map(lambda text: text.replace("<", "&lt;").replace(">", "&gt;"))
 
 
-def make_page(elements, around=""):
+def make_page(elements, extra=""):
     """Make a page like a template."""
     parts = "".join(
         f'\n<!--live:{name}-->\n<li id="{name}">{text}</li>\n<!--/live-->' for name, text in elements.items()
     )
-    body = f'<body data-live="/" data-version="">header<main id="main"><ul>{parts}</ul>{around}</main></body>'
+    body = f'<body data-live="/" data-version="">header<main id="main"><ul>{parts}</ul>{extra}</main></body>'
     return f"<html>{body}</html>"
 
 
@@ -23,7 +23,7 @@ def draw_pages(draw):
     return {name: draw(TEXTS) for name in draw(NAMES)}, draw(st.sampled_from(["", "x"]))
 
 
-def show(state, changes):
+def apply_changes(state, changes):
     """Return the page of a browser after some changes, as elements by name in their order."""
     if MAIN in changes:
         return split_main(changes[MAIN])
@@ -42,7 +42,11 @@ def test_changes_lead_from_one_page_to_the_next(old_parts, new_parts):
     sources = [make_page(*page) for page in (old_parts, new_parts)]
     old_page, new_page = map(split_page, sources)
     changes = find_changes(old_page, new_page)
-    assert show(split_main(old_page.html), changes) == split_main(new_page.html) == dict(new_page.elements)
+    assert (
+        apply_changes(split_main(old_page.html), changes)
+        == split_main(new_page.html)
+        == dict(new_page.elements)
+    )
     assert (changes == {}) == (sources[0] == sources[1]) == (old_page.version == new_page.version)
 
 

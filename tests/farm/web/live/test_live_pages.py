@@ -264,7 +264,7 @@ async def read_first_event(farm, session, address):
             events.append(message["body"])
             farm.services.page_streams.close()
 
-    headers = {"host": HOST, **farm.hold(session)}
+    headers = {"host": HOST, **farm.make_cookie_header(session)}
     scope = {
         "type": "http",
         "method": "GET",

@@ -45,9 +45,9 @@ from farm.web.slicers import SLICER_ROLES
 from farms.dashboard_farm import add_planned_job
 from farms.network_farm import NetworkFarm
 
-LINKS, PRINTS = list(Link), [state for state in PrintState if not state.ended]
+LINKS, OPEN_STATES = list(Link), [state for state in PrintState if not state.ended]
 FAULTS = [*Fault, *OwnFault]
-PRINTERS = [f"p{number:02d}" for number in range(len(LINKS) + len(PRINTS) + 4)]
+PRINTERS = [f"p{number:02d}" for number in range(len(LINKS) + len(OPEN_STATES) + 4)]
 JOBS = range(1, 2 + len(JobState))
 NOW_S = 1.7e9
 PAGES = sorted(
@@ -55,7 +55,7 @@ PAGES = sorted(
     for method, path in ROLES.keys() - SLICER_ROLES.keys()
     if method == "GET" and not path.startswith((NETWORK_PREFIX, METRICS, SCHEMA, SCHEMA_PAGE, "/live"))
 )
-FILES = ("/jobs/{number}/instructions", "/jobs/{number}/parts.zip")
+FILE_PAGES = ("/jobs/{number}/instructions", "/jobs/{number}/parts.zip")
 """Pages that are files of a job, which the jobs here do not have."""
 
 
@@ -95,7 +95,7 @@ def read_pages(farm, printers=PRINTERS, jobs=JOBS, role=Role.OPERATE):
             if "{" in address:
                 continue
             answer = farm.browse("GET", address, farm.session)
-            expected_status = 404 if path in FILES else 200
+            expected_status = 404 if path in FILE_PAGES else 200
             expected_status = expected_status if role.allows(ROLES["GET", path]) else 403
             assert answer.status_code == expected_status, (address, answer.text[-300:])
             if answer.headers["content-type"].startswith("text/html"):
@@ -112,7 +112,7 @@ def make_attempt(number, printer, state, **changes):
     )  # fmt: skip
 
 
-def make_gallery(farm, text="reason", name="bracket"):
+def fill_farm(farm, text="reason", name="bracket"):
     """Put every state, hold and fault into the books and the telemetry of a farm, with these words."""
     farm.controller.books = farm.initial_books
     books = add_planned_job(
@@ -127,7 +127,7 @@ def make_gallery(farm, text="reason", name="bracket"):
         books = put(books, books.jobs[number].model_copy(update={**job_fields, "ended_s": NOW_S - 10.0}))
     open_prints = [
         make_attempt(number, printer, state, pause_requested=state is PrintState.PAUSED)
-        for number, (printer, state) in enumerate(zip(PRINTERS[len(LINKS) :], PRINTS, strict=False))
+        for number, (printer, state) in enumerate(zip(PRINTERS[len(LINKS) :], OPEN_STATES, strict=False))
     ]
     ended_prints = [
         make_attempt(100 + number, PRINTERS[0], PrintState.FAILED, fault=fault, reason=text, fail_reason=text)
@@ -173,11 +173,11 @@ def farm(tmp_path_factory):
 
 
 def test_every_state_hold_and_fault_has_a_page(farm):
-    make_gallery(farm)
+    fill_farm(farm)
     pages = read_pages(farm)
     assert {f"/printers/{name}" for name in PRINTERS} <= pages.keys()
-    faults = pages[f"/printers/{PRINTERS[0]}"]
-    assert sum(fault.replace("_", " ") in faults for fault in FAULTS) >= 10  # the last ten
+    fault_page = pages[f"/printers/{PRINTERS[0]}"]
+    assert sum(fault.replace("_", " ") in fault_page for fault in FAULTS) >= 10  # the last ten
     for state in ("heating", "printing", "paused"):
         assert any(f'class="state {state}"' in pages[f"/printers/{name}"] for name in PRINTERS), state
     home = " ".join(Structure(pages["/"]).texts)
@@ -186,9 +186,9 @@ def test_every_state_hold_and_fault_has_a_page(farm):
 
 @pytest.mark.parametrize("role", [Role.LOOK, Role.PRINT])
 def test_pages_are_whole_for_other_roles(farm, role):
-    make_gallery(farm)
-    holder = next(key for key in farm.controller.books.keys.values() if key.kind is KeyKind.SESSION)
-    farm.controller.books = put(farm.controller.books, holder.model_copy(update={"role": role}))
+    fill_farm(farm)
+    session_key = next(key for key in farm.controller.books.keys.values() if key.kind is KeyKind.SESSION)
+    farm.controller.books = put(farm.controller.books, session_key.model_copy(update={"role": role}))
     assert read_pages(farm, SOME_PRINTERS, [1], role)
 
 
@@ -199,7 +199,7 @@ def test_pages_read_no_file_once_the_farm_runs(farm, monkeypatch):
     make_web_app(farm.services, DryRuns(farm.controller), ())
     monkeypatch.setattr(PackageLoader, "get_source", None)
     monkeypatch.setattr(static_files, "files", None)
-    make_gallery(farm)
+    fill_farm(farm)
     pages = read_pages(farm, SOME_PRINTERS, [1])
     assert {"/jobs/1/report", f"/printers/{SOME_PRINTERS[0]}"} <= pages.keys()
     assert farm.browse("GET", "/static/farm.css", farm.session).status_code == 200
@@ -207,7 +207,7 @@ def test_pages_read_no_file_once_the_farm_runs(farm, monkeypatch):
 
 SOME_PRINTERS = [PRINTERS[0], PRINTERS[1], PRINTERS[3], PRINTERS[-1]]
 """Printers with faults, with bad parts, with an alarm, and in maintenance."""
-HOSTILE = st.text(
+hostile_texts = st.text(
     st.sampled_from("<>\"'&`={}%/\\;:()-!x \u202e\u00e9"), min_size=1, max_size=30
 ) | st.sampled_from(
     [
@@ -225,14 +225,14 @@ HOSTILE = st.text(
 
 
 @settings(max_examples=6, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(HOSTILE, HOSTILE)
+@given(hostile_texts, hostile_texts)
 def test_hostile_words_change_no_element_of_any_page(farm, text, name):
-    make_gallery(farm)
-    benign = {path: Structure(page) for path, page in read_pages(farm, SOME_PRINTERS, [1, 4]).items()}
-    make_gallery(farm, f"x{text}x", f"x{name}x")
+    fill_farm(farm)
+    benign_pages = {path: Structure(page) for path, page in read_pages(farm, SOME_PRINTERS, [1, 4]).items()}
+    fill_farm(farm, f"x{text}x", f"x{name}x")
     for path, page in read_pages(farm, SOME_PRINTERS, [1, 4]).items():
         structure = Structure(page)
-        assert structure.elements == benign[path].elements, path
+        assert structure.elements == benign_pages[path].elements, path
         assert not any(value.strip().lower().startswith("javascript:") for value in structure.values)
 
 
@@ -263,9 +263,9 @@ def render_others(farm, text, name):
 
 
 @settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(HOSTILE, HOSTILE)
+@given(hostile_texts, hostile_texts)
 def test_hostile_words_change_no_element_of_answers_to_forms(farm, text, name):
-    make_gallery(farm)
+    fill_farm(farm)
     known_elements = {
         element for page in render_others(farm, "x", "y") for element in Structure(page).elements
     }

@@ -52,7 +52,7 @@ def busy_farm(farm):
     return farm
 
 
-def read(farm, path, role=Role.OPERATE, status=200):
+def read_page(farm, path, role=Role.OPERATE, status=200):
     answer = farm.browse("GET", path, farm.open_session(role))
     assert (answer.status_code, answer.headers["content-type"]) == (status, "text/html; charset=utf-8")
     return answer.text
@@ -60,7 +60,7 @@ def read(farm, path, role=Role.OPERATE, status=200):
 
 @pytest.mark.parametrize("path", ["/timeline", "/history", "/printers/a"])
 def test_pages_of_a_farm_without_a_print_say_so(farm, path):
-    page = read(farm, path, Role.LOOK)
+    page = read_page(farm, path, Role.LOOK)
     assert any(
         message in page for message in ("Nothing was printed", "No ended print", "It has not printed yet")
     )
@@ -72,7 +72,7 @@ def test_printer_page_shows_temperatures_faults_and_prints(busy_farm):
         heat = {"nozzle_c": 210.0, "bed_c": 60.0, "nozzle_target_c": 210.0, "bed_target_c": 60.0}
         ready_fields = {"link": Link.READY, "filament": FilamentState.PARKED}
         busy_farm.controller.on_snapshot(AgentSnapshot(printer="a", **ready_fields, **heat))
-    page = read(busy_farm, "/printers/a")
+    page = read_page(busy_farm, "/printers/a")
     assert "hottest 210 °C" in page
     assert "the nozzle got &lt;cold&gt;" in page
     assert 'src="/jobs/1/stills/print-1-failure.png"' in page
@@ -82,31 +82,29 @@ def test_printer_page_shows_temperatures_faults_and_prints(busy_farm):
 
 
 def test_printer_page_asks_for_a_verdict_on_a_part_that_was_printed_alone(farm):
-    controller, is_asked, now_s = farm.controller, [], farm.clock.now_s
+    controller, verdict_requests, now_s = farm.controller, [], farm.clock.now_s
     plan_job(farm)
     for state in (PrintState.FAILED, PrintState.DONE):
         attempt = controller.books.open_print_on("a")
         controller.handle(make_end_event(attempt.id, state, at_s=now_s, started_s=now_s - 60.0))
-        page = read(farm, "/printers/a")
+        page = read_page(farm, "/printers/a")
         assert 'action="/printers/a/cleared"' in page
-        is_asked.append('name="bad"' in page)
+        verdict_requests.append('name="bad"' in page)
         cleared = ev.BedCleared(at_s=now_s, printer="a", by="ann", filament=FilamentState.PARKED)
         controller.handle(cleared)
-    assert is_asked == [False, True]
+    assert verdict_requests == [False, True]
 
 
 def test_printer_page_warns_of_heat_before_it_offers_to_clear_the_bed(farm):
     alarm = {"alarm": "the nozzle cannot be switched off", "nozzle_c": 231.0, "bed_c": 60.0}
     cold_fields = {"nozzle_c": 21.0, "bed_c": 20.0, "heaters_off": True}
-    for changes, signs in ((alarm, (1, 1, 0)), (cold_fields, (0, 0, 1))):
+    for changes, expected_counts in ((alarm, (1, 1, 0)), (cold_fields, (0, 0, 1))):
         facts = {"link": Link.FAULT, "reason": "inspect it", **changes}
         farm.controller.on_snapshot(AgentSnapshot(printer="a", **facts))
         farm.controller.handle(ev.BedBecameUnknown(at_s=farm.clock.now(), printer="a", reason="so"))
-        page = read(farm, "/printers/a")
-        positions = [
-            page.count(text) for text in ("task urgent", "231 °C, not confirmed off", "<details open>")
-        ]
-        assert tuple(positions) == signs
+        page = read_page(farm, "/printers/a")
+        counts = [page.count(text) for text in ("task urgent", "231 °C, not confirmed off", "<details open>")]
+        assert tuple(counts) == expected_counts
 
 
 @pytest.mark.parametrize(
@@ -118,7 +116,7 @@ def test_printer_page_warns_of_heat_before_it_offers_to_clear_the_bed(farm):
     ],
 )
 def test_printer_page_has_the_forms_of_the_role(farm, role, actions):
-    page = read(farm, "/printers/a", role)
+    page = read_page(farm, "/printers/a", role)
     found_actions = [
         action for action in ("cleared", "load", "maintenance") if f'action="/printers/a/{action}"' in page
     ]
@@ -126,7 +124,7 @@ def test_printer_page_has_the_forms_of_the_role(farm, role, actions):
 
 
 def test_history_is_exported_as_chosen(busy_farm):
-    page = read(busy_farm, "/history?printer=a&days=")
+    page = read_page(busy_farm, "/history?printer=a&days=")
     assert "/history.csv?printer=a" in page
     assert "thermal" not in page  # the reason says more than its name
     export = busy_farm.browse("GET", "/history.csv?printer=a", busy_farm.open_session(Role.LOOK))
@@ -138,27 +136,27 @@ def test_history_is_exported_as_chosen(busy_farm):
 
 
 def test_change_is_tried_and_an_operator_may_make_it(busy_farm):
-    page = read(busy_farm, "/timeline?job=3&to=first&at=")
+    page = read_page(busy_farm, "/timeline?job=3&to=first&at=")
     assert "What if: job 3 first in the queue" in page
     assert "earlier" in page
     assert "later" in page
     assert 'action="/jobs/3/move"' in page
     assert busy_farm.controller.books.jobs[3].moved_rank is None
-    assert 'action="/jobs/3/move"' not in read(busy_farm, "/timeline?job=3&to=first", Role.PRINT)
+    assert 'action="/jobs/3/move"' not in read_page(busy_farm, "/timeline?job=3&to=first", Role.PRINT)
 
 
 def test_start_is_tried_and_an_operator_may_make_it(busy_farm):
-    page = read(busy_farm, "/timeline?job=3&at=23:50")
+    page = read_page(busy_farm, "/timeline?job=3&at=23:50")
     assert "starting not before 23:50" in page
     button = re.search(r'action="/jobs/3/start"><input type="hidden" name="at" value="([^"]+)"', page)
-    moment = datetime.fromisoformat(html.unescape(button[1]))
-    assert (moment.hour, moment.minute, moment.tzinfo is not None) == (23, 50, True)
+    start = datetime.fromisoformat(html.unescape(button[1]))
+    assert (start.hour, start.minute, start.tzinfo is not None) == (23, 50, True)
     assert busy_farm.controller.books.jobs[3].not_before_s is None
-    assert 'action="/jobs/3/start"' not in read(busy_farm, "/timeline?job=3&at=23:50", Role.PRINT)
+    assert 'action="/jobs/3/start"' not in read_page(busy_farm, "/timeline?job=3&at=23:50", Role.PRINT)
     session = busy_farm.open_session()
     busy_farm.browse("POST", "/jobs/3/start", session, data={"at": html.unescape(button[1])})
     assert "Job 3 starts not before" in busy_farm.browse("GET", "/timeline", session).text
-    assert busy_farm.controller.books.jobs[3].not_before_s == moment.timestamp()
+    assert busy_farm.controller.books.jobs[3].not_before_s == start.timestamp()
 
 
 @pytest.mark.parametrize(
@@ -172,7 +170,7 @@ def test_start_is_tried_and_an_operator_may_make_it(busy_farm):
     ],
 )
 def test_change_that_cannot_be_tried_is_explained_above_the_plan(busy_farm, query, text):
-    page = read(busy_farm, f"/timeline?{query}")
+    page = read_page(busy_farm, f"/timeline?{query}")
     assert "Change not possible:" in page
     assert text in page
     assert "2/p01" in page
@@ -185,7 +183,7 @@ def test_change_to_a_job_whose_plates_have_started_would_move_nothing(busy_farm,
         at_s=busy_farm.clock.now_s, plate="2/01", printer="a", print_id="running"
     )
     busy_farm.controller.books = apply_events(books, started_event)[0]
-    page = read(busy_farm, f"/timeline?job=2&{query}")
+    page = read_page(busy_farm, f"/timeline?job=2&{query}")
     assert "nothing of job 2 would move: all of its plates have started" in page
     assert '<option value="2"' not in page
     assert '<option value="3"' in page
@@ -203,7 +201,7 @@ def test_change_to_a_job_whose_plates_have_started_would_move_nothing(busy_farm,
     ],
 )
 def test_errors_are_pages_in_words(busy_farm, path, status):
-    assert "Traceback" not in read(busy_farm, path, status=status)
+    assert "Traceback" not in read_page(busy_farm, path, status=status)
 
 
 def test_operator_reads_the_last_lines_on_the_wire(farm):
@@ -215,17 +213,17 @@ def test_operator_reads_the_last_lines_on_the_wire(farm):
 
     services = dataclasses.replace(farm.services, read_lines=read_lines)
     farm.web = make_web_app(services, DryRuns(farm.controller), {HOST})
-    page = read(farm, "/printers/a/wire")
+    page = read_page(farm, "/printers/a/wire")
     assert "23:13:20.000 &gt; M105 &lt;b&gt;" in page  # in Berlin
     assert "&lt; ok" in page
     for role in (Role.LOOK, Role.PRINT):
-        assert "needs a key with the role operate" in read(farm, "/printers/a/wire", role, status=403)
-        assert "/printers/a/wire" not in read(farm, "/printers/a", role)
+        assert "needs a key with the role operate" in read_page(farm, "/printers/a/wire", role, status=403)
+        assert "/printers/a/wire" not in read_page(farm, "/printers/a", role)
 
 
 def test_wire_that_cannot_be_read_says_why(farm):
-    assert "a has no agent" in read(farm, "/printers/a/wire")
-    assert "no printer z" in read(farm, "/printers/z/wire", status=404)
+    assert "a has no agent" in read_page(farm, "/printers/a/wire")
+    assert "no printer z" in read_page(farm, "/printers/z/wire", status=404)
 
 
 def test_upkeep_of_a_printer_is_shown_from_the_event_log(farm):
@@ -238,8 +236,8 @@ def test_upkeep_of_a_printer_is_shown_from_the_event_log(farm):
         ("load", {"grams": "750"}),
     ):
         farm.browse("POST", f"/printers/a/{path}", session, data=data)
-    page = read(farm, "/printers/a")
+    page = read_page(farm, "/printers/a")
     texts = ["reel loaded", "back in use", "taken out of use", "a new &lt;nozzle&gt;"]
-    places = [page.index(event_text) for event_text in texts]
-    assert places == sorted(places)
+    positions = [page.index(event_text) for event_text in texts]
+    assert positions == sorted(positions)
     assert "<td>ann</td>" in page

@@ -50,8 +50,8 @@ def make_last(state, verdict=None):
 
 
 def test_tiles_are_in_the_order_of_their_ends(status):
-    ends = (7200.0, None, 60.0, 7205.0)
-    print_fields = [{"print": None if left_s is None else make_print(left_s)} for left_s in ends]
+    remaining_times = (7200.0, None, 60.0, 7205.0)
+    print_fields = [{"print": None if left_s is None else make_print(left_s)} for left_s in remaining_times]
     tiles = list_tiles(replace_printers(status, *print_fields))
     assert [tile.printer.name for tile in tiles] == ["um2-3", "um2-1", "um2-4", "um2-2"]
     assert tiles[0].model == "box.stl"
@@ -121,16 +121,16 @@ TASKS = [
 ]
 
 
-@pytest.mark.parametrize(("todo", "expected_texts", "forms"), TASKS, ids=[todo.code for todo, _, _ in TASKS])
-def test_each_task_has_words_and_the_form_that_does_it_for_operators(status, todo, expected_texts, forms):
+@pytest.mark.parametrize(("todo", "text", "forms"), TASKS, ids=[todo.code for todo, _, _ in TASKS])
+def test_each_task_has_words_and_the_form_that_does_it_for_operators(status, todo, text, forms):
     shown_status = replace_printers(replace_job(status, plan="PLAN"), {"look": "it jammed"}, todo=[todo])
     page = render_home(shown_status, ANN)
-    assert expected_texts in page
+    assert text in page
     for form in forms:
         assert form in page
-    looking = render_home(shown_status, Reader("bob", Role.LOOK))
-    assert expected_texts in looking
-    assert 'method="post"' not in looking.partition("<main")[2]
+    viewer_page = render_home(shown_status, Reader("bob", Role.LOOK))
+    assert text in viewer_page
+    assert 'method="post"' not in viewer_page.partition("<main")[2]
 
 
 @pytest.mark.parametrize(
@@ -196,10 +196,10 @@ def test_lost_host_is_one_card_without_a_button_for_each_printer(status):
 
 def test_job_of_which_nothing_prints_waits(status):
     page = render_home(replace_job(status, state=JobState.PRINTING), ANN)
-    printing = render_home(replace_job(make_status(make_night_books()), state=JobState.PRINTING), ANN)
-    waits, prints = ('<span class="state waiting">', '<span class="state printing">')
-    assert (waits in page, prints in page) == (True, False)
-    assert (waits in printing, prints in printing) == (False, True)
+    printing_page = render_home(replace_job(make_status(make_night_books()), state=JobState.PRINTING), ANN)
+    waiting_badge, printing_badge = ('<span class="state waiting">', '<span class="state printing">')
+    assert (waiting_badge in page, printing_badge in page) == (True, False)
+    assert (waiting_badge in printing_page, printing_badge in printing_page) == (False, True)
 
 
 def test_printed_job_has_ended(status):

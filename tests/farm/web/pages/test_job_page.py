@@ -127,9 +127,8 @@ def test_part_on_a_bed_is_judged_where_its_bed_is_cleared():
 def test_bed_with_an_earlier_print_of_a_part_is_not_where_the_part_lies():
     data = make_data(make_night_books())
     first_printer = next(printer for printer in data.printers if printer.name == "um2-01")
-    failed_printer = first_printer.model_copy(
-        update={"name": "um2-09"}
-    )  # its last print was of the same plate
+    # The last print of that printer was of the same plate.
+    failed_printer = first_printer.model_copy(update={"name": "um2-09"})
     rows = list_rows(replace(data, printers=[*data.printers, failed_printer]))
     assert rows["p01"].remark == "on the bed of um2-01"
     assert not any("um2-09" in action.path for row in rows.values() for action in row.actions)
@@ -237,9 +236,8 @@ def test_plates_that_no_printer_can_take_are_named():
         price=None,
         currency=None,
     )
-    assert list_reasons(job, timeline) == [
-        Sentence("no printer can print 1/01..02")
-    ]  # the approval is in the summary
+    # The approval is in the summary.
+    assert list_reasons(job, timeline) == [Sentence("no printer can print 1/01..02")]
     assert list_reasons(job) == []
 
 

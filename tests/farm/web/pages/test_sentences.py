@@ -17,7 +17,7 @@ class Reader(HTMLParser):
 
     def __init__(self, text):
         super().__init__()
-        self.elements, self.words = [], ""
+        self.elements, self.text = [], ""
         self.feed(str(text))
         self.close()
 
@@ -25,7 +25,7 @@ class Reader(HTMLParser):
         self.elements.append((tag, dict(attributes)))
 
     def handle_data(self, data):
-        self.words += data
+        self.text += data
 
 
 def test_each_time_of_a_sentence_is_an_element():
@@ -49,7 +49,7 @@ TEXTS = st.sampled_from([FRIDAY.text, SATURDAY.text, "<i>", "&", "a", " ", '"', 
 @given(st.lists(TEXTS, max_size=8).map("".join).filter(lambda text: not set(text) & {"`", "\r", "\0"}))
 def test_no_word_is_lost_and_only_times_are_marked(text):
     page = Reader(format_sentence(Sentence(text, (FRIDAY, SATURDAY))))
-    assert page.words == text
+    assert page.text == text
     time_count = text.count(FRIDAY.text) + text.count(SATURDAY.text)
     assert [tag for tag, _ in page.elements] == ["time"] * time_count
 

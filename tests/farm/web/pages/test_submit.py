@@ -67,9 +67,9 @@ def test_fields_become_options(fields, options):
     ],
 )
 def test_wrong_field_is_named(fields, text):
-    with pytest.raises(FarmError, match=text) as caught:
+    with pytest.raises(FarmError, match=text) as error:
         read_job_options({**DEFAULTS, **fields})
-    assert caught.value.code is ErrorCode.SETTINGS
+    assert error.value.code is ErrorCode.SETTINGS
 
 
 def test_page_offers_what_the_fleet_has():
@@ -96,7 +96,7 @@ def farm(tmp_path):
     farm.store.close()
 
 
-def send(farm, session, request=REQUEST, name="vase.stl", content=b"x" * 1000, **fields):
+def send_form(farm, session, request=REQUEST, name="vase.stl", content=b"x" * 1000, **fields):
     path = f"{SUBMIT_PATH}?request={request}"
     return farm.browse("POST", path, session, files={"file": (name, content)}, data={**DEFAULTS, **fields})
 
@@ -104,7 +104,7 @@ def send(farm, session, request=REQUEST, name="vase.stl", content=b"x" * 1000, *
 def test_model_is_submitted_once_and_leads_to_its_job(farm):
     ann = farm.open_session(Role.PRINT, "ann")
     for _ in range(2):  # the button is pressed twice
-        answer = send(farm, ann, next="plan", copies="2")
+        answer = send_form(farm, ann, next="plan", copies="2")
         assert (answer.status_code, answer.headers["location"]) == (303, "/jobs/1")
     job = farm.controller.books.job(1)
     assert (job.name, job.submitted_by, job.request_id) == ("vase.stl", "ann", REQUEST)
@@ -119,7 +119,7 @@ def test_refusal_is_shown_on_the_form_which_keeps_its_values(farm, monkeypatch):
 
     monkeypatch.setattr(AcceptAll, "run", refuse)
     ann = farm.open_session(Role.PRINT, "ann")
-    answer = send(farm, ann, note="for <eve>", goal="deadline", done_by="2023-12-01T07:00")
+    answer = send_form(farm, ann, note="for <eve>", goal="deadline", done_by="2023-12-01T07:00")
     assert answer.status_code == 400
     assert "it is open at &lt;7&gt; edges" in answer.text
     assert 'value="for &lt;eve&gt;"' in answer.text
@@ -134,14 +134,14 @@ def test_refusal_is_shown_on_the_form_which_keeps_its_values(farm, monkeypatch):
     [({"goal": "count"}, "give the number of printers"), ({"start": "at", "at": "1999-01-01T00:00"}, "1999")],
 )
 def test_wrong_option_submits_nothing(farm, fields, text):
-    answer = send(farm, farm.open_session(Role.PRINT, "ann"), **fields)
+    answer = send_form(farm, farm.open_session(Role.PRINT, "ann"), **fields)
     assert answer.status_code == 400
     assert text in answer.text
     assert not farm.controller.books.jobs
 
 
 def test_form_without_a_file_says_so(farm):
-    answer = send(farm, farm.open_session(Role.PRINT, "ann"), name="", content=b"")
+    answer = send_form(farm, farm.open_session(Role.PRINT, "ann"), name="", content=b"")
     assert answer.status_code == 400
     assert "Not done:" in answer.text
 
@@ -155,7 +155,7 @@ def test_reader_who_may_not_print_has_no_form_and_no_link(farm):
 
 def test_request_for_more_printers_than_there_are_is_a_note(farm):
     ann = farm.open_session(Role.PRINT, "ann")
-    send(farm, ann, goal="count", printers="5")
+    send_form(farm, ann, goal="count", printers="5")
     assert "the fleet has 1 printer" in farm.browse("GET", "/jobs/1", ann).text
 
 

@@ -27,7 +27,7 @@ from farm.views import list_due_notices
 
 HOSTS = ("pc-a", "pc-b", "pc-c")
 PRINTERS = {f"{host}-{number}": host for host in HOSTS for number in (1, 2)}
-FOREVER_S = 100.0  # longer than all delays of losses and of notices together
+ALL_DELAYS_S = 100.0  # longer than all delays of losses and of notices together
 
 
 class SetClock:
@@ -46,7 +46,7 @@ class LostHosts(RuleBasedStateMachine):
     """A daemon's hosts and controller. Every loss of a host that lasts is in one notice, and in one only."""
 
     @initialize()
-    def begin(self):
+    def make_farm(self):
         self.folder = tempfile.TemporaryDirectory()
         self.clock = SetClock()
         facts = {"model": PLUS, "port": f"sim://{PLUS}", "host_command": "farm host"}
@@ -111,9 +111,9 @@ class LostHosts(RuleBasedStateMachine):
     def notify(self):
         now_s = self.clock.now()
         notices = list_due_notices(self.controller.books, now_s, 0.0, self.sent_keys)
-        lost = [printer.host_loss for printer in self.controller.books.printers.values()]
+        host_losses = [printer.host_loss for printer in self.controller.books.printers.values()]
         for notice in notices:
-            hosts = {loss.host for loss in lost if loss is not None and loss.at_s == notice.at_s}
+            hosts = {loss.host for loss in host_losses if loss is not None and loss.at_s == notice.at_s}
             assert notice.key.startswith("hosts ") and hosts, notice
             self.noticed.update((host, self.losses[host]) for host in hosts)
         self.sent_keys |= {notice.key for notice in notices}
@@ -122,7 +122,7 @@ class LostHosts(RuleBasedStateMachine):
     @precondition(lambda self: self.controller.books.lost_hosts)
     @rule()
     def wait_for_notices(self):
-        self.clock.now_s += FOREVER_S
+        self.clock.now_s += ALL_DELAYS_S
         self.notify()
         for host in self.controller.books.lost_hosts:
             assert self.noticed[host, self.losses[host]] == 1, host
@@ -139,7 +139,7 @@ def test_each_lasting_loss_of_a_host_is_in_one_notice():
 
 def test_a_step_of_the_clock_neither_makes_nor_hides_a_loss(tmp_path):
     machine = LostHosts()
-    machine.begin()
+    machine.make_farm()
     try:
         for step_s in (-3600.0, 3600.0):
             machine.reconnect_host("pc-a")
