@@ -66,19 +66,23 @@ def format_page(name: str, command: Any, version: str) -> str:
     version
         Version of the program.
     """
-    shown = [param for param in command.params if not getattr(param, "hidden", False)]
-    options = [param for param in shown if param.param_type_name != "argument"]
-    arguments = [(param.metavar or param.name or "").upper() for param in shown if param not in options]
+    visible_params = [param for param in command.params if not getattr(param, "hidden", False)]
+    options = [param for param in visible_params if param.param_type_name != "argument"]
+    arguments = [
+        (param.metavar or param.name or "").upper() for param in visible_params if param not in options
+    ]
     lines = [*write_header(f"farm-{name}", summarise(command.help), version)]
     usage = "".join(["\n.RI [ options ]", *(f"\n.I {escape(word)}" for word in arguments)])
     lines.append(f".SH SYNOPSIS\n.B farm {escape(name)}{usage}")
     paragraphs = (" ".join(text.split()) for text in command.help.split("\n\n"))
     lines.append(".SH DESCRIPTION\n" + "\n.PP\n".join(escape(text) for text in paragraphs))
-    given = [param for param in shown if param not in options]
-    described = [
-        (word, param.help) for word, param in zip(arguments, given, strict=True) if getattr(param, "help", "")
+    argument_params = [param for param in visible_params if param not in options]
+    described_arguments = [
+        (word, param.help)
+        for word, param in zip(arguments, argument_params, strict=True)
+        if getattr(param, "help", "")
     ]
-    lines += write_entries("ARGUMENTS", described)
+    lines += write_entries("ARGUMENTS", described_arguments)
     lines += write_entries(
         "OPTIONS", ((", ".join([*one.opts, *one.secondary_opts]), one.help) for one in options)
     )

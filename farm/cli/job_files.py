@@ -106,10 +106,10 @@ def _read_umask() -> int:
 
 def _refuse_overwriting(folder: Path, files: list[api.FileView], force: bool) -> None:
     """Raise Refused if files with other content would be overwritten."""
-    others = [file.name for file in files if os.path.lexists(folder / file.name)]
-    if others and not force:
+    other_names = [file.name for file in files if os.path.lexists(folder / file.name)]
+    if other_names and not force:
         raise Refused(
-            f"{folder} has other files of these names: {' '.join(others[:5])}; give another folder with "
+            f"{folder} has other files of these names: {' '.join(other_names[:5])}; give another folder with "
             "--out, or overwrite them with --force"
         )
 

@@ -80,11 +80,11 @@ def read_installation() -> Installation:
     engine, resources = find_engine(), find_resources()
     sources = Path(farm.__file__).parents[1]
     code = (file for package in _PACKAGES for file in sorted((sources / package).rglob("*.py")))
-    own = resources.own_materials
+    own_materials = resources.own_materials
     settings = sorted(file for file in resources.root.rglob("*") if file.is_file())
-    if own is not None:
-        settings += sorted(file for file in own.rglob("*") if file.is_file())
-    roots = [resources.root, *([own] if own else [])]
+    if own_materials is not None:
+        settings += sorted(file for file in own_materials.rglob("*") if file.is_file())
+    roots = [resources.root, *([own_materials] if own_materials else [])]
     return Installation(
         farm=f"{farm.__version__} ({_hash_files(code, [sources])})",
         engine=f"{read_engine_version(engine).rpartition(' ')[2]} ({_hash_files([engine], [engine.parent])})",
@@ -92,7 +92,7 @@ def read_installation() -> Installation:
         libraries=", ".join([_PYTHON, *(f"{name} {_find_version(name)}" for name in _LIBRARIES)]),
         engine_path=str(engine),
         resources_path=str(resources.root),
-        materials_path=str(own or ""),
+        materials_path=str(own_materials or ""),
     )
 
 

@@ -147,12 +147,13 @@ def _make_contents(context: ViewContext, job: Job, plates: Iterable[Plate]) -> J
 def _update_holds(context: ViewContext, views: Iterable[api.PlateStatus]) -> list[api.PlateStatus]:
     """Return the views of plates with their present holds; a view whose hold is unchanged is not copied."""
     updated_views: list[api.PlateStatus] = []
-    old: Hold | None = None
-    new: Hold | None = None  # equal to `old`: most plates of a job share a hold, which is compared once
+    old_hold: Hold | None = None
+    # `new_hold` equals `old_hold`: most plates of a job share a hold, which is compared once
+    new_hold: Hold | None = None
     for view in views:
         hold = context.plate_holds.get(view.id)
-        if (view.hold is old and hold is new) or view.hold == hold:
-            old, new = view.hold, hold
+        if (view.hold is old_hold and hold is new_hold) or view.hold == hold:
+            old_hold, new_hold = view.hold, hold
             updated_views.append(view)
         else:
             updated_views.append(view.model_copy(update={"hold": hold}))
@@ -162,7 +163,7 @@ def _update_holds(context: ViewContext, views: Iterable[api.PlateStatus]) -> lis
 def _make_run_view(context: ViewContext, run: Run) -> api.RunView:
     return api.RunView(
         started=context.format_time(run.started_s) or "",
-        ended=None if run.open else context.format_time(run.ended_s),
+        ended=None if run.is_open else context.format_time(run.ended_s),
     )
 
 

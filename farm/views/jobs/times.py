@@ -26,12 +26,14 @@ class Run:
         Seconds since the epoch; the end of an open run is now.
     printers
         Printers on which it was printed.
+    is_open
+        True while the job is printed.
     """
 
     started_s: float
     ended_s: float
     printers: frozenset[str]
-    open: bool
+    is_open: bool
 
     @property
     def length_s(self) -> float:
@@ -128,10 +130,10 @@ def _compute_utilisation(
     unfinished_plates = [plate for plate, state in plates if state in _UNFINISHED]
     successes = [p for p in prints if p.state is PrintState.DONE and not is_wasted(p)]
     busy_s = sum(map(compute_duration_s, successes)) + sum(plate.expected_s for plate in unfinished_plates)
-    ended_runs = [run for run in runs if not run.open]
+    ended_runs = [run for run in runs if not run.is_open]
     available_s = sum(len(run.printers) * run.length_s for run in ended_runs)
     if not job.state.ended:
-        present_printers = frozenset().union(*(run.printers for run in runs if run.open))
+        present_printers = frozenset().union(*(run.printers for run in runs if run.is_open))
         planned_printers = frozenset(p.printer for p in unfinished_plates if not p.prints)
         used_printers = present_printers | planned_printers or frozenset(p.printer for p in unfinished_plates)
         available_s += len(used_printers) * max(0.0, makespan_s - sum(run.length_s for run in ended_runs))
@@ -140,7 +142,7 @@ def _compute_utilisation(
 
 def _estimate_growth_s(plates: Sequence[_PlateInState], runs: Sequence[Run], remaining_s: float) -> float:
     """Estimate the seconds that the open run, or else the next one, will still take."""
-    if any(run.open for run in runs):
+    if any(run.is_open for run in runs):
         return remaining_s
     waiting_plates = (plate for plate, state in plates if state in _UNFINISHED)
     return min(remaining_s, sum(plate.expected_s for plate in waiting_plates))
