@@ -180,6 +180,7 @@ def slice_parts(
                 layer_0_expansion_mm=part["layer_0_expansion_mm"],
                 bed_face_hidden=part["bed_face_hidden"],
                 tops_hidden=part["tops_hidden"],
+                hidden_sides=part["hidden_sides"],
             ),
         )  # fmt: skip
         try:

@@ -17,6 +17,7 @@ import numpy as np
 from slicing.checks import (
     FeatureTimes,
     MotionLimits,
+    Toolpath,
     UnprintedWall,
     add_times,
     check_outline,
@@ -27,6 +28,7 @@ from slicing.checks import (
 )
 from slicing.engine import EngineLimits, Progress, check_versions, run_engine
 from slicing.errors import Rule, SliceRejected, SlicingError
+from slicing.hidden_walls import HiddenSide, speed_up_hidden_walls
 from slicing.mesh import Floats, add_waves, read_triangles, write_triangles
 from slicing.settings import EngineSettings
 from slicing.slice_store import CheckedSlice, StoredSlice, write_atomically
@@ -46,6 +48,8 @@ class PlateRequest:
 
     Parameters
     ----------
+    hidden_sides
+        Upright sides of the model whose walls nobody will see.
     stl
         Binary STL in its printing pose, in bed-centred mm (XY 0 is the bed's centre), lowest point at Z 0.
     output_path
@@ -64,6 +68,7 @@ class PlateRequest:
     bed: output.Bed
     timeout_s: float = 1800.0
     cache: Path | None = None
+    hidden_sides: tuple[HiddenSide, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +113,9 @@ def slice_plate(request: PlateRequest, progress: Progress | None = None) -> Plat
         lowest_mm = float(corners[..., 2].min())
         if abs(lowest_mm) > _BED_TOLERANCE_MM:
             raise SliceRejected(Rule.HEIGHT, f"the model starts at Z {lowest_mm:.2f} mm; put it on the bed")
-        stored = StoredSlice.locate(request.cache, request.engine, request.settings, model)
+        stored = StoredSlice.locate(
+            request.cache, request.engine, request.settings, model, request.hidden_sides
+        )
         cached = stored.read()
         sliced = cached or _slice(request, corners, progress)
         if cached is None:
@@ -179,7 +186,7 @@ def _slice_once(request: PlateRequest, corners: Floats, progress: Progress | Non
         request.engine, request.stl, settings.global_, settings.extruder, limits, progress
     )
     output.check_log(engine_output.log)
-    toolpath = read_toolpath(engine_output.gcode)
+    gcode, toolpath = _speed_up(engine_output.gcode, request)
     min_extrusion_c = settings.printer.limits.min_extrusion_c
     facts = output.gather_facts(toolpath, min_extrusion_c)
     removed_layers, layout = output.count_removed_layers(engine_output.log), read_wall_layout(settings)
@@ -203,11 +210,18 @@ def _slice_once(request: PlateRequest, corners: Floats, progress: Progress | Non
             filament_mm2=settings.filament_mm2,
         )
     return CheckedSlice(
-        output.replace_header(add_times(engine_output.gcode, toolpath), engine_output.log),
+        output.replace_header(add_times(gcode, toolpath), engine_output.log, facts.sliced_s),
         facts,
         unprinted,
         measure_feature_times(toolpath, MotionLimits.from_settings(settings.global_)),
     )
+
+
+def _speed_up(gcode: bytes, request: PlateRequest) -> tuple[bytes, Toolpath]:
+    """Print the walls on hidden sides faster; return the G-code and its moves."""
+    toolpath = read_toolpath(gcode)
+    fast_gcode = speed_up_hidden_walls(gcode, toolpath, request.hidden_sides, request.settings)
+    return fast_gcode, toolpath if fast_gcode is gcode else read_toolpath(fast_gcode)
 
 
 def _find_bed_centre(settings: EngineSettings) -> tuple[float, float]:

@@ -7,16 +7,17 @@ import hashlib
 import json
 import os
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from slicing.checks import FeatureTimes, GcodeFacts, UnprintedWall
 from slicing.engine import read_engine_version
+from slicing.hidden_walls import HiddenSide
 from slicing.settings import EngineSettings
 
-_FORMAT = "farm-slice-6"
+_FORMAT = "farm-slice-7"
 """Version in the cache's key: increase it with each change of the stored record or the checks."""
 
 
@@ -38,11 +39,19 @@ class StoredSlice:
     key: str
 
     @classmethod
-    def locate(cls, cache: Path | None, engine: Path, settings: EngineSettings, model: bytes) -> StoredSlice:
+    def locate(
+        cls,
+        cache: Path | None,
+        engine: Path,
+        settings: EngineSettings,
+        model: bytes,
+        hidden_sides: Sequence[HiddenSide] = (),
+    ) -> StoredSlice:
         """Find the entry of a model (an STL's bytes) for these settings; without a cache it stays empty."""
         if cache is None:
             return cls(None, "")
-        texts = json.dumps([settings.global_, settings.extruder], sort_keys=True)
+        walls = [settings.hidden_wall_ratio, [asdict(side) for side in hidden_sides]] if hidden_sides else []
+        texts = json.dumps([settings.global_, settings.extruder, walls], sort_keys=True)
         digest = hashlib.sha256(model)
         for text in (texts, read_engine_version(engine), _FORMAT):
             digest.update(hashlib.sha256(text.encode()).digest())

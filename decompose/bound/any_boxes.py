@@ -104,7 +104,8 @@ def _price_cuts_s_mm2(solid_mm: Floats, hollow_mm: Floats, longest_mm: float, co
         Print time of a part.
     """
     hidden_share = max(cost.hidden_bed_share, cost.hidden_top_share)
-    face_s_mm2 = min(cost.lateral_s_mm2, (1.0 - hidden_share) * cost.skin_s_mm2)
+    upright_s_mm2 = (1.0 - cost.hidden_side_share) * cost.lateral_s_mm2
+    face_s_mm2 = min(upright_s_mm2, (1.0 - hidden_share) * cost.skin_s_mm2)
     boxes = np.maximum(2.0, np.ceil((solid_mm - hollow_mm) / longest_mm - 1e-9))
     cut_s = 2.0 * face_s_mm2 * (boxes - 1.0) - cost.volume_s_mm3 * hollow_mm / 3.0
     return np.asarray(np.where(solid_mm > longest_mm, cut_s, np.minimum(0.0, cut_s)))

@@ -137,7 +137,7 @@ def _min_price(prices: Prices, rooms: Floats, sums: Floats, ends_mm: Floats, are
         if not _fits_all(rooms, width, depth, height):
             continue
         flat = areas[2 * up] + areas[2 * up + 1]
-        lateral = sums[LATERAL + up] + cut - flat
+        lateral = sums[LATERAL + up] + (1.0 - prices["hidden_side_share"]) * (cut - flat)
         skin_mm2 = sums[SKIN + up]
         for turned_over in range(2):  # in its orientation, and turned over
             pose = 2 * up + turned_over

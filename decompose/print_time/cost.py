@@ -84,6 +84,7 @@ class CostModel:
     hidden_top_share: float = 0.0  # saved share of the skin of hidden tops
     hidden_bed_mm: float = 0.0  # saved height of the skin of a hidden face on the bed
     hidden_top_mm: float = 0.0  # saved height of the skin of hidden tops
+    hidden_side_share: float = 0.0  # saved share of the walls of a hidden upright side
     shrinkage: float = 0.007  # decides the width of a brim against warping; not part of the price
 
     @property
@@ -138,6 +139,7 @@ class CostModel:
             hidden_top_share=recipe.hidden_top_share,
             hidden_bed_mm=recipe.bed_layers_saved * recipe.layer_height_mm,
             hidden_top_mm=recipe.top_layers_saved * recipe.layer_height_mm,
+            hidden_side_share=_divide(recipe.hidden_wall_s_mm2, seconds["lateral_mm2"]),
         )
 
     def price_support_s(
@@ -189,6 +191,11 @@ class CostModel:
         volume, lateral, skin, slope, column = map(float, additive)
         width, depth, height = map(float, extents_mm)
         return float(price(self.prices(), (volume, lateral, skin, slope, column), (width, depth, height)))
+
+
+def _divide(saved_s: float, price_s: float) -> float:
+    """Return the saved share of a price; 0 of no price."""
+    return saved_s / price_s if price_s > 0.0 else 0.0
 
 
 _PRICES = np.dtype([(item.name, np.float64) for item in fields(CostModel)])

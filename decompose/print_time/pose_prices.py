@@ -15,6 +15,7 @@ from decompose.print_time.hidden_faces import find_hidden_faces
 from decompose.print_time.recipe import ADDITIVE
 from decompose.print_time.surfaces import Surfaces, measure_surfaces, sum_volume_mm3
 
+LATERAL = ADDITIVE.index("lateral_mm2")
 SKIN = ADDITIVE.index("skin_mm2")
 
 # A pose is the direction of the model that points up on the bed: +x, -x, +y, -y, +z, -z.
@@ -85,7 +86,7 @@ def sum_pose_features(
 ) -> tuple[Floats, Floats]:
     """Sum the `ADDITIVE` features (k, 5) of a closed mesh in k poses, and measure its extents (k, 3) in mm.
 
-    The skin that hidden faces save is subtracted.
+    The skin and the walls that hidden faces save are subtracted.
 
     Parameters
     ----------
@@ -99,7 +100,7 @@ def sum_pose_features(
         (m,) faces that are cuts; None for none.
     """
     surfaces = measure_surfaces(vertices, faces)
-    saves = cut is not None and bool(cut.any()) and cost.hidden_bed_share + cost.hidden_top_share > 0.0
+    saves = cut is not None and bool(cut.any()) and _saves_at_hidden_faces(cost)
     features, extents = np.zeros((len(rotations), len(ADDITIVE))), np.zeros((len(rotations), 3))
     features[:, 0] = sum_volume_mm3(surfaces)
     cosines = (cost.skin_cos, cost.overhang_cos)
@@ -113,7 +114,12 @@ def sum_pose_features(
             hidden_faces = find_hidden_faces(surfaces, cut, up, bed_mm, cost.skin_cos)
             saved_mm2 = hidden_faces.compute_saved_skin_mm2(cost.hidden_bed_share, cost.hidden_top_share)
             features[i, SKIN] = max(0.0, features[i, SKIN] - saved_mm2)
+            features[i, LATERAL] -= cost.hidden_side_share * hidden_faces.cut_side_mm2
     return features, extents
+
+
+def _saves_at_hidden_faces(cost: CostModel) -> bool:
+    return cost.hidden_bed_share + cost.hidden_top_share + cost.hidden_side_share > 0.0
 
 
 def price_poses_s(vertices: Floats, faces: Ints, rotations: Floats, cost: CostModel) -> Floats:

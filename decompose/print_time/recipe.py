@@ -116,6 +116,8 @@ class Recipe:
     outer_wall_mm_s: float = 40.0
     inner_wall_mm_s: float = 50.0
     infill_mm_s: float = 60.0
+    hidden_outer_wall_mm_s: float = 0.0  # on upright sides that are hidden once parts are glued; 0: as others
+    hidden_inner_wall_mm_s: float = 0.0
     skin_mm_s: float = 30.0
     roof_layers: int = 0  # uppermost layers of a top, printed at another speed unless all tops are hidden
     roof_mm_s: float = 30.0
@@ -162,6 +164,14 @@ class Recipe:
         """Additional seconds for a mm of line in all layers of a top, because of its uppermost ones."""
         layers = min(self.roof_layers, self.skin_layers)
         return layers * (1.0 / self.roof_mm_s - 1.0 / self.skin_mm_s)
+
+    @property
+    def hidden_wall_s_mm2(self) -> float:
+        """Seconds that walls along a mm2 of a hidden upright side save."""
+        outer_s_mm = _compute_gain_s_mm(self.outer_wall_mm_s, self.hidden_outer_wall_mm_s)
+        inner_s_mm = _compute_gain_s_mm(self.inner_wall_mm_s, self.hidden_inner_wall_mm_s)
+        walls_s_mm = outer_s_mm + (self.wall_count - 1) * inner_s_mm
+        return walls_s_mm / self.layer_height_mm if self.wall_count > 0 else 0.0
 
     @property
     def hidden_bed_share(self) -> float:
@@ -295,6 +305,11 @@ def _pose_terms(recipe: Recipe) -> dict[str, Floats]:
         "thin sheets": _vector(overlap_mm3=-1.0 / (layer * r.line_width_mm * r.skin_mm_s)),
         "steep tops": _vector(steep_top_mm2=r.top_lines / (layer * r.infill_mm_s)),
     }
+
+
+def _compute_gain_s_mm(speed_mm_s: float, fast_mm_s: float) -> float:
+    """Compute the seconds that a mm of line saves at a higher speed; 0 at a lower one."""
+    return 1.0 / speed_mm_s - 1.0 / fast_mm_s if fast_mm_s > speed_mm_s else 0.0
 
 
 def _vector(**features: float) -> Floats:

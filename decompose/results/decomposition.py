@@ -44,6 +44,9 @@ class Part:
         glued.
     planes
         (k, 4) rows nx, ny, nz, d: the planes n.x = d that it was cut at, in the model's frame.
+    hidden_sides
+        (k, 3) rows nx, ny, d: the upright sides that are hidden once the parts are glued, with outward
+        normals, in printing pose.
     stands
         Whether it stays upright while it is printed in its pose.
     small_foot_mm2
@@ -63,6 +66,7 @@ class Part:
     bed_face_hidden: bool = False
     tops_hidden: bool = False
     planes: Floats = field(default_factory=lambda: np.zeros((0, 4)))
+    hidden_sides: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     stands: bool = True
     small_foot_mm2: float | None = None
     drilled: Solid | None = None
@@ -109,6 +113,7 @@ class Part:
             "layer_0_expansion_mm": self.layer_0_expansion_mm,
             "bed_face_hidden": self.bed_face_hidden,
             "tops_hidden": self.tops_hidden,
+            "hidden_sides": self.hidden_sides.tolist(),
             "stands": self.stands,
             "small_foot_mm2": self.small_foot_mm2,
         }

@@ -26,6 +26,7 @@ from decompose.printers import PrinterRoom
 from decompose.problem import GridFigures, Partition, Problem
 from decompose.results.check import check_result
 from decompose.results.decomposition import Coverage, Cutting, Decomposition, Part
+from decompose.results.hidden_sides import mark_hidden_sides
 
 SPARE_SHARE = 0.97  # share of the makespan that a steadier pose may take: prices have errors of some per cent
 
@@ -84,7 +85,7 @@ def _build_decomposition(
     rotation = partition.rotation @ problem.frame
     bound_s = bound_by_surface_s(problem.model.solid.area_mm2, 0.0, len(problem.printers), problem.cost)
     grid = partition.grid or GridFigures(makespan_s, problem.fastest_factor * bound_s, None)
-    restored_parts = tuple(_restore_frame(part, rotation) for part in parts)
+    restored_parts = tuple(_restore_frame(part, rotation) for part in mark_hidden_sides(parts, cut_joints))
     joints = tuple(joint.move(_invert(rotation)) for joint in cut_joints)
     return Decomposition(
         engine=problem.options.engine,

@@ -37,6 +37,8 @@ class PartPrintOptions(Entity):
         None: as the quality sets it.
     bed_face_hidden, tops_hidden
         True if all faces on the bed, or all top faces, are cut faces that gluing hides.
+    hidden_sides
+        Outward normals nx, ny and offsets in mm of the upright sides that gluing hides.
     stands
         True if the part is expected to stay upright while it prints.
     """
@@ -45,6 +47,7 @@ class PartPrintOptions(Entity):
     layer_0_expansion_mm: float | None = None
     bed_face_hidden: bool = False
     tops_hidden: bool = False
+    hidden_sides: tuple[tuple[float, float, float], ...] = ()
     stands: bool = True
 
 

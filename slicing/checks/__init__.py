@@ -1,6 +1,11 @@
 """Checks of CuraEngine's output: its log, its G-code, and each layer's outline against the model."""
 
-from slicing.checks.feature_times import FeatureTimes, MotionLimits, measure_feature_times
+from slicing.checks.feature_times import (
+    FeatureTimes,
+    MotionLimits,
+    estimate_move_seconds,
+    measure_feature_times,
+)
 from slicing.checks.outline import UnprintedWall, check_outline
 from slicing.checks.output import GcodeFacts
 from slicing.checks.timeline import add_times
@@ -16,6 +21,7 @@ __all__ = [
     "WallLayout",
     "add_times",
     "check_outline",
+    "estimate_move_seconds",
     "measure_feature_times",
     "read_toolpath",
     "read_wall_layout",

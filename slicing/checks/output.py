@@ -249,9 +249,10 @@ def check_bed(facts: GcodeFacts, centre_mm: tuple[float, float], bed: Bed, max_e
 
 
 _HEADER_END = "End of gcode header."
+_HEADER_TIME = re.compile(r"(?m)^;TIME:.*$")
 
 
-def replace_header(gcode: bytes, log: str) -> bytes:
+def replace_header(gcode: bytes, log: str, sliced_s: float) -> bytes:
     """Replace the header of placeholders by the one in the log (time, filament, bounds).
 
     Parameters
@@ -260,12 +261,15 @@ def replace_header(gcode: bytes, log: str) -> bytes:
         CuraEngine's output, with a header of placeholders.
     log
         CuraEngine's log; the G-code is not changed if the log has no header.
+    sliced_s
+        Time of the layers, in place of the one in the log.
     """
     _, separator, rest = log.rpartition("Gcode header after slicing:")
     header, header_end, _ = rest.partition(_HEADER_END)
     placeholder, generator_mark, body = gcode.partition(b";Generated with")
     if not (separator and header_end and generator_mark) or not placeholder.startswith(b";FLAVOR:"):
         return gcode
+    header = _HEADER_TIME.sub(f";TIME:{int(sliced_s)}", header)
     return header.strip().encode() + b"\n\n" + generator_mark + body
 
 

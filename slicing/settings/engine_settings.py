@@ -82,6 +82,11 @@ class EngineSettings:
     scale_xy: float  # factors by which a part is printed larger, because it shrinks
     scale_z: float
     hidden: HiddenLayers  # solid layers of hidden faces, of a part that has some
+    hidden_wall_ratio: float = 1.0  # maximum ratio of the speed of walls on hidden sides to that of others
+
+    def limit_hidden_wall_mm_s(self, speed_mm_s: float) -> float:
+        """Compute the speed on hidden sides of walls of a speed: at most that of infill."""
+        return max(speed_mm_s, min(self.hidden_wall_ratio * speed_mm_s, self.speed_infill_mm_s))
 
     @property
     def filament_mm2(self) -> float:

@@ -168,7 +168,10 @@ def _resolve(
     )
     scale = find_shrinkage_scale(resolver, stacks.material.kind if compensates else "")
     settings = build_engine_settings(request_key.printer, resolver, stacks.material.density_g_cm3, scale)
-    return settings if quality is None else _reduce_hidden_layers(settings, quality.hidden, part)
+    if quality is None:
+        return settings
+    settings = replace(settings, hidden_wall_ratio=quality.hidden_wall_ratio)
+    return _reduce_hidden_layers(settings, quality.hidden, part)
 
 
 def _reduce_hidden_layers(

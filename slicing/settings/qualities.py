@@ -51,6 +51,8 @@ class Quality:
     compensates_shrinkage: bool = False  # parts are printed larger by the shrinkage of their material
     fits_first_layer: bool = False  # brim and first layer are chosen for each part
     hidden: HiddenLayers | None = None  # None: as visible faces
+    # Walls on hidden sides are printed at the speed of infill, at most this multiple of their own.
+    hidden_wall_ratio: float = 1.0
 
 
 # The settings of the prints in the Parallelobox paper, for comparisons of times with it.
@@ -104,6 +106,8 @@ FARM_QUALITIES: Mapping[str, Quality] = {
         # [assumed] Two crossing layers on the bed carry the load of a glued joint to the walls and the
         # infill; three close a top over light infill well enough for glue.
         hidden=HiddenLayers(2, 3),
+        # [assumed] Lines of the flow of infill are good walls where nobody sees them.
+        hidden_wall_ratio=1.5,
     ),
 }
 DEFAULT_QUALITY = "glue"

@@ -13,14 +13,12 @@ from decompose.print_time.columns import Columns, measure_columns
 from decompose.print_time.contours import measure_contours
 from decompose.print_time.cost import CostModel
 from decompose.print_time.hidden_faces import find_hidden_faces
-from decompose.print_time.pose_prices import price_short_layers_s, sum_pose_features
+from decompose.print_time.pose_prices import LATERAL, SKIN, price_short_layers_s, sum_pose_features
 from decompose.print_time.poses.footing import FIRST_LAYER_MM, Footing
 from decompose.print_time.recipe import ADDITIVE
 from decompose.print_time.surfaces import measure_surfaces
 from decompose.print_time.thin_walls import Sheets, WallWidths, measure_thin_walls
 
-LATERAL = ADDITIVE.index("lateral_mm2")
-SKIN = ADDITIVE.index("skin_mm2")
 COLUMN = ADDITIVE.index("column_mm3")  # the volume of a support that reaches the bed
 HOLE_INSET_SHARE = math.pi / 4.0  # inset of a round hole as a share of a square one's: most holes are round
 TOUCHED_MM2 = 1.0  # minimum area of a cut face under support: less is rounding

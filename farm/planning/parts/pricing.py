@@ -133,6 +133,8 @@ def build_recipe(settings: EngineSettings, prelude_s: float) -> Recipe:
         outer_wall_mm_s=settings.speed_wall_0_mm_s,
         inner_wall_mm_s=settings.speed_wall_x_mm_s,
         infill_mm_s=settings.speed_infill_mm_s,
+        hidden_outer_wall_mm_s=settings.limit_hidden_wall_mm_s(settings.speed_wall_0_mm_s),
+        hidden_inner_wall_mm_s=settings.limit_hidden_wall_mm_s(settings.speed_wall_x_mm_s),
         skin_mm_s=settings.speed_topbottom_mm_s,
         roof_layers=int(extruder["roofing_layer_count"]),
         roof_mm_s=float(extruder["speed_roofing"]),

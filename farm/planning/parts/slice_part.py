@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +14,7 @@ from farm.errors import ErrorCode, FarmError
 from farm.planning.error_translation import translate_errors
 from farm.planning.part_records import SliceTask
 from slicing.errors import OutsideBed
+from slicing.hidden_walls import HiddenSide
 from slicing.plate import PlateRequest, PlateResult, slice_plate
 from slicing.settings import EngineSettings, PartSettings, resolve_settings
 
@@ -39,7 +41,8 @@ def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None)
         raise FarmError(
             f"part {task.part} ({size} mm) does not fit on the bed of its printer", ErrorCode.NO_FIT
         )
-    mesh.apply_transform(_transform(mesh, placement, scale))
+    to_bed = _transform(mesh, placement, scale)
+    mesh.apply_transform(to_bed)
     bed = tuple(
         (r.min_x_mm, r.min_y_mm, r.max_x_mm, r.max_y_mm, box.height_mm)
         for box in task.room
@@ -54,6 +57,7 @@ def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None)
             engine=task.engine,
             bed=bed,
             cache=task.cache,
+            hidden_sides=tuple(_place_side(side, to_bed) for side in task.print_options.hidden_sides),
         )
         mesh.export(request.stl)
         try:
@@ -66,7 +70,8 @@ def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None)
                 raise
         mesh.apply_translation((*shift_mm, 0.0))
         mesh.export(request.stl)
-        return slice_plate(request, progress)
+        sides = tuple(side.move(shift_mm) for side in request.hidden_sides)
+        return slice_plate(replace(request, hidden_sides=sides), progress)
 
 
 def resolve_slice_settings(task: SliceTask, height_mm: float) -> EngineSettings:
@@ -79,6 +84,16 @@ def resolve_slice_settings(task: SliceTask, height_mm: float) -> EngineSettings:
         tops_hidden=task.print_options.tops_hidden,
     )
     return resolve_settings(task.request, task.resources, part_settings)
+
+
+def _place_side(side: tuple[float, float, float], to_bed: npt.NDArray[np.float64]) -> HiddenSide:
+    """Place a hidden side of a part with its mesh; see `_transform`."""
+    x, y, offset_mm = side
+    turn_and_scale, shift_mm = to_bed[:2, :2], to_bed[:2, 3]
+    normal = turn_and_scale @ (x, y)
+    scale = float(np.hypot(*normal))
+    unit_x, unit_y = (normal / scale).tolist()
+    return HiddenSide((unit_x, unit_y), scale * offset_mm + float(shift_mm @ (unit_x, unit_y)))
 
 
 def _transform(

@@ -77,11 +77,27 @@ def test_hidden_faces_make_a_part_lie_on_its_cut():
         assert pose.to_model[:3, 2] == pytest.approx((0.0, 0.0, up_z))
 
 
+def test_walls_along_upright_cut_faces_are_cheaper():
+    """Compare with the length of the walls over both speeds: 600 mm2 of side in layers of 0.25 mm."""
+    fast = replace(RECIPE, hidden_outer_wall_mm_s=60.0, hidden_inner_wall_mm_s=60.0)
+    cost = CostModel.from_recipe(fast)
+    saved_s = 600.0 / 0.25 * (1.0 / 40.0 - 1.0 / 60.0 + 1.0 / 50.0 - 1.0 / 60.0)
+    plain_s, fast_s = (measure_block(SIDE, cost=c).price_s for c in (COST, cost))
+    assert plain_s - fast_s == pytest.approx(saved_s, rel=1e-6)
+    for planes in ((), (BELOW,)):
+        assert measure_block(*planes, cost=cost).price_s == pytest.approx(measure_block(*planes).price_s)
+    lying = POSE_ROTATIONS[0]  # the side is on the bed or on top
+    assert measure_block(SIDE, rotation=lying, cost=cost).price_s == pytest.approx(
+        measure_block(SIDE, rotation=lying).price_s
+    )
+
+
 @pytest.mark.parametrize("top_share", [0.0, COST.hidden_top_share])
-def test_tables_price_hidden_faces_as_parts_do(ring_with_bar: Solid, top_share: float):
+@pytest.mark.parametrize("side_share", [0.0, 0.2])
+def test_tables_price_hidden_faces_as_parts_do(ring_with_bar: Solid, top_share: float, side_share: float):
     """Compare faces on the bed exactly, faces on top only where no other face above or below needs skin."""
     angles = {"supported_deg": math.degrees(math.asin(0.7)), "skin_cos": 0.75}
-    cost = replace(COST, hidden_top_share=top_share, **angles)
+    cost = replace(COST, hidden_top_share=top_share, hidden_side_share=side_share, **angles)
     vertices, faces = ring_with_bar.arrays()
     grid = build_grid(vertices[faces], 4, GridRules(0.0, True, 0.7, 0.75))
     tables = price_boxes(grid, [PrinterRoom("huge", ((1e4, 1e4, 1e4),))], cost)

@@ -152,10 +152,10 @@ def test_true_header_replaces_the_placeholder():
     log = (
         "x\nGcode header after slicing:\n;FLAVOR:Marlin\n;TIME:21\nEnd of gcode header.\nPrint time (s): 21\n"
     )
-    gcode = replace_header(VALID_GCODE, log)
-    assert gcode.startswith(b";FLAVOR:Marlin\n;TIME:21\n\n;Generated with Cura")
+    gcode = replace_header(VALID_GCODE, log, 19.9)
+    assert gcode.startswith(b";FLAVOR:Marlin\n;TIME:19\n\n;Generated with Cura")
     assert gcode.partition(b"M82")[2] == VALID_GCODE.partition(b"M82")[2]
-    assert replace_header(VALID_GCODE, "no header here") == VALID_GCODE
+    assert replace_header(VALID_GCODE, "no header here", 19.9) == VALID_GCODE
 
 
 def test_number_of_removed_layers_is_read_from_the_log():

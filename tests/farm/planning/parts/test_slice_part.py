@@ -1,11 +1,13 @@
 """Slicing of a part: placement, shrinkage and height, with real slices."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import shapely
 import trimesh
 
-from drivers.printers import PROFILES, compute_part_room
+from drivers.printers import PROFILES, Rect, RoomBox, compute_part_room
 from farm.config import PrinterSection
 from farm.errors import FarmError
 from farm.model import PartPrintOptions
@@ -13,6 +15,7 @@ from farm.planning.part_records import SliceTask
 from farm.planning.parts.slice_part import slice_part
 from farm.planning.printer_settings import find_printer_room, list_model_sizes
 from printers.slicing_printers import PRINTERS
+from slicing.hidden_walls import RUN_OUT_MM
 from slicing.settings import SettingsRequest, find_engine, find_resources, resolve_settings
 
 MODEL = "ultimaker2_plus"
@@ -125,6 +128,27 @@ def read_skin_speeds_mm_s(layer):
         if is_skin and words.keys() >= {"G", "X", "E"} and words["G"] == "1":
             speeds_mm_s.add(round(speed_mm_s, 1))
     return speeds_mm_s
+
+
+@pytest.mark.parametrize("is_turned", [False, True])
+@pytest.mark.parametrize("side", [(1.0, 0.0), (0.0, -1.0)])
+def test_walls_along_hidden_sides_are_fast_where_the_part_is_placed(task, is_turned, side):
+    """Print a block off the bed's centre, as it is or turned, with shrinkage compensated."""
+    size_mm, centre_mm = np.array([80.0, 50.0]), np.array([7.0, -3.0])
+    mesh = trimesh.creation.box((*size_mm, 6.0))
+    mesh.apply_translation((*centre_mm, 0.0))
+    offset_mm = float(side @ centre_mm + np.abs(side) @ size_mm / 2)
+    rect = Rect(-90.0, -90.0, -30.0, 10.0) if is_turned else Rect(-90.0, -90.0, 10.0, -30.0)
+
+    def slice_with(*sides):
+        work = replace(task(mesh, brim_width_mm=0.0, hidden_sides=sides), room=(RoomBox(rect, 100.0),))
+        return slice_part(work).sliced_s
+
+    plain_s = slice_with()
+    length_mm = float(np.abs(side[::-1]) @ size_mm) - RUN_OUT_MM
+    nominal_s = 27 * length_mm * (1.0 / 40.0 - 1.0 / 60.0 + 1.0 / 50.0 - 1.0 / 60.0)
+    assert plain_s - slice_with((*side, offset_mm)) == pytest.approx(nominal_s, rel=0.1)
+    assert slice_with((*side, offset_mm - 1.0)) == plain_s
 
 
 def test_hidden_faces_are_printed_with_fewer_solid_layers(task):

@@ -1,0 +1,179 @@
+"""Faster walls along the hidden sides of a part: upright cut faces, which nobody sees once parts are glued.
+
+CuraEngine has one speed for outer walls and one for inner walls, so its G-code is changed: the same lines
+with the same filament at another feedrate. The times in its comments are planned anew.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from slicing.checks import MotionLimits, Toolpath, estimate_move_seconds, read_toolpath, read_wall_layout
+from slicing.checks.section import Floats
+from slicing.settings import EngineSettings
+
+Bools = npt.NDArray[np.bool_]
+
+RUN_OUT_MM = 5.0
+"""[assumed] Length of the end of a fast line that keeps its own speed, so that the pressure in the nozzle has
+fallen where a visible wall begins."""
+MIN_LINE_MM = 2.0 * RUN_OUT_MM  # shorter lines keep their speed
+_ON_LINE_MM = 0.05
+_LAYER_TIME_RATIO = 1.5
+"""Ratio to the minimum layer time below which a layer keeps its speeds. A ratio of speeds up to this one
+leaves the layer above the minimum."""
+_TIME = "TIME_ELAPSED:"
+_MOVE_LINE = re.compile(rb"(?m)^G[01] [^\n]*\n")
+
+
+@dataclass(frozen=True, slots=True)
+class HiddenSide:
+    """Upright side of a part that is hidden: outward unit normal and offset along it, in bed-centred mm."""
+
+    normal: tuple[float, float]
+    offset_mm: float
+
+    def move(self, shift_mm: tuple[float, float]) -> HiddenSide:
+        """Return the side moved by X and Y in mm."""
+        return replace(self, offset_mm=self.offset_mm + float(np.dot(self.normal, shift_mm)))
+
+
+def speed_up_hidden_walls(
+    gcode: bytes, path: Toolpath, sides: Sequence[HiddenSide], settings: EngineSettings
+) -> bytes:
+    """Print the walls along hidden sides at up to `EngineSettings.limit_hidden_wall_mm_s`.
+
+    Walls in layers that the slicer slows down, and in the slow first layers, keep their speed.
+
+    Parameters
+    ----------
+    gcode
+        CuraEngine's output.
+    path
+        Moves and comments of the same file.
+    sides
+        Hidden sides of the part where it lies on the bed.
+    settings
+        Settings with which it was sliced.
+
+    Returns
+    -------
+    bytes
+        The same lines with other feedrates; the ends of fast lines are lines of their own.
+    """
+    fast_mm_min = find_fast_walls(path, sides, settings)
+    if not fast_mm_min.any():
+        return gcode
+    faster_gcode = _change_feedrates(gcode, path, fast_mm_min)
+    return _change_times(faster_gcode, path, MotionLimits.from_settings(settings.global_))
+
+
+def find_fast_walls(path: Toolpath, sides: Sequence[HiddenSide], settings: EngineSettings) -> Floats:
+    """Find the feedrate (n,) in mm/min of each move that is printed faster; 0 for all others."""
+    bed_mm = (float(settings.global_["machine_width"]), float(settings.global_["machine_depth"]))
+    ends_mm = [points[:, :2] - np.array(bed_mm) / 2.0 for points in (path.start, path.end)]
+    delta_mm = path.end - path.start
+    is_line = (path.extruded_mm > 0.0) & (delta_mm[:, 2] == 0.0)
+    is_line &= np.hypot(delta_mm[:, 0], delta_mm[:, 1]) >= MIN_LINE_MM
+    is_line &= _find_long_layers(path, float(settings.extruder["cool_min_layer_time"]))
+    fast_mm_min = np.zeros(len(is_line))
+    for feature, depths_mm, speed_mm_s in _list_walls(settings):
+        fast_mm_s = settings.limit_hidden_wall_mm_s(speed_mm_s)
+        if fast_mm_s <= speed_mm_s:
+            continue
+        has_full_speed = path.feed_mm_min > 60.0 * speed_mm_s - 1.0
+        walls = np.flatnonzero(is_line & path.is_feature(feature) & has_full_speed)
+        is_hidden = np.zeros(len(walls), np.bool_)
+        for side in sides:
+            depth_mm = np.stack(
+                [side.offset_mm - points[walls] @ np.array(side.normal) for points in ends_mm]
+            )
+            for wall_mm in depths_mm:
+                is_hidden |= (np.abs(depth_mm - wall_mm) < _ON_LINE_MM).all(axis=0)
+        fast_mm_min[walls[is_hidden]] = 60.0 * fast_mm_s
+    return fast_mm_min
+
+
+def _list_walls(settings: EngineSettings) -> list[tuple[str, list[float], float]]:
+    """List names of walls, the depth of each inside the part in mm, and their speed in mm/s.
+
+    Walls that do not follow the model's outline are not listed.
+    """
+    layout = read_wall_layout(settings)
+    if layout is None:
+        return []
+    outer_mm = layout.width_mm / 2.0 + layout.inset_mm - layout.offset_mm
+    first_mm = layout.width_mm - layout.offset_mm
+    inner_mm = [first_mm + (i + 0.5) * settings.line_width_mm for i in range(layout.inner_walls)]
+    return [
+        ("WALL-OUTER", [outer_mm], settings.speed_wall_0_mm_s),
+        ("WALL-INNER", inner_mm, settings.speed_wall_x_mm_s),
+    ]
+
+
+def _find_long_layers(path: Toolpath, min_layer_s: float) -> Bools:
+    """Mark the moves (n,) of layers that stay above the minimum layer time if their walls are faster."""
+    is_long = np.zeros(len(path.layer), np.bool_)
+    first, elapsed_s = 0, 0.0
+    for move, end_s in _list_layer_ends(path):
+        is_long[first:move] = end_s - elapsed_s >= _LAYER_TIME_RATIO * min_layer_s
+        first, elapsed_s = move, end_s
+    return is_long
+
+
+def _list_layer_ends(path: Toolpath) -> list[tuple[int, float]]:
+    """List the number of moves before the end of each layer, and Cura's time in seconds there."""
+    return [
+        (comment.move, float(comment.text[len(_TIME) :]))
+        for comment in path.comments
+        if comment.text.startswith(_TIME)
+    ]
+
+
+def _change_feedrates(gcode: bytes, path: Toolpath, fast_mm_min: Floats) -> bytes:
+    """Write the given feedrates (n,), where not 0, into the lines of moves; see `RUN_OUT_MM`."""
+    lines = [match.span() for match in _MOVE_LINE.finditer(gcode)]
+    assert len(lines) == len(fast_mm_min), "CuraEngine writes each move as G0 or G1"
+    pieces, offset = [], 0
+    for move in np.flatnonzero(fast_mm_min):
+        begin, next_begin = lines[move]
+        start, end = path.start[move], path.end[move]
+        share = 1.0 - RUN_OUT_MM / float(np.hypot(*(end - start)[:2]))
+        fast_line = _format_line(start + share * (end - start), float(fast_mm_min[move]))
+        pieces += [gcode[offset:begin], fast_line, _format_line(end, float(path.feed_mm_min[move]))]
+        offset = next_begin
+    return b"".join((*pieces, gcode[offset:]))
+
+
+def _format_line(end: Floats, feed_mm_min: float) -> bytes:
+    x, y, _, e = end
+    return b"G1 F%.6g X%.3f Y%.3f E%.5f\n" % (feed_mm_min, x, y, e)
+
+
+def _change_times(gcode: bytes, path: Toolpath, limits: MotionLimits) -> bytes:
+    """Subtract from the times in the comments of faster G-code what each layer saves.
+
+    path: the moves before. Cura's time of a layer changes in the ratio of the planned times of its moves.
+    """
+    fast_path = read_toolpath(gcode)
+    sums = [np.append(0.0, np.cumsum(estimate_move_seconds(p, limits))) for p in (path, fast_path)]
+    first = next(comment.move for comment in path.comments if comment.text.startswith("LAYER:"))
+    pieces, offset = [], 0
+    layer_s = elapsed_s = last_s = 0.0
+    moves = (first, first)
+    marks = [comment for comment in fast_path.comments if comment.text.startswith(_TIME)]
+    for (move, end_s), mark in zip(_list_layer_ends(path), marks, strict=True):
+        planned_s, fast_s = (
+            float(total[b] - total[a]) for total, a, b in zip(sums, moves, (move, mark.move), strict=True)
+        )
+        layer_s = end_s - last_s
+        elapsed_s += layer_s * (fast_s / planned_s if planned_s > 0.0 else 1.0)
+        pieces += [gcode[offset : mark.offset], b";TIME_ELAPSED:%.6f" % elapsed_s]
+        offset = gcode.index(b"\n", mark.offset)
+        moves, last_s = (move, mark.move), end_s
+    return b"".join((*pieces, gcode[offset:]))

@@ -1,0 +1,86 @@
+"""Upright sides that other parts cover."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+from decompose.decompose import decompose_model
+from decompose.geometry import Model, Solid
+from decompose.options import Options
+from decompose.pieces import cut_box, find_joints
+from decompose.print_time import POSE_ROTATIONS, CostModel, Recipe
+from decompose.printers import PrinterRoom
+from decompose.results import Part
+from decompose.results.hidden_sides import mark_hidden_sides
+
+BAR = Solid.box((0.0, 0.0, 0.0), (60.0, 40.0, 20.0))
+LEFT, RIGHT = ((-1.0, -1.0, -1.0), (25.0, 41.0, 21.0)), ((25.0, -1.0, -1.0), (61.0, 41.0, 21.0))
+
+
+def make_parts(solid: Solid, *boxes, rotation=POSE_ROTATIONS[4]) -> list[Part]:
+    parts = []
+    for number, (lo, hi) in enumerate(boxes):
+        for piece in cut_box(solid, lo, hi):
+            to_model = np.eye(4)
+            to_model[:3, :3] = rotation.T
+            to_model[:3, 3] = piece.solid.bounds_mm.mean(axis=0)
+            parts.append(Part(f"p{number + 1:02d}", piece.solid, to_model, 1.0, "um", planes=piece.planes))
+    return parts
+
+
+def mark(parts: list[Part]) -> list[list[list[float]]]:
+    return [part.hidden_sides.tolist() for part in mark_hidden_sides(parts, find_joints(parts))]
+
+
+def test_sides_of_a_cut_are_hidden_with_outward_normals():
+    left, right = mark(make_parts(BAR, LEFT, RIGHT))
+    assert left == [pytest.approx([1.0, 0.0, 12.5])]
+    assert right == [pytest.approx([-1.0, 0.0, 17.5])]
+
+
+def test_sides_follow_the_pose_and_lying_ones_do_not_count():
+    turned = trimesh.transformations.rotation_matrix(np.radians(30.0), (0.0, 0.0, 1.0))[:3, :3]
+    (left,), _ = mark(make_parts(BAR, LEFT, RIGHT, rotation=turned))
+    assert left == pytest.approx([np.cos(np.radians(30.0)), np.sin(np.radians(30.0)), 12.5])
+    assert mark(make_parts(BAR, LEFT, RIGHT, rotation=POSE_ROTATIONS[0])) == [[], []]
+
+
+def test_side_that_continues_a_visible_face_is_seen():
+    """Cut a stair at its step: its face above the step is in the plane of the cut."""
+    stair = Solid.union([BAR, Solid.box((0.0, 0.0, 0.0), (25.0, 40.0, 40.0))])
+    high = ((-1.0, -1.0, -1.0), (25.0, 41.0, 41.0))
+    stepped, low = mark(make_parts(stair, high, RIGHT))
+    assert stepped == []
+    assert len(low) == 1
+
+
+def test_side_without_neighbour_and_small_side_are_seen():
+    assert mark(make_parts(BAR, LEFT)) == [[]]
+    small = Solid.box((0.0, 0.0, 0.0), (60.0, 9.0, 9.0))
+    assert mark(make_parts(small, LEFT, RIGHT)) == [[], []]
+
+
+def test_sides_of_a_result_lie_on_the_printed_parts():
+    """Compare with the printed parts: all of each is behind its sides, and a face lies on each."""
+    printers = [PrinterRoom(f"um{i}", ((50.0, 50.0, 50.0),)) for i in range(8)]
+    recipe = Recipe(hidden_outer_wall_mm_s=60.0, hidden_inner_wall_mm_s=60.0)
+    model = Model(Solid.box((0.0, 0.0, 0.0), (90.0, 60.0, 40.0)).rotate(POSE_ROTATIONS[2]), (), 1.0)
+    result = decompose_model(
+        model, printers, replace(Options(granularity=6), min_wall_mm=5.0), CostModel.from_recipe(recipe)
+    )
+    count = 0
+    for part in result.parts:
+        vertices, faces = part.build_printing_mesh()
+        for x, y, offset_mm in part.hidden_sides:
+            depth_mm = offset_mm - vertices[:, :2] @ (x, y)
+            assert depth_mm.min() == pytest.approx(0.0, abs=1e-6)
+            assert (np.abs(depth_mm[faces]) < 1e-6).all(axis=1).any()
+            assert [round(x, 12), round(y, 12), offset_mm] in [
+                [round(s[0], 12), round(s[1], 12), s[2]] for s in part.as_dict()["hidden_sides"]
+            ]
+            count += 1
+    assert count >= len(result.parts)
