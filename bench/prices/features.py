@@ -129,7 +129,9 @@ def place_on_bed(name: str, vertices: Floats, faces: Ints, is_cut: Bools, rotati
 def measure(posed_part: PosedPart, quality: str, cache: Path) -> Row | None:
     """Price and slice a part; None if the slice is refused."""
     request = SettingsRequest(build_slicing_printer(BEDS[PRINTER]), quality)
-    recipe = build_recipe(resolve_settings(request, find_resources()), prelude_s=0.0)
+    settings = resolve_settings(request, find_resources())
+    # Parts are sliced alone, so that no side of them is hidden.
+    recipe = build_recipe(replace(settings, hidden_wall_ratio=1.0), prelude_s=0.0)
     pose = price_part(posed_part, CostModel.from_recipe(recipe), quality == "glue")
     cache_file = cache / f"{posed_part.name}-{quality}.json"
     if not cache_file.exists():

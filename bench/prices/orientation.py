@@ -16,7 +16,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from itertools import islice, zip_longest
 from pathlib import Path
@@ -205,7 +205,8 @@ def main() -> int:
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
     settings = resolve_settings(REQUEST, find_resources())
-    cost = CostModel.from_recipe(build_recipe(settings, prelude_s=0.0))
+    # Parts are sliced without their hidden sides.
+    cost = CostModel.from_recipe(build_recipe(replace(settings, hidden_wall_ratio=1.0), prelude_s=0.0))
     room = PrinterRoom(
         "0", tuple(b.size_mm for b in compute_part_room(PROFILES[PRINTER], settings.brim_width_mm))
     )

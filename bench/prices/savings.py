@@ -30,6 +30,7 @@ from drivers.printers import BEDS, PROFILES, compute_part_room
 from farm.compute import Deferred, TaskFiles
 from farm.planning.parts.pricing import build_recipe
 from farm.planning.printer_settings import build_slicing_printer
+from slicing.hidden_walls import HiddenSide
 from slicing.plate import PlateRequest, slice_plate
 from slicing.settings import PartSettings, SettingsRequest, find_engine, find_resources, resolve_settings
 
@@ -50,7 +51,7 @@ class Row:
     price_makespan_s: float
 
 
-def slice_part(part: Part, request: SettingsRequest, cache: Path | None) -> float:
+def slice_part(part: Part, request: SettingsRequest, cache: Path | None, has_hidden_sides: bool) -> float:
     """Slice a part with its own settings; return CuraEngine's time in seconds."""
     part_settings = PartSettings(
         brim_width_mm=part.brim_width_mm,
@@ -59,12 +60,14 @@ def slice_part(part: Part, request: SettingsRequest, cache: Path | None) -> floa
         tops_hidden=part.tops_hidden,
     )
     settings = resolve_settings(request, find_resources(), part_settings)
+    sides = tuple(HiddenSide((x, y), offset_mm) for x, y, offset_mm in part.hidden_sides.tolist())
+    sides = sides if has_hidden_sides else ()
     with tempfile.TemporaryDirectory() as folder:
         stl = Path(folder) / "part.stl"
         write_stl(stl, part.build_stl_triangles())
         path = stl.with_suffix(".gcode")
         return slice_plate(
-            PlateRequest(stl, settings, path, find_engine(), ENDLESS_BED, cache=cache)
+            PlateRequest(stl, settings, path, find_engine(), ENDLESS_BED, cache=cache, hidden_sides=sides)
         ).sliced_s
 
 
@@ -80,13 +83,19 @@ def measure(kind: str, args: argparse.Namespace) -> list[Row]:
             settings = resolve_settings(request, find_resources())
             recipe = build_recipe(settings, prelude_s=0.0)
             if not has_hidden_faces:
-                recipe = replace(recipe, bed_layers_saved=0.0, top_layers_saved=0.0)
+                recipe = replace(
+                    recipe,
+                    bed_layers_saved=0.0,
+                    top_layers_saved=0.0,
+                    hidden_outer_wall_mm_s=0.0,
+                    hidden_inner_wall_mm_s=0.0,
+                )
             cost = CostModel.from_recipe(recipe)
             room = tuple(box.size_mm for box in compute_part_room(PROFILES[PRINTER], recipe.brim_mm))
             rooms = [PrinterRoom(str(number), room) for number in range(args.printers)]
             fit_layer = args.quality == "glue"
             result = decompose_model(model, rooms, Options(fit_first_layer=fit_layer, prove=False), cost)
-            sliced_s = [slice_part(part, request, args.cache) for part in result.parts]
+            sliced_s = [slice_part(part, request, args.cache, has_hidden_faces) for part in result.parts]
             prices_s = [part.price_s for part in result.parts]
             rows.append(
                 Row(

@@ -151,7 +151,7 @@ class Slicer:
                 output = run_engine(find_engine(), stl, *stacks, EngineLimits(1000, 300.0))
             except EngineFailed:
                 return b""
-        return output.gcode if self._raw else replace_header(output.gcode, output.log)
+        return output.gcode if self._raw else replace_header(output.gcode, output.log, sliced_s=0.0)
 
     def _resolve(self, overrides: dict[str, str]) -> EngineSettings:
         printer = build_slicing_printer(BEDS["ultimaker2_plus"])

@@ -9,9 +9,11 @@ from dataclasses import replace
 import numpy as np
 
 from decompose.arrays import Floats
-from decompose.pieces import Joint, find_cut_faces
+from decompose.pieces import Joint, JointFace, find_cut_faces
 from decompose.results.decomposition import Part
 
+PARALLEL = 1e-9  # maximum difference of the cosine of two parallel normals from 1
+SAME_PLANE_MM = 1e-6
 UPRIGHT = 1e-6  # maximum upward component of the normal of an upright side
 SEEN_SHARE = 0.01  # maximum share of a side that no other part covers: more than a seam is seen
 MIN_SIDE_MM2 = 100.0  # sides with a smaller area save no time
@@ -30,18 +32,29 @@ def mark_hidden_sides(parts: Sequence[Part], joints: Sequence[Joint]) -> list[Pa
     joints
         Joints of `find_joints`, in the same frame.
     """
-    covered_mm2: dict[tuple[int, bytes], float] = defaultdict(float)
+    faces: dict[int, list[JointFace]] = defaultdict(list)
     for joint in joints:
-        for face in joint.faces:
-            plane = np.append(face.normal, face.offset_mm)
-            for part in (joint.a, joint.b):
-                covered_mm2[part, plane.tobytes()] += face.area_mm2
-    sides: dict[int, list[Floats]] = defaultdict(list)
-    for (number, plane_bytes), area_mm2 in covered_mm2.items():
-        side = _find_side(parts[number], np.frombuffer(plane_bytes), area_mm2)
-        if side is not None:
-            sides[number].append(side)
-    return [replace(part, hidden_sides=np.array(sides[i]).reshape(-1, 3)) for i, part in enumerate(parts)]
+        for neighbour in (joint.a, joint.b):
+            faces[neighbour] += joint.faces
+    marked_parts = []
+    for number, part in enumerate(parts):
+        covered_mm2 = [_sum_covered_mm2(plane, faces[number]) for plane in part.planes]
+        sides = [_find_side(part, *side) for side in zip(part.planes, covered_mm2, strict=True)]
+        found_sides = [side for side in sides if side is not None]
+        marked_parts.append(replace(part, hidden_sides=np.array(found_sides).reshape(-1, 3)))
+    return marked_parts
+
+
+def _sum_covered_mm2(plane: Floats, faces: Sequence[JointFace]) -> float:
+    """Sum the areas of the faces of joints on a plane (4,), whichever way its normal points."""
+    normal, offset_mm = plane[:3], float(plane[3])
+    covered_mm2 = 0.0
+    for face in faces:
+        cosine = float(face.normal @ normal)
+        is_parallel = abs(abs(cosine) - 1.0) < PARALLEL
+        if is_parallel and abs(np.sign(cosine) * face.offset_mm - offset_mm) < SAME_PLANE_MM:
+            covered_mm2 += face.area_mm2
+    return covered_mm2
 
 
 def _find_side(part: Part, plane: Floats, covered_mm2: float) -> Floats | None:
