@@ -2,74 +2,74 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from decompose.arrays import Floats
-from decompose.pieces import Joint, JointFace, find_cut_faces
+from decompose.geometry import Solid
+from decompose.pieces import find_cut_faces
 from decompose.results.decomposition import Part
 
-PARALLEL = 1e-9  # maximum difference of the cosine of two parallel normals from 1
-SAME_PLANE_MM = 1e-6
 UPRIGHT = 1e-6  # maximum upward component of the normal of an upright side
-SEEN_SHARE = 0.01  # maximum share of a side that no other part covers: more than a seam is seen
-MIN_SIDE_MM2 = 100.0  # sides with a smaller area save no time
+ONE_WAY_SHARE = 0.01  # maximum share of a side that faces the other way: fins without volume
+MIN_SIDE_MM2 = 100.0  # smaller sides save no time
+NEAR_MM = 1e-3
 
 
-def mark_hidden_sides(parts: Sequence[Part], joints: Sequence[Joint]) -> list[Part]:
-    """Fill in `Part.hidden_sides`.
+def mark_hidden_sides(parts: Sequence[Part], model: Solid) -> list[Part]:
+    """Fill in `Part.hidden_sides`: cut faces that are upright while the part is printed.
 
-    A side is hidden if other parts cover it. One that only hollows left out of the partition cover, or that
-    continues a visible face of the model, counts as visible.
+    A cut in the plane of a visible face of the model counts as visible if that face is beside it.
 
     Parameters
     ----------
     parts
         Parts in one frame.
-    joints
-        Joints of `find_joints`, in the same frame.
+    model
+        The uncut model, in the same frame.
     """
-    faces: dict[int, list[JointFace]] = defaultdict(list)
-    for joint in joints:
-        for neighbour in (joint.a, joint.b):
-            faces[neighbour] += joint.faces
+    surface = _Surface(model)
     marked_parts = []
-    for number, part in enumerate(parts):
-        covered_mm2 = [_sum_covered_mm2(plane, faces[number]) for plane in part.planes]
-        sides = [_find_side(part, *side) for side in zip(part.planes, covered_mm2, strict=True)]
-        found_sides = [side for side in sides if side is not None]
-        marked_parts.append(replace(part, hidden_sides=np.array(found_sides).reshape(-1, 3)))
+    for part in parts:
+        sides = [side for plane in part.planes if (side := _find_side(part, plane, surface)) is not None]
+        marked_parts.append(replace(part, hidden_sides=np.array(sides).reshape(-1, 3)))
     return marked_parts
 
 
-def _sum_covered_mm2(plane: Floats, faces: Sequence[JointFace]) -> float:
-    """Sum the areas of the faces of joints on a plane (4,), whichever way its normal points."""
-    normal, offset_mm = plane[:3], float(plane[3])
-    covered_mm2 = 0.0
-    for face in faces:
-        cosine = float(face.normal @ normal)
-        is_parallel = abs(abs(cosine) - 1.0) < PARALLEL
-        if is_parallel and abs(np.sign(cosine) * face.offset_mm - offset_mm) < SAME_PLANE_MM:
-            covered_mm2 += face.area_mm2
-    return covered_mm2
-
-
-def _find_side(part: Part, plane: Floats, covered_mm2: float) -> Floats | None:
+def _find_side(part: Part, plane: Floats, surface: _Surface) -> Floats | None:
     """Find the side (3,) of a part on a plane (4,), in printing pose; None unless upright and hidden."""
     normal = part.rotation @ plane[:3]
-    offset_mm = plane[3] - plane[:3] @ part.to_model[:3, 3]
-    if abs(normal[2]) > UPRIGHT or covered_mm2 < MIN_SIDE_MM2:
+    if abs(normal[2]) > UPRIGHT:
         return None
     vertices, faces = part.solid.arrays()
     corners = vertices[faces[find_cut_faces(vertices, faces, plane[None])]]
     areas_mm2 = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) @ plane[:3] / 2.0
     outward_mm2, inward_mm2 = areas_mm2[areas_mm2 > 0.0].sum(), -areas_mm2[areas_mm2 < 0.0].sum()
-    all_mm2 = outward_mm2 + inward_mm2
-    faces_both_ways = min(outward_mm2, inward_mm2) > SEEN_SHARE * all_mm2
-    if faces_both_ways or covered_mm2 < (1.0 - SEEN_SHARE) * all_mm2:
+    area_mm2 = outward_mm2 + inward_mm2
+    faces_both_ways = min(outward_mm2, inward_mm2) > ONE_WAY_SHARE * area_mm2
+    if area_mm2 < MIN_SIDE_MM2 or faces_both_ways or surface.is_beside(plane, corners.reshape(-1, 3)):
         return None
+    offset_mm = plane[3] - plane[:3] @ part.to_model[:3, 3]
     sign = 1.0 if outward_mm2 > inward_mm2 else -1.0
     return sign * np.array([normal[0], normal[1], offset_mm])
+
+
+class _Surface:
+    """Surface of the model, and its flat faces on planes, found once for each plane."""
+
+    def __init__(self, model: Solid) -> None:
+        self._vertices, self._faces = model.arrays()
+        self._flat_corners: dict[bytes, Floats] = {}
+
+    def is_beside(self, plane: Floats, points: Floats) -> bool:
+        """Check whether a face of the model on a plane (4,) is in the box of points (n, 3) or beside it."""
+        key = plane.tobytes()
+        if key not in self._flat_corners:
+            is_flat = find_cut_faces(self._vertices, self._faces, plane[None])
+            self._flat_corners[key] = self._vertices[self._faces[is_flat]]
+        corners = self._flat_corners[key]
+        low, high = points.min(axis=0) - NEAR_MM, points.max(axis=0) + NEAR_MM
+        overlaps = (corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)
+        return bool(overlaps.all(axis=1).any())

@@ -1,4 +1,4 @@
-"""Upright sides that other parts cover."""
+"""Upright sides that are hidden once parts are glued."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import trimesh
 from decompose.decompose import decompose_model
 from decompose.geometry import Model, Solid
 from decompose.options import Options
-from decompose.pieces import cut_box, find_joints
+from decompose.pieces import cut_box
 from decompose.print_time import POSE_ROTATIONS, CostModel, Recipe
 from decompose.printers import PrinterRoom
 from decompose.results import Part
@@ -32,36 +32,40 @@ def make_parts(solid: Solid, *boxes, rotation=POSE_ROTATIONS[4]) -> list[Part]:
     return parts
 
 
-def mark(parts: list[Part]) -> list[list[list[float]]]:
-    return [part.hidden_sides.tolist() for part in mark_hidden_sides(parts, find_joints(parts))]
+def mark(solid: Solid, *boxes, rotation=POSE_ROTATIONS[4]) -> list[list[list[float]]]:
+    """Cut a solid into boxes, and list the hidden sides of each part."""
+    parts = make_parts(solid, *boxes, rotation=rotation)
+    return [part.hidden_sides.tolist() for part in mark_hidden_sides(parts, solid)]
 
 
 def test_sides_of_a_cut_are_hidden_with_outward_normals():
-    left, right = mark(make_parts(BAR, LEFT, RIGHT))
+    left, right = mark(BAR, LEFT, RIGHT)
     assert left == [pytest.approx([1.0, 0.0, 12.5])]
     assert right == [pytest.approx([-1.0, 0.0, 17.5])]
 
 
 def test_sides_follow_the_pose_and_lying_ones_do_not_count():
     turned = trimesh.transformations.rotation_matrix(np.radians(30.0), (0.0, 0.0, 1.0))[:3, :3]
-    (left,), _ = mark(make_parts(BAR, LEFT, RIGHT, rotation=turned))
+    (left,), _ = mark(BAR, LEFT, RIGHT, rotation=turned)
     assert left == pytest.approx([np.cos(np.radians(30.0)), np.sin(np.radians(30.0)), 12.5])
-    assert mark(make_parts(BAR, LEFT, RIGHT, rotation=POSE_ROTATIONS[0])) == [[], []]
+    assert mark(BAR, LEFT, RIGHT, rotation=POSE_ROTATIONS[0]) == [[], []]
 
 
 def test_side_that_continues_a_visible_face_is_seen():
-    """Cut a stair at its step: its face above the step is in the plane of the cut."""
+    """Cut a stair at its step: the face above the step is in the plane of the cut, and beside it."""
     stair = Solid.union([BAR, Solid.box((0.0, 0.0, 0.0), (25.0, 40.0, 40.0))])
     high = ((-1.0, -1.0, -1.0), (25.0, 41.0, 41.0))
-    stepped, low = mark(make_parts(stair, high, RIGHT))
-    assert stepped == []
-    assert len(low) == 1
+    stepped, low = mark(stair, high, RIGHT)
+    assert stepped == low == []
 
 
-def test_side_without_neighbour_and_small_side_are_seen():
-    assert mark(make_parts(BAR, LEFT)) == [[]]
+def test_side_towards_solid_that_is_left_out_is_hidden():
+    assert mark(BAR, LEFT) == [[pytest.approx([1.0, 0.0, 12.5])]]
+
+
+def test_small_side_does_not_count():
     small = Solid.box((0.0, 0.0, 0.0), (60.0, 9.0, 9.0))
-    assert mark(make_parts(small, LEFT, RIGHT)) == [[], []]
+    assert mark(small, LEFT, RIGHT) == [[], []]
 
 
 def test_sides_of_a_result_lie_on_the_printed_parts():
