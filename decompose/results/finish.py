@@ -85,9 +85,9 @@ def _build_decomposition(
     rotation = partition.rotation @ problem.frame
     bound_s = bound_by_surface_s(problem.model.solid.area_mm2, 0.0, len(problem.printers), problem.cost)
     grid = partition.grid or GridFigures(makespan_s, problem.fastest_factor * bound_s, None)
-    restored_parts = tuple(
-        _restore_frame(part, rotation) for part in mark_hidden_sides(parts, partition.model.solid)
-    )
+    if problem.cost.hidden_side_share > 0.0:
+        parts = mark_hidden_sides(parts, partition.model.solid)
+    restored_parts = tuple(_restore_frame(part, rotation) for part in parts)
     joints = tuple(joint.move(_invert(rotation)) for joint in cut_joints)
     return Decomposition(
         engine=problem.options.engine,

@@ -31,7 +31,8 @@ def test_plan_has_every_part_and_plate(bar, files, tmp_path):
     draw_job(task, decomposition.drawing_record)
     plan = book_plan(join_slices(task, decomposition, plate_tasks, slices), files)
     assert [p.warnings for p in plan.plates] == [(str(thin),) * MAX_WARNINGS, (MAY_FALL_WARNING,)]
-    assert [p.printer for p in plan.plates] == ["p0", "p1"]
+    assert [p.printer for p in plan.plates] == [part.printer for part in decomposition.parts]
+    assert {p.printer for p in plan.plates} == {"p0", "p1"}
     assert sum(p.geometry.volume_mm3 for p in plan.parts) == pytest.approx(260 * 14 * 12)
     assert plan.expected_s == max(p.expected_s for p in plan.plates)
     assert all(p.expected_s > p.sliced_s > 0 for p in plan.plates)
