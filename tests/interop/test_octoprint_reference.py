@@ -71,8 +71,8 @@ REFUSALS = {  # title -> (method, path, body), status of the farm where it is an
     "unknown storage": (("POST", "/api/files/nowhere", make_upload(None)), None),
     "select an unknown file": (("POST", f"{UPLOAD}/none.gcode", {"json": {"command": "select"}}), None),
     "unknown address": (("GET", "/api/nothing", {}), None),
-    "no key": (("GET", "/api/version", {"text": None}), 401),  # OctoPrint has guests, who may do less
-    "wrong key": (("GET", "/api/version", {"text": "nonsense"}), 401),
+    "no key": (("GET", "/api/version", {"key": None}), 401),  # OctoPrint has guests, who may do less
+    "wrong key": (("GET", "/api/version", {"key": "nonsense"}), 401),
 }
 
 
@@ -92,9 +92,9 @@ class FarmAnswers:
         self.farm.ready("a", nozzle_c=25.0, bed_c=24.0, nozzle_target_c=0.0, bed_target_c=0.0)
         self._key = self.farm.add_key(Role.PRINT)
 
-    def ask(self, method, path, text="", **options):
-        key = self._key if text == "" else text and SimpleNamespace(text=text)
-        return self.farm.ask(method, path, key, **options)
+    def ask(self, method, path, key="", **options):
+        sent_key = self._key if key == "" else key and SimpleNamespace(text=key)
+        return self.farm.ask(method, path, sent_key, **options)
 
 
 @pytest.fixture
