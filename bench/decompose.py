@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import os
 import pickle
 import sys
@@ -27,11 +26,11 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-import numpy as np
 import trimesh
 
 from bench.clusters.calls import add_cluster_options, count_calls, open_calls
 from bench.prices.parts import ENDLESS_BED, make_recipe
+from bench.search.decomposition_rows import PART_ENGINES, compute_row, format_row, summarise
 from bench.search.peak_memory import read_peak_mb
 from decompose.decompose import decompose_model
 from decompose.errors import DecomposeError
@@ -59,7 +58,6 @@ MODELS = (
 )  # fmt: skip
 PRINTER = "ultimaker2_plus"
 FAITHFUL_SUFFIX = "-faithful"  # suffix of an engine's name
-PART_ENGINES = ("symmetry", "cube-skeleton")  # other engines without a number of printers
 WHOLE_TIMEOUT_S = 3600.0
 CUT_FILE = "cutting.pickle"
 MAX_PLANE_MOVES = 2  # number of times that the planes are moved by sliced times
@@ -222,44 +220,6 @@ def slice_whole(run: Run, results: Path, cache: Path) -> float | None:
     return seconds
 
 
-def compute_row(run: Run, report: dict[str, Any], sliced_s: list[float | None] | None) -> dict[str, Any]:
-    """Compute one row of the table. Times are CuraEngine's where every part was sliced, else prices."""
-    row: dict[str, Any] = {"model": run.path.stem, "printers": run.printers, "engine": run.engine}
-    if "refused" in report:
-        return row | {"refused": report["refused"]}
-    estimated_s = [part["estimated_s"] for part in report["parts"]]
-    all_sliced = sliced_s is not None and all(seconds is not None for seconds in sliced_s)
-    times_s = [float(s) for s in sliced_s if s is not None] if sliced_s and all_sliced else estimated_s
-    row |= {
-        "winning_engine": report["engine"],
-        "parts": len(times_s),
-        "sliced": all_sliced,
-        "not_sliced": sum(s is None for s in sliced_s) if sliced_s else None,
-        "parallel_s": max(times_s),
-        "estimated_s": max(estimated_s),
-        "sum_s": sum(times_s),
-        "balance": float(np.mean(times_s)) / max(times_s),
-        "serial_as_is_s": report["serial_as_is_s"],
-        "serial_s": report["serial_s"],
-        "efficiency": report["serial_as_is_s"] / (run.printers * max(times_s)),
-        "efficiency_best_pose": report["serial_s"] / (run.printers * max(times_s)),
-        "gap": report["gap"],  # of the partition on the grid, before its planes were moved
-        "above_bound": max(estimated_s) / report["lower_bound_s"] - 1.0,  # of the result
-        "bound_s": report["lower_bound_s"],
-        "any_boxes_bound_s": report.get("any_boxes_bound_s"),  # of any boxes, on any grid or none
-        "wall_s": report["wall_s"],
-        "peak_mb": report["peak_mb"],
-        "stages_s": report["stages_s"],
-        "attempts": report["attempts"],
-        "cells": report["cells"],
-    }
-    if all_sliced:
-        row["cost_error"] = float(
-            np.mean([abs(e / t - 1.0) for e, t in zip(estimated_s, times_s, strict=True)])
-        )
-    return row
-
-
 def load_or_run(run: Run, args: argparse.Namespace) -> dict[str, Any]:
     """Return the row of one run, from its file if there is one."""
     record_path = args.results / f"{run.name}.json"
@@ -272,14 +232,14 @@ def load_or_run(run: Run, args: argparse.Namespace) -> dict[str, Any]:
     sliced_s = None
     if not args.no_slices and "refused" not in report:
         sliced_s = slice_parts(report, run, folder, args)
-    row = compute_row(run, report, sliced_s)
+    row = compute_row(run.path.stem, run.printers, run.engine, report, sliced_s)
     while row.get("sliced") and row.get("plane_moves", 0) < MAX_PLANE_MOVES and (folder / CUT_FILE).is_file():
         cut_file, folder = folder / CUT_FILE, folder / "plane_moves"
         report = args.call(deferred_relevel, run, cut_file, folder, sliced_s)
         if report is None:
             break
         sliced_s = slice_parts(report, run, folder, args)
-        moved_row = compute_row(run, report, sliced_s)
+        moved_row = compute_row(run.path.stem, run.printers, run.engine, report, sliced_s)
         if not moved_row["sliced"] or moved_row["parallel_s"] >= row["parallel_s"]:
             break
         changes = {"plane_moves": row.get("plane_moves", 0) + 1, "plane_moves_wall_s": moved_row["wall_s"]}
@@ -316,63 +276,6 @@ def make_rows(path: Path, args: argparse.Namespace) -> list[dict[str, Any]]:
             if engine.startswith(PART_ENGINES) and row.get("parts", printers) < printers:
                 measure_run(row["parts"], "best")
     return rows
-
-
-def format_row(row: dict[str, Any]) -> str:
-    """Format one row."""
-    row_label = f"{row['model']:20} N {row['printers']:3} {row['engine']:22}"
-    if "refused" in row:
-        return f"{row_label} refused: {row['refused']}"
-    error = f"{row['cost_error']:.1%}" if "cost_error" in row else "-"
-    sliced_text = f", E sliced {row['efficiency_sliced']:.3f}" if "efficiency_sliced" in row else ""
-    time_text = f"{row['parallel_s']:6.0f} s" + (f" (first {row['first_s']:.0f})" if "first_s" in row else "")
-    return (
-        f"{row_label} {row['parts']:3} parts, {time_text}, "
-        f"E {row['efficiency']:.3f}{sliced_text}, best pose {row['efficiency_best_pose']:.3f}, "
-        f"balance {row['balance']:.3f}, gap {row['gap']:.1%} (result {row['above_bound']:+.1%}), "
-        f"cost error {error}, {row['wall_s']:.0f} s, "
-        f"{row['peak_mb']:.0f} MB"
-    )
-
-
-def summarise(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Compute means over the measured models."""
-    best = {(r["model"], r["printers"]): r for r in rows if r["engine"] == "best" and "refused" not in r}
-
-    def compute_geometric_mean(values: list[float]) -> float | None:
-        return math.exp(float(np.mean(np.log(values)))) if values else None
-
-    summary: dict[str, Any] = {"efficiency": {}, "rivals": {}}
-    for printers in sorted({count for _, count in best}):
-        rows_at_count = [r for (_, count), r in best.items() if count == printers]
-        summary["efficiency"][printers] = {
-            "mean": compute_geometric_mean([r["efficiency"] for r in rows_at_count]),
-            "worst": min(r["efficiency"] for r in rows_at_count),
-            "best_pose_mean": compute_geometric_mean([r["efficiency_best_pose"] for r in rows_at_count]),
-            "best_pose_worst": min(r["efficiency_best_pose"] for r in rows_at_count),
-            "balance": min(r["balance"] for r in rows_at_count),
-            "gap": max(r["gap"] for r in rows_at_count),
-            "above_bound": max(r["above_bound"] for r in rows_at_count),
-            "cost_error": max((r["cost_error"] for r in rows_at_count if "cost_error" in r), default=None),
-            "models": len(rows_at_count),
-        }
-    for engine in sorted({r["engine"] for r in rows} - {"best"}):
-        engine_rows = [r for r in rows if r["engine"] == engine]
-        ratios = [
-            (best[r["model"], count]["parallel_s"] / r["parallel_s"])
-            for r in engine_rows
-            if "refused" not in r
-            for count in [
-                min(r["parts"], r["printers"]) if engine.startswith(PART_ENGINES) else r["printers"]
-            ]
-            if (r["model"], count) in best
-        ]
-        refused_count = sum("refused" in r for r in engine_rows)
-        summary["rivals"][engine] = {
-            "mean": compute_geometric_mean(ratios), "worst": max(ratios, default=None), "models": len(ratios),
-            "refused": refused_count,
-        }  # fmt: skip
-    return summary
 
 
 def main() -> int:

@@ -27,7 +27,6 @@ _ON_LINE_MM = 0.05
 _LAYER_TIME_RATIO = 1.5
 """Ratio to the minimum layer time below which a layer keeps its speeds. A ratio of speeds up to this one
 leaves the layer above the minimum."""
-_TIME = "TIME_ELAPSED:"
 _MOVE_LINE = re.compile(rb"(?m)^G[01] [^\n]*\n")
 
 
@@ -120,19 +119,10 @@ def _find_long_layers(path: Toolpath, min_layer_s: float) -> Bools:
     """Mark the moves (n,) of layers that stay above the minimum layer time if their walls are faster."""
     is_long = np.zeros(len(path.layer), np.bool_)
     first, elapsed_s = 0, 0.0
-    for move, end_s in _list_layer_ends(path):
+    for move, end_s in path.list_layer_ends():
         is_long[first:move] = end_s - elapsed_s >= _LAYER_TIME_RATIO * min_layer_s
         first, elapsed_s = move, end_s
     return is_long
-
-
-def _list_layer_ends(path: Toolpath) -> list[tuple[int, float]]:
-    """List the number of moves before the end of each layer, and Cura's time in seconds there."""
-    return [
-        (comment.move, float(comment.text[len(_TIME) :]))
-        for comment in path.comments
-        if comment.text.startswith(_TIME)
-    ]
 
 
 def _change_feedrates(gcode: bytes, path: Toolpath, fast_mm_min: Floats) -> bytes:
@@ -161,19 +151,19 @@ def _change_times(gcode: bytes, path: Toolpath, limits: MotionLimits) -> bytes:
     path: the moves before. Cura's time of a layer changes in the ratio of the planned times of its moves.
     """
     fast_path = read_toolpath(gcode)
-    sums = [np.append(0.0, np.cumsum(estimate_move_seconds(p, limits))) for p in (path, fast_path)]
-    first = next(comment.move for comment in path.comments if comment.text.startswith("LAYER:"))
+    planned_s, fast_s = _plan_layers_s(path, limits), _plan_layers_s(fast_path, limits)
+    ratios = np.divide(fast_s, planned_s, out=np.ones_like(fast_s), where=planned_s > 0.0)
+    ends_s = np.array([0.0, *(end_s for _, end_s in path.list_layer_ends())])
+    marks = [comment for comment in fast_path.comments if comment.text.startswith("TIME_ELAPSED:")]
     pieces, offset = [], 0
-    layer_s = elapsed_s = last_s = 0.0
-    moves = (first, first)
-    marks = [comment for comment in fast_path.comments if comment.text.startswith(_TIME)]
-    for (move, end_s), mark in zip(_list_layer_ends(path), marks, strict=True):
-        planned_s, fast_s = (
-            float(total[b] - total[a]) for total, a, b in zip(sums, moves, (move, mark.move), strict=True)
-        )
-        layer_s = end_s - last_s
-        elapsed_s += layer_s * (fast_s / planned_s if planned_s > 0.0 else 1.0)
+    for mark, elapsed_s in zip(marks, np.cumsum(np.diff(ends_s) * ratios), strict=True):
         pieces += [gcode[offset : mark.offset], b";TIME_ELAPSED:%.6f" % elapsed_s]
         offset = gcode.index(b"\n", mark.offset)
-        moves, last_s = (move, mark.move), end_s
     return b"".join((*pieces, gcode[offset:]))
+
+
+def _plan_layers_s(path: Toolpath, limits: MotionLimits) -> Floats:
+    """Plan the seconds (layers,) of the moves of each layer."""
+    sums_s = np.append(0.0, np.cumsum(estimate_move_seconds(path, limits)))
+    bounds = [path.first_layer_move or 0, *(move for move, _ in path.list_layer_ends())]
+    return np.diff(sums_s[bounds])

@@ -10,7 +10,6 @@ import numpy as np
 from slicing.checks.section import Floats
 from slicing.checks.toolpath import Toolpath
 
-_TIME = "TIME_ELAPSED:"
 _STANDSTILL_MM_S = 0.05
 _PASSES = 8
 """Moves before and after a junction that may bound its speed."""
@@ -75,12 +74,7 @@ def measure_feature_times(path: Toolpath, limits: MotionLimits) -> FeatureTimes:
         Limits with which it was sliced.
     """
     names = [item.name for item in fields(FeatureTimes)]
-    ends = [
-        (comment.move, float(comment.text[len(_TIME) :]))
-        for comment in path.comments
-        if comment.text.startswith(_TIME)
-    ]
-    first = next((comment.move for comment in path.comments if comment.text.startswith("LAYER:")), None)
+    ends, first = path.list_layer_ends(), path.first_layer_move
     if first is None or not ends:
         return FeatureTimes(*(0.0 for _ in names))
     bounds = np.array([first, *(move for move, _ in ends)])

@@ -7,8 +7,6 @@ import numpy as np
 from slicing.checks.section import Floats
 from slicing.checks.toolpath import Toolpath
 
-_TIME = "TIME_ELAPSED:"
-
 
 def add_times(gcode: bytes, path: Toolpath) -> bytes:
     """Add a ``;TIME_ELAPSED:`` before each ``;TYPE:`` of a layer.
@@ -22,12 +20,7 @@ def add_times(gcode: bytes, path: Toolpath) -> bytes:
     path
         Moves and comments of the same file.
     """
-    layer_ends = [
-        (comment.move, float(comment.text[len(_TIME) :]))
-        for comment in path.comments
-        if comment.text.startswith(_TIME)
-    ]
-    first_move = next((comment.move for comment in path.comments if comment.text.startswith("LAYER:")), None)
+    layer_ends, first_move = path.list_layer_ends(), path.first_layer_move
     if first_move is None or not layer_ends:
         return gcode
     moves = np.array([first_move, *(move for move, _ in layer_ends)])

@@ -24,6 +24,7 @@ _BLOCK = re.compile(rb"((?:%b\n){0,1000})([^\n]*\n?)" % PLAIN_MOVE)
 _LETTERS = b"GFXYZE\r\n"
 _LETTERS_TO_SPACES = bytes.maketrans(_LETTERS, b" " * len(_LETTERS))
 _AXES = b"XYZE"
+_TIME = "TIME_ELAPSED:"
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +79,19 @@ class Toolpath:
     def is_move(self) -> npt.NDArray[np.bool_]:
         """Mask (n,) of the moves that move the head."""
         return np.asarray((self.end[:, :3] != self.start[:, :3]).any(axis=1))
+
+    @property
+    def first_layer_move(self) -> int | None:
+        """Number of moves before the first layer; None without layers."""
+        return next((comment.move for comment in self.comments if comment.text.startswith("LAYER:")), None)
+
+    def list_layer_ends(self) -> list[tuple[int, float]]:
+        """List the number of moves before the end of each layer, and Cura's time there in seconds."""
+        return [
+            (comment.move, float(comment.text[len(_TIME) :]))
+            for comment in self.comments
+            if comment.text.startswith(_TIME)
+        ]
 
     def is_feature(self, name: str) -> npt.NDArray[np.bool_]:
         """Mark the moves (n,) of a feature, by Cura's name for it."""
