@@ -21,7 +21,7 @@ from farm.planning.plan import PlanRequest
 
 MODEL = "ultimaker2_plus"
 GUILLOTINE = JobOptions(engine="guillotine")
-ROUNDS_BUDGET_S = 10.0
+ROUNDS_BUDGET_S = 20.0
 """Budget of a search that makes a round of several attempts of the bar."""
 FLEET = Fleet.model_validate(
     {"printers": [{"name": n, "model": MODEL, "port": f"sim://{MODEL}"} for n in "abc"]}
@@ -162,5 +162,5 @@ def test_attempts_side_by_side_have_the_plan_of_one_worker(bar, tmp_path):
     assert list_stored(states[0]) == list_stored(states[1])
     assert most_at_once[1] == 2
     attempts = read_attempts(states[0], plan_by_one_worker)
-    assert sum(attempt["makespan_s"] is not None for attempt in attempts) >= 3
+    assert sum(attempt["finished"] for attempt in attempts) >= 3
     assert read_attempts(states[1], plan_by_two_workers) == attempts
