@@ -1,4 +1,4 @@
-"""Configuration of the site: `make docs` builds it with Sphinx. Nothing in it is loaded from another host."""
+"""Configuration of Sphinx for `make docs`. The site loads nothing from other hosts."""
 
 project = "farm"
 html_title = "farm"

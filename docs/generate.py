@@ -1,6 +1,6 @@
-"""Generator of the pages of docs/reference that come from the program: its commands, records and names.
+"""Generator of the pages of docs/reference that describe the program: its commands, records and names.
 
-The meanings of names are in docs/reference/words.yaml; a name without words is an error.
+The meanings of names are in docs/reference/words.yaml; a name without a meaning there is an error.
 
 Usage: python docs/generate.py [--check]
 """
@@ -60,7 +60,7 @@ SCHEMAS: tuple[tuple[str, type[BaseModel]], ...] = (
 
 
 class MissingWords(Exception):
-    """A name of the program that words.yaml does not explain, or the other way round."""
+    """Name of the program that words.yaml does not explain, or that only words.yaml has."""
 
 
 def make_table(headings: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
@@ -72,12 +72,12 @@ def make_table(headings: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
 
 
 def pair_with_words(names: Iterable[str], section: str, words: dict[str, str]) -> list[tuple[str, str]]:
-    """Pair each name with its words.
+    """Pair each name with its meaning.
 
     Raises
     ------
     MissingWords
-        Where a name has no words, or words have no name.
+        If a name has no meaning, or a meaning has no name.
     """
     known = list(names)
     for name in known:
@@ -120,11 +120,12 @@ def write_commands_page(_: dict[str, Any]) -> str:
     """Describe every command and its options, as `farm COMMAND --help` does."""
     parts = [
         "# Commands",
-        f"Every command but `decompose` and `slice` also takes {', '.join(f'`{o}`' for o in SHARED_OPTIONS)} "
+        "Every command except `decompose` and `slice` also takes "
+        f"{', '.join(f'`{option}`' for option in SHARED_OPTIONS)} "
         "(or the variables `FARM_STATE`, `FARM_SOCKET`, `FARM_FLEET`): another state folder, another "
-        "daemon's socket, another fleet file. With them several farms run on one host. Where only a state "
-        "folder is named, the socket lies in it.",
-        "The commands that need nothing but the daemon also take "
+        "daemon's socket, another fleet file. With them several farms can run on one host. If only a state "
+        "folder is given, the socket is in it.",
+        "The commands that need only the daemon also take "
         f"{' and '.join(f'`{option}`' for option in NETWORK_OPTIONS)} (or `FARM_URL` and `FARM_KEY_FILE`), "
         "for [a farm on another host](../how-to/network.md): "
         f"{', '.join(f'`{name}`' for name in _list_network_commands())}.",
@@ -245,7 +246,7 @@ def write_lifecycles_page(words: dict[str, Any]) -> str:
     rows_of_all = (row for one in LIFECYCLES for row in (*one.transitions, *one.consequences))
     kinds = sorted({row.event for row in rows_of_all} | FARM_WIDE, key=lambda kind: kind.__name__)
     rows = pair_with_words((kind.__name__ for kind in kinds), "events", words["events"])
-    parts.append("## Events\n" + make_table(("event", "what has happened"), rows))
+    parts.append("## Events\n" + make_table(("event", "meaning"), rows))
     return "\n\n".join(parts)
 
 
@@ -268,17 +269,18 @@ def draw_lifecycle(lifecycle: Lifecycle) -> str:
 def write_holds_page(words: dict[str, Any]) -> str:
     """Explain the reasons for which a plate or a job waits."""
     intro = (
-        "Why a plate or a job waits: `hold.code` in `--json`. "
-        "`hold.text` describes the present case in a sentence."
+        "The reason for which a plate or a job waits: `hold.code` in `--json`. "
+        "`hold.text` describes the case in a sentence."
     )
     return f"# Hold codes\n\n{intro}\n\n{make_names_table(HoldCode, 'hold_codes', words)}"
 
 
 def write_faults_page(words: dict[str, Any]) -> str:
-    """Explain the reasons of failed prints and of refused slices."""
+    """Explain the reasons for failed prints and refused slices."""
     parts = [
         "# Faults",
-        "Why a print failed: `fault` in `--json`. `reason` describes the present case in a sentence.",
+        "The reason for which a print failed: `fault` in `--json`. "
+        "`reason` describes the case in a sentence.",
     ]
     parts.append(f"## Detected at the printer\n{make_names_table(Fault, 'faults', words)}")
     parts.append(f"## Detected by the farm\n{make_names_table(OwnFault, 'own_faults', words)}")
@@ -299,7 +301,7 @@ def write_exit_codes_page(words: dict[str, Any]) -> str:
         rows.append((str(int(code)), meaning, errors))
     intro = (
         "Every mistake gets one line on stderr: `farm: what, where, what to do`. "
-        "A job that failed names its error in `error` of `--json`."
+        "The error of a failed job is in `error` of `--json`."
     )
     return f"# Exit codes\n\n{intro}\n\n" + make_table(("code", "meaning", "errors that end with it"), rows)
 

@@ -1,4 +1,4 @@
-"""Screenshots of the dashboard: a real daemon, simulated printers, and Chromium without a window.
+"""Screenshots of the dashboard, with a real daemon, simulated printers and headless Chromium.
 
 If a run is interrupted, its farm keeps running; the next run takes only the pictures that are missing.
 
@@ -36,12 +36,12 @@ SCALE = 120
 TIMEOUT_S = 900.0
 WIDTHS_PX = (390, 1280, 1920)
 THEMES = ("light", "dark")
-HIGHEST_PX = {"api": 1200}  # the beginning of a page as long as that shows how it reads
+HIGHEST_PX = {"api": 1200}  # the beginning of this long page is enough
 DEFAULT_HIGHEST_PX = 4000
 COLOURS = 256
 LOGIN = "login"
 PAGES = {
-    LOGIN: "/login/",  # and a link's own text
+    LOGIN: "/login/",  # followed by the secret of a link
     "home": "/",
     "submit": "/submit",
     "job": "/jobs/1",
@@ -109,7 +109,7 @@ class DemoFarm:
         (self._folder / "fleet.yaml").write_text(text)
 
     def clear(self) -> None:
-        """End the farm, if it is up, and delete the folder."""
+        """Stop the farm, if it is up, and delete the folder."""
         if self._is_up():
             self.run_farm("down", "--now")
         shutil.rmtree(self._folder, ignore_errors=True)
@@ -149,13 +149,13 @@ class DemoFarm:
 
 
 def find_afternoon() -> str:
-    """Return the zone in which it is closest to three in the afternoon: prints begin in attended hours."""
+    """Return the time zone in which it is closest to 15:00, so that prints begin in attended hours."""
     now_s = time.time()
     return min(ZONES, key=lambda zone: abs(datetime.fromtimestamp(now_s, ZoneInfo(zone)).hour - 15))
 
 
 def run_jobs(demo_farm: DemoFarm) -> None:
-    """Print a model, with a failure; clear most of its beds, so that another job prints while others wait."""
+    """Print a model, with one failed part; clear most beds, so that another job prints while others wait."""
     folder = Path(tempfile.mkdtemp())
     aqueduct = str(folder / "aqueduct.stl")
     subprocess.run([sys.executable, str(ROOT / "examples" / "make_aqueduct.py"), aqueduct], check=True)
@@ -189,7 +189,7 @@ def is_done(printer: Any) -> bool:
 
 
 async def take_pictures(demo_farm: DemoFarm, zone: str, profile: Path, names: list[str]) -> None:
-    """Take a picture of each page in each width and theme, except those that were taken.
+    """Take a picture of each page in each width and theme, except those that were already taken.
 
     Parameters
     ----------
@@ -219,7 +219,7 @@ async def take_pictures(demo_farm: DemoFarm, zone: str, profile: Path, names: li
                     if picture in taken:
                         continue
                     await browser.open(demo_farm.make_link() if name == LOGIN else base + PAGES[name])
-                    await asyncio.sleep(1.0 if name in ("job", "submit") else 0.3)  # scripts draw
+                    await asyncio.sleep(1.0 if name in ("job", "submit") else 0.3)  # for scripts that draw
                     await save(
                         browser, width_px, PICTURES / picture, HIGHEST_PX.get(name, DEFAULT_HIGHEST_PX)
                     )
@@ -229,7 +229,7 @@ async def take_pictures(demo_farm: DemoFarm, zone: str, profile: Path, names: li
 
 
 async def resize(browser: Chromium, width_px: int, height_px: int) -> None:
-    """Set the size of the page's window."""
+    """Set the size of the browser's window."""
     await browser.call(
         "Emulation.setDeviceMetricsOverride",
         width=width_px,
@@ -240,7 +240,7 @@ async def resize(browser: Chromium, width_px: int, height_px: int) -> None:
 
 
 async def save(browser: Chromium, width_px: int, path: Path, highest_px: int) -> None:
-    """Save a picture of the page, down to a height, with few colours, as the repository keeps it."""
+    """Save a picture of the page, cropped to a height, with few colours to keep the repository small."""
     height_px = await browser.evaluate("document.documentElement.scrollHeight")
     overflow_px = await browser.evaluate("document.documentElement.scrollWidth") - width_px
     if overflow_px > 0:
@@ -252,7 +252,7 @@ async def save(browser: Chromium, width_px: int, path: Path, highest_px: int) ->
 
 
 def main() -> int:
-    """Take the pictures. Returns an exit code."""
+    """Take the pictures, and return an exit code."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", nargs="*", choices=PAGES, default=list(PAGES))
     parser.add_argument("--folder", type=Path, default=FOLDER, help="folder of the farm: build/screenshots")

@@ -30,11 +30,11 @@ FORMAT = """<svg class="rich-terminal" viewBox="0 0 {width} {height}" xmlns="htt
 {matrix}
 </g></g></svg>
 """
-"""The picture's frame: rich's own one loads its font from another host."""
+"""Frame of the picture; rich's own frame loads its font from another host."""
 
 
 def run_on_terminal(command: list[str], columns: int) -> str:
-    """Run a command on a pseudo-terminal; return what it wrote, with its colours."""
+    """Run a command on a pseudo-terminal, and return its output with the colours."""
     pid, terminal = pty.fork()
     if pid == 0:
         os.environ |= {"COLUMNS": str(columns), "LINES": "60", "TERM": "xterm-256color"}
@@ -65,12 +65,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("out", type=Path)
     parser.add_argument("--columns", type=int, default=100)
-    parser.add_argument("--shown", help="The command as it is shown, where that is another.")
+    parser.add_argument("--shown", help="the command to show, if it differs from the one that is run")
     parser.add_argument("command", nargs="+")
-    asked = parser.parse_args()
-    output = run_on_terminal(asked.command, asked.columns)
-    shown = asked.shown or " ".join(asked.command)
-    asked.out.write_text(draw(shown, output, asked.columns), encoding="utf-8")
+    arguments = parser.parse_args()
+    output = run_on_terminal(arguments.command, arguments.columns)
+    shown = arguments.shown or " ".join(arguments.command)
+    arguments.out.write_text(draw(shown, output, arguments.columns), encoding="utf-8")
     return 0
 
 
