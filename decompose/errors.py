@@ -19,7 +19,7 @@ class BadSize(ModelUnreadable):
 
 
 class ModelEmpty(DecomposeError):
-    """The file holds no triangle with an area."""
+    """The file has no triangle with an area."""
 
 
 class ModelFlat(DecomposeError):

@@ -257,7 +257,7 @@ def _fill_in_defaults(document: _Document, raw: Any) -> dict[str, Any]:
     defaults = raw.pop("defaults", None) or {}
     if not isinstance(defaults, dict):
         line = document.find_line(("defaults",))
-        raise FleetFileError(f"{document.path}:{line}: `defaults` must hold printer keys")
+        raise FleetFileError(f"{document.path}:{line}: `defaults` must contain printer keys")
     values = {str(key): value for key, value in raw.items() if value is not None}
     values["printers"] = [
         {**defaults, **printer} if isinstance(printer, dict) else printer for printer in raw["printers"]

@@ -205,7 +205,7 @@ def _build_engine_error(exit_code: int, log: str, memory_bytes: int) -> EngineFa
         return EngineOutOfMemory(f"CuraEngine needs more than {memory_bytes / 2**30:.1f} GB; {_ADVICE}")
     if exit_code == -signal.SIGKILL:
         return EngineOutOfMemory(
-            f"CuraEngine was killed ({name}), which happens where a machine runs out of memory; "
+            f"CuraEngine was killed ({name}), which happens when a computer runs out of memory; "
             "slice with fewer workers at a time"
         )
     if exit_code == -signal.SIGXFSZ:
@@ -214,7 +214,7 @@ def _build_engine_error(exit_code: int, log: str, memory_bytes: int) -> EngineFa
         return EngineCrashed(f"CuraEngine crashed ({name}): {message}; repair the mesh, or {_ADVICE}")
     if _UNKNOWN_ERROR in message:
         return EngineOutOfMemory(
-            f"CuraEngine gave up twice ({message}), as it does where {memory_bytes / 2**30:.1f} GB of memory "
+            f"CuraEngine failed twice ({message}), which happens if {memory_bytes / 2**30:.1f} GB of memory "
             f"are not enough, or with a model many metres long; {_ADVICE}"
         )
     if "no value given" in message:

@@ -61,7 +61,7 @@ def explain_pins(decomposition: Decomposition, step: int) -> str:
     if not pins:
         reasons = dict(decomposition.connectors.unpinned)
         reason = reasons.get(step, "its holes were left out")
-        return f"No pins ({reason}): line the faces up by their rims."
+        return f"No pins ({reason}): align the faces by their rims."
     upright = [pin for pin in pins if pin.along is None]
     keys = [pin for pin in pins if pin.along is not None and not pin.slides]
     sentences = []
@@ -81,9 +81,9 @@ def explain_pins(decomposition: Decomposition, step: int) -> str:
                 "the long grooves of the other one slide over them."
             )
     if any(pin.along is not None and pin.diameter_mm < pin_mm for pin in pins):
-        sentences.append("Without filament of that size leave these grooves empty, and line the rims up.")
+        sentences.append("Without filament of that size leave these grooves empty, and align the rims.")
     if len(pins) == 1 and upright:
-        sentences.append("One pin does not prevent a rotation: line the rims up.")
+        sentences.append("One pin does not prevent a rotation: align the rims.")
     return " ".join(sentences)
 
 

@@ -153,7 +153,7 @@ def _measure_triangles(name: str, triangles: Floats) -> tuple[float, float]:
         triangles[i : i + _BATCH_TRIANGLES] / scale for i in range(0, len(triangles), _BATCH_TRIANGLES)
     )
     if not any(np.cross(b[:, 1] - b[:, 0], b[:, 2] - b[:, 0]).any() for b in batches):
-        raise ModelEmpty(f"{name}: holds no triangle with an area; export the model again")
+        raise ModelEmpty(f"{name}: has no triangle with an area; export the model again")
     size = hi / scale - lo / scale
     if size.min() <= FLAT_RATIO * size.max():
         axis = "xyz"[int(size.argmin())]
@@ -194,7 +194,7 @@ def _read_triangles(
     if suffix == ".stl" and is_binary_stl(data):
         triangles = parse_triangles(data)
         if not len(triangles):
-            raise ModelEmpty(f"{name}: holds no triangles; export the model again")
+            raise ModelEmpty(f"{name}: has no triangles; export the model again")
         return triangles, notes
     return _load_triangles(name, data, suffix), notes
 
@@ -203,7 +203,7 @@ def _check_stl(name: str, data: bytes) -> tuple[bytes, tuple[str, ...]]:
     """Refuse an incomplete STL; return a complete one without bytes after its triangles, and its notices."""
     if not is_binary_stl(data):
         if b"endsolid" not in data[-1000:].lower():
-            raise ModelUnreadable(f"{name}: breaks off before its end; copy or export it again")
+            raise ModelUnreadable(f"{name}: ends too early; copy or export it again")
         return data, ()
     if len(data) < STL_HEADER_BYTES + STL_COUNT_BYTES:
         raise ModelUnreadable(f"{name}: {len(data)} bytes are not an STL; export the model again")
@@ -237,7 +237,7 @@ def _load_triangles(name: str, data: bytes, suffix: str) -> Floats:
             f"{name}: cannot be read as {suffix[1:].upper()} ({reason}); export it again"
         ) from error
     if triangles.size == 0:
-        raise ModelEmpty(f"{name}: holds no triangles; export the model again")
+        raise ModelEmpty(f"{name}: has no triangles; export the model again")
     return triangles.reshape(-1, 3, 3)
 
 

@@ -107,7 +107,7 @@ def _list_bodies(name: str, surface: Surface) -> list[Any]:
     if len(starts) >= MAX_BODIES:
         raise ModelNotSolid(
             f"{name}: {len(starts) + 1} loose surfaces (limit {MAX_BODIES}): loose triangles, or a scan with "
-            "its dust, are no solid; delete what is loose and export a solid"
+            "noise, are not a solid; delete loose pieces and export a solid"
         )
     number = np.zeros(len(surface.vertices), dtype=np.int64)
     bodies = []

@@ -69,7 +69,7 @@ def read_step(name: str, data: bytes, max_triangles: int | None = None) -> Float
         glb = _convert(name, data, Path(folder))
         max_bytes = _GLB_HEAD_BYTES + _FACE_BYTES * (max_triangles or MAX_GLB_BYTES)
         if glb.stat().st_size > max_bytes:
-            raise ModelTooDetailed(f"{name}: has more triangles than the memory suffices for: simplify it")
+            raise ModelTooDetailed(f"{name}: has more triangles than the memory allows: simplify it")
         with np.errstate(all="ignore"):  # coordinates are checked by the caller
             mesh: Any = trimesh.load(glb, process=False, force="mesh")
             triangles = np.array(mesh.triangles, dtype=np.float64) * _MM_PER_M
@@ -77,7 +77,7 @@ def read_step(name: str, data: bytes, max_triangles: int | None = None) -> Float
         raise ModelEmpty(f"{name}: holds no surface; export the solid again")
     if max_triangles is not None and len(triangles) > max_triangles:
         raise ModelTooDetailed(
-            f"{name}: has {len(triangles) / 1e6:.1f} million triangles, and the memory suffices for "
+            f"{name}: has {len(triangles) / 1e6:.1f} million triangles, but the memory suffices only for "
             f"{max_triangles / 1e6:.1f} million: simplify it"
         )
     return triangles

@@ -112,7 +112,7 @@ def check_surface(parts: Sequence[Part], model: Model) -> float:
         raise GeometryError(
             Rule.SURFACE,
             None,
-            f"the parts carry {covered_mm2:.3f} of {model_mm2:.3f} mm2 of the original surface",
+            f"the parts contain {covered_mm2:.3f} of {model_mm2:.3f} mm2 of the original surface",
         )
     return error
 

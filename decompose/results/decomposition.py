@@ -340,7 +340,10 @@ class Decomposition:
         feet = [f"{part.id} on {part.small_foot_mm2:.0f} mm2" for part in self.parts if part.small_foot_mm2]
         if not feet:
             return ""
-        return f"Small feet for their height: {', '.join(feet)}; watch the first layers, or use a wider brim"
+        return (
+            f"Small footprints for their height: {', '.join(feet)}; "
+            "watch the first layers, or use a wider brim"
+        )
 
     def _describe_joint(self, number: int, joint: Joint) -> dict[str, Any]:
         seam = self.seams[number] if self.seams else Seam()

@@ -32,7 +32,7 @@ class Spool:
 
     def _make_path(self, print_id: str) -> Path:
         if _PRINT_ID.fullmatch(print_id) is None:
-            raise AgentError(f"{print_id!r}: a print id has letters, digits, dot, dash and underscore only")
+            raise AgentError(f"{print_id!r}: a print id may contain only letters, digits, `.`, `-` and `_`")
         return self._folder / f"{print_id}{_GCODE}"
 
     def check(self, print_id: str) -> None:

@@ -12,7 +12,7 @@ from drivers.messages import PROTOCOL, Filament, Heater, LinkState, PrintSnapsho
 from drivers.records import StartFile
 
 UNVERIFIED_REASON = (
-    "it is not verified that DTR resets its board: that is tested when a person says that it is idle"
+    "it is not verified that DTR resets its board: this is tested when a person confirms that it is idle"
 )
 _PARKED_SLACK_MM = 1.0
 

@@ -244,7 +244,7 @@ class _Board:
     def motion(self) -> str:
         """User-facing clause on its motion."""
         return (
-            "it stands still" if self.is_still else "it was not seen to stand still: check whether it moves"
+            "it stands still" if self.is_still else "its standstill was not confirmed: check whether it moves"
         )
 
     def confirm_off(self, watch_s: float) -> tuple[str, bool]:
@@ -317,4 +317,4 @@ class _Board:
                     now = f"nozzle {event.nozzle_c:g} C, bed {event.bed_c:g} C"
                     return f"heaters confirmed off and cooling ({method}; {now})", True
         now = f"nozzle {report.nozzle_c:g} C, bed {report.bed_c:g} C"
-        return f"shows targets 0, but was not seen to cool ({now}): switch it off", False
+        return f"shows targets 0, but was not confirmed to cool ({now}): switch it off", False

@@ -196,7 +196,7 @@ class _Heater:
                 return self._make_finding(
                     Fault.HEATER_STUCK_ON, f"stays at {now_c:g} C, above {self._set_target_c:g}"
                 )
-            progress_text = f"got to {now_c:g} of {self._set_target_c:g} C and no further"
+            progress_text = f"reached only {now_c:g} of {self._set_target_c:g} C"
             return self._make_finding(Fault.HEATER_TIMEOUT, progress_text)
         return None
 

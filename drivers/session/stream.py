@@ -110,6 +110,8 @@ def _finish(context: SessionContext, program: Program) -> Script:
         yield from park(context, measure_retracted_mm(program, program.count), can_extrude=False)
     if not (yield from confirm_off(context)):
         if context.report is not None and context.report.targets_off:
-            raise PrintEnded(Fault.HEATER_STUCK_ON, "a heater was not seen to cool at the end of the print")
+            raise PrintEnded(
+                Fault.HEATER_STUCK_ON, "a heater was not confirmed to cool at the end of the print"
+            )
         raise PrintEnded(Fault.NO_ANSWER, "heaters were not confirmed off at the end of the print")
     yield from arm_dead_man(context, 0.0)

@@ -24,7 +24,7 @@ COMMANDS = {
         CommandEntry(
             "setup",
             "installation.setup",
-            "Install CuraEngine and its settings, and compile the planning code: once after each update.",
+            "Install CuraEngine and its settings, and compile the planning code; run it after each update.",
         ),
         CommandEntry(
             "status",
@@ -39,7 +39,7 @@ COMMANDS = {
         CommandEntry(
             "prune",
             "prune.prune",
-            "Delete the files of old jobs by `fleet.keep` now, not at night; figures and pictures stay.",
+            "Delete the files of old jobs now (see `fleet.keep`), not at night; figures and pictures stay.",
         ),
         CommandEntry(
             "key",
@@ -50,7 +50,7 @@ COMMANDS = {
         CommandEntry(
             "web",
             "web.web",
-            "Print a link that opens the farm's pages in a browser as you, once, within five minutes.",
+            "Print a link that logs you in to the farm's pages in a browser, once, within five minutes.",
         ),
         CommandEntry(
             "daemon",
@@ -73,7 +73,7 @@ COMMANDS = {
         CommandEntry(
             "pause",
             "operate.pause",
-            "Pause prints, or all of a job: the head moves aside, the nozzle cools, the bed stays warm.",
+            "Pause prints, or a whole job: the head moves aside, the nozzle cools, the bed stays warm.",
         ),
         CommandEntry(
             "resume",

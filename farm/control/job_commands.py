@@ -58,7 +58,7 @@ class JobCommands:
         if options.printers is not None and options.printers > printers:
             excess.append(f"--printers {options.printers}: {fleet}, and the job uses no more")
         if options.spares >= printers:
-            excess.append(f"--spares {options.spares}: {fleet}, and one at least has to print the job")
+            excess.append(f"--spares {options.spares}: {fleet}, and at least one has to print the job")
         return excess
 
     def submit(
@@ -163,7 +163,7 @@ class JobCommands:
             raise Refused(f"job {number} has already ended: it is {books.job(number).state}")
         order = [job.id for job in list_queue(books)]
         if number not in order:
-            raise Refused(f"nothing of job {number} waits: all of its plates have started")
+            raise Refused(f"no plate of job {number} waits: all of them have started")
         return order
 
     async def approve(self, number: int, plan: str, state: StateFolder, by: str) -> None:

@@ -40,7 +40,7 @@ def build_planned_event(
         material_names = " and ".join(materials)
         notices = (
             *notices,
-            f"Its parts are of {material_names}, like their printers: `--material` selects one.",
+            f"Its parts are of {material_names}, as loaded on their printers: `--material` selects one.",
         )
     if job.done_by_s is not None or job.assembled_by_s is not None:
         ends_s = forecast_prints(

@@ -69,7 +69,7 @@ def _reconcile_unknown(attempt: Print, snapshot: AgentSnapshot, now_s: float) ->
         return
     unknown_reason = "its agent has no record of this print"
     if attempt.restored:
-        unknown_reason += " any more, and the database is a backup: check what became of it"
+        unknown_reason += " any more, and the database is a backup: check what happened to it"
     yield ev.PrintEnded(
         at_s=now_s,
         print_id=attempt.id,

@@ -125,7 +125,7 @@ def _list_printer_tasks(context: ViewContext, section: PrinterSection, is_lost: 
     if section.enabled and _is_absent(context, snapshot):
         addition = f"; and inspect it: {attention}" if attention else ""
         if entry.unreported_since_s is not None:
-            addition += "; what it printed since the backup of the database is unknown"
+            addition += "; its prints since the backup of the database are unknown"
         problem = f"{name}: {snapshot.reason or 'no answer'}"
         yield api.Todo(code="connect", printers=[name], text=f"connect {problem}{addition}", brief=problem)
     elif snapshot.outdated and attention is None:

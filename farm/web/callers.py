@@ -105,7 +105,7 @@ class CallerFinder:
         text = self._cookie.read(headers.get("cookie", ""))
         if text:
             return self.find_key(text, address, KeyKind.SESSION)
-        return Refusal(401, "this needs a key: an operator makes one by `farm key add NAME`")
+        return Refusal(401, "this needs a key: an operator creates one with `farm key add NAME`")
 
     def find_key(self, text: str, address: str, kind: KeyKind = KeyKind.KEY) -> KeyHolder | Refusal:
         """Find the caller with the text of a valid key or session; count a wrong one for the address."""

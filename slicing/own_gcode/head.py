@@ -75,8 +75,8 @@ class Head:
         """Begin the print, with the head over the bed and primed."""
         if self._retracted_mm > self._max_retracted_mm:
             self._objections.refuse(
-                f"the print begins here, with the filament drawn {self._retracted_mm:.1f} mm back, out of "
-                "the hot end: take that out of your slicer's start script"
+                f"the print begins here, with the filament retracted by {self._retracted_mm:.1f} mm, out of "
+                "the hot end: remove that from your slicer's start script"
             )
         if self._retracted_mm:
             self._writer.add_move((*self._code.start_position_mm, -self._retracted_mm, retraction_mm_s))
@@ -111,7 +111,7 @@ class Head:
         self._check_clearance(start, target)
         if self._retracted_mm > MAX_START_RETRACTION_MM and extruded_mm > 0 and start[:2] != target[:2]:
             self._objections.add(
-                f"would print, with the filament retracted by {self._retracted_mm:.1f} mm since line "
+                f"would print with the filament retracted by {self._retracted_mm:.1f} mm since line "
                 f"{self._retraction_line}: where E starts again from 0, the file needs G92 E0"
             )
         self._writer.add_move((x, y, z, extruded_mm, speed_mm_s * factor))
@@ -185,7 +185,7 @@ class Head:
         obstacle_mm = self._clearance.find_obstacle_mm(start, target)
         if obstacle_mm is not None:
             self._objections.add(
-                f"moves at Z {min(start[2], target[2]):g} into what is printed up to Z {obstacle_mm:.3g}, "
+                f"moves at Z {min(start[2], target[2]):g} into parts printed up to Z {obstacle_mm:.3g}, "
                 "with the nozzle or the head beside it"
             )
 
@@ -196,8 +196,9 @@ class Head:
             self._objections.refuse(f"prints at Z {z:g}: it has to be above the bed")
         if highest - z > MAX_DROP_MM:
             self._objections.refuse(
-                f"prints at Z {z:g} beside what is {highest:g} mm high, which the head would hit in a pause: "
-                "print all objects at once (Cura: Print Sequence; PrusaSlicer: Complete individual objects)"
+                f"prints at Z {z:g} beside a part that is {highest:g} mm high, which the head would hit in a "
+                "pause: print all objects at once (Cura: Print Sequence; "
+                "PrusaSlicer: Complete individual objects)"
             )
         if not self._marks_layers and self.extent.is_higher(start, target):
             self._writer.begin_layer(target[2])

@@ -116,8 +116,8 @@ def check_machine(
     if reason is not None:
         raise GcodeRefused(f"it was sliced for {quote_text(name)} ({reason}): slice it for the {title}")
     return (
-        f"Warning: it was sliced for {quote_text(name)}. What it prints fits the {title}, by its size, its "
-        "filament and its start; speeds and temperatures are that machine's.",
+        f"Warning: it was sliced for {quote_text(name)}. Its size, its filament and its start fit the "
+        f"{title}; speeds and temperatures are that machine's.",
     )
 
 

@@ -37,7 +37,7 @@ def test_slices_with_the_profile_for_the_ultimaker_2_are_accepted(slice_box, opt
         55.0,
     )
     warning = [notice for notice in result.notices if notice.startswith("Warning")]
-    assert len(warning) == 1 and "'ULTIMAKER2'" in warning[0] and "fits the Ultimaker 2+" in warning[0]
+    assert len(warning) == 1 and "'ULTIMAKER2'" in warning[0] and "fit the Ultimaker 2+" in warning[0]
     assert max(result.max_mm) < 220.0
 
 

@@ -75,7 +75,7 @@ def test_missing_output_is_an_empty_file(run):
         ("kill -ABRT $$", EngineCrashed, "SIGABRT"),
         ("kill -KILL $$", EngineOutOfMemory, "runs out of memory"),
         ("echo std::bad_alloc; kill -ABRT $$", EngineOutOfMemory, r"more than 4.0 GB; scale"),
-        ("echo '[ERROR] Unknown exception.'; exit 1", EngineOutOfMemory, "gave up twice"),
+        ("echo '[ERROR] Unknown exception.'; exit 1", EngineOutOfMemory, "failed twice"),
         (
             "echo \"no value given: 'x'\"; echo ERROR no value given; exit 2",
             EngineFailed,

@@ -91,7 +91,7 @@ def cut_by_symmetry(problem: Problem) -> Partition:
     uncut_part = form.uncut_part()
     if uncut_part.printers_needed > printers:
         raise NoFit(
-            f"the printers' rooms need at least {uncut_part.printers_needed} parts, and there are "
+            f"the printers' build volumes need at least {uncut_part.printers_needed} parts, but there are "
             f"{printers} printers",
             uncut_part.printers_needed,
         )

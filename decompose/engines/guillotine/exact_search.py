@@ -244,8 +244,8 @@ class ExactSearch:
         if self.rejections:
             return NoFit(
                 f"every partition has a part that cannot be glued well; in the last of "
-                f"{len(self.rejections)} partitions, one {self.rejections[-1]}:  add printers, "
-                "a greater --longest-side, or (farm decompose) a lower --min-glue"
+                f"{len(self.rejections)} partitions, one {self.rejections[-1]}: use more printers, "
+                "a larger --longest-side, or (farm decompose) a lower --min-glue"
             )
         printers_needed = self.solver.solve(sys.float_info.max)  # finite: inf means no fit
         if printers_needed >= UNREACHABLE:

@@ -56,7 +56,7 @@ def read_3mf(name: str, data: bytes, max_triangles: int | None = None) -> tuple[
     size = build.measure(root, part.items)
     if size.triangles > build.max_triangles:
         raise ModelTooDetailed(
-            f"{name}: has {size.triangles / 1e6:.1f} million triangles, and the memory suffices for "
+            f"{name}: has {size.triangles / 1e6:.1f} million triangles, but the memory suffices only for "
             f"{build.max_triangles / 1e6:.1f} million: simplify its mesh"
         )
     if size.instances > MAX_INSTANCES:

@@ -101,7 +101,9 @@ class Package:
         if entry.flag_bits & 1:
             raise ModelUnreadable(f"{self._name}: is encrypted; export it without a password")
         if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-            raise ModelUnreadable(f"{self._name}: is packed in a way that 3MF does not know; export it again")
+            raise ModelUnreadable(
+                f"{self._name}: uses a compression that 3MF does not allow; export it again"
+            )
         try:
             with self._zip.open(entry) as stream:
                 while chunk := stream.read(CHUNK_BYTES):

@@ -107,7 +107,8 @@ def read_address(url: str, key_file: Path | None) -> NetworkAddress:
         raise FarmError(f"{url!r} is not the address of a farm: use https://HOST:8467", ErrorCode.SETTINGS)
     if key_file is None:
         raise FarmError(
-            "--url needs --key-file FILE (FARM_KEY_FILE): a key that an operator made by `farm key add NAME`",
+            "--url needs --key-file FILE (FARM_KEY_FILE): a key that an operator created with "
+            "`farm key add NAME`",
             ErrorCode.SETTINGS,
         )
     try:

@@ -32,9 +32,7 @@ def up(
     paths: FarmPaths,
     replace: Annotated[
         list[str] | None,
-        typer.Option(
-            help="Replace the agent of this idle printer by a new one.", autocompletion=completion.printers
-        ),
+        typer.Option(help="Replace the agent of this idle printer.", autocompletion=completion.printers),
     ] = None,
 ) -> None:
     """Start the daemon, and an agent for each printer that has none."""

@@ -47,6 +47,6 @@ def fetch(
         with report.open("w" if force else "x", encoding="utf-8") as file:
             file.write(text)
     except FileExistsError:
-        print_notice(f"{report} stays as it is; --force writes it again")
+        print_notice(f"{report} was kept; --force overwrites it")
     except OSError as error:
         raise FarmError(f"{report} cannot be written ({error.strerror or error})") from error

@@ -171,7 +171,7 @@ def doctor(paths: FarmPaths, json: Json = False) -> None:
 
 
 def setup() -> None:
-    """Install CuraEngine and its settings, and compile the planning code: once after each update.
+    """Install CuraEngine and its settings, and compile the planning code; run it after each update.
 
     This takes one to five minutes, or seconds if all is installed. sudo may ask for a password.
     """

@@ -101,9 +101,9 @@ def _list(answer: api.Keys, json: bool) -> None:
     network = answer.network
     print(f"network: {network.address or 'off'}{f' (closed: {network.problem})' if network.problem else ''}")
     for request in answer.requests:
-        print(f"{request.app} at {request.address} asks for a key: farm key grant {request.code}, or deny")
+        print(f"{request.app} at {request.address} requests a key: farm key grant {request.code}, or deny")
     if not answer.keys:
-        print("no key; `farm key add NAME` adds one")
+        print("there is no key; `farm key add NAME` adds one")
         return
     rows = []
     for key in answer.keys:

@@ -48,7 +48,7 @@ def decompose(
     model: Annotated[Path, typer.Argument(help="STL, 3MF, STEP, OBJ, PLY or OFF.")],
     out: Annotated[Path, typer.Option(help="The folder for the parts.")],
     printers: Annotated[
-        str, typer.Option(help="The number of printers, or auto: the number that saves most time.")
+        str, typer.Option(help="The number of printers, or auto: the number that saves the most time.")
     ] = "8",
     volume: Annotated[str, typer.Option(help="Build volume of a printer, X,Y,Z in mm.")] = "223,223,205",
     brim: Annotated[float, typer.Option(min=0, help="Width of the brim, mm.")] = 8.0,
@@ -204,7 +204,7 @@ def coupon(
         f"{out}: holes and grooves {fits[0]:g} to {fits[-1]:g} mm wider than a pin "
         f"of {report['pin_mm']:g} mm, numbered in tenths; gauges for pins and keys {lengths} mm long"
     )
-    print("Slice it as it lies: farm slice; the number that fits goes into `pin_fit_mm` of fleet.yaml")
+    print("Slice it as it is with `farm slice`; the number that fits goes into `pin_fit_mm` of fleet.yaml")
 
 
 def _exit(number: int, _: object) -> NoReturn:

@@ -169,7 +169,7 @@ def _describe_ending(printing_printers: list[str]) -> str:
 
 @with_farm
 def pause(paths: FarmPaths, targets: Targets) -> None:
-    """Pause prints, or all of a job: the head moves aside, the nozzle cools, the bed stays warm.
+    """Pause prints, or a whole job: the head moves aside, the nozzle cools, the bed stays warm.
 
     A print that is not resumed within two hours is ended. Parts of a paused job that wait do not start.
     """
@@ -255,7 +255,7 @@ def maintenance(
 def assembled(
     paths: FarmPaths,
     job: Job,
-    minutes: Annotated[float, typer.Option(min=0.1, max=10_000, help="Time that it took, in minutes.")],
+    minutes: Annotated[float, typer.Option(min=0.1, max=10_000, help="Duration of the gluing, in minutes.")],
     json: Json = False,
 ) -> None:
     """Report that the parts of a job are glued, and how long that took."""

@@ -38,7 +38,7 @@ def queue(
         int | None, typer.Option(help="Move it before this job.", autocompletion=completion.jobs)
     ] = None,
     at: Annotated[
-        str | None, typer.Option(help="Start no more of its plates before this time; `now`: no limit.")
+        str | None, typer.Option(help="Start no further plates of the job before this time; `now`: no limit.")
     ] = None,
     json: Json = False,
 ) -> None:

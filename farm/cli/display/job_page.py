@@ -100,7 +100,7 @@ def render_job(view: api.JobView, width: int | None = None) -> RenderableType:
     elif view.folder:
         rows.append(Text(f"files (STL and G-code of each part, a picture, a GLB): {view.folder}"))
         if view.assembly_s is not None:
-            rows.append(Text(f"steps, codes and pins to glue it: {view.folder}/{INSTRUCTIONS}"))
+            rows.append(Text(f"instructions for gluing: {view.folder}/{INSTRUCTIONS}"))
     for attempt in view.prints:
         if attempt.fault or attempt.why:
             reason = attempt.reason or attempt.why or attempt.fault

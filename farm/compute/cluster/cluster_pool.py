@@ -197,7 +197,7 @@ class ClusterPool:
                 raise AttemptLost(f"worker {answer.host}: {answer.mismatch}")
             if not answer.missing:
                 return answer
-        raise AttemptLost(f"worker {answer.host} did not keep its files")
+        raise AttemptLost(f"worker {answer.host} has lost its files")
 
     async def _submit(self, task: RemoteTask, contents: dict[str, bytes], group: Hashable) -> RemoteAnswer:
         """Submit a task under a new name, and wait for the answer, or until the cluster is abandoned."""

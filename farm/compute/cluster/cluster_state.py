@@ -73,7 +73,7 @@ class ClusterState:
         if self.place is Place.HERE:
             problems.append(
                 f"no worker of the cluster {self.scheduler} can be used: this computer computes instead; "
-                "see that the scheduler and its workers run"
+                "check that the scheduler and its workers are running"
             )
         problems += [
             f"worker {worker.name} of the cluster is refused: {worker.refused}"
@@ -90,7 +90,7 @@ def describe_place(place: Place, scheduler: str) -> str:
     reason = f"no worker of {scheduler} can be used"
     if place is Place.WAITING:
         return f"{reason}: tasks wait for one"
-    advice = "tasks run on this computer; see that the scheduler and its workers run"
+    advice = "tasks run on this computer; check that the scheduler and its workers are running"
     return f"{reason} for {WORKER_TIMEOUT_S:.0f} s: {advice}"
 
 

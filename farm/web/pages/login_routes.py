@@ -65,7 +65,9 @@ def login_routes(services: Services, cookie: SessionCookie, callers: CallerFinde
     async def log_out(request: Request) -> Response:
         holder = find_holder(request)
         if not holder.has_session:
-            raise Refused(f"{holder.name} has a key, no session: an operator revokes it by `farm key revoke`")
+            raise Refused(
+                f"{holder.name} has a key, not a session: an operator revokes it with `farm key revoke`"
+            )
         keys.revoke(holder.key.id, holder.name)
         response = HTMLResponse(render_message(name, "You have logged out.", has_login_hint=True))
         cookie.clear(response)

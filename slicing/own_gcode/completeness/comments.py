@@ -126,7 +126,7 @@ class Completeness:
             name, begin_line = next(iter(self._open_blocks.items()))
             return f"{name.decode()} begins in line {begin_line} and does not end"
         if self._settings and not _is_json(b"".join(self._settings)):
-            return "Cura's settings at its end are cut"
+            return "Cura's settings at its end are cut off"
         return None
 
     def _identify_slicer(self, comment: bytes) -> None:

@@ -227,7 +227,7 @@ def test_step_without_pins_says_why(drilled_table: Decomposition, step_pictures:
     ):
         connectors = replace(drilled_table.connectors, pins=other_pins, unpinned=unpinned)
         text = render_instructions(replace(drilled_table, connectors=connectors), Pictures(step_pictures))
-        assert f"No pins ({reason}): line the faces up by their rims." in text
+        assert f"No pins ({reason}): align the faces by their rims." in text
 
 
 def test_faces_point_away_from_the_fixed_body_also_where_they_slide(pinwheel: Decomposition) -> None:

@@ -59,7 +59,7 @@ def test_ascii_stl_is_read_and_a_truncated_one_refused(tmp_path: Path) -> None:
     path.write_text(text)
     assert load_model(path).solid.volume_mm3 == pytest.approx(6000.0)
     path.write_text(text[: len(text) // 2])
-    with pytest.raises(ModelUnreadable, match="breaks off"):
+    with pytest.raises(ModelUnreadable, match="ends too early"):
         load_model(path)
 
 

@@ -139,7 +139,7 @@ def test_emergency_stop_sends_the_abort_before_it_waits(tmp_path: Path, silent_b
     url, master = silent_board
     result = stop_printer(StopTarget("a", url, tmp_path / "a", ULTIMAKER2), watch_s=0.0)
     assert read_all(master) == ULTIMAKER2.abort_unnumbered
-    assert not (result.seen_off or result.is_still) and "not seen to stand still" in result.text
+    assert not (result.seen_off or result.is_still) and "standstill was not confirmed" in result.text
 
 
 def test_unresponsive_board_is_halted_by_its_firmware(tmp_path: Path, silent_board):

@@ -291,7 +291,7 @@ def test_shutdown_is_refused_during_planning(daemon):
         ('{"printers": 9}', ["--printers 9: the fleet has 1 printer, and the job uses no more"]),
         (
             '{"spares": 1}',
-            ["--spares 1: the fleet has 1 printer, and one at least has to print the job"],
+            ["--spares 1: the fleet has 1 printer, and at least one has to print the job"],
         ),
     ],
 )

@@ -219,7 +219,7 @@ def test_print_unknown_to_its_agent_is_no_outage_and_no_attempt():
         books, _ = apply_events(books, *reconcile_print(books.prints[name], snapshot, 51.0))
     assert books.outage is None
     assert {(p.state, p.charged) for p in books.prints.values()} == {(PrintState.FAILED, False)}
-    assert "check what became of it" in books.printers["a"].attention_reason
+    assert "check what happened to it" in books.printers["a"].attention_reason
     restored_books = restore_books(PrintState.ASSIGNED)
     restored_books, _ = apply_events(
         restored_books, *reconcile_print(restored_books.prints["a"], make_idle_snapshot(), 51.0)

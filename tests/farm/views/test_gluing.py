@@ -109,7 +109,7 @@ def test_page_of_a_job_names_its_instructions(books):
     view = describe_job(make_context(print_parts(books), 300.0), print_parts(books).jobs[1])
     console = Console(width=140, record=True, file=io.StringIO())
     console.print(render_job(view))
-    assert f"steps, codes and pins to glue it: {view.folder}/instructions.html" in console.export_text()
+    assert f"instructions for gluing: {view.folder}/instructions.html" in console.export_text()
 
 
 def test_other_jobs_take_as_long_as_people_reported():

@@ -23,7 +23,7 @@ def test_start_that_retracts_the_filament_out_of_the_hot_end_is_refused(tail):
     lines = make_marlin(start=start)
     index = lines.index(";LAYER:0")
     assert_refused(
-        [*lines[: index - 2], ";LAYER:0", *tail, *lines[index + 1 :]], "60.0 mm back, out of the hot end"
+        [*lines[: index - 2], ";LAYER:0", *tail, *lines[index + 1 :]], "retracted by 60.0 mm, out of the hot end"
     )
 
 
@@ -40,7 +40,7 @@ def test_sequential_objects_are_limited_to_the_clearance_of_the_head():
         return make_marlin(join_objects(make_square(layers=layers), make_square(at_mm=170.0, layers=2)))
 
     check_rules(accept(make_two_towers(layers=50)))
-    assert_refused(make_two_towers(layers=53), "Z 0.2 beside what is 10.6 mm high.*Print Sequence")
+    assert_refused(make_two_towers(layers=53), "Z 0.2 beside a part that is 10.6 mm high.*Print Sequence")
 
 
 @pytest.mark.parametrize(

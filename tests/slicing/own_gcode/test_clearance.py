@@ -38,7 +38,7 @@ def test_move_through_printed_lines_is_refused(moves, colliding_move):
     lines[index:index] = moves
     if colliding_move:
         assert_refused(
-            lines, rf"line {index + colliding_move}: moves at Z .* into what is printed up to Z 17.8"
+            lines, rf"line {index + colliding_move}: moves at Z .* into parts printed up to Z 17.8"
         )
     else:
         check_rules(accept(lines))
@@ -74,7 +74,7 @@ def test_sequential_objects_need_the_width_of_the_head_between_them():
 
     check_rules(accept(make_two_towers(170.0, layers=45)))
     check_rules(accept(make_two_towers(135.0, layers=25)))  # 5 mm high: below the head
-    assert_refused(make_two_towers(135.0, layers=45), r"Z 0\.2 into what is printed up to Z 9")
+    assert_refused(make_two_towers(135.0, layers=45), r"Z 0\.2 into parts printed up to Z 9")
 
 
 def test_later_lines_are_obstacles_too():
@@ -86,7 +86,7 @@ def test_later_lines_are_obstacles_too():
     )
     assert_refused(
         make_marlin(join_objects(join_objects(first_object, second_object), third_object)),
-        r"Z 0\.2 into what is printed up to Z 8",
+        r"Z 0\.2 into parts printed up to Z 8",
     )
 
 
@@ -168,4 +168,4 @@ def test_one_at_a_time_output_is_accepted_with_room_for_the_head(
     if is_accepted:
         check_rules(accept(lines))
     else:
-        assert_refused(lines, r"Z 0\.27 into what is printed up to Z 8")
+        assert_refused(lines, r"Z 0\.27 into parts printed up to Z 8")

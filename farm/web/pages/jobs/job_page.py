@@ -26,7 +26,7 @@ _FILES = {
     "assembly.png": "picture of the parts",
     "assembly.glb": "3D model of the parts",
     "decomposition.json": "report of the decomposition",
-    "instructions.html": "instructions to glue it",
+    "instructions.html": "instructions for gluing",
 }
 _MODEL = "assembly.glb"
 _PICTURE = "assembly.png"
