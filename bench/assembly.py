@@ -1,11 +1,13 @@
 """Assembly of parts by their shapes and the page of instructions alone, as a person would assemble them.
 
-The parts are their STL files, from which holes and codes are read (`bench.connectors.part_reader`); the page
-is read as text. Step by step two bodies are put together wherever their pins go in: at the faces with the
-codes of the step, in every possible way. The outcome is judged by the report of the decomposition. Then each
-body is tried at the faces of every other step, where it must not fit.
+Holes and codes are read from the STL files of the parts (`bench.connectors.part_reader`), and the page is
+read as text. In each step, two bodies are joined at the faces that have the codes of the step, in every way
+in which the pins fit. The result is compared with the report of the decomposition. Then each body is tried at
+the faces of every other step, where it must not fit.
 
-Usage: python -m bench.assembly FOLDER... [--json]   (of `farm decompose --pins filament --marks`)
+Usage: python -m bench.assembly FOLDER... [--json]
+
+Each FOLDER was written by `farm decompose --pins filament --marks`.
 """
 
 from __future__ import annotations
@@ -48,7 +50,7 @@ class PageStep:
 
     @property
     def is_located(self) -> bool:
-        """Check whether it has two pins or keys."""
+        """Check whether the step has at least two pins or keys."""
         return len(self.pins_mm) + len(self.keys_mm) > 1
 
 
@@ -67,7 +69,7 @@ class MatingFace:
 class Outcome:
     """Outcome of a job: numbers of steps assembled correctly, wrongly, in several ways, or not at all.
 
-    Steps with under two pins are not assembled.
+    Steps with fewer than two pins are not assembled.
 
     Attributes
     ----------
@@ -203,7 +205,7 @@ def find_mating_face(
 def list_open_holes(
     faces: Sequence[PlacedFace], body: Sequence[PlacedFace]
 ) -> list[tuple[Floats, float, Floats, bool]]:
-    """List position, reach, normal and kind of the holes in faces that belong to no closed joint."""
+    """List the holes of faces that are in no closed joint: their position, reach, normal and kind."""
     openings = [
         (rotation @ hole.at_mm + translation, rotation @ face.normal)
         for face, _, rotation, translation in body
@@ -225,7 +227,7 @@ def list_open_holes(
 
 
 def compute_plane(face: CodedFace, rotation: Floats, translation: Floats) -> Floats:
-    """Compute the normal and offset (4,) of a face of a part that is turned and moved."""
+    """Compute the plane (4,), normal and offset, of a face of a part that is rotated and translated."""
     normal = rotation @ face.normal
     return np.append(normal, face.offset_mm + float(normal @ translation))
 
@@ -313,7 +315,7 @@ def pins_fit(
 
 
 def has_space_for_all(spaces_mm: Floats, lengths_mm: Sequence[float]) -> bool:
-    """Check whether there is a longer space for each length."""
+    """Check whether each length has a space of its own that is longer."""
     spaces, lengths = sorted(spaces_mm, reverse=True), sorted(lengths_mm, reverse=True)
     return len(spaces) >= len(lengths) and all(a > b for a, b in zip(spaces, lengths, strict=False))
 
@@ -336,6 +338,7 @@ def find_true_placement(step: PageStep, true_poses: dict[str, Floats], poses: di
 
 
 def main() -> None:
+    """Parse the command line, measure, and print the figures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folders", nargs="+", type=Path)
     parser.add_argument("--json", action="store_true")

@@ -2,21 +2,22 @@
 
 ``PYTHONPATH=tests/support python -m bench.cluster faults [--rounds N] [--seed N] [--json]``, as root, runs
 rounds in which a process or the network fails; see `bench.clusters.faults`. The figures of each round are
-printed when it ends, with `--json` to standard error. Checks: the plan of the job is that of one computer,
-no result is taken twice, and at the end no host has a task or an extra process.
+printed when it ends, with `--json` to standard error. Each round checks that the plan of the job is the plan
+of one computer, that no result is taken twice, and that no host has a task or an extra process at the end.
 
-``... jobs [--parts 20,100] [--workers 1,2] [--record FILE] [--json]`` plans a job by a number of workers of
+``... jobs [--parts 20,100] [--workers 1,2] [--record FILE] [--json]`` plans a job on a number of workers of
 this computer; see `bench.clusters.jobs`. The times of the tasks can be recorded. ``... drawings [--parts
-20,100] [--json]`` draws the parts of such jobs, by one worker and by several. ``... search [--parts 20,100]
-[--workers 1,2] [--budget S] [--json]`` searches for the parts of such jobs, its attempts by several workers.
+20,100] [--json]`` draws the parts of such jobs on one worker and on several. ``... search [--parts 20,100]
+[--workers 1,2] [--budget S] [--json]`` searches for the parts of such jobs, with attempts on several workers.
 
 ``... replay [--workers 4,16,64,256] [--parts 20,100] [--jobs N] [--scale F] [--tasks FILE] [--page FILE]
-[--json]`` runs jobs with tasks that only sleep through the real scheduler, a job for each four workers; see
+[--json]`` runs jobs whose tasks only sleep through the real scheduler, one job for every four workers; see
 `bench.clusters.replay`. `overhead_ms` is the median of the time that a task takes beyond its sleep,
-`efficiency` the work divided by workers times duration, `critical_s` the longest job on an unlimited number
-of workers, its tasks named in `critical_path`. All times but `overhead_ms` are unscaled. In a second run one
-worker makes all drawings of a job: `single_drawer_s`, and `ratio`, the first duration as a share of it.
-`--page docs/explanation/cluster.md` writes the figures into the table there.
+`efficiency` the work divided by workers times duration, and `critical_s` the duration of the longest job on
+an unlimited number of workers; `critical_path` has its tasks. All times but `overhead_ms` are unscaled.
+In a second run, one worker makes all drawings of a job: `single_drawer_s` is the duration of that run, and
+`ratio` the first duration as a share of it. `--page docs/explanation/cluster.md` writes the figures into the
+table there.
 """
 
 from __future__ import annotations
@@ -70,7 +71,7 @@ def main() -> None:
     parser.add_argument("--budget", type=float, default=200.0, help="budget of a search, s of one core")
     parser.add_argument("--record", type=Path, help="file for the times of the tasks")
     parser.add_argument("--tasks", type=Path, default=RECORDED_JOBS, help="file with the times of the tasks")
-    parser.add_argument("--jobs", type=int, help="default: one for each four workers")
+    parser.add_argument("--jobs", type=int, help="default: one for every four workers")
     parser.add_argument("--scale", type=float, default=0.1)
     parser.add_argument(
         "--page", type=Path, help="page whose table gets the figures of faults or of a replay"
@@ -107,7 +108,7 @@ def main() -> None:
 
 
 def measure_jobs(args: argparse.Namespace, folder: Path) -> list[dict[str, Any]]:
-    """Plan each job by each number of workers, and record the times of its tasks."""
+    """Plan each job on each number of workers, and record the times of its tasks."""
     from bench.clusters.jobs import list_stages, measure_job
 
     rows: list[dict[str, Any]] = []
@@ -124,7 +125,7 @@ def measure_jobs(args: argparse.Namespace, folder: Path) -> list[dict[str, Any]]
 
 
 def measure_searches(args: argparse.Namespace, folder: Path) -> list[dict[str, Any]]:
-    """Search for the parts of each job by each number of workers."""
+    """Search for the parts of each job on each number of workers."""
     from bench.clusters.jobs import measure_search
 
     return [
@@ -135,7 +136,7 @@ def measure_searches(args: argparse.Namespace, folder: Path) -> list[dict[str, A
 
 
 def measure_drawings(args: argparse.Namespace, folder: Path) -> list[dict[str, Any]]:
-    """Draw the parts of each job, by one worker and by several."""
+    """Draw the parts of each job on one worker and on several."""
     from bench.clusters.jobs import measure_drawing
 
     return [measure_drawing(int(parts), folder) for parts in args.parts.split(",")]
@@ -196,7 +197,7 @@ def summarise_faults(rounds: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def measure_faults(rounds: int, seed: int, folder: Path, as_json: bool) -> dict[str, Any]:
-    """Run rounds with faults; see `run_faults`. Prints the figures of each."""
+    """Run rounds with faults, and print the figures of each; see `run_faults`."""
     from bench.clusters.faults import run_faults  # needs the command ip, and root
     from hosts.virtual_network import find_obstacle
 

@@ -1,4 +1,4 @@
-"""Costs of a large fleet in the daemon: CPU of an event, bytes of a commit, `farm status`, all printing.
+"""Costs of a large printing fleet in the daemon: CPU time of an event, bytes of a commit, `farm status`.
 
 ``python -m bench.fleet_scale [--hosts N] [--printers N] [--idle N] [--plates N] [--plate-changes N]
 [--seconds S] [--gcode-kb N] [--profile FILE] [--json]``.
@@ -8,14 +8,14 @@ protocol, all in this process. First every printer gets a plate, then all print 
 
 With `--hosts` the printers are spread over hosts, each with the real service of `farm host`, and the daemon
 connects to each as over ssh. After the prints, one host is lost, then half of them; then, where this computer
-allows network namespaces (root), packets are lost and delayed (`bench.fleets.faults`).
+allows network namespaces (as root), packets are lost and delayed (`bench.fleets.faults`).
 
 Costs are CPU time, which other load hardly changes. An event is anything that commits: a report of an
-agent, a command of a person, a timer; reading and answering of the socket counts only in `cpu_share`,
-the daemon's share of a core while all print. `status_cpu_ms` is for the page of `farm status`, and
-`status_json_cpu_ms` for `farm status --json`, both the worst of five. `start_commit_bytes` is the largest
-commit of an event that starts a print, `report_s` the wall time between two reports of a printer, and an
-event's delay that from an agent's report to `/events`.
+agent, a command of a person, a timer. The CPU time of reading from and writing to the socket counts only in
+`cpu_share`, the daemon's share of a core while all printers print. `status_cpu_ms` is for the page of `farm
+status`, and `status_json_cpu_ms` for `farm status --json`, both the worst of five. `start_commit_bytes` is
+the largest commit of an event that starts a print, and `report_s` the wall time between two reports of a
+printer. The delay of an event is the time from an agent's report to `/events`.
 """
 
 from __future__ import annotations
@@ -88,10 +88,11 @@ class FleetSize:
 
     @property
     def host_names(self) -> list[str]:
+        """Names of the hosts."""
         return [f"pc-{number:02d}" for number in range(1, self.hosts + 1)]
 
-    def host_of(self, number: int) -> str:
-        """Return the host of a printer by its number; empty if there are no hosts."""
+    def find_host(self, number: int) -> str:
+        """Find the host of a printer by its number; empty if there are no hosts."""
         return self.host_names[number * self.hosts // (self.printers + self.idle)] if self.hosts else ""
 
 
@@ -101,10 +102,10 @@ def compute_percentile(values: Sequence[float], share: float) -> float:
 
 
 def write_state(size: FleetSize, folder: Path, notify: str) -> dict[str, Path]:
-    """Write fleet, books and the G-code of the plates. Returns the folder of each agent."""
+    """Write the fleet, the books and the G-code of the plates; return the folder of each agent."""
     state, rows, folders = StateFolder(folder), [], {}
     for number, name in enumerate([*size.printer_names, *size.idle_names]):
-        host, row = size.host_of(number), {"name": name, "model": MODEL, "port": PORT}
+        host, row = size.find_host(number), {"name": name, "model": MODEL, "port": PORT}
         if number >= size.printers:
             row["material"] = "generic_abs"
         if host:
@@ -153,7 +154,7 @@ def _run(
 
 
 def _wait_until_printing(daemon: Daemon, agents: ProtocolAgents, size: FleetSize) -> dict[str, Any]:
-    """Wait until all printers print; return the wall and CPU seconds until then."""
+    """Wait until all printers print; return the wall and CPU seconds that this takes."""
     initial_cpu_s = daemon.read_cpu_s()
     _wait_for_prints(agents, size.printers)
     until_printing_s = time.monotonic() - daemon.started_s
@@ -186,7 +187,7 @@ def _measure_prints(fleet: PrintingFleet, size: FleetSize) -> dict[str, Any]:
 
 
 def _measure_requests(fleet: PrintingFleet, request: Callable[[], object]) -> list[tuple[float, float]]:
-    """Return the daemon's CPU seconds until each of some requests is answered, and the wall seconds."""
+    """Send a request several times; return the daemon's CPU seconds and the wall seconds of each."""
     durations_s = []
     for _ in range(STATUS_REQUESTS):
         start_cpu_s, start_s = fleet.daemon.read_cpu_s(), time.monotonic()
@@ -246,7 +247,10 @@ def _wait_for(agents: ProtocolAgents, condition: Callable[[], bool], condition_n
 
 
 def list_missed_goals(figures: dict[str, Any], goals: dict[str, float]) -> list[str]:
-    """List the figures that miss their goals. A loss must cause one task, one notice, and end no print."""
+    """List the figures that miss their goals.
+
+    A loss of hosts must cause one task and one notice, and end no print.
+    """
     missed = [name for name, limit in goals.items() if figures[name] > limit]
     for name in ("one_host_lost", "half_lost"):
         loss = figures.get(name, {"tasks": 1, "notices": 1, "prints_ended": 0})
@@ -255,6 +259,7 @@ def list_missed_goals(figures: dict[str, Any], goals: dict[str, float]) -> list[
 
 
 def read_options() -> argparse.Namespace:
+    """Parse the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--printers", type=int, default=200)
     parser.add_argument(
@@ -265,12 +270,13 @@ def read_options() -> argparse.Namespace:
     parser.add_argument("--plate-changes", type=int, default=40, help="number of prints that end")
     parser.add_argument("--seconds", type=float, default=20.0, help="time for which all printers print")
     parser.add_argument("--gcode-kb", type=int, default=64, help="size of each plate's G-code")
-    parser.add_argument("--profile", type=Path, help="writes the daemon's profile (cProfile) to this file")
+    parser.add_argument("--profile", type=Path, help="file for the daemon's profile (cProfile)")
     parser.add_argument("--json", action="store_true")
     return parser.parse_args()
 
 
 def main() -> None:
+    """Parse the command line, measure, and print the figures."""
     options = vars(read_options())
     as_json, plates = options.pop("json"), options.pop("plates")
     plates = PLATES_PER_PRINTER * options["printers"] if plates is None else plates

@@ -1,12 +1,12 @@
-"""Night of a farm whose printers are on several hosts, which fail and are updated meanwhile; needs root.
+"""Night of a farm with printers on several hosts, during which hosts fail and are updated; needs root.
 
     PYTHONPATH=tests/support python -m bench.host_night --json
     PYTHONPATH=tests/support python -m bench.host_night --hosts 4 --printers 40 --scale 60 --seed 3
 
 The night of `bench.night` with real services, agents and emulators in a network namespace for each host. At
 random moments a host's service is killed, its network is cut for a time, or the whole host fails and
-comes back: its agents are killed too, so that its prints fail. While all printers print, the next version
-of farm, installed from its own wheel, is put in use, and the agents are updated to it.
+comes back; in that case its agents are killed too, so that its prints fail. While all printers print, the
+farm is switched to its next version, installed from its own wheel, and the agents are updated to it.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from hosts.virtual_network import find_obstacle  # type: ignore[import-not-found
 
 OLD_VERSION, NEW_VERSION = "1.0.0", "1.0.1"
 UPDATE_SHARE = 0.3  # share of the first plates that is printed when the new version is installed
-MIN_ABSENCE_S, MAX_ABSENCE_S = 5.0, 60.0  # wall seconds for which a host is away; one away for 30 is lost
+MIN_ABSENCE_S, MAX_ABSENCE_S = 5.0, 60.0  # wall seconds for which a host is away; after 30 it counts as lost
 SERVICE_END_S = 90.0  # wall seconds until a service without a daemon ends: 60, and a margin
 SAMPLE_S = 20.0  # time between two samples of CPU time
 _TICK_S = 1 / os.sysconf("SC_CLK_TCK")
@@ -86,7 +86,7 @@ def plan_faults(
 
 
 class CpuMeter:
-    """Share of a core that processes use between samples some seconds apart."""
+    """Meter of the share of a core that processes use between samples some seconds apart."""
 
     def __init__(self, list_processes: Callable[[], list[int]]) -> None:
         self._list_processes = list_processes
@@ -173,7 +173,7 @@ class HostNight(Night):
         hosts = self.client.hosts().hosts
         if all(host.connected and host.version == NEW_VERSION for host in hosts):
             self._is_update_pending = False
-            with suppress(FarmError):  # nothing is left to update
+            with suppress(FarmError):  # all agents have been updated
                 self.client.update_hosts()
 
     def _cause_fault(self, fault: PlannedFault) -> None:
@@ -217,7 +217,7 @@ class HostNight(Night):
         super()._stop()
 
     def count_remaining_processes(self) -> int:
-        """Count the processes that are left on the hosts after their services had time to end."""
+        """Count the processes that still run on the hosts once their services have had time to end."""
         deadline_s = time.monotonic() + SERVICE_END_S
         while self.hosts.list_processes() and time.monotonic() < deadline_s:
             time.sleep(1.0)
@@ -241,7 +241,7 @@ def parse_options(arguments: list[str] | None = None) -> argparse.Namespace:
 
 
 def run_night(folder: Path, args: argparse.Namespace) -> dict[str, object]:
-    """Run a night in an existing folder. Returns its figures."""
+    """Run a night in an existing folder, and return its figures."""
     night = HostNight(folder, args)
     try:
         figures = night.run()
@@ -251,6 +251,7 @@ def run_night(folder: Path, args: argparse.Namespace) -> dict[str, object]:
 
 
 def main() -> None:
+    """Parse the command line, measure, and print the figures."""
     obstacle = find_obstacle()
     if obstacle is not None:
         raise SystemExit(f"not run: {obstacle}")

@@ -1,14 +1,14 @@
 """Pins and marks on the joints of decomposed models: share of the glued area near a pin, and cost.
 
-Models are cut by the engine `guillotine`, then drilled, all rules checked. With --slices, the first parts
-of each model are sliced as they were cut and with their holes and marks. Marks are read back from the outer
+Models are cut by the engine `guillotine`, then drilled, and all rules are checked. With --slices, the first
+parts of each model are sliced without and with their holes and marks. Marks are read back from the outer
 walls, and the material of supports is compared.
 
 Usage: python -m bench.joints MODEL|SHAPE... [--printers 8,20] [--longest-side 330] [--slices 0]
     [--budget 1800] [--resume FILE] [--json]
 
-A SHAPE is a name of `bench.models.shapes`. No case is begun after --budget seconds. --resume keeps a line of
-JSON for each finished case, and leaves out those that it has.
+A SHAPE is a name of `bench.models.shapes`. No case is started after --budget seconds. --resume stores a line
+of JSON for each finished case in FILE, and skips the cases that are already in it.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Row:
     faces
         Number of glued faces.
     failures
-        Number of connectors that were left out because they broke a rule.
+        Number of connectors omitted because they broke a rule.
     compute_s
         CPU seconds of drilling.
     added_time_share
@@ -74,9 +74,9 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class SlicedFigures:
-    """Slices of some parts: print times without and with holes and marks, and what is read back.
+    """Figures of the slices of some parts: print times without and with holes and marks, and legible marks.
 
-    `priced_added_s` is what the prices of these parts add for their holes and marks.
+    `priced_added_s` is the time for holes and marks in the prices of these parts.
     """
 
     parts: int
@@ -149,7 +149,7 @@ def measure_near_glue(result: Decomposition) -> float:
 
 
 def slice_parts(cut: Decomposition, result: Decomposition, count: int) -> SlicedFigures:
-    """Slice the first parts of a result, as they were cut and drilled, and read both back."""
+    """Slice the first parts of a result before and after drilling, and compare the slices."""
     pairs = []
     illegible: list[str] = []
     marks = 0
@@ -177,7 +177,7 @@ def slice_parts(cut: Decomposition, result: Decomposition, count: int) -> Sliced
 
 
 def read_finished_cases(path: Path | None) -> dict[tuple[str, int], dict[str, Any]]:
-    """Read the cases that a file of an earlier run has, by model and number of printers."""
+    """Read the finished cases from the file of an earlier run, by model and number of printers."""
     if path is None or not path.exists():
         return {}
     rows = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
@@ -185,6 +185,7 @@ def read_finished_cases(path: Path | None) -> dict[tuple[str, int], dict[str, An
 
 
 def main() -> None:
+    """Parse the command line, measure, and print the figures."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("models", nargs="+")
     parser.add_argument("--printers", default="8")

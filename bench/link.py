@@ -1,17 +1,17 @@
-"""Figures of links and agents in one run of some minutes, on a machine without other load.
+"""Figures of links and agents, measured in one run of some minutes on a machine without other load.
 
 ``python -m bench.link [--part PART]... [--agents N] [--lines N] [--scale S] [--beside PYTHON] [--json]``.
 Real processes: every agent resets its board, heats, streams short moves and ends its print.
 
-* ``throughput``: lines a second through agents and emulators on ptys, and the CPU of a line. The clock is so
-  fast that moves take almost no time: this is the limit of host and link.
+* ``throughput``: lines per second through agents and emulators on ptys, and CPU time per line. The clock is
+  so fast that moves take almost no time: this is the limit of host and link.
 * ``printcore``: an agent and then printcore print the same moves on one emulator, in wall time and with the
   time of bytes at 250000 baud. Needs a PYTHON that has Printrun (`make interop` makes one).
 * ``agent``: N agents at 50 lines/s, on boards that only acknowledge: turnaround, CPU, memory
   (`bench.printing.agent`).
 * ``peers``: the same for 50 agents.
 * ``memory``: one agent that prints a file of 50 MB.
-* ``estop``: daemon and agents stopped by SIGSTOP, until all targets are 0 (`bench.printing.estop`).
+* ``estop``: time until all targets are 0, with daemon and agents stopped by SIGSTOP (`bench.printing.estop`).
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def read_cpu_s(pid: int) -> float:
 async def print_file(
     folder: Path, clock: Clock, gcode: Path, url: str = f"sim://{MODEL}", keep_emulator: bool = False
 ) -> tuple[float, float, float]:
-    """Print on one printer; measure the wall times of first and last line, and the agent's CPU between."""
+    """Print on one printer; return the wall times of first and last line, and the agent's CPU seconds."""
     process = spawn_agent(folder.name, MODEL, url, folder, clock)
     client = AgentClient(folder)
     try:
@@ -90,7 +90,7 @@ async def print_file(
                     raise SystemExit(f"the print ended {phase}: {snapshot.print and snapshot.print.reason}")
                 break
     finally:
-        # After any failure, heaters are off and no process is left.
+        # After any failure too, the heaters are switched off, and no process keeps running.
         with suppress(DriverError):
             await client.request(m.Shutdown(id=0, now=True))
         await client.close()
@@ -101,7 +101,7 @@ async def print_file(
 
 
 async def measure(agents: int, lines: int, scale: float) -> dict[str, float]:
-    """Run the prints at the same time."""
+    """Print on all agents at the same time; return lines per second and CPU time per line."""
     moves = "".join(
         f"G1 X{100 + i % 2 * 0.2:.3f} Y{100 + i % 7 * 0.1:.3f} E{i * 0.01:.5f}\n" for i in range(lines)
     )
@@ -124,7 +124,7 @@ async def measure(agents: int, lines: int, scale: float) -> dict[str, float]:
 
 
 def compare_with_printcore(lines: int, python: Path) -> dict[str, float]:
-    """Print with an agent and with printcore in turn, the same moves on the same emulator; return medians."""
+    """Print the same moves on the same emulator with an agent and with printcore in turn; return medians."""
     moves = "".join(
         f"G1 F18000 X{10 + abs(i % 1200 - 600) * 0.3:.3f} Y{10 + i // 600 * 0.5:.3f} E{i * 0.01:.5f}\n"
         for i in range(lines)
@@ -168,15 +168,16 @@ def compare_with_printcore(lines: int, python: Path) -> dict[str, float]:
 
 
 def main() -> None:
+    """Parse the command line, measure, and print the figures."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument(
-        "--part", action="append", choices=PARTS, help="part to measure, may be repeated; by default all"
+        "--part", action="append", choices=PARTS, help="part to measure, may be repeated; default: all"
     )
     parser.add_argument("--agents", type=int, default=8)
     parser.add_argument("--lines", type=int, default=10_000, help="lines of each agent")
-    parser.add_argument("--scale", type=float, default=300.0, help="farm seconds in a wall second")
+    parser.add_argument("--scale", type=float, default=300.0, help="farm seconds per wall second")
     parser.add_argument("--beside", type=Path, default=INTEROP_PYTHON, help="a Python that has Printrun")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()

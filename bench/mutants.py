@@ -77,6 +77,7 @@ def _sample(db: WorkDB, rng: random.Random, count: int) -> None:
 
 
 def main() -> None:
+    """Parse the command line, test the mutants, and print those that survived."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument(
         "--group", choices=GROUPS, action="append", help="group to test, may be repeated; default: all"

@@ -3,10 +3,11 @@
     python -m bench.night --json
     python -m bench.night --seed 3 --keep DIR
 
-One job of many equal plates of slow moves. The operator clears beds in attended hours and is away for a
-night. Some boards, chosen by the seed, are reset in mid-print, one printer is unplugged permanently, and the
-daemon is killed twice. The lower bound is that of the remaining printers, without the hours in which nobody
-clears a bed (`away_s`). With `--keep` the farm's folder (books, logs, journals) stays, in a new DIR.
+One job has many equal plates of slow moves. The operator clears beds in attended hours and is away for a
+night. Some boards, chosen by the seed, are reset during a print, one printer is unplugged permanently, and
+the daemon is killed twice. The lower bound is that of the remaining printers, without the hours in which
+nobody clears a bed (`away_s`). With `--keep`, the farm's folder (books, logs, journals) is kept as a new
+folder DIR.
 """
 
 from __future__ import annotations
@@ -69,7 +70,7 @@ def write_slow_gcode(moves: int, move_s: float) -> str:
 
 
 class Night:
-    """Farm for one night. `run` returns its figures."""
+    """Farm for one night."""
 
     def __init__(self, folder: Path, args: argparse.Namespace) -> None:
         self.args = args
@@ -177,6 +178,7 @@ class Night:
     # -- the farm ---------------------------------------------------------------------------------------
 
     def run_farm(self, *arguments: str) -> None:
+        """Run a command of `farm`."""
         command = [*self.command, *arguments, "--state", str(self.state.root)]
         if arguments[0] == "up":
             command += ["--fleet", str(self.fleet_file)]
@@ -185,6 +187,7 @@ class Night:
             raise SystemExit(f"farm {' '.join(arguments)}: {process.stderr}")
 
     def run(self) -> dict[str, object]:
+        """Run the night, and return its figures."""
         start_s = time.monotonic()
         self.run_farm("up")
         try:
@@ -293,7 +296,7 @@ class Night:
         }
 
     def _count_completed_prints(self, books: Books) -> Counter[str]:
-        """Count the completed prints of each plate by the agents' journals; the script finds none bad."""
+        """Count the completed prints of each plate in the agents' journals; the script judges no part bad."""
         print_ids = set()
         for name in self.names:
             for line in (self._find_agent_folder(name) / JOURNAL).read_text().splitlines():
@@ -331,9 +334,9 @@ def make_parser(description: str | None) -> argparse.ArgumentParser:
     parser.add_argument("--printers", type=int, default=20)
     parser.add_argument("--plates", type=int, default=60)
     parser.add_argument("--moves", type=int, default=300, help="number of moves of a plate")
-    parser.add_argument("--move-s", type=float, default=20.0, help="farm seconds of a move")
+    parser.add_argument("--move-s", type=float, default=20.0, help="farm seconds per move")
     parser.add_argument("--away-h", type=float, default=5.5, help="farm hours without the operator")
-    parser.add_argument("--scale", type=int, default=300, help="farm seconds in a wall second")
+    parser.add_argument("--scale", type=int, default=300, help="farm seconds per wall second")
     parser.add_argument("--failing", type=float, default=0.05, help="share of the prints that fail")
     parser.add_argument("--kills", type=int, default=2, help="number of times that the daemon is killed")
     parser.add_argument("--patience-s", type=float, default=900.0, help="wall seconds for the whole night")
@@ -342,7 +345,7 @@ def make_parser(description: str | None) -> argparse.ArgumentParser:
         "--keep",
         type=Path,
         metavar="DIR",
-        help="a new folder: the farm's books, logs and journals stay there",
+        help="new folder in which the farm's books, logs and journals are kept",
     )
     parser.add_argument("--json", action="store_true")
     return parser
@@ -354,6 +357,7 @@ def parse_options(arguments: list[str] | None = None) -> argparse.Namespace:
 
 
 def main() -> None:
+    """Parse the command line, measure, and print the figures."""
     args = parse_options()
     with tempfile.TemporaryDirectory(prefix="night-") as folder:
         if args.keep is not None:

@@ -4,9 +4,9 @@ Usage: python -m bench.unseen [--seed 1] [--kinds organic,bust,...] [--printers 
        [--budget 20] [--json] [--scheduler tls://HOST:PORT --certificates DIR]
 
 Each kind is a family: limbs of ellipsoids, a head of noise on shoulders, a lattice of struts, a thin shell, a
-block with bores, a flat sheet with ribs. Times are prices of the cost model, against the whole model in its
-best pose; nothing is sliced (`bench.decompose` does). `wall_s` is the wall time on this machine, `effort_s`
-the counted work.
+block with bores, a flat sheet with ribs. Times are prices of the cost model, compared with the whole model in
+its best pose; nothing is sliced (`bench.decompose` slices). `wall_s` is the wall time on this machine,
+`effort_s` the counted work.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import numpy as np
 from trimesh import creation
 
 from bench.clusters.calls import add_cluster_options, count_calls, open_calls
-from bench.models.shapes import ellipsoid, rod, solid
+from bench.models.shapes import make_ellipsoid, make_rod, make_solid
 from bench.search.peak_memory import read_peak_mb
 from decompose.decompose import decompose_model
 from decompose.errors import DecomposeError
@@ -41,37 +41,37 @@ ROOM_SIZES_MM = (
 )
 
 
-def organic(rng: np.random.Generator) -> Solid:
+def draw_organic(rng: np.random.Generator) -> Solid:
     """Draw a body with limbs that bend and taper."""
-    bodies = [ellipsoid((0.0, 0.0, 0.0), tuple(rng.uniform(30.0, 60.0, 3)))]
+    bodies = [make_ellipsoid((0.0, 0.0, 0.0), tuple(rng.uniform(30.0, 60.0, 3)))]
     for _ in range(int(rng.integers(4, 7))):
         point, direction = np.zeros(3), rng.normal(size=3)
         for radius in np.linspace(22.0, rng.uniform(5.0, 9.0), 8):
             direction = direction / np.linalg.norm(direction) + rng.normal(scale=0.25, size=3)
             next_point = point + 24.0 * direction / np.linalg.norm(direction)
             bodies += [
-                ellipsoid(tuple(next_point), (radius,) * 3),
-                rod(tuple(point), tuple(next_point), float(radius)),
+                make_ellipsoid(tuple(next_point), (radius,) * 3),
+                make_rod(tuple(point), tuple(next_point), float(radius)),
             ]
             point = next_point
     return Solid.union(bodies)
 
 
-def bust(rng: np.random.Generator) -> Solid:
-    """Draw a head with a rough face on shoulders, cut flat below."""
+def draw_bust(rng: np.random.Generator) -> Solid:
+    """Draw a head with a rough face on shoulders, with a flat base."""
     sphere = creation.icosphere(5, 1.0)
     waves = rng.normal(scale=4.0, size=(24, 3))
     phases = rng.uniform(0.0, 2.0 * math.pi, 24)
     rough = np.sin(sphere.vertices @ waves.T + phases).sum(axis=1) / 24.0
     sphere.vertices *= (1.0 + 0.35 * rough)[:, None] * rng.uniform(50.0, 70.0, 3)
     sphere.apply_translation((0.0, 0.0, 130.0))
-    shoulders = ellipsoid((0.0, 0.0, 10.0), (55.0, float(rng.uniform(80.0, 110.0)), 60.0))
-    neck = rod((0.0, 0.0, 30.0), (0.0, 0.0, 110.0), float(rng.uniform(20.0, 30.0)))
+    shoulders = make_ellipsoid((0.0, 0.0, 10.0), (55.0, float(rng.uniform(80.0, 110.0)), 60.0))
+    neck = make_rod((0.0, 0.0, 30.0), (0.0, 0.0, 110.0), float(rng.uniform(20.0, 30.0)))
     ground = Solid.box((-300.0, -300.0, -300.0), (300.0, 300.0, 0.0))
-    return Solid.union([solid(sphere), shoulders, neck]).subtract(ground)
+    return Solid.union([make_solid(sphere), shoulders, neck]).subtract(ground)
 
 
-def lattice(rng: np.random.Generator) -> Solid:
+def draw_lattice(rng: np.random.Generator) -> Solid:
     """Draw struts between the nodes of a crooked grid."""
     nodes = {
         (i, j, k): np.array([i, j, k]) * 60.0 + rng.uniform(-12.0, 12.0, 3)
@@ -80,28 +80,28 @@ def lattice(rng: np.random.Generator) -> Solid:
         for k in range(4)
     }
     radius = float(rng.uniform(4.0, 8.0))
-    struts = [ellipsoid(tuple(point), (1.2 * radius,) * 3) for point in nodes.values()]
+    struts = [make_ellipsoid(tuple(point), (1.2 * radius,) * 3) for point in nodes.values()]
     for index, point in nodes.items():
         for axis in range(3):
             neighbour = tuple(n + (a == axis) for a, n in enumerate(index))
             if neighbour in nodes:
-                struts.append(rod(tuple(point), tuple(nodes[neighbour]), radius))
+                struts.append(make_rod(tuple(point), tuple(nodes[neighbour]), radius))
     return Solid.union(struts)
 
 
-def shell(rng: np.random.Generator) -> Solid:
+def draw_shell(rng: np.random.Generator) -> Solid:
     """Draw a thin, open bowl with an uneven rim."""
     radii = rng.uniform(70.0, 120.0, 3)
     thickness_mm = float(rng.uniform(2.5, 6.0))
-    bowl = ellipsoid((0.0, 0.0, 0.0), tuple(radii)).subtract(
-        ellipsoid((0.0, 0.0, 0.0), tuple(radii - thickness_mm))
+    bowl = make_ellipsoid((0.0, 0.0, 0.0), tuple(radii)).subtract(
+        make_ellipsoid((0.0, 0.0, 0.0), tuple(radii - thickness_mm))
     )
     slope = rng.uniform(-0.3, 0.3, 2)
     normal = np.array([*slope, 1.0]) / math.sqrt(1.0 + float(slope @ slope))
     return bowl.split_by_plane(normal, float(rng.uniform(-20.0, 30.0)))[0]
 
 
-def mechanical(rng: np.random.Generator) -> Solid:
+def draw_mechanical(rng: np.random.Generator) -> Solid:
     """Draw a block with pads, pockets and bores."""
     size = rng.uniform(80.0, 220.0, 3)
     bodies, bores = [Solid.box((0.0, 0.0, 0.0), tuple(size))], []
@@ -112,11 +112,11 @@ def mechanical(rng: np.random.Generator) -> Solid:
         axis, position_mm = int(rng.integers(3)), rng.uniform(0.2, 0.8, 3) * size
         start, end = position_mm.copy(), position_mm.copy()
         start[axis], end[axis] = -10.0, size[axis] + 10.0
-        bores.append(rod(tuple(start), tuple(end), float(rng.uniform(5.0, 22.0))))
+        bores.append(make_rod(tuple(start), tuple(end), float(rng.uniform(5.0, 22.0))))
     return Solid.union(bodies).subtract(Solid.union(bores))
 
 
-def flat(rng: np.random.Generator) -> Solid:
+def draw_flat(rng: np.random.Generator) -> Solid:
     """Draw a wide sheet with ribs."""
     width, depth = rng.uniform(200.0, 400.0, 2)
     bodies = [Solid.box((0.0, 0.0, 0.0), (width, depth, 3.0))]
@@ -129,7 +129,12 @@ def flat(rng: np.random.Generator) -> Solid:
 
 
 KINDS: Mapping[str, Callable[[np.random.Generator], Solid]] = {
-    kind.__name__: kind for kind in (organic, bust, lattice, shell, mechanical, flat)
+    "organic": draw_organic,
+    "bust": draw_bust,
+    "lattice": draw_lattice,
+    "shell": draw_shell,
+    "mechanical": draw_mechanical,
+    "flat": draw_flat,
 }
 
 
@@ -143,14 +148,14 @@ def draw_model(kind: str, seed: int, side_mm: float) -> Model:
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """Figures of one decomposition; those of the result are None if it failed, and `reason` says why.
+    """Figures of one decomposition; if it failed, those of its result are None, and `reason` says why.
 
     Attributes
     ----------
     efficiency
-        Time of the whole in its best pose over printers times makespan.
+        Time of the whole model in its best pose, divided by the number of printers times the makespan.
     balance
-        Mean over greatest time of the parts.
+        Mean time of the parts, divided by the longest.
     gap
         Share by which the makespan on the grid exceeds its lower bound.
     small_feet
@@ -222,6 +227,7 @@ def format_row(row: Figures) -> str:
 
 
 def main() -> None:
+    """Parse the command line, measure, and print the figures."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -250,7 +256,7 @@ def main() -> None:
     if options.json:
         print(json.dumps({"models": [asdict(row) for row in rows], "efficiency": mean}, indent=1))
     elif mean is not None:
-        print(f"E in the geometric mean {mean:.3f}, at worst {min(efficiencies):.3f}")
+        print(f"geometric mean of E {mean:.3f}, worst {min(efficiencies):.3f}")
 
 
 if __name__ == "__main__":

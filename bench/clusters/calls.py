@@ -1,6 +1,6 @@
 """Calls of benches on a cluster (`--scheduler`), or on this computer.
 
-The cluster's workers have to find the package `bench`: start each in a checkout, as
+The cluster's workers must be able to import the package `bench`: start each in a checkout, with
 ``PYTHONPATH=. .venv/bin/farm worker tls://HOST:8786 --certificates FOLDER``.
 """
 
@@ -19,7 +19,7 @@ from farm.compute import Deferred, Limit, Workers
 from farm.compute.cluster import connect_cluster
 
 Call = Callable[..., Any]
-"""Calls a deferred function with arguments, and waits for its result; from any thread."""
+"""Function that calls a deferred function with arguments, and waits for its result; any thread may use it."""
 LIMIT = Limit("measuring", 6 * 3600.0)
 MAX_PARALLEL_CALLS = 64
 """Maximum number of parallel calls on a cluster, which runs as many as it has slots."""

@@ -58,7 +58,7 @@ def _list_files(source: Path, folder: Path, *_: object) -> TaskFiles:
 
 
 def copy_after_delay(source: Path, folder: Path, seconds: float) -> int:
-    """Copy a file after a delay. Returns the file's size."""
+    """Copy a file after a delay, and return its size."""
     folder.mkdir(parents=True, exist_ok=True)
     time.sleep(seconds)
     (folder / "copy").write_bytes(source.read_bytes())
@@ -131,7 +131,7 @@ class TakenResults:
 
 
 class FaultRounds:
-    """Rounds with a fault each, on one cluster.
+    """Rounds on one cluster, each with one fault.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ class FaultRounds:
         self._source.write_bytes(rng.randbytes(200_000))
 
     async def run(self, number: int, fault: str) -> dict[str, Any]:
-        """Run a round. Returns its figures."""
+        """Run a round, and return its figures."""
         pool, rng = self._pool, self._rng
         while not (pool.state.place is Place.CLUSTER and len(pool.state.workers) == len(WORKERS)):
             await asyncio.sleep(SAMPLE_S)
@@ -171,7 +171,7 @@ class FaultRounds:
             duration_s = time.monotonic() - start_s
             sampling_task.cancel()
             victim = await fault_task
-            task_count, processes = await self._wait_for_no_tasks()
+            task_count, processes = await self._wait_for_end_of_tasks()
         finally:
             sampling_task.cancel()
             cluster_pool.write_files = taken_results._write
@@ -218,13 +218,13 @@ class FaultRounds:
         )
 
     async def _run_task(self, path: Path) -> bool:
-        """Run a task beside the job. Returns True if its result is correct."""
+        """Run a task in parallel with the job; return True if its result is correct."""
         size = await self._pool.run(deferred_copy, self._source, path, TASK_S, limit=LIMIT, group="tasks")
         content = self._source.read_bytes()
         return size == len(content) and (path / "copy").read_bytes() == content
 
     async def _cause_fault(self, fault: str, delay_s: float, restart_s: float) -> str:
-        """Cause a fault after some seconds, and repair it. Returns the names of its hosts."""
+        """Cause a fault after some seconds, and repair it; return the names of its hosts."""
         await asyncio.sleep(delay_s)
         kind, _, target = fault.partition(" ")
         victims = {"worker": [self._rng.choice(WORKERS)], "scheduler": [SCHEDULER], "farm": [FARM]}
@@ -248,13 +248,13 @@ class FaultRounds:
             self._hosts.network.set_faults(*names)
         return ", ".join(names)
 
-    async def _wait_for_no_tasks(self) -> tuple[int, Counter[str]]:
-        """Wait until no host has a task, or a process of one.
+    async def _wait_for_end_of_tasks(self) -> tuple[int, Counter[str]]:
+        """Wait until no host has a task, or a process of a task.
 
         Returns
         -------
         tuple[int, Counter[str]]
-            Number of tasks that are left at the end, and of processes of each host.
+            Number of remaining tasks, and number of processes on each host.
         """
         deadline_s = time.monotonic() + END_TIMEOUT_S
         while True:
@@ -265,13 +265,13 @@ class FaultRounds:
             await asyncio.sleep(SAMPLE_S)
 
     def _count_processes(self) -> Counter[str]:
-        """Count the processes of each host; on that of the farm, its pool with its engines."""
+        """Count the processes of each host; on the farm's host, those of the local pool and its engines."""
         engines = sum(len(list_children(pid)) for pid in self._local_pool.pids)
         return Counter({FARM: len(self._local_pool.pids) + engines, **self._hosts.count_processes()})
 
 
 async def _plan(state: StateFolder, job: Job, pool: Pool) -> Any:
-    """Plan a job. Returns the plan, or the error."""
+    """Plan a job; return the plan, or the error."""
     future: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
     planner = JobPlanner(state, pool, BUDGET_S, lambda _, result: future.set_result(result), lambda *_: None)
     planner.start(PlanRequest(job, FLEET.printers))
@@ -305,12 +305,12 @@ def list_differences(plan: Any, local_plan: Any) -> list[str]:
 async def run_faults(
     rounds: int, seed: int, folder: Path, report: Callable[[dict[str, Any]], None]
 ) -> dict[str, Any]:
-    """Run rounds with a fault each: every kind once, then kinds at random.
+    """Run rounds with one fault each: every kind once in random order, then every kind again.
 
     Parameters
     ----------
     report
-        Called with the figures of each round.
+        Function that is called with the figures of each round.
     """
     rng = random.Random(seed)
     kinds = [fault for _ in range(0, rounds, len(FAULTS)) for fault in rng.sample(FAULTS, len(FAULTS))]

@@ -63,7 +63,7 @@ class Hosts:
             self._running[name].wait()
 
     def count_tasks(self) -> int:
-        """Count the tasks that workers have, by their folders, and the engines that run."""
+        """Count the tasks of the workers, by their folders, and the running engines."""
         folders = sum(1 for name in WORKERS for _ in (self.folder / name / "tasks").glob("*"))
         return folders + sum(_is_engine(pid) for name in WORKERS for pid in self.network.list_pids(name))
 
@@ -72,7 +72,7 @@ class Hosts:
         return {name: len(self.network.list_pids(name)) for name in (SCHEDULER, *WORKERS)}
 
     def end(self) -> int:
-        """End all processes, as systemd ends services. Returns the number of those that are left."""
+        """End all processes as systemd ends services; return the number of processes that still run."""
         for process in self._running.values():
             process.terminate()
         deadline_s = time.monotonic() + END_TIMEOUT_S
@@ -97,7 +97,7 @@ def _is_engine(pid: int) -> bool:
 
 
 def list_children(pid: int) -> list[int]:
-    """List the processes that a process has started; none of one that has ended."""
+    """List the child processes of a process; empty if the process has ended."""
     children: list[int] = []
     for path in Path(f"/proc/{pid}/task").glob("*/children"):
         with contextlib.suppress(OSError):

@@ -1,4 +1,4 @@
-"""Real jobs planned by one and by two workers of this computer, and the times of their tasks.
+"""Real jobs planned on one and on two workers of this computer, and the times of their tasks.
 
 Parts are cut from a random model (`bench.unseen`) and sliced by CuraEngine. The CPU time of each task
 does not depend on other load, and the ratio of the durations hardly does.
@@ -40,7 +40,7 @@ PARALLEL_TASKS = {"slice_part", "draw_overview", "draw_some_steps", "draw_job", 
 
 @dataclass(frozen=True, slots=True)
 class TimedTask:
-    """Task of a job: its start and end, from the start of the job, and CPU seconds with CuraEngine's."""
+    """Task of a job: its start and end, from the start of the job, and its CPU time, CuraEngine included."""
 
     kind: str
     begin_s: float
@@ -49,7 +49,7 @@ class TimedTask:
 
 
 def run_timed(work: Callable[..., Any], *args: object) -> tuple[Any, float]:
-    """Call a function. Returns its result and CPU seconds, including those of its child processes."""
+    """Call a function; return its result and its CPU seconds, including those of its child processes."""
     start_cpu_s = _read_cpu_s()
     return work(*args), _read_cpu_s() - start_cpu_s
 
@@ -76,7 +76,7 @@ class TimingPool:
 
     @property
     def start_step(self) -> str | None:
-        """Step of the start of the workers."""
+        """Current step of the workers' start; None once they have started."""
         return self._pool.start_step
 
     @property
@@ -101,7 +101,7 @@ class TimingPool:
 
 
 def measure_job(part_count: int, worker_count: int, folder: Path) -> dict[str, Any]:
-    """Plan a job of a number of parts by a number of workers. Returns its figures and its tasks."""
+    """Plan a job with a number of parts on a number of workers; return its figures and its tasks."""
     return asyncio.run(_measure_job(part_count, worker_count, folder))
 
 
@@ -136,7 +136,7 @@ async def _measure_job(part_count: int, worker_count: int, folder: Path) -> dict
 
 
 def measure_search(part_count: int, worker_count: int, budget_s: float, folder: Path) -> dict[str, Any]:
-    """Search for the parts of a job by a number of workers, without slices. Returns its figures.
+    """Search for the parts of a job on a number of workers, without slicing them.
 
     Returns
     -------
@@ -190,13 +190,14 @@ async def _measure_search(
 
 
 def measure_drawing(part_count: int, folder: Path) -> dict[str, Any]:
-    """Cut a job, and draw its parts by one worker and by several. Returns CPU seconds.
+    """Decompose a job, and draw its parts on one worker and on several.
 
     Returns
     -------
     dict
-        `single_drawer_s`, if one worker draws; `tasks`, as in a stage of `list_stages`; `critical_s`, the sum
-        of the longest picture and the page; and `ratio`, `critical_s` as a share of `single_drawer_s`.
+        `single_drawer_s`, the CPU seconds if one worker draws; `tasks`, the CPU seconds of the tasks as in a
+        stage of `list_stages`; `critical_s`, the sum of the longest picture and the page; and `ratio`,
+        `critical_s` as a share of `single_drawer_s`.
     """
     state = StateFolder(folder / f"{part_count}-drawn")
     job, fleet = _make_job(part_count, state)
@@ -231,13 +232,13 @@ def measure_drawing(part_count: int, folder: Path) -> dict[str, Any]:
 
 
 def list_stages(tasks: list[dict[str, Any]]) -> list[dict[str, list[float]]]:
-    """Group the tasks of a job by the stages that follow each other.
+    """Group the tasks of a job by stage.
 
     Returns
     -------
     list
-        CPU seconds of the tasks of each stage, by their kind. Parts are drawn in the stage in which
-        they are sliced.
+        CPU seconds of the tasks of each stage, by their kind, in the order of the stages. Parts are drawn in
+        the stage in which they are sliced.
     """
     stages: list[dict[str, list[float]]] = []
     for task in sorted(tasks, key=lambda task: float(task["begin_s"])):

@@ -102,7 +102,7 @@ def find_critical_path(stages: Stages, single_drawer: bool = False) -> list[tupl
 
 
 def list_drawings(stage: dict[str, list[float]], single_drawer: bool) -> list[list[tuple[str, float]]]:
-    """List the drawings of a stage: those of each list run in parallel, one list after the other."""
+    """List the drawings of a stage in batches, which run one after the other, each with parallel drawings."""
     pictures = [(kind, seconds) for kind in PICTURES for seconds in stage.get(kind, [])]
     pages = [(PAGE, seconds) for seconds in stage.get(PAGE, [])]
     batches = [batch for batch in (pictures, pages) if batch]
@@ -110,7 +110,7 @@ def list_drawings(stage: dict[str, list[float]], single_drawer: bool) -> list[li
 
 
 def sum_path(path: list[tuple[str, float]]) -> float:
-    """Return the seconds of a chain."""
+    """Return the total seconds of a chain of tasks."""
     return sum(seconds for _, seconds in path)
 
 
@@ -140,7 +140,7 @@ async def run_job(pool: ClusterPool, number: int, stages: Stages, scale: float, 
 
 
 async def replay(workers: int, jobs: list[Stages], scale: float, folder: Path) -> dict[str, Any]:
-    """Run the jobs on sleeping workers, then again with one worker drawing each job. Returns the figures."""
+    """Run the jobs on sleeping workers, then again with one worker drawing each job; return the figures."""
     overhead_s: list[float] = []
     logging.getLogger("distributed").setLevel(logging.WARNING)
     with dask.config.set(DISABLED_MONITORING):
@@ -174,7 +174,7 @@ async def replay(workers: int, jobs: list[Stages], scale: float, folder: Path) -
 async def _run_jobs(
     pool: ClusterPool, jobs: list[Stages], scale: float, single_drawer: bool
 ) -> tuple[float, float]:
-    """Run jobs at the same time. Returns their unscaled duration and CPU time in seconds."""
+    """Run jobs at the same time; return their unscaled duration and CPU time in seconds."""
     begin_s, begin_cpu_s = time.monotonic(), time.process_time()
     await asyncio.gather(
         *(run_job(pool, number, job, scale, single_drawer) for number, job in enumerate(jobs))

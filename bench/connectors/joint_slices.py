@@ -81,7 +81,7 @@ class SlicedPart:
         return is_inside
 
     def is_legible(self, mark: Mark) -> bool:
-        """Read a mark: each letter must resemble itself most, and arrows and dots must exist."""
+        """Check whether a mark can be read: letters match their own strokes best, arrows and dots exist."""
         direction, depth_mm = mark.grooves[0].into, measure_depth_mm(mark)
         code, stroke_count = mark.text.rstrip("^."), 0
         if code:

@@ -29,7 +29,7 @@ STROKE_TOLERANCE_MM = 0.12  # distance from a stroke to points at the bottom of 
 CLEARANCE_SHARE = 0.3  # free margin around a code, as a share of the height of letters
 RIM_RAYS = 8  # number of points on the rim of a pin at which the depth is measured
 GROOVE_WIDTH_MM, GROOVE_TOLERANCE_MM = 2.0, 0.1  # least width of the groove of a key, error of its depth
-MIN_HOLE_DEPTH_MM = 1.0  # grooves of codes are less deep
+MIN_HOLE_DEPTH_MM = 1.0  # grooves of codes are shallower
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,7 +58,7 @@ class CodedFace:
     normal
         (3,) unit vector out of the part.
     codes
-        Text of each code, and the direction (3,) of its arrow; None without one.
+        Text of each code, and the direction (3,) of its arrow; None if it has no arrow.
     """
 
     normal: Floats
@@ -75,7 +75,7 @@ def read_part(path: Path, own_number: str, other_numbers: Iterable[str], pin_mm:
     path
         STL file.
     own_number, other_numbers
-        Number of the part, as its file is named, and of the others.
+        Number of the part, as in the name of its file, and numbers of the other parts.
     pin_mm
         Diameter of the pins.
     """
@@ -267,7 +267,7 @@ def _measure_distances_mm(points: Floats, strokes: Floats) -> Floats:
 
 
 def _unite_triangles(triangles: Floats) -> shapely.Geometry:
-    """Unite triangles (n, 3, 2); slits that rounding leaves between them are closed, as they open rings."""
+    """Unite triangles (n, 3, 2), and close the slits that rounding leaves, as they would open rings."""
     rings = np.concatenate([triangles, triangles[:, :1]], axis=1)
     union = shapely.union_all(shapely.polygons(rings), grid_size=1e-3)
     return union.buffer(SLIT_MM, join_style="mitre").buffer(-SLIT_MM, join_style="mitre")

@@ -4,8 +4,8 @@
 after another; each then gets a plate, and prints. `connect_cpu_s` is the time of all their first reports,
 `start_cpu_s` that of the ticks that start their prints, `status_ms` that of one description of the farm for
 `farm status`, `status_json_ms` the same with `--json`, `cleared_ms` that of a person's command after which
-the next plate starts: the largest event that is frequent. The other figures are medians of one call. No job
-gets another plan, although it is looked for.
+the next plate starts, which is the most expensive of the frequent events. The other figures are medians of
+one call. Every request for another plan of a job is refused.
 """
 
 from __future__ import annotations
@@ -45,25 +45,25 @@ class Effects:
     Attributes
     ----------
     plans
-        Numbers of the jobs that are to be planned.
+        Numbers of the jobs to plan.
     """
 
     def __init__(self) -> None:
         self.plans: list[int] = []
 
     def perform(self, effect: object, books: object) -> None:
-        """Store the job of a plan, and do nothing else."""
+        """Store the number of a job to plan; ignore every other effect."""
         if isinstance(effect, StartPlanning):
             self.plans.append(effect.job)
 
     def refuse_plans(self, controller: Controller) -> None:
-        """Answer each plan with an error: the job keeps the one that it has."""
+        """Answer each request for a plan with an error, so that the job keeps its plan."""
         while self.plans:
             controller.on_plan(self.plans.pop(), FarmError("no better plan"))
 
 
 def make_snapshot(printer: str, attempt: Print | None = None, progress_s: float = 0.0) -> AgentSnapshot:
-    """Make the report of a printer that is ready, or prints."""
+    """Make the report of a printer that is ready, or that prints."""
     agent_print = None
     if attempt is not None:
         agent_print = AgentPrint(
@@ -164,6 +164,7 @@ def _measure_cleared(controller: Controller, effects: Effects, attempt: Print) -
 
 
 def main() -> None:
+    """Parse the command line, measure, and print the figures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--printers", type=int, default=1000)
     parser.add_argument("--plates", type=int, default=10_000)

@@ -16,11 +16,11 @@ ONE, HALF, REST = "one", "half", "rest"
 LOSS, DELAY_S = 0.05, 0.3
 _TIMEOUT_S = 180.0
 _POLL_S = 2.0
-_NOTICE_S = 20.0  # time in which every notice is sent: they wait for 10 s, as further losses may join them
+_NOTICE_S = 20.0  # by then every notice is sent: it waits for 10 s, so that it can include further losses
 
 
 def group_hosts(hosts: list[str]) -> dict[str, list[str]]:
-    """Divide hosts into one that is lost, those that are lost with it to make half of them, and the rest."""
+    """Divide hosts into the first one, the others of the first half, and the rest."""
     half = max(1, len(hosts) // 2)
     groups = {ONE: hosts[:1], HALF: hosts[1:half], REST: hosts[half:]}
     return {name: group for name, group in groups.items() if group}
@@ -28,7 +28,7 @@ def group_hosts(hosts: list[str]) -> dict[str, list[str]]:
 
 @dataclass(frozen=True, slots=True)
 class PrintingFleet:
-    """Fleet that prints, and everything that a fault is measured with."""
+    """Printing fleet, and the objects that measure the effects of a fault."""
 
     daemon: Daemon
     agents: ProtocolAgents
@@ -38,7 +38,7 @@ class PrintingFleet:
     notices: NoticeReceiver
 
     def wait(self, condition: Callable[[], bool], name: str) -> float:
-        """Serve the agents until a condition holds; return the seconds. Raises RuntimeError."""
+        """Serve the agents until a condition holds; return the seconds. Raises RuntimeError after 180 s."""
         start_s = time.monotonic()
         if not self.agents.serve(_TIMEOUT_S, limit_polls(condition)):
             raise RuntimeError(f"waited {_TIMEOUT_S:.0f} s for {name}")
@@ -74,9 +74,9 @@ def measure_loss(fleet: PrintingFleet, groups: list[str]) -> dict[str, Any]:
     Returns
     -------
     dict
-        Seconds until the loss is a task and until all hosts are connected again; hosts lost, and the events,
-        tasks and lines of notices, with their texts; prints that ended meanwhile; the daemon's share of a
-        core.
+        Seconds until the loss is reported as an event and until all hosts are connected again; numbers of
+        lost hosts, of printers in an unknown state, of events, tasks and lines of notices, with their texts;
+        number of prints that ended meanwhile; the daemon's share of a core.
     """
     host_count = sum(len(fleet.names[name]) for name in groups)
     fleet.agents.serve(_NOTICE_S)  # notices on prints and jobs that have ended are sent first
@@ -113,13 +113,13 @@ def measure_loss(fleet: PrintingFleet, groups: list[str]) -> dict[str, Any]:
 
 
 def measure_poor_network(fleet: PrintingFleet, seconds: float, plate_changes: int) -> dict[str, float]:
-    """Lose and delay packets between the daemon and all hosts, and connect anew on such a network.
+    """Lose and delay packets between the daemon and all hosts, then reconnect all hosts on this network.
 
     Returns
     -------
     dict
-        Hosts lost, the daemon's share of a core, the delay of an event, and the seconds in which all hosts
-        connect.
+        Number of lost hosts, the daemon's share of a core, the delay of an event, and the seconds until all
+        hosts are connected.
     """
     fleet.groups.disturb(LOSS, DELAY_S)
     start_s, start_cpu_s = time.monotonic(), fleet.daemon.read_cpu_s()

@@ -1,8 +1,8 @@
 """Services of many hosts in one process: ``python -m bench.fleets.host_services FOLDER ADDRESS HOST...``.
 
 Each is the real service behind `farm host`, with the agents of its own folder; it is reached over TCP instead
-of ssh. The first line on stdout has the address and port of each host as JSON; the process ends with its
-stdin.
+of ssh. The first line on stdout has the address and port of each host as JSON; the process ends when its
+stdin is closed.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _BUFFER_BYTES = 65536
 
 
 def make_paths(folder: Path, host: str) -> HostPaths:
-    """Return the files of a host."""
+    """Return the paths of a host's files."""
     return HostPaths(FARM, {"XDG_STATE_HOME": str(folder / host)})
 
 
@@ -72,7 +72,7 @@ class HostGroups:
         return self._network is not None
 
     def disconnect(self, *groups: str) -> None:
-        """Drop all bytes to and from these groups, as if a cable was cut or the computers hung."""
+        """Drop all bytes to and from these groups, as if a cable were cut or the computers hung."""
         self._set_connected(groups, False)
 
     def reconnect(self, *groups: str) -> None:
@@ -92,7 +92,7 @@ class HostGroups:
         self._network.set_faults(*self._processes, loss=loss, delay_s=delay_s)
 
     def break_connections(self) -> None:
-        """Kill the processes that stand for ssh."""
+        """Kill the processes that take the place of ssh."""
         pids = self._pids.read_text().split()
         self._pids.unlink()
         for pid in pids:

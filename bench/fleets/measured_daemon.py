@@ -97,7 +97,7 @@ class Measurements:
         self._depth, self._overhead_s, self._starts = 0, 0.0, False
 
     def measure_time(self, method: Callable[..., Any], quiet_s: list[float]) -> Callable[..., Any]:
-        """Time the outermost call: as that of an event if it commits anything, else in `quiet_s`."""
+        """Time the outermost call: store it in `event_s` if it commits anything, else in `quiet_s`."""
 
         def call(*args: Any, **keywords: Any) -> Any:
             self._depth += 1
@@ -144,8 +144,9 @@ class Measurements:
 
 
 def main() -> None:
+    """Run the daemon on a state folder, and write its measurements there when it ends."""
     folder = Path(sys.argv[1])
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # its server ends at this signal, then raises it again
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # the server ends on this signal, then raises it again
     measurements = Measurements()
     Store.commit = measurements.count_bytes(Store.commit)  # type: ignore[method-assign]
     for name in ("handle", "on_refusal", "on_plan"):

@@ -2,7 +2,7 @@
 
 Each holds the lock of its folder and listens on its own socket, so that a daemon treats it as a running agent
 of this host; the service of a host does the same with agents in its folders. Prints begin and end on request
-(`ProtocolAgents.end`).
+(`ProtocolAgents.end_print`).
 """
 
 from __future__ import annotations
@@ -71,12 +71,12 @@ class _Agent:
 
 
 class ProtocolAgents:
-    """Fleet of protocol-only agents, on one selector.
+    """Fleet of protocol-only agents, served by one selector.
 
     Parameters
     ----------
     folders
-        Folder of each agent, by printer.
+        Folder of each agent, by name of its printer.
     clock
         The farm's clock.
     """

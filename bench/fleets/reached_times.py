@@ -1,8 +1,8 @@
 """Actual and expected times of finished prints, from the books of a farm.
 
-For each printer: its successful prints that show its speed, the actual time of their layers over
-CuraEngine's, the `time_factor` learned from them, and the error of the expected time without it, with it, and
-with the factors by feature. Each print is predicted from the prints before it.
+The table has for each printer the number of successful prints that show its speed, the actual time of their
+layers over CuraEngine's, the `time_factor` learned from them, and the error of the expected time without it,
+with it, and with the factors by feature. Each print is predicted from the prints before it.
 
 Usage: python -m bench.fleets.reached_times STATE_FOLDER [--json]
 """
@@ -41,7 +41,7 @@ class Row:
     time_factor: float
     error_without: float  # mean of |reached / expected - 1|, layers alone
     error_with: float
-    error_by_feature: float  # with the factors by feature from the prints before; else as `error_with`
+    error_by_feature: float  # with factors by feature learned from the earlier prints; else as `error_with`
 
 
 def list_rows(books: Books) -> Iterator[Row]:

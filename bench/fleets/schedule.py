@@ -2,9 +2,9 @@
 
 Usage: python -m bench.fleets.schedule [--printers N] [--plates N] [--json]
 
-A fleet in which half the printers print and a queue of plates of random times, some of which fit the tall
-printers only. `assign_ms` and `forecast_ms` are the best of three; `over_bound` is the end of the forecast
-of one job over its lower bound, with a person always there (the bound ignores clearing beds).
+Half the printers of the fleet print, and a queue has plates of random times, some of which fit the tall
+printers only. `assign_ms` and `forecast_ms` are the best of three. `over_bound` is the share by which the
+forecast of one job exceeds its lower bound, with a person always present (the bound ignores clearing beds).
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ TALL = Capabilities(((-111.0, -104.0, 111.0, 102.0, 305.0),), "generic_pla", Non
 
 
 def make_fleet(count: int, busy: bool) -> list[FleetPrinter]:
-    """Make a fleet with every third printer tall; if `busy`, every other one prints for some more hours."""
+    """Make a fleet with every third printer tall; if `busy`, every second printer prints for some hours."""
     return [
         FleetPrinter(
             name=f"um2-{number:03d}",
@@ -76,7 +76,7 @@ def make_queue(count: int, rng: random.Random) -> list[WaitingPlate]:
 
 
 def measure_best_ms(function: Callable[[], object]) -> float:
-    """Return the best of three times, in ms."""
+    """Call a function three times; return the shortest time in ms."""
     times_s = []
     for _ in range(3):
         start_s = time.perf_counter()
@@ -86,6 +86,7 @@ def measure_best_ms(function: Callable[[], object]) -> float:
 
 
 def main() -> None:
+    """Parse the command line, measure, and print the figures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--printers", type=int, default=100)
     parser.add_argument("--plates", type=int, default=1000)

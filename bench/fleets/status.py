@@ -53,7 +53,7 @@ BOUNDS_MM = ((-40.0, -40.0, 0.2), (40.0, 40.0, 100.0))
 
 
 def make_job(number: int, jobs: int, printers: list[str], now_s: float) -> list[Entity]:
-    """Make a job with parts, plates and prints: an old one, one without verdicts, or an open one."""
+    """Make a job with parts, plates and prints: a job that is done, that lacks verdicts, or that is open."""
     is_waiting = number > jobs - WAITING_JOBS
     is_printing = not is_waiting and number > jobs - WAITING_JOBS - PRINTING_JOBS
     has_verdicts = number <= jobs - WAITING_JOBS - 2 * PRINTING_JOBS
@@ -108,7 +108,7 @@ def make_snapshot(printer: str, books: Books) -> AgentSnapshot:
 
 
 async def measure(printers: int, jobs: int, rounds: int, folder: Path) -> dict[str, float | int]:
-    """Measure the seconds of an answer, and its size."""
+    """Measure the time and the size of an answer to `GET /status`."""
     names = [f"um2-{i:03d}" for i in range(1, printers + 1)]
     port = "sim://ultimaker2_plus"
     fleet = Fleet.model_validate(
@@ -161,6 +161,7 @@ async def measure(printers: int, jobs: int, rounds: int, folder: Path) -> dict[s
 
 
 def main() -> None:
+    """Parse the command line, measure, and print the figures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--printers", type=int, default=100)
     parser.add_argument("--jobs", type=int, default=1000)

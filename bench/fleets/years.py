@@ -5,7 +5,7 @@
 
 Every night a job is planned, printed on eight printers and judged, and the database is backed up. Its files
 have the sizes of one real night and take no space (they are sparse). The state, its events, the backup and
-the prune are the daemon's own. The pictures of parts are not drawn: a file of the usual size stands for each.
+the prune are the daemon's own. The pictures of parts are not drawn: a file of the usual size replaces each.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class FakeWorkers:
 
 
 def write_sparse(files: Path, name: str, size: int) -> str:
-    """Write a sparse file of a size, with the modification time of two hours ago."""
+    """Write a sparse file of a size, last modified two hours ago."""
     path = files / name
     path.touch()
     os.truncate(path, size)
@@ -83,7 +83,7 @@ def write_sparse(files: Path, name: str, size: int) -> str:
 
 
 def list_printer_names(jobs: int) -> list[str]:
-    """List the printers for a number of jobs a night."""
+    """List the names of the printers that a number of jobs a night need."""
     return [f"um2-{number:02d}" for number in range(1, PARTS_PER_JOB * jobs + 1)]
 
 
@@ -160,7 +160,7 @@ class SimulatedFarm:
         self.controller.books = new_books
 
     async def simulate_nights(self, nights: int) -> None:
-        """Print for some nights, each followed by the upkeep."""
+        """Simulate the prints of some nights, each followed by the upkeep."""
         for night in range(1, nights + 1):
             self.clock.now_s = START_S + night * DAY_S
             for index in range(self._jobs):
@@ -183,7 +183,7 @@ class SimulatedFarm:
         }
 
     def measure(self) -> dict[str, Any]:
-        """Return the sizes at the end of the year; the store is closed."""
+        """Close the store, and return the sizes at the end of the year."""
         files, books = list_files(self.state.files), self.controller.books
         events, missing_files = len(self.store.events()), list_named_files(books) - files.keys()
         self.store.close()
@@ -207,7 +207,7 @@ class NoEffects:
     """Effects of a farm without agents."""
 
     def perform(self, effect: object, books: Books) -> None:
-        """Do nothing: there is no agent, and no file is searched by name."""
+        """Do nothing, as there are no agents."""
 
 
 def measure_job(state: StateFolder, number: int) -> dict[str, list[int]]:
@@ -227,7 +227,7 @@ def measure_job(state: StateFolder, number: int) -> dict[str, list[int]]:
 
 
 def run(nights: int, keep: dict[str, float], jobs: int) -> dict[str, Any]:
-    """Simulate a farm in a new folder."""
+    """Simulate a farm in a new folder, and measure it."""
     with tempfile.TemporaryDirectory(prefix="farm-years-") as folder:
         farm = SimulatedFarm(Path(folder), keep, jobs)
         asyncio.run(farm.simulate_nights(nights))
@@ -235,14 +235,14 @@ def run(nights: int, keep: dict[str, float], jobs: int) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Print the sizes of both farms."""
+    """Print the sizes with the prune and without it."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--nights", type=int, default=365)
     parser.add_argument("--jobs", type=int, default=1, help="jobs a night, each on eight printers")
-    parser.add_argument("--days", type=float, default=90.0, help="as `fleet.keep.days`")
-    parser.add_argument("--gb", type=float, default=50.0, help="as `fleet.keep.gb`")
+    parser.add_argument("--days", type=float, default=90.0, help="value of `fleet.keep.days`")
+    parser.add_argument("--gb", type=float, default=50.0, help="value of `fleet.keep.gb`")
     parser.add_argument("--measure", type=Path, metavar="FOLDER", help="only measure job 1 of a state folder")
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args()

@@ -1,4 +1,4 @@
-"""CPU time and memory for reading a large model, checking it and making it a solid.
+"""CPU time and memory that are needed to read a large model, check it and convert it to a solid.
 
 Usage: python -m bench.models.read_model [--million N] [--json]
 
@@ -62,6 +62,7 @@ def measure(triangles: int) -> dict[str, float]:
 
 
 def main() -> None:
+    """Parse the command line, measure, and print the figures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--million", type=float, default=6.0, help="triangles, in millions")
     parser.add_argument("--json", action="store_true")

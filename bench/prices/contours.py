@@ -2,8 +2,8 @@
 
 Usage: python -m bench.prices.contours [--settings paper,even] [--json]
 
-Each shape has a feature that the sum over faces does not contain: many islands, fins, legs, holes, bars or
-ledges. Whole shapes are sliced as they stand, which takes a second each.
+Each shape has a feature that a sum over faces does not capture: many islands, fins, legs, holes, bars or
+ledges. Whole shapes are sliced in their given pose, which takes a second each.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.models.shapes import rod
+from bench.models.shapes import make_rod
 from bench.prices.parts import ENDLESS_BED, make_recipe, resolve_named_settings
 from decompose.geometry import Solid, round_triangles, write_stl
 from decompose.print_time import CostModel, measure_pose
@@ -25,70 +25,80 @@ from slicing.plate import PlateRequest, slice_plate
 from slicing.settings import find_engine
 
 
-def block(x: float, y: float, z: float, width: float, depth: float, height: float) -> Solid:
+def make_block(x: float, y: float, z: float, width: float, depth: float, height: float) -> Solid:
     """Make a block by its corner and its size in mm."""
     return Solid.box((x, y, z), (x + width, y + depth, z + height))
 
 
-def plate() -> Solid:
-    return block(0, 0, 0, 60, 60, 3)
+def make_plate() -> Solid:
+    """Make a flat plate."""
+    return make_block(0, 0, 0, 60, 60, 3)
 
 
-def grille() -> Solid:
-    holes = [block(3 + 9 * i, 3 + 9 * j, -1, 6, 6, 9) for i in range(6) for j in range(6)]
-    return plate().subtract(Solid.union(holes))
+def make_grille() -> Solid:
+    """Make a plate with square holes."""
+    holes = [make_block(3 + 9 * i, 3 + 9 * j, -1, 6, 6, 9) for i in range(6) for j in range(6)]
+    return make_plate().subtract(Solid.union(holes))
 
 
-def fins(thickness_mm: float) -> Callable[[], Solid]:
+def make_fins(thickness_mm: float) -> Callable[[], Solid]:
+    """Return a function that makes upright fins of a thickness on a plate."""
     return lambda: Solid.union(
-        [block(0, 0, 0, 50, 50, 2), *(block(0, 8 * i, 1, 50, thickness_mm, 40) for i in range(7))]
+        [make_block(0, 0, 0, 50, 50, 2), *(make_block(0, 8 * i, 1, 50, thickness_mm, 40) for i in range(7))]
     )
 
 
-def bored_block() -> Solid:
+def make_bored_block() -> Solid:
+    """Make a block with vertical bores."""
     bores = [
-        rod((10 + 20 * i, 10 + 20 * j, -1.0), (10 + 20 * i, 10 + 20 * j, 30.0), 4.0)
+        make_rod((10 + 20 * i, 10 + 20 * j, -1.0), (10 + 20 * i, 10 + 20 * j, 30.0), 4.0)
         for i in range(3)
         for j in range(3)
     ]
-    return block(0, 0, 0, 60, 60, 20).subtract(Solid.union(bores))
+    return make_block(0, 0, 0, 60, 60, 20).subtract(Solid.union(bores))
 
 
-def posts() -> Solid:
-    pillars = [block(10 * i, 10 * j, 1, 4, 4, 30) for i in range(6) for j in range(6)]
-    return Solid.union([block(0, 0, 0, 60, 60, 2), *pillars])
+def make_posts() -> Solid:
+    """Make square posts on a plate."""
+    pillars = [make_block(10 * i, 10 * j, 1, 4, 4, 30) for i in range(6) for j in range(6)]
+    return Solid.union([make_block(0, 0, 0, 60, 60, 2), *pillars])
 
 
-def table() -> Solid:
-    legs = [block(x, y, 0, 8, 8, 41) for x in (0, 52) for y in (0, 52)]
-    return Solid.union([block(0, 0, 40, 60, 60, 3), *legs])
+def make_table() -> Solid:
+    """Make a plate on four legs."""
+    legs = [make_block(x, y, 0, 8, 8, 41) for x in (0, 52) for y in (0, 52)]
+    return Solid.union([make_block(0, 0, 40, 60, 60, 3), *legs])
 
 
-def legs() -> Solid:
-    pillars = [block(x, y, 2, 14, 14, 41) for x in (0, 46) for y in (0, 46)]
-    return Solid.union([block(0, 0, 0, 60, 60, 3), *pillars])
+def make_legs() -> Solid:
+    """Make four legs on a plate."""
+    pillars = [make_block(x, y, 2, 14, 14, 41) for x in (0, 46) for y in (0, 46)]
+    return Solid.union([make_block(0, 0, 0, 60, 60, 3), *pillars])
 
 
-def ledges() -> Solid:
-    return Solid.union([block(0, 0, 0, 12, 60, 42), *(block(0, 0, 6 * i + 5, 40, 60, 1.6) for i in range(6))])
+def make_ledges() -> Solid:
+    """Make a wall with six ledges, each above the other."""
+    return Solid.union(
+        [make_block(0, 0, 0, 12, 60, 42), *(make_block(0, 0, 6 * i + 5, 40, 60, 1.6) for i in range(6))]
+    )
 
 
 SHAPES: Mapping[str, Callable[[], Solid]] = {
-    "plate": plate,
-    "grille": grille,
-    "fins 1.5 mm": fins(1.5),
-    "fins 2.5 mm": fins(2.5),
-    "bored": bored_block,
-    "posts": posts,
-    "table": table,
-    "legs": legs,
-    "ledges": ledges,
+    "plate": make_plate,
+    "grille": make_grille,
+    "fins 1.5 mm": make_fins(1.5),
+    "fins 2.5 mm": make_fins(2.5),
+    "bored": make_bored_block,
+    "posts": make_posts,
+    "table": make_table,
+    "legs": make_legs,
+    "ledges": make_ledges,
 }
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """Price and time of a shape in seconds."""
+    """Price and sliced time of a shape in seconds."""
 
     shape: str
     settings: str
@@ -97,11 +107,12 @@ class Row:
 
     @property
     def error(self) -> float:
+        """Relative error of the price."""
         return self.price_s / self.sliced_s - 1.0
 
 
 def measure(shape: str, settings: str) -> Row:
-    """Price and slice a shape as it stands."""
+    """Price and slice a shape in its given pose."""
     vertices, faces = SHAPES[shape]().arrays()
     lo, hi = vertices.min(axis=0), vertices.max(axis=0)
     placed_mm = vertices - [*(lo + hi)[:2] / 2.0, lo[2]]
@@ -118,6 +129,7 @@ def measure(shape: str, settings: str) -> Row:
 
 
 def main() -> None:
+    """Parse the command line, measure, and print the figures."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

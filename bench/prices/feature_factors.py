@@ -1,11 +1,12 @@
-"""Errors of expected times on printers with other firmware than assumed: with one factor, and by feature.
+"""Errors of expected times on printers whose firmware differs: with one factor, and with factors by feature.
 
 Usage: python -m bench.prices.feature_factors --cache DIR [--seeds 1,2,3,4] [--side 90] [--splits 20] [--json]
 
 Parts are quarters of the models of `bench.unseen`, sliced by CuraEngine. The actual time of a slice's layers
-is that of its moves in the emulator's planner, with other limits than those that CuraEngine assumes. The
-factors are learned from 30 parts, as the farm learns them from prints, and predict the others; the errors are
-means over some random divisions. Parts are kept in the cache: the first run slices them, which takes minutes.
+is that of its moves in the emulator's planner, with limits other than those that CuraEngine assumes. The
+factors are learned from 30 parts, as the farm learns them from prints, and tested on the others; the errors
+are means over several random splits. Parts are kept in the cache: the first run slices them, which takes
+minutes.
 """
 
 from __future__ import annotations
@@ -52,6 +53,7 @@ def make_limits(**changes: float) -> Limits:
 
 
 def make_feeder_limits(feed_mm_s: float, jerk_e_mm_s: float) -> Limits:
+    """Make the limits of the assumed firmware with another feed rate and jerk of the feeder."""
     limits = make_limits(jerk_e_mm_s=jerk_e_mm_s)
     limits.feedrate_mm_s[3] = feed_mm_s
     return limits
@@ -85,7 +87,7 @@ class PartTimes:
 
 @dataclass(frozen=True, slots=True)
 class Errors:
-    """Means over parts and divisions of |actual / expected - 1|, and the means of the worst parts."""
+    """Means over parts and splits of |actual / expected - 1|, and means over splits of the worst part."""
 
     firmware: str
     none: float
@@ -125,6 +127,7 @@ def measure_part(name: str, stl: Path, cache: Path) -> PartTimes:
 
 
 def slice_part(stl: Path, cache: Path) -> PlateResult:
+    """Slice a part with the quality `glue`."""
     request = SettingsRequest(build_slicing_printer(BEDS[PRINTER]), "glue")
     settings = resolve_settings(request, find_resources())
     return slice_plate(PlateRequest(stl, settings, cache / f"{stl.stem}.gcode", find_engine(), BED))
@@ -149,7 +152,7 @@ def time_layers_s(path: Toolpath, limits: Limits) -> float:
 
 
 def learn_factors(parts: Sequence[PartTimes], actual_s: Sequence[float]) -> TimeFactors:
-    """Learn the factors from parts in their order, as a printer's prints do."""
+    """Learn the factors from parts in their order, as the farm does from a printer's prints."""
     factor, timings = 1.0, []
     for part, reached_s in zip(parts, actual_s, strict=True):
         factor = update_time_factor(factor, part.sliced_s, reached_s)
@@ -159,7 +162,13 @@ def learn_factors(parts: Sequence[PartTimes], actual_s: Sequence[float]) -> Time
 
 
 def compute_errors(parts: Sequence[PartTimes], firmware: str, splits: int, pauses: int = 0) -> Errors:
-    """Predict held-out parts from 30 others, over some divisions; with unnoticed pauses of 20 % in a few."""
+    """Compute the errors on held-out parts, over several splits, with factors learned from 30 parts.
+
+    Parameters
+    ----------
+    pauses
+        Number of training parts whose prints took 20 % longer, because of a pause that was not noticed.
+    """
     rows = []
     for split in range(splits):
         rng = random.Random(split)
@@ -183,6 +192,7 @@ def compute_errors(parts: Sequence[PartTimes], firmware: str, splits: int, pause
 
 
 def main() -> None:
+    """Parse the command line, measure, and print the figures."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -202,9 +212,7 @@ def main() -> None:
     if args.json:
         print(json.dumps({"parts": len(parts), "errors": [asdict(row) for row in rows]}, indent=1))
         return
-    print(
-        f"{len(parts)} parts, {MIN_PRINTS} to learn from, {args.splits} divisions; in parentheses: worst part"
-    )
+    print(f"{len(parts)} parts, {MIN_PRINTS} for training, {args.splits} splits; in parentheses: worst part")
     for row in rows:
         print(
             f"{row.firmware:26} no factor {row.none:6.2%}, one factor {row.one_factor:6.2%}"

@@ -5,7 +5,7 @@ Usage: python -m bench.prices.features --cache DIR [--seeds 1,2] [--qualities gl
 
 Parts are pieces of the models of `bench.unseen`, and with --shapes the shapes of `bench.prices.contours`. A
 slice's seconds are those of its moves with acceleration and jerk (`bench.prices.move_times`), by the kind of
-their line. Parts and slices are kept in the cache, so that a change of prices is measured in seconds.
+their line. Parts and slices are kept in the cache, so that a change of prices can be measured within seconds.
 """
 
 from __future__ import annotations
@@ -76,6 +76,7 @@ class Row:
 
     @property
     def error(self) -> float:
+        """Relative error of the price."""
         return self.price_s / self.sliced_s - 1.0
 
 
@@ -166,12 +167,13 @@ def price_features_s(posed_part: PosedPart, pose: Pose, recipe: Recipe) -> dict[
 
 
 def weld(corners: Floats) -> tuple[Floats, Ints]:
-    """Return the vertices and faces of triangles, equal corners as one vertex."""
+    """Merge equal corners of triangles (m, 3, 3); return vertices (n, 3) and faces (m, 3)."""
     vertices, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
     return vertices, index.reshape(-1, 3).astype(np.int64)
 
 
 def price_part(posed_part: PosedPart, cost: CostModel, fits_first_layer: bool) -> Pose:
+    """Price a part in its pose."""
     vertices, faces = weld(posed_part.corners)
     return measure_pose(vertices, faces, posed_part.is_cut, np.eye(3), cost, fits_first_layer)
 
@@ -179,7 +181,7 @@ def price_part(posed_part: PosedPart, cost: CostModel, fits_first_layer: bool) -
 def slice_features_s(
     posed_part: PosedPart, pose: Pose, request: SettingsRequest, cache: Path
 ) -> dict[str, float]:
-    """Slice a part with its own settings; return CuraEngine's seconds, and those of each feature."""
+    """Slice a part with its own settings; return CuraEngine's total, and the seconds of each feature."""
     part_settings = PartSettings(
         brim_width_mm=pose.brim_width_mm,
         layer_0_expansion_mm=pose.layer_0_expansion_mm,
@@ -206,10 +208,12 @@ def format_row(row: Row) -> str:
 
 
 def sum_groups_s(kinds_s: Mapping[str, float]) -> dict[str, float]:
+    """Sum the seconds of the kinds of lines by group."""
     return {group: sum(kinds_s[name] for name in names) for group, names in LINE_KINDS.items()}
 
 
 def main() -> None:
+    """Parse the command line, measure, and print the figures."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -1,8 +1,8 @@
-"""Share of heights that are exact, by the layers that are changed.
+"""Share of heights that can be printed exactly, by the change of the first layer that this needs.
 
 Usage: python -m bench.prices.heights [--from-mm 5] [--to-mm 205] [--json]
 
-All heights in steps of 0.01 mm, for each quality with exact heights, each printer and nozzle.
+Heights are tested in steps of 0.01 mm, for each quality with exact heights, each printer and each nozzle.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ CASES = ("first layer as it is", "first layer within 4 %", "first layer within 2
 
 
 def compute_shares(nominal: LayerHeights, nozzle_mm: float, hundredths: range) -> dict[str, float]:
-    """Compute the share of heights for each of `CASES`."""
+    """Compute the share of the heights, given in hundredths of a mm, for each of `CASES`."""
     counts = [0] * len(CASES)
     for hundredth in hundredths:
         height_mm = hundredth / 100.0
@@ -41,6 +41,7 @@ def compute_shares(nominal: LayerHeights, nozzle_mm: float, hundredths: range) -
 
 
 def main() -> int:
+    """Parse the command line, measure, and print the figures."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--from-mm", type=float, default=5.0)
     parser.add_argument("--to-mm", type=float, default=205.0)

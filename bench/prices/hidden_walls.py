@@ -2,8 +2,8 @@
 
 Usage: python -m bench.prices.hidden_walls FOLDER [--parts 5] [--quality glue] [--cache DIR]
 
-FOLDER was written by `farm decompose` or `bench.decompose`. Times are CuraEngine's, with those of the faster
-walls planned anew; the prices are those of the decomposition, which know the faster walls.
+FOLDER was written by `farm decompose` or `bench.decompose`. Times are CuraEngine's, with the times of the
+faster walls recomputed; the prices are those of the decomposition, which include the faster walls.
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ def slice_with(part: dict[str, Any], sides: list[list[float]], out: Path, args: 
 
 
 def main() -> None:
+    """Parse the command line, measure, and print the figures."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

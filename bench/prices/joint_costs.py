@@ -1,10 +1,10 @@
-"""Print time of grooves, holes, marks and gutters, fitted to slices of parts with one kind of them each.
+"""Print time of grooves, holes, marks and gutters, fitted to slices of parts with only one of these kinds.
 
-Models are cut by the engine `guillotine` and drilled. The first parts are sliced as they were cut, and again
-with only their keys, pins, marks or gutters. The time that a kind adds is fitted as a price of each of them,
-or of each mm of gutter, separately for faces that are upright, on top, and towards the bed. Errors count
-relative to the print time of the bare part, and all models have the same weight. Parts that get support are
-left out. --fit fits the samples of several runs with --json as one. The fitted prices are those in
+Models are cut by the engine `guillotine` and drilled. The first parts are sliced without connectors, and
+again with only their keys, pins, marks or gutters. The time that a kind adds is fitted as a price per piece,
+or per mm of gutter, separately for faces that are upright, on top, and towards the bed. Errors are relative
+to the print time of the bare part, and all models have the same weight. Parts that get support are left out.
+--fit fits the samples of several runs with --json together. The fitted prices are stored in
 `decompose.results.connector_prices`.
 
 Usage: python -m bench.prices.joint_costs MODEL|SHAPE... [--printers 8] [--longest-side 330] [--slices 4]
@@ -37,7 +37,7 @@ MAX_ADDED_SUPPORT_MM = 1.0  # of filament; with more, the added time is not that
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """Part that is sliced with one kind of connectors: their amounts by price, and the time that they add."""
+    """Part sliced with one kind of connector: amounts by name of the price, and the time that they add."""
 
     part: str
     bare_s: float
@@ -51,7 +51,7 @@ class Sample:
 
 
 def slice_kinds(result: Decomposition, count: int) -> Iterator[Sample]:
-    """Slice the first parts of a drilled result with each kind of connectors alone."""
+    """Slice the first parts of a drilled result with each kind of connector alone."""
     blanks = [Blank(find_part_number(p.id), p.solid, p.rotation[2]) for p in result.parts]
     connectors = result.connectors
     kinds = [
@@ -74,7 +74,7 @@ def slice_kinds(result: Decomposition, count: int) -> Iterator[Sample]:
 
 
 def fit_prices(samples: list[Sample]) -> dict[str, float]:
-    """Fit the price of each kind to the shares that samples add, by least squares; none is negative."""
+    """Fit the prices of each kind to the added shares of time, by least squares; no price is negative."""
     samples_by_kind: dict[str, list[Sample]] = defaultdict(list)
     for sample in samples:
         samples_by_kind[next(iter(sample.amounts)).split()[0]].append(sample)
@@ -96,6 +96,7 @@ def fit_prices(samples: list[Sample]) -> dict[str, float]:
 
 
 def main() -> None:
+    """Parse the command line, measure, and print the figures."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("models", nargs="*")
     parser.add_argument("--fit", nargs="+", type=Path, default=[])

@@ -3,12 +3,13 @@
 Usage: python -m bench.prices.model [--dataset FILE.csv] [--models DIR] [--unseen SEED] [--parts N]
        [--workers N] [--cache DIR] [--json]
 
-Without an existing dataset, models are made (with those of DIR), decomposed and sliced, in about 20 minutes
-with two workers. The table is written to --dataset, so that the fit can be repeated without slicing.
+Without an existing dataset, models are made (those of DIR are added), decomposed and sliced, which takes
+about 20 minutes with two workers. The table is written to --dataset, so that the fit can be repeated without
+slicing.
 
 Each kind of line has its own factor, fitted to the seconds of that kind; the factors of the remaining time
-(travel, acceleration, retraction) are fitted to the rest. So a setting that changes one kind needs no new
-fit. Errors are relative, with cross-validation by model: factors are fitted without any part of the model
+(travel, acceleration, retraction) are fitted to the rest. A setting that changes one kind therefore needs no
+new fit. Errors are relative, with cross-validation by model: factors are fitted without any part of the model
 that they are tested on.
 """
 
@@ -49,7 +50,7 @@ KINDS = {
     "brim_s": ("brim",),
 }
 REST = ("slope ends", "infill ends", "travel", *SUPPORT)
-ROUNDS, MIN_ERROR = 30, 1e-3  # number of rounds of the fit; smaller errors count as this large
+ROUNDS, MIN_ERROR = 30, 1e-3  # number of rounds of the fit; lower limit of an error in the weights
 COLUMN_TERM = "columns"  # term of the search's tables, in place of the terms of supports
 
 
@@ -90,7 +91,7 @@ class Dataset:
         return factors
 
     def compute_errors(self, factors: dict[str, float], by_tables: bool) -> Floats:
-        """Compute the relative errors (rows,): of the tables' price, or of a part's with its own supports."""
+        """Compute relative errors (rows,): of the tables' prices, or of prices with the part's supports."""
         excluded_terms = SUPPORT if by_tables else (COLUMN_TERM,)
         total, body = np.zeros((2, len(self.sliced_s)))
         for name, factor in factors.items():
@@ -100,7 +101,7 @@ class Dataset:
         return (total + np.maximum(0.0, self.min_s - body)) / self.sliced_s - 1.0
 
     def cross_validate(self, training_rows: npt.NDArray[np.bool_], by_tables: bool = False) -> Floats:
-        """Compute the errors (rows,), each with factors fitted without its model."""
+        """Compute the errors (rows,), each with factors that were fitted without the model of the row."""
         errors = np.zeros(len(self.sliced_s))
         for model in np.unique(self.models):
             in_model = self.models == model
@@ -129,6 +130,7 @@ def _list_features(row: Row, brim_mm: float) -> Floats:
 
 
 def summarise(errors: Floats) -> dict[str, float]:
+    """Compute the figures of some relative errors."""
     absolute_errors = np.abs(errors)
     return {
         "rows": len(errors),
@@ -140,7 +142,7 @@ def summarise(errors: Floats) -> dict[str, float]:
 
 
 def compute_report(rows: Sequence[Row]) -> dict[str, Any]:
-    """Compute all figures: of parts as a plan prices them, and of the tables of the search."""
+    """Compute all figures: for parts priced as in a plan, and for the tables of the search."""
     dataset = Dataset(rows)
     all_rows = np.ones(len(rows), dtype=np.bool_)
     in_full_settings = np.isin(dataset.settings, FULL_SETTINGS)
@@ -171,15 +173,16 @@ def compute_report(rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def main() -> int:
+    """Parse the command line, measure, and print the figures."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--dataset", type=Path, help="read if it exists, else written")
-    parser.add_argument("--models", type=Path, help="a folder of more models")
+    parser.add_argument("--models", type=Path, help="folder with further models")
     parser.add_argument(
-        "--unseen", type=int, metavar="SEED", help="models of bench.unseen instead of this project's"
+        "--unseen", type=int, metavar="SEED", help="use models of bench.unseen instead of the bench shapes"
     )
     parser.add_argument("--parts", type=int, default=2, help="parts of each model and number of printers")
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--cache", type=Path, help="a folder that keeps slices")
+    parser.add_argument("--cache", type=Path, help="folder in which slices are kept")
     parser.add_argument("--json", action="store_true", help="one object on stdout")
     args = parser.parse_args()
     if args.dataset and args.dataset.exists():

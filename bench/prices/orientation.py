@@ -63,9 +63,9 @@ class Row:
     Attributes
     ----------
     chosen_s, full_brim_s
-        In the chosen pose, with the brim chosen for the part and with the quality's.
+        Time in the chosen pose, with the brim chosen for the part and with the quality's.
     axes_s, axes_stand, axes_touched_mm2
-        In the axis poses that fit; whether the part stands there; area of cut faces that support touches.
+        In the axis poses that fit: time, whether the part stands, and area of cut faces that support touches.
     """
 
     part: str
@@ -83,6 +83,7 @@ class Row:
     axes_touched_mm2: list[float]
 
     def find_best_axis_s(self, standing_only: bool = False) -> float | None:
+        """Find the shortest time among the axis poses; None if every slice was refused."""
         poses = zip(self.axes_s, self.axes_stand, strict=True)
         return min(
             (t for t, stands in poses if t is not None and (stands or not standing_only)), default=None
@@ -134,7 +135,7 @@ def slice_part(
 def compare(
     named_part: tuple[str, Part], room: PrinterRoom, cost: CostModel, folder: Path, cache: Path | None
 ) -> Row:
-    """Slice one part in all poses."""
+    """Slice one part in its chosen pose, in the axis poses and in the pose in the model."""
     name, part = named_part
     vertices, faces = part.solid.arrays()
     is_cut = find_cut_faces(vertices, faces, part.planes)
@@ -171,7 +172,7 @@ def compare(
 
 
 def summarise(rows: list[Row]) -> dict[str, Any]:
-    """Compute ratios over all parts: mean and worst."""
+    """Compute the mean and the worst ratio of times over all parts."""
 
     def compute_ratios(pairs: list[tuple[float | None, float | None]]) -> dict[str, float]:
         values = [a / b for a, b in pairs if a is not None and b is not None]
@@ -196,9 +197,10 @@ def summarise(rows: list[Row]) -> dict[str, Any]:
 
 
 def main() -> int:
+    """Parse the command line, measure, and print the figures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--parts", type=int, default=30)
-    parser.add_argument("--unseen", action="store_true", help="shapes that nothing was tuned on")
+    parser.add_argument("--unseen", action="store_true", help="use shapes on which nothing was tuned")
     parser.add_argument("--models", type=Path)
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--cache", type=Path)

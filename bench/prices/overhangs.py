@@ -2,8 +2,8 @@
 
 Usage: python -m bench.prices.overhangs [--json]
 
-A block whose one side leans out is sliced at angles that approach the first supported one, along an axis of
-the bed and diagonally, where outlines are rounded differently.
+A block with one side that leans outwards is sliced at angles that approach the first supported one, along an
+axis of the bed and diagonally, where outlines are rounded differently.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ SEARCH_RANGE_DEG, HALVINGS = 3.0, 6  # start of the search, and number of its ha
 
 
 def make_leaning_block(angle_deg: float, yaw_deg: float) -> trimesh.Trimesh:
-    """Make a block with one side that leans out from the vertical, turned on the bed."""
+    """Make a block with one side that leans outwards from the vertical, turned on the bed."""
     overhang_mm = HEIGHT_MM * math.tan(math.radians(angle_deg))
     outline = [(0, 0), (SIDE_MM, 0), (SIDE_MM + overhang_mm, HEIGHT_MM), (0, HEIGHT_MM)]
     block = trimesh.convex.convex_hull(np.array([(x, y, z) for x, z in outline for y in (0.0, SIDE_MM)]))
@@ -76,6 +76,7 @@ def find_angles(layer_mm: float, angle_deg: float, yaw_deg: float, folder: Path)
 
 
 def main() -> int:
+    """Parse the command line, measure, and print the figures."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
@@ -88,7 +89,7 @@ def main() -> int:
         print(
             f"layer {row['layer_height_mm']} mm, support angle {row['support_angle_deg']:g}, turned by "
             f"{row['yaw_deg']:g}: bare up to {row['bare_deg']:.2f}, supported from "
-            f"{row['supported_deg']:.2f} degrees; the cost says {row['cost_deg']:.2f}"
+            f"{row['supported_deg']:.2f} degrees; {row['cost_deg']:.2f} in the cost model"
         )
     return 0
 

@@ -1,6 +1,6 @@
 """Dataset of the print-time model: parts of decompositions, sliced at several settings.
 
-Only figures are stored: models, parts and slices can be made again from the scripts.
+Only figures are stored: the scripts can recreate models, parts and slices.
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ OTHER_MODEL_MM = 200.0  # longest side of a model from a folder
 
 EVEN_INFILL: Mapping[str, Any] = {"gradual_infill_steps": 0}
 
-# As in `glue` when the dataset was made: even infill, and all skins at Cura's speed of them.
+# As in `glue` when the dataset was made: even infill, and all skins at Cura's speed for skins.
 _DATASET: Mapping[str, Any] = {**EVEN_INFILL, "roofing_layer_count": 0, "speed_topbottom": 30}
 
-# This project's two qualities, and settings that differ in all terms of the physical model; `even` is
-# `glue` as it was.
+# This project's two qualities, and settings that differ in all terms of the physical model; `even` is `glue`
+# as it was when the dataset was made.
 SETTINGS: dict[str, tuple[str, float, Mapping[str, Any]]] = {
     "even": ("glue", 0.4, _DATASET),
     "paper": ("paper", 0.4, {}),
@@ -69,7 +69,7 @@ SETTINGS: dict[str, tuple[str, float, Mapping[str, Any]]] = {
         },
     ),
 }
-OTHER_POSES = (0, 1, 2, 3, 5)  # indices into POSE_ROTATIONS; 4 leaves a part as it lies
+OTHER_POSES = (0, 1, 2, 3, 5)  # indices into POSE_ROTATIONS; 4 does not rotate a part
 FULL_SETTINGS = ("even", "paper")  # the other settings are used for every second part
 FIELDS_BY_FEATURE = {
     "WALL-OUTER": "walls_s",
@@ -86,7 +86,8 @@ FIELDS_BY_FEATURE = {
 class Row:
     """Features of one part at one setting, with CuraEngine's times.
 
-    `sliced_s` is the whole time; `*_s` of a kind is the length of its lines over their speed.
+    `sliced_s` is the total time; the other `*_s` are the length of the lines of a kind divided by their
+    speed.
     """
 
     model: str
@@ -128,7 +129,7 @@ def make_recipe(name: str) -> Recipe:
 
 
 def write_rows(path: Path, rows: Sequence[Row]) -> None:
-    """Write rows as CSV, with six digits."""
+    """Write rows as CSV, with six significant digits."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(f.name for f in fields(Row))
@@ -176,6 +177,7 @@ class PosedPart:
 
     @property
     def arrays(self) -> tuple[np.ndarray, np.ndarray]:
+        """Vertices (3 m, 3) in mm, and faces (m, 3)."""
         corners = self.corners.reshape(-1, 3).astype(np.float64)
         return corners, np.arange(len(corners)).reshape(-1, 3)
 
@@ -187,7 +189,7 @@ def list_unseen_models(seed: int) -> Iterator[tuple[str, Model]]:
 
 
 def list_parts(models: Iterable[tuple[str, Model]], max_parts: int) -> Iterator[PosedPart]:
-    """Yield some parts of each model and number of printers, a share of them also in another axis pose."""
+    """Yield some parts of each model and number of printers, and some of them also in another axis pose."""
     cost = CostModel.from_recipe(make_recipe("glue"))
     room = tuple(box.size_mm for box in compute_part_room(PROFILES[PRINTER], make_recipe("glue").brim_mm))
     for name, model in models:
@@ -266,7 +268,7 @@ def measure_kinds_s(gcode: str) -> dict[str, float]:
 def make_table(
     models: Iterable[tuple[str, Model]], max_parts: int, workers: int, cache: Path | None
 ) -> list[Row]:
-    """Make the whole table."""
+    """Slice all parts at their settings; return the rows of the table."""
     with tempfile.TemporaryDirectory() as scratch, ThreadPoolExecutor(workers) as pool:
         futures = []
         for number, posed_part in enumerate(list_parts(models, max_parts)):

@@ -1,6 +1,6 @@
-"""Time of a plate besides its layers, from cubes printed by a real agent on an emulated printer.
+"""Time that a plate takes besides its layers, measured on cubes that a real agent prints on an emulator.
 
-The figures `START_S` and `END_S` of farm/planning/plate_times.py come from here.
+The constants `START_S` and `END_S` of farm/planning/plate_times.py were measured with it.
 
 Usage: python -m bench.prices.plate_time [--scale 60] [--json]
 """
@@ -42,7 +42,7 @@ def slice_cube(side_mm: float, settings: EngineSettings, folder: Path) -> PlateR
 
 
 async def print_once(plate: PlateResult, folder: Path, clock: Clock) -> m.PrintSnapshot:
-    """Print on a new emulator, cold and with parked filament; return the end of the print."""
+    """Print on a new emulator, cold and with parked filament; return the last snapshot of the print."""
     process = spawn_agent("bench", MODEL, f"sim://{MODEL}", folder, clock)
     client = AgentClient(folder)
     await client.connect()
@@ -73,6 +73,7 @@ async def print_once(plate: PlateResult, folder: Path, clock: Clock) -> m.PrintS
 
 
 def main() -> None:
+    """Parse the command line, measure, and print the figures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--scale", type=float, default=60.0)
     parser.add_argument("--json", action="store_true")

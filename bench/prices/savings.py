@@ -3,8 +3,8 @@
 Usage: python -m bench.prices.savings [--kinds mechanical,organic,bust] [--seed 1] [--side 150] [--printers 6]
        [--quality glue] [--cache DIR] [--json] [--scheduler tls://HOST:PORT --certificates DIR]
 
-Each model is cut by prices with and without hidden faces, and with gradual infill and infill of even density;
-all parts of the four are sliced. Times are CuraEngine's.
+Each model is decomposed by prices with and without hidden faces, and with gradual infill and infill of even
+density; all parts of the four decompositions are sliced. Times are CuraEngine's.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from slicing.settings import PartSettings, SettingsRequest, find_engine, find_re
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """Times of the parts of one model in seconds: their sum and the longest, sliced and by prices."""
+    """Times of the parts of one model in seconds: sum and maximum of sliced times and of prices."""
 
     model: str
     hidden: bool
@@ -124,6 +124,7 @@ deferred_measure = Deferred("bench.prices.savings:measure", list_files)
 
 
 def main() -> None:
+    """Parse the command line, measure, and print the figures."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

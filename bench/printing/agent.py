@@ -1,9 +1,9 @@
 """CPU, memory and turnaround of agents whose printers only acknowledge lines.
 
 ``python -m bench.printing.agent [--agents N] [--lines N] [--rate LINES_PER_S] [--megabytes MB] [--json]``.
-Real agents on real pseudo-terminals and wall time; the boards, all in this process, send at most `rate` oks
-a second. Turnaround is the time from writing an ok to reading the next line, with this process and the kernel
-included. CPU and memory are the kernel's figures for each agent while it streams.
+Real agents run on real pseudo-terminals in wall time; the boards, all in this process, send at most `rate`
+oks a second. Turnaround is the time from writing an ok to reading the next line, with this process and the
+kernel included. CPU and memory are the kernel's figures for each agent while it streams.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class FakeBoard:
         self.boot_end_s = time.monotonic() + BOOT_S
 
     def receive(self, now_s: float) -> float | None:
-        """Process received bytes; return the time at which the ok to a move is due, None for another line."""
+        """Process received bytes; return the time at which the ok to a move is due, None without a move."""
         data = self.port.read()
         if self.boot_end_s:
             return None
@@ -89,14 +89,14 @@ class FakeBoard:
         self.port.write(answers.get(name, b"") + wording.OK)
 
     def send_due(self) -> None:
-        """Send the line that is due: the banner after a reset, else an ok."""
+        """Send the answer that is due: the banner after a reset, else an ok."""
         has_booted, self.boot_end_s = self.boot_end_s, 0.0
         self.port.write(self._banner if has_booted else wording.OK)
         self._ok_sent_s = 0.0 if has_booted else time.monotonic()
 
 
 class FakeBoards(threading.Thread):
-    """Thread that serves all boards with one `poll`."""
+    """Thread that serves all boards with one `epoll` object."""
 
     def __init__(self, boards: list[FakeBoard]) -> None:
         super().__init__(daemon=True)
@@ -148,7 +148,7 @@ def measure_process(pid: int) -> tuple[float, float]:
 
 
 def _is_running(process: subprocess.Popen[bytes]) -> bool:
-    """Check whether a process still runs after 60 s."""
+    """Wait for at most 60 s until a process ends; return whether it still runs."""
     try:
         process.wait(60.0)
     except subprocess.TimeoutExpired:
@@ -224,7 +224,7 @@ def write_gcode(lines: int, megabytes: int) -> bytes:
 
 
 async def measure(agents: int, lines: int, rate: float, megabytes: int = 0) -> dict[str, float]:
-    """Run the prints at the same time; of a large file only the first `lines` moves are printed."""
+    """Print on all agents at the same time; only the first `lines` moves of a large file are printed."""
     text = write_gcode(lines, megabytes)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -265,6 +265,7 @@ async def measure(agents: int, lines: int, rate: float, megabytes: int = 0) -> d
 
 
 def main() -> None:
+    """Parse the command line, measure, and print the figures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--agents", type=int, default=8)
     parser.add_argument("--lines", type=int, default=1000, help="lines of each agent")

@@ -46,7 +46,7 @@ def list_moves(lines: int) -> list[bytes]:
 
 
 def measure_firmware_us(lines: list[bytes]) -> float:
-    """Measure the CPU microseconds of a move in the firmware, with its wake-ups."""
+    """Measure the CPU microseconds of a move in the firmware, including its wake-ups."""
     firmware = EmulatedFirmware(PROFILES[MODEL], Faults(), random.Random(0), 0.0)
     now_s = 10.0
     firmware.feed(b"", now_s)
@@ -97,6 +97,7 @@ def _read_cpu_s(pid: int) -> float:
 
 
 def main() -> None:
+    """Parse the command line, measure, and print the figures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--lines", type=int, default=20_000)
@@ -104,7 +105,7 @@ def main() -> None:
         "--scale",
         type=float,
         default=60.0,
-        help="emulated seconds in a wall second, in the run at a limited clock",
+        help="emulated seconds per wall second, in the run with a limited clock",
     )
     options = parser.parse_args()
     lines = list_moves(options.lines)

@@ -1,7 +1,8 @@
-"""Time in which `farm estop` ends all heat, with daemon and agents stopped by SIGSTOP.
+"""Time until `farm estop` has set all targets to 0, with daemon and agents stopped by SIGSTOP.
 
-``python -m bench.printing.estop [--printers N] [--json]``. A farm of real processes on emulators, all of them
-hot; the time is from the start of the command until all targets are 0 by the status of the emulators.
+``python -m bench.printing.estop [--printers N] [--json]``. The farm consists of real processes and emulators,
+all of them hot. The time is measured from the start of the command until all targets are 0 in the status of
+the emulators.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ TIMEOUT_S = 120.0
 
 
 async def heat(folder: Path, gcode: Path) -> None:
-    """Start a print of an agent, and wait until it prints."""
+    """Start a print on an agent, and wait until it has heated and prints."""
     client = AgentClient(folder)
     await client.connect(60.0)
     is_requested = False
@@ -52,12 +53,13 @@ async def heat(folder: Path, gcode: Path) -> None:
 
 
 def is_hot(folder: Path) -> bool:
-    """Check whether the emulator of an agent's folder has a target."""
+    """Check whether the emulator in an agent's folder has a target above 0."""
     status = read_status(folder / "emulator")
     return bool(status.nozzle_target_c or status.bed_target_c)
 
 
 async def heat_all(folders: list[Path], gcode: Path) -> None:
+    """Start a print on all agents, and wait until they print."""
     await asyncio.gather(*(heat(folder, gcode) for folder in folders))
 
 
@@ -104,6 +106,7 @@ def measure(printers: int) -> dict[str, float]:
 
 
 def main() -> None:
+    """Parse the command line, measure, and print the figures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--printers", type=int, default=2)
     parser.add_argument("--json", action="store_true")

@@ -2,9 +2,9 @@
 
 ``python -m bench.printing.lost_layers [STL ...] [--cuts N] [--seed N] [--keep FOLDER] [--raw] [--json]``
 
-CuraEngine slices generated models, and those of the STL files, in several ways (UltiGCode, relative E, rafts,
-spirals and others). Each file is read whole, and with layers cut out in several ways. ``--keep`` keeps the
-slices in a folder, and reads them from it the next time.
+CuraEngine slices generated models and those of the STL files with several settings (UltiGCode, relative E,
+rafts, spirals and others). Each file is read complete, and with layers removed in several ways. ``--keep``
+stores the slices in a folder, and reads them from there the next time.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ SLICE_SETTINGS: dict[str, dict[str, str]] = {
     "surface": {"magic_mesh_surface_mode": "surface"},
     "fine": {"layer_height": "0.1", "infill_pattern": "lightning"},
 }
-"""Settings of CuraEngine, beyond those of the quality."""
+"""Settings of CuraEngine, in addition to those of the quality."""
 _SIZE_MM = 22.0
 """Longest side of a model: enough layers, and a short slicing time."""
 _LAYER = re.compile(rb"(?m)^;LAYER:(-?\d+)\r?\n")
@@ -66,7 +66,7 @@ _FEED = re.compile(rb"(?m)^G1[^\n]* [XY][^\n]* E")
 _END = re.compile(rb"(?m)^;TIME_ELAPSED:[^\n]*\n")
 
 Cut = Callable[[list[bytes], random.Random], list[bytes]]
-"""Removes layers from a list of all layers."""
+"""Function that removes layers from a list of all layers."""
 
 
 def _cut_first(layers: list[bytes], rng: random.Random) -> list[bytes]:
@@ -93,7 +93,7 @@ def _cut_last(layers: list[bytes], rng: random.Random) -> list[bytes]:
 
 
 def _cut_lines(layers: list[bytes], rng: random.Random) -> list[bytes]:
-    """Remove the lines between two random places."""
+    """Remove the lines between two random positions."""
     lines = b"".join(layers).splitlines(keepends=True)
     start, stop = sorted(rng.sample(range(1, len(lines) - 1), 2))
     return [*lines[:start], *lines[min(stop, start + rng.choice((150, len(lines)))) :]]
@@ -110,7 +110,7 @@ CUTS: dict[str, Cut] = {
 
 
 class ZeroStopwatch:
-    """Stopwatch that always reads 0: acceptance does not depend on it."""
+    """Stopwatch that always reads 0, as acceptance does not depend on it."""
 
     def move(self, x: float, y: float, z: float, e: float, speed_mm_s: float) -> None: ...
 
@@ -132,7 +132,7 @@ class Slicer:
         )
 
     def slice_model(self, mesh: trimesh.Trimesh, overrides: dict[str, str]) -> bytes:
-        """Scale and centre a model, and slice it; return no bytes if the engine fails."""
+        """Scale and centre a model, and slice it; return empty bytes if the engine fails."""
         mesh = mesh.copy()
         mesh.apply_scale(min(1.0, _SIZE_MM / max(mesh.extents)))
         low_mm, high_mm = mesh.bounds
@@ -221,7 +221,7 @@ def list_slices(
 
 @dataclass
 class Findings:
-    """Numbers of complete and of damaged files by kind of cut, and the files that were judged wrongly."""
+    """Numbers of complete files, and of damaged files by kind of cut; titles of files judged wrongly."""
 
     whole: int = 0
     cut: Counter[str] = field(default_factory=Counter)
@@ -255,12 +255,13 @@ class Findings:
 
 
 def main() -> None:
+    """Parse the command line, measure, and print the figures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("stl", nargs="*", type=Path)
     parser.add_argument("--cuts", type=int, default=1, help="cuts of each kind in each slice")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--keep", type=Path, help="folder that keeps the slices")
-    parser.add_argument("--raw", action="store_true", help="with placeholders for CuraEngine's own figures")
+    parser.add_argument("--keep", type=Path, help="folder in which the slices are kept")
+    parser.add_argument("--raw", action="store_true", help="keep CuraEngine's placeholders in the header")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     models = {**make_models(), **make_more_models()}

@@ -3,8 +3,8 @@
 Usage: python -m bench.printing.slice_check [STL ...] [--quality glue] [--nozzle 0.4] [--set KEY=VALUE]
        [--json]
 
-Without files it makes models itself. CPU seconds of this process are for reading the G-code, the rules, the
-outlines and the timeline; those of CuraEngine are its own user and system time.
+Without files, generated models are used. The CPU seconds of this process are for reading the G-code, the
+rules, the outlines and the timeline; those of CuraEngine are its own user and system time.
 """
 
 from __future__ import annotations
@@ -64,6 +64,7 @@ class CpuTimes:
 
     @classmethod
     def read(cls) -> CpuTimes:
+        """Read the CPU seconds until now."""
         children = resource.getrusage(resource.RUSAGE_CHILDREN)
         return cls(time.process_time(), children.ru_utime + children.ru_stime)
 
@@ -101,6 +102,7 @@ def check_model(name: str, mesh: trimesh.Trimesh, settings: EngineSettings, fold
 
 
 def main() -> None:
+    """Parse the command line, measure, and print the figures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("stl", nargs="*", type=Path)
     parser.add_argument("--quality", default="glue")

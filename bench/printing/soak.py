@@ -1,10 +1,10 @@
 """Very long print over a wire with errors: every line arrives once and unaltered, or a fault is reported.
 
 ``python -m bench.printing.soak [--lines N] [--damage P] [--seed N] [--json]``. The link and the emulator's
-firmware in one process, on their own clock. Each byte is damaged with the given probability, on the way out
-and back: half of the damaged bytes have a bit flipped, a quarter are lost, a quarter are doubled. An XOR of 8
-bits lets some damage through; the emulator counts the lines that it accepted in another form than they were
-sent.
+firmware run in one process, on their own clock. Each byte is damaged with the given probability, in both
+directions: half of the damaged bytes have a bit flipped, a quarter are lost, a quarter are doubled. A
+checksum of 8 bits does not detect all damage; the emulator counts the lines that it accepted although they
+differed from the lines sent.
 """
 
 from __future__ import annotations
@@ -37,7 +37,8 @@ class Outcome:
     exact
         True if the firmware made each move once, and head and filament end at the file's positions.
     altered
-        Lines that were executed in another form than they were sent, as their checksums matched.
+        Number of lines that were executed although they differed from the lines sent: their checksums
+        matched.
     """
 
     lines: int
@@ -60,7 +61,7 @@ def make_move(i: int) -> bytes:
 
 
 def soak(lines: int, damage: float, seed: int = 0) -> Outcome:
-    """Print a number of lines; `damage` is the probability that a byte is damaged."""
+    """Print a number of lines over a wire on which each byte is damaged with the probability `damage`."""
     faults = Faults(noise=damage / 2, lost=damage / 4, doubled=damage / 4)
     now_s = 0.0
     firmware = EmulatedFirmware(PROFILES[MODEL], faults, random.Random(seed), now_s)
@@ -106,16 +107,17 @@ def soak(lines: int, damage: float, seed: int = 0) -> Outcome:
 
 
 def list_lines(start: int, stop: int, lines: int) -> list[bytes]:
-    """List some lines of the file, and of the barriers after it."""
+    """List some lines of the file and of the barriers after it."""
     return [make_move(index) for index in range(start, min(stop, lines))] + [BARRIERS[0]] * max(
         0, stop - max(start, lines)
     )
 
 
 def main() -> None:
+    """Parse the command line, measure, and print the figures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--lines", type=int, default=1_000_000)
-    parser.add_argument("--damage", type=float, default=0.00005, help="probability of a byte")
+    parser.add_argument("--damage", type=float, default=0.00005, help="probability that a byte is damaged")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()

@@ -1,9 +1,9 @@
 """Time for which a hot head stands still after one damaged byte, line or answer.
 
 ``python -m bench.printing.stalls [--kind KIND]... [--faults N] [--seed N] [--json]``. The link and the
-emulator's firmware in one process, on their own clock, print moves of 10 ms; every 30 lines one fault of a
-kind is put on the wire. For each kind it prints the median and the longest time for which the head stood
-still, and whether every line was executed exactly once.
+emulator's firmware run in one process, on their own clock, and print moves of 10 ms; every 30 lines, one
+fault of a kind occurs on the wire. The output has for each kind the median and the longest time for which the
+head stood still, and whether every line was executed exactly once.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def flip_bit(data: bytes, rng: random.Random) -> bytes:
 
 
 def corrupt_number(data: bytes, rng: random.Random) -> bytes:
-    """Flip a bit so that the line is complete but refused."""
+    """Flip a bit of a number, so that the line arrives whole but is refused."""
     index = rng.randrange(data.index(b"X") + 1, data.index(b"*"))
     return data[:index] + bytes((data[index] ^ 1,)) + data[index + 1 :]
 
@@ -87,7 +87,7 @@ class FaultKind:
     Attributes
     ----------
     to_board, to_host
-        Damage to the line, and to the answer; None for none.
+        Damage to the line, and to the answer; None: undamaged.
     line_pattern
         Regular expression of the lines that are damaged.
     """
@@ -201,7 +201,7 @@ def make_move(i: int) -> bytes:
 
 
 class Recorder(EmulatedFirmware):
-    """Firmware that records its numbered lines, without requests for reports."""
+    """Firmware that records the numbered lines that it accepts, except requests for reports."""
 
     def __init__(self, rng: random.Random) -> None:
         self.received: list[bytes] = []
@@ -222,7 +222,7 @@ class Recorder(EmulatedFirmware):
 
 
 class WireDirection:
-    """One direction of the wire, which delays bytes."""
+    """One direction of the wire, with a delay."""
 
     def __init__(self, delay_s: float) -> None:
         self._delay_s = delay_s
@@ -244,7 +244,7 @@ class WireDirection:
 
 
 class FaultInjector:
-    """Wire that damages one line of every 30, or its answer."""
+    """Wire that damages one line in every 30, or its answer."""
 
     def __init__(self, kind: FaultKind, rng: random.Random) -> None:
         self._kind, self._rng = kind, rng
@@ -317,6 +317,7 @@ def run(kind: FaultKind, faults: int, seed: int) -> Outcome:
 
 
 def main() -> None:
+    """Parse the command line, measure, and print the figures."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -1,9 +1,9 @@
-"""Unusual models and numbers of printers: each soon gives parts, or a refusal that proposes a change.
+"""Unusual models and numbers of printers: each quickly yields parts, or a refusal that suggests a change.
 
 Usage: python -m bench.search.edge_cases [--only sheet,rod,...] [--budget 20] [--json]
 
-A sheet of 450 x 450 x 1 mm, a rod of 2 m, a vase, ten bodies, a sphere, 1 and 100 printers, and `auto`.
-Nothing is sliced. `wall_s` and `cpu_s` are measured from the model in memory to the checked parts.
+The cases are a sheet of 450 x 450 x 1 mm, a rod of 2 m, a vase, ten bodies, a sphere, 1 and 100 printers, and
+`auto`. Nothing is sliced. `wall_s` and `cpu_s` are measured from the model in memory to the checked parts.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from time import perf_counter, process_time
 
-from bench.models.shapes import ellipsoid
+from bench.models.shapes import make_ellipsoid
 from bench.unseen import ROOM_SIZES_MM
 from decompose.auto import decompose_auto
 from decompose.decompose import decompose_model
@@ -30,9 +30,9 @@ from decompose.printers import PrinterRoom
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A model, a number of printers, and whether the number of parts is chosen (`decompose_auto`)."""
+    """Model and number of printers, and whether the number of parts is chosen automatically."""
 
-    draw: Callable[[], Solid]
+    make: Callable[[], Solid]
     printers: int = 20
     auto: bool = False
 
@@ -51,38 +51,43 @@ class Outcome:
     refusal: str = ""
 
 
-def _draw_sphere() -> Solid:
-    return ellipsoid((0.0, 0.0, 0.0), (150.0, 150.0, 150.0))
+def _make_sphere() -> Solid:
+    """Make a sphere of 300 mm."""
+    return make_ellipsoid((0.0, 0.0, 0.0), (150.0, 150.0, 150.0))
 
 
-def _draw_vase() -> Solid:
-    """Draw an open vessel with a wall of 3 mm."""
-    outer = ellipsoid((0.0, 0.0, 0.0), (90.0, 90.0, 200.0))
-    inner = ellipsoid((0.0, 0.0, 0.0), (87.0, 87.0, 197.0))
+def _make_vase() -> Solid:
+    """Make an open vessel with a wall of 3 mm."""
+    outer = make_ellipsoid((0.0, 0.0, 0.0), (90.0, 90.0, 200.0))
+    inner = make_ellipsoid((0.0, 0.0, 0.0), (87.0, 87.0, 197.0))
     return outer.subtract(inner).clip((-200.0, -200.0, -150.0), (200.0, 200.0, 120.0))
 
 
-def _draw_ten_bodies() -> Solid:
+def _make_ten_bodies() -> Solid:
+    """Make ten separate ellipsoids of different heights."""
     return Solid.union(
-        [ellipsoid((90.0 * (i % 5), 100.0 * (i // 5), 0.0), (40.0, 45.0, 25.0 + 10.0 * i)) for i in range(10)]
+        [
+            make_ellipsoid((90.0 * (i % 5), 100.0 * (i // 5), 0.0), (40.0, 45.0, 25.0 + 10.0 * i))
+            for i in range(10)
+        ]
     )
 
 
 CASES: Mapping[str, Case] = {
     "sheet": Case(lambda: Solid.box((0.0, 0.0, 0.0), (450.0, 450.0, 1.0))),
     "rod": Case(lambda: Solid.box((0.0, 0.0, 0.0), (2000.0, 20.0, 20.0))),
-    "vase": Case(_draw_vase),
-    "ten-bodies": Case(_draw_ten_bodies),
-    "sphere": Case(_draw_sphere),
-    "one-printer": Case(_draw_sphere, printers=1),
-    "hundred-printers": Case(_draw_sphere, printers=100),
-    "auto": Case(_draw_vase, printers=100, auto=True),
+    "vase": Case(_make_vase),
+    "ten-bodies": Case(_make_ten_bodies),
+    "sphere": Case(_make_sphere),
+    "one-printer": Case(_make_sphere, printers=1),
+    "hundred-printers": Case(_make_sphere, printers=100),
+    "auto": Case(_make_vase, printers=100, auto=True),
 }
 
 
 def run_case(name: str, case: Case, budget_s: float) -> Outcome:
     """Decompose the model of a case with default options."""
-    model = Model(case.draw(), (), 1.0)
+    model = Model(case.make(), (), 1.0)
     printers = [PrinterRoom(str(number), ROOM_SIZES_MM) for number in range(case.printers)]
     options = Options(best=BestOptions(budget_s))
     decompose = decompose_auto if case.auto else decompose_model
@@ -100,6 +105,7 @@ def run_case(name: str, case: Case, budget_s: float) -> Outcome:
 
 
 def main() -> None:
+    """Parse the command line, measure, and print the figures."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

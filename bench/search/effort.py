@@ -3,8 +3,8 @@
 Usage: python -m bench.search.effort MODEL... [--printers 8,20] [--engines guillotine,parallelobox]
        [--side 450] [--json]
 
-Every search runs without a budget in one thread. `fit_ns` are the prices, at least 0, that
-fit these runs best by least squares of the relative errors; `problem.effort.WORK_NS` comes from them.
+Every search runs without a budget in one thread. `fit_ns` are the prices, at least 0, that fit these runs
+best by least squares of the relative errors; `problem.effort.WORK_NS` was derived from them.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def measure_search(problem: Problem) -> tuple[Effort, dict[str, float]]:
 
 
 def fit_prices(runs: Sequence[dict[str, Any]]) -> dict[str, float]:
-    """Fit the nanoseconds of a unit of each kind of work."""
+    """Fit the nanoseconds per unit of each kind of work."""
     kinds = [str(work) for work in Work]
     rows = np.array([[run["done"].get(kind, 0) / run["cpu_s"] for kind in kinds] for run in runs])
     scale = np.maximum(rows.max(axis=0), 1e-12)

@@ -3,10 +3,10 @@
 Usage: python -m bench.search.printer_classes MODEL... [--plus 16] [--extended 4] [--wide 0] [--spread 0.1]
        [--side 450] [--cells auto] [--json]
 
-Makespans by the cost model, each part on its printer. "Shared" is a cut for equal printers with the smallest
-volume and one speed, whose parts are then assigned for the least makespan. `--spread`: time factors of the
-printers, evenly spread around 1 by this share, in random order. `--wide`: number of 2+ with a wide nozzle,
-with which a part takes 0.45 of the time.
+Makespans are those of the cost model, with each part on its printer. "Shared" is a cut for equal printers
+with the smallest volume and one speed, whose parts are then assigned so that the makespan is shortest.
+`--spread`: the time factors of the printers are spread evenly around 1 by this share, in random order.
+`--wide`: number of 2+ with a wide nozzle, with which a part takes 0.45 of the time.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ WIDE_TIME_RATIO = 0.45
 
 
 def make_fleet(plus: int, extended: int, wide: int, spread: float, brim_mm: float) -> tuple[PrinterRoom, ...]:
-    """Make a fleet, in which the first 2+ have a wide nozzle."""
+    """Make a fleet in which the first `wide` 2+ have a wide nozzle."""
     factors = 1.0 + spread * np.linspace(-1.0, 1.0, plus + extended)
     np.random.default_rng(0).shuffle(factors)
     factors[:wide] *= WIDE_TIME_RATIO
@@ -67,7 +67,7 @@ def compute_makespan_s(problem: Problem, partition: Partition) -> float:
 
 
 def make_uniform_printers(printers: Sequence[PrinterRoom]) -> tuple[PrinterRoom, ...]:
-    """Make as many equal printers, with the room of the lowest one and one speed."""
+    """Make the same number of equal printers, with the room of the lowest printer and one speed."""
     lowest = min((printer.boxes for printer in printers), key=lambda boxes: max(box[2] for box in boxes))
     return tuple(replace(printer, boxes=lowest, time_factor=1.0) for printer in printers)
 
@@ -102,7 +102,7 @@ def main() -> None:
     parser.add_argument("--wide", type=int, default=0)
     parser.add_argument("--spread", type=float, default=0.1)
     parser.add_argument("--side", type=float, default=450.0)
-    parser.add_argument("--cells", default="auto", help="as farm decompose --granularity")
+    parser.add_argument("--cells", default="auto", help="value of farm decompose --granularity")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     recipe = make_recipe("paper")

@@ -2,10 +2,10 @@
 
 ``PYTHONPATH=tests/support python -m bench.web.browser [--printers N] [--seconds S] [--json]``. The farm is
 that of `bench.web.live`: all printers print, and each has another temperature every second. A stall is a
-task of the page's main thread: its time on the processor, which other work on the machine does not lengthen,
-and its whole time. Of first paints, the quickest is judged, as other work only lengthens them. A phone is a
-processor four times slower, and slow 4G as Lighthouse defines it: 150 ms and 1.6 Mbit/s. The exit status is
-1 if a goal is missed.
+task of the page's main thread, measured by its CPU time, which other work on the machine does not lengthen,
+and by its wall time. The goal applies to the quickest of the first paints, as other work only lengthens them.
+A phone is simulated by a processor that is four times slower, and by slow 4G as Lighthouse defines it: 150 ms
+and 1.6 Mbit/s. The exit status is 1 if a goal is missed.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _WEIGHT = """performance.getEntries().reduce((sum, one) => sum + (one.transferSi
 
 
 class Tracer:
-    """Tasks of a tab's main thread while they are traced."""
+    """Tracer of the tasks of a tab's main thread."""
 
     def __init__(self, tab: Any) -> None:
         self._tab, self._events = tab, list[dict[str, Any]]()
@@ -101,13 +101,14 @@ async def measure_home(port: int, key: str, seconds: float, folder: Path) -> dic
 
 
 def measure(printers: int, seconds: float) -> dict[str, Any]:
-    """Serve the farm from its own process, and measure Home."""
+    """Serve the farm from a process of its own, and measure Home."""
     with start_server(printers) as server:
         result = asyncio.run(measure_home(server.port, server.keys[1], seconds, server.folder / "profile"))
     return {"prints": server.prints, **result, "load": os.getloadavg()[0]}
 
 
 def main() -> None:
+    """Parse the command line, measure, and print the figures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--printers", type=int, default=100)
     parser.add_argument("--seconds", type=float, default=20.0)

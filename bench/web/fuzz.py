@@ -1,9 +1,9 @@
-"""Random requests to a real daemon: none fails, memory does not grow, no caller exceeds its role.
+"""Random requests to a real daemon: none may fail, memory must not grow, no caller may exceed its role.
 
-``python -m bench.web.fuzz [--requests N] [--seed N] [--at-once N] [--json]``. A daemon with two simulated
+``python -m bench.web.fuzz [--requests N] [--seed N] [--at-once N] [--json]``. The daemon has two simulated
 printers and a server for the network. Three quarters of the requests come from callers who may change
-nothing: without a key, with a wrong or a revoked one, or with the role `look`. The others have the roles
-`print` and `operate`. Every connection is new. The exit status is 1 if a goal is missed.
+nothing: without a key, with a wrong or a revoked one, or with the role `look`. The other callers have the
+roles `print` and `operate`. Every request has its own connection. The exit status is 1 if a goal is missed.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from farm.http.stream_limit import STREAM_TYPE
 
 ANSWER_TIMEOUT_S = 600.0  # a model waits for the start of the workers, and for the planning of earlier models
 DAMAGED_TIMEOUT_S = 0.05
-"""Time for the answer to a request that a server need not answer."""
+"""Time to wait for the answer to a request that a server need not answer."""
 WARM_UP_REQUESTS = 5000
 """Requests after which the daemon has loaded all code, and memory is measured."""
 GOALS = {
@@ -70,7 +70,7 @@ class FuzzedFarm(WebFarm):
 
 
 async def send(port: int, request: FuzzedRequest, answer_s: float = ANSWER_TIMEOUT_S) -> list[int]:
-    """Send a request on its own connection. Returns the statuses of the answers."""
+    """Send a request on its own connection; return the statuses of the answers."""
     answer, timeout_s = b"", answer_s if request.intact else DAMAGED_TIMEOUT_S
     with suppress(ConnectionError, TimeoutError):
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
@@ -86,7 +86,7 @@ async def send(port: int, request: FuzzedRequest, answer_s: float = ANSWER_TIMEO
 
 
 class RequestSender:
-    """Sender of several requests at a time, which counts the answers."""
+    """Sender of several parallel requests, which counts the answers."""
 
     def __init__(self, port: int, rng: random.Random, connections: int) -> None:
         self._port, self._rng, self._connections = port, rng, connections
@@ -95,7 +95,7 @@ class RequestSender:
         self.sent = self.intact = self.unanswered = self.accepted = 0
 
     async def run(self, number: int, keys: Mapping[str, str]) -> None:
-        """Send a number of requests by callers with these keys."""
+        """Send a number of requests from callers with these keys."""
         remaining = number
 
         async def send_requests() -> None:
@@ -177,6 +177,7 @@ def measure(request_count: int, seed: int, connections: int) -> dict[str, Any]:
 
 
 def main() -> None:
+    """Parse the command line, measure, and print the figures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--requests", type=int, default=100_000)
     parser.add_argument("--seed", type=int, default=1)

@@ -2,8 +2,8 @@
 
 ``python -m bench.web.live [--printers N] [--viewers N] [--seconds S] [--json]``. A process serves the
 pages of printers that all print: each second, each has another temperature and progress. No agents run, so
-that the CPU is that of the telemetry, the pages and their streams alone. The viewers are streams over
-loopback, half of them of another role. The exit status is 1 if a goal is missed.
+that the CPU time is that of the telemetry, the pages and their streams alone. The viewers are streams over
+loopback, half of them with another role. The exit status is 1 if a goal is missed.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class NoEffects:
 
 
 def make_snapshot(name: str, print_id: str | None, progress_s: float) -> AgentSnapshot:
-    """Make the report of a printer: idle, or printing."""
+    """Make the report of an idle or a printing printer."""
     if print_id is None:
         return AgentSnapshot(printer=name, link=Link.READY, bed_clear=True, filament=FilamentState.PARKED)
     heat_c = 200.0 + progress_s % 3
@@ -124,7 +124,7 @@ def run_server(folder: Path, printers: int, pipe: Connection) -> None:
 
 
 class Server(NamedTuple):
-    """Server in its own process: folder, port, the texts of two keys, and the number of prints."""
+    """Server in a process of its own: folder, port, the texts of two keys, and the number of prints."""
 
     folder: Path
     pipe: Connection
@@ -140,7 +140,7 @@ class Server(NamedTuple):
 
 @contextmanager
 def start_server(printers: int) -> Iterator[Server]:
-    """Serve the farm from its own process, and end it afterwards."""
+    """Serve the farm from a process of its own, and end it afterwards."""
     context = multiprocessing.get_context("spawn")
     receiver, sender = context.Pipe()
     with tempfile.TemporaryDirectory() as name:
@@ -154,7 +154,7 @@ def start_server(printers: int) -> Iterator[Server]:
 
 
 def receive_streams(port: int, keys: list[str], viewers: int, seconds: float) -> int:
-    """Receive streams for a time; return the bytes."""
+    """Receive streams for some seconds; return the number of bytes."""
     received_bytes, selector = 0, selectors.DefaultSelector()
     for number in range(viewers):
         client = socket.create_connection(("127.0.0.1", port))
@@ -189,6 +189,7 @@ def measure(printers: int, viewers: int, seconds: float) -> dict[str, Any]:
 
 
 def main() -> None:
+    """Parse the command line, measure, and print the figures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--printers", type=int, default=100)
     parser.add_argument("--viewers", type=int, default=20)

@@ -1,11 +1,11 @@
 """Response times for other clients while thousands of clients on the network leave their requests incomplete.
 
-``python -m bench.web.load [--connections N] [--seconds S] [--json]``. A real daemon, one simulated printer
-that prints. Each client on the network connects, and then stops: before it sends anything, in the middle of
-a head, of a JSON body or of an upload, or without reading the answers to its requests. A client that is
-disconnected connects again. Meanwhile another process requests `GET /status` on the Unix socket every 50 ms,
-and on the network every second. At the end the daemon gets SIGTERM while all clients are connected. The exit
-status is 1 if a goal is missed.
+``python -m bench.web.load [--connections N] [--seconds S] [--json]``. A real daemon has one simulated
+printer, which prints. Each client on the network connects, and then stops: before it sends anything, in the
+middle of a head, of a JSON body or of an upload, or without reading the answers to its requests. A client
+that is disconnected connects again. Meanwhile another process requests `GET /status` on the Unix socket every
+50 ms, and on the network every second. At the end, SIGTERM is sent to the daemon while all clients are
+connected. The exit status is 1 if a goal is missed.
 """
 
 from __future__ import annotations
@@ -130,12 +130,13 @@ def request_status(state: Path, port: int, key: str, pipe: Connection) -> None:
 
 
 def read_printer(farm: WebFarm) -> dict[str, Any]:
+    """Read the printer's entry in `farm status --json`."""
     printer: dict[str, Any] = json.loads(farm.run("status", "--json"))["printers"][0]
     return printer
 
 
 def measure(connection_count: int, seconds: float) -> dict[str, Any]:
-    """Measure response times while connections hang, and then the time in which the daemon shuts down."""
+    """Measure response times while connections hang, and then the time that the daemon takes to shut down."""
     with tempfile.TemporaryDirectory() as name:
         farm = WebFarm(Path(name))
         try:
@@ -191,6 +192,7 @@ def measure(connection_count: int, seconds: float) -> dict[str, Any]:
 
 
 def main() -> None:
+    """Parse the command line, measure, and print the figures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--connections", type=int, default=2000)
     parser.add_argument("--seconds", type=float, default=30.0)

@@ -1,8 +1,7 @@
 """Random requests to the farm's server for the network: every route, hostile values, broken framing. Pure.
 
 A third of the requests are plain and valid. Others are well-formed HTTP for a known route with valid or
-hostile values, or have damaged heads, lengths, chunks or bytes. The same generator of random numbers gives
-the same requests.
+hostile values, or have damaged heads, lengths, chunks or bytes. The same random seed gives the same requests.
 """
 
 from __future__ import annotations
@@ -61,7 +60,7 @@ class FuzzedRequest:
     Attributes
     ----------
     caller
-        Name of the key that it has; empty for nobody.
+        Name of its key; `nobody` has none.
     method, path
         Route that it requests, before any damage.
     intact
@@ -234,7 +233,7 @@ def _damage_chunks(rng: random.Random, method: str, path: str, headers: dict[str
 
 
 def _damage_head(rng: random.Random, method: str, path: str, headers: dict[str, str], body: bytes) -> bytes:
-    """Write a head that is too long, too old, too new, or with wrong line ends."""
+    """Write a head that is too long, has an old or an unknown version, or wrong line ends."""
     kind = rng.randrange(5)
     if kind == 0:
         return _write_head(method, path, {**headers, "X-Long": "a" * rng.choice((20_000, 200_000))}) + body
@@ -249,7 +248,7 @@ def _damage_head(rng: random.Random, method: str, path: str, headers: dict[str, 
 
 
 def _damage_bytes(rng: random.Random, method: str, path: str, headers: dict[str, str], body: bytes) -> bytes:
-    """Change bytes at random places."""
+    """Change bytes at random positions."""
     data = bytearray(_write_head(method, path, {**headers, "Content-Length": str(len(body))}) + body)
     for _ in range(rng.choice((1, 1, 2, 10))):
         data[rng.randrange(len(data))] = rng.randrange(256)
@@ -257,7 +256,7 @@ def _damage_bytes(rng: random.Random, method: str, path: str, headers: dict[str,
 
 
 def _cut_request(rng: random.Random, method: str, path: str, headers: dict[str, str], body: bytes) -> bytes:
-    """Cut a request at a random place."""
+    """Cut off a request at a random position."""
     data = _write_head(method, path, {**headers, "Content-Length": str(len(body))}) + body
     return data[: rng.randrange(len(data))]
 

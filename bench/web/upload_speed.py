@@ -1,11 +1,11 @@
 """Speed of uploads from the network, and the daemon's response times during them.
 
-``python -m bench.web.upload_speed [--mb MB] [--times N] [--form] [--json]``. A real daemon with one simulated
-printer. This process sends a file of that size over loopback TCP with a key: `--form` as slicers do
-(multipart), else as `farm submit` does. Another process asks for `GET /status` on the Unix socket and on TCP
-every 50 ms. The file is G-code that is refused for its first line, so that the answer comes as soon as the
-last byte is on the disk. One more upload is cut in its middle: the files that it leaves on the disk are
-counted.
+``python -m bench.web.upload_speed [--mb MB] [--times N] [--form] [--json]``. A real daemon runs with one
+simulated printer. This process sends a file of that size over loopback TCP with a key: with `--form` as
+slicers do (multipart), else as `farm submit` does. Another process requests `GET /status` on the Unix socket
+and on TCP every 50 ms. The file is G-code that is refused because of its first line, so that the answer comes
+as soon as the last byte is on the disk. A further upload is cut off in the middle, and the files that it
+leaves on the disk are counted.
 """
 
 from __future__ import annotations
@@ -66,12 +66,13 @@ def make_request(farm: WebFarm, key: str, size: int, form: bool) -> tuple[bytes,
 
 
 def upload(farm: WebFarm, key: str, size: int, form: bool, share: float = 1.0) -> tuple[float, int, str]:
-    """Upload a file, or the first share of one.
+    """Upload a file, or the first `share` of it.
 
     Returns
     -------
     seconds, status, text
-        Seconds from the first byte to the answer; status 0 for an upload that was cut.
+        Seconds from the first byte to the answer, HTTP status, and text of the answer; an upload that is cut
+        off has the status 0 and no text.
     """
     head, bytes_before_file, bytes_after_file = make_request(farm, key, size, form)
     with socket.create_connection(("127.0.0.1", farm.port), TIMEOUT_S) as connection:
@@ -139,7 +140,7 @@ def measure(size_mb: int, times: int, form: bool) -> dict[str, Any]:
             idle_ms = sorted(next(idle_times))
             start_cpu_s, busy_times = farm.read_cpu_s(), measure_response_times(farm, key)
             next(busy_times)
-            time.sleep(2.0)  # until the first request
+            time.sleep(2.0)  # the process sends its first request meanwhile
             for _ in range(times):
                 seconds, status, text = upload(farm, key, size, form)
                 if status != 400 or "line 1" not in text:
@@ -170,6 +171,7 @@ def measure(size_mb: int, times: int, form: bool) -> dict[str, Any]:
 
 
 def main() -> None:
+    """Parse the command line, measure, and print the figures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--mb", type=int, default=500)
     parser.add_argument("--times", type=int, default=3)

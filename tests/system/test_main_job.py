@@ -39,7 +39,7 @@ def test_model_is_printed_to_its_last_part(farm, bar):
     assert job["state"] == "printed"
     assert [part["prints"][-1]["state"] for part in job["parts"]] == ["done", "done"]
     assert {part["prints"][-1]["printer"] for part in job["parts"]} == {"one", "two"}
-    # A second of a busy computer is minutes of the farm: `bench/fleets/expected_reached.py` measures both.
+    # A second of a busy computer is minutes of the farm: `bench/fleets/job_times.py` measures both.
     assert job["starved_share"] < 0.25
     assert job["elapsed_s"] == pytest.approx(job["estimated_s"], rel=0.25)
     assert 1.0 < job["speedup"] < 2.0
@@ -95,7 +95,7 @@ def test_prints_continue_after_the_daemon_dies(farm, bar):
     assert {p["name"]: p["agent_pid"] for p in farm.status()["printers"]} == agents
     assert {name: farm.emulator_status(name).resets for name in agents} == resets
     job = farm.job()
-    # A second of a busy computer is minutes of the farm: `bench/fleets/expected_reached.py` measures the
+    # A second of a busy computer is minutes of the farm: `bench/fleets/job_times.py` measures the
     # difference.
     assert job["elapsed_s"] == pytest.approx(job["estimated_s"], rel=0.25)
     assert [len(part["prints"]) for part in job["parts"]] == [1, 1]

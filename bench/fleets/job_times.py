@@ -4,7 +4,7 @@ A separate farm is started in a temporary folder, with the real daemon, agents, 
 run in which the emulators waited for this machine for more than 1 % of the time is not valid: use a lower
 --time-scale.
 
-Usage: python -m bench.fleets.expected_reached [--printers N] [--time-scale S] [--json]
+Usage: python -m bench.fleets.job_times [--printers N] [--time-scale S] [--json]
 """
 
 from __future__ import annotations
