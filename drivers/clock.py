@@ -1,7 +1,7 @@
 """The farm's clock: wall time, or a multiple of it if every printer is simulated.
 
 Daemon, agents, emulators and timers all read this clock, so attended hours, time-outs, forecasts and the
-dead-man agree everywhere, and a simulated night can run in minutes.
+dead-man timer agree everywhere, and a simulated night can run in minutes.
 
 A change of the host's clock must not end a heat-up or a print by a time-out: a process reads wall time once
 and adds the time since boot, which also counts while the host sleeps. The daemon, which enforces attended
@@ -32,7 +32,7 @@ class Clock:
     Parameters
     ----------
     scale
-        Farm seconds in a wall second; 1 on real printers.
+        Farm seconds per wall second; 1 on real printers.
     anchor_s
         Time at which both clocks agreed, in seconds since the epoch.
     ahead_s
@@ -67,5 +67,5 @@ class Clock:
         return self.anchor_s + (farm_s - self.ahead_s - self.anchor_s) / self.scale
 
     def to_wall_duration_s(self, farm_seconds: float) -> float:
-        """Convert a span of farm seconds to wall seconds."""
+        """Convert a duration in farm seconds to wall seconds."""
         return farm_seconds / self.scale

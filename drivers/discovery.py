@@ -59,7 +59,7 @@ def list_plugged_devices(
     fleet
         Name and port of each printer.
     devices, by_path
-        Devices of the host, None for all, and the folder with links by USB socket; tests replace both.
+        Devices to list, None for all of the host; folder with links by USB socket. Tests replace both.
 
     Returns
     -------
@@ -135,7 +135,7 @@ def commission_by_agent(folder: Path) -> None:
 
 
 async def _ask_agent(folder: Path) -> None:
-    """Send the request to the agent, and wait for the result. Raises DriverError."""
+    """Send the request to the agent, and wait for the result. Raises DriverError if it fails."""
     client = AgentClient(folder)
     try:
         await client.connect()

@@ -51,7 +51,7 @@ class Fault(StrEnum):
     STOPPED = "stopped"  # the firmware's Stop(): heaters off; it answers but does not move
     MAXTEMP = "maxtemp"  # a sensor reads too hot, or is broken
     MINTEMP = "mintemp"  # a sensor reads too cold, or is shorted
-    KILL = "kill"  # the firmware's kill(): its dead-man expired
+    KILL = "kill"  # the firmware's kill(): its dead-man timer expired
     REBOOT = "reboot"  # the board restarted during a print
     ENDSTOP = "endstop"  # an endstop was not reached, or stayed pressed
     COLD_EXTRUSION = "cold_extrusion"  # the firmware refused to extrude

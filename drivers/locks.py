@@ -75,7 +75,7 @@ def find_holder(path: Path) -> int | None:
 
 
 def kill_holder(path: Path) -> bool:
-    """Kill the process that holds the lock, even a stopped one; return True if the lock is free then."""
+    """Kill the process that holds the lock, even a stopped one; return True if the lock is free now."""
     pid = find_holder(path)
     if pid is not None:
         with suppress(OSError):

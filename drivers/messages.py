@@ -83,6 +83,7 @@ class PrintPhase(StrEnum):
 
     @property
     def ended(self) -> bool:
+        """True if the phase is final."""
         return self in (PrintPhase.DONE, PrintPhase.FAILED, PrintPhase.CANCELLED)
 
 
@@ -328,9 +329,9 @@ class Reply(_AgentMessage):
 
 
 def encode_for_protocol(request: Request, protocol: int) -> str | None:
-    """Dump a request for an agent of this protocol version.
+    """Dump a request for an agent of this protocol version; None if the agent does not support it.
 
-    Fields unknown to it are omitted if they have their defaults; None if that is not possible.
+    Fields that such an agent does not know are omitted; they must have their default values.
     """
     unknown = set()
     for name, field in type(request).model_fields.items():

@@ -60,6 +60,7 @@ class NightClock(Clock):
     now_s = START_S
 
     def now(self) -> float:
+        """Return the time of the current night in farm seconds."""
         return self.now_s
 
 
@@ -69,6 +70,7 @@ class FakeWorkers:
     async def run(
         self, function: object, files: Path, parts: dict[str, str], *_: object, **__: object
     ) -> object:
+        """Write a file for the picture of each part; return their names by part."""
         return {part: write_sparse(files, f"{name}.png", PICTURE_BYTES) for part, name in parts.items()}
 
 

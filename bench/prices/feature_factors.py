@@ -80,6 +80,7 @@ class PartTimes:
 
     @property
     def shares(self) -> tuple[float, ...]:
+        """Share of each feature in the sliced time."""
         shares = FeatureSeconds(**self.features).shares
         assert shares is not None
         return shares

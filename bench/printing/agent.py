@@ -104,6 +104,7 @@ class FakeBoards(threading.Thread):
         self.is_stopped = False
 
     def run(self) -> None:
+        """Serve the boards until `is_stopped` is set."""
         poll = select.epoll()
         deadlines: list[tuple[float, int, FakeBoard]] = []
         for board in self._boards:

@@ -37,19 +37,23 @@ Damage = Callable[[bytes, random.Random], bytes]
 
 
 def remove_bytes(data: bytes, index: int, count: int = 1) -> bytes:
+    """Remove bytes at an index."""
     return data[:index] + data[index + count :]
 
 
 def remove_byte(data: bytes, rng: random.Random) -> bytes:
+    """Remove a random byte."""
     return remove_bytes(data, rng.randrange(len(data)))
 
 
 def double_byte(data: bytes, rng: random.Random) -> bytes:
+    """Double a random byte."""
     index = rng.randrange(len(data))
     return data[:index] + data[index : index + 1] + data[index:]
 
 
 def flip_bit(data: bytes, rng: random.Random) -> bytes:
+    """Flip a random bit."""
     index = rng.randrange(len(data))
     return data[:index] + bytes((data[index] ^ 1 << rng.randrange(8),)) + data[index + 1 :]
 
@@ -61,10 +65,12 @@ def corrupt_number(data: bytes, rng: random.Random) -> bytes:
 
 
 def replace_match(pattern: bytes, replacement: bytes = b"") -> Damage:
+    """Return damage that replaces the first match of a pattern."""
     return lambda data, rng: re.sub(pattern, lambda _: replacement, data, count=1)
 
 
 def flip_digit(data: bytes, rng: random.Random) -> bytes:
+    """Flip a bit of a digit in the number of a Resend."""
     digits = [match.start() for match in re.finditer(rb"\d", data[data.index(b"Resend") :])]
     index = data.index(b"Resend") + rng.choice(digits)
     return data[:index] + bytes((data[index] ^ 1 << rng.randrange(3),)) + data[index + 1 :]
@@ -98,14 +104,17 @@ class FaultKind:
 
 
 def remove_all(data: bytes, rng: random.Random) -> bytes:
+    """Remove all bytes."""
     return b""
 
 
 def remove_end(data: bytes, rng: random.Random) -> bytes:
+    """Remove the bytes after a random position."""
     return data[: rng.randrange(1, len(data) - 1)]
 
 
 def repeat_all(data: bytes, rng: random.Random) -> bytes:
+    """Send all bytes twice."""
     return data + data
 
 
@@ -181,10 +190,12 @@ class Outcome:
 
     @property
     def median_s(self) -> float:
+        """Median of the stalls; infinite without a fault."""
         return median(self.stalls_s) if self.stalls_s else math.inf
 
     @property
     def worst_s(self) -> float:
+        """Longest stall; infinite without a fault."""
         return max(self.stalls_s, default=math.inf)
 
 
@@ -209,6 +220,7 @@ class Recorder(EmulatedFirmware):
 
     @property
     def last_number(self) -> int:
+        """Number of the last accepted line."""
         return self._last_number
 
     def _read_plain_move(self) -> bool:
@@ -230,13 +242,16 @@ class WireDirection:
 
     @property
     def due_s(self) -> float:
+        """Arrival time of the next bytes; infinite if none are in flight."""
         return self._in_flight[0][0] if self._in_flight else math.inf
 
     def put(self, data: bytes, now_s: float) -> None:
+        """Send bytes."""
         if data:
             self._in_flight.append((now_s + self._delay_s, data))
 
     def take(self, now_s: float) -> bytes:
+        """Return the bytes that have arrived by now."""
         data = b""
         while self._in_flight and self._in_flight[0][0] <= now_s:
             data += self._in_flight.popleft()[1]
@@ -257,6 +272,7 @@ class FaultInjector:
         self._next_number = number - number % LINES_PER_FAULT + LINES_PER_FAULT + self._rng.randrange(3)
 
     def damage_line(self, data: bytes) -> bytes:
+        """Return a line as the board receives it."""
         match = self._line_pattern.match(data)
         if match is None or int(match[1]) < self._next_number:
             return data
@@ -266,6 +282,7 @@ class FaultInjector:
         return self._kind.to_board(data, self._rng) if self._kind.to_board else data
 
     def damage_answer(self, data: bytes) -> bytes:
+        """Return an answer as the host receives it."""
         if not self._damages_next_answer or (self._kind.to_board and b"Resend" not in data):
             return data
         assert self._kind.to_host is not None

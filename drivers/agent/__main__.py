@@ -18,7 +18,7 @@ from drivers.safety import StopTarget, stop_board
 
 
 def main() -> int:
-    """Parse the command line, take the folder's lock, run."""
+    """Parse the command line, take the folder's lock, and run the agent."""
     parser = argparse.ArgumentParser(prog="python -m drivers.agent", description=__doc__)
     parser.add_argument("--folder", required=True, type=Path)
     folder = parser.parse_args().folder.absolute()

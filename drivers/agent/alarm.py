@@ -58,7 +58,7 @@ class Alarms:
         return None if self.alarm is None else self.alarm.suspicion
 
     def mark_ended(self) -> None:
-        """Note that the printer was cold or was reconnected: later findings are new ones."""
+        """Mark the alarm as over, as the printer was cold or was reconnected: later findings are new ones."""
         if self.alarm is not None and self.alarm.outcome is not None:
             self.alarm = self.alarm.model_copy(update={"is_over": True})
 
@@ -66,7 +66,7 @@ class Alarms:
         """End the alarm."""
         self.alarm = None
 
-    def take_from_session(self, session: Session, now_s: float) -> None:
+    def take_session_finding(self, session: Session, now_s: float) -> None:
         """Take over the finding of a session, and add it to the reason of its print."""
         suspicion, alarm = session.context.suspicion, self.alarm
         if session.context.wants_power_off:
@@ -81,7 +81,7 @@ class Alarms:
         elif alarm is not None and alarm.suspected:
             self.alarm = None  # the heater has cooled
 
-    def take_from_idle(self, finding: str | None, now_s: float) -> str | None:
+    def take_idle_finding(self, finding: str | None, now_s: float) -> str | None:
         """Take over a finding of the idle board; return it if it is new."""
         if finding is None and self.alarm is not None and self.alarm.suspected:
             finding = self.alarm.text  # the session that watched it has ended

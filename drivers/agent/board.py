@@ -43,7 +43,7 @@ class Board:
     clock
         The farm's clock.
     save
-        Writes the journal; called after each change and before bytes are written to the port.
+        Function that writes the journal; called after each change and before bytes are written to the port.
     on_port_change
         Called with the new descriptor of the port, or None if the port was disconnected.
 
@@ -58,13 +58,13 @@ class Board:
     resets
         Number of resets that the agent did not cause.
     stuck_heater_text
-        Finding of a heater of the idle board that is off and gets hotter; the recorder takes it over.
+        Finding that a heater of the idle board is off and gets hotter; the recorder takes it over.
     rearms_alarm
         True if the printer was reconnected or seen cold: later findings are new ones.
     idle_watch, emulator, wire_record
-        Watch over the idle board; status and bed of the emulator, if there is one; last bytes on the port.
+        Watch over the idle board; access to the emulator, if there is one; last bytes on the port.
     has_changed
-        True if anything changed other than the next line of a program.
+        True if anything other than the next line of a program has changed.
     """
 
     def __init__(
@@ -184,9 +184,9 @@ class Board:
         """Pause or resume the open print."""
         self._with_session(lambda session, now_s: (session.pause if is_paused else session.resume)(now_s))
 
-    def end_by(self, at_s: float | None) -> None:
+    def set_time_limit(self, at_s: float | None) -> None:
         """Set the time at which the open print is ended safely; None for no limit."""
-        self._with_session(lambda session, now_s: session.end_by(at_s, now_s))
+        self._with_session(lambda session, now_s: session.set_time_limit(at_s, now_s))
 
     def _with_session(self, action: Callable[[Session, float], None]) -> None:
         if self.session is not None:
@@ -306,7 +306,7 @@ class Board:
             if event.fault is Fault.REBOOT:
                 self.resets += 1
             if self.session is None:
-                self._on_idle_trouble(event, now_s)
+                self._on_idle_fault(event, now_s)
 
     def _on_connected(self, event: Connected) -> None:
         """Record whether the last pulse of DTR has reset the board."""
@@ -332,11 +332,11 @@ class Board:
         self.stuck_heater_text = self.stuck_heater_text if fault is None else fault.text
         self.rearms_alarm = self.rearms_alarm or self.idle_watch.is_cold
         if self.link.is_drained:
-            # ends heat left on when the port was lost; queries alone would feed the dead-man
+            # ends heat left on when the port was lost; queries alone would reset the dead-man timer
             firmware = self._firmware
             self.link.send(now_s, *(firmware.heaters_off if self.state.hot else firmware.idle_queries))
 
-    def _on_idle_trouble(self, fault: LinkFault, now_s: float) -> None:
+    def _on_idle_fault(self, fault: LinkFault, now_s: float) -> None:
         if fault.fault is Fault.REBOOT:
             self._mark_bed_unknown("its board was reset, but not by the farm")
             self.link.on_restarted(now_s)

@@ -71,8 +71,6 @@ class IdleWatch:
         Judgement on the position of the filament.
     is_printing_from_card
         True while the printer prints from its SD card.
-    is_cold
-        True if three consecutive reports showed both heaters off and cold.
     """
 
     def __init__(self) -> None:
@@ -93,6 +91,7 @@ class IdleWatch:
 
     @property
     def is_cold(self) -> bool:
+        """True if three consecutive reports showed both heaters off and cold."""
         return self._cold_reports >= 3
 
     def judge_answer(self, text: bytes) -> tuple[bool, str | None]:

@@ -67,7 +67,7 @@ class Agent:
         self._signals = self._listen_to_signals()
 
     def run(self) -> None:
-        """Serve until asked to end. Heaters that may be on are then switched off: they would be unwatched."""
+        """Serve until asked to end; then switch off heaters that may be on, as nothing would watch them."""
         try:
             self._serve()
         except BaseException:
@@ -185,7 +185,7 @@ class Agent:
         return read_end, write_end
 
     def _on_signal(self, _: int) -> None:
-        """End after the open print on SIGTERM; on SIGINT end the print safely first."""
+        """End after the open print on SIGTERM; on SIGINT, end the print safely first."""
         ends_print = signal.SIGINT in self._signals[0].recv(64)
         if self._board.session is None and (ends_print or not self._board.state.hot):
             self._requests.has_ended = True

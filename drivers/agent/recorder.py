@@ -106,8 +106,8 @@ class Recorder:
             board.rearms_alarm = False
             alarms.mark_ended()
         if session is not None:
-            alarms.take_from_session(session, now_s)
-        elif (stuck_text := alarms.take_from_idle(board.stuck_heater_text, now_s)) is not None:
+            alarms.take_session_finding(session, now_s)
+        elif (stuck_text := alarms.take_idle_finding(board.stuck_heater_text, now_s)) is not None:
             board.state.attention_reason = _join(board.state.attention_reason, f"{stuck_text}: switch it off")
         board.stuck_heater_text = None
         outcome = alarms.poll_outcome()

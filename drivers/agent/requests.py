@@ -97,7 +97,7 @@ class RequestHandler:
             case CancelPrint():
                 self._board.cancel(request.reason)
             case EndPrintBy():
-                self._board.end_by(request.ends_by_s)
+                self._board.set_time_limit(request.ends_by_s)
             case PausePrint() | ResumePrint():
                 self._board.pause(isinstance(request, PausePrint))
             case ForgetPrint():
@@ -108,7 +108,7 @@ class RequestHandler:
                 self._journal.shorten()
 
     def _start(self, request: StartPrint) -> None:
-        self._spool.check(request.print_id)
+        self._spool.check_print_id(request.print_id)
         journal_state = self._journal.state
         if request.print_id in journal_state.ended or (
             journal_state.print and journal_state.print.print_id == request.print_id

@@ -47,9 +47,9 @@ class Server:
     selector
         The agent's selector; the data of its keys is a callable that takes the ready mask.
     answer
-        Answers a request.
+        Function that answers a request.
     make_snapshot
-        Makes the first message for a new client.
+        Function that makes the first message for a new client.
     """
 
     def __init__(
@@ -85,7 +85,10 @@ class Server:
             self._send(client, line)
 
     def drop_stalled_clients(self) -> None:
-        """Drop clients whose request is incomplete for 10 s, and accept again; call it every few seconds."""
+        """Drop clients whose request has been incomplete for 10 s, and accept clients again after a pause.
+
+        Call it every few seconds.
+        """
         now_s = read_wall_s()
         for client in tuple(self._clients):
             if now_s - client.partial_since_s > _REQUEST_S:

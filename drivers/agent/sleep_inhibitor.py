@@ -33,7 +33,7 @@ class Inhibitor:
         self._child: subprocess.Popen[bytes] | None = None
 
     def hold(self, is_enabled: bool) -> None:
-        """Take or release the lock. If the host refuses it, that is logged, and the print continues."""
+        """Take or release the lock. A refusal by the host is logged, and the print continues."""
         if self._command is None or is_enabled == (self._child is not None):
             return
         if self._child is not None:

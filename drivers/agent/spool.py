@@ -35,7 +35,7 @@ class Spool:
             raise AgentError(f"{print_id!r}: a print id may contain only letters, digits, `.`, `-` and `_`")
         return self._folder / f"{print_id}{_GCODE}"
 
-    def check(self, print_id: str) -> None:
+    def check_print_id(self, print_id: str) -> None:
         """Check a print id. Raises AgentError if it is invalid."""
         self._make_path(print_id)
 
@@ -70,12 +70,12 @@ class Spool:
         return self._make_path(print_id).with_suffix(_PART)
 
     def import_gcode(self, print_id: str, source: Path, sha256: str) -> Program:
-        """Read a file, and copy its commands into the spool, completely on the disk.
+        """Read a file, and copy all of its commands into the spool on the disk.
 
         Raises
         ------
         BadGcode
-            The file cannot be read, has another hash, or must not be printed.
+            The file cannot be read, has a different hash, or must not be printed.
         AgentError
             The copy cannot be written.
         """

@@ -99,7 +99,7 @@ def describe_print(recorder: Recorder) -> PrintSnapshot | None:
 
 
 def list_prints(recorder: Recorder, since_s: float) -> tuple[PrintSnapshot, ...]:
-    """List all prints not ended at `since_s` of the farm's clock, the open one last."""
+    """List all prints that had not ended at `since_s` of the farm's clock, with the open one last."""
     journal_state, open_print = recorder.journal.state, describe_print(recorder)
     prints = [
         record for record in journal_state.recent if record.ended_s is None or record.ended_s >= since_s

@@ -36,9 +36,9 @@ SLACK_S = 0.002  # wall seconds by which an accelerated emulator may delay an ok
 
 
 class Emulator:
-    """The firmware with its port and its control socket. `run` returns when it is switched off.
+    """The firmware with its port and its control socket.
 
-    The firmware's own clock starts at power on: small numbers keep microseconds in a float.
+    The firmware's own clock starts at power on, as small numbers keep microseconds in a float.
     """
 
     def __init__(self, profile: Profile, faults: Faults, seed: int, folder: Path, clock: Clock) -> None:
@@ -110,6 +110,7 @@ class Emulator:
         self.publish_status(now_s)
 
     def switch_off(self) -> None:
+        """Let `run` return."""
         self._is_on = False
 
     def publish_status(self, now_s: float) -> None:
@@ -144,7 +145,7 @@ class Emulator:
         try:
             write_status(self._folder, status)
         except OSError:
-            self._is_on = self._folder.is_dir()  # on a full disk the last status stays
+            self._is_on = self._folder.is_dir()  # on a full disk, the last status remains
         rotate_log(self._folder / LOG)
         self._published_change_count = board.change_count
         self._status_due_s = time.monotonic() + STATUS_S
@@ -227,12 +228,13 @@ def _take_lock(path: Path) -> IO[bytes]:
 
 
 def main(arguments: list[str] | None = None) -> int:
+    """Parse the command line, and run the emulator until it is switched off."""
     parser = argparse.ArgumentParser(
         prog="python -m drivers.emulator", description="A simulated printer on a pty."
     )
     parser.add_argument("--model", required=True, choices=sorted(PROFILES))
     parser.add_argument("--folder", required=True, type=Path)
-    parser.add_argument("--scale", type=float, default=1.0, help="farm seconds in a wall second")
+    parser.add_argument("--scale", type=float, default=1.0, help="farm seconds per wall second")
     parser.add_argument("--anchor", type=float, default=0.0, help="epoch seconds at which both clocks agree")
     parser.add_argument("--fault", action="append", default=[], metavar="NAME[=VALUE]")
     parser.add_argument("--seed", type=int, default=0)

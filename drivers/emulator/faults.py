@@ -1,8 +1,8 @@
 """Faults to inject, by name, and the sampler that draws them at random.
 
 A new fault is a field of `Faults`, under its name in the url, and one place that applies it: `FaultSampler`
-for faults of lines, `EmulatedBoard` for physical faults, `EmulatedFirmware` for what the board does by
-itself.
+for faults of lines, `EmulatedBoard` for physical faults, `EmulatedFirmware` for faults of the board's
+program.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ class Faults:
     reset_after: int = 0  # resets (brown-out)
     silent_after: int = 0  # reads and sends nothing until it is reset; its heaters stay on
     sleep_after: int = 0  # does nothing for `SLEEP_S`, and then continues
-    stuck_after: int = 0  # requests the same line without end
-    kill_after: int = 0  # kill(), as when its dead-man expires
+    stuck_after: int = 0  # requests the same line endlessly
+    kill_after: int = 0  # kill(), as when its dead-man timer expires
     zero_after: int = 0  # silently sets the nozzle's target to 0
     # heaters and sensors
     dead_nozzle: bool = False  # the element gives no heat
@@ -132,9 +132,11 @@ class FaultSampler:
         return text
 
     def swallows_line(self) -> bool:
+        """Draw whether a received line is neither executed nor answered."""
         return bool(self._faults.swallow) and self._rng.random() < self._faults.swallow
 
     def refuses_line(self) -> bool:
+        """Draw whether a correct line is refused."""
         return bool(self._faults.resend) and self._rng.random() < self._faults.resend
 
 

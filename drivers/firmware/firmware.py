@@ -27,7 +27,7 @@ class Identity:
 
 @dataclass(frozen=True, slots=True)
 class Firmware:
-    """Properties of a firmware that link, session, emergency stop and G-code check depend on.
+    """Properties of a firmware on which link, session, emergency stop and G-code check depend.
 
     Commands have no line number and no newline.
 
@@ -73,7 +73,8 @@ class Firmware:
     wait_moves, motors_off, heaters_off, fan_off
         Commands that wait for the end of all moves, and that switch motors, heaters and fan off.
     dead_man
-        Command that arms the dead-man: heaters go off after ``%d`` seconds without a command; 0 disarms it.
+        Command that arms the dead-man timer: heaters go off after ``%d`` seconds without a command; 0 disarms
+        it.
     dead_man_observed
         True if this was observed on a real printer. Otherwise a real printer prints only while attended.
     setup_commands
@@ -126,7 +127,7 @@ class Firmware:
 
     @property
     def abort_unnumbered(self) -> bytes:
-        """Bytes that do the same in any state of the board; the newline ends a line that was cut off."""
+        """Bytes with the same effect in any state of the board; the newline ends a line that was cut off."""
         return b"\n" + b"".join(command + b"\n" for command in self.abort)
 
     def read_identity(self, banner: bytes) -> Identity | None:

@@ -44,7 +44,7 @@ MARLIN2 = Firmware(
         (b"MINTEMP", Fault.MINTEMP),
         (b"Thermal Runaway", Fault.THERMAL_RUNAWAY),
         (b"Heating failed", Fault.HEATER_TIMEOUT),
-        (b"KILL caused", Fault.KILL),  # its dead-man
+        (b"KILL caused", Fault.KILL),  # its dead-man timer
         (b"kill() called", Fault.KILL),
         (b"Printer stopped", Fault.STOPPED),
         (b"STOP called", Fault.STOPPED),
@@ -62,7 +62,7 @@ MARLIN2 = Firmware(
     motors_off=b"M84",
     heaters_off=(b"M104 S0", b"M140 S0"),
     fan_off=b"M107",
-    dead_man=b"M85 S%d",  # fed only by moves and by M85 itself (``manage_inactivity``); ends in kill()
+    dead_man=b"M85 S%d",  # reset only by moves and by M85 itself (``manage_inactivity``); ends in kill()
     dead_man_observed=False,
     setup_commands=_SET_UP,
     reset_commands=(

@@ -66,7 +66,7 @@ def add_frame(number: int, command: bytes) -> bytes:
 def add_frames(number: int, commands: Iterable[bytes]) -> list[bytes]:
     """Apply `add_frame` to many commands at once; the first gets line number `number`.
 
-    Few lines have decimals that must be checked, and the checksums of all beginnings are computed together.
+    Few lines have decimals that must be checked, and the checksums of all prefixes are computed together.
     """
     lines = [b"N%d %b*" % pair for pair in enumerate(commands, number)]
     text = b"".join(lines)

@@ -67,9 +67,11 @@ class MemoryStore:
         self._text = bytearray()
 
     def write(self, data: bytes) -> None:
+        """Append bytes."""
         self._text += data
 
     def read(self, start: int, end: int) -> bytes:
+        """Read bytes `start` to `end` (excluded)."""
         return bytes(self._text[start:end])
 
 

@@ -94,7 +94,7 @@ class AgentState(_Message):
     printer: str
     phase: AgentPhase
     pid: int | None = None
-    restarts: int = 0  # since the service has started
+    restarts: int = 0  # since the service started
     installation: str = ""  # folder of the version of farm that it runs
     reason: str | None = None
 
@@ -135,12 +135,12 @@ class HostState(_Message):
     update: Update = Update()
 
     def encode(self) -> bytes:
-        """Serialise it."""
+        """Serialise the state."""
         return self.model_dump_json().encode()
 
 
 def is_for_host(line: bytes) -> bool:
-    """Return whether a first line is a `HostRequest`; otherwise it is one for a bridge."""
+    """Return whether a first line is a `HostRequest`; otherwise it is a `BridgeRequest`."""
     try:
         return "starts" in json.loads(line)
     except (ValueError, TypeError):

@@ -1,7 +1,7 @@
 """Several streams of bytes on one connection, each with its own flow control. Without I/O.
 
-Each end may send `WINDOW_BYTES` on a stream, and as much again as the other end has consumed: a stream that
-nobody reads stops, and the others continue. Streams with data to send take turns, one frame each.
+Each end may send `WINDOW_BYTES` on a stream, and then as many further bytes as the other end has consumed: a
+stream that nobody reads stops, and the others continue. Streams with data to send take turns, one frame each.
 """
 
 from __future__ import annotations

@@ -64,7 +64,7 @@ class HostPaths:
 
     @contextmanager
     def open_socket_path(self) -> Iterator[str]:
-        """Yield a short path of the socket, as its path in a deep folder would be too long."""
+        """Yield a short path to the socket, as its path in a deep folder would be too long."""
         descriptor = os.open(self.folder, os.O_PATH | os.O_DIRECTORY)
         try:
             yield f"/proc/self/fd/{descriptor}/host.sock"
@@ -97,7 +97,7 @@ class HostPaths:
         _replace(self._version, self._describe_version())
 
     def _describe_version(self) -> str:
-        return json.dumps([read_version(), *asdict(Installation.of_this_process()).values()])
+        return json.dumps([read_version(), *asdict(Installation.from_this_process()).values()])
 
     def has_this_version(self) -> bool:
         """Return whether the running service is of this version and installation."""
@@ -140,7 +140,7 @@ def reach_service(paths: HostPaths) -> socket.socket:
 
 def _start_service(paths: HostPaths) -> subprocess.Popen[bytes]:
     """Start the service in its own process session, in which it survives this connection."""
-    installation = Installation.of_this_process()
+    installation = Installation.from_this_process()
     try:
         paths.create_folder()
         with paths.log.open("ab") as log:

@@ -67,7 +67,7 @@ def _carry(service: socket.socket) -> None:
 
 
 def _stop_printers(request: HostRequest, paths: HostPaths) -> None:
-    """Stop printers side by side; write each result as a line of JSON when it is known."""
+    """Stop printers in parallel; write each result as a line of JSON when it is known."""
     with ThreadPoolExecutor(max_workers=max(1, len(request.starts))) as pool:
         for stop in as_completed([pool.submit(_stop, start, paths) for start in request.starts]):
             sys.stdout.write(stop.result().dump() + "\n")

@@ -20,7 +20,7 @@ from typing import Any
 from drivers.discovery import list_plugged_devices
 from drivers.errors import AgentError, DriverError
 from drivers.host.agent_watch import AgentWatch
-from drivers.host.carry import carry_stream
+from drivers.host.carrier import carry_stream
 from drivers.host.connection import LINE_BYTES, MuxConnection, MuxStream
 from drivers.host.messages import (
     SILENCE_S,
@@ -63,13 +63,13 @@ class HostService:
         self._change_event = asyncio.Event()
         self._tasks: set[asyncio.Task[None]] = set()
         self._report_s = 1.0
-        self._version, self._installation = read_version(), Installation.of_this_process()
+        self._version, self._installation = read_version(), Installation.from_this_process()
         self._update = AgentsUpdate(self._installation, self._on_update)
         for start, kept_installation in paths.read_agents().values():
             self._add(start, kept_installation)
 
     async def run(self) -> None:
-        """Serve until there are neither agents nor a daemon for `_UNUSED_S`."""
+        """Serve until there has been neither an agent nor a daemon for `_UNUSED_S`."""
         with self._paths.open_socket_path() as path:
             server = await asyncio.start_unix_server(self._serve, path, limit=LINE_BYTES)
         states = asyncio.create_task(self._send_states())

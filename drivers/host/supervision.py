@@ -48,8 +48,9 @@ class Backoff:
 class ReportFilter:
     """Filter of the lines of an agent that are sent to the daemon.
 
-    Replies, and snapshots that differ in more than temperatures and progress, pass at once; others when
-    `report_s` has passed since the last one. An omitted line would be out of date a second later.
+    Replies pass at once, and so do snapshots that differ in more than temperatures and progress. Other
+    snapshots pass if the last one passed at least `report_s` earlier. An omitted line would be out of date a
+    second later.
 
     Parameters
     ----------

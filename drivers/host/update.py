@@ -44,7 +44,7 @@ class Trial:
 
 
 def judge_trial(trial: Trial) -> str | bool:
-    """Judge a new agent: True if it is good, False if that is not known yet, else a text on its fault.
+    """Judge a new agent: True if it works, False if that is not known yet, else a text about its fault.
 
     A printer that could not be reached before need not be reached now.
     """
@@ -76,11 +76,11 @@ class AgentsUpdate:
         self._replaced_printer: str | None = None
 
     def begin(self) -> None:
-        """Begin, or begin again after a fault."""
+        """Begin the update, or begin it again after a fault."""
         self._is_running, self._reason = True, None
 
     def halt(self) -> None:
-        """Replace no more agents: one of another host had a fault."""
+        """Replace no more agents, as an agent on another host had a fault."""
         self._is_running = False
 
     def step(self, watches: Sequence[AgentWatch], spawn: Callable[[Coroutine[Any, Any, None]], None]) -> None:

@@ -12,10 +12,10 @@ it holds over a wire that loses and garbles bytes):
    (`Firmware.last_line_query`) is answered with the number of the last accepted line. It has no other
    effect and no ok. The query is sent after `SILENCE_S` of silence, after an unreadable line and after each
    refusal; its leading newline ends a line that lost its own. The answer covers everything sent before the
-   query: a missing line is sent again; a move that arrived has lost its ok. Until the answer, oks after a
-   refusal are ignored.
-5. Silence alone is no fault: behind long moves, G28, G4 and M400 the query waits as the line does. A line is
-   never resent because it is late.
+   query: a missing line is sent again; a move that arrived has lost its ok. Until the answer arrives, oks
+   after a refusal are ignored.
+5. Silence alone is no fault: behind long moves, G28, G4 and M400, the query waits just as the line does. A
+   line is never resent because it is late.
 6. A number other than that of the line in flight or the one before it must be reported twice. If it is not
    in the history then, the board has lost its line count: it was reset.
 7. If more than 5 % of the lines have to be resent, the link gives up: with an 8-bit checksum some of the

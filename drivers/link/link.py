@@ -51,7 +51,7 @@ class Link:
         self._partial = b""
         self._due_s = math.inf  # time-out of the line in flight, or of the phase
         self._poll_at_s = math.inf
-        self._awaits_ok = False  # for the ok of the line at the cursor
+        self._awaits_ok = False  # True while the line at the cursor has not been acknowledged
         self._is_undisturbed = True  # no query and no refusal since the line in flight was sent
         self._is_refused = False  # oks are ignored until the board reports its last line
         self._answer: int | None = None  # a reported last line, until the rest of its answer has arrived
@@ -242,7 +242,7 @@ class Link:
             return
         self._awaits_ok = self._is_refused = True
         self._is_undisturbed = False
-        if self._recovery.refuse(number):
+        if self._recovery.note_refusal(number):
             self._schedule_query(now_s)
         else:
             self._query(now_s)
@@ -273,7 +273,7 @@ class Link:
         """Act on an answer with the number of the last accepted line, sent after all lines had arrived."""
         outbox = self._outbox
         can_resend = outbox.holds(last_line + 1)
-        confirmations = self._recovery.count_needed(self._firmware, outbox.is_move, self._silence_s)
+        confirmations = self._recovery.count_needed_answers(self._firmware, outbox.is_move, self._silence_s)
         action, line = self._recovery.decide(last_line, self._place, confirmations, can_resend)
         if action is Action.QUERY_AGAIN:
             self._query(now_s)
@@ -333,7 +333,7 @@ class Link:
         if self._recovery.queries >= MAX_QUERIES:
             self._give_up(Fault.NO_ANSWER, SILENT_REASON, events)
         elif self._recovery.resend_number >= 0 and self._recovery.queries >= 2:
-            # It answers no queries, so its Resend has to be trusted.
+            # The board answers no queries, so its Resend has to be trusted.
             self._apply_answer(self._recovery.resend_number - 1, now_s, events)
         else:
             self._query(now_s)

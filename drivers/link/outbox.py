@@ -28,7 +28,7 @@ _FEEDRATE = re.compile(rb"F(\d+\.?\d*)")
 _match_head_move = re.compile(rb".*[XYZ]").match  # moves more than the feeder
 
 Source = Callable[[int, int], list[bytes]]
-"""Returns lines `start` to `stop` of a program."""
+"""Function that returns lines `start` to `stop` of a program."""
 
 
 class Outbox:
@@ -156,7 +156,7 @@ class Outbox:
     # --- sending ---
 
     def take_encoded(self) -> bytes | None:
-        """Return the next line if it is an ordinary, already encoded one; None: call `take_next`."""
+        """Return the next line if it is an ordinary line that is encoded already; None: call `take_next`."""
         number = self._cursor + 1
         if number < len(self._frames) and self._base + self._cursor > self._slow_path_end:
             self._cursor = number

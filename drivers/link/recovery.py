@@ -95,21 +95,21 @@ class Recovery:
         """Time of the last sign of progress: the line in flight was sent, or a busy message arrived."""
         return max(self.sent_s, self.busy_s)
 
-    def count_needed(self, firmware: Firmware, moves: bool, busy_interval_s: float) -> float:
+    def count_needed_answers(self, firmware: Firmware, is_move: bool, busy_interval_s: float) -> float:
         """Compute the number of answers that are needed before the ok of an accepted line counts as lost.
 
         A board with busy messages is idle if it sent none for `busy_interval_s` before the query.
 
         Parameters
         ----------
-        moves
-            The line in flight is a move.
+        is_move
+            True if the line in flight is a move.
         busy_interval_s
             Seconds within which a working board sends a busy message.
         """
         if firmware.keep_alive is not None:
             return 1 if self._queried_s >= self.alive_s + busy_interval_s else math.inf
-        return 1 if firmware.acknowledges_read_moves and moves else CONFIRMATIONS
+        return 1 if firmware.acknowledges_read_moves and is_move else CONFIRMATIONS
 
     def note_query(self, place: Place, now_s: float) -> None:
         """Note that a query was sent."""
@@ -117,7 +117,7 @@ class Recovery:
         self.queries += 1
         self._unanswered_queries.append(place)
 
-    def refuse(self, number: int) -> bool:
+    def note_refusal(self, number: int) -> bool:
         """Note a refusal (negative: it names no line); return True if no query has to be sent at once."""
         has_queried = number < 0 or bool(self._unanswered_queries)
         if number >= 0:
@@ -127,7 +127,7 @@ class Recovery:
         return has_queried
 
     def match_answer(self, last_line: int, place: Place, awaits_ok: bool) -> Action | None:
-        """Match an answer to its query; None if that query is of the current place: call `decide` then."""
+        """Match an answer to its query; None if that query is from the current place: then call `decide`."""
         unanswered_queries = self._unanswered_queries
         while unanswered_queries and 0 < unanswered_queries[0].highest_number < last_line:
             unanswered_queries.popleft()  # its answer was lost
@@ -152,7 +152,7 @@ class Recovery:
         confirmations
             Number of answers after which the ok of an accepted line counts as lost.
         can_resend
-            Line `last_line` + 1 can be sent again.
+            True if line `last_line` + 1 can be sent again.
         """
         number, highest_number = place.number, place.highest_number
         self.queries = 0
@@ -174,6 +174,6 @@ class Recovery:
         return Decision(Action.REPEAT, last_line + 1)
 
     def count_repair(self, number: int) -> bool:
-        """Count a line that was lost, or whose ok was; return False if there are too many."""
+        """Count a line that was lost or that lost its ok; return False if there are too many."""
         self._repairs.append(number)
         return len(self._repairs) < NOISE_REPAIRS or number - self._repairs[0] >= NOISE_LINES

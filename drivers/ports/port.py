@@ -21,20 +21,27 @@ _BYTES = 4096
 class Port(Protocol):
     """Interface of `SerialPort` and `NetPort`."""
 
-    def fileno(self) -> int: ...
+    def fileno(self) -> int:
+        """Return the descriptor to wait for; `reset` may change it."""
 
-    def read(self) -> bytes: ...
+    def read(self) -> bytes:
+        """Read the bytes received so far, if any. Raises PortError."""
 
-    def write(self, data: bytes) -> None: ...
+    def write(self, data: bytes) -> None:
+        """Send bytes; those that the port does not accept yet are kept. Raises PortError."""
 
-    def write_now(self, data: bytes) -> None: ...
+    def write_now(self, data: bytes) -> None:
+        """Send bytes in place of all unsent ones. Raises PortError."""
 
     @property
-    def write_pending(self) -> bool: ...
+    def write_pending(self) -> bool:
+        """True while bytes wait for the next call of `write`."""
 
-    def reset(self) -> None: ...
+    def reset(self) -> None:
+        """Reset the board. Raises PortError."""
 
-    def close(self) -> None: ...
+    def close(self) -> None:
+        """Close the port."""
 
 
 class NetPort:
@@ -70,6 +77,7 @@ class NetPort:
                 receiver.sendall(remote.read_some())
 
     def fileno(self) -> int:
+        """Return the descriptor to wait for."""
         return self._local_end.fileno()
 
     def read(self) -> bytes:
@@ -93,6 +101,7 @@ class NetPort:
 
     @property
     def write_pending(self) -> bool:
+        """False: the other host keeps the bytes."""
         return False
 
     def reset(self) -> None:

@@ -39,7 +39,7 @@ class SerialPort:
     baud_rate
         Bits per second.
     is_shared
-        Open the port even if it is in use: for an emergency stop only.
+        True to open the port even if it is in use: for an emergency stop only.
 
     Raises
     ------
@@ -262,6 +262,7 @@ class RemotePort:
             raise PortError(f"{self._url}: DTR cannot be set there ({error})") from error
 
     def close(self) -> None:
+        """Close the port."""
         with suppress(Exception):  # the port was disconnected
             self._port.close()
 

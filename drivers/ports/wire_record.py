@@ -17,7 +17,7 @@ _MAX_LINE_LENGTH = 200
 
 @dataclass(frozen=True, slots=True)
 class RecordedLine:
-    """Line on the wire: its time, whether it was sent to the board, and its text; other bytes as `\\x..`."""
+    """Line on the wire: time, whether it was sent to the board, and text, with `\\x..` for other bytes."""
 
     at_s: float
     sent: bool
@@ -30,7 +30,7 @@ class WireRecord:
     Parameters
     ----------
     now
-        Returns the time on the farm's clock.
+        Function that returns the time on the farm's clock.
     """
 
     def __init__(self, now: Callable[[], float]) -> None:

@@ -18,6 +18,7 @@ class RoomBox:
 
     @property
     def size_mm(self) -> tuple[float, float, float]:
+        """Width, depth and height."""
         return (self.rect.width_mm, self.rect.depth_mm, self.height_mm)
 
 
@@ -26,8 +27,8 @@ def compute_part_room(
 ) -> tuple[RoomBox, ...]:
     """List the boxes that a part with a brim may fill on this printer.
 
-    A part fits if it fits one of them. They are the largest rectangles of the bed that, grown by the brim,
-    stay on the bed and clear of the clips, each with the printer's height.
+    A part fits if it fits into one of them. Their rectangles are the largest ones that, expanded by the brim,
+    remain on the bed and clear of the clips; their height is the printer's.
 
     Parameters
     ----------
@@ -68,7 +69,7 @@ FIT_TOLERANCE_MM = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """Place of a part's bounding-box centre on the bed; `is_turned` is by 90 degrees about Z."""
+    """Position of the centre of a part's bounding box on the bed; `is_turned`: by 90 degrees about Z."""
 
     x_mm: float
     y_mm: float
@@ -76,7 +77,20 @@ class Placement:
 
 
 def place(extents_mm: tuple[float, float, float], room: tuple[RoomBox, ...]) -> Placement | None:
-    """Place a part of these extents (x, y, z) near the bed's centre; None if it does not fit."""
+    """Place a part near the bed's centre.
+
+    Parameters
+    ----------
+    extents_mm
+        Size (x, y, z) of the part's bounding box.
+    room
+        Boxes that the part may fill; see `compute_part_room`.
+
+    Returns
+    -------
+    Placement or None
+        None if the part does not fit.
+    """
     best_key: tuple[float, bool, float, float] | None = None
     for box in room:
         for is_rotated in (False, True):

@@ -25,10 +25,12 @@ class Rect:
 
     @property
     def width_mm(self) -> float:
+        """Size along X."""
         return self.max_x_mm - self.min_x_mm
 
     @property
     def depth_mm(self) -> float:
+        """Size along Y."""
         return self.max_y_mm - self.min_y_mm
 
     def overlaps(self, other: Rect) -> bool:
@@ -41,6 +43,7 @@ class Rect:
         )
 
     def contains(self, other: Rect) -> bool:
+        """Return True if the other rectangle is within this one, edges included."""
         return (
             self.min_x_mm <= other.min_x_mm
             and self.min_y_mm <= other.min_y_mm
@@ -49,6 +52,7 @@ class Rect:
         )
 
     def expand(self, margin_mm: float) -> Rect:
+        """Return the rectangle with all edges moved outwards; a negative margin moves them inwards."""
         return Rect(
             self.min_x_mm - margin_mm,
             self.min_y_mm - margin_mm,
@@ -106,7 +110,7 @@ class Profile:
     min_extrusion_c
         Nozzle temperature below which the firmware ignores extrusion.
     gcode_flavor
-        Cura's name; E in mm.
+        Cura's name of the G-code flavour; E in mm.
     start_code, end_code
         Templates: the start code has the fields `bed_c`, `nozzle_c` and `prime_mm`, the end code `park_mm`.
     start_position_mm

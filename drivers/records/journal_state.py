@@ -110,7 +110,7 @@ class BoardState(BaseModel):
         """Dump the state under the names in the journal."""
         return self.model_dump(by_alias=True)
 
-    def with_changes(self, record: dict[str, Any]) -> BoardState:
+    def copy_with_changes(self, record: dict[str, Any]) -> BoardState:
         """Return a copy with the changes in a record of the journal. Raises ValueError."""
         present = self.dump_record()
         return self.model_validate(present | {name: record[name] for name in present.keys() & record.keys()})
@@ -165,7 +165,7 @@ class JournalState:
         if "alarm" in record:
             fields = record["alarm"]
             self.alarm = Alarm.model_validate(fields) if fields is not None else None
-        self.board = self.board.with_changes(record)
+        self.board = self.board.copy_with_changes(record)
         if "identity" in record:
             self.identity = record["identity"]
 

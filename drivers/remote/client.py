@@ -28,7 +28,7 @@ from drivers.remote.process import RETRY_S
 Route = tuple[Sequence[str], bytes]
 """Connection to another host: a command that copies bytes (`build_ssh_command`), and its first line."""
 OpenStream = Callable[[], Awaitable[tuple[asyncio.StreamReader, asyncio.StreamWriter]]]
-"""Opens a stream to the agent on a connection that carries several. Raises AgentError."""
+"""Function that opens a stream to the agent on a connection that carries several. Raises AgentError."""
 FIRST_MESSAGE_S = 45.0  # over ssh, to an agent that may have to be started
 _LINE_BYTES = 1024 * 1024
 

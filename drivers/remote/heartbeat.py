@@ -7,8 +7,8 @@ host must not cost a print, so silence alone is not enough:
    listener does not run, messages of the agent remain unread.
 2. After `SAMPLE_S` of silence the kernel is asked for the state of the agent's process, and again after
    `HUNG_S`.
-3. If it waited for a processor for half of the time between, or waits for a disk, it is starved, and the
-   count restarts. Otherwise it was stopped, slept, or ran without sending: it hangs.
+3. If the process waited for a processor for half of the time between both samples, or if it waits for a disk,
+   it is starved, and the count restarts. Otherwise it was stopped, slept, or ran without sending: it hangs.
 
 A hung agent is killed; the next one finds the open print in the journal and resets the board.
 """
@@ -52,7 +52,7 @@ def sample_process(pid: int) -> ProcessSample | None:
 
 
 class Heartbeat:
-    """Silence of one agent."""
+    """Detector of a hung agent, which counts its silence."""
 
     def __init__(self) -> None:
         self._silent_s = 0.0
@@ -72,7 +72,7 @@ class Heartbeat:
         now_s
             Seconds of a monotonic clock.
         sample
-            Samples the agent's process.
+            Function that samples the agent's process.
         """
         if self._checked_s is not None:
             self._silent_s += min(now_s - self._checked_s, _MAX_INTERVAL_S)

@@ -35,7 +35,7 @@ class Installation:
     folder: str
 
     @classmethod
-    def of_this_process(cls) -> Installation:
+    def from_this_process(cls) -> Installation:
         """Return the installation that this process runs."""
         python = Path(sys.executable)
         folder = Path(drivers.__file__).resolve().parents[1]
@@ -99,7 +99,7 @@ def start_agent(
     AgentError
         The process cannot be started.
     """
-    installation, unit = installation or Installation.of_this_process(), os.environ.get(UNIT)
+    installation, unit = installation or Installation.from_this_process(), os.environ.get(UNIT)
     command = [installation.python, "-m", "drivers.agent", "--folder", str(folder.absolute())]
     if unit:
         command = ["systemctl", "start", unit.replace("%i", start.printer)]

@@ -64,7 +64,7 @@ class BridgeRequest:
 
 
 def build_ssh_command(host: str, command: str, env: Mapping[str, str] = os.environ) -> list[str]:
-    """Return the arguments that run a command on a host; FARM_SSH replaces ssh and its options."""
+    """Build the arguments that run a command on a host; FARM_SSH replaces ssh and its options."""
     return [*(env.get("FARM_SSH") or SSH).split(), "--", host, command]
 
 

@@ -92,7 +92,8 @@ class StopResult:
     reset_s
         Wall time (time.time) of the reset, in seconds; None if it was not possible.
     seen_off
-        True if the printer reported both targets 0 and cooled since, or is a simulated one without power.
+        True if the printer reported both targets 0 and has cooled since then, or if it is a simulated printer
+        without power.
     text
         User-facing sentence.
     is_still
@@ -220,7 +221,7 @@ def _open(target: StopTarget) -> Port | None:
 
 
 class _Board:
-    """A board that was stopped, and its answers since.
+    """A board that was stopped, and its answers since then.
 
     Attributes
     ----------
@@ -238,7 +239,7 @@ class _Board:
         self._connection: Connected | None = None
         self._report: Report | None = None
         self._position: bytes | None = None
-        self._has_waited_for_moves = False  # True once all moves were waited for
+        self._has_waited_for_moves = False  # True once the board was told to wait for all moves
 
     @property
     def motion(self) -> str:
@@ -262,7 +263,7 @@ class _Board:
             if self.is_still and self._report is not None and self._report.targets_off:
                 break
         if (self._report is None or not self._report.targets_off) and self._firmware.halt is not None:
-            self._port.write_now(b"\n" + self._firmware.halt + b"\n")  # no print is left to lose
+            self._port.write_now(b"\n" + self._firmware.halt + b"\n")  # the print has ended in any case
         if self._report is None or self._connection is None:
             return "was reset, but shows no temperatures: switch it off", False
         report, connection = self._report, self._connection

@@ -127,16 +127,18 @@ class HeaterWatch:
 
     @property
     def is_cooling(self) -> bool:
-        """True if both are off, and each was seen cooling or cold since then."""
+        """True if both heaters are off, and each was seen cooling or cold since then."""
         return all(heater.is_cooling for heater in self._heaters.values())
 
     def reset(self) -> None:
-        """Reset the observations: both were switched off now."""
+        """Reset the observations, as both heaters have just been switched off."""
         for heater in self._heaters.values():
             heater.reset()
 
 
 class _Heater:
+    """Observations of one heater since its target was set."""
+
     def __init__(self, name: HeaterName, rule: HeaterRule, min_duration_s: float) -> None:
         self._name, self._rule, self._min_duration_s = name, rule, min_duration_s
         self._last_readings_c: deque[float] = deque(maxlen=3)

@@ -12,16 +12,16 @@ SEND_S = 180.0
 RESET_S = 30.0  # maximum time for a port that disappeared to return
 CONNECT_S = 30.0  # the link itself queries before that
 TRIES = 3
-HEAT_DEAD_MAN_S = 1200.0  # nothing feeds it during a G28 or behind slow moves
-PRINT_DEAD_MAN_S = 600.0  # moves feed it, but not an M400 behind 17 slow ones
-PAUSE_DEAD_MAN_S = 120.0  # fed every few seconds
+HEAT_DEAD_MAN_S = 1200.0  # nothing resets the timer during a G28 or behind slow moves
+PRINT_DEAD_MAN_S = 600.0  # moves reset it, but an M400 behind 17 slow moves does not
+PAUSE_DEAD_MAN_S = 120.0  # reset every few seconds
 
 
 def connect(context: SessionContext) -> Script:
     """Reset the board and wait until it answers, with its heaters off and its line count at 0.
 
-    A restarted board has no dead-man armed. A board that cannot be reset keeps its dead-man until its heaters
-    are reported off, as another host may have armed it.
+    A restarted board has no dead-man timer armed. A board that cannot be reset keeps its timer until its
+    heaters are reported off, as another host may have armed it.
     """
     link = context.link
     for _ in range(TRIES):
@@ -64,6 +64,6 @@ def await_report(context: SessionContext, deadline_s: float) -> Answer:
 
 
 def arm_dead_man(context: SessionContext, seconds: float) -> Script:
-    """Arm the firmware's dead-man: heaters go off after these seconds without a command; 0 disarms it."""
+    """Arm the firmware's dead-man timer: heaters go off after that time without a command; 0 disarms it."""
     context.dead_man_s = max(seconds, 10 * context.pace.min_time_out_s) if seconds else 0.0
     yield from send(context, context.firmware.dead_man % context.dead_man_s)

@@ -127,15 +127,15 @@ class SessionContext:
     answer
         Output of the board since the last query.
     dead_man_s, last_command_s
-        Time without a command after which the firmware's dead-man switches heaters off; time of the last
-        command.
+        Time without a command after which the firmware's dead-man timer switches heaters off; time of the
+        last command.
     executed_lines
         Number of lines up to the last heating line that the session executed itself.
     final_lines
         Number of lines that the printer has acknowledged, once the stream is over.
     pause_requested, pause_ends_s, nozzle_paused
-        True if a person wants a pause; the time at which it times out; True if the pause switched the nozzle
-        off, whatever the file has set.
+        True if a person has requested a pause; the time at which the pause times out; True if the pause
+        switched the nozzle off, whatever target the file has set.
     read_error
         Reason for which the file can no longer be read.
     """
@@ -189,6 +189,7 @@ class SessionContext:
 
     @property
     def ended(self) -> bool:
+        """True if the print has ended."""
         return self.phase.ended
 
     @property

@@ -23,7 +23,7 @@ BED_BAND_C = 0.5
 NOZZLE_BAND_C, NOZZLE_HOLD_S = 2.0, 3.0  # as M109: time near the target
 HEAT_LIMIT_S = {HeaterName.NOZZLE: 900.0, HeaterName.BED: 2400.0}
 EXTRUDE_MARGIN_C = 5.0  # above the temperature below which the firmware refuses to extrude
-FEED_S = 300.0  # maximum time between commands while heating: M105 does not feed the dead-man
+FEED_S = 300.0  # maximum time between commands while heating: M105 does not reset the dead-man timer
 SUSPECT_S = 25.0  # time for a heater that may be stuck on to show that it cools
 RESTART_S = 15.0  # time for a board to restart and report temperatures, if the agent died after the finding
 UNEXPECTED_REPORTS = 3  # one may be garbled
@@ -94,7 +94,7 @@ def confirm_off(context: SessionContext) -> Answer:
 
 
 def verify_targets(context: SessionContext) -> Script:
-    """Check the targets before the file cools down: a stopped board acknowledges all moves at once."""
+    """Check the targets before the nozzle is switched off: a stopped board acknowledges all moves at once."""
     while True:
         context.link.poll(context.now_s)
         if not (yield from await_report(context, context.report_deadline_s)):
@@ -160,7 +160,7 @@ def _watch_targets(
     is_unchanged = abs(report.nozzle_target_c - nozzle_c) <= 1 and abs(report.bed_target_c - bed_c) <= 1
     context.unexpected_reports = 0 if is_unchanged else context.unexpected_reports + 1
     if context.unexpected_reports < UNEXPECTED_REPORTS:
-        if not is_unchanged:  # soon, but not before the lines in flight that may set it
+        if not is_unchanged:  # poll soon, but not before the lines in flight, which may set it
             context.link.poll_soon(context.now_s + context.pace.heating_s)
         return None
     targets = f"nozzle {report.nozzle_target_c:g} and bed {report.bed_target_c:g} C"

@@ -67,7 +67,7 @@ def _abort(context: SessionContext, is_homed: bool) -> Answer:
 
 
 def _switch_off_by_reset(context: SessionContext, is_homed: bool) -> Script:
-    """Switch the heaters off by a reset, the emergency stop that works on every board with DTR."""
+    """Switch the heaters off by a reset, the emergency stop for every board with DTR."""
     if context.filament is Filament.AT_NOZZLE:
         context.filament = Filament.UNKNOWN
     context.link.ignore_faults = True

@@ -126,7 +126,7 @@ def _list_return_commands(moves: MotionState, position: Point, park_retraction_m
 
 
 def _await_resume(context: SessionContext) -> Script:
-    """Wait until a person resumes the print, and feed the dead-man."""
+    """Wait until a person resumes the print, and reset the dead-man timer meanwhile."""
     context.pause_ends_s = context.now_s + PAUSE_LIMIT_S
     context.link.poll_every_s = context.pace.printing_s
     while context.pause_requested:

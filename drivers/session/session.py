@@ -81,7 +81,7 @@ class Session:
         self.context.wants_reset = False
 
     def pause(self, now_s: float) -> None:
-        """Request a pause at the next place that the head can return to; no effect unless printing."""
+        """Request a pause at the next position to which the head can return; no effect unless printing."""
         self.context.pause_requested = self.context.phase in (PrintPhase.PRINTING, PrintPhase.PAUSED)
         self.advance((), now_s)
 
@@ -90,7 +90,7 @@ class Session:
         self.context.pause_requested = False
         self.advance((), now_s)
 
-    def end_by(self, at_s: float | None, now_s: float) -> None:
+    def set_time_limit(self, at_s: float | None, now_s: float) -> None:
         """Set the time at which the print is ended safely; None for no limit."""
         self.context.ends_by_s = at_s
         self.advance((), now_s)

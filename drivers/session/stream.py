@@ -68,7 +68,7 @@ def _stream(context: SessionContext, program: Program, start: int, stop: int) ->
     link = context.link
 
     def read_lines(start: int, end: int) -> list[bytes]:
-        """Read lines for the link. After a read error there are no more: none may be skipped."""
+        """Read lines for the link; return none after a read error, as no line may be skipped."""
         if context.read_error is None:
             try:
                 return program.read_lines(start, end)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 from drivers.emulator.firmware import wording
 from drivers.emulator.firmware.machine import Machine, read_positive, read_value
+from drivers.emulator.firmware.reports import list_card, report_card
 
 Work = Iterator[float]
 
@@ -27,6 +28,7 @@ ARC_MAX_CHORDS = 4096  # more than the longest arc over this bed needs
 
 
 Command = Callable[[Machine, bytes, float], Work | None]
+"""Function that executes a line on a machine at a time in seconds; see `execute`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +69,7 @@ def wait_for_moves(machine: Machine) -> Work:
 
 
 def dwell(machine: Machine, line: bytes, now_s: float) -> Work:
+    """Execute ``G4``: wait for the end of all moves, then for a time."""
     yield from wait_for_moves(machine)
     begin_s = max(now_s, machine.planner.idle_since_s)
     pause_s = (read_value(line, b"P") or 0.0) / 1000.0
@@ -76,6 +79,7 @@ def dwell(machine: Machine, line: bytes, now_s: float) -> Work:
 
 
 def home(machine: Machine, line: bytes, now_s: float) -> Work:
+    """Execute ``G28``: move the named axes, or all, to their endstops."""
     yield from wait_for_moves(machine)
     begin_s = max(now_s, machine.planner.idle_since_s)
     named_axes = [letter in line for letter in (b"X", b"Y", b"Z")]
@@ -146,6 +150,7 @@ def move_arc(machine: Machine, line: bytes, now_s: float) -> None:
 
 
 def retract(machine: Machine, line: bytes, now_s: float) -> None:
+    """Execute ``G10 G11``: retract the filament, or push it back."""
     is_retraction = read_value(line, b"G") == 10
     if is_retraction == bool(machine.retracted_mm):
         return
@@ -157,14 +162,17 @@ def retract(machine: Machine, line: bytes, now_s: float) -> None:
 
 
 def set_axis_mode(machine: Machine, line: bytes, now_s: float) -> None:
+    """Execute ``G90 G91``: absolute or relative coordinates."""
     machine.relative = read_value(line, b"G") == 91
 
 
 def set_extruder_mode(machine: Machine, line: bytes, now_s: float) -> None:
+    """Execute ``M82 M83``: absolute or relative extrusion."""
     machine.relative_e = read_value(line, b"M") == 83
 
 
 def set_position(machine: Machine, line: bytes, now_s: float) -> Work:
+    """Execute ``G92``: set the coordinates of the current position."""
     if b"E" not in line:
         yield from wait_for_moves(machine)
     for axis, letter in enumerate((b"X", b"Y", b"Z", b"E")):
@@ -175,26 +183,31 @@ def set_position(machine: Machine, line: bytes, now_s: float) -> Work:
 
 
 def hang(machine: Machine, line: bytes, now_s: float) -> Work:
-    while True:  # M0 and M1 never return over USB
+    """Execute ``M0 M1``, which never return over USB."""
+    while True:
         yield math.inf
 
 
 def switch_motors_off(machine: Machine, line: bytes, now_s: float) -> Work:
+    """Execute ``M18 M84``: switch the motors off after all moves."""
     if b"S" not in line:
         yield from wait_for_moves(machine)
         machine.is_streaming = False
 
 
 def finish(machine: Machine, line: bytes, now_s: float) -> Work:
+    """Execute ``M400``: wait for the end of all moves."""
     yield from wait_for_moves(machine)
     machine.is_streaming = False
 
 
 def stop_moves(machine: Machine, line: bytes, now_s: float) -> None:
+    """Execute ``M401``: stop at once, and drop all queued moves."""
     machine.quick_stop(now_s)
 
 
 def set_dead_man(machine: Machine, line: bytes, now_s: float) -> None:
+    """Execute ``M85``: arm or disarm the dead-man timer."""
     seconds = read_value(line, b"S")
     if seconds is not None:
         machine.armed_s = now_s
@@ -202,19 +215,21 @@ def set_dead_man(machine: Machine, line: bytes, now_s: float) -> None:
 
 
 def set_nozzle(machine: Machine, line: bytes, now_s: float) -> None:
+    """Execute ``M104``: set the nozzle's target."""
     target_c = read_value(line, b"S")
     if target_c is not None:
         machine.heat_nozzle(target_c, now_s)
 
 
 def set_bed(machine: Machine, line: bytes, now_s: float) -> None:
+    """Execute ``M140``: set the bed's target."""
     target_c = read_value(line, b"S")
     if target_c is not None:
         machine.heat_bed(target_c, now_s)
 
 
 def wait_nozzle(machine: Machine, line: bytes, now_s: float) -> Work:
-    """Execute ``M109``: reach the target, then stay within 3 degrees for 3 s; a report each second."""
+    """Execute ``M109``: reach the target, then stay within 3 degrees for 3 s; report every second."""
     nozzle = machine.board.nozzle
     set_nozzle(machine, line, now_s)
     is_heating = nozzle.compute_temperature_c(now_s) < nozzle.target_c
@@ -244,7 +259,7 @@ def wait_nozzle(machine: Machine, line: bytes, now_s: float) -> Work:
 
 
 def wait_bed(machine: Machine, line: bytes, now_s: float) -> Work:
-    """Execute ``M190``: heat to the target, done at once if hotter; a report each second."""
+    """Execute ``M190``: heat to the target, or end at once if the bed is hotter; report every second."""
     bed = machine.board.bed
     set_bed(machine, line, now_s)
     report_s = now_s + REPORT_S
@@ -258,63 +273,19 @@ def wait_bed(machine: Machine, line: bytes, now_s: float) -> Work:
         yield now_s
 
 
-def format_temperatures(machine: Machine, now_s: float, decimals: int = 1) -> bytes:
-    """Format the answer to ``M105``, which begins with its ok."""
-    nozzle, bed = machine.board.nozzle, machine.board.bed
-    return b"ok T:%.*f /%.*f B:%.*f /%.*f @:%d B@:%d\n" % (
-        decimals,
-        nozzle.compute_temperature_c(now_s),
-        decimals,
-        nozzle.target_c,
-        decimals,
-        machine.board.read_bed_c(now_s),
-        decimals,
-        bed.target_c,
-        nozzle.compute_power(now_s),
-        bed.compute_power(now_s),
-    )
-
-
-def report_position(machine: Machine, line: bytes, now_s: float) -> None:
-    position = [a - b for a, b in zip(machine.planner.compute_position(now_s), machine.shift, strict=True)]
-    machine.send(
-        b"X:%.2fY:%.2fZ:%.2fE:%.2f Count X: %.2fY:%.2fZ:%.2f\n"
-        % (*map(_drop_sign_of_zero, machine.position), *map(_drop_sign_of_zero, position[:3]))
-    )
-
-
-def report_endstops(machine: Machine, line: bytes, now_s: float) -> None:
-    # No newline at its end: the ok follows on the same line, as in the firmware.
-    x, y, z, _ = machine.planner.compute_position(now_s)
-    home = machine.board.profile.home_mm
-    states = [
-        b"TRIGGERED" if is_pressed else b"open" for is_pressed in (x < home[0], y > home[1], z > home[2])
-    ]
-    machine.send(b"Reporting endstop status\nx_min: %by_max: %bz_max: %b" % (states[0], states[1], states[2]))
-
-
-def report_card(machine: Machine, line: bytes, now_s: float) -> None:
-    progress = machine.compute_sd_progress(now_s)
-    machine.send(
-        b"SD printing byte %d/%d\n" % progress if progress is not None else b"Not SD printing\nCard error:1\n"
-    )
-
-
-def list_card(machine: Machine, line: bytes, now_s: float) -> None:
-    machine.send(b"Begin file list\nEnd file list\n")
-
-
 def init_card(machine: Machine, line: bytes, now_s: float) -> Work:
+    """Execute ``M21``, which fails after 2 s."""
     yield now_s + 2.0
     machine.send(b"echo:SD init fail\n")
 
 
 def beep(machine: Machine, line: bytes, now_s: float) -> Work:
+    """Execute ``M300``: wait for the duration of the tone."""
     yield now_s + read_positive(line, b"P", 0.0) / 1000.0
 
 
 def park(machine: Machine, line: bytes, now_s: float) -> Work:
-    """Execute ``M601`` outside an SD print: bed down, head aside, no wait for a person."""
+    """Execute ``M601`` outside an SD print: move the bed down and the head aside, without waiting."""
     yield from wait_for_moves(machine)
     now_s = max(now_s, machine.planner.idle_since_s)
     x, y, z, e = machine.position
@@ -326,6 +297,7 @@ def park(machine: Machine, line: bytes, now_s: float) -> Work:
 
 
 def set_limits(machine: Machine, line: bytes, now_s: float) -> None:
+    """Execute ``M92 M201 M203 M204 M205``: set steps, limits and jerk."""
     limits, code = machine.limits, int(read_value(line, b"M") or 0)
     per_axis = {92: limits.steps_per_mm, 201: limits.acceleration_mm_s2, 203: limits.feedrate_mm_s}
     if code in per_axis:
@@ -341,20 +313,18 @@ def set_limits(machine: Machine, line: bytes, now_s: float) -> None:
 
 
 def set_feed_factor(machine: Machine, line: bytes, now_s: float) -> None:
+    """Execute ``M220``: set the feed rate factor, in percent."""
     machine.feed_factor = read_positive(line, b"S", 100.0 * machine.feed_factor) / 100.0
 
 
 def set_flow_factor(machine: Machine, line: bytes, now_s: float) -> None:
+    """Execute ``M221``: set the flow factor, in percent."""
     machine.flow_factor = read_positive(line, b"S", 100.0 * machine.flow_factor) / 100.0
 
 
 def allow_cold_extrusion(machine: Machine, line: bytes, now_s: float) -> None:
+    """Execute ``M302``: set the temperature below which extrusion is ignored."""
     machine.extrude_min_c = read_value(line, b"S") or 0.0
-
-
-def _drop_sign_of_zero(number: float) -> float:
-    """Turn a negative zero into 0."""
-    return 0.0 if abs(number) < 0.005 else number
 
 
 SHARED_G: Mapping[int, Command] = {2: move_arc, 3: move_arc, 4: dwell, 28: home, 92: set_position}

@@ -23,17 +23,18 @@ class Dialect:
     urgent_commands
         Commands, by M number, that are executed as soon as they are read without a line number.
     format_banner
-        Makes the text after ``start`` from the printer, its limits and `Faults.home_offset_mm100`.
+        Function that makes the text after ``start`` from the printer, its limits and
+        `Faults.home_offset_mm100`.
     late_banner
         Text sent some seconds after the banner.
     format_report
-        Makes the answer to M105, which begins with its ok.
+        Function that makes the answer to M105, which begins with its ok.
     buffer_lines
         Number of lines read ahead, including the one being executed.
     line_ends
         Characters that end a line.
     comment_spans_lines
-        True if a comment also swallows the next line.
+        True if the line after a comment is dropped too.
     checksum_needs_number
         True if a line with a checksum and no line number is refused.
     reads_while_busy
@@ -45,7 +46,7 @@ class Dialect:
     keep_alive
         Message sent every `Machine.keep_alive_s` while a command is executed; empty if there is none.
     find_inactive_since_s
-        Returns the time from which M85 counts.
+        Function that returns the time from which M85 counts.
     halts
         True if a fault ends in kill(), until a reset; else moves are refused, and the watchdog resets a
         killed board.

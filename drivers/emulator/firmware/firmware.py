@@ -115,7 +115,7 @@ class EmulatedFirmware(Listener):
     def compute_deadline_s(self, slack_s: float = 0.0) -> float:
         """Return the latest time for the next `feed`; infinite if nothing is due.
 
-        With a slack, oks may be sent later by that time while the planner stays well filled: one wake-up
+        With a slack, oks may be sent that much later while the planner remains well filled: one wake-up
         serves several moves, and no move is delayed.
         """
         due_s = self._find_alarm_s()
@@ -255,7 +255,7 @@ class EmulatedFirmware(Listener):
             self._finish_command()
             return
         m_code = None if code is not None else read_value(line, b"M")
-        if m_code == 105:  # does not feed the dead-man
+        if m_code == 105:  # does not reset the dead-man timer
             self._send(self.dialect.format_report(machine, now_s))
             return
         if m_code == 999:
@@ -337,7 +337,7 @@ class EmulatedFirmware(Listener):
             case "sleep_after":
                 self._asleep_until_s = now_s + SLEEP_S  # and then continue
             case "stuck_after":
-                self._stuck_number = self._last_number + 1  # requests the next line without end
+                self._stuck_number = self._last_number + 1  # requests the next line endlessly
             case "kill_after":
                 self.kill(now_s)
             case "zero_after":

@@ -72,13 +72,13 @@ class Listener(ABC):
         self._busy_message_s = math.inf  # time of the next busy message
         self._buffer: deque[bytes] = deque()
         self._last_number = 0
-        self._stuck_number = -1  # line that is requested without end
+        self._stuck_number = -1  # line that is requested endlessly
         if self.noise is not None:
             self.noise.forget()
 
     @abstractmethod
     def _is_busy(self) -> bool:
-        """True while a command is executed."""
+        """Return True while a command is executed."""
 
     @abstractmethod
     def _trigger_due_faults(self) -> None:
@@ -87,7 +87,7 @@ class Listener(ABC):
     # --- lines ---
 
     def _read_plain_move(self) -> bool:
-        """Read a well-formed numbered move as the slow path would; return False if that has to be taken."""
+        """Read a well-formed numbered move as the slow path would; return False if that path is needed."""
         receiver = self._receiver
         move = receiver.match_move()
         if move is None or self._affects_lines:

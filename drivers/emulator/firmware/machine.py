@@ -48,9 +48,9 @@ class Machine:
     board
         The board. Its coordinates are the true ones; the firmware's differ by a shift until it is homed.
     send
-        Called with the bytes for the host.
+        Function that is called with the bytes for the host.
     stop
-        Called with a message and the time if the firmware stops itself (``Stop()``).
+        Function that is called with a message and the time if the firmware stops itself (``Stop()``).
     fault_messages
         Messages for faults.
     now_s
@@ -184,11 +184,11 @@ class Machine:
         self.position = [true - shift for true, shift in zip(position, self.shift, strict=True)]
 
     def start_sd_print(self, file_bytes: int, now_s: float) -> None:
-        """Start to print a file on the SD card."""
+        """Start printing a file on the SD card."""
         self._sd = file_bytes, now_s
 
     def compute_sd_progress(self, now_s: float) -> tuple[int, int] | None:
-        """Return the printed bytes and the size of the file on the SD card; None if none is printed."""
+        """Return the printed bytes and the size of the file on the SD card; None if no file is printed."""
         if self._sd is None:
             return None
         file_bytes, began_s = self._sd
@@ -223,4 +223,5 @@ class Machine:
             self.trip_message = self.fault_messages.nozzle_maxtemp
 
     def heat_bed(self, target_c: float, now_s: float) -> None:
+        """Set the bed's target."""
         self.board.set_bed(target_c, now_s)

@@ -14,11 +14,11 @@ from drivers.emulator.firmware.commands import (
     SHARED_M,
     Commands,
     Work,
-    format_temperatures,
 )
 from drivers.emulator.firmware.dialect import Dialect
 from drivers.emulator.firmware.machine import Machine, read_value
 from drivers.emulator.firmware.planner import Limits
+from drivers.emulator.firmware.reports import format_temperatures
 from drivers.emulator.firmware.wording import FaultMessages
 from drivers.printers import Profile
 

@@ -40,6 +40,7 @@ class Limits:
 
     @classmethod
     def from_profile(cls, profile: Profile) -> Limits:
+        """Return the limits of a printer model after a boot."""
         xy, z, e = profile.jerk_mm_s
         return cls(
             list(profile.max_feedrate_mm_s),
@@ -54,7 +55,21 @@ class Limits:
 
 
 class Block:
-    """One queued move. Speeds are kept squared (``_2``), which saves square roots."""
+    """One queued move. Most speeds are kept squared (``_2``, in mm2/s2), which saves square roots.
+
+    Attributes
+    ----------
+    target
+        Position at its end.
+    e_mm, mm
+        Extrusion, and length of the path.
+    v, a
+        Nominal speed in mm/s, and acceleration in mm/s2.
+    gain_2
+        Largest change of the squared speed over the block.
+    max_entry_2, entry_2
+        Upper bound of the squared entry speed, and its current value.
+    """
 
     __slots__ = ("a", "e_mm", "entry_2", "gain_2", "max_entry_2", "mm", "target", "v")
 
@@ -64,7 +79,7 @@ class Block:
         self.mm = mm
         self.v = v
         self.a = a
-        self.gain_2 = 2.0 * a * mm  # largest change of the squared speed over the block
+        self.gain_2 = 2.0 * a * mm
         self.max_entry_2 = max_entry * max_entry
         self.entry_2 = min(self.max_entry_2, STANDSTILL_MM_S * STANDSTILL_MM_S + self.gain_2)
 
@@ -79,7 +94,9 @@ class Planner:
     start
         Position of head and feeder.
     on_move
-        Called with (e_mm, z_mm) for every move that ended and turned the feeder.
+        Function that is called with (e_mm, z_mm) for every move that ended and turned the feeder.
+    slowdown
+        True if short moves are slowed down while the queue runs low.
     """
 
     def __init__(
@@ -94,7 +111,7 @@ class Planner:
         self.target = start  # target of the last queued move
         self.moves = 0  # number of moves queued since the start
         self.busy_s = 0.0  # total duration of the finished moves
-        self.idle_since_s = 0.0  # time at which the queue became empty; meaningless while it is not
+        self.idle_since_s = 0.0  # time at which the queue became empty; undefined while it has moves
         self._head = start  # position at which the executing block began
         self._on_move = on_move
         self._blocks: list[Block] = []

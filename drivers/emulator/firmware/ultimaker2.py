@@ -7,10 +7,7 @@ from drivers.emulator.firmware.commands import (
     SHARED_M,
     Commands,
     beep,
-    format_temperatures,
     park,
-    report_endstops,
-    report_position,
     retract,
     set_axis_mode,
     stop_moves,
@@ -18,6 +15,7 @@ from drivers.emulator.firmware.commands import (
 from drivers.emulator.firmware.dialect import Dialect
 from drivers.emulator.firmware.machine import Machine
 from drivers.emulator.firmware.planner import Limits
+from drivers.emulator.firmware.reports import format_temperatures, report_endstops, report_position
 from drivers.emulator.firmware.wording import FaultMessages
 from drivers.printers import Profile
 
@@ -65,10 +63,12 @@ def format_settings(limits: Limits, home_offset_mm100: int = 0) -> bytes:
 
 
 def identify(machine: Machine, line: bytes, now_s: float) -> None:
+    """Answer ``M115``."""
     machine.send(IDENTITY)
 
 
 def report_settings(machine: Machine, line: bytes, now_s: float) -> None:
+    """Answer ``M503``."""
     machine.send(format_settings(machine.limits, machine.board.faults.home_offset_mm100))
 
 

@@ -32,8 +32,10 @@ class FaultMessages:
 
 
 def format_line_error(problem: bytes, last_line: int) -> bytes:
+    """Format the message about a refused line, with the number of the last accepted line."""
     return b"Error:%b, Last Line: %d\n" % (problem, last_line)
 
 
 def format_unknown(line: bytes) -> bytes:
+    """Format the message about a line without a known command."""
     return b'echo:Unknown command: "%b"\n' % line

@@ -17,8 +17,8 @@ OOZE_MM = 0.5
 class EmulatedBoard:
     """Physical state of a printer, without the state of its firmware.
 
-    The bed is no longer clear once more than `OOZE_MM` of filament has left the nozzle with the head lower
-    than `CHANGE_HEIGHT_MM` under its top. Filament leaves the nozzle only when its end is pushed past the
+    The bed is no longer clear once more than `OOZE_MM` of filament has left the nozzle with the head more
+    than `CHANGE_HEIGHT_MM` below its top. Filament leaves the nozzle only when its end is pushed past the
     tip, so pushing parked filament to the nozzle leaves the bed clear, and so does purging with the bed
     lowered completely (where a person changes material). Only `clear_bed` clears the bed.
 
@@ -76,15 +76,18 @@ class EmulatedBoard:
         return SHORTED_C if self.bed_shorted else self.bed.compute_temperature_c(now_s)
 
     def set_nozzle(self, target_c: float, now_s: float) -> None:
+        """Set the nozzle's target; 0 is off."""
         self.nozzle.set_target(target_c, now_s)
         self.change_count += 1
 
     def set_bed(self, target_c: float, now_s: float) -> None:
+        """Set the bed's target; 0 is off."""
         self.bed.set_target(target_c, now_s)
         if self.bed_shorted:
             self.bed.burns = target_c > 0.0  # its controller reads a cold bed
         self.change_count += 1
 
     def switch_heaters_off(self, now_s: float) -> None:
+        """Set both targets to 0."""
         self.set_nozzle(0.0, now_s)
         self.set_bed(0.0, now_s)

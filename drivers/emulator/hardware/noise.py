@@ -64,7 +64,7 @@ class Noise:
     def check_accepted(self, number: int, line: bytes) -> None:
         """Compare an accepted line with the line sent under this number, ignoring white space.
 
-        Two doubled spaces leave the checksum as it was, and the firmware skips them.
+        Two doubled spaces do not change the checksum, and the firmware skips them.
         """
         sent_line = self._sent_lines.get(b"%d" % number)
         if sent_line is None and self._incomplete_line.startswith(b"N%d " % number):

@@ -104,7 +104,7 @@ def test_maxtemp_on_an_idle_board_cuts_the_mains(tmp_path: Path, mark: Path):
     """Cut the mains immediately: without a link no report would show a rise."""
     agent = Agent(tmp_path, write_relay_script(mark))
     agent.report(21.0)
-    agent.board._on_idle_trouble(LinkFault(Fault.MAXTEMP, "MAXTEMP triggered"), 0.0)
+    agent.board._on_idle_fault(LinkFault(Fault.MAXTEMP, "MAXTEMP triggered"), 0.0)
     agent.report(21.0)
     agent.wait_for_outcome()
     assert runs(mark) == 1

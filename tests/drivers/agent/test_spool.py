@@ -32,7 +32,7 @@ def test_spool_keeps_a_checked_copy(tmp_path: Path):
     with pytest.raises(BadGcode, match="cannot be read"):
         spool.import_gcode("p-1", tmp_path / "none", "0" * 64)
     with pytest.raises(AgentError):
-        spool.check("../p-1")
+        spool.check_print_id("../p-1")
 
 
 def test_full_disk_leaves_no_partial_copy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

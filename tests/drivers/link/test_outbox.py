@@ -98,10 +98,10 @@ def test_refusal_without_a_number_leaves_queries_pending():
     recovery, place = Recovery(), Place(5, 0, 5, 0)
     recovery.note_query(place, 0.0)
     recovery.note_query(place, 0.0)
-    assert recovery.refuse(-1)
+    assert recovery.note_refusal(-1)
     assert (recovery.queries, recovery.resend_number) == (2, -1)
     assert recovery.match_answer(5, place, True) is None
-    recovery.refuse(6)
+    recovery.note_refusal(6)
     assert (recovery.queries, recovery.resend_number) == (1, 6)
 
 
