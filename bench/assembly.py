@@ -41,8 +41,8 @@ PlacedFace = tuple[CodedFace, str, Floats, Floats]
 class PageStep:
     """Step of the page: parts, codes, parts with a face without a code, and the lengths of pins and keys."""
 
-    moved: tuple[str, ...]
-    fixed: tuple[str, ...]
+    moved_parts: tuple[str, ...]
+    fixed_parts: tuple[str, ...]
     codes: tuple[tuple[str, str], ...]
     blank_parts: tuple[str, ...]
     pins_mm: tuple[float, ...]
@@ -50,7 +50,7 @@ class PageStep:
 
     @property
     def is_located(self) -> bool:
-        """Check whether the step has at least two pins or keys."""
+        """True if the step has at least two pins or keys."""
         return len(self.pins_mm) + len(self.keys_mm) > 1
 
 
@@ -133,7 +133,7 @@ def assemble(folder: Path) -> Outcome:
         }
         outcome.misread += sum(code not in read_codes for code in lettered_codes)
         fixed, moved = (
-            find_mating_face(body, step, faces, poses, names) for body in (step.fixed, step.moved)
+            find_mating_face(body, step, faces, poses, names) for body in (step.fixed_parts, step.moved_parts)
         )
         has_pins = step.is_located
         placements = list(find_placements(fixed, moved, step.pins_mm, step.keys_mm)) if has_pins else []
@@ -144,7 +144,7 @@ def assemble(folder: Path) -> Outcome:
             outcome.unsolved += 1
         elif len(placements) > 1:
             outcome.ambiguous += 1
-        elif differ(placements[0], true_placement):
+        elif are_different(placements[0], true_placement):
             outcome.wrong += 1
         else:
             outcome.correct += 1
@@ -152,7 +152,7 @@ def assemble(folder: Path) -> Outcome:
             face_pairs.append((fixed, moved))
             outcome.least_gap_mm = min(outcome.least_gap_mm, measure_gap_mm(fixed, moved, step.pins_mm))
         placement = placements[0] if len(placements) == 1 else true_placement
-        for part in step.moved:
+        for part in step.moved_parts:
             poses[part] = placement @ poses[part]
     outcome.wrong_fits = sum(
         any(True for _ in find_placements(fixed, moved, None))
@@ -257,12 +257,12 @@ def find_placements(
             placement = compute_placement(fixed, moved, (i, j), (k, m))
             if placement is None or not pins_fit(fixed, moved, placement, pins_mm, keys_mm):
                 continue
-            if all(differ(placement, earlier) for earlier in placements):
+            if all(are_different(placement, earlier) for earlier in placements):
                 placements.append(placement)
                 yield placement
 
 
-def differ(placement: Floats, other: Floats) -> bool:
+def are_different(placement: Floats, other: Floats) -> bool:
     """Check whether two placements (4, 4) differ by more than the play of the pins."""
     differences = np.abs(placement - other)
     return bool(differences[:3, 3].max() > MAX_ERROR_MM or differences[:3, :3].max() > MAX_ROTATION_ERROR)
@@ -333,7 +333,7 @@ def measure_gap_mm(fixed: MatingFace, moved: MatingFace, pins_mm: Sequence[float
 
 def find_true_placement(step: PageStep, true_poses: dict[str, Floats], poses: dict[str, Floats]) -> Floats:
     """Compute the true placement (4, 4) of the moved body in the frame of the fixed one."""
-    a, b = step.fixed[0], step.moved[0]
+    a, b = step.fixed_parts[0], step.moved_parts[0]
     return np.asarray(poses[a] @ np.linalg.inv(true_poses[a]) @ true_poses[b] @ np.linalg.inv(poses[b]))
 
 

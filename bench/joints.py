@@ -120,7 +120,7 @@ def measure(name: str, printers: int, longest_side_mm: float, slices: int) -> Ro
         steps_without_pair=sum(
             step.glue_mm2 > MIN_TWO_PINS_MM2 and number not in pairs for number, step in enumerate(steps)
         ),
-        glue_near_share=measure_near_glue(drilled),
+        glue_near_share=measure_glue_near_pins(drilled),
         marks=len(connectors.marks),
         faces=2 * len(drilled.joints),
         lettered_share=sum(bool(m.text.strip(".")) for m in connectors.marks)
@@ -132,7 +132,7 @@ def measure(name: str, printers: int, longest_side_mm: float, slices: int) -> Ro
     return replace(row, sliced=slice_parts(cut, drilled, slices)) if slices else row
 
 
-def measure_near_glue(result: Decomposition) -> float:
+def measure_glue_near_pins(result: Decomposition) -> float:
     """Measure the share of the glued area that is near a pin of its step."""
     near_mm2 = total_mm2 = 0.0
     for number, step in enumerate(result.assembly.steps):

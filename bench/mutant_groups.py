@@ -24,7 +24,7 @@ GROUPS = {
         (
             *(
                 f"drivers/session/{name}.py"
-                for name in ("session", "commands", "heat", "stream", "leave", "park", "identify")
+                for name in ("session", "commands", "heat", "stream", "print_abort", "park", "identification")
             ),
             "drivers/safety/heater_watch.py",
         ),

@@ -68,7 +68,7 @@ class HostGroups:
 
     @property
     def has_network(self) -> bool:
-        """Check whether packets can be lost and delayed."""
+        """True if packets can be lost and delayed."""
         return self._network is not None
 
     def disconnect(self, *groups: str) -> None:

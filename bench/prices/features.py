@@ -3,9 +3,10 @@
 Usage: python -m bench.prices.features --cache DIR [--seeds 1,2] [--qualities glue,paper]
        [--pieces low,high] [--shapes] [--json]
 
-Parts are pieces of the models of `bench.unseen`, and with --shapes the shapes of `bench.prices.contours`. A
-slice's seconds are those of its moves with acceleration and jerk (`bench.prices.move_times`), by the kind of
-their line. Parts and slices are kept in the cache, so that a change of prices can be measured within seconds.
+Parts are pieces of the models of `bench.unseen_models`, and with --shapes the shapes of
+`bench.prices.contours`. A slice's seconds are those of its moves with acceleration and jerk
+(`bench.prices.move_times`), by the kind of their line. Parts and slices are kept in the cache, so that a
+change of prices can be measured within seconds.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ import numpy as np
 from bench.prices.contours import SHAPES
 from bench.prices.move_times import measure_features_s
 from bench.prices.parts import PRINTER, make_recipe
-from bench.unseen import KINDS, draw_model
+from bench.unseen_models import KINDS, draw_model
 from decompose.arrays import Bools, Floats, Ints
 from decompose.geometry import write_stl
 from decompose.print_time import (
@@ -166,7 +167,7 @@ def price_features_s(posed_part: PosedPart, pose: Pose, recipe: Recipe) -> dict[
     return prices_s | {"slow": pose.price_s - sum(prices_s.values())}
 
 
-def weld(corners: Floats) -> tuple[Floats, Ints]:
+def merge_corners(corners: Floats) -> tuple[Floats, Ints]:
     """Merge equal corners of triangles (m, 3, 3); return vertices (n, 3) and faces (m, 3)."""
     vertices, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
     return vertices, index.reshape(-1, 3).astype(np.int64)
@@ -174,7 +175,7 @@ def weld(corners: Floats) -> tuple[Floats, Ints]:
 
 def price_part(posed_part: PosedPart, cost: CostModel, fits_first_layer: bool) -> Pose:
     """Price a part in its pose."""
-    vertices, faces = weld(posed_part.corners)
+    vertices, faces = merge_corners(posed_part.corners)
     return measure_pose(vertices, faces, posed_part.is_cut, np.eye(3), cost, fits_first_layer)
 
 

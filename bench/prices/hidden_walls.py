@@ -23,7 +23,9 @@ from farm.planning.printer_settings import build_slicing_printer
 from slicing.settings import SettingsRequest, find_engine, find_resources, resolve_settings
 
 
-def slice_with(part: dict[str, Any], sides: list[list[float]], out: Path, args: argparse.Namespace) -> float:
+def slice_with_sides(
+    part: dict[str, Any], sides: list[list[float]], out: Path, args: argparse.Namespace
+) -> float:
     """Slice a part with the given hidden sides; return its time in seconds."""
     request = SettingsRequest(build_slicing_printer(BEDS[PRINTER]), args.quality)
     settings = resolve_settings(request, find_resources())
@@ -48,13 +50,13 @@ def main() -> None:
     parser.add_argument("--cache", type=Path)
     args = parser.parse_args()
     parts = json.loads((args.folder / "decomposition.json").read_text(encoding="utf-8"))["parts"]
-    chosen = parts[:: max(1, len(parts) // args.parts)][: args.parts]
+    chosen_parts = parts[:: max(1, len(parts) // args.parts)][: args.parts]
     sums_s = [0.0, 0.0]
     with tempfile.TemporaryDirectory() as folder:
-        for part in chosen:
+        for part in chosen_parts:
             out = Path(folder) / "part.gcode"
-            plain_s = slice_with(part, [], out, args)
-            fast_s = slice_with(part, part["hidden_sides"], out, args)
+            plain_s = slice_with_sides(part, [], out, args)
+            fast_s = slice_with_sides(part, part["hidden_sides"], out, args)
             sums_s = [sums_s[0] + plain_s, sums_s[1] + fast_s]
             error = part["estimated_s"] / fast_s - 1.0
             print(

@@ -90,8 +90,8 @@ def fit_prices(samples: list[Sample]) -> dict[str, float]:
             ]
         )
         added_s = np.array([sample.added_s for sample in kind_samples])
-        fitted = nnls(rows * weights[:, None], added_s * weights)[0]
-        prices |= dict(zip(names, fitted.tolist(), strict=True))
+        fitted_prices_s = nnls(rows * weights[:, None], added_s * weights)[0]
+        prices |= dict(zip(names, fitted_prices_s.tolist(), strict=True))
     return prices
 
 

@@ -178,7 +178,10 @@ def main() -> int:
     parser.add_argument("--dataset", type=Path, help="read if it exists, else written")
     parser.add_argument("--models", type=Path, help="folder with further models")
     parser.add_argument(
-        "--unseen", type=int, metavar="SEED", help="use models of bench.unseen instead of the bench shapes"
+        "--unseen",
+        type=int,
+        metavar="SEED",
+        help="use models of bench.unseen_models instead of the bench shapes",
     )
     parser.add_argument("--parts", type=int, default=2, help="parts of each model and number of printers")
     parser.add_argument("--workers", type=int, default=2)

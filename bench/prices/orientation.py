@@ -132,7 +132,7 @@ def slice_part(
             return None
 
 
-def compare(
+def measure_poses(
     named_part: tuple[str, Part], room: PrinterRoom, cost: CostModel, folder: Path, cache: Path | None
 ) -> Row:
     """Slice one part in its chosen pose, in the axis poses and in the pose in the model."""
@@ -214,9 +214,9 @@ def main() -> int:
     )
     shapes = OTHER_SHAPES if args.unseen else SHAPES
     with tempfile.TemporaryDirectory() as scratch, ThreadPoolExecutor(args.workers) as pool:
-        compare_part = partial(compare, room=room, cost=cost, folder=Path(scratch), cache=args.cache)
+        measure_part = partial(measure_poses, room=room, cost=cost, folder=Path(scratch), cache=args.cache)
         rows = []
-        for row in pool.map(compare_part, list_parts(args.models, shapes, cost, room, args.parts)):
+        for row in pool.map(measure_part, list_parts(args.models, shapes, cost, room, args.parts)):
             rows.append(row)
             print(_format_line(row), file=sys.stderr if args.json else sys.stdout, flush=True)
     result = summarise(rows)

@@ -29,7 +29,7 @@ START_GCODE = "G21\nG90\nM82\nM107\nM140 S60\nG28\nM190 S60\nM109 S210\nG1 F2400
 TIMEOUT_S = 120.0
 
 
-async def heat(folder: Path, gcode: Path) -> None:
+async def start_print(folder: Path, gcode: Path) -> None:
     """Start a print on an agent, and wait until it has heated and prints."""
     client = AgentClient(folder)
     await client.connect(60.0)
@@ -58,9 +58,9 @@ def is_hot(folder: Path) -> bool:
     return bool(status.nozzle_target_c or status.bed_target_c)
 
 
-async def heat_all(folders: list[Path], gcode: Path) -> None:
+async def start_prints(folders: list[Path], gcode: Path) -> None:
     """Start a print on all agents, and wait until they print."""
-    await asyncio.gather(*(heat(folder, gcode) for folder in folders))
+    await asyncio.gather(*(start_print(folder, gcode) for folder in folders))
 
 
 def measure(printers: int) -> dict[str, float]:
@@ -79,7 +79,7 @@ def measure(printers: int) -> dict[str, float]:
         folders = [state / "agents" / f"p{i}" for i in range(printers)]
         daemon = int((state / "lock").read_text())
         try:
-            asyncio.run(heat_all(folders, gcode))
+            asyncio.run(start_prints(folders, gcode))
             for pid in (daemon, *(find_agent_pid(folder) for folder in folders)):
                 assert pid is not None
                 os.kill(pid, signal.SIGSTOP)

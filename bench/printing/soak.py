@@ -60,7 +60,7 @@ def make_move(i: int) -> bytes:
     )
 
 
-def soak(lines: int, damage: float, seed: int = 0) -> Outcome:
+def print_over_noisy_wire(lines: int, damage: float, seed: int = 0) -> Outcome:
     """Print a number of lines over a wire on which each byte is damaged with the probability `damage`."""
     faults = Faults(noise=damage / 2, lost=damage / 4, doubled=damage / 4)
     now_s = 0.0
@@ -121,7 +121,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    outcome = soak(options.lines, options.damage, options.seed)
+    outcome = print_over_noisy_wire(options.lines, options.damage, options.seed)
     result = {name: getattr(outcome, name) for name in Outcome.__slots__}
     print(
         json.dumps({"schema": 1, "damage": options.damage, **result})

@@ -72,7 +72,7 @@ def make_uniform_printers(printers: Sequence[PrinterRoom]) -> tuple[PrinterRoom,
     return tuple(replace(printer, boxes=lowest, time_factor=1.0) for printer in printers)
 
 
-def compare(path: Path, side_mm: float, problem: Problem) -> dict[str, Any]:
+def compare_makespans(path: Path, side_mm: float, problem: Problem) -> dict[str, Any]:
     """Compare both makespans for one model, with CPU seconds; a makespan is None if no cut fits."""
     row: dict[str, Any] = {"model": path.stem, "side_mm": side_mm, "printers": len(problem.printers)}
     for name, printers, search in (
@@ -114,7 +114,9 @@ def main() -> None:
         for path in options.models:
             model = load_model(path, longest_side_mm=options.side)
             rows.append(
-                compare(path, options.side, Problem(model, printers, cost, decompose_options, executor))
+                compare_makespans(
+                    path, options.side, Problem(model, printers, cost, decompose_options, executor)
+                )
             )
     if options.json:
         parameters = {

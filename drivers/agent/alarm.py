@@ -16,7 +16,7 @@ _NOT_OFF = "heaters were not confirmed off"
 
 
 class Alarms:
-    """Alarms of one printer; runs its `power_off_cmd` once for each.
+    """Alarms of one printer, for each of which its `power_off_cmd` is run once.
 
     First the finding is recorded, then the journal is written, then `run_command` acts: unless the disk
     fails, no command is run before its request is in the journal.

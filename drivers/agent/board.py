@@ -24,7 +24,7 @@ RETRY_S = 2.0  # wall seconds between attempts to open a port
 RESET_PULSES = 2  # number of DTR pulses; the answer to one may be lost
 NOT_WATCHED_REASON = "it was not watched before its agent was started"
 MAY_PRINT_REASON = (
-    "its port is opened after a person confirms that it does not print: opening it may reset it"
+    "its port is opened after a person confirms that it does not print: opening may reset the board"
 )
 NO_RESET_REASON = "a pulse of DTR does not reset its board: it prints only while somebody is there"
 
@@ -45,7 +45,7 @@ class Board:
     save
         Function that writes the journal; called after each change and before bytes are written to the port.
     on_port_change
-        Called with the new descriptor of the port, or None if the port was disconnected.
+        Function that is called with the new descriptor of the port, or None if the port was disconnected.
 
     Attributes
     ----------
@@ -137,7 +137,8 @@ class Board:
         """Open the port, which may reset the board. If that fails, `tick` tries again.
 
         The first opening after a device was plugged in raises DTR, and the printer cannot be queried before
-        that. So it is not opened until a person has confirmed that the printer does not print by itself.
+        that. So the port is not opened until a person has confirmed that the printer does not print by
+        itself.
         """
         try:
             device = identify_device(self._url)

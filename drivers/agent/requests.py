@@ -32,7 +32,7 @@ from drivers.messages import (
 
 
 class RequestHandler:
-    """Executes requests on the board, the journal and the spool.
+    """Handler that executes requests on the board, the journal and the spool.
 
     Parameters
     ----------

@@ -55,9 +55,9 @@ class Firmware:
         A line without effect that is answered with the number of the last accepted line; the beginning of
         that answer.
     last_line_resends
-        A ``Resend`` and possibly an ok follow the answer, and lines sent after the query are lost.
+        True if a ``Resend`` and possibly an ok follow the answer; lines sent after the query are lost then.
     acknowledges_read_moves
-        Moves are acknowledged when they are read; else after execution, as all other commands are.
+        True if moves are acknowledged when they are read; else after execution, as all other commands are.
     ok_details
         Pattern of the text that may follow an ``ok``; group 1 is the line number. None if nothing follows.
     keep_alive
@@ -69,7 +69,7 @@ class Firmware:
     halt
         Command that switches everything off until the board is reset; None if there is no such command.
     reports_executed_steps
-        The answer to `position_query` counts executed steps, not planned ones.
+        True if the answer to `position_query` counts executed steps, not planned ones.
     wait_moves, motors_off, heaters_off, fan_off
         Commands that wait for the end of all moves, and that switch motors, heaters and fan off.
     dead_man

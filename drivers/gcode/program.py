@@ -159,7 +159,7 @@ class Program:
         return None
 
     def compute_highest_mm(self, line: int) -> float:
-        """Compute an upper bound of the height printed by the first `line` lines, to `_PEAK_MM`."""
+        """Compute an upper bound of the height printed by the first `line` lines, in steps of `_PEAK_MM`."""
         index = bisect_left(self._peak_lines, line)
         return self._peaks_mm[index - 1] if index else 0.0
 
@@ -178,11 +178,16 @@ def read_program(raw_lines: Iterable[bytes], profile: Profile, store: ProgramSto
     Parameters
     ----------
     raw_lines
-        Lines of the file, as iterating over a binary file gives them.
+        Lines of the file, as read from a binary file.
     profile
         The printer's model.
     store
         Empty store for the lines in the form in which they are sent; None keeps them in memory.
+
+    Returns
+    -------
+    Program
+        The commands of the file, without comments and blank lines.
 
     Raises
     ------

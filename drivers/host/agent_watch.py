@@ -45,7 +45,7 @@ class AgentWatch:
     kept_installation
         Installation that the agent keeps after a failed update; None for the installation of this process.
     on_change
-        Called when its state has changed.
+        Function that is called when its state has changed.
 
     Attributes
     ----------

@@ -81,16 +81,17 @@ class MuxStream(asyncio.Transport):
 
 
 class MuxConnection:
-    """Carries streams and messages until the connection breaks.
+    """Connection that carries streams and messages until it breaks.
 
     Parameters
     ----------
     reader, writer
         The connection.
     on_message
-        Called with each message about the host itself.
+        Function that is called with each message about the host itself.
     on_stream
-        Called with each stream that the other end opens, and its name; None if the other end opens none.
+        Function that is called with each stream that the other end opens, and with its name; None if the
+        other end opens none.
     """
 
     def __init__(

@@ -34,7 +34,7 @@ def stop_host(
     starts
         Start files of the printers' agents.
     on_result
-        Called with each result as soon as it is known.
+        Function that is called with each result as soon as it is known.
     timeout_s
         Wall seconds for all results.
     """

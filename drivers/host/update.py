@@ -66,7 +66,7 @@ class AgentsUpdate:
     installation
         Version to which the agents are updated.
     on_change
-        Called when the state of the update has changed.
+        Function that is called when the state of the update has changed.
     """
 
     def __init__(self, installation: Installation, on_change: Callable[[], None]) -> None:

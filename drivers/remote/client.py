@@ -46,7 +46,8 @@ class AgentClient:
     route
         Connection to another host; None for an agent on this one.
     on_message
-        Called for every line of the agent, even an unreadable one, as it shows that the agent is alive.
+        Function that is called for every line of the agent, even an unreadable one, as each shows that the
+        agent is alive.
     """
 
     def __init__(
@@ -128,10 +129,10 @@ class AgentClient:
             raise AgentError(f"no connection to the agent: {_read_last_line(self._folder / AGENT_LOG)}")
         self._listen(reader)
         with suppress(MessageError):
-            hello = read_line(first)
-            if isinstance(hello, Snapshot):
-                self._protocol = hello.protocol
-                self._snapshots.put_nowait(hello)
+            message = read_line(first)
+            if isinstance(message, Snapshot):
+                self._protocol = message.protocol
+                self._snapshots.put_nowait(message)
 
     def _listen(self, reader: asyncio.StreamReader) -> None:
         self._snapshots = asyncio.Queue()
@@ -202,14 +203,14 @@ class AgentClient:
         try:
             while line := await reader.readline():
                 self._on_message()
-                hello = read_line(line)
-                if isinstance(hello, Snapshot):
-                    self._protocol = hello.protocol
-                    queue.put_nowait(hello)
+                message = read_line(line)
+                if isinstance(message, Snapshot):
+                    self._protocol = message.protocol
+                    queue.put_nowait(message)
                     continue
-                future = self._pending_replies.get(hello.id)
+                future = self._pending_replies.get(message.id)
                 if future is not None and not future.done():
-                    future.set_result(hello)
+                    future.set_result(message)
         except (OSError, ValueError, MessageError) as error:
             reason = str(error)
         finally:

@@ -34,7 +34,7 @@ def send_abort(port: Port, firmware: Firmware) -> None:
 def send_abort_until_accepted(port: Port, firmware: Firmware) -> None:
     """Send the sequence, and again after each refusal, which drops the lines that follow.
 
-    For an agent that ends. Takes 0.5 s if nothing is refused. Never raises.
+    An agent that ends calls it. It takes 0.5 s if nothing is refused, and never raises.
     """
     for _ in range(TRIES):
         send_abort(port, firmware)

@@ -49,7 +49,7 @@ class Pace:
 
 
 class PrintEnded(Exception):
-    """Raised to leave a print early: by a fault, or by a cancel if `fault` is None."""
+    """Exception that ends a print early: because of a fault, or of a cancellation if `fault` is None."""
 
     def __init__(self, fault: Fault | None, reason: str) -> None:
         super().__init__(reason)
@@ -105,7 +105,7 @@ class SessionContext:
     phase
         Phase of the print.
     fault, reason
-        Fault and reason for which the print was left; a cancel has no fault.
+        Fault and reason for which the print was ended early; a cancellation has no fault.
     started_s, ended_s
         Start and end of the session.
     wants_reset

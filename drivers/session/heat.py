@@ -1,7 +1,8 @@
 """Scripts that heat to a target and confirm heaters off, and the check of each report. Pure.
 
 The file's own M190 and M109 are never sent: the firmware ignores the host while it executes them. They are
-replaced by M140 and M104 with M105 until the target is reached, so a cancel takes effect within one report.
+replaced by M140 and M104, and M105 is sent until the target is reached, so that a cancellation takes effect
+within one report.
 """
 
 from __future__ import annotations

@@ -21,8 +21,8 @@ from drivers.link import Phase as LinkPhase
 from drivers.messages import PrintPhase
 from drivers.session.context import PrintEnded, Script, SessionContext, Wait
 from drivers.session.heat import compute_power_off_due_s, note_suspicion, watch_heaters
-from drivers.session.identify import identify
-from drivers.session.leave import make_safe
+from drivers.session.identification import identify
+from drivers.session.print_abort import make_safe
 from drivers.session.stream import print_program
 
 UNATTENDED_REASON = "it prints only while somebody is there, and the attended hours have ended"

@@ -10,9 +10,9 @@ from drivers.messages import Filament, PrintPhase
 from drivers.session.commands import HEAT_DEAD_MAN_S, PRINT_DEAD_MAN_S, arm_dead_man, send
 from drivers.session.context import PrintEnded, Script, SessionContext, Wait
 from drivers.session.heat import confirm_off, extrudes, heat, verify_targets
-from drivers.session.identify import check_height
-from drivers.session.leave import BARRIERS
+from drivers.session.identification import check_height
 from drivers.session.park import can_pause, measure_retracted_mm, park, pause, unpark
+from drivers.session.print_abort import BARRIERS
 
 
 def print_program(context: SessionContext, program: Program) -> Script:

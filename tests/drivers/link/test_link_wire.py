@@ -8,7 +8,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from bench.printing.soak import soak
+from bench.printing.soak import print_over_noisy_wire
 from drivers.emulator.faults import Faults
 from drivers.emulator.firmware.firmware import EmulatedFirmware
 from drivers.emulator.hardware.noise import Noise
@@ -160,12 +160,12 @@ def test_checksum_collision_is_counted():
 
 @pytest.mark.parametrize("seed", range(3))
 def test_long_print_over_a_slightly_damaged_wire_ends_exactly(seed: int):
-    outcome = soak(20_000, 0.00005, seed)
+    outcome = print_over_noisy_wire(20_000, 0.00005, seed)
     assert outcome.exact and outcome.altered == 0
     assert outcome.repeated > 10
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_link_gives_up_on_a_very_noisy_wire(seed: int):
-    outcome = soak(20_000, 0.001, seed)
+    outcome = print_over_noisy_wire(20_000, 0.001, seed)
     assert outcome.fault == Fault.NOISY_LINE
