@@ -21,7 +21,12 @@ from farm.errors import FarmError
 
 @pytest.mark.parametrize(
     "work",
-    [decompose.deferred_cut, decompose.deferred_relevel, savings.deferred_measure, unseen_models.deferred_measure],
+    [
+        decompose.deferred_cut,
+        decompose.deferred_relevel,
+        savings.deferred_measure,
+        unseen_models.deferred_measure,
+    ],
 )
 def test_calls_of_benches_can_be_sent(work):
     """Their functions are found by their names, in this process and others."""
