@@ -48,7 +48,7 @@ def test_group(name: str, group: Group, seed: int, folder: Path) -> list[tuple[s
     )
 
     def run_cosmic_ray(*arguments: str | Path) -> None:
-        # No bytecode: Python would take two mutants of the same second and size for the same file.
+        # No bytecode: Python would mistake two mutants with the same second and size for the same file.
         env = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
         tool = Path(sys.executable).with_name("cosmic-ray")
         subprocess.run([tool, *arguments], cwd=sources, env=env, check=True)

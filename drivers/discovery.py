@@ -141,7 +141,7 @@ async def _ask_agent(folder: Path) -> None:
         await client.connect()
         reply = await client.request(m.Commission(id=0))
         if reply.error is not None or reply.snapshot is None:
-            raise AgentError(reply.error or "its agent is of another version: restart it")
+            raise AgentError(reply.error or "its agent has another version: restart it")
         if reply.snapshot.link is not m.LinkState.CONNECTING:
             raise AgentError(reply.snapshot.reason or "its board was not reset")
         is_current = False  # snapshots from before the reply are old

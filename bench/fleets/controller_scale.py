@@ -1,11 +1,14 @@
 """CPU time of the controller with a large fleet, in this process, without sockets and other processes.
 
 ``python -m bench.fleets.controller_scale [--printers N] [--plates N] [--json]``. All printers connect one
-after another; each then gets a plate, and prints. `connect_cpu_s` is the time of all their first reports,
-`start_cpu_s` that of the ticks that start their prints, `status_ms` that of one description of the farm for
-`farm status`, `status_json_ms` the same with `--json`, `cleared_ms` that of a person's command after which
-the next plate starts, which is the most expensive of the frequent events. The other figures are medians of
-one call. Every request for another plan of a job is refused.
+after another; each then gets a plate, and prints. Every request for another plan of a job is refused.
+
+* ``connect_cpu_s``: the first reports of all printers.
+* ``start_cpu_s``: the ticks that start their prints.
+* ``status_ms``: one description of the farm for `farm status`; ``status_json_ms``: with `--json`.
+* ``cleared_ms``: a person's command after which the next plate starts, the most expensive frequent event.
+
+The other figures are medians of one call.
 """
 
 from __future__ import annotations

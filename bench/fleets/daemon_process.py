@@ -153,7 +153,7 @@ class NoticeReceiver:
         self._server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
         threading.Thread(target=self._server.serve_forever, daemon=True).start()
         self.url = f"json://127.0.0.1:{self._server.server_port}/"
-        """Address in the form of apprise."""
+        """Address in the format of apprise."""
 
     def close(self) -> None:
         """End the server."""

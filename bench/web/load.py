@@ -66,7 +66,7 @@ def list_incomplete_requests(key: str) -> list[bytes]:
 
 
 class HangingClients:
-    """Clients that stop in the middle of a request; those that are disconnected connect again."""
+    """Clients that stop in the middle of a request; a client that is disconnected connects again."""
 
     def __init__(self, port: int, key: str, number: int) -> None:
         self._port, self._incomplete_requests = port, list_incomplete_requests(key)

@@ -108,7 +108,7 @@ class Mux:
             self._queue(stream, state)
 
     def consume(self, stream: int, count: int) -> None:
-        """Allow the other end to send `count` more bytes: as many have been taken from the stream."""
+        """Allow the other end to send `count` more bytes, as that many were taken from the stream."""
         state = self._streams.get(stream)
         if state is None:
             return

@@ -113,7 +113,7 @@ def _replace(path: Path, text: str) -> None:
 
 
 def reach_service(paths: HostPaths) -> socket.socket:
-    """Connect to the service of this host; start it if none runs, or one of another version.
+    """Connect to the service of this host; start it if none runs, or if the running one has another version.
 
     Raises
     ------

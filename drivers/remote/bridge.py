@@ -56,7 +56,7 @@ def serve(request: BridgeRequest, folder: Path) -> None:
     Raises
     ------
     DriverError
-        There is no agent, it does not start, or it no longer answered.
+        There is no agent, the agent does not start, or it stopped responding.
     """
     start = request.start
     if not is_alive(folder):

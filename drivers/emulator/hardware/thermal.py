@@ -109,7 +109,7 @@ class Heater:
         is_below = self._temperature_c < target_c
         self._approach(now_s - self._time_s, is_powered=is_below)
         if (self._temperature_c >= target_c) == is_below:
-            self._temperature_c = target_c  # it was reached meanwhile, and held since
+            self._temperature_c = target_c  # reached in between, and held since then
 
     def _switch(self, now_s: float) -> None:
         if self.target_c <= AMBIENT_C:
