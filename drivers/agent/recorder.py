@@ -61,7 +61,19 @@ class Recorder:
     def begin(
         self, program: Program | None, filament: Filament, extruded: bool, ends_by_s: float | None = None
     ) -> None:
-        """Begin a print; without a program, end the print that a dead agent left open."""
+        """Begin a print; without a program, end the print that a dead agent left open.
+
+        Parameters
+        ----------
+        program
+            The program to print.
+        filament
+            Position of the filament's end.
+        extruded
+            True if material of the print may lie on the bed already.
+        ends_by_s
+            Farm time at which the print is ended safely; None for no limit.
+        """
         now_s, saved_state = self._clock.now(), self.journal.state
         fault = Fault.ESTOP if saved_state.board.attention_reason == ESTOPPED else Fault.AGENT_DIED
         context = SessionContext(

@@ -22,7 +22,15 @@ _PART = ".part"
 
 
 class Spool:
-    """Folder with one file per print, checked for one printer model."""
+    """Folder with one file per print, checked for one printer model.
+
+    Parameters
+    ----------
+    folder
+        The folder, created if missing.
+    profile
+        The printer's model.
+    """
 
     def __init__(self, folder: Path, profile: Profile) -> None:
         self._folder, self._profile = folder, profile
@@ -71,6 +79,15 @@ class Spool:
 
     def import_gcode(self, print_id: str, source: Path, sha256: str) -> Program:
         """Read a file, and copy all of its commands into the spool on the disk.
+
+        Parameters
+        ----------
+        print_id
+            Id of the print.
+        source
+            The G-code file.
+        sha256
+            Its expected hash, in hexadecimal digits.
 
         Raises
         ------

@@ -39,6 +39,19 @@ class Emulator:
     """The firmware with its port and its control socket.
 
     The firmware's own clock starts at power on, as small numbers keep microseconds in a float.
+
+    Parameters
+    ----------
+    profile
+        The printer model.
+    faults
+        Faults to inject.
+    seed
+        Seed of the random faults.
+    folder
+        Folder of its port, status and control socket.
+    clock
+        The farm's clock.
     """
 
     def __init__(self, profile: Profile, faults: Faults, seed: int, folder: Path, clock: Clock) -> None:

@@ -63,6 +63,13 @@ def measure_retraction(program: Program, done_lines: int, stopped_at: Point | No
 class MotionState:
     """State after the last acknowledged lines, tracked as the firmware does.
 
+    Parameters
+    ----------
+    program
+        The program; the filament was at the nozzle at its first extrusion.
+    done_lines
+        Number of acknowledged lines.
+
     Attributes
     ----------
     position

@@ -108,6 +108,15 @@ def read_command(line: bytes, number: int, firmware: Firmware) -> Command | None
 def read_number(text: bytes, line_number: int, limit: float = MAX_NUMBER) -> float:
     """Parse a number in a line.
 
+    Parameters
+    ----------
+    text
+        The digits, with a sign and a decimal point if any.
+    line_number
+        Line number in the file, for the message.
+    limit
+        Upper bound of the absolute value, excluded.
+
     Raises
     ------
     BadGcode

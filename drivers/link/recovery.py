@@ -127,7 +127,15 @@ class Recovery:
         return has_queried
 
     def match_answer(self, last_line: int, place: Place, awaits_ok: bool) -> Action | None:
-        """Match an answer to its query; None if that query is from the current place: then call `decide`."""
+        """Match an answer to its query; None if that query is from the current place: then call `decide`.
+
+        Parameters
+        ----------
+        last_line, place
+            The answer, and the current place of the link.
+        awaits_ok
+            True if the line in flight has not been acknowledged.
+        """
         unanswered_queries = self._unanswered_queries
         while unanswered_queries and 0 < unanswered_queries[0].highest_number < last_line:
             unanswered_queries.popleft()  # its answer was lost

@@ -187,6 +187,15 @@ class SerialPort:
 def find_device(url: str, folder: Path, clock: Clock) -> Path:
     """Return the device of a port of `fleet.yaml`; start the emulator of a ``sim://`` port if needed.
 
+    Parameters
+    ----------
+    url
+        A device path or ``sim://MODEL``.
+    folder
+        Folder of the emulator.
+    clock
+        The farm's clock, for the emulator.
+
     Raises
     ------
     PortError

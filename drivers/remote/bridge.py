@@ -39,6 +39,13 @@ _BYTES = 65536
 def find_folder(farm: str, printer: str, env: Mapping[str, str] = os.environ) -> Path:
     """Return the agent's folder on this host.
 
+    Parameters
+    ----------
+    farm, printer
+        Name of the farm, and of the agent's printer.
+    env
+        Environment, which names the state folder.
+
     Raises
     ------
     AgentError

@@ -92,7 +92,16 @@ def spawn_agent(
 def start_agent(
     start: StartFile, folder: Path, installation: Installation | None = None
 ) -> subprocess.Popen[bytes]:
-    """Start an agent as `spawn_agent` does, of this or another installation of farm.
+    """Start an agent as `spawn_agent` does, from this or another installation of farm.
+
+    Parameters
+    ----------
+    start
+        The agent's start file, which is written into its folder.
+    folder
+        The agent's folder, created if missing.
+    installation
+        Installation of farm that the agent runs; None for the installation of this process.
 
     Raises
     ------

@@ -31,7 +31,15 @@ def unpark(context: SessionContext) -> Script:
 
 
 def park(context: SessionContext, back_mm: float, can_extrude: bool) -> Script:
-    """Retract the filament from `back_mm` behind the nozzle (NaN: unknown) to its parked position."""
+    """Retract the filament to its parked position.
+
+    Parameters
+    ----------
+    back_mm
+        Distance from the nozzle's tip back to the end of the filament; NaN if it is unknown.
+    can_extrude
+        True if the nozzle is warm enough to move the filament.
+    """
     park_retraction_mm = context.profile.park_retraction_mm
     if math.isnan(back_mm):
         context.filament = Filament.UNKNOWN
@@ -47,7 +55,10 @@ def park(context: SessionContext, back_mm: float, can_extrude: bool) -> Script:
 
 
 def measure_retracted_mm(program: Program, done_lines: int, stopped_at: Point | None = None) -> float:
-    """Compute the retraction of the filament; NaN if the file can no longer be read."""
+    """Compute the retraction of the filament in mm; NaN if the file can no longer be read.
+
+    The parameters are those of `measure_retraction`.
+    """
     try:
         return measure_retraction(program, done_lines, stopped_at)
     except UnreadableFile:
@@ -55,7 +66,15 @@ def measure_retracted_mm(program: Program, done_lines: int, stopped_at: Point | 
 
 
 def compute_lift_mm(context: SessionContext, z_mm: float, done_lines: int) -> float:
-    """Compute the distance to lower the bed before the head leaves its part: finished parts may be higher."""
+    """Compute the distance to lower the bed before the head leaves its part, as finished parts may be higher.
+
+    Parameters
+    ----------
+    z_mm
+        Height of the head.
+    done_lines
+        Number of lines of the program that were acknowledged.
+    """
     highest_mm = 0.0 if context.program is None else context.program.compute_highest_mm(done_lines)
     return max(0.0, min(max(z_mm, highest_mm) + LIFT_MM, context.profile.top_mm) - z_mm)
 
@@ -77,6 +96,13 @@ def pause(context: SessionContext, program: Program, done_lines: int) -> Script:
 
     The filament is parked, because the pause may also end the print. Source:
     docs/explanation/ultimaker2-serial.md, section 5.
+
+    Parameters
+    ----------
+    program
+        The program that is being printed.
+    done_lines
+        Number of its lines that were acknowledged.
     """
     firmware = context.firmware
     context.phase = PrintPhase.PAUSED

@@ -42,6 +42,17 @@ class Commands:
 def execute(commands: Commands, machine: Machine, line: bytes, now_s: float) -> Work | None:
     """Execute any line except G0 and G1.
 
+    Parameters
+    ----------
+    commands
+        Commands of the firmware.
+    machine
+        State of the firmware, which the command changes.
+    line
+        The line, without number and checksum.
+    now_s
+        Time at which it is executed.
+
     Returns
     -------
     iterator of float or None

@@ -39,12 +39,19 @@ class Phase(StrEnum):
 class Listener(ABC):
     """Serial line of the board, from one reset to the next.
 
+    Parameters
+    ----------
+    dialect
+        Behaviour of this firmware.
+    faults
+        Faults to inject.
+    rng
+        Random generator of the faults.
+
     Attributes
     ----------
     lines, errors
         Number of accepted lines, and of errors, since power on.
-    dialect
-        Behaviour of this firmware.
     noise
         Noise on the wire, if any.
     """

@@ -120,7 +120,17 @@ class Machine:
         e: float | None,
         now_s: float,
     ) -> None:
-        """Queue one straight move; None if the line lacks the axis. F in mm/min."""
+        """Queue one straight move.
+
+        Parameters
+        ----------
+        f
+            Feed rate in mm/min; None keeps the last one.
+        x, y, z, e
+            Target, or distance in relative mode, in mm; None if the line lacks the axis.
+        now_s
+            Time at which the line is executed.
+        """
         if f is not None and f > 0.0:
             self.feedrate_mm_s = f / 60.0
         position, top, relative = self.position, self.top_mm, self.relative
@@ -139,7 +149,19 @@ class Machine:
         self.queue(x, y, z, e - e0, rate_mm_s, now_s)
 
     def queue(self, x: float, y: float, z: float, de: float, rate_mm_s: float, now_s: float) -> None:
-        """Queue a move to the position already in `position`; `de` is its extrusion in mm."""
+        """Queue a move to the position that is in `position` already.
+
+        Parameters
+        ----------
+        x, y, z
+            The same position in mm, in the host's coordinates.
+        de
+            Extrusion in mm.
+        rate_mm_s
+            Feed rate.
+        now_s
+            Time at which the line is executed.
+        """
         planner, shift = self.planner, self.shift
         if de:
             extruded_mm = self._limit_extrusion(de, now_s)

@@ -153,7 +153,17 @@ class Planner:
         return self._end_s
 
     def add(self, target: Point, feedrate_mm_s: float, now_s: float) -> None:
-        """Queue a straight move to `target`. The queue must have room and be advanced to `now_s`."""
+        """Queue a straight move. The queue must have room and be advanced to `now_s`.
+
+        Parameters
+        ----------
+        target
+            Position of head and feeder at its end, in mm.
+        feedrate_mm_s
+            Feed rate, before the limits apply.
+        now_s
+            Time at which the move is queued.
+        """
         x0, y0, z0, e0 = self.target
         x, y, z, e = target
         dx, dy, dz, de = x - x0, y - y0, z - z0, e - e0

@@ -22,6 +22,13 @@ class EmulatedBoard:
     tip, so pushing parked filament to the nozzle leaves the bed clear, and so does purging with the bed
     lowered completely (where a person changes material). Only `clear_bed` clears the bed.
 
+    Parameters
+    ----------
+    profile
+        The printer model.
+    faults
+        Faults to inject.
+
     Attributes
     ----------
     head_mm
