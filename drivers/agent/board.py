@@ -137,8 +137,7 @@ class Board:
         """Open the port, which may reset the board. If that fails, `tick` tries again.
 
         The first opening after a device was plugged in raises DTR, and the printer cannot be queried before
-        that. So the port is not opened until a person has confirmed that the printer does not print by
-        itself.
+        that. So the port is opened only after a person has confirmed that the printer is not printing.
         """
         try:
             device = identify_device(self._url)

@@ -49,7 +49,7 @@ def execute(commands: Commands, machine: Machine, line: bytes, now_s: float) -> 
     machine
         State of the firmware, which the command changes.
     line
-        The line, without number and checksum.
+        The line, with its number and checksum if it has them.
     now_s
         Time at which it is executed.
 
