@@ -23,7 +23,8 @@ def test_start_that_retracts_the_filament_out_of_the_hot_end_is_refused(tail):
     lines = make_marlin(start=start)
     index = lines.index(";LAYER:0")
     assert_refused(
-        [*lines[: index - 2], ";LAYER:0", *tail, *lines[index + 1 :]], "retracted by 60.0 mm, out of the hot end"
+        [*lines[: index - 2], ";LAYER:0", *tail, *lines[index + 1 :]],
+        "retracted by 60.0 mm, out of the hot end",
     )
 
 
