@@ -165,7 +165,7 @@ def _wait_until_printing(daemon: Daemon, agents: ProtocolAgents, size: FleetSize
 
 
 def _measure_prints(fleet: PrintingFleet, size: FleetSize) -> dict[str, Any]:
-    """Measure the load of all prints, of `farm status`, and the delays of events."""
+    """Measure the load of all prints and of `farm status`, and the delays of events."""
     daemon, agents = fleet.daemon, fleet.agents
     start_cpu_s, start_s = daemon.read_cpu_s(), time.monotonic()
     agents.serve(size.seconds)

@@ -97,7 +97,7 @@ def load_case(name: str, longest_side_mm: float) -> Model:
 
 
 def cut_case(name: str, printers: int, longest_side_mm: float) -> Decomposition:
-    """Cut a model for printers, with the order of its assembly."""
+    """Cut a model for a number of printers, and compute the order of its assembly."""
     model = load_case(name, longest_side_mm)
     rooms = [PrinterRoom(str(number), ROOM_SIZES_MM) for number in range(printers)]
     options = Options(Engine.GUILLOTINE, prove=False, connectors=ALL_CONNECTORS)

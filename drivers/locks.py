@@ -81,7 +81,7 @@ def kill_holder(path: Path) -> bool:
         with suppress(OSError):
             process = os.pidfd_open(pid)
             try:
-                if is_locked(path):  # else it has ended, and its id may be reused
+                if is_locked(path):  # otherwise it has ended, and its id may be reused
                     signal.pidfd_send_signal(process, signal.SIGKILL)
                     select.select([process], [], [], _DEATH_S)
             finally:

@@ -121,7 +121,7 @@ class PrintSnapshot(PrintReadings, _AgentMessage):
     progress_s: float = 0.0  # elapsed print time, by the slicer's ;TIME_ELAPSED
     print_time_s: float = 0.0  # of the whole file
     layers: int = 0
-    extruded: bool = False  # plastic of this print may be on the bed
+    extruded: bool = False  # material of this print may be on the bed
     started_s: float | None = None  # farm clock, first command of this print
     ended_s: float | None = None  # farm clock; heaters off and head stopped
     pause_ends_s: float | None = None  # farm clock; the print is ended unless resumed by then

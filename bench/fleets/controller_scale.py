@@ -149,7 +149,7 @@ def _measure_controller(
 
 
 def _measure_cleared(controller: Controller, effects: Effects, attempt: Print) -> float:
-    """End a print, and clear its bed; return the CPU seconds in which the next plate starts."""
+    """End a print, and clear its bed; return the CPU seconds that the start of the next plate takes."""
     ready_snapshot = make_snapshot(attempt.printer)
     printing_snapshot = make_snapshot(attempt.printer, attempt)
     assert printing_snapshot.print is not None

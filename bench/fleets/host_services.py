@@ -76,7 +76,7 @@ class HostGroups:
         self._set_connected(groups, False)
 
     def reconnect(self, *groups: str) -> None:
-        """Pass bytes again."""
+        """Let bytes pass again."""
         self._set_connected(groups, True)
 
     def _set_connected(self, groups: Sequence[str], connected: bool) -> None:

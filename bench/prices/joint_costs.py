@@ -37,7 +37,7 @@ MAX_ADDED_SUPPORT_MM = 1.0  # of filament; with more, the added time is not that
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """Part sliced with one kind of connector: amounts by name of the price, and the time that they add."""
+    """Part sliced with one kind of connector: the amount for each price, and the time that they add."""
 
     part: str
     bare_s: float

@@ -116,7 +116,7 @@ class Server:
             connection, _address = self._listener.accept()
         except (BlockingIOError, ConnectionAbortedError):
             return  # the client has disconnected already
-        except OSError as error:  # else the loop would spin
+        except OSError as error:  # otherwise the loop would spin
             self._paused_until_s = now_s + _PAUSE_S
             self._listen(False)
             if now_s >= self._quiet_until_s:

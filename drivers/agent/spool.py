@@ -122,7 +122,7 @@ class Spool:
             return program
         except OSError as error:
             with suppress(OSError):
-                path.unlink()  # half a file is useless, and the disk may be full
+                path.unlink()  # an incomplete copy is useless, and the disk may be full
             if source.is_file() and os.access(source, os.R_OK):
                 raise _make_write_error(path, error) from error
             raise BadGcode(f"{source}: cannot be read ({error.strerror}); is its folder shared?") from error

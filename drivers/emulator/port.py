@@ -52,7 +52,7 @@ class Port:
             os.close(end_fd)
         tty.setraw(slave, termios.TCSANOW)
         self.name = os.ttyname(slave)
-        os.close(slave)  # else an open port would look like a closed one
+        os.close(slave)  # otherwise an open port would look like a closed one
         os.set_blocking(self.master, False)
         self.watch_fd = _watch(self.name)
         self.is_plugged = True

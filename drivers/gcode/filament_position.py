@@ -117,7 +117,7 @@ class MotionState:
         end_point = start_point.copy()
         for letter, value in _WORD.findall(line):
             if letter == b"F":
-                if float(value) > 0:  # else the firmware keeps the last feedrate
+                if float(value) > 0:  # otherwise the firmware keeps the last feedrate
                     self.feed_mm_min = float(value)
                 continue
             axis = _AXES[letter]

@@ -119,7 +119,7 @@ class AgentWatch:
         if self._listen_task is None:
             self._listen_task = asyncio.create_task(self._listen())
         if self._process is not None and self._process.poll() is not None:
-            if self._process.returncode or not agents_are_units():  # else systemd has started it
+            if self._process.returncode or not agents_are_units():  # otherwise systemd has started it
                 self.last_ended_start = self.start_count
                 self._reason = f"its agent ended with {self._process.returncode}"
                 log.warning("%s: %s", self.printer, self._reason)
@@ -184,7 +184,7 @@ class AgentWatch:
             raise AgentError(reply.error)
         try:
             async with asyncio.timeout(_END_S):
-                while self.is_alive and find_agent_pid(self._folder) == pid:  # else the next one runs
+                while self.is_alive and find_agent_pid(self._folder) == pid:  # otherwise the next one runs
                     await asyncio.sleep(0.05)
         except TimeoutError as error:
             raise AgentError(

@@ -15,7 +15,7 @@ from drivers.link.replies import Connected, Event, Events, LinkFault, UnknownLin
 SILENT_REASON = "the board does not answer"
 SILENCE_S = 0.3  # silence before the first query; doubled with each query
 KEEP_ALIVE_S = 1.4  # the same for a firmware that sends a busy message every second while it works
-UNREADABLE_S = 0.05  # after something that could not be read and may have been an ok
+UNREADABLE_S = 0.05  # time until a query after an unreadable line, which may have been an ok
 _MAX_ANSWER_BYTES = 512
 
 

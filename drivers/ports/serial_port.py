@@ -61,7 +61,7 @@ class SerialPort:
                 f"{self.path}: cannot be opened ({_describe_cause(error)}); {_advise(error)}"
             ) from error
         try:
-            # Else closing the port drops DTR, and the next host to open it resets the board twice.
+            # Otherwise closing the port drops DTR, and the next host that opens it resets the board twice.
             fd = port.fileno()
             attributes = termios.tcgetattr(fd)
             attributes[2] &= ~termios.HUPCL

@@ -62,7 +62,7 @@ class Journal:
         self.state, self._length = read_journal(path)
         self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o600)
         os.ftruncate(self._fd, self._length)
-        _sync_folder(path)  # else a power cut may lose a new file with all its records
+        _sync_folder(path)  # otherwise a power cut may lose a new file with all its records
 
     def write(self, at_s: float, **record: Any) -> None:
         """Write one record to the disk, and apply it to `state`.

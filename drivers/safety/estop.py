@@ -192,7 +192,7 @@ def _reset(target: StopTarget, watch_s: float, notify: Notify) -> StopResult:
     reset_s, board = None, _Board(port, target.firmware, notify)
     try:
         send_abort(port, target.firmware)
-        if not target.port.startswith("sim://"):  # else opening the port was the reset
+        if not target.port.startswith("sim://"):  # otherwise opening the port was the reset
             with suppress(PortError):  # the abort sequence may have been enough; that is checked below
                 port.reset()
         reset_s = time.time()
@@ -280,7 +280,7 @@ class _Board:
             self._connection = event
             if event.restarted:
                 self.is_still = True
-            else:  # once more, numbered, as the unnumbered abort may have been lost
+            else:  # send it again with line numbers, as the abort without them may have been lost
                 self._link.send(now_s, *self._firmware.abort)
             self._link.poll(now_s)
         elif isinstance(event, Report):

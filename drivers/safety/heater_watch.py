@@ -156,7 +156,7 @@ class _Heater:
         self._is_reached = False
         self._since_s = math.nan  # time of the first report after the target was set
         self._min_distance_c, self._progress_s = math.inf, math.nan
-        self._off_target_since_s = math.inf  # time since which it is away from the target
+        self._off_target_since_s = math.inf  # time at which it left the range around the target
         self._hottest_c = -math.inf  # since it was switched off
         self._coolest_c = math.inf  # since it was seen to cool
 

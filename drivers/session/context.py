@@ -198,7 +198,7 @@ class SessionContext:
         if self.final_lines is not None:
             return self.final_lines
         if self.program is None or self.connection is None:
-            return 0  # until the board has restarted, the link still counts the lines printed before
+            return 0  # until the board has restarted, the link still counts the lines of the last print
         return self.done_lines
 
     @property

@@ -100,7 +100,7 @@ def verify_targets(context: SessionContext) -> Script:
         context.link.poll(context.now_s)
         if not (yield from await_report(context, context.report_deadline_s)):
             raise PrintEnded(Fault.NO_ANSWER, "the board reports no temperatures at the end of the print")
-        if not context.unexpected_reports:  # else poll again, until there are enough of them
+        if not context.unexpected_reports:  # otherwise poll again, until there are enough of them
             return
 
 
@@ -122,7 +122,7 @@ def watch_heaters(context: SessionContext, report: Report) -> PrintEnded | None:
         context.suspicion = None
     print_end = None if finding is None else PrintEnded(finding.fault, finding.text)
     if is_ending:
-        return print_end if context.reason is None else None  # else the print is ending already
+        return print_end if context.reason is None else None  # otherwise the print is ending already
     return _watch_targets(context, report, set_targets_c) or print_end
 
 

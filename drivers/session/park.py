@@ -19,7 +19,7 @@ PARKED_SLACK_MM = 0.25
 LIFT_MM = 10.0
 LAST_EXTRUSION_MM = 6.5  # extruded only after the head is back: a full nozzle oozes while it travels
 PAUSE_LIMIT_S = 7200.0
-PAUSE_FEED_S = 4.0  # a command shows "Printing with USB" for 5 s, to deter people from an SD print
+PAUSE_FEED_S = 4.0  # a command shows "Printing with USB" for 5 s, which deters people from an SD print
 
 
 def unpark(context: SessionContext) -> Script:

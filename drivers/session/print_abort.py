@@ -46,7 +46,7 @@ def _abort(context: SessionContext, is_homed: bool) -> Answer:
     context.link.halt()
     if not (yield from send(context, *firmware.abort, limit_s=STOP_S)):
         return False
-    if is_homed:  # else it is unknown how far the bed may go
+    if is_homed:  # otherwise it is unknown how far the bed may go
         done_lines = context.done_lines
         context.position = None
         yield from send(context, firmware.position_query)

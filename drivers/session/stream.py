@@ -106,7 +106,7 @@ def _finish(context: SessionContext, program: Program) -> Script:
     off_commands = (*firmware.heaters_off, firmware.fan_off, *(firmware.wait_moves,) * BARRIERS)
     yield from send(context, *off_commands, limit_s=math.inf)
     if context.filament is Filament.AT_NOZZLE:
-        # as far back as the end code left it; the nozzle cools already
+        # its position is that of the end code, as the nozzle is already cooling
         yield from park(context, measure_retracted_mm(program, program.count), can_extrude=False)
     if not (yield from confirm_off(context)):
         if context.report is not None and context.report.targets_off:
