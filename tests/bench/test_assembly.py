@@ -20,10 +20,10 @@ from decompose.printers import PrinterRoom
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A table in four parts, with pins and marks."""
+    """A table in three parts, with pins and marks."""
     legs = [Solid.box((x, y, 0), (x + 20, y + 20, 90)) for x in (0, 100) for y in (0, 100)]
     solid = Solid.union([Solid.box((0, 0, 80), (120, 120, 100)), *legs])
-    rooms = [PrinterRoom(name, ((80.0, 130.0, 130.0),)) for name in "abcd"]
+    rooms = [PrinterRoom(name, ((50.0, 130.0, 130.0),)) for name in "abc"]
     options = Options(
         Engine.GUILLOTINE, granularity=8, prove=False, connectors=ConnectorOptions(2.85, marks=True)
     )
@@ -35,7 +35,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_codes_and_pins_allow_only_the_correct_assembly(folder: Path) -> None:
     outcome = assemble(folder)
-    assert (outcome.steps, outcome.correct) == (3, 3)
+    assert (outcome.steps, outcome.correct) == (2, 2)
     assert (outcome.misread, outcome.ambiguous, outcome.wrong, outcome.wrong_fits) == (0, 0, 0, 0)
     assert outcome.least_gap_mm > 0.5
 
