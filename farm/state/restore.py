@@ -75,13 +75,13 @@ def finish_journal_import(event: ev.AgentJournalImported, books: Books) -> Books
     """Record that an agent has listed its prints; those that match no plate need inspection."""
     printer = replace_fields(books.printer(event.printer), unreported_since_s=None)
     if event.unknown:
-        prints = "a print" if event.unknown == 1 else f"{event.unknown} prints"
+        prints = "a print that matches" if event.unknown == 1 else f"{event.unknown} prints that match"
         printer = replace_fields(
             printer,
             bed=Bed.UNKNOWN,
             filament=FilamentState.UNKNOWN,
-            attention_reason=f"it made {prints} after the backup of the database that match no waiting "
-            "plate: check its bed",
+            attention_reason=f"after the backup of the database it made {prints} no waiting plate: "
+            "check its bed",
             attention_since_s=event.at_s,
         )
     return put(books, printer)

@@ -330,7 +330,7 @@ printers: [{<<: *common, name: a, port: /dev/one}]
         "http://[fd00::7]/",
     ],
 )
-def test_camera_has_an_address_by_http(tmp_path, url):
+def test_camera_has_an_http_address(tmp_path, url):
     fleet = load_text(tmp_path, VALID_TEXT.replace("colour: red", f'camera: "{url}"'))
     assert fleet.printer("b").camera_url == url.replace("{printer}", "b")
     assert "pass-w0rd" not in repr(fleet)
@@ -371,7 +371,9 @@ CLUSTER = VALID_TEXT.replace("timezone", "compute: {scheduler: 'SCHEDULER'CERTIF
         ("tls://pc-a:8786", "", "fleet.compute.certificates: is needed for a scheduler with TLS"),
     ],
 )
-def test_a_cluster_has_an_address_and_certificates(tmp_path, scheduler, certificates, advice):
+def test_cluster_without_a_valid_address_or_certificates_is_refused(
+    tmp_path, scheduler, certificates, advice
+):
     text = CLUSTER.replace("SCHEDULER", scheduler).replace("CERTIFICATES", certificates)
     with pytest.raises(FleetFileError, match=re.escape(advice)):
         load_text(tmp_path, text)

@@ -15,7 +15,7 @@ from farm.log_format import JsonFormatter, LogFormat, PrinterLog, start_log
 TEXTS = st.text()
 
 
-def record(text: str, **extra: object) -> logging.LogRecord:
+def make_record(text: str, **extra: object) -> logging.LogRecord:
     return logging.getLogger("farm.test").makeRecord(
         "farm.test", logging.WARNING, "", 0, text, (), None, extra=extra
     )
@@ -23,7 +23,7 @@ def record(text: str, **extra: object) -> logging.LogRecord:
 
 @given(TEXTS, TEXTS)
 def test_any_text_is_one_line_of_json(text: str, user: str):
-    line = JsonFormatter().format(record(text.replace("%", "%%"), job=3, who=user))
+    line = JsonFormatter().format(make_record(text.replace("%", "%%"), job=3, who=user))
     assert len(line.splitlines()) == 1 and line.isascii()
     fields = json.loads(line)
     assert fields["message"] == text.replace("%", "%%") and fields["job"] == 3 and fields["who"] == user
@@ -35,7 +35,7 @@ def test_exception_is_a_field_of_its_line():
     try:
         raise ValueError("broken\nin two lines")
     except ValueError:
-        broken_record = record("job 3")
+        broken_record = make_record("job 3")
         broken_record.exc_info = sys.exc_info()
     [line] = JsonFormatter().format(broken_record).splitlines()
     assert "ValueError: broken\nin two lines" in json.loads(line)["exception"]

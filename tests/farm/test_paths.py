@@ -29,23 +29,23 @@ def test_two_state_folders_never_share_a_socket():
 
 def test_long_socket_path_is_replaced_by_a_short_one():
     env = {"HOME": "/home/ann", "XDG_RUNTIME_DIR": "/run/user/7"}
-    deep = [Path("/" + letter * 120) for letter in "ab"]
-    sockets = [find_farm_paths(folder, None, None, env).socket for folder in deep]
+    deep_folders = [Path("/" + letter * 120) for letter in "ab"]
+    sockets = [find_farm_paths(folder, None, None, env).socket for folder in deep_folders]
     assert sockets[0] != sockets[1]
     assert all(len(str(socket)) < 100 for socket in sockets)
-    assert find_farm_paths(deep[0], None, None, env).socket == sockets[0]
+    assert find_farm_paths(deep_folders[0], None, None, env).socket == sockets[0]
 
 
 @pytest.fixture
-def temporary(tmp_path, monkeypatch):
-    """Return the system's temporary folder, and the path there of a socket whose own path is too long."""
+def temporary_folder(tmp_path, monkeypatch):
+    """Return the system's temporary_folder folder, and the path there of a socket whose own path is too long."""
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     folder = tmp_path / f"farm-{os.getuid()}"
     return folder, lambda: find_farm_paths(Path("/" + "a" * 120), None, None, {"HOME": "/home/ann"}).socket
 
 
-def test_socket_of_a_long_path_is_in_a_private_folder(temporary):
-    folder, find_socket = temporary
+def test_socket_of_a_long_path_is_in_a_private_folder(temporary_folder):
+    folder, find_socket = temporary_folder
     assert find_socket().parent == folder
     assert stat.S_IMODE(folder.stat().st_mode) == 0o700
     assert find_socket().parent == folder  # the folder exists now
@@ -60,15 +60,15 @@ def test_socket_of_a_long_path_is_in_a_private_folder(temporary):
         (lambda folder: folder.touch(), "cannot be used"),
     ],
 )
-def test_temporary_folder_open_to_others_is_refused(temporary, prepare, reason):
-    folder, find_socket = temporary
+def test_temporary_folder_open_to_others_is_refused(temporary_folder, prepare, reason):
+    folder, find_socket = temporary_folder
     prepare(folder)
     with pytest.raises(Refused, match=f"{folder} {reason}.*name a shorter --socket"):
         find_socket()
 
 
-def test_temporary_folder_of_another_user_is_refused(temporary, monkeypatch):
-    folder, find_socket = temporary
+def test_temporary_folder_of_another_user_is_refused(temporary_folder, monkeypatch):
+    folder, find_socket = temporary_folder
     find_socket()
     own_uid = os.getuid()
     monkeypatch.setattr("os.getuid", lambda: own_uid + 1)
@@ -129,11 +129,11 @@ def test_state_folder_keeps_its_clock(tmp_path):
     from farm.config import Fleet
     from farm.daemon import open_farm_clock
 
-    def fleet(scale):
+    def make_fleet(scale):
         printer = {"name": "a", "model": "ultimaker2_plus", "port": "sim://ultimaker2_plus"}
         return Fleet.model_validate({"fleet": {"time_scale": scale}, "printers": [printer]})
 
-    first_clock = open_farm_clock(fleet(60), StateFolder(tmp_path))
-    assert open_farm_clock(fleet(60), StateFolder(tmp_path)) == first_clock
+    first_clock = open_farm_clock(make_fleet(60), StateFolder(tmp_path))
+    assert open_farm_clock(make_fleet(60), StateFolder(tmp_path)) == first_clock
     with pytest.raises(Refused, match="time_scale 60, not 1"):
-        open_farm_clock(fleet(1), StateFolder(tmp_path))
+        open_farm_clock(make_fleet(1), StateFolder(tmp_path))

@@ -55,7 +55,7 @@ prints = st.fixed_dictionaries(
         "sha256": st.sampled_from([None, "0" * 64]),
     },
 )
-# Prints of a file that is waiting.
+# Prints of the same file as a waiting plate.
 similar_prints = prints.map(lambda item: {"started_s": NOW_S + 9.0, **item, "sha256": "0" * 64})
 snapshots = st.fixed_dictionaries(
     {
@@ -86,8 +86,8 @@ def read_snapshots(snapshot_values):
         yield snapshot
 
 
-def read_views(controller, folder):
-    """Render everything that is shown or sent to people."""
+def render_views(controller, folder):
+    """Render all views and notices, and check that they contain no escape sequences."""
     view_context = controller.build_view_context(StateFolder(folder))
     views = [describe_job(view_context, job) for job in controller.books.jobs.values()]
     views += [describe_printer(view_context, section, None) for section in controller.fleet.printers]
@@ -121,7 +121,7 @@ def test_any_snapshot_can_be_recorded_shown_and_read(snapshot_values, tmp_path_f
     other_print = farm.controller.books.prints["theirs"]
     for snapshot in read_snapshots(snapshot_values):
         farm.controller.on_snapshot(to_farm_snapshot(snapshot, Clock()))
-        read_views(farm.controller, folder)
+        render_views(farm.controller, folder)
     assert farm.controller.books.prints["theirs"] == other_print
     with Store(folder / "farm.db") as store:
         assert store.load() == farm.controller.books
@@ -145,7 +145,7 @@ def test_any_journal_since_the_backup_can_be_recorded(last_record, reported_prin
         farm_prints = [to_farm_print(item, compute_clock_offset_s(snapshot, Clock())) for item in print_views]
         farm.controller.on_journal(to_farm_snapshot(snapshot, Clock()), farm_prints)
         assert farm.controller.unreported_since_s("a") is None
-        read_views(farm.controller, folder)
+        render_views(farm.controller, folder)
     assert farm.controller.books.prints["theirs"] == other_print
     with Store(folder / "farm.db") as store:
         assert store.load() == farm.controller.books

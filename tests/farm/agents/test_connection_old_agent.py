@@ -40,7 +40,7 @@ PRINT_REPORT = {"print_id": "p", "phase": "printing", "line": 10, "lines": 100, 
 class OldAgent:
     """Agent from before protocol versions; an unknown request ends the connection."""
 
-    def __init__(self, folder: Path, prints: bool = False) -> None:
+    def __init__(self, folder: Path, is_printing: bool = False) -> None:
         self.folder = folder
         self.requests: list[dict[str, object]] = []
         self.connections = self.dropped = 0
@@ -51,10 +51,10 @@ class OldAgent:
             "now_s": 0.0,
             "model": MODEL,
             "port": PORT,
-            "link": "busy" if prints else "ready",
-            "heaters_off": not prints,
+            "link": "busy" if is_printing else "ready",
+            "heaters_off": not is_printing,
             "filament": "parked",
-            "print": PRINT_REPORT if prints else None,
+            "print": PRINT_REPORT if is_printing else None,
         }
 
     async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -75,13 +75,13 @@ class OldAgent:
 class RecordingListener:
     def __init__(self) -> None:
         self.last: AgentSnapshot | None = None
-        self.was_refused: list[tuple[str, bool]] = []
+        self.refusals: list[tuple[str, bool]] = []
 
     def on_snapshot(self, snapshot: AgentSnapshot) -> None:
         self.last = snapshot
 
     def on_refusal(self, print_id: str, reason: str, is_late: bool) -> None:
-        self.was_refused.append((print_id, is_late))
+        self.refusals.append((print_id, is_late))
 
     def unreported_since_s(self, printer: str) -> float | None:
         return None
@@ -90,14 +90,14 @@ class RecordingListener:
         raise AssertionError(prints)
 
 
-def start(**fields: object) -> m.StartPrint:
+def make_start(**fields: object) -> m.StartPrint:
     facts = {"print_id": "p", "gcode": "/x", "sha256": "0", "print_time_s": 1.0, "filament": "parked"}
     return m.StartPrint.model_validate({"id": 0, **facts, **fields})
 
 
 def run_with_agent(
     folder: Path,
-    prints: bool,
+    is_printing: bool,
     scenario: Callable[[AgentManager, OldAgent, RecordingListener], Awaitable[None]],
 ) -> OldAgent:
     """Run a daemon's connections with a live agent of the first protocol."""
@@ -106,19 +106,19 @@ def run_with_agent(
     fleet = Fleet.model_validate({"printers": [{"name": "a", "model": MODEL, "port": PORT}]})
     home = state.agent("a")
     home.mkdir(parents=True, exist_ok=True)
-    agent, listener = OldAgent(home, prints), RecordingListener()
+    agent, listener = OldAgent(home, is_printing), RecordingListener()
 
     async def run() -> None:
         server = await asyncio.start_unix_server(agent.serve, home / "agent.sock")
-        links = AgentManager(fleet, state, Clock(), listener)
-        links.start(())
+        manager = AgentManager(fleet, state, Clock(), listener)
+        manager.start(())
         try:
             async with asyncio.timeout(DEADLINE_S):
                 while listener.last is None or listener.last.link in (Link.STARTING, Link.ABSENT):
                     await asyncio.sleep(0.01)
-                await scenario(links, agent, listener)
+                await scenario(manager, agent, listener)
         finally:
-            await links.close()
+            await manager.close()
             server.close()
 
     descriptor = acquire_lock(home / AGENT_LOCK)  # the agent is alive
@@ -130,21 +130,21 @@ def run_with_agent(
     return agent
 
 
-def test_idle_agent_of_an_earlier_protocol_gets_no_print_and_is_to_be_replaced(tmp_path: Path):
-    async def scenario(links: AgentManager, agent: OldAgent, listener: RecordingListener) -> None:
+def test_idle_agent_of_an_earlier_protocol_gets_no_print_and_must_be_replaced(tmp_path: Path):
+    async def scenario(manager: AgentManager, agent: OldAgent, listener: RecordingListener) -> None:
         assert listener.last is not None and listener.last.link is Link.FAULT and listener.last.outdated
         assert "farm up --replace a" in (listener.last.reason or "")
-        link = links._connections["a"]
+        connection = manager._connections["a"]
         for _ in range(3):
-            link.send(start(ends_by_s=900.0))
-            link.send(m.EndPrintBy(id=0, print_id="p", ends_by_s=900.0))
-            while link._pending:
+            connection.send(make_start(ends_by_s=900.0))
+            connection.send(m.EndPrintBy(id=0, print_id="p", ends_by_s=900.0))
+            while connection._pending:
                 await asyncio.sleep(0.01)
         # The print was not started, so its plate is assigned again.
-        assert listener.was_refused == [("p", True)] * 3
-        await links.replace("a")
+        assert listener.refusals == [("p", True)] * 3
+        await manager.replace("a")
         with pytest.raises(NoSuchThing):
-            await links.replace("b")
+            await manager.replace("b")
 
     agent = run_with_agent(tmp_path, False, scenario)
     assert [request["do"] for request in agent.requests] == ["shutdown"]
@@ -152,12 +152,12 @@ def test_idle_agent_of_an_earlier_protocol_gets_no_print_and_is_to_be_replaced(t
 
 
 def test_print_of_an_older_agent_continues_and_can_be_cancelled(tmp_path: Path):
-    async def scenario(links: AgentManager, agent: OldAgent, listener: RecordingListener) -> None:
+    async def scenario(manager: AgentManager, agent: OldAgent, listener: RecordingListener) -> None:
         assert listener.last is not None and listener.last.link is Link.BUSY and not listener.last.outdated
-        link = links._connections["a"]
-        link.send(m.EndPrintBy(id=0, print_id="p", ends_by_s=900.0))
-        link.send(m.CancelPrint(id=0, print_id="p"))
-        while link._pending:
+        connection = manager._connections["a"]
+        connection.send(m.EndPrintBy(id=0, print_id="p", ends_by_s=900.0))
+        connection.send(m.CancelPrint(id=0, print_id="p"))
+        while connection._pending:
             await asyncio.sleep(0.01)
 
     agent = run_with_agent(tmp_path, True, scenario)
@@ -166,18 +166,18 @@ def test_print_of_an_older_agent_continues_and_can_be_cancelled(tmp_path: Path):
 
 
 def test_refused_replacement_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    async def scenario(links: AgentManager, agent: OldAgent, listener: RecordingListener) -> None:
+    async def scenario(manager: AgentManager, agent: OldAgent, listener: RecordingListener) -> None:
         async def refuse(self: AgentClient, request: m.Request, timeout_s: float = 30.0) -> m.Reply:
             return m.Reply(id=1, error="it prints")
 
         monkeypatch.setattr(AgentClient, "request", refuse)
         with pytest.raises(Refused, match="it prints"):
-            await links.replace("a")
+            await manager.replace("a")
 
     run_with_agent(tmp_path, False, scenario)
 
 
-def test_client_sends_an_older_agent_known_requests_only(tmp_path: Path):
+def test_client_sends_only_known_requests_to_an_older_agent(tmp_path: Path):
     agent = OldAgent(tmp_path)
 
     async def scenario() -> None:
@@ -185,9 +185,11 @@ def test_client_sends_an_older_agent_known_requests_only(tmp_path: Path):
         client = AgentClient(tmp_path)
         await client.connect()
         await anext(aiter(client.snapshots()))
-        assert (await client.request(start())).error is None  # new fields have their defaults and are omitted
+        assert (
+            await client.request(make_start())
+        ).error is None  # new fields have their defaults and are omitted
         with pytest.raises(AgentTooOld):
-            await client.request(start(not_after_s=1.0))
+            await client.request(make_start(not_after_s=1.0))
         with pytest.raises(AgentTooOld):
             await client.request(m.ListPrints(id=0, since_s=0.0))
         with pytest.raises(AgentTooOld):
@@ -201,14 +203,14 @@ def test_client_sends_an_older_agent_known_requests_only(tmp_path: Path):
 
 
 def test_new_request_is_not_sent_to_an_older_agent():
-    class ReplacementSteps(m.Hello):
+    class NewerRequest(m.Hello):
         first_protocol: ClassVar[int] = m.PROTOCOL + 1
 
-    assert m.encode_for_protocol(ReplacementSteps(id=1), m.PROTOCOL) is None
-    assert m.encode_for_protocol(ReplacementSteps(id=1), m.PROTOCOL + 1) is not None
+    assert m.encode_for_protocol(NewerRequest(id=1), m.PROTOCOL) is None
+    assert m.encode_for_protocol(NewerRequest(id=1), m.PROTOCOL + 1) is not None
 
 
-@pytest.mark.parametrize("request_", [start(not_after_s=1.0, ends_by_s=2.0), m.Hello(id=3)])
+@pytest.mark.parametrize("request_", [make_start(not_after_s=1.0, ends_by_s=2.0), m.Hello(id=3)])
 def test_agent_of_this_version_gets_every_request(request_: m.Request):
     line = m.encode_for_protocol(request_, m.PROTOCOL)
     assert line is not None and m.request_adapter.validate_json(line) == request_

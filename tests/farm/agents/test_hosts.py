@@ -65,7 +65,7 @@ class RecordingListener:
     def warn(self, topic: str, text: str | None) -> None:
         self.warnings[topic] = text
 
-    def knows_as_connected(self, host: str) -> bool:
+    def is_host_connected(self, host: str) -> bool:
         """Check whether the last event of a host, if any, is that it is connected."""
         kinds = [type(event) for event in self.events if getattr(event, "host", None) == host]
         return kinds[-1:] in ([], [ev.HostConnected])
@@ -164,7 +164,7 @@ def test_print_survives_the_death_of_the_host_service_and_of_the_network(
             )
             assert find_holder(pipe.paths.lock) != service
             assert {name: find_agent_pid(pipe.paths.find_agent_folder(name)) for name in NAMES} == old_pids
-            await wait_for(lambda: listener.knows_as_connected("pc-b"))
+            await wait_for(lambda: listener.is_host_connected("pc-b"))
             listener.events.clear()
             pipe.cut()
             await wait_for(lambda: listener.events)
@@ -178,7 +178,7 @@ def test_print_survives_the_death_of_the_host_service_and_of_the_network(
             )
             assert is_print_in(listener, PrintState.DONE), listener.last_snapshots["a"]
             assert find_agent_pid(pipe.paths.find_agent_folder("a")) == old_pids["a"]
-            await wait_for(lambda: listener.knows_as_connected("pc-b"))
+            await wait_for(lambda: listener.is_host_connected("pc-b"))
             assert [type(event) for event in listener.events] == [ev.HostLost, ev.HostConnected]
 
     asyncio.run(scenario())
@@ -191,14 +191,14 @@ def is_print_in(listener: RecordingListener, state: PrintState) -> bool:
 
 
 @pytest.mark.system
-def test_agents_are_watched_without_the_daemon_stopped_at_once_and_ended_with_the_farm(
+def test_host_service_restarts_an_agent_without_the_daemon_and_passes_on_estop_and_shutdown(
     tmp_path: Path, pipe: HostPipe
 ):
     state, listener, clock = StateFolder(tmp_path / "here"), RecordingListener(), Clock(SCALE, time.time())
     state.make()
     folders = {name: pipe.paths.find_agent_folder(name) for name in NAMES}
 
-    async def wait_until_killed() -> None:
+    async def kill_agent_and_wait_for_restart() -> None:
         async with connect_agents(pipe, state, clock, listener):
             await wait_for(lambda: listener.list_links() == {Link.READY})
         killed_pid = find_agent_pid(folders["a"])
@@ -206,7 +206,7 @@ def test_agents_are_watched_without_the_daemon_stopped_at_once_and_ended_with_th
         os.kill(killed_pid, signal.SIGKILL)
         await wait_for(lambda: find_agent_pid(folders["a"]) not in (None, killed_pid))
 
-    asyncio.run(wait_until_killed())
+    asyncio.run(kill_agent_and_wait_for_restart())
     fleet = tmp_path / "fleet.yaml"
     rows = "".join(f"  - {{name: {name}, model: {MODEL}, port: 'sim://{MODEL}'}}\n" for name in NAMES)
     fleet.write_text(
@@ -219,14 +219,14 @@ def test_agents_are_watched_without_the_daemon_stopped_at_once_and_ended_with_th
     assert len(pipe.pids) == connections + 1
     assert all(read_status(folder / "emulator").resets for folder in folders.values())
 
-    async def wait_until_ended() -> None:
+    async def shut_down_and_wait() -> None:
         async with connect_agents(pipe, state, clock, listener) as manager:
             listener.last_snapshots.clear()
             await wait_for(lambda: not listener.list_links() & {Link.STARTING, Link.CONNECTING})
             await manager.shut_down_agents()
             await wait_for(lambda: not any(map(is_alive, folders.values())))
 
-    asyncio.run(wait_until_ended())
+    asyncio.run(shut_down_and_wait())
     pipe.cut()
     results: list[StopResult] = []
     stop_host("pc-b", pipe.command, "test", [StartFile("b", MODEL, f"sim://{MODEL}")], results.append)

@@ -90,15 +90,15 @@ def test_hung_agent_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     try:
         asyncio.run(scenario())
     finally:
-        number = find_agent_pid(state.agent("a"))
-        if number is not None:
-            os.kill(number, signal.SIGKILL)
+        pid = find_agent_pid(state.agent("a"))
+        if pid is not None:
+            os.kill(pid, signal.SIGKILL)
         if emulator_is_running(state.agent("a") / "emulator"):
             control(state.agent("a") / "emulator", "power_off")
 
 
 @pytest.mark.system
-def test_agent_that_has_just_started_is_ended_too(tmp_path: Path):
+def test_shutdown_ends_an_agent_that_has_just_started(tmp_path: Path):
     state, fleet, listener = make_simulated_farm(tmp_path)
 
     async def scenario() -> None:
@@ -155,7 +155,7 @@ def test_agents_agree_on_deadlines_with_a_daemon_whose_clock_was_set(step_s: flo
     assert daemon.now() - received_print.started_s == pytest.approx(0.0, abs=tolerance_s + 5.0)
     deadline_s = daemon.now() + 600.0
     sent_request = to_agent_clock(
-        start(None, deadline_s), compute_clock_offset_s(snapshot, daemon), deadline_s
+        make_start(None, deadline_s), compute_clock_offset_s(snapshot, daemon), deadline_s
     )
     assert isinstance(sent_request, m.StartPrint)
     assert sent_request.not_after_s is not None and sent_request.not_after_s - agent.now() == pytest.approx(
@@ -181,30 +181,30 @@ def test_start_is_sent_with_its_limits_and_changed_limits_later(tmp_path: Path):
     links = AgentManager(
         Fleet.model_validate({"printers": []}), StateFolder(tmp_path), Clock(), RecordingListener()
     )
-    run_connection = RecordingConnection()
-    links._connections["a"] = run_connection  # type: ignore[assignment]
+    recorder = RecordingConnection()
+    links._connections["a"] = recorder  # type: ignore[assignment]
     begin = ev.SendStart(print_id="p", printer="a", not_after_s=500.0, ends_by_s=900.0)
     links.perform(begin, books, tmp_path)
     links.perform(ev.SendEndBy(print_id="p", printer="a", ends_by_s=800.0), books, tmp_path)
-    start, end = run_connection.requests
+    start, end = recorder.requests
     assert isinstance(start, m.StartPrint) and (start.not_after_s, start.ends_by_s) == (500.0, 900.0)
     assert end == m.EndPrintBy(id=0, print_id="p", ends_by_s=800.0)
 
 
-def start(not_after_s: float | None, ends_by_s: float | None) -> m.StartPrint:
+def make_start(not_after_s: float | None, ends_by_s: float | None) -> m.StartPrint:
     facts = {"print_id": "p", "gcode": None, "sha256": "0", "print_time_s": 1.0, "filament": "parked"}
     return m.StartPrint.model_validate({"id": 0, **facts, "not_after_s": not_after_s, "ends_by_s": ends_by_s})
 
 
 def test_requests_have_times_on_the_clock_of_the_agent():
-    sent_request = to_agent_clock(start(None, None), -3600.0, 1000.0)
-    assert sent_request == start(4600.0, None)
-    assert to_agent_clock(start(500.0, 2000.0), -3600.0, 1000.0) == start(4100.0, 5600.0)
-    assert to_agent_clock(start(5000.0, 2000.0), 0.0, 1000.0) == start(1000.0, 2000.0)
+    sent_request = to_agent_clock(make_start(None, None), -3600.0, 1000.0)
+    assert sent_request == make_start(4600.0, None)
+    assert to_agent_clock(make_start(500.0, 2000.0), -3600.0, 1000.0) == make_start(4100.0, 5600.0)
+    assert to_agent_clock(make_start(5000.0, 2000.0), 0.0, 1000.0) == make_start(1000.0, 2000.0)
     end = m.EndPrintBy(id=0, print_id="p", ends_by_s=2000.0)
     assert to_agent_clock(end, 500.0, 1000.0) == end.model_copy(update={"ends_by_s": 1500.0})
-    free_request = end.model_copy(update={"ends_by_s": None})
-    for request in (free_request, m.Hello(id=0)):
+    unlimited_request = end.model_copy(update={"ends_by_s": None})
+    for request in (unlimited_request, m.Hello(id=0)):
         assert to_agent_clock(request, 500.0, 1000.0) == request
 
 
@@ -230,7 +230,7 @@ def test_renamed_printer_opens_the_port_of_its_former_agent(
     async def scenario() -> None:
         old_manager = AgentManager(make_fleet("old"), state, clock, listener)
         old_manager.start(())
-        await wait_until(old_manager, Link.FAULT)  # no person has allowed to open the port
+        await wait_until(old_manager, Link.FAULT)  # no person has allowed the port to be opened yet
         old_manager.perform(ev.SendCleared(printer="old", filament=None), Books(), tmp_path)
         await wait_until(old_manager, Link.READY)
         await old_manager.close()
@@ -317,16 +317,16 @@ class TalkingClient(FakeClient):
 def test_internal_error_does_not_stop_listening_to_an_agent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(connection, "RETRY_S", 0.001)
 
-    class FaultyConnection(RecordingListener):
+    class FaultyListener(RecordingListener):
         snapshots = 0
 
         def on_snapshot(self, snapshot: AgentSnapshot) -> None:
             self.snapshots += 1
             if self.snapshots < 5:
-                raise ZeroDivisionError("a fault of ours")
+                raise ZeroDivisionError("internal error")
             super().on_snapshot(snapshot)
 
-    async def main(listener: FaultyConnection) -> None:
+    async def main(listener: FaultyListener) -> None:
         link = AgentConnection("a", None, StateFolder(tmp_path), Clock(), listener)
         link._client = TalkingClient()  # type: ignore[assignment]
         listen_task = asyncio.ensure_future(link._listen())
@@ -337,19 +337,19 @@ def test_internal_error_does_not_stop_listening_to_an_agent(tmp_path: Path, monk
         link._stopping = True
         await listen_task
 
-    asyncio.run(main(FaultyConnection()))
+    asyncio.run(main(FaultyListener()))
 
 
 @pytest.mark.parametrize(("port", "bed_clear"), [("/dev/ttyACM0", None), (f"sim://{MODEL}", True)])
-def test_snapshot_of_another_printer_is_ignored_and_only_an_emulator_reports_its_bed(
+def test_snapshot_counts_for_the_printer_of_its_agent_and_only_an_emulator_reports_its_bed(
     tmp_path: Path, port: str, bed_clear: bool | None
 ):
-    wrong_snapshot = m.Snapshot(
+    misnamed_snapshot = m.Snapshot(
         protocol=m.PROTOCOL, printer="b", agent_pid=7, link=m.LinkState.READY, bed_clear=True
     )
 
     async def scenario(link, client):  # type: ignore[no-untyped-def]
-        client.snapshot = wrong_snapshot
+        client.snapshot = misnamed_snapshot
         link.send(m.CancelPrint(id=0, print_id="x"))
 
     _, listener = run_connection(tmp_path, scenario, port)

@@ -30,7 +30,7 @@ PRINTERS = {f"{host}-{number}": host for host in HOSTS for number in (1, 2)}
 ALL_DELAYS_S = 100.0  # longer than all delays of losses and of notices together
 
 
-class SetClock:
+class ManualClock:
     """Clock that is set by the test."""
 
     scale, anchor_s, ahead_s = 1.0, 0.0, 0.0
@@ -43,17 +43,17 @@ class SetClock:
 
 
 class LostHosts(RuleBasedStateMachine):
-    """A daemon's hosts and controller. Every loss of a host that lasts is in one notice, and in one only."""
+    """A daemon's hosts and controller. Every lasting loss of a host is in exactly one notice."""
 
     @initialize()
     def make_farm(self):
         self.folder = tempfile.TemporaryDirectory()
-        self.clock = SetClock()
+        self.clock = ManualClock()
         facts = {"model": PLUS, "port": f"sim://{PLUS}", "host_command": "farm host"}
         rows = [{"name": name, "host": host, **facts} for name, host in PRINTERS.items()]
         self.fleet = Fleet.model_validate({"printers": rows})
         self.sent_keys, self.losses = set(), Counter()
-        self.noticed = Counter()  # by host and number of its loss
+        self.notice_counts = Counter()  # by host and number of its loss
         self.open_daemon()
         for host in HOSTS:
             self.reconnect_host(host)
@@ -115,9 +115,9 @@ class LostHosts(RuleBasedStateMachine):
         for notice in notices:
             hosts = {loss.host for loss in host_losses if loss is not None and loss.at_s == notice.at_s}
             assert notice.key.startswith("hosts ") and hosts, notice
-            self.noticed.update((host, self.losses[host]) for host in hosts)
+            self.notice_counts.update((host, self.losses[host]) for host in hosts)
         self.sent_keys |= {notice.key for notice in notices}
-        assert set(self.noticed.values()) <= {1}, self.noticed
+        assert set(self.notice_counts.values()) <= {1}, self.notice_counts
 
     @precondition(lambda self: self.controller.books.lost_hosts)
     @rule()
@@ -125,7 +125,7 @@ class LostHosts(RuleBasedStateMachine):
         self.clock.now_s += ALL_DELAYS_S
         self.notify()
         for host in self.controller.books.lost_hosts:
-            assert self.noticed[host, self.losses[host]] == 1, host
+            assert self.notice_counts[host, self.losses[host]] == 1, host
 
     def teardown(self):
         if hasattr(self, "store"):

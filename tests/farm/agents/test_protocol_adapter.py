@@ -54,7 +54,7 @@ def test_bed_is_reported_by_emulators_only():
     assert convert_snapshot(snapshot).bed_clear is None
 
 
-def test_agent_reports_its_own_printer_only():
+def test_snapshot_is_attributed_to_the_printer_of_its_agent():
     assert convert_snapshot(make_snapshot(printer="b")).printer == "a"
 
 

@@ -37,7 +37,7 @@ from hosts.silent_network import SilentRoute
 MODEL = "ultimaker2_plus"
 SCALE = 120.0
 DEADLINE_S = 60.0
-OUTAGE_S = 600.0  # of the farm's clock
+OUTAGE_S = 600.0  # by the farm's clock
 SSHD = shutil.which("sshd", path="/usr/sbin:/usr/local/sbin:" + os.environ["PATH"])
 HEAD = "G21\nG90\nM82\nM107\nG28\nM109 S210\nG1 F2400 Z20\nG92 E0\nG1 F47 E7.8\nG92 E0\n"
 TAIL = "G92 E0\nG1 F1500 E-6.5\nM104 S0\nM140 S0\nM107\nG91\nG1 F1500 E-13.5\nG90\nG28\nM84\n"
@@ -120,7 +120,7 @@ class Sshd:
 
     def reconnect(self) -> None:
         if os.getuid() == 0:
-            Path("/run/sshd").mkdir(exist_ok=True)  # what openssh-server's own unit would make
+            Path("/run/sshd").mkdir(exist_ok=True)  # as openssh-server's own unit does
         arguments = [str(SSHD), "-D", "-e", "-f", str(self._folder / "sshd")]
         self._server = subprocess.Popen(arguments, stderr=subprocess.DEVNULL, start_new_session=True)
 
@@ -140,26 +140,26 @@ class Sshd:
 
 
 def _has_sshd_user() -> bool:
-    """Return whether sshd can separate privileges, for which, as root, it needs a separate user."""
+    """Return whether sshd can separate privileges; as root it needs a user of its own for that."""
     with suppress(KeyError):
         return os.getuid() != 0 or bool(pwd.getpwnam("sshd"))
     return False
 
 
-def list_children(number: int) -> list[int]:
+def list_children(pid: int) -> list[int]:
     """List the server's processes for its connections, without the processes that those started."""
     results = []
     for path in Path("/proc").glob("[0-9]*/stat"):
         with suppress(OSError):
             head, _, stat = path.read_text().rpartition(")")
-            if stat.split()[1] == str(number) and head.endswith("(sshd"):
+            if stat.split()[1] == str(pid) and head.endswith("(sshd"):
                 child = int(path.parent.name)
                 results += [child, *list_children(child)]
     return results
 
 
 class SilentNetwork(SilentRoute):
-    """Connection without an answer, which stays open."""
+    """Connection that stays open but no longer transmits."""
 
     def __init__(self, folder: Path) -> None:
         super().__init__()
@@ -184,9 +184,9 @@ def remote_host(
     finally:
         host.close()
         agent = tmp_path / "there" / "farm-agents" / "test" / "a"
-        number = find_agent_pid(agent)
-        if number is not None:
-            os.kill(number, signal.SIGKILL)
+        pid = find_agent_pid(agent)
+        if pid is not None:
+            os.kill(pid, signal.SIGKILL)
         if emulator_is_running(agent / "emulator"):
             control(agent / "emulator", "power_off")
 
@@ -274,9 +274,7 @@ def test_print_survives_a_network_failure_of_ten_minutes(
 
 
 @pytest.mark.system
-def test_printer_on_another_host_is_stopped_and_one_that_cannot_be_reached_is_named(
-    tmp_path: Path, remote_host: Any
-):
+def test_estop_stops_a_printer_on_another_host_and_names_an_unreachable_one(tmp_path: Path, remote_host: Any):
     command = f"XDG_STATE_HOME={tmp_path}/there {sys.executable} -m drivers.remote.bridge"
     fleet = tmp_path / "fleet.yaml"
     fleet.write_text(

@@ -14,7 +14,7 @@ UPDATES = st.dictionaries(
 )
 
 
-def test_one_host_is_first_and_the_others_follow_when_it_is_done():
+def test_one_host_is_updated_first_and_the_others_follow_when_it_is_done():
     assert plan_rollout({"a": CURRENT, "b": OUTDATED, "c": OUTDATED}, ()) == RolloutStep(begin=("b",))
     assert plan_rollout({"a": CURRENT, "b": RUNNING, "c": OUTDATED}, ("b",)) == RolloutStep()
     updates = plan_rollout({"a": OUTDATED, "b": CURRENT, "c": OUTDATED}, ("b",))
@@ -31,17 +31,17 @@ def test_host_that_failed_before_is_tried_again_by_a_new_update():
     assert plan_rollout({"a": FAILED}, ()) == RolloutStep(begin=("a",))
 
 
-def test_host_that_is_not_connected_is_waited_for():
+def test_rollout_waits_for_a_host_that_is_not_connected():
     assert plan_rollout({"a": None, "b": CURRENT}, ("b",)) == RolloutStep()
 
 
-def test_host_whose_service_was_restarted_begins_again():
+def test_update_begins_again_on_a_host_whose_service_was_restarted():
     assert plan_rollout({"a": OUTDATED, "b": OUTDATED}, ("a",)) == RolloutStep(begin=("a",))
     step = plan_rollout({"a": CURRENT, "b": OUTDATED, "c": RUNNING}, ("a", "b", "c"))
     assert step == RolloutStep(begin=("b",))
 
 
-def test_state_from_before_the_update_is_no_result_of_it():
+def test_state_from_before_an_update_is_not_taken_as_its_result():
     record = HostRecord("pc-b", ("a",), 100.0)
     failed_host = HostState(pid=1, update=FAILED)
     record.on_state(101.0, failed_host)
@@ -53,7 +53,7 @@ def test_state_from_before_the_update_is_no_result_of_it():
     assert record.update == FAILED
 
 
-def test_update_that_a_broken_connection_has_lost_begins_again():
+def test_update_begins_again_when_its_request_was_lost_with_the_connection():
     record = HostRecord("pc-b", ("a",), 100.0)
     record.on_state(101.0, HostState(pid=1, update=OUTDATED))
     record.on_update_begun()
@@ -76,7 +76,7 @@ def test_nothing_begins_before_the_first_host_is_done_nor_after_a_fault(updates,
         assert len(step.begin) <= 1
 
 
-def test_host_of_a_new_daemon_has_longer_to_connect_before_it_is_lost():
+def test_new_daemon_waits_longer_before_it_reports_a_host_as_lost():
     record = HostRecord("pc-b", ("a",), 100.0)
     record.on_lost(102.0, "no route")
     assert record.find_change(144.0, 1.0) is None

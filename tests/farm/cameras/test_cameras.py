@@ -35,7 +35,7 @@ class StoppedClock:
 
 
 class Rig:
-    """Farm of printers a (with a camera) and b, and a camera with the answers of a test."""
+    """Farm of the printers a, which has a camera, and b; the test sets the answers of the camera."""
 
     def __init__(self, folder):
         rows = [{"name": name, "model": PLUS, "port": f"sim://{PLUS}"} for name in "ab"]
@@ -57,7 +57,7 @@ class Rig:
             raise self.answer
         return self.answer
 
-    def print_one(self, state=PrintState.DONE):
+    def run_print(self, state=PrintState.DONE):
         self.controller.handle(
             ev.JobSubmitted(at_s=0.0, job=make_job()),
             ev.PlanningStarted(at_s=0.0, job=1),
@@ -115,7 +115,7 @@ def test_printer_without_a_camera_and_unknown_printers_are_errors(rig):
 
 
 @pytest.mark.parametrize("answer", [CameraError("it is dead"), ValueError("pass-w0rd")])
-def test_dead_camera_is_logged_once_and_is_asked_less_often(rig, caplog, answer):
+def test_dead_camera_is_logged_once_and_polled_less_often(rig, caplog, answer):
     caplog.set_level(logging.INFO)
     rig.answer = answer
 
@@ -141,7 +141,7 @@ def test_dead_camera_is_logged_once_and_is_asked_less_often(rig, caplog, answer)
     ("state", "moment"), [(PrintState.DONE, Moment.END), (PrintState.FAILED, Moment.FAILURE)]
 )
 def test_still_is_kept_with_the_print_when_it_ends(rig, state, moment):
-    print_id = rig.print_one(state)
+    print_id = rig.run_print(state)
     asyncio.run(rig.tick())
     rig.now_s += 10.0
     asyncio.run(rig.tick())
@@ -154,7 +154,7 @@ def test_still_is_kept_with_the_print_when_it_ends(rig, state, moment):
 
 
 def test_camera_that_answers_late_gives_a_still_within_a_minute(rig):
-    print_id = rig.print_one()
+    print_id = rig.run_print()
     rig.answer = CameraError("it is dead")
     asyncio.run(rig.tick())
     rig.answer = IMAGE
@@ -167,7 +167,7 @@ def test_camera_that_answers_late_gives_a_still_within_a_minute(rig):
 
 
 def test_still_that_cannot_be_stored_is_logged_and_changes_nothing(rig, caplog):
-    print_id = rig.print_one()
+    print_id = rig.run_print()
     rig.state.files.rmdir()
     asyncio.run(rig.tick())
     assert rig.controller.books.prints[print_id].stills == ()
@@ -184,7 +184,7 @@ def test_still_that_cannot_be_stored_is_logged_and_changes_nothing(rig, caplog):
 
 
 def test_stills_are_deleted_with_the_files_of_their_job(rig):
-    print_id = rig.print_one()
+    print_id = rig.run_print()
     asyncio.run(rig.tick())
     (still,) = rig.controller.books.prints[print_id].stills
     rig.controller.handle(
@@ -200,7 +200,7 @@ def test_hanging_camera_is_cancelled_at_the_end_of_the_daemon(rig):
 
     async def run():
         rig.cameras = Cameras(rig.controller, rig.state, hang, lambda: rig.now_s)
-        rig.print_one()
+        rig.run_print()
         rig.cameras.tick()
         await asyncio.sleep(0)
         await rig.cameras.close()
@@ -210,7 +210,7 @@ def test_hanging_camera_is_cancelled_at_the_end_of_the_daemon(rig):
 
 
 def test_address_of_a_camera_is_in_no_file_of_the_farm(rig):
-    rig.print_one()
+    rig.run_print()
     asyncio.run(rig.tick())
     rig.store.close()
     assert all(b"pass-w0rd" not in path.read_bytes() for path in rig.state.root.rglob("*") if path.is_file())

@@ -45,7 +45,7 @@ def test_dead_camera_is_polled_with_growing_intervals():
     assert state.begin(100.0).succeed().next_s == 102.0
 
 
-def open_print():
+def make_books_with_open_print():
     return apply_events(
         make_printing_books(),
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
@@ -53,7 +53,7 @@ def open_print():
     )[0]
 
 
-def report(layer, layers=100, state=PrintState.PRINTING, print_id="x"):
+def make_snapshots(layer, layers=100, state=PrintState.PRINTING, print_id="x"):
     agent_print = AgentPrint(
         print_id=print_id, state=state, fault=None, reason=None, progress_s=1.0, print_time_s=90.0,
         extruded=True, started_s=2.0, ended_s=None, layers=layers, layer=layer,
@@ -61,7 +61,7 @@ def report(layer, layers=100, state=PrintState.PRINTING, print_id="x"):
     return {"a": AgentSnapshot(printer="a", link=Link.BUSY, print=agent_print)}
 
 
-def find(books, snapshots, now_s=1000.0, scale=1.0, cameras=CAMERAS):
+def find_stills(books, snapshots, now_s=1000.0, scale=1.0, cameras=CAMERAS):
     return list(find_due_stills(books, snapshots, cameras, now_s, scale))
 
 
@@ -69,19 +69,19 @@ def find(books, snapshots, now_s=1000.0, scale=1.0, cameras=CAMERAS):
     ("snapshots", "due"),
     [
         ({}, False),
-        (report(None), False),
-        (report(1), False),
-        (report(2), True),
-        (report(10), True),
-        (report(11), False),  # the first layer is no longer visible
-        (report(3, layers=5), True),
-        (report(2, state=PrintState.PAUSED), False),  # its head is parked, but the bed is still warm
-        (report(2, print_id="another"), False),
+        (make_snapshots(None), False),
+        (make_snapshots(1), False),
+        (make_snapshots(2), True),
+        (make_snapshots(10), True),
+        (make_snapshots(11), False),  # the first layer is no longer visible
+        (make_snapshots(3, layers=5), True),
+        (make_snapshots(2, state=PrintState.PAUSED), False),  # its head is parked, but the bed is still warm
+        (make_snapshots(2, print_id="another"), False),
     ],
 )
 def test_still_of_the_first_layer_is_taken_when_complete(snapshots, due):
     due_stills = [DueStill("x", "a", Moment.FIRST_LAYER)] if due else []
-    assert find(open_print(), snapshots) == due_stills
+    assert find_stills(make_books_with_open_print(), snapshots) == due_stills
 
 
 @pytest.mark.parametrize(
@@ -92,23 +92,23 @@ def test_still_of_the_first_layer_is_taken_when_complete(snapshots, due):
     ],
 )
 def test_still_of_the_end_is_taken_within_a_minute(state, moment):
-    books, _ = apply_events(open_print(), make_end_event("x", state, at_s=200.0))
+    books, _ = apply_events(make_books_with_open_print(), make_end_event("x", state, at_s=200.0))
     due = [DueStill("x", "a", moment)]
-    assert find(books, {}, 200.0) == find(books, {}, 200.0 + END_STILL_S) == due
-    assert find(books, {}, 201.0 + END_STILL_S) == find(books, {}, 199.0) == []
-    assert find(books, {}, 200.0 + 50 * END_STILL_S, scale=50.0) == due
+    assert find_stills(books, {}, 200.0) == find_stills(books, {}, 200.0 + END_STILL_S) == due
+    assert find_stills(books, {}, 201.0 + END_STILL_S) == find_stills(books, {}, 199.0) == []
+    assert find_stills(books, {}, 200.0 + 50 * END_STILL_S, scale=50.0) == due
 
 
 def test_still_is_taken_once():
     still = Still(moment=Moment.FIRST_LAYER, at_s=4.0, file="s.jpg")
-    books, _ = apply_events(open_print(), ev.StillKept(at_s=4.0, print_id="x", still=still))
-    assert find(books, report(2)) == []
+    books, _ = apply_events(make_books_with_open_print(), ev.StillKept(at_s=4.0, print_id="x", still=still))
+    assert find_stills(books, make_snapshots(2)) == []
     books, _ = apply_events(books, make_end_event("x"))
-    assert find(books, {}, 200.0) == [DueStill("x", "a", Moment.END)]
+    assert find_stills(books, {}, 200.0) == [DueStill("x", "a", Moment.END)]
     later_still = still.model_copy(update={"file": "t.jpg"})
     books, _ = apply_events(books, ev.StillKept(at_s=5.0, print_id="x", still=later_still))
     assert books.prints["x"].stills == (later_still,)  # at most one for each moment
 
 
 def test_printer_without_a_camera_is_not_polled():
-    assert find(open_print(), report(2), cameras=frozenset({"b", "new"})) == []
+    assert find_stills(make_books_with_open_print(), make_snapshots(2), cameras=frozenset({"b", "new"})) == []

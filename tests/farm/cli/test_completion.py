@@ -1,4 +1,4 @@
-"""Completion of a shell after TAB."""
+"""Completion of arguments in the shell."""
 
 import os
 import socket
@@ -71,7 +71,7 @@ def test_names_with_the_prefix_are_offered(daemon, kind, incomplete, names):
 
 def test_completion_is_empty_and_silent_without_a_daemon(tmp_path, capfd):
     assert complete(completion.targets, "", socket=tmp_path / "farm.sock") == []
-    with socket.socket(socket.AF_UNIX) as listener:  # that does not speak HTTP
+    with socket.socket(socket.AF_UNIX) as listener:  # a server that does not speak HTTP
         listener.bind(str(tmp_path / "farm.sock"))
         listener.listen()
         thread = threading.Thread(target=lambda: listener.accept()[0].close())

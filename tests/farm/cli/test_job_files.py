@@ -58,7 +58,7 @@ def test_files_have_the_mode_that_the_umask_allows(tmp_path, mask, mode):
     assert {path.stat().st_mode & 0o777 for path in tmp_path.iterdir()} == {mode}
 
 
-def test_second_fetch_brings_only_what_is_missing(tmp_path):
+def test_second_fetch_downloads_only_missing_files(tmp_path):
     fetch_files(FakeClient(), 3, tmp_path)
     (tmp_path / "p01.stl").unlink()
     client = FakeClient()
@@ -112,7 +112,7 @@ def test_damaged_content_leaves_no_file(tmp_path, sent_content):
 
 
 def test_lost_connection_keeps_complete_files_only(tmp_path):
-    class LostConnection(FakeClient):
+    class DisconnectingClient(FakeClient):
         def download(self, number, name, write):
             if self.downloads:
                 write(b"G28")
@@ -120,7 +120,7 @@ def test_lost_connection_keeps_complete_files_only(tmp_path):
             super().download(number, name, write)
 
     with pytest.raises(FarmError, match="no daemon"):
-        fetch_files(LostConnection(), 3, tmp_path)
+        fetch_files(DisconnectingClient(), 3, tmp_path)
     assert read_folder(tmp_path) == {"p01.stl": CONTENTS["p01.stl"]}
 
 

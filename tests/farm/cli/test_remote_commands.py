@@ -1,4 +1,4 @@
-"""Commands that work from another host, and those that refuse that with the reason."""
+"""Commands that work from another host, and those that refuse to, with the reason."""
 
 import pytest
 from typer.testing import CliRunner

@@ -22,13 +22,13 @@ class Pool:
     def __init__(self, scratch):
         self.scratch = scratch
 
-    def run(self, use, **options):
-        """Run `use(workers)`, and return its result; assert that no process of the pool is left."""
+    def run(self, scenario, **options):
+        """Run `scenario(workers)`, and return its result; assert that no process of the pool remains."""
 
         async def main():
             workers = Workers(self.scratch, **{"count": 1, **options})
             try:
-                return await use(workers)
+                return await scenario(workers)
             finally:
                 workers.close()
 
@@ -51,14 +51,14 @@ def test_work_of_a_dead_worker_is_repeated(pool, tmp_path):
 
 
 def test_work_that_kills_every_worker_is_reported_and_the_next_runs(pool, tmp_path):
-    async def use(workers):
+    async def scenario(workers):
         match = r"decomposing ended its worker process 2 times \(SIGSEGV\)"
         with pytest.raises(FarmError, match=match) as error:
             await workers.run(work.die, signal.SIGSEGV, limit=DECOMPOSING)
         assert error.value.code is ErrorCode.LIMIT
         return await workers.run(work.get_pid)
 
-    assert has_ended(pool.run(use))
+    assert has_ended(pool.run(scenario))
 
 
 async def wait_until(condition):
@@ -70,31 +70,31 @@ async def wait_until(condition):
 def test_start_step_is_reported_until_a_worker_is_ready(pool, tmp_path):
     os.mkfifo(tmp_path / "fifo")
 
-    async def use(workers):
+    async def scenario(workers):
         await wait_until(lambda: workers.start_step == "compiling")
         await asyncio.to_thread((tmp_path / "fifo").write_text, "go on")
         await wait_until(lambda: workers.start_step is None)
         return await workers.run(work.get_pid)
 
-    assert pool.run(use, warm_up=partial(work.start_after, tmp_path / "fifo", tmp_path / "first"))
+    assert pool.run(scenario, warm_up=partial(work.start_after, tmp_path / "fifo", tmp_path / "first"))
 
 
 def test_work_is_given_to_a_started_worker(pool, tmp_path):
     os.mkfifo(tmp_path / "fifo")
 
-    async def use(workers):
+    async def scenario(workers):
         await wait_until(lambda: workers.start_step is None)
         return [await workers.run(work.get_pid) for _ in range(3)]
 
     warm_up = partial(work.start_after, tmp_path / "fifo", tmp_path / "first")
-    assert len(set(pool.run(use, count=2, warm_up=warm_up))) == 1
+    assert len(set(pool.run(scenario, count=2, warm_up=warm_up))) == 1
 
 
 @pytest.mark.parametrize("ending", ["dies", "is cancelled"])
 def test_worker_that_ends_does_not_affect_other_work(pool, tmp_path, ending):
     os.mkfifo(tmp_path / "fifo")
 
-    async def use(workers):
+    async def scenario(workers):
         other_task = asyncio.ensure_future(workers.run(work.write_line, tmp_path / "fifo", "hello"))
         if ending == "dies":
             with pytest.raises(FarmError, match="2 times"):
@@ -111,12 +111,12 @@ def test_worker_that_ends_does_not_affect_other_work(pool, tmp_path, ending):
         assert await asyncio.to_thread((tmp_path / "fifo").read_text) == "hello"
         return await other_task
 
-    # If it was repeated, the FIFO would have no reader.
-    assert pool.run(use, count=2) == "hello"
+    # If the task were repeated, the FIFO would have no reader.
+    assert pool.run(scenario, count=2) == "hello"
 
 
 def test_error_is_transferred_between_processes_unchanged(pool):
-    async def use(workers):
+    async def scenario(workers):
         with pytest.raises(FarmError, match="no such file") as error:
             await workers.run(work.raise_error)
         assert error.value.code is ErrorCode.FAILED
@@ -124,7 +124,7 @@ def test_error_is_transferred_between_processes_unchanged(pool):
         with pytest.raises(FarmError, match="UnpicklableError: this cannot travel"):
             await workers.run(work.raise_unpicklable_error)
 
-    pool.run(use)
+    pool.run(scenario)
 
 
 @pytest.mark.parametrize("ending", ["cancelled", "too long", "closed"])
@@ -132,7 +132,7 @@ def test_cancelled_work_leaves_no_process_and_no_file(pool, tmp_path, ending):
     """Detect the end of the engine by a FIFO, whose end of file comes when no process holds it open."""
     os.mkfifo(tmp_path / "fifo")
 
-    async def use(workers):
+    async def scenario(workers):
         limit = Limit("hanging", 0.0 if ending == "too long" else 1000.0)
         old_pids = workers.pids
         task = asyncio.ensure_future(workers.run(work.run_hanging_engine, tmp_path, limit=limit))
@@ -151,11 +151,11 @@ def test_cancelled_work_leaves_no_process_and_no_file(pool, tmp_path, ending):
                 assert await asyncio.to_thread(fifo.read) == ""
         assert all(has_ended(pid) for pid in old_pids)
         if ending != "closed":
-            # A new worker replaces it, and only the folder of that exists.
+            # A new worker replaces it, and only the new worker's folder exists.
             assert await workers.run(work.get_pid) not in old_pids
             assert list(pool.scratch.iterdir()) == [await workers.run(work.find_temporary_folder)]
 
-    pool.run(use)
+    pool.run(scenario)
 
 
 def test_urgent_work_runs_first_and_a_cancelled_task_frees_its_worker(pool, tmp_path):
@@ -167,7 +167,7 @@ def test_urgent_work_runs_first_and_a_cancelled_task_frees_its_worker(pool, tmp_
         await workers.run(work.get_pid, limit=Limit(name, 60.0, urgent))
         order.append(name)
 
-    async def use(workers):
+    async def scenario(workers):
         busy_task = asyncio.ensure_future(workers.run(work.write_line, tmp_path / "fifo", "hello"))
         await asyncio.sleep(0)
         second_task = asyncio.ensure_future(workers.run(work.write_line, tmp_path / "urgent", "hello"))
@@ -182,14 +182,14 @@ def test_urgent_work_runs_first_and_a_cancelled_task_frees_its_worker(pool, tmp_
         await asyncio.to_thread((tmp_path / "urgent").read_text)
         await second_task
 
-    pool.run(use)
+    pool.run(scenario)
     assert order == ["model", "plate 1", "plate 2"]
 
 
 def test_quick_task_does_not_wait_while_all_workers_are_busy(pool):
     """Run a dry run, which takes a second, while a model is decomposed for minutes."""
 
-    async def use(workers):
+    async def scenario(workers):
         long_tasks = [asyncio.ensure_future(workers.run(work.pause, limit=DECOMPOSING)) for _ in range(2)]
         await asyncio.sleep(0)
         assert len(workers.pids) == 1  # the second waits
@@ -204,13 +204,13 @@ def test_quick_task_does_not_wait_while_all_workers_are_busy(pool):
             task.cancel()
         await asyncio.gather(*long_tasks, return_exceptions=True)
 
-    pool.run(use)
+    pool.run(scenario)
 
 
 def test_all_work_is_refused_once_the_pool_is_closed(pool):
     """Close the pool while one model is checked and another one waits for a worker."""
 
-    async def use(workers):
+    async def scenario(workers):
         tasks = [asyncio.ensure_future(workers.run(work.pause, limit=DECOMPOSING)) for _ in range(2)]
         await asyncio.sleep(0)
         workers.close()
@@ -218,7 +218,7 @@ def test_all_work_is_refused_once_the_pool_is_closed(pool):
             with pytest.raises(FarmError, match="shutting down"):
                 await task
 
-    pool.run(use)
+    pool.run(scenario)
 
 
 def test_groups_share_the_workers_evenly(pool, tmp_path):
@@ -231,7 +231,7 @@ def test_groups_share_the_workers_evenly(pool, tmp_path):
         await PoolShare(workers, group).run(work.get_pid, limit=DECOMPOSING)
         order.append(group)
 
-    async def use(workers):
+    async def scenario(workers):
         large_share, small_share = PoolShare(workers, "big"), PoolShare(workers, "small")
         busy_task = [
             asyncio.ensure_future(
@@ -247,12 +247,12 @@ def test_groups_share_the_workers_evenly(pool, tmp_path):
         await asyncio.to_thread((tmp_path / "two").read_text)
         await asyncio.gather(*busy_task)
 
-    pool.run(use, count=2)
+    pool.run(scenario, count=2)
     assert order == ["small", "big", "big"]
 
 
 def test_oversized_model_ends_with_advice(pool):
-    async def use(workers):
+    async def scenario(workers):
         assert await workers.run(work.allocate_memory, 0.1) > 10**8
         with pytest.raises(FarmError, match=r"not enough memory for decomposing \(.* 2.0 GB\)") as error:
             await workers.run(work.allocate_memory, 3.0, limit=DECOMPOSING)
@@ -260,7 +260,7 @@ def test_oversized_model_ends_with_advice(pool):
         assert await workers.run(work.read_oom_score) > work.read_oom_score()
         return await workers.run(work.allocate_memory, 0.1)
 
-    assert pool.run(use, memory_gb=2.0) > 10**8
+    assert pool.run(scenario, memory_gb=2.0) > 10**8
 
 
 def test_failed_worker_start_is_retried(pool, monkeypatch):
@@ -273,14 +273,14 @@ def test_failed_worker_start_is_retried(pool, monkeypatch):
                 raise OSError("no space left")
             super().__init__(*arguments)
 
-    async def use(workers):
+    async def scenario(workers):
         monkeypatch.setattr("farm.compute.worker_pool.Worker", FullDisk)
         monkeypatch.setattr("farm.compute.worker_pool._RETRY_S", 0.0)
         with pytest.raises(FarmError, match="2 times"):
             await workers.run(work.die)
         return await workers.run(work.get_pid)
 
-    assert pool.run(use) > 0
+    assert pool.run(scenario) > 0
     assert FullDisk.successes_left < 0
 
 
@@ -288,10 +288,10 @@ def test_engine_is_not_bound_by_the_memory_limit_of_its_worker(pool, tmp_path):
     """Run an engine that reserves 9 MB for each of 300 layers, and uses almost none of it."""
     trimesh.creation.box((8.0, 8.0, 60.0)).export(tmp_path / "rod.stl")
 
-    async def use(workers):
+    async def scenario(workers):
         return await workers.run(work.slice_rod, tmp_path)
 
-    assert pool.run(use, memory_gb=1.0) == 300
+    assert pool.run(scenario, memory_gb=1.0) == 300
 
 
 def test_memory_of_a_worker_is_its_share_or_the_minimum():
@@ -302,7 +302,7 @@ def test_memory_of_a_worker_is_its_share_or_the_minimum():
 
 
 def test_a_pool_is_idle_while_a_worker_is_free_for_any_task(pool):
-    async def use(workers):
+    async def scenario(workers):
         idle_states = [workers.has_idle]
         run_task = asyncio.ensure_future(workers.run(work.get_pid, limit=DECOMPOSING))
         await asyncio.sleep(0)
@@ -310,4 +310,4 @@ def test_a_pool_is_idle_while_a_worker_is_free_for_any_task(pool):
         await run_task
         return [*idle_states, workers.has_idle]
 
-    assert pool.run(use) == [True, False, True]
+    assert pool.run(scenario) == [True, False, True]

@@ -190,7 +190,7 @@ def test_job_is_planned_while_every_bed_is_full(farm, plan):
     view = describe_job(farm.view_context(STATE), farm.controller.books.jobs[1])
     assert view.waits_for_person
     assert {plate.hold.code for plate in view.plates} == {HoldCode.BED_NOT_CLEAR}
-    assert view.grams and view.estimated_s and view.eta  # a person can leave
+    assert view.grams and view.estimated_s and view.eta  # known before a bed is clear
     assert list_tasks(farm.view_context(STATE))[0].printers == ["a", "b"]
     farm.clear_bed("a")
     assert [attempt.plate for attempt in farm.controller.books.open_prints()] == ["1/01"]
@@ -212,7 +212,7 @@ def test_second_job_is_planned_and_forecast_while_the_first_prints(farm, plan):
     assert farm.controller.books.jobs[2].planned_for == ("a", "b")
 
 
-def test_printer_in_fault_is_unused_with_a_reason(farm):
+def test_printer_with_a_fault_is_not_used_and_shows_its_reason(farm):
     farm.ready("a", link=Link.FAULT, reason="it does not get warm")
     view = describe_printer(farm.view_context(STATE), farm.controller.fleet.printer("a"), None)
     assert (view.state, view.look) == ("fault", "it does not get warm")

@@ -107,7 +107,7 @@ class ForecastSimulation:
     def step(self):
         """Advance to the time of the next change; return False if there is none."""
         self.start_prints()
-        edge_s = self.next_edge_s()
+        edge_s = self.find_next_edge_s()
         next_s = min(self.pending_steps[0][0] if self.pending_steps else float("inf"), edge_s)
         if next_s == float("inf") or next_s > self.end_s:
             return False
@@ -118,7 +118,7 @@ class ForecastSimulation:
         self.take_step(next_s)
         return True
 
-    def next_edge_s(self):
+    def find_next_edge_s(self):
         """Return the time at which hours or start times change next."""
         rules, now_s = self.controller.rules, self.clock.now_s
         starts = (job.not_before_s for job in self.controller.books.jobs.values() if not job.state.ended)
@@ -174,7 +174,7 @@ rule_sets = st.fixed_dictionaries(
     23,
     [1013, 1084, 861, 640],
 )
-# A print of a job that may use so many printers ends at the moment at which another bed is clear.
+# A print of a job at its limit of printers ends at the moment when another bed becomes clear.
 @example(
     [
         ([4.25, 4.5, 3.5, 5.0, 0.75], JobOptions(printers=3)),

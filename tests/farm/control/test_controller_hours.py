@@ -48,8 +48,8 @@ def farm(tmp_path):
     return farm
 
 
-def report(farm, state=PrintState.PRINTING, **changes):
-    """Build a snapshot of the agent of `a` about its print."""
+def report_print(farm, state=PrintState.PRINTING, **changes):
+    """Report the print on `a` like its agent, and return its record before the report."""
     attempt = farm.controller.books.open_print_on("a")
     facts = {"fault": None, "reason": None, "progress_s": 5.0, "print_time_s": 90.0, "extruded": True}
     facts |= {"started_s": FRIDAY_S, "ended_s": None, "ends_by_s": STOP_S, **changes}
@@ -73,21 +73,21 @@ def test_print_gets_its_latest_start_and_end(farm):
 
 
 def test_changed_hours_are_sent_to_the_agent(farm):
-    attempt = report(farm)
+    attempt = report_print(farm)
     instructions = [i for i in farm.effects.instructions if isinstance(i, ev.SendEndBy)]
     assert instructions == []
-    report(farm, ends_by_s=STOP_S - 3600.0)
+    report_print(farm, ends_by_s=STOP_S - 3600.0)
     assert farm.effects.instructions[-1] == ev.SendEndBy(print_id=attempt.id, printer="a", ends_by_s=STOP_S)
-    report(farm, ends_by_s=None)
+    report_print(farm, ends_by_s=None)
     assert farm.effects.instructions[-1].ends_by_s == STOP_S
     instruction_count = len(farm.effects.instructions)
-    [removed_section] = (p for p in farm.controller.fleet.printers if p.name == "b")
+    [remaining_section] = (p for p in farm.controller.fleet.printers if p.name == "b")
     fleet = farm.controller.fleet
     # `a` was removed from the fleet.
-    farm.controller.fleet = fleet.model_copy(update={"printers": (removed_section,)})
-    report(farm, ends_by_s=STOP_S - 3600.0)
+    farm.controller.fleet = fleet.model_copy(update={"printers": (remaining_section,)})
+    report_print(farm, ends_by_s=STOP_S - 3600.0)
     farm.controller.fleet = fleet
-    report(farm, PrintState.ENDING)
+    report_print(farm, PrintState.ENDING)
     assert len(farm.effects.instructions) == instruction_count
 
 
@@ -110,21 +110,21 @@ def test_late_start_is_refused_and_its_plate_waits(farm):
 
 
 def test_print_beyond_the_hours_is_a_task_before_its_end(farm):
-    report(farm)
+    report_print(farm)
     assert list_deadline_tasks(farm) == []
-    report(farm, progress_s=10.0, print_time_s=90.0)
+    report_print(farm, progress_s=10.0, print_time_s=90.0)
     farm.controller.clock.now_s = STOP_S - 20.0
     (item,) = list_deadline_tasks(farm)
     assert item.code == "hours" and item.printers == ["a"]
     assert "ends at Fri 17:45" in item.text and "attended" in item.text
-    report(farm, PrintState.ENDING)
+    report_print(farm, PrintState.ENDING)
     assert list_deadline_tasks(farm) == []
 
 
 def test_pause_is_resumed_in_attended_hours_only(farm):
-    report(farm)
+    report_print(farm)
     farm.printers.pause("a", True, "ann")
-    report(farm, PrintState.PAUSED, pause_ends_s=STOP_S + 3600.0)
+    report_print(farm, PrintState.PAUSED, pause_ends_s=STOP_S + 3600.0)
     assert [item.text for item in list_deadline_tasks(farm)] == [
         "resume a by Fri 17:45, or its print will be ended: `farm resume a`"
     ]
@@ -137,22 +137,24 @@ def test_pause_is_resumed_in_attended_hours_only(farm):
 
 
 def test_job_is_resumed_only_if_its_printers_may_continue(farm):
-    report(farm)
+    report_print(farm)
     farm.jobs.pause(1, True, "ann")
-    report(farm, PrintState.PAUSED)
+    report_print(farm, PrintState.PAUSED)
     farm.controller.clock.now_s = parse_time("2026-11-20 19:00")
     with pytest.raises(Refused, match=r"^a prints only in attended hours .*: from Mon 08:00 \(UTC\)$"):
         farm.jobs.pause(1, False, "ann")
     assert farm.controller.books.jobs[1].paused
-    report(farm, PrintState.FAILED, fault="hours_ended", reason="nobody was to be there", ended_s=STOP_S)
+    report_print(
+        farm, PrintState.FAILED, fault="hours_ended", reason="nobody was to be there", ended_s=STOP_S
+    )
     farm.jobs.pause(1, False, "ann")  # its waiting plates have their own start time
     assert not farm.controller.books.jobs[1].paused
 
 
 def test_end_of_hours_is_not_charged_to_the_plate_and_needs_an_inspection(farm):
-    attempt = report(farm)
+    attempt = report_print(farm)
     end_fields = {"fault": "hours_ended", "reason": "nobody was to be there any more", "ended_s": STOP_S}
-    report(farm, PrintState.FAILED, **end_fields)
+    report_print(farm, PrintState.FAILED, **end_fields)
     books = farm.controller.books
     assert not books.prints[attempt.id].charged
     assert books.printer("a").attention_reason == "nobody was to be there any more"
@@ -163,7 +165,7 @@ def test_end_of_hours_is_not_charged_to_the_plate_and_needs_an_inspection(farm):
 @pytest.mark.parametrize("step_s", [3600.0, -3600.0])
 def test_clock_step_moves_hours_and_no_print(farm, step_s):
     """Keep the age of a print, whose agent reports the start on its present clock."""
-    attempt = report(farm)
+    attempt = report_print(farm)
     farm.controller.clock.now_s += 600.0
     age_s = farm.controller.clock.now() - farm.controller.books.prints[attempt.id].started_s
     farm.controller.clock.now_s += step_s
@@ -172,7 +174,7 @@ def test_clock_step_moves_hours_and_no_print(farm, step_s):
     assert farm.controller.clock.now() - moved_print.started_s == age_s
     assert moved_print.assigned_s == pytest.approx(attempt.assigned_s + step_s)
     assert farm.controller.clock.now() - farm.controller.started_s == pytest.approx(3600.0 + 600.0)
-    report(farm, started_s=moved_print.started_s, ends_by_s=STOP_S + step_s)  # on the former clock
+    report_print(farm, started_s=moved_print.started_s, ends_by_s=STOP_S + step_s)  # on the former clock
     if step_s < 0:
         assert farm.effects.instructions[-1] == ev.SendEndBy(
             print_id=attempt.id, printer="a", ends_by_s=STOP_S

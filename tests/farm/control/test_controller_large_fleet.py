@@ -61,7 +61,7 @@ def test_a_command_of_a_person_is_scheduled_at_once(farm):
     assert len(list_starts(farm)) == 1
 
 
-def test_a_start_that_was_left_for_later_is_dropped_once_it_is_impossible(farm):
+def test_postponed_start_is_dropped_once_it_is_impossible(farm):
     farm.ready("a", "b")
     farm.controller.tick()
     (started_printer,) = list_starts(farm)
@@ -74,7 +74,7 @@ def test_a_start_that_was_left_for_later_is_dropped_once_it_is_impossible(farm):
     assert list_starts(farm) == ["a", "b"]
 
 
-def test_starts_that_cannot_be_written_together_leave_the_books_as_they_were(farm, monkeypatch):
+def test_starts_that_cannot_be_written_together_leave_the_books_unchanged(farm, monkeypatch):
     monkeypatch.setattr(scheduler, "MAX_STARTS", 2)
     farm.ready("a", "b")
     books, commit = farm.controller.books, farm.store.commit
@@ -110,12 +110,12 @@ def make_farm(folder, plates, printers):
     return farm
 
 
-def list_pairs(farm):
+def list_assignments(farm):
     return sorted((attempt.plate, attempt.printer) for attempt in farm.controller.books.open_prints())
 
 
 @pytest.fixture
-def large(monkeypatch):
+def large_fleet(monkeypatch):
     monkeypatch.setattr(controller, "LARGE_FLEET", 1)
 
 
@@ -124,8 +124,8 @@ fleets = st.lists(st.integers(1, 4), min_size=1, max_size=4), st.integers(2, 8)
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=40)
 @given(*fleets, st.integers(1, 4))
-def test_portions_start_what_one_run_starts(large, plates, printers, portion):
-    """Decide the same in portions as at once, although each portion looks at its own jobs only."""
+def test_starts_in_portions_equal_those_of_one_run(large_fleet, plates, printers, portion):
+    """Make the same decisions in portions as at once, although each portion considers only its own jobs."""
     pairs = []
     for max_starts in (portion, 100):
         with TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
@@ -133,14 +133,14 @@ def test_portions_start_what_one_run_starts(large, plates, printers, portion):
             farm = make_farm(folder, plates, printers)
             for _ in range(20):
                 farm.controller.tick()
-            pairs.append(list_pairs(farm))
+            pairs.append(list_assignments(farm))
             farm.store.close()
     assert pairs[0] == pairs[1] and pairs[0]
 
 
 @settings(max_examples=40)
 @given(*fleets, st.data())
-def test_updated_situation_is_that_of_the_books_after_the_starts(plates, printers, data):
+def test_updated_situation_equals_one_built_after_the_starts(plates, printers, data):
     with TemporaryDirectory() as folder:
         farm = Farm(Path(folder), models=(PLUS,) * printers)
         plan_jobs(farm, plates)
@@ -188,7 +188,9 @@ CHANGES = {
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60)
 @given(*fleets, st.sampled_from(sorted(CHANGES)), st.data())
-def test_start_that_a_change_between_two_portions_forbids_is_dropped(large, plates, printers, change, data):
+def test_start_that_a_change_between_two_portions_forbids_is_dropped(
+    large_fleet, plates, printers, change, data
+):
     with TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
         patch.setattr(scheduler, "MAX_STARTS", 1)
         farm = make_farm(folder, plates, printers)
@@ -203,7 +205,7 @@ def test_start_that_a_change_between_two_portions_forbids_is_dropped(large, plat
         patch.setattr(controller, "LARGE_FLEET", 1)
         for _ in range(20):
             farm.controller.tick()
-        assert (start.plate, start.printer) not in list_pairs(farm)
+        assert (start.plate, start.printer) not in list_assignments(farm)
         prints = list(farm.controller.books.prints.values())
         assert len({attempt.printer for attempt in prints}) == len({attempt.plate for attempt in prints})
         assert len(prints) == len({attempt.plate for attempt in prints})
@@ -219,15 +221,15 @@ def lose_print(farm, printer):
     farm.ready(printer, link=Link.ABSENT, print=report)
 
 
-def test_no_start_that_was_left_for_later_begins_in_an_outage(large, monkeypatch, tmp_path):
+def test_postponed_starts_do_not_begin_in_an_outage(large_fleet, monkeypatch, tmp_path):
     monkeypatch.setattr(scheduler, "MAX_STARTS", 2)
     farm = make_farm(tmp_path / "farm", [6], 6)
     farm.controller.tick()
-    for _, printer in list_pairs(farm):
+    for _, printer in list_assignments(farm):
         lose_print(farm, printer)
     assert farm.controller.books.outage is not None and farm.controller.scheduler.has_later_starts
     farm.controller.tick()
-    assert list_pairs(farm) == [] and not farm.controller.scheduler.has_later_starts
+    assert list_assignments(farm) == [] and not farm.controller.scheduler.has_later_starts
     farm.printers.confirm_outage("ann")
     farm.controller.tick()
-    assert [printer for _, printer in list_pairs(farm)] == ["c", "d", "e", "f"]
+    assert [printer for _, printer in list_assignments(farm)] == ["c", "d", "e", "f"]

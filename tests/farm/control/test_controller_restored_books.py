@@ -32,7 +32,7 @@ PLATES = 4
 PLANNED_S = 1_790_000_000.0
 
 
-def run(simulation, folder, copy_minute, damage_minute, unreachable=(), away_minutes=0):
+def run_with_restore(simulation, folder, copy_minute, damage_minute, unreachable=(), away_minutes=0):
     """Run a job to its end, with books that are copied in one minute and damaged in a later one."""
     planned_minute, copy = None, folder / "copy.db"
     for minute in itertools.count():
@@ -58,7 +58,7 @@ def run(simulation, folder, copy_minute, damage_minute, unreachable=(), away_min
         simulation.step()
 
 
-def check(simulation):
+def check_books(simulation):
     books = simulation.controller.books
     done_prints = [p for p in books.prints.values() if p.state is PrintState.DONE]
     assert len(done_prints) == len(simulation.judged_prints) == PLATES
@@ -85,17 +85,17 @@ def test_restored_backup_neither_loses_nor_repeats_a_plate(
     """Include a person who approves at once, and agents that connect later."""
     folder = tmp_path_factory.mktemp("copied")
     simulation = FarmSimulation(folder, PLATES, bad_prints=(), files=files)
-    for _ in run(simulation, folder, copy_minute, damage_minute, unreachable, away_minutes):
+    for _ in run_with_restore(simulation, folder, copy_minute, damage_minute, unreachable, away_minutes):
         pass
     if files == PLATES:
         assert sorted(plate for plate, *_ in simulation.judged_prints) == [
             f"1/0{i + 1}" for i in range(PLATES)
         ]
-    check(simulation)
+    check_books(simulation)
 
 
 def restore_farm(folder, plates=1, first_print_id=None):
-    """Make a farm with books of the time after a job was planned, or its first plate assigned to `a`."""
+    """Make a farm with restored books: a job is planned, and its first plate may be assigned to `a`."""
     farm = Farm(folder)
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     event = make_plan_event(1, plates)
@@ -179,7 +179,7 @@ def test_print_without_a_plate_needs_a_person(unknown_print, tmp_path):
     state = StateFolder(tmp_path)
     (task,) = (item for item in list_tasks(farm.view_context(state)) if item.code == "look")
     assert task.printers == ["a"]
-    assert "it made a print after the backup of the database that match no waiting plate" in task.text
+    assert "after the backup of the database it made a print that matches no waiting plate" in task.text
     farm.controller.on_snapshot(AgentSnapshot(printer="a", link=Link.READY, print=unknown_print))
     assert task in list_tasks(farm.view_context(state))
     assert not farm.controller.books.prints

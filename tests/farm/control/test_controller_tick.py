@@ -30,7 +30,7 @@ class Clock:
 
 @pytest.fixture
 def calls(monkeypatch):
-    """Count the calls of the scheduler."""
+    """List the times of the scheduler's runs."""
     results = []
 
     def count_call(situation):

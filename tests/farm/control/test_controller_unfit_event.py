@@ -8,7 +8,7 @@ from farm.model import Bed, PrintState
 from farm.state import events as ev
 
 
-def test_unfit_snapshot_is_logged_and_the_rest_continues(tmp_path, monkeypatch, caplog):
+def test_unfit_snapshot_is_logged_and_other_printers_continue(tmp_path, monkeypatch, caplog):
     farm = Farm(tmp_path / "farm")
     farm.ready("a", "b", bed_clear=False)
     observe = telemetry.observe_idle_printer

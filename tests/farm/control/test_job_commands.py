@@ -52,7 +52,7 @@ def submit(farm, name="r", model=MODEL, **options):
     return farm.jobs.submit(name * 8, "m.stl", model, JobOptions(**options))[0]
 
 
-def plan_for(number, state, plates=2):
+def make_stored_plan(number, state, plates=2):
     """Make a plan whose G-code is in the file store."""
     event = make_plan_event(number, plates)
     gcode = b"G28\n"
@@ -62,14 +62,14 @@ def plan_for(number, state, plates=2):
     return Plan(event.parts, new_plates, (), 1.0, 500.0, 100.0, None)
 
 
-def describe_night_of(farm, state, number):
+def describe_job_timeline(farm, state, number):
     controller = farm.controller
     return describe_timeline(
         controller.build_view_context(state), number, controller.situations.build_for_forecast()
     )
 
 
-def starts(farm):
+def list_starts(farm):
     return [
         instruction.printer
         for instruction in farm.effects.instructions
@@ -79,7 +79,7 @@ def starts(farm):
 
 def test_changes_during_an_approval_are_noticed(farm, state, monkeypatch):
     number = submit(farm, hold=True)
-    farm.controller.on_plan(number, plan_for(number, state))
+    farm.controller.on_plan(number, make_stored_plan(number, state))
     plan = farm.controller.books.job(number).plan
 
     def cancel():
@@ -92,7 +92,7 @@ def test_changes_during_an_approval_are_noticed(farm, state, monkeypatch):
         with pytest.raises(Refused, match="is not waiting for approval: it is cancelled"):
             asyncio.run(farm.jobs.approve(number, plan, state, "ann"))
     other_job = submit(farm, "s", hold=True)
-    farm.controller.on_plan(other_job, plan_for(other_job, state))
+    farm.controller.on_plan(other_job, make_stored_plan(other_job, state))
 
     def start(section, fleet_options):
         farm.controller.handle(ev.JobApproved(at_s=1.0, job=other_job, by="ann"))
@@ -106,7 +106,7 @@ def test_changes_during_an_approval_are_noticed(farm, state, monkeypatch):
 
 def test_plan_of_an_earlier_version_is_approvable_after_a_restore(farm, state):
     number = submit(farm)
-    farm.controller.on_plan(number, plan_for(number, state))
+    farm.controller.on_plan(number, make_stored_plan(number, state))
     job = farm.controller.books.job(number).model_copy(update={"plan": None})
     farm.controller.books = put(farm.controller.books, job)
     farm.controller.handle(ev.BooksRestored(at_s=1.0, copied_s=0.0))
@@ -117,45 +117,45 @@ def test_plan_of_an_earlier_version_is_approvable_after_a_restore(farm, state):
 
 def test_held_plan_prints_only_after_approval_of_its_hash(farm, state):
     number = submit(farm, hold=True)
-    farm.controller.on_plan(number, plan_for(number, state))
+    farm.controller.on_plan(number, make_stored_plan(number, state))
     job = farm.controller.books.job(number)
     assert (job.state, job.hold.code) == (JobState.HELD, HoldCode.APPROVAL)
-    assert starts(farm) == []
+    assert list_starts(farm) == []
     with pytest.raises(Refused, match="check it again"):
         asyncio.run(farm.jobs.approve(number, "0" * 12, state, "ann"))
     asyncio.run(farm.jobs.approve(number, job.plan, state, "ann"))
-    assert starts(farm) == ["a", "b"]
+    assert list_starts(farm) == ["a", "b"]
     with pytest.raises(Refused, match="is not waiting for approval"):
         asyncio.run(farm.jobs.approve(number, job.plan, state, "ann"))
 
 
 def test_held_job_is_released_before_its_plan_or_after_it(farm, state):
     early_job, late_job = submit(farm, hold=True), submit(farm, "s", hold=True)
-    farm.controller.on_plan(late_job, plan_for(late_job, state))
+    farm.controller.on_plan(late_job, make_stored_plan(late_job, state))
     assert farm.controller.books.job(late_job).state is JobState.HELD
     for number in (early_job, late_job):
         with pytest.raises(Refused, match="only an operator"):
             asyncio.run(farm.jobs.release(number, state, "bob", is_operator=False))
         asyncio.run(farm.jobs.release(number, state, "bob", is_operator=True))
-    farm.controller.on_plan(early_job, plan_for(early_job, state))
+    farm.controller.on_plan(early_job, make_stored_plan(early_job, state))
     assert [farm.controller.books.job(n).state for n in (early_job, late_job)] == [JobState.PRINTING] * 2
 
 
 def test_plan_whose_files_changed_is_not_released(farm, state):
     number = submit(farm, hold=True)
-    farm.controller.on_plan(number, plan_for(number, state))
+    farm.controller.on_plan(number, make_stored_plan(number, state))
     (state.files / "g.gcode").write_bytes(b"G28 ; and more\n")
     with pytest.raises(Refused, match="has changed since it was planned"):
         plan = farm.controller.books.job(number).plan
         asyncio.run(farm.jobs.approve(number, plan, state, "ann"))
-    assert starts(farm) == []
+    assert list_starts(farm) == []
 
 
 def test_fleet_option_requires_approval_of_every_job(tmp_path, state):
     farm = Farm(tmp_path, approve=True)
     farm.ready("a", "b")
     number = submit(farm)
-    farm.controller.on_plan(number, plan_for(number, state))
+    farm.controller.on_plan(number, make_stored_plan(number, state))
     assert farm.controller.books.job(number).state is JobState.HELD
 
 
@@ -168,7 +168,7 @@ def test_reel_survives_a_restart_and_short_reels_start_nothing(farm, state, tmp_
     assert (reel.material, reel.colour, reel.grams, reel.nozzle_mm) == ("generic_abs", None, 700.0, 0.8)
     number = submit(farm, material="generic_pla")
     assert farm.effects.plans == [(number, ["a"], 1)]
-    farm.controller.on_plan(number, plan_for(number, state, plates=1))
+    farm.controller.on_plan(number, make_stored_plan(number, state, plates=1))
     hold = farm.controller.scheduler.find_plate_holds().get(f"{number}/01")
     assert hold.code is HoldCode.REEL_TOO_SHORT
     assert "a has 4 g, this plate needs 8 g" in hold.text
@@ -177,7 +177,7 @@ def test_reel_survives_a_restart_and_short_reels_start_nothing(farm, state, tmp_
     restarted_farm.ready("a", "b")
     assert restarted_farm.controller.fleet.printer("b").material == "generic_abs"
     asyncio.run(restarted_farm.printers.load_reel("a", LoadRequest(grams=300.0), "ann"))
-    assert starts(restarted_farm) == ["a"]
+    assert list_starts(restarted_farm) == ["a"]
     with pytest.raises(Refused, match="is printing"):
         asyncio.run(restarted_farm.printers.load_reel("a", LoadRequest(grams=300.0), "ann"))
 
@@ -203,25 +203,25 @@ def test_own_gcode_is_planned_during_decompositions(farm):
 
 
 def test_own_gcode_is_planned_beside_an_unprintable_job(farm):
-    """Plan G-code behind such a job at once, where a dry run once hung for ten minutes."""
+    """Plan G-code behind such a job at once; a dry run once waited ten minutes for it."""
     blocked_job = submit(farm, material="generic_abs")
     assert farm.controller.books.job(blocked_job).hold.code is HoldCode.NO_SUCH_PRINTER
     gcode_job = submit(farm, "s", GCODE, hold=True, dry_run=True)
     assert farm.effects.plans == [(gcode_job, ["a", "b"], 1)]
 
 
-def test_job_with_a_start_time_is_planned_at_once_and_starts_then(farm, state):
+def test_job_with_a_start_time_is_planned_at_once_and_starts_at_that_time(farm, state):
     start_at = datetime.fromtimestamp(farm.controller.clock.now() + 3600).astimezone().isoformat()
     later_job = submit(farm, at=start_at)
     assert farm.effects.plans == [(later_job, ["a", "b"], 1)]
-    farm.controller.on_plan(later_job, plan_for(later_job, state))
+    farm.controller.on_plan(later_job, make_stored_plan(later_job, state))
     assert {hold.code for hold in farm.controller.scheduler.find_plate_holds().values()} == {
         HoldCode.START_TIME
     }
     farm.controller.clock = type("Later", (), {"now": lambda _: farm.clock_s, "scale": 1.0})()
     farm.clock_s = farm.controller.books.job(later_job).not_before_s
     farm.controller.tick()
-    assert starts(farm) == ["a", "b"]
+    assert list_starts(farm) == ["a", "b"]
 
 
 def test_invalid_start_time_is_refused_at_submission(farm):
@@ -232,27 +232,27 @@ def test_invalid_start_time_is_refused_at_submission(farm):
 
 
 def test_missed_deadline_is_reported_with_the_earliest_end(farm, state):
-    def miss_deadline(seconds):
+    def list_deadline_notices(seconds):
         deadline = datetime.fromtimestamp(farm.controller.clock.now() + seconds).astimezone().isoformat()
         number = submit(farm, name=f"{seconds:03d}", done_by=deadline, hold=True)
-        farm.controller.on_plan(number, plan_for(number, state))
+        farm.controller.on_plan(number, make_stored_plan(number, state))
         return farm.controller.books.job(number).repairs
 
-    assert miss_deadline(3600) == ()
-    (notice,) = miss_deadline(50)
+    assert list_deadline_notices(3600) == ()
+    (notice,) = list_deadline_notices(50)
     assert notice.startswith("It cannot be printed by") and "the earliest possible time is" in notice
-    assert miss_deadline(600) == ()
+    assert list_deadline_notices(600) == ()
     for name in "ab":  # a person has to clear them first
         farm.controller.handle(
             ev.BedBecameUnknown(at_s=farm.controller.clock.now(), printer=name, reason="so")
         )
-    assert len(miss_deadline(601)) == 1
+    assert len(list_deadline_notices(601)) == 1
 
 
 def test_plan_of_several_materials_is_reported(farm, state):
     for name, other_material, notices in (("1", "generic_pla", 0), ("2", "generic_abs", 1)):
         number = submit(farm, name=name, hold=True)
-        plan = plan_for(number, state)
+        plan = make_stored_plan(number, state)
         first_plate, second_plate = plan.plates
         plates = (first_plate, second_plate.model_copy(update={"material": other_material}))
         farm.controller.on_plan(number, replace(plan, plates=plates))
@@ -261,7 +261,7 @@ def test_plan_of_several_materials_is_reported(farm, state):
         assert all("generic_abs and generic_pla" in notice for notice in result)
 
 
-def test_deadline_before_the_start_is_refused(farm):
+def test_deadline_without_a_date_follows_the_start_time(farm):
     number = submit(farm, at="22:00", done_by="08:00")
     job = farm.controller.books.job(number)
     assert job.done_by_s - job.not_before_s == pytest.approx(10 * 3600)
@@ -277,18 +277,18 @@ def test_deadline_of_the_assembly_leaves_time_to_glue(farm):
 
 
 def test_missed_deadline_of_the_assembly_is_reported(farm, state):
-    def miss_deadline(seconds):
+    def list_deadline_notices(seconds):
         deadline = datetime.fromtimestamp(farm.controller.clock.now() + seconds).astimezone().isoformat()
         number = submit(farm, name=f"{seconds:04d}", assembled_by=deadline, hold=True)
-        farm.controller.on_plan(number, replace(plan_for(number, state), assembly_s=3600.0))
+        farm.controller.on_plan(number, replace(make_stored_plan(number, state), assembly_s=3600.0))
         return farm.controller.books.job(number).repairs
 
-    assert miss_deadline(3600 + 600) == ()
-    (notice,) = miss_deadline(3600 + 50)
+    assert list_deadline_notices(3600 + 600) == ()
+    (notice,) = list_deadline_notices(3600 + 50)
     assert notice.startswith("It cannot be assembled by") and "the earliest possible time is" in notice
 
 
-def test_assembly_is_reported_once_all_parts_are_printed(farm):
+def test_assembly_is_not_recorded_before_all_parts_are_printed(farm):
     number = submit(farm)
     with pytest.raises(Refused, match="once all parts are printed"):
         farm.jobs.record_assembly(number, 45.0, "ann")
@@ -306,7 +306,7 @@ def test_spares_are_kept_in_unattended_hours_only(tmp_path, state):
         farm = Farm(tmp_path / period, attended=hours)
         farm.ready("a", "b")
         first_job = submit(farm, spares=1)
-        farm.controller.on_plan(first_job, plan_for(first_job, state, plates=1))
+        farm.controller.on_plan(first_job, make_stored_plan(first_job, state, plates=1))
         submit(farm, "s")
         kept_spares[period] = [names for number, names, _ in farm.effects.plans if number != first_job]
         assert farm.controller.scheduler.list_reservations().get("b") == (
@@ -319,55 +319,55 @@ def test_held_plans_are_made_for_the_whole_fleet_and_the_later_one_waits_for_its
     numbers = [submit(farm, name, hold=True) for name in "rs"]
     assert farm.effects.plans == [(number, ["a", "b"], 1) for number in numbers]
     for number in numbers:
-        farm.controller.on_plan(number, plan_for(number, state))
+        farm.controller.on_plan(number, make_stored_plan(number, state))
     for number in reversed(numbers):
         plan = farm.controller.books.job(number).plan
         asyncio.run(farm.jobs.approve(number, plan, state, "ann"))
-    printing_plates = {attempt.printer: attempt.job for attempt in farm.controller.books.open_prints()}
-    assert printing_plates == {"a": numbers[1], "b": numbers[1]}  # it was approved first
-    waiting_plates = [
+    printing_jobs = {attempt.printer: attempt.job for attempt in farm.controller.books.open_prints()}
+    assert printing_jobs == {"a": numbers[1], "b": numbers[1]}  # it was approved first
+    hold_codes = [
         farm.controller.scheduler.find_plate_holds().get(name).code
         for name in farm.controller.books.job(numbers[0]).plates
     ]
-    assert waiting_plates == [HoldCode.PRINTER_BUSY] * 2
+    assert hold_codes == [HoldCode.PRINTER_BUSY] * 2
 
 
-def test_night_of_a_held_job_is_forecast(farm, state):
+def test_timeline_of_a_held_job_is_forecast(farm, state):
     number = submit(farm, hold=True)
     with pytest.raises(Refused, match="no plan yet"):
-        describe_night_of(farm, state, number)
-    farm.controller.on_plan(number, plan_for(number, state, plates=3))
-    night = describe_night_of(farm, state, number)
-    assert {slot.plate for slot in night.slots} == {f"{number}/0{i}" for i in (1, 2, 3)}
-    assert night.grams == pytest.approx(9.0)
-    assert night.lower_bound_s <= night.makespan_s
-    assert farm.controller.books.job(number).expected_s == pytest.approx(night.makespan_s)
+        describe_job_timeline(farm, state, number)
+    farm.controller.on_plan(number, make_stored_plan(number, state, plates=3))
+    timeline = describe_job_timeline(farm, state, number)
+    assert {slot.plate for slot in timeline.slots} == {f"{number}/0{i}" for i in (1, 2, 3)}
+    assert timeline.grams == pytest.approx(9.0)
+    assert timeline.lower_bound_s <= timeline.makespan_s
+    assert farm.controller.books.job(number).expected_s == pytest.approx(timeline.makespan_s)
 
 
 def test_timeline_of_a_job_waits_for_the_plates_of_jobs_before_it(farm, state):
     first_job, second_job = submit(farm, hold=True), submit(farm, "s", hold=True)
     for number in (first_job, second_job):
-        farm.controller.on_plan(number, plan_for(number, state, plates=4))
-    night_alone = describe_night_of(farm, state, second_job)
+        farm.controller.on_plan(number, make_stored_plan(number, state, plates=4))
+    timeline_alone = describe_job_timeline(farm, state, second_job)
     asyncio.run(farm.jobs.approve(first_job, farm.controller.books.job(first_job).plan, state, "ann"))
-    second_night = describe_night_of(farm, state, second_job)
-    assert {slot.plate for slot in second_night.slots} == {f"{second_job}/0{i}" for i in (1, 2, 3, 4)}
-    last_end = max(slot.ends for slot in describe_night_of(farm, state, first_job).slots)
+    second_timeline = describe_job_timeline(farm, state, second_job)
+    assert {slot.plate for slot in second_timeline.slots} == {f"{second_job}/0{i}" for i in (1, 2, 3, 4)}
+    last_end = max(slot.ends for slot in describe_job_timeline(farm, state, first_job).slots)
     assert (
-        min(slot.starts for slot in night_alone.slots)
+        min(slot.starts for slot in timeline_alone.slots)
         < last_end
-        <= min(slot.starts for slot in second_night.slots)
+        <= min(slot.starts for slot in second_timeline.slots)
     )
 
 
 def test_tasks_name_the_approval_and_the_short_reel(farm, state, monkeypatch):
     monkeypatch.setattr(printer_commands, "complete_section", lambda section, fleet_options: section)
     first_job = submit(farm, hold=True)
-    farm.controller.on_plan(first_job, plan_for(first_job, state))
+    farm.controller.on_plan(first_job, make_stored_plan(first_job, state))
     for name in "ab":
         asyncio.run(farm.printers.load_reel(name, LoadRequest(grams=4.0), "ann"))
     second_job = submit(farm, "s")
-    farm.controller.on_plan(second_job, plan_for(second_job, state, plates=1))
+    farm.controller.on_plan(second_job, make_stored_plan(second_job, state, plates=1))
     context = farm.view_context(state)
     assert [(item.code, item.text) for item in list_tasks(context)] == [
         ("approve", f"approve job {first_job} (2 parts, 6 g): `farm approve {first_job}`"),

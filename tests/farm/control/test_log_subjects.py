@@ -13,7 +13,7 @@ def test_event_about_a_plate_names_its_job_and_person():
     assert find_subjects(event, Books()) == {"job": 3, "plate": "3/07-2", "who": "ann"}
 
 
-def test_event_about_a_print_names_what_it_prints_and_where():
+def test_event_about_a_print_names_its_job_plate_and_printer():
     books = Books(prints={"u1": Print(id="u1", plate="3/07", job=3, printer="b", assigned_s=0.0)})
     event = ev.PrintWithdrawn(at_s=1.0, print_id="u1", reason="")
     assert find_subjects(event, books) == {"job": 3, "plate": "3/07", "printer": "b"}

@@ -239,7 +239,7 @@ def test_refused_start_uses_no_filament(farm):
 
 
 @pytest.mark.parametrize(
-    "report_end",
+    "request_print",
     [
         lambda farm: farm.jobs.pause(1, False, "ann"),
         lambda farm: farm.parts.pause(1, "p01", False, "ann"),
@@ -247,7 +247,7 @@ def test_refused_start_uses_no_filament(farm):
     ],
     ids=["resume job", "resume part", "reprint"],
 )
-def test_part_stopped_by_estop_waits_for_a_person(farm, report_end):
+def test_part_stopped_by_estop_waits_for_a_person(farm, request_print):
     end_print(farm, "a", PrintState.FAILED, fault="estop")
     for _ in range(2):  # other waiting plates continue
         end_print(farm, "b")
@@ -258,7 +258,7 @@ def test_part_stopped_by_estop_waits_for_a_person(farm, report_end):
     assert hold.code is HoldCode.STOPPED and "`farm resume 1/p01`" in hold.text
     [task] = [item for item in list_tasks(farm.view_context(STATE)) if item.code == "stopped"]
     assert "part 1/p01 stopped by `farm estop`" in task.text and "`farm resume 1/p01`" in task.text
-    report_end(farm)
+    request_print(farm)
     assert farm.controller.books.open_print_on("b").plate == "1/01"
     assert not [item for item in list_tasks(farm.view_context(STATE)) if item.code == "stopped"]
 

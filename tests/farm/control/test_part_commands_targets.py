@@ -41,7 +41,7 @@ def farm(tmp_path):
         DryRuns(farm.controller),
     )
 
-    def ask(target, verb):
+    def send_command(target, verb):
         async def call():
             transport = httpx.ASGITransport(call_as(DAEMON_USER, app))
             async with httpx.AsyncClient(transport=transport, base_url="http://farm") as client:
@@ -50,7 +50,7 @@ def farm(tmp_path):
         farm.effects.instructions.clear()
         return asyncio.run(call())
 
-    farm.ask = ask
+    farm.send_command = send_command
     return farm
 
 
@@ -60,23 +60,23 @@ TARGETS = [("1", "ab"), ("1/p01", "a"), ("1/2", "b"), ("b", "b")]
 @pytest.mark.parametrize(("target", "printers"), TARGETS)
 def test_paused_part_continues_when_resumed(farm, target, printers):
     for verb, is_paused in (("pause", True), ("resume", False)):
-        assert farm.ask(target, verb).status_code == 200
+        assert farm.send_command(target, verb).status_code == 200
         requests = {
             (item.printer, item.wanted)
             for item in farm.effects.instructions
             if isinstance(item, ev.SendPause)
         }
         assert requests == {(printer, is_paused) for printer in printers}
-    assert farm.ask(target, "resume").status_code == 409
+    assert farm.send_command(target, "resume").status_code == 409
 
 
 @pytest.mark.parametrize(("target", "printers"), TARGETS)
 def test_cancelled_part_is_not_printed_again(farm, target, printers):
-    assert farm.ask(target, "cancel").status_code == 200
+    assert farm.send_command(target, "cancel").status_code == 200
     assert {item.printer for item in farm.effects.instructions if isinstance(item, ev.SendCancel)} == set(
         printers
     )
     plates = [farm.controller.books.plates[f"1/0{'ab'.index(printer) + 1}"] for printer in printers]
     assert all(plate.cancelled for plate in plates)
     assert (farm.controller.books.job(1).state is JobState.CANCELLED) is (target == "1")
-    assert farm.ask(target, "cancel").status_code == 409
+    assert farm.send_command(target, "cancel").status_code == 409

@@ -27,7 +27,7 @@ def make_plan(number, hours, printers):
                 "sliced_s": length_h * HOUR_S,
                 "expected_s": length_h * HOUR_S + 300.0,
                 "printer": printers[index % len(printers)],
-                "kin": PLUS,
+                "family": PLUS,
             }
         )
         for index, (plate, length_h) in enumerate(zip(event.plates, hours, strict=True))
@@ -37,7 +37,7 @@ def make_plan(number, hours, printers):
 
 @pytest.fixture
 def farm(tmp_path):
-    """Make a farm of eight printers, whose only job is planned for the two that were not broken."""
+    """Make a farm of eight printers, whose only job is planned for the two that are connected."""
     farm = Farm(tmp_path, [PLUS] * 8)
     farm.ready(*"ab", bed_clear=False)
     farm.ready(*"cdefgh", link=Link.ABSENT, reason="unplugged")
@@ -56,7 +56,7 @@ def list_open_prints(farm):
     return {attempt.printer: attempt.plate for attempt in farm.controller.books.open_prints()}
 
 
-def connect_at_once(farm):
+def clear_other_beds_at_once(farm):
     """Clear the beds of all but the first two printers in one step."""
     controller: Controller = farm.controller
     at_s = controller.clock.now()
@@ -68,7 +68,7 @@ def connect_at_once(farm):
 
 
 def test_job_is_planned_again_for_more_printers_and_starts_only_then(farm):
-    connect_at_once(farm)
+    clear_other_beds_at_once(farm)
     assert farm.effects.plans[1:] == [(1, list("abcdefgh"), 1)]
     assert list_open_prints(farm) == {}
     assert {hold.code for hold in farm.controller.scheduler.find_plate_holds().values()} == {
@@ -84,7 +84,7 @@ def test_job_is_planned_again_for_more_printers_and_starts_only_then(farm):
 
 
 def test_plan_stays_if_the_new_one_fails_or_is_not_sooner(farm):
-    connect_at_once(farm)
+    clear_other_beds_at_once(farm)
     farm.controller.on_plan(1, FarmError("the engine died"))
     assert farm.controller.books.jobs[1].plates == ("1/01", "1/02")
     assert len(list_open_prints(farm)) == 2
@@ -93,7 +93,7 @@ def test_plan_stays_if_the_new_one_fails_or_is_not_sooner(farm):
 
 @pytest.mark.parametrize("reason", ["it takes too long", "the disk is full"])
 def test_job_does_not_wait_long_for_its_new_plan(farm, reason):
-    connect_at_once(farm)
+    clear_other_beds_at_once(farm)
     if reason == "the disk is full":
         farm.controller.on_plan_progress(1, PlanProgress(step=PlanStep.NO_ROOM))
         farm.controller.handle()
@@ -110,13 +110,13 @@ def test_job_does_not_wait_long_for_its_new_plan(farm, reason):
 
 
 def test_new_plan_that_ends_later_is_not_used(farm):
-    connect_at_once(farm)
+    clear_other_beds_at_once(farm)
     farm.controller.on_plan(1, make_plan(1, [9.0] * 6, "cdefgh"))
     assert farm.controller.books.jobs[1].revisions == 0
     assert set(list_open_prints(farm).values()) == {"1/01", "1/02"}
 
 
-def test_fewer_plates_replace_more(farm):
+def test_revised_plan_may_have_fewer_plates(farm):
     farm.controller.handle(
         ev.PlanRevised(**dict(make_revised_fields(farm, [1.0] * 3, "abc"), job=1)),
     )
@@ -141,12 +141,12 @@ def test_plan_of_a_started_job_is_never_replaced(farm):
     assert list_open_prints(farm) == {"a": "1/01"}
     with pytest.raises(InvalidTransition, match="has started"):
         farm.controller.handle(ev.PlanRevised(**dict(make_revised_fields(farm, [1.0] * 3, "abc"), job=1)))
-    connect_at_once(farm)
+    clear_other_beds_at_once(farm)
     assert len(farm.effects.plans) == 1
 
 
 def test_cancelled_job_is_no_longer_planned_again(farm):
-    connect_at_once(farm)
+    clear_other_beds_at_once(farm)
     farm.jobs.cancel(1, "ann")
     assert ev.StopPlanning(job=1) in farm.effects.instructions
     farm.controller.on_plan(1, make_plan(1, [3.0] * 6, "cdefgh"))
@@ -155,7 +155,7 @@ def test_cancelled_job_is_no_longer_planned_again(farm):
 
 
 def test_new_daemon_examines_the_job_again(farm, tmp_path):
-    connect_at_once(farm)
+    clear_other_beds_at_once(farm)
     old_plan = farm.effects.plans[-1]
     farm.store.close()
     restarted_farm = Farm(tmp_path, [PLUS] * 8)
@@ -168,7 +168,7 @@ def test_new_daemon_examines_the_job_again(farm, tmp_path):
     assert list_open_prints(restarted_farm) == {}
 
 
-def test_jobs_start_run_by_run_if_their_forecasts_are_large(tmp_path, monkeypatch):
+def test_each_scheduling_run_starts_one_job_if_the_forecasts_are_large(tmp_path, monkeypatch):
     monkeypatch.setattr(revisions, "MAX_FORECAST", 0)
     monkeypatch.setattr(revisions, "may_revise", lambda *_: True)
     farm = Farm(tmp_path, [PLUS] * 8)
@@ -189,7 +189,7 @@ def test_jobs_start_run_by_run_if_their_forecasts_are_large(tmp_path, monkeypatc
     assert len(list_open_prints(farm)) == 6
 
 
-def test_job_that_waits_for_its_start_is_not_examined_again_for_other_idle_printers(farm, monkeypatch):
+def test_job_with_a_later_start_is_not_examined_again_when_printers_become_idle(farm, monkeypatch):
     examined_jobs = []
     monkeypatch.setattr(revisions, "choose_revision", lambda job, *_: examined_jobs.append(job.number))
     controller: Controller = farm.controller

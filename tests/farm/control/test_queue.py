@@ -34,34 +34,34 @@ def list_queue(farm):
     return [entry.id for entry in describe_queue(farm.view_context(STATE)).jobs]
 
 
-def move(farm, number, to=None, before=None):
+def move_job(farm, number, to=None, before=None):
     farm.jobs.move(number, QueueMove(to=to and QueuePlace(to), before=before), "ann")
     return list_queue(farm)
 
 
 def test_jobs_move_up_down_first_last_and_before_each_other(farm):
     assert list_queue(farm) == [1, 2, 3]
-    assert move(farm, 3, "up") == [1, 3, 2]
-    assert move(farm, 1, "down") == [3, 1, 2]
-    assert move(farm, 3, "last") == [1, 2, 3]
-    assert move(farm, 2, "first") == [2, 1, 3]
-    assert move(farm, 3, before=1) == [2, 3, 1]
-    assert move(farm, 2, "down") == [3, 2, 1]
-    assert move(farm, 2, "down") == [3, 1, 2]
+    assert move_job(farm, 3, "up") == [1, 3, 2]
+    assert move_job(farm, 1, "down") == [3, 1, 2]
+    assert move_job(farm, 3, "last") == [1, 2, 3]
+    assert move_job(farm, 2, "first") == [2, 1, 3]
+    assert move_job(farm, 3, before=1) == [2, 3, 1]
+    assert move_job(farm, 2, "down") == [3, 2, 1]
+    assert move_job(farm, 2, "down") == [3, 1, 2]
 
 
 def test_impossible_move_is_refused_with_the_reason(farm):
     for number, place in ((1, "up"), (1, "first"), (3, "down"), (3, "last")):
         with pytest.raises(Refused, match="already"):
-            move(farm, number, place)
+            move_job(farm, number, place)
     for before in (1, 9):
         with pytest.raises(Refused, match="not another job in the queue"):
-            move(farm, 1, before=before)
+            move_job(farm, 1, before=before)
     with pytest.raises(NoSuchThing):
-        move(farm, 9, "up")
+        move_job(farm, 9, "up")
     farm.jobs.cancel(2, "ann")
     with pytest.raises(Refused, match="already ended"):
-        move(farm, 2, "up")
+        move_job(farm, 2, "up")
     assert list_queue(farm) == [1, 3]
 
 
@@ -73,7 +73,7 @@ def test_moved_job_gets_the_next_free_printer_and_forecast(farm, tmp_path):
 
     old_ends = read_ends()
     assert old_ends[1] <= old_ends[2] <= old_ends[3]
-    move(farm, 3, "first")
+    move_job(farm, 3, "first")
     waiting_plates = list(farm.controller.situations.build_for_forecast().waiting)
     assert [plate.job for plate in waiting_plates[:3]] == [3, 3, 3]
     farm.store.close()
@@ -83,7 +83,7 @@ def test_moved_job_gets_the_next_free_printer_and_forecast(farm, tmp_path):
     assert [plate.job for plate in waiting_plates[:3]] == [3, 3, 3]
 
 
-def test_another_start_is_set_and_taken_back(farm):
+def test_start_time_is_changed_and_removed(farm):
     start_at = datetime.fromtimestamp(farm.controller.clock.now() + 7200.0, farm.controller.fleet.zone)
     farm.jobs.reschedule(3, start_at.isoformat(" "), "ann")
     assert farm.controller.books.job(3).not_before_s == pytest.approx(farm.controller.clock.now() + 7200.0)

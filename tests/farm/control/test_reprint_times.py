@@ -26,7 +26,7 @@ class Scenario:
         self.farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0, None))
 
     def report(self, printer, state, started_s):
-        """Report the progress of a print by the agent of its printer."""
+        """Report the state of a print like the agent of its printer."""
         attempt = self.farm.controller.books.open_print_on(printer)
         is_ended = state.ended
         agent_print = AgentPrint(
@@ -38,7 +38,7 @@ class Scenario:
             AgentSnapshot(printer=printer, link=link, agent_pid=9, filament=filament, print=agent_print)
         )
 
-    def finish(self, *printers):
+    def finish_prints(self, *printers):
         """Let the prints of these printers run for 100 s from now on, and clear their beds."""
         started_s = self.clock.now_s
         for printer in printers:
@@ -55,7 +55,7 @@ class Scenario:
 
 def test_reprint_a_day_later_adds_the_time_of_its_print(tmp_path):
     scenario = Scenario(tmp_path)
-    scenario.finish("a", "b")
+    scenario.finish_prints("a", "b")
     first_view = scenario.describe_job()
     assert (first_view.state, first_view.elapsed_s, first_view.speedup, first_view.utilisation) == (
         JobState.DONE,
@@ -78,7 +78,7 @@ def test_reprint_a_day_later_adds_the_time_of_its_print(tmp_path):
         200.0,
         2.5,
     )
-    scenario.finish("a")
+    scenario.finish_prints("a")
 
     repeated_view = scenario.describe_job()
     assert (repeated_view.state, repeated_view.elapsed_s, repeated_view.current_s, repeated_view.speedup) == (

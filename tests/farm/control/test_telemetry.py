@@ -96,8 +96,8 @@ def test_temperatures_are_bounded_and_in_order_even_if_the_clock_is_set_back(rea
     assert len(temperatures) <= TEMPERATURES_KEPT_S / 60.0
 
 
-def test_temperatures_from_before_twelve_hours_are_not_listed():
-    """Omit older ones, which would stretch the chart after an absence or a step of the clock by years."""
+def test_temperatures_older_than_twelve_hours_are_not_listed():
+    """Omit old readings, with which a chart would span years after a long absence or a clock step."""
     telemetry = Telemetry()
     telemetry.store(BUSY.model_copy(update={"nozzle_c": 200.0}), 0.0)
     telemetry.store(BUSY.model_copy(update={"nozzle_c": 21.0}), 1.7e9)
@@ -105,7 +105,7 @@ def test_temperatures_from_before_twelve_hours_are_not_listed():
     assert telemetry.list_temperatures("a", 1.7e9 + TEMPERATURES_KEPT_S + 1.0) == ()
 
 
-def test_reading_that_cannot_be_true_is_limited():
+def test_implausible_reading_is_limited():
     """Limit readings, as a chart has a line for every fifty degrees."""
     assert record_readings((0.0, 1e300, -1e300)) == [(0.0, 999, -99)]
 

@@ -91,7 +91,7 @@ def test_clock_step_takes_effect_at_once(make_time, step_h):
 )
 @pytest.mark.parametrize("is_suspended", [False, True])
 def test_books_are_backed_up_once_a_night(make_time, tmp_path, first, is_suspended):
-    """Make backups at four, also when clocks change, or as soon as possible after the host slept."""
+    """Make backups at four, also when clocks change, or as soon as possible after the host was suspended."""
     time = make_time(f"{first} 12:00")
     state = StateFolder(tmp_path)
     Store(state.books).close()

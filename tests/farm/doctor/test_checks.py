@@ -90,7 +90,7 @@ CASES = {
         "database",
         "plate 3 was changed",
     ),
-    "books that contradict themselves": (
+    "inconsistent books": (
         {"books": BooksFacts("/s/farm.db", schema_version=SCHEMA_VERSION, books=SPOILT_BOOKS)},
         "problem",
         "database",
@@ -220,7 +220,7 @@ def test_stopped_farm_without_books_is_no_problem():
     assert problems == ["daemon"]
 
 
-def test_missing_engine_is_named_with_one_advice():
+def test_missing_engine_is_named_with_one_action():
     with pytest.raises(EngineMissing) as error:
         find_engine({"PATH": ""})
     facts = replace(SOUND_FACTS, cura=replace(SOUND_FACTS.cura, engine=None, engine_error=str(error.value)))
@@ -237,7 +237,7 @@ def test_action_adds_the_user_to_the_group_of_the_port():
     assert port.action == "`sudo usermod -aG dialout farm`, then log in again"
 
 
-def test_many_contradictions_are_counted():
+def test_many_missing_files_are_counted():
     names = tuple(f"job 1: {number}" for number in range(9))
     results = [
         item

@@ -1,4 +1,4 @@
-"""Facts of a real folder, an intact or damaged installation of farm 0.1.0, and output of `farm doctor`."""
+"""Facts collected from an intact or damaged installation of farm 0.1.0, and output of `farm doctor`."""
 
 import json
 import os

@@ -50,7 +50,7 @@ def daemon(tmp_path):
     return app
 
 
-def ask(app, method, path, **options):
+def send_request(app, method, path, **options):
     async def call():
         transport = httpx.ASGITransport(call_as(DAEMON_USER, app), raise_app_exceptions=False)
         async with httpx.AsyncClient(transport=transport, base_url="http://farm") as client:
@@ -67,7 +67,7 @@ def make_stl():
 
 def submit(app, content, **params):
     facts = {"request_id": "r" * 8, "name": "box.stl", "size": len(content)}
-    return ask(app, "POST", "/jobs", params={**facts, **params}, content=content)
+    return send_request(app, "POST", "/jobs", params={**facts, **params}, content=content)
 
 
 def test_own_gcode_is_submitted_like_a_model(daemon):
@@ -126,7 +126,7 @@ def make_endless_body(chunks):
 @pytest.mark.parametrize("path", ["/printers/a/fail", "/down", "/jobs/1/approve", "/jobs/1/parts/p1/reprint"])
 def test_endless_body_is_refused_without_being_read_further(daemon, path):
     chunks = []
-    answer = ask(daemon, "POST", path, content=make_endless_body(chunks))
+    answer = send_request(daemon, "POST", path, content=make_endless_body(chunks))
     assert sum(chunks) <= MAX_BODY_BYTES + 4096
     assert (answer.status_code, answer.json()["exit_code"]) == (413, 5)
     assert answer.json()["error"] == f"the request to {path} is longer than 64 KiB"
@@ -136,13 +136,13 @@ def test_body_of_the_largest_size_is_read(daemon):
     body_bytes = b'{"why": "w"}'
     body = body_bytes + b" " * (MAX_BODY_BYTES - len(body_bytes))
     path, json = "/printers/a/maintenance", {"Content-Type": "application/json"}
-    assert ask(daemon, "POST", path, content=body, headers=json).status_code == 200
-    assert ask(daemon, "POST", path, content=body + b" ", headers=json).status_code == 413
+    assert send_request(daemon, "POST", path, content=body, headers=json).status_code == 200
+    assert send_request(daemon, "POST", path, content=body + b" ", headers=json).status_code == 413
 
 
 def test_upload_beyond_the_quota_is_refused_before_it_is_sent(daemon, monkeypatch):
     chunks = []
-    answer = ask(
+    answer = send_request(
         daemon,
         "POST",
         "/jobs",
@@ -224,15 +224,15 @@ def test_unknown_options_are_refused(daemon, options):
 
 def test_unknown_path_is_not_found(daemon):
     for method, path in (("GET", "/jobs/9"), ("POST", "/jobs/9/cancel"), ("GET", "/nothing")):
-        answer = ask(daemon, method, path)
+        answer = send_request(daemon, method, path)
         assert (answer.status_code, answer.json()["exit_code"]) == (404, 4)
-    answer = ask(daemon, "POST", "/printers/z/cleared", json={})
+    answer = send_request(daemon, "POST", "/printers/z/cleared", json={})
     assert (answer.status_code, answer.json()["exit_code"]) == (404, 4)
 
 
 def test_summary_of_the_farm_leaves_out_the_parts_and_plates_of_jobs(daemon):
     submit(daemon, make_stl())
-    status, summary = (ask(daemon, "GET", path).json() for path in ("/status", "/status/summary"))
+    status, summary = (send_request(daemon, "GET", path).json() for path in ("/status", "/status/summary"))
     assert summary.keys() == status.keys() | {"waits"}
     (job,), (job_summary,) = status["jobs"], summary["jobs"]
     assert job_summary.keys() == job.keys() - {"parts", "plates"} | {"plate_count"}
@@ -240,7 +240,7 @@ def test_summary_of_the_farm_leaves_out_the_parts_and_plates_of_jobs(daemon):
 
 def test_status_has_the_documented_fields(daemon):
     submit(daemon, make_stl())
-    status = ask(daemon, "GET", "/status").json()
+    status = send_request(daemon, "GET", "/status").json()
     names = {"schema", "daemon", "todo", "fleet", "printers", "jobs", "night", "cluster"}
     assert status.keys() == names
     assert status["schema"] == 1
@@ -257,7 +257,7 @@ def test_status_has_the_documented_fields(daemon):
         "targets",
     }
     assert documented_fields | {"print"} <= set(status["printers"][0])
-    job = ask(daemon, "GET", "/jobs/1").json()["job"]
+    job = send_request(daemon, "GET", "/jobs/1").json()["job"]
     documented_fields = {
         "id",
         "state",
@@ -276,11 +276,11 @@ def test_status_has_the_documented_fields(daemon):
 def test_shutdown_is_refused_during_planning(daemon):
     submit(daemon, make_stl())
     assert daemon.state.controller.books.jobs[1].state == "planning"
-    answer = ask(daemon, "POST", "/down", json={})
+    answer = send_request(daemon, "POST", "/down", json={})
     assert (answer.status_code, answer.json()["exit_code"]) == (409, 5)
     assert "being planned: job 1; use --wait" in answer.json()["error"]
     for mode in ("wait", "now"):
-        assert ask(daemon, "POST", "/down", json={mode: True}).status_code == 200
+        assert send_request(daemon, "POST", "/down", json={mode: True}).status_code == 200
     assert daemon.state.shutdowns == [False, True]
 
 
@@ -301,28 +301,28 @@ def test_request_for_too_many_printers_is_reported(daemon, options, notices):
 
 def test_shutdown_is_refused_during_an_inspection(daemon):
     daemon.state.inspections[Path("upload-1")] = "bunny.stl"
-    answer = ask(daemon, "POST", "/down", json={})
+    answer = send_request(daemon, "POST", "/down", json={})
     assert (answer.status_code, answer.json()["exit_code"]) == (409, 5)
     assert "being checked: bunny.stl; use --wait" in answer.json()["error"]
     for mode in ("wait", "now"):
-        assert ask(daemon, "POST", "/down", json={mode: True}).status_code == 200
+        assert send_request(daemon, "POST", "/down", json={mode: True}).status_code == 200
 
 
 def test_shutdown_request_ends_the_daemon(daemon):
-    assert ask(daemon, "POST", "/down", json={"now": True}).status_code == 200
+    assert send_request(daemon, "POST", "/down", json={"now": True}).status_code == 200
     assert daemon.state.shutdowns == [True]
 
 
 def test_routes_reach_the_commands(daemon):
     body_fields = {"why": "a\x1b[2J\nnew belt"}
-    assert ask(daemon, "POST", "/printers/a/maintenance", json=body_fields).status_code == 200
-    printer = ask(daemon, "GET", "/status").json()["printers"][0]
+    assert send_request(daemon, "POST", "/printers/a/maintenance", json=body_fields).status_code == 200
+    printer = send_request(daemon, "GET", "/status").json()["printers"][0]
     assert (printer["state"], printer["maintenance"]) == ("maintenance", "a [2J new belt")
-    assert ask(daemon, "POST", "/printers/a/maintained", json=body_fields).status_code == 200
+    assert send_request(daemon, "POST", "/printers/a/maintained", json=body_fields).status_code == 200
     submit(daemon, make_stl())
-    assert ask(daemon, "POST", "/jobs/1/pause").status_code == 200
-    assert ask(daemon, "GET", "/jobs/1").json()["job"]["paused"]
-    assert ask(daemon, "POST", "/jobs/1/resume").status_code == 200
+    assert send_request(daemon, "POST", "/jobs/1/pause").status_code == 200
+    assert send_request(daemon, "GET", "/jobs/1").json()["job"]["paused"]
+    assert send_request(daemon, "POST", "/jobs/1/resume").status_code == 200
     for path in (
         *("/printers/a/fail", "/printers/a/cancel", "/printers/a/maintained", "/outage/confirm"),
         *("/jobs/1/resume", "/printers/a/cleared"),
@@ -332,10 +332,10 @@ def test_routes_reach_the_commands(daemon):
             if path.startswith("/jobs")
             else {**body_fields, **({"bad": True} if "cleared" in path else {})}
         )
-        answer = ask(daemon, "POST", path, json=body)
+        answer = send_request(daemon, "POST", path, json=body)
         assert (answer.status_code, answer.json()["exit_code"]) == (409, 5), path
     for path in ("/jobs/1/parts/p9/reprint", "/jobs/1/parts/p9/cancel", "/jobs/7/pause", "/printers/z/fail"):
-        assert ask(daemon, "POST", path, json=body_fields).status_code == 404, path
-    assert ask(daemon, "POST", "/jobs/1/parts/p9/pause").status_code == 404
-    assert ask(daemon, "GET", "/history").json()["prints"] == []
-    assert ask(daemon, "GET", "/history?job=7").status_code == 404
+        assert send_request(daemon, "POST", path, json=body_fields).status_code == 404, path
+    assert send_request(daemon, "POST", "/jobs/1/parts/p9/pause").status_code == 404
+    assert send_request(daemon, "GET", "/history").json()["prints"] == []
+    assert send_request(daemon, "GET", "/history?job=7").status_code == 404

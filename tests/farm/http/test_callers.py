@@ -53,7 +53,7 @@ def build_app(folder, **fleet):
     )
 
 
-def ask(app, person, method, path, **options):
+def send_request(app, person, method, path, **options):
     async def call():
         transport = httpx.ASGITransport(call_as(person, app))
         async with httpx.AsyncClient(transport=transport, base_url="http://farm") as client:
@@ -76,7 +76,7 @@ OPERATOR_REQUESTS = (
 @pytest.mark.parametrize(("path", "body"), OPERATOR_REQUESTS)
 def test_commands_that_continue_prints_are_for_operators(tmp_path, path, body):
     app = build_app(tmp_path, operators=NO_GROUP)
-    answer = ask(app, NON_MEMBER, "POST", path, json=body)
+    answer = send_request(app, NON_MEMBER, "POST", path, json=body)
     assert (answer.status_code, answer.json()["exit_code"]) == (409, 5)
     assert "is not an operator: only members of the group no-such-group-here may" in answer.json()["error"]
 
@@ -90,34 +90,39 @@ def test_request_without_a_caller_is_refused_on_every_route(tmp_path, group):
     ]
     assert len(routes) > 20
     for method, path in routes:
-        answer = ask(app, None, method, path, json={})
+        answer = send_request(app, None, method, path, json={})
         assert answer.status_code == 409, (method, path, answer.text)
         assert "the sender of this request is unknown" in answer.json()["error"], (method, path)
 
 
 @pytest.mark.parametrize("group", [None, GROUP])
-def test_members_are_operators_or_all_users_without_a_group(tmp_path, group):
+def test_operators_are_members_of_the_group_or_all_users_without_one(tmp_path, group):
     app = build_app(tmp_path, operators=group)
     member = Person(uid=54321, gid=os.getgid())
-    assert ask(app, member, "POST", "/printers/a/cleared", json={}).status_code == 200
+    assert send_request(app, member, "POST", "/printers/a/cleared", json={}).status_code == 200
     assert app.state.controller._store.events()[-1][2].count('"by":"uid 54321"') == 1
 
 
 def test_owner_of_the_daemon_is_an_operator(tmp_path):
     app = build_app(tmp_path, operators=NO_GROUP)
-    assert ask(app, Person(os.getuid(), 0), "POST", "/printers/a/cleared", json={}).status_code == 200
+    assert (
+        send_request(app, Person(os.getuid(), 0), "POST", "/printers/a/cleared", json={}).status_code == 200
+    )
 
 
 def test_commands_that_stop_prints_are_for_all_users(tmp_path):
     app = build_app(tmp_path, operators=NO_GROUP)
     params = {"request_id": "r" * 8, "name": "box.stl", "size": 1}
-    assert ask(app, NON_MEMBER, "POST", "/jobs", params=params, content=b"x").status_code == 200
-    job = ask(app, NON_MEMBER, "GET", "/jobs/1").json()["job"]
+    assert send_request(app, NON_MEMBER, "POST", "/jobs", params=params, content=b"x").status_code == 200
+    job = send_request(app, NON_MEMBER, "GET", "/jobs/1").json()["job"]
     assert job["submitted_by"] == "uid 54321"
-    assert ask(app, NON_MEMBER, "POST", "/jobs/1/pause").status_code == 200
-    answer = ask(app, NON_MEMBER, "POST", "/jobs/1/cancel").json()["job"]
+    assert send_request(app, NON_MEMBER, "POST", "/jobs/1/pause").status_code == 200
+    answer = send_request(app, NON_MEMBER, "POST", "/jobs/1/cancel").json()["job"]
     assert (answer["state"], answer["reason"]) == ("cancelled", "cancelled by uid 54321")
-    assert ask(app, NON_MEMBER, "POST", "/printers/a/maintenance", json={"why": "smoke"}).status_code == 200
+    assert (
+        send_request(app, NON_MEMBER, "POST", "/printers/a/maintenance", json={"why": "smoke"}).status_code
+        == 200
+    )
 
 
 def test_role_of_a_user_follows_the_databases_of_the_host(monkeypatch):

@@ -1,4 +1,4 @@
-"""Sentences about the place of tasks, and the causes of waits."""
+"""Description of a cluster: where its tasks run, and what they wait for."""
 
 from farm.compute.cluster import ClusterState, ClusterWorker, Place, RunningTask
 from farm.http.cluster_view import describe_cluster
@@ -16,14 +16,14 @@ TASKS = (
 )
 
 
-def describe(place, workers=(), tasks=(), waiting_count=0, here_count=0, lost_s=0.0):
+def describe_state(place, workers=(), tasks=(), waiting_count=0, here_count=0, lost_s=0.0):
     return describe_cluster(
         ClusterState("tls://a:8786", place, workers, tasks, waiting_count, here_count, lost_s)
     )
 
 
 def test_the_workers_that_run_tasks_are_named():
-    view = describe(Place.CLUSTER, WORKERS, TASKS, waiting_count=7)
+    view = describe_state(Place.CLUSTER, WORKERS, TASKS, waiting_count=7)
     assert view.text == (
         "2 workers with 6 slots on tls://a:8786; running: pc-b 2, pc-c 1, 1 task on the way, 7 tasks waiting"
     )
@@ -36,10 +36,10 @@ def test_the_workers_that_run_tasks_are_named():
     assert view.workers[2].refused == "it has farm 0, not 1"
 
 
-def test_a_lost_cluster_says_for_how_long_and_where_work_runs_instead():
-    assert describe(Place.WAITING, waiting_count=1, lost_s=12.3).text == (
+def test_lost_cluster_is_described_with_its_duration_and_the_place_of_work():
+    assert describe_state(Place.WAITING, waiting_count=1, lost_s=12.3).text == (
         "waiting for a worker of tls://a:8786, 12 s so far, 1 task waiting"
     )
-    assert describe(Place.HERE, here_count=2, lost_s=31.0).text == (
+    assert describe_state(Place.HERE, here_count=2, lost_s=31.0).text == (
         "no worker of tls://a:8786 for 31 s: computing on this host, 2 tasks"
     )

@@ -45,7 +45,7 @@ def test_descriptors_are_reserved_for_the_farm(descriptors, printers, workers, m
     assert compute_connection_limit(descriptors, printers, workers) == max_connections
 
 
-def test_incomplete_requests_are_ended_the_oldest_first():
+def test_incomplete_requests_are_ended_oldest_first():
     busy_connection, old_connection, young_connection = (
         WaitingClient(None),
         WaitingClient(0.0),
@@ -97,7 +97,7 @@ def serve(tmp_path, max_connections, scenario):
     asyncio.run(run())
 
 
-async def ask(path, *pieces):
+async def send_request(path, *pieces):
     reader, writer = await asyncio.open_unix_connection(path)
     for piece in pieces:
         writer.write(piece)
@@ -112,7 +112,7 @@ def test_idle_connections_are_closed_to_serve_a_request(tmp_path):
         idle_clients = [await asyncio.open_unix_connection(path) for _ in range(40)]
         for _, writer in idle_clients[::2]:
             writer.write(INCOMPLETE_REQUEST)
-        assert b"well" in await ask(path, COMPLETE_REQUEST)
+        assert b"well" in await send_request(path, COMPLETE_REQUEST)
         assert len(server.server_state.connections) <= 4
         for _, writer in idle_clients:
             writer.close()
@@ -127,7 +127,7 @@ def test_connection_of_a_client_that_does_not_read_is_closed_to_serve_a_request(
             writer.write(COMPLETE_REQUEST.replace(b"/status", b"/large"))
         while not all(connection.flow.write_paused for connection in server.server_state.connections):
             await asyncio.sleep(0.001)
-        assert b"well" in await ask(path, COMPLETE_REQUEST)
+        assert b"well" in await send_request(path, COMPLETE_REQUEST)
         for _, writer in unread_connections:
             writer.close()
 
@@ -149,7 +149,7 @@ def test_connection_with_an_incomplete_request_is_ended(tmp_path, monkeypatch, s
     monkeypatch.setattr(connections, "_CHECK_INTERVAL_S", 0.01)
 
     async def scenario(server, path):
-        await ask(path, sent_bytes)  # until the other end closes
+        await send_request(path, sent_bytes)  # until the other end closes
 
     serve(tmp_path, 4, scenario)
 
@@ -191,8 +191,8 @@ def test_missing_descriptors_are_logged_once_and_retried(tmp_path, monkeypatch, 
             return await accept(listener)
 
         monkeypatch.setattr(loop, "sock_accept", accept_when_free)
-        assert b"well" in await ask(path, COMPLETE_REQUEST)  # by the accept in progress
-        assert b"well" in await ask(path, COMPLETE_REQUEST)
+        assert b"well" in await send_request(path, COMPLETE_REQUEST)  # by the accept in progress
+        assert b"well" in await send_request(path, COMPLETE_REQUEST)
         assert len(attempts) >= 20
 
     with caplog.at_level(logging.WARNING, logger="farm"):
@@ -219,8 +219,8 @@ def test_errors_of_accept_are_logged_and_accepting_continues(tmp_path, monkeypat
 
         monkeypatch.setattr(loop, "sock_accept", fail_to_accept)
         server._make_protocol = raise_error
-        assert await ask(path) == b""  # by the accept in progress: refused
-        assert b"well" in await ask(path, COMPLETE_REQUEST)
+        assert await send_request(path) == b""  # by the accept in progress: refused
+        assert b"well" in await send_request(path, COMPLETE_REQUEST)
         assert not faults
 
     with caplog.at_level(logging.WARNING, logger="farm"):

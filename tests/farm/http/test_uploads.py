@@ -55,11 +55,11 @@ def test_open_uploads_count_until_inspected(tmp_path, monkeypatch):
     monkeypatch.setattr("shutil.disk_usage", lambda _: usage._replace(free=100 * GB))
 
     async def scenario():
-        was_checked, may_check = asyncio.Event(), asyncio.Event()
+        inspection_may_end, inspection_started = asyncio.Event(), asyncio.Event()
 
         async def run(*_):
-            may_check.set()
-            await was_checked.wait()
+            inspection_started.set()
+            await inspection_may_end.wait()
             return "inspected"
 
         section = make_fleet().fleet.model_copy(update={"uploads": UploadsSection(at_once=1)})
@@ -76,7 +76,7 @@ def test_open_uploads_count_until_inspected(tmp_path, monkeypatch):
         first_upload = asyncio.create_task(
             uploads.receive_model(send_content(), "a", "a.stl", 5, JobOptions())
         )
-        await may_check.wait()
+        await inspection_started.wait()
         assert uploads.describe("a").step == "waiting for the workers to start: loading the planning code"
         workers.start_step = None
         assert uploads.describe("a").step == "waiting for a worker"
@@ -87,7 +87,7 @@ def test_open_uploads_count_until_inspected(tmp_path, monkeypatch):
             uploads.describe("b")
         with pytest.raises(Refused, match="1 model being received"):
             await uploads.receive_model(send_content(), "b", "b.stl", 5, JobOptions())
-        was_checked.set()
+        inspection_may_end.set()
         assert await first_upload == "inspected"
         with pytest.raises(Refused, match="stopped after 5 of 6 bytes"):
             await uploads.receive_model(send_content(), "c", "c.stl", 6, JobOptions())
@@ -130,30 +130,30 @@ class SlowFile(io.BytesIO):
         self.may_write, self.written = threading.Event(), b""
 
     def write(self, content):
-        assert self.may_write.wait(30), "nobody could tell it: the event loop was waiting for the disk"
+        assert self.may_write.wait(30), "may_write was never set: the event loop was waiting for the disk"
         self.written += content
         return super().write(content)
 
 
 def test_slow_disk_delays_its_upload_only(tmp_path, monkeypatch):
-    file, large = SlowFile(), b"x" * 2**21
-    upload = Upload("a", 3 * len(large), tmp_path / "upload", GB)
+    file, chunk = SlowFile(), b"x" * 2**21
+    upload = Upload("a", 3 * len(chunk), tmp_path / "upload", GB)
     monkeypatch.setattr(Path, "open", lambda *_: file)
 
     async def receive():
         async with upload.open_file("a.gcode") as append:
             for _ in range(3):
-                await append(large)
+                await append(chunk)
 
     async def upload_slowly():
         receive_task = asyncio.create_task(receive())
-        await asyncio.sleep(0)  # it writes while the loop continues
+        await asyncio.sleep(0)  # the file is being written while the loop continues
         assert (file.written, receive_task.done()) == (b"", False)
         file.may_write.set()
         await receive_task
 
     asyncio.run(upload_slowly())
-    assert file.written == 3 * large
+    assert file.written == 3 * chunk
 
 
 @settings(deadline=None)

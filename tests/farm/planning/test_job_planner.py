@@ -31,7 +31,7 @@ def state(tmp_path):
     return folder
 
 
-def plan(state, job, factor=1.0):
+def plan_job(state, job, factor=1.0):
     """Plan a job for two printers with this time factor; return the planner's events and the plan."""
     printers = [{"name": n, "model": MODEL, "port": f"sim://{MODEL}"} for n in "ab"]
     fleet = Fleet.model_validate({"printers": printers})
@@ -58,7 +58,7 @@ def test_plan_reports_progress_and_slices_nothing_twice(state, bar):
         return PlanProgress(step=PlanStep.SLICING, done=done_count, of=2, cached=cached_count)
 
     waiting_progress = PlanProgress(step=PlanStep.WAITING)
-    reports, first_plan = plan(state, bar)
+    reports, first_plan = plan_job(state, bar)
     assert isinstance(first_plan, Plan), first_plan
     assert reports == [
         waiting_progress,
@@ -67,7 +67,7 @@ def test_plan_reports_progress_and_slices_nothing_twice(state, bar):
         make_slicing_progress(2),
     ]
     assert [plate.cached for plate in first_plan.plates] == [False, False]
-    reports, second_plan = plan(state, bar.model_copy(update={"id": 2}), factor=1.1)
+    reports, second_plan = plan_job(state, bar.model_copy(update={"id": 2}), factor=1.1)
     assert reports == [
         waiting_progress,
         make_slicing_progress(0),
@@ -92,19 +92,19 @@ def bar(state, tmp_path):
     return Job(id=1, request_id="r" * 8, name="bar", model_file=model.file, options=options, submitted_s=0.0)
 
 
-def slow_down_slices(monkeypatch, late_s, fail=None):
-    """Add seconds to the slices of parts; slices of parts that were cut again raise `fail`."""
+def slow_down_slices(monkeypatch, late_s, error=None):
+    """Add seconds to the slices of parts; slices of parts that were cut again raise `error`."""
     slice_part, requests = slice_batch.slice_part, []
 
-    def slow(task):
+    def slice_slowly(task):
         requests.append(task.stl)
-        if fail and "levelled" in str(task.stl):
-            raise fail
+        if error and "levelled" in str(task.stl):
+            raise error
         slice_result = slice_part(task)
         mesh = trimesh.load_mesh(task.stl)
         return replace(slice_result, sliced_s=slice_result.sliced_s + late_s(task.stl, mesh.extents.max()))
 
-    monkeypatch.setattr(slice_batch, "slice_part", slow)
+    monkeypatch.setattr(slice_batch, "slice_part", slice_slowly)
     return requests
 
 
@@ -112,7 +112,7 @@ def slow_down_slices(monkeypatch, late_s, fail=None):
 def test_part_with_a_slow_slice_is_cut_again(state, bar, monkeypatch):
     """Use a bar of which one end takes 10 s/mm longer; after the new cut both ends end together."""
     slow_down_slices(monkeypatch, lambda stl, length_mm: 10.0 * length_mm * (stl.stem == "p02"))
-    reports, result = plan(state, bar)
+    reports, result = plan_job(state, bar)
     assert isinstance(result, Plan), result
     steps = [step_progress.step for step_progress in reports]
     assert steps.count(PlanStep.LEVELLING) >= 1
@@ -129,7 +129,7 @@ def test_part_with_a_slow_slice_is_cut_again(state, bar, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "fail",
+    "error",
     [
         None,
         FarmError("the engine refuses it", ErrorCode.SLICE),
@@ -138,11 +138,13 @@ def test_part_with_a_slow_slice_is_cut_again(state, bar, monkeypatch):
     ],
 )
 @pytest.mark.usefixtures("without_pictures")
-def test_useless_relevel_is_discarded(state, bar, fail, monkeypatch):
+def test_useless_relevel_is_discarded(state, bar, error, monkeypatch):
     """Use a part that is slower after it was sliced again, or a failure."""
     times_s = iter([600.0, 9000.0])
-    requests = slow_down_slices(monkeypatch, lambda stl, _: next(times_s) if stl.stem == "p02" else 0.0, fail)
-    reports, result = plan(state, bar)
+    requests = slow_down_slices(
+        monkeypatch, lambda stl, _: next(times_s) if stl.stem == "p02" else 0.0, error
+    )
+    reports, result = plan_job(state, bar)
     assert isinstance(result, Plan), result
     assert PlanStep.LEVELLING in [step_progress.step for step_progress in reports]
     assert any("levelled" in str(stl) for stl in requests)
@@ -173,7 +175,7 @@ class RecordingWorkers(SameProcess):
 def plan_with_workers(state, job, workers, monkeypatch):
     monkeypatch.setattr(SameProcess, "run", workers.run)
     monkeypatch.setattr(SameProcess, "has_idle", workers.has_idle)
-    return plan(state, job)[1]
+    return plan_job(state, job)[1]
 
 
 def test_parts_are_drawn_while_they_are_sliced(state, bar, monkeypatch):
@@ -197,7 +199,7 @@ def test_the_drawing_of_parts_that_are_cut_again_is_stopped(state, bar, monkeypa
     assert not list(state.work.iterdir())
 
 
-def test_parts_that_may_be_cut_again_are_drawn_by_idle_workers_alone(state, bar, monkeypatch):
+def test_parts_that_may_be_cut_again_are_drawn_only_by_idle_workers(state, bar, monkeypatch):
     slow_down_slices(monkeypatch, lambda stl, length_mm: 10.0 * length_mm * (stl.stem == "p02"))
     workers = RecordingWorkers(has_idle=False)
     result = plan_with_workers(state, bar, workers, monkeypatch)
@@ -214,13 +216,13 @@ def test_a_plan_without_its_drawing_fails(state, bar, monkeypatch):
         raise FarmError("no room for a picture")
 
     monkeypatch.setattr(drawings, "draw_job", refuse)
-    _, result = plan(state, bar)
+    _, result = plan_job(state, bar)
     assert str(result) == "no room for a picture"
     assert not list(state.work.iterdir())
 
 
 def test_plan_is_retried_after_a_full_disk(state, tmp_path, monkeypatch):
-    """Retry the plan: otherwise jobs of a night would fail one after the other at a full disk."""
+    """Retry the plan: otherwise jobs of a night would fail one after the other on a full disk."""
     usage, free_bytes = shutil.disk_usage(state.root), iter([ROOM_BYTES - 1] * 3 + [ROOM_BYTES] * 9)
     monkeypatch.setattr(job_planner, "_RETRY_S", 0.0)
     monkeypatch.setattr(job_planner.shutil, "disk_usage", lambda _: usage._replace(free=next(free_bytes)))

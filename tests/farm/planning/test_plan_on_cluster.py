@@ -28,7 +28,7 @@ FLEET = Fleet.model_validate(
 )
 
 
-async def plan(state, job, pool, budget_s=5.0):
+async def plan_job(state, job, pool, budget_s=5.0):
     future = asyncio.get_running_loop().create_future()
     planner = JobPlanner(state, pool, budget_s, lambda _, result: future.set_result(result), lambda *_: None)
     planner.start(PlanRequest(job, FLEET.printers))
@@ -56,54 +56,54 @@ def plan_locally(folder, bar, count):
         job = make_job(state, bar)
         workers = Workers(folder / "workers", count)
         try:
-            return await plan(state, job, workers)
+            return await plan_job(state, job, workers)
         finally:
             workers.close()
 
     return state, asyncio.run(main())
 
 
-def list_stored(state):
+def list_stored_files(state):
     return {file.name for file in state.files.iterdir() if file.suffix != ".json"}
 
 
 @pytest.fixture(scope="module")
-def planned(bar, tmp_path_factory):
+def planned_job(bar, tmp_path_factory):
     """Plan with one worker; return state folder and plan."""
     return plan_locally(tmp_path_factory.mktemp("one") / "state", bar, 1)
 
 
 @pytest.fixture
-def side_by_side(monkeypatch):
+def parallel_drawings(monkeypatch):
     """Draw pictures by several workers also for few parts."""
     monkeypatch.setattr(drawings, "MIN_STEPS", 1)
 
 
-@pytest.mark.usefixtures("side_by_side")
-def test_a_plan_is_the_same_by_one_worker_and_by_two(planned, bar, tmp_path):
-    state, plan_by_one_worker = planned
+@pytest.mark.usefixtures("parallel_drawings")
+def test_one_worker_and_two_make_the_same_plan(planned_job, bar, tmp_path):
+    state, plan_by_one_worker = planned_job
     two_workers_state, plan_by_two_workers = plan_locally(tmp_path / "two", bar, 2)
-    # It contains the duration of the planning.
+    # The decomposition contains the duration of the planning.
     assert plan_by_two_workers == replace(plan_by_one_worker, decomposition=plan_by_two_workers.decomposition)
     assert len(plan_by_two_workers.plates) == 3
-    assert list_stored(state) == list_stored(two_workers_state)
+    assert list_stored_files(state) == list_stored_files(two_workers_state)
 
 
-@pytest.mark.usefixtures("side_by_side")
-def test_a_plan_is_the_same_here_and_on_a_cluster(planned, bar, tmp_path):
-    local_state, local_plan = planned
+@pytest.mark.usefixtures("parallel_drawings")
+def test_cluster_makes_the_same_plan_as_this_computer(planned_job, bar, tmp_path):
+    local_state, local_plan = planned_job
     remote_state = StateFolder(tmp_path / "there")
 
     async def main():
         job = make_job(remote_state, bar)
         async with cluster(tmp_path / "cluster", ["w1", "w2"]) as (pool, _):
-            remote_plan = await plan(remote_state, job, pool)
+            remote_plan = await plan_job(remote_state, job, pool)
             assert pool.own.calls == []
         return remote_plan
 
     remote_plan = asyncio.run(main())
     assert remote_plan == replace(local_plan, decomposition=remote_plan.decomposition)
-    assert list_stored(local_state) == list_stored(remote_state)
+    assert list_stored_files(local_state) == list_stored_files(remote_state)
     assert not list(remote_state.work.iterdir()) and not list(remote_state.slices.iterdir())
 
 
@@ -111,12 +111,14 @@ class CountingWorkers(Workers):
     """Workers that count their tasks, and those that run at the same time on all of them."""
 
     running_tasks: ClassVar[Counter[str]] = Counter()
-    most_at_once: ClassVar[Counter[str]] = Counter()
+    max_running_tasks: ClassVar[Counter[str]] = Counter()
 
     async def run(self, work, *args, limit=None, group=None):
         cls = CountingWorkers
         cls.running_tasks[limit.work] += 1
-        cls.most_at_once[limit.work] = max(cls.most_at_once[limit.work], cls.running_tasks[limit.work])
+        cls.max_running_tasks[limit.work] = max(
+            cls.max_running_tasks[limit.work], cls.running_tasks[limit.work]
+        )
         try:
             return await super().run(work, *args, limit=limit, group=group)
         finally:
@@ -128,14 +130,14 @@ def read_attempts(state, result):
     return [{key: value for key, value in attempt.items() if key != "compute_s"} for attempt in attempts]
 
 
-def test_attempts_side_by_side_have_the_plan_of_one_worker(bar, tmp_path):
+def test_parallel_attempts_make_the_plan_of_one_worker(bar, tmp_path):
     """Use a budget for a round of three attempts, on one worker and on a cluster of two."""
     options = JobOptions(printers=3)
 
     async def plan_by_one(state):
         workers = CountingWorkers(tmp_path / "workers", 1)
         try:
-            return await plan(state, make_job(state, bar, options), workers, ROUNDS_BUDGET_S)
+            return await plan_job(state, make_job(state, bar, options), workers, ROUNDS_BUDGET_S)
         finally:
             workers.close()
 
@@ -144,23 +146,23 @@ def test_attempts_side_by_side_have_the_plan_of_one_worker(bar, tmp_path):
         pools = {name: CountingWorkers(tmp_path / f"pool-{name}", 1) for name in ("w1", "w2")}
         try:
             async with cluster(tmp_path / "cluster", list(pools), pools) as (pool, _):
-                result = await plan(state, job, pool, ROUNDS_BUDGET_S)
+                result = await plan_job(state, job, pool, ROUNDS_BUDGET_S)
                 assert pool.own.calls == []
             return result
         finally:
             for workers in pools.values():
                 workers.close()
 
-    states, plans, most_at_once = [], [], []
+    states, plans, max_running_tasks = [], [], []
     for name, make_plan in (("by one", plan_by_one), ("by two", plan_by_two)):
-        CountingWorkers.most_at_once.clear()
+        CountingWorkers.max_running_tasks.clear()
         states.append(StateFolder(tmp_path / name))
         plans.append(asyncio.run(make_plan(states[-1])))
-        most_at_once.append(CountingWorkers.most_at_once[DECOMPOSING.work])
+        max_running_tasks.append(CountingWorkers.max_running_tasks[DECOMPOSING.work])
     plan_by_one_worker, plan_by_two_workers = plans
     assert plan_by_two_workers == replace(plan_by_one_worker, decomposition=plan_by_two_workers.decomposition)
-    assert list_stored(states[0]) == list_stored(states[1])
-    assert most_at_once[1] == 2
+    assert list_stored_files(states[0]) == list_stored_files(states[1])
+    assert max_running_tasks[1] == 2
     attempts = read_attempts(states[0], plan_by_one_worker)
     assert sum(attempt["finished"] for attempt in attempts) >= 3
     assert read_attempts(states[1], plan_by_two_workers) == attempts

@@ -16,5 +16,5 @@ def test_parts_get_their_supports_in_every_quality(quality):
     settings = resolve_printer_settings(section, quality, find_resources())
     assert settings.support_enabled
     assert settings.support_line_distance_mm > 0.0
-    request_alone = replace(build_settings_request(section, quality), has_support=False)
-    assert resolve_settings(request_alone, find_resources()).support_enabled == (quality in FARM_QUALITIES)
+    plain_request = replace(build_settings_request(section, quality), has_support=False)
+    assert resolve_settings(plain_request, find_resources()).support_enabled == (quality in FARM_QUALITIES)

@@ -1,4 +1,4 @@
-"""Beds of the drivers, which are those of Cura's definitions, and the smaller room of a part."""
+"""Beds of the drivers, compared with Cura's definitions, and the smaller room of a part."""
 
 import pytest
 
@@ -48,4 +48,4 @@ def test_room_of_a_model_is_reduced_by_the_shrinkage(resources):
             box.size_mm
         )
         assert x < box.size_mm[0]
-    assert max(box[4] for box in list_bed_boxes(section)) == 205.0  # the bed itself stays
+    assert max(box[4] for box in list_bed_boxes(section)) == 205.0  # the bed itself is unchanged

@@ -19,7 +19,7 @@ from farm.state.books import Books
 ANY_PRINTER = Requirements(None, None, None)
 
 
-def choose(
+def choose_order(
     requirements,
     printers,
     min_parts,
@@ -48,22 +48,22 @@ def test_first_job_uses_all_idle_and_clear_printers():
         make_printer("c", booked=True),
         make_printer("d"),
     ]
-    assert choose(ANY_PRINTER, None, 0, fleet, frozenset(), True) == PlanOrder(("a", "d"))
-    assert choose(ANY_PRINTER, None, 0, fleet, frozenset("d"), True) == PlanOrder(("a",))
-    assert choose(ANY_PRINTER, 1, 0, fleet, frozenset(), True) == PlanOrder(("a",))
+    assert choose_order(ANY_PRINTER, None, 0, fleet, frozenset(), True) == PlanOrder(("a", "d"))
+    assert choose_order(ANY_PRINTER, None, 0, fleet, frozenset("d"), True) == PlanOrder(("a",))
+    assert choose_order(ANY_PRINTER, 1, 0, fleet, frozenset(), True) == PlanOrder(("a",))
 
 
 def test_fewer_requested_printers_are_the_largest():
     fleet = [make_printer("a"), make_printer("b", room=TALL)]
-    assert choose(ANY_PRINTER, 1, 0, fleet, frozenset(), True) == PlanOrder(("b",))
+    assert choose_order(ANY_PRINTER, 1, 0, fleet, frozenset(), True) == PlanOrder(("b",))
 
 
 def test_job_waits_for_connecting_printers():
-    answer = choose(
+    answer = choose_order(
         ANY_PRINTER, None, 0, [make_printer("a"), make_printer("b", link=Link.STARTING)], frozenset(), True
     )
     assert isinstance(answer, Hold) and "b" in answer.text
-    decision = choose(
+    decision = choose_order(
         ANY_PRINTER, None, 0, [make_printer("a"), make_printer("b", link=Link.STARTING)], frozenset(), False
     )
     assert decision == PlanOrder(("a",))
@@ -71,30 +71,30 @@ def test_job_waits_for_connecting_printers():
 
 def test_excess_parts_are_planned_for_busy_printers_then_in_rounds():
     fleet = [make_printer("a"), make_printer("b", booked=True), make_printer("c")]
-    assert choose(ANY_PRINTER, None, 3, fleet, frozenset(), True) == PlanOrder(("a", "b", "c"))
+    assert choose_order(ANY_PRINTER, None, 3, fleet, frozenset(), True) == PlanOrder(("a", "b", "c"))
     printers = [
         make_printer("a"),
         make_printer("b", link=Link.ABSENT),
         make_printer("c", attention_reason="it smokes"),
     ]
-    assert choose(ANY_PRINTER, None, 2, printers, frozenset(), True) == PlanOrder(("a",), rounds=2)
-    assert choose(ANY_PRINTER, None, 5, fleet, frozenset(), True) == PlanOrder(("a", "c"), rounds=3)
+    assert choose_order(ANY_PRINTER, None, 2, printers, frozenset(), True) == PlanOrder(("a",), rounds=2)
+    assert choose_order(ANY_PRINTER, None, 5, fleet, frozenset(), True) == PlanOrder(("a", "c"), rounds=3)
 
 
 def test_job_is_planned_though_no_printer_is_free():
     busy_printer, full_printer = make_printer("c", booked=True), make_printer("b", bed=Bed.NOT_CLEAR)
     broken_printer = make_printer("a", attention_reason="it smokes")
-    assert choose(
+    assert choose_order(
         ANY_PRINTER, None, 0, [broken_printer, full_printer, busy_printer], frozenset(), True
     ) == PlanOrder(("b", "c"))
-    assert choose(
+    assert choose_order(
         ANY_PRINTER, 1, 0, [broken_printer, full_printer, busy_printer], frozenset(), True
     ) == PlanOrder(("b",))
-    # Nothing else is known about the printers.
-    assert choose(ANY_PRINTER, None, 0, [broken_printer], frozenset(), True) == PlanOrder(("a",))
-    assert choose(ANY_PRINTER, None, 0, [make_printer("d"), busy_printer], frozenset("d"), True) == PlanOrder(
-        ("c", "d")
-    )
+    # A printer that needs attention is used only if there is no other.
+    assert choose_order(ANY_PRINTER, None, 0, [broken_printer], frozenset(), True) == PlanOrder(("a",))
+    assert choose_order(
+        ANY_PRINTER, None, 0, [make_printer("d"), busy_printer], frozenset("d"), True
+    ) == PlanOrder(("c", "d"))
 
 
 def test_job_that_no_printer_matches_is_held_with_the_reason():
@@ -109,17 +109,17 @@ def test_job_that_no_printer_matches_is_held_with_the_reason():
 def test_job_at_night_is_planned_for_unattended_printers():
     fleet = [make_printer("a"), make_printer("b"), make_printer("c", unattended=False)]
     blocked_printers = frozenset("c")
-    assert choose(
+    assert choose_order(
         ANY_PRINTER, None, 0, fleet, frozenset(), True, blocked_printers=blocked_printers
     ) == PlanOrder(("a", "b"))
-    assert choose(
+    assert choose_order(
         ANY_PRINTER, None, 3, fleet, frozenset(), True, blocked_printers=blocked_printers
     ) == PlanOrder(("a", "b"), rounds=2)
-    assert choose(
+    assert choose_order(
         ANY_PRINTER, None, 0, fleet[2:], frozenset(), True, blocked_printers=blocked_printers
     ) == PlanOrder(("c",))
     busy_printers = [make_printer("a", booked=True), fleet[2]]
-    assert choose(
+    assert choose_order(
         ANY_PRINTER, None, 0, busy_printers, frozenset(), True, blocked_printers=blocked_printers
     ) == PlanOrder(("a",))
 
@@ -129,7 +129,7 @@ def make_queued_job(number, **changes):
     return Job(id=number, request_id="r" * 8, **{**facts, **changes})
 
 
-def decide(jobs, fleet):
+def decide_on_jobs(jobs, fleet):
     """Decide on the jobs of a queue; return the orders and the holds."""
     situation = make_situation([], fleet)
     admission = JobAdmission()
@@ -140,9 +140,11 @@ def decide(jobs, fleet):
 
 def test_held_job_is_planned_for_attended_printers_too():
     fleet = [make_printer("a"), make_printer("b", booked=True), make_printer("c", unattended=False)]
-    assert decide([make_queued_job(1)], fleet)[0] == [(1, ("a",))]
-    assert decide([make_queued_job(1, options=JobOptions(hold=True))], fleet)[0] == [(1, ("a", "b", "c"))]
-    assert decide([make_queued_job(1, not_before_s=3600.0)], fleet)[0] == [(1, ("a", "b"))]
+    assert decide_on_jobs([make_queued_job(1)], fleet)[0] == [(1, ("a",))]
+    assert decide_on_jobs([make_queued_job(1, options=JobOptions(hold=True))], fleet)[0] == [
+        (1, ("a", "b", "c"))
+    ]
+    assert decide_on_jobs([make_queued_job(1, not_before_s=3600.0)], fleet)[0] == [(1, ("a", "b"))]
 
 
 SMALL = {"size": ModelSize(extents_mm=(60.0, 60.0, 60.0), faces=12)}
@@ -154,7 +156,7 @@ def test_long_plans_are_limited_and_quick_ones_do_not_wait():
         make_queued_job(4, **SMALL),
         make_queued_job(5, own_gcode=own_gcode),
     ]
-    orders, holds = decide(jobs, [make_printer("a"), make_printer("b")])
+    orders, holds = decide_on_jobs(jobs, [make_printer("a"), make_printer("b")])
     assert orders == [(n, ("a", "b")) for n in (1, 2, 4, 5)]
     assert (holds[3].code, holds[3].text) == (HoldCode.NOT_FIRST, "job 1 and job 2 are planned first")
 

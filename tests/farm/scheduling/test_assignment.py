@@ -15,7 +15,7 @@ from farm.scheduling.matching import Requirements
 NOW_S = 1_000_000.0
 
 
-def assign(waiting_plates, fleet, start_rules=None, **changes):
+def assign_with_holds(waiting_plates, fleet, start_rules=None, **changes):
     situation = make_situation(waiting_plates, fleet, start_rules, NOW_S, **changes)
     assignments = assignment.assign_plates(situation)
     return assignments, assignment.find_holds(situation, assignments)
@@ -34,15 +34,17 @@ def test_unmatched_printers_and_plates_are_skipped(monkeypatch):
     tpu = Requirements(material="generic_tpu", colour=None, nozzle_mm=0.4)
     waiting_plates = [make_plate(f"1/{number:02d}", "a") for number in range(50)]
     other_plates = [make_plate(f"2/{number:02d}", "a", requirements=tpu, job=2) for number in range(50)]
-    assignments, _ = assign([*waiting_plates, *other_plates], fleet)
+    assignments, _ = assign_with_holds([*waiting_plates, *other_plates], fleet)
     assert [item.printer for item in assignments] == ["a"]
     assert len(placed_ids) == 1
-    assert assign(waiting_plates, fleet[1:])[0] == [] and len(placed_ids) == 1
+    assert assign_with_holds(waiting_plates, fleet[1:])[0] == [] and len(placed_ids) == 1
 
 
 def test_plate_waits_for_the_start_time_of_its_job():
     fleet = [make_printer("a", booked=True), make_printer("b", bed=Bed.NOT_CLEAR)]
-    _, holds = assign([make_plate("1/01", "a", not_before_s=NOW_S + 60.0), make_plate("1/02", "a")], fleet)
+    _, holds = assign_with_holds(
+        [make_plate("1/01", "a", not_before_s=NOW_S + 60.0), make_plate("1/02", "a")], fleet
+    )
     assert (holds["1/01"].code, holds["1/02"].code) == (HoldCode.START_TIME, HoldCode.PRINTER_BUSY)
     assert "farm cleared b" in holds["1/02"].text and "cleared" not in holds["1/01"].text
 
@@ -81,7 +83,7 @@ plates = st.lists(
 
 @given(plates, printers)
 def test_assignment_keeps_its_invariants(waiting_plates, fleet):
-    assignments, holds = assign(waiting_plates, fleet)
+    assignments, holds = assign_with_holds(waiting_plates, fleet)
     by_name = {p.name: p for p in fleet}
     by_id = {p.id: p for p in waiting_plates}
     used_printers = [a.printer for a in assignments]
@@ -102,7 +104,7 @@ def test_assignment_keeps_its_invariants(waiting_plates, fleet):
 
 @given(plates, printers)
 def test_no_matching_printer_stays_idle(waiting_plates, fleet):
-    assignments, holds = assign(waiting_plates, fleet)
+    assignments, holds = assign_with_holds(waiting_plates, fleet)
     used_printers = {a.printer for a in assignments}
     for plate in (p for p in waiting_plates if p.id in holds):
         idle_printers = [p for p in fleet if p.name not in used_printers and p.obstacle() is None]
@@ -111,29 +113,31 @@ def test_no_matching_printer_stays_idle(waiting_plates, fleet):
 
 @given(plates, printers, st.randoms())
 def test_assignment_is_independent_of_input_order(waiting_plates, fleet, random):
-    answer = assign(waiting_plates, fleet)
+    answer = assign_with_holds(waiting_plates, fleet)
     for items in (fleet, waiting_plates):
         random.shuffle(items)
-    assert assign(waiting_plates, fleet) == answer
+    assert assign_with_holds(waiting_plates, fleet) == answer
 
 
 def test_plate_keeps_its_planned_printer_and_avoids_one_it_failed_on():
-    assignments, _ = assign([make_plate("1/01", "b")], [make_printer("a"), make_printer("b")])
+    assignments, _ = assign_with_holds([make_plate("1/01", "b")], [make_printer("a"), make_printer("b")])
     assert assignments[0].printer == "b"
-    assignments, _ = assign(
+    assignments, _ = assign_with_holds(
         [make_plate("1/01", "b", failed_on=frozenset("b"))], [make_printer("a"), make_printer("b")]
     )
     assert assignments[0].printer == "a"
-    assignments, _ = assign([make_plate("1/01", "b", failed_on=frozenset("b"))], [make_printer("b")])
+    assignments, _ = assign_with_holds(
+        [make_plate("1/01", "b", failed_on=frozenset("b"))], [make_printer("b")]
+    )
     assert assignments[0].printer == "b"
 
 
 def test_hold_names_the_reason_to_wait():
-    _, holds = assign([make_plate("1/01", "a")], [make_printer("a", bed=Bed.NOT_CLEAR)])
+    _, holds = assign_with_holds([make_plate("1/01", "a")], [make_printer("a", bed=Bed.NOT_CLEAR)])
     assert holds["1/01"].code is HoldCode.BED_NOT_CLEAR
     assert "farm cleared a" in holds["1/01"].text
     tall = Requirements("generic_pla", None, 0.4, box(231.0))
-    _, holds = assign([make_plate("1/01", "a", requirements=tall)], [make_printer("a")])
+    _, holds = assign_with_holds([make_plate("1/01", "a", requirements=tall)], [make_printer("a")])
     assert holds["1/01"].code is HoldCode.NO_SUCH_PRINTER
     assert "231 mm of height" in holds["1/01"].text
 
@@ -141,13 +145,13 @@ def test_hold_names_the_reason_to_wait():
 def test_plate_is_moved_only_to_a_printer_with_enough_room():
     small_printer = make_printer("b", room=((-50.0, -50.0, 50.0, 50.0, 205.0),))
     small_bed_requirements = Requirements("generic_pla", None, 0.4, (20.0, -20.0, 60.0, 20.0, 30.0))
-    assignments, holds = assign(
+    assignments, holds = assign_with_holds(
         [make_plate("1/01", "a", requirements=small_bed_requirements)],
         [make_printer("a", booked=True), small_printer],
     )
     assert assignments == []
     assert holds["1/01"].code is HoldCode.PRINTER_BUSY
-    assignments, _ = assign(
+    assignments, _ = assign_with_holds(
         [make_plate("1/01", "a", requirements=small_bed_requirements)],
         [make_printer("a", booked=True), make_printer("b")],
     )
@@ -156,15 +160,15 @@ def test_plate_is_moved_only_to_a_printer_with_enough_room():
 
 def test_job_uses_at_most_the_requested_printers():
     waiting_plates = [make_plate(f"1/0{i}", "ab"[i % 2], extra_printers=1) for i in range(4)]
-    assignments, holds = assign(waiting_plates, [make_printer(name) for name in "abcd"])
+    assignments, holds = assign_with_holds(waiting_plates, [make_printer(name) for name in "abcd"])
     assert len(assignments) == 1
     assert {hold.code for hold in holds.values()} == {HoldCode.JOB_PRINTER_LIMIT}
-    assert assign([make_plate("1/01", "a", extra_printers=0)], [make_printer("a")])[0] == []
+    assert assign_with_holds([make_plate("1/01", "a", extra_printers=0)], [make_printer("a")])[0] == []
 
 
 @given(plates, printers, st.integers(0, 5))
 def test_limit_on_printers_of_a_job_holds_for_any_fleet(waiting_plates, fleet, extra_printers):
-    assignments, _ = assign(
+    assignments, _ = assign_with_holds(
         [replace(plate, extra_printers=extra_printers) for plate in waiting_plates], fleet
     )
     assert len(assignments) <= extra_printers
@@ -175,7 +179,7 @@ def test_plate_of_an_earlier_job_comes_before_a_longer_one_of_a_later_job():
         make_plate("1/01", "x", job=1, expected_s=60.0),
         make_plate("2/01", "x", job=2, expected_s=6000.0),
     ]
-    assignments, _ = assign(waiting_plates, [make_printer("a")])
+    assignments, _ = assign_with_holds(waiting_plates, [make_printer("a")])
     assert assignments[0].plate == "1/01"
 
 
@@ -192,10 +196,10 @@ def test_gcode_for_another_kind_of_printer_waits():
     sliced_plate = make_plate(
         "p1", "plus", requirements=Requirements("generic_pla", None, 0.4, box(100.0), "ultimaker2_plus")
     )
-    assignments, holds = assign([sliced_plate], [plain_printer])
+    assignments, holds = assign_with_holds([sliced_plate], [plain_printer])
     assert not assignments
     assert "an ultimaker2_plus, which it was sliced for" in holds["p1"].text
-    assignments, _ = assign([sliced_plate], [plain_printer, plus_printer])
+    assignments, _ = assign_with_holds([sliced_plate], [plain_printer, plus_printer])
     assert [a.printer for a in assignments] == ["plus"]
 
 
@@ -211,13 +215,15 @@ def test_plate_for_named_printers_is_assigned_to_one_or_held_with_their_names():
         make_plate("1/01", "a", requirements=only_b),
         make_plate("1/02", "a", requirements=only_b),
     )
-    assignments, holds = assign([first_plate, second_plate], fleet)
+    assignments, holds = assign_with_holds([first_plate, second_plate], fleet)
     assert [(assignment.plate, assignment.printer) for assignment in assignments] == [("1/01", "b")]
     assert holds["1/02"].text == "needs b: every matching printer got another plate"
-    assignments, holds = assign([first_plate], [make_printer("a"), name_printer("b", bed=Bed.NOT_CLEAR)])
+    assignments, holds = assign_with_holds(
+        [first_plate], [make_printer("a"), name_printer("b", bed=Bed.NOT_CLEAR)]
+    )
     assert assignments == []
     assert holds["1/01"].text.startswith("needs b: the bed of b is not clear")
-    assert assign([first_plate], [make_printer("a")])[1]["1/01"].text.startswith(
+    assert assign_with_holds([first_plate], [make_printer("a")])[1]["1/01"].text.startswith(
         "no printer of the fleet matches: gener"
     )
 
@@ -225,7 +231,7 @@ def test_plate_for_named_printers_is_assigned_to_one_or_held_with_their_names():
 def test_hold_of_a_plate_names_the_obstacle_of_its_own_printer():
     fleet = [make_printer("a", attention_reason="it smokes"), make_printer("b", bed=Bed.NOT_CLEAR)]
     for planned_printer, code in (("a", HoldCode.NEEDS_INSPECTION), ("b", HoldCode.BED_NOT_CLEAR)):
-        _, holds = assign([make_plate("p", planned_printer)], fleet)
+        _, holds = assign_with_holds([make_plate("p", planned_printer)], fleet)
         assert holds["p"].code is code
 
 
@@ -242,7 +248,7 @@ ready_printers = st.lists(
 
 
 @given(plates, ready_printers)
-def test_short_cut_to_an_untaken_printer_changes_no_assignment(waiting_plates, fleet):
+def test_shortcut_to_an_unassigned_printer_changes_no_assignment(waiting_plates, fleet):
     situation = make_situation(waiting_plates, fleet, None, NOW_S)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(plate_matching._Matching, "_find_unassigned_printer", lambda self, plate: None)

@@ -155,7 +155,7 @@ def test_bound_includes_plates_for_some_printers_only():
     assert forecast.lower_bound_s == pytest.approx(3 * HOUR_S)
 
 
-def test_plate_for_which_the_reel_of_the_next_printer_is_too_short_waits_for_another():
+def test_plate_too_large_for_the_reel_of_the_next_printer_waits_for_another():
     plates = [make_plate(f"1/{i}", "a", expected_s=HOUR_S, grams=40.0) for i in range(2)]
     fleet = [make_printer("a", grams=50.0), make_printer("b", booked=True, free_s=10 * HOUR_S)]
     forecast = make_forecast(plates, fleet, make_rules(), 0.0)

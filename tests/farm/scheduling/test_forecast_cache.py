@@ -28,8 +28,8 @@ class CachedForecast:
         waiting_plates = describe_plates(self.books.waiting_plates(), self.books)
         return make_situation(waiting_plates, [make_printer("a")], now_s=self.now_s)
 
-    def move(self, now_s, plates):
-        """Move to a time at which the queue has this number of plates."""
+    def set_time_and_queue(self, now_s, plates):
+        """Set the time, and a queue of this number of plates."""
         self.now_s, self.books = now_s, make_printing_books(plates=plates)
 
 
@@ -39,13 +39,15 @@ def cached_forecast():
 
 
 def test_forecast_is_computed_again_after_changes_with_a_minimum_interval(cached_forecast):
-    first_s = cached_forecast.cache.find_ends()
+    first_ends = cached_forecast.cache.find_ends()
     # A bed is cleared between them.
-    assert first_s.by_plate == {"1/01": 1100.0, "1/02": 1100.0 + 900.0 + 100.0} and first_s.at_s == 1000.0
+    assert (
+        first_ends.by_plate == {"1/01": 1100.0, "1/02": 1100.0 + 900.0 + 100.0} and first_ends.at_s == 1000.0
+    )
     cached_forecast.now_s = 1050.0
-    assert cached_forecast.cache.find_ends() is first_s
-    cached_forecast.move(1009.0, plates=1)  # 4.5 s of the wall later
-    assert cached_forecast.cache.find_ends() is first_s
+    assert cached_forecast.cache.find_ends() is first_ends
+    cached_forecast.set_time_and_queue(1009.0, plates=1)  # 4.5 s of wall time later
+    assert cached_forecast.cache.find_ends() is first_ends
     cached_forecast.now_s = 1011.0
     assert cached_forecast.cache.find_ends().by_plate == {"1/01": 1111.0}
     cached_forecast.now_s = 1072.0  # no request for a minute
@@ -53,7 +55,7 @@ def test_forecast_is_computed_again_after_changes_with_a_minimum_interval(cached
     assert cached_forecast.situations == 3
 
 
-def run(steps):
+def run_steps(steps):
     for _ in steps:
         pass
 
@@ -61,33 +63,35 @@ def run(steps):
 def test_no_caller_waits_for_the_forecast_of_a_large_queue(cached_forecast, monkeypatch):
     monkeypatch.setattr(forecast_cache, "LARGE_QUEUE", 2)
     cache = cached_forecast.cache
-    assert cache.find_ends().by_plate == {} and cache.find_ends().at_s == -math.inf  # not even for the first
-    run(cache.find_background_work())
-    first_s = cache.find_ends()
-    assert first_s.at_s == 1000.0 and first_s.by_plate.keys() == {"1/01", "1/02"}
-    cached_forecast.move(1089.0, plates=3)
+    assert (
+        cache.find_ends().by_plate == {} and cache.find_ends().at_s == -math.inf
+    )  # not even the first caller
+    run_steps(cache.find_background_work())
+    first_ends = cache.find_ends()
+    assert first_ends.at_s == 1000.0 and first_ends.by_plate.keys() == {"1/01", "1/02"}
+    cached_forecast.set_time_and_queue(1089.0, plates=3)
     assert cache.find_background_work() is None
     cached_forecast.now_s = 1091.0
-    assert cache.find_ends() is first_s
+    assert cache.find_ends() is first_ends
     steps = cache.find_background_work()
-    assert cache.find_ends() is first_s
-    run(steps)
+    assert cache.find_ends() is first_ends
+    run_steps(steps)
     second_ends = cache.find_ends()
     assert second_ends.at_s == 1091.0 and second_ends.by_plate.keys() == {"1/01", "1/02", "1/03"}
-    cached_forecast.move(1200.0, plates=2)
+    cached_forecast.set_time_and_queue(1200.0, plates=2)
     steps = cache.find_background_work()
     cache.on_clock_set()
-    run(steps)  # it was computed with the former hours
+    run_steps(steps)  # it was computed with the former hours
     assert cache.find_ends().at_s == -math.inf
 
 
 def test_forecast_of_a_queue_that_has_become_small_is_made_on_request(cached_forecast, monkeypatch):
     monkeypatch.setattr(forecast_cache, "LARGE_QUEUE", 2)
-    run(cached_forecast.cache.find_background_work())
-    cached_forecast.move(1200.0, plates=1)
+    run_steps(cached_forecast.cache.find_background_work())
+    cached_forecast.set_time_and_queue(1200.0, plates=1)
     assert cached_forecast.cache.find_background_work() is None
     assert cached_forecast.cache.find_ends().by_plate.keys() == {"1/01"}
-    cached_forecast.move(1300.0, plates=2)
+    cached_forecast.set_time_and_queue(1300.0, plates=2)
     assert cached_forecast.cache.find_ends().at_s == 1200.0
-    run(cached_forecast.cache.find_background_work())
+    run_steps(cached_forecast.cache.find_background_work())
     assert cached_forecast.cache.find_ends().at_s == 1300.0

@@ -18,7 +18,7 @@ def parse_time(text, fold=0):
     return datetime.fromisoformat(text).replace(tzinfo=LONDON, fold=fold).timestamp()
 
 
-def hours(*texts):
+def make_hours(*texts):
     return Hours(tuple(map(parse_window, texts)), LONDON)
 
 
@@ -37,7 +37,7 @@ def test_invalid_window_is_refused_with_an_example(text):
 
 
 def test_spans_may_cross_midnight_and_the_end_of_the_week():
-    night = hours("fri 22:00-06:00", "sat 06:00-08:00")
+    night = make_hours("fri 22:00-06:00", "sat 06:00-08:00")
     begin, end = parse_time("2026-11-20 22:00"), parse_time("2026-11-21 08:00")
     assert night.find_span(parse_time("2026-11-21 05:00")) == (begin, end)
     assert night.find_span(parse_time("2026-11-21 08:00")) is None
@@ -47,15 +47,15 @@ def test_spans_may_cross_midnight_and_the_end_of_the_week():
 
 
 def test_windows_may_cover_nothing_or_the_whole_week():
-    assert hours().find_span(parse_time("2026-11-20 22:00")) is None
-    assert hours().find_next_edge_s(parse_time("2026-11-20 22:00")) is None
-    whole_week = hours("00:00-12:00", "12:00-24:00")
+    assert make_hours().find_span(parse_time("2026-11-20 22:00")) is None
+    assert make_hours().find_next_edge_s(parse_time("2026-11-20 22:00")) is None
+    whole_week = make_hours("00:00-12:00", "12:00-24:00")
     assert whole_week.find_span(parse_time("2026-11-20 22:00"))[1] == math.inf
     assert whole_week.find_next_edge_s(parse_time("2026-11-20 22:00")) is None
 
 
 def test_length_of_a_night_changes_with_daylight_saving():
-    night = hours("22:00-06:00")
+    night = make_hours("22:00-06:00")
     lengths = [
         (end - begin) / 3600
         for time in ("2026-03-28 23:00", "2026-10-24 23:00", "2026-11-20 23:00")
@@ -64,12 +64,12 @@ def test_length_of_a_night_changes_with_daylight_saving():
     assert lengths == [7, 9, 8]
 
 
-def test_window_edges_in_skipped_or_repeated_hours():
-    skipped_span = hours("01:30-04:00").find_span(parse_time("2026-03-29 03:00"))
+def test_window_edges_in_skipped_or_repeated_make_hours():
+    skipped_span = make_hours("01:30-04:00").find_span(parse_time("2026-03-29 03:00"))
     assert skipped_span == (parse_time("2026-03-29 02:30"), parse_time("2026-03-29 04:00"))
-    repeated_span = hours("00:30-01:30").find_span(parse_time("2026-10-25 01:10", fold=1))
+    repeated_span = make_hours("00:30-01:30").find_span(parse_time("2026-10-25 01:10", fold=1))
     assert repeated_span == (parse_time("2026-10-25 00:30"), parse_time("2026-10-25 01:30", fold=1))
-    assert hours("01:15-01:45").find_span(parse_time("2026-03-29 02:20")) == (
+    assert make_hours("01:15-01:45").find_span(parse_time("2026-03-29 02:20")) == (
         parse_time("2026-03-29 02:15"),
         parse_time("2026-03-29 02:45"),
     )
@@ -80,11 +80,15 @@ def test_window_edges_in_skipped_or_repeated_hours():
     [
         ("02:30-04:00", "2026-03-29T03:30:00+02:00", "2026-03-29T04:00:00+02:00"),  # skipped: an hour later
         ("22:00-02:30", "2026-03-28T22:00:00+01:00", "2026-03-29T03:30:00+02:00"),
-        ("02:30-04:00", "2026-10-25T02:30:00+02:00", "2026-10-25T04:00:00+01:00"),  # twice: the first begins
-        ("22:00-02:30", "2026-10-24T22:00:00+02:00", "2026-10-25T02:30:00+01:00"),  # and the second ends
+        (
+            "02:30-04:00",
+            "2026-10-25T02:30:00+02:00",
+            "2026-10-25T04:00:00+01:00",
+        ),  # repeated: begins in the first
+        ("22:00-02:30", "2026-10-24T22:00:00+02:00", "2026-10-25T02:30:00+01:00"),  # and ends in the second
     ],
 )
-def test_edges_in_a_skipped_or_repeated_hour(window, begin, end):
+def test_skipped_edge_is_an_hour_later_and_a_repeated_hour_is_covered_twice(window, begin, end):
     """Check the edges of attended and of quiet hours."""
     berlin = Hours((parse_window(window),), ZoneInfo("Europe/Berlin"))
     span = tuple(datetime.fromisoformat(text).timestamp() for text in (begin, end))
@@ -107,7 +111,7 @@ windows = st.lists(
 
 @given(windows, st.datetimes(datetime(2026, 1, 1), datetime(2027, 12, 31)))
 def test_spans_keep_their_invariants(texts, moment):
-    calendar = hours(*texts)
+    calendar = make_hours(*texts)
     now_s = moment.replace(tzinfo=LONDON).timestamp()
     span, next_span, edge_s = (
         calendar.find_span(now_s),

@@ -84,7 +84,7 @@ def test_cached_description_equals_a_new_one(steps, is_absent):
         is_absent = not is_absent
 
 
-def test_firmware_with_an_unverified_dead_man_prints_only_attended():
+def test_printer_with_an_unverified_dead_man_timer_prints_only_attended():
     real_section = PrinterSection(name="a", model="creality_ender3", port="/dev/ttyUSB0")
     simulated_section = real_section.model_copy(update={"port": "sim://creality_ender3"})
     plus_section = real_section.model_copy(update={"model": "ultimaker2_plus"})
@@ -96,7 +96,7 @@ def test_firmware_with_an_unverified_dead_man_prints_only_attended():
     assert printers[0].attended_reason == reason
 
 
-def test_one_printer_is_described_as_among_all_unless_it_is_disabled():
+def test_description_of_one_printer_equals_that_in_the_fleet_unless_it_is_disabled():
     books, builder = make_printing_books(plates=1), SituationBuilder(list_bed_boxes)
     views = builder.describe_printers(FLEET, books, READY_SNAPSHOTS)
     assert [builder.describe_printer(FLEET, name, books, READY_SNAPSHOTS) for name in PRINTERS] == list(views)
@@ -158,7 +158,7 @@ def test_capabilities_have_a_name_only_if_a_job_requests_it():
 
 
 @given(st.floats(0, 200), st.floats(-300, 300), st.sampled_from(["print", "another", None]))
-def test_running_print_ends_where_its_printer_is_shown_to_end(progress_s, late_s, reported):
+def test_end_of_a_running_print_equals_the_end_shown_for_its_printer(progress_s, late_s, reported):
     books = make_printing_books(plates=2)
     books, _ = apply_events(books, ev.PlateAssigned(at_s=5.0, plate="1/01", printer="a", print_id="print"))
     report = AgentPrint(

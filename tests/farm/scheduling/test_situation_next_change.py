@@ -65,15 +65,15 @@ def start_plates(situation):
 @given(plates, fleets, rule_sets)
 @settings(max_examples=60, deadline=None)
 def test_no_start_changes_before_the_next_change(waiting_plates, fleet, start_rules):
-    eager = lazy = make_situation(waiting_plates, fleet, start_rules, FRIDAY_S)
+    eager_situation = lazy_situation = make_situation(waiting_plates, fleet, start_rules, FRIDAY_S)
     due_s = -math.inf
     for tick in range(TICKS):
         now_s = FRIDAY_S + tick * TICK_S
-        eager, eager_starts = start_plates(replace(eager, now_s=now_s))
+        eager_situation, eager_starts = start_plates(replace(eager_situation, now_s=now_s))
         lazy_starts = []
         if now_s >= due_s:
-            lazy, lazy_starts = start_plates(replace(lazy, now_s=now_s))
-            due_s = lazy.find_next_change_s()
+            lazy_situation, lazy_starts = start_plates(replace(lazy_situation, now_s=now_s))
+            due_s = lazy_situation.find_next_change_s()
         assert lazy_starts == eager_starts
 
 

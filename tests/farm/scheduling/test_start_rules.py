@@ -37,7 +37,7 @@ def parse_time(text):
 FRIDAY_S = parse_time("2026-11-20 17:00")
 
 
-def assign(waiting_plates, fleet, start_rules, now_s, spares=0):
+def assign_with_holds(waiting_plates, fleet, start_rules, now_s, spares=0):
     situation = make_situation(waiting_plates, fleet, start_rules, now_s, spares=spares)
     assignments = assignment.assign_plates(situation)
     return assignments, assignment.find_holds(situation, assignments)
@@ -86,7 +86,7 @@ times_s = st.floats(FRIDAY_S, FRIDAY_S + 7 * 24 * HOUR_S)
 
 @given(plates, fleets, rule_sets, times_s, st.integers(0, 2))
 def test_forbidden_starts_are_refused(waiting_plates, fleet, start_rules, now_s, spares):
-    assignments, holds = assign(waiting_plates, fleet, start_rules, now_s, spares)
+    assignments, holds = assign_with_holds(waiting_plates, fleet, start_rules, now_s, spares)
     by_name, by_id = {p.name: p for p in fleet}, {p.id: p for p in waiting_plates}
     assert len({a.printer for a in assignments}) == len(assignments)
     assert {a.plate for a in assignments} | set(holds) == set(by_id)
@@ -111,7 +111,7 @@ def test_forbidden_starts_are_refused(waiting_plates, fleet, start_rules, now_s,
 
 @given(plates, fleets, rule_sets, times_s)
 def test_every_time_in_the_sentence_of_a_hold_is_data_too(waiting_plates, fleet, start_rules, now_s):
-    _, holds = assign(waiting_plates, fleet, start_rules, now_s)
+    _, holds = assign_with_holds(waiting_plates, fleet, start_rules, now_s)
     now = datetime.fromtimestamp(now_s, UTC)
     for hold in holds.values():
         assert sorted(re.findall(r"\w{3} (?:\d\d \w{3} )?\d\d:\d\d", hold.text)) == sorted(
@@ -141,23 +141,24 @@ def test_start_is_allowed_until_the_latest_start(waiting_plates, fleet, start_ru
 
 
 def test_attended_printer_ends_before_the_hours_and_names_the_next_start():
-    start_rules, lone_printer = (
+    start_rules, attended_printer = (
         make_rules(attended=WEEK[0]),
         make_printer("a", unattended=False, attended_reason="so"),
     )
-    assert start_rules.find_latest_end_s(lone_printer, FRIDAY_S) == parse_time("2026-11-20 17:45")
-    assert start_rules.find_unattended_reason(lone_printer, parse_time("2026-11-20 17:44")) is None
+    assert start_rules.find_latest_end_s(attended_printer, FRIDAY_S) == parse_time("2026-11-20 17:45")
+    assert start_rules.find_unattended_reason(attended_printer, parse_time("2026-11-20 17:44")) is None
     message = "a prints only in attended hours (so): from Mon 08:00 (UTC)"
-    assert start_rules.find_unattended_reason(lone_printer, parse_time("2026-11-20 17:45")) == message
-    assert start_rules.find_unattended_reason(lone_printer, parse_time("2026-11-21 03:00")) == message
-    assert start_rules.find_latest_end_s(lone_printer, parse_time("2026-11-21 03:00")) == parse_time(
+    assert start_rules.find_unattended_reason(attended_printer, parse_time("2026-11-20 17:45")) == message
+    assert start_rules.find_unattended_reason(attended_printer, parse_time("2026-11-21 03:00")) == message
+    assert start_rules.find_latest_end_s(attended_printer, parse_time("2026-11-21 03:00")) == parse_time(
         "2026-11-21 03:00"
     )
     assert (
-        make_rules().find_unattended_reason(lone_printer, FRIDAY_S) == "a prints only in attended hours (so)"
+        make_rules().find_unattended_reason(attended_printer, FRIDAY_S)
+        == "a prints only in attended hours (so)"
     )
     assert start_rules.find_unattended_reason(make_printer("a"), parse_time("2026-11-21 03:00")) is None
-    assert make_rules(attended=["00:00-24:00"]).find_latest_end_s(lone_printer, FRIDAY_S) is None
+    assert make_rules(attended=["00:00-24:00"]).find_latest_end_s(attended_printer, FRIDAY_S) is None
 
 
 @given(plates, fleets, rule_sets, times_s)
@@ -174,10 +175,10 @@ def test_every_possible_start_is_made_in_any_order(waiting_plates, fleet, start_
     """Compare with brute force: as many plates as possible start, including the first of the queue."""
     waiting_plates = [replace(p, failed_on=frozenset()) for p in waiting_plates[:5]]
     start_rules = replace(start_rules, max_heating=None)
-    assignments, _ = assign(waiting_plates, fleet, start_rules, now_s)
+    assignments, _ = assign_with_holds(waiting_plates, fleet, start_rules, now_s)
 
     def can_start(plate, printer):
-        return bool(assign([plate], [printer], start_rules, now_s)[0])
+        return bool(assign_with_holds([plate], [printer], start_rules, now_s)[0])
 
     def find_best_starts(remaining_plates, free_printers):
         if not remaining_plates:
@@ -197,12 +198,12 @@ def test_every_possible_start_is_made_in_any_order(waiting_plates, fleet, start_
 
 def test_planned_printer_is_never_a_spare():
     high_plate = make_plate("1/02", "b", requirements=Requirements("generic_pla", None, 0.4, box(231.0)))
-    assignments, _ = assign(
+    assignments, _ = assign_with_holds(
         [high_plate], [make_printer("a"), make_printer("b", room=TALL)], make_rules(), FRIDAY_S, spares=1
     )
     assert assignments[0].printer == "b"
     broken_printer = make_printer("b", room=TALL, attention_reason="heater")
-    assignments, _ = assign(
+    assignments, _ = assign_with_holds(
         [high_plate], [broken_printer, make_printer("c", room=TALL)], make_rules(), FRIDAY_S, spares=1
     )
     assert assignments[0].printer == "c"
@@ -213,7 +214,7 @@ def test_every_plate_is_served_eventually(waiting_plates, fleet, spares):
     """Check that plates that fit a printer start after all prints have ended and all beds are clear."""
     waiting_plates = [replace(p, not_before_s=None) for p in waiting_plates]
     for _ in range(len(waiting_plates) + 1):
-        _, holds = assign(waiting_plates, fleet, make_rules(max_heating=4), FRIDAY_S, spares)
+        _, holds = assign_with_holds(waiting_plates, fleet, make_rules(max_heating=4), FRIDAY_S, spares)
         waiting_plates = [p for p in waiting_plates if p.id in holds]
         fleet = [replace(p, heating=False) for p in fleet]
     final_codes = {
@@ -225,13 +226,13 @@ def test_every_plate_is_served_eventually(waiting_plates, fleet, spares):
     for candidate in waiting_plates:
         if holds[candidate.id].code is HoldCode.KEPT_AS_SPARE:  # its own printer waits for a person
             planned_printer = [p for p in fleet if p.name == candidate.planned_printer]
-            assert not assign([candidate], planned_printer, make_rules(max_heating=4), FRIDAY_S)[0]
+            assert not assign_with_holds([candidate], planned_printer, make_rules(max_heating=4), FRIDAY_S)[0]
         else:
             assert holds[candidate.id].code in final_codes
 
 
 def find_printer(plate, printer, start_rules=None, now_s=FRIDAY_S, **changes):
-    assignments, holds = assign([plate], [printer], start_rules or make_rules(), now_s, **changes)
+    assignments, holds = assign_with_holds([plate], [printer], start_rules or make_rules(), now_s, **changes)
     return holds[plate.id] if holds else assignments[0].printer
 
 
@@ -266,16 +267,16 @@ def test_hold_has_a_code_and_a_reason(plate, printer, start_rules, code, message
 def test_short_reel_is_named_in_addition_to_another_hold():
     short_printer = make_printer("b", grams=10.0)
     busy_printer = make_printer("a", booked=True, free_s=FRIDAY_S + HOUR_S)
-    hold = assign(
+    hold = assign_with_holds(
         [make_plate("1/01", "a", grams=20.0)], [busy_printer, short_printer], make_rules(), FRIDAY_S
     )[1]["1/01"]
     assert hold.code is HoldCode.PRINTER_BUSY
     assert (hold.reel.printer, hold.reel.text) == ("b", "b has 10 g, 1/01 needs 25 g")
     colour = Requirements("generic_pla", "white", 0.4, box(100.0))
     fleet = [make_printer("b", grams=10.0, colour="white"), make_printer("c", colour="black")]
-    hold = assign([make_plate("1/01", "b", grams=20.0, requirements=colour)], fleet, make_rules(), FRIDAY_S)[
-        1
-    ]["1/01"]
+    hold = assign_with_holds(
+        [make_plate("1/01", "b", grams=20.0, requirements=colour)], fleet, make_rules(), FRIDAY_S
+    )[1]["1/01"]
     assert hold.text.startswith("needs white: b has 10 g") and hold.reel.text == "b has 10 g, 1/01 needs 25 g"
 
 
@@ -298,7 +299,7 @@ def test_hold_of_a_large_plate_names_when_its_printers_are_free():
         make_printer(n, room=TALL, booked=True, free_s=FRIDAY_S + 10.2 * HOUR_S)
         for n in ("um2x-02", "um2x-03")
     ]
-    hold = assign(
+    hold = assign_with_holds(
         [make_plate("1/01", "um2x-02", requirements=Requirements("generic_pla", None, 0.4, box(231.0)))],
         [make_printer("um2-01"), *tall_printers],
         make_rules(),
@@ -309,7 +310,9 @@ def test_hold_of_a_large_plate_names_when_its_printers_are_free():
 
 def test_priority_precedes_order_of_submission():
     early_plate, urgent_plate = make_plate("1/01", "a", job=1), make_plate("2/01", "a", job=2, priority=1)
-    assignments, holds = assign([early_plate, urgent_plate], [make_printer("a")], make_rules(), FRIDAY_S)
+    assignments, holds = assign_with_holds(
+        [early_plate, urgent_plate], [make_printer("a")], make_rules(), FRIDAY_S
+    )
     assert assignments[0].plate == "2/01"
     assert holds["1/01"].code is HoldCode.PRINTER_BUSY
 
@@ -317,7 +320,7 @@ def test_priority_precedes_order_of_submission():
 def test_plate_moves_to_an_equivalent_printer():
     low_plate = make_plate("1/01", "b", expected_s=9 * HOUR_S)
     high_plate = make_plate("1/02", "b", requirements=Requirements("generic_pla", None, 0.4, box(231.0)))
-    assignments, _ = assign(
+    assignments, _ = assign_with_holds(
         [low_plate, high_plate], [make_printer("a"), make_printer("b", room=TALL)], make_rules(), FRIDAY_S
     )
     assert {a.plate: a.printer for a in assignments} == {"1/01": "a", "1/02": "b"}
@@ -326,10 +329,10 @@ def test_plate_moves_to_an_equivalent_printer():
 def test_spares_are_kept_for_plates_that_failed():
     fleet = [make_printer("a"), make_printer("b"), make_printer("c", room=TALL)]
     waiting_plates = [make_plate(f"1/0{i}", "a") for i in range(3)]
-    assignments, holds = assign(waiting_plates, fleet, make_rules(), FRIDAY_S, spares=1)
+    assignments, holds = assign_with_holds(waiting_plates, fleet, make_rules(), FRIDAY_S, spares=1)
     assert {a.printer for a in assignments} == {"a", "b"}
     assert [hold.code for hold in holds.values()] == [HoldCode.KEPT_AS_SPARE]
-    assignments, _ = assign(
+    assignments, _ = assign_with_holds(
         [make_plate("1/01", "a", failed_on=frozenset("ab"))], fleet, make_rules(), FRIDAY_S, spares=1
     )
     assert assignments[0].printer == "c"

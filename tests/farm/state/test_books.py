@@ -1,4 +1,4 @@
-"""Books: invariants after any sequence of events, and their store."""
+"""Books: invariants after any sequence of events."""
 
 import itertools
 
@@ -112,7 +112,7 @@ def test_cancelled_job_ends_its_prints_without_retries():
     assert not list(books.waiting_plates())
 
 
-def test_bad_part_of_a_cancelled_job_is_not_printed_with_a_reprint():
+def test_bad_part_of_a_cancelled_job_is_not_printed_with_the_reprint_of_another():
     books, _ = apply_events(
         make_printing_books(),
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
@@ -125,7 +125,7 @@ def test_bad_part_of_a_cancelled_job_is_not_printed_with_a_reprint():
     assert [plate.id for plate in books.waiting_plates()] == ["1/02"]
 
 
-def test_unknown_amounts_are_described():
+def test_unknown_job_or_printer_is_named():
     with pytest.raises(NoSuchThing, match="no job 7"):
         Books().job(7)
     with pytest.raises(NoSuchThing, match="no printer z"):
@@ -133,7 +133,7 @@ def test_unknown_amounts_are_described():
 
 
 class RandomEvents(RuleBasedStateMachine):
-    """Events in any order that the controller could produce, committed to a store."""
+    """Events in any order that the controller could produce, applied to the books."""
 
     def __init__(self):
         super().__init__()
@@ -153,7 +153,7 @@ class RandomEvents(RuleBasedStateMachine):
         self.apply_event(make_plan_event(number, plates, self.now_s))
 
     @rule(data=st.data())
-    def assign(self, data):
+    def assign_plate(self, data):
         plates = [p.id for p in self.books.waiting_plates()]
         free_printers = [
             n
@@ -172,7 +172,7 @@ class RandomEvents(RuleBasedStateMachine):
         state=st.sampled_from([PrintState.DONE, PrintState.FAILED, PrintState.CANCELLED]),
         fault=st.sampled_from(["maxtemp", "port_lost"]),
     )
-    def end(self, data, state, fault):
+    def end_print(self, data, state, fault):
         name = data.draw(st.sampled_from([p.id for p in self.books.open_prints()]))
         self.apply_event(make_end_event(name, state, self.now_s, reason="because", fault=fault))
 
@@ -188,13 +188,13 @@ class RandomEvents(RuleBasedStateMachine):
                 apply(late_event, self.books)
 
     @rule(printer=st.sampled_from(PRINTERS), verdict=st.sampled_from(Verdict))
-    def clear(self, printer, verdict):
+    def clear_bed(self, printer, verdict):
         if self.books.open_print_on(printer) is None:
             self.apply_event(ev.BedCleared(at_s=self.now_s, printer=printer, by="ann", verdict=verdict))
 
     @precondition(lambda self: any(p.cancel_reason is None for p in self.books.open_prints()))
     @rule(data=st.data())
-    def fail(self, data):
+    def fail_print(self, data):
         name = data.draw(st.sampled_from([p.id for p in self.books.open_prints() if p.cancel_reason is None]))
         self.apply_event(ev.PrintFailRequested(at_s=self.now_s, print_id=name, why="a blob", by="ann"))
 
@@ -209,13 +209,13 @@ class RandomEvents(RuleBasedStateMachine):
             self.apply_event(ev.PlateCancelled(at_s=self.now_s, plate=plate.id, by="ann"))
 
     @rule(printer=st.sampled_from(PRINTERS))
-    def lose(self, printer):
+    def lose_printer(self, printer):
         if self.books.open_print_on(printer) is None:
             self.apply_event(ev.PrinterLost(at_s=self.now_s, printer=printer))
 
     @precondition(lambda self: any(not job.state.ended for job in self.books.jobs.values()))
     @rule(data=st.data())
-    def cancel(self, data):
+    def cancel_job(self, data):
         open_jobs = sorted(number for number, item in self.books.jobs.items() if not item.state.ended)
         self.apply_event(ev.JobCancelled(at_s=self.now_s, job=data.draw(st.sampled_from(open_jobs))))
 
@@ -265,7 +265,7 @@ class RandomEvents(RuleBasedStateMachine):
                     assert not has_open_plate
 
     @invariant()
-    def check_outage_is_notified_once(self):
+    def check_at_most_one_outage_is_open(self):
         assert sum(outage.confirmed_s is None for outage in self.books.outages.values()) <= 1
 
     @invariant()

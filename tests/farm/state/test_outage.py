@@ -20,7 +20,7 @@ def make_assigned_events(*pairs):
     ]
 
 
-def lose_printer(printer, at_s, fault="port_lost"):
+def make_loss_event(printer, at_s, fault="port_lost"):
     return make_end_event(printer, PrintState.FAILED, at_s, fault=fault, reason="the port is not there")
 
 
@@ -29,10 +29,10 @@ TWO_PLATES = (("1/01", "a"), ("1/02", "b"))
 
 def test_losses_within_the_window_are_one_outage_without_attempts():
     books, _ = apply_events(
-        make_printing_books(), *make_assigned_events(*TWO_PLATES), lose_printer("a", 100.0)
+        make_printing_books(), *make_assigned_events(*TWO_PLATES), make_loss_event("a", 100.0)
     )
     assert (books.outage, books.prints["a"].charged) == (None, True)
-    books, _ = apply_events(books, lose_printer("b", 100.0 + WINDOW_S, fault="agent_died"))
+    books, _ = apply_events(books, make_loss_event("b", 100.0 + WINDOW_S, fault="agent_died"))
     assert books.outage.printers == ("a", "b")
     assert [books.prints[name].charged for name in "ab"] == [False, False]
     assert {books.plate_state(plate) for plate in books.plates.values()} == {PlateState.WAITING}
@@ -44,22 +44,24 @@ def test_losses_within_the_window_are_one_outage_without_attempts():
 
 def test_outage_window_covers_reporting_delays_on_a_fast_clock():
     assert [compute_outage_window_s(scale) for scale in (1.0, 5.0, 300.0)] == [WINDOW_S, WINDOW_S, 300.0]
-    second_loss = lose_printer("b", 250.0)  # half a wall second after the other
+    second_loss = make_loss_event("b", 250.0)  # half a wall second after the other
     books_with_real_printers, _ = apply_events(
-        make_printing_books(), *make_assigned_events(*TWO_PLATES), lose_printer("a", 100.0), second_loss
+        make_printing_books(), *make_assigned_events(*TWO_PLATES), make_loss_event("a", 100.0), second_loss
     )
     assert books_with_real_printers.outage is None
-    fast = replace(make_printing_books(), outage_window_s=compute_outage_window_s(300.0))
-    fast, _ = apply_events(fast, *make_assigned_events(*TWO_PLATES), lose_printer("a", 100.0), second_loss)
-    assert fast.outage.printers == ("a", "b")
+    fast_books = replace(make_printing_books(), outage_window_s=compute_outage_window_s(300.0))
+    fast_books, _ = apply_events(
+        fast_books, *make_assigned_events(*TWO_PLATES), make_loss_event("a", 100.0), second_loss
+    )
+    assert fast_books.outage.printers == ("a", "b")
 
 
 @pytest.mark.parametrize(
-    "second_failure", [lose_printer("b", 111.0), lose_printer("b", 101.0, fault="maxtemp")]
+    "second_failure", [make_loss_event("b", 111.0), make_loss_event("b", 101.0, fault="maxtemp")]
 )
 def test_failure_counts_as_an_attempt(second_failure):
     books, _ = apply_events(
-        make_printing_books(), *make_assigned_events(*TWO_PLATES), lose_printer("a", 100.0), second_failure
+        make_printing_books(), *make_assigned_events(*TWO_PLATES), make_loss_event("a", 100.0), second_failure
     )
     assert books.outage is None
     assert [books.prints[name].charged for name in "ab"] == [True, True]
@@ -79,7 +81,7 @@ def test_job_continues_after_failures_by_an_outage():
         books,
         ev.BedCleared(at_s=3.0, printer="a", by="ann"),
         *make_assigned_events(("1/01", "a")),
-        lose_printer("a", 100.0),
+        make_loss_event("a", 100.0),
     )
     assert books.jobs[1].state is JobState.FAILED
     books, _ = apply_events(books, ev.PrinterLost(at_s=105.0, printer="b"))
@@ -93,8 +95,10 @@ def test_group_of_lost_printers_is_the_same_for_each(times_s):
     for name, group in groups.items():
         assert name in group
         assert all(groups[other_name] == group for other_name in group)
-    gaps = sorted(times_s)
-    wide_gap_count = sum(next_s - previous_s > WINDOW_S for previous_s, next_s in itertools.pairwise(gaps))
+    sorted_times_s = sorted(times_s)
+    wide_gap_count = sum(
+        next_s - previous_s > WINDOW_S for previous_s, next_s in itertools.pairwise(sorted_times_s)
+    )
     assert len(set(groups.values())) == wide_gap_count + 1
 
 
@@ -108,7 +112,7 @@ def test_failure_before_an_outage_stays_charged():
         *make_assigned_events(("1/02", "b")),
     )
     books, _ = apply_events(
-        make_printing_books(), *earlier_events, lose_printer("again", 100.0), lose_printer("b", 101.0)
+        make_printing_books(), *earlier_events, make_loss_event("again", 100.0), make_loss_event("b", 101.0)
     )
     assert books.outage.printers == ("a", "b")
     assert {name: attempt.charged for name, attempt in books.prints.items()} == {

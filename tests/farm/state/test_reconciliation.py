@@ -32,7 +32,7 @@ def test_manual_use_makes_bed_and_filament_unknown():
     assert (printer.bed, printer.filament) == (Bed.UNKNOWN, FilamentState.UNKNOWN)
     assert "reset" in printer.attention_reason
     assert list(observe_idle_printer(printer, snapshot, 6.0)) == []
-    # Not even an emulator's report replaces the inspection.
+    # Not even an emulator's make_report replaces the inspection.
     assert (
         list(observe_idle_printer(printer, snapshot.model_copy(update={"bed_unknown_reason": None}), 7.0))
         == []
@@ -75,7 +75,7 @@ def test_real_printer_does_not_report_its_bed():
     assert list(observe_idle_printer(books.printers["a"], snapshot, 5.0)) == []
 
 
-def report(print_id="x", state=PrintState.PRINTING, link=Link.BUSY, **changes):
+def make_report(print_id="x", state=PrintState.PRINTING, link=Link.BUSY, **changes):
     facts = {
         "fault": None,
         "reason": None,
@@ -97,12 +97,12 @@ def make_assigned_books():
 
 def test_reconciliation_yields_events_for_changes_only():
     books = make_assigned_books()
-    books, _ = apply_events(books, *reconcile_print(books.prints["x"], report(), 3.0))
+    books, _ = apply_events(books, *reconcile_print(books.prints["x"], make_report(), 3.0))
     assert books.prints["x"].state is PrintState.PRINTING
     assert books.prints["x"].started_s == 2.0
     assert books.printers["a"].bed is Bed.NOT_CLEAR
-    assert list(reconcile_print(books.prints["x"], report(), 4.0)) == []
-    last_report = report(state=PrintState.DONE, link=Link.READY, ended_s=90.0)
+    assert list(reconcile_print(books.prints["x"], make_report(), 4.0)) == []
+    last_report = make_report(state=PrintState.DONE, link=Link.READY, ended_s=90.0)
     books, _ = apply_events(books, *reconcile_print(books.prints["x"], last_report, 100.0))
     assert (books.prints["x"].state, books.prints["x"].ended_s) == (PrintState.DONE, 90.0)
 
@@ -113,7 +113,7 @@ def test_start_is_repeated_and_a_forgotten_print_is_lost():
     assert list(list_pending_instructions(books.prints["x"], make_idle_snapshot())) == [
         ev.SendStart(print_id="x", printer="a")
     ]
-    books, _ = apply_events(books, *reconcile_print(books.prints["x"], report(), 3.0))
+    books, _ = apply_events(books, *reconcile_print(books.prints["x"], make_report(), 3.0))
     assert list(list_pending_instructions(books.prints["x"], make_idle_snapshot())) == []
     books, _ = apply_events(books, *reconcile_print(books.prints["x"], make_idle_snapshot(), 9.0))
     assert books.prints["x"].state is PrintState.FAILED
@@ -153,13 +153,15 @@ def test_unstartable_print_is_reassigned_after_its_agent_confirms(link):
     assert list(reconcile_print(books.prints["x"], stale_snapshot, 4.0)) == []
     # It started nevertheless and is ended: its plate is free again, without a charged attempt.
     started_books, _ = apply_events(
-        books, *reconcile_print(books.prints["x"], report(state=PrintState.HEATING, extruded=False), 5.0)
+        books, *reconcile_print(books.prints["x"], make_report(state=PrintState.HEATING, extruded=False), 5.0)
     )
     assert [
         type(item)
-        for item in list_pending_instructions(started_books.prints["x"], report(state=PrintState.HEATING))
+        for item in list_pending_instructions(
+            started_books.prints["x"], make_report(state=PrintState.HEATING)
+        )
     ] == [ev.SendCancel]
-    last_report = report(state=PrintState.CANCELLED, link=Link.READY, extruded=False, ended_s=9.0)
+    last_report = make_report(state=PrintState.CANCELLED, link=Link.READY, extruded=False, ended_s=9.0)
     started_books, _ = apply_events(
         started_books, *reconcile_print(started_books.prints["x"], last_report, 9.0)
     )
@@ -199,12 +201,12 @@ def test_restored_books_adopt_the_print_of_an_agent(state):
     books = restore_books(state)
     # The print is not started again.
     assert list(list_pending_instructions(books.prints["a"], make_idle_snapshot())) == []
-    snapshot = report("a")
+    snapshot = make_report("a")
     books, instructions = apply_events(books, *reconcile_print(books.prints["a"], snapshot, 51.0))
     assert (instructions, list(list_pending_instructions(books.prints["a"], snapshot))) == ([], [])
     assert (books.prints["a"].state, books.prints["a"].restored) == (PrintState.PRINTING, False)
     assert list(reconcile_print(books.prints["a"], snapshot, 52.0)) == []
-    last_report = report("a", state=PrintState.DONE, link=Link.READY, ended_s=90.0)
+    last_report = make_report("a", state=PrintState.DONE, link=Link.READY, ended_s=90.0)
     books, _ = apply_events(books, *reconcile_print(books.prints["a"], last_report, 100.0))
     assert books.plate_state(books.plates["1/01"]) is PlateState.PRINTED
     assert books.jobs[1].state is JobState.HELD
@@ -232,29 +234,29 @@ def test_print_ended_in_the_books_is_cancelled_at_its_agent():
     books, _ = apply_events(
         books, *reconcile_print(books.prints["x"], make_idle_snapshot(Link.ABSENT, None), 3.0)
     )
-    heating_report = report(state=PrintState.HEATING, extruded=False)
+    heating_report = make_report(state=PrintState.HEATING, extruded=False)
     instructions = list(handle_unknown_print(books.printers["a"], books.prints["x"], heating_report, 4.0))
     assert [type(item) for item in instructions] == [ev.SendCancel]
-    for snapshot in (report(), report(state=PrintState.CANCELLED, link=Link.READY, ended_s=9.0)):
-        unknown_bed_books, _ = handle_unknown_print(books.printers["a"], books.prints["x"], snapshot, 4.0)
+    for snapshot in (make_report(), make_report(state=PrintState.CANCELLED, link=Link.READY, ended_s=9.0)):
+        unknown_bed_event, _ = handle_unknown_print(books.printers["a"], books.prints["x"], snapshot, 4.0)
         # The bed is no longer clear.
-        assert apply_events(books, unknown_bed_books)[0].printers["a"].bed is Bed.UNKNOWN
+        assert apply_events(books, unknown_bed_event)[0].printers["a"].bed is Bed.UNKNOWN
 
 
 def test_unknown_print_continues_and_makes_the_bed_unknown():
     books, _ = apply_events(Books(), *make_fleet_events())
-    instructions = list(handle_unknown_print(books.printers["a"], None, report("stranger"), 4.0))
+    instructions = list(handle_unknown_print(books.printers["a"], None, make_report("stranger"), 4.0))
     assert [type(item) for item in instructions] == [ev.BedBecameUnknown]
     books, _ = apply_events(books, *instructions)
     assert books.printers["a"].bed is Bed.UNKNOWN
-    last_report = report("stranger", state=PrintState.DONE, ended_s=9.0)
+    last_report = make_report("stranger", state=PrintState.DONE, ended_s=9.0)
     assert list(handle_unknown_print(books.printers["a"], None, last_report, 9.0)) == [
         ev.SendForget(print_id="stranger", printer="a")
     ]
 
 
 @pytest.mark.parametrize(
-    ("expected", "state", "reported"),
+    ("wanted", "state", "repeated_value"),
     [
         (True, PrintState.HEATING, None),  # the agent reports it once it prints
         (True, PrintState.PRINTING, True),
@@ -264,14 +266,14 @@ def test_unknown_print_continues_and_makes_the_bed_unknown():
         (True, PrintState.ENDING, None),
     ],
 )
-def test_unconfirmed_pause_is_repeated(expected, state, reported):
+def test_unconfirmed_pause_is_repeated(wanted, state, repeated_value):
     books, instructions = apply_events(
-        make_assigned_books(), ev.PauseRequested(at_s=3.0, print_id="x", wanted=expected)
+        make_assigned_books(), ev.PauseRequested(at_s=3.0, print_id="x", wanted=wanted)
     )
-    assert instructions == [ev.SendPause(print_id="x", printer="a", wanted=expected)]
-    repeated_instructions = list(list_pending_instructions(books.prints["x"], report(state=state)))
+    assert instructions == [ev.SendPause(print_id="x", printer="a", wanted=wanted)]
+    repeated_instructions = list(list_pending_instructions(books.prints["x"], make_report(state=state)))
     assert repeated_instructions == (
-        [] if reported is None else [ev.SendPause(print_id="x", printer="a", wanted=reported)]
+        [] if repeated_value is None else [ev.SendPause(print_id="x", printer="a", wanted=repeated_value)]
     )
 
 
@@ -288,15 +290,15 @@ def test_cancelled_print_is_not_paused():
     assert not any(isinstance(item, ev.SendPause) for item in instructions)
 
 
-@pytest.mark.parametrize("known_fields", ["bed", "filament"])
-def test_emulator_provides_the_unknown_bed_or_filament(known_fields):
+@pytest.mark.parametrize("known_field", ["bed", "filament"])
+def test_emulator_provides_the_unknown_bed_or_filament(known_field):
     snapshot = AgentSnapshot(printer="a", link=Link.READY, bed_clear=True, filament=FilamentState.PARKED)
     unknown = {"bed": Bed.UNKNOWN, "filament": FilamentState.UNKNOWN}
-    unknown[known_fields] = Bed.NOT_CLEAR if known_fields == "bed" else FilamentState.AT_NOZZLE
+    unknown[known_field] = Bed.NOT_CLEAR if known_field == "bed" else FilamentState.AT_NOZZLE
     printer = Printer(name="a", **unknown)
     (event,) = observe_idle_printer(printer, snapshot, 5.0)
     books, _ = apply_events(Books.from_entities([printer]), event)
     printer = books.printers["a"]
-    bed = Bed.NOT_CLEAR if known_fields == "bed" else Bed.CLEAR
-    filament = FilamentState.AT_NOZZLE if known_fields == "filament" else FilamentState.PARKED
+    bed = Bed.NOT_CLEAR if known_field == "bed" else Bed.CLEAR
+    filament = FilamentState.AT_NOZZLE if known_field == "filament" else FilamentState.PARKED
     assert (printer.bed, printer.filament) == (bed, filament)

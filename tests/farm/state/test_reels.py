@@ -15,7 +15,7 @@ from farm.views.tasks import list_requests
 WHITE_REEL = Reel(material="generic_pla", colour="white", grams=100.0, nozzle_mm=0.4)
 
 
-def load_reel(**changes):
+def make_books_with_reel(**changes):
     loaded_event = ev.ReelLoaded(at_s=1.5, printer="a", reel=WHITE_REEL.model_copy(update=changes), by="ann")
     books, _ = apply_events(
         make_printing_books(),
@@ -36,15 +36,15 @@ def load_reel(**changes):
     ],
 )
 def test_print_subtracts_its_grams_from_the_reel(changes, left_grams):
-    books, _ = apply_events(load_reel(), make_end_event("x", **changes))
+    books, _ = apply_events(make_books_with_reel(), make_end_event("x", **changes))
     assert books.printer("a").reel.grams == pytest.approx(left_grams)
     assert books.prints["x"].grams == pytest.approx(100.0 - left_grams), (
-        "the history says the same as the reel"
+        "the history must agree with the reel"
     )
 
 
 def test_unweighed_reel_stays_unknown():
-    books, _ = apply_events(load_reel(grams=None), make_end_event("x"))
+    books, _ = apply_events(make_books_with_reel(grams=None), make_end_event("x"))
     assert books.printer("a").reel.grams is None
 
 
@@ -66,13 +66,13 @@ def test_fleet_shows_the_loaded_reels():
 
 
 def test_restored_reels_must_be_weighed_before_printing():
-    load = ev.ReelLoaded(at_s=1.0, printer="a", reel=WHITE_REEL, by="ann")
-    books, _ = apply_events(make_printing_books(), load, ev.BooksRestored(at_s=9.0, copied_s=2.0))
+    loaded_event = ev.ReelLoaded(at_s=1.0, printer="a", reel=WHITE_REEL, by="ann")
+    books, _ = apply_events(make_printing_books(), loaded_event, ev.BooksRestored(at_s=9.0, copied_s=2.0))
     assert [
         printer_record.reel and printer_record.reel.uncertain for printer_record in books.printers.values()
     ] == [True, None, None]
     (item,) = [item for item in list_requests(books, {}) if item.code == "reel"]
     assert item.printers == ["a"]
-    books, _ = apply_events(books, load)
+    books, _ = apply_events(books, loaded_event)
     assert not [item for item in list_requests(books, {}) if item.code == "reel"]
     assert make_printer("a", reel_uncertain=True).obstacle().code is HoldCode.REEL_UNCERTAIN

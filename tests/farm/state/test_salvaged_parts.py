@@ -114,7 +114,7 @@ def test_started_reprint_continues_until_a_person_ends_it():
         assert new_books.plate_state(new_books.plates["1/01"]) is PlateState.GOOD
 
 
-def test_part_recut_before_is_complete_with_all_pieces():
+def test_complete_part_makes_the_pieces_of_its_recut_unnecessary():
     books = make_dead_agent_books()
     old_plate = books.plates["1/01"]
     parts = [books.parts["1/p01"].model_copy(update={"id": f"1/p01{x}", "plate": f"1/01{x}"}) for x in "ab"]
@@ -163,8 +163,10 @@ def test_no_verdict_is_requested_for_an_incomplete_part(facts):
 
 
 def test_print_ended_by_a_person_is_not_salvageable():
-    fail = ev.PrintFailRequested(at_s=100.0, print_id="x", why="a blob", by="ann")
+    requested_event = ev.PrintFailRequested(at_s=100.0, print_id="x", why="a blob", by="ann")
     ended_event = make_end_event("x", PrintState.CANCELLED, 110.0, filament=FilamentState.PARKED)
-    books, _ = apply_events(make_printing_books(1), make_assigned_event("1/01", "a", "x"), fail, ended_event)
+    books, _ = apply_events(
+        make_printing_books(1), make_assigned_event("1/01", "a", "x"), requested_event, ended_event
+    )
     assert books.prints["x"].state is PrintState.FAILED
     assert find_possibly_complete_print(books, "a") is None

@@ -36,11 +36,11 @@ def test_task_names_a_disk_that_fills_within_two_nights(tmp_path, monkeypatch):
     state.make()
     for number in range(4):
         (state.files / f"{number}.gcode").write_bytes(b"x" * 10**6)
-    run = Upkeep(farm.controller, farm.store, state, None)
+    upkeep = Upkeep(farm.controller, farm.store, state, None)
 
     def list_todo(free_bytes):
         monkeypatch.setattr(shutil, "disk_usage", lambda _: Usage(10**12, 0, free_bytes))
-        asyncio.run(run.measure())
+        asyncio.run(upkeep.measure())
         return [task.text for task in list_tasks(farm.view_context(state)) if task.code == "farm"]
 
     with farm.store:

@@ -199,7 +199,7 @@ def test_old_events_are_deleted_after_the_backup(tmp_path):
     with farm.store:
         answer = asyncio.run(cleanup.prune("ann", dry_run=False))
         events = farm.store.events()
-    assert answer.events == 220  # of 200 days, evenly
+    assert answer.events == 220  # spread evenly over 200 days
     assert min(at_s for at_s, _, _ in events) >= NOW_S - 90 * DAY_S
     kept_events = [body for _, kind, body in events if kind == "MaintenanceEnded"]
     assert len(kept_events) == 180 and '"ann-399"' in kept_events[-1]
@@ -322,7 +322,7 @@ CHANGES = (
     *((Store, name) for name in ("commit", "delete_events", "release_space")),
     *((Path, name) for name in ("unlink", "replace", "symlink_to")),
 )
-"""State of the disk that a run changes."""
+"""Functions that change the disk: a run is killed before each of their calls."""
 
 
 def test_interrupted_prune_is_finished_at_the_next_start(tmp_path):

@@ -1,4 +1,4 @@
-"""Messages if the daemon does not answer, or its answer cannot be read."""
+"""Messages when the daemon does not answer, or when its answer cannot be read."""
 
 import itertools
 import json

@@ -15,7 +15,7 @@ from farm.paths import find_farm_paths
 
 @pytest.fixture
 def send_stop(tmp_path):
-    """Return a function that presses the button; a thread serves the request with the given `stop`."""
+    """Return a function that requests a stop; a thread serves the request with the given `stop`."""
     path = tmp_path / "estop.sock"
 
     def send(stop, printers):

@@ -11,7 +11,7 @@ from farm.errors import ErrorCode, FarmError, Refused
 SCHEDULER = "tcp://127.0.0.1:9"  # nothing listens on the port `discard`
 
 
-def test_worker_without_an_engine_says_what_to_do(tmp_path, monkeypatch):
+def test_worker_without_an_engine_names_the_command_that_installs_it(tmp_path, monkeypatch):
     monkeypatch.setenv("FARM_CURA_ENGINE", str(tmp_path / "none"))
     with pytest.raises(FarmError, match="run 'farm setup'") as error:
         local.worker(SCHEDULER, folder=tmp_path)

@@ -1,4 +1,4 @@
-"""Arguments that name a job, a part or a printer."""
+"""Commands for jobs, parts and printers: their arguments and output."""
 
 import pytest
 from typer.testing import CliRunner

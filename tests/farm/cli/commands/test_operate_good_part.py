@@ -75,7 +75,7 @@ def report_print(farm, printer, state, **facts):
     farm.controller.on_snapshot(snapshot)
 
 
-def ask(*arguments):
+def run_farm(*arguments):
     return CliRunner().invoke(cli, list(arguments))
 
 
@@ -86,9 +86,9 @@ def join_lines(text):
 @pytest.mark.parametrize("part", ["1/p01", "p01", "1"])
 def test_good_part_of_a_failed_print_is_not_reprinted(farm, part):
     assert "if part 1/p01 is good nevertheless: `farm cleared a --good 1/p01`" in join_lines(
-        ask("status").stdout
+        run_farm("status").stdout
     )
-    answer = ask("cleared", "a", "--good", part)
+    answer = run_farm("cleared", "a", "--good", part)
     assert answer.stdout == "a: bed clear; part 1/p01 is good and will not be printed again\n"
     assert farm.controller.books.jobs[1].state is JobState.DONE
     assert farm.controller.books.printer("a").bed is Bed.CLEAR
@@ -101,11 +101,11 @@ def test_good_part_names_its_running_reprint_and_the_command_to_end_it(farm):
     farm.controller.clock.ahead_s += 60.0  # a loss that may affect several printers is reported after a delay
     farm.ready("b")
     report_print(farm, "b", PrintState.HEATING, started_s=farm.controller.clock.now())
-    answer = ask("cleared", "a", "--good", "1/p01")
+    answer = run_farm("cleared", "a", "--good", "1/p01")
     assert answer.stdout == (
         "a: bed clear; part 1/p01 is good; b already prints it again: stop that with `farm cancel b`\n"
     )
-    assert ask("cancel", "b").exit_code == 0
+    assert run_farm("cancel", "b").exit_code == 0
     assert farm.controller.books.open_print_on("b").cancel_reason is not None
     report_print(farm, "b", PrintState.CANCELLED, ended_s=farm.controller.clock.now())
     assert farm.controller.books.jobs[1].state is JobState.DONE
@@ -115,7 +115,7 @@ def test_shutdown_ends_a_print_of_a_part_found_good(farm):
     farm.controller.clock.ahead_s += 60.0
     farm.ready("b")
     report_print(farm, "b", PrintState.HEATING, started_s=farm.controller.clock.now())
-    ask("cleared", "a", "--good", "1/p01")
+    run_farm("cleared", "a", "--good", "1/p01")
     abort_prints(farm.controller)
     assert farm.controller.books.open_print_on("b").cancel_reason is not None
 
@@ -132,7 +132,7 @@ def test_shutdown_ends_a_print_of_a_part_found_good(farm):
     ],
 )
 def test_part_on_another_bed_cannot_be_good(farm, arguments, expected_text):
-    answer = ask("cleared", *arguments)
+    answer = run_farm("cleared", *arguments)
     assert answer.exit_code != 0
     text = join_lines((answer.output + str(answer.exception or "")).replace("│", " "))
     assert expected_text in text
@@ -141,11 +141,11 @@ def test_part_on_another_bed_cannot_be_good(farm, arguments, expected_text):
 
 
 def test_part_of_a_completed_print_may_be_named_as_good(farm):
-    ask("cleared", "a")
+    run_farm("cleared", "a")
     farm.controller.clock.ahead_s += 60.0
     farm.ready("a")
     farm.controller.handle()  # like the daemon's timer
     now_s = farm.controller.clock.now()
     report_print(farm, "a", PrintState.DONE, started_s=now_s - 100.0, ended_s=now_s)
-    assert ask("cleared", "a", "--good", "p01").stdout == "a: bed clear\n"
+    assert run_farm("cleared", "a", "--good", "p01").stdout == "a: bed clear\n"
     assert farm.controller.books.jobs[1].state is JobState.DONE

@@ -1,4 +1,4 @@
-"""Remarks of `farm resume` in addition to the resumed print."""
+"""Output of `farm resume` and `farm pause`."""
 
 import pytest
 from typer.testing import CliRunner

@@ -1,4 +1,4 @@
-"""`farm prune`: deleted files in lines, or as JSON."""
+"""Output of `farm prune`, as text and as JSON."""
 
 import json
 
@@ -21,7 +21,7 @@ ANSWER = api.PruneResponse(
 
 
 @pytest.fixture
-def prune(monkeypatch, capsys, tmp_path):
+def run_prune(monkeypatch, capsys, tmp_path):
     """Run `farm prune` with a recording daemon; return its requests and the output."""
     requests = []
 
@@ -41,8 +41,8 @@ def prune(monkeypatch, capsys, tmp_path):
     return run
 
 
-def test_dry_run_describes_what_would_be_deleted(prune):
-    requests, text = prune("--dry-run")
+def test_dry_run_describes_what_would_be_deleted(run_prune):
+    requests, text = run_prune("--dry-run")
     assert requests == [True]
     assert text.splitlines() == [
         "job 3  0.48 GB  bunny.stl",
@@ -51,12 +51,12 @@ def test_dry_run_describes_what_would_be_deleted(prune):
     ]
 
 
-def test_prune_describes_what_was_deleted(prune):
-    requests, text = prune()
+def test_prune_describes_what_was_deleted(run_prune):
+    requests, text = run_prune()
     assert requests == [False]
     assert text.splitlines()[-1].startswith("2 jobs pruned: 0.49 GB freed")
 
 
-def test_json_of_a_prune_has_the_same_figures(prune):
-    _, text = prune("--json", "--dry-run")
+def test_json_of_a_prune_has_the_same_figures(run_prune):
+    _, text = run_prune("--json", "--dry-run")
     assert json.loads(text) == ANSWER.model_dump(by_alias=True)

@@ -1,4 +1,4 @@
-"""Commands that change nothing."""
+"""Commands that only read the state of the farm."""
 
 import pytest
 from typer.testing import CliRunner

@@ -45,7 +45,7 @@ def test_short_plate_in_a_long_night_is_visible():
     assert draw_gantt([], NOW) == []
 
 
-def test_night_line_has_its_counts():
+def test_timeline_shows_totals_notices_and_every_plate():
     facts = {"plan": "x", "left": ["4/04"], "notices": ["Scaled."]}
     facts |= {"makespan_s": 14400, "lower_bound_s": 7200, "currency": "GBP"}
     view = api.Timeline(job=4, now=NOW, slots=SLOTS, grams=90.0, price=2.7, **facts)

@@ -1,4 +1,4 @@
-"""Killed processes of a cluster with TLS: each task is done once, and no process is left."""
+"""Killed processes of a cluster with TLS: each task is done once, and no process remains."""
 
 import asyncio
 import signal

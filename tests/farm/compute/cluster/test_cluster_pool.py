@@ -125,7 +125,7 @@ def test_the_limits_of_a_task_hold_on_the_worker(tmp_path, source):
     run_in_processes(tmp_path, scenario, memory_gb=0.5)
 
 
-class LostLink:
+class LossyConnection:
     """Cluster with workers set by a test, which loses every task."""
 
     def __init__(self, on_workers, _):
@@ -141,8 +141,10 @@ class LostLink:
         await asyncio.Event().wait()
 
 
-def test_work_continues_here_when_the_cluster_is_silent_for_half_a_minute(tmp_path, source, caplog):
-    """Abandon a task in progress then, and send later ones to the cluster once it has a worker."""
+def test_work_continues_on_this_computer_when_the_cluster_is_silent_for_half_a_minute(
+    tmp_path, source, caplog
+):
+    """Abandon the task in progress, and send later ones to the cluster once it has a worker."""
     now_s = 0.0
 
     async def main():
@@ -152,7 +154,7 @@ def test_work_continues_here_when_the_cluster_is_silent_for_half_a_minute(tmp_pa
             local_pool,
             "tls://a:1",
             INSTALLATION,
-            lambda *args: links.append(LostLink(*args)) or links[0],
+            lambda *args: links.append(LossyConnection(*args)) or links[0],
             lambda: now_s,
         )
         (link,), workers = links, (ClusterWorker("w1", "tls://b:1", 1),)
@@ -184,7 +186,7 @@ def test_work_continues_here_when_the_cluster_is_silent_for_half_a_minute(tmp_pa
     asyncio.run(main())
 
 
-class UnfitLink(LostLink):
+class FullDiskConnection(LossyConnection):
     """Cluster whose only worker has a full disk."""
 
     async def submit(self, task, files):
@@ -192,11 +194,14 @@ class UnfitLink(LostLink):
         return RemoteAnswer("w1", mismatch="No space left on device")
 
 
-def test_what_a_worker_could_not_do_is_done_here(tmp_path, source):
+def test_task_that_no_worker_can_run_is_run_on_this_computer(tmp_path, source):
     async def main():
         links, local_pool = [], Recorder()
         pool = ClusterPool(
-            local_pool, "tls://a:1", INSTALLATION, lambda *args: links.append(UnfitLink(*args)) or links[0]
+            local_pool,
+            "tls://a:1",
+            INSTALLATION,
+            lambda *args: links.append(FullDiskConnection(*args)) or links[0],
         )
         links[0].on_workers((ClusterWorker("w1", "tls://b:1", 1),))
         assert (await pool.run(work.copy, source, tmp_path / "out"))["copy"].exists()
@@ -221,7 +226,7 @@ def test_a_worker_refuses_damaged_files_and_other_versions(tmp_path, files):
 
 
 @pytest.mark.parametrize("name", ["/etc/passwd", "/farm/job-1/../other", "/farm/job-10/p.stl", "/farm/job-1"])
-def test_a_worker_writes_no_other_files(name):
+def test_a_worker_writes_only_files_of_its_task(name):
     task = RemoteTask("t", b"", CHECKING, INSTALLATION, folders=("/farm/job-1",))
     with pytest.raises(ValueError, match="not a file of its task"):
         write_files(task, RemoteAnswer("w", files={name: b"x"}).files)

@@ -7,7 +7,7 @@ from farm.compute.cluster import connection
 from farm.compute.cluster.connection import Connection, list_stuck_workers, list_workers
 
 
-def test_a_connection_that_is_cancelled_while_it_is_lost_ends(monkeypatch):
+def test_connection_can_be_cancelled_while_it_closes_after_a_loss(monkeypatch):
     """Cancel while Dask's client closes, which takes long without its scheduler."""
     monkeypatch.setattr(connection, "_POLL_S", 0.05)
     is_closing = asyncio.Event()
@@ -33,7 +33,7 @@ def test_a_connection_that_is_cancelled_while_it_is_lost_ends(monkeypatch):
     asyncio.run(main())
 
 
-def test_a_worker_whose_heartbeat_stands_still_is_stuck():
+def test_worker_without_new_heartbeats_is_reported_as_stuck():
     heartbeats = {}
     records = {"tls://a": {"last_seen": 100.0}, "tls://b": {"last_seen": 100.0}}
     assert list_stuck_workers(records, heartbeats, 0.0) == [] and list(heartbeats) == ["tls://a", "tls://b"]
@@ -44,7 +44,7 @@ def test_a_worker_whose_heartbeat_stands_still_is_stuck():
     assert list_stuck_workers(records, heartbeats, 21.0) == [] and list(heartbeats) == ["tls://b"]
 
 
-def test_workers_of_others_are_not_used():
+def test_workers_of_other_programs_are_ignored():
     records = {
         "tls://a": {"name": "a", "nthreads": 4, "farm": INSTALLATION.as_record()},
         "tls://b": {"name": "b", "nthreads": 2},

@@ -22,7 +22,7 @@ def test_a_file_with_another_hash_is_not_kept(tmp_path):
     )
 
 
-def test_files_used_least_recently_go_first_and_those_in_use_stay(tmp_path):
+def test_least_recently_used_files_are_deleted_first_and_files_in_use_are_kept(tmp_path):
     (tmp_path / "files").mkdir()
     (tmp_path / "files" / ".half").touch()
     cache = FileCache(tmp_path / "files", max_bytes=10)
@@ -35,7 +35,7 @@ def test_files_used_least_recently_go_first_and_those_in_use_stay(tmp_path):
     assert {path.read_bytes() for path in (tmp_path / "files").iterdir()} == {used_file, new_file}
 
 
-def test_a_cache_that_is_too_small_keeps_what_a_task_uses(tmp_path):
+def test_cache_that_is_too_small_keeps_the_files_of_a_running_task(tmp_path):
     cache = FileCache(tmp_path / "files", max_bytes=1)
     content = b"a" * 100
     with cache.use([compute_name(content)]):

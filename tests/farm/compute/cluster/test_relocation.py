@@ -11,7 +11,7 @@ NAMES = st.lists(st.sampled_from(["a", "b", "job-1", "levelled", "p.stl"]), min_
 PATHS = NAMES.map(lambda names: "/" + "/".join(names))
 
 
-def test_the_longest_match_counts_and_other_paths_stay():
+def test_longest_matching_path_is_replaced_and_other_paths_are_unchanged():
     moves = Relocation.from_pairs([("/state/job-1", "/here/0"), ("/state/job-1/levelled", "/here/1")])
     assert moves.move("/state/job-1/p01.stl") == "/here/0/p01.stl"
     assert moves.move("/state/job-1/levelled/p01.stl") == "/here/1/p01.stl"
@@ -20,7 +20,7 @@ def test_the_longest_match_counts_and_other_paths_stay():
 
 
 @given(st.lists(PATHS, max_size=4, unique=True), PATHS)
-def test_the_way_back_leads_to_the_same_path(sources, path):
+def test_reversed_relocation_restores_the_path(sources, path):
     moves = Relocation.from_pairs((source, f"/here/{number}") for number, source in enumerate(sources))
     assert moves.reverse().move(moves.move(path)) == path
 

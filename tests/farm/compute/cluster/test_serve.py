@@ -1,4 +1,4 @@
-"""Service of a worker that cannot join."""
+"""Service of a worker that cannot join its cluster."""
 
 import asyncio
 
@@ -18,7 +18,7 @@ class RefusedWorker:
         self.reason = reason
 
 
-def test_a_worker_that_cannot_join_says_why(caplog):
+def test_worker_that_cannot_join_logs_the_reason(caplog):
     worker = RefusedWorker()
     asyncio.run(serve._serve_once(worker, asyncio.Event()))
     assert caplog.messages == ["worker w1: certificate verify failed"]

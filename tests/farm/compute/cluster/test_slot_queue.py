@@ -1,4 +1,4 @@
-"""SlotQueue of tasks that wait for a slot of the cluster."""
+"""Queue of tasks that wait for a slot of the cluster."""
 
 import asyncio
 from contextlib import suppress
@@ -73,7 +73,7 @@ def test_a_cancelled_task_gives_its_slot_back():
     assert run(scenario).slots.waiting_count == 0
 
 
-def test_nobody_waits_where_the_cluster_is_given_up():
+def test_no_task_waits_once_the_cluster_is_given_up():
     async def scenario(queue):
         tasks = [queue.add(name, name) for name in "xy"]
         await run_pending_tasks()

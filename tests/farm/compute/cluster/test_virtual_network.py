@@ -17,20 +17,20 @@ def make_frame(destination, sender, text=b""):
     return destination + sender + text
 
 
-def list_arrived(wires, now_s=0.0):
+def list_arrivals(wires, now_s=0.0):
     return list(wires.arrive(now_s))
 
 
-def test_frames_go_to_where_their_destination_was_seen():
+def test_frames_go_to_the_port_where_their_destination_was_last_seen():
     wires = Wires(3, random.Random(1))
     wires.send(make_frame(B, A), 0, 0.0)  # the port of B is unknown
-    assert list_arrived(wires) == [(1, make_frame(B, A)), (2, make_frame(B, A))]
+    assert list_arrivals(wires) == [(1, make_frame(B, A)), (2, make_frame(B, A))]
     wires.send(make_frame(A, B), 1, 0.0)
     wires.send(make_frame(ALL, B), 1, 0.0)
-    assert list_arrived(wires) == [(0, make_frame(A, B)), (0, make_frame(ALL, B)), (2, make_frame(ALL, B))]
+    assert list_arrivals(wires) == [(0, make_frame(A, B)), (0, make_frame(ALL, B)), (2, make_frame(ALL, B))]
 
 
-def test_networks_at_the_same_time_have_different_addresses(monkeypatch):
+def test_simultaneous_networks_have_different_addresses(monkeypatch):
     lines = "1: farm1n0 inet 198.18.7.1/24 scope global\n2: farm2n0 inet 198.18.8.1/24 scope global\n"
     listing = subprocess.CompletedProcess([], 0, lines)
     monkeypatch.setattr(virtual_network.subprocess, "run", lambda *_, **__: listing)
@@ -43,19 +43,19 @@ def test_delays_add_up_and_frames_keep_their_order():
     wires.send(make_frame(ALL, A, b"1"), 0, 0.0)
     wires.send(make_frame(ALL, A, b"2"), 0, 0.0)
     assert wires.compute_wait_s(0.1) == pytest.approx(0.3)
-    assert list_arrived(wires, 0.39) == []
-    assert [content[-1:] for _, content in list_arrived(wires, 0.41)] == [b"1", b"2"]
+    assert list_arrivals(wires, 0.39) == []
+    assert [content[-1:] for _, content in list_arrivals(wires, 0.41)] == [b"1", b"2"]
     assert wires.compute_wait_s(0.5) is None
 
 
-def test_a_cut_port_has_no_frames_and_a_bad_one_loses_its_share():
+def test_cut_port_transmits_nothing_and_a_lossy_one_loses_its_share():
     wires = Wires(3, random.Random(1), cut={1}, loss={2: 0.25})
     for _ in range(1000):
         wires.send(make_frame(ALL, A), 0, 0.0)
-    ports = [port for port, _ in list_arrived(wires)]
+    ports = [port for port, _ in list_arrivals(wires)]
     assert set(ports) == {2} and 700 < len(ports) < 800
     wires.send(make_frame(ALL, B), 1, 0.0)
-    assert list_arrived(wires) == []
+    assert list_arrivals(wires) == []
 
 
 CONNECT = "import socket, sys; socket.create_connection((sys.argv[1], 9), timeout=0.3)"

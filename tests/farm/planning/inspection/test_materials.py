@@ -35,7 +35,7 @@ def resources():
         pytest.skip(str(error))
 
 
-def choose(text, resources, model="ultimaker2_plus"):
+def find_material(text, resources, model="ultimaker2_plus"):
     material = choose_material(text, build_slicing_printer(PROFILES[model]), 0.4, resources)
     return material.name, material.kind, material.colour
 
@@ -68,15 +68,15 @@ def test_any_text_is_resolved_to_a_material_or_none(text):
 
 
 def test_kind_selects_the_generic_material_for_the_printer(resources):
-    assert choose("PLA", resources) == ("generic_pla", "PLA", None)
-    assert choose("white ABS", resources) == ("generic_abs", "ABS", "white")
-    assert choose("PETG", resources, "creality_ender3")[0] == "generic_petg_175"
+    assert find_material("PLA", resources) == ("generic_pla", "PLA", None)
+    assert find_material("white ABS", resources) == ("generic_abs", "ABS", "white")
+    assert find_material("PETG", resources, "creality_ender3")[0] == "generic_petg_175"
 
 
 @pytest.mark.parametrize("text", ["PETG", "unobtainium"])
-def test_refusal_lists_what_the_printer_prints(resources, text):
+def test_refusal_lists_the_materials_of_the_printer(resources, text):
     with pytest.raises(BadSetting) as error:
-        choose(text, resources)
+        find_material(text, resources)
     assert "it prints ABS, CPE, CPE+, Nylon, PLA, PP, TPU 95A, and others with a material file" in str(
         error.value
     )

@@ -172,7 +172,7 @@ def test_tall_print_is_assigned_to_a_tall_printer(plan):
     assert plan(tall_lines).plates[0].printer == "b"
 
 
-def test_temperatures_of_ultigcode_are_those_of_the_material_of_the_printer(plan, files):
+def test_ultigcode_is_heated_for_the_material_of_the_printer(plan, files):
     plan_result = plan(make_ultigcode(), [make_section("a", material="generic_abs")])
     text = (files / plan_result.plates[0].gcode).read_text()
     temperature_lines = {line for line in text.splitlines() if line.startswith(("M109", "M190"))}

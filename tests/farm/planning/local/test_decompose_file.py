@@ -69,12 +69,12 @@ def test_invalid_option_is_named(bar, tmp_path, wrong_option, message):
     assert not (tmp_path / "out").exists()
 
 
-def test_refusal_says_a_size_that_fits(bar, tmp_path):
-    few = USUAL_OPTIONS | {"printers": 1, "granularity": 3}
+def test_refusal_names_a_size_that_fits(bar, tmp_path):
+    options = USUAL_OPTIONS | {"printers": 1, "granularity": 3}
     with pytest.raises(FarmError, match=r"--longest-side \d+ was tried, and fits") as error:
-        decompose_to_folder(bar, tmp_path / "out", DecomposeRequest(**few))
+        decompose_to_folder(bar, tmp_path / "out", DecomposeRequest(**options))
     side_mm = float(str(error.value).split("(--longest-side ")[1].split()[0])
     report = decompose_to_folder(
-        bar, tmp_path / "out", DecomposeRequest(**few | {"longest_side_mm": side_mm})
+        bar, tmp_path / "out", DecomposeRequest(**options | {"longest_side_mm": side_mm})
     )
     assert len(report["parts"]) == 1

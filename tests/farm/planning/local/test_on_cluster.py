@@ -37,16 +37,18 @@ def box(tmp_path):
     return path
 
 
-def test_a_slice_on_a_cluster_is_the_same(cluster, box, tmp_path):
+def test_slice_on_a_cluster_equals_a_local_one(cluster, box, tmp_path):
     remote_path, local_path = tmp_path / "there" / "box.gcode", tmp_path / "here.gcode"
     report = slice_on_cluster(cluster, box, remote_path, OPTIONS, tmp_path / "cache")
     assert report == slice_to_file(box, local_path, OPTIONS)
     assert remote_path.read_bytes() == local_path.read_bytes()
-    assert slice_on_cluster(cluster, box, remote_path, OPTIONS, tmp_path / "cache")["cached"]  # by the worker
+    assert slice_on_cluster(cluster, box, remote_path, OPTIONS, tmp_path / "cache")[
+        "cached"
+    ]  # in the worker's cache
     assert not (tmp_path / "cache").exists()
 
 
-def test_what_cannot_be_written_is_refused_before_anything_is_sent(cluster, box, tmp_path):
+def test_unwritable_output_is_refused_before_any_file_is_sent(cluster, box, tmp_path):
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "letter.txt").touch()
     with pytest.raises(Refused, match="other files"):

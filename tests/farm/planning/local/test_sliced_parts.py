@@ -23,14 +23,14 @@ from farm.planning.local.sliced_parts import SlicedParts, level_by_slices
 from tests.farm.planning.local.test_decompose_file import USUAL_OPTIONS, DecomposeRequest
 
 
-def request(**options) -> DecomposeRequest:
+def make_request(**options) -> DecomposeRequest:
     return DecomposeRequest(**{**USUAL_OPTIONS, "printers": 2, "sliced": True, **options})
 
 
-def test_slices_are_beside_the_parts_and_replaced(tmp_path):
+def test_slices_are_written_beside_the_parts_and_deleted_by_the_next_run(tmp_path):
     bar, path = tmp_path / "bar.stl", tmp_path / "out"
     trimesh.creation.box((40.0, 12.0, 4.0)).export(bar)
-    report = decompose_to_folder(bar, path, request(quality="paper"), tmp_path / "cache")
+    report = decompose_to_folder(bar, path, make_request(quality="paper"), tmp_path / "cache")
     record = json.loads((path / "decomposition.json").read_text())
     assert record["parts"] == report["parts"]
     assert report["sliced_makespan_s"] == max(part["sliced_s"] for part in report["parts"])
@@ -38,21 +38,23 @@ def test_slices_are_beside_the_parts_and_replaced(tmp_path):
         assert part["sliced_s"] == pytest.approx(part["estimated_s"], rel=0.25)
         assert part["grams"] > 0.0
         assert b"G1" in (path / part["gcode"]).read_bytes()
-    unsliced_report = decompose_to_folder(bar, path, request(sliced=False))
+    unsliced_report = decompose_to_folder(bar, path, make_request(sliced=False))
     assert "sliced_makespan_s" not in unsliced_report
     assert not list(path.glob("*.gcode"))
 
 
-def test_quality_decides_the_price(tmp_path):
+def test_quality_determines_the_price(tmp_path):
     bar = tmp_path / "bar.stl"
     trimesh.creation.box((40.0, 12.0, 4.0)).export(bar)
     prices = [
-        decompose_to_folder(bar, tmp_path / quality, request(sliced=False, quality=quality))["makespan_s"]
+        decompose_to_folder(bar, tmp_path / quality, make_request(sliced=False, quality=quality))[
+            "makespan_s"
+        ]
         for quality in ("glue", "paper")
     ]
     assert prices[0] != prices[1]
     with pytest.raises(FarmError, match="best-of-all"):
-        decompose_to_folder(bar, tmp_path / "none", request(quality="best-of-all"))
+        decompose_to_folder(bar, tmp_path / "none", make_request(quality="best-of-all"))
 
 
 class Slicer:
@@ -69,7 +71,7 @@ class Slicer:
 
 
 @pytest.fixture(scope="module")
-def cut():
+def decomposition():
     rooms = [PrinterRoom(name, ((200.0, 200.0, 200.0),)) for name in "ab"]
     model = Model(Solid.box((0, 0, 0), (120, 30, 20)), (), 1.0)
     options = Options(Engine.GUILLOTINE, 4, prove=False)
@@ -88,7 +90,7 @@ def cut():
     ids=["twice", "not sooner", "no gain", "broken rule", "bad to glue"],
 )
 def test_cuts_are_moved_while_the_slowest_slice_ends_sooner(
-    cut, tmp_path, monkeypatch, moves, rounds_s, best_times_s, folders
+    decomposition, tmp_path, monkeypatch, moves, rounds_s, best_times_s, folders
 ):
     slicer, pending_moves = Slicer(*rounds_s), list(moves)
 
@@ -100,6 +102,6 @@ def test_cuts_are_moved_while_the_slowest_slice_ends_sooner(
         return move and replace(previous, faults=("is a sliver",) if move == "faulty" else ())
 
     monkeypatch.setattr(sliced_parts, "relevel_planes", relevel)
-    best = level_by_slices(None, cut, slicer, None, None, tmp_path)
+    best = level_by_slices(None, decomposition, slicer, None, None, tmp_path)
     assert best.times_s == best_times_s
     assert slicer.folders == folders

@@ -26,16 +26,16 @@ MODEL = "ultimaker2_plus"
 
 
 @given(st.integers(1, 40), st.integers(1, 40), st.integers(1, 3))
-def test_fewer_rounds_go_before_more_parts_and_all_printers_are_tried(copies, printers, rounds):
+def test_fewer_rounds_come_before_more_parts_and_all_printers_are_tried(copies, printers, rounds):
     max_count = printers * rounds
     counts = list(iterate_part_counts(copies, printers, max_count))
     assert counts[-1][1] == max_count
     # One round fewer has no room for a part of each copy.
     assert counts[0][0] == -(-copies // printers)
-    for (more_rounds, parts_a), (rounds_b, parts_b) in pairwise(counts):
-        assert more_rounds < rounds_b and parts_a < parts_b
-    for rounds_, parts in counts:
-        assert copies * parts <= rounds_ * printers
+    for (rounds_a, parts_a), (rounds_b, parts_b) in pairwise(counts):
+        assert rounds_a < rounds_b and parts_a < parts_b
+    for round_count, parts in counts:
+        assert copies * parts <= round_count * printers
 
 
 @given(st.lists(st.integers(), min_size=1, max_size=30), st.data())
@@ -158,7 +158,7 @@ def test_copies_of_a_model_too_long_for_a_bed_share_the_printers(bar, files, tmp
 
 
 @pytest.mark.usefixtures("without_pictures")
-def test_copies_of_a_small_model_stay_whole_unless_a_person_gives_printers(box, files, tmp_path):
+def test_copies_of_a_small_model_stay_whole_unless_a_person_requests_printers(box, files, tmp_path):
     auto = replace(make_decompose_task(box, files, tmp_path, printers=4), options=JobOptions(copies=2))
     assert len(decompose_job(auto).parts) == 1
     four_printers = replace(auto, options=JobOptions(copies=2, printers=4))

@@ -42,7 +42,7 @@ class RecordingPool(SameProcess):
         return work(*args)
 
 
-def start_drawing(pool, task, decomposition):
+def draw_parts(pool, task, decomposition):
     async def main():
         drawings = Drawings(PoolShare(pool, 1))
         drawings.start(task, decomposition)
@@ -58,7 +58,7 @@ def cut_bar(bar, files, tmp_path):
     return task, decompose_job(task)
 
 
-def test_pictures_by_several_workers_are_the_same(cut_bar, tmp_path, monkeypatch):
+def test_pictures_by_several_workers_equal_those_by_one(cut_bar, tmp_path, monkeypatch):
     task, result = cut_bar
     assert result.steps >= 2
     monkeypatch.setattr(drawings, "MIN_STEPS", 1)
@@ -67,7 +67,7 @@ def test_pictures_by_several_workers_are_the_same(cut_bar, tmp_path, monkeypatch
     for name in FILES:
         (task.folder / name).unlink()
     pool = RecordingPool()
-    start_drawing(pool, task, result)
+    draw_parts(pool, task, result)
     shares = min(result.steps, drawings.MAX_SHARES)
     assert pool.names == ["draw_overview", *["draw_some_steps"] * shares, "draw_job"]
     assert {name: (task.folder / name).read_bytes() for name in FILES} == pictures
@@ -76,7 +76,7 @@ def test_pictures_by_several_workers_are_the_same(cut_bar, tmp_path, monkeypatch
 def test_few_steps_are_drawn_by_one_worker(cut_bar):
     task, result = cut_bar
     pool = RecordingPool()
-    start_drawing(pool, task, result)
+    draw_parts(pool, task, result)
     assert pool.names == ["draw_job"]
 
 
@@ -97,5 +97,5 @@ def test_a_share_that_fails_ends_the_others(cut_bar):
     task, result = cut_bar
     pool = FailingPool()
     with pytest.raises(FarmError, match="no room for a picture"):
-        start_drawing(pool, task, replace(result, steps=40))
+        draw_parts(pool, task, replace(result, steps=40))
     assert pool.open == 0

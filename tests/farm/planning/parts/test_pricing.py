@@ -104,10 +104,11 @@ def make_cone():
     ],
     ids=["glue", "paper", "wide nozzle", "fine"],
 )
-def test_prices_are_those_of_the_engine(variant, resolve_slice_settings, tmp_path):
-    """Compare prices of the tables for parts without which the factors were fitted.
+def test_prices_match_the_times_of_the_engine(variant, resolve_slice_settings, tmp_path):
+    """Compare prices of parts that were not used to fit the factors.
 
-    They know no rings of denser infill, and take one skin of two for a top: a cone has the largest error.
+    The tables do not model rings of denser infill, and count one skin of two as a top: a cone has the
+    largest error.
     """
     try:
         engine = find_engine()
@@ -145,7 +146,7 @@ def test_measured_table_agrees_with_the_factors(resolve_slice_settings):
             assert figures[level][name]["mean_absolute_error"] < 0.05, (level, name)
 
 
-def test_pins_and_marks_are_for_glued_parts_and_not_for_those_of_the_paper():
+def test_pins_and_marks_are_for_glued_parts_and_not_for_quality_paper():
     options = JobOptions(pin_mm=2.85, pin_fit_mm=0.5, marks=True)
     assert build_decompose_options(options).connectors == ConnectorOptions(2.85, 0.5, marks=True)
     assert build_decompose_options(options.model_copy(update={"quality": "paper"})).connectors.is_empty

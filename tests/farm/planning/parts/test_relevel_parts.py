@@ -18,10 +18,14 @@ pytestmark = pytest.mark.usefixtures("without_pictures")
 def test_part_with_a_slow_slice_is_cut_smaller(bar, files, tmp_path):
     task = make_decompose_task(bar, files, tmp_path)
     decomposition = decompose_job(task)
-    slow = slice_late(task, decomposition, late_s=RELEVEL_LATE_S * 3)
-    assert slow.makespan_s() == slow.parts[1].expected_s() == slow.busy_s()[decomposition.parts[1].printer]
-    assert slow.should_relevel()
-    new_result = relevel_parts(slow, tmp_path / "levelled")
+    slow_job = slice_late(task, decomposition, late_s=RELEVEL_LATE_S * 3)
+    assert (
+        slow_job.makespan_s()
+        == slow_job.parts[1].expected_s()
+        == slow_job.busy_s()[decomposition.parts[1].printer]
+    )
+    assert slow_job.should_relevel()
+    new_result = relevel_parts(slow_job, tmp_path / "levelled")
     assert new_result.parts[1].geometry.volume_mm3 < decomposition.parts[1].geometry.volume_mm3
     assert sum(part.geometry.volume_mm3 for part in new_result.parts) == pytest.approx(260 * 14 * 12)
     assert {part.printer for part in new_result.parts} == {"p0", "p1"}
@@ -40,30 +44,30 @@ def test_balanced_parts_are_not_relevelled(bar, files, tmp_path):
     assert not replace(
         slice_late(task, decomposition, 1e4), decomposed=replace(decomposition, cut_record=None)
     ).should_relevel()
-    level = slice_late(task, decomposition, late_s=0.0)
-    assert relevel_parts(level, tmp_path / "levelled") is None
+    level_job = slice_late(task, decomposition, late_s=0.0)
+    assert relevel_parts(level_job, tmp_path / "levelled") is None
 
 
 def test_part_of_features_that_its_printer_prints_slowly_is_relevelled(bar, files, tmp_path):
     factors = dict.fromkeys(("p0", "p1"), TimeFactors(1.0, (1.0, 1.0, 1.3, 1.0, 1.0)))
     task = replace(make_decompose_task(bar, files, tmp_path), time_factors=factors)
-    level = slice_late(task, decompose_job(task), late_s=0.0)
-    first, *others = level.parts
+    level_job = slice_late(task, decompose_job(task), late_s=0.0)
+    first, *others = level_job.parts
     total_s = first.result.sliced_s
     first.result.features = FeatureTimes(0.0, 0.0, total_s, 0.0, 0.0)
     for other in others:
         other.result.features = FeatureTimes(total_s, 0.0, 0.0, 0.0, 0.0)
-    assert level.busy_s()[first.printer.name] == pytest.approx(first.expected_s(TimeFactors(1.3)))
-    assert relevel_parts(level, tmp_path / "levelled") is not None
+    assert level_job.busy_s()[first.printer.name] == pytest.approx(first.expected_s(TimeFactors(1.3)))
+    assert relevel_parts(level_job, tmp_path / "levelled") is not None
 
 
 def test_slow_printer_is_busy_longer(bar, files, tmp_path):
     task = replace(make_decompose_task(bar, files, tmp_path), time_factors={"p0": TimeFactors(1.5)})
     decomposition = decompose_job(task)
-    level = slice_late(task, decomposition, late_s=0.0)
-    printed_s = level.parts[0].result.sliced_s
+    level_job = slice_late(task, decomposition, late_s=0.0)
+    printed_s = level_job.parts[0].result.sliced_s
     # The ratio is that of the layers alone.
-    assert level.busy_s()["p0"] == pytest.approx(level.busy_s()["p1"] + 0.5 * printed_s)
+    assert level_job.busy_s()["p0"] == pytest.approx(level_job.busy_s()["p1"] + 0.5 * printed_s)
 
 
 def test_several_parts_per_printer_are_not_relevelled(bar, files, tmp_path):

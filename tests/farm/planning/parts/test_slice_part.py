@@ -58,7 +58,7 @@ def test_abs_is_enlarged_by_its_shrinkage(task):
 
 
 def test_part_has_its_own_brim_first_layer_and_height(task):
-    # A first layer that is 0.2 mm narrower is visible where it has no other line.
+    # The first layer can be measured only in a part that has no other layer.
     flat = trimesh.creation.box((40.0, 30.0, 0.27))
     plain_slice, narrow_slice = (
         slice_part(task(flat, quality="fast", brim_width_mm=0.0, layer_0_expansion_mm=offset))
@@ -108,7 +108,7 @@ def test_part_whose_brim_passes_the_edge_is_shifted(task):
 
 
 @pytest.mark.parametrize("tops_hidden", [False, True])
-def test_only_the_uppermost_layer_of_a_seen_top_is_printed_slowly(task, tops_hidden):
+def test_only_the_uppermost_layer_of_a_visible_top_is_printed_slowly(task, tops_hidden):
     work = task(trimesh.creation.box((40.0, 30.0, 6.0)), brim_width_mm=0.0, tops_hidden=tops_hidden)
     *lower_layers, top = slice_part(work).gcode.read_text().split(";LAYER:")[1:]
     lower_mm_s = [read_skin_speeds_mm_s(layer) for layer in lower_layers]
@@ -162,17 +162,17 @@ def test_hidden_faces_are_printed_with_fewer_solid_layers(task):
         ]
     )
 
-    def count_skin_layers(**options):
+    def list_skin_layers(**options):
         gcode = slice_part(task(tee, brim_width_mm=0.0, **options)).gcode.read_text()
         layers = gcode.split(";LAYER:")[1:]
         return [n for n, layer in enumerate(layers) if ";TYPE:SKIN" in layer], len(layers)
 
-    plain_slice, count = count_skin_layers()
-    hidden_count, _ = count_skin_layers(bed_face_hidden=True, tops_hidden=True)
-    assert plain_slice[:4] == [0, 1, 2, 3]
-    assert hidden_count[:2] == [0, 1]
-    arms = [n for n in plain_slice if 3 < n < count - 4]
+    plain_layers, count = list_skin_layers()
+    hidden_layers, _ = list_skin_layers(bed_face_hidden=True, tops_hidden=True)
+    assert plain_layers[:4] == [0, 1, 2, 3]
+    assert hidden_layers[:2] == [0, 1]
+    arms = [n for n in plain_layers if 3 < n < count - 4]
     assert len(arms) == 4
-    assert [n for n in hidden_count if 3 < n < count - 4] == arms
-    assert (plain_slice[-4:], hidden_count[-3:]) == ([*range(count - 4, count)], [*range(count - 3, count)])
-    assert len(hidden_count) == len(plain_slice) - 3
+    assert [n for n in hidden_layers if 3 < n < count - 4] == arms
+    assert (plain_layers[-4:], hidden_layers[-3:]) == ([*range(count - 4, count)], [*range(count - 3, count)])
+    assert len(hidden_layers) == len(plain_layers) - 3

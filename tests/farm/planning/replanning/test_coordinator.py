@@ -19,7 +19,7 @@ class Clock:
     scale = 1.0
 
     def __init__(self):
-        self.now_s = 20 * HOUR_S  # of a day on which no person is there before 8
+        self.now_s = 20 * HOUR_S  # 20:00, after the attended hours
 
     def now(self):
         return self.now_s
@@ -111,7 +111,7 @@ def test_part_that_is_not_sooner_in_pieces_stays_whole(tmp_path):
         assert [decomposition for _, _, decomposition in farm.effects.replans] == [True, True]
 
 
-def test_job_with_a_later_start_gets_no_reserved_printers(tmp_path):
+def test_later_job_gets_no_reserved_printers(tmp_path):
     farm = make_farm(tmp_path, [PLUS] * 5, plates=1)
     fail_plate(farm, "a", "1/01")
     ((_, reserved_printers, _),) = farm.effects.replans
@@ -133,7 +133,7 @@ def test_replan_is_repeated_after_a_restart(tmp_path):
     restarted_farm.controller.on_replan("1/01", make_recut(farm, "1/01", 4.0, "bcd"))
     assert restarted_farm.controller.books.jobs[1].plates == ("1/01",)
     restarted_farm.ready("b", "c", "d")
-    assert list_started_plates(restarted_farm) == {"b": "1/01"}  # which was there first
+    assert list_started_plates(restarted_farm) == {"b": "1/01"}  # b was ready first
 
 
 def test_part_that_is_cancelled_while_it_is_cut_is_not_replaced(tmp_path):

@@ -97,7 +97,7 @@ def test_pieces_fill_their_part_exactly_and_are_sliced_each_for_its_own_printer(
     union = Solid.union(solids)
     volumes = (
         sum(solid.volume_mm3 for solid in solids),  # no volume is missing
-        union.volume_mm3,  # no volume is there twice
+        union.volume_mm3,  # no pieces overlap
         part_solid.intersect(union).volume_mm3,  # and all pieces are within the part
     )
     assert volumes == pytest.approx((part_solid.volume_mm3,) * 3, rel=1e-5)

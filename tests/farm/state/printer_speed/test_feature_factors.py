@@ -50,7 +50,7 @@ def test_noise_of_a_percent_leaves_the_time_of_other_prints_within_a_percent(see
 
 
 @given(SEEDS, st.lists(st.floats(0.8, 1.3), min_size=MIN_PRINTS, max_size=60))
-def test_prints_of_one_mix_teach_one_factor(seed, ratios):
+def test_prints_of_one_mix_of_features_give_one_factor(seed, ratios):
     shares = draw_shares(random.Random(seed))
     factors = fit_feature_factors([Timing(shares, ratio) for ratio in ratios])
     assert max(factors) - min(factors) < 1e-9
@@ -101,7 +101,7 @@ def test_few_prints_with_a_wrong_time_are_ignored(seed, true_factors, wrong_rati
     assert factors == pytest.approx(true_factors, abs=0.02)
 
 
-def test_too_few_prints_teach_nothing():
+def test_too_few_prints_give_no_factors():
     timings = draw_timings(1, (1.0, 1.1, 1.2, 1.0, 0.9), count=MIN_PRINTS)
     assert fit_feature_factors(timings[1:]) is None
     assert fit_feature_factors(timings) is not None

@@ -11,7 +11,7 @@ from farm.state.printer_speed import MIN_PRINTS, learn_speed, list_timings
 
 HOUR_S = 3600.0
 PRELUDE_S = 200.0
-PLANTED = (1.02, 0.98, 1.15, 1.0, 1.3)
+TRUE_FACTORS = (1.02, 0.98, 1.15, 1.0, 1.3)
 (TEMPLATE,) = make_plan_event(plates=1).plates
 
 
@@ -26,7 +26,7 @@ def make_plate(number, family="ultimaker2"):
 
 def make_print(plate: Plate, printer="a", speed=1.0, **changes):
     number = int(plate.id[2:])
-    layers_s = speed * plate.sliced_s * TimeFactors(1.0, PLANTED).compute_factor(plate.feature_shares)
+    layers_s = speed * plate.sliced_s * TimeFactors(1.0, TRUE_FACTORS).compute_factor(plate.feature_shares)
     fields = {
         "id": f"x{number}",
         "plate": plate.id,
@@ -41,8 +41,8 @@ def make_print(plate: Plate, printer="a", speed=1.0, **changes):
     return Print(**{**fields, **changes})
 
 
-def learn(prints, plates, **printers):
-    """Apply prints to their printers in order; return the books."""
+def learn_from_prints(prints, plates, **printers):
+    """Learn from the last print; return its printer and the books."""
     names = {attempt.printer for attempt in prints}
     entries = {name: Printer(name=name, time_factor=printers.get(name, 1.0)) for name in names}
     books = Books.from_entities([*plates, *prints, *entries.values()])
@@ -50,15 +50,15 @@ def learn(prints, plates, **printers):
     return learn_speed(books, entries[last.printer], last), books
 
 
-def test_thirty_prints_of_a_printer_teach_its_factors():
+def test_factors_are_learned_from_thirty_prints_of_a_printer():
     plates = [make_plate(number) for number in range(1, MIN_PRINTS + 1)]
     prints = [make_print(plate) for plate in plates]
-    assert learn(prints[1:], plates)[0].feature_factors is None
-    printer, _ = learn(prints, plates)
-    assert printer.feature_factors.factors == pytest.approx(PLANTED, abs=1e-3)
+    assert learn_from_prints(prints[1:], plates)[0].feature_factors is None
+    printer, _ = learn_from_prints(prints, plates)
+    assert printer.feature_factors.factors == pytest.approx(TRUE_FACTORS, abs=1e-3)
     assert (printer.feature_factors.prints, printer.feature_factors.own) == (MIN_PRINTS, True)
     walls_only = (1.0, 0.0, 0.0, 0.0, 0.0)
-    assert printer.time_factors.compute_factor(walls_only) == pytest.approx(PLANTED[0], abs=1e-3)
+    assert printer.time_factors.compute_factor(walls_only) == pytest.approx(TRUE_FACTORS[0], abs=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -72,21 +72,21 @@ def test_thirty_prints_of_a_printer_teach_its_factors():
         {"ended_s": 0.0},
     ],
 )
-def test_print_that_does_not_show_the_speed_is_left_out(changes):
+def test_unrepresentative_print_is_left_out(changes):
     plates = [make_plate(number) for number in range(1, MIN_PRINTS + 1)]
     prints = [make_print(plate) for plate in plates]
     prints[3] = make_print(plates[3], **changes)
-    printer, books = learn(prints, plates)
+    printer, books = learn_from_prints(prints, plates)
     assert printer.feature_factors is None
     assert len(list_timings(books, printer)) == MIN_PRINTS - 1
 
 
-def test_plate_without_features_teaches_only_the_one_factor():
+def test_plate_without_features_updates_only_the_time_factor():
     plates = [make_plate(number) for number in range(1, MIN_PRINTS + 1)]
     plates[-1] = plates[-1].model_copy(update={"features": None})
     prints = [make_print(plate) for plate in plates[:-1]]
     prints.append(make_print(plates[-1], ended_s=plates[-1].expected_s * 1.1 + HOUR_S * 10 * MIN_PRINTS))
-    printer, _ = learn(prints, plates)
+    printer, _ = learn_from_prints(prints, plates)
     assert printer.feature_factors is None
     assert printer.time_factor > 1.0
 
@@ -95,20 +95,20 @@ def test_printer_with_few_prints_has_the_factors_of_its_family_at_its_own_speed(
     plates = [make_plate(number) for number in range(1, MIN_PRINTS + 3)]
     prints = [make_print(plate, printer="b") for plate in plates[:-2]]
     prints += [make_print(plate, printer="a", speed=1.05) for plate in plates[-2:]]
-    mean_ratio = sum(PLANTED) / 5
-    printer, _ = learn(prints, plates, a=1.05 * mean_ratio, b=mean_ratio)
+    mean_ratio = sum(TRUE_FACTORS) / 5
+    printer, _ = learn_from_prints(prints, plates, a=1.05 * mean_ratio, b=mean_ratio)
     assert not printer.feature_factors.own
     assert printer.feature_factors.prints == MIN_PRINTS + 2
-    expected = tuple(1.05 * factor for factor in PLANTED)
+    expected = tuple(1.05 * factor for factor in TRUE_FACTORS)
     assert printer.feature_factors.factors == pytest.approx(expected, abs=0.02)
     others = [plate.model_copy(update={"family": "marlin"}) for plate in plates[:-2]]
-    assert learn(prints, [*others, *plates[-2:]])[0].feature_factors is None
+    assert learn_from_prints(prints, [*others, *plates[-2:]])[0].feature_factors is None
 
 
-def test_latest_prints_of_a_changed_printer_count():
+def test_only_the_latest_prints_of_a_printer_count():
     plates = [make_plate(number) for number in range(1, 101)]
     prints = [make_print(plate, speed=1.0 if number < 40 else 1.1) for number, plate in enumerate(plates)]
-    printer, books = learn(prints, plates)
+    printer, books = learn_from_prints(prints, plates)
     assert len(list_timings(books, printer)) == 60
-    expected = tuple(1.1 * factor for factor in PLANTED)
+    expected = tuple(1.1 * factor for factor in TRUE_FACTORS)
     assert printer.feature_factors.factors == pytest.approx(expected, abs=1e-3)

@@ -26,7 +26,7 @@ GB = 1e9
         (DiskUse(10 * GB, 0.0, 0.0, 0.0), math.inf),
     ],
 )
-def test_nights_until_full_follow_from_stored_events(use, nights):
+def test_nights_until_full_follow_from_the_use_of_the_disk(use, nights):
     assert estimate_nights_until_full(use, 50 * GB, 0.5 * GB) == pytest.approx(nights)
 
 
@@ -37,12 +37,12 @@ _bytes = st.floats(0, 1e13)
     free_bytes=_bytes,
     stored_bytes=_bytes,
     prunable_bytes=_bytes,
-    day=st.floats(1, 1e12),
+    day_bytes=st.floats(1, 1e12),
     max_bytes=_bytes,
     more_bytes=_bytes,
 )
 def test_more_free_space_is_never_full_earlier(
-    free_bytes, stored_bytes, prunable_bytes, day, max_bytes, more_bytes
+    free_bytes, stored_bytes, prunable_bytes, day_bytes, max_bytes, more_bytes
 ):
     def forecast_nights(**changes):
         use = DiskUse(
@@ -51,7 +51,7 @@ def test_more_free_space_is_never_full_earlier(
                     "free_bytes": free_bytes,
                     "stored_bytes": stored_bytes,
                     "prunable_bytes": prunable_bytes,
-                    "day_bytes": day,
+                    "day_bytes": day_bytes,
                 }
                 | changes
             )
@@ -61,13 +61,13 @@ def test_more_free_space_is_never_full_earlier(
     slack = 1 + 1e-9
     assert forecast_nights(free_bytes=free_bytes + more_bytes) * slack >= forecast_nights()
     assert forecast_nights(prunable_bytes=prunable_bytes + more_bytes) * slack >= forecast_nights()
-    assert forecast_nights(day_bytes=day + more_bytes) <= forecast_nights() * slack
+    assert forecast_nights(day_bytes=day_bytes + more_bytes) <= forecast_nights() * slack
 
 
 def test_busy_weekend_outweighs_a_quiet_week():
-    quiet = [(6.5, 700), (5.5, 0)]
-    assert average_day_bytes(quiet) == pytest.approx(700 / 6.5)
-    assert average_day_bytes([*quiet, (1.0, 4000)]) == 2000.0
+    quiet_days = [(6.5, 700), (5.5, 0)]
+    assert average_day_bytes(quiet_days) == pytest.approx(700 / 6.5)
+    assert average_day_bytes([*quiet_days, (1.0, 4000)]) == 2000.0
     assert average_day_bytes([(30.0, 10**9)]) == 0.0
     assert average_day_bytes([(0.1, 500)]) == 500.0  # a new farm
     assert average_day_bytes([]) == 0.0

@@ -28,7 +28,7 @@ def make_sizes(books, size=100):
     return dict.fromkeys(list_named_files(books), size)
 
 
-def prune(books, number):
+def prune_job(books, number):
     return apply(ev.JobPruned(at_s=NOW_S, job=number, by="ann"), books)[0]
 
 
@@ -71,7 +71,7 @@ def test_job_that_is_open_or_not_judged_is_never_pruned(state):
     books = make_old_books((state, 500))
     assert select_jobs(books, make_sizes(books), KeepRules(2, 0.0), NOW_S, NOW_S) == []
     with pytest.raises(InvalidTransition):
-        prune(books, 1)
+        prune_job(books, 1)
 
 
 def test_part_on_a_bed_or_without_a_verdict_keeps_the_files():
@@ -89,7 +89,7 @@ def test_part_on_a_bed_or_without_a_verdict_keeps_the_files():
     )
     assert find_keep_reason(books, books.jobs[1]) == "on the bed of a"
     with pytest.raises(InvalidTransition, match="on the bed of a"):
-        prune(books, 1)
+        prune_job(books, 1)
     books, _ = apply_events(books, ev.BedCleared(at_s=300.0, printer="a", by="ann", verdict=Verdict.BAD))
     assert books.jobs[1].state is JobState.CANCELLED
     assert find_keep_reason(books, books.jobs[1]) is None
@@ -118,7 +118,7 @@ def test_pruned_job_keeps_its_pictures_and_is_not_printed_again():
     with pytest.raises(InvalidTransition, match="pruned"):
         apply(ev.ReprintRequested(at_s=NOW_S, plate="1/01", why="", by="ann"), new_books)
     with pytest.raises(InvalidTransition, match="pruned already"):
-        prune(new_books, 1)
+        prune_job(new_books, 1)
 
 
 def test_parts_that_others_replaced_keep_their_files_while_the_job_is_open():
@@ -131,7 +131,7 @@ def test_jobs_with_missing_files_are_found_after_a_restore():
     books = make_old_books((JobState.DONE, 100), (JobState.PRINTING, 0))
     files = list_named_files(books) - {"1-p02.stl", "2-p02.stl"}
     assert list_lost_jobs(books, files) == [1]
-    assert list_lost_jobs(prune(books, 1), files) == []
+    assert list_lost_jobs(prune_job(books, 1), files) == []
 
 
 def test_unavailable_store_prunes_no_job():
@@ -158,7 +158,7 @@ def test_deleted_files_are_unused_and_kept_ones_complete(jobs, days, max_total_b
     for number in selected_jobs:
         assert books.jobs[number].state in (JobState.DONE, JobState.FAILED, JobState.CANCELLED)
         assert books.jobs[number].ended_s < NOW_S - MIN_AGE_S
-        new_books = prune(new_books, number)
+        new_books = prune_job(new_books, number)
     deleted_names = list_named_files(books) - list_named_files(new_books)
     assert list_deletable_files(new_books) == deleted_names and not list_deletable_files(books)
     assert deleted_names <= list_prunable_files(books, list_named_files(books), NOW_S)

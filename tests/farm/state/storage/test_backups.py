@@ -74,7 +74,7 @@ def test_backup_of_books_in_use_succeeds_and_old_ones_are_deleted(state):
         assert copy.load() == books
 
 
-@pytest.mark.parametrize("damage", ["no database", "a page", "nothing left"])
+@pytest.mark.parametrize("damage", ["no database", "a page", "empty file"])
 def test_damaged_database_is_restored_from_the_newest_intact_backup(state, damage):
     books = write_books(state)
     back_up(state, FIRST_BACKUP_S)
@@ -83,7 +83,7 @@ def test_damaged_database_is_restored_from_the_newest_intact_backup(state, damag
     damaged_bytes = {
         "no database": b"these are not the books that you are looking for" * 50,
         "a page": intact_bytes[:4096] + b"\xff" * 4096 + intact_bytes[8192:],
-        "nothing left": b"",
+        "empty file": b"",
     }[damage]
     state.books.write_bytes(damaged_bytes)
     store, restored_s = open_books(state, FIRST_BACKUP_S + 2 * DAY_S)
@@ -141,7 +141,7 @@ def test_failed_backup_keeps_earlier_ones(state):
     assert len(list(state.backups.iterdir())) == 1
 
 
-@pytest.mark.parametrize("problem", ["no folder", "the disk", "a fault of our own"])
+@pytest.mark.parametrize("problem", ["no folder", "the disk", "an internal error"])
 def test_failed_backup_is_reported_and_retried(state, problem, tmp_path, monkeypatch):
     write_books(state)
     if problem == "no folder":

@@ -82,7 +82,7 @@ def test_file_that_is_stored_again_counts_as_new(tmp_path):
     assert (store / name).read_bytes() == b"solid"
 
 
-def test_age_of_a_file_counts_from_its_storing(tmp_path):
+def test_age_of_a_file_counts_from_when_it_was_stored(tmp_path):
     store, source = tmp_path / "files", tmp_path / "old.stl"
     store.mkdir()
     source.write_bytes(b"solid")

@@ -162,7 +162,7 @@ def test_part_cleared_in_an_earlier_version_is_good(tmp_path):
 
 
 @pytest.mark.parametrize("version", [2, 3])
-def test_books_from_before_keys_are_read_and_get_their_table(tmp_path, version):
+def test_books_without_a_table_of_keys_are_read_and_get_one(tmp_path, version):
     path = tmp_path / "farm.db"
     with Store(path) as store:
         books, _ = apply(make_fleet_events()[0], Books())
@@ -214,7 +214,7 @@ def test_commits_of_a_transaction_are_written_all_or_none(tmp_path):
         assert int((tmp_path / "farm.db-count").read_bytes()) == len(events)
 
 
-def test_rows_leave_defaults_out_and_complete_rows_are_read_too(tmp_path):
+def test_rows_omit_defaults_and_complete_rows_are_read_too(tmp_path):
     path = tmp_path / "farm.db"
     with Store(path) as store:
         books = commit_all(store, list_job_events())
@@ -243,7 +243,7 @@ def test_entities_that_are_read_share_the_set_of_their_fields(tmp_path):
 
 
 def test_failed_commit_is_not_counted_by_a_later_empty_transaction(tmp_path):
-    """Report no loss of events at the next start, which would restore a backup."""
+    """Check that the next start reports no lost events, for which it would restore a backup."""
     first, second, *_ = make_fleet_events()
     with Store(tmp_path / "farm.db") as store:
         with store.transaction():
@@ -263,7 +263,7 @@ def test_failed_commit_is_not_counted_by_a_later_empty_transaction(tmp_path):
 
 
 def test_commit_after_a_failed_one_is_on_the_disk(tmp_path):
-    """End the transaction that a failed COMMIT leaves open, so that the next commit is no part of it."""
+    """End the transaction that a failed COMMIT leaves open, so that the next commit is not part of it."""
     event, *_ = make_fleet_events()
     books, _ = apply(event, Books())
     with Store(tmp_path / "farm.db") as store:

@@ -1,4 +1,4 @@
-"""Damaged books: intact, restored with a report, or refused."""
+"""Opening of damaged books: unchanged, restored with a report, or refused."""
 
 import shutil
 
@@ -16,7 +16,7 @@ from farm.state.storage.backups import back_up, open_books
 from farm.state.storage.store import Store
 from farm.state.transitions import apply
 
-BACKED_UP_EVENTS = 5  # events
+BACKED_UP_EVENTS = 5  # events before the backup
 EVENTS = (
     *make_fleet_events(),
     ev.JobSubmitted(at_s=0.0, job=make_job()),
@@ -57,7 +57,7 @@ def killed_daemon(tmp_path_factory):
     return KilledDaemon(killed_folder, history)
 
 
-def check(killed_daemon, folder, damage_database):
+def open_damaged_books(killed_daemon, folder, damage_database):
     """Open books after damage; return True if they were restored, None if they were refused."""
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(killed_daemon.folder, folder)
@@ -97,7 +97,7 @@ def flip_bit(path, offset, bit=0):
 )
 def test_flipped_bit_anywhere_is_detected(killed_daemon, tmp_path_factory, file_name, offset, bit):
     folder = tmp_path_factory.getbasetemp() / "flipped"
-    check(
+    open_damaged_books(
         killed_daemon,
         folder,
         lambda state: flip_bit(state.books.with_name(f"farm.db{file_name}"), offset, bit),
@@ -107,19 +107,19 @@ def test_flipped_bit_anywhere_is_detected(killed_daemon, tmp_path_factory, file_
 @settings(max_examples=30, deadline=None)
 @given(share=st.floats(0, 0.999))
 def test_truncated_write_ahead_log_is_detected(killed_daemon, tmp_path_factory, share):
-    """Detect a truncated log, which SQLite does not, and after which former clear beds would be used."""
+    """Detect a truncated log; SQLite does not, and a bed could count as clear that no longer is."""
 
-    def cut(state):
+    def truncate_log(state):
         log = state.books.with_name("farm.db-wal")
         log.write_bytes(log.read_bytes()[: int(share * log.stat().st_size)])
 
-    assert check(killed_daemon, tmp_path_factory.getbasetemp() / "cut", cut)
+    assert open_damaged_books(killed_daemon, tmp_path_factory.getbasetemp() / "cut", truncate_log)
 
 
 def test_intact_database_is_opened_unchanged(killed_daemon, tmp_path):
-    assert check(killed_daemon, tmp_path / "state", lambda state: None) is False
+    assert open_damaged_books(killed_daemon, tmp_path / "state", lambda state: None) is False
     state = StateFolder(tmp_path / "state")
-    for path in state.root.glob("farm.db*"):  # moved by a person, or most of it
+    for path in state.root.glob("farm.db*"):  # as if a person had moved most of them
         if not path.name.endswith("-count"):
             path.unlink()
     shutil.rmtree(state.backups)
@@ -132,7 +132,7 @@ def test_every_changed_row_is_found(killed_daemon, tmp_path):
     """Find a changed digit of a time, which leaves the pages of SQLite valid."""
     import sqlite3
 
-    def change(table):
+    def make_row_damage(table):
         def damage_database(state):
             with sqlite3.connect(state.books) as db:
                 db.execute(f"UPDATE {table} SET body = replace(body, '1', '2')")
@@ -141,4 +141,4 @@ def test_every_changed_row_is_found(killed_daemon, tmp_path):
         return damage_database
 
     for table in ("job", "plate", "print"):
-        assert check(killed_daemon, tmp_path / table, change(table))
+        assert open_damaged_books(killed_daemon, tmp_path / table, make_row_damage(table))

@@ -11,7 +11,7 @@ from farm.state.books import Books
 from farm.state.storage.store import Store, StoreError
 
 
-def record(store, *times_s, person="ann"):
+def record_events(store, *times_s, person="ann"):
     for at_s in times_s:
         store.commit(ev.MaintenanceEnded(at_s=at_s, printer="a", by=person), Books(), Books())
 
@@ -30,7 +30,7 @@ def list_times_s(store):
 def test_remaining_events_are_the_latest(tmp_path_factory, times_s, end_s, max_count, batch_size):
     path = tmp_path_factory.mktemp("books") / "farm.db"
     with Store(path) as store:
-        record(store, *times_s)
+        record_events(store, *times_s)
         last_number = store.find_last_old_event(end_s, max_count)
         expected_count = store.count_events(last_number)
         deleted_count = 0
@@ -43,7 +43,7 @@ def test_remaining_events_are_the_latest(tmp_path_factory, times_s, end_s, max_c
         assert (
             all(at_s < end_s for at_s in times_s[:deleted_count]) or deleted_count == len(times_s) - max_count
         )
-        record(store, 200.0)
+        record_events(store, 200.0)
     with Store(path) as store:
         assert store.copied_s is None  # nothing counts as lost
         assert list_times_s(store) == [*kept_times_s, 200.0]
@@ -52,7 +52,7 @@ def test_remaining_events_are_the_latest(tmp_path_factory, times_s, end_s, max_c
 def test_deleting_events_makes_the_file_smaller(tmp_path):
     path = tmp_path / "farm.db"
     with Store(path) as store:
-        record(store, *(float(n) for n in range(300)), person="a" * 4000)
+        record_events(store, *(float(n) for n in range(300)), person="a" * 4000)
         assert not store.release_space(min_bytes=10**6)  # nothing is unused
         while store.delete_events(store.find_last_old_event(0.0, 10)):
             pass
@@ -64,7 +64,7 @@ def test_deleting_events_makes_the_file_smaller(tmp_path):
 
 def test_events_that_cannot_be_deleted_are_an_error_of_the_store(tmp_path):
     with Store(tmp_path / "farm.db") as store:
-        record(store, 1.0, 2.0)
+        record_events(store, 1.0, 2.0)
         with sqlite3.connect(tmp_path / "farm.db", isolation_level=None) as connection:
             connection.execute("BEGIN IMMEDIATE")
             store._db.execute("PRAGMA busy_timeout = 0")

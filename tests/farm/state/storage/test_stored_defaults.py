@@ -1,4 +1,4 @@
-"""Rows leave defaults out, so a default that changes would change what old rows mean."""
+"""Defaults of stored fields: rows omit them, so a changed default would change the meaning of old rows."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ def list_defaults() -> dict[str, Any]:
     }
 
 
-def test_defaults_of_stored_fields_stay():
-    """Add a new field to the file; for another default, write a migration that stores the old one."""
+def test_defaults_of_stored_fields_are_unchanged():
+    """Compare with the file: add new fields to it; a changed default needs a migration of old rows."""
     recorded_defaults, defaults = json.loads(RECORD_FILE.read_text()), list_defaults()
     changed_fields = {name for name, value in recorded_defaults.items() if defaults.get(name, value) != value}
     assert not changed_fields

@@ -29,19 +29,19 @@ INVALID_EVENTS = {
         ev.PrintWithdrawn(at_s=4.0, print_id="x", reason="so"),
         "print x is heating",
     ),
-    "a print is to fail after its end": (
+    "a print is failed after its end": (
         [ASSIGNMENT, make_end_event("x")],
         ev.PrintFailRequested(at_s=9.0, print_id="x", why="a blob", by="ann"),
         "print x is done",
     ),
     "a job is cancelled twice": ([CANCELLATION], CANCELLATION, "job 1 is cancelled"),
     "a cancelled job is planned": ([CANCELLATION], make_plan_event(), "job 1 is cancelled"),
-    "a job is approved that nobody holds": (
+    "a job is approved that is not held": (
         [],
         ev.JobApproved(at_s=5.0, job=1, by="ann"),
         "job 1 is printing",
     ),
-    "a printed job fails": (
+    "a printing job fails": (
         [],
         ev.JobFailed(at_s=5.0, job=1, error=ErrorCode.ENGINE, reason="so"),
         "job 1 is printing",
@@ -57,8 +57,8 @@ INVALID_EVENTS = {
         ev.BedCleared(at_s=4.0, printer="a", by="ann"),
         "printer a is printing",
     ),
-    "an outage is confirmed that is none": ([], ev.OutageConfirmed(at_s=4.0, by="ann"), "in no outage"),
-    "an end is no end": (
+    "an outage is confirmed without one": ([], ev.OutageConfirmed(at_s=4.0, by="ann"), "in no outage"),
+    "a print ends in an open state": (
         [ASSIGNMENT],
         make_end_event("x", PrintState.HEATING),
         "print x is assigned, and would be heating",

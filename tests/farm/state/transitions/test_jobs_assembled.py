@@ -25,7 +25,7 @@ def test_parts_that_are_not_printed_are_not_glued():
         apply(ev.JobAssembled(at_s=9.0, job=1, minutes=45.0), make_printing_books())
 
 
-def test_expected_time_follows_what_was_reported_within_bounds():
+def test_expected_time_follows_the_reported_times_within_bounds():
     def make_glued_job(minutes: float, expected_s: float | None = 3600.0) -> Job:
         return make_job().model_copy(
             update={"assembly_s": expected_s, "gluing": Gluing(minutes=minutes, at_s=0.0, by="ann")}
@@ -42,11 +42,11 @@ def test_expected_time_follows_what_was_reported_within_bounds():
     assert compute_assembly_ratio([make_glued_job(90.0)] * 9) == pytest.approx(1.45)
     assert compute_assembly_ratio([make_glued_job(9_000.0)]) == pytest.approx(2.5)  # as 240 minutes
     assert compute_assembly_ratio([make_glued_job(0.1)] * 99) == pytest.approx(0.2575)
-    # A wrong report is outvoted.
+    # Correct reports outweigh a wrong one.
     assert compute_assembly_ratio([make_glued_job(9_000.0), *[make_glued_job(60.0)] * 9]) < 1.3
 
 
-def test_printing_has_to_end_before_the_gluing():
+def test_print_deadline_leaves_time_for_the_gluing():
     options = JobOptions(assembled_by="18:00")
     waiting_job = make_job().model_copy(update={"options": options, "assembled_by_s": 10_000.0})
     assert waiting_job.compute_print_deadline_s(1.5) == 10_000.0

@@ -57,7 +57,7 @@ def test_ended_sessions_of_a_user_leave_the_books_when_the_user_opens_another():
     books, _ = apply_events(
         books, ev.KeyRevoked(at_s=50.0, key="s1", by="ann"), make_session("s4", at_s=60.0)
     )
-    assert set(books.keys) == {"abcd2345", "s2", "s3", "s4"}  # never a key, and of this user alone
+    assert set(books.keys) == {"abcd2345", "s2", "s3", "s4"}  # only sessions end, and only those of this user
     books, _ = apply_events(books, make_session("s5", at_s=150.0, expires_s=300.0))
     assert set(books.keys) == {"abcd2345", "s3", "s5"}
 

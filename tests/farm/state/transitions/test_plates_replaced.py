@@ -67,7 +67,7 @@ def test_pieces_replace_their_part_and_continue_its_attempts():
     assert books.plates["1/02"].replaced_by == ("1/02a", "1/02b")
     assert books.parts["1/p02a"].cut_from == "1/p02"
     assert {plate.id for plate in books.waiting_plates()} == set(job.plates)
-    assert summarise_job(books, job).wasted_s == 198.0  # of the one print that failed, once
+    assert summarise_job(books, job).wasted_s == 198.0  # the failed print is counted once
     for attempt in range(1, MAX_ATTEMPTS):
         name = f"y{attempt}"
         events = (

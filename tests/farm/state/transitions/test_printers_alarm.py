@@ -32,7 +32,7 @@ def make_snapshot(alarm: str | None = FINDING, **fields: object) -> AgentSnapsho
     return AgentSnapshot.model_validate(default_fields | fields)
 
 
-def start_print():
+def make_started_books():
     assigned_event = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
     progress_event = ev.PrintProgressed(
         at_s=3.0, print_id="x", state=PrintState.ENDING, started_s=2.0, extruded=True
@@ -49,20 +49,20 @@ def apply_report(books, snapshot, at_s=50.0):
 
 
 def test_alarm_is_the_first_task_with_state_and_temperatures():
-    books = apply_report(start_print(), make_snapshot())
+    books = apply_report(make_started_books(), make_snapshot())
     first_task = list_tasks(make_context(books, make_snapshot()))[0]
     assert (first_task.code, first_task.printers) == ("alarm", ["a"])
     assert first_task.text == f"go to a now: {FINDING} (ending, nozzle 271 C, target 0, bed 60 C, target 0)"
     assert [task.printers for task in list_tasks(make_context(books, make_snapshot()))].count(["a"]) == 1
     printer_view = describe_printer(make_context(books, make_snapshot()), FLEET.printers[0], None)
     assert (printer_view.state, printer_view.look) == ("look", FINDING)
-    idle = make_snapshot(link=Link.FAULT, print=None, reason=f"{FINDING}: switch it off")
-    assert "(fault, nozzle 271 C" in list_tasks(make_context(make_printing_books(), idle))[0].text
+    idle_snapshot = make_snapshot(link=Link.FAULT, print=None, reason=f"{FINDING}: switch it off")
+    assert "(fault, nozzle 271 C" in list_tasks(make_context(make_printing_books(), idle_snapshot))[0].text
 
 
 @pytest.mark.parametrize("other_state", ["maintenance", "outage"])
 def test_alarm_precedes_other_states_of_the_printer(other_state: str):
-    books = apply_report(start_print(), make_snapshot())
+    books = apply_report(make_started_books(), make_snapshot())
     if other_state == "maintenance":
         books, _ = apply_events(
             books, ev.MaintenanceStarted(at_s=51.0, printer="a", why="a nozzle", by="ann")
@@ -75,7 +75,7 @@ def test_alarm_precedes_other_states_of_the_printer(other_state: str):
 
 
 def test_alarm_is_notified_once_and_its_outcome_later():
-    books = apply_report(start_print(), make_snapshot())
+    books = apply_report(make_started_books(), make_snapshot())
     notices = list_due_notices(books, 50.0, 0.0, ())
     assert [notice.text for notice in notices] == [f"go to a now: {FINDING}"]
     books = apply_report(books, make_snapshot(), 51.0)
@@ -87,7 +87,7 @@ def test_alarm_is_notified_once_and_its_outcome_later():
 
 
 def test_alarm_after_a_cleared_one_is_notified():
-    books = apply_report(start_print(), make_snapshot())
+    books = apply_report(make_started_books(), make_snapshot())
     failed_event = ev.PrintEnded(
         at_s=60.0, print_id="x", state=PrintState.FAILED, fault="heater_stuck_on", reason=CUT_TEXT,
         started_s=2.0, ended_s=60.0, extruded=True, filament="unknown",

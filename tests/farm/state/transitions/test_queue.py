@@ -1,4 +1,4 @@
-"""Order of jobs that people move."""
+"""Order of the jobs in the queue, which people may change."""
 
 import pytest
 from hypothesis import given
@@ -27,18 +27,18 @@ def list_order(books):
     return [entry.id for entry in books.open_jobs()]
 
 
-def move(books, number, next_number):
+def move_job(books, number, next_number):
     return apply_events(books, ev.JobMoved(at_s=1.0, job=number, before=next_number, by="ann"))[0]
 
 
 def test_jobs_are_served_by_priority_and_submission_until_they_are_moved():
     books = make_queued_books(0, 0, 5, 0)
     assert list_order(books) == [3, 1, 2, 4]
-    books = move(books, 4, next_number=1)
+    books = move_job(books, 4, next_number=1)
     assert list_order(books) == [3, 4, 1, 2]
-    assert list_order(move(books, 2, next_number=3)) == [2, 3, 4, 1]  # before a job of higher priority
-    assert list_order(move(books, 3, next_number=None)) == [4, 1, 2, 3]
-    assert [entry.id for entry in move(books, 2, next_number=3).queue()] == [2, 3, 4, 1]
+    assert list_order(move_job(books, 2, next_number=3)) == [2, 3, 4, 1]  # before a job of higher priority
+    assert list_order(move_job(books, 3, next_number=None)) == [4, 1, 2, 3]
+    assert [entry.id for entry in move_job(books, 2, next_number=3).queue()] == [2, 3, 4, 1]
 
 
 @given(
@@ -52,7 +52,7 @@ def test_moved_job_keeps_its_place_and_the_others_their_order(priorities, moves)
             continue
         other_numbers = [n for n in list_order(books) if n != number]
         index = len(other_numbers) if next_number is None else other_numbers.index(next_number)
-        books = move(books, number, next_number)
+        books = move_job(books, number, next_number)
         assert list_order(books) == [*other_numbers[:index], number, *other_numbers[index:]]
     later_event = ev.JobSubmitted(at_s=2.0, job=make_job(len(priorities) + 1))
     last_order = list_order(apply_events(books, later_event)[0])
@@ -64,11 +64,11 @@ def test_two_jobs_can_be_swapped_any_number_of_times():
     books = make_queued_books(0, 0, 0)
     for _ in range(200):
         first_number, second_number, _last = list_order(books)
-        books = move(books, second_number, next_number=first_number)
+        books = move_job(books, second_number, next_number=first_number)
         assert list_order(books)[:2] == [second_number, first_number]
     for _ in range(200):
         _first, second_number, third_number = list_order(books)
-        books = move(books, second_number, next_number=None)
+        books = move_job(books, second_number, next_number=None)
         assert list_order(books)[1:] == [third_number, second_number]
     later_books = apply_events(books, ev.JobSubmitted(at_s=2.0, job=make_job(4)))[0]
     assert list_order(later_books)[-1] == 4
@@ -78,9 +78,9 @@ def test_job_cannot_be_put_before_one_that_is_not_in_the_queue():
     books = make_queued_books(0, 0)
     books, _ = apply_events(books, ev.JobCancelled(at_s=1.0, job=1))
     with pytest.raises(InvalidTransition, match="not in the queue"):
-        move(books, 2, next_number=1)
+        move_job(books, 2, next_number=1)
     with pytest.raises(InvalidTransition):
-        move(books, 1, next_number=2)
+        move_job(books, 1, next_number=2)
 
 
 def test_plates_are_served_in_the_order_of_their_jobs():
@@ -93,7 +93,7 @@ def test_plates_are_served_in_the_order_of_their_jobs():
             ev.PlanningStarted(at_s=0.0, job=number),
             make_plan_event(number, plates=2),
         )
-    books = move(books, 2, next_number=1)
+    books = move_job(books, 2, next_number=1)
     waiting_plates = sorted(
         describe_plates(books.waiting_plates(), books), key=lambda plate: plate.priority_key
     )

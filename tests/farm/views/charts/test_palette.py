@@ -1,4 +1,4 @@
-"""One palette for all charts: every kind has a colour, light and dark, on which its text can be read."""
+"""One palette for all charts: every kind has a light and a dark colour, on which its text is readable."""
 
 import re
 from importlib.resources import files
@@ -49,7 +49,7 @@ def test_outcomes_differ_and_their_text_can_be_read(is_dark):
     assert compute_contrast(colours["fill-printing"], colours["fill-printed"]) >= 2.0
 
 
-def test_every_kind_of_bar_has_its_colour_here_alone():
+def test_colours_of_bars_are_defined_only_in_the_palette():
     palette = load_palette()
     for kind in (*KINDS, "planned"):
         assert f".bar-{kind.replace(' ', '-')}" in palette

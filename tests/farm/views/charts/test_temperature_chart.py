@@ -22,7 +22,7 @@ def test_line_is_interrupted_while_the_printer_does_not_answer():
     gap, cold_reading = Temperatures(700.0, None, None, None, None), Temperatures(900.0, 30, 25, 0, 0)
     nozzle, target, bed, _ = lay_out_in_utc([*hot_readings, gap, cold_reading]).curves
     assert [len(piece) for piece in nozzle.pieces] == [10, 1]
-    assert [len(piece) for piece in bed.pieces] == [2, 1]  # level: its ends alone
+    assert [len(piece) for piece in bed.pieces] == [2, 1]  # a level line consists of its ends alone
     assert nozzle.pieces[0][0][1] > nozzle.pieces[0][-1][1]  # hotter is higher
     assert target.kind == "nozzle target"
 

@@ -26,14 +26,14 @@ def make_row(**changes):
     return api.HistoryRow(**{**facts, **changes})
 
 
-def read(text):
+def read_csv(text):
     return list(csv.DictReader(StringIO(text, newline="")))
 
 
 @given(st.lists(st.tuples(TEXT, TEXT, TEXT), max_size=5))
 def test_text_is_kept_and_no_cell_is_a_formula(texts):
     rows = [make_row(name=name, reason=reason, note=note) for name, reason, note in texts]
-    rows_read = read(write_csv(rows))
+    rows_read = read_csv(write_csv(rows))
     assert len(rows_read) == len(rows)
     for line, texts_of_row in zip(rows_read, texts, strict=True):
         assert not any(cell.lstrip().startswith(("=", "+", "-", "@")) for cell in line.values())
@@ -42,7 +42,7 @@ def test_text_is_kept_and_no_cell_is_a_formula(texts):
 
 
 def test_numbers_stay_numbers():
-    (line,) = read(write_csv([make_row(grams=12.25, wasted=True)]))
+    (line,) = read_csv(write_csv([make_row(grams=12.25, wasted=True)]))
     assert (line["took_s"], line["expected_s"], line["grams"], line["wasted"]) == (
         "3600",
         "3500.5",
