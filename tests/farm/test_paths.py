@@ -38,7 +38,7 @@ def test_long_socket_path_is_replaced_by_a_short_one():
 
 @pytest.fixture
 def temporary_folder(tmp_path, monkeypatch):
-    """Return the system's temporary_folder folder, and the path there of a socket whose own path is too long."""
+    """Return the system's temporary folder, and the path there of a socket whose own path is too long."""
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     folder = tmp_path / f"farm-{os.getuid()}"
     return folder, lambda: find_farm_paths(Path("/" + "a" * 120), None, None, {"HOME": "/home/ann"}).socket

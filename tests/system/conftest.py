@@ -10,7 +10,7 @@ from farms.real_farm import RealFarm
 
 @pytest.fixture
 def make_farm(tmp_path):
-    """`make_farm({name: (model, port)})`: a farm that is not started yet; ended after the test."""
+    """Return a function that makes a farm of {name: (model, port)} to be started; end it after the test."""
     farms = []
 
     def make(printers):
@@ -24,7 +24,7 @@ def make_farm(tmp_path):
 
 @pytest.fixture
 def farm(make_farm):
-    """Two simulated printers, up and connected."""
+    """Start a farm of two simulated printers."""
     model = "ultimaker2_plus"
     farm = make_farm({"one": (model, f"sim://{model}?seed=1"), "two": (model, f"sim://{model}?seed=2")})
     farm.up()
@@ -33,7 +33,7 @@ def farm(make_farm):
 
 @pytest.fixture(scope="session")
 def bar(tmp_path_factory):
-    """A small plain model, longer than a bed: two printers print it in a few hundred moves."""
+    """Write a plain model longer than a bed, which two printers print in a few hundred moves."""
     path = tmp_path_factory.mktemp("models") / "bar.stl"
     trimesh.creation.box((260.0, 14.0, 12.0)).export(path)
     return path

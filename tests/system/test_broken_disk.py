@@ -19,7 +19,7 @@ pytestmark = pytest.mark.system
 
 @pytest.fixture
 def disk_farm(tmp_path):
-    """A farm whose state folder is on a small disk."""
+    """Make a farm whose state folder is on a small disk."""
     with ExitStack() as stack:  # in reverse order, even if one of them fails
         disk = SmallDisk(tmp_path / "state", 8)
         stack.callback(disk.end)
@@ -39,7 +39,7 @@ def farm(tmp_path):
 
 
 def clear_and_list_prints(farm):
-    """Clear the beds that are to be cleared; return the prints whose first layer has begun."""
+    """Clear the beds that need it; return the plates whose first layer has begun."""
     status = farm.request("GET", "/status")
     farm.clear_beds(status)
     prints = [printer["print"] for printer in status["printers"] if printer["print"]]
@@ -47,13 +47,13 @@ def clear_and_list_prints(farm):
 
 
 def are_heaters_off(farm):
-    """Read the targets from the boards."""
+    """Return whether the targets of all heaters are zero."""
     targets = [printer["targets"] for printer in farm.request("GET", "/status")["printers"]]
     return all((target["nozzle_c"], target["bed_c"]) == (0.0, 0.0) for target in targets)
 
 
 def read_start_failure(farm, read_only=False):
-    """Return the line in which the daemon gives the reason."""
+    """Start the daemon, which fails; return the line in which it gives the reason."""
     command = [sys.executable, "-P", "-m", "farm.cli.main", *farm.list_daemon_arguments()]
     result = subprocess.run(
         farm.disk.make_command(command, read_only), check=False, capture_output=True, text=True

@@ -16,7 +16,7 @@ MODEL = "ultimaker2_plus"
 
 @pytest.fixture
 def hanging_engine(tmp_path):
-    """CuraEngine that never ends and holds a FIFO open, whose end of file shows that no process is left."""
+    """Make an engine that never ends and holds a FIFO open: its end of file shows that no process remains."""
     os.mkfifo(tmp_path / "fifo")
     engine = tmp_path / "engine"
     version = "[ $1 = help ] && exec CuraEngine help"
@@ -60,10 +60,10 @@ def test_planning_processes_end_with_their_job_and_with_the_daemon(make_farm, ba
         fifo.read()  # to its end: no engine has it open
     assert (farm.job()["state"], farm.job()["progress"]) == ("cancelled", None)
     wait_for(
-        "fresh workers", lambda: len(old_workers) == len(now := list_workers(daemon)) and now - old_workers
+        "new workers", lambda: len(old_workers) == len(now := list_workers(daemon)) and now - old_workers
     )
     assert not list((farm.state / "work").glob("job-*"))
-    # The next job is planned by the fresh ones; the daemon is killed in the middle of it.
+    # The new workers plan the next job; the daemon is killed meanwhile.
     farm.ok("submit", bar)
     with (tmp_path / "fifo").open() as fifo:
         assert fifo.readline() == "slicing\n"
@@ -73,9 +73,9 @@ def test_planning_processes_end_with_their_job_and_with_the_daemon(make_farm, ba
     wait_for("its workers to end", lambda: not any(Path(f"/proc/{pid}").exists() for pid in old_workers))
     partial_file = (
         farm.state / "slices" / ".some.gcode.x"
-    )  # as a worker leaves it that is killed while it writes
+    )  # as left by a worker that is killed while it writes
     partial_file.touch()
-    # It is planned again by the next daemon, which goes down in the middle of it.
+    # The next daemon plans it again, and is shut down meanwhile.
     farm.up(FARM_CURA_ENGINE=str(hanging_engine))
     assert not partial_file.exists()
     daemon = farm.status()["daemon"]["pid"]

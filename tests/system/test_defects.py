@@ -144,7 +144,7 @@ def test_missing_port_is_reported(make_farm, tmp_path):
     result = farm.run("up")
     assert result.returncode == 0, result.stderr
     assert "one: there is no port" in read_one_line(result.stderr)
-    wait_for("the agent's word", lambda: farm.printer("one")["state"] == "absent")
+    wait_for("the agent's report", lambda: farm.printer("one")["state"] == "absent")
     assert farm.status()["todo"][0]["code"] == "connect"
 
 
@@ -171,7 +171,7 @@ def test_failing_cura_engine_is_reported(make_farm, bar, tmp_path):
 
 def test_part_that_fits_no_printer_is_refused(make_farm, tmp_path):
     farm = make_farm({"one": SIMULATED})
-    # A printer so small that nothing printable is left of its bed within the clips and the brim.
+    # A printer so small that its clips and the brim leave no room for a part.
     farm.fleet.write_text(farm.fleet.read_text().replace("name: one", "name: one, volume_mm: [20, 20, 20]"))
     farm.up()
     path = tmp_path / "model.stl"

@@ -16,7 +16,7 @@ import pytest
 from farms.real_farm import RealFarm
 
 NOBODY_UID = 65534
-CLIENT_COUNT = 80  # that connects and asks for nothing
+CLIENT_COUNT = 80  # clients that connect and send no request
 ESTOP_AS_USER = """
 import os, sys
 from farm.cli.main import app

@@ -16,15 +16,15 @@ MODEL = "ultimaker2_plus"
 
 @pytest.fixture
 def models(tmp_path):
-    """A box that one printer can hold, and a sphere whose search for parts takes minutes."""
+    """Write a box that one printer can hold, and a sphere whose search for parts takes minutes."""
     trimesh.creation.box((60.0, 30.0, 12.0)).export(tmp_path / "box.stl")
     trimesh.creation.icosphere(subdivisions=5, radius=160.0).export(tmp_path / "sphere.stl")
     return {name: tmp_path / f"{name}.stl" for name in ("box", "sphere")}
 
 
 @pytest.fixture
-def evening(make_farm):
-    """Two printers, one worker, and a large budget for the search for parts."""
+def evening_farm(make_farm):
+    """Start a farm of two printers and one worker, with a large budget for the search for parts."""
     farm = make_farm({"one": (MODEL, f"sim://{MODEL}?seed=1"), "two": (MODEL, f"sim://{MODEL}?seed=2")})
     text = farm.fleet.read_text()
     farm.fleet.write_text(text.replace(f"budget_s: {BUDGET_S}", "budget_s: 600, workers: 1"))
@@ -36,12 +36,12 @@ def list_prints(job):
     return [attempt for part in job["parts"] for attempt in part["prints"]]
 
 
-def test_jobs_and_dry_runs_are_planned_while_printers_and_workers_are_busy(evening, bar, models):
-    farm = evening
+def test_jobs_and_dry_runs_are_planned_while_printers_and_workers_are_busy(evening_farm, bar, models):
+    farm = evening_farm
     farm.ok("submit", bar, "--engine", "guillotine")
     wait_for("both printers to print", lambda: len(list_prints(farm.job())) == 2)
 
-    # Nobody clears a bed from now on: both jobs have their figures all the same.
+    # No bed is cleared from now on; both jobs have their figures nevertheless.
     farm.ok("submit", bar, "--engine", "guillotine")
     farm.ok("submit", models["box"])
     wait_for("two plans", lambda: all(farm.job(number)["parts"] for number in (2, 3)))

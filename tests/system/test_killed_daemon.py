@@ -12,7 +12,7 @@ from farms.restarted_daemon import AFTER_DELAY, MOMENTS
 
 pytestmark = pytest.mark.system
 
-JOB_EVENTS = (  # what is committed of a job, from its submission to a person's word
+JOB_EVENTS = (  # events of a job, from its submission to the verdict
     *("JobSubmitted", "PlanningStarted", "JobPlanned", "PlateAssigned", "PrintProgressed", "PrintEnded"),
     "BedCleared",
 )

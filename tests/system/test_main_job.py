@@ -39,7 +39,8 @@ def test_model_is_printed_to_its_last_part(farm, bar):
     assert job["state"] == "printed"
     assert [part["prints"][-1]["state"] for part in job["parts"]] == ["done", "done"]
     assert {part["prints"][-1]["printer"] for part in job["parts"]} == {"one", "two"}
-    # A second of a busy computer is minutes of the farm: `bench/fleets/job_times.py` measures both.
+    # A second of a busy computer is minutes on the farm's clock; `bench/fleets/job_times.py` measures
+    # the difference.
     assert job["starved_share"] < 0.25
     assert job["elapsed_s"] == pytest.approx(job["estimated_s"], rel=0.25)
     assert 1.0 < job["speedup"] < 2.0
@@ -63,7 +64,7 @@ def test_model_is_printed_to_its_last_part(farm, bar):
     assert "printed 2/2" in text
     farm.ok("cleared", "all")
     assert farm.status()["todo"] == []
-    # Nothing prints: the farm goes down on request, and the simulated printers with it.
+    # Nothing prints, so the farm shuts down on request, with its simulated printers.
     farm.ok("down")
     assert farm.run("status").returncode == 3
 
@@ -87,7 +88,7 @@ def test_prints_continue_after_the_daemon_dies(farm, bar):
     resets = {name: farm.emulator_status(name).resets for name in agents}
     moves = {name: farm.emulator_status(name).moves for name in agents}
     os.kill(old_status["daemon"]["pid"], signal.SIGKILL)
-    wait_for("moves while no daemon is there", lambda: farm.emulator_status("one").moves > moves["one"])
+    wait_for("moves without a daemon", lambda: farm.emulator_status("one").moves > moves["one"])
     assert farm.run("status").returncode == 3
     farm.ok("up")
     assert farm.status()["daemon"]["pid"] != old_status["daemon"]["pid"]
@@ -95,8 +96,8 @@ def test_prints_continue_after_the_daemon_dies(farm, bar):
     assert {p["name"]: p["agent_pid"] for p in farm.status()["printers"]} == agents
     assert {name: farm.emulator_status(name).resets for name in agents} == resets
     job = farm.job()
-    # A second of a busy computer is minutes of the farm: `bench/fleets/job_times.py` measures the
-    # difference.
+    # A second of a busy computer is minutes on the farm's clock; `bench/fleets/job_times.py` measures
+    # the difference.
     assert job["elapsed_s"] == pytest.approx(job["estimated_s"], rel=0.25)
     assert [len(part["prints"]) for part in job["parts"]] == [1, 1]
 
@@ -119,7 +120,7 @@ def test_submit_wait_continues_over_a_restart_of_the_daemon(farm, bar, tmp_path)
 
 @pytest.fixture
 def watched_farm(make_farm):
-    """Two simulated printers with cameras, and a server for the network."""
+    """Start a farm of two simulated printers with cameras, and a server for the network."""
     model = "ultimaker2_plus"
     with run_camera(lambda request: request.send(make_png())) as camera:
         farm = make_farm({"one": (model, f"sim://{model}?seed=1"), "two": (model, f"sim://{model}?seed=2")})
@@ -143,9 +144,9 @@ def have_last_stills(job):
 
 
 def check_stills(job):
-    """Check the stills of a job's prints. Returns their number."""
+    """Check the stills of a job's prints; return their number."""
     stills = [still for part in job["parts"] for attempt in part["prints"] for still in attempt["stills"]]
-    # at 150 times the speed the first layer is over in a moment, which a busy machine may miss
+    # At 150 times the speed, the first layer lasts a moment, which a busy machine may miss.
     assert "first_layer" in {still["moment"] for still in stills}
     assert all(Path(still["file"]).read_bytes() == make_png() for still in stills)
     return len(stills)
@@ -179,10 +180,10 @@ def test_printer_of_a_dead_agent_is_cooled(watched_farm, bar, tmp_path):
         emulator = farm.emulator_status("one")
         return emulator.nozzle_target_c == 0 and emulator.bed_target_c == 0
 
-    # Not a benchmark but the promise itself: five seconds from an agent's death to no heat.
+    # This is a guarantee: the heaters are off five seconds after an agent's death.
     wait_for("targets 0", is_cold, limit_s=5.0)
     assert time.monotonic() - kill_s < 5.0
-    wait_for("the books to know", lambda: farm.printer("one")["state"] == "look")
+    wait_for("the daemon to record it", lambda: farm.printer("one")["state"] == "look")
     printer = farm.printer("one")
     assert printer["bed"] == "not_clear"
     assert printer["agent_pid"] not in (None, agent)
@@ -190,7 +191,7 @@ def test_printer_of_a_dead_agent_is_cooled(watched_farm, bar, tmp_path):
     failed_prints = [p for part in job["parts"] for p in part["prints"] if p["printer"] == "one"]
     assert [p["state"] for p in failed_prints] == ["failed"]
     assert "agent" in failed_prints[0]["reason"]
-    # The other print is not disturbed; the failed plate then waits for a person, and says for what.
+    # The other print continues; the failed plate then waits for a person, with the reason.
     wait_for("the other part", lambda: any(p["prints"][-1]["state"] == "done" for p in farm.job()["parts"]))
     assert farm.job()["waits_for_person"]
     farm.ok("cleared", "one")
@@ -205,7 +206,7 @@ def test_printer_reset_by_a_person_gets_no_plate_before_it_is_inspected(farm, ba
     printer = farm.printer("one")
     assert (printer["bed"], printer["state"]) == ("unknown", "look")
     assert [item["code"] for item in farm.status()["todo"]] == ["look"]
-    # Nor does a daemon that was not there when it happened forget it.
+    # A daemon that starts later still knows that the bed is unknown.
     farm.kill_daemon()
     farm.ok("up")
     wait_for("the other printer", lambda: farm.printer("two")["state"] == "idle")

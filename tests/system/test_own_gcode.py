@@ -14,7 +14,7 @@ pytestmark = pytest.mark.system
 
 @pytest.fixture
 def one_printer_farm(make_farm):
-    """One simulated printer, up and connected."""
+    """Start a farm of one simulated printer."""
     model = "ultimaker2_plus"
     farm = make_farm({"one": (model, f"sim://{model}?seed=7")})
     farm.up()
@@ -28,7 +28,7 @@ def print_file(farm, number, path):
     job = json.loads(result.stdout)["job"]
     assert (job["id"], job["state"], len(job["plates"])) == (number, "printed", 1)
     assert [p["state"] for p in job["parts"][0]["prints"]] == ["done"]
-    if number == 1:  # a printer that is warm from the print before begins sooner
+    if number == 1:  # a printer that is still warm from the last print starts sooner
         assert job["elapsed_s"] > 0.95 * job["estimated_s"]
     assert job["serial_s"] == job["estimated_s"]
     assert Path(job["parts"][0]["file"]).read_bytes() == path.read_bytes()
@@ -51,7 +51,7 @@ def test_ultigcode_and_marlin_files_are_printed_to_their_end(one_printer_farm, t
         fed_mm.append(one_printer_farm.emulator_status("one").filament_mm - before_mm)
         assert job["filament_mm"] == pytest.approx(960 * 0.08 / 6.379, rel=1e-3)
         one_printer_farm.ok("cleared", "all")
-    # What the board fed, from parked to parked: the print, and 7.8 mm of priming.
+    # Filament fed by the board, from parked to parked: the print, and 7.8 mm of priming.
     assert fed_mm == [pytest.approx(7.8 + 960 * 0.08 / 6.379, abs=0.1)] * 2
     text = one_printer_farm.ok("status", "2")
     assert "Its start and end were replaced by the farm's." in text
@@ -62,7 +62,7 @@ def test_unprintable_gcode_is_refused_at_submission(one_printer_farm, tmp_path):
     path.write_text("\n".join(make_marlin(body=["M500"])) + "\n")
     result = one_printer_farm.run("submit", path)
     assert result.returncode == 5
-    # Progress comes before it on a busy host.
+    # On a busy host, lines of progress come before the error.
     (error,) = (line for line in result.stderr.splitlines() if not line.startswith("  "))
     assert "farm: bad.gcode: line" in error and "M500" in error
     path.write_text("\n".join(make_marlin()) + "\n")
@@ -76,14 +76,14 @@ def test_unprintable_gcode_is_refused_at_submission(one_printer_farm, tmp_path):
 
 def test_truncated_file_is_refused_and_foreign_machine_is_a_warning(one_printer_farm, tmp_path):
     path, whole_lines = tmp_path / "tower.gcode", [";LAYER_COUNT:3", *make_marlin()]
-    for cut, message in (
+    for cut_text, message in (
         (
             "\n".join(whole_lines[: whole_lines.index(";LAYER:2")]) + "\n",
             "states 3 layers, but the file has only 2",
         ),
         ("\n".join(whole_lines), "no newline"),
     ):
-        path.write_text(cut)
+        path.write_text(cut_text)
         result = one_printer_farm.run("submit", path)
         assert (result.returncode, message in result.stderr, "--force" in result.stderr) == (5, True, False)
     path.write_text("\n".join([*whole_lines, "; printer_model = MK3S"]) + "\n")

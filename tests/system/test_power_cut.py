@@ -28,19 +28,19 @@ from farm.state import events as ev
 
 store, books = Store(Path(sys.argv[1])), Books()
 for event in (*make_fleet_events(), ev.JobSubmitted(at_s=0.0, job=make_job())):
-    after, _ = apply(event, books)
-    store.commit(event, books, after)
-    books = after
+    new_books, _ = apply(event, books)
+    store.commit(event, books, new_books)
+    books = new_books
     print(type(event).__name__, flush=True)
     sys.stdin.readline()
 """
 
 
-@pytest.mark.parametrize("new", [True, False])
-def test_journal_keeps_every_record_that_the_agent_acted_on(tmp_path, monkeypatch, new):
+@pytest.mark.parametrize("is_new", [True, False])
+def test_journal_keeps_every_record_that_the_agent_acted_on(tmp_path, monkeypatch, is_new):
     folder = tmp_path / "agent"
     folder.mkdir()
-    if not new:
+    if not is_new:
         Journal(folder / JOURNAL).write(0.0, filament="at_nozzle")
     disk = PowerCut(monkeypatch, folder)
     journal = Journal(folder / JOURNAL)
@@ -64,9 +64,9 @@ def test_stored_file_is_complete(tmp_path, monkeypatch, suffix):
     (folder / "files").mkdir(parents=True)
     (folder / "work").mkdir()
     disk = PowerCut(monkeypatch, folder)
-    stored_name = folder / "work" / f"made{suffix}"
-    stored_name.write_bytes(os.urandom(100_000))
-    name = store_file(folder / "files", stored_name)
+    source = folder / "work" / f"made{suffix}"
+    source.write_bytes(os.urandom(100_000))
+    name = store_file(folder / "files", source)
     rest_file = disk.copy_rest(tmp_path / "left") / "files" / name
     assert compute_sha256(rest_file) + suffix == name
 
@@ -96,7 +96,7 @@ def test_database_keeps_every_committed_event(tmp_path):
             rest_folder = tmp_path / f"left-{len(committed_events)}"
             rest_folder.mkdir()
             for file in synced_folder.iterdir():
-                if (books.parent / file.name).exists():  # SQLite deletes no journal before that is synced
+                if (books.parent / file.name).exists():  # SQLite deletes a journal only after its sync
                     shutil.copy(file, rest_folder)
             with Store(rest_folder / "farm.db") as store:
                 assert [kind for _, kind, _ in store.events()] == committed_events

@@ -20,9 +20,9 @@ def test_open_print_of_an_older_farm_is_ended_and_its_part_waits(make_farm, tmp_
     assert (jobs[2], jobs[3], jobs[4]) == ("printing", "held", "printed")
     assert farm.job(1)["state"] == "done"
     (part,) = farm.job(2)["parts"]
-    first = part["prints"][0]
-    assert (first["printer"], first["state"]) == ("um2x-01", "failed")
-    assert "agent" in first["reason"]
+    first_print = part["prints"][0]
+    assert (first_print["printer"], first_print["state"]) == ("um2x-01", "failed")
+    assert "agent" in first_print["reason"]
     assert farm.printer("um2-01")["bed"] == "not_clear"
     farm.ok("cleared", "um2-01")
     assert farm.job(4)["state"] == "done"

@@ -24,7 +24,7 @@ PRINT_S = 4500.0  # on the farm's clock: longer than the update of the other pri
 
 
 class HostsFarm(RealFarm):
-    """A farm whose printers are on two hosts, by `farm host` of the version that a link names."""
+    """Farm whose printers are on two hosts, which run `farm host` of the version that a link names."""
 
     def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         self.versions = Versions(folder)
@@ -83,7 +83,7 @@ class HostsFarm(RealFarm):
 
 @pytest.fixture
 def farm(tmp_path, monkeypatch):
-    """Farm of two hosts with the old version, and two newer ones that are installed; the first is broken."""
+    """Start a farm of two hosts with the old version; the first of two newer, installed ones is broken."""
     farm = HostsFarm(tmp_path, monkeypatch)
     for version in (OLD, BROKEN, NEW):
         packages = farm.versions.install(version)
@@ -97,7 +97,7 @@ def farm(tmp_path, monkeypatch):
         farm.end()
 
 
-def test_agents_are_replaced_when_idle_one_host_first_and_brought_back_at_the_first_fault(farm, tmp_path):
+def test_idle_agents_are_updated_host_by_host_and_restored_at_the_first_fault(farm, tmp_path):
     slow_file = tmp_path / "slow.gcode"
     slow_file.write_text(write_slow_gcode(moves=int(PRINT_S / 20), move_s=20.0))
     farm.ok("submit", slow_file, "--colour", "red")

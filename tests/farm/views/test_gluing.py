@@ -64,7 +64,7 @@ def test_beds_are_cleared_in_the_order_of_gluing(books):
     assert task.text.startswith(f"clear 3 beds: {task.brief}, then")
 
 
-def test_time_from_submission_to_assembled_is_foreseen_then_measured(books):
+def test_time_from_submission_to_assembly_is_forecast_then_measured(books):
     books = print_parts(books)
     view = describe_job(make_context(books, 300.0), books.jobs[1])
     assert (view.assembly_s, view.glued) == (3600.0, False)
@@ -126,7 +126,7 @@ def test_other_jobs_take_as_long_as_people_reported():
 
 
 def test_first_glued_of_equally_long_plates_is_served_first(books):
-    def serve(*expected_s):
+    def list_served_plates(*expected_s):
         plates = [
             plate.model_copy(update={"expected_s": seconds})
             for plate, seconds in zip(books.plates.values(), expected_s, strict=True)
@@ -134,6 +134,10 @@ def test_first_glued_of_equally_long_plates_is_served_first(books):
         waiting_plates = describe_plates(plates, books)
         return [plate.id for plate in sorted(waiting_plates, key=lambda plate: plate.priority_key)]
 
-    assert serve(3600.0, 3604.0, 3596.0) == ["1/03", "1/01", "1/02"]
-    assert serve(3600.0, 9000.0, 3596.0) == ["1/02", "1/03", "1/01"]
-    assert serve(3600.0, 3700.0, 3590.0) == ["1/02", "1/01", "1/03"]  # none ends more than ten seconds later
+    assert list_served_plates(3600.0, 3604.0, 3596.0) == ["1/03", "1/01", "1/02"]
+    assert list_served_plates(3600.0, 9000.0, 3596.0) == ["1/02", "1/03", "1/01"]
+    assert list_served_plates(3600.0, 3700.0, 3590.0) == [
+        "1/02",
+        "1/01",
+        "1/03",
+    ]  # none ends more than ten seconds later

@@ -20,11 +20,11 @@ MODEL = "ultimaker2_plus"
 LATER_S = 1e6
 
 
-def make_fleet(hosts, printers_each=2):
+def make_fleet(hosts, printers_per_host=2):
     rows = [
         {"name": f"{host}-{index}", "model": MODEL, "port": f"sim://{MODEL}", "host": host}
         for host in hosts
-        for index in range(1, printers_each + 1)
+        for index in range(1, printers_per_host + 1)
     ]
     return Fleet.model_validate({"printers": rows})
 
@@ -52,7 +52,7 @@ def list_host_tasks(fleet, books):
 
 
 def test_lost_host_is_one_task_and_one_notice_until_it_is_back():
-    fleet = make_fleet(["pc-a", "pc-b"], printers_each=20)
+    fleet = make_fleet(["pc-a", "pc-b"], printers_per_host=20)
     books, _ = apply_events(make_fleet_books(fleet), make_loss(fleet, "pc-b", 100.0))
     sentence = (
         "pc-b with 20 printers does not answer (time-out): prints continue there without the farm; "
@@ -69,7 +69,7 @@ def test_lost_host_is_one_task_and_one_notice_until_it_is_back():
     assert [due.key for due in list_due_notices(books, LATER_S, 0.0, {notice.key})] == ["hosts 300"]
 
 
-def test_hosts_that_are_lost_together_are_one_notice_that_waits_for_all():
+def test_hosts_that_are_lost_together_share_one_notice_that_waits_for_all():
     names = [f"pc-{number:02d}" for number in range(1, 26)]
     fleet = make_fleet(names)
     events = [make_loss(fleet, host, 100.0 + index * WINDOW_S / 25) for index, host in enumerate(names)]
@@ -85,7 +85,7 @@ def test_hosts_that_are_lost_together_are_one_notice_that_waits_for_all():
 @given(st.lists(st.floats(0.0, 100.0), min_size=1, max_size=12))
 def test_no_loss_joins_a_notice_that_was_sent(loss_times_s):
     names, sent_keys = [f"pc-{number}" for number in range(len(loss_times_s))], set()
-    fleet = make_fleet(names, printers_each=1)
+    fleet = make_fleet(names, printers_per_host=1)
     books = make_fleet_books(fleet)
     for host, lost_at_s in zip(names, sorted(loss_times_s), strict=True):
         books, _ = apply_events(books, make_loss(fleet, host, lost_at_s))
@@ -96,7 +96,7 @@ def test_no_loss_joins_a_notice_that_was_sent(loss_times_s):
         sent_keys |= {notice.key for notice in list_due_notices(books, lost_at_s, 0.0, sent_keys)}
 
 
-def test_a_loss_just_after_a_notice_has_its_own():
+def test_loss_just_after_a_notice_has_its_own_notice():
     fleet = make_fleet(["pc-a", "pc-b"])
     books, _ = apply_events(make_fleet_books(fleet), make_loss(fleet, "pc-a", 100.0))
     now_s = 100.0 + WINDOW_S
@@ -105,14 +105,14 @@ def test_a_loss_just_after_a_notice_has_its_own():
     assert [due.text[:4] for due in list_due_notices(books, LATER_S, 0.0, {notice.key})] == ["pc-b"]
 
 
-def test_a_printer_that_was_moved_to_another_host_is_not_missed():
+def test_printer_that_was_moved_to_another_host_is_not_reported_as_lost():
     fleet = make_fleet(["pc-a"])
     books, _ = apply_events(make_fleet_books(fleet), make_loss(fleet, "pc-a", 100.0))
     sections = [section.model_copy(update={"host": "pc-c"}) for section in fleet.printers]
     assert list_host_tasks(fleet.model_copy(update={"printers": sections}), books) == []
 
 
-def test_the_loss_is_kept_with_the_books(tmp_path):
+def test_loss_is_stored_with_the_books(tmp_path):
     fleet = make_fleet(["pc-a", "pc-b"])
     event = make_loss(fleet, "pc-a", 100.0)
     books, _ = apply_events(make_fleet_books(fleet), event)

@@ -15,7 +15,7 @@ def list_texts(books, now_s=LATER_S, since_s=0.0, known_notices=()):
     return [notice.text for notice in list_due_notices(books, now_s, since_s, known_notices)]
 
 
-def start_prints(plates=2):
+def make_started_books(plates=2):
     names = zip("xyz", "abc", range(1, plates + 1), strict=False)
     assigned_events = (
         ev.PlateAssigned(at_s=2.0, plate=f"1/0{i}", printer=printer, print_id=name)
@@ -25,11 +25,11 @@ def start_prints(plates=2):
 
 
 def test_no_notice_without_a_problem():
-    assert list_texts(start_prints()) == []
+    assert list_texts(make_started_books()) == []
 
 
 def test_printed_job_and_empty_queue_are_notified_once():
-    books, _ = apply_events(start_prints(), make_end_event("x"), make_end_event("y", at_s=300.0))
+    books, _ = apply_events(make_started_books(), make_end_event("x"), make_end_event("y", at_s=300.0))
     texts = ["job 1 (bracket.stl) is printed: 2 parts in 5 min", "all jobs have ended"]
     assert list_texts(books) == texts
     assert (
@@ -55,7 +55,7 @@ def test_failure_is_notified_but_not_a_cancel():
         "x", PrintState.FAILED, fault="heater_timeout", reason="it does not get warm"
     )
     books, _ = apply_events(
-        start_prints(),
+        make_started_books(),
         failed_event,
         ev.PrintFailRequested(at_s=5.0, print_id="y", why="it came off", by="ann"),
     )
@@ -76,7 +76,7 @@ def test_failed_job_is_notified():
 
 def test_lost_printer_is_notified_with_its_part():
     lost_event = make_end_event("x", PrintState.FAILED, fault="port_lost", reason="its port is gone")
-    books, _ = apply_events(start_prints(), lost_event, ev.PrinterLost(at_s=500.0, printer="c"))
+    books, _ = apply_events(make_started_books(), lost_event, ev.PrinterLost(at_s=500.0, printer="c"))
     assert list_texts(books) == [
         "1/p01 failed on a: its port is gone",
         "c is lost: the connection to its board is gone",
@@ -86,7 +86,7 @@ def test_lost_printer_is_notified_with_its_part():
 def test_outage_is_notified_once_for_all_printers():
     failure_fields = {"fault": "port_lost", "reason": "its port is gone"}
     books, _ = apply_events(
-        start_prints(3),
+        make_started_books(3),
         *(
             make_end_event(name, PrintState.FAILED, 200.0 + i, **failure_fields)
             for i, name in enumerate("xyz")
@@ -110,7 +110,7 @@ def test_ended_dry_run_is_not_notified():
 
 
 def test_restored_database_is_notified_once():
-    books, _ = apply_events(start_prints(), ev.BooksRestored(at_s=500.0, copied_s=1.0))
+    books, _ = apply_events(make_started_books(), ev.BooksRestored(at_s=500.0, copied_s=1.0))
     (text,) = list_texts(books)
     assert text.startswith("the database was damaged and restored")
     assert (

@@ -19,13 +19,13 @@ def farm(tmp_path):
 
 
 def send_form(farm, session, path, fields=None, page="/"):
-    """Send a form from a page; return where it leads."""
+    """Send a form from a page; return the address to which it redirects."""
     answer = farm.browse("POST", path, session, {"referer": PAGE + page}, data=fields or {})
     assert answer.status_code == 303, answer.text
     return answer.headers["location"]
 
 
-def test_form_does_what_the_api_does_and_says_so_once(farm):
+def test_form_does_the_same_as_the_api_and_its_note_is_shown_once(farm):
     session = farm.open_session()
     assert send_form(farm, session, "/printers/a/cleared", {"why": "", "good": ""}) == "/"
     kind, body = farm.read_last_event()
@@ -77,14 +77,14 @@ def test_form_leads_back_to_its_page_and_to_no_other_site(farm, referer, page):
     assert answer.headers["location"] == page
 
 
-def test_note_is_of_one_reader(farm):
+def test_note_is_shown_only_to_its_own_reader(farm):
     ann, bob = farm.open_session(user="ann"), farm.open_session(Role.LOOK, user="bob")
     send_form(farm, ann, "/printers/a/cleared")
     assert "a is clear" not in farm.browse("GET", "/", bob).text
     assert "a is clear" in farm.browse("GET", "/", ann).text
 
 
-def test_notes_of_a_thousand_readers_are_kept_at_most():
+def test_at_most_a_thousand_notes_are_kept():
     notes = Notes()
     for number in range(1001):
         notes.put(str(number), Note("done"))

@@ -42,7 +42,7 @@ def test_any_address_has_a_group_that_is_its_own(address):
     assert group is None or group_address(group.partition("/")[0]) == group
 
 
-async def answer(scope, receive, send):
+async def answer_request(scope, receive, send):
     """Answer immediately, or never if the request says so."""
     if (b"x-slow", b"yes") in scope["headers"]:
         await asyncio.Event().wait()
@@ -59,7 +59,11 @@ def serve(scenario, limit=16):
             listener.listen(64)
             listener.setblocking(False)
             config = uvicorn.Config(
-                answer, http=PeerProtocol, log_config=None, lifespan="off", timeout_graceful_shutdown=0
+                answer_request,
+                http=PeerProtocol,
+                log_config=None,
+                lifespan="off",
+                timeout_graceful_shutdown=0,
             )
             server = AddressLimitedServer(config, limit)
             serve_task = asyncio.create_task(server.serve([listener]))
@@ -122,8 +126,8 @@ def test_client_with_too_many_open_requests_gets_no_connection_and_others_do():
     serve(scenario)
 
 
-def test_client_with_too_many_handshakes_abandons_its_own_oldest():
-    config = uvicorn.Config(answer, http=PeerProtocol, log_config=None, lifespan="off")
+def test_oldest_handshake_of_a_client_with_too_many_is_abandoned():
+    config = uvicorn.Config(answer_request, http=PeerProtocol, log_config=None, lifespan="off")
     server = AddressLimitedServer(config, 16)
     with ExitStack() as stack:
         listener = stack.enter_context(closing(socket.create_server(("127.0.0.1", 0))))

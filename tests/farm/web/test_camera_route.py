@@ -19,16 +19,16 @@ def farm(tmp_path):
     farm.store.close()
 
 
-def connect(farm, fetch_still):
+def set_camera(farm, fetch_still):
     object.__setattr__(farm.services, "fetch_still", fetch_still)  # frozen, as routes only read it
 
 
-def test_still_is_sent_as_an_image_that_is_not_kept(farm):
+def test_still_is_sent_as_an_image_that_is_not_cached(farm):
     async def fetch_still(printer):
         assert printer == "a"
         return read_image(make_png())
 
-    connect(farm, fetch_still)
+    set_camera(farm, fetch_still)
     answer = farm.ask("GET", CAMERA, farm.add(Role.LOOK).text)
     assert (answer.status_code, answer.content) == (200, make_png())
     assert answer.headers["content-type"] == "image/png"
@@ -40,7 +40,7 @@ def test_unanswered_camera_request_gets_status_503(farm):
     async def fetch_still(printer):
         raise FarmError(f"the camera of {printer}: it does not answer", ErrorCode.UNREACHABLE)
 
-    connect(farm, fetch_still)
+    set_camera(farm, fetch_still)
     answer = farm.ask("GET", CAMERA, farm.add(Role.LOOK).text)
     assert (answer.status_code, answer.json()["error"]) == (503, "the camera of a: it does not answer")
 

@@ -26,8 +26,8 @@ def farm(tmp_path):
     farm.store.close()
 
 
-async def fuzz(farm, requests):
-    """Send requests to a server, several at once. Returns each with its statuses."""
+async def send_requests(farm, requests):
+    """Send requests to a server, several at once; return each with its statuses."""
     listener = socket.create_server(("127.0.0.1", 0))
     listener.setblocking(False)
     config = uvicorn.Config(
@@ -49,9 +49,9 @@ async def fuzz(farm, requests):
     return answers
 
 
-def run(farm, keys, number, seed):
+def run_fuzz(farm, keys, number, seed):
     rng = random.Random(seed)
-    return asyncio.run(fuzz(farm, [make_request(rng, keys) for _ in range(number)]))
+    return asyncio.run(send_requests(farm, [make_request(rng, keys) for _ in range(number)]))
 
 
 def list_failures(answers):
@@ -73,7 +73,7 @@ def test_requests_with_the_role_look_change_nothing(farm):
     look = farm.add(Role.LOOK).text
     keys = {"": "", "wrong": "farm_key_x", "revoked": revoked_key.text, "look": look}
     events = farm.store.events()
-    answers = run(farm, keys, 250, seed=1)
+    answers = run_fuzz(farm, keys, 250, seed=1)
     assert list_failures(answers) == []
     assert farm.store.events() == events
     assert farm.controller.books.jobs == {} and not list(farm.state.work.iterdir())
@@ -86,7 +86,7 @@ def test_requests_with_the_role_look_change_nothing(farm):
 def test_requests_with_every_role_do_not_fail(farm):
     keys = {str(role): farm.add(role).text for role in (Role.PRINT, Role.OPERATE)}
     events = len(farm.store.events())
-    answers = run(farm, keys, 250, seed=2)
+    answers = run_fuzz(farm, keys, 250, seed=2)
     assert list_failures(answers) == []
     change_count = sum(  # a request is carried out even if its sender does not wait for the answer
         request.method != "GET" and (not statuses or any(200 <= status < 300 for status in statuses))
@@ -107,11 +107,11 @@ def test_a_stream_is_read_until_its_first_event():
             await asyncio.sleep(0)
         writer.close()
 
-    async def ask():
+    async def read_stream():
         async with await asyncio.start_server(stream, "127.0.0.1", 0) as server:
             port = server.sockets[0].getsockname()[1]
             data = b"GET /live HTTP/1.1\r\nHost: localhost\r\n\r\n"
             request = FuzzedRequest(data, "look", "GET", "/live", intact=True)
             return await asyncio.wait_for(send(port, request), TIME_LIMIT_S)
 
-    assert 200 in asyncio.run(ask())
+    assert 200 in asyncio.run(read_stream())

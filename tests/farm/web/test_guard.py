@@ -1,4 +1,4 @@
-"""Requests that another site, another name or a guess may have caused."""
+"""Checks of requests: their host, their origin, and wrong keys."""
 
 import pytest
 from hypothesis import given
@@ -55,7 +55,7 @@ def test_any_host_is_accepted_or_refused(host):
         ("GET", "http://evil.example", "cross-site", True),  # changes nothing, and shows nothing without CORS
     ],
 )
-def test_change_never_comes_from_another_site(method, origin, site, is_allowed):
+def test_change_from_another_site_is_refused(method, origin, site, is_allowed):
     assert (check_origin(method, "pc-b:8467", origin, site) is None) is is_allowed
 
 
@@ -72,7 +72,7 @@ def test_address_with_ten_wrong_keys_waits_for_a_minute():
     assert wrong_keys.check("10.0.0.9", last_s + WAIT_S) is None
 
 
-def test_memory_of_counted_addresses_is_limited():
+def test_number_of_counted_addresses_is_limited():
     wrong_keys = WrongKeys()
     for number in range(5000):
         wrong_keys.add(f"address {number}", 0.0)
@@ -89,5 +89,5 @@ def test_memory_of_counted_addresses_is_limited():
         ("DELETE", None, None, False),
     ],
 )
-def test_change_in_a_session_names_the_page_that_it_comes_from(method, origin, site, is_allowed):
+def test_change_in_a_session_without_its_origin_is_refused(method, origin, site, is_allowed):
     assert (check_page(method, origin, site) is None) is is_allowed

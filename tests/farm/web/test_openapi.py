@@ -50,7 +50,7 @@ def test_every_served_route_is_described_with_its_role_and_no_other(document):
     assert len(set(ids)) == len(ids)
 
 
-def test_every_answer_has_a_schema_and_every_reference_is_there(document):
+def test_every_answer_has_a_schema_and_every_reference_exists(document):
     for route, operation in list_operations(document).items():
         for status, answer in operation["responses"].items():
             for kind, content in answer["content"].items():

@@ -54,7 +54,7 @@ def test_generated_requests_get_answers_that_match_the_description(farm, mode):
             suppress_health_check=list(HealthCheck),
         )
         @given(operation.as_strategy(mode))
-        def ask(case):
+        def check_case(case):
             request_fields = case.as_transport_kwargs(f"http://{HOST}")
             headers = {
                 name: value.encode("latin-1", "replace") for name, value in request_fields["headers"].items()
@@ -70,6 +70,6 @@ def test_generated_requests_get_answers_that_match_the_description(farm, mode):
             case.validate_response(answer, checks=CHECKS)
 
         with suppress(Unsatisfiable):  # a route without parameters has no invalid request
-            ask()
+            check_case()
             requested_routes.add(operation.path)
     assert len(requested_routes) > 15 and farm.shutdowns == []

@@ -47,7 +47,7 @@ def request_page(port, path, context=None, key=None):
         return error.code, error.read()
 
 
-class KeepRedirect(urllib.request.HTTPRedirectHandler):
+class RedirectKeeper(urllib.request.HTTPRedirectHandler):
     """Handler that returns a redirection instead of following it."""
 
     def redirect_request(self, *_):
@@ -55,8 +55,8 @@ class KeepRedirect(urllib.request.HTTPRedirectHandler):
 
 
 def open_session(link, origin, context):
-    """Press the button of a link; return the cookie."""
-    opener = urllib.request.build_opener(urllib.request.HTTPSHandler(context=context), KeepRedirect)
+    """Log in by a link; return the session cookie."""
+    opener = urllib.request.build_opener(urllib.request.HTTPSHandler(context=context), RedirectKeeper)
     request = urllib.request.Request(link, method="POST", data=b"", headers={"Origin": origin})
     with pytest.raises(urllib.error.HTTPError, match="303") as error:
         opener.open(request, timeout=30)
@@ -125,7 +125,7 @@ def test_another_host_sees_and_submits_over_tls_as_its_role_allows(farm, tmp_pat
     error.value.close()
     farm.ok("key", "revoke", listed_keys[0]["id"])
     assert request_page(port, "/api/v1/status", context, added_key)[0] == 401
-    # a client that never begins its handshake does not delay others
+    # A client that never begins its handshake does not delay others.
     with ExitStack() as idle_clients:
         for _ in range(100):
             idle_clients.enter_context(socket.create_connection(("127.0.0.1", port), 30))
@@ -165,7 +165,7 @@ def test_daemon_ends_in_time_with_hanging_clients_and_half_uploads(farm, tmp_pat
         agent = status["printers"][0]["agent_pid"]
         wait_for("half an upload", lambda: list((farm.state / "work").glob("upload-*")), 60.0)
         os.kill(status["daemon"]["pid"], signal.SIGTERM)
-        # the code after both servers removes the socket
+        # The code after both servers removes the socket.
         wait_for("the daemon's end", lambda: not (farm.state / "farm.sock").exists(), 60.0)
         wait_for("its process's end", lambda: not is_running(status["daemon"]["pid"]), 60.0)
     assert not list((farm.state / "work").glob("upload-*"))

@@ -19,8 +19,8 @@ async def do_nothing(scope, receive, send):
     pass
 
 
-def run(section, has_key, condition):
-    """Serve until a problem is reported, then close; return the problem."""
+def serve_until(section, has_key, condition):
+    """Serve until a condition holds, then close; return the reported problem."""
     state = NetworkState()
 
     async def serve():
@@ -38,7 +38,7 @@ def run(section, has_key, condition):
 def test_missing_certificate_is_named(tmp_path):
     tls = {"cert": tmp_path / "cert.pem", "key": tmp_path / "key.pem"}
     section = WebSection.model_validate({"listen": find_free_address(), "tls": tls})
-    problem = run(section, lambda: True, lambda state: state.problem)
+    problem = serve_until(section, lambda: True, lambda state: state.problem)
     assert f"the certificate {tmp_path / 'cert.pem'} with the key {tmp_path / 'key.pem'}" in problem
     assert "No such file" in problem
 
@@ -48,4 +48,4 @@ def test_unexpected_error_is_reported_and_closing_continues():
         raise RuntimeError("no books")
 
     section = WebSection.model_validate({"listen": "0.0.0.0:8467"})
-    assert "no books" in run(section, fail, lambda state: state.problem)
+    assert "no books" in serve_until(section, fail, lambda state: state.problem)

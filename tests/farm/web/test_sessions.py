@@ -38,7 +38,7 @@ def read_cookie(answer):
     return pair.partition("=")[2], {attribute.lower() for attribute in attributes}
 
 
-def test_link_is_used_by_its_button_only_and_once(farm):
+def test_link_logs_in_only_by_its_button_and_only_once(farm):
     link = f"/login/{farm.sessions.make_link('ann', Role.PRINT)}"
     for _ in range(3):  # like the preview of a chat program
         page = farm.ask("GET", link)
@@ -143,7 +143,7 @@ def test_page_shows_tasks_printers_jobs_and_user(tmp_path, role):
     farm.store.close()
 
 
-def test_static_files_need_no_session_and_are_kept_by_their_version(farm):
+def test_static_files_need_no_session_and_are_cached_by_their_version(farm):
     style = farm.ask("GET", "/static/farm.css")
     assert style.headers["content-type"].startswith("text/css")
     assert style.headers["content-encoding"] == "gzip"
@@ -165,7 +165,7 @@ def test_browser_without_a_session_gets_a_page_and_a_program_gets_json(farm):
     assert "/&lt;i&gt;" in missing_page.text
 
 
-def ask_socket(farm, person, path):
+def post_to_socket(farm, person, path):
     """Send a request over the Unix socket as a person."""
 
     async def call():
@@ -179,7 +179,7 @@ def ask_socket(farm, person, path):
 def test_event_log_names_every_kind_of_caller(farm):
     farm.browse("POST", CLEARED_PATH, farm.open_session(Role.OPERATE, "ann"), json={})
     farm.ask("POST", CLEARED_PATH, farm.add(Role.OPERATE, "panel").text, json={})
-    assert ask_socket(farm, DAEMON_USER, "/printers/a/cleared").status_code == 200
+    assert post_to_socket(farm, DAEMON_USER, "/printers/a/cleared").status_code == 200
     callers = [json.loads(body)["by"] for _, kind, body in farm.store.events() if kind == "BedCleared"]
     assert callers == ["ann", "key panel", DAEMON_USER.name]
 
@@ -196,15 +196,15 @@ NON_MEMBER = Person(uid=54321, gid=54321)
         (grp.getgrgid(os.getgid()).gr_name, DAEMON_USER, "operate"),
     ],
 )
-def test_link_is_for_the_user_whom_the_kernel_names(tmp_path, group, person, role):
+def test_link_is_for_the_user_whom_the_kernel_identifies(tmp_path, group, person, role):
     farm = NetworkFarm(tmp_path, fleet={"operators": group})
-    refusal = ask_socket(farm, person, "/sessions/link")
+    refusal = post_to_socket(farm, person, "/sessions/link")
     assert (refusal.status_code, "write `web: {}` into fleet.yaml" in refusal.text) == (409, True)
     network = farm.services.network
     network.browser_url, network.problem = "https://farm.lab:1", "Address already in use"
-    assert "Address already in use" in ask_socket(farm, person, "/sessions/link").text
+    assert "Address already in use" in post_to_socket(farm, person, "/sessions/link").text
     network.problem = None
-    link = ask_socket(farm, person, "/sessions/link").json()
+    link = post_to_socket(farm, person, "/sessions/link").json()
     assert (link["user"], link["role"]) == (person.name, role)
     address, path = link["url"][:18], link["url"][18:]
     assert address == "https://farm.lab:1"
@@ -215,9 +215,9 @@ def test_link_is_for_the_user_whom_the_kernel_names(tmp_path, group, person, rol
 def test_operators_alone_end_all_sessions(tmp_path):
     farm = NetworkFarm(tmp_path, fleet={"operators": grp.getgrgid(os.getgid()).gr_name})
     text = farm.open_session()
-    assert ask_socket(farm, NON_MEMBER, "/sessions/end").status_code == 409
+    assert post_to_socket(farm, NON_MEMBER, "/sessions/end").status_code == 409
     assert farm.browse("GET", "/", text).status_code == 200
-    assert ask_socket(farm, DAEMON_USER, "/sessions/end").json()["ended"] == 1
+    assert post_to_socket(farm, DAEMON_USER, "/sessions/end").json()["ended"] == 1
     assert farm.browse("GET", "/", text).status_code == 401
     farm.store.close()
 
@@ -248,7 +248,7 @@ def test_ten_wrong_sessions_are_delayed_but_a_valid_one_is_not(farm):
     assert farm.browse("GET", "/", text).status_code == 200
 
 
-def test_session_does_no_more_than_its_user_may_now(farm):
+def test_session_is_limited_to_the_current_role_of_its_user(farm):
     text = farm.open_session(Role.OPERATE, "ann")
     assert farm.browse("POST", CLEARED_PATH, text, json={}).status_code == 200
     farm.user_roles["ann"] = Role.PRINT
@@ -265,7 +265,7 @@ def test_session_does_no_more_than_its_user_may_now(farm):
     assert farm.browse("POST", CLEARED_PATH, text, json={}).status_code == 200
 
 
-def test_session_does_no_more_than_it_was_opened_for(farm):
+def test_session_is_limited_to_the_role_with_which_it_was_opened(farm):
     text = farm.open_session(Role.PRINT, "ann")  # a user who becomes an operator logs in again
     assert farm.browse("POST", CLEARED_PATH, text, json={}).status_code == 403
 
@@ -331,7 +331,7 @@ def test_revoked_key_and_session_open_no_session(farm):
     assert [farm.log_in(text).status_code for text in (key.text, session)] == [401, 401]
 
 
-def test_wrong_keys_in_the_form_count_as_those_of_programs_do(farm):
+def test_wrong_keys_in_the_form_count_like_those_of_programs(farm):
     key = farm.add(Role.PRINT).text
     answers = [farm.log_in("nonsense").status_code for _ in range(11)]
     assert answers == [401] * 10 + [429]
@@ -341,13 +341,13 @@ def test_wrong_keys_in_the_form_count_as_those_of_programs_do(farm):
 
 
 @pytest.mark.parametrize("headers", [{"origin": "http://evil.example"}, {}])
-def test_form_of_another_site_logs_nobody_in(farm, headers):
+def test_login_form_of_another_site_is_refused(farm, headers):
     key = farm.add(Role.PRINT).text
     assert farm.ask("POST", "/login", headers=headers, data={"key": key}).status_code == 403
     assert list_sessions(farm) == []
 
 
-def test_live_page_is_for_the_role_of_now_and_its_stream_ends_with_that_role(tmp_path):
+def test_live_page_follows_the_current_role_and_its_stream_ends_when_the_role_changes(tmp_path):
     farm = NetworkFarm(tmp_path, printers=("a", "b"))
     session, path = farm.open_session(Role.OPERATE), b"/printers/b/cleared"
     assert path.decode() in farm.browse("GET", "/", session).text

@@ -16,7 +16,7 @@ from farms.network_farm import NetworkFarm
 FIRST_PAGE_BYTES, WITH_VIEWER_BYTES = 60_000, 250_000
 
 
-def test_first_page_of_a_hundred_printers_is_light(tmp_path):
+def test_first_page_of_a_hundred_printers_is_small(tmp_path):
     farm = NetworkFarm(tmp_path)
     key = farm.add(Role.OPERATE).text
     status = api.Status.model_validate(farm.ask("GET", "/api/v1/status", key).json())
@@ -35,11 +35,11 @@ def test_first_page_of_a_hundred_printers_is_light(tmp_path):
     )
     loaded_files = [file for name, file in load_static_files().items() if f"/static/{name}?" in page]
     assert len(loaded_files) >= 4  # style sheet, icon and scripts
-    weight = len(gzip.compress(page.encode())) + sum(len(file.compressed) for file in loaded_files)
-    assert weight < FIRST_PAGE_BYTES
+    size_bytes = len(gzip.compress(page.encode())) + sum(len(file.compressed) for file in loaded_files)
+    assert size_bytes < FIRST_PAGE_BYTES
 
 
-def test_viewer_is_light():
+def test_viewer_script_is_small():
     viewer = load_static_files().get("viewer.js")
     if viewer is None:
         pytest.skip("the viewer is not built: `make pages`")
@@ -60,7 +60,7 @@ def test_page_is_compressed_for_clients_that_read_it(tmp_path):
     farm.store.close()
 
 
-def test_files_of_jobs_are_sent_as_they_are(tmp_path):
+def test_files_of_jobs_are_sent_uncompressed(tmp_path):
     farm = NetworkFarm(tmp_path)
     plan_job(farm, glb=b"glTF" * 1000)
     (farm.state.files / "g.gcode").write_bytes(b"G1 X1\n" * 1000)

@@ -45,13 +45,13 @@ def make_night_books():
     return books
 
 
-def describe(books, change=None, past_s=3600.0, **hours):
+def describe_timeline(books, change=None, past_s=3600.0, **hours):
     context, situation = make_context(books, NOW_S), make_situation(books, NOW_S, "a", **hours)
     return describe_fleet_timeline(context, situation, past_s, change)
 
 
 def test_past_running_and_planned_prints_are_shown_in_order():
-    view = describe(make_night_books())
+    view = describe_timeline(make_night_books())
     assert [(row.part, row.kind) for row in view.table] == [
         ("1/p01", "good"),
         ("1/p02", "failed"),
@@ -69,13 +69,13 @@ def test_past_running_and_planned_prints_are_shown_in_order():
 
 
 def test_prints_before_the_period_are_left_out():
-    kinds = [row.kind for row in describe(make_night_books(), past_s=800.0).table]
+    kinds = [row.kind for row in describe_timeline(make_night_books(), past_s=800.0).table]
     assert "good" not in kinds
     assert "failed" in kinds  # it ended 750 s ago
 
 
 def test_attended_and_quiet_hours_are_in_the_background():
-    chart = describe(make_night_books(), attended=["00:00-12:00"], quiet=["22:00-06:00"]).chart
+    chart = describe_timeline(make_night_books(), attended=["00:00-12:00"], quiet=["22:00-06:00"]).chart
     assert len(chart.attended) == 1
     assert len(chart.quiet) == 1
     assert chart.quiet[0].x < chart.attended[0].x
@@ -83,18 +83,18 @@ def test_attended_and_quiet_hours_are_in_the_background():
 
 def test_job_that_is_moved_to_the_front_ends_earlier_and_delays_the_others():
     books = make_night_books()
-    view = describe(books, Change(3, moves=True, before=1))
+    view = describe_timeline(books, Change(3, moves=True, before=1))
     delay_s = {shift.job: shift.delay_s for shift in view.shifts}
     assert delay_s[3] < 0.0 < delay_s[1]
     planned_parts = [row.part for row in view.table if row.kind == "planned"]
     assert planned_parts[0] == "3/p01"
     assert books.jobs[3].moved_rank is None  # nothing was changed
-    assert next(row.part for row in describe(books).table if row.kind == "planned") == "1/p02"
+    assert next(row.part for row in describe_timeline(books).table if row.kind == "planned") == "1/p02"
 
 
 def test_later_start_delays_the_job_alone():
     change = Change(2, not_before_s=NOW_S + 20_000.0)
-    view = describe(make_night_books(), change)
+    view = describe_timeline(make_night_books(), change)
     delay_s = {shift.job: shift.delay_s for shift in view.shifts}
     assert delay_s[2] > 10_000.0
     assert delay_s[3] <= 0.0
@@ -106,7 +106,9 @@ def test_held_job_is_tried_as_if_it_was_approved():
     held_books = add_planned_job(books, 4, 1, is_held=True)
     assert held_books.jobs[4].state == "held"
     (shift,) = (
-        row for row in describe(held_books, Change(4, moves=True, before=None)).shifts if row.job == 4
+        row
+        for row in describe_timeline(held_books, Change(4, moves=True, before=None)).shifts
+        if row.job == 4
     )
     assert shift.end is None
     assert shift.new_end is not None
@@ -114,11 +116,11 @@ def test_held_job_is_tried_as_if_it_was_approved():
 
 def test_unknown_job_is_refused():
     with pytest.raises(NoSuchThing, match="no job 9"):
-        describe(make_night_books(), Change(9, moves=True))
+        describe_timeline(make_night_books(), Change(9, moves=True))
 
 
 def test_empty_farm_has_an_empty_timeline():
-    view = describe(make_empty_books("abc"))
+    view = describe_timeline(make_empty_books("abc"))
     assert (view.table, view.shifts, view.unprintable_parts) == ((), (), ())
     assert view.chart.height > 0
 
@@ -129,7 +131,7 @@ WINDOWS = st.lists(
 
 
 @given(WINDOWS, st.floats(0.0, 7 * 86400.0), st.floats(1.0, 7 * 86400.0))
-def test_spans_are_apart_inside_of_the_time_and_agree_with_the_hours(texts, begin_s, length_s):
+def test_spans_are_disjoint_and_within_the_period_and_agree_with_the_hours(texts, begin_s, length_s):
     week, end_s = make_hours(*texts), begin_s + length_s
     spans = list_spans(week, begin_s, end_s)
     assert all(begin_s <= first_s < last_s <= end_s for first_s, last_s in spans)

@@ -31,12 +31,12 @@ def make_failed_books():
     return books
 
 
-def describe(books, name="a", readings=()):
+def describe_page(books, name="a", readings=()):
     return describe_printer_page(make_context(books, NOW_S), name, readings, (), None)
 
 
-def test_fault_is_shown_with_what_was_seen():
-    page = describe(make_failed_books(), readings=[Temperatures(NOW_S - 60.0, 210, 60, 210, 60)])
+def test_fault_is_shown_with_its_stills_and_temperatures():
+    page = describe_page(make_failed_books(), readings=[Temperatures(NOW_S - 60.0, 210, 60, 210, 60)])
     (fault,) = page.faults
     assert (fault.part, fault.fault, fault.text) == ("1/p01", "thermal_runaway", "the nozzle got colder")
     assert [(still.moment, still.file) for still in fault.stills] == [("failure", "print-1-failure.png")]
@@ -46,16 +46,16 @@ def test_fault_is_shown_with_what_was_seen():
 
 
 def test_other_printers_do_not_count():
-    page = describe(make_failed_books(), "b")
+    page = describe_page(make_failed_books(), "b")
     assert (page.faults, page.prints, page.figures.prints, page.chart) == ([], [], 0, None)
 
 
 def test_stills_of_a_pruned_job_are_left_out():
     books = make_failed_books()
     books.jobs[1] = books.jobs[1].model_copy(update={"pruned_s": NOW_S})
-    assert describe(books).faults[0].stills == ()
+    assert describe_page(books).faults[0].stills == ()
 
 
 def test_printer_that_left_the_fleet_has_no_page():
     with pytest.raises(NoSuchThing, match="no printer z"):
-        describe(make_empty_books("az"), "z")
+        describe_page(make_empty_books("az"), "z")

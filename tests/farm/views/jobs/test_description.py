@@ -69,7 +69,7 @@ def test_job_has_no_price_if_one_reel_has_none():
     assert make_view(make_priced_books(1.25, None)).price is None
 
 
-def test_cancelled_parts_are_shown_with_the_job():
+def test_warnings_of_plates_are_shown_with_the_job():
     books = make_printing_books(plates=1)
     name, plate = next(iter(books.plates.items()))
     warning = "walls too thin to print: 90 mm2 at X4 Y0, Z 6.1..13.5 mm"
@@ -155,7 +155,7 @@ def test_print_that_is_resumed_is_not_shown_as_paused():
     books, _ = apply_events(
         make_printing_books(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
     )
-    for expected_state, state, shown_state in (
+    for wants_pause, state, shown_state in (
         (True, PrintState.PRINTING, "printing"),
         (True, PrintState.PAUSED, "paused"),
         (False, PrintState.PAUSED, "heating"),
@@ -163,7 +163,7 @@ def test_print_that_is_resumed_is_not_shown_as_paused():
     ):
         progress_event = ev.PrintProgressed(at_s=3.0, print_id="x", state=state, started_s=2.0, extruded=True)
         books, _ = apply_events(
-            books, ev.PauseRequested(at_s=3.0, print_id="x", wanted=expected_state), progress_event
+            books, ev.PauseRequested(at_s=3.0, print_id="x", wanted=wants_pause), progress_event
         )
         printer = describe_printer(make_context(books, 7.0), FLEET.printer("a"), None)
         (part,) = [part for part in make_view(books).parts if part.prints]
@@ -174,7 +174,7 @@ def test_print_that_is_resumed_is_not_shown_as_paused():
         )
 
 
-def test_bad_part_takes_its_time_again():
+def test_bad_part_adds_the_time_of_its_reprint():
     started_event = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
     bad_event = ev.BedCleared(at_s=300.0, printer="a", by="ann", verdict=Verdict.BAD, why="warped")
     books, _ = apply_events(make_printing_books(1), started_event, make_end_event("x", at_s=102.0), bad_event)

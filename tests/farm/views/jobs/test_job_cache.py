@@ -39,7 +39,7 @@ def describe_all(books, cache, now_s, holds):
     return describe_jobs(make_context(books, cache, now_s, holds), books.jobs.values())
 
 
-def assign(books, plate, number):
+def assign_plate(books, plate, number):
     """Give a plate to a printer; its print has the number as its name."""
     event = ev.PlateAssigned(at_s=float(number), plate=plate, printer="ab"[number % 2], print_id=str(number))
     return apply_events(books, event)[0]
@@ -60,7 +60,7 @@ def change_books(books, step):
         *_, attempt = books.prints.values()
         changes = {"state": state, "verdict": verdict, "started_s": 3.0, "ended_s": 4.0 + number}
         return put(books, attempt.model_copy(update=changes))
-    return assign(books, plate, number)
+    return assign_plate(books, plate, number)
 
 
 steps = st.tuples(

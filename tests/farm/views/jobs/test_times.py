@@ -26,7 +26,7 @@ def compute_times(books, now_s):
     return measure_times(context, books.job(1))
 
 
-def make_attempt(name, plate, printer, from_s, to_s):
+def make_attempt_events(name, plate, printer, from_s, to_s):
     """Return the events of a done print and of its bed, cleared at the same time."""
     return (
         ev.PlateAssigned(at_s=from_s, plate=plate, printer=printer, print_id=name),
@@ -40,8 +40,8 @@ def done_books():
     """Make books of a job of two plates of 100 s, printed at the same time."""
     return apply_events(
         make_printing_books(),
-        *make_attempt("x", "1/01", "a", 0.0, 100.0),
-        *make_attempt("y", "1/02", "b", 0.0, 100.0),
+        *make_attempt_events("x", "1/01", "a", 0.0, 100.0),
+        *make_attempt_events("y", "1/02", "b", 0.0, 100.0),
     )[0]
 
 
@@ -50,7 +50,7 @@ def test_time_between_the_end_of_a_job_and_a_reprint_is_not_counted(done_books):
     assert (first_times.elapsed_s, first_times.speedup, first_times.utilisation) == (100.0, 5.0, 1.0)
     repeated_event = ev.ReprintRequested(at_s=DAY_S, plate="1/01", why="lost", by="ann")
     books, _ = apply_events(
-        done_books, repeated_event, *make_attempt("z", "1/01", "c", DAY_S + 50.0, DAY_S + 150.0)
+        done_books, repeated_event, *make_attempt_events("z", "1/01", "c", DAY_S + 50.0, DAY_S + 150.0)
     )
     second_times = compute_times(books, 3 * DAY_S)
     assert [(item.started_s, item.ended_s) for item in second_times.runs] == [
@@ -72,8 +72,8 @@ def test_reprint_that_waits_for_a_printer_is_expected_to_take_its_own_time(done_
 def test_wait_for_a_printer_within_a_run_is_counted():
     books, _ = apply_events(
         make_printing_books(),
-        *make_attempt("x", "1/01", "a", 0.0, 100.0),
-        *make_attempt("y", "1/02", "a", 400.0, 500.0),
+        *make_attempt_events("x", "1/01", "a", 0.0, 100.0),
+        *make_attempt_events("y", "1/02", "a", 400.0, 500.0),
     )
     times = compute_times(books, DAY_S)
     assert (len(times.runs), times.elapsed_s, times.utilisation) == (1, 500.0, pytest.approx(0.4))
@@ -92,9 +92,9 @@ def test_cancelled_reprint_does_not_change_the_figures(done_books):
 def test_part_judged_bad_later_begins_another_run():
     bad_event = ev.BedCleared(at_s=9000.0, printer="a", by="ann", verdict=Verdict.BAD, why="warped")
     books, _ = apply_events(
-        make_printing_books(1), *make_attempt("x", "1/01", "a", 0.0, 100.0)[:2], bad_event
+        make_printing_books(1), *make_attempt_events("x", "1/01", "a", 0.0, 100.0)[:2], bad_event
     )
-    books, _ = apply_events(books, *make_attempt("y", "1/01", "a", 9100.0, 9200.0))
+    books, _ = apply_events(books, *make_attempt_events("y", "1/01", "a", 9100.0, 9200.0))
     assert [item.length_s for item in compute_times(books, DAY_S).runs] == [100.0, 100.0]
 
 
@@ -110,7 +110,9 @@ def test_runs_are_disjoint_and_each_print_is_in_one(spans):
         if number:
             requested_event = ev.ReprintRequested(at_s=at_s, plate="1/01", why="", by="ann")
             books, _ = apply_events(books, requested_event)
-        books, _ = apply_events(books, *make_attempt(f"x{number}", "1/01", "a", at_s, at_s + duration_s))
+        books, _ = apply_events(
+            books, *make_attempt_events(f"x{number}", "1/01", "a", at_s, at_s + duration_s)
+        )
         at_s += duration_s
     job = books.job(1)
     runs = list(list_runs(job, books.prints_of_job(job), at_s + DAY_S))
@@ -120,7 +122,7 @@ def test_runs_are_disjoint_and_each_print_is_in_one(spans):
 
 
 def test_job_of_older_books_has_one_run():
-    books, _ = apply_events(make_printing_books(1), *make_attempt("x", "1/01", "a", 0.0, 100.0))
+    books, _ = apply_events(make_printing_books(1), *make_attempt_events("x", "1/01", "a", 0.0, 100.0))
     record = books.job(1).model_dump()
     del record["reopenings"]
     job = type(books.job(1)).model_validate(record)

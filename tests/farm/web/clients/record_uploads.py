@@ -1,8 +1,8 @@
 """Record the bytes of uploads by the libraries of slicers, libcurl and Qt.
 
 ``FARM_INTEROP=.venv/interop/bin/python .venv/bin/python tests/farm/web/clients/record_uploads.py`` writes
-`recorded/` anew, after `make peers`. PrusaSlicer and its forks drive libcurl as here; Cura's plugin for
-OctoPrint drives Qt as `tests/interop/qt_peer.py` does.
+the files in `recorded/` again, after `make peers`. PrusaSlicer and its forks drive libcurl as here; Cura's
+plugin for OctoPrint drives Qt as `tests/interop/qt_peer.py` does.
 """
 
 import os
@@ -64,7 +64,7 @@ def receive_request(listener: socket.socket) -> bytes:
         return data
 
 
-def record(name: str, command: list[str | Path]) -> None:
+def record_upload(name: str, command: list[str | Path]) -> None:
     """Run a client, and write the bytes that it sends."""
     with socket.create_server(("127.0.0.1", PORT)) as listener:
         received_parts: list[bytes] = []
@@ -88,10 +88,10 @@ def main() -> None:
             arguments = [
                 option.format(path=path, name=quoted_name) if option is FILE else option for option in options
             ]
-            record(name, ["curl", "-sS", "-H", f"X-Api-Key: {KEY}", *arguments, url + url_path])
+            record_upload(name, ["curl", "-sS", "-H", f"X-Api-Key: {KEY}", *arguments, url + url_path])
         for name, (file_name, fields) in QT_UPLOADS.items():
             peer = [os.environ["FARM_INTEROP"], TESTS / "interop/qt_peer.py"]
-            record(name, [*peer, url + LOCAL, KEY, path, file_name, *fields])
+            record_upload(name, [*peer, url + LOCAL, KEY, path, file_name, *fields])
 
 
 if __name__ == "__main__":

@@ -35,12 +35,12 @@ UPLOADS = {  # name of the recording -> name of the job's model, whether it is h
 
 @pytest.fixture
 def farm(tmp_path, monkeypatch):
-    """Farm with its own folder for temporary files."""
+    """Make a farm with its own folder for temporary files."""
     temporary = tmp_path / "temporary"
     temporary.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(temporary))
     farm = SlicerFarm(tmp_path)
-    farm.temporary, farm.key_text = temporary, farm.add_key(Role.PRINT).text.encode()
+    farm.temporary_folder, farm.key_text = temporary, farm.add_key(Role.PRINT).text.encode()
     return farm
 
 
@@ -77,7 +77,7 @@ class Connections:
         await self._wait_until_idle()
         return answer
 
-    async def cut(self, data, reset):
+    async def send_partially(self, data, reset):
         """Send only a part of a request; return the answer."""
         reader, writer = await asyncio.open_connection("127.0.0.1", self._port)
         writer.write(data)
@@ -117,7 +117,7 @@ async def serve(farm):
     await server.close()
 
 
-def split(data, size):
+def split_data(data, size):
     return [data[index : index + size] for index in range(0, len(data), size)]
 
 
@@ -137,7 +137,7 @@ def test_recorded_upload_becomes_a_job_however_it_is_split(name, farm):
 
     async def scenario():
         async with serve(farm) as connections:
-            return [await connections.send(*split(read_recording(name, farm), size)) for size in CHUNKS]
+            return [await connections.send(*split_data(read_recording(name, farm), size)) for size in CHUNKS]
 
     for answer in asyncio.run(scenario()):
         status, headers, _ = read_answer(answer)
@@ -147,10 +147,10 @@ def test_recorded_upload_becomes_a_job_however_it_is_split(name, farm):
         (model, is_held, note)
     }
     assert len(farm.jobs_by_number) == len(CHUNKS)
-    assert (farm.unfinished_uploads, list(farm.temporary.iterdir())) == ([], [])
+    assert (farm.unfinished_uploads, list(farm.temporary_folder.iterdir())) == ([], [])
 
 
-def test_libcurl_that_expects_it_is_told_to_continue_but_not_with_a_wrong_key(farm):
+def test_continue_is_sent_to_libcurl_unless_its_key_is_wrong(farm):
     recording = read_recording("libcurl-print", farm)
     head = recording[: recording.index(b"\r\n\r\n") + 4]
 
@@ -175,19 +175,22 @@ def test_upload_cut_at_any_byte_leaves_nothing(name, reset, farm):
     async def scenario():
         async with serve(farm) as connections:
             for end in range(len(recording)):
-                answer = await connections.cut(recording[:end], reset)
+                answer = await connections.send_partially(recording[:end], reset)
                 assert b" 201 " not in answer, end
                 assert (len(farm.jobs_by_number), farm.unfinished_uploads) == (0, []), end
                 assert read_answer(await connections.send(HEALTH))[0] == 200, end
             assert {path for path in farm.state.root.rglob("*") if path.is_file()} == state
-            assert (len(farm.controller._store.events()), list(farm.temporary.iterdir())) == (events, [])
+            assert (len(farm.controller._store.events()), list(farm.temporary_folder.iterdir())) == (
+                events,
+                [],
+            )
             return await connections.send(recording)
 
     assert read_answer(asyncio.run(scenario()))[0] == 201
     assert len(farm.jobs_by_number) == 1
 
 
-def test_refused_gcode_is_one_line_of_text_with_line_and_reason_in_front(farm):
+def test_refusal_of_gcode_is_one_line_of_text_that_begins_with_line_and_reason(farm):
     farm.services.uploads._workers = SameProcess()
     recording = read_recording("qt-print", farm).replace(b"M109 S205", b"M109 S999")
 

@@ -27,7 +27,7 @@ def write_file_field(name="a.gcode", content=CONTENT, header="Content-Dispositio
     return f"{disposition}\r\nContent-Type: application/octet-stream", content
 
 
-def read(form, *cuts, content_type=CURL):
+def read_form(form, *cuts, content_type=CURL):
     """Read a form that is split at some offsets."""
     reader, pieces = FormReader(content_type), []
     for begin, end in zip((0, *cuts), (*cuts, len(form)), strict=True):
@@ -52,13 +52,13 @@ CURA = write_form(
 @given(data=st.data())
 def test_form_is_read_independently_of_its_chunks(form, data):
     cuts = sorted(data.draw(st.lists(st.integers(0, len(form)), max_size=5)))
-    reader, content = read(form, *cuts)
+    reader, content = read_form(form, *cuts)
     assert content == CONTENT
     assert (reader.file_name, reader.fields["path"], reader.is_true("print")) == ("a.gcode", "x/y", True)
 
 
 def test_form_is_read_byte_by_byte():
-    reader, content = read(PRUSA, *range(1, len(PRUSA)))
+    reader, content = read_form(PRUSA, *range(1, len(PRUSA)))
     assert (reader.file_name, content) == ("a.gcode", CONTENT)
 
 
@@ -68,7 +68,7 @@ def test_boundaries_of_qt_and_of_curl_are_read_quoted_or_not(boundary, quote):
     form = write_form(
         [write_file_field("Größe \N{OLD ITALIC LETTER A}.gcode", header="content-disposition")], boundary
     )
-    reader, content = read(form, content_type=f"multipart/form-data; boundary={quote}{boundary}{quote}")
+    reader, content = read_form(form, content_type=f"multipart/form-data; boundary={quote}{boundary}{quote}")
     assert (reader.file_name, content) == ("Größe \N{OLD ITALIC LETTER A}.gcode", CONTENT)
 
 
@@ -76,8 +76,8 @@ def test_truncated_form_is_never_complete():
     min_length = len(PRUSA) - 2  # the last line end may be missing
     for end in range(min_length):
         with pytest.raises(BadForm, match="stopped before its end"):
-            read(PRUSA[:end])
-    read(PRUSA[:min_length])
+            read_form(PRUSA[:end])
+    read_form(PRUSA[:min_length])
 
 
 @pytest.mark.parametrize(
@@ -100,7 +100,7 @@ def test_truncated_form_is_never_complete():
 )
 def test_malformed_form_is_refused_with_the_reason(form, reason):
     with pytest.raises(BadForm, match=reason):
-        read(form)
+        read_form(form)
 
 
 @pytest.mark.parametrize(
@@ -123,11 +123,14 @@ def test_invalid_form_is_refused(content_type):
 def test_any_bytes_are_read_or_refused(noise, at):
     form = PRUSA[: at % len(PRUSA)] + noise + PRUSA[at % len(PRUSA) :]
     with suppress(BadForm):
-        read(form, at % (len(form) + 1))
+        read_form(form, at % (len(form) + 1))
 
 
 @pytest.mark.parametrize(
     ("value", "expected"), [("true", True), ("True ", True), ("1", True), ("", False), ("false", False)]
 )
 def test_every_form_of_true_is_read(value, expected):
-    assert read(write_form([write_field("print", value), write_file_field()]))[0].is_true("print") is expected
+    assert (
+        read_form(write_form([write_field("print", value), write_file_field()]))[0].is_true("print")
+        is expected
+    )

@@ -24,10 +24,10 @@ class Page:
     """Page of one number, which counts its renderings."""
 
     def __init__(self):
-        self.number, self.rendered, self.error, self.pauses = 0, 0, None, 0
+        self.number, self.render_count, self.error, self.pauses = 0, 0, None, 0
 
     async def render(self, reader, variable, query):
-        self.rendered += 1
+        self.render_count += 1
         for _ in range(self.pauses):  # other work meanwhile
             await asyncio.sleep(0)
         if self.error is not None:
@@ -42,7 +42,7 @@ def page():
 
 
 class QuickStreams(StreamLimit):
-    """Streams whose waits take no time; each round of renderings begins with one."""
+    """Streams whose waits take no time; each round of renderings begins with a wait."""
 
     rounds = 0
 
@@ -51,7 +51,7 @@ class QuickStreams(StreamLimit):
         await asyncio.sleep(0.0)
 
 
-def parse(message):
+def parse_message(message):
     """Return the version and the changes of a message."""
     fields = dict(line.split(": ", 1) for line in message.decode().strip().split("\n"))
     return fields["id"], json.loads(fields["data"])
@@ -61,15 +61,15 @@ async def read_changes(stream):
     """Return the version and the changes of the next message that is not a heartbeat."""
     while (message := await anext(stream)) == HEARTBEAT:
         pass
-    return parse(message)
+    return parse_message(message)
 
 
-def follow(pages, role=Role.LOOK, version="", path="/x/7", is_allowed=lambda: True):
+def open_stream(pages, role=Role.LOOK, version="", path="/x/7", is_allowed=lambda: True):
     return pages.follow(path, role, version, is_allowed)
 
 
-def run(page, scenario):
-    async def run():
+def run_scenario(page, scenario):
+    async def main():
         streams = QuickStreams()
         pages = LivePages(streams)
         pages.add("/x/{number}", page.render)
@@ -80,34 +80,34 @@ def run(page, scenario):
             if pages._refresh_task is not None:
                 await pages._refresh_task
 
-    asyncio.run(run())
+    asyncio.run(main())
 
 
-def test_viewer_gets_the_page_then_what_changes(page):
+def test_viewer_gets_the_page_and_then_its_changes(page):
     async def scenario(pages, _):
-        stream = follow(pages)
+        stream = open_stream(pages)
         assert await anext(stream) == b"retry: 3000\n\n"
-        version, changes = parse(await anext(stream))
+        version, changes = parse_message(await anext(stream))
         assert changes == {"main": '<main id="main"><p id="n">0 look 7</p></main>'}
         page.number = 1
         next_version, changes = await read_changes(stream)
         assert changes == {"n": '<p id="n">1 look 7</p>'}
         assert next_version != version
-        known_stream = follow(pages, version=next_version)
+        known_stream = open_stream(pages, version=next_version)
         await anext(known_stream)
         assert await anext(known_stream) == HEARTBEAT
-        late_stream = follow(pages, version="another")
+        late_stream = open_stream(pages, version="another")
         await anext(late_stream)
-        assert list(parse(await anext(late_stream))[1]) == ["main"]
+        assert list(parse_message(await anext(late_stream))[1]) == ["main"]
         for client in (stream, known_stream, late_stream):
             await client.aclose()
 
-    run(page, scenario)
+    run_scenario(page, scenario)
 
 
-def test_page_is_rendered_once_for_all_viewers_of_a_role_and_never_for_none(page):
+def test_page_is_rendered_once_for_all_viewers_of_a_role_and_not_without_viewers(page):
     async def scenario(pages, limit):
-        streams = [follow(pages, role) for role in (Role.LOOK, Role.OPERATE) for _ in range(10)]
+        streams = [open_stream(pages, role) for role in (Role.LOOK, Role.OPERATE) for _ in range(10)]
         for stream in streams:
             await anext(stream)
             await anext(stream)
@@ -117,21 +117,21 @@ def test_page_is_rendered_once_for_all_viewers_of_a_role_and_never_for_none(page
             '<p id="n">1 look 7</p>',
             '<p id="n">1 operate 7</p>',
         }
-        assert page.rendered <= 2 * (limit.rounds + 1)  # two in a round, not twenty
+        assert page.render_count <= 2 * (limit.rounds + 1)  # two in a round, not twenty
         for stream in streams:
             await stream.aclose()
         await pages._refresh_task
-        render_count = page.rendered
+        render_count = page.render_count
         await asyncio.sleep(0.0)
-        assert page.rendered == render_count
+        assert page.render_count == render_count
 
-    run(page, scenario)
+    run_scenario(page, scenario)
 
 
-def test_streams_end_when_the_daemon_does_and_when_the_viewer_may_not_see_the_page(page):
+def test_streams_end_with_the_daemon_and_when_the_viewer_loses_access(page):
     async def scenario(pages, streams):
         permissions = [True]
-        stream, other_stream = follow(pages), follow(pages, is_allowed=lambda: permissions[0])
+        stream, other_stream = open_stream(pages), open_stream(pages, is_allowed=lambda: permissions[0])
         for client in (stream, other_stream):
             await anext(client)
             await anext(client)
@@ -144,28 +144,28 @@ def test_streams_end_when_the_daemon_does_and_when_the_viewer_may_not_see_the_pa
             await read_changes(stream)
             await read_changes(stream)
 
-    run(page, scenario)
+    run_scenario(page, scenario)
 
 
 @pytest.mark.parametrize("error", [NoSuchThing("it was pruned"), ValueError("a fault")])
 def test_page_that_cannot_be_rendered_ends_its_streams_and_can_be_opened_again(page, error):
     async def scenario(pages, _):
-        stream = follow(pages)
+        stream = open_stream(pages)
         await anext(stream)
         await anext(stream)
         page.error = error
         with pytest.raises(StopAsyncIteration):
             await read_changes(stream)
         page.error = None
-        second_stream = follow(pages)
+        second_stream = open_stream(pages)
         await anext(second_stream)
-        assert "main" in parse(await anext(second_stream))[1]
+        assert "main" in parse_message(await anext(second_stream))[1]
         await second_stream.aclose()
 
-    run(page, scenario)
+    run_scenario(page, scenario)
 
 
-def test_stream_over_http(tmp_path):
+def test_stream_of_an_unknown_page_or_beyond_the_limit_is_refused(tmp_path):
     farm = NetworkFarm(tmp_path)
     session = farm.open_session()
     home = farm.browse("GET", "/", session).text
@@ -183,55 +183,55 @@ def test_stream_over_http(tmp_path):
     farm.store.close()
 
 
-def test_page_of_several_rounds_is_rendered_in_the_last_of_them_or_for_who_knows_a_later_one(page):
+def test_page_of_several_rounds_is_rendered_in_the_last_round_or_for_a_newer_version(page):
     async def scenario(pages, limit):
-        stream = follow(pages, path="/slow")
+        stream = open_stream(pages, path="/slow")
         await anext(stream)
         await anext(stream)
-        render_count, rounds, page.number = page.rendered, limit.rounds, 1
+        render_count, rounds, page.number = page.render_count, limit.rounds, 1
         next_version, changes = await read_changes(stream)
-        assert (page.rendered, limit.rounds - rounds) == (render_count + 1, 10)
+        assert (page.render_count, limit.rounds - rounds) == (render_count + 1, 10)
         assert changes == {"n": '<p id="n">1 look </p>'}
         page.number = 2
-        known_stream = follow(pages, path="/slow", version=next_version)
+        known_stream = open_stream(pages, path="/slow", version=next_version)
         await anext(known_stream)
         assert await anext(known_stream) == HEARTBEAT
-        later_stream = follow(pages, path="/slow", version="of a page that was loaded just now")
+        later_stream = open_stream(pages, path="/slow", version="of a page that was loaded just now")
         await anext(later_stream)
-        assert "2 look" in parse(await anext(later_stream))[1]["main"]
+        assert "2 look" in parse_message(await anext(later_stream))[1]["main"]
         for client in (stream, known_stream, later_stream):
             await client.aclose()
 
-    run(page, scenario)
+    run_scenario(page, scenario)
 
 
 def test_page_does_not_end_while_it_is_rendered_for_its_only_viewer(page):
     async def scenario(pages, limit):
-        first_stream = follow(pages, path="/slow")
+        first_stream = open_stream(pages, path="/slow")
         await anext(first_stream)
         await first_stream.aclose()
         page.pauses = 10
-        late_stream = follow(pages, path="/slow", version="later")
-        assert [await anext(late_stream), parse(await anext(late_stream))[1].keys()] == [
+        late_stream = open_stream(pages, path="/slow", version="later")
+        assert [await anext(late_stream), parse_message(await anext(late_stream))[1].keys()] == [
             b"retry: 3000\n\n",
             {"main"},
         ]
         await late_stream.aclose()
 
-    run(page, scenario)
+    run_scenario(page, scenario)
 
 
 def test_query_of_an_address_is_passed_to_the_page(page):
     async def scenario(pages, _):
-        stream = follow(pages, path="/x/7?days=3")
+        stream = open_stream(pages, path="/x/7?days=3")
         await anext(stream)
-        assert "0 look 7days=3" in parse(await anext(stream))[1]["main"]
+        assert "0 look 7days=3" in parse_message(await anext(stream))[1]["main"]
         await stream.aclose()
 
-    run(page, scenario)
+    run_scenario(page, scenario)
 
 
-def test_streams_continue_what_the_pages_show_and_other_addresses_are_errors(tmp_path):
+def test_stream_continues_its_page_and_other_addresses_are_errors(tmp_path):
     farm = NetworkFarm(tmp_path)
     plan_job(farm, hold=True)
     session = farm.open_session()
@@ -241,7 +241,7 @@ def test_streams_continue_what_the_pages_show_and_other_addresses_are_errors(tmp
     ):  # fmt: skip
         response = farm.browse("GET", address, session).text
         assert html.unescape(response.partition('data-live="')[2].partition('"')[0]) == address
-        version, changes = parse(asyncio.run(read_first_event(farm, session, address)))
+        version, changes = parse_message(asyncio.run(read_first_event(farm, session, address)))
         assert (f'data-version="{version}"' in response, list(changes)) == (True, ["main"])
         farm.services.page_streams._close_event.clear()
     for address, status in {

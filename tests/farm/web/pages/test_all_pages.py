@@ -113,7 +113,7 @@ def make_attempt(number, printer, state, **changes):
 
 
 def fill_farm(farm, text="reason", name="bracket"):
-    """Put every state, hold and fault into the books and the telemetry of a farm, with these words."""
+    """Put every state, hold and fault into the books and the telemetry of a farm, with this text and name."""
     farm.controller.books = farm.initial_books
     books = add_planned_job(
         farm.initial_books, 1, len(HoldCode), NOW_S - 5000.0, name=name, submitted_by=text
@@ -185,7 +185,7 @@ def test_every_state_hold_and_fault_has_a_page(farm):
 
 
 @pytest.mark.parametrize("role", [Role.LOOK, Role.PRINT])
-def test_pages_are_whole_for_other_roles(farm, role):
+def test_pages_are_complete_for_other_roles(farm, role):
     fill_farm(farm)
     session_key = next(key for key in farm.controller.books.keys.values() if key.kind is KeyKind.SESSION)
     farm.controller.books = put(farm.controller.books, session_key.model_copy(update={"role": role}))
@@ -226,7 +226,7 @@ hostile_texts = st.text(
 
 @settings(max_examples=6, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(hostile_texts, hostile_texts)
-def test_hostile_words_change_no_element_of_any_page(farm, text, name):
+def test_hostile_text_changes_no_element_of_any_page(farm, text, name):
     fill_farm(farm)
     benign_pages = {path: Structure(page) for path, page in read_pages(farm, SOME_PRINTERS, [1, 4]).items()}
     fill_farm(farm, f"x{text}x", f"x{name}x")
@@ -236,7 +236,7 @@ def test_hostile_words_change_no_element_of_any_page(farm, text, name):
         assert not any(value.strip().lower().startswith("javascript:") for value in structure.values)
 
 
-def render_others(farm, text, name):
+def render_other_pages(farm, text, name):
     """Return pages that no address shows by itself: of log-in, messages, refused forms, what-if changes."""
     fleet = SimpleNamespace(name=name, timezone="UTC")
     reader, note = Reader(text, Role.OPERATE), Note(text, is_problem=True)
@@ -264,12 +264,12 @@ def render_others(farm, text, name):
 
 @settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(hostile_texts, hostile_texts)
-def test_hostile_words_change_no_element_of_answers_to_forms(farm, text, name):
+def test_hostile_text_changes_no_element_of_answers_to_forms(farm, text, name):
     fill_farm(farm)
     known_elements = {
-        element for page in render_others(farm, "x", "y") for element in Structure(page).elements
+        element for page in render_other_pages(farm, "x", "y") for element in Structure(page).elements
     }
-    for page in render_others(farm, f"x{text}x", f"x{name}x"):
+    for page in render_other_pages(farm, f"x{text}x", f"x{name}x"):
         assert set(Structure(page).elements) <= known_elements
 
 

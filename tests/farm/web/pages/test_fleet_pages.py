@@ -59,7 +59,7 @@ def read_page(farm, path, role=Role.OPERATE, status=200):
 
 
 @pytest.mark.parametrize("path", ["/timeline", "/history", "/printers/a"])
-def test_pages_of_a_farm_without_a_print_say_so(farm, path):
+def test_pages_of_a_farm_without_prints_show_that_nothing_was_printed(farm, path):
     page = read_page(farm, path, Role.LOOK)
     assert any(
         message in page for message in ("Nothing was printed", "No ended print", "It has not printed yet")
@@ -81,7 +81,7 @@ def test_printer_page_shows_temperatures_faults_and_prints(busy_farm):
     assert 'action="/printers/a/cleared"' not in page  # it prints the next plate
 
 
-def test_printer_page_asks_for_a_verdict_on_a_part_that_was_printed_alone(farm):
+def test_printer_page_asks_for_a_verdict_only_on_a_part_that_was_printed(farm):
     controller, verdict_requests, now_s = farm.controller, [], farm.clock.now_s
     plan_job(farm)
     for state in (PrintState.FAILED, PrintState.DONE):
@@ -123,7 +123,7 @@ def test_printer_page_has_the_forms_of_the_role(farm, role, actions):
     assert found_actions == actions
 
 
-def test_history_is_exported_as_chosen(busy_farm):
+def test_history_is_exported_as_filtered(busy_farm):
     page = read_page(busy_farm, "/history?printer=a&days=")
     assert "/history.csv?printer=a" in page
     assert "thermal" not in page  # the reason says more than its name
@@ -135,7 +135,7 @@ def test_history_is_exported_as_chosen(busy_farm):
     assert len(response.text.splitlines()) == 1
 
 
-def test_change_is_tried_and_an_operator_may_make_it(busy_farm):
+def test_effect_of_a_move_is_shown_and_an_operator_may_make_it(busy_farm):
     page = read_page(busy_farm, "/timeline?job=3&to=first&at=")
     assert "What if: job 3 first in the queue" in page
     assert "earlier" in page
@@ -145,7 +145,7 @@ def test_change_is_tried_and_an_operator_may_make_it(busy_farm):
     assert 'action="/jobs/3/move"' not in read_page(busy_farm, "/timeline?job=3&to=first", Role.PRINT)
 
 
-def test_start_is_tried_and_an_operator_may_make_it(busy_farm):
+def test_effect_of_a_start_time_is_shown_and_an_operator_may_set_it(busy_farm):
     page = read_page(busy_farm, "/timeline?job=3&at=23:50")
     assert "starting not before 23:50" in page
     button = re.search(r'action="/jobs/3/start"><input type="hidden" name="at" value="([^"]+)"', page)
@@ -169,7 +169,7 @@ def test_start_is_tried_and_an_operator_may_make_it(busy_farm):
         ("job=3&at=yesterday", "is not a time"),
     ],
 )
-def test_change_that_cannot_be_tried_is_explained_above_the_plan(busy_farm, query, text):
+def test_impossible_change_is_explained_above_the_plan(busy_farm, query, text):
     page = read_page(busy_farm, f"/timeline?{query}")
     assert "Change not possible:" in page
     assert text in page
@@ -200,7 +200,7 @@ def test_change_to_a_job_whose_plates_have_started_would_move_nothing(busy_farm,
         ("/jobs/1/stills/..%2ffarm.db", 404),
     ],
 )
-def test_errors_are_pages_in_words(busy_farm, path, status):
+def test_errors_are_pages_without_a_traceback(busy_farm, path, status):
     assert "Traceback" not in read_page(busy_farm, path, status=status)
 
 
@@ -221,7 +221,7 @@ def test_operator_reads_the_last_lines_on_the_wire(farm):
         assert "/printers/a/wire" not in read_page(farm, "/printers/a", role)
 
 
-def test_wire_that_cannot_be_read_says_why(farm):
+def test_page_of_the_wire_explains_why_it_cannot_be_read(farm):
     assert "a has no agent" in read_page(farm, "/printers/a/wire")
     assert "no printer z" in read_page(farm, "/printers/z/wire", status=404)
 

@@ -1,4 +1,4 @@
-"""Home: first items, buttons of each role, and heat that is not off."""
+"""Home page: first tasks, buttons of each role, and heaters that are not confirmed off."""
 
 import re
 
@@ -45,13 +45,13 @@ def make_print(remaining_s, **changes):
     return api.PrintProgress(**{**values, "remaining_s": remaining_s, "pause_ends": None, **changes})
 
 
-def make_last(state, verdict=None):
+def make_last_print(state, verdict=None):
     return api.LastPrint(id="print-1", plate="1/01", state=state, ended=None, off=None, verdict=verdict)
 
 
 def test_tiles_are_in_the_order_of_their_ends(status):
-    remaining_times = (7200.0, None, 60.0, 7205.0)
-    print_fields = [{"print": None if left_s is None else make_print(left_s)} for left_s in remaining_times]
+    remaining_times_s = (7200.0, None, 60.0, 7205.0)
+    print_fields = [{"print": None if left_s is None else make_print(left_s)} for left_s in remaining_times_s]
     tiles = list_tiles(replace_printers(status, *print_fields))
     assert [tile.printer.name for tile in tiles] == ["um2-3", "um2-1", "um2-4", "um2-2"]
     assert tiles[0].model == "box.stl"
@@ -67,7 +67,7 @@ def test_tiles_are_in_the_order_of_their_ends(status):
         ({"nozzle_c": 180.0, "heaters_off": False, "print": make_print(60.0)}, False),
     ],
 )
-def test_heat_without_a_print_is_told_in_words_before_everything_else(status, changes, is_shown):
+def test_heat_without_a_print_is_the_first_task(status, changes, is_shown):
     todo = [api.Todo(code="clear", printers=["um2-1"], text="")]
     shown_status = replace_printers(status, {"bed_c": 60.0, **changes}, todo=todo)
     tasks = list_home_tasks(shown_status)
@@ -122,7 +122,7 @@ TASKS = [
 
 
 @pytest.mark.parametrize(("todo", "text", "forms"), TASKS, ids=[todo.code for todo, _, _ in TASKS])
-def test_each_task_has_words_and_the_form_that_does_it_for_operators(status, todo, text, forms):
+def test_each_task_has_a_text_and_for_operators_its_form(status, todo, text, forms):
     shown_status = replace_printers(replace_job(status, plan="PLAN"), {"look": "it jammed"}, todo=[todo])
     page = render_home(shown_status, ANN)
     assert text in page
@@ -136,9 +136,9 @@ def test_each_task_has_words_and_the_form_that_does_it_for_operators(status, tod
 @pytest.mark.parametrize(
     ("last_print", "is_asked"),
     [
-        (make_last("done"), True),
-        (make_last("done", "good"), False),
-        (make_last("failed"), False),
+        (make_last_print("done"), True),
+        (make_last_print("done", "good"), False),
+        (make_last_print("failed"), False),
         (None, False),
     ],
 )
@@ -165,7 +165,7 @@ def test_tasks_have_different_ids_even_if_they_are_alike(status):
     assert len({task.key for task in tasks}) == 2
 
 
-def test_job_says_why_it_waits_and_ended_ones_are_below(status):
+def test_job_shows_why_it_waits_and_ended_jobs_are_below(status):
     hold = Hold(code=HoldCode.START_TIME, text="starts at 20:00 (`--at`)")
     waiting_page = render_home(replace_job(status, hold=hold), ANN)
     assert "<li>starts at 20:00 (<code>--at</code>)</li>" in waiting_page
@@ -194,7 +194,7 @@ def test_lost_host_is_one_card_without_a_button_for_each_printer(status):
     assert "Look at um2-1" not in page
 
 
-def test_job_of_which_nothing_prints_waits(status):
+def test_job_without_a_running_print_is_shown_as_waiting(status):
     page = render_home(replace_job(status, state=JobState.PRINTING), ANN)
     printing_page = render_home(replace_job(make_status(make_night_books()), state=JobState.PRINTING), ANN)
     waiting_badge, printing_badge = ('<span class="state waiting">', '<span class="state printing">')

@@ -94,7 +94,7 @@ def test_times_of_a_job_are_elements_that_a_script_shows_in_the_zone_of_the_read
     assert f'<dt>Submitted</dt><dd><time datetime="{data.job.submitted}">' in page
 
 
-def test_reasons_show_commands_as_such_and_leave_out_the_last_which_has_a_button():
+def test_reasons_mark_commands_and_omit_the_last_one_which_has_a_button():
     data = make_data(make_night_books())
     hold = Hold(code=HoldCode.PRINTER_BUSY, text="load `a reel`, then `farm load um2-01`")
     plates = [data.job.plates[0].model_copy(update={"hold": hold}), *data.job.plates[1:]]
@@ -124,7 +124,7 @@ def test_part_on_a_bed_is_judged_where_its_bed_is_cleared():
     )
 
 
-def test_bed_with_an_earlier_print_of_a_part_is_not_where_the_part_lies():
+def test_part_is_shown_only_on_the_bed_of_its_last_print():
     data = make_data(make_night_books())
     first_printer = next(printer for printer in data.printers if printer.name == "um2-01")
     # The last print of that printer was of the same plate.
@@ -140,7 +140,7 @@ def test_reader_who_only_looks_has_no_buttons():
     assert "Commands for" not in page
 
 
-def test_printing_job_is_paused_or_resumed_and_cancelling_takes_a_second_press():
+def test_printing_job_is_paused_or_resumed_and_cancelling_needs_a_second_click():
     page = render(make_data(make_night_books()))
     assert {"/jobs/1/pause", "/jobs/1/cancel", "/jobs/1/parts/p05/pause"} <= list_paths(page)
     assert re.search(r"<details><summary>Cancel job 1…</summary><form[^>]*action=\"/jobs/1/cancel\"", page)
@@ -204,7 +204,7 @@ def test_dry_run_offers_print_keep_discard_and_its_curve():
         ({"state": JobState.CANCELLED, "reason": "cancelled by ann"}, "It was cancelled: cancelled by ann."),
     ],
 )
-def test_first_sentence_says_how_far_it_is(changes, text):
+def test_first_sentence_describes_the_progress_of_the_job(changes, text):
     data = make_data(make_night_books(), **changes)
     assert summarise_job(data.job, None) == text
     assert f"</span> {text}</p>" in render(data)
@@ -268,7 +268,7 @@ def test_files_are_grouped_and_linked_as_downloads():
     )
 
 
-def test_text_of_people_is_escaped():
+def test_text_of_users_is_escaped():
     page = render(make_data(make_night_books(), name="<script>x</script>", repairs=["<b>hole</b>"]))
     assert "<script>x" not in page
     assert "&lt;script&gt;x" in page
@@ -302,7 +302,7 @@ def test_printers_stay_in_view_beside_the_timeline():
     assert not re.findall(r">um2-\d+</text>", bars.partition("</svg>")[0])
 
 
-def test_why_a_part_failed_is_not_hidden_among_warnings_about_its_slice():
+def test_reason_of_a_failed_part_is_shown_before_warnings_of_its_slice():
     data = make_data(make_night_books())
     warned_plates = [plate.model_copy(update={"warnings": ["thin", "tall"]}) for plate in data.job.plates]
     warned_data = replace(data, job=data.job.model_copy(update={"plates": warned_plates}))
@@ -312,7 +312,7 @@ def test_why_a_part_failed_is_not_hidden_among_warnings_about_its_slice():
     assert page.index("it does not get warm") < page.index("thin; tall</details>", page.index('id="p04"'))
 
 
-def test_job_that_could_not_be_planned_says_what_to_do_next_without_empty_figures():
+def test_job_that_could_not_be_planned_shows_the_next_step_and_no_empty_figures():
     data = make_data(
         make_night_books(), state=JobState.FAILED, reason="it is not a solid", plates=[], parts=[]
     )

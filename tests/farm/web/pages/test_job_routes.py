@@ -39,7 +39,7 @@ def test_page_shows_a_plan_and_keeps_its_dry_run(farm, ann):
     assert farm.dry_runs._kept_until_s.keys() == {number}
 
 
-def test_dry_run_is_printed_as_it_was_seen(farm, ann):
+def test_dry_run_is_printed_only_with_the_plan_that_was_shown(farm, ann):
     number = plan_job(farm, **DRY_RUN)
     old_plan_answer = farm.browse("POST", f"/jobs/{number}/release", ann, data={"plan": "old"})
     assert (old_plan_answer.status_code, get_state(farm, number)) == (303, JobState.HELD)
@@ -70,7 +70,7 @@ def test_another_number_of_printers_is_planned_from_the_same_model_and_keeps_the
     assert number + 2 not in farm.controller.books.jobs
 
 
-def test_who_did_not_submit_a_job_may_not_print_it(farm, ann):
+def test_only_the_submitter_or_an_operator_may_print_a_job(farm, ann):
     number = plan_job(farm, user="bob", **DRY_RUN)
     farm.browse("POST", f"/jobs/{number}/release", ann)
     assert get_state(farm, number) is JobState.HELD
@@ -103,7 +103,7 @@ def test_documents_run_no_script(farm, ann):
     ("path", "status"),
     [("/jobs/9", 404), ("/jobs/x", 400), ("/jobs/9/instructions", 404), ("/jobs/9/report", 404)],
 )
-def test_job_that_does_not_exist_is_a_page(farm, ann, path, status):
+def test_error_for_an_unknown_job_is_a_page(farm, ann, path, status):
     answer = farm.browse("GET", path, ann)
     assert answer.status_code == status
     assert answer.headers["content-type"].startswith("text/html")
@@ -117,11 +117,11 @@ def test_job_without_a_plan_or_files_has_a_page(farm, ann):
 
 
 @pytest.mark.parametrize("number", ["x", "9", "-1", "1.5"])
-def test_job_that_does_not_exist_is_not_kept_up_to_date(farm, ann, number):
+def test_stream_of_an_unknown_job_is_refused(farm, ann, number):
     assert farm.browse("GET", f"/live?page=/jobs/{number}", ann).status_code == 404
 
 
-def test_parts_are_one_archive(farm, ann):
+def test_parts_are_downloaded_as_one_archive(farm, ann):
     number = plan_job(farm)
     (farm.state.files / "p.stl").write_bytes(b"solid" * 9)
     answer = farm.browse("GET", f"/jobs/{number}/parts.zip", ann)

@@ -72,7 +72,7 @@ def test_wrong_field_is_named(fields, text):
     assert error.value.code is ErrorCode.SETTINGS
 
 
-def test_page_offers_what_the_fleet_has():
+def test_page_offers_the_printers_and_beds_of_the_fleet():
     page = render_submit_page(list_choices(make_fleet()), REQUEST, FARM, Reader("ann", Role.PRINT))
     assert f'action="/submit?request={REQUEST}"' in page
     assert "A number, of 2 printers" in page
@@ -140,7 +140,7 @@ def test_wrong_option_submits_nothing(farm, fields, text):
     assert not farm.controller.books.jobs
 
 
-def test_form_without_a_file_says_so(farm):
+def test_form_without_a_file_is_refused_with_a_message(farm):
     answer = send_form(farm, farm.open_session(Role.PRINT, "ann"), name="", content=b"")
     assert answer.status_code == 400
     assert "Not done:" in answer.text
@@ -160,7 +160,7 @@ def test_request_for_more_printers_than_there_are_is_a_note(farm):
 
 
 @pytest.mark.parametrize("reads_step", [True, False])
-def test_step_is_offered_where_it_can_be_read(monkeypatch, reads_step):
+def test_step_files_are_offered_if_they_can_be_read(monkeypatch, reads_step):
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: object() if reads_step else None)
     page = render_submit_page(list_choices(make_fleet()), REQUEST, FARM, Reader("ann", Role.PRINT))
     suffixes = re.search(r'accept="([^"]*)"', page)[1].split(",")

@@ -1,4 +1,4 @@
-"""Conversations of clients after an upload: what they read, select, print, pause and cancel."""
+"""Requests of clients after an upload: they read, select, print, pause and cancel."""
 
 import pytest
 
@@ -19,22 +19,24 @@ def key(farm):
     return farm.add_key(Role.PRINT)
 
 
-def select(farm, key, path, **fields):
+def select_file(farm, key, path, **fields):
     return farm.ask("POST", f"{UPLOAD}/{path}", key, json={"command": "select", **fields})
 
 
 def test_selecting_with_print_releases_a_held_job_before_it_is_planned(farm, key):
     path = farm.upload(key).headers["location"].removeprefix(f"http://{HOST}{UPLOAD}/")
     assert farm.jobs_by_number[1].options.hold
-    assert select(farm, key, path, print=True).status_code == 204
+    assert select_file(farm, key, path, print=True).status_code == 204
     assert not farm.jobs_by_number[1].options.hold
-    assert select(farm, key, path, print=True).status_code == 204  # it already prints, so nothing changes
+    assert (
+        select_file(farm, key, path, print=True).status_code == 204
+    )  # it already prints, so nothing changes
     assert [name for _, name, _ in farm.store.events()].count("JobReleased") == 1
 
 
 def test_selecting_alone_prints_nothing_and_start_does(farm, key):
     farm.upload(key)
-    assert select(farm, key, "box.gcode").status_code == 204
+    assert select_file(farm, key, "box.gcode").status_code == 204
     assert farm.jobs_by_number[1].options.hold
     assert farm.ask("GET", "/api/job", key).json()["job"]["file"]["name"] == "box.gcode"
     assert farm.ask("POST", "/api/job", key, json=START).status_code == 204
@@ -43,11 +45,11 @@ def test_selecting_alone_prints_nothing_and_start_does(farm, key):
 
 def test_only_the_sender_or_an_operator_may_release_a_job(farm, key):
     farm.upload(key)
-    refusal = select(farm, farm.add_key(Role.PRINT, "other"), "1/box.gcode", print=True)
+    refusal = select_file(farm, farm.add_key(Role.PRINT, "other"), "1/box.gcode", print=True)
     assert (refusal.status_code, refusal.headers["content-type"]) == (400, "text/plain")
     assert refusal.text == "only an operator may let job 1 print: `farm approve 1`"
     assert farm.jobs_by_number[1].options.hold
-    assert select(farm, farm.add_key(Role.OPERATE), "1/box.gcode", print=True).status_code == 204
+    assert select_file(farm, farm.add_key(Role.OPERATE), "1/box.gcode", print=True).status_code == 204
     assert not farm.jobs_by_number[1].options.hold
 
 
@@ -55,13 +57,13 @@ def test_sender_may_not_release_a_job_that_needs_approval(tmp_path):
     farm = SlicerFarm(tmp_path, approve=True)
     key = farm.add_key(Role.PRINT)
     farm.upload(key, print="true")
-    assert select(farm, key, "1/box.gcode", print=True).status_code == 400
+    assert select_file(farm, key, "1/box.gcode", print=True).status_code == 400
     assert farm.jobs_by_number[1].options.hold
 
 
 def test_ended_job_is_not_released(farm, key):
     farm.upload(key)
-    assert select(farm, key, "1/box.gcode").status_code == 204
+    assert select_file(farm, key, "1/box.gcode").status_code == 204
     assert farm.ask("POST", "/api/job", key, json={"command": "cancel"}).status_code == 204
     assert farm.jobs_by_number[1].state is JobState.CANCELLED
     answer = farm.ask("POST", "/api/job", key, json=START)
@@ -70,7 +72,7 @@ def test_ended_job_is_not_released(farm, key):
 
 def test_pause_toggles_the_selected_job(farm, key):
     farm.upload(key, print="true")
-    select(farm, key, "box.gcode")
+    select_file(farm, key, "box.gcode")
     states = []
     for action in ({}, {}, {"action": "pause"}, {"action": "resume"}):
         assert farm.ask("POST", "/api/job", key, json={"command": "pause", **action}).status_code == 204
@@ -82,7 +84,7 @@ def test_unsupported_commands_are_refused_in_plain_text(farm, key):
     answer_without_file = farm.ask("POST", "/api/job", key, json=START)
     assert (answer_without_file.status_code, answer_without_file.text[:20]) == (400, "no file is selected,")
     farm.upload(key)
-    select(farm, key, "box.gcode")
+    select_file(farm, key, "box.gcode")
     for path, body in (
         ("/api/job", {"command": "restart"}),
         ("/api/job", {"command": "pause", "action": "x"}),

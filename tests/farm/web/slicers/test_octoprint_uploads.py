@@ -8,20 +8,20 @@ from farms.web_farm import HOST
 
 
 @pytest.fixture
-def make(tmp_path):
+def make_slicer_farm(tmp_path):
     return lambda **options: SlicerFarm(tmp_path, **options)
 
 
-def test_version_is_one_that_slicers_accept(make):
-    farm = make()
+def test_version_is_one_that_slicers_accept(make_slicer_farm):
+    farm = make_slicer_farm()
     answer = farm.ask("GET", "/api/version", farm.add_key(Role.LOOK))
     assert answer.status_code == 200
     assert answer.json()["api"] == "0.1"
     assert answer.json()["text"].startswith("OctoPrint")
 
 
-def test_upload_holds_a_job_and_upload_and_print_submits_one(make):
-    farm = make()
+def test_upload_holds_a_job_and_upload_and_print_submits_one(make_slicer_farm):
+    farm = make_slicer_farm()
     key = farm.add_key(Role.PRINT)
     held_answer, printed_answer = farm.upload(key, print="false"), farm.upload(key, print="true")
     assert [answer.status_code for answer in (held_answer, printed_answer)] == [201, 201]
@@ -32,8 +32,8 @@ def test_upload_holds_a_job_and_upload_and_print_submits_one(make):
     assert farm.unfinished_uploads == []
 
 
-def test_answer_is_that_of_octoprint_with_a_location(make):
-    farm = make()
+def test_answer_is_that_of_octoprint_with_a_location(make_slicer_farm):
+    farm = make_slicer_farm()
     answer = farm.upload(farm.add_key(Role.PRINT), "größe 1.gcode", print="true")
     assert answer.headers["location"] == f"http://{HOST}{UPLOAD}/1/gr%C3%B6%C3%9Fe%201.gcode"
     assert answer.json() == {
@@ -51,20 +51,20 @@ def test_answer_is_that_of_octoprint_with_a_location(make):
     }
 
 
-def test_farm_that_approves_every_job_prints_none_at_once(make):
-    farm = make(approve=True)
+def test_farm_with_approval_of_every_job_prints_no_upload_at_once(make_slicer_farm):
+    farm = make_slicer_farm(approve=True)
     assert farm.upload(farm.add_key(Role.PRINT), print="true").json()["effectivePrint"] is False
 
 
 @pytest.mark.parametrize("name", ["a.stl", "a.obj", "a.ply", "a.3mf"])
-def test_models_are_accepted_as_well(make, name):
-    farm = make()
+def test_models_are_accepted_as_well(make_slicer_farm, name):
+    farm = make_slicer_farm()
     assert farm.upload(farm.add_key(Role.PRINT), name, print="true").status_code == 201
     assert farm.jobs_by_number[1].name == name
 
 
-def test_address_of_a_printer_asks_for_that_one(make):
-    farm = make()
+def test_upload_to_the_address_of_a_printer_requests_that_printer(make_slicer_farm):
+    farm = make_slicer_farm()
     key = farm.add_key(Role.PRINT)
     answer = farm.upload(key, url_path="/to/b" + UPLOAD, print="true")
     assert farm.jobs_by_number[1].options.only == ("b",)
@@ -77,8 +77,8 @@ def test_address_of_a_printer_asks_for_that_one(make):
     assert len(farm.jobs_by_number) == 1
 
 
-def test_refusal_is_plain_text_with_line_and_reason_in_front(make):
-    farm = make(workers=RefuseAll())
+def test_refusal_is_plain_text_with_line_and_reason_in_front(make_slicer_farm):
+    farm = make_slicer_farm(workers=RefuseAll())
     answer = farm.upload(farm.add_key(Role.PRINT), "n" * 200 + ".gcode")
     assert answer.status_code == 400
     assert answer.headers["content-type"] == "text/plain"
@@ -86,8 +86,8 @@ def test_refusal_is_plain_text_with_line_and_reason_in_front(make):
     assert (farm.jobs_by_number, farm.unfinished_uploads) == ({}, [])
 
 
-def test_folder_is_shown_and_not_interpreted(make):
-    farm = make()
+def test_folder_is_shown_and_not_interpreted(make_slicer_farm):
+    farm = make_slicer_farm()
     fields = {"path": "/../etc/", "print": "true"}
     answer = farm.ask(
         "POST", UPLOAD, farm.add_key(Role.PRINT), files={"file": ("a.gcode", b"G28")}, data=fields
@@ -103,30 +103,30 @@ FORM = (
 )
 
 
-def announce(size):
+def make_headers(size):
     return {**BOUNDARY, "content-length": str(size)}
 
 
-def test_upload_cut_at_any_byte_leaves_nothing(make):
-    farm = make()
+def test_upload_cut_at_any_byte_leaves_nothing(make_slicer_farm):
+    farm = make_slicer_farm()
     key = farm.add_key(Role.PRINT)
     events = len(farm.store.events())
     for end in range(len(FORM)):
-        answer = farm.send(UPLOAD, key, [FORM[:end], None], announce(len(FORM)))
+        answer = farm.send(UPLOAD, key, [FORM[:end], None], make_headers(len(FORM)))
         assert answer.status == 400, answer
     assert (farm.jobs_by_number, farm.unfinished_uploads, len(farm.store.events())) == ({}, [], events)
-    assert farm.send(UPLOAD, key, [FORM], announce(len(FORM))).status == 201
+    assert farm.send(UPLOAD, key, [FORM], make_headers(len(FORM))).status == 201
     assert farm.jobs_by_number[1].name == "a.gcode"
 
 
-def test_refused_upload_is_read_to_its_end_so_that_the_client_sees_the_answer(make):
-    farm = make()
+def test_refused_upload_is_read_to_its_end_so_that_the_client_sees_the_answer(make_slicer_farm):
+    farm = make_slicer_farm()
     chunks = [b"--x", *[b"x"] * 5]
-    assert farm.send(UPLOAD, farm.add_key(Role.PRINT), chunks, announce(8)).unread == 0
-    large = farm.send(UPLOAD, farm.add_key(Role.PRINT, "b"), [b"--x"] * 5, announce(3 * 10**9))
-    assert (large.status, large.unread) == (400, 5)
-    assert "fleet.uploads.model_gb" in large.text
-    waiting_headers = {**announce(8), "expect": "100-continue"}
+    assert farm.send(UPLOAD, farm.add_key(Role.PRINT), chunks, make_headers(8)).unread == 0
+    large_answer = farm.send(UPLOAD, farm.add_key(Role.PRINT, "b"), [b"--x"] * 5, make_headers(3 * 10**9))
+    assert (large_answer.status, large_answer.unread) == (400, 5)
+    assert "fleet.uploads.model_gb" in large_answer.text
+    waiting_headers = {**make_headers(8), "expect": "100-continue"}
     assert (
         farm.send(
             UPLOAD, farm.add_key(Role.PRINT, "c"), chunks, {**waiting_headers, "content-type": "text/plain"}
@@ -135,8 +135,8 @@ def test_refused_upload_is_read_to_its_end_so_that_the_client_sees_the_answer(ma
     )
 
 
-def test_length_of_an_upload_must_be_announced(make):
-    answer = make_answer(make(), {**BOUNDARY})
+def test_length_of_an_upload_must_be_announced(make_slicer_farm):
+    answer = make_answer(make_slicer_farm(), {**BOUNDARY})
     assert (answer.status, answer.text[:31]) == (411, "the request has no Content-Leng")
 
 
@@ -145,21 +145,21 @@ def make_answer(farm, headers):
 
 
 @pytest.mark.parametrize("headers", [{}, {"transfer-encoding": "chunked"}])
-def test_upload_longer_than_announced_leaves_nothing(make, headers):
-    """With both headers h11 reads chunks of any length, which may exceed the announced size."""
-    farm = make()
-    farm.send(UPLOAD, farm.add_key(Role.PRINT), [FORM, FORM], {**announce(10), **headers})
+def test_upload_longer_than_announced_leaves_nothing(make_slicer_farm, headers):
+    """Include both headers, with which h11 reads chunks of any length."""
+    farm = make_slicer_farm()
+    farm.send(UPLOAD, farm.add_key(Role.PRINT), [FORM, FORM], {**make_headers(10), **headers})
     assert not farm.jobs_by_number and not list(farm.services.state.work.iterdir())
 
 
-def test_empty_file_is_refused(make):
-    farm = make()
+def test_empty_file_is_refused(make_slicer_farm):
+    farm = make_slicer_farm()
     answer = farm.upload(farm.add_key(Role.PRINT), content=b"")
     assert (answer.status_code, answer.text) == (400, "the file is empty")
 
 
-def test_refusals_of_the_guard_are_plain_text_too(make):
-    farm = make()
+def test_refusals_of_the_guard_are_plain_text_too(make_slicer_farm):
+    farm = make_slicer_farm()
     for path in ("/api/version", "/to/a/api/version", "/api/nothing"):
         answer = farm.ask("GET", path)
         assert (answer.status_code, answer.headers["content-type"]) == (401, "text/plain"), path

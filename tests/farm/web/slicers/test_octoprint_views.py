@@ -1,4 +1,4 @@
-"""Descriptions in OctoPrint's words."""
+"""Descriptions in OctoPrint's terms."""
 
 import pytest
 
@@ -73,8 +73,8 @@ def test_profile_of_the_farm_is_what_each_printer_can_print():
     ]
     assert (profile["name"], profile["volume"]["height"]) == ("lab", 205.0)
     assert profile["model"] == "Ultimaker 2 Extended+ / Ultimaker 2+"
-    tall = views.describe_profiles("a", sections[:1], "x")["profiles"]["_default"]
-    assert tall["volume"]["height"] == 305.0
+    tall_profile = views.describe_profiles("a", sections[:1], "x")["profiles"]["_default"]
+    assert tall_profile["volume"]["height"] == 305.0
 
 
 def test_file_is_found_by_number_and_name_or_as_the_newest_of_its_name():
