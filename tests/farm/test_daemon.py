@@ -78,7 +78,7 @@ def test_clock_step_of_the_host_reaches_every_component(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(("now", "poll_count"), [(False, 3), (True, 0)])
-def test_down_waits_for_a_plan_in_progress_unless_now(tmp_path, monkeypatch, now, poll_count):
+def test_farm_down_waits_for_a_plan_in_progress_unless_now(tmp_path, monkeypatch, now, poll_count):
     state = StateFolder(tmp_path / "state")
     state.make()
     daemon = Daemon(make_fleet(), FarmPaths(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))
@@ -103,7 +103,7 @@ def test_down_waits_for_a_plan_in_progress_unless_now(tmp_path, monkeypatch, now
     assert len(ends[0]) == poll_count
 
 
-def test_down_waits_for_inspections_but_not_for_a_plan_that_waits_for_disk_space(tmp_path, monkeypatch):
+def test_farm_down_waits_for_inspections_but_not_for_a_plan_that_waits_for_disk_space(tmp_path, monkeypatch):
     state = StateFolder(tmp_path / "state")
     state.make()
     daemon = Daemon(make_fleet(), FarmPaths(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))

@@ -80,7 +80,7 @@ REFUSALS = {
 }
 
 
-def read_one_line(stderr):
+def read_error_line(stderr):
     lines = [line for line in stderr.splitlines() if line.startswith("farm: ")]
     assert len(lines) == 1, stderr
     assert "Traceback" not in stderr
@@ -94,14 +94,14 @@ def test_unusable_model_is_refused(shared_farm, tmp_path, defect):
     path = write(path) or path
     result = shared_farm.run("submit", path, "--wait")
     assert result.returncode == 5, result.stderr
-    assert message in read_one_line(result.stderr)
+    assert message in read_error_line(result.stderr)
     assert shared_farm.status()["jobs"] == []
 
 
 def test_missing_file_is_refused(shared_farm, tmp_path):
     result = shared_farm.run("submit", tmp_path / "no.stl")
     assert result.returncode == 5
-    assert "no such file" in read_one_line(result.stderr)
+    assert "no such file" in read_error_line(result.stderr)
 
 
 def test_unreachable_daemon_is_reported(make_farm, bar):
@@ -109,7 +109,7 @@ def test_unreachable_daemon_is_reported(make_farm, bar):
     for arguments in (("submit", bar), ("status",), ("status", 1, "--json"), ("down",)):
         result = farm.run(*arguments)
         assert result.returncode == 3
-        assert "farm up" in read_one_line(result.stderr)
+        assert "farm up" in read_error_line(result.stderr)
 
 
 def test_unknown_key_in_the_fleet_file_is_reported(make_farm):
@@ -117,7 +117,7 @@ def test_unknown_key_in_the_fleet_file_is_reported(make_farm):
     farm.fleet.write_text(farm.fleet.read_text().replace("name: one", "name: one, colur: red"))
     result = farm.run("up")
     assert result.returncode == 2
-    assert re.search(r"fleet.yaml:3: printers.0.colur: unknown key", read_one_line(result.stderr))
+    assert re.search(r"fleet.yaml:3: printers.0.colur: unknown key", read_error_line(result.stderr))
 
 
 def test_unknown_material_in_the_fleet_file_is_reported(make_farm):
@@ -127,7 +127,7 @@ def test_unknown_material_in_the_fleet_file_is_reported(make_farm):
     assert result.returncode == 2
     assert re.search(
         r"fleet.yaml:3: printers.0.material: .*PLAA: there is no such material; it prints ABS",
-        read_one_line(result.stderr),
+        read_error_line(result.stderr),
     )
 
 
@@ -135,7 +135,7 @@ def test_two_printers_on_one_port_are_refused(make_farm, tmp_path):
     farm = make_farm({"one": (MODEL, "/dev/ttyACM0"), "two": (MODEL, "/dev/ttyACM0")})
     result = farm.run("up")
     assert result.returncode == 2
-    assert "one and two are on one port" in read_one_line(result.stderr)
+    assert "one and two are on one port" in read_error_line(result.stderr)
 
 
 def test_missing_port_is_reported(make_farm, tmp_path):
@@ -143,7 +143,7 @@ def test_missing_port_is_reported(make_farm, tmp_path):
     farm.fleet.write_text(farm.fleet.read_text().replace("time_scale: 150", "time_scale: 1"))
     result = farm.run("up")
     assert result.returncode == 0, result.stderr
-    assert "one: there is no port" in read_one_line(result.stderr)
+    assert "one: there is no port" in read_error_line(result.stderr)
     wait_for("the agent's report", lambda: farm.printer("one")["state"] == "absent")
     assert farm.status()["todo"][0]["code"] == "connect"
 
@@ -153,7 +153,7 @@ def test_missing_cura_engine_is_reported(make_farm, bar, tmp_path):
     farm.up(FARM_CURA_ENGINE=str(tmp_path / "no-engine"))
     result = farm.run("submit", bar, "--wait")
     assert result.returncode == 1, result.stderr
-    assert "FARM_CURA_ENGINE" in read_one_line(result.stderr)
+    assert "FARM_CURA_ENGINE" in read_error_line(result.stderr)
 
 
 def test_failing_cura_engine_is_reported(make_farm, bar, tmp_path):
@@ -165,7 +165,7 @@ def test_failing_cura_engine_is_reported(make_farm, bar, tmp_path):
     farm.up(FARM_CURA_ENGINE=str(engine))
     result = farm.run("submit", bar, "--wait")
     assert result.returncode == 1, result.stderr
-    assert "out of memory" in read_one_line(result.stderr)
+    assert "out of memory" in read_error_line(result.stderr)
     assert farm.job()["state"] == "failed"
 
 
@@ -178,7 +178,7 @@ def test_part_that_fits_no_printer_is_refused(make_farm, tmp_path):
     trimesh.creation.box((200, 200, 200)).export(path)
     result = farm.run("submit", path, "--wait")
     assert result.returncode == 5, result.stderr
-    assert re.search(r"\d+ (printers|parts)|mm", read_one_line(result.stderr))
+    assert re.search(r"\d+ (printers|parts)|mm", read_error_line(result.stderr))
 
 
 def test_open_mesh_is_repaired_and_parts_are_printed_in_rounds(make_farm, tmp_path):
@@ -204,7 +204,7 @@ def test_read_only_state_folder_is_refused(make_farm, tmp_path):
     farm.state = Path("/proc/farm")
     result = farm.run("up")
     assert result.returncode == 1
-    assert "/proc/farm" in read_one_line(result.stderr)
+    assert "/proc/farm" in read_error_line(result.stderr)
     farm.state = tmp_path / "state"
 
 
@@ -212,4 +212,4 @@ def test_read_only_state_folder_is_refused(make_farm, tmp_path):
 def test_second_daemon_is_refused(shared_farm):
     result = shared_farm.run("daemon")
     assert result.returncode == 5
-    assert "another daemon" in read_one_line(result.stderr)
+    assert "another daemon" in read_error_line(result.stderr)

@@ -55,12 +55,12 @@ def make_simulated_farm(folder: Path) -> tuple[StateFolder, Fleet, RecordingList
 
 
 async def wait_until_ready(
-    links: AgentManager, listener: RecordingListener, old_pid: int | None = None
+    manager: AgentManager, listener: RecordingListener, old_pid: int | None = None
 ) -> int:
     """Wait for an agent other than `old_pid` that is ready, and return its pid."""
     async with asyncio.timeout(DEADLINE_S):
         while True:
-            links.watch()
+            manager.watch()
             report = listener.last
             if report is not None and report.link is Link.READY and report.agent_pid not in (None, old_pid):
                 assert report.agent_pid is not None and not report.outdated
@@ -75,17 +75,17 @@ def test_hung_agent_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     state, fleet, listener = make_simulated_farm(tmp_path)
 
     async def scenario() -> None:
-        links = AgentManager(fleet, state, Clock(60.0, time.time()), listener)
-        links.start(())
+        manager = AgentManager(fleet, state, Clock(60.0, time.time()), listener)
+        manager.start(())
         try:
-            first_pid = await wait_until_ready(links, listener)
+            first_pid = await wait_until_ready(manager, listener)
             os.kill(first_pid, signal.SIGSTOP)
-            second_pid = await wait_until_ready(links, listener, first_pid)
+            second_pid = await wait_until_ready(manager, listener, first_pid)
             assert find_agent_pid(state.agent("a")) == second_pid
-            await links.shut_down_agents()
+            await manager.shut_down_agents()
             assert not is_alive(state.agent("a"))
         finally:
-            await links.close()
+            await manager.close()
 
     try:
         asyncio.run(scenario())
@@ -102,16 +102,16 @@ def test_shutdown_ends_an_agent_that_has_just_started(tmp_path: Path):
     state, fleet, listener = make_simulated_farm(tmp_path)
 
     async def scenario() -> None:
-        links = AgentManager(fleet, state, Clock(60.0, time.time()), listener)
-        links.start(())
-        process = links._connections["a"]._process
+        manager = AgentManager(fleet, state, Clock(60.0, time.time()), listener)
+        manager.start(())
+        process = manager._connections["a"]._process
         assert process is not None
         try:
             async with asyncio.timeout(DEADLINE_S):
-                await links.shut_down_agents()
+                await manager.shut_down_agents()
             assert process.poll() == 0
         finally:
-            await links.close()
+            await manager.close()
 
     try:
         asyncio.run(scenario())
@@ -178,14 +178,14 @@ def test_start_is_sent_with_its_limits_and_changed_limits_later(tmp_path: Path):
     books, _ = apply_events(
         make_printing_books(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="p")
     )
-    links = AgentManager(
+    manager = AgentManager(
         Fleet.model_validate({"printers": []}), StateFolder(tmp_path), Clock(), RecordingListener()
     )
     recorder = RecordingConnection()
-    links._connections["a"] = recorder  # type: ignore[assignment]
+    manager._connections["a"] = recorder  # type: ignore[assignment]
     begin = ev.SendStart(print_id="p", printer="a", not_after_s=500.0, ends_by_s=900.0)
-    links.perform(begin, books, tmp_path)
-    links.perform(ev.SendEndBy(print_id="p", printer="a", ends_by_s=800.0), books, tmp_path)
+    manager.perform(begin, books, tmp_path)
+    manager.perform(ev.SendEndBy(print_id="p", printer="a", ends_by_s=800.0), books, tmp_path)
     start, end = recorder.requests
     assert isinstance(start, m.StartPrint) and (start.not_after_s, start.ends_by_s) == (500.0, 900.0)
     assert end == m.EndPrintBy(id=0, print_id="p", ends_by_s=800.0)
@@ -221,10 +221,10 @@ def test_renamed_printer_opens_the_port_of_its_former_agent(
     def make_fleet(name: str) -> Fleet:
         return Fleet.model_validate({"printers": [{"name": name, "model": MODEL, "port": str(port)}]})
 
-    async def wait_until(links: AgentManager, link: Link) -> None:
+    async def wait_until(manager: AgentManager, link: Link) -> None:
         async with asyncio.timeout(DEADLINE_S):
             while listener.last is None or listener.last.link is not link:
-                links.watch()
+                manager.watch()
                 await asyncio.sleep(0.05)
 
     async def scenario() -> None:
@@ -386,15 +386,15 @@ def test_idle_agent_is_replaced_without_a_change_to_its_printer(tmp_path: Path):
     state, fleet, listener = make_simulated_farm(tmp_path)
 
     async def scenario() -> None:
-        links = AgentManager(fleet, state, Clock(60.0, time.time()), listener)
-        links.start(())
+        manager = AgentManager(fleet, state, Clock(60.0, time.time()), listener)
+        manager.start(())
         try:
-            first_pid = await wait_until_ready(links, listener)
-            await links.replace("a")
-            assert await wait_until_ready(links, listener, first_pid) == find_agent_pid(state.agent("a"))
+            first_pid = await wait_until_ready(manager, listener)
+            await manager.replace("a")
+            assert await wait_until_ready(manager, listener, first_pid) == find_agent_pid(state.agent("a"))
             assert emulator_is_running(state.agent("a") / "emulator")
         finally:
-            await links.shut_down_agents()
-            await links.close()
+            await manager.shut_down_agents()
+            await manager.close()
 
     asyncio.run(scenario())

@@ -335,7 +335,7 @@ def test_damaged_route_file_is_ignored(text, tmp_path):
     remote.remove_start(remote.load_route(tmp_path, None, "", Clock()))
 
 
-def test_names_of_farm_and_printer_never_leave_the_folder():
+def test_names_of_farm_and_printer_cannot_lead_out_of_the_folder():
     for farm, printer in (("..", "a"), ("test", ".."), ("test", "a/b"), ("", "a")):
         with pytest.raises(AgentError):
             find_folder(farm, printer)

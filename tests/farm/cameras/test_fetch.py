@@ -42,7 +42,7 @@ def test_host_name_is_looked_up_and_kept_in_the_request(monkeypatch):
     assert camera.requests[0][1]["host"] == f"camera.lab.example:{camera.server_port}"
 
 
-def test_second_address_is_tried_where_the_first_refuses(monkeypatch):
+def test_second_address_is_tried_when_the_first_refuses(monkeypatch):
     with run_camera(send_image) as camera:
         rows = [(None, None, 0, "", (address, camera.server_port)) for address in ("127.0.0.2", "127.0.0.1")]
         monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: rows)

@@ -47,7 +47,7 @@ def daemon(tmp_path):
         thread.join()
 
 
-def complete(kind, incomplete, **params):
+def complete_word(kind, incomplete, **params):
     context = typer.Context(typer.main.get_command(typer.Typer(callback=lambda: None)))
     context.params = params
     return [name for name, _ in kind(context, incomplete)]
@@ -66,17 +66,17 @@ def complete(kind, incomplete, **params):
     ],
 )
 def test_names_with_the_prefix_are_offered(daemon, kind, incomplete, names):
-    assert complete(kind, incomplete, socket=str(daemon), job=3) == names
+    assert complete_word(kind, incomplete, socket=str(daemon), job=3) == names
 
 
 def test_completion_is_empty_and_silent_without_a_daemon(tmp_path, capfd):
-    assert complete(completion.targets, "", socket=tmp_path / "farm.sock") == []
+    assert complete_word(completion.targets, "", socket=tmp_path / "farm.sock") == []
     with socket.socket(socket.AF_UNIX) as listener:  # a server that does not speak HTTP
         listener.bind(str(tmp_path / "farm.sock"))
         listener.listen()
         thread = threading.Thread(target=lambda: listener.accept()[0].close())
         thread.start()
-        assert complete(completion.targets, "", socket=tmp_path / "farm.sock") == []
+        assert complete_word(completion.targets, "", socket=tmp_path / "farm.sock") == []
         thread.join()
     assert capfd.readouterr() == ("", "")
 

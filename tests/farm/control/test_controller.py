@@ -280,7 +280,7 @@ def test_temperatures_and_progress_run_no_scheduler(farm, plan, monkeypatch):
 
     monkeypatch.setattr(scheduler, "assign_plates", count_call)
 
-    def report(step, link=Link.BUSY, state=PrintState.PRINTING):
+    def report_progress(step, link=Link.BUSY, state=PrintState.PRINTING):
         agent_print = AgentPrint(
             print_id=attempt.id, state=state, fault=None, reason=None, progress_s=1.0 * step,
             print_time_s=90.0, extruded=True, started_s=2.0, ended_s=None, layer=step, layers=90,
@@ -288,17 +288,17 @@ def test_temperatures_and_progress_run_no_scheduler(farm, plan, monkeypatch):
         heat = {"nozzle_c": 20.0 + step, "bed_c": 20.0 + step, "nozzle_target_c": 210.0}
         farm.controller.on_snapshot(AgentSnapshot(printer="a", link=link, print=agent_print, **heat))
 
-    report(0)
+    report_progress(0)
     assert len(runs) == 1  # the start of printing is in the books
     for step in range(1, 50):
-        report(step)
+        report_progress(step)
         idle = AgentSnapshot(printer="b", link=Link.READY, nozzle_c=20.0 + step, agent_pid=9)
         farm.controller.on_snapshot(idle)
     assert len(runs) == 1
     assert farm.controller.telemetry.snapshots["a"].nozzle_c == 69.0
     assert farm.controller.telemetry.snapshots["b"].nozzle_c == 69.0
-    report(50, state=PrintState.PAUSED)
-    report(51, link=Link.ABSENT, state=PrintState.PAUSED)
+    report_progress(50, state=PrintState.PAUSED)
+    report_progress(51, link=Link.ABSENT, state=PrintState.PAUSED)
     assert len(runs) == 3
 
 

@@ -163,7 +163,7 @@ def test_end_of_hours_is_not_charged_to_the_plate_and_needs_an_inspection(farm):
 
 
 @pytest.mark.parametrize("step_s", [3600.0, -3600.0])
-def test_clock_step_moves_hours_and_no_print(farm, step_s):
+def test_clock_step_shifts_hours_but_not_prints(farm, step_s):
     """Keep the age of a print, whose agent reports the start on its present clock."""
     attempt = report_print(farm)
     farm.controller.clock.now_s += 600.0

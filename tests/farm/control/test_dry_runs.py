@@ -16,14 +16,14 @@ from farm.state.books import Books
 from farm.views.tasks import list_requests
 
 
-def submit(farm, name, **options):
+def submit_job(farm, name, **options):
     return farm.jobs.submit(name * 8, "m.stl", MODEL, JobOptions(**options), "ann")[0]
 
 
 def test_abandoned_dry_run_is_cancelled(tmp_path):
     farm = Farm(tmp_path)
-    kept_job, abandoned_job = (submit(farm, name, dry_run=True, hold=True) for name in "ab")
-    held_job = submit(farm, "c", hold=True)
+    kept_job, abandoned_job = (submit_job(farm, name, dry_run=True, hold=True) for name in "ab")
+    held_job = submit_job(farm, "c", hold=True)
     dry_runs = DryRuns(farm.controller)
     dry_runs.cancel_abandoned(0.0)
     dry_runs.keep(kept_job, DRY_RUN_TIMEOUT_S)
@@ -54,7 +54,7 @@ def test_dry_run_needs_no_approval():
 
 def test_page_keeps_a_dry_run_for_longer_than_a_command_does(tmp_path):
     farm = Farm(tmp_path)
-    number = submit(farm, "a", dry_run=True, hold=True)
+    number = submit_job(farm, "a", dry_run=True, hold=True)
     dry_runs = DryRuns(farm.controller)
     dry_runs.keep(number, 0.0, PAGE_DRY_RUN_TIMEOUT_S)
     dry_runs.keep(number, 1.0)  # a command counts as a request too
@@ -66,7 +66,7 @@ def test_page_keeps_a_dry_run_for_longer_than_a_command_does(tmp_path):
 
 def test_kept_dry_run_is_held_until_its_plan_is_approved(tmp_path):
     farm = Farm(tmp_path)
-    number = submit(farm, "a", dry_run=True, hold=True)
+    number = submit_job(farm, "a", dry_run=True, hold=True)
     farm.jobs.keep_dry_run(number, "ann")
     job = farm.controller.books.job(number)
     assert (job.options.dry_run, job.options.hold) == (False, True)
@@ -78,7 +78,7 @@ def test_kept_dry_run_is_held_until_its_plan_is_approved(tmp_path):
 
 def test_dry_run_may_be_printed_by_the_person_who_submitted_it(tmp_path):
     farm = Farm(tmp_path)
-    number = submit(farm, "a", dry_run=True, hold=True)
+    number = submit_job(farm, "a", dry_run=True, hold=True)
     with pytest.raises(Refused, match="only an operator"):
         asyncio.run(farm.jobs.release(number, None, "bob", is_operator=False))
     asyncio.run(farm.jobs.release(number, None, "ann", is_operator=False))
@@ -89,7 +89,7 @@ def test_dry_run_may_be_printed_by_the_person_who_submitted_it(tmp_path):
 def test_approved_dry_run_is_not_cancelled(tmp_path):
     farm = Farm(tmp_path)
     farm.ready("a", "b")
-    number = submit(farm, "a", dry_run=True, hold=True)
+    number = submit_job(farm, "a", dry_run=True, hold=True)
     event = make_plan_event(number)
     farm.controller.on_plan(number, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0, None))
     farm.controller.handle(ev.JobApproved(at_s=1.0, job=number, by="ann"))
@@ -101,7 +101,7 @@ def test_approved_dry_run_is_not_cancelled(tmp_path):
 
 def test_model_is_planned_again_without_another_upload(tmp_path):
     farm = Farm(tmp_path)
-    number = submit(farm, "a", dry_run=True, hold=True)
+    number = submit_job(farm, "a", dry_run=True, hold=True)
     new_number = farm.jobs.plan_again(number, "b" * 8, JobOptions(printers=2, dry_run=True, hold=True), "ann")
     first_job, second_job = (farm.controller.books.job(n) for n in (number, new_number))
     assert (second_job.model_file, second_job.name, second_job.repairs) == (

@@ -48,7 +48,7 @@ def farm(tmp_path):
     return farm
 
 
-def submit(farm, name="r", model=MODEL, **options):
+def submit_job(farm, name="r", model=MODEL, **options):
     return farm.jobs.submit(name * 8, "m.stl", model, JobOptions(**options))[0]
 
 
@@ -78,7 +78,7 @@ def list_starts(farm):
 
 
 def test_changes_during_an_approval_are_noticed(farm, state, monkeypatch):
-    number = submit(farm, hold=True)
+    number = submit_job(farm, hold=True)
     farm.controller.on_plan(number, make_stored_plan(number, state))
     plan = farm.controller.books.job(number).plan
 
@@ -91,7 +91,7 @@ def test_changes_during_an_approval_are_noticed(farm, state, monkeypatch):
         patch.setattr(job_commands, "asyncio", NoThreads)
         with pytest.raises(Refused, match="is not waiting for approval: it is cancelled"):
             asyncio.run(farm.jobs.approve(number, plan, state, "ann"))
-    other_job = submit(farm, "s", hold=True)
+    other_job = submit_job(farm, "s", hold=True)
     farm.controller.on_plan(other_job, make_stored_plan(other_job, state))
 
     def start(section, fleet_options):
@@ -105,7 +105,7 @@ def test_changes_during_an_approval_are_noticed(farm, state, monkeypatch):
 
 
 def test_plan_of_an_earlier_version_is_approvable_after_a_restore(farm, state):
-    number = submit(farm)
+    number = submit_job(farm)
     farm.controller.on_plan(number, make_stored_plan(number, state))
     job = farm.controller.books.job(number).model_copy(update={"plan": None})
     farm.controller.books = put(farm.controller.books, job)
@@ -116,7 +116,7 @@ def test_plan_of_an_earlier_version_is_approvable_after_a_restore(farm, state):
 
 
 def test_held_plan_prints_only_after_approval_of_its_hash(farm, state):
-    number = submit(farm, hold=True)
+    number = submit_job(farm, hold=True)
     farm.controller.on_plan(number, make_stored_plan(number, state))
     job = farm.controller.books.job(number)
     assert (job.state, job.hold.code) == (JobState.HELD, HoldCode.APPROVAL)
@@ -130,7 +130,7 @@ def test_held_plan_prints_only_after_approval_of_its_hash(farm, state):
 
 
 def test_held_job_is_released_before_its_plan_or_after_it(farm, state):
-    early_job, late_job = submit(farm, hold=True), submit(farm, "s", hold=True)
+    early_job, late_job = submit_job(farm, hold=True), submit_job(farm, "s", hold=True)
     farm.controller.on_plan(late_job, make_stored_plan(late_job, state))
     assert farm.controller.books.job(late_job).state is JobState.HELD
     for number in (early_job, late_job):
@@ -142,7 +142,7 @@ def test_held_job_is_released_before_its_plan_or_after_it(farm, state):
 
 
 def test_plan_whose_files_changed_is_not_released(farm, state):
-    number = submit(farm, hold=True)
+    number = submit_job(farm, hold=True)
     farm.controller.on_plan(number, make_stored_plan(number, state))
     (state.files / "g.gcode").write_bytes(b"G28 ; and more\n")
     with pytest.raises(Refused, match="has changed since it was planned"):
@@ -154,7 +154,7 @@ def test_plan_whose_files_changed_is_not_released(farm, state):
 def test_fleet_option_requires_approval_of_every_job(tmp_path, state):
     farm = Farm(tmp_path, approve=True)
     farm.ready("a", "b")
-    number = submit(farm)
+    number = submit_job(farm)
     farm.controller.on_plan(number, make_stored_plan(number, state))
     assert farm.controller.books.job(number).state is JobState.HELD
 
@@ -166,7 +166,7 @@ def test_reel_survives_a_restart_and_short_reels_start_nothing(farm, state, tmp_
         farm.printers.load_reel("b", LoadRequest(material="generic_abs", grams=700.0, nozzle_mm=0.8), "ann")
     )
     assert (reel.material, reel.colour, reel.grams, reel.nozzle_mm) == ("generic_abs", None, 700.0, 0.8)
-    number = submit(farm, material="generic_pla")
+    number = submit_job(farm, material="generic_pla")
     assert farm.effects.plans == [(number, ["a"], 1)]
     farm.controller.on_plan(number, make_stored_plan(number, state, plates=1))
     hold = farm.controller.scheduler.find_plate_holds().get(f"{number}/01")
@@ -192,11 +192,11 @@ def test_reel_of_an_unknown_material_is_refused(farm, state, monkeypatch):
 
 
 def test_own_gcode_is_planned_during_decompositions(farm):
-    first_job, second_job = submit(farm), submit(farm, "s")
-    third_job, urgent_job = submit(farm, "t"), submit(farm, "u", priority=1)
+    first_job, second_job = submit_job(farm), submit_job(farm, "s")
+    third_job, urgent_job = submit_job(farm, "t"), submit_job(farm, "u", priority=1)
     holds = {number: farm.controller.books.job(number).hold.code for number in (third_job, urgent_job)}
     assert set(holds.values()) == {HoldCode.NOT_FIRST}
-    gcode_job = submit(farm, "v", GCODE)
+    gcode_job = submit_job(farm, "v", GCODE)
     assert [plan[0] for plan in farm.effects.plans] == [first_job, second_job, gcode_job]
     farm.jobs.cancel(first_job, "ann")
     assert farm.effects.plans[-1][0] == urgent_job
@@ -204,15 +204,15 @@ def test_own_gcode_is_planned_during_decompositions(farm):
 
 def test_own_gcode_is_planned_beside_an_unprintable_job(farm):
     """Plan G-code behind such a job at once; a dry run once waited ten minutes for it."""
-    blocked_job = submit(farm, material="generic_abs")
+    blocked_job = submit_job(farm, material="generic_abs")
     assert farm.controller.books.job(blocked_job).hold.code is HoldCode.NO_SUCH_PRINTER
-    gcode_job = submit(farm, "s", GCODE, hold=True, dry_run=True)
+    gcode_job = submit_job(farm, "s", GCODE, hold=True, dry_run=True)
     assert farm.effects.plans == [(gcode_job, ["a", "b"], 1)]
 
 
 def test_job_with_a_start_time_is_planned_at_once_and_starts_at_that_time(farm, state):
     start_at = datetime.fromtimestamp(farm.controller.clock.now() + 3600).astimezone().isoformat()
-    later_job = submit(farm, at=start_at)
+    later_job = submit_job(farm, at=start_at)
     assert farm.effects.plans == [(later_job, ["a", "b"], 1)]
     farm.controller.on_plan(later_job, make_stored_plan(later_job, state))
     assert {hold.code for hold in farm.controller.scheduler.find_plate_holds().values()} == {
@@ -227,14 +227,14 @@ def test_job_with_a_start_time_is_planned_at_once_and_starts_at_that_time(farm, 
 def test_invalid_start_time_is_refused_at_submission(farm):
     for options in ({"at": "soon"}, {"overnight": True}):
         with pytest.raises(FarmError) as error:
-            submit(farm, **options)
+            submit_job(farm, **options)
         assert error.value.code is ErrorCode.SETTINGS
 
 
 def test_missed_deadline_is_reported_with_the_earliest_end(farm, state):
     def list_deadline_notices(seconds):
         deadline = datetime.fromtimestamp(farm.controller.clock.now() + seconds).astimezone().isoformat()
-        number = submit(farm, name=f"{seconds:03d}", done_by=deadline, hold=True)
+        number = submit_job(farm, name=f"{seconds:03d}", done_by=deadline, hold=True)
         farm.controller.on_plan(number, make_stored_plan(number, state))
         return farm.controller.books.job(number).repairs
 
@@ -251,7 +251,7 @@ def test_missed_deadline_is_reported_with_the_earliest_end(farm, state):
 
 def test_plan_of_several_materials_is_reported(farm, state):
     for name, other_material, notices in (("1", "generic_pla", 0), ("2", "generic_abs", 1)):
-        number = submit(farm, name=name, hold=True)
+        number = submit_job(farm, name=name, hold=True)
         plan = make_stored_plan(number, state)
         first_plate, second_plate = plan.plates
         plates = (first_plate, second_plate.model_copy(update={"material": other_material}))
@@ -262,24 +262,24 @@ def test_plan_of_several_materials_is_reported(farm, state):
 
 
 def test_deadline_without_a_date_follows_the_start_time(farm):
-    number = submit(farm, at="22:00", done_by="08:00")
+    number = submit_job(farm, at="22:00", done_by="08:00")
     job = farm.controller.books.job(number)
     assert job.done_by_s - job.not_before_s == pytest.approx(10 * 3600)
 
 
 def test_deadline_of_the_assembly_leaves_time_to_glue(farm):
-    number = submit(farm, at="22:00", assembled_by="08:00")
+    number = submit_job(farm, at="22:00", assembled_by="08:00")
     job = farm.controller.books.job(number)
     assert job.done_by_s is None
     assert job.assembled_by_s - job.not_before_s == pytest.approx(10 * 3600)
     with pytest.raises(FarmError, match="not both"):
-        submit(farm, name="s", done_by="07:00", assembled_by="08:00")
+        submit_job(farm, name="s", done_by="07:00", assembled_by="08:00")
 
 
 def test_missed_deadline_of_the_assembly_is_reported(farm, state):
     def list_deadline_notices(seconds):
         deadline = datetime.fromtimestamp(farm.controller.clock.now() + seconds).astimezone().isoformat()
-        number = submit(farm, name=f"{seconds:04d}", assembled_by=deadline, hold=True)
+        number = submit_job(farm, name=f"{seconds:04d}", assembled_by=deadline, hold=True)
         farm.controller.on_plan(number, replace(make_stored_plan(number, state), assembly_s=3600.0))
         return farm.controller.books.job(number).repairs
 
@@ -289,13 +289,13 @@ def test_missed_deadline_of_the_assembly_is_reported(farm, state):
 
 
 def test_assembly_is_not_recorded_before_all_parts_are_printed(farm):
-    number = submit(farm)
+    number = submit_job(farm)
     with pytest.raises(Refused, match="once all parts are printed"):
         farm.jobs.record_assembly(number, 45.0, "ann")
 
 
 def test_spare_printers_are_excluded_from_the_plan(farm):
-    number = submit(farm, spares=1)
+    number = submit_job(farm, spares=1)
     assert len(farm.effects.plans[0][1]) == 1
     assert farm.effects.plans[0][0] == number
 
@@ -305,9 +305,9 @@ def test_spares_are_kept_in_unattended_hours_only(tmp_path, state):
     for period, hours in {"day": ["00:00-24:00"], "night": []}.items():
         farm = Farm(tmp_path / period, attended=hours)
         farm.ready("a", "b")
-        first_job = submit(farm, spares=1)
+        first_job = submit_job(farm, spares=1)
         farm.controller.on_plan(first_job, make_stored_plan(first_job, state, plates=1))
-        submit(farm, "s")
+        submit_job(farm, "s")
         kept_spares[period] = [names for number, names, _ in farm.effects.plans if number != first_job]
         assert farm.controller.scheduler.list_reservations().get("b") == (
             "job 2" if period == "day" else "a failed part (--spares)"
@@ -316,7 +316,7 @@ def test_spares_are_kept_in_unattended_hours_only(tmp_path, state):
 
 
 def test_held_plans_are_made_for_the_whole_fleet_and_the_later_one_waits_for_its_printers(farm, state):
-    numbers = [submit(farm, name, hold=True) for name in "rs"]
+    numbers = [submit_job(farm, name, hold=True) for name in "rs"]
     assert farm.effects.plans == [(number, ["a", "b"], 1) for number in numbers]
     for number in numbers:
         farm.controller.on_plan(number, make_stored_plan(number, state))
@@ -333,7 +333,7 @@ def test_held_plans_are_made_for_the_whole_fleet_and_the_later_one_waits_for_its
 
 
 def test_timeline_of_a_held_job_is_forecast(farm, state):
-    number = submit(farm, hold=True)
+    number = submit_job(farm, hold=True)
     with pytest.raises(Refused, match="no plan yet"):
         describe_job_timeline(farm, state, number)
     farm.controller.on_plan(number, make_stored_plan(number, state, plates=3))
@@ -345,7 +345,7 @@ def test_timeline_of_a_held_job_is_forecast(farm, state):
 
 
 def test_timeline_of_a_job_waits_for_the_plates_of_jobs_before_it(farm, state):
-    first_job, second_job = submit(farm, hold=True), submit(farm, "s", hold=True)
+    first_job, second_job = submit_job(farm, hold=True), submit_job(farm, "s", hold=True)
     for number in (first_job, second_job):
         farm.controller.on_plan(number, make_stored_plan(number, state, plates=4))
     timeline_alone = describe_job_timeline(farm, state, second_job)
@@ -362,11 +362,11 @@ def test_timeline_of_a_job_waits_for_the_plates_of_jobs_before_it(farm, state):
 
 def test_tasks_name_the_approval_and_the_short_reel(farm, state, monkeypatch):
     monkeypatch.setattr(printer_commands, "complete_section", lambda section, fleet_options: section)
-    first_job = submit(farm, hold=True)
+    first_job = submit_job(farm, hold=True)
     farm.controller.on_plan(first_job, make_stored_plan(first_job, state))
     for name in "ab":
         asyncio.run(farm.printers.load_reel(name, LoadRequest(grams=4.0), "ann"))
-    second_job = submit(farm, "s")
+    second_job = submit_job(farm, "s")
     farm.controller.on_plan(second_job, make_stored_plan(second_job, state, plates=1))
     context = farm.view_context(state)
     assert [(item.code, item.text) for item in list_tasks(context)] == [

@@ -40,10 +40,10 @@ def daemon(tmp_path):
     )
     shutdowns = []
 
-    async def down(now):
+    async def shut_down(now):
         shutdowns.append(now)
 
-    services = Services(controller, state, tmp_path / "fleet.yaml", SameProcess(), down)
+    services = Services(controller, state, tmp_path / "fleet.yaml", SameProcess(), shut_down)
     app = make_app(services, DryRuns(controller))
     app.state.inspections = services.inspections
     app.state.controller, app.state.shutdowns, app.state.folder = controller, shutdowns, state
@@ -65,15 +65,15 @@ def make_stl():
     return file.getvalue()
 
 
-def submit(app, content, **params):
+def submit_model(app, content, **params):
     facts = {"request_id": "r" * 8, "name": "box.stl", "size": len(content)}
     return send_request(app, "POST", "/jobs", params={**facts, **params}, content=content)
 
 
 def test_own_gcode_is_submitted_like_a_model(daemon):
     content = ("\n".join(make_marlin()) + "\n").encode()
-    assert submit(daemon, content, name="tower.gcode").json() == {"job": 1, "again": False}
-    assert submit(daemon, content, name="tower.gcode").json() == {"job": 1, "again": True}
+    assert submit_model(daemon, content, name="tower.gcode").json() == {"job": 1, "again": False}
+    assert submit_model(daemon, content, name="tower.gcode").json() == {"job": 1, "again": True}
     job = daemon.state.controller.books.jobs[1]
     assert (daemon.state.folder.files / job.model_file).read_bytes() == content
     assert (job.name, job.own_gcode.min_mm) == ("tower.gcode", pytest.approx((-11.5, -11.5, 0.2)))
@@ -90,20 +90,22 @@ def test_own_gcode_is_submitted_like_a_model(daemon):
     ],
 )
 def test_unprintable_own_gcode_is_refused_with_its_name(daemon, name, options, code):
-    answer = submit(daemon, ("\n".join(make_marlin()) + "\n").encode(), name=name, options=options).json()
+    answer = submit_model(
+        daemon, ("\n".join(make_marlin()) + "\n").encode(), name=name, options=options
+    ).json()
     assert answer["code"] == code
     assert daemon.state.controller.books.jobs == {}
 
 
 def test_repeated_submission_is_one_job(daemon):
-    assert submit(daemon, make_stl()).json() == {"job": 1, "again": False}
-    assert submit(daemon, make_stl()).json() == {"job": 1, "again": True}
+    assert submit_model(daemon, make_stl()).json() == {"job": 1, "again": False}
+    assert submit_model(daemon, make_stl()).json() == {"job": 1, "again": True}
     assert len(daemon.state.controller.books.jobs) == 1
 
 
 @pytest.mark.parametrize("size", [0, 10, 10_000_000])
 def test_truncated_upload_creates_no_job_and_no_file(daemon, size):
-    answer = submit(daemon, make_stl(), size=size)
+    answer = submit_model(daemon, make_stl(), size=size)
     assert answer.status_code == 409
     assert answer.json()["exit_code"] == 5
     assert "submit it again" in answer.json()["error"]
@@ -154,10 +156,10 @@ def test_upload_beyond_the_quota_is_refused_before_it_is_sent(daemon, monkeypatc
     assert not chunks
     usage = shutil.disk_usage(daemon.state.folder.root)
     monkeypatch.setattr("shutil.disk_usage", lambda _: usage._replace(free=500_000_500))
-    assert "free_gb" in submit(daemon, make_stl()).json()["error"]
+    assert "free_gb" in submit_model(daemon, make_stl()).json()["error"]
     assert not daemon.state.controller.books.jobs
     monkeypatch.setattr("shutil.disk_usage", lambda _: usage._replace(free=501_000_000))
-    assert submit(daemon, make_stl()).status_code == 200
+    assert submit_model(daemon, make_stl()).status_code == 200
 
 
 def test_incomplete_upload_is_refused_and_leaves_no_file(daemon):
@@ -192,7 +194,7 @@ NAMES = {
 
 @pytest.mark.parametrize("name", NAMES)
 def test_path_in_a_model_name_is_removed(daemon, name):
-    answer = submit(daemon, make_stl(), name=name)
+    answer = submit_model(daemon, make_stl(), name=name)
     assert answer.status_code == 200, answer.text
     folders = {path.parent.name for path in daemon.state.folder.root.rglob("*") if path.is_file()}
     assert folders <= {"state", "files"}
@@ -201,13 +203,13 @@ def test_path_in_a_model_name_is_removed(daemon, name):
 
 @pytest.mark.parametrize("name", ["..", ".", "box", "box." + "\N{SNAKE}" * 150])
 def test_name_without_a_known_suffix_is_refused(daemon, name):
-    answer = submit(daemon, make_stl(), name=name)
+    answer = submit_model(daemon, make_stl(), name=name)
     assert answer.status_code == 400
     assert "not a known kind of model" in answer.json()["error"]
 
 
 def test_unknown_printer_is_refused_at_once(daemon):
-    answer = submit(daemon, make_stl(), options='{"material": "generic_pal"}')
+    answer = submit_model(daemon, make_stl(), options='{"material": "generic_pal"}')
     assert answer.status_code == 409
     assert "no printer of the fleet has generic_pal; there is generic_pla" in answer.json()["error"]
 
@@ -217,7 +219,7 @@ BAD_OPTIONS = ("{", '{"printers": 0}', '{"x": 1}', '{"quality": "nonsense"}', '{
 
 @pytest.mark.parametrize("options", BAD_OPTIONS)
 def test_unknown_options_are_refused(daemon, options):
-    answer = submit(daemon, make_stl(), options=options)
+    answer = submit_model(daemon, make_stl(), options=options)
     assert answer.status_code == 400
     assert answer.json()["exit_code"] == 2
 
@@ -231,7 +233,7 @@ def test_unknown_path_is_not_found(daemon):
 
 
 def test_summary_of_the_farm_leaves_out_the_parts_and_plates_of_jobs(daemon):
-    submit(daemon, make_stl())
+    submit_model(daemon, make_stl())
     status, summary = (send_request(daemon, "GET", path).json() for path in ("/status", "/status/summary"))
     assert summary.keys() == status.keys() | {"waits"}
     (job,), (job_summary,) = status["jobs"], summary["jobs"]
@@ -239,7 +241,7 @@ def test_summary_of_the_farm_leaves_out_the_parts_and_plates_of_jobs(daemon):
 
 
 def test_status_has_the_documented_fields(daemon):
-    submit(daemon, make_stl())
+    submit_model(daemon, make_stl())
     status = send_request(daemon, "GET", "/status").json()
     names = {"schema", "daemon", "todo", "fleet", "printers", "jobs", "night", "cluster"}
     assert status.keys() == names
@@ -274,7 +276,7 @@ def test_status_has_the_documented_fields(daemon):
 
 
 def test_shutdown_is_refused_during_planning(daemon):
-    submit(daemon, make_stl())
+    submit_model(daemon, make_stl())
     assert daemon.state.controller.books.jobs[1].state == "planning"
     answer = send_request(daemon, "POST", "/down", json={})
     assert (answer.status_code, answer.json()["exit_code"]) == (409, 5)
@@ -296,7 +298,7 @@ def test_shutdown_is_refused_during_planning(daemon):
     ],
 )
 def test_request_for_too_many_printers_is_reported(daemon, options, notices):
-    assert submit(daemon, make_stl(), options=options).json().get("notices") == notices
+    assert submit_model(daemon, make_stl(), options=options).json().get("notices") == notices
 
 
 def test_shutdown_is_refused_during_an_inspection(daemon):
@@ -319,7 +321,7 @@ def test_routes_reach_the_commands(daemon):
     printer = send_request(daemon, "GET", "/status").json()["printers"][0]
     assert (printer["state"], printer["maintenance"]) == ("maintenance", "a [2J new belt")
     assert send_request(daemon, "POST", "/printers/a/maintained", json=body_fields).status_code == 200
-    submit(daemon, make_stl())
+    submit_model(daemon, make_stl())
     assert send_request(daemon, "POST", "/jobs/1/pause").status_code == 200
     assert send_request(daemon, "GET", "/jobs/1").json()["job"]["paused"]
     assert send_request(daemon, "POST", "/jobs/1/resume").status_code == 200

@@ -45,11 +45,11 @@ def build_app(folder, **fleet):
         AgentSnapshot(printer="a", link=Link.READY, bed_clear=True, filament=FilamentState.PARKED)
     )
 
-    async def down(now):
+    async def shut_down(now):
         pass
 
     return make_app(
-        Services(controller, state, folder / "fleet.yaml", AcceptAll(), down), DryRuns(controller)
+        Services(controller, state, folder / "fleet.yaml", AcceptAll(), shut_down), DryRuns(controller)
     )
 
 

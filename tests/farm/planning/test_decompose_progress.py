@@ -41,7 +41,7 @@ def test_progress_is_reported_to_the_listener_of_its_context_only():
     assert reports == [0.5]
 
 
-def test_planner_shows_what_the_worker_of_a_decomposition_reports(tmp_path, monkeypatch):
+def test_planner_shows_the_progress_that_a_decomposition_reports(tmp_path, monkeypatch):
     """Run a worker that decomposes until its progress of one half has been shown."""
     monkeypatch.setattr(plan_builder, "_POLL_S", 0.0)
     shown_progress, half_shown = [], asyncio.Event()

@@ -32,7 +32,7 @@ def test_beds_and_clips_equal_those_of_cura(resources, model):
     assert {(c.min_x_mm, c.min_y_mm, c.max_x_mm, c.max_y_mm) for c in profile.clips} == areas
 
 
-def test_printer_without_a_heated_bed_is_only_sliced_for(resources):
+def test_only_printers_with_a_heated_bed_have_a_driver_profile(resources):
     heated_models = {
         model for model in BEDS if resources.read_machine(model).settings["machine_heated_bed"].default
     }

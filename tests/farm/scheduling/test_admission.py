@@ -81,7 +81,7 @@ def test_excess_parts_are_planned_for_busy_printers_then_in_rounds():
     assert choose_order(ANY_PRINTER, None, 5, fleet, frozenset(), True) == PlanOrder(("a", "c"), rounds=3)
 
 
-def test_job_is_planned_though_no_printer_is_free():
+def test_job_is_planned_although_no_printer_is_free():
     busy_printer, full_printer = make_printer("c", booked=True), make_printer("b", bed=Bed.NOT_CLEAR)
     broken_printer = make_printer("a", attention_reason="it smokes")
     assert choose_order(

@@ -64,7 +64,7 @@ def test_length_of_a_night_changes_with_daylight_saving():
     assert lengths == [7, 9, 8]
 
 
-def test_window_edges_in_skipped_or_repeated_make_hours():
+def test_window_edges_in_skipped_or_repeated_hours_are_resolved():
     skipped_span = make_hours("01:30-04:00").find_span(parse_time("2026-03-29 03:00"))
     assert skipped_span == (parse_time("2026-03-29 02:30"), parse_time("2026-03-29 04:00"))
     repeated_span = make_hours("00:30-01:30").find_span(parse_time("2026-10-25 01:10", fold=1))

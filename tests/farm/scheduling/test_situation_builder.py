@@ -84,7 +84,7 @@ def test_cached_description_equals_a_new_one(steps, is_absent):
         is_absent = not is_absent
 
 
-def test_printer_with_an_unverified_dead_man_timer_prints_only_attended():
+def test_printer_with_an_unverified_dead_man_timer_prints_only_in_attended_hours():
     real_section = PrinterSection(name="a", model="creality_ender3", port="/dev/ttyUSB0")
     simulated_section = real_section.model_copy(update={"port": "sim://creality_ender3"})
     plus_section = real_section.model_copy(update={"model": "ultimaker2_plus"})

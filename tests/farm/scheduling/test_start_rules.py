@@ -110,7 +110,7 @@ def test_forbidden_starts_are_refused(waiting_plates, fleet, start_rules, now_s,
 
 
 @given(plates, fleets, rule_sets, times_s)
-def test_every_time_in_the_sentence_of_a_hold_is_data_too(waiting_plates, fleet, start_rules, now_s):
+def test_every_time_in_the_text_of_a_hold_is_also_a_field(waiting_plates, fleet, start_rules, now_s):
     _, holds = assign_with_holds(waiting_plates, fleet, start_rules, now_s)
     now = datetime.fromtimestamp(now_s, UTC)
     for hold in holds.values():
@@ -280,7 +280,7 @@ def test_short_reel_is_named_in_addition_to_another_hold():
     assert hold.text.startswith("needs white: b has 10 g") and hold.reel.text == "b has 10 g, 1/01 needs 25 g"
 
 
-def test_margin_is_kept_to_quiet_hours():
+def test_plate_ends_with_a_margin_before_quiet_hours():
     start_rules = make_rules(quiet=["22:00-06:00"])
     assert (
         find_printer(

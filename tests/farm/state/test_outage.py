@@ -59,7 +59,7 @@ def test_outage_window_covers_reporting_delays_on_a_fast_clock():
 @pytest.mark.parametrize(
     "second_failure", [make_loss_event("b", 111.0), make_loss_event("b", 101.0, fault="maxtemp")]
 )
-def test_failure_counts_as_an_attempt(second_failure):
+def test_failures_that_are_no_outage_count_as_attempts(second_failure):
     books, _ = apply_events(
         make_printing_books(), *make_assigned_events(*TWO_PLATES), make_loss_event("a", 100.0), second_failure
     )

@@ -97,7 +97,7 @@ def test_print_failed_by_a_person_is_repeated(end):
         assert books.printers["a"].attention_reason == "a blob"
 
 
-def test_fault_while_a_print_is_ended_by_a_person_is_no_attempt():
+def test_fault_while_a_print_is_ended_by_a_person_is_not_charged():
     requested_event = ev.PrintFailRequested(at_s=50.0, print_id="x", why="a blob", by="ann")
     hot_event = make_end_event("x", PrintState.FAILED, fault="heater_stuck_on", reason="it does not cool")
     books, _ = apply_events(
@@ -118,7 +118,7 @@ def test_plate_without_attempts_does_not_block_others():
     assert "1/01 failed 3 times, last on a: no heat" in books.jobs[1].reason
 
 
-def test_reprint_of_failed_cancelled_and_good_parts():
+def test_failed_cancelled_and_good_parts_can_be_reprinted():
     repeated_event = ev.ReprintRequested(at_s=400.0, plate="1/01", why="it broke", by="ann")
     for books in (
         make_failed_books(make_printing_books(plates=1), MAX_ATTEMPTS),

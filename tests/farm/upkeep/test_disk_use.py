@@ -38,18 +38,18 @@ def test_task_names_a_disk_that_fills_within_two_nights(tmp_path, monkeypatch):
         (state.files / f"{number}.gcode").write_bytes(b"x" * 10**6)
     upkeep = Upkeep(farm.controller, farm.store, state, None)
 
-    def list_todo(free_bytes):
+    def list_task_texts(free_bytes):
         monkeypatch.setattr(shutil, "disk_usage", lambda _: Usage(10**12, 0, free_bytes))
         asyncio.run(upkeep.measure())
         return [task.text for task in list_tasks(farm.view_context(state)) if task.code == "farm"]
 
     with farm.store:
-        assert list_todo(10**9) == []  # 4 MB a day, half a GB is left free
-        (text,) = list_todo(507 * 10**6)
+        assert list_task_texts(10**9) == []  # 4 MB a day, half a GB is left free
+        (text,) = list_task_texts(507 * 10**6)
         assert "is full in about two nights" in text and "`farm prune`" in text
-        (text,) = list_todo(4 * 10**8)
+        (text,) = list_task_texts(4 * 10**8)
         assert "is full now" in text
-        assert list_todo(10**9) == []
+        assert list_task_texts(10**9) == []
 
 
 def test_stored_bytes_per_day_follow_the_time_scale(tmp_path):

@@ -8,7 +8,7 @@ from farm.paths import StateFolder
 from farm.views import list_tasks
 
 
-def test_outdated_agent_is_a_task_to_replace_it(tmp_path: Path):
+def test_outdated_agent_is_a_task_until_it_is_replaced(tmp_path: Path):
     state = StateFolder(tmp_path / "state")
     state.make()
     farm = Farm(tmp_path)

@@ -212,7 +212,7 @@ def test_link_is_for_the_user_whom_the_kernel_identifies(tmp_path, group, person
     farm.store.close()
 
 
-def test_operators_alone_end_all_sessions(tmp_path):
+def test_only_operators_end_all_sessions(tmp_path):
     farm = NetworkFarm(tmp_path, fleet={"operators": grp.getgrgid(os.getgid()).gr_name})
     text = farm.open_session()
     assert post_to_socket(farm, NON_MEMBER, "/sessions/end").status_code == 409
@@ -231,7 +231,7 @@ def test_session_in_use_is_extended_and_its_last_use_is_known(farm):
     assert farm.services.key_uses_s[session.id] == farm.clock.now_s
 
 
-def test_session_is_served_though_its_extension_cannot_be_written(farm, monkeypatch):
+def test_session_is_served_although_its_extension_cannot_be_written(farm, monkeypatch):
     def fail(*_):
         raise StoreError("the disk is full")
 

@@ -23,7 +23,7 @@ class FakeDaemon:
         return api.StatusSummary.model_construct(todo=[hours, clear])
 
 
-def test_print_resumed_too_late_is_a_warning(monkeypatch: pytest.MonkeyPatch):
+def test_print_resumed_too_late_gets_a_warning(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(operate, "connect", FakeDaemon)
     output = CliRunner().invoke(app, ["resume", "a"]).stdout.splitlines()
     assert output == ["a: resumed", "a needs until Fri 19:00"]

@@ -51,7 +51,7 @@ def test_link_by_https_has_no_warning(monkeypatch):
     assert "not encrypted" not in run().stderr
 
 
-def test_link_and_number_of_ended_sessions_as_json():
+def test_link_and_number_of_ended_sessions_are_printed_as_json():
     assert json.loads(run("--json").stdout)["url"] == URL
     assert json.loads(run("--end-all", "--json").stdout) == {"schema": 1, "ended": 2}
     assert run("--end-all").stdout == "2 sessions ended\n"

@@ -15,7 +15,7 @@ from farm.state.books import Books
 from farm.views import list_history, select_shown_jobs
 
 
-def render(view, width=120):
+def render_page(view, width=120):
     screen = open_console()
     screen.width, screen.file, screen.record = width, io.StringIO(), True
     screen.print(render_status(summarise(view), width))
@@ -23,7 +23,7 @@ def render(view, width=120):
 
 
 def test_page_begins_with_the_tasks():
-    lines = render(make_status(make_night_books()))
+    lines = render_page(make_status(make_night_books()))
     assert lines[1] == "DO NOW   clear 3 beds: um2-01..03     inspect: um2-04: it does not get warm (00:00)"
     assert lines[2].startswith("NIGHT    3 of 5 plates printed, 1 failed, 1 still printing; 9 g + 1 g wasted")
     assert lines[3].startswith("JOB 1    bracket.stl: printed 3/5, good 0/3; expected 100 s, now ")
@@ -36,14 +36,14 @@ def test_row_of_a_free_printer_shows_its_reservation():
     view = make_status(make_night_books())
     reserved_printer = view.printers[1].model_copy(update={"hold": None, "kept_for": "6/03"})
     printers = [*view.printers[:1], reserved_printer, *view.printers[2:]]
-    lines = render(view.model_copy(update={"printers": printers}), width=160)
+    lines = render_page(view.model_copy(update={"printers": printers}), width=160)
     assert next(line for line in lines if line.endswith("kept for 6/03")).startswith("um2-02")
 
 
 def test_manually_used_printer_needs_an_inspection_with_its_time():
     bed_event = ev.BedBecameUnknown(at_s=6.5 * 3600.0, printer="um2-03", reason="used at its LCD")
     books, _ = apply_events(make_night_books(), bed_event)
-    lines = render(make_status(books))
+    lines = render_page(make_status(books))
     assert lines[1].startswith(
         "DO NOW   clear 2 beds: um2-01..02     inspect: um2-03: used at its LCD (06:30), um2-04:"
     )
@@ -53,7 +53,7 @@ def test_text_of_users_is_not_interpreted():
     maintenance = ev.MaintenanceStarted(at_s=1.0, printer="um2-03", why="[/b] new [belt]", by="ann")
     books, _ = apply_events(make_night_books(), maintenance)
     assert any(
-        line.endswith("maintenance --done ([/b] new [belt])") for line in render(make_status(books), 200)
+        line.endswith("maintenance --done ([/b] new [belt])") for line in render_page(make_status(books), 200)
     )
 
 
@@ -62,12 +62,14 @@ def test_unstarted_job_shows_known_figures_only():
     printers = (ev.PrinterAdded(at_s=0.0, printer=name, bed=Bed.CLEAR) for name in PRINTERS)
     held_plan = make_plan_event(1, 1).model_copy(update={"held": True, "plan": "abc"})
     books, _ = apply_events(Books(), *printers, *events, held_plan)
-    lines = render(make_status(books), width=200)
+    lines = render_page(make_status(books), width=200)
     assert lines[1] == "DO NOW   approve: job 1 (1 part, 3 g)"
     assert lines[2].startswith("JOB 1    bracket.stl: held, printed 0/1; expected 100 s; held until")
     assert lines[2].endswith("held until `farm approve 1`")
     books, _ = apply_events(books, ev.JobCancelled(at_s=1.0, job=1))
-    assert render(make_status(books))[-1] == "JOB 1    bracket.stl: cancelled, printed 0/1; expected 100 s"
+    assert (
+        render_page(make_status(books))[-1] == "JOB 1    bracket.stl: cancelled, printed 0/1; expected 100 s"
+    )
 
 
 def test_night_with_cancelled_prints_only_is_described():
@@ -81,7 +83,7 @@ def test_printer_in_maintenance_shows_its_reason():
     books, _ = apply_events(
         make_night_books(), ev.MaintenanceStarted(at_s=300.0, printer="um2-01", why="belt", by="ann")
     )
-    (row,) = (line for line in render(make_status(books)) if line.startswith("um2-01"))
+    (row,) = (line for line in render_page(make_status(books)) if line.startswith("um2-01"))
     assert row.endswith("maintenance --done (belt)")
 
 
@@ -92,7 +94,7 @@ def test_absent_printer_is_a_task_but_not_a_connecting_one(link, text):
         make_status(make_night_books()).printers[0].model_copy(update={"state": link, "hold": hold})
     )
     view = make_status(make_night_books()).model_copy(update={"printers": [printer_view]})
-    assert render(view)[-1].endswith(text)
+    assert render_page(view)[-1].endswith(text)
 
 
 def test_verdict_on_a_part_is_shown():
@@ -115,7 +117,7 @@ def test_verdict_on_a_part_is_shown():
 
 
 def test_tasks_share_a_line_only_if_they_fit():
-    narrow_lines = render(make_status(make_night_books()), width=60)
+    narrow_lines = render_page(make_status(make_night_books()), width=60)
     assert narrow_lines[1:3] == [
         "DO NOW   clear 3 beds: um2-01..03",
         "         inspect: um2-04: it does not get warm (00:00)",
@@ -123,7 +125,7 @@ def test_tasks_share_a_line_only_if_they_fit():
     books, _ = apply_events(
         Books(), *(ev.PrinterAdded(at_s=0.0, printer=name, bed=Bed.CLEAR) for name in PRINTERS)
     )
-    assert render(make_status(books))[1] == "DO NOW   nothing"
+    assert render_page(make_status(books))[1] == "DO NOW   nothing"
 
 
 @pytest.mark.parametrize(
@@ -158,5 +160,5 @@ def test_dry_run_is_on_the_page_only_while_planned():
 def test_stuck_heater_is_the_first_task():
     view = make_status(make_night_books())
     alarm = api.Todo(code="alarm", printers=["um2-05"], text="go to um2-05 now: it burns")
-    lines = render(view.model_copy(update={"todo": [alarm, *view.todo]}))
+    lines = render_page(view.model_copy(update={"todo": [alarm, *view.todo]}))
     assert lines[1].startswith("DO NOW   go to um2-05 now: it burns")

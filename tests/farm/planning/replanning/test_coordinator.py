@@ -98,7 +98,7 @@ def test_pieces_that_cannot_be_stored_are_planned_again(tmp_path):
     assert list_started_plates(farm) == {"b": "1/01a", "c": "1/01b", "d": "1/01c"}
 
 
-def test_part_that_is_not_sooner_in_pieces_stays_whole(tmp_path):
+def test_part_that_would_end_no_sooner_in_pieces_stays_whole(tmp_path):
     for name, result in {
         "slow": lambda farm: make_recut(farm, "1/01", 9.0, "bcd"),
         "failed": lambda farm: FarmError("too thin"),

@@ -83,7 +83,7 @@ def make_long_plate(books, factor):
     return books
 
 
-def print_plates(state=PrintState.DONE, planned_factor=1.0, elapsed_s=1.1 * HOUR_S + 100.0):
+def make_printed_books(state=PrintState.DONE, planned_factor=1.0, elapsed_s=1.1 * HOUR_S + 100.0):
     return apply_events(
         make_long_plate(make_printing_books(plates=2), planned_factor),
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
@@ -93,14 +93,14 @@ def print_plates(state=PrintState.DONE, planned_factor=1.0, elapsed_s=1.1 * HOUR
 
 @pytest.mark.parametrize("planned_factor", [1.0, 0.9])
 def test_time_factor_learns_from_a_completed_print(planned_factor):
-    books = print_plates(planned_factor=planned_factor)
+    books = make_printed_books(planned_factor=planned_factor)
     assert books.printers["a"].time_factor == pytest.approx(1.025)
     assert books.printers["b"].time_factor == 1.0
     assert books.plates["1/01"].compute_expected_s(TimeFactors(1.2)) == pytest.approx(1.2 * HOUR_S + 100.0)
 
 
 def test_failed_print_does_not_update_the_factor():
-    books = print_plates(PrintState.FAILED)
+    books = make_printed_books(PrintState.FAILED)
     assert books.printers["a"].bed is Bed.NOT_CLEAR
     assert books.printers["a"].time_factor == 1.0
 

@@ -234,11 +234,11 @@ def test_unreadable_backup_is_discarded(state, monkeypatch):
     back_up(state, FIRST_BACKUP_S)
     copy_books = backups.copy_books
 
-    def garble(source, target, now_s):
+    def damage_copy(source, target, now_s):
         copy_books(source, target, now_s)
         target.write_bytes(target.read_bytes()[:-4096] + b"x" * 4096)
 
-    monkeypatch.setattr(backups, "copy_books", garble)
+    monkeypatch.setattr(backups, "copy_books", damage_copy)
     with pytest.raises(StoreError):
         back_up(state, FIRST_BACKUP_S + DAY_S)
     assert [parse_backup_time_s(result) for result in list_backups(state)] == [FIRST_BACKUP_S]

@@ -69,6 +69,6 @@ def test_groups_add_up_to_the_total_and_every_print_is_counted_once(prints):
         assert sum(getattr(row, name) for row in groups) == pytest.approx(getattr(total, name))
 
 
-def test_month_is_that_of_the_zone():
+def test_month_of_a_print_is_in_the_time_zone_of_the_fleet():
     assert name_month(make_attempt(duration_s=0.0), UTC) == "1970-01"
     assert name_month(make_attempt(PrintState.PRINTING), UTC) == ""

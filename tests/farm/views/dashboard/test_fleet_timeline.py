@@ -92,7 +92,7 @@ def test_job_that_is_moved_to_the_front_ends_earlier_and_delays_the_others():
     assert next(row.part for row in describe_timeline(books).table if row.kind == "planned") == "1/p02"
 
 
-def test_later_start_delays_the_job_alone():
+def test_later_start_delays_only_that_job():
     change = Change(2, not_before_s=NOW_S + 20_000.0)
     view = describe_timeline(make_night_books(), change)
     delay_s = {shift.job: shift.delay_s for shift in view.shifts}
@@ -101,7 +101,7 @@ def test_later_start_delays_the_job_alone():
     assert delay_s[1] == 0.0
 
 
-def test_held_job_is_tried_as_if_it_was_approved():
+def test_held_job_is_forecast_as_if_it_were_approved():
     books = make_night_books()
     held_books = add_planned_job(books, 4, 1, is_held=True)
     assert held_books.jobs[4].state == "held"

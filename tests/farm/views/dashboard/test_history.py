@@ -32,12 +32,12 @@ def make_books_of_ten_days():
     )
 
 
-def describe_filtered(**filters):
+def describe_filtered_history(**filters):
     return describe_history(make_context(make_books_of_ten_days(), NOW_S), HistoryFilter(**filters))
 
 
 def test_history_has_figures_jobs_and_prints():
-    view = describe_filtered()
+    view = describe_filtered_history()
     assert (view.total.prints, view.total.good, view.total.failed) == (4, 2, 2)
     assert [(group.name, group.prints) for group in view.by_printer] == [("a", 2), ("b", 1), ("c", 1)]
     assert [group.name for group in view.by_material] == ["PLA"]
@@ -55,7 +55,7 @@ def test_history_has_figures_jobs_and_prints():
     [({"days": 1}, 2), ({"printer": "a"}, 2), ({"job": 2}, 2), ({"days": 1, "printer": "a"}, 1)],
 )
 def test_prints_are_filtered(filters, prints):
-    view = describe_filtered(**filters)
+    view = describe_filtered_history(**filters)
     assert (view.total.prints, len(view.rows)) == (prints, prints)
 
 

@@ -35,7 +35,7 @@ def make_context(books, cache, now_s, holds):
     return ViewContext(FLEET, books, {}, StateFolder(Path("/state")), now_s, plate_holds=copies, jobs=cache)
 
 
-def describe_all(books, cache, now_s, holds):
+def describe_all_jobs(books, cache, now_s, holds):
     return describe_jobs(make_context(books, cache, now_s, holds), books.jobs.values())
 
 
@@ -78,8 +78,8 @@ def test_a_cached_view_equals_a_fresh_one(steps_and_holds):
     books, cache = make_printing_books(plates=2), JobCache()
     for now_s, (step, holds) in enumerate(steps_and_holds, 10):
         books = books if step is None else change_books(books, step)
-        views = describe_all(books, cache, now_s, holds)
-        assert views == describe_all(books, JobCache(), now_s, holds)
+        views = describe_all_jobs(books, cache, now_s, holds)
+        assert views == describe_all_jobs(books, JobCache(), now_s, holds)
         context, jobs = make_context(books, cache, now_s, holds), books.jobs.values()
         for summary, view in zip(summarise_jobs(context, jobs), views, strict=True):
             assert summary.plate_count == len(view.plates)
@@ -90,8 +90,8 @@ def test_a_cached_view_equals_a_fresh_one(steps_and_holds):
 
 def test_unchanged_parts_and_plates_are_not_described_again():
     books, cache = make_printing_books(plates=2), JobCache()
-    (first,) = describe_all(books, cache, 10.0, dict.fromkeys(PLATES, HOLDS[0]))
-    (second,) = describe_all(books, cache, 11.0, {PLATES[0]: HOLDS[0], PLATES[1]: HOLDS[1]})
+    (first,) = describe_all_jobs(books, cache, 10.0, dict.fromkeys(PLATES, HOLDS[0]))
+    (second,) = describe_all_jobs(books, cache, 11.0, {PLATES[0]: HOLDS[0], PLATES[1]: HOLDS[1]})
     assert all(map(lambda old, new: old is new, first.parts, second.parts))
     assert first.plates[0] is second.plates[0] and first.plates[1].hold == HOLDS[0]
     assert second.plates[1].hold == HOLDS[1]

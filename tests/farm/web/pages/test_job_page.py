@@ -45,7 +45,7 @@ def list_rows(data, role=Role.OPERATE):
     return {row.name: row for row in list_part_rows(data.job, data.printers, {}, role)}
 
 
-def render(data, role=Role.OPERATE):
+def render_page(data, role=Role.OPERATE):
     return render_job_page(data, FARM, Reader("ann", role))
 
 
@@ -89,7 +89,7 @@ def test_row_has_the_printer_and_the_end_of_the_forecast():
 
 def test_times_of_a_job_are_elements_that_a_script_shows_in_the_zone_of_the_reader():
     data = make_data(make_night_books(), eta="1970-01-01T09:00:00+00:00")
-    page = render(data)
+    page = render_page(data)
     assert 'printed, ends <time datetime="1970-01-01T09:00:00+00:00">Thu 09:00</time>, in 2h00.' in page
     assert f'<dt>Submitted</dt><dd><time datetime="{data.job.submitted}">' in page
 
@@ -98,7 +98,7 @@ def test_reasons_mark_commands_and_omit_the_last_one_which_has_a_button():
     data = make_data(make_night_books())
     hold = Hold(code=HoldCode.PRINTER_BUSY, text="load `a reel`, then `farm load um2-01`")
     plates = [data.job.plates[0].model_copy(update={"hold": hold}), *data.job.plates[1:]]
-    page = render(replace(data, job=data.job.model_copy(update={"plates": plates})))
+    page = render_page(replace(data, job=data.job.model_copy(update={"plates": plates})))
     assert page.count("load <code>a reel</code><") == 2  # of the job, and of the part
     assert "`" not in page
 
@@ -135,16 +135,16 @@ def test_part_is_shown_only_on_the_bed_of_its_last_print():
 
 
 def test_reader_who_only_looks_has_no_buttons():
-    page = render(make_data(make_night_books()), Role.LOOK)
+    page = render_page(make_data(make_night_books()), Role.LOOK)
     assert list_paths(page) == set()
     assert "Commands for" not in page
 
 
 def test_printing_job_is_paused_or_resumed_and_cancelling_needs_a_second_click():
-    page = render(make_data(make_night_books()))
+    page = render_page(make_data(make_night_books()))
     assert {"/jobs/1/pause", "/jobs/1/cancel", "/jobs/1/parts/p05/pause"} <= list_paths(page)
     assert re.search(r"<details><summary>Cancel job 1…</summary><form[^>]*action=\"/jobs/1/cancel\"", page)
-    assert "/jobs/1/resume" in list_paths(render(make_data(make_night_books(), paused=True)))
+    assert "/jobs/1/resume" in list_paths(render_page(make_data(make_night_books(), paused=True)))
 
 
 def test_dry_run_offers_print_keep_discard_and_its_curve():
@@ -164,7 +164,7 @@ def test_dry_run_offers_print_keep_discard_and_its_curve():
         price=None,
         currency=None,
     )
-    page = render(replace(data, timeline=timeline, curve_job=7))
+    page = render_page(replace(data, timeline=timeline, curve_job=7))
     assert list_paths(page) == {"/jobs/1/release", "/jobs/1/keep", "/jobs/1/cancel", "/jobs/1/replan"}
     assert '<input type="hidden" name="plan" value="abc">' in page
     assert '<input type="hidden" name="curve" value="7">' in page
@@ -207,7 +207,7 @@ def test_dry_run_offers_print_keep_discard_and_its_curve():
 def test_first_sentence_describes_the_progress_of_the_job(changes, text):
     data = make_data(make_night_books(), **changes)
     assert summarise_job(data.job, None) == text
-    assert f"</span> {text}</p>" in render(data)
+    assert f"</span> {text}</p>" in render_page(data)
 
 
 def test_plates_that_wait_for_the_same_reason_are_named_together():
@@ -216,7 +216,7 @@ def test_plates_that_wait_for_the_same_reason_are_named_together():
     plates = [plate.model_copy(update={"hold": hold}) for plate in data.job.plates[:3]] + data.job.plates[3:]
     job = data.job.model_copy(update={"plates": plates})
     assert list_reasons(job) == [Sentence("1/01..03: its printers are busy", TIMES)]
-    assert "its printers are busy" in render(replace(data, job=job))
+    assert "its printers are busy" in render_page(replace(data, job=job))
 
 
 def test_plates_that_no_printer_can_take_are_named():
@@ -242,7 +242,7 @@ def test_plates_that_no_printer_can_take_are_named():
 
 
 def test_assembly_shows_steps_joints_and_parts_without_an_order():
-    page = render(replace(make_data(make_night_books()), files=("instructions.html",)))
+    page = render_page(replace(make_data(make_night_books()), files=("instructions.html",)))
     assert "Glue p02 to p01, p03; the faces slide along each other" in page
     assert "No order is known in which p04, p05 can be assembled." in page
     assert "4.5 cm²" in page
@@ -263,13 +263,13 @@ def test_files_are_grouped_and_linked_as_downloads():
         "G-code": ["plate-01.gcode"],
         "Pictures": ["print-a-end.jpg"],
     }
-    assert 'href="/api/v1/jobs/1/files/p01.stl" download' in render(
+    assert 'href="/api/v1/jobs/1/files/p01.stl" download' in render_page(
         replace(make_data(make_night_books()), files=names)
     )
 
 
 def test_text_of_users_is_escaped():
-    page = render(make_data(make_night_books(), name="<script>x</script>", repairs=["<b>hole</b>"]))
+    page = render_page(make_data(make_night_books(), name="<script>x</script>", repairs=["<b>hole</b>"]))
     assert "<script>x" not in page
     assert "&lt;script&gt;x" in page
     assert "&lt;b&gt;hole" in page
@@ -283,20 +283,20 @@ def test_own_gcode_is_shown_with_size_layers_and_time():
     assert list_gcode_figures(job, books.plates_of(job)) == figures
     assert list_gcode_figures(job, ()) == figures[:1]
     assert list_gcode_figures(books.job(1), books.plates_of(job)) == []
-    page = render(replace(make_data(books), gcode=figures))
+    page = render_page(replace(make_data(books), gcode=figures))
     assert "<dt>Layers</dt><dd>10</dd>" in page
 
 
 def test_gluing_is_asked_only_about_a_model_that_was_cut():
     data, path = make_data(make_night_books(), state=JobState.PRINTED), "/jobs/1/assembled"
-    assert path in list_paths(render(data))
+    assert path in list_paths(render_page(data))
     copies = [part.model_copy(update={"copy_number": n}) for n, part in enumerate(data.job.parts, 1)]
     whole_data = replace(data, job=data.job.model_copy(update={"parts": copies}))
-    assert path not in list_paths(render(whole_data))
+    assert path not in list_paths(render_page(whole_data))
 
 
 def test_printers_stay_in_view_beside_the_timeline():
-    page = render(make_data(make_night_books()))
+    page = render_page(make_data(make_night_books()))
     names, _, bars = page.partition('class="gantt names"')[2].partition('class="wide"')
     assert re.findall(r">(um2-\d+)<title", names) == [f"um2-0{n}" for n in range(1, 6)]
     assert not re.findall(r">um2-\d+</text>", bars.partition("</svg>")[0])
@@ -308,7 +308,7 @@ def test_reason_of_a_failed_part_is_shown_before_warnings_of_its_slice():
     warned_data = replace(data, job=data.job.model_copy(update={"plates": warned_plates}))
     failed_row = list_rows(warned_data)["p04"]
     assert (failed_row.why.text, failed_row.warnings) == ("it does not get warm", ["thin", "tall"])
-    page = render(warned_data)
+    page = render_page(warned_data)
     assert page.index("it does not get warm") < page.index("thin; tall</details>", page.index('id="p04"'))
 
 
@@ -316,7 +316,7 @@ def test_job_that_could_not_be_planned_shows_the_next_step_and_no_empty_figures(
     data = make_data(
         make_night_books(), state=JobState.FAILED, reason="it is not a solid", plates=[], parts=[]
     )
-    page = render(data)
+    page = render_page(data)
     assert "It has failed: it is not a solid. Correct that, then submit it again." in page
     assert "Plates printed" not in page
     assert "Wasted" not in page

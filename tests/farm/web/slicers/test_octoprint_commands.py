@@ -34,7 +34,7 @@ def test_selecting_with_print_releases_a_held_job_before_it_is_planned(farm, key
     assert [name for _, name, _ in farm.store.events()].count("JobReleased") == 1
 
 
-def test_selecting_alone_prints_nothing_and_start_does(farm, key):
+def test_select_alone_prints_nothing_and_start_prints(farm, key):
     farm.upload(key)
     assert select_file(farm, key, "box.gcode").status_code == 204
     assert farm.jobs_by_number[1].options.hold

@@ -86,7 +86,7 @@ def test_refusal_is_plain_text_with_line_and_reason_in_front(make_slicer_farm):
     assert (farm.jobs_by_number, farm.unfinished_uploads) == ({}, [])
 
 
-def test_folder_is_shown_and_not_interpreted(make_slicer_farm):
+def test_folder_of_an_upload_is_shown_and_not_interpreted(make_slicer_farm):
     farm = make_slicer_farm()
     fields = {"path": "/../etc/", "print": "true"}
     answer = farm.ask(
