@@ -1,4 +1,4 @@
-"""The keys under `web` in fleet.yaml: addresses for browsers."""
+"""Keys under `web` in fleet.yaml: addresses for browsers."""
 
 import pytest
 from pydantic import ValidationError

@@ -1,4 +1,4 @@
-"""Several jobs of one evening in real processes: each is planned and answered though no bed is free."""
+"""Several jobs of one evening in real processes: each is planned and answered although no bed is free."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Notices on lost hosts: one for each outage, in whatever order agents and hosts are lost and come back."""
+"""Notices of lost hosts: one for each outage, in whatever order agents and hosts are lost and come back."""
 
 import tempfile
 from collections import Counter

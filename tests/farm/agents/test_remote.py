@@ -196,7 +196,7 @@ def remote_host(
 def test_print_survives_a_network_failure_of_ten_minutes(
     tmp_path: Path, remote_host: Any, monkeypatch: pytest.MonkeyPatch
 ):
-    if isinstance(remote_host, SilentNetwork):  # its ten minutes are five wall seconds
+    if isinstance(remote_host, SilentNetwork):  # ten minutes of the farm are five wall seconds
         monkeypatch.setattr(connection, "_SILENCE_S", 1.5)
         monkeypatch.setattr(connection, "_MAX_WAIT_S", 0.5)
         monkeypatch.setattr(client, "FIRST_MESSAGE_S", 10.0)

@@ -159,7 +159,7 @@ def test_instruction_is_sent_once_and_repeated_by_a_new_daemon(farm, plan, tmp_p
 
 
 def test_unattended_start_is_not_repeated_at_night(farm, plan, tmp_path):
-    """Drop the start of an agent that was disconnected, which would heat while no person is present."""
+    """Drop the start for a disconnected agent, which would heat while no person is present."""
     farm.ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     farm.controller.on_plan(1, plan)
@@ -252,7 +252,7 @@ def test_paused_print_is_a_task_with_its_time_limit(farm, plan):
 
     report_state(PrintState.PRINTING)  # the pause arrived while it was heating
     assert find_last_pause() == pause_instruction
-    assert report_state(PrintState.PAUSED)[1] == []  # it parks
+    assert report_state(PrintState.PAUSED)[1] == []  # it is still parking
     view, (item,) = report_state(PrintState.PAUSED, pause_ends_s=7200.0)
     assert (view.state, view.print.pause_ends) == ("paused", "1970-01-01T02:00:00+00:00")
     assert item.text == "resume a by 01 Jan 1970 02:00, or its print will be ended: `farm resume a`"

@@ -101,7 +101,7 @@ class ForecastSimulation:
                     self.add_step(now_s + after_s, attempt.printer, attempt.id, state, now_s)
 
     def add_step(self, at_s, name, print_id, state, started_s):
-        """Add an action: a state of a print, or a cleared bed if there is none."""
+        """Add an action: a state of a print, or a cleared bed if the state is None."""
         heapq.heappush(self.pending_steps, (at_s, ORDER.index(state), name, print_id, started_s))
 
     def step(self):

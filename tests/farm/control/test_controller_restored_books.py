@@ -152,7 +152,7 @@ def test_open_print_of_a_backup_waits_for_its_agent(tmp_path):
     farm.report("a", make_agent_print("p"))
     farm.report("b")
     assert approve_job(farm).controller.books.jobs[1].state is JobState.PRINTED
-    # It is not awaited if a person has cancelled it.
+    # A print that a person has cancelled is not awaited.
     farm = restore_farm(tmp_path / "other", first_print_id="p")
     farm.jobs.cancel(1, "ann")
     farm.controller.on_snapshot(

@@ -32,7 +32,7 @@ def test_manual_use_makes_bed_and_filament_unknown():
     assert (printer.bed, printer.filament) == (Bed.UNKNOWN, FilamentState.UNKNOWN)
     assert "reset" in printer.attention_reason
     assert list(observe_idle_printer(printer, snapshot, 6.0)) == []
-    # Not even an emulator's make_report replaces the inspection.
+    # Not even an emulator's report replaces the inspection.
     assert (
         list(observe_idle_printer(printer, snapshot.model_copy(update={"bed_unknown_reason": None}), 7.0))
         == []

@@ -214,7 +214,7 @@ def test_old_events_are_deleted_after_the_backup(tmp_path):
 
 
 def test_backup_from_before_a_compaction_is_restored(tmp_path):
-    """Mark the jobs that were pruned since the backup as pruned again; none of its files is missing."""
+    """Mark the jobs that were pruned since the backup as pruned again; no file is missing."""
     state, old_books = fill_state(tmp_path)
     farm, cleanup = open_upkeep(state)
     with farm.store:

@@ -1,4 +1,4 @@
-"""Forms of the pages: what they do, where they lead, and the note that follows."""
+"""Forms of the pages: their effect, their redirect, and the note that follows."""
 
 import json
 

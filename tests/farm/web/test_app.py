@@ -108,7 +108,7 @@ def test_route_answers_each_kind_of_caller_by_its_role(farm, method, path):
     for name, headers, status in callers:
         if status is not None:
             assert ask(headers) == status, name
-            farm.clock.now_s += 60.0  # or ten wrong keys have to wait
+            farm.clock.now_s += 60.0  # otherwise requests would wait after ten wrong keys
     operator_headers = [headers for name, headers, _ in callers if name in ("key operate", "session operate")]
     assert len(operator_headers) == 2
     if method == "POST":

@@ -1,4 +1,4 @@
-"""Random requests to the server for the network: none fails, none does more than its caller may."""
+"""Random requests to the server for the network: no request fails or does more than its caller may."""
 
 import asyncio
 import random

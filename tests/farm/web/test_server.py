@@ -175,7 +175,7 @@ def test_daemon_ends_in_time_with_hanging_clients_and_half_uploads(farm, tmp_pat
 
 
 def is_running(pid):
-    """Check whether a process runs and is no zombie."""
+    """Check whether a process runs and is not a zombie."""
     try:
         stat = Path(f"/proc/{pid}/stat").read_text()
     except FileNotFoundError:

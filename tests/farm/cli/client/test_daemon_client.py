@@ -16,7 +16,7 @@ from farm.model import JobOptions
 
 
 class FakeDaemon(BaseHTTPRequestHandler):
-    """Server that answers with the request, or with a given answer."""
+    """Server that records requests, and sends a given answer."""
 
     protocol_version = "HTTP/1.1"
 

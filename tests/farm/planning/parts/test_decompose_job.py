@@ -97,7 +97,7 @@ def test_first_layer_is_fitted_in_quality_glue_only(bar, files, tmp_path):
     paper_task = replace(glue_task, options=JobOptions(quality="paper"))
     for part in decompose_job(glue_task).parts:
         assert 0.0 <= part.print_options.brim_width_mm <= 8.05
-        # It was cut across, and that face is on the bed.
+        # The bar was cut across, and the cut face is on the bed.
         assert part.print_options.layer_0_expansion_mm == -0.2
     decomposition = decompose_job(paper_task)
     assert {part.print_options for part in decomposition.parts} == {PartPrintOptions()}

@@ -66,7 +66,7 @@ def test_slow_printer_is_busy_longer(bar, files, tmp_path):
     decomposition = decompose_job(task)
     level_job = slice_late(task, decomposition, late_s=0.0)
     printed_s = level_job.parts[0].result.sliced_s
-    # The ratio is that of the layers alone.
+    # The time factor applies to the layers alone.
     assert level_job.busy_s()["p0"] == pytest.approx(level_job.busy_s()["p1"] + 0.5 * printed_s)
 
 

@@ -63,7 +63,7 @@ def test_plate_of_a_bed_full_until_morning_is_resliced():
             {"requirements": Requirements("generic_pla", None, 0.4, box(250.0), PLUS)},
             {"family": UM2},
         ),
-        ({}, {"family": PLUS, "nozzle_mm": 0.25}),  # 25 h on the finer nozzle: the bed is cleared before
+        ({}, {"family": PLUS, "nozzle_mm": 0.25}),  # 25 h on the finer nozzle: the bed is cleared before that
         ({}, {"family": UM2, "unattended": False}),
     ],
 )

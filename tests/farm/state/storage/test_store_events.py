@@ -53,7 +53,7 @@ def test_deleting_events_makes_the_file_smaller(tmp_path):
     path = tmp_path / "farm.db"
     with Store(path) as store:
         record_events(store, *(float(n) for n in range(300)), person="a" * 4000)
-        assert not store.release_space(min_bytes=10**6)  # nothing is unused
+        assert not store.release_space(min_bytes=10**6)  # all space is in use
         while store.delete_events(store.find_last_old_event(0.0, 10)):
             pass
         assert not store.release_space()  # less than 16 MB

@@ -20,7 +20,7 @@ FLEET = Fleet.model_validate(
 
 
 def make_snapshot(alarm: str | None = FINDING, **fields: object) -> AgentSnapshot:
-    """Build a snapshot of the agent of a while its print ends."""
+    """Build a snapshot of the agent of `a` while its print ends."""
     agent_print = AgentPrint(
         print_id="x", state=PrintState.ENDING, fault=None, reason=None, progress_s=1.0, print_time_s=9.0,
         extruded=True, started_s=2.0, ended_s=None,

@@ -12,7 +12,7 @@ STATIC = files("farm.web.pages").joinpath("static")
 
 
 def read_variables(text, is_dark):
-    """Return the variables of the first block, replaced by those of the dark one."""
+    """Return the variables of the light block, with those of the dark block in their place if `is_dark`."""
     light, _, dark = text.partition("@media print")[0].partition(
         "@media screen and (prefers-color-scheme: dark)"
     )

@@ -40,7 +40,7 @@ def describe_all_jobs(books, cache, now_s, holds):
 
 
 def assign_plate(books, plate, number):
-    """Give a plate to a printer; its print has the number as its name."""
+    """Assign a plate to a printer; the number is the id of its print."""
     event = ev.PlateAssigned(at_s=float(number), plate=plate, printer="ab"[number % 2], print_id=str(number))
     return apply_events(books, event)[0]
 

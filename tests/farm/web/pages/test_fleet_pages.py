@@ -126,7 +126,7 @@ def test_printer_page_has_the_forms_of_the_role(farm, role, actions):
 def test_history_is_exported_as_filtered(busy_farm):
     page = read_page(busy_farm, "/history?printer=a&days=")
     assert "/history.csv?printer=a" in page
-    assert "thermal" not in page  # the reason says more than its name
+    assert "thermal" not in page  # the reason is shown instead of the fault's name
     export = busy_farm.browse("GET", "/history.csv?printer=a", busy_farm.open_session(Role.LOOK))
     assert export.headers["content-type"] == "text/csv; charset=utf-8"
     assert export.headers["content-disposition"] == 'attachment; filename="lab-prints.csv"'
