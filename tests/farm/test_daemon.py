@@ -130,5 +130,5 @@ def test_farm_down_waits_for_inspections_but_not_for_a_plan_that_waits_for_disk_
 
 
 def make_planned_job(number):
-    facts = {"name": "m", "model_file": "m.npz", "options": JobOptions(), "submitted_s": 0.0}
-    return Job(id=number, request_id="r" * 8, state=JobState.PLANNING, **facts)
+    fields = {"name": "m", "model_file": "m.npz", "options": JobOptions(), "submitted_s": 0.0}
+    return Job(id=number, request_id="r" * 8, state=JobState.PLANNING, **fields)

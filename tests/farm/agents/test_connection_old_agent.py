@@ -80,8 +80,8 @@ class RecordingListener:
     def on_snapshot(self, snapshot: AgentSnapshot) -> None:
         self.last = snapshot
 
-    def on_refusal(self, print_id: str, reason: str, is_late: bool) -> None:
-        self.refusals.append((print_id, is_late))
+    def on_refusal(self, print_id: str, reason: str, late: bool) -> None:
+        self.refusals.append((print_id, late))
 
     def unreported_since_s(self, printer: str) -> float | None:
         return None
@@ -91,8 +91,8 @@ class RecordingListener:
 
 
 def make_start(**fields: object) -> m.StartPrint:
-    facts = {"print_id": "p", "gcode": "/x", "sha256": "0", "print_time_s": 1.0, "filament": "parked"}
-    return m.StartPrint.model_validate({"id": 0, **facts, **fields})
+    base_fields = {"print_id": "p", "gcode": "/x", "sha256": "0", "print_time_s": 1.0, "filament": "parked"}
+    return m.StartPrint.model_validate({"id": 0, **base_fields, **fields})
 
 
 def run_with_agent(
@@ -185,9 +185,8 @@ def test_client_sends_only_known_requests_to_an_older_agent(tmp_path: Path):
         client = AgentClient(tmp_path)
         await client.connect()
         await anext(aiter(client.snapshots()))
-        assert (
-            await client.request(make_start())
-        ).error is None  # new fields have their defaults and are omitted
+        # New fields have their defaults and are omitted.
+        assert (await client.request(make_start())).error is None
         with pytest.raises(AgentTooOld):
             await client.request(make_start(not_after_s=1.0))
         with pytest.raises(AgentTooOld):

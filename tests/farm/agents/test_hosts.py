@@ -50,7 +50,7 @@ class RecordingListener:
     def on_snapshot(self, snapshot: AgentSnapshot) -> None:
         self.last_snapshots[snapshot.printer] = snapshot
 
-    def on_refusal(self, print_id: str, reason: str, is_late: bool) -> None:
+    def on_refusal(self, print_id: str, reason: str, late: bool) -> None:
         raise AssertionError(reason)
 
     def unreported_since_s(self, printer: str) -> float | None:
@@ -96,11 +96,11 @@ async def wait_for(condition: Callable[[], object]) -> None:
 
 
 def make_fleet(pipe: HostPipe) -> Fleet:
-    facts = {"model": MODEL, "port": f"sim://{MODEL}", "host": "pc-b", "host_command": pipe.command}
+    fields = {"model": MODEL, "port": f"sim://{MODEL}", "host": "pc-b", "host_command": pipe.command}
     return Fleet.model_validate(
         {
             "fleet": {"name": "test", "time_scale": SCALE},
-            "printers": [{"name": name, **facts} for name in NAMES],
+            "printers": [{"name": name, **fields} for name in NAMES],
         }
     )
 
@@ -234,8 +234,8 @@ def test_host_service_restarts_an_agent_without_the_daemon_and_passes_on_estop_a
 
 
 def test_host_with_two_commands_is_refused(tmp_path: Path) -> None:
-    facts = {"model": MODEL, "port": f"sim://{MODEL}", "host": "pc-b"}
-    printers = [{"name": name, "host_command": f"/opt/farm-{name}/bin/farm host", **facts} for name in NAMES]
+    fields = {"model": MODEL, "port": f"sim://{MODEL}", "host": "pc-b"}
+    printers = [{"name": name, "host_command": f"/opt/farm-{name}/bin/farm host", **fields} for name in NAMES]
     fleet = Fleet.model_validate({"printers": printers})
     clock = Clock(1.0, 0.0)
     with pytest.raises(FarmError, match="the printers of pc-b have different commands"):

@@ -36,8 +36,8 @@ class EventRecorder:
 
 def test_a_restarted_daemon_reports_the_return_of_a_host_but_not_its_loss_again(tmp_path: Path, monkeypatch):
     monkeypatch.setenv("FARM_SSH", "false")
-    facts = {"model": MODEL, "port": f"sim://{MODEL}", "host_command": "farm host"}
-    rows = [{"name": f"of-{host}", "host": host, **facts} for host in ("pc-a", "pc-b")]
+    fields = {"model": MODEL, "port": f"sim://{MODEL}", "host_command": "farm host"}
+    rows = [{"name": f"of-{host}", "host": host, **fields} for host in ("pc-a", "pc-b")]
     fleet, clock, listener = Fleet.model_validate({"printers": rows}), StoppedClock(), EventRecorder()
     connections = hosts.Hosts(fleet, StateFolder(tmp_path), clock, listener)  # type: ignore[arg-type]
 

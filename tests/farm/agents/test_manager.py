@@ -36,7 +36,7 @@ class RecordingListener:
     def on_snapshot(self, snapshot: AgentSnapshot) -> None:
         self.last = snapshot
 
-    def on_refusal(self, print_id: str, reason: str, is_late: bool) -> None:
+    def on_refusal(self, print_id: str, reason: str, late: bool) -> None:
         raise AssertionError(reason)
 
     def unreported_since_s(self, printer: str) -> float | None:
@@ -124,8 +124,8 @@ def test_shutdown_ends_an_agent_that_has_just_started(tmp_path: Path):
 def make_printing_snapshot(started_s: float) -> m.Snapshot:
     """Make the report of an agent whose print starts at this moment of its clock."""
     print_snapshot = m.PrintSnapshot(print_id="p", phase=m.PrintPhase.PRINTING, started_s=started_s)
-    facts = {"protocol": m.PROTOCOL, "agent_pid": 1, "link": m.LinkState.BUSY}
-    return m.Snapshot.model_validate({**facts, "printer": "a", "now_s": started_s, "print": print_snapshot})
+    fields = {"protocol": m.PROTOCOL, "agent_pid": 1, "link": m.LinkState.BUSY}
+    return m.Snapshot.model_validate({**fields, "printer": "a", "now_s": started_s, "print": print_snapshot})
 
 
 @pytest.mark.parametrize(
@@ -192,8 +192,16 @@ def test_start_is_sent_with_its_limits_and_changed_limits_later(tmp_path: Path):
 
 
 def make_start(not_after_s: float | None, ends_by_s: float | None) -> m.StartPrint:
-    facts = {"print_id": "p", "gcode": None, "sha256": "0", "print_time_s": 1.0, "filament": "parked"}
-    return m.StartPrint.model_validate({"id": 0, **facts, "not_after_s": not_after_s, "ends_by_s": ends_by_s})
+    fields: dict[str, object] = {
+        "print_id": "p",
+        "gcode": None,
+        "sha256": "0",
+        "print_time_s": 1.0,
+        "filament": "parked",
+    }
+    return m.StartPrint.model_validate(
+        {"id": 0, **fields, "not_after_s": not_after_s, "ends_by_s": ends_by_s}
+    )
 
 
 def test_requests_have_times_on_the_clock_of_the_agent():
@@ -276,19 +284,19 @@ def run_connection(tmp_path: Path, scenario, port: str = "/dev/null") -> tuple[F
     section = PrinterSection(name="a", model=MODEL, port=port)
 
     async def main() -> FakeClient:
-        link = AgentConnection("a", section, StateFolder(tmp_path), Clock(), listener)
+        agent_connection = AgentConnection("a", section, StateFolder(tmp_path), Clock(), listener)
         client = FakeClient()
-        link._client = client  # type: ignore[assignment]
-        await scenario(link, client)
-        await asyncio.gather(*link._tasks)
+        agent_connection._client = client  # type: ignore[assignment]
+        await scenario(agent_connection, client)
+        await asyncio.gather(*agent_connection._tasks)
         return client
 
     return asyncio.run(main()), listener
 
 
 def test_reply_to_a_cancel_confirms_it(tmp_path: Path):
-    async def scenario(link, client):  # type: ignore[no-untyped-def]
-        link.send(m.CancelPrint(id=0, print_id="x"))
+    async def scenario(agent_connection, client):  # type: ignore[no-untyped-def]
+        agent_connection.send(m.CancelPrint(id=0, print_id="x"))
 
     _, listener = run_connection(tmp_path, scenario)
     assert listener.last is not None
@@ -327,14 +335,14 @@ def test_internal_error_does_not_stop_listening_to_an_agent(tmp_path: Path, monk
             super().on_snapshot(snapshot)
 
     async def main(listener: FaultyListener) -> None:
-        link = AgentConnection("a", None, StateFolder(tmp_path), Clock(), listener)
-        link._client = TalkingClient()  # type: ignore[assignment]
-        listen_task = asyncio.ensure_future(link._listen())
+        agent_connection = AgentConnection("a", None, StateFolder(tmp_path), Clock(), listener)
+        agent_connection._client = TalkingClient()  # type: ignore[assignment]
+        listen_task = asyncio.ensure_future(agent_connection._listen())
         async with asyncio.timeout(DEADLINE_S):
             while listener.last is None:
                 assert not listen_task.done()
                 await asyncio.sleep(0.001)
-        link._stopping = True
+        agent_connection._stopping = True
         await listen_task
 
     asyncio.run(main(FaultyListener()))
@@ -348,9 +356,9 @@ def test_snapshot_counts_for_the_printer_of_its_agent_and_only_an_emulator_repor
         protocol=m.PROTOCOL, printer="b", agent_pid=7, link=m.LinkState.READY, bed_clear=True
     )
 
-    async def scenario(link, client):  # type: ignore[no-untyped-def]
+    async def scenario(agent_connection, client):  # type: ignore[no-untyped-def]
         client.snapshot = misnamed_snapshot
-        link.send(m.CancelPrint(id=0, print_id="x"))
+        agent_connection.send(m.CancelPrint(id=0, print_id="x"))
 
     _, listener = run_connection(tmp_path, scenario, port)
     assert listener.last is not None
@@ -368,12 +376,12 @@ def test_print_cancelled_during_its_upload_does_not_start(tmp_path: Path):
         id=0, print_id="x", gcode=str(gcode), sha256="0", print_time_s=1.0, filament=m.Filament.PARKED
     )
 
-    async def scenario(link, client):  # type: ignore[no-untyped-def]
-        link._remote = True
-        link.send(start)
+    async def scenario(agent_connection, client):  # type: ignore[no-untyped-def]
+        agent_connection._remote = True
+        agent_connection.send(start)
         while not client.sent:
             await asyncio.sleep(0)
-        link.send(m.CancelPrint(id=0, print_id="x"))
+        agent_connection.send(m.CancelPrint(id=0, print_id="x"))
         await asyncio.sleep(0)
         client.answer_allowed.set()
 

@@ -49,8 +49,8 @@ class LostHosts(RuleBasedStateMachine):
     def make_farm(self):
         self.folder = tempfile.TemporaryDirectory()
         self.clock = ManualClock()
-        facts = {"model": PLUS, "port": f"sim://{PLUS}", "host_command": "farm host"}
-        rows = [{"name": name, "host": host, **facts} for name, host in PRINTERS.items()]
+        fields = {"model": PLUS, "port": f"sim://{PLUS}", "host_command": "farm host"}
+        rows = [{"name": name, "host": host, **fields} for name, host in PRINTERS.items()]
         self.fleet = Fleet.model_validate({"printers": rows})
         self.sent_keys, self.losses = set(), Counter()
         self.notice_counts = Counter()  # by host and number of its loss
@@ -99,8 +99,8 @@ class LostHosts(RuleBasedStateMachine):
     def reconnect_agent(self, name, link):
         self.report(name, link=link, agent_pid=9, filament=FilamentState.PARKED, bed_clear=True)
 
-    def report(self, name, **facts):
-        self.controller.on_snapshot(AgentSnapshot(printer=name, **facts))
+    def report(self, name, **fields):
+        self.controller.on_snapshot(AgentSnapshot(printer=name, **fields))
 
     @rule(seconds=st.sampled_from([0.5, 5.0, 10.0, 45.0]), notices_first=st.booleans())
     def wait(self, seconds, notices_first):

@@ -59,9 +59,9 @@ def test_snapshot_is_attributed_to_the_printer_of_its_agent():
 
 
 def test_filament_of_an_older_agent_is_unknown_to_the_farm():
-    facts = {"filament": "parked", "doubt": "the board was reset"}
-    assert convert_snapshot(make_snapshot(**facts)).filament is FilamentState.PARKED
-    assert convert_snapshot(make_snapshot(**facts, protocol=2)).filament is FilamentState.UNKNOWN
+    base_fields = {"filament": "parked", "doubt": "the board was reset"}
+    assert convert_snapshot(make_snapshot(**base_fields)).filament is FilamentState.PARKED
+    assert convert_snapshot(make_snapshot(**base_fields, protocol=2)).filament is FilamentState.UNKNOWN
     assert convert_snapshot(make_snapshot(filament="parked", protocol=2)).filament is FilamentState.PARKED
 
 

@@ -52,7 +52,7 @@ class RecordingListener:
     def on_snapshot(self, snapshot: AgentSnapshot) -> None:
         self.last_snapshot = snapshot
 
-    def on_refusal(self, print_id: str, reason: str, is_late: bool) -> None:
+    def on_refusal(self, print_id: str, reason: str, late: bool) -> None:
         raise AssertionError(reason)
 
     def unreported_since_s(self, printer: str) -> float | None:
@@ -224,12 +224,12 @@ def test_print_survives_a_network_failure_of_ten_minutes(
             return listener.last_snapshot
 
     async def scenario() -> None:
-        link = AgentConnection("a", section, state, clock, listener, "test")
-        link.start()
+        agent_connection = AgentConnection("a", section, state, clock, listener, "test")
+        agent_connection.start()
         try:
             await wait_until(lambda s: s.link is Link.READY)
             sha256 = hashlib.sha256(text).hexdigest()
-            link.send(
+            agent_connection.send(
                 m.StartPrint(
                     id=0,
                     print_id="p-1",
@@ -257,18 +257,19 @@ def test_print_survives_a_network_failure_of_ten_minutes(
                     while remote_host.count_ended_bridges() < len(remote_host.bridges) - 1:
                         await asyncio.sleep(0.05)
                 assert len(remote_host.bridges) >= 2
-            await link.close()
+            await agent_connection.close()
             listener.last_snapshot = AgentSnapshot(printer="a", link=Link.STARTING)
-            link = AgentConnection("a", None, state, clock, listener)  # removed from the fleet meanwhile
-            link.start()
+            # The printer was removed from the fleet meanwhile.
+            agent_connection = AgentConnection("a", None, state, clock, listener)
+            agent_connection.start()
             await wait_until(lambda s: s.print is not None and s.print.state.ended)
             assert read_status(remote_folder / "emulator").starved_s < 60.0
-            await link.shut_down()
+            await agent_connection.shut_down()
             async with asyncio.timeout(DEADLINE_S):
                 while is_alive(remote_folder):
                     await asyncio.sleep(0.05)
         finally:
-            await link.close()
+            await agent_connection.close()
 
     asyncio.run(scenario())
 
@@ -302,8 +303,8 @@ def test_idle_agent_of_a_removed_printer_is_ended_on_its_host(tmp_path: Path, re
     route_file = state.agent("a") / "way.json"
 
     def make_manager(*names: str) -> AgentManager:
-        facts = {"model": MODEL, "port": f"sim://{MODEL}", "host": "pc-b", "host_command": command}
-        printers = [{"name": "b", "enabled": False, **facts}, *({"name": n, **facts} for n in names)]
+        fields = {"model": MODEL, "port": f"sim://{MODEL}", "host": "pc-b", "host_command": command}
+        printers = [{"name": "b", "enabled": False, **fields}, *({"name": n, **fields} for n in names)]
         fleet_fields = {"fleet": {"name": "test"}, "printers": printers}
         return AgentManager(Fleet.model_validate(fleet_fields), state, clock, RecordingListener())
 

@@ -242,9 +242,9 @@ def test_paused_print_is_a_task_with_its_time_limit(farm, plan):
     assert find_last_pause() == pause_instruction
 
     def report_state(state, **changes):
-        facts = {"fault": None, "reason": None, "progress_s": 5.0, "print_time_s": 90.0, "extruded": True}
-        facts |= {"started_s": 2.0, "ended_s": None, **changes}
-        agent_print = AgentPrint(print_id=attempt.id, state=state, **facts)
+        fields = {"fault": None, "reason": None, "progress_s": 5.0, "print_time_s": 90.0, "extruded": True}
+        fields |= {"started_s": 2.0, "ended_s": None, **changes}
+        agent_print = AgentPrint(print_id=attempt.id, state=state, **fields)
         farm.controller.on_snapshot(AgentSnapshot(printer="a", link=Link.BUSY, print=agent_print))
         context = farm.view_context(STATE)
         view = describe_printer(context, farm.controller.fleet.printer("a"), None)

@@ -51,9 +51,9 @@ def farm(tmp_path):
 def report_print(farm, state=PrintState.PRINTING, **changes):
     """Report the print on `a` like its agent, and return its record before the report."""
     attempt = farm.controller.books.open_print_on("a")
-    facts = {"fault": None, "reason": None, "progress_s": 5.0, "print_time_s": 90.0, "extruded": True}
-    facts |= {"started_s": FRIDAY_S, "ended_s": None, "ends_by_s": STOP_S, **changes}
-    agent_print = AgentPrint(print_id=attempt.id, state=state, **facts)
+    fields = {"fault": None, "reason": None, "progress_s": 5.0, "print_time_s": 90.0, "extruded": True}
+    fields |= {"started_s": FRIDAY_S, "ended_s": None, "ends_by_s": STOP_S, **changes}
+    agent_print = AgentPrint(print_id=attempt.id, state=state, **fields)
     farm.controller.on_snapshot(
         AgentSnapshot(printer="a", link=Link.BUSY, reset_verified=False, print=agent_print)
     )

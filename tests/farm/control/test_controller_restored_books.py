@@ -110,9 +110,9 @@ def restore_farm(folder, plates=1, first_print_id=None):
 
 
 def make_agent_print(print_id="x", started_s=PLANNED_S + 100.0, sha256="0" * 64, **changes):
-    facts = {"state": PrintState.DONE, "fault": None, "reason": None, "progress_s": 90.0}
-    facts |= {"print_time_s": 90.0, "extruded": True, "ended_s": started_s + 100.0}
-    return AgentPrint(print_id=print_id, started_s=started_s, sha256=sha256, **{**facts, **changes})
+    fields = {"state": PrintState.DONE, "fault": None, "reason": None, "progress_s": 90.0}
+    fields |= {"print_time_s": 90.0, "extruded": True, "ended_s": started_s + 100.0}
+    return AgentPrint(print_id=print_id, started_s=started_s, sha256=sha256, **{**fields, **changes})
 
 
 def approve_job(farm):

@@ -57,8 +57,8 @@ def make_stored_plan(number, state, plates=2):
     event = make_plan_event(number, plates)
     gcode = b"G28\n"
     (state.files / "g.gcode").write_bytes(gcode)
-    facts = {"sha256": hashlib.sha256(gcode).hexdigest()}
-    new_plates = tuple(plate.model_copy(update=facts) for plate in event.plates)
+    fields = {"sha256": hashlib.sha256(gcode).hexdigest()}
+    new_plates = tuple(plate.model_copy(update=fields) for plate in event.plates)
     return Plan(event.parts, new_plates, (), 1.0, 500.0, 100.0, None)
 
 

@@ -44,9 +44,9 @@ def farm(tmp_path):
 
 def end_print(farm, printer, state=PrintState.DONE, **changes):
     attempt = farm.controller.books.open_print_on(printer)
-    facts = {"fault": None, "reason": "so", "progress_s": 5.0, "print_time_s": 90.0, "extruded": True}
-    facts |= {"started_s": 2.0, "ended_s": 50.0, **changes}
-    agent_print = AgentPrint(print_id=attempt.id, state=state, **facts)
+    fields = {"fault": None, "reason": "so", "progress_s": 5.0, "print_time_s": 90.0, "extruded": True}
+    fields |= {"started_s": 2.0, "ended_s": 50.0, **changes}
+    agent_print = AgentPrint(print_id=attempt.id, state=state, **fields)
     idle_fields = {"link": Link.READY, "agent_pid": 9, "filament": FilamentState.PARKED}
     farm.controller.on_snapshot(AgentSnapshot(printer=printer, print=agent_print, **idle_fields))
     farm.ready(printer)

@@ -66,8 +66,8 @@ def make_stl():
 
 
 def submit_model(app, content, **params):
-    facts = {"request_id": "r" * 8, "name": "box.stl", "size": len(content)}
-    return send_request(app, "POST", "/jobs", params={**facts, **params}, content=content)
+    fields = {"request_id": "r" * 8, "name": "box.stl", "size": len(content)}
+    return send_request(app, "POST", "/jobs", params={**fields, **params}, content=content)
 
 
 def test_own_gcode_is_submitted_like_a_model(daemon):

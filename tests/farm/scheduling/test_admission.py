@@ -125,8 +125,8 @@ def test_job_at_night_is_planned_for_unattended_printers():
 
 
 def make_queued_job(number, **changes):
-    facts = {"name": "m", "model_file": "m.npz", "options": JobOptions(), "submitted_s": 0.0}
-    return Job(id=number, request_id="r" * 8, **{**facts, **changes})
+    fields = {"name": "m", "model_file": "m.npz", "options": JobOptions(), "submitted_s": 0.0}
+    return Job(id=number, request_id="r" * 8, **{**fields, **changes})
 
 
 def decide_on_jobs(jobs, fleet):

@@ -76,7 +76,7 @@ def test_real_printer_does_not_report_its_bed():
 
 
 def make_report(print_id="x", state=PrintState.PRINTING, link=Link.BUSY, **changes):
-    facts = {
+    fields = {
         "fault": None,
         "reason": None,
         "progress_s": 5.0,
@@ -85,7 +85,7 @@ def make_report(print_id="x", state=PrintState.PRINTING, link=Link.BUSY, **chang
         "started_s": 2.0,
         "ended_s": None,
     }
-    agent_print = AgentPrint(print_id=print_id, state=state, **{**facts, **changes})
+    agent_print = AgentPrint(print_id=print_id, state=state, **{**fields, **changes})
     return AgentSnapshot(printer="a", link=link, filament=FilamentState.PARKED, print=agent_print)
 
 

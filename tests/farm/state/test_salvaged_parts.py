@@ -20,11 +20,11 @@ def make_assigned_event(plate, printer, print_id, at_s=2.0):
     return ev.PlateAssigned(at_s=at_s, plate=plate, printer=printer, print_id=print_id)
 
 
-def make_dead_agent_books(plates=1, at_s=110.0, **facts):
+def make_dead_agent_books(plates=1, at_s=110.0, **fields):
     """Make a plate of 90 s on `a`, whose agent was found dead after this time."""
     start = (
         make_assigned_event("1/01", "a", "x"),
-        make_end_event("x", PrintState.FAILED, at_s, **{**AGENT_DEATH, **facts}),
+        make_end_event("x", PrintState.FAILED, at_s, **{**AGENT_DEATH, **fields}),
     )
     return apply_events(make_printing_books(plates), *start)[0]
 
@@ -144,7 +144,7 @@ def test_task_asks_for_the_verdict_after_an_outage():
 
 
 @pytest.mark.parametrize(
-    "facts",
+    "fields",
     [
         {"at_s": 60.0},  # much sooner than the end of its plate
         {"extruded": False},
@@ -156,9 +156,9 @@ def test_task_asks_for_the_verdict_after_an_outage():
         {"then": (make_assigned_event("1/01", "b", "y"), make_end_event("y", at_s=300.0))},
     ],
 )
-def test_no_verdict_is_requested_for_an_incomplete_part(facts):
-    later_events = facts.pop("then", ())
-    books, _ = apply_events(make_dead_agent_books(**facts), *later_events)
+def test_no_verdict_is_requested_for_an_incomplete_part(fields):
+    later_events = fields.pop("then", ())
+    books, _ = apply_events(make_dead_agent_books(**fields), *later_events)
     assert find_possibly_complete_print(books, "a") is None
 
 

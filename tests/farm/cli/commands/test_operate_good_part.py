@@ -60,10 +60,10 @@ def farm(tmp_path, monkeypatch):
     return farm
 
 
-def report_print(farm, printer, state, **facts):
+def report_print(farm, printer, state, **fields):
     attempt = farm.controller.books.open_print_on(printer)
     progress = {"fault": None, "reason": None, "progress_s": 5.0, "print_time_s": 90.0, "extruded": True}
-    progress |= {"started_s": None, "ended_s": None, **facts}
+    progress |= {"started_s": None, "ended_s": None, **fields}
     link = Link.READY if state.ended else Link.BUSY
     snapshot = AgentSnapshot(
         printer=printer,

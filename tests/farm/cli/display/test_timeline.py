@@ -46,9 +46,9 @@ def test_short_plate_in_a_long_night_is_visible():
 
 
 def test_timeline_shows_totals_notices_and_every_plate():
-    facts = {"plan": "x", "left": ["4/04"], "notices": ["Scaled."]}
-    facts |= {"makespan_s": 14400, "lower_bound_s": 7200, "currency": "GBP"}
-    view = api.Timeline(job=4, now=NOW, slots=SLOTS, grams=90.0, price=2.7, **facts)
+    fields = {"plan": "x", "left": ["4/04"], "notices": ["Scaled."]}
+    fields |= {"makespan_s": 14400, "lower_bound_s": 7200, "currency": "GBP"}
+    view = api.Timeline(job=4, now=NOW, slots=SLOTS, grams=90.0, price=2.7, **fields)
     console = Console(record=True, width=120, file=io.StringIO())
     console.print(render_timeline(view))
     text = console.export_text()

@@ -25,12 +25,12 @@ def make_family_printer(name, family, nozzle_mm=0.4, **changes):
 
 
 def make_part(hours=10.0, **changes):
-    facts = {
+    fields = {
         "requirements": Requirements("generic_pla", None, 0.4, box(100.0), PLUS),
         "heating_s": 300.0,
         "grams": 50.0,
     }
-    return make_plate("1/01", "a", **{**facts, "expected_s": hours * HOUR_S, **changes})
+    return make_plate("1/01", "a", **{**fields, "expected_s": hours * HOUR_S, **changes})
 
 
 def test_cost_of_a_piece_equals_that_of_a_decomposition():

@@ -33,8 +33,8 @@ def make_planned_job(hours, names, **changes):
         )
         for index, item in enumerate(hours, 1)
     )
-    facts = {"planned_for": tuple(names), "requirements": ANY_PRINTER, "planning_s": 300.0}
-    return PlannedJob(1, plates, **{**facts, **changes})
+    fields = {"planned_for": tuple(names), "requirements": ANY_PRINTER, "planning_s": 300.0}
+    return PlannedJob(1, plates, **{**fields, **changes})
 
 
 def choose_printers(job, fleet, *candidates, start_rules=None, other_jobs=()):
@@ -109,7 +109,7 @@ def test_revision_saves_the_margin_with_its_planning_time_and_is_the_last(
     states, hours, used_count, planning_s, has_attended_hours
 ):
     """Check that no revision follows a plan that ends as estimated while the printers are unchanged."""
-    fleet = [make_printer("abcdefgh"[index], **facts) for index, facts in enumerate(states)]
+    fleet = [make_printer("abcdefgh"[index], **fields) for index, fields in enumerate(states)]
     names = tuple(p.name for p in fleet)
     free_printers = tuple(p.name for p in fleet if p.obstacle() is None)
     job = make_planned_job(hours, "abcdefgh"[:used_count], planning_s=float(planning_s))
@@ -131,7 +131,7 @@ def test_revision_saves_the_margin_with_its_planning_time_and_is_the_last(
 
 @given(fleets, durations_h, st.integers(1, 8), st.integers(0, 4 * 3600), st.booleans())
 def test_omitted_forecasts_would_not_change_the_choice(states, hours, used_count, planning_s, has_started):
-    fleet = [make_printer("abcdefgh"[index], **facts) for index, facts in enumerate(states)]
+    fleet = [make_printer("abcdefgh"[index], **fields) for index, fields in enumerate(states)]
     free_printers = tuple(p.name for p in fleet if p.obstacle() is None)
     job = make_planned_job(hours, "abcdefgh"[:used_count], planning_s=float(planning_s))
     situation = make_situation(job.plates, fleet)

@@ -106,12 +106,12 @@ def test_failed_print_does_not_update_the_factor():
 
 
 def test_paused_print_does_not_update_the_factor():
-    facts = {"print_id": "x", "started_s": 2.0, "extruded": True}
+    fields = {"print_id": "x", "started_s": 2.0, "extruded": True}
     books, _ = apply_events(
         make_long_plate(make_printing_books(), 1.0),
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
-        ev.PrintProgressed(at_s=3.0, state=PrintState.PAUSED, **facts),
-        ev.PrintProgressed(at_s=4.0, state=PrintState.PRINTING, **facts),
+        ev.PrintProgressed(at_s=3.0, state=PrintState.PAUSED, **fields),
+        ev.PrintProgressed(at_s=4.0, state=PrintState.PRINTING, **fields),
         make_end_event("x", at_s=1.1 * HOUR_S),
     )
     assert books.printers["a"].time_factor == 1.0

@@ -17,13 +17,13 @@ TEXT = st.text(max_size=20) | st.sampled_from(
 
 
 def make_row(**changes):
-    facts = {
+    fields = {
         "part": "1/p01", "printer": "a", "state": PrintState.DONE, "fault": None, "reason": None,
         "verdict": None, "why": None, "started": None, "ended": None, "job": 1, "name": "m.stl", "note": None,
         "submitted_by": None,
         "took_s": 3600.0, "expected_s": 3500.5, "grams": 12.25, "wasted": False,
     }  # fmt: skip
-    return api.HistoryRow(**{**facts, **changes})
+    return api.HistoryRow(**{**fields, **changes})
 
 
 def read_csv(text):

@@ -14,9 +14,9 @@ DONE, FAILED, CANCELLED = PrintState.DONE, PrintState.FAILED, PrintState.CANCELL
 
 
 def make_attempt(state=DONE, duration_s=100.0, **changes):
-    facts = {"id": "x", "plate": "1/01", "job": 1, "printer": "a", "assigned_s": 0.0, "started_s": 1000.0}
+    fields = {"id": "x", "plate": "1/01", "job": 1, "printer": "a", "assigned_s": 0.0, "started_s": 1000.0}
     ends_s = 1000.0 + duration_s if state.ended else None
-    return Print(**{**facts, "state": state, "ended_s": ends_s, "grams": 3.0, **changes})
+    return Print(**{**fields, "state": state, "ended_s": ends_s, "grams": 3.0, **changes})
 
 
 def test_prints_are_counted_by_outcome():

@@ -99,8 +99,8 @@ def test_printer_page_warns_of_heat_before_it_offers_to_clear_the_bed(farm):
     alarm = {"alarm": "the nozzle cannot be switched off", "nozzle_c": 231.0, "bed_c": 60.0}
     cold_fields = {"nozzle_c": 21.0, "bed_c": 20.0, "heaters_off": True}
     for changes, expected_counts in ((alarm, (1, 1, 0)), (cold_fields, (0, 0, 1))):
-        facts = {"link": Link.FAULT, "reason": "inspect it", **changes}
-        farm.controller.on_snapshot(AgentSnapshot(printer="a", **facts))
+        fields = {"link": Link.FAULT, "reason": "inspect it", **changes}
+        farm.controller.on_snapshot(AgentSnapshot(printer="a", **fields))
         farm.controller.handle(ev.BedBecameUnknown(at_s=farm.clock.now(), printer="a", reason="so"))
         page = read_page(farm, "/printers/a")
         counts = [page.count(text) for text in ("task urgent", "231 °C, not confirmed off", "<details open>")]
