@@ -71,9 +71,8 @@ def test_planning_processes_end_with_their_job_and_with_the_daemon(make_farm, ba
         farm.kill_daemon()
         fifo.read()
     wait_for("its workers to end", lambda: not any(Path(f"/proc/{pid}").exists() for pid in old_workers))
-    partial_file = (
-        farm.state / "slices" / ".some.gcode.x"
-    )  # as left by a worker that is killed while it writes
+    # A worker that is killed while it writes leaves such a file.
+    partial_file = farm.state / "slices" / ".some.gcode.x"
     partial_file.touch()
     # The next daemon plans it again, and is shut down meanwhile.
     farm.up(FARM_CURA_ENGINE=str(hanging_engine))

@@ -43,9 +43,8 @@ def test_agent_of_an_earlier_version_is_detected_and_replaced(tmp_path):
         assert "farm up --replace um2-01" in attention_reason
         assert farm.printer("um2-01")["agent_pid"] == old_agent.pid
         assert "needs_a_look" in farm.printer("um2-01")["hold"]["code"]
-        assert (
-            len((farm.state / "daemon.log").read_text().splitlines()) < 50
-        )  # the daemon repeats no request in vain
+        # The daemon repeats no request in vain.
+        assert len((farm.state / "daemon.log").read_text().splitlines()) < 50
         assert "is replaced" in farm.ok("up", "--replace", "um2-01")
         assert old_agent.wait(60.0) is not None
         wait_for("another agent", lambda: farm.printer("um2-01")["state"] == "idle")

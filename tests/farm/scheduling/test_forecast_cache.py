@@ -63,9 +63,8 @@ def run_steps(steps):
 def test_no_caller_waits_for_the_forecast_of_a_large_queue(cached_forecast, monkeypatch):
     monkeypatch.setattr(forecast_cache, "LARGE_QUEUE", 2)
     cache = cached_forecast.cache
-    assert (
-        cache.find_ends().by_plate == {} and cache.find_ends().at_s == -math.inf
-    )  # not even the first caller
+    # Not even the first caller waits.
+    assert cache.find_ends().by_plate == {} and cache.find_ends().at_s == -math.inf
     run_steps(cache.find_background_work())
     first_ends = cache.find_ends()
     assert first_ends.at_s == 1000.0 and first_ends.by_plate.keys() == {"1/01", "1/02"}

@@ -80,12 +80,9 @@ def test_window_edges_in_skipped_or_repeated_hours_are_resolved():
     [
         ("02:30-04:00", "2026-03-29T03:30:00+02:00", "2026-03-29T04:00:00+02:00"),  # skipped: an hour later
         ("22:00-02:30", "2026-03-28T22:00:00+01:00", "2026-03-29T03:30:00+02:00"),
-        (
-            "02:30-04:00",
-            "2026-10-25T02:30:00+02:00",
-            "2026-10-25T04:00:00+01:00",
-        ),  # repeated: begins in the first
-        ("22:00-02:30", "2026-10-24T22:00:00+02:00", "2026-10-25T02:30:00+01:00"),  # and ends in the second
+        # A repeated hour: a window begins in the first one, and ends in the second one.
+        ("02:30-04:00", "2026-10-25T02:30:00+02:00", "2026-10-25T04:00:00+01:00"),
+        ("22:00-02:30", "2026-10-24T22:00:00+02:00", "2026-10-25T02:30:00+01:00"),
     ],
 )
 def test_skipped_edge_is_an_hour_later_and_a_repeated_hour_is_covered_twice(window, begin, end):

@@ -38,9 +38,8 @@ def test_expected_time_follows_the_reported_times_within_bounds():
         == 1.0
     )
     assert compute_assembly_ratio([make_glued_job(60.0)]) == pytest.approx(1.0)
-    assert compute_assembly_ratio([make_glued_job(90.0)]) == pytest.approx(
-        1.25
-    )  # a single report counts half
+    # A single report counts half.
+    assert compute_assembly_ratio([make_glued_job(90.0)]) == pytest.approx(1.25)
     assert compute_assembly_ratio([make_glued_job(90.0)] * 9) == pytest.approx(1.45)
     assert compute_assembly_ratio([make_glued_job(9_000.0)]) == pytest.approx(2.5)  # limited to 240 minutes
     assert compute_assembly_ratio([make_glued_job(0.1)] * 99) == pytest.approx(0.2575)

@@ -28,9 +28,8 @@ def test_selecting_with_print_releases_a_held_job_before_it_is_planned(farm, key
     assert farm.jobs_by_number[1].options.hold
     assert select_file(farm, key, path, print=True).status_code == 204
     assert not farm.jobs_by_number[1].options.hold
-    assert (
-        select_file(farm, key, path, print=True).status_code == 204
-    )  # it already prints, so nothing changes
+    # The job is already released, so nothing changes.
+    assert select_file(farm, key, path, print=True).status_code == 204
     assert [name for _, name, _ in farm.store.events()].count("JobReleased") == 1
 
 
