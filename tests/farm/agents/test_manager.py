@@ -192,16 +192,9 @@ def test_start_is_sent_with_its_limits_and_changed_limits_later(tmp_path: Path):
 
 
 def make_start(not_after_s: float | None, ends_by_s: float | None) -> m.StartPrint:
-    fields: dict[str, object] = {
-        "print_id": "p",
-        "gcode": None,
-        "sha256": "0",
-        "print_time_s": 1.0,
-        "filament": "parked",
-    }
-    return m.StartPrint.model_validate(
-        {"id": 0, **fields, "not_after_s": not_after_s, "ends_by_s": ends_by_s}
-    )
+    fields = {"print_id": "p", "gcode": None, "sha256": "0", "print_time_s": 1.0, "filament": "parked"}
+    limits = {"not_after_s": not_after_s, "ends_by_s": ends_by_s}
+    return m.StartPrint.model_validate({"id": 0, **fields, **limits})
 
 
 def test_requests_have_times_on_the_clock_of_the_agent():
@@ -217,9 +210,7 @@ def test_requests_have_times_on_the_clock_of_the_agent():
 
 
 @pytest.mark.system
-def test_renamed_printer_opens_the_port_of_its_former_agent(
-    tmp_path: Path,
-):
+def test_renamed_printer_opens_the_port_of_its_former_agent(tmp_path: Path):
     state = StateFolder(tmp_path / "state")
     state.make()
     clock = Clock(1.0, time.time())
