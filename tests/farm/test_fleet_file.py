@@ -382,5 +382,5 @@ def test_cluster_without_a_valid_address_or_certificates_is_refused(
 def test_certificates_are_named_from_the_folder_of_the_file(tmp_path):
     text = CLUSTER.replace("SCHEDULER", "tls://pc-a:8786").replace("CERTIFICATES", ", certificates: tls")
     assert load_text(tmp_path, text).fleet.compute.certificates == tmp_path / "tls"
-    local = CLUSTER.replace("SCHEDULER", "tcp://127.0.0.1:8786").replace("CERTIFICATES", "")
-    assert load_text(tmp_path, local).fleet.compute.scheduler == "tcp://127.0.0.1:8786"
+    local_text = CLUSTER.replace("SCHEDULER", "tcp://127.0.0.1:8786").replace("CERTIFICATES", "")
+    assert load_text(tmp_path, local_text).fleet.compute.scheduler == "tcp://127.0.0.1:8786"

@@ -292,8 +292,8 @@ def test_temperatures_and_progress_run_no_scheduler(farm, plan, monkeypatch):
     assert len(runs) == 1  # the start of printing is in the books
     for step in range(1, 50):
         report_progress(step)
-        idle = AgentSnapshot(printer="b", link=Link.READY, nozzle_c=20.0 + step, agent_pid=9)
-        farm.controller.on_snapshot(idle)
+        idle_snapshot = AgentSnapshot(printer="b", link=Link.READY, nozzle_c=20.0 + step, agent_pid=9)
+        farm.controller.on_snapshot(idle_snapshot)
     assert len(runs) == 1
     assert farm.controller.telemetry.snapshots["a"].nozzle_c == 69.0
     assert farm.controller.telemetry.snapshots["b"].nozzle_c == 69.0

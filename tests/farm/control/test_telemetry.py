@@ -81,8 +81,8 @@ def test_hottest_reading_of_a_minute_is_kept():
 
 
 def test_printer_without_answer_leaves_one_gap():
-    silent = [(20.0 + s, None, None) for s in range(300)]
-    assert record_readings((0.0, 20.4, 19.6), *silent, (330.0, 21.0, 20.0)) == [
+    silent_readings = [(20.0 + s, None, None) for s in range(300)]
+    assert record_readings((0.0, 20.4, 19.6), *silent_readings, (330.0, 21.0, 20.0)) == [
         (0.0, 20, 20),
         (20.0, None, None),
         (330.0, 21, 20),

@@ -19,7 +19,7 @@ def test_plan_has_every_part_and_plate(bar, files, tmp_path):
     decomposition = decompose_job(task)
     plate_tasks = make_slice_tasks(task, decomposition)
     slices = [slice_part(item) for item in plate_tasks]
-    thin = UnprintedWall(120.0, 1.0, 9.0, 3.0, -4.0)
+    thin_wall = UnprintedWall(120.0, 1.0, 9.0, 3.0, -4.0)
     decomposition = replace(
         decomposition,
         parts=(
@@ -27,10 +27,10 @@ def test_plan_has_every_part_and_plate(bar, files, tmp_path):
             replace(decomposition.parts[1], print_options=PartPrintOptions(stands=False)),
         ),
     )
-    slices[0] = replace(slices[0], unprinted=(thin,) * 9)
+    slices[0] = replace(slices[0], unprinted=(thin_wall,) * 9)
     draw_job(task, decomposition.drawing_record)
     plan = book_plan(join_slices(task, decomposition, plate_tasks, slices), files)
-    assert [p.warnings for p in plan.plates] == [(str(thin),) * MAX_WARNINGS, (MAY_FALL_WARNING,)]
+    assert [p.warnings for p in plan.plates] == [(str(thin_wall),) * MAX_WARNINGS, (MAY_FALL_WARNING,)]
     assert [p.printer for p in plan.plates] == [part.printer for part in decomposition.parts]
     assert {p.printer for p in plan.plates} == {"p0", "p1"}
     assert sum(p.geometry.volume_mm3 for p in plan.parts) == pytest.approx(260 * 14 * 12)

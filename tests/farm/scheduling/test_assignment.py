@@ -263,11 +263,13 @@ def test_only_starts_that_are_still_possible_are_selected(waiting_plates, fleet,
     )
     assignments = assignment.assign_plates(situation)
     assert assignment.select_possible_assignments(assignments, situation) == assignments
-    possible = assignment.select_possible_assignments(assignments, later_situation)
+    possible_assignments = assignment.select_possible_assignments(assignments, later_situation)
     free_names = {p.name for p in later_situation.free}
-    assert all(item in assignments and item.printer in free_names for item in possible)
+    assert all(item in assignments and item.printer in free_names for item in possible_assignments)
     extra_printers = {
         plate.job: plate.extra_printers for plate in waiting_plates if plate.extra_printers is not None
     }
-    jobs = Counter(plate.job for plate in waiting_plates if plate.id in {item.plate for item in possible})
+    jobs = Counter(
+        plate.job for plate in waiting_plates if plate.id in {item.plate for item in possible_assignments}
+    )
     assert all(jobs[job] <= limit for job, limit in extra_printers.items())

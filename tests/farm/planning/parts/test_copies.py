@@ -159,11 +159,11 @@ def test_copies_of_a_model_too_long_for_a_bed_share_the_printers(bar, files, tmp
 
 @pytest.mark.usefixtures("without_pictures")
 def test_copies_of_a_small_model_stay_whole_unless_a_person_requests_printers(box, files, tmp_path):
-    auto = replace(make_decompose_task(box, files, tmp_path, printers=4), options=JobOptions(copies=2))
-    assert len(decompose_job(auto).parts) == 1
-    four_printers = replace(auto, options=JobOptions(copies=2, printers=4))
+    auto_task = replace(make_decompose_task(box, files, tmp_path, printers=4), options=JobOptions(copies=2))
+    assert len(decompose_job(auto_task).parts) == 1
+    four_printers = replace(auto_task, options=JobOptions(copies=2, printers=4))
     assert len(decompose_job(four_printers).parts) == 2
-    many_copies = replace(auto, options=JobOptions(copies=9, printers=4))
+    many_copies = replace(auto_task, options=JobOptions(copies=9, printers=4))
     assert len(decompose_job(many_copies).parts) == 1
 
 

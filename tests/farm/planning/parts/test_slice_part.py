@@ -59,9 +59,9 @@ def test_abs_is_enlarged_by_its_shrinkage(task):
 
 def test_part_has_its_own_brim_first_layer_and_height(task):
     # The first layer can be measured only in a part that has no other layer.
-    flat = trimesh.creation.box((40.0, 30.0, 0.27))
+    flat_box = trimesh.creation.box((40.0, 30.0, 0.27))
     plain_slice, narrow_slice = (
-        slice_part(task(flat, quality="fast", brim_width_mm=0.0, layer_0_expansion_mm=offset))
+        slice_part(task(flat_box, quality="fast", brim_width_mm=0.0, layer_0_expansion_mm=offset))
         for offset in (None, -0.2)
     )
     assert plain_slice.layers == narrow_slice.layers == 1
@@ -69,8 +69,8 @@ def test_part_has_its_own_brim_first_layer_and_height(task):
         narrow_slice.max_mm[0] - narrow_slice.min_mm[0]
     )
     assert shrunk == pytest.approx(0.4, abs=0.01)
-    tall = trimesh.creation.box((12.0, 12.0, 33.33))
-    brim_slice = slice_part(task(tall, brim_width_mm=3.0))
+    tall_box = trimesh.creation.box((12.0, 12.0, 33.33))
+    brim_slice = slice_part(task(tall_box, brim_width_mm=3.0))
     assert brim_slice.max_mm[0] == pytest.approx(12 * 1.002 / 2 + 9 * 0.35 - 0.175, abs=0.05)
     assert brim_slice.height_mm == pytest.approx(33.33 * 1.001, abs=0.02)
 

@@ -88,9 +88,9 @@ timings_of_any_print = st.lists(
 def test_factors_are_bounded_and_the_order_of_prints_is_without_effect(timings, rng):
     factors = fit_feature_factors(timings)
     assert all(MIN_FACTOR <= factor <= MAX_FACTOR for factor in factors)
-    shuffled = list(timings)
-    rng.shuffle(shuffled)
-    assert fit_feature_factors(shuffled) == factors
+    shuffled_timings = list(timings)
+    rng.shuffle(shuffled_timings)
+    assert fit_feature_factors(shuffled_timings) == factors
 
 
 @given(SEEDS, TRUE_FACTORS, st.lists(st.floats(0.5, 2.0), min_size=1, max_size=6))

@@ -36,11 +36,11 @@ UPLOADS = {  # name of the recording -> name of the job's model, whether it is h
 @pytest.fixture
 def farm(tmp_path, monkeypatch):
     """Make a farm with its own folder for temporary files."""
-    temporary = tmp_path / "temporary"
-    temporary.mkdir()
-    monkeypatch.setattr(tempfile, "tempdir", str(temporary))
+    temporary_folder = tmp_path / "temporary"
+    temporary_folder.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(temporary_folder))
     farm = SlicerFarm(tmp_path)
-    farm.temporary_folder, farm.key_text = temporary, farm.add_key(Role.PRINT).text.encode()
+    farm.temporary_folder, farm.key_text = temporary_folder, farm.add_key(Role.PRINT).text.encode()
     return farm
 
 
