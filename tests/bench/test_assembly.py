@@ -1,4 +1,4 @@
-"""Assembly by the page of instructions alone: parts that do not belong together do not fit."""
+"""Assembly by the instructions alone: parts that do not belong together do not fit."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from decompose.printers import PrinterRoom
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A table in three parts, with pins and marks."""
+    """Decompose a table into three parts with pins and marks; return the folder of the files."""
     legs = [Solid.box((x, y, 0), (x + 20, y + 20, 90)) for x in (0, 100) for y in (0, 100)]
     solid = Solid.union([Solid.box((0, 0, 80), (120, 120, 100)), *legs])
     rooms = [PrinterRoom(name, ((50.0, 130.0, 130.0),)) for name in "abc"]
@@ -61,9 +61,11 @@ def test_parts_fit_in_one_way_on_unequal_pins_and_in_two_on_equal_pins() -> None
     assert len(list(find_placements(*unequal, [13.0, 7.0]))) == 1
     assert len(list(find_placements(*equal, [13.0, 13.0]))) == 2
     wider_face = replace(unequal[1], at_mm=1.1 * unequal[1].at_mm)
-    assert list(find_placements(unequal[0], wider_face, [13.0, 7.0])) == []  # distances of pins are unique
+    assert (
+        list(find_placements(unequal[0], wider_face, [13.0, 7.0])) == []
+    )  # the distances of the pins differ
     assert list(find_placements(unequal[0], wider_face, None)) == []
-    assert len(list(find_placements(*equal, None))) == 2  # a foreign body fits if all holes meet
+    assert len(list(find_placements(*equal, None))) == 2  # without known pins, a body fits if all holes meet
 
 
 def test_parts_fit_in_one_way_on_keys_of_two_lengths_and_keys_fit_no_holes() -> None:

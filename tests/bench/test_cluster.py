@@ -1,4 +1,4 @@
-"""Critical path of recorded jobs, and their stages."""
+"""Stages of recorded jobs, and their critical path."""
 
 import pytest
 
@@ -40,7 +40,7 @@ def test_tasks_are_grouped_by_the_stages_that_follow_each_other():
     ]
 
 
-def test_the_critical_path_ends_with_the_last_drawing_if_that_takes_longer():
+def test_critical_path_ends_with_the_last_drawing_if_that_takes_longer():
     path = find_critical_path(STAGES)
     assert path == [
         ("decompose_job", 30.0),
@@ -60,7 +60,7 @@ def test_drawings_by_one_worker_lengthen_the_path():
     assert sum_path(path) == sum_path(find_critical_path(STAGES)) + 8.0
 
 
-def test_the_table_of_a_page_is_replaced():
+def test_table_of_a_page_is_replaced():
     page = "# Page\n<!-- bench/cluster.py replay -->\nold\n<!-- end of replay -->\nrest\n"
     figures = {"duration_s": 12.34, "bound_s": 11.0, "efficiency": 0.5, "cpu_ms_per_task": 17.6}
     figures |= {"overhead_ms": 9.9, "single_drawer_s": 15.5, "ratio": 0.8}
@@ -76,8 +76,14 @@ def test_the_table_of_a_page_is_replaced():
 
 
 def test_rounds_are_summed_up_for_each_fault():
-    nothing = {"results_taken_twice": 0, "remaining_tasks": 0, "extra_processes": 0}
-    figures = {"job_ended": True, "during_job": True, "correct_tasks": 8, "used_local_pool": False, **nothing}
+    no_faults = {"results_taken_twice": 0, "remaining_tasks": 0, "extra_processes": 0}
+    figures = {
+        "job_ended": True,
+        "during_job": True,
+        "correct_tasks": 8,
+        "used_local_pool": False,
+        **no_faults,
+    }
     rounds = [
         {**figures, "fault": "cut farm", "duration_s": 50.0, "differences": [], "used_local_pool": True},
         {
@@ -90,13 +96,13 @@ def test_rounds_are_summed_up_for_each_fault():
         },
         {**figures, "fault": "cut farm", "duration_s": 60.0, "differences": ["1/01 sha256: a and b"]},
     ]
-    cut, killed_row = summarise_faults(rounds)
+    cut_row, killed_row = summarise_faults(rounds)
     assert (
-        cut["rounds"],
-        cut["shortest_s"],
-        cut["longest_s"],
-        cut["same_plans"],
-        cut["used_local_pool"],
+        cut_row["rounds"],
+        cut_row["shortest_s"],
+        cut_row["longest_s"],
+        cut_row["same_plans"],
+        cut_row["used_local_pool"],
     ) == (
         2,
         50.0,
@@ -109,5 +115,5 @@ def test_rounds_are_summed_up_for_each_fault():
         1,
         8,
     )
-    assert (cut["extra_processes"], killed_row["extra_processes"]) == (0, 2)
-    assert (cut["during_job"], killed_row["during_job"]) == (2, 0)
+    assert (cut_row["extra_processes"], killed_row["extra_processes"]) == (0, 2)
+    assert (cut_row["during_job"], killed_row["during_job"]) == (2, 0)

@@ -1,4 +1,4 @@
-"""The file by which Avahi announces the farm to slicers."""
+"""The file with which Avahi announces the farm to slicers."""
 
 from pathlib import Path
 from xml.etree import ElementTree

@@ -1,4 +1,4 @@
-"""Bundle of the scripts of the pages: its sources and its size."""
+"""Bundle of the scripts of the pages: sources, size and licence."""
 
 import gzip
 import json
@@ -27,7 +27,7 @@ def test_libraries_are_pinned_by_hashes_and_name_no_host():
         assert packages[f"node_modules/{name}"]["version"] == version
 
 
-def test_bundle_is_small_and_comes_with_the_licence():
+def test_bundle_is_small_and_contains_the_licence():
     bundle = ROOT / "farm/web/pages/built/viewer.js"
     if not bundle.exists():
         pytest.skip("the scripts of the pages are not built: make pages")
@@ -44,7 +44,7 @@ def test_installation_continues_without_node_and_keeps_no_old_bundle(tmp_path):
     bundle_folder.mkdir()
     (bundle_folder / "viewer.js").write_text("old")
     (bundle_folder / ".sources").write_text("digest of earlier sources")
-    tools = tmp_path / "tools"  # all that the script needs but npm
+    tools = tmp_path / "tools"  # all programs that the script needs, except npm
     tools.mkdir()
     for name in ("bash", "cat", "cp", "cut", "dirname", "env", "mkdir", "rm", "sha256sum"):
         (tools / name).symlink_to(shutil.which(name))

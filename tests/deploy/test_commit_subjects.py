@@ -1,4 +1,4 @@
-"""Check of commit subjects (`.ci/commit-subjects`), in small repositories."""
+"""Check of commit subjects (`.ci/commit-subjects`) in small repositories."""
 
 import re
 import subprocess
@@ -74,9 +74,9 @@ def test_shallow_clone_without_the_base_is_checked(repository: Repository, tmp_p
 
 
 def test_folder_without_git_passes(tmp_path: Path):
-    folder = Repository(tmp_path)
-    folder.set_base("0" * 40)
-    assert folder.check().returncode == 0
+    plain_folder = Repository(tmp_path)
+    plain_folder.set_base("0" * 40)
+    assert plain_folder.check().returncode == 0
 
 
 @pytest.mark.parametrize(

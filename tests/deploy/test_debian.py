@@ -1,4 +1,4 @@
-"""Parts of the Debian package that can be tried without a new Debian; `make test-deb` tries all of it."""
+"""Parts of the Debian package that can be tested on any host; `make test-deb` tests the whole package."""
 
 import importlib.util
 import re
@@ -38,7 +38,7 @@ def share(command_files: ModuleType, tmp_path_factory: pytest.TempPathFactory) -
     return folder
 
 
-def test_the_fleet_file_of_the_package_lists_no_printer_and_opens_no_port():
+def test_fleet_file_of_the_package_lists_no_printer_and_opens_no_port():
     fleet = load_fleet(DEBIAN / "fleet.yaml", MODELS, complete_section)
     assert (fleet.printers, fleet.web) == ((), None)
 
@@ -52,7 +52,7 @@ def test_every_commented_line_of_the_fleet_file_is_valid(tmp_path: Path):
     assert len(fleet.printers) == 3 and fleet.web is not None and fleet.fleet.attended
 
 
-def test_the_fleet_of_the_container_is_simulated_and_opens_no_port():
+def test_fleet_of_the_container_is_simulated_and_opens_no_port():
     fleet = load_fleet(DEPLOY / "container" / "fleet.yaml", MODELS, complete_section)
     assert fleet.printers and all(section.simulated for section in fleet.printers)
     assert fleet.web is None
@@ -79,7 +79,7 @@ def test_text_is_escaped_for_roff(command_files: ModuleType):
     assert command_files.escape(".a\n'b\\c-d e.f") == "\\&.a\n\\&'b\\ec\\-d e.f"
 
 
-def test_bash_completes_commands_by_the_script_of_the_package(share: Path):
+def test_bash_completes_commands_with_the_script_of_the_package(share: Path):
     script = share / "bash-completion" / "completions" / "farm"
     command = f". {script} && complete -p farm"
     result = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=True)
@@ -88,7 +88,7 @@ def test_bash_completes_commands_by_the_script_of_the_package(share: Path):
 
 
 @pytest.mark.parametrize("name", ["preinst", "postinst", "prerm", "postrm"])
-def test_maintainer_scripts_stop_at_an_error_and_touch_no_agent(name: str):
+def test_maintainer_scripts_stop_at_an_error_and_leave_agents_running(name: str):
     path = DEBIAN / name
     subprocess.run(["sh", "-n", path], check=True)
     text = path.read_text()
@@ -105,7 +105,7 @@ def test_apt_refuses_another_python_and_another_cura():
 
 
 def test_running_agents_of_every_user_are_found():
-    """A daemon on another host starts agents in a user's folder; a removal must not take their program."""
+    """Find agents of a daemon on another host, too, as a removal must not delete their program."""
     text = (DEBIAN / "prerm").read_text()
     [function] = re.findall(r"(?ms)^agents_run\(\) \{$.*?^\}$", text)
     python = "/opt/farm/.venv/bin/python"
@@ -123,14 +123,14 @@ def test_purge_does_not_remove_a_checkout():
     assert text.index("/opt/farm/.git") < text.index("rm -rf")
 
 
-def test_scripts_are_not_tested_on_the_host_itself():
-    run = subprocess.run([DEBIAN / "test-scripts.sh", "--in-copy"], capture_output=True, text=True)
-    assert (run.returncode, "in the copy only" in run.stderr) == (2, True)
+def test_scripts_of_the_package_refuse_a_test_outside_the_copy():
+    result = subprocess.run([DEBIAN / "test-scripts.sh", "--in-copy"], capture_output=True, text=True)
+    assert (result.returncode, "in the copy only" in result.stderr) == (2, True)
 
 
-def test_scripts_of_the_package_run_by_dpkg_with_a_recording_systemctl():
-    """Installs, upgrades, removes and purges a package with a stub program over this host's files."""
-    run = subprocess.run([DEBIAN / "test-scripts.sh"], capture_output=True, text=True)
-    if run.returncode == CANNOT_RUN:
-        pytest.skip(run.stderr.strip())
-    assert run.returncode == 0, run.stdout + run.stderr
+def test_dpkg_runs_the_scripts_of_the_package_with_a_recording_systemctl():
+    """Install, upgrade, remove and purge a package with a stub program, in a copy of this host's files."""
+    result = subprocess.run([DEBIAN / "test-scripts.sh"], capture_output=True, text=True)
+    if result.returncode == CANNOT_RUN:
+        pytest.skip(result.stderr.strip())
+    assert result.returncode == 0, result.stdout + result.stderr

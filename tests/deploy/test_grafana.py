@@ -18,7 +18,7 @@ LABEL = re.compile(r"\b(\w+)\s*(?:=~|!~|!=|=)\s*\"")
 
 @pytest.fixture
 def labels(tmp_path):
-    """Labels of each sample of a farm with an ended and an open print."""
+    """Return the labels of each metric of a farm with an ended and an open print."""
     farm = ScrapedFarm(tmp_path)
     farm.print_plate(PrintState.DONE)
     farm.print_plate(PrintState.PRINTING)
@@ -62,4 +62,4 @@ def test_data_source_is_chosen_by_its_user():
     assert all(
         target["datasource"]["uid"] == "${datasource}" for panel in PANELS for target in panel["targets"]
     )
-    assert BOARD["id"] is None  # Grafana gives it one
+    assert BOARD["id"] is None  # Grafana assigns an id

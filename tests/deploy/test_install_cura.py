@@ -1,4 +1,4 @@
-"""Installation of CuraEngine and Cura's settings: the script, with stand-ins for the programs of apt."""
+"""Script that installs CuraEngine and Cura's settings, with stand-ins for the programs of apt."""
 
 import pytest
 
@@ -18,7 +18,7 @@ class TestInstall:
         assert "install cura\n" not in calls
         assert (host.settings / "materials" / "generic_pla.xml.fdm_material").is_file()
         assert host.run()[0] == 0
-        assert (host.state / "calls").read_text() == calls  # the second time asks nobody
+        assert (host.state / "calls").read_text() == calls  # the second run does not call apt-get
 
     def test_empty_package_lists_are_refreshed_once(self, tmp_path):
         code, _, calls = Host(tmp_path, apt="5.0", lists=False).run()
@@ -28,7 +28,7 @@ class TestInstall:
     @pytest.mark.parametrize("version", ["4.13", "5.0", "5.2"])
     def test_configured_engine_of_a_supported_version_is_used(self, tmp_path, version):
         host = Host(tmp_path)
-        engine = host.engine(version, tmp_path / "mine")
+        engine = host.add_engine(version, tmp_path / "mine")
         engine_files = create_resources(tmp_path / "cura", version)
         code, output, calls = host.run(FARM_CURA_ENGINE=str(engine), FARM_CURA_RESOURCES=str(engine_files))
         assert (code, output, calls) == (0, "", "")
@@ -45,14 +45,14 @@ class TestInstall:
     def test_configured_engine_of_another_version_is_refused(self, tmp_path, engine, settings, message):
         host = Host(tmp_path)
         folder = create_resources(tmp_path / "cura", settings) if settings else tmp_path
-        program = host.engine(engine, tmp_path / "mine")
+        program = host.add_engine(engine, tmp_path / "mine")
         code, output, _ = host.run(FARM_CURA_ENGINE=str(program), FARM_CURA_RESOURCES=str(folder))
         assert code == 1
         assert message in output
 
     def test_settings_of_another_version_are_replaced(self, tmp_path):
         host = Host(tmp_path, apt="5.0")
-        host.engine("5.0")
+        host.add_engine("5.0")
         create_resources(host.settings, "4.13")
         code, _, calls = host.run()
         assert code == 0
@@ -61,7 +61,7 @@ class TestInstall:
 
     def test_packages_of_another_version_are_not_used(self, tmp_path):
         host = Host(tmp_path, apt="5.0")
-        host.engine("4.13")
+        host.add_engine("4.13")
         code, output, _ = host.run()
         assert code == 1
         assert "apt has no version 4.13 of: cura fdm-materials" in output

@@ -1,4 +1,4 @@
-"""Installation of the peers of interop tests: the script, with stand-ins for apt and Python."""
+"""Script that installs the peers of interop tests, with stand-ins for apt and Python."""
 
 import shutil
 import subprocess
@@ -44,7 +44,7 @@ mkdir -p "$3/bin"; printf '#!/bin/bash\\n[[ -z ${NO_PIP:-} ]]\\n' > "$3/bin/pyth
 
 @pytest.fixture
 def install(tmp_path: Path):
-    """Run the script on a host with the programs `present`, and return its output."""
+    """Return a function that runs the script on a host with the programs `present` and returns its output."""
     (tmp_path / "bin").mkdir()
     for name in TOOLS.split():
         (tmp_path / "bin" / name).symlink_to(shutil.which(name) or "/")
@@ -106,7 +106,7 @@ def test_missing_large_package_does_not_affect_the_others(install, tmp_path: Pat
 
 
 def test_server_with_fixed_paths_is_skipped(install, tmp_path: Path):
-    """OpenSSH 9.8 and later put a program of the server at a fixed path."""
+    """Skip OpenSSH 9.8 and later, whose server needs a program at a fixed path."""
     program = tmp_path / "bin" / "dpkg-deb"
     program.write_text(
         program.read_text() + '\n[[ $2 != *openssh-server.deb ]] || put "$3/usr/lib/openssh/sshd-session"\n'

@@ -45,7 +45,7 @@ def test_unit_starts_an_existing_program(unit: Path):
 
 
 @pytest.mark.skipif(shutil.which("systemd-socket-activate") is None, reason="needs systemd")
-def test_service_of_farm_estop_takes_the_listening_socket_of_its_unit(tmp_path: Path):
+def test_service_of_farm_estop_receives_the_listening_socket_of_its_unit(tmp_path: Path):
     folder = DEPLOY / "systemd"
     assert "Accept=no" in (folder / "farm-estop.socket").read_text()
     service = (folder / "farm-estop.service").read_text()
@@ -57,7 +57,7 @@ def test_service_of_farm_estop_takes_the_listening_socket_of_its_unit(tmp_path: 
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as server:
         try:
             assert server.stderr is not None and "Listening" in server.stderr.readline()
-            for _ in range(2):  # the second one by the same process
+            for _ in range(2):  # the same process serves the second client
                 with socket.socket(socket.AF_UNIX) as client:
                     client.settimeout(60.0)
                     client.connect(str(path))
@@ -68,14 +68,14 @@ def test_service_of_farm_estop_takes_the_listening_socket_of_its_unit(tmp_path: 
             server.kill()
 
 
-def test_agents_unit_waits_for_its_print_and_depends_on_nothing_that_may_stop():
+def test_unit_of_an_agent_waits_for_its_print_and_depends_on_no_unit_that_may_stop():
     text = (DEPLOY / "systemd" / "farm-agent@.service").read_text()
     assert "TimeoutStopSec=infinity" in text and "KillMode=mixed" in text
     assert not re.search(r"^(Requires|BindsTo|PartOf|Requisite)=", text, re.MULTILINE)
 
 
 @pytest.mark.skipif(shutil.which("perl") is None, reason="needs perl")
-def test_needrestart_leaves_agents_alone_and_nothing_else():
+def test_needrestart_restarts_everything_except_agents():
     perl = (
         "our %nrconf; do $ARGV[0]; die $@ if $@; my ($re) = keys %{$nrconf{override_rc}}; "
         "for (@ARGV[1,2]) { print /$re/ ? 1 : 0 }"
@@ -86,7 +86,7 @@ def test_needrestart_leaves_agents_alone_and_nothing_else():
     assert process.stdout == "10", process.stderr
 
 
-def test_under_systemd_an_agent_is_started_as_its_unit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_agent_is_started_as_its_unit_under_systemd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     systemctl = tmp_path / "systemctl"
     systemctl.write_text(f'#!/bin/sh\necho "$@" > {tmp_path}/asked\n')
     systemctl.chmod(0o700)
@@ -101,7 +101,7 @@ def test_under_systemd_an_agent_is_started_as_its_unit(tmp_path: Path, monkeypat
 
 
 def find_properties(event: dict[str, str]) -> dict[str, str]:
-    """Evaluate the udev rules for a device, with the few operators that they use."""
+    """Return the properties that the udev rules set for a device; supports only the operators in them."""
     properties: dict[str, str] = {}
     skip_to = ""
     for line in (DEPLOY / "udev" / "60-farm.rules").read_text().splitlines():

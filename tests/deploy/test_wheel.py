@@ -13,7 +13,7 @@ from farms.installed_version import ROOT, build_wheel, install_wheel
 from hosts.apt_host import Host
 
 BROWSER_SOURCES = "farm/web/pages/browser/"
-"""Bundled by `deploy/build-pages.sh`: the wheel has the bundle."""
+"""Sources that `deploy/build-pages.sh` bundles; the wheel has only the bundle."""
 BUNDLE = "farm/web/pages/built"
 
 
@@ -25,16 +25,16 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def environment(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Install the wheel, with the dependencies that this environment has."""
+    """Install the wheel into a new environment with the dependencies of this one; return its folder."""
     folder = tmp_path_factory.mktemp("clean") / "farm"
     packages = install_wheel(wheel, folder)
-    # Where the checkout is compiled, so is this: it takes a minute, and is the same code.
+    # Reuse the compiled code of the checkout, which is the same: compiling takes a minute.
     shutil.copytree(INSTALLED, packages / "decompose" / "__pycache__" / INSTALLED.name, dirs_exist_ok=True)
     return folder
 
 
-def run(environment: Path, host: Host, *arguments: str) -> tuple[int, str]:
-    """Run `farm` of the environment on a computer, far from the checkout."""
+def run_farm(environment: Path, host: Host, *arguments: str) -> tuple[int, str]:
+    """Run `farm` of the environment on a computer, outside the checkout; return its code and output."""
     home = {"HOME": str(host.folder), "FARM_STATE": str(host.folder / "farm-state")}
     process = subprocess.run(
         [environment / "bin" / "farm", *arguments],
@@ -48,7 +48,7 @@ def run(environment: Path, host: Host, *arguments: str) -> tuple[int, str]:
     return process.returncode, process.stdout
 
 
-def test_wheel_has_all_files_of_the_packages_that_git_has(wheel: Path):
+def test_wheel_contains_all_files_of_the_packages_in_git(wheel: Path):
     command = ["git", "ls-files", "farm", "drivers", "decompose", "slicing"]
     git_files = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
     assert len(git_files) > 100
@@ -58,19 +58,19 @@ def test_wheel_has_all_files_of_the_packages_that_git_has(wheel: Path):
         assert expected - set(archive.namelist()) == set()
 
 
-def test_setup_installs_what_the_doctor_misses(environment: Path, tmp_path: Path):
+def test_setup_installs_what_the_doctor_reports_as_missing(environment: Path, tmp_path: Path):
     host = Host(tmp_path, apt="4.13")
-    _, doctor_before = run(environment, host, "doctor")
+    _, doctor_before = run_farm(environment, host, "doctor")
     missing_items = [line for line in doctor_before.splitlines() if line.startswith("problem  cura")]
     assert len(missing_items) == 2 and all(line.count("farm setup") == 1 for line in missing_items)
 
-    code, output = run(environment, host, "setup")
+    code, output = run_farm(environment, host, "setup")
     assert code == 0, output
     settings = environment / "share" / "farm" / "cura"
     assert f"its settings are in {settings}" in output
     assert "install -y -qq --no-install-recommends cura-engine" in host.calls
 
-    _, doctor_after = run(environment, host, "doctor")
+    _, doctor_after = run_farm(environment, host, "doctor")
     assert "problem  cura" not in doctor_after
     assert f"ok       cura: {settings}" in doctor_after
     assert f"ok       code: the planning code is compiled in {environment}" in doctor_after
@@ -78,13 +78,13 @@ def test_setup_installs_what_the_doctor_misses(environment: Path, tmp_path: Path
 
 def test_setup_names_missing_packages_without_apt(environment: Path, tmp_path: Path):
     shutil.rmtree(environment / "share", ignore_errors=True)
-    code, output = run(environment, Host(tmp_path), "setup")
+    code, output = run_farm(environment, Host(tmp_path), "setup")
     assert code == 1
     assert "There is no apt here" in output and "FARM_CURA_RESOURCES" in output
     assert output.splitlines()[-1].startswith("farm: CuraEngine and its settings in")
 
 
-def test_version_is_that_of_the_wheel(environment: Path, wheel: Path, tmp_path: Path):
-    code, output = run(environment, Host(tmp_path), "--version")
+def test_installed_program_has_the_version_of_the_wheel(environment: Path, wheel: Path, tmp_path: Path):
+    code, output = run_farm(environment, Host(tmp_path), "--version")
     assert (code, output) == (0, f"farm {wheel.name.split('-')[1]}\n")
     assert os.access(environment / "bin" / "farm", os.X_OK)

@@ -1,4 +1,4 @@
-"""The pages that docs/generate.py writes from the program."""
+"""Pages that docs/generate.py writes from the program."""
 
 import importlib.util
 from pathlib import Path
@@ -29,7 +29,7 @@ def test_description_without_a_name_is_refused():
         generate.pair_with_words(["paused"], "hold_codes", {"paused": "It waits.", "gone": "It is not."})
 
 
-def test_field_of_json_without_words_is_refused():
+def test_field_of_json_without_a_description_is_refused():
     schema = {"properties": {"grams": {"type": "number"}, "new": {"type": "number"}}}
     expected = {"any": {"grams": "Filament."}, "Reel": {"new": "It is new."}}
     assert "It is new." in generate._make_fields_table("Reel", schema, expected)

@@ -1,4 +1,4 @@
-"""Commands on the pages: the program has each command and option."""
+"""Commands on the pages: the program has each of them and its options."""
 
 import re
 from pathlib import Path

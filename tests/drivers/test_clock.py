@@ -45,7 +45,7 @@ def test_clock_step_of_the_host_is_applied_once(step_s: float, monkeypatch: pyte
     assert clock.follow_host() == pytest.approx(-step_s, abs=1.0)
 
 
-def test_small_steps_add_up(monkeypatch: pytest.MonkeyPatch):
+def test_small_steps_of_the_host_clock_add_up(monkeypatch: pytest.MonkeyPatch):
     real_time, clock = time.time, Clock()
     taken_s = []
     for tenths in range(1, 31):

@@ -26,14 +26,14 @@ FARM = Path(sys.executable).with_name("farm")
 
 @pytest.fixture
 def printer(tmp_path: Path) -> Iterator[Path]:
-    """Start an emulated printer behind a path without further information."""
+    """Start an emulated printer whose port has no further information."""
     folder = tmp_path / "printer"
     launch(f"sim://{MODEL}", folder, Clock(120.0, time.time()))
     yield folder / "tty"
     control(folder, "power_off")
 
 
-def farm(tmp_path: Path, port: object, *arguments: str) -> subprocess.CompletedProcess[str]:
+def run_discover(tmp_path: Path, port: object, *arguments: str) -> subprocess.CompletedProcess[str]:
     fleet = tmp_path / "fleet.yaml"
     fleet.write_text(f"printers:\n  - {{name: a, model: ultimaker2_plus, port: {port}}}\n")
     command = [FARM, "discover", "--state", tmp_path / "state", "--fleet", fleet, *arguments]
@@ -58,7 +58,7 @@ def test_plugged_device_is_named_by_its_socket_and_the_fleet(tmp_path: Path):
 
 
 @pytest.mark.system
-def test_board_that_starts_again_is_commissioned_and_that_is_kept(tmp_path: Path, printer: Path):
+def test_board_that_restarts_is_commissioned_and_the_reset_is_recorded(tmp_path: Path, printer: Path):
     assert commission(str(printer), tmp_path / "agent", ULTIMAKER2) == MODEL
     memory = Journal(tmp_path / "agent" / "journal.jsonl").state
     assert memory.board.reset_verified == str(printer) and memory.board.device_id is not None
@@ -77,7 +77,7 @@ def test_board_whose_banner_lacks_the_model_is_queried(tmp_path: Path):
 def test_board_that_prints_from_its_card_is_not_reset():
     master, slave = pty.openpty()
     tty.setraw(slave)
-    path = Path(os.ttyname(slave))  # the slave stays open: a close would be seen by the master
+    path = Path(os.ttyname(slave))  # the slave stays open, as the master would see a close
     received_data = b""
 
     def serve_board() -> None:
@@ -112,12 +112,12 @@ def test_board_of_an_unknown_version_is_refused(banner: bytes):
 
 @pytest.mark.system
 def test_farm_commissions_a_printer_with_and_without_its_agent(tmp_path: Path, printer: Path):
-    result_alone = farm(tmp_path, "/dev/null", "--commission", str(printer), "--yes")
-    assert result_alone.returncode == 0, result_alone.stderr
-    assert f"model: {MODEL}" in result_alone.stdout  # the line for fleet.yaml
+    result_without_agent = run_discover(tmp_path, "/dev/null", "--commission", str(printer), "--yes")
+    assert result_without_agent.returncode == 0, result_without_agent.stderr
+    assert f"model: {MODEL}" in result_without_agent.stdout  # the line for fleet.yaml
     (tmp_path / "by-path").symlink_to(printer)
-    # The name is another than that of the fleet.
-    wrong_result = farm(tmp_path, printer, "--commission", str(tmp_path / "by-path"), "--yes")
+    # The command names the port in another way than the fleet.
+    wrong_result = run_discover(tmp_path, printer, "--commission", str(tmp_path / "by-path"), "--yes")
     assert wrong_result.returncode == 2 and "fleet.yaml says ultimaker2_plus" in wrong_result.stderr
     folder = tmp_path / "state" / "agents" / "b"
     process = spawn_agent("b", MODEL, str(printer), folder, Clock(120.0, time.time()))
@@ -137,8 +137,8 @@ def test_farm_commissions_a_printer_with_and_without_its_agent(tmp_path: Path, p
         process.kill()
         process.wait(10.0)
     assert Journal(folder / "journal.jsonl").state.board.reset_verified == str(printer)
-    result = farm(tmp_path, f"{printer}, host: pc-b", "--commission", "a", "--yes")
-    # The port of that name here belongs to another printer.
+    result = run_discover(tmp_path, f"{printer}, host: pc-b", "--commission", "a", "--yes")
+    # A port of this host with the same name belongs to another printer.
     assert result.returncode == 5 and "is on pc-b" in result.stderr
-    unknown_result = farm(tmp_path, printer, "--commission", "z", "--yes")
+    unknown_result = run_discover(tmp_path, printer, "--commission", "z", "--yes")
     assert unknown_result.returncode == 4

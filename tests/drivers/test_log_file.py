@@ -1,4 +1,4 @@
-"""Logs that are renamed at a limit of size while their process, and others, write to them."""
+"""Logs that are renamed at a size limit while their process and its children write to them."""
 
 import errno
 import os

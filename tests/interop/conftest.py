@@ -1,4 +1,4 @@
-"""Slices of PrusaSlicer with its own profile for the Ultimaker 2."""
+"""Fixture for slices of PrusaSlicer with its own profile for the Ultimaker 2."""
 
 import configparser
 import shutil
@@ -33,7 +33,7 @@ def flatten_preset(presets, title):
 
 @pytest.fixture(scope="session")
 def slice_box(tmp_path_factory):
-    """Slice a box by PrusaSlicer with options of its command line; returns the path of the G-code."""
+    """Return a function that slices a box with PrusaSlicer and options; it returns the path of the G-code."""
     if PROGRAM is None:
         pytest.skip("prusa-slicer is missing: `make peers`")
     folder = tmp_path_factory.mktemp("prusa")

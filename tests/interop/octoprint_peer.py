@@ -1,8 +1,8 @@
 """OctoPrint's virtual printer behind a pseudo-terminal; runs in the environment of `make interop`.
 
-``octoprint_peer.py FOLDER FIRMWARE FAULT@LINE...``: prints the slave's path, then serves until its end is
-closed. At its LINE-th G-code the printer's own debug command FAULT is given. The executed commands are in
-FOLDER/done.txt, one a line.
+``octoprint_peer.py FOLDER FIRMWARE FAULT@LINE...``: prints the path of the slave, then serves until it is
+closed. At the LINE-th G-code, the virtual printer gets its own debug command FAULT. The executed commands are
+written to FOLDER/done.txt, one a line.
 """
 
 import os
@@ -55,6 +55,8 @@ class Settings:
 
 
 class Hooks:
+    """Plugin manager without hooks."""
+
     def get_hooks(self, name):
         return {}
 
@@ -63,7 +65,7 @@ class Printer(virtual.VirtualPrinter):
     """Virtual printer that records executed commands and gets its faults at given lines.
 
     Two of its faults acknowledge a line and discard it, which no host can detect: its simulated
-    error `resend_with_timeout` (once), and each one that `resend_ratio` draws. They are counted.
+    error `resend_with_timeout` (once), and each line that `resend_ratio` selects. They are counted.
     """
 
     def __init__(self, folder, firmware, faults):
@@ -77,7 +79,7 @@ class Printer(virtual.VirtualPrinter):
 
     def _triggerResend(self, expected=None, actual=None, checksum=None):
         if actual is None and not checksum and expected == self.current_line + 1:
-            # Our query: the printer's firmware answers it like this.
+            # This is our query, which the firmware of the printer answers in this way.
             if self.marlin2:
                 self._send(f"Error:No Checksum with line number, Last Line: {self.lastN}")
                 self._send(f"Resend: {self.lastN + 1}")
@@ -119,7 +121,7 @@ def main():
     master, slave = pty.openpty()
     tty.setraw(slave)
     print(os.ttyname(slave), flush=True)
-    sys.stdin.readline()  # the host has it open
+    sys.stdin.readline()  # the host has opened the port
     os.close(slave)
     printer = Printer(folder, firmware, faults)
 
@@ -135,9 +137,9 @@ def main():
     threading.Thread(target=answer_lines, daemon=True).start()
     try:
         while data := os.read(master, 256):
-            if firmware == "marlin2":  # which refuses a number without a checksum; the virtual printer obeys
+            if firmware == "marlin2":  # Marlin 2 refuses such a line
                 data = data.replace(b"N0 M110\n", b"N0 M110*0\n")
-            for line in data.splitlines(keepends=True):  # it takes one line of what is written at a time
+            for line in data.splitlines(keepends=True):  # the virtual printer accepts one line at a time
                 while line:
                     line = line[printer.write(line) :]
     except Exception:

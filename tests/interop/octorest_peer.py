@@ -1,6 +1,6 @@
 """Calls of OctoRest, a client of OctoPrint from PyPI; runs in the environment of `make interop`.
 
-``octorest_peer.py URL KEY FILE``: uploads the file, selects it for printing, and asks for the job,
+``octorest_peer.py URL KEY FILE``: uploads the file, selects it for printing, and requests the job,
 the printer, the connection and the files. Prints a line of JSON with the answers.
 """
 
@@ -13,7 +13,7 @@ from octorest import OctoRest
 def main():
     url, key, file = sys.argv[1:]
     client = OctoRest(url=url, apikey=key)
-    upload_result = client.upload(file)  # its options `select` and `print` never reach a server
+    upload_result = client.upload(file)  # OctoRest never sends its options `select` and `print`
     path = upload_result["files"]["local"]["path"]
     answers = {"version": client.version, "upload": upload_result, "held": client.files_info("local", path)}
     client.select(path, print=True)

@@ -1,7 +1,7 @@
-"""Printrun's printcore prints a file; runs in the environment of `make interop`.
+"""Print a file with Printrun's printcore; runs in the environment of `make interop`.
 
 ``printcore_peer.py TTY GCODE [HEAD]``: prints the seconds from the first line of the file to the ok of the
-last; HEAD is a file that is printed before.
+last; HEAD is a file that is printed first.
 """
 
 import sys

@@ -1,4 +1,4 @@
-"""Log-in, pages and log-out in Chromium; skipped if it is missing."""
+"""Log-in, pages and log-out in Chromium; skipped if Chromium is missing."""
 
 import asyncio
 import os
@@ -16,7 +16,7 @@ pytestmark = [
     pytest.mark.skipif(CHROMIUM is None, reason="apt-get install chromium"),
 ]
 PICTURES = os.environ.get("FARM_PICTURES")
-"""Folder to keep pictures of the pages in."""
+"""Folder in which pictures of the pages are kept."""
 
 
 async def take_picture(browser, name):
@@ -25,8 +25,8 @@ async def take_picture(browser, name):
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", HOST])
-def test_user_logs_in_by_the_button_sees_the_farm_and_logs_out(tmp_path, host):
-    """A plain-HTTP name is not a trustworthy origin, so the browser sends only `Origin` there."""
+def test_user_logs_in_by_a_button_sees_the_farm_and_logs_out(tmp_path, host):
+    """Use an untrusted origin, too: to a name over plain HTTP, the browser sends only `Origin`."""
 
     async def browse():
         farm = NetworkFarm(tmp_path)

@@ -8,7 +8,7 @@ import pytest
 
 from books.make_books import make_end_event
 from books.planned_job import plan_job, submit_model
-from browser.accessibility import AXE, find_faults, read
+from browser.accessibility import AXE, await_value, find_faults
 from browser.chromium import CHROMIUM, Chromium
 from farm.model import (
     AgentSnapshot,
@@ -63,13 +63,13 @@ def run_in_browser(tmp_path, scenario):
 
 
 @pytest.mark.skipif(not AXE.exists(), reason="make pages")
-def test_pages_are_accessible_load_nothing_from_elsewhere_and_fit_a_narrow_phone(tmp_path):
+def test_pages_are_accessible_load_nothing_from_other_hosts_and_fit_a_narrow_phone(tmp_path):
     async def scenario(farm, browser, base):
         results = {}
         link = f"/login/{farm.sessions.make_link('ann', Role.LOOK)}"
         for path in (*PAGES, link):
             await browser.open(base + path)
-            assert set(await read(browser, RESOURCE_HOSTS)) <= {base.removeprefix("http://")}, path
+            assert set(await await_value(browser, RESOURCE_HOSTS)) <= {base.removeprefix("http://")}, path
             if faults := await find_faults(browser):
                 results[path] = faults
         assert results == {}
@@ -86,7 +86,7 @@ OUTCOMES = (
 
 
 def print_outcomes(farm):
-    """Print a part for each outcome; then one printer has an alarm, and a job is paused."""
+    """Print a part for each outcome, then raise an alarm on the printer and pause a job."""
     controller, now_s = farm.controller, farm.clock.now_s
     cleared = ev.BedCleared(at_s=now_s, printer="a", by="ann", filament=FilamentState.PARKED)
     controller.handle(cleared, ev.JobApproved(at_s=now_s, job=1, by="ann"))
@@ -117,7 +117,7 @@ def test_pages_with_every_outcome_and_an_alarm_are_accessible(tmp_path):
     run_in_browser(tmp_path, scenario)
 
 
-def test_home_changes_by_itself_while_focus_and_what_is_typed_stay(tmp_path):
+def test_home_page_is_updated_and_keeps_the_focus(tmp_path):
     async def scenario(farm, browser, _):
         await browser.evaluate("window.sameDocument = true; document.querySelector('nav a').focus()")
         assert "the lid was open" in await browser.evaluate(f"{TASK}.innerText")
@@ -164,7 +164,7 @@ def test_times_in_sentences_and_charts_are_in_the_zone_of_the_reader(tmp_path):
     run_in_browser(tmp_path, scenario)
 
 
-def test_page_says_when_it_may_be_old_and_recovers(tmp_path):
+def test_page_states_that_it_may_be_outdated_and_recovers(tmp_path):
     async def scenario(farm, browser, _):
         await browser.wait_for(f"{STALE_ELEMENT} !== null && {STALE_ELEMENT}.hidden")
         streams = farm.services.page_streams
@@ -181,9 +181,9 @@ def test_page_says_when_it_may_be_old_and_recovers(tmp_path):
 def test_page_catches_up_after_the_computer_has_slept(tmp_path):
     async def scenario(farm, browser, _):
         await browser.wait_for(f"{STALE_ELEMENT} !== null && {STALE_ELEMENT}.hidden")
-        browser.sleep()
+        browser.suspend()
         make_bed_unknown(farm, "its board was reset")
-        browser.sleep(False)
+        browser.suspend(False)
         await browser.wait_for(f"{STALE_ELEMENT}.hidden && {TASK}.innerText.includes('its board was reset')")
 
     run_in_browser(tmp_path, scenario)
@@ -205,10 +205,12 @@ def test_degrees_stay_in_view_beside_a_chart_that_scrolls(tmp_path, width_px):
         await browser.open(f"{base}/printers/a")
         for scroll_px in (0, 2000):
             await browser.evaluate(f"{CHART}.scrollLeft = {scroll_px}")
-            positions = await read(browser, f"{DEGREES}.map((box) => [box.left, box.right])")
+            positions = await await_value(browser, f"{DEGREES}.map((box) => [box.left, box.right])")
             assert len(positions) == 5  # 0 to 200
             assert all(0 <= left < right <= width_px for left, right in positions)
-        assert await browser.evaluate(f"{CHART}.scrollLeft") > width_px  # to the present
+        assert (
+            await browser.evaluate(f"{CHART}.scrollLeft") > width_px
+        )  # as the chart is scrolled to the present
 
     run_in_browser(tmp_path, scenario)
 
@@ -221,7 +223,7 @@ FIELDS = (
 
 
 @pytest.mark.parametrize("path", ["/", "/jobs/1", "/timeline", "/printers/a", "/history"])
-def test_pages_fit_on_paper_without_forms_and_on_white(tmp_path, path):
+def test_printed_pages_fit_the_paper_without_forms_on_a_white_background(tmp_path, path):
     async def scenario(farm, browser, base):
         await browser.open(base + path)
         dark_scheme = [{"name": "prefers-color-scheme", "value": "dark"}]

@@ -27,7 +27,7 @@ pytestmark = [
 
 @pytest.fixture
 def report(tmp_path):
-    """The report of a planned job, as the farm sends it."""
+    """Return the path of the report of a planned job, as the farm sends it."""
     farm = NetworkFarm(tmp_path)
     plan_job(farm, hold=True)
     answer = farm.ask("GET", "/jobs/1/report", farm.add(Role.LOOK).text)
@@ -40,7 +40,7 @@ def report(tmp_path):
 
 @pytest.fixture
 def instructions(tmp_path):
-    """Instructions for a block of two parts, with pins and marks."""
+    """Return the path of instructions for a block of two parts, with pins and marks."""
     rooms = [PrinterRoom(name, ((80.0, 80.0, 80.0),)) for name in "ab"]
     connectors = ConnectorOptions(2.85, marks=True)
     options = Options(engine=Engine.GUILLOTINE, granularity=4, prove=False)

@@ -1,6 +1,6 @@
 """Interoperation with OctoPrint's virtual printer and Printrun's printcore.
 
-They are in a separate environment, which `make interop` makes; without it these tests are skipped.
+Both are in a separate environment, which `make interop` makes; without it, these tests are skipped.
 """
 
 import io
@@ -27,7 +27,7 @@ from drivers.printers import PROFILES
 from drivers.session import Pace, Session, SessionContext
 
 FOLDER = Path(__file__).parent
-PYTHON = Path(os.environ.get("FARM_INTEROP", "none"))  # of that environment
+PYTHON = Path(os.environ.get("FARM_INTEROP", "none"))  # the Python of that environment
 SCALE = 10.0  # our time-outs are farm seconds; the virtual printer's are not
 TIME_LIMIT_S = 120.0
 
@@ -39,7 +39,7 @@ pytestmark = [
 
 @contextmanager
 def open_octoprint(folder: Path, *faults: str, firmware: Firmware = ULTIMAKER2) -> Iterator[SerialPort]:
-    """Provide an open port of a virtual printer; each fault is NAME@LINE."""
+    """Open the port of a virtual printer; each fault is NAME@LINE."""
     name = "marlin2" if firmware is MARLIN2 else "ultimaker2"
     peer = subprocess.Popen(
         [PYTHON, FOLDER / "octoprint_peer.py", folder, name, *faults],
@@ -64,7 +64,7 @@ def open_octoprint(folder: Path, *faults: str, firmware: Firmware = ULTIMAKER2) 
 def print_program(
     folder: Path, program: list[bytes], *injected_faults: str, firmware: Firmware = ULTIMAKER2
 ) -> tuple[Link, list[Fault]]:
-    """Print to a virtual printer until the end, or until the link gives up."""
+    """Print to a virtual printer until the end or until the link gives up; return the link and its faults."""
     clock = Clock(SCALE, time.time())
     link, is_connected = Link(firmware, 2.0 * SCALE), False
     faults: list[Fault] = []
@@ -73,7 +73,7 @@ def print_program(
         deadline_s = time.monotonic() + TIME_LIMIT_S
         link.on_opened(clock.now())
         while not faults and not (is_connected and link.is_drained):
-            assert time.monotonic() < deadline_s, f"it does not end: {link.streamed_lines} lines"
+            assert time.monotonic() < deadline_s, f"the print does not end: {link.streamed_lines} lines"
             wait_s = max(0.0, min(clock.to_wall_duration_s(link.deadline_s - clock.now()), 1.0))
             try:
                 data = port.read() if select.select([port.fileno()], [], [], wait_s)[0] else b""
@@ -96,7 +96,7 @@ def make_spiral(count: int) -> list[bytes]:
     ]
 
 
-def read_executed(folder: Path) -> list[bytes]:
+def read_executed_commands(folder: Path) -> list[bytes]:
     """Return the commands that the virtual printer executed, without resent lines."""
     lines = (folder / "done.txt").read_bytes().replace(b"  ", b" ").splitlines()  # see `add_frame`
     return [line for line, _ in groupby(lines)]
@@ -121,11 +121,13 @@ def test_virtual_printer_prints_to_the_end_with_its_faults(tmp_path: Path):
     )
     assert faults == []
     assert link.streamed_lines == len(program)
-    printed_lines = read_executed(tmp_path)
+    printed_lines = read_executed_commands(tmp_path)
     assert printed_lines == [line for line in program if line in set(printed_lines)]
     dropped_lines = (tmp_path / "dropped.txt").read_text().splitlines()
-    assert len(program) - len(printed_lines) <= len(dropped_lines)  # by its own doing; one may be an M105
-    assert link.repeat_count >= 8  # an ok that was only lost costs no repeat
+    assert len(program) - len(printed_lines) <= len(
+        dropped_lines
+    )  # the virtual printer dropped them; one may be an M105
+    assert link.repeat_count >= 8  # a lost ok needs no repeat
 
 
 def test_virtual_printer_as_marlin_2_prints_to_the_end_with_its_faults(tmp_path: Path):
@@ -144,7 +146,7 @@ def test_virtual_printer_as_marlin_2_prints_to_the_end_with_its_faults(tmp_path:
     )
     assert faults == []
     assert link.streamed_lines == len(program)
-    printed_lines = read_executed(tmp_path)
+    printed_lines = read_executed_commands(tmp_path)
     assert printed_lines == [line for line in program if line in set(printed_lines)]
     dropped_lines = (tmp_path / "dropped.txt").read_text().splitlines()
     assert len(program) - len(printed_lines) <= len(dropped_lines)
@@ -178,7 +180,7 @@ def test_session_prints_a_part_to_a_virtual_ender_3(tmp_path: Path):
     assert (context.phase, context.fault) == (PrintPhase.DONE, None), context.reason
     assert context.heaters_off and context.filament is Filament.PARKED
     file = set(moves)
-    assert [line for line in read_executed(tmp_path) if line in file] == moves
+    assert [line for line in read_executed_commands(tmp_path) if line in file] == moves
 
 
 @pytest.mark.parametrize(
@@ -197,7 +199,7 @@ def test_unrecoverable_fault_of_the_virtual_printer_is_named(tmp_path: Path, tri
     program = make_spiral(200)
     _, faults = print_program(tmp_path, program, f"{trigger}@60")
     assert faults == [fault]
-    assert program[: len(read_executed(tmp_path))] == read_executed(tmp_path)
+    assert program[: len(read_executed_commands(tmp_path))] == read_executed_commands(tmp_path)
 
 
 @pytest.mark.parametrize("faults", ["", "?resend=0.01"])

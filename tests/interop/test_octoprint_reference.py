@@ -1,6 +1,6 @@
 """The same requests to OctoPrint and to the farm: status, keys and types of the answers, and `Location`.
 
-Every key that the farm gives is one of OctoPrint's, of the same type, and those that clients read are there.
+Every key of the farm is one of OctoPrint with the same type, and no key that clients read is missing.
 """
 
 import os
@@ -22,14 +22,14 @@ pytestmark = [
 ]
 GCODE = "\n".join(make_marlin()).encode() + b"\n"
 UPLOAD = "/api/files/local"
-PRINTER_PATH = "/to/a"  # printer of the farm; OctoPrint has one only
+PRINTER_PATH = "/to/a"  # address of a printer of the farm; OctoPrint has only one
 FLAGS = ("error", "closedOrError", "paused", "pausing", "printing", "cancelling", "ready", "operational")
 FORM = ["done", "effectivePrint", "effectiveSelect", "files.local.name", "files.local.origin"]
 FORM += ["files.local.path", "files.local.refs.resource"]
 
 
 def make_upload(*fields, name="part.gcode", content=GCODE):
-    """Form with fields and a file, in the order given; None stands for the file."""
+    """Make a form with fields and a file, in the order given; None stands for the file."""
     file = ("file", (name, content, "application/octet-stream"))
     return {"files": [file if field is None else (field[0], (None, field[1])) for field in fields]}
 
@@ -65,13 +65,13 @@ ANSWERS = {  # title -> (method, path, body), keys that clients read
     "probe for app keys": (("GET", "/plugin/appkeys/probe", {}), []),
     "request of an app key": (("POST", "/plugin/appkeys/request", {"json": {"app": "Cura"}}), ["app_token"]),
 }
-REFUSALS = {  # title -> (method, path, body), status of the farm where it is another
+REFUSALS = {  # title -> (method, path, body), status of the farm if it differs
     "no file": (("POST", UPLOAD, make_upload(("print", "false"))), None),
-    "file that is no G-code": (("POST", UPLOAD, make_upload(None, name="a.txt")), 400),
+    "file that is not G-code": (("POST", UPLOAD, make_upload(None, name="a.txt")), 400),
     "unknown storage": (("POST", "/api/files/nowhere", make_upload(None)), None),
     "select an unknown file": (("POST", f"{UPLOAD}/none.gcode", {"json": {"command": "select"}}), None),
     "unknown address": (("GET", "/api/nothing", {}), None),
-    "no key": (("GET", "/api/version", {"key": None}), 401),  # OctoPrint has guests, who may do less
+    "no key": (("GET", "/api/version", {"key": None}), 401),  # OctoPrint has guests with fewer rights
     "wrong key": (("GET", "/api/version", {"key": "nonsense"}), 401),
 }
 
@@ -85,7 +85,7 @@ def octoprint(tmp_path_factory):
 
 
 class FarmAnswers:
-    """Send requests of OctoPrint clients to the farm."""
+    """Farm that answers requests of OctoPrint clients."""
 
     def __init__(self, folder):
         self.farm = WebFarm(folder, workers=SameProcess())
@@ -103,7 +103,7 @@ def farm_answers(tmp_path):
 
 
 def list_types(value, at=""):
-    """Return the type of each value in JSON by its path; profiles have any name."""
+    """Return the type of each value in JSON by its path, in which `*` stands for the name of a profile."""
     if isinstance(value, dict):
         names = {f"{at}.{'*' if at == '.profiles' else key}": inner for key, inner in value.items()}
         inner = {
@@ -114,8 +114,8 @@ def list_types(value, at=""):
     return {at.lstrip("."): "number" if number else type(value).__name__}
 
 
-def compare(answer, reference, required_keys):
-    """Compare the keys of two answers, and the types of their values; None stands for any."""
+def compare_answers(answer, reference, required_keys):
+    """Compare the keys of two answers and the types of their values; a null has any type."""
     answer, reference = list_types(answer), list_types(reference)
     assert answer.keys() - reference.keys() == set()
     differing_types = {key: (kind, reference[key]) for key, kind in answer.items() if reference[key] != kind}
@@ -124,7 +124,7 @@ def compare(answer, reference, required_keys):
 
 
 @pytest.mark.parametrize("title", ANSWERS)
-def test_answer_is_a_subset_of_the_one_of_octoprint(title, octoprint, farm_answers):
+def test_answer_is_a_subset_of_that_of_octoprint(title, octoprint, farm_answers):
     (method, path, body), required_keys = ANSWERS[title]
     answer, reference = (
         farm_answers.ask(method, path, **body),
@@ -140,7 +140,7 @@ def test_answer_is_a_subset_of_the_one_of_octoprint(title, octoprint, farm_answe
         assert answer_path.endswith(reference_path.rpartition("/")[2]) or "appkeys" in path
     if reference.content:
         assert answer.headers["content-type"] == reference.headers["content-type"]
-        compare(answer.json(), reference.json(), required_keys)
+        compare_answers(answer.json(), reference.json(), required_keys)
 
 
 @pytest.mark.parametrize("title", REFUSALS)

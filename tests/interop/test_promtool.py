@@ -1,4 +1,4 @@
-"""Metrics, alert rules and the expressions of the Grafana board, as Prometheus' own checker sees them."""
+"""Metrics, alert rules and the expressions of the Grafana board, checked by Prometheus' promtool."""
 
 import json
 import re
@@ -22,7 +22,7 @@ def run_promtool(*arguments, text=None):
     )
 
 
-def test_metrics_follow_the_rules_for_names(tmp_path):
+def test_names_of_metrics_follow_the_rules_of_prometheus(tmp_path):
     farm = ScrapedFarm(tmp_path)
     farm.print_plate(PrintState.DONE)
     result = run_promtool("check", "metrics", text=farm.scrape())

@@ -36,8 +36,8 @@ def test_slices_with_the_profile_for_the_ultimaker_2_are_accepted(slice_box, opt
         205.0,
         55.0,
     )
-    warning = [notice for notice in result.notices if notice.startswith("Warning")]
-    assert len(warning) == 1 and "'ULTIMAKER2'" in warning[0] and "fit the Ultimaker 2+" in warning[0]
+    [warning] = [notice for notice in result.notices if notice.startswith("Warning")]
+    assert "'ULTIMAKER2'" in warning and "fit the Ultimaker 2+" in warning
     assert max(result.max_mm) < 220.0
 
 
@@ -51,6 +51,6 @@ def test_slices_with_the_profile_for_the_ultimaker_2_are_accepted(slice_box, opt
     ],
     ids=lambda value: value if isinstance(value, str) else " ".join(value),
 )
-def test_refusals_say_what_to_change_in_the_slicer(slice_box, options, reason):
+def test_refusal_names_the_setting_to_change_in_the_slicer(slice_box, options, reason):
     with pytest.raises(GcodeRefused, match=reason):
         accept(slice_box("-".join(options), *options))

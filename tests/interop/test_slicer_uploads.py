@@ -1,7 +1,7 @@
-"""Clients that others wrote send G-code to a real daemon with a simulated printer, which prints it.
+"""Clients of other projects send G-code to a real daemon, whose simulated printer prints it.
 
-PrusaSlicer's G-code goes by curl as PrusaSlicer drives libcurl; Qt sends as Cura's plugin for OctoPrint does;
-OctoRest is a client of OctoPrint in Python.
+G-code of PrusaSlicer is sent with curl, with the options that PrusaSlicer sets in libcurl. Qt sends as Cura's
+plugin for OctoPrint does. OctoRest is a client of OctoPrint in Python.
 """
 
 import json
@@ -31,7 +31,7 @@ needs_curl = pytest.mark.skipif(shutil.which("curl") is None, reason="curl is mi
 
 @pytest.fixture(scope="module")
 def qt():
-    """Skip if Qt lacks libraries of the system, as on a server without a desktop."""
+    """Skip the test if Qt lacks libraries of the system, as on a server without a desktop."""
     result = subprocess.run(
         [PYTHON, "-c", "import PySide6.QtNetwork"], capture_output=True, text=True, check=False
     )
@@ -69,13 +69,13 @@ def farm(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def tower(tmp_path_factory):
-    """G-code of a small tower."""
+    """Return the path of G-code for a small tower."""
     path = tmp_path_factory.mktemp("tower") / "tower.gcode"
     path.write_text("\n".join(make_marlin(make_square(layers=2))) + "\n")
     return path
 
 
-def send_by_curl(farm, path, url_path="", **fields):
+def send_with_curl(farm, path, url_path="", **fields):
     """Send a file as PrusaSlicer does; return the status, the type and the body that it would show."""
     form = [argument for name, value in fields.items() for argument in ("-F", f"{name}={value}")]
     command = ["curl", "-sS", "-A", "PrusaSlicer/2.9.4", "-H", f"X-Api-Key: {farm.key}", *form, "-F", "path="]
@@ -92,7 +92,7 @@ def send_by_curl(farm, path, url_path="", **fields):
     return int(status), content_type, body
 
 
-def send_by_qt(farm, path, *fields, url_path=""):
+def send_with_qt(farm, path, *fields, url_path=""):
     url = f"{farm.url}{url_path}/api/files/local"
     command = [PYTHON, FOLDER / "qt_peer.py", url, farm.key, path, path.name, *fields]
     return json.loads(
@@ -101,9 +101,9 @@ def send_by_qt(farm, path, *fields, url_path=""):
 
 
 @needs_curl
-def test_gcode_of_prusaslicer_is_printed_by_the_printer_of_its_address(farm, slice_box):
+def test_gcode_of_prusaslicer_is_printed_by_the_printer_in_the_address(farm, slice_box):
     gcode_path = slice_box("sent")
-    status, _, body = send_by_curl(farm, gcode_path, "/to/b", print="true")
+    status, _, body = send_with_curl(farm, gcode_path, "/to/b", print="true")
     assert status == 201, body
     job = farm.job(int(json.loads(body)["files"]["local"]["path"].partition("/")[0]))
     assert (job["name"], job["submitted_by"]) == ("sent.gcode", "key slicer")
@@ -113,24 +113,24 @@ def test_gcode_of_prusaslicer_is_printed_by_the_printer_of_its_address(farm, sli
 @needs_curl
 def test_refusal_is_shown_by_prusaslicer_with_its_line(farm, slice_box):
     gcode_path = slice_box("hot", "--temperature", "290")
-    status, content_type, body = send_by_curl(farm, gcode_path, print="true")
+    status, content_type, body = send_with_curl(farm, gcode_path, print="true")
     assert (status, content_type) == (400, "text/plain")
     assert body.startswith("line ") and "M104 sets 290 C, and the nozzle may have at most 260" in body[:100]
 
 
 @needs_curl
-def test_large_model_is_sent_by_curl_that_expects_to_continue(farm, tmp_path):
+def test_large_model_is_accepted_from_curl_that_waits_for_100_continue(farm, tmp_path):
     model = tmp_path / "ball.stl"
     trimesh.creation.icosphere(subdivisions=6, radius=10.0).export(model)
-    assert model.stat().st_size > 2**20  # above which libcurl waits for `100 Continue`
-    status, _, body = send_by_curl(farm, model, print="false")
+    assert model.stat().st_size > 2**20  # for larger files, libcurl waits for `100 Continue`
+    status, _, body = send_with_curl(farm, model, print="false")
     assert status == 201, body
     assert json.loads(body)["effectivePrint"] is False
 
 
 @pytest.mark.parametrize("fields", [(), ("select=true", "print=true")], ids=["upload", "print"])
-def test_upload_of_qt_is_a_job_with_the_location_that_the_plugin_of_cura_reads(farm, qt, tower, fields):
-    answer = send_by_qt(farm, tower, *fields)
+def test_upload_of_qt_creates_a_job_with_the_location_that_the_plugin_of_cura_reads(farm, qt, tower, fields):
+    answer = send_with_qt(farm, tower, *fields)
     assert answer["status"] == 201, answer
     location = answer["headers"]["location"]
     assert location.startswith(f"{farm.url}/api/files/local/") and location.endswith("/tower.gcode")
@@ -141,10 +141,10 @@ def test_upload_of_qt_is_a_job_with_the_location_that_the_plugin_of_cura_reads(f
         assert farm.job(number)["options"]["hold"]
 
 
-def test_refusal_to_qt_is_exactly_plain_text(farm, qt, tmp_path):
+def test_refusal_to_qt_has_the_content_type_of_plain_text(farm, qt, tmp_path):
     path = tmp_path / "hot.gcode"
     path.write_text("\n".join(make_marlin()).replace("M109 S205", "M109 S999") + "\n")
-    answer = send_by_qt(farm, path, "print=true")
+    answer = send_with_qt(farm, path, "print=true")
     assert (answer["status"], answer["headers"]["content-type"]) == (400, "text/plain")
     assert answer["body"].startswith("line 5: M109 sets 999 C")
 

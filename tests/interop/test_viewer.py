@@ -1,4 +1,4 @@
-"""The 3D views in Chromium; skipped if it is missing, or three.js is not available."""
+"""The 3D views in Chromium; skipped if Chromium or three.js is missing."""
 
 import asyncio
 
@@ -57,7 +57,7 @@ def run_in_browser(tmp_path, scenario, **job):
     asyncio.run(run())
 
 
-def test_part_is_found_from_its_row_and_its_row_from_the_part(tmp_path, glb):
+def test_click_on_a_row_selects_its_part_and_click_on_a_part_its_row(tmp_path, glb):
     async def scenario(browser, base, _):
         await browser.open(f"{base}/jobs/1")
         await browser.wait_for("document.querySelector('#viewer canvas') !== null")
@@ -109,7 +109,7 @@ def test_view_stays_while_the_state_of_the_job_changes(tmp_path, glb):
     run_in_browser(tmp_path, scenario, glb=glb)
 
 
-def test_model_that_is_no_glb_leaves_the_picture(tmp_path):
+def test_model_that_is_not_glb_leaves_the_picture(tmp_path):
     async def scenario(browser, base, _):
         await browser.open(f"{base}/jobs/1")
         await browser.wait_for("document.querySelector('#viewer img') !== null")
@@ -118,8 +118,8 @@ def test_model_that_is_no_glb_leaves_the_picture(tmp_path):
     run_in_browser(tmp_path, scenario, glb=b"no glb")
 
 
-def write_model(mesh, kind):
-    """Return a mesh as a file; as 3MF, in inches."""
+def export_model(mesh, kind):
+    """Return a mesh as the bytes of a file; 3MF files are in inches."""
     if kind == "3mf":
         return pack_3mf(
             write_model_xml([write_object_xml(1, write_mesh_xml(mesh))], ['objectid="1"'], "inch")
@@ -137,9 +137,9 @@ def write_model(mesh, kind):
         ("a.3mf", "1", "508 × 762 × 2540 mm. It is larger than any printer: it is cut into parts."),  # inches
     ],
 )
-def test_size_of_a_chosen_model_is_seen_before_it_is_sent(tmp_path, name, unit, expected):
+def test_size_of_a_chosen_model_is_shown_before_it_is_sent(tmp_path, name, unit, expected):
     path = tmp_path / name
-    path.write_bytes(write_model(trimesh.creation.box((20.0, 30.0, 100.0)), path.suffix[1:]))
+    path.write_bytes(export_model(trimesh.creation.box((20.0, 30.0, 100.0)), path.suffix[1:]))
 
     async def scenario(browser, base):
         await browser.open(f"{base}/submit")

@@ -35,7 +35,7 @@ def browser():
 
 
 def open_context(browser, base):
-    """Open a window with its own session, whose pages wait as long as the tests do."""
+    """Open a window with its own session and the time limit of the tests."""
     context = browser.new_context(base_url=base)
     context.set_default_timeout(1000 * TIME_LIMIT_S)
     return context
@@ -51,7 +51,7 @@ def drop_file(page, selector, path):
         session.send("Input.dispatchDragEvent", {"type": kind, "data": data, **position})
 
 
-def test_job_is_dropped_planned_printed_taken_off_and_seen_in_two_tabs(farm, browser, tmp_path):
+def test_job_is_submitted_planned_printed_and_cleared_and_shown_in_two_tabs(farm, browser, tmp_path):
     model = tmp_path / "box.stl"
     trimesh.creation.box((20.0, 20.0, 3.0)).export(model)
     link = json.loads(farm.ok("web", "--json"))["url"]
@@ -59,34 +59,34 @@ def test_job_is_dropped_planned_printed_taken_off_and_seen_in_two_tabs(farm, bro
     context, messages, hosts = open_context(browser, base), [], set()
     context.on("console", lambda message: messages.append(message.text))
     context.on("request", lambda request: hosts.add(request.url.partition("/static/")[0][: len(base)]))
-    desk = context.new_page()
-    desk.goto(link)
-    desk.locator("main button").click()
-    expect(desk).to_have_url(f"{base}/")
-    corridor = context.new_page()
-    corridor.goto("/")
+    desk_page = context.new_page()
+    desk_page.goto(link)
+    desk_page.locator("main button").click()
+    expect(desk_page).to_have_url(f"{base}/")
+    corridor_page = context.new_page()
+    corridor_page.goto("/")
 
-    plan(desk, model)
-    desk.get_by_role("button", name="Print it").click()
-    expect(desk.locator("#part-rows")).to_contain_text("printing")
-    expect(corridor.locator("#printer-um2-01")).to_contain_text("box")
+    submit_and_plan(desk_page, model)
+    desk_page.get_by_role("button", name="Print it").click()
+    expect(desk_page.locator("#part-rows")).to_contain_text("printing")
+    expect(corridor_page.locator("#printer-um2-01")).to_contain_text("box")
     context.set_offline(True)
-    for page in (desk, corridor):
+    for page in (desk_page, corridor_page):
         expect(page.locator(".stale")).to_contain_text("No updates from the farm since")
-    wait_for("the end", lambda: farm.job()["state"] == "printed")
+    wait_for("the end of the print", lambda: farm.job()["state"] == "printed")
     context.set_offline(False)
-    expect(desk.locator("#part-rows")).to_contain_text("printed")
-    expect(corridor.locator(".stale")).to_be_hidden()
-    clear(corridor)
-    expect(desk.locator("#state")).to_contain_text("Every part is printed and good")
+    expect(desk_page.locator("#part-rows")).to_contain_text("printed")
+    expect(corridor_page.locator(".stale")).to_be_hidden()
+    clear_bed(corridor_page)
+    expect(desk_page.locator("#state")).to_contain_text("Every part is printed and good")
     farm.ok("down")
-    expect(desk.locator(".stale")).to_be_visible()
+    expect(desk_page.locator(".stale")).to_be_visible()
     assert not [message for message in messages if "Content Security Policy" in message]
     assert hosts == {base}
 
 
-def plan(page, model):
-    """Drop a model on the form, and wait for its plan."""
+def submit_and_plan(page, model):
+    """Drop a model on the form, submit it, and wait for its plan."""
     page.goto("/submit")
     drop_file(page, "[name=file]", model)
     assert page.locator("[name=file]").evaluate("field => field.files[0].name") == "box.stl"
@@ -96,8 +96,8 @@ def plan(page, model):
     expect(page.locator("#state")).to_contain_text("Nothing prints before it is approved")
 
 
-def clear(page):
-    """Take the part off, as the first task says."""
+def clear_bed(page):
+    """Confirm that the part is taken off, as the first task asks."""
     task = page.locator("#todo")
     expect(task).to_contain_text("Clear 1 bed")
     task.get_by_role("button", name="Taken off, part is good").click()

@@ -1,4 +1,4 @@
-"""Real Cura files, the real engine, and generated models."""
+"""Fixtures: real Cura files, the real engine, and generated models."""
 
 from pathlib import Path
 
@@ -31,8 +31,8 @@ def engine():
 
 
 @pytest.fixture(scope="session")
-def settings_of(resources):
-    """Resolve settings for a printer, with overrides as keyword arguments."""
+def make_settings(resources):
+    """Return a function that resolves settings for a printer; keyword arguments are overrides."""
 
     def resolve(quality="glue", model="ultimaker2_plus", **overrides):
         return resolve_settings(SettingsRequest(PRINTERS[model], quality, overrides=overrides), resources)
@@ -41,15 +41,15 @@ def settings_of(resources):
 
 
 @pytest.fixture
-def request_for(tmp_path, engine, settings_of):
-    """Return a function that makes a PlateRequest for a mesh (centred on the bed) or the bytes of a file."""
+def make_request(tmp_path, engine, make_settings):
+    """Return a function that makes a PlateRequest for a mesh, centred on the bed, or for a file's bytes."""
 
     def make(model, *, settings=None, bed=WHOLE_BED, cache=None, out="part.gcode", **fields):
         stl = tmp_path / "part.stl"
         stl.write_bytes(model if isinstance(model, bytes) else write_stl_bytes(model))
         return PlateRequest(
             stl=stl,
-            settings=settings or settings_of(),
+            settings=settings or make_settings(),
             output_path=tmp_path / out,
             engine=engine,
             bed=bed,
@@ -61,13 +61,13 @@ def request_for(tmp_path, engine, settings_of):
 
 
 @pytest.fixture
-def script(tmp_path):
-    """Return a function that writes a script in place of the engine."""
+def write_script(tmp_path):
+    """Return a function that writes a script to run in place of the engine."""
 
     def make(body):
         path = Path(tmp_path / "engine.sh")
-        help_ = 'if [ "$1" = help ]; then echo "Cura_SteamEngine version 4.13.0"; exit; fi'
-        path.write_text(f"#!/bin/sh\n{help_}\n{body}\n")
+        help_command = 'if [ "$1" = help ]; then echo "Cura_SteamEngine version 4.13.0"; exit; fi'
+        path.write_text(f"#!/bin/sh\n{help_command}\n{body}\n")
         path.chmod(0o755)
         return path
 

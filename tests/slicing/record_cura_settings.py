@@ -1,8 +1,8 @@
 """Record all settings that Cura computes for a selection of printers, nozzles, materials and qualities.
 
 Cura's own container stacks, formulas and material reader compute them; its application, which needs a
-window, is replaced by a stub. It needs Debian's packages, unpacked beside each other and not installed. On
-Debian 12::
+window, is replaced by a stub. The script needs Debian's packages, unpacked into one
+folder and not installed. On Debian 12::
 
     apt-get download cura fdm-materials python3-uranium python3-pyqt5 python3-pyqt5.sip python3-savitar \
         libqt5core5a libqt5gui5 libqt5qml5 libqt5qmlmodels5 libqt5network5 libqt5quick5 libqt5widgets5 \
@@ -11,7 +11,7 @@ Debian 12::
     LD_LIBRARY_PATH=ROOT/usr/lib/x86_64-linux-gnu /usr/bin/python3 tests/slicing/record_cura_settings.py \
         ROOT tests/slicing/fixtures/cura-4.13.json.gz
 
-For Cura 5.0 the same with Debian 13's cura, fdm-materials and python3-uranium, and PyQt6 with its libraries.
+For Cura 5.0, use Debian 13's cura, fdm-materials and python3-uranium, and PyQt6 with its libraries.
 """
 
 import gzip
@@ -48,7 +48,7 @@ GLUE = {
     "top_layers": "=max(4, math.ceil(round(top_thickness / resolveOrValue('layer_height'), 4)))",
 }
 ODD_SETTINGS = {"infill_pattern": "cubic", "wall_thickness": 1.3, "adhesion_type": "skirt", "xy_offset": 0.1}
-# For a plain Ultimaker 2, Cura leaves the material to the printer's menu; here it is in the stack.
+# For a plain Ultimaker 2, Cura leaves the material to the menu of the printer; here it is in the stack.
 COMBINATIONS = [  # printer, nozzle, material, quality, the user's changes
     (PLUS, "0.4 mm", "generic_pla", "fast", {}),
     (PLUS, "0.4 mm", "generic_pla", "fast", PAPER),
@@ -187,11 +187,11 @@ class Cura:
         self.Material.getProductIdMap = classmethod(
             lambda cls: {name: [item] for name, item in products.items()}
         )
-        # The files are of this version and need no upgrade.
+        # The files are of this version, so they need no upgrade.
         import_name("UM.Settings.Interfaces", "ContainerInterface")._updateSerialized = classmethod(
             lambda cls, text, name=None, **rest: text
         )
-        # As in CuraApplication.
+        # Add what CuraApplication adds.
         definition = import_name("UM.Settings.SettingDefinition", "SettingDefinition")
         kind = import_name("UM.Settings.SettingDefinition", "DefinitionPropertyType")
         for name, default in {
@@ -233,7 +233,7 @@ class Cura:
         container.getDefinition = lambda: self.load_definition(definition)
         return container
 
-    def make_empty(self, name):
+    def make_empty_container(self, name):
         container = self.Instance(name)
         container.setMetaDataEntry("type", name)
         return container
@@ -246,7 +246,7 @@ class Cura:
         ]
 
     def find_material(self, name, machine, hotend):
-        """Return the container that Cura's VariantNode chooses: the most specific one."""
+        """Return the most specific container of a material, as Cura's VariantNode does."""
         if name not in self.registry.containers:
             container = self.Material(name)
             self.registry.addContainer(container)
@@ -264,7 +264,7 @@ class Cura:
             if item.getMetaDataEntry("quality_type") == quality
         ]
         global_quality = next(item for item in qualities if item.getMetaDataEntry("global_quality") == "True")
-        variant, own_quality = self.make_empty("variant"), global_quality
+        variant, own_quality = self.make_empty_container("variant"), global_quality
         kind = self.find_material(material, machine, hotend).getMetaDataEntry("material")
         if metadata.get("has_variants"):
             variant = next(
@@ -338,7 +338,7 @@ class Cura:
             "",
         )
         stack._containers = [
-            item or self.make_empty(name) for item, name in zip(containers, names, strict=True)
+            item or self.make_empty_container(name) for item, name in zip(containers, names, strict=True)
         ]
         changes = self.Instance("changes")
         changes.getDefinition = lambda: self.load_definition(machine)

@@ -1,7 +1,7 @@
-"""Record log and G-code of a CuraEngine for a small model, for machines that have another version.
+"""Record the log and the G-code of a version of CuraEngine, for tests on computers without that version.
 
-Run it with that version and its files, from the repository's root. On Debian 13 (``apt-get install
-cura-engine cura fdm-materials``), or with those packages unpacked in a chroot::
+Run the script with that version and its files, from the root of the repository. On Debian 13 (``apt-get
+install cura-engine cura fdm-materials``), or with those packages unpacked in a chroot::
 
     FARM_CURA_ENGINE=/usr/bin/CuraEngine FARM_CURA_RESOURCES=/usr/share/cura/resources \\
         python -m tests.slicing.record_engine tests/slicing/fixtures/engine-5.0.json.gz
@@ -25,7 +25,7 @@ MOVE = trimesh.transformations.translation_matrix
 
 
 def make_model():
-    """Make a plate with a hole, a fin of one line and a post: rings, a line, and several islands."""
+    """Make a plate with a hole, a fin as wide as one line, and a post."""
     plate = trimesh.creation.box((14, 14, 2), MOVE((0, 0, 1)))
     fin = trimesh.creation.box((0.3, 10, 2), MOVE((-5.5, 0, 3)))
     post = trimesh.creation.cylinder(1.2, 2, sections=24, transform=MOVE((5, 5, 3)))

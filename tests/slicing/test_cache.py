@@ -14,7 +14,7 @@ ENTRIES = st.lists(
 
 
 @given(ENTRIES, st.integers(0, 5000))
-def test_kept_entries_fit_and_were_used_last(entries, max_bytes):
+def test_kept_entries_fit_and_are_the_most_recently_used(entries, max_bytes):
     removed_names = set(find_least_recently_used(entries, max_bytes))
     kept_entries = [entry for entry in entries if entry.name not in removed_names]
     removed_entries = [entry for entry in entries if entry.name in removed_names]
@@ -22,7 +22,7 @@ def test_kept_entries_fit_and_were_used_last(entries, max_bytes):
     assert max((e.used_s for e in removed_entries), default=0.0) <= min(
         (e.used_s for e in kept_entries), default=1e9
     )
-    # No entry too many: with the last removed one, the cache would not fit.
+    # No entry is removed without need: with the last removed one, the entries would not fit.
     if removed_entries:
         last_removed = max(removed_entries, key=lambda entry: (entry.used_s, entry.name))
         assert sum(entry.size_bytes for entry in (*kept_entries, last_removed)) > max_bytes
@@ -35,7 +35,7 @@ def write_entry(folder, letter, used_s, suffixes=("json", "gcode")):
         os.utime(path, (used_s, used_s))
 
 
-def test_longest_unused_entries_are_deleted_completely(tmp_path):
+def test_least_recently_used_entries_are_deleted_completely(tmp_path):
     write_entry(tmp_path, "a", 1000)
     write_entry(tmp_path, "b", 2000)
     write_entry(tmp_path, "c", 3000)

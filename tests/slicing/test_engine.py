@@ -1,4 +1,4 @@
-"""Scripts in place of the engine: each failure is reported and leaves no process and no file."""
+"""Runs of scripts in place of the engine: each failure is reported and leaves no process and no file."""
 
 import os
 import select
@@ -23,8 +23,8 @@ from slicing.errors import (
 
 
 @pytest.fixture
-def run(tmp_path, script, monkeypatch):
-    """Run a shell script as the engine; its temporary folder is `tmp_path`/scratch."""
+def run_body(tmp_path, write_script, monkeypatch):
+    """Return a function that runs a shell script as the engine; its temporary folder must be empty after."""
     scratch = tmp_path / "scratch"
     scratch.mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(scratch))
@@ -34,7 +34,7 @@ def run(tmp_path, script, monkeypatch):
     def call(body, *, timeout_s=60.0, memory_bytes=MEMORY_BYTES, progress=None):
         limits = EngineLimits(1, timeout_s, memory_bytes)
         try:
-            return run_engine(script(body), stl, {"a": "1"}, {}, limits, progress)
+            return run_engine(write_script(body), stl, {"a": "1"}, {}, limits, progress)
         finally:
             assert list(scratch.iterdir()) == []
 
@@ -42,8 +42,8 @@ def run(tmp_path, script, monkeypatch):
 
 
 @contextmanager
-def wait_for_writers(fifo):
-    """Wait until no process holds the writing end of a FIFO."""
+def watch_writers(fifo):
+    """Yield a function that returns True when no process holds the writing end of a FIFO."""
     os.mkfifo(fifo)
     reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
     hang_up_poll = select.poll()
@@ -54,16 +54,16 @@ def wait_for_writers(fifo):
         os.close(reader)
 
 
-def test_output_and_log_are_returned(run):
-    result = run("echo out; echo err >&2; echo G28 > part.gcode; cat global.json; ls")
+def test_output_and_log_are_returned(run_body):
+    result = run_body("echo out; echo err >&2; echo G28 > part.gcode; cat global.json; ls")
     assert result.gcode == b"G28\n"
     assert result.log.startswith("out\nerr\n")
     assert '"default_value": "1"' in result.log
     assert "part.stl" in result.log
 
 
-def test_missing_output_is_an_empty_file(run):
-    assert run("true").gcode == b""
+def test_missing_output_is_an_empty_file(run_body):
+    assert run_body("true").gcode == b""
 
 
 @pytest.mark.parametrize(
@@ -83,87 +83,87 @@ def test_missing_output_is_an_empty_file(run):
         ),
     ],
 )
-def test_each_way_to_end_has_its_error(run, body, error, message):
+def test_each_failure_has_its_own_error(run_body, body, error, message):
     with pytest.raises(error, match=message) as failed:
-        run(body)
+        run_body(body)
     assert type(failed.value) is error
     assert isinstance(failed.value, SlicingError)
     assert "\n" not in str(failed.value)
 
 
-def test_success_at_the_second_attempt_counts(run, tmp_path):
+def test_engine_that_succeeds_at_the_second_attempt_is_accepted(run_body, tmp_path):
     command = f"[ -e {tmp_path}/tried ] && exec touch part.gcode; touch {tmp_path}/tried"
-    assert run(f"{command}; echo '[ERROR] Unknown exception.'; exit 1").gcode == b""
+    assert run_body(f"{command}; echo '[ERROR] Unknown exception.'; exit 1").gcode == b""
 
 
-def test_hanging_engine_is_killed_with_its_children(run, tmp_path):
+def test_hanging_engine_is_killed_with_its_children(run_body, tmp_path):
     fifo = tmp_path / "fifo"
-    with wait_for_writers(fifo) as has_ended:
+    with watch_writers(fifo) as has_ended:
         with pytest.raises(EngineTimeout, match=r"did not finish within 0\.5 s; scale"):
-            run(f"sleep 600 > {fifo} & sleep 600 > {fifo}", timeout_s=0.5)
+            run_body(f"sleep 600 > {fifo} & sleep 600 > {fifo}", timeout_s=0.5)
         assert has_ended()
 
 
-def test_children_left_running_are_killed(run, tmp_path):
+def test_children_left_running_are_killed(run_body, tmp_path):
     fifo = tmp_path / "fifo"
-    with wait_for_writers(fifo) as has_ended:
-        assert run(f"exec 3> {fifo}; sleep 600 & echo done").log == "done\n"
+    with watch_writers(fifo) as has_ended:
+        assert run_body(f"exec 3> {fifo}; sleep 600 & echo done").log == "done\n"
         assert has_ended()
 
 
-def test_engine_with_closed_streams_is_awaited(run):
-    assert run("exec >&- 2>&-; echo G28 > part.gcode").gcode == b"G28\n"
+def test_engine_with_closed_streams_is_awaited(run_body):
+    assert run_body("exec >&- 2>&-; echo G28 > part.gcode").gcode == b"G28\n"
 
 
-def test_long_log_keeps_its_beginning_and_end(run):
-    log = run("echo first; yes 'a long and tedious line of a log' | head -c 20000000; echo last").log
+def test_long_log_keeps_its_beginning_and_end(run_body):
+    log = run_body("echo first; yes 'a long and tedious line of a log' | head -c 20000000; echo last").log
     assert log.startswith("first\n")
     assert log.endswith("last\n")
     assert len(log) <= 5 * 2**20
 
 
-def test_engine_with_excessive_output_is_stopped(run, monkeypatch):
+def test_engine_with_excessive_output_is_stopped(run_body, monkeypatch):
     monkeypatch.setattr(engine_module, "OUTPUT_BYTES", 100_000)
     with pytest.raises(EngineCrashed, match="wrote more than"):
-        run("exec head -c 10000000 /dev/zero > part.gcode")
+        run_body("exec head -c 10000000 /dev/zero > part.gcode")
 
 
-def test_engine_with_excessive_memory_is_stopped(run):
+def test_engine_with_excessive_memory_is_stopped(run_body):
     memory_command = f"exec {sys.executable} -c 'x = []\nwhile True: x.append(bytearray(1 << 26))'"
     with pytest.raises(EngineFailed, match="MemoryError"):
-        run(memory_command, memory_bytes=2**29)
+        run_body(memory_command, memory_bytes=2**29)
 
 
-def test_real_engine_without_memory_is_reported(engine, tmp_path, settings_of, cube_20):
+def test_real_engine_without_memory_is_reported(engine, tmp_path, make_settings, cube_20):
     stl = tmp_path / "cube.stl"
     cube_20.export(stl)
-    settings = settings_of()
+    settings = make_settings()
     with pytest.raises(EngineOutOfMemory, match=r"0\.3 GB"):
         run_engine(engine, stl, settings.global_, settings.extruder, EngineLimits(1, 60.0, int(0.28 * 2**30)))
 
 
-def test_progress_is_read_from_the_log(run):
+def test_progress_is_read_from_the_log(run_body):
     shares = []
     script_text = r"printf 'Progress:inset+skin:1:100 \t0.250000%%\nProgress:export:9:9 \t0.750000%%\n'"
-    run(f"[ $3 = -p ] || exit 1; {script_text}", progress=shares.append)
+    run_body(f"[ $3 = -p ] || exit 1; {script_text}", progress=shares.append)
     assert shares == [0.75]
-    run("[ $3 = -m1 ] || exit 1")
+    run_body("[ $3 = -m1 ] || exit 1")
 
 
-def test_engine_dies_with_its_caller(tmp_path, script):
+def test_engine_dies_with_its_caller(tmp_path, write_script):
     fifo = tmp_path / "fifo"
-    engine = script(f"exec sleep 600 > {fifo}")
+    engine = write_script(f"exec sleep 600 > {fifo}")
     code = (
         "import sys, pathlib\n"
         "from slicing.engine import EngineLimits, run_engine\n"
         f"limits = EngineLimits(1, 600)\n"
         f"run_engine(pathlib.Path({str(engine)!r}), pathlib.Path('none'), {{}}, {{}}, limits)"
     )
-    with wait_for_writers(fifo) as has_ended:
+    with watch_writers(fifo) as has_ended:
         root = Path(engine_module.__file__).parents[1]
         environ = {"TMPDIR": str(tmp_path), "PYTHONPATH": str(root), "PATH": os.environ["PATH"]}
         worker = subprocess.Popen([sys.executable, "-c", code], env=environ)
-        reader = os.open(fifo, os.O_RDONLY)  # until the engine holds the other end
+        reader = os.open(fifo, os.O_RDONLY)  # opens only when the engine holds the other end
         os.close(reader)
         worker.send_signal(signal.SIGKILL)
         worker.wait()
@@ -180,7 +180,7 @@ def test_engine_dies_with_its_caller(tmp_path, script):
         ("master", {"inset_direction": "outside_in"}, True),
     ],
 )
-def test_engine_and_files_are_of_one_generation(tmp_path, version, extruder, is_valid):
+def test_engine_and_settings_files_must_be_of_one_generation(tmp_path, version, extruder, is_valid):
     engine = tmp_path / "engine"
     engine.write_text(f"#!/bin/sh\necho Cura_SteamEngine version {version}\n")
     engine.chmod(0o755)

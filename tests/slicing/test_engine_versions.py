@@ -24,8 +24,8 @@ def record():
 
 
 @pytest.fixture
-def cura5(record, request_for, settings_of, tmp_path):
-    """Make a request to a script that repeats the recording, on either of its output streams."""
+def make_cura_5_request(record, make_request, make_settings, tmp_path):
+    """Return a function that makes a request to a script, which repeats the recording on an output stream."""
 
     def make(stream=1, edit=lambda gcode: gcode, body=None):
         (tmp_path / "log").write_text(record["log"])
@@ -39,16 +39,16 @@ def cura5(record, request_for, settings_of, tmp_path):
         engine.chmod(0o755)
         names = {field.name for field in dataclasses.fields(EngineSettings)}
         values = {key: value for key, value in record["settings"].items() if key in names}
-        settings = dataclasses.replace(settings_of(), **values)
-        request = request_for(base64.b64decode(record["stl"]), settings=settings)
+        settings = dataclasses.replace(make_settings(), **values)
+        request = make_request(base64.b64decode(record["stl"]), settings=settings)
         return dataclasses.replace(request, engine=engine)
 
     return make
 
 
 @pytest.mark.parametrize("stream", [1, 2])
-def test_slice_of_cura_5_is_accepted_with_its_figures(cura5, record, stream):
-    result = slice_plate(cura5(stream))
+def test_slice_of_cura_5_is_accepted_with_the_figures_of_its_log(make_cura_5_request, record, stream):
+    result = slice_plate(make_cura_5_request(stream))
     assert f"Print time (s): {int(result.sliced_s)}\n" in record["log"]
     assert f"Filament (mm^3): {int(result.filament_mm3)}\n" in record["log"]
     assert result.layers == 20
@@ -82,18 +82,18 @@ WALLS = (";TYPE:WALL-OUTER", ";TYPE:WALL-INNER")
     ("number", "kinds", "rule"),
     [(5, WALLS, Rule.OUTLINE), (15, (*WALLS, ";TYPE:SKIN", ";TYPE:FILL"), Rule.LAYERS)],
 )
-def test_layer_that_lacks_its_walls_is_refused(cura5, number, kinds, rule):
+def test_layer_that_lacks_its_walls_is_refused(make_cura_5_request, number, kinds, rule):
     with pytest.raises(SliceRejected, match="layer") as error:
-        slice_plate(cura5(edit=lambda gcode: remove_layer_features(gcode, number, kinds)))
+        slice_plate(make_cura_5_request(edit=lambda gcode: remove_layer_features(gcode, number, kinds)))
     assert error.value.rule is rule
 
 
-def test_unknown_setting_is_not_passed_on(cura5):
+def test_setting_that_the_engine_does_not_know_is_reported(make_cura_5_request):
     body = "echo \"[ERROR] Trying to retrieve setting with no value given: 'x'\" >&2; exit 2"
     with pytest.raises(EngineFailed, match=r"no value given: 'x'; .*set FARM_CURA_RESOURCES"):
-        slice_plate(cura5(body=body))
+        slice_plate(make_cura_5_request(body=body))
 
 
-def test_settings_of_cura_4_are_not_passed_on(cura5, settings_of):
+def test_settings_of_cura_4_are_not_passed_to_cura_5(make_cura_5_request, make_settings):
     with pytest.raises(EngineMissing, match="settings files are of version 4"):
-        slice_plate(dataclasses.replace(cura5(), settings=settings_of()))
+        slice_plate(dataclasses.replace(make_cura_5_request(), settings=make_settings()))

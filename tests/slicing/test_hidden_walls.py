@@ -1,4 +1,4 @@
-"""Walls along hidden sides, in slices of the real engine."""
+"""Speed of walls along hidden sides, in slices of the real engine."""
 
 from dataclasses import replace
 
@@ -12,17 +12,17 @@ from slicing.plate import slice_plate
 
 SIDE = HiddenSide((1.0, 0.0), 30.0)
 CENTRE_MM = 111.5, 111.5
-OUTER_MM, INNER_MM = 0.2, 0.525  # half a line and the inset of the outer wall; one line and a half
+OUTER_MM, INNER_MM = 0.2, 0.525  # half a line and the inset of the outer wall; one and a half lines
 BLOCK = trimesh.creation.box((60.0, 50.0, 8.0), trimesh.transformations.translation_matrix((0.0, 0.0, 4.0)))
 
 
-def slice_toolpath(request_for, sides=(), **fields):
-    result = slice_plate(request_for(BLOCK, hidden_sides=tuple(sides), **fields))
+def slice_toolpath(make_request, sides=(), **fields):
+    result = slice_plate(make_request(BLOCK, hidden_sides=tuple(sides), **fields))
     return result, read_toolpath(result.gcode.read_bytes())
 
 
 def find_lines(path, feature, depth_mm, side=SIDE, above_layer=3):
-    """Find the lines of a feature at a depth behind a side, above the slow first layers: indices (k,)."""
+    """Return the indices (k,) of a feature's lines at a depth behind a side, above the slow first layers."""
     on_line = path.is_feature(feature) & (path.extruded_mm > 0.0) & (path.layer > above_layer)
     for points in (path.start, path.end):
         depths_mm = side.offset_mm - (points[:, :2] - CENTRE_MM) @ side.normal
@@ -37,8 +37,8 @@ def list_lengths_mm(path):
 @pytest.mark.parametrize(
     ("feature", "depth_mm", "own_mm_min"), [("WALL-OUTER", OUTER_MM, 2400), ("WALL-INNER", INNER_MM, 3000)]
 )
-def test_walls_along_a_hidden_side_are_fast_but_for_their_end(request_for, feature, depth_mm, own_mm_min):
-    _, path = slice_toolpath(request_for, [SIDE])
+def test_walls_along_a_hidden_side_are_fast_except_at_their_end(make_request, feature, depth_mm, own_mm_min):
+    _, path = slice_toolpath(make_request, [SIDE])
     lines = find_lines(path, feature, depth_mm)
     assert len(lines) > 30
     is_fast = np.isclose(path.feed_mm_min[lines], 3600.0)
@@ -48,17 +48,17 @@ def test_walls_along_a_hidden_side_are_fast_but_for_their_end(request_for, featu
     assert is_fast.sum() == len(ends)
 
 
-def test_only_walls_along_the_side_are_fast(request_for):
-    _, path = slice_toolpath(request_for, [SIDE])
+def test_only_walls_along_the_side_are_fast(make_request):
+    _, path = slice_toolpath(make_request, [SIDE])
     for feature, depth_mm in (("WALL-OUTER", OUTER_MM), ("WALL-INNER", INNER_MM)):
         is_fast = path.is_feature(feature) & (path.extruded_mm > 0.0) & (path.feed_mm_min > 3500.0)
         assert np.isin(np.flatnonzero(is_fast), find_lines(path, feature, depth_mm, above_layer=1)).all()
 
 
-def test_lines_and_filament_are_the_same(request_for):
-    """Compare the points of the faster file, without those where lines were divided, with the plain one."""
-    _, plain_path = slice_toolpath(request_for)
-    _, path = slice_toolpath(request_for, [SIDE])
+def test_faster_file_has_the_same_lines_and_filament(make_request):
+    """Check that all points of the plain file are in the faster one, which also divides lines."""
+    _, plain_path = slice_toolpath(make_request)
+    _, path = slice_toolpath(make_request, [SIDE])
     points = {tuple(point) for point in path.end.tolist()}
     assert all(tuple(point) in points for point in plain_path.end.tolist())
     assert len(path.end) > len(plain_path.end)
@@ -66,9 +66,9 @@ def test_lines_and_filament_are_the_same(request_for):
     assert path.extruded_mm.sum() == pytest.approx(plain_path.extruded_mm.sum(), abs=1e-6)
 
 
-def test_saved_time_is_in_the_comments_and_the_header(request_for):
-    plain_result, _ = slice_toolpath(request_for)
-    result, path = slice_toolpath(request_for, [SIDE])
+def test_saved_time_is_in_the_comments_and_the_header(make_request):
+    plain_result, _ = slice_toolpath(make_request)
+    result, path = slice_toolpath(make_request, [SIDE])
     lengths_mm = list_lengths_mm(path)
     nominal_s = 0.0
     for feature, depth_mm, own_mm_s in (("WALL-OUTER", OUTER_MM, 40.0), ("WALL-INNER", INNER_MM, 50.0)):
@@ -80,64 +80,64 @@ def test_saved_time_is_in_the_comments_and_the_header(request_for):
     assert times_s == sorted(times_s)
     assert times_s[-1] == pytest.approx(result.sliced_s, abs=1e-5)
     assert f";TIME:{int(result.sliced_s)}\n" in result.gcode.read_text()[:200]
-    assert sum(vars_of(result.features)) == pytest.approx(result.sliced_s, rel=1e-6)
+    assert sum(list_times_s(result.features)) == pytest.approx(result.sliced_s, rel=1e-6)
 
 
-def vars_of(features):
+def list_times_s(features):
     return [getattr(features, name) for name in features.__slots__]
 
 
-def test_side_in_the_plane_of_no_wall_changes_nothing(request_for):
-    plain_result, _ = slice_toolpath(request_for)
-    result, _ = slice_toolpath(request_for, [HiddenSide((1.0, 0.0), 29.0), HiddenSide((-1.0, 0.0), 20.0)])
+def test_side_without_a_wall_in_its_plane_changes_nothing(make_request):
+    plain_result, _ = slice_toolpath(make_request)
+    result, _ = slice_toolpath(make_request, [HiddenSide((1.0, 0.0), 29.0), HiddenSide((-1.0, 0.0), 20.0)])
     assert result.sha256 == plain_result.sha256
 
 
-def test_short_layers_keep_their_speed(request_for):
+def test_short_layers_keep_their_speed(make_request):
     """Check a tower whose layers the slicer slows down to the minimum layer time."""
     tower = trimesh.creation.box(
         (8.0, 8.0, 12.0), trimesh.transformations.translation_matrix((0.0, 0.0, 6.0))
     )
     side = HiddenSide((1.0, 0.0), 4.0)
-    plain_result = slice_plate(request_for(tower))
-    assert slice_plate(request_for(tower, hidden_sides=(side,))).sha256 == plain_result.sha256
+    plain_result = slice_plate(make_request(tower))
+    assert slice_plate(make_request(tower, hidden_sides=(side,))).sha256 == plain_result.sha256
 
 
-def test_speed_is_limited_by_the_ratio_and_by_infill(request_for, settings_of):
-    settings = settings_of(speed_wall_0=20.0)
-    _, path = slice_toolpath(request_for, [SIDE], settings=settings)
+def test_speed_is_limited_by_the_ratio_and_by_infill(make_request, make_settings):
+    settings = make_settings(speed_wall_0=20.0)
+    _, path = slice_toolpath(make_request, [SIDE], settings=settings)
     lines = find_lines(path, "WALL-OUTER", OUTER_MM)
     assert set(path.feed_mm_min[lines]) == {1200.0, 1800.0}
     plain = replace(settings, hidden_wall_ratio=1.0)
-    _, path = slice_toolpath(request_for, [SIDE], settings=plain)
+    _, path = slice_toolpath(make_request, [SIDE], settings=plain)
     assert set(path.feed_mm_min[find_lines(path, "WALL-OUTER", OUTER_MM)]) == {1200.0}
 
 
-def test_cache_knows_the_hidden_sides(request_for, tmp_path):
-    plain_result, _ = slice_toolpath(request_for, cache=tmp_path / "cache")
-    fast_result, _ = slice_toolpath(request_for, [SIDE], cache=tmp_path / "cache")
-    again_result, _ = slice_toolpath(request_for, [SIDE], cache=tmp_path / "cache")
-    assert [r.cached for r in (plain_result, fast_result, again_result)] == [False, False, True]
-    assert plain_result.sha256 != fast_result.sha256 == again_result.sha256
+def test_cache_distinguishes_hidden_sides(make_request, tmp_path):
+    plain_result, _ = slice_toolpath(make_request, cache=tmp_path / "cache")
+    fast_result, _ = slice_toolpath(make_request, [SIDE], cache=tmp_path / "cache")
+    repeated_result, _ = slice_toolpath(make_request, [SIDE], cache=tmp_path / "cache")
+    assert [r.cached for r in (plain_result, fast_result, repeated_result)] == [False, False, True]
+    assert plain_result.sha256 != fast_result.sha256 == repeated_result.sha256
 
 
-def test_turned_side_is_found(request_for):
-    """Turn block and side by 30 degrees: the same seconds are saved, but for how the engine rounds points."""
+def test_turned_side_saves_the_same_time(make_request):
+    """Turn block and side by 30 degrees: the same time is saved, apart from the engine's rounding."""
     angle = np.radians(30.0)
     turned = BLOCK.copy().apply_transform(trimesh.transformations.rotation_matrix(angle, (0.0, 0.0, 1.0)))
     side = HiddenSide((float(np.cos(angle)), float(np.sin(angle))), 30.0)
     saved_s = [
-        slice_plate(request_for(mesh)).sliced_s - slice_plate(request_for(mesh, hidden_sides=(s,))).sliced_s
+        slice_plate(make_request(mesh)).sliced_s - slice_plate(make_request(mesh, hidden_sides=(s,))).sliced_s
         for mesh, s in ((BLOCK, SIDE), (turned, side))
     ]
     assert saved_s[0] > 0.0
     assert saved_s[1] == pytest.approx(saved_s[0], rel=0.05)
 
 
-def test_other_moves_keep_their_feedrate(request_for):
+def test_other_moves_keep_their_feedrate(make_request):
     """Compare each move that both files have: G-code keeps the feedrate of the line before."""
-    _, plain_path = slice_toolpath(request_for)
-    _, path = slice_toolpath(request_for, [SIDE])
+    _, plain_path = slice_toolpath(make_request)
+    _, path = slice_toolpath(make_request, [SIDE])
     feeds_mm_min = {
         (*start, *end): feed
         for start, end, feed in zip(

@@ -1,4 +1,4 @@
-"""Triangles of an STL: reading, refusal, and waves, with which CuraEngine keeps all corners."""
+"""Triangles of an STL: reading, refusal, and the waves that make CuraEngine keep all corners."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def test_stl_of_trimesh_is_read(cube_20):
 
 
 @pytest.mark.parametrize("length", [slice(0), slice(50), slice(84), slice(-25), slice(300)])
-def test_files_that_are_cut_short_are_refused(cube_20, length):
+def test_truncated_files_are_refused(cube_20, length):
     with pytest.raises(SliceRejected) as error:
         read_triangles(cube_20.export(file_type="stl")[length])
     assert error.value.rule is Rule.BROKEN_MESH
@@ -40,10 +40,12 @@ def test_any_bytes_are_read_or_refused(content):
         assert refused.rule is Rule.BROKEN_MESH
 
 
-def make_slab(low_mm, high_mm, height):
-    """Make a block that widens from its foot to its top."""
+def make_slab(low_mm, high_mm, height_mm):
+    """Make a block whose section changes linearly from its bottom to its top."""
     corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) / 2.0
-    points = [(*(corner * size), z) for size, z in ((low_mm, 0.0), (high_mm, height)) for corner in corners]
+    points = [
+        (*(corner * size), z) for size, z in ((low_mm, 0.0), (high_mm, height_mm)) for corner in corners
+    ]
     return trimesh.convex.convex_hull(np.array(points))
 
 
@@ -54,7 +56,7 @@ def merge_corners(corners):
 @pytest.mark.parametrize(
     "mesh", [trimesh.creation.icosphere(2, 60.0), make_slab((100.0, 80.0), (90.0, 85.0), 40.0)]
 )
-def test_waved_part_differs_by_hundredths_of_a_mm_only(mesh):
+def test_waved_part_differs_by_hundredths_of_a_mm_at_most(mesh):
     waved_mesh = merge_corners(read_triangles(write_triangles(add_waves(np.asarray(mesh.triangles)))))
     assert waved_mesh.is_watertight
     assert waved_mesh.volume == pytest.approx(mesh.volume, rel=2e-4)
@@ -74,10 +76,10 @@ def test_corners_of_a_waved_part_lie_on_the_crests():
     assert np.ptp(depths) == pytest.approx(WAVE_MM, rel=0.01)
 
 
-def test_slowly_widening_part_keeps_its_corners(request_for, settings_of):
+def test_slowly_widening_part_keeps_its_corners(make_request, make_settings):
     """Use a part whose wall lengths multiply to 2**32 um2 in some layer of every variant."""
-    settings = settings_of(infill_sparse_density="0", layer_height=0.1)
-    request = request_for(make_slab((84.6, 51.0), (85.4, 51.3), 42.0), settings=settings)
+    settings = make_settings(infill_sparse_density="0", layer_height=0.1)
+    request = make_request(make_slab((84.6, 51.0), (85.4, 51.3), 42.0), settings=settings)
     result = slice_plate(request)
     assert result.unprinted == ()
     assert result.height_mm == pytest.approx(42.0, abs=0.11)

@@ -1,4 +1,4 @@
-"""Real slices by the real CuraEngine."""
+"""Slices of the real CuraEngine."""
 
 import errno
 import multiprocessing
@@ -19,9 +19,9 @@ from slicing.plate import slice_plate
 from slicing.slice_store import write_atomically
 
 
-def test_cube_of_50_mm_with_the_settings_of_the_paper(request_for, settings_of):
-    """Compare the result of the whole chain; other settings take up to six times this time."""
-    result = slice_plate(request_for(trimesh.creation.box((50, 50, 50)), settings=settings_of("paper")))
+def test_cube_with_the_settings_of_the_paper_has_the_known_time_and_filament(make_request, make_settings):
+    """Check the result of the whole chain; with other settings, it takes up to six times this time."""
+    result = slice_plate(make_request(trimesh.creation.box((50, 50, 50)), settings=make_settings("paper")))
     assert int(result.sliced_s) == 4906
     assert int(result.filament_mm3) == 17911
     assert (result.layers, result.height_mm) == (200, pytest.approx(50.02))
@@ -29,8 +29,8 @@ def test_cube_of_50_mm_with_the_settings_of_the_paper(request_for, settings_of):
     assert result.max_mm[0] == pytest.approx(25 + 8.05 - 0.175, abs=0.05)
 
 
-def test_file_is_ready_to_stream(request_for, cube_20):
-    result = slice_plate(request_for(cube_20))
+def test_file_is_ready_to_stream(make_request, cube_20):
+    result = slice_plate(make_request(cube_20))
     text = result.gcode.read_text()
     assert f";TIME:{int(result.sliced_s)}\n" in text[:200]
     assert "2.14748e+06" not in text
@@ -44,21 +44,23 @@ def test_file_is_ready_to_stream(request_for, cube_20):
     assert str(result.gcode.parent) not in text
 
 
-def test_supports_are_printed_in_both_scopes(request_for, settings_of):
+def test_supports_are_switched_on_and_off_in_both_scopes(make_request, make_settings):
     tee = trimesh.boolean.union(
         [
             trimesh.creation.box((10, 10, 20)),
             trimesh.creation.box((40, 10, 4), trimesh.transformations.translation_matrix((0, 0, 12))),
         ]
     )
-    assert ";TYPE:SUPPORT\n" in slice_plate(request_for(tee)).gcode.read_text()
-    plain_slice = slice_plate(request_for(tee, settings=settings_of(support_enable="false")))
+    assert ";TYPE:SUPPORT\n" in slice_plate(make_request(tee)).gcode.read_text()
+    plain_slice = slice_plate(make_request(tee, settings=make_settings(support_enable="false")))
     assert ";TYPE:SUPPORT\n" not in plain_slice.gcode.read_text()
 
 
-def test_memory_limit_grows_with_the_layers(request_for, settings_of):
+def test_memory_limit_grows_with_the_layers(make_request, make_settings):
     result = slice_plate(
-        request_for(trimesh.creation.box((3, 3, 204)), settings=settings_of("high", support_enable="false"))
+        make_request(
+            trimesh.creation.box((3, 3, 204)), settings=make_settings("high", support_enable="false")
+        )
     )
     assert result.layers > 3300
 
@@ -66,8 +68,8 @@ def test_memory_limit_grows_with_the_layers(request_for, settings_of):
 @pytest.mark.parametrize(
     "mesh", [trimesh.creation.cone(10, 30), trimesh.creation.cone(4, 60)], ids=["cone", "spike"]
 )
-def test_unprintable_tips_are_not_a_fault(request_for, mesh):
-    result = slice_plate(request_for(mesh))
+def test_unprintable_tips_are_accepted(make_request, mesh):
+    result = slice_plate(make_request(mesh))
     assert result.height_mm < mesh.extents[2]
 
 
@@ -81,17 +83,17 @@ def make_prism(bottom_mm, top_mm, height_mm):
 @pytest.mark.parametrize(
     "mesh", [make_prism(85.042, 85.042, 2), make_prism(84.98, 85.1, 6)], ids=["all layers", "one layer"]
 )
-def test_sound_part_that_loses_a_corner_in_the_engine_is_sliced_again(request_for, settings_of, mesh):
+def test_sound_part_that_loses_a_corner_in_the_engine_is_sliced_again(make_request, make_settings, mesh):
     """Use an outer wall whose centre line is 84.642 x 50.742 mm: 2**32 square micrometres."""
-    result = slice_plate(request_for(mesh, settings=settings_of(infill_sparse_density="0")))
+    result = slice_plate(make_request(mesh, settings=make_settings(infill_sparse_density="0")))
     assert result.unprinted == ()
     assert result.height_mm == pytest.approx(mesh.extents[2], abs=0.11)
     assert result.max_mm[0] < mesh.extents[0] / 2 + 8.1  # with the brim
 
 
-def test_part_is_sliced_again_as_a_wider_mesh(request_for, tmp_path):
-    """Slice another mesh if a section loses its corner before any offset of the walls."""
-    request = request_for(trimesh.creation.box((80, 60, 2)))
+def test_part_is_sliced_again_as_a_wider_mesh(make_request, tmp_path):
+    """Check the wider mesh, which is sliced if a section loses a corner before the walls are offset."""
+    request = make_request(trimesh.creation.box((80, 60, 2)))
     corners = read_triangles(request.stl.read_bytes())
     folder = tmp_path / "wider"
     folder.mkdir()
@@ -104,9 +106,9 @@ def test_part_is_sliced_again_as_a_wider_mesh(request_for, tmp_path):
     assert plate._widen(request, corners, 0.0, 0.0, folder) is request
 
 
-def test_inner_wall_that_is_lost_in_the_engine_is_sliced_again(request_for):
+def test_inner_wall_that_is_lost_in_the_engine_is_sliced_again(make_request):
     """Use an inner wall of 84.642 x 50.742 mm, without which the part is filled with skin."""
-    result = slice_plate(request_for(trimesh.creation.box((85.692, 51.792, 3))))
+    result = slice_plate(make_request(trimesh.creation.box((85.692, 51.792, 3))))
     text = result.gcode.read_text()
     layer = text[text.index(";LAYER:7\n") : text.index(";LAYER:8\n")]
     assert ";TYPE:WALL-INNER" in layer
@@ -116,8 +118,8 @@ def test_inner_wall_that_is_lost_in_the_engine_is_sliced_again(request_for):
 BALL = trimesh.creation.icosphere(3, 20)
 
 
-def remove_facets(mesh, keep):
-    return write_stl_bytes(trimesh.Trimesh(mesh.vertices, mesh.faces[:keep], process=False))
+def keep_facets(mesh, count):
+    return write_stl_bytes(trimesh.Trimesh(mesh.vertices, mesh.faces[:count], process=False))
 
 
 @pytest.mark.parametrize(
@@ -127,8 +129,8 @@ def remove_facets(mesh, keep):
         (b"", Rule.BROKEN_MESH),
         (b"solid nothing\nendsolid nothing\n", Rule.BROKEN_MESH),
         (write_stl_bytes(BALL)[:30_000], Rule.BROKEN_MESH),
-        (remove_facets(BALL, 640), Rule.BROKEN_MESH),
-        (remove_facets(trimesh.creation.box((20, 20, 20)), 11), Rule.BROKEN_MESH),
+        (keep_facets(BALL, 640), Rule.BROKEN_MESH),
+        (keep_facets(trimesh.creation.box((20, 20, 20)), 11), Rule.BROKEN_MESH),
         (write_stl_bytes(trimesh.creation.box((20, 20, 0.1))), Rule.NOTHING_PRINTED),
         (write_stl_bytes(trimesh.creation.box((20, 0.2, 20))), Rule.NOTHING_PRINTED),
         (write_stl_bytes(trimesh.creation.box((0.02, 0.02, 0.02))), Rule.NOTHING_PRINTED),
@@ -151,8 +153,8 @@ def remove_facets(mesh, keep):
         "too high",
     ],
 )
-def test_bad_input_is_rejected_and_leaves_no_file(request_for, content, rule):
-    request = request_for(content)
+def test_bad_input_is_rejected_and_leaves_no_file(make_request, content, rule):
+    request = make_request(content)
     with pytest.raises(SliceRejected) as error:
         slice_plate(request)
     assert error.value.rule is rule
@@ -160,14 +162,14 @@ def test_bad_input_is_rejected_and_leaves_no_file(request_for, content, rule):
     assert [path.name for path in request.output_path.parent.iterdir()] == ["part.stl"]
 
 
-def test_repeated_slice_runs_no_engine(request_for, cube_20, tmp_path, settings_of):
-    request = request_for(cube_20, cache=tmp_path / "cache")
+def test_repeated_slice_runs_no_engine(make_request, cube_20, tmp_path, make_settings):
+    request = make_request(cube_20, cache=tmp_path / "cache")
     first_result = slice_plate(request)
     second_result = slice_plate(replace(request, output_path=tmp_path / "again.gcode"))
     assert (first_result.cached, second_result.cached) == (False, True)
     assert second_result == replace(first_result, gcode=second_result.gcode, cached=True)
     assert second_result.gcode.read_bytes() == first_result.gcode.read_bytes()
-    assert not slice_plate(replace(request, settings=settings_of("paper"))).cached
+    assert not slice_plate(replace(request, settings=make_settings("paper"))).cached
     with pytest.raises(SliceRejected, match="build volume"):
         slice_plate(replace(request, bed=((-5.0, -5.0, 5.0, 5.0, 205.0),)))
 
@@ -183,8 +185,8 @@ def test_error_for_a_full_disk_names_the_file(tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
-def test_reading_an_entry_counts_as_use(request_for, cube_20, tmp_path):
-    request = request_for(cube_20, cache=tmp_path / "cache")
+def test_reading_a_cache_entry_counts_as_use(make_request, cube_20, tmp_path):
+    request = make_request(cube_20, cache=tmp_path / "cache")
     slice_plate(request)
     (entry,) = (tmp_path / "cache").glob("*.json")
     os.utime(entry, (1000, 1000))
@@ -192,9 +194,9 @@ def test_reading_an_entry_counts_as_use(request_for, cube_20, tmp_path):
     assert entry.stat().st_mtime > 1000
 
 
-def test_damaged_cache_entry_is_sliced_again(request_for, cube_20, tmp_path):
+def test_damaged_cache_entry_is_sliced_again(make_request, cube_20, tmp_path):
     cache = tmp_path / "cache"
-    request = request_for(cube_20, cache=cache)
+    request = make_request(cube_20, cache=cache)
     first_result = slice_plate(request)
     for path in cache.glob("*.gcode"):
         path.write_text("G28")
@@ -205,15 +207,15 @@ def test_damaged_cache_entry_is_sliced_again(request_for, cube_20, tmp_path):
     assert not slice_plate(request).cached
 
 
-def test_stored_slice_needs_no_engine_but_an_incomplete_one_does(
-    request_for, cube_20, tmp_path, script, engine
+def test_only_an_incomplete_stored_slice_needs_the_engine(
+    make_request, cube_20, tmp_path, write_script, engine
 ):
-    engine_script = script(f'exec {engine} "$@"')
+    engine_script = write_script(f'exec {engine} "$@"')
     cache = tmp_path / "cache"
-    request = replace(request_for(cube_20, cache=cache), engine=engine_script)
+    request = replace(make_request(cube_20, cache=cache), engine=engine_script)
     first_result = slice_plate(request)
     assert not first_result.cached
-    script("echo '[ERROR] was asked to slice'; exit 1")  # the same program, which now fails
+    write_script("echo '[ERROR] was asked to slice'; exit 1")  # the same program fails from now on
     assert slice_plate(request) == replace(first_result, cached=True)
     (entry,) = cache.glob("*.json")
     entry.unlink()  # as after a kill of the worker between the two files
@@ -221,8 +223,8 @@ def test_stored_slice_needs_no_engine_but_an_incomplete_one_does(
         slice_plate(request)
 
 
-def test_engine_runs_in_worker_processes(request_for, cube_20):
-    request = request_for(cube_20)
+def test_engine_runs_in_worker_processes(make_request, cube_20):
+    request = make_request(cube_20)
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
         assert pool.submit(slice_plate, request).result(60).layers == 100
         low_bed_request = replace(request, bed=((-30.0, -30.0, 30.0, 30.0, 5.0),))
@@ -230,37 +232,37 @@ def test_engine_runs_in_worker_processes(request_for, cube_20):
             pool.submit(slice_plate, low_bed_request).result(60)
 
 
-def test_failing_engine_is_reported(request_for, cube_20, script):
-    engine = script('echo "[ERROR] no such luck" >&2; exit 3')
+def test_failing_engine_is_reported(make_request, cube_20, write_script):
+    engine = write_script('echo "[ERROR] no such luck" >&2; exit 3')
     with pytest.raises(EngineFailed, match=r"exit code 3\): \[ERROR\] no such luck"):
-        slice_plate(replace(request_for(cube_20), engine=engine))
+        slice_plate(replace(make_request(cube_20), engine=engine))
 
 
-def test_killed_engine_is_reported(request_for, cube_20, script):
+def test_killed_engine_is_reported(make_request, cube_20, write_script):
     with pytest.raises(EngineFailed, match="SIGSEGV"):
-        slice_plate(replace(request_for(cube_20), engine=script("kill -SEGV $$")))
+        slice_plate(replace(make_request(cube_20), engine=write_script("kill -SEGV $$")))
 
 
-def test_engine_that_hangs_is_stopped_with_all_its_processes(request_for, cube_20, script, tmp_path):
+def test_engine_that_hangs_is_stopped_with_all_its_processes(make_request, cube_20, write_script, tmp_path):
     fifo = tmp_path / "fifo"
     os.mkfifo(fifo)
     reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
     try:
-        engine = script(f"sleep 600 > {fifo} & sleep 600 > {fifo}")
+        engine = write_script(f"sleep 600 > {fifo} & sleep 600 > {fifo}")
         with pytest.raises(EngineTimeout, match="did not finish within 1 s"):
-            slice_plate(replace(request_for(cube_20), engine=engine, timeout_s=1.0))
+            slice_plate(replace(make_request(cube_20), engine=engine, timeout_s=1.0))
         poll = select.poll()
         poll.register(reader, 0)
-        assert poll.poll(10_000)  # the processes that wrote have ended
+        assert poll.poll(10_000)  # all processes with the writing end have ended
     finally:
         os.close(reader)
 
 
-def test_missing_engine_is_reported(request_for, cube_20, tmp_path):
+def test_missing_engine_is_reported(make_request, cube_20, tmp_path):
     with pytest.raises(EngineMissing, match="FARM_CURA_ENGINE"):
-        slice_plate(replace(request_for(cube_20), engine=tmp_path / "nothing"))
+        slice_plate(replace(make_request(cube_20), engine=tmp_path / "nothing"))
 
 
-def test_missing_model_is_reported(request_for, cube_20, tmp_path):
+def test_missing_model_is_reported(make_request, cube_20, tmp_path):
     with pytest.raises(SlicingError, match="No such file"):
-        slice_plate(replace(request_for(cube_20), stl=tmp_path / "nothing.stl"))
+        slice_plate(replace(make_request(cube_20), stl=tmp_path / "nothing.stl"))

@@ -1,4 +1,4 @@
-"""A part for Creality's Ender-3, from Cura's own definition of it."""
+"""Slices for Creality's Ender-3, from Cura's own definition of the printer."""
 
 import pytest
 import trimesh
@@ -26,7 +26,7 @@ def test_part_passes_all_checks_of_a_slice(tmp_path, engine, resources, quality)
     text = result.gcode.read_text()
     positions = [text.index(f"\n{mark}") for mark in ("M190 S", "M109 S200", "G28\n", ";LAYER:0\n")]
     assert positions == sorted(positions)  # the printer heats before it homes
-    # 6.5 of 8 mm are already retracted.
+    # Of 8 mm, 6.5 mm are already retracted.
     assert text.rindex("\nG1 F1500 E-1.5\n") > text.rindex(";TIME_ELAPSED")
     assert "M83" not in text and "G10" not in text
 

@@ -9,7 +9,7 @@ from printers.slicing_printers import PRINTERS, UM2_PLUS
 FILAMENT_MM2 = 6.379
 
 
-def test_start_code_heats_both_heaters_and_primes_the_models_volume():
+def test_start_code_heats_nozzle_and_bed_and_primes_the_volume_of_the_model():
     lines = UM2_PLUS.code.build_start_code(205.0, 60.0, FILAMENT_MM2).splitlines()
     assert {"M140 S60", "M190 S60", "M109 S205", "G1 F47 E7.8"} <= {*lines}
     assert lines.index("G28") < lines.index("M190 S60") < lines.index("M109 S205")

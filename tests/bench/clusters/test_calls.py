@@ -1,4 +1,4 @@
-"""Calls of benches: where the bench runs, or on a cluster."""
+"""Calls of benches, on the computer of the bench or on a cluster."""
 
 import pickle
 import pkgutil
@@ -29,12 +29,12 @@ from farm.errors import FarmError
     ],
 )
 def test_calls_of_benches_can_be_sent(work):
-    """Their functions are found by their names, in this process and others."""
+    """Check that the functions are found by their names, in this process and in others."""
     assert pickle.loads(pickle.dumps(work)) == work
     assert callable(pkgutil.resolve_name(work.target))
 
 
-def parse(*args):
+def parse_options(*args):
     parser = ArgumentParser()
     add_cluster_options(parser)
     return parser.parse_args(args)
@@ -47,15 +47,15 @@ def source(tmp_path):
     return path
 
 
-def test_calls_are_made_here_without_a_scheduler(tmp_path, source):
-    with open_calls(parse()) as call:
+def test_calls_are_made_locally_without_a_scheduler(tmp_path, source):
+    with open_calls(parse_options()) as call:
         assert call(work.copy, source, tmp_path / "out")["copy"].read_bytes() == b"solid"
-    with open_calls(parse(), local_call=lambda function, *args: args) as call:
+    with open_calls(parse_options(), local_call=lambda function, *args: args) as call:
         assert call(work.copy, 1, 2) == (1, 2)
-    assert count_calls(parse(), 3) == 3
+    assert count_calls(parse_options(), 3) == 3
 
 
-def test_calls_go_to_the_cluster_with_their_files_and_errors(tmp_path, source, monkeypatch):
+def test_calls_run_on_the_cluster_with_their_files_and_errors(tmp_path, source, monkeypatch):
     executor = TaskExecutor("w1", tmp_path, SameProcess(), INSTALLATION)
     requests = []
 
@@ -74,7 +74,7 @@ def test_calls_go_to_the_cluster_with_their_files_and_errors(tmp_path, source, m
 
     monkeypatch.setattr(calls, "connect_cluster", connect)
     monkeypatch.setattr(calls, "Workers", NoProcesses)
-    args = parse("--scheduler", "tls://a:8786", "--certificates", str(tmp_path))
+    args = parse_options("--scheduler", "tls://a:8786", "--certificates", str(tmp_path))
     with open_calls(args) as call:
         assert call(work.copy, source, tmp_path / "out")["copy"] == tmp_path / "out" / "copy.txt"
         with pytest.raises(FarmError, match="this model is hollow"):

@@ -1,4 +1,4 @@
-"""A small part sliced with its pins, marks and gutter: read back from the G-code."""
+"""Pins, marks and gutter of a small sliced part, read back from the G-code."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ NARROWER_MM = 0.2
 
 
 @pytest.fixture(scope="module")
-def printed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Connectors, SlicedPart]:
-    """Slice the left of three blocks: one beside it, one below, so that a cut face lies on the bed."""
+def sliced_joint(tmp_path_factory: pytest.TempPathFactory) -> tuple[Connectors, SlicedPart]:
+    """Slice a block that has one block beside it and one below it, so that a cut face lies on the bed."""
     spans = [((0, 0, 0), (16, 50, 26)), ((16, 0, 0), (30, 50, 26)), ((0, 0, -12), (16, 50, 0))]
     pieces = [
         Piece(Solid.box(*span), list_box_planes(np.array(span, dtype=np.float64)), np.zeros((0, 2, 3)))
@@ -35,32 +35,34 @@ def printed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Connectors, Slice
 
 
 def test_all_marks_of_the_part_are_legible_in_its_outer_walls(
-    printed: tuple[Connectors, SlicedPart],
+    sliced_joint: tuple[Connectors, SlicedPart],
 ) -> None:
-    connectors, sliced_part = printed
+    connectors, sliced_part = sliced_joint
     marks = [mark for mark in connectors.marks if mark.part == 0]
     assert [mark.text for mark in marks] == ["1-2^", "-3^"]
     assert all(sliced_part.is_legible(mark) for mark in marks)
     far_marks = [mark for mark in connectors.marks if mark.part == 2]
-    assert far_marks and not any(sliced_part.is_legible(mark) for mark in far_marks)  # it was not sliced
+    assert far_marks and not any(
+        sliced_part.is_legible(mark) for mark in far_marks
+    )  # this part was not sliced
 
 
-def test_level_holes_and_holes_open_to_the_bed_stay_free_of_support(
-    printed: tuple[Connectors, SlicedPart],
+def test_horizontal_holes_and_holes_open_to_the_bed_have_no_support(
+    sliced_joint: tuple[Connectors, SlicedPart],
 ) -> None:
-    connectors, sliced_part = printed
+    connectors, sliced_part = sliced_joint
     directions = {
         round(float(hole.into @ UP)) for pin in connectors.pins for hole in pin.holes if not hole.part
     }
     assert directions == {0, 1}
-    # Specks remain where strokes of the mark on the bed cross; a hole had 1.3 mm.
+    # Specks of support remain where strokes of the mark on the bed cross; a hole would have 1.3 mm.
     assert sliced_part.support_filament_mm < 0.1
 
 
-def test_seams_of_the_outer_wall_hide_in_the_gutter_and_not_in_grooves_of_keys(
-    printed: tuple[Connectors, SlicedPart],
+def test_seams_of_the_outer_wall_are_in_the_gutter_and_not_in_grooves_of_keys(
+    sliced_joint: tuple[Connectors, SlicedPart],
 ) -> None:
-    connectors, sliced_part = printed
+    connectors, sliced_part = sliced_joint
     [gutter] = [candidate for candidate in connectors.gutters if candidate.part == 0]
     starts_mm = sliced_part.find_seams(longest_only=True)
     start, end = gutter.line_mm
@@ -75,7 +77,7 @@ def test_seams_of_the_outer_wall_hide_in_the_gutter_and_not_in_grooves_of_keys(
     assert is_in_gutter.mean() > 0.98
 
 
-def test_first_layer_of_a_face_that_is_glued_is_narrower(printed: tuple[Connectors, SlicedPart]) -> None:
-    _, sliced_part = printed
+def test_first_layer_of_a_glued_face_is_narrower(sliced_joint: tuple[Connectors, SlicedPart]) -> None:
+    _, sliced_part = sliced_joint
     first, second = (sliced_part.walls.start[sliced_part.walls.layer == layer] for layer in (0, 10))
     assert np.ptp(second, axis=0) - np.ptp(first, axis=0) == pytest.approx(2.0 * NARROWER_MM, abs=0.06)

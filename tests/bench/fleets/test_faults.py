@@ -1,4 +1,4 @@
-"""Figures of a lost host: notices on other events do not count."""
+"""Figures of a lost host: notices about other events do not count."""
 
 import time
 from itertools import chain
@@ -13,7 +13,7 @@ LOSS = "pc-01 does not answer"
 
 
 class FleetWithLateNotice:
-    """Fleet whose job has just been printed: the notice on it is sent after its last print."""
+    """Fleet whose job has just been printed; the notice about it is sent after the last print."""
 
     printing_names: tuple[str, ...] = ()
 
@@ -42,7 +42,7 @@ class FleetWithLateNotice:
         return self.loss_count
 
 
-def test_notices_on_earlier_prints_do_not_count(monkeypatch):
+def test_notices_about_earlier_prints_do_not_count(monkeypatch):
     fleet = FleetWithLateNotice()
     monkeypatch.setattr(time, "monotonic", lambda: fleet.now_s)
     printers = [SimpleNamespace(state="unknown")]
@@ -57,7 +57,7 @@ def test_notices_on_earlier_prints_do_not_count(monkeypatch):
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 50])
-def test_half_of_the_hosts_are_grouped_for_the_losses(count):
+def test_groups_of_hosts_contain_all_hosts_in_order(count):
     hosts = [f"pc-{number}" for number in range(count)]
     groups = faults.group_hosts(hosts)
     assert [*chain.from_iterable(groups.values())] == hosts and all(groups.values())

@@ -57,7 +57,7 @@ class Agent:
         return self.recorder.alarms.alarm
 
     @property
-    def read_attention_reason(self) -> str:
+    def attention_reason(self) -> str:
         return str(self.board.state.attention_reason)
 
 
@@ -73,7 +73,7 @@ def write_relay_script(mark: Path, command: str = "") -> str:
     return f"{script} {{printer}}"
 
 
-def runs(mark: Path) -> int:
+def count_runs(mark: Path) -> int:
     return mark.read_text().count("um2-01\n") if mark.exists() else 0
 
 
@@ -83,12 +83,8 @@ def test_finding_on_an_idle_printer_cuts_the_mains_once(tmp_path: Path, mark: Pa
     agent.report(90.0, 50)
     alarm = agent.wait_for_outcome()
     agent.report(120.0, 50)
-    assert alarm.outcome == CUT_OUTCOME and runs(mark) == 1
-    assert (
-        agent.read_attention_reason.count("gets hotter")
-        == agent.read_attention_reason.count(CUT_OUTCOME)
-        == 1
-    )
+    assert alarm.outcome == CUT_OUTCOME and count_runs(mark) == 1
+    assert agent.attention_reason.count("gets hotter") == agent.attention_reason.count(CUT_OUTCOME) == 1
 
 
 def test_printer_with_an_attention_reason_has_its_mains_cut(tmp_path: Path, mark: Path):
@@ -97,47 +93,47 @@ def test_printer_with_an_attention_reason_has_its_mains_cut(tmp_path: Path, mark
     agent.report(21.0)
     agent.report(90.0)
     agent.wait_for_outcome()
-    assert runs(mark) == 1 and agent.read_attention_reason.startswith("its print failed; the nozzle is off")
+    assert count_runs(mark) == 1 and agent.attention_reason.startswith("its print failed; the nozzle is off")
 
 
 def test_maxtemp_on_an_idle_board_cuts_the_mains(tmp_path: Path, mark: Path):
-    """Cut the mains immediately: without a link no report would show a rise."""
+    """Cut the mains immediately, as no report would show a rise without a link."""
     agent = Agent(tmp_path, write_relay_script(mark))
     agent.report(21.0)
     agent.board._on_idle_fault(LinkFault(Fault.MAXTEMP, "MAXTEMP triggered"), 0.0)
     agent.report(21.0)
     agent.wait_for_outcome()
-    assert runs(mark) == 1
+    assert count_runs(mark) == 1
     assert (
-        agent.read_attention_reason
+        agent.attention_reason
         == f"both heaters are off, and the board says MAXTEMP triggered: switch it off; {CUT_OUTCOME}"
     )
 
 
-def test_without_a_command_a_person_is_notified_once(tmp_path: Path):
+def test_person_is_notified_once_without_a_command(tmp_path: Path):
     agent = Agent(tmp_path, None)
     agent.report(21.0)
     agent.report(90.0, 50)
-    assert agent.read_attention_reason.count(NO_COMMAND) == 1 and len(agent.read_attention_reason) < 200
+    assert agent.attention_reason.count(NO_COMMAND) == 1 and len(agent.attention_reason) < 200
 
 
-def test_finding_is_new_after_the_printer_was_cold_absent_or_checked(tmp_path: Path, mark: Path):
+def test_finding_counts_again_after_the_printer_was_cold_absent_or_checked(tmp_path: Path, mark: Path):
     agent = Agent(tmp_path, write_relay_script(mark))
 
     def make_hot_reports(count: int) -> None:
         agent.report(21.0)
         agent.report(90.0, 5)
         agent.wait_for_outcome()
-        assert runs(mark) == count
+        assert count_runs(mark) == count
 
     make_hot_reports(1)
-    make_hot_reports(2)  # it was cold in between
+    make_hot_reports(2)  # the printer was cold in between
     agent.board.absent_reason, agent.board.rearms_alarm = None, True  # the printer is connected again
     agent.board.idle_watch.reset()
     agent.report(60.0)
     agent.report(90.0)
     agent.wait_for_outcome()
-    assert runs(mark) == 3
+    assert count_runs(mark) == 3
     agent.recorder.alarms.clear()
     assert agent.alarm is None
     make_hot_reports(4)
@@ -156,13 +152,13 @@ def test_next_agent_completes_a_requested_power_off(tmp_path: Path, mark: Path):
     alarm = Alarm(text="the nozzle is off, and gets hotter", at_s=5.0, power_off_requested=True)
     Journal(tmp_path / JOURNAL).write(5.0, alarm=alarm.dump_record())
     assert read_journal(tmp_path / JOURNAL)[0].may_be_hot
-    for _ in range(2):  # and not by the one after that
+    for _ in range(2):  # the second agent does not run the command again
         agent = Agent(tmp_path, write_relay_script(mark))
         agent.recorder.record_changes()
         assert agent.wait_for_outcome().outcome == CUT_OUTCOME
         agent.recorder.record_changes()
-        assert runs(mark) == 1
-    assert agent.read_attention_reason == f"{alarm.text}; {CUT_OUTCOME}"
+        assert count_runs(mark) == 1
+    assert agent.attention_reason == f"{alarm.text}; {CUT_OUTCOME}"
 
 
 def test_next_agent_cuts_the_mains_for_a_heater_not_seen_to_cool(tmp_path: Path, mark: Path):
@@ -171,7 +167,7 @@ def test_next_agent_cuts_the_mains_for_a_heater_not_seen_to_cool(tmp_path: Path,
     agent = Agent(tmp_path, write_relay_script(mark))
     agent.recorder.record_changes()
     agent.wait_for_outcome()
-    assert runs(mark) == 1 and alarm.text in agent.read_attention_reason
+    assert count_runs(mark) == 1 and alarm.text in agent.attention_reason
 
 
 def test_full_disk_does_not_prevent_the_power_off(tmp_path: Path, mark: Path):
@@ -183,20 +179,20 @@ def test_full_disk_does_not_prevent_the_power_off(tmp_path: Path, mark: Path):
     agent.journal.write = fail_on_full_disk  # type: ignore[method-assign]
     agent.report(21.0)
     agent.report(90.0, 20)
-    assert agent.wait_for_outcome().outcome == CUT_OUTCOME and runs(mark) == 1
+    assert agent.wait_for_outcome().outcome == CUT_OUTCOME and count_runs(mark) == 1
 
 
 def test_hanging_command_does_not_block_the_agent(tmp_path: Path, mark: Path):
-    """Handle reports while the command runs, and take its outcome when it ends."""
+    """Check that reports are handled while the command runs, and its outcome is recorded when it ends."""
     os.mkfifo(tmp_path / "gate")
     agent = Agent(tmp_path, write_relay_script(mark, f"read go < {tmp_path}/gate"))
     agent.report(21.0)
     agent.report(90.0)
-    agent.wait_until(lambda: runs(mark) == 1)
+    agent.wait_until(lambda: count_runs(mark) == 1)
     agent.report(99.0, 100)
     assert agent.alarm is not None and agent.alarm.is_pending
     (tmp_path / "gate").write_text("go\n")
-    assert agent.wait_for_outcome().outcome == CUT_OUTCOME and runs(mark) == 1
+    assert agent.wait_for_outcome().outcome == CUT_OUTCOME and count_runs(mark) == 1
 
 
 # --- during a print ---
@@ -210,11 +206,11 @@ def start_print(folder: Path, command: str | None) -> tuple[Agent, Rig]:
     return agent, rig
 
 
-def step_until(agent: Agent, rig: Rig, wait_until: Callable[[], bool]) -> None:
-    """Run session and recorder together; after the end wait for the command."""
-    while not wait_until():
+def step_until(agent: Agent, rig: Rig, condition: Callable[[], bool]) -> None:
+    """Run session and recorder together until a condition holds; after the session, wait for the command."""
+    while not condition():
         if rig.session.context.ended:
-            agent.wait_until(wait_until)
+            agent.wait_until(condition)
         else:
             rig.step()
             agent.recorder.record_changes()
@@ -228,7 +224,7 @@ def test_mains_are_cut_once_at_the_end_of_a_print_with_a_short_reason(
     agent, rig = start_print(tmp_path, write_relay_script(mark) if command else None)
     rig.firmware.trigger_fault(f"{heater}_burns_after", rig.now_s)
     step_until(agent, rig, lambda: agent.alarm is not None)
-    assert rig.session.context.phase is PrintPhase.ENDING  # people are notified before it has ended
+    assert rig.session.context.phase is PrintPhase.ENDING  # people are notified before the print has ended
     alarm = read_journal(tmp_path / JOURNAL)[0].alarm
     assert alarm is not None and alarm.suspected and f"the {heater} went up to" in alarm.text
     step_until(agent, rig, lambda: agent.board.session is None)
@@ -236,11 +232,11 @@ def test_mains_are_cut_once_at_the_end_of_a_print_with_a_short_reason(
     assert ended_print is not None and ended_print.phase is PrintPhase.FAILED
     outcome = CUT_OUTCOME if command else NO_COMMAND
     assert str(ended_print.reason).count(outcome) == 1 and len(str(ended_print.reason)) < 250
-    assert runs(mark) == command
-    assert agent.read_attention_reason == ended_print.reason
+    assert count_runs(mark) == command
+    assert agent.attention_reason == ended_print.reason
     agent.report(300.0)
-    agent.report(350.0, 20)  # it stays hot, which is known
-    assert runs(mark) == command and agent.read_attention_reason == ended_print.reason
+    agent.report(350.0, 20)  # a heater that stays hot is no new finding
+    assert count_runs(mark) == command and agent.attention_reason == ended_print.reason
 
 
 def test_end_of_a_print_waits_for_the_outcome_of_the_command(tmp_path: Path, mark: Path):
@@ -256,7 +252,7 @@ def test_end_of_a_print_waits_for_the_outcome_of_the_command(tmp_path: Path, mar
     assert print_snapshot.phase is PrintPhase.ENDING and print_snapshot.ended_s is None
     (tmp_path / "gate").write_text("go\n")
     step_until(agent, rig, lambda: agent.board.session is None)
-    assert "power_off_cmd failed (no): switch it off by hand" in agent.read_attention_reason
+    assert "power_off_cmd failed (no): switch it off by hand" in agent.attention_reason
 
 
 def test_cooling_heater_ends_the_alarm(tmp_path: Path, mark: Path):
@@ -267,7 +263,7 @@ def test_cooling_heater_ends_the_alarm(tmp_path: Path, mark: Path):
     rig.firmware.board.nozzle.burns = False
     step_until(agent, rig, lambda: agent.board.session is None)
     assert agent.alarm is None and read_journal(tmp_path / JOURNAL)[0].alarm is None
-    assert runs(mark) == 0 and "went up to" in agent.read_attention_reason
+    assert count_runs(mark) == 0 and "went up to" in agent.attention_reason
 
 
 def test_cancelled_print_with_a_stuck_heater_needs_attention(tmp_path: Path, mark: Path):
@@ -275,5 +271,5 @@ def test_cancelled_print_with_a_stuck_heater_needs_attention(tmp_path: Path, mar
     rig.firmware.trigger_fault("nozzle_burns_after", rig.now_s)
     rig.session.cancel("no more", rig.now_s)
     step_until(agent, rig, lambda: agent.board.session is None)
-    assert runs(mark) == 1
-    assert agent.read_attention_reason.startswith("no more; the nozzle is off, and gets hotter")
+    assert count_runs(mark) == 1
+    assert agent.attention_reason.startswith("no more; the nozzle is off, and gets hotter")

@@ -12,15 +12,15 @@ from drivers import messages as m
 from drivers.clock import Clock
 from drivers.emulator.launch import control
 from drivers.errors import PortError
-from printers.agent_with_emulator import MODEL, Printer, make_gcode, printer, run
+from printers.agent_with_emulator import MODEL, Printer, make_gcode, run, run_printer
 
-SCALE = 6.0  # a higher scale would make the minimum delay (4 s of wall time) longer than these times
+SCALE = 6.0  # at a higher scale, the minimum delay (4 s of wall time) would be longer than these times
 
 
 @pytest.mark.system
 @pytest.mark.parametrize("is_killed", [False, True])
 def test_shorted_nozzle_cuts_the_mains_once(tmp_path: Path, is_killed: bool):
-    """Cut the mains also if the agent is killed after the finding: the next agent completes it."""
+    """Cut the mains even if the agent is killed after the finding: the next agent runs the command."""
     mark, fifo = tmp_path / "mark", tmp_path / "gate"
     os.mkfifo(fifo)
     script = tmp_path / "relay.sh"
@@ -64,7 +64,7 @@ def test_shorted_nozzle_cuts_the_mains_once(tmp_path: Path, is_killed: bool):
 
 def test_only_faults_that_count_lines_can_be_triggered(tmp_path: Path):
     async def scenario() -> None:
-        async with printer(tmp_path) as rig:
+        async with run_printer(tmp_path) as rig:
             with pytest.raises(PortError, match="no fault 'fire'; use one of reset_after"):
                 await asyncio.to_thread(control, rig.folder / "emulator", "break", fault="fire")
 

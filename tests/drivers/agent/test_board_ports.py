@@ -1,4 +1,4 @@
-"""An agent and its port: opening, monitoring, and boards whose heat cannot be stopped."""
+"""An agent and its port: opening, monitoring, and boards whose heaters cannot be switched off."""
 
 import asyncio
 import json
@@ -21,7 +21,7 @@ from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
 from drivers.records import JOURNAL
 from drivers.remote import is_alive
 from drivers.session import Session, SessionContext
-from printers.agent_with_emulator import MODEL, Printer, make_gcode, printer, read_all, run
+from printers.agent_with_emulator import MODEL, Printer, make_gcode, read_all, run, run_printer
 
 
 @pytest.mark.system
@@ -47,7 +47,7 @@ def test_port_is_opened_after_a_person_confirms_the_printer_idle(
     tty = tmp_path / "emulator" / "tty"
     rig = Printer(tmp_path / "agent", str(tty))
 
-    def link_open() -> bool:
+    def is_link_open() -> bool:
         return read_status(tmp_path / "emulator").link_open
 
     async def scenario() -> None:
@@ -57,9 +57,9 @@ def test_port_is_opened_after_a_person_confirms_the_printer_idle(
             await rig.connect()
             snapshot = await rig.wait_for(lambda s: s.link is m.LinkState.FAULT)
             assert "does not print" in str(snapshot.reason) and snapshot.bed_unknown_reason is not None
-            assert not link_open()
+            assert not is_link_open()
             reply = await rig.start(make_gcode(10))
-            assert reply.error is not None and not link_open()
+            assert reply.error is not None and not is_link_open()
             assert (await rig.client.request(m.BedCleared(id=0))).error is None
             snapshot = await rig.wait_until_ready()
             assert snapshot.reset_verified and snapshot.bed_unknown_reason is None
@@ -74,7 +74,7 @@ def test_port_is_opened_after_a_person_confirms_the_printer_idle(
             await rig.wait_for(lambda s: s.link is m.LinkState.ABSENT)
             launch(f"sim://{MODEL}", tmp_path / "emulator", rig.clock)  # plugged in again
             await rig.wait_for(lambda s: s.link is m.LinkState.FAULT)
-            assert not link_open()
+            assert not is_link_open()
             assert (await rig.client.request(m.Commission(id=0))).error is None
             await rig.wait_until_ready()
         finally:
@@ -122,7 +122,7 @@ def test_board_without_reset_is_reported_and_cooled_by_command(tmp_path: Path):
 
 
 @pytest.mark.system
-def test_heat_left_by_a_print_is_ended_by_command_without_a_reset(tmp_path: Path):
+def test_heaters_left_on_by_a_print_are_switched_off_by_command_without_a_reset(tmp_path: Path):
     emulator, url = tmp_path / "emulator", str(tmp_path / "emulator" / "tty")
     rig = Printer(tmp_path / "agent", url)
     (tmp_path / "agent").mkdir()
@@ -157,7 +157,7 @@ def test_manual_use_of_an_idle_printer_makes_its_bed_unknown(
     tmp_path: Path, action: dict[str, Any], expected_text: str
 ):
     async def scenario() -> None:
-        async with printer(tmp_path) as rig:
+        async with run_printer(tmp_path) as rig:
             idle_snapshot = await rig.wait_for(lambda s: s.link is m.LinkState.READY and s.heaters_off)
             assert idle_snapshot.bed_unknown_reason is None
             await asyncio.to_thread(control, rig.folder / "emulator", **action)
@@ -169,7 +169,7 @@ def test_manual_use_of_an_idle_printer_makes_its_bed_unknown(
                 await rig.wait_for(lambda s: "SD" in str(s.reason))
                 reply = await rig.client.request(m.BedCleared(id=0))
                 assert "SD card" in str(reply.error)
-                assert read_status(rig.folder / "emulator").nozzle_target_c > 0  # nobody has reset it
+                assert read_status(rig.folder / "emulator").nozzle_target_c > 0  # the board was not reset
 
     run(scenario())
 
@@ -198,7 +198,7 @@ def test_hot_printer_that_disconnects_has_its_mains_cut_and_is_reported(tmp_path
             assert (tmp_path / "cut").read_text() == "um2-01\n"
             assert not (await rig.wait_for(lambda s: s.link is m.LinkState.ABSENT)).heaters_off
             launch(f"sim://{MODEL}", tmp_path / "emulator", rig.clock)
-            # The agent's heat may still be on when the port is opened.
+            # The heaters may still be on when the port is opened.
             snapshot = await rig.wait_for(lambda s: s.heaters_off)
             assert snapshot.link is m.LinkState.FAULT and "mains" in str(snapshot.reason)
         finally:
@@ -210,7 +210,7 @@ def test_hot_printer_that_disconnects_has_its_mains_cut_and_is_reported(tmp_path
 
 
 def test_last_command_to_a_board_without_reset_is_sent_over_a_full_wire(tmp_path: Path):
-    """End the agent by an internal error while a command waits for a board that does not read."""
+    """End the agent with an internal error while a command waits for a board that does not read."""
     master, slave = pty.openpty()
     tty.setraw(slave)
     url = os.ttyname(slave)
@@ -229,7 +229,7 @@ def test_last_command_to_a_board_without_reset_is_sent_over_a_full_wire(tmp_path
         while not port.write_pending:
             port.write(b"G1 X1 Y1\n" * 100)
         board.switch_off()
-        # Data that the board has not read is replaced by the next command; the number depends on its speed.
+        # The command replaces the data that the board has not read, whose amount depends on the host.
         assert read_all(master).endswith(ULTIMAKER2.abort_unnumbered)
     finally:
         board.close()

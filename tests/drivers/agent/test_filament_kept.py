@@ -1,4 +1,4 @@
-"""Parked filament across restarts of the agent."""
+"""State of the filament, kept across restarts of the agent."""
 
 import asyncio
 import os
@@ -20,7 +20,7 @@ OTHER_POSITION = REST_POSITION.replace(b"E:-20.00", b"E:80.00")
 
 @asynccontextmanager
 async def print_file(folder: Path) -> AsyncIterator[Printer]:
-    """Print one file on a port that does not report its bed, and end its agent."""
+    """Print a file over a port that does not report the bed, and end the agent; yield the printer."""
     emulator = folder / "emulator"
     printer = Printer(folder / "agent", str(emulator / "tty"))
     launch(f"sim://{MODEL}", emulator, printer.clock)
@@ -37,7 +37,9 @@ async def print_file(folder: Path) -> AsyncIterator[Printer]:
         await printer.wait_for(lambda s: s.link is m.LinkState.READY and s.filament is m.Filament.PARKED)
         assert (await printer.client.request(m.ForgetPrint(id=0, print_id="p-1"))).error is None
         await _wait_for_rest_position(printer, '"X:')
-        dtr = os.open(emulator / "tty", os.O_RDWR | os.O_NOCTTY)  # DTR stays set while no agent has the port
+        dtr = os.open(
+            emulator / "tty", os.O_RDWR | os.O_NOCTTY
+        )  # DTR stays set while no agent has the port open
         await _shut_down_agent(printer)
         yield printer
     finally:
@@ -117,7 +119,7 @@ def test_position_counts_only_after_a_print_and_until_a_reset() -> None:
 
 
 @pytest.mark.parametrize(("position", "is_certain"), [(REST_POSITION, True), (OTHER_POSITION, False)])
-def test_next_agent_knows_the_filament_if_the_printer_rests_where_it_was(
+def test_next_agent_knows_the_filament_if_the_printer_has_not_moved(
     position: bytes, is_certain: bool
 ) -> None:
     watch = FilamentWatch(rest_position=REST_POSITION.decode())

@@ -20,7 +20,7 @@ def test_moved_position_is_detected_when_reported_twice():
 
 
 def test_garbled_first_answer_is_not_a_move():
-    """Use a position only after it was reported twice; a later move from it is detected."""
+    """Accept a position only after it was reported twice, and detect a later move away from it."""
     watch = IdleWatch()
     reasons = [
         watch.judge_answer(text)[1]
@@ -78,5 +78,5 @@ def test_rising_heater_is_stuck_on_and_cooling_heater_is_not():
     assert findings and all(finding.fault is Fault.HEATER_STUCK_ON for finding in findings)
     assert rising_verdicts.index(findings[0]) == 6  # three reports above 60 C
     assert "nozzle" in findings[0].text
-    watch.judge_report(Report(120.0, 200.0, 60.0, 0.0))  # heating by a person is no fault
+    watch.judge_report(Report(120.0, 200.0, 60.0, 0.0))  # a person may heat the nozzle
     assert watch.judge_report(Report(150.0, 0.0, 60.0, 0.0)) == (None, None)

@@ -6,15 +6,15 @@ from pathlib import Path
 import pytest
 
 from drivers import messages as m
-from printers.agent_with_emulator import make_gcode, printer, run
+from printers.agent_with_emulator import make_gcode, run, run_printer
 
 
 @pytest.mark.system
-def test_an_agent_loads_no_module_after_its_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_agent_loads_no_module_after_its_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("PYTHONPROFILEIMPORTTIME", "1")
 
     async def scenario() -> None:
-        async with printer(tmp_path) as rig:
+        async with run_printer(tmp_path) as rig:
             assert (await rig.start(make_gcode(200))).error is None
             await rig.wait_for_phase(m.PrintPhase.PRINTING)
             await rig.client.close()

@@ -16,8 +16,8 @@ from printers.agent_with_emulator import (
     TAIL,
     Printer,
     make_gcode,
-    printer,
     run,
+    run_printer,
     wait_for_emulator,
 )
 
@@ -25,7 +25,7 @@ from printers.agent_with_emulator import (
 @pytest.mark.system
 def test_print_runs_once_and_leaves_the_bed_not_clear(tmp_path: Path):
     async def scenario() -> None:
-        async with printer(tmp_path) as rig:
+        async with run_printer(tmp_path) as rig:
             assert rig.last_snapshot is not None
             assert (rig.last_snapshot.bed_clear, rig.last_snapshot.filament) == (True, m.Filament.PARKED)
             text = make_gcode(200)
@@ -43,12 +43,12 @@ def test_print_runs_once_and_leaves_the_bed_not_clear(tmp_path: Path):
             assert last_snapshot.heaters_off and last_snapshot.filament is m.Filament.PARKED
             assert rig.read_targets() == (0.0, 0.0)
             moves = read_status(rig.folder / "emulator").moves
-            assert (await rig.start(text)).error is None  # ended: never printed twice
+            assert (await rig.start(text)).error is None  # an ended print is never printed twice
             assert (await rig.client.request(m.ForgetPrint(id=0, print_id="p-1"))).error is None
             await rig.wait_for(lambda s: s.print is None)
             assert (await rig.client.request(m.BedCleared(id=0))).error is None
             await rig.wait_for(lambda s: s.bed_clear is True and s.link is m.LinkState.READY)
-            reply = await rig.start(text)  # ended and forgotten: never printed twice either
+            reply = await rig.start(text)  # nor is a forgotten one
             assert reply.error is None
             assert reply.snapshot is not None and reply.snapshot.print is None
             assert read_status(rig.folder / "emulator").moves == moves
@@ -63,7 +63,7 @@ def test_print_runs_once_and_leaves_the_bed_not_clear(tmp_path: Path):
 @pytest.mark.system
 def test_next_agent_confirms_heaters_off_and_fails_the_open_print(tmp_path: Path):
     async def scenario() -> None:
-        async with printer(tmp_path) as rig:
+        async with run_printer(tmp_path) as rig:
             await rig.start(make_gcode(50_000))
             await rig.wait_for_phase(m.PrintPhase.PRINTING)
             assert rig.process is not None
@@ -86,7 +86,7 @@ def test_next_agent_confirms_heaters_off_and_fails_the_open_print(tmp_path: Path
 @pytest.mark.system
 def test_print_continues_without_a_daemon_and_sigterm_ends_the_agent_afterwards(tmp_path: Path):
     async def scenario() -> None:
-        async with printer(tmp_path) as rig:
+        async with run_printer(tmp_path) as rig:
             await rig.start(make_gcode(3000))
             running_print = await rig.wait_for_phase(m.PrintPhase.PRINTING)
             await rig.client.close()
@@ -105,13 +105,13 @@ def test_print_continues_without_a_daemon_and_sigterm_ends_the_agent_afterwards(
             cancelled_print = await rig.wait_for_phase(m.PrintPhase.CANCELLED)
             assert cancelled_print.reason == "enough"
             assert cancelled_print.ended_s is not None
-            assert await asyncio.to_thread(rig.process.wait, 10.0) == 0  # as requested by the signal
+            assert await asyncio.to_thread(rig.process.wait, 10.0) == 0  # as the signal requested
             assert rig.read_targets() == (0.0, 0.0)
             rig.spawn()
             await rig.connect()
             last_snapshot = await rig.wait_for(lambda s: s.heaters_off)
             assert last_snapshot.filament is m.Filament.PARKED
-            rig.process.send_signal(signal.SIGTERM)  # idle now
+            rig.process.send_signal(signal.SIGTERM)  # the agent is idle now
             assert await asyncio.to_thread(rig.process.wait, 10.0) == 0
 
     run(scenario())
@@ -120,7 +120,7 @@ def test_print_continues_without_a_daemon_and_sigterm_ends_the_agent_afterwards(
 @pytest.mark.system
 def test_sigint_ends_the_print_safely_and_then_the_agent(tmp_path: Path):
     async def scenario() -> None:
-        async with printer(tmp_path) as rig:
+        async with run_printer(tmp_path) as rig:
             await rig.start(make_gcode(50_000))
             await rig.wait_for_phase(m.PrintPhase.PRINTING)
             assert rig.process is not None
@@ -142,7 +142,7 @@ def test_cancel_parks_the_filament_after_any_retraction(tmp_path: Path, lines: i
     )
 
     async def scenario() -> None:
-        async with printer(tmp_path) as rig:
+        async with run_printer(tmp_path) as rig:
             await rig.start(HEAD.replace("S180", "S210") + "".join(strokes) + TAIL)
             await rig.wait_for(lambda s: s.print is not None and s.print.line >= lines)
             await rig.client.request(m.CancelPrint(id=0, print_id="p-1"))
@@ -157,7 +157,7 @@ def test_cancel_parks_the_filament_after_any_retraction(tmp_path: Path, lines: i
 @pytest.mark.system
 def test_print_is_paused_and_resumed(tmp_path: Path):
     async def scenario() -> None:
-        async with printer(tmp_path) as rig:
+        async with run_printer(tmp_path) as rig:
             await rig.start(make_gcode(1500))
             await rig.wait_for(lambda s: s.print is not None and s.print.line >= 100)
             await rig.client.request(m.PausePrint(id=0, print_id="p-1"))
@@ -182,7 +182,7 @@ def test_pulled_cable_fails_the_print_and_heaters_are_confirmed_off_later(
     tmp_path: Path,
 ):
     async def scenario() -> None:
-        async with printer(tmp_path) as rig:
+        async with run_printer(tmp_path) as rig:
             await rig.start(make_gcode(50_000))
             await rig.wait_for_phase(m.PrintPhase.PRINTING)
             old_tty = read_status(rig.folder / "emulator").tty
@@ -228,7 +228,7 @@ def test_swapped_cables_are_reported_until_a_person_confirms(tmp_path: Path):
 @pytest.mark.system
 def test_file_with_another_hash_heats_nothing(tmp_path: Path):
     async def scenario() -> None:
-        async with printer(tmp_path) as rig:
+        async with run_printer(tmp_path) as rig:
             await rig.start(make_gcode(10), sha256="0" * 64)
             failed_print = await rig.wait_for_phase(m.PrintPhase.FAILED)
             assert failed_print.fault == "bad_file" and not failed_print.extruded
@@ -247,7 +247,7 @@ def test_file_with_another_hash_heats_nothing(tmp_path: Path):
 @pytest.mark.system
 def test_checksum_errors_and_lost_oks_are_recovered(tmp_path: Path):
     async def scenario() -> None:
-        async with printer(tmp_path, "?checksum=0.004&drop_ok=0.0005&seed=5") as rig:
+        async with run_printer(tmp_path, "?checksum=0.004&drop_ok=0.0005&seed=5") as rig:
             await rig.start(make_gcode(1000))
             done_print = await rig.wait_for_phase(m.PrintPhase.DONE)
             assert done_print.line == done_print.lines
@@ -259,7 +259,7 @@ def test_checksum_errors_and_lost_oks_are_recovered(tmp_path: Path):
 @pytest.mark.system
 def test_printer_switched_off_is_absent_and_reconnects(tmp_path: Path):
     async def scenario() -> None:
-        async with printer(tmp_path) as rig:
+        async with run_printer(tmp_path) as rig:
             control(rig.folder / "emulator", "power_off")
             snapshot = await rig.wait_for(lambda s: s.link is m.LinkState.ABSENT)
             assert snapshot.reason is not None
@@ -274,7 +274,7 @@ def test_printer_switched_off_is_absent_and_reconnects(tmp_path: Path):
 def test_second_agent_of_a_printer_is_refused_and_the_socket_is_private(tmp_path: Path):
     async def scenario() -> None:
         deep_folder = tmp_path / ("x" * 60) / ("y" * 60)
-        async with printer(deep_folder) as rig:
+        async with run_printer(deep_folder) as rig:
             assert len(str(rig.folder / "agent.sock")) > 107
             assert stat.S_IMODE((rig.folder / "agent.sock").stat().st_mode) == 0o600
             assert is_alive(rig.folder)

@@ -10,7 +10,7 @@ import pytest
 from drivers import messages as m
 from drivers.records import AGENT_LOG, JOURNAL, Journal
 from drivers.records.journal import MAX_BYTES
-from printers.agent_with_emulator import make_gcode, printer, run
+from printers.agent_with_emulator import make_gcode, run, run_printer
 
 
 def fill_journal(path: Path) -> None:
@@ -30,7 +30,7 @@ def fill_journal(path: Path) -> None:
 @pytest.mark.system
 def test_full_log_and_a_long_journal_are_continued_without_losing_a_line(tmp_path: Path):
     async def scenario() -> None:
-        async with printer(tmp_path) as rig:
+        async with run_printer(tmp_path) as rig:
             assert rig.process is not None
             rig.process.send_signal(signal.SIGTERM)
             rig.process.wait(10.0)

@@ -16,13 +16,13 @@ GCODE = b"G28\n"
 
 
 @pytest.fixture(autouse=True)
-def ready_link(monkeypatch: pytest.MonkeyPatch) -> None:
+def _report_link_ready(monkeypatch: pytest.MonkeyPatch) -> None:
     """Report the link as ready without a board."""
     monkeypatch.setattr("drivers.agent.requests.describe_link", lambda *_: (m.LinkState.READY, None))
 
 
 @pytest.fixture(autouse=True)
-def signals() -> Iterator[None]:
+def _restore_signals() -> Iterator[None]:
     """Restore the handlers that an agent replaces."""
     handlers = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
     yield
@@ -48,7 +48,7 @@ def make_request(folder: Path, print_id: str) -> m.StartPrint:
 
 
 def test_forgotten_print_is_not_started_a_second_time(tmp_path: Path):
-    """Refuse the start: if the daemon did not store the end, the part would be printed twice."""
+    """Start nothing: the daemon may not have stored the end, and the part would be printed twice."""
     journal = Journal(tmp_path / JOURNAL)
     for print_id in ("p-1", "p-2"):
         done_print = m.PrintSnapshot(print_id=print_id, phase=m.PrintPhase.DONE, ended_s=1.0)
@@ -60,7 +60,7 @@ def test_forgotten_print_is_not_started_a_second_time(tmp_path: Path):
         assert reply.error is None
         assert reply.snapshot is not None and reply.snapshot.print is None
         assert agent._board.session is None
-    assert agent._answer(make_request(tmp_path, "p-3")).error is None  # as any other is
+    assert agent._answer(make_request(tmp_path, "p-3")).error is None  # an unknown print is started
     assert agent._board.session is not None
     agent._requests.has_ended = True
     agent.run()

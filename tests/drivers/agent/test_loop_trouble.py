@@ -1,4 +1,4 @@
-"""Agent with internal errors, a full disk, or heat left on."""
+"""Agent with internal errors, a full disk, or heaters left on."""
 
 import asyncio
 import hashlib
@@ -17,7 +17,15 @@ from drivers.emulator.launch import control, read_status
 from drivers.emulator.launch import is_running as emulator_is_running
 from drivers.errors import Fault, JournalError
 from drivers.records import Journal, StartFile
-from printers.agent_with_emulator import DEADLINE_S, MODEL, SCALE, make_gcode, printer, run, wait_for_emulator
+from printers.agent_with_emulator import (
+    DEADLINE_S,
+    MODEL,
+    SCALE,
+    make_gcode,
+    run,
+    run_printer,
+    wait_for_emulator,
+)
 
 
 class ScriptedAgent(Agent):
@@ -72,7 +80,7 @@ def test_agent_with_an_internal_error_switches_the_heaters_off(scripted_agent: S
         elif snapshot.print is not None and snapshot.print.phase is m.PrintPhase.PRINTING:
             status = read_status(tmp_path / "emulator")
             assert status.nozzle_target_c > 0
-            raise ZeroDivisionError("a fault of ours")
+            raise ZeroDivisionError("an internal error")
 
     scripted_agent.act = act
     with pytest.raises(ZeroDivisionError):
@@ -83,9 +91,9 @@ def test_agent_with_an_internal_error_switches_the_heaters_off(scripted_agent: S
 
 
 @pytest.mark.system
-def test_agent_without_a_writable_journal_ends_the_heat_of_the_previous_one(tmp_path: Path):
+def test_agent_without_a_writable_journal_switches_off_the_heaters_of_the_previous_one(tmp_path: Path):
     async def scenario() -> None:
-        async with printer(tmp_path) as rig:
+        async with run_printer(tmp_path) as rig:
             await rig.start(make_gcode(20_000))
             await rig.wait_for_phase(m.PrintPhase.PRINTING)
             assert rig.process is not None
@@ -132,7 +140,7 @@ def test_full_disk_stops_no_print_and_starts_none(
             phases.append(snapshot.print.phase)
             if snapshot.print.phase is m.PrintPhase.DONE:
                 if is_full:
-                    assert snapshot.link is m.LinkState.BUSY  # the print ends only with its record
+                    assert snapshot.link is m.LinkState.BUSY  # the print ends only when its record is written
                     is_full = False
                 elif snapshot.link is m.LinkState.READY:
                     assert agent._answer(m.Shutdown(id=2)).error is None
@@ -158,13 +166,13 @@ def test_agent_lists_its_prints_including_forgotten_ones(scripted_agent: Scripte
             assert list_prints(0.0) == ()
             assert agent.start(tmp_path / "a.gcode", text).error is None
         elif snapshot.print is not None and snapshot.link is m.LinkState.BUSY:
-            (rig,) = list_prints(snapshot.now_s)
-            assert rig.sha256 == hashlib.sha256(text.encode()).hexdigest()
-            phases.append(rig.phase)
+            (listed_print,) = list_prints(snapshot.now_s)
+            assert listed_print.sha256 == hashlib.sha256(text.encode()).hexdigest()
+            phases.append(listed_print.phase)
         elif snapshot.print is not None:
             assert agent._answer(m.ForgetPrint(id=2, print_id="p-1")).error is None
-            (rig,) = list_prints(0.0)
-            assert (rig.phase, rig.ended_s) == (m.PrintPhase.DONE, snapshot.print.ended_s)
+            (listed_print,) = list_prints(0.0)
+            assert (listed_print.phase, listed_print.ended_s) == (m.PrintPhase.DONE, snapshot.print.ended_s)
             assert list_prints(snapshot.now_s + 1.0) == ()
             lines = agent._answer(m.ListLines(id=5)).lines
             assert ("ok", False) in [(line.text, line.sent) for line in lines]
@@ -177,8 +185,8 @@ def test_agent_lists_its_prints_including_forgotten_ones(scripted_agent: Scripte
     assert m.PrintPhase.PRINTING in phases
 
 
-def test_agent_stays_while_heat_may_be_on(scripted_agent: ScriptedAgent) -> None:
-    """Keep the agent running, to switch the heat off when the port returns."""
+def test_agent_refuses_to_end_while_heaters_may_be_on(scripted_agent: ScriptedAgent) -> None:
+    """Keep the agent running, so that it switches the heaters off when the port returns."""
     replies = []
 
     def act(agent: ScriptedAgent) -> None:
@@ -194,7 +202,7 @@ def test_agent_stays_while_heat_may_be_on(scripted_agent: ScriptedAgent) -> None
 
 @pytest.mark.parametrize("end", [m.Shutdown(id=1, now=True), signal.SIGINT])
 @pytest.mark.system
-def test_ending_agent_switches_off_heat_left_by_an_ended_print(
+def test_ending_agent_switches_off_heaters_left_on_by_an_ended_print(
     scripted_agent: ScriptedAgent, tmp_path: Path, end: m.Shutdown | signal.Signals
 ):
     was_heated = False

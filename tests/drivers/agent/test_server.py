@@ -1,4 +1,4 @@
-"""Socket of the agent: clients without requests, or with incomplete ones."""
+"""Socket of the agent: clients that send no requests, or incomplete ones."""
 
 import errno
 import logging
@@ -31,14 +31,14 @@ class ServerRig:
         self.clients: list[socket.socket] = []
 
     def connect(self, content: bytes = b"") -> socket.socket:
-        printer = socket.socket(socket.AF_UNIX)
-        self.clients.append(printer)
-        printer.connect(self.path)
-        printer.settimeout(5.0)
+        client = socket.socket(socket.AF_UNIX)
+        self.clients.append(client)
+        client.connect(self.path)
+        client.settimeout(5.0)
         self.run_once()
-        printer.sendall(content)
+        client.sendall(content)
         self.run_once()
-        return printer
+        return client
 
     def run_once(self) -> None:
         """Handle all pending events."""
@@ -54,14 +54,14 @@ def rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ServerRig]:
     rig = ServerRig(tmp_path, monkeypatch)
     yield rig
     rig.server.close()
-    for connect in rig.clients:
-        connect.close()
+    for client in rig.clients:
+        client.close()
 
 
-def is_open(connect: socket.socket) -> bool:
-    connect.setblocking(False)
+def is_open(client: socket.socket) -> bool:
+    client.setblocking(False)
     try:
-        while data := connect.recv(4096):
+        while data := client.recv(4096):
             assert data
     except BlockingIOError:
         return True

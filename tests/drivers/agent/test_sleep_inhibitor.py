@@ -47,7 +47,7 @@ def test_lock_is_released_when_the_agent_is_killed(tmp_path: Path):
     assert wait_for_file(lock, exists=False)
 
 
-def test_no_lock_on_a_host_without_inhibitors_or_for_a_simulated_printer(tmp_path: Path):
+def test_no_lock_is_held_without_inhibitors_or_for_a_simulated_printer(tmp_path: Path):
     for inhibitor in (
         Inhibitor("a", is_simulated=False, command=[str(tmp_path / "no-such-program")]),
         Inhibitor("a", is_simulated=True),

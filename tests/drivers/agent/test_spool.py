@@ -83,10 +83,10 @@ def test_files_of_all_other_prints_are_deleted(tmp_path: Path):
     source.write_bytes(b"G28\n")
     spool = Spool(tmp_path / "spool", ULTIMAKER2_PLUS)
     sha256 = hashlib.sha256(b"G28\n").hexdigest()
-    printing_path = spool.import_gcode("p-1", source, sha256)
+    printing_program = spool.import_gcode("p-1", source, sha256)
     spool.append_upload("p-2", 0, b"G28\n")  # an upload that was never started
     spool.import_gcode("p-3", source, sha256)
     assert [path.name for path in (tmp_path / "spool").iterdir()] == ["p-3.gcode"]
-    assert printing_path.read_lines(0, 1) == [b"G28"]
+    assert printing_program.read_lines(0, 1) == [b"G28"]
     spool.delete_others(None)
     assert not list((tmp_path / "spool").iterdir())

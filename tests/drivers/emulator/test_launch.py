@@ -30,7 +30,7 @@ def wait_for(condition: Callable[[], bool]) -> None:
 
 
 class Link:
-    """Open the port as a host does, without pyserial."""
+    """Port, opened as by a host but without pyserial."""
 
     def __init__(self, tty: Path) -> None:
         self.port = os.open(tty, os.O_RDWR | os.O_NOCTTY)
@@ -59,6 +59,7 @@ class Printer:
     def start_emulator(self, url: str = "sim://ultimaker2_plus") -> Path:
         return launch(url, self.folder, Clock(SCALE, time.time()))
 
+    @property
     def status(self) -> EmulatorStatus:
         return read_status(self.folder)
 
@@ -70,7 +71,7 @@ class Printer:
 
 @pytest.fixture
 def printer(tmp_path: Path) -> Iterator[Printer]:
-    # Longer than the path of a Unix socket may be.
+    # This path is longer than the path of a Unix socket may be.
     printer = Printer(tmp_path / ("deep" * 20) / ("deeper" * 12))
     yield printer
     if is_running(printer.folder):
@@ -80,7 +81,7 @@ def printer(tmp_path: Path) -> Iterator[Printer]:
 def test_new_printer_is_cold_clear_and_parked(printer: Printer) -> None:
     tty = printer.start_emulator()
     assert tty == printer.folder / "tty" and tty.is_char_device()
-    status = printer.status()
+    status = printer.status
     assert status.tty == str(tty.readlink())
     assert status.nozzle_c == status.bed_c == 21.0
     assert status.bed_clear and status.filament_end_mm == -20.0
@@ -89,44 +90,44 @@ def test_new_printer_is_cold_clear_and_parked(printer: Printer) -> None:
 
 def test_running_emulator_is_found_and_not_started_twice(printer: Printer) -> None:
     first = printer.start_emulator()
-    pid = printer.status().pid
-    assert printer.start_emulator() == first and printer.status().pid == pid
+    pid = printer.status.pid
+    assert printer.start_emulator() == first and printer.status.pid == pid
     assert os.getsid(pid) != os.getsid(0)
 
 
-def test_port_does_not_echo_and_answers(printer: Printer) -> None:
+def test_port_answers_without_an_echo(printer: Printer) -> None:
     link = printer.boot_and_connect()
     assert link.ask(b"M105") == b"ok T:21.0 /0.0 B:21.0 /0.0 @:0 B@:0\n"
-    assert printer.status().link_open
+    assert printer.status.link_open
     link.close()
 
 
-def test_closed_port_changes_nothing_and_an_opened_one_resets(printer: Printer) -> None:
+def test_closing_the_port_changes_nothing_and_opening_it_resets_the_board(printer: Printer) -> None:
     link = printer.boot_and_connect()
     link.ask(b"M104 S200")
-    wait_for(lambda: printer.status().nozzle_target_c == 200.0)
+    wait_for(lambda: printer.status.nozzle_target_c == 200.0)
     link.close()
-    wait_for(lambda: not printer.status().link_open)
-    status = printer.status()
-    wait_for(lambda: printer.status().time_s > status.time_s + 25.0)
-    assert printer.status().nozzle_target_c == 200.0 and printer.status().nozzle_c > status.nozzle_c
+    wait_for(lambda: not printer.status.link_open)
+    status = printer.status
+    wait_for(lambda: printer.status.time_s > status.time_s + 25.0)
+    assert printer.status.nozzle_target_c == 200.0 and printer.status.nozzle_c > status.nozzle_c
     second_link = Link(printer.start_emulator())
-    wait_for(lambda: printer.status().resets == status.resets + 1)
-    assert printer.status().nozzle_target_c == 0.0
+    wait_for(lambda: printer.status.resets == status.resets + 1)
+    assert printer.status.nozzle_target_c == 0.0
     assert second_link.read_until(b"SD init fail\n").startswith(b"start\n")
     second_link.close()
 
 
-def test_port_closed_and_opened_at_once_is_a_reset_each_time(printer: Printer) -> None:
+def test_port_that_is_closed_and_reopened_at_once_resets_the_board_each_time(printer: Printer) -> None:
     link = printer.boot_and_connect()
-    old_resets = printer.status().resets
+    old_resets = printer.status.resets
     for count in range(1, 6):
         link.ask(b"M104 S200")
         link.close()
         link = Link(printer.start_emulator())
         assert link.read_until(b"SD init fail\n").startswith(b"start\n")
-        wait_for(lambda count=count: printer.status().resets == old_resets + count)  # type: ignore[misc]
-        assert printer.status().nozzle_target_c == 0.0
+        wait_for(lambda count=count: printer.status.resets == old_resets + count)  # type: ignore[misc]
+        assert printer.status.nozzle_target_c == 0.0
     link.close()
 
 
@@ -138,17 +139,17 @@ def test_print_makes_the_bed_not_clear_until_a_person_clears_it(printer: Printer
     for k in range(1, 40):
         link.ask(b"G1 X%d Y%d E%.2f F3000" % (50 + k, 50 + 3 * (k % 2), k * 0.2))
     link.ask(b"M400")
-    wait_for(lambda: not printer.status().bed_clear)
-    wait_for(lambda: printer.status().moves >= 41)
-    status = printer.status()
+    wait_for(lambda: not printer.status.bed_clear)
+    wait_for(lambda: printer.status.moves >= 41)
+    status = printer.status
     assert status.homed and status.printing_s > 1.0
     assert status.filament_mm == pytest.approx(20 + 39 * 0.2) and status.filament_end_mm == 0.0
     assert status.position_mm == pytest.approx((89.0, 53.0, 0.3))
     control(printer.folder, Command.RESET)
     link.read_until(b"start\n")
-    assert not printer.status().bed_clear
+    assert not printer.status.bed_clear
     control(printer.folder, Command.CLEAR_BED)
-    assert printer.status().bed_clear
+    assert printer.status.bed_clear
     link.close()
 
 
@@ -157,16 +158,16 @@ def test_power_is_cut_and_restored(printer: Printer) -> None:
     link.ask(b"M104 S200")
     control(printer.folder, Command.POWER_OFF)
     assert not is_running(printer.folder)
-    assert printer.status().nozzle_target_c == 0.0
-    assert not (printer.folder / "tty").is_symlink()  # its process id is soon reused
+    assert printer.status.nozzle_target_c == 0.0
+    assert not (printer.folder / "tty").is_symlink()  # another process may soon have this device
     link.close()
     with pytest.raises(PortError, match="no emulator answers"):
         control(printer.folder, Command.RESET)
     printer.start_emulator()
-    assert printer.status().nozzle_c == 21.0
+    assert printer.status.nozzle_c == 21.0
 
 
-def test_control_allows_actions_of_a_person_only(printer: Printer) -> None:
+def test_control_refuses_unknown_commands(printer: Printer) -> None:
     printer.start_emulator()
     with pytest.raises(PortError, match="no command 'dance'; use one of clear_bed, reset, power_off"):
         control(printer.folder, "dance")
@@ -193,36 +194,36 @@ def test_slow_wire_delays_answers(printer: Printer) -> None:
 def test_status_is_written_atomically(printer: Printer) -> None:
     link = printer.boot_and_connect()
     statuses = set()
-    for k in range(60):  # each target is written at once, and read in the middle of it
+    for k in range(60):  # read the status repeatedly while it is rewritten for each target
         os.write(link.port, b"M104 S%d\n" % (k % 2 * 50))
         for _ in range(20):
-            statuses.add(printer.status().nozzle_target_c)
+            statuses.add(printer.status.nozzle_target_c)
         link.read_until(b"ok")
     assert statuses == {0.0, 50.0}
     link.close()
 
 
-def test_pulled_cable_hangs_up_and_returns_as_another_device(
+def test_unplugged_port_hangs_up_and_returns_as_another_device(
     printer: Printer,
 ) -> None:
     link = printer.boot_and_connect()
     link.ask(b"M104 S200")
-    old_status = printer.status()
+    old_status = printer.status
     control(printer.folder, Command.UNPLUG)
     while os.read(link.port, 4096):
-        pass  # to the end of the data: the port has hung up
+        pass  # until the end of the data: the port has hung up
     link.close()
     assert not (printer.folder / "tty").exists()
-    assert printer.status().nozzle_target_c == 200.0
+    assert printer.status.nozzle_target_c == 200.0
     control(printer.folder, Command.PLUG)
-    assert printer.status().tty != old_status.tty
-    second_link = Link(printer.folder / "tty")  # which resets the board, as any opening does
+    assert printer.status.tty != old_status.tty
+    second_link = Link(printer.folder / "tty")  # opening a port resets the board
     second_link.read_until(b"start\n")
-    assert printer.status().resets == old_status.resets + 1
+    assert printer.status.resets == old_status.resets + 1
     second_link.close()
 
 
-def test_actions_at_the_display_show_in_queries_only(printer: Printer) -> None:
+def test_actions_at_the_display_are_visible_only_in_answers_to_queries(printer: Printer) -> None:
     link = printer.boot_and_connect()
     link.ask(b"G28")
     control(printer.folder, Command.SET_NOZZLE, target_c=150)
@@ -232,14 +233,14 @@ def test_actions_at_the_display_show_in_queries_only(printer: Printer) -> None:
     assert b"Not SD printing" in link.ask(b"M27")
     control(printer.folder, Command.PRINT_SD)
     assert b"SD printing byte " in link.ask(b"M27")
-    status = printer.status()
+    status = printer.status
     assert (status.nozzle_target_c, status.bed_target_c) == (210.0, 60.0)
     with pytest.raises(PortError):
         control(printer.folder, Command.SET_BED)  # without a value
     link.close()
 
 
-def test_answers_in_pieces_are_complete_at_the_end(printer: Printer) -> None:
+def test_answers_sent_in_pieces_arrive_completely(printer: Printer) -> None:
     printer.start_emulator("sim://ultimaker2_plus?bytewise=1")
     link = printer.boot_and_connect()
     assert b"EXTRUDER_COUNT:1\nok" in link.ask(b"M115")

@@ -16,7 +16,9 @@ def parse_program(text: str) -> Program:
     return read_program(io.BytesIO((HEAD + text).encode()), ULTIMAKER2_PLUS)
 
 
-def measure_after(text: str, last_position: tuple[float, float, float, float] | None = None) -> float:
+def measure_retraction_after(
+    text: str, last_position: tuple[float, float, float, float] | None = None
+) -> float:
     program = parse_program(text)
     return measure_retraction(program, program.count, last_position)
 
@@ -33,8 +35,8 @@ def measure_after(text: str, last_position: tuple[float, float, float, float] | 
         ("M83\nG1 X20 E5\nG1 E-2\nG1 E-1\nG1 E0.5\n", 2.5),
     ],
 )
-def test_feeder_is_followed_as_the_firmware_counts(text: str, retracted_mm: float):
-    assert measure_after(text) == pytest.approx(retracted_mm)
+def test_retraction_is_measured_as_the_firmware_counts_it(text: str, retracted_mm: float):
+    assert measure_retraction_after(text) == pytest.approx(retracted_mm)
 
 
 HOP = "G1 X20 Y10 E5\nG1 E-1.5\nG0 X80\nG1 E5\nG1 X90 E6\n"
@@ -48,13 +50,13 @@ HOP = "G1 X20 Y10 E5\nG1 E-1.5\nG0 X80\nG1 E5\nG1 X90 E6\n"
         ((50.0, 10.0, 1.0, -1.5), 6.5),  # after it
         ((80.0, 10.0, 1.0, 2.0), 3.0),  # on the way back
         ((85.0, 10.0, 1.0, 5.5), 0.0),
-        ((500.0, 10.0, 1.0, 2.0), 0.0),  # no move leads there: taken from the last line
+        ((500.0, 10.0, 1.0, 2.0), 0.0),  # no move leads there, so the last line counts
     ],
 )
-def test_interrupted_move_decides_the_retraction(
+def test_retraction_is_measured_within_an_interrupted_move(
     last_position: tuple[float, float, float, float], retracted_mm: float
 ):
-    assert measure_after(HOP, last_position) == pytest.approx(retracted_mm)
+    assert measure_retraction_after(HOP, last_position) == pytest.approx(retracted_mm)
 
 
 @given(st.lists(st.sampled_from((1.0, 0.5, -2.0, 2.0, 0.0)), min_size=1, max_size=60), st.booleans())
@@ -69,13 +71,13 @@ def test_retraction_is_independent_of_earlier_lines_and_of_the_mode(feeds: list[
         "".join(f"G1 X{i % 7} E{100 * i / 5000:g}\n" for i in range(5000)) if not relative else "M83\n"
     )
     assert WINDOW_LINES < 5000
-    assert measure_after(long_text + ("" if relative else "G1 E100\n") + "".join(moves)) == pytest.approx(
-        retracted_mm
-    )
+    assert measure_retraction_after(
+        long_text + ("" if relative else "G1 E100\n") + "".join(moves)
+    ) == pytest.approx(retracted_mm)
 
 
 def test_positions_are_read_from_answers_to_m114():
     assert read_position(b"X:1.00Y:-2.50Z:3.00E:4.25 Count X: 1.00Y:2.00Z:3.00") == [1.0, -2.5, 3.0, 4.25]
     assert read_position(b"echo: X") is None
     assert read_position(b"X:1.0.0Y:2Z:3E:4") is None
-    assert not math.isnan(measure_after("G1 X1 E1\n"))
+    assert not math.isnan(measure_retraction_after("G1 X1 E1\n"))

@@ -1,4 +1,4 @@
-"""Frames of lines, and the lines that the firmware accepts with one flipped bit."""
+"""Frames of lines, and lines with one flipped bit that the firmware accepts."""
 
 import random
 from functools import reduce
@@ -42,12 +42,15 @@ RECEIVER = FirmwareReceiver()
 
 
 def read_values(line: bytes) -> dict[bytes, float]:
-    """Return the values of a line's letters, without a bare J: a flipped newline, the default of an arc."""
+    """Return the values of a line's letters, except for a J without a number.
+
+    A flipped newline adds such a J, which is the default of an arc.
+    """
     results = {letter: read_value(line, letter) for letter in LETTERS}
     return {letter: v for letter, v in results.items() if v is not None and (letter, v) != (b"J", 0.0)}
 
 
-def list_flips(data: bytes) -> list[bytes]:
+def list_flipped_frames(data: bytes) -> list[bytes]:
     return [
         data[:index] + bytes([data[index] ^ 1 << bit]) + data[index + 1 :]
         for index in range(len(data))
@@ -57,7 +60,7 @@ def list_flips(data: bytes) -> list[bytes]:
 
 @st.composite
 def draw_numbered_moves(draw: st.DrawFn, letters: bytes = b"FXYE") -> tuple[int, bytes]:
-    """Draw a line number and a move, of which some decimals are the checksum of the preceding bytes."""
+    """Draw a line number and a move in which some decimals equal the checksum of the bytes before them."""
     number = draw(st.integers(1, 9_999_999))
     command = b"G1"
     for letter in draw(st.lists(st.sampled_from(letters), min_size=1, unique=True).map(sorted)):
@@ -65,8 +68,10 @@ def draw_numbered_moves(draw: st.DrawFn, letters: bytes = b"FXYE") -> tuple[int,
         collision = compute_checksum(b"N%d %b" % (number, command[:-1]))
         blank = collision ^ ord(" ")
         decimals = st.from_regex(rb"\A[0-9]{0,6}\Z")
-        sums = st.sampled_from([b"%d" % collision, b"%03d" % collision, b"%06d" % collision, b"%d" % blank])
-        command += draw(sums | decimals)
+        checksums = st.sampled_from(
+            [b"%d" % collision, b"%03d" % collision, b"%06d" % collision, b"%d" % blank]
+        )
+        command += draw(checksums | decimals)
     return number, command
 
 
@@ -79,7 +84,7 @@ def test_flipped_bit_is_never_accepted_as_another_line(line):
     assert [read_values(executed_line) for executed_line in RECEIVER.take(number, frame)] == [
         read_values(command)
     ]
-    for data in list_flips(frame):
+    for data in list_flipped_frames(frame):
         for executed_line in RECEIVER.take(number, data + ULTIMAKER2.last_line_query):
             assert read_values(executed_line) == read_values(command), (data, executed_line)
 
@@ -91,14 +96,14 @@ def test_flipped_bit_is_never_accepted_as_another_line(line):
 )  # fmt: skip
 def test_flipped_bit_is_never_accepted_in_lines_of_a_session(command):
     for number in (0, 1, 38, 999_999):
-        for data in list_flips(add_frame(number, command)):
+        for data in list_flipped_frames(add_frame(number, command)):
             for line in RECEIVER.take(number, data + ULTIMAKER2.last_line_query):
                 assert read_values(line) == read_values(command), (data, line)
 
 
 @given(draw_numbered_moves(b"EFIJRXYZ"))
 @settings(deadline=None)
-def test_frame_holds_its_command_and_fits(line):
+def test_frame_contains_its_command_and_fits_a_line(line):
     number, command = line
     assume(len(command) <= ULTIMAKER2.command_bytes)
     frame = add_frame(number, command)
@@ -152,7 +157,7 @@ def test_lines_framed_together_equal_lines_framed_one_by_one(number, commands):
 
 @given(st.integers(1, 99_999), st.data())
 def test_blank_is_inserted_in_a_line_among_many(number, data):
-    """Use lines whose decimals match their own number."""
+    """Use lines whose decimals equal the checksum of the bytes before them."""
     commands = []
     for index in range(number, number + data.draw(st.integers(1, 8))):
         command = b"G1 X10 Y%d" % data.draw(st.integers(0, 200))

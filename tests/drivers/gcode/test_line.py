@@ -1,4 +1,4 @@
-"""Fast match of plain moves, compared with the full reader of lines."""
+"""Fast matching of plain moves, compared with the full reader of lines."""
 
 import pytest
 from hypothesis import given
@@ -14,7 +14,7 @@ LINES = st.tuples(st.sampled_from(["G0", "G1", "G01", "G92"]), st.lists(WORDS, m
 
 @pytest.mark.parametrize("line", [b"G1 X", b"G1 X1 Y", b"G1 F1500 X1 E", b"G1 X1 Y2 E-", b"G1 X1234567"])
 def test_move_with_a_letter_without_a_number_is_not_plain(line: bytes) -> None:
-    """Check a letter without a number, which the firmware reads as 0."""
+    """Check lines with a letter without a number, which the firmware reads as 0."""
     assert not is_plain_move(line)
 
 

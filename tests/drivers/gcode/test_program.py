@@ -89,7 +89,7 @@ G28
 """
 
 
-def test_marks_hold_time_layer_height_and_feature():
+def test_marks_contain_time_layer_height_and_feature():
     program = parse_program(FEATURES)
     assert tuple(program.timeline) == (
         Mark(1, 0.0, 0, 0.27, None),
@@ -121,7 +121,7 @@ LINES = st.one_of(
 
 
 @given(st.lists(LINES, max_size=60))
-def test_commands_are_kept_and_the_timeline_rises(lines: list[str]):
+def test_commands_are_kept_and_times_never_decrease(lines: list[str]):
     commands = [command for line in lines if (command := line.partition(";")[0].strip())]
     if not commands:
         return
@@ -248,8 +248,10 @@ HARD_LINES = st.builds(
 
 @given(st.lists(HARD_LINES, min_size=1, max_size=12), st.data())
 @settings(deadline=None)
-def test_accepted_lines_can_be_followed_and_never_crash_an_agent(lines: list[str], data: st.DataObject):
-    """Read numbers of the file in the middle of a print, as a pause, a cancel or a snapshot does."""
+def test_state_at_any_accepted_line_is_finite_and_never_crashes_an_agent(
+    lines: list[str], data: st.DataObject
+):
+    """Read figures of the file in the middle of a print, as a pause, a cancel or a snapshot does."""
     accepted_lines = []
     for line in ["M109 S210", *lines]:
         try:

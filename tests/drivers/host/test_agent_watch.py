@@ -11,7 +11,7 @@ from drivers.records import StartFile
 SLEEP = [sys.executable, "-c", "import time; time.sleep(600)"]
 
 
-def test_agent_without_a_lock_yet_runs_is_killed_and_counts_as_ended(tmp_path, monkeypatch):
+def test_agent_that_never_takes_its_lock_can_be_killed_and_counts_as_ended(tmp_path, monkeypatch):
     processes = []
 
     def start(*_: object) -> subprocess.Popen:

@@ -15,7 +15,7 @@ def run_pair(
     on_stream: Callable[[MuxStream, str], None],
     messages: list[bytes] | None = None,
 ) -> None:
-    """Run a scenario with both ends of a connection: the daemon's, and the host's."""
+    """Run a scenario with both ends of a connection, that of the daemon and that of the host."""
 
     async def run() -> None:
         ends: list[MuxConnection] = []
@@ -42,7 +42,7 @@ def run_pair(
     asyncio.run(run())
 
 
-def test_echo_of_several_streams_and_a_message():
+def test_several_streams_and_a_message_arrive_unchanged():
     messages: list[bytes] = []
 
     async def echo(stream: MuxStream) -> None:
@@ -71,7 +71,7 @@ def test_echo_of_several_streams_and_a_message():
     run_pair(scenario, lambda s, _: tasks.add(asyncio.create_task(echo(s))), messages)
 
 
-def test_writer_waits_for_a_reader_that_does_not_read_and_others_do_not():
+def test_only_the_writer_of_an_unread_stream_waits():
     streams: dict[str, tuple[asyncio.StreamReader, asyncio.StreamWriter]] = {}
 
     async def scenario(daemon: MuxConnection, _: MuxConnection) -> None:
@@ -108,7 +108,7 @@ def test_writer_waits_for_a_reader_that_does_not_read_and_others_do_not():
     run_pair(scenario, lambda s, name: streams.update({name: s.make_pair()}))
 
 
-def test_reason_of_the_other_end_is_the_error_of_the_reader():
+def test_reader_raises_the_reason_that_the_other_end_gives():
     async def scenario(daemon: MuxConnection, _: MuxConnection) -> None:
         reader, _writer = daemon.open("um2-09")
         with pytest.raises(ConnectionError, match="no printer um2-09"):

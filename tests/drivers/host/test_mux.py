@@ -13,7 +13,7 @@ FRAMES = st.builds(
 )  # fmt: skip
 
 
-def split(data: bytes, piece_sizes: list[int]) -> list[bytes]:
+def split_bytes(data: bytes, piece_sizes: list[int]) -> list[bytes]:
     """Split bytes into pieces whose lengths are taken from `piece_sizes` in turn."""
     pieces, offset, cycle = [], 0, 0
     while offset < len(data):
@@ -24,10 +24,10 @@ def split(data: bytes, piece_sizes: list[int]) -> list[bytes]:
 
 
 def transfer(source: Mux, target: Mux, piece_sizes: list[int]) -> list[object]:
-    """Move all bytes that one end can send now to the other; return the events there."""
+    """Transfer all bytes that one end can send now to the other; return the events of the other end."""
     events: list[object] = []
     while data := source.take():
-        for piece in split(data, piece_sizes):
+        for piece in split_bytes(data, piece_sizes):
             events += target.receive(piece)
     return events
 
@@ -35,7 +35,7 @@ def transfer(source: Mux, target: Mux, piece_sizes: list[int]) -> list[object]:
 @given(st.lists(FRAMES, max_size=20), st.lists(st.integers(1, 400), max_size=5))
 def test_frames_are_the_same_after_any_split(frames, piece_sizes):
     reader, data = FrameReader(), b"".join(frame.encode() for frame in frames)
-    assert [frame for piece in split(data, piece_sizes) for frame in reader.feed(piece)] == frames
+    assert [frame for piece in split_bytes(data, piece_sizes) for frame in reader.feed(piece)] == frames
 
 
 PATTERN = bytes(range(251)) * 1000
@@ -147,11 +147,11 @@ def test_messages_overtake_waiting_data():
         Frame(FrameKind.DATA, 1).encode()[:5] + (MAX_PAYLOAD_BYTES + 1).to_bytes(4, "big"),
     ],
 )
-def test_other_bytes_than_of_this_protocol_are_an_error(data):
+def test_bytes_of_another_protocol_are_an_error(data):
     with pytest.raises(MessageError):
         list(Mux().receive(data))
 
 
-def test_message_that_the_other_end_would_refuse_is_an_error_here():
+def test_sending_a_message_that_the_other_end_would_refuse_is_an_error():
     with pytest.raises(MessageError):
         Mux().send_message(bytes(MAX_PAYLOAD_BYTES + 1))

@@ -9,7 +9,7 @@ from drivers import messages as m
 from drivers.host.supervision import Backoff, ReportFilter
 
 
-def test_agent_that_ends_is_started_at_once_then_after_longer_and_longer_waits():
+def test_agent_that_ends_is_started_at_once_and_then_after_increasing_waits():
     backoff, now_s, waits_s = Backoff(), 1000.0, []
     for _ in range(10):
         started_s = now_s
@@ -20,7 +20,7 @@ def test_agent_that_ends_is_started_at_once_then_after_longer_and_longer_waits()
     assert waits_s == [0, 0, 0.5, 1, 2, 4, 8, 16, 32, 60]
 
 
-def test_agent_that_ran_for_long_is_started_soon_again():
+def test_agent_that_ran_for_a_long_time_is_soon_started_again():
     backoff = Backoff(started_s=0.0, wait_s=60.0).record_start(500.0)
     assert backoff.may_start(501.0) and not backoff.may_start(500.0)
 
@@ -36,7 +36,7 @@ def make_line(at_s: float, progress_s: float, phase: m.PrintPhase = m.PrintPhase
     return snapshot.model_dump_json().encode() + b"\n"
 
 
-def test_progress_is_thinned_and_changes_pass_at_once():
+def test_reports_of_progress_are_thinned_and_changes_pass_at_once():
     report_filter = ReportFilter(5.0)
     assert [
         time_s for time_s in range(12) if report_filter.passes(make_line(time_s, time_s), float(time_s))
@@ -50,7 +50,7 @@ def test_progress_is_thinned_and_changes_pass_at_once():
     assert report_filter.passes(m.Reply(id=3).model_dump_json().encode(), 13.0)
 
 
-def test_report_of_every_second_passes_where_no_rate_is_set():
+def test_every_report_passes_without_a_limit_on_the_rate():
     report_filter = ReportFilter(1.0)
     assert all(report_filter.passes(make_line(0, 0), 0.0) for _ in range(3))
 
@@ -61,5 +61,5 @@ VALUES = st.recursive(
 
 
 @given(st.one_of(st.binary(), VALUES.map(lambda value: json.dumps(value).encode())))
-def test_line_that_is_no_message_passes_so_that_the_daemon_judges_it(data):
+def test_line_that_is_not_a_message_passes_to_the_daemon(data):
     assert ReportFilter(5.0).passes(data, 0.0)

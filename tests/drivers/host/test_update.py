@@ -15,42 +15,44 @@ OLD, NEW = Installation("/old/python", "/old"), Installation("/new/python", "/ne
 
 
 class FakeWatch:
-    """Simulated agent that restarts with the installation that it shall have."""
+    """Simulated agent that restarts with the new installation, or with the one that it keeps."""
 
     def __init__(self, printer: str, is_printing: bool = False, new_link: m.LinkState | None = None) -> None:
         self.printer, self.is_wanted, self.kept_installation = printer, True, None
         self.new_link = new_link or m.LinkState.READY
-        self.snapshot = self.report(m.LinkState.BUSY if is_printing else m.LinkState.READY, is_printing)
-        self.runs = OLD
+        self.snapshot = self.make_snapshot(
+            m.LinkState.BUSY if is_printing else m.LinkState.READY, is_printing
+        )
+        self.installation = OLD
         self.is_running = True
         self.start_count = self.last_ended_start = 0
-        self.ignores_end = False  # as a new agent
+        self.ignores_end = False  # True if the new agent does not end
 
-    def report(self, link: m.LinkState, is_printing: bool = False) -> m.Snapshot:
+    def make_snapshot(self, link: m.LinkState, is_printing: bool = False) -> m.Snapshot:
         report = m.PrintSnapshot(print_id="p", phase=m.PrintPhase.PRINTING) if is_printing else None
         return m.Snapshot(
             printer=self.printer, agent_pid=1, link=link, print=report, reason="its port is gone"
         )
 
     def find_installation(self) -> Installation:
-        return self.runs
+        return self.installation
 
     async def end(self) -> None:
         if self.snapshot is not None and self.snapshot.print is not None:
             raise AgentError("it is printing")
-        if self.ignores_end and self.runs == NEW:
+        if self.ignores_end and self.installation == NEW:
             raise AgentError("it does not answer")
-        self.runs = self.kept_installation or NEW
+        self.installation = self.kept_installation or NEW
         asyncio.get_running_loop().call_later(0.0, self.start)
 
     def start(self) -> None:
-        self.snapshot = self.report(self.new_link if self.runs == NEW else m.LinkState.READY)
+        self.snapshot = self.make_snapshot(self.new_link if self.installation == NEW else m.LinkState.READY)
 
     def kill(self) -> None:
-        self.runs = self.kept_installation or NEW
+        self.installation = self.kept_installation or NEW
 
     def reset_backoff(self) -> None:
-        """Start the agent immediately: it has already ended."""
+        """Do nothing: a simulated agent starts immediately."""
 
 
 def run_update(watches: list[FakeWatch], until: Callable[[AgentsUpdate], bool]) -> AgentsUpdate:
@@ -71,50 +73,51 @@ def run_update(watches: list[FakeWatch], until: Callable[[AgentsUpdate], bool]) 
 
 
 @pytest.fixture(autouse=True)
-def _no_waits(monkeypatch):
+def _skip_waits(monkeypatch):
     monkeypatch.setattr(update, "_POLL_S", 0.0)
 
 
 def test_idle_agents_are_replaced_one_by_one():
     watches = [FakeWatch("a"), FakeWatch("b")]
     run_update(watches, lambda agents: agents.describe(watches).phase is UpdatePhase.CURRENT)
-    assert [watch.runs for watch in watches] == [NEW, NEW]
+    assert [watch.installation for watch in watches] == [NEW, NEW]
 
 
-def test_printing_agent_is_left_until_its_print_has_ended():
+def test_printing_agent_is_not_replaced_before_its_print_has_ended():
     watches = [FakeWatch("a", is_printing=True), FakeWatch("b")]
-    agents = run_update(watches, lambda _: watches[1].runs == NEW)
-    assert watches[0].runs == OLD
+    agents = run_update(watches, lambda _: watches[1].installation == NEW)
+    assert watches[0].installation == OLD
     assert agents.describe(watches).phase is UpdatePhase.RUNNING
     assert "a" in str(agents.describe(watches).reason)
 
 
-def test_first_fault_brings_the_old_version_back_and_ends_the_update(tmp_path, monkeypatch):
+def test_first_fault_restores_the_old_version_and_ends_the_update(tmp_path, monkeypatch):
     monkeypatch.setattr(Installation, "exists", True)
     watches = [FakeWatch("a", new_link=m.LinkState.FAULT), FakeWatch("b")]
     agents = run_update(watches, lambda agents: agents.describe(watches).phase is UpdatePhase.FAILED)
-    assert [watch.runs for watch in watches] == [OLD, OLD] and watches[0].kept_installation == OLD
+    assert [watch.installation for watch in watches] == [OLD, OLD] and watches[0].kept_installation == OLD
     reason = str(agents.describe(watches).reason)
     assert "a: its new agent reports: its port is gone; its old version is started again" in reason
 
 
-def test_new_agent_that_does_not_end_is_killed_for_the_old_one(monkeypatch):
+def test_new_agent_that_does_not_end_is_killed_and_replaced_by_the_old_one(monkeypatch):
     monkeypatch.setattr(Installation, "exists", True)
     watch = FakeWatch("a", new_link=m.LinkState.FAULT)
     watch.ignores_end = True
     run_update([watch], lambda agents: agents.describe([watch]).phase is UpdatePhase.FAILED)
-    assert watch.runs == OLD
+    assert watch.installation == OLD
 
 
-def test_new_agent_is_judged_by_its_link_and_the_waiting_time():
+def test_new_agent_is_judged_by_its_link_and_the_time_since_its_start():
     ready_report, fault, absent_report = (
-        FakeWatch("a").report(link) for link in (m.LinkState.READY, m.LinkState.FAULT, m.LinkState.ABSENT)
+        FakeWatch("a").make_snapshot(link)
+        for link in (m.LinkState.READY, m.LinkState.FAULT, m.LinkState.ABSENT)
     )
-    report = FakeWatch("a").report(m.LinkState.CONNECTING)
+    report = FakeWatch("a").make_snapshot(m.LinkState.CONNECTING)
     old_link = m.LinkState.READY
     assert judge_trial(Trial(old_link, ready_report, False, 5.0)) is True
     assert judge_trial(Trial(old_link, report, False, 5.0)) is False
-    assert judge_trial(Trial(old_link, None, False, 5.0)) is False  # a busy computer starts it late
+    assert judge_trial(Trial(old_link, None, False, 5.0)) is False  # a busy computer starts an agent late
     assert judge_trial(Trial(old_link, None, True, 0.1)) == "its new agent has ended"
     assert "its port is gone" in str(judge_trial(Trial(old_link, fault, False, 5.0)))
     # The printer was absent before the update too, so the update is not the cause.

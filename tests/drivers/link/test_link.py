@@ -70,7 +70,7 @@ def test_lossy_wire_executes_lines_once_in_order_or_ends_in_a_named_fault(
     if bench.link.phase is Phase.DEAD:
         assert set(bench.list_faults()) <= {Fault.NO_ANSWER, Fault.NOISY_LINE, Fault.REBOOT}
     else:
-        # Three barriers: a wrong acknowledgement of the last one affects no line of the print.
+        # With three barriers, a wrong acknowledgement of the last one affects no line of the print.
         assert len(numbers) >= count
         assert bench.link.streamed_lines == len(program)
 
@@ -179,7 +179,7 @@ def test_time_out_is_never_below_the_minimum():
     bench = Bench(min_time_out_s=200.0).boot()
     bench.run()
     bench.link.send(bench.now_s, b"G1 X1")
-    assert bench.link.deadline_s >= bench.now_s + 25.0  # a query is cheap: an eighth of the time limit
+    assert bench.link.deadline_s >= bench.now_s + 25.0  # a query is sent after an eighth of the time limit
 
 
 @pytest.mark.parametrize(
@@ -280,7 +280,7 @@ def test_resend_of_a_board_that_lost_its_count_is_ignored():
     bench = Bench().boot()
     stream_program(bench, make_lines(300))
     bench.run(until_s=1.0)
-    bench.firmware.last_number = 0  # it was reset, and its `start` was lost
+    bench.firmware.last_number = 0  # the board was reset, and its `start` was lost
     executed_count = len(bench.firmware.executed)
     bench.run()
     assert bench.list_faults() == [Fault.REBOOT]
@@ -288,7 +288,7 @@ def test_resend_of_a_board_that_lost_its_count_is_ignored():
     assert bench.now_s < 1.0 + (TRIES + 1) * 60.0
 
 
-def test_halting_leaves_the_line_in_flight_and_sends_no_more_of_the_program():
+def test_halting_completes_the_line_in_flight_and_sends_no_more_of_the_program():
     bench = Bench().boot()
     stream_program(bench, make_lines(300))
     bench.run(until_s=0.5)
@@ -341,7 +341,7 @@ def test_polls_between_the_lines_change_neither_their_order_nor_the_count(
 
 
 def test_unexpected_last_line_is_accepted_when_reported_twice():
-    """Accept a last line reported twice: one answer may be garbled, a board after a reset repeats it."""
+    """Ignore a single answer, which may be garbled; a board that was reset repeats its answer."""
     program, bench = make_lines(120), Bench().boot()
     stream_program(bench, program)
     bench.run(until_s=0.8)
@@ -357,7 +357,7 @@ def test_unexpected_last_line_is_accepted_when_reported_twice():
     assert bench.link.phase is Phase.DEAD
 
 
-def test_link_gives_up_on_contradicting_last_lines():
+def test_link_gives_up_on_contradictory_last_lines():
     bench = Bench().boot()
     stream_program(bench, make_lines(120))
     bench.run(until_s=0.8)

@@ -55,7 +55,7 @@ PROGRAM = [b"G1 X%d E%d" % (i % 200, i) for i in range(900)]
 def test_polls_keep_the_order_of_lines_and_are_not_counted(
     start: int, commands: tuple[bytes, ...], poll_every_s: float
 ):
-    """Check at every moment that the count for the journal is that of the acknowledged lines."""
+    """Check after every answer that the count for the journal equals that of the acknowledged lines."""
     board = Board(poll_every_s)
     if commands:
         board.link.send(0.0, *commands)
@@ -68,7 +68,7 @@ def test_polls_keep_the_order_of_lines_and_are_not_counted(
     assert board.executed == [b"M110", *commands, *PROGRAM[start:]]
     assert board.link.repeat_count == 0
     assert board.report_count >= len(PROGRAM) * 0.2 / poll_every_s
-    assert len(board.link._outbox._frames) < 400  # a print has a million lines
+    assert len(board.link._outbox._frames) < 400  # a print may have a million lines
 
 
 def test_late_report_does_not_answer_a_refused_poll():

@@ -1,4 +1,4 @@
-"""One fault on the wire: the head stops briefly, and every line is executed once."""
+"""Single faults on the wire: the head stops briefly, and every line is executed once."""
 
 import random
 

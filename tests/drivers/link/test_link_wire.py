@@ -1,4 +1,4 @@
-"""Link and emulated firmware over wires that split, delay, lose, flip and double bytes."""
+"""Link and emulated firmware over wires that split, delay, lose, change and double bytes."""
 
 import math
 import random
@@ -51,7 +51,7 @@ class Wire:
             self.last_s = max(self.last_s, now_s + self.rng.random() * self.max_delay_s)
             self.in_transit.append((self.last_s, data[index : index + self.piece_bytes]))
 
-    def due_s(self) -> float:
+    def compute_due_s(self) -> float:
         return self.in_transit[0][0] if self.in_transit else math.inf
 
     def take(self, now_s: float) -> bytes:
@@ -64,7 +64,7 @@ class Wire:
 def print_program(
     program: list[bytes], faults: Faults, piece_bytes: int, max_delay_s: float, seed: int
 ) -> tuple[Recorder, Link, list[Fault]]:
-    """Stream a program to the end, or until the link has given up."""
+    """Stream a program until it ends or the link gives up; return the board, the link and the faults."""
     rng = random.Random(seed)
     firmware, link = Recorder(faults, seed), Link(ULTIMAKER2)
     to_board, to_host = Wire(piece_bytes, max_delay_s, rng), Wire(piece_bytes, max_delay_s, rng)
@@ -72,7 +72,9 @@ def print_program(
     link.on_opened(now_s)
     for _ in range(100_000):
         to_board.put(link.take(), now_s)
-        due_s = min(firmware.compute_deadline_s(), link.deadline_s, to_board.due_s(), to_host.due_s())
+        due_s = min(
+            firmware.compute_deadline_s(), link.deadline_s, to_board.compute_due_s(), to_host.compute_due_s()
+        )
         now_s = max(now_s, min(due_s, now_s + 1000.0)) + 1e-4
         to_host.put(firmware.feed(to_board.take(now_s), now_s), now_s)
         events = [*(link.receive(to_host.take(now_s), now_s) or ()), *link.tick(now_s)]
@@ -82,7 +84,7 @@ def print_program(
             link.stream(now_s, lambda a, b: program[a:b], 0, len(program))
         elif (is_connected and link.is_drained) or link_faults:
             return firmware, link, link_faults
-    raise AssertionError("it does not end")
+    raise AssertionError("the stream does not end")
 
 
 @given(
@@ -94,7 +96,7 @@ def print_program(
     max_delay_s=st.sampled_from([0.0, 0.01, 0.5, 12.0]),
     seed=st.integers(0, 2**32),
 )
-# Noise gives two spaces.
+# The noise changes a byte to a second space.
 @example(
     count=120,
     noise=0.0002,
@@ -133,7 +135,7 @@ def test_noisy_wire_executes_lines_once_unaltered_or_ends_in_a_named_fault(
 
 
 def test_checksum_collision_is_counted():
-    """Flip the same bit twice, which keeps the XOR: the firmware accepts the line, the emulator counts it."""
+    """Swap two digits, which keeps the XOR: the firmware accepts the line, and the emulator counts it."""
     firmware = Recorder(Faults(noise=1e-9), 0)
     assert firmware.noise is not None
     firmware.feed(b"", 10.0)
@@ -159,7 +161,7 @@ def test_checksum_collision_is_counted():
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_long_print_over_a_slightly_damaged_wire_ends_exactly(seed: int):
+def test_long_print_over_a_slightly_noisy_wire_is_exact(seed: int):
     outcome = print_over_noisy_wire(20_000, 0.00005, seed)
     assert outcome.exact and outcome.altered == 0
     assert outcome.repeated > 10

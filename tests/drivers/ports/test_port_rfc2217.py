@@ -68,7 +68,7 @@ def url(tmp_path: Path) -> Iterator[str]:
 
 
 def _wait_until_listening(port_number: int) -> None:
-    """Wait by the kernel's list of sockets, as a connection would open the port."""
+    """Wait until the kernel lists the listening socket, as a trial connection would open the port."""
     deadline_s = time.monotonic() + DEADLINE_S
     while f":{port_number:04X} 00000000:0000 0A" not in Path("/proc/net/tcp").read_text():
         assert time.monotonic() < deadline_s

@@ -17,7 +17,7 @@ from drivers.ports import SerialPort
 from drivers.ports.serial_port import find_device
 from printers.agent_with_emulator import read_all
 
-TCGETS2 = 0x802C542A  # a rate without a POSIX constant
+TCGETS2 = 0x802C542A  # reads a rate that has no POSIX constant
 
 
 @pytest.fixture
@@ -31,14 +31,14 @@ def ends() -> Iterator[tuple[int, Path]]:
 
 
 def read_bytes(fd: int, count: int) -> bytes:
-    """Read a number of bytes; fewer if no more come for 2 s."""
+    """Read a number of bytes, or fewer if no more arrive for 2 s."""
     data = b""
     while len(data) < count and select.select([fd], [], [], 2.0)[0]:
         data += os.read(fd, count - len(data))
     return data
 
 
-def test_bytes_pass_in_both_directions_and_an_empty_port_returns_none(ends: tuple[int, Path]):
+def test_bytes_pass_in_both_directions_and_an_empty_port_returns_no_bytes(ends: tuple[int, Path]):
     master, path = ends
     port = SerialPort(path, ULTIMAKER2.baud_rate)
     try:
@@ -105,7 +105,7 @@ def test_reset_of_a_disconnected_printer_is_a_port_error(ends: tuple[int, Path])
 
 
 def test_urgent_bytes_replace_unsent_ones(ends: tuple[int, Path]):
-    """Use a board that does not read: the kernel's buffer is full, and the port's own one waits."""
+    """Use a board that does not read, so that the buffers of the kernel and of the port fill up."""
     master, path = ends
     port = SerialPort(path, ULTIMAKER2.baud_rate)
     try:
@@ -123,7 +123,7 @@ def test_urgent_bytes_do_not_discard_bytes_that_were_sent(ends: tuple[int, Path]
     master, path = ends
     port = SerialPort(path, ULTIMAKER2.baud_rate)
     try:
-        for _ in range(50):  # before the fix about 4 in 5 lost the first line
+        for _ in range(50):  # a flush would lose the first line in about 4 of 5 cases
             port.write_now(b"\nM104 S0\n")
             port.write_now(b"\nM112\n")
             assert read_bytes(master, 15) == b"\nM104 S0\n\nM112\n"

@@ -38,14 +38,14 @@ class LoopedPort:
         self.answers.clear()
 
 
-def record_port() -> tuple[RecordedPort, WireRecord]:
+def make_recorded_port() -> tuple[RecordedPort, WireRecord]:
     seconds = count()
     record = WireRecord(lambda: float(next(seconds)))
     return RecordedPort(LoopedPort(), record), record
 
 
 def test_lines_of_both_directions_are_in_order_with_their_times():
-    port, record = record_port()
+    port, record = make_recorded_port()
     port.write(b"N1 M105*38\n")
     assert [port.read(), port.read(), port.read()] == [b"o", b"k\n", b""]
     port.reset()
@@ -60,7 +60,7 @@ def test_lines_of_both_directions_are_in_order_with_their_times():
 
 
 def test_record_is_bounded_in_number_and_length():
-    port, record = record_port()
+    port, record = make_recorded_port()
     for _ in range(10_000):
         port.write(b"x" * 5000 + b"\n")
         port.read()
@@ -85,8 +85,8 @@ def test_long_reads_keep_all_lines():
     assert [line.text for line in record.list_lines()][1:] == ["ok"]
 
 
-def test_bytes_that_are_no_text_are_shown_as_numbers():
-    port, record = record_port()
+def test_bytes_that_are_not_text_are_shown_as_escapes():
+    port, record = make_recorded_port()
     port.write(b"\x00\x1b[31m\xff<b>\n")
     assert [line.text for line in record.list_lines()] == ["\\x00\\x1b[31m\\xff<b>"]
 
@@ -99,9 +99,7 @@ def test_no_byte_of_a_line_is_lost(pieces):
         for is_sent, group in groupby(pieces, key=lambda p: p[0])
     ]
     expected_lines = [(is_sent, line.decode()) for is_sent, data in groups for line in data.split(b"\n")]
-    assert [(recorded_line.sent, recorded_line.text) for recorded_line in lines if recorded_line.text] == [
-        recorded_line for recorded_line in expected_lines if recorded_line[1]
+    assert [(line.sent, line.text) for line in lines if line.text] == [
+        (is_sent, text) for is_sent, text in expected_lines if text
     ]
-    assert [recorded_line.at_s for recorded_line in lines] == sorted(
-        recorded_line.at_s for recorded_line in lines
-    )
+    assert [line.at_s for line in lines] == sorted(line.at_s for line in lines)

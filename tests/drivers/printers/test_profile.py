@@ -25,23 +25,23 @@ def test_room_with_a_brim_is_on_the_bed_and_off_the_clips(model: str, brim_mm: f
 @given(models, st.tuples(sizes, sizes, sizes))
 def test_placed_part_lies_in_a_box_of_the_room(model: str, extents_mm: tuple[float, float, float]):
     room = compute_part_room(BEDS[model], 8.0)
-    placed_mm = place(extents_mm, room)
+    placement = place(extents_mm, room)
     dx, dy, dz = extents_mm
-    if placed_mm is None:
+    if placement is None:
         assert not any(
             box.rect.width_mm >= dx and box.rect.depth_mm >= dy and box.height_mm >= dz for box in room
         )
         return
-    if placed_mm.is_turned:
+    if placement.is_turned:
         dx, dy = dy, dx
     part = Rect(
-        placed_mm.x_mm - dx / 2, placed_mm.y_mm - dy / 2, placed_mm.x_mm + dx / 2, placed_mm.y_mm + dy / 2
+        placement.x_mm - dx / 2, placement.y_mm - dy / 2, placement.x_mm + dx / 2, placement.y_mm + dy / 2
     )
     slack = FIT_TOLERANCE_MM
     assert any(box.rect.expand(slack).contains(part) and box.height_mm + slack >= dz for box in room)
 
 
-def test_room_of_an_ultimaker_2_plus_with_an_8_mm_brim():
+def test_room_of_an_ultimaker_2_plus_with_an_8_mm_brim_has_the_known_sizes():
     sizes_mm = [box.size_mm for box in compute_part_room(PROFILES["ultimaker2_plus"], 8.0)]
     assert (207.0, 191.0, 205.0) in sizes_mm
     assert any(depth == 207.0 and width <= 165.0 for width, depth, _ in sizes_mm)
@@ -56,9 +56,9 @@ def test_smaller_limit_of_the_user_is_used():
 
 
 @given(st.floats(22.0, 110.0), st.floats(22.0, 110.0))
-def test_heating_to_a_higher_target_takes_longer(one_c: float, other_c: float):
+def test_heating_to_a_higher_target_takes_longer(first_c: float, second_c: float):
     heater = HeaterModel(gain_c=105.0, tau_s=520.0)
-    low_c, high_c = sorted((one_c, other_c))
+    low_c, high_c = sorted((first_c, second_c))
     assert heater.compute_heating_s(low_c) <= heater.compute_heating_s(high_c)
     assert heater.compute_heating_s(20.0) == 0.0
     assert heater.compute_heating_s(200.0) == math.inf

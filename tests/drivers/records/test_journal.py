@@ -21,8 +21,8 @@ def test_truncated_journal_is_read_to_its_last_complete_record(tmp_path: Path):
     journal = Journal(path)
     journal.write(1.0, print=ended_print.model_dump(mode="json"), filament="parked")
     journal.write(2.0, print=open_print.model_dump(mode="json"), look="smoke")
-    with path.open("ab") as end:
-        end.write(b'{"at_s": 3.0, "print": nu')
+    with path.open("ab") as file:
+        file.write(b'{"at_s": 3.0, "print": nu')
     loaded_state = Journal(path).state
     assert loaded_state.print == open_print
     assert (list(loaded_state.recent), loaded_state.filament, loaded_state.board.attention_reason) == (
@@ -40,7 +40,7 @@ def test_full_disk_fails_the_write_and_keeps_the_records(tmp_path: Path, monkeyp
     journal.write(1.0, filament="parked")
     write = os.write
     with monkeypatch.context() as patch:
-        patch.setattr(os, "write", lambda fd, data: write(fd, data[:7]))  # as written to the last free bytes
+        patch.setattr(os, "write", lambda fd, data: write(fd, data[:7]))  # as on a disk with 7 free bytes
         with pytest.raises(JournalError, match="check its disk"):
             journal.write(2.0, filament="at_nozzle")
     assert journal.state.filament is m.Filament.PARKED
@@ -53,25 +53,25 @@ def test_damaged_journal_needs_attention_and_may_leave_the_printer_hot(tmp_path:
     path = tmp_path / "journal.jsonl"
     ended_print = m.PrintSnapshot(print_id="p-1", phase=m.PrintPhase.DONE)
     Journal(path).write(1.0, filament="parked")
-    with path.open("ab") as end:
-        end.write(b'\x00\x00\x00{"at_s": 2.0\n{"at_s": 3.0, "print": {"colour": 1}}\n5\n[]\n')
-    assert Journal(path).state.may_be_hot  # one of them may have begun a print
+    with path.open("ab") as file:
+        file.write(b'\x00\x00\x00{"at_s": 2.0\n{"at_s": 3.0, "print": {"colour": 1}}\n5\n[]\n')
+    assert Journal(path).state.may_be_hot  # one of the damaged records may have begun a print
     Journal(path).write(4.0, print=ended_print.model_dump(mode="json"))
     loaded_state = Journal(path).state
     assert loaded_state.ended == {"p-1"} and not loaded_state.may_be_hot
     assert (
         loaded_state.board.attention_reason is not None and "journal" in loaded_state.board.attention_reason
     )
-    with path.open("ab") as end:
-        end.write(b"?\n")
+    with path.open("ab") as file:
+        file.write(b"?\n")
     assert Journal(path).state.may_be_hot
     Journal(path).write(4.5, hot=False)  # the heaters were seen to be off
     assert not Journal(path).state.may_be_hot
-    Journal(path).write(5.0, look=None)  # a person confirmed it
+    Journal(path).write(5.0, look=None)  # a person has inspected the printer
     assert Journal(path).state.board.attention_reason is None
 
 
-def test_board_state_is_written_whole_under_its_first_names(tmp_path):
+def test_board_state_is_written_completely_under_its_original_names(tmp_path):
     path = tmp_path / "journal.jsonl"
     state = BoardState.model_validate(
         {"look": "smoke", "doubt": "moved", "hot": True, "reset_verified": "/dev/a"}
@@ -98,14 +98,14 @@ def test_partial_record_of_the_board_keeps_the_rest(tmp_path):
     assert (board.attention_reason, board.bed_unknown_reason, board.hot) == ("smoke", "moved", True)
 
 
-def test_snapshot_keeps_its_names_on_the_wire():
+def test_snapshot_keeps_the_names_of_its_fields_in_messages():
     snapshot = m.Snapshot(printer="a", agent_pid=1, link=m.LinkState.READY, bed_unknown_reason="moved")
     line = json.loads(snapshot.model_dump_json())
     assert line["doubt"] == "moved" and "bed_unknown_reason" not in line
     assert m.from_agent_adapter.validate_json(json.dumps(line)) == snapshot
 
 
-def test_alarm_is_written_and_read_under_its_first_names(tmp_path):
+def test_alarm_is_written_and_read_under_its_original_names(tmp_path):
     path = tmp_path / "journal.jsonl"
     path.write_text('{"at_s": 1.0, "alarm": {"text": "hot", "at_s": 1.0, "asked": true, "said": null}}\n')
     alarm = Journal(path).state.alarm

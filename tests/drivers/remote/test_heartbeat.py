@@ -7,7 +7,7 @@ from drivers.remote.heartbeat import HUNG_S, SAMPLE_S, ProcessSample
 def measure_silence_until_hung_s(
     samples: list[ProcessSample], step_s: float = 0.5, until_s: float = HUNG_S + 5
 ) -> float | None:
-    """Return the seconds of silence after which an agent counts as hung; None if it never does."""
+    """Return the seconds of silence after which an agent counts as hung; None if it does not by `until_s`."""
     heartbeat, now_s = Heartbeat(), 100.0
     while now_s < 100.0 + until_s:
         if heartbeat.is_hung(now_s, lambda: samples.pop(0) if len(samples) > 1 else samples[0]):
@@ -22,13 +22,13 @@ def test_stopped_sleeping_or_looping_agent_is_hung_after_half_a_minute():
 
 
 def test_agent_waiting_for_a_processor_or_disk_is_not_hung():
-    share_s = HUNG_S - SAMPLE_S
+    sampled_s = HUNG_S - SAMPLE_S
     assert (
-        measure_silence_until_hung_s([ProcessSample("R", 3.0), ProcessSample("R", 3.0 + 0.6 * share_s)])
+        measure_silence_until_hung_s([ProcessSample("R", 3.0), ProcessSample("R", 3.0 + 0.6 * sampled_s)])
         is None
     )
     assert (
-        measure_silence_until_hung_s([ProcessSample("R", 3.0), ProcessSample("R", 3.0 + 0.4 * share_s)])
+        measure_silence_until_hung_s([ProcessSample("R", 3.0), ProcessSample("R", 3.0 + 0.4 * sampled_s)])
         == HUNG_S
     )
     assert measure_silence_until_hung_s([ProcessSample("D", 3.0)]) is None

@@ -41,7 +41,7 @@ def make_busy_host(moves: int = BLOCKING_MOVES, model: str = "ultimaker2_plus") 
 
 
 def exchange(host: Host, link: Link, seconds: float) -> list[Event]:
-    """Pass bytes between link and board; return what the link received."""
+    """Pass bytes between link and board for some seconds; return the events of the link."""
     events: list[Event] = []
     end_s = host.now_s + seconds
     while True:
@@ -66,7 +66,7 @@ def has_ended(host: Host) -> bool:
     )
 
 
-def test_heat_and_queued_moves_end_within_one_move():
+def test_abort_switches_heaters_off_and_ends_queued_moves_within_one_move():
     host = make_busy_host()
     host.firmware.feed(ULTIMAKER2.abort_unnumbered, host.now_s)
     assert not has_ended(host)
@@ -75,7 +75,7 @@ def test_heat_and_queued_moves_end_within_one_move():
 
 
 @pytest.mark.parametrize("cut_off", ["G1 X7", "N19 G1 X70 Y5", "N1"])
-def test_truncated_line_before_the_abort_costs_one_more_move_at_most(cut_off: str):
+def test_truncated_line_before_the_abort_delays_it_by_one_move_at_most(cut_off: str):
     host = make_busy_host()
     host.firmware.feed(cut_off.encode(), host.now_s)
     host.firmware.feed(ULTIMAKER2.abort_unnumbered, host.now_s)
@@ -99,7 +99,7 @@ def test_longest_line_the_abort_and_a_poll_fit_into_the_receive_buffer():
     assert has_ended(host) and link.is_drained
 
 
-def test_on_marlin_2_moves_end_at_once_and_heat_a_second_later():
+def test_on_marlin_2_moves_end_at_once_and_heaters_are_off_a_second_later():
     host = make_busy_host(model="creality_ender3")
     host.firmware.feed(MARLIN2.abort_unnumbered, host.now_s)
     assert not host.firmware.machine.planner
@@ -114,7 +114,7 @@ def test_on_marlin_2_moves_end_at_once_and_heat_a_second_later():
     assert has_ended(host) and link.is_drained
 
 
-def test_restarting_board_loses_the_abort_and_is_seen_to_restart():
+def test_restart_is_detected_if_the_board_loses_the_abort():
     host = make_busy_host()
     host.firmware.feed(ULTIMAKER2.abort_unnumbered, host.now_s)
     host.firmware.reset(host.now_s)
@@ -127,7 +127,7 @@ def test_restarting_board_loses_the_abort_and_is_seen_to_restart():
 
 @pytest.fixture
 def silent_board():
-    """Make a port, and return it with its silent other end."""
+    """Open a pseudo-terminal; return the port and its silent other end."""
     master, slave = pty.openpty()
     tty.setraw(slave)
     yield os.ttyname(slave), master

@@ -35,7 +35,7 @@ DEADLINE_S = 30.0
 
 
 async def print_until_hot(folder: Path, process: subprocess.Popen[bytes]) -> None:
-    """Start a print; return when it extrudes."""
+    """Start a print, and wait until it extrudes."""
     text = HEAD + "".join(
         f"G1 F6000 X{50 + 100 * (i % 2)} Y{50 + i % 100} Z0.3 E{i * 0.5}\n" for i in range(50_000)
     )
@@ -89,9 +89,9 @@ def test_printer_with_a_hung_agent_is_stopped_and_needs_attention_afterwards(
         asyncio.run(print_until_hot(folder, process))
         process.send_signal(signal.SIGSTOP)
         assert read_status(folder / "emulator").nozzle_target_c == 210.0
-        farm = [Path(sys.executable).with_name("farm"), "estop", "--json"]
-        farm += ["--state", tmp_path / "state", "--fleet", tmp_path / "none.yaml"]
-        finished_process = subprocess.run(farm, check=False, capture_output=True, timeout=60)
+        command = [Path(sys.executable).with_name("farm"), "estop", "--json"]
+        command += ["--state", tmp_path / "state", "--fleet", tmp_path / "none.yaml"]
+        finished_process = subprocess.run(command, check=False, capture_output=True, timeout=60)
         assert finished_process.returncode == 0, finished_process.stderr
         [row] = json.loads(finished_process.stdout)["printers"]
         assert (row["printer"], row["seen_off"]) == ("um2-01", True)
@@ -114,7 +114,7 @@ def test_printer_with_a_hung_agent_is_stopped_and_needs_attention_afterwards(
 
 @pytest.mark.system
 @pytest.mark.parametrize("agent_dies", [False, True], ids=["estop", "its agent dies"])
-def test_queued_moves_and_heat_end_on_a_board_that_dtr_does_not_reset(tmp_path: Path, agent_dies: bool):
+def test_moves_end_and_heaters_are_off_on_a_board_that_dtr_does_not_reset(tmp_path: Path, agent_dies: bool):
     """Fill the planner with moves of half a minute."""
     emulator = tmp_path / "emulator"
     printer = Printer(tmp_path / "state" / "agents" / "um2-01", str(emulator / "tty"))
@@ -150,16 +150,16 @@ def test_queued_moves_and_heat_end_on_a_board_that_dtr_does_not_reset(tmp_path: 
             printer.process.wait(10.0)
             asyncio.run(wait_until_failed())
         else:
-            # In this process, with time: on a busy host the firmware's dead-man may precede `farm estop`.
+            # Stop it in this process: on a busy host, the dead-man timer may act before `farm estop` does.
             [target] = list_targets(printer.folder.parent).values()
             result = stop_printer(target, watch_s=100.0)
             assert (result.seen_off, result.is_still) == (True, True), result.text
             assert "not reset" in result.text and "stands still" in result.text
         old_status = read_status(emulator)
         assert (old_status.nozzle_target_c, old_status.bed_target_c) == (0.0, 0.0)
-        # On a busy host the firmware's dead-man, 20 s at this scale, may be sooner.
+        # On a busy host, the firmware's dead-man timer, 20 s at this scale, may act first.
         assert old_status.resets <= 1
-        # Time for two and a half moves.
+        # Wait for the time of two and a half moves.
         assert wait_for_emulator(emulator, lambda status: status.time_s > old_status.time_s + 500.0)
         assert read_status(emulator).position_mm == old_status.position_mm
     finally:
@@ -241,14 +241,16 @@ def test_simulated_printer_without_power_is_off(tmp_path: Path):
 def test_farm_estop_names_printers_that_it_could_not_stop(tmp_path: Path):
     fleet = tmp_path / "fleet.yaml"
     fleet.write_text(f"printers:\n  - {{name: a, model: {MODEL}, port: {tmp_path}/no-such-tty}}\n")
-    farm = [Path(sys.executable).with_name("farm"), "estop", "--state", tmp_path, "--fleet", fleet]
-    finished_process = subprocess.run(farm, check=False, capture_output=True, text=True, timeout=60)
+    command = [Path(sys.executable).with_name("farm"), "estop", "--state", tmp_path, "--fleet", fleet]
+    finished_process = subprocess.run(command, check=False, capture_output=True, text=True, timeout=60)
     assert finished_process.returncode == 1
     assert (
         "a: cannot be stopped" in finished_process.stdout
         and "not confirmed off: a" in finished_process.stderr
     )
-    finished_process = subprocess.run([*farm, "b"], check=False, capture_output=True, text=True, timeout=60)
+    finished_process = subprocess.run(
+        [*command, "b"], check=False, capture_output=True, text=True, timeout=60
+    )
     assert finished_process.returncode == 4 and "no printer b" in finished_process.stderr
 
 
@@ -268,10 +270,10 @@ def test_lock_names_its_holder(tmp_path: Path):
     path.write_text("1" * size)
     lock = acquire_lock(path)
     assert lock is not None
-    assert find_holder(path) is None  # no signature yet
+    assert find_holder(path) is None  # the lock has no signature yet
     write_pid(lock)
     assert find_holder(path) == os.getpid()
-    assert path.stat().st_size == size  # a full disk has no room for more
+    assert path.stat().st_size == size  # a full disk has no room for a longer file
     os.close(lock)
 
 
@@ -311,7 +313,7 @@ def test_no_process_is_killed_for_the_pid_of_a_former_agent(tmp_path: Path):
         unrelated_process.wait()
 
 
-def test_result_has_the_same_names_in_json_in_all_versions():
+def test_result_keeps_the_names_of_its_fields_in_json():
     result = StopResult("um2-01", 12.5, True, "stopped", is_still=True)
     record = {"printer": "um2-01", "cut_s": 12.5, "seen_off": True, "text": "stopped", "still": True}
     assert json.loads(result.dump()) == record

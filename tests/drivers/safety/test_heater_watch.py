@@ -1,4 +1,4 @@
-"""Watch over both heaters, on given temperature curves."""
+"""Watch over both heaters, with given temperature curves."""
 
 import math
 import random
@@ -17,7 +17,7 @@ NOZZLE, BED = HeaterName.NOZZLE, HeaterName.BED
 
 
 class Curve:
-    """First-order heater with a given power."""
+    """Temperature of a first-order heater that is switched on or off."""
 
     def __init__(self, name: HeaterName, start_c: float = 21.0) -> None:
         self.now_c = start_c
@@ -55,7 +55,7 @@ def test_healthy_heater_causes_no_finding(name: HeaterName, set_c: float, every_
 @pytest.mark.parametrize(
     ("name", "fails_at_c", "within_s"), [(NOZZLE, 150.0, 80.0), (BED, 45.0, 170.0), (NOZZLE, 30.0, 80.0)]
 )
-def test_heater_that_stops_warming_is_found(name: HeaterName, fails_at_c: float, within_s: float):
+def test_heater_that_stops_warming_is_detected(name: HeaterName, fails_at_c: float, within_s: float):
     watch, curve = HeaterWatch(4.0), Curve(name)
     set_c = 210.0 if name is NOZZLE else 60.0
     now_s, failed_s = 0.0, math.nan
@@ -69,12 +69,12 @@ def test_heater_that_stops_warming_is_found(name: HeaterName, fails_at_c: float,
             assert result.fault is Fault.HEATER_TIMEOUT
             assert now_s - failed_s <= within_s
             return
-    raise AssertionError("never found")
+    raise AssertionError("the fault was not found")
 
 
 @pytest.mark.parametrize("is_on", [False, True])
 @pytest.mark.parametrize("name", [NOZZLE, BED])
-def test_heater_that_leaves_its_target_is_found(name: HeaterName, is_on: bool):
+def test_heater_that_leaves_its_target_is_detected(name: HeaterName, is_on: bool):
     set_c = 210.0 if name is NOZZLE else 60.0
     watch, curve, now_s = HeaterWatch(4.0), Curve(name, set_c), 0.0
     for _ in range(100):
@@ -108,7 +108,7 @@ def test_only_falling_temperatures_confirm_a_heater_off(name: HeaterName):
 @pytest.mark.parametrize("seconds", [70.0, 200.0, 4000.0, -4000.0])
 @pytest.mark.parametrize("name", [NOZZLE, BED])
 def test_gap_without_reports_is_not_a_heater_fault(name: HeaterName, seconds: float):
-    """Skip reports, as if the host slept, its clock was set, or a move took long."""
+    """Skip reports, as if the host slept, its clock was set, or a move took a long time."""
     set_c = 210.0 if name is NOZZLE else 60.0
     for target_c, start_c in ((set_c, 30.0), (0.0, set_c)):
         watch, curve, now_s = HeaterWatch(4.0), Curve(name, start_c), 0.0
@@ -117,7 +117,7 @@ def test_gap_without_reports_is_not_a_heater_fault(name: HeaterName, seconds: fl
             assert observe(watch, name, curve.step(target_c > 0, 1.0), target_c, now_s) is None
 
 
-def test_sensor_that_reads_below_freezing_is_broken_and_not_cold():
+def test_reading_below_freezing_means_a_broken_sensor():
     watch = HeaterWatch(4.0)
     results = [observe(watch, BED, -14.0, 0.0, float(time_s)) for time_s in range(5)]
     assert results[-1] is not None and results[-1].fault is Fault.MINTEMP

@@ -1,4 +1,4 @@
-"""Command that cuts the mains of a printer, with any text a person may have configured."""
+"""Command that cuts the mains of a printer, with any text that a person may have configured."""
 
 import os
 from pathlib import Path
@@ -8,7 +8,7 @@ import pytest
 from drivers.safety import cut_mains
 
 
-def test_command_gets_the_printer_without_a_shell(tmp_path: Path):
+def test_command_receives_the_name_of_the_printer_and_runs_without_a_shell(tmp_path: Path):
     record_path = tmp_path / "seen"
     relay = tmp_path / "relay"
     relay.write_text(f'#!/bin/sh\nprintf "%s|" "$@" > {record_path}\n')

@@ -1,4 +1,4 @@
-"""Pause of a print: parking of head and filament, and the return."""
+"""Pause of a print: head and filament are parked, and return."""
 
 import pytest
 
@@ -10,17 +10,17 @@ from printers.print_rig import GCODE, Rig, assert_end_with_heaters_off, make_gco
 
 
 @pytest.mark.parametrize("lines", [14, 40, 77, 111, 190, 260])
-def test_pause_parks_keeps_the_bed_warm_and_resumes_exactly(lines: int):
+def test_pause_parks_and_keeps_the_bed_warm_and_the_print_resumes_exactly(lines: int):
     text = make_retracting_gcode(60)
     unpaused_rig = Rig(text=text).run()
     rig = Rig(text=text).run_until_printing(lines)
     rig.session.pause(rig.now_s)
-    rig.run(until=lambda: rig.session.context.phase is PrintPhase.PAUSED and rig.targets()[0] == 0.0)
+    rig.run(until=lambda: rig.session.context.phase is PrintPhase.PAUSED and rig.read_targets()[0] == 0.0)
     board = rig.firmware.board
     pause_s = rig.now_s
-    rig.run(until=lambda: rig.now_s > pause_s + 1800.0)  # 15 times the dead-man
+    rig.run(until=lambda: rig.now_s > pause_s + 1800.0)  # 15 times the time of the dead-man timer
     assert rig.session.context.phase is PrintPhase.PAUSED
-    assert rig.targets() == (0.0, 60.0)
+    assert rig.read_targets() == (0.0, 60.0)
     assert rig.session.context.pause_ends_s == pytest.approx(pause_s + PAUSE_LIMIT_S, abs=60.0)
     assert rig.session.context.filament is Filament.PARKED
     assert board.filament_end_mm == pytest.approx(-20.0, abs=0.1)
@@ -33,10 +33,10 @@ def test_pause_parks_keeps_the_bed_warm_and_resumes_exactly(lines: int):
     assert rig.list_moves() == unpaused_rig.list_moves()
 
 
-def test_after_a_pause_the_head_is_back_before_the_filament():
+def test_head_returns_before_the_filament_after_a_pause():
     rig = Rig(text=make_gcode(200)).run_until_printing(100)
     rig.session.pause(rig.now_s)
-    rig.run(until=lambda: rig.session.context.phase is PrintPhase.PAUSED and rig.targets()[0] == 0.0)
+    rig.run(until=lambda: rig.session.context.phase is PrintPhase.PAUSED and rig.read_targets()[0] == 0.0)
     x, y, z, _ = MotionState(rig.program, rig.session.context.acknowledged_lines).position
     rig.session.resume(rig.now_s)
     index = len(rig.sent)
@@ -65,7 +65,7 @@ def make_sequential_gcode() -> str:
 
 
 @pytest.mark.parametrize("cancel", [False, True])
-def test_head_leaves_a_part_above_those_that_are_finished(cancel: bool):
+def test_head_leaves_a_part_above_the_finished_ones(cancel: bool):
     rig = Rig(text=make_sequential_gcode())
     rig.run_until_printing(rig.program.count - 40)
     index = len(rig.sent)
@@ -74,7 +74,7 @@ def test_head_leaves_a_part_above_those_that_are_finished(cancel: bool):
         rig.session.cancel("no more", rig.now_s)
     else:
         rig.session.pause(rig.now_s)
-    while not rig.session.context.ended and rig.targets()[1 if cancel else 0] > 0:
+    while not rig.session.context.ended and rig.read_targets()[1 if cancel else 0] > 0:
         rig.step()
     rig.run(until=lambda: b"G28 X0" in rig.sent[index:] if cancel else planner.target[:2] == (10.0, 200.0))
     assert planner.target[2] >= 69.9
@@ -115,7 +115,7 @@ def test_head_clears_the_highest_part_without_layer_comments(layers: bool):
     text = GCODE.format(moves="\n".join(moves), end=25.5)
     rig = Rig(text=text if layers else text.replace(";LAYER:0\n", "")).run_until_printing(60)
     rig.session.pause(rig.now_s)
-    rig.run(until=lambda: rig.session.context.phase is PrintPhase.PAUSED and rig.targets()[0] == 0.0)
+    rig.run(until=lambda: rig.session.context.phase is PrintPhase.PAUSED and rig.read_targets()[0] == 0.0)
     assert 90.0 <= rig.firmware.machine.planner.target[2] <= 92.0
 
 

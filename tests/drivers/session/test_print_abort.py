@@ -1,4 +1,4 @@
-"""End of prints: the next print has the filament at the nozzle, or a person is asked."""
+"""Ends of prints: the next print has the filament at the nozzle, or a person is asked."""
 
 import math
 import random
@@ -20,7 +20,7 @@ NEAR_MM = 0.5
 DELAYED_FAULTS = [field.name for field in fields(Faults) if field.name.endswith("_after")]
 COMPLETE_PRINT_MM = Rig(text=make_gcode(150)).run().firmware.board.filament_mm
 
-Leave = Callable[[Rig], None]
+Ending = Callable[[Rig], None]
 
 
 def finish_print(rig: Rig) -> None:
@@ -39,7 +39,7 @@ def pause(rig: Rig, seconds: float) -> None:
 
 
 def kill_agent(rig: Rig) -> None:
-    """Kill the agent; the next session has the filament of the last journal record and the open print."""
+    """Kill the agent, and begin a session with the state of the filament from the journal."""
     filament = rig.session.context.filament
     rig.link.on_closed()
     rig.session = Session(SessionContext(rig.link, None, PLUS, filament, Pace(), rig.now_s))
@@ -61,80 +61,80 @@ def mute_board_and_cancel(rig: Rig) -> None:
     cancel_print(rig)
 
 
-def cause_fault(name: str) -> Leave:
-    def leave(rig: Rig) -> None:
+def make_fault(name: str) -> Ending:
+    def end(rig: Rig) -> None:
         rig.firmware.trigger_fault(name, rig.now_s)
 
-    leave.__name__ = name
-    return leave
+    end.__name__ = name
+    return end
 
 
-def cancel_after_a_pause_of(seconds: float) -> Leave:
-    def leave(rig: Rig) -> None:
+def make_cancel_after_pause(seconds: float) -> Ending:
+    def end(rig: Rig) -> None:
         pause(rig, seconds)
         cancel_print(rig)
 
-    leave.__name__ = f"cancelled_after_a_pause_of_{seconds:g}_s"
-    return leave
+    end.__name__ = f"cancelled_after_a_pause_of_{seconds:g}_s"
+    return end
 
 
-def kill_after_a_pause_of(seconds: float) -> Leave:
-    def leave(rig: Rig) -> None:
+def make_kill_after_pause(seconds: float) -> Ending:
+    def end(rig: Rig) -> None:
         pause(rig, seconds)
         kill_agent(rig)
 
-    leave.__name__ = f"killed_after_a_pause_of_{seconds:g}_s"
-    return leave
+    end.__name__ = f"killed_after_a_pause_of_{seconds:g}_s"
+    return end
 
 
-def cancel_after_a_resume_of(seconds: float) -> Leave:
-    def leave(rig: Rig) -> None:
+def make_cancel_after_resume(seconds: float) -> Ending:
+    def end(rig: Rig) -> None:
         pause(rig, 60.0)
         rig.session.resume(rig.now_s)
         end_s = rig.now_s + seconds
         rig.run(until=lambda: rig.now_s >= end_s)
         cancel_print(rig)
 
-    leave.__name__ = f"cancelled_after_a_resume_of_{seconds:g}_s"
-    return leave
+    end.__name__ = f"cancelled_after_a_resume_of_{seconds:g}_s"
+    return end
 
 
 def let_pause_expire(rig: Rig) -> None:
     pause(rig, 60.0)
 
 
-COMMON_LEAVES: list[Leave] = [
+COMMON_ENDINGS: list[Ending] = [
     finish_print, cancel_print, let_pause_expire,
-    cancel_after_a_pause_of(30.0), cancel_after_a_pause_of(60.0),
+    make_cancel_after_pause(30.0), make_cancel_after_pause(60.0),
 ]  # fmt: skip
-LEAVES: list[Leave] = [
-    *COMMON_LEAVES,
-    *(cancel_after_a_pause_of(seconds) for seconds in (0.0, 1.0, 3.0, 6.0)),
-    *(cancel_after_a_resume_of(seconds) for seconds in (0.0, 20.0, 40.0, 50.0, 52.0, 60.0)),
-    *(kill_after_a_pause_of(seconds) for seconds in (3.0, 60.0)),
+ENDINGS: list[Ending] = [
+    *COMMON_ENDINGS,
+    *(make_cancel_after_pause(seconds) for seconds in (0.0, 1.0, 3.0, 6.0)),
+    *(make_cancel_after_resume(seconds) for seconds in (0.0, 20.0, 40.0, 50.0, 52.0, 60.0)),
+    *(make_kill_after_pause(seconds) for seconds in (3.0, 60.0)),
     kill_agent,
     lose_port_temporarily,
     turn_knob,
     mute_board_and_cancel,
-    *(cause_fault(name) for name in DELAYED_FAULTS),
+    *(make_fault(name) for name in DELAYED_FAULTS),
 ]
 
 
-def end_print(leave: Leave, lines: int, seconds: float, text: str) -> Rig:
+def end_print(ending: Ending, lines: int, seconds: float, text: str) -> Rig:
     """Run a print, end it in some way after a number of lines and seconds, and run to its end."""
     rig = Rig(text=text)
     rig.run(until=lambda: rig.session.context.acknowledged_lines >= lines)
     end_s = rig.now_s + seconds
     rig.run(until=lambda: rig.now_s >= end_s)
     if not rig.session.context.ended:
-        leave(rig)
+        ending(rig)
     rig.run()
     assert rig.session.context.ended
     return rig
 
 
-def print_again(rig: Rig) -> float:
-    """Return the retraction at the first extruding line of the next print."""
+def measure_next_filament_end_mm(rig: Rig) -> float:
+    """Measure the position of the filament's end in mm at the first extruding line of the next print."""
     board = rig.firmware.board
     no_faults = Faults()
     next_rig = Rig(text=make_gcode(20), filament=rig.session.context.filament)
@@ -145,29 +145,29 @@ def print_again(rig: Rig) -> float:
 
 
 @pytest.mark.parametrize("lines", [0, 12, 60, 137])
-@pytest.mark.parametrize("leave", LEAVES, ids=lambda leave: leave.__name__)
-def test_next_print_knows_the_filament_or_asks_for_a_person(leave: Leave, lines: int):
-    rig = end_print(leave, lines, 0.7, make_retracting_gcode(50))
+@pytest.mark.parametrize("ending", ENDINGS, ids=lambda ending: ending.__name__)
+def test_next_print_knows_the_filament_position_or_asks_a_person(ending: Ending, lines: int):
+    rig = end_print(ending, lines, 0.7, make_retracting_gcode(50))
     if rig.session.context.filament is not Filament.UNKNOWN:
-        assert abs(print_again(rig)) <= NEAR_MM
+        assert abs(measure_next_filament_end_mm(rig)) <= NEAR_MM
         end_mm = {Filament.PARKED: -20.0, Filament.AT_NOZZLE: 0.0}[rig.session.context.filament]
         assert rig.firmware.board.filament_end_mm == pytest.approx(end_mm, abs=NEAR_MM)
 
 
-@given(leave=st.sampled_from(LEAVES), lines=st.integers(0, 250), seconds=st.floats(0.0, 20.0))
+@given(ending=st.sampled_from(ENDINGS), lines=st.integers(0, 250), seconds=st.floats(0.0, 20.0))
 @settings(max_examples=40, deadline=None)
-def test_fault_at_any_line_ends_the_print_safely(leave: Leave, lines: int, seconds: float):
-    rig = end_print(leave, lines, seconds, make_retracting_gcode(50))
+def test_fault_at_any_line_ends_the_print_safely(ending: Ending, lines: int, seconds: float):
+    rig = end_print(ending, lines, seconds, make_retracting_gcode(50))
     if rig.session.context.filament is not Filament.UNKNOWN:
-        assert abs(print_again(rig)) <= NEAR_MM
+        assert abs(measure_next_filament_end_mm(rig)) <= NEAR_MM
 
 
 @pytest.mark.parametrize("lines", [60, 137, 210])
 def test_responsive_firmware_parks_the_filament(lines: int):
     """Check that usual ends of a print need no person."""
-    for leave in COMMON_LEAVES:
+    for ending in COMMON_ENDINGS:
         assert (
-            end_print(leave, lines, 0.7, make_retracting_gcode(50)).session.context.filament
+            end_print(ending, lines, 0.7, make_retracting_gcode(50)).session.context.filament
             is Filament.PARKED
         )
 
@@ -199,7 +199,7 @@ def test_responsive_firmware_parks_the_filament(lines: int):
 def test_any_print_ends_and_reports_its_heaters_correctly(
     faults: Faults, cancel_s: float, pause_s: float, unplug_s: float, reconnect_after_s: float, seed: int
 ):
-    """Heaters are off or the mains are requested, and a print that counts as done was executed."""
+    """Check that heaters are off or a power-off is requested, and that a print that is done was executed."""
     rig = Rig(faults, text=make_gcode(150), seed=seed)
     board, session, is_paused = rig.firmware.board, rig.session, False
     while not session.context.ended:
@@ -216,13 +216,13 @@ def test_any_print_ends_and_reports_its_heaters_correctly(
             session.pause(rig.now_s)
         if session.context.phase is PrintPhase.PAUSED and elapsed_s > pause_s + 400.0:
             session.resume(rig.now_s)
-        assert elapsed_s < 20_000.0, "it does not end"
+        assert elapsed_s < 20_000.0, "the print does not end"
     assert (session.context.phase is PrintPhase.FAILED) == (session.context.fault is not None)
     assert session.context.heaters_off or session.context.wants_power_off
     if session.context.heaters_off:
-        assert rig.targets() == (0.0, 0.0)
+        assert rig.read_targets() == (0.0, 0.0)
         for heater in (board.nozzle, board.bed):
-            # The print has just begun.
+            # A heater that is stuck on is only this cold if the print has just begun.
             assert not heater.burns or heater.compute_temperature_c(rig.now_s) < 90.0
     if session.context.phase is PrintPhase.DONE and not (
         rig.firmware.noise and rig.firmware.noise.altered_lines

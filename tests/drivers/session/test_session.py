@@ -26,7 +26,7 @@ def test_print_passes_its_phases_and_ends_with_heaters_off_and_filament_parked()
     assert rig.firmware.errors == 0
 
 
-def test_wait_commands_of_the_file_are_never_sent_and_the_dead_man_is_armed_before_any_heat():
+def test_wait_commands_are_never_sent_and_the_dead_man_timer_is_armed_before_heating():
     rig = Rig().run()
     assert b"M109" not in rig.sent and b"M190" not in rig.sent
     assert rig.sent.index(b"M85 S1200") < rig.sent.index(b"M140 S60")
@@ -109,7 +109,7 @@ def test_uncooled_heater_is_not_reported_off_and_its_mains_are_cut(faults: Fault
     )
     assert rig.session.context.wants_power_off and not rig.session.context.heaters_off
     assert "switch the printer off" in str(rig.session.context.reason)
-    assert rig.targets() == (0.0, 0.0)  # which is not enough
+    assert rig.read_targets() == (0.0, 0.0)  # targets of 0 are not enough
 
 
 def test_heater_stuck_on_at_the_end_fails_the_print():
@@ -136,7 +136,7 @@ def test_heater_stuck_on_at_the_end_fails_the_print():
         Faults(noise=0.00005, lost=0.00002, doubled=0.00002),
     ],
 )
-def test_recoverable_faults_print_the_same_part(faults: Faults):
+def test_same_part_is_printed_with_recoverable_faults(faults: Faults):
     clean_rig, faulty_rig = Rig(text=make_gcode(1000)).run(), Rig(faults, text=make_gcode(1000), seed=3).run()
     assert_end_with_heaters_off(faulty_rig, PrintPhase.DONE, None)
     assert faulty_rig.firmware.board.filament_mm == pytest.approx(
@@ -145,7 +145,7 @@ def test_recoverable_faults_print_the_same_part(faults: Faults):
 
 
 def test_stopped_firmware_is_detected_by_its_targets():
-    """Lose the board's messages: it acknowledges every move and executes none."""
+    """Garble the messages of a board that acknowledges every move and executes none."""
     rig = Rig(Faults(stop_after=700), text=make_gcode(1000))
     receive = rig.link.receive
 
@@ -157,14 +157,14 @@ def test_stopped_firmware_is_detected_by_its_targets():
     assert_end_with_heaters_off(rig.run(), PrintPhase.FAILED, Fault.TARGET_CHANGED)
 
 
-def test_dead_nozzle_fails_by_the_firmware_or_the_heater_watch():
+def test_dead_nozzle_is_detected_by_the_firmware_or_the_heater_watch():
     rig = Rig(Faults(dead_nozzle=True)).run()
     assert rig.session.context.fault in (Fault.STOPPED, Fault.HEATER_TIMEOUT)
     assert_end_with_heaters_off(rig, PrintPhase.FAILED, rig.session.context.fault)
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_slightly_damaged_wire_prints_the_same_part(seed: int):
+def test_same_part_is_printed_over_a_slightly_noisy_wire(seed: int):
     clean_rig = Rig().run()
     faulty_rig = Rig(Faults(checksum=0.004, drop_ok=0.004), seed=seed).run()
     assert_end_with_heaters_off(faulty_rig, PrintPhase.DONE, None)
@@ -223,8 +223,8 @@ def test_unreadable_reports_end_the_heat_up():
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.ENDING)
     assert rig.session.context.fault is Fault.NO_ANSWER
     rig.run()
-    assert rig.targets() == (0.0, 0.0)
-    assert not rig.session.context.heaters_off  # their state is unreadable
+    assert rig.read_targets() == (0.0, 0.0)
+    assert not rig.session.context.heaters_off  # no report confirms it
 
 
 def test_unreadable_reports_end_the_print():
@@ -234,8 +234,8 @@ def test_unreadable_reports_end_the_print():
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.ENDING)
     assert rig.session.context.fault is Fault.NO_ANSWER
     rig.run()
-    assert rig.targets() == (0.0, 0.0)
-    assert rig.session.context.wants_power_off  # its cooling is unreadable
+    assert rig.read_targets() == (0.0, 0.0)
+    assert rig.session.context.wants_power_off  # no report shows that they cool
 
 
 def test_cold_first_stage_leaves_the_filament_parked():
@@ -270,11 +270,11 @@ def test_filament_position_after_a_print_follows_the_file(end: str, filament: Fi
     assert rig.firmware.board.filament_end_mm == pytest.approx(end_mm, abs=0.1)
 
 
-# --- a reset in the middle ---
+# --- a failing disk ---
 
 
 class DyingDisk(MemoryStore):
-    """Store that returns its first blocks, and later none or others."""
+    """Store that fails or returns other data after its first blocks."""
 
     def __init__(self, bad_data: bytes | None) -> None:
         super().__init__()

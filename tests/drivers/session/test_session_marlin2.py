@@ -79,7 +79,7 @@ def test_slow_move_has_no_time_out_while_the_board_is_busy():
     assert_end_with_heaters_off(printer, PrintPhase.DONE, None)
     assert printer.link.repeat_count == 0
     query_count = printer.sent.count(ENDER3.firmware.last_line_query)
-    assert query_count < 150  # at most one for each line, not one every 0.3 s
+    assert query_count < 150  # at most a few for each line, not one every 0.3 s
 
 
 def test_cancel_lifts_the_head_off_the_part_and_parks_the_filament():
@@ -88,7 +88,7 @@ def test_cancel_lifts_the_head_off_the_part_and_parks_the_filament():
     printer.run()
     assert_end_with_heaters_off(printer, PrintPhase.CANCELLED, None)
     x, y, z, _ = printer.firmware.machine.planner.compute_position(printer.now_s)
-    assert (x, y) == (0.0, 0.0) and z == pytest.approx(26.0)  # 10 over the prime's, to the next mm
+    assert (x, y) == (0.0, 0.0) and z == pytest.approx(26.0)  # 10 mm above the height of priming, rounded up
     assert printer.firmware.board.filament_end_mm == pytest.approx(-ENDER3.park_retraction_mm, abs=0.3)
     assert b"M410" in printer.sent and b"M401" not in printer.sent
 
@@ -97,47 +97,47 @@ def test_print_resumes_at_its_position():
     printer = make_rig().run_until_printing()
     printer.session.pause(printer.now_s)
     printer.run(
-        until=lambda: printer.session.context.phase is PrintPhase.PAUSED and printer.targets()[0] == 0.0
+        until=lambda: printer.session.context.phase is PrintPhase.PAUSED and printer.read_targets()[0] == 0.0
     )
     end_s = printer.now_s + 900.0
     printer.run(until=lambda: printer.now_s > end_s)
-    assert printer.firmware.phase is Phase.RUNNING  # the dead-man is restarted
+    assert printer.firmware.phase is Phase.RUNNING  # the dead-man timer is restarted
     printer.session.resume(printer.now_s)
     printer.run()
     assert_end_with_heaters_off(printer, PrintPhase.DONE, None)
     assert printer.firmware.board.filament_mm == pytest.approx(200.0 + 12.5, abs=0.05)
 
 
-def test_dead_man_ends_the_heat_of_a_host_that_died():
+def test_dead_man_timer_switches_the_heaters_off_after_the_host_died():
     printer = make_rig().run_until_printing()
     firmware, since_s = printer.firmware, printer.now_s
     while firmware.phase is Phase.RUNNING:
-        assert printer.now_s < since_s + 700.0, "it continues to heat"
+        assert printer.now_s < since_s + 700.0, "the board continues to heat"
         printer.now_s = max(printer.now_s + 1e-3, firmware.compute_deadline_s())
         firmware.feed(b"", printer.now_s)
-    assert firmware.phase is Phase.HALTED and printer.targets() == (0.0, 0.0)
+    assert firmware.phase is Phase.HALTED and printer.read_targets() == (0.0, 0.0)
 
 
 def test_halted_board_is_reset_and_confirmed_off():
     printer = make_rig(kill_after=150).run()
     assert_end_with_heaters_off(printer, PrintPhase.FAILED, Fault.KILL)
     assert printer.firmware.phase is Phase.RUNNING
-    assert b"G28 Z0" not in printer.sent  # its switch is down at the bed, below the part
+    assert b"G28 Z0" not in printer.sent  # the Z switch is at the bed, below the part
 
 
-def test_head_does_not_move_after_a_reset_in_a_cancel():
+def test_head_does_not_move_after_a_reset_during_a_cancel():
     printer = make_rig(silent_after=150).run_until_printing(60)
     printer.session.cancel("enough", printer.now_s)
     printer.run()
-    assert printer.targets() == (0.0, 0.0) and printer.session.context.heaters_off
+    assert printer.read_targets() == (0.0, 0.0) and printer.session.context.heaters_off
     assert b"G28 Z0" not in printer.sent
 
 
-def test_heater_that_gives_no_heat_ends_the_print():
+def test_heater_that_does_not_heat_ends_the_print():
     printer = make_rig(dead_nozzle=True).run()
     assert printer.session.context.phase is PrintPhase.FAILED
     assert printer.session.context.fault in (Fault.HEATER_TIMEOUT, Fault.KILL)
-    assert printer.targets() == (0.0, 0.0)
+    assert printer.read_targets() == (0.0, 0.0)
 
 
 def test_another_machine_with_marlin_2_is_not_heated():
@@ -165,8 +165,8 @@ def test_relative_extrusion_is_refused():
 
 
 @pytest.mark.parametrize("fault", ["drop_ok", "swallow", "checksum"])
-def test_hot_head_stops_only_for_the_interval_of_keep_alive(fault: str):
-    """Use short moves, of which the planner contains 0.1 s."""
+def test_hot_head_stops_no_longer_than_the_keep_alive_interval(fault: str):
+    """Use moves so short that the planner contains only 0.1 s of them."""
     path = "\n".join(f"G1 F3000 X{50 + 0.3 * (i % 100):.1f} Y{50 + i * 0.01:.2f}" for i in range(3000))
     text = make_gcode(1).replace("G1 F3000 X50 Y50.00 E1", f"G1 F3000 X50 Y50.00 E1\n{path}")
     printer = Rig(Faults(**{fault: 0.002}), text, "creality_ender3", seed=4, profile=ENDER3)

@@ -1,4 +1,4 @@
-"""Resets before and after a print, boards without reset, and the firmware's dead-man."""
+"""Resets before and after a print, boards without reset, and the firmware's dead-man timer."""
 
 import math
 from typing import Any
@@ -51,10 +51,10 @@ def test_second_print_on_a_link_begins_with_new_counts():
     assert second_session.context.acknowledged_lines == 0
 
 
-def test_dead_man_time_depends_on_heat_and_pause_and_is_off_when_cold():
+def test_dead_man_timer_depends_on_heat_and_pause_and_is_off_when_cold():
     rig = Rig(text=make_gcode(200)).run_until_printing(100)
     rig.session.pause(rig.now_s)
-    rig.run(until=lambda: rig.session.context.phase is PrintPhase.PAUSED and rig.targets()[0] == 0.0)
+    rig.run(until=lambda: rig.session.context.phase is PrintPhase.PAUSED and rig.read_targets()[0] == 0.0)
     pause_s = rig.now_s
     rig.run(until=lambda: rig.now_s > pause_s + 60.0)
     assert rig.firmware.machine.dead_man_s == 120.0
@@ -66,7 +66,7 @@ def test_dead_man_time_depends_on_heat_and_pause_and_is_off_when_cold():
     assert rig.sent.index(b"M85 S600") < rig.sent.index(b"M85 S120*")
 
 
-def test_heat_up_that_takes_longer_than_the_dead_man_does_not_trip_it(monkeypatch: pytest.MonkeyPatch):
+def test_heat_up_longer_than_the_dead_man_timer_does_not_trip_it(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("drivers.session.stream.HEAT_DEAD_MAN_S", 60.0)
     monkeypatch.setattr("drivers.session.heat.FEED_S", 20.0)
     rig = Rig()
@@ -77,12 +77,12 @@ def test_heat_up_that_takes_longer_than_the_dead_man_does_not_trip_it(monkeypatc
     assert_end_with_heaters_off(rig.run(), PrintPhase.DONE, None)
 
 
-def test_board_ends_its_heat_after_its_host_died():
+def test_board_switches_its_heaters_off_after_its_host_died():
     rig = Rig(text=make_gcode(200)).run_until_printing(100)
     death_s = rig.now_s
     while (due_s := rig.firmware.compute_deadline_s()) < death_s + 1000.0:
         rig.firmware.feed(b"", due_s)
-    assert rig.targets() == (0.0, 0.0)
+    assert rig.read_targets() == (0.0, 0.0)
 
 
 def test_after_a_reset_the_bed_goes_down_before_the_head_moves():
@@ -98,7 +98,7 @@ def test_after_a_reset_the_bed_goes_down_before_the_head_moves():
 def test_board_without_reset_is_initialised_before_each_print():
     rig = Rig(Faults(no_reset=True))
     board = rig.firmware.board
-    board.bed.target_c = 50.0  # it was warmed up before
+    board.bed.target_c = 50.0  # the bed was warmed up before
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.HEATING)
     assert rig.firmware.resets == 0 and board.bed.target_c == 0.0
     rig.run()
@@ -123,7 +123,7 @@ def test_board_without_reset_is_stopped_by_command(faults: dict[str, Any], fault
         rig.run_until_printing(60).session.cancel("cancelled", rig.now_s)
     rig.run()
     assert rig.session.context.phase is (PrintPhase.CANCELLED if fault is None else PrintPhase.FAILED)
-    assert rig.session.context.heaters_off and rig.targets() == (0.0, 0.0)
+    assert rig.session.context.heaters_off and rig.read_targets() == (0.0, 0.0)
     assert rig.firmware.resets == 0
 
 
@@ -133,7 +133,7 @@ def test_silent_board_without_reset_has_its_mains_cut():
     assert rig.session.context.wants_power_off and not rig.session.context.heaters_off
 
 
-def test_dead_man_of_a_board_without_reset_stays_armed_until_heaters_are_off():
+def test_dead_man_timer_of_a_board_without_reset_stays_armed_until_heaters_are_off():
     rig = Rig(Faults(no_reset=True, nozzle_burns_after=150)).run()
     assert rig.session.context.wants_power_off
     assert rig.firmware.machine.dead_man_s < math.inf
@@ -158,7 +158,7 @@ def test_dead_man_of_a_board_without_reset_stays_armed_until_heaters_are_off():
 
 
 def test_board_that_restarts_during_the_confirmation_is_polled_at_once():
-    """Poll at once: a dead link does not wait for an answer."""
+    """Poll at once, as a dead link does not wait for an answer."""
     rig = Rig().run_until_printing()
     rig.session.fail(Fault.NO_ANSWER, "it does not answer", rig.now_s)
     rig.run(until=lambda: rig.session.context.wants_reset)
@@ -172,7 +172,7 @@ def test_board_that_restarts_during_the_confirmation_is_polled_at_once():
 
 
 def test_board_with_a_fault_after_its_reset_is_still_polled():
-    """Poll a board that has stopped again and still reports temperatures, which is enough."""
+    """Poll a board that has stopped again, as it still reports its temperatures."""
     rig = Rig().run_until_printing()
     rig.session.fail(Fault.NO_ANSWER, "it does not answer", rig.now_s)
     rig.run(until=lambda: rig.session.context.wants_reset)

@@ -1,4 +1,4 @@
-"""A heater that cannot be switched off: from the finding to the request to cut its mains."""
+"""A heater that cannot be switched off: from the finding to the request to cut the mains."""
 
 import math
 
@@ -19,7 +19,7 @@ NOZZLE, BED = HeaterName.NOZZLE, HeaterName.BED
 
 
 def start_with_stuck_heater(heater: HeaterName) -> Rig:
-    """Start a print whose heater gets full power from now on."""
+    """Start a print, and then give a heater full power permanently."""
     rig = Rig(text=make_gcode(4000)).run_until_printing(300)
     rig.firmware.trigger_fault(f"{heater}_burns_after", rig.now_s)
     return rig
@@ -44,7 +44,7 @@ def test_power_off_is_requested_soon_after_a_stuck_heater(heater: HeaterName):
     finding_s = run_until_finding(rig)
     assert run_until_power_off_request(rig) - finding_s <= LIMIT_S
     rig.run()
-    assert rig.now_s - finding_s <= 150.0  # and its state is not 'ending' for long
+    assert rig.now_s - finding_s <= 150.0  # the print does not stay in its ending phase for long
     assert not rig.session.context.heaters_off
 
 
@@ -73,7 +73,7 @@ def test_lost_port_does_not_delay_the_power_off():
 
 
 def test_stuck_nozzle_heater_is_found_after_a_cancel_or_in_a_pause():
-    """Find the fault by the temperature alone, as the target is 0."""
+    """Detect the fault by the temperature alone, as the target is 0."""
     for stop_session in (
         lambda rig: rig.session.cancel("no more", rig.now_s),
         lambda rig: rig.session.pause(rig.now_s),
@@ -176,7 +176,7 @@ def test_rules_allow_for_the_delays_of_an_accelerated_clock():
 
 
 def compute_overshoot_c(now_s: float, peak_c: float) -> float:
-    """Compute the temperature after switching off: 200 C, `peak_c` more after 12 s, then falling."""
+    """Compute the temperature after switching off: from 200 C up by `peak_c` within 12 s, then falling."""
     return 200.0 + (
         peak_c * math.sin(now_s / 12.0 * math.pi / 2) if now_s < 12.0 else peak_c - (now_s - 12.0)
     )
@@ -192,7 +192,7 @@ def test_overshoot_of_a_healthy_nozzle_causes_no_finding(peak_c: float):
     assert all(observe(watch, compute_overshoot_c(s, peak_c), 0.0, s) is None for s in map(float, range(60)))
 
 
-def test_heat_before_the_off_command_is_not_a_fault():
+def test_heating_before_the_off_command_is_not_a_fault():
     """Report the former target while a command waits for homing."""
     watch = HeaterWatch(4.0)
     assert all(observe(watch, 100.0 + 3 * s, 210.0, float(s)) is None for s in range(36))

@@ -1,4 +1,4 @@
-"""Seconds of each feature of a slice, compared with the firmware's planner."""
+"""Printing times of the features of a slice, compared with the firmware's planner."""
 
 from dataclasses import astuple
 
@@ -40,20 +40,20 @@ G28
 
 
 def measure_with_planner(path):
-    """Measure the seconds (n,) of each move of a file by the firmware's planner, always kept full."""
+    """Return the seconds (n,) that each move of a file takes in the firmware's planner, kept full."""
     ends_s = []
     planner = Planner(Limits.from_profile(PROFILE), (0.0,) * 4, lambda e_mm, z_mm: None)
-    place, queued, now_s = np.zeros(4), [], 0.0
+    position, queued, now_s = np.zeros(4), [], 0.0
     seconds = np.zeros(len(path.end))
     for index, (move, feed) in enumerate(
         zip(path.end - path.start, np.maximum(path.feed_mm_min / 60, 1.0), strict=True)
     ):
-        place = place + move
+        position = position + move
         now_s = max(now_s, planner.compute_free_s())
         planner.advance(now_s)
-        before = planner.moves
-        planner.add(tuple(place), feed, now_s)
-        queued += [index] * (planner.moves - before)
+        old_moves = planner.moves
+        planner.add(tuple(position), feed, now_s)
+        queued += [index] * (planner.moves - old_moves)
         ends_s.append((len(queued) - len(planner), planner.busy_s))
     finished = np.array(ends_s)
     busy_s = np.interp(
@@ -73,14 +73,14 @@ def test_time_of_a_layer_is_divided_among_its_features():
     assert times.skins_s == 0.0
 
 
-def test_file_without_times_has_no_features():
+def test_features_take_no_time_in_a_file_without_layer_times():
     path = read_toolpath(TWO_LAYERS.replace(b";TIME_ELAPSED", b";NOTHING"))
     assert astuple(measure_feature_times(path, LIMITS)) == (0.0,) * 5
 
 
-def test_features_are_those_of_the_planner_of_the_firmware(request_for):
+def test_times_of_features_equal_those_of_the_planner_of_the_firmware(make_request):
     model = trimesh.boolean.difference([trimesh.creation.box((30, 20, 6)), trimesh.creation.cylinder(6, 20)])
-    result = slice_plate(request_for(model))
+    result = slice_plate(make_request(model))
     path = read_toolpath(result.gcode.read_bytes())
     assert sum(astuple(result.features)) == pytest.approx(result.sliced_s, rel=1e-6)
     assert min(astuple(result.features)) > 0.0
@@ -92,8 +92,8 @@ def test_features_are_those_of_the_planner_of_the_firmware(request_for):
         assert estimated_s[mask].sum() == pytest.approx(planned_s[mask].sum(), rel=0.03), name
 
 
-def test_cached_slice_has_the_same_features(request_for, tmp_path):
-    request = request_for(trimesh.creation.box((12, 10, 4)), cache=tmp_path / "cache")
+def test_cached_slice_has_the_same_times_of_features(make_request, tmp_path):
+    request = make_request(trimesh.creation.box((12, 10, 4)), cache=tmp_path / "cache")
     first, second = slice_plate(request), slice_plate(request)
     assert second.cached
     assert first.features == second.features
@@ -103,7 +103,7 @@ def test_cached_slice_has_the_same_features(request_for, tmp_path):
     st.lists(st.tuples(st.floats(-50, 50), st.floats(-50, 50), st.floats(0, 2)), min_size=1, max_size=30),
     st.floats(60, 12000),
 )
-def test_move_takes_at_least_its_length_over_its_feed(moves, feed_mm_min):
+def test_move_takes_at_least_its_length_divided_by_its_feed(moves, feed_mm_min):
     lines, x_mm, y_mm, e_mm = [b"G1 F%.3f" % feed_mm_min], 0.0, 0.0, 0.0
     for dx_mm, dy_mm, de_mm in moves:
         x_mm, y_mm, e_mm = x_mm + dx_mm, y_mm + dy_mm, e_mm + de_mm

@@ -1,4 +1,4 @@
-"""Printed outlines compared with the model: written by the test, and by the real engine."""
+"""Printed outlines compared with the model, in G-code of the tests and of the real engine."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -41,7 +41,7 @@ def draw_rings(shape, layout=LAYOUT):
 
 
 def draw_gcode(layers, layout=LAYOUT):
-    """Write G-code of an outer wall: for each layer its rings, each a list of points."""
+    """Write G-code of an outer wall from the rings of each layer, which are lists of points."""
     text, fed_mm = [";LAYER_COUNT:9"], 0.0
     for number, paths in enumerate(layers):
         text += [f";LAYER:{number}", ";TYPE:WALL-OUTER"]
@@ -102,7 +102,7 @@ def test_wall_along_the_outline_passes(mesh):
     assert check_layers(inverted_mesh, layers) == ()
 
 
-def test_model_is_grown_as_the_settings_say():
+def test_outline_of_the_model_is_offset_as_in_the_settings():
     layout = replace(LAYOUT, offset_mm=0.4, offset_0_mm=-0.3)
     grown_layers = [
         list(draw_rings(shape.buffer(0.4 if number else -0.3, join_style="mitre")))
@@ -113,8 +113,8 @@ def test_model_is_grown_as_the_settings_say():
         check_layers(BOX, grown_layers)
 
 
-def change_fifth_layer(change):
-    """Return the tube with its fifth layer changed."""
+def change_layer_5(change):
+    """Return the layers of the tube with layer 5 changed."""
     layers = [list(draw_rings(shape)) for shape in list_shapes(TUBE)]
     layers[5] = change(layers[5])
     return layers
@@ -136,7 +136,7 @@ def change_fifth_layer(change):
 )
 def test_layer_that_differs_from_the_model_is_refused(change, message):
     with pytest.raises(SliceRejected, match=message) as error:
-        check_layers(TUBE, change_fifth_layer(change))
+        check_layers(TUBE, change_layer_5(change))
     assert error.value.rule is Rule.OUTLINE
     assert "repair the mesh" in str(error.value)
 
@@ -190,8 +190,8 @@ def test_wall_of_one_line_is_printed():
         {"coasting_enable": "True"},
     ],
 )
-def test_settings_that_change_the_outline_are_considered(settings_of, setting):
-    settings = settings_of()
+def test_settings_that_change_the_outline_are_considered(make_settings, setting):
+    settings = make_settings()
     assert read_wall_layout(settings) is not None
     for scope in (settings.global_, settings.extruder):
         name = "global_" if scope is settings.global_ else "extruder"
@@ -217,15 +217,15 @@ CLOSED_MESHES = {
 
 
 @pytest.mark.parametrize("mesh", CLOSED_MESHES.values(), ids=CLOSED_MESHES.keys())
-def test_real_slices_of_sound_models_pass(request_for, mesh):
-    assert slice_plate(request_for(mesh)).unprinted == ()
+def test_real_slices_of_sound_models_pass(make_request, mesh):
+    assert slice_plate(make_request(mesh)).unprinted == ()
 
 
-def test_thin_fins_of_a_real_slice_are_reported(request_for, tmp_path):
+def test_thin_fins_of_a_real_slice_are_reported(make_request, tmp_path):
     block = [trimesh.creation.box((40, 40, 5))]
     fins = [trimesh.creation.box((0.3, 30, 12), MOVE((x, 0, 5))) for x in (-10, 0, 10)]
     model = trimesh.boolean.union(block + fins)
-    request = request_for(model, cache=tmp_path / "cache")
+    request = make_request(model, cache=tmp_path / "cache")
     result = slice_plate(request)
     assert sorted(round(wall.x_mm) for wall in result.unprinted) == [-10, 0, 10]
     assert all(wall.area_mm2 == pytest.approx(30 * 8.5, rel=0.05) for wall in result.unprinted)

@@ -1,4 +1,4 @@
-"""Facts of a G-code file, and violations of each rule."""
+"""Facts that are read from a G-code file, and violations of each rule."""
 
 import pickle
 
@@ -63,7 +63,7 @@ def check(gcode, *, height_mm=0.4, cut_mm=0.0, is_top_checked=True, bed=BED):
     return facts
 
 
-def test_facts_of_a_valid_file():
+def test_facts_are_read_from_a_valid_file():
     facts = check(VALID_GCODE)
     assert facts.sliced_s == 21.25
     assert facts.filament_mm == pytest.approx(3.0)  # without priming and retraction
@@ -148,7 +148,7 @@ def test_warnings_of_an_incomplete_mesh_refuse_the_slice(line):
     check_log("Starting slice...\nPrint time (s): 3\n")
 
 
-def test_true_header_replaces_the_placeholder():
+def test_header_from_the_log_replaces_the_placeholder():
     log = (
         "x\nGcode header after slicing:\n;FLAVOR:Marlin\n;TIME:21\nEnd of gcode header.\nPrint time (s): 21\n"
     )
@@ -163,7 +163,7 @@ def test_number_of_removed_layers_is_read_from_the_log():
     assert count_removed_layers("Layer count: 9\n") == 0
 
 
-def test_refusal_can_be_sent_between_processes():
+def test_rejection_can_be_sent_between_processes():
     rejection = pickle.loads(pickle.dumps(SliceRejected(Rule.COLD, "why")))
     assert (rejection.rule, str(rejection)) == (Rule.COLD, "the slice was rejected (cold): why")
 
@@ -178,7 +178,7 @@ def test_refusal_can_be_sent_between_processes():
         ((-30.0, -10.0), (0.0, 10.0), 9.0, (5.0, 0.0)),  # the wider, lower box is nearer
     ],
 )
-def test_shift_onto_the_bed(low_mm, high_mm, height_mm, shift_mm):
+def test_shift_moves_a_print_onto_the_nearest_part_of_the_bed(low_mm, high_mm, height_mm, shift_mm):
     error = OutsideBed("it prints outside", low_mm, high_mm, height_mm)
     bed = (*BED, (-25.0, -20.0, 10.0, 20.0, 10.0))
     assert error.find_shift(bed) == shift_mm

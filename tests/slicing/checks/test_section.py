@@ -13,7 +13,7 @@ def compute_sections(mesh, z_mm):
     return measure_rings(cut_sections(np.asarray(mesh.triangles, float), z_mm), len(z_mm))
 
 
-def test_section_of_a_box_with_a_hole():
+def test_section_of_a_box_with_a_hole_has_its_area_length_and_moment():
     box = trimesh.creation.box((40, 30, 10))
     hole = trimesh.creation.box((10, 10, 20), trimesh.transformations.translation_matrix((5, 0, 0)))
     result = compute_sections(trimesh.boolean.difference([box, hole]), np.array([-9.0, -2.0, 0.0, 3.0]))
@@ -24,7 +24,7 @@ def test_section_of_a_box_with_a_hole():
 
 @settings(deadline=None, max_examples=40)
 @given(st.integers(0, 10_000), st.floats(-20, 20), st.floats(-20, 20))
-def test_sections_add_up_to_the_volume_and_follow_a_move(seed, x_mm, y_mm):
+def test_sections_add_up_to_the_volume_and_centre_of_mass(seed, x_mm, y_mm):
     rng = np.random.default_rng(seed)
     mesh = trimesh.convex.convex_hull(rng.uniform(-10, 10, (12, 3)))
     mesh.apply_translation((x_mm, y_mm, 0))

@@ -1,4 +1,4 @@
-"""Start times of features, by the slicer's layer times and compared with the firmware's planner."""
+"""Start times of features, computed from layer times and compared with the firmware's planner."""
 
 import numpy as np
 import pytest
@@ -44,7 +44,7 @@ def test_file_without_times_is_unchanged():
 
 
 def compute_start_times_s(path):
-    """Compute the times (n,) at which a planner that is always kept full accepts each move."""
+    """Return the times (n,) in seconds at which a planner that is kept full accepts each move."""
     planner = Planner(Limits.from_profile(PROFILES["ultimaker2_plus"]), (0.0,) * 4, lambda e_mm, z_mm: None)
     position, now_s, times_s = np.zeros(4), 0.0, []
     for move, feed in zip(path.end - path.start, path.feed_mm_min / 60, strict=True):
@@ -56,9 +56,9 @@ def compute_start_times_s(path):
     return np.array(times_s)
 
 
-def test_times_within_layers_are_those_of_the_planner_of_the_firmware(request_for):
+def test_times_within_layers_equal_those_of_the_planner_of_the_firmware(make_request):
     model = trimesh.boolean.difference([trimesh.creation.box((30, 20, 6)), trimesh.creation.cylinder(6, 20)])
-    result = slice_plate(request_for(model))
+    result = slice_plate(make_request(model))
     with result.gcode.open("rb") as lines:
         program = read_program(lines, ULTIMAKER2_PLUS)
     assert program.time_s == result.sliced_s

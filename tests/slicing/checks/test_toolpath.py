@@ -94,7 +94,7 @@ def test_columns_equal_those_of_a_line_reader(lines, has_spaces):
 
 
 def test_block_of_moves_without_an_end_takes_little_memory():
-    """Limit the memory: the engine of `re` keeps 50 bytes of backtracking state per byte of a block."""
+    """Limit the memory, as `re` keeps 50 bytes of backtracking state for each byte of a block."""
     text = b"G1 X10.125 Y10.125 E10.125\n" * 40_000
     tracemalloc.start()
     try:

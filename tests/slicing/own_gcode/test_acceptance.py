@@ -1,4 +1,4 @@
-"""Acceptance of own G-code: the lines that are printed."""
+"""Acceptance of own G-code, and the lines that are printed."""
 
 import gzip
 import itertools
@@ -59,7 +59,7 @@ def test_position_after_the_start_script_is_irrelevant():
     ]
 
 
-def test_ultigcode_is_converted_to_mm_with_retractions_of_its_own():
+def test_ultigcode_is_converted_to_mm_and_gets_explicit_retractions():
     result = accept(make_ultigcode())
     check_rules(result)
     assert (result.nozzle_mm, result.nozzle_c, result.bed_c) == (0.4, 210.0, 65.0)
@@ -74,7 +74,7 @@ def test_ultigcode_is_converted_to_mm_with_retractions_of_its_own():
     [("prusaslicer", 19.61, 78), ("slic3r", 20.04, None), ("ultigcode", 246 / FILAMENT_MM2, 104.9)],
 )
 def test_output_of_slicers_has_their_stated_filament_and_time(slicer, filament_mm, seconds):
-    """Read a tile of 10 x 10 x 1 mm of PrusaSlicer 2.5.0, Slic3r 1.3.0 and CuraEngine 4.13 on Debian 12."""
+    """Read a tile of 10 x 10 x 1 mm by PrusaSlicer 2.5.0, Slic3r 1.3.0 and CuraEngine 4.13 of Debian 12."""
     recording_path = Path(__file__).parents[1] / "fixtures" / f"tile-{slicer}.gcode.gz"
     result = accept(
         gzip.decompress(recording_path.read_bytes()).splitlines(keepends=True),
@@ -98,7 +98,7 @@ def rewrite_lines(lines, notation):
             return [line if line[0] == ";" else numbered_lines.pop(0) for line in lines]
         case "commented":
             return [f"{line} ; and (so) on" if line[0] != ";" else line for line in lines]
-        case "aside":
+        case "parenthesis":
             return [line.replace(" ", " (so) ", 1) if line[0] != ";" else line for line in lines]
         case "indented":
             return [f"\t {line}  " if line[0] != ";" else line for line in lines]
@@ -112,7 +112,7 @@ def compute_xor(line):
     return value
 
 
-@pytest.mark.parametrize("notation", ["lower case", "numbered", "commented", "aside", "indented"])
+@pytest.mark.parametrize("notation", ["lower case", "numbered", "commented", "parenthesis", "indented"])
 def test_lines_are_read_in_any_notation(notation):
     assert extract_body(accept(rewrite_lines(make_marlin(), notation))) == extract_body(accept(make_marlin()))
     assert extract_body(accept(rewrite_lines(make_marlin(), notation), end=b"\r\n")) == extract_body(
@@ -139,12 +139,12 @@ def draw_layers(draw):
 @settings(max_examples=40, deadline=None)
 def test_print_is_the_same_in_every_dialect_of_gcode(layers):
     extruding_moves = [move for layer in layers for move in layer if move[3]]
-    no_comments = make_marlin(layers, comments=False)
+    uncommented_lines = make_marlin(layers, comments=False)
     for lines in (
         make_marlin(layers),
         make_marlin(layers, relative=True),
         make_ultigcode(layers),
-        no_comments,
+        uncommented_lines,
     ):
         result = accept(lines)
         check_rules(result)
@@ -175,7 +175,7 @@ def test_low_move_over_clips_counts_as_printed():
     assert low_result.reach_min_mm[:2] == high_result.reach_min_mm[:2] == (1, 2)
 
 
-def test_factors_of_speed_and_flow_are_multiplied_out():
+def test_factors_of_speed_and_flow_are_applied_to_the_moves():
     full_result, half_result = accept(make_marlin()), accept(make_marlin(body=["M221 S50", "M220 S200"]))
     assert half_result.filament_mm == pytest.approx(full_result.filament_mm * (1 + 0.5 + 0.5) / 3, rel=1e-4)
     assert "G1 F3600 X120.000" in "\n".join(extract_body(half_result))
@@ -201,21 +201,21 @@ def test_retraction_of_the_start_is_kept_before_the_first_layer():
     assert [m[3] for m in moves if m[3]][1] == pytest.approx(4.0)
 
 
-def test_file_must_name_its_nozzle_if_printers_differ():
+def test_file_must_name_its_nozzle_if_those_of_the_printers_differ():
     with pytest.raises(GcodeRefused, match=r"nozzle_diameter = 0\.4"):
         accept(make_marlin(), nozzle_mm=None)
     assert accept(["; nozzle_diameter = 0.4", *make_marlin()], nozzle_mm=None).nozzle_mm == 0.4
     check_rules(accept(make_ultigcode(), nozzle_mm=None))
 
 
-def make_spiral(section_mm, turn_count=20, layer_mm=0.2):
-    """Make a vase without a floor, with `section_mm` of E for each mm of its wall."""
+def make_spiral(e_per_mm, turn_count=20, layer_mm=0.2):
+    """Make a vase without a floor; each mm of its wall takes `e_per_mm` of E."""
     points, radius_mm = 60, 20.0
     moves = [(130.0, 110.0, layer_mm, 0.0)]
     for n in range(turn_count * points):
         angle = math.tau * (n + 1) / points
         x, y = 110 + radius_mm * math.cos(angle), 110 + radius_mm * math.sin(angle)
-        moves.append((x, y, layer_mm * (1 + (n + 1) / points), math.tau * radius_mm / points * section_mm))
+        moves.append((x, y, layer_mm * (1 + (n + 1) / points), math.tau * radius_mm / points * e_per_mm))
     lines = [";FLAVOR:Marlin", "G28", "M109 S200", "M83", ";LAYER:0", "G0 X130 Y110 Z0.2 F9000"]
     lines += [f"G1 F1800 X{x:.3f} Y{y:.3f} Z{z:.4f} E{e:.5f}" for x, y, z, e in moves[1:]]
     return [*lines, "M104 S0"]
@@ -239,7 +239,7 @@ def test_fan_and_temperatures_of_the_print_are_kept():
     ]
 
 
-def test_e_is_reset_before_its_resolution_drops():
+def test_e_is_reset_before_its_resolution_decreases():
     long_layer = [[(50.0, 50.0, 2.0, 0.0)] + [(50.0 + 100 * (n % 2), 50.0, 2.0, 10.0) for n in range(1, 241)]]
     result = accept(make_marlin(long_layer))
     assert "G92 E0" in extract_body(result)
@@ -247,7 +247,7 @@ def test_e_is_reset_before_its_resolution_drops():
     check_rules(result)
 
 
-def test_progress_has_marks_from_the_stopwatch_not_from_the_file():
+def test_times_of_progress_are_measured_and_not_taken_from_the_file():
     lines = [line.replace(";LAYER:1", ";TIME_ELAPSED:99999\n;LAYER:1") for line in make_marlin()]
     program = check_rules(accept([part for line in lines for part in line.split("\n")]))
     assert {mark.layer for mark in program.timeline} == {0, 1, 2}

@@ -1,4 +1,4 @@
-"""Refusal of own G-code: every accepted file is safe."""
+"""Refusal of own G-code, so that every accepted file is safe."""
 
 import pytest
 from hypothesis import example, given, settings
@@ -110,7 +110,7 @@ def test_forbidden_command_of_a_print_is_refused_with_its_line(line, message):
     "line",
     ["M500", "M92 E400", "M302 P1", "M0", "T1", "G20", "M206 X5", "M200 D2.85", "G92 Z0", "M104 S200 T1"],
 )
-def test_command_that_changes_the_meaning_is_refused_in_the_start_too(line):
+def test_command_that_changes_the_meaning_is_also_refused_in_the_start(line):
     assert_refused([";FLAVOR:Marlin", line, *make_marlin()[1:]], f"line 2: {line.split()[0]} ")
 
 

@@ -20,16 +20,16 @@ TOWER_18 = make_square(layers=90)
 @pytest.mark.parametrize(
     ("moves", "colliding_move"),
     [
-        (["G0 X90 Y110 Z20", "G0 Z0.3", "G0 X130"], 2),  # through the middle
-        (["G0 X90 Y110 Z30", "G0 X130 Z0.3"], 2),  # slanting
-        (["G0 X90 Y110 Z20", "G0 X130"], None),  # above
+        (["G0 X90 Y110 Z20", "G0 Z0.3", "G0 X130"], 2),  # through the middle of the tower
+        (["G0 X90 Y110 Z30", "G0 X130 Z0.3"], 2),  # in a slanting line
+        (["G0 X90 Y110 Z20", "G0 X130"], None),  # above the tower
         # Into a hollow tower, less deep than the nozzle is long.
         (
             ["G0 Z25", "G0 X110 Y110", "G0 Z14", "G0 Z25"],
             None,
         ),
-        (["G0 Z25", "G0 X60 Y110", "G0 Z5"], 3),  # beside it: the head is 64 mm wide there
-        (["G0 Z25", "G0 X190 Y190", "G0 Z5", "G0 Z25"], None),  # further away than the head is wide
+        (["G0 Z25", "G0 X60 Y110", "G0 Z5"], 3),  # beside the tower: the head extends 64 mm on this side
+        (["G0 Z25", "G0 X190 Y190", "G0 Z5", "G0 Z25"], None),  # further away than the width of the head
     ],
 )
 def test_move_through_printed_lines_is_refused(moves, colliding_move):
@@ -78,7 +78,7 @@ def test_sequential_objects_need_the_width_of_the_head_between_them():
 
 
 def test_later_lines_are_obstacles_too():
-    """Let the third object collide with the second, which was low when the travels were computed."""
+    """Let the third object collide with the second one, which was still low at the first travel to it."""
     first_object, second_object, third_object = (
         make_square(layers=40),
         make_square(at_mm=20.0, layers=40),
@@ -137,8 +137,8 @@ STYLES = {
 
 @pytest.mark.parametrize("style", STYLES)
 @pytest.mark.parametrize("model", MODELS)
-def test_output_of_cura_is_accepted(model, style, engine, settings_of, tmp_path):
-    stl, settings_by_scope = tmp_path / "model.stl", settings_of()
+def test_output_of_cura_is_accepted(model, style, engine, make_settings, tmp_path):
+    stl, settings_by_scope = tmp_path / "model.stl", make_settings()
     stl.write_bytes(write_stl_bytes(MODELS[model]))
     stacks = [
         {**settings, **STYLES[style]} for settings in (settings_by_scope.global_, settings_by_scope.extruder)
@@ -149,10 +149,10 @@ def test_output_of_cura_is_accepted(model, style, engine, settings_of, tmp_path)
 
 @pytest.mark.parametrize(("distance_mm", "is_accepted"), [(150.0, True), (25.0, False)])
 def test_one_at_a_time_output_is_accepted_with_room_for_the_head(
-    distance_mm, is_accepted, engine, settings_of, tmp_path
+    distance_mm, is_accepted, engine, make_settings, tmp_path
 ):
-    """Move the second object by the bed's centre, which the engine adds only from that object on."""
-    settings_by_scope = settings_of()
+    """Add the bed's centre to the first object, as the engine adds it only to the later ones."""
+    settings_by_scope = make_settings()
     for scope, values in (("global", settings_by_scope.global_), ("extruder", settings_by_scope.extruder)):
         settings = {**values, "print_sequence": "one_at_a_time"}
         entries = {key: {"default_value": value} for key, value in settings.items()}

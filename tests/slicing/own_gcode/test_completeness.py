@@ -1,4 +1,4 @@
-"""Completeness of own G-code: truncated files, and missing layers."""
+"""Completeness of own G-code: truncated files and missing layers."""
 
 import gzip
 import json
@@ -27,7 +27,7 @@ COUNTED_LINES = [";LAYER_COUNT:100", *make_marlin(make_square(layers=100))]
 
 
 def format_cura_settings():
-    """Format the settings that Cura appends to the engine's G-code: escaped JSON, in lines of 80."""
+    """Format the settings that Cura appends to the engine's G-code: escaped JSON in lines of 80 bytes."""
     profile = "[general]\\nversion = 4\\nname = draft \\\\ fine\\n\\n[values]\\nadhesion_type = brim\\n"
     text = json.dumps({"global_quality": profile, "extruder_quality": [profile]})
     text = text.replace("\\", "\\\\").replace("\n", "\\n")
@@ -36,7 +36,7 @@ def format_cura_settings():
 
 @cache
 def read_complete_file(slicer):
-    """Return a file of a slicer for the tile, or the plate, of the fixtures."""
+    """Return the file of a slicer in the fixtures, for a tile or a plate."""
     if slicer == "cura 5":
         record = json.loads(gzip.decompress((FIXTURES / "engine-5.0.json.gz").read_bytes()))
         return record["gcode"].encode()
@@ -82,18 +82,18 @@ def test_file_cut_at_the_end_of_any_line_is_refused(slicer, data):
 @given(st.data())
 @settings(max_examples=40, deadline=None)
 def test_file_of_a_slicer_without_a_closing_mark_is_refused_before_its_end_code(data):
-    """Check files of Slic3r, which end with its settings, and of an unknown slicer, with end code only."""
-    slic3r, unknown = (
+    """Check files of Slic3r, which end with settings, and of an unknown slicer, with only end code."""
+    slic3r_file, unknown_file = (
         read_complete_file("slic3r"),
         "\n".join(make_marlin(make_square(layers=20))).encode() + b"\n",
     )
-    for file, end in ((slic3r, b"; filament used"), (unknown, b"M104 S0")):
+    for file, end in ((slic3r_file, b"; filament used"), (unknown_file, b"M104 S0")):
         ends = [result.end() for result in re.finditer(rb"\n", file[: file.index(end)])]
         assert_cut_is_refused(file, data.draw(st.sampled_from(ends)))
         assert_cut_is_refused(file, data.draw(st.sampled_from(ends)) - data.draw(st.integers(1, 2)))
 
 
-def test_fewer_layers_than_the_file_names_are_refused():
+def test_fewer_layers_than_the_file_states_are_refused():
     assert accept(COUNTED_LINES).layers == 100
     assert_refused(
         [line for line in COUNTED_LINES if line != ";LAYER:99"],
@@ -110,7 +110,7 @@ def test_fewer_layers_than_the_file_names_are_refused():
     "count",
     ["; total layers count = 100", "; total layer number: 100", ";Layer count: 100", ";LAYER_COUNT:100"],
 )
-def test_count_of_each_slicer_is_known(count):
+def test_layer_count_of_each_slicer_is_read(count):
     lines = [line.replace(";LAYER:", ";LAYER_CHANGE ") for line in make_marlin(make_square(layers=60))]
     assert_refused([*lines, count], "states 100 layers, but the file has only 60")
     assert accept([*lines, count.replace("100", "60")]).layers == 60
@@ -128,7 +128,7 @@ def test_layers_of_sequential_objects_are_counted_per_object():
     assert_refused([line.replace("COUNT:3", "COUNT:5") for line in lines], "states 5 layers, .* only 3")
 
 
-def test_empty_layers_that_cura_omits_are_a_warning():
+def test_empty_layers_that_cura_omits_cause_a_warning():
     """Accept empty layers in the tip of a spire if the closing comment is present."""
     lines = make_ultigcode(make_square(layers=20))
     lines_stating_24 = [line.replace("COUNT:20", "COUNT:24") for line in lines]
@@ -143,7 +143,7 @@ def test_empty_layers_that_cura_omits_are_a_warning():
 @given(data=st.data())
 @settings(max_examples=20, deadline=None)
 def test_file_with_missing_layers_and_an_intact_end_is_refused(data):
-    """Detect missing filament, which one move would extrude, and missing last layers by their count."""
+    """Detect a gap by the move that would extrude all its filament, and missing last layers by the count."""
     lines = read_complete_file("ultigcode").splitlines(keepends=True)
     starts = [index for index, line in enumerate(lines) if line.startswith(b";LAYER:")]
     last_index = max(index for index, line in enumerate(lines) if line.startswith(b";TIME_ELAPSED:")) + 1
@@ -162,7 +162,7 @@ def test_file_with_missing_layers_and_an_intact_end_is_refused(data):
 
 
 def read_file_with_figures(slicer):
-    """Write a file with the figures that its slicer knows at the end, which Cura writes into its head."""
+    """Read a file with the figures that its slicer knows at the end; Cura writes them into the header."""
     if slicer == "cura 5":
         record = json.loads(gzip.decompress((FIXTURES / "engine-5.0.json.gz").read_bytes()))
         [head] = re.findall(
@@ -177,7 +177,7 @@ def read_file_with_figures(slicer):
 
 
 @pytest.mark.parametrize("slicer", ["cura 5", "ultigcode", "prusaslicer", "slic3r"])
-def test_filament_that_a_slicer_names_is_in_its_file(slicer):
+def test_file_extrudes_the_filament_that_its_slicer_states(slicer):
     lines = read_file_with_figures(slicer).splitlines(keepends=True)
     assert survey_lines(lines, 2.85).figures.filament is not None
     check_rules(accept(lines))
@@ -187,7 +187,7 @@ def test_filament_that_a_slicer_names_is_in_its_file(slicer):
 @given(data=st.data())
 @settings(max_examples=25, deadline=None)
 def test_file_with_stated_filament_is_refused_if_any_layer_is_missing(slicer, data):
-    """Include the last layers, and files with relative E."""
+    """Check gaps at all layers, including the last ones, and files with relative E."""
     lines = read_file_with_figures(slicer).splitlines(keepends=True)
     starts = [index for index, line in enumerate(lines) if line.startswith((b";LAYER:", b";LAYER_CHANGE"))]
     starts.append(
@@ -208,7 +208,7 @@ def test_empty_layers_are_accepted_if_all_filament_is_present():
     higher_figures = [line.replace(f":{volume}", f":{volume + 2}") for line in figures]
     problem = rf"line 3 says that it takes {volume + 2} mm3 of filament, and its lines extrude {volume}"
     assert_refused(higher_figures, problem)
-    # The flow is more than the E of the file, so no comparison is possible.
+    # The printer extrudes more than the E of the file, so the figures cannot be compared.
     lines_with_flow = [
         *higher_figures[:-6],
         "M221 S101",
@@ -218,7 +218,7 @@ def test_empty_layers_are_accepted_if_all_filament_is_present():
     assert accept([line.replace("COUNT:40", "COUNT:20") for line in lines_with_flow]).layers == 20
 
 
-def test_filament_for_lines_that_are_missing_is_refused_with_the_line():
+def test_move_that_feeds_the_filament_of_missing_lines_is_refused_with_its_line():
     lines = make_marlin(make_square(layers=100))
     index, end = lines.index(";LAYER:40"), lines.index(";LAYER:45")
     assert_refused(
@@ -258,7 +258,7 @@ def test_last_line_without_a_newline_is_refused():
 
 @pytest.mark.parametrize("mm_per_layer", [0.6, 8.0, 16.0])
 def test_e_restarted_without_g92_is_refused_with_its_line(mm_per_layer):
-    """Refuse a file of which the last 40 of 100 layers would be dropped without a message."""
+    """Refuse a file whose last 40 of 100 layers would be dropped without a message."""
     lines, layers = make_marlin(make_square(side_mm=mm_per_layer / 4 / 0.0125, at_mm=20.0, layers=100)), 60
     index = lines.index(f";LAYER:{layers}")
     own_gcode = accept([*lines[:index], "G92 E0", *shift_e(lines[index:])])

@@ -23,7 +23,7 @@ def remove_layers(lines, *numbers):
     return [line for index, line in enumerate(lines) if index not in removed_indices]
 
 
-def renumber(lines, first_number, step):
+def renumber_layers(lines, first_number, step):
     """Shift the numbers of the layers from `first_number` on, as if those between were empty."""
     numbers = {f";LAYER:{n}": f";LAYER:{n + step}" for n in range(first_number, 20)}
     return [numbers.get(line, line) for line in lines]
@@ -41,8 +41,8 @@ def test_missing_thin_layers_are_detected_by_their_numbers(write, lost_layers):
 
 
 @WRITERS
-def test_layers_that_were_empty_leave_a_gap_and_no_filament(write):
-    assert check_rules(accept(renumber(write(SMALL_TOWER), 8, 3)))
+def test_gap_of_empty_layers_is_accepted(write):
+    assert check_rules(accept(renumber_layers(write(SMALL_TOWER), 8, 3)))
 
 
 @pytest.mark.parametrize(("missing_mm", "is_lost"), [(0.0, False), (0.002, True)])
@@ -74,7 +74,7 @@ def test_lowest_and_highest_layer_match_the_figures_of_the_slicer(relative):
         )
 
 
-def test_hop_above_the_highest_layer_is_not_a_layer():
+def test_hop_above_the_highest_layer_does_not_count_as_a_layer():
     lines = make_marlin(SMALL_TOWER)
     lines[lines.index(";LAYER:19") + 1 : lines.index(";LAYER:19") + 1] = ["G0 Z5"]
     complete = add_header(lines, "LAYER_COUNT:20", "MINZ:0.2", "MAXZ:5")
@@ -95,9 +95,10 @@ def test_end_of_the_last_layer_matches_the_time_of_the_slicer():
 
 def remove_lines(lines, number, end):
     """Remove the lines from the middle of a layer to the middle of another one."""
-    lines_of = [lines.index(f";LAYER:{layer}") for layer in (number, end)]
+    layer_indices = [lines.index(f";LAYER:{layer}") for layer in (number, end)]
     middles = [
-        [index for index in range(start, len(lines)) if "G1 F1800" in lines[index]][1] for start in lines_of
+        [index for index in range(start, len(lines)) if "G1 F1800" in lines[index]][1]
+        for start in layer_indices
     ]
     return lines[: middles[0]] + lines[middles[1] + (number == end) :]
 
@@ -122,7 +123,7 @@ def test_large_loss_within_a_layer_is_detected(write):
 
 
 def test_thick_line_among_thin_ones_is_accepted():
-    """Accept lines of variable width, which are no sign of missing layers."""
+    """Accept lines of variable width, which do not mean that layers are missing."""
     for fed_mm, is_lost in ((0.3, False), (0.6, True)):
         gaps = LayerGaps(0.1)
         for number in range(4):
@@ -142,10 +143,10 @@ lengths_mm = st.floats(0.05, 100.0)
     lost_layer=st.integers(1, 4),
 )
 def test_gap_is_a_loss_if_the_next_move_extrudes_too_much(flow, layers, lost_layer):
-    """Omit a layer with or without its filament, with E written to 1e-5 mm."""
+    """Omit a layer, with or without its filament, where E has a resolution of 1e-5 mm."""
     lost_layer = min(lost_layer, len(layers) - 2)
     missing_mm = flow * sum(layers[lost_layer])
-    noise = 2e-5 / min(map(min, layers))  # of the flow, in the shortest line
+    noise = 2e-5 / min(map(min, layers))  # relative error of the flow in the shortest line
     assume(missing_mm > 3e-4 + (0.02 * flow + noise) * layers[lost_layer + 1][0])
     for carried_mm in (0.0, missing_mm):
         gaps = LayerGaps(0.1)

@@ -6,7 +6,7 @@ from model_files.make_gcode import FILAMENT_MM2, make_marlin, make_square
 from model_files.own_gcode import accept, assert_refused
 
 THIN_FILAMENT_SQUARE = make_square(e_per_mm=0.4 * 0.2 / (FILAMENT_MM2 * 1.75**2 / 2.85**2) * 0.85)
-"""As a slicer counts E for filament of 1.75 mm: little enough to look plausible for 2.85 mm."""
+"""Square whose E is for filament of 1.75 mm, and small enough to be plausible for 2.85 mm."""
 
 
 def make_file(comment, lines=None):
@@ -29,7 +29,7 @@ def list_warnings(lines):
         "; printer_name = ATOM 3D PRINTER",
     ],
 )
-def test_another_machine_is_a_warning_if_its_file_fits(comment):
+def test_file_for_another_machine_that_fits_causes_a_warning(comment):
     (warning,) = list_warnings(make_file(comment))
     assert repr(comment.split(":")[-1].split("=")[-1].strip()) in warning
 
@@ -46,12 +46,12 @@ def test_another_machine_is_a_warning_if_its_file_fits(comment):
         "; printer_settings_id = - default FFF printer -",
     ],
 )
-def test_file_for_an_ultimaker_2_plus_or_no_machine_is_no_warning(comment):
+def test_file_for_an_ultimaker_2_plus_or_no_machine_causes_no_warning(comment):
     assert list_warnings(make_file(comment)) == []
 
 
 @pytest.mark.parametrize("command", ["G29", "M420 S1", "G80", 'M862.3 P "MK3S"', "M906 X800"])
-def test_another_machine_whose_start_does_not_fit_is_refused(command):
+def test_file_for_another_machine_whose_start_does_not_fit_is_refused(command):
     lines = make_file("; printer_model = MK3S")
     lines.insert(3, command)
     assert_refused(
@@ -59,7 +59,7 @@ def test_another_machine_whose_start_does_not_fit_is_refused(command):
     )
 
 
-def test_another_machine_with_its_origin_elsewhere_is_refused():
+def test_file_for_another_machine_with_another_origin_is_refused():
     lines = make_file(
         "; printer_model = Delta", [*make_marlin(), "; bed_shape = -100x-100,100x-100,100x100,-100x100"]
     )
@@ -68,7 +68,7 @@ def test_another_machine_with_its_origin_elsewhere_is_refused():
 
 
 def test_file_for_another_machine_must_state_its_filament():
-    """Refuse such a file: E for filament of 1.75 mm would extrude 2.3 times as much."""
+    """Refuse a file without it: E for filament of 1.75 mm would extrude 2.3 times as much."""
     assert list_warnings(make_marlin(THIN_FILAMENT_SQUARE)) == [
         "Warning: its lines have 2.3 times the section of a line as wide as the nozzle: was it sliced for "
         "another nozzle?"
@@ -81,7 +81,7 @@ def test_file_for_another_machine_must_state_its_filament():
     assert_refused(make_file("; fiber_dia_mm = 1.75"), "1.75 mm: set the filament's diameter")
 
 
-def test_wide_lines_without_a_nozzle_are_a_warning():
+def test_wide_lines_without_a_stated_nozzle_cause_a_warning():
     wide_square = make_square(e_per_mm=0.8 * 0.2 / FILAMENT_MM2)
     assert len(list_warnings(make_marlin(wide_square))) == 1
     assert list_warnings(make_file(";Nozzle Diameter #1: 0.80", make_marlin(wide_square))) == []

@@ -1,4 +1,4 @@
-"""Values in both stacks of settings, with small definitions."""
+"""Values of settings in both stacks, with small definitions."""
 
 import pytest
 
@@ -60,7 +60,7 @@ def make_resolver(user=(), extruder=(), global_values=()):
     return Resolver(merge_definitions([ROOT, CHILD, GRANDCHILD]), merge_definitions([EXTRUDER_TRAIN]), layers)
 
 
-def test_formula_of_a_parent_beats_a_plain_value_of_a_child():
+def test_formula_of_a_parent_precedes_a_plain_value_of_a_child():
     assert make_resolver().compute_value(Scope.EXTRUDER, "warmth") == 50
 
 
@@ -108,7 +108,7 @@ def test_circular_formula_is_an_error():
         make_resolver().compute_value(Scope.EXTRUDER, "loop")
 
 
-def test_unknown_keys_name_the_nearest():
+def test_error_for_an_unknown_key_names_the_nearest_key():
     with pytest.raises(BadSetting, match="heigth: Cura has no such setting; did you mean height"):
         make_resolver().find_setting("heigth")
 
@@ -158,7 +158,7 @@ def test_limits_are_computed():
     assert make_resolver().compute_bounds(Scope.GLOBAL, "height") == (0.001, None)
 
 
-def test_only_the_extruders_own_keys_are_listed_for_it():
+def test_only_keys_of_the_extruder_are_listed_for_it():
     keys = make_resolver().list_keys(Scope.EXTRUDER)
     assert "nozzle" in keys
     assert "width" in keys
@@ -168,10 +168,10 @@ def test_only_the_extruders_own_keys_are_listed_for_it():
 @pytest.mark.parametrize(
     ("formula", "value"),
     [
-        ("extruderValueFromContainer(0, 'width', 0)", 3.0),  # the user's and all lower layers
-        ("extruderValueFromContainer(0, 'width', 3)", 2.0),  # from the quality on
-        ("extruderValueFromContainer(0, 'width', 7)", 0.5),  # the definition's
-        ("extruderValueFromContainer(0, 'child', 4)", 20),  # its inputs are read there too
+        ("extruderValueFromContainer(0, 'width', 0)", 3.0),  # the layer of the user and all lower ones
+        ("extruderValueFromContainer(0, 'width', 3)", 2.0),  # the layer of the quality and all lower ones
+        ("extruderValueFromContainer(0, 'width', 7)", 0.5),  # the definition
+        ("extruderValueFromContainer(0, 'child', 4)", 20),  # its inputs are read from there too
         ("valueFromContainer('height', 3)", 0.2),
         ("int(anyExtruderWithMaterial('flag')) + int(anyExtruderNrWithOrDefault('flag'))", 0),
     ],
@@ -180,10 +180,10 @@ def test_cura_5_formula_reads_the_value_below_its_profile(formula, value):
     user = {"width": 3.0, "height": 0.9, "warmth": Formula(formula)}
     resolver = make_resolver(user=user, extruder={"width": 2.0}, global_values={"height": 0.2})
     assert resolver.compute_value(Scope.EXTRUDER, "warmth") == value
-    assert resolver.compute_value(Scope.EXTRUDER, "width") == 3.0  # and only there
+    assert resolver.compute_value(Scope.EXTRUDER, "width") == 3.0  # elsewhere, the value is unchanged
 
 
-def test_scope_of_a_setting_follows_its_definition():
+def test_setting_is_enabled_according_to_its_definition():
     extra_definition = {
         "overrides": {"child": {"enabled": "flag and width > 1"}, "areas": {"enabled": "[x for x in y]"}}
     }
@@ -196,7 +196,7 @@ def test_scope_of_a_setting_follows_its_definition():
 
     assert not is_enabled("child")
     assert is_enabled("child", flag=True, width=2.0)
-    assert is_enabled("areas")  # a formula for the user interface alone
+    assert is_enabled("areas")  # this formula is only for the user interface
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from slicing.settings.formula import Formula, evaluate_formula
 SETTINGS = {"a": 3.0, "b": 4, "on": True, "kind": "zigzag", "list": [1, 2]}
 
 
-def run(text, **functions):
+def evaluate(text, **functions):
     return evaluate_formula(Formula(text), SETTINGS.__getitem__, functions)
 
 
@@ -34,11 +34,11 @@ def run(text, **functions):
     ],
 )
 def test_formulas_of_cura_are_evaluated(text, value):
-    assert run(text) == pytest.approx(value)
+    assert evaluate(text) == pytest.approx(value)
 
 
 def test_cura_functions_are_called():
-    assert run("extruderValue(0, 'x') + 1", extruderValue=lambda number, key: {"x": 41}[key]) == 42
+    assert evaluate("extruderValue(0, 'x') + 1", extruderValue=lambda number, key: {"x": 41}[key]) == 42
 
 
 @pytest.mark.parametrize(
@@ -58,7 +58,7 @@ def test_cura_functions_are_called():
         "1 / 0",
         "'x' + 1",
         "10 ** 10 ** 10",
-        "'%9d' % 1",  # with enough nines it would take all memory
+        "'%9d' % 1",  # a large enough width would take all memory
         "'x' * 9",
         "9 * [1]",
         "a +",
@@ -68,7 +68,7 @@ def test_cura_functions_are_called():
 )
 def test_other_expressions_are_errors(text):
     with pytest.raises(DefinitionError):
-        run(text)
+        evaluate(text)
 
 
 @given(
@@ -77,4 +77,4 @@ def test_other_expressions_are_errors(text):
     )
 )
 def test_arithmetic_equals_that_of_python(text):
-    assert run(text) == pytest.approx(eval(text, {}, {"a": 3.0, "b": 4}))
+    assert evaluate(text) == pytest.approx(eval(text, {}, {"a": 3.0, "b": 4}))

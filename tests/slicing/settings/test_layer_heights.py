@@ -1,4 +1,4 @@
-"""Fitted layer heights, with which parts reach their height: all heights, and real slices."""
+"""Layer heights that are fitted so that parts reach their height: for all heights, and in real slices."""
 
 import numpy as np
 import pytest
@@ -66,7 +66,7 @@ def test_first_layer_changes_only_if_the_others_cannot_reach_the_height(height_m
 
 
 def compute_error_um(height_mm, heights, first_layers_um):
-    """Compute the least error in um over these first layers and all layer heights within 4 %."""
+    """Return the least error in um with these first layers and all layer heights within 4 %."""
     other_um = round(1000 * heights.other_mm)
     layers_um = range(int(np.ceil(0.96 * other_um)), int(1.04 * other_um) + 1)
     remainders_um = [
@@ -80,15 +80,15 @@ def compute_error_um(height_mm, heights, first_layers_um):
 
 @pytest.mark.parametrize(("nozzle_mm", "heights"), CASES)
 def test_every_height_is_fitted_or_reported(nozzle_mm, heights):
-    """Check every whole micrometre from some layers up to the highest printer."""
+    """Check every whole micrometre from a few layers up to the height of the tallest printer."""
     first_um = round(1000 * heights.first_mm)
     low_um, high_um = round(0.75 * first_um), min(round(1.25 * first_um), round(800 * nozzle_mm))
-    assert list_reached(heights, low_um, high_um).all()
-    assert not list_reached(heights, first_um, first_um).all()
+    assert find_reached_heights(heights, low_um, high_um).all()
+    assert not find_reached_heights(heights, first_um, first_um).all()
 
 
-def list_reached(heights, low_um, high_um):
-    """Check that first layers between these limits reach every height of several layers within 20 um."""
+def find_reached_heights(heights, low_um, high_um):
+    """Return for each height in um whether a first layer within these limits reaches it within 20 um."""
     other_um, count = round(1000 * heights.other_mm), int(1000 * HIGHEST_MM)
     is_reached = np.zeros(count + 1, dtype=bool)
     for layer in range(int(np.ceil(0.96 * other_um)), int(1.04 * other_um) + 1):
@@ -106,19 +106,19 @@ def test_fitting_never_increases_the_height_error(height_mm, case):
     ) <= max(plain_error_mm, MAX_HEIGHT_ERROR_MM)
 
 
-def test_fitting_height_is_unchanged():
+def test_layer_heights_that_fit_are_unchanged():
     heights = REQUESTED_HEIGHTS[0.4]
     assert fit_for_nozzle(0.27 + 100 * 0.2, 0.4, heights) == heights
     assert fit_heights(33.3, heights, max_first_mm=0.0).first_mm == heights.first_mm
 
 
-# 40.93 mm needs another first layer too; 3.0 mm is low.
+# A height of 40.93 mm also needs another first layer; 3.0 mm is low.
 @pytest.mark.parametrize("height_mm", [3.0, 7.77, 25.4, 40.93, 61.13])
-def test_real_slice_ends_where_the_part_does(request_for, resources, height_mm):
+def test_real_slice_has_the_height_of_the_part(make_request, resources, height_mm):
     part = PartSettings(height_mm=height_mm)
     settings = resolve_settings(SettingsRequest(UM2_PLUS), resources, part)
     box = trimesh.creation.box((8, 8, height_mm))
-    assert slice_plate(request_for(box, settings=settings)).height_mm == pytest.approx(
+    assert slice_plate(make_request(box, settings=settings)).height_mm == pytest.approx(
         height_mm, abs=MAX_HEIGHT_ERROR_MM
     )
 
@@ -127,9 +127,11 @@ def test_real_slice_ends_where_the_part_does(request_for, resources, height_mm):
     ("height_mm", "layer_height"),
     [(10.05, "0.2"), (7.0, "0.1996"), (7.0, "0.2004"), (2.31, "0.15"), (0.3, "0.2")],
 )
-def test_layers_of_the_engine_equal_the_predicted_ones(request_for, settings_of, height_mm, layer_height):
-    settings = settings_of(layer_height=layer_height)
+def test_height_of_a_real_slice_equals_the_predicted_height(
+    make_request, make_settings, height_mm, layer_height
+):
+    settings = make_settings(layer_height=layer_height)
     heights = LayerHeights(settings.layer_height_0_mm, settings.layer_height_mm)
     box = trimesh.creation.box((8, 8, height_mm))
-    printed_mm = slice_plate(request_for(box, settings=settings)).height_mm
+    printed_mm = slice_plate(make_request(box, settings=settings)).height_mm
     assert printed_mm == pytest.approx(compute_printed_height_mm(height_mm, heights), abs=1e-6)

@@ -1,4 +1,4 @@
-"""Settings that are not allowed or out of range, and their messages."""
+"""Settings that are reserved or out of range, and the messages about them."""
 
 from dataclasses import replace
 
@@ -56,13 +56,13 @@ def read_refusal(resources, overrides, **other_fields):
         ("jerk_enabled", "true", "accelerations"),
     ],
 )
-def test_settings_of_the_program_are_reserved(resources, key, value, reason):
+def test_reserved_settings_are_refused_with_the_reason(resources, key, value, reason):
     message = read_refusal(resources, {key: value})
     assert message.startswith(f"{key}: ")
     assert reason in message
 
 
-def test_few_settings_of_qualities_are_reserved(resources):
+def test_only_two_settings_of_qualities_are_reserved(resources):
     keys = {
         key for quality in resources.read_profiles("quality", "ultimaker2_plus") for key in quality.values
     }
@@ -129,21 +129,21 @@ def test_no_infill_and_full_infill_are_within_the_limits(resources):
 
 
 def test_disabled_setting_is_not_a_violation(resources):
-    """Accept a support zigzag out of range, as it is not printed without support infill."""
+    """Accept a value for the zigzag of supports that is out of range, as supports have no infill."""
     request = SettingsRequest(UM2_PLUS, overrides={"support_infill_rate": "0"})
     assert resolve_settings(request, resources).extruder["support_zag_skip_count"] == "0"
 
 
-def test_material_too_hot_for_the_printer_is_reported_and_printable_colder(resources):
+def test_material_too_hot_for_the_printer_is_refused_unless_it_is_printed_colder(resources):
     message = read_refusal(resources, {}, material="generic_pc")
     assert "default_material_print_temperature=270, from glue with generic_pc" in message
     assert "choose another material" in message
-    colder = {"default_material_print_temperature": "260"}
-    request = SettingsRequest(UM2_PLUS, material="generic_pc", overrides=colder)
+    colder_override = {"default_material_print_temperature": "260"}
+    request = SettingsRequest(UM2_PLUS, material="generic_pc", overrides=colder_override)
     assert resolve_settings(request, resources).nozzle_c == LIMITS.max_nozzle_c
 
 
-def test_limits_hold_for_every_key_that_heats(resources):
+def test_limits_apply_to_every_key_that_heats(resources):
     machine = resources.read_machine("ultimaker2_plus")
     numbers = (SettingType.FLOAT, SettingType.INT)
     temperature_keys = [
@@ -173,18 +173,18 @@ def test_any_text_for_any_key_resolves_or_is_refused_in_one_line(resources, data
     key = data.draw(st.sampled_from(sorted({**machine.settings, **machine.extruder})))
     request = SettingsRequest(UM2_PLUS, overrides={key: data.draw(TEXTS)})
     try:
-        reported = resolve_settings(request, resources)
-    except BadSetting as read_refusal:
-        assert str(read_refusal).isprintable()
-        assert len(str(read_refusal)) < 400
+        resolved = resolve_settings(request, resources)
+    except BadSetting as refusal:
+        assert str(refusal).isprintable()
+        assert len(str(refusal)) < 400
     else:
-        assert 0 <= reported.nozzle_c <= LIMITS.max_nozzle_c
-        assert 0 <= reported.bed_c <= LIMITS.max_bed_c
-        assert 0 < reported.layer_height_mm <= 0.32
-        assert reported.global_["machine_gcode_flavor"] == "RepRap (Marlin/Sprinter)"
+        assert 0 <= resolved.nozzle_c <= LIMITS.max_nozzle_c
+        assert 0 <= resolved.bed_c <= LIMITS.max_bed_c
+        assert 0 < resolved.layer_height_mm <= 0.32
+        assert resolved.global_["machine_gcode_flavor"] == "RepRap (Marlin/Sprinter)"
 
 
-def test_limits_are_those_of_the_printer_model(resources):
+def test_limits_follow_the_printer_model(resources):
     cooler_printer = replace(UM2_PLUS, limits=replace(LIMITS, max_nozzle_c=230.0))
     request = SettingsRequest(cooler_printer, overrides={"material_print_temperature": "231"})
     with pytest.raises(BadSetting, match="at most 230"):

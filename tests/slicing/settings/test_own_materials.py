@@ -25,7 +25,7 @@ REQUEST = SettingsRequest(UM2_PLUS, material="my_petg")
 
 @pytest.fixture
 def write_material(tmp_path, monkeypatch):
-    """Write an own material file, and return the resources with it."""
+    """Return a function that writes an own material file and returns the resources with it."""
     monkeypatch.setenv(OWN_MATERIALS_VARIABLE, str(tmp_path))
 
     def write_file(text, name="my_petg"):
@@ -35,15 +35,15 @@ def write_material(tmp_path, monkeypatch):
             resources = find_resources()
         except SlicingError as error:
             pytest.skip(str(error))
-        _forget()
+        _clear_caches()
         return resources
 
     yield write_file
-    _forget()
+    _clear_caches()
 
 
-def _forget():
-    """Forget files that were read: in a process, each is read once."""
+def _clear_caches():
+    """Clear the caches, as a process reads each file only once."""
     from slicing.settings import plate_settings, resources
 
     for function in (resources._list_own_materials, resources._read_material, plate_settings._resolve):
@@ -57,7 +57,7 @@ def test_settings_of_an_own_material_are_used(write_material):
     assert result.density_g_cm3 == 1.27
 
 
-def test_kind_without_a_profile_uses_that_of_a_related_kind(write_material):
+def test_kind_of_material_without_a_profile_uses_that_of_a_related_kind(write_material):
     resources = write_material(FILE)
     cpe = resolve_settings(SettingsRequest(UM2_PLUS, material="generic_cpe"), resources)
     assert resolve_settings(REQUEST, resources).extruder["speed_print"] == cpe.extruder["speed_print"]
@@ -102,7 +102,7 @@ def test_invalid_material_file_is_refused_with_the_reason(write_material, case):
     assert len(str(error.value).splitlines()) == 1
 
 
-def test_own_material_does_not_replace_one_of_cura_s(write_material):
+def test_own_material_does_not_replace_a_material_of_cura(write_material):
     with pytest.raises(BadSetting, match="Cura has a material generic_pla of its own; rename the file"):
         resolve_settings(SettingsRequest(UM2_PLUS), write_material(FILE, "generic_pla"))
 

@@ -1,4 +1,4 @@
-"""Settings from Cura's real files."""
+"""Settings of plates, resolved from Cura's real files."""
 
 import math
 from dataclasses import replace
@@ -17,16 +17,16 @@ from slicing.settings import (
 )
 
 
-def compute_lines_mm(settings, width_mm):
-    """Compute the width of a brim of complete lines, which has at least this width."""
+def compute_brim_mm(settings, width_mm):
+    """Return the width in mm of the narrowest brim of whole lines that has at least this width."""
     line_mm = float(settings.extruder["skirt_brim_line_width"])
     return math.ceil(round(width_mm / line_mm, 6)) * line_mm
 
 
-def test_quality_paper_has_the_settings_of_the_paper(resources, settings_of):
+def test_quality_paper_has_the_settings_of_the_paper(resources, make_settings):
     if "material_shrinkage_percentage_xy" in resources.read_machine("ultimaker2_plus").settings:
         pytest.skip("the figures are those of Cura 4.13")
-    settings = settings_of("paper")
+    settings = make_settings("paper")
     assert (len(settings.global_), len(settings.extruder)) == (
         575,
         458,
@@ -68,23 +68,23 @@ def test_quality_paper_has_the_settings_of_the_paper(resources, settings_of):
 @pytest.mark.parametrize(
     ("model", "height"), [("ultimaker2_plus", "205"), ("ultimaker2_extended_plus", "305")]
 )
-def test_every_quality_resolves_for_every_printer(settings_of, quality, model, height):
-    settings = settings_of(quality, model)
+def test_every_quality_resolves_for_every_printer(make_settings, quality, model, height):
+    settings = make_settings(quality, model)
     assert settings.global_["machine_height"] == height
     assert settings.global_["machine_gcode_flavor"] == "RepRap (Marlin/Sprinter)"
     assert 0.05 < settings.layer_height_mm < 0.3
 
 
-def test_model_without_qualities_of_its_own_takes_those_of_all_machines(resources):
+def test_model_without_its_own_qualities_uses_those_of_all_machines(resources):
     printer = replace(PRINTERS["creality_ender3"], name="prusa_i3_mk3")
     settings = resolve_settings(SettingsRequest(printer, "draft", material="generic_pla_175"), resources)
     assert (settings.layer_height_mm, settings.filament_diameter_mm) == (0.2, 1.75)
 
 
 @pytest.mark.parametrize(("quality", "bed", "top"), [("paper", 3, 3), ("paper-hidden", 1, 2), ("glue", 2, 3)])
-def test_hidden_faces_get_fewer_solid_layers(resources, settings_of, quality, bed, top):
+def test_hidden_faces_get_fewer_solid_layers(resources, make_settings, quality, bed, top):
     request = SettingsRequest(UM2_PLUS, quality)
-    settings = settings_of(quality)
+    settings = make_settings(quality)
     assert (settings.hidden.bed_layers, settings.hidden.top_layers) == (bed, top)
     hidden_settings = resolve_settings(
         request, resources, PartSettings(bed_face_hidden=True, tops_hidden=True)
@@ -100,7 +100,7 @@ def test_hidden_faces_get_fewer_solid_layers(resources, settings_of, quality, be
         == str(settings.bottom_layers)
     )
     assert replace(hidden_settings, extruder=settings.extruder) == settings
-    assert settings_of("paper-hidden").extruder == settings_of("paper").extruder
+    assert make_settings("paper-hidden").extruder == make_settings("paper").extruder
 
 
 @pytest.mark.parametrize(
@@ -117,7 +117,7 @@ def test_hidden_faces_get_fewer_solid_layers(resources, settings_of, quality, be
         ({"overrides": {"speed_roofing": "25"}}, 50.0, 25.0),
     ],
 )
-def test_skins_are_as_fast_as_inner_walls_and_roofs_as_cura_has_them(
+def test_skins_are_as_fast_as_inner_walls_and_roofs_keep_the_speed_of_cura(
     resources, request_changes, skin_mm_s, roof_mm_s
 ):
     settings = resolve_settings(SettingsRequest(**{"printer": UM2_PLUS, **request_changes}), resources)
@@ -127,7 +127,7 @@ def test_skins_are_as_fast_as_inner_walls_and_roofs_as_cura_has_them(
     )
 
 
-def test_only_seen_tops_have_a_roof(resources):
+def test_only_visible_tops_have_a_roof(resources):
     def count_roofs(part, **overrides):
         settings = resolve_settings(SettingsRequest(UM2_PLUS, overrides=overrides), resources, part)
         return int(settings.extruder["roofing_layer_count"])
@@ -137,17 +137,17 @@ def test_only_seen_tops_have_a_roof(resources):
     assert count_roofs(PartSettings(), top_layers="1") == 0
 
 
-def test_glue_closes_its_tops_at_any_layer_height(settings_of):
-    assert settings_of("glue").top_layers >= 4
-    assert settings_of("glue", layer_height="0.3").top_layers == 4
-    assert settings_of("glue").support_enabled
+def test_glue_closes_its_tops_at_any_layer_height(make_settings):
+    assert make_settings("glue").top_layers >= 4
+    assert make_settings("glue", layer_height="0.3").top_layers == 4
+    assert make_settings("glue").support_enabled
 
 
-def test_override_changes_dependent_settings(settings_of):
-    settings = settings_of("paper", infill_sparse_density="20", brim_width="4", support_enable="false")
+def test_override_changes_dependent_settings(make_settings):
+    settings = make_settings("paper", infill_sparse_density="20", brim_width="4", support_enable="false")
     line_mm = float(settings.extruder["infill_line_width"])
     assert float(settings.extruder["infill_line_distance"]) == pytest.approx(line_mm * 100 / 20)
-    assert settings.brim_width_mm == pytest.approx(compute_lines_mm(settings, 4.0))
+    assert settings.brim_width_mm == pytest.approx(compute_brim_mm(settings, 4.0))
     assert (
         settings.support_line_distance_mm,
         settings.extruder["support_enable"],
@@ -159,9 +159,9 @@ def test_override_changes_dependent_settings(settings_of):
     )
 
 
-def test_crossing_patterns_count_all_their_lines(settings_of):
+def test_line_distance_counts_all_lines_of_a_crossing_pattern(make_settings):
     zigzag_settings, crossed_settings = (
-        settings_of("paper", infill_pattern=pattern) for pattern in ("zigzag", "grid")
+        make_settings("paper", infill_pattern=pattern) for pattern in ("zigzag", "grid")
     )
     assert float(crossed_settings.extruder["infill_line_distance"]) == 2 * float(
         zigzag_settings.extruder["infill_line_distance"]
@@ -169,8 +169,8 @@ def test_crossing_patterns_count_all_their_lines(settings_of):
     assert crossed_settings.infill_line_distance_mm == zigzag_settings.infill_line_distance_mm
 
 
-def test_temperatures_reach_the_start_code(settings_of):
-    start = settings_of("paper", material_print_temperature="215").global_["machine_start_gcode"]
+def test_start_code_contains_the_temperatures(make_settings):
+    start = make_settings("paper", material_print_temperature="215").global_["machine_start_gcode"]
     assert "M109 S215" in start
     assert "M190 S50" in start
     assert "{" not in start
@@ -181,28 +181,28 @@ def test_glue_keeps_its_brim_if_the_profile_of_cura_counts_lines(resources, mate
     overrides = {"default_material_print_temperature": "240"}
     request = SettingsRequest(UM2_PLUS, material=material, overrides=overrides)
     settings = resolve_settings(request, resources)
-    assert settings.brim_width_mm == pytest.approx(compute_lines_mm(settings, 8.0))
+    assert settings.brim_width_mm == pytest.approx(compute_brim_mm(settings, 8.0))
     narrow = resolve_settings(request, resources, PartSettings(brim_width_mm=3.0))
-    assert narrow.brim_width_mm == pytest.approx(compute_lines_mm(narrow, 3.0))
+    assert narrow.brim_width_mm == pytest.approx(compute_brim_mm(narrow, 3.0))
 
 
-def test_width_of_brim_and_skirt_follows_the_adhesion_type(settings_of):
-    assert settings_of(adhesion_type="none").brim_width_mm == 0.0
-    assert settings_of(adhesion_type="skirt").brim_width_mm > 0.0
+def test_width_of_brim_and_skirt_follows_the_adhesion_type(make_settings):
+    assert make_settings(adhesion_type="none").brim_width_mm == 0.0
+    assert make_settings(adhesion_type="skirt").brim_width_mm > 0.0
 
 
 @pytest.mark.parametrize("nozzle_mm", [0.25, 0.6, 0.8])
-def test_size_of_another_nozzle_reaches_the_settings(resources, nozzle_mm):
+def test_nozzle_size_is_passed_to_the_engine(resources, nozzle_mm):
     settings = resolve_settings(SettingsRequest(UM2_PLUS, nozzle_mm=nozzle_mm), resources)
     assert settings.extruder["machine_nozzle_size"] == f"{nozzle_mm}"
 
 
-def test_brand_takes_the_profiles_of_its_kind(resources):
+def test_brand_uses_the_profiles_of_its_kind(resources):
     settings = resolve_settings(SettingsRequest(UM2_PLUS, "paper", "ultimaker_pla_blue"), resources)
     assert settings.layer_height_mm == 0.25
 
 
-def test_abs_has_higher_temperatures(resources):
+def test_abs_has_a_higher_temperature_than_pla(resources):
     settings = resolve_settings(SettingsRequest(UM2_PLUS, "fast", "generic_abs"), resources)
     assert settings.nozzle_c > 220
     assert settings.density_g_cm3 == pytest.approx(1.1)
@@ -246,10 +246,10 @@ def test_unknown_name_is_refused_in_one_line(resources, change, message):
         ({"adhesion_type": "brim"}, 3.0, 3.0, "brim"),
     ],
 )
-def test_part_has_its_own_brim_within_the_qualitys(resources, overrides, chosen_mm, brim_mm, adhesion):
+def test_brim_of_a_part_is_limited_by_that_of_its_quality(resources, overrides, chosen_mm, brim_mm, adhesion):
     request = SettingsRequest(UM2_PLUS, overrides=overrides)
     settings = resolve_settings(request, resources, PartSettings(brim_width_mm=chosen_mm))
-    assert settings.brim_width_mm == pytest.approx(compute_lines_mm(settings, brim_mm))
+    assert settings.brim_width_mm == pytest.approx(compute_brim_mm(settings, brim_mm))
     assert settings.global_["adhesion_type"] == adhesion
 
 

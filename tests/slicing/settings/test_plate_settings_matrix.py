@@ -1,4 +1,4 @@
-"""Every printer model, nozzle, material and quality: resolved, or refused with the alternatives."""
+"""All printer models, nozzles, materials and qualities: resolved, or refused with the alternatives."""
 
 from collections import Counter
 
@@ -13,10 +13,10 @@ from slicing.settings.resolver import Resolver
 from slicing.settings.stacks import find_stacks
 
 MODELS = ("ultimaker2_plus", "ultimaker2_extended_plus", "ultimaker2", "ultimaker2_extended", "ultimaker2_go")
-OLD_MODELS = ("ultimaker2_plus", "ultimaker2")  # the others have their profiles
+BASE_MODELS = ("ultimaker2_plus", "ultimaker2")  # the other models have the profiles of these
 NOZZLES_MM = (0.25, 0.4, 0.6, 0.8)
 QUALITIES = ("high", "normal", "fast", "draft", "slightlycoarse", "coarse", "extracoarse", *FARM_QUALITIES)
-# The generic materials, some brands' of both diameters, and one that is too hot.
+# The generic materials, some of brands in both diameters, and one that is too hot.
 BRANDS = (
     "ultimaker_pla_blue",
     "ultimaker_cpe_plus_black",
@@ -32,12 +32,12 @@ REASONS = (
     "out of range; at",
     "a raft is not supported; set it to",
 )
-# Cura's own profiles violate its definitions here (such as a speed that the feeder does not reach).
+# Cura's own profiles violate its definitions here, such as by a speed that the feeder does not reach.
 CURA_VIOLATIONS = {
     "material_anti_ooze_retraction_speed",
     "material_break_preparation_speed",
     "material_break_speed",
-    "retraction_hop_enabled",  # 0.2, for TPU
+    "retraction_hop_enabled",  # the value for TPU is 0.2
 }
 
 
@@ -49,9 +49,9 @@ def list_materials(resources):
 @pytest.mark.parametrize("nozzle_mm", NOZZLES_MM)
 @pytest.mark.parametrize("model", MODELS)
 def test_every_combination_of_printer_and_quality_resolves(resources, model, nozzle_mm):
-    outcome = Counter()
+    outcomes = Counter()
     for material in list_materials(resources):
-        for quality in QUALITIES if model in OLD_MODELS else ("fast", "glue"):
+        for quality in QUALITIES if model in BASE_MODELS else ("fast", "glue"):
             try:
                 settings = resolve_settings(
                     SettingsRequest(PRINTERS[model], quality, material, nozzle_mm), resources
@@ -60,21 +60,21 @@ def test_every_combination_of_printer_and_quality_resolves(resources, model, noz
                 message = str(refused)
                 assert any(reason in message for reason in REASONS), message
                 assert "\n" not in message
-                outcome["refused"] += 1
+                outcomes["refused"] += 1
                 continue
-            outcome["resolved"] += 1
+            outcomes["resolved"] += 1
             assert float(settings.extruder["machine_nozzle_size"]) == nozzle_mm
             assert 0.05 < settings.layer_height_mm <= 0.8 * nozzle_mm
             assert 180 <= settings.nozzle_c <= 260
             assert 0 <= settings.bed_c <= 115
             assert settings.bed_c == 0 or model != "ultimaker2_go"
             assert settings.filament_diameter_mm == 2.85
-    assert outcome["refused"] > 0
+    assert outcomes["refused"] > 0
     # The plain models have one nozzle; the others have profiles for all four.
-    assert (outcome["resolved"] > 0) == (model.endswith("plus") or nozzle_mm == 0.4)
+    assert (outcomes["resolved"] > 0) == (model.endswith("plus") or nozzle_mm == 0.4)
 
 
-@pytest.mark.parametrize("model", OLD_MODELS)
+@pytest.mark.parametrize("model", BASE_MODELS)
 def test_violations_by_profiles_of_cura_are_listed(resources, model):
     violations = set()
     for nozzle_mm in NOZZLES_MM if model.endswith("plus") else (0.4,):
@@ -91,7 +91,7 @@ def test_violations_by_profiles_of_cura_are_listed(resources, model):
     assert violations <= CURA_VIOLATIONS
 
 
-def test_brand_without_qualities_has_those_of_its_kind(resources):
+def test_brand_without_qualities_uses_those_of_its_kind(resources):
     brand, generic = (
         resolve_settings(SettingsRequest(UM2_PLUS, "glue", material), resources)
         for material in ("ultimaker_cpe_plus_black", "generic_cpe_plus")
@@ -100,7 +100,7 @@ def test_brand_without_qualities_has_those_of_its_kind(resources):
     assert brand.layer_height_mm == generic.layer_height_mm
 
 
-def test_unheated_bed_gets_no_target(resources):
+def test_unheated_bed_has_no_target(resources):
     settings = resolve_settings(SettingsRequest(PRINTERS["ultimaker2_go"]), resources)
     start = settings.global_["machine_start_gcode"]
     assert "M109 S" in start

@@ -1,4 +1,4 @@
-"""Resolved settings, compared with those that Cura computes (`record_cura_settings.py`)."""
+"""Resolved settings, compared with those that Cura computed (`record_cura_settings.py`)."""
 
 import gzip
 import json
@@ -22,8 +22,8 @@ RECORDED_SETTINGS = {
 }
 
 
-def find_resources_of(version):
-    """Return Cura's files of a version: the installed ones, or those of `FARM_CURA_RESOURCES_<version>`."""
+def find_cura_resources(version):
+    """Return Cura's files of a version: the installed ones, or those in `FARM_CURA_RESOURCES_<version>`."""
     folder_name = os.environ.get(f"FARM_CURA_RESOURCES_{version.replace('.', '_')}")
     try:
         result = Resources(Path(folder_name)) if folder_name else find_resources()
@@ -36,7 +36,7 @@ def find_resources_of(version):
 
 
 def are_equal(value, cura):
-    """Compare values as the engine reads them: numbers without their last digit, words in lower case."""
+    """Compare values as the engine reads them: without the last digit of numbers and the case of words."""
     try:
         return math.isclose(float(value), float(cura), rel_tol=1e-9)
     except ValueError:
@@ -52,7 +52,7 @@ def are_equal(value, cura):
     ],
 )
 def test_every_setting_equals_that_of_cura(version, number):
-    recording, resources = RECORDED_SETTINGS[version], find_resources_of(version)
+    recording, resources = RECORDED_SETTINGS[version], find_cura_resources(version)
     machine, nozzle, material, quality, user = recording["combinations"][number]
     stacks = find_stacks(resources, machine, float(nozzle.split()[0]), material, quality)
     changes = {

@@ -1,4 +1,4 @@
-"""Planning of a bar that is longer than a bed, without processes: tasks and sliced jobs."""
+"""Tasks and sliced jobs for a bar that is longer than a bed, planned without processes."""
 
 from farm.config import Fleet
 from farm.model import JobOptions
@@ -51,7 +51,7 @@ def join_slices(task, decomposition, tasks, slices):
 
 
 def slice_late(task, decomposition, late_s):
-    """Return a sliced job in which each part takes the mean price, and the last part longer."""
+    """Return a sliced job in which each part takes the mean price, and the last one `late_s` longer."""
     tasks = make_slice_tasks(task, decomposition)
     prelude_s = compute_prelude_seconds(task.printers[0], tasks[0].settings)
     seconds = [part.price_s - prelude_s for part in decomposition.parts]

@@ -75,7 +75,7 @@ def make_status(books):
 
 
 def summarise(status):
-    """Return a farm without the parts and plates of its jobs, as `farm status` prints it."""
+    """Return the status without the parts and plates of the jobs, as `farm status` prints it."""
     figures = set(api.JobFigures.model_fields)
     jobs = [
         api.JobSummary(**{name: getattr(job, name) for name in figures}, plate_count=job.plate_count)

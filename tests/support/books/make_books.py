@@ -88,7 +88,7 @@ def make_fleet_events(bed=Bed.CLEAR):
 
 
 def make_printing_books(plates=2):
-    """Books with one planned job."""
+    """Make books with one planned job."""
     events = (
         *make_fleet_events(),
         ev.JobSubmitted(at_s=0.0, job=make_job()),

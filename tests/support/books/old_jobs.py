@@ -12,7 +12,7 @@ NOW_S = 1000 * DAY_S
 
 
 def make_old_books(*states_and_ages, shared_numbers=()):
-    """Make books with a job for each (state, days since its end); those in `shared_numbers` share a model."""
+    """Make books with a job for each (state, days since its end); jobs in `shared_numbers` share a model."""
     books = apply_events(Books(), *make_fleet_events())[0]
     for number, (state, age_days) in enumerate(states_and_ages, 1):
         model = "shared.npz" if number in shared_numbers else f"model-{number}.npz"
@@ -29,14 +29,17 @@ def make_old_books(*states_and_ages, shared_numbers=()):
             }
         )
         files = [
-            *(part.model_copy(update={"file": _name(part.id, "stl")}) for part in plan.parts),
-            *(plate.model_copy(update={"gcode": _name(plate.id, "gcode")}) for plate in plan.plates),
+            *(part.model_copy(update={"file": _make_file_name(part.id, "stl")}) for part in plan.parts),
+            *(
+                plate.model_copy(update={"gcode": _make_file_name(plate.id, "gcode")})
+                for plate in plan.plates
+            ),
         ]
         books = put(books, entry, *files)
     return books
 
 
-def _name(entity, suffix):
+def _make_file_name(entity, suffix):
     return f"{entity.replace('/', '-')}.{suffix}"
 
 

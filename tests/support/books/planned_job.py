@@ -13,13 +13,13 @@ CURVE = '{"curve": [{"printers": 1, "makespan_s": 9.0}, {"printers": 2, "makespa
 
 
 def submit_model(farm, user="ann", **options):
-    """Submit a model, and return the number of its job."""
+    """Submit a model; return the number of its job."""
     jobs = JobCommands(farm.controller, PrinterCommands(farm.controller))
     return jobs.submit(f"request-{user}", "m.stl", MODEL, JobOptions(**options), user)[0]
 
 
 def plan_job(farm, user="ann", glb=None, **options):
-    """Submit a model and plan it, and return the number of its job."""
+    """Submit a model and plan its job; return the number of the job."""
     number = submit_model(farm, user, **options)
     event = make_plan_event(number)
     files = {"picture": "a.png", "decomposition": "d.json", "instructions": "i.html"}

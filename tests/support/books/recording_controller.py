@@ -59,7 +59,7 @@ class Commands:
 
 
 class Farm(Commands):
-    """A controller on a store in a folder; a second one is the daemon after a kill and a restart."""
+    """A controller on a store in a folder; a second one on the same folder acts as a restarted daemon."""
 
     def __init__(self, folder, models=(PLUS, PLUS), clock=None, **fleet_options):
         self.effects = RecordedEffects()
@@ -80,7 +80,7 @@ class Farm(Commands):
         return self.controller.build_view_context(state)
 
     def report(self, name, *prints):
-        """Report the prints of an agent since the books were copied, and its state."""
+        """Report the state of an agent, and its prints since the books were copied."""
         facts = {"link": Link.READY, "agent_pid": 9, "filament": FilamentState.PARKED}
         snapshot = AgentSnapshot(printer=name, print=prints[-1] if prints else None, **facts)
         self.controller.on_journal(snapshot, prints)

@@ -12,8 +12,6 @@ from farm.week_windows import parse_window
 
 LOW = ((-111.0, -104.0, 111.0, 102.0, 205.0),)
 TALL = ((-111.0, -104.0, 111.0, 102.0, 305.0),)
-
-
 UTC = ZoneInfo("UTC")
 
 

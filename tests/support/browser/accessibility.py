@@ -9,8 +9,8 @@ VIOLATIONS = """axe.run().then((results) => JSON.stringify(results.violations.ma
 NARROW_PX = 320
 
 
-async def read(browser, expression):
-    """Wait until an expression has a value, and return it."""
+async def await_value(browser, expression):
+    """Return the value of an expression, which may be a promise."""
     answer = await browser.call(
         "Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True
     )
@@ -19,13 +19,13 @@ async def read(browser, expression):
 
 
 async def find_faults(browser):
-    """Find the faults of the open page: violations in each colour scheme, and excess width."""
+    """Return the faults of the open page: violations in each colour scheme, and excess width."""
     faults = {}
     await browser.evaluate(AXE.read_text() + ";0")
     for scheme in ("light", "dark"):
         feature = {"name": "prefers-color-scheme", "value": scheme}
         await browser.call("Emulation.setEmulatedMedia", features=[feature])
-        if violations := json.loads(await read(browser, VIOLATIONS)):
+        if violations := json.loads(await await_value(browser, VIOLATIONS)):
             faults[scheme] = violations
     size = {"width": NARROW_PX, "height": 700, "deviceScaleFactor": 1, "mobile": True}
     await browser.call("Emulation.setDeviceMetricsOverride", **size)

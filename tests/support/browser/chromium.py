@@ -44,13 +44,13 @@ class Tab:
         """Open an address, and wait until the page is loaded."""
         self._loaded.clear()
         await self.call("Page.navigate", url=url)
-        await self._wait()
+        await self._wait_until_loaded()
 
     async def press(self, selector):
         """Press a button that leads to another page."""
         self._loaded.clear()
         await self.evaluate(f"document.querySelector({selector!r}).click()")
-        await self._wait()
+        await self._wait_until_loaded()
 
     async def evaluate(self, expression):
         """Return the value of an expression on the page."""
@@ -59,15 +59,15 @@ class Tab:
     async def wait_for(self, expression):
         """Wait until an expression on the page is true, polled by the page ten times a second."""
         watch = f"""new Promise(done => {{
-            const look = () => {{ if ({expression}) done(true); else setTimeout(look, 100) }}
-            look()
+            const check = () => {{ if ({expression}) done(true); else setTimeout(check, 100) }}
+            check()
         }})"""
         async with asyncio.timeout(TIME_LIMIT_S):
             while not await self._await_promise(watch):
                 await asyncio.sleep(0)  # another page was loaded
 
     async def _await_promise(self, expression):
-        """Return the value of a promise on the page, or None if the page is left before."""
+        """Return the value of a promise on the page, or None if the page is left first."""
         try:
             answer = await self.call("Runtime.evaluate", expression=expression, awaitPromise=True)
         except AssertionError:
@@ -109,7 +109,7 @@ class Tab:
         """Save a screenshot of the page."""
         path.write_bytes(base64.b64decode((await self.call("Page.captureScreenshot"))["data"]))
 
-    async def _wait(self):
+    async def _wait_until_loaded(self):
         async with asyncio.timeout(TIME_LIMIT_S):
             await self._loaded.wait()
 
@@ -129,7 +129,7 @@ class Pipe:
         self.tabs, self.messages = {}, []
 
     async def call(self, method, session, params):
-        """Call a method, of a session or of the browser, and return its result."""
+        """Call a method of a session, or of the browser if the session is None; return its result."""
         number = next(self._numbers)
         message = {"id": number, "method": method, "params": params}
         if session:
@@ -143,13 +143,13 @@ class Pipe:
         return answer["result"]
 
     async def open_session(self):
-        """Return the session of a new tab."""
+        """Open a tab; return its session."""
         target = await self.call("Target.createTarget", None, {"url": "about:blank", "newWindow": True})
         attach = {"targetId": target["targetId"], "flatten": True}
         attachment = await self.call("Target.attachToTarget", None, attach)
         return attachment["sessionId"]
 
-    async def read(self, reader):
+    async def read_messages(self, reader):
         """Pass answers to the calls that wait for them, and events to their tabs."""
         while True:
             message = json.loads((await reader.readuntil(b"\0"))[:-1])
@@ -162,7 +162,7 @@ class Pipe:
 
 
 class Chromium(Tab):
-    """Browser with its own profile, and its first tab; `async with` ends it.
+    """Browser with its own profile, and its first tab. `async with` starts and ends it.
 
     Parameters
     ----------
@@ -186,9 +186,9 @@ class Chromium(Tab):
         """Open another tab; it shows nothing yet."""
         return await Tab(self._pipe, await self._pipe.open_session()).prepare()
 
-    def sleep(self, is_asleep=True):
+    def suspend(self, is_suspended=True):
         """Stop all processes of the browser, as a computer does when it goes to sleep, or continue them."""
-        os.killpg(self._process.pid, signal.SIGSTOP if is_asleep else signal.SIGCONT)
+        os.killpg(self._process.pid, signal.SIGSTOP if is_suspended else signal.SIGCONT)
 
     async def __aenter__(self):
         to_browser, own_write = os.pipe()
@@ -217,13 +217,13 @@ class Chromium(Tab):
             lambda: asyncio.StreamReaderProtocol(reader), self._in
         )
         pipe = Pipe(self._out)
-        self._reading = asyncio.create_task(pipe.read(reader))
+        self._read_task = asyncio.create_task(pipe.read_messages(reader))
         super().__init__(pipe, await pipe.open_session())
         return await self.prepare()
 
     async def __aexit__(self, *_):
-        self._reading.cancel()
-        self._out.close()  # it ends when its pipe is closed
+        self._read_task.cancel()
+        self._out.close()  # the browser ends when its pipe is closed
         self._transport.close()
         try:
             async with asyncio.timeout(TIME_LIMIT_S):

@@ -57,7 +57,7 @@ class Processes:
         self.running = {}
 
     async def start_scheduler(self):
-        """Start the scheduler. Returns its address."""
+        """Start the scheduler; return its address."""
         self._start("scheduler")
         while not (self.folder / "address").exists():
             assert self.running["scheduler"].poll() is None, (self.folder / "scheduler.log").read_text()

@@ -36,7 +36,7 @@ class Recorder:
 
 @asynccontextmanager
 async def cluster(folder, workers, pools=None, installations=None):
-    """Run a scheduler and some workers, and connect a pool to it."""
+    """Run a scheduler and workers with these names; yield a connected pool and the scheduler."""
     pools = pools or {}
     async with AsyncExitStack() as stack:
         scheduler = await stack.enter_async_context(
@@ -52,7 +52,7 @@ async def cluster(folder, workers, pools=None, installations=None):
         local_pool = Recorder()
         link = partial(Connection, scheduler.address, None, INSTALLATION)
         pool = ClusterPool(local_pool, scheduler.address, INSTALLATION, link)
-        pool.own = local_pool  # type: ignore[attr-defined]  # so that a test can ask for its calls
+        pool.own = local_pool  # type: ignore[attr-defined]  # so that a test can read its calls
         pool.start()
         while len(pool.state.workers) < len(workers):
             await asyncio.sleep(0.02)

@@ -55,7 +55,7 @@ def read_oom_score():
 
 def slice_rod(folder):
     """Slice a rod and return its number of layers."""
-    from farm.planning.local.slice_file import (  # here: the other tasks do not need it
+    from farm.planning.local.slice_file import (  # imported here, as no other task needs it
         SliceOptions,
         slice_to_file,
     )
@@ -66,7 +66,7 @@ def slice_rod(folder):
 
 
 def start_after(fifo, marker, report):
-    """Prepare a worker: the first one reports a step, and waits until something is written to the FIFO."""
+    """Prepare a worker: the first one reports a step and waits until the FIFO is written to."""
     try:
         marker.mkdir()
     except FileExistsError:
@@ -80,13 +80,13 @@ def find_temporary_folder():
 
 
 def write_line(fifo, message):
-    """Write a message when a reader opens the file."""
+    """Write a message to a FIFO as soon as a reader opens it; return the message."""
     fifo.write_text(message)
     return message
 
 
 def run_hanging_engine(folder):
-    """Run an engine that never ends and holds a FIFO open; its first line is its process id."""
+    """Run an engine that never ends and holds a FIFO open; the first line in the FIFO is its process id."""
     engine = folder / "engine"
     engine.write_text(f"#!/bin/sh\nexec 3>{folder / 'fifo'}\necho $$ >&3\nexec sleep 1000\n")
     engine.chmod(0o755)

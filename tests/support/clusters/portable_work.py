@@ -29,7 +29,7 @@ def _allocate(source, folder, gigabytes):
 
 
 def _hold(source, folder, pid_file):
-    """Write the process id to a file of the test, and wait until the process is ended."""
+    """Write the process id to a file of the test, and wait until the process is killed."""
     folder.mkdir(exist_ok=True)
     (folder / "progress.json").write_text("held")
     with Path(pid_file).open("a") as file:

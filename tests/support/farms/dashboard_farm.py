@@ -17,7 +17,7 @@ START_S = 1_700_000_000.0  # Tue 14 Nov 2023 22:13:20 UTC
 
 
 def make_fleet(names="abc", **options):
-    """Return a fleet of simulated printers."""
+    """Make a fleet of simulated printers."""
     rows = [{"name": n, "model": "ultimaker2_plus", "port": "sim://ultimaker2_plus"} for n in names]
     return Fleet.model_validate({"fleet": {"name": "lab", **options}, "printers": rows})
 
@@ -53,17 +53,17 @@ def judge_print(books, printer_name, at_s, verdict=Verdict.GOOD, reason=None):
 
 
 def make_empty_books(names="abc"):
-    """Return books with idle printers."""
+    """Make books with idle printers."""
     return apply_events(Books(), *(ev.PrinterAdded(at_s=START_S, printer=n, bed="clear") for n in names))[0]
 
 
 def make_context(books, now_s, fleet=None, **changes):
-    """Return the data of views."""
+    """Make the context from which views are computed."""
     return ViewContext(fleet or make_fleet(), books, {}, StateFolder(Path("/state")), now_s, **changes)
 
 
 def make_situation(books, now_s, names="abc", attended=(), quiet=()):
-    """Return the situation with all waiting plates of the books."""
+    """Make a situation with all waiting plates of the books."""
     plates = PlateQueue.from_plates(describe_plates(books.waiting_plates(), books))
     fleet = tuple(make_printer(n, booked=books.open_print_on(n) is not None) for n in names)
     return Situation(plates, fleet, make_rules(attended, quiet), now_s)

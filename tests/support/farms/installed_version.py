@@ -14,7 +14,7 @@ _PIP = [sys.executable, "-m", "pip", "--disable-pip-version-check"]
 
 
 def build_wheel(folder: Path, version: str | None = None) -> Path:
-    """Build the wheel of the checkout, as another version if one is named.
+    """Build the wheel of the checkout, as another version if one is given; return its path.
 
     Parameters
     ----------
@@ -82,6 +82,6 @@ class Versions:
         link.replace(self.link)
 
     def find(self, folder: str) -> str | None:
-        """Return the version whose packages are in a folder; None if it is none of these."""
+        """Return the version whose packages are in a folder; None if the folder belongs to no version."""
         name = Path(folder).relative_to(self._folder).parts[0] if folder else ""
         return name.removeprefix("farm-") or None

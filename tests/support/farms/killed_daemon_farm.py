@@ -1,4 +1,4 @@
-"""Real farm whose daemon is killed and restarted repeatedly, with checks of its prints."""
+"""Real farm whose daemon is killed and restarted repeatedly, and checks of its prints."""
 
 import contextlib
 import http.client
@@ -26,7 +26,7 @@ from model_files.make_gcode import make_marlin, make_square
 
 RESTART_SCRIPT = Path(__file__).with_name("restarted_daemon.py")
 MODEL = "ultimaker2_plus"
-PRIMED_MM = 7.8  # filament of every print besides its plate's, from parked to parked
+PRIMED_MM = 7.8  # filament that every print feeds in addition to its plate's, from parked to parked
 POLL_S = 0.05  # interval of the operator's polls
 
 
@@ -53,7 +53,7 @@ class KilledFarm(RealFarm):
             self.fleet.write_text(self.fleet.read_text().replace("time_scale: 300", full_disk))
 
     def start_daemons(self, deaths):
-        """Start daemons that die as `deaths` says; the last one survives."""
+        """Start daemons that die at the moments in `deaths`; the last one survives."""
         self.kill_daemons()
         self.state.mkdir(exist_ok=True)
         command = [sys.executable, "-P", RESTART_SCRIPT, json.dumps(deaths), *self.list_daemon_arguments()]
@@ -73,7 +73,7 @@ class KilledFarm(RealFarm):
             self.supervisor.wait()
 
     def list_deaths(self):
-        """List the moments of the daemons' deaths, in order."""
+        """List the moments at which daemons died, in order."""
         return re.findall(r"^dies (.*)$", self.log_file.read_text(), re.MULTILINE)
 
     def log(self):
@@ -84,7 +84,7 @@ class KilledFarm(RealFarm):
         return Clock(*read_anchor(StateFolder(self.state).clock))
 
     def try_request(self, method, path, body=None):
-        """Send a request; return status and answer, or None if the daemon died before or does not run."""
+        """Send a request; return status and answer, or None if the daemon died first or is not running."""
         assert self.supervisor.poll() is None, self.log()
         with contextlib.closing(SocketConnection(self.socket, TIME_LIMIT_S, TIME_LIMIT_S)) as connection:
             try:
@@ -152,7 +152,7 @@ class KilledFarm(RealFarm):
 
     # -- results ----------------------------------------------------------------------------------------
 
-    def journals(self):
+    def read_journals(self):
         """Return the printer and the last journal record of each print, by print id."""
         results = {}
         for name in self.printers:
@@ -162,7 +162,7 @@ class KilledFarm(RealFarm):
                     results[record_print["print_id"]] = (name, record_print)
         return results
 
-    def books(self):
+    def read_books(self):
         """Read a copy of the books that a killed daemon left."""
         copy = self.folder / "books"
         copy.mkdir()
@@ -174,18 +174,18 @@ class KilledFarm(RealFarm):
     def check(self):
         """Assert that no plate is lost or printed twice, and that all times match the agents' records."""
         self.kill_daemons()
-        books = self.books()
+        books = self.read_books()
         assert len(books.jobs) == self.job_count
         started_prints = [p for p in books.prints.values() if p.started_s is not None]
         prints_by_id = {p.id: (p.printer, p.state, p.started_s, p.ended_s) for p in started_prints}
         journals = {
             name: (printer, record_print["phase"], record_print["started_s"], record_print["ended_s"])
-            for name, (printer, record_print) in self.journals().items()
+            for name, (printer, record_print) in self.read_journals().items()
         }
         assert prints_by_id == journals
         done_prints = [p for p in started_prints if p.state is PrintState.DONE]
         assert sorted(p.plate for p in done_prints) == sorted(books.plates)
-        for key in (attrgetter("plate"), attrgetter("printer")):  # one after the other
+        for key in (attrgetter("plate"), attrgetter("printer")):  # prints must not overlap
             prints_by_time = sorted(started_prints, key=attrgetter("started_s"))
             for _, prints in itertools.groupby(sorted(prints_by_time, key=key), key):
                 assert all(
@@ -193,8 +193,8 @@ class KilledFarm(RealFarm):
                     for record, next_record in itertools.pairwise(prints)
                 )
         assert {p.bed for p in books.printers.values()} == {Bed.CLEAR}
-        # Filament that the printers fed: that of every plate once, at most a plate's for a failed print. A
-        # board that was reset in its last print still has its filament at the nozzle.
+        # The printers fed the filament of every plate once, and at most as much for each failed print. If the
+        # board was reset in its last print, its filament is still at the nozzle.
         each_mm = PRIMED_MM + self.fed_mm
         statuses = [self.emulator_status(name) for name in self.printers]
         fed_mm = sum(

@@ -1,4 +1,4 @@
-"""A farm whose first printer is idle, with callers of every kind on the network."""
+"""A farm whose first printer is idle, and callers of every kind on the network."""
 
 import asyncio
 
@@ -66,7 +66,7 @@ class NetworkFarm:
         self.shutdowns.append(now)
 
     def ask(self, method, path, text=None, host=HOST, address="10.0.0.9", headers=None, **options):
-        """Send a request with the text of a key."""
+        """Send a request, with the text of a key if one is given."""
         own_headers = {"x-api-key": text} if text else {}
 
         async def call():

@@ -72,11 +72,13 @@ class RealFarm:
         )
 
     def ok(self, *arguments, **env):
+        """Run a farm command that must succeed; return its output."""
         result = self.run(*arguments, **env)
         assert result.returncode == 0, (arguments, result.stdout, result.stderr, self.log())
         return result.stdout
 
     def up(self, **env):
+        """Run `farm up`, and wait until all printers are idle."""
         self.ok("up", **env)
         wait_for("printers to connect", lambda: all(p["state"] == "idle" for p in self.status()["printers"]))
 

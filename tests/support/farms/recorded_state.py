@@ -1,4 +1,4 @@
-"""A state folder of farm 0.1.0, left when its daemon, agents and printers were killed while one printed.
+"""State folder that farm 0.1.0 left when its daemon, agents and printers were killed during a print.
 
 Job 1 is done and good, job 2 was printing on um2x-01, job 3 waits for approval, job 4 is printed and on the
 bed of um2-01, job 5 was cancelled before its start time. G-code files of over 100 kB were left out.

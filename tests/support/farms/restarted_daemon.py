@@ -2,9 +2,10 @@
 
     python restarted_daemon.py DEATHS FARM-ARGUMENTS...
 
-DEATHS is JSON with an item for each daemon in turn: a moment and the event at whose first commit it dies, or
-`later` and a number of seconds. The daemon after the last item survives. Each death is reported. A daemon
-starts fast: it is forked from a process with all imports, and runs the workers' tasks itself.
+DEATHS is a JSON list with an item for each daemon in turn. The item `[MOMENT, EVENT]` kills the daemon at its
+first commit of this event; `["later", SECONDS]` kills it after this time. The daemon after the last item
+survives. Each death is reported. To start fast, a daemon is forked from a process that has imported all
+modules, and runs the tasks of workers itself.
 """
 
 import itertools
@@ -19,7 +20,7 @@ from farm.cli.main import main
 from farm.state.storage.store import Store
 
 MOMENTS = ("before", "within", "after")
-"""Before the transaction begins, before its COMMIT, and when it is on the disk."""
+"""Before the transaction begins, before its COMMIT, and after it is on the disk."""
 AFTER_DELAY = "later"
 
 
@@ -82,7 +83,7 @@ def start_daemon(death):
     return pid
 
 
-def keep_running(deaths):
+def run_daemons(deaths):
     """Start daemons one after another until one ends by itself or this process is ended."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit())
     farm.daemon.Workers = NoWorkers
@@ -99,5 +100,5 @@ def keep_running(deaths):
 
 
 if __name__ == "__main__":
-    _, reported, *sys.argv[1:] = sys.argv
-    keep_running(json.loads(reported))
+    _, deaths_text, *sys.argv[1:] = sys.argv
+    run_daemons(json.loads(deaths_text))

@@ -89,7 +89,7 @@ class Agent:
         )  # fmt: skip
 
     def list_prints(self, since_s):
-        """List the prints that had not ended at a time."""
+        """List the prints that had not ended at the time `since_s`."""
         ended_prints = [report for report in self.journal if report.ended_s >= since_s]
         return (
             ended_prints if self.print_id is None or self.state.ended else [*ended_prints, self.make_report()]
@@ -115,9 +115,9 @@ class FarmSimulation:
     Parameters
     ----------
     kills
-        Commits, counted from 1, just before which the daemon is killed.
+        Numbers of the commits, from 1, just before which the daemon is killed.
     is_killed_after
-        Kill it just after these commits instead.
+        Kill the daemon just after these commits instead.
     failing_prints
         Numbers of the prints that fail.
     bad_prints
@@ -143,7 +143,7 @@ class FarmSimulation:
         self.agents = {name: Agent(name) for name in "ab"}
         self.commits = self.started_count = self.restarts = 0
         self.judged_prints = []  # [plate, printer, verdict] of each completed print
-        self.prints = {}  # print id -> (printer, start, end) as they really were
+        self.prints = {}  # print id -> (printer, start, end) of the simulated print
         self.plates, self.files = plates, files
         self.job_to_plan = None
         self.is_restored = False  # the books were replaced by a copy

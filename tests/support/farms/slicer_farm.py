@@ -19,16 +19,16 @@ class RefuseAll(AcceptAll):
 
 
 class SlicerFarm(WebFarm):
-    """Farm with printers `a` and `b`, and requests of slicers."""
+    """Farm with printers `a` and `b` that sends itself requests as slicers do."""
 
     @property
     def jobs_by_number(self):
-        """Jobs by number."""
+        """Jobs by their numbers."""
         return self.controller.books.jobs
 
     @property
     def unfinished_uploads(self):
-        """List the files in the folder of unfinished uploads."""
+        """Names of the files in the folder of unfinished uploads."""
         return sorted(path.name for path in self.state.work.iterdir())
 
     def upload(self, key, name="box.gcode", url_path=UPLOAD, content=CONTENT, **fields):
@@ -36,7 +36,7 @@ class SlicerFarm(WebFarm):
         return self.ask("POST", url_path, key, files={"file": (name, content)}, data=fields)
 
     def send(self, path, key, chunks, headers):
-        """Send a body in chunks; None cuts the connection. Returns status, text, and the unread chunks."""
+        """Send a body in chunks, where None cuts the connection; return status, text and unread chunks."""
         sent_messages = []
         messages = [
             {"type": "http.disconnect"}

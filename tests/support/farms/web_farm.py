@@ -31,14 +31,14 @@ class WebFarm(Farm):
             state,
             folder / "fleet.yaml",
             workers or AcceptAll(),
-            self._down,
+            self._refuse_shutdown,
             streams=EventStreams(self.store, poll_s=0.0),
         )
         self.web = make_web_app(self.services, DryRuns(self.controller), {HOST})
         self.unix = call_as(DAEMON_USER, make_app(self.services, DryRuns(self.controller)))
         self.keys = KeyCommands(self.controller)
 
-    async def _down(self, now):
+    async def _refuse_shutdown(self, now):
         raise AssertionError("nothing here shuts the farm down")
 
     def add_key(self, role, name=None):
@@ -46,7 +46,7 @@ class WebFarm(Farm):
         return self.keys.add(KeyRequest(name=name or str(role), role=role), "ann")
 
     def ask(self, method, path, key=None, headers=None, **options):
-        """Send a request over the network, with a key or without."""
+        """Send a request over the network, with or without a key."""
         key_header = {"x-api-key": key.text} if key else {}
         return self._call(self.web, method, path, {**key_header, **(headers or {})}, **options)
 

@@ -42,7 +42,7 @@ exit 0
 
 
 def create_resources(folder, version):
-    """Create the files that identify a folder of Cura's resources."""
+    """Create the files by which a folder of Cura's resources is recognised; return the folder."""
     for name in ("definitions", "extruders", "variants", "quality", "materials"):
         (folder / name).mkdir(parents=True)
     text = f'{{"metadata": {{"setting_version": {SETTING_VERSIONS[version]}}}}}\n'
@@ -53,7 +53,7 @@ def create_resources(folder, version):
 
 
 class Host:
-    """A computer with a given version of apt, and its files."""
+    """A computer whose apt offers a given version of Cura."""
 
     def __init__(self, folder, *, apt=None, lists=True, packaged_version=None):
         self.folder, self.bin, self.state = folder, folder / "bin", folder / "state"
@@ -61,24 +61,24 @@ class Host:
         self.state.mkdir()
         for tool in TOOLS:
             (self.bin / tool).symlink_to(shutil.which(tool))
-        self.program("id", "#!/bin/bash\n[[ $1 == -u ]] && echo 0 || echo root\n")
+        self.add_program("id", "#!/bin/bash\n[[ $1 == -u ]] && echo 0 || echo root\n")
         if apt is not None:
-            self.program("apt-cache", APT_CACHE)
-            self.program("apt-get", APT_GET)
-            self.program("dpkg-deb", DPKG_DEB)
+            self.add_program("apt-cache", APT_CACHE)
+            self.add_program("apt-get", APT_GET)
+            self.add_program("dpkg-deb", DPKG_DEB)
             for package in ("cura", "fdm-materials", "cura-engine"):
                 epoch = "1:" if package == "cura-engine" else ""
                 (self.state / f"candidate-{package}").write_text(f"{epoch}{apt}.0-6")
-            self.engine(apt, self.state / "new-engine")
+            self.add_engine(apt, self.state / "new-engine")
             create_resources(self.state / "packaged", packaged_version or apt)
         if lists:
             (self.state / "lists").touch()
 
-    def program(self, name, text):
+    def add_program(self, name, text):
         (self.bin / name).write_text(text)
         (self.bin / name).chmod(0o755)
 
-    def engine(self, version, path=None):
+    def add_engine(self, version, path=None):
         path = path or self.bin / "CuraEngine"
         path.write_text(f"#!/bin/bash\necho\necho 'Cura_SteamEngine version {version}.0' >&2\nexit 1\n")
         path.chmod(0o755)

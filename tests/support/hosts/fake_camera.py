@@ -15,7 +15,7 @@ def make_jpeg(width=640, height=480, tail=b"picture"):
 
 
 def make_png(width=2, height=2):
-    """PNG with a header of this size; the image data is complete if it is small."""
+    """Make a PNG with a header of this size; only small ones contain the image data."""
 
     def make_chunk(kind, data):
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
@@ -27,16 +27,16 @@ def make_png(width=2, height=2):
 
 
 class FakeCamera(ThreadingHTTPServer):
-    """HTTP server that answers by a function and records the requests.
+    """HTTP server that records each request and answers it by calling a function.
 
     Attributes
     ----------
     answer
-        Function of the request's handler.
+        Function that answers a request; its argument is the handler of the request.
     requests
         Path and headers of each request.
     stopped
-        Event that is set when the server ends, for which slow answers wait.
+        Event that is set when the server ends; slow answers wait for it.
     """
 
     daemon_threads = True
@@ -50,7 +50,7 @@ class FakeCamera(ThreadingHTTPServer):
         return f"127.0.0.1:{self.server_port}"
 
     def handle_error(self, request, client_address):
-        """The farm disconnects from hostile cameras."""
+        """Ignore the error: the farm disconnects from hostile cameras."""
 
 
 class _Handler(BaseHTTPRequestHandler):

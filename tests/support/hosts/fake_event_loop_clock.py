@@ -1,4 +1,4 @@
-"""Simulated time that advances only while the event loop waits, so that days of timers run at once."""
+"""Simulated time that advances only while the event loop waits, so that timers of days end at once."""
 
 import asyncio
 import selectors
@@ -50,7 +50,7 @@ class FakeTime:
         return step_s
 
     def stall(self, seconds):
-        """Suspend the process, as when its host sleeps or swaps."""
+        """Advance the time without running timers, as if the host slept or swapped."""
         self.now_s += seconds
 
     def run(self, work):

@@ -22,7 +22,7 @@ _SHELL = Path(__file__).with_name("remote_shell.py")
 
 
 class NetworkHosts:
-    """Hosts with printers of one farm, by name.
+    """Hosts with printers of one farm.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class NetworkHosts:
         return f"XDG_STATE_HOME={self._folder / name} {self._program} host"
 
     def cut(self, name: str) -> None:
-        """Cut a host off the network; no end is notified."""
+        """Cut a host off the network, without a notice to either end."""
         self._network.set_faults(name, cut=True)
 
     def reconnect(self, name: str) -> None:
@@ -71,11 +71,11 @@ class NetworkHosts:
         self._network.set_faults(name)
 
     def kill_service(self, name: str) -> bool:
-        """Kill the service of a host; return True if it ran."""
+        """Kill the service of a host; return True if it was running."""
         return _kill(find_holder(self.paths[name].lock))
 
     def kill_agents(self, name: str, printers: Sequence[str]) -> int:
-        """Kill the agents of a host; return the number of those that ran."""
+        """Kill the agents of a host; return the number of those that were running."""
         return sum(_kill(find_agent_pid(self.paths[name].find_agent_folder(printer))) for printer in printers)
 
     def list_processes(self) -> list[int]:

@@ -1,4 +1,4 @@
-"""Disk after a power cut, in the worst case: only synced data is left."""
+"""Disk after a power cut, in the worst case: it has only the synced data."""
 
 import os
 from pathlib import Path
@@ -7,7 +7,7 @@ from pathlib import Path
 class PowerCut:
     """Recorder of the files that are synced in a folder.
 
-    A file keeps the bytes of its last sync; a name is kept if its folder was synced after the name was
+    A file keeps the bytes of its last sync. A name is kept if its folder was synced after the name was
     set. Files from before the recording count as synced.
     """
 
@@ -15,18 +15,18 @@ class PowerCut:
         self._bytes = {}  # of a file, by its inode
         self._names = {}  # of a folder's entries, by the folder
         for path in (folder, *folder.rglob("*")):
-            self._note(path)
+            self._record_sync(path)
         sync = os.fsync
 
         def fsync(descriptor):
             sync(descriptor)
-            self._note(Path(f"/proc/self/fd/{descriptor}").readlink())
+            self._record_sync(Path(f"/proc/self/fd/{descriptor}").readlink())
 
         monkeypatch.setattr(os, "fsync", fsync)
         monkeypatch.setattr(os, "fdatasync", fsync)
         self._folder = folder
 
-    def _note(self, path):
+    def _record_sync(self, path):
         if path.is_dir():
             self._names[path] = {entry.name: entry.stat().st_ino for entry in path.iterdir()}
         else:

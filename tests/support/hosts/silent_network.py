@@ -16,22 +16,25 @@ _STEP_S = 0.05
 
 
 class SilentRoute:
-    """Network that delivers the bytes of a cut after the repair, as TCP does; so are closed connections."""
+    """Network that delivers after a cut what was sent during it, as TCP does.
+
+    The end of a connection is delivered late, too.
+    """
 
     def __init__(self) -> None:
-        self._silent = threading.Event()
+        self._cut_event = threading.Event()
         self._closed_event = threading.Event()
         self._listener = socket.create_server(("127.0.0.1", 0))
         self.ssh = f"{sys.executable} {Path(__file__)} {self._listener.getsockname()[1]}"
-        self.bridges: list[subprocess.Popen[bytes]] = []  # the bridges, oldest first
+        self.bridges: list[subprocess.Popen[bytes]] = []  # oldest first
         self._threads = [threading.Thread(target=self._accept, daemon=True)]
         self._threads[0].start()
 
     def cut(self) -> None:
-        self._silent.set()
+        self._cut_event.set()
 
     def reconnect(self) -> None:
-        self._silent.clear()
+        self._cut_event.clear()
 
     def close(self) -> None:
         self._closed_event.set()
@@ -43,7 +46,7 @@ class SilentRoute:
 
     def _accept(self) -> None:
         while not self._closed_event.is_set():
-            if self._silent.is_set() or not select.select([self._listener], [], [], _STEP_S)[0]:
+            if self._cut_event.is_set() or not select.select([self._listener], [], [], _STEP_S)[0]:
                 self._closed_event.wait(_STEP_S)
                 continue
             caller, _ = self._listener.accept()
@@ -63,7 +66,7 @@ class SilentRoute:
         pairs = {caller.fileno(): bridge.stdin.fileno(), bridge.stdout.fileno(): caller.fileno()}
         with caller, bridge.stdin, bridge.stdout, suppress(OSError):
             while not self._closed_event.is_set():
-                if self._silent.is_set():
+                if self._cut_event.is_set():
                     self._closed_event.wait(_STEP_S)
                     continue
                 for readable in select.select([*pairs], [], [], _STEP_S)[0]:
@@ -75,7 +78,7 @@ class SilentRoute:
 
 
 def main() -> None:
-    """``silent_network.py PORT -- HOST COMMAND``."""
+    """Run ``silent_network.py PORT -- HOST COMMAND``."""
     with socket.create_connection(("127.0.0.1", int(sys.argv[1]))) as connection:
         connection.sendall(sys.argv[-1].encode() + b"\n")
         pairs = {0: connection.fileno(), connection.fileno(): 1}

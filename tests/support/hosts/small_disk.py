@@ -1,4 +1,4 @@
-"""Disk of some megabytes that a test fills: a private tmpfs."""
+"""Small disk that a test can fill: a private tmpfs."""
 
 import contextlib
 import subprocess
@@ -11,14 +11,14 @@ class SmallDisk:
     Attributes
     ----------
     is_mounted
-        True if it could be mounted.
+        True if the disk could be mounted.
     visible_folder
         Path of the folder for processes outside of the namespaces.
     """
 
     def __init__(self, folder, megabytes):
         folder.mkdir()
-        # `cat` ends with the process at the other end of its input, even if that is killed.
+        # `cat` ends with the process at the other end of its input, even if that process is killed.
         mount = f"mount -t tmpfs -o size={megabytes}m none '{folder}' && echo ready && exec cat"
         self._holder = subprocess.Popen(
             # `env` ends at once if this host has no `unshare`.
@@ -32,7 +32,7 @@ class SmallDisk:
         self._folder = folder
 
     def make_command(self, command, read_only=False):
-        """Return a command that runs with the disk mounted; `read_only`: without write access."""
+        """Return a command that runs another one with the disk mounted; `read_only` denies writing."""
         enter = ["nsenter", "--preserve-credentials", "--user", "--mount", f"--target={self._holder.pid}"]
         if read_only:
             folder = f"'{self._folder}'"

@@ -1,5 +1,5 @@
-/* Keeps a copy of every file as it was when it was synced last: what a power cut leaves of it.
- * Loaded before libc's own (LD_PRELOAD); the copies go to the folder $SYNCED_TO. */
+/* Copies every file to the folder $SYNCED_TO whenever it is synced: the copy is what a power cut leaves.
+ * A library for LD_PRELOAD, which replaces libc's fsync and fdatasync. */
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <fcntl.h>
@@ -9,12 +9,12 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-static void keep(int descriptor)
+static void copy_file(int descriptor)
 {
     char link[64], path[4096], copy[8192], bytes[65536];
-    struct stat what;
+    struct stat status;
     const char *to = getenv("SYNCED_TO");
-    if (!to || fstat(descriptor, &what) || !S_ISREG(what.st_mode))
+    if (!to || fstat(descriptor, &status) || !S_ISREG(status.st_mode))
         return;
     snprintf(link, sizeof link, "/proc/self/fd/%d", descriptor);
     ssize_t length = readlink(link, path, sizeof path - 1);
@@ -34,7 +34,7 @@ int fsync(int descriptor)
 {
     int (*real)(int) = dlsym(RTLD_NEXT, "fsync");
     int result = real(descriptor);
-    keep(descriptor);
+    copy_file(descriptor);
     return result;
 }
 
@@ -42,6 +42,6 @@ int fdatasync(int descriptor)
 {
     int (*real)(int) = dlsym(RTLD_NEXT, "fdatasync");
     int result = real(descriptor);
-    keep(descriptor);
+    copy_file(descriptor);
     return result;
 }

@@ -1,4 +1,4 @@
-"""Hosts in network namespaces, connected by a switch process that drops, delays and cuts.
+"""Hosts in network namespaces, connected by a switch process that can lose, delay and cut their traffic.
 
 Linux's netem does the same but is not in every kernel. Needs root: see `find_obstacle`.
 """
@@ -28,7 +28,7 @@ _NETWORK = "198.18"  # reserved for network tests by RFC 2544
 
 
 def find_obstacle() -> str | None:
-    """Return the reason why this computer cannot have such hosts, or None."""
+    """Return the reason why this computer cannot run such hosts; None if it can."""
     if os.geteuid() != 0:
         return "network namespaces need root"
     if shutil.which("ip") is None:
@@ -70,7 +70,7 @@ class Wires:
         port_out = None if destination[0] & _BROADCAST else self._ports_by_address.get(destination)
         ports_out = [out for out in range(self.ports) if out != port]
         for out in ports_out if port_out is None else [port_out]:
-            if self._passes(port) and self._passes(out):
+            if self._lets_pass(port) and self._lets_pass(out):
                 due_s = now_s + self.delay_s.get(port, 0.0) + self.delay_s.get(out, 0.0)
                 self._count += 1
                 heapq.heappush(self._in_transit, (due_s, self._count, out, frame))
@@ -85,7 +85,7 @@ class Wires:
         """Return the seconds until the next frame arrives; None if there is none."""
         return max(0.0, self._in_transit[0][0] - now_s) if self._in_transit else None
 
-    def _passes(self, port: int) -> bool:
+    def _lets_pass(self, port: int) -> bool:
         return port not in self.cut and self.rng.random() >= self.loss.get(port, 0.0)
 
 
@@ -113,16 +113,16 @@ class Network:
         return self._addresses[name]
 
     def make_command(self, name: str, command: Sequence[str]) -> list[str]:
-        """Return the command that runs another one on a host, in the same process."""
+        """Return a command that runs another one on a host, in the same process."""
         return ["ip", "netns", "exec", self._namespaces[name], *command]
 
     def list_pids(self, name: str) -> list[int]:
-        """Return the processes of a host."""
+        """Return the ids of the processes of a host."""
         command = ["ip", "netns", "pids", self._namespaces[name]]
         return [int(pid) for pid in subprocess.run(command, capture_output=True, check=True).stdout.split()]
 
     def set_faults(self, *names: str, loss: float = 0.0, delay_s: float = 0.0, cut: bool = False) -> None:
-        """Set the faults of hosts; no fault repairs them."""
+        """Set the faults of hosts in place of earlier ones; without a fault, the hosts are repaired."""
         ports = [self.names.index(name) for name in names]
         self._send_order({"ports": ports, "loss": loss, "delay_s": delay_s, "cut": cut})
 
@@ -141,14 +141,14 @@ class Network:
 
 
 def find_free_network() -> int:
-    """Find a third number of addresses that no other test on this computer uses."""
+    """Return a third byte of addresses that no other test on this computer uses."""
     result = subprocess.run(["ip", "-o", "-4", "addr"], capture_output=True, text=True, check=True).stdout
     numbers = ((os.getpid() + step) % 256 for step in range(256))
     return next(number for number in numbers if f" {_NETWORK}.{number}.1/" not in result)
 
 
 def _open_port(number: int, address: str, namespace: str | None) -> int:
-    """Make a network interface with an address, in a namespace. Returns its other end."""
+    """Make a network interface with an address, in a namespace; return its other end."""
     port = os.open(_TUN, os.O_RDWR | os.O_NONBLOCK)
     name = f"farm{os.getppid()}n{number}"
     fcntl.ioctl(port, _TUNSETIFF, struct.pack("16sH22x", name.encode(), _IFF_TAP | _IFF_NO_PI))
@@ -173,7 +173,7 @@ def _switch_frames(ports: list[int], rng: random.Random) -> None:
                 with contextlib.suppress(OSError):
                     wires.send(os.read(port, _FRAME_BYTES), number, time.monotonic())
         for number, frame in wires.arrive(time.monotonic()):
-            with contextlib.suppress(OSError):  # the frame is lost: the queue is full
+            with contextlib.suppress(OSError):  # the queue is full, so the frame is lost
                 os.write(ports[number], frame)
         if 0 in ready:
             line = sys.stdin.buffer.raw.readline()  # type: ignore[union-attr]

@@ -67,7 +67,7 @@ def make_marlin(layers=None, *, start=None, comments=True, relative=False, tail=
 
 
 def make_ultigcode(layers=None, nozzle="0.4", body=()):
-    """Make G-code as Cura writes it for these printers: E in mm3, retractions by G10, no heating."""
+    """Make G-code as Cura writes it for the Ultimaker 2: E in mm3, retractions by G10, no heating."""
     lines = [";FLAVOR:UltiGCode", ";TIME:6666", ";MATERIAL:6666", ";MATERIAL2:0"]
     lines += [f";NOZZLE_DIAMETER:{nozzle}", ";Generated with Cura_SteamEngine 4.13.0", "M82", "G92 E0", "G10"]
     layers = make_square() if layers is None else layers

@@ -1,4 +1,4 @@
-"""Accepted own G-code, read by an independent reader."""
+"""Acceptance of own G-code, and checks of the result by an independent reader."""
 
 import re
 

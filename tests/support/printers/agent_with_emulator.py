@@ -1,4 +1,4 @@
-"""One real agent with its emulator, and a client like the daemon's."""
+"""A real agent with its emulator, and a client like that of the daemon."""
 
 import asyncio
 import hashlib
@@ -52,7 +52,7 @@ def make_gcode(moves: int) -> str:
 
 
 class Printer:
-    """One agent with its emulator, and a client."""
+    """An agent with its emulator, and a client."""
 
     def __init__(self, folder: Path, url: str) -> None:
         self.folder, self.url = folder, url
@@ -120,7 +120,8 @@ class Printer:
 
 
 @asynccontextmanager
-async def printer(folder: Path, faults: str = "") -> AsyncIterator[Printer]:
+async def run_printer(folder: Path, faults: str = "") -> AsyncIterator[Printer]:
+    """Run an agent with its emulator; yield it when it is ready."""
     printer = Printer(folder / "agent", f"sim://{MODEL}{faults}")
     printer.spawn()
     try:

@@ -43,7 +43,7 @@ class Host:
         return self.firmware.feed(data, self.now_s).decode("latin-1").splitlines()
 
     def send(self, line: str, seconds: float = 600.0) -> list[str]:
-        """Send a line and wait for its ok (which may follow other text on its line)."""
+        """Send a line and wait for its ok, which may follow other text on the same line."""
         answers = self.send_burst(line)
         end_s = self.now_s + seconds
         while not any(text.endswith("ok") or text.startswith("ok") for text in answers):

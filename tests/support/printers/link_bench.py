@@ -15,7 +15,7 @@ BANNER = b"start\necho:Marlin 1.0.0\necho: Last Updated | Author: Vers:_3.3.0\ne
 
 
 class Firmware:
-    """Line numbers, checksums, resends and oks, without a machine."""
+    """Firmware that checks numbered lines and answers them, without a machine."""
 
     def __init__(self) -> None:
         self.last_number = 0
@@ -115,7 +115,7 @@ class Bench:
             else:
                 self.now_s = self.link.deadline_s
                 self.events += self.link.tick(self.now_s)
-        raise AssertionError(f"the link does not come to an end: {self.events[-5:]}")
+        raise AssertionError(f"the link does not finish: {self.events[-5:]}")
 
     def list_faults(self) -> list[Fault]:
         return [event.fault for event in self.events if isinstance(event, LinkFault)]

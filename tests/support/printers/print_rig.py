@@ -113,7 +113,7 @@ class Rig:
             self.step()
         return self
 
-    def targets(self) -> tuple[float, float]:
+    def read_targets(self) -> tuple[float, float]:
         board = self.firmware.board
         return board.nozzle.target_c, board.bed.target_c
 
@@ -148,5 +148,5 @@ def assert_end_with_heaters_off(rig: Rig, phase: PrintPhase, fault: Fault | None
     session = rig.session
     assert (session.context.phase, session.context.fault) == (phase, fault), session.context.reason
     assert session.context.heaters_off and not session.context.wants_power_off
-    assert rig.targets() == (0.0, 0.0)
+    assert rig.read_targets() == (0.0, 0.0)
     assert session.context.ended_s is not None and rig.now_s - 120.0 < session.context.ended_s <= rig.now_s

@@ -24,7 +24,7 @@ def host() -> Host:
 # --- boot ---
 
 
-def test_banner_comes_a_second_after_power_and_the_card_fails_2_3_s_later() -> None:
+def test_banner_is_sent_a_second_after_power_on_and_the_card_error_2_3_s_later() -> None:
     host = Host(boot=False)
     assert host.wait_until(0.99) == []
     answers = host.wait_until(1.05)
@@ -111,7 +111,7 @@ def test_m115_lists_no_capabilities(host: Host) -> None:
     assert answers[1:] == ["ok"]
 
 
-def test_position_is_the_last_target_and_the_count_is_where_the_head_is(host: Host) -> None:
+def test_position_is_the_last_target_and_count_is_the_actual_position(host: Host) -> None:
     host.send("G28")
     host.send("G1 X100 F6000")  # 100 mm/s
     host.wait(0.5)
@@ -146,7 +146,7 @@ def test_targets_out_of_reach_are_clamped_silently(host: Host) -> None:
     assert host.send("M114")[0].startswith("X:230.00Y:0.00Z:225.00")
 
 
-def test_cold_extrusion_is_refused_after_its_ok_but_counted(host: Host) -> None:
+def test_cold_extrusion_is_acknowledged_and_counted_and_not_executed(host: Host) -> None:
     assert host.send_burst("G1 E5 F300") == ["ok", "echo: cold extrusion prevented"]
     assert "E:5.00" in host.send("M114")[0]
     host.wait(10.0)
@@ -159,14 +159,14 @@ def test_extrusion_of_a_metre_is_refused(host: Host) -> None:
 
 
 def test_moves_are_acknowledged_when_read_and_commands_after_execution(host: Host) -> None:
-    """Check that the oks of both moves come before the answer to the M105 that precedes them."""
+    """Check that the oks of both moves come before the answer to the M105 before them."""
     assert host.send_burst("G28", "M105", "G1 X10 F6000", "M114", "G1 X20") == ["ok", "ok"]
     answers = host.wait(30.0)
     assert answers[0] == "ok" and answers[1].startswith("ok T:") and answers[2].startswith("X:10.00")
     assert answers[3:] == ["ok"]
 
 
-def test_seventeen_moves_are_acknowledged_at_once_then_one_per_finished_move(host: Host) -> None:
+def test_seventeen_moves_are_acknowledged_at_once_and_then_one_per_finished_move(host: Host) -> None:
     ok_count = 0
     for k in range(40):
         if host.send_burst(f"G1 X{20 if k % 2 else 220} F6000") != ["ok"]:

@@ -19,7 +19,7 @@ def host() -> Host:
     return Host()
 
 
-def test_stopped_firmware_acknowledges_moves_and_heats() -> None:
+def test_stopped_firmware_acknowledges_moves_and_obeys_temperatures() -> None:
     host = Host(faults=Faults(stop_after=3))
     host.send("M140 S60")
     host.send("M104 S210")
@@ -69,21 +69,21 @@ def test_dead_bed_heater_is_not_detected() -> None:
     assert len(answers) > 3500 and all(line.startswith("T:21.00 E:0 B:21.0") for line in answers)
 
 
-def test_dead_man_kills_and_the_watchdog_resets(host: Host) -> None:
+def test_dead_man_timer_halts_the_firmware_and_the_watchdog_resets_it(host: Host) -> None:
     host.send("M104 S210")
     host.send("M85 S30")
     host.wait(20.0)
-    host.send("M105")  # does not restart the dead-man
+    host.send("M105")  # does not restart the dead-man timer
     assert host.wait(9.9) == []
     assert host.wait(0.2) == ["Error:Printer halted. kill() called!"]
     assert host.board.nozzle.target_c == 0.0
     assert host.send_burst("M105") == []
     assert host.wait(3.9) == []
     assert host.wait(0.2)[0] == "start"
-    assert host.wait(100.0) == ["echo:SD init fail"]  # and the dead-man is off again
+    assert host.wait(100.0) == ["echo:SD init fail"]  # and the dead-man timer is off again
 
 
-def test_dead_man_is_restarted_by_late_input(host: Host) -> None:
+def test_dead_man_timer_is_restarted_by_late_input(host: Host) -> None:
     """Count bytes that arrived before the time-out, even if both are processed together."""
     host.send("M85 S30")
     host.now_s += 31.0
@@ -109,7 +109,7 @@ def test_reset_keeps_physical_state_only(host: Host) -> None:
     ]
 
 
-def test_moves_and_heat_continue_without_a_host(host: Host) -> None:
+def test_moves_and_heaters_continue_without_a_host(host: Host) -> None:
     host.send("M104 S210")
     host.send("G28")
     host.send("G1 X200 F600")

@@ -43,7 +43,7 @@ def test_number_without_checksum_requests_the_same_line(host: Host) -> None:
     ]
 
 
-def test_checksum_without_number_gets_no_ok_at_all(host: Host) -> None:
+def test_checksum_without_number_gets_no_ok(host: Host) -> None:
     assert host.send_burst("M105*12") == ["Error:No Line Number with checksum, Last Line: 0"]
     assert host.wait(60.0) == []
 
@@ -156,15 +156,13 @@ def test_arbitrary_bytes_do_not_crash_the_firmware(chunks: list[bytes]) -> None:
 
 
 axis = st.one_of(st.none(), st.floats(-20, 250).map(lambda number: round(number, 3)))
-
-
 feedrate = st.sampled_from([None, -1.0, 0.0, 600.0, 3000.0, 12000.0])
 
 
 @given(st.lists(st.tuples(feedrate, axis, axis, axis, axis), min_size=1, max_size=30))
 @settings(deadline=None)
 def test_fast_path_of_a_move_equals_the_slow_path(moves: list[tuple[float | None, ...]]) -> None:
-    """Compare a well-formed move, which skips the line buffer, with one of two spaces, which does not."""
+    """Compare a well-formed move, which skips the line buffer, with a double-spaced one, which does not."""
     ends = []
     for gap in (" ", "  "):
         host = Host()

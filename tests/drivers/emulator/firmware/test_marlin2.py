@@ -33,7 +33,7 @@ def test_number_without_a_checksum_is_refused_with_the_last_line(host: Host):
     assert host.send_numbered("M400") == ["ok"]  # the line has changed nothing
 
 
-def test_ok_of_a_move_comes_when_it_is_in_the_planner(host: Host):
+def test_move_is_acknowledged_when_it_is_in_the_planner(host: Host):
     host.send("G28")
     answers = [line for x in range(40) for line in host.send_numbered(f"G1 F600 X{x % 2 * 100}")]
     assert [line for line in answers if not line.startswith("ok")] == ["echo:busy: processing"] * (
@@ -65,7 +65,7 @@ def test_m112_halts_the_board_until_a_reset(host: Host):
     assert "start" in host.wait(5.0)
 
 
-def test_only_moves_and_m85_restart_the_dead_man(host: Host):
+def test_only_moves_and_m85_restart_the_dead_man_timer(host: Host):
     host.send("M140 S60")
     host.send("M85 S100")
     for _ in range(6):

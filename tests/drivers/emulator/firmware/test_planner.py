@@ -21,10 +21,10 @@ class Bench:
 
     def __init__(self) -> None:
         self.fed_mm = 0.0
-        self.planner = Planner(Limits.from_profile(PROFILE), START, self._fed)
+        self.planner = Planner(Limits.from_profile(PROFILE), START, self._record_feed)
         self.now_s = 0.0
 
-    def _fed(self, e_mm: float, z_mm: float) -> None:
+    def _record_feed(self, e_mm: float, z_mm: float) -> None:
         self.fed_mm += e_mm
 
     def add_move(self, target: Point, feedrate_mm_s: float) -> None:
@@ -37,22 +37,29 @@ class Bench:
         return self.planner.idle_since_s
 
 
-def compute_trapezoid_s(mm: float, v: float, a: float, entry: float, leave: float = STANDSTILL_MM_S) -> float:
+def compute_trapezoid_s(
+    distance_mm: float,
+    speed_mm_s: float,
+    acceleration_mm_s2: float,
+    entry_mm_s: float,
+    exit_mm_s: float = STANDSTILL_MM_S,
+) -> float:
     """Compute the time of a straight move by the textbook formula."""
-    ramps_mm = (2 * v * v - entry**2 - leave**2) / (2 * a)
-    if ramps_mm <= mm:
-        return (v - entry) / a + (v - leave) / a + (mm - ramps_mm) / v
-    top = math.sqrt((2 * a * mm + entry**2 + leave**2) / 2)
-    return (2 * top - entry - leave) / a
+    ramps_mm = (2 * speed_mm_s**2 - entry_mm_s**2 - exit_mm_s**2) / (2 * acceleration_mm_s2)
+    if ramps_mm <= distance_mm:
+        ramps_s = (2 * speed_mm_s - entry_mm_s - exit_mm_s) / acceleration_mm_s2
+        return ramps_s + (distance_mm - ramps_mm) / speed_mm_s
+    top_mm_s = math.sqrt((2 * acceleration_mm_s2 * distance_mm + entry_mm_s**2 + exit_mm_s**2) / 2)
+    return (2 * top_mm_s - entry_mm_s - exit_mm_s) / acceleration_mm_s2
 
 
-@pytest.mark.parametrize("mm", [1.0, 5.0, 20.0, 90.0])
-@pytest.mark.parametrize("v", [5.0, 60.0, 150.0, 300.0])
-def test_straight_move_takes_the_time_of_its_trapezoid(mm: float, v: float) -> None:
+@pytest.mark.parametrize("distance_mm", [1.0, 5.0, 20.0, 90.0])
+@pytest.mark.parametrize("speed_mm_s", [5.0, 60.0, 150.0, 300.0])
+def test_straight_move_takes_the_time_of_its_trapezoid(distance_mm: float, speed_mm_s: float) -> None:
     bench = Bench()
-    bench.add_move((100 + mm, 100, 50, 0), v)
-    entry = min(v, PROFILE.jerk_mm_s[0] / 2)  # from standstill: half the jerk
-    assert bench.finish() == pytest.approx(compute_trapezoid_s(mm, v, 3000.0, entry))
+    bench.add_move((100 + distance_mm, 100, 50, 0), speed_mm_s)
+    entry_mm_s = min(speed_mm_s, PROFILE.jerk_mm_s[0] / 2)  # a move from standstill begins with half the jerk
+    assert bench.finish() == pytest.approx(compute_trapezoid_s(distance_mm, speed_mm_s, 3000.0, entry_mm_s))
 
 
 def test_z_keeps_its_limits_of_speed_and_acceleration() -> None:
@@ -68,15 +75,15 @@ def test_feeder_keeps_its_speed_limit() -> None:
     assert bench.fed_mm == pytest.approx(90.0)
 
 
-@given(pieces=st.integers(2, 60), v=st.sampled_from([20.0, 60.0, 150.0]))
+@given(pieces=st.integers(2, 60), speed_mm_s=st.sampled_from([20.0, 60.0, 150.0]))
 @settings(max_examples=40, deadline=None)
-def test_split_line_takes_about_as_long_as_a_whole_one(pieces: int, v: float) -> None:
+def test_split_line_takes_about_as_long_as_a_whole_one(pieces: int, speed_mm_s: float) -> None:
     unsplit_bench, split_bench = Bench(), Bench()
-    unsplit_bench.add_move((180, 100, 50, 4), v)
+    unsplit_bench.add_move((180, 100, 50, 4), speed_mm_s)
     for k in range(1, pieces + 1):
-        split_bench.add_move((100 + 80 * k / pieces, 100, 50, 4 * k / pieces), v)
+        split_bench.add_move((100 + 80 * k / pieces, 100, 50, 4 * k / pieces), speed_mm_s)
     one_s, many_s = unsplit_bench.finish(), split_bench.finish()
-    # Up to two starts from standstill and the end of the queue take longer; nothing gets shorter.
+    # Up to two starts from standstill and the end of the queue take longer; no move takes less time.
     assert many_s >= one_s - 1e-9
     assert many_s == pytest.approx(one_s, abs=0.07)
     assert split_bench.fed_mm == pytest.approx(unsplit_bench.fed_mm)
@@ -91,16 +98,16 @@ moves = st.lists(
 )
 
 
-@given(moves=moves, v=st.floats(1, 300))
+@given(moves=moves, speed_mm_s=st.floats(1, 300))
 @settings(max_examples=150, deadline=None)
-def test_moves_end_at_their_target_and_never_early(moves: list[Point], v: float) -> None:
+def test_moves_end_at_their_target_and_never_early(moves: list[Point], speed_mm_s: float) -> None:
     bench = Bench()
     min_s, position_mm = 0.0, START
     for target in moves:
-        bench.add_move(target, v)
+        bench.add_move(target, speed_mm_s)
         assert len(bench.planner) <= CAPACITY
         move_mm = math.dist(bench.planner.target[:3], position_mm[:3])
-        min_s += move_mm / v
+        min_s += move_mm / speed_mm_s
         position_mm = bench.planner.target
     assert bench.finish() >= min_s * (1 - 1e-9)
     # Moves of less than six steps are added to the next ones.
@@ -110,16 +117,14 @@ def test_moves_end_at_their_target_and_never_early(moves: list[Point], v: float)
     assert bench.planner.busy_s <= bench.planner.idle_since_s + 1e-9
 
 
-@given(moves=moves, v=st.floats(5, 300))
+@given(moves=moves, speed_mm_s=st.floats(5, 300))
 @settings(max_examples=100, deadline=None)
-def test_speed_is_continuous_within_jerk_and_the_position_without_a_jump(
-    moves: list[Point], v: float
-) -> None:
+def test_position_never_changes_faster_than_the_maximum_speed(moves: list[Point], speed_mm_s: float) -> None:
     """Sample at 1 ms: no axis moves further than its maximum speed allows."""
     bench = Bench()
     planner = bench.planner
     for target in moves[:CAPACITY]:
-        planner.add(target, v, 0.0)
+        planner.add(target, speed_mm_s, 0.0)
     last_position = planner.compute_position(0.0)
     now_s = 0.0
     while len(planner) and now_s < 20.0:
@@ -132,16 +137,16 @@ def test_speed_is_continuous_within_jerk_and_the_position_without_a_jump(
         last_position = position_mm
 
 
-@given(moves=moves, v=st.floats(5, 300))
+@given(moves=moves, speed_mm_s=st.floats(5, 300))
 @settings(max_examples=100, deadline=None)
-def test_entry_speeds_are_reachable(moves: list[Point], v: float) -> None:
+def test_entry_speeds_are_reachable(moves: list[Point], speed_mm_s: float) -> None:
     bench = Bench()
     for target in moves:
-        bench.add_move(target, v)
+        bench.add_move(target, speed_mm_s)
         blocks = bench.planner._blocks
-        for old_position, next_block in itertools.pairwise(blocks[1:]):
-            assert next_block.entry_2 <= old_position.entry_2 + old_position.gain_2 + 1e-6
-            assert old_position.entry_2 <= next_block.entry_2 + old_position.gain_2 + 1e-6
+        for block, next_block in itertools.pairwise(blocks[1:]):
+            assert next_block.entry_2 <= block.entry_2 + block.gain_2 + 1e-6
+            assert block.entry_2 <= next_block.entry_2 + block.gain_2 + 1e-6
         for block in blocks:
             assert block.entry_2 <= block.max_entry_2 + 1e-9 <= block.v**2 * (1 + 1e-9) + 1e-6
 
@@ -157,7 +162,7 @@ def test_stop_keeps_the_position_and_counts_fed_filament() -> None:
 
 
 def test_moves_added_late_do_not_stretch_a_queue_that_is_not_empty() -> None:
-    """Add moves late but in time: none is delayed."""
+    """Check that no move is delayed if moves are added late but in time."""
     prompt_bench, late_bench = Bench(), Bench()
     targets = [(100 + 2.0 * k, 100.0, 50.0, 0.1 * k) for k in range(1, 45)]
     for target in targets:
