@@ -269,7 +269,7 @@ def _reword(error: ErrorDetails, pattern: str | None) -> str:
     """Describe an error in plain words instead of pydantic's; `pattern` describes what is allowed."""
     kind, context = error["type"], error.get("ctx", {})
     if kind == "missing":
-        return "is missing" if isinstance(error["loc"][-1], str) else "is one value short"
+        return "is missing" if isinstance(error["loc"][-1], str) else "has one value too few"
     if kind == "string_pattern_mismatch":
         return f"must be {pattern or 'written differently'}, not {str(error['input'])!r}"
     if kind == "invalid_key":

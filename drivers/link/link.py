@@ -279,7 +279,7 @@ class Link:
             self._query(now_s)
             return
         if action is Action.GIVE_UP_NOISY:
-            self._give_up(Fault.NOISY_LINE, "the board reports another last line each time", events)
+            self._give_up(Fault.NOISY_LINE, "the board reports a different last line each time", events)
             return
         self._is_refused = False
         match action:

@@ -15,7 +15,7 @@ from farm.text import flatten_text
 
 _CLOCK_TOLERANCE_S = 60.0  # wall seconds; longer than any message takes
 _LATEST_S = datetime(9000, 1, 1, tzinfo=UTC).timestamp()
-_OUTDATED = "its agent is of an older version: replace it by `farm up --replace {}`"
+_OUTDATED = "its agent is of an older version: replace it with `farm up --replace {}`"
 _PHASES = {
     m.PrintPhase.SPOOLED: PrintState.ASSIGNED,
     m.PrintPhase.CONNECTING: PrintState.HEATING,

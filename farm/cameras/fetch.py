@@ -52,7 +52,7 @@ async def fetch_still(url: str) -> Image:
         text = str(error) if "certificate" in str(error).lower() else "its connection was refused"
         raise CameraError(f"it does not answer ({text})") from None
     except (httpx.HTTPError, httpx.InvalidURL, httpx.StreamError, OSError) as error:
-        raise CameraError(f"it does not answer as a web server does ({type(error).__name__})") from None
+        raise CameraError(f"it does not answer like a web server ({type(error).__name__})") from None
 
 
 async def _fetch(url: httpx.URL) -> Image:
@@ -98,7 +98,7 @@ async def _send(
         except httpx.ConnectError:
             if number == len(addresses):
                 raise
-    raise CameraError("its name has no address")
+    raise CameraError("its host name has no address")
 
 
 def _leave_unchanged(request: httpx.Request) -> httpx.Request:

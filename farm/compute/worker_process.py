@@ -129,7 +129,7 @@ def _answer(request: bytes) -> bytes:
     except MemoryError:
         return pickle.dumps(MemoryError())
     except SystemExit as error:
-        return pickle.dumps(RaisedError(FarmError(f"a library ended the work: {error}")))
+        return pickle.dumps(RaisedError(FarmError(f"a library ended the task: {error}")))
     except Exception as error:
         error.add_note(
             "".join(traceback.format_exception(error))

@@ -87,8 +87,8 @@ class Objections:
             raise GcodeRefused(self._unconditional_reason)
         if not (self._has_ended or is_closed):
             self.refuse(
-                "the file ends here, but not its print: nothing switches the nozzle off (M104 S0) after the "
-                "last line that is printed; export it once more, or copy it again"
+                "the file ends here, before the print does: nothing switches the nozzle off (M104 S0) after "
+                "the last line that is printed; export it once more, or copy it again"
             )
 
     def _add_line(self, reason: str) -> str:

@@ -96,7 +96,8 @@ def survey_lines(lines: Iterable[bytes], filament_mm: float) -> Survey:
     incompleteness = scan.completeness.describe_incompleteness(scan.last_line, scan.number, scan.print_line)
     if incompleteness is not None:
         raise GcodeRefused(
-            f"line {scan.number}: the file ends here, but not its print: {incompleteness}; {EXPORT_ADVICE}"
+            f"line {scan.number}: the file ends here, before the print does: {incompleteness}; "
+            f"{EXPORT_ADVICE}"
         )
     return Survey(
         is_ulticode=is_ulticode,

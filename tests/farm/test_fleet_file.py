@@ -164,7 +164,7 @@ def test_fleet_file_of_the_repository_is_valid():
             "write '/srv/farm/bin/python -m drivers.remote.bridge'",
         ),
         (VALID_TEXT.replace("colour: blue", "nozzle_mm: 0"), "printers.1.nozzle_mm: must be more than 0"),
-        (VALID_TEXT.replace("colour: blue", "volume_mm: [200, 200]"), "volume_mm.2: is one value short"),
+        (VALID_TEXT.replace("colour: blue", "volume_mm: [200, 200]"), "volume_mm.2: has one value too few"),
         (VALID_TEXT.replace("colour: blue", "volume_mm: [1, 2, 3, 4]"), "volume_mm: has 4 values; 3 at most"),
         (VALID_TEXT.replace("colour: blue", "volume_mm: 2x2x2"), "printers.1.volume_mm: must be a list"),
         (VALID_TEXT + "  - um2-03\n", "fleet.yaml:7: printers.2: must be keys with values"),

@@ -221,7 +221,7 @@ def load(
 ) -> None:
     """Record a new reel or nozzle. No print starts with too little filament left."""
     if filament is not None and material is not None:
-        raise typer.BadParameter("give the material once", param_hint="--material")
+        raise typer.BadParameter("give the material only once", param_hint="--material")
     material = filament or material
     if material is None and colour is None and grams is None and nozzle is None:
         raise typer.BadParameter("give the filament, or one of --material, --colour, --grams and --nozzle")

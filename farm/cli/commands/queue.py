@@ -48,7 +48,7 @@ def queue(
             "give up, down, first or last, or --before JOB, or --at TIME", param_hint="TO"
         )
     if job is None and (before is not None or at is not None):
-        raise typer.BadParameter("give the job too", param_hint="--before" if at is None else "--at")
+        raise typer.BadParameter("give a job as well", param_hint="--before" if at is None else "--at")
     client = connect(paths)
     if job is not None and at is not None:
         client.reschedule(job, api.JobStart(at=at))

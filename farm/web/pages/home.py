@@ -185,7 +185,7 @@ def _describe_task(
         case "approve":
             text = f"Approve {text}"
         case "stopped":
-            text = f"Decide on {text}, which the emergency stop ended"
+            text = f"Decide on {text}, which was ended by the emergency stop"
         case "alarm":
             text = todo.text[:1].upper() + todo.text[1:]
         case "farm":

@@ -125,7 +125,7 @@ def summarise_job(job: api.JobView, timeline: api.Timeline | None) -> str:
         ends = "" if job.eta is None else _format_end(job.eta, job.now)
         return Markup("{}{}{}.").format("Paused: " if job.paused else "", progress, ends)
     if job.state == JobState.PRINTED:
-        return "Every part is printed: take the parts off and say which are good."
+        return "Every part is printed: take the parts off and report which are good."
     if job.state == JobState.DONE:
         return "Every part is printed and good."
     if job.state == JobState.CANCELLED:

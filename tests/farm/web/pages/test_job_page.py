@@ -197,7 +197,7 @@ def test_dry_run_offers_print_keep_discard_and_its_curve():
         ({"paused": True, "eta": None}, "Paused: 3 of 5 parts printed."),
         (
             {"state": JobState.PRINTED},
-            "Every part is printed: take the parts off and say which are good.",
+            "Every part is printed: take the parts off and report which are good.",
         ),
         ({"state": JobState.DONE}, "Every part is printed and good."),
         ({"state": JobState.FAILED, "reason": "no fit"}, "It has failed: no fit."),
