@@ -27,7 +27,7 @@ import shapely
 from bench.connectors.joint_slices import slice_part
 from bench.models.shapes import SHAPES
 from bench.prices.parts import make_recipe
-from decompose.connectors import pairs_of
+from decompose.connectors import find_pairs
 from decompose.decompose import decompose_model
 from decompose.geometry import Model, load_model
 from decompose.options import FILAMENT_MM, ConnectorOptions, Engine, Options
@@ -111,7 +111,7 @@ def measure(name: str, printers: int, longest_side_mm: float, slices: int) -> Ro
     drilled = connect_parts(cut)
     compute_s = process_time() - start_s
     connectors, steps = drilled.connectors, drilled.assembly.steps
-    pairs = pairs_of(connectors.pins)
+    pairs = find_pairs(connectors.pins)
     row = Row(
         model=Path(name).name,
         parts=len(drilled.parts),

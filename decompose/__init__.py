@@ -1,4 +1,4 @@
-"""Decomposition of a model into parts that are printed side by side and glued.
+"""Decomposition of a model into parts that are printed in parallel and glued.
 
 Public interface: `decompose.decompose_model`, `auto.decompose_auto` and `relevel.relevel_planes`; `options`,
 `printers`, `errors` and `files`; and the names in the `__init__` of each package. This file imports

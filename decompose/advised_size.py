@@ -1,4 +1,4 @@
-"""Largest size at which a model fits the printers: found on a coarse grid, checked before it is advised."""
+"""Largest size at which a model fits the printers; it is found on a coarse grid, and checked."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from decompose.problem import Problem
 COARSE_GRANULARITY = 8  # granularity of the grid on which sizes are searched
 HALVINGS = 8  # number of times that the range of sizes is halved
 CLOSE_RATIO = 1.005  # ratio of two sizes at which the search between them ends
-TRIALS = 4  # maximum number of full decompositions, each of a smaller model than the last one
-TRIAL_STEP = 0.96  # ratio of the size of a trial to the size of the trial before
-TRIAL_BUDGET_S = 2.0  # enough to find a result, though not the best one
+TRIALS = 4  # maximum number of full decompositions, each of a smaller model than the one before
+TRIAL_STEP = 0.96  # ratio of the size in a trial to that in the trial before
+TRIAL_BUDGET_S = 2.0  # enough to find a result, although not the best one
 
 
 def advise_longest_side_mm(
@@ -32,7 +32,7 @@ def advise_longest_side_mm(
     cost: CostModel,
     executor: Executor | None = None,
 ) -> int | None:
-    """Find a longest side, in whole mm, with which a model that needs too many parts can be cut.
+    """Find a longest side with which a model that needs too many parts can be cut.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def advise_longest_side_mm(
     Returns
     -------
     int | None
-        Size in mm, about the largest one for which there is a result; None if none was found.
+        Size in whole mm, about the largest one for which there is a result; None if there is none.
     """
     longest_mm = float(model.extents_mm.max())
     max_scale = _find_scale(model, printers, options, cost)
@@ -81,7 +81,7 @@ def _find_scale(
     low, high = 0.0, 1.0
     scale = min(1.0, max(problem.room_mm) / float(model.extents_mm.max()))  # about one part
     for _ in range(HALVINGS):
-        boxes = problem.price_boxes(grid, [_grow(room, 1.0 / scale) for room in problem.rooms])
+        boxes = problem.price_boxes(grid, [_scale_room(room, 1.0 / scale) for room in problem.rooms])
         if Partitioner(boxes).solve(sys.float_info.max) <= len(printers):
             low = scale
         else:
@@ -92,7 +92,7 @@ def _find_scale(
     return low or None
 
 
-def _grow(room: PrinterRoom, scale: float) -> PrinterRoom:
+def _scale_room(room: PrinterRoom, scale: float) -> PrinterRoom:
     """Scale the room of a printer."""
     return replace(room, boxes=tuple((scale * x, scale * y, scale * z) for x, y, z in room.boxes))
 

@@ -1,4 +1,4 @@
-"""Short names for the types of arrays."""
+"""Short names of array types."""
 
 from __future__ import annotations
 

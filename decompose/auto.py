@@ -1,4 +1,4 @@
-"""Choice of the number of printers by the curve of the guillotine engine, for any engine."""
+"""Choice of the number of printers for any engine, by the makespan curve of the engine `guillotine`."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ class CountGoal:
     Attributes
     ----------
     clear_s, assemble_s
-        A person's time for each part: to clear its bed, and to glue it. The sum of printing and handling is
-        minimised.
+        A person's time in seconds for each part: to clear its bed, and to glue it. The sum of printing and
+        handling is minimised.
     within_s
-        Time limit for printing all parts: the number of parts is the lowest one that meets it, or, if none
-        does, the fastest one, however long the handling takes.
+        Time limit in seconds for printing all parts: the number of parts is the lowest one that meets it or,
+        if there is none, the fastest one, however long the handling takes.
     glued
         Whether the time limit also includes gluing the parts.
     """
@@ -51,7 +51,7 @@ class CountGoal:
     within_s: float | None = None
     glued: bool = False
 
-    def choose(self, points: Sequence[CurvePoint]) -> CurvePoint:
+    def choose_point(self, points: Sequence[CurvePoint]) -> CurvePoint:
         """Choose a point of a curve."""
         if self.within_s is None:
             return find_knee(points, self.clear_s, self.assemble_s)
@@ -66,11 +66,10 @@ def decompose_auto(
     executor: Executor | None = None,
     goal: CountGoal = CountGoal(),
 ) -> Decomposition:
-    """Cut a model for the number of printers that suits a goal, the first ones of a list.
+    """Cut a model for the number of printers that suits a goal.
 
-    The number is chosen from the makespans for the first 1, 2, ... printers, which the tables of the grid
-    give for their rooms and speeds; if that number is too small for the parts as they are cut, all printers
-    are used.
+    The number is chosen by the makespans of the first 1, 2, ... printers, which the tables of the grid give
+    for their rooms and speeds. If that number turns out to be too small for the parts, all printers are used.
 
     Parameters
     ----------
@@ -88,7 +87,7 @@ def decompose_auto(
     """
     validate_problem(model, tuple(printers), options)
     points = build_curve(Problem(model, tuple(printers), cost, options, executor))
-    printer_count = goal.choose(points).printers if points else len(printers)
+    printer_count = goal.choose_point(points).printers if points else len(printers)
     try:
         result = decompose_model(model, printers[:printer_count], options, cost, executor)
     except NoFit:
@@ -99,10 +98,15 @@ def decompose_auto(
 
 
 def build_curve(problem: Problem) -> tuple[CurvePoint, ...]:
-    """Compute the makespan of the first 1, 2, ... printers by the tables, without numbers that are too small.
+    """Compute the makespan of the first 1, 2, ... printers by the tables, except numbers that are too small.
 
-    Unequal printers are grouped in classes, on a coarser grid, since there are more ways to distribute parts
-    among them; a number of printers of a class has their mean speed.
+    Unequal printers are grouped in classes, on a coarser grid, because there are more ways to distribute
+    parts among them. The printers of a class have their mean speed.
+
+    Parameters
+    ----------
+    problem
+        Problem with all printers, the best ones first.
     """
     printers = problem.printers
     grid_problem = problem if problem.is_uniform else replace(problem, printers=problem.rooms)

@@ -1,4 +1,4 @@
-"""Compilation of all functions that run as machine code, ahead of the first model: `farm setup` runs it.
+"""Compilation of all functions that run as machine code, before the first model: `farm setup` starts it.
 
 ``python -m decompose.compilation`` takes about a minute; it does nothing if the code is already compiled.
 """
@@ -51,13 +51,13 @@ def compile_all() -> None:
 
 
 def ensure_compiled() -> None:
-    """Compile every function, unless all the code for this processor is stored."""
+    """Compile every function, unless the code for this processor is stored already."""
     if not is_compiled():
         compile_all()
 
 
 def _cut_small_models() -> None:
-    """Repair a ring that lacks triangles and has a loose one, and cut it with each engine."""
+    """Repair a ring that lacks triangles and has a loose triangle, and cut it with each engine."""
     with tempfile.TemporaryDirectory() as scratch:
         path = Path(scratch) / "ring.stl"
         ring: Any = trimesh.creation.torus(60.0, 25.0, major_sections=24, minor_sections=12)

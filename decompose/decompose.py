@@ -1,4 +1,4 @@
-"""Decomposition of a model for some printers into checked parts."""
+"""Decomposition of a model into checked parts for some printers."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from decompose.printers import PrinterRoom
 from decompose.problem import Problem, validate_problem
 from decompose.results import Decomposition, finish_result
 
-PRICED_FACES = 300_000  # faces of the whole model that are priced: twice as many change the price by 0.5 %
+PRICED_FACES = 300_000  # maximum number of faces of a priced whole model; twice as many change it by 0.5 %
 PRICE_TOLERANCES_MM = (0.02, 0.05)
 
 
@@ -40,20 +40,20 @@ def decompose_model(
     model
         Model of `decompose.geometry.load_model`.
     printers
-        Free printers, one part each at most; a printer that may print in several rounds appears once for
-        each. The guillotine engine cuts a part for its own printer's room and speed; the parts of the others
-        fit all printers.
+        Free printers, each for one part at most; a printer that may print in several rounds appears once for
+        each. The engine `guillotine` cuts a part for the room and the speed of its own printer; the parts of
+        other engines fit all printers.
     options
         Engine, grid and limits.
     cost
         Print time of a part.
     executor
-        For attempts that may run in parallel; threads are enough.
+        Threads or processes for attempts that may run in parallel; None to run them one after the other.
 
     Raises
     ------
     NoFit
-        There are more parts than printers; the error has the number that would be enough.
+        There are more parts than printers; the error has the number of printers that would be enough.
     GeometryError
         The result breaks a geometry rule.
     """
@@ -71,20 +71,28 @@ def decompose_model(
 
 
 def run_engine(problem: Problem, serial: Callable[[], tuple[float, float]]) -> Decomposition:
-    """Run the engine that the options name, and check its result; `serial` returns `estimate_serial_s`."""
+    """Run the engine that the options name, and check its result.
+
+    Parameters
+    ----------
+    problem
+        Problem with the options.
+    serial
+        Function that returns the result of `estimate_serial_s`.
+    """
     watch = _StageTimes()
     if problem.options.faithful and problem.options.engine is Engine.PARALLELOBOX:
         problem = replace(problem, options=apply_paper_settings(problem.options))
     problem = replace(problem, on_stage=watch.record_stage)
     partition = ENGINES[problem.options.engine](problem)
     watch.record_stage("engine")
-    return replace(finish_result(problem, partition, serial()), compute_s=watch.stage_times())
+    return replace(finish_result(problem, partition, serial()), compute_s=watch.list_stage_times())
 
 
 def _add_bound(problem: Problem, result: Decomposition) -> Decomposition:
-    """Add the bound of boxes on any grid to a result of the guillotine engine, if bounds are asked for.
+    """Add the bound for boxes on any grid to a result of the engine `guillotine`, if bounds are requested.
 
-    A model of very many faces is simplified, as for its price.
+    A model with very many faces is simplified, as for its price.
     """
     if result.cutting is None or not problem.options.prove:
         return result
@@ -102,7 +110,7 @@ def _add_bound(problem: Problem, result: Decomposition) -> Decomposition:
 
 
 def simplify_for_price(solid: Solid) -> Solid:
-    """Simplify a solid of millions of faces, for a price that hardly differs; return any other unchanged."""
+    """Simplify a solid with millions of faces, whose price hardly changes; return any other unchanged."""
     simplified = solid
     for tolerance_mm in PRICE_TOLERANCES_MM:
         if simplified.faces <= PRICED_FACES:
@@ -114,7 +122,22 @@ def simplify_for_price(solid: Solid) -> Solid:
 def estimate_serial_s(
     vertices: Floats, faces: Ints, cost: CostModel, fit_first_layer: bool
 ) -> tuple[float, float]:
-    """Price a whole model on a printer without limits, in seconds: in its best pose, and as it stands."""
+    """Price a whole model on a printer without limits.
+
+    Parameters
+    ----------
+    vertices, faces
+        (n, 3) in mm and (m, 3) of a closed mesh, outward.
+    cost
+        Print time of a part.
+    fit_first_layer
+        Whether the brim and the first layer's expansion are chosen too.
+
+    Returns
+    -------
+    tuple
+        Seconds in its best pose, and in the pose of the file.
+    """
     uncut = np.zeros(len(faces), dtype=np.bool_)
     best = find_best_pose(vertices, faces, uncut, (), cost, fit_first_layer)
     as_is = measure_pose(vertices, faces, uncut, POSE_ROTATIONS[4], cost, fit_first_layer)
@@ -130,9 +153,11 @@ class _StageTimes:
         self._stage_times_s: dict[str, float] = {}
 
     def record_stage(self, stage: str) -> None:
+        """Record the time since the end of the last stage."""
         now_s = perf_counter()
         self._stage_times_s[stage] = now_s - self._stage_start_s
         self._stage_start_s = now_s
 
-    def stage_times(self) -> dict[str, float]:
+    def list_stage_times(self) -> dict[str, float]:
+        """List the seconds of each stage, and of all together."""
         return {**self._stage_times_s, "total": self._stage_start_s - self._start_s}

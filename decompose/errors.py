@@ -52,8 +52,8 @@ class NoFit(DecomposeError):
     Attributes
     ----------
     printers_needed
-        Minimum number of printers of the same kinds that would be enough, or a lower bound on it; None if it
-        is not known, or if no number would be enough.
+        Minimum number of printers of the same kinds that would be enough, or a lower bound on this number;
+        None if it is not known, or if no number would be enough.
     is_too_large
         Whether a smaller model would fit (`advised_size` finds its maximum size).
     """
@@ -69,7 +69,17 @@ class NoFit(DecomposeError):
     def from_shortage(
         cls, extents_mm: Iterable[float], needed: int, printers: int, more: str = "more printers"
     ) -> NoFit:
-        """Build the error of parts that outnumber the printers; `more` names the printers to free."""
+        """Build the error that parts outnumber the printers; `more` names the printers to free.
+
+        Parameters
+        ----------
+        extents_mm
+            Size of the model.
+        needed, printers
+            Number of parts, and number of printers.
+        more
+            Printers to free.
+        """
         return cls(
             f"{format_size(extents_mm)} mm needs {needed} parts, each on a printer of its own, and there are "
             f"{printers}: free {more}, or give a smaller --longest-side",
@@ -94,25 +104,25 @@ class Rule(StrEnum):
     SURFACE = "surface"  # the original surface is covered exactly once
     WALL = "wall"  # hollows keep their distance from the original surface
     INSIDE = "inside"  # parts and hollows together are exactly the model
-    # Pins and marks; a part that breaks these is printed without them.
-    DRILLED = "drilled"  # nothing but the holes and marks is removed, and a part stays one piece
+    # Rules of pins and marks; a part that breaks one of these is printed without pins and marks.
+    DRILLED = "drilled"  # only the holes and marks are removed, and a part stays one piece
     SKIN = "skin"  # pins and marks keep a wall to the outside, to other faces and to each other
-    # Each pin can be inserted, and no body fits when it is turned, or in the place of another one.
+    # Each pin can be inserted, and no body fits if it is rotated, or in the place of another body.
     PINNED = "pinned"
     ORDER = "order"  # each pin is along the direction of its step
-    SUPPORT_FREE = "support-free"  # their ceilings need no support
-    STL = "stl"  # the file, read back, is watertight and has the part's volume
+    SUPPORT_FREE = "support-free"  # the ceilings of holes and grooves need no support
+    STL = "stl"  # the file, when read back, is watertight and has the part's volume
 
 
 class GeometryError(DecomposeError):
-    """A result breaks a geometry rule; it is never printed.
+    """A result breaks a geometry rule, and is not printed.
 
     Attributes
     ----------
     rule
         Short name of the rule, see `Rule`.
     part
-        Part at fault, if it is one part.
+        Part that breaks it; None if it is not a single part.
     """
 
     def __init__(self, rule: str, part: str | None, problem: str) -> None:

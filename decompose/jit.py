@@ -1,10 +1,10 @@
 """Settings of the just-in-time compiler, and the folder of its machine code.
 
-Compiled code contains functions and constants of other files, and numba compares the time stamp of one file
+Compiled code contains functions and constants of other files, but numba compares the time stamp of one file
 only: after an update it would use stale code. So the folder is named by a hash of all compiled files.
 
-The folder lies beside the sources, where `farm setup` fills it (`decompose.compilation`). A user who may
-not write there gets a copy in their own cache, as numba uses only a folder that it can write to.
+The folder is next to the sources, where `farm setup` fills it (`decompose.compilation`). A user who may not
+write there gets a copy in their own cache, because numba only uses a folder that it can write to.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ def find_code_folder(main_folder: Path, other_folders: Iterable[Path]) -> Path |
     Parameters
     ----------
     main_folder
-        Folder beside the sources.
+        Folder next to the sources.
     other_folders
-        Folders to use if that one cannot be written, in this order; they get a copy of what is installed.
+        Folders to use if that one cannot be written, in this order; they get a copy of the installed code.
 
     Returns
     -------
@@ -56,7 +56,7 @@ def find_code_folder(main_folder: Path, other_folders: Iterable[Path]) -> Path |
     for folder in other_folders:
         if not folder.is_dir() and main_folder.is_dir():
             with contextlib.suppress(OSError):
-                _copy(main_folder, folder)
+                _copy_folder(main_folder, folder)
         if is_writable(folder):
             return folder
     return None
@@ -83,7 +83,7 @@ def mark_compiled() -> None:
         (CODE_FOLDER / _MARK).touch()
 
 
-def _copy(source: Path, target: Path) -> None:
+def _copy_folder(source: Path, target: Path) -> None:
     """Copy a folder so that other processes see either all of it or nothing."""
     target.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=target.parent) as scratch:
@@ -93,7 +93,7 @@ def _copy(source: Path, target: Path) -> None:
 
 
 def _list_other_folders(name: str) -> Iterator[Path]:
-    """List folders for a user who may not write beside the sources; the last is for this process alone."""
+    """Yield folders for a user who may not write next to the sources; the last is for this process only."""
     with contextlib.suppress(RuntimeError):  # a user without a home
         yield Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "farm" / name
     with contextlib.suppress(OSError):
@@ -105,7 +105,7 @@ def _list_other_folders(name: str) -> Iterator[Path]:
 _PACKAGE = Path(__file__).parent
 _HASH = hash_sources(_PACKAGE)
 INSTALLED = _PACKAGE / "__pycache__" / _HASH
-"""Folder beside the sources, for all users."""
+"""Folder next to the sources, for all users."""
 CODE_FOLDER = find_code_folder(INSTALLED, _list_other_folders(_HASH))
 """Folder of the machine code; None if it cannot be kept."""
 _MARK = (

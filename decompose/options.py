@@ -7,7 +7,7 @@ from enum import StrEnum
 from typing import Any
 
 MIN_GLUE_MM2 = 25.0
-"""Area of a joint of 5 x 5 mm, which holds a hand-sized part."""
+"""Area of a joint of 5 mm x 5 mm, which holds a part of the size of a hand."""
 BUDGET_S = 20.0
 FILAMENT_MM = 2.85
 THIN_FILAMENT_MM = 1.75
@@ -53,11 +53,11 @@ class BestOptions:
     Attributes
     ----------
     budget_s
-        Work that may be done, counted in seconds of one core of a typical machine (`problem.Effort`): once it
-        is spent, no engine is started and no search continued.
+        Maximum work, counted in seconds of one core of a typical machine (`problem.Effort`): once it is
+        spent, no engine is started and no search is continued.
     pauses
-        Return before a round of several attempts, for the caller to make them side by side
-        (`decompose.paused_search`).
+        Whether the search pauses before a round of several attempts, so that the caller can run them in
+        parallel (`decompose.paused_search`).
     """
 
     budget_s: float = BUDGET_S
@@ -71,7 +71,7 @@ class ParalleloboxOptions:
     Attributes
     ----------
     tries
-        Draws of seeds for each number of seeds.
+        Number of draws for each number of seeds.
     score
         Reading of the paper's score.
     """
@@ -82,7 +82,7 @@ class ParalleloboxOptions:
 
 @dataclass(frozen=True, slots=True)
 class ConnectorOptions:
-    """Holes for pins, and marks, on the faces that are glued.
+    """Options of the pins and marks on the faces that are glued.
 
     Attributes
     ----------
@@ -95,8 +95,8 @@ class ConnectorOptions:
     printer_fits_mm
         Fits of the printers that have another one than `pin_fit_mm`, by name.
     taken_mm
-        Distances between the two pins of steps that have already been drilled, as in the neighbours of a part
-        that is cut again.
+        Distances between the two pins of other steps, which are drilled already, such as those of the
+        neighbours of a part that is cut again.
     """
 
     pin_mm: float | None = None
@@ -107,7 +107,7 @@ class ConnectorOptions:
 
     @property
     def is_empty(self) -> bool:
-        """Check whether the options add no connectors."""
+        """Check whether there are neither pins nor marks."""
         return self.pin_mm is None and not self.marks
 
     def find_fit_mm(self, printer: str) -> float:
@@ -121,20 +121,25 @@ class Options:
 
     Attributes
     ----------
+    engine
+        Engine that cuts the model.
     granularity
         Cube root of the number of grid cells: a name of `grid.GRANULARITY`, a number, or ``auto``.
+    interior
+        Treatment of whole cells deep inside the model.
     min_wall_mm
-        Minimum thickness of the wall that is left where the inside is not printed.
+        Minimum thickness of the wall where the inside is not printed.
     min_glue_mm2
         Minimum area of a joint that counts as holding; it must also be two walls wide.
     seed
-        Seed of the random numbers of the engines; the guillotine engine uses none.
+        Seed of the random numbers of the engines; the engine `guillotine` uses none.
     faithful
-        Run a published method as its authors describe it, with their prices and settings.
+        Whether a published method runs as its authors describe it, with their prices and settings.
     fit_first_layer
-        Choose the brim and the first-layer expansion of each part.
+        Whether the brim and the first-layer expansion of each part are chosen.
     prove
-        Prove the lower bound by linear programming, which takes some seconds; without it the gap is wide.
+        Whether the lower bound is proven by linear programming, which takes some seconds; otherwise the bound
+        is looser.
     best, parallelobox
         Options of these engines.
     connectors

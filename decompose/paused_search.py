@@ -1,7 +1,7 @@
-"""Search of the engine `best` that has paused: the attempts of its next round, and how it goes on.
+"""Paused search of the engine `best`: the attempts of its next round, and its continuation.
 
-`decompose_model` returns such a search with `BestOptions.pauses`; see `Decomposition.open_printers`. The
-attempts of a round may be made anywhere, in any order.
+With `BestOptions.pauses`, `decompose_model` returns the result of such a search (see
+`Decomposition.open_printers`). The attempts of a round may run anywhere, in any order.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ from decompose.results import Attempt, Decomposition
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PausedSearch:
-    """Search that has paused before a round of several attempts.
+    """A search that has paused before a round of several attempts.
 
     Attributes
     ----------
     best
-        Best result so far, with all attempts.
+        Best result so far, with the records of all attempts.
     model, cost, executor
         As in `decompose.decompose_model`.
     """
@@ -55,9 +55,9 @@ class PausedSearch:
         return plan_next_round(self._problem, self._state)
 
     def make_attempt(self, number: int) -> Outcome:
-        """Make one attempt of the next round, without its result if that is worse than the best so far.
+        """Make one attempt of the next round; leave out its result if it is not better than the best so far.
 
-        It reports the share of the whole budget that it spends; see `decompose.progress`.
+        The attempt reports the share of the whole budget that it spends; see `decompose.progress`.
         """
         budget_s = self.best.options.best.budget_s
         outcome = make_attempt(
@@ -71,7 +71,15 @@ class PausedSearch:
         return replace(outcome, result=outcome.result if is_better else None, error=None)
 
     def fail_attempt(self, number: int, reason: str) -> Outcome:
-        """Return the outcome of an attempt that could not be made; its share of the budget is spent."""
+        """Build the outcome of an attempt that could not be made; its share of the budget counts as spent.
+
+        Parameters
+        ----------
+        number
+            Number of the attempt in the round.
+        reason
+            Reason why it could not be made.
+        """
         trial = self.plan_round()[number]
         attempt = Attempt(
             trial.engine,
@@ -84,14 +92,16 @@ class PausedSearch:
         return Outcome(attempt)
 
     def resume(self, outcomes: Sequence[Outcome], end_reason: str | None = None) -> Decomposition:
-        """Add the outcomes of the round, in its order, and go on; the result may be a paused search again.
+        """Continue the search with the outcomes of the round; it may pause again.
 
         Parameters
         ----------
+        outcomes
+            Outcomes of all attempts, in the order of the round.
         end_reason
-            Reason to begin no other attempt, and end with the best result.
+            Reason to start no other attempt, and to end with the best result; None to continue.
         """
-        state = self._state.add(outcomes)
+        state = self._state.add_round(outcomes)
         if end_reason is None:
             result = continue_rounds(self._problem, self._run_engine, state)
         else:
@@ -103,14 +113,17 @@ class PausedSearch:
 
     @property
     def _problem(self) -> Problem:
+        """Problem with the options of the engine `best`."""
         best = self.best
         return Problem(self.model, best.open_printers, self.cost, best.options, self.executor)
 
     @property
     def _state(self) -> SearchState:
+        """Attempts and best result so far."""
         return SearchState(self.best.attempts, self.best)
 
     @property
     def _run_engine(self) -> Callable[[Problem], Decomposition]:
+        """Function that runs the engine of a problem."""
         serial = (self.best.serial_s, self.best.serial_as_is_s)
         return lambda problem: run_engine(problem, lambda: serial)

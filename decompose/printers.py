@@ -1,4 +1,4 @@
-"""Printers for a decomposition: name, room for a part, and speed."""
+"""Printers of a decomposition: name, room for a part, and speed."""
 
 from __future__ import annotations
 
@@ -7,9 +7,16 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class PrinterRoom:
-    """Boxes (x, y, z) in mm that a part may fill on a printer; x and y may be swapped.
+    """Room for a part on a printer.
 
-    A part takes `time_factor` times its price; the factor is learned from the prints of the printer.
+    Attributes
+    ----------
+    name
+        Name of the printer.
+    boxes
+        Width, depth and height in mm that a part may have; width and depth may be swapped.
+    time_factor
+        Ratio of a part's print time to its price, learned from the prints of the printer.
     """
 
     name: str
@@ -17,7 +24,13 @@ class PrinterRoom:
     time_factor: float = 1.0
 
     def fits(self, width_mm: float, depth_mm: float, height_mm: float) -> bool:
-        """Check whether a part of these extents fits one of the boxes, turned about z if necessary."""
+        """Check whether a part of these extents fits one of the boxes, rotated about z if necessary.
+
+        Parameters
+        ----------
+        width_mm, depth_mm, height_mm
+            Extents of the part.
+        """
         return any(
             height_mm <= z and ((width_mm <= x and depth_mm <= y) or (depth_mm <= x and width_mm <= y))
             for x, y, z in self.boxes
@@ -33,9 +46,9 @@ class BedPlace:
     bed_mm
         Width and depth of the bed.
     at_mm
-        Centre of the part's box, to the right of the bed's centre and behind it.
+        Centre of the part's bounding box: distance to the right of the bed's centre, and behind it.
     turned
-        Whether the part is turned by 90 degrees about z, counterclockwise, from the pose of its file.
+        Whether the part is rotated by 90 degrees about z, counterclockwise, from the pose of its file.
     """
 
     bed_mm: tuple[float, float]

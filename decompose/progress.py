@@ -16,8 +16,8 @@ def listen_to_progress(listener: Callable[[float], None]) -> Iterator[None]:
     Parameters
     ----------
     listener
-        Called with the share of the budget of the engine `best` that is spent, 0 to 1. A search may end
-        before it is 1; engines without a budget report nothing.
+        Function that is called with the spent share of the budget of the engine `best`, 0 to 1. A search may
+        end before it is 1; engines without a budget report nothing.
     """
     token = _LISTENER.set(listener)
     try:

@@ -1,8 +1,8 @@
-"""Second move of the cut planes, by the sliced time of each part.
+"""Second move of the cut planes, by the sliced times of the parts.
 
 Prices of parts have errors of one or two per cent, and a job waits for the part that is underestimated most.
-The error hardly changes when the faces of a part move by some millimetres. So each part keeps its ratio of
-sliced time to price, and the planes are moved by price times ratio, as they were by the price before.
+The error hardly changes when the faces of a part move by a few millimetres. So each part keeps its ratio of
+sliced time to price, and the planes are moved by price times ratio, as before by the price alone.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from decompose.print_time import CostModel
 from decompose.problem import Effort, GridFigures, Partition, Problem
 from decompose.results import Cutting, Decomposition, apply_time_ratios, finish_result
 
-MIN_GAIN = 0.005  # minimum expected gain, as a share of the makespan, as all parts are sliced again
+MIN_GAIN = 0.005  # minimum expected gain, as a share of the makespan, for which all parts are sliced again
 
 
 def relevel_planes(
@@ -38,21 +38,21 @@ def relevel_planes(
     Parameters
     ----------
     model
-        The model that was decomposed.
+        Model that was decomposed.
     previous
         Its decomposition; may lack its parts, joints and faults (`Decomposition.without_parts`).
     sliced_s
-        The slicer's time of each of its parts, in seconds.
+        Time of each of its parts in seconds, by the slicer.
     cost
-        The cost that it was decomposed with.
+        Cost model of that decomposition.
     executor
-        Executor for attempts that may run in parallel; threads are enough.
+        Threads or processes for work that may run in parallel; None to run it sequentially.
 
     Returns
     -------
     Decomposition | None
-        The same number of parts, with the times of the cost. None if the gain would be too small to
-        slice again, or if the parts were not cut by the engine `guillotine`.
+        Decomposition into as many parts, with the times of the cost model. None if the gain would be too
+        small to slice again, or if the parts were not cut by the engine `guillotine`.
 
     Raises
     ------
@@ -87,7 +87,7 @@ def _shift_planes(problem: Problem, cut_boxes: list[list[Piece]]) -> list[Piece]
 
 
 def _carry_over(previous: Decomposition, result: Decomposition, elapsed_s: float) -> Decomposition:
-    """Copy to a result the history of the decomposition that it improves."""
+    """Copy the history of a decomposition to the result that improves it."""
     return replace(
         result,
         engine=previous.engine,
@@ -105,8 +105,19 @@ def _cut_previous_boxes(
 ) -> list[list[Piece]] | None:
     """Cut the boxes of a decomposition again; each piece gets the ratio of its sliced time to its price.
 
-    `sliced_s` is in seconds, in the order of the parts. None if the pieces in the boxes differ from the
-    parts.
+    Parameters
+    ----------
+    problem
+        Problem with the aligned model.
+    cutting
+        Boxes and printers of the parts.
+    sliced_s
+        Sliced times in the order of the parts.
+
+    Returns
+    -------
+    list or None
+        Pieces in each box; None if they differ from the parts.
     """
     if len(sliced_s) != len(cutting.cut_for):
         return None
@@ -138,7 +149,7 @@ def _cut_previous_boxes(
 
 
 def _compute_makespan_s(problem: Problem, pieces: Sequence[Piece]) -> float:
-    """Compute the sliced time until the last piece ends, each on its best printer; inf if one fits none."""
+    """Compute the sliced time until the last piece ends; inf if the pieces do not fit the printers."""
     poses = [pose for pose in problem.find_poses(pieces) if pose is not None]
     if len(poses) != len(pieces):
         return math.inf

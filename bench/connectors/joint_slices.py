@@ -13,7 +13,7 @@ import shapely
 from bench.prices.parts import ENDLESS_BED
 from decompose.arrays import Bools, Floats
 from decompose.connectors import Mark
-from decompose.connectors.strokes import ADVANCE, GRID_WIDTH, LETTERS, draw_strokes, text_width
+from decompose.connectors.strokes import ADVANCE, GRID_WIDTH, LETTERS, draw_strokes, measure_text_width
 from decompose.geometry import Solid, write_stl
 from decompose.results import Part
 from drivers.printers import BEDS
@@ -103,7 +103,7 @@ class SlicedPart:
         scale = float(np.linalg.norm(to_face[1]))
         half_width = round(max(0.3, (depth_mm - READ_DEPTH_MM) / scale), 3)
         for n in range(len(code)):
-            middle = np.array([ADVANCE * n + GRID_WIDTH / 2.0 - text_width(code) / 2.0, 0.0])
+            middle = np.array([ADVANCE * n + GRID_WIDTH / 2.0 - measure_text_width(code) / 2.0, 0.0])
             points_mm = np.column_stack([_LETTER_GRID + middle, np.ones(len(_LETTER_GRID))]) @ to_face
             is_missing = ~self.is_printed(points_mm + READ_DEPTH_MM * mark.grooves[0].into)
             yield max(_READABLE, key=lambda letter: _correlate_letters(letter, half_width, is_missing))

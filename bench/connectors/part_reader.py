@@ -17,7 +17,7 @@ import trimesh
 
 from decompose.arrays import Floats, Ints
 from decompose.connectors.marks import SIZES_MM
-from decompose.connectors.strokes import GRID_HEIGHT, draw_strokes, text_width
+from decompose.connectors.strokes import GRID_HEIGHT, draw_strokes, measure_text_width
 from decompose.geometry import choose_plane_axes
 
 MIN_SEED_MM2, MIN_FACE_MM2 = 4.0, 25.0  # smallest triangle that begins a face, smallest face
@@ -207,7 +207,7 @@ def _read_codes(
                 strokes = _draw_text(text, height_mm)
                 local_mm = (letter_points - middle) @ frame.T
                 half_size_mm = (
-                    np.array([text_width(text), GRID_HEIGHT]) * height_mm / GRID_HEIGHT / 2.0
+                    np.array([measure_text_width(text), GRID_HEIGHT]) * height_mm / GRID_HEIGHT / 2.0
                     + CLEARANCE_SHARE * height_mm
                 )
                 is_near = (np.abs(local_mm) < half_size_mm).all(axis=1)

@@ -27,7 +27,7 @@ from scipy.optimize import nnls
 
 from bench.connectors.joint_slices import slice_part
 from bench.joints import cut_case
-from decompose.connectors import Blank, Connectors, drill
+from decompose.connectors import Blank, Connectors, drill_parts
 from decompose.files.names import find_part_number
 from decompose.results import Decomposition, connect_parts
 from decompose.results.connector_prices import count_tools, scale_price
@@ -60,7 +60,7 @@ def slice_kinds(result: Decomposition, count: int) -> Iterator[Sample]:
         Connectors(marks=connectors.marks),
         Connectors(gutters=connectors.gutters),
     ]
-    solids_by_kind = [drill(blanks, kind) for kind in kinds]
+    solids_by_kind = [drill_parts(blanks, kind) for kind in kinds]
     for number, part in enumerate(result.parts[:count]):
         with tempfile.TemporaryDirectory() as folder:
             bare = slice_part(part, part.solid, Path(folder))

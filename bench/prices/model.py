@@ -38,7 +38,7 @@ from bench.prices.parts import (
     read_rows,
     write_rows,
 )
-from decompose.print_time import ADDITIVE, FACTORS, FEATURES, SUPPORT, CostModel, time_terms
+from decompose.print_time import ADDITIVE, FACTORS, FEATURES, SUPPORT, CostModel, compute_time_terms
 
 Floats = npt.NDArray[np.float64]
 
@@ -65,7 +65,7 @@ class Dataset:
         self.kinds = {kind: np.array([getattr(row, kind) for row in rows]) for kind in KINDS}
         recipes = {name: make_recipe(name) for name in SETTINGS}
         features = [_list_features(row, recipes[row.settings].brim_mm) for row in rows]
-        terms_by_setting = {name: time_terms(recipe) for name, recipe in recipes.items()}
+        terms_by_setting = {name: compute_time_terms(recipe) for name, recipe in recipes.items()}
         seconds = [
             {term: vector * f for term, vector in terms_by_setting[row.settings].items()}
             for row, f in zip(rows, features, strict=True)

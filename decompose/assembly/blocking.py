@@ -1,6 +1,6 @@
-"""Blocking of parts by parts, for each direction in which one could be moved away.
+"""Blocking of parts by other parts, for each direction in which a part could be moved away.
 
-The directional blocking graph of Wilson and Latombe ("Geometric reasoning about mechanical assembly",
+This is the directional blocking graph of Wilson and Latombe ("Geometric reasoning about mechanical assembly",
 Artificial Intelligence 71, 1994): part i blocks part j along d if j, moved along d, would overlap i.
 """
 
@@ -15,14 +15,26 @@ from decompose.assembly.shadow import TOUCH_MM, cast_shadow
 from decompose.geometry import Solid
 from decompose.pieces import CutSolid, Joint
 
-SAME_AXIS = 1e-4  # sine of the angle between two directions that count as one
+SAME_AXIS = 1e-4  # maximum sine of the angle between two directions that count as one
 MAX_AXES = 9
 
 
 def find_axes(pieces: Sequence[CutSolid], joints: Sequence[Joint]) -> Floats:
-    """Find the axes (k, 3) along which parts can be separated: the normals of joints, then of other cuts.
+    """Find the axes along which parts can be separated: the normals of joints, then of other cuts.
 
     The normals of the largest joints come first. Three orthogonal axes are always included.
+
+    Parameters
+    ----------
+    pieces
+        Parts, cut at planes.
+    joints
+        Joints of the parts, in the same frame.
+
+    Returns
+    -------
+    ndarray
+        (k, 3) unit vectors.
     """
     faces = sorted((face for joint in joints for face in joint.faces), key=lambda face: -face.area_mm2)
     axes: list[Floats] = []
@@ -41,15 +53,15 @@ def find_blocking(solids: Sequence[Solid], axes: Floats) -> Bools:
     Parameters
     ----------
     solids
-        The n parts in one frame.
+        Parts in one frame; n is their number.
     axes
         (k, 3) unit vectors.
 
     Returns
     -------
     Bools
-        (2 k, n, n): ``[d, i, j]`` is true if part i blocks part j along ``[axes, -axes][d]``. Parts whose
-        boxes are disjoint are judged by these boxes, in a frame of the axis; others by their shadows.
+        (2 k, n, n) bool: ``[d, i, j]`` is true if part i blocks part j along ``[axes, -axes][d]``. Parts with
+        disjoint bounding boxes, in a frame of the axis, are judged by these boxes; others by their shadows.
     """
     count = len(solids)
     blocking = np.zeros((2 * len(axes), count, count), dtype=np.bool_)
@@ -74,17 +86,28 @@ def find_blocking(solids: Sequence[Solid], axes: Floats) -> Bools:
 
 
 def make_frame(axis: Floats, axes: Sequence[Floats] | Floats = ()) -> Floats:
-    """Make a frame (3, 3) of unit vectors as rows: an axis, and two across, one of `axes` if possible."""
+    """Make a frame (3, 3) of unit vectors as rows: an axis, and two vectors across it.
+
+    The second row is one of `axes`, if one is orthogonal to the axis.
+
+    Parameters
+    ----------
+    axis
+        (3,) unit vector.
+    axes
+        (k, 3) unit vectors.
+    """
     return np.stack([axis, *_complete_frame(axis, axes)])
 
 
 def _find_overlap_mm(lo: Floats, hi: Floats) -> Floats:
+    """Find the overlap (n, n, k) of each two boxes with corners (n, k)."""
     overlap: Floats = np.minimum(hi[:, None], hi[None]) - np.maximum(lo[:, None], lo[None])
     return overlap
 
 
 def _complete_frame(axis: Floats, axes: Sequence[Floats] | Floats) -> tuple[Floats, Floats]:
-    """Choose two unit vectors orthogonal to an axis and to each other, one of the given axes if possible."""
+    """Choose two unit vectors (3,) orthogonal to an axis and to each other, one of `axes` if possible."""
     across = next((other for other in axes if abs(float(other @ axis)) < SAME_AXIS), None)
     if across is None:
         across = np.cross(np.eye(3)[int(np.abs(axis).argmin())], axis)
@@ -93,4 +116,5 @@ def _complete_frame(axis: Floats, axes: Sequence[Floats] | Floats) -> tuple[Floa
 
 
 def _is_new(axis: Floats, known_axes: Sequence[Floats]) -> bool:
+    """Check whether an axis differs from all known ones."""
     return all(float(np.linalg.norm(np.cross(axis, other))) > SAME_AXIS for other in known_axes)

@@ -1,7 +1,7 @@
 """Order of assembly: a tree of steps, each of which joins two bodies along one direction.
 
-The search begins with the complete assembly and takes it apart: a set of parts is split into two that can be
-moved apart along an axis, and each of which is held together by glue, until single parts are left. The steps
+The search begins with the complete assembly and takes it apart. A set of parts is split into two sets that
+can be moved apart along an axis and are each held together by glue, until only single parts remain. The steps
 of the assembly are these splits in reverse order.
 A partition into boxes of one frame can always be split in this way; in other partitions, a set that cannot be
 split is a fault.
@@ -25,12 +25,12 @@ from decompose.pieces import CutSolid, Joint
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AssemblyStep:
-    """Joining of two bodies. Parts and joints are given by their numbers.
+    """A step that joins two bodies; parts and joints are given by their numbers.
 
     Attributes
     ----------
     moved_parts, fixed_parts
-        Parts of the body that is moved, and of the one that it is joined to.
+        Parts of the body that is moved, and of the body to which it is joined.
     direction
         (3,) unit vector in the model's frame, opposite to the movement of the moved body.
     joints
@@ -45,8 +45,8 @@ class AssemblyStep:
         One more than the highest level of the steps that make the two bodies: the glue of all steps of a
         level can dry at the same time.
     work_s, starts_s
-        A person's time for the step, and the time from the start of the first step to its own, with one
-        person at work.
+        A person's time in seconds for the step, and the time from the start of the first step to its own
+        start, if one person does all work.
     """
 
     moved_parts: tuple[int, ...]
@@ -62,17 +62,19 @@ class AssemblyStep:
 
     @property
     def work(self) -> Work:
-        """Return the quantities on which the step's time depends."""
+        """Quantities on which the step's time depends."""
         bodies = frozenset(self.moved_parts), frozenset(self.fixed_parts)
         return Work(bodies, len(self.joints), self.glue_mm2, bool(self.rests_on))
 
 
 @dataclass(frozen=True, slots=True)
 class Assembly:
-    """Steps in the order of work, each after those that make its bodies.
+    """Order of assembly.
 
     Attributes
     ----------
+    steps
+        Steps in the order of work, each after the steps that make its bodies.
     locked
         Sets of parts that cannot be joined by straight moves of two bodies.
     """
@@ -97,7 +99,7 @@ class Assembly:
 
     @property
     def part_order(self) -> tuple[int, ...]:
-        """Parts in the order in which the steps use them; those without a step are left out."""
+        """Parts in the order in which the steps use them; parts without a step are left out."""
         return tuple(
             dict.fromkeys(part for step in self.steps for part in (*step.fixed_parts, *step.moved_parts))
         )
@@ -120,12 +122,12 @@ def plan_assembly(
     Returns
     -------
     Assembly
-        Without steps for a single part.
+        Steps of the assembly; none for a single part.
     """
     if len(pieces) < 2:
         return Assembly()
     plan = _Plan(pieces, joints, min_glue_mm2)
-    plan.split(np.ones(len(pieces), dtype=np.bool_), outermost=True)
+    plan.split_parts(np.ones(len(pieces), dtype=np.bool_), outermost=True)
     works = [step.work for step in plan.steps]
     steps = (
         replace(plan.steps[number], work_s=works[number].seconds, starts_s=starts_s)
@@ -135,7 +137,7 @@ def plan_assembly(
 
 
 class _Plan:
-    """Parts taken apart, and the steps found so far."""
+    """Search that takes the parts apart, with the steps that it has found so far."""
 
     def __init__(self, pieces: Sequence[CutSolid], joints: Sequence[Joint], min_glue_mm2: float) -> None:
         count = len(pieces)
@@ -157,11 +159,15 @@ class _Plan:
             np.concatenate([high_mm, -low_mm]),
         )
 
-    def split(self, parts: Bools, *, outermost: bool) -> int:
-        """Split a set of parts (n,) into single parts, and append the steps; return the level of the last
-        one.
+    def split_parts(self, parts: Bools, *, outermost: bool) -> int:
+        """Split a set of parts into single parts, and append the steps; return the level of the last one.
 
-        `outermost`: nothing is glued around the set, so that loose bodies in it need no step.
+        Parameters
+        ----------
+        parts
+            (n,) bool, true for the parts of the set.
+        outermost
+            Whether nothing is glued around the set, so that loose bodies in it need no step.
         """
         if parts.sum() < 2:
             return 0
@@ -169,15 +175,15 @@ class _Plan:
         if split is None:
             self.locked.append(_list_numbers(parts))
             return 0
-        loose = not self._search.glue.measure_mm2(split)
+        loose = not self._search.glue.measure_glued_mm2(split)
         sides = sorted((split.moved, split.fixed), key=lambda side: int(side.sum()))
-        level = 1 + max(self.split(side, outermost=outermost and loose) for side in sides)
+        level = 1 + max(self.split_parts(side, outermost=outermost and loose) for side in sides)
         if not (loose and outermost):
             self.steps.append(self._build_step(split, level))
         return level
 
     def _build_step(self, split: Split, level: int) -> AssemblyStep:
-        """Choose the body that is moved: the lighter one, unless only it stands with its joint upwards."""
+        """Build the step of a split; the lighter body is moved, unless only it stands with its joint up."""
         moved, fixed = split.moved, split.fixed
         direction = self._search.directions[split.direction]
         resting_parts = find_rest(self._weights, _list_numbers(fixed), direction)
@@ -197,12 +203,13 @@ class _Plan:
                 for k, joint in enumerate(self._joints)
                 if across[joint.a, joint.b] or across[joint.b, joint.a]
             ),
-            glue_mm2=self._search.glue.measure_mm2(split),
-            slides=not self._search.glue.closes(split),
+            glue_mm2=self._search.glue.measure_glued_mm2(split),
+            slides=not self._search.glue.is_closing(split),
             rests_on=resting_parts,
             level=level,
         )
 
 
 def _list_numbers(parts: Bools) -> tuple[int, ...]:
+    """List the numbers of the parts in a set (n,)."""
     return tuple(int(number) for number in np.flatnonzero(parts))

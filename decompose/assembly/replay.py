@@ -16,27 +16,27 @@ SAME_AXIS = 1.0 - 1e-9
 
 
 def find_order_faults(solids: Sequence[Solid], joints: Sequence[Joint], assembly: Assembly) -> list[str]:
-    """Replay all steps, and find those that cannot be carried out, and joints that none of them closes.
+    """Replay all steps, and find steps that cannot be carried out and joints that no step closes.
 
     Parameters
     ----------
     solids
-        All parts, in the frame of the steps, mm.
+        All parts, in the frame of the steps, in mm.
     joints
-        Their joints.
+        Joints of the parts.
     assembly
         Steps; a set of locked parts counts as one body.
 
     Returns
     -------
     list of str
-        A sentence for each fault, with the parts' numbers from 1.
+        A sentence for each fault, with the numbers of the parts counted from 1.
     """
     return [*_replay_bodies(len(solids), joints, assembly), *_find_collisions(solids, assembly.steps)]
 
 
 def _replay_bodies(count: int, joints: Sequence[Joint], assembly: Assembly) -> Iterator[str]:
-    """Join the bodies step by step; each side of a step has to be one whole body."""
+    """Join the bodies step by step; yield sides of steps that are not one body, and joints without a step."""
     bodies = {number: frozenset({number}) for number in range(count)}
     for group in assembly.locked:
         bodies |= dict.fromkeys(group, frozenset(group))
@@ -52,7 +52,10 @@ def _replay_bodies(count: int, joints: Sequence[Joint], assembly: Assembly) -> I
 
 
 def _find_collisions(solids: Sequence[Solid], steps: Sequence[AssemblyStep]) -> Iterator[str]:
-    """Move the bodies of each step apart, one axis after the other, as shadows take much memory."""
+    """Move the bodies of each step apart, and yield collisions.
+
+    One axis is examined after the other, because shadows take much memory.
+    """
     axes: list[np.ndarray] = []
     for step in steps:
         if not any(abs(float(axis @ step.direction)) > SAME_AXIS for axis in axes):
@@ -71,4 +74,5 @@ def _find_collisions(solids: Sequence[Solid], steps: Sequence[AssemblyStep]) -> 
 
 
 def _name_parts(parts: Sequence[int]) -> str:
+    """Name parts by their numbers, counted from 1."""
     return "parts " + ", ".join(str(number + 1) for number in parts)

@@ -1,4 +1,4 @@
-"""Resting of a glued body on the table while the next one is put on it."""
+"""Stability of a glued body on the table while the next one is put on it."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import numpy as np
 from decompose.arrays import Floats
 from decompose.geometry import Solid, choose_plane_axes, find_convex_outline, find_half_planes
 
-ON_TABLE_MM = 0.1  # maximum height above the lowest point of points that touch the table
-STEADY_MM = 2.0  # minimum distance of the centre of mass from the border of the contact area, inside it
+ON_TABLE_MM = 0.1  # maximum height above the lowest point at which points touch the table
+STEADY_MM = 2.0  # minimum distance of the centre of mass inside the border of the contact area
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Weight:
-    """Points of a part's surface (n, 3), its volume in mm3, and its centre of mass (3,)."""
+    """Points (n, 3) on a part's surface in mm, its volume in mm3, and its centre of mass (3,) in mm."""
 
     points: Floats
     volume_mm3: float
@@ -24,7 +24,7 @@ class Weight:
 
     @classmethod
     def from_solid(cls, solid: Solid) -> Weight:
-        """Compute the centre of a solid of even density, by the tetrahedra below its faces."""
+        """Compute the centre of mass of a solid of uniform density, by the tetrahedra below its faces."""
         vertices, faces = solid.arrays()
         base = vertices.mean(axis=0)
         a, b, c = (vertices[faces[:, k]] - base for k in range(3))
@@ -40,7 +40,7 @@ def find_rest(weights: Sequence[Weight], body: Sequence[int], up: Floats) -> tup
     weights
         All parts, in one frame.
     body
-        Numbers of those in the body.
+        Numbers of the parts in the body.
     up
         (3,) unit vector that points up.
 

@@ -1,6 +1,6 @@
-"""Schedule of an assembly: time of each step, and an order of work while glue dries.
+"""Schedule of an assembly: the time of each step, and an order in which a person can work while glue dries.
 
-The times are estimates; for models of 6 to 12 parts their sum agrees with the 3.6 minutes per part in the
+The times are estimates. For models with 6 to 12 parts, their sum agrees with the 3.6 minutes per part of the
 literature (`engines.guillotine.ASSEMBLE_S`).
 """
 
@@ -13,7 +13,7 @@ DRY_S = 120.0
 """Time until a glued body can be handled: cyanoacrylate sets in 30 s; an estimate."""
 CLEAN_S = 30.0  # to remove the brim of a part before its first use
 HANDLE_S = 45.0  # to find two bodies, fit them without glue, and read the page
-HOLD_S = 30.0  # to hold the bodies until the glue holds
+HOLD_S = 30.0  # to press the bodies together until the glue holds
 UNSTEADY_HOLD_S = 30.0  # additional time if the lower body does not stand
 JOINT_S = 10.0  # to align each further joint
 GLUE_S_PER_MM2 = 0.005  # to apply the glue
@@ -42,21 +42,22 @@ class Work:
 
     @property
     def seconds(self) -> float:
-        """Estimate the time of a person, without waiting for glue to dry."""
+        """Estimated time of a person, without waits for glue to dry."""
         single = sum(len(body) == 1 for body in self.bodies)
         glue_s = HOLD_S + JOINT_S * self.joints + GLUE_S_PER_MM2 * self.glue_mm2 if self.joints else 0.0
         return CLEAN_S * single + HANDLE_S + glue_s + (0.0 if self.steady else UNSTEADY_HOLD_S)
 
     @property
     def parts(self) -> frozenset[int]:
+        """Parts of the body that results."""
         return self.bodies[0] | self.bodies[1]
 
 
 def order_steps(works: Sequence[Work], dry_s: float = DRY_S) -> list[tuple[int, float]]:
     """Order the steps so that a person can work while glue dries.
 
-    The next step is the first one in the given order whose bodies are dry; if none are, the one whose
-    bodies dry first.
+    The next step is the first one in the given order whose bodies are dry; if there is none, the one whose
+    bodies are dry first.
 
     Parameters
     ----------
@@ -88,14 +89,19 @@ def order_steps(works: Sequence[Work], dry_s: float = DRY_S) -> list[tuple[int, 
 
 
 def compute_critical_path_s(works: Sequence[Work], dry_s: float = DRY_S) -> float:
-    """Compute the least time of an assembly with enough people: the longest chain of work and drying.
+    """Compute the minimum time of an assembly with enough people: the longest chain of work and drying.
 
     Parameters
     ----------
     works
         Steps, each after those that make its bodies.
     dry_s
-        Time until a glued body can be handled; it is not counted after the last step of the chain.
+        Time until a glued body can be handled; it does not count after the last step of the chain.
+
+    Returns
+    -------
+    float
+        Seconds.
     """
     ends_s: list[float] = []
     for work, predecessors in zip(works, _find_predecessors(works), strict=True):

@@ -1,7 +1,7 @@
 """Shadows of parts along an axis: the ends of each part on a grid of parallel lines.
 
-A part that is moved along an axis to any distance runs into another if, on some line along that axis, the
-other has material further on. So the ends of both parts on all lines give the answer for any distance.
+A part that is moved along an axis by any distance collides with another part if, on some line along that
+axis, the other part has material further on. So the ends of both parts on all lines decide this.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ class Shadow:
     first
         Numbers of the first line along each of the two axes perpendicular to the lines.
     low, high
-        (lines, lines) least and greatest coordinate along the axis, mm; inf and -inf for a line that misses
-        the part.
+        (lines, lines) float64 least and greatest coordinate along the axis in mm; inf and -inf for a line
+        that misses the part.
     """
 
     first: tuple[int, int]
@@ -37,7 +37,7 @@ class Shadow:
     high: Floats
 
     def blocks(self, other: Shadow) -> tuple[bool, bool]:
-        """Check whether this part blocks another that moves along the axis, and one that moves against it."""
+        """Check whether this part blocks another one that moves along the axis, and against it."""
         start = np.maximum(self.first, other.first)
         end = np.minimum(np.add(self.first, self.low.shape), np.add(other.first, other.low.shape))
         if (start >= end).any():
@@ -57,9 +57,9 @@ def cast_shadow(solid: Solid, frame: Floats) -> Shadow:
     Parameters
     ----------
     solid
-        A part, in mm.
+        Solid of a part, in mm.
     frame
-        (3, 3) rows: unit vector of the axis, and two across it.
+        (3, 3) unit vectors as rows: along the axis, and two across it.
     """
     vertices, faces = solid.arrays()
     rotated_vertices = vertices @ frame.T
@@ -74,7 +74,15 @@ def cast_shadow(solid: Solid, frame: Floats) -> Shadow:
 
 @jit
 def _find_ends(triangles: Floats, low: Floats, high: Floats) -> None:
-    """Extend `low` and `high` (lines, lines) to triangles (m, 3, 3) of two line numbers and a coordinate."""
+    """Extend the ends on all lines to some triangles.
+
+    Parameters
+    ----------
+    triangles
+        (m, 3, 3) float64 corners: two line numbers, and the coordinate along the axis in mm.
+    low, high
+        (lines, lines) float64 least and greatest coordinate in mm, updated in place.
+    """
     for t in range(len(triangles)):
         a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
         doubled_area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])

@@ -1,9 +1,9 @@
-"""Search for the split of a set of parts into two that can be moved apart.
+"""Search for the split of a set of parts into two sets that can be moved apart.
 
-Faces that close along their normal take pins and keys, and the glue stays on them. A split all of whose faces
-close is never worse than another: any way to take the set apart also takes apart the two sets that it leaves,
-along the same faces or fewer. So a choice arises only where each split slides. There the splits with the
-least sliding glue are compared by all glue that slides until single parts are left.
+Faces that close along their normal can have pins and keys, and the glue stays on them. A split whose faces
+all close is never worse than another one: any way to take the set apart also takes its two halves apart,
+along the same faces or fewer. So there is a choice only if each split slides. Then the splits with the least
+sliding glue are compared by all glue that slides until only single parts remain.
 """
 
 from __future__ import annotations
@@ -21,13 +21,15 @@ from decompose.pieces import Joint
 
 MIN_CLOSING_SHARE = 0.999  # a step slides if a smaller share of its glue closes along its normal
 ALONG_COS = 0.999  # minimum cosine between a normal and a direction along it
-MAX_COMPARED = 8  # splits that slide, of which the best is found by taking the set apart
-MAX_EXAMINED = 400  # sets taken apart for that; then the split with the least sliding glue is taken
+MAX_COMPARED = 8  # maximum number of sliding splits that are compared by taking the set apart
+MAX_EXAMINED = (
+    400  # maximum number of sets that are taken apart for that; then the least sliding glue decides
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Split:
-    """Two sets of parts as masks (n,), of which the first moves along a direction, given by its number."""
+    """Two sets of parts as masks (n,), and the number of the direction along which the first set moves."""
 
     moved: Bools
     fixed: Bools
@@ -46,9 +48,9 @@ class Glue:
     Attributes
     ----------
     area_mm2, holds
-        (n, n) areas of the joints, and whether they hold.
+        (n, n) float64 areas of the joints, and (n, n) bool whether they hold.
     closing_mm2
-        (d, n, n) area of the faces that close along each of d directions.
+        (d, n, n) float64 area of the faces that close along each of d directions.
     """
 
     area_mm2: Floats
@@ -57,7 +59,19 @@ class Glue:
 
     @classmethod
     def from_joints(cls, count: int, joints: Sequence[Joint], axes: Floats, min_glue_mm2: float) -> Glue:
-        """Build the areas between `count` parts; the directions are the axes (k, 3), then their opposites."""
+        """Build the areas between parts; the directions are the axes, then their opposites.
+
+        Parameters
+        ----------
+        count
+            Number of parts.
+        joints
+            Joints of the parts.
+        axes
+            (k, 3) unit vectors.
+        min_glue_mm2
+            Minimum area of a joint that counts as holding.
+        """
         area_mm2 = np.zeros((count, count))
         holds = np.zeros((count, count), dtype=np.bool_)
         closing_mm2 = np.zeros((len(axes), count, count))
@@ -71,25 +85,25 @@ class Glue:
                     closing_mm2[along, one, other] += face.area_mm2
         return cls(area_mm2, holds, np.concatenate([closing_mm2, closing_mm2]))
 
-    def measure_mm2(self, split: Split) -> float:
-        """Measure the area that a split glues."""
+    def measure_glued_mm2(self, split: Split) -> float:
+        """Measure the area that is glued between both sets of a split."""
         return float(self.area_mm2[split.moved][:, split.fixed].sum())
 
     def measure_sliding_mm2(self, split: Split) -> float:
-        """Measure the area that a split glues, without the faces that close along its direction."""
+        """Measure the glued area of a split without the faces that close along its direction."""
         closing_mm2 = float(self.closing_mm2[split.direction][split.moved][:, split.fixed].sum())
-        return max(0.0, self.measure_mm2(split) - closing_mm2)
+        return max(0.0, self.measure_glued_mm2(split) - closing_mm2)
 
-    def closes(self, split: Split) -> bool:
+    def is_closing(self, split: Split) -> bool:
         """Check whether all faces of a split close along their normal."""
-        return self.measure_sliding_mm2(split) <= (1.0 - MIN_CLOSING_SHARE) * self.measure_mm2(split)
+        return self.measure_sliding_mm2(split) <= (1.0 - MIN_CLOSING_SHARE) * self.measure_glued_mm2(split)
 
     def count_bodies(self, parts: Bools) -> int:
-        """Count the bodies that glue holds together among some of the parts (n,)."""
+        """Count the bodies that glue holds together in a set of parts (n,)."""
         return int(connected_components(self.holds[parts][:, parts], directed=False)[0])
 
     def count_added_bodies(self, split: Split) -> int:
-        """Count the bodies that a split creates, beyond those of its set."""
+        """Count the bodies that a split adds to those of its set."""
         sides = self.count_bodies(split.moved) + self.count_bodies(split.fixed)
         return sides - self.count_bodies(split.moved | split.fixed)
 
@@ -105,9 +119,9 @@ class SplitSearch:
     directions
         (d, 3) unit vectors along which bodies may move.
     blocking
-        (d, n, n) of `blocking.find_blocking`.
+        (d, n, n) bool of `blocking.find_blocking`.
     low_mm, high_mm
-        (d, n) bounds of the parts along the directions.
+        (d, n) float64 bounds of the parts along the directions.
     """
 
     glue: Glue
@@ -118,20 +132,22 @@ class SplitSearch:
     _sliding_mm2: dict[bytes, float] = field(default_factory=dict)
 
     def find_split(self, parts: Bools) -> Split | None:
-        """Find the best split of a set (n,) into two that can be moved apart, in as few bodies as possible.
+        """Find the best split of a set (n,) into two that can be moved apart; None if there is none.
 
-        Among splits that close, halves of equal size are preferred, as their glue dries at the same time.
+        It has as few bodies as possible. Among splits that close, halves of equal size are preferred, because
+        their glue dries at the same time.
         """
         return self._choose_split(parts, MAX_COMPARED if len(self._sliding_mm2) < MAX_EXAMINED else 1)
 
     def _choose_split(self, parts: Bools, max_compared: int) -> Split | None:
+        """Choose the best split of a set (n,); compare at most some sliding splits."""
         splits = self._list_splits(parts)
         if not splits:
             return None
-        splits.sort(key=lambda split: (-split.smaller_count, -self.glue.measure_mm2(split)))
-        # The split of one body adds a body; loose bodies are separated without adding any.
+        splits.sort(key=lambda split: (-split.smaller_count, -self.glue.measure_glued_mm2(split)))
+        # The split of one body adds a body; a split between loose bodies adds none.
         most_added = int(self.glue.count_bodies(parts) == 1)
-        for split in filter(self.glue.closes, splits):
+        for split in filter(self.glue.is_closing, splits):
             if self.glue.count_added_bodies(split) <= most_added:
                 return split
         sliding = sorted(splits, key=self.glue.measure_sliding_mm2)
@@ -142,7 +158,7 @@ class SplitSearch:
         return compared[0] if len(compared) == 1 else min(compared, key=self._measure_all_sliding_mm2)
 
     def _measure_all_sliding_mm2(self, split: Split) -> float:
-        """Measure the sliding glue of a split and of the following ones, each with the least sliding glue."""
+        """Measure the sliding glue of a split and of those that follow, each with the least sliding glue."""
         sliding_mm2 = self.glue.measure_sliding_mm2(split)
         for parts in (split.moved, split.fixed):
             key = parts.tobytes()
@@ -155,6 +171,7 @@ class SplitSearch:
         return sliding_mm2
 
     def _list_splits(self, parts: Bools) -> list[Split]:
+        """List the splits of a set (n,) into two that can be moved apart."""
         numbers = np.flatnonzero(parts)
         splits = []
         for direction in range(len(self.directions)):
@@ -167,8 +184,8 @@ class SplitSearch:
     def _find_movable(self, direction: int, numbers: Ints) -> Iterator[Bools]:
         """Find sets of parts that can be moved along a direction, as masks over `numbers`.
 
-        They are each part with all parts that block it, and the bodies beyond a plane that cuts no part, if
-        no other body blocks them.
+        These are each part with all parts that block it, the parts beyond a plane that cuts no part, and the
+        bodies of such sets if no other body blocks them.
         """
         blocked_by = self.blocking[direction][np.ix_(numbers, numbers)].T | np.eye(
             len(numbers), dtype=np.bool_
@@ -180,7 +197,7 @@ class SplitSearch:
         yield from distinct.values()
 
     def _list_bodies(self, mask: Bools, numbers: Ints, reach: Bools) -> list[Bools]:
-        """List the bodies of a set of several, if nothing outside of a body blocks it."""
+        """List those bodies of a set of several bodies that no part outside the body blocks."""
         own = numbers[mask]
         count, label = connected_components(self.glue.holds[np.ix_(own, own)], directed=False)
         bodies = []
@@ -192,6 +209,7 @@ class SplitSearch:
         return bodies
 
     def _list_beyond_planes(self, direction: int, numbers: Ints) -> list[Bools]:
+        """List the sets of parts beyond planes that cut no part, as masks over `numbers`."""
         low, high = self.low_mm[direction, numbers], self.high_mm[direction, numbers]
         planes = np.unique(np.round(low, 3))
         sides = [low >= at_mm - TOUCH_MM for at_mm in planes]

@@ -1,4 +1,4 @@
-"""Engine `best`: the guillotine engine on several grids and at several angles, in rounds of attempts."""
+"""Engine `best`: the engine `guillotine` on several grids and at several angles, in rounds of attempts."""
 
 from decompose.best.attempt import Outcome, Trial, make_attempt, rotate_about_z
 from decompose.best.rounds import SearchState, choose_first_grid, plan_next_round

@@ -1,4 +1,4 @@
-"""One attempt of the engine `best`: an engine on a grid, with the model turned about z."""
+"""One attempt of the engine `best`: an engine on a grid, with the model rotated about z."""
 
 from __future__ import annotations
 
@@ -14,17 +14,21 @@ from decompose.problem import Effort, Problem
 from decompose.results import Attempt, Decomposition
 
 ByEngine = Callable[[Problem], Decomposition]
-"""Returns the checked result of the engine that a problem's options name."""
+"""Function that returns the checked result of the engine that a problem's options name."""
 
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """An engine, a grid and an angle to try.
+    """A planned attempt: an engine, a grid and an angle.
 
     Attributes
     ----------
+    engine, granularity
+        Engine, and granularity of its grid.
+    yaw_deg
+        Angle by which the model is rotated about z.
     effort_s
-        Work that the attempt may do, see `problem.Effort`.
+        Budget of the attempt, see `problem.Effort`.
     """
 
     engine: Engine
@@ -35,7 +39,7 @@ class Trial:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outcome:
-    """Outcome of an attempt: its record, and its result or the error that prevents one."""
+    """Outcome of an attempt: its record, and its result or the error that prevented one."""
 
     attempt: Attempt
     result: Decomposition | None = None
@@ -55,10 +59,12 @@ def make_attempt(
     ----------
     problem, by_engine
         As in `find_best`.
+    trial
+        Engine, grid, angle and budget.
     best_known_s
         Makespan to beat.
     on_spent
-        See `problem.Effort`.
+        Function that is called with the spent effort in seconds, see `problem.Effort`.
     """
     effort = Effort(trial.effort_s, on_spent=on_spent)
     options = replace(problem.options, engine=trial.engine, granularity=trial.granularity)
@@ -93,5 +99,13 @@ def make_attempt(
 
 
 def rotate_about_z(problem: Problem, yaw_deg: float) -> Problem:
-    """Rotate a problem's model about z."""
+    """Rotate a problem's model about z.
+
+    Parameters
+    ----------
+    problem
+        Problem with the model.
+    yaw_deg
+        Angle, counterclockwise as seen from above.
+    """
     return problem.rotate(Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix())

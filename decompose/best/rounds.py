@@ -1,7 +1,7 @@
-"""Rounds of the engine `best`: the next attempts, and their effort. Pure.
+"""Rounds of the engine `best`: the next attempts and their budgets, by pure functions.
 
-The attempts of a round depend only on earlier rounds, not on each other, so that they can be made side
-by side, in any order, with the same result.
+The attempts of a round depend only on earlier rounds, not on each other, so that they can run in parallel, in
+any order, with the same result.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from decompose.problem import MAX_CELLS, WORK_NS, Problem, Work, choose_granular
 from decompose.results import Attempt, Decomposition
 
 GRID_SHARE = 0.5  # share of the budget for the tables of the first grid, its solves and its bound
-USUAL_SOLVES = 30  # usual number of solves on a grid, each for another limit
-START_SHARE = 0.5  # share of the first attempt's effort that must be left to start another attempt
+USUAL_SOLVES = 30  # usual number of solves on a grid, each for a different limit
+START_SHARE = 0.5  # minimum remaining budget for another attempt, as a share of the first attempt's effort
 OTHER_GRIDS = (1.1, 0.95, 0.9)  # ratios of the number of cells along a side to that of the first grid
 # Rotations of the model about z; after a quarter turn the grid is the same.
 OTHER_YAWS_DEG = (45.0, 15.0, 75.0, 30.0, 60.0)
-# Minimum gain of a rotation, as a share of the makespan: cuts along a model's own sides are easier to glue.
+# Minimum gain by a rotation, as a share of the makespan: cuts along the model's own sides are easier to glue.
 MIN_TURNING_GAIN = 0.01
 MIN_GAIN = 0.03  # minimum possible gain, as a share of the makespan, for which another grid is tried
 SPENT = "not started: the budget was spent"
@@ -35,6 +35,10 @@ class SearchState:
 
     Attributes
     ----------
+    attempts
+        Records of the attempts.
+    best
+        Best result; None if there is none.
     failure
         Error of the first attempt that had one.
     """
@@ -45,7 +49,7 @@ class SearchState:
 
     @property
     def has_sound_result(self) -> bool:
-        """Check that an attempt has parts without faults."""
+        """Check whether the best result has parts without faults."""
         return self.best is not None and not self.best.faults
 
     @property
@@ -55,10 +59,10 @@ class SearchState:
 
     @property
     def yaw_deg(self) -> float:
-        """Angle by which the model of the best result is turned."""
+        """Angle by which the model of the best result is rotated about z."""
         return 0.0 if self.best is None else self.best.yaw_deg
 
-    def add(self, outcomes: Sequence[Outcome]) -> SearchState:
+    def add_round(self, outcomes: Sequence[Outcome]) -> SearchState:
         """Add the outcomes of a round, in the order in which it was planned."""
         state = self
         for outcome in outcomes:
@@ -82,12 +86,19 @@ class SearchState:
 def plan_next_round(problem: Problem, state: SearchState) -> tuple[Trial, ...]:
     """Plan the attempts that follow those of a state; none at the end of the search.
 
-    The first grid is tried alone. Where it is coarser than the usual one, for a small budget, and has no
-    sound result, the usual one follows with the whole budget, then Parallelobox, as any result is better than
-    none. The next rounds are other grids, the model turned about z, and other grids at the best angle. The
-    attempts of a round have equal shares of the remaining budget. A round has as many attempts as can each
-    have the effort of the first one, and at least one; the others form the next round, with the rest of the
-    budget.
+    The first grid is tried alone. If it is coarser than the usual one, for a small budget, and has no sound
+    result, the usual grid follows with the whole budget, then Parallelobox, because any result is better than
+    none. The next rounds are other grids, rotations of the model about z, and other grids at the best angle.
+    The attempts of a round have equal shares of the remaining budget. A round has as many attempts as can
+    each have the effort of the first one, and at least one; the others form the next round, with the rest of
+    the budget.
+
+    Parameters
+    ----------
+    problem
+        Problem with the options of the engine `best`.
+    state
+        Attempts and best result so far.
     """
     budget_s, usual = problem.options.best.budget_s, problem.options.granularity
     first = choose_first_grid(problem)
@@ -105,7 +116,15 @@ def plan_next_round(problem: Problem, state: SearchState) -> tuple[Trial, ...]:
 
 
 def list_open_attempts(problem: Problem, state: SearchState, reason: str = SPENT) -> list[Attempt]:
-    """List the attempts that a search has not started, with the reason."""
+    """List the attempts that a search has not started, as records with a reason.
+
+    Parameters
+    ----------
+    problem, state
+        As in `plan_next_round`.
+    reason
+        Reason why the attempts are not started.
+    """
     return [
         Attempt(trial.engine, trial.granularity, trial.yaw_deg, finished=False, reason=reason)
         for stage in _list_stages(problem, state)
@@ -114,20 +133,26 @@ def list_open_attempts(problem: Problem, state: SearchState, reason: str = SPENT
 
 
 def compute_remaining_s(problem: Problem, state: SearchState) -> float:
-    """Return the budget that the attempts have left, in seconds of effort."""
+    """Compute the remaining budget in seconds of effort.
+
+    Parameters
+    ----------
+    problem, state
+        As in `plan_next_round`.
+    """
     counted_attempts = state.attempts[1:] if _is_first_repeated(problem, state) else state.attempts
     return problem.options.best.budget_s - sum(attempt.effort_s for attempt in counted_attempts)
 
 
 def _is_first_repeated(problem: Problem, state: SearchState) -> bool:
-    """Check whether the usual grid was tried after a coarser one, again with the whole budget."""
+    """Check whether the usual grid was tried after a coarser one, with the whole budget again."""
     usual = problem.options.granularity
     grids = [attempt.granularity for attempt in state.attempts[:2] if not attempt.yaw_deg]
     return len(grids) == 2 and grids[0] != usual == grids[1] and state.attempts[1].engine is Engine.GUILLOTINE
 
 
 def _list_stages(problem: Problem, state: SearchState) -> list[tuple[Trial, ...]]:
-    """List the attempts that may follow the first grid and were not made, by their stages."""
+    """List the attempts that may follow the first grid and are not made yet, by their stages."""
     usual = problem.options.granularity
     stages: list[tuple[Trial, ...]] = []
     if not state.has_sound_result:
@@ -149,13 +174,13 @@ def _list_stages(problem: Problem, state: SearchState) -> list[tuple[Trial, ...]
 
 
 def _list_other_grids(problem: Problem, state: SearchState, grid: str | int) -> tuple[Trial, ...]:
-    """List grids around one at the best angle, each shape once; none if the possible gain is too small."""
+    """List grids similar to one, at the best angle, each shape once; none if the possible gain is small."""
     if state.best is not None and state.best.compute_possible_gain(problem.printers) < MIN_GAIN:
         return ()
     turned_problem = rotate_about_z(problem, state.yaw_deg)
     turned_problem = replace(turned_problem, options=replace(problem.options, granularity=grid))
     extents_mm = turned_problem.model.extents_mm
-    first_cells = turned_problem.granularity(turned_problem.model)
+    first_cells = turned_problem.choose_granularity(turned_problem.model)
     shapes = {count_cells(extents_mm, first_cells)}
     trials = []
     for ratio in OTHER_GRIDS:
@@ -168,14 +193,14 @@ def _list_other_grids(problem: Problem, state: SearchState, grid: str | int) -> 
 
 
 def choose_first_grid(problem: Problem) -> str | int:
-    """Choose the first granularity: the requested one, or a coarser one than ``auto`` for a small budget.
+    """Choose the first granularity: the requested one, or one coarser than ``auto`` for a small budget.
 
-    The grid stays fine enough for parts as large as the printers' rooms.
+    The grid stays fine enough for parts that are as large as the printers' rooms.
     """
     options, extents_mm = problem.options, problem.model.extents_mm
     if options.granularity != "auto":
         return options.granularity
-    cells = finest = problem.granularity(problem.model)
+    cells = finest = problem.choose_granularity(problem.model)
     min_cells = choose_granularity("auto", 1, max(extents_mm) / min(problem.room_mm))
     while cells > min_cells and _estimate_grid_s(count_cells(extents_mm, cells)) > (
         GRID_SHARE * options.best.budget_s
@@ -185,7 +210,7 @@ def choose_first_grid(problem: Problem) -> str | int:
 
 
 def _estimate_grid_s(shape: tuple[int, int, int]) -> float:
-    """Estimate the effort in s for a grid of cells: its tables, their solves, and the bound by them."""
+    """Estimate the effort in s for a grid: its tables, their solves, and the bound that they prove."""
     boxes = math.prod(n * (n + 1) // 2 for n in shape)
     box_ns = WORK_NS[Work.BOX_PRICED] + WORK_NS[Work.BOX_PROVEN]
     return (boxes * box_ns + USUAL_SOLVES * count_cuts(shape) * WORK_NS[Work.SUM]) / 1e9

@@ -12,14 +12,14 @@ from decompose.results import Decomposition
 
 
 def find_best(problem: Problem, by_engine: ByEngine) -> Decomposition:
-    """Make the rounds of attempts until the budget is spent, and return the best result.
+    """Run rounds of attempts until the budget is spent, and return the best result.
 
     Parameters
     ----------
     problem
         Problem with the options of the engine `best`.
     by_engine
-        Returns the checked result of the engine that a problem's options name.
+        Function that returns the checked result of the engine that a problem's options name.
 
     Raises
     ------
@@ -30,10 +30,17 @@ def find_best(problem: Problem, by_engine: ByEngine) -> Decomposition:
 
 
 def continue_rounds(problem: Problem, by_engine: ByEngine, state: SearchState) -> Decomposition:
-    """Make the rounds that follow those of a state, as `find_best`.
+    """Run the rounds that follow those of a state, as `find_best` does.
 
-    With `BestOptions.pauses`, it ends before a round of several attempts once there is a sound result, which
-    has `open_printers` then.
+    With `BestOptions.pauses`, the search pauses before a round of several attempts once there is a sound
+    result, which then has `open_printers`.
+
+    Parameters
+    ----------
+    problem, by_engine
+        As in `find_best`.
+    state
+        Attempts and best result so far.
     """
     while trials := plan_next_round(problem, state):
         if problem.options.best.pauses and len(trials) > 1 and state.best and state.has_sound_result:
@@ -43,14 +50,14 @@ def continue_rounds(problem: Problem, by_engine: ByEngine, state: SearchState) -
                 attempts=state.attempts,
                 open_printers=problem.printers,
             )
-        state = state.add(_make_round(problem, by_engine, state, trials))
+        state = state.add_round(_make_round(problem, by_engine, state, trials))
     return end_rounds(problem, state)
 
 
 def _make_round(
     problem: Problem, by_engine: ByEngine, state: SearchState, trials: tuple[Trial, ...]
 ) -> list[Outcome]:
-    """Make the attempts of a round one after the other, and report the spent share of the budget."""
+    """Run the attempts of a round one after the other, and report the spent share of the budget."""
     budget_s = problem.options.best.budget_s
     spent_s = budget_s - sum(trial.effort_s for trial in trials)  # they share the remaining budget
 
@@ -66,12 +73,16 @@ def _make_round(
 
 
 def end_rounds(problem: Problem, state: SearchState, reason: str = SPENT) -> Decomposition:
-    """Return the best result; raises the error of the first engine if there is none.
+    """End a search: return the best result, or raise the error of the first engine if there is none.
 
     Parameters
     ----------
+    problem
+        Problem with the options of the engine `best`.
+    state
+        Attempts and best result.
     reason
-        Reason for which the other attempts are not started.
+        Reason why the other attempts are not started.
     """
     if state.best is None:
         assert state.failure is not None  # the first engine is always tried

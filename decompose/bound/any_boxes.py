@@ -1,29 +1,29 @@
-"""A lower bound on the makespan of all partitions into axis-parallel boxes, on any grid or none.
+"""Lower bound on the makespan of all partitions into axis-parallel boxes, on any grid or none.
 
-The work of all boxes together is bounded, and one of n boxes has at least an n-th of it; or its share, where
-printers differ in speed.
+The work of all boxes together is bounded from below. One of n boxes has at least an n-th of it or, if the
+printers differ in speed, at least its printer's share.
 
-Surface and volume. Each face of the model is printed once, at the price of its cheapest axis pose at least;
-and each mm3 of solid in a box once.
+Surface and volume: each face of the model is printed once, at least at the price of its cheapest axis pose,
+and so is each mm3 of solid in a box.
 
-Cut faces. A line along an axis runs through a length L of solid. A box is at most R long, the longest side of
-a room. So m >= L / R boxes share it, and there are m - 1 places where one ends and the next begins: two cut
-faces each, whether the boxes touch or not. Where they do not, solid is left out, which is
-allowed only far enough from the surface: at most on a length U of the line. This costs at least
+Cut faces: a line along an axis runs through a length L of solid. A box is at most R long, the longest side of
+a room. So m >= L / R boxes share the line, and one ends and the next begins at m - 1 places, with two cut
+faces each, whether the boxes touch or not. If they do not touch, solid between them is left out, which is
+allowed only far enough from the surface: on a length U of the line at most. This costs at least
 
     min(0 if L <= R, 2 k (m - 1) - v U / 3), with the least m >= 2 for which L - U <= m R
 
-more than to print it all in one box; k is the least price of a mm2 of cut face in any pose, v that of a mm3,
-a third of which counts for each of the three lines through a point. Integrated over all lines of three axes,
-this is what cuts cost, less what hollows save. It grows with L and falls with U. So, on a fine
-grid, L is the longest run of full cells, and U the length of all cells that may be left out; all lines in a
-row of cells have the same L and U.
+more than printing the whole line in one box. Here k is the least price of a mm2 of cut face in any pose, and
+v that of a mm3, a third of which counts for each of the three lines through a point. The integral over all
+lines of the three axes is the cost of cuts less the saving by hollows. It grows with L and falls with U. On a
+fine grid, therefore, L is the longest run of full cells, and U the length of all cells that may be left out;
+all lines in a row of cells have the same L and U.
 
-What `price` subtracts from the price of a box is at most the inset over the height of a room, and the rim of
-as much skin as fits into a box whose time is at most the limit of the bound.
+`compute_price_s` subtracts from the price of a box at most the inset over the height of a room, and the rim
+of as much skin as fits into a box whose time is at most the limit of the bound.
 
 As on a grid, a box is priced as one part in an axis pose (`grid.boxes`), even if its solid is in several
-pieces. Supports, brims and minimum times of layers only add to the price.
+pieces. Supports, brims and minimum layer times only add to the price.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ from decompose.grid import Cell, Grid, GridRules, fill_grid, place_planes
 from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 
-CELLS = 64  # cube root of the number of cells: for a wall of 10 mm in a model of 450 mm they are fine enough
+CELLS = 64  # cube root of the number of cells, which is enough for a wall of 10 mm in a model of 450 mm
 NO_COS = 1.0  # no normal has a larger component
 
 
 def bound_any_boxes_s(
     triangles: Floats, printers: Sequence[PrinterRoom], cost: CostModel, wall_mm: float, makespan_s: float
 ) -> float:
-    """Compute a lower bound in s on the makespan of all partitions of a solid into axis-parallel boxes.
+    """Compute a lower bound on the makespan of all partitions of a solid into axis-parallel boxes.
 
     Parameters
     ----------
@@ -57,10 +57,15 @@ def bound_any_boxes_s(
     cost
         Print time of a part.
     wall_mm
-        All solid nearer than this to the surface is in a box; inf for all solid.
+        Distance from the surface within which all solid is in a box; inf for all solid.
     makespan_s
-        Upper limit of the bound, such as the makespan of a known partition. It also limits what rims may
-        save, as partitions that end later are above the bound in any case.
+        Upper limit of the bound, such as the makespan of a known partition. It also limits the saving by
+        rims, because partitions that end later are above the bound in any case.
+
+    Returns
+    -------
+    float
+        Seconds.
     """
     factors = [printer.time_factor for printer in printers]
     rooms_mm = np.array([box for printer in printers for box in printer.boxes])
@@ -68,7 +73,7 @@ def bound_any_boxes_s(
         np.einsum("ij,ij->", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])) / 6.0
     )
     work_s = _price_least_surface_s(triangles, cost) + cost.volume_s_mm3 * volume_mm3
-    grid = _lay_grid(triangles)
+    grid = _build_grid(triangles)
     may_hollow = _find_unneeded_cells(grid, wall_mm)
     for axis in range(3):
         solid_mm, hollow_mm, area_mm2 = _measure_rows(grid, may_hollow, axis).T
@@ -81,7 +86,7 @@ def bound_any_boxes_s(
 
 
 def _price_least_surface_s(triangles: Floats, cost: CostModel) -> float:
-    """Price the surface in s, each face as in the cheapest of its axis poses."""
+    """Price the surface of triangles (m, 3, 3) in s, each face in the cheapest of its axis poses."""
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     lengths = np.linalg.norm(cross, axis=1)
     cosines = np.abs(cross) / np.maximum(lengths, np.finfo(float).tiny)[:, None]
@@ -92,12 +97,12 @@ def _price_least_surface_s(triangles: Floats, cost: CostModel) -> float:
 
 
 def _price_cuts_s_mm2(solid_mm: Floats, hollow_mm: Floats, longest_mm: float, cost: CostModel) -> Floats:
-    """Compute the least extra cost of lines (k,) over one box, in s for each mm2 of their cross-section.
+    """Compute the least extra cost of lines compared with a single box, in s per mm2 of their cross-section.
 
     Parameters
     ----------
     solid_mm, hollow_mm
-        (k,) lengths L of solid at least, and U that need not be printed at most.
+        (k,) minimum lengths L of solid, and maximum lengths U that need not be printed.
     longest_mm
         Maximum length of a box.
     cost
@@ -112,15 +117,15 @@ def _price_cuts_s_mm2(solid_mm: Floats, hollow_mm: Floats, longest_mm: float, co
 
 
 def _compute_max_rim_s(cost: CostModel, makespan_s: float) -> float:
-    """Compute the most in s that `price` subtracts for rims from skin that costs at most a makespan."""
+    """Compute the maximum time that `compute_price_s` subtracts for the rims of skin within a makespan."""
     if not cost.skin_s_mm2:
         return 0.0
     rim, skin = cost.skin_rim_s_mm, cost.skin_s_mm2
     return rim * (rim + math.sqrt(rim * rim + 4.0 * skin * makespan_s)) / (2.0 * skin)
 
 
-def _lay_grid(triangles: Floats) -> Grid:
-    """Lay a grid of nearly cubic cells over a mesh."""
+def _build_grid(triangles: Floats) -> Grid:
+    """Build a grid of nearly cubic cells over triangles (m, 3, 3) in mm."""
     lo_mm, hi_mm = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
     edge_mm = float(np.prod(hi_mm - lo_mm) ** (1.0 / 3.0)) / CELLS
     px, py, pz = (
@@ -131,10 +136,10 @@ def _lay_grid(triangles: Floats) -> Grid:
 
 
 def _find_unneeded_cells(grid: Grid, wall_mm: float) -> Bools:
-    """Find the cells with solid that may be further from the surface than the wall.
+    """Find the cells (nx, ny, nz) with solid that may be further from the surface than the wall.
 
-    Cells are left out if they lie within the wall of the furthest point of the box about the surface in a
-    cell near them.
+    A cell is excluded if all of it is within the wall of every point of the box around the surface in a cell
+    near it.
     """
     has_surface = grid.cells == Cell.BOUNDARY
     surface = grid.surface[has_surface]
@@ -156,7 +161,7 @@ def _measure_rows(grid: Grid, may_hollow: Bools, axis: int) -> Floats:
     Returns
     -------
     Floats
-        (k, 3): longest run of full cells and length of all cells that may be left out, in mm, and
+        (k, 3) longest run of full cells in mm, length of all cells that may be left out in mm, and
         cross-section in mm2.
     """
     a_mm, b_mm = (np.diff(grid.planes[other]) for other in range(3) if other != axis)
@@ -175,7 +180,13 @@ def _measure_rows(grid: Grid, may_hollow: Bools, axis: int) -> Floats:
 
 
 def _find_runs(cells: Bools, axis: int) -> tuple[Ints, Ints]:
-    """Find where runs of marked cells begin and end along an axis: indices (k, 3), with that axis last."""
+    """Find the begin and the end of each run of cells (nx, ny, nz) along an axis.
+
+    Returns
+    -------
+    tuple
+        (k, 3) int64 indices of the begins, and (k, 3) of the ends; the axis is the last column.
+    """
     rows = np.moveaxis(cells, axis, 2).astype(np.int8)
     steps = np.diff(np.pad(rows, ((0, 0), (0, 0), (1, 1))), axis=2)
     return np.argwhere(steps == 1), np.argwhere(steps == -1)

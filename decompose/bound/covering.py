@@ -1,9 +1,9 @@
 """Fractional covering of cells by the fewest boxes: a linear programme over all boxes within a time.
 
-Only the boxes within the time that no larger one contains are used. These are tens of thousands, with too
-many cells each for a simplex method; but summed-area tables take O(1) for a box. So the programme is solved
-by the primal-dual hybrid gradient method (Chambolle and Pock 2011; averages, restarts and the balance of the
-steps as in PDLP, Applegate et al. 2021).
+Only the boxes within the time that are not part of a larger one are used. These are tens of thousands, with
+too many cells each for a simplex method; but a summed-area table gives the sum over a box in O(1). So the
+programme is solved by the primal-dual hybrid gradient method (Chambolle and Pock 2011), with averages,
+restarts and the balance of the steps as in PDLP (Applegate et al. 2021).
 """
 
 from __future__ import annotations
@@ -15,12 +15,14 @@ import numpy as np
 import numpy.typing as npt
 
 from decompose.arrays import Bools, Floats, Ints
+from decompose.bound.box_sums import find_corners, sum_in_boxes, sum_over_cells
 from decompose.bound.largest_boxes import find_largest_boxes
 from decompose.grid import BoxTables
 from decompose.jit import jit
 
 RESTARTS, STEPS = 60, 100  # maximum number of restarts, and number of steps between them
-ACTIVE_SHARE = 0.9  # share of its maximum weight from which a box may get a share before the next restart
+# Minimum weight of a box that may get a share before the next restart, as a share of its maximum weight.
+ACTIVE_SHARE = 0.9
 TOLERANCE = 1e-4  # the search stops when the fewest boxes exceed the printers by this share
 BOUND_TOLERANCE = 1e-3  # the search stops when the bounds on the fewest boxes differ by this share
 
@@ -32,12 +34,13 @@ class Covering:
     Attributes
     ----------
     weights
-        (nx, ny, nz) weights of needed cells, at least 0. No box within the time holds more weight than it has
-        pieces (but for rounding), so that their sum is a lower bound on the pieces of any covering.
+        (nx, ny, nz) float64 weights of needed cells, at least 0. The weight in a box within the time is at
+        most its number of pieces (except for rounding), so that the sum of all weights is a lower bound on
+        the pieces of any covering.
     boxes
-        (k, 6) int16 boxes within the time that no larger one contains.
+        (k, 6) int16 boxes within the time that are not part of a larger one.
     shares
-        (k,) share of each box in the covering; their sum is near the minimum.
+        (k,) float64 share of each box in the covering; their sum is near the minimum.
     """
 
     weights: Floats
@@ -45,85 +48,15 @@ class Covering:
     shares: Floats
 
 
-@jit
-def _sum_in_boxes(cells: Floats, corners: Ints, sums: Floats, in_box: Floats) -> None:
-    """Sum the values of cells in each box, by a summed-area table.
-
-    Parameters
-    ----------
-    cells
-        (nx, ny, nz) values.
-    corners
-        (k, 8) of `_corners`.
-    sums
-        (nx + 1, ny + 1, nz + 1) workspace, its first layers 0: the summed-area table.
-    in_box
-        (k,) filled in.
-    """
-    nx, ny, nz = cells.shape
-    for x in range(nx):
-        for y in range(ny):
-            run = 0.0
-            for z in range(nz):
-                run += cells[x, y, z]
-                sums[x + 1, y + 1, z + 1] = (
-                    run + sums[x, y + 1, z + 1] + sums[x + 1, y, z + 1] - sums[x, y, z + 1]
-                )
-    s = sums.ravel()
-    for k in range(len(corners)):
-        c = corners[k]
-        added = s[c[0]] + s[c[1]] + s[c[2]] + s[c[3]]
-        in_box[k] = added - s[c[4]] - s[c[5]] - s[c[6]] - s[c[7]]
-
-
-@jit
-def _sum_over_cells(shares: Floats, corners: Ints, steps: Floats, covered: Floats) -> None:
-    """Sum, for each cell, the shares of the boxes that cover it.
-
-    Parameters
-    ----------
-    shares
-        (k,) of the boxes.
-    corners
-        (k, 8) of `_corners`.
-    steps
-        (nx + 1, ny + 1, nz + 1) workspace: differences where boxes begin and end.
-    covered
-        (nx, ny, nz) filled in.
-    """
-    s = steps.ravel()
-    s[:] = 0.0
-    for k in range(len(corners)):
-        if shares[k] == 0.0:
-            continue
-        for i in range(4):
-            s[corners[k, i]] -= shares[k]
-            s[corners[k, i + 4]] += shares[k]
-    nx, ny, nz = covered.shape
-    for x in range(nx):
-        for y in range(ny):
-            run = 0.0
-            for z in range(nz):
-                run += steps[x, y, z]
-                v = run
-                if x > 0:
-                    v += covered[x - 1, y, z]
-                if y > 0:
-                    v += covered[x, y - 1, z]
-                if x > 0 and y > 0:
-                    v -= covered[x - 1, y - 1, z]
-                covered[x, y, z] = v
-
-
 class _Programme(NamedTuple):
-    """Linear programme: cover cells with the minimum sum of shares of boxes, times their pieces.
+    """Linear programme: cover cells with the minimum sum of the shares of boxes times their pieces.
 
     Attributes
     ----------
     needed
-        (nx, ny, nz) bool cells to be covered.
+        (nx, ny, nz) bool, true for cells to be covered.
     corners
-        (k, 8) int64 of `_corners`.
+        (k, 8) int64 of `find_corners`.
     pieces
         (k,) float64 number of pieces of each box.
     content
@@ -140,21 +73,21 @@ class _Programme(NamedTuple):
 
 
 class _Iterate(NamedTuple):
-    """Shares (k,) of the boxes and weights (nx, ny, nz) of the cells, float64."""
+    """Shares (k,) float64 of the boxes, and weights (nx, ny, nz) float64 of the cells."""
 
     shares: Floats
     weights: Floats
 
 
 class _Workspace(NamedTuple):
-    """Arrays that every step uses, float64.
+    """Arrays that every step overwrites, float64.
 
     Attributes
     ----------
     sums, steps
-        (nx + 1, ny + 1, nz + 1), see `_sum_in_boxes` and `_sum_over_cells`.
+        (nx + 1, ny + 1, nz + 1), see `sum_in_boxes` and `sum_over_cells`.
     in_box
-        (k,) weight that each box holds.
+        (k,) weight in each box.
     covered
         (nx, ny, nz) sum of the shares over each cell.
     extrapolated
@@ -169,19 +102,28 @@ class _Workspace(NamedTuple):
 
 
 @jit
-def _advance(p: _Programme, work: _Workspace, balance: float, current: _Iterate, mean: _Iterate) -> None:
-    """Make one step of the method, and add the new iterate to the mean; both are changed in place.
+def _advance_step(p: _Programme, work: _Workspace, balance: float, current: _Iterate, mean: _Iterate) -> None:
+    """Take one step of the method, and add the new iterate to the mean.
 
-    balance: ratio of the steps in shares to those in weights.
+    Parameters
+    ----------
+    p
+        Linear programme.
+    work
+        Workspace.
+    balance
+        Ratio of the steps in shares to those in weights.
+    current, mean
+        Iterate, and mean of the iterates of `STEPS` steps; both are updated in place.
     """
     shares, weights = current.shares, current.weights
-    _sum_in_boxes(weights, p.corners, work.sums, work.in_box)
+    sum_in_boxes(weights, p.corners, work.sums, work.in_box)
     for k in range(len(shares)):
         share = max(0.0, shares[k] + balance / p.content[k] * (work.in_box[k] - p.pieces[k]))
         work.extrapolated[k] = 2.0 * share - shares[k]
         shares[k] = share
         mean.shares[k] += share / STEPS
-    _sum_over_cells(work.extrapolated, p.corners, work.steps, work.covered)
+    sum_over_cells(work.extrapolated, p.corners, work.steps, work.covered)
     nx, ny, nz = p.needed.shape
     for x in range(nx):
         for y in range(ny):
@@ -194,18 +136,24 @@ def _advance(p: _Programme, work: _Workspace, balance: float, current: _Iterate,
 
 @jit
 def _advance_active(p: _Programme, work: _Workspace, balance: float, current: _Iterate) -> _Iterate:
-    """Make `STEPS` steps with the boxes that may get a share in them; return the mean of the iterates.
+    """Take `STEPS` steps with the boxes that may get a share in these; return the mean of the iterates.
 
-    These have a share, or hold almost as much weight as they may. The bounds on the fewest boxes use all
-    boxes.
+    These boxes have a share, or almost their maximum weight. The bounds on the fewest boxes use all boxes.
+
+    Parameters
+    ----------
+    p, work, balance
+        As in `_advance_step`.
+    current
+        Iterate, updated in place.
     """
-    _sum_in_boxes(current.weights, p.corners, work.sums, work.in_box)
+    sum_in_boxes(current.weights, p.corners, work.sums, work.in_box)
     active = np.flatnonzero((current.shares > 0.0) | (work.in_box > ACTIVE_SHARE * p.pieces))
     programme = _Programme(p.needed, p.corners[active], p.pieces[active], p.content[active], p.overlap)
     iterate = _Iterate(current.shares[active], current.weights)
     mean = _Iterate(np.zeros(len(active)), np.zeros(p.needed.shape))
     for _ in range(STEPS):
-        _advance(programme, work, balance, iterate, mean)
+        _advance_step(programme, work, balance, iterate, mean)
     current.shares[active] = iterate.shares
     shares = np.zeros(len(p.pieces))
     shares[active] = mean.shares
@@ -214,13 +162,22 @@ def _advance_active(p: _Programme, work: _Workspace, balance: float, current: _I
 
 @jit
 def _find_feasibility_divisors(p: _Programme, work: _Workspace, iterate: _Iterate) -> tuple[float, float]:
-    """Find the divisors that make an iterate feasible: its weights by the first, its shares by the second.
+    """Find the divisors that make the weights, and the shares, of an iterate feasible.
 
-    The first is the greatest weight per piece in any box, the second the least sum of shares over a needed
-    cell.
+    Parameters
+    ----------
+    p, work
+        Linear programme, and workspace.
+    iterate
+        Iterate, not changed.
+
+    Returns
+    -------
+    tuple
+        Greatest weight per piece in any box, and least sum of shares over a needed cell.
     """
-    _sum_in_boxes(iterate.weights, p.corners, work.sums, work.in_box)
-    _sum_over_cells(iterate.shares, p.corners, work.steps, work.covered)
+    sum_in_boxes(iterate.weights, p.corners, work.sums, work.in_box)
+    sum_over_cells(iterate.shares, p.corners, work.steps, work.covered)
     heaviest_box, least_covered_cell = 1e-12, np.inf
     for k in range(len(p.pieces)):
         heaviest_box = max(heaviest_box, work.in_box[k] / p.pieces[k])
@@ -234,11 +191,19 @@ def _find_feasibility_divisors(p: _Programme, work: _Workspace, iterate: _Iterat
 
 
 @jit
-def _search(p: _Programme, work: _Workspace, printers: int, current: _Iterate) -> _Iterate:
-    """Search for the best feasible weights and shares, from an iterate that is changed in place.
+def _search_best(p: _Programme, work: _Workspace, printers: int, current: _Iterate) -> _Iterate:
+    """Search for the best feasible weights and shares by the method of this module.
 
-    Primal-dual hybrid gradients with averages and restarts, see the head of this file. The search ends when
-    it is known whether more pieces are needed than there are printers.
+    The search ends when it is known whether more pieces are needed than there are printers.
+
+    Parameters
+    ----------
+    p, work
+        Linear programme, and workspace.
+    printers
+        Number of printers.
+    current
+        Iterate to start from, updated in place.
     """
     best_weights, best_shares = current.weights.copy(), current.shares.copy()
     lower, upper = 0.0, np.inf  # the sums of both are the bounds on the fewest boxes
@@ -274,7 +239,7 @@ def _search(p: _Programme, work: _Workspace, printers: int, current: _Iterate) -
 
 
 @jit
-def _solve(
+def _solve_programme(
     needed: Bools, corners: Ints, pieces: Floats, overlap: Floats, printers: int, weights: Floats
 ) -> _Iterate:
     """Find good feasible weights and shares of a `_Programme`.
@@ -282,11 +247,11 @@ def _solve(
     Parameters
     ----------
     needed, corners, pieces, overlap
-        As in `_Programme`.
+        Arrays of `_Programme`.
     printers
-        The search ends when it is known whether more pieces than these are needed.
+        Number of pieces: the search ends when it is known whether more are needed.
     weights
-        (nx, ny, nz) float64 initial weights; changed in place.
+        (nx, ny, nz) float64 initial weights, updated in place.
     """
     programme = _Programme(needed, corners, pieces, np.zeros(len(pieces)), overlap)
     nx, ny, nz = needed.shape
@@ -297,40 +262,41 @@ def _solve(
         np.zeros((nx, ny, nz)),
         np.zeros(len(pieces)),
     )
-    _sum_in_boxes(needed.astype(np.float64), corners, work.sums, programme.content)
+    sum_in_boxes(needed.astype(np.float64), corners, work.sums, programme.content)
     shares = np.full(len(pieces), weights.sum() / pieces.sum())
-    return _search(programme, work, printers, _Iterate(shares, weights))
+    return _search_best(programme, work, printers, _Iterate(shares, weights))
 
 
 def cover_cells(boxes: BoxTables, needed: Bools, limit_s: float, printers: int, weights: Floats) -> Covering:
-    """Cover the needed cells by the fewest boxes within a time, fractions allowed.
+    """Cover the needed cells by the fewest boxes within a time; fractions of boxes are allowed.
 
     Parameters
     ----------
     boxes
-        The tables.
+        Tables of the grid.
     needed
-        (nx, ny, nz) cells to cover.
+        (nx, ny, nz) bool, true for cells to be covered.
     limit_s
-        The time.
+        Maximum time of a box.
     printers
-        The search ends when it is known whether more pieces than these are needed.
+        Number of pieces: the search ends when it is known whether more are needed.
     weights
-        (nx, ny, nz) initial weights, 0 if a cell is not needed.
+        (nx, ny, nz) float64 initial weights, 0 if a cell is not needed.
 
     Returns
     -------
     Covering
-        If a needed cell is in no box within the time there is no covering, and all weight is on that cell.
+        Covering near the minimum. If a needed cell is in no box within the time, there is no covering, and
+        all weight is on that cell.
     """
     total = int((boxes.seconds <= limit_s).sum())
     largest, indices = np.zeros((total, 6), np.int16), np.zeros(total, np.int64)
     tables = (boxes.seconds, boxes.trimmed, boxes.pieces)
     count = find_largest_boxes(tables, limit_s, boxes.shape, largest, indices)
     largest = largest[:count].copy()
-    corners = _find_corners(largest.astype(np.int64), boxes.shape)
+    corners = find_corners(largest.astype(np.int64), boxes.shape)
     overlap = np.zeros(needed.shape)
-    _sum_over_cells(np.ones(len(largest)), corners, np.zeros([n + 1 for n in boxes.shape]), overlap)
+    sum_over_cells(np.ones(len(largest)), corners, np.zeros([n + 1 for n in boxes.shape]), overlap)
     uncovered_cells = needed & (overlap < 0.5)
     if uncovered_cells.any():
         return Covering(
@@ -339,18 +305,5 @@ def cover_cells(boxes: BoxTables, needed: Bools, limit_s: float, printers: int, 
             np.zeros(len(largest)),
         )
     pieces = boxes.pieces[indices[:count]].astype(np.float64)
-    best = _solve(needed, corners, pieces, overlap, printers, weights.copy())
+    best = _solve_programme(needed, corners, pieces, overlap, printers, weights.copy())
     return Covering(best.weights, largest, best.shares)
-
-
-def _find_corners(boxes: Ints, shape: tuple[int, int, int]) -> Ints:
-    """Find the corners (k, 8) of boxes (k, 6) in a summed-area table, the four positive ones first."""
-    _, ny, nz = shape
-    x0, y0, z0, x1, y1, z1 = boxes.T
-
-    def find_index(x: Ints, y: Ints, z: Ints) -> Ints:
-        return (x * (ny + 1) + y) * (nz + 1) + z
-
-    positive = find_index(x1, y1, z1), find_index(x0, y0, z1), find_index(x0, y1, z0), find_index(x1, y0, z0)
-    negative = find_index(x0, y1, z1), find_index(x1, y0, z1), find_index(x1, y1, z0), find_index(x0, y0, z0)
-    return np.ascontiguousarray(np.stack([*positive, *negative], axis=1))

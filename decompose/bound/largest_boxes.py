@@ -1,4 +1,4 @@
-"""Largest boxes within a time: those that no larger one can replace in a covering."""
+"""Largest boxes within a time: those that no larger box can replace in a covering."""
 
 from __future__ import annotations
 
@@ -14,9 +14,14 @@ Tables = tuple[npt.NDArray[np.float32], npt.NDArray[np.int32], npt.NDArray[np.in
 
 @jit
 def _is_replaced(tables: Tables, limit_s: float, box: Box, shape: Shape) -> bool:
-    """Check whether a box that is one layer larger can replace a box, within the limit and in no more pieces.
+    """Check whether a box one layer larger can replace a box, within the limit and in no more pieces.
 
-    tables: as in `find_largest_boxes`. limit_s: the time. box: half-open, in a grid of `shape` cells.
+    Parameters
+    ----------
+    tables, limit_s, shape
+        As in `find_largest_boxes`.
+    box
+        Box in cells, half-open.
     """
     seconds, trimmed, pieces = tables
     index = compute_index(box, shape)
@@ -39,14 +44,19 @@ def _is_replaced(tables: Tables, limit_s: float, box: Box, shape: Shape) -> bool
 def find_largest_boxes(
     tables: Tables, limit_s: float, shape: Shape, boxes: npt.NDArray[np.int16], indices: Ints
 ) -> int:
-    """Fill in the boxes within the limit that no box one layer larger replaces; return their number.
+    """Find the boxes within a limit that no box one layer larger can replace; return their number.
 
     Parameters
     ----------
     tables
-        `seconds` float32, `trimmed` int32 and `pieces` int16 of `BoxTables`, (boxes,) each.
+        (boxes,) `seconds` float32, `trimmed` int32 and `pieces` int16 of `BoxTables`.
+    limit_s
+        Maximum time of a box.
+    shape
+        Cells of the grid.
     boxes, indices
-        (k, 6) int16 and (k,) int64, with room for all boxes within the limit.
+        (k, 6) int16 and (k,) int64, filled in with the boxes and their indices; k is at least the number of
+        all boxes within the limit.
     """
     seconds, trimmed, _ = tables
     nx, ny, nz = shape

@@ -1,15 +1,15 @@
 """Proven lower bounds on the makespan: from surface and volume, and from the tables over all boxes of a grid.
 
-By the tables: no partition of the grid into boxes ends sooner.
+The bound from the tables holds for all partitions of the grid into boxes.
 
-The certificate is a weight for each needed cell. If `n` parts hold all the weight, one of them holds at least
-one n-th of it, so the makespan is at least the time of the fastest box with that share (a box of k pieces
-counts as k parts, and has to hold k shares). This holds for any weights; weights are whole numbers, so that
+Its certificate is a weight for each needed cell. If `n` parts hold all the weight, one of them holds at least
+an n-th of it, so the makespan is at least the time of the fastest box with that share (a box of k pieces
+counts as k parts, and has to hold k shares). This is true for any weights. Weights are whole numbers, so that
 the comparison is exact, and every box is compared.
 
-Good weights are the dual solution of a linear programme (`bound.covering`): cover the needed cells with
-the fewest boxes, fractions of boxes allowed, that each take at most T seconds. Where that takes more than n,
-T is refuted; bisection finds the greatest such T.
+Good weights are the dual solution of a linear programme (`bound.covering`): cover the needed cells with the
+fewest boxes, or fractions of boxes, that each take at most T seconds. If more than n boxes are needed, T is
+refuted; bisection finds the greatest such T.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ import numpy.typing as npt
 
 from decompose.arrays import Bools, Floats, Ints
 from decompose.bound.covering import cover_cells
-from decompose.grid import BoxTables, interval
+from decompose.grid import BoxTables, index_interval
 from decompose.jit import jit
 from decompose.print_time import MAX_INSET_SHARE, CostModel
 
-UNIT = 1 << 24  # weight of a whole part after rounding to whole numbers
+UNIT = 1 << 24  # weight of a whole part before rounding to whole numbers
 MAX_LIMITS = 30  # maximum number of times T that are tested
 FIRST_SHARE = 0.95  # the search begins at this share of a good partition's makespan
 TOLERANCE = 0.005  # accuracy of the bound, as a share of it
@@ -34,14 +34,14 @@ TOLERANCE = 0.005  # accuracy of the bound, as a share of it
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """Lower bound with its certificate.
+    """A lower bound with its certificate.
 
     Attributes
     ----------
     seconds
-        Every partition into boxes, of at most as many pieces as printers, has a box that takes this long.
+        Time that the slowest box takes at least, in every partition into no more pieces than printers.
     weights
-        (nx, ny, nz) of the cells, whole numbers; 0 if a cell is not needed.
+        (nx, ny, nz) int64 weights of the cells; 0 if a cell is not needed.
     """
 
     seconds: float
@@ -57,10 +57,18 @@ def _find_proven_s(
     trimmed: npt.NDArray[np.int32],
     pieces: npt.NDArray[np.int16],
 ) -> float:
-    """Find the time of the fastest box that holds the share of weight of its pieces; at most makespan_s.
+    """Find the time of the fastest box that holds the share of weight of its pieces.
 
-    weight_sums: (nx + 1, ny + 1, nz + 1) int64 summed-area table of the weights. seconds, trimmed,
-    pieces: (boxes,) of `BoxTables`.
+    Parameters
+    ----------
+    weight_sums
+        (nx + 1, ny + 1, nz + 1) int64 summed-area table of the weights.
+    printers
+        Maximum number of pieces.
+    makespan_s
+        Upper limit of the result.
+    seconds, trimmed, pieces
+        (boxes,) float32 in s, (boxes,) int32 and (boxes,) int16 of `BoxTables`.
     """
     nx, ny, nz = weight_sums.shape[0] - 1, weight_sums.shape[1] - 1, weight_sums.shape[2] - 1
     ty, tz = ny * (ny + 1) // 2, nz * (nz + 1) // 2
@@ -68,13 +76,13 @@ def _find_proven_s(
     proven = makespan_s
     for x0 in range(nx):
         for x1 in range(x0 + 1, nx + 1):
-            ix = interval(x0, x1, nx)
+            ix = index_interval(x0, x1, nx)
             for y0 in range(ny):
                 for y1 in range(y0 + 1, ny + 1):
-                    row = (ix * ty + interval(y0, y1, ny)) * tz
+                    row = (ix * ty + index_interval(y0, y1, ny)) * tz
                     for z0 in range(nz):
                         for z1 in range(z0 + 1, nz + 1):
-                            box = row + interval(z0, z1, nz)
+                            box = row + index_interval(z0, z1, nz)
                             if not seconds[box] < proven or trimmed[box] != box:
                                 continue
                             weight = (
@@ -103,25 +111,25 @@ def _compute_bound(boxes: BoxTables, weights: Floats, printers: int, makespan_s:
 
 
 def bound_makespan(boxes: BoxTables, needed: Bools, printers: int, makespan_s: float) -> Bound:
-    """Prove a lower bound on the longest time of any box, over all partitions into boxes, guillotine or not.
+    """Prove a lower bound on the time of the slowest box in all partitions into boxes, guillotine or not.
 
     Parameters
     ----------
     boxes
-        The tables, for which the proof holds: a box takes its time in the best of its axis poses, with
-        supports down to the bed, and has their number of pieces.
+        Tables for which the proof holds: a box takes its time in the best of its axis poses, with supports
+        down to the bed, and consists of the tables' number of pieces.
     needed
-        (nx, ny, nz) cells that must be in some box; at least one.
+        (nx, ny, nz) bool, true for cells that must be in a box; at least one.
     printers
         Maximum number of pieces.
     makespan_s
-        Longest time, by the tables, of a partition into that many pieces.
+        Makespan, by the tables, of a partition into that many pieces.
 
     Returns
     -------
     Bound
-        Best bound that was proven. It is below the optimum by the gain of fractional boxes, and by the
-        remaining error of the programmes.
+        Best proven bound. It is below the optimum by the gain of fractional boxes, and by the remaining error
+        of the linear programmes.
     """
     weights = needed * (printers / needed.sum())
     low = _compute_bound(boxes, weights, printers, makespan_s)
@@ -141,17 +149,17 @@ def bound_makespan(boxes: BoxTables, needed: Bools, printers: int, makespan_s: f
 
 
 def bound_by_surface_s(area_mm2: float, volume_mm3: float, printers: int, cost: CostModel) -> float:
-    """Compute a lower bound in s on the makespan of any partition that prints a surface and a volume.
+    """Compute a lower bound on the makespan of any partition that prints a surface and a volume.
 
-    In the best case all of the surface is level skin, or the flattest slope without skin; cuts, supports,
-    brims and minimum times of layers only add to it. The work is shared by at most `printers` parts, each
-    with its fixed time; the savings of each part by shorter inner walls, and by walls over the rim of its
-    skin, are subtracted.
+    In the best case, all of the surface is level skin, or the flattest slope without skin; cuts, supports,
+    brims and minimum layer times only add to it. At most `printers` parts share the work, each with its fixed
+    time; the savings of each part by shorter inner walls, and by walls over the rim of its skin, are
+    subtracted.
 
     Parameters
     ----------
     area_mm2, volume_mm3
-        Original surface, and volume of the solid that has to be printed.
+        Area of the original surface, and volume of the solid that has to be printed.
     printers
         Maximum number of parts.
     cost

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from decompose.connectors.coupon import Coupon, make_coupon
-from decompose.connectors.faces import LEVEL_SIN, Blank, polygons_of, rings_of
-from decompose.connectors.pins import pairs_of
-from decompose.connectors.plan import drill, plan_connectors
-from decompose.connectors.records import Connectors, Mark, Pin, Tool, distance_mm
+from decompose.connectors.faces import LEVEL_SIN, Blank, build_polygons, list_rings
+from decompose.connectors.plan import drill_parts, plan_connectors
+from decompose.connectors.records import Connectors, Mark, Pin, Tool, find_pairs, measure_distance_mm
 from decompose.connectors.report import describe_connectors, list_cuts, read_pair_distances_mm
 
 __all__ = [
@@ -17,14 +16,14 @@ __all__ = [
     "Mark",
     "Pin",
     "Tool",
+    "build_polygons",
     "describe_connectors",
-    "distance_mm",
-    "drill",
+    "drill_parts",
+    "find_pairs",
     "list_cuts",
+    "list_rings",
     "make_coupon",
-    "pairs_of",
+    "measure_distance_mm",
     "plan_connectors",
-    "polygons_of",
     "read_pair_distances_mm",
-    "rings_of",
 ]

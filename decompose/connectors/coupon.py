@@ -22,7 +22,7 @@ from decompose.errors import DecomposeError
 from decompose.geometry import Solid
 
 FITS_MM = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7)
-GAUGE_FIT_MM = 0.8  # width of the gauges beyond the pin, which enters them easily
+GAUGE_FIT_MM = 0.8  # clearance of the gauges, which a pin enters easily
 LETTERS_MM, GROOVE_MM = 6.0, 0.5
 GAP_MM = 3.0  # gap between holes, numbers and edges
 PLATE_GAP_MM = 6.0  # gap between the block and the plate
@@ -39,7 +39,7 @@ class Coupon:
     solid
         Block and plate with all holes, grooves and numbers.
     holes
-        Holes on top, then in front, by increasing fit; then the gauges for lengths, the longest first.
+        Holes in the top, then in the front, by increasing fit; then gauges for lengths, the longest first.
     grooves
         Grooves of a short key in the back of the block, by increasing fit, then those in the plate.
     marks
@@ -81,13 +81,13 @@ class _Layout:
 
     @property
     def height_mm(self) -> float:
-        """Height of block and plate."""
+        """Height of the block and of the plate."""
         below_letters_mm = max(2.0 * self.pin_mm, self.mouth_mm)
         return max(self.lengths_mm[0] + GAP_MM, below_letters_mm + LETTERS_MM + 3.0 * GAP_MM)
 
     @property
     def depth_mm(self) -> float:
-        """Depth of the block, with the holes in front, those on top, and the grooves in its back."""
+        """Depth of the block, with the holes in its front and its top, and the grooves in its back."""
         groove_mm = compute_groove_depth_mm(self.pin_mm, FITS_MM[-1])
         deep_mm = choose_depths_mm(self.pin_mm)[0]
         return deep_mm + 2.0 * self.pin_mm + LETTERS_MM + 3.0 * GAP_MM + groove_mm
@@ -100,8 +100,18 @@ class _Layout:
 def make_coupon(pin_mm: float) -> Coupon:
     """Make the coupon for pins of a diameter.
 
-    The holes on top open upwards; those in front are horizontal and have a roof. The grooves in the back lie
-    upright, and meet those in the plate.
+    The holes in the top open upwards; those in the front are horizontal and have a roof. The grooves in the
+    back are upright, and meet those in the plate.
+
+    Parameters
+    ----------
+    pin_mm
+        Diameter of the pins.
+
+    Raises
+    ------
+    DecomposeError
+        A hole of this diameter would need support.
     """
     layout = _Layout(pin_mm)
     width_mm = layout.pitch_mm * (len(FITS_MM) + len(layout.lengths_mm))
@@ -120,7 +130,7 @@ def make_coupon(pin_mm: float) -> Coupon:
     letters_z_mm = layout.height_mm - GAP_MM - LETTERS_MM / 2.0
     for n, text in enumerate(_name_fits()):
         middle = np.array([layout.find_column_mm(n), layout.depth_mm, letters_z_mm])
-        marks.append(_write(text, middle, UP, -INWARDS))
+        marks.append(_write_mark(text, middle, UP, -INWARDS))
     strokes = [groove for mark in marks for groove in mark.grooves]
     tools = Solid.union([Solid.hull(tool.points_mm) for tool in (*holes, *grooves, *strokes)])
     solid = Solid.union([block, plate]).subtract(tools)
@@ -128,7 +138,7 @@ def make_coupon(pin_mm: float) -> Coupon:
 
 
 def _make_holes(layout: _Layout) -> tuple[list[Tool], list[Mark]]:
-    """Make the holes and their numbers: on top, in front, and the gauges on top."""
+    """Make the holes and their numbers: in the top, in the front, and the gauges in the top."""
     pin_mm, deep_mm = layout.pin_mm, choose_depths_mm(layout.pin_mm)[0]
     top = [(text, pin_mm + fit_mm, deep_mm) for text, fit_mm in zip(_name_fits(), FITS_MM, strict=True)]
     gauges = [(f"{length_mm:g}", pin_mm + GAUGE_FIT_MM, length_mm) for length_mm in layout.lengths_mm]
@@ -137,19 +147,21 @@ def _make_holes(layout: _Layout) -> tuple[list[Tool], list[Mark]]:
     for n, (text, width_mm, length_mm) in enumerate([*top, *gauges]):
         mouth_mm = np.array([layout.find_column_mm(n), holes_y_mm, layout.height_mm])
         middle = np.array([layout.find_column_mm(n), GAP_MM + LETTERS_MM / 2.0, layout.height_mm])
-        hole = _drill(mouth_mm, DOWNWARDS, width_mm, length_mm)
-        drilled.append((hole, _write(text, middle, INWARDS, DOWNWARDS)))
+        hole = _drill_hole(mouth_mm, DOWNWARDS, width_mm, length_mm)
+        drilled.append((hole, _write_mark(text, middle, INWARDS, DOWNWARDS)))
     front: list[tuple[Tool, Mark]] = []
     for n, (text, width_mm, length_mm) in enumerate(top):
         mouth_mm = np.array([layout.find_column_mm(n), 0.0, GAP_MM + pin_mm])
         middle = np.array([layout.find_column_mm(n), 0.0, layout.height_mm - GAP_MM - LETTERS_MM / 2.0])
-        front.append((_drill(mouth_mm, INWARDS, width_mm, length_mm), _write(text, middle, UP, INWARDS)))
+        front.append(
+            (_drill_hole(mouth_mm, INWARDS, width_mm, length_mm), _write_mark(text, middle, UP, INWARDS))
+        )
     ordered = [*drilled[: len(top)], *front, *drilled[len(top) :]]
     return [hole for hole, _ in ordered], [mark for _, mark in ordered]
 
 
 def _make_key_groove(layout: _Layout, n: int, y_mm: float, into: Floats) -> Tool:
-    """Make the upright groove of a short key in a column of the back of the block, or of the plate."""
+    """Make the upright groove of a short key in a column, in the back of the block or in the plate."""
     depth_mm = compute_groove_depth_mm(layout.pin_mm, FITS_MM[n])
     half_mm = compute_bottom_mm(layout.pin_mm, depth_mm, SHORT_MM) / 2.0
     middle = np.array([layout.find_column_mm(n), y_mm, GAP_MM + layout.mouth_mm / 2.0])
@@ -157,17 +169,20 @@ def _make_key_groove(layout: _Layout, n: int, y_mm: float, into: Floats) -> Tool
 
 
 def _name_fits() -> Iterator[str]:
+    """Yield the number of each fit."""
     return (f"{10.0 * fit_mm:.0f}" for fit_mm in FITS_MM)
 
 
-def _drill(mouth_mm: Floats, direction: Floats, width_mm: float, depth_mm: float) -> Tool:
+def _drill_hole(mouth_mm: Floats, direction: Floats, width_mm: float, depth_mm: float) -> Tool:
+    """Make a hole that prints without support, from the middle of its mouth (3,) in a direction (3,)."""
     hole = make_hole(0, mouth_mm, direction, UP, (width_mm, depth_mm), np.zeros(3))
     if hole is None:
         raise DecomposeError(f"a hole {width_mm:g} mm wide needs support: choose another diameter")
     return hole
 
 
-def _write(text: str, middle: Floats, upward: Floats, direction: Floats) -> Mark:
+def _write_mark(text: str, middle: Floats, upward: Floats, direction: Floats) -> Mark:
+    """Make a number around a point (3,) on a face, from its directions (3,) up and into the block."""
     right = np.cross(upward, -direction)
     lines = draw_strokes(text) * (LETTERS_MM / GRID_HEIGHT) @ np.stack([right, upward]) + middle
     grooves = tuple(make_groove(0, line, direction, GROOVE_MM - 0.002 * n) for n, line in enumerate(lines))

@@ -1,4 +1,4 @@
-"""Glue of a step that is far from its pins, as points on its faces."""
+"""Glued area of a step that is far from its pins, as points on its faces."""
 
 from __future__ import annotations
 
@@ -13,29 +13,42 @@ from decompose.arrays import Floats
 from decompose.connectors.faces import Side
 from decompose.connectors.records import Pin
 
-REACH_MM = 60.0  # distance of glue from the nearest pin at which another pin is placed
-NEAR_SHARE = 0.95  # minimum share of a step's glue that is nearer
-GLUE_MM = 5.0  # pitch of the points of glue
+REACH_MM = 60.0  # distance of glue from the nearest pin beyond which another pin is placed
+NEAR_SHARE = 0.95  # share of a step's glue within reach that is enough
+GLUE_MM = 5.0  # pitch of the sample points of the glue
 WORTH_MM2 = 100.0  # minimum area of glue for which another pin is worthwhile
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Site:
-    """Face that closes along the direction of a step: the side of the moved part, and of the other."""
+    """Glued face of a step: its side on the moved part, and its side on the fixed one."""
 
     moved: Side
     fixed: Side
 
 
 def sample_glue(sides: Sequence[Side]) -> Floats:
-    """List points (n, 3) of the glue on faces, those that slide included."""
+    """List sample points (n, 3) in mm of the glue on faces, including those that slide."""
     return np.concatenate(
         [sample_points(side, side.face.outline, GLUE_MM) for side in sides] or [np.zeros((0, 3))]
     )
 
 
 def find_far_glue(glue_mm: Floats, pins: Sequence[Pin]) -> Floats:
-    """Find the points (n, 3) of glue that are far from all pins; none where nearly all glue is near."""
+    """Find the points of glue that are far from all pins.
+
+    Parameters
+    ----------
+    glue_mm
+        (n, 3) points of `sample_glue`.
+    pins
+        Pins and keys so far.
+
+    Returns
+    -------
+    ndarray
+        (k, 3) points; all if there are no pins, none if nearly all glue is near.
+    """
     if not pins:
         return glue_mm
     far = glue_mm[cdist(glue_mm, [pin.at_mm for pin in pins]).min(axis=1, initial=np.inf) > REACH_MM]
@@ -43,9 +56,23 @@ def find_far_glue(glue_mm: Floats, pins: Sequence[Pin]) -> Floats:
 
 
 def sort_by_gain(places_mm: Floats, far_mm: Floats, weights: Floats | float = 1.0) -> list[int]:
-    """Sort the numbers of places (n, 3) by the far glue in their reach, times their weights (n,).
+    """Sort places by the area of far glue in their reach, times their weights.
 
-    Places in reach of little far glue are left out.
+    Places with little far glue in their reach are left out.
+
+    Parameters
+    ----------
+    places_mm
+        (n, 3) points.
+    far_mm
+        (k, 3) points of `find_far_glue`.
+    weights
+        (n,) weights, or one for all.
+
+    Returns
+    -------
+    list[int]
+        Numbers of the places, the best first.
     """
     gains_mm2 = (cdist(places_mm, far_mm) < REACH_MM).sum(axis=1) * GLUE_MM**2
     order = np.argsort(-gains_mm2 * weights, kind="stable")
@@ -53,7 +80,22 @@ def sort_by_gain(places_mm: Floats, far_mm: Floats, weights: Floats | float = 1.
 
 
 def sample_points(side: Side, area: shapely.Geometry, pitch_mm: float) -> Floats:
-    """List points (n, 3) of a square grid inside an area of a face; at least one, unless it is empty."""
+    """List the points of a square grid inside an area of a face; at least one, unless the area is empty.
+
+    Parameters
+    ----------
+    side
+        Side of the face.
+    area
+        Area in the coordinates of the face.
+    pitch_mm
+        Distance between points.
+
+    Returns
+    -------
+    ndarray
+        (n, 3) points in mm.
+    """
     if area.is_empty:
         return np.zeros((0, 3))
     low_x, low_y, high_x, high_y = area.bounds

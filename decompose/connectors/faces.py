@@ -1,4 +1,4 @@
-"""Room for tools on the faces of joints, in which a tool stays inside of both parts."""
+"""Room for tools on the faces of joints, where a tool stays inside both parts."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from decompose.geometry import Solid
 from decompose.options import PIN_FIT_MM
 from decompose.pieces import Joint, JointFace, list_polygons
 
-SLAB_MM = 8.0  # depth to which gaps below a face are found at once; few tools reach deeper
-SKIN_MM = 0.05  # depth at which the examination of a part begins: rounding leaves films at the face itself
+SLAB_MM = 8.0  # depth to which the gaps below a face are found at once; few tools reach deeper
+SKIN_MM = 0.05  # depth at which the search for gaps begins: rounding leaves films at the face itself
 LEVEL_SIN = 0.5  # minimum sine of the angle between a level face and the vertical of the pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Blank:
-    """Part without holes.
+    """A part without holes.
 
     Attributes
     ----------
     name
         Short name that is written on the part.
     solid
-        In the frame of the joints, mm.
+        Solid in the frame of the joints, in mm.
     up
-        (3,) upward direction of the bed in the part's pose, in the same frame.
+        (3,) unit vector upwards from the bed in the part's pose, in the same frame.
     pin_fit_mm
         Clearance of its holes: width across the flats, less the diameter of the pin.
     """
@@ -54,7 +54,7 @@ class Side:
     face
         The face.
     sign
-        1 where the part lies on the side of the face's normal, else -1.
+        1 if the part lies on the side of the face's normal, else -1.
     """
 
     part: int
@@ -68,16 +68,24 @@ class Side:
         return self.sign * self.face.normal
 
     def flatten(self, points_mm: Floats) -> Floats:
-        """Compute the coordinates (..., 2) of points (..., 3) in the plane of the face."""
+        """Compute the coordinates (..., 2) in mm of points (..., 3) in the plane of the face."""
         return points_mm @ self.face.axes.T
 
     def lift(self, flat_mm: Floats) -> Floats:
-        """Compute the points (..., 3) on the face with coordinates (..., 2)."""
+        """Compute the points (..., 3) in mm on the face with coordinates (..., 2)."""
         return flat_mm @ self.face.axes + self.face.offset_mm * self.face.normal
 
 
 def find_sides(blanks: Sequence[Blank], number: int, joint: Joint) -> list[tuple[Side, Side]]:
-    """Find both sides of each face of a joint; faces with a part on both of their sides are left out."""
+    """Find both sides of each face of a joint; a face that a part reaches on both sides is left out.
+
+    Parameters
+    ----------
+    blanks
+        All parts.
+    number, joint
+        Number of the joint, and the joint.
+    """
     sides = []
     for face in joint.faces:
         signs = []
@@ -92,7 +100,7 @@ def find_sides(blanks: Sequence[Blank], number: int, joint: Joint) -> list[tuple
 
 @dataclass(slots=True)
 class Room:
-    """Parts with the tools placed so far, and the remaining room for other tools."""
+    """Parts with the tools that are placed so far, and the remaining room for other tools."""
 
     blanks: Sequence[Blank]
     tools: list[Tool] = field(default_factory=list)
@@ -100,16 +108,21 @@ class Room:
     _solid_at: dict[tuple[int, float, int], shapely.Geometry] = field(default_factory=dict)
 
     def is_level(self, side: Side) -> bool:
-        """Check whether a face is printed level: a groove in it is a slow ring, not a bend of a wall."""
+        """Check whether a face lies level in its pose: a groove in it prints as a ring, which is slow."""
         return abs(float(side.into @ self.blanks[side.part].up)) > LEVEL_SIN
 
     def find_room(self, side: Side, depth_mm: float) -> shapely.Geometry:
         """Find the area of a face below which a part is solid to a depth plus a rim, and free of other tools.
 
+        Parameters
+        ----------
+        side, depth_mm
+            Side of the face, and depth of the tool.
+
         Returns
         -------
         shapely.Geometry
-            In the coordinates of the face. Tools have to keep `RIM_MM` from its border.
+            Area in the coordinates of the face. Tools have to keep `RIM_MM` from its border.
         """
         return self.find_solid_area(side, depth_mm + RIM_MM)
 
@@ -119,9 +132,9 @@ class Room:
         Parameters
         ----------
         side, depth_mm
-            The face, and the depth with all rims.
+            Side of the face, and the depth including all rims.
         wall_mm
-            Distance from the border; the distance from other tools is `RIM_MM` in any case.
+            Distance that the tool will keep from the border of the area; from other tools it keeps `RIM_MM`.
         """
         room = self._find_solid(side, depth_mm)
         for tool in self.tools:
@@ -134,18 +147,19 @@ class Room:
         return room
 
     def _find_solid(self, side: Side, depth_mm: float) -> shapely.Geometry:
+        """Find the area of a face below which a part without tools is solid to a depth; cached."""
         key = (side.part, round(depth_mm, 3), id(side.face))
         if key not in self._solid_at:
             outline = side.face.outline
             gaps = self._find_gaps(side, depth_mm)
             frame = np.vstack([side.face.axes, side.face.normal])
-            self._solid_at[key] = outline if gaps.is_empty else outline - polygons_of(gaps.project(frame))
+            self._solid_at[key] = outline if gaps.is_empty else outline - build_polygons(gaps.project(frame))
         return self._solid_at[key]
 
     def _find_gaps(self, side: Side, depth_mm: float) -> Solid:
-        """Find what is not solid below a face, to a depth.
+        """Find the gaps below a face, the space that is not solid, to a depth.
 
-        The part may have many triangles, so it is cut once for each face; after that only its gaps are cut.
+        The part may have many triangles, so it is cut only once for each face; afterwards its gaps are cut.
         """
         solid = self.blanks[side.part].solid
         if depth_mm > SLAB_MM:
@@ -160,11 +174,24 @@ def _build_slab(side: Side, depth_mm: float) -> Solid:
     """Build the space below a face, to a depth."""
     frame = np.vstack([side.face.axes, side.face.normal])
     ends = side.face.offset_mm + side.sign * np.array([SKIN_MM, depth_mm])
-    return Solid.prism(rings_of(side.face.outline), frame, float(ends.min()), float(ends.max()))
+    return Solid.prism(list_rings(side.face.outline), frame, float(ends.min()), float(ends.max()))
 
 
-def erode(area: shapely.Geometry, shape: shapely.Polygon) -> shapely.Geometry:
-    """Compute the places of the origin of a convex shape at which the shape stays inside of an area."""
+def erode_area(area: shapely.Geometry, shape: shapely.Polygon) -> shapely.Geometry:
+    """Erode an area by a convex shape: find where the shape's origin may be so that it stays inside.
+
+    Parameters
+    ----------
+    area
+        Area in a plane.
+    shape
+        Convex shape, in the same unit.
+
+    Returns
+    -------
+    shapely.Geometry
+        Positions of the shape's origin.
+    """
     edges = [
         np.stack([ring[:-1], ring[1:]], axis=1)
         for polygon in list_polygons(area)
@@ -177,7 +204,7 @@ def erode(area: shapely.Geometry, shape: shapely.Polygon) -> shapely.Geometry:
     return area - shapely.union_all(hulls)
 
 
-def rings_of(outline: shapely.Geometry) -> list[Floats]:
+def list_rings(outline: shapely.Geometry) -> list[Floats]:
     """List the rings (n, 2) of all polygons of a geometry."""
     return [
         np.asarray(ring.coords)[:-1]
@@ -186,8 +213,8 @@ def rings_of(outline: shapely.Geometry) -> list[Floats]:
     ]
 
 
-def polygons_of(rings: Sequence[Floats]) -> shapely.Geometry:
-    """Build a geometry from rings (n, 2); a ring inside of another one bounds a hole."""
+def build_polygons(rings: Sequence[Floats]) -> shapely.Geometry:
+    """Build a geometry from rings (n, 2); a ring inside another one bounds a hole."""
     faces = [shapely.Polygon(ring) for ring in rings if len(ring) > 2]
     outline: shapely.Geometry = shapely.Polygon()
     for face in sorted(faces, key=lambda polygon: -polygon.area):

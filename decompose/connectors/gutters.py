@@ -1,8 +1,8 @@
-"""Gutters: upright grooves on hidden faces, which hide the seams of the outer walls and make room for glue.
+"""Gutters: upright grooves on hidden faces, which hide the seams of the outer walls and give room for glue.
 
-The slicer begins each ring at its sharpest inner corner. Without one it begins at an edge between two cut
-faces, or at a fold of the visible surface, and leaves a bump there. A gutter is sharper than the grooves of
-keys and marks, so that no bump stays in the groove in which a key has to lie.
+The slicer begins each ring at its sharpest inner corner. Without such a corner it begins at an edge between
+two cut faces, or at a fold of the visible surface, and leaves a bump there. A gutter is sharper than the
+grooves of keys and marks, so that no bump is left in a groove in which a key has to lie.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from decompose.connectors.tools import LIP_MM, make_groove
 from decompose.pieces import Joint
 
 UPRIGHT_SIN = 0.02  # maximum sine of the angle between an upright face and the vertical
-PITCH_MM = 4.0  # pitch of the tested places
+PITCH_MM = 4.0  # pitch of the places that are tried
 SHORTEST_MM = 15.0  # minimum range of heights that a gutter adds
 MAX_GUTTERS = 3  # maximum number of gutters of a part
 ROUND_MM = 0.05
@@ -31,7 +31,7 @@ WIDTH_RATIO = 0.9  # half of the width over the depth: an angle of 84 degrees
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Place:
-    """Line (2, 3) on a side, from its lower to its upper end, and their heights in the part's pose."""
+    """Line (2, 3) on a side from the lower to the upper end, and the heights of the ends in the pose."""
 
     side: Side
     line_mm: Floats
@@ -47,14 +47,14 @@ def place_gutters(room: Room, joints: Sequence[Joint]) -> list[Gutter]:
     Parameters
     ----------
     room
-        The parts, with the tools of pins and marks; changed.
+        Parts with the tools of pins and marks; the new tools are added.
     joints
         Joints of these parts, in the same frame.
 
     Returns
     -------
     list of Gutter
-        In the order of the parts, at most `MAX_GUTTERS` of each.
+        Gutters in the order of the parts, at most `MAX_GUTTERS` for each.
     """
     sides: dict[int, list[Side]] = defaultdict(list)
     for number, joint in enumerate(joints):
@@ -67,11 +67,11 @@ def place_gutters(room: Room, joints: Sequence[Joint]) -> list[Gutter]:
         places = [place for side in part_sides for place in _find_places(room, side)]
         covered_span = shapely.LineString()
         for _ in range(MAX_GUTTERS):
-            gains = [_span(place).difference(covered_span).length for place in places]
+            gains = [_make_span(place).difference(covered_span).length for place in places]
             if not gains or max(gains) < SHORTEST_MM:
                 break
             best = places[int(np.argmax(gains))]
-            covered_span = covered_span.union(_span(best))
+            covered_span = covered_span.union(_make_span(best))
             places = [place for place in places if place.side is not best.side]
             groove = make_groove(part, best.line_mm, best.side.into, DEPTH_MM, WIDTH_RATIO)
             room.tools.append(groove)
@@ -79,12 +79,13 @@ def place_gutters(room: Room, joints: Sequence[Joint]) -> list[Gutter]:
     return gutters
 
 
-def _span(place: _Place) -> shapely.LineString:
+def _make_span(place: _Place) -> shapely.LineString:
+    """Make a line from the lower to the upper height of a place."""
     return shapely.LineString([(place.low_mm, 0.0), (place.high_mm, 0.0)])
 
 
 def _find_places(room: Room, side: Side) -> Iterator[_Place]:
-    """List the places on a side where a gutter keeps its distance from the rim and from other tools."""
+    """Yield the places on a side where a gutter keeps its distance from the rim and from other tools."""
     reach_mm = DEPTH_MM + LIP_MM + RIM_MM + ROUND_MM
     free_area = room.find_room(side, DEPTH_MM).buffer(-reach_mm)
     if free_area.is_empty:

@@ -1,6 +1,6 @@
-"""Places of marks: on both faces of each joint the number of the other part, and an arrow up.
+"""Places of marks: on both faces of each joint, the number of the other part and an upward arrow.
 
-On faces that are printed upright, the part's own number precedes it.
+On faces that are printed upright, the part's own number precedes the other number.
 """
 
 from __future__ import annotations
@@ -15,23 +15,23 @@ from decompose.arrays import Floats
 from decompose.assembly import Assembly
 from decompose.connectors.faces import Room, Side, find_sides
 from decompose.connectors.records import RIM_MM, Mark
-from decompose.connectors.strokes import GRID_HEIGHT, draw_strokes, text_width
+from decompose.connectors.strokes import GRID_HEIGHT, draw_strokes, measure_text_width
 from decompose.connectors.tools import (
     GROOVE_SIN,
     LIP_MM,
     RIDGE_MM,
     closes_in_a_step,
+    compute_overhang_sin,
     make_groove,
-    overhang_sin,
 )
 from decompose.pieces import Joint, list_polygons
 
-SIZES_MM = ((5.0, 0.35), (4.0, 0.35))  # height of letters, depth of their grooves
+SIZES_MM = ((5.0, 0.35), (4.0, 0.35))  # heights of letters, with the depth of their grooves
 ARROW = "^"
 ARROW_CELL = 7.0  # width of the arrow's cell on the grid of the letters
-DOTS = 3
+DOTS = 3  # maximum number of dots of a mark
 DOT_PITCH = 4.0  # distance between two dots, on the grid of the letters
-DEPTH_STEP_MM = 0.002  # difference in depth of strokes: operations on solids err where faces coincide
+DEPTH_STEP_MM = 0.002  # difference in depth of strokes: operations on solids fail where faces coincide
 GRID_MM = 2.0  # pitch of the places that are tried
 LEVEL_COS = (
     0.99  # minimum cosine between the normal of a level face, where the arrow points back, and the vertical
@@ -40,7 +40,7 @@ LEVEL_COS = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Text:
-    """Strokes (k, 2, 2) around the origin in mm, and the half extents (2,) of their box."""
+    """Text as strokes (k, 2, 2) around the origin in mm, and half the extents (2,) of their bounding box."""
 
     text: str
     height_mm: float
@@ -54,12 +54,19 @@ def place_marks(
 ) -> tuple[list[Mark], list[tuple[int, str]]]:
     """Place the marks of all joints, and add their grooves to the room's tools.
 
+    Parameters
+    ----------
+    room
+        Parts with the tools so far; the new tools are added.
+    joints, assembly
+        Joints of these parts, and the order in which they are glued.
+
     Returns
     -------
     list of Mark
-        In the order of the joints.
+        Marks in the order of the joints.
     list of (int, str)
-        Joints of which a face has no mark, with the reason.
+        Joints with a face that has no mark, with the reason.
     """
     steps = {joint: number for number, step in enumerate(assembly.steps) for joint in step.joints}
     marks: list[Mark] = []
@@ -96,7 +103,7 @@ def _mark_joint(room: Room, pairs: Sequence[tuple[Side, Side]], dots: int) -> li
 
 
 def _number_parts(room: Room, joints: Sequence[Joint], marks: Sequence[Mark]) -> list[Mark]:
-    """Write its number on each part that has no mark with it."""
+    """Mark each part with its own number if no other mark has it."""
     numbered_parts = {mark.part for mark in marks if mark.text.startswith(f"{room.blanks[mark.part].name}-")}
     new_marks = []
     for part, blank in enumerate(room.blanks):
@@ -121,7 +128,7 @@ def _number_parts(room: Room, joints: Sequence[Joint], marks: Sequence[Mark]) ->
 
 
 def _list_texts(room: Room, side: Side, neighbour: str) -> list[_Text]:
-    """List the ways to write a code on a side, the most legible first."""
+    """List the texts for a side, the most legible first."""
     is_level = room.is_level(side)
     code = f"-{neighbour}" if is_level else f"{room.blanks[side.part].name}-{neighbour}"
     sizes = SIZES_MM[-1:] if is_level else SIZES_MM
@@ -129,8 +136,9 @@ def _list_texts(room: Room, side: Side, neighbour: str) -> list[_Text]:
 
 
 def _lay_out_text(code: str, size_mm: tuple[float, float], arrow: str) -> _Text:
+    """Lay out a code and an arrow, if any, in letters of a height with grooves of a depth."""
     height_mm, depth_mm = size_mm
-    strokes, width = draw_strokes(code), text_width(code)
+    strokes, width = draw_strokes(code), measure_text_width(code)
     if arrow:
         left, right = np.array([[ARROW_CELL / 2.0, 0.0], [width / 2.0, 0.0]])
         strokes = np.concatenate([strokes - left, draw_strokes(arrow) + right])
@@ -141,6 +149,7 @@ def _lay_out_text(code: str, size_mm: tuple[float, float], arrow: str) -> _Text:
 
 
 def _draw_dots(count: int) -> _Text:
+    """Draw a row of dots."""
     height_mm, depth_mm = SIZES_MM[-1]
     pitch_mm = DOT_PITCH * height_mm / GRID_HEIGHT
     centres = np.zeros((count, 2, 2))
@@ -153,11 +162,11 @@ def _draw_dots(count: int) -> _Text:
 def _needs_support(room: Room, side: Side) -> bool:
     """Check whether a groove in any direction on a face would need support."""
     cone = make_groove(side.part, np.zeros((2, 3)), side.into)
-    return overhang_sin(cone.points_mm, side.into, room.blanks[side.part].up) > GROOVE_SIN
+    return compute_overhang_sin(cone.points_mm, side.into, room.blanks[side.part].up) > GROOVE_SIN
 
 
 def _place_text(room: Room, side: Side, texts: Sequence[_Text]) -> Mark | None:
-    """Place the first text for which a side of a joint has room, horizontally or turned by 90 degrees."""
+    """Place the first text that has room on a side of a joint, horizontally or rotated by 90 degrees."""
     if _needs_support(room, side):
         return None
     depth_mm = max(text.depth_mm for text in texts)
@@ -165,18 +174,18 @@ def _place_text(room: Room, side: Side, texts: Sequence[_Text]) -> Mark | None:
     upward = _find_upward(side)
     for text in texts:
         for turn in range(2):
-            frame = _text_frame(side, upward, turn)
+            frame = _build_text_frame(side, upward, turn)
             local = shapely.transform(free_area, lambda flat, frame=frame: side.lift(flat) @ frame[:2].T)
             middle = _find_middle(local, text.half_mm + text.depth_mm + LIP_MM + RIM_MM)
             if middle is None:
                 continue
             flat = _keep_arrow_up(text, turn) + middle
-            return _engrave(room, side, text, flat @ frame[:2] + side.face.offset_mm * side.face.normal)
+            return _engrave_text(room, side, text, flat @ frame[:2] + side.face.offset_mm * side.face.normal)
     return None
 
 
 def _keep_arrow_up(text: _Text, turn: int) -> Floats:
-    """Turn the arrow of a rotated text so that it points up."""
+    """Rotate the arrow of a rotated text back so that it points up; return all strokes (k, 2, 2)."""
     if not turn or not text.text.endswith(ARROW):
         return text.strokes_mm
     count = len(draw_strokes(ARROW))
@@ -186,34 +195,36 @@ def _keep_arrow_up(text: _Text, turn: int) -> Floats:
     return np.concatenate([text.strokes_mm[:-count], rotated])
 
 
-def _engrave(room: Room, side: Side, text: _Text, lines_mm: Floats) -> Mark | None:
+def _engrave_text(room: Room, side: Side, text: _Text, lines_mm: Floats) -> Mark | None:
+    """Make the mark of a text with strokes (k, 2, 3) on a side; None if a groove needs support."""
     grooves = tuple(
         make_groove(side.part, line, side.into, text.depth_mm - DEPTH_STEP_MM * (n % 16))
         for n, line in enumerate(lines_mm)
     )
     up = room.blanks[side.part].up
     for groove in grooves:
-        if overhang_sin(groove.points_mm, side.into, up) > GROOVE_SIN or closes_in_a_step(groove, up):
+        overhang_sin = compute_overhang_sin(groove.points_mm, side.into, up)
+        if overhang_sin > GROOVE_SIN or closes_in_a_step(groove, up):
             return None
     return Mark(side.part, side.joint, text.text, text.height_mm, lines_mm, grooves)
 
 
 def _find_upward(side: Side) -> Floats:
-    """Find the direction (3,) of the arrow on a face: up in the model, or to its back on level faces."""
+    """Find the direction (3,) of the arrow on a face: up in the model, on level faces towards its back."""
     target = np.eye(3)[1 if abs(side.face.normal[2]) > LEVEL_COS else 2]
     flat = target - (target @ side.face.normal) * side.face.normal
     return np.asarray(flat / np.linalg.norm(flat))
 
 
-def _text_frame(side: Side, upward: Floats, turn: int) -> Floats:
-    """Return rows x, y and the direction out of the face, for a text that is read from outside."""
+def _build_text_frame(side: Side, upward: Floats, turn: int) -> Floats:
+    """Build the rotation (3, 3) for a text that is read from outside: rows x, y and out of the face."""
     out = -side.into
     right = np.cross(upward, out)
     return np.stack([upward, -right, out]) if turn else np.stack([right, upward, out])
 
 
 def _find_middle(room: shapely.Geometry, half_mm: Floats) -> Floats | None:
-    """Find the place (2,) of a rectangle in an area, as near to the widest place as possible."""
+    """Find the middle (2,) of a rectangle inside an area, as near to its widest place as possible."""
     areas = [polygon for polygon in list_polygons(room) if polygon.area > 0.0]
     if not areas:
         return None

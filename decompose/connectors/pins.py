@@ -1,6 +1,6 @@
-"""Places of pins: two far apart for each step of the assembly, and more where its glue is far from these.
+"""Places of pins: two far apart for each step of the assembly, and more where glue is far from these.
 
-The two pins differ in depth, so that the joint stays open by millimetres if a body is turned by 180 degrees.
+The two pins differ in depth, so that the joint stays open by millimetres if a body is rotated by 180 degrees.
 Their distance differs from step to step, so that a body fits only in its own place. Where there is no room
 for holes, keys lie along the joint.
 """
@@ -17,25 +17,26 @@ from scipy.spatial.distance import cdist
 from decompose.arrays import Floats
 from decompose.assembly import Assembly, AssemblyStep
 from decompose.connectors.coverage import Site, find_far_glue, sample_glue, sample_points, sort_by_gain
-from decompose.connectors.faces import Room, Side, erode, find_sides
-from decompose.connectors.keys import KeyMaker, KeyPlacer
-from decompose.connectors.records import RIM_MM, Pin, Tool, distance_mm
+from decompose.connectors.faces import Room, Side, erode_area, find_sides
+from decompose.connectors.key_placer import KeyPlacer
+from decompose.connectors.keys import KeyMaker
+from decompose.connectors.records import RIM_MM, Pin, Tool, find_pairs, measure_distance_mm
 from decompose.connectors.tools import make_hole
 from decompose.options import THIN_FILAMENT_MM, ConnectorOptions
 from decompose.pieces import Joint, list_polygons
 
 SHALLOW_DIAMETERS = 1.05  # depth of the shallow hole of a pair, in diameters of the pin
-SHALLOWEST_MM = 2.5  # least depth of a hole
-EXTRA_DEPTH_MM = 3.0  # excess of the deep hole: a body turned by 180 degrees stays open by about this
+SHALLOWEST_MM = 2.5  # minimum depth of a hole
+EXTRA_DEPTH_MM = 3.0  # additional depth of the deep hole: about the gap if a body is rotated by 180 degrees
 END_MM = 0.5  # gap at each end of a pin
-DISTINCT_MM = 0.7  # least difference between the distances of two pairs, besides twice the fit
+DISTINCT_MM = 0.7  # minimum difference between the distances of two pairs, in addition to twice the fit
 NEAREST_PAIR_MM = 8.0  # minimum distance between two pins that fix an angle
 FAR_PAIR_MM = 80.0  # distance between two pins from which one hole is a slot
 SLOT_MM = 0.25  # elongation of a slot at each end, for 0.2 % of shrinkage and the play of the pins
 PLACES_MM = 15.0  # pitch of the places that are tried for glue that is far from pins
 MAX_FURTHER_PINS = 8  # maximum number of pins of a step besides its pair
-EXTRA_MARGIN_MM = 2.0  # additional margin of a pair that keeps the next share of its distance
-EXTRA_MARGIN_SHARE = 0.8
+EXTRA_MARGIN_MM = 2.0  # additional margin of a pair, if it does not reduce its distance too much
+EXTRA_MARGIN_SHARE = 0.8  # minimum distance of a pair with this margin, as a share of the distance without
 ROUND_MM = 0.03  # margin for buffers, which may cut inner corners
 CORNER_MM = 0.5  # corners of a hull that stand out by less are left out
 ALONG_COS = 0.999  # minimum cosine between a normal and the direction along it
@@ -45,14 +46,14 @@ SLIDING_SIN = 1e-7  # maximum sine of the angle between a face that slides and i
 def choose_depths_mm(pin_mm: float) -> tuple[float, float]:
     """Choose the depths of the deep and the shallow hole for a pin, in half millimetres.
 
-    A hole costs print time by its depth. Pins only align the faces, which the glue holds.
+    The print time of a hole grows with its depth. Pins only align the faces; the glue holds them.
     """
     shallow_mm = max(SHALLOWEST_MM, round(2.0 * SHALLOW_DIAMETERS * pin_mm) / 2.0)
     return shallow_mm + EXTRA_DEPTH_MM, shallow_mm
 
 
 def choose_keys_mm(pin_mm: float) -> list[float]:
-    """Choose the diameters of keys: that of the pins, then that of thin filament, for places without room."""
+    """Choose the diameters of keys: that of pins, then that of thin filament, for places with less room."""
     return sorted({pin_mm, min(pin_mm, THIN_FILAMENT_MM)}, reverse=True)
 
 
@@ -63,10 +64,21 @@ def place_pins(
 
     The distance of a pair differs from those of all others, and from those in `options`.
 
+    Parameters
+    ----------
+    room
+        Parts with the tools so far; the new tools are added.
+    joints, assembly
+        Joints of these parts, and the order in which they are glued.
+    options
+        Diameter of the pins, and distances that pairs must not have.
+    min_glue_mm2
+        Minimum area of a joint that counts as holding.
+
     Returns
     -------
     list of Pin
-        In the order of the steps.
+        Pins in the order of the steps.
     list of (int, str)
         Steps without a pin, with the reason.
     """
@@ -79,8 +91,8 @@ def place_pins(
         pairs = [pair for j in held_joints for pair in find_sides(room.blanks, j, joints[j])]
         sites, sliding_sites = _find_sites(pairs, step), _find_sites(pairs, step, sliding=True)
         glue_mm = sample_glue([side for side, _ in pairs])
-        placer = _Placer(room, number, step, sites, sliding_sites, glue_mm, options.pin_mm)
-        placed = placer.place([*options.taken_mm, *_pair_distances_mm(pins)])
+        placer = _PinPlacer(room, number, step, sites, sliding_sites, glue_mm, options.pin_mm)
+        placed = placer.place_all([*options.taken_mm, *_measure_pair_distances_mm(pins)])
         pins += placed
         if not placed:
             reason = "too small for a pin" if sites else "no glued face closes along its normal"
@@ -88,36 +100,24 @@ def place_pins(
     return pins, unpinned
 
 
-def pairs_of(pins: Sequence[Pin]) -> dict[int, tuple[Pin, Pin]]:
-    """Find the pair of each step that has one: its first two pins, unless they are alike.
-
-    Keys that slide belong to no pair, as their long grooves take any key.
-    """
-    by_step: dict[int, list[Pin]] = {}
-    for pin in (pin for pin in pins if not pin.slides):
-        by_step.setdefault(pin.step, []).append(pin)
-    return {
-        step: (own[0], own[1])
-        for step, own in by_step.items()
-        if len(own) > 1 and _describe_shape(own[0]) != _describe_shape(own[1])
-    }
-
-
-def _describe_shape(pin: Pin) -> tuple[float, bool]:
-    """Describe what keeps a pin out of other holes; a thin key fits all grooves of its length."""
-    return pin.length_mm, pin.along is None
-
-
-def _pair_distances_mm(pins: Sequence[Pin]) -> list[float]:
-    return [distance_mm(*pair) for pair in pairs_of(pins).values()]
+def _measure_pair_distances_mm(pins: Sequence[Pin]) -> list[float]:
+    """Measure the distance of each pair."""
+    return [measure_distance_mm(*pair) for pair in find_pairs(pins).values()]
 
 
 def _find_sites(
     pairs: Sequence[tuple[Side, Side]], step: AssemblyStep, *, sliding: bool = False
 ) -> list[Site]:
-    """List the faces that close along the direction of a step, or that slide along it.
+    """Find the faces that close along the direction of a step, or that slide along it.
 
-    `pairs`: the sides of all faces that it glues.
+    Parameters
+    ----------
+    pairs
+        Sides of all faces that the step glues.
+    step
+        Step of the assembly.
+    sliding
+        Whether to find faces that slide.
     """
     sites = []
     for one, other in pairs:
@@ -129,8 +129,22 @@ def _find_sites(
 
 
 @dataclass(frozen=True, slots=True)
-class _Placer:
-    """Places pins of one step on its sites."""
+class _PinPlacer:
+    """Placer of the pins and keys of one step on its sites.
+
+    Attributes
+    ----------
+    room
+        Parts with the tools so far; new tools are added.
+    number, step
+        Number of the step, and the step.
+    sites, sliding_sites
+        Faces that close along the direction of the step, and faces that slide along it.
+    glue_mm
+        (n, 3) sample points on all glued faces of the step.
+    pin_mm
+        Diameter of the pins.
+    """
 
     room: Room
     number: int
@@ -140,10 +154,10 @@ class _Placer:
     glue_mm: Floats
     pin_mm: float
 
-    def place(self, taken_mm: Sequence[float]) -> list[Pin]:
-        """Place all keys and pins of the step; the distance of its pair differs from those taken.
+    def place_all(self, taken_mm: Sequence[float]) -> list[Pin]:
+        """Place all keys and pins of the step; the distance of its pair differs from those that are taken.
 
-        A pair of keys comes first, as it prints in the least time; then pins, for inclined faces, and thin
+        A pair of keys is tried first, as it prints in the least time; then pins, for inclined faces, and thin
         keys, for thin walls.
         """
         pins: list[Pin] = []
@@ -183,10 +197,11 @@ class _Placer:
 
     @property
     def distinct_mm(self) -> float:
+        """Minimum difference between the distances of two pairs."""
         return 2.0 * max(blank.pin_fit_mm for blank in self.room.blanks) + DISTINCT_MM
 
-    def _size_mm(self, side: Side, index: int) -> tuple[float, float]:
-        """Width across the flats and depth of the deep hole (0) or the shallow one (1) in a part."""
+    def _compute_size_mm(self, side: Side, index: int) -> tuple[float, float]:
+        """Compute the width across the flats, and the depth, of a part's deep (0) or shallow (1) hole."""
         return self.pin_mm + self.room.blanks[side.part].pin_fit_mm, choose_depths_mm(self.pin_mm)[index]
 
     def _find_places(self, index: int) -> list[shapely.Geometry]:
@@ -197,12 +212,13 @@ class _Placer:
         ]
 
     def _find_axes(self, side: Side, index: int) -> shapely.Geometry:
+        """Find where the axis of a pin may be on one side of a face."""
         tool = make_hole(
             side.part,
             np.zeros(3),
             side.into,
             self._find_upward(side),
-            self._size_mm(side, index),
+            self._compute_size_mm(side, index),
             np.zeros(3),
         )
         if tool is None:
@@ -213,11 +229,12 @@ class _Placer:
         radius_mm = shapely.minimum_bounding_radius(outline) + RIM_MM + slack_mm
         room = self.room.find_room(side, float((tool.points_mm @ side.into).max()))
         places = room.buffer(-radius_mm)
-        if places.is_empty:  # a thin wall may have room for the outline, if not for its circle
-            return erode(room, outline.buffer(RIM_MM + slack_mm, 3))
+        if places.is_empty:  # a thin wall may have room for the outline, although not for its circle
+            return erode_area(room, outline.buffer(RIM_MM + slack_mm, 3))
         return shapely.transform(places, lambda points: points - (centre.x, centre.y))
 
     def _find_upward(self, side: Side) -> Floats:
+        """Find the upward direction (3,) in the pose of a side's part."""
         return self.room.blanks[side.part].up
 
     def _place_pair(self, taken_mm: Sequence[float]) -> list[Pin]:
@@ -233,7 +250,7 @@ class _Placer:
         separation_mm, (site, deep_mm), (shallow_site, end) = best_pair
         for back_mm in np.arange(0.0, separation_mm - NEAREST_PAIR_MM, 0.5):
             # The pin moves within the plane of its face.
-            shallow_mm = end + self._project((deep_mm - end)[None])[0] * back_mm / separation_mm
+            shallow_mm = end + self._project_points((deep_mm - end)[None])[0] * back_mm / separation_mm
             new_mm = self._measure_separation_mm(deep_mm, shallow_mm)
             if any(abs(new_mm - known_mm) < self.distinct_mm for known_mm in taken_mm):
                 continue
@@ -253,7 +270,7 @@ class _Placer:
         return []
 
     def _compute_slot(self, point_mm: Floats, end_mm: Floats) -> Floats:
-        """Compute the elongation (3,) of a hole towards another one; 0 unless they are far apart."""
+        """Compute the elongation (3,) in mm of a hole towards another one; 0 unless they are far apart."""
         across = (end_mm - point_mm) - ((end_mm - point_mm) @ self.step.direction) * self.step.direction
         separation_mm = float(np.linalg.norm(across))
         return SLOT_MM * across / separation_mm if separation_mm > FAR_PAIR_MM else np.zeros(3)
@@ -265,7 +282,7 @@ class _Placer:
         ends = [self._list_corners(places) for places in (deep, shallow)]
         if not all(len(sites) for sites, _ in ends):
             return None
-        separations_mm = cdist(*(self._project(points) for _, points in ends))
+        separations_mm = cdist(*(self._project_points(points) for _, points in ends))
         first, second = np.unravel_index(int(separations_mm.argmax()), separations_mm.shape)
         if separations_mm[first, second] < NEAREST_PAIR_MM:
             return None
@@ -286,11 +303,13 @@ class _Placer:
             points.append(self.sites[number].moved.lift(corners))
         return sites, np.concatenate(points)
 
-    def _project(self, points_mm: Floats) -> Floats:
+    def _project_points(self, points_mm: Floats) -> Floats:
+        """Project points (n, 3) along the direction of the step."""
         return points_mm - np.outer(points_mm @ self.step.direction, self.step.direction)
 
     def _measure_separation_mm(self, start_mm: Floats, end_mm: Floats) -> float:
-        return float(np.linalg.norm(self._project((start_mm - end_mm)[None])))
+        """Measure the distance of two points (3,) across the direction of the step."""
+        return float(np.linalg.norm(self._project_points((start_mm - end_mm)[None])))
 
     def _place_single_pin(self) -> list[Pin]:
         """Place one pin in the middle of the widest place, deep if possible."""
@@ -329,13 +348,18 @@ class _Placer:
         return None
 
     def _make_pin(self, number: int, point_mm: Floats, index: int, slot: Floats) -> Pin | None:
-        """Make a pin with its holes; None where one does not print without support, or has no room."""
+        """Make a pin with its holes; None if one does not print without support, or has no room."""
         site = self.sites[number]
         depth_mm = choose_depths_mm(self.pin_mm)[index]
         holes: list[Tool] = []
         for side, stretch in ((site.moved, slot), (site.fixed, np.zeros(3))):
             hole = make_hole(
-                side.part, point_mm, side.into, self._find_upward(side), self._size_mm(side, index), stretch
+                side.part,
+                point_mm,
+                side.into,
+                self._find_upward(side),
+                self._compute_size_mm(side, index),
+                stretch,
             )
             if hole is None or not self._has_room(side, hole):
                 return None
@@ -353,6 +377,7 @@ class _Placer:
         )
 
     def _has_room(self, side: Side, hole: Tool) -> bool:
+        """Check whether a hole keeps its distance from the outside of the part and from other tools."""
         reach_mm = float((hole.points_mm @ side.into).max()) - side.sign * side.face.offset_mm
         outline = shapely.MultiPoint(side.flatten(hole.points_mm)).convex_hull
         return bool(self.room.find_room(side, reach_mm).contains(outline.buffer(RIM_MM)))

@@ -31,8 +31,8 @@ def plan_connectors(
     joints, assembly
         Joints of these parts, and their assembly, in the same frame.
     options
-        Diameter of the pins, distances that pairs must not have, and whether there are marks; each blank has
-        its fit.
+        Diameter of the pins, distances that pairs must not have, and whether there are marks. The fit is that
+        of each blank.
     min_glue_mm2
         Minimum area of a joint that counts as holding.
     """
@@ -43,8 +43,15 @@ def plan_connectors(
     return Connectors(tuple(pins), tuple(marks), tuple(unpinned), tuple(unmarked), gutters=tuple(gutters))
 
 
-def drill(blanks: Sequence[Blank], connectors: Connectors) -> list[Solid]:
-    """Cut the holes and grooves out of the parts.
+def drill_parts(blanks: Sequence[Blank], connectors: Connectors) -> list[Solid]:
+    """Cut the holes and grooves out of the parts; return the solids in the order of the parts.
+
+    Parameters
+    ----------
+    blanks
+        Parts without holes.
+    connectors
+        Connectors of all parts.
 
     Raises
     ------

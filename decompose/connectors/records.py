@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,20 +10,20 @@ import numpy as np
 from decompose.arrays import Floats
 
 RIM_MM = 1.2  # minimum distance of a tool from the outside of its part, and from another tool
-KEY_RIM_MM = 0.8  # minimum distance of the groove of a key from the outside: two lines
+KEY_RIM_MM = 0.8  # minimum distance of a key's groove from the outside: the width of two lines
 SLIDING_COS = 0.999  # minimum cosine between a key that slides and the direction of its step
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tool:
-    """Convex body that is cut out of a part.
+    """A convex body that is cut out of a part.
 
     Attributes
     ----------
     part
         Number of the part.
     points_mm
-        (n, 3) its corners, in the frame of the parts. It extends slightly beyond the face at which it opens.
+        (n, 3) corners in the frame of the parts. The tool extends slightly beyond the face at which it opens.
     into
         (3,) unit vector from that face into the part.
     face_mm
@@ -41,7 +42,7 @@ class Tool:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pin:
-    """Loose pin, which sits in holes of two parts, or lies in grooves of both as a key.
+    """A loose pin, which sits in holes of two parts, or lies in grooves of both as a key.
 
     Attributes
     ----------
@@ -50,7 +51,7 @@ class Pin:
     at_mm
         (3,) point on its axis, in the plane of the joint.
     axis
-        (3,) unit vector: the direction of the step.
+        (3,) unit vector, the direction of the step.
     diameter_mm
         Diameter of the pin itself; its holes are wider by the fit.
     depth_mm
@@ -58,12 +59,12 @@ class Pin:
     length_mm
         Length to which it is cut; it is shorter than the holes.
     slotted
-        Whether one of its holes is elongated towards the other pin, as the distance may shrink.
+        Whether one of its holes is elongated towards the other pin, because the distance may shrink.
     holes
         Holes, or grooves, in the moved part and in the fixed one.
     along
-        (3,) unit vector along which a key lies; None for a pin in holes. If it is that of the step, the faces
-        slide over each other, and one of the grooves has an exit through which the key enters it.
+        (3,) unit vector along which a key lies; None for a pin in holes. If it is the direction of the step,
+        the faces slide over each other, and one of the grooves has an exit through which the key enters.
     """
 
     step: int
@@ -90,22 +91,22 @@ class Pin:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mark:
-    """Text in V grooves on a face that is glued.
+    """A text in V grooves on a face that is glued.
 
     Attributes
     ----------
     part, joint
         Numbers of the part that carries it, and of the joint.
     text
-        Numbers of the part and its neighbour (`10-14`, or `-14` where the face is printed level), and `^`,
-        which points to the top of the model (on level faces, to its back); the part's number alone; or, where
+        Numbers of the part and its neighbour (`10-14`, or `-14` on a face that is printed level), and `^`,
+        which points to the top of the model (on level faces, to its back); or the part's number alone; or, if
         no digits fit, full stops: the same number of dots on both faces of a joint.
     height_mm
         Height of its letters.
     lines_mm
-        (k, 2, 3) strokes on the face.
+        (k, 2, 3) ends of the strokes on the face.
     grooves
-        Their tools.
+        Tools of the strokes.
     """
 
     part: int
@@ -118,16 +119,16 @@ class Mark:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Gutter:
-    """Upright V groove on a face that is glued, in which the seam of the outer wall hides.
+    """An upright V groove on a face that is glued, which hides the seam of the outer wall.
 
     Attributes
     ----------
     part, joint
         Numbers of the part that has it, and of the joint.
     line_mm
-        (2, 3) its ends on the face, in the frame of the parts, the lower one in the printing pose first.
+        (2, 3) ends on the face, in the frame of the parts; the lower one in the printing pose is the first.
     groove
-        Its tool.
+        Tool of the groove.
     """
 
     part: int
@@ -143,13 +144,13 @@ class Connectors:
     Attributes
     ----------
     pins, marks
-        In the order of the steps, and of the joints.
+        Pins in the order of the steps, and marks in the order of the joints.
     unpinned
         Steps without a pin, with the reason.
     unmarked
         Joints without a mark on one of their faces, with the reason.
     gutters
-        In the order of the parts.
+        Gutters in the order of the parts.
     failures
         Sentences about connectors that were left out because they broke a rule.
     """
@@ -181,7 +182,27 @@ class Connectors:
         )
 
 
-def distance_mm(a: Pin, b: Pin) -> float:
-    """Measure the distance between two pins across their axis."""
+def measure_distance_mm(a: Pin, b: Pin) -> float:
+    """Measure the distance between two pins across the axis of the first one."""
     offset_mm = a.at_mm - b.at_mm
     return float(np.linalg.norm(offset_mm - (offset_mm @ a.axis) * a.axis))
+
+
+def find_pairs(pins: Sequence[Pin]) -> dict[int, tuple[Pin, Pin]]:
+    """Find the pair of each step that has one: its first two pins, unless they are alike.
+
+    Keys that slide belong to no pair, because their long grooves fit any key.
+    """
+    by_step: dict[int, list[Pin]] = {}
+    for pin in (pin for pin in pins if not pin.slides):
+        by_step.setdefault(pin.step, []).append(pin)
+    return {
+        step: (own[0], own[1])
+        for step, own in by_step.items()
+        if len(own) > 1 and _describe_shape(own[0]) != _describe_shape(own[1])
+    }
+
+
+def _describe_shape(pin: Pin) -> tuple[float, bool]:
+    """Describe why a pin does not fit other holes; a thin key fits any groove of its length."""
+    return pin.length_mm, pin.along is None

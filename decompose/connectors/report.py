@@ -1,4 +1,4 @@
-"""Connectors as the object for decomposition.json."""
+"""Connectors as the object of decomposition.json."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from decompose.pieces import Joint
 
 
 def list_cuts(pins: Sequence[Pin]) -> list[tuple[float, float, int]]:
-    """List diameter and length in mm of the pins and keys to cut, with their numbers; the largest first."""
+    """List the pins and keys to cut, the largest first: diameter and length in mm, and the number of each."""
     counts = Counter((pin.diameter_mm, round(pin.length_mm, 1)) for pin in pins)
     return sorted(((*cut, count) for cut, count in counts.items()), reverse=True)
 
@@ -21,7 +21,7 @@ def list_cuts(pins: Sequence[Pin]) -> list[tuple[float, float, int]]:
 def describe_connectors(
     connectors: Connectors, names: Sequence[str], joints: Sequence[Joint]
 ) -> dict[str, Any]:
-    """Describe pins and marks, and the joints without them.
+    """Describe pins, marks and gutters, and the steps and joints without them.
 
     Parameters
     ----------
@@ -64,7 +64,18 @@ def describe_connectors(
 
 
 def read_pair_distances_mm(report: Mapping[str, Any]) -> tuple[float, ...]:
-    """Read the distances between the two pins of each step from decomposition.json; empty for older files."""
+    """Read the distance between the first two pins of each step from decomposition.json.
+
+    Parameters
+    ----------
+    report
+        Content of decomposition.json; files of older versions have no connectors.
+
+    Returns
+    -------
+    tuple
+        Distances in mm across the axis of the first pin.
+    """
     by_step: dict[int, list[Mapping[str, Any]]] = {}
     for pin in (report.get("connectors") or {}).get("pins", ()):
         by_step.setdefault(pin["step"], []).append(pin)
@@ -77,6 +88,7 @@ def read_pair_distances_mm(report: Mapping[str, Any]) -> tuple[float, ...]:
 
 
 def _describe_pin(pin: Pin) -> dict[str, Any]:
+    """Describe a pin or key."""
     return {
         "step": pin.step + 1,
         "at_mm": pin.at_mm.tolist(),
@@ -90,4 +102,5 @@ def _describe_pin(pin: Pin) -> dict[str, Any]:
 
 
 def _describe_mark(mark: Mark) -> dict[str, Any]:
+    """Describe the text of a mark."""
     return {"text": mark.text, "height_mm": mark.height_mm, "lines_mm": mark.lines_mm.tolist()}

@@ -1,4 +1,4 @@
-"""Letters of straight strokes, for grooves: on a grid 4 wide and 6 high, without a font."""
+"""Letters of straight strokes for grooves, on a grid 4 units wide and 6 units high."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ GRID_HEIGHT = 6.0
 GRID_WIDTH = 4.0
 ADVANCE = 5.6  # distance between the left sides of two letters
 
-# Each letter: polylines of points x, y as pairs of digits.
+# Each letter consists of polylines, whose points x, y are pairs of digits.
 LETTERS = {
     "0": "10 30 41 45 36 16 05 01 10",
     "1": "15 26 20",
@@ -54,8 +54,8 @@ LETTERS = {
 }
 
 
-def text_width(text: str) -> float:
-    """Compute the width of a text on the grid."""
+def measure_text_width(text: str) -> float:
+    """Measure the width of a text in units of the grid."""
     return ADVANCE * (len(text) - 1) + GRID_WIDTH
 
 
@@ -65,17 +65,18 @@ def draw_strokes(text: str) -> Floats:
     Parameters
     ----------
     text
-        Digits, letters, `-`, `.` and `^`; letters are drawn as capitals, others as a gap.
+        Digits, letters, `-`, `.` and `^`; letters are drawn as capitals, other characters as a gap.
 
     Returns
     -------
     Floats
-        (k, 2, 2) ends of the strokes, x to the right and y up. A dot is a stroke without length.
+        (k, 2, 2) ends of the strokes in units of the grid, x to the right and y up. A dot is a stroke without
+        length.
     """
     strokes: list[list[list[float]]] = []
     for number, letter in enumerate(text.upper()):
         for line in filter(None, LETTERS.get(letter, "").split("|")):
             points = [[float(point[0]) + ADVANCE * number, float(point[1])] for point in line.split()]
             strokes += [list(pair) for pair in zip(points, points[1:] or points, strict=False)]
-    middle = np.array([text_width(text) / 2.0, GRID_HEIGHT / 2.0])
+    middle = np.array([measure_text_width(text) / 2.0, GRID_HEIGHT / 2.0])
     return np.asarray(np.array(strokes).reshape(-1, 2, 2) - middle)

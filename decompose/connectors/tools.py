@@ -13,8 +13,8 @@ from decompose.arrays import Floats
 from decompose.connectors.records import Tool
 from decompose.geometry import choose_plane_axes
 
-LIP_MM = 0.1  # reach of a tool beyond its face, so that no film remains
-# Flattest ceiling of a hole, as the sine of its angle to the vertical.
+LIP_MM = 0.1  # distance by which a tool extends beyond its face, so that no film remains
+# Flattest ceiling of a hole, as the sine of its angle from the vertical.
 HOLE_SIN = math.sin(math.radians(40.0))
 GROOVE_SIN = math.sin(math.radians(47.5))  # flattest ceiling of a groove; the slicer supports from 50 degrees
 GROOVE_MM = 0.6  # depth of a groove, and half its width: its sides slope by 45 degrees
@@ -33,8 +33,8 @@ _CEILINGS = (
     (2.6, 6.0),
 )
 RIDGE_MM = 0.5
-"""Half the length of the ridge in which a tip ends. The slicer drops rings shorter than 1 mm, so that a
-ceiling that ends in a point closes by a step that it supports (`closes_in_a_step`)."""
+"""Half the length of the ridge in which a tip ends. The slicer drops rings shorter than 1 mm: a ceiling that
+ends in a point closes by a step that the slicer supports (`closes_in_a_step`)."""
 LAYER_MM, STEP_MM = 0.2, 0.23  # height of a layer, and maximum step between two layers without support
 RING_MM = 1.0  # minimum length of a ring: the slicer drops shorter ones, so that a ceiling closes early
 _EDGE_MM = 1e-3
@@ -63,7 +63,7 @@ def make_hole(
     size_mm
         Width across the flats, and depth.
     stretch_mm
-        (3,) elongation in both directions across the axis; 0 for a hexagon.
+        (3,) elongation across the axis, in both directions; 0 for a regular hexagon.
 
     Returns
     -------
@@ -84,7 +84,7 @@ def make_hole(
             ridge = RIDGE_MM * np.array([[-1.0], [1.0]]) * across
             points = np.vstack([points, depth_mm * into + tip * inner_mm * up + ridge])
         hole = Tool(part, points + at_mm, into, float(at_mm @ into))
-        if overhang_sin(points, into, up) <= HOLE_SIN and not closes_in_a_step(hole, up):
+        if compute_overhang_sin(points, into, up) <= HOLE_SIN and not closes_in_a_step(hole, up):
             return hole
     return None
 
@@ -92,14 +92,18 @@ def make_hole(
 def make_groove(
     part: int, ends_mm: Floats, into: Floats, depth_mm: float = GROOVE_MM, width_ratio: float = 1.0
 ) -> Tool:
-    """Make a V groove along a stroke with ends (2, 3), or a cone where they are equal.
+    """Make a V groove along a stroke, or a cone if both ends are equal.
 
     Parameters
     ----------
+    part
+        Number of the part.
     ends_mm
-        Ends of the bottom of the groove, on the face.
+        (2, 3) ends of the bottom of the groove, on the face.
     into
         (3,) unit vector from the face into the part.
+    depth_mm
+        Depth of the groove.
     width_ratio
         Half of the width of the groove over its depth: 1 for an angle of 90 degrees.
     """
@@ -117,13 +121,23 @@ def make_groove(
 
 
 def cut_at_exit(groove: Tool, end_mm: Floats, along: Floats) -> Tool:
-    """Cut a groove square at its end (3,), where it leaves the part along a unit vector (3,)."""
+    """Cut a groove off squarely at its exit.
+
+    Parameters
+    ----------
+    groove
+        Groove that extends beyond the exit.
+    end_mm
+        (3,) point at which it leaves the part.
+    along
+        (3,) unit vector out of the part.
+    """
     beyond_mm = ((groove.points_mm - end_mm) @ along).clip(min=0.0)
     return replace(groove, points_mm=groove.points_mm - np.outer(beyond_mm, along), exit=along)
 
 
 def _choose_across(into: Floats, up: Floats) -> tuple[Floats, Floats]:
-    """Choose unit vectors across a hole: as far upwards as possible, and level."""
+    """Choose two unit vectors (3,) across a hole: one as far upwards as possible, the other one level."""
     upwards = up - (up @ into) * into
     if np.linalg.norm(upwards) < 1e-6:
         upwards = np.cross(np.eye(3)[int(np.abs(into).argmin())], into)
@@ -131,10 +145,19 @@ def _choose_across(into: Floats, up: Floats) -> tuple[Floats, Floats]:
     return upwards, np.cross(into, upwards)
 
 
-def overhang_sin(points_mm: Floats, into: Floats, up: Floats) -> float:
-    """Compute the sine of the angle to the vertical of the flattest ceiling of a convex tool (n, 3).
+def compute_overhang_sin(points_mm: Floats, into: Floats, up: Floats) -> float:
+    """Compute the sine of the angle between the flattest ceiling of a convex tool and the vertical.
 
     The mouth does not count. The sine is negative if nothing overhangs.
+
+    Parameters
+    ----------
+    points_mm
+        (n, 3) corners of the tool.
+    into
+        (3,) unit vector from the mouth into the part.
+    up
+        (3,) upward direction of the bed in the part's pose, in the same frame.
     """
     normals = ConvexHull(points_mm).equations[:, :3]
     sides = normals[normals @ into > _MOUTH_COS]
@@ -142,10 +165,10 @@ def overhang_sin(points_mm: Floats, into: Floats, up: Floats) -> float:
 
 
 def closes_in_a_step(tool: Tool, up: Floats) -> bool:
-    """Check whether the ceiling of a tool closes in one layer by more than prints without support.
+    """Check whether the ceiling of a tool closes within one layer by more than prints without support.
 
-    The sections of a convex tool shrink towards its top. The slicer drops the short ones, so that a ceiling
-    that ends in a point closes one or two layers early.
+    The sections of a convex tool shrink towards its top. The slicer drops short ones, so that a ceiling that
+    ends in a point closes one or two layers early.
 
     Parameters
     ----------
@@ -163,14 +186,14 @@ def closes_in_a_step(tool: Tool, up: Floats) -> bool:
         low_mm = float(heights.min())
         for _ in range(10):
             middle_mm = (low_mm + high_mm) / 2.0
-            is_short = _cut(tool, up, middle_mm).length < RING_MM
+            is_short = _cut_section(tool, up, middle_mm).length < RING_MM
             low_mm, high_mm = (low_mm, middle_mm) if is_short else (middle_mm, high_mm)
-    last = _cut(tool, up, high_mm - LAYER_MM)
+    last = _cut_section(tool, up, high_mm - LAYER_MM)
     return last.area > 0.0 and not last.buffer(-STEP_MM).is_empty
 
 
-def _cut(tool: Tool, up: Floats, at_mm: float) -> shapely.Geometry:
-    """Cut the convex body of a tool at a height; empty if it does not reach that height."""
+def _cut_section(tool: Tool, up: Floats, at_mm: float) -> shapely.Geometry:
+    """Cut the section of a tool at a height along `up`; empty if the tool does not reach it."""
     off_mm = tool.points_mm @ up - at_mm
     above, below = np.flatnonzero(off_mm > 0.0), np.flatnonzero(off_mm <= 0.0)
     if not len(above) or not len(below):

@@ -1,4 +1,4 @@
-"""Codes and pins of a step of the assembly, as rows of the page of instructions and of the report."""
+"""Codes and pins of an assembly step, as rows of the page of instructions and of the report."""
 
 from __future__ import annotations
 
@@ -14,7 +14,15 @@ SIGNS = str.maketrans({"^": " ↑", ".": "●"})
 
 
 def list_codes(decomposition: Decomposition, joint: int) -> list[dict[str, str]]:
-    """List the codes on both faces of a joint, each with its part, as they are read on the parts."""
+    """List the codes on both faces of a joint, as they are read on the parts, with the part of each.
+
+    Parameters
+    ----------
+    decomposition
+        Decomposition with its connectors.
+    joint
+        Index of the joint.
+    """
     pair = decomposition.joints[joint]
     return [
         {
@@ -28,7 +36,13 @@ def list_codes(decomposition: Decomposition, joint: int) -> list[dict[str, str]]
 
 
 def list_blank_faces(decomposition: Decomposition, joint: int) -> list[str]:
-    """List the numbers of the parts of a joint that have no code on it, if codes were requested."""
+    """List the numbers of the parts of a joint that have no code on it, if codes were requested.
+
+    Parameters
+    ----------
+    decomposition, joint
+        As in `list_codes`.
+    """
     if not decomposition.options.connectors.marks:
         return []
     coded_parts = {mark.part for mark in decomposition.connectors.marks if mark.joint == joint}
@@ -39,7 +53,13 @@ def list_blank_faces(decomposition: Decomposition, joint: int) -> list[str]:
 
 
 def list_pins(decomposition: Decomposition, joint: int) -> list[dict[str, str]]:
-    """List the pins of a joint, with their numbers in the report."""
+    """List the pins of a joint, with their numbers in the report.
+
+    Parameters
+    ----------
+    decomposition, joint
+        As in `list_codes`.
+    """
     return [
         {"id": str(number), "kind": name_kind(pin), "size": format_size(pin)}
         for number, pin in enumerate(decomposition.connectors.pins, 1)
@@ -53,7 +73,15 @@ def name_kind(pin: Pin) -> str:
 
 
 def explain_pins(decomposition: Decomposition, step: int) -> str:
-    """Explain the use of a step's pins, or why it has none; empty if no pins were requested."""
+    """Explain the use of a step's pins, or why it has none; empty if no pins were requested.
+
+    Parameters
+    ----------
+    decomposition
+        Decomposition with its connectors.
+    step
+        Index of the step.
+    """
     pins = [pin for pin in decomposition.connectors.pins if pin.step == step]
     pin_mm = decomposition.options.connectors.pin_mm
     if pin_mm is None:
@@ -66,19 +94,19 @@ def explain_pins(decomposition: Decomposition, step: int) -> str:
     keys = [pin for pin in pins if pin.along is not None and not pin.slides]
     sentences = []
     if upright:
-        sentences.append(f"Put {_count(upright, 'pin')} into the lower body first, as drawn.")
+        sentences.append(f"Put {_count_sizes(upright, 'pin')} into the lower body first, as drawn.")
     if len({round(pin.length_mm, 1) for pin in upright}) > 1:
         sentences.append(
             "The longer one belongs in the deeper hole; if they are exchanged, the joint stays open."
         )
     if keys:
-        sentences.append(f"Lay {_count(keys, 'key')} into the grooves of the lower body, as drawn.")
+        sentences.append(f"Lay {_count_sizes(keys, 'key')} into the grooves of the lower body, as drawn.")
     for n, body in enumerate(("lower", "upper")):
         sliding = [pin for pin in pins if pin.slides and pin.holes[n].exit is not None]
         if sliding:
             sentences.append(
-                f"Glue {_count(sliding, 'sliding key')} into the short grooves of the {body} body first: "
-                "the long grooves of the other one slide over them."
+                f"Glue {_count_sizes(sliding, 'sliding key')} into the short grooves of the {body} body "
+                "first: the long grooves of the other one slide over them."
             )
     if any(pin.along is not None and pin.diameter_mm < pin_mm for pin in pins):
         sentences.append("Without filament of that size leave these grooves empty, and align the rims.")
@@ -100,6 +128,7 @@ def list_unglued_codes(decomposition: Decomposition) -> list[dict[str, Any]]:
     return [code for joint in joints if joint not in used_joints for code in list_codes(decomposition, joint)]
 
 
-def _count(pins: list[Pin], noun: str) -> str:
+def _count_sizes(pins: list[Pin], noun: str) -> str:
+    """Count pins by their sizes, as part of a sentence."""
     sizes = Counter(format_size(pin) for pin in pins)
     return " and ".join(f"{count} {noun}{'s' * (count > 1)} of {size} mm" for size, count in sizes.items())

@@ -1,4 +1,4 @@
-"""A decomposition as a folder: one STL per part, report, picture, GLB and instructions."""
+"""A decomposition as a folder: an STL file of each part, report, picture, GLB and instructions."""
 
 from __future__ import annotations
 
@@ -19,15 +19,25 @@ from decompose.printers import BedPlace
 from decompose.results import Decomposition, Part, check_stl, connect_parts
 
 FindPlace = Callable[[Part], BedPlace | None]
-"""Finds the place of a part on the bed of its printer; None if that is not known."""
+"""Function that finds the place of a part on the bed of its printer; None if it is not known."""
 
 
 def write_decomposition(
     decomposition: Decomposition, folder: Path, find_place: FindPlace = lambda part: None
 ) -> Decomposition:
-    """Write one binary STL per part, report, picture, GLB and instructions.
+    """Write an STL file of each part, report, picture, GLB and instructions.
 
-    See `write_parts` and `draw_parts`.
+    Parameters
+    ----------
+    decomposition, folder
+        As in `write_parts`.
+    find_place
+        As in `draw_parts`.
+
+    Returns
+    -------
+    Decomposition
+        As in `write_parts`.
     """
     stored_result = write_parts(decomposition, folder)
     draw_parts(stored_result, folder, find_place)
@@ -35,24 +45,24 @@ def write_decomposition(
 
 
 def write_parts(decomposition: Decomposition, folder: Path) -> Decomposition:
-    """Write one binary STL per part, and the report; read each STL back.
+    """Write a binary STL file of each part, and the report; read each STL file back.
 
     Parameters
     ----------
     decomposition
-        Its parts.
+        Decomposition with its parts.
     folder
-        Folder to write; created if it does not exist.
+        Folder to write; it is created if it does not exist.
 
     Returns
     -------
     Decomposition
-        The same, with the parts' file names, the assembly, pins and marks.
+        Decomposition with the parts' file names, the assembly, pins and marks.
 
     Raises
     ------
     GeometryError
-        An STL, read back, is not watertight or has another volume, even without holes and marks.
+        An STL file, when read back, is not watertight or has another volume, even without holes and marks.
     """
     folder.mkdir(parents=True, exist_ok=True)
     planned_result = decomposition.with_assembly()
@@ -84,11 +94,12 @@ def draw_parts(
     Parameters
     ----------
     decomposition
-        Parts from `write_parts`.
+        Result of `write_parts`.
     folder
-        Folder that exists.
+        Existing folder.
     find_place
-        Finds the place of a part on its bed, for the instructions; None if the bed is not shown.
+        Function that finds the place of a part on its bed, for the instructions; its result is None if the
+        bed is not shown.
     overview, steps
         Picture of the parts as PNG, and pictures of all steps; None to draw them.
     """
@@ -102,7 +113,7 @@ def draw_parts(
 
 
 def _write_parts(parts: Sequence[Part], folder: Path) -> tuple[Part, ...]:
-    """Write an STL per part, and read it back; returns the parts with the names of their files."""
+    """Write an STL file of each part, and check it; return the parts with the names of their files."""
     stored_parts = tuple(replace(part, file=f"{part.id}.stl") for part in parts)
     for part in stored_parts:
         write_stl(folder / part.file, part.build_stl_triangles())

@@ -1,4 +1,4 @@
-"""GLB (glTF 2.0 binary) of the assembly, with its steps as an animation."""
+"""GLB file (glTF 2.0 binary) of the assembly, with its steps as an animation."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from decompose.export.picture import make_part_colours
 from decompose.results import Part
 
 METRES_Y_UP = np.array([[1e-3, 0, 0, 0], [0, 0, 1e-3, 0], [0, -1e-3, 0, 0], [0, 0, 0, 1]])
-"""From mm with z up to metres with y up (glTF 2.0, 3.6 "Coordinate system and units")."""
+"""Transform from mm with z up to metres with y up (glTF 2.0, 3.6 "Coordinate system and units")."""
 STEP_S, MOVE_S = 1.5, 1.0  # duration of a step in the animation, and of the move in it
 MIN_MOVE_MM, MIN_MOVE_SHARE = 25.0, 0.3  # minimum move of a body, also as a share of its extent
 FLOAT = 5126  # glTF 2.0, 3.6.2.2: component type of single precision
@@ -29,14 +29,14 @@ def find_moves(parts: Sequence[Part], steps: Sequence[AssemblyStep]) -> Floats:
     Parameters
     ----------
     parts
-        In the model's frame, in mm.
+        Parts in the model's frame, in mm.
     steps
         Steps of their assembly.
 
     Returns
     -------
     ndarray
-        (steps, 3) mm, from the end of the body's move to its start.
+        (steps, 3) vectors in mm from the end of the body's move to its start.
     """
     moves = np.zeros((len(steps), 3))
     for row, step in zip(moves, steps, strict=True):
@@ -47,7 +47,7 @@ def find_moves(parts: Sequence[Part], steps: Sequence[AssemblyStep]) -> Floats:
 
 
 def find_offsets(count: int, steps: Sequence[AssemblyStep], moves: Floats) -> Floats:
-    """Find the positions of the parts before each step, and after the last.
+    """Find the positions of the parts before each step, and after the last one.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def find_offsets(count: int, steps: Sequence[AssemblyStep], moves: Floats) -> Fl
     Returns
     -------
     ndarray
-        (steps + 1, count, 3): offset of each part from its place, in the unit of `moves`; 0 in the last row.
+        (steps + 1, count, 3) offset of each part from its place, in the unit of `moves`; 0 in the last row.
     """
     offsets = np.zeros((len(steps) + 1, count, 3))
     for k in range(len(steps) - 1, -1, -1):
@@ -69,12 +69,12 @@ def find_offsets(count: int, steps: Sequence[AssemblyStep], moves: Floats) -> Fl
 
 
 def write_glb(parts: Sequence[Part], path: Path, steps: Sequence[AssemblyStep] = ()) -> None:
-    """Write the parts as a GLB of the assembly, in metres and with y up, as glTF requires.
+    """Write the parts as a GLB file of the assembly, in metres and with y up, as glTF requires.
 
     Parameters
     ----------
     parts
-        In the model's frame, in mm.
+        Parts in the model's frame, in mm.
     path
         File to write.
     steps
@@ -104,7 +104,7 @@ def write_glb(parts: Sequence[Part], path: Path, steps: Sequence[AssemblyStep] =
 def _add_animation(
     tree: dict[str, Any], buffers: dict[Any, bytes], names: Sequence[str], offsets: Floats
 ) -> None:
-    """Add an animation that moves the nodes of these names from offset to offset (steps + 1, parts, 3)."""
+    """Add an animation that moves the nodes with these names by offsets (steps + 1, parts, 3)."""
     steps = len(offsets) - 1
     starts_s = STEP_S * np.arange(steps)
     times_s = _add_values(

@@ -30,15 +30,19 @@ from decompose.results import Decomposition
 _TEMPLATE = Environment(
     loader=PackageLoader("decompose.export"), autoescape=True, undefined=StrictUndefined
 ).get_template("instructions.html")
-"""Read with this module: files may be replaced by those of another version while a worker runs."""
+"""Template, read on import: an update may replace the file by that of another version while a worker runs."""
 
 
 @dataclass(frozen=True, slots=True)
 class Pictures:
-    """Pictures of a page, as PNG: each step, all parts in an exploded view, and all parts on their beds.
+    """Pictures of a page, as PNG.
 
     Attributes
     ----------
+    steps
+        Pictures of each step.
+    overview, layout
+        All parts in an exploded view, and all parts on their beds; None for no picture.
     places
         Place of each part on its bed; empty if they are not known.
     """
@@ -56,7 +60,7 @@ def write_instructions(
     places: Sequence[BedPlace | None] = (),
     steps: Sequence[StepPictures] | None = None,
 ) -> None:
-    """Draw the steps, unless they have been drawn, and write the page.
+    """Draw the steps, unless they are drawn already, and write the page.
 
     Parameters
     ----------
@@ -67,7 +71,7 @@ def write_instructions(
     overview
         PNG of the parts with their numbers.
     places
-        Place of each part on its bed, as far as known.
+        Place of each part on its bed, None if it is not known; empty if no place is known.
     steps
         Pictures of all steps; None to draw them.
     """
@@ -94,7 +98,12 @@ def render_instructions(decomposition: Decomposition, pictures: Pictures, faults
     pictures
         Pictures of its steps and parts.
     faults
-        Faults of the page itself (`find_page_faults`), which it shows first.
+        Faults of the page itself (`find_page_faults`), which the page shows first.
+
+    Returns
+    -------
+    str
+        HTML.
     """
     assembly = decomposition.assembly
     steps = [
@@ -106,8 +115,8 @@ def render_instructions(decomposition: Decomposition, pictures: Pictures, faults
         steps=steps,
         levels=assembly.levels,
         locked=[_name_parts(decomposition, group) for group in assembly.locked],
-        overview=_embed(pictures.overview),
-        layout=_embed(pictures.layout),
+        overview=_embed_png(pictures.overview),
+        layout=_embed_png(pictures.layout),
         minutes=_format_minutes(assembly.total_s),
         least_minutes=_format_minutes(assembly.critical_s),
         seam_mm=f"{decomposition.sum_seams_mm():,.0f}",
@@ -121,6 +130,7 @@ def render_instructions(decomposition: Decomposition, pictures: Pictures, faults
 
 
 def _order_parts(decomposition: Decomposition) -> list[int]:
+    """List the numbers of all parts in the order of use."""
     return sort_by_use(decomposition.parts, decomposition.assembly.part_order)
 
 
@@ -150,13 +160,14 @@ def _list_parts(decomposition: Decomposition, places: Sequence[BedPlace | None])
 def _describe_step(
     number: int, step: AssemblyStep, decomposition: Decomposition, step_pictures: StepPictures
 ) -> dict[str, Any]:
+    """Describe a step by the variables of the template."""
     fixed = ", ".join(_name_parts(decomposition, step.fixed_parts))
     rest = ", ".join(_name_parts(decomposition, step.rests_on))
     return {
         "number": number,
         "level": step.level,
-        "picture": _embed(step_pictures.both),
-        "turned_over": _embed(step_pictures.moved),
+        "picture": _embed_png(step_pictures.both),
+        "turned_over": _embed_png(step_pictures.moved),
         "top": step_pictures.top,
         "moved": ", ".join(_name_parts(decomposition, step.moved_parts)),
         "fixed": fixed,
@@ -175,6 +186,7 @@ def _describe_step(
 
 
 def _describe_joint(number: int, decomposition: Decomposition) -> dict[str, Any]:
+    """Describe a joint by the variables of the template."""
     joint = decomposition.joints[number]
     ids = _name_parts(decomposition, (joint.a, joint.b))
     return {
@@ -189,12 +201,15 @@ def _describe_joint(number: int, decomposition: Decomposition) -> dict[str, Any]
 
 
 def _format_minutes(seconds: float) -> str:
+    """Format a time in whole minutes, at least one."""
     return f"{max(1.0, seconds / 60.0):.0f}"
 
 
 def _name_parts(decomposition: Decomposition, numbers: Sequence[int]) -> list[str]:
+    """List the names of parts by their numbers."""
     return [decomposition.parts[number].id for number in numbers]
 
 
-def _embed(png: bytes | None) -> str | None:
+def _embed_png(png: bytes | None) -> str | None:
+    """Encode a picture as a data URL."""
     return None if png is None else "data:image/png;base64," + b64encode(png).decode("ascii")

@@ -14,12 +14,12 @@ from decompose.export.picture import (
     make_white_outline,
     write_labels,
 )
-from decompose.export.raster import Shape, draw, make_camera
+from decompose.export.raster import Shape, draw_shapes, make_camera
 from decompose.files.names import find_part_number
 from decompose.printers import BedPlace
 from decompose.results import Part
 
-WIDTH_RATIO = 1.5  # columns per row
+WIDTH_RATIO = 1.5  # ratio of the number of columns to that of rows
 GAP = 0.15  # gap between two parts, as a share of the longest side
 EYE_DEG = 50.0  # elevation of the eye above the table
 LONG_SIDE_PX = 900
@@ -29,7 +29,15 @@ BED_DEPTH_MM = 0.5  # depth below a part at which its bed is drawn
 
 
 def sort_by_use(parts: Sequence[Part], order: Sequence[int]) -> list[int]:
-    """List the numbers of all parts: those of an order first."""
+    """Sort the numbers of all parts: first those in an order, then the others.
+
+    Parameters
+    ----------
+    parts
+        All parts.
+    order
+        Numbers of parts in the order of use.
+    """
     return [*order, *(number for number in range(len(parts)) if number not in set(order))]
 
 
@@ -50,11 +58,11 @@ def draw_layout(parts: Sequence[Part], order: Sequence[int], places: Sequence[Be
     bytes
         PNG.
     """
-    shapes, front_mm = _lay_out(parts, order, places)
-    drawing = draw(shapes, make_camera(-90.0, EYE_DEG), LONG_SIDE_PX, oversample=2)
+    shapes, front_mm = _lay_out_shapes(parts, order, places)
+    drawing = draw_shapes(shapes, make_camera(-90.0, EYE_DEG), LONG_SIDE_PX, oversample=2)
     figure, axes = make_figure(drawing)
     write_labels(axes, drawing, [find_part_number(parts[number].id) for number in order])
-    for number, (x, y) in zip(order, drawing.place(front_mm), strict=True):
+    for number, (x, y) in zip(order, drawing.find_pixels(front_mm), strict=True):
         axes.text(
             x, y - NAME_PT, name_printer(parts[number]),
             ha="center", va="top", fontsize=NAME_PT, path_effects=make_white_outline(),
@@ -62,10 +70,10 @@ def draw_layout(parts: Sequence[Part], order: Sequence[int], places: Sequence[Be
     return encode_png(figure)
 
 
-def _lay_out(
+def _lay_out_shapes(
     parts: Sequence[Part], order: Sequence[int], places: Sequence[BedPlace | None]
 ) -> tuple[list[Shape], Floats]:
-    """Lay out the shapes of parts and beds, and points (n, 3) in mm in front of them for their names."""
+    """Lay out the shapes of parts and beds; return also points (n, 3) in mm in front of them for names."""
     colours = make_part_colours(len(parts))
     beds = [places[number] if places else None for number in order]
     meshes = [
@@ -88,13 +96,13 @@ def _lay_out(
             front = min(front, at_mm[1] - bed.bed_mm[1] / 2.0)
         front_mm.append([at_mm[0], front, 0.0])
     below_mm = np.min(front_mm, axis=0) - [0.0, GAP / 2.0 * pitch_mm[1], 0.0]
-    # A triangle without area reserves room for the last names.
+    # A triangle without area reserves room for the names in the last row.
     names = Shape(np.tile(below_mm, (1, 3, 1)), np.ones(3))
     return [*shapes, *tables, names], np.array(front_mm)
 
 
 def describe_place(place: BedPlace | None) -> str:
-    """Describe the place of the middle of a part on its bed, seen from the front; empty if unknown."""
+    """Describe where the middle of a part is on its bed, seen from the front; empty if unknown."""
     if place is None:
         return ""
     right, back = (round(mm) for mm in place.at_mm)
@@ -107,7 +115,20 @@ def describe_place(place: BedPlace | None) -> str:
 
 
 def put_on_bed(vertices: Floats, faces: Ints, bed: BedPlace | None) -> tuple[Floats, Ints]:
-    """Move vertices (n, 3) so that the middle of their box is at its place."""
+    """Move a part to its place on the bed; without a bed, to the origin.
+
+    Parameters
+    ----------
+    vertices, faces
+        (n, 3) in mm and (m, 3) in printing pose.
+    bed
+        Place of the middle of its bounding box; None if it is not known.
+
+    Returns
+    -------
+    tuple
+        (n, 3) moved vertices, and the faces.
+    """
     middle_mm = (vertices.max(axis=0) + vertices.min(axis=0)) / 2.0 * [1.0, 1.0, 0.0]
     placed_vertices = vertices - middle_mm
     if bed is None:
@@ -126,7 +147,7 @@ def _find_extents(vertices: Floats, bed: BedPlace | None) -> Floats:
 
 
 def _make_bed(bed: BedPlace) -> Floats:
-    """Build two triangles (2, 3, 3) of a bed, a little below the parts."""
+    """Make two triangles (2, 3, 3) of a bed, slightly below the parts."""
     x, y = np.array(bed.bed_mm) / 2.0
     corners = np.array(
         [[-x, -y, -BED_DEPTH_MM], [x, -y, -BED_DEPTH_MM], [x, y, -BED_DEPTH_MM], [-x, y, -BED_DEPTH_MM]]
@@ -135,5 +156,5 @@ def _make_bed(bed: BedPlace) -> Floats:
 
 
 def name_printer(part: Part) -> str:
-    """Name the printer of a part: without a fleet, printers have numbers."""
+    """Name the printer of a part; without a fleet, printers have numbers instead of names."""
     return f"printer {part.printer}" if part.printer.isdigit() else part.printer

@@ -1,4 +1,4 @@
-"""Check of the page of instructions by its content: it names all parts and joints, and loads nothing."""
+"""Check of a page of instructions: whether it names all parts and joints, and loads nothing."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _LOADING_ATTRIBUTES = ("src", "href", "srcset", "poster", "action", "background"
 
 
 class _Reader(HTMLParser):
-    """Collector of the names in a page's attributes `data-KIND`, and of the addresses that it loads."""
+    """Reader of the names in a page's attributes `data-KIND`, and of the addresses that the page loads."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -21,6 +21,7 @@ class _Reader(HTMLParser):
         self.addresses: list[str] = []
 
     def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        """Record the names and the addresses in the attributes of a tag."""
         if tag in ("script", "link", "iframe", "object", "embed"):
             self.addresses.append(f"<{tag}>")
         for name, value in attributes:
@@ -36,9 +37,9 @@ def find_page_faults(page: str, decomposition: Decomposition) -> list[str]:
     Parameters
     ----------
     page
-        HTML.
+        HTML of the page.
     decomposition
-        Decomposition that the page describes; parts without an order may lack joints.
+        Decomposition that the page describes; the page may lack joints of parts without an order.
 
     Returns
     -------
@@ -58,6 +59,7 @@ def find_page_faults(page: str, decomposition: Decomposition) -> list[str]:
 
 
 def _list_expected(decomposition: Decomposition) -> Iterator[tuple[str, str]]:
+    """Yield the kind and the name of everything that a page has to name."""
     names = [part.id for part in decomposition.parts]
     for name in names:
         yield "part", name

@@ -12,12 +12,12 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt, find_objects
 
 from decompose.arrays import Floats
-from decompose.export.raster import Drawing, Shape, draw, make_camera
+from decompose.export.raster import Drawing, Shape, draw_shapes, make_camera
 from decompose.files.names import find_part_number
 from decompose.results import Part
 
-EXPLODED_SHARE = 0.28  # distance by which parts move from the middle, as a share of their distance to it
-AZIMUTH_DEG, ELEVATION_DEG = -58.0, 22.0  # the eye: from the front, a little from the right and above
+EXPLODED_SHARE = 0.28  # move of a part away from the middle, as a share of its distance from it
+AZIMUTH_DEG, ELEVATION_DEG = -58.0, 22.0  # position of the eye: in front, slightly to the right and above
 DPI = 100.0
 LABEL_PT, SMALLEST_LABEL_PT = 13.0, 7.0
 LABEL_PX = 10.0  # width of a letter of a label
@@ -25,7 +25,7 @@ GOLDEN_RATIO = (np.sqrt(5.0) - 1.0) / 2.0
 
 
 def make_part_colours(count: int) -> Floats:
-    """Choose colours (count, 3), red, green and blue from 0 to 1: no two alike, and neighbours far apart."""
+    """Make distinct colours (count, 3), red, green and blue from 0 to 1; consecutive ones differ most."""
     from matplotlib.colors import hsv_to_rgb  # slow to load
 
     i = np.arange(count)
@@ -34,12 +34,12 @@ def make_part_colours(count: int) -> Floats:
 
 
 def draw_assembly(parts: Sequence[Part], path: Path, longest_px: int = 1100) -> None:
-    """Write a PNG of the parts, exploded, each with the number in its id; hidden parts are named beside it.
+    """Write a PNG of the parts, exploded, each with the number in its id; hidden parts are listed below.
 
     Parameters
     ----------
     parts
-        In the model's frame, in mm; at least one.
+        Parts in the model's frame, in mm; at least one.
     path
         File to write.
     longest_px
@@ -53,7 +53,7 @@ def draw_assembly(parts: Sequence[Part], path: Path, longest_px: int = 1100) -> 
         vertices, faces = part.solid.arrays()
         offset_mm = EXPLODED_SHARE * (part.solid.bounds_mm.mean(axis=0) - middle)
         shapes.append(Shape((vertices + offset_mm - middle)[faces], colour))
-    drawing = draw(shapes, make_camera(AZIMUTH_DEG, ELEVATION_DEG), longest_px)
+    drawing = draw_shapes(shapes, make_camera(AZIMUTH_DEG, ELEVATION_DEG), longest_px)
     figure, axes = make_figure(drawing)
     hidden_labels = write_labels(axes, drawing, [find_part_number(part.id) for part in parts])
     if hidden_labels:
@@ -65,7 +65,7 @@ def draw_assembly(parts: Sequence[Part], path: Path, longest_px: int = 1100) -> 
 
 
 def make_figure(drawing: Drawing) -> tuple[Any, Any]:
-    """Make a figure of a drawing in its pixels; return it with its axes."""
+    """Make a matplotlib figure of a drawing, whose axes are in pixels; return both."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg  # slow to load
     from matplotlib.figure import Figure
 
@@ -80,7 +80,17 @@ def make_figure(drawing: Drawing) -> tuple[Any, Any]:
 
 
 def write_labels(axes: Any, drawing: Drawing, labels: Sequence[str]) -> list[str]:
-    """Write the labels of the first shapes at their most visible places; return those of hidden shapes."""
+    """Write labels on the first shapes where they are most visible; return the labels of hidden shapes.
+
+    Parameters
+    ----------
+    axes
+        Axes of `make_figure`.
+    drawing
+        Drawing of the shapes.
+    labels
+        Labels of the first shapes, in their order.
+    """
     hidden_labels = []
     windows = find_objects(drawing.visible, len(labels))
     for number, (label, window) in enumerate(zip(labels, windows, strict=True), 1):
@@ -98,14 +108,14 @@ def write_labels(axes: Any, drawing: Drawing, labels: Sequence[str]) -> list[str
 
 
 def make_white_outline() -> list[Any]:
-    """Return the effect that keeps a label legible on any colour."""
+    """Make the text effect that keeps a label legible on any colour."""
     from matplotlib.patheffects import withStroke  # slow to load
 
     return [withStroke(linewidth=2.5, foreground="white")]
 
 
 def encode_png(figure: Any) -> bytes:
-    """Encode a figure as a PNG of 128 colours, which is small."""
+    """Encode a figure as a PNG with 128 colours, which is small."""
     from PIL import Image  # comes with matplotlib; slow to load
 
     figure.canvas.draw()

@@ -1,4 +1,4 @@
-"""Cut list of pins as a full-size drawing: a ruler to check the print, and a gauge for each length."""
+"""Cut list of pins, and a full-size drawing: a ruler to check the scale, and a gauge for each length."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ class PinSheet:
     Attributes
     ----------
     rows
-        (diameter in mm, length in mm, number of pins), the longest first.
+        Diameter in mm, length in mm, and number of pins, the largest first.
     stocks
-        (diameter in mm, number of pins, length of the stock that they need, with the cuts).
+        Diameter in mm, number of pins, and length in mm of filament that they need, including the cuts.
     drawing
-        SVG, in mm.
+        SVG in mm.
     """
 
     rows: tuple[tuple[str, str, int], ...]
@@ -48,6 +48,7 @@ def make_sheet(pins: Sequence[Pin]) -> PinSheet | None:
 
 
 def _describe_stock(cuts: Sequence[tuple[float, float, int]], diameter_mm: float) -> tuple[str, int, str]:
+    """Describe the filament that the pins of a diameter need, as in `PinSheet.stocks`."""
     diameter_cuts = [(length_mm, count) for diameter, length_mm, count in cuts if diameter == diameter_mm]
     stock_mm = sum(count * (length_mm + SAW_MM) for length_mm, count in diameter_cuts)
     return f"{diameter_mm:g}", sum(count for _, count in diameter_cuts), f"{stock_mm:,.0f}"
@@ -65,12 +66,17 @@ def format_size(pin: Pin) -> str:
 
 
 def draw_gauge(sizes_mm: Sequence[tuple[float, float]]) -> str:
-    """Draw a ruler of 10 cm, and a pin of each length between two lines, as SVG in mm.
+    """Draw a ruler of 10 cm, and a pin of each length between two lines.
 
     Parameters
     ----------
     sizes_mm
         Distinct pairs of a length and a diameter.
+
+    Returns
+    -------
+    str
+        SVG in mm.
     """
     height_mm = RULER_HEIGHT_MM + ROW_MM * len(sizes_mm)
     marks = [_draw_line(LEFT_MM, 2.0, LEFT_MM + RULER_MM, 2.0)]
@@ -78,7 +84,7 @@ def draw_gauge(sizes_mm: Sequence[tuple[float, float]]) -> str:
         long_mm = 6.0 if mm % 10 == 0 else 4.5 if mm % 5 == 0 else 3.0
         marks.append(_draw_line(LEFT_MM + mm, 2.0, LEFT_MM + mm, 2.0 + long_mm))
         if mm % 10 == 0:
-            marks.append(_write(LEFT_MM + mm, 11.5, f"{mm}", anchor="middle"))
+            marks.append(_draw_text(LEFT_MM + mm, 11.5, f"{mm}", anchor="middle"))
     for row, (length_mm, diameter_mm) in enumerate(sizes_mm):
         top_mm = RULER_HEIGHT_MM + ROW_MM * row
         end_mm = LEFT_MM + length_mm
@@ -88,7 +94,7 @@ def draw_gauge(sizes_mm: Sequence[tuple[float, float]]) -> str:
             'fill="#9db8f2" stroke="#000" stroke-width="0.1"/>'
         )
         marks.append(
-            _write(end_mm + 3.0, top_mm + diameter_mm / 2.0 + 1.2, f"{length_mm:g} × {diameter_mm:g} mm")
+            _draw_text(end_mm + 3.0, top_mm + diameter_mm / 2.0 + 1.2, f"{length_mm:g} × {diameter_mm:g} mm")
         )
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{WIDTH_MM:g}mm" height="{height_mm:g}mm" '
@@ -99,8 +105,10 @@ def draw_gauge(sizes_mm: Sequence[tuple[float, float]]) -> str:
 
 
 def _draw_line(x1: float, y1: float, x2: float, y2: float) -> str:
+    """Draw a line in mm as SVG."""
     return f'<path d="M{x1:g} {y1:g}L{x2:g} {y2:g}" stroke="#000" stroke-width="0.15"/>'
 
 
-def _write(x: float, y: float, text: str, anchor: str = "start") -> str:
+def _draw_text(x: float, y: float, text: str, anchor: str = "start") -> str:
+    """Draw a text at a point in mm as SVG."""
     return f'<text x="{x:g}" y="{y:g}" font-size="3.2" text-anchor="{anchor}">{text}</text>'

@@ -1,4 +1,4 @@
-"""Drawing of triangles into a picture: flat colours, light from one side, outlines where the depth jumps."""
+"""Rasterisation of triangles with flat colours, light from one side, and outlines where the depth jumps."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from decompose.arrays import Floats, Ints
 from decompose.jit import jit
 
-# Right, up, towards the eye.
+# Direction towards the light: right, up, and towards the eye.
 LIGHT_DIRECTION = np.array([-0.25, 0.62, 0.74]) / np.linalg.norm([-0.25, 0.62, 0.74])
 AMBIENT_SHARE = 0.5
 OUTLINE_BRIGHTNESS = 0.6  # brightness of outlines, as a share of that of the colour
@@ -19,10 +19,16 @@ OUTLINE_DEPTH_SHARE = 0.012  # minimum jump of depth at an outline, as a share o
 
 
 @jit
-def _rasterise(triangles: Floats, depth: Floats, front: Ints) -> None:
-    """Draw triangles (m, 3, 3) in pixels, z towards the eye.
+def _rasterise_triangles(triangles: Floats, depth: Floats, front: Ints) -> None:
+    """Draw triangles into buffers of pixels.
 
-    depth (height, width) and front (height, width) are filled in: z, and the index of the triangle in front.
+    Parameters
+    ----------
+    triangles
+        (m, 3, 3) float64 corners in pixels, z towards the eye.
+    depth, front
+        (height, width) float64 z, and (height, width) int64 index, of the triangle in front; updated in
+        place.
     """
     height, width = depth.shape
     for t in range(len(triangles)):
@@ -52,23 +58,25 @@ def _rasterise(triangles: Floats, depth: Floats, front: Ints) -> None:
 
 
 @jit
-def _colour(front: Ints, depth: Floats, colours: Floats, step: float, oversample: int) -> Floats:
-    """Colour the triangles in front, darker beside jumps of depth, and average squares of pixels.
+def _colour_pixels(front: Ints, depth: Floats, colours: Floats, step: float, oversample: int) -> Floats:
+    """Colour the triangles in front, darker next to jumps of depth, and average squares of pixels.
 
     Parameters
     ----------
     front, depth
-        (height, width) index of the triangle in front and its z in pixels; -1 and -inf where nothing is
-        drawn. Both sides are multiples of oversample.
+        (height, width) int64 index, and (height, width) float64 z in pixels, of the triangle in front; -1 and
+        -inf where nothing is drawn. Both sides are multiples of `oversample`.
     colours
-        (m, 3) colours of the triangles.
+        (m, 3) float64 colours of the triangles from 0 to 1.
     step
-        Depth in pixels from which a jump is an outline.
+        Minimum jump of depth in pixels at an outline.
+    oversample
+        Number of pixels along each side of a square.
 
     Returns
     -------
     ndarray
-        (height / oversample, width / oversample, 3) from 0 to 1, white where nothing is drawn.
+        (height / oversample, width / oversample, 3) float64 from 0 to 1, white where nothing is drawn.
     """
     height, width = depth.shape
     lowest = np.inf
@@ -105,7 +113,7 @@ def _colour(front: Ints, depth: Floats, colours: Floats, step: float, oversample
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shape:
-    """Triangles (m, 3, 3) in mm, outside first, in one colour (red, green, blue from 0 to 1)."""
+    """Triangles (m, 3, 3) in mm, outward, in one colour (3,): red, green and blue from 0 to 1."""
 
     triangles: Floats
     colour: Floats
@@ -113,18 +121,18 @@ class Shape:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drawing:
-    """Picture of some shapes, its first row at the bottom.
+    """A picture of shapes, whose first row is at the bottom.
 
     Attributes
     ----------
     picture
-        (h, w, 3) from 0 to 1.
+        (h, w, 3) float64 colours from 0 to 1.
     visible
-        (h, w): 1 + the number of the shape in front; 0 for none.
+        (h, w) int64: 1 + the number of the shape in front; 0 for none.
     frame
-        Directions of the screen's right, its up, and the eye, as rows (3, 3).
+        (3, 3) directions to the right, up, and towards the eye, as rows.
     origin_mm, pixels_per_mm
-        Coordinates of the picture's lower left corner in the frame, and the scale.
+        Coordinates (2,) of the picture's lower left corner in the frame, and the scale.
     """
 
     picture: Floats
@@ -133,14 +141,25 @@ class Drawing:
     origin_mm: Floats
     pixels_per_mm: float
 
-    def place(self, points: Floats) -> Floats:
-        """Return the places (n, 2) of points (n, 3) in the picture: column and row in pixels."""
+    def find_pixels(self, points: Floats) -> Floats:
+        """Find the column and the row (n, 2) of points (n, 3) in the picture, in pixels."""
         pixels: Floats = ((points @ self.frame.T)[:, :2] - self.origin_mm) * self.pixels_per_mm
         return pixels
 
 
 def make_camera(azimuth_deg: float, elevation_deg: float) -> Floats:
-    """Compute the directions of the screen's right, its up, and the eye, as rows (3, 3)."""
+    """Make the frame of a camera.
+
+    Parameters
+    ----------
+    azimuth_deg, elevation_deg
+        Direction towards the eye: angle from x about z, and angle above the horizontal plane.
+
+    Returns
+    -------
+    ndarray
+        (3, 3) directions to the right, up, and towards the eye, as rows.
+    """
     azimuth, elevation = np.radians(azimuth_deg), np.radians(elevation_deg)
     eye = np.array(
         [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
@@ -149,19 +168,19 @@ def make_camera(azimuth_deg: float, elevation_deg: float) -> Floats:
     return np.stack([right, np.cross(eye, right), eye])
 
 
-def draw(shapes: Sequence[Shape], frame: Floats, longest_px: int, oversample: int = 3) -> Drawing:
+def draw_shapes(shapes: Sequence[Shape], frame: Floats, longest_px: int, oversample: int = 3) -> Drawing:
     """Draw shapes without perspective.
 
     Parameters
     ----------
     shapes
-        At least one triangle, in one frame.
+        Shapes in one frame, with at least one triangle.
     frame
         Camera of `make_camera`.
     longest_px
         Longer side of the picture without its margin, in pixels.
     oversample
-        Pixels of the buffer along each side of a pixel of the picture.
+        Number of pixels of the buffer along each side of a pixel of the picture.
     """
     screen_triangles, colours, owner = [], [], []
     for i, shape in enumerate(shapes):
@@ -180,11 +199,11 @@ def draw(shapes: Sequence[Shape], frame: Floats, longest_px: int, oversample: in
     size = np.ceil((high - low + 2.0 * margin) * scale / oversample).astype(int) * oversample
     depth = np.full((size[1], size[0]), -np.inf)
     front = np.full((size[1], size[0]), -1)
-    _rasterise((triangles - low + margin) * scale, depth, front)
+    _rasterise_triangles((triangles - low + margin) * scale, depth, front)
     step = OUTLINE_DEPTH_SHARE * float(np.ptp(triangles[:, :, 2])) * scale
     number = np.concatenate([[0], *owner])  # number of the shape of each triangle; 0 for none
     return Drawing(
-        picture=_colour(front, depth, np.concatenate(colours), step, oversample),
+        picture=_colour_pixels(front, depth, np.concatenate(colours), step, oversample),
         visible=number[front[::oversample, ::oversample] + 1],
         frame=frame,
         origin_mm=low[:2] - margin,

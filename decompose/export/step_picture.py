@@ -1,4 +1,4 @@
-"""Pictures of a step of the assembly: both bodies with the joint upwards, and the moved body turned over."""
+"""Pictures of an assembly step: both bodies with the joint upwards, and the moved body turned over."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from decompose.connectors import Pin
 from decompose.export.glb import find_moves
 from decompose.export.picture import AZIMUTH_DEG, encode_png, make_figure, make_white_outline, write_labels
 from decompose.export.pin_sheet import format_size
-from decompose.export.raster import Drawing, draw, make_camera
+from decompose.export.raster import Drawing, draw_shapes, make_camera
 from decompose.export.step_scene import Scene, build_both, build_moved
 from decompose.files.names import find_part_number
 from decompose.geometry import find_least_rotation
@@ -24,10 +24,10 @@ from decompose.results import Decomposition
 AZIMUTHS_DEG = [AZIMUTH_DEG + turn for turn in (0.0, 45.0, -45.0, 90.0, -90.0, 135.0, -135.0, 180.0)]
 ELEVATIONS_DEG = (22.0, 38.0)
 TURNED_OVER_DEG = (35.0, 60.0)  # elevations of the views of the moved body alone
-BEST_TILT = 0.5  # cosine between a face and the eye at which the face and the gap beside it are both seen
-TURN_COST = 0.1  # cost of each 45 degrees that the eye turns from the previous step
+BEST_TILT = 0.5  # best cosine between a face's normal and the eye, at which the gap next to it is seen too
+TURN_COST = 0.1  # cost of each 45 degrees by which the eye turns from the previous step
 PIN_GAIN = 0.5  # gain if all pins are visible
-MAX_DRAWN_VIEWS = 5  # maximum number of views that are drawn small to find hidden faces and pins
+MAX_DRAWN_VIEWS = 5  # maximum number of views that are drawn in a small size to find hidden faces and pins
 DRAWN_VIEW_PX = 160
 GAP_SHARE = 0.7  # gap below the moved body, as a share of the extent of the glued faces across the step
 LONG_SIDE_PX, TURNED_OVER_PX = 860, 520
@@ -43,11 +43,11 @@ class StepPictures:
     Attributes
     ----------
     both
-        Both bodies apart, the fixed one below.
+        Picture of both bodies apart, the fixed one below.
     moved
-        The moved body, turned over so that its glued faces are seen.
+        Picture of the moved body, turned over so that its glued faces are seen.
     top
-        Direction of the model's top in `both`: "upwards", "to the left" and so on.
+        Direction of the model's top in `both`, such as "upwards" or "to the left".
     """
 
     both: bytes
@@ -63,7 +63,8 @@ def draw_steps(decomposition: Decomposition, first: int = 0, end: int | None = N
     decomposition
         Decomposition with the parts and the steps.
     first, end
-        Range of the steps that are drawn; all by default. The views of earlier steps are computed too.
+        Range of the steps that are drawn, half-open; all by default. The views of earlier steps are computed
+        too.
     """
     pictures: list[StepPictures] = []
     azimuth_deg: float | None = None
@@ -85,9 +86,20 @@ def draw_steps(decomposition: Decomposition, first: int = 0, end: int | None = N
 
 
 def find_pose(direction: Floats) -> Floats:
-    """Find the pose of a body with a direction (3,) upwards: rows right, back and up in the model's frame.
+    """Find the pose of a body with a direction upwards.
 
-    The model is turned as little as possible; if it is turned upside down, its right side stays on the right.
+    The model is rotated as little as possible; if it is turned upside down, its right side stays on the
+    right.
+
+    Parameters
+    ----------
+    direction
+        (3,) unit vector in the model's frame.
+
+    Returns
+    -------
+    ndarray
+        (3, 3) directions to the right, back and up in the model's frame, as rows.
     """
     if direction[2] < -0.999999:
         return np.diag([1.0, -1.0, -1.0])
@@ -95,14 +107,30 @@ def find_pose(direction: Floats) -> Floats:
 
 
 def turn_over(pose: Floats, azimuth_deg: float) -> Floats:
-    """Turn a pose (3, 3) by 180 degrees about the level axis across the view, to show a body from below."""
+    """Rotate a pose (3, 3) by 180 degrees about the level axis across the view, to show a body from below.
+
+    Parameters
+    ----------
+    pose
+        (3, 3) directions to the right, back and up, as rows.
+    azimuth_deg
+        Azimuth of the eye.
+    """
     right = make_camera(azimuth_deg, 0.0)[0]
     half: Floats = 2.0 * np.outer(right, right) - np.eye(3)
     return half @ pose
 
 
 def find_gap_mm(step: AssemblyStep, decomposition: Decomposition) -> float:
-    """Find the gap at which the bodies are drawn, so that their glued faces are seen."""
+    """Find the gap between the drawn bodies at which their glued faces are seen.
+
+    Parameters
+    ----------
+    step
+        Step of the assembly.
+    decomposition
+        Decomposition with the parts and their joints.
+    """
     [move_mm] = find_moves(decomposition.parts, [step])
     corners = [
         np.array(face.outline.envelope.exterior.coords) @ face.axes
@@ -123,13 +151,13 @@ def choose_view(
     Parameters
     ----------
     scene
-        Shapes, in the model's frame.
+        Shapes in the model's frame.
     pose
-        Right, back and up of the pose in that frame, as rows (3, 3).
+        (3, 3) directions to the right, back and up in that frame, as rows.
     elevations_deg
-        Heights of the eye that are tried.
+        Elevations of the eye that are tried.
     previous_deg
-        Azimuth of the previous step.
+        Azimuth of the previous step; None for the first one.
 
     Returns
     -------
@@ -146,7 +174,7 @@ def choose_view(
         return float(visible_mm2 / (areas_mm2.sum() or 1.0) - TURN_COST * turn_deg / 45.0)
 
     def score_drawing(view: tuple[float, float]) -> float:
-        drawing = draw(scene.shapes, make_camera(*view) @ pose, DRAWN_VIEW_PX, oversample=1)
+        drawing = draw_shapes(scene.shapes, make_camera(*view) @ pose, DRAWN_VIEW_PX, oversample=1)
         visible_pixels = np.bincount(drawing.visible.ravel(), minlength=1 + len(scene.shapes))[1:]
         glued_mm2 = visible_pixels[len(scene.parts) : scene.first_pin].sum() / drawing.pixels_per_mm**2
         pins = visible_pixels[scene.first_pin : scene.first_pin + len(scene.pins)] > 0
@@ -162,7 +190,7 @@ def choose_view(
 
 
 def name_top(camera: Floats) -> str:
-    """Describe in which direction of a camera's (3, 3) picture the model's top is."""
+    """Name the direction of the model's top in the picture of a camera (3, 3)."""
     right, up, towards_eye = camera[:, 2]
     names = [
         (up, "upwards"), (-up, "downwards"), (right, "to the right"), (-right, "to the left"),
@@ -174,12 +202,13 @@ def name_top(camera: Floats) -> str:
 def _draw_both(
     scene: Scene, step: AssemblyStep, decomposition: Decomposition, camera: Floats, offset_mm: Floats
 ) -> bytes:
-    drawing = draw(scene.shapes, camera, LONG_SIDE_PX, oversample=2)
+    """Draw both bodies of a step, with the names of parts and pins, the movement and a scale, as PNG."""
+    drawing = draw_shapes(scene.shapes, camera, LONG_SIDE_PX, oversample=2)
     figure, axes = make_figure(drawing)
     write_labels(axes, drawing, [find_part_number(decomposition.parts[number].id) for number in scene.parts])
     for pin in scene.pins:
         rod = np.array([_find_tip(pin), pin.at_mm + offset_mm])
-        axes.plot(*drawing.place(rod).T, ls=":", lw=1.2, color=PIN_INK)
+        axes.plot(*drawing.find_pixels(rod).T, ls=":", lw=1.2, color=PIN_INK)
     _name_pins(axes, drawing, scene, [_find_tip(pin) for pin in scene.pins])
     _draw_arrow(axes, drawing, step, decomposition, offset_mm)
     _draw_scale(axes, drawing)
@@ -187,7 +216,8 @@ def _draw_both(
 
 
 def _draw_moved(scene: Scene, decomposition: Decomposition, camera: Floats) -> bytes:
-    drawing = draw(scene.shapes, camera, TURNED_OVER_PX, oversample=2)
+    """Draw the moved body of a step, with the names of parts and pins, as PNG."""
+    drawing = draw_shapes(scene.shapes, camera, TURNED_OVER_PX, oversample=2)
     figure, axes = make_figure(drawing)
     write_labels(axes, drawing, [find_part_number(decomposition.parts[number].id) for number in scene.parts])
     _name_pins(axes, drawing, scene, [pin.at_mm for pin in scene.pins])
@@ -195,17 +225,17 @@ def _draw_moved(scene: Scene, decomposition: Decomposition, camera: Floats) -> b
 
 
 def _find_tip(pin: Pin) -> Floats:
-    """Find the highest point (3,) of a pin or key over the lower body."""
+    """Find the highest point (3,) of a pin or key above the lower body."""
     height_mm = pin.length_mm if pin.along is None else pin.diameter_mm
     return np.asarray(pin.at_mm + height_mm / 2.0 * pin.axis)
 
 
 def _name_pins(axes: Any, drawing: Drawing, scene: Scene, points_mm: Sequence[Floats]) -> None:
-    """Write the length of each visible pin beside it."""
+    """Write the size of each visible pin next to it."""
     for number, (pin, point_mm) in enumerate(zip(scene.pins, points_mm, strict=True), scene.first_pin + 1):
         if not (drawing.visible == number).any():
             continue
-        x, y = drawing.place(point_mm[None])[0]
+        x, y = drawing.find_pixels(point_mm[None])[0]
         axes.text(
             x + PIN_PT, y + PIN_PT / 2.0, format_size(pin),
             fontsize=PIN_PT, weight="bold", color=PIN_INK, path_effects=make_white_outline(),
@@ -218,7 +248,7 @@ def _draw_arrow(
     """Draw the movement of the moved body as an arrow from its middle."""
     bounds = [decomposition.parts[number].solid.bounds_mm for number in step.moved_parts]
     middle = np.mean([bound.mean(axis=0) for bound in bounds], axis=0)
-    start, end = drawing.place(np.array([middle + offset_mm, middle]))
+    start, end = drawing.find_pixels(np.array([middle + offset_mm, middle]))
     axes.annotate(
         "",
         xy=end,
@@ -228,7 +258,7 @@ def _draw_arrow(
 
 
 def _draw_scale(axes: Any, drawing: Drawing) -> None:
-    """Draw a bar of a round length in the corner."""
+    """Draw a scale bar of a round length in the corner."""
     width_mm = drawing.visible.shape[1] / drawing.pixels_per_mm
     length_mm = max((mm for mm in SCALE_MM if mm < width_mm / 4.0), default=SCALE_MM[0])
     x, y = SCALE_PT, SCALE_PT

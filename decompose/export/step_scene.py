@@ -1,4 +1,4 @@
-"""Shapes of a step of the assembly: its bodies apart, faces to glue, codes, pins and holes."""
+"""Shapes of an assembly step: its bodies apart, faces to glue, codes, pins and holes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ GLUE_COLOUR = np.array([1.0, 0.35, 0.0])
 INK = np.array([0.08, 0.08, 0.08])
 PIN_COLOUR = np.array([0.1, 0.35, 0.9])
 TABLE_COLOUR = np.array([0.9, 0.9, 0.92])
-LIFT_MM = 0.05  # height of the colour above its face; ink lies three times as high
+LIFT_MM = 0.05  # height of a colour above its face; ink is three times as high
 INK_MM, INK_SHARE = 1.2, 0.005  # minimum width of a stroke, also as a share of the scene
 TABLE_SHARE = 0.1  # margin of the table around the body, as a share of its size
 SIDES = 12  # number of a pin's side faces
@@ -29,7 +29,7 @@ SIDES = 12  # number of a pin's side faces
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GluedFace:
-    """Face of a step's joint, and its unit normal (3,) away from the fixed body."""
+    """A face of a step's joint, and its unit normal (3,) away from the drawn body."""
 
     face: JointFace
     outward: Floats
@@ -42,13 +42,13 @@ class Scene:
     Attributes
     ----------
     parts
-        Numbers of the parts, whose shapes come first.
+        Numbers of the parts, whose shapes are the first ones.
     glued_faces
-        Faces to glue.
+        Faces to glue, whose shapes follow.
     pins
-        Pins, of which each has one shape after those of the faces: a rod, or the mouth of its hole.
+        Pins, each with one shape after those of the faces: a rod, or the mouth of its hole.
     shapes
-        All shapes: parts, faces, pins, then codes and the table.
+        All shapes in this order, then codes and the table.
     """
 
     parts: tuple[int, ...]
@@ -63,7 +63,17 @@ class Scene:
 
 
 def find_glued_faces(step: AssemblyStep, decomposition: Decomposition) -> list[GluedFace]:
-    """Find the faces that a step glues; the fixed part's triangles in the plane give its outside."""
+    """Find the faces that a step glues, with normals away from the fixed body.
+
+    The triangles of the fixed part in the plane of a face show on which side the part is.
+
+    Parameters
+    ----------
+    step
+        Step of the assembly.
+    decomposition
+        Decomposition with the parts and their joints.
+    """
     glued_faces = []
     for joint in (decomposition.joints[number] for number in step.joints):
         fixed_part = decomposition.parts[joint.a if joint.a in step.fixed_parts else joint.b]
@@ -77,7 +87,7 @@ def find_glued_faces(step: AssemblyStep, decomposition: Decomposition) -> list[G
 
 
 def build_both(number: int, decomposition: Decomposition, moved_offset_mm: Floats) -> Scene:
-    """Build the scene of a step: the fixed body with its pins, on a table if it stands, and the moved body.
+    """Build the scene of both bodies of a step: the fixed one with its pins, on a table if it stands.
 
     Parameters
     ----------
@@ -87,6 +97,11 @@ def build_both(number: int, decomposition: Decomposition, moved_offset_mm: Float
         Decomposition with the parts, in mm.
     moved_offset_mm
         (3,) offset of the moved body from its place.
+
+    Returns
+    -------
+    Scene
+        Shapes in the model's frame.
     """
     step = decomposition.assembly.steps[number]
     glued_faces = find_glued_faces(step, decomposition)
@@ -108,7 +123,13 @@ def build_both(number: int, decomposition: Decomposition, moved_offset_mm: Float
 
 
 def build_moved(number: int, decomposition: Decomposition) -> Scene:
-    """Build the scene of the moved body of a step alone, with the mouths of its holes."""
+    """Build the scene of only the moved body of a step, with the mouths of its holes.
+
+    Parameters
+    ----------
+    number, decomposition
+        As in `build_both`.
+    """
     step = decomposition.assembly.steps[number]
     glued_faces = [GluedFace(entry.face, -entry.outward) for entry in find_glued_faces(step, decomposition)]
     pins = [pin for pin in decomposition.connectors.pins if pin.step == number]
@@ -122,7 +143,20 @@ def build_moved(number: int, decomposition: Decomposition) -> Scene:
 
 
 def fill_face(face: JointFace, outward: Floats) -> Floats:
-    """Build triangles (m, 3, 3) of a face, slightly in front of it."""
+    """Fill a face with triangles, slightly in front of it.
+
+    Parameters
+    ----------
+    face
+        Face of a joint.
+    outward
+        (3,) unit normal towards the viewer.
+
+    Returns
+    -------
+    ndarray
+        (m, 3, 3) triangles in mm.
+    """
     offset_mm = face.offset_mm * face.normal + LIFT_MM * outward
     triangles = []
     for polygon in list_polygons(face.outline):
@@ -136,6 +170,7 @@ def fill_face(face: JointFace, outward: Floats) -> Floats:
 
 
 def _paint_parts(parts: Sequence[int], decomposition: Decomposition, offset_mm: Floats) -> list[Shape]:
+    """Build the shapes of parts in their colours, moved by an offset (3,)."""
     colours = make_part_colours(len(decomposition.parts))
     shapes = []
     for number in parts:
@@ -145,7 +180,7 @@ def _paint_parts(parts: Sequence[int], decomposition: Decomposition, offset_mm: 
 
 
 def _write_codes(step: AssemblyStep, body: Sequence[int], decomposition: Decomposition) -> list[Shape]:
-    """Draw the marks on the glued faces of one body as ink."""
+    """Build the shapes of the marks on the glued faces of one body, as ink."""
     bounds = np.array([decomposition.parts[part].solid.bounds_mm for part in body])
     extent_mm = float(np.linalg.norm(bounds[:, 1].max(axis=0) - bounds[:, 0].min(axis=0)))
     return [
@@ -156,7 +191,7 @@ def _write_codes(step: AssemblyStep, body: Sequence[int], decomposition: Decompo
 
 
 def _make_ribbons(mark: Mark, width_mm: float) -> Floats:
-    """Build flat triangles (m, 3, 3) of the strokes of a mark, in front of its face."""
+    """Make flat triangles (m, 3, 3) of the strokes of a mark, in front of its face."""
     outward = -mark.grooves[0].into
     ends = mark.lines_mm + 3.0 * LIFT_MM * outward
     along = ends[:, 1] - ends[:, 0]
@@ -170,7 +205,7 @@ def _make_ribbons(mark: Mark, width_mm: float) -> Floats:
 
 
 def _make_rod(pin: Pin) -> Floats:
-    """Build triangles (m, 3, 3) of a pin in its place."""
+    """Make triangles (m, 3, 3) of a pin in its place."""
     angles = 2.0 * np.pi * np.arange(SIDES) / SIDES
     circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     ring = pin.diameter_mm / 2.0 * circle @ choose_plane_axes(pin.rod_axis)
@@ -188,7 +223,7 @@ def _make_rod(pin: Pin) -> Floats:
 
 
 def _fill_mouth(hole: Tool) -> Floats:
-    """Build triangles (m, 3, 3) of the mouth of a hole, in front of its face."""
+    """Fill the mouth of a hole with triangles (m, 3, 3), in front of its face."""
     at_mm = hole.points_mm @ hole.into
     mouth = hole.points_mm[at_mm < at_mm.min() + 1e-6]
     axes = choose_plane_axes(hole.into)
@@ -198,7 +233,7 @@ def _fill_mouth(hole: Tool) -> Floats:
 
 
 def _make_table(step: AssemblyStep, decomposition: Decomposition) -> Floats:
-    """Build two triangles (2, 3, 3) below the fixed body, which stands on them along the step's direction."""
+    """Make two triangles (2, 3, 3) of a table below the fixed body; the step's direction is up."""
     points = np.concatenate([decomposition.parts[part].solid.arrays()[0] for part in step.fixed_parts])
     up = step.direction
     axes = choose_plane_axes(up)
@@ -212,7 +247,7 @@ def _make_table(step: AssemblyStep, decomposition: Decomposition) -> Floats:
 
 
 def _turn_towards(triangles: Floats, outward: Floats) -> Floats:
-    """Turn flat triangles (m, 3, 3) so that they are seen from a side (3,)."""
+    """Orient flat triangles (m, 3, 3) so that they face a direction (3,)."""
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     is_reversed = normal @ outward < 0.0
     turned_triangles = triangles.copy()

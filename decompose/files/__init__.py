@@ -1,1 +1,1 @@
-"""Files of models and of decompositions: limits and names, whose import loads nothing else."""
+"""Limits and names of the files of models and decompositions, in modules that import no other packages."""

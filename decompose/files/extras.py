@@ -1,4 +1,4 @@
-"""Optional packages that read more file formats, in a module whose import loads nothing else."""
+"""Optional packages that read more file formats; this module imports no other packages."""
 
 from __future__ import annotations
 
@@ -6,5 +6,5 @@ import importlib.util
 
 
 def reads_step() -> bool:
-    """Check whether the package that reads STEP is installed."""
+    """Check whether the package that reads STEP files is installed."""
     return importlib.util.find_spec("cascadio") is not None

@@ -1,4 +1,4 @@
-"""Limit on triangles by memory, checked on the first bytes of a file. Pure, and quick to import."""
+"""Limit on triangles by memory, checked on the first bytes of a file by pure functions; quick to import."""
 
 from __future__ import annotations
 
@@ -26,17 +26,18 @@ def check_head(name: str, head: bytes, size: int, suffix: str, memory_bytes: int
     name
         Name of the file, for messages.
     head
-        Its first bytes, up to `HEAD_BYTES`.
+        First bytes of the file, up to `HEAD_BYTES`.
     size
         Number of bytes of the whole file.
     suffix
-        Its format, like `.stl`; a format without a number of triangles in its first bytes passes.
+        Format of the file, such as `.stl`; a format without a number of triangles in its first bytes passes.
     memory_bytes
         Memory of the process that will read it.
 
     Raises
     ------
     ModelTooDetailed
+        There are more triangles than fit the memory.
     """
     count = _COUNTS.get(suffix)
     if count is not None:
@@ -44,7 +45,17 @@ def check_head(name: str, head: bytes, size: int, suffix: str, memory_bytes: int
 
 
 def check_triangles(name: str, triangles: int, memory_bytes: int) -> None:
-    """Refuse a number of triangles that does not fit the memory. Raises ModelTooDetailed."""
+    """Raise `ModelTooDetailed` if a number of triangles does not fit the memory.
+
+    Parameters
+    ----------
+    name
+        Name of the file, for messages.
+    triangles
+        Number of triangles.
+    memory_bytes
+        Memory of the process that will read the file.
+    """
     limit = compute_max_triangles(memory_bytes)
     if triangles > limit:
         raise ModelTooDetailed(
@@ -59,29 +70,29 @@ def compute_max_triangles(memory_bytes: int) -> int:
 
 
 def is_binary_stl(data: bytes) -> bool:
-    """Check whether an STL is binary: an ASCII one begins with `solid` and has `facet` soon after."""
+    """Check whether an STL file is binary: an ASCII file begins with `solid`, soon followed by `facet`."""
     return not (data[:5].lower() == b"solid" and b"facet" in data[:1000].lower())
 
 
 def read_face_count(data: bytes) -> int:
-    """Read the number of faces from a binary STL's header."""
+    """Read the number of faces from the header of a binary STL file."""
     return int(struct.unpack_from("<I", data, STL_HEADER_BYTES)[0])
 
 
 def count_ply_faces(head: bytes) -> int:
-    """Read the number of faces from a PLY's header; 0 if it has none."""
+    """Read the number of faces from the header of a PLY file; 0 if it states none."""
     match = _PLY_FACES.search(head, 0, HEAD_BYTES)
     return int(match[1]) if match else 0
 
 
 def count_off_faces(head: bytes) -> int:
-    """Read the number of faces from the first lines of an OFF; 0 if they have none."""
+    """Read the number of faces from the first lines of an OFF file; 0 if they state none."""
     match = _OFF_COUNTS.match(head, 0, HEAD_BYTES)
     return int(match[1]) if match else 0
 
 
 def _count_stl_faces(head: bytes, size: int) -> int:
-    """Count the faces of a binary STL: the number in its header, if the file is large enough for it."""
+    """Count the faces of a binary STL file by its header, but no more than fit into the file."""
     begin = STL_HEADER_BYTES + STL_COUNT_BYTES
     if len(head) < begin or not is_binary_stl(head):
         return 0

@@ -12,9 +12,9 @@ FLAT_MM2 = 1e-9  # three points with less than half this area are collinear
 
 @jit
 def find_convex_outline(points: Floats) -> Floats:
-    """Find the corners (k, 2), anticlockwise, of the convex outline about points; empty if it has no area.
+    """Find the corners of the convex outline around points, anticlockwise.
 
-    By A. M. Andrew, "Another efficient algorithm for convex hulls in two dimensions", 1979.
+    Source: A. M. Andrew, "Another efficient algorithm for convex hulls in two dimensions", 1979.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def find_convex_outline(points: Floats) -> Floats:
 
 @jit
 def find_half_planes(outline: Floats) -> Floats:
-    """Find half-planes (k, 3): ``edges[:, :2] @ p + edges[:, 2] <= 0`` for points p inside an outline.
+    """Find the half-planes of an outline: ``edges[:, :2] @ p + edges[:, 2] <= 0`` for points p inside it.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def find_half_planes(outline: Floats) -> Floats:
 
 @jit
 def measure_rectangles(outline: Floats, angles: Floats) -> Floats:
-    """Measure the width and depth (n, 2) of an outline after it is turned back by each of n angles.
+    """Measure the width and the depth of an outline that is rotated by minus each of n angles.
 
     Parameters
     ----------
@@ -101,7 +101,18 @@ def measure_rectangles(outline: Floats, angles: Floats) -> Floats:
 
 @jit
 def find_smallest_rectangle(outline: Floats) -> float:
-    """Find the angle in radians of the long side of the smallest rectangle about an outline (k, 2) in mm."""
+    """Find the angle of the long side of the smallest rectangle around an outline.
+
+    Parameters
+    ----------
+    outline
+        (k, 2) float64 in mm, of `find_convex_outline`.
+
+    Returns
+    -------
+    float
+        Angle in radians.
+    """
     best, angle = np.inf, 0.0
     for i in range(len(outline)):
         a, b = outline[i], outline[(i + 1) % len(outline)]

@@ -1,4 +1,7 @@
-"""Limits on a model file, checked on its bytes before a parser spends memory or time on them. Pure."""
+"""Limits on a model file, checked on its bytes before a parser spends memory or time on them.
+
+All functions are pure.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,7 @@ from decompose.files.triangle_limit import (
     read_face_count,
 )
 
-# Maximum number of corners of a face: more triangles about one corner take hours to repair.
+# Maximum number of corners of a face: more triangles around one corner take hours to repair.
 MAX_CORNERS = 10_000
 MAX_PLY_HEADER_BYTES = HEAD_BYTES
 
@@ -38,11 +41,14 @@ def check_limits(name: str, data: bytes, suffix: str, memory_bytes: int | None) 
     suffix
         Its format, one of `SUFFIXES`.
     memory_bytes
-        Memory that the process may use; None for any.
+        Memory that the process may use; None if there is no limit.
 
     Raises
     ------
-    ModelUnreadable, ModelTooDetailed
+    ModelUnreadable
+        A face is too large, or the header has no end.
+    ModelTooDetailed
+        The file has more triangles than fit the memory.
     """
     if suffix == ".ply" and b"end_header" not in data[:MAX_PLY_HEADER_BYTES]:
         raise ModelUnreadable(
@@ -65,7 +71,13 @@ def check_limits(name: str, data: bytes, suffix: str, memory_bytes: int | None) 
 
 
 def count_triangles(data: bytes, suffix: str) -> int:
-    """Count the triangles or faces that a file states; 0 if it states none."""
+    """Count the triangles or faces that a file states; 0 if it states no number.
+
+    Parameters
+    ----------
+    data, suffix
+        As in `check_limits`.
+    """
     match suffix:
         case ".stl":
             return read_face_count(data) if is_binary_stl(data) else data.count(b"endloop")
@@ -75,7 +87,7 @@ def count_triangles(data: bytes, suffix: str) -> int:
 
 
 def _count_corners(data: bytes) -> int:
-    """Count the corners of the largest face of a text file; 0 if each has at most `MAX_CORNERS`."""
+    """Count the corners of the largest face of a text file; 0 if no face has more than `MAX_CORNERS`."""
     if b"\\" in data:
         data = _CONTINUED.sub(b" ", data)
     ends = np.flatnonzero(np.frombuffer(data, np.uint8) == ord("\n"))

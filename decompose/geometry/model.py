@@ -1,4 +1,4 @@
-"""Reader of models: from any mesh file to a closed solid in mm, or an error."""
+"""Reader of models: it turns any mesh file into a closed solid in mm, or raises an error."""
 
 from __future__ import annotations
 
@@ -54,11 +54,11 @@ class Model:
     Attributes
     ----------
     solid
-        Closed, in mm, in the file's own frame times `scale`.
+        Closed solid in mm, in the file's own frame times `scale`.
     repairs
-        Repairs, a sentence each.
+        Sentences on the repairs.
     scale
-        The factor from the file's numbers to mm.
+        Factor from the file's numbers to mm.
     """
 
     solid: Solid
@@ -67,6 +67,7 @@ class Model:
 
     @property
     def extents_mm(self) -> Floats:
+        """Size (3,) along the axes."""
         lo, hi = self.solid.bounds_mm
         return np.asarray(hi - lo)
 
@@ -91,22 +92,28 @@ def load_model(
     Parameters
     ----------
     path
-        STL (ASCII or binary), OBJ, PLY, OFF, 3MF or STEP; the last two state their unit and are read in mm.
+        STL (ASCII or binary), OBJ, PLY, OFF, 3MF or STEP; the last two state their unit, and are converted to
+        mm.
     scale
         Factor from the file's numbers to mm; 1 by default.
     longest_side_mm
         Longest side of the scaled model, instead of `scale`.
     name
         Name of the file in messages, whose suffix gives the format; by default that of the path.
+    memory_bytes
+        Memory that the process may use; None if there is no limit.
+    report
+        Function that is called with a short name of each step as it begins.
 
     Raises
     ------
-    ModelUnreadable, ModelEmpty, ModelNotFinite, ModelFlat, ModelTiny, ModelHuge, ModelNotSolid
-        Approximately in the order of the checks.
+    ModelUnreadable, ModelEmpty, ModelTooDetailed, ModelNotFinite, ModelFlat, ModelTiny, ModelHuge,
+    ModelNotSolid
+        The model cannot be used; see the classes, approximately in the order of the checks.
     """
-    source = _flatten(str(path) if name is None else name)
+    source = _replace_unprintable(str(path) if name is None else name)
     suffix = Path(path.name if name is None else name).suffix.lower()
-    name = _flatten(path.name if name is None else name)
+    name = _replace_unprintable(path.name if name is None else name)
     _check_size_options(scale, longest_side_mm)
     report("reading")
     triangles, notes = _read_triangles(path, source, name, suffix, memory_bytes)
@@ -137,9 +144,9 @@ def _check_size_options(scale: float | None, longest_side_mm: float | None) -> N
 
 
 def _measure_triangles(name: str, triangles: Floats) -> tuple[float, float]:
-    """Measure the longest side and the greatest coordinate of triangles (m, 3, 3) in the unit of the file.
+    """Measure the longest side and the greatest coordinate of triangles (m, 3, 3), in the unit of the file.
 
-    Refuses triangles that are not finite, empty or flat.
+    Triangles that are not finite, have no area, or are all in one plane are refused.
     """
     if not np.isfinite(triangles).all():
         bad_triangles = int((~np.isfinite(triangles)).any(axis=(1, 2)).sum())
@@ -161,7 +168,7 @@ def _measure_triangles(name: str, triangles: Floats) -> tuple[float, float]:
     return float(size.max()) * reach, reach
 
 
-def _flatten(text: str) -> str:
+def _replace_unprintable(text: str) -> str:
     """Replace line breaks and unprintable characters, which file names may contain."""
     return "".join(c if c.isprintable() else "?" for c in text)
 
@@ -169,7 +176,7 @@ def _flatten(text: str) -> str:
 def _read_triangles(
     path: Path, source: str, name: str, suffix: str, memory_bytes: int | None
 ) -> tuple[Floats, tuple[str, ...]]:
-    """Read the triangles (m, 3, 3) of a file; return also its notices, a sentence each."""
+    """Read the triangles (m, 3, 3) of a file; return also sentences on what was left out or converted."""
     try:
         data = path.read_bytes()
     except (OSError, ValueError) as error:  # a path with a zero byte is a ValueError
@@ -200,7 +207,7 @@ def _read_triangles(
 
 
 def _check_stl(name: str, data: bytes) -> tuple[bytes, tuple[str, ...]]:
-    """Refuse an incomplete STL; return a complete one without bytes after its triangles, and its notices."""
+    """Refuse an incomplete STL; cut off bytes after its triangles, and return also a sentence on these."""
     if not is_binary_stl(data):
         if b"endsolid" not in data[-1000:].lower():
             raise ModelUnreadable(f"{name}: ends too early; copy or export it again")
@@ -229,7 +236,9 @@ def _load_triangles(name: str, data: bytes, suffix: str) -> Floats:
             triangles = np.array(mesh.triangles, dtype=np.float64)
     except Exception as error:  # for hostile bytes a reader may raise any exception
         reason = (
-            _flatten(str(error).strip().splitlines()[0][:80]) if str(error).strip() else "no reason given"
+            _replace_unprintable(str(error).strip().splitlines()[0][:80])
+            if str(error).strip()
+            else "no reason given"
         )
         if isinstance(error, ImportError):  # the reader imports a package that guesses encodings
             reason = "its text is not UTF-8"
@@ -242,6 +251,7 @@ def _load_triangles(name: str, data: bytes, suffix: str) -> Floats:
 
 
 def _choose_factor(name: str, longest: float, scale: float | None, longest_side_mm: float | None) -> float:
+    """Choose the factor from the file's numbers to mm; refuse a model whose unit is probably not the mm."""
     if longest_side_mm is not None:
         return longest_side_mm / longest
     if scale is not None:

@@ -1,4 +1,4 @@
-"""Repair of surfaces that overlap themselves: their branches are united to one solid.
+"""Repair of surfaces that overlap themselves: their branches are united into one solid.
 
 Where two branches of one surface intersect, their common volume counts twice. Vertical rays find such places.
 The surface is cut there, so that the branches are separate pieces, and the pieces are united.
@@ -19,23 +19,26 @@ from decompose.geometry.solid import Solid
 
 RAYS = 40_000  # approximate number of rays over the area of a solid seen from above
 MARGIN_STEPS = 2.0  # margin around the rays that meet an overlap, in steps between rays
-ROUNDING_SHARE = 1e-7  # minimum height of an overlap, as a share of the solid's height: less is rounding
+ROUNDING_SHARE = 1e-7  # minimum height of an overlap, as a share of the solid's height; less is rounding
 HALVINGS = 4  # maximum number of times that a piece is halved to separate its branches
-# Share of an overlap that may remain after its branches are united: more is a fold, which is kept.
+# Maximum share of an overlap that remains after its branches are united; if more remains, it is a fold, which
+# is kept.
 LEFT_SHARE = 0.1
 MAX_PLACES = 64  # maximum number of places, the largest first
-MAX_ROUNDS = 4  # each round cuts the whole surface: a million faces take seconds
+MAX_ROUNDS = (
+    4  # maximum number of rounds; each cuts the whole surface, which takes seconds for a million faces
+)
 MAX_LOST_SHARE = 0.1  # maximum unexpected loss of volume: this share of the overlaps plus 0.001 of the solid
 
 
 @dataclass(frozen=True, slots=True)
 class Overlaps:
-    """Places where a solid counts more than once.
+    """Places where the volume of a solid counts more than once.
 
     Attributes
     ----------
     volume_mm3
-        Volume of the solid that counts too often, by the rays that meet it.
+        Volume that counts in excess, estimated by the rays that meet it.
     boxes_mm
         (k, 2, 3) corners of a box around each place, the largest overlap first.
     """
@@ -61,9 +64,9 @@ def find_overlaps(solid: Solid) -> Overlaps:
     triangles = np.ascontiguousarray(vertices[faces])
     lo, hi = find_bounds(triangles)
     width, depth, height = (hi - lo).tolist()
-    step_mm = max(math.sqrt(width * depth / RAYS), max(width, depth) / RAYS)  # in a sliver there are few rays
+    step_mm = max(math.sqrt(width * depth / RAYS), max(width, depth) / RAYS)  # the latter for a sliver
     shape = math.ceil(width / step_mm), math.ceil(depth / step_mm)
-    # The rays are shifted by irregular shares of a step: one through an edge of the mesh could count twice.
+    # The rays are offset by irregular shares of a step: a ray through an edge of the mesh could count twice.
     origin_mm = lo[:2] + step_mm * (0.5 + np.array([0.0123, 0.0271]))
     normals = compute_unit_normals(triangles)
     crossings = find_crossings(triangles, normals, Rays(origin_mm, step_mm, shape))
@@ -72,7 +75,7 @@ def find_overlaps(solid: Solid) -> Overlaps:
     inside_of = counts[1:] - counts[crossings.start[ray]]
     is_whole = (counts[crossings.start[1:]] == counts[crossings.start[:-1]])[
         ray
-    ]  # with an odd number, the ray has met a sliver
+    ]  # with an odd number of crossings, the ray has met a sliver
     length_mm = np.append(np.diff(crossings.z_mm), 0.0)
     is_overlap = is_whole & (inside_of > 1) & (length_mm > ROUNDING_SHARE * height)
     excess_mm = ((inside_of - 1) * length_mm)[is_overlap]
@@ -104,9 +107,9 @@ def resolve_overlaps(solid: Solid) -> tuple[Solid, float]:
     Returns
     -------
     tuple
-        The solid, in which overlaps count once, and the volume in mm3 that counted more than once before; the
-        same solid and 0 if nothing overlaps, if all overlaps are folds of one branch, or if more
-        than the overlaps would be lost.
+        The solid, in which overlaps count once, and the volume in mm3 that counted in excess before; the same
+        solid and 0 if nothing overlaps, if all overlaps are folds of one branch, or if more than the overlaps
+        would be lost.
     """
     overlaps_before = find_overlaps(solid)
     united_solid, remaining_boxes = solid, list(overlaps_before.boxes_mm[:MAX_PLACES])
@@ -125,17 +128,17 @@ def resolve_overlaps(solid: Solid) -> tuple[Solid, float]:
 
 
 def _has_lost_nothing_else(resolved_mm3: float, solid: Solid, united_solid: Solid) -> bool:
-    """Check that the union has lost no body and no volume besides the overlaps, and has kept the size."""
+    """Check whether the union has lost no body and no volume besides the overlaps, and has kept the size."""
     unexplained_mm3 = abs(solid.volume_mm3 - united_solid.volume_mm3 - resolved_mm3)
     return (
         unexplained_mm3 <= MAX_LOST_SHARE * resolved_mm3 + 1e-3 * solid.volume_mm3
         and np.allclose(united_solid.bounds_mm, solid.bounds_mm)
-        and len(united_solid.pieces()) <= len(solid.pieces())
+        and len(united_solid.list_pieces()) <= len(solid.list_pieces())
     )
 
 
 def _choose_separate_boxes(boxes_mm: list[Floats]) -> list[int]:
-    """Choose boxes (2, 3) of which none touches another; earlier boxes take precedence."""
+    """Choose boxes (2, 3) that do not touch each other; earlier boxes take precedence."""
     numbers: list[int] = []
     for i, box in enumerate(boxes_mm):
         if all(((box[0] > boxes_mm[k][1]) | (box[1] < boxes_mm[k][0])).any() for k in numbers):
@@ -155,7 +158,7 @@ def _unite_places(solid: Solid, boxes_mm: list[Floats]) -> Solid:
 
 def _unite_branches(solid_in_box: Solid) -> Solid | None:
     """Unite the branches in a box around an overlap; None if it is a fold of one branch."""
-    branches = [branch for piece in solid_in_box.pieces() for branch in _split_branches(piece, HALVINGS)]
+    branches = [branch for piece in solid_in_box.list_pieces() for branch in _split_branches(piece, HALVINGS)]
     if len(branches) < 2:
         return None
     united_solid = Solid.union(branches)
@@ -172,5 +175,8 @@ def _split_branches(piece: Solid, halvings: int) -> list[Solid]:
     axis = int(np.argmax(hi - lo))
     halves = piece.split(axis, float(lo[axis] + hi[axis]) / 2.0)
     return [
-        branch for half in halves for part in half.pieces() for branch in _split_branches(part, halvings - 1)
+        branch
+        for half in halves
+        for part in half.list_pieces()
+        for branch in _split_branches(part, halvings - 1)
     ]

@@ -48,7 +48,18 @@ class Crossings(NamedTuple):
 
 @jit
 def find_bounds(triangles: Floats) -> tuple[Floats, Floats]:
-    """Find the least and the greatest x, y and z (3,) of triangles (m, 3, 3), all float64 in mm."""
+    """Find the bounds of triangles.
+
+    Parameters
+    ----------
+    triangles
+        (m, 3, 3) float64 in mm.
+
+    Returns
+    -------
+    tuple
+        (3,) float64 least x, y and z, and (3,) float64 greatest ones, in mm.
+    """
     lo, hi = np.full(3, np.inf), np.full(3, -np.inf)
     for t in range(len(triangles)):
         for corner in range(3):
@@ -63,7 +74,18 @@ def find_bounds(triangles: Floats) -> tuple[Floats, Floats]:
 
 @jit
 def compute_unit_normals(triangles: Floats) -> Floats:
-    """Compute the unit normals (m, 3) of triangles (m, 3, 3), float64; 0 for a triangle without area."""
+    """Compute the unit normals of triangles.
+
+    Parameters
+    ----------
+    triangles
+        (m, 3, 3) float64.
+
+    Returns
+    -------
+    ndarray
+        (m, 3) float64; 0 for a triangle without area.
+    """
     normals = np.zeros((len(triangles), 3))
     for t in range(len(triangles)):
         ax, ay, az = triangles[t, 0, 0], triangles[t, 0, 1], triangles[t, 0, 2]
@@ -78,17 +100,26 @@ def compute_unit_normals(triangles: Floats) -> Floats:
 
 @jit
 def find_crossings(triangles: Floats, normals: Floats, rays: Rays) -> Crossings:
-    """Find the crossings of rays with triangles (m, 3, 3) in mm with unit normals (m, 3), all float64.
+    """Find the crossings of rays with the triangles of a mesh.
 
-    A ray through the common edge of two triangles crosses one of them: an edge belongs to the triangle above
-    it.
+    A ray through the common edge of two triangles crosses only one of them: an edge belongs to the triangle
+    above it.
+
+    Parameters
+    ----------
+    triangles
+        (m, 3, 3) float64 in mm.
+    normals
+        (m, 3) float64 unit normals of the triangles.
+    rays
+        Vertical rays.
     """
     x0, y0, step = rays.origin_mm[0], rays.origin_mm[1], rays.step_mm
     nx, ny = rays.shape
     crossings = Crossings(np.zeros(nx * ny + 1, np.int64), np.zeros(0, np.float64), np.zeros(0, np.int64))
     fill_counts = np.zeros(nx * ny, np.int64)
     edges = np.zeros((3, 4))
-    for turn in range(2):  # first the crossings are counted, then filled in
+    for turn in range(2):  # in the first turn the crossings are counted, in the second one filled in
         if turn == 1:
             crossings = _allocate_crossings(crossings.start)
         for t in range(len(triangles)):
@@ -116,7 +147,13 @@ def find_crossings(triangles: Floats, normals: Floats, rays: Rays) -> Crossings:
 
 @jit
 def _allocate_crossings(counts: Ints) -> Crossings:
-    """Allocate crossings for counts (rays + 1,) int64 of those of each ray, the first entry 0."""
+    """Allocate the crossings of all rays.
+
+    Parameters
+    ----------
+    counts
+        (rays + 1,) int64: 0, then the number of crossings of each ray; becomes `start` of the crossings.
+    """
     for ray in range(len(counts) - 1):
         counts[ray + 1] += counts[ray]
     return Crossings(counts, np.zeros(counts[-1], np.float64), np.zeros(counts[-1], np.int64))
@@ -124,9 +161,16 @@ def _allocate_crossings(counts: Ints) -> Crossings:
 
 @jit_inline
 def _set_edges(triangles: Floats, t: int, edges: Floats) -> tuple[float, float]:
-    """Describe the edges of one of triangles (m, 3, 3) in mm as seen from above; return its x range.
+    """Describe the edges of a triangle as seen from above; return its range of x in mm.
 
-    edges: (3, 4) float64, filled in: x at the left and the right end, y at the left end, and slope.
+    Parameters
+    ----------
+    triangles
+        (m, 3, 3) float64 in mm.
+    t
+        Index of the triangle.
+    edges
+        (3, 4) float64, filled in: x of the left and of the right end, y of the left end, and slope.
     """
     left_x, right_x = np.inf, -np.inf
     for k in range(3):
@@ -142,7 +186,20 @@ def _set_edges(triangles: Floats, t: int, edges: Floats) -> tuple[float, float]:
 
 @jit_inline
 def _find_edge_span(edges: Floats, x: float) -> tuple[float, float]:
-    """Find the least and the greatest y of edges (3, 4), of `_set_edges`, at an x; +inf and -inf for none."""
+    """Find the least and the greatest y at which a line of equal x crosses the edges of a triangle.
+
+    Parameters
+    ----------
+    edges
+        (3, 4) float64 of `_set_edges`.
+    x
+        Coordinate of the line in mm.
+
+    Returns
+    -------
+    tuple
+        y in mm; +inf and -inf if the line crosses no edge.
+    """
     low, high = np.inf, -np.inf
     for k in range(3):
         if edges[k, 0] < x <= edges[k, 1]:
@@ -155,7 +212,16 @@ def _find_edge_span(edges: Floats, x: float) -> tuple[float, float]:
 def _compute_plane(
     triangles: Floats, normals: Floats, t: int
 ) -> tuple[tuple[float, float, float], float, float, tuple[float, float]]:
-    """Describe the plane of one of triangles (m, 3, 3) in mm with unit normals (m, 3).
+    """Compute the plane of a triangle.
+
+    Parameters
+    ----------
+    triangles
+        (m, 3, 3) float64 in mm.
+    normals
+        (m, 3) float64 unit normals of the triangles.
+    t
+        Index of the triangle.
 
     Returns
     -------
@@ -171,7 +237,17 @@ def _compute_plane(
 
 @jit_inline
 def _insert_crossing(crossings: Crossings, ray: int, count: int, z: float, face: int) -> None:
-    """Insert a crossing among the `count` crossings of a ray, in the order of heights in mm."""
+    """Insert a crossing among those of a ray, in the order of heights.
+
+    Parameters
+    ----------
+    crossings
+        Crossings of all rays; updated in place.
+    ray, count
+        Index of the ray, and number of its crossings so far.
+    z, face
+        Height in mm, and index of the face.
+    """
     first = crossings.start[ray]
     index = first + count
     while index > first and crossings.z_mm[index - 1] > z:

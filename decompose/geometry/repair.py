@@ -1,7 +1,7 @@
-"""Repair of triangles to a closed solid, with a sentence on each change, or a refusal.
+"""Repair of triangles into a closed solid, with a sentence on each change, or a refusal.
 
-A repair is judged by its effect on the surface: no part of it may be lost or moved, unless it now lies
-inside, and only little may be added.
+A repair is judged by its effect on the surface: no part of the surface may be lost or moved, unless it then
+lies inside the solid, and only little may be added.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ from decompose.geometry.weld import EdgeUses, Surface, count_edge_uses
 from decompose.jit import jit
 
 NEAR_SHARE = 0.005  # distance by which the surface may move, as a share of the longest side
-# Share of the surface that may be further than this from the repaired one and outside of it.
+# Maximum share of the surface that is further than this from the repaired one, and outside it.
 MAX_LOST_SHARE = 0.02
 NEW_SHARE = 0.20  # maximum share of new surface in the repaired one
-EXTENT_SHARE = 0.05  # maximum change of the size, as a share of it
+EXTENT_SHARE = 0.05  # maximum change of a bound, as a share of the longest side
 SAMPLES = 40_000  # number of points on a surface to which distances are measured
-PROBES = 5_000  # number of points from which they are measured
+PROBES = 5_000  # number of points from which distances are measured
 THIN_SHARE = 1e-9  # minimum enclosed volume, as a share of area^1.5
 NEIGHBOURS = 6  # number of nearest samples whose triangles' distance is computed exactly
 # Each body is closed and joined separately. Real models have hundreds of bodies at most. Each loose triangle
@@ -48,12 +48,21 @@ Report = Callable[[str], None]
 
 
 def close_surface(name: str, surface: Surface, report: Report = lambda _: None) -> tuple[Solid, list[str]]:
-    """Close a surface to a solid; return also the repairs, a sentence each.
+    """Close a surface so that it bounds a solid; return also sentences on the repairs.
+
+    Parameters
+    ----------
+    name
+        Name of the file, for messages.
+    surface
+        Surface with common vertices.
+    report
+        Function that is called with a short name of each step as it begins.
 
     Raises
     ------
     ModelNotSolid
-        It bounds no solid, or closing it would remove or add too much.
+        The surface bounds no solid, or closing it would remove or add too much.
     """
     repairs = list(surface.repairs)
     split_bodies = _list_bodies(name, surface)
@@ -119,10 +128,10 @@ def _list_bodies(name: str, surface: Surface) -> list[Any]:
 
 
 def _close_bodies(bodies: list[Any], uses: list[EdgeUses], report: Report) -> tuple[list[Any], bool]:
-    """Close surfaces that enclose something; return also whether a hole was filled or a surface changed.
+    """Close surfaces that enclose a volume; return also whether a hole was filled or a surface changed.
 
-    Flat holes are capped. Others are closed by MeshFix, one body after the other (all at once would drop all
-    but the largest), unless it takes away some of the surface: then they are capped too.
+    Flat holes are capped. Other holes are closed by MeshFix, one body after the other, since it keeps only
+    the largest body of several. If it removes some of the surface, these holes are capped too.
     """
     closed_bodies: list[Any] = []
     open_bodies: list[Any] = []
@@ -162,14 +171,14 @@ def _close_bodies(bodies: list[Any], uses: list[EdgeUses], report: Report) -> tu
 
 
 def _split_shells(body: Any) -> list[Any] | None:
-    """Split a body into surfaces by `split_shells`, None if it cannot take them apart."""
+    """Split a body into surfaces by `split_shells`; None if they cannot be separated."""
     faces = orient_faces(np.asarray(body.faces))
     shells = None if faces is None else split_shells(np.asarray(body.vertices), faces)
     return None if shells is None else [trimesh.Trimesh(*shell, process=False) for shell in shells]
 
 
 def _run_mesh_fix(body: Any) -> Any:
-    """Close a body and turn it outward by MeshFix; None if nothing closed is left of it."""
+    """Close a body and orient it outward by MeshFix; None if the result is not closed."""
     faces = np.array(body.faces)[body.unique_faces()]
     if len(faces) < 4:
         return None
@@ -208,11 +217,12 @@ def _refuse_if_changed(name: str, mesh_before: Any, solid: Solid, defect: str) -
 
 
 def _draw_probes(mesh: Any, count: int) -> Floats:
+    """Draw random points (count, 3) on a mesh."""
     return np.asarray(trimesh.sample.sample_surface(mesh, count, seed=0)[0])
 
 
 def _is_far(mesh: Any, other: Any) -> Bools:
-    """Find the points (PROBES,) on a mesh that are further from another mesh than a repair may move it."""
+    """Check for (PROBES,) points on a mesh whether they are too far from another mesh for a repair."""
     geometry: Any = trimesh.triangles  # untyped
     samples, triangle = trimesh.sample.sample_surface(other, SAMPLES, seed=0)
     probes = _draw_probes(mesh, PROBES)
@@ -226,9 +236,10 @@ def _is_far(mesh: Any, other: Any) -> Bools:
 
 
 def _is_inside(points: Floats, triangles: Floats) -> Bools:
-    """Find the points (n, 3) that lie in a closed surface (m, 3, 3): a ray meets it an odd number of times.
+    """Check for each point (n, 3) whether it lies inside a closed surface (m, 3, 3).
 
-    The ray is tilted by an irregular angle to avoid the edges of boxes.
+    A ray from such a point meets the surface an odd number of times. It is tilted by an irregular angle, to
+    avoid the edges of boxes.
     """
     tilt = np.array([0.0123456789, 0.0345678912])
     points = np.column_stack([points[:, :2] - points[:, 2:] * tilt, points[:, 2]])
@@ -253,7 +264,7 @@ def measure_surface(vertices: Floats, faces: Ints) -> tuple[float, float]:
     Returns
     -------
     tuple
-        The volume, below 0 where triangles face inwards, and the area.
+        The volume, below 0 if triangles face inwards, and the area.
     """
     cx, cy, cz = 0.0, 0.0, 0.0  # a point near the surface, so that large numbers do not cancel
     for i in range(len(vertices)):
@@ -273,7 +284,20 @@ def measure_surface(vertices: Floats, faces: Ints) -> tuple[float, float]:
 
 @jit
 def _count_triangles_above(points: Floats, triangles: Floats) -> Ints:
-    """Count the triangles (m, 3, 3) vertically above each of n points (n, 3), both float64 in mm."""
+    """Count the triangles vertically above each point.
+
+    Parameters
+    ----------
+    points
+        (n, 3) float64 in mm.
+    triangles
+        (m, 3, 3) float64 in mm.
+
+    Returns
+    -------
+    ndarray
+        (n,) int64 counts.
+    """
     counts = np.zeros(len(points), np.int64)
     for i in range(len(points)):
         x, y, z = points[i]
@@ -290,7 +314,7 @@ def _count_triangles_above(points: Floats, triangles: Floats) -> Ints:
 
 
 def _join_bodies(name: str, bodies: list[Any], repairs: list[str]) -> Solid:
-    """Join bodies to one solid: the large ones first, cavities subtracted, bodies in cavities added."""
+    """Join bodies into one solid, the large ones first: subtract cavities, add bodies inside cavities."""
     volumes_mm3 = np.array([_measure_body(body)[0] for body in bodies])
     if volumes_mm3.sum() < 0.0:
         for body in bodies:

@@ -1,6 +1,6 @@
-"""Oriented shells from triangles: the neighbours across each edge, and the caps of holes.
+"""Oriented shells of triangles: the neighbours across each edge, and the caps of holes.
 
-Nothing here moves a vertex or drops a triangle.
+No function of this module moves a vertex or drops a triangle.
 """
 
 from __future__ import annotations
@@ -14,15 +14,25 @@ from decompose.arrays import Bools, Floats, Ints
 from decompose.geometry.solid import triangulate
 
 SAME_ANGLE_RAD = 1e-9
-FLAT_SHARE = 1e-2  # maximum distance of a loop that is capped flat from its plane, as a share of its size
+FLAT_SHARE = 1e-2  # maximum distance of a flat loop from its plane, as a share of its size
 # Maximum distance of the rims of one opening from a plane, as a share of the model's size.
 ONE_PLANE_SHARE = 1e-6
 
 
 def orient_faces(faces: Ints) -> Ints | None:
-    """Orient faces (m, 3) consistently with their neighbours; None for a one-sided surface.
+    """Orient faces consistently with their neighbours: the two faces of an edge.
 
-    Neighbours are the two faces of an edge. In each surface the smaller part of the faces is reversed.
+    In each surface the smaller part of the faces is reversed.
+
+    Parameters
+    ----------
+    faces
+        (m, 3) int64.
+
+    Returns
+    -------
+    ndarray or None
+        (m, 3) int64; None for a one-sided surface.
     """
     tail, head, face = _list_half_edges(faces)
     order, starts, counts = _sort_by_edge(tail, head)
@@ -33,7 +43,7 @@ def orient_faces(faces: Ints) -> Ints | None:
     f, g = face[a], face[b]
     rows = np.concatenate([f, f + m])
     columns = np.concatenate([np.where(is_opposed, g + m, g), np.where(is_opposed, g, g + m)])
-    label = label_components(2 * m, rows, columns)  # f stands for face f, and f + m for its reverse
+    label = label_components(2 * m, rows, columns)  # node f is face f, and node f + m is its reverse
     if (label[:m] == label[m:]).any():
         return None
     keep_count = np.bincount(label[:m], minlength=label.max() + 1)
@@ -45,17 +55,22 @@ def orient_faces(faces: Ints) -> Ints | None:
 
 
 def split_shells(vertices: Floats, faces: Ints) -> list[tuple[Floats, Ints]] | None:
-    """Split triangles into their surfaces, each with its own vertices (n, 3) and faces (m, 3).
+    """Split triangles into their surfaces, so that each edge has one or two faces, and no rim meets itself.
 
     Where more than two triangles meet at an edge, each continues to the next one around the edge on the side
-    where the solid is, so that touching bodies are separated. If bodies overlap at such an edge, or one is
-    inside out, there are two ways to continue: the one that separates more surfaces is taken. The result:
-    each edge of a shell has one or two faces, and no rim of a hole meets itself.
+    of the solid, so that touching bodies are separated. If bodies overlap at such an edge, or one is inside
+    out, there are two ways to continue: the one that separates more surfaces is used.
+
+    Parameters
+    ----------
+    vertices, faces
+        (n, 3) in mm and (m, 3) int64.
 
     Returns
     -------
     list or None
-        None if around some edge the faces that begin and that end solid differ in number.
+        Vertices (n, 3) and faces (m, 3) of each surface; None if the numbers of faces at which solid begins
+        and ends differ around some edge.
     """
     tail, head, face = _list_half_edges(faces)
     order, starts, counts = _sort_by_edge(tail, head)
@@ -80,7 +95,7 @@ def split_shells(vertices: Floats, faces: Ints) -> list[tuple[Floats, Ints]] | N
 
 
 def _split_surfaces(vertices: Floats, faces: Ints, pairs: Ints) -> list[tuple[Floats, Ints]]:
-    """Split triangles into the surfaces that pairs (k, 2) of half-edges connect; see `split_shells`."""
+    """Split triangles into the surfaces that are connected by pairs (k, 2) of half-edges."""
     tail, _, face = _list_half_edges(faces)
     a, b = pairs.T
     # Corner 3 f + k is vertex k of face f; a half-edge goes from its own corner to the next one of its face.
@@ -100,7 +115,18 @@ def _split_surfaces(vertices: Floats, faces: Ints, pairs: Ints) -> list[tuple[Fl
 
 
 def find_rims(faces: Ints) -> list[Ints]:
-    """Find the rims of the holes of a shell, as vertices in the order of a face that fills them."""
+    """Find the rims of the holes of a shell.
+
+    Parameters
+    ----------
+    faces
+        (m, 3) int64 of shells of `split_shells`.
+
+    Returns
+    -------
+    list of ndarray
+        (k,) int64 vertices of each rim, in the order of a face that fills the hole.
+    """
     tail, head, _ = _list_half_edges(faces)
     order, starts, counts = _sort_by_edge(tail, head)
     single_starts = order[starts[counts == 1]]
@@ -117,17 +143,27 @@ def find_rims(faces: Ints) -> list[Ints]:
 
 
 def is_flat(rim: Floats) -> bool:
-    """Check whether a rim (k, 3) is flat, but for a small share of its size."""
+    """Check whether a rim (k, 3) is flat within a small share of its size."""
     centred_rim = rim - rim.mean(axis=0)
     normal = np.linalg.svd(centred_rim, full_matrices=False)[2][-1]
     return float(np.abs(centred_rim @ normal).max()) <= FLAT_SHARE * float(np.ptp(rim, axis=0).max())
 
 
 def cap_holes(vertices: Floats, faces: Ints) -> Ints:
-    """Find faces (k, 3) that close all holes of shells, without a new vertex.
+    """Build faces that close all holes of shells, without a new vertex.
 
     A hole is filled in its plane. Two rims in one plane, one inside the other and of opposite orientation,
     are the end of a pipe: the ring between them is filled.
+
+    Parameters
+    ----------
+    vertices, faces
+        (n, 3) in mm and (m, 3) int64 of shells of `split_shells`.
+
+    Returns
+    -------
+    ndarray
+        (k, 3) int64 new faces.
     """
     loops = find_rims(faces)
     size = float(np.ptp(vertices, axis=0).max())
@@ -155,6 +191,7 @@ def cap_holes(vertices: Floats, faces: Ints) -> Ints:
 
 
 def _is_hole_of(rim: Floats, normal: Floats, polygon: shapely.Polygon, frame: Floats, size: float) -> bool:
+    """Check whether a rim (k, 3) bounds a hole in a polygon in a frame (4, 3)."""
     if normal @ frame[2] > -0.99 * np.linalg.norm(normal):
         return False
     if np.abs((rim - frame[3]) @ frame[2]).max() > ONE_PLANE_SHARE * size:
@@ -164,7 +201,7 @@ def _is_hole_of(rim: Floats, normal: Floats, polygon: shapely.Polygon, frame: Fl
 
 
 def _compute_area_vector(loop: Floats) -> Floats:
-    """Compute the area vector of a closed loop (k, 3), by Newell's method."""
+    """Compute the area vector (3,) of a closed loop (k, 3) by Newell's method."""
     centred_loop = loop - loop.mean(axis=0)
     return np.asarray(np.cross(centred_loop, np.roll(centred_loop, -1, axis=0)).sum(axis=0) / 2.0)
 
@@ -181,12 +218,12 @@ def _find_frame(loop: Floats, normal: Floats) -> Floats:
 
 
 def _list_half_edges(faces: Ints) -> tuple[Ints, Ints, Ints]:
-    """List tail, head and face of each directed edge; number 3 f + k begins at corner k of face f."""
+    """List tail, head and face (3 m,) of each half-edge; number 3 f + k begins at corner k of face f."""
     return faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1), np.arange(3 * len(faces)) // 3
 
 
 def _sort_by_edge(tail: Ints, head: Ints) -> tuple[Ints, Ints, Ints]:
-    """Sort half-edges by their edges; return also the first index and the count of each edge."""
+    """Sort half-edges by their edges; return their order, and the first index and the count of each edge."""
     lo, hi = np.minimum(tail, head), np.maximum(tail, head)
     order = np.lexsort((hi, lo))
     new = np.flatnonzero(np.concatenate([[True], (np.diff(lo[order]) != 0) | (np.diff(hi[order]) != 0)]))
@@ -194,7 +231,7 @@ def _sort_by_edge(tail: Ints, head: Ints) -> tuple[Ints, Ints, Ints]:
 
 
 def label_components(count: int, rows: Ints, columns: Ints) -> Ints:
-    """Number the connected component (count,) of each node of a graph.
+    """Number the connected components of a graph.
 
     Parameters
     ----------
@@ -215,10 +252,10 @@ def label_components(count: int, rows: Ints, columns: Ints) -> Ints:
 def _order_around_edge(
     vertices: Floats, faces: Ints, tail: Ints, head: Ints, face: Ints, half_edges: Ints
 ) -> tuple[Ints, Bools] | None:
-    """Sort the half-edges (k,) of an edge by angle, and find those (k,) at which solid begins, not ends.
+    """Sort the half-edges (k,) of an edge by angle, and find those at which solid begins, not ends.
 
-    The order starts at a face at which solid begins, where the fewest solids overlap. None if solid does not
-    begin at as many faces as it ends.
+    The order starts at a face at which solid begins, where the fewest solids overlap. The result is None if
+    the numbers of faces at which solid begins and ends differ.
     """
     start, end = min(tail[half_edges[0]], head[half_edges[0]]), max(tail[half_edges[0]], head[half_edges[0]])
     along = vertices[end] - vertices[start]
@@ -233,10 +270,10 @@ def _order_around_edge(
     # ones.
     begins = tail[half_edges] != start
     order = np.lexsort((begins, angle))
-    depth = np.cumsum(np.where(begins[order], 1, -1))  # number of solids at each angle about the edge
+    depth = np.cumsum(np.where(begins[order], 1, -1))  # number of solids at each angle around the edge
     if depth[-1] != 0:
         return None
-    order = np.roll(order, -1 - int(depth.argmin()))  # the first angle is in the air
+    order = np.roll(order, -1 - int(depth.argmin()))  # the first angle is outside the solid
     return half_edges[order], begins[order]
 
 

@@ -1,7 +1,7 @@
-"""Closed solids in double precision. The only module that imports manifold3d.
+"""Closed solids in double precision. Only this module imports manifold3d.
 
-Manifold reports a failed operation as a status value and continues with an empty solid; here every operation
-is checked and raises.
+Manifold reports a failed operation as a status value and continues with an empty solid; this module checks
+every operation and raises an error.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ _BOX_FACES = np.array(
 
 
 def _check_status(manifold: Any, operation: str) -> Any:
+    """Raise an error if an operation failed; return its result."""
     status = manifold.status()
     if status != manifold3d.Error.NoError:
         raise ModelNotSolid(f"{operation}: the triangles bound no solid ({status.name}); repair the model")
@@ -44,7 +45,14 @@ class Solid:
 
     @classmethod
     def from_arrays(cls, vertices: npt.ArrayLike, faces: npt.ArrayLike) -> Solid:
-        """Build from vertices (n, 3) in mm and faces (m, 3).
+        """Build a solid from vertices and faces.
+
+        Parameters
+        ----------
+        vertices
+            (n, 3) in mm.
+        faces
+            (m, 3) indices of vertices, outward by the right-hand rule.
 
         Raises
         ------
@@ -59,7 +67,13 @@ class Solid:
 
     @classmethod
     def box(cls, lo: npt.ArrayLike, hi: npt.ArrayLike) -> Solid:
-        """Build an axis-aligned box with exactly these corners, in mm."""
+        """Build an axis-aligned box with exactly these corners, in mm.
+
+        Parameters
+        ----------
+        lo, hi
+            (3,) corners in mm.
+        """
         ends = np.array([lo, hi], dtype=np.float64)
         corners = np.array([[ends[i & 1, 0], ends[i >> 1 & 1, 1], ends[i >> 2, 2]] for i in range(8)])
         return cls.from_arrays(corners, _BOX_FACES)
@@ -74,7 +88,7 @@ class Solid:
 
     @classmethod
     def hull(cls, points_mm: Floats) -> Solid:
-        """Build the convex hull of points (n, 3)."""
+        """Build the convex hull of points (n, 3) in mm."""
         return cls(_check_status(manifold3d.Manifold.hull_points(points_mm), "building a hull"))
 
     @classmethod
@@ -84,9 +98,9 @@ class Solid:
         Parameters
         ----------
         rings_mm
-            Closed lines (n, 2) in u and w that do not cross; a line inside of another one bounds a hole.
+            Closed lines (n, 2) in u and w that do not cross; a line inside another one bounds a hole.
         frame
-            (3, 3) rows: orthonormal u, w and n.
+            (3, 3) orthonormal rows u, w and n.
         from_mm, to_mm
             Coordinates along n of both ends.
         """
@@ -97,14 +111,17 @@ class Solid:
 
     @property
     def is_empty(self) -> bool:
+        """Check whether it has no triangles."""
         return bool(self.manifold.is_empty())
 
     @property
     def volume_mm3(self) -> float:
+        """Volume."""
         return float(self.manifold.volume())
 
     @property
     def area_mm2(self) -> float:
+        """Area of the surface."""
         return float(self.manifold.surface_area())
 
     @property
@@ -124,17 +141,25 @@ class Solid:
         return vertices, np.array(mesh.tri_verts, dtype=np.int64)
 
     def intersect(self, other: Solid) -> Solid:
+        """Build the intersection with another solid."""
         return Solid(_check_status(self.manifold ^ other.manifold, "intersecting solids"))
 
     def subtract(self, other: Solid) -> Solid:
+        """Build the solid without another one."""
         return Solid(_check_status(self.manifold - other.manifold, "subtracting solids"))
 
     def clip(self, lo: npt.ArrayLike, hi: npt.ArrayLike) -> Solid:
-        """Cut out the part inside an axis-aligned box."""
+        """Cut out the part inside an axis-aligned box.
+
+        Parameters
+        ----------
+        lo, hi
+            (3,) corners of the box in mm.
+        """
         return self.intersect(Solid.box(lo, hi))
 
     def rotate(self, rotation: Floats) -> Solid:
-        """Rotate by ``v -> rotation @ v``, a rotation (3, 3)."""
+        """Rotate every vertex v to ``rotation @ v`` by a rotation (3, 3)."""
         vertices, faces = self.arrays()
         return Solid.from_arrays(vertices @ rotation.T, faces)
 
@@ -146,11 +171,8 @@ class Solid:
         """Remove edges shorter than the tolerance, and flatten surfaces that are flat within it."""
         return Solid(_check_status(self.manifold.simplify(tolerance_mm), "simplifying a solid"))
 
-    def gap_mm(self, other: Solid, up_to_mm: float) -> float:
-        """Measure the least distance to another solid, exact between their triangles; 0 if they meet.
-
-        The result is at most `up_to_mm`, even if they are further apart.
-        """
+    def measure_gap_mm(self, other: Solid, up_to_mm: float) -> float:
+        """Measure the exact distance to another solid; 0 if they meet, at most `up_to_mm`."""
         return float(self.manifold.min_gap(other.manifold, up_to_mm))
 
     def project(self, frame: Floats) -> list[Floats]:
@@ -159,7 +181,7 @@ class Solid:
         Returns
         -------
         list of Floats
-            Rings (n, 2) of the outline, holes with the opposite orientation.
+            Rings (n, 2) of the outline; holes have the opposite orientation.
         """
         rotated_manifold = self.manifold.transform(np.column_stack([frame, np.zeros(3)]))
         outline = manifold3d.CrossSection(
@@ -168,46 +190,83 @@ class Solid:
         return [np.asarray(ring, dtype=np.float64) for ring in outline.to_polygons()]
 
     def split(self, axis: int, at_mm: float) -> tuple[Solid, Solid]:
-        """Split into the parts below and above an axis plane."""
+        """Split into the parts below and above an axis plane.
+
+        Parameters
+        ----------
+        axis
+            Axis across the plane, from 0 to 2.
+        at_mm
+            Coordinate of the plane.
+        """
         return self.split_by_plane(np.eye(3)[axis], at_mm)
 
     def split_by_plane(self, normal: Floats, at_mm: float) -> tuple[Solid, Solid]:
-        """Split into the parts below and above the plane ``normal . x = at_mm``, of a unit normal (3,)."""
+        """Split into the parts below and above the plane ``normal @ x == at_mm``.
+
+        Parameters
+        ----------
+        normal
+            (3,) unit normal of the plane.
+        at_mm
+            Offset of the plane along its normal.
+        """
         manifold_above, manifold_below = self.manifold.split_by_plane(tuple(normal.tolist()), at_mm)
         return Solid(_check_status(manifold_below, "cutting a solid")), Solid(
             _check_status(manifold_above, "cutting a solid")
         )
 
     def keep_below(self, normal: Floats, at_mm: float) -> Solid:
-        """Cut off what is above the plane ``normal . x = at_mm``, of a unit normal (3,)."""
+        """Keep the part below the plane ``normal @ x == at_mm``.
+
+        Parameters
+        ----------
+        normal
+            (3,) unit normal of the plane.
+        at_mm
+            Offset of the plane along its normal.
+        """
         if self.is_empty:  # its bounds are infinite
             return self
         below = self.manifold.trim_by_plane(tuple((-normal).tolist()), -at_mm)
         return Solid(_check_status(below, "cutting a solid"))
 
-    def section(self, frame: Floats, at_mm: float) -> list[Floats]:
+    def cut_section(self, frame: Floats, at_mm: float) -> list[Floats]:
         """Cut at a plane, and return the outlines (n, 2) there: counter-clockwise, clockwise around holes.
 
         Parameters
         ----------
         frame
-            (3, 3) unit vectors as rows, right-handed: two along the plane, in whose coordinates the outlines
-            are, and its normal.
+            (3, 3) right-handed unit vectors as rows: two along the plane, in whose coordinates the outlines
+            are returned, and its normal.
         at_mm
             Offset of the plane along its normal.
         """
-        return self.sections(frame, np.array([at_mm]))[0]
+        return self.cut_sections(frame, np.array([at_mm]))[0]
 
-    def sections(self, frame: Floats, at_mm: Floats) -> list[list[Floats]]:
-        """Cut at parallel planes with offsets (n,); see `section`. The solid is rotated once."""
+    def cut_sections(self, frame: Floats, at_mm: Floats) -> list[list[Floats]]:
+        """Cut at parallel planes; the solid is rotated only once.
+
+        Parameters
+        ----------
+        frame
+            As in `cut_section`.
+        at_mm
+            (n,) offsets of the planes along their normal.
+
+        Returns
+        -------
+        list
+            Outlines in each plane.
+        """
         rotated_manifold = self.manifold.transform(np.hstack([frame, np.zeros((3, 1))]))
         return [
             [np.asarray(ring, dtype=np.float64) for ring in rotated_manifold.slice(offset_mm).to_polygons()]
             for offset_mm in at_mm.tolist()
         ]
 
-    def pieces(self) -> list[Solid]:
-        """Split into connected pieces, each with its cavities, in the order of their least corners."""
+    def list_pieces(self) -> list[Solid]:
+        """List the connected pieces, each with its cavities, in the order of their bounds."""
         if self.is_empty:
             return []
         surfaces = [Solid(_check_status(p, "separating pieces")) for p in self.manifold.decompose()]
@@ -220,10 +279,12 @@ class Solid:
         return sorted(pieces, key=lambda p: tuple(p.bounds_mm.ravel()))
 
     def _turn_inside_out(self) -> Solid:
+        """Reverse all triangles."""
         vertices, faces = self.arrays()
         return Solid.from_arrays(vertices, faces[:, ::-1])
 
     def _encloses(self, other: Solid) -> bool:
+        """Check whether another solid lies inside."""
         (lo, hi), (other_lo, other_hi) = self.bounds_mm, other.bounds_mm
         if (lo > other_lo).any() or (hi < other_hi).any():
             return False
@@ -231,15 +292,23 @@ class Solid:
 
 
 def choose_plane_axes(normal: Floats) -> Floats:
-    """Choose two unit vectors (2, 3) across a unit normal (3,); with it they are a right-handed frame."""
+    """Choose two unit vectors (2, 3) that form a right-handed frame with a unit normal (3,)."""
     side = np.cross(np.eye(3)[int(np.abs(normal).argmin())], normal)
     axes: Floats = np.stack([side, np.cross(normal, side)]) / np.linalg.norm(side)
     return axes
 
 
 def triangulate(polygons: list[Floats]) -> Ints:
-    """Fill polygons (n, 2), holes of opposite orientation, with triangles (k, 3); indices count all points.
+    """Fill polygons with triangles; no point is added or left out, whatever the shape of the polygons.
 
-    No point is added or left out, whatever the shape of the polygons.
+    Parameters
+    ----------
+    polygons
+        Corners (n, 2) of each polygon; holes have the opposite orientation.
+
+    Returns
+    -------
+    ndarray
+        (k, 3) int64 indices among the corners of all polygons.
     """
     return np.asarray(manifold3d.triangulate(polygons), dtype=np.int64)

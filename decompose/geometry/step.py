@@ -1,6 +1,7 @@
-"""STEP: the surface of its solids as triangles in mm, by OpenCASCADE (the package cascadio, an extra).
+"""Reader of STEP files: the surfaces of their solids as triangles in mm.
 
-OpenCASCADE runs in its own process: it prints on stdout, and may crash on a damaged file.
+OpenCASCADE reads them, by the package cascadio, an extra. It runs in its own process, because it prints on
+stdout and may crash on a damaged file.
 """
 
 from __future__ import annotations
@@ -18,15 +19,15 @@ from decompose.arrays import Floats
 from decompose.errors import ModelEmpty, ModelTooDetailed, ModelUnreadable
 from decompose.files.extras import reads_step
 
-CHORD_MM = 0.01  # greatest distance between a curved face and its triangles
-CHORD_RAD = 0.2  # greatest angle between neighbouring triangles of a curved face
+CHORD_MM = 0.01  # maximum distance between a curved face and its triangles
+CHORD_RAD = 0.2  # maximum angle between neighbouring triangles of a curved face
 MAX_READING_S = 300.0
 MAX_GLB_BYTES = 2**31
 
 _BEGIN, _END = b"ISO-10303-21;", b"END-ISO-10303-21;"
-_EDGE_BYTES = 1024  # number of bytes at each end of a file that are searched for these marks
+_EDGE_BYTES = 1024  # number of bytes at each end of a file in which these marks are sought
 _MM_PER_M = 1000.0  # GLB is in metres
-_FACE_BYTES = 120  # maximum bytes of a face in a GLB: three corners with normals, and their numbers
+_FACE_BYTES = 120  # maximum size of a face in a GLB: three corners with normals, and their numbers
 _GLB_HEAD_BYTES = 2**20
 _CONVERT = """
 import ctypes, resource, signal, sys
@@ -48,16 +49,21 @@ def read_step(name: str, data: bytes, max_triangles: int | None = None) -> Float
     data
         Content of the file.
     max_triangles
-        Number of triangles that fit the memory; None for any.
+        Number of triangles that fit the memory; None if there is no limit.
 
     Returns
     -------
     ndarray
-        (m, 3, 3) in mm, within `CHORD_MM` of its surface.
+        (m, 3, 3) triangles in mm, within `CHORD_MM` of the surface.
 
     Raises
     ------
-    ModelUnreadable, ModelEmpty, ModelTooDetailed
+    ModelUnreadable
+        The file cannot be read, or cascadio is not installed.
+    ModelEmpty
+        The file holds no surface.
+    ModelTooDetailed
+        The surface has more triangles than fit the memory.
     """
     if _BEGIN not in data[:_EDGE_BYTES] or _END not in data[-_EDGE_BYTES:]:
         raise ModelUnreadable(f"{name}: not a STEP file or only a part of one; copy or export it again")
@@ -66,7 +72,7 @@ def read_step(name: str, data: bytes, max_triangles: int | None = None) -> Float
             f"{name}: STEP needs the package cascadio: `pip install 'farm[step]'`, or export it as 3MF or STL"
         )
     with tempfile.TemporaryDirectory(prefix="farm-step-") as folder:
-        glb = _convert(name, data, Path(folder))
+        glb = _convert_to_glb(name, data, Path(folder))
         max_bytes = _GLB_HEAD_BYTES + _FACE_BYTES * (max_triangles or MAX_GLB_BYTES)
         if glb.stat().st_size > max_bytes:
             raise ModelTooDetailed(f"{name}: has more triangles than the memory allows: simplify it")
@@ -83,8 +89,8 @@ def read_step(name: str, data: bytes, max_triangles: int | None = None) -> Float
     return triangles
 
 
-def _convert(name: str, data: bytes, folder: Path) -> Path:
-    """Convert a STEP file to a GLB in a folder. Raises ModelUnreadable if that fails."""
+def _convert_to_glb(name: str, data: bytes, folder: Path) -> Path:
+    """Convert a STEP file to a GLB file in a folder; raise ModelUnreadable if that fails."""
     step, glb = folder / "model.step", folder / "model.glb"
     step.write_bytes(data)
     values = (str(step), str(glb), str(CHORD_MM), str(CHORD_RAD), str(MAX_GLB_BYTES))

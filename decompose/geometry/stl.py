@@ -16,9 +16,7 @@ _FACE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attributes
 
 
 def round_triangles(vertices: Floats, faces: Ints) -> npt.NDArray[np.float32] | None:
-    """Round triangles (m, 3, 3) to the format's precision, without those that collapse in it.
-
-    None if the surface would not stay closed: features thinner than the precision touch.
+    """Round triangles to the precision of the format, and leave out those that collapse.
 
     Parameters
     ----------
@@ -28,7 +26,8 @@ def round_triangles(vertices: Floats, faces: Ints) -> npt.NDArray[np.float32] | 
     Returns
     -------
     ndarray or None
-        (k, 3, 3) float32, k at most m.
+        (k, 3, 3) float32; None if the surface would not stay closed, because features thinner than the
+        precision touch.
     """
     points, index = np.unique(vertices.astype(np.float32), axis=0, return_inverse=True)
     f = index.reshape(-1)[faces]
@@ -41,14 +40,14 @@ def round_triangles(vertices: Floats, faces: Ints) -> npt.NDArray[np.float32] | 
 
 
 def write_stl(path: Path, corners: npt.NDArray[np.float32]) -> None:
-    """Write triangles (m, 3, 3) in mm, unchanged, to a binary STL.
+    """Write triangles, unchanged, to a binary STL.
 
     Parameters
     ----------
     path
         File to write.
     corners
-        (m, 3, 3) float32, of `round_triangles`.
+        (m, 3, 3) float32 in mm, of `round_triangles`.
     """
     faces = np.arange(3 * len(corners)).reshape(-1, 3)
     mesh: Any = trimesh.Trimesh(corners.reshape(-1, 3), faces, process=False)
@@ -56,7 +55,7 @@ def write_stl(path: Path, corners: npt.NDArray[np.float32]) -> None:
 
 
 def parse_triangles(data: bytes) -> Floats:
-    """Parse the triangles (m, 3, 3) of a whole binary STL, without a copy of its other fields."""
+    """Parse the triangles (m, 3, 3) float64 of a complete binary STL, without a copy of its other fields."""
     begin = STL_HEADER_BYTES + STL_COUNT_BYTES
     faces = np.frombuffer(data, dtype=_FACE, count=(len(data) - begin) // STL_FACE_BYTES, offset=begin)
     with np.errstate(all="ignore"):  # NaN is refused later
@@ -64,5 +63,5 @@ def parse_triangles(data: bytes) -> Floats:
 
 
 def count_stored_faces(data: bytes) -> float:
-    """Compute the number of faces that the bytes of a binary STL can hold."""
+    """Compute the number of faces, not rounded, that the bytes of a binary STL can hold."""
     return max(0, len(data) - STL_HEADER_BYTES - STL_COUNT_BYTES) / STL_FACE_BYTES

@@ -1,10 +1,11 @@
 """Planes of symmetry, as symmetry-based decomposition (SBD) finds them; Parallelobox cuts at the best one.
 
-Hatton et al. 2023: planes through the mean of the vertices, normals drawn from the sphere; the score is the
-mean distance from the vertices' mirror images to the nearest vertex. Two steps have no effect in their
-program, by mistake: the best normals are refined, and a plane counts only if its score is within a tolerance
-(here a share of the model's size). Both are done here, except by `draw_mirrors`. Of their three
-draws of normals only the second has an effect, so there is one draw here.
+By Hatton et al. (2023), planes pass through the mean of the vertices, and their normals are drawn from the
+sphere. The score of a plane is the mean distance from the vertices' mirror images to the nearest vertices.
+Two steps have no effect in the authors' program, by mistake: the best normals are refined, and a plane counts
+only if its score is within a tolerance (here a share of the model's size). Both are done here, except by
+`draw_mirrors`. Only the second of the program's three draws of normals has an effect, so there is one draw
+here.
 """
 
 from __future__ import annotations
@@ -17,18 +18,28 @@ from scipy.spatial import KDTree
 from decompose.arrays import Floats
 
 SAMPLES = 100  # number of normals in a round
-# Angles of the cones of normals about the best one, in the rounds after the first.
+# Angles of the cones of normals around the best one, in the rounds after the first.
 CONES_RAD = (0.3, 0.1, 0.03, 0.01)
-MAX_MIRRORED = 1000  # number of vertices whose mirror images are measured, for a whole model
+MAX_MIRRORED = 1000  # maximum number of vertices whose mirror images are measured, for a whole model
 MAX_MIRRORED_OF_PART = 300  # the same for a part
-TOLERANCE = 0.01  # maximum mean distance of mirror images, as a share of the diagonal of the model's box
+TOLERANCE = 0.01  # maximum mean distance of mirror images, as a share of the bounding box's diagonal
 SAME_AXIS_RAD = 0.01  # a normal closer to an axis is replaced by the axis if that is as good
 MIN_ANGLE_RAD = 0.5  # minimum angle between the normals of two planes of one part
 
 
 @dataclass(frozen=True, slots=True)
 class Mirror:
-    """A plane of symmetry: ``normal @ x == offset_mm``; `error_mm` is the mean distance of mirror images."""
+    """A plane of symmetry, ``normal @ x == offset_mm``.
+
+    Attributes
+    ----------
+    normal
+        (3,) unit vector.
+    offset_mm
+        Offset along the normal.
+    error_mm
+        Mean distance from mirror images to the nearest vertices.
+    """
 
     normal: Floats
     offset_mm: float
@@ -36,7 +47,7 @@ class Mirror:
 
 
 class _Cloud:
-    """Vertices (n, 3) in mm, and the distance of mirror images of some of them."""
+    """Vertices (n, 3) in mm, some of which are mirrored to measure planes."""
 
     def __init__(self, vertices: Floats, rng: np.random.Generator, max_count: int = MAX_MIRRORED) -> None:
         self.centre = vertices.mean(axis=0)
@@ -47,18 +58,19 @@ class _Cloud:
         self.centred_vertices = vertices - self.centre
 
     def measure_error_mm(self, normal: Floats) -> float:
+        """Measure the mean distance of mirror images for a normal (3,)."""
         images = self.centred_vertices - 2.0 * np.outer(self.centred_vertices @ normal, normal) + self.centre
         return float(self._tree.query(images)[0].mean())
 
     def draw_normals(self) -> Floats:
-        """Draw normals (SAMPLES, 3), uniformly over all directions."""
-        return _normalise(self.rng.standard_normal((SAMPLES, 3)))
+        """Draw normals (SAMPLES, 3) uniformly from all directions."""
+        return _normalise_rows(self.rng.standard_normal((SAMPLES, 3)))
 
-    def refine(self, normal: Floats, error_mm: float, samples: int = SAMPLES) -> tuple[Floats, float]:
-        """Find the best normal near a given one, and its error."""
+    def refine_normal(self, normal: Floats, error_mm: float, samples: int = SAMPLES) -> tuple[Floats, float]:
+        """Find the best normal near a given one, and its error in mm."""
         best_error_mm = error_mm
         for cone in CONES_RAD:
-            candidates = _normalise(normal + cone * self.rng.standard_normal((samples, 3)))
+            candidates = _normalise_rows(normal + cone * self.rng.standard_normal((samples, 3)))
             errors = [self.measure_error_mm(mirror) for mirror in candidates]
             if min(errors) < best_error_mm:
                 normal, best_error_mm = candidates[int(np.argmin(errors))], min(errors)
@@ -71,16 +83,17 @@ class _Cloud:
         return normal, best_error_mm
 
     def find_principal_directions(self) -> Floats:
-        """Return the axes, and the principal directions of the cloud: (6, 3)."""
+        """Find the principal directions of the cloud; return (6, 3) the axes, then these."""
         _, principal = np.linalg.eigh(np.cov(self.centred_vertices.T))
         return np.vstack([np.eye(3), principal.T])
 
-    def mirror(self, normal: Floats, error_mm: float) -> Mirror:
+    def make_mirror(self, normal: Floats, error_mm: float) -> Mirror:
+        """Make the plane with a normal through the mean of the vertices."""
         return Mirror(normal, float(normal @ self.centre), error_mm)
 
 
 def find_mirror(vertices: Floats, rng: np.random.Generator, tolerance: float = TOLERANCE) -> Mirror | None:
-    """Find the best plane of symmetry of vertices, None if it is not good enough.
+    """Find the best plane of symmetry of vertices; None if it is not good enough.
 
     Parameters
     ----------
@@ -89,15 +102,15 @@ def find_mirror(vertices: Floats, rng: np.random.Generator, tolerance: float = T
     rng
         Random numbers of the normals that are tried.
     tolerance
-        Mean distance of mirror images that is good enough, as a share of the diagonal of the box about them.
+        Maximum mean distance of mirror images, as a share of the diagonal of the vertices' bounding box.
     """
     cloud = _Cloud(vertices, rng)
     normals = np.vstack([cloud.find_principal_directions(), cloud.draw_normals()])
     errors = [cloud.measure_error_mm(normal) for normal in normals]
     best = int(np.argmin(np.round(errors, 9)))
-    normal, best_error_mm = cloud.refine(normals[best], errors[best])
+    normal, best_error_mm = cloud.refine_normal(normals[best], errors[best])
     return (
-        cloud.mirror(normal, best_error_mm)
+        cloud.make_mirror(normal, best_error_mm)
         if best_error_mm <= tolerance * _measure_diagonal_mm(vertices)
         else None
     )
@@ -115,7 +128,7 @@ def draw_mirrors(vertices: Floats, rng: np.random.Generator, max_count: int) -> 
     """
     cloud = _Cloud(vertices, rng, MAX_MIRRORED_OF_PART)
     ranked = sorted((cloud.measure_error_mm(n), tuple(n)) for n in cloud.draw_normals())
-    return [cloud.mirror(np.array(normal), error) for error, normal in _pick_distinct(ranked, max_count)]
+    return [cloud.make_mirror(np.array(normal), error) for error, normal in _pick_distinct(ranked, max_count)]
 
 
 def find_good_mirrors(
@@ -135,17 +148,19 @@ def find_good_mirrors(
     cloud = _Cloud(vertices, rng, MAX_MIRRORED_OF_PART)
     normals = np.vstack([cloud.find_principal_directions(), cloud.draw_normals()])
     ranked = sorted((cloud.measure_error_mm(n), tuple(n)) for n in normals)
-    mirrors = [cloud.refine(np.array(n), error, samples) for error, n in _pick_distinct(ranked, max_count)]
+    mirrors = [
+        cloud.refine_normal(np.array(n), error, samples) for error, n in _pick_distinct(ranked, max_count)
+    ]
     refined = _pick_distinct(sorted((error, tuple(normal)) for normal, error in mirrors), max_count)
     max_error_mm = tolerance * _measure_diagonal_mm(vertices)
-    return [cloud.mirror(np.array(normal), error) for error, normal in refined if error <= max_error_mm]
+    return [cloud.make_mirror(np.array(normal), error) for error, normal in refined if error <= max_error_mm]
 
 
 Scored = tuple[float, tuple[float, ...]]  # the error in mm, and the normal
 
 
 def _pick_distinct(ranked: list[Scored], max_count: int) -> list[Scored]:
-    """Select the first planes whose normals differ from each other, with either sign."""
+    """Select the first planes whose normals differ from each other and from the opposite directions."""
     distinct: list[Scored] = []
     for error, normal in ranked:
         if len(distinct) < max_count and all(
@@ -156,11 +171,12 @@ def _pick_distinct(ranked: list[Scored], max_count: int) -> list[Scored]:
 
 
 def _measure_diagonal_mm(vertices: Floats) -> float:
+    """Measure the diagonal of the bounding box of vertices (n, 3)."""
     return float(np.linalg.norm(np.ptp(vertices, axis=0)))
 
 
 def find_rotation_to_axis(normal: Floats) -> tuple[Floats, int]:
-    """Find the least rotation (3, 3), ``v_new = rotation @ v``, that lays a normal on an axis, and the axis.
+    """Find the smallest rotation that lays a normal on an axis, and the axis.
 
     Parameters
     ----------
@@ -170,20 +186,34 @@ def find_rotation_to_axis(normal: Floats) -> tuple[Floats, int]:
     Returns
     -------
     tuple
-        (3, 3) rotation, and the axis from 0 to 2 that lies nearest to the normal.
+        (3, 3) rotation, ``v_new = rotation @ v``, and the axis from 0 to 2 that is nearest to the normal.
     """
     axis = int(np.abs(normal).argmax())
     return find_least_rotation(normal, np.eye(3)[axis] * np.sign(normal[axis])), axis
 
 
 def find_least_rotation(direction: Floats, target: Floats) -> Floats:
-    """Find the least rotation (3, 3) from a unit vector (3,) to another one, which is not its opposite."""
+    """Find the smallest rotation from a direction to another one.
+
+    Parameters
+    ----------
+    direction
+        (3,) unit vector.
+    target
+        (3,) unit vector, not the opposite of the direction.
+
+    Returns
+    -------
+    ndarray
+        (3, 3) rotation, ``v_new = rotation @ v``.
+    """
     cross, cosine = np.cross(direction, target), float(direction @ target)
     skew = np.array([[0.0, -cross[2], cross[1]], [cross[2], 0.0, -cross[0]], [-cross[1], cross[0], 0.0]])
     rotation: Floats = np.eye(3) + skew + skew @ skew / (1.0 + cosine)
     return rotation
 
 
-def _normalise(vectors: Floats) -> Floats:
+def _normalise_rows(vectors: Floats) -> Floats:
+    """Scale vectors (n, 3) to unit length."""
     unit: Floats = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
     return unit

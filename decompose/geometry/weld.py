@@ -1,7 +1,7 @@
 """Surfaces with common vertices, from triangles that each have their own corners.
 
-Models have millions of triangles, so that each array takes much memory: rows are numbered by a table of
-hashes, and edges are compared as sorted whole numbers, not as rows.
+Models have millions of triangles, so that each array takes much memory. Rows are therefore numbered by a hash
+table, and edges are compared as sorted whole numbers, not as rows.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from decompose.arrays import Floats, Ints
 from decompose.geometry.shells import label_components
 from decompose.jit import jit
 
-SAME_MM = 1e-8  # vertices whose coordinates round to the same multiples of this are one
-WELD_SHARES = (1e-7, 1e-6, 1e-5)  # gaps between triangles by rounding, as shares of the longest side
+SAME_MM = 1e-8  # vertices whose coordinates round to the same multiples of this are the same vertex
+WELD_SHARES = (1e-7, 1e-6, 1e-5)  # gaps between triangles due to rounding, as shares of the longest side
 
 
 @dataclass(frozen=True, slots=True)
 class Surface:
-    """Vertices (n, 3) in mm, faces (m, 3), and the changes made to join them, a sentence each."""
+    """Vertices (n, 3) in mm, faces (m, 3), and sentences on the changes that were made to join them."""
 
     vertices: Floats
     faces: Ints
@@ -31,16 +31,16 @@ class Surface:
 
 @dataclass(frozen=True, slots=True)
 class EdgeUses:
-    """Numbers of edges by the faces that use them.
+    """Numbers of edges by how many faces use them.
 
     Attributes
     ----------
     single_count
-        Edges of one face: the surface is open there.
+        Number of edges of one face: the surface is open there.
     nonmanifold_count
-        Edges of more than two faces.
+        Number of edges of more than two faces.
     repeated_count
-        Directed edges of two faces: the faces are oriented in opposite directions.
+        Number of directed edges of two faces: the faces are oriented in opposite directions.
     """
 
     single_count: int
@@ -49,14 +49,15 @@ class EdgeUses:
 
     @property
     def is_closed(self) -> bool:
-        """Check that each edge has two faces."""
+        """Check whether each edge has two faces."""
         return self.single_count == self.nonmanifold_count == 0
 
 
 def weld_triangles(triangles: Floats) -> Surface:
-    """Join common vertices of triangles (m, 3, 3) in mm; drop collapsed and repeated triangles.
+    """Join the common vertices of triangles (m, 3, 3) in mm, and drop collapsed and repeated triangles.
 
-    Where edges stay open, vertices that lie next to each other are taken as one if that closes most of them.
+    If edges stay open, vertices that are close to each other are joined too, provided that this closes most
+    of these edges.
     """
     corners = triangles.reshape(-1, 3)
     index, first = number_rows(corners, 1.0 / SAME_MM)
@@ -92,7 +93,7 @@ def select_distinct(faces: Ints) -> Ints:
 
 
 def count_edge_uses(faces: Ints) -> EdgeUses:
-    """Count the edges of faces (m, 3) that one face, more than two, or two in one direction use."""
+    """Count the edges of faces (m, 3) by how many faces use them."""
     if not len(faces):
         return EdgeUses(0, 0, 0)
     directed_edges, undirected_edges = (
@@ -110,7 +111,7 @@ def count_edge_uses(faces: Ints) -> EdgeUses:
 
 
 def _sort_edges(faces: Ints, is_directed: bool) -> Ints:
-    """Sort the edges (3 m,) of faces (m, 3), each one number made of its two vertices."""
+    """Encode the edges of faces (m, 3) as one number each, by their two vertices, and sort them (3 m,)."""
     count = int(faces.max()) + 1
     edges = np.empty(3 * len(faces), dtype=np.int64)
     for k in range(3):
@@ -131,7 +132,7 @@ def number_rows(rows: npt.NDArray[np.generic], scale: float) -> tuple[Ints, Ints
     rows
         (n, 3) float64 or int64.
     scale
-        Rows are equal where their products with it round to the same whole numbers.
+        Factor before rounding: rows are equal if their products with it round to the same whole numbers.
 
     Returns
     -------
@@ -160,7 +161,19 @@ def number_rows(rows: npt.NDArray[np.generic], scale: float) -> tuple[Ints, Ints
 def _find_slot(
     rows: npt.NDArray[np.generic], scale: float, first: Ints, table: npt.NDArray[np.int32], i: int
 ) -> int:
-    """Find the slot of row i, (n, 3), in a table of numbers (a power of two,), or the empty slot for it."""
+    """Find the slot of a row in a hash table, or the empty slot for it.
+
+    Parameters
+    ----------
+    rows, scale
+        As in `number_rows`.
+    first
+        (n,) int64 index of the first row with each number.
+    table
+        (slots,) int32 numbers of rows, -1 for an empty slot; the number of slots is a power of two.
+    i
+        Index of the row.
+    """
     x, y, z = np.rint(rows[i, 0] * scale), np.rint(rows[i, 1] * scale), np.rint(rows[i, 2] * scale)
     key = (
         np.int64(x) * 0x1E3779B97F4A7C15 + np.int64(y) * 0x3F58476D1CE4E5B9 + np.int64(z) * 0x14D049BB133111EB

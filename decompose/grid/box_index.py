@@ -9,22 +9,36 @@ Shape = tuple[int, int, int]  # shape of a grid, in cells
 
 
 @jit
-def interval(lo: int, hi: int, n: int) -> int:
-    """Compute the index of the interval [lo, hi) among all n(n+1)/2 intervals of n cells, by length."""
+def index_interval(lo: int, hi: int, n: int) -> int:
+    """Compute the index of the interval [lo, hi) among the n (n + 1) / 2 intervals of n cells, by length.
+
+    Parameters
+    ----------
+    lo, hi
+        First cell, and the cell after the last one.
+    n
+        Number of cells along the axis.
+    """
     length = hi - lo
     return (length - 1) * n - (length - 1) * (length - 2) // 2 + lo
 
 
 @jit
 def compute_index(box: Box, shape: Shape) -> int:
-    """Compute the index of a box in the tables of `BoxTables`, for compiled code; see `box_index`."""
+    """Compute the index of a box in the tables of `BoxTables`, for compiled code; see `index_box`.
+
+    Parameters
+    ----------
+    box, shape
+        As in `index_box`.
+    """
     x0, y0, z0, x1, y1, z1 = box
     nx, ny, nz = shape
     ty, tz = ny * (ny + 1) // 2, nz * (nz + 1) // 2
-    return (interval(x0, x1, nx) * ty + interval(y0, y1, ny)) * tz + interval(z0, z1, nz)
+    return (index_interval(x0, x1, nx) * ty + index_interval(y0, y1, ny)) * tz + index_interval(z0, z1, nz)
 
 
-def box_index(box: Box, shape: Shape) -> int:
+def index_box(box: Box, shape: Shape) -> int:
     """Compute the index of a box in the tables of `BoxTables` over a grid.
 
     Parameters
@@ -37,8 +51,16 @@ def box_index(box: Box, shape: Shape) -> int:
     return int(compute_index(box, shape))
 
 
-def box_at(index: int, shape: Shape) -> Box:
-    """Find the box of an index: the inverse of `box_index`."""
+def find_box(index: int, shape: Shape) -> Box:
+    """Find the box with an index, the inverse of `index_box`.
+
+    Parameters
+    ----------
+    index
+        Index in the tables.
+    shape
+        Shape of the grid, in cells.
+    """
     _, ny, nz = shape
     index, iz = divmod(index, nz * (nz + 1) // 2)
     ix, iy = divmod(index, ny * (ny + 1) // 2)
@@ -50,7 +72,20 @@ def box_at(index: int, shape: Shape) -> Box:
 
 @jit
 def find_interval_ends(interval: int, n: int) -> tuple[int, int]:
-    """Find the ends of an interval of n cells by its index: the inverse of `interval`."""
+    """Find the ends of an interval of n cells by its index, the inverse of `index_interval`.
+
+    Parameters
+    ----------
+    interval
+        Index of the interval.
+    n
+        Number of cells along the axis.
+
+    Returns
+    -------
+    tuple
+        First cell, and the cell after the last one.
+    """
     length = 1
     while interval >= n - length + 1:
         interval -= n - length + 1

@@ -1,7 +1,7 @@
-"""Tables over every axis-aligned box of a grid: price, box about the needed cells, and number of pieces.
+"""Tables over every axis-aligned box of a grid: price, box around the needed cells, and number of pieces.
 
-There are some millions of boxes. Each row, layer and box is the previous one plus one cell, row or layer, so
-that each box takes a few dozen additions.
+There are millions of boxes. Each row, layer and box is the previous one plus one cell, row or layer, so that
+each box takes only a few dozen additions.
 """
 
 from __future__ import annotations
@@ -17,30 +17,34 @@ import numpy as np
 import numpy.typing as npt
 
 from decompose.arrays import Bools, Floats
-from decompose.grid.box_index import Box, Shape, box_index, compute_index
+from decompose.grid.box_index import Box, Shape, compute_index, index_box
 from decompose.grid.clipping import LATERAL, MOMENT, OVERHANG, SKIN, SLOPE, VOLUME
 from decompose.grid.grid import Grid
 from decompose.grid.piece_counts import count_pieces
 from decompose.grid.threads import SHARES, run_shares
 from decompose.jit import jit
-from decompose.print_time import SEEN_MM2, CostModel, Prices, price
+from decompose.print_time import SEEN_MM2, CostModel, Prices, compute_price_s
 from decompose.printers import PrinterRoom
 
 
 @dataclass(frozen=True, slots=True)
 class BoxTables:
-    """Every axis-aligned box of a grid. A box's index combines those of its intervals along x, y and z.
+    """Tables over every axis-aligned box of a grid.
+
+    The index of a box combines the indices of its intervals along x, y and z (`box_index`).
 
     Attributes
     ----------
+    shape
+        Shape of the grid, in cells.
     seconds
-        (boxes,) print time in the best pose that fits; +inf if none fits, or it was not computed.
+        (boxes,) print time in the best pose that fits; +inf if none fits, or if it was not computed.
     trimmed
-        (boxes,) index of the box about its needed cells, -1 if it has none.
+        (boxes,) index of the smallest box around its needed cells; -1 if it has none.
     pieces
         (boxes,) number of connected pieces of the solid in it, by the grid.
     cut_mm2
-        (boxes,) area of the cut faces of boxes that may be printed; or (0,) if it is not needed.
+        (boxes,) area of the cut faces of boxes that may be printed; (0,) if it is not needed.
     """
 
     shape: tuple[int, int, int]
@@ -49,14 +53,22 @@ class BoxTables:
     pieces: npt.NDArray[np.int16]
     cut_mm2: npt.NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32))
 
-    def longest_s(self, boxes: Iterable[Box]) -> float:
-        """Find the time of the costliest of some boxes, each trimmed."""
-        return max(float(self.seconds[self.trimmed[box_index(box, self.shape)]]) for box in boxes)
+    def find_longest_s(self, boxes: Iterable[Box]) -> float:
+        """Find the time of the slowest of some boxes, each trimmed to its needed cells."""
+        return max(float(self.seconds[self.trimmed[index_box(box, self.shape)]]) for box in boxes)
 
 
 @jit
 def _fits_all(rooms: Floats, width_mm: float, depth_mm: float, height_mm: float) -> bool:
-    """Check whether extents fit each room of (rooms, boxes, 3): one of its boxes, turned about z or not."""
+    """Check whether a part fits each room in one of its boxes, rotated about z if necessary.
+
+    Parameters
+    ----------
+    rooms
+        (rooms, boxes, 3) float64 in mm, of `list_rooms`.
+    width_mm, depth_mm, height_mm
+        Extents of the part.
+    """
     for r in range(len(rooms)):
         fits = False
         for b in range(rooms.shape[1]):
@@ -71,14 +83,26 @@ def _fits_all(rooms: Floats, width_mm: float, depth_mm: float, height_mm: float)
 
 @jit
 def _clear_ends(ends: Floats) -> None:
-    """Set ends (12,) to those of no cell: inf for a least value, -inf for a greatest one."""
+    """Set ends to those of no cell: inf for least values, -inf for greatest ones.
+
+    Parameters
+    ----------
+    ends
+        (12,) float64 of `_find_cell_ends`, set in place.
+    """
     for k in range(3):
         ends[k], ends[k + 3], ends[k + 6], ends[k + 9] = np.inf, -np.inf, np.inf, -np.inf
 
 
 @jit
 def _widen_ends(ends: Floats, added_ends: Floats) -> None:
-    """Widen ends (12,) to include others (12,)."""
+    """Widen ends to include others.
+
+    Parameters
+    ----------
+    ends, added_ends
+        (12,) float64 of `_find_cell_ends`; the first is updated in place.
+    """
     for k in range(3):
         ends[k], ends[k + 3] = min(ends[k], added_ends[k]), max(ends[k + 3], added_ends[k + 3])
         ends[k + 6], ends[k + 9] = min(ends[k + 6], added_ends[k + 6]), max(ends[k + 9], added_ends[k + 9])
@@ -86,10 +110,20 @@ def _widen_ends(ends: Floats, added_ends: Floats) -> None:
 
 @jit
 def _find_cell_ends(needed: Bools, extents: Floats) -> Floats:
-    """Find the ends (nx, ny, nz, 12) of each cell: of its solid in mm, and of the needed cell, in cells.
+    """Find the ends of each cell: those of its solid, and those of the cell itself if it is needed.
 
-    Columns 0-2 and 6-8 are the least x, y and z, 3-5 and 9-11 the greatest; 1e9 and -1e9 for no cell.
-    extents: (nx, ny, nz, 6) of `Grid`.
+    Parameters
+    ----------
+    needed
+        (nx, ny, nz) bool of `Grid`.
+    extents
+        (nx, ny, nz, 6) float64 in mm of `Grid`.
+
+    Returns
+    -------
+    ndarray
+        (nx, ny, nz, 12) float64: least and greatest x, y and z of the solid in mm (columns 0-2 and 3-5), and
+        of the cell in cells (6-8 and 9-11); 1e9 and -1e9 for a cell that is not needed.
     """
     nx, ny, nz = needed.shape
     cell_bounds = np.zeros((nx, ny, nz, 6))
@@ -107,9 +141,16 @@ def _find_cell_ends(needed: Bools, extents: Floats) -> Floats:
 
 @jit
 def _fill_cut_areas(cuts: tuple[Floats, Floats, Floats], box: Box, areas: Floats) -> float:
-    """Fill in the cut areas (6,) in mm2 of a box's sides, -x +x -y +y -z +z, and return their sum.
+    """Fill in the cut areas of the sides of a box, and return their sum in mm2.
 
-    cuts: for each axis the summed-area table of `Grid.cuts` over the two other axes.
+    Parameters
+    ----------
+    cuts
+        Float64 summed-area tables in mm2 of `Grid.cuts`, for each axis over the two other axes.
+    box
+        Box in cells, half-open.
+    areas
+        (6,) float64 in mm2, filled in: sides -x, +x, -y, +y, -z, +z.
     """
     x0, y0, z0, x1, y1, z1 = box
     cut_x, cut_y, cut_z = cuts
@@ -122,11 +163,23 @@ def _fill_cut_areas(cuts: tuple[Floats, Floats, Floats], box: Box, areas: Floats
 
 
 @jit
-def _min_price(prices: Prices, rooms: Floats, sums: Floats, ends_mm: Floats, areas: Floats) -> float:
-    """Price a box in the best axis pose that fits all rooms, in seconds; +inf if none does.
+def _compute_min_price_s(
+    prices: Prices, rooms: Floats, sums: Floats, ends_mm: Floats, areas: Floats
+) -> float:
+    """Compute the price of a box in the best axis pose that fits all rooms; +inf if none does.
 
-    rooms: (rooms, boxes, 3) in mm. sums: (SUMS,) over its cells, see `grid.clipping`. ends_mm: (12,); 0-5 are
-    its extents. areas: (6,) of its cut sides in mm2.
+    Parameters
+    ----------
+    prices
+        Record of `CostModel.build_prices`.
+    rooms
+        (rooms, boxes, 3) float64 in mm, of `list_rooms`.
+    sums
+        (SUMS,) float64 sums over its cells, see `grid.clipping`.
+    ends_mm
+        (12,) float64, of which 0-5 are the extents of its solid in mm.
+    areas
+        (6,) float64 areas of its cut sides in mm2, of `_fill_cut_areas`.
     """
     cut = areas.sum()
     best = np.inf
@@ -139,7 +192,7 @@ def _min_price(prices: Prices, rooms: Floats, sums: Floats, ends_mm: Floats, are
         flat = areas[2 * up] + areas[2 * up + 1]
         lateral = sums[LATERAL + up] + (1.0 - prices["hidden_side_share"]) * (cut - flat)
         skin_mm2 = sums[SKIN + up]
-        for turned_over in range(2):  # in its orientation, and turned over
+        for turned_over in range(2):  # as it is, and turned upside down
             pose = 2 * up + turned_over
             skin = skin_mm2 + flat - prices["hidden_bed_share"] * areas[pose]
             if skin_mm2 < SEEN_MM2:  # neither a top nor an underside is visible
@@ -148,12 +201,12 @@ def _min_price(prices: Prices, rooms: Floats, sums: Floats, ends_mm: Floats, are
             if turned_over == 1:
                 column = sums[OVERHANG + pose] * ends_mm[up + 3] - sums[MOMENT + pose]
             features = (sums[VOLUME], lateral, max(0.0, skin), sums[SLOPE + up], column)
-            best = min(best, price(prices, features, (width, depth, height)))
+            best = min(best, compute_price_s(prices, features, (width, depth, height)))
     return best
 
 
 class Contents(NamedTuple):
-    """Contents of n cells, or of rows or layers of them.
+    """Contents of n cells, rows of cells, or layers of cells.
 
     Attributes
     ----------
@@ -168,7 +221,17 @@ class Contents(NamedTuple):
 
 
 class Pricing(NamedTuple):
-    """Rooms (rooms, boxes, 3) in mm, of `list_rooms`; cut areas, as for `_fill_cut_areas`; and prices."""
+    """Input of the prices of all boxes.
+
+    Attributes
+    ----------
+    rooms
+        (rooms, boxes, 3) float64 in mm, of `list_rooms`.
+    cuts
+        As in `_fill_cut_areas`.
+    prices
+        Record of `CostModel.build_prices`.
+    """
 
     rooms: Floats
     cuts: tuple[Floats, Floats, Floats]
@@ -176,7 +239,7 @@ class Pricing(NamedTuple):
 
 
 class PriceTables(NamedTuple):
-    """Tables to fill in: `seconds`, `trimmed` and `cut_mm2` of `BoxTables`."""
+    """Tables to fill in: `seconds`, `trimmed` and `cut_mm2` of `BoxTables`, (boxes,) each."""
 
     seconds: npt.NDArray[np.float32]
     trimmed: npt.NDArray[np.int32]
@@ -193,7 +256,7 @@ def _reset_contents(total: Contents) -> None:
 
 @jit
 def _add_contents(total: Contents, contents: Contents) -> None:
-    """Add contents to others, cell by cell."""
+    """Add contents to a total, cell by cell."""
     for i in range(len(total.ends)):
         for k in range(total.sums.shape[1]):
             total.sums[i, k] += contents.sums[i, k]
@@ -209,15 +272,15 @@ def _price_share(
     Parameters
     ----------
     needed, sums
-        As in `Grid`.
+        (nx, ny, nz) bool and (nx, ny, nz, SUMS) float64 of `Grid`.
     ends
-        Ends of the cells, from `_find_cell_ends`.
+        (nx, ny, nz, 12) float64 of `_find_cell_ends`.
     pricing
         Rooms, cut areas and prices.
     tables
-        Filled in.
+        Tables, filled in.
     share
-        Boxes that begin at each cell of this number, counted by `SHARES`, along x.
+        Number of the share: its boxes begin along x at this cell, and at every `SHARES`-th one after it.
     """
     nx, ny, nz = shape = needed.shape
     row = Contents(np.zeros((ny, nz, sums.shape[3])), np.zeros((ny, nz, 12)))
@@ -239,9 +302,20 @@ def _price_share(
 def _price_column(
     layer: Contents, base: tuple[int, int, int, int], shape: Shape, pricing: Pricing, tables: PriceTables
 ) -> None:
-    """Price all boxes over a base x0, y0, x1, y1 in cells, half-open.
+    """Price all boxes over a base.
 
-    layer: contents of the nz layers of cells over the base.
+    Parameters
+    ----------
+    layer
+        Contents of the nz layers of cells over the base.
+    base
+        x0, y0, x1, y1 in cells, half-open.
+    shape
+        Shape of the grid, in cells.
+    pricing
+        Rooms, cut areas and prices.
+    tables
+        Tables, filled in.
     """
     x0, y0, x1, y1 = base
     nz = shape[2]
@@ -261,11 +335,17 @@ def _price_column(
             tables.trimmed[box] = compute_index(trimmed_box, shape)
             if tables.trimmed[box] == box:
                 tables.cut_mm2[box] = _fill_cut_areas(pricing.cuts, sides, areas)
-                tables.seconds[box] = _min_price(pricing.prices, pricing.rooms, s, e, areas)
+                tables.seconds[box] = _compute_min_price_s(pricing.prices, pricing.rooms, s, e, areas)
 
 
 def list_rooms(printers: Sequence[PrinterRoom]) -> Floats:
-    """List the distinct rooms of printers (rooms, boxes, 3) in mm, padded with boxes that nothing fits."""
+    """List the distinct rooms of printers.
+
+    Returns
+    -------
+    ndarray
+        (rooms, boxes, 3) float64 in mm, padded with boxes that no part fits.
+    """
     distinct = sorted({p.boxes for p in printers})
     max_boxes = max(len(boxes) for boxes in distinct)
     return np.array([list(boxes) + [(-1.0, -1.0, -1.0)] * (max_boxes - len(boxes)) for boxes in distinct])
@@ -279,13 +359,13 @@ def price_boxes(
     Parameters
     ----------
     grid
-        Grid, built with the overhang and skin angles of the cost.
+        Grid that is built with the overhang and skin angles of the cost model.
     printers
         Printers; a box fits if it fits the room of each of them.
     cost
         Print time of a part.
     executor
-        Executor for half of the work; threads are enough. None to do it serially.
+        Threads for half of the work; None to do it serially.
     """
     prefix = []
     for axis, cut in enumerate(grid.cuts):
@@ -299,7 +379,7 @@ def price_boxes(
     tables = PriceTables(
         np.full(total, np.inf, np.float32), np.full(total, -1, np.int32), np.zeros(total, np.float32)
     )
-    pricing = Pricing(list_rooms(printers), cuts, cost.prices())
+    pricing = Pricing(list_rooms(printers), cuts, cost.build_prices())
     ends = _find_cell_ends(grid.needed, grid.extents)
     run_shares(executor, partial(_price_share, grid.needed, grid.sums, ends, pricing, tables))
     pieces = np.ones(total, np.int16)

@@ -14,8 +14,8 @@ VOLUME = 0
 LATERAL = 1  # 3 columns, one for each axis as up
 SKIN = 4  # 3 columns
 SLOPE = 7  # 3 columns: lateral area of the faces that have skin
-OVERHANG = 10  # 6 columns: projected area of faces that look down in a pose
-MOMENT = 16  # 6 columns: the same times coordinate along the axis
+OVERHANG = 10  # 6 columns: projected area of faces that overhang in a pose
+MOMENT = 16  # 6 columns: this area times its coordinate along the axis
 SUMS = 22
 
 MIN_FRAGMENT_MM2 = 1e-12
@@ -29,9 +29,9 @@ class CellContents(NamedTuple):
     Attributes
     ----------
     area
-        (nx, ny, nz) of the surface in mm2.
+        (nx, ny, nz) area of the surface in mm2.
     flux
-        (nx, ny, nz, 4) sums of A n in mm2, and of A nx (x - x0) in mm3, x0 being the cell's near side.
+        (nx, ny, nz, 4) sums of A n in mm2, and of A nx (x - x0) in mm3; x0 is the cell's near side.
     sums
         (nx, ny, nz, SUMS) of `Grid`, without the volume.
     extents
@@ -46,7 +46,15 @@ class CellContents(NamedTuple):
 
 @jit
 def _compute_unit_normal(triangle: Floats, normal: Floats) -> bool:
-    """Fill in the unit normal (3,) of a triangle (3, 3); False if it has no area."""
+    """Compute the unit normal of a triangle; return False if it has no area.
+
+    Parameters
+    ----------
+    triangle
+        (3, 3) float64 corners in mm.
+    normal
+        (3,) float64, filled in.
+    """
     e1 = triangle[1] - triangle[0]
     e2 = triangle[2] - triangle[0]
     normal[0] = e1[1] * e2[2] - e1[2] * e2[1]
@@ -61,7 +69,17 @@ def _compute_unit_normal(triangle: Floats, normal: Floats) -> bool:
 
 @jit
 def _find_slabs(planes: Floats, polygon: Floats, axis: int) -> tuple[int, int]:
-    """Find the first and last slab between planes (n + 1,) that a polygon (k, 3) crosses along an axis."""
+    """Find the first and the last slab that a polygon crosses along an axis.
+
+    Parameters
+    ----------
+    planes
+        (n + 1,) float64 ascending coordinates of the planes between slabs, in mm.
+    polygon
+        (k, 3) float64 corners in mm.
+    axis
+        Axis across the planes.
+    """
     lo, hi = np.inf, -np.inf
     for i in range(len(polygon)):
         lo = min(lo, polygon[i, axis])
@@ -72,10 +90,24 @@ def _find_slabs(planes: Floats, polygon: Floats, axis: int) -> tuple[int, int]:
 
 
 @jit
-def _clip(polygon: Floats, axis: int, at_mm: float, keeps_above: bool, clipped: Floats) -> int:
+def _clip_polygon(polygon: Floats, axis: int, at_mm: float, keeps_above: bool, clipped: Floats) -> int:
     """Clip a polygon (k, 3) by an axis plane (Sutherland and Hodgman 1974).
 
-    clipped: (12, 3) filled in with the corners of the side that is kept. Returns their number.
+    Parameters
+    ----------
+    polygon
+        (k, 3) float64 corners in mm.
+    axis, at_mm
+        Axis across the plane, and its coordinate.
+    keeps_above
+        Whether the side above the plane is kept.
+    clipped
+        (12, 3) float64, filled in with the corners of that side.
+
+    Returns
+    -------
+    int
+        Number of corners.
     """
     count = 0
     for i in range(len(polygon)):
@@ -93,9 +125,16 @@ def _clip(polygon: Floats, axis: int, at_mm: float, keeps_above: bool, clipped: 
 
 @jit
 def _measure_polygon(polygon: Floats, normal: Floats, centre: Floats) -> float:
-    """Compute the area in mm2 of a plane polygon (k, 3) with a unit normal (3,), by a fan of triangles.
+    """Measure the area of a plane polygon in mm2, by a fan of triangles.
 
-    centre: (3,) filled in with its centroid times its area.
+    Parameters
+    ----------
+    polygon
+        (k, 3) float64 corners in mm.
+    normal
+        (3,) float64 unit normal.
+    centre
+        (3,) float64, filled in with the centroid times the area, in mm3.
     """
     area_mm2 = 0.0
     centre[:] = 0.0
@@ -121,9 +160,22 @@ def _add_fragment(
     near_side_mm: float,
     cosines: tuple[float, float],
 ) -> None:
-    """Add a fragment, a polygon (k, 3) with a unit normal (3,), to the sums of its cell (3,).
+    """Add a fragment of a triangle to the sums of its cell.
 
-    near_side_mm: x of the near side of the cell. cosines: of skin and of overhangs, see `clip_into_cells`.
+    Parameters
+    ----------
+    contents
+        Sums of all cells, updated in place.
+    cell
+        (3,) int64 index of the cell.
+    polygon
+        (k, 3) float64 corners of the fragment in mm.
+    normal
+        (3,) float64 unit normal.
+    near_side_mm
+        x of the near side of the cell.
+    cosines
+        `skin_cos` and `overhang_cos`, as in `clip_into_cells`.
     """
     area, flux, sums, extents = contents.area, contents.flux, contents.sums, contents.extents
     skin_cos, overhang_cos = cosines
@@ -162,9 +214,9 @@ def clip_into_cells(triangles: Floats, planes: Planes, skin_cos: float, overhang
     triangles
         (m, 3, 3) float64 in mm, outward by the right-hand rule, inside the outermost planes.
     planes
-        For each axis the ascending coordinates (n + 1,) of the planes, float64 in mm.
+        (n + 1,) float64 ascending coordinates of the planes across each axis, in mm.
     skin_cos, overhang_cos
-        Faces whose normal has a larger component along an axis get skin, or count as overhangs.
+        Component of a normal along an axis above which a face has skin, or counts as an overhang.
     """
     shape = (len(planes[0]) - 1, len(planes[1]) - 1, len(planes[2]) - 1)
     extents = np.full((*shape, 6), np.inf)
@@ -181,7 +233,7 @@ def clip_into_cells(triangles: Floats, planes: Planes, skin_cos: float, overhang
         count[0] = 3
         axis = 0
         is_entering = True
-        while axis >= 0:  # for each slab of x, the slabs of y, and for each of these the slabs of z
+        while axis >= 0:  # for each slab along x, those along y, and for each of these those along z
             polygon = polygons[axis, : count[axis]]
             if is_entering:
                 cell[axis], last[axis] = _find_slabs(planes[axis], polygon, axis)
@@ -191,8 +243,8 @@ def clip_into_cells(triangles: Floats, planes: Planes, skin_cos: float, overhang
                 if axis >= 0:
                     cell[axis] += 1
                 continue
-            corner_count = _clip(polygon, axis, planes[axis][cell[axis]], True, half_polygon)
-            corner_count = _clip(
+            corner_count = _clip_polygon(polygon, axis, planes[axis][cell[axis]], True, half_polygon)
+            corner_count = _clip_polygon(
                 half_polygon[:corner_count], axis, planes[axis][cell[axis] + 1], False, polygons[axis + 1]
             )
             count[axis + 1] = corner_count

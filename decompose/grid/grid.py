@@ -1,8 +1,8 @@
-"""Grid over a model: classes of its cells, and the sums in each cell that print time depends on.
+"""Grid over a model: classes of its cells, and the sums in each cell on which print time depends.
 
-Each triangle is clipped to the cells that it crosses, once. All else follows exactly from the divergence
-theorem: the flux of a constant field through a cell's piece of surface gives the cut area of its far side
-from that of its near side, and the first moment of that flux gives the volume. No boolean operations are
+Each triangle is clipped once to the cells that it crosses. Everything else follows exactly from the
+divergence theorem: the flux of a constant field through the surface in a cell gives the cut area of its far
+side from that of its near side, and the first moment of that flux gives the volume. No boolean operations are
 needed.
 """
 
@@ -23,14 +23,14 @@ from decompose.grid.piece_counts import NO_BODIES, CellBodies, find_bodies
 GRANULARITY = {
     "ucoarse": 2, "xcoarse": 3, "vcoarse": 8, "coarse": 9, "regular": 10, "fine": 12, "vfine": 15,
 }  # fmt: skip
-MAX_BOXES = 10_000_000  # maximum number of boxes of a grid: all are held in memory
+MAX_BOXES = 10_000_000  # maximum number of boxes of a grid, which are all kept in memory
 MAX_CUTS = 300_000_000  # maximum number of cuts of all boxes: a solve of the search computes a sum for each
 FLAT_BOXES_RATIO = 1.5  # maximum ratio of the boxes of a flat model to those of a cube with as many cells
 MIN_CELL_MM = 4.0
-CELL_DIVISION, MAX_FINE_CELLS = 3, 500_000  # division of cells that separates their bodies
+CELL_DIVISION, MAX_FINE_CELLS = 3, 500_000  # division of cells along each axis, to separate their bodies
 CLEAR_MM = 2.0
-"""Distance that a grid plane keeps from flat faces if possible, so that no slivers are left and no face is
-taken for a cut."""
+"""Distance of grid planes from flat faces, if possible, so that cuts leave no slivers and no face counts as a
+cut."""
 
 
 class Cell(IntEnum):
@@ -48,7 +48,7 @@ class GridRules:
     Attributes
     ----------
     min_wall_mm
-        Internal cells nearer than this to the surface are needed.
+        Distance from the surface within which internal cells are needed.
     keep_interior
         Whether every internal cell is needed.
     overhang_cos
@@ -65,28 +65,30 @@ class GridRules:
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """A rectilinear grid and its contents. Shapes in cells: (nx, ny, nz).
+    """A rectilinear grid and its contents.
 
     Attributes
     ----------
     planes
-        For each axis the n+1 coordinates of its planes in mm, ascending.
+        (n + 1,) ascending coordinates of the planes across each axis, in mm.
     cells
-        `Cell` classes.
+        (nx, ny, nz) int8 `Cell` classes.
     needed
-        Cells that must be printed: those that contain surface, and those of the wall behind it.
+        (nx, ny, nz) bool, true for cells that must be printed: those that contain surface, and those of the
+        wall behind it.
     sums
-        (nx, ny, nz, SUMS), see the column constants.
+        (nx, ny, nz, SUMS) float64, see the column constants of `clipping`.
     area
-        (nx, ny, nz) of the model's surface in a cell, in mm2.
+        (nx, ny, nz) float64 area of the model's surface in a cell, in mm2.
     extents
-        (nx, ny, nz, 6): least x, y, z and greatest x, y, z of the solid in a cell; +inf, -inf if empty.
+        (nx, ny, nz, 6) float64 least x, y, z and greatest x, y, z of the solid in a cell, in mm; +inf and
+        -inf if it is empty.
     surface
-        The same for the model's surface alone.
+        (nx, ny, nz, 6) the same for the model's surface alone.
     cuts
-        For each axis the area in mm2 of solid on each plane, by cell: (n+1 along that axis).
+        Float64 area of solid in mm2 on the planes across each axis, by cell: n + 1 planes along that axis.
     bodies
-        Bodies of the solid in each cell; found by `build_grid` alone.
+        Bodies of the solid in each cell; only `build_grid` finds them.
     """
 
     planes: tuple[Floats, Floats, Floats]
@@ -101,25 +103,31 @@ class Grid:
 
     @property
     def shape(self) -> tuple[int, int, int]:
+        """Number of cells along each axis."""
         nx, ny, nz = self.cells.shape
         return nx, ny, nz
 
-    def bounds_mm(self, box: tuple[int, ...]) -> tuple[Floats, Floats]:
-        """Return the corners in mm of a box of cells ``(x0, y0, z0, x1, y1, z1)``, half-open."""
+    def find_bounds_mm(self, box: tuple[int, ...]) -> tuple[Floats, Floats]:
+        """Find the corners (3,) in mm of a box of cells ``(x0, y0, z0, x1, y1, z1)``, half-open."""
         lo = np.array([self.planes[a][box[a]] for a in range(3)])
         hi = np.array([self.planes[a][box[a + 3]] for a in range(3)])
         return lo, hi
 
 
 def find_flat_coordinates(triangles: Floats, axis: int) -> npt.NDArray[Any]:
-    """Find the coordinates (k,) at which the mesh has faces perpendicular to an axis, sorted.
+    """Find the coordinates at which a mesh has faces perpendicular to an axis.
 
     Parameters
     ----------
     triangles
         (m, 3, 3) in mm.
     axis
-        0 to 2.
+        Axis from 0 to 2.
+
+    Returns
+    -------
+    ndarray
+        (k,) ascending coordinates in mm.
     """
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     length = np.linalg.norm(cross, axis=1)
@@ -128,10 +136,24 @@ def find_flat_coordinates(triangles: Floats, axis: int) -> npt.NDArray[Any]:
 
 
 def place_planes(lo_mm: float, hi_mm: float, count: int, flats: npt.NDArray[Any]) -> Floats:
-    """Place count+1 planes: the first and last outside the model, the others clear of flat faces.
+    """Place planes: the first and the last one outside the model, the others clear of flat faces.
 
-    A plane that would lie within CLEAR_MM of a flat face is placed at the nearest clear place; if there is
-    none within 0.4 of a cell, it is placed furthest from all flat faces.
+    A plane that would be within `CLEAR_MM` of a flat face is moved to the nearest clear place; if there is
+    none within 0.4 of a cell, to the place furthest from all flat faces.
+
+    Parameters
+    ----------
+    lo_mm, hi_mm
+        Ends of the model along the axis.
+    count
+        Number of cells, one less than planes.
+    flats
+        (k,) coordinates of flat faces in mm.
+
+    Returns
+    -------
+    ndarray
+        (count + 1,) ascending coordinates in mm.
     """
     pad = 0.01 * (hi_mm - lo_mm) / count + 1e-3
     step = (hi_mm - lo_mm) / count
@@ -150,24 +172,24 @@ def place_planes(lo_mm: float, hi_mm: float, count: int, flats: npt.NDArray[Any]
 
 
 def count_cuts(shape: tuple[int, int, int]) -> int:
-    """Count the cuts of all boxes of a grid; each takes one sum."""
+    """Count the cuts of all boxes of a grid with a shape in cells; the search computes a sum for each."""
     spans = [n * (n + 1) // 2 for n in shape]
     cuts = [n * (n * n - 1) // 6 for n in shape]
     return sum(math.prod([*spans[:axis], cuts[axis], *spans[axis + 1 :]]) for axis in range(3))
 
 
 def count_cells(size_mm: Floats, granularity: int) -> tuple[int, int, int]:
-    """Count the nearly cubic cells along each axis: about granularity**3 in all, fewer if they get too small.
+    """Count the nearly cubic cells along each axis: about granularity**3 in total, unless they get too small.
 
-    The number is also limited if a flat model would have many times as many boxes of cells as a cube, or
-    a long one many times as many cuts.
+    The number is also limited if a flat model would have many times as many boxes of cells as a cube, or a
+    long model many times as many cuts.
 
     Parameters
     ----------
     size_mm
-        (3,) size of the model in mm.
+        (3,) size of the model.
     granularity
-        Cube root of the number of cells wanted.
+        Cube root of the wanted number of cells.
     """
     edge = max(MIN_CELL_MM, float(np.prod(size_mm) ** (1.0 / 3.0)) / granularity)
     most_boxes = min(MAX_BOXES, FLAT_BOXES_RATIO * (granularity * (granularity + 1) // 2) ** 3)
@@ -185,14 +207,14 @@ def build_grid(
     rules: GridRules,
     plane_at: tuple[int, float] | None = None,
 ) -> Grid:
-    """Lay a grid over a closed mesh.
+    """Build a grid over a closed mesh.
 
     Parameters
     ----------
     triangles
         (m, 3, 3) in mm, outward by the right-hand rule, closed.
     granularity
-        Cube root of the number of cells wanted.
+        Cube root of the wanted number of cells.
     rules
         Rules for cells and faces.
     plane_at
@@ -216,16 +238,14 @@ def build_grid(
 
 
 def fill_grid(triangles: Floats, planes: tuple[Floats, Floats, Floats], rules: GridRules) -> Grid:
-    """Fill a grid of given planes over a closed mesh, which lies between the outermost; see `build_grid`.
-
-    The bodies in its cells are not found.
+    """Fill a grid with given planes over a closed mesh; the bodies in its cells are not found.
 
     Parameters
     ----------
-    planes
-        For each axis the ascending coordinates (n + 1,) of the planes in mm.
     triangles, rules
-        As in `build_grid`.
+        As in `build_grid`; the mesh lies between the outermost planes.
+    planes
+        (n + 1,) ascending coordinates of the planes across each axis, in mm.
     """
     area, flux, sums, extents = clip_into_cells(triangles, planes, rules.skin_cos, rules.overhang_cos)
     surface = extents.copy()  # the solid's extents follow from it
@@ -260,14 +280,27 @@ def fill_grid(triangles: Floats, planes: tuple[Floats, Floats, Floats], rules: G
 
 
 def _find_bodies(extents: Floats, cuts: tuple[Floats, Floats, Floats], divisions: int) -> CellBodies:
-    """Find the bodies of cells by a grid that divides them; `extents` and `cuts` are of that finer grid."""
+    """Find the bodies of cells by `extents` and `cuts` of a finer grid, which divides the cells."""
     nx, ny, nz = extents.shape[:3]
     open_x, open_y, open_z = (cut[:nx, :ny, :nz] > 0.0 for cut in cuts)
     return find_bodies(np.isfinite(extents[..., 0]), (open_x, open_y, open_z), divisions)
 
 
 def divide_planes(planes: Floats, divisions: int) -> Floats:
-    """Divide each interval of planes (n + 1,) into equal ones."""
+    """Divide each interval between planes into equal ones.
+
+    Parameters
+    ----------
+    planes
+        (n + 1,) ascending coordinates in mm.
+    divisions
+        Number of new intervals in each interval.
+
+    Returns
+    -------
+    ndarray
+        (n divisions + 1,) ascending coordinates in mm.
+    """
     shares = np.arange(divisions) / divisions
     return np.append((planes[:-1, None] + np.diff(planes)[:, None] * shares).ravel(), planes[-1])
 
@@ -275,10 +308,10 @@ def divide_planes(planes: Floats, divisions: int) -> Floats:
 def _find_wall(
     cells: npt.NDArray[np.int8], surface: Floats, planes: tuple[Floats, ...], min_wall_mm: float
 ) -> Bools:
-    """Find the internal cells that may be nearer to the surface than min_wall_mm.
+    """Find the internal cells (nx, ny, nz) that may be nearer to the surface than the minimum wall.
 
-    The distance is that between the cell and the box around the surface in each boundary cell, never more
-    than the true one.
+    The distance is measured between the cell and the box around the surface in each boundary cell; it is
+    never more than the true distance.
     """
     boundary = np.argwhere(cells == Cell.BOUNDARY)
     wall = np.zeros(cells.shape, dtype=np.bool_)

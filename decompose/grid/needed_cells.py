@@ -1,7 +1,7 @@
-"""Needed cells of a grid, on finer cells than those that the model is cut along.
+"""Needed cells of a grid, on finer cells than those along which the model is cut.
 
-On the grid a whole cell counts as needed, even if only little of it is. This matters when planes leave the
-grid: a part next to the hollow may shrink until it contains only the surface and the wall behind it.
+On the grid a whole cell counts as needed, even if only a little of it is. This matters when planes are moved
+off the grid: a part next to the hollow may shrink until it contains only the surface and the wall behind it.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def refine_cells(
     triangles
         (m, 3, 3) in mm.
     min_wall_mm
-        Cells nearer than this to the surface are needed.
+        Distance from the surface within which cells are needed.
     keep_interior
         Whether every internal cell is needed.
     max_cells
@@ -50,7 +50,7 @@ def refine_cells(
 
 
 def _is_near(extents: Floats, planes: tuple[Floats, Floats, Floats], distance_mm: float) -> Bools:
-    """Find the cells (nx, ny, nz) nearer to any of the boxes (b, 6) than a distance, along the axes."""
+    """Find the cells (nx, ny, nz) within a distance of any of the boxes (b, 6), along the axes."""
     ends = np.zeros([len(p) for p in planes], dtype=np.int64)
     first = [np.searchsorted(p, extents[:, a] - distance_mm, side="right") - 1 for a, p in enumerate(planes)]
     last = [np.searchsorted(p, extents[:, a + 3] + distance_mm, side="left") for a, p in enumerate(planes)]
@@ -75,16 +75,16 @@ class NeededCells:
     Attributes
     ----------
     planes
-        For each axis the coordinates of the grid's planes in mm.
+        (n + 1,) ascending coordinates of the planes across each axis, in mm.
     needed
-        (nx, ny, nz) cells to be covered.
+        (nx, ny, nz) bool, true for cells to be covered.
     """
 
     planes: tuple[Floats, Floats, Floats]
     needed: Bools
 
     def is_partition(self, boxes_mm: Floats) -> bool:
-        """Check whether boxes (n, 2, 3) do not overlap and cover all needed cells."""
+        """Check whether boxes (n, 2, 3) in mm do not overlap, and cover all needed cells."""
         lo, hi = boxes_mm[:, 0], boxes_mm[:, 1]
         overlap = np.minimum(hi[:, None], hi[None]) - np.maximum(lo[:, None], lo[None])
         if (np.triu((overlap > SAME_MM).all(axis=2), k=1)).any() or (hi - lo <= SAME_MM).any():
@@ -97,14 +97,19 @@ class NeededCells:
             / np.diff(planes)
             for axis, planes in enumerate(self.planes)
         )
-        return bool(_covers(x_shares, y_shares, z_shares, self.needed))
+        return bool(_covers_all(x_shares, y_shares, z_shares, self.needed))
 
 
 @jit
-def _covers(x_shares: Floats, y_shares: Floats, z_shares: Floats, needed: Bools) -> bool:
-    """Check whether boxes cover all needed cells (nx, ny, nz), but for rounding.
+def _covers_all(x_shares: Floats, y_shares: Floats, z_shares: Floats, needed: Bools) -> bool:
+    """Check whether boxes cover all needed cells, except for rounding.
 
-    x_shares, y_shares, z_shares: (n, nx), (n, ny) and (n, nz) share of each cell's length in each box.
+    Parameters
+    ----------
+    x_shares, y_shares, z_shares
+        (n, nx), (n, ny) and (n, nz) float64 share of each cell's length in each box, along the axes.
+    needed
+        (nx, ny, nz) bool, true for cells to be covered.
     """
     covered = np.zeros(needed.shape)
     for box in range(len(x_shares)):

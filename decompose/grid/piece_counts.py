@@ -1,7 +1,7 @@
 """Number of connected pieces of the solid in every box of a grid, by the bodies of the solid in each cell.
 
 The bodies of a cell are separated on finer cells, each of which counts as connected. So a count is never
-higher than that of the true solid, and mostly equal to it.
+higher than that of the true solid, and is usually equal to it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from decompose.arrays import Bools, Ints
 from decompose.geometry.shells import label_components
-from decompose.grid.box_index import interval
+from decompose.grid.box_index import index_interval
 from decompose.grid.threads import SHARES, run_shares
 from decompose.jit import jit
 
@@ -28,11 +28,13 @@ class CellBodies(NamedTuple):
     Attributes
     ----------
     first
-        (cells + 1,) number of the first body of each cell; those of a cell follow each other.
+        (cells + 1,) int64 number of the first body of each cell; the bodies of a cell have consecutive
+        numbers.
     first_link
-        (3, cells + 1) for each axis, index of the first contact across the near side of each cell.
+        (3, cells + 1) int64 index of the first contact across the near side of each cell, for each axis.
     links
-        (3, m, 2) bodies of each contact: that of the cell, and that of the cell before it along the axis.
+        (3, m, 2) int64 bodies of each contact: that of the cell, and that of the cell before it along the
+        axis.
     """
 
     first: Ints
@@ -44,16 +46,16 @@ NO_BODIES = CellBodies(np.zeros(0, np.int64), np.zeros((3, 0), np.int64), np.zer
 
 
 def find_bodies(is_full: Bools, is_open: tuple[Bools, Bools, Bools], times: int) -> CellBodies:
-    """Find the bodies of cells by finer cells, `times` of them along each side of a cell.
+    """Find the bodies of cells by finer cells.
 
     Parameters
     ----------
     is_full
-        (times nx, times ny, times nz) whether a fine cell has solid.
+        (times nx, times ny, times nz) bool, true for a fine cell with solid.
     is_open
-        For each axis, of the same shape, whether solid crosses the near side of a fine cell.
+        Arrays of this shape for each axis, true if solid crosses the near side of a fine cell.
     times
-        Divisions of a cell along each axis; with 1, each cell with solid is one body.
+        Number of fine cells along each side of a cell; with 1, each cell with solid is one body.
     """
     nx, ny, nz = (n // times for n in is_full.shape)
     fine = np.arange(is_full.size).reshape(is_full.shape)
@@ -83,7 +85,7 @@ def find_bodies(is_full: Bools, is_open: tuple[Bools, Bools, Bools], times: int)
             (cell[body_pairs[:, 0]] != cell[body_pairs[:, 1]])
             & (body_of_fine_cell[body_pairs] >= 0).all(axis=1)
         ]
-        # Sorted by the first body, and thus by its cell.
+        # The links are sorted by their first body, and thus by its cell.
         body_links = np.unique(body_of_fine_cell[outer_pairs], axis=0)
         links.append(body_links)
         first_link.append(np.searchsorted(cell[full_cells][first_fine][body_links[:, 0]], cells))
@@ -96,7 +98,15 @@ def find_bodies(is_full: Bools, is_open: tuple[Bools, Bools, Bools], times: int)
 
 @jit
 def _join_groups(parent: npt.NDArray[np.int32], a: int, b: int) -> int:
-    """Join the groups of two bodies in a forest of parents (bodies,); return 1 if they differed, else 0."""
+    """Join the groups of two bodies; return 1 if they were different groups, else 0.
+
+    Parameters
+    ----------
+    parent
+        (bodies,) int32 parents of the bodies in a forest, updated in place.
+    a, b
+        Numbers of the bodies.
+    """
     while parent[a] != a:
         parent[a] = parent[parent[a]]
         a = parent[a]
@@ -113,14 +123,14 @@ def _join_groups(parent: npt.NDArray[np.int32], a: int, b: int) -> int:
 
 
 class _Order(NamedTuple):
-    """Order of the axes in which boxes are visited: boxes extend each other along the last one.
+    """Order of the axes in which boxes are visited: each box extends the previous one along the last axis.
 
     Attributes
     ----------
     axes
         Axes from the outermost loop to the innermost.
     sizes
-        Cells of the grid along each of them.
+        Cells of the grid along each of these axes.
     cell_strides, box_strides
         Steps between cells in an array (nx, ny, nz), and between intervals in the tables of boxes.
     """
@@ -138,18 +148,20 @@ def _find_last_top(
     trimmed: npt.NDArray[np.int32],
     seconds: npt.NDArray[np.float32],
 ) -> int:
-    """Find the top of the highest box over a base that may be printed; its bottom for none.
+    """Find the top of the highest box over a base that may be printed; return its bottom if there is none.
 
     Parameters
     ----------
     base
-        Index of a box without the share of its last axis, and its bottom along that axis.
-    order, trimmed, seconds
-        As in `_count_share`.
+        Index of a box without the part of its last axis, and its bottom along that axis.
+    order
+        Order of the axes.
+    trimmed, seconds
+        (boxes,) int32 and (boxes,) float32 of `BoxTables`.
     """
     row, bottom = base
     for top in range(order.sizes[2], bottom, -1):
-        box = row + interval(bottom, top, order.sizes[2]) * order.box_strides[2]
+        box = row + index_interval(bottom, top, order.sizes[2]) * order.box_strides[2]
         if trimmed[box] == box and seconds[box] < np.inf:
             return top
     return bottom
@@ -169,11 +181,15 @@ def _add_layer(
     Parameters
     ----------
     ends
-        First and last cell, half-open, along the first axis and the second.
+        First and last cell of the box, half-open, along the first and the second axis.
     bottom, layer
-        First layer of the box along the last axis, and the one that is added.
+        First layer of the box along the last axis, and the layer that is added.
+    order
+        Order of the axes.
+    bodies
+        Bodies of all cells.
     parent
-        (bodies,) forest of all bodies, changed.
+        (bodies,) int32 forest of all bodies, updated in place.
     """
     a0, a1, b0, b1 = ends
     first, first_link, links = bodies
@@ -206,9 +222,21 @@ def _count_share(
     pieces: npt.NDArray[np.int16],
     share: int,
 ) -> None:
-    """Count the pieces of a share of the boxes that may be printed; see `count_pieces`.
+    """Count the pieces of a share of the boxes that may be printed.
 
-    share: boxes that begin at each cell of this number, counted by `SHARES`, along the outermost axis.
+    Parameters
+    ----------
+    order
+        Order of the axes.
+    bodies
+        Bodies of all cells.
+    trimmed, seconds
+        (boxes,) int32 and (boxes,) float32 of `BoxTables`.
+    pieces
+        (boxes,) int16, filled in.
+    share
+        Number of the share: its boxes begin along the outermost axis at this cell, and at every `SHARES`-th
+        one after it.
     """
     na, nb, nc = order.sizes
     parent = np.zeros(bodies.first[-1], np.int32)
@@ -216,13 +244,13 @@ def _count_share(
         for a1 in range(a0 + 1, na + 1):
             for b0 in range(nb):
                 for b1 in range(b0 + 1, nb + 1):
-                    row = interval(a0, a1, na) * order.box_strides[0]
-                    row += interval(b0, b1, nb) * order.box_strides[1]
+                    row = index_interval(a0, a1, na) * order.box_strides[0]
+                    row += index_interval(b0, b1, nb) * order.box_strides[1]
                     for bottom in range(nc):
                         k = 0
                         for layer in range(bottom, _find_last_top((row, bottom), order, trimmed, seconds)):
                             k += _add_layer((a0, a1, b0, b1), bottom, layer, order, bodies, parent)
-                            box = row + interval(bottom, layer + 1, nc) * order.box_strides[2]
+                            box = row + index_interval(bottom, layer + 1, nc) * order.box_strides[2]
                             if trimmed[box] == box and seconds[box] < np.inf:
                                 pieces[box] = max(1, k)
 
@@ -237,20 +265,21 @@ def count_pieces(
 ) -> None:
     """Count the pieces of every box that may be printed.
 
-    Union-find by layers: each box extends the one below it by one layer of cells, across the longest axis.
+    The method is union-find by layers: each box extends the one below it by one layer of cells across the
+    longest axis.
 
     Parameters
     ----------
     shape
         Cells of the grid along each axis.
     bodies
-        Bodies of its cells.
+        Bodies of all cells.
     trimmed, seconds
-        Tables of `BoxTables`.
+        (boxes,) int32 and (boxes,) float32 of `BoxTables`.
     pieces
-        (boxes,) filled in.
+        (boxes,) int16, filled in.
     executor
-        Executor for half of the work; threads are enough. None to do it serially.
+        Threads for half of the work; None to do it serially.
     """
     _, ny, nz = shape
     ty, tz = ny * (ny + 1) // 2, nz * (nz + 1) // 2

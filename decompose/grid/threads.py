@@ -1,4 +1,4 @@
-"""Work divided between this thread and one of an executor."""
+"""Work that is divided between this thread and one of an executor."""
 
 from __future__ import annotations
 
@@ -9,7 +9,15 @@ SHARES = 2  # number of shares that work is divided into
 
 
 def run_shares(executor: Executor | None, work: Callable[[int], None]) -> None:
-    """Call work for each share, the second one in an executor, or here if the executor has not started it."""
+    """Call a function for each share: the second one in an executor, or here if that has not started it.
+
+    Parameters
+    ----------
+    executor
+        Threads; None to run all shares here.
+    work
+        Function of the number of a share.
+    """
     if executor is None:
         for share in range(SHARES):
             work(share)

@@ -15,21 +15,21 @@ from decompose.printers import PrinterRoom
 
 
 def assign_printers(poses: Sequence[Pose], printers: Sequence[PrinterRoom]) -> list[PrinterRoom] | None:
-    """Assign a printer to each part so that the last part ends as soon as possible; None if some do not fit.
+    """Assign a printer to each part so that the last part ends as soon as possible.
 
-    A part fits by its pose; the price of a pose does not include the speed of a printer.
+    A part fits by its pose. The price of a pose does not include the speed of a printer.
 
     Parameters
     ----------
     poses
         Poses of the parts.
     printers
-        Free printers, at most one part each.
+        Free printers, each for one part at most.
 
     Returns
     -------
     list or None
-        A printer for each pose.
+        A printer for each pose; None if not all parts fit.
     """
     seconds = [
         [pose.price_s * p.time_factor if p.fits(*pose.size_mm) else np.inf for p in printers]
@@ -40,18 +40,19 @@ def assign_printers(poses: Sequence[Pose], printers: Sequence[PrinterRoom]) -> l
 
 
 def assign_bottleneck(seconds: Floats) -> list[int] | None:
-    """Assign parts to printers with the lowest maximum time, and among these with the lowest sum.
+    """Assign parts to printers with the lowest maximum time and, for this maximum, with the lowest sum.
+
+    Bisection finds the lowest maximum time for which a matching exists.
 
     Parameters
     ----------
     seconds
-        (parts, printers) time of each part on each printer; +inf if it does not fit.
+        (parts, printers) float64 time of each part on each printer; +inf if it does not fit.
 
     Returns
     -------
     list or None
-        The column of each row, each at most once (the first one of equal columns); None if there is no such
-        assignment. Bisection finds the lowest maximum time with which a matching exists.
+        Column of each row, each at most once, the first one of equal columns; None if there is no assignment.
     """
     times = np.unique(seconds[np.isfinite(seconds)])
     if not len(times) or not _has_matching(seconds <= times[-1]):
@@ -73,5 +74,5 @@ def assign_bottleneck(seconds: Floats) -> list[int] | None:
 
 
 def _has_matching(is_allowed: Bools) -> bool:
-    """Check whether every row has its own column among those that it is allowed."""
+    """Check whether each row (n, m) can have a column of its own among its allowed ones."""
     return bool((maximum_bipartite_matching(csr_array(is_allowed), perm_type="column") >= 0).all())

@@ -18,36 +18,38 @@ from decompose.geometry import Solid, choose_plane_axes, label_components
 from decompose.options import MIN_GLUE_MM2
 from decompose.pieces.piece import ON_PLANE_MM, find_cut_faces
 
-# Minimum thickness of a piece beside a cut: a thinner one gets lost, bent or glued at an angle.
+# Minimum thickness of a piece next to a cut: a thinner one gets lost or bent, or is glued at an angle.
 SLIVER_MM = 8.0
 TWO_WALLS_MM = 0.8  # two walls of a 0.4 mm nozzle: a thinner piece has no interior
-FLAKE_SHARE = 0.25  # minimum share of a flake's surface that is cut
-SAME_AREA_SHARE = 1e-9  # maximum difference of the areas of triangles and of their union
-SAME_DIGITS = 6  # decimals to which the normals and distances of two pieces' common plane agree
+FLAKE_SHARE = 0.25  # minimum cut share of a flake's surface
+SAME_AREA_SHARE = 1e-9  # maximum difference between the area of triangles and that of their union, as a share
+SAME_DIGITS = 6  # decimal places to which the normals and the offsets of two pieces' common plane agree
 
 
 class CutSolid(Protocol):
-    """A `Piece` or a `results.Part`: a solid and the planes (k, 4) that it was cut at, in one frame."""
+    """A `Piece` or a `results.Part`: a solid, and the planes (k, 4) at which it was cut, in one frame."""
 
     @property
-    def solid(self) -> Solid: ...
+    def solid(self) -> Solid:
+        """Solid in the frame of the planes, in mm."""
 
     @property
-    def planes(self) -> Floats: ...
+    def planes(self) -> Floats:
+        """Planes (k, 4) at which it was cut."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointFace:
-    """Flat face that two pieces share.
+    """A flat face that two pieces share.
 
     Attributes
     ----------
-    normal
-        (3,) unit normal n of its plane n.x = `offset_mm`.
+    normal, offset_mm
+        (3,) unit normal n of the plane, and its offset: ``n @ x == offset_mm``.
     axes
         (2, 3) unit vectors u and w in the plane: a point of the outline is ``(u, w) @ axes + offset_mm * n``.
     outline
-        Polygons in u and w, mm.
+        Polygons with coordinates along u and w in mm.
     """
 
     normal: Floats
@@ -57,6 +59,7 @@ class JointFace:
 
     @property
     def area_mm2(self) -> float:
+        """Area of the face."""
         return float(self.outline.area)
 
     def move(self, transform: Floats) -> JointFace:
@@ -69,16 +72,18 @@ class JointFace:
 
 @dataclass(frozen=True, slots=True)
 class Joint:
-    """Contact of two pieces, by their numbers, a < b.
+    """A contact of two pieces.
 
     Attributes
     ----------
+    a, b
+        Numbers of the pieces, a < b.
     area_mm2
         Area of the faces that they share, which is glued.
     width_mm
-        Diameter of the largest circle that fits in one of these faces: the short side of a long thin joint.
+        Diameter of the largest circle that fits into one of these faces: the short side of a long thin joint.
     faces
-        These faces, in the frame of the pieces.
+        Faces that they share, in the frame of the pieces.
     """
 
     a: int
@@ -94,12 +99,12 @@ class Joint:
     def holds(self, min_glue_mm2: float) -> bool:
         """Check whether the joint has the minimum area and is two walls wide; for 0 mm2 any joint holds.
 
-        The parts would fold about a narrower joint, however long it is.
+        Parts could fold at a narrower joint, however long it is.
         """
         return self.area_mm2 >= min_glue_mm2 and (min_glue_mm2 <= 0.0 or self.width_mm >= TWO_WALLS_MM)
 
     def describe_weakness(self, min_glue_mm2: float) -> str:
-        """Return the reason why the joint does not count, as the end of a sentence."""
+        """Describe why the joint does not hold, as the end of a sentence."""
         if self.area_mm2 < min_glue_mm2:
             return f"is held by {self.area_mm2:.1f} mm2 of glue, less than {min_glue_mm2:g} mm2"
         return f"is held by a joint {self.width_mm:.1f} mm wide, less than {TWO_WALLS_MM:g} mm"
@@ -107,19 +112,19 @@ class Joint:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """Piece that cannot be glued well, and the reason as the end of a sentence."""
+    """Number of a piece that cannot be glued well, and the reason as the end of a sentence."""
 
     piece: int
     reason: str
 
 
 def find_joints(pieces: Sequence[CutSolid]) -> list[Joint]:
-    """Find all joints, by the numbers of the pieces.
+    """Find all joints, in the order of the numbers of their pieces.
 
     Parameters
     ----------
     pieces
-        In one frame, cut at planes.
+        Pieces in one frame, cut at planes.
     """
     sides: dict[tuple[float, ...], list[tuple[int, _Side]]] = defaultdict(list)
     for number, piece in enumerate(pieces):
@@ -154,14 +159,14 @@ def find_faults(
 ) -> list[Fault]:
     """Find the pieces that cannot be glued well, at most one for each reason.
 
-    Slivers are less than SLIVER_MM thick beside a cut, or are flakes thinner than two walls. Loose pieces
-    have joints that do not hold (`Joint.holds`), and their other joints do not connect them to their body. A
-    piece that touches no other is a separate body.
+    Slivers are thinner than `SLIVER_MM` next to a cut, or are flakes thinner than two walls. Loose pieces
+    have joints that do not hold (`Joint.holds`), and no others that connect them to their body. A piece that
+    touches no other piece is a separate body.
 
     Parameters
     ----------
     pieces
-        In one frame, cut at planes.
+        Pieces in one frame, cut at planes.
     min_glue_mm2
         Minimum area of a joint that counts as holding.
     joints
@@ -175,7 +180,7 @@ def find_faults(
 def _find_loose_pieces(
     volumes_mm3: Sequence[float], joints: Sequence[Joint], min_glue_mm2: float
 ) -> list[Fault]:
-    """Find the smallest piece with a weak joint in each group that only weak joints connect to its body."""
+    """Find the smallest piece with a weak joint in each group of pieces that only weak joints connect."""
     body = _label_groups(len(volumes_mm3), joints)
     components = _label_groups(len(volumes_mm3), [j for j in joints if j.holds(min_glue_mm2)])
     weight = np.bincount(components, weights=volumes_mm3)
@@ -195,7 +200,7 @@ def _find_loose_pieces(
 
 
 def _describe_sliver(piece: CutSolid) -> str:
-    """Find the reason why a piece is a sliver; empty if it is not one."""
+    """Describe why a piece is a sliver; empty if it is none."""
     vertices, faces = piece.solid.arrays()
     for plane in piece.planes:
         distances_mm = vertices @ plane[:3] - plane[3]
@@ -212,20 +217,27 @@ def _describe_sliver(piece: CutSolid) -> str:
 
 
 def _label_groups(count: int, joints: Sequence[Joint]) -> Ints:
+    """Number the group (count,) of each piece that joints connect."""
     pairs = np.array([(j.a, j.b) for j in joints], dtype=np.int64).reshape(-1, 2)
     return label_components(count, pairs[:, 0], pairs[:, 1])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Side:
-    """Faces of a solid on a plane (4,), which is not rounded, as one geometry."""
+    """Faces of a solid on a plane (4,), not rounded, as one geometry."""
 
     plane: Floats
     area: shapely.Geometry
 
 
 def _find_cut_sides(solid: Solid, planes: Floats) -> dict[tuple[float, ...], _Side]:
-    """Find the faces of a solid on each plane, in its coordinates, by the plane's rounded name."""
+    """Find the faces of a solid on each of its planes (k, 4), in the coordinates of the plane.
+
+    Returns
+    -------
+    dict
+        Faces on each plane, by the plane's rounded coefficients.
+    """
     vertices, faces = solid.arrays()
     sides: dict[tuple[float, ...], _Side] = {}
     for plane in planes:
@@ -247,8 +259,8 @@ def _find_cut_sides(solid: Solid, planes: Floats) -> dict[tuple[float, ...], _Si
 def _unite_triangles(triangles: npt.NDArray[np.object_]) -> shapely.Geometry:
     """Unite the triangles of a flat face.
 
-    Triangles that meet edge to edge, without overlap, are united by their edges alone, which takes a
-    fraction of the time; rounded corners can break that.
+    Triangles that meet edge to edge, without overlap, are united by their edges alone, which is much faster;
+    this may fail because corners are rounded.
     """
     area_mm2 = float(shapely.area(triangles).sum())
     with suppress(shapely.GEOSException):
@@ -259,6 +271,7 @@ def _unite_triangles(triangles: npt.NDArray[np.object_]) -> shapely.Geometry:
 
 
 def _measure_width_mm(face: shapely.Geometry) -> float:
+    """Measure the diameter of the largest circle inside a face."""
     return max(2.0 * float(shapely.maximum_inscribed_circle(g).length) for g in list_polygons(face))
 
 

@@ -1,4 +1,4 @@
-"""Piece of the model as an engine cut it, and the cut faces of its surface."""
+"""Pieces into which an engine cuts the model, and the cut faces of their surfaces."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from decompose.geometry import Solid
 from decompose.grid import Box, Grid
 from decompose.printers import PrinterRoom
 
-ON_PLANE_MM = 1e-7  # maximum distance of a vertex from its cut plane, by rounding
+ON_PLANE_MM = 1e-7  # maximum distance of a vertex from its cut plane, due to rounding
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Piece:
-    """Connected piece, not yet posed.
+    """A connected piece without a pose.
 
     Attributes
     ----------
     solid
-        In the frame that the model was cut in, mm.
+        Solid in the frame of the cut, in mm.
     planes
-        (k, 4) rows nx, ny, nz, d with unit n: the planes n.x = d that it was cut at.
+        (k, 4) planes ``n @ x == d`` at which it was cut: rows nx, ny, nz, d with a unit normal n.
     boxes_mm
-        (b, 2, 3) corners of the axis-aligned boxes that it was cut from; none if it was cut in another
-        way. The solid outside of all boxes was left out.
+        (b, 2, 3) corners of the axis-aligned boxes from which it was cut; empty if it was cut in another way.
+        Solid outside all boxes was left out.
     printer
         Printer that it is cut for; None if it has to fit all printers.
     time_ratio
@@ -48,7 +48,7 @@ class Piece:
 
 
 def sort_pieces(pieces: Iterable[Piece]) -> list[Piece]:
-    """Sort pieces from the bottom up, in the order in which parts are numbered."""
+    """Sort pieces from the bottom up, which is the order in which parts are numbered."""
     return sorted(pieces, key=lambda p: tuple(np.round(p.solid.bounds_mm.mean(axis=0)[::-1], 3)))
 
 
@@ -64,11 +64,11 @@ def cut_box(solid: Solid, lo_mm: npt.ArrayLike, hi_mm: npt.ArrayLike) -> list[Pi
     """
     box = np.array([lo_mm, hi_mm], dtype=np.float64)
     planes = list_box_planes(box)
-    return [Piece(piece, planes, box[None]) for piece in solid.clip(*box).pieces()]
+    return [Piece(piece, planes, box[None]) for piece in solid.clip(*box).list_pieces()]
 
 
 def cut_cells(solid: Solid, grid: Grid, box: Box) -> list[Piece]:
-    """Cut out the connected pieces of a solid in a box of cells; the outermost planes cut no face.
+    """Cut out the connected pieces of a solid in a box of cells; outermost planes of the grid cut no face.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def cut_cells(solid: Solid, grid: Grid, box: Box) -> list[Piece]:
     box
         Box in cells of the grid, half-open.
     """
-    return cut_box(solid, *grid.bounds_mm(box))
+    return cut_box(solid, *grid.find_bounds_mm(box))
 
 
 def list_box_planes(box_mm: Floats) -> Floats:
@@ -88,27 +88,37 @@ def list_box_planes(box_mm: Floats) -> Floats:
 
 
 def find_cut_faces(vertices: Floats, faces: Ints, planes: Floats) -> Bools:
-    """Find the faces (m,) that lie on any of some planes (k, 4).
+    """Find the faces that lie on any of some planes.
 
     Parameters
     ----------
     vertices, faces
         (n, 3) in mm and (m, 3).
     planes
-        (k, 4) rows nx, ny, nz, d with unit n: the planes n.x = d.
+        (k, 4) planes ``n @ x == d``: rows nx, ny, nz, d with a unit normal n.
+
+    Returns
+    -------
+    ndarray
+        (m,) bool.
     """
     on_plane = np.abs(vertices @ planes[:, :3].T - planes[:, 3]) < ON_PLANE_MM
     return np.asarray(np.any(np.all(on_plane[faces], axis=1), axis=1))
 
 
 def rotate_planes(planes: Floats, rotation: Floats) -> Floats:
-    """Rotate planes (k, 4) by ``v -> rotation @ v``.
+    """Rotate planes.
 
     Parameters
     ----------
     planes
-        (k, 4) rows nx, ny, nz, d: the planes n.x = d.
+        (k, 4) planes ``n @ x == d``: rows nx, ny, nz, d.
     rotation
-        (3, 3).
+        (3, 3) rotation, ``v_new = rotation @ v``.
+
+    Returns
+    -------
+    ndarray
+        (k, 4) planes.
     """
     return np.hstack([planes[:, :3] @ rotation.T, planes[:, 3:]])

@@ -1,4 +1,4 @@
-"""Seams: the lines on the outer surface where two parts meet, and where a part ends there in a thin edge."""
+"""Seams: the lines on the outer surface where two parts meet, and those where a part has a thin edge."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from decompose.pieces.piece import ON_PLANE_MM, find_cut_faces
 
 THIN_REACH_MM = 3.0  # minimum depth of a thin edge, over which a rim is thinner than two walls
 NOTABLE_MM = 5.0  # minimum length of thin rims that is reported
-LINE_MM = 1e-3  # tolerance of a line, as rounding moves the corners of outlines
+LINE_MM = 1e-3  # tolerance of lines, because rounding moves the corners of outlines
 
 
 @dataclass(frozen=True, slots=True)
 class Seam:
-    """Seam of one joint.
+    """The seam of a joint.
 
     Attributes
     ----------
     length_mm
         Length on the model's own surface; the rim of a hollow does not count.
     thin_mm
-        Length on which either part is thinner than two walls behind the joint, further than `THIN_REACH_MM`
-        into it: such a rim breaks off, or is not printed.
+        Length on which one of the parts is thinner than two walls behind the joint, over more than
+        `THIN_REACH_MM`: such a rim breaks off, or is not printed.
     """
 
     length_mm: float = 0.0
@@ -36,7 +36,7 @@ class Seam:
 
 
 def describe_thin_rims(names: Sequence[str], joints: Sequence[Joint], seams: Sequence[Seam]) -> str:
-    """Describe thin rims in a sentence; empty if there are none of `NOTABLE_MM`.
+    """Describe thin rims in a sentence; empty if they are shorter than `NOTABLE_MM`.
 
     Parameters
     ----------
@@ -61,16 +61,16 @@ def measure_seams(pieces: Sequence[CutSolid], joints: Iterable[Joint]) -> list[S
     Parameters
     ----------
     pieces
-        All pieces in one frame. A face of the model in the plane of a cut counts as cut.
+        All pieces in one frame. A face of the model in the plane of a cut counts as a cut face.
     joints
         Joints of `find_joints`, in the same frame.
     """
     rims = _Rims(pieces)
-    return [rims.measure(joint) for joint in joints]
+    return [rims.measure_seam(joint) for joint in joints]
 
 
 class _Rims:
-    """Rims of cut faces, found once for each piece and plane."""
+    """Rims of cut faces, which are found once for each piece and plane."""
 
     def __init__(self, pieces: Sequence[CutSolid]) -> None:
         self._solids = [piece.solid for piece in pieces]
@@ -83,7 +83,8 @@ class _Rims:
         ]
         self._rims: dict[tuple[int, bytes, float], tuple[shapely.Geometry, shapely.Geometry]] = {}
 
-    def measure(self, joint: Joint) -> Seam:
+    def measure_seam(self, joint: Joint) -> Seam:
+        """Measure the seam of a joint."""
         length_mm = thin_mm = 0.0
         for face in joint.faces:
             near_area = face.outline.buffer(LINE_MM)
@@ -93,7 +94,7 @@ class _Rims:
         return Seam(length_mm, thin_mm)
 
     def _find_rim(self, number: int, face: JointFace) -> tuple[shapely.Geometry, shapely.Geometry]:
-        """Find the rim of a piece on the plane of a face, and the thin part of it."""
+        """Find the rim of a piece on the plane of a face, and the thin part of the rim."""
         key = number, face.normal.tobytes(), face.offset_mm
         if key not in self._rims:
             vertices, faces = self._arrays[number]
@@ -115,7 +116,7 @@ def _find_thin_area(solid: Solid, vertices: Floats, flat: Ints, face: JointFace)
     rings = (vertices @ face.axes.T)[flat]
     cut_area = shapely.union_all(shapely.polygons(np.concatenate([rings, rings[:, :1]], axis=1)))
     frame = np.vstack([face.axes, face.normal])
-    area_behind = solid.section(frame, face.offset_mm - outside * TWO_WALLS_MM)
+    area_behind = solid.cut_section(frame, face.offset_mm - outside * TWO_WALLS_MM)
     thin = cut_area.difference(_build_area(area_behind))
     opened_area: shapely.Geometry = thin.buffer(-THIN_REACH_MM / 2.0).buffer(THIN_REACH_MM / 2.0 * 1.01)
     return opened_area
@@ -135,7 +136,7 @@ def _make_valid(ring: Floats) -> shapely.Geometry:
 
 
 def _measure_ring_mm2(ring: Floats) -> float:
-    """Measure the area of a ring (n, 2), negative if it is clockwise; right even for a ring with spikes."""
+    """Measure the area of a ring (n, 2), negative if it is clockwise; spikes of the ring are allowed."""
     x, y = (ring - ring[0]).T
     return float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum()) / 2.0
 
@@ -148,18 +149,19 @@ def _pair_faces(faces: Ints) -> tuple[Ints, Ints]:
 
 
 class _Extents:
-    """Least and greatest coordinate of all pieces along a normal, found once for each."""
+    """Least and greatest coordinate of all pieces along normals, which are found once for each normal."""
 
     def __init__(self, arrays: Sequence[tuple[Floats, Ints]]) -> None:
         self._arrays = arrays
         self._extents: dict[bytes, tuple[float, float]] = {}
 
     def drop_outermost(self, planes: Floats) -> Floats:
-        """Leave out the planes (k, 4) with all pieces on one side, which cut nothing."""
+        """Leave out those planes (k, 4) that have all pieces on one side, and thus cut nothing."""
         is_kept: Bools = np.array([self._is_cut(plane) for plane in planes], dtype=np.bool_)
         return planes[is_kept]
 
     def _is_cut(self, plane: Floats) -> bool:
+        """Check whether there are pieces on both sides of a plane (4,)."""
         normal = plane[:3]
         key = normal.tobytes()
         if key not in self._extents:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from decompose.print_time.columns import measure_columns
-from decompose.print_time.cost import MAX_INSET_SHARE, CostModel, Prices, price
+from decompose.print_time.cost import MAX_INSET_SHARE, CostModel, Prices, compute_price_s
 from decompose.print_time.feature_shares import GROUPS, build_group_cost, estimate_feature_shares
 from decompose.print_time.hidden_faces import SEEN_MM2
 from decompose.print_time.pose_prices import POSE_ROTATIONS, price_axis_poses_s, sum_pose_features
@@ -12,12 +12,12 @@ from decompose.print_time.poses import (
     TOUCHED_MM2,
     PartMesh,
     Pose,
+    compute_steady_limit_s,
     find_best_pose,
     find_steady_pose,
     measure_pose,
-    steady_limit_s,
 )
-from decompose.print_time.recipe import ADDITIVE, FACTORS, FEATURES, SUPPORT, Recipe, time_terms
+from decompose.print_time.recipe import ADDITIVE, FACTORS, FEATURES, SUPPORT, Recipe, compute_time_terms
 
 __all__ = [
     "ADDITIVE",
@@ -36,14 +36,14 @@ __all__ = [
     "Prices",
     "Recipe",
     "build_group_cost",
+    "compute_price_s",
+    "compute_steady_limit_s",
+    "compute_time_terms",
     "estimate_feature_shares",
     "find_best_pose",
     "find_steady_pose",
     "measure_columns",
     "measure_pose",
-    "price",
     "price_axis_poses_s",
-    "steady_limit_s",
     "sum_pose_features",
-    "time_terms",
 ]

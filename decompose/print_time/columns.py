@@ -1,4 +1,4 @@
-"""Part as upright columns: the places of its supports, and the growth of its mass as it is printed.
+"""A part as upright columns: the places of its supports, and the growth of its mass as it is printed.
 
 A support ends on the first face below it, which is often the part itself; sums over faces do not show that.
 """
@@ -32,23 +32,26 @@ class Columns:
     towers_mm
         Height of all towers under tips in mid-air, whose sides need no support.
     islands_mm
-        Height of all islands but one, of part or support, in each layer: the nozzle goes there.
+        Sum over the layers of all islands but one, of part or support, times the layer's height: the nozzle
+        travels to each of them.
     bodies_mm
-        Height of all bodies of the part but one in each layer: inner walls are shorter in each.
+        The same sum for all bodies of the part but one: inner walls are shorter in each.
     holes_mm
-        Height of all holes of the part in each layer.
+        The same sum for all holes of the part.
     island_paths_mm2, hole_paths_mm2
-        Heights of islands and of holes, each times the mean distance from one to the next.
+        The sums for islands and for holes, each times the mean distance from one to the next.
     first_layer
-        (nx, ny) bool: the part or its support stands on the bed; columns are `step_mm` apart.
+        (nx, ny) bool: the part or its support stands on the bed.
+    step_mm
+        Distance between columns.
     propped_mm2, props_mm
-        Area, as seen from above, of the support that carries the part from the bed, and points (p, 2) on its
-        border there: both ends of each row of columns.
+        Area, as seen from above, of the support that carries the part from the bed, and (p, 2) points on the
+        border of that area: both ends of each row of columns.
     touched_mm2
-        Area of marked faces, as seen from above, that this support hangs under or stands on.
+        Area, as seen from above, of the marked faces that support touches, above or below it.
     volumes_mm3, centres_mm
-        (LEVELS,) and (LEVELS, 3) volume and centre of mass of the part below each of LEVELS evenly spaced
-        heights; the last is that of the whole part.
+        (LEVELS,) volume and (LEVELS, 3) centre of mass of the part below each of LEVELS evenly spaced
+        heights; the last row is that of the whole part.
     """
 
     support_mm3: float
@@ -67,8 +70,8 @@ class Columns:
     volumes_mm3: Floats
     centres_mm: Floats
 
-    def brim_mm2(self, width_mm: float) -> float:
-        """Measure the area of a brim around all that stands on the bed, but not in its holes."""
+    def measure_brim_mm2(self, width_mm: float) -> float:
+        """Measure the area of a brim around all that stands on the bed; holes get no brim."""
         if width_mm <= 0.0:
             return 0.0
         is_standing = _fill_holes(np.pad(self.first_layer, math.ceil(width_mm / self.step_mm) + 1))
@@ -91,7 +94,7 @@ def measure_columns(
     triangles
         (m, 3, 3) in mm, outward, standing on z = 0.
     is_marked
-        (m,) faces to which no support should stick.
+        (m,) bool, true for faces to which no support should stick.
     overhang_cos
         Downward component of a face's unit normal above which it gets support.
     count
@@ -118,11 +121,11 @@ def measure_columns(
         holes_mm=sums.holes_mm,
         island_paths_mm2=sums.island_paths_mm2,
         hole_paths_mm2=sums.hole_paths_mm2,
-        first_layer=sums.standing | sums.propped,
+        first_layer=sums.is_standing | sums.is_propped,
         step_mm=step,
-        propped_mm2=float(sums.propped.sum() * area),
-        props_mm=origin + step * _find_row_ends(sums.propped),
-        touched_mm2=float(sums.touched * area),
+        propped_mm2=float(sums.is_propped.sum() * area),
+        props_mm=origin + step * _find_row_ends(sums.is_propped),
+        touched_mm2=float(sums.touched_count * area),
         volumes_mm3=sums.levels[:, 3] * area,
         centres_mm=sums.levels[:, :3] / mass,
     )
@@ -135,7 +138,7 @@ def _fill_holes(mask: Bools) -> Bools:
 
 
 def _find_row_ends(is_marked: Bools) -> Floats:
-    """Find the indices (p, 2) of the first and the last column marked in each row."""
+    """Find the indices (p, 2) of the first and of the last marked column of each row (nx, ny)."""
     rows = np.flatnonzero(is_marked.any(axis=1))
     first, last = is_marked.argmax(axis=1), is_marked.shape[1] - 1 - is_marked[:, ::-1].argmax(axis=1)
     return np.concatenate([np.stack([rows, ends[rows]], axis=1) for ends in (first, last)]).astype(np.float64)

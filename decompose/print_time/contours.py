@@ -1,4 +1,4 @@
-"""Contours, which sums over faces do not show: rims of flat faces, rings of denser infill under slopes.
+"""Contours, which sums over faces do not show: rims of flat faces, and rings of denser infill under slopes.
 
 A slicer prints no skin where the walls stand at the rim of a flat face, and more of it under a wall that
 rises from one. Gradual infill is denser in a ring below each slope.
@@ -15,8 +15,8 @@ from decompose.jit import jit
 from decompose.print_time.surfaces import Surfaces, measure_surfaces
 
 RISING_SHARE = 1.5
-"""Width of the skin that continues under a wall which rises from it, as a multiple of the width of the walls
-at an edge: Cura expands skin beyond the walls. Measured on a block that stands on another."""
+"""Width of the skin that continues under a wall rising from it, as a multiple of the width of the walls at an
+edge: Cura expands skin beyond the walls. Measured on a block that stands on another."""
 
 
 class Contours(NamedTuple):
@@ -26,13 +26,14 @@ class Contours(NamedTuple):
     ----------
     rim_mm
         Weighted length of the rims of faces with skin, as seen from above. The weight is the difference
-        between |n| of the face and of the steeper one beside it; times -`RISING_SHARE` if that one rises.
+        between |n| of the face and |n| of the steeper face beside it, times -`RISING_SHARE` if that face
+        rises.
     ends_mm
-        The same length without sign and `RISING_SHARE`: lines of skin end there.
+        The same length without the factor -`RISING_SHARE`: lines of skin end there.
     ring_mm2
         Sum of A sqrt(1 - n^2) over the slopes below which infill is denser.
     steep_top_mm2
-        Area of the slopes among them without skin, as seen from above.
+        Area, as seen from above, of those of these slopes that have no skin.
     """
 
     rim_mm: float
@@ -47,7 +48,7 @@ def measure_contours(vertices: Floats, faces: Ints, up: Floats, skin_cos: float,
     Parameters
     ----------
     vertices, faces
-        (n, 3) in mm and (m, 3), outward; faces share the vertices of their edges.
+        (n, 3) in mm and (m, 3), outward; faces share the vertices of their common edges.
     up
         (3,) unit vector.
     skin_cos, ring_cos
@@ -63,9 +64,21 @@ def measure_contours(vertices: Floats, faces: Ints, up: Floats, skin_cos: float,
 
 @jit
 def _pair_half_edges(faces: Ints, vertices: int) -> Ints:
-    """Pair the half-edges (k, 2) of each edge between faces (m, 3), as three times the face plus the corner.
+    """Pair the two half-edges of each edge.
 
-    Half-edges are kept by the lower of their vertices until the other one of their edge follows.
+    Half-edges are kept in lists by the lower of their vertices until the other half of their edge follows.
+
+    Parameters
+    ----------
+    faces
+        (m, 3) int64 vertices of the faces.
+    vertices
+        Number of vertices.
+
+    Returns
+    -------
+    ndarray
+        (k, 2) int64 half-edges of each edge, each as three times its face plus its corner.
     """
     start = np.zeros(vertices + 1, np.int64)
     for i in range(len(faces)):
@@ -94,7 +107,22 @@ def _pair_half_edges(faces: Ints, vertices: int) -> Ints:
 
 @jit
 def _sum_slopes_mm2(surfaces: Surfaces, up: Floats, skin_cos: float, ring_cos: float) -> tuple[float, float]:
-    """Sum the areas of `Contours` in mm2: rings of infill, and steep tops; up: (3,)."""
+    """Sum the areas of the slopes with denser infill below them.
+
+    Parameters
+    ----------
+    surfaces
+        Faces of the mesh.
+    up
+        (3,) float64 unit vector.
+    skin_cos, ring_cos
+        As in `measure_contours`.
+
+    Returns
+    -------
+    tuple
+        `ring_mm2` and `steep_top_mm2` of `Contours`.
+    """
     rings, steep_tops = 0.0, 0.0
     for i in range(len(surfaces.areas_mm2)):
         n = 0.0
@@ -111,7 +139,20 @@ def _sum_slopes_mm2(surfaces: Surfaces, up: Floats, skin_cos: float, ring_cos: f
 def _sum_rims_mm(
     vertices: Floats, faces: Ints, normals: Floats, up: Floats, edges: Ints, skin_cos: float
 ) -> tuple[float, float]:
-    """Sum the rims at edges, pairs (k, 2) of half-edges, of a face with skin and a steep one beside it.
+    """Sum the rims: edges between a face with skin and a steeper face without.
+
+    Parameters
+    ----------
+    vertices, faces
+        (n, 3) float64 in mm and (m, 3) int64.
+    normals
+        (m, 3) float64 unit normals of the faces.
+    up
+        (3,) float64 unit vector.
+    edges
+        (k, 2) int64 pairs of half-edges, by `_pair_half_edges`.
+    skin_cos
+        Limit of slopes with skin.
 
     Returns
     -------

@@ -1,11 +1,12 @@
 """Price of a part: its estimated print time in seconds, from features that need no slicing.
 
-Two kinds of feature. The additive ones (`ADDITIVE`) are integrals over volume and surface: the sum over the
-cells of a grid is that of a part, cut faces being ordinary faces, so that `grid.boxes` prices any box
-from tables. The rest follows from the sums (`skin_rim_mm`) and from the extents of a part.
+There are two kinds of features. The additive ones (`ADDITIVE`) are integrals over volume and surface. Cut
+faces count as ordinary faces, so that the features of a part are the sums over the cells of a grid, and
+`grid.boxes` prices any box from tables. The others follow from the sums (`skin_rim_mm`) and from the extents
+of a part.
 
-The time of each term is the length of its lines over their speed. Travel, acceleration and retraction, which
-these omit, are in measured factors: `FACTORS`, by bench/prices/model.py.
+The time of each term is the length of its lines over their speed. Measured factors (`FACTORS`, by
+bench/prices/model.py) stand for travel, acceleration and retraction, which these terms omit.
 """
 
 from __future__ import annotations
@@ -20,16 +21,16 @@ import numpy as np
 from decompose.arrays import Floats
 from decompose.jit import jit
 from decompose.print_time.contours import Contours
-from decompose.print_time.recipe import FACTORS, FEATURES, Recipe, time_terms
+from decompose.print_time.recipe import FACTORS, FEATURES, Recipe, compute_time_terms
 from decompose.print_time.thin_walls import ThinWalls
 
 Prices = np.void
-"""A record of `CostModel.prices`: compiled code reads its fields by name."""
+"""A record of `CostModel.build_prices`: compiled code reads its fields by name."""
 Additive = tuple[float, float, float, float, float]
 Extents = tuple[float, float, float]
 
 MAX_INSET_SHARE = 0.1
-"""Maximum share of the walls that insets save: beyond it the walls are as thick as the part."""
+"""Maximum share of the time of the walls that insets save: beyond it the walls are as thick as the part."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,13 +38,13 @@ class CostModel:
     """Coefficients of the print time, in seconds per unit of a feature, and limits of the features.
 
     ``t = fixed + max(volume V + lateral L - inset H, least H) + skin S - rim sqrt(S) + slope X + overhang O
-    + brim B``; see `ADDITIVE` for V, L, S, X and O. B is the ring of the brim about the part's rectangle in
-    mm2, H the height in mm. Where a part's columns are known, `support_price_s` takes the place of O.
+    + brim B``; see `ADDITIVE` for V, L, S, X and O. B is the area of the brim around the part's rectangle in
+    mm2, H the height in mm. Where a part's columns are known, `price_support_s` replaces the term of O.
 
-    On parts that the decomposition makes, each model held out from the fit, the mean error of a part with its
-    own supports is 1.5 %, and 2.3 % at most in each of five settings, even if the fit uses only two of them;
-    that of the tables, with supports down to the bed, is 2.8 % (bench/prices/model.py,
-    bench/prices/print_time.csv).
+    The errors were measured on parts that the decomposition makes, with each model held out from the fit. For
+    a part with its own supports, the mean error is 1.5 %, and at most 2.3 % in any of five settings, even if
+    only two of them are fitted. For prices from tables, with supports down to the bed, it is 2.8 %
+    (bench/prices/model.py, bench/prices/print_time.csv).
     """
 
     fixed_s: float
@@ -89,14 +90,23 @@ class CostModel:
 
     @property
     def overhang_cos(self) -> float:
-        """Downward part of a face's unit normal above which it gets support."""
+        """Downward component of a face's unit normal above which it gets support."""
         return math.sin(math.radians(self.supported_deg))
 
     @classmethod
     def from_recipe(cls, recipe: Recipe, factors: Mapping[str, float] = FACTORS) -> CostModel:
-        """Build the cost of print settings: their terms, each times its factor."""
+        """Build the cost of print settings: their terms, each times its factor.
+
+        Parameters
+        ----------
+        recipe
+            Settings of the slicer.
+        factors
+            Factor of each term.
+        """
         per_mm = sum(
-            (factors[name] * vector for name, vector in time_terms(recipe).items()), np.zeros(len(FEATURES))
+            (factors[name] * vector for name, vector in compute_time_terms(recipe).items()),
+            np.zeros(len(FEATURES)),
         )
         seconds = dict(zip(FEATURES, per_mm.tolist(), strict=True))
         return cls(
@@ -139,29 +149,57 @@ class CostModel:
             hidden_top_share=recipe.hidden_top_share,
             hidden_bed_mm=recipe.bed_layers_saved * recipe.layer_height_mm,
             hidden_top_mm=recipe.top_layers_saved * recipe.layer_height_mm,
-            hidden_side_share=_divide(recipe.hidden_wall_s_mm2, seconds["lateral_mm2"]),
+            hidden_side_share=_compute_saved_share(recipe.hidden_wall_s_mm2, seconds["lateral_mm2"]),
         )
 
     def price_support_s(
         self, support_mm3: float, side_mm2: float, towers_mm: float = 0.0, islands_mm: float = 0.0
     ) -> float:
-        """Price a support by its volume, its upright sides, and the height of its towers and islands."""
+        """Price a support by its volume, its upright sides, and the height of its towers and islands.
+
+        Parameters
+        ----------
+        support_mm3, side_mm2, towers_mm, islands_mm
+            Values of `Columns`.
+        """
         support = self.support_s_mm3 * support_mm3 + self.support_side_s_mm2 * side_mm2
         return support + self.tower_s_mm * towers_mm + self.island_s_mm * islands_mm
 
     def price_paths_s(self, islands_mm2: float, holes_mm: float, holes_mm2: float) -> float:
-        """Price travel to islands and holes by height times distance, and to holes also by their height."""
+        """Price travel to islands and holes by `island_paths_mm2`, `holes_mm` and `hole_paths_mm2`.
+
+        Parameters
+        ----------
+        islands_mm2, holes_mm, holes_mm2
+            Values of `Columns`.
+        """
         holes_s = self.hole_s_mm * holes_mm + self.hole_path_s_mm2 * holes_mm2
         return self.island_path_s_mm2 * islands_mm2 + holes_s
 
     def price_brim_s(self, brim_mm2: float, extents_mm: Floats) -> float:
-        """Compute by how much a brim's price exceeds that of the rectangular brim that `price` assumes."""
+        """Compute by how much a brim costs more than the rectangular one that `compute_price_s` assumes.
+
+        Parameters
+        ----------
+        brim_mm2
+            Area of the brim.
+        extents_mm
+            (3,) extents of the part.
+        """
         width, depth = extents_mm[:2]
         ring_mm2 = self.brim_mm * (2.0 * (width + depth) + math.pi * self.brim_mm)
         return float(self.brim_s_mm2 * (brim_mm2 - ring_mm2))
 
     def price_contours_s(self, contours: Contours, skin_mm2: float) -> float:
-        """Price the contours of a part; its rims replace those of a single face, which `price` assumes."""
+        """Price the contours of a part; its rims replace that of the single face in `compute_price_s`.
+
+        Parameters
+        ----------
+        contours
+            Contours of the part.
+        skin_mm2
+            Area of its skin, one of its `ADDITIVE` features.
+        """
         skin_s = self.skin_s_mm2 * skin_mm2
         assumed_s = max(0.0, skin_s - self.skin_rim_s_mm * math.sqrt(max(0.0, skin_mm2)))
         rims_s = max(0.0, skin_s - self.rim_s_mm * contours.rim_mm) - assumed_s
@@ -169,32 +207,51 @@ class CostModel:
         return rims_s + self.rim_end_s_mm * contours.ends_mm + rings_s
 
     def price_thin_walls_s(self, thin: ThinWalls) -> float:
-        """Compute the difference in price of thin walls and sheets to thick ones."""
+        """Compute by how much the price of thin walls and sheets exceeds that of thick ones."""
         walls_s = self.bare_s_mm2 * thin.bare_mm2 + self.gap_s_mm2 * thin.gap_mm2
         return walls_s + self.full_s_mm2 * thin.full_mm2 + self.overlap_s_mm3 * thin.overlap_mm3
 
     def price_insets_s(self, lateral_mm2: float, height_mm: float, bodies_mm: float) -> float:
-        """Compute the saving by shorter inner walls in all but one body of a layer, which `price` omits.
+        """Compute the time that shorter inner walls save in all bodies of a layer but one.
 
-        Inner walls around a hole are longer: a hole counts as a negative body.
+        `compute_price_s` counts a single body. Inner walls around a hole are longer: a hole counts as a
+        negative body.
+
+        Parameters
+        ----------
+        lateral_mm2
+            One of the part's `ADDITIVE` features.
+        height_mm
+            Height of the part.
+        bodies_mm
+            Value of `Columns`, less that of holes.
         """
         max_s = MAX_INSET_SHARE * self.lateral_s_mm2 * lateral_mm2
         body_s = min(self.inset_s_mm * height_mm, max_s)
         return min(self.inset_s_mm * (height_mm + bodies_mm), max_s) - body_s
 
-    def prices(self) -> Prices:
-        """Return the coefficients as a record for compiled code, one float64 a field, by their names."""
+    def build_prices(self) -> Prices:
+        """Build a record of the coefficients for compiled code: a float64 for each field, by its name."""
         return _make_record(self)
 
     def price_s(self, additive: Sequence[float] | Floats, extents_mm: Sequence[float] | Floats) -> float:
-        """Price a part in one pose by its `ADDITIVE` features (5,) and width, depth, height (3,) in mm."""
+        """Price a part in one pose, in seconds.
+
+        Parameters
+        ----------
+        additive
+            (5,) `ADDITIVE` features.
+        extents_mm
+            (3,) width, depth and height.
+        """
         volume, lateral, skin, slope, column = map(float, additive)
         width, depth, height = map(float, extents_mm)
-        return float(price(self.prices(), (volume, lateral, skin, slope, column), (width, depth, height)))
+        features = (volume, lateral, skin, slope, column)
+        return float(compute_price_s(self.build_prices(), features, (width, depth, height)))
 
 
-def _divide(saved_s: float, price_s: float) -> float:
-    """Return the saved share of a price; 0 of no price."""
+def _compute_saved_share(saved_s: float, price_s: float) -> float:
+    """Compute the share of a price that is saved; 0 if the price is 0."""
     return saved_s / price_s if price_s > 0.0 else 0.0
 
 
@@ -203,20 +260,20 @@ _PRICES = np.dtype([(item.name, np.float64) for item in fields(CostModel)])
 
 @lru_cache(maxsize=64)
 def _make_record(cost: CostModel) -> Prices:
-    """Make the record of a cost; cached, because it takes as long as many prices."""
+    """Make the record of a cost; cached, because it takes much longer than a price."""
     record: Prices = np.array([astuple(cost)], dtype=_PRICES)[0]
     record.setflags(write=False)
     return record
 
 
 @jit
-def price(prices: Prices, additive: Additive, extents_mm: Extents) -> float:
-    """Price a part in one pose: one formula for tables and parts.
+def compute_price_s(prices: Prices, additive: Additive, extents_mm: Extents) -> float:
+    """Compute the price of a part in one pose, by the same formula for tables and parts.
 
     Parameters
     ----------
     prices
-        Record of `CostModel.prices`.
+        Record of `CostModel.build_prices`.
     additive
         `ADDITIVE` features, in mm3, mm2, mm2, mm2 and mm3.
     extents_mm

@@ -29,13 +29,13 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
         "rings",
     ),
 }
-"""Terms of `time_terms` by what they print."""
+"""Terms of `compute_time_terms`, by the feature of the print that they belong to."""
 
 
 def estimate_feature_shares(vertices: Floats, faces: Ints, recipe: Recipe) -> dict[str, float]:
-    """Estimate the shares of each of `GROUPS` in the price of a model; they sum to 1.
+    """Estimate the share of each of `GROUPS` in the price of a model; the shares sum to 1.
 
-    Supports are left out: cuts avoid them.
+    Supports are left out, because cuts avoid them.
 
     Parameters
     ----------
@@ -63,6 +63,14 @@ def estimate_feature_shares(vertices: Floats, faces: Ints, recipe: Recipe) -> di
 
 
 def build_group_cost(recipe: Recipe, group: str) -> CostModel:
-    """Build the cost of the terms of one of `GROUPS`."""
+    """Build the cost model of the terms of one of `GROUPS`.
+
+    Parameters
+    ----------
+    recipe
+        Settings of the slicer.
+    group
+        Name of the group.
+    """
     factors = {name: factor if name in GROUPS[group] else 0.0 for name, factor in FACTORS.items()}
     return CostModel.from_recipe(recipe, factors)

@@ -1,8 +1,8 @@
-"""Faces that are hidden once the parts are glued: cut faces on the bed, upright ones, and all-cut tops.
+"""Faces that are hidden once the parts are glued: cut faces on the bed, upright cut faces, and tops.
 
-Hidden skins need fewer layers than visible ones. A slicer has one number of layers on the bed, another one
-for other undersides, and one for all tops: so tops count as hidden only if none of them is visible. Walls
-along upright cut faces are printed faster.
+Hidden skins need fewer layers than visible ones. A slicer has a number of layers for the bed, another one for
+other undersides, and one for all tops. Tops therefore count as hidden only if all of them are cut faces.
+Walls along upright cut faces are printed faster.
 """
 
 from __future__ import annotations
@@ -18,13 +18,20 @@ LEVEL_COS = (
 )
 ON_BED_MM = 0.15
 UPRIGHT = 1e-6  # maximum upward component of the normal of an upright face
-SEEN_MM2 = 1.0  # minimum area of visible faces: less is rounding
+SEEN_MM2 = 1.0  # minimum area of visible faces; a smaller area is a rounding error
 
 
 class HiddenFaces(NamedTuple):
-    """Areas in mm2 of faces with skin, projected on the bed: on the bed and on top, cut and of the model.
+    """Areas in mm2 of cut faces and of visible ones.
 
-    `cut_side_mm2` is the area of upright cut faces.
+    Attributes
+    ----------
+    cut_bed_mm2, seen_bed_mm2
+        Area of the cut faces, and of the model's own faces, on the bed.
+    cut_top_mm2, seen_top_mm2
+        Area of the cut faces, and of the model's own faces, of tops with skin, as seen from above.
+    cut_side_mm2
+        Area of upright cut faces.
     """
 
     cut_bed_mm2: float
@@ -44,7 +51,7 @@ class HiddenFaces(NamedTuple):
         return self.cut_top_mm2 > 0.0 and self.seen_top_mm2 < SEEN_MM2
 
     def compute_saved_mm(self, bed_mm: float, top_mm: float) -> float:
-        """Compute the height of skin saved on a thin flat part on the bed, by the heights of `CostModel`."""
+        """Compute the height of skin that a thin flat part saves, by the heights of `CostModel`."""
         return (bed_mm if self.is_bed_hidden else 0.0) + (top_mm if self.are_tops_hidden else 0.0)
 
     def compute_saved_skin_mm2(self, bed_share: float, top_share: float) -> float:
@@ -56,7 +63,13 @@ class HiddenFaces(NamedTuple):
 def find_hidden_faces(
     surfaces: Surfaces, cut: Bools, up: Floats, bed_mm: float, skin_cos: float
 ) -> HiddenFaces:
-    """Find the hidden faces of a closed mesh in a pose; see `measure_hidden_faces`."""
+    """Find the hidden faces of a closed mesh in a pose; see `measure_hidden_faces`.
+
+    Parameters
+    ----------
+    surfaces, cut, up, bed_mm, skin_cos
+        As in `measure_hidden_faces`.
+    """
     return HiddenFaces(*measure_hidden_faces(surfaces, cut, up, bed_mm, skin_cos))
 
 
@@ -75,9 +88,14 @@ def measure_hidden_faces(
     up
         (3,) float64 unit vector.
     bed_mm
-        Place of the bed along `up`.
+        Position of the bed along `up`.
     skin_cos
         Minimum upward component of the normal of a top with skin; see `CostModel`.
+
+    Returns
+    -------
+    tuple
+        Areas in the order of `HiddenFaces`, in mm2.
     """
     normals, areas, centres = surfaces
     cut_bed, seen_bed, cut_top, seen_top, cut_side = 0.0, 0.0, 0.0, 0.0, 0.0

@@ -1,7 +1,7 @@
 """Price of a closed mesh in a pose, from sums over its faces alone, and the extra time of short layers.
 
-Supports count as if they went down to the bed. A slicer slows down short layers, which would not cool before
-the next one.
+Supports count as if they went down to the bed. A slicer slows down short layers, which would otherwise not
+cool before the next one.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def find_pose_axes(pose: int) -> tuple[int, int, int]:
 
 
 def _build_pose_rotation(pose: int) -> Floats:
-    """Build the rotation (3, 3) of a pose: the bed's x, y and z in the model; odd poses are turned over."""
+    """Build the rotation (3, 3) of a pose: rows are the bed's axes; odd poses are turned upside down."""
     rotation = np.eye(3)[list(find_pose_axes(pose))]
     if pose % 2:
         rotation[1:] *= -1.0
@@ -56,9 +56,14 @@ def _sum_surfaces(
     up
         (3,) unit vector.
     bed_mm
-        Place of the bed along `up`.
+        Position of the bed along `up`.
     cosines
         `skin_cos` and `overhang_cos` of `CostModel`.
+
+    Returns
+    -------
+    tuple
+        `lateral_mm2`, `skin_mm2`, `slope_mm2` and `column_mm3`.
     """
     normals, areas, centres = surfaces
     skin_cos, overhang_cos = cosines
@@ -84,7 +89,7 @@ def sum_pose_features(
     hull: Floats | None = None,
     cut: Bools | None = None,
 ) -> tuple[Floats, Floats]:
-    """Sum the `ADDITIVE` features (k, 5) of a closed mesh in k poses, and measure its extents (k, 3) in mm.
+    """Sum the `ADDITIVE` features of a closed mesh in k poses, and measure its extents.
 
     The skin and the walls that hidden faces save are subtracted.
 
@@ -93,11 +98,18 @@ def sum_pose_features(
     vertices, faces
         (n, 3) in mm and (m, 3), outward by the right-hand rule, closed.
     rotations
-        (k, 3, 3) The rows are the bed's x, y and z in the model's frame: ``v_bed = rotation @ v_model``.
+        (k, 3, 3), whose rows are the bed's x, y and z in the model's frame: ``v_bed = rotation @ v_model``.
+    cost
+        Print time of a part.
     hull
         (h, 3) vertices that span the convex hull, if they are known; with them it is faster.
     cut
-        (m,) faces that are cuts; None for none.
+        (m,) bool, true for cut faces; None if there are none.
+
+    Returns
+    -------
+    tuple
+        (k, 5) features, and (k, 3) width, depth and height in mm.
     """
     surfaces = measure_surfaces(vertices, faces)
     saves = cut is not None and bool(cut.any()) and _saves_at_hidden_faces(cost)
@@ -119,11 +131,23 @@ def sum_pose_features(
 
 
 def _saves_at_hidden_faces(cost: CostModel) -> bool:
+    """Check whether hidden faces are printed faster than visible ones."""
     return cost.hidden_bed_share + cost.hidden_top_share + cost.hidden_side_share > 0.0
 
 
 def price_poses_s(vertices: Floats, faces: Ints, rotations: Floats, cost: CostModel) -> Floats:
-    """Price a closed mesh in each of k poses, in seconds (k,); see `sum_pose_features`."""
+    """Price a closed mesh in each of k poses.
+
+    Parameters
+    ----------
+    vertices, faces, rotations, cost
+        As in `sum_pose_features`.
+
+    Returns
+    -------
+    ndarray
+        (k,) seconds.
+    """
     features, extents = sum_pose_features(vertices, faces, rotations, cost)
     return np.array([cost.price_s(*pose) for pose in zip(features, extents, strict=True)])
 
@@ -151,6 +175,8 @@ def price_short_layers_s(triangles: Floats, cost: CostModel) -> float:
     ----------
     triangles
         (m, 3, 3) in mm of a closed mesh, outward, standing on z = 0.
+    cost
+        Print time of a part.
     """
     height_mm = float(triangles[:, :, 2].max())
     slab_mm = height_mm / SLABS
@@ -165,10 +191,22 @@ def price_short_layers_s(triangles: Floats, cost: CostModel) -> float:
 
 @jit
 def _sum_by_slab(triangles: Floats, height: float) -> tuple[Floats, Floats]:
-    """Sum A sqrt(1 - n^2) over the faces in each slab (SLABS,), and the mean section of the solid there.
+    """Sum A sqrt(1 - n^2) over the faces in each slab, and compute the mean section of the solid there.
 
-    The section at a height is the sum of A n over all faces above it, n being the upward component of a
-    face's unit normal.
+    n is the upward component of a face's unit normal. The section at a height is the sum of A n over all
+    faces above it.
+
+    Parameters
+    ----------
+    triangles
+        (m, 3, 3) float64 in mm, outward, standing on z = 0.
+    height
+        Height of the mesh in mm.
+
+    Returns
+    -------
+    tuple
+        (SLABS,) float64 sums, and (SLABS,) float64 sections, in mm2.
     """
     lateral, section_sums = np.zeros(SLABS + 1), np.zeros(SLABS + 1)  # sums below each plane, and above it
     for t in range(len(triangles)):
@@ -191,5 +229,5 @@ def _sum_by_slab(triangles: Floats, height: float) -> tuple[Floats, Floats]:
                 below = 1.0 - (high - z) ** 2 / ((high - middle) * (high - low))
             lateral[plane] += below * upright
             section_sums[plane] += (1.0 - below) * up
-    section_sums[0] = section_sums[1]  # below the bed there is nothing
+    section_sums[0] = section_sums[1]  # the section at the bed itself would be 0
     return lateral[1:] - lateral[:-1], np.maximum(0.0, (section_sums[1:] + section_sums[:-1]) / 2.0)

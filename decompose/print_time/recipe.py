@@ -32,10 +32,10 @@ FEATURES = (
     *("island_paths_mm2", "holes_mm", "hole_paths_mm2", "rim_mm", "rim_ends_mm", "ring_mm2", "steep_top_mm2"),
     *("bare_mm2", "gap_mm2", "full_mm2", "overlap_mm3"),
 )
-"""All features. Those that do not add up are the height, the root of `skin_mm2`, the ring of the brim about
-the part's rectangle and, if a part is measured in a pose, what its columns show (`columns`), its support in
-place of `column_mm3`, its contours (`contours`), their rim in place of the root of `skin_mm2`, its thin walls
-and sheets (`thin_walls`)."""
+"""All features. Those that do not add up are the height, the root of `skin_mm2`, and the area of the brim
+around the part's rectangle. If a part is measured in a pose, these are added: sums over its columns
+(`columns`), with its support in place of `column_mm3`; its contours (`contours`), with their rims in place of
+the root of `skin_mm2`; its thin walls and sheets (`thin_walls`)."""
 
 
 FACTORS: Mapping[str, float] = {
@@ -61,36 +61,36 @@ FACTORS: Mapping[str, float] = {
     "thin walls": 1.0,
     "thin sheets": 1.0,
 }
-"""Factors of the seconds of each term of `time_terms`: one set for all settings.
+"""Factors of the seconds of each term of `compute_time_terms`, the same for all settings.
 
 ``columns`` replaces all of `SUPPORT` where only tables are available. The factors of travel, of supports and
-of the terms that only a pose shows were fitted to the features of sliced parts
-(`bench/prices/features.py`), the others to five settings (`bench/prices/model.py`).
+of the terms that need a pose were fitted to the features of sliced parts (`bench/prices/features.py`), the
+others to five settings (`bench/prices/model.py`).
 """
 
 
 SUPPORT = ("support", "support sides", "islands", "island paths")
 TOWER = 2.7
-"""Time of a layer of a tower of support, as a multiple of an island's: it is printed, too."""
+"""Time of a layer of a tower of support, as a multiple of the travel to an island: it is printed too."""
 
 
 INSET = 8.0
-"""Length by which a loop is shorter for each mm from the outline: 2 mm at each right angle."""
+"""Length in mm by which a loop is shorter for each mm of distance from the outline: 2 mm at each corner."""
 
 
 OUTLINE_MM = 0.004
-"""Margin of the maximum overhang of a layer without support: outlines are rounded, and a line of support
-grows to the whole face. Without the margin, a face at exactly the support angle would be priced without
+"""Margin of a layer's maximum overhang without support. Outlines are rounded, and a single line of support
+grows to the whole face: without the margin, a face at exactly the support angle would be priced without
 support."""
 
 
 HOLE_VISITS = 4.0
-"""Number of travels to a hole, or around it, in a layer: measured on plates of 1 to 16 bores, whose travel is
-this multiple of their distance, with a stop for each."""
+"""Number of travel moves to a hole, or around it, in a layer. Measured on plates with 1 to 16 bores: their
+travel is this multiple of their distance, with a stop for each move."""
 
 
 MAX_STOP_MM_S = 30.0
-"""Speed of skin above which the ends of its lines lose no more time in slices: the same at 30 and 50 mm/s."""
+"""Speed of skin above which its line ends lose no more time: slices lose the same at 30 and at 50 mm/s."""
 
 
 TURN_TIME_SHARE = 0.5
@@ -109,17 +109,17 @@ class Recipe:
     bed_layers_saved: float = 0.0  # layers of skin saved at a hidden face on the bed, see `hidden_faces`
     top_layers_saved: float = 0.0  # layers of skin saved at hidden tops
     infill_line_distance_mm: float = 7.0  # mean spacing, all directions together; 0 without infill
-    infill_connected: bool = True  # lines are connected along the walls, as in a zigzag
+    infill_connected: bool = True  # lines are connected along the walls, as in the pattern zigzag
     infill_steps: int = 0  # number of steps below the tops at which the density of the infill halves
     infill_step_mm: float = 0.0  # depth of each step
     support_line_distance_mm: float = 2.333  # 0 without support
     outer_wall_mm_s: float = 40.0
     inner_wall_mm_s: float = 50.0
     infill_mm_s: float = 60.0
-    hidden_outer_wall_mm_s: float = 0.0  # on upright sides that are hidden once parts are glued; 0: as others
+    hidden_outer_wall_mm_s: float = 0.0  # on upright sides that are hidden once parts are glued; 0: the same
     hidden_inner_wall_mm_s: float = 0.0
     skin_mm_s: float = 30.0
-    roof_layers: int = 0  # uppermost layers of a top, printed at another speed unless all tops are hidden
+    roof_layers: int = 0  # number of uppermost layers of a top, at another speed unless all tops are hidden
     roof_mm_s: float = 30.0
     support_mm_s: float = 40.0
     support_angle_deg: float = 45.0  # from the vertical; faces at a larger angle get support
@@ -127,11 +127,11 @@ class Recipe:
     brim_mm_s: float = 30.0  # of the first layer
     speeding_layers: int = 2  # number of layers over which the speed rises to that of the others
     travel_mm_s: float = 150.0
-    retraction_s: float = 0.52  # of retraction and return together
+    retraction_s: float = 0.52  # to retract the filament and to push it back
     acceleration_mm_s2: float = 3000.0
     min_layer_s: float = 5.0  # the slicer slows down shorter layers to this time
     shrinkage: float = 0.007  # share of its length by which the material shrinks, so that parts warp
-    prelude_s: float = 0.0  # heating, homing, start and end code, once for each part
+    prelude_s: float = 0.0  # time of heating, homing, start and end code, once for each part
 
     @property
     def walls_mm(self) -> float:
@@ -140,7 +140,7 @@ class Recipe:
 
     @property
     def insets_s(self) -> float:
-        """Sum over the walls of a layer: mm that each lies inside the outline, over its speed."""
+        """Sum over the walls of a layer: distance of each from the outline in mm, over its speed."""
         inner = range(1, self.wall_count)
         depths_mm = [self.outer_line_width_mm + (i - 0.5) * self.line_width_mm for i in inner]
         outer_s = self.outer_line_width_mm / 2.0 / self.outer_wall_mm_s if self.wall_count > 0 else 0.0
@@ -161,7 +161,7 @@ class Recipe:
 
     @property
     def roof_s_mm(self) -> float:
-        """Additional seconds for a mm of line in all layers of a top, because of its uppermost ones."""
+        """Additional seconds for a mm of line in all layers of a top, due to the speed of its roof layers."""
         layers = min(self.roof_layers, self.skin_layers)
         return layers * (1.0 / self.roof_mm_s - 1.0 / self.skin_mm_s)
 
@@ -192,20 +192,20 @@ class Recipe:
 
     @property
     def connection_s_mm2(self) -> float:
-        """Seconds for a line of infill along a mm2 of wall; 0 where its lines are not connected."""
+        """Seconds for a line of infill along each mm2 of wall; 0 if infill lines are not connected."""
         is_connected = self.infill_connected and self.deep_lines_mm > 0.0
         return 1.0 / (self.layer_height_mm * self.infill_mm_s) if is_connected else 0.0
 
     @property
     def infill_ends_s_mm2(self) -> float:
-        """Seconds lost at the ends of the lines of infill at a mm2 of wall."""
+        """Seconds lost at the ends of infill lines, for each mm2 of wall."""
         stop_s = self.infill_mm_s / self.acceleration_mm_s2
         share = TURN_TIME_SHARE if self.connection_s_mm2 > 0.0 else 1.0
         return share * self.deep_lines_mm * stop_s / self.layer_height_mm
 
     @property
     def top_lines(self) -> float:
-        """Additional mm of infill lines below each mm2 of a top, times mm of depth."""
+        """Additional length of infill lines below a top, times depth: mm for each mm2 of the top."""
         return (
             self.infill_step_mm
             * self.deep_lines_mm
@@ -214,7 +214,7 @@ class Recipe:
 
     @property
     def ring_cos(self) -> float:
-        """Minimum n of slopes with a ring of denser infill below them: a narrower one is not printed."""
+        """Minimum n of slopes with a ring of denser infill below them: narrower rings are not printed."""
         depth_mm = self.infill_step_mm * self.infill_steps
         return self.line_width_mm / math.hypot(depth_mm, self.line_width_mm) if depth_mm > 0.0 else 1.0
 
@@ -231,10 +231,10 @@ class Recipe:
         return math.cos(math.atan(bare_mm / (self.walls_mm + self.line_width_mm / 2.0)))
 
 
-def time_terms(recipe: Recipe) -> dict[str, Floats]:
-    """Compute the seconds of each term, by name, for one unit of each of `FEATURES`.
+def compute_time_terms(recipe: Recipe) -> dict[str, Floats]:
+    """Compute the seconds of each term for one unit of each of `FEATURES`.
 
-    At each end of a line of infill, or of a slope's narrow skin, the nozzle stops and starts. Walls cover the
+    The nozzle stops and starts at each end of a line of infill, and of a slope's narrow skin. Walls cover the
     rim of a skin.
 
     Parameters
@@ -245,9 +245,8 @@ def time_terms(recipe: Recipe) -> dict[str, Floats]:
     Returns
     -------
     dict
-        (23,) float64 vectors in the order of `FEATURES`, before `FACTORS`.
+        Float64 vectors in the order of `FEATURES`, before `FACTORS`, by the names of the terms.
     """
-
     r, layer = recipe, recipe.layer_height_mm
     inner_walls = max(r.wall_count - 1, 0) / r.inner_wall_mm_s
     walls = (1.0 / r.outer_wall_mm_s if r.wall_count > 0 else 0.0) + inner_walls
@@ -275,11 +274,11 @@ def time_terms(recipe: Recipe) -> dict[str, Floats]:
         "brim": _vector(brim_mm2=1.0 / (r.outer_line_width_mm * r.brim_mm_s)),
         "infill ends": _vector(lateral_mm2=r.infill_ends_s_mm2),
         "travel": _vector(lateral_mm2=1.0 / (layer * r.travel_mm_s)),
-    } | _pose_terms(recipe)
+    } | _compute_pose_terms(recipe)
 
 
-def _pose_terms(recipe: Recipe) -> dict[str, Floats]:
-    """Compute the seconds of the terms whose features only a pose shows, as in `time_terms`."""
+def _compute_pose_terms(recipe: Recipe) -> dict[str, Floats]:
+    """Compute the seconds of the terms whose features depend on a pose, as in `compute_time_terms`."""
     r, layer = recipe, recipe.layer_height_mm
     skin = r.skin_s_mm / r.line_width_mm
     stop_s = r.travel_mm_s / r.acceleration_mm_s2 / 2.0
@@ -293,7 +292,7 @@ def _pose_terms(recipe: Recipe) -> dict[str, Floats]:
             holes_mm=HOLE_VISITS * stop_s / layer, hole_paths_mm2=HOLE_VISITS / (layer * r.travel_mm_s)
         ),
         "rims": _vector(rim_mm=-skin * r.walls_mm),
-        # In the mean over all directions, a line ends at the rim once for every pi widths.
+        # On average over all directions, a line ends once for every length of pi line widths of the rim.
         "rim ends": _vector(rim_ends_mm=r.skin_layers * r.skin_stop_s / (math.pi * r.line_width_mm)),
         "rings": _vector(ring_mm2=r.connection_s_mm2 if r.infill_steps else 0.0),
         "thin walls": _vector(
@@ -308,10 +307,10 @@ def _pose_terms(recipe: Recipe) -> dict[str, Floats]:
 
 
 def _compute_gain_s_mm(speed_mm_s: float, fast_mm_s: float) -> float:
-    """Compute the seconds that a mm of line saves at a higher speed; 0 at a lower one."""
+    """Compute the seconds that a mm of line saves at a higher speed; 0 if the speed is not higher."""
     return 1.0 / speed_mm_s - 1.0 / fast_mm_s if fast_mm_s > speed_mm_s else 0.0
 
 
 def _vector(**features: float) -> Floats:
-    """Return a vector in the order of `FEATURES`; features that are not named are 0."""
+    """Build a vector (features,) float64 in the order of `FEATURES`; features that are not named are 0."""
     return np.array([features.get(name, 0.0) for name in FEATURES])

@@ -30,7 +30,15 @@ class Surfaces(NamedTuple):
 
 @jit
 def measure_surfaces(vertices: Floats, faces: Ints) -> Surfaces:
-    """Measure the faces (m, 3), outward by the right-hand rule, of vertices (n, 3) float64 in mm."""
+    """Measure the faces of a mesh.
+
+    Parameters
+    ----------
+    vertices
+        (n, 3) float64 in mm.
+    faces
+        (m, 3) int64, outward by the right-hand rule.
+    """
     normals, centres = np.zeros((len(faces), 3)), np.zeros((len(faces), 3))
     areas = np.zeros(len(faces))
     for i in range(len(faces)):

@@ -1,4 +1,4 @@
-"""Thin walls and sheets of a part, by rays through it: where infill, inner walls or skins find no room.
+"""Thin walls and sheets of a part, found by rays: infill, inner walls or skins do not fit inside them.
 
 Between the outer walls of a thin wall, a slicer prints a single line at the speed of skin instead of infill.
 If the inner walls do not fit either, such a line replaces them.
@@ -15,7 +15,7 @@ from decompose.arrays import Floats
 from decompose.geometry.rays import Crossings, Rays, compute_unit_normals, find_bounds, find_crossings
 from decompose.jit import jit
 
-RAYS = 4_000  # approximate number of rays along each of two axes
+RAYS = 4_000  # approximate number of rays along each axis
 MIN_STEP_MM = 0.05
 MIN_GAP_MM = 0.05  # minimum gap between walls that is filled
 
@@ -29,7 +29,17 @@ class WallWidths(NamedTuple):
 
 
 class Sheets(NamedTuple):
-    """Heights in mm of the skins on both sides of a sheet and of a layer; least |n| of faces with skin."""
+    """Limits of a sheet.
+
+    Attributes
+    ----------
+    skins_mm
+        Height of the skins on both sides together.
+    layer_mm
+        Height of a layer.
+    skin_cos
+        Minimum |n| of faces with skin.
+    """
 
     skins_mm: float = 0.0
     layer_mm: float = 1.0
@@ -37,7 +47,7 @@ class Sheets(NamedTuple):
 
 
 class ThinWalls(NamedTuple):
-    """Areas in mm2 of upright faces of thin walls, each side counted, and of thin sheets.
+    """Areas of the faces of thin walls, both sides counted, and the excess volume of skins in thin sheets.
 
     Attributes
     ----------
@@ -48,7 +58,7 @@ class ThinWalls(NamedTuple):
     full_mm2
         Area of walls without infill.
     overlap_mm3
-        Volume by which the skins on both sides of sheets exceed them.
+        Volume by which the skins on both sides of sheets exceed the sheets.
     """
 
     bare_mm2: float
@@ -58,9 +68,21 @@ class ThinWalls(NamedTuple):
 
 
 def measure_thin_walls(triangles: Floats, widths: WallWidths, sheets: Sheets, count: int = RAYS) -> ThinWalls:
-    """Measure the thin walls and sheets of a closed mesh (m, 3, 3) in mm that stands on the bed."""
+    """Measure the thin walls and sheets of a closed mesh.
+
+    Parameters
+    ----------
+    triangles
+        (m, 3, 3) float64 in mm, outward, standing on z = 0.
+    widths
+        Widths of lines and walls.
+    sheets
+        Limits of thin sheets.
+    count
+        Approximate number of rays along each axis.
+    """
     sums = np.zeros(3)
-    # First x, then y, is rotated to the last axis; `upright` is the index of z after it.
+    # First x, then y, becomes the last axis; `upright` is the index of z in the new order.
     for upright, order in ((1, [1, 2, 0]), (0, [2, 0, 1])):
         crossings, normals, ray_mm2 = _send_rays(triangles[:, :, order], count)
         sums += ray_mm2 * _sum_thin_walls(crossings, normals, upright, widths)
@@ -71,7 +93,13 @@ def measure_thin_walls(triangles: Floats, widths: WallWidths, sheets: Sheets, co
 
 
 def _send_rays(triangles: Floats, count: int) -> tuple[Crossings, Floats, float]:
-    """Send rays along the last axis; return their crossings, the faces' normals, and the area of a ray."""
+    """Send rays along the last axis of triangles (m, 3, 3) in mm.
+
+    Returns
+    -------
+    tuple
+        Crossings, (m, 3) unit normals of the faces, and the area that a ray stands for, in mm2.
+    """
     turned_triangles = np.ascontiguousarray(triangles)
     lo, hi = find_bounds(turned_triangles)
     width, depth = (hi - lo)[:2].tolist()
@@ -84,7 +112,9 @@ def _send_rays(triangles: Floats, count: int) -> tuple[Crossings, Floats, float]
 
 @jit
 def _sum_thin_walls(crossings: Crossings, normals: Floats, upright: int, widths: WallWidths) -> Floats:
-    """Sum the areas of `ThinWalls` (3,) over the area of a ray, of faces that look along the rays.
+    """Sum the areas of thin walls, as multiples of the area that a ray stands for.
+
+    Only faces that look rather along the rays than across them are counted.
 
     Parameters
     ----------
@@ -96,6 +126,11 @@ def _sum_thin_walls(crossings: Crossings, normals: Floats, upright: int, widths:
         Index of the axis that points up on the bed: 0 or 1.
     widths
         Widths of the walls.
+
+    Returns
+    -------
+    ndarray
+        (3,) float64 sums for `bare_mm2`, `gap_mm2` and `full_mm2` of `ThinWalls`.
     """
     sums = np.zeros(3)
     line, outer, walls = widths
@@ -129,7 +164,17 @@ def _sum_thin_walls(crossings: Crossings, normals: Floats, upright: int, widths:
 
 @jit
 def _sum_overlap_mm(crossings: Crossings, normals: Floats, sheets: Sheets) -> float:
-    """Sum the height by which the skins on both sides of thin sheets exceed them, over all rays."""
+    """Sum the height in mm by which the skins on both sides of thin sheets exceed the sheets, over all rays.
+
+    Parameters
+    ----------
+    crossings
+        Crossings of upright rays with the faces.
+    normals
+        (m, 3) float64 unit normals of the faces.
+    sheets
+        Limits of thin sheets.
+    """
     skins, layer, skin_cos = sheets
     total = 0.0
     for ray in range(len(crossings.start) - 1):

@@ -1,7 +1,7 @@
-"""Effort of a search: work is counted, not timed, so that every machine gets the same result.
+"""Effort of a search: work is counted, not timed, so that the result is the same on every machine.
 
 Each kind of work has a price: the time of a unit on one core of a typical machine (`bench/search/effort.py`).
-Work is recorded by the thread that distributes it, whatever threads do the work.
+Work is recorded by the thread that distributes it, not by the threads that do it.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from enum import StrEnum
 
 
 class Work(StrEnum):
-    """Kinds of work, by their units."""
+    """Kinds of work, named by their units."""
 
     FACE_GRIDDED = "face-gridded"  # a triangle of the model, added to a grid
     BOX_PRICED = "box-priced"  # a box of the grid, priced for a room
     SUM = "sum"  # a sum of the two sides of a cut, in a search for a partition
     FACE_CUT = "face-cut"  # a triangle of a solid that is cut
-    FACE_POSED = "face-posed"  # a triangle of a piece whose best pose is searched
+    FACE_POSED = "face-posed"  # a triangle of a piece for which the best pose is sought
     PIECE_POSED = "piece-posed"
     FACE_MEASURED = "face-measured"  # a triangle of a piece that is priced in a given pose
     PIECE_MEASURED = "piece-measured"
@@ -47,20 +47,20 @@ WORK_NS = {
 
 @dataclass(slots=True)
 class Effort:
-    """Work done, and the budget.
+    """Work that is done, and the budget.
 
     Attributes
     ----------
     budget_s
-        Work that may be done, in seconds of one core of a typical machine.
+        Maximum work in seconds of one core of a typical machine.
     done
-        Units of each kind that were done.
+        Number of units of each kind that are done.
     cut_short
         Whether a search has stopped because of the budget.
     on_spent
-        Called with the work done, in seconds, whenever work is started; None for no call.
+        Function that is called with the spent seconds whenever work is started; None for no call.
     reserved_s
-        Part of the budget for work that is done in any case, which no search may use.
+        Part of the budget that no search may use, for work that is always done.
     """
 
     budget_s: float = math.inf
@@ -75,7 +75,7 @@ class Effort:
         return sum(price * self.done[work] for work, price in WORK_NS.items()) / 1e9
 
     def record(self, work: Work, units: int) -> None:
-        """Record work that is started."""
+        """Record units of work when they are started."""
         self.done[work] += units
         if self.on_spent is not None:
             self.on_spent(self.spent_s)

@@ -1,4 +1,4 @@
-"""Pieces and the printers' room: number of parts that it needs, misfits, and positions of cuts."""
+"""Fit of pieces to the printers' room: number of parts, pieces that do not fit, and positions of cuts."""
 
 from __future__ import annotations
 
@@ -16,14 +16,21 @@ from decompose.pieces import Piece
 from decompose.printers import PrinterRoom
 from decompose.problem.problem import Problem
 
-FIT_MM = 1e-6  # distance by which a part may exceed its room, for rounding
+FIT_MM = 1e-6  # length by which a part may exceed its room, due to rounding
 ROUNDING_MM3 = 1e-6  # maximum volume of a film that rounding leaves on a cut plane
 
 
 def count_blocks(size_mm: Floats, printers: Sequence[PrinterRoom]) -> tuple[int, int, int]:
-    """Compute the fewest equal, axis-aligned blocks along each side of a box (3,) that fit every printer.
+    """Count the fewest equal, axis-aligned blocks along each side of a box that fit every printer.
 
-    A box that is one block fits; a box of several blocks may still fit when it is rotated.
+    A box of one block fits; a box of several blocks may still fit if it is rotated.
+
+    Parameters
+    ----------
+    size_mm
+        (3,) size of the box.
+    printers
+        Rooms of the printers.
     """
     axis_counts = []
     for printer in printers:
@@ -36,17 +43,36 @@ def count_blocks(size_mm: Floats, printers: Sequence[PrinterRoom]) -> tuple[int,
 
 
 def count_parts(solid: Solid, printers: Sequence[PrinterRoom]) -> int:
-    """Compute the smallest number of axis-aligned parts of a solid; 1 if it fits as it is."""
+    """Count the fewest axis-aligned parts of a solid that fit every printer; 1 if the solid fits as it is.
+
+    Parameters
+    ----------
+    solid
+        Solid to cut.
+    printers
+        Rooms of the printers.
+    """
     return math.prod(count_blocks(np.ptp(solid.bounds_mm, axis=0), printers))
 
 
 def place_clear_of_faces(
     solid: Solid, normal: Floats, at_mm: float, reach_mm: float = 2.0 * CLEAR_MM
 ) -> float:
-    """Find the offset of a plane near `at_mm` that is not close to any face parallel to it.
+    """Find the offset of a plane near `at_mm` that is not close to any face parallel to the plane.
 
-    A cut close to a face would leave slivers, and the face would count as a cut. If no place within reach is
-    clear, the result is the place furthest from all faces.
+    A cut close to a face would leave slivers, and the face would count as a cut. If no offset within reach is
+    clear, the result is the one furthest from all faces.
+
+    Parameters
+    ----------
+    solid
+        Solid to cut.
+    normal
+        (3,) unit normal of the plane.
+    at_mm
+        Wanted offset along the normal.
+    reach_mm
+        Maximum distance from the wanted offset.
     """
     vertices, faces = solid.arrays()
     a, b, c = (vertices[faces[:, i]] for i in range(3))
@@ -66,16 +92,25 @@ def place_clear_of_faces(
 
 def split_connected(piece: Piece) -> list[Piece]:
     """Split a piece into connected pieces, and remove the films that rounding leaves on a cut."""
-    solids = [solid for solid in piece.solid.pieces() if solid.volume_mm3 > ROUNDING_MM3]
+    solids = [solid for solid in piece.solid.list_pieces() if solid.volume_mm3 > ROUNDING_MM3]
     return [Piece(solid, piece.planes, piece.boxes_mm) for solid in solids]
 
 
 def refuse_misfits(
     engine: str, pieces: Sequence[Piece], problem: Problem, sufficient_printers: int | None
 ) -> None:
-    """Raise `NoFit` if a piece fits no printer in any pose, or the pieces are more than the printers.
+    """Raise `NoFit` if a piece fits no printer in any pose, or if there are more pieces than printers.
 
-    `sufficient_printers`: number of printers that would be enough, None if unknown.
+    Parameters
+    ----------
+    engine
+        Name of the engine, for messages.
+    pieces
+        Pieces that it has made.
+    problem
+        Problem with the printers.
+    sufficient_printers
+        Number of printers that would be enough; None if it is unknown.
     """
     printers = len(problem.printers)
     large = [p for p in pieces if count_parts(p.solid, problem.rooms) > 1]

@@ -8,17 +8,16 @@ from decompose.errors import DecomposeError
 from decompose.grid import GRANULARITY
 
 AUTO_GRANULARITY = 15
-MAX_ROOM_CELLS = 24  # maximum by default: a finer grid takes gigabytes
+MAX_ROOM_CELLS = 24  # maximum granularity due to the printers' room: a finer grid takes gigabytes
 MAX_CELLS = 60  # maximum that a person may request
-# Minimum number of cells of a part: with fewer, a layer of cells is too large a share of it.
+# Minimum number of cells of a part: with fewer cells, a layer of them is too large a share of the part.
 CELLS_PER_PART = 400
 
 
 def choose_granularity(granularity: str | int, printers: int, room_ratio: float = 1.0) -> int:
     """Choose the cube root of the number of cells from a name, a number, or ``auto``.
 
-    `room_ratio` is the model's longest side over the narrowest side of a part's room: on ``auto`` a cell is
-    not much larger than half a room.
+    With ``auto``, a cell is not much larger than half a room.
 
     Parameters
     ----------
@@ -32,7 +31,7 @@ def choose_granularity(granularity: str | int, printers: int, room_ratio: float 
     Raises
     ------
     DecomposeError
-        The granularity is none of these.
+        The granularity is not valid.
     """
     if granularity == "auto":
         finer = math.ceil(math.pow(CELLS_PER_PART * printers, 1.0 / 3.0))

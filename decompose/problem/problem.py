@@ -24,14 +24,24 @@ from decompose.problem.effort import Effort, Work
 from decompose.problem.granularity import choose_granularity
 
 T = TypeVar("T")
-Posing = tuple[Solid, tuple[tuple[tuple[float, float, float], ...], ...]]  # a solid and the rooms to fit
+Posing = tuple[Solid, tuple[tuple[tuple[float, float, float], ...], ...]]  # a solid, and the rooms to fit
 
 MAX_PARTS = 200  # maximum number of printers, or rounds, that a message suggests for a model
 
 
 @dataclass(frozen=True, slots=True)
 class GridFigures:
-    """Makespan on the grid of an engine, the proven bound, and the shape of the grid; None without a grid."""
+    """Figures of an engine's grid.
+
+    Attributes
+    ----------
+    makespan_s
+        Makespan of the partition on the grid, by the tables.
+    lower_bound_s
+        Proven lower bound on the makespan.
+    cells
+        Shape of the grid; None without a grid.
+    """
 
     makespan_s: float
     lower_bound_s: float
@@ -44,22 +54,29 @@ class Problem:
 
     Attributes
     ----------
+    model
+        Model in the frame in which it is cut.
     printers
-        Free printers, one piece each at most; a printer of several rounds appears once for each.
+        Free printers, each for one piece at most; a printer that prints in several rounds appears once for
+        each.
+    cost
+        Print time of a part.
+    options
+        Engine, grid and limits.
     executor
         Executor for work that may run in parallel; threads are enough. None to run it serially.
     effort
-        Work done and the budget: a search that does not end by itself stops when it is spent, with the best
-        result so far.
+        Work that is done, and the budget. A search that does not end by itself stops when the budget is
+        spent, with the best result so far.
     on_stage
-        Called with the name of each stage when it ends.
+        Function that is called with the name of each stage when it ends.
     best_known_s
         Makespan of the best result so far: no bound is proven for a result that ends later.
     thorough
-        Whether to also shift the planes of partitions other than the best one, and to shift moved planes
+        Whether to shift also the planes of partitions other than the best one, and to shift moved planes
         again, within the budget.
     frame
-        (3, 3) ``v_cut = frame @ v_model``: rotation of the model so far.
+        (3, 3) rotation of the model so far: ``v_cut = frame @ v_model``.
     """
 
     model: Model
@@ -95,24 +112,24 @@ class Problem:
         return [min(max(box[axis] for box in p.boxes) for p in self.rooms) for axis in range(3)]
 
     def rotate(self, rotation: Floats) -> Problem:
-        """Rotate the model by (3, 3); the same problem for the identity."""
+        """Rotate the model by a rotation (3, 3); return the same problem for the identity."""
         if (rotation == np.eye(3)).all():
             return self
         model = replace(self.model, solid=self.model.solid.rotate(rotation))
         return replace(self, model=model, frame=rotation @ self.frame)
 
     def map(self, function: Callable[..., T], *arguments: Iterable[Any]) -> Iterator[T]:
-        """Call a function for each item, in parallel with an executor; the results are in order."""
+        """Call a function for each item, in parallel if there is an executor; yield the results in order."""
         return map(function, *arguments) if self.executor is None else self.executor.map(function, *arguments)
 
     def start(self, work: Callable[[], T]) -> Callable[[], T]:
         """Start work in the executor; return a function that waits for its result.
 
-        Without an executor the work is done when the result is asked for, once.
+        Without an executor, the first call of that function does the work.
         """
         return cache(work) if self.executor is None else self.executor.submit(work).result
 
-    def granularity(self, model: Model) -> int:
+    def choose_granularity(self, model: Model) -> int:
         """Choose the granularity of the grid for a model in the frame of the cut."""
         room_ratio = max(model.extents_mm) / min(self.room_mm)
         return choose_granularity(self.options.granularity, len(self.printers), room_ratio)
@@ -123,17 +140,35 @@ class Problem:
         plane_at: tuple[int, float] | None = None,
         overhang_cos: float | None = None,
     ) -> Grid:
-        """Build the grid over a model in the frame that it is cut in; see `grid.build_grid`."""
+        """Build the grid over a model in the frame of the cut.
+
+        Parameters
+        ----------
+        model
+            Model in that frame.
+        plane_at
+            Axis and coordinate in mm of a plane that the grid must have; None for none.
+        overhang_cos
+            Cosine above which a face overhangs; None for that of the cost model.
+        """
         options, cost = self.options, self.cost
         vertices, faces = model.solid.arrays()
         # Each face is clipped twice: to the cells, and to the finer ones that divide them.
         self.effort.record(Work.FACE_GRIDDED, 2 * len(faces))
         overhang_cos = cost.overhang_cos if overhang_cos is None else overhang_cos
         rules = GridRules(options.min_wall_mm, options.interior is Interior.KEEP, overhang_cos, cost.skin_cos)
-        return build_grid(vertices[faces], self.granularity(model), rules, plane_at)
+        return build_grid(vertices[faces], self.choose_granularity(model), rules, plane_at)
 
     def price_boxes(self, grid: Grid, rooms: Sequence[PrinterRoom] = ()) -> BoxTables:
-        """Price every box of a grid; a box fits if it fits all rooms, by default those of all printers."""
+        """Price every box of a grid; a box fits if it fits all rooms, by default those of all printers.
+
+        Parameters
+        ----------
+        grid
+            Grid over the model.
+        rooms
+            Rooms that a box has to fit; empty for those of all printers.
+        """
         boxes = price_boxes(grid, list(rooms or self.rooms), self.cost, self.executor)
         self.effort.record(Work.BOX_PRICED, len(boxes.seconds))
         return boxes
@@ -141,13 +176,20 @@ class Problem:
     def start_proof(self, grid: Grid, boxes: BoxTables, partition: Sequence[Box]) -> Callable[[], float]:
         """Start the proof of a lower bound on the makespan of boxes, in parallel if there is an executor.
 
+        Parameters
+        ----------
+        grid, boxes
+            Grid over the model, and its tables.
+        partition
+            Boxes of a partition, whose makespan limits the bound.
+
         Returns
         -------
         Callable
-            Function that waits for the lower bound in s of all partitions of the grid, by the tables.
+            Function that waits for the lower bound in s on all partitions of the grid, by the tables.
         """
         self.effort.record(Work.BOX_PROVEN, len(boxes.seconds))
-        makespan_s = boxes.longest_s(partition)
+        makespan_s = boxes.find_longest_s(partition)
         proof = self.start(partial(bound_makespan, boxes, grid.needed, len(self.printers), makespan_s))
         return lambda: proof().seconds
 
@@ -161,12 +203,22 @@ class Problem:
     ) -> GridFigures:
         """Compute the makespan of boxes by the tables, and a lower bound for all partitions.
 
-        `pieces` are the final pieces from these boxes, or from similar ones; `proof` is the result of
-        `start_proof`, if the proof has been started. The boxes fit every printer: the longest is for the
-        fastest one. The bound is proven as if all printers were as fast as that one.
+        The boxes fit every printer, and the slowest box is for the fastest printer. The bound is proven as if
+        all printers were as fast as that one.
+
+        Parameters
+        ----------
+        grid, boxes
+            Grid over the model, and its tables.
+        partition
+            Boxes of a partition.
+        pieces
+            Final pieces from these boxes, or from similar ones.
+        proof
+            Result of `start_proof`, if the proof is started already.
         """
         printers = len(self.printers)
-        times_s = sorted((boxes.longest_s([box]) for box in partition), reverse=True)
+        times_s = sorted((boxes.find_longest_s([box]) for box in partition), reverse=True)
         needed_mm3 = float(grid.sums[grid.needed][:, VOLUME].sum())
         bound_s = bound_by_surface_s(self.model.solid.area_mm2, needed_mm3, printers, self.cost)
         if proof is None and self.needs_proof(pieces):
@@ -177,7 +229,7 @@ class Problem:
         return GridFigures(ends_s, self.fastest_factor * bound_s, grid.shape)
 
     def needs_proof(self, pieces: Sequence[Piece]) -> bool:
-        """Check whether a result of these pieces may be the best one, so that its bound has to be proven."""
+        """Check whether these pieces may be the best result, so that a bound has to be proven for them."""
         if not self.options.prove:
             return False
         ends_s = self.compute_makespan_s(pieces)
@@ -185,9 +237,9 @@ class Problem:
         return math.isfinite(ends_s) and ends_s <= self.best_known_s
 
     def compute_makespan_s(self, pieces: Sequence[Piece]) -> float:
-        """Compute the time when the last piece ends, each in its best pose, on its printer; inf for no fit.
+        """Compute the time when the last piece ends, each in its best pose; inf if they do not fit.
 
-        The printers for which the pieces are cut are ignored, as in the makespan of the result.
+        The pieces are assigned to printers again, as in the result, even if they are cut for some.
         """
         assigned_printers = self.assign_printers(pieces)
         if assigned_printers is None:
@@ -202,19 +254,19 @@ class Problem:
         poses = [pose for pose in self.find_poses(pieces) if pose is not None]
         return assign_printers(poses, self.printers) if len(poses) == len(pieces) else None
 
-    def rooms_for(self, piece: Piece) -> tuple[PrinterRoom, ...]:
-        """List the rooms that a piece has to fit: its printer's, or those of all."""
+    def list_rooms_for(self, piece: Piece) -> tuple[PrinterRoom, ...]:
+        """List the rooms that a piece has to fit: that of its printer, or those of all printers."""
         return self.rooms if piece.printer is None else (piece.printer,)
 
     def find_pose(self, piece: Piece) -> Pose | None:
-        """Find the best pose of a piece that fits `rooms_for` it; None if there is none."""
+        """Find the best pose of a piece that fits `list_rooms_for` it; None if there is none."""
         vertices, faces = piece.solid.arrays()
         cut = find_cut_faces(vertices, faces, piece.planes)
-        rooms = self.rooms_for(piece)
+        rooms = self.list_rooms_for(piece)
         return find_best_pose(vertices, faces, cut, rooms, self.cost, self.options.fit_first_layer)
 
     def find_poses(self, pieces: Sequence[Piece]) -> list[Pose | None]:
-        """Find the pose of each piece, once for each solid and rooms; in parallel with an executor."""
+        """Find the pose of each piece, once for each solid with its rooms, in parallel with an executor."""
         unposed_keys = {
             self._make_posing(piece): piece for piece in pieces if self._make_posing(piece) not in self._poses
         }
@@ -224,21 +276,24 @@ class Problem:
         return [self._poses[self._make_posing(piece)] for piece in pieces]
 
     def _make_posing(self, piece: Piece) -> Posing:
-        return piece.solid, tuple(room.boxes for room in self.rooms_for(piece))
+        """Make the key of a piece's pose."""
+        return piece.solid, tuple(room.boxes for room in self.list_rooms_for(piece))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Partition:
     """Output of an engine: at most as many pieces as there are printers.
 
-    Each fits the printer that it is cut for; if it is cut for none, all of them.
-
     Attributes
     ----------
-    rotation
-        (3, 3) ``v_cut = rotation @ v_model``: the frame that the pieces are in.
+    pieces
+        Pieces, each of which fits the printer that it is cut for, or all printers if it is cut for none.
     model
-        The model in that frame.
+        Model in the frame of the pieces.
+    rotation
+        (3, 3) rotation into that frame: ``v_cut = rotation @ v_model``.
+    grid
+        Figures of the engine's grid; None without a grid.
     """
 
     pieces: tuple[Piece, ...]
@@ -262,7 +317,8 @@ def validate_problem(
     Raises
     ------
     DecomposeError
-        No printer, a printer without room, or a minimum wall that is not a length.
+        There is no printer, a printer has no room, a minimum is no length or area, or the model is too long
+        for all rooms together.
     """
     if not printers:
         raise NoFit("no printer: name at least one")
@@ -277,15 +333,15 @@ def validate_problem(
 
 
 def _refuse_too_long(model: Model, printers: tuple[PrinterRoom, ...]) -> None:
-    """Refuse models longer than the diagonals of all printers' rooms together."""
+    """Refuse a model that is longer than the diagonals of all printers' rooms together."""
     reach_mm = sum(max(math.hypot(*box) for box in p.boxes) for p in printers)
     if float(model.extents_mm.max()) <= reach_mm:
         return
-    spans = np.array([piece.bounds_mm for piece in model.solid.pieces()])
+    spans = np.array([piece.bounds_mm for piece in model.solid.list_pieces()])
     for axis in range(3):
         order = spans[np.argsort(spans[:, 0, axis]), :, axis]
         before = np.maximum.accumulate(np.concatenate([[-np.inf], order[:-1, 1]]))
-        # If the parts filled the rooms without gaps.
+        # This is the length of the solid if the parts filled the rooms without gaps.
         solid_mm = float(np.maximum(0.0, order[:, 1] - np.maximum(order[:, 0], before)).sum())
         if solid_mm > reach_mm:
             part_count = math.ceil(solid_mm / reach_mm * len(printers))

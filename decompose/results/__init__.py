@@ -1,11 +1,12 @@
-"""Checked results: parts in their poses, with figures."""
+"""Checked results: parts in their poses, and figures."""
 
 from __future__ import annotations
 
 from decompose.results.check import check_result, check_stl
 from decompose.results.connect import connect_parts
-from decompose.results.decomposition import Attempt, Coverage, Cutting, Decomposition, Part
+from decompose.results.decomposition import Decomposition, Part
 from decompose.results.finish import apply_time_ratios, finish_result
+from decompose.results.records import Attempt, Coverage, Cutting
 
 __all__ = [
     "Attempt",

@@ -1,4 +1,4 @@
-"""Geometry rules, checked on every result before it is written, independently of the search."""
+"""Geometry rules that are checked on every result before it is written, independently of the search."""
 
 from __future__ import annotations
 
@@ -16,11 +16,12 @@ from decompose.errors import GeometryError, Rule
 from decompose.geometry import Model, Solid
 from decompose.pieces import ON_PLANE_MM, find_cut_faces
 from decompose.printers import PrinterRoom
-from decompose.results.decomposition import Coverage, Part
+from decompose.results.decomposition import Part
+from decompose.results.records import Coverage
 
 SURFACE_SHARE = 1e-6
 OVERLAP_MM3 = 1e-3
-MIN_HOLLOW_SHARE = 1e-12  # minimum volume of a hollow, as a share of the model: less is rounding
+MIN_HOLLOW_SHARE = 1e-12  # minimum volume of a hollow, as a share of the model; less is a rounding error
 STL_VOLUME_SHARE = 1e-5
 FIT_MM = 1e-6
 LAP_MM = 1e-6  # overlap of boxes that are united, so that rounding leaves no films between them
@@ -37,19 +38,27 @@ def check_result(
 
     Parameters
     ----------
+    parts
+        Parts of the result.
     boxes_mm
-        (b, 2, 3) boxes that were cut out; the interior of the model outside of them is not printed; no
-        box if nothing may be missing.
+        (b, 2, 3) corners of the boxes that were cut out; the interior of the model outside all boxes is not
+        printed. Empty if nothing may be missing.
+    model
+        Model in the frame of the parts.
+    printers
+        Printers, once for each part that they may print.
+    min_wall_mm
+        Minimum distance of hollows from the surface.
 
     Returns
     -------
     Coverage
-        The figures of surface and overlap.
+        Errors of surface and overlap.
 
     Raises
     ------
     GeometryError
-        The first rule that is broken, and the part.
+        A rule is broken; the error has the first such rule, and the part.
     """
     rooms = {p.name: p for p in printers}
     free_counts = Counter(p.name for p in printers)  # a printer is listed once for each of its rounds
@@ -65,12 +74,20 @@ def check_result(
 
 
 def check_part(part: Part, rooms: dict[str, PrinterRoom]) -> None:
-    """Check that a part is closed, one piece, and fits its printer's room in its pose."""
+    """Check that a part is closed, in one piece, and fits its printer's room in its pose.
+
+    Parameters
+    ----------
+    part
+        Part of the result.
+    rooms
+        Printers by their names.
+    """
     vertices, faces = part.solid.arrays()
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     if not (len(faces) and mesh.is_watertight and mesh.is_winding_consistent and mesh.volume > 0.0):
         raise GeometryError(Rule.CLOSED, part.id, "not a closed surface around a volume")
-    pieces = len(part.solid.pieces())
+    pieces = len(part.solid.list_pieces())
     if pieces != 1:
         raise GeometryError(Rule.ONE_PIECE, part.id, f"{pieces} separate pieces")
     vertices_on_bed, _ = part.build_printing_mesh()
@@ -83,7 +100,7 @@ def check_part(part: Part, rooms: dict[str, PrinterRoom]) -> None:
 
 
 def check_overlap(parts: Sequence[Part]) -> float:
-    """Check that no two parts overlap; return the shared volume in mm3 over all pairs."""
+    """Check that no two parts overlap; return the sum in mm3 of the volumes that two parts share."""
     total = 0.0
     for a, b in combinations(parts, 2):
         lo = np.maximum(a.solid.bounds_mm[0], b.solid.bounds_mm[0])
@@ -98,7 +115,15 @@ def check_overlap(parts: Sequence[Part]) -> float:
 
 
 def check_surface(parts: Sequence[Part], model: Model) -> float:
-    """Check that the parts' faces, without the cuts, have the original area; return the relative error."""
+    """Check that the parts' faces, without the cuts, have the original area; return the relative error.
+
+    Parameters
+    ----------
+    parts
+        Parts of the result.
+    model
+        Model in the frame of the parts.
+    """
     covered_mm2 = 0.0
     for part in parts:
         vertices, faces = part.solid.arrays()
@@ -118,7 +143,13 @@ def check_surface(parts: Sequence[Part], model: Model) -> float:
 
 
 def check_missing(parts: Sequence[Part], boxes_mm: Floats, model: Model, min_wall_mm: float) -> None:
-    """Check that only hollows outside of the boxes are missing, at a distance from the surface."""
+    """Check that only hollows outside the boxes are missing, which keep their distance from the surface.
+
+    Parameters
+    ----------
+    parts, boxes_mm, model, min_wall_mm
+        As in `check_result`.
+    """
     model_mm3 = model.solid.volume_mm3
     missing_mm3 = model_mm3 - sum(p.solid.volume_mm3 for p in parts)
     hollow = None
@@ -135,12 +166,12 @@ def check_missing(parts: Sequence[Part], boxes_mm: Floats, model: Model, min_wal
     if hollow is None or hollow_mm3 <= MIN_HOLLOW_SHARE * model_mm3:
         return
     lo, hi = model.solid.bounds_mm
-    far_mm = 2.0 * min_wall_mm + 1.0  # the sides of this box are further from all hollows than the limit
+    far_mm = 2.0 * min_wall_mm + 1.0  # so that the sides of this box are far enough from all hollows
     outside = Solid.box(lo - far_mm, hi + far_mm).subtract(model.solid)
-    if outside.gap_mm(hollow, min_wall_mm) >= min_wall_mm - FIT_MM:
+    if outside.measure_gap_mm(hollow, min_wall_mm) >= min_wall_mm - FIT_MM:
         return
-    hollows = hollow.pieces()
-    distances = [outside.gap_mm(cavity, min_wall_mm) for cavity in hollows]
+    hollows = hollow.list_pieces()
+    distances = [outside.measure_gap_mm(cavity, min_wall_mm) for cavity in hollows]
     nearest = int(np.argmin(distances))
     centre = np.round(hollows[nearest].bounds_mm.mean(axis=0))
     raise GeometryError(
@@ -154,9 +185,9 @@ def check_stl(path: Path, part: Part) -> None:
     Parameters
     ----------
     path
-        The STL file.
+        STL file.
     part
-        Part that was written to it.
+        Part that is written to it.
 
     Raises
     ------

@@ -1,10 +1,10 @@
-"""Pins and marks of a result: placed, cut, and checked."""
+"""Pins and marks of a result, which are placed, cut and checked."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
-from decompose.connectors import Blank, Connectors, drill, plan_connectors
+from decompose.connectors import Blank, Connectors, drill_parts, plan_connectors
 from decompose.errors import DecomposeError
 from decompose.files.names import find_part_number
 from decompose.results.connector_prices import price_connectors
@@ -15,8 +15,7 @@ from decompose.results.decomposition import Decomposition
 def connect_parts(decomposition: Decomposition) -> Decomposition:
     """Cut holes for pins, and marks, into the parts of a result whose assembly is planned.
 
-    A failure leaves parts as they were: those that break a rule get neither holes nor marks, and the
-    reason is in `Connectors.failures`.
+    Parts that would break a rule get neither holes nor marks, and the reason is in `Connectors.failures`.
 
     Parameters
     ----------
@@ -26,8 +25,8 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
     Returns
     -------
     Decomposition
-        The same with `Part.drilled` and `connectors`; unchanged if the options request neither pins nor
-        marks.
+        The decomposition with `Part.drilled` and `connectors`; unchanged if the options request neither pins
+        nor marks.
     """
     options = decomposition.options
     if options.connectors.is_empty or len(decomposition.parts) < 2:
@@ -41,7 +40,7 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
             blanks, decomposition.joints, decomposition.assembly, options.connectors, options.min_glue_mm2
         )
         for _ in range(len(blanks)):
-            drilled = drill(blanks, connectors)
+            drilled = drill_parts(blanks, connectors)
             parts = DrilledParts(
                 blanks,
                 drilled,
@@ -53,7 +52,7 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
             faults = list(parts.find_faults())
             if not faults:
                 break
-            connectors = _leave_out(connectors, faults, decomposition)
+            connectors = _remove_faulty(connectors, faults, decomposition)
         else:
             raise DecomposeError("the rules of pins and marks are broken repeatedly")
     except Exception as error:  # also of shapely and Qhull: parts are valid without pins and marks
@@ -76,10 +75,10 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
     )
 
 
-def _leave_out(
+def _remove_faulty(
     connectors: Connectors, faults: list[ConnectorFault], decomposition: Decomposition
 ) -> Connectors:
-    """Remove the connectors of faulty parts; if a fault names no part, all pins."""
+    """Remove the connectors of parts with a fault; if a fault names no part, remove all pins."""
     for fault in faults:
         if fault.part is None:
             reason = f"no pins: {fault.problem} (rule {fault.rule})"

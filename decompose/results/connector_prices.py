@@ -31,8 +31,9 @@ PRICES_S = {
 
 
 def count_tools(connectors: Connectors, part: int, up: Floats) -> Counter[str]:
-    """Count the tools of a part by the names of their prices; gutters, and the grooves of keys that
-    slide, by their length in mm.
+    """Count the tools of a part by the names of their prices.
+
+    Gutters, and the grooves of keys that slide, are counted by their length in mm.
 
     Parameters
     ----------
@@ -41,7 +42,7 @@ def count_tools(connectors: Connectors, part: int, up: Floats) -> Counter[str]:
     part
         Number of the part.
     up
-        (3,) upward direction of the bed in its pose.
+        (3,) upward direction of the bed in the part's pose.
     """
 
     def name_price(kind: str, into: Floats, suffix: str = "") -> str:
@@ -73,9 +74,16 @@ def count_tools(connectors: Connectors, part: int, up: Floats) -> Counter[str]:
 
 
 def scale_price(name: str, bare_s: float) -> float:
-    """Compute the factor of a price on a part that takes `bare_s` without connectors.
+    """Compute the factor of a price for the size of a part.
 
-    Seams gather in the strokes of a mark, and the head travels to them in each layer: further on large parts.
+    Seams gather in the strokes of a mark, and the head travels to them in each layer, further on large parts.
+
+    Parameters
+    ----------
+    name
+        Name in `PRICES_S`.
+    bare_s
+        Print time of the part without connectors.
     """
     return math.sqrt(bare_s / REFERENCE_S) if name.startswith("mark") else 1.0
 
@@ -83,7 +91,12 @@ def scale_price(name: str, bare_s: float) -> float:
 def price_connectors(connectors: Connectors, part: int, up: Floats, bare_s: float) -> float:
     """Price the connectors of a part, in seconds of print time.
 
-    `bare_s` is the print time of the part without them; the other parameters are those of `count_tools`.
+    Parameters
+    ----------
+    connectors, part, up
+        As in `count_tools`.
+    bare_s
+        Print time of the part without connectors.
     """
     amounts = count_tools(connectors, part, up)
     return sum(PRICES_S[name] * scale_price(name, bare_s) * amount for name, amount in amounts.items())

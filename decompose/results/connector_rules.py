@@ -1,4 +1,4 @@
-"""Rules of pins and marks, checked on the drilled parts, independently of the search for their places."""
+"""Rules of pins and marks, checked on the drilled parts independently of the search for places."""
 
 from __future__ import annotations
 
@@ -12,32 +12,41 @@ import shapely
 
 from decompose.arrays import Floats
 from decompose.assembly import AssemblyStep
-from decompose.connectors import Blank, Connectors, Pin, Tool, distance_mm, pairs_of, polygons_of, rings_of
+from decompose.connectors import (
+    Blank,
+    Connectors,
+    Pin,
+    Tool,
+    build_polygons,
+    find_pairs,
+    list_rings,
+    measure_distance_mm,
+)
 from decompose.errors import Rule
 from decompose.geometry import Solid, choose_plane_axes
 from decompose.pieces import Joint
 from decompose.results.overhangs import measure_ceiling_mm2
 
-EPS_MM3 = 1e-3  # rounding of an operation on solids
-EPS_MM2, SPECK_MM2 = 0.005, 0.3  # maximum ceiling of a layer in a hole, and at crossing strokes
-RIM_MM = 1.15  # minimum wall around a tool, and between two: the rim of the search less its rounding
-FILM_MM = 0.06  # depth at a face that rounding may leave undecided
+EPS_MM3 = 1e-3  # maximum rounding error of an operation on solids
+EPS_MM2, SPECK_MM2 = 0.005, 0.3  # maximum area of a layer's ceiling in a hole, and at crossing strokes
+RIM_MM = 1.15  # minimum wall around a tool, and between two tools: the rim of the search less rounding
+FILM_MM = 0.06  # depth below a face that is not checked, because of rounding
 HOLE_DEG, GROOVE_DEG = 40.5, 48.0  # flattest ceilings, from the vertical; supports begin at 50
 MOUTH_COS = -0.99  # maximum cosine between the normal of the mouth and the direction into the part
 SWELL_MM = 0.005  # growth of the tools in the check that nothing else was removed
-THIN_MM = 0.05  # minimum thickness of a real difference: less is an error at faces that nearly coincide
+THIN_MM = 0.05  # minimum thickness of a real difference; thinner ones are errors at nearly coincident faces
 KEY_END_MM = 0.25  # gap at each end of a key
 KEY_RIM_MM = 0.75  # minimum wall around the groove of a key
-ARC_SEGMENTS = 4  # sides for a quarter of a circle, of a polygon around the circle
+ARC_SEGMENTS = 4  # number of sides of a polygon around a circle, for each quarter of it
 COAXIAL_COS = 1.0 - 1e-9  # minimum cosine between two parallel directions
 LEVEL_SIN = 1e-6  # maximum sine of the angle between a direction and the face that it lies in
 FAR_MM = 2000.0  # distance beyond all parts
-OPEN_MM = 1.0  # minimum gap of a joint if one of its bodies is turned by 180 degrees
+OPEN_MM = 1.0  # minimum gap of a joint if one of its bodies is rotated by 180 degrees
 
 
 @dataclass(frozen=True, slots=True)
 class ConnectorFault:
-    """Rule that connectors break; `part` is None if it concerns the pins of several."""
+    """A rule that connectors break, and why; `part` is None if the pins of several parts break it."""
 
     rule: Rule
     part: int | None
@@ -46,7 +55,7 @@ class ConnectorFault:
 
 @dataclass(frozen=True, slots=True)
 class DrilledParts:
-    """Parts before and after drilling, with what was planned for them."""
+    """Parts before and after drilling, with their joints, steps and connectors."""
 
     blanks: Sequence[Blank]
     drilled: Sequence[Solid]
@@ -56,7 +65,7 @@ class DrilledParts:
     taken_mm: Sequence[float] = ()
 
     def find_faults(self) -> Iterator[ConnectorFault]:
-        """Check all rules, part by part, then pin by pin."""
+        """Check all rules, part by part, then pin by pin; yield the faults."""
         groups: dict[int, list[_Group]] = {}
         for group in self._list_groups():
             groups.setdefault(group.tools[0].part, []).append(group)
@@ -70,6 +79,7 @@ class DrilledParts:
             yield ConnectorFault(Rule.PINNED, None, problem)
 
     def _list_groups(self) -> Iterator[_Group]:
+        """Yield the tools of each hole, mark and gutter."""
         for pin in self.connectors.pins:
             for hole in pin.holes:
                 kind, limit_deg = ("hole", HOLE_DEG) if pin.along is None else ("groove", GROOVE_DEG)
@@ -80,6 +90,7 @@ class DrilledParts:
             yield _Group((gutter.groove,), self.joints[gutter.joint], math.radians(GROOVE_DEG), "gutter")
 
     def _check_part(self, part: int, groups: Sequence[_Group]) -> Iterator[tuple[Rule, str]]:
+        """Check a part with its tools; yield the rules that are broken, and how."""
         undrilled, drilled = self.blanks[part].solid, self.drilled[part]
         tools = [Solid.union([Solid.hull(tool.points_mm) for tool in group.tools]) for group in groups]
         removed_solid = undrilled.subtract(drilled)
@@ -87,37 +98,46 @@ class DrilledParts:
         if added_mm3 > EPS_MM3 and _is_thick(drilled.subtract(undrilled)):
             yield Rule.DRILLED, "material was added"
         if _is_thick(
-            removed_solid.subtract(Solid.union([_swell(t) for group in groups for t in group.tools]))
+            removed_solid.subtract(Solid.union([_swell_tool(t) for group in groups for t in group.tools]))
         ):
             yield Rule.DRILLED, "more was removed than the holes and marks"
-        if len(drilled.pieces()) != 1:
+        if len(drilled.list_pieces()) != 1:
             yield Rule.DRILLED, "it is no longer one piece"
-        sleeves = Solid.union([group.sleeve() for group in groups if not group.has_exit])
+        sleeves = Solid.union([group.build_sleeve() for group in groups if not group.has_exit])
         if sleeves.subtract(undrilled).volume_mm3 > EPS_MM3 or any(
-            _is_thick(self._subtract_all(group.sleeve())) for group in groups if group.has_exit
+            _is_thick(self._subtract_all(group.build_sleeve())) for group in groups if group.has_exit
         ):
             yield Rule.SKIN, "the wall around a hole or mark is too thin"
         if any(not group.is_hidden(undrilled) for group in groups):
             yield Rule.SKIN, "a hole or mark is not inside its joint"
-        if any(a.gap_mm(b, RIM_MM) < RIM_MM - FILM_MM for a, b in combinations(tools, 2) if _is_near(a, b)):
+        if any(
+            a.measure_gap_mm(b, RIM_MM) < RIM_MM - FILM_MM
+            for a, b in combinations(tools, 2)
+            if _is_near(a, b)
+        ):
             yield Rule.SKIN, "two holes or marks are too close to each other"
         for group in groups:
-            steepest = group.overhang(self.blanks[part].up)
+            steepest = group.compute_overhang_rad(self.blanks[part].up)
             if steepest > group.limit:
                 yield Rule.SUPPORT_FREE, f"a {group.kind} overhangs by {math.degrees(steepest):.0f} degrees"
             if group.measure_ceiling_mm2(self.blanks[part].up) > group.speck_mm2:
                 yield Rule.SUPPORT_FREE, f"the ceiling of a {group.kind} closes in one step"
 
     def _subtract_all(self, solid: Solid) -> Solid:
-        """Cut all undrilled parts out of a solid: what is left is outside of the model, or in a gap."""
+        """Cut all undrilled parts out of a solid; the remainder is outside the model, or in a gap."""
         for blank in self.blanks:
             solid = solid if solid.is_empty else solid.subtract(blank.solid)
         return solid
 
     def _check_pin(self, pin: Pin) -> Iterator[tuple[Rule, str]]:
+        """Check that a pin can be inserted; yield the rules that are broken, and how."""
         step = self.steps[pin.step]
         moved, fixed = pin.holes
-        if moved.part not in step.moved_parts or fixed.part not in step.fixed_parts or not _closes(pin, step):
+        if (
+            moved.part not in step.moved_parts
+            or fixed.part not in step.fixed_parts
+            or not _brings_into_holes(pin, step)
+        ):
             yield Rule.ORDER, f"a pin of step {pin.step + 1} is not along its direction"
         if pin.along is not None and abs(float(pin.along @ moved.into)) > LEVEL_SIN:
             yield Rule.PINNED, f"a key of step {pin.step + 1} does not lie in its joint"
@@ -133,11 +153,11 @@ class DrilledParts:
                 yield Rule.ORDER, f"a key of step {pin.step + 1} does not slide into its groove"
 
 
-def _closes(pin: Pin, step: AssemblyStep) -> bool:
+def _brings_into_holes(pin: Pin, step: AssemblyStep) -> bool:
     """Check whether the direction of a step brings a pin into its holes.
 
-    A key that slides has one groove with an exit: the moved part's against the direction, or the fixed
-    part's along it.
+    A key that slides has one groove with an exit: in the moved part against the direction, or in the fixed
+    part along it.
     """
     moved, fixed = pin.holes
     if float(pin.axis @ step.direction) < COAXIAL_COS or float(-moved.into @ fixed.into) < COAXIAL_COS:
@@ -152,54 +172,61 @@ def _closes(pin: Pin, step: AssemblyStep) -> bool:
 
 
 def _make_rod(pin: Pin, exit_direction: Floats | None = None) -> Solid:
-    """Build the body of a pin, or all that it sweeps on its way out of a groove."""
+    """Build the body of a pin, or the space that it sweeps on its way out of a groove."""
     axis = pin.rod_axis if exit_direction is None else exit_direction
     circle = shapely.Point(pin.at_mm @ choose_plane_axes(axis).T).buffer(pin.diameter_mm / 2.0)
     middle_mm = float(pin.at_mm @ axis)
     far_mm = pin.length_mm / 2.0 if exit_direction is None else FAR_MM
-    return _extrude(circle, axis, middle_mm - pin.length_mm / 2.0, middle_mm + far_mm)
+    return _extrude_outline(circle, axis, middle_mm - pin.length_mm / 2.0, middle_mm + far_mm)
 
 
 def find_wrong_fits(pins: Sequence[Pin], taken_mm: Sequence[float] = ()) -> list[str]:
-    """Find pairs of pins that admit a body turned by 180 degrees, or in the place of another step.
+    """Find pairs of pins that let a body fit if it is rotated by 180 degrees, or in the place of another one.
 
     Parameters
     ----------
     pins
-        Pins of all steps, in order; the first two of a step locate it.
+        Pins of all steps, in order; the first two pins of a step locate its bodies.
     taken_mm
         Distances between the pins of steps that are drilled already.
+
+    Returns
+    -------
+    list of str
+        A clause for each fault.
     """
     faults = []
-    pairs = pairs_of(pins)
+    pairs = find_pairs(pins)
     for step, (deep, shallow) in pairs.items():
         open_mm = deep.length_mm - deep.depth_mm - shallow.depth_mm
         if deep.along is None and shallow.along is None:
             is_open = open_mm >= OPEN_MM
-        else:  # a key goes into no hole, and a long one into no short groove
-            is_open = (deep.along is None) != (shallow.along is None) or deep.length_mm > _mouth_mm(shallow)
+        else:  # a key does not fit into a hole, nor a long key into a short groove
+            is_open = (deep.along is None) != (shallow.along is None) or deep.length_mm > _measure_mouth_mm(
+                shallow
+            )
         if not is_open:
             faults.append(f"step {step + 1} can be turned by 180 degrees")
         if any(
-            abs(distance_mm(deep, shallow) - taken_distance_mm) <= 2.0 * _measure_play_mm(deep)
+            abs(measure_distance_mm(deep, shallow) - taken_distance_mm) <= 2.0 * _measure_play_mm(deep)
             for taken_distance_mm in taken_mm
         ):
             faults.append(f"a body of step {step + 1} fits a neighbour that is printed already")
     for (step, pair), (other, others) in combinations(pairs.items(), 2):
         play_mm = 2.0 * max(_measure_play_mm(pin) for pin in (*pair, *others))
         alike = [pin.along is None for pin in pair] == [pin.along is None for pin in others]
-        if alike and abs(distance_mm(*pair) - distance_mm(*others)) <= play_mm:
+        if alike and abs(measure_distance_mm(*pair) - measure_distance_mm(*others)) <= play_mm:
             faults.append(f"bodies of the steps {step + 1} and {other + 1} fit each other")
     return faults
 
 
-def _mouth_mm(key: Pin) -> float:
-    """Measure the longer of the mouths of the grooves of a key, along it."""
+def _measure_mouth_mm(key: Pin) -> float:
+    """Measure the length of the longer mouth of a key's two grooves."""
     return float(max(np.ptp(groove.points_mm @ key.rod_axis) for groove in key.holes))
 
 
 def _measure_play_mm(pin: Pin) -> float:
-    """Measure how far a pin can move across its holes, by the narrowest width of the wider one."""
+    """Measure how far a pin can move across its holes, by the narrowest width of the wider hole."""
     if pin.along is not None:  # across it, between the sides of a V groove; along it, by its free ends
         return max(2.0 * KEY_END_MM, math.sqrt(2.0) * pin.depth_mm - pin.diameter_mm)
     across = choose_plane_axes(pin.axis)
@@ -210,7 +237,17 @@ def _measure_play_mm(pin: Pin) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Group:
-    """Tools of one hole or mark, its joint, and the flattest ceiling (radians from the vertical)."""
+    """Tools of one hole or mark.
+
+    Attributes
+    ----------
+    tools, joint
+        Tools, and the joint on whose faces they are.
+    limit
+        Angle of the flattest allowed ceiling from the vertical, in radians.
+    kind
+        Kind in messages: hole, groove, mark or gutter.
+    """
 
     tools: tuple[Tool, ...]
     joint: Joint
@@ -219,13 +256,14 @@ class _Group:
 
     @property
     def speck_mm2(self) -> float:
-        """Allowed ceiling of a layer: where strokes cross, specks need support."""
+        """Maximum area of a layer's ceiling; where strokes cross, specks without support are allowed."""
         return SPECK_MM2 if self.kind == "mark" else EPS_MM2
 
     def _draw_outline(self) -> shapely.Geometry:
+        """Draw the outline of the tools on their face, with the wall around them."""
         across = choose_plane_axes(self.tools[0].into)
         hulls = [shapely.MultiPoint(tool.points_mm @ across.T).convex_hull for tool in self.tools]
-        around_mm = self.rim_mm / math.cos(math.pi / 4.0 / ARC_SEGMENTS)  # arcs are inside of their lines
+        around_mm = self.rim_mm / math.cos(math.pi / 4.0 / ARC_SEGMENTS)  # so that the arc is inside
         return shapely.union_all(hulls).buffer(around_mm, quad_segs=ARC_SEGMENTS)
 
     @property
@@ -233,16 +271,16 @@ class _Group:
         """Minimum wall around the tools."""
         return KEY_RIM_MM if self.kind == "groove" else RIM_MM
 
-    def sleeve(self) -> Solid:
+    def build_sleeve(self) -> Solid:
         """Build the tools with the wall around them, from just below the face."""
         first = self.tools[0]
         if self.kind == "groove":
             swollen = (first.points_mm[:, None] + self.rim_mm * _SPHERE).reshape(-1, 3)
             end_mm = float((swollen @ first.into).max())
-            below = _extrude(self._draw_outline(), first.into, first.face_mm + FILM_MM, end_mm)
+            below = _extrude_outline(self._draw_outline(), first.into, first.face_mm + FILM_MM, end_mm)
             return Solid.hull(swollen).intersect(below)
         reach_mm = max(float((tool.points_mm @ first.into).max()) for tool in self.tools)
-        return _extrude(self._draw_outline(), first.into, first.face_mm + FILM_MM, reach_mm + RIM_MM)
+        return _extrude_outline(self._draw_outline(), first.into, first.face_mm + FILM_MM, reach_mm + RIM_MM)
 
     @property
     def has_exit(self) -> bool:
@@ -250,13 +288,13 @@ class _Group:
         return self.tools[0].exit is not None
 
     def is_hidden(self, undrilled: Solid) -> bool:
-        """Check that the mouths with their rim, as far as the part reaches, lie in a face of the joint."""
+        """Check whether the mouths, with the rim that is inside the part, lie in a face of the joint."""
         into = self.tools[0].into
         across = choose_plane_axes(into)
         outline = self._draw_outline()
         if self.has_exit:
-            wall = self.sleeve().intersect(undrilled)
-            outline = polygons_of(wall.project(np.vstack([across, into])))
+            wall = self.build_sleeve().intersect(undrilled)
+            outline = build_polygons(wall.project(np.vstack([across, into])))
         for face in self.joint.faces:
             along = float(face.normal @ into)
             if abs(along) < COAXIAL_COS or abs(face.offset_mm * along - self.tools[0].face_mm) > 1e-6:
@@ -275,7 +313,7 @@ class _Group:
         tools = [tool.points_mm for tool in self.tools]
         return measure_ceiling_mm2(tools, first.into, first.face_mm, up, first.exit)
 
-    def overhang(self, up: Floats) -> float:
+    def compute_overhang_rad(self, up: Floats) -> float:
         """Compute the angle of the flattest ceiling from the vertical, from the triangles of the tools."""
         steepest = -1.0
         for tool in self.tools:
@@ -297,24 +335,25 @@ _SPHERE = _CORNERS[_CORNERS.any(axis=1)] / np.linalg.norm(_CORNERS[_CORNERS.any(
 """Points (26, 3) on the unit sphere."""
 
 
-def _swell(tool: Tool) -> Solid:
-    """Build a tool that is larger by a film, as operations on solids err where faces coincide."""
+def _swell_tool(tool: Tool) -> Solid:
+    """Build a slightly larger tool, because operations on solids fail where faces coincide."""
     offsets = tool.points_mm - tool.points_mm.mean(axis=0)
     return Solid.hull(tool.points_mm + SWELL_MM * offsets / np.linalg.norm(offsets, axis=1)[:, None])
 
 
 def _is_thick(solid: Solid) -> bool:
-    """Check whether a difference of two solids is more than films."""
+    """Check whether a difference of two solids consists of more than films."""
     return solid.volume_mm3 > EPS_MM3 and any(
-        piece.volume_mm3 > max(EPS_MM3, THIN_MM * piece.area_mm2 / 2.0) for piece in solid.pieces()
+        piece.volume_mm3 > max(EPS_MM3, THIN_MM * piece.area_mm2 / 2.0) for piece in solid.list_pieces()
     )
 
 
 def _is_near(a: Solid, b: Solid) -> bool:
-    """Check whether the boxes of two solids are nearer than the wall."""
+    """Check whether the bounding boxes of two solids are closer than the minimum wall."""
     (a_low, a_high), (b_low, b_high) = a.bounds_mm, b.bounds_mm
     return bool((np.maximum(a_low, b_low) - np.minimum(a_high, b_high)).max() < RIM_MM)
 
 
-def _extrude(outline: shapely.Geometry, axis: Floats, from_mm: float, to_mm: float) -> Solid:
-    return Solid.prism(rings_of(outline), np.vstack([choose_plane_axes(axis), axis]), from_mm, to_mm)
+def _extrude_outline(outline: shapely.Geometry, axis: Floats, from_mm: float, to_mm: float) -> Solid:
+    """Extrude an outline across an axis (3,) between two coordinates along it."""
+    return Solid.prism(list_rings(outline), np.vstack([choose_plane_axes(axis), axis]), from_mm, to_mm)

@@ -1,4 +1,4 @@
-"""Records of a result: parts, attempts and figures."""
+"""A result of a decomposition: its parts and figures."""
 
 from __future__ import annotations
 
@@ -19,40 +19,47 @@ from decompose.geometry import Solid, round_triangles
 from decompose.options import Engine, Options
 from decompose.pieces import Fault, Joint, Seam, describe_thin_rims, measure_seams
 from decompose.printers import PrinterRoom
+from decompose.results.records import Attempt, Coverage, Cutting
 
 SCHEMA = 1
 STL_TOLERANCES_MM = (0.0, 1e-5, 1e-4, 1e-3)
-ON_BED_MM = 2e-5  # distance of the corners of a tilted face from its plane in single precision
+ON_BED_MM = 2e-5  # maximum distance of the corners of a tilted face from its plane in single precision
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Printable piece.
+    """A printable part.
 
     Attributes
     ----------
+    id
+        Name of the part, such as `p07`.
     solid
-        In the model's frame, mm.
+        Solid in the model's frame, in mm.
     to_model
-        (4, 4) row-major: coordinates of the part's file (printing pose) -> model frame, mm.
+        (4, 4) rigid motion from the printing pose, in which its file is, to the model's frame, in mm.
+    price_s
+        Estimated print time.
     printer
-        Name of the printer that it is meant for.
+        Name of the printer that it is assigned to.
+    file
+        Name of its STL file; empty before it is written.
     brim_width_mm, layer_0_expansion_mm
         Values chosen for the part; None for those of the quality.
     bed_face_hidden, tops_hidden
         Whether the faces on the bed, and all top faces, are cut faces, which are hidden once the parts are
         glued.
     planes
-        (k, 4) rows nx, ny, nz, d: the planes n.x = d that it was cut at, in the model's frame.
+        (k, 4) planes ``n @ x == d`` at which it was cut, in the model's frame: rows nx, ny, nz, d.
     hidden_sides
-        (k, 3) rows nx, ny, d: the upright sides that are hidden once the parts are glued, with outward
-        normals, in printing pose.
+        (k, 3) upright sides that are hidden once the parts are glued, in printing pose: rows nx, ny, d with
+        an outward normal.
     stands
         Whether it stays upright while it is printed in its pose.
     small_foot_mm2
-        Area of its first layer if it is small for the height; else None.
+        Area of its first layer if this is small for the height; else None.
     drilled
-        The solid with its holes and marks, which is printed; None if it has neither.
+        Solid with holes and marks, which is printed; None if it has neither.
     """
 
     id: str
@@ -73,16 +80,27 @@ class Part:
 
     @property
     def printed(self) -> Solid:
-        """Solid that is printed, with holes and marks."""
+        """Solid that is printed, with its holes and marks."""
         return self.solid if self.drilled is None else self.drilled
 
     @property
     def rotation(self) -> Floats:
-        """Bed's x, y and z in the model's frame, as rows (3, 3)."""
+        """Rotation (3, 3) into the printing pose: rows are the bed's x, y and z in the model's frame."""
         return self.to_model[:3, :3].T
 
     def build_printing_mesh(self, tolerance_mm: float = 0.0) -> tuple[Floats, Ints]:
-        """Return vertices and faces in printing pose: centred on the bed's origin, standing flat on z = 0."""
+        """Build the mesh in printing pose, centred on the bed's origin and standing flat on z = 0.
+
+        Parameters
+        ----------
+        tolerance_mm
+            Tolerance to which it is simplified; 0 to keep all triangles.
+
+        Returns
+        -------
+        tuple
+            (n, 3) vertices in mm, and (m, 3) faces.
+        """
         solid = self.printed.simplify(tolerance_mm) if tolerance_mm > 0.0 else self.printed
         vertices, faces = solid.arrays()
         placed_vertices = (vertices - self.to_model[:3, 3]) @ self.to_model[:3, :3]
@@ -90,7 +108,15 @@ class Part:
         return placed_vertices, faces
 
     def build_stl_triangles(self) -> npt.NDArray[np.float32]:
-        """Return triangles (m, 3, 3) for an STL, simplified if that is necessary to keep them closed."""
+        """Build the triangles (m, 3, 3) float32 in mm of its STL file.
+
+        They are simplified if this is necessary to keep the surface closed.
+
+        Raises
+        ------
+        GeometryError
+            The surface touches itself, so that its STL file cannot be closed.
+        """
         for tolerance_mm in STL_TOLERANCES_MM:
             corners = round_triangles(*self.build_printing_mesh(tolerance_mm))
             if corners is not None:
@@ -98,6 +124,7 @@ class Part:
         raise GeometryError(Rule.STL, self.id, "touches itself, so that an STL of it is not closed")
 
     def as_dict(self) -> dict[str, Any]:
+        """Build the object of the part for decomposition.json."""
         lo, hi = self.solid.bounds_mm
         return {
             "id": self.id,
@@ -120,114 +147,59 @@ class Part:
 
 
 @dataclass(frozen=True, slots=True)
-class Coverage:
-    """Relative error of the original area, and volume that parts cover twice."""
-
-    surface_error: float
-    overlap_mm3: float
-
-
-@dataclass(frozen=True, slots=True)
-class Attempt:
-    """Outcome of one engine on one grid, of those that `best` tried.
-
-    Attributes
-    ----------
-    yaw_deg
-        Angle by which the model was turned about z.
-    makespan_s
-        Makespan of the result; None if there is none, for the cause in `reason`.
-    compute_s, effort_s
-        Wall time; and the work that was counted, which is the same on every machine (`problem.Effort`).
-    finished
-        Whether the search ended within the budget.
-    """
-
-    engine: Engine
-    granularity: str | int
-    yaw_deg: float = 0.0
-    makespan_s: float | None = None
-    compute_s: float = 0.0
-    effort_s: float = 0.0
-    finished: bool = True
-    reason: str = ""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Cutting:
-    """Boxes from which the parts were cut, for a second move of the planes (`decompose.relevel`).
-
-    Attributes
-    ----------
-    granularity
-        Granularity of the grid.
-    frame
-        (3, 3) ``v_cut = frame @ v_model``.
-    boxes_mm
-        (parts, 2, 3) corners of the box that each part was cut from, in the frame of the cut.
-    cut_for
-        The printer for which each part was cut; None for any.
-    printers
-        Printers that were free.
-    prices_s
-        Price of each part in the pose that it is printed in; empty if it is not known.
-    """
-
-    granularity: str | int
-    frame: Floats
-    boxes_mm: Floats
-    cut_for: tuple[PrinterRoom | None, ...]
-    printers: tuple[PrinterRoom, ...]
-    prices_s: tuple[float, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
 class Decomposition:
     """A checked result. All times are estimates of the cost model, in seconds.
 
     Attributes
     ----------
+    engine, options
+        Engine that made the result, and options of the decomposition.
     serial_s, serial_as_is_s
-        Time of the whole model on one imaginary large printer: in its best pose, and as it stands in its
-        file.
+        Time of the whole model on one imaginary large printer: in its best pose, and in the pose of its file.
     makespan_s, sum_s
-        Time when the last part ends, on its printer at its speed; and the sum over all parts, without speeds.
+        Time when the last part ends, each on its printer at the printer's speed; sum of the prices of all
+        parts, without speeds.
     grid_makespan_s
-        The longest box of the search's partition as its tables price it: in the best of the axis poses, with
-        supports down to the bed and the quality's brim; a box whose pieces were posed is priced at no less
-        than their true price. `makespan_s` is for the pose that a part is printed in, and may be less or
-        more.
+        Time of the slowest box of the partition by the tables: in the best of its axis poses, with supports
+        down to the bed and the brim of the quality; a box whose pieces were posed is priced at no less than
+        their true price. `makespan_s` refers to the printing poses, and may be less or more.
     lower_bound_s
-        Proven: no partition into boxes of this grid, of at most as many pieces as there are printers, has a
-        lower `grid_makespan_s` (`bound`). It does not hold for other grids, cuts or poses. For an engine
-        without a grid: no partition that prints the whole surface has a lower makespan. Both are for these
-        printers at their speeds; the bound assumes that all of them are as fast as the fastest.
+        Proven bound: no partition into boxes of this grid, into at most as many pieces as there are printers,
+        has a lower `grid_makespan_s` (`bound`). It does not hold for other grids, cuts or poses. For an
+        engine without a grid, no partition that prints the whole surface has a lower makespan. Both bounds
+        hold for these printers, and assume that all of them are as fast as the fastest one.
     any_boxes_bound_s
-        Proven: no partition into boxes along these axes, on any grid or none, has a lower makespan, each box
-        priced as in `grid_makespan_s`. Only for the engine `guillotine`, the best of `best`; None where no
-        bound was asked for.
+        Proven bound: no partition into boxes along these axes, on any grid or none, has a lower makespan, if
+        boxes are priced as in `grid_makespan_s`. Only for the engine `guillotine`, also as the best one of
+        `best`; None if no bound was requested.
     gap
         (grid_makespan_s - lower_bound_s) / lower_bound_s.
+    parts
+        Parts in their order of numbers.
+    coverage
+        Errors of surface and overlap.
+    cells
+        Shape of the grid; None without a grid.
     joints
         Contacts of two parts, by their indices in `parts`.
     assembly
-        Steps in which the parts are glued, by their indices in `parts` and `joints`; planned when the parts
-        are written (`with_assembly`), as most results are only compared.
+        Steps in which the parts are glued, by their indices in `parts` and `joints`. It is planned when the
+        parts are written (`with_assembly`), because most results are only compared.
     seams
-        Seam of each of `joints`; measured with the assembly.
+        Seam of each of `joints`, measured together with the assembly.
     connectors
         Pins and marks on the joints, from `connect_parts`.
     faults
-        Slivers, and parts without joints of enough area. A result with faults is rejected, except those of
-        the baselines and with `--faithful`, which report them.
+        Slivers, and parts without joints of sufficient area. A result with faults is rejected, except that
+        of a baseline or with `--faithful`, which reports them.
     cutting
         Boxes of the engine `guillotine`, from which its planes can be moved again.
     curve
         Makespan of each number of printers by the tables, in seconds; empty unless the number was chosen.
     yaw_deg
-        Angle by which `best` turned the model about z before it was cut.
+        Angle by which `best` rotated the model about z before it was cut.
     attempts
-        Attempts of `best`, in order; empty for a single engine.
+        Attempts of `best`, in their order; empty for a single engine.
     open_printers
         Printers of a search that has paused before a round of several attempts; empty if it has ended.
     compute_s
@@ -262,21 +234,21 @@ class Decomposition:
     def compute_possible_gain(self, printers: Sequence[PrinterRoom]) -> float:
         """Compute the share of the makespan that a perfect balance of the same total work would save.
 
-        With such a balance all printers would work until the end, each at its own speed.
+        With such a balance, all printers would work until the end, each at its own speed.
         """
         busy_s = self.sum_s / sum(1.0 / printer.time_factor for printer in printers)
         return 1.0 - busy_s / self.makespan_s
 
     def without_parts(self) -> Decomposition:
-        """Return the result with its figures only, for another process."""
+        """Return the result with only its figures, for another process."""
         return replace(
             self, parts=(), joints=(), assembly=Assembly(), seams=(), connectors=Connectors(), faults=()
         )
 
     def with_assembly(self) -> Decomposition:
-        """Return the result with its assembly planned; an order that fails in its replay is discarded.
+        """Return the result with its planned assembly, and its seams.
 
-        The seams are measured too; there are none if that fails.
+        An order that fails in the replay is discarded. There are no seams if their measurement fails.
         """
         solids = [part.solid for part in self.parts]
         assembly = plan_assembly(self.parts, self.joints, self.options.min_glue_mm2)
@@ -289,7 +261,7 @@ class Decomposition:
         return replace(self, assembly=assembly, seams=seams)
 
     def sum_seams_mm(self, joints: Iterable[int] | None = None) -> float:
-        """Add up the length of seams on the model's own surface, of some joints or of all."""
+        """Sum the length of the seams on the model's own surface, for some joints or for all."""
         numbers = range(len(self.seams)) if joints is None else joints
         return sum((self.seams[number].length_mm for number in numbers), start=0.0)
 
@@ -324,7 +296,7 @@ class Decomposition:
                 "estimated_s": self.assembly.total_s,
                 "critical_s": self.assembly.critical_s,
                 "parts": self._name_parts(self.assembly.part_order),
-                "steps": [self._step_as_dict(n, step) for n, step in enumerate(self.assembly.steps, 1)],
+                "steps": [self._describe_step(n, step) for n, step in enumerate(self.assembly.steps, 1)],
                 "locked": [self._name_parts(parts) for parts in self.assembly.locked],
             },
             "connectors": describe_connectors(self.connectors, [part.id for part in self.parts], self.joints),
@@ -346,6 +318,7 @@ class Decomposition:
         )
 
     def _describe_joint(self, number: int, joint: Joint) -> dict[str, Any]:
+        """Build the object of a joint."""
         seam = self.seams[number] if self.seams else Seam()
         return {
             "a": self.parts[joint.a].id,
@@ -357,7 +330,8 @@ class Decomposition:
             "thin_rim_mm": seam.thin_mm,
         }
 
-    def _step_as_dict(self, number: int, step: AssemblyStep) -> dict[str, Any]:
+    def _describe_step(self, number: int, step: AssemblyStep) -> dict[str, Any]:
+        """Build the object of a step of the assembly."""
         return {
             "number": number,
             "moved": self._name_parts(step.moved_parts),
@@ -380,4 +354,5 @@ class Decomposition:
         }
 
     def _name_parts(self, numbers: Sequence[int]) -> list[str]:
+        """List the names of parts by their numbers."""
         return [self.parts[number].id for number in numbers]

@@ -1,4 +1,4 @@
-"""Conversion of an engine's partition to a checked result: pose, number, assign and check the pieces."""
+"""Conversion of an engine's partition to a checked result: pieces are posed, numbered and assigned."""
 
 from __future__ import annotations
 
@@ -21,23 +21,28 @@ from decompose.pieces import (
     rotate_planes,
     sort_pieces,
 )
-from decompose.print_time import PartMesh, Pose, find_steady_pose, steady_limit_s
+from decompose.print_time import PartMesh, Pose, compute_steady_limit_s, find_steady_pose
 from decompose.printers import PrinterRoom
 from decompose.problem import GridFigures, Partition, Problem
 from decompose.results.check import check_result
-from decompose.results.decomposition import Coverage, Cutting, Decomposition, Part
+from decompose.results.decomposition import Decomposition, Part
 from decompose.results.hidden_sides import mark_hidden_sides
+from decompose.results.records import Coverage, Cutting
 
-SPARE_SHARE = 0.97  # share of the makespan that a steadier pose may take: prices have errors of some per cent
+SPARE_SHARE = 0.97  # maximum end of a steadier pose, as a share of the makespan: prices have errors
 
 
 def finish_result(
     problem: Problem, partition: Partition, serial_times_s: tuple[float, float]
 ) -> Decomposition:
-    """Pose, number, assign and check an engine's pieces; stage times are left to the caller.
+    """Pose, number, assign and check an engine's pieces; the caller adds stage times.
 
     Parameters
     ----------
+    problem
+        Problem that the engine worked on.
+    partition
+        Its result.
     serial_times_s
         Seconds of the whole model, from `decompose.estimate_serial_s`.
 
@@ -63,7 +68,7 @@ def finish_result(
 def _record_cutting(
     problem: Problem, pieces: Sequence[Piece], boxes_mm: Floats, parts: Sequence[Part]
 ) -> Cutting | None:
-    """Record the boxes of the pieces for another move of planes; None unless they were cut from boxes."""
+    """Record the boxes of the pieces for another move of the planes; None if they are not cut from boxes."""
     if problem.options.engine is not Engine.GUILLOTINE or len(boxes_mm) != len(pieces):
         return None
     cut_for = tuple(piece.printer for piece in pieces)
@@ -79,6 +84,7 @@ def _build_decomposition(
     serial_times_s: tuple[float, float],
     cutting: Cutting | None,
 ) -> Decomposition:
+    """Build the result from checked parts, in the frame of the original model."""
     factors = {printer.name: printer.time_factor for printer in problem.printers}
     makespan_s = max(p.price_s * factors[p.printer] for p in parts)
     cut_joints = find_joints(parts)
@@ -88,7 +94,7 @@ def _build_decomposition(
     if problem.cost.hidden_side_share > 0.0:
         parts = mark_hidden_sides(parts, partition.model.solid)
     restored_parts = tuple(_restore_frame(part, rotation) for part in parts)
-    joints = tuple(joint.move(_invert(rotation)) for joint in cut_joints)
+    joints = tuple(joint.move(_invert_rotation(rotation)) for joint in cut_joints)
     return Decomposition(
         engine=problem.options.engine,
         options=problem.options,
@@ -110,7 +116,7 @@ def _build_decomposition(
 
 
 def _build_parts(pieces: Sequence[Piece], problem: Problem) -> list[Part]:
-    """Pose and number pieces, and give each a printer."""
+    """Pose and number pieces, and assign a printer to each."""
     poses = [_require_pose(pose) for pose in problem.find_poses(pieces)]
     assigned_printers = assign_printers(apply_time_ratios(pieces, poses), problem.printers)
     if assigned_printers is None:
@@ -139,7 +145,7 @@ def _build_parts(pieces: Sequence[Piece], problem: Problem) -> list[Part]:
 def _find_steady_poses(
     problem: Problem, pieces: Sequence[Piece], poses: Sequence[Pose], assigned_printers: Sequence[PrinterRoom]
 ) -> list[Pose]:
-    """Find a steadier pose for each piece that ends before the slowest one on its printer.
+    """Find steadier poses for the pieces that end before the slowest one.
 
     A printer with several rounds has no spare time between them.
     """
@@ -154,8 +160,8 @@ def _find_steady_poses(
         spare_s = SPARE_SHARE * ends_s / ratio if rounds[printer.name] == 1 else 0.0
         vertices, faces = piece.solid.arrays()
         mesh = PartMesh(vertices, faces, find_cut_faces(vertices, faces, piece.planes))
-        rooms = (*problem.rooms_for(piece), printer)
-        return find_steady_pose(mesh, rooms, problem.cost, fastest, steady_limit_s(fastest, spare_s))
+        rooms = (*problem.list_rooms_for(piece), printer)
+        return find_steady_pose(mesh, rooms, problem.cost, fastest, compute_steady_limit_s(fastest, spare_s))
 
     return list(problem.map(find_pose, pieces, poses, assigned_printers, ratios))
 
@@ -171,32 +177,33 @@ def apply_time_ratios(pieces: Sequence[Piece], poses: Sequence[Pose]) -> list[Po
     Returns
     -------
     list[Pose]
-        Poses with true prices, in the same order.
+        Poses with corrected prices, in the same order.
     """
     pairs = zip(pieces, poses, strict=True)
     return [replace(pose, price_s=pose.price_s * piece.time_ratio) for piece, pose in pairs]
 
 
 def _require_pose(pose: Pose | None) -> Pose:
+    """Return a pose; raise `NoFit` if there is none."""
     if pose is None:
         raise NoFit("a part fits no printer in any pose: choose another engine, or a finer --granularity")
     return pose
 
 
 def _restore_frame(part: Part, rotation: Floats) -> Part:
-    """Move a part to the frame of the original model; `rotation` (3, 3) led to the frame of the cut."""
+    """Move a part from the frame of the cut to that of the model, by the inverse of a rotation (3, 3)."""
     if (rotation == np.eye(3)).all():
         return part
     return replace(
         part,
         solid=part.solid.rotate(rotation.T),
-        to_model=_invert(rotation) @ part.to_model,
+        to_model=_invert_rotation(rotation) @ part.to_model,
         planes=rotate_planes(part.planes, rotation.T),
     )
 
 
-def _invert(rotation: Floats) -> Floats:
-    """Return the transform (4, 4) of the inverse of a rotation (3, 3)."""
+def _invert_rotation(rotation: Floats) -> Floats:
+    """Build the transform (4, 4) of the inverse of a rotation (3, 3)."""
     transform = np.eye(4)
     transform[:3, :3] = rotation.T
     return transform

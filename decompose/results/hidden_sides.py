@@ -13,22 +13,27 @@ from decompose.pieces import find_cut_faces
 from decompose.results.decomposition import Part
 
 UPRIGHT = 1e-6  # maximum upward component of the normal of an upright side
-ONE_WAY_SHARE = 0.01  # maximum share of a side that faces the other way: fins without volume
-MIN_SIDE_MM2 = 100.0  # smaller sides save no time
+ONE_WAY_SHARE = 0.01  # maximum share of a side that faces the other way, such as fins without volume
+MIN_SIDE_MM2 = 100.0  # minimum area of a side; smaller sides save no time
 NEAR_MM = 1e-3
 
 
 def mark_hidden_sides(parts: Sequence[Part], model: Solid) -> list[Part]:
     """Fill in `Part.hidden_sides`: cut faces that are upright while the part is printed.
 
-    A cut in the plane of a visible face of the model counts as visible if that face is beside it.
+    A cut in the plane of a visible face of the model counts as visible if that face is next to it.
 
     Parameters
     ----------
     parts
         Parts in one frame.
     model
-        The uncut model, in the same frame.
+        Uncut model in the same frame.
+
+    Returns
+    -------
+    list[Part]
+        Parts with their hidden sides.
     """
     surface = _Surface(model)
     marked_parts = []
@@ -39,7 +44,7 @@ def mark_hidden_sides(parts: Sequence[Part], model: Solid) -> list[Part]:
 
 
 def _find_side(part: Part, plane: Floats, surface: _Surface) -> Floats | None:
-    """Find the side (3,) of a part on a plane (4,), in printing pose; None unless upright and hidden."""
+    """Find the side (3,) of a part on a plane (4,), in printing pose; None if not upright and hidden."""
     normal = part.rotation @ plane[:3]
     if abs(normal[2]) > UPRIGHT:
         return None
@@ -57,14 +62,14 @@ def _find_side(part: Part, plane: Floats, surface: _Surface) -> Floats | None:
 
 
 class _Surface:
-    """Surface of the model, and its flat faces on planes, found once for each plane."""
+    """Surface of the model, and its flat faces on planes, which are found once for each plane."""
 
     def __init__(self, model: Solid) -> None:
         self._vertices, self._faces = model.arrays()
         self._flat_corners: dict[bytes, Floats] = {}
 
     def is_beside(self, plane: Floats, points: Floats) -> bool:
-        """Check whether a face of the model on a plane (4,) is in the box of points (n, 3) or beside it."""
+        """Check whether a face of the model on a plane (4,) is in the box of points (n, 3) or next to it."""
         key = plane.tobytes()
         if key not in self._flat_corners:
             is_flat = find_cut_faces(self._vertices, self._faces, plane[None])

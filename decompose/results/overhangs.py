@@ -1,9 +1,9 @@
-"""Ceilings of holes and grooves, measured layer by layer as a slicer sees them.
+"""Ceilings of holes and grooves, measured layer by layer as in a slicer.
 
-The slicer supports what reaches further over the layer below than the support angle allows. The rule of
-connectors cuts the hollows into layers, without the formulas of the search for their shapes. Between two
+The slicer supports areas that extend further beyond the layer below than the support angle allows. To check
+connectors, hollows are cut into layers, without the formulas of the search for their shapes. Between two
 heights at which a hollow has corners, the edges of its sections change linearly, so that the layers at both
-ends stand for the others.
+ends represent the others.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from decompose.arrays import Floats
 from decompose.geometry import Solid, choose_plane_axes
 
 LAYER_MM = 0.2
-REACH_MM = LAYER_MM * math.tan(math.radians(50.0))  # reach of a layer beyond the one below, without support
+REACH_MM = LAYER_MM * math.tan(math.radians(50.0))  # maximum overhang of a layer without support
 RING_MM = 1.0  # minimum length of a ring: the slicer drops shorter ones
 SLACK_MM = 0.004  # tolerance for the rounding of sections
 LEVEL_COS = 0.5  # minimum vertical component of the normal of a level face; others are upright
-EDGE_MM = 1e-6  # distance at which a layer is at the height of a corner
+EDGE_MM = 1e-6  # maximum distance between a layer and a corner at the same height
 AIR_MM = 5.0  # thickness of the air in front of an upright face, and around its tools
 
 
@@ -38,15 +38,16 @@ def measure_ceiling_mm2(
     Parameters
     ----------
     tools
-        (n, 3) corners of each convex body that is cut out, in mm.
+        (n, 3) corners in mm of each convex body that is cut out.
     into
-        (3,) unit vector from their face into the part.
+        (3,) unit vector from the tools' face into the part.
     face_mm
         Coordinate of the face along `into`.
     up
         (3,) upward direction of the bed in the pose of the part, in the same frame.
     exit_direction
-        (3,) unit vector along which they leave the part through another face, above which nothing is printed.
+        (3,) unit vector along which the tools leave the part through another face, above which nothing is
+        printed; None if they do not.
     """
     rise = float(into @ up)
     if rise < -LEVEL_COS:
@@ -54,7 +55,7 @@ def measure_ceiling_mm2(
     corners_mm = np.concatenate(tools)
     high_mm = float((corners_mm @ up).max()) + 2.0 * LAYER_MM
     if exit_direction is not None:
-        tools = [_lengthen(tool, exit_direction) for tool in tools]
+        tools = [_lengthen_body(tool, exit_direction) for tool in tools]
         high_mm -= 3.0 * LAYER_MM * float(exit_direction @ up > 0.0)
     bodies = [Solid.hull(tool) for tool in tools]
     if rise <= LEVEL_COS:
@@ -71,9 +72,14 @@ def measure_ceiling_mm2(
 
 
 def _cut_layers(hollow: Solid, frame: Floats, layers: Floats) -> dict[int, shapely.Geometry]:
-    """Cut a hollow at heights (n,); of layers of a run without corners, only the two at each end.
+    """Cut a hollow at heights (n,); in a run of layers without corners, only at two layers at each end.
 
-    All of them where a ring at an end is so short that the slicer drops it.
+    The run is cut at all layers if a ring at one end is so short that the slicer drops it.
+
+    Returns
+    -------
+    dict
+        Area of each layer that is cut, by its number.
     """
     corners = np.sort(hollow.arrays()[0] @ frame[2])
     is_corner = np.searchsorted(corners, layers[:-1] - EDGE_MM) < np.searchsorted(
@@ -91,23 +97,23 @@ def _cut_layers(hollow: Solid, frame: Floats, layers: Floats) -> dict[int, shape
         if n not in outlines
     ]
     outlines |= dict(zip(others, _cut_outlines(hollow, frame, layers[others]), strict=True))
-    return {n: _fill(outlines[n]) for n in sorted(outlines)}
+    return {n: _build_area(outlines[n]) for n in sorted(outlines)}
 
 
 def _find_ends(run: list[int]) -> list[int]:
-    """Find the first two and the last two layers of a run of them."""
+    """Find the first two and the last two layers of a run of layers."""
     return [*run[:2], *run[-2:]]
 
 
-def _lengthen(corners_mm: Floats, direction: Floats) -> Floats:
-    """Continue a convex body with corners (n, 3) beyond its end in a direction (3,)."""
+def _lengthen_body(corners_mm: Floats, direction: Floats) -> Floats:
+    """Extend a convex body with corners (n, 3) beyond its end in a direction (3,)."""
     along_mm = corners_mm @ direction
     end = corners_mm[along_mm > along_mm.max() - LAYER_MM / 2.0]
     return np.concatenate([corners_mm, end + AIR_MM * direction])
 
 
 def _build_air(corners_mm: Floats, into: Floats, face_mm: float, up: Floats) -> Solid:
-    """Build the air in front of an upright face, so that a ceiling at the mouth has no wall there."""
+    """Build the air in front of an upright face, so that a ceiling at the mouth does not end at a wall."""
     upwards = up - (up @ into) * into
     upwards = upwards / np.linalg.norm(upwards)
     frame = np.stack([np.cross(upwards, into), upwards, into])
@@ -120,12 +126,14 @@ def _build_air(corners_mm: Floats, into: Floats, face_mm: float, up: Floats) -> 
 
 
 def _cut_outlines(hollow: Solid, frame: Floats, at_mm: Floats) -> list[list[shapely.Polygon]]:
+    """Cut a hollow at heights (n,); return the outlines of each section."""
     return [
-        [shapely.Polygon(ring) for ring in rings if len(ring) > 2] for rings in hollow.sections(frame, at_mm)
+        [shapely.Polygon(ring) for ring in rings if len(ring) > 2]
+        for rings in hollow.cut_sections(frame, at_mm)
     ]
 
 
-def _fill(outlines: Sequence[shapely.Polygon]) -> shapely.Geometry:
+def _build_area(outlines: Sequence[shapely.Polygon]) -> shapely.Geometry:
     """Build the area of a layer without rings that are too short, as the slicer does."""
     outlines = [outline for outline in outlines if outline.length >= RING_MM]
     if len(outlines) == 1:

@@ -101,7 +101,7 @@ def test_whole_models_are_cut_without_faults(
     assert result.coverage.surface_error < 1e-6
     assert sum(p.solid.volume_mm3 for p in result.parts) <= solid.volume_mm3 * (1.0 + 1e-9)
     held_joints = [j for j in result.joints if j.area_mm2 >= 25.0]
-    assert len(held_joints) >= len(result.parts) - len(solid.pieces())
+    assert len(held_joints) >= len(result.parts) - len(solid.list_pieces())
 
 
 def test_model_that_fits_one_printer_is_not_cut(cost: CostModel) -> None:

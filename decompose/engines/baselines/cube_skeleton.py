@@ -1,14 +1,14 @@
 """The engine `cube-skeleton`: CSSS, a hollow model cut by the sides of a cube inside (Li et al. 2021).
 
-The model is hollowed to the minimum wall; the planes of the largest cube in the hollow cut the shell into up
-to 26 regions; small loose pieces of a region are joined to their smallest neighbours, and pieces are merged
-while they fit. With the interior kept, the cube is printed too, with cubes from its faces outwards: the
-skeleton.
+The model is hollowed down to the minimum wall. The planes of the largest cube in its cavity cut the shell
+into up to 26 regions. Small loose pieces of a region are joined to their smallest neighbours, and pieces are
+merged while they fit. If the interior is kept, the cube is printed too, with further cubes outwards from its
+faces: the skeleton.
 
-`--faithful` takes the cube in whole cells, and merges pairs, once, by volume, whatever the number of
-printers. Otherwise the cube is also refined against the mesh, and the one whose pieces end sooner is taken;
-regions larger than a printer are cut on a grid, and neighbours that are printed fastest are merged until each
-piece has a printer.
+`--faithful` takes a cube of whole cells, and merges pairs by volume, once, whatever the number of printers.
+Otherwise the cube is also refined against the mesh, and of both cubes the one whose pieces end sooner is
+used. Regions that are larger than a printer are cut on a grid, and the neighbours that print fastest are
+merged until each piece has a printer.
 Where nothing can be hollowed, the largest cube deep inside is a separate piece.
 """
 
@@ -45,7 +45,7 @@ from decompose.problem.fitting import (
 )
 
 CELLS = 24  # granularity of the grid on which the model is hollowed
-TOUCH_MM2 = 1.0  # minimum shared area of neighbours
+TOUCH_MM2 = 1.0  # minimum area of the joint between neighbours
 
 
 def cut_by_cube_skeleton(problem: Problem) -> Partition:
@@ -70,7 +70,7 @@ def cut_by_cube_skeleton(problem: Problem) -> Partition:
     best = _cut_shell(problem, grid, shell, cube)
     if cube is not None and is_hollow and not faithful:
         cell_mm = max(float(np.diff(planes).max()) for planes in grid.planes)
-        cube_mm = refine_cube(model.solid, np.array(grid.bounds_mm(cube)), cell_mm, options.min_wall_mm)
+        cube_mm = refine_cube(model.solid, np.array(grid.find_bounds_mm(cube)), cell_mm, options.min_wall_mm)
         planes, cube = move_planes_to(model.solid, grid, cube_mm)
         grid = fill_grid(vertices[faces], planes, rules)
         refined = _cut_shell(problem, grid, hollow_model(model.solid, grid, cube), cube)
@@ -96,9 +96,10 @@ def _cut_shell(problem: Problem, grid: Grid, shell: Shell, cube: Block | None) -
 
 
 def _cut_skeleton(cubes: list[Block], grid: Grid, problem: Problem) -> list[Piece]:
+    """Cut the cubes of the skeleton into pieces that fit the printers."""
     pieces = []
     for cube in cubes:
-        box = np.array(grid.bounds_mm(cube))
+        box = np.array(grid.find_bounds_mm(cube))
         pieces += _cut_to_fit(Piece(Solid.box(*box), list_box_planes(box), box[None]), problem)
     return pieces
 
@@ -111,11 +112,12 @@ def _split_regions(piece: Piece, cube: Block | None, grid: Grid) -> list[Piece]:
     for axis in range(3):
         for side in (axis, axis + 3):
             at_mm = float(grid.planes[axis][cube[side]])
-            parts = [half for part in parts for half in _split(part, axis, at_mm)]
+            parts = [half for part in parts for half in _split_piece(part, axis, at_mm)]
     return parts
 
 
-def _split(piece: Piece, axis: int, at_mm: float) -> list[Piece]:
+def _split_piece(piece: Piece, axis: int, at_mm: float) -> list[Piece]:
+    """Split a piece at a plane across an axis; return the sides that are not empty."""
     planes = np.vstack([piece.planes, [*np.eye(3)[axis], at_mm]])
     sides = piece.solid.split(axis, at_mm)
     return [Piece(side, planes, piece.boxes_mm) for side in sides if side.volume_mm3 > 0.0]
@@ -130,13 +132,13 @@ def _cut_to_fit(piece: Piece, problem: Problem) -> list[Piece]:
     axis = int(counts.argmax())
     share = (counts[axis] // 2) / counts[axis]
     at_mm = float(lo[axis] + share * (hi - lo)[axis])
-    halves = _split(piece, axis, place_clear_of_faces(piece.solid, np.eye(3)[axis], at_mm))
+    halves = _split_piece(piece, axis, place_clear_of_faces(piece.solid, np.eye(3)[axis], at_mm))
     return [part for half in halves for part in _cut_to_fit(half, problem)] if len(halves) > 1 else [piece]
 
 
 @dataclass(slots=True, eq=False)
 class _Group:
-    """Merged pieces: their numbers, their solid and its price."""
+    """Merged pieces: their numbers, their common solid, and the sum of their prices in seconds."""
 
     members: list[int]
     solid: Solid
@@ -144,16 +146,17 @@ class _Group:
 
     @property
     def volume_mm3(self) -> float:
+        """Volume of the pieces together."""
         return self.solid.volume_mm3
 
-    def size_mm(self, other: _Group) -> Floats:
-        """Compute the size (3,) of the box about both groups."""
+    def measure_common_mm(self, other: _Group) -> Floats:
+        """Measure the size (3,) of the bounding box of both groups."""
         bounds_mm = np.array([self.solid.bounds_mm, other.solid.bounds_mm])
         return np.asarray(bounds_mm[:, 1].max(axis=0) - bounds_mm[:, 0].min(axis=0))
 
 
-class _Merging:
-    """Groups of pieces by number, and which of them touch."""
+class _PieceMerger:
+    """Merge of pieces into groups: the groups by number, and the neighbours of each."""
 
     def __init__(self, pieces: list[Piece], problem: Problem) -> None:
         self.pieces = pieces
@@ -169,19 +172,20 @@ class _Merging:
                 self.touching_groups[joint.a].add(joint.b)
                 self.touching_groups[joint.b].add(joint.a)
 
-    def fits(self, a: int, b: int) -> bool:
-        size_mm = self.groups[a].size_mm(self.groups[b])
+    def can_merge(self, a: int, b: int) -> bool:
+        """Check whether two groups together fit every printer."""
+        size_mm = self.groups[a].measure_common_mm(self.groups[b])
         return max(count_blocks(size_mm, self.problem.rooms)) == 1
 
-    def merge(self, a: int, b: int) -> bool:
-        """Merge the second group into the first.
+    def merge_groups(self, a: int, b: int) -> bool:
+        """Merge the second group into the first, and return whether that was possible.
 
-        Return False if they stay separate on their cut because of rounding, or if they would also meet along
-        an edge, so that an STL of them would not be closed.
+        It is not possible if rounding leaves a gap at their cut, or if they also meet along an edge, so that
+        an STL file of both would not be closed.
         """
         first, second = self.groups[a], self.groups[b]
         solid = Solid.union([first.solid, second.solid])
-        if len(solid.pieces()) > 1 or round_triangles(*solid.arrays()) is None:
+        if len(solid.list_pieces()) > 1 or round_triangles(*solid.arrays()) is None:
             self.touching_groups[a].discard(b)
             self.touching_groups[b].discard(a)
             return False
@@ -195,26 +199,27 @@ class _Merging:
         return True
 
     def find_smallest(self, numbers: set[int]) -> int | None:
+        """Find the group with the smallest volume; None if there is none."""
         return min(numbers, key=lambda i: (self.groups[i].volume_mm3, i), default=None)
 
     def join_islands(self, islands: list[int]) -> None:
-        """Join each of these pieces, the smallest first, to its smallest neighbour with which it fits."""
+        """Join each of these pieces, the smallest first, to the smallest neighbour that it can merge with."""
         for island in sorted(islands, key=lambda i: self.groups[i].volume_mm3):
             is_settled = False
             while not is_settled:
                 neighbour = self.find_smallest(
-                    {i for i in self.touching_groups[island] if self.fits(i, island)}
+                    {i for i in self.touching_groups[island] if self.can_merge(i, island)}
                 )
-                is_settled = neighbour is None or self.merge(neighbour, island)
+                is_settled = neighbour is None or self.merge_groups(neighbour, island)
 
     def pair_neighbours(self) -> None:
-        """Pair each piece, the largest first, with its smallest single neighbour with which it fits."""
+        """Pair each piece, the largest first, with its smallest unpaired neighbour if both fit together."""
         unpaired = set(self.groups)
         for number in sorted(self.groups, key=lambda i: (-self.groups[i].volume_mm3, i)):
             neighbour = self.find_smallest(self.touching_groups[number] & unpaired)
-            if number not in unpaired or neighbour is None or not self.fits(number, neighbour):
+            if number not in unpaired or neighbour is None or not self.can_merge(number, neighbour):
                 continue
-            if self.merge(number, neighbour):
+            if self.merge_groups(number, neighbour):
                 unpaired -= {number, neighbour}
 
     def merge_down_to(self, printers: int) -> None:
@@ -226,18 +231,20 @@ class _Merging:
         self._merge_cheapest(printers, lambda a, b: a.seconds + b.seconds)
         if len(self.groups) > printers:
             self.groups, self.touching_groups = groups, defaultdict(set, neighbours)
-            self._merge_cheapest(printers, lambda a, b: float(a.size_mm(b).prod()))
+            self._merge_cheapest(printers, lambda a, b: float(a.measure_common_mm(b).prod()))
 
     def _merge_cheapest(self, printers: int, key: Callable[[_Group, _Group], float]) -> None:
+        """Merge the neighbours with the lowest key until there are no more groups than printers."""
         while len(self.groups) > printers:
             pairs = [
-                (a, b) for a in self.groups for b in self.touching_groups[a] if a < b and self.fits(a, b)
+                (a, b) for a in self.groups for b in self.touching_groups[a] if a < b and self.can_merge(a, b)
             ]
             if not pairs:
                 return
-            self.merge(*min(pairs, key=lambda pair: (key(*(self.groups[i] for i in pair)), pair)))
+            self.merge_groups(*min(pairs, key=lambda pair: (key(*(self.groups[i] for i in pair)), pair)))
 
     def list_merged_pieces(self) -> list[Piece]:
+        """List the pieces of all groups, split where they are not connected."""
         pieces = []
         for group in self.groups.values():
             members = [self.pieces[i] for i in group.members]
@@ -254,10 +261,10 @@ def _merge_regions(regions: list[Piece], printers: int, problem: Problem) -> lis
         parts = sorted(split_connected(region), key=lambda piece: -piece.solid.volume_mm3)
         islands += range(len(pieces) + 1, len(pieces) + len(parts))
         pieces += parts
-    merging = _Merging(pieces, problem)
-    merging.join_islands(islands)
+    merger = _PieceMerger(pieces, problem)
+    merger.join_islands(islands)
     if problem.options.faithful:
-        merging.pair_neighbours()
+        merger.pair_neighbours()
     else:
-        merging.merge_down_to(printers)
-    return merging.list_merged_pieces()
+        merger.merge_down_to(printers)
+    return merger.list_merged_pieces()

@@ -25,12 +25,14 @@ class Shell:
 
     Attributes
     ----------
+    solid
+        The solid without its cavity.
     cavity
-        (nx, ny, nz) the cells that were removed.
+        (nx, ny, nz) bool, true for the cells that were removed.
     planes
-        (k, 4) rows nx, ny, nz, d: planes of the walls of the cavity.
+        (k, 4) planes of the cavity's walls, rows nx, ny, nz, d in mm.
     boxes_mm
-        (b, 2, 3) boxes about all that is left; none if nothing was removed.
+        (b, 2, 3) corners of boxes that cover the shell; empty if nothing was removed.
     """
 
     solid: Solid
@@ -40,24 +42,44 @@ class Shell:
 
 
 def hollow_model(solid: Solid, grid: Grid, cube: Block | None = None) -> Shell:
-    """Remove the cells that are at least the minimum wall away from the surface, and a cube."""
+    """Remove the cells that are at least the minimum wall away from the surface, and the cells of a cube.
+
+    Parameters
+    ----------
+    solid
+        Solid of the model.
+    grid
+        Grid over it, with the cells that the minimum wall needs.
+    cube
+        Cells to remove in any case; None for none.
+    """
     cube_cells = np.zeros_like(grid.needed)
     if cube is not None:
         cube_cells[cube[0] : cube[3], cube[1] : cube[4], cube[2] : cube[5]] = True
     cavity = remove_diagonals(cube_cells | ((grid.cells == Cell.INTERNAL) & ~grid.needed), cube_cells)
     if not cavity.any():
         return Shell(solid, cavity, np.zeros((0, 4)), np.zeros((0, 2, 3)))
-    holes = [np.array(grid.bounds_mm(block)) for block in cover_by_boxes(cavity)]
-    solid_boxes = np.array([grid.bounds_mm(block) for block in cover_by_boxes(~cavity)])
+    holes = [np.array(grid.find_bounds_mm(block)) for block in cover_by_boxes(cavity)]
+    solid_boxes = np.array([grid.find_bounds_mm(block) for block in cover_by_boxes(~cavity)])
     shell = solid.subtract(Solid.union([Solid.box(*hole) for hole in holes]))
     planes = np.unique(np.concatenate([list_box_planes(hole) for hole in holes]), axis=0)
     return Shell(shell, cavity, planes, solid_boxes)
 
 
 def remove_diagonals(cells: Bools, kept_cells: Bools | None = None) -> Bools:
-    """Remove cells that meet others only along an edge, where the remaining surface would touch itself.
+    """Remove cells that meet others only along an edge, where the surface of a cavity would touch itself.
 
-    Some cells may be excepted (`kept_cells`).
+    Parameters
+    ----------
+    cells
+        (nx, ny, nz) bool, the cells of the cavity.
+    kept_cells
+        (nx, ny, nz) bool, cells that are not removed; None for none.
+
+    Returns
+    -------
+    ndarray
+        (nx, ny, nz) bool, the remaining cells.
     """
     cells = cells.copy()
     kept_cells = np.zeros_like(cells) if kept_cells is None else kept_cells
@@ -79,7 +101,7 @@ def remove_diagonals(cells: Bools, kept_cells: Bools | None = None) -> Bools:
 
 
 def cover_by_boxes(cells: Bools) -> list[Block]:
-    """Cover cells by disjoint boxes: each grows along z, then y, then x as far as it can."""
+    """Cover cells (nx, ny, nz) by disjoint boxes: each grows along z, then y, then x as far as it can."""
     is_free = cells.copy()
     boxes: list[Block] = []
     for x, y, z in np.argwhere(cells).tolist():
@@ -98,7 +120,13 @@ def cover_by_boxes(cells: Bools) -> list[Block]:
 
 
 def find_largest_cube(cells: Bools) -> Block | None:
-    """Find the largest cube of cells, the one nearest to their middle; None if there are no cells."""
+    """Find the largest cube of cells (nx, ny, nz), of several the one nearest to their middle.
+
+    Returns
+    -------
+    tuple or None
+        None if there are no cells.
+    """
     if not cells.any():
         return None
     # Size of the largest cube that ends at each cell.
@@ -115,11 +143,26 @@ def find_largest_cube(cells: Bools) -> Block | None:
 
 
 def refine_cube(solid: Solid, cube_mm: Floats, cell_mm: float, wall_mm: float) -> Floats:
-    """Grow a cube (2, 3) within a cuboid of these corners in mm until it reaches the minimum wall.
+    """Grow the largest cube within a cuboid until it reaches the minimum wall.
 
     It grows about its middle and towards each corner, by bisection against the mesh itself, for `ROUNDS`
-    rounds, by at most `MAX_GROWTH_CELLS` cells: then hardly any larger cube that contains it keeps the wall.
-    The given cube has to keep the wall.
+    rounds, by at most `MAX_GROWTH_CELLS` cells: afterwards hardly any larger cube around it keeps the wall.
+
+    Parameters
+    ----------
+    solid
+        Solid of the model.
+    cube_mm
+        (2, 3) corners of the cuboid, which keeps the wall.
+    cell_mm
+        Longest side of a cell.
+    wall_mm
+        Minimum wall.
+
+    Returns
+    -------
+    ndarray
+        (2, 3) corners of the cube in mm.
     """
     reach_mm, wall_mm = MAX_GROWTH_CELLS * cell_mm, max(wall_mm, ACCURACY_MM) + MARGIN_MM
     middle, half = cube_mm.mean(axis=0), np.ptp(cube_mm, axis=0).min() / 2.0
@@ -127,14 +170,14 @@ def refine_cube(solid: Solid, cube_mm: Floats, cell_mm: float, wall_mm: float) -
     far_mm = wall_mm + ACCURACY_MM
     outside = Solid.box(min_corner - far_mm, max_corner + far_mm).subtract(solid)
     cube = np.array([middle - half, middle + half])
-    # Share of growth on the lower sides.
+    # Shares of the growth that the lower sides get.
     directions: Floats = np.array([(0.5, 0.5, 0.5), *np.ndindex(2, 2, 2)])
 
     def grow(direction: Floats, distance_mm: float) -> Floats:
         return np.array([cube[0] - direction * distance_mm, cube[1] + (1.0 - direction) * distance_mm])
 
     def keeps_wall(box: Floats) -> bool:
-        return outside.is_empty or outside.gap_mm(Solid.box(*box), wall_mm) >= wall_mm
+        return outside.is_empty or outside.measure_gap_mm(Solid.box(*box), wall_mm) >= wall_mm
 
     for _ in range(ROUNDS):
         before_mm = float(cube[1, 0] - cube[0, 0])
@@ -154,9 +197,23 @@ def refine_cube(solid: Solid, cube_mm: Floats, cell_mm: float, wall_mm: float) -
 
 
 def move_planes_to(solid: Solid, grid: Grid, cube_mm: Floats) -> tuple[tuple[Floats, Floats, Floats], Block]:
-    """Move the nearest planes of a grid to the sides of a cube (2, 3); return them, and the cube in cells.
+    """Move the nearest planes of a grid to the sides of a cube.
 
     A side next to a flat face of the solid, where a plane would cut slivers off, is moved inwards.
+
+    Parameters
+    ----------
+    solid
+        Solid of the model.
+    grid
+        Grid over it.
+    cube_mm
+        (2, 3) corners of the cube.
+
+    Returns
+    -------
+    tuple
+        Planes of the grid across x, y and z in mm, and the cube in cells.
     """
     vertices, faces = solid.arrays()
     inwards_mm = min(2.0 * CLEAR_MM, float(np.ptp(cube_mm, axis=0).min()) / 3.0)
@@ -177,7 +234,7 @@ def move_planes_to(solid: Solid, grid: Grid, cube_mm: Floats) -> tuple[tuple[Flo
 
 
 def _find_clear_place(flats_mm: Floats, at_mm: float, reach_mm: float) -> float:
-    """Find the nearest place within reach that is clear of all flat faces, else the furthest from any."""
+    """Find the nearest place in reach that is clear of all flat faces (k,), else the furthest from them."""
     places = np.linspace(at_mm, at_mm + reach_mm, 41)
     gaps = np.abs(places[:, None] - flats_mm[None]).min(axis=1, initial=np.inf)
     clear_gaps = np.flatnonzero(gaps >= CLEAR_MM)
@@ -185,9 +242,17 @@ def _find_clear_place(flats_mm: Floats, at_mm: float, reach_mm: float) -> float:
 
 
 def list_cubes_around(cube: Block, cells: Bools) -> list[Block]:
-    """Find the largest cube of cells outwards from the middle of each face of a cube, no larger than it.
+    """List a cube outwards from the middle of each face of a cube: the largest of cells, but no larger.
 
-    Where cells are not cubes, each side of the block has the same number of cells less than the first cube's.
+    Where cells are not cubes, each side of a block is shorter than that of the cube by the same number of
+    cells.
+
+    Parameters
+    ----------
+    cube
+        Cells of the cube.
+    cells
+        (nx, ny, nz) bool, the cells that the cubes may have.
     """
     edges = [cube[axis + 3] - cube[axis] for axis in range(3)]
     cubes: list[Block] = []

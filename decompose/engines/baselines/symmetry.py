@@ -1,11 +1,11 @@
 """The engine `symmetry`: SBD, recursive cuts at planes of symmetry (Hatton et al. 2023).
 
-First a tree of cuts to a depth of three, whose leaves are chosen to minimise the price of the costliest part;
-then one part after another is cut further, while there are printers. `--faithful` follows the authors'
-program: planes are taken from one draw of normals, the price of a part is its volume, the least symmetric one
-is cut first, halves of too little volume are refused, and the printers' room does not matter. Otherwise
-planes are refined and used only where they are good, the price of a part is its print time, the costliest one
-is cut first, and the printers' room forces cuts.
+First a tree of cuts with a depth of three is built, and its leaves are chosen to minimise the price of the
+costliest part. Then one part after another is cut further, while there are printers. `--faithful` follows the
+authors' program: planes are taken from one draw of normals, the price of a part is its volume, the least
+symmetric part is cut first, halves of too little volume are refused, and the printers' room does not matter.
+Otherwise planes are refined and used only where they are good, the price of a part is its print time, the
+costliest part is cut first, and the printers' room forces cuts.
 """
 
 from __future__ import annotations
@@ -33,24 +33,24 @@ from decompose.problem.fitting import (
 
 TREE_DEPTH = 3  # depth of the tree of cuts
 DRAWN_PLANES = 5  # maximum number of planes that are kept from a draw for a part
-GOOD_PLANES = 3
+GOOD_PLANES = 3  # maximum number of refined planes of a part
 REFINING_SAMPLES = 25  # number of normals in a round of the refinement
 MIN_SHARE = 1.0 / 1.5  # minimum volume of a half in the authors' program, as a share of the mean part's
-# Places of a plane about the boundary of a block, as a share of the block.
+# Offsets of a plane from the boundary of a block, as shares of the block.
 OFFSETS: Floats = np.array([0.0, 0.05, -0.05, 0.1, -0.1, 0.15, -0.15, 0.2, -0.2, 0.3, -0.3])
 MIN_VOLUME_SHARE = 0.05  # minimum volume of a part, as a share of the mean part's
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Part:
-    """A piece, its price (volume in mm3 or seconds), and the least number of printers that it needs."""
+    """A piece, its price (volume in mm3, or seconds), and the minimum number of printers that it needs."""
 
     piece: Piece
     price: float
     printers_needed: int = 1
 
 
-Leaves = tuple[float, tuple[_Part, ...]]  # the greatest price of some parts, and the parts
+Leaves = tuple[float, tuple[_Part, ...]]  # the highest price of some parts, and the parts
 NO_LEAVES: Leaves = (math.inf, ())
 
 
@@ -68,13 +68,14 @@ class _Form(ABC):
 
     @abstractmethod
     def list_cuts(self, part: _Part) -> Iterator[list[_Part]]:
-        """Yield the parts that each plane of a part leaves, the best plane first."""
+        """Yield the parts that each plane cuts a part into, the best plane first."""
 
     @abstractmethod
     def cut_further(self, parts: list[_Part]) -> list[_Part]:
         """Cut the parts further, while there are printers."""
 
-    def uncut_part(self) -> _Part:
+    def price_model(self) -> _Part:
+        """Price the whole model as a part."""
         return self.price_part(Piece(self.problem.model.solid, np.zeros((0, 4)), np.zeros((0, 2, 3))))
 
 
@@ -88,7 +89,7 @@ def cut_by_symmetry(problem: Problem) -> Partition:
     """
     form = _PublishedForm(problem) if problem.options.faithful else _CorrectedForm(problem)
     printers = len(problem.printers)
-    uncut_part = form.uncut_part()
+    uncut_part = form.price_model()
     if uncut_part.printers_needed > printers:
         raise NoFit(
             f"the printers' build volumes need at least {uncut_part.printers_needed} parts, but there are "
@@ -137,6 +138,7 @@ def _cut_halves(piece: Piece, normal: Floats, at_mm: float) -> list[Piece]:
 
 
 def _sum_printers_needed(parts: list[_Part]) -> int:
+    """Sum the minimum number of printers of some parts."""
     return sum(part.printers_needed for part in parts)
 
 
@@ -144,12 +146,15 @@ class _PublishedForm(_Form):
     """The authors' program, with its mistakes."""
 
     def price_part(self, piece: Piece) -> _Part:
+        """Price a piece by its volume."""
         return _Part(piece, piece.solid.volume_mm3)
 
     def draw_planes(self, part: _Part, limit: int) -> list[Mirror]:
+        """Draw random planes through a part, and return the most symmetric ones."""
         return draw_mirrors(part.piece.solid.arrays()[0], self.rng, limit)
 
     def list_cuts(self, part: _Part) -> Iterator[list[_Part]]:
+        """Yield the halves at random planes, the most symmetric one first, unless a half is too small."""
         for mirror in self.draw_planes(part, DRAWN_PLANES):
             halves = self.cut_in_halves(part, mirror)
             if halves:
@@ -164,6 +169,7 @@ class _PublishedForm(_Form):
         return halves if is_even else []
 
     def cut_further(self, parts: list[_Part]) -> list[_Part]:
+        """Cut the least symmetric parts in halves, while there are printers."""
         has_divided = True
         while has_divided and len(parts) < len(self.problem.printers):
             has_divided = False
@@ -182,12 +188,13 @@ class _CorrectedForm(_Form):
     """The method as the authors intend it, with parts that fit."""
 
     def price_part(self, piece: Piece) -> _Part:
-        """Price a piece as a part."""
+        """Price a piece by its print time for each printer that it needs."""
         printers_needed = count_parts(piece.solid, self.problem.rooms)
         seconds = float(price_axis_poses_s(*piece.solid.arrays(), self.problem.cost).min())
         return _Part(piece, seconds / printers_needed, printers_needed)
 
     def list_cuts(self, part: _Part) -> Iterator[list[_Part]]:
+        """Yield the parts at good planes of symmetry, then at a plane across the longest side."""
         solid = part.piece.solid
         vertices = solid.arrays()[0]
         for mirror in find_good_mirrors(vertices, self.rng, GOOD_PLANES, REFINING_SAMPLES):
@@ -206,7 +213,7 @@ class _CorrectedForm(_Form):
             yield best_children
 
     def split_at_plane(self, piece: Piece, normal: Floats, at_mm: float) -> Iterator[list[_Part]]:
-        """Yield the connected pieces on both sides of a plane near `at_mm`, unless one is too small."""
+        """Yield the connected pieces on both sides of a plane near `at_mm`, unless a piece is too small."""
         at_mm = place_clear_of_faces(piece.solid, normal, at_mm)
         pieces = [p for half in _cut_halves(piece, normal, at_mm) for p in split_connected(half)]
         min_mm3 = MIN_VOLUME_SHARE * min(self.mean_mm3, piece.solid.volume_mm3)
@@ -214,9 +221,14 @@ class _CorrectedForm(_Form):
             yield [self.price_part(fragment) for fragment in pieces]
 
     def find_planes_across(self, solid: Solid) -> tuple[Floats, list[float]]:
-        """Find planes across the longest side, or the one that exceeds the room most: normal and places.
+        """Find planes across the longest side, or across the side that exceeds the room most.
 
-        The first plane divides it by a whole number of rooms, the others lie near it.
+        The first plane divides the side by a whole number of rooms; the others lie near it.
+
+        Returns
+        -------
+        tuple
+            Normal (3,) of the planes, and their places along it in mm.
         """
         lo, hi = solid.bounds_mm
         counts = count_blocks(hi - lo, self.problem.rooms)
@@ -225,6 +237,7 @@ class _CorrectedForm(_Form):
         return np.eye(3)[axis], (lo[axis] + shares * (hi - lo)[axis]).tolist()
 
     def cut_further(self, parts: list[_Part]) -> list[_Part]:
+        """Cut the costliest part, while there are printers and this makes no part costlier."""
         while True:
             costliest_part = max(parts, key=lambda part: (part.printers_needed > 1, part.price))
             other_parts = [part for part in parts if part is not costliest_part]

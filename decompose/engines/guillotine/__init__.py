@@ -1,4 +1,4 @@
-"""The engine `guillotine`: the partition by recursive axis cuts that ends soonest."""
+"""The engine `guillotine`: the partition by recursive cuts across the axes whose last part ends soonest."""
 
 from __future__ import annotations
 

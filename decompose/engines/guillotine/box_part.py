@@ -17,7 +17,17 @@ from decompose.printers import PrinterRoom
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoxPart:
-    """Content of a box, posed; `seconds` of its slowest piece on its printer, inf if one does not fit."""
+    """Content of a box, posed.
+
+    Attributes
+    ----------
+    box_mm
+        (2, 3) lower and upper corner of the box.
+    pieces, poses
+        Connected pieces, and the pose of each one that fits its printer.
+    seconds
+        Time of the slowest piece on its printer; inf if one does not fit.
+    """
 
     box_mm: Floats
     pieces: tuple[Piece, ...]
@@ -26,12 +36,12 @@ class BoxPart:
 
     @property
     def size_mm(self) -> Floats:
-        """Longest sides (3,) of its pieces along the axes."""
+        """Length (3,) of its longest piece along each axis."""
         return np.asarray(np.max([np.ptp(piece.solid.bounds_mm, axis=0) for piece in self.pieces], axis=0))
 
     @property
     def min_mm(self) -> float:
-        """Shortest side of any of its pieces."""
+        """Shortest side of all its pieces."""
         return min(float(np.ptp(piece.solid.bounds_mm, axis=0).min()) for piece in self.pieces)
 
     def with_poses(self, poses: Sequence[Pose | None]) -> BoxPart:
@@ -40,12 +50,18 @@ class BoxPart:
         return replace(self, poses=fitting, seconds=find_slowest_s(self.pieces, poses))
 
     def has_similar_pieces(self, other: BoxPart) -> bool:
-        """Check whether it has as many pieces as another part, none of them a sliver by comparison."""
+        """Check whether it has as many pieces as another part, and none that is a sliver by comparison."""
         return len(self.pieces) == len(other.pieces) and self.min_mm >= min(SLIVER_MM, other.min_mm)
 
 
 def find_slowest_s(pieces: Sequence[Piece], poses: Sequence[Pose | None]) -> float:
-    """Compute the time in seconds of the slowest piece on its printer; inf if one has no pose."""
+    """Compute the time in seconds of the slowest piece on its printer; inf if one has no pose.
+
+    Parameters
+    ----------
+    pieces, poses
+        Pieces, and the pose of each in the same order; None if it has none.
+    """
     pairs = zip(pieces, poses, strict=True)
     times = [math.inf if pose is None else pose.price_s * piece.time_factor for piece, pose in pairs]
     return max(times, default=math.inf)
@@ -62,9 +78,19 @@ def find_longest_s(parts: Sequence[BoxPart]) -> float:
 
 
 def find_spare_length_mm(size_mm: Floats, rooms: Sequence[PrinterRoom]) -> Floats:
-    """Compute the length (3,) that a part may gain along each axis alone, in all rooms.
+    """Compute the length that a part may gain along each axis, alone, and still fit.
 
-    The length is not known, and inf, if the part fits one of them only when rotated off the axes.
+    Parameters
+    ----------
+    size_mm
+        (3,) size of the part.
+    rooms
+        Rooms that the part has to fit, all of them.
+
+    Returns
+    -------
+    ndarray
+        (3,) lengths in mm; inf, not known, if the part fits each room only when rotated off the axes.
     """
     spare_mm = np.full(3, math.inf)
     for room in rooms:

@@ -1,9 +1,9 @@
 """The engine `guillotine`: for uniform printers, and for printers with unequal build volumes and speeds.
 
-The model is cut as for equal printers first: each part fits the build volume common to all
-of them, and the fastest printer prints the longest part. Then it is cut for classes of printers
-(`printer_classes`): exact over all guillotine partitions and all ways to distribute their parts. The better
-one of the two is the result, so that the result is never worse where the classes are too coarse.
+First the model is cut as for equal printers: each part fits the build volume that all printers have in
+common, and the fastest printer prints the longest part. Then it is cut for classes of printers
+(`printer_classes`), by an exact search over all guillotine partitions and all ways to distribute their parts.
+The better one of both cuts is the result, so that classes that are too coarse do not make it worse.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from decompose.engines.guillotine.plane_shift import shift_planes
 from decompose.engines.guillotine.printer_classes import PrinterClass, classify_printers, count_sums
 from decompose.engines.guillotine.recursion import UNREACHABLE
 from decompose.errors import NoFit, format_size
-from decompose.grid import Box, BoxTables, Grid, box_index
+from decompose.grid import Box, BoxTables, Grid, index_box
 from decompose.pieces import Piece, assign_bottleneck
 from decompose.printers import PrinterRoom
 from decompose.problem import GridFigures, Partition, Problem, Work
 
 Cut = Mapping[Box, Sequence[Piece]]
 
-MAX_SUMS = 4e8  # maximum number of sums of the search for classes: some seconds for each limit
-MAX_ROUNDS, MAX_REJECTIONS = 4, 20  # maximum number of rounds of true prices, and of rejected partitions
+MAX_SUMS = 4e8  # maximum number of sums in the search for classes: a few seconds for each limit
+MAX_ROUNDS, MAX_REJECTIONS = 4, 20  # maximum number of rounds with true prices, and of rejected partitions
 WORTHWHILE_SHARE = 0.995  # a partition must promise less than this share of the makespan so far
 TOLERANCE = 0.003  # accuracy of the minimum makespan, as a share of it
 MAX_ADDED_PRINTERS = 32  # maximum number of printers added to a class that has too few
@@ -90,17 +90,19 @@ def _set_printers(cut: Cut, assigned_printers: Sequence[PrinterRoom]) -> Cut:
 
 
 def _list_pieces(cut: Cut) -> list[Piece]:
+    """List the pieces of all boxes."""
     return [piece for box_pieces in cut.values() for piece in box_pieces]
 
 
 def _compute_end_s(problem: Problem, cut: Cut) -> float:
+    """Compute the time when the last piece ends."""
     return problem.compute_makespan_s(_list_pieces(cut))
 
 
 class _ClassSearch(ExactSearch):
     """The exact search for classes of printers, with true prices as in `ExactSearch`.
 
-    It also uses the prices that were corrected there for boxes on all printers.
+    It starts from the shared tables, whose prices that search has corrected.
     """
 
     def __init__(self, problem: Problem, grid: Grid, shared_tables: BoxTables, min_s: float) -> None:
@@ -113,7 +115,7 @@ class _ClassSearch(ExactSearch):
         )
 
     def run(self, below_s: float) -> list[Cut]:  # type: ignore[override]
-        """Find partitions that end before a time by true prices, the soonest last; none for one class."""
+        """Find a partition that ends before a time by true prices; empty if there is none, or one class."""
         cuts: list[Cut] = []
         close_s = TOLERANCE * (below_s if math.isfinite(below_s) else self.min_s)
         if len(self.classes) == 1 or not self._may_succeed(WORTHWHILE_SHARE * below_s, close_s):
@@ -140,7 +142,7 @@ class _ClassSearch(ExactSearch):
         return cuts
 
     def _may_succeed(self, max_s: float, close_s: float) -> bool:
-        """Check whether a partition could succeed if every printer were the best one for each box."""
+        """Check whether a partition could end in time if every printer were the best one for each box."""
         best = replace(self.boxes, seconds=np.min([table.seconds for table in self.tables], axis=0))
         count = sum(printer_class.count for printer_class in self.classes)
         solver = Partitioner(best)
@@ -150,12 +152,13 @@ class _ClassSearch(ExactSearch):
             self.min_s = max(self.min_s, min_s - close_s)
         return min_s is not None
 
-    def _forbid(self, index: int) -> None:
+    def _forbid_box(self, index: int) -> None:
+        """Exclude a box from the tables of all classes."""
         for table in self.tables:
             table.seconds[index] = math.inf
 
     def _assign_by_tables(self, boxes: Sequence[Box]) -> Cut:
-        """Give each piece of boxes the printer that is best by the tables."""
+        """Assign printers to the pieces of boxes, by the times of the tables."""
         cut = {box: self.cut[box] for box in boxes}
         assigned_printers = assign_bottleneck(self._look_up_seconds(boxes))
         assert assigned_printers is not None  # the search has found an assignment
@@ -163,8 +166,8 @@ class _ClassSearch(ExactSearch):
         return _set_printers(cut, [printers[i] for i in assigned_printers])
 
     def _look_up_seconds(self, boxes: Sequence[Box]) -> Floats:
-        """Look up the time (pieces, printers) of each piece; printers in the order of the classes."""
-        indices = [box_index(box, self.boxes.shape) for box in boxes]
+        """Look up the seconds (pieces, printers) of each piece; printers in the order of the classes."""
+        indices = [index_box(box, self.boxes.shape) for box in boxes]
         rows = np.repeat(indices, self.boxes.pieces[indices])
         columns = [
             table.seconds[rows].astype(np.float64) / printer_class.time_factor * printer.time_factor
@@ -174,9 +177,9 @@ class _ClassSearch(ExactSearch):
         return np.array(columns).T
 
     def _record_prices(self, cut: Cut) -> None:
-        """Put the true prices of pieces into the tables of all printers with that room."""
+        """Record the true prices of pieces in the tables of all classes that have the printer's room."""
         for box, pieces in cut.items():
-            index = box_index(box, self.boxes.shape)
+            index = index_box(box, self.boxes.shape)
             for piece, pose in zip(pieces, self.problem.find_poses(list(pieces)), strict=True):
                 seconds = math.inf if pose is None else pose.price_s
                 printer_class = next(
@@ -191,9 +194,10 @@ class _ClassSearch(ExactSearch):
     def compute_grid_figures(
         self, grid: Grid, cut: Cut, min_s: float, pieces: Sequence[Piece]
     ) -> GridFigures:
-        """Compute the makespan of boxes by the tables, and a lower bound for all partitions.
+        """Compute the makespan of a cut by the tables, and a lower bound for all partitions.
 
-        The bound is proven as if all printers had the speed of the fastest and, for each box, the best room.
+        The bound is proven as if all printers had the speed of the fastest one and, for each box, the best
+        room.
         """
         problem = self.problem
         times = self._look_up_seconds(list(cut))
@@ -217,9 +221,9 @@ class _ClassSearch(ExactSearch):
 
 
 def _make_too_few_error(problem: Problem, grid: Grid, shared_tables: BoxTables) -> NoFit | None:
-    """Build the error with the number of printers of these kinds that would be enough; None if unknown.
+    """Build the error that names how many printers of each class would be enough; None if unknown.
 
-    Tries more printers of the first class, of one other, or of both.
+    More printers of the first class, of one other class, or of both are tried.
     """
     max_sums = MAX_SUMS / len(shared_tables.seconds)
     classes = classify_printers([replace(printer, time_factor=1.0) for printer in problem.printers], max_sums)
@@ -249,7 +253,7 @@ def _make_too_few_error(problem: Problem, grid: Grid, shared_tables: BoxTables) 
 
 
 def _grow_counts(available: Sequence[int], grown_class: int, max_sums: float) -> list[int]:
-    """Raise the count of one class as far as the search allows; return the counts of all but the first."""
+    """Raise the count of one class as far as the search allows; return the counts without the first class."""
     counts = list(available[1:])
     for _ in range(MAX_ADDED_PRINTERS):
         larger = list(counts)
@@ -263,12 +267,20 @@ def _grow_counts(available: Sequence[int], grown_class: int, max_sums: float) ->
 def make_class_tables(
     problem: Problem, grid: Grid, shared_tables: BoxTables, classes: Sequence[PrinterClass]
 ) -> list[BoxTables]:
-    """Build the tables of each class, times multiplied by its speed; `trimmed` and `pieces` are shared.
+    """Build the tables of each class of printers, whose times include its speed.
+
+    `trimmed` and `pieces` are the same in all of them.
 
     Parameters
     ----------
+    problem
+        Problem of the printers.
+    grid
+        Grid over the model.
     shared_tables
-        Tables of the room that all printers have.
+        Tables of the room that all printers have in common.
+    classes
+        Classes of the printers.
     """
     rooms: dict[object, BoxTables] = {}
     for printer_class in classes:

@@ -1,8 +1,8 @@
 """Curve of makespan over the number of printers, and the number of printers that suits a goal.
 
-One search serves all numbers: the fewest parts at a time T show for every number whether it reaches T, so
-that each solve narrows down many of them. The same holds for classes of printers: the fewest of the first
-class are known beside any number of the others.
+One search serves all numbers of printers: the fewest parts within a time T show for every number whether it
+reaches T, so that each solve narrows the bounds of many numbers. The same holds for classes of printers: a
+solve gives the fewest printers of the first class for any number of the others.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ ASSEMBLE_S = 216.0
 
 @dataclass(frozen=True, slots=True)
 class CurvePoint:
-    """Least makespan in seconds that a search found for a number of printers."""
+    """A number of printers, and the least makespan in seconds that a search found for it."""
 
     printers: int
     makespan_s: float
 
 
-class _Narrowing:
-    """Bounds on the makespan of each number of printers; `fleets` as in `compute_makespan_curve`."""
+class _MakespanBounds:
+    """Bounds on the makespan of each fleet; `fleets` as in `compute_makespan_curve`."""
 
     def __init__(self, tables: Sequence[BoxTables], fleets: Ints) -> None:
         max_counts = fleets.max(axis=0)
@@ -47,8 +47,8 @@ class _Narrowing:
         self.reached_s = np.full(len(fleets), np.inf)
         self.refuted_s = np.zeros(len(fleets))
 
-    def solve(self, limit_s: float) -> tuple[float, Bools, float]:
-        """Solve for a limit; return it, the fleets that reach it, and the time when the last part ends."""
+    def solve_limit(self, limit_s: float) -> tuple[float, Bools, float]:
+        """Solve for a limit; return it, whether each fleet (n,) reaches it, and when the last part ends."""
         solver = Partitioner(self._boxes, self._others)
         solver.solve(limit_s)
         states, fewest_printers = solver.list_class_shares()
@@ -59,15 +59,15 @@ class _Narrowing:
         feasible = np.array(
             [first_count >= fewest_by_state[tuple(others)] for first_count, *others in self._fleets.tolist()]
         )
-        ends_s = solver.longest_s() if feasible.any() and not self._others else limit_s
+        ends_s = solver.find_longest_s() if feasible.any() and not self._others else limit_s
         return limit_s, feasible, ends_s
 
     def narrow_bounds(self, limit_s: float, feasible: Bools, ends_s: float) -> None:
-        """Narrow the bounds of every number of printers by the result of a solve."""
+        """Narrow the bounds of every fleet by the result of a solve."""
         self.reached_s[feasible] = np.minimum(self.reached_s[feasible], ends_s)
         self.refuted_s[~feasible] = np.maximum(self.refuted_s[~feasible], limit_s)
 
-    def next_limits(self) -> list[float]:
+    def choose_limits(self) -> list[float]:
         """Choose the next limits to solve for, in the widest gaps; empty if all gaps are narrow."""
         is_reached = np.isfinite(self.reached_s)
         gaps: dict[tuple[float, float], float] = {}
@@ -85,26 +85,28 @@ def compute_makespan_curve(
 ) -> tuple[CurvePoint, ...]:
     """Compute the least makespan of guillotine partitions for some fleets.
 
-    Each is accurate to `TOLERANCE`; fleets too small for any partition are left out.
+    Each makespan is accurate to `TOLERANCE`; fleets that are too small for any partition are left out.
 
     Parameters
     ----------
     tables
         Tables of each class of printers, with its speed in their times; the largest class is the first.
     fleets
-        (n, classes) number of printers of each class; no two rows have the same sum.
+        (n, classes) int64 number of printers of each class; no two rows have the same sum.
+    executor
+        Threads for solves side by side; None to solve one after the other.
     """
     finite = [table.seconds[np.isfinite(table.seconds)] for table in tables]
     if not any(len(table) for table in finite):
         return ()
-    narrowing = _Narrowing(tables, fleets)
+    bounds = _MakespanBounds(tables, fleets)
     limits = [max(float(table.max()) for table in finite if len(table))]
     run = map if executor is None else executor.map
     while limits:
-        for points in run(narrowing.solve, limits):
-            narrowing.narrow_bounds(*points)
-        limits = narrowing.next_limits()
-    counts, reached_s = fleets.sum(axis=1).tolist(), narrowing.reached_s.tolist()
+        for points in run(bounds.solve_limit, limits):
+            bounds.narrow_bounds(*points)
+        limits = bounds.choose_limits()
+    counts, reached_s = fleets.sum(axis=1).tolist(), bounds.reached_s.tolist()
     return tuple(CurvePoint(n, s) for n, s in zip(counts, reached_s, strict=True) if math.isfinite(s))
 
 
@@ -118,22 +120,22 @@ def find_knee(
     points
         Points of `compute_makespan_curve`, at least one.
     clear_s, assemble_s
-        A person's time for each part: to clear its bed, and to glue it.
+        A person's time in seconds for each part: to clear its bed, and to glue it.
     """
     return min(points, key=lambda p: (p.makespan_s + p.printers * (clear_s + assemble_s), p.printers))
 
 
 def find_fewest_in_time(points: Sequence[CurvePoint], within_s: float, handling_s: float = 0.0) -> CurvePoint:
-    """Find the fewest printers that finish within a time; if none do, those that finish first.
+    """Find the point with the fewest printers that finish within a time; else the one that finishes first.
 
     Parameters
     ----------
     points
         Points of `compute_makespan_curve`, at least one.
     within_s
-        Seconds from the first print command to the end of the last part, and its handling.
+        Seconds from the first print command until the last part is printed and all parts are handled.
     handling_s
-        A person's time for each part, after the last one is printed; a single part needs none.
+        A person's time in seconds for each part, after the last one is printed; a single part needs none.
     """
 
     def compute_end_s(point: CurvePoint) -> float:

@@ -1,7 +1,7 @@
-"""The engine `guillotine`: a grid, the price of every box of it, the exact partition, and its true cost.
+"""The engine `guillotine`: a grid, the price of each of its boxes, the exact partition, and its true price.
 
-Afterwards the loss by guillotine cuts and by the grid is reduced: boxes are cut again, and planes leave the
-grid.
+Afterwards, boxes are cut again and planes are moved off the grid, to reduce the loss by guillotine cuts and
+by the grid.
 """
 
 from __future__ import annotations
@@ -21,25 +21,25 @@ from decompose.engines.guillotine.plane_moves import refine_needed_cells
 from decompose.engines.guillotine.plane_shift import estimate_shift_s, shift_planes
 from decompose.engines.guillotine.recursion import UNREACHABLE
 from decompose.errors import NoFit, format_size
-from decompose.grid import VOLUME, Box, BoxTables, Grid, box_index
+from decompose.grid import VOLUME, Box, BoxTables, Grid, index_box
 from decompose.pieces import Piece, cut_cells, find_faults
 from decompose.problem import Partition, Problem, Work
 
-MAX_ROUNDS = 8  # maximum number of rounds: true prices for the chosen boxes, and a new choice
+MAX_ROUNDS = 8  # maximum number of rounds; each finds true prices of the chosen boxes, and chooses again
 MAX_REJECTIONS = 40  # maximum number of choices rejected because of a sliver or a weak joint
 RETRY_RATIO = 1.01  # another round follows if the true makespan exceeds that of the tables by this ratio
 TOLERANCE_S = 1.0  # minimum accuracy of the minimum makespan by the tables
-TOLERANCE = 5e-4  # its accuracy, as a share of it: true prices differ from those of the tables by more
-SEARCH_SHARE = 0.75  # share of the unreserved budget; the rest is for windows
+TOLERANCE = 5e-4  # the same as a share of the makespan: true prices differ from those of the tables by more
+SEARCH_SHARE = 0.75  # share of the unreserved budget for the exact search; the rest is for windows
 LATE_STEP = 0.02  # growth of the makespan's limit, as a share, when the budget is spent without a result
-# Limits between the minimum makespans with this number of printers and with one less.
+# Limits of looser partitions, between the minimum makespan with all printers (0) and with one less (1).
 LOOSER_LIMIT_SHARES = (0.1, 0.25, 0.4)
 MAX_LATER_RATIO = 1.06  # maximum limit over the minimum makespan, if one printer less is not enough
 CLOSE_RATIO = 1.03  # a result is improved only if it is below this multiple of the makespan to beat
 
 
 def cut_for_uniform_printers(problem: Problem) -> Partition:
-    """Cut a problem's model by the axis cuts along its grid that end soonest on uniform printers.
+    """Cut a problem's model by the cuts along its grid whose parts end soonest on uniform printers.
 
     Raises
     ------
@@ -72,7 +72,7 @@ def cut_for_uniform_printers(problem: Problem) -> Partition:
 
 
 def build_tables(problem: Problem) -> tuple[Grid, BoxTables, float]:
-    """Build a problem's grid, price its boxes, and bound the makespan in s by the surface and the volume."""
+    """Build a problem's grid, price its boxes, and bound the makespan in s by surface and volume."""
     grid = problem.build_grid(problem.model)
     problem.on_stage("grid")
     boxes = problem.price_boxes(grid)
@@ -85,8 +85,8 @@ def build_tables(problem: Problem) -> tuple[Grid, BoxTables, float]:
 class ExactSearch:
     """The exact search, with true prices for the boxes that it chooses.
 
-    The tables take the solid in a cell as one piece, and price a box in the axis poses without regard to
-    whether it stands. The true pieces and prices of the chosen boxes are put into the tables where they are
+    The tables count the solid in a cell as one piece, and price a box in its axis poses, even if it does not
+    stand in them. The true counts and prices of the chosen boxes are written into the tables where they are
     higher, and the search is repeated. A box with a piece that cannot be glued well is excluded. Counts and
     prices only grow, so the makespan only grows.
     """
@@ -94,7 +94,7 @@ class ExactSearch:
     def __init__(self, problem: Problem, grid: Grid, boxes: BoxTables, bound_s: float) -> None:
         self.problem, self.grid, self.boxes = problem, grid, boxes
         self.min_s = bound_s
-        self.is_near = False  # whether the minimum is near the last one: prices only grow
+        self.is_near = False  # whether the next minimum is probably near `min_s`: prices only grow
         self.solver = Partitioner(boxes, executor=problem.executor)
         self.cut: dict[Box, list[Piece]] = {}
         self.posed_s: dict[Box, float] = {}
@@ -130,14 +130,14 @@ class ExactSearch:
                 best, best_s = boxes, longest_s
             if longest_s <= RETRY_RATIO * makespan_s or rounds == MAX_ROUNDS:
                 break
-        return {box: self.cut[box] for box in self._improve(best)}
+        return {box: self.cut[box] for box in self._improve_partition(best)}
 
     def list_looser_partitions(self, best: Sequence[Box]) -> Iterator[dict[Box, list[Piece]]]:
-        """Yield other partitions than the best: less work, with boxes that take a little longer.
+        """Yield partitions other than the best one, with less work, whose boxes may take a little longer.
 
         The partition that ends soonest on the grid need not end soonest once its planes are shifted: shifts
-        balance the times of its parts, so that the total work matters. Each has the fewest boxes, and of
-        those the least work, within a limit.
+        balance the times of its parts, so that the total work matters. Each partition has the fewest boxes
+        within a limit, and of several such partitions the least work.
         """
         if len(best) < 2:
             return
@@ -186,7 +186,7 @@ class ExactSearch:
         self.problem.effort.record(Work.SUM, self.solver.sums - previous_sums)
         return min_s
 
-    def _improve(self, best: list[Box]) -> list[Box]:
+    def _improve_partition(self, best: list[Box]) -> list[Box]:
         """Find the best partition near this one by true prices, not limited to guillotine cuts."""
         for _ in range(MAX_ROUNDS):
             if len(self.rejections) == MAX_REJECTIONS or self.problem.effort.is_spent():
@@ -202,44 +202,45 @@ class ExactSearch:
         return best
 
     def _correct_piece_counts(self, boxes: list[Box]) -> bool:
-        """Put true counts of pieces into the table; return whether a box has more than before."""
+        """Record the true counts of pieces in the table; return whether a box has more than before."""
         has_more = False
         for box in boxes:
             if box not in self.cut:
                 self.problem.effort.record(Work.FACE_CUT, self.problem.model.solid.faces)
                 self.cut[box] = cut_cells(self.problem.model.solid, self.grid, box)
-            index = box_index(box, self.boxes.shape)
+            index = index_box(box, self.boxes.shape)
             has_more = has_more or len(self.cut[box]) > int(self.boxes.pieces[index])
             self.boxes.pieces[index] = len(self.cut[box])
         return has_more
 
     def _forbid_faulty(self, boxes: list[Box]) -> bool:
-        """Exclude boxes with a badly glued piece from the table; return whether there was one."""
+        """Exclude boxes with a piece that cannot be glued well; return whether there was one."""
         owners = [box for box in boxes for _ in self.cut[box]]
         pieces = [piece for box in boxes for piece in self.cut[box]]
         faults = find_faults(pieces, self.problem.options.min_glue_mm2)
         for fault in faults:
-            self._forbid(box_index(owners[fault.piece], self.boxes.shape))
+            self._forbid_box(index_box(owners[fault.piece], self.boxes.shape))
         self.rejections += [faults[0].reason] if faults else []
         return bool(faults)
 
-    def _forbid(self, index: int) -> None:
+    def _forbid_box(self, index: int) -> None:
+        """Exclude a box from the tables."""
         self.boxes.seconds[index] = math.inf
 
     def _compute_true_makespan_s(self, boxes: list[Box]) -> float:
-        """Compute the true makespan of boxes in seconds, and raise the table to true prices above its own."""
+        """Compute the true makespan of boxes in seconds, and raise their prices in the table to true ones."""
         new = [(box, piece) for box in boxes if box not in self.posed_s for piece in self.cut[box]]
         poses = self.problem.find_poses([piece for _, piece in new])
         for (box, _), pose in zip(new, poses, strict=True):
             seconds = math.inf if pose is None else pose.price_s
             self.posed_s[box] = max(self.posed_s.get(box, 0.0), seconds)
         for box in boxes:
-            index = box_index(box, self.boxes.shape)
+            index = index_box(box, self.boxes.shape)
             self.boxes.seconds[index] = max(float(self.boxes.seconds[index]), self.posed_s[box])
         return max(self.posed_s[box] for box in boxes)
 
     def _make_no_fit_error(self) -> NoFit:
-        """Build the error with the reason why there is no partition for these printers."""
+        """Build the error that says why there is no partition for these printers."""
         problem, model = self.problem, self.problem.model
         if self.rejections:
             return NoFit(

@@ -1,13 +1,12 @@
-"""Neighbourhood search: a partition is improved where it is slowest, not limited to guillotine cuts.
+"""Neighbourhood search: it improves a partition where it is slowest, and is not limited to guillotine cuts.
 
 A window is the slowest box with a few boxes near it. It is cut again into at most as many parts, so that the
-slowest of them ends sooner; all other boxes stay. The union of its boxes need not be a box. Windows include
-the move of one face, a slab that passes from one box to the next, and two boxes that are merged and split
-elsewhere.
+slowest of them ends sooner; all other boxes stay. The union of its boxes need not be a box. Windows cover
+moves of one face, slabs that pass from one box to the next, and boxes that are merged and split elsewhere.
 
-The tables of a window are those of the grid, but only the cells of its own boxes are to be covered, and a box
-that meets another part is not allowed. The search over guillotine cuts of a window is exact; besides, the
-window as a whole may be cut as a pinwheel: four boxes around a fifth, which no guillotine cut can begin.
+The tables of a window are those of the grid, but only the cells of its own boxes have to be covered, and a
+box that overlaps another part is not allowed. The search over guillotine cuts of a window is exact. In
+addition, the window as a whole may be cut as a pinwheel (`pinwheel`).
 """
 
 from __future__ import annotations
@@ -20,25 +19,31 @@ import numpy.typing as npt
 
 from decompose.arrays import Bools, Ints
 from decompose.engines.guillotine.partitioner import Partitioner
-from decompose.engines.guillotine.recursion import UNREACHABLE
-from decompose.grid import Box, BoxTables, Shape, box_index, compute_index, find_interval_ends, interval
+from decompose.engines.guillotine.pinwheel import Pinwheel, count_fewest_in_pinwheel, list_pinwheel_boxes
+from decompose.grid import Box, BoxTables, Shape, compute_index, find_interval_ends, index_box
 from decompose.jit import jit
 from decompose.problem import Effort, Work
 
 MAX_WINDOWS = 200  # maximum number of windows solved in one search
 MAX_BOXES_IN_WINDOW = 5  # maximum number of boxes in a window
 MAX_NEIGHBOURS = 10  # maximum number of neighbours of a box in its windows, the fastest first
-MAX_WINDOWS_OF_A_BOX = 24  # maximum number of windows about one box, those with the most slack first
+MAX_WINDOWS_OF_A_BOX = 24  # maximum number of windows around one box, those with the most slack first
 MAX_BOXES = 150_000  # maximum number of boxes of all sizes in a window's tables
-MAX_TIME_RATIO = 0.999  # a window's new time must be below this share of its time
+MAX_TIME_RATIO = 0.999  # a window's new time must be below this share of its old one
 TOLERANCE = 0.002  # accuracy of the minimum makespan, as a share of it
-
-Pinwheel = tuple[int, int, int, int, int, int]  # axis of extrusion, whether it is mirrored, p1, p2, q1, q2
 
 
 @jit
 def _cut_in_two(box: Box, shape: Shape) -> tuple[int, int]:
-    """Find the two boxes that form a box of two cells or more: its last layer, and the rest."""
+    """Find the indices of the two parts of a box of two cells or more: without its last layer, and the layer.
+
+    Parameters
+    ----------
+    box
+        Box in cells of the window.
+    shape
+        Cells of the window.
+    """
     x0, y0, z0, x1, y1, z1 = box
     if z1 - z0 > 1:
         return compute_index((x0, y0, z0, x1, y1, z1 - 1), shape), compute_index(
@@ -55,7 +60,15 @@ def _cut_in_two(box: Box, shape: Shape) -> tuple[int, int]:
 
 @jit
 def _count_cells(sums: Ints, box: Box) -> int:
-    """Count the cells in a box, by their summed-area table (nx + 1, ny + 1, nz + 1)."""
+    """Count the cells in a box by a summed-area table.
+
+    Parameters
+    ----------
+    sums
+        (nx + 1, ny + 1, nz + 1) int64 summed-area table of the cells.
+    box
+        Box in cells, half-open.
+    """
     x0, y0, z0, x1, y1, z1 = box
     count = sums[x1, y1, z1] - sums[x0, y1, z1] - sums[x1, y0, z1] + sums[x0, y0, z1]
     return int(count - sums[x1, y1, z0] + sums[x0, y1, z0] + sums[x1, y0, z0] - sums[x0, y0, z0])
@@ -68,14 +81,14 @@ def _join_ends(
     parts: tuple[int, int],
     box: int,
 ) -> bool:
-    """Join the ends of the two parts of a box; False if there is nothing to be covered in either.
+    """Join the ends of the two parts of a box; return False if neither has cells to be covered.
 
     Parameters
     ----------
     trimmed
-        (boxes,) -1 for a box without cells to be covered.
+        (boxes,) int32, -1 for a box without cells to be covered.
     ends
-        (boxes, 6) int16 ends of the box about the cells to be covered; those of the box are filled in.
+        (boxes, 6) int16 ends of the smallest box around the cells to be covered; the row `box` is filled in.
     parts
         Indices of the two parts.
     box
@@ -107,21 +120,22 @@ def _fill_tables(
     Parameters
     ----------
     own_cells
-        (wx, wy, wz) cells of the window to be covered.
+        (wx, wy, wz) bool, true for cells of the window to be covered.
     other_sums
         (wx + 1, wy + 1, wz + 1) int64 summed-area table of the cells of other parts.
     place
         First cell x, y, z of the window on the grid, and the grid's shape.
     grid_tables
-        `seconds` and `pieces` of the grid, (boxes of the grid,).
+        `seconds` float32 and `pieces` int16 of the grid, (boxes of the grid,).
     tables
-        `seconds`, `trimmed` and `pieces` of the window, (boxes of the window,), initially +inf, -1 and 1.
+        `seconds` float32, `trimmed` int32 and `pieces` int16 of the window, (boxes of the window,); they are
+        +inf, -1 and 1 before.
     """
     (x, y, z), grid_shape = place
     grid_seconds, grid_pieces = grid_tables
     seconds, trimmed, pieces = tables
     wx, wy, wz = shape = own_cells.shape
-    ends = np.zeros((len(seconds), 6), np.int16)  # the price of the box about the cells to be covered
+    ends = np.zeros((len(seconds), 6), np.int16)
     box = -1
     for ix in range(wx * (wx + 1) // 2):
         x0, x1 = find_interval_ends(ix, wx)
@@ -150,72 +164,6 @@ def _fill_tables(
                         pieces[box] = grid_pieces[on_grid]
 
 
-@jit
-def _count_fewest_in_pinwheel(
-    counts: npt.NDArray[np.int16], wx: int, wy: int, wz: int
-) -> tuple[int, int, int, int, int, int, int]:
-    """Find the pinwheel of the whole window with the fewest parts.
-
-    Parameters
-    ----------
-    counts
-        (boxes,) fewest parts of each box of the window, by its index.
-    wx, wy, wz
-        Cells of the window.
-
-    Returns
-    -------
-    tuple
-        Number of parts, `UNREACHABLE` for none, and the `Pinwheel`, see `list_pinwheel_boxes`.
-    """
-    sizes = (wx, wy, wz)
-    strides = (wy * (wy + 1) // 2 * (wz * (wz + 1) // 2), wz * (wz + 1) // 2, 1)
-    best = (UNREACHABLE, 0, 0, 0, 0, 0, 0)
-    for axis in range(3):
-        p_axis, q_axis = (axis + 1) % 3, (axis + 2) % 3
-        p, q = sizes[p_axis], sizes[q_axis]
-        p_stride, q_stride = strides[p_axis], strides[q_axis]
-        full_index = interval(0, sizes[axis], sizes[axis]) * strides[axis]
-        for p1 in range(1, p - 1):
-            for p2 in range(p1 + 1, p):
-                for q1 in range(1, q - 1):
-                    for q2 in range(q1 + 1, q):
-                        low, high = interval(0, q1, q) * q_stride, interval(q2, q, q) * q_stride
-                        lower, upper = interval(0, q2, q) * q_stride, interval(q1, q, q) * q_stride
-                        middle = interval(p1, p2, p) * p_stride + interval(q1, q2, q) * q_stride
-                        centre = np.int64(counts[full_index + middle])
-                        n = centre + counts[full_index + interval(0, p2, p) * p_stride + low]
-                        n += counts[full_index + interval(p2, p, p) * p_stride + lower]
-                        n += counts[full_index + interval(p1, p, p) * p_stride + high]
-                        n += counts[full_index + interval(0, p1, p) * p_stride + upper]
-                        if n < best[0]:
-                            best = (n, axis, 0, p1, p2, q1, q2)
-                        n = centre + counts[full_index + interval(p1, p, p) * p_stride + low]
-                        n += counts[full_index + interval(0, p1, p) * p_stride + lower]
-                        n += counts[full_index + interval(0, p2, p) * p_stride + high]
-                        n += counts[full_index + interval(p2, p, p) * p_stride + upper]
-                        if n < best[0]:
-                            best = (n, axis, 1, p1, p2, q1, q2)
-    return best
-
-
-def list_pinwheel_boxes(shape: tuple[int, int, int], pinwheel: Pinwheel) -> list[Box]:
-    """List the five boxes of a pinwheel that fills a grid; the last one is in the middle."""
-    axis, is_mirrored, p1, p2, q1, q2 = pinwheel
-    p, q = shape[(axis + 1) % 3], shape[(axis + 2) % 3]
-    if is_mirrored:
-        flat = [(p1, p, 0, q1), (0, p1, 0, q2), (0, p2, q2, q), (p2, p, q1, q), (p1, p2, q1, q2)]
-    else:
-        flat = [(0, p2, 0, q1), (p2, p, 0, q2), (p1, p, q2, q), (0, p1, q1, q), (p1, p2, q1, q2)]
-    boxes = []
-    for a, b, c, d in flat:
-        lo, hi = [0, 0, 0], list(shape)
-        lo[(axis + 1) % 3], hi[(axis + 1) % 3] = a, b
-        lo[(axis + 2) % 3], hi[(axis + 2) % 3] = c, d
-        boxes.append((lo[0], lo[1], lo[2], hi[0], hi[1], hi[2]))
-    return boxes
-
-
 class Window:
     """Some boxes of a partition, which are cut again while the others stay.
 
@@ -237,7 +185,7 @@ class Window:
         for cell in np.argwhere(is_covered):
             x, y, z = (self._lo + cell).tolist()
             is_covered[tuple(cell)] = (
-                boxes.trimmed[box_index((x, y, z, x + 1, y + 1, z + 1), boxes.shape)] >= 0
+                boxes.trimmed[index_box((x, y, z, x + 1, y + 1, z + 1), boxes.shape)] >= 0
             )
         boxes_outside = np.array(list(other_boxes)).reshape(-1, 6)
         boxes_outside = boxes_outside[
@@ -266,7 +214,7 @@ class Window:
         return self._solver.sums
 
     def _mark_cells(self, boxes: Ints) -> Bools:
-        """Mark the cells (nx, ny, nz) of the window that lie in any of some boxes (n, 6)."""
+        """Mark the cells (wx, wy, wz) of the window that lie in any of the boxes (n, 6)."""
         inside = np.zeros(self.shape, dtype=np.bool_)
         for box in boxes:
             lo, hi = np.maximum(box[:3] - self._lo, 0), box[3:] - self._lo
@@ -274,9 +222,9 @@ class Window:
         return inside
 
     def count_fewest_parts(self, limit_s: float) -> int:
-        """Find the fewest parts that each take at most limit_s; `UNREACHABLE` or more for none."""
+        """Count the fewest parts that each take at most `limit_s`; `UNREACHABLE` or more if impossible."""
         by_cuts = self._solver.solve(limit_s, ties=True)
-        count, *pinwheel = _count_fewest_in_pinwheel(self._solver.counts, *self.shape)
+        count, *pinwheel = count_fewest_in_pinwheel(self._solver.counts, *self.shape)
         axis, is_mirrored, p1, p2, q1, q2 = pinwheel
         self._pinwheel = (axis, is_mirrored, p1, p2, q1, q2) if count < by_cuts else None
         return min(by_cuts, int(count))
@@ -292,10 +240,16 @@ class Window:
         return [(a + x, b + y, c + z, d + x, e + y, f + z) for a, b, c, d, e, f in boxes]
 
     def solve(self, parts: int, below_s: float, min_s: float) -> list[Box] | None:
-        """Cut the window into at most `parts` parts that all take less than below_s, about as fast as
-        possible.
+        """Cut the window into parts whose slowest ends about as soon as possible; None if there is no cut.
 
-        The search does not go below min_s.
+        Parameters
+        ----------
+        parts
+            Maximum number of parts.
+        below_s
+            Time that each part has to stay below.
+        min_s
+            Time below which the search need not look.
         """
         high = float(np.nextafter(np.float32(below_s), np.float32(0.0)))
         if self.count_fewest_parts(high) > parts:
@@ -317,7 +271,7 @@ def improve_locally(
     max_windows: int = MAX_WINDOWS,
     effort: Effort | None = None,
 ) -> list[Box]:
-    """Search for a partition whose times, the longest first, are lexicographically less.
+    """Search near a partition for one whose times, the longest first, are lexicographically less.
 
     Parameters
     ----------
@@ -327,6 +281,8 @@ def improve_locally(
         A partition: trimmed boxes that do not overlap and cover every needed cell.
     printers
         Maximum number of pieces; at least that of the partition.
+    max_windows
+        Maximum number of windows to solve.
     effort
         Budget from which the work is taken.
     """
@@ -356,20 +312,30 @@ def improve_locally(
 
 
 def sort_times_s(boxes: BoxTables, partition: Sequence[Box]) -> list[float]:
-    """Sort the times of a partition, the longest first; lexicographically lower is better."""
+    """Sort the times of a partition, the longest first; lexicographically lower is better.
+
+    Parameters
+    ----------
+    boxes
+        Tables of the grid.
+    partition
+        Boxes of the partition.
+    """
     return sorted((_find_seconds(boxes, box) for box in partition), reverse=True)
 
 
 def _find_seconds(boxes: BoxTables, box: Box) -> float:
-    return float(boxes.seconds[box_index(box, boxes.shape)])
+    """Look up the time of a box."""
+    return float(boxes.seconds[index_box(box, boxes.shape)])
 
 
 def _count_pieces(boxes: BoxTables, partition: Iterator[Box] | Sequence[Box] | frozenset[Box]) -> int:
-    return sum(int(boxes.pieces[box_index(box, boxes.shape)]) for box in partition)
+    """Count the pieces of all boxes by the tables."""
+    return sum(int(boxes.pieces[index_box(box, boxes.shape)]) for box in partition)
 
 
 def _list_groups(boxes: BoxTables, parts: list[Box]) -> Iterator[frozenset[Box]]:
-    """Yield groups of boxes to cut again: the slowest part first, its group with the most slack first."""
+    """Yield groups of boxes to cut again: around the slowest part first, those with the most slack first."""
     ends = np.array(parts)
     seconds = np.array([_find_seconds(boxes, box) for box in parts])
     for centre in np.lexsort((*ends.T, -seconds)):

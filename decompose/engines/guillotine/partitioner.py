@@ -1,16 +1,17 @@
-"""Exact solver of the engine `guillotine`: the partition by recursive axis cuts that ends soonest.
+"""Exact solver of the engine `guillotine`: the partition by recursive cuts whose last part ends soonest.
 
-For a time T the minimum number of parts that cover all needed cells of a box is: 0 if it has no needed cell;
-1 if it costs at most T and is one piece; else the minimum sum over all cuts across it. Bisection over T gives
-the least makespan for a number of printers. (Hierarchical bipartition HIER-OPT of Saule, Bas and Catalyurek
-2012, in three dimensions and with a cost that is not additive.)
+For a time T, the minimum number of parts that cover all needed cells of a box is 0 if the box has no needed
+cell, 1 if it takes at most T and is one piece, and otherwise the minimum sum of both sides over all cuts
+across it. Bisection over T gives the least makespan for a number of printers. This is the hierarchical
+bipartition HIER-OPT of Saule, Bas and Catalyurek (2012), in three dimensions, with a cost that does not add
+up.
 
-Among partitions with equally few parts the one with the least sum of times is taken, then the one with the
-least area of cuts: the three are digits of one whole number, `recursion.make_key`, whose sum is minimised.
+Among partitions with equally few parts, the one with the least sum of times is taken, then the one with the
+least area of cuts. These three are digits of one whole number, `recursion.make_key`, whose sum is minimised.
 
-Unequal printers are in classes. At a time T the number of printers of one class that a box needs is a
-function of the numbers of each other class that it may use; a cut adds the functions of its two sides, over
-all ways to divide the printers between them.
+Unequal printers are grouped in classes. At a time T, the number of printers of one class that a box needs
+depends on how many of each other class it may use. For a cut, this number is the minimum sum of both sides
+over all ways to divide the other printers between them.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ from decompose.engines.guillotine.recursion import (
     lower_boxes,
 )
 from decompose.engines.guillotine.ties import find_tied_keys
-from decompose.grid import SHARES, Box, BoxTables, box_at, box_index, count_cuts, interval, run_shares
+from decompose.grid import SHARES, Box, BoxTables, count_cuts, find_box, index_box, index_interval, run_shares
 
 WIDE_RATIO = 2.0  # ratio of the limits of a range from which it is divided by their geometric mean
 LIMIT_GROWTH = 4.0  # growth of the steps by which a limit is raised until there is a solution
@@ -59,13 +60,20 @@ class OtherClass:
 
 
 class Partitioner:
-    """Exact solver over one table of boxes; keeps its last solution.
+    """Exact solver over one table of boxes, which keeps its last solution.
 
-    With `others`, a part may also go to one of them. There is a state for each number of printers of every
-    other class that may be used; for each box and state the fewest of the first class are known, so that the
-    search is exact over all ways to distribute the parts. The cost grows with the square of the states.
+    If there are other classes, a state is a number of usable printers of each of them. For each box and state
+    the solver finds the fewest printers of the first class, so that the search is exact over all ways to
+    distribute the parts. The cost grows with the square of the number of states.
 
-    With an executor, half of each solve is done there; threads are enough.
+    Parameters
+    ----------
+    boxes
+        Tables of the first class of printers.
+    others
+        The other classes.
+    executor
+        Threads for a half of each solve; None to solve in this thread only.
     """
 
     def __init__(
@@ -77,20 +85,30 @@ class Partitioner:
         self._states, self._sums = list_class_states([other.count for other in others])
         self._value: Table = np.zeros(0, np.int16)
         self._has_ties = False  # whether ties are broken when boxes are chosen
-        self._keys: dict[int, int] | None = None  # of the boxes that may be chosen, where ties are broken
+        self._keys: dict[int, int] | None = None  # keys of the boxes that may be chosen, if ties are broken
         self._limit_s = 0.0
         self._root: Box = (0, 0, 0, *boxes.shape)
         self.sums = 0  # number of sums in all solves so far
 
     def solve(self, limit_s: float, ties: bool = False) -> int:
-        """Find the fewest printers of the first class with which each part costs at most limit_s.
+        """Find the fewest printers of the first class with which each part takes at most a time.
 
-        Without others that is the number of parts. `UNREACHABLE` where there is no such partition.
-        With `ties`, choose among these solutions the one with the least work, then with the least area of
-        cuts.
+        Parameters
+        ----------
+        limit_s
+            Maximum time of a part.
+        ties
+            Whether to choose, among such solutions, the one with the least work, then with the least area of
+            cuts.
+
+        Returns
+        -------
+        int
+            Number of printers: without other classes, the number of parts. `UNREACHABLE` if there is no such
+            partition.
         """
         self._limit_s, self._keys = limit_s, None
-        dense = ties and bool(self.others)  # keys of all boxes, as there are ties between states too
+        dense = ties and bool(self.others)  # keys of all boxes, because states are tied too
         total = len(self._states) * len(self.boxes.seconds)
         self._value = np.empty(total, np.int64) if dense else np.empty(total, np.int16)
         for length in range(1, self.boxes.shape[0] + 1):
@@ -108,14 +126,14 @@ class Partitioner:
         self._solve_length(length, half * count // SHARES, (half + 1) * count // SHARES)
 
     def _solve_length(self, length: int, first: int, end: int) -> None:
-        """Solve the boxes of one length along x that begin from a cell `first` to a cell `end`, half-open."""
+        """Solve the boxes of one length along x that begin at the cells from `first` to before `end`."""
         nx, ny, nz = self.boxes.shape
         size, layer = len(self.boxes.seconds), ny * (ny + 1) // 2 * (nz * (nz + 1) // 2)
-        start = interval(0, length, nx)
+        start = index_interval(0, length, nx)
         indices = slice((start + first) * layer, (start + end) * layer)
         for state in range(len(self._states)):
             value = self._value[state * size : (state + 1) * size]
-            self._fill(state, indices, value[indices])
+            self._fill_uncut(state, indices, value[indices])
         lower_boxes(self._value, self._sums, self.boxes.shape, length, first, end)
 
     @property
@@ -123,15 +141,15 @@ class Partitioner:
         """Check whether there is enough memory to choose among partitions with equally few parts."""
         return not self.others or len(self._states) * len(self.boxes.seconds) <= MAX_TIED
 
-    def _fill(self, state: int, indices: slice, value: npt.NDArray[Any]) -> None:
-        """Fill in the values of the boxes at these indices, uncut, in a state."""
+    def _fill_uncut(self, state: int, indices: slice, value: npt.NDArray[Any]) -> None:
+        """Fill in the values (boxes,) of the uncut boxes at these indices in a state."""
         seconds, pieces = self.boxes.seconds[indices], self.boxes.pieces[indices]
         for other, count in zip(self.others, self._states[state].tolist(), strict=True):
             if count:
                 own_s = other.boxes.seconds[indices]
                 pieces = np.where(own_s <= self._limit_s, np.maximum(pieces - count, 0), pieces)
                 seconds = np.minimum(seconds, own_s)
-        if self.others:  # the rest of a box has to be fast enough on the first class
+        if self.others:  # the remaining pieces of a box have to be fast enough on the first class
             fast_enough = (self.boxes.seconds[indices] <= self._limit_s) | (pieces == 0)
             seconds = np.where(fast_enough, seconds, np.float32(np.inf))
         tables = (self._limit_s, seconds, self.boxes.trimmed[indices], pieces.astype(np.int16, copy=False))
@@ -144,7 +162,7 @@ class Partitioner:
     def counts(self) -> npt.NDArray[np.int16]:
         """Fewest parts (boxes,) of each box in the last solution, by the index of the box.
 
-        If there are other classes, the parts for all of their printers are not counted.
+        If there are other classes, the parts that their printers print are not counted.
         """
         value = self._value[-len(self.boxes.seconds) :]
         if value.dtype == np.int64:
@@ -152,51 +170,55 @@ class Partitioner:
         return np.asarray(value)
 
     def list_class_shares(self) -> tuple[Ints, Ints]:
-        """List usable numbers (m, classes) of the others, and the fewest (m,) of the first class with each.
+        """List the states of the last solution, and the fewest printers of the first class in each.
 
-        Both are those of the last solution; `UNREACHABLE` or more if there is none.
+        Returns
+        -------
+        tuple
+            (states, classes) usable printers of the other classes, and (states,) printers of the first one,
+            `UNREACHABLE` or more if there is no solution.
         """
-        index = box_index(self._root, self.boxes.shape)
+        index = index_box(self._root, self.boxes.shape)
         value = self._value[index :: len(self.boxes.seconds)]
         fewest = value // PART if value.dtype == np.int64 else value
         return self._states, fewest.astype(np.int64)
 
     def list_chosen_boxes(self, within: Box | None = None) -> list[Box]:
-        """List the boxes of the last solution, all or those of one box, in the order of the cuts."""
+        """List the boxes of the last solution, or only those within one box, in the order of the cuts."""
         chosen_boxes: list[Box] = []
         root = within or self._root
         if self._has_ties:
             self._keys = find_tied_keys(
-                self.boxes, self.counts, self._limit_s, box_index(root, self.boxes.shape)
+                self.boxes, self.counts, self._limit_s, index_box(root, self.boxes.shape)
             )
         stack = [(root, len(self._states) - 1)]
         while stack:
             box_of_cut, state = stack.pop()
-            box = self._trim(box_of_cut)
+            box = self._trim_box(box_of_cut)
             if box is None:
                 continue
             if self._find_value(box, state) == self._compute_uncut_value(box, state):
                 chosen_boxes.append(box)
             else:
-                stack.extend(self._cut(box, state))
+                stack.extend(self._find_cut(box, state))
         return chosen_boxes
 
     def _find_value(self, box: Box, state: int) -> int:
-        """Find the value of a box in the last solution; a value above that of any box if it is not known."""
-        index = box_index(box, self.boxes.shape)
+        """Find the value of a box in the last solution; if it is not known, a value above that of any box."""
+        index = index_box(box, self.boxes.shape)
         if self._keys is not None:
             return self._keys.get(int(self.boxes.trimmed[index]), UNREACHABLE * PART)
         return int(self._value[state * len(self.boxes.seconds) + index])
 
     def _compute_uncut_value(self, box: Box, state: int) -> int:
         """Compute the value of a box as one part."""
-        index = box_index(box, self.boxes.shape)
+        index = index_box(box, self.boxes.shape)
         value = np.empty(1, self._value.dtype if self._keys is None else np.int64)
-        self._fill(state, slice(index, index + 1), value)
+        self._fill_uncut(state, slice(index, index + 1), value)
         return int(value[0])
 
-    def _cut(self, box: Box, state: int) -> tuple[tuple[Box, int], tuple[Box, int]]:
-        """Find the first cut that reaches the value of a box: its far and near side, with their states."""
+    def _find_cut(self, box: Box, state: int) -> tuple[tuple[Box, int], tuple[Box, int]]:
+        """Find the first cut that attains the value of a box: its far and near side, with their states."""
         value = self._find_value(box, state)
         shares = self._sums[self._sums[:, 0] == state, 1:].tolist()
         for axis in range(3):
@@ -209,9 +231,10 @@ class Partitioner:
                         return (far, b), (near, a)
         raise LookupError(f"no solution for {box}: no cut has its value at this limit")
 
-    def _trim(self, box: Box) -> Box | None:
-        index = int(self.boxes.trimmed[box_index(box, self.boxes.shape)])
-        return None if index < 0 else box_at(index, self.boxes.shape)
+    def _trim_box(self, box: Box) -> Box | None:
+        """Trim a box to its needed cells; None if it has none."""
+        index = int(self.boxes.trimmed[index_box(box, self.boxes.shape)])
+        return None if index < 0 else find_box(index, self.boxes.shape)
 
     def find_min_makespan(
         self,
@@ -222,10 +245,26 @@ class Partitioner:
         *,
         is_near: bool = False,
     ) -> float | None:
-        """Find the lowest limit (to tolerance_s) at which a number of printers of the first class is enough.
+        """Find the lowest limit at which a number of printers of the first class is enough.
 
-        The solution is kept. None if there is no limit, or none up to max_s. If the lowest limit is
-        probably near min_s (`is_near`), limits above it are tested first, in growing steps.
+        The solution is kept.
+
+        Parameters
+        ----------
+        printers
+            Number of printers of the first class.
+        min_s, max_s
+            Limits between which to search.
+        tolerance_s
+            Accuracy of the result.
+        is_near
+            Whether the lowest limit is probably near `min_s`: limits above it are tried first, in growing
+            steps.
+
+        Returns
+        -------
+        float or None
+            Limit in seconds; None if there is none up to `max_s`.
         """
         tables = (self.boxes, *(other.boxes for other in self.others))
         finite = [boxes.seconds[np.isfinite(boxes.seconds)] for boxes in tables]
@@ -243,7 +282,7 @@ class Partitioner:
         if high < 0.0 or (not is_reached and self.solve(high) > printers):
             return None
         while high - low > tolerance_s:
-            # In a range over several orders of magnitude, the lower part is more probable.
+            # In a range over several orders of magnitude, the result is more probably in the lower part.
             middle = math.sqrt(low * high) if high > WIDE_RATIO * low > 0.0 else (low + high) / 2.0
             if self.solve(middle) <= printers:
                 high = self._find_reached_s(middle)
@@ -254,20 +293,26 @@ class Partitioner:
 
     def _find_reached_s(self, limit_s: float) -> float:
         """Find the lowest limit that the last solution meets."""
-        return limit_s if self.others else min(limit_s, self.longest_s())
+        return limit_s if self.others else min(limit_s, self.find_longest_s())
 
-    def longest_s(self) -> float:
-        """Find the time of the costliest box of the last solution on a printer of the first class."""
-        return self.boxes.longest_s(self.list_chosen_boxes())
+    def find_longest_s(self) -> float:
+        """Find the time of the slowest box of the last solution on a printer of the first class."""
+        return self.boxes.find_longest_s(self.list_chosen_boxes())
 
 
 def list_class_states(counts: Sequence[int]) -> tuple[Ints, Ints]:
-    """List the numbers of printers of some classes that may be used, and the pairs that sum to a third.
+    """List the states, numbers of usable printers of each class, and the pairs of states with their sums.
+
+    Parameters
+    ----------
+    counts
+        Number of printers of each class.
 
     Returns
     -------
     tuple
-        (states, classes) numbers, the last state all of them; and (m, 3) indices of states.
+        (states, classes) int64 numbers; all printers are usable in the last state. (m, 3) int64 indices of
+        the sum of two states, and of these two.
     """
     states = list(np.ndindex(*(count + 1 for count in counts)))
     index = {state: i for i, state in enumerate(states)}
@@ -280,5 +325,6 @@ def list_class_states(counts: Sequence[int]) -> tuple[Ints, Ints]:
 
 
 def _make_box(sides: list[int]) -> Box:
+    """Make a box of its six sides."""
     x0, y0, z0, x1, y1, z1 = sides
     return x0, y0, z0, x1, y1, z1

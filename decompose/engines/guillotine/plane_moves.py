@@ -1,8 +1,8 @@
 """Moves of cut planes: groups of faces that move together, and the shifts with the least makespan.
 
-Two faces that lie on each other move together. Where four boxes meet along an edge (or two do, crosswise),
-one of the two planes there has to be continuous: the faces on both sides of the edge also move together, or
-a corner would be left open or belong to two boxes.
+Two faces that lie on each other move together. Where four boxes meet along an edge (or two that are opposite
+each other), one of the two planes there has to be continuous: the faces on both sides of the edge also move
+together. Otherwise a corner would belong to no box, or to two boxes.
 """
 
 from __future__ import annotations
@@ -19,12 +19,13 @@ from decompose.grid import SAME_MM, Box, Grid, NeededCells, refine_cells
 from decompose.options import Interior
 from decompose.problem import Problem
 
-MAX_COVERED = 20_000_000  # maximum number of fine cells times boxes in the test of the covering
+MAX_COVERED = 20_000_000  # maximum number of fine cells times boxes when the covering is checked
 MOVE_S_PER_MM = 0.05  # minimum gain in s for each mm of a move, so that no face moves without a gain
+NOISE_MM = 2.0  # moves shorter than this correct slopes little: supports, and thus times, change in jumps
 
 
 def fill_out_boxes(partition: Sequence[Box], empty: Bools) -> list[Box]:
-    """Grow boxes of cells over cells without solid (nx, ny, nz) so that they face more neighbours.
+    """Grow boxes of cells over cells without solid so that they face more neighbours.
 
     A face can only move into a box that covers all of it. Nothing is printed in the added cells.
 
@@ -33,12 +34,12 @@ def fill_out_boxes(partition: Sequence[Box], empty: Bools) -> list[Box]:
     partition
         Disjoint boxes in cells.
     empty
-        (nx, ny, nz) cells without solid.
+        (nx, ny, nz) bool, true for cells without solid.
 
     Returns
     -------
     list[Box]
-        The same boxes in their order, none smaller.
+        The boxes in the same order; none is smaller than before.
     """
     boxes = np.array(partition)
     free = empty.copy()
@@ -68,7 +69,15 @@ def fill_out_boxes(partition: Sequence[Box], empty: Bools) -> list[Box]:
 
 
 def refine_needed_cells(problem: Problem, grid: Grid) -> NeededCells:
-    """Refine the needed cells of a grid over a problem's model as far as its partitions allow."""
+    """Refine the needed cells of a grid over a problem's model as far as its partitions allow.
+
+    Parameters
+    ----------
+    problem
+        Problem with the model.
+    grid
+        Grid over the model.
+    """
     vertices, faces = problem.model.solid.arrays()
     keep = problem.options.interior is Interior.KEEP
     max_cells = MAX_COVERED // len(problem.printers)
@@ -76,14 +85,25 @@ def refine_needed_cells(problem: Problem, grid: Grid) -> NeededCells:
 
 
 def _slice_cells(box: Ints) -> tuple[slice, ...]:
+    """Build the index of the cells in a box (6,)."""
     return tuple(slice(box[axis], box[axis + 3]) for axis in range(3))
 
 
 def group_faces(boxes_mm: Floats) -> Ints:
-    """Number the groups (n, 2, 3) in which the faces of boxes (n, 2, 3) move; -1 if a face is fixed.
+    """Group the faces of boxes that have to move together.
 
-    A face is fixed if no two faces of its group lie on each other, as no volume could pass between boxes. All
-    faces of a group have the same axis and the same coordinate.
+    All faces of a group have the same axis and the same coordinate. A group is fixed if no two of its faces
+    lie on each other, because no volume could pass between boxes.
+
+    Parameters
+    ----------
+    boxes_mm
+        (n, 2, 3) lower and upper corners.
+
+    Returns
+    -------
+    ndarray
+        (n, 2, 3) int64 number of the group of each face; -1 if it is fixed.
     """
     count = len(boxes_mm)
     groups = _Groups(count * 6)
@@ -99,7 +119,7 @@ def group_faces(boxes_mm: Floats) -> Ints:
     for i, j, axes in _find_crossings(boxes_mm, overlap):
         pairs = [(_find_facing(boxes_mm, i, j, axis), _find_facing(boxes_mm, j, i, axis)) for axis in axes]
         if all(groups.find(a) != groups.find(b) for a, b in pairs):
-            groups.join(*min(pairs, key=lambda pair: groups.size(*pair)))
+            groups.join(*min(pairs, key=lambda pair: groups.count_joined(*pair)))
     labels = np.array([groups.find(face) for face in range(count * 6)])
     moves = np.isin(labels, labels[is_shared])
     _, number = np.unique(labels[moves], return_inverse=True)
@@ -109,7 +129,15 @@ def group_faces(boxes_mm: Floats) -> Ints:
 
 
 def _find_crossings(boxes_mm: Floats, overlap: Floats) -> list[tuple[int, int, tuple[int, int]]]:
-    """Find boxes i < j that meet at an edge only, and the two axes across that edge."""
+    """Find pairs of boxes that meet at an edge only, and the two axes across that edge.
+
+    Parameters
+    ----------
+    boxes_mm
+        (n, 2, 3) lower and upper corners.
+    overlap
+        (n, n, 3) length in mm by which two boxes overlap along each axis.
+    """
     touches = np.abs(overlap) < SAME_MM
     crossings = []
     for direction in range(3):
@@ -120,6 +148,7 @@ def _find_crossings(boxes_mm: Floats, overlap: Floats) -> list[tuple[int, int, t
 
 
 def _number_face(box: int, side: int, axis: int) -> int:
+    """Number a face of a box: side 0 is the lower one."""
     return int(box * 6 + side * 3 + axis)
 
 
@@ -136,19 +165,21 @@ class _Groups:
         self._size = [1] * count
 
     def find(self, member: int) -> int:
+        """Find the root of a member's set."""
         while self._parent[member] != member:
             self._parent[member] = self._parent[self._parent[member]]
             member = self._parent[member]
         return member
 
     def join(self, a: int, b: int) -> None:
+        """Join the sets of two members."""
         a, b = sorted((self.find(a), self.find(b)))
         if a != b:
             self._parent[b] = a
             self._size[a] += self._size[b]
 
-    def size(self, *members: int) -> int:
-        """Compute the size of the set that joining sets would give."""
+    def count_joined(self, *members: int) -> int:
+        """Count the members of the set that would result if the sets of these members were joined."""
         return sum(self._size[root] for root in {self.find(member) for member in members})
 
 
@@ -163,13 +194,18 @@ def move_groups(boxes_mm: Floats, groups: Ints, shifts_mm: Floats) -> Floats:
         (n, 2, 3) of `group_faces`.
     shifts_mm
         (groups,) shifts.
+
+    Returns
+    -------
+    ndarray
+        (n, 2, 3) corners in mm.
     """
     padded_shifts_mm = np.append(shifts_mm, 0.0)  # the last entry is for the fixed faces: group -1
     return np.asarray(boxes_mm + padded_shifts_mm[groups])
 
 
 def find_free_directions(boxes_mm: Floats, groups: Ints, cells: NeededCells, step_mm: float) -> Bools:
-    """Check whether each group can move down, and up, by a step while all others stay: (groups, 2).
+    """Check whether each group can move down, and up, by a step while all other groups stay.
 
     Parameters
     ----------
@@ -181,6 +217,11 @@ def find_free_directions(boxes_mm: Floats, groups: Ints, cells: NeededCells, ste
         Cells that have to stay covered.
     step_mm
         Length of the step.
+
+    Returns
+    -------
+    ndarray
+        (groups, 2) bool, for down and up.
     """
     count = int(groups.max(initial=-1)) + 1
     free = np.zeros((count, 2), dtype=np.bool_)
@@ -193,16 +234,16 @@ def find_free_directions(boxes_mm: Floats, groups: Ints, cells: NeededCells, ste
 
 
 def find_clear_position(flats_mm: Floats, old_mm: float, new_mm: float, clear_mm: float) -> float:
-    """Find the new position of a plane; it stops short of its target if a flat face is near that.
+    """Find the position closest to a plane's target that is clear of all flat faces.
 
-    The position is between the old and the new one, clear of all flat faces; the old one if there is none.
+    It is between the present and the target position; the present one if no other is clear.
 
     Parameters
     ----------
     flats_mm
         (k,) coordinates of flat faces along the axis.
     old_mm, new_mm
-        Present and wanted position of the plane.
+        Present and target position of the plane.
     clear_mm
         Distance to keep from flat faces.
     """
@@ -242,7 +283,7 @@ def solve_plane_shifts(
     seconds
         (n,) times of the parts before the shift.
     slopes
-        (n, 2, 3) change of a part's time in s for each mm that one of its faces moves up its axis.
+        (n, 2, 3) change of a part's time, in s for each mm by which one of its faces moves up its axis.
     groups
         (n, 2, 3) of `group_faces`.
     limits
@@ -251,7 +292,7 @@ def solve_plane_shifts(
     Returns
     -------
     tuple
-        Shifts (groups,) in mm, and makespan in s; no shifts and inf if the programme has no solution.
+        (groups,) shifts in mm, and makespan in s; 0 and inf if the linear programme has no solution.
     """
     count, n = len(limits.low_mm), len(seconds)
     parts, sides, axes = np.nonzero(groups >= 0)
@@ -282,3 +323,20 @@ def solve_plane_shifts(
     if solution.status != 0:
         return np.zeros(count), math.inf
     return np.asarray(solution.x[:count]), float(solution.x[-1])
+
+
+def update_slopes(slopes: Floats, by_mm: Floats, seconds: float) -> None:
+    """Correct the slopes of a part by the measured effect of a move (Broyden's update).
+
+    Parameters
+    ----------
+    slopes
+        (2, 3) change of the part's time in s/mm as its faces move up their axes; updated in place.
+    by_mm
+        (2, 3) moves of the faces.
+    seconds
+        Change of the part's time; inf, which is ignored, if a piece did not fit.
+    """
+    length = float((by_mm * by_mm).sum()) + NOISE_MM * NOISE_MM
+    if math.isfinite(seconds):
+        slopes += (seconds - float((slopes * by_mm).sum())) / length * by_mm

@@ -1,11 +1,11 @@
 """Cut planes moved off the grid, so that the slowest parts end sooner.
 
-A grid moves a face by a whole layer of cells, which is a large share of a part. Here every group of faces
-that can move (`plane_moves`) moves at once, by a linear programme: it minimises the makespan as if every
-part's time were linear in the places of its faces, within short steps. The parts are then priced at the new
-places, which corrects the slopes. After `STEPS_PER_ROUND` steps all parts that moved get new poses; until
-then each keeps its pose, which is much faster to price. One such search is made even when the budget is
-spent: it gains more for its time than most other searches.
+A grid moves a face by a whole layer of cells, which is a large share of a part. Here all groups of faces that
+can move (`plane_moves`) move at once, by a linear programme: it minimises the makespan as if every part's
+time were linear in the positions of its faces, within short steps. The parts are then priced with the new
+positions, which corrects the slopes. After `STEPS_PER_ROUND` steps all parts that moved get new poses; until
+then each keeps its pose, which is much faster to price. One such search is made even if the budget is spent:
+it gains more in its time than most other searches.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ from decompose.engines.guillotine.plane_moves import (
     move_groups,
     refine_needed_cells,
     solve_plane_shifts,
+    update_slopes,
 )
 from decompose.grid import CLEAR_MM, Box, Cell, Grid, NeededCells, find_flat_coordinates
 from decompose.pieces import SLIVER_MM, Piece, cut_box, find_cut_faces, find_faults
@@ -43,15 +44,14 @@ from decompose.problem import WORK_NS, Problem, Work
 Face = tuple[int, ...]  # face of a box: its side, 0 or 1, and its axis
 
 PROBE_MM = 3.0  # inward move of a face to measure the time that it saves
-REACH = 0.9  # share of a cell by which a plane may move in total
+REACH = 0.9  # maximum total move of a plane, as a share of a cell
 FIRST_STEP = 0.5  # length of the first step, as a share of `REACH`
 TRIAL_MM = 0.4  # minimum free move of a group that is moved
 ROUNDS, STEPS_PER_ROUND = 4, 8
 STEP_REDUCTION = 0.6  # ratio of the next step to a step without a gain
-NOISE_MM = 2.0  # minimum move from which a slope is corrected: supports, and so times, change by jumps
 MIN_GAIN = 0.0015  # minimum gain that a step has to promise, as a share of the makespan
 MIN_TOTAL_GAIN = 0.003  # minimum gain of a search after which another one starts from its result
-PLANE_DIGITS = 6  # decimals of the place of a moved plane, in mm
+PLANE_DIGITS = 6  # decimal places of a moved plane's coordinate in mm
 MIN_MOVE_MM = 0.02
 MAX_SOLUTIONS = 4  # maximum number of solutions of a step, each with more planes stopped by flat faces
 MEAN_PRICINGS = 10  # mean number of times that a search prices each part: for its slopes, and after its moves
@@ -64,6 +64,8 @@ def shift_planes(
 
     Parameters
     ----------
+    problem, grid
+        Problem, and the grid over its model.
     cut
         The boxes of a partition of the grid, and the pieces in each.
     cells
@@ -72,17 +74,17 @@ def shift_planes(
     Returns
     -------
     list[Piece]
-        As many pieces, and none slower than the slowest was; the same ones where nothing was gained. Solid
-        that was in one box stays in one box, or is in none if it need not be printed (`grid.needed_cells`).
+        As many pieces, none slower than the slowest one before; the same pieces if there is no gain. Solid
+        that was in a box stays in one, or in none if it need not be printed (`grid.needed_cells`).
     """
     grown_boxes = fill_out_boxes(list(cut), grid.cells == Cell.EXTERNAL)
     return shift_box_planes(
-        problem, grid, np.array([grid.bounds_mm(box) for box in grown_boxes]), list(cut.values()), cells
+        problem, grid, np.array([grid.find_bounds_mm(box) for box in grown_boxes]), list(cut.values()), cells
     )
 
 
 def estimate_shift_s(problem: Problem, parts: int) -> float:
-    """Estimate the effort in s of the search that is made in any case, for a number of parts."""
+    """Estimate the effort in s of the one search that is always made, for a number of parts."""
     faces = problem.model.solid.faces
     measured_ns = WORK_NS[Work.PIECE_MEASURED] * parts + WORK_NS[Work.FACE_MEASURED] * 2.0 * faces
     return (MEAN_PRICINGS * measured_ns + WORK_NS[Work.FACE_GRIDDED] * faces) / 1e9
@@ -95,15 +97,15 @@ def shift_box_planes(
     pieces: Sequence[Sequence[Piece]],
     cells: NeededCells | None = None,
 ) -> list[Piece]:
-    """Move the planes of boxes (n, 2, 3) in mm, on a grid or not, with the pieces in each.
+    """Move the planes of boxes, on a grid or not, so that the slowest piece ends soonest.
 
-    A face that was stopped, or whose best place was out of reach, may be free after the others have moved. So
+    A face that was stopped, or could not reach its best position, may be free once the others have moved. So
     the planes of the result are moved again, as long as the gain is large enough.
 
     Parameters
     ----------
-    grid
-        Grid over the problem's model: its needed cells have to stay covered.
+    problem, grid
+        Problem, and the grid over its model, whose needed cells have to stay covered.
     boxes_mm
         (n, 2, 3) corners of disjoint boxes that cover the needed cells.
     pieces
@@ -121,8 +123,8 @@ def shift_box_planes(
     cell_mm = np.array([np.diff(planes).min() for planes in grid.planes])
     while True:
         search = _PlaneShift(problem, cells, cell_mm, boxes_mm, pieces)
-        start_parts = search.pose_start()
-        parts = search.run(start_parts)
+        start_parts = search.pose_start_parts()
+        parts = search.improve_parts(start_parts)
         has_gain = math.isfinite(find_longest_s(parts)) and (
             find_longest_s(parts) <= (1.0 - MIN_TOTAL_GAIN) * find_longest_s(start_parts)
         )
@@ -161,11 +163,11 @@ class _PlaneShift:
             problem.model.solid.clip(lo - cell_mm, hi + cell_mm) for lo, hi in self.start_mm
         ]
 
-    def pose_start(self) -> list[BoxPart]:
+    def pose_start_parts(self) -> list[BoxPart]:
         """Pose the parts of the given partition."""
-        return self._pose(self.start)
+        return self._pose_parts(self.start)
 
-    def run(self, best: list[BoxPart]) -> list[BoxPart]:
+    def improve_parts(self, best: list[BoxPart]) -> list[BoxPart]:
         """Search for a better partition, starting from parts in their poses."""
         if not (self.free.any() and math.isfinite(find_longest_s(best))):
             return best
@@ -177,7 +179,7 @@ class _PlaneShift:
             draft = self._take_steps(best, slopes)
             if draft is best:
                 break
-            new = self._pose(draft, best)
+            new = self._pose_parts(draft, best)
             if sort_times_s(new) >= sort_times_s(best):
                 if not self._stop_faces(best, new, find_longest_s(best)):
                     break
@@ -196,12 +198,13 @@ class _PlaneShift:
         self.problem.effort.record(Work.FACE_MEASURED, sum(self.nearby_solids[i].faces for i in parts))
 
     def _has_faults(self, parts: Sequence[BoxPart]) -> bool:
+        """Check whether a piece cannot be glued well."""
         return bool(
             find_faults([p for part in parts for p in part.pieces], self.problem.options.min_glue_mm2)
         )
 
     def _take_steps(self, parts: list[BoxPart], slopes: Floats) -> list[BoxPart]:
-        """Make some steps with each part in its pose; return the same parts if no step gains enough."""
+        """Take steps with each part in its pose; return the same parts if no step gains enough."""
         step_mm = FIRST_STEP * self.reach_mm
         for _ in range(STEPS_PER_ROUND):
             boxes, expected_s = self._solve_step(parts, slopes, step_mm)
@@ -212,7 +215,7 @@ class _PlaneShift:
                 continue
             new = self._cut_moved(parts, boxes)
             for i, (old, part) in enumerate(zip(parts, new, strict=True)):
-                _update_slopes(slopes[i], part.box_mm - old.box_mm, part.seconds - old.seconds)
+                update_slopes(slopes[i], part.box_mm - old.box_mm, part.seconds - old.seconds)
             if sort_times_s(new) < sort_times_s(parts):
                 parts = new
             elif not self._stop_faces(parts, new):
@@ -224,8 +227,8 @@ class _PlaneShift:
     ) -> bool:
         """Stop faces whose moves make parts break, not fit, or take as long as a limit.
 
-        Where supports begin to touch a cut face, or the brim becomes too narrow, another pose is the best
-        one, and may be much slower.
+        Where supports begin to touch a cut face, or the brim becomes too narrow, the best pose changes to
+        one that may be much slower.
 
         Returns
         -------
@@ -248,20 +251,21 @@ class _PlaneShift:
     def _find_breaking_faces(
         self, i: int, part: BoxPart, faces: Sequence[Face], move_mm: Floats
     ) -> list[Face]:
-        """Find the faces that, moved alone, break a part into pieces or make it too thin."""
+        """Find the faces that break a part into pieces or make it too thin if they move alone."""
         self.problem.effort.record(Work.FACE_CUT, len(faces) * self.nearby_solids[i].faces)
         breaking_faces = []
         for face in faces:
             box = part.box_mm.copy()
             box[face] += move_mm[face]
-            if not self._cut(i, box).has_similar_pieces(part):
+            if not self._cut_part(i, box).has_similar_pieces(part):
                 breaking_faces.append(face)
         return breaking_faces
 
     def _solve_step(self, parts: list[BoxPart], slopes: Floats, step_mm: Floats) -> tuple[Floats, float]:
-        """Compute the best places of the boxes, and their makespan, as if the slopes were exact.
+        """Compute the best boxes (n, 2, 3) in mm, and their makespan in s, as if the slopes were exact.
 
-        A plane that a flat face stops before its best place is fixed there, and the others are solved again.
+        A plane that a flat face stops before its best position is fixed there, and the others are solved
+        again.
         """
         start_boxes_mm = np.array([part.box_mm for part in parts])
         places = self._measure_places(start_boxes_mm)
@@ -279,7 +283,7 @@ class _PlaneShift:
         for _ in range(MAX_SOLUTIONS):
             limits = ShiftLimits(longer_mm, shorter_mm, low_mm, high_mm)
             shifts_mm, min_s = solve_plane_shifts(seconds, slopes, self.groups, limits)
-            if not math.isfinite(min_s):  # no solution with all of these stopped: the previous one is taken
+            if not math.isfinite(min_s):  # no solution with all of these stopped: keep the previous one
                 break
             expected_s = min_s
             boxes_mm = self._keep_clear(start_boxes_mm, move_groups(start_boxes_mm, self.groups, shifts_mm))
@@ -291,13 +295,13 @@ class _PlaneShift:
         return boxes_mm, expected_s
 
     def _measure_places(self, boxes_mm: Floats) -> Floats:
-        """Find the coordinate (groups,) of each group."""
+        """Find the coordinate (groups,) of each group in mm."""
         places = np.zeros(len(self.free))
         places[self.groups[self.groups >= 0]] = boxes_mm[self.groups >= 0]
         return places
 
     def _keep_clear(self, places_mm: Floats, boxes_mm: Floats) -> Floats:
-        """Stop every plane before flat faces, and leave it where it would move by less than a minimum."""
+        """Stop planes before flat faces, and do not move a plane by less than a minimum."""
         old, new = self._measure_places(places_mm), self._measure_places(boxes_mm)
         for group in range(len(old)):
             if abs(new[group] - old[group]) < MIN_MOVE_MM:
@@ -305,14 +309,16 @@ class _PlaneShift:
             new[group] = find_clear_position(
                 self.flats_mm[self.axes[group]], old[group], new[group], CLEAR_MM
             )
-            if new[group] != old[group]:  # groups that move to one plane get exactly the same place
+            if new[group] != old[group]:  # groups that move to one plane get exactly the same coordinate
                 new[group] = round(new[group], PLANE_DIGITS)
         return np.where(self.groups >= 0, new[self.groups], places_mm)
 
     def _list_rooms(self, part: BoxPart) -> list[PrinterRoom]:
-        return [room for piece in part.pieces for room in self.problem.rooms_for(piece)]
+        """List the rooms that the pieces of a part have to fit."""
+        return [room for piece in part.pieces for room in self.problem.list_rooms_for(piece)]
 
-    def _cut(self, i: int, box_mm: Floats) -> BoxPart:
+    def _cut_part(self, i: int, box_mm: Floats) -> BoxPart:
+        """Cut a part with another box; its pieces keep their printers if there are as many."""
         pieces = cut_box(self.nearby_solids[i], *box_mm)
         before = self.start[i].pieces
         if len(pieces) == len(before):
@@ -322,7 +328,7 @@ class _PlaneShift:
             ]
         return BoxPart(box_mm, tuple(pieces), (), math.inf)
 
-    def _pose(self, parts: list[BoxPart], previous_parts: Sequence[BoxPart] = ()) -> list[BoxPart]:
+    def _pose_parts(self, parts: list[BoxPart], previous_parts: Sequence[BoxPart] = ()) -> list[BoxPart]:
         """Find the best poses of parts; parts that have not moved since `previous_parts` keep their poses."""
         unmoved_parts = {
             i: part for i, part in enumerate(previous_parts) if (part.box_mm == parts[i].box_mm).all()
@@ -355,20 +361,20 @@ class _PlaneShift:
     def _cut_in_old_poses(self, i: int, part: BoxPart, box_mm: Floats) -> tuple[BoxPart, list[Pose | None]]:
         """Cut a part again, with its pieces in their old poses; None for a pose that does not fit.
 
-        No poses if the part breaks into pieces.
+        The list is empty if the part breaks into pieces.
         """
-        new = self._cut(i, box_mm)
+        new = self._cut_part(i, box_mm)
         if not new.has_similar_pieces(part):
             return new, []
         poses: list[Pose | None] = []
         for piece, old in zip(new.pieces, part.poses, strict=True):
-            pose = self._measure(piece, old)
-            fits = all(room.fits(*pose.size_mm) for room in self.problem.rooms_for(piece))
+            pose = self._measure_piece(piece, old)
+            fits = all(room.fits(*pose.size_mm) for room in self.problem.list_rooms_for(piece))
             dirtier = pose.rank[2] > 0.0 and old.rank[2] == 0.0
             poses.append(pose if fits and not dirtier and pose.rank[:2] <= old.rank[:2] else None)
         return new, poses
 
-    def _measure(self, piece: Piece, pose: Pose) -> Pose:
+    def _measure_piece(self, piece: Piece, pose: Pose) -> Pose:
         """Price a piece in the rotation of a pose."""
         vertices, faces = piece.solid.arrays()
         cut = find_cut_faces(vertices, faces, piece.planes)
@@ -383,18 +389,11 @@ class _PlaneShift:
                 continue
             box = part.box_mm.copy()
             box[side, axis] += PROBE_MM * (1.0 - 2.0 * side)
-            trimmed_part = self._cut(i, box)
+            trimmed_part = self._cut_part(i, box)
             if len(trimmed_part.pieces) == len(part.pieces):
                 seconds_before = [
-                    self._measure(*pair) for pair in zip(trimmed_part.pieces, part.poses, strict=True)
+                    self._measure_piece(*pair) for pair in zip(trimmed_part.pieces, part.poses, strict=True)
                 ]
                 now_s = find_slowest_s(trimmed_part.pieces, seconds_before)
                 slopes[side, axis] = (now_s - part.seconds) / (box[side, axis] - part.box_mm[side, axis])
         return slopes
-
-
-def _update_slopes(slopes: Floats, by_mm: Floats, seconds: float) -> None:
-    """Correct slopes (2, 3) by the measured effect of a move (Broyden's update)."""
-    length = float((by_mm * by_mm).sum()) + NOISE_MM * NOISE_MM
-    if math.isfinite(seconds):
-        slopes += (seconds - float((slopes * by_mm).sum())) / length * by_mm

@@ -1,7 +1,7 @@
-"""Classes of unequal printers, each of one room and about one speed, among which parts are distributed.
+"""Classes of unequal printers with the same room and about the same speed, to which parts are distributed.
 
-Printers that differ only a little are one class: it has the room that all of them have, and the speed of the
-slowest, so that a part that ends in time on the class does so on each of them.
+Printers that differ only a little are one class, with the room that all of them have and the speed of the
+slowest one: a part that ends in time on the class ends in time on each of its printers.
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ class PrinterClass:
     ----------
     boxes, time_factor
         The room that all of them have, and the speed of the slowest; see `PrinterRoom`.
+    printers
+        Printers of the class.
     """
 
     boxes: Room
@@ -46,7 +48,7 @@ class PrinterClass:
 
     @property
     def throughput(self) -> float:
-        """Work that all of them do per second, in seconds of a printer of time factor 1."""
+        """Work that all of them do per second, in seconds of a printer with time factor 1."""
         return self.count / self.time_factor
 
 
@@ -55,6 +57,8 @@ def classify_printers(printers: Sequence[PrinterRoom], max_sums: float) -> list[
 
     Parameters
     ----------
+    printers
+        Printers, at least one.
     max_sums
         Number of sums (`count_sums`) that the search may make for each cut; at least 1.
     """
@@ -69,7 +73,7 @@ def classify_printers(printers: Sequence[PrinterRoom], max_sums: float) -> list[
         )
         if loss > limit and count_sums([member.count for member in classes]) <= max_sums:
             break
-        merged_class = _merge(classes[a], classes[b])
+        merged_class = _merge_classes(classes[a], classes[b])
         classes = [*(member for i, member in enumerate(classes) if i not in (a, b)), merged_class]
     return sorted(classes, key=lambda member: (-member.count, member.boxes, member.time_factor))
 
@@ -81,20 +85,21 @@ def count_sums(counts: Sequence[int]) -> int:
 
 def _compute_lost_throughput(a: PrinterClass, b: PrinterClass) -> float:
     """Compute the throughput that two classes lose when they become one."""
-    merged_class = _merge(a, b)
+    merged_class = _merge_classes(a, b)
     rooms = sum(
         printer_class.throughput for printer_class in (a, b) if printer_class.boxes != merged_class.boxes
     )
     return a.throughput + b.throughput - merged_class.throughput + ROOM_VALUE * rooms
 
 
-def _merge(a: PrinterClass, b: PrinterClass) -> PrinterClass:
+def _merge_classes(a: PrinterClass, b: PrinterClass) -> PrinterClass:
+    """Merge two classes into one with the room that both have and the lower speed."""
     factor = max(a.time_factor, b.time_factor)
     return PrinterClass(_find_shared_room(a.boxes, b.boxes), factor, (*a.printers, *b.printers))
 
 
 def _find_shared_room(a: Room, b: Room) -> Room:
-    """Find the boxes that fit two rooms, without those that lie in others."""
+    """Find the largest boxes that fit both of two rooms."""
     if a == b:
         return a
     shared_boxes = {(min(p[0], q[0]), min(p[1], q[1]), min(p[2], q[2])) for p, q in product(a, b)}

@@ -6,13 +6,13 @@ import numpy as np
 import numpy.typing as npt
 
 from decompose.arrays import Ints
-from decompose.grid import Shape, interval
+from decompose.grid import Shape, index_interval
 from decompose.jit import jit
 
-UNREACHABLE = 16_000  # more parts than any fleet has printers; twice this number fits an int16
+UNREACHABLE = 16_000  # more parts than any fleet has printers; twice this number fits into an int16
 PART = 1 << 46  # digit of the parts in a key
-SECOND_DIGIT = 1 << 20  # digit of the seconds, rounded; the rest counts the area of the cuts
-AREA_MM2 = 64.0  # unit of that area
+SECOND_DIGIT = 1 << 20  # digit of the seconds, rounded; the lower digit is the area of the cuts
+AREA_MM2 = 64.0  # unit of the area of cuts
 MAX_S = 1e6  # maximum time of a box in a key, so that the digits do not overlap
 
 Table = npt.NDArray[np.int16] | Ints
@@ -26,10 +26,14 @@ def _update_min(value: Table, size: int, start: tuple[int, int, int], count: int
     ----------
     value
         (states * size,) int16 counts or int64 keys, lowered in place.
+    size
+        Number of boxes in each state.
     start
         First index of the boxes, of their near sides and of their far sides, in each state.
+    count
+        Number of boxes.
     sums
-        (m, 3) int64: a state, and the states of the near and of the far side that make it up.
+        (m, 3) int64 of a state, and of the states of its near and of its far side.
     """
     out_index, near_index, far_index = start
     for k in range(len(sums)):
@@ -49,10 +53,10 @@ def _update_min(value: Table, size: int, start: tuple[int, int, int], count: int
 def lower_boxes(value: Table, sums: Ints, shape: Shape, length: int, first: int, end: int) -> None:
     """Lower the values of boxes of one length along x, in place, to the least sums of their partitions.
 
-    All shorter boxes have to be lowered before; those of one length do not depend on each other. Boxes of one
-    length along an axis are adjacent in the tables: boxes with the same sides are added at once, at all
-    places; along z after a transposition that puts z before y. A box larger than its needed cells is no
-    special case: a cut takes off parts of value 0 there.
+    All shorter boxes have to be lowered before; boxes of the same length do not depend on each other. Boxes
+    of one length along an axis are adjacent in the tables, so that boxes of one size are added at once for
+    all their positions; along z this is done after a transposition that puts z before y. A box that is larger
+    than its needed cells is no special case: a cut removes parts with the value 0 there.
 
     Parameters
     ----------
@@ -63,9 +67,9 @@ def lower_boxes(value: Table, sums: Ints, shape: Shape, length: int, first: int,
     shape
         Cells of the grid.
     length
-        Cells of the boxes along x.
+        Number of cells of the boxes along x.
     first, end
-        Where the boxes begin along x, half-open.
+        Range of the cells at which the boxes begin along x, half-open.
     """
     nx, ny, nz = shape
     ty, tz = ny * (ny + 1) // 2, nz * (nz + 1) // 2
@@ -74,34 +78,44 @@ def lower_boxes(value: Table, sums: Ints, shape: Shape, length: int, first: int,
     states = len(value) // size
     transposed = np.empty(states * ny * tz, value.dtype)
     for x0 in range(first, end):
-        start = interval(x0, x0 + length, nx) * layer
+        start = index_interval(x0, x0 + length, nx) * layer
         for x in range(x0 + 1, x0 + length):
-            a, b = interval(x0, x, nx) * layer, interval(x, x0 + length, nx) * layer
+            a, b = index_interval(x0, x, nx) * layer, index_interval(x, x0 + length, nx) * layer
             _update_min(value, size, (start, a, b), layer, sums)
         for dy in range(1, ny + 1):
             rows = ny - dy + 1
             block = rows * tz
-            row = start + interval(0, dy, ny) * tz
+            row = start + index_interval(0, dy, ny) * tz
             for cut in range(1, dy):
-                a, b = start + interval(0, cut, ny) * tz, start + interval(cut, dy, ny) * tz
+                a, b = start + index_interval(0, cut, ny) * tz, start + index_interval(cut, dy, ny) * tz
                 _update_min(value, size, (row, a, b), block, sums)
             for state in range(states):
                 at, to = state * size + row, state * block
-                _transpose(value[at : at + block], transposed[to : to + block], rows, tz)
+                _transpose_table(value[at : at + block], transposed[to : to + block], rows, tz)
             for dz in range(2, nz + 1):
                 places = (nz - dz + 1) * rows
-                up = interval(0, dz, nz) * rows
+                up = index_interval(0, dz, nz) * rows
                 for cut in range(1, dz):
-                    a, b = interval(0, cut, nz) * rows, interval(cut, dz, nz) * rows
+                    a, b = index_interval(0, cut, nz) * rows, index_interval(cut, dz, nz) * rows
                     _update_min(transposed, block, (up, a, b), places, sums)
             for state in range(states):
                 at, to = state * size + row, state * block
-                _transpose(transposed[to : to + block], value[at : at + block], tz, rows)
+                _transpose_table(transposed[to : to + block], value[at : at + block], tz, rows)
 
 
 @jit
-def _transpose(rows: Table, columns: Table, m: int, n: int) -> None:
-    """Transpose an (m, n) table into an (n, m) one, both flat."""
+def _transpose_table(rows: Table, columns: Table, m: int, n: int) -> None:
+    """Transpose a table into another one.
+
+    Parameters
+    ----------
+    rows
+        (m * n,) int16 or int64, row after row.
+    columns
+        (n * m,) of the same type, filled in column after column.
+    m, n
+        Number of rows and of columns.
+    """
     for i in range(m):
         for k in range(n):
             columns[k * m + i] = rows[i * n + k]
@@ -122,7 +136,7 @@ def fill_counts(
     limit_s
         The time; a box that takes longer gets `UNREACHABLE`.
     seconds, trimmed, pieces
-        (boxes,) float32 in s, int32 and int16, of `BoxTables`.
+        (boxes,) float32 in s, (boxes,) int32 and (boxes,) int16 tables of `BoxTables`.
     value
         (boxes,) int16, filled in.
     """
@@ -135,7 +149,17 @@ def fill_counts(
 
 @jit
 def make_key(seconds: float, pieces: int, cut_mm2: float) -> int:
-    """Compute the key of an uncut box: parts, seconds and area of cuts as digits of one number."""
+    """Make the key of an uncut box: its parts, seconds and area of cuts as digits of one number.
+
+    Parameters
+    ----------
+    seconds
+        Time of the box.
+    pieces
+        Number of its pieces.
+    cut_mm2
+        Area of its cut faces.
+    """
     key: int = pieces * PART + round(min(seconds, MAX_S)) * SECOND_DIGIT + round(cut_mm2 / AREA_MM2)
     return key
 
@@ -156,9 +180,9 @@ def fill_keys(
     limit_s
         The time; a box that takes longer gets the key of `UNREACHABLE` parts.
     seconds, trimmed, pieces
-        (boxes,) float32 in s, int32 and int16, of `BoxTables`.
+        (boxes,) float32 in s, (boxes,) int32 and (boxes,) int16 tables of `BoxTables`.
     cut_mm2
-        (boxes,) float32 in mm2, of `BoxTables`, or (0,) to count no area.
+        (boxes,) float32 in mm2 of `BoxTables`; (0,) to ignore the area.
     value
         (boxes,) int64, filled in.
     """

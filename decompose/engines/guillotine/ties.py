@@ -1,7 +1,7 @@
 """Choice among partitions with equally few parts: by the least work, then by the least area of cuts.
 
-Few boxes are in any partition of the fewest parts. They are listed from the whole downwards, by cuts whose
-sides add up to the fewest, and their keys (`recursion.make_key`) are summed upwards.
+Only a few boxes are in a partition with the fewest parts. They are listed from the whole box downwards, by
+the cuts whose sides add up to the fewest parts, and their keys (`recursion.make_key`) are summed upwards.
 """
 
 from __future__ import annotations
@@ -11,13 +11,23 @@ import numpy.typing as npt
 
 from decompose.arrays import Ints
 from decompose.engines.guillotine.recursion import PART, UNREACHABLE, make_key
-from decompose.grid import BoxTables, Shape, find_interval_ends, interval
+from decompose.grid import BoxTables, Shape, find_interval_ends, index_interval
 from decompose.jit import jit
 
 
 @jit
 def _fill_sides(box: int, shape: Shape, sides: Ints) -> int:
-    """Fill in the near and far side (cuts, 2) of every cut across a box, as indices; return their number."""
+    """Fill in the near and the far side of every cut across a box, and return the number of cuts.
+
+    Parameters
+    ----------
+    box
+        Index of the box.
+    shape
+        Cells of the grid.
+    sides
+        (cuts, 2) int64, filled in with the indices of both sides; it may have more rows.
+    """
     _, ny, nz = shape
     ty, tz = ny * (ny + 1) // 2, nz * (nz + 1) // 2
     strides = (ty * tz, tz, 1)
@@ -27,8 +37,8 @@ def _fill_sides(box: int, shape: Shape, sides: Ints) -> int:
         low, high = find_interval_ends(intervals[axis], shape[axis])
         fixed = box - intervals[axis] * strides[axis]
         for plane in range(low + 1, high):
-            sides[count, 0] = fixed + interval(low, plane, shape[axis]) * strides[axis]
-            sides[count, 1] = fixed + interval(plane, high, shape[axis]) * strides[axis]
+            sides[count, 0] = fixed + index_interval(low, plane, shape[axis]) * strides[axis]
+            sides[count, 1] = fixed + index_interval(plane, high, shape[axis]) * strides[axis]
             count += 1
     return count
 
@@ -37,7 +47,24 @@ def _fill_sides(box: int, shape: Shape, sides: Ints) -> int:
 def _list_tied_boxes(
     counts: npt.NDArray[np.int16], trimmed: npt.NDArray[np.int32], shape: Shape, root: int
 ) -> Ints:
-    """List the boxes (k,) in any partition of a trimmed box into the fewest parts, by index, sides first."""
+    """List the boxes that are in any partition of a box into the fewest parts.
+
+    Parameters
+    ----------
+    counts
+        (boxes,) int16 fewest parts of each box.
+    trimmed
+        (boxes,) int32 of `BoxTables`.
+    shape
+        Cells of the grid.
+    root
+        Index of the trimmed box.
+
+    Returns
+    -------
+    ndarray
+        (k,) int64 indices in ascending order: the sides of a box come before it.
+    """
     sides = np.empty((shape[0] + shape[1] + shape[2], 2), np.int64)
     stack, listed = [root], {root}
     while stack:
@@ -64,7 +91,26 @@ def _sum_keys(
     shape: Shape,
     listed: Ints,
 ) -> Ints:
-    """Compute the least key (k,) of each listed box; tables are the four of `BoxTables`."""
+    """Compute the least key of each listed box.
+
+    Parameters
+    ----------
+    limit_s
+        Maximum time of a part.
+    tables
+        (boxes,) `seconds`, `trimmed`, `pieces` and `cut_mm2` of `BoxTables`.
+    counts
+        (boxes,) int16 fewest parts of each box.
+    shape
+        Cells of the grid.
+    listed
+        (k,) int64 of `_list_tied_boxes`.
+
+    Returns
+    -------
+    ndarray
+        (k,) int64 keys.
+    """
     seconds, trimmed, pieces, cut_mm2 = tables
     sides = np.empty((shape[0] + shape[1] + shape[2], 2), np.int64)
     keys = np.full(len(listed), UNREACHABLE * PART)
@@ -85,7 +131,7 @@ def _sum_keys(
 def find_tied_keys(
     boxes: BoxTables, counts: npt.NDArray[np.int16], limit_s: float, root: int
 ) -> dict[int, int]:
-    """Find the least key of every box that is in a partition into the fewest parts, by its index.
+    """Find the least key, by index, of every box that is in a partition into the fewest parts.
 
     Parameters
     ----------
@@ -94,9 +140,14 @@ def find_tied_keys(
     counts
         (boxes,) fewest parts of each box.
     limit_s
-        The time that each part may take.
+        Maximum time of a part.
     root
-        Index of the box that is partitioned; none is found where it cannot be, or need not be.
+        Index of the box that is partitioned.
+
+    Returns
+    -------
+    dict
+        Empty if the box cannot be partitioned, or has no needed cells.
     """
     if not 0 < counts[root] < UNREACHABLE:
         return {}

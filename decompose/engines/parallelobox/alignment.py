@@ -1,8 +1,8 @@
 """Orientation step of the paper: the frame in which the grid is built over a model.
 
-Its plane of symmetry lies on an axis, if it has one; among the remaining frames, that of its oriented
-bounding box is taken where faces overhang less in it. The paper also moves the centroid to the origin, which
-has no effect here: the grid reaches from one end of the model to the other.
+If the model has a plane of symmetry, the plane is normal to an axis of the frame. The frame is turned further
+to the model's oriented bounding box if faces overhang less in it. The paper also moves the centroid to the
+origin, which has no effect here: the grid reaches from one end of the model to the other.
 """
 
 from __future__ import annotations
@@ -35,8 +35,10 @@ class AlignedModel:
 
     Attributes
     ----------
+    model
+        The model in that frame.
     rotation
-        (3, 3) ``v_aligned = rotation @ v_model``.
+        (3, 3) rotation into it: ``v_aligned = rotation @ v_model``.
     mirror
         The axis and the coordinate in mm of its plane of symmetry; None if it has none.
     """
@@ -47,13 +49,17 @@ class AlignedModel:
 
 
 def align_model(model: Model, seed: int, overhang_cos: float) -> AlignedModel:
-    """Turn a model for its symmetry and its overhangs.
+    """Turn a model by its symmetry and its overhangs.
 
     A plane of symmetry next to a face is not used: it would cut slivers off, and the face would count as a
     cut.
 
     Parameters
     ----------
+    model
+        The model.
+    seed
+        Seed of the random planes among which a plane of symmetry is sought.
     overhang_cos
         Cosine of the angle between normal and downward direction above which a face counts as an overhang.
     """
@@ -78,7 +84,15 @@ def align_model(model: Model, seed: int, overhang_cos: float) -> AlignedModel:
 
 
 def measure_overhang_mm2(triangles: Floats, overhang_cos: float) -> float:
-    """Compute the least overhanging area of a mesh (m, 3, 3) in mm2, over the six axes as the way up."""
+    """Measure the least overhanging area of a mesh over its six axis poses.
+
+    Parameters
+    ----------
+    triangles
+        (m, 3, 3) in mm, outward.
+    overhang_cos
+        Cosine of the angle between normal and downward direction above which a face counts as an overhang.
+    """
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     area = np.linalg.norm(cross, axis=1)
     areas = []
@@ -90,9 +104,10 @@ def measure_overhang_mm2(triangles: Floats, overhang_cos: float) -> float:
 
 
 def _find_box_frame(vertices: Floats, axis: int) -> Floats:
-    """Find the rotation (3, 3) into the frame of the smallest box about vertices (n, 3).
+    """Find the rotation (3, 3) into the frame of the smallest box around vertices (n, 3).
 
-    With an axis from 0 to 2, only turns about it are considered, which keep a plane of symmetry in place.
+    For an axis from 0 to 2, only rotations about it are considered, which keep a plane of symmetry in place;
+    -1 allows all.
     """
     if axis < 0:
         to_box: Any = oriented_bounds  # trimesh has no types for it
@@ -107,7 +122,7 @@ def _find_box_frame(vertices: Floats, axis: int) -> Floats:
 
 
 def _find_min_turn(rotation: Floats) -> Floats:
-    """Find the least rotation among the frames with the same axes, in any order and direction."""
+    """Find the smallest rotation (3, 3) with the same axes as a rotation, in any order and direction."""
     costs = np.abs(rotation)
     rows = [-1, -1, -1]
     for _ in range(3):

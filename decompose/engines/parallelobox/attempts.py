@@ -1,6 +1,6 @@
 """Metaheuristic: the best of many attempts, with decreasing numbers of seeds and several draws of each.
 
-With fewer seeds more printers are left for the void fill, so that they suffice more often.
+With fewer seeds, more printers remain for the void fill, so that they suffice more often.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 from decompose.arrays import Bools, Floats, Ints
 from decompose.engines.parallelobox.growth import fill_voids, grow_blocks
 from decompose.engines.parallelobox.terrain import Terrain
-from decompose.grid import Box, Cell, Grid, box_index
+from decompose.grid import Box, Cell, Grid, index_box
 from decompose.options import Score
 
 Seeds = list[Box]
@@ -25,9 +25,10 @@ R = TypeVar("R")
 
 
 class Run(Protocol):
-    """The builtin `map`, or an executor's: calls a function with each argument, in order."""
+    """The builtin `map`, or that of an executor."""
 
-    def __call__(self, function: Callable[[T], R], arguments: Iterable[T], /) -> Iterable[R]: ...
+    def __call__(self, function: Callable[[T], R], arguments: Iterable[T], /) -> Iterable[R]:
+        """Call a function with each argument, and return the results in order."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,8 +37,10 @@ class BlockPartition:
 
     Attributes
     ----------
+    blocks
+        Blocks in cells.
     longest
-        Greatest parallel score of a block, the paper's P.
+        Highest price of a block, the paper's P.
     parts
         Number of pieces in all blocks, by the grid.
     """
@@ -54,12 +57,12 @@ class SeedSource:
     Attributes
     ----------
     points
-        (n, 3) distinct vertices in mm. If they are fewer than the seeds, the centres of the boundary cells
-        are taken instead.
+        (n, 3) distinct vertices in mm. If there are fewer than seeds, the centres of the boundary cells are
+        clustered instead.
     grid
-        Over the model.
+        Grid over the model.
     barred
-        (nx, ny, nz) cells that may not be seeds.
+        (nx, ny, nz) bool, true for cells that may not be seeds.
     """
 
     points: Floats
@@ -79,7 +82,7 @@ def draw_seed_sets(source: SeedSource, printers: int, tries: int, seed: int, run
     seed
         Seed of the random numbers.
     run
-        Calls a function for each draw.
+        `map`, or that of an executor, for the draws.
     """
     draws = [(count, number) for count in range(printers, 0, -1) for number in range(tries)]
 
@@ -93,14 +96,20 @@ def draw_seed_sets(source: SeedSource, printers: int, tries: int, seed: int, run
 def run_attempts(
     seed_sets: Sequence[Seeds], terrain: Terrain, printers: int, score: Score, run: Run = map
 ) -> list[BlockPartition]:
-    """Run attempts and return those that cover the model, by rising parallel score, then number of parts.
+    """Run attempts and return those that cover the model, the lowest P first, then the fewest parts.
 
     Parameters
     ----------
     seed_sets
-        From `draw_seed_sets`.
+        Seeds of `draw_seed_sets`.
+    terrain
+        Cells and prices that blocks grow by.
+    printers
+        Maximum number of parts.
     score
         Reading of the score, low or high.
+    run
+        `map`, or that of an executor, for the attempts.
     """
 
     def make_attempt(seeds: Seeds) -> BlockPartition | None:
@@ -118,12 +127,13 @@ def _run_attempt(seeds: Seeds, terrain: Terrain, printers: int, score: Score) ->
         return None
     boxes = [(x0, y0, z0, x1, y1, z1) for x0, y0, z0, x1, y1, z1 in all_blocks.tolist()]
     shape = terrain.shape
-    longest = max(float(terrain.printing[box_index(box, shape)]) for box in boxes)
+    longest = max(float(terrain.printing[index_box(box, shape)]) for box in boxes)
     return BlockPartition(tuple(boxes), longest, _count_parts(all_blocks, terrain))
 
 
 def _count_parts(blocks: Ints, terrain: Terrain) -> int:
-    indices = [box_index((*block,), terrain.shape) for block in blocks.tolist()]
+    """Count the pieces in blocks (n, 6), by the grid."""
+    indices = [index_box((*block,), terrain.shape) for block in blocks.tolist()]
     return int(terrain.pieces[indices].sum())
 
 
@@ -132,7 +142,7 @@ def _find_centres(points: Floats, count: int, random_state: int) -> Floats:
     with warnings.catch_warnings():
         # Without /dev/shm joblib lacks semaphores and warns, although k-means does not need them.
         warnings.filterwarnings("ignore", message=".*joblib will operate in serial mode")
-        # Slow to import, and needed by this engine only.
+        # This package is slow to import, and only this engine needs it.
         from sklearn.cluster import KMeans
     centres: Floats = (
         KMeans(count, init="k-means++", n_init=1, random_state=random_state).fit(points).cluster_centers_
@@ -148,7 +158,7 @@ def draw_seeds(source: SeedSource, count: int, rng: np.random.Generator) -> list
     source
         Points to cluster, and cells that may be seeds.
     count
-        Number of seeds; fewer are drawn where there are fewer boundary cells.
+        Number of seeds; fewer are drawn if there are fewer boundary cells.
     rng
         Random numbers.
     """

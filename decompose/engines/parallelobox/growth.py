@@ -1,9 +1,10 @@
 """Block growth: blocks of cells grow from seeds, one layer at a time, until none can grow.
 
-The cheapest block that can grow grows next, in the direction whose score is best: ``|P + O|`` of the grown
-block and its nearness to other blocks. The paper calls higher scores better (section "Objective"), although
-P and O are costs: `Score` has both readings. A direction is forbidden where the grown block would leave the
-grid, not fit its printer, gain no needed cell, take a cell that has an owner, or consist of more pieces.
+The cheapest block that can grow grows next, in the direction with the best score, which consists of
+``|P + O|`` of the grown block and its proximity to other blocks. The paper calls higher scores better
+(section "Objective"), although P and O are costs: `Score` has both readings. A direction is forbidden if the
+grown block would leave the grid, not fit a printer, gain no needed cell, take a cell that has an owner, or
+consist of more pieces.
 """
 
 from __future__ import annotations
@@ -24,7 +25,15 @@ FREE, BARRED = -1, -2
 
 @jit
 def _find_block_index(block: Ints, shape: tuple[int, int, int]) -> int:
-    """Compute the index of a block (6,) int64 among all boxes of a grid."""
+    """Compute the index of a block among all boxes of a grid.
+
+    Parameters
+    ----------
+    block
+        (6,) int64 in cells, half-open.
+    shape
+        Cells of the grid.
+    """
     return compute_index((block[0], block[1], block[2], block[3], block[4], block[5]), shape)
 
 
@@ -37,12 +46,12 @@ def find_grown_index(
     seconds: npt.NDArray[np.float32],
     pieces: npt.NDArray[np.int16],
 ) -> int:
-    """Find the index of the box that a block grows to, -1 if a hard constraint forbids it.
+    """Find the index of the box that a block grows to; -1 if a constraint forbids it.
 
     Parameters
     ----------
     block
-        (6,) int64 x0, y0, z0, x1, y1, z1 in cells, half-open.
+        (6,) int64 of x0, y0, z0, x1, y1, z1 in cells, half-open.
     direction
         0 to 5: -x, -y, -z, +x, +y, +z.
     owner
@@ -50,7 +59,7 @@ def find_grown_index(
     needed
         (nx, ny, nz) bool, true for cells that must be covered.
     seconds, pieces
-        (boxes,) float32 in s and int16, of `Terrain`.
+        (boxes,) float32 in s and (boxes,) int16 of `Terrain`.
     """
     axis = direction % 3
     grown_block = block.copy()
@@ -81,21 +90,31 @@ def find_grown_index(
 
 @jit
 def claim_cells(block: Ints, number: int, owner: Ints) -> None:
-    """Make a block (6,) the owner of all its cells, by its number in `owner` (nx, ny, nz), both int64."""
+    """Make a block the owner of all its cells.
+
+    Parameters
+    ----------
+    block
+        (6,) int64 in cells, half-open.
+    number
+        Number of the block.
+    owner
+        (nx, ny, nz) int64 number of the block that has a cell, updated in place.
+    """
     owner[block[0] : block[3], block[1] : block[4], block[2] : block[5]] = number
 
 
 @jit
 def _compute_proximity(blocks: Ints, number: int, direction: int, cells: int) -> float:
-    """Compute S_prox: 0.5 where another block in front touches, 1 if none is within the grid's length.
+    """Compute S_prox: 0.5 if another block touches in front, 1 if none is within the length of the grid.
 
     The gap is the L1 distance of the centres less half the sizes, as in the paper. The paper's program
-    divides it by the grid's length and adds 0.5; otherwise a touching block would prevent all growth.
+    divides it by twice the grid's length and adds 0.5; otherwise a touching block would prevent all growth.
 
     Parameters
     ----------
     blocks
-        (k, 6) in cells, half-open.
+        (k, 6) int64 in cells, half-open.
     number, direction
         The block, and the direction in which it grows, as in `find_grown_index`.
     cells
@@ -118,7 +137,7 @@ def _compute_proximity(blocks: Ints, number: int, direction: int, cells: int) ->
 
 
 @jit
-def _grow(
+def _grow_all(
     blocks: Ints,
     owner: Ints,
     needed: Bools,
@@ -132,13 +151,13 @@ def _grow(
     blocks
         (k, 6) int64, in cells, half-open.
     owner
-        (nx, ny, nz) int64: the block that has a cell, `FREE` or `BARRED`.
+        (nx, ny, nz) int64 number of the block that has a cell, `FREE` or `BARRED`; updated in place.
     needed
-        (nx, ny, nz) cells that must be covered.
+        (nx, ny, nz) bool, true for cells that must be covered.
     tables
-        `seconds`, `pieces`, `printing` and `overhang` of `Terrain`, (boxes,) each.
+        (boxes,) `seconds`, `pieces`, `printing` and `overhang` of `Terrain`.
     high
-        Whether the highest score is the best; otherwise the lowest is.
+        Whether the highest score is the best one; otherwise the lowest.
     """
     seconds, pieces, printing, overhang = tables
     nx, ny, nz = owner.shape
@@ -170,22 +189,32 @@ def _grow(
 
 
 def grow_blocks(seeds: list[Box], terrain: Terrain, score: Score) -> tuple[Ints, Ints]:
-    """Grow blocks from seeds, which are single cells, no two the same.
+    """Grow blocks from seeds.
+
+    Parameters
+    ----------
+    seeds
+        Distinct single cells.
+    terrain
+        Cells and prices that blocks grow by.
+    score
+        Reading of the score, low or high.
 
     Returns
     -------
     blocks, owner
-        (k, 6) in cells, half-open, and (nx, ny, nz): number of the block of each cell, `FREE` or `BARRED`.
+        (k, 6) int64 in cells, half-open; (nx, ny, nz) int64 number of the block of each cell, `FREE` or
+        `BARRED`.
     """
     blocks = np.array(seeds, dtype=np.int64).reshape(-1, 6)
     owner = np.where(terrain.barred, BARRED, FREE).astype(np.int64)
     tables = (terrain.seconds, terrain.pieces, terrain.printing, terrain.overhang)
-    _grow(blocks, owner, terrain.needed, tables, score is Score.HIGH)
+    _grow_all(blocks, owner, terrain.needed, tables, score is Score.HIGH)
     return blocks, owner
 
 
 @jit
-def _fill(
+def _cover_voids(
     owner: Ints,
     needed: Bools,
     seconds: npt.NDArray[np.float32],
@@ -193,22 +222,23 @@ def _fill(
     number: int,
     max_blocks: int,
 ) -> tuple[bool, Ints]:
-    """Cover needed cells without an owner by new blocks of at most `max_blocks` parts in all.
+    """Cover needed cells without an owner by new blocks.
 
     Parameters
     ----------
     owner, needed
-        As in `_grow`; owner is changed.
+        As in `_grow_all`; the owners are updated in place.
     seconds, pieces
-        (boxes,) of `Terrain`.
-
+        (boxes,) float32 in s and (boxes,) int16 of `Terrain`.
     number
         Number of the first new block.
+    max_blocks
+        Maximum number of parts of the new blocks.
 
     Returns
     -------
     tuple
-        Whether all is covered, and the new blocks (n, 6).
+        Whether all needed cells are covered, and the new blocks (n, 6) int64.
     """
     nx, ny, nz = owner.shape
     blocks = np.zeros((max(max_blocks, 0), 6), np.int64)
@@ -240,20 +270,23 @@ def fill_voids(blocks: Ints, owner: Ints, terrain: Terrain, max_blocks: int) -> 
     """Cover the needed cells that have no owner by blocks of their own.
 
     The first such cell becomes a block, which grows in every direction in turn as far as it may; then the
-    next. As in growth, no block may be too large for a printer, which the paper's program does not check.
+    next one follows. As in growth, no block may be too large for a printer, which the paper's program does
+    not check.
 
     Parameters
     ----------
     blocks, owner
-        From `grow_blocks`; owner is changed.
+        Results of `grow_blocks`; the owners are updated in place.
+    terrain
+        Cells and prices that blocks grow by.
     max_blocks
-        Parts that may be added.
+        Maximum number of added parts.
 
     Returns
     -------
     Ints or None
-        (n, 6) all blocks, or None if more would be needed.
+        (n, 6) all blocks in cells; None if more parts would be needed.
     """
     tables = (terrain.needed, terrain.seconds, terrain.pieces)
-    has_covered, fillers = _fill(owner, *tables, len(blocks), max_blocks)
+    has_covered, fillers = _cover_voids(owner, *tables, len(blocks), max_blocks)
     return np.concatenate([blocks, fillers]) if has_covered else None

@@ -1,11 +1,11 @@
 """The engine `parallelobox`: blocks grown from seeds on a grid, as in the paper, section by section.
 
-Orientation and symmetry cut (`alignment`), then for each half seeds, growth and void fill (`growth`), over
-many attempts (`attempts`).
+The sections are orientation and symmetry cut (`alignment`), then for each half the seeds, growth and void
+fill (`growth`), over many attempts (`attempts`).
 
-`--faithful` takes the best attempt by the paper's score. Otherwise blocks grow from the same seeds also by
+`--faithful` takes the best attempt by the paper's score. Otherwise blocks also grow from the same seeds by
 prices in seconds, by both readings of the score, on a finer grid, and without the symmetry cut. Of all
-attempts, the faithful one included, the one whose pieces end soonest in their printing poses is taken.
+attempts, including the faithful one, the one whose pieces end soonest in their printing poses is taken.
 """
 
 from __future__ import annotations
@@ -51,13 +51,13 @@ def cut_by_parallelobox(problem: Problem) -> Partition:
     Raises
     ------
     NoFit
-        No attempt covers the model; unless faithful, also if none of the best can be glued well.
+        No attempt covers the model, or, unless faithful, none of the best attempts can be glued well.
     """
     spaces = _build_search_spaces(problem)
     candidates: list[_Candidate] = []
     for space in spaces:
         if not candidates or not problem.effort.is_spent():
-            candidates += _search_on_space(space, problem)
+            candidates += _search_space(space, problem)
     problem.on_stage("search")
     if not candidates:
         raise NoFit(
@@ -79,9 +79,18 @@ def cut_by_parallelobox(problem: Problem) -> Partition:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _SearchSpace:
-    """A frame, the grid in it, and the terrains on it: the paper's, and one in seconds unless faithful.
+    """A frame, the grid in it, and the terrains on the grid.
 
-    `cut` holds the pieces of each box that was cut already.
+    Attributes
+    ----------
+    aligned_model
+        Model in its frame.
+    grid, boxes
+        Grid over it, and the prices of its boxes.
+    terrains
+        Terrain of the paper and, unless faithful, one in seconds.
+    cut
+        Pieces of each box that is cut already.
     """
 
     aligned_model: AlignedModel
@@ -90,7 +99,8 @@ class _SearchSpace:
     terrains: tuple[Terrain, ...]
     cut: dict[Box, list[Piece]] = field(default_factory=dict)
 
-    def pieces(self, box: Box) -> list[Piece]:
+    def cut_box(self, box: Box) -> list[Piece]:
+        """Cut a box out of the model, unless it is cut already."""
         if box not in self.cut:
             self.cut[box] = cut_cells(self.aligned_model.model.solid, self.grid, box)
         return self.cut[box]
@@ -98,7 +108,7 @@ class _SearchSpace:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Candidate:
-    """Cut partition, the time when its last piece ends, and a piece that cannot be glued well, if any."""
+    """A cut partition, the time when its last piece ends, and why it cannot be glued well, or ''."""
 
     space: _SearchSpace
     cut: dict[Box, list[Piece]]
@@ -106,16 +116,20 @@ class _Candidate:
     fault: str
 
     def rank(self) -> tuple[bool, float]:
-        """Sort key, lower is better."""
+        """Return the sort key, lower is better."""
         return bool(self.fault), self.ends_s
 
     @property
     def pieces(self) -> tuple[Piece, ...]:
+        """Pieces of all boxes."""
         return tuple(piece for box_pieces in self.cut.values() for piece in box_pieces)
 
 
 def _build_search_spaces(problem: Problem) -> list[_SearchSpace]:
-    """Build the paper's grid and, unless faithful, the problem's; only the latter if granularity is given."""
+    """Build the spaces of the paper's grid and, unless faithful, of the problem's grid.
+
+    If a granularity is given and the engine is not faithful, only the problem's grid is used.
+    """
     options = problem.options
     overhang_cos = math.sin(math.radians(OVERHANG_TOLERANCE_DEG))  # the paper's
     spaces = []
@@ -141,11 +155,12 @@ def _build_search_spaces(problem: Problem) -> list[_SearchSpace]:
 
 
 def _is_same_space(aligned_model: AlignedModel, grid: Grid, space: _SearchSpace) -> bool:
+    """Check whether a space has the same frame and as many cells."""
     return (aligned_model.rotation == space.aligned_model.rotation).all() and grid.shape == space.grid.shape
 
 
-def _search_on_space(space: _SearchSpace, problem: Problem) -> list[_Candidate]:
-    """Find the best partitions on one space: the paper's choice and, unless faithful, the fastest."""
+def _search_space(space: _SearchSpace, problem: Problem) -> list[_Candidate]:
+    """Find the best partitions in one space: the paper's choice and, unless faithful, the fastest one."""
     points = np.unique(space.aligned_model.model.solid.arrays()[0], axis=0)
     candidates: list[_Candidate] = []
     for halves in _list_halves(space, points, len(problem.printers)):
@@ -161,24 +176,25 @@ def _search_on_space(space: _SearchSpace, problem: Problem) -> list[_Candidate]:
             [attempt for group in by_space.values() for attempt in group] for by_space in attempts_by_half
         ]
         candidates += _find_soonest(
-            _rank_partitions(attempts, lambda a: space.boxes.longest_s(a.blocks)), space, problem
+            _rank_partitions(attempts, lambda a: space.boxes.find_longest_s(a.blocks)), space, problem
         )
     return candidates
 
 
-Half = tuple[tuple[Terrain, ...], Floats, int]  # terrain, points for seeds, and printers of a half
-# Attempts by the number of the terrain and the reading of the score.
+Half = tuple[tuple[Terrain, ...], Floats, int]  # terrains, points for seeds, and printers of a half
+# Attempts on a half, by the number of the terrain and the reading of the score.
 GrownHalf = dict[tuple[int, Score], list[BlockPartition]]
 Ranked = list[tuple[float, list[Box]]]  # expected times of partitions in ascending order, and their boxes
 
 
 def _list_halves(space: _SearchSpace, points: Floats, printers: int) -> Iterator[list[Half]]:
-    """Yield the halves of a symmetric model, the larger with the odd printer; then the model uncut."""
+    """Yield the halves of a symmetric model, the larger one with an odd printer; then the uncut model."""
     if space.aligned_model.mirror is not None and printers > 1:
         axis, at_mm = space.aligned_model.mirror
         for plane in np.flatnonzero(space.grid.planes[axis][1:-1] == at_mm)[:1] + 1:
             sides = [
-                tuple(t.half(axis, int(plane), upper) for t in space.terrains) for upper in (False, True)
+                tuple(t.restrict_to_half(axis, int(plane), upper) for t in space.terrains)
+                for upper in (False, True)
             ]
             work = [float(space.grid.sums[side[0].needed][:, VOLUME].sum()) for side in sides]
             odd_printer = printers % 2
@@ -195,7 +211,7 @@ def _list_halves(space: _SearchSpace, points: Floats, printers: int) -> Iterator
 
 
 def _grow_half(half: Half, space: _SearchSpace, problem: Problem) -> GrownHalf:
-    """Make the attempts on one half, from the same seeds; none if the budget is too small for them."""
+    """Make the attempts on one half, all from the same seeds; none if the budget is too small for them."""
     terrains, points, printers = half
     options = problem.options
     clustered_count = len(points) * options.parallelobox.tries * printers * (printers + 1) // 2
@@ -217,7 +233,7 @@ def _grow_half(half: Half, space: _SearchSpace, problem: Problem) -> GrownHalf:
 def _rank_partitions(
     groups: Sequence[Sequence[BlockPartition]], key: Callable[[BlockPartition], float]
 ) -> Ranked:
-    """Combine the attempts on the halves to partitions, the best first."""
+    """Combine the attempts on the halves into partitions, the best first."""
     best = [sorted((key(a), a.parts, a.blocks) for a in half)[:MAX_HALF_ATTEMPTS] for half in groups]
     combined_partitions = [
         (max(longest for longest, _, _ in picks), sum(parts for _, parts, _ in picks), picks)
@@ -237,7 +253,7 @@ def _find_first_fit(ranked_partitions: Ranked, space: _SearchSpace, problem: Pro
 
 
 def _find_soonest(ranked_partitions: Ranked, space: _SearchSpace, problem: Problem) -> list[_Candidate]:
-    """Find the partition that ends soonest; the search stops when no other promises more."""
+    """Find the partition that ends soonest; stop when no other one can end sooner."""
     best: list[_Candidate] = []
     for expected_s, boxes in ranked_partitions[:MAX_CUT]:
         is_settled = best and not best[0].fault and expected_s >= best[0].ends_s
@@ -253,7 +269,7 @@ def _cut_candidate(boxes: list[Box], space: _SearchSpace, problem: Problem) -> _
     """Cut and pose a partition; None if it has more pieces than there are printers."""
     new = sum(box not in space.cut for box in boxes)
     problem.effort.record(Work.FACE_CUT, new * space.aligned_model.model.solid.faces)
-    cut = {box: space.pieces(box) for box in boxes}
+    cut = {box: space.cut_box(box) for box in boxes}
     pieces = [piece for box_pieces in cut.values() for piece in box_pieces]
     if len(pieces) > len(problem.printers):
         return None

@@ -22,17 +22,17 @@ class Terrain:
     Attributes
     ----------
     needed
-        (nx, ny, nz) cells that must be covered.
+        (nx, ny, nz) bool, true for cells that must be covered.
     barred
-        (nx, ny, nz) cells that no block may take: those of the other half, if the model was cut in two.
+        (nx, ny, nz) bool, true for cells that no block may take: those of the other half, if there are two.
     seconds
-        (boxes,) of `BoxTables`: +inf if a box does not fit.
+        (boxes,) float32 of `BoxTables`: +inf if a box does not fit.
     pieces
-        (boxes,) of `BoxTables`.
+        (boxes,) int16 of `BoxTables`.
     printing
-        (boxes,) P, the price of printing a box that ends at needed cells on all sides.
+        (boxes,) float32 P, the price of printing a box that ends at needed cells on all sides.
     overhang
-        (boxes,) O, the least overhang of its six poses, in units of P.
+        (boxes,) float32 O, the least overhang of its six poses, in units of P.
     """
 
     needed: Bools
@@ -48,8 +48,16 @@ class Terrain:
         nx, ny, nz = self.needed.shape
         return nx, ny, nz
 
-    def half(self, axis: int, plane: int, upper: bool) -> Terrain:
-        """Restrict the terrain to one side of a plane of the grid."""
+    def restrict_to_half(self, axis: int, plane: int, upper: bool) -> Terrain:
+        """Restrict the terrain to one side of a plane of the grid.
+
+        Parameters
+        ----------
+        axis, plane
+            Axis across the plane, and index of the plane.
+        upper
+            Whether the side above the plane is kept.
+        """
         other = np.zeros(self.needed.shape, dtype=np.bool_)
         side = slice(None, plane) if upper else slice(plane, None)
         other[tuple(side if a == axis else slice(None) for a in range(3))] = True
@@ -57,7 +65,15 @@ class Terrain:
 
 
 def make_time_terrain(grid: Grid, boxes: BoxTables) -> Terrain:
-    """Build the terrain where P is the print time in the best pose, with supports, and O is 0."""
+    """Build the terrain in which P is the print time in the best pose, with supports, and O is 0.
+
+    Parameters
+    ----------
+    grid
+        Grid over the model.
+    boxes
+        Tables of its boxes.
+    """
     zero_overhangs = np.zeros(len(boxes.seconds), np.float32)
     return Terrain(
         grid.needed, np.zeros_like(grid.needed), boxes.seconds, boxes.pieces, boxes.seconds, zero_overhangs
@@ -65,12 +81,14 @@ def make_time_terrain(grid: Grid, boxes: BoxTables) -> Terrain:
 
 
 def make_paper_terrain(grid: Grid, boxes: BoxTables) -> Terrain:
-    """Build the terrain where P is speed times volume plus area, and O the least overhanging area.
+    """Build the terrain in which P is speed times volume plus area, and O the least overhanging area.
 
     Parameters
     ----------
     grid
-        Grid, whose overhangs are used; it should be built with the paper's tolerance.
+        Grid over the model, built with the paper's tolerance of overhangs.
+    boxes
+        Tables of its boxes.
     """
     columns = np.concatenate(
         [grid.sums[..., [VOLUME]], grid.area[..., None], grid.sums[..., OVERHANG : OVERHANG + 6]], axis=3
@@ -102,11 +120,17 @@ def _compute_paper_prices(
         (nx + 1, ny + 1, nz + 1, 8) float64 summed-area table of volume in mm3, surface in mm2, and overhangs
         in the six poses in mm2.
     cut_x, cut_y, cut_z
-        Summed-area tables of the cut areas in mm2 on the planes across each axis.
+        (nx + 1, ny + 1, nz + 1) float64 summed-area tables, along two axes each, of the cut areas in mm2 on
+        the planes across the third one.
     total
         Number of boxes.
     speed
-        mm/s of shell and infill.
+        Speed of shell and infill in mm/s.
+
+    Returns
+    -------
+    tuple
+        (boxes,) float32 P, and (boxes,) float32 O.
     """
     nx, ny, nz = prefix.shape[0] - 1, prefix.shape[1] - 1, prefix.shape[2] - 1
     printing = np.zeros(total, np.float32)

@@ -1,4 +1,4 @@
-"""3MF: triangles of the objects that its build places, in mm."""
+"""Reader of 3MF files: the triangles, in mm, of the objects that their build places."""
 
 from __future__ import annotations
 

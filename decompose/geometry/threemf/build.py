@@ -1,4 +1,4 @@
-"""Triangles of a 3MF file, as its build places its objects."""
+"""Triangles of a 3MF file, placed by its build."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from decompose.geometry.threemf.model_part import (
 )
 from decompose.geometry.threemf.package import Package, resolve_path
 
-MAX_DEPTH = 64  # maximum depth of components in components
+MAX_DEPTH = 64  # maximum depth of nested components
 MAX_INSTANCES = 10_000
 MAX_TRIANGLES = 20_000_000  # maximum number if no memory limit is given
 
@@ -44,7 +44,12 @@ def read_3mf(name: str, data: bytes, max_triangles: int | None = None) -> tuple[
 
     Raises
     ------
-    ModelUnreadable, ModelEmpty, ModelTooDetailed
+    ModelUnreadable
+        The file is damaged, or needs an extension that is not read.
+    ModelEmpty
+        The build places no triangles.
+    ModelTooDetailed
+        There are more triangles than fit the memory, or too many objects.
     """
     package = Package(name, data)
     build = _Build(name, package, max_triangles or MAX_TRIANGLES)
@@ -53,7 +58,7 @@ def read_3mf(name: str, data: bytes, max_triangles: int | None = None) -> tuple[
     if not part.items:
         raise ModelEmpty(f"{name}: its build places no object; place one and export it again")
     unit = build.unit
-    size = build.measure(root, part.items)
+    size = build.measure_references(root, part.items)
     if size.triangles > build.max_triangles:
         raise ModelTooDetailed(
             f"{name}: has {size.triangles / 1e6:.1f} million triangles, but the memory suffices only for "
@@ -64,12 +69,13 @@ def read_3mf(name: str, data: bytes, max_triangles: int | None = None) -> tuple[
     if not size.triangles:
         raise ModelEmpty(f"{name}: its build places no triangles; export the model again")
     with np.errstate(over="ignore", invalid="ignore"):  # checked by the caller
-        placed_triangles = list(build.place(root, part.items, np.vstack((np.eye(3), np.zeros(3)))))
+        placed_triangles = list(build.place_references(root, part.items, np.vstack((np.eye(3), np.zeros(3)))))
         triangles = np.concatenate(placed_triangles) * UNITS_MM[unit]
     return triangles, tuple(_list_notes(build, part, len(placed_triangles), unit))
 
 
 def _list_notes(build: _Build, root: ModelPart, instances: int, unit: str) -> Iterator[str]:
+    """Yield sentences on what was read and left out."""
     if instances > 1:
         yield f"Read {instances} objects as one model, placed as in the file."
     if unit != "millimeter":
@@ -90,7 +96,7 @@ def _list_notes(build: _Build, root: ModelPart, instances: int, unit: str) -> It
 
 @dataclass(frozen=True, slots=True)
 class _Size:
-    """Number of triangles of an object and its components, and of the meshes placed for them."""
+    """Number of triangles of an object with its components, and of meshes that are placed for them."""
 
     triangles: int = 0
     instances: int = 0
@@ -109,7 +115,7 @@ class _Build:
     _sizes: dict[tuple[str, str], _Size | None] = field(default_factory=dict)  # None while it is measured
 
     def find_part(self, path: str) -> ModelPart:
-        """Return a model part, with the unit of the first."""
+        """Find a model part, and read it on first use; all parts have the unit of the first one."""
         if path not in self._parts:
             part = read_model_part(self.name, path, self.package.unpack(path), self.max_triangles)
             unit = part.unit or self.unit or "millimeter"
@@ -122,14 +128,15 @@ class _Build:
             self._parts[path] = part
         return self._parts[path]
 
-    def measure(self, path: str, references: list[Reference], depth: int = 0) -> _Size:
+    def measure_references(self, path: str, references: list[Reference], depth: int = 0) -> _Size:
         """Count the objects and triangles that references place, before any is placed."""
         if depth > MAX_DEPTH:
             raise ModelUnreadable(f"{self.name}: nests objects more than {MAX_DEPTH} deep; export it again")
-        sizes = [self._measure_object(*self._find(path, reference), depth) for reference in references]
+        sizes = [self._measure_object(*self._find_object(path, reference), depth) for reference in references]
         return _Size(sum(size.triangles for size in sizes), sum(size.instances for size in sizes))
 
     def _measure_object(self, key: tuple[str, str], record: ObjectRecord, depth: int) -> _Size:
+        """Count the meshes and triangles of an object; refuse one that contains itself."""
         if key in self._sizes:
             size = self._sizes[key]
             if size is None:
@@ -142,13 +149,13 @@ class _Build:
             self.other_kinds.add(record.kind[:20])
             size = _Size()
         else:
-            inner = self.measure(key[0], record.components, depth + 1)
+            inner = self.measure_references(key[0], record.components, depth + 1)
             own_faces = 1 if record.face_count else 0
             size = _Size(inner.triangles + record.face_count, inner.instances + own_faces)
         self._sizes[key] = size
         return size
 
-    def _find(self, path: str, reference: Reference) -> tuple[tuple[str, str], ObjectRecord]:
+    def _find_object(self, path: str, reference: Reference) -> tuple[tuple[str, str], ObjectRecord]:
         """Find the object of a reference in a part, and its key among all objects."""
         target = resolve_path(reference.path) if reference.path else path
         record = self.find_part(target).objects.get(reference.object_id)
@@ -158,18 +165,22 @@ class _Build:
             )
         return (target, reference.object_id), record
 
-    def place(self, path: str, references: list[Reference], parent_transform: Floats) -> Iterator[Floats]:
+    def place_references(
+        self, path: str, references: list[Reference], parent_transform: Floats
+    ) -> Iterator[Floats]:
         """Yield the triangles (m, 3, 3) of each mesh that references place, in the unit of the file.
 
         Parameters
         ----------
         path
             Path of the package part that contains the references.
+        references
+            References to place.
         parent_transform
-            (4, 3), the transform of the object that they belong to.
+            (4, 3) transform of the object that they belong to.
         """
         for reference in references:
-            key, record = self._find(path, reference)
+            key, record = self._find_object(path, reference)
             if not (self._sizes[key] or _Size()).triangles:
                 continue
             inner = reference.transform
@@ -178,11 +189,12 @@ class _Build:
             )
             if record.face_count:
                 yield self._transform_mesh(record, transform)
-            yield from self.place(key[0], record.components, transform)
+            yield from self.place_references(key[0], record.components, transform)
 
     def _transform_mesh(self, record: ObjectRecord, transform: Floats) -> Floats:
+        """Transform the triangles (m, 3, 3) of an object."""
         try:
-            triangles = record.triangles()
+            triangles = record.build_triangles()
         except IndexError:
             raise ModelUnreadable(
                 f"{self.name}: a triangle has a corner that is not in its list; export it again"

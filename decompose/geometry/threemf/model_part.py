@@ -36,16 +36,16 @@ _IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """Object placed by the build or by another object.
+    """A reference to an object, which the build or another object places.
 
     Attributes
     ----------
     object_id
         Number of the object in its part.
     transform
-        (4, 3): a point (x, y, z, 1) times this is the placed point.
+        (4, 3) matrix: a point (x, y, z, 1) times this matrix is the placed point.
     path
-        Its part; empty for the part of the reference.
+        Path of the object's part; empty for the part of the reference.
     """
 
     object_id: str
@@ -55,7 +55,7 @@ class Reference:
 
 @dataclass(slots=True)
 class ObjectRecord:
-    """Object of a part: a mesh, or components."""
+    """An object of a part: a mesh, or components."""
 
     kind: str
     vertices: array[float] = field(default_factory=lambda: array("d"))
@@ -64,10 +64,11 @@ class ObjectRecord:
 
     @property
     def face_count(self) -> int:
+        """Number of triangles."""
         return len(self.faces) // 3
 
-    def triangles(self) -> Floats:
-        """Return the triangles of its mesh, (m, 3, 3). Raises IndexError for a corner that is not there."""
+    def build_triangles(self) -> Floats:
+        """Build the triangles (m, 3, 3) of its mesh; raise IndexError if a corner does not exist."""
         vertices = np.frombuffer(self.vertices, dtype=np.float64).reshape(-1, 3)
         faces: Ints = np.frombuffer(self.faces, dtype=np.int64).reshape(-1, 3)
         if faces.size and faces.min() < 0:
@@ -77,7 +78,7 @@ class ObjectRecord:
 
 @dataclass(slots=True)
 class ModelPart:
-    """Content of a model part; `unit` is None if it is not given."""
+    """Content of a model part; `unit` is None if the part states none."""
 
     unit: str | None = None
     objects: dict[str, ObjectRecord] = field(default_factory=dict)
@@ -93,18 +94,21 @@ def read_model_part(name: str, part: str, chunks: Iterator[bytes], max_triangles
     name, part
         Names of the file and of the part, for messages.
     chunks
-        The part's bytes.
+        Bytes of the part.
     max_triangles
-        Number of triangles, and of a third of the corners, above which reading stops.
+        Maximum number of triangles, and of a third of the vertices.
 
     Raises
     ------
-    ModelUnreadable, ModelTooDetailed
+    ModelUnreadable
+        The part is no model, is damaged, or needs an extension that is not read.
+    ModelTooDetailed
+        The part has more triangles or vertices.
     """
     reader = _Reader(name, max_triangles)
     parser = make_parser(name)
-    parser.StartElementHandler = reader.start
-    parser.EndElementHandler = reader.end
+    parser.StartElementHandler = reader.begin_tag
+    parser.EndElementHandler = reader.end_tag
     parser.StartNamespaceDeclHandler = reader.declare_namespace
     try:
         parse_chunks(parser, name, part, chunks)
@@ -144,9 +148,11 @@ class _Reader:
         self._object_tags = {f"{core} object" for core in _CORE}
 
     def declare_namespace(self, prefix: str | None, uri: str) -> None:
+        """Record the address of a namespace."""
         self._namespaces[prefix or ""] = uri
 
-    def start(self, tag: str, attributes: dict[str, str]) -> None:
+    def begin_tag(self, tag: str, attributes: dict[str, str]) -> None:
+        """Handle the begin of a tag; count tags of other kinds."""
         handler = self._handlers.get(tag)
         if handler is not None:
             handler(attributes)
@@ -157,11 +163,13 @@ class _Reader:
                 f"{self._name}: has over {MAX_OTHER_TAGS} tags beside its mesh; export it without colours"
             )
 
-    def end(self, tag: str) -> None:
+    def end_tag(self, tag: str) -> None:
+        """Handle the end of a tag."""
         if tag in self._object_tags:
             self._in_object = False
 
     def _begin_model(self, attributes: Mapping[str, str]) -> None:
+        """Record the unit; refuse a model that needs other extensions."""
         self.is_model = True
         self.part.unit = attributes.get("unit")
         for prefix in attributes.get("requiredextensions", "").split():
@@ -173,6 +181,7 @@ class _Reader:
                 )
 
     def _begin_object(self, attributes: Mapping[str, str]) -> None:
+        """Add an object, to which the next vertices, triangles and components belong."""
         self._object = ObjectRecord(attributes.get("type", "model"))
         self._in_object = True
         number = attributes["id"]
@@ -181,6 +190,7 @@ class _Reader:
         self.part.objects[number] = self._object
 
     def _add_vertex(self, attributes: Mapping[str, str]) -> None:
+        """Add a vertex to the object."""
         vertices = self._object.vertices
         vertices.append(float(attributes["x"]))
         vertices.append(float(attributes["y"]))
@@ -189,6 +199,7 @@ class _Reader:
             self._refuse_size()
 
     def _add_triangle(self, attributes: Mapping[str, str]) -> None:
+        """Add a triangle to the object."""
         faces = self._object.faces
         faces.append(int(attributes["v1"]))
         faces.append(int(attributes["v2"]))
@@ -198,23 +209,27 @@ class _Reader:
             self._refuse_size()
 
     def _refuse_size(self) -> None:
+        """Raise the error of a part with too many triangles."""
         raise ModelTooDetailed(
             f"{self._name}: has more than {self._max_triangles / 1e6:.1f} million triangles, for which the "
             "memory is too small: simplify its mesh"
         )
 
     def _add_component(self, attributes: Mapping[str, str]) -> None:
+        """Add a component to the object."""
         if self._in_object:
             self._object.components.append(_read_reference(attributes))
 
     def _add_item(self, attributes: Mapping[str, str]) -> None:
-        if attributes.get("printable", "1") in ("0", "false"):  # the form that slicers write
+        """Add a build item, or count it if it is not to be printed."""
+        if attributes.get("printable", "1") in ("0", "false"):  # written by slicers
             self.part.unprinted_items += 1
         else:
             self.part.items.append(_read_reference(attributes))
 
 
 def _read_reference(attributes: Mapping[str, str]) -> Reference:
+    """Read the reference of a component or a build item."""
     text = attributes.get("transform")
     numbers = _IDENTITY if text is None else tuple(map(float, text.split()))
     if len(numbers) != 12 or not all(map(math.isfinite, numbers)):

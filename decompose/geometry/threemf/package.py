@@ -1,4 +1,4 @@
-"""The ZIP package of a 3MF file. Nothing of it is written to disk.
+"""The ZIP package of a 3MF file, which is unpacked in memory only.
 
 Source: Open Packaging Conventions (ECMA-376 part 2), as the 3MF core specification uses them.
 """
@@ -17,7 +17,7 @@ from decompose.errors import ModelUnreadable
 
 MAX_ENTRIES = 10_000
 FREE_RATIO_BYTES = 64 * 2**20  # unpacked size up to which any ratio is allowed
-MAX_RATIO = 100  # maximum ratio of unpacked to packed bytes; XML of meshes has 4 to 40
+MAX_RATIO = 100  # maximum ratio of unpacked to packed bytes; for meshes in XML it is 4 to 40
 MAX_BYTES = 2 * 2**30  # maximum unpacked size of all parts that are read
 MAX_RELATIONS_BYTES = 2**20
 CHUNK_BYTES = 2**18
@@ -40,12 +40,12 @@ class Package:
     name
         Name of the file, for messages.
     data
-        Its content.
+        Content of the file.
 
     Raises
     ------
     ModelUnreadable
-        If it is not a ZIP package, or has too many entries.
+        The file is not a ZIP package, or has too many entries.
     """
 
     def __init__(self, name: str, data: bytes) -> None:
@@ -79,14 +79,21 @@ class Package:
     def unpack(self, part: str, max_bytes: int = MAX_BYTES) -> Iterator[bytes]:
         """Yield the bytes of a part in chunks.
 
+        Parameters
+        ----------
+        part
+            Name of the part.
+        max_bytes
+            Maximum unpacked size.
+
         Raises
         ------
         ModelUnreadable
-            If the part is missing, damaged, encrypted, or unpacks to too many bytes.
+            The part is missing, damaged or encrypted, or unpacks to too many bytes.
         """
         entry = self._entries.get(_make_key(part))
         if entry is None:
-            raise ModelUnreadable(f"{self._name}: its part {_quote(part)} is missing; export it again")
+            raise ModelUnreadable(f"{self._name}: its part {_quote_part(part)} is missing; export it again")
         size, packed_size = entry.file_size, max(1, entry.compress_size)
         self._unpacked_bytes += size
         if (
@@ -95,7 +102,7 @@ class Package:
             or (size > FREE_RATIO_BYTES and size > packed_size * MAX_RATIO)
         ):
             raise ModelUnreadable(
-                f"{self._name}: its part {_quote(part)} unpacks from {packed_size / 1e6:.1f} MB to "
+                f"{self._name}: its part {_quote_part(part)} unpacks from {packed_size / 1e6:.1f} MB to "
                 f"{size / 1e6:.0f} MB, which no model does; export it again"
             )
         if entry.flag_bits & 1:
@@ -110,7 +117,7 @@ class Package:
                     yield chunk
         except (zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, NotImplementedError) as error:
             raise ModelUnreadable(
-                f"{self._name}: its part {_quote(part)} is damaged ({error}); copy or export it again"
+                f"{self._name}: its part {_quote_part(part)} is damaged ({error}); copy or export it again"
             ) from error
 
     def has_modifiers(self) -> bool:
@@ -123,15 +130,17 @@ class Package:
 
 
 def resolve_path(path: str) -> str:
-    """Resolve a reference to a part of the package to the part's name."""
+    """Resolve a reference to a part of the package, and return the part's name."""
     return posixpath.normpath("/" + path.replace("\\", "/")).lstrip("/")
 
 
 def _make_key(name: str) -> str:
-    return resolve_path(name).lower()  # names of parts are equal regardless of case
+    """Make the key of a part: names are compared regardless of case."""
+    return resolve_path(name).lower()
 
 
-def _quote(part: str) -> str:
+def _quote_part(part: str) -> str:
+    """Shorten a part's name for a message, and replace unprintable characters."""
     return "".join(c if c.isprintable() else "?" for c in part[:80])
 
 
@@ -152,7 +161,17 @@ MAX_TAG_BYTES = 2**20
 
 
 def parse_chunks(parser: expat.XMLParserType, name: str, part: str, chunks: Iterator[bytes]) -> None:
-    """Feed a part to a parser. Raises ModelUnreadable if it is not XML."""
+    """Feed the bytes of a part to a parser; raise ModelUnreadable if they are not XML.
+
+    Parameters
+    ----------
+    parser
+        Parser of `make_parser`.
+    name, part
+        Names of the file and of the part, for messages.
+    chunks
+        Bytes of the part.
+    """
     fed_bytes = 0
     try:
         for chunk in chunks:
@@ -163,5 +182,5 @@ def parse_chunks(parser: expat.XMLParserType, name: str, part: str, chunks: Iter
         parser.Parse(b"", True)
     except expat.ExpatError as error:
         raise ModelUnreadable(
-            f"{name}: its part {_quote(part)} is not XML ({error}); copy or export it again"
+            f"{name}: its part {_quote_part(part)} is not XML ({error}); copy or export it again"
         ) from error

@@ -5,15 +5,15 @@ from __future__ import annotations
 from decompose.print_time.poses.footing import REFERENCE_SHRINKAGE
 from decompose.print_time.poses.orientation import find_best_pose
 from decompose.print_time.poses.pose import TOUCHED_MM2, PartMesh, Pose, measure_pose
-from decompose.print_time.poses.steady_pose import find_steady_pose, steady_limit_s
+from decompose.print_time.poses.steady_pose import compute_steady_limit_s, find_steady_pose
 
 __all__ = [
     "REFERENCE_SHRINKAGE",
     "TOUCHED_MM2",
     "PartMesh",
     "Pose",
+    "compute_steady_limit_s",
     "find_best_pose",
     "find_steady_pose",
     "measure_pose",
-    "steady_limit_s",
 ]

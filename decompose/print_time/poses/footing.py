@@ -16,10 +16,10 @@ FIRST_LAYER_MM = 0.15  # height of the middle of the first layer, at which it is
 SHARP_DEG = 120.0
 ROUNDED_MM = 1.0  # maximum size of a chamfer or a rounding that counts as one corner
 
-# [assumed] Widths of brims.
+# [assumed] Limits that decide the width of a brim.
 STEADY = 3.0  # maximum ratio of height to width of the walls in the first layer without a brim
 GOOD_CONTACT_MM2 = 400.0
-# Lengths of a base from which its corners lift, and need the widest brim.
+# Lengths of a base from which its corners lift, and from which they need the widest brim.
 WARP_LENGTHS_MM = (60.0, 120.0)
 REFERENCE_SHRINKAGE = 0.007
 """Shrinkage (of ABS) to which `WARPS_MM` applies: a corner lifts by shrinkage times length squared."""
@@ -37,12 +37,13 @@ class Footing:
     Attributes
     ----------
     contact_mm2, wall_mm
-        Area of the first layer, and the width of the walls that it consists of (four areas over its outline).
+        Area of the first layer, and the width of its walls: four times the area over the outline's length.
     length_mm, sharp_corners
-        Greatest extent of the convex outline around it, and the number of its corners under `SHARP_DEG`.
+        Greatest extent of the convex outline of the first layer, and the number of its corners under
+        `SHARP_DEG`.
     width_mm, edges
-        Least extent of the convex outline around it and the supports that stand on the bed, and that outline
-        as half-planes (q, 3): ``edges[:, :2] @ p + edges[:, 2] <= 0`` in mm; empty without area.
+        Least extent of the convex outline around the first layer and the supports on the bed, and that
+        outline as (q, 3) half-planes: ``edges[:, :2] @ p + edges[:, 2] <= 0`` in mm; empty without area.
     """
 
     contact_mm2: float
@@ -54,7 +55,15 @@ class Footing:
 
     @classmethod
     def from_mesh(cls, triangles: Floats, props_mm: Floats) -> Footing:
-        """Measure the footing of a closed mesh (m, 3, 3) in mm on z = 0 and of its supports at (p, 2)."""
+        """Measure the footing of a closed mesh and of its supports.
+
+        Parameters
+        ----------
+        triangles
+            (m, 3, 3) in mm, outward, standing on z = 0.
+        props_mm
+            (p, 2) points of the supports on the bed.
+        """
         contact_mm2, outline_mm, points = _measure_first_layer(triangles)
         rim = find_convex_outline(points)
         sides = np.diff(rim, axis=0, append=rim[:1])
@@ -72,21 +81,31 @@ class Footing:
             edges=edges,
         )
 
-    def inside_mm(self, points: Floats) -> float:
-        """Measure the distance of the outermost of points (n, 2) inside the outline; negative outside."""
+    def measure_margin_mm(self, points: Floats) -> float:
+        """Measure how far inside the outline the outermost of points (n, 2) lies; negative outside."""
         if not len(self.edges):
             return -math.inf
         return -float((points @ self.edges[:, :2].T + self.edges[:, 2]).max())
 
-    def brim_width_mm(
+    def choose_brim_width_mm(
         self, height_mm: float, lean_mm: float, widest_mm: float, shrinkage: float = REFERENCE_SHRINKAGE
     ) -> float:
-        """Choose the width of the brim that a part of this height needs, from 0 to the widest.
+        """Choose the width of a part's brim, from 0 to the widest.
 
         A part that is tall for its base, or whose centre of mass is not above it (`lean_mm`), gets a brim
         that widens the base; a small contact area needs a brim for adhesion; a long base curls up at its
-        corners, less at blunt corners and with a material that shrinks less (`shrinkage`, a share of its
-        length).
+        corners, less at blunt corners and with a material that shrinks less.
+
+        Parameters
+        ----------
+        height_mm
+            Height of the part.
+        lean_mm
+            Distance of its centre of mass inside the footing; negative outside.
+        widest_mm
+            Maximum width of a brim.
+        shrinkage
+            Share of its length by which the material shrinks.
         """
         lever = (height_mm / STEADY - self.wall_mm) / 2.0
         contact = widest_mm * (1.0 - self.contact_mm2 / GOOD_CONTACT_MM2)
@@ -97,16 +116,26 @@ class Footing:
         width_mm = max(lever, contact, offset_mm, warp if self.sharp_corners else warp / 2.0)
         return 0.0 if width_mm < MIN_BRIM_MM else math.floor(10.0 * min(width_mm, widest_mm)) / 10.0
 
-    def expansion_mm(self, joined: bool) -> float:
-        """Choose the horizontal expansion of the first layer, so that no glued face protrudes."""
+    def choose_expansion_mm(self, joined: bool) -> float:
+        """Choose the horizontal expansion of the first layer, so that it does not protrude from a joint."""
         return -ELEPHANT_FOOT_MM if joined and self.wall_mm >= MIN_WALL_MM else 0.0
 
 
 @jit
 def _measure_first_layer(triangles: Floats) -> tuple[float, float, Floats]:
-    """Measure the first layer: area in mm2, length of the outline in mm, and points (n, 2) that span it.
+    """Measure the first layer of a mesh.
 
-    By the divergence theorem the area of a section is the downward area below it minus the upward area.
+    By the divergence theorem, the area of a section is the downward area below it minus the upward area.
+
+    Parameters
+    ----------
+    triangles
+        (m, 3, 3) float64 in mm, outward, standing on z = 0.
+
+    Returns
+    -------
+    tuple
+        Area in mm2, length of the outline in mm, and (n, 2) float64 points in mm that span the layer.
     """
     area_mm2, outline_mm, count = 0.0, 0.0, 0
     points = np.zeros((4 * _count_low(triangles), 2))
@@ -135,7 +164,13 @@ def _measure_first_layer(triangles: Floats) -> tuple[float, float, Floats]:
 
 @jit
 def _count_low(triangles: Floats) -> int:
-    """Count the triangles (m, 3, 3) that reach into the first layer."""
+    """Count the triangles that reach below the height of the first layer.
+
+    Parameters
+    ----------
+    triangles
+        (m, 3, 3) float64 in mm, standing on z = 0.
+    """
     count = 0
     for t in range(len(triangles)):
         if min(triangles[t, 0, 2], triangles[t, 1, 2], triangles[t, 2, 2]) < FIRST_LAYER_MM:
@@ -145,9 +180,21 @@ def _count_low(triangles: Floats) -> int:
 
 @jit
 def _cut_triangle(triangle: Floats, is_apex_below: bool, ends: Floats) -> float:
-    """Cut a triangle (3, 3) with one corner, its apex, on the other side of the first layer's height.
+    """Cut a triangle at the height of the first layer; a single corner, its apex, is on one side.
 
-    ends: (2, 2) filled in with the ends of the cut. Returns the share of the area on the side of the apex.
+    Parameters
+    ----------
+    triangle
+        (3, 3) float64 in mm.
+    is_apex_below
+        Whether the apex is below the height.
+    ends
+        (2, 2) float64, filled in with the ends of the cut in mm.
+
+    Returns
+    -------
+    float
+        Share of the triangle's area on the side of the apex.
     """
     apex = 0
     for corner in range(3):

@@ -49,16 +49,18 @@ def find_best_pose(
     vertices, faces
         (n, 3) in mm and (m, 3) of a closed mesh, outward.
     cut
-        (m,) faces that are cuts, which no support should touch.
+        (m,) bool, true for cut faces, which no support should touch.
     printers
-        The part has to fit all of them; empty for a printer without limits.
+        Printers that the part has to fit, all of them; empty for a printer without limits.
+    cost
+        Print time of a part.
     fit_first_layer
         Whether the brim and the first layer's expansion are chosen too.
 
     Returns
     -------
     Pose or None
-        None if no pose fits.
+        Pose of the lowest rank; None if no pose fits.
     """
     hull = build_hull(vertices)
     rotations = _orient_all(list_directions(vertices, faces, hull), hull, printers)
@@ -86,7 +88,7 @@ def find_best_pose(
 
 
 def find_fitting_rotations(vertices: Floats, faces: Ints, printers: Sequence[PrinterRoom]) -> Floats:
-    """Find the rotations (k, 3, 3) in rows in which a part lies on a flat side and fits all printers.
+    """Find the rotations in which a part lies on a flat side and fits all printers.
 
     Parameters
     ----------
@@ -94,13 +96,18 @@ def find_fitting_rotations(vertices: Floats, faces: Ints, printers: Sequence[Pri
         (n, 3) in mm and (m, 3) of a closed mesh, outward.
     printers
         Printers to fit; empty for a printer without limits.
+
+    Returns
+    -------
+    ndarray
+        (k, 3, 3), whose rows are the bed's x, y and z in the model's frame.
     """
     hull = build_hull(vertices)
     return _orient_all(list_directions(vertices, faces, hull), hull, printers)
 
 
 def _orient_all(directions: Floats, hull: Hull, printers: Sequence[PrinterRoom]) -> Floats:
-    """Find the rotation of each direction up (k, 3) that fits every printer, where there is one (m, 3, 3)."""
+    """Find a rotation for each direction up (k, 3) that fits some yaw on every printer; return (m, 3, 3)."""
     rotations = [_orient(up, hull.points, printers) for up in directions]
     return np.array([rotation for rotation in rotations if rotation is not None]).reshape(-1, 3, 3)
 
@@ -108,7 +115,7 @@ def _orient_all(directions: Floats, hull: Hull, printers: Sequence[PrinterRoom])
 def _estimate_support_s(
     vertices: Floats, faces: Ints, hull: Floats, rotation: Floats, cost: CostModel
 ) -> float:
-    """Estimate the time of the support in a pose by few columns, without its islands."""
+    """Estimate the time of the support in a pose from a few columns, without the travel to its islands."""
     triangles = (vertices @ rotation.T - (hull @ rotation.T).min(axis=0))[faces]
     columns = measure_columns(triangles, np.zeros(len(faces), np.bool_), cost.overhang_cos, ESTIMATE_COLUMNS)
     return cost.price_support_s(columns.support_mm3, columns.support_side_mm2, columns.towers_mm)
@@ -120,7 +127,7 @@ class Hull(NamedTuple):
     Attributes
     ----------
     points
-        (h, 3) vertices that span it, in mm; all of the part if they span no volume.
+        (h, 3) vertices that span it, in mm; all vertices of the part if it has no volume.
     facets
         (f, 3) area vectors of its facets in mm2, outward; none if it has no volume.
     """
@@ -140,7 +147,20 @@ def build_hull(vertices: Floats) -> Hull:
 
 
 def list_directions(vertices: Floats, faces: Ints, hull: Hull) -> Floats:
-    """List directions (k, 3) to try as up: the axes, then away from hull facets and from large flat faces."""
+    """List directions to try as up: the axes, then opposite to hull facets and to large flat faces.
+
+    Parameters
+    ----------
+    vertices, faces
+        (n, 3) in mm and (m, 3) of a closed mesh, outward.
+    hull
+        Convex hull of the vertices.
+
+    Returns
+    -------
+    ndarray
+        (k, 3) unit vectors.
+    """
     surfaces = measure_surfaces(vertices, faces)
     areas = surfaces.areas_mm2[:, None] * surfaces.normals
     directions = POSE_ROTATIONS[[4, 5, 0, 1, 2, 3], 2]
@@ -153,7 +173,24 @@ def list_directions(vertices: Floats, faces: Ints, hull: Hull) -> Floats:
 
 @jit
 def _add_distinct(known_directions: Floats, candidates: Floats, max_count: int, near_cos: float) -> Floats:
-    """Append up to `max_count` candidates (m, 3) that are not near any of the directions (k, 3); float64."""
+    """Append candidates to directions unless they are close to one that is listed.
+
+    Parameters
+    ----------
+    known_directions
+        (k, 3) float64 unit vectors.
+    candidates
+        (m, 3) float64 unit vectors, in the order in which they are tried.
+    max_count
+        Maximum number of candidates to append.
+    near_cos
+        Minimum cosine of the angle between directions that are taken as the same.
+
+    Returns
+    -------
+    ndarray
+        (k + appended, 3) float64.
+    """
     directions = np.zeros((len(known_directions) + max_count, 3))
     count = len(known_directions)
     directions[:count] = known_directions
@@ -194,10 +231,10 @@ def _find_flat_directions(areas: Floats) -> Floats:
 
 
 def _orient(up: Floats, hull: Floats, printers: Sequence[PrinterRoom]) -> Floats | None:
-    """Find the rotation (rows) with a direction up and a yaw that fits every printer; None if there is none.
+    """Find a rotation with a direction up (3,) whose yaw fits every printer; None if there is none.
 
-    Axis poses keep their yaw if it fits. Any other pose is turned to its smallest rectangle, and further if
-    that does not fit.
+    Axis poses keep their yaw if it fits. Any other pose is turned to the smallest rectangle around its
+    outline, and further if that does not fit.
     """
     axis = np.flatnonzero((POSE_ROTATIONS[:, 2] == up).all(axis=1))
     if len(axis):
@@ -212,13 +249,24 @@ def _orient(up: Floats, hull: Floats, printers: Sequence[PrinterRoom]) -> Floats
         angles = np.insert(angles, 0, 0.0)
     for angle, (width, depth) in zip(angles, measure_rectangles(outline, angles).tolist(), strict=True):
         if all(printer.fits(width, depth, height) for printer in printers):
-            return np.vstack([_turn_plane(angle) @ np.array([x, y]), up])
+            return np.vstack([_build_yaw(angle) @ np.array([x, y]), up])
     return None
 
 
 @jit
 def _choose_bed_axes(up: Floats) -> tuple[Floats, Floats]:
-    """Choose two unit vectors (3,) of the bed, at right angles to a unit vector up (3,)."""
+    """Choose the x and y axes of the bed, normal to an upward direction.
+
+    Parameters
+    ----------
+    up
+        (3,) float64 unit vector.
+
+    Returns
+    -------
+    tuple
+        (3,) float64 unit vectors x and y.
+    """
     across = 0
     for axis in range(1, 3):
         if abs(up[axis]) < abs(up[across]):
@@ -233,6 +281,6 @@ def _choose_bed_axes(up: Floats) -> tuple[Floats, Floats]:
     return x, y
 
 
-def _turn_plane(angle: float) -> Floats:
-    """Turn x and y by an angle in radians: rows (2, 2)."""
+def _build_yaw(angle: float) -> Floats:
+    """Build the rotation (2, 2) of x and y by an angle in radians, in rows."""
     return np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])

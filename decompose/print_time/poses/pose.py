@@ -1,4 +1,4 @@
-"""Part in one pose: its price with its supports, and whether it stays upright."""
+"""A part in one pose: its price with its supports, and whether it stays upright."""
 
 from __future__ import annotations
 
@@ -19,22 +19,23 @@ from decompose.print_time.recipe import ADDITIVE
 from decompose.print_time.surfaces import measure_surfaces
 from decompose.print_time.thin_walls import Sheets, WallWidths, measure_thin_walls
 
-COLUMN = ADDITIVE.index("column_mm3")  # the volume of a support that reaches the bed
+COLUMN = ADDITIVE.index("column_mm3")
 HOLE_INSET_SHARE = math.pi / 4.0  # inset of a round hole as a share of a square one's: most holes are round
-TOUCHED_MM2 = 1.0  # minimum area of a cut face under support: less is rounding
+TOUCHED_MM2 = 1.0  # minimum area of a cut face that support touches; a smaller area is a rounding error
 
-# [assumed] A part stays upright while it sticks to the bed better than the nozzle pulls at its top and its
-# weight at its side. Support is made to be peeled off; the outer half of a brim is too thin to hold.
+# [assumed] A part stays upright while its adhesion to the bed exceeds the pull of the nozzle at its top and
+# of its weight beside its footing. Support is made to be peeled off, so it holds less; the outer half of a
+# brim is too thin to hold.
 MIN_CONTACT_MM2 = 4.0
 MIN_FOOT_MM = 0.8  # minimum `Footing.wall_mm`: an edge narrower than a line is not printed
 ADHESION_N_MM2 = 0.05
-SUPPORTED_CONTACT_SHARE = 0.1  # share of the adhesion for the area that supports carry
+SUPPORTED_CONTACT_SHARE = 0.1  # adhesion of the area that supports carry, as a share of that of the part
 BRIM_FOOTING_SHARE = 0.5  # share of a brim's width that counts as footing
 PULL_N = 0.5
 
-# [assumed] A part this tall on such a small foot gets a warning, even if its brim holds it.
+# [assumed] A part that is so slender on such a small foot gets a warning, even if its brim holds it.
 SMALL_FOOT_MM2 = 300.0
-SLENDER = 6.0  # such as 100 mm high on 300 mm2
+SLENDER = 6.0  # minimum `Pose.slenderness`, such as that of a part 100 mm high on 300 mm2
 WEIGHT_N_MM3 = 1.25e-5
 
 
@@ -51,17 +52,19 @@ class Pose:
     price_s
         Estimated print time with its supports and its brim.
     strain
-        Moment that pulls it over while it is printed, over the moment that holds it; up to 1 it holds.
+        Moment that tilts the part while it is printed, over the moment that holds it; it stays up to 1.
     lean_mm
-        Distance of the centre of mass of the whole part inside its footing; negative outside.
+        Distance of the part's centre of mass inside its footing; negative outside.
+    support_mm3
+        Volume of its supports.
     touched_mm2
         Area of cut faces that support sticks to.
     brim_share_mm
         Width by which the brim widens the footing.
     brim_width_mm, layer_0_expansion_mm
-        Chosen for the part; None for those of the quality.
+        Values chosen for the part; None for those of the quality.
     bed_face_hidden, tops_hidden
-        Whether the faces on the bed, and all tops, are cut faces, which by the cost need less skin.
+        Whether the faces on the bed, and all tops, are cut faces, which need less skin by the cost model.
     """
 
     to_model: Floats
@@ -87,7 +90,7 @@ class Pose:
 
     @property
     def slenderness(self) -> float:
-        """Height over the side of a square of the area of the first layer; inf without one."""
+        """Height over the side of a square with the area of the first layer; inf without a first layer."""
         contact_mm2 = self.footing.contact_mm2
         return self.size_mm[2] / math.sqrt(contact_mm2) if contact_mm2 > 0.0 else math.inf
 
@@ -98,7 +101,7 @@ class Pose:
 
     @property
     def rank(self) -> tuple[int, float, float, float]:
-        """Sort key, lower is better: standing, clean cut faces, time; if none stands, the lowest strain."""
+        """Sort key, lower is better: standing, clean cut faces, time; strain first if the part falls."""
         touched_mm2 = self.touched_mm2 if self.touched_mm2 > TOUCHED_MM2 else 0.0
         if self.stands:
             return (0, 0.0, touched_mm2, self.price_s)
@@ -113,16 +116,16 @@ def measure_pose(
     cost: CostModel,
     fit_first_layer: bool = True,
 ) -> Pose:
-    """Price a pose, a rotation in rows, with its true supports, and measure the stability of the part.
+    """Price a pose with its true supports, and measure the stability of the part.
 
     Parameters
     ----------
     vertices, faces
         (n, 3) in mm and (m, 3) of a closed mesh, outward.
     cut
-        (m,) faces that are cuts, which no support should touch.
+        (m,) bool, true for cut faces, which no support should touch.
     rotation
-        (3, 3) rows: the bed's x, y and z in the model's frame.
+        (3, 3), whose rows are the bed's x, y and z in the model's frame.
     cost
         Print time of a part.
     fit_first_layer
@@ -144,7 +147,21 @@ class PartMesh:
 def measure_from_features(
     mesh: PartMesh, rotation: Floats, features: Floats, cost: CostModel, fit_first_layer: bool
 ) -> Pose:
-    """Measure a pose as `measure_pose` does, from `ADDITIVE` features (5,) that are known already."""
+    """Measure a pose as `measure_pose` does, from features that are known already.
+
+    Parameters
+    ----------
+    mesh
+        Closed mesh of the part, outward.
+    rotation
+        (3, 3), whose rows are the bed's x, y and z in the model's frame.
+    features
+        (5,) `ADDITIVE` features in this pose.
+    cost
+        Print time of a part.
+    fit_first_layer
+        Whether the brim and the first layer's expansion are chosen too.
+    """
     rotated_vertices = mesh.vertices @ rotation.T
     lo, hi = rotated_vertices.min(axis=0), rotated_vertices.max(axis=0)
     origin = np.array([(lo[0] + hi[0]) / 2.0, (lo[1] + hi[1]) / 2.0, lo[2]])
@@ -159,13 +176,13 @@ def measure_from_features(
     columns = measure_columns(triangles, mesh.cut, cost.overhang_cos)
     thin = measure_thin_walls(triangles, WallWidths(cost.line_mm, cost.outer_walls_mm, cost.walls_mm), sheets)
     footing = Footing.from_mesh(triangles, columns.props_mm)
-    leans = [footing.inside_mm(centre[None, :2]) for centre in columns.centres_mm]
+    leans = [footing.measure_margin_mm(centre[None, :2]) for centre in columns.centres_mm]
     brim: float | None = None
     expansion: float | None = None
     if fit_first_layer:
-        brim = footing.brim_width_mm(height, leans[-1], cost.brim_mm, cost.shrinkage)
+        brim = footing.choose_brim_width_mm(height, leans[-1], cost.brim_mm, cost.shrinkage)
         joined = bool((triangles[mesh.cut][:, :, 2].min(axis=1, initial=math.inf) < FIRST_LAYER_MM).any())
-        expansion = footing.expansion_mm(joined)
+        expansion = footing.choose_expansion_mm(joined)
     contours = measure_contours(mesh.vertices, mesh.faces, up, cost.skin_cos, cost.ring_cos)
     pose_cost = cost if brim is None else replace(cost, brim_mm=brim)
     return Pose(
@@ -189,13 +206,13 @@ def measure_from_features(
 
 
 def _price_pose_s(features: Floats, extents_mm: Floats, columns: Columns, cost: CostModel) -> float:
-    """Price `ADDITIVE` features (5,) and extents (3,), corrected by the columns of the part."""
+    """Price a pose by its `ADDITIVE` features (5,) and extents (3,), corrected by the part's columns."""
     bodies_mm = columns.bodies_mm - HOLE_INSET_SHARE * columns.holes_mm
     return (
         cost.price_s([*features[:COLUMN], 0.0], extents_mm)
         - cost.price_insets_s(float(features[LATERAL]), float(extents_mm[2]), bodies_mm)
         + cost.price_paths_s(columns.island_paths_mm2, columns.holes_mm, columns.hole_paths_mm2)
-        + cost.price_brim_s(columns.brim_mm2(cost.brim_mm), extents_mm)
+        + cost.price_brim_s(columns.measure_brim_mm2(cost.brim_mm), extents_mm)
         + cost.price_support_s(
             columns.support_mm3, columns.support_side_mm2, columns.towers_mm, columns.islands_mm
         )

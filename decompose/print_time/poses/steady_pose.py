@@ -1,6 +1,6 @@
 """Steadier pose of a part that has time to spare: a larger foot and less height than in its fastest pose.
 
-For a part that ends before the slowest one, the fastest pose has no advantage. On a foot of some square
+A part that ends before the slowest one need not be printed in its fastest pose. On a foot of a few square
 millimetres it is more likely to come off the bed.
 """
 
@@ -26,8 +26,8 @@ MAX_TIME_RATIO = 1.02  # maximum time of a steadier pose, as a multiple of the f
 MAX_MEASURED = 4  # maximum number of measured poses, the steadiest by their flat faces first
 
 
-def steady_limit_s(fastest: Pose, spare_limit_s: float) -> float:
-    """Find the time that a part may take in a steadier pose.
+def compute_steady_limit_s(fastest: Pose, spare_limit_s: float) -> float:
+    """Compute the time that a part may take in a steadier pose.
 
     Parameters
     ----------
@@ -39,7 +39,8 @@ def steady_limit_s(fastest: Pose, spare_limit_s: float) -> float:
     Returns
     -------
     float
-        For a part on a small foot all of its spare time, and at least 2 %; for others 2 % at most.
+        Seconds: for a part on a small foot all of its spare time, and at least 2 % more than in the fastest
+        pose; for others at most 2 % more.
     """
     max_s = MAX_TIME_RATIO * fastest.price_s
     return max(spare_limit_s, max_s) if fastest.has_small_foot else min(spare_limit_s, max_s)
@@ -55,13 +56,13 @@ def find_steady_pose(
     mesh
         Closed mesh of the part, outward.
     rooms
-        The part has to fit all of them.
+        Rooms of the printers that the part has to fit, all of them.
     cost
         Print time of a part.
     fastest
         Fastest pose of the part; its brim says whether first layers are chosen.
     limit_s
-        Longest time of the pose.
+        Maximum price of the pose.
 
     Returns
     -------
@@ -95,7 +96,7 @@ def find_steady_pose(
 
 
 def _estimate_slenderness(mesh: PartMesh, rotation: Floats) -> float:
-    """Estimate the ratio of height to side of the foot of a part, from its flat faces on the bed."""
+    """Estimate the slenderness of a part in a pose (3, 3) from its flat faces on the bed."""
     z_mm = mesh.vertices @ rotation[2]
     low_mm = float(z_mm.min())
     bottom_faces = mesh.faces[(z_mm[mesh.faces] < low_mm + FIRST_LAYER_MM).all(axis=1)]

@@ -7,7 +7,7 @@ import pytest
 
 from bench.connectors.joint_slices import SlicedPart, slice_part
 from decompose.assembly import plan_assembly
-from decompose.connectors import Blank, Connectors, drill, plan_connectors
+from decompose.connectors import Blank, Connectors, drill_parts, plan_connectors
 from decompose.geometry import Solid
 from decompose.options import ConnectorOptions
 from decompose.pieces import Piece, find_joints, list_box_planes
@@ -31,7 +31,7 @@ def sliced_joint(tmp_path_factory: pytest.TempPathFactory) -> tuple[Connectors, 
         blanks, joints, plan_assembly(pieces, joints), ConnectorOptions(2.85, marks=True), 25.0
     )
     part = Part("p01", pieces[0].solid, np.eye(4), 0.0, "a", layer_0_expansion_mm=-NARROWER_MM)
-    return connectors, slice_part(part, drill(blanks, connectors)[0], tmp_path_factory.mktemp("slice"))
+    return connectors, slice_part(part, drill_parts(blanks, connectors)[0], tmp_path_factory.mktemp("slice"))
 
 
 def test_all_marks_of_the_part_are_legible_in_its_outer_walls(

@@ -68,7 +68,7 @@ def run_rounds(problem: Problem, engines: TableEngines, shuffle: Shuffle) -> lis
             number: make_attempt(problem, engines, trials[number], states[-1].best_known_s)
             for number in shuffle(list(range(len(trials))))
         }
-        states.append(states[-1].add([outcomes[number] for number in range(len(trials))]))
+        states.append(states[-1].add_round([outcomes[number] for number in range(len(trials))]))
     return states
 
 

@@ -91,7 +91,7 @@ def test_other_grids_are_tried_and_none_twice(cost: CostModel, result: Decomposi
         == FIRST_ATTEMPTS + [(Engine.GUILLOTINE, cells) for cells in grids] + turned_attempts
     )
     shapes = [count_cells(BLOCK.extents_mm, cells) for cells in grids]
-    shapes.append(count_cells(BLOCK.extents_mm, make_problem(cost).granularity(BLOCK)))
+    shapes.append(count_cells(BLOCK.extents_mm, make_problem(cost).choose_granularity(BLOCK)))
     assert len({*shapes}) == len(shapes) > 1
     assert len(grids) <= len(OTHER_GRIDS)
     assert best.makespan_s == 1.2 * BOUND_S - max(grids)
@@ -316,7 +316,7 @@ def test_first_grid_is_coarser_for_a_small_budget(cost: CostModel) -> None:
     ]
     assert grids[0] == 15  # as for few printers
     assert [*grids] == sorted(grids)
-    assert grids[1] < grids[2] < make_problem(cost).granularity(BLOCK)
+    assert grids[1] < grids[2] < make_problem(cost).choose_granularity(BLOCK)
     assert choose_first_grid(make_problem(cost)) == "auto"
     assert choose_first_grid(make_problem(cost, granularity=30, best=BestOptions(0.0))) == 30
     small_rooms = tuple(PrinterRoom(str(i), ((32.0, 32.0, 32.0),)) for i in range(20))

@@ -15,7 +15,7 @@ from decompose.bound import bound_by_surface_s, bound_makespan
 from decompose.bound.makespan import TOLERANCE, Bound
 from decompose.engines.guillotine import Partitioner
 from decompose.geometry import Solid
-from decompose.grid import Box, BoxTables, box_index
+from decompose.grid import Box, BoxTables, index_box
 from decompose.print_time import CostModel, Recipe, price_axis_poses_s
 
 shapes = st.tuples(st.integers(1, 4), st.integers(1, 3), st.integers(1, 3))
@@ -25,7 +25,7 @@ def list_printable_boxes(tables: BoxTables) -> list[tuple[Box, float, int]]:
     """List all boxes that may be parts, with time and number of pieces."""
     results = []
     for box in list_boxes(tables.shape):
-        index = box_index(box, tables.shape)
+        index = index_box(box, tables.shape)
         if tables.trimmed[index] == index and np.isfinite(tables.seconds[index]):
             results.append((box, float(tables.seconds[index]), int(tables.pieces[index])))
     return results
@@ -36,7 +36,7 @@ def compute_bound(tables: BoxTables, is_needed: np.ndarray, printers: int) -> tu
     solver = Partitioner(tables)
     assume(is_needed.any())
     assume(solver.find_min_makespan(printers, 0.0, tolerance_s=1e-3) is not None)
-    return bound_makespan(tables, is_needed, printers, solver.longest_s()), solver.longest_s()
+    return bound_makespan(tables, is_needed, printers, solver.find_longest_s()), solver.find_longest_s()
 
 
 def find_min_makespan_by_recursion(tables: BoxTables, is_needed: np.ndarray, printers: int) -> float:
@@ -119,7 +119,7 @@ def test_row_of_equal_cells_is_bounded_by_the_longest_share() -> None:
     tables, _ = make_tables(shape, 0)
     is_needed = np.ones(shape, bool)
     for box in list_boxes(shape):
-        index = box_index(box, shape)
+        index = index_box(box, shape)
         tables.trimmed[index], tables.pieces[index] = index, 1
         tables.seconds[index] = 10.0 * (box[3] - box[0])
     assert bound_makespan(tables, is_needed, 3, 30.0).seconds == 30.0
@@ -130,8 +130,8 @@ def test_bound_exceeds_the_volume_bound_with_many_cells() -> None:
     tables, is_needed = make_tables((9, 8, 7), 3)
     solver = Partitioner(tables)
     assert solver.find_min_makespan(20, 0.0) is not None
-    bound = bound_makespan(tables, is_needed, 20, solver.longest_s())
-    assert 0.8 * solver.longest_s() <= bound.seconds <= solver.longest_s()
+    bound = bound_makespan(tables, is_needed, 20, solver.find_longest_s())
+    assert 0.8 * solver.find_longest_s() <= bound.seconds <= solver.find_longest_s()
 
 
 @settings(deadline=None)  # the first call compiles

@@ -10,7 +10,7 @@ from decompose.connectors import Coupon, make_coupon
 from decompose.connectors.coupon import UP
 from decompose.connectors.keys import choose_key_lengths_mm
 from decompose.connectors.pins import END_MM, choose_depths_mm
-from decompose.connectors.tools import GROOVE_SIN, HOLE_SIN, closes_in_a_step, overhang_sin
+from decompose.connectors.tools import GROOVE_SIN, HOLE_SIN, closes_in_a_step, compute_overhang_sin
 from decompose.geometry import Solid, round_triangles
 
 
@@ -67,7 +67,7 @@ def test_key_lies_in_the_grooves_of_block_and_plate_as_wide_as_their_fit(
 ) -> None:
     """The plate is moved onto the back of the block; a rod as wide as the fit allows touches both."""
     pin_mm, coupon_result = coupon
-    block, plate = sorted(coupon_result.solid.pieces(), key=lambda piece: -piece.volume_mm3)
+    block, plate = sorted(coupon_result.solid.list_pieces(), key=lambda piece: -piece.volume_mm3)
     back_mm = block.bounds_mm[1][1]
     closed_plate = plate.translate(np.array([0.0, back_mm - plate.bounds_mm[0][1], 0.0]))
     count = len(coupon_result.fits_mm)
@@ -85,12 +85,12 @@ def test_coupon_prints_without_support_in_two_pieces_and_is_a_closed_stl(
     coupon: tuple[float, Coupon],
 ) -> None:
     _, coupon_result = coupon
-    assert len(coupon_result.solid.pieces()) == 2
+    assert len(coupon_result.solid.list_pieces()) == 2
     assert round_triangles(*coupon_result.solid.arrays()) is not None
     for tools, limit in (
         (coupon_result.holes, HOLE_SIN),
         ([*coupon_result.grooves, *(g for m in coupon_result.marks for g in m.grooves)], GROOVE_SIN),
     ):
         for tool in tools:
-            assert overhang_sin(tool.points_mm, tool.into, UP) <= limit
+            assert compute_overhang_sin(tool.points_mm, tool.into, UP) <= limit
             assert not closes_in_a_step(tool, UP)

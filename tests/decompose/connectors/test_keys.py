@@ -10,7 +10,7 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from decompose.assembly import plan_assembly
-from decompose.connectors import Blank, Connectors, drill, pairs_of, plan_connectors
+from decompose.connectors import Blank, Connectors, drill_parts, find_pairs, plan_connectors
 from decompose.errors import Rule
 from decompose.export.pin_sheet import make_sheet
 from decompose.geometry import Solid
@@ -39,7 +39,7 @@ def plan(width_mm: float, slope: float, up_axis: np.ndarray = POSES[0]) -> Drill
     assembly = plan_assembly(pieces, joints)
     blanks = [Blank(str(n), piece.solid, up_axis) for n, piece in enumerate(pieces, 1)]
     connectors = plan_connectors(blanks, joints, assembly, ConnectorOptions(2.85, 0.4), 25.0)
-    return DrilledParts(blanks, drill(blanks, connectors), joints, assembly.steps, connectors)
+    return DrilledParts(blanks, drill_parts(blanks, connectors), joints, assembly.steps, connectors)
 
 
 @pytest.mark.parametrize(("width_mm", "key_mm"), [(5.5, 1.75), (7.0, 2.85)])
@@ -49,7 +49,7 @@ def test_leaning_wall_has_a_long_and_a_short_key_far_apart(width_mm: float, key_
     assert long_key.along is not None and short_key.along is not None
     assert (long_key.diameter_mm, short_key.diameter_mm) == (key_mm, key_mm)
     assert abs(float(long_key.at_mm[0] - short_key.at_mm[0])) > 35.0
-    assert pairs_of(parts.connectors.pins) == {0: (long_key, short_key)}
+    assert find_pairs(parts.connectors.pins) == {0: (long_key, short_key)}
     assert find_wrong_fits([long_key, short_key]) == [] and list(parts.find_faults()) == []
 
 
@@ -64,7 +64,7 @@ def test_connectors_of_leaning_walls_break_no_rule(
 def lengthen_key(parts: DrilledParts, **changes: object) -> DrilledParts:
     first_pin, *other_pins = parts.connectors.pins
     connectors = Connectors(pins=(replace(first_pin, **changes), *other_pins))
-    return replace(parts, connectors=connectors, drilled=drill(parts.blanks, connectors))
+    return replace(parts, connectors=connectors, drilled=drill_parts(parts.blanks, connectors))
 
 
 def test_key_that_is_too_long_or_across_its_groove_is_refused() -> None:
@@ -103,4 +103,4 @@ def test_thick_and_thin_key_of_one_length_are_no_pair() -> None:
         5.0,
         5.0,
     ) and thick_key.diameter_mm > thin_key.diameter_mm
-    assert pairs_of([thick_key, thin_key]) == {} and find_wrong_fits([thick_key, thin_key]) == []
+    assert find_pairs([thick_key, thin_key]) == {} and find_wrong_fits([thick_key, thin_key]) == []

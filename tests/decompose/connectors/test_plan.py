@@ -14,7 +14,14 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from decompose.assembly import plan_assembly
-from decompose.connectors import Blank, Connectors, distance_mm, drill, pairs_of, plan_connectors
+from decompose.connectors import (
+    Blank,
+    Connectors,
+    drill_parts,
+    find_pairs,
+    measure_distance_mm,
+    plan_connectors,
+)
 from decompose.connectors.pins import choose_depths_mm
 from decompose.geometry import Solid
 from decompose.options import ConnectorOptions
@@ -48,7 +55,7 @@ def plan(
         Blank(str(n), p.solid, up_axis) for n, (p, up_axis) in enumerate(zip(pieces, ups, strict=True), 1)
     ]
     connectors = plan_connectors(blanks, joints, assembly, options, 25.0)
-    parts = DrilledParts(blanks, drill(blanks, connectors), joints, assembly.steps, connectors)
+    parts = DrilledParts(blanks, drill_parts(blanks, connectors), joints, assembly.steps, connectors)
     assert list(parts.find_faults()) == []
     return connectors, parts
 
@@ -61,7 +68,7 @@ def test_two_halves_get_a_long_and_a_short_key_in_opposite_corners():
     long_key, short_key = connectors.pins
     assert long_key.along is not None and short_key.along is not None
     assert long_key.length_mm > short_key.length_mm + 2.0
-    assert distance_mm(long_key, short_key) > 0.7 * np.hypot(60.0, 40.0)
+    assert measure_distance_mm(long_key, short_key) > 0.7 * np.hypot(60.0, 40.0)
     assert not connectors.unpinned and not connectors.unmarked
 
 
@@ -70,7 +77,7 @@ def test_halves_that_lean_get_a_deep_and_a_shallow_pin_in_opposite_corners():
     deep, shallow = connectors.pins
     assert deep.along is None and shallow.along is None
     assert deep.depth_mm > shallow.depth_mm + 2.0
-    assert distance_mm(deep, shallow) > 0.75 * np.hypot(60.0, 40.0)
+    assert measure_distance_mm(deep, shallow) > 0.75 * np.hypot(60.0, 40.0)
     assert [deep.at_mm[2], shallow.at_mm[2]] == pytest.approx([20.0, 20.0])
     assert not connectors.unpinned
 
@@ -190,7 +197,7 @@ def test_pin_that_gives_way_to_another_pair_stays_in_its_plane():
 def test_random_partitions_break_no_rule_and_no_two_pairs_are_alike(random: Random, cuts: int) -> None:
     pieces = cut_at_random(random, cuts)
     connectors, _ = plan(pieces)
-    distances = sorted(distance_mm(*pair) for pair in pairs_of(connectors.pins).values())
+    distances = sorted(measure_distance_mm(*pair) for pair in find_pairs(connectors.pins).values())
     assert all(b - a > 1.0 for a, b in pairwise(distances))
     steps = len(pieces) - 1
     assert len({pin.step for pin in connectors.pins} | {step for step, _ in connectors.unpinned}) == steps
@@ -214,11 +221,11 @@ def test_a_body_that_is_turned_around_stays_open_with_pins_of_each_diameter(
 
 @pytest.mark.parametrize("up", [UPRIGHT, LEANING])
 def test_pair_keeps_off_a_distance_that_is_taken(up: np.ndarray):
-    free_distance_mm = distance_mm(*plan(HALVES, [up, UPRIGHT])[0].pins)
+    free_distance_mm = measure_distance_mm(*plan(HALVES, [up, UPRIGHT])[0].pins)
     options = replace(ALL_CONNECTORS, taken_mm=(free_distance_mm, free_distance_mm - 1.6))
     connectors, _ = plan(HALVES, [up, UPRIGHT], options)
-    assert min(abs(distance_mm(*connectors.pins) - taken) for taken in options.taken_mm) > 1.4
-    assert find_wrong_fits(connectors.pins, (distance_mm(*connectors.pins),)) == [
+    assert min(abs(measure_distance_mm(*connectors.pins) - taken) for taken in options.taken_mm) > 1.4
+    assert find_wrong_fits(connectors.pins, (measure_distance_mm(*connectors.pins),)) == [
         "a body of step 1 fits a neighbour that is printed already"
     ]
 

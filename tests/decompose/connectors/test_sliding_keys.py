@@ -10,7 +10,7 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from decompose.assembly import Assembly, AssemblyStep, find_order_faults
-from decompose.connectors import Blank, Connectors, Pin, Tool, drill, pairs_of, plan_connectors
+from decompose.connectors import Blank, Connectors, Pin, Tool, drill_parts, find_pairs, plan_connectors
 from decompose.connectors.tools import make_groove
 from decompose.errors import Rule
 from decompose.export.connector_rows import name_kind
@@ -59,7 +59,7 @@ def make_drilled_parts(height_mm: float, up: np.ndarray = POSES[0], *, cap_mm: f
     assembly = Assembly(tuple(steps))
     assert find_order_faults([piece.solid for piece in pieces], joints, assembly) == []
     connectors = plan_connectors(blanks, joints, assembly, options, 25.0)
-    return DrilledParts(blanks, drill(blanks, connectors), joints, assembly.steps, connectors)
+    return DrilledParts(blanks, drill_parts(blanks, connectors), joints, assembly.steps, connectors)
 
 
 def list_sliding_pins(parts: DrilledParts) -> list[Pin]:
@@ -109,7 +109,7 @@ def change_key(parts: DrilledParts, **changes: object) -> DrilledParts:
     key = list_sliding_pins(parts)[0]
     pins = tuple(replace(pin, **changes) if pin is key else pin for pin in parts.connectors.pins)
     connectors = Connectors(pins=pins)
-    return replace(parts, connectors=connectors, drilled=drill(parts.blanks, connectors))
+    return replace(parts, connectors=connectors, drilled=drill_parts(parts.blanks, connectors))
 
 
 def find_rules(parts: DrilledParts) -> set[Rule]:
@@ -150,5 +150,5 @@ def test_groove_that_leaves_through_the_surface_is_refused(tall_parts: DrilledPa
 def test_keys_that_slide_belong_to_no_pair(tall_parts: DrilledParts) -> None:
     key, other = (*list_sliding_pins(tall_parts), *list_sliding_pins(tall_parts))[:2]
     long_key = next(pin for pin in tall_parts.connectors.pins if not pin.slides)
-    assert pairs_of([key, replace(other, length_mm=9.0)]) == {}
-    assert pairs_of([long_key, replace(key, step=long_key.step)]) == {}
+    assert find_pairs([key, replace(other, length_mm=9.0)]) == {}
+    assert find_pairs([long_key, replace(key, step=long_key.step)]) == {}

@@ -21,7 +21,7 @@ from decompose.export.layout import draw_layout
 from decompose.export.page_check import find_page_faults
 from decompose.export.picture import make_part_colours
 from decompose.export.pin_sheet import draw_gauge
-from decompose.export.raster import draw, make_camera
+from decompose.export.raster import draw_shapes, make_camera
 from decompose.export.step_picture import (
     ELEVATIONS_DEG,
     StepPictures,
@@ -192,7 +192,7 @@ def test_view_is_one_in_which_pins_and_codes_are_seen(drilled_table: Decompositi
         pose = find_pose(step.direction)
         scene = build_both(number, drilled_table, 60.0 * step.direction)
         camera = make_camera(*choose_view(scene, pose, ELEVATIONS_DEG, None)) @ pose
-        visible = draw(scene.shapes, camera, 400, oversample=1).visible
+        visible = draw_shapes(scene.shapes, camera, 400, oversample=1).visible
         visible_counts = [(visible == 1 + scene.first_pin + k).sum() for k in range(len(scene.pins))]
         assert len(visible_counts) >= 2 and min(visible_counts) > 0
         ink = [k for k, shape in enumerate(scene.shapes, 1) if (shape.colour == INK).all()]

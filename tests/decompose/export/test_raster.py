@@ -10,7 +10,7 @@ from decompose.export.raster import (
     OUTLINE_BRIGHTNESS,
     Drawing,
     Shape,
-    draw,
+    draw_shapes,
     make_camera,
 )
 
@@ -22,14 +22,14 @@ def draw_from_above(oversample: int, longest_px: int = 100) -> Drawing:
     plate = trimesh.creation.box((40.0, 20.0, 1.0)).triangles
     cube = trimesh.creation.box((10.0, 10.0, 10.0)).triangles + np.array([0.0, 0.0, 5.5])
     shapes = [Shape(plate, COLOUR), Shape(cube, np.array([0.9, 0.9, 0.9]))]
-    return draw(shapes, make_camera(-90.0, 90.0), longest_px, oversample)
+    return draw_shapes(shapes, make_camera(-90.0, 90.0), longest_px, oversample)
 
 
 @pytest.mark.parametrize("oversample", [1, 2, 3])
 def test_level_faces_have_their_colour_in_the_light(oversample: int) -> None:
     drawing = draw_from_above(oversample)
     shade = AMBIENT_SHARE + (1.0 - AMBIENT_SHARE) * LIGHT_DIRECTION[2]
-    column, row = drawing.place(np.array([[-12.0, 0.0, 0.5]]))[0].astype(int)
+    column, row = drawing.find_pixels(np.array([[-12.0, 0.0, 0.5]]))[0].astype(int)
     assert drawing.picture[row, column] == pytest.approx(shade * COLOUR)
     assert drawing.picture[0, 0] == pytest.approx(1.0)
 
@@ -37,7 +37,7 @@ def test_level_faces_have_their_colour_in_the_light(oversample: int) -> None:
 def test_only_jumps_of_depth_are_outlined() -> None:
     drawing = draw_from_above(1)
     shade = (AMBIENT_SHARE + (1.0 - AMBIENT_SHARE) * LIGHT_DIRECTION[2]) * COLOUR[2]
-    row = int(drawing.place(np.array([[0.0, 0.0, 0.5]]))[0, 1])
+    row = int(drawing.find_pixels(np.array([[0.0, 0.0, 0.5]]))[0, 1])
     blue = drawing.picture[row, drawing.visible[row] == 1, 2]
     is_outline = blue < shade * (1.0 + OUTLINE_BRIGHTNESS) / 2.0
     assert blue[is_outline] == pytest.approx(shade * OUTLINE_BRIGHTNESS)

@@ -56,7 +56,7 @@ def test_branches_that_intersect_count_once(apart_mm: float) -> None:
     assert resolved_mm3 == pytest.approx(twice_mm3, rel=0.05)
     assert solid.volume_mm3 == pytest.approx(tube.volume_mm3 - compute_shared_mm3(tube), rel=1e-3)
     assert compute_shared_mm3(solid) < 1e-3
-    assert len(solid.pieces()) == 1
+    assert len(solid.list_pieces()) == 1
     assert np.allclose(solid.bounds_mm, tube.bounds_mm)
 
 
@@ -69,11 +69,13 @@ def test_many_crossings_are_united_without_a_cut_of_the_whole_surface_for_each(
     solid, resolved_mm3 = resolve_overlaps(row)
     assert resolved_mm3 == pytest.approx(3.0 * compute_shared_mm3(make_crossing_tube(6.0)), rel=0.1)
     assert sum(cut is row for cut in cuts) == 1
-    assert len(solid.pieces()) == 3
+    assert len(solid.list_pieces()) == 3
 
 
 def keep_first_body(self: Solid, other_solid: Solid) -> Solid:
-    return max((self.intersect(piece) for piece in self.pieces()), key=lambda piece: piece.bounds_mm[0, 0])
+    return max(
+        (self.intersect(piece) for piece in self.list_pieces()), key=lambda piece: piece.bounds_mm[0, 0]
+    )
 
 
 def raise_error(self: Solid, other_solid: Solid) -> Solid:

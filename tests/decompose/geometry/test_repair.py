@@ -45,7 +45,7 @@ def test_touching_bodies_are_separated(corner: tuple[float, ...], pieces: int) -
     bodies = np.concatenate([make_block((0, 0, 0), (20, 20, 20)), make_block(corner, other_corner)])
     solid, _ = close_surface("two", weld_triangles(bodies))
     assert solid.volume_mm3 == pytest.approx(16_000.0)
-    assert len(solid.pieces()) == pieces
+    assert len(solid.list_pieces()) == pieces
 
 
 @settings(max_examples=30, deadline=None)
@@ -169,5 +169,5 @@ def test_repaired_teapot_keeps_all_its_parts() -> None:
     model = load_model(MODELS / "utah-teapot.obj", longest_side_mm=450.0)
     assert model.extents_mm == pytest.approx([450.0, 220.3, 279.8], abs=0.1)
     assert model.solid.volume_mm3 == pytest.approx(8.844e6, rel=1e-3)
-    assert len(model.solid.pieces()) == 1
+    assert len(model.solid.list_pieces()) == 1
     assert "160 open edges" in model.repairs[0]

@@ -34,16 +34,16 @@ def test_split_keeps_volume_and_adds_the_cut_twice(ring_with_bar: Solid, axis: i
 
 def test_pieces_come_in_order_of_position() -> None:
     separate_boxes = Solid.union([Solid.box((5, 0, 0), (6, 1, 1)), Solid.box((0, 0, 0), (1, 1, 1))])
-    assert [p.bounds_mm[0, 0] for p in separate_boxes.pieces()] == [0.0, 5.0]
-    assert Solid.box((0, 0, 0), (1, 1, 1)).clip((3, 3, 3), (4, 4, 4)).pieces() == []
+    assert [p.bounds_mm[0, 0] for p in separate_boxes.list_pieces()] == [0.0, 5.0]
+    assert Solid.box((0, 0, 0), (1, 1, 1)).clip((3, 3, 3), (4, 4, 4)).list_pieces() == []
 
 
 def test_cavity_belongs_to_the_piece_around_it() -> None:
     shell = Solid.box((0, 0, 0), (10, 10, 10)).subtract(Solid.box((2, 2, 2), (8, 8, 8)))
     inner = Solid.box((3, 3, 3), (7, 7, 7)).subtract(Solid.box((4, 4, 4), (6, 6, 6)))
-    assert [p.volume_mm3 for p in shell.pieces()] == pytest.approx([1000.0 - 216.0])
+    assert [p.volume_mm3 for p in shell.list_pieces()] == pytest.approx([1000.0 - 216.0])
     bodies = Solid.union([shell, inner, Solid.box((20, 0, 0), (21, 1, 1))])
-    assert [p.volume_mm3 for p in bodies.pieces()] == pytest.approx([1000.0 - 216.0, 64.0 - 8.0, 1.0])
+    assert [p.volume_mm3 for p in bodies.list_pieces()] == pytest.approx([1000.0 - 216.0, 64.0 - 8.0, 1.0])
 
 
 def test_simplify_removes_short_edges_only() -> None:

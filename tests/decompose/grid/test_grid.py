@@ -19,11 +19,11 @@ from decompose.grid import (
     Cell,
     Grid,
     GridRules,
-    box_index,
     build_grid,
     count_cells,
     count_cuts,
     find_flat_coordinates,
+    index_box,
     price_boxes,
 )
 from decompose.grid.grid import place_planes
@@ -64,9 +64,9 @@ def test_sums_over_a_box_equal_those_of_the_cut_solid(
     box = data.draw(draw_box(grid.shape))
     x0, y0, z0, x1, y1, z1 = box
     cells = (slice(x0, x1), slice(y0, y1), slice(z0, z1))
-    clipped_solid = ring_with_bar.clip(*grid.bounds_mm(box))
+    clipped_solid = ring_with_bar.clip(*grid.find_bounds_mm(box))
     assert grid.sums[cells][..., VOLUME].sum() == pytest.approx(clipped_solid.volume_mm3, rel=1e-9, abs=1e-6)
-    index = box_index(box, grid.shape)  # type: ignore[arg-type]
+    index = index_box(box, grid.shape)  # type: ignore[arg-type]
     if clipped_solid.is_empty:
         assert tables.trimmed[index] == -1
         return
@@ -77,7 +77,7 @@ def test_sums_over_a_box_equal_those_of_the_cut_solid(
     if tables.trimmed[index] == index:
         times_s = price_axis_poses_s(*clipped_solid.arrays(), recipe_cost)
         assert tables.seconds[index] == pytest.approx(times_s.min(), rel=1e-6)
-        assert tables.pieces[index] <= len(clipped_solid.pieces())
+        assert tables.pieces[index] <= len(clipped_solid.list_pieces())
 
 
 @settings(max_examples=40, deadline=None)
@@ -97,9 +97,9 @@ def test_separate_rods_in_one_cell_are_counted_separately(
     room = PrinterRoom("", ((data.draw(st.sampled_from((1e4, 70.0))),) * 3,))
     tables = price_boxes(grid, [room], recipe_cost)
     box = data.draw(draw_box(grid.shape))
-    index = box_index(box, grid.shape)  # type: ignore[arg-type]
+    index = index_box(box, grid.shape)  # type: ignore[arg-type]
     if tables.trimmed[index] == index and np.isfinite(tables.seconds[index]):
-        assert tables.pieces[index] == len(comb.clip(*grid.bounds_mm(box)).pieces())
+        assert tables.pieces[index] == len(comb.clip(*grid.find_bounds_mm(box)).list_pieces())
 
 
 @settings(max_examples=20, deadline=None)
@@ -114,7 +114,7 @@ def test_cut_areas_match_a_real_cut(axis: int, data: st.DataObject, grid: Grid, 
 def test_cells_are_classified(grid: Grid, ring_with_bar: Solid) -> None:
     for cell in np.ndindex(grid.shape):
         x, y, z = cell
-        lo, hi = grid.bounds_mm((x, y, z, x + 1, y + 1, z + 1))
+        lo, hi = grid.find_bounds_mm((x, y, z, x + 1, y + 1, z + 1))
         volume = ring_with_bar.clip(lo, hi).volume_mm3
         if grid.cells[cell] == Cell.EXTERNAL:
             assert volume == 0.0

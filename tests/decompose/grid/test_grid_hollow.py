@@ -45,11 +45,11 @@ def test_hollow_leaves_the_minimum_wall(
     grid = build_grid(vertices[faces], 14, GridRules(min_wall_mm, False, cost.overhang_cos, cost.skin_cos))
     hollow_cells = np.argwhere((grid.cells == Cell.INTERNAL) & ~grid.needed)
     assert len(hollow_cells) > 0
-    hollow = Solid.union([Solid.box(*grid.bounds_mm((*cell, *(cell + 1)))) for cell in hollow_cells])
+    hollow = Solid.union([Solid.box(*grid.find_bounds_mm((*cell, *(cell + 1)))) for cell in hollow_cells])
     lo, hi = solid.bounds_mm
     surroundings = Solid.box(lo - 60.0, hi + 60.0).subtract(solid)
     cell_mm = max(float(np.diff(planes).max()) for planes in grid.planes)
-    gap_mm = surroundings.gap_mm(hollow, min_wall_mm + 3.0 * cell_mm)
+    gap_mm = surroundings.measure_gap_mm(hollow, min_wall_mm + 3.0 * cell_mm)
     assert min_wall_mm - 1e-6 <= gap_mm <= min_wall_mm + np.sqrt(3.0) * cell_mm
 
 

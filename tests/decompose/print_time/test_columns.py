@@ -125,11 +125,11 @@ def test_holes_of_a_layer_are_counted() -> None:
 def test_brim_surrounds_each_foot_but_fills_no_hole() -> None:
     legs = [Solid.box((x, 0, 0), (x + 20, 20, 10)) for x in (0, 80)]
     brim_mm2 = 4 * 20.0 * 5.0 + np.pi * 5.0**2
-    assert measure(legs[0]).brim_mm2(5.0) == pytest.approx(brim_mm2, rel=0.03)
-    assert measure(Solid.union(legs)).brim_mm2(5.0) == pytest.approx(2 * brim_mm2, rel=0.05)
+    assert measure(legs[0]).measure_brim_mm2(5.0) == pytest.approx(brim_mm2, rel=0.03)
+    assert measure(Solid.union(legs)).measure_brim_mm2(5.0) == pytest.approx(2 * brim_mm2, rel=0.05)
     ring = Solid.box((0, 0, 0), (20, 20, 10)).subtract(Solid.box((4, 4, -1), (16, 16, 11)))
-    assert measure(ring).brim_mm2(5.0) == pytest.approx(brim_mm2, rel=0.03)
-    assert measure(ring).brim_mm2(0.0) == 0.0
+    assert measure(ring).measure_brim_mm2(5.0) == pytest.approx(brim_mm2, rel=0.03)
+    assert measure(ring).measure_brim_mm2(0.0) == 0.0
 
 
 def test_slope_from_its_wall_needs_no_tower() -> None:

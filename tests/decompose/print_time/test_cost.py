@@ -19,10 +19,10 @@ from decompose.print_time import (
     POSE_ROTATIONS,
     CostModel,
     Recipe,
-    price,
+    compute_price_s,
+    compute_time_terms,
     price_axis_poses_s,
     sum_pose_features,
-    time_terms,
 )
 from decompose.print_time.pose_prices import find_pose_axes, price_poses_s
 from decompose.print_time.recipe import FEATURES
@@ -71,7 +71,7 @@ def test_needle_takes_the_minimum_time_of_its_layers() -> None:
 def test_walls_inside_the_outline_are_shorter() -> None:
     """Use a block of 40 mm: the loops of two walls are squares of 39.6 and 38.8 mm."""
     recipe = Recipe(layer_height_mm=0.2, line_width_mm=0.4, outer_line_width_mm=0.4)
-    walls = time_terms(recipe)["walls"][[FEATURES.index("lateral_mm2"), FEATURES.index("height_mm")]]
+    walls = compute_time_terms(recipe)["walls"][[FEATURES.index("lateral_mm2"), FEATURES.index("height_mm")]]
     assert walls @ (4.0 * 40.0 * 10.0, 10.0) == pytest.approx(50.0 * 4.0 * (39.6 / 40.0 + 38.8 / 50.0))
 
 
@@ -92,7 +92,9 @@ def test_uppermost_layer_of_a_top_has_its_own_speed() -> None:
 
 
 def test_ends_of_skin_lines_take_as_long_above_a_speed() -> None:
-    slopes_s = [time_terms(Recipe(skin_mm_s=speed))["slope ends"].max() for speed in (15.0, 30.0, 50.0)]
+    slopes_s = [
+        compute_time_terms(Recipe(skin_mm_s=speed))["slope ends"].max() for speed in (15.0, 30.0, 50.0)
+    ]
     assert slopes_s[1:] == pytest.approx([2.0 * slopes_s[0]] * 2)
 
 
@@ -101,7 +103,7 @@ def test_infill_gets_sparser_below_the_tops(steps, denser_mm):
     """Halve the number of lines, which are 4 mm apart, by each step of 2 mm of height."""
     recipe = Recipe(infill_line_distance_mm=4.0, infill_steps=steps, infill_step_mm=2.0, skin_layers=0.0)
     even_recipe = replace(recipe, infill_line_distance_mm=4.0 * 2.0**steps, infill_steps=0)
-    infill_terms, even_terms = time_terms(recipe)["infill"], time_terms(even_recipe)["infill"]
+    infill_terms, even_terms = compute_time_terms(recipe)["infill"], compute_time_terms(even_recipe)["infill"]
     skin = FEATURES.index("skin_mm2")
     assert infill_terms[:skin] == pytest.approx(even_terms[:skin])
     tops_s = denser_mm / (recipe.layer_height_mm * recipe.infill_mm_s)
@@ -171,7 +173,10 @@ def test_slope_has_skin_if_its_steps_are_wider_than_the_walls() -> None:
     ],
 )
 def test_settings_change_the_price_as_expected(change: dict[str, float], term: str, times_s: float) -> None:
-    old_terms, new_terms = time_terms(Recipe())[term], time_terms(replace(Recipe(), **change))[term]
+    old_terms, new_terms = (
+        compute_time_terms(Recipe())[term],
+        compute_time_terms(replace(Recipe(), **change))[term],
+    )
     share = slice(0, 2) if term == "infill" else slice(None)  # its volume less the skin's depends on layers
     assert new_terms[share] == pytest.approx(old_terms[share] * times_s)
 
@@ -182,8 +187,8 @@ def test_brim_takes_as_long_as_its_lines() -> None:
 
 
 def test_every_term_has_a_factor() -> None:
-    assert set(time_terms(Recipe())) == set(FACTORS)
-    assert all(len(vector) == len(FEATURES) for vector in time_terms(Recipe()).values())
+    assert set(compute_time_terms(Recipe())) == set(FACTORS)
+    assert all(len(vector) == len(FEATURES) for vector in compute_time_terms(Recipe()).values())
 
 
 @settings(max_examples=25, deadline=None)
@@ -257,7 +262,7 @@ def test_compiled_code_reads_prices_by_name() -> None:
     values = {"another": 7.0} | dict(reversed(asdict(cost).items()))
     dtype = np.dtype([(name, np.float64) for name in values])
     moved_prices = np.array([tuple(values.values())], dtype=dtype)[0]
-    assert price(moved_prices, additive, extents) == cost.price_s(additive, extents)
+    assert compute_price_s(moved_prices, additive, extents) == cost.price_s(additive, extents)
 
 
 def test_inner_walls_of_each_body_are_shorter() -> None:

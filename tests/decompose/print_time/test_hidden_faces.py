@@ -10,7 +10,7 @@ import pytest
 
 from decompose.geometry import Solid
 from decompose.grid import GridRules, build_grid, price_boxes
-from decompose.grid.box_index import box_at
+from decompose.grid.box_index import find_box
 from decompose.pieces import find_cut_faces
 from decompose.print_time import POSE_ROTATIONS, CostModel, Recipe, find_best_pose, measure_pose
 from decompose.print_time.pose_prices import price_poses_s, sum_pose_features
@@ -103,7 +103,7 @@ def test_tables_price_hidden_faces_as_parts_do(ring_with_bar: Solid, top_share: 
     tables = price_boxes(grid, [PrinterRoom("huge", ((1e4, 1e4, 1e4),))], cost)
     cheaper_count = 0
     for index in np.flatnonzero(tables.trimmed == np.arange(len(tables.trimmed)))[::9]:
-        lo, hi = grid.bounds_mm(box_at(int(index), grid.shape))
+        lo, hi = grid.find_bounds_mm(find_box(int(index), grid.shape))
         mesh = ring_with_bar.clip(lo, hi).arrays()
         planes = [[*axis, end[i]] for end in (lo, hi) for i, axis in enumerate(np.eye(3).tolist())]
         is_cut = find_cut_faces(*mesh, np.array(planes))

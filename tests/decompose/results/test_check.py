@@ -50,7 +50,7 @@ def make_part(solid: Solid, name: str, printer: str) -> Part:
 
 
 def convert_to_mm(grid: Grid, boxes: list[Box]) -> np.ndarray:
-    return np.array([grid.bounds_mm(box) for box in boxes])
+    return np.array([grid.find_bounds_mm(box) for box in boxes])
 
 
 @pytest.fixture(scope="module")
@@ -157,8 +157,8 @@ def test_hollows_must_be_whole_cells_inside_the_wall(cost: CostModel) -> None:
     grid = build_grid(vertices[faces], 10, GridRules(15.0, False, 0.7, 0.75))
     room = [PrinterRoom("p", ((500.0, 500.0, 500.0),))]
     base = decompose_model(block, room, Options(granularity=10, min_wall_mm=15.0), cost)
-    shell = block.solid.subtract(Solid.box(*grid.bounds_mm((4, 4, 4, 6, 6, 6))))
-    thin_walled_solid = block.solid.subtract(Solid.box(*grid.bounds_mm((1, 4, 4, 6, 6, 6))))
+    shell = block.solid.subtract(Solid.box(*grid.find_bounds_mm((4, 4, 4, 6, 6, 6))))
+    thin_walled_solid = block.solid.subtract(Solid.box(*grid.find_bounds_mm((1, 4, 4, 6, 6, 6))))
 
     def list_boxes_around(lo: int) -> list[Box]:
         """List the boxes around the hollow [lo, 6) x [4, 6) x [4, 6)."""

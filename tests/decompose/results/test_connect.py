@@ -13,7 +13,7 @@ import shapely
 from scipy.spatial import QhullError
 
 from decompose.assembly import plan_assembly
-from decompose.connectors import Blank, Connectors, Pin, Tool, drill, plan_connectors
+from decompose.connectors import Blank, Connectors, Pin, Tool, drill_parts, plan_connectors
 from decompose.decompose import decompose_model
 from decompose.errors import GeometryError, ModelNotSolid, Rule
 from decompose.export import files, write_decomposition
@@ -54,13 +54,13 @@ def drill_tower(up: np.ndarray, fits_mm: tuple[float, ...] = (0.4, 0.4, 0.4)) ->
         )
     ]
     connectors = plan_connectors(blanks, joints, assembly, ALL_CONNECTORS, 25.0)
-    return DrilledParts(blanks, drill(blanks, connectors), joints, assembly.steps, connectors)
+    return DrilledParts(blanks, drill_parts(blanks, connectors), joints, assembly.steps, connectors)
 
 
 def change_pin(parts: DrilledParts, change: Callable[[Pin], Pin]) -> DrilledParts:
     first_pin, *other_pins = parts.connectors.pins
     connectors = replace(parts.connectors, pins=(change(first_pin), *other_pins))
-    return replace(parts, connectors=connectors, drilled=drill(parts.blanks, connectors))
+    return replace(parts, connectors=connectors, drilled=drill_parts(parts.blanks, connectors))
 
 
 def move_hole(pin: Pin, offset: tuple[float, float, float]) -> Pin:
@@ -290,5 +290,7 @@ def test_tool_that_opens_outside_of_its_joint_is_refused(drilled_parts: DrilledP
         Tool(t.part, t.points_mm + np.array([0.0, 30.0, 0.0]), t.into, t.face_mm) for t in mark.grooves
     )
     connectors = replace(drilled_parts.connectors, marks=(replace(mark, grooves=shifted_tools),))
-    parts = replace(drilled_parts, connectors=connectors, drilled=drill(drilled_parts.blanks, connectors))
+    parts = replace(
+        drilled_parts, connectors=connectors, drilled=drill_parts(drilled_parts.blanks, connectors)
+    )
     assert Rule.SKIN in {fault.rule for fault in parts.find_faults()}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from decompose.grid import Box, BoxTables, box_index
+from decompose.grid import Box, BoxTables, index_box
 
 Shape = tuple[int, int, int]
 
@@ -24,12 +24,12 @@ def make_tables(shape: Shape, seed: int) -> tuple[BoxTables, np.ndarray]:
     pieces = np.ones(total, np.int16)
     cut_mm2 = rng.uniform(0.0, 1e4, total).astype(np.float32)
     for box in list_boxes(shape):
-        index = box_index(box, shape)
+        index = index_box(box, shape)
         cells_inside = np.argwhere(is_needed[box[0] : box[3], box[1] : box[4], box[2] : box[5]])
         if not len(cells_inside):
             continue
         lo, hi = cells_inside.min(axis=0) + box[:3], cells_inside.max(axis=0) + box[:3] + 1
-        trimmed_index[index] = box_index((*lo, *hi), shape)  # type: ignore[arg-type]
+        trimmed_index[index] = index_box((*lo, *hi), shape)  # type: ignore[arg-type]
         if trimmed_index[index] == index:
             cells = np.prod(np.subtract(box[3:], box[:3]))
             seconds[index] = 100.0 * cells * rng.uniform(0.7, 1.3) + 30.0

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from decompose.decompose import decompose_model
 from decompose.engines.baselines import cube_skeleton
-from decompose.engines.baselines.cube_skeleton import _Merging
+from decompose.engines.baselines.cube_skeleton import _PieceMerger
 from decompose.engines.baselines.hollow import (
     ACCURACY_MM,
     cover_by_boxes,
@@ -106,7 +106,7 @@ def test_shell_keeps_the_wall(cost: CostModel) -> None:
     surroundings = Solid.box((-130,) * 3, (130,) * 3).subtract(solid)
     removed_solid = solid.subtract(shell.solid)
     assert removed_solid.volume_mm3 > 0.2 * solid.volume_mm3
-    assert surroundings.gap_mm(removed_solid, 12.0) >= 12.0 - 1e-6
+    assert surroundings.measure_gap_mm(removed_solid, 12.0) >= 12.0 - 1e-6
     assert shell.solid.volume_mm3 + removed_solid.volume_mm3 == pytest.approx(solid.volume_mm3, rel=1e-9)
 
 
@@ -139,13 +139,13 @@ def test_grid_planes_lie_on_the_sides_of_the_refined_cube(cost: CostModel) -> No
     rough_grid = build_grid(vertices[faces], 20, GridRules(12.0, False, cost.overhang_cos, cost.skin_cos))
     first_cube = find_largest_cube(hollow_model(body, rough_grid).cavity)
     assert first_cube is not None
-    side_mm = float(refine_cube(body, np.array(rough_grid.bounds_mm(first_cube)), 10.0, 12.0)[0, 2])
+    side_mm = float(refine_cube(body, np.array(rough_grid.find_bounds_mm(first_cube)), 10.0, 12.0)[0, 2])
     solid = Solid.union([body, Solid.box((-90, -90, side_mm - 20.0), (90, 90, side_mm + 0.5))])
     vertices, faces = solid.arrays()
     grid = build_grid(vertices[faces], 20, GridRules(12.0, False, cost.overhang_cos, cost.skin_cos))
     first_cube = find_largest_cube(hollow_model(solid, grid).cavity)
     assert first_cube is not None
-    cube_mm = refine_cube(solid, np.array(grid.bounds_mm(first_cube)), 10.0, 12.0)
+    cube_mm = refine_cube(solid, np.array(grid.find_bounds_mm(first_cube)), 10.0, 12.0)
     planes, cube = move_planes_to(solid, grid, cube_mm)
     assert all((np.diff(positions) > 0.0).all() for positions in planes)
     sides_mm = np.array([[planes[a][cube[a]] for a in range(3)], [planes[a][cube[a + 3]] for a in range(3)]])
@@ -153,7 +153,7 @@ def test_grid_planes_lie_on_the_sides_of_the_refined_cube(cost: CostModel) -> No
     for axis in range(3):
         flats = find_flat_coordinates(vertices[faces], axis)
         assert np.abs(sides_mm[:, axis, None] - flats).min(initial=np.inf) >= CLEAR_MM - 1e-9
-    old_bounds_mm = grid.bounds_mm(first_cube)
+    old_bounds_mm = grid.find_bounds_mm(first_cube)
     assert np.prod(sides_mm[1] - sides_mm[0]) > 1.1 * np.prod(old_bounds_mm[1] - old_bounds_mm[0])
     grid = fill_grid(vertices[faces], planes, GridRules(12.0, False, cost.overhang_cos, cost.skin_cos))
     cube_cells = tuple(slice(cube[a], cube[a + 3]) for a in range(3))
@@ -255,7 +255,7 @@ def test_pieces_that_would_meet_along_an_edge_stay_apart(cost: CostModel) -> Non
     )
     pieces = [Piece(Solid.box(*box), list_box_planes(box), box[None]) for box in boxes]
     model = Model(Solid.union([piece.solid for piece in pieces]), (), 1.0)
-    merger = _Merging(pieces, Problem(model, tuple(make_printers(1)), cost, OPTIONS))
+    merger = _PieceMerger(pieces, Problem(model, tuple(make_printers(1)), cost, OPTIONS))
     merger.merge_down_to(1)
     merged_pieces = merger.list_merged_pieces()
     assert len(merged_pieces) == 2

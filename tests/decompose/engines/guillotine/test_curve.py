@@ -113,5 +113,5 @@ def test_time_to_glue_counts_where_the_parts_have_to_be_glued_in_time() -> None:
     assert find_fewest_in_time(points, 69.0, handling_s=5.0).printers == 3
     assert find_fewest_in_time(points, 100.0, handling_s=50.0).printers == 1  # one part is not glued
     assert find_fewest_in_time(points, 10.0, handling_s=20.0).printers == 1
-    assert CountGoal(0.0, 5.0, 69.0).choose(points).printers == 2
-    assert CountGoal(0.0, 5.0, 69.0, glued=True).choose(points).printers == 3
+    assert CountGoal(0.0, 5.0, 69.0).choose_point(points).printers == 2
+    assert CountGoal(0.0, 5.0, 69.0, glued=True).choose_point(points).printers == 3

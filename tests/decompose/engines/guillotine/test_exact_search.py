@@ -12,7 +12,7 @@ from decompose.engines.guillotine import exact_search
 from decompose.engines.guillotine.exact_search import LOOSER_LIMIT_SHARES, ExactSearch
 from decompose.engines.guillotine.partitioner import Partitioner
 from decompose.geometry import Model
-from decompose.grid import Box, box_index, count_cuts
+from decompose.grid import Box, count_cuts, index_box
 from decompose.options import Engine, Options
 from decompose.pieces import Piece
 from decompose.print_time import CostModel
@@ -36,7 +36,7 @@ def search_result(task: Problem) -> tuple[ExactSearch, list[Box]]:
 
 
 def compute_work_s(search: ExactSearch, boxes: list[Box]) -> float:
-    return float(sum(search.boxes.seconds[box_index(box, search.boxes.shape)] for box in boxes))
+    return float(sum(search.boxes.seconds[index_box(box, search.boxes.shape)] for box in boxes))
 
 
 def test_looser_partitions_are_complete_without_more_work(

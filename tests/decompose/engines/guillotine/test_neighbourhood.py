@@ -16,7 +16,7 @@ from decompose.engines.guillotine.neighbourhood import (
     sort_times_s,
 )
 from decompose.engines.guillotine.partitioner import UNREACHABLE
-from decompose.grid import Box, BoxTables, box_index
+from decompose.grid import Box, BoxTables, index_box
 
 shapes = st.tuples(st.integers(2, 5), st.integers(1, 4), st.integers(1, 3))
 
@@ -29,7 +29,7 @@ def count_cover(shape: Shape, partition: list[Box]) -> np.ndarray:
 
 
 def count_pieces(tables: BoxTables, partition: list[Box]) -> int:
-    return sum(int(tables.pieces[box_index(box, tables.shape)]) for box in partition)
+    return sum(int(tables.pieces[index_box(box, tables.shape)]) for box in partition)
 
 
 def make_feasible_partition(tables: BoxTables, limit_s: float) -> list[Box]:
@@ -51,7 +51,7 @@ def test_improved_partition_is_valid_and_no_slower(shape: Shape, seed: int, spar
     cells = count_cover(shape, improved_partition)
     assert cells.max() <= 1
     assert (cells[is_needed] == 1).all()
-    assert all(tables.trimmed[box_index(box, shape)] == box_index(box, shape) for box in improved_partition)
+    assert all(tables.trimmed[index_box(box, shape)] == index_box(box, shape) for box in improved_partition)
     assert sort_times_s(tables, improved_partition) <= sort_times_s(tables, partition)
     assert improve_locally(tables, partition, printers) == improved_partition
 
@@ -77,7 +77,7 @@ def make_even_tables(shape: Shape) -> BoxTables:
     total = int(np.prod([n * (n + 1) // 2 for n in shape]))
     seconds = np.zeros(total, np.float32)
     for box in list_boxes(shape):
-        seconds[box_index(box, shape)] = np.prod(np.subtract(box[3:], box[:3]))
+        seconds[index_box(box, shape)] = np.prod(np.subtract(box[3:], box[:3]))
     return BoxTables(shape, seconds, np.arange(total, dtype=np.int32), np.ones(total, np.int16))
 
 
@@ -88,9 +88,9 @@ def test_pinwheel_without_a_guillotine_cut_is_found(axis: int, mirrored_axis: in
     shape[axis] = 1
     tables = make_even_tables((shape[0], shape[1], shape[2]))
     wheel = list_pinwheel_boxes(tables.shape, (axis, mirrored_axis, 1, 2, 1, 2))
-    allowed_indices = [box_index(box, tables.shape) for box in wheel]
+    allowed_indices = [index_box(box, tables.shape) for box in wheel]
     tables.seconds[[i for i in range(len(tables.seconds)) if i not in allowed_indices]] += 10.0
-    tables.seconds[box_index((0, 0, 0, *tables.shape), tables.shape)] = 40.0
+    tables.seconds[index_box((0, 0, 0, *tables.shape), tables.shape)] = 40.0
     assert Partitioner(tables).solve(2.0) >= UNREACHABLE
     assert sorted(improve_locally(tables, [(0, 0, 0, *tables.shape)], 5)) == sorted(wheel)
     assert improve_locally(tables, [(0, 0, 0, *tables.shape)], 1) == [(0, 0, 0, *tables.shape)]
@@ -108,11 +108,11 @@ def test_l_shape_is_recut_between_other_boxes() -> None:
     tables = make_even_tables((4, 4, 1))
     other_box: Box = (2, 2, 0, 4, 4, 1)
     l_shaped_boxes: list[Box] = [(0, 0, 0, 4, 2, 1), (0, 2, 0, 2, 4, 1)]
-    tables.seconds[box_index(other_box, tables.shape)] = 0.5
+    tables.seconds[index_box(other_box, tables.shape)] = 0.5
     for box in list_boxes(tables.shape):  # only the other way to cut the L ends sooner
         if box not in (other_box, (0, 0, 0, 2, 4, 1), (2, 0, 0, 4, 2, 1)):
-            tables.seconds[box_index(box, tables.shape)] += 5.0
-    tables.seconds[box_index((0, 0, 0, 2, 4, 1), tables.shape)] = 4.0
+            tables.seconds[index_box(box, tables.shape)] += 5.0
+    tables.seconds[index_box((0, 0, 0, 2, 4, 1), tables.shape)] = 4.0
     assert sorted(improve_locally(tables, [other_box, *l_shaped_boxes], 3)) == [
         (0, 0, 0, 2, 4, 1),
         (2, 0, 0, 4, 2, 1),

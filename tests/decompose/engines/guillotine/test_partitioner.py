@@ -17,7 +17,7 @@ from books.box_tables import Shape, make_tables
 from decompose.engines.guillotine import Partitioner
 from decompose.engines.guillotine.partitioner import OtherClass
 from decompose.engines.guillotine.recursion import AREA_MM2, UNREACHABLE
-from decompose.grid import Box, BoxTables, box_at, box_index
+from decompose.grid import Box, BoxTables, find_box, index_box
 from decompose.grid.boxes import list_rooms
 from decompose.pieces import assign_bottleneck
 from decompose.printers import PrinterRoom
@@ -34,7 +34,7 @@ def find_best_by_recursion(tables: BoxTables, is_needed: np.ndarray, limit_s: fl
             return 0, 0, 0
         lo, hi = cells_inside.min(axis=0) + box[:3], cells_inside.max(axis=0) + box[:3] + 1
         box = (*map(int, lo), *map(int, hi))  # type: ignore[assignment]
-        index = box_index(box, tables.shape)
+        index = index_box(box, tables.shape)
         results = [(UNREACHABLE, 0, 0)]
         if tables.seconds[index] <= limit_s:
             results = [
@@ -75,13 +75,13 @@ def test_minimum_number_of_parts_at_a_time_limit(shape: Shape, seed: int, share:
     if result >= UNREACHABLE:
         return
     partition = solver.list_chosen_boxes()
-    assert sum(int(tables.pieces[box_index(b, shape)]) for b in partition) == result
+    assert sum(int(tables.pieces[index_box(b, shape)]) for b in partition) == result
     cover_count = np.zeros(shape, int)
     for x0, y0, z0, x1, y1, z1 in partition:
         cover_count[x0:x1, y0:y1, z0:z1] += 1
     assert cover_count.max(initial=0) <= 1
     assert (cover_count[is_needed] == 1).all()
-    assert all(tables.seconds[box_index(b, shape)] <= limit_s for b in partition)
+    assert all(tables.seconds[index_box(b, shape)] <= limit_s for b in partition)
 
 
 @settings(max_examples=40, deadline=None)
@@ -96,7 +96,7 @@ def test_ties_are_broken_by_work_then_by_cut_area(
     solver = Partitioner(tables)
     if solver.solve(limit_s, ties=True) >= UNREACHABLE:
         return
-    indices = [box_index(box, shape) for box in solver.list_chosen_boxes()]
+    indices = [index_box(box, shape) for box in solver.list_chosen_boxes()]
     sort_key = (
         sum(int(tables.pieces[i]) for i in indices),
         sum(round(tables.seconds[i]) for i in indices),
@@ -169,7 +169,7 @@ def list_shares_by_recursion(
             return frozenset([(0,) * len(classes)])
         lo, hi = cells_inside.min(axis=0) + box[:3], cells_inside.max(axis=0) + box[:3] + 1
         box = (*map(int, lo), *map(int, hi))  # type: ignore[assignment]
-        index = box_index(box, classes[0].shape)
+        index = index_box(box, classes[0].shape)
         able_classes = [i for i, boxes in enumerate(classes) if boxes.seconds[index] <= limit_s]
         class_choices = combinations_with_replacement(able_classes, int(classes[0].pieces[index]))
         results = {tuple(item.count(i) for i in range(len(classes))) for item in class_choices}
@@ -221,9 +221,9 @@ def test_unequal_printers_match_an_exhaustive_distribution(
         if expected_s >= UNREACHABLE:
             continue
         indices = [
-            box_index(box, shape)
+            index_box(box, shape)
             for box in solver.list_chosen_boxes()
-            for _ in range(classes[0].pieces[box_index(box, shape)])
+            for _ in range(classes[0].pieces[index_box(box, shape)])
         ]
         printers = [classes[0]] * expected_s + [
             c for c, n in zip(classes[1:], counts, strict=True) for _ in range(n)
@@ -258,10 +258,10 @@ def test_more_printers_of_another_class_never_end_later(
 
 def cut_at_random(tables: BoxTables, box: Box, limit_s: float, rng: np.random.Generator) -> list[Box] | None:
     """Make a guillotine partition of a box by random cuts, down to boxes that end in time, or None."""
-    index = int(tables.trimmed[box_index(box, tables.shape)])
+    index = int(tables.trimmed[index_box(box, tables.shape)])
     if index < 0:
         return []
-    box = box_at(index, tables.shape)
+    box = find_box(index, tables.shape)
     if tables.seconds[index] <= limit_s and tables.pieces[index] == 1:
         return [box]
     cuts = [(axis, plane) for axis in range(3) for plane in range(box[axis] + 1, box[axis + 3])]
@@ -285,19 +285,19 @@ def test_random_cuts_give_no_better_partition(shape: Shape, seed: int, share: fl
     solver = Partitioner(tables)
     least_s = solver.find_min_makespan(len(result), 0.0, tolerance_s=1e-3)
     assert least_s is not None
-    assert solver.longest_s() <= tables.longest_s(result)
-    assert solver.solve(tables.longest_s(result)) <= len(result)
+    assert solver.find_longest_s() <= tables.find_longest_s(result)
+    assert solver.solve(tables.find_longest_s(result)) <= len(result)
 
 
 def partition_greedily(tables: BoxTables, printers: int) -> list[Box]:
     """Cut the costliest box at its best plane as long as printers are left."""
 
     def trim_box(box: list[int]) -> Box | None:
-        index = int(tables.trimmed[box_index((*box,), tables.shape)])  # type: ignore[arg-type]
-        return None if index < 0 else box_at(index, tables.shape)
+        index = int(tables.trimmed[index_box((*box,), tables.shape)])  # type: ignore[arg-type]
+        return None if index < 0 else find_box(index, tables.shape)
 
     def get_seconds(box: Box) -> float:
-        return float(tables.seconds[box_index(box, tables.shape)])
+        return float(tables.seconds[index_box(box, tables.shape)])
 
     def list_cuts(box: Box) -> list[list[Box]]:
         results = []
@@ -310,7 +310,7 @@ def partition_greedily(tables: BoxTables, printers: int) -> list[Box]:
 
     box_of_all = trim_box([0, 0, 0, *tables.shape])
     parts = [] if box_of_all is None else [box_of_all]
-    while parts and sum(int(tables.pieces[box_index(box, tables.shape)]) for box in parts) < printers:
+    while parts and sum(int(tables.pieces[index_box(box, tables.shape)]) for box in parts) < printers:
         worst = max(parts, key=get_seconds)
         cuts = list_cuts(worst)
         if not cuts:
@@ -325,11 +325,11 @@ def partition_greedily(tables: BoxTables, printers: int) -> list[Box]:
 def test_greedy_cuts_give_no_better_partition(shape: Shape, seed: int, printers: int) -> None:
     tables, _ = make_tables(shape, seed)
     result = partition_greedily(tables, printers)
-    assume(result and np.isfinite(tables.longest_s(result)))
-    count = sum(int(tables.pieces[box_index(box, shape)]) for box in result)
+    assume(result and np.isfinite(tables.find_longest_s(result)))
+    count = sum(int(tables.pieces[index_box(box, shape)]) for box in result)
     solver = Partitioner(tables)
     assert solver.find_min_makespan(count, 0.0, tolerance_s=1e-3) is not None
-    assert solver.longest_s() <= tables.longest_s(result) + 1e-3
+    assert solver.find_longest_s() <= tables.find_longest_s(result) + 1e-3
 
 
 def rotate_tables(
@@ -347,7 +347,7 @@ def rotate_tables(
         return lo[a], lo[b], lo[c], hi[a], hi[b], hi[c]
 
     new_index = np.array(
-        [box_index(rotate_box(box_at(i, tables.shape)), shape) for i in range(len(tables.seconds))]
+        [index_box(rotate_box(find_box(i, tables.shape)), shape) for i in range(len(tables.seconds))]
     )
     result = BoxTables(shape, *(np.empty_like(t) for t in (tables.seconds, tables.trimmed, tables.pieces)))
     result.seconds[new_index], result.pieces[new_index] = tables.seconds, tables.pieces

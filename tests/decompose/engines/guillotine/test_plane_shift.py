@@ -117,11 +117,11 @@ def start_shift(task: Problem) -> tuple[_PlaneShift, list[BoxPart]]:
     """Start the search for two halves of a model; return it with the halves in their poses."""
     grid = task.build_grid(task.model)
     pieces_by_box = {box: cut_cells(task.model.solid, grid, box) for box in make_halves(task)}
-    boxes_mm = np.array([grid.bounds_mm(box) for box in pieces_by_box])
+    boxes_mm = np.array([grid.find_bounds_mm(box) for box in pieces_by_box])
     cell_mm = np.array([np.diff(item).min() for item in grid.planes])
     cells = NeededCells(grid.planes, grid.needed)
     result = _PlaneShift(task, cells, cell_mm, boxes_mm, list(pieces_by_box.values()))
-    return result, result.pose_start()
+    return result, result.pose_start_parts()
 
 
 def test_planes_move_once_after_the_budget_is_spent(
@@ -199,7 +199,7 @@ def test_new_pose_is_computed_once_and_recorded(
     cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Give every part a new pose after its first move."""
-    measure, pose, posed_parts = _PlaneShift._measure, Problem.find_pose, []
+    measure, pose, posed_parts = _PlaneShift._measure_piece, Problem.find_pose, []
 
     def make_tall(self: _PlaneShift, piece: Piece, old_pose: Pose) -> Pose:
         return replace(measure(self, piece, old_pose), size_mm=(1e4, 1e4, 1e4))
@@ -208,7 +208,7 @@ def test_new_pose_is_computed_once_and_recorded(
         posed_parts.append(piece.solid)
         return pose(self, piece)
 
-    monkeypatch.setattr(_PlaneShift, "_measure", make_tall)
+    monkeypatch.setattr(_PlaneShift, "_measure_piece", make_tall)
     monkeypatch.setattr(Problem, "find_pose", count_call)
     task = make_problem(cone, cost, 2, cells=2)
     old_pieces, new_pieces = run(task, make_halves(task))

@@ -21,7 +21,7 @@ from decompose.engines.parallelobox.growth import FREE, fill_voids, grow_blocks
 from decompose.engines.parallelobox.terrain import SPEED_MM_S, Terrain, make_paper_terrain, make_time_terrain
 from decompose.errors import NoFit
 from decompose.geometry import Model, Solid, find_mirror, find_rotation_to_axis
-from decompose.grid import BoxTables, Cell, Grid, GridRules, box_index, build_grid, price_boxes
+from decompose.grid import BoxTables, Cell, Grid, GridRules, build_grid, index_box, price_boxes
 from decompose.grid.box_index import find_interval_ends
 from decompose.options import Engine, Options, ParalleloboxOptions, Score
 from decompose.print_time import CostModel
@@ -39,7 +39,7 @@ def make_random_terrain(shape: Shape, seed: int) -> Terrain:
     seconds[rng.random(total) < 0.2] = np.inf
     pieces = np.where(rng.random(total) < 0.2, 2, 1).astype(np.int16)
     for cell in np.ndindex(shape):
-        index = box_index((*cell, *(c + 1 for c in cell)), shape)  # type: ignore[arg-type]
+        index = index_box((*cell, *(c + 1 for c in cell)), shape)  # type: ignore[arg-type]
         seconds[index], pieces[index] = 1.0, 1
     is_needed = rng.random(shape) < 0.6
     return Terrain(is_needed, np.zeros(shape, bool), seconds, pieces, seconds, np.zeros(total, np.float32))
@@ -77,7 +77,7 @@ def test_blocks_are_disjoint_and_cover_the_cells(shape: Shape, seed: int, share:
     assert cover(filled_blocks, shape).max(initial=0) <= 1
     assert (cover(filled_blocks, shape)[terrain.needed] == 1).all()
     for block in filled_blocks:
-        index = box_index((*block.tolist(),), shape)
+        index = index_box((*block.tolist(),), shape)
         assert np.isfinite(terrain.seconds[index])
         assert terrain.pieces[index] == 1
         assert terrain.needed[tuple(slice(a, b) for a, b in zip(block[:3], block[3:], strict=True))].any()
@@ -97,7 +97,7 @@ def test_growth_stops_where_no_block_can_grow() -> None:
     blocks, owner = grow_blocks([(0, 0, 0, 1, 1, 1), (3, 0, 0, 4, 1, 1)], terrain, Score.LOW)
     assert owner.ravel().tolist() == [0, 0, 1, 1] or owner.ravel().tolist() == [0, 0, 0, 1]
     too_large = flat.copy()
-    too_large[box_index((0, 0, 0, 2, 1, 1), shape)] = np.inf
+    too_large[index_box((0, 0, 0, 2, 1, 1), shape)] = np.inf
     terrain = make_simple_terrain(shape, too_large, flat)
     blocks, owner = grow_blocks([(0, 0, 0, 1, 1, 1)], terrain, Score.LOW)
     assert owner.ravel().tolist() == [0, FREE, FREE, FREE]
@@ -110,10 +110,10 @@ def test_both_readings_of_the_score_are_used(score: Score, expected_cells: list[
     """Start from the middle of three cells: growth to the left is cheap, to the right expensive."""
     shape = (3, 1, 1)
     price = np.ones(6, np.float32)
-    price[box_index((0, 0, 0, 2, 1, 1), shape)] = 2.0
-    price[box_index((1, 0, 0, 3, 1, 1), shape)] = 5.0
+    price[index_box((0, 0, 0, 2, 1, 1), shape)] = 2.0
+    price[index_box((1, 0, 0, 3, 1, 1), shape)] = 5.0
     seconds = np.ones(6, np.float32)
-    seconds[box_index((0, 0, 0, 3, 1, 1), shape)] = np.inf
+    seconds[index_box((0, 0, 0, 3, 1, 1), shape)] = np.inf
     terrain = make_simple_terrain(shape, seconds, price)
     _, owner = grow_blocks([(1, 0, 0, 2, 1, 1)], terrain, score)
     assert np.flatnonzero(owner.ravel() == 0).tolist() == expected_cells
@@ -185,7 +185,7 @@ def test_attempts_cover_the_model_and_are_deterministic(
         count = cover(np.array(item.blocks), ball_grid.shape)
         assert count.max() == 1
         assert (count[ball_grid.needed] == 1).all()
-        indices = [box_index(block, ball_grid.shape) for block in item.blocks]
+        indices = [index_box(block, ball_grid.shape) for block in item.blocks]
         assert (ball_tables.trimmed[indices] == indices).all()  # no block ends in a layer of nothing
         assert item.parts == ball_tables.pieces[indices].sum() <= 14
         assert item.longest == ball_tables.seconds[indices].max() < np.inf
@@ -211,10 +211,10 @@ def test_prices_of_the_paper_match_the_solid_in_each_box(
         spans = [find_interval_ends(i, n) for i, n in zip((ix, iy, iz), shape, strict=True)]
         x, y, z = spans
         box = (x[0], y[0], z[0], x[1], y[1], z[1])
-        piece: Solid = ball.solid.clip(*ball_grid.bounds_mm(box))
+        piece: Solid = ball.solid.clip(*ball_grid.find_bounds_mm(box))
         expected_s = SPEED_MM_S * (piece.volume_mm3 + piece.area_mm2)
         assert terrain.printing[number] == pytest.approx(expected_s, rel=1e-4, abs=1.0)
-    whole_box = box_index((0, 0, 0, *shape), shape)
+    whole_box = index_box((0, 0, 0, *shape), shape)
     # The surface of a ball that is steeper than the support angle projects to the same disc on all sides.
     down_mm2 = math.pi * (150.0 * math.sin(math.radians(45.0))) ** 2
     assert terrain.overhang[whole_box] == pytest.approx(down_mm2, rel=0.1)

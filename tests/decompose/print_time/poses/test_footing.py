@@ -31,8 +31,8 @@ def test_footing_of_a_block_is_its_base() -> None:
     assert result.wall_mm == pytest.approx(4 * 600 / 100)
     assert (result.width_mm, result.length_mm) == pytest.approx((20.0, math.hypot(30, 20)))
     assert result.sharp_corners == 4
-    assert result.inside_mm(np.array([[15.0, 10.0], [3.0, 10.0]])) == pytest.approx(3.0)
-    assert result.inside_mm(np.array([[-2.0, 10.0]])) == pytest.approx(-2.0)
+    assert result.measure_margin_mm(np.array([[15.0, 10.0], [3.0, 10.0]])) == pytest.approx(3.0)
+    assert result.measure_margin_mm(np.array([[-2.0, 10.0]])) == pytest.approx(-2.0)
 
 
 def test_ball_touches_where_its_first_layer_is_cut() -> None:
@@ -49,7 +49,7 @@ def test_legs_stand_on_thin_walls_but_on_a_wide_base() -> None:
     assert result.contact_mm2 == pytest.approx(100.0)
     assert result.wall_mm == pytest.approx(5.0)
     assert result.width_mm == pytest.approx(40.0)
-    assert result.brim_width_mm(45.0, 5.0, 8.0) == pytest.approx(6.0)
+    assert result.choose_brim_width_mm(45.0, 5.0, 8.0) == pytest.approx(6.0)
 
 
 def test_supports_widen_the_base() -> None:
@@ -57,7 +57,7 @@ def test_supports_widen_the_base() -> None:
     result = Footing.from_mesh(vertices[faces], np.array([[40.0, 5.0]]))
     assert result.contact_mm2 == pytest.approx(100.0)
     assert result.length_mm == pytest.approx(math.hypot(10, 10))  # a support does not curl up
-    assert result.inside_mm(np.array([[20.0, 5.0]])) > 0.0
+    assert result.measure_margin_mm(np.array([[20.0, 5.0]])) > 0.0
 
 
 def test_footing_of_an_edge_is_empty() -> None:
@@ -66,21 +66,23 @@ def test_footing_of_an_edge_is_empty() -> None:
     mesh.apply_translation([0, 0, math.sqrt(50.0)])
     result = measure_footing(Solid.from_arrays(mesh.vertices, mesh.faces))
     assert result.contact_mm2 == pytest.approx(2 * FIRST_LAYER_MM * 10.0)
-    assert Footing.from_mesh(np.zeros((0, 3, 3)), NO_PROPS).inside_mm(np.zeros((1, 2))) == -math.inf
+    assert Footing.from_mesh(np.zeros((0, 3, 3)), NO_PROPS).measure_margin_mm(np.zeros((1, 2))) == -math.inf
 
 
 def test_brim_depends_on_width_height_and_size() -> None:
-    assert measure_box(40, 40, 20).brim_width_mm(20.0, 5.0, 8.0) == 0.0
-    assert measure_box(40, 10, 100).brim_width_mm(100.0, 5.0, 8.0) == 8.0  # a tall plate
-    assert measure_box(8, 8, 8).brim_width_mm(8.0, 5.0, 8.0) > 5.0  # little contact with the bed
-    assert measure_box(120, 40, 20).brim_width_mm(20.0, 5.0, 8.0) == 8.0  # long: it would curl up
+    assert measure_box(40, 40, 20).choose_brim_width_mm(20.0, 5.0, 8.0) == 0.0
+    assert measure_box(40, 10, 100).choose_brim_width_mm(100.0, 5.0, 8.0) == 8.0  # a tall plate
+    assert measure_box(8, 8, 8).choose_brim_width_mm(8.0, 5.0, 8.0) > 5.0  # little contact with the bed
+    assert measure_box(120, 40, 20).choose_brim_width_mm(20.0, 5.0, 8.0) == 8.0  # long: it would curl up
     # The brim is narrower if the material shrinks less.
-    assert measure_box(120, 40, 20).brim_width_mm(20.0, 5.0, 8.0, 0.002) < 2.5
-    assert measure_box(40, 40, 20).brim_width_mm(20.0, -0.1, 8.0) == 8.0  # its centre of mass is beside it
+    assert measure_box(120, 40, 20).choose_brim_width_mm(20.0, 5.0, 8.0, 0.002) < 2.5
+    assert (
+        measure_box(40, 40, 20).choose_brim_width_mm(20.0, -0.1, 8.0) == 8.0
+    )  # its centre of mass is beside it
     disc = trimesh.creation.cylinder(60.0, 10.0, sections=64)
     disc.apply_translation([0, 0, 5])
     blunt = measure_footing(Solid.from_arrays(disc.vertices, disc.faces))
-    assert 0.0 < blunt.brim_width_mm(10.0, 5.0, 8.0) < 8.0  # of the same length, without corners
+    assert 0.0 < blunt.choose_brim_width_mm(10.0, 5.0, 8.0) < 8.0  # of the same length, without corners
 
 
 def test_chamfered_corner_is_sharp_a_rounded_one_is_not() -> None:
@@ -96,13 +98,16 @@ def test_chamfered_corner_is_sharp_a_rounded_one_is_not() -> None:
 
     assert measure_block(0.2).sharp_corners == 4
     assert measure_block(8.0).sharp_corners == 0
-    assert measure_block(8.0).brim_width_mm(10.0, 5.0, 8.0) < measure_block(0.2).brim_width_mm(10.0, 5.0, 8.0)
+    rounded_mm, sharp_mm = (
+        measure_block(corner_mm).choose_brim_width_mm(10.0, 5.0, 8.0) for corner_mm in (8.0, 0.2)
+    )
+    assert rounded_mm < sharp_mm
 
 
 def test_first_layer_is_narrowed_at_joints_but_not_at_thin_walls() -> None:
-    assert measure_box(20, 20, 20).expansion_mm(joined=True) == -0.2
-    assert measure_box(20, 20, 20).expansion_mm(joined=False) == 0.0
-    assert measure_box(80, 0.9, 20).expansion_mm(joined=True) == 0.0
+    assert measure_box(20, 20, 20).choose_expansion_mm(joined=True) == -0.2
+    assert measure_box(20, 20, 20).choose_expansion_mm(joined=False) == 0.0
+    assert measure_box(80, 0.9, 20).choose_expansion_mm(joined=True) == 0.0
 
 
 sizes = st.floats(1.0, 150.0)
@@ -113,6 +118,6 @@ def test_brim_is_never_wider_than_the_widest_and_grows_with_height(
     width: float, depth: float, height: float, widest: float
 ) -> None:
     result = measure_box(width, depth, height)
-    brims = [result.brim_width_mm(h, 5.0, widest) for h in (height, 2 * height, 4 * height)]
+    brims = [result.choose_brim_width_mm(h, 5.0, widest) for h in (height, 2 * height, 4 * height)]
     assert brims == sorted(brims)
     assert all(0.0 <= b <= widest for b in brims)

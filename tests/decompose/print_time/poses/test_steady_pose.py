@@ -15,10 +15,10 @@ from decompose.print_time import (
     CostModel,
     PartMesh,
     Pose,
+    compute_steady_limit_s,
     find_best_pose,
     find_steady_pose,
     measure_pose,
-    steady_limit_s,
 )
 from decompose.printers import PrinterRoom
 
@@ -71,10 +71,12 @@ def test_only_a_part_on_a_small_foot_spends_its_spare_time(cost: CostModel) -> N
     small_pose = measure_upright(PIN, cost)
     large_pose = measure_upright(Solid.box((0, 0, 0), (60, 60, 150)), cost)
     assert small_pose.has_small_foot and not large_pose.has_small_foot
-    assert steady_limit_s(small_pose, 2.0 * small_pose.price_s) == 2.0 * small_pose.price_s
-    assert steady_limit_s(small_pose, 0.0) == pytest.approx(1.02 * small_pose.price_s)
-    assert steady_limit_s(large_pose, 2.0 * large_pose.price_s) == pytest.approx(1.02 * large_pose.price_s)
-    assert steady_limit_s(large_pose, 0.0) == 0.0
+    assert compute_steady_limit_s(small_pose, 2.0 * small_pose.price_s) == 2.0 * small_pose.price_s
+    assert compute_steady_limit_s(small_pose, 0.0) == pytest.approx(1.02 * small_pose.price_s)
+    assert compute_steady_limit_s(large_pose, 2.0 * large_pose.price_s) == pytest.approx(
+        1.02 * large_pose.price_s
+    )
+    assert compute_steady_limit_s(large_pose, 0.0) == 0.0
 
 
 @pytest.mark.parametrize("time_factor", [1.0, 1.5])

@@ -112,7 +112,7 @@ def test_parts_that_overlap_are_found_and_the_job_is_refused(bar, files, tmp_pat
         return cut_box(solid, lo - 0.5, hi + 0.5)
 
     def cut_enlarged_cells(solid, grid, box):
-        return enlarge(solid, *grid.bounds_mm(box))
+        return enlarge(solid, *grid.find_bounds_mm(box))
 
     for engine in (exact_search, parallelobox_search):
         monkeypatch.setattr(engine, "cut_cells", cut_enlarged_cells)

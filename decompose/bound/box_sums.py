@@ -1,0 +1,105 @@
+"""Sums over the cells in boxes, and over the boxes on cells, by summed-area tables."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from decompose.arrays import Floats, Ints
+from decompose.jit import jit
+
+
+@jit
+def sum_in_boxes(cells: Floats, corners: Ints, sums: Floats, in_box: Floats) -> None:
+    """Sum the values of cells in each box, by a summed-area table.
+
+    Parameters
+    ----------
+    cells
+        (nx, ny, nz) float64 values.
+    corners
+        (k, 8) int64 of `find_corners`.
+    sums
+        (nx + 1, ny + 1, nz + 1) float64 workspace for the summed-area table; its first layers are 0.
+    in_box
+        (k,) float64 sums, filled in.
+    """
+    nx, ny, nz = cells.shape
+    for x in range(nx):
+        for y in range(ny):
+            run = 0.0
+            for z in range(nz):
+                run += cells[x, y, z]
+                sums[x + 1, y + 1, z + 1] = (
+                    run + sums[x, y + 1, z + 1] + sums[x + 1, y, z + 1] - sums[x, y, z + 1]
+                )
+    s = sums.ravel()
+    for k in range(len(corners)):
+        c = corners[k]
+        added = s[c[0]] + s[c[1]] + s[c[2]] + s[c[3]]
+        in_box[k] = added - s[c[4]] - s[c[5]] - s[c[6]] - s[c[7]]
+
+
+@jit
+def sum_over_cells(shares: Floats, corners: Ints, steps: Floats, covered: Floats) -> None:
+    """Sum, for each cell, the shares of the boxes that cover it.
+
+    Parameters
+    ----------
+    shares
+        (k,) float64 shares of the boxes.
+    corners
+        (k, 8) int64 of `find_corners`.
+    steps
+        (nx + 1, ny + 1, nz + 1) float64 workspace for the differences where boxes begin and end.
+    covered
+        (nx, ny, nz) float64 sums, filled in.
+    """
+    s = steps.ravel()
+    s[:] = 0.0
+    for k in range(len(corners)):
+        if shares[k] == 0.0:
+            continue
+        for i in range(4):
+            s[corners[k, i]] -= shares[k]
+            s[corners[k, i + 4]] += shares[k]
+    nx, ny, nz = covered.shape
+    for x in range(nx):
+        for y in range(ny):
+            run = 0.0
+            for z in range(nz):
+                run += steps[x, y, z]
+                v = run
+                if x > 0:
+                    v += covered[x - 1, y, z]
+                if y > 0:
+                    v += covered[x, y - 1, z]
+                if x > 0 and y > 0:
+                    v -= covered[x - 1, y - 1, z]
+                covered[x, y, z] = v
+
+
+def find_corners(boxes: Ints, shape: tuple[int, int, int]) -> Ints:
+    """Find the corners of boxes in a summed-area table.
+
+    Parameters
+    ----------
+    boxes
+        (k, 6) int64 in cells, half-open.
+    shape
+        Cells of the grid.
+
+    Returns
+    -------
+    ndarray
+        (k, 8) int64 indices in the flat table, the four that are added first, then the four that are
+        subtracted.
+    """
+    _, ny, nz = shape
+    x0, y0, z0, x1, y1, z1 = boxes.T
+
+    def find_index(x: Ints, y: Ints, z: Ints) -> Ints:
+        return (x * (ny + 1) + y) * (nz + 1) + z
+
+    positive = find_index(x1, y1, z1), find_index(x0, y0, z1), find_index(x0, y1, z0), find_index(x1, y0, z0)
+    negative = find_index(x0, y1, z1), find_index(x1, y0, z1), find_index(x1, y1, z0), find_index(x0, y0, z0)
+    return np.ascontiguousarray(np.stack([*positive, *negative], axis=1))

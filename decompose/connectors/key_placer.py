@@ -1,0 +1,162 @@
+"""Placer of keys: it chooses among the places on a step, and spreads keys over its glue."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.spatial.distance import cdist
+
+from decompose.arrays import Bools, Floats
+from decompose.connectors.coverage import Site, find_far_glue, sort_by_gain
+from decompose.connectors.keys import SHORT_MM, KeyMaker, KeyPlace
+from decompose.connectors.records import Pin
+
+NEAREST_MM = 12.0  # minimum distance between two keys, or between a key and a pin
+LEVEL_LOSS = 0.1  # loss of weight of a place for each level face: a groove there takes several times longer
+MAX_TRIED = 20  # maximum number of places that are tried, the best first
+
+
+@dataclass(slots=True)
+class KeyPlacer:
+    """Placer of keys of one diameter for a step, which adds their grooves to the tools of the room.
+
+    Attributes
+    ----------
+    maker
+        Maker of keys for the step.
+    sites
+        Faces of the step that close along its direction.
+    glue_mm
+        (n, 3) sample points on all glued faces of the step.
+    pins
+        Pins and keys of the step so far; new keys are added.
+    taken_mm, distinct_mm
+        Distances between the two keys or pins of the other steps, and the least difference from them.
+    """
+
+    maker: KeyMaker
+    sites: Sequence[Site]
+    glue_mm: Floats
+    pins: list[Pin]
+    taken_mm: Sequence[float]
+    distinct_mm: float
+    _places: dict[float, list[KeyPlace]] = field(default_factory=dict)
+
+    def place_pair(self) -> None:
+        """Place a long and a short key as far apart as possible."""
+        lengths_mm = self.maker.lengths_mm
+        long, short = (self._list_places(length_mm) for length_mm in lengths_mm)
+        if not long or not short:
+            return
+        separations_mm = cdist(*(self._project_places(places) for places in (long, short)))
+        separations_mm[~self._is_free(separations_mm)] = 0.0
+        separations_mm[separations_mm < NEAREST_MM] = 0.0
+        weighted_mm = separations_mm * np.add.outer(self._weigh_places(long), self._weigh_places(short)) / 2.0
+        for index in np.argsort(-weighted_mm, axis=None, kind="stable")[:MAX_TRIED].tolist():
+            first, second = np.unravel_index(index, separations_mm.shape)
+            if not separations_mm[first, second]:
+                return
+            keys = [
+                self.maker.make_key(place, length_mm)
+                for place, length_mm in zip((long[first], short[second]), lengths_mm, strict=True)
+            ]
+            if all(keys):
+                self._add_keys(*(key for key in keys if key is not None))
+                return
+
+    def place_second_key(self) -> None:
+        """Place a short key as far as possible from the only pin; anywhere if there is no pin."""
+        places = self._list_places(SHORT_MM)
+        if not places:
+            return
+        if not self.pins:
+            self._place_first_of(range(len(places)))
+            return
+        separations_mm = cdist(self._project_places(places), self._project_points(self.pins[0].at_mm[None]))[
+            :, 0
+        ]
+        order = np.argsort(-separations_mm * self._weigh_places(places), kind="stable")
+        self._place_first_of(order[self._is_free(separations_mm[order])].tolist())
+
+    def place_further_keys(self) -> None:
+        """Place short keys near the most glue that is far from all pins and keys."""
+        count = 0
+        while self.pins and len(self.pins) > count:
+            count = len(self.pins)
+            far_glue = find_far_glue(self.glue_mm, self.pins)
+            places = self._list_places(SHORT_MM) if len(far_glue) else []
+            if places:
+                self._place_first_of(sort_by_gain(_list_points(places), far_glue, self._weigh_places(places)))
+
+    def place_sliding_keys(self, sites: Sequence[Site]) -> None:
+        """Place short keys on faces that slide, near the most glue that is far from all pins and keys."""
+        count = -1
+        while len(self.pins) > count:
+            count = len(self.pins)
+            far_glue = find_far_glue(self.glue_mm, self.pins)
+            places = self.maker.find_sliding_places(sites, self.sites, SHORT_MM) if len(far_glue) else []
+            places = self._list_free(places)
+            if places:
+                numbers = sort_by_gain(_list_points(places), far_glue, self._weigh_places(places))
+                self._add_first_printable([places[number] for number in numbers])
+
+    def _place_first_of(self, numbers: Sequence[int]) -> None:
+        """Place a short key at the first printable one of the places with these numbers."""
+        places = self._list_places(SHORT_MM)
+        self._add_first_printable([places[number] for number in numbers[:MAX_TRIED]])
+
+    def _add_first_printable(self, places: Sequence[KeyPlace]) -> None:
+        """Place a short key at the first of some places where its grooves print without support."""
+        for place in places[:MAX_TRIED]:
+            key = self.maker.make_key(place, SHORT_MM)
+            if key is not None:
+                self._add_keys(key)
+                return
+
+    def _add_keys(self, *keys: Pin) -> None:
+        """Add keys to the step, and their grooves to the room."""
+        self.pins += keys
+        self.maker.room.tools += [groove for key in keys for groove in key.holes]
+
+    def _list_places(self, length_mm: float) -> list[KeyPlace]:
+        """List the places for a length that are not near a key or pin of the step."""
+        if length_mm not in self._places:
+            self._places[length_mm] = self.maker.find_places(self.sites, length_mm)
+        return self._list_free(self._places[length_mm])
+
+    def _list_free(self, places: Sequence[KeyPlace]) -> list[KeyPlace]:
+        """List the places that are not near a key or pin of the step."""
+        return [
+            place
+            for place in places
+            if all(np.linalg.norm(place.at_mm - pin.at_mm) > NEAREST_MM for pin in self.pins)
+        ]
+
+    def _weigh_places(self, places: Sequence[KeyPlace]) -> Floats:
+        """Compute the weights (n,) of places by their print time: less for level faces."""
+        is_level = self.maker.room.is_level
+        sites = [place.site for place in places]
+        return 1.0 - LEVEL_LOSS * np.array([is_level(site.moved) + is_level(site.fixed) for site in sites])
+
+    def _is_free(self, separations_mm: Floats) -> Bools:
+        """Check for each distance whether it differs enough from those of the pairs of other steps."""
+        is_free = np.ones(separations_mm.shape, dtype=np.bool_)
+        for taken_mm in self.taken_mm:
+            is_free &= np.abs(separations_mm - taken_mm) > self.distinct_mm
+        return is_free
+
+    def _project_places(self, places: Sequence[KeyPlace]) -> Floats:
+        """Project the middles of places along the direction of the step."""
+        return self._project_points(_list_points(places))
+
+    def _project_points(self, points_mm: Floats) -> Floats:
+        """Project points (n, 3) along the direction of the step."""
+        direction = self.maker.direction
+        return points_mm - np.outer(points_mm @ direction, direction)
+
+
+def _list_points(places: Sequence[KeyPlace]) -> Floats:
+    """List the middles (n, 3) of places."""
+    return np.array([place.at_mm for place in places]).reshape(-1, 3)

@@ -1,0 +1,75 @@
+"""Records of a result: errors of its geometry, attempts, and boxes from which the parts were cut."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from decompose.arrays import Floats
+from decompose.options import Engine
+from decompose.printers import PrinterRoom
+
+
+@dataclass(frozen=True, slots=True)
+class Coverage:
+    """Relative error of the original surface's area, and volume that parts cover twice."""
+
+    surface_error: float
+    overlap_mm3: float
+
+
+@dataclass(frozen=True, slots=True)
+class Attempt:
+    """Record of an attempt of the engine `best`: an engine on a grid.
+
+    Attributes
+    ----------
+    engine, granularity
+        Engine, and granularity of the grid.
+    yaw_deg
+        Angle by which the model was rotated about z.
+    makespan_s
+        Makespan of the result; None if there is none, for the cause in `reason`.
+    compute_s, effort_s
+        Wall time, and counted work, which is the same on every machine (`problem.Effort`).
+    finished
+        Whether the search ended within the budget.
+    reason
+        Reason why there is no result; empty if there is a result.
+    """
+
+    engine: Engine
+    granularity: str | int
+    yaw_deg: float = 0.0
+    makespan_s: float | None = None
+    compute_s: float = 0.0
+    effort_s: float = 0.0
+    finished: bool = True
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cutting:
+    """Boxes from which the parts were cut, for a second move of the planes (`decompose.relevel`).
+
+    Attributes
+    ----------
+    granularity
+        Granularity of the grid.
+    frame
+        (3, 3) rotation into the frame of the cut: ``v_cut = frame @ v_model``.
+    boxes_mm
+        (parts, 2, 3) corners of the box from which each part was cut, in the frame of the cut.
+    cut_for
+        Printer for which each part was cut; None for all printers.
+    printers
+        Printers of the problem.
+    prices_s
+        Price of each part in its printing pose; empty if it is not known.
+    """
+
+    granularity: str | int
+    frame: Floats
+    boxes_mm: Floats
+    cut_for: tuple[PrinterRoom | None, ...]
+    printers: tuple[PrinterRoom, ...]
+    prices_s: tuple[float, ...] = ()
