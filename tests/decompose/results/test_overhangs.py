@@ -60,13 +60,13 @@ def test_layers_between_corners_stand_for_the_others(
     roof = make_prism([(3, 12), (7, 12), (7, 23), (5, 23 + roof_mm), (3, 23)])
     tools = [make_groove(0, ends, SIDE).points_mm, roof]
     counts: list[int] = []
-    cut = Solid.sections
+    cut = Solid.cut_sections
 
     def count_sections(solid: Solid, frame: np.ndarray, at_mm: np.ndarray) -> list[list[np.ndarray]]:
         counts.append(len(at_mm))
         return cut(solid, frame, at_mm)
 
-    monkeypatch.setattr(Solid, "sections", count_sections)
+    monkeypatch.setattr(Solid, "cut_sections", count_sections)
     area_mm2, section_count = measure_ceiling_mm2(tools, SIDE, 0.0, UP_AXIS), sum(counts)
     monkeypatch.setattr(overhangs, "RING_MM", 1e-9)  # nothing is dropped ...
     all_mm2 = measure_ceiling_mm2(tools, SIDE, 0.0, UP_AXIS)
