@@ -22,7 +22,7 @@ def test_person_glues_the_next_pair_while_the_first_dries() -> None:
     assert order[2][1] == pytest.approx(works[0].seconds + works[2].seconds)
 
 
-def test_person_waits_where_nothing_else_is_left() -> None:
+def test_person_waits_if_no_other_step_is_ready() -> None:
     works = [glue({0}, {1}), glue({0, 1}, {2})]
     order = order_steps(works, dry_s=1000.0)
     assert order == [(0, 0.0), (1, pytest.approx(works[0].seconds + 1000.0))]

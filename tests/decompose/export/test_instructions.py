@@ -313,7 +313,7 @@ def test_parts_are_drawn_alike_in_another_process(drilled_table: Decomposition, 
     assert (local_folder / ASSEMBLY).stat().st_size == (remote_folder / ASSEMBLY).stat().st_size
 
 
-def test_some_steps_alone_are_drawn_as_among_all_steps(
+def test_steps_are_drawn_alone_as_among_all_steps(
     drilled_table: Decomposition, step_pictures: list[StepPictures]
 ) -> None:
     middle = len(step_pictures) // 2

@@ -31,7 +31,7 @@ def test_step_file_is_a_solid_in_mm(tmp_path: Path, unit_mm: float, suffix: str)
 
 
 @needs_cascadio
-def test_reading_a_step_file_prints_nothing(capfd: pytest.CaptureFixture[str]) -> None:
+def test_reading_a_step_file_does_not_print(capfd: pytest.CaptureFixture[str]) -> None:
     read_step("box.step", write_step_text((10, 20, 30)).encode())
     with pytest.raises(ModelUnreadable):
         read_step("box.step", b"ISO-10303-21;\nHEADER;\njunk\nEND-ISO-10303-21;\n")

@@ -46,7 +46,7 @@ def test_leaning_wall_has_its_area_and_its_level_width() -> None:
 
 
 @pytest.mark.parametrize("high_mm, layers", [(1.2, 2), (1.6, 0), (3.0, 0)])
-def test_skins_find_no_room_in_a_thin_sheet(high_mm: float, layers: int) -> None:
+def test_skins_overlap_in_a_thin_sheet(high_mm: float, layers: int) -> None:
     """Use a sheet of 6 layers with skins of 4 on each side, which are 2 too many."""
     overlap_mm3 = measure(Solid.box((0, 0, 0), (30, 30, high_mm))).overlap_mm3
     assert overlap_mm3 == pytest.approx(layers * 0.2 * 900.0, rel=0.05)

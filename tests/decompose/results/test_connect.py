@@ -184,7 +184,7 @@ def test_fit_of_a_blank_is_that_of_its_printer(halves: Decomposition) -> None:
     assert [pin.depth_mm for pin in connected.connectors.pins] == pytest.approx([3.55 / np.sqrt(2.0)] * 2)
 
 
-def test_prices_grow_with_the_tools_of_a_part_alone(drilled_parts: DrilledParts) -> None:
+def test_prices_grow_only_with_the_tools_of_a_part(drilled_parts: DrilledParts) -> None:
     connectors = drilled_parts.connectors
     ups = [blank.up for blank in drilled_parts.blanks]
     prices_s = [price_connectors(connectors, n, up, PART_S) for n, up in enumerate(ups)]

@@ -51,7 +51,7 @@ def test_sides_follow_the_pose_and_lying_ones_do_not_count():
     assert mark(BAR, LEFT, RIGHT, rotation=POSE_ROTATIONS[0]) == [[], []]
 
 
-def test_side_that_continues_a_visible_face_is_seen():
+def test_side_that_continues_a_visible_face_is_visible():
     """Cut a stair at its step: the face above the step is in the plane of the cut, and beside it."""
     stair = Solid.union([BAR, Solid.box((0.0, 0.0, 0.0), (25.0, 40.0, 40.0))])
     high = ((-1.0, -1.0, -1.0), (25.0, 41.0, 41.0))

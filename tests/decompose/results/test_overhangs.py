@@ -52,7 +52,7 @@ def test_bodies_that_meet_are_one_hollow() -> None:
 
 @pytest.mark.parametrize("lean", [-0.3, 0.0, 0.4])
 @pytest.mark.parametrize("roof_mm", [0.6, 1.9, 2.1])
-def test_layers_between_corners_stand_for_the_others(
+def test_layers_between_corners_represent_the_others(
     lean: float, roof_mm: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Compare with all layers: a high groove, one that leans, and a roof that is flat or steep half-way."""
