@@ -235,7 +235,7 @@ def test_unknown_compression_is_refused() -> None:
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w", zipfile.ZIP_LZMA) as archive:
         archive.writestr("_rels/.rels", "<a/>")
-    assert "packed in a way" in read_refusal(file.getvalue())
+    assert "uses a compression" in read_refusal(file.getvalue())
 
 
 def test_tags_without_end_and_tags_without_number_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
