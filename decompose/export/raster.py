@@ -58,7 +58,7 @@ def _rasterise_triangles(triangles: Floats, depth: Floats, front: Ints) -> None:
 
 
 @jit
-def _colour_pixels(front: Ints, depth: Floats, colours: Floats, step: float, oversample: int) -> Floats:
+def _colour_pixels(front: Ints, depth: Floats, colours: Floats, step_px: float, oversample: int) -> Floats:
     """Colour the triangles in front, darker next to jumps of depth, and average squares of pixels.
 
     Parameters
@@ -68,7 +68,7 @@ def _colour_pixels(front: Ints, depth: Floats, colours: Floats, step: float, ove
         -inf where nothing is drawn. Both sides are multiples of `oversample`.
     colours
         (m, 3) float64 colours of the triangles from 0 to 1.
-    step
+    step_px
         Minimum jump of depth in pixels at an outline.
     oversample
         Number of pixels along each side of a square.
@@ -84,7 +84,7 @@ def _colour_pixels(front: Ints, depth: Floats, colours: Floats, step: float, ove
         for x in range(width):
             if front[y, x] >= 0:
                 lowest = min(lowest, depth[y, x])
-    background = lowest - 2.0 * step
+    background = lowest - 2.0 * step_px
     picture = np.zeros((height // oversample, width // oversample, 3))
     for y in range(height):
         for x in range(width):
@@ -104,7 +104,7 @@ def _colour_pixels(front: Ints, depth: Floats, colours: Floats, step: float, ove
                     max(depth[y, x - 1], background) + max(depth[y, x + 1], background) - doubled_depth
                 )
             brightness = (
-                OUTLINE_BRIGHTNESS if abs(vertical_jump) > step or abs(horizontal_jump) > step else 1.0
+                OUTLINE_BRIGHTNESS if abs(vertical_jump) > step_px or abs(horizontal_jump) > step_px else 1.0
             )
             for channel in range(3):
                 picture[y // oversample, x // oversample, channel] += brightness * colours[t, channel]

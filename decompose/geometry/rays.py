@@ -236,7 +236,7 @@ def _compute_plane(
 
 
 @jit_inline
-def _insert_crossing(crossings: Crossings, ray: int, count: int, z: float, face: int) -> None:
+def _insert_crossing(crossings: Crossings, ray: int, count: int, z_mm: float, face: int) -> None:
     """Insert a crossing among those of a ray, in the order of heights.
 
     Parameters
@@ -245,12 +245,12 @@ def _insert_crossing(crossings: Crossings, ray: int, count: int, z: float, face:
         Crossings of all rays; updated in place.
     ray, count
         Index of the ray, and number of its crossings so far.
-    z, face
+    z_mm, face
         Height in mm, and index of the face.
     """
     first = crossings.start[ray]
     index = first + count
-    while index > first and crossings.z_mm[index - 1] > z:
+    while index > first and crossings.z_mm[index - 1] > z_mm:
         crossings.z_mm[index], crossings.face[index] = crossings.z_mm[index - 1], crossings.face[index - 1]
         index -= 1
-    crossings.z_mm[index], crossings.face[index] = z, face
+    crossings.z_mm[index], crossings.face[index] = z_mm, face

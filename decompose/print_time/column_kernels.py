@@ -52,7 +52,7 @@ class Sweep(NamedTuple):
 
 @jit
 def sweep_columns(
-    triangles: Floats, is_marked: Floats, rays: Rays, height: float, overhang_cos: float
+    triangles: Floats, is_marked: Floats, rays: Rays, height_mm: float, overhang_cos: float
 ) -> Sweep:
     """Send vertical rays through a closed mesh, and sum the solid and the air along them.
 
@@ -64,12 +64,12 @@ def sweep_columns(
         (m,) float64: 1 for a face to which no support should stick, else 0.
     rays
         Rays along z, one in the middle of each column.
-    height
+    height_mm
         Height of the mesh in mm.
     overhang_cos
         Downward component of a face's unit normal above which it gets support.
     """
-    origin, step, (nx, ny) = rays.origin_mm, rays.step_mm, rays.shape
+    origin, step_mm, (nx, ny) = rays.origin_mm, rays.step_mm, rays.shape
     normals = compute_unit_normals(triangles)
     crossings = find_crossings(triangles, normals, rays)
     runs = Runs(crossings.start, np.zeros(nx * ny, np.int64), np.zeros((len(crossings.z_mm), 5)))
@@ -83,15 +83,15 @@ def sweep_columns(
         count = _follow_ray(crossings, column, normals, is_marked, overhang_cos, runs.ends)
         runs.counts[column], supports[i, j], column_touched_count, is_propped[i, j] = count
         touched_count += column_touched_count
-        x, y = origin[0] + i * step, origin[1] + j * step
+        x, y = origin[0] + i * step_mm, origin[1] + j * step_mm
         for run in range(runs.start[column], runs.start[column] + runs.counts[column]):
-            _add_run(passing_sums, ending_sums, (x, y), (runs.ends[run, 0], runs.ends[run, 1]), height)
+            _add_run(passing_sums, ending_sums, (x, y), (runs.ends[run, 0], runs.ends[run, 1]), height_mm)
     for level in range(LEVELS):
         for upper_level in range(level, LEVELS):
             passing_sums[upper_level] += ending_sums[level]
-    carried_mm = step * np.sqrt(1.0 - overhang_cos * overhang_cos) / overhang_cos
-    towers_mm, edges_mm2 = _sum_towers_mm(runs, supports, carried_mm, step)
-    paths = sum_islands_mm(runs, rays.shape, height, step)
+    carried_mm = step_mm * np.sqrt(1.0 - overhang_cos * overhang_cos) / overhang_cos
+    towers_mm, edges_mm2 = _sum_towers_mm(runs, supports, carried_mm, step_mm)
+    paths = sum_islands_mm(runs, rays.shape, height_mm, step_mm)
     is_standing = _find_standing_columns(runs, rays.shape)
     return Sweep(touched_count, passing_sums, is_propped, supports, towers_mm, edges_mm2, *paths, is_standing)
 
@@ -157,7 +157,7 @@ def _add_run(
     ending_sums: Floats,
     place: tuple[float, float],
     run: tuple[float, float],
-    height: float,
+    height_mm: float,
 ) -> None:
     """Add a run of a column to the moments and the mass of each level.
 
@@ -169,13 +169,13 @@ def _add_run(
         x and y of the column in mm.
     run
         Bottom and top of the run in mm.
-    height
+    height_mm
         Height of the mesh in mm.
     """
     bottom, top = run
-    level = int(bottom / height * LEVELS)
-    while level < LEVELS - 1 and height * (level + 1) / LEVELS < top:
-        _add_moments(passing_sums, level, place, bottom, height * (level + 1) / LEVELS)
+    level = int(bottom / height_mm * LEVELS)
+    while level < LEVELS - 1 and height_mm * (level + 1) / LEVELS < top:
+        _add_moments(passing_sums, level, place, bottom, height_mm * (level + 1) / LEVELS)
         level += 1
     _add_moments(ending_sums, min(level, LEVELS - 1), place, bottom, top)
 
@@ -203,7 +203,7 @@ def _add_moments(sums: Floats, level: int, place: tuple[float, float], bottom: f
 
 
 @jit
-def _sum_towers_mm(runs: Runs, supports: Floats, carried_mm: float, step: float) -> tuple[float, float]:
+def _sum_towers_mm(runs: Runs, supports: Floats, carried_mm: float, step_mm: float) -> tuple[float, float]:
     """Sum the height of air under runs of solid that no neighbouring run or support carries.
 
     Where neighbouring runs begin at about the same height, as along an edge, the first one counts as a
@@ -215,7 +215,7 @@ def _sum_towers_mm(runs: Runs, supports: Floats, carried_mm: float, step: float)
         Runs of all columns.
     supports
         (nx, ny) float64 height of support in each column, in mm.
-    carried_mm, step
+    carried_mm, step_mm
         Height by which a neighbouring run must begin lower to carry a run, and distance between columns, in
         mm.
 
@@ -231,7 +231,7 @@ def _sum_towers_mm(runs: Runs, supports: Floats, carried_mm: float, step: float)
         for k in range(start[column], start[column] + counts[column]):
             bottom, air = ends[k, 0], ends[k, 2]
             # A leaning thin wall is carried by a neighbour that is lower by its slope between two columns.
-            reached = bottom - ends[k, 4] * step
+            reached = bottom - ends[k, 4] * step_mm
             if air <= MIN_GAP_MM:
                 continue
             begins, edge = True, False
@@ -251,7 +251,7 @@ def _sum_towers_mm(runs: Runs, supports: Floats, carried_mm: float, step: float)
                         elif lower > LEVEL_MM or (lower > -LEVEL_MM and neighbour < column):
                             edge = True
             if begins and edge:
-                sides += 2.0 * step * air
+                sides += 2.0 * step_mm * air
             elif begins:
                 total += air
     return total, sides

@@ -32,7 +32,7 @@ class Runs(NamedTuple):
 
 @jit
 def sum_islands_mm(
-    runs: Runs, shape: tuple[int, int], height: float, step: float
+    runs: Runs, shape: tuple[int, int], height_mm: float, step_mm: float
 ) -> tuple[float, float, float, float, float]:
     """Count the islands, the bodies of solid and the holes of each layer, and sum them over the height.
 
@@ -45,9 +45,9 @@ def sum_islands_mm(
         Runs of all columns.
     shape
         Number of columns along x and along y.
-    height
+    height_mm
         Height of the mesh in mm.
-    step
+    step_mm
         Distance between columns in mm.
 
     Returns
@@ -62,18 +62,20 @@ def sum_islands_mm(
     kind = np.zeros(rows * row_length, np.int8)  # kinds of cells: none, solid, support
     parent = np.zeros(rows * row_length, np.int64)
     for level in range(ISLAND_LEVELS):
-        rectangle = _fill_level(runs, ny, height * (level + 0.5) / ISLAND_LEVELS, kind, (rows, row_length))
+        rectangle = _fill_level(runs, ny, height_mm * (level + 0.5) / ISLAND_LEVELS, kind, (rows, row_length))
         islands, bodies, cells = _count_islands(kind, parent, rows, row_length)
         if islands > 1:
             total += islands - 1
-            island_paths += (islands - 1) * ISLAND_STRIDE * step * np.sqrt(rectangle / islands)
+            island_paths += (islands - 1) * ISLAND_STRIDE * step_mm * np.sqrt(rectangle / islands)
         other_bodies += max(0, bodies - 1)
         hole_count = max(0, bodies - _count_euler(kind, rows, row_length))
         holes += hole_count
         hole_paths += (
-            hole_count * ISLAND_STRIDE * step * np.sqrt(cells / (bodies + hole_count)) if hole_count else 0.0
+            hole_count * ISLAND_STRIDE * step_mm * np.sqrt(cells / (bodies + hole_count))
+            if hole_count
+            else 0.0
         )
-    level_mm = height / ISLAND_LEVELS
+    level_mm = height_mm / ISLAND_LEVELS
     return (
         total * level_mm,
         other_bodies * level_mm,
@@ -84,7 +86,7 @@ def sum_islands_mm(
 
 
 @jit
-def _fill_level(runs: Runs, ny: int, z: float, kind: Bytes, shape: tuple[int, int]) -> int:
+def _fill_level(runs: Runs, ny: int, z_mm: float, kind: Bytes, shape: tuple[int, int]) -> int:
     """Fill a raster from every second column at a height, and count the cells of its bounding rectangle.
 
     Parameters
@@ -93,7 +95,7 @@ def _fill_level(runs: Runs, ny: int, z: float, kind: Bytes, shape: tuple[int, in
         Runs of all columns.
     ny
         Number of columns along y.
-    z
+    z_mm
         Height in mm.
     kind
         (rows * row_length,) int8, filled in: 1 for solid, 2 for support, else 0.
@@ -112,9 +114,9 @@ def _fill_level(runs: Runs, ny: int, z: float, kind: Bytes, shape: tuple[int, in
             index, column = i * row_length + j, i * ISLAND_STRIDE * ny + j * ISLAND_STRIDE
             kind[index] = 0
             for k in range(runs.start[column], runs.start[column] + runs.counts[column]):
-                if runs.ends[k, 0] < z < runs.ends[k, 1]:
+                if runs.ends[k, 0] < z_mm < runs.ends[k, 1]:
                     kind[index] = 1
-                elif runs.ends[k, 0] - runs.ends[k, 3] < z <= runs.ends[k, 0]:
+                elif runs.ends[k, 0] - runs.ends[k, 3] < z_mm <= runs.ends[k, 0]:
                     kind[index] = 2
             if kind[index] > 0:
                 low_i, high_i, low_j, high_j = min(low_i, i), max(high_i, i), min(low_j, j), max(high_j, j)

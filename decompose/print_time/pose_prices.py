@@ -190,7 +190,7 @@ def price_short_layers_s(triangles: Floats, cost: CostModel) -> float:
 
 
 @jit
-def _sum_by_slab(triangles: Floats, height: float) -> tuple[Floats, Floats]:
+def _sum_by_slab(triangles: Floats, height_mm: float) -> tuple[Floats, Floats]:
     """Sum A sqrt(1 - n^2) over the faces in each slab, and compute the mean section of the solid there.
 
     n is the upward component of a face's unit normal. The section at a height is the sum of A n over all
@@ -200,7 +200,7 @@ def _sum_by_slab(triangles: Floats, height: float) -> tuple[Floats, Floats]:
     ----------
     triangles
         (m, 3, 3) float64 in mm, outward, standing on z = 0.
-    height
+    height_mm
         Height of the mesh in mm.
 
     Returns
@@ -218,7 +218,7 @@ def _sum_by_slab(triangles: Floats, height: float) -> tuple[Floats, Floats]:
         low, high = min(az, az + uz, az + vz), max(az, az + uz, az + vz)
         middle = 3.0 * az + uz + vz - low - high
         for plane in range(SLABS + 1):
-            z = height * plane / SLABS
+            z = height_mm * plane / SLABS
             if z >= high:
                 below = 1.0
             elif z <= low:

@@ -110,7 +110,7 @@ def make_paper_terrain(grid: Grid, boxes: BoxTables) -> Terrain:
 
 @jit
 def _compute_paper_prices(
-    prefix: Floats, cut_x: Floats, cut_y: Floats, cut_z: Floats, total: int, speed: float
+    prefix: Floats, cut_x: Floats, cut_y: Floats, cut_z: Floats, total: int, speed_mm_s: float
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     """Compute P and O of `Terrain` for every box.
 
@@ -124,8 +124,8 @@ def _compute_paper_prices(
         the planes across the third one.
     total
         Number of boxes.
-    speed
-        Speed of shell and infill in mm/s.
+    speed_mm_s
+        Speed of shell and infill.
 
     Returns
     -------
@@ -154,6 +154,6 @@ def _compute_paper_prices(
                                 area += cut_z[x1, y1, z] - cut_z[x0, y1, z] - cut_z[x1, y0, z]
                                 area += cut_z[x0, y0, z]
                             box = compute_index((x0, y0, z0, x1, y1, z1), (nx, ny, nz))
-                            printing[box] = speed * (s[0] + area)
+                            printing[box] = speed_mm_s * (s[0] + area)
                             overhang[box] = s[2:8].min()
     return printing, overhang
