@@ -89,7 +89,7 @@ class FarmAnswers:
 
     def __init__(self, folder):
         self.farm = WebFarm(folder, workers=SameProcess())
-        self.farm.ready("a", nozzle_c=25.0, bed_c=24.0, nozzle_target_c=0.0, bed_target_c=0.0)
+        self.farm.report_ready("a", nozzle_c=25.0, bed_c=24.0, nozzle_target_c=0.0, bed_target_c=0.0)
         self._key = self.farm.add_key(Role.PRINT)
 
     def ask(self, method, path, key="", **options):

@@ -50,13 +50,13 @@ class ServedFarm(RealFarm):
         with self.fleet.open("a") as file:
             file.write(f"web: {{listen: '127.0.0.1:{port}'}}\n")
         self.up()
-        self.key = self.ok("key", "add", "slicer", "--role", "print").strip()
+        self.key = self.run_checked("key", "add", "slicer", "--role", "print").strip()
 
     def wait_until_printed(self, job):
         """Wait until a job is printed, clear its bed, and return the printer."""
         wait_for(f"job {job}", lambda: self.job(job)["state"] in END_STATES)
         (plate,) = self.job(job)["plates"]
-        self.ok("cleared", plate["printer"])
+        self.run_checked("cleared", plate["printer"])
         return plate["printer"]
 
 

@@ -54,7 +54,7 @@ def drop_file(page, selector, path):
 def test_job_is_submitted_planned_printed_and_cleared_and_shown_in_two_tabs(farm, browser, tmp_path):
     model = tmp_path / "box.stl"
     trimesh.creation.box((20.0, 20.0, 3.0)).export(model)
-    link = json.loads(farm.ok("web", "--json"))["url"]
+    link = json.loads(farm.run_checked("web", "--json"))["url"]
     base = link.partition("/login/")[0]
     context, messages, hosts = open_context(browser, base), [], set()
     context.on("console", lambda message: messages.append(message.text))
@@ -79,7 +79,7 @@ def test_job_is_submitted_planned_printed_and_cleared_and_shown_in_two_tabs(farm
     expect(corridor_page.locator(".stale")).to_be_hidden()
     clear_bed(corridor_page)
     expect(desk_page.locator("#state")).to_contain_text("Every part is printed and good")
-    farm.ok("down")
+    farm.run_checked("down")
     expect(desk_page.locator(".stale")).to_be_visible()
     assert not [message for message in messages if "Content Security Policy" in message]
     assert hosts == {base}

@@ -18,7 +18,7 @@ def test_shorted_nozzle_of_an_idle_printer_is_the_first_task_and_cuts_the_mains(
     farm.fleet.write_text(rows)
     try:
         farm.up()
-        control(farm.emulator("um2-01"), "break", fault="nozzle_burns_after")
+        control(farm.get_emulator_folder("um2-01"), "break", fault="nozzle_burns_after")
         wait_for("its mains to be cut", mark.exists, 40.0)
         alarm = wait_for(
             "its outcome", lambda: [t for t in farm.status()["todo"] if "cut its mains" in t["text"]]
@@ -26,7 +26,7 @@ def test_shorted_nozzle_of_an_idle_printer_is_the_first_task_and_cuts_the_mains(
         assert alarm[0] == farm.status()["todo"][0] and alarm[0]["code"] == "alarm"
         assert "go to um2-01 now: " in alarm[0]["text"] and ", nozzle " in alarm[0]["text"]
         assert farm.printer("um2-01")["state"] == "look"
-        assert "DO NOW   go to um2-01 now: " in farm.ok("status")
+        assert "DO NOW   go to um2-01 now: " in farm.run_checked("status")
         assert mark.read_text() == "um2-01\n"
     finally:
         farm.end()

@@ -10,7 +10,7 @@ import pytest
 
 from farm.paths import StateFolder
 from farm.state.storage.backups import back_up
-from farms.killed_daemon_farm import KilledFarm
+from farms.killed_daemon_farm import KilledDaemonFarm
 from farms.real_farm import wait_for
 from hosts.small_disk import SmallDisk
 
@@ -25,7 +25,7 @@ def disk_farm(tmp_path):
         stack.callback(disk.end)
         if not disk.is_mounted:
             pytest.skip("no disk can be mounted here")
-        farm = KilledFarm(tmp_path, disk)
+        farm = KilledDaemonFarm(tmp_path, disk)
         stack.callback(farm.end)
         stack.callback(disk.free)
         yield farm
@@ -33,7 +33,7 @@ def disk_farm(tmp_path):
 
 @pytest.fixture
 def farm(tmp_path):
-    farm = KilledFarm(tmp_path)
+    farm = KilledDaemonFarm(tmp_path)
     yield farm
     farm.end()
 
@@ -99,7 +99,7 @@ def test_damaged_database_is_restored_and_no_part_is_printed_twice(farm):
     farm.start_daemons([])
     farm.submit(3, hold=True)
     wait_for("all to be planned", lambda: list_states(farm) == {"held"})
-    back_up(StateFolder(farm.state), farm.clock().now())
+    back_up(StateFolder(farm.state), farm.read_clock().now())
     farm.approve()
     wait_for("the last of them to print", lambda: "3/01" in clear_and_list_prints(farm))
     farm.kill_daemons()
@@ -109,7 +109,7 @@ def test_damaged_database_is_restored_and_no_part_is_printed_twice(farm):
         path.write_bytes(data[:4096] + b"\xa5" * (len(data) - 4096))
     farm.start_daemons([])
     assert list_states(farm) == {"held"}
-    assert "was restored from" in farm.log()
+    assert "was restored from" in farm.read_log()
     farm.approve()
     farm.judge_prints_good()
     farm.check()

@@ -49,14 +49,14 @@ def test_planning_processes_end_with_their_job_and_with_the_daemon(make_farm, ba
     farm = make_farm({"one": (MODEL, f"sim://{MODEL}"), "two": (MODEL, f"sim://{MODEL}")})
     farm.up(FARM_CURA_ENGINE=str(hanging_engine))
     daemon = farm.status()["daemon"]["pid"]
-    farm.ok("submit", bar)
+    farm.run_checked("submit", bar)
     with (tmp_path / "fifo").open() as fifo:
         assert fifo.readline() == "slicing\n"
         progress = {"step": "slicing", "done": 0, "of": 2, "cached": 0, "share": None, "remaining_s": None}
         assert farm.job()["progress"] == progress
-        assert "slicing 0 of 2" in farm.ok("status")
+        assert "slicing 0 of 2" in farm.run_checked("status")
         old_workers = list_workers(daemon)
-        farm.ok("cancel", 1)
+        farm.run_checked("cancel", 1)
         fifo.read()  # to its end: no engine has it open
     assert (farm.job()["state"], farm.job()["progress"]) == ("cancelled", None)
     wait_for(
@@ -64,7 +64,7 @@ def test_planning_processes_end_with_their_job_and_with_the_daemon(make_farm, ba
     )
     assert not list((farm.state / "work").glob("job-*"))
     # The new workers plan the next job; the daemon is killed meanwhile.
-    farm.ok("submit", bar)
+    farm.run_checked("submit", bar)
     with (tmp_path / "fifo").open() as fifo:
         assert fifo.readline() == "slicing\n"
         old_workers = list_workers(daemon)
@@ -82,7 +82,7 @@ def test_planning_processes_end_with_their_job_and_with_the_daemon(make_farm, ba
         assert fifo.readline() == "slicing\n"
         old_workers = list_workers(daemon)
         assert "being planned: job 2" in farm.run("down").stderr
-        farm.ok("down", "--now")
+        farm.run_checked("down", "--now")
         fifo.read()
     assert not any(Path(f"/proc/{pid}").exists() for pid in old_workers)
     assert not (farm.state / "work" / "workers").exists()

@@ -188,14 +188,14 @@ def test_open_mesh_is_repaired_and_parts_are_printed_in_rounds(make_farm, tmp_pa
     bar.update_faces(np.arange(len(bar.faces)) != 7)
     path = tmp_path / "open.stl"
     bar.export(path)
-    output = farm.ok("submit", path)
+    output = farm.run_checked("submit", path)
     assert "losed" in output
     wait_for("the first round", lambda: farm.job()["waits_for_person"])
     job = farm.job()
     assert job["repairs"]
     assert len(job["parts"]) == 2
     assert {p["hold"]["code"] for p in job["plates"] if p["hold"]} == {"bed_not_clear"}
-    farm.ok("cleared", "one")
+    farm.run_checked("cleared", "one")
     wait_for("the second round", lambda: farm.job()["state"] == "printed")
 
 

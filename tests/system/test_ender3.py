@@ -22,14 +22,14 @@ def mixed_farm(make_farm):
 
 def test_model_is_split_between_two_models_of_printer(mixed_farm, bar):
     result = mixed_farm.run("submit", bar, "--wait", "--json")
-    assert result.returncode == 0, (result.stderr, mixed_farm.log())
+    assert result.returncode == 0, (result.stderr, mixed_farm.read_log())
     job = json.loads(result.stdout)["job"]
     assert job["state"] == "printed"
     assert {part["prints"][-1]["printer"] for part in job["parts"]} == {"ender", "um2"}
     for name in ("ender", "um2"):
-        printer, emulator = mixed_farm.printer(name), mixed_farm.emulator_status(name)
+        printer, emulator = mixed_farm.printer(name), mixed_farm.read_emulator_status(name)
         assert (printer["bed"], printer["filament"], printer["heaters_off"]) == ("not_clear", "parked", True)
         assert (emulator.nozzle_target_c, emulator.bed_target_c, emulator.bed_clear) == (0.0, 0.0, False)
         assert emulator.altered == emulator.damaged == 0
-    mixed_farm.ok("cleared", "all")
+    mixed_farm.run_checked("cleared", "all")
     assert mixed_farm.status()["todo"] == []

@@ -38,12 +38,12 @@ def list_prints(job):
 
 def test_jobs_and_dry_runs_are_planned_while_printers_and_workers_are_busy(evening_farm, bar, models):
     farm = evening_farm
-    farm.ok("submit", bar, "--engine", "guillotine")
+    farm.run_checked("submit", bar, "--engine", "guillotine")
     wait_for("both printers to print", lambda: len(list_prints(farm.job())) == 2)
 
     # No bed is cleared from now on; both jobs have their figures nevertheless.
-    farm.ok("submit", bar, "--engine", "guillotine")
-    farm.ok("submit", models["box"])
+    farm.run_checked("submit", bar, "--engine", "guillotine")
+    farm.run_checked("submit", models["box"])
     wait_for("two plans", lambda: all(farm.job(number)["parts"] for number in (2, 3)))
     for number, parts in ((2, 2), (3, 1)):
         job = farm.job(number)
@@ -52,11 +52,11 @@ def test_jobs_and_dry_runs_are_planned_while_printers_and_workers_are_busy(eveni
         assert {plate["hold"]["code"] for plate in job["plates"]} <= {"printer_busy", "bed_not_clear"}
         assert list_prints(job) == []
 
-    farm.ok("submit", models["sphere"])
+    farm.run_checked("submit", models["sphere"])
     wait_for("the search for parts", lambda: (farm.job(4)["progress"] or {}).get("share"))
-    timeline = json.loads(farm.ok("submit", models["box"], "--dry-run", "--json"))
+    timeline = json.loads(farm.run_checked("submit", models["box"], "--dry-run", "--json"))
     assert len(timeline["slots"]) == 1 and timeline["grams"] > 0
     progress = farm.job(4)["progress"]
     assert progress["step"] == "decomposing" and progress["remaining_s"] > 0
-    assert "decomposing" in farm.ok("status")
-    farm.ok("cancel", 4)
+    assert "decomposing" in farm.run_checked("status")
+    farm.run_checked("cancel", 4)

@@ -7,7 +7,7 @@ import random
 
 import pytest
 
-from farms.killed_daemon_farm import KilledFarm
+from farms.killed_daemon_farm import KilledDaemonFarm
 from farms.restarted_daemon import AFTER_DELAY, MOMENTS
 
 pytestmark = pytest.mark.system
@@ -20,7 +20,7 @@ JOB_EVENTS = (  # events of a job, from its submission to the verdict
 
 @pytest.fixture
 def killed_farm(tmp_path):
-    farm = KilledFarm(tmp_path)
+    farm = KilledDaemonFarm(tmp_path)
     yield farm
     farm.end()
 

@@ -27,12 +27,12 @@ def is_printing(farm):
 
 
 def is_extruding(farm, name):
-    return farm.emulator_status(name).bed_clear is False
+    return farm.read_emulator_status(name).bed_clear is False
 
 
 def test_model_is_printed_to_its_last_part(farm, bar):
     result = farm.run("submit", bar, "--wait", "--json")
-    assert result.returncode == 0, (result.stderr, farm.log())
+    assert result.returncode == 0, (result.stderr, farm.read_log())
     answer = json.loads(result.stdout)
     assert answer["schema"] == 1
     job = answer["job"]
@@ -54,18 +54,18 @@ def test_model_is_printed_to_its_last_part(farm, bar):
     for name in ("one", "two"):
         printer = farm.printer(name)
         assert (printer["bed"], printer["filament"], printer["heaters_off"]) == ("not_clear", "parked", True)
-        emulator = farm.emulator_status(name)
+        emulator = farm.read_emulator_status(name)
         assert (emulator.nozzle_target_c, emulator.bed_target_c, emulator.bed_clear) == (0.0, 0.0, False)
         assert emulator.filament_mm > 0
     todo = farm.status()["todo"]
     assert [item["code"] for item in todo] == ["clear"]
-    text = farm.ok("status")
+    text = farm.run_checked("status")
     assert re.search(r"clear 2 beds: (one|two) \(1/p0[12]\) (one|two) \(1/p0[12]\)", text)
     assert "printed 2/2" in text
-    farm.ok("cleared", "all")
+    farm.run_checked("cleared", "all")
     assert farm.status()["todo"] == []
     # Nothing prints, so the farm shuts down on request, with its simulated printers.
-    farm.ok("down")
+    farm.run_checked("down")
     assert farm.run("status").returncode == 3
 
 
@@ -76,25 +76,25 @@ def test_print_completes_with_wrong_checksums(make_farm, bar):
     )
     farm.up()
     result = farm.run("submit", bar, "--wait")
-    assert result.returncode == 0, (result.stderr, farm.log())
-    assert farm.emulator_status("one").errors > 0
+    assert result.returncode == 0, (result.stderr, farm.read_log())
+    assert farm.read_emulator_status("one").errors > 0
 
 
 def test_prints_continue_after_the_daemon_dies(farm, bar):
-    farm.ok("submit", bar)
+    farm.run_checked("submit", bar)
     wait_for("both printers to extrude", lambda: is_printing(farm) and is_extruding(farm, "one"))
     old_status = farm.status()
     agents = {p["name"]: p["agent_pid"] for p in old_status["printers"]}
-    resets = {name: farm.emulator_status(name).resets for name in agents}
-    moves = {name: farm.emulator_status(name).moves for name in agents}
+    resets = {name: farm.read_emulator_status(name).resets for name in agents}
+    moves = {name: farm.read_emulator_status(name).moves for name in agents}
     os.kill(old_status["daemon"]["pid"], signal.SIGKILL)
-    wait_for("moves without a daemon", lambda: farm.emulator_status("one").moves > moves["one"])
+    wait_for("moves without a daemon", lambda: farm.read_emulator_status("one").moves > moves["one"])
     assert farm.run("status").returncode == 3
-    farm.ok("up")
+    farm.run_checked("up")
     assert farm.status()["daemon"]["pid"] != old_status["daemon"]["pid"]
     wait_for("the job to end", lambda: farm.job()["state"] == "printed")
     assert {p["name"]: p["agent_pid"] for p in farm.status()["printers"]} == agents
-    assert {name: farm.emulator_status(name).resets for name in agents} == resets
+    assert {name: farm.read_emulator_status(name).resets for name in agents} == resets
     job = farm.job()
     # A second of a busy computer is minutes on the farm's clock; `bench/fleets/job_times.py` measures
     # the difference.
@@ -112,7 +112,7 @@ def test_submit_wait_continues_over_a_restart_of_the_daemon(farm, bar, tmp_path)
         wait_process = subprocess.Popen(command, stdout=path, stderr=subprocess.DEVNULL)
         wait_for("the plan", lambda: farm.status()["jobs"] and farm.job()["estimated_s"])
         farm.kill_daemon()
-        farm.ok("up")
+        farm.run_checked("up")
         assert wait_process.wait(240) == 0
         path.seek(0)
         assert json.load(path)["job"]["state"] == "printed"
@@ -156,10 +156,10 @@ def check_fetched_files(farm, folder, stills):
     """Check that another computer gets the files of job 1, and a report that shows its stills."""
     key = folder / "key"
     key.touch(mode=0o600)
-    key.write_text(farm.ok("key", "add", "laptop", "--role", "look"))
+    key.write_text(farm.run_checked("key", "add", "laptop", "--role", "look"))
     remote_environ = {"FARM_URL": f"http://127.0.0.1:{farm.port}", "FARM_KEY_FILE": str(key)}
-    wait_for("the server", lambda: "closed" not in farm.ok("key").splitlines()[0])
-    farm.ok("fetch", 1, "--out", folder / "job", **remote_environ)
+    wait_for("the server", lambda: "closed" not in farm.run_checked("key").splitlines()[0])
+    farm.run_checked("fetch", 1, "--out", folder / "job", **remote_environ)
     file_names = {path.name for path in (folder / "job").iterdir()}
     assert {"p01.stl", "p02.stl", "plate-01.gcode", "assembly.png", "instructions.html"} <= file_names
     assert sum(name.startswith("print-") for name in file_names) == stills
@@ -169,15 +169,15 @@ def check_fetched_files(farm, folder, stills):
 
 def test_printer_of_a_dead_agent_is_cooled(watched_farm, bar, tmp_path):
     farm = watched_farm
-    farm.ok("submit", bar)
+    farm.run_checked("submit", bar)
     wait_for("both printers to extrude", lambda: is_printing(farm) and is_extruding(farm, "one"))
     agent = farm.printer("one")["agent_pid"]
-    assert farm.emulator_status("one").nozzle_target_c > 0
+    assert farm.read_emulator_status("one").nozzle_target_c > 0
     os.kill(agent, signal.SIGKILL)
     kill_s = time.monotonic()
 
     def is_cold():
-        emulator = farm.emulator_status("one")
+        emulator = farm.read_emulator_status("one")
         return emulator.nozzle_target_c == 0 and emulator.bed_target_c == 0
 
     # This is a guarantee: the heaters are off five seconds after an agent's death.
@@ -194,45 +194,45 @@ def test_printer_of_a_dead_agent_is_cooled(watched_farm, bar, tmp_path):
     # The other print continues; the failed plate then waits for a person, with the reason.
     wait_for("the other part", lambda: any(p["prints"][-1]["state"] == "done" for p in farm.job()["parts"]))
     assert farm.job()["waits_for_person"]
-    farm.ok("cleared", "one")
+    farm.run_checked("cleared", "one")
     wait_for("the second attempt", lambda: farm.job()["state"] == "printed")
     wait_for("stills of the ends", lambda: have_last_stills(farm.job()))
     check_fetched_files(farm, tmp_path, check_stills(farm.job()))
 
 
 def test_printer_reset_by_a_person_gets_no_plate_before_it_is_inspected(farm, bar):
-    control(farm.emulator("one"), Command.RESET)
+    control(farm.get_emulator_folder("one"), Command.RESET)
     wait_for("the farm to notice", lambda: farm.printer("one")["look"])
     printer = farm.printer("one")
     assert (printer["bed"], printer["state"]) == ("unknown", "look")
     assert [item["code"] for item in farm.status()["todo"]] == ["look"]
     # A daemon that starts later still knows that the bed is unknown.
     farm.kill_daemon()
-    farm.ok("up")
+    farm.run_checked("up")
     wait_for("the other printer", lambda: farm.printer("two")["state"] == "idle")
     assert farm.printer("one")["bed"] == "unknown"
-    farm.ok("cleared", "one")
+    farm.run_checked("cleared", "one")
     wait_for("the printer to be ready", lambda: farm.printer("one")["state"] == "idle")
     assert farm.printer("one")["bed"] == "clear"
 
 
 def test_farm_down_is_refused_during_a_print_without_an_option(farm, bar):
-    farm.ok("submit", bar)
+    farm.run_checked("submit", bar)
     wait_for("both printers to extrude", lambda: is_printing(farm))
     result = farm.run("down")
     assert result.returncode == 5
     assert "one two" in result.stderr
-    farm.ok("down", "--now")
+    farm.run_checked("down", "--now")
     assert farm.run("status").returncode == 3
     for name in ("one", "two"):
-        emulator = farm.emulator_status(name)
+        emulator = farm.read_emulator_status(name)
         assert (emulator.nozzle_target_c, emulator.bed_target_c) == (0.0, 0.0)
 
 
 def test_cancelled_job_ends_safely_and_is_not_repeated(farm, bar):
-    farm.ok("submit", bar)
+    farm.run_checked("submit", bar)
     wait_for("both printers to extrude", lambda: is_printing(farm))
-    farm.ok("cancel", 1)
+    farm.run_checked("cancel", 1)
     wait_for("both prints to end", lambda: all(p["print"] is None for p in farm.status()["printers"]))
     job = farm.job()
     assert job["state"] == "cancelled"
@@ -240,5 +240,5 @@ def test_cancelled_job_ends_safely_and_is_not_repeated(farm, bar):
     for name in ("one", "two"):
         printer = farm.printer(name)
         assert (printer["bed"], printer["look"]) == ("not_clear", None)
-        assert farm.emulator_status(name).nozzle_target_c == 0.0
+        assert farm.read_emulator_status(name).nozzle_target_c == 0.0
     assert farm.run("submit", bar, "--wait", "--printers", "0").returncode == 2

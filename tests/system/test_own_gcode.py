@@ -24,7 +24,7 @@ def one_printer_farm(make_farm):
 def print_file(farm, number, path):
     """Submit a file, wait for the end, and return the job."""
     result = farm.run("submit", path, "--wait", "--json")
-    assert result.returncode == 0, (result.stderr, farm.log())
+    assert result.returncode == 0, (result.stderr, farm.read_log())
     job = json.loads(result.stdout)["job"]
     assert (job["id"], job["state"], len(job["plates"])) == (number, "printed", 1)
     assert [p["state"] for p in job["parts"][0]["prints"]] == ["done"]
@@ -32,7 +32,7 @@ def print_file(farm, number, path):
         assert job["elapsed_s"] > 0.95 * job["estimated_s"]
     assert job["serial_s"] == job["estimated_s"]
     assert Path(job["parts"][0]["file"]).read_bytes() == path.read_bytes()
-    emulator = farm.emulator_status("one")
+    emulator = farm.read_emulator_status("one")
     assert (emulator.nozzle_target_c, emulator.bed_target_c, emulator.bed_clear) == (0.0, 0.0, False)
     assert farm.printer("one")["filament"] == "parked"
     assert {f.name for f in Path(job["folder"]).iterdir()} == {"p01.gcode", "plate-01.gcode"}
@@ -46,14 +46,14 @@ def test_ultigcode_and_marlin_files_are_printed_to_their_end(one_printer_farm, t
     for number, (name, lines) in enumerate(files.items(), 1):
         path = tmp_path / name
         path.write_text("\n".join(lines) + "\n")
-        before_mm = one_printer_farm.emulator_status("one").filament_mm
+        before_mm = one_printer_farm.read_emulator_status("one").filament_mm
         job = print_file(one_printer_farm, number, path)
-        fed_mm.append(one_printer_farm.emulator_status("one").filament_mm - before_mm)
+        fed_mm.append(one_printer_farm.read_emulator_status("one").filament_mm - before_mm)
         assert job["filament_mm"] == pytest.approx(960 * 0.08 / 6.379, rel=1e-3)
-        one_printer_farm.ok("cleared", "all")
+        one_printer_farm.run_checked("cleared", "all")
     # Filament fed by the board, from parked to parked: the print, and 7.8 mm of priming.
     assert fed_mm == [pytest.approx(7.8 + 960 * 0.08 / 6.379, abs=0.1)] * 2
-    text = one_printer_farm.ok("status", "2")
+    text = one_printer_farm.run_checked("status", "2")
     assert "Its start and end were replaced by the farm's." in text
 
 
@@ -88,11 +88,11 @@ def test_truncated_file_is_refused_and_foreign_machine_is_a_warning(one_printer_
         assert (result.returncode, message in result.stderr, "--force" in result.stderr) == (5, True, False)
     path.write_text("\n".join([*whole_lines, "; printer_model = MK3S"]) + "\n")
     warning = "Warning: it was sliced for 'MK3S'."
-    assert warning in one_printer_farm.ok("submit", path)
-    assert warning in " ".join(one_printer_farm.ok("status", "1").split())
+    assert warning in one_printer_farm.run_checked("submit", path)
+    assert warning in " ".join(one_printer_farm.run_checked("status", "1").split())
     (message,) = [
         line
-        for line in json.loads(one_printer_farm.ok("status", "1", "--json"))["job"]["repairs"]
+        for line in json.loads(one_printer_farm.run_checked("status", "1", "--json"))["job"]["repairs"]
         if "MK3S" in line
     ]
     assert message.startswith(warning)

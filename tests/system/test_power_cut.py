@@ -16,7 +16,7 @@ from farm.state.storage.store import Store
 from hosts.power_cut import PowerCut
 
 C_COMPILER = shutil.which("cc")
-SHIM_SOURCE = Path(__file__).parents[1] / "support" / "hosts" / "synced.c"
+SHIM_SOURCE = Path(__file__).parents[1] / "support" / "hosts" / "sync_recorder.c"
 COMMITS = """
 import sys
 from pathlib import Path
@@ -49,7 +49,7 @@ def test_journal_keeps_every_record_that_the_agent_acted_on(tmp_path, monkeypatc
         journal.write(
             float(number), print=print_snapshot.model_dump(mode="json"), filament="parked", hot=number < 2
         )
-        rest_state = Journal(disk.copy_rest(tmp_path / f"left-{number}") / JOURNAL).state
+        rest_state = Journal(disk.copy_synced_files(tmp_path / f"left-{number}") / JOURNAL).state
         assert (rest_state.print, rest_state.filament, rest_state.board.hot) == (
             print_snapshot,
             m.Filament.PARKED,
@@ -67,7 +67,7 @@ def test_stored_file_is_complete(tmp_path, monkeypatch, suffix):
     source = folder / "work" / f"made{suffix}"
     source.write_bytes(os.urandom(100_000))
     name = store_file(folder / "files", source)
-    rest_file = disk.copy_rest(tmp_path / "left") / "files" / name
+    rest_file = disk.copy_synced_files(tmp_path / "left") / "files" / name
     assert compute_sha256(rest_file) + suffix == name
 
 

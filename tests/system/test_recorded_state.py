@@ -14,7 +14,7 @@ def test_open_print_of_an_older_farm_is_ended_and_its_part_waits(make_farm, tmp_
     models = {"um2-01": "ultimaker2_plus", "um2-02": "ultimaker2_plus", "um2x-01": "ultimaker2_extended_plus"}
     farm = make_farm({name: (model, f"sim://{model}") for name, model in models.items()})
     unpack_state(farm.folder)  # with the fleet file that it was made with
-    farm.ok("up")
+    farm.run_checked("up")
     wait_for("the open print to be ended", lambda: farm.printer("um2x-01")["print"] is None)
     jobs = {job["id"]: job["state"] for job in farm.status()["jobs"]}
     assert (jobs[2], jobs[3], jobs[4]) == ("printing", "held", "printed")
@@ -24,5 +24,5 @@ def test_open_print_of_an_older_farm_is_ended_and_its_part_waits(make_farm, tmp_
     assert (first_print["printer"], first_print["state"]) == ("um2x-01", "failed")
     assert "agent" in first_print["reason"]
     assert farm.printer("um2-01")["bed"] == "not_clear"
-    farm.ok("cleared", "um2-01")
+    farm.run_checked("cleared", "um2-01")
     assert farm.job(4)["state"] == "done"

@@ -19,9 +19,9 @@ def test_failed_part_is_resliced_for_another_model_and_printed(make_farm, tmp_pa
     farm.up()
     path = tmp_path / "block.stl"
     trimesh.creation.box((28.0, 24.0, 10.0)).export(path)
-    farm.ok("submit", path, "--printers", "1")
+    farm.run_checked("submit", path, "--printers", "1")
     wait_for("it to print", lambda: farm.printer("one")["state"] == "printing")
-    farm.ok("fail", "one", "--why", "a blob")
+    farm.run_checked("fail", "one", "--why", "a blob")
     job = wait_for("it to be printed", lambda: (job := farm.job())["state"] == "printed" and job)
     (part,) = job["parts"]
     assert [(attempt["printer"], attempt["state"]) for attempt in part["prints"]] == [
@@ -30,8 +30,8 @@ def test_failed_part_is_resliced_for_another_model_and_printed(make_farm, tmp_pa
     ]
     (plate,) = job["plates"]
     assert (part["id"], plate["id"], plate["printer"]) == ("1/p01", "1/01-2", "two")
-    assert farm.emulator_status("two").bed_clear is False
-    farm.ok("cleared", "all")
+    assert farm.read_emulator_status("two").bed_clear is False
+    farm.run_checked("cleared", "all")
     assert farm.job()["state"] == "done"
 
 
@@ -44,9 +44,9 @@ def test_failed_part_is_cut_for_the_free_printers_and_printed(make_farm, tmp_pat
     farm.up()
     path = tmp_path / "strip.stl"
     trimesh.creation.box((150.0, 20.0, 3.0)).export(path)
-    farm.ok("submit", path)
+    farm.run_checked("submit", path)
     wait_for("it to print", lambda: farm.printer("large")["state"] == "printing")
-    farm.ok("fail", "large", "--why", "a blob")
+    farm.run_checked("fail", "large", "--why", "a blob")
     job = wait_for("it to be printed", lambda: (job := farm.job())["state"] == "printed" and job)
     names = ["1/p01a", "1/p01b"]
     assert [part["id"] for part in job["parts"]] == names
@@ -59,7 +59,7 @@ def test_failed_part_is_cut_for_the_free_printers_and_printed(make_farm, tmp_pat
         )
         assert (last_print["part"], last_print["state"], part["cut_from"]) == (part["id"], "done", "1/p01")
     assert {part["prints"][1]["printer"] for part in job["parts"]} == {"left", "right"}
-    assert all(farm.emulator_status(name).bed_clear is False for name in ("left", "right"))
+    assert all(farm.read_emulator_status(name).bed_clear is False for name in ("left", "right"))
 
     folder = Path(job["folder"])
     results = {path.name for path in folder.iterdir()}
@@ -69,9 +69,9 @@ def test_failed_part_is_cut_for_the_free_printers_and_printed(make_farm, tmp_pat
     assert [f"1/{part['id']}" for part in report["parts"]] == names
     assert sum(part["volume_mm3"] for part in report["parts"]) == pytest.approx(150 * 20 * 3, rel=1e-4)
     page = tmp_path / "job.html"
-    farm.ok("report", "1", "--out", page)
+    farm.run_checked("report", "1", "--out", page)
     text = page.read_text()
     assert text.count("1/p01 on large: failed") == 1
     assert all(f"<b>{name}</b> printed" in text for name in names)
-    farm.ok("cleared", "all")
+    farm.run_checked("cleared", "all")
     assert farm.job()["state"] == "done"

@@ -54,13 +54,13 @@ class HostsFarm(RealFarm):
         """Update to an installed version as the documentation says."""
         self.versions.use(version)
         self.kill_daemon()
-        self.ok("up")
+        self.run_checked("up")
         wait_for("the new services", lambda: {h["version"] for h in self.list_hosts()} == {version})
-        self.ok("hosts", "--update")
+        self.run_checked("hosts", "--update")
 
     def list_hosts(self) -> list[dict]:
         """Return the hosts, as `farm hosts --json` shows them."""
-        return self._read(self._client().hosts())["hosts"]
+        return self._parse(self._connect().hosts())["hosts"]
 
     def read_agents(self) -> dict[str, tuple[str | None, int]]:
         """Return the version and the process of each agent that runs."""
@@ -100,7 +100,7 @@ def farm(tmp_path, monkeypatch):
 def test_idle_agents_are_updated_host_by_host_and_restored_at_the_first_fault(farm, tmp_path):
     slow_file = tmp_path / "slow.gcode"
     slow_file.write_text(write_slow_gcode(moves=int(PRINT_S / 20), move_s=20.0))
-    farm.ok("submit", slow_file, "--colour", "red")
+    farm.run_checked("submit", slow_file, "--colour", "red")
     wait_for("the print", lambda: farm.printer(PRINTING_PRINTER)["state"] == "printing")
     old_agents = farm.read_agents()
     assert {version for version, _ in old_agents.values()} == {OLD}

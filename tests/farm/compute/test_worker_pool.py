@@ -76,7 +76,7 @@ def test_start_step_is_reported_until_a_worker_is_ready(pool, tmp_path):
         await wait_until(lambda: workers.start_step is None)
         return await workers.run(work.get_pid)
 
-    assert pool.run(scenario, warm_up=partial(work.start_after, tmp_path / "fifo", tmp_path / "first"))
+    assert pool.run(scenario, warm_up=partial(work.prepare_worker, tmp_path / "fifo", tmp_path / "first"))
 
 
 def test_work_is_given_to_a_started_worker(pool, tmp_path):
@@ -86,7 +86,7 @@ def test_work_is_given_to_a_started_worker(pool, tmp_path):
         await wait_until(lambda: workers.start_step is None)
         return [await workers.run(work.get_pid) for _ in range(3)]
 
-    warm_up = partial(work.start_after, tmp_path / "fifo", tmp_path / "first")
+    warm_up = partial(work.prepare_worker, tmp_path / "fifo", tmp_path / "first")
     assert len(set(pool.run(scenario, count=2, warm_up=warm_up))) == 1
 
 

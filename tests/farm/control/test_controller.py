@@ -55,16 +55,16 @@ def farm(tmp_path):
 def test_job_waits_for_printers_then_uses_all_idle_and_clear_ones(farm):
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     assert farm.controller.books.jobs[1].hold.code is HoldCode.PRINTER_CONNECTING
-    farm.ready("a")
+    farm.report_ready("a")
     assert farm.effects.plans == []
-    farm.ready("b")
+    farm.report_ready("b")
     assert farm.effects.plans == [(1, ["a", "b"], 1)]
     assert farm.controller.books.jobs[1].state is JobState.PLANNING
 
 
 def test_plate_is_reassigned_after_its_agent_confirmed_the_cancel(tmp_path):
     farm = Farm(tmp_path, [PLUS] * 3)
-    farm.ready("a", "b", "c")
+    farm.report_ready("a", "b", "c")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     event = make_plan_event(1, 1)
     farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0))
@@ -80,7 +80,7 @@ def test_plate_is_reassigned_after_its_agent_confirmed_the_cancel(tmp_path):
 
 
 def test_unmatched_job_does_not_block_the_next_one(farm):
-    farm.ready("a", "b")
+    farm.report_ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(material="generic_abs"))
     farm.jobs.submit("s" * 8, "n.stl", MODEL, JobOptions())
     farm.jobs.submit("t" * 8, "o.stl", MODEL, JobOptions())
@@ -100,8 +100,8 @@ def test_own_gcode_is_planned_for_one_matching_printer(farm):
             request_id, "x.gcode", InspectedSubmission("x.gcode", (), 1.0, own_gcode), JobOptions()
         )[0]
 
-    farm.ready("a")
-    farm.ready("b", bed_clear=False)
+    farm.report_ready("a")
+    farm.report_ready("b", bed_clear=False)
     numbers = [submit("r" * 8, 0.8, 10), submit("s" * 8, 0.4, 111), submit("t" * 8, None, 10)]
     holds = [farm.controller.books.jobs[number].hold for number in numbers]
     assert [hold and hold.code for hold in holds] == [HoldCode.NO_SUCH_PRINTER] * 2 + [None]
@@ -115,14 +115,14 @@ def test_repeated_request_returns_the_same_job(farm):
 
 
 def test_model_with_more_parts_than_printers_is_planned_in_rounds(farm):
-    farm.ready("a", "b")
+    farm.report_ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     farm.controller.on_plan(1, TooFewPrinters("needs 5", 5))
     assert farm.effects.plans[-1] == (1, ["a", "b"], 3)
 
 
 def test_failed_plan_fails_its_job_and_the_next_one_starts(farm):
-    farm.ready("a", "b")
+    farm.report_ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     for request in "st":
         farm.jobs.submit(request * 8, "n.stl", MODEL, JobOptions())
@@ -131,11 +131,11 @@ def test_failed_plan_fails_its_job_and_the_next_one_starts(farm):
     job = farm.controller.books.jobs[1]
     assert (job.state, job.error) == (JobState.FAILED, ErrorCode.GEOMETRY)
     assert farm.effects.plans[-1][0] == 3
-    assert describe_job(farm.view_context(STATE), job).exit_code == 5
+    assert describe_job(farm.build_view_context(STATE), job).exit_code == 5
 
 
 def test_plan_of_a_cancelled_job_is_discarded(farm, plan):
-    farm.ready("a", "b")
+    farm.report_ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     farm.jobs.cancel(1, "ann")
     assert ev.StopPlanning(job=1) in farm.effects.instructions
@@ -146,7 +146,7 @@ def test_plan_of_a_cancelled_job_is_discarded(farm, plan):
 
 
 def test_instruction_is_sent_once_and_repeated_by_a_new_daemon(farm, plan, tmp_path):
-    farm.ready("a", "b")
+    farm.report_ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     farm.controller.on_plan(1, plan)
     starts = [i for i in farm.effects.instructions if isinstance(i, ev.SendStart)]
@@ -154,50 +154,50 @@ def test_instruction_is_sent_once_and_repeated_by_a_new_daemon(farm, plan, tmp_p
     farm.store.close()
     restarted_farm = Farm(tmp_path)
     assert restarted_farm.controller.books == farm.controller.books
-    restarted_farm.ready("a")
+    restarted_farm.report_ready("a")
     assert [i for i in restarted_farm.effects.instructions if isinstance(i, ev.SendStart)] == [starts[0]]
 
 
 def test_unattended_start_is_not_repeated_at_night(farm, plan, tmp_path):
     """Drop the start for a disconnected agent, which would heat while no person is present."""
-    farm.ready("a", "b")
+    farm.report_ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     farm.controller.on_plan(1, plan)
     assert any(isinstance(i, ev.SendStart) for i in farm.effects.instructions)
     quiet_farm = Farm(tmp_path, quiet="00:00-24:00")
-    quiet_farm.ready("a", "b")
+    quiet_farm.report_ready("a", "b")
     assert not [i for i in quiet_farm.effects.instructions if isinstance(i, ev.SendStart)]
     attended_farm = Farm(tmp_path)
-    attended_farm.ready("a", "b")
+    attended_farm.report_ready("a", "b")
     assert [i for i in attended_farm.effects.instructions if isinstance(i, ev.SendStart)]
 
 
 def test_planning_is_repeated_after_the_daemon_died(farm, tmp_path):
-    farm.ready("a", "b")
+    farm.report_ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     farm.store.close()
     restarted_farm = Farm(tmp_path)
-    restarted_farm.ready("a", "b")
+    restarted_farm.report_ready("a", "b")
     assert restarted_farm.effects.plans == [(1, ["a", "b"], 1)]
 
 
 def test_job_is_planned_while_every_bed_is_full(farm, plan):
-    farm.ready("a", "b", bed_clear=False)
+    farm.report_ready("a", "b", bed_clear=False)
     assert {p.bed for p in farm.controller.books.printers.values()} == {Bed.NOT_CLEAR}
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     assert farm.effects.plans == [(1, ["a", "b"], 1)]
     farm.controller.on_plan(1, plan)
-    view = describe_job(farm.view_context(STATE), farm.controller.books.jobs[1])
+    view = describe_job(farm.build_view_context(STATE), farm.controller.books.jobs[1])
     assert view.waits_for_person
     assert {plate.hold.code for plate in view.plates} == {HoldCode.BED_NOT_CLEAR}
     assert view.grams and view.estimated_s and view.eta  # known before a bed is clear
-    assert list_tasks(farm.view_context(STATE))[0].printers == ["a", "b"]
+    assert list_tasks(farm.build_view_context(STATE))[0].printers == ["a", "b"]
     farm.clear_bed("a")
     assert [attempt.plate for attempt in farm.controller.books.open_prints()] == ["1/01"]
 
 
 def test_second_job_is_planned_and_forecast_while_the_first_prints(farm, plan):
-    farm.ready("a", "b")
+    farm.report_ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     farm.jobs.submit("s" * 8, "n.stl", MODEL, JobOptions())
     assert farm.effects.plans == [(1, ["a", "b"], 1), (2, ["a", "b"], 1)]
@@ -205,7 +205,7 @@ def test_second_job_is_planned_and_forecast_while_the_first_prints(farm, plan):
     event = make_plan_event(2, 2)
     farm.controller.on_plan(2, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0))
     first_view, second_view = (
-        describe_job(farm.view_context(STATE), farm.controller.books.jobs[n]) for n in (1, 2)
+        describe_job(farm.build_view_context(STATE), farm.controller.books.jobs[n]) for n in (1, 2)
     )
     assert (first_view.eta or "") < (second_view.eta or "")
     assert second_view.grams and len(second_view.parts) == 2
@@ -213,16 +213,16 @@ def test_second_job_is_planned_and_forecast_while_the_first_prints(farm, plan):
 
 
 def test_printer_with_a_fault_is_not_used_and_shows_its_reason(farm):
-    farm.ready("a", link=Link.FAULT, reason="it does not get warm")
-    view = describe_printer(farm.view_context(STATE), farm.controller.fleet.printer("a"), None)
+    farm.report_ready("a", link=Link.FAULT, reason="it does not get warm")
+    view = describe_printer(farm.build_view_context(STATE), farm.controller.fleet.printer("a"), None)
     assert (view.state, view.look) == ("fault", "it does not get warm")
-    farm.ready("b")
+    farm.report_ready("b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     assert farm.effects.plans == [(1, ["b"], 1)]
 
 
 def test_paused_print_is_a_task_with_its_time_limit(farm, plan):
-    farm.ready("a", "b")
+    farm.report_ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     with pytest.raises(Refused, match="a is not printing"):
         farm.printers.pause("a", True, "ann")
@@ -246,7 +246,7 @@ def test_paused_print_is_a_task_with_its_time_limit(farm, plan):
         fields |= {"started_s": 2.0, "ended_s": None, **changes}
         agent_print = AgentPrint(print_id=attempt.id, state=state, **fields)
         farm.controller.on_snapshot(AgentSnapshot(printer="a", link=Link.BUSY, print=agent_print))
-        context = farm.view_context(STATE)
+        context = farm.build_view_context(STATE)
         view = describe_printer(context, farm.controller.fleet.printer("a"), None)
         return view, [item for item in list_tasks(context) if item.code == "resume"]
 
@@ -268,7 +268,7 @@ def test_paused_print_is_a_task_with_its_time_limit(farm, plan):
 
 def test_temperatures_and_progress_run_no_scheduler(farm, plan, monkeypatch):
     """Show telemetry at once, at a cost independent of the number of waiting plates."""
-    farm.ready("a", "b")
+    farm.report_ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     farm.controller.on_plan(1, plan)
     attempt = farm.controller.books.open_print_on("a")
@@ -305,13 +305,13 @@ def test_temperatures_and_progress_run_no_scheduler(farm, plan, monkeypatch):
 def test_hold_shows_the_end_computed_from_progress_without_a_commit(farm, monkeypatch):
     monkeypatch.setattr(FakeClock, "now_s", START_S)
     farm.controller.clock = FakeClock()
-    farm.ready("a", "b")
+    farm.report_ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     event = make_plan_event(1, 3)
     farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0))
 
     def find_hold():
-        job = describe_job(farm.view_context(STATE), farm.controller.books.jobs[1])
+        job = describe_job(farm.build_view_context(STATE), farm.controller.books.jobs[1])
         (hold,) = (plate.hold for plate in job.plates if plate.hold is not None)
         return hold
 
@@ -326,7 +326,7 @@ def test_hold_shows_the_end_computed_from_progress_without_a_commit(farm, monkey
         )  # fmt: skip
         farm.controller.on_snapshot(AgentSnapshot(printer=name, link=Link.BUSY, print=agent_print))
     FakeClock.now_s += 3600.0
-    second_hold, context = find_hold(), farm.view_context(STATE)
+    second_hold, context = find_hold(), farm.build_view_context(STATE)
     assert second_hold.text != first_hold.text
     views = [describe_printer(context, section, None) for section in context.fleet.printers]
     end_s = FakeClock.now_s + min(view.print.remaining_s for view in views)
@@ -343,7 +343,7 @@ def test_start_writes_little_with_many_waiting_plates(farm, monkeypatch):
         texts = [entity.model_dump_json() for entity in (event, *list_changed_entities(old_books, new_books))]
         sizes.setdefault(type(event).__name__, []).append(sum(map(len, texts)))
 
-    farm.ready("a", "b")
+    farm.report_ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     event = make_plan_event(1, 100)
     monkeypatch.setattr(farm.store, "commit", record_size)
@@ -353,24 +353,24 @@ def test_start_writes_little_with_many_waiting_plates(farm, monkeypatch):
 
 
 def test_failed_report_is_handled_when_repeated(farm):
-    farm.ready("a", "b")
+    farm.report_ready("a", "b")
     snapshot = AgentSnapshot(printer="a", link=Link.READY, agent_pid=9, alarm="it gets hotter", nozzle_c=90.0)
     farm.store._db.execute("PRAGMA query_only = 1")
     for _ in range(2):
         with pytest.raises(StoreError):
             farm.controller.on_snapshot(snapshot)
-    farm.ready("b")  # the snapshot changes nothing in the books
-    context = farm.view_context(STATE)
+    farm.report_ready("b")  # the snapshot changes nothing in the books
+    context = farm.build_view_context(STATE)
     assert "nothing is recorded until there is space" in context.warnings[0]
     assert context.snapshots["a"].nozzle_c == 90.0
     farm.store._db.execute("PRAGMA query_only = 0")
     farm.controller.on_snapshot(snapshot)
     assert farm.controller.books.printers["a"].alarm == "it gets hotter"
-    assert farm.view_context(STATE).warnings == ()
+    assert farm.build_view_context(STATE).warnings == ()
 
 
 def test_effects_before_an_error_are_performed(farm, plan):
-    farm.ready("a", "b")
+    farm.report_ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     farm.controller.on_plan(1, plan)
     attempt = farm.controller.books.open_print_on("a")
@@ -382,7 +382,7 @@ def test_effects_before_an_error_are_performed(farm, plan):
 
 
 def test_stuck_heater_is_recorded_for_idle_and_printing_printers(farm):
-    farm.ready("a", "b")
+    farm.report_ready("a", "b")
     for link in (Link.BUSY, Link.FAULT):
         alarm = f"the nozzle is off, and gets hotter ({link})"
         farm.controller.on_snapshot(AgentSnapshot(printer="a", link=link, agent_pid=7, alarm=alarm))

@@ -43,7 +43,7 @@ class ForecastSimulation:
         )
         self.controller = self.farm.controller
         self.controller.started_s = now_s - HOUR_S
-        self.farm.ready(*self.controller.fleet.names)
+        self.farm.report_ready(*self.controller.fleet.names)
         self.pending_steps, self.started_ids, self.end_s = [], set(), now_s + 28 * 24 * HOUR_S
 
     def plan(self, hours, options):

@@ -41,7 +41,7 @@ def farm(tmp_path):
     """Make a farm with a job of one part; the board of `a` has no reset, and `b` is absent."""
     farm = Farm(tmp_path, timezone="UTC", attended=["mon-fri 08:00-18:00"])
     farm.controller.clock, farm.controller.started_s = Clock(FRIDAY_S), FRIDAY_S - 3600.0
-    farm.ready("a", reset_verified=False)
+    farm.report_ready("a", reset_verified=False)
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(), "ann")
     event = make_plan_event(1, 1)
     farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
@@ -61,7 +61,7 @@ def report_print(farm, state=PrintState.PRINTING, **changes):
 
 
 def list_deadline_tasks(farm):
-    return [item for item in list_tasks(farm.view_context(STATE)) if item.code in ("hours", "resume")]
+    return [item for item in list_tasks(farm.build_view_context(STATE)) if item.code in ("hours", "resume")]
 
 
 def test_print_gets_its_latest_start_and_end(farm):
@@ -188,7 +188,7 @@ def test_hours_and_start_times_follow_a_clock_step(tmp_path):
         Clock(parse_time("2026-11-20 03:00")),
         parse_time("2026-11-20 02:00"),
     )
-    farm.ready("a")
+    farm.report_ready("a")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(), "ann")
     event = make_plan_event(1, 1)
     farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
@@ -202,7 +202,7 @@ def test_hours_and_start_times_follow_a_clock_step(tmp_path):
     farm.controller.on_plan(
         2, Plan(later_event.parts, later_event.plates, later_event.repairs, 1.0, 500.0, 100.0, None)
     )
-    farm.ready("b")
+    farm.report_ready("b")
     assert farm.controller.scheduler.find_plate_holds()["2/01"].code is HoldCode.START_TIME
     farm.controller.clock.now_s += 2 * 3600.0
     farm.controller.on_clock_set(2 * 3600.0)

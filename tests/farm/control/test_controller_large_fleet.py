@@ -23,10 +23,10 @@ def farm(tmp_path, monkeypatch):
     monkeypatch.setattr(controller, "LARGE_FLEET", 1)
     monkeypatch.setattr(scheduler, "MAX_STARTS", 1)
     farm = Farm(tmp_path)
-    farm.ready("a", "b")
+    farm.report_ready("a", "b")
     farm.controller.tick()
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(), "ann")
-    farm.ready("a", "b", link=Link.STARTING)
+    farm.report_ready("a", "b", link=Link.STARTING)
     event = make_plan_event(1, 2)
     farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
     return farm
@@ -37,7 +37,7 @@ def list_starts(farm):
 
 
 def test_reports_wait_for_the_tick_and_each_tick_starts_its_share(farm):
-    farm.ready("a", "b")
+    farm.report_ready("a", "b")
     assert list_starts(farm) == []
     farm.controller.tick()
     assert len(list_starts(farm)) == 1
@@ -47,36 +47,36 @@ def test_reports_wait_for_the_tick_and_each_tick_starts_its_share(farm):
 
 
 def test_events_of_a_report_are_recorded_at_once(farm):
-    farm.ready("a", "b")
+    farm.report_ready("a", "b")
     farm.controller.tick()
     farm.controller.tick()
     ended_print = farm.controller.books.open_print_on("a")
-    farm.ready("a", link=Link.ABSENT, agent_pid=None)
+    farm.report_ready("a", link=Link.ABSENT, agent_pid=None)
     assert farm.controller.books.prints[ended_print.id].state is PrintState.CANCELLED
 
 
 def test_a_command_of_a_person_is_scheduled_at_once(farm):
-    farm.ready("a", "b")
+    farm.report_ready("a", "b")
     farm.clear_bed("a")
     assert len(list_starts(farm)) == 1
 
 
 def test_postponed_start_is_dropped_once_it_is_impossible(farm):
-    farm.ready("a", "b")
+    farm.report_ready("a", "b")
     farm.controller.tick()
     (started_printer,) = list_starts(farm)
     (other_printer,) = {"a", "b"} - {started_printer}
-    farm.ready(other_printer, link=Link.ABSENT, agent_pid=None)
+    farm.report_ready(other_printer, link=Link.ABSENT, agent_pid=None)
     farm.controller.tick()
     assert list_starts(farm) == [started_printer]
-    farm.ready(other_printer)
+    farm.report_ready(other_printer)
     farm.controller.tick()
     assert list_starts(farm) == ["a", "b"]
 
 
 def test_starts_that_cannot_be_written_together_leave_the_books_unchanged(farm, monkeypatch):
     monkeypatch.setattr(scheduler, "MAX_STARTS", 2)
-    farm.ready("a", "b")
+    farm.report_ready("a", "b")
     books, commit = farm.controller.books, farm.store.commit
 
     def fail_at_the_second(event, old_books, new_books):
@@ -106,7 +106,7 @@ def plan_jobs(farm, plates):
 def make_farm(folder, plates, printers):
     farm = Farm(Path(folder), models=(PLUS,) * printers)
     plan_jobs(farm, plates)
-    farm.ready(*farm.controller.fleet.names)
+    farm.report_ready(*farm.controller.fleet.names)
     return farm
 
 
@@ -145,7 +145,7 @@ def test_updated_situation_equals_one_built_after_the_starts(plates, printers, d
         farm = Farm(Path(folder), models=(PLUS,) * printers)
         plan_jobs(farm, plates)
         farm.controller.stopping = True  # nothing starts with the reports
-        farm.ready(*farm.controller.fleet.names)
+        farm.report_ready(*farm.controller.fleet.names)
         situations = farm.controller.situations
         old_situation = situations.build(situations.find_held_back_plates())
         assignments = assign_plates(old_situation)
@@ -170,12 +170,16 @@ def test_updated_situation_equals_one_built_after_the_starts(plates, printers, d
 
 
 CHANGES = {
-    "its printer is absent": lambda farm, start: farm.ready(start.printer, link=Link.ABSENT, agent_pid=None),
-    "its bed is unknown": lambda farm, start: farm.ready(
+    "its printer is absent": lambda farm, start: farm.report_ready(
+        start.printer, link=Link.ABSENT, agent_pid=None
+    ),
+    "its bed is unknown": lambda farm, start: farm.report_ready(
         start.printer, bed_unknown_reason="its board was reset"
     ),
-    "an alarm": lambda farm, start: farm.ready(start.printer, alarm="it gets hotter"),
-    "a fault": lambda farm, start: farm.ready(start.printer, link=Link.FAULT, reason="stopped by estop"),
+    "an alarm": lambda farm, start: farm.report_ready(start.printer, alarm="it gets hotter"),
+    "a fault": lambda farm, start: farm.report_ready(
+        start.printer, link=Link.FAULT, reason="stopped by estop"
+    ),
     "maintenance": lambda farm, start: farm.printers.begin_maintenance(start.printer, "its nozzle", "ann"),
     "its job is paused": lambda farm, start: farm.jobs.pause(int(start.plate[0]), True, "ann"),
     "its job is cancelled": lambda farm, start: farm.jobs.cancel(int(start.plate[0]), "ann"),
@@ -218,7 +222,7 @@ def lose_print(farm, printer):
         print_id=attempt.id, state=PrintState.FAILED, fault="port_lost", reason="no answer", progress_s=5.0,
         print_time_s=90.0, extruded=True, started_s=attempt.assigned_s, ended_s=attempt.assigned_s,
     )  # fmt: skip
-    farm.ready(printer, link=Link.ABSENT, print=report)
+    farm.report_ready(printer, link=Link.ABSENT, print=report)
 
 
 def test_postponed_starts_do_not_begin_in_an_outage(large_fleet, monkeypatch, tmp_path):

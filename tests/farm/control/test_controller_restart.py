@@ -116,7 +116,7 @@ def test_full_disk_is_reported_and_starts_nothing(tmp_path):
 def test_full_disk_of_an_agent_is_not_counted_as_attempt(tmp_path):
     """Use a disk that is too full for a plate's file, but not for the books."""
     farm = Farm(tmp_path, (PLUS,) * 4)
-    farm.ready(*"abcd")
+    farm.report_ready(*"abcd")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     event = make_plan_event(1, 1)
     farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0, None))
@@ -134,17 +134,19 @@ def test_full_disk_of_an_agent_is_not_counted_as_attempt(tmp_path):
 
 def test_unrecordable_snapshot_is_shown_and_logged(tmp_path):
     farm, state = Farm(tmp_path), StateFolder(tmp_path)
-    farm.ready("a", "b")
+    farm.report_ready("a", "b")
     farm.store._db.execute("PRAGMA query_only = 1")
     for _ in range(2):
         with pytest.raises(StoreError):
-            farm.ready("a", nozzle_c=205.0, bed_unknown_reason="its board was reset, but not by the farm")
-    farm.ready("b")  # an unchanged snapshot changes nothing in the books
-    (first_task, *_) = list_tasks(farm.view_context(state))
+            farm.report_ready(
+                "a", nozzle_c=205.0, bed_unknown_reason="its board was reset, but not by the farm"
+            )
+    farm.report_ready("b")  # an unchanged snapshot changes nothing in the books
+    (first_task, *_) = list_tasks(farm.build_view_context(state))
     assert first_task.code == "farm"
     assert "nothing is recorded until there is space" in first_task.text
     assert farm.controller.telemetry.snapshots["a"].nozzle_c == 205.0
     assert farm.controller.books.printers["a"].attention_reason is None
     farm.store._db.execute("PRAGMA query_only = 0")
-    farm.ready("a", bed_unknown_reason="its board was reset, but not by the farm")
-    assert [item.code for item in list_tasks(farm.view_context(state))] == ["look"]
+    farm.report_ready("a", bed_unknown_reason="its board was reset, but not by the farm")
+    assert [item.code for item in list_tasks(farm.build_view_context(state))] == ["look"]

@@ -122,7 +122,7 @@ def approve_job(farm):
 
 def test_print_after_the_backup_is_imported_and_judged_at_the_bed(tmp_path):
     farm = restore_farm(tmp_path, 3)
-    items = {item.code: item.text for item in list_tasks(farm.view_context(StateFolder(tmp_path)))}
+    items = {item.code: item.text for item in list_tasks(farm.build_view_context(StateFolder(tmp_path)))}
     assert items["restored"].startswith(
         "the database was restored from a backup: check which parts of job 1 were printed"
     )
@@ -177,11 +177,11 @@ def test_print_without_a_plate_needs_a_person(unknown_print, tmp_path):
     farm.report("a", unknown_print)
     approve_job(farm)
     state = StateFolder(tmp_path)
-    (task,) = (item for item in list_tasks(farm.view_context(state)) if item.code == "look")
+    (task,) = (item for item in list_tasks(farm.build_view_context(state)) if item.code == "look")
     assert task.printers == ["a"]
     assert "after the backup of the database it made a print that matches no waiting plate" in task.text
     farm.controller.on_snapshot(AgentSnapshot(printer="a", link=Link.READY, print=unknown_print))
-    assert task in list_tasks(farm.view_context(state))
+    assert task in list_tasks(farm.build_view_context(state))
     assert not farm.controller.books.prints
     farm.clear_bed("b", FilamentState.PARKED)
     assert [p.printer for p in farm.controller.books.prints.values()] == ["b"]

@@ -47,7 +47,7 @@ def farm(tmp_path, calls):
     """Make a job of one part that waits for the end of quiet hours, on a farm that started an hour ago."""
     farm = Farm(tmp_path, clock=Clock(NIGHT_S), timezone="UTC", quiet=["22:00-06:00"])
     farm.controller.started_s = NIGHT_S - 3600.0
-    farm.ready("a", "b")
+    farm.report_ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(), "ann")
     event = make_plan_event(1, 1)
     farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
@@ -95,7 +95,7 @@ def test_command_of_a_person_leaves_the_repetition_to_the_next_tick(farm):
 
 
 def test_telemetry_alone_does_not_schedule(farm, calls):
-    farm.ready("a", nozzle_c=24.0)
+    farm.report_ready("a", nozzle_c=24.0)
     assert calls == []
     farm.controller.on_snapshot(AgentSnapshot(printer="a", link=Link.ABSENT))
     assert len(calls) == 1
@@ -144,7 +144,7 @@ def test_tick_starts_a_plate_made_possible_by_the_last_start(tmp_path):
     models = ("ultimaker2_plus", "ultimaker2_plus", "ultimaker2_extended_plus")
     farm = Farm(tmp_path, models, Clock(NIGHT_S), timezone="UTC", attended=["08:00-10:00"])
     farm.controller.started_s = NIGHT_S - 3600.0
-    farm.ready("a", "b", "c")
+    farm.report_ready("a", "b", "c")
     reel = Reel(material="generic_pla", nozzle_mm=0.4, grams=10.0)
     farm.controller.handle(ev.ReelLoaded(at_s=NIGHT_S, printer="c", reel=reel, by="ann"))
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(spares=1), "ann")

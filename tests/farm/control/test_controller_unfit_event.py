@@ -10,7 +10,7 @@ from farm.state import events as ev
 
 def test_unfit_snapshot_is_logged_and_other_printers_continue(tmp_path, monkeypatch, caplog):
     farm = Farm(tmp_path / "farm")
-    farm.ready("a", "b", bed_clear=False)
+    farm.report_ready("a", "b", bed_clear=False)
     observe = telemetry.observe_idle_printer
 
     def report_unfit_snapshot(printer, snapshot, now_s):
@@ -21,11 +21,11 @@ def test_unfit_snapshot_is_logged_and_other_printers_continue(tmp_path, monkeypa
     monkeypatch.setattr(telemetry, "observe_idle_printer", report_unfit_snapshot)
     old_books = farm.controller.books
     with caplog.at_level(logging.ERROR):
-        farm.ready("a", nozzle_c=31.0)
+        farm.report_ready("a", nozzle_c=31.0)
     assert farm.controller.books == old_books
     assert "PrinterAdded does not fit: printer a is not_clear; before that: " in caplog.text
     assert "PrinterAdded, " in caplog.text and "BedReported" in caplog.text
     assert farm.controller.telemetry.snapshots["a"].nozzle_c == 31.0  # it is still shown
-    farm.ready("b", nozzle_c=32.0, print=None)
+    farm.report_ready("b", nozzle_c=32.0, print=None)
     assert farm.controller.telemetry.snapshots["b"].nozzle_c == 32.0
     assert not any(p.state is PrintState.ASSIGNED for p in farm.controller.books.prints.values())

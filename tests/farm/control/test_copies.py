@@ -42,7 +42,7 @@ class StoppedClock(Clock):
 def farm(tmp_path):
     """Make a farm with two copies of a model of two parts, on four printers."""
     farm = Farm(tmp_path, models=(PLUS,) * 4, clock=StoppedClock())
-    farm.ready("a", "b", "c", "d")
+    farm.report_ready("a", "b", "c", "d")
     farm.jobs.submit("r" * 8, "vase.stl", MODEL, OPTIONS)
     event = make_plan_event(plates=2)
     single_plan = Plan(event.parts, event.plates, event.repairs, 1.0, 180.0, 100.0, None)
@@ -75,7 +75,7 @@ def end_print(farm, plate, state=PrintState.DONE):
 
 
 def describe_first_job(farm):
-    return describe_job(farm.view_context(STATE), farm.controller.books.job(1))
+    return describe_job(farm.build_view_context(STATE), farm.controller.books.job(1))
 
 
 def test_all_copies_print_side_by_side(farm):
@@ -123,5 +123,5 @@ def test_part_of_a_copy_is_named_with_its_number(farm):
 
 def test_history_has_the_note_of_the_job(farm):
     end_print(farm, "1/01.1")
-    (row,) = list_history(farm.view_context(STATE))
+    (row,) = list_history(farm.build_view_context(STATE))
     assert (row.part, row.name, row.note) == ("1/p01.1", "vase", "for Ada")

@@ -88,7 +88,7 @@ def test_dry_run_may_be_printed_by_the_person_who_submitted_it(tmp_path):
 
 def test_approved_dry_run_is_not_cancelled(tmp_path):
     farm = Farm(tmp_path)
-    farm.ready("a", "b")
+    farm.report_ready("a", "b")
     number = submit_job(farm, "a", dry_run=True, hold=True)
     event = make_plan_event(number)
     farm.controller.on_plan(number, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0, None))

@@ -44,7 +44,7 @@ def state(tmp_path):
 @pytest.fixture
 def farm(tmp_path):
     farm = Farm(tmp_path)
-    farm.ready("a", "b")
+    farm.report_ready("a", "b")
     return farm
 
 
@@ -153,7 +153,7 @@ def test_plan_whose_files_changed_is_not_released(farm, state):
 
 def test_fleet_option_requires_approval_of_every_job(tmp_path, state):
     farm = Farm(tmp_path, approve=True)
-    farm.ready("a", "b")
+    farm.report_ready("a", "b")
     number = submit_job(farm)
     farm.controller.on_plan(number, make_stored_plan(number, state))
     assert farm.controller.books.job(number).state is JobState.HELD
@@ -174,7 +174,7 @@ def test_reel_survives_a_restart_and_short_reels_start_nothing(farm, state, tmp_
     assert "a has 4 g, this plate needs 8 g" in hold.text
     farm.store.close()
     restarted_farm = Farm(tmp_path)
-    restarted_farm.ready("a", "b")
+    restarted_farm.report_ready("a", "b")
     assert restarted_farm.controller.fleet.printer("b").material == "generic_abs"
     asyncio.run(restarted_farm.printers.load_reel("a", LoadRequest(grams=300.0), "ann"))
     assert list_starts(restarted_farm) == ["a"]
@@ -304,7 +304,7 @@ def test_spares_are_kept_in_unattended_hours_only(tmp_path, state):
     kept_spares = {}
     for period, hours in {"day": ["00:00-24:00"], "night": []}.items():
         farm = Farm(tmp_path / period, attended=hours)
-        farm.ready("a", "b")
+        farm.report_ready("a", "b")
         first_job = submit_job(farm, spares=1)
         farm.controller.on_plan(first_job, make_stored_plan(first_job, state, plates=1))
         submit_job(farm, "s")
@@ -368,7 +368,7 @@ def test_tasks_name_the_approval_and_the_short_reel(farm, state, monkeypatch):
         asyncio.run(farm.printers.load_reel(name, LoadRequest(grams=4.0), "ann"))
     second_job = submit_job(farm, "s")
     farm.controller.on_plan(second_job, make_stored_plan(second_job, state, plates=1))
-    context = farm.view_context(state)
+    context = farm.build_view_context(state)
     assert [(item.code, item.text) for item in list_tasks(context)] == [
         ("approve", f"approve job {first_job} (2 parts, 6 g): `farm approve {first_job}`"),
         ("reel", f"a has 4 g, {second_job}/01 needs 8 g: load a reel, then `farm load a`"),

@@ -35,7 +35,7 @@ STATE = StateFolder(Path("/state"))
 def farm(tmp_path):
     """Make a job of three parts on two printers: two print, one waits."""
     farm = Farm(tmp_path)
-    farm.ready("a", "b")
+    farm.report_ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     event = make_plan_event(1, 3)
     farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
@@ -49,7 +49,7 @@ def end_print(farm, printer, state=PrintState.DONE, **changes):
     agent_print = AgentPrint(print_id=attempt.id, state=state, **fields)
     idle_fields = {"link": Link.READY, "agent_pid": 9, "filament": FilamentState.PARKED}
     farm.controller.on_snapshot(AgentSnapshot(printer=printer, print=agent_print, **idle_fields))
-    farm.ready(printer)
+    farm.report_ready(printer)
     return attempt
 
 
@@ -119,12 +119,12 @@ def test_plates_waiting_for_a_bed_are_counted(farm):
     started_fields = {"at_s": now_s, "state": PrintState.PRINTING, "started_s": now_s, "extruded": True}
     for attempt in list(farm.controller.books.open_prints()):
         farm.controller.handle(ev.PrintProgressed(print_id=attempt.id, **started_fields))
-    view = describe_job(farm.view_context(STATE), farm.controller.books.job(1))
+    view = describe_job(farm.build_view_context(STATE), farm.controller.books.job(1))
     assert view.estimated_s == pytest.approx(200.0 + CLEARING_S)
     assert view.current_s == pytest.approx(view.estimated_s, abs=120.0)  # forecasts are rounded to minutes
     assert view.utilisation < 1.0
     farm.parts.cancel(1, "p03", "ann")  # a plate that is never printed takes no time
-    assert describe_job(farm.view_context(STATE), farm.controller.books.job(1)).current_s < 110.0
+    assert describe_job(farm.build_view_context(STATE), farm.controller.books.job(1)).current_s < 110.0
 
 
 def test_paused_waiting_part_is_not_assigned(farm, tmp_path):
@@ -138,7 +138,7 @@ def test_paused_waiting_part_is_not_assigned(farm, tmp_path):
     assert (hold.code, hold.text) == (HoldCode.PAUSED, "part 1/p03 is paused: `farm resume 1/p03`")
     farm.store.close()
     farm = Farm(tmp_path)  # also over a restart
-    farm.ready("a")
+    farm.report_ready("a")
     assert farm.controller.books.open_print_on("a") is None
     farm.parts.pause(1, "p03", False, "ann")
     assert farm.controller.books.open_print_on("a").plate == "1/03"
@@ -179,7 +179,7 @@ def test_bad_verdict_requires_a_printed_part(farm):
     farm.clear_bed("a", verdict=Verdict.BAD, reason="warped")
     assert farm.controller.books.plates["1/01"].prints
     assert farm.controller.books.open_print_on("a").plate in ("1/01", "1/03")
-    farm.ready("b")
+    farm.report_ready("b")
     with pytest.raises(Refused, match="its bed cannot be clear"):
         farm.clear_bed("b", verdict=Verdict.BAD)
     assert ev.SendCleared(printer="a", filament=None) in farm.effects.instructions
@@ -200,17 +200,17 @@ def test_outage_blocks_starts_until_confirmed(farm):
     assert {farm.controller.scheduler.find_plate_holds().get(name).code for name in ("1/01", "1/02")} == {
         HoldCode.OUTAGE
     }
-    (item,) = list_tasks(farm.view_context(STATE))
+    (item,) = list_tasks(farm.build_view_context(STATE))
     assert (item.code, item.printers) == ("outage", ["a", "b"])
     farm.controller.clock = Clock(2.0, now_s - 60.0)  # a minute later
     assert farm.printers.confirm_outage("ann") == "a b"
-    assert not list_tasks(farm.view_context(STATE))
+    assert not list_tasks(farm.build_view_context(STATE))
     assert {farm.controller.books.open_print_on(name).plate for name in "ab"} == {"1/01", "1/02"}
 
 
 def test_idle_printers_lost_together_are_an_outage(tmp_path):
     farm = Farm(tmp_path)
-    farm.ready("a", "b")
+    farm.report_ready("a", "b")
     for name in "ab":
         farm.controller.on_snapshot(
             AgentSnapshot(printer=name, link=Link.ABSENT, reason="the port is not there")
@@ -256,17 +256,17 @@ def test_part_stopped_by_estop_waits_for_a_person(farm, request_print):
     assert farm.controller.books.open_print_on("b") is None
     hold = farm.controller.scheduler.find_plate_holds().get("1/01")
     assert hold.code is HoldCode.STOPPED and "`farm resume 1/p01`" in hold.text
-    [task] = [item for item in list_tasks(farm.view_context(STATE)) if item.code == "stopped"]
+    [task] = [item for item in list_tasks(farm.build_view_context(STATE)) if item.code == "stopped"]
     assert "part 1/p01 stopped by `farm estop`" in task.text and "`farm resume 1/p01`" in task.text
     request_print(farm)
     assert farm.controller.books.open_print_on("b").plate == "1/01"
-    assert not [item for item in list_tasks(farm.view_context(STATE)) if item.code == "stopped"]
+    assert not [item for item in list_tasks(farm.build_view_context(STATE)) if item.code == "stopped"]
 
 
 def test_parts_stopped_by_estop_are_one_task(farm):
     for printer in "ab":
         end_print(farm, printer, PrintState.FAILED, fault="estop")
-    [task] = [item for item in list_tasks(farm.view_context(STATE)) if item.code == "stopped"]
+    [task] = [item for item in list_tasks(farm.build_view_context(STATE)) if item.code == "stopped"]
     assert task.text.startswith(
         "2 parts of job 1 stopped by `farm estop`: print them again with `farm resume 1`"
     )

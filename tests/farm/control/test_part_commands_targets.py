@@ -21,7 +21,7 @@ from farm.state import events as ev
 def farm(tmp_path):
     """Serve a job of two parts that print on two printers, by the daemon's routes."""
     farm = Farm(tmp_path)
-    farm.ready("a", "b")
+    farm.report_ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     event = make_plan_event(1, 2)
     farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))

@@ -39,8 +39,8 @@ def make_plan(number, hours, printers):
 def farm(tmp_path):
     """Make a farm of eight printers, whose only job is planned for the two that are connected."""
     farm = Farm(tmp_path, [PLUS] * 8)
-    farm.ready(*"ab", bed_clear=False)
-    farm.ready(*"cdefgh", link=Link.ABSENT, reason="unplugged")
+    farm.report_ready(*"ab", bed_clear=False)
+    farm.report_ready(*"cdefgh", link=Link.ABSENT, reason="unplugged")
     submit_planned(farm)
     return farm
 
@@ -61,7 +61,7 @@ def clear_other_beds_at_once(farm):
     controller: Controller = farm.controller
     at_s = controller.clock.now()
     controller.stopping = True
-    farm.ready(*"cdefgh")
+    farm.report_ready(*"cdefgh")
     controller.handle(*(ev.BedCleared(at_s=at_s, printer=name, by="ann") for name in "cdefgh"))
     controller.stopping = False
     controller.handle()
@@ -160,8 +160,8 @@ def test_new_daemon_examines_the_job_again(farm, tmp_path):
     farm.store.close()
     restarted_farm = Farm(tmp_path, [PLUS] * 8)
     restarted_farm.controller.stopping = True
-    restarted_farm.ready(*"ab", bed_clear=False)
-    restarted_farm.ready(*"cdefgh")
+    restarted_farm.report_ready(*"ab", bed_clear=False)
+    restarted_farm.report_ready(*"cdefgh")
     restarted_farm.controller.stopping = False
     restarted_farm.controller.handle()
     assert restarted_farm.effects.plans == [old_plan]
@@ -172,7 +172,7 @@ def test_each_scheduling_run_starts_one_job_if_the_forecasts_are_large(tmp_path,
     monkeypatch.setattr(revisions, "MAX_FORECAST", 0)
     monkeypatch.setattr(revisions, "may_revise", lambda *_: True)
     farm = Farm(tmp_path, [PLUS] * 8)
-    farm.ready(*"abcdefgh", bed_clear=False)
+    farm.report_ready(*"abcdefgh", bed_clear=False)
     for number in (1, 2, 3):
         farm.jobs.submit(f"{number:08d}", "m.stl", MODEL, JobOptions(printers=2))
         farm.controller.on_plan(number, make_plan(number, [8.0, 8.0], farm.effects.plans[-1][1]))
@@ -195,8 +195,8 @@ def test_job_with_a_later_start_is_not_examined_again_when_printers_become_idle(
     controller: Controller = farm.controller
     at_s = controller.clock.now()
     controller.handle(ev.JobRescheduled(at_s=at_s, job=1, not_before_s=at_s + 9 * HOUR_S))
-    farm.ready(*"cdefgh", bed_clear=False)
-    farm.ready("a", link=Link.ABSENT, reason="unplugged")
+    farm.report_ready(*"cdefgh", bed_clear=False)
+    farm.report_ready("a", link=Link.ABSENT, reason="unplugged")
     examined_count = len(examined_jobs)
     assert examined_count > 0
     for name in "cdef":

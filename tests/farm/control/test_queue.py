@@ -21,7 +21,7 @@ STATE = StateFolder(Path("/state"))
 def farm(tmp_path):
     """Plan three jobs of three plates on two printers; two plates of the first are being printed."""
     farm = Farm(tmp_path)
-    farm.ready("a", "b")
+    farm.report_ready("a", "b")
     for number in (1, 2, 3):
         farm.jobs.submit(f"request-{number}", f"m{number}.stl", MODEL, JobOptions())
         event = make_plan_event(number, 3)
@@ -31,7 +31,7 @@ def farm(tmp_path):
 
 
 def list_queue(farm):
-    return [entry.id for entry in describe_queue(farm.view_context(STATE)).jobs]
+    return [entry.id for entry in describe_queue(farm.build_view_context(STATE)).jobs]
 
 
 def move_job(farm, number, to=None, before=None):
@@ -68,7 +68,7 @@ def test_impossible_move_is_refused_with_the_reason(farm):
 def test_moved_job_gets_the_next_free_printer_and_forecast(farm, tmp_path):
     def read_ends():
         farm.controller.handle()
-        context = farm.view_context(STATE)
+        context = farm.build_view_context(STATE)
         return {entry.id: entry.eta for entry in describe_queue(context).jobs}
 
     old_ends = read_ends()

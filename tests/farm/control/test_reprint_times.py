@@ -20,7 +20,7 @@ class Scenario:
         self.clock = Clock()
         self.farm = Farm(folder, clock=self.clock)
         self.state = StateFolder(folder)
-        self.farm.ready("a", "b")
+        self.farm.report_ready("a", "b")
         self.farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
         event = make_plan_event(1, 2)
         self.farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0, None))
@@ -46,11 +46,11 @@ class Scenario:
         self.clock.now_s += 100.0
         for printer in printers:
             self.report(printer, PrintState.DONE, started_s)
-            self.farm.ready(printer)
+            self.farm.report_ready(printer)
             self.farm.clear_bed(printer)
 
     def describe_job(self):
-        return describe_job(self.farm.view_context(self.state), self.farm.controller.books.job(1))
+        return describe_job(self.farm.build_view_context(self.state), self.farm.controller.books.job(1))
 
 
 def test_reprint_a_day_later_adds_the_time_of_its_print(tmp_path):
@@ -90,7 +90,7 @@ def test_reprint_a_day_later_adds_the_time_of_its_print(tmp_path):
     assert repeated_view.utilisation == pytest.approx(2 / 3)
     assert repeated_view.runs[0].ended < repeated_view.runs[1].started
     assert (repeated_view.wasted_s, repeated_view.good) == (100.0, 2)
-    rows = list_history(scenario.farm.view_context(scenario.state), job=1)
+    rows = list_history(scenario.farm.build_view_context(scenario.state), job=1)
     assert [row.took_s for row in rows] == [100.0] * 3
     assert [row.part for row in rows if row.wasted] == ["1/p01"]
 

@@ -15,7 +15,7 @@ import uvicorn
 
 from books.recording_controller import RecordedEffects
 from browser.http_caller import call_as
-from clusters.same_process import AcceptAll
+from clusters.same_process import AcceptingWorkers
 from drivers.clock import Clock
 from farm.config import Fleet
 from farm.control import DryRuns
@@ -49,7 +49,7 @@ def build_app(folder, **fleet):
         pass
 
     return make_app(
-        Services(controller, state, folder / "fleet.yaml", AcceptAll(), shut_down), DryRuns(controller)
+        Services(controller, state, folder / "fleet.yaml", AcceptingWorkers(), shut_down), DryRuns(controller)
     )
 
 

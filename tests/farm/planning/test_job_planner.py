@@ -238,7 +238,9 @@ def test_plan_is_retried_after_a_full_disk(state, tmp_path, monkeypatch):
         reports.append(progress.step)
         farm = Farm(tmp_path / "farm")
         farm.controller.on_plan_progress(number, progress)
-        task_texts.append([item.text for item in list_tasks(farm.view_context(state)) if item.code == "farm"])
+        task_texts.append(
+            [item.text for item in list_tasks(farm.build_view_context(state)) if item.code == "farm"]
+        )
 
     async def main():
         future = asyncio.get_running_loop().create_future()

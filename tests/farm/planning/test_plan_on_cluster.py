@@ -9,7 +9,7 @@ from typing import ClassVar
 import pytest
 import trimesh
 
-from clusters.dask_cluster import cluster
+from clusters.dask_cluster import run_cluster
 from farm.compute import DECOMPOSING, Workers
 from farm.config import Fleet
 from farm.model import Job, JobOptions
@@ -96,7 +96,7 @@ def test_cluster_makes_the_same_plan_as_this_computer(planned_job, bar, tmp_path
 
     async def main():
         job = make_job(remote_state, bar)
-        async with cluster(tmp_path / "cluster", ["w1", "w2"]) as (pool, _):
+        async with run_cluster(tmp_path / "cluster", ["w1", "w2"]) as (pool, _):
             remote_plan = await plan_job(remote_state, job, pool)
             assert pool.own.calls == []
         return remote_plan
@@ -145,7 +145,7 @@ def test_parallel_attempts_make_the_plan_of_one_worker(bar, tmp_path):
         job = make_job(state, bar, options)
         pools = {name: CountingWorkers(tmp_path / f"pool-{name}", 1) for name in ("w1", "w2")}
         try:
-            async with cluster(tmp_path / "cluster", list(pools), pools) as (pool, _):
+            async with run_cluster(tmp_path / "cluster", list(pools), pools) as (pool, _):
                 result = await plan_job(state, job, pool, ROUNDS_BUDGET_S)
                 assert pool.own.calls == []
             return result

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from books.decompose_tasks import fleet
+from books.decompose_tasks import make_fleet
 from farm.planning.printer_settings import build_settings_request, resolve_printer_settings
 from slicing.settings import FARM_QUALITIES, find_resources, resolve_settings
 
@@ -12,7 +12,7 @@ from slicing.settings import FARM_QUALITIES, find_resources, resolve_settings
 @pytest.mark.parametrize("quality", ["glue", "paper", "fast", "normal", "high"])
 def test_parts_get_their_supports_in_every_quality(quality):
     """Enable supports, for which poses are chosen; Cura's own qualities have none by default."""
-    section = fleet(1).printers[0]
+    section = make_fleet(1).printers[0]
     settings = resolve_printer_settings(section, quality, find_resources())
     assert settings.support_enabled
     assert settings.support_line_distance_mm > 0.0

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from books.scheduling_examples import LOW, TALL, box, make_plate, make_printer, make_situation
+from books.scheduling_examples import LOW, TALL, make_box, make_plate, make_printer, make_situation
 from farm.model import Bed, FilamentState, HoldCode, Link
 from farm.scheduling import assignment, plate_matching
 from farm.scheduling.matching import Requirements
@@ -72,7 +72,7 @@ plates = st.lists(
             st.sampled_from(["generic_pla", "generic_abs", None]),
             st.none(),
             st.sampled_from([0.4, 0.8]),
-            st.sampled_from([None, box(100.0), box(250.0), box(10.0, 110.0)]),
+            st.sampled_from([None, make_box(100.0), make_box(250.0), make_box(10.0, 110.0)]),
         ),
         expected_s=st.floats(60, 1e5),
         failed_on=st.frozensets(st.sampled_from("abc")),
@@ -136,7 +136,7 @@ def test_hold_names_the_reason_to_wait():
     _, holds = assign_with_holds([make_plate("1/01", "a")], [make_printer("a", bed=Bed.NOT_CLEAR)])
     assert holds["1/01"].code is HoldCode.BED_NOT_CLEAR
     assert "farm cleared a" in holds["1/01"].text
-    tall = Requirements("generic_pla", None, 0.4, box(231.0))
+    tall = Requirements("generic_pla", None, 0.4, make_box(231.0))
     _, holds = assign_with_holds([make_plate("1/01", "a", requirements=tall)], [make_printer("a")])
     assert holds["1/01"].code is HoldCode.NO_SUCH_PRINTER
     assert "231 mm of height" in holds["1/01"].text
@@ -194,7 +194,7 @@ def test_gcode_for_another_kind_of_printer_waits():
         plus_printer, capabilities=replace(plus_printer.capabilities, family="ultimaker2_plus")
     )
     sliced_plate = make_plate(
-        "p1", "plus", requirements=Requirements("generic_pla", None, 0.4, box(100.0), "ultimaker2_plus")
+        "p1", "plus", requirements=Requirements("generic_pla", None, 0.4, make_box(100.0), "ultimaker2_plus")
     )
     assignments, holds = assign_with_holds([sliced_plate], [plain_printer])
     assert not assignments
@@ -209,7 +209,7 @@ def name_printer(name, **changes):
 
 
 def test_plate_for_named_printers_is_assigned_to_one_or_held_with_their_names():
-    only_b = Requirements("generic_pla", None, 0.4, box(100.0), only=("b",))
+    only_b = Requirements("generic_pla", None, 0.4, make_box(100.0), only=("b",))
     fleet = [make_printer("a"), name_printer("b"), make_printer("c")]
     first_plate, second_plate = (
         make_plate("1/01", "a", requirements=only_b),

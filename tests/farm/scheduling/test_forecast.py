@@ -7,7 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from books.scheduling_examples import LOW, TALL, box, make_plate, make_printer, make_rules, make_situation
+from books.scheduling_examples import (
+    LOW,
+    TALL,
+    make_box,
+    make_plate,
+    make_printer,
+    make_rules,
+    make_situation,
+)
 from farm.model import Bed, Link, TimeFactors
 from farm.scheduling.forecast import CLEARING_S, compute_seconds_on, forecast_prints
 from farm.scheduling.matching import Requirements
@@ -40,7 +48,7 @@ plate_lists = st.lists(
         st.uuids().map(str),
         st.sampled_from("abcd"),
         requirements=st.builds(
-            Requirements, st.none(), st.none(), st.none(), st.sampled_from([box(100.0), box(250.0)])
+            Requirements, st.none(), st.none(), st.none(), st.sampled_from([make_box(100.0), make_box(250.0)])
         ),
         expected_s=st.floats(600, 9 * HOUR_S),
         heating_s=st.just(300.0),
@@ -145,7 +153,7 @@ def test_time_of_a_plate_follows_its_features():
 
 def test_bound_includes_plates_for_some_printers_only():
     low_requirements, tall_requirements = (
-        Requirements(None, None, None, box(height_mm)) for height_mm in (100.0, 250.0)
+        Requirements(None, None, None, make_box(height_mm)) for height_mm in (100.0, 250.0)
     )
     needs = enumerate((tall_requirements, low_requirements, low_requirements))
     plates = [make_plate(f"1/{i}", "b", requirements=need, expected_s=2 * HOUR_S) for i, need in needs]

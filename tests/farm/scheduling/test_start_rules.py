@@ -13,7 +13,7 @@ from books.scheduling_examples import (
     LOW,
     TALL,
     UTC,
-    box,
+    make_box,
     make_plate,
     make_printer,
     make_rules,
@@ -61,7 +61,7 @@ plates = st.lists(
         st.uuids().map(str),
         st.sampled_from("abcd"),
         requirements=st.builds(
-            Requirements, st.none(), st.none(), st.none(), st.sampled_from([box(100.0), box(250.0)])
+            Requirements, st.none(), st.none(), st.none(), st.sampled_from([make_box(100.0), make_box(250.0)])
         ),
         expected_s=st.floats(600, 20 * HOUR_S),
         first_layer_s=st.floats(300, 900),
@@ -197,7 +197,7 @@ def test_every_possible_start_is_made_in_any_order(waiting_plates, fleet, start_
 
 
 def test_planned_printer_is_never_a_spare():
-    high_plate = make_plate("1/02", "b", requirements=Requirements("generic_pla", None, 0.4, box(231.0)))
+    high_plate = make_plate("1/02", "b", requirements=Requirements("generic_pla", None, 0.4, make_box(231.0)))
     assignments, _ = assign_with_holds(
         [high_plate], [make_printer("a"), make_printer("b", room=TALL)], make_rules(), FRIDAY_S, spares=1
     )
@@ -272,7 +272,7 @@ def test_short_reel_is_named_in_addition_to_another_hold():
     )[1]["1/01"]
     assert hold.code is HoldCode.PRINTER_BUSY
     assert (hold.reel.printer, hold.reel.text) == ("b", "b has 10 g, 1/01 needs 25 g")
-    colour = Requirements("generic_pla", "white", 0.4, box(100.0))
+    colour = Requirements("generic_pla", "white", 0.4, make_box(100.0))
     fleet = [make_printer("b", grams=10.0, colour="white"), make_printer("c", colour="black")]
     hold = assign_with_holds(
         [make_plate("1/01", "b", grams=20.0, requirements=colour)], fleet, make_rules(), FRIDAY_S
@@ -300,7 +300,7 @@ def test_hold_of_a_large_plate_names_when_its_printers_are_free():
         for n in ("um2x-02", "um2x-03")
     ]
     hold = assign_with_holds(
-        [make_plate("1/01", "um2x-02", requirements=Requirements("generic_pla", None, 0.4, box(231.0)))],
+        [make_plate("1/01", "um2x-02", requirements=Requirements("generic_pla", None, 0.4, make_box(231.0)))],
         [make_printer("um2-01"), *tall_printers],
         make_rules(),
         FRIDAY_S,
@@ -319,7 +319,7 @@ def test_priority_precedes_order_of_submission():
 
 def test_plate_moves_to_an_equivalent_printer():
     low_plate = make_plate("1/01", "b", expected_s=9 * HOUR_S)
-    high_plate = make_plate("1/02", "b", requirements=Requirements("generic_pla", None, 0.4, box(231.0)))
+    high_plate = make_plate("1/02", "b", requirements=Requirements("generic_pla", None, 0.4, make_box(231.0)))
     assignments, _ = assign_with_holds(
         [low_plate, high_plate], [make_printer("a"), make_printer("b", room=TALL)], make_rules(), FRIDAY_S
     )

@@ -41,7 +41,7 @@ def test_task_names_a_disk_that_fills_within_two_nights(tmp_path, monkeypatch):
     def list_task_texts(free_bytes):
         monkeypatch.setattr(shutil, "disk_usage", lambda _: Usage(10**12, 0, free_bytes))
         asyncio.run(upkeep.measure())
-        return [task.text for task in list_tasks(farm.view_context(state)) if task.code == "farm"]
+        return [task.text for task in list_tasks(farm.build_view_context(state)) if task.code == "farm"]
 
     with farm.store:
         assert list_task_texts(10**9) == []  # 4 MB a day, half a GB is left free

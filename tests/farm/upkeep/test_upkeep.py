@@ -258,7 +258,7 @@ def test_failed_run_is_reported_and_the_next_one_continues(tmp_path, monkeypatch
             patch.setattr(upkeep, "delete_files", fail)
             cleanup.clean_up(backup)
             await asyncio.gather(*cleanup._tasks)
-        context = farm.view_context(state)
+        context = farm.build_view_context(state)
         assert "old files cannot be deleted (no disk)" in list_tasks(context)[0].text
         cleanup.clean_up(backup)
         await asyncio.gather(*cleanup._tasks)
@@ -268,7 +268,7 @@ def test_failed_run_is_reported_and_the_next_one_continues(tmp_path, monkeypatch
 
     with farm.store:
         asyncio.run(run_nights())
-        assert farm.view_context(state).warnings == ()
+        assert farm.build_view_context(state).warnings == ()
         assert list_files(state.files).keys() == list_named_files(farm.controller.books)
 
 

@@ -78,12 +78,12 @@ def test_another_host_sees_and_submits_over_tls_as_its_role_allows(farm, tmp_pat
         farm.fleet.read_text() + f"web: {{listen: '0.0.0.0:{port}', tls: {{cert: {cert}, key: {key}}}}}\n"
     )
     farm.up()
-    assert "it has no key yet" in farm.ok("key")
+    assert "it has no key yet" in farm.run_checked("key")
     with closing(socket.socket()) as probe:  # nothing listens before there is a key
         assert probe.connect_ex(("127.0.0.1", port)) != 0
-    added_key = farm.ok("key", "add", "laptop", "--role", "look").strip()
+    added_key = farm.run_checked("key", "add", "laptop", "--role", "look").strip()
     context = ssl.create_default_context(cafile=cert)
-    wait_for("the server", lambda: "closed" not in farm.ok("key").splitlines()[0], 30.0)
+    wait_for("the server", lambda: "closed" not in farm.run_checked("key").splitlines()[0], 30.0)
     assert request_page(port, "/healthz", context) == (200, b'{"status":"ok"}')
     assert request_page(port, "/api/v1/status", context)[0] == 401
     assert request_page(port, "/status", context, added_key)[0] == 404
@@ -93,37 +93,37 @@ def test_another_host_sees_and_submits_over_tls_as_its_role_allows(farm, tmp_pat
     file.write_text(added_key + "\n")
     url = f"https://localhost:{port}"
     environment = {"FARM_URL": url, "FARM_KEY_FILE": str(file), "SSL_CERT_FILE": str(cert)}
-    assert json.loads(farm.ok("status", "--json", **environment))["printers"][0]["name"] == "um2-01"
+    assert json.loads(farm.run_checked("status", "--json", **environment))["printers"][0]["name"] == "um2-01"
     result = farm.run("cleared", "um2-01", **environment)
     assert (result.returncode, "needs a key with the role operate; laptop has look" in result.stderr) == (
         5,
         True,
     )
 
-    file.write_text(farm.ok("key", "add", "ann", "--role", "print").strip())
+    file.write_text(farm.run_checked("key", "add", "ann", "--role", "print").strip())
     model = tmp_path / "box.stl"
     trimesh.creation.box((20.0, 20.0, 5.0)).export(model)
-    answer = json.loads(farm.ok("submit", model, "--json", **environment))
+    answer = json.loads(farm.run_checked("submit", model, "--json", **environment))
     assert answer["job"]["submitted_by"] == "key ann"
     file.chmod(0o644)
     assert "chmod 600" in farm.run("status", **environment).stderr
-    listed_keys = json.loads(farm.ok("key", "--json"))["keys"]
+    listed_keys = json.loads(farm.run_checked("key", "--json"))["keys"]
     assert [(listed_key["name"], listed_key["used"] is not None) for listed_key in listed_keys] == [
         ("laptop", True),
         ("ann", True),
     ]
-    link = json.loads(farm.ok("web", "--json"))
+    link = json.loads(farm.run_checked("web", "--json"))
     assert link["url"].startswith(f"https://{socket.gethostname()}:{port}/login/")
     session = open_session(url + "/login/" + link["url"].rpartition("/")[2], url, context)
     assert session.startswith(f"__Host-farm-{port}=session_")
     page = urllib.request.Request(url, headers={"Cookie": session})
     with urllib.request.urlopen(page, timeout=30, context=context) as response:
         assert f"{link['user']} (operate)" in response.read().decode()
-    assert farm.ok("web", "--end-all") == "1 session ended\n"
+    assert farm.run_checked("web", "--end-all") == "1 session ended\n"
     with pytest.raises(urllib.error.HTTPError, match="401") as error:
         urllib.request.urlopen(page, timeout=30, context=context)
     error.value.close()
-    farm.ok("key", "revoke", listed_keys[0]["id"])
+    farm.run_checked("key", "revoke", listed_keys[0]["id"])
     assert request_page(port, "/api/v1/status", context, added_key)[0] == 401
     # A client that never begins its handshake does not delay others.
     with ExitStack() as idle_clients:
@@ -137,8 +137,8 @@ def test_slow_network_clients_do_not_delay_the_socket(farm):
         port = other_listener.getsockname()[1]
         farm.fleet.write_text(farm.fleet.read_text() + f"web: {{listen: '127.0.0.1:{port}'}}\n")
         farm.up()
-        assert "Address already in use" in farm.ok("key")
-    wait_for("the port", lambda: "closed" not in farm.ok("key").splitlines()[0], 60.0)
+        assert "Address already in use" in farm.run_checked("key")
+    wait_for("the port", lambda: "closed" not in farm.run_checked("key").splitlines()[0], 60.0)
     with ExitStack() as idle_clients:
         for number in range(300):
             client = idle_clients.enter_context(socket.create_connection(("127.0.0.1", port), 30))
@@ -155,7 +155,7 @@ def test_daemon_ends_in_time_with_hanging_clients_and_half_uploads(farm, tmp_pat
     port = find_free_port()
     farm.fleet.write_text(farm.fleet.read_text() + f"web: {{listen: '127.0.0.1:{port}'}}\n")
     farm.up()
-    key = farm.ok("key", "add", "ann", "--role", "print").strip()
+    key = farm.run_checked("key", "add", "ann", "--role", "print").strip()
     incomplete_requests = list_incomplete_requests(key)
     with ExitStack() as stack:
         for number in range(150):

@@ -11,7 +11,7 @@ from slicing.checks import FeatureTimes
 MODEL = "ultimaker2_plus"
 
 
-def fleet(count=2):
+def make_fleet(count=2):
     printers = [{"name": f"p{i}", "model": MODEL, "port": f"sim://{MODEL}"} for i in range(count)]
     return Fleet.model_validate({"printers": printers})
 
@@ -21,7 +21,7 @@ def make_decompose_task(bar, files, tmp_path, printers=2, rounds=1):
         job=1,
         model=files / bar.file,
         options=JobOptions(),
-        printers=fleet(printers).printers,
+        printers=make_fleet(printers).printers,
         rounds=rounds,
         folder=tmp_path / "work",
         budget_s=0.0,  # a single engine is enough here
@@ -50,7 +50,7 @@ def join_slices(task, decomposition, tasks, slices):
     return SlicedJob(task, decomposition, tuple(parts))
 
 
-def slice_late(task, decomposition, late_s):
+def slice_with_late_part(task, decomposition, late_s):
     """Return a sliced job in which each part takes the mean price, and the last one `late_s` longer."""
     tasks = make_slice_tasks(task, decomposition)
     prelude_s = compute_prelude_seconds(task.printers[0], tasks[0].settings)

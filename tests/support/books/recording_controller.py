@@ -71,12 +71,12 @@ class Farm(Commands):
         super().__init__(self.controller)
         self.controller.start(self.effects)
 
-    def ready(self, *names, **changes):
+    def report_ready(self, *names, **changes):
         facts = {"link": Link.READY, "agent_pid": 9, "filament": FilamentState.PARKED, "bed_clear": True}
         for name in names:
             self.controller.on_snapshot(AgentSnapshot(printer=name, **{**facts, **changes}))
 
-    def view_context(self, state):
+    def build_view_context(self, state):
         return self.controller.build_view_context(state)
 
     def report(self, name, *prints):

@@ -36,13 +36,13 @@ def make_printer(name, room=LOW, material="generic_pla", colour=None, nozzle_mm=
     )
 
 
-def box(height_mm, half_mm=50.0):
+def make_box(height_mm, half_mm=50.0):
     return (-half_mm, -half_mm, half_mm, half_mm, height_mm)
 
 
 def make_plate(name, planned_printer, **changes):
     facts = {
-        "requirements": Requirements("generic_pla", None, 0.4, box(100.0)),
+        "requirements": Requirements("generic_pla", None, 0.4, make_box(100.0)),
         "job": 1,
         "expected_s": 3600.0,
         "failed_on": frozenset(),

@@ -35,7 +35,7 @@ class Recorder:
 
 
 @asynccontextmanager
-async def cluster(folder, workers, pools=None, installations=None):
+async def run_cluster(folder, workers, pools=None, installations=None):
     """Run a scheduler and workers with these names; yield a connected pool and the scheduler."""
     pools = pools or {}
     async with AsyncExitStack() as stack:

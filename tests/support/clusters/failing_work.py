@@ -65,7 +65,7 @@ def slice_rod(folder):
     return report["layers"]
 
 
-def start_after(fifo, marker, report):
+def prepare_worker(fifo, marker, report):
     """Prepare a worker: the first one reports a step and waits until the FIFO is written to."""
     try:
         marker.mkdir()

@@ -14,7 +14,7 @@ class SameProcess:
         return work(*args)
 
 
-class AcceptAll(SameProcess):
+class AcceptingWorkers(SameProcess):
     """Workers that accept every model."""
 
     async def run(self, work, *args, limit=None, group=None):

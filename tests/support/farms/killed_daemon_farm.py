@@ -30,7 +30,7 @@ PRIMED_MM = 7.8  # filament that every print feeds in addition to its plate's, f
 POLL_S = 0.05  # interval of the operator's polls
 
 
-class KilledFarm(RealFarm):
+class KilledDaemonFarm(RealFarm):
     """Two simulated printers, jobs of one plate each, and a person who clears beds.
 
     With a `disk` (`SmallDisk`), the state folder is on it; only the daemon and its children see it there.
@@ -76,16 +76,16 @@ class KilledFarm(RealFarm):
         """List the moments at which daemons died, in order."""
         return re.findall(r"^dies (.*)$", self.log_file.read_text(), re.MULTILINE)
 
-    def log(self):
+    def read_log(self):
         return self.log_file.read_text()[-4000:]
 
-    def clock(self):
+    def read_clock(self):
         """Return the farm's clock."""
         return Clock(*read_anchor(StateFolder(self.state).clock))
 
     def try_request(self, method, path, body=None):
         """Send a request; return status and answer, or None if the daemon died first or is not running."""
-        assert self.supervisor.poll() is None, self.log()
+        assert self.supervisor.poll() is None, self.read_log()
         with contextlib.closing(SocketConnection(self.socket, TIME_LIMIT_S, TIME_LIMIT_S)) as connection:
             try:
                 connection.request(method, path, body, {"Content-Type": "application/json"})
@@ -129,12 +129,12 @@ class KilledFarm(RealFarm):
             status = self.request("GET", "/status")
             if {job["state"] for job in status["jobs"]} == {"done"}:  # jobs that ended long ago are not shown
                 return
-            assert time.monotonic() < deadline_s, (status, self.log())
+            assert time.monotonic() < deadline_s, (status, self.read_log())
             for printer in status["printers"]:
                 key = printer["print"] and (printer["name"], printer["print"]["plate"])
                 if key and printer["print"]["layer"] and key not in started_prints:
                     if len(started_prints) in failing_prints:
-                        control(self.emulator(printer["name"]), Command.RESET)
+                        control(self.get_emulator_folder(printer["name"]), Command.RESET)
                     started_prints.append(key)
             self.clear_beds(status)
             time.sleep(POLL_S)
@@ -196,7 +196,7 @@ class KilledFarm(RealFarm):
         # The printers fed the filament of every plate once, and at most as much for each failed print. If the
         # board was reset in its last print, its filament is still at the nozzle.
         each_mm = PRIMED_MM + self.fed_mm
-        statuses = [self.emulator_status(name) for name in self.printers]
+        statuses = [self.read_emulator_status(name) for name in self.printers]
         fed_mm = sum(
             record.filament_mm - (record.filament_end_mm + ULTIMAKER2_PLUS.park_retraction_mm)
             for record in statuses

@@ -5,7 +5,7 @@ import asyncio
 import httpx
 
 from books.recording_controller import RecordedEffects
-from clusters.same_process import AcceptAll
+from clusters.same_process import AcceptingWorkers
 from farm.api import KeyRequest
 from farm.config import Fleet
 from farm.control import Controller, DryRuns, KeyCommands
@@ -52,7 +52,7 @@ class NetworkFarm:
             self.controller,
             self.state,
             folder / "fleet.yaml",
-            AcceptAll(),
+            AcceptingWorkers(),
             self._record_shutdown,
             find_user_role=lambda name, _: self.user_roles.get(name, Role.OPERATE),
         )

@@ -71,41 +71,41 @@ class RealFarm:
             stdin=subprocess.DEVNULL,
         )
 
-    def ok(self, *arguments, **env):
+    def run_checked(self, *arguments, **env):
         """Run a farm command that must succeed; return its output."""
         result = self.run(*arguments, **env)
-        assert result.returncode == 0, (arguments, result.stdout, result.stderr, self.log())
+        assert result.returncode == 0, (arguments, result.stdout, result.stderr, self.read_log())
         return result.stdout
 
     def up(self, **env):
         """Run `farm up`, and wait until all printers are idle."""
-        self.ok("up", **env)
+        self.run_checked("up", **env)
         wait_for("printers to connect", lambda: all(p["state"] == "idle" for p in self.status()["printers"]))
 
     def status(self):
         """Return the output of `farm status --json`, without a process for each poll."""
-        return self._read(self._client().status())
+        return self._parse(self._connect().status())
 
     def job(self, number=1):
-        return self._read(self._client().job(number))["job"]
+        return self._parse(self._connect().job(number))["job"]
 
-    def _client(self):
+    def _connect(self):
         return connect(find_farm_paths(self.state, None, self.fleet))
 
     @staticmethod
-    def _read(answer):
+    def _parse(answer):
         return json.loads(answer.model_dump_json(by_alias=True))
 
     def printer(self, name):
         return next(p for p in self.status()["printers"] if p["name"] == name)
 
-    def emulator(self, name):
+    def get_emulator_folder(self, name):
         return self.state / "agents" / name / "emulator"
 
-    def emulator_status(self, name):
-        return read_status(self.emulator(name))
+    def read_emulator_status(self, name):
+        return read_status(self.get_emulator_folder(name))
 
-    def log(self):
+    def read_log(self):
         path = self.state / "daemon.log"
         return path.read_text()[-4000:] if path.exists() else ""
 
@@ -118,5 +118,5 @@ class RealFarm:
             for agent in self.state.glob("agents/*/"):
                 kill_agent(agent)
         for name in self.printers:
-            if is_running(self.emulator(name)):
-                control(self.emulator(name), Command.POWER_OFF)
+            if is_running(self.get_emulator_folder(name)):
+                control(self.get_emulator_folder(name), Command.POWER_OFF)

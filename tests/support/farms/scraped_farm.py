@@ -23,7 +23,7 @@ class ScrapedFarm:
         """Start another daemon on the same database."""
         self._farm = Farm(self._folder)
         self._farm.controller.started_s -= 3600.0
-        self._farm.ready(
+        self._farm.report_ready(
             "a", nozzle_c=25.0, bed_c=24.0, nozzle_target_c=0.0, bed_target_c=0.0, heaters_off=True
         )
 

@@ -3,7 +3,7 @@
 import asyncio
 from types import SimpleNamespace
 
-from clusters.same_process import AcceptAll
+from clusters.same_process import AcceptingWorkers
 from farm.errors import ErrorCode, FarmError
 from farms.web_farm import HOST, WebFarm
 
@@ -11,7 +11,7 @@ UPLOAD = "/api/files/local"
 CONTENT = b"G28\n" * 1000
 
 
-class RefuseAll(AcceptAll):
+class RefusingWorkers(AcceptingWorkers):
     """Workers that refuse every file."""
 
     async def run(self, work, path, name, *args, limit=None):

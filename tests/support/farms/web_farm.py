@@ -6,7 +6,7 @@ import httpx
 
 from books.recording_controller import Farm
 from browser.http_caller import DAEMON_USER, call_as
-from clusters.same_process import AcceptAll
+from clusters.same_process import AcceptingWorkers
 from drivers.clock import Clock
 from farm.api import NETWORK_PREFIX, KeyRequest
 from farm.control import DryRuns, KeyCommands
@@ -24,13 +24,13 @@ class WebFarm(Farm):
         state = StateFolder(folder / "state")
         state.make()
         super().__init__(state.root, clock=Clock(), **fleet_options)
-        self.ready("a", "b")
+        self.report_ready("a", "b")
         self.state = state
         self.services = Services(
             self.controller,
             state,
             folder / "fleet.yaml",
-            workers or AcceptAll(),
+            workers or AcceptingWorkers(),
             self._refuse_shutdown,
             streams=EventStreams(self.store, poll_s=0.0),
         )

@@ -32,7 +32,7 @@ class PowerCut:
         else:
             self._bytes[path.stat().st_ino] = path.read_bytes()
 
-    def copy_rest(self, destination):
+    def copy_synced_files(self, destination):
         """Copy the files that survive a power cut into a new folder."""
         self._rebuild(self._folder, destination)
         return destination

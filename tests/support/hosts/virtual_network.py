@@ -75,7 +75,7 @@ class Wires:
                 self._count += 1
                 heapq.heappush(self._in_transit, (due_s, self._count, out, frame))
 
-    def arrive(self, now_s: float) -> Iterator[tuple[int, bytes]]:
+    def deliver(self, now_s: float) -> Iterator[tuple[int, bytes]]:
         """Yield the frames that have arrived, with their ports, in order."""
         while self._in_transit and self._in_transit[0][0] <= now_s:
             _, _, port, frame = heapq.heappop(self._in_transit)
@@ -172,7 +172,7 @@ def _switch_frames(ports: list[int], rng: random.Random) -> None:
             if port in ready:
                 with contextlib.suppress(OSError):
                     wires.send(os.read(port, _FRAME_BYTES), number, time.monotonic())
-        for number, frame in wires.arrive(time.monotonic()):
+        for number, frame in wires.deliver(time.monotonic()):
             with contextlib.suppress(OSError):  # the queue is full, so the frame is lost
                 os.write(ports[number], frame)
         if 0 in ready:

@@ -25,7 +25,7 @@ def farm(tmp_path, monkeypatch):
     """Serve a job of one part, whose print on `a` ended with its agent, to the CLI."""
     farm = Farm(tmp_path)
     farm.controller.started_s -= 3600.0
-    farm.ready("a")
+    farm.report_ready("a")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     event = make_plan_event(1, 1)
     farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
@@ -93,13 +93,13 @@ def test_good_part_of_a_failed_print_is_not_reprinted(farm, part):
     assert farm.controller.books.jobs[1].state is JobState.DONE
     assert farm.controller.books.printer("a").bed is Bed.CLEAR
     farm.controller.clock.ahead_s += 60.0
-    farm.ready("a", "b")
+    farm.report_ready("a", "b")
     assert list(farm.controller.books.open_prints()) == []
 
 
 def test_good_part_names_its_running_reprint_and_the_command_to_end_it(farm):
     farm.controller.clock.ahead_s += 60.0  # a loss that may affect several printers is reported after a delay
-    farm.ready("b")
+    farm.report_ready("b")
     report_print(farm, "b", PrintState.HEATING, started_s=farm.controller.clock.now())
     answer = run_farm("cleared", "a", "--good", "1/p01")
     assert answer.stdout == (
@@ -113,7 +113,7 @@ def test_good_part_names_its_running_reprint_and_the_command_to_end_it(farm):
 
 def test_shutdown_ends_a_print_of_a_part_found_good(farm):
     farm.controller.clock.ahead_s += 60.0
-    farm.ready("b")
+    farm.report_ready("b")
     report_print(farm, "b", PrintState.HEATING, started_s=farm.controller.clock.now())
     run_farm("cleared", "a", "--good", "1/p01")
     abort_prints(farm.controller)
@@ -143,7 +143,7 @@ def test_part_on_another_bed_cannot_be_good(farm, arguments, expected_text):
 def test_part_of_a_completed_print_may_be_named_as_good(farm):
     run_farm("cleared", "a")
     farm.controller.clock.ahead_s += 60.0
-    farm.ready("a")
+    farm.report_ready("a")
     farm.controller.handle()  # like the daemon's timer
     now_s = farm.controller.clock.now()
     report_print(farm, "a", PrintState.DONE, started_s=now_s - 100.0, ended_s=now_s)

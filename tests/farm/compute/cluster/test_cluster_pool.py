@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from clusters import portable_work as work
-from clusters.dask_cluster import INSTALLATION, Recorder, cluster
+from clusters.dask_cluster import INSTALLATION, Recorder, run_cluster
 from farm.compute import Limit, Workers
 from farm.compute.cluster.cluster_pool import ClusterPool
 from farm.compute.cluster.cluster_state import ClusterWorker, Place
@@ -21,7 +21,7 @@ def run(scenario, *args, **options):
     """Run `scenario(pool, scheduler)` with a cluster."""
 
     async def main():
-        async with cluster(*args, **options) as (pool, scheduler):
+        async with run_cluster(*args, **options) as (pool, scheduler):
             return await scenario(pool, scheduler)
 
     return asyncio.run(main())
@@ -80,7 +80,7 @@ def run_in_processes(tmp_path, scenario, **options):
     async def main():
         processes = Workers(tmp_path / "processes", 1, **options)
         try:
-            async with cluster(tmp_path / "cluster", ["w1"], pools={"w1": processes}) as (pool, _):
+            async with run_cluster(tmp_path / "cluster", ["w1"], pools={"w1": processes}) as (pool, _):
                 await scenario(pool, processes)
         finally:
             processes.close()

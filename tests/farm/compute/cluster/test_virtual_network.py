@@ -18,7 +18,7 @@ def make_frame(destination, sender, text=b""):
 
 
 def list_arrivals(wires, now_s=0.0):
-    return list(wires.arrive(now_s))
+    return list(wires.deliver(now_s))
 
 
 def test_frames_go_to_the_port_where_their_destination_was_last_seen():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from books.decompose_tasks import fleet, make_decompose_task, make_slice_tasks
+from books.decompose_tasks import make_decompose_task, make_fleet, make_slice_tasks
 from books.recording_controller import Commands, RecordedEffects
 from decompose.engines.guillotine import exact_search, plane_shift
 from decompose.engines.parallelobox import search as parallelobox_search
@@ -121,7 +121,7 @@ def test_parts_that_overlap_are_found_and_the_job_is_refused(bar, files, tmp_pat
         decompose_job(make_decompose_task(bar, files, tmp_path))
     assert error.value.code is ErrorCode.GEOMETRY
     assert "overlap" in str(error.value)
-    controller = Controller(fleet(), Store(tmp_path / "farm.db"), Clock(), list_bed_boxes)
+    controller = Controller(make_fleet(), Store(tmp_path / "farm.db"), Clock(), list_bed_boxes)
     effects = RecordedEffects()
     controller.start(effects)
     for name in ("p0", "p1"):
@@ -147,7 +147,7 @@ def test_speed_of_a_printer_depends_on_its_nozzle(bar, files, tmp_path, monkeypa
     nozzles = (0.4, 0.25, 0.8, 0.4)
     printers = [
         section.model_copy(update={"nozzle_mm": nozzle_mm})
-        for section, nozzle_mm in zip(fleet(4).printers, nozzles, strict=True)
+        for section, nozzle_mm in zip(make_fleet(4).printers, nozzles, strict=True)
     ]
     task = make_decompose_task(bar, files, tmp_path)
     factors = {"p3": TimeFactors(1.1)}
@@ -174,7 +174,7 @@ def test_each_part_is_cut_and_sliced_for_the_printer_that_it_goes_to(files, tmp_
     path = tmp_path / "upload.stl"
     trimesh.creation.box((80.0, 80.0, 480.0)).export(path)
     tower = inspect_model(path, "tower.stl", JobOptions(), files)
-    low_printer = fleet(1).printers[0]
+    low_printer = make_fleet(1).printers[0]
     extended_model = "ultimaker2_extended_plus"
     changes = {"name": "high", "model": extended_model, "port": f"sim://{extended_model}", "nozzle_mm": 0.6}
     high_printer = low_printer.model_copy(update=changes)

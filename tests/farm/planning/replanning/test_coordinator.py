@@ -29,7 +29,7 @@ def make_farm(tmp_path, models, plates=1, **options):
     """Make a farm that prints a job of plates of ten hours each."""
     farm = Farm(tmp_path, models, Clock(), attended=["08:00-18:00"])
     farm.names = "abcdefgh"[: len(models)]
-    farm.ready(*farm.names)
+    farm.report_ready(*farm.names)
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(**options))
     event = make_plan_event(1, plates)
     hours = {"expected_s": 10 * HOUR_S, "sliced_s": 10 * HOUR_S - 300.0, "family": PLUS}
@@ -132,7 +132,7 @@ def test_replan_is_repeated_after_a_restart(tmp_path):
     # The restarted farm has not started such a task.
     restarted_farm.controller.on_replan("1/01", make_recut(farm, "1/01", 4.0, "bcd"))
     assert restarted_farm.controller.books.jobs[1].plates == ("1/01",)
-    restarted_farm.ready("b", "c", "d")
+    restarted_farm.report_ready("b", "c", "d")
     assert list_started_plates(restarted_farm) == {"b": "1/01"}  # b was ready first
 
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from books.scheduling_examples import LOW, box, make_plate, make_printer, make_rules, make_situation
+from books.scheduling_examples import LOW, make_box, make_plate, make_printer, make_rules, make_situation
 from decompose.engines.guillotine import ASSEMBLE_S, CLEAR_S
 from farm.model import Bed, HoldCode, TimeFactors
 from farm.planning.replanning import policy
@@ -26,7 +26,7 @@ def make_family_printer(name, family, nozzle_mm=0.4, **changes):
 
 def make_part(hours=10.0, **changes):
     fields = {
-        "requirements": Requirements("generic_pla", None, 0.4, box(100.0), PLUS),
+        "requirements": Requirements("generic_pla", None, 0.4, make_box(100.0), PLUS),
         "heating_s": 300.0,
         "grams": 50.0,
     }
@@ -57,10 +57,10 @@ def test_plate_of_a_bed_full_until_morning_is_resliced():
         ({}, {"family": UM2, "grams": 10.0}),  # too little filament
         ({"failed_on": frozenset("b")}, {"family": UM2}),
         ({"extra_printers": 0}, {"family": UM2}),  # its job already uses its maximum number of printers
-        ({"requirements": Requirements("generic_abs", None, 0.4, box(100.0), PLUS)}, {"family": UM2}),
+        ({"requirements": Requirements("generic_abs", None, 0.4, make_box(100.0), PLUS)}, {"family": UM2}),
         # Too high for the other family.
         (
-            {"requirements": Requirements("generic_pla", None, 0.4, box(250.0), PLUS)},
+            {"requirements": Requirements("generic_pla", None, 0.4, make_box(250.0), PLUS)},
             {"family": UM2},
         ),
         ({}, {"family": PLUS, "nozzle_mm": 0.25}),  # 25 h on the finer nozzle: the bed is cleared before that

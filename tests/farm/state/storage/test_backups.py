@@ -160,7 +160,7 @@ def test_failed_backup_is_reported_and_retried(state, problem, tmp_path, monkeyp
     )
     asyncio.run(nightly.begin())
     ((_, _, next_timer),) = timers
-    context = farm.view_context(state)
+    context = farm.build_view_context(state)
     assert [item.code for item in list_tasks(context)][:1] == ["farm"]
     assert "the nightly backup of the database failed" in list_tasks(context)[0].text
     if problem == "no folder":
@@ -170,7 +170,7 @@ def test_failed_backup_is_reported_and_retried(state, problem, tmp_path, monkeyp
     assert len(timers) == 2
     assert cleanups == list_backups(state)
     assert len(list_backups(state)) == 1
-    assert "farm" not in [item.code for item in list_tasks(farm.view_context(state))]
+    assert "farm" not in [item.code for item in list_tasks(farm.build_view_context(state))]
 
 
 def test_next_backup_is_at_four_after_any_clock_change():
@@ -186,7 +186,7 @@ def test_next_backup_is_at_four_after_any_clock_change():
 
 def test_restored_database_starts_nothing_before_an_inspection(tmp_path):
     farm = Farm(tmp_path)
-    farm.ready("a", "b")
+    farm.report_ready("a", "b")
     event = make_plan_event(1, 3)
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0, None))

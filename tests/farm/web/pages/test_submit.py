@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from books.recording_controller import make_fleet
-from clusters.same_process import AcceptAll
+from clusters.same_process import AcceptingWorkers
 from farm.errors import ErrorCode, FarmError
 from farm.model import JobOptions, Role
 from farm.web.notes import Reader
@@ -117,7 +117,7 @@ def test_refusal_is_shown_on_the_form_which_keeps_its_values(farm, monkeypatch):
     async def refuse(self, work, path, name, *args, limit=None):
         raise FarmError(f"{name}: it is open at <7> edges", ErrorCode.MODEL)
 
-    monkeypatch.setattr(AcceptAll, "run", refuse)
+    monkeypatch.setattr(AcceptingWorkers, "run", refuse)
     ann = farm.open_session(Role.PRINT, "ann")
     answer = send_form(farm, ann, note="for <eve>", goal="deadline", done_by="2023-12-01T07:00")
     assert answer.status_code == 400

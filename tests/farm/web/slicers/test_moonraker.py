@@ -3,7 +3,7 @@
 import pytest
 
 from farm.model import Role
-from farms.slicer_farm import RefuseAll, SlicerFarm
+from farms.slicer_farm import RefusingWorkers, SlicerFarm
 from farms.web_farm import HOST
 
 UPLOAD = "/server/files/upload"
@@ -35,7 +35,7 @@ def test_upload_is_held_and_upload_with_print_is_submitted(tmp_path):
 
 
 def test_refusals_are_plain_text(tmp_path):
-    farm = SlicerFarm(tmp_path, workers=RefuseAll())
+    farm = SlicerFarm(tmp_path, workers=RefusingWorkers())
     answer = farm.upload(farm.add_key(Role.PRINT), url_path=UPLOAD)
     assert (answer.status_code, answer.headers["content-type"]) == (400, "text/plain")
     assert answer.text.startswith("line 12:")

@@ -112,7 +112,7 @@ def test_files_are_the_open_jobs_of_the_address(farm, key):
 
 def test_requests_of_cura_are_answered_at_both_addresses(farm):
     key = farm.add_key(Role.LOOK, "laptop")
-    farm.ready("b", nozzle_c=24.5, bed_c=23.0)
+    farm.report_ready("b", nozzle_c=24.5, bed_c=23.0)
     for prefix, name in (("", farm.controller.fleet.fleet.name), ("/to/b", "b")):
         answers = {
             path: farm.ask("GET", f"{prefix}/api/{path}", key).json()

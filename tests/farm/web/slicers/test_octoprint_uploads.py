@@ -3,7 +3,7 @@
 import pytest
 
 from farm.model import Role
-from farms.slicer_farm import UPLOAD, RefuseAll, SlicerFarm
+from farms.slicer_farm import UPLOAD, RefusingWorkers, SlicerFarm
 from farms.web_farm import HOST
 
 
@@ -78,7 +78,7 @@ def test_upload_to_the_address_of_a_printer_requests_that_printer(make_slicer_fa
 
 
 def test_refusal_is_plain_text_with_line_and_reason_in_front(make_slicer_farm):
-    farm = make_slicer_farm(workers=RefuseAll())
+    farm = make_slicer_farm(workers=RefusingWorkers())
     answer = farm.upload(farm.add_key(Role.PRINT), "n" * 200 + ".gcode")
     assert answer.status_code == 400
     assert answer.headers["content-type"] == "text/plain"
