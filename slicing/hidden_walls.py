@@ -23,6 +23,8 @@ RUN_OUT_MM = 5.0
 """[assumed] Length of the end of a fast line that keeps its own speed, so that the pressure in the nozzle has
 fallen where a visible wall begins."""
 MIN_LINE_MM = 2.0 * RUN_OUT_MM  # shorter lines keep their speed
+MAX_NOTCH_MM = 0.5
+"""Maximum depth of a notch that counts as a part of the side: a mark or a gutter, not a hole for a pin."""
 _ON_LINE_MM = 0.05
 _LAYER_TIME_RATIO = 1.5
 """Ratio to the minimum layer time below which a layer keeps its speeds. A ratio of speeds up to this one
@@ -65,37 +67,74 @@ def speed_up_hidden_walls(
     bytes
         The same lines with other feedrates; the ends of fast lines are lines of their own.
     """
-    fast_mm_min = find_fast_walls(path, sides, settings)
-    if not fast_mm_min.any():
+    fast = find_fast_walls(path, sides, settings)
+    if not fast.share.any():
         return gcode
-    faster_gcode = _change_feedrates(gcode, path, fast_mm_min)
+    faster_gcode = _change_feedrates(gcode, path, fast)
     return _change_times(faster_gcode, path, MotionLimits.from_settings(settings.global_))
 
 
-def find_fast_walls(path: Toolpath, sides: Sequence[HiddenSide], settings: EngineSettings) -> Floats:
-    """Find the feedrate (n,) in mm/min of each move that is printed faster; 0 for all others."""
+@dataclass(frozen=True, slots=True)
+class FastMoves:
+    """Share (n,) of each move, from its start, that is printed faster, and its feedrate (n,) there."""
+
+    share: Floats
+    feed_mm_min: Floats
+
+
+def find_fast_walls(path: Toolpath, sides: Sequence[HiddenSide], settings: EngineSettings) -> FastMoves:
+    """Find the moves along hidden sides, and in their notches, that are printed faster."""
     bed_mm = (float(settings.global_["machine_width"]), float(settings.global_["machine_depth"]))
     ends_mm = [points[:, :2] - np.array(bed_mm) / 2.0 for points in (path.start, path.end)]
     delta_mm = path.end - path.start
-    is_line = (path.extruded_mm > 0.0) & (delta_mm[:, 2] == 0.0)
-    is_line &= np.hypot(delta_mm[:, 0], delta_mm[:, 1]) >= MIN_LINE_MM
+    lengths_mm = np.hypot(delta_mm[:, 0], delta_mm[:, 1])
+    is_line = (path.extruded_mm > 0.0) & (delta_mm[:, 2] == 0.0) & (lengths_mm > 0.0)
     is_line &= _find_long_layers(path, float(settings.extruder["cool_min_layer_time"]))
-    fast_mm_min = np.zeros(len(is_line))
+    fast = FastMoves(np.zeros(len(is_line)), path.feed_mm_min.copy())
     for feature, depths_mm, speed_mm_s in _list_walls(settings):
         fast_mm_s = settings.limit_hidden_wall_mm_s(speed_mm_s)
         if fast_mm_s <= speed_mm_s:
             continue
         has_full_speed = path.feed_mm_min > 60.0 * speed_mm_s - 1.0
         walls = np.flatnonzero(is_line & path.is_feature(feature) & has_full_speed)
-        is_hidden = np.zeros(len(walls), np.bool_)
         for side in sides:
-            depth_mm = np.stack(
+            side_depths_mm = np.stack(
                 [side.offset_mm - points[walls] @ np.array(side.normal) for points in ends_mm]
             )
             for wall_mm in depths_mm:
-                is_hidden |= (np.abs(depth_mm - wall_mm) < _ON_LINE_MM).all(axis=0)
-        fast_mm_min[walls[is_hidden]] = 60.0 * fast_mm_s
-    return fast_mm_min
+                share = _find_fast_share(walls, lengths_mm[walls], side_depths_mm - wall_mm)
+                fast.share[walls] = np.maximum(fast.share[walls], share)
+        fast.feed_mm_min[walls] = 60.0 * fast_mm_s
+    return fast
+
+
+def _find_fast_share(walls: npt.NDArray[np.intp], lengths_mm: Floats, depths_mm: Floats) -> Floats:
+    """Compute the share (k,) of each wall, from its start, that is printed faster along a side.
+
+    Successive moves on the side, and in notches between them, are one line; see `RUN_OUT_MM`.
+
+    Parameters
+    ----------
+    walls
+        (k,) indices of the moves.
+    lengths_mm
+        (k,) lengths of the moves.
+    depths_mm
+        (2, k) depths of their ends behind the line that the wall has along a plain side.
+    """
+    share = np.zeros(len(walls))
+    is_on_side = (np.abs(depths_mm) < _ON_LINE_MM).all(axis=0)
+    is_near = ((depths_mm > -_ON_LINE_MM) & (depths_mm < MAX_NOTCH_MM)).all(axis=0)
+    near = np.flatnonzero(is_near)
+    for run in np.split(near, np.flatnonzero(np.diff(walls[near]) != 1) + 1):
+        on_side = np.flatnonzero(is_on_side[run])
+        if len(on_side) == 0:
+            continue
+        line = run[on_side[0] : on_side[-1] + 1]
+        to_end_mm = np.cumsum(lengths_mm[line][::-1])[::-1]  # from the start of each move
+        if to_end_mm[0] >= MIN_LINE_MM:
+            share[line] = np.clip((to_end_mm - RUN_OUT_MM) / lengths_mm[line], 0.0, 1.0)
+    return share
 
 
 def _list_walls(settings: EngineSettings) -> list[tuple[str, list[float], float]]:
@@ -125,17 +164,20 @@ def _find_long_layers(path: Toolpath, min_layer_s: float) -> Bools:
     return is_long
 
 
-def _change_feedrates(gcode: bytes, path: Toolpath, fast_mm_min: Floats) -> bytes:
-    """Write the given feedrates (n,), where not 0, into the lines of moves; see `RUN_OUT_MM`."""
+def _change_feedrates(gcode: bytes, path: Toolpath, fast: FastMoves) -> bytes:
+    """Write the feedrates of fast moves into their lines; a move that is fast in part becomes two lines."""
     lines = [match.span() for match in _MOVE_LINE.finditer(gcode)]
-    assert len(lines) == len(fast_mm_min), "CuraEngine writes each move as G0 or G1"
+    assert len(lines) == len(fast.share), "CuraEngine writes each move as G0 or G1"
+    follows_fast = np.append(False, fast.share[:-1] == 1.0)  # G-code keeps the feedrate of the line before
     pieces, offset = [], 0
-    for move in np.flatnonzero(fast_mm_min):
+    for move in np.flatnonzero((fast.share > 0.0) | follows_fast):
         begin, next_begin = lines[move]
-        start, end = path.start[move], path.end[move]
-        share = 1.0 - RUN_OUT_MM / float(np.hypot(*(end - start)[:2]))
-        fast_line = _format_line(start + share * (end - start), float(fast_mm_min[move]))
-        pieces += [gcode[offset:begin], fast_line, _format_line(end, float(path.feed_mm_min[move]))]
+        start, end, share = path.start[move], path.end[move], float(fast.share[move])
+        pieces.append(gcode[offset:begin])
+        if share > 0.0:
+            pieces.append(_format_line(start + share * (end - start), float(fast.feed_mm_min[move])))
+        if share < 1.0:
+            pieces.append(_format_line(end, float(path.feed_mm_min[move])))
         offset = next_begin
     return b"".join((*pieces, gcode[offset:]))
 

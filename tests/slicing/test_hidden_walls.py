@@ -16,8 +16,8 @@ OUTER_MM, INNER_MM = 0.2, 0.525  # half a line and the inset of the outer wall; 
 BLOCK = trimesh.creation.box((60.0, 50.0, 8.0), trimesh.transformations.translation_matrix((0.0, 0.0, 4.0)))
 
 
-def slice_toolpath(make_request, sides=(), **fields):
-    result = slice_plate(make_request(BLOCK, hidden_sides=tuple(sides), **fields))
+def slice_toolpath(make_request, sides=(), mesh=BLOCK, **fields):
+    result = slice_plate(make_request(mesh, hidden_sides=tuple(sides), **fields))
     return result, read_toolpath(result.gcode.read_bytes())
 
 
@@ -46,6 +46,34 @@ def test_walls_along_a_hidden_side_are_fast_except_at_their_end(make_request, fe
     assert path.feed_mm_min[ends] == pytest.approx(own_mm_min)
     assert list_lengths_mm(path)[ends] == pytest.approx(RUN_OUT_MM, abs=0.01)
     assert is_fast.sum() == len(ends)
+
+
+def notch_block(depth_mm):
+    """Return the block with two upright V grooves of a depth in the side."""
+    tool = trimesh.creation.box((2.0**0.5 * depth_mm, 2.0**0.5 * depth_mm, 20.0))
+    tool.apply_transform(trimesh.transformations.rotation_matrix(np.radians(45.0), (0.0, 0.0, 1.0)))
+    return BLOCK.difference(
+        [tool.copy().apply_translation((SIDE.offset_mm, y_mm, 4.0)) for y_mm in (-8.0, 8.0)]
+    )
+
+
+@pytest.mark.parametrize(("depth_mm", "fast_notches", "slow_ends"), [(0.4, 1, 2), (1.5, 0, 3)])
+def test_line_continues_through_a_mark_but_not_through_a_hole(
+    make_request, depth_mm, fast_notches, slow_ends
+):
+    """Check lines between the notches, in one of which the engine begins each loop, and the corners."""
+    _, path = slice_toolpath(make_request, [SIDE], mesh=notch_block(depth_mm))
+    is_wall = path.is_feature("WALL-OUTER") & (path.extruded_mm > 0.0) & (path.layer > 3)
+    depths_mm = SIDE.offset_mm + CENTRE_MM[0] - np.stack((path.start[:, 0], path.end[:, 0]))
+    is_side = is_wall & (np.abs(depths_mm - OUTER_MM) < 0.04).all(axis=0)
+    is_notch = is_wall & ~is_side & (depths_mm < 5.0).all(axis=0)
+    is_notch &= (np.abs(np.stack((path.start[:, 1], path.end[:, 1])) - CENTRE_MM[1]) < 11.0).all(axis=0)
+    is_fast = path.feed_mm_min > 3500.0
+    layers = len(np.unique(path.layer[is_side]))
+    assert (is_notch & is_fast).sum() == fast_notches * 2 * layers
+    assert (is_notch & ~is_fast).sum() >= 2 * layers
+    slow_mm = list_lengths_mm(path)[is_side & ~is_fast].sum()
+    assert slow_mm == pytest.approx(slow_ends * layers * RUN_OUT_MM, rel=0.01)
 
 
 def test_only_walls_along_the_side_are_fast(make_request):
