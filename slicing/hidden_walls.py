@@ -123,9 +123,9 @@ def _find_fast_share(walls: npt.NDArray[np.intp], lengths_mm: Floats, depths_mm:
         (2, k) depths of their ends behind the line that the wall has along a plain side.
     """
     share = np.zeros(len(walls))
-    is_on_side = (np.abs(depths_mm) < _ON_LINE_MM).all(axis=0)
-    is_near = ((depths_mm > -_ON_LINE_MM) & (depths_mm < MAX_NOTCH_MM)).all(axis=0)
-    near = np.flatnonzero(is_near)
+    deepest_mm, shallowest_mm = depths_mm.max(axis=0), depths_mm.min(axis=0)
+    is_on_side = np.asarray((shallowest_mm > -_ON_LINE_MM) & (deepest_mm < _ON_LINE_MM))
+    near = np.flatnonzero((shallowest_mm > -_ON_LINE_MM) & (deepest_mm < MAX_NOTCH_MM))
     for run in np.split(near, np.flatnonzero(np.diff(walls[near]) != 1) + 1):
         on_side = np.flatnonzero(is_on_side[run])
         if len(on_side) == 0:
