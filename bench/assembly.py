@@ -28,7 +28,7 @@ from decompose.arrays import Bools, Floats
 from decompose.files.names import INSTRUCTIONS, REPORT, find_part_number
 
 PLAY_MM = 0.7  # greatest distance between two holes that one pin joins, slots included
-LEVEL_MM = 0.3  # largest offset between faces in one plane
+COPLANAR_TOLERANCE_MM = 0.3  # largest offset between faces in one plane
 MIN_COSINE = 0.99  # of the angle between arrows, or normals, that agree
 MAX_ERROR_MM, MAX_ROTATION_ERROR = 1.5, 0.05  # of a correct placement: translation, entry of the rotation
 
@@ -169,7 +169,7 @@ def find_mating_face(
     poses: dict[str, Floats],
     names: dict[str, str],
 ) -> MatingFace:
-    """Find the glued face of a body: its faces that carry the codes of a step, or are level with one."""
+    """Find the glued face of a body: its faces that carry the codes of a step, or are coplanar with one."""
     own_names = {names[part] for part in body}
     step_codes = {(part, text) for part, text in step.codes if part in own_names}
     placed_faces = [
@@ -180,16 +180,19 @@ def find_mating_face(
         for face, name, rotation, translation in placed_faces
         if any((name, text) in step_codes for text in face.codes) or (face.holes and name in step.blank_parts)
     ]
-    level_faces = [
+    coplanar_faces = [
         (face, name, rotation, translation)
         for face, name, rotation, translation in placed_faces
         for plane in [compute_plane(face, rotation, translation)]
-        if any(plane[:3] @ other[:3] > MIN_COSINE and abs(plane[3] - other[3]) < LEVEL_MM for other in planes)
+        if any(
+            plane[:3] @ other[:3] > MIN_COSINE and abs(plane[3] - other[3]) < COPLANAR_TOLERANCE_MM
+            for other in planes
+        )
     ]
-    holes = list_open_holes(level_faces, placed_faces)
+    holes = list_open_holes(coplanar_faces, placed_faces)
     arrows = {
         "-".join(sorted((name, text.split("-")[1]))): rotation @ arrow
-        for face, name, rotation, _ in level_faces
+        for face, name, rotation, _ in coplanar_faces
         for text, arrow in face.codes.items()
         if arrow is not None and (name, text) in step_codes
     }
@@ -205,7 +208,10 @@ def find_mating_face(
 def list_open_holes(
     faces: Sequence[PlacedFace], body: Sequence[PlacedFace]
 ) -> list[tuple[Floats, float, Floats, bool]]:
-    """List the holes of faces that are in no closed joint: their position, reach, normal and kind."""
+    """List the holes of faces, except those in joints that are already closed.
+
+    The result has the position, reach, normal and kind of each hole.
+    """
     openings = [
         (rotation @ hole.at_mm + translation, rotation @ face.normal)
         for face, _, rotation, translation in body

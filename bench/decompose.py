@@ -41,7 +41,7 @@ from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 from decompose.relevel import relevel_planes
 from decompose.results import Decomposition
-from drivers.printers import BEDS, PROFILES, compute_part_room
+from drivers.printers import BEDS, PROFILES, list_usable_volumes
 from farm.compute import Deferred, TaskFiles
 from farm.errors import FarmError
 from farm.model import PartPrintOptions
@@ -90,7 +90,7 @@ def cut_model(run: Run, folder: Path) -> dict[str, Any]:
     recipe = make_recipe(run.quality)
     cost = CostModel.from_recipe(recipe)
     settings = resolve_settings(run.settings_request, find_resources())
-    room = list_model_sizes(compute_part_room(PROFILES[PRINTER], settings.brim_width_mm), settings)
+    room = list_model_sizes(list_usable_volumes(PROFILES[PRINTER], settings.brim_width_mm), settings)
     printers = [PrinterRoom(str(i), room) for i in range(run.printers)]
     is_faithful = run.engine.endswith(FAITHFUL_SUFFIX)
     engine = Engine(run.engine.removesuffix(FAITHFUL_SUFFIX))
@@ -167,7 +167,7 @@ def slice_parts(
     """Slice every part; return CuraEngine's times in seconds, None if a slice is refused."""
     request = run.settings_request
     settings = resolve_settings(request, find_resources())
-    room = compute_part_room(PROFILES[PRINTER], settings.brim_width_mm)
+    room = list_usable_volumes(PROFILES[PRINTER], settings.brim_width_mm)
 
     def slice_report_part(part: dict[str, Any]) -> float | None:
         task = SliceTask(

@@ -35,7 +35,7 @@ from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 from decompose.results import Decomposition, connect_parts
 
-ROOM_SIZES_MM = ((206.9, 190.9, 205.0), (173.9, 197.9, 205.0), (164.9, 206.9, 205.0))
+USABLE_VOLUMES_MM = ((206.9, 190.9, 205.0), (173.9, 197.9, 205.0), (164.9, 206.9, 205.0))
 ALL_CONNECTORS = ConnectorOptions(FILAMENT_MM, marks=True)
 MAX_PIN_DISTANCE_MM = 60.0  # of glue that counts as near a pin
 MIN_TWO_PINS_MM2 = 100.0  # glued area above which a step should have two pins
@@ -99,7 +99,7 @@ def load_case(name: str, longest_side_mm: float) -> Model:
 def cut_case(name: str, printers: int, longest_side_mm: float) -> Decomposition:
     """Cut a model for a number of printers, and compute the order of its assembly."""
     model = load_case(name, longest_side_mm)
-    rooms = [PrinterRoom(str(number), ROOM_SIZES_MM) for number in range(printers)]
+    rooms = [PrinterRoom(str(number), USABLE_VOLUMES_MM) for number in range(printers)]
     options = Options(Engine.GUILLOTINE, prove=False, connectors=ALL_CONNECTORS)
     return decompose_model(model, rooms, options, CostModel.from_recipe(make_recipe("glue"))).with_assembly()
 

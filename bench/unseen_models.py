@@ -33,8 +33,8 @@ from decompose.print_time import CostModel, Recipe
 from decompose.printers import PrinterRoom
 from farm.compute import Deferred, TaskFiles
 
-# Rooms of an Ultimaker 2+, without the margin of the brim.
-ROOM_SIZES_MM = (
+# Usable build volumes of an Ultimaker 2+, without the margin of the brim.
+USABLE_VOLUMES_MM = (
     (206.9, 190.9, 205.0),
     (173.9, 197.9, 205.0),
     (164.9, 206.9, 205.0),
@@ -181,7 +181,7 @@ class Figures:
 def measure(kind: str, seed: int, printers: int, side_mm: float, budget_s: float) -> Figures:
     """Decompose one model with default settings."""
     model = draw_model(kind, seed, side_mm)
-    rooms = [PrinterRoom(str(number), ROOM_SIZES_MM) for number in range(printers)]
+    rooms = [PrinterRoom(str(number), USABLE_VOLUMES_MM) for number in range(printers)]
     options = Options(best=BestOptions(budget_s))
     start_s, result, reason = perf_counter(), None, ""
     with ThreadPoolExecutor() as executor:

@@ -25,7 +25,7 @@ _SMALLEST_STEP_S = 1.0  # smaller changes add up
 
 @dataclass(slots=True)
 class Clock:
-    """Conversion of wall time to farm time: ``farm = anchor_s + (wall - anchor_s) * scale + ahead_s``.
+    """Conversion of wall time to farm time: ``farm = anchor_s + (wall - anchor_s) * scale + host_shift_s``.
 
     Wall time comes from `read_wall_s`.
 
@@ -35,23 +35,23 @@ class Clock:
         Farm seconds per wall second; 1 on real printers.
     anchor_s
         Time at which both clocks agreed, in seconds since the epoch.
-    ahead_s
-        Seconds that the host's clock was set ahead since this process began, as far as `follow_host` knows.
+    host_shift_s
+        Seconds by which the host's clock was set ahead since this process began, as found by `follow_host`.
     """
 
     scale: float = 1.0
     anchor_s: float = 0.0
-    ahead_s: float = 0.0
+    host_shift_s: float = 0.0
 
     def follow_host(self) -> float:
         """Follow a change of the host's clock, and return its size in seconds; 0 without a change.
 
         A clock with a scale other than 1 belongs to simulated printers, and never follows.
         """
-        step_s = time.time() - read_wall_s() - self.ahead_s
+        step_s = time.time() - read_wall_s() - self.host_shift_s
         if self.scale != 1.0 or abs(step_s) < _SMALLEST_STEP_S:
             return 0.0
-        self.ahead_s += step_s
+        self.host_shift_s += step_s
         return step_s
 
     def now(self) -> float:
@@ -60,11 +60,11 @@ class Clock:
 
     def to_farm_s(self, wall_s: float) -> float:
         """Convert a wall time to farm time, both in seconds since the epoch."""
-        return self.anchor_s + (wall_s - self.anchor_s) * self.scale + self.ahead_s
+        return self.anchor_s + (wall_s - self.anchor_s) * self.scale + self.host_shift_s
 
     def to_wall_s(self, farm_s: float) -> float:
         """Convert a farm time to wall time, both in seconds since the epoch."""
-        return self.anchor_s + (farm_s - self.ahead_s - self.anchor_s) / self.scale
+        return self.anchor_s + (farm_s - self.host_shift_s - self.anchor_s) / self.scale
 
     def to_wall_duration_s(self, farm_seconds: float) -> float:
         """Convert a duration in farm seconds to wall seconds."""

@@ -29,7 +29,7 @@ _AGENT_S = 60.0
 
 @dataclass(frozen=True, slots=True)
 class PluggedDevice:
-    """A device, and its name for `fleet.yaml`.
+    """Serial device on USB, with its port as written in `fleet.yaml`.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ def list_plugged_devices(
     return result
 
 
-def commission(url: str, folder: Path | None, firmware: Firmware, answer_s: float = _ANSWER_S) -> str:
+def verify_reset(url: str, folder: Path | None, firmware: Firmware, answer_s: float = _ANSWER_S) -> str:
     """Pulse DTR on the port of an idle printer, and verify that its board restarts.
 
     Parameters
@@ -88,7 +88,7 @@ def commission(url: str, folder: Path | None, firmware: Firmware, answer_s: floa
     firmware
         Firmware of the printer.
     answer_s
-        Wall seconds for the board to answer, before the pulse and after it.
+        Wall seconds within which the board must answer, before the pulse and after it.
 
     Returns
     -------
@@ -123,7 +123,7 @@ def commission(url: str, folder: Path | None, firmware: Firmware, answer_s: floa
     return find_model(identity)
 
 
-def commission_by_agent(folder: Path) -> None:
+def verify_reset_through_agent(folder: Path) -> None:
     """Verify the reset through the agent of this folder, which owns the port.
 
     Raises
@@ -135,7 +135,7 @@ def commission_by_agent(folder: Path) -> None:
 
 
 async def _ask_agent(folder: Path) -> None:
-    """Send the request to the agent, and wait for the result. Raises DriverError if it fails."""
+    """Send the request to the agent, and wait for the result. Raises DriverError if the check fails."""
     client = AgentClient(folder)
     try:
         await client.connect()
@@ -181,7 +181,7 @@ def find_model(identity: bytes) -> str:
 
 
 def _verify_idle(port: Port, url: str, firmware: Firmware, answer_s: float) -> None:
-    """Verify that a printer is idle: if opening the port did not reset the board, it may be printing."""
+    """Verify that a printer is idle; it may be printing if opening the port did not reset its board."""
     link, idle = Link(firmware), IdleWatch()
     for now_s, event in exchange(port, link, answer_s):
         if isinstance(event, Connected):
@@ -215,6 +215,6 @@ def _await_restart(port: Port, url: str, firmware: Firmware, answer_s: float) ->
         elif isinstance(event, Report):
             return identity
     raise PortError(
-        f"{url}: no `start` after a pulse of DTR: check its cable; "
-        "a printer that the farm cannot stop prints only while somebody is there"
+        f"{url}: no `start` after a pulse of DTR: check the USB cable. "
+        "Without a working reset, the printer prints only while somebody is present"
     )

@@ -63,7 +63,7 @@ class LinkState(StrEnum):
 class Filament(StrEnum):
     """Position of the filament's end."""
 
-    PARKED = "parked"  # 20 mm back, as after the end code or the printer's own menu
+    PARKED = "parked"  # retracted by 20 mm, as by the end code or the printer's own menu
     AT_NOZZLE = "at_nozzle"
     UNKNOWN = "unknown"
 
@@ -101,7 +101,7 @@ class PrintReadings(BaseModel):
     """
 
     layer: int | None = None  # from 1; null before the first layer of the file
-    z_mm: float | None = None  # of that layer
+    z_mm: float | None = None  # height of that layer
     feature: str | None = None  # type of the current lines, as Cura names it: WALL-OUTER, FILL, ...
 
     def dump_readings(self) -> dict[str, Any]:
@@ -190,7 +190,7 @@ class StartPrint(_Request):
     print_time_s: float
     filament: Filament  # position known to the daemon; UNKNOWN is refused
     not_after_s: Annotated[float | None, AddedField(2)] = (
-        None  # the agent's clock; delivered later it is refused (`Reply.late`)
+        None  # the agent's clock; a start delivered later is refused (`Reply.late`)
     )
     ends_by_s: Annotated[float | None, AddedField(2)] = None  # see `EndPrintBy`
 
@@ -312,7 +312,7 @@ class WireLine(_AgentMessage):
     """Line on the wire between an agent and its board."""
 
     at_s: float  # the agent's clock
-    sent: bool  # to the board; else from it
+    sent: bool  # True if sent to the board, False if received from it
     text: str
 
 

@@ -47,22 +47,22 @@ class Effects:
 
     Attributes
     ----------
-    plans
+    jobs_to_plan
         Numbers of the jobs to plan.
     """
 
     def __init__(self) -> None:
-        self.plans: list[int] = []
+        self.jobs_to_plan: list[int] = []
 
     def perform(self, effect: object, books: object) -> None:
         """Store the number of a job to plan; ignore every other effect."""
         if isinstance(effect, StartPlanning):
-            self.plans.append(effect.job)
+            self.jobs_to_plan.append(effect.job)
 
     def refuse_plans(self, controller: Controller) -> None:
         """Answer each request for a plan with an error, so that the job keeps its plan."""
-        while self.plans:
-            controller.on_plan(self.plans.pop(), FarmError("no better plan"))
+        while self.jobs_to_plan:
+            controller.on_plan(self.jobs_to_plan.pop(), FarmError("no better plan"))
 
 
 def make_snapshot(printer: str, attempt: Print | None = None, progress_s: float = 0.0) -> AgentSnapshot:
@@ -126,7 +126,7 @@ def _measure_controller(
         )
 
     event_s, report_s = report_all(0.0), report_all(1.0)
-    cleared_s = [_measure_cleared(controller, effects, attempt) for attempt in prints[:PLATE_CHANGES]]
+    cleared_s = [_measure_clear_command(controller, effects, attempt) for attempt in prints[:PLATE_CHANGES]]
     controller.tick()
     services: Any = Services(controller, state, state.root / "fleet.yaml", None, None)  # type: ignore[arg-type]
     schedule_s = measure_calls([controller.handle] * REPEATS)
@@ -148,7 +148,7 @@ def _measure_controller(
     }
 
 
-def _measure_cleared(controller: Controller, effects: Effects, attempt: Print) -> float:
+def _measure_clear_command(controller: Controller, effects: Effects, attempt: Print) -> float:
     """End a print, and clear its bed; return the CPU seconds that the start of the next plate takes."""
     ready_snapshot = make_snapshot(attempt.printer)
     printing_snapshot = make_snapshot(attempt.printer, attempt)

@@ -44,11 +44,11 @@ class PrintingFleet:
             raise RuntimeError(f"waited {_TIMEOUT_S:.0f} s for {name}")
         return time.monotonic() - start_s
 
-    def count_unknown(self) -> int:
+    def count_unknown_printers(self) -> int:
         """Count the printers in an unknown state."""
         return sum(printer.state == "unknown" for printer in self.daemon.client.status().printers)
 
-    def count_lost(self) -> int:
+    def count_lost_hosts(self) -> int:
         """Count the hosts without a connection."""
         return sum(host.connected is None for host in self.daemon.client.hosts().hosts)
 
@@ -97,7 +97,9 @@ def measure_loss(fleet: PrintingFleet, groups: list[str]) -> dict[str, Any]:
     cpu_share = (fleet.daemon.read_cpu_s() - start_cpu_s) / (time.monotonic() - start_s)
     lines = fleet.notices.lines[notice_count:]
     fleet.groups.reconnect(*groups)
-    reconnected_s = fleet.wait(lambda: fleet.count_lost() == 0 and fleet.count_unknown() == 0, "the hosts")
+    reconnected_s = fleet.wait(
+        lambda: fleet.count_lost_hosts() == 0 and fleet.count_unknown_printers() == 0, "the hosts"
+    )
     return {
         "hosts": host_count,
         "printers": unknown_count,
@@ -128,7 +130,9 @@ def measure_poor_network(fleet: PrintingFleet, seconds: float, plate_changes: in
     delays_s = measure_event_delays(fleet, plate_changes)
     lost_count = fleet.follower.count("HostLost", start_s)
     fleet.groups.break_connections()
-    connect_s = fleet.wait(lambda: fleet.count_lost() == 0 and fleet.count_unknown() == 0, "the hosts")
+    connect_s = fleet.wait(
+        lambda: fleet.count_lost_hosts() == 0 and fleet.count_unknown_printers() == 0, "the hosts"
+    )
     fleet.groups.disturb(0.0, 0.0)
     return {
         "loss": LOSS,

@@ -33,8 +33,8 @@ from farm.scheduling import (
 from farm.week_windows import parse_window
 
 NOW_S = 1_790_000_000.0
-LOW = Capabilities(((-111.0, -104.0, 111.0, 102.0, 205.0),), "generic_pla", None, 0.4)
-TALL = Capabilities(((-111.0, -104.0, 111.0, 102.0, 305.0),), "generic_pla", None, 0.4)
+SHORT_PRINTER = Capabilities(((-111.0, -104.0, 111.0, 102.0, 205.0),), "generic_pla", None, 0.4)
+TALL_PRINTER = Capabilities(((-111.0, -104.0, 111.0, 102.0, 305.0),), "generic_pla", None, 0.4)
 
 
 def make_fleet(count: int, busy: bool) -> list[FleetPrinter]:
@@ -42,7 +42,7 @@ def make_fleet(count: int, busy: bool) -> list[FleetPrinter]:
     return [
         FleetPrinter(
             name=f"um2-{number:03d}",
-            capabilities=TALL if number % 3 == 0 else LOW,
+            capabilities=TALL_PRINTER if number % 3 == 0 else SHORT_PRINTER,
             bed=Bed.CLEAR,
             filament=FilamentState.PARKED,
             link=Link.READY,

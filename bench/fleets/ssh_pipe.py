@@ -11,7 +11,7 @@ import socket
 import sys
 
 _CONNECT_S = 10.0
-_BYTES = 65536
+_READ_BYTES = 65536
 
 
 def main() -> int:
@@ -29,7 +29,7 @@ def main() -> int:
     targets = {0: connection.fileno(), connection.fileno(): 1}
     while True:
         for source in select.select([*targets], [], [])[0]:
-            data = os.read(source, _BYTES)
+            data = os.read(source, _READ_BYTES)
             if not data:
                 return 0
             while data:

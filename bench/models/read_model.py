@@ -2,7 +2,7 @@
 
 Usage: python -m bench.models.read_model [--million N] [--json]
 
-The model is a torus as a binary STL, 50 bytes a triangle. It is read in its own process, whose CPU and
+The model is a torus as a binary STL, 50 bytes per triangle. It is read in its own process, whose CPU and
 largest resident memory are measured.
 """
 
@@ -23,7 +23,7 @@ from decompose.geometry.model import load_model
 
 
 def write_torus(path: Path, triangles: int) -> None:
-    """Write a torus with about this number of triangles, with major sections three times the minor ones."""
+    """Write a torus of about this many triangles, with three times as many major as minor sections."""
     minor_sections = round((triangles / 6) ** 0.5)
     torus = trimesh.creation.torus(
         100.0, 40.0, major_sections=3 * minor_sections, minor_sections=minor_sections

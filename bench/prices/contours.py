@@ -77,7 +77,7 @@ def make_legs() -> Solid:
 
 
 def make_ledges() -> Solid:
-    """Make a wall with six ledges, each above the other."""
+    """Make a wall with six ledges, one above another."""
     return Solid.union(
         [make_block(0, 0, 0, 12, 60, 42), *(make_block(0, 0, 6 * i + 5, 40, 60, 1.6) for i in range(6))]
     )

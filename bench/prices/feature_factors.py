@@ -145,7 +145,7 @@ def time_layers_s(path: Toolpath, limits: Limits) -> float:
     moves = (path.end - path.start)[first_move:last_move]
     for move, feed_mm_s in zip(moves, path.feed_mm_min[first_move:last_move] / 60.0, strict=True):
         position_mm = position_mm + move
-        now_s = max(now_s, planner.compute_free_s())
+        now_s = max(now_s, planner.compute_next_free_s())
         planner.advance(now_s)
         planner.add(tuple(position_mm.tolist()), max(feed_mm_s, 1.0), now_s)
     planner.advance(np.inf)

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.prices.parts import PRINTER
-from drivers.printers import BEDS, PROFILES, compute_part_room
+from drivers.printers import BEDS, PROFILES, list_usable_volumes
 from farm.model import PartPrintOptions
 from farm.planning.part_records import SliceTask
 from farm.planning.parts.slice_part import slice_part
@@ -31,7 +31,7 @@ def slice_with_sides(
     settings = resolve_settings(request, find_resources())
     names = ("brim_width_mm", "layer_0_expansion_mm", "bed_face_hidden", "tops_hidden")
     options = PartPrintOptions.model_validate({name: part[name] for name in names} | {"hidden_sides": sides})
-    room = compute_part_room(PROFILES[PRINTER], settings.brim_width_mm)
+    room = list_usable_volumes(PROFILES[PRINTER], settings.brim_width_mm)
     stl = args.folder / part["file"]
     task = SliceTask(
         part["id"], stl, request, find_resources(), settings, room, find_engine(), out, args.cache, options
@@ -63,7 +63,7 @@ def main() -> None:
                 f"{part['id']}  {len(part['hidden_sides'])} hidden sides  {plain_s:6.0f} to {fast_s:6.0f} s  "
                 f"{fast_s / plain_s - 1.0:+.1%}  price {error:+.1%}"
             )
-    print(f"together {sums_s[0]:.0f} to {sums_s[1]:.0f} s, {sums_s[1] / sums_s[0] - 1.0:+.1%}")
+    print(f"total {sums_s[0]:.0f} to {sums_s[1]:.0f} s, {sums_s[1] / sums_s[0] - 1.0:+.1%}")
 
 
 if __name__ == "__main__":

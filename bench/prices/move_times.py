@@ -77,61 +77,68 @@ def plan_moves_s(moves: Floats, stops: Ints) -> Floats:
         Indices of moves that begin at a stop.
     """
     n = len(moves)
-    length, nominal, acceleration = np.zeros(n), np.zeros(n), np.zeros(n)
-    limit_mm_s, entry, seconds = np.zeros(n), np.zeros(n), np.zeros(n)
+    length_mm, nominal_mm_s, acceleration_mm_s2 = np.zeros(n), np.zeros(n), np.zeros(n)
+    limit_mm_s, entry_mm_s, seconds = np.zeros(n), np.zeros(n), np.zeros(n)
     speed, previous_speed = np.zeros(4), np.zeros(4)
     stop, last_mm_s = 0, 0.0
     for i in range(n):
         d = moves[i, :4]
-        length[i] = np.sqrt(d[0] ** 2 + d[1] ** 2 + d[2] ** 2)
-        if length[i] == 0.0:
-            length[i] = abs(d[3])
-        factor, acc = 1.0, ACCELERATION_MM_S2
+        length_mm[i] = np.sqrt(d[0] ** 2 + d[1] ** 2 + d[2] ** 2)
+        if length_mm[i] == 0.0:
+            length_mm[i] = abs(d[3])
+        factor, limit_mm_s2 = 1.0, ACCELERATION_MM_S2
         for axis in range(4):
-            speed[axis] = d[axis] * moves[i, 4] / length[i]
+            speed[axis] = d[axis] * moves[i, 4] / length_mm[i]
             if abs(speed[axis]) > MAX_FEED_MM_S[axis]:
                 factor = min(factor, MAX_FEED_MM_S[axis] / abs(speed[axis]))
         for axis in range(4):
             speed[axis] *= factor
-            if acc * abs(d[axis]) / length[i] > MAX_ACCELERATION_MM_S2[axis]:
-                acc = MAX_ACCELERATION_MM_S2[axis] * length[i] / abs(d[axis])
-        nominal[i], acceleration[i] = moves[i, 4] * factor, acc
-        junction, share = JERK_MM_S[0] / 2.0, 1.0
+            if limit_mm_s2 * abs(d[axis]) / length_mm[i] > MAX_ACCELERATION_MM_S2[axis]:
+                limit_mm_s2 = MAX_ACCELERATION_MM_S2[axis] * length_mm[i] / abs(d[axis])
+        nominal_mm_s[i], acceleration_mm_s2[i] = moves[i, 4] * factor, limit_mm_s2
+        junction_mm_s, share = JERK_MM_S[0] / 2.0, 1.0
         if abs(speed[2]) > JERK_MM_S[2] / 2.0:
-            junction = min(junction, JERK_MM_S[2] / 2.0)
+            junction_mm_s = min(junction_mm_s, JERK_MM_S[2] / 2.0)
         if abs(speed[3]) > JERK_MM_S[3] / 2.0:
-            junction = min(junction, JERK_MM_S[3] / 2.0)
-        junction = min(junction, nominal[i])
+            junction_mm_s = min(junction_mm_s, JERK_MM_S[3] / 2.0)
+        junction_mm_s = min(junction_mm_s, nominal_mm_s[i])
         while stop < len(stops) and stops[stop] < i:
             stop += 1
         at_rest = i == 0 or (stop < len(stops) and stops[stop] == i)
         if not at_rest and last_mm_s > 0.0001:
-            jerk = np.sqrt((speed[0] - previous_speed[0]) ** 2 + (speed[1] - previous_speed[1]) ** 2)
-            if jerk > JERK_MM_S[0]:
-                share = JERK_MM_S[0] / jerk
+            jerk_mm_s = np.sqrt((speed[0] - previous_speed[0]) ** 2 + (speed[1] - previous_speed[1]) ** 2)
+            if jerk_mm_s > JERK_MM_S[0]:
+                share = JERK_MM_S[0] / jerk_mm_s
             for axis in (2, 3):
-                change = abs(speed[axis] - previous_speed[axis])
-                if change > JERK_MM_S[axis]:
-                    share = min(share, JERK_MM_S[axis] / change)
-            junction = min(last_mm_s, nominal[i] * share)
-        limit_mm_s[i] = STANDSTILL_MM_S if at_rest else junction
-        last_mm_s = nominal[i]
+                change_mm_s = abs(speed[axis] - previous_speed[axis])
+                if change_mm_s > JERK_MM_S[axis]:
+                    share = min(share, JERK_MM_S[axis] / change_mm_s)
+            junction_mm_s = min(last_mm_s, nominal_mm_s[i] * share)
+        limit_mm_s[i] = STANDSTILL_MM_S if at_rest else junction_mm_s
+        last_mm_s = nominal_mm_s[i]
         previous_speed[:] = speed
     next_mm_s = STANDSTILL_MM_S
     for i in range(n - 1, -1, -1):
-        entry[i] = min(limit_mm_s[i], np.sqrt(next_mm_s**2 + 2.0 * acceleration[i] * length[i]))
-        next_mm_s = entry[i]
+        entry_mm_s[i] = min(limit_mm_s[i], np.sqrt(next_mm_s**2 + 2.0 * acceleration_mm_s2[i] * length_mm[i]))
+        next_mm_s = entry_mm_s[i]
     for i in range(n):
         if i > 0:
-            reached_mm_s = np.sqrt(entry[i - 1] ** 2 + 2.0 * acceleration[i - 1] * length[i - 1])
-            entry[i] = min(entry[i], reached_mm_s)
+            reached_mm_s = np.sqrt(
+                entry_mm_s[i - 1] ** 2 + 2.0 * acceleration_mm_s2[i - 1] * length_mm[i - 1]
+            )
+            entry_mm_s[i] = min(entry_mm_s[i], reached_mm_s)
     for i in range(n):
-        leave = entry[i + 1] if i + 1 < n else STANDSTILL_MM_S
-        a, v = acceleration[i], nominal[i]
-        ramps = (2.0 * v * v - entry[i] ** 2 - leave**2) / (2.0 * a)
-        if ramps <= length[i]:
-            seconds[i] = (2.0 * v - entry[i] - leave) / a + (length[i] - ramps) / v
+        exit_mm_s = entry_mm_s[i + 1] if i + 1 < n else STANDSTILL_MM_S
+        a, v = acceleration_mm_s2[i], nominal_mm_s[i]
+        ramps_mm = (2.0 * v * v - entry_mm_s[i] ** 2 - exit_mm_s**2) / (2.0 * a)
+        if ramps_mm <= length_mm[i]:
+            seconds[i] = (2.0 * v - entry_mm_s[i] - exit_mm_s) / a + (length_mm[i] - ramps_mm) / v
         else:
-            top = np.sqrt(max(a * length[i] + (entry[i] ** 2 + leave**2) / 2.0, max(entry[i], leave) ** 2))
-            seconds[i] = (2.0 * top - entry[i] - leave) / a
+            top_mm_s = np.sqrt(
+                max(
+                    a * length_mm[i] + (entry_mm_s[i] ** 2 + exit_mm_s**2) / 2.0,
+                    max(entry_mm_s[i], exit_mm_s) ** 2,
+                )
+            )
+            seconds[i] = (2.0 * top_mm_s - entry_mm_s[i] - exit_mm_s) / a
     return seconds

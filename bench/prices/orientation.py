@@ -1,8 +1,8 @@
 """Printing time of parts in their chosen pose, compared with axis poses and the pose in the model.
 
-Parts of decomposed models are sliced with CuraEngine: in the chosen pose, with the brim and first layer
-chosen for them and with the quality's; in every axis pose that fits the printer; and in the model's pose. A
-pose whose slice is refused does not count.
+Parts of decomposed models are sliced with CuraEngine: in the chosen pose, once with the brim and first
+layer chosen for the part and once with those of the quality; in every axis pose that fits the printer; and in
+the model's pose. A pose whose slice is refused does not count.
 
 Usage: python -m bench.prices.orientation [--parts 30] [--unseen] [--models DIR] [--workers 1] [--cache DIR]
        [--json]
@@ -36,7 +36,7 @@ from decompose.pieces import find_cut_faces
 from decompose.print_time import POSE_ROTATIONS, TOUCHED_MM2, CostModel, Pose, find_best_pose, measure_pose
 from decompose.printers import PrinterRoom
 from decompose.results import Part
-from drivers.printers import BEDS, PROFILES, compute_part_room
+from drivers.printers import BEDS, PROFILES, list_usable_volumes
 from farm.planning.parts.pricing import build_recipe
 from farm.planning.printer_settings import build_slicing_printer
 from slicing.errors import SlicingError
@@ -210,7 +210,7 @@ def main() -> int:
     # Parts are sliced without their hidden sides.
     cost = CostModel.from_recipe(build_recipe(replace(settings, hidden_wall_ratio=1.0), prelude_s=0.0))
     room = PrinterRoom(
-        "0", tuple(b.size_mm for b in compute_part_room(PROFILES[PRINTER], settings.brim_width_mm))
+        "0", tuple(b.size_mm for b in list_usable_volumes(PROFILES[PRINTER], settings.brim_width_mm))
     )
     shapes = OTHER_SHAPES if args.unseen else SHAPES
     with tempfile.TemporaryDirectory() as scratch, ThreadPoolExecutor(args.workers) as pool:
@@ -232,10 +232,12 @@ def main() -> int:
     ):
         figures = result[name]
         print(f"{name:24} mean {figures['mean']:.3f}, worst {figures['worst']:.3f}, {figures['parts']} parts")
-    print(f"{result['stand']} of {len(rows)} stand; support touches a cut face of {result['touched']}")
     print(
-        f"of the axis poses, {result['axes_touched_share']:.0%}; poses chosen in {result['compute_s']:.1f} s"
+        f"{result['stand']} of {len(rows)} parts stand; "
+        f"support touches a cut face of {result['touched']} parts "
+        f"and in {result['axes_touched_share']:.0%} of the axis poses"
     )
+    print(f"poses chosen in {result['compute_s']:.1f} s")
     return 0
 
 

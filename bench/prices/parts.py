@@ -26,7 +26,7 @@ from decompose.geometry import Model, Solid, load_model, round_triangles, write_
 from decompose.options import Options
 from decompose.print_time import POSE_ROTATIONS, CostModel, Recipe, measure_columns, sum_pose_features
 from decompose.printers import PrinterRoom
-from drivers.printers import BEDS, PROFILES, compute_part_room
+from drivers.printers import BEDS, PROFILES, list_usable_volumes
 from farm.planning.parts.pricing import build_recipe
 from farm.planning.printer_settings import build_slicing_printer
 from slicing.errors import SlicingError
@@ -42,21 +42,21 @@ OTHER_MODEL_MM = 200.0  # longest side of a model from a folder
 EVEN_INFILL: Mapping[str, Any] = {"gradual_infill_steps": 0}
 
 # As in `glue` when the dataset was made: even infill, and all skins at Cura's speed for skins.
-_DATASET: Mapping[str, Any] = {**EVEN_INFILL, "roofing_layer_count": 0, "speed_topbottom": 30}
+_DATASET_OVERRIDES: Mapping[str, Any] = {**EVEN_INFILL, "roofing_layer_count": 0, "speed_topbottom": 30}
 
 # This project's two qualities, and settings that differ in all terms of the physical model; `even` is `glue`
 # as it was when the dataset was made.
 SETTINGS: dict[str, tuple[str, float, Mapping[str, Any]]] = {
-    "even": ("glue", 0.4, _DATASET),
+    "even": ("glue", 0.4, _DATASET_OVERRIDES),
     "paper": ("paper", 0.4, {}),
     "glue": ("glue", 0.4, {}),
-    "fine": ("glue", 0.4, {**_DATASET, "layer_height": 0.15, "infill_sparse_density": 20}),
-    "wide": ("glue", 0.6, {**_DATASET, "speed_topbottom": 20}),
+    "fine": ("glue", 0.4, {**_DATASET_OVERRIDES, "layer_height": 0.15, "infill_sparse_density": 20}),
+    "wide": ("glue", 0.6, {**_DATASET_OVERRIDES, "speed_topbottom": 20}),
     "other": (
         "glue",
         0.4,
         {
-            **_DATASET,
+            **_DATASET_OVERRIDES,
             "layer_height": 0.25,
             "line_width": 0.4,
             "speed_wall_0": 25,
@@ -92,7 +92,7 @@ class Row:
 
     model: str
     part: str
-    printed: bool  # in the pose that the decomposition chose; False: in another axis pose
+    printed: bool  # True in the pose that the decomposition chose, False in another axis pose
     settings: str
     volume_mm3: float
     lateral_mm2: float
@@ -124,7 +124,7 @@ def resolve_named_settings(name: str) -> EngineSettings:
 
 
 def make_recipe(name: str) -> Recipe:
-    """Make the recipe of the cost for one of SETTINGS."""
+    """Make the cost model's recipe for one of SETTINGS."""
     return build_recipe(resolve_named_settings(name), prelude_s=0.0)
 
 
@@ -172,7 +172,7 @@ class PosedPart:
 
     model: str
     part: str
-    printed: bool
+    is_chosen_pose: bool
     corners: np.ndarray  # (m, 3, 3) float32
 
     @property
@@ -191,7 +191,7 @@ def list_unseen_models(seed: int) -> Iterator[tuple[str, Model]]:
 def list_parts(models: Iterable[tuple[str, Model]], max_parts: int) -> Iterator[PosedPart]:
     """Yield some parts of each model and number of printers, and some of them also in another axis pose."""
     cost = CostModel.from_recipe(make_recipe("glue"))
-    room = tuple(box.size_mm for box in compute_part_room(PROFILES[PRINTER], make_recipe("glue").brim_mm))
+    room = tuple(box.size_mm for box in list_usable_volumes(PROFILES[PRINTER], make_recipe("glue").brim_mm))
     for name, model in models:
         for count in PRINTER_COUNTS:
             printers = [PrinterRoom(str(i), room) for i in range(count)]
@@ -200,7 +200,8 @@ def list_parts(models: Iterable[tuple[str, Model]], max_parts: int) -> Iterator[
             except DecomposeError as error:
                 print(f"{name} for {count}: {error}", file=sys.stderr)
                 continue
-            rng = np.random.default_rng(count)  # for each model, so that models can be added
+            # Seeded anew for each model, so that adding a model does not change the other rows.
+            rng = np.random.default_rng(count)
             rng.shuffle(parts)  # type: ignore[arg-type]
             for part in parts[:max_parts]:
                 part_name = f"{count}-{part.id}"
@@ -243,7 +244,7 @@ def measure(posed_part: PosedPart, setting: str, folder: Path, cache: Path | Non
         support.islands_mm,
         sliced_s,
     ]
-    return Row(posed_part.model, posed_part.part, posed_part.printed, setting, *figures, **kinds)
+    return Row(posed_part.model, posed_part.part, posed_part.is_chosen_pose, setting, *figures, **kinds)
 
 
 def measure_kinds_s(gcode: str) -> dict[str, float]:

@@ -26,7 +26,7 @@ from decompose.options import Options
 from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 from decompose.results import Part
-from drivers.printers import BEDS, PROFILES, compute_part_room
+from drivers.printers import BEDS, PROFILES, list_usable_volumes
 from farm.compute import Deferred, TaskFiles
 from farm.planning.parts.pricing import build_recipe
 from farm.planning.printer_settings import build_slicing_printer
@@ -91,7 +91,7 @@ def measure(kind: str, args: argparse.Namespace) -> list[Row]:
                     hidden_inner_wall_mm_s=0.0,
                 )
             cost = CostModel.from_recipe(recipe)
-            room = tuple(box.size_mm for box in compute_part_room(PROFILES[PRINTER], recipe.brim_mm))
+            room = tuple(box.size_mm for box in list_usable_volumes(PROFILES[PRINTER], recipe.brim_mm))
             rooms = [PrinterRoom(str(number), room) for number in range(args.printers)]
             fit_layer = args.quality == "glue"
             result = decompose_model(model, rooms, Options(fit_first_layer=fit_layer, prove=False), cost)

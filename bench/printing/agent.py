@@ -2,7 +2,7 @@
 
 ``python -m bench.printing.agent [--agents N] [--lines N] [--rate LINES_PER_S] [--megabytes MB] [--json]``.
 Real agents run on real pseudo-terminals in wall time; the boards, all in this process, send at most `rate`
-oks a second. Turnaround is the time from writing an ok to reading the next line, with this process and the
+oks per second. Turnaround is the time from writing an ok to reading the next line, with this process and the
 kernel included. CPU and memory are the kernel's figures for each agent while it streams.
 """
 

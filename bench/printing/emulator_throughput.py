@@ -125,9 +125,9 @@ def main() -> None:
     if options.json:
         print(json.dumps(figures))
         return
-    print(f"firmware alone: {feed_us:.1f} us of CPU a move")
-    print(f"through the port: {round_trip_us:.1f} us a round trip, {free_cpu_us:.1f} us of CPU")
-    print(f"at {options.scale:g} times real time: {paced_us:.1f} us a move, {paced_cpu_us:.1f} us of CPU")
+    print(f"firmware alone: {feed_us:.1f} us of CPU per move")
+    print(f"through the port: {round_trip_us:.1f} us per round trip, {free_cpu_us:.1f} us of CPU")
+    print(f"at {options.scale:g} times real time: {paced_us:.1f} us per move, {paced_cpu_us:.1f} us of CPU")
 
 
 if __name__ == "__main__":

@@ -69,26 +69,26 @@ Cut = Callable[[list[bytes], random.Random], list[bytes]]
 """Function that removes layers from a list of all layers."""
 
 
-def _cut_first(layers: list[bytes], rng: random.Random) -> list[bytes]:
+def _cut_first_layers(layers: list[bytes], rng: random.Random) -> list[bytes]:
     return layers[rng.randint(1, max(1, len(layers) // 2)) :]
 
 
-def _cut_one(layers: list[bytes], rng: random.Random) -> list[bytes]:
+def _cut_one_layer(layers: list[bytes], rng: random.Random) -> list[bytes]:
     index = rng.randrange(1, len(layers) - 1)
     return layers[:index] + layers[index + 1 :]
 
 
-def _cut_consecutive(layers: list[bytes], rng: random.Random) -> list[bytes]:
+def _cut_consecutive_layers(layers: list[bytes], rng: random.Random) -> list[bytes]:
     first_layer = rng.randrange(1, len(layers) - 1)
     return layers[:first_layer] + layers[rng.randrange(first_layer, len(layers) - 1) + 1 :]
 
 
-def _cut_many(layers: list[bytes], rng: random.Random) -> list[bytes]:
+def _cut_many_layers(layers: list[bytes], rng: random.Random) -> list[bytes]:
     indices = set(rng.sample(range(len(layers)), rng.randint(2, max(2, len(layers) // 3))))
     return [layer for index, layer in enumerate(layers) if index not in indices]
 
 
-def _cut_last(layers: list[bytes], rng: random.Random) -> list[bytes]:
+def _cut_last_layers(layers: list[bytes], rng: random.Random) -> list[bytes]:
     return layers[: -rng.randint(1, max(1, len(layers) // 3))]
 
 
@@ -100,11 +100,11 @@ def _cut_lines(layers: list[bytes], rng: random.Random) -> list[bytes]:
 
 
 CUTS: dict[str, Cut] = {
-    "first": _cut_first,
-    "one": _cut_one,
-    "run": _cut_consecutive,
-    "many": _cut_many,
-    "last": _cut_last,
+    "first": _cut_first_layers,
+    "one": _cut_one_layer,
+    "run": _cut_consecutive_layers,
+    "many": _cut_many_layers,
+    "last": _cut_last_layers,
     "torn": _cut_lines,
 }
 

@@ -77,7 +77,7 @@ def flip_digit(data: bytes, rng: random.Random) -> bytes:
 
 
 def add_refusal(age: int) -> Damage:
-    """Add a refusal after an ok, which no real board sends."""
+    """Return damage that adds a refusal after an ok, which no real board sends."""
 
     def damage(data: bytes, rng: random.Random) -> bytes:
         last = add_refusal.last_number - age  # type: ignore[attr-defined]
@@ -103,17 +103,17 @@ class FaultKind:
     line_pattern: bytes = rb" G1 "
 
 
-def remove_all(data: bytes, rng: random.Random) -> bytes:
+def remove_all_bytes(data: bytes, rng: random.Random) -> bytes:
     """Remove all bytes."""
     return b""
 
 
-def remove_end(data: bytes, rng: random.Random) -> bytes:
+def remove_last_bytes(data: bytes, rng: random.Random) -> bytes:
     """Remove the bytes after a random position."""
     return data[: rng.randrange(1, len(data) - 1)]
 
 
-def repeat_all(data: bytes, rng: random.Random) -> bytes:
+def repeat_bytes(data: bytes, rng: random.Random) -> bytes:
     """Send all bytes twice."""
     return data + data
 
@@ -123,17 +123,17 @@ _LINE_DAMAGES: dict[str, Damage] = {
     "byte lost": remove_byte,
     "byte doubled": double_byte,
     "bit flipped": flip_bit,
-    "end lost": remove_end,
-    "line lost": remove_all,
-    "line doubled": repeat_all,
+    "end lost": remove_last_bytes,
+    "line lost": remove_all_bytes,
+    "line doubled": repeat_bytes,
 }
 _ANSWER_DAMAGES: dict[str, Damage] = {
     "newline lost": replace_match(rb"\n"),
     "byte lost": remove_byte,
     "byte doubled": double_byte,
     "bit flipped": flip_bit,
-    "answer lost": remove_all,
-    "answer doubled": repeat_all,
+    "answer lost": remove_all_bytes,
+    "answer doubled": repeat_bytes,
     "joined to another": replace_match(rb"\n", b"echo:SD init fail\n"),
     "noise before it": lambda data, rng: rng.randbytes(5) + data,
 }
@@ -144,7 +144,7 @@ _REFUSAL_DAMAGES: dict[str, Damage] = {
     "Resend garbled": flip_digit,
     "Error and Resend lost": replace_match(rb"(?s)Error:.*Resend: \d+\n"),
     "its ok lost": replace_match(rb"ok\n"),
-    "all of it lost": remove_all,
+    "all of it lost": remove_all_bytes,
     "newline of Error lost": lambda data, rng: remove_bytes(data, data.index(b"\n")),
     "newline of Resend lost": replace_match(rb"\nok\n", b"ok\n"),
     "newline of its ok lost": lambda data, rng: data[:-1],

@@ -28,7 +28,7 @@ from decompose.options import Options
 from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 from decompose.problem import Problem
-from drivers.printers import PROFILES, compute_part_room
+from drivers.printers import PROFILES, list_usable_volumes
 
 PRINTER = "ultimaker2_plus"
 
@@ -45,7 +45,7 @@ def main() -> None:
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     recipe = make_recipe("paper")
-    room = tuple(box.size_mm for box in compute_part_room(PROFILES[PRINTER], recipe.brim_mm))
+    room = tuple(box.size_mm for box in list_usable_volumes(PROFILES[PRINTER], recipe.brim_mm))
     printers = tuple(PrinterRoom(str(i), room) for i in range(options.printers))
     model = load_model(options.model, longest_side_mm=options.side)
     problem = Problem(model, printers, CostModel.from_recipe(recipe), Options())

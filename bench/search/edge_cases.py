@@ -18,7 +18,7 @@ from dataclasses import asdict, dataclass
 from time import perf_counter, process_time
 
 from bench.models.shapes import make_ellipsoid
-from bench.unseen_models import ROOM_SIZES_MM
+from bench.unseen_models import USABLE_VOLUMES_MM
 from decompose.auto import decompose_auto
 from decompose.decompose import decompose_model
 from decompose.errors import DecomposeError
@@ -88,7 +88,7 @@ CASES: Mapping[str, Case] = {
 def run_case(name: str, case: Case, budget_s: float) -> Outcome:
     """Decompose the model of a case with default options."""
     model = Model(case.make(), (), 1.0)
-    printers = [PrinterRoom(str(number), ROOM_SIZES_MM) for number in range(case.printers)]
+    printers = [PrinterRoom(str(number), USABLE_VOLUMES_MM) for number in range(case.printers)]
     options = Options(best=BestOptions(budget_s))
     decompose = decompose_auto if case.auto else decompose_model
     start_s, start_cpu_s = perf_counter(), process_time()

@@ -29,7 +29,7 @@ from decompose.options import Engine, Options
 from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 from decompose.problem import Effort, Problem, Work
-from drivers.printers import PROFILES, compute_part_room
+from drivers.printers import PROFILES, list_usable_volumes
 
 PRINTER = "ultimaker2_plus"
 
@@ -74,7 +74,7 @@ def main() -> None:
     options = parser.parse_args()
     recipe = make_recipe("paper")
     cost = CostModel.from_recipe(recipe)
-    room = tuple(box.size_mm for box in compute_part_room(PROFILES[PRINTER], recipe.brim_mm))
+    room = tuple(box.size_mm for box in list_usable_volumes(PROFILES[PRINTER], recipe.brim_mm))
     small_model = Model(Solid.box((0.0, 0.0, 0.0), (300.0, 60.0, 60.0)), (), 1.0)
     for engine in options.engines:  # compiles, or loads compiled code
         rooms = tuple(PrinterRoom(str(i), room) for i in range(4))

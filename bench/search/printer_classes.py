@@ -35,7 +35,7 @@ from decompose.pieces import assign_printers
 from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 from decompose.problem import Partition, Problem
-from drivers.printers import PROFILES, compute_part_room
+from drivers.printers import PROFILES, list_usable_volumes
 
 WIDE_TIME_RATIO = 0.45
 
@@ -47,7 +47,7 @@ def make_fleet(plus: int, extended: int, wide: int, spread: float, brim_mm: floa
     factors[:wide] *= WIDE_TIME_RATIO
     models = ["ultimaker2_plus"] * plus + ["ultimaker2_extended_plus"] * extended
     rooms = {
-        name: tuple(b.size_mm for b in compute_part_room(PROFILES[name], brim_mm)) for name in set(models)
+        name: tuple(b.size_mm for b in list_usable_volumes(PROFILES[name], brim_mm)) for name in set(models)
     }
     return tuple(
         PrinterRoom(f"{name}-{i}", rooms[name], float(factor))
@@ -67,9 +67,11 @@ def compute_makespan_s(problem: Problem, partition: Partition) -> float:
 
 
 def make_uniform_printers(printers: Sequence[PrinterRoom]) -> tuple[PrinterRoom, ...]:
-    """Make the same number of equal printers, with the room of the lowest printer and one speed."""
-    lowest = min((printer.boxes for printer in printers), key=lambda boxes: max(box[2] for box in boxes))
-    return tuple(replace(printer, boxes=lowest, time_factor=1.0) for printer in printers)
+    """Make the same number of printers with one speed and the build volume of the least height."""
+    smallest_boxes = min(
+        (printer.boxes for printer in printers), key=lambda boxes: max(box[2] for box in boxes)
+    )
+    return tuple(replace(printer, boxes=smallest_boxes, time_factor=1.0) for printer in printers)
 
 
 def compare_makespans(path: Path, side_mm: float, problem: Problem) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""CPU of Home for many viewers of a large fleet, and the bytes that each of them receives.
+"""CPU time of the Home page with many viewers of a large fleet, and the bytes that each of them receives.
 
 ``python -m bench.web.live [--printers N] [--viewers N] [--seconds S] [--json]``. A process serves the
 pages of printers that all print: each second, each has another temperature and progress. No agents run, so
@@ -54,13 +54,13 @@ def make_snapshot(name: str, print_id: str | None, progress_s: float) -> AgentSn
     """Make the report of an idle or a printing printer."""
     if print_id is None:
         return AgentSnapshot(printer=name, link=Link.READY, bed_clear=True, filament=FilamentState.PARKED)
-    heat_c = 200.0 + progress_s % 3
+    nozzle_c = 200.0 + progress_s % 3
     report = AgentPrint(
         print_id=print_id, state=PrintState.PRINTING, fault=None, reason=None, progress_s=progress_s,
         print_time_s=40_000.0, extruded=True, started_s=time.time() - progress_s, ended_s=None,
     )  # fmt: skip
     return AgentSnapshot(
-        printer=name, link=Link.BUSY, nozzle_c=heat_c, bed_c=60.0, nozzle_target_c=200.0,
+        printer=name, link=Link.BUSY, nozzle_c=nozzle_c, bed_c=60.0, nozzle_target_c=200.0,
         bed_target_c=60.0, filament=FilamentState.AT_NOZZLE, print=report,
     )  # fmt: skip
 

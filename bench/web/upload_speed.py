@@ -133,7 +133,7 @@ def measure(size_mb: int, times: int, form: bool) -> dict[str, Any]:
         try:
             key = farm.add_key("bench", "print")
             size, durations_s = size_mb * MB, []
-            upload(farm, key, MB, form)  # the first one waits for the workers
+            upload(farm, key, MB, form)  # the first upload waits for the workers
             idle_times = measure_response_times(farm, key)
             next(idle_times)
             time.sleep(3.0)

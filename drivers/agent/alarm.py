@@ -12,7 +12,7 @@ from drivers.session import Session
 
 log = logging.getLogger(__name__)
 
-_NOT_OFF = "heaters were not confirmed off"
+_UNCONFIRMED_TEXT = "heaters were not confirmed off"
 
 
 class Alarms:
@@ -58,7 +58,7 @@ class Alarms:
         return None if self.alarm is None else self.alarm.suspicion
 
     def mark_ended(self) -> None:
-        """Mark the alarm as over, as the printer was cold or was reconnected: later findings are new ones."""
+        """Mark the alarm as over, because the printer was cold or reconnected: later findings are new."""
         if self.alarm is not None and self.alarm.outcome is not None:
             self.alarm = self.alarm.model_copy(update={"is_over": True})
 
@@ -72,18 +72,18 @@ class Alarms:
         if session.context.wants_power_off:
             if session is not self._requested_by:
                 self._requested_by = session
-                self._request_power_off(suspicion.text if suspicion is not None else _NOT_OFF, now_s)
+                self._request_power_off(suspicion.text if suspicion is not None else _UNCONFIRMED_TEXT, now_s)
                 assert self.alarm is not None
                 session.add_reason(self.alarm.text)
         elif suspicion is not None:
-            if alarm is None or not alarm.suspected:
+            if alarm is None or not alarm.is_suspicion:
                 self.alarm = Alarm(text=suspicion.text, at_s=suspicion.since_s)
-        elif alarm is not None and alarm.suspected:
+        elif alarm is not None and alarm.is_suspicion:
             self.alarm = None  # the heater has cooled
 
     def take_idle_finding(self, finding: str | None, now_s: float) -> str | None:
         """Take over a finding of the idle board; return it if it is new."""
-        if finding is None and self.alarm is not None and self.alarm.suspected:
+        if finding is None and self.alarm is not None and self.alarm.is_suspicion:
             finding = self.alarm.text  # the session that watched it has ended
         return finding if finding is not None and self._request_power_off(finding, now_s) else None
 
@@ -91,7 +91,7 @@ class Alarms:
         alarm = self.alarm
         if alarm is not None and alarm.power_off_requested and not alarm.is_over:
             return False
-        if alarm is None or not alarm.suspected:
+        if alarm is None or not alarm.is_suspicion:
             alarm = Alarm(text=text, at_s=now_s)
         log.error("%s: %s: its mains have to be cut", self._printer, alarm.text)
         self.alarm = alarm.model_copy(update={"power_off_requested": True})

@@ -26,7 +26,7 @@ NOT_WATCHED_REASON = "it was not watched before its agent was started"
 MAY_PRINT_REASON = (
     "its port is opened after a person confirms that it does not print: opening may reset the board"
 )
-NO_RESET_REASON = "a pulse of DTR does not reset its board: it prints only while somebody is there"
+NO_RESET_REASON = "a pulse of DTR does not reset its board: it prints only while somebody is present"
 
 
 class Board:
@@ -97,7 +97,7 @@ class Board:
         self.wire_record = WireRecord(clock.now)
         self._retry_wall_s = 0.0
         self._is_idle_confirmed = False  # a person confirmed that the port may be opened
-        self._pulses_left = 0  # DTR pulses left before reset counts as failed
+        self._pulses_left = 0  # DTR pulses left before the reset counts as failed
 
     # --- called by the loop ---
 
@@ -178,17 +178,17 @@ class Board:
 
     def cancel(self, reason: str) -> None:
         """End the open print safely."""
-        self._with_session(lambda session, now_s: session.cancel(reason, now_s))
+        self._call_session(lambda session, now_s: session.cancel(reason, now_s))
 
     def pause(self, is_paused: bool) -> None:
         """Pause or resume the open print."""
-        self._with_session(lambda session, now_s: (session.pause if is_paused else session.resume)(now_s))
+        self._call_session(lambda session, now_s: (session.pause if is_paused else session.resume)(now_s))
 
     def set_time_limit(self, at_s: float | None) -> None:
         """Set the time at which the open print is ended safely; None for no limit."""
-        self._with_session(lambda session, now_s: session.set_time_limit(at_s, now_s))
+        self._call_session(lambda session, now_s: session.set_time_limit(at_s, now_s))
 
-    def _with_session(self, action: Callable[[Session, float], None]) -> None:
+    def _call_session(self, action: Callable[[Session, float], None]) -> None:
         if self.session is not None:
             now_s = self._clock.now()
             action(self.session, now_s)
@@ -214,12 +214,12 @@ class Board:
     @property
     def reset_verified(self) -> bool:
         """True if DTR was confirmed to reset the board behind this port."""
-        return self.is_simulated or self.state.reset_verified == self._url
+        return self.is_simulated or self.state.verified_reset_port == self._url
 
     @property
     def reset_failed(self) -> bool:
-        """True if DTR was found not to reset it."""
-        return not self.reset_verified and self.state.reset_failed == self._url
+        """True if DTR was found not to reset the board behind this port."""
+        return not self.reset_verified and self.state.failed_reset_port == self._url
 
     @property
     def is_verifying_reset(self) -> bool:
@@ -237,7 +237,7 @@ class Board:
         if self.session is not None or self.idle_watch.is_printing_from_card:
             raise AgentError(SD_PRINT if self.idle_watch.is_printing_from_card else "it prints")
         self._is_idle_confirmed = True
-        self.state.reset_verified = self.state.reset_failed = None
+        self.state.verified_reset_port = self.state.failed_reset_port = None
         if self._port is None:
             self.open()
         if self._port is not None:
@@ -314,14 +314,14 @@ class Board:
         if event.restarted:
             self.idle_watch.filament.note_reset()
         if event.restarted and (self._pulses_left or self.session is not None):
-            self.state.reset_verified, self.state.reset_failed = self._url, None
+            self.state.verified_reset_port, self.state.failed_reset_port = self._url, None
         elif self._pulses_left > 1:
             self._pulses_left -= 1
             self._reset()  # its `start` may have been lost
             return
         elif self._pulses_left:
             log.warning("%s", NO_RESET_REASON)
-            self.state.reset_failed = self._url
+            self.state.failed_reset_port = self._url
         self._pulses_left = 0
 
     def _on_idle_report(self, report: Report, now_s: float) -> None:
@@ -332,7 +332,7 @@ class Board:
         self.stuck_heater_text = self.stuck_heater_text if fault is None else fault.text
         self.rearms_alarm = self.rearms_alarm or self.idle_watch.is_cold
         if self.link.is_drained:
-            # ends heat left on when the port was lost; queries alone would reset the dead-man timer
+            # Switch off heaters left on when the port was lost: queries alone would reset the dead-man timer.
             firmware = self._firmware
             self.link.send(now_s, *(firmware.heaters_off if self.state.hot else firmware.idle_queries))
 

@@ -110,7 +110,7 @@ class RequestHandler:
     def _start(self, request: StartPrint) -> None:
         self._spool.check_print_id(request.print_id)
         journal_state = self._journal.state
-        if request.print_id in journal_state.ended or (
+        if request.print_id in journal_state.ended_print_ids or (
             journal_state.print and journal_state.print.print_id == request.print_id
         ):
             return  # a repeated request

@@ -43,7 +43,7 @@ class Server:
     Parameters
     ----------
     folder
-        Folder for `agent.sock`, which only the agent's user can access; its path may exceed a socket's limit.
+        Folder for `agent.sock`, which only the agent's user can access; its path may exceed 107 bytes.
     selector
         The agent's selector; the data of its keys is a callable that takes the ready mask.
     answer

@@ -62,7 +62,7 @@ class Spool:
         Raises
         ------
         AgentError
-            It does not follow the last piece, or cannot be written.
+            The piece does not follow the last one, or cannot be written.
         """
         part = self.make_part_path(print_id)
         try:

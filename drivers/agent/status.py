@@ -102,9 +102,11 @@ def list_prints(recorder: Recorder, since_s: float) -> tuple[PrintSnapshot, ...]
     """List all prints that had not ended at `since_s` of the farm's clock, with the open one last."""
     journal_state, open_print = recorder.journal.state, describe_print(recorder)
     prints = [
-        record for record in journal_state.recent if record.ended_s is None or record.ended_s >= since_s
+        record
+        for record in journal_state.recent_prints
+        if record.ended_s is None or record.ended_s >= since_s
     ]
-    if open_print is not None and open_print.print_id not in journal_state.ended:
+    if open_print is not None and open_print.print_id not in journal_state.ended_print_ids:
         prints.append(open_print)
     return tuple(prints)
 

@@ -198,11 +198,11 @@ class Emulator:
             case Command.POWER_OFF:
                 self.switch_off()
             case Command.SET_NOZZLE:
-                person.set_nozzle(self._firmware, float(request["target_c"]), now_s)
+                person.set_nozzle_target(self._firmware, float(request["target_c"]), now_s)
             case Command.SET_BED:
-                person.set_bed(self._firmware, float(request["target_c"]), now_s)
+                person.set_bed_target(self._firmware, float(request["target_c"]), now_s)
             case Command.MOVE:
-                person.move(self._firmware, float(request["z_mm"]), now_s)
+                person.move_bed(self._firmware, float(request["z_mm"]), now_s)
             case Command.PRINT_SD:
                 person.print_sd(self._firmware, now_s)
             case Command.BREAK:

@@ -1,4 +1,4 @@
-"""Firmwares of printers: one module a firmware."""
+"""Firmwares of printers: one module per firmware."""
 
 from drivers.firmware.firmware import Firmware, Identity
 from drivers.firmware.marlin2 import MARLIN2

@@ -1,6 +1,6 @@
 """G-code lines, programs and their timelines. Pure."""
 
-from drivers.gcode.filament_position import MotionState, Point, measure_retraction, read_position
+from drivers.gcode.filament_position import MotionState, Point, measure_retraction_mm, read_position
 from drivers.gcode.frame import add_frame, add_frames, compute_checksum, remove_frame
 from drivers.gcode.program import (
     MAX_LINE_BYTES,
@@ -25,7 +25,7 @@ __all__ = [
     "add_frame",
     "add_frames",
     "compute_checksum",
-    "measure_retraction",
+    "measure_retraction_mm",
     "read_position",
     "read_program",
     "remove_frame",

@@ -16,7 +16,7 @@ from drivers.gcode.program import Program
 
 BUFFERED_LINES = 64  # planner and line buffer hold 24 moves, and not every line is a move
 WINDOW_LINES = 4096  # in each window of this size, the filament was at the nozzle at some line
-NEAR_MM = 1.0  # tolerance of a position; M114 rounds to 0.01
+POSITION_TOLERANCE_MM = 1.0  # tolerance of a position; M114 rounds to 0.01
 
 _POSITION = re.compile(rb"X:(-?[\d.]+)\s*Y:(-?[\d.]+)\s*Z:(-?[\d.]+)\s*E:(-?[\d.]+)")
 _WORD = re.compile(rb"([FXYZE])(-?[\d.]+)")
@@ -39,7 +39,7 @@ def read_position(answer: bytes) -> Point | None:
         return None
 
 
-def measure_retraction(program: Program, done_lines: int, stopped_at: Point | None = None) -> float:
+def measure_retraction_mm(program: Program, done_lines: int, stopped_at: Point | None = None) -> float:
     """Compute the distance from the nozzle's tip back to the end of the filament.
 
     Parameters
@@ -57,7 +57,7 @@ def measure_retraction(program: Program, done_lines: int, stopped_at: Point | No
         In mm, 0 at the tip. Exact except after a G92 among the last moves, which shifts the coordinates.
     """
     moves = MotionState(program, done_lines)
-    return moves.retracted_mm if stopped_at is None else moves.find_retraction(stopped_at)
+    return moves.retracted_mm if stopped_at is None else moves.find_retraction_mm(stopped_at)
 
 
 class MotionState:
@@ -91,7 +91,7 @@ class MotionState:
         self.position = [math.nan, math.nan, math.nan, math.nan if start else 0.0]
         self.retracted_mm = 0.0
         self.feed_mm_min = _find_feed(program, start)
-        # start, end, and how far the filament was retracted at the start
+        # start, end, and retraction of the filament at the start in mm
         self._moves: deque[tuple[list[float], list[float], float]] = deque(maxlen=BUFFERED_LINES)
         for first in range(start, done_lines, WINDOW_LINES):  # never reads a long file completely
             for line in program.read_lines(first, min(done_lines, first + WINDOW_LINES)):
@@ -142,9 +142,9 @@ class MotionState:
             BUFFERED_LINES,
         )
 
-    def find_retraction(self, stopped_at: Point) -> float:
+    def find_retraction_mm(self, stopped_at: Point) -> float:
         """Compute `retracted_mm` for a stop in a buffered move; at the last line if no move passes there."""
-        nearest_mm, found_mm = NEAR_MM, self.retracted_mm
+        nearest_mm, found_mm = POSITION_TOLERANCE_MM, self.retracted_mm
         for start_point, end_point, retracted_mm in self._moves:
             distance_mm = _compute_distance(stopped_at, start_point, end_point)
             if distance_mm < nearest_mm:

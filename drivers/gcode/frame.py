@@ -74,7 +74,7 @@ def add_frames(number: int, commands: Iterable[bytes]) -> list[bytes]:
     candidates = _SMALL_DECIMALS.finditer(text)
     decimals = next(candidates, None)
     frames: list[bytes] = []
-    end = start_checksum = 0  # of the line, and the checksum of all lines before it
+    end = start_checksum = 0  # end of the line, and checksum of all lines before it
     for line in lines:
         end += len(line)
         collides = False

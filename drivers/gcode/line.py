@@ -43,7 +43,7 @@ class Command:
     text
         The command in canonical form, without a newline.
     name
-        ``G1``, without leading zeros.
+        Code such as ``G1``, without leading zeros.
     words
         The number after each letter; None if there is none.
     """

@@ -15,7 +15,7 @@ from drivers.records import AGENT_LOG
 from drivers.remote import RETRY_S
 
 _CONNECT_S = 30.0
-_BYTES = 64 * 1024
+_READ_BYTES = 64 * 1024
 
 
 async def carry_stream(stream: MuxStream, folder: Path, report_s: float) -> None:
@@ -75,6 +75,6 @@ async def _carry_lines(reader: asyncio.StreamReader, writer: asyncio.StreamWrite
 
 async def _carry_bytes(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
     with suppress(OSError):
-        while data := await reader.read(_BYTES):
+        while data := await reader.read(_READ_BYTES):
             writer.write(data)
             await writer.drain()

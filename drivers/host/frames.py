@@ -10,7 +10,7 @@ from drivers.errors import MessageError
 
 MAX_PAYLOAD_BYTES = 1024 * 1024
 """Maximum size of a payload: far more than the state of a host with a hundred printers."""
-_HEAD = struct.Struct(">BII")
+_HEADER = struct.Struct(">BII")
 
 
 class FrameKind(IntEnum):
@@ -33,7 +33,7 @@ class Frame:
 
     def encode(self) -> bytes:
         """Encode the frame as bytes on the wire."""
-        return _HEAD.pack(self.kind, self.stream, len(self.payload)) + self.payload
+        return _HEADER.pack(self.kind, self.stream, len(self.payload)) + self.payload
 
 
 class FrameReader:
@@ -52,14 +52,14 @@ class FrameReader:
         """
         buffer, frames, offset = self._buffer, [], 0
         buffer += data
-        while len(buffer) - offset >= _HEAD.size:
-            kind, stream, size = _HEAD.unpack_from(buffer, offset)
+        while len(buffer) - offset >= _HEADER.size:
+            kind, stream, size = _HEADER.unpack_from(buffer, offset)
             if kind not in FrameKind.__members__.values() or size > MAX_PAYLOAD_BYTES:
                 raise MessageError(f"not a frame: kind {kind}, {size} bytes; is it farm's host service?")
-            end = offset + _HEAD.size + size
+            end = offset + _HEADER.size + size
             if end > len(buffer):
                 break
-            frames.append(Frame(FrameKind(kind), stream, bytes(buffer[offset + _HEAD.size : end])))
+            frames.append(Frame(FrameKind(kind), stream, bytes(buffer[offset + _HEADER.size : end])))
             offset = end
         del buffer[:offset]
         return frames

@@ -19,7 +19,7 @@ from drivers.records import StartFile
 from drivers.remote import bridge
 from drivers.safety import StopResult, StopTarget, stop_printer
 
-_BYTES = 65536
+_READ_BYTES = 65536
 
 
 def serve_stdio() -> int:
@@ -57,7 +57,7 @@ def _carry(service: socket.socket) -> None:
         writers = {target_by_source[source]: source for source, data in unwritten.items() if data}
         readable, writable, _ = select.select(readers, list(writers), [])
         for source in readable:
-            data = os.read(source, _BYTES)
+            data = os.read(source, _READ_BYTES)
             if not data:
                 return
             unwritten[source] = data

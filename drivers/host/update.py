@@ -32,7 +32,7 @@ class Trial:
     snapshot
         Latest report of the new agent; None before the first.
     has_ended
-        Whether it has ended, or could not be started.
+        True if it has ended, or could not be started.
     waited_s
         Wall seconds since the replacement.
     """

@@ -284,7 +284,7 @@ class Link:
         self._is_refused = False
         match action:
             case Action.WAIT if self._firmware.keep_alive is not None:
-                self._due_s = self._recovery.alive_s + self._silence_s
+                self._due_s = self._recovery.last_progress_s + self._silence_s
             case Action.WAIT:
                 self._schedule_query(now_s)
             case Action.ACCEPT:

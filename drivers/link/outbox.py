@@ -43,8 +43,8 @@ class Outbox:
         self._highest_sent = -1  # the highest number that was sent before the cursor went back
         self._time_outs_s: dict[int, float] = {}  # time-outs of slow lines, by number
         self._feedrate_mm_min = math.inf  # feedrate after the last encoded line
-        self._slow_s = 0.0  # duration of the slowest move among the last `QUEUED_LINES`
-        self._slow_line_end = -1  # number of the last line that `_slow_s` delays
+        self._slowest_move_s = 0.0  # duration of the slowest move among the last `QUEUED_LINES`
+        self._slow_line_end = -1  # number of the last line that `_slowest_move_s` delays
         self._polls: set[int] = set()  # numbers of the M105 lines
         self._slow_path_end = 0  # lines up to this number need the slow path: slow moves, M105, resent lines
         self._queue: deque[bytes] = deque()
@@ -204,7 +204,7 @@ class Outbox:
                 self._time_outs_s[number] = waiting_s
                 self._slow_path_end = number
             if number <= self._slow_line_end:
-                self._time_outs_s[number] = max(self._slow_s, self._time_outs_s.get(number, 0.0))
+                self._time_outs_s[number] = max(self._slowest_move_s, self._time_outs_s.get(number, 0.0))
 
     def _note_slow_move(self, number: int, move: bytes) -> None:
         """Note a move that may take longer than `LINE_TIME_OUT_S` at its feedrate; its length is unknown."""
@@ -217,5 +217,7 @@ class Outbox:
         else:
             duration_s = 60.0 * MAX_MOVE_MM / self._feedrate_mm_min
         if duration_s > LINE_TIME_OUT_S:
-            self._slow_s = max(duration_s, self._slow_s if number <= self._slow_line_end else 0.0)
+            self._slowest_move_s = max(
+                duration_s, self._slowest_move_s if number <= self._slow_line_end else 0.0
+            )
             self._slow_line_end = number + QUEUED_LINES

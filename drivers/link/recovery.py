@@ -13,7 +13,8 @@ from typing import NamedTuple
 from drivers.firmware import Firmware
 
 CONFIRMATIONS = 3  # the board executes a line between two answers, and buffers two at most
-NOISE_REPAIRS, NOISE_LINES = 10, 200  # 5 %
+# The link is too noisy at this number of repairs in this number of lines.
+NOISE_REPAIRS, NOISE_LINES = 10, 200
 TRIES = 4
 MAX_QUERIES = 4  # more may not fit into the board's receive buffer behind a line
 
@@ -30,7 +31,7 @@ class Place(NamedTuple):
     highest_number
         Highest number sent so far.
     confirmations
-        Earlier answers by which the line in flight was accepted.
+        Number of earlier answers that confirm the line in flight.
     """
 
     number: int
@@ -44,9 +45,9 @@ class Action(Enum):
 
     TREAT_AS_REFUSAL = "no query was sent: a line lost its number"
     IGNORE = "the query and its line are out of date"
-    QUERY_SOON = "the query is out of date, its line is not"
+    QUERY_SOON = "the query is out of date, but its line is not"
     QUERY_AGAIN = "the answer needs to be confirmed"
-    GIVE_UP_NOISY = "each answer is a different one"
+    GIVE_UP_NOISY = "each answer differs from the last"
     GIVE_UP_REBOOT = "the board has lost its count"
     WAIT = "the line was accepted, and is queued or lost its ok"
     ACCEPT = "the line was accepted and lost its ok"
@@ -69,7 +70,7 @@ class Recovery:
     queries
         Number of queries since the last readable answer.
     confirmations
-        Number of answers by which the line in flight, which is not a move, was accepted.
+        Number of answers that confirm the line in flight; counted for lines other than moves.
     resend_number
         Number in the last Resend since then; negative if there was none.
     sent_s, busy_s
@@ -80,9 +81,9 @@ class Recovery:
         self.queries = self.confirmations = 0
         self.resend_number = -1
         self.sent_s = self.busy_s = self._queried_s = -math.inf
-        self._unanswered_queries: deque[Place] = deque(maxlen=2 * MAX_QUERIES)  # not answered yet
-        self._unconfirmed_line = -1  # a last line that was reported once,
-        self._contradictions = 0  # and how often that number changed
+        self._unanswered_queries: deque[Place] = deque(maxlen=2 * MAX_QUERIES)  # oldest first
+        self._unconfirmed_line = -1  # last line reported once, not yet confirmed
+        self._contradictions = 0  # number of times that the reported line changed
         self._repairs: deque[int] = deque(maxlen=NOISE_REPAIRS)
 
     def start_line(self, now_s: float) -> None:
@@ -91,12 +92,12 @@ class Recovery:
         self.sent_s = now_s
 
     @property
-    def alive_s(self) -> float:
-        """Time of the last sign of progress: the line in flight was sent, or a busy message arrived."""
+    def last_progress_s(self) -> float:
+        """Time at which the line in flight was sent or the last busy message arrived, whichever is later."""
         return max(self.sent_s, self.busy_s)
 
     def count_needed_answers(self, firmware: Firmware, is_move: bool, busy_interval_s: float) -> float:
-        """Compute the number of answers that are needed before the ok of an accepted line counts as lost.
+        """Compute the number of answers after which the ok of an accepted line counts as lost.
 
         A board with busy messages is idle if it sent none for `busy_interval_s` before the query.
 
@@ -108,7 +109,7 @@ class Recovery:
             Seconds within which a working board sends a busy message.
         """
         if firmware.keep_alive is not None:
-            return 1 if self._queried_s >= self.alive_s + busy_interval_s else math.inf
+            return 1 if self._queried_s >= self.last_progress_s + busy_interval_s else math.inf
         return 1 if firmware.acknowledges_read_moves and is_move else CONFIRMATIONS
 
     def note_query(self, place: Place, now_s: float) -> None:
@@ -118,7 +119,13 @@ class Recovery:
         self._unanswered_queries.append(place)
 
     def note_refusal(self, number: int) -> bool:
-        """Note a refusal (negative: it names no line); return True if no query has to be sent at once."""
+        """Note a refusal of a line; return True if no query has to be sent at once.
+
+        Parameters
+        ----------
+        number
+            Number of the line to be resent; negative if the refusal names none.
+        """
         has_queried = number < 0 or bool(self._unanswered_queries)
         if number >= 0:
             self.resend_number = number
@@ -127,7 +134,7 @@ class Recovery:
         return has_queried
 
     def match_answer(self, last_line: int, place: Place, awaits_ok: bool) -> Action | None:
-        """Match an answer to its query; None if that query is from the current place: then call `decide`.
+        """Match an answer to its query; None if the query is from the current place: then call `decide`.
 
         Parameters
         ----------

@@ -23,7 +23,7 @@ _CARD_OK = b"echo:SD card ok"
 
 @dataclass(frozen=True, slots=True)
 class Connected:
-    """The board answers. `restarted`: it sent ``start`` first, followed by `banner`."""
+    """The board answers. `restarted` is true if it sent ``start`` first, followed by `banner`."""
 
     restarted: bool
     banner: bytes

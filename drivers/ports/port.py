@@ -15,7 +15,7 @@ from drivers.errors import PortError
 from drivers.ports.serial_port import DTR_PULSE_S, RemotePort, SerialPort, find_device
 
 NET_PREFIX = "rfc2217://"
-_BYTES = 4096
+_READ_BYTES = 4096
 
 
 class Port(Protocol):
@@ -83,7 +83,7 @@ class NetPort:
     def read(self) -> bytes:
         """Read the bytes received so far, if any. Raises PortError if the port was disconnected."""
         try:
-            data = self._local_end.recv(_BYTES)
+            data = self._local_end.recv(_READ_BYTES)
         except BlockingIOError:
             return b""
         if not data:
@@ -109,7 +109,7 @@ class NetPort:
         self._remote.set_dtr(up=False)
         time.sleep(DTR_PULSE_S)
         with suppress(BlockingIOError):
-            while self._local_end.recv(_BYTES):
+            while self._local_end.recv(_READ_BYTES):
                 pass
         self._remote.set_dtr(up=True)  # the board may send `start` before this is acknowledged
 

@@ -138,7 +138,7 @@ class SerialPort:
             self._replace(data, flush=not self._is_pty)
             if self._is_pty and self._unsent:  # the other end has stopped reading
                 self._replace(data, flush=True)
-            while self._unsent or self._count_queued():
+            while self._unsent or self._count_queued_bytes():
                 if time.monotonic() > until_s:
                     return
                 time.sleep(_DRAIN_POLL_S)
@@ -153,7 +153,7 @@ class SerialPort:
             termios.tcflush(self._fd, termios.TCOFLUSH)
         self.write(data)
 
-    def _count_queued(self) -> int:
+    def _count_queued_bytes(self) -> int:
         """Count the bytes that the kernel has not sent yet."""
         return int.from_bytes(fcntl.ioctl(self._fd, termios.TIOCOUTQ, bytes(4)), sys.byteorder)
 

@@ -10,14 +10,14 @@ from itertools import groupby
 from drivers.ports.port import Port
 
 _CHUNKS = 400
-_LINES = 400  # a reply with 400 lines of any content is below the size limit of a message
+_LINES = 400  # a reply with 400 lines of any content stays below the size limit of a message
 _CHUNK_BYTES = 512
 _MAX_LINE_LENGTH = 200
 
 
 @dataclass(frozen=True, slots=True)
 class RecordedLine:
-    """Line on the wire: time, whether it was sent to the board, and text, with `\\x..` for other bytes."""
+    """Line on the wire: time, direction, and text with `\\x..` for unprintable bytes."""
 
     at_s: float
     sent: bool
@@ -38,7 +38,7 @@ class WireRecord:
         self._chunks: deque[tuple[float, bool, bytes]] = deque(maxlen=_CHUNKS)
 
     def record(self, is_sent: bool, data: bytes) -> None:
-        """Add bytes that were sent, or received."""
+        """Record bytes that were sent or received."""
         if data:
             now_s = self._now()
             for offset in range(0, len(data), _CHUNK_BYTES):
@@ -47,7 +47,7 @@ class WireRecord:
     def list_lines(self) -> list[RecordedLine]:
         """List the last 400 lines, oldest first; the first one may have lost its beginning.
 
-        Reads no more bytes than needed, as the serial loop waits meanwhile.
+        Reads no more bytes than needed, as the serial loop waits for it.
         """
         chunks: deque[tuple[float, bool, bytes]] = deque()
         newlines = 0

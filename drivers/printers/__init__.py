@@ -1,15 +1,21 @@
-"""Printer models: one module a model, listed here."""
+"""Printer models: one module per model, listed here."""
 
 from drivers.firmware import ULTIMAKER2 as ULTIMAKER2_FIRMWARE
 from drivers.firmware import Firmware
 from drivers.printers.ender3 import ENDER3
-from drivers.printers.part_room import FIT_TOLERANCE_MM, Placement, RoomBox, compute_part_room, place
 from drivers.printers.profile import HeaterModel, Profile, Rect
 from drivers.printers.ultimaker2 import ULTIMAKER2
 from drivers.printers.ultimaker2_extended import ULTIMAKER2_EXTENDED
 from drivers.printers.ultimaker2_extended_plus import ULTIMAKER2_EXTENDED_PLUS
 from drivers.printers.ultimaker2_go import ULTIMAKER2_GO
 from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
+from drivers.printers.usable_volumes import (
+    FIT_TOLERANCE_MM,
+    Placement,
+    UsableVolume,
+    list_usable_volumes,
+    place_part,
+)
 
 __all__ = [
     "BEDS",
@@ -19,10 +25,10 @@ __all__ = [
     "Placement",
     "Profile",
     "Rect",
-    "RoomBox",
-    "compute_part_room",
+    "UsableVolume",
     "find_firmware",
-    "place",
+    "list_usable_volumes",
+    "place_part",
 ]
 
 PROFILES: dict[str, Profile] = {

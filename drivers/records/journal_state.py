@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from drivers.messages import Filament, PrintSnapshot
 
-RECENT_PRINTS = 1000  # ended prints kept in memory: more than those of a week
+RECENT_PRINTS = 1000  # number of ended prints kept in memory: more than in a week
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,9 +37,9 @@ class Alarm(BaseModel):
     power_off_requested
         True if the mains are to be cut.
     outcome
-        Outcome of cutting the mains; None if unknown: the next agent runs the command again.
+        Outcome of cutting the mains; None if unknown, and then the next agent runs the command again.
     is_over
-        True if the printer was cold or disconnected since then: a stuck heater now is a new finding.
+        True if the printer has been cold or disconnected since then: a stuck heater now is a new finding.
     """
 
     model_config = ConfigDict(frozen=True, validate_by_name=True, validate_by_alias=True)
@@ -56,7 +56,7 @@ class Alarm(BaseModel):
         return self.power_off_requested and self.outcome is None
 
     @property
-    def suspected(self) -> bool:
+    def is_suspicion(self) -> bool:
         """True while the heater may still turn out to cool, before the mains are cut."""
         return not self.power_off_requested
 
@@ -68,7 +68,7 @@ class Alarm(BaseModel):
     @property
     def suspicion(self) -> Suspicion | None:
         """Suspicion that the next session takes over."""
-        return Suspicion(self.text, self.at_s) if self.suspected else None
+        return Suspicion(self.text, self.at_s) if self.is_suspicion else None
 
     def dump_record(self) -> dict[str, Any]:
         """Dump the alarm under the names in the journal."""
@@ -87,13 +87,13 @@ class BoardState(BaseModel):
     hot
         True if a heater may still be on because of the farm.
     rest_position
-        Answer to the position query at which the idle printer rests since its last print; None if unknown.
+        Answer to the position query where the idle printer has rested since its last print; None if unknown.
     device_id
         The device opened last (`identify_device`).
-    reset_verified
+    verified_reset_port
         The port at which DTR was confirmed to reset the board.
-    reset_failed
-        The port at which DTR did not reset the board: a print there can be stopped by command only.
+    failed_reset_port
+        The port at which DTR did not reset the board: a print there can be stopped only by command.
     """
 
     model_config = ConfigDict(validate_by_name=True, validate_by_alias=True)
@@ -103,8 +103,8 @@ class BoardState(BaseModel):
     hot: bool = False
     rest_position: str | None = Field(default=None, alias="rest")
     device_id: str | None = Field(default=None, alias="opened")
-    reset_verified: str | None = None
-    reset_failed: str | None = Field(default=None, alias="reset_refuted")
+    verified_reset_port: str | None = Field(default=None, alias="reset_verified")
+    failed_reset_port: str | None = Field(default=None, alias="reset_refuted")
 
     def dump_record(self) -> dict[str, Any]:
         """Dump the state under the names in the journal."""
@@ -123,7 +123,7 @@ class JournalState:
     Attributes
     ----------
     print
-        The last print; open unless its phase is an end.
+        The last print; open unless its phase is a final one.
     filament
         Position of the filament's end.
     alarm
@@ -132,10 +132,10 @@ class JournalState:
         State of the board.
     identity
         Identity of the printer (`SessionContext.identity`); None until first seen.
-    ended
+    ended_print_ids
         Ids of all ended prints, which are never started again.
-    recent
-        The last of these prints.
+    recent_prints
+        The last of these prints, up to `RECENT_PRINTS`.
     """
 
     print: PrintSnapshot | None = None
@@ -143,13 +143,13 @@ class JournalState:
     alarm: Alarm | None = None
     board: BoardState = field(default_factory=BoardState)
     identity: str | None = None
-    ended: set[str] = field(default_factory=set)
-    recent: deque[PrintSnapshot] = field(default_factory=lambda: deque(maxlen=RECENT_PRINTS))
+    ended_print_ids: set[str] = field(default_factory=set)
+    recent_prints: deque[PrintSnapshot] = field(default_factory=lambda: deque(maxlen=RECENT_PRINTS))
 
     @property
     def may_be_hot(self) -> bool:
         """True if the last agent may have left a heater on."""
-        has_alarm = self.alarm is not None and (self.alarm.is_pending or self.alarm.suspected)
+        has_alarm = self.alarm is not None and (self.alarm.is_pending or self.alarm.is_suspicion)
         return self.board.hot or has_alarm or (self.print is not None and not self.print.phase.ended)
 
     def apply(self, record: dict[str, Any]) -> None:
@@ -157,9 +157,13 @@ class JournalState:
         if "print" in record:
             fields = record["print"]
             self.print = PrintSnapshot.model_validate(fields) if fields is not None else None
-            if self.print is not None and self.print.phase.ended and self.print.print_id not in self.ended:
-                self.ended.add(self.print.print_id)
-                self.recent.append(self.print)
+            if (
+                self.print is not None
+                and self.print.phase.ended
+                and self.print.print_id not in self.ended_print_ids
+            ):
+                self.ended_print_ids.add(self.print.print_id)
+                self.recent_prints.append(self.print)
         if "filament" in record:
             self.filament = Filament(record["filament"])
         if "alarm" in record:
@@ -170,8 +174,8 @@ class JournalState:
             self.identity = record["identity"]
 
     def list_records(self) -> Iterator[dict[str, Any]]:
-        """Yield the fewest records that restore this state; of the ended prints, the recent ones."""
-        for ended_print in self.recent:
+        """Yield the fewest records that restore this state, with only the recent ones of the ended prints."""
+        for ended_print in self.recent_prints:
             yield {"at_s": ended_print.ended_s, "print": ended_print.model_dump(mode="json")}
         yield {
             "at_s": None if self.print is None else self.print.ended_s,

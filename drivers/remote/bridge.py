@@ -33,7 +33,7 @@ from drivers.safety import StopTarget, stop_printer
 
 _CONNECT_S = 30.0
 _POLL_S = 0.5
-_BYTES = 65536
+_READ_BYTES = 65536
 
 
 def find_folder(farm: str, printer: str, env: Mapping[str, str] = os.environ) -> Path:
@@ -75,13 +75,13 @@ def serve(request: BridgeRequest, folder: Path) -> None:
         while True:
             ready = select.select([0, agent.fileno()], [], [], _POLL_S)[0]
             if agent.fileno() in ready:
-                data = agent.recv(_BYTES)
+                data = agent.recv(_READ_BYTES)
                 heartbeat.reset()
                 if not data:
                     return
                 _write(data)
             if 0 in ready:
-                data = os.read(0, _BYTES)
+                data = os.read(0, _READ_BYTES)
                 if not data:
                     return
                 agent.sendall(data)

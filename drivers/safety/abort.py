@@ -5,11 +5,11 @@ It is sent before waiting for anything, because only silence reveals a failed re
 * It begins with a newline, so that a line that was cut off does not swallow it.
 * M401 empties the planner's queue of moves within 10 ms (docs/explanation/ultimaker2-serial.md, section 3.1);
   then heaters and fan are switched off.
-* It has no line numbers, which the firmware accepts; afterwards it refuses a numbered stream.
+* It has no line numbers, which the firmware accepts; afterwards the firmware refuses numbered lines.
 * It has no M84, which waits for moves and would block the rest of the sequence if M401 was lost.
 * It is short: after M105 and the longest line of a print, it just fits the firmware's receive buffer of 127
-  bytes. More would be cut, and an ``M1`` left of M104 would block the board forever. So it is repeated only
-  after the board has sent something, which shows that it reads.
+  bytes. More would be cut, and an ``M1`` that remains of a truncated M104 would block the board forever. So
+  the sequence is repeated only after the board has sent something, which shows that it reads.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def send_abort(port: Port, firmware: Firmware) -> None:
 def send_abort_until_accepted(port: Port, firmware: Firmware) -> None:
     """Send the sequence, and again after each refusal, which drops the lines that follow.
 
-    An agent that ends calls it. It takes 0.5 s if nothing is refused, and never raises.
+    Called by an agent that is ending. Takes 0.5 s if nothing is refused, and never raises.
     """
     for _ in range(TRIES):
         send_abort(port, firmware)

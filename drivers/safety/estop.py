@@ -268,8 +268,8 @@ class _Board:
             return "was reset, but shows no temperatures: switch it off", False
         report, connection = self._report, self._connection
         if not report.targets_off:
-            heats = f"nozzle {report.nozzle_target_c:g} C, bed {report.bed_target_c:g} C"
-            return f"still shows targets ({heats}): switch it off", False
+            targets = f"nozzle {report.nozzle_target_c:g} C, bed {report.bed_target_c:g} C"
+            return f"still shows targets ({targets}): switch it off", False
         method = "its board was reset" if connection.restarted else "by command: its board was not reset"
         with suppress(OSError):  # the message may have no reader; the printer is still watched
             self._notify(f"shows both targets 0 ({method}), {self.motion}; it is watched until it cools")
@@ -294,7 +294,7 @@ class _Board:
             self._position = match[1]
 
     def _check_motion(self, now_s: float) -> None:
-        """Query the position of the head, unless the firmware does not report motion: then wait for moves."""
+        """Query the head's position; if the firmware does not report motion, wait for all moves instead."""
         if self._firmware.reports_executed_steps:
             self._link.send(now_s, self._firmware.position_query)
         elif self._has_waited_for_moves:
@@ -315,7 +315,7 @@ class _Board:
                 if finding is not None or not event.targets_off:
                     break
                 if watch.is_cooling:
-                    now = f"nozzle {event.nozzle_c:g} C, bed {event.bed_c:g} C"
-                    return f"heaters confirmed off and cooling ({method}; {now})", True
-        now = f"nozzle {report.nozzle_c:g} C, bed {report.bed_c:g} C"
-        return f"shows targets 0, but was not confirmed to cool ({now}): switch it off", False
+                    temperatures = f"nozzle {event.nozzle_c:g} C, bed {event.bed_c:g} C"
+                    return f"heaters confirmed off and cooling ({method}; {temperatures})", True
+        temperatures = f"nozzle {report.nozzle_c:g} C, bed {report.bed_c:g} C"
+        return f"shows targets 0, but was not confirmed to cool ({temperatures}): switch it off", False

@@ -13,11 +13,11 @@ from contextlib import suppress
 log = logging.getLogger(__name__)
 
 TIMEOUT_S = 10.0  # wall seconds for a relay to answer
-POLL_S = 0.05  # wall seconds between two checks for its end
+POLL_S = 0.05  # wall seconds between two checks whether the command has ended
 KILL_S = 1.0  # wall seconds for a killed process to end
 SWITCH_OFF_ADVICE = "switch it off by hand"
 NO_COMMAND = f"it has no power_off_cmd: {SWITCH_OFF_ADVICE}"
-_STDERR_BYTES, _MESSAGE_CHARACTERS = 4096, 200  # parts of its stderr that are kept and shown
+_STDERR_BYTES, _MESSAGE_CHARACTERS = 4096, 200  # parts of the command's stderr that are kept and shown
 
 
 class PowerOff:

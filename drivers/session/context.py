@@ -38,7 +38,7 @@ class Pace:
 
     @classmethod
     def from_clock(cls, clock: Clock) -> Pace:
-        """Compute the pace: time-outs of 2 wall seconds or more; at most 10 reports a wall second."""
+        """Compute the pace: time-outs of 2 wall seconds or more; at most 10 reports per wall second."""
         scale = clock.scale
         return cls(
             min_time_out_s=2.0 * scale,

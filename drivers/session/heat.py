@@ -24,7 +24,8 @@ BED_BAND_C = 0.5
 NOZZLE_BAND_C, NOZZLE_HOLD_S = 2.0, 3.0  # as M109: time near the target
 HEAT_LIMIT_S = {HeaterName.NOZZLE: 900.0, HeaterName.BED: 2400.0}
 EXTRUDE_MARGIN_C = 5.0  # above the temperature below which the firmware refuses to extrude
-FEED_S = 300.0  # maximum time between commands while heating: M105 does not reset the dead-man timer
+# Maximum time between commands while heating: M105 does not reset the dead-man timer.
+COMMAND_INTERVAL_S = 300.0
 SUSPECT_S = 25.0  # time for a heater that may be stuck on to show that it cools
 RESTART_S = 15.0  # time for a board to restart and report temperatures, if the agent died after the finding
 UNEXPECTED_REPORTS = 3  # one may be garbled
@@ -33,13 +34,13 @@ _SET_COMMANDS = {HeaterName.NOZZLE: b"M104 S%g", HeaterName.BED: b"M140 S%g"}
 _HEATED_PHASES = (PrintPhase.HEATING, PrintPhase.PRINTING, PrintPhase.PAUSED)
 
 
-def extrudes(context: SessionContext, nozzle_c: float) -> bool:
+def allows_extrusion(context: SessionContext, nozzle_c: float) -> bool:
     """Return True if the firmware certainly extrudes at this temperature."""
     return nozzle_c >= context.profile.min_extrusion_c + EXTRUDE_MARGIN_C
 
 
 def set_target(context: SessionContext, heater: HeaterName, target_c: float) -> Script:
-    """Set the target of a heater, and wait for the answer only."""
+    """Set the target of a heater, and wait only for the answer."""
     yield from send(context, _SET_COMMANDS[heater] % target_c)
 
 
@@ -69,7 +70,7 @@ def heat(context: SessionContext, command: HeatCommand) -> Script:
         if context.now_s > limit_s:
             text = f"the {command.heater} reached only {now_c:g} of {command.target_c:g} C in time"
             raise PrintEnded(Fault.HEATER_TIMEOUT, text)
-        if context.now_s - context.last_command_s > FEED_S:
+        if context.now_s - context.last_command_s > COMMAND_INTERVAL_S:
             yield from arm_dead_man(context, context.dead_man_s)
 
 
@@ -100,7 +101,7 @@ def verify_targets(context: SessionContext) -> Script:
         context.link.poll(context.now_s)
         if not (yield from await_report(context, context.report_deadline_s)):
             raise PrintEnded(Fault.NO_ANSWER, "the board reports no temperatures at the end of the print")
-        if not context.unexpected_reports:  # otherwise poll again, until there are enough of them
+        if not context.unexpected_reports:  # otherwise poll again, until enough reports are unexpected
             return
 
 

@@ -9,17 +9,18 @@ from __future__ import annotations
 import math
 
 from drivers.errors import Fault, UnreadableFile
-from drivers.gcode import HeatCommand, HeaterName, MotionState, Point, Program, measure_retraction
+from drivers.gcode import HeatCommand, HeaterName, MotionState, Point, Program, measure_retraction_mm
 from drivers.messages import Filament, PrintPhase
 from drivers.session.commands import PAUSE_DEAD_MAN_S, PRINT_DEAD_MAN_S, arm_dead_man, send
 from drivers.session.context import PrintEnded, Script, SessionContext
-from drivers.session.heat import extrudes, heat, set_target
+from drivers.session.heat import allows_extrusion, heat, set_target
 
 PARKED_SLACK_MM = 0.25
 LIFT_MM = 10.0
 LAST_EXTRUSION_MM = 6.5  # extruded only after the head is back: a full nozzle oozes while it travels
 PAUSE_LIMIT_S = 7200.0
-PAUSE_FEED_S = 4.0  # a command shows "Printing with USB" for 5 s, which deters people from an SD print
+# A command shows "Printing with USB" for 5 s, which deters people from an SD print.
+PAUSE_COMMAND_INTERVAL_S = 4.0
 
 
 def unpark(context: SessionContext) -> Script:
@@ -30,37 +31,37 @@ def unpark(context: SessionContext) -> Script:
     context.filament = Filament.AT_NOZZLE
 
 
-def park(context: SessionContext, back_mm: float, can_extrude: bool) -> Script:
+def park(context: SessionContext, retracted_mm: float, can_extrude: bool) -> Script:
     """Retract the filament to its parked position.
 
     Parameters
     ----------
-    back_mm
+    retracted_mm
         Distance from the nozzle's tip back to the end of the filament; NaN if it is unknown.
     can_extrude
         True if the nozzle is warm enough to move the filament.
     """
     park_retraction_mm = context.profile.park_retraction_mm
-    if math.isnan(back_mm):
+    if math.isnan(retracted_mm):
         context.filament = Filament.UNKNOWN
-    elif abs(park_retraction_mm - back_mm) <= PARKED_SLACK_MM:
+    elif abs(park_retraction_mm - retracted_mm) <= PARKED_SLACK_MM:
         context.filament = Filament.PARKED
     elif can_extrude:
         context.filament = Filament.UNKNOWN
-        pull_command = b"G1 F1500 E%.3f" % (back_mm - park_retraction_mm)
+        pull_command = b"G1 F1500 E%.3f" % (retracted_mm - park_retraction_mm)
         if (yield from send(context, b"G91", pull_command, b"G90", context.firmware.wait_moves)):
             context.filament = Filament.PARKED
-    elif back_mm > PARKED_SLACK_MM:
+    elif retracted_mm > PARKED_SLACK_MM:
         context.filament = Filament.UNKNOWN
 
 
 def measure_retracted_mm(program: Program, done_lines: int, stopped_at: Point | None = None) -> float:
     """Compute the retraction of the filament in mm; NaN if the file can no longer be read.
 
-    The parameters are those of `measure_retraction`.
+    The parameters are those of `measure_retraction_mm`.
     """
     try:
-        return measure_retraction(program, done_lines, stopped_at)
+        return measure_retraction_mm(program, done_lines, stopped_at)
     except UnreadableFile:
         return math.nan
 
@@ -85,7 +86,7 @@ def can_pause(context: SessionContext) -> bool:
         context.program is not None
         and context.phase is PrintPhase.PRINTING
         and context.filament is Filament.AT_NOZZLE
-        and extrudes(
+        and allows_extrusion(
             context, context.program.find_target_c(HeaterName.NOZZLE, context.link.streamed_lines) or 0.0
         )
     )
@@ -158,7 +159,7 @@ def _await_resume(context: SessionContext) -> Script:
     while context.pause_requested:
         if context.now_s >= context.pause_ends_s:
             raise PrintEnded(Fault.PAUSE_TIMEOUT, f"nobody resumed it within {PAUSE_LIMIT_S / 3600:g} h")
-        yield context.wait(lambda: not context.pause_requested, PAUSE_FEED_S)
+        yield context.wait(lambda: not context.pause_requested, PAUSE_COMMAND_INTERVAL_S)
         if context.pause_requested:
             yield from arm_dead_man(context, context.dead_man_s)
     context.pause_ends_s = None

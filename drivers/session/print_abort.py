@@ -9,7 +9,7 @@ from drivers.link import Phase as LinkPhase
 from drivers.messages import Filament
 from drivers.session.commands import TRIES, arm_dead_man, connect, send
 from drivers.session.context import Answer, PrintEnded, Script, SessionContext
-from drivers.session.heat import confirm_off, extrudes
+from drivers.session.heat import allows_extrusion, confirm_off
 from drivers.session.park import LIFT_MM, compute_lift_mm, measure_retracted_mm, park
 
 STOP_S = 30.0  # the stop waits for the current move
@@ -23,7 +23,7 @@ _RESET_FAULTS = frozenset(
 )  # fmt: skip
 
 
-def make_safe(context: SessionContext) -> Script:
+def abort_print(context: SessionContext) -> Script:
     """Abort the print, by command if the board responds, else by a reset."""
     context.final_lines = context.acknowledged_lines
     is_homed = context.program is not None and context.final_lines > context.program.home_line
@@ -51,13 +51,13 @@ def _abort(context: SessionContext, is_homed: bool) -> Answer:
         context.position = None
         yield from send(context, firmware.position_query)
         if context.filament is Filament.AT_NOZZLE and context.program is not None:
-            can_extrude = context.report is not None and extrudes(context, context.report.nozzle_c)
+            can_extrude = context.report is not None and allows_extrusion(context, context.report.nozzle_c)
             yield from park(
                 context, measure_retracted_mm(context.program, done_lines, context.position), can_extrude
             )
         z_mm = math.nan if context.position is None else context.position[2]
-        up_mm = LIFT_MM if math.isnan(z_mm) else compute_lift_mm(context, z_mm, done_lines)
-        park_commands = (b"G91", b"G1 F1200 Z%.3f" % up_mm, b"G90", b"G28 X0 Y0", firmware.motors_off)
+        lift_mm = LIFT_MM if math.isnan(z_mm) else compute_lift_mm(context, z_mm, done_lines)
+        park_commands = (b"G91", b"G1 F1200 Z%.3f" % lift_mm, b"G90", b"G28 X0 Y0", firmware.motors_off)
         if not (yield from send(context, *park_commands, *(firmware.wait_moves,) * BARRIERS)):
             return False
     if not (yield from confirm_off(context)):

@@ -22,10 +22,10 @@ from drivers.messages import PrintPhase
 from drivers.session.context import PrintEnded, Script, SessionContext, Wait
 from drivers.session.heat import compute_power_off_due_s, note_suspicion, watch_heaters
 from drivers.session.identification import identify
-from drivers.session.print_abort import make_safe
+from drivers.session.print_abort import abort_print
 from drivers.session.stream import print_program
 
-UNATTENDED_REASON = "it prints only while somebody is there, and the attended hours have ended"
+UNATTENDED_REASON = "it prints only while somebody is present, and the attended hours have ended"
 _PREVIOUS_FAULT_REASONS = {
     Fault.AGENT_DIED: "the agent's process ended in the middle of the print",
     Fault.ESTOP: "a person stopped it by `farm estop`",
@@ -148,7 +148,7 @@ def _run(context: SessionContext) -> Script:
         context.fault, context.reason = print_end.fault, print_end.reason
         outcome = PrintPhase.CANCELLED if print_end.fault is None else PrintPhase.FAILED
         context.phase = PrintPhase.ENDING
-        yield from make_safe(context)
+        yield from abort_print(context)
     context.phase = outcome
 
 

@@ -9,7 +9,7 @@ from drivers.gcode import HeatCommand, HeaterName, Program
 from drivers.messages import Filament, PrintPhase
 from drivers.session.commands import HEAT_DEAD_MAN_S, PRINT_DEAD_MAN_S, arm_dead_man, send
 from drivers.session.context import PrintEnded, Script, SessionContext, Wait
-from drivers.session.heat import confirm_off, extrudes, heat, verify_targets
+from drivers.session.heat import allows_extrusion, confirm_off, heat, verify_targets
 from drivers.session.identification import check_height
 from drivers.session.park import can_pause, measure_retracted_mm, park, pause, unpark
 from drivers.session.print_abort import BARRIERS
@@ -32,7 +32,7 @@ def print_program(context: SessionContext, program: Program) -> Script:
         if heat_command is not None:
             context.executed_lines = start = stop + 1
             yield from heat(context, heat_command)
-            can_extrude = heat_command.heater is HeaterName.NOZZLE and extrudes(
+            can_extrude = heat_command.heater is HeaterName.NOZZLE and allows_extrusion(
                 context, heat_command.target_c
             )
             if can_extrude and context.filament is Filament.PARKED:

@@ -125,7 +125,7 @@ class AgentConnection:
     @property
     def _ahead_s(self) -> float:
         """Seconds by which the farm's clock is ahead of the agent's."""
-        return self._offset_s + self._clock.ahead_s
+        return self._offset_s + self._clock.host_shift_s
 
     def start(self) -> None:
         self.keep_alive()
@@ -191,7 +191,7 @@ class AgentConnection:
                         report = await anext(snapshots, None)
                     if report is None:
                         break
-                    self._offset_s = compute_clock_offset_s(report, self._clock) - self._clock.ahead_s
+                    self._offset_s = compute_clock_offset_s(report, self._clock) - self._clock.host_shift_s
                     if self._check_port(report):
                         report = await self._import_journal(report)
                         self._report(self._convert_snapshot(report))

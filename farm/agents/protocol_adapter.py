@@ -36,9 +36,9 @@ def compute_clock_offset_s(report: m.Snapshot, clock: Clock) -> float:
     """
     if not report.now_s:
         return 0.0
-    offset_s = clock.now() - clock.ahead_s - report.now_s
+    offset_s = clock.now() - clock.host_shift_s - report.now_s
     differs = abs(clock.to_wall_duration_s(offset_s)) > _CLOCK_TOLERANCE_S
-    return clock.ahead_s + (offset_s if differs else 0.0)
+    return clock.host_shift_s + (offset_s if differs else 0.0)
 
 
 def make_agent_request(instruction: ev.AnyInstruction, books: Books, files: Path) -> m.Request | None:

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drivers.printers import PROFILES, RoomBox
+from drivers.printers import PROFILES, UsableVolume
 from farm.config import PrinterSection
 from farm.model import (
     DEFAULT_PRINT_OPTIONS,
@@ -101,7 +101,7 @@ class SliceTask:
     request: SettingsRequest
     resources: Resources
     settings: EngineSettings
-    room: tuple[RoomBox, ...]
+    room: tuple[UsableVolume, ...]
     engine: Path
     out: Path
     cache: Path | None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cache
 
-from drivers.printers import PROFILES, Profile, RoomBox, compute_part_room
+from drivers.printers import PROFILES, Profile, UsableVolume, list_usable_volumes
 from farm.config import PrinterSection
 from farm.errors import Refused
 from farm.model import JobOptions
@@ -100,13 +100,13 @@ def build_slicing_printer(profile: Profile) -> PrinterModel:
     )
 
 
-def find_printer_room(section: PrinterSection, brim_mm: float) -> tuple[RoomBox, ...]:
+def find_printer_room(section: PrinterSection, brim_mm: float) -> tuple[UsableVolume, ...]:
     """Return the boxes that a part with a brim of `brim_mm` may fill on a printer."""
-    return compute_part_room(PROFILES[section.model], brim_mm, section.volume_mm)
+    return list_usable_volumes(PROFILES[section.model], brim_mm, section.volume_mm)
 
 
 def list_model_sizes(
-    room: tuple[RoomBox, ...], settings: EngineSettings
+    room: tuple[UsableVolume, ...], settings: EngineSettings
 ) -> tuple[tuple[float, float, float], ...]:
     """Return the largest sizes (x, y, z) of a part in the model, in mm, without shrinkage compensation."""
     xy, z = settings.scale_xy, settings.scale_z

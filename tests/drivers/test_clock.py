@@ -52,10 +52,10 @@ def test_small_steps_of_the_host_clock_add_up(monkeypatch: pytest.MonkeyPatch):
         monkeypatch.setattr(time, "time", lambda tenths=tenths: real_time() + tenths / 10)
         taken_s.append(clock.follow_host())
     assert 0.0 in taken_s
-    assert 2.0 < clock.ahead_s == pytest.approx(sum(taken_s))
+    assert 2.0 < clock.host_shift_s == pytest.approx(sum(taken_s))
 
 
 def test_clock_of_simulated_printers_never_steps(monkeypatch: pytest.MonkeyPatch):
     real_time, clock = time.time, Clock(60.0, time.time())
     monkeypatch.setattr(time, "time", lambda: real_time() + 1e6)
-    assert (clock.follow_host(), clock.ahead_s) == (0.0, 0.0)
+    assert (clock.follow_host(), clock.host_shift_s) == (0.0, 0.0)

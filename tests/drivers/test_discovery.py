@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from drivers.clock import Clock
-from drivers.discovery import commission, find_model, list_plugged_devices
+from drivers.discovery import find_model, list_plugged_devices, verify_reset
 from drivers.emulator.launch import control, launch
 from drivers.errors import DriverError, PortError
 from drivers.firmware import MARLIN2, ULTIMAKER2
@@ -59,9 +59,9 @@ def test_plugged_device_is_named_by_its_socket_and_the_fleet(tmp_path: Path):
 
 @pytest.mark.system
 def test_board_that_restarts_is_commissioned_and_the_reset_is_recorded(tmp_path: Path, printer: Path):
-    assert commission(str(printer), tmp_path / "agent", ULTIMAKER2) == MODEL
+    assert verify_reset(str(printer), tmp_path / "agent", ULTIMAKER2) == MODEL
     memory = Journal(tmp_path / "agent" / "journal.jsonl").state
-    assert memory.board.reset_verified == str(printer) and memory.board.device_id is not None
+    assert memory.board.verified_reset_port == str(printer) and memory.board.device_id is not None
 
 
 @pytest.mark.system
@@ -69,7 +69,7 @@ def test_board_whose_banner_lacks_the_model_is_queried(tmp_path: Path):
     folder = tmp_path / "printer"
     launch("sim://creality_ender3", folder, Clock(120.0, time.time()))
     try:
-        assert commission(str(folder / "tty"), None, MARLIN2) == "creality_ender3"
+        assert verify_reset(str(folder / "tty"), None, MARLIN2) == "creality_ender3"
     finally:
         control(folder, "power_off")
 
@@ -97,7 +97,7 @@ def test_board_that_prints_from_its_card_is_not_reset():
     thread.start()
     try:
         with pytest.raises(PortError, match="SD card"):
-            commission(str(path), None, ULTIMAKER2, answer_s=30.0)
+            verify_reset(str(path), None, ULTIMAKER2, answer_s=30.0)
         assert b"M27" in received_data
     finally:
         os.close(slave)
@@ -136,7 +136,7 @@ def test_farm_commissions_a_printer_with_and_without_its_agent(tmp_path: Path, p
     finally:
         process.kill()
         process.wait(10.0)
-    assert Journal(folder / "journal.jsonl").state.board.reset_verified == str(printer)
+    assert Journal(folder / "journal.jsonl").state.board.verified_reset_port == str(printer)
     result = run_discover(tmp_path, f"{printer}, host: pc-b", "--commission", "a", "--yes")
     # A port of this host with the same name belongs to another printer.
     assert result.returncode == 5 and "is on pc-b" in result.stderr

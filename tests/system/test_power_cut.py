@@ -55,7 +55,7 @@ def test_journal_keeps_every_record_that_the_agent_acted_on(tmp_path, monkeypatc
             m.Filament.PARKED,
             number < 2,
         )
-    assert rest_state.ended == {"p-1"}
+    assert rest_state.ended_print_ids == {"p-1"}
 
 
 @pytest.mark.parametrize("suffix", [".gcode", ".stl"])

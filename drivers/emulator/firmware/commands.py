@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from drivers.emulator.firmware import wording
 from drivers.emulator.firmware.machine import Machine, read_positive, read_value
-from drivers.emulator.firmware.reports import list_card, report_card
+from drivers.emulator.firmware.reports import list_sd_files, report_sd_progress
 
 Work = Iterator[float]
 
@@ -65,7 +65,7 @@ def execute(commands: Commands, machine: Machine, line: bytes, now_s: float) -> 
             return command(machine, line, now_s) if command is not None else None
     extruder = read_value(line, b"T")
     if extruder is None:
-        machine.send(wording.format_unknown(line))
+        machine.send(wording.format_unknown_command(line))
     elif extruder == 0:
         machine.send(b"echo:Active Extruder: 0\n")
     else:
@@ -206,7 +206,7 @@ def switch_motors_off(machine: Machine, line: bytes, now_s: float) -> Work:
         machine.is_streaming = False
 
 
-def finish(machine: Machine, line: bytes, now_s: float) -> Work:
+def finish_moves(machine: Machine, line: bytes, now_s: float) -> Work:
     """Execute ``M400``: wait for the end of all moves."""
     yield from wait_for_moves(machine)
     machine.is_streaming = False
@@ -225,24 +225,24 @@ def set_dead_man(machine: Machine, line: bytes, now_s: float) -> None:
         machine.dead_man_s = seconds if seconds > 0.0 else math.inf
 
 
-def set_nozzle(machine: Machine, line: bytes, now_s: float) -> None:
+def set_nozzle_target(machine: Machine, line: bytes, now_s: float) -> None:
     """Execute ``M104``: set the nozzle's target."""
     target_c = read_value(line, b"S")
     if target_c is not None:
         machine.heat_nozzle(target_c, now_s)
 
 
-def set_bed(machine: Machine, line: bytes, now_s: float) -> None:
+def set_bed_target(machine: Machine, line: bytes, now_s: float) -> None:
     """Execute ``M140``: set the bed's target."""
     target_c = read_value(line, b"S")
     if target_c is not None:
         machine.heat_bed(target_c, now_s)
 
 
-def wait_nozzle(machine: Machine, line: bytes, now_s: float) -> Work:
+def wait_for_nozzle(machine: Machine, line: bytes, now_s: float) -> Work:
     """Execute ``M109``: reach the target, then stay within 3 degrees for 3 s; report every second."""
     nozzle = machine.board.nozzle
-    set_nozzle(machine, line, now_s)
+    set_nozzle_target(machine, line, now_s)
     is_heating = nozzle.compute_temperature_c(now_s) < nozzle.target_c
     report_s, arrival_s = now_s + REPORT_S, math.inf
     while True:
@@ -269,10 +269,10 @@ def wait_nozzle(machine: Machine, line: bytes, now_s: float) -> Work:
         yield now_s
 
 
-def wait_bed(machine: Machine, line: bytes, now_s: float) -> Work:
+def wait_for_bed(machine: Machine, line: bytes, now_s: float) -> Work:
     """Execute ``M190``: heat to the target, or end at once if the bed is hotter; report every second."""
     bed = machine.board.bed
-    set_bed(machine, line, now_s)
+    set_bed_target(machine, line, now_s)
     report_s = now_s + REPORT_S
     while machine.board.read_bed_c(now_s) < bed.target_c - WINDOW_C:
         if now_s >= report_s:
@@ -345,18 +345,18 @@ SHARED_M: Mapping[int, Command] = {
     0: hang,
     1: hang,
     18: switch_motors_off,
-    20: list_card,
+    20: list_sd_files,
     21: init_card,
-    27: report_card,
+    27: report_sd_progress,
     82: set_extruder_mode,
     83: set_extruder_mode,
     84: switch_motors_off,
     85: set_dead_man,
     92: set_limits,
-    104: set_nozzle,
-    109: wait_nozzle,
-    140: set_bed,
-    190: wait_bed,
+    104: set_nozzle_target,
+    109: wait_for_nozzle,
+    140: set_bed_target,
+    190: wait_for_bed,
     201: set_limits,
     203: set_limits,
     204: set_limits,
@@ -364,6 +364,6 @@ SHARED_M: Mapping[int, Command] = {
     220: set_feed_factor,
     221: set_flow_factor,
     302: allow_cold_extrusion,
-    400: finish,
+    400: finish_moves,
 }
 """M codes that all emulated firmwares execute in the same way."""

@@ -124,7 +124,7 @@ class EmulatedFirmware(Listener):
                 return min(due_s, self._asleep_until_s)
             if self.machine.waiting_moves:
                 planner = self.machine.planner
-                room_s = planner.compute_free_s()
+                room_s = planner.compute_next_free_s()
                 if slack_s > 0.0:
                     room_s = min(room_s + slack_s, planner.compute_refill_s())
                 return min(due_s, room_s)
@@ -195,7 +195,7 @@ class EmulatedFirmware(Listener):
                 self._ok_pending = False
                 self._acknowledge()
             if machine.waiting_moves:
-                free_s = planner.compute_free_s()
+                free_s = planner.compute_next_free_s()
                 if free_s > now_s:
                     break
                 self._time_s = max(self._time_s, free_s)
@@ -341,7 +341,7 @@ class EmulatedFirmware(Listener):
             case "kill_after":
                 self.kill(now_s)
             case "zero_after":
-                board.set_nozzle(0.0, now_s)
+                board.set_nozzle_target(0.0, now_s)
             case "nozzle_dies_after" | "nozzle_burns_after":
                 board.nozzle.compute_temperature_c(now_s)
                 board.nozzle.dead, board.nozzle.burns = "dies" in name, "burns" in name
@@ -357,6 +357,6 @@ class EmulatedFirmware(Listener):
                 self.stop(self.dialect.fault_messages.bed_maxtemp, now_s)
             case "bed_short_after":
                 board.bed_shorted = True
-                board.set_bed(board.bed.target_c, now_s)
+                board.set_bed_target(board.bed.target_c, now_s)
             case _:
                 raise AssertionError(f"fault {name} is not implemented")

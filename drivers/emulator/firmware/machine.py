@@ -80,7 +80,7 @@ class Machine:
         self.trip_s = math.inf  # time at which a heater makes the firmware stop, and the message
         self.trip_message = b""
         self.dead_man_s = math.inf  # M85: longest allowed silence of the host
-        self.keep_alive_s = KEEP_ALIVE_S  # between two busy messages
+        self.keep_alive_s = KEEP_ALIVE_S  # seconds between two busy messages
         self.armed_s = now_s  # time of the M85
         self.last_command_s = now_s  # time at which the last command was finished
         self.send = send
@@ -229,7 +229,7 @@ class Machine:
 
     def heat_nozzle(self, target_c: float, now_s: float) -> None:
         """Set the nozzle's target, and predict whether it will trigger a temperature fault."""
-        self.board.set_nozzle(target_c, now_s)
+        self.board.set_nozzle_target(target_c, now_s)
         if target_c <= 0.0:
             self.is_streaming = False
         self.predict_trip(now_s)
@@ -246,4 +246,4 @@ class Machine:
 
     def heat_bed(self, target_c: float, now_s: float) -> None:
         """Set the bed's target."""
-        self.board.set_bed(target_c, now_s)
+        self.board.set_bed_target(target_c, now_s)

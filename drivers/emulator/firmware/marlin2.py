@@ -81,7 +81,7 @@ def _identify(machine: Machine, line: bytes, now_s: float) -> None:
 
 
 def _set_mode(machine: Machine, line: bytes, now_s: float) -> None:
-    """Execute ``G90 G91``: for all axes including the feeder, overriding M82 and M83."""
+    """Execute ``G90 G91`` for all axes including the feeder, overriding M82 and M83."""
     machine.relative = machine.relative_e = read_value(line, b"G") == 91
 
 

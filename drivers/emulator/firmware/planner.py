@@ -19,7 +19,7 @@ from drivers.printers import Profile
 # (docs/explanation/ultimaker2-serial.md, section 2).
 CAPACITY = 16
 STANDSTILL_MM_S = 0.05  # MINIMUM_PLANNER_SPEED: below this the firmware treats the head as stopped
-SHORT_S = 0.020  # M205 B: shorter moves are slowed down while the queue is less than half full
+SHORT_MOVE_S = 0.020  # M205 B: shorter moves are slowed down while the queue is less than half full
 MIN_STEPS = 5  # shorter moves are not executed, but added to the next one
 
 Point = tuple[float, float, float, float]  # x, y, z, e in mm
@@ -61,7 +61,7 @@ class Block:
     ----------
     target
         Position at its end.
-    e_mm, mm
+    e_mm, length_mm
         Extrusion, and length of the path.
     v, a
         Nominal speed in mm/s, and acceleration in mm/s2.
@@ -71,15 +71,17 @@ class Block:
         Upper bound of the squared entry speed, and its current value.
     """
 
-    __slots__ = ("a", "e_mm", "entry_2", "gain_2", "max_entry_2", "mm", "target", "v")
+    __slots__ = ("a", "e_mm", "entry_2", "gain_2", "length_mm", "max_entry_2", "target", "v")
 
-    def __init__(self, target: Point, e_mm: float, mm: float, v: float, a: float, max_entry: float) -> None:
+    def __init__(
+        self, target: Point, e_mm: float, length_mm: float, v: float, a: float, max_entry: float
+    ) -> None:
         self.target = target
         self.e_mm = e_mm
-        self.mm = mm
+        self.length_mm = length_mm
         self.v = v
         self.a = a
-        self.gain_2 = 2.0 * a * mm
+        self.gain_2 = 2.0 * a * length_mm
         self.max_entry_2 = max_entry * max_entry
         self.entry_2 = min(self.max_entry_2, STANDSTILL_MM_S * STANDSTILL_MM_S + self.gain_2)
 
@@ -94,7 +96,7 @@ class Planner:
     start
         Position of head and feeder.
     on_move
-        Function that is called with (e_mm, z_mm) for every move that ended and turned the feeder.
+        Function that is called with (e_mm, z_mm) for every finished move that turned the feeder.
     slowdown
         True if short moves are slowed down while the queue runs low.
     """
@@ -116,21 +118,22 @@ class Planner:
         self._on_move = on_move
         self._blocks: list[Block] = []
         self._final_count = 1  # number of front blocks whose entry speed is final
-        self._begin_s = 0.0  # of the executing block
+        self._begin_s = 0.0  # begin and end of the executing block
         self._end_s = 0.0
-        self._ramps = (0.0, 0.0, 0.0, 0.0)  # of the executing block: entry, top speed; seconds up, at top
+        # Of the executing block: entry and top speed in mm/s, seconds of acceleration and at top speed.
+        self._ramps = (0.0, 0.0, 0.0, 0.0)
         self._speed = (0.0, 0.0, 0.0, 0.0)  # axis speeds of the last move queued, mm/s
         self._speed_mm_s = 0.0
 
     def __len__(self) -> int:
         return len(self._blocks)
 
-    def compute_free_s(self) -> float:
-        """Return the time at which a further move fits: minus infinity, or the end of the executing move."""
+    def compute_next_free_s(self) -> float:
+        """Return the time at which a further move fits; minus infinity if one fits at once."""
         return self._end_s if len(self._blocks) >= CAPACITY else -math.inf
 
     def advance(self, now_s: float) -> None:
-        """Finish all moves that end up to `now_s`."""
+        """Finish all moves that end by `now_s`."""
         blocks = self._blocks
         while blocks and self._end_s <= now_s:
             block = blocks.pop(0)
@@ -145,7 +148,7 @@ class Planner:
 
     def compute_refill_s(self) -> float:
         """Return a time at which the full queue still holds three quarters of its moves."""
-        return self._end_s + sum([block.mm / block.v for block in self._blocks[1 : CAPACITY // 4]])
+        return self._end_s + sum([block.length_mm / block.v for block in self._blocks[1 : CAPACITY // 4]])
 
     @property
     def end_s(self) -> float:
@@ -168,8 +171,8 @@ class Planner:
         x, y, z, e = target
         dx, dy, dz, de = x - x0, y - y0, z - z0, e - e0
         limits = self.limits
-        mm = math.sqrt(dx * dx + dy * dy + dz * dz)
-        if mm < 0.07:
+        length_mm = math.sqrt(dx * dx + dy * dy + dz * dz)
+        if length_mm < 0.07:
             steps = limits.steps_per_mm
             if (
                 max(abs(dx) * steps[0], abs(dy) * steps[1], abs(dz) * steps[2], abs(de) * steps[3])
@@ -177,22 +180,22 @@ class Planner:
             ):
                 return
             if max(abs(dx) * steps[0], abs(dy) * steps[1], abs(dz) * steps[2]) <= MIN_STEPS:
-                mm = abs(de) or mm
-        per_s = feedrate_mm_s / mm
+                length_mm = abs(de) or length_mm
+        per_s = feedrate_mm_s / length_mm
         queue_length = len(self._blocks)
-        if self._slowdown and 1 < queue_length < CAPACITY // 2 and per_s > 1.0 / SHORT_S:
+        if self._slowdown and 1 < queue_length < CAPACITY // 2 and per_s > 1.0 / SHORT_MOVE_S:
             duration_s = 1.0 / per_s
-            per_s = 1.0 / (duration_s + 2.0 * (SHORT_S - duration_s) / queue_length)
-        if dz or feedrate_mm_s > 200.0 or abs(de) > mm * 0.1:
+            per_s = 1.0 / (duration_s + 2.0 * (SHORT_MOVE_S - duration_s) / queue_length)
+        if dz or feedrate_mm_s > 200.0 or abs(de) > length_mm * 0.1:
             for d, max_mm_s in zip((dx, dy, dz, de), limits.feedrate_mm_s, strict=True):
                 if abs(d) * per_s > max_mm_s:
                     per_s = max_mm_s / abs(d)
         vx, vy, vz, ve = dx * per_s, dy * per_s, dz * per_s, de * per_s
-        v = mm * per_s
+        v = length_mm * per_s
         a = limits.print_mm_s2 if dx or dy or dz else limits.retract_mm_s2
-        if dz or abs(de) > mm * 0.5 or a > 4000.0:
-            a = self._limit_acceleration(dx, dy, dz, de, mm, a)
-        self._append(Block(target, de, mm, v, a, self._limit_junction_speed(vx, vy, vz, ve, v)), now_s)
+        if dz or abs(de) > length_mm * 0.5 or a > 4000.0:
+            a = self._limit_acceleration(dx, dy, dz, de, length_mm, a)
+        self._append(Block(target, de, length_mm, v, a, self._limit_junction_speed(vx, vy, vz, ve, v)), now_s)
         self.target = target
         self._speed = (vx, vy, vz, ve)
         self._speed_mm_s = v
@@ -211,7 +214,7 @@ class Planner:
         if s > up_s + top_s:
             down_s = s - up_s - top_s
             distance_mm += top * down_s - 0.5 * block.a * down_s**2
-        share = min(1.0, max(0.0, distance_mm / block.mm))
+        share = min(1.0, max(0.0, distance_mm / block.length_mm))
         x, y, z, e = (a + (b - a) * share for a, b in zip(self._head, block.target, strict=True))
         return (x, y, z, e)
 
@@ -232,18 +235,20 @@ class Planner:
         self.target = self._head = position
         self.idle_since_s = now_s
 
-    def _limit_acceleration(self, dx: float, dy: float, dz: float, de: float, mm: float, a: float) -> float:
-        """Limit the acceleration as the firmware does: by steps, relative to the axis with most steps."""
+    def _limit_acceleration(
+        self, dx: float, dy: float, dz: float, de: float, length_mm: float, a: float
+    ) -> float:
+        """Limit the acceleration as the firmware does: by steps, relative to the axis with the most steps."""
         limits = self.limits
         steps = [abs(d) * per_mm for d, per_mm in zip((dx, dy, dz, de), limits.steps_per_mm, strict=True)]
         max_steps = max(steps)
-        rate = a * max_steps / mm
+        rate = a * max_steps / length_mm
         for count, per_mm, limit_mm_s2 in zip(
             steps, limits.steps_per_mm, limits.acceleration_mm_s2, strict=True
         ):
             if rate * count > limit_mm_s2 * per_mm * max_steps:
                 rate = limit_mm_s2 * per_mm
-        return rate * mm / max_steps
+        return rate * length_mm / max_steps
 
     def _limit_junction_speed(self, vx: float, vy: float, vz: float, ve: float, v: float) -> float:
         """Compute the highest entry speed of the new move, in mm/s."""
@@ -306,7 +311,7 @@ class Planner:
         v0 = math.sqrt(block.entry_2)
         v1 = math.sqrt(exit_2)
         top, a = block.v, block.a
-        rest_mm = block.mm - (2.0 * top * top - block.entry_2 - exit_2) / (2.0 * a)
+        rest_mm = block.length_mm - (2.0 * top * top - block.entry_2 - exit_2) / (2.0 * a)
         if rest_mm < 0.0:
             top = math.sqrt(max(0.5 * (block.gain_2 + block.entry_2 + exit_2), block.entry_2, exit_2))
             rest_mm = 0.0

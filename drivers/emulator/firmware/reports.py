@@ -6,7 +6,7 @@ from drivers.emulator.firmware.machine import Machine
 
 
 def format_temperatures(machine: Machine, now_s: float, decimals: int = 1) -> bytes:
-    """Format the answer to ``M105``, which begins with its ok."""
+    """Format the answer to ``M105``, which begins with the ok."""
     nozzle, bed = machine.board.nozzle, machine.board.bed
     return b"ok T:%.*f /%.*f B:%.*f /%.*f @:%d B@:%d\n" % (
         decimals,
@@ -41,7 +41,7 @@ def report_endstops(machine: Machine, line: bytes, now_s: float) -> None:
     machine.send(b"Reporting endstop status\nx_min: %by_max: %bz_max: %b" % (states[0], states[1], states[2]))
 
 
-def report_card(machine: Machine, line: bytes, now_s: float) -> None:
+def report_sd_progress(machine: Machine, line: bytes, now_s: float) -> None:
     """Answer ``M27``: the progress of an SD print."""
     progress = machine.compute_sd_progress(now_s)
     machine.send(
@@ -49,8 +49,8 @@ def report_card(machine: Machine, line: bytes, now_s: float) -> None:
     )
 
 
-def list_card(machine: Machine, line: bytes, now_s: float) -> None:
-    """Answer ``M20``: a card without files."""
+def list_sd_files(machine: Machine, line: bytes, now_s: float) -> None:
+    """Answer ``M20``: the list of files of an empty card."""
     machine.send(b"Begin file list\nEnd file list\n")
 
 

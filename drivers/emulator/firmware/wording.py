@@ -1,4 +1,4 @@
-"""Messages that emulated firmwares share, and the record of those that differ."""
+"""Messages that emulated firmwares share, and a record of those in which they differ."""
 
 from __future__ import annotations
 
@@ -36,6 +36,6 @@ def format_line_error(problem: bytes, last_line: int) -> bytes:
     return b"Error:%b, Last Line: %d\n" % (problem, last_line)
 
 
-def format_unknown(line: bytes) -> bytes:
+def format_unknown_command(line: bytes) -> bytes:
     """Format the message about a line without a known command."""
     return b'echo:Unknown command: "%b"\n' % line

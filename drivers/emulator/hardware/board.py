@@ -82,12 +82,12 @@ class EmulatedBoard:
         """Return the reading of the bed's sensor."""
         return SHORTED_C if self.bed_shorted else self.bed.compute_temperature_c(now_s)
 
-    def set_nozzle(self, target_c: float, now_s: float) -> None:
+    def set_nozzle_target(self, target_c: float, now_s: float) -> None:
         """Set the nozzle's target; 0 is off."""
         self.nozzle.set_target(target_c, now_s)
         self.change_count += 1
 
-    def set_bed(self, target_c: float, now_s: float) -> None:
+    def set_bed_target(self, target_c: float, now_s: float) -> None:
         """Set the bed's target; 0 is off."""
         self.bed.set_target(target_c, now_s)
         if self.bed_shorted:
@@ -96,5 +96,5 @@ class EmulatedBoard:
 
     def switch_heaters_off(self, now_s: float) -> None:
         """Set both targets to 0."""
-        self.set_nozzle(0.0, now_s)
-        self.set_bed(0.0, now_s)
+        self.set_nozzle_target(0.0, now_s)
+        self.set_bed_target(0.0, now_s)

@@ -97,7 +97,7 @@ def _format_entry(name: str, model: str, port: str) -> str:
 
 def _commission(paths: FarmPaths, sections: tuple[PrinterSection, ...], place: str, yes: bool) -> None:
     """Reset the board of an idle printer and check that it restarts, through its agent if one runs."""
-    from drivers.discovery import commission, commission_by_agent
+    from drivers.discovery import verify_reset, verify_reset_through_agent
 
     section = next(
         (section for section in sections if place == section.name or _is_same_port(place, section)), None
@@ -119,12 +119,12 @@ def _commission(paths: FarmPaths, sections: tuple[PrinterSection, ...], place: s
         typer.confirm("Is the printer idle?", abort=True)
     try:
         if section is not None and is_locked(paths.state.agent(section.name) / AGENT_LOCK):
-            commission_by_agent(paths.state.agent(section.name))
+            verify_reset_through_agent(paths.state.agent(section.name))
             print(f"{section.name}: its board restarts when DTR is pulsed, so it can be stopped")
             return
         folder = paths.state.agent(section.name) if section is not None else None
         firmware = find_firmware(_MODEL if section is None else section.model)
-        model = commission(section.port if section is not None else place, folder, firmware)
+        model = verify_reset(section.port if section is not None else place, folder, firmware)
     except DriverError as error:
         raise Refused(str(error)) from error
     print(f"{place}: its board restarts when DTR is pulsed, so it can be stopped; it is an {model}")

@@ -319,7 +319,7 @@ class FirmwareTime:
         """Add a move to a position in mm."""
         planner = self._planner
         if len(planner) >= CAPACITY:
-            self._now_s = planner.compute_free_s()
+            self._now_s = planner.compute_next_free_s()
             planner.advance(self._now_s)
         planner.add((x, y, z, e), speed_mm_s, self._now_s)
 

@@ -29,7 +29,7 @@ from decompose.options import (
 from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 from decompose.results import Decomposition
-from drivers.printers import PROFILES, compute_part_room
+from drivers.printers import PROFILES, list_usable_volumes
 from farm.compute import read_process_bytes
 from farm.errors import ErrorCode, FarmError, Refused
 from farm.planning.error_translation import translate_errors
@@ -120,7 +120,7 @@ def decompose_to_folder(
     profile = max(
         PROFILES.values(), key=lambda p: (p.height_mm >= request.volume_mm[2], -p.height_mm)
     )  # the lowest printer that is high enough; of equal ones the 2+, whose clips are larger
-    room = compute_part_room(profile, request.brim_mm, request.volume_mm)
+    room = list_usable_volumes(profile, request.brim_mm, request.volume_mm)
     if not room:
         raise FarmError(f"a brim of {request.brim_mm:g} mm leaves no room on that bed", ErrorCode.NO_FIT)
     options = _build_options(request)  # refused before the folder is emptied

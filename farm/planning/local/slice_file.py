@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from decompose.geometry import Model, load_model
-from drivers.printers import BEDS, Profile, RoomBox, compute_part_room, place
+from drivers.printers import BEDS, Profile, UsableVolume, list_usable_volumes, place_part
 from farm.compute import read_process_bytes
 from farm.errors import ErrorCode, FarmError
 from farm.planning.error_translation import translate_errors
@@ -135,11 +135,13 @@ def _read_model(path: Path, options: SliceOptions, on_step: OnStep) -> Model:
     )
 
 
-def _find_room(name: str, model: Model, settings: EngineSettings, profile: Profile) -> tuple[RoomBox, ...]:
+def _find_room(
+    name: str, model: Model, settings: EngineSettings, profile: Profile
+) -> tuple[UsableVolume, ...]:
     """Return the room for a part with its brim. Raises FarmError if the model does not fit into it."""
-    room = compute_part_room(profile, settings.brim_width_mm)
+    room = list_usable_volumes(profile, settings.brim_width_mm)
     size = _compute_printed_size_mm(model, settings)
-    if place(size, room) is None:
+    if place_part(size, room) is None:
         raise FarmError(
             f"{name} ({_format_size(size)} mm as printed) does not fit the {profile.title}: "
             + _suggest_size(size, room, float(max(model.extents_mm)), model.scale),
@@ -193,7 +195,7 @@ def _build_report(
 
 
 def _suggest_size(
-    size_mm: tuple[float, float, float], room: tuple[RoomBox, ...], longest_mm: float, scale: float
+    size_mm: tuple[float, float, float], room: tuple[UsableVolume, ...], longest_mm: float, scale: float
 ) -> str:
     """Describe the available room, and the largest scale of the model in it."""
     x, y, z = size_mm

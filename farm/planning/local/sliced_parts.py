@@ -17,7 +17,7 @@ from decompose.geometry import Model
 from decompose.print_time import CostModel
 from decompose.relevel import relevel_planes
 from decompose.results import Decomposition
-from drivers.printers import RoomBox
+from drivers.printers import UsableVolume
 from farm.planning.error_translation import translate_errors
 from farm.planning.part_records import DecomposedPart, SliceTask
 from farm.planning.parts.slice_part import slice_part
@@ -56,7 +56,7 @@ class PartSlicer:
 
     request: SettingsRequest
     resources: Resources
-    room: tuple[RoomBox, ...]
+    room: tuple[UsableVolume, ...]
     cache: Path | None
 
     def slice_parts(self, decomposition: Decomposition, folder: Path) -> SlicedParts:

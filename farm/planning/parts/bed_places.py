@@ -10,7 +10,7 @@ import numpy as np
 from decompose.export import FindPlace
 from decompose.printers import BedPlace
 from decompose.results import Part
-from drivers.printers import PROFILES, RoomBox, place
+from drivers.printers import PROFILES, UsableVolume, place_part
 from farm.config import PrinterSection
 from farm.planning.printer_settings import find_printer_room, resolve_printer_settings
 from slicing.settings import EngineSettings, Resources
@@ -21,17 +21,17 @@ class Bed:
     """Bed of a printer: width and depth in mm, boxes that a part may fill, and settings of the slicer."""
 
     size_mm: tuple[float, float]
-    room: tuple[RoomBox, ...]
+    room: tuple[UsableVolume, ...]
     settings: EngineSettings
 
     def place(self, part: Part) -> BedPlace | None:
         """Place a part as `slice_part` does; None if it does not fit."""
         scale = np.array((self.settings.scale_xy, self.settings.scale_xy, self.settings.scale_z))
         width, depth, height = map(float, np.ptp(part.build_printing_mesh()[0], axis=0) * scale)
-        placement = place((width, depth, height), self.room)
+        placement = place_part((width, depth, height), self.room)
         if placement is None:
             return None
-        return BedPlace(self.size_mm, (placement.x_mm, placement.y_mm), placement.is_turned)
+        return BedPlace(self.size_mm, (placement.x_mm, placement.y_mm), placement.is_rotated)
 
 
 def find_beds(printers: Sequence[PrinterSection], quality: str, resources: Resources) -> dict[str, Bed]:

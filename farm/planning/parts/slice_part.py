@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from drivers.printers import Placement, place
+from drivers.printers import Placement, place_part
 from farm.errors import ErrorCode, FarmError
 from farm.planning.error_translation import translate_errors
 from farm.planning.part_records import SliceTask
@@ -35,7 +35,7 @@ def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None)
     mesh = trimesh.load_mesh(task.stl)
     scale = np.array((task.settings.scale_xy, task.settings.scale_xy, task.settings.scale_z))
     extents = tuple(map(float, mesh.extents * scale))  # as printed, with shrinkage compensated
-    placement = place((extents[0], extents[1], extents[2]), task.room)
+    placement = place_part((extents[0], extents[1], extents[2]), task.room)
     if placement is None:
         size = " x ".join(f"{side:.1f}" for side in extents)
         raise FarmError(
@@ -106,7 +106,7 @@ def _transform(
     """
     centre = mesh.bounds.mean(axis=0)
     transform = np.eye(4)
-    if placement.is_turned:
+    if placement.is_rotated:
         transform[:2, :2] = ((0.0, -1.0), (1.0, 0.0))
     transform[:3, :3] *= scale
     transform[:3, 3] = -transform[:3, :3] @ (centre[0], centre[1], mesh.bounds[0][2])

@@ -226,7 +226,7 @@ def test_mains_are_cut_once_at_the_end_of_a_print_with_a_short_reason(
     step_until(agent, rig, lambda: agent.alarm is not None)
     assert rig.session.context.phase is PrintPhase.ENDING  # people are notified before the print has ended
     alarm = read_journal(tmp_path / JOURNAL)[0].alarm
-    assert alarm is not None and alarm.suspected and f"the {heater} went up to" in alarm.text
+    assert alarm is not None and alarm.is_suspicion and f"the {heater} went up to" in alarm.text
     step_until(agent, rig, lambda: agent.board.session is None)
     ended_print = agent.journal.state.print
     assert ended_print is not None and ended_print.phase is PrintPhase.FAILED

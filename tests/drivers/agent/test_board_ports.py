@@ -217,7 +217,7 @@ def test_last_command_to_a_board_without_reset_is_sent_over_a_full_wire(tmp_path
     os.close(slave)
     rig = Printer(tmp_path / "agent", url)
     board = Board(url, ULTIMAKER2_PLUS, tmp_path, rig.clock, lambda: None, lambda _: None)
-    board.state.hot, board.state.reset_failed = True, url
+    board.state.hot, board.state.failed_reset_port = True, url
     board.open()
     session = Session(
         SessionContext(board.link, None, PROFILES[MODEL], m.Filament.PARKED, board.pace, rig.clock.now())

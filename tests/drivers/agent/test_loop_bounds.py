@@ -57,6 +57,6 @@ def test_full_log_and_a_long_journal_are_continued_without_losing_a_line(tmp_pat
             assert phases[0] == "spooled" and log_texts == phases[1:] and log_texts[-1] == "done"
             assert (rig.folder / JOURNAL).stat().st_size < MAX_BYTES
             state = Journal(rig.folder / JOURNAL).state
-            assert len(state.recent) == 1000 and state.recent[-1].print_id == "p-1"
+            assert len(state.recent_prints) == 1000 and state.recent_prints[-1].print_id == "p-1"
 
     run(scenario())

@@ -149,7 +149,7 @@ def test_full_disk_stops_no_print_and_starts_none(
     scripted_agent.run()
     assert m.PrintPhase.PRINTING in phases
     memory = Journal(tmp_path / "journal.jsonl").state
-    assert memory.ended == {"p-1"} and memory.filament is m.Filament.PARKED
+    assert memory.ended_print_ids == {"p-1"} and memory.filament is m.Filament.PARKED
 
 
 @pytest.mark.system

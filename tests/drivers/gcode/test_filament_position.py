@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.gcode import Program, measure_retraction, read_position, read_program
+from drivers.gcode import Program, measure_retraction_mm, read_position, read_program
 from drivers.gcode.filament_position import WINDOW_LINES
 from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
 
@@ -20,7 +20,7 @@ def measure_retraction_after(
     text: str, last_position: tuple[float, float, float, float] | None = None
 ) -> float:
     program = parse_program(text)
-    return measure_retraction(program, program.count, last_position)
+    return measure_retraction_mm(program, program.count, last_position)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from drivers.errors import BadGcode
 from drivers.firmware import ULTIMAKER2
-from drivers.gcode import Feature, HeaterName, Mark, MotionState, Program, measure_retraction, read_program
+from drivers.gcode import Feature, HeaterName, Mark, MotionState, Program, measure_retraction_mm, read_program
 from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
 
 
@@ -265,7 +265,7 @@ def test_state_at_any_accepted_line_is_finite_and_never_crashes_an_agent(
     moves = MotionState(program, line_count)
     values = [mm for mm in (*moves.position, moves.retracted_mm, moves.feed_mm_min) if not math.isnan(mm)]
     assert all(abs(mm) < 1e9 for mm in values)
-    assert 0.0 <= measure_retraction(program, line_count, (10.0, 10.0, 1.0, 1.0)) < 1e9
+    assert 0.0 <= measure_retraction_mm(program, line_count, (10.0, 10.0, 1.0, 1.0)) < 1e9
     mark = program.compute_progress(line_count)
     assert all(
         abs(number) < 1e9

@@ -134,7 +134,7 @@ def test_urgent_bytes_do_not_discard_bytes_that_were_sent(ends: tuple[int, Path]
 def test_write_to_a_stalled_board_times_out(ends: tuple[int, Path], monkeypatch: pytest.MonkeyPatch):
     port, ticks_s = SerialPort(ends[1], ULTIMAKER2.baud_rate), iter(range(1000))
     monkeypatch.setattr("drivers.ports.serial_port.time.monotonic", lambda: float(next(ticks_s)))
-    monkeypatch.setattr(SerialPort, "_count_queued", lambda _: 1)
+    monkeypatch.setattr(SerialPort, "_count_queued_bytes", lambda _: 1)
     try:
         port.write_now(b"M104 S0\n")
     finally:

@@ -4,7 +4,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.printers import BEDS, FIT_TOLERANCE_MM, PROFILES, HeaterModel, Rect, compute_part_room, place
+from drivers.printers import (
+    BEDS,
+    FIT_TOLERANCE_MM,
+    PROFILES,
+    HeaterModel,
+    Rect,
+    list_usable_volumes,
+    place_part,
+)
 
 models = st.sampled_from(sorted(BEDS))
 sizes = st.floats(1.0, 400.0)
@@ -15,7 +23,7 @@ def test_room_with_a_brim_is_on_the_bed_and_off_the_clips(model: str, brim_mm: f
     profile = BEDS[model]
     width, depth = profile.bed_mm
     bed = Rect(-width / 2, -depth / 2, width / 2, depth / 2)
-    for box in compute_part_room(profile, brim_mm):
+    for box in list_usable_volumes(profile, brim_mm):
         enlarged_rect = box.rect.expand(brim_mm - 1e-9)
         assert bed.contains(enlarged_rect)
         assert not any(enlarged_rect.overlaps(clip) for clip in profile.clips)
@@ -24,15 +32,15 @@ def test_room_with_a_brim_is_on_the_bed_and_off_the_clips(model: str, brim_mm: f
 
 @given(models, st.tuples(sizes, sizes, sizes))
 def test_placed_part_lies_in_a_box_of_the_room(model: str, extents_mm: tuple[float, float, float]):
-    room = compute_part_room(BEDS[model], 8.0)
-    placement = place(extents_mm, room)
+    room = list_usable_volumes(BEDS[model], 8.0)
+    placement = place_part(extents_mm, room)
     dx, dy, dz = extents_mm
     if placement is None:
         assert not any(
             box.rect.width_mm >= dx and box.rect.depth_mm >= dy and box.height_mm >= dz for box in room
         )
         return
-    if placement.is_turned:
+    if placement.is_rotated:
         dx, dy = dy, dx
     part = Rect(
         placement.x_mm - dx / 2, placement.y_mm - dy / 2, placement.x_mm + dx / 2, placement.y_mm + dy / 2
@@ -42,13 +50,13 @@ def test_placed_part_lies_in_a_box_of_the_room(model: str, extents_mm: tuple[flo
 
 
 def test_room_of_an_ultimaker_2_plus_with_an_8_mm_brim_has_the_known_sizes():
-    sizes_mm = [box.size_mm for box in compute_part_room(PROFILES["ultimaker2_plus"], 8.0)]
+    sizes_mm = [box.size_mm for box in list_usable_volumes(PROFILES["ultimaker2_plus"], 8.0)]
     assert (207.0, 191.0, 205.0) in sizes_mm
     assert any(depth == 207.0 and width <= 165.0 for width, depth, _ in sizes_mm)
 
 
 def test_smaller_limit_of_the_user_is_used():
-    assert compute_part_room(PROFILES["ultimaker2_plus"], 0.0, (100.0, 90.0, 500.0))[0].size_mm == (
+    assert list_usable_volumes(PROFILES["ultimaker2_plus"], 0.0, (100.0, 90.0, 500.0))[0].size_mm == (
         100.0,
         90.0,
         205.0,

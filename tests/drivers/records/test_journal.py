@@ -25,7 +25,7 @@ def test_truncated_journal_is_read_to_its_last_complete_record(tmp_path: Path):
         file.write(b'{"at_s": 3.0, "print": nu')
     loaded_state = Journal(path).state
     assert loaded_state.print == open_print
-    assert (list(loaded_state.recent), loaded_state.filament, loaded_state.board.attention_reason) == (
+    assert (list(loaded_state.recent_prints), loaded_state.filament, loaded_state.board.attention_reason) == (
         [ended_print],
         m.Filament.PARKED,
         "smoke",
@@ -58,7 +58,7 @@ def test_damaged_journal_needs_attention_and_may_leave_the_printer_hot(tmp_path:
     assert Journal(path).state.may_be_hot  # one of the damaged records may have begun a print
     Journal(path).write(4.0, print=ended_print.model_dump(mode="json"))
     loaded_state = Journal(path).state
-    assert loaded_state.ended == {"p-1"} and not loaded_state.may_be_hot
+    assert loaded_state.ended_print_ids == {"p-1"} and not loaded_state.may_be_hot
     assert (
         loaded_state.board.attention_reason is not None and "journal" in loaded_state.board.attention_reason
     )
@@ -157,8 +157,8 @@ def test_long_journal_is_shortened_and_the_old_one_is_kept_once(tmp_path: Path):
     assert journal.shorten(max_bytes=10)
     journal.write(1301.0, filament="at_nozzle")
     state = Journal(path).state
-    assert (len(state.recent), state.filament) == (1000, m.Filament.AT_NOZZLE)
-    assert state.recent[-1].print_id == "p-1299" and "p-1299" in state.ended
+    assert (len(state.recent_prints), state.filament) == (1000, m.Filament.AT_NOZZLE)
+    assert state.recent_prints[-1].print_id == "p-1299" and "p-1299" in state.ended_print_ids
     assert '"parked"' in (tmp_path / "journal.jsonl.1").read_text()
     journal.shorten(max_bytes=10)
     assert sorted(file.name for file in tmp_path.iterdir()) == ["journal.jsonl", "journal.jsonl.1"]

@@ -53,7 +53,7 @@ def lose_port_temporarily(rig: Rig) -> None:
 
 
 def turn_knob(rig: Rig) -> None:
-    rig.firmware.board.set_nozzle(150.0, rig.now_s)
+    rig.firmware.board.set_nozzle_target(150.0, rig.now_s)
 
 
 def mute_board_and_cancel(rig: Rig) -> None:

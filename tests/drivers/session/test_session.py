@@ -180,7 +180,7 @@ def test_cold_extrusion_ends_the_print():
 
 def test_target_changed_by_a_person_ends_the_print():
     rig = Rig(text=make_gcode(2000)).run_until_printing(100)
-    rig.firmware.board.set_nozzle(150.0, rig.now_s)
+    rig.firmware.board.set_nozzle_target(150.0, rig.now_s)
     rig.run()
     assert_end_with_heaters_off(rig, PrintPhase.FAILED, Fault.TARGET_CHANGED)
 

@@ -37,7 +37,7 @@ def test_returned_port_is_reset_and_confirmed_off():
 
 def test_session_without_a_program_resets_the_board_and_names_the_dead_agent():
     rig = Rig()
-    rig.firmware.board.set_nozzle(210.0, rig.now_s)
+    rig.firmware.board.set_nozzle_target(210.0, rig.now_s)
     rig.session = Session(SessionContext(rig.link, None, PLUS, Filament.AT_NOZZLE, Pace(), rig.now_s))
     assert_end_with_heaters_off(rig.run(), PrintPhase.FAILED, Fault.AGENT_DIED)
     assert rig.session.context.filament is Filament.UNKNOWN
@@ -68,7 +68,7 @@ def test_dead_man_timer_depends_on_heat_and_pause_and_is_off_when_cold():
 
 def test_heat_up_longer_than_the_dead_man_timer_does_not_trip_it(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("drivers.session.stream.HEAT_DEAD_MAN_S", 60.0)
-    monkeypatch.setattr("drivers.session.heat.FEED_S", 20.0)
+    monkeypatch.setattr("drivers.session.heat.COMMAND_INTERVAL_S", 20.0)
     rig = Rig()
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.HEATING)
     started_s = rig.now_s
@@ -139,7 +139,7 @@ def test_dead_man_timer_of_a_board_without_reset_stays_armed_until_heaters_are_o
     assert rig.firmware.machine.dead_man_s < math.inf
     rig_without_reset = Rig(Faults(no_reset=True))
     rig_without_reset.firmware.machine.dead_man_s = 600.0
-    rig_without_reset.firmware.board.set_nozzle(210.0, rig_without_reset.now_s)
+    rig_without_reset.firmware.board.set_nozzle_target(210.0, rig_without_reset.now_s)
     rig_without_reset.session = Session(
         SessionContext(
             rig_without_reset.link, None, PLUS, Filament.AT_NOZZLE, Pace(), rig_without_reset.now_s

@@ -25,7 +25,7 @@ numbers = st.sampled_from(WILD_NUMBERS)
 
 
 class Clock:
-    scale, ahead_s = 1.0, 0.0
+    scale, host_shift_s = 1.0, 0.0
 
     def now(self):
         return NOW_S

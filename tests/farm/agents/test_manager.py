@@ -145,7 +145,7 @@ def test_times_of_an_agent_with_another_clock_are_corrected(clock_offset_s: floa
 @pytest.mark.parametrize("agent_is_later", [False, True])
 def test_agents_agree_on_deadlines_with_a_daemon_whose_clock_was_set(step_s: float, agent_is_later: bool):
     """Start the agent before or after the host's clock is set."""
-    daemon, agent = Clock(ahead_s=step_s), Clock(ahead_s=step_s if agent_is_later else 0.0)
+    daemon, agent = Clock(host_shift_s=step_s), Clock(host_shift_s=step_s if agent_is_later else 0.0)
     started_s = agent.now()
     snapshot = make_printing_snapshot(started_s)
     received_print = to_farm_snapshot(snapshot, daemon).print

@@ -33,7 +33,7 @@ ALL_DELAYS_S = 100.0  # longer than all delays of losses and of notices together
 class ManualClock:
     """Clock that is set by the test."""
 
-    scale, anchor_s, ahead_s = 1.0, 0.0, 0.0
+    scale, anchor_s, host_shift_s = 1.0, 0.0, 0.0
 
     def __init__(self):
         self.now_s = 1e6

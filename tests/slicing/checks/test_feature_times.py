@@ -49,7 +49,7 @@ def measure_with_planner(path):
         zip(path.end - path.start, np.maximum(path.feed_mm_min / 60, 1.0), strict=True)
     ):
         position = position + move
-        now_s = max(now_s, planner.compute_free_s())
+        now_s = max(now_s, planner.compute_next_free_s())
         planner.advance(now_s)
         old_moves = planner.moves
         planner.add(tuple(position), feed, now_s)

@@ -49,7 +49,7 @@ def compute_start_times_s(path):
     position, now_s, times_s = np.zeros(4), 0.0, []
     for move, feed in zip(path.end - path.start, path.feed_mm_min / 60, strict=True):
         position = position + move
-        now_s = max(now_s, planner.compute_free_s())
+        now_s = max(now_s, planner.compute_next_free_s())
         planner.advance(now_s)
         planner.add(tuple(position), max(feed, 1.0), now_s)
         times_s.append(now_s)

@@ -15,11 +15,11 @@ HOST_TIME_MODULES = (
 class FakeTime:
     """Simulated time of a clock, an event loop and APScheduler, in seconds since the epoch.
 
-    The host's clock can be set: `set_s` is its offset, `ahead_s` the offset that the farm's clock adopted.
+    The host's clock can be set: `set_s` is its offset, `host_shift_s` the one that the farm's clock adopted.
     """
 
     scale = 1.0
-    ahead_s = 0.0
+    host_shift_s = 0.0
     set_s = 0.0
 
     def __init__(self, monkeypatch, now_s):
@@ -40,13 +40,13 @@ class FakeTime:
         monkeypatch.setattr("asyncio.to_thread", run_in_place)
 
     def now(self):
-        return self.now_s + self.ahead_s
+        return self.now_s + self.host_shift_s
 
     def to_wall_duration_s(self, farm_seconds):
         return farm_seconds
 
     def follow_host(self):
-        step_s, self.ahead_s = self.set_s - self.ahead_s, self.set_s
+        step_s, self.host_shift_s = self.set_s - self.host_shift_s, self.set_s
         return step_s
 
     def stall(self, seconds):

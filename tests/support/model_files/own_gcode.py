@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from drivers.gcode import HeaterName, measure_retraction, read_program
+from drivers.gcode import HeaterName, measure_retraction_mm, read_program
 from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
 from model_files.make_gcode import FILAMENT_MM2, TravelStopwatch
 from printers.slicing_printers import UM2_PLUS
@@ -56,7 +56,7 @@ def check_rules(result):
     assert all(ALLOWED_COMMAND.match(line) for line in program.read_lines(0, program.count))
     for heater in HeaterName:
         assert program.find_target_c(heater, program.count) == 0
-    assert measure_retraction(program, program.count) == pytest.approx(20.0, abs=1e-3)
+    assert measure_retraction_mm(program, program.count) == pytest.approx(20.0, abs=1e-3)
     assert program.home_line < program.extrusion_line < program.count
     assert program.time_s == pytest.approx(result.print_time_s, abs=1e-3)
     return program

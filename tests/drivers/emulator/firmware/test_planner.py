@@ -28,7 +28,7 @@ class Bench:
         self.fed_mm += e_mm
 
     def add_move(self, target: Point, feedrate_mm_s: float) -> None:
-        self.now_s = max(self.now_s, self.planner.compute_free_s())
+        self.now_s = max(self.now_s, self.planner.compute_next_free_s())
         self.planner.advance(self.now_s)
         self.planner.add(target, feedrate_mm_s, self.now_s)
 
@@ -169,7 +169,7 @@ def test_moves_added_late_do_not_stretch_a_queue_that_is_not_empty() -> None:
         prompt_bench.add_move(target, 50.0)
     for k, target in enumerate(targets):
         if len(late_bench.planner) >= CAPACITY:
-            late_bench.now_s = max(late_bench.now_s, late_bench.planner.compute_free_s()) + (
+            late_bench.now_s = max(late_bench.now_s, late_bench.planner.compute_next_free_s()) + (
                 0.1 if k % 5 == 0 else 0.0
             )
             late_bench.planner.advance(late_bench.now_s)
@@ -183,7 +183,7 @@ def test_short_moves_are_stretched_only_while_few_are_queued() -> None:
         planner = Planner(Limits.from_profile(PROFILE), START, lambda e_mm, z_mm: None, slowdown)
         now_s = 0.0
         for k in range(1, 401):
-            now_s = max(now_s + fed_every_s, planner.compute_free_s())
+            now_s = max(now_s + fed_every_s, planner.compute_next_free_s())
             planner.advance(now_s)
             planner.add((100 + k * 0.2, 100.0, 50.0, 0.0), 100.0, now_s)  # 2 ms each
         planner.advance(math.inf)

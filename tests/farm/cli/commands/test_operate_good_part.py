@@ -92,13 +92,14 @@ def test_good_part_of_a_failed_print_is_not_reprinted(farm, part):
     assert answer.stdout == "a: bed clear; part 1/p01 is good and will not be printed again\n"
     assert farm.controller.books.jobs[1].state is JobState.DONE
     assert farm.controller.books.printer("a").bed is Bed.CLEAR
-    farm.controller.clock.ahead_s += 60.0
+    farm.controller.clock.host_shift_s += 60.0
     farm.report_ready("a", "b")
     assert list(farm.controller.books.open_prints()) == []
 
 
 def test_good_part_names_its_running_reprint_and_the_command_to_end_it(farm):
-    farm.controller.clock.ahead_s += 60.0  # a loss that may affect several printers is reported after a delay
+    # A loss that may affect several printers is reported after a delay
+    farm.controller.clock.host_shift_s += 60.0
     farm.report_ready("b")
     report_print(farm, "b", PrintState.HEATING, started_s=farm.controller.clock.now())
     answer = run_farm("cleared", "a", "--good", "1/p01")
@@ -112,7 +113,7 @@ def test_good_part_names_its_running_reprint_and_the_command_to_end_it(farm):
 
 
 def test_shutdown_ends_a_print_of_a_part_found_good(farm):
-    farm.controller.clock.ahead_s += 60.0
+    farm.controller.clock.host_shift_s += 60.0
     farm.report_ready("b")
     report_print(farm, "b", PrintState.HEATING, started_s=farm.controller.clock.now())
     run_farm("cleared", "a", "--good", "1/p01")
@@ -142,7 +143,7 @@ def test_part_on_another_bed_cannot_be_good(farm, arguments, expected_text):
 
 def test_part_of_a_completed_print_may_be_named_as_good(farm):
     run_farm("cleared", "a")
-    farm.controller.clock.ahead_s += 60.0
+    farm.controller.clock.host_shift_s += 60.0
     farm.report_ready("a")
     farm.controller.handle()  # like the daemon's timer
     now_s = farm.controller.clock.now()

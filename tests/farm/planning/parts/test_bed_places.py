@@ -10,12 +10,12 @@ from decompose.export.layout import describe_place, put_on_bed
 from decompose.geometry import Solid
 from decompose.printers import BedPlace
 from decompose.results import Part
-from drivers.printers import PROFILES, compute_part_room, place
+from drivers.printers import PROFILES, list_usable_volumes, place_part
 from farm.planning.parts import slice_part
 from farm.planning.parts.bed_places import Bed, place_on
 
 PROFILE = PROFILES["ultimaker2_plus"]
-BED = Bed(PROFILE.bed_mm, compute_part_room(PROFILE, 8.0), SimpleNamespace(scale_xy=1.0, scale_z=1.0))
+BED = Bed(PROFILE.bed_mm, list_usable_volumes(PROFILE, 8.0), SimpleNamespace(scale_xy=1.0, scale_z=1.0))
 
 
 def make_part(*size_mm):
@@ -27,8 +27,8 @@ def make_part(*size_mm):
 def test_part_is_drawn_where_it_is_sliced(size_mm):
     part = make_part(*size_mm)
     pose = place_on({"um2-01": BED})(part)
-    placement = place(size_mm, BED.room)
-    assert pose == BedPlace(PROFILE.bed_mm, (placement.x_mm, placement.y_mm), placement.is_turned)
+    placement = place_part(size_mm, BED.room)
+    assert pose == BedPlace(PROFILE.bed_mm, (placement.x_mm, placement.y_mm), placement.is_rotated)
     vertices, faces = part.build_printing_mesh()
     drawn_mm, _ = put_on_bed(vertices, faces, pose)
     mesh = trimesh.Trimesh(vertices, faces, process=False)

@@ -7,7 +7,7 @@ import pytest
 import shapely
 import trimesh
 
-from drivers.printers import PROFILES, Rect, RoomBox, compute_part_room
+from drivers.printers import PROFILES, Rect, UsableVolume, list_usable_volumes
 from farm.config import PrinterSection
 from farm.errors import FarmError
 from farm.model import PartPrintOptions
@@ -35,7 +35,7 @@ def task(tmp_path):
             request=request,
             resources=resources,
             settings=settings,
-            room=compute_part_room(PROFILES[MODEL], settings.brim_width_mm),
+            room=list_usable_volumes(PROFILES[MODEL], settings.brim_width_mm),
             engine=find_engine(),
             out=tmp_path / "part.gcode",
             cache=None,
@@ -141,7 +141,7 @@ def test_walls_along_hidden_sides_are_fast_where_the_part_is_placed(task, is_tur
     rect = Rect(-90.0, -90.0, -30.0, 10.0) if is_turned else Rect(-90.0, -90.0, 10.0, -30.0)
 
     def slice_with(*sides):
-        work = replace(task(mesh, brim_width_mm=0.0, hidden_sides=sides), room=(RoomBox(rect, 100.0),))
+        work = replace(task(mesh, brim_width_mm=0.0, hidden_sides=sides), room=(UsableVolume(rect, 100.0),))
         return slice_part(work).sliced_s
 
     plain_s = slice_with()

@@ -43,7 +43,7 @@ def test_books_of_the_first_release_are_readable(tmp_path):
 def test_journals_of_the_first_release_are_readable(tmp_path):
     state = unpack_state(tmp_path)
     ended_journal = Journal(state / "agents" / "um2-01" / JOURNAL).state
-    assert len(ended_journal.ended) == 2 and not ended_journal.may_be_hot
+    assert len(ended_journal.ended_print_ids) == 2 and not ended_journal.may_be_hot
     assert ended_journal.print is None or ended_journal.print.phase is PrintPhase.DONE
     open_journal = Journal(state / "agents" / "um2x-01" / JOURNAL).state
     assert (

@@ -1,4 +1,4 @@
-"""Usable build volume of a printer for one part, and the placement of the part. Pure."""
+"""Usable build volumes of a printer for one part, and the placement of the part. Pure."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from drivers.printers.profile import Profile, Rect
 
 
 @dataclass(frozen=True, slots=True)
-class RoomBox:
-    """One of the boxes that a part may fill: a rectangle of the bed and a height, in mm."""
+class UsableVolume:
+    """A box that a part may fill: a rectangle of the bed and a height, in mm."""
 
     rect: Rect
     height_mm: float
 
     @property
     def size_mm(self) -> tuple[float, float, float]:
-        """Width, depth and height."""
+        """Width, depth and height in mm."""
         return (self.rect.width_mm, self.rect.depth_mm, self.height_mm)
 
 
-def compute_part_room(
+def list_usable_volumes(
     profile: Profile, brim_mm: float, volume_mm: tuple[float, float, float] | None = None
-) -> tuple[RoomBox, ...]:
+) -> tuple[UsableVolume, ...]:
     """List the boxes that a part with a brim may fill on this printer.
 
-    A part fits if it fits into one of them. Their rectangles are the largest ones that, expanded by the brim,
-    remain on the bed and clear of the clips; their height is the printer's.
+    A part fits on the printer if it fits in one of these boxes. Their rectangles are the largest ones that,
+    expanded by the brim, remain on the bed and clear of the clips; their height is the printer's.
 
     Parameters
     ----------
@@ -37,12 +37,12 @@ def compute_part_room(
     brim_mm
         Width of the brim (or skirt) that is printed around the part.
     volume_mm
-        User's limit (x, y, z) for this printer; the smaller of it and the model's size applies.
+        User's limit (x, y, z) for this printer; on each axis, the smaller of limit and model size applies.
 
     Returns
     -------
-    tuple of RoomBox
-        Sorted by volume, largest first; empty if the brim leaves no room.
+    tuple of UsableVolume
+        Sorted by volume, largest first; empty if the brim leaves no space for a part.
     """
     width, depth = profile.bed_mm
     height = profile.height_mm
@@ -60,31 +60,34 @@ def compute_part_room(
     ]
     largest = [r for r in free if not any(o is not r and o.contains(r) for o in free)]
     largest.sort(key=lambda r: r.width_mm * r.depth_mm, reverse=True)
-    return tuple(RoomBox(rect, height) for rect in largest)
+    return tuple(UsableVolume(rect, height) for rect in largest)
 
 
 FIT_TOLERANCE_MM = 1e-3
-"""Tolerance for STL files, which are in single precision: an exact fit may read slightly larger."""
+"""Tolerance for STL files, whose single precision may enlarge an exactly fitting part slightly."""
 
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """Position of the centre of a part's bounding box on the bed; `is_turned`: by 90 degrees about Z."""
+    """Position of the centre of a part's bounding box on the bed, and rotation of the part.
+
+    `is_rotated` is true if the part is rotated by 90 degrees about Z.
+    """
 
     x_mm: float
     y_mm: float
-    is_turned: bool
+    is_rotated: bool
 
 
-def place(extents_mm: tuple[float, float, float], room: tuple[RoomBox, ...]) -> Placement | None:
+def place_part(extents_mm: tuple[float, float, float], volumes: tuple[UsableVolume, ...]) -> Placement | None:
     """Place a part near the bed's centre.
 
     Parameters
     ----------
     extents_mm
         Size (x, y, z) of the part's bounding box.
-    room
-        Boxes that the part may fill; see `compute_part_room`.
+    volumes
+        Boxes that the part may fill; see `list_usable_volumes`.
 
     Returns
     -------
@@ -92,7 +95,7 @@ def place(extents_mm: tuple[float, float, float], room: tuple[RoomBox, ...]) -> 
         None if the part does not fit.
     """
     best_key: tuple[float, bool, float, float] | None = None
-    for box in room:
+    for box in volumes:
         for is_rotated in (False, True):
             dx, dy = (extents_mm[1], extents_mm[0]) if is_rotated else (extents_mm[0], extents_mm[1])
             slack = FIT_TOLERANCE_MM
