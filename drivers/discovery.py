@@ -23,8 +23,8 @@ from drivers.records import JOURNAL, Journal
 from drivers.remote import AgentClient
 
 BY_PATH = Path("/dev/serial/by-path")
-_ANSWER_S = 40.0
-_AGENT_S = 60.0
+_ANSWER_S = 40.0  # wall seconds for the board to answer
+_AGENT_S = 60.0  # wall seconds for the agent to report the result
 
 
 @dataclass(frozen=True, slots=True)

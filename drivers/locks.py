@@ -12,7 +12,7 @@ from pathlib import Path
 
 AGENT_LOCK = "lock"  # file in an agent's folder
 _TRIES, _WAIT_S = 20, 0.05
-_DEATH_S = 1.0
+_DEATH_S = 1.0  # wall seconds for a killed process to end
 _PID_BYTES = 10
 
 

@@ -13,8 +13,9 @@ from drivers.link.replies import LinkFault, Report
 SD_PRINT = "it prints from its SD card"
 MOVED_REASON = "somebody moved it at the printer"
 HEATED_REASON = "somebody switched a heater on at the printer"
-COLD_C = 45.0
-RISE_C, WARM_C = 15.0, 60.0  # a rise by RISE_C to above WARM_C, with target 0: the heater is stuck on
+MAX_COLD_C = 45.0
+# A heater is stuck on if it rises by RISE_C to above MIN_STUCK_C with the target 0.
+RISE_C, MIN_STUCK_C = 15.0, 60.0
 
 _POSITION = re.compile(rb"X:-?[\d.]+ ?Y:-?[\d.]+ ?Z:-?[\d.]+ ?E:-?[\d.]+ Count")
 _CARD = (b"SD printing byte", b"Not SD printing", b"Card error:")
@@ -130,7 +131,7 @@ class IdleWatch:
             An event not caused by the farm; a heater that is stuck on.
         """
         is_heated = report.nozzle_target_c > 0 or report.bed_target_c > 0
-        is_cold = not is_heated and max(report.nozzle_c, report.bed_c) < COLD_C
+        is_cold = not is_heated and max(report.nozzle_c, report.bed_c) < MAX_COLD_C
         self._cold_reports = self._cold_reports + 1 if is_cold else 0
         is_heated_twice, self._was_heated = is_heated and self._was_heated, is_heated
         if is_heated:
@@ -140,7 +141,8 @@ class IdleWatch:
         now_c = (report.nozzle_c, report.bed_c)
         self._coolest_c = [min(old_c, new_c) for old_c, new_c in zip(self._coolest_c, now_c, strict=True)]
         is_rising = [
-            new_c > max(WARM_C, old_c + RISE_C) for old_c, new_c in zip(self._coolest_c, now_c, strict=True)
+            new_c > max(MIN_STUCK_C, old_c + RISE_C)
+            for old_c, new_c in zip(self._coolest_c, now_c, strict=True)
         ]
         self._hot_reports = self._hot_reports + 1 if any(is_rising) else 0
         if self._hot_reports < 3:

@@ -28,7 +28,7 @@ EMULATOR = "emulator"
 PUSH_S = 1.0  # wall seconds between snapshots while anything is warm or prints
 IDLE_PUSH_S = 5.0
 LOG_S = 60.0  # wall seconds between two checks of the log's size
-WARM_C = 40.0
+MIN_WARM_C = 40.0  # temperature above which a heater counts as warm
 
 
 class Agent:
@@ -159,7 +159,7 @@ class Agent:
         if key == self._pushed_key and now_s < self._push_wall_s:
             return
         self._pushed_key = key
-        is_warm = report is not None and max(report.nozzle_c, report.bed_c) > WARM_C
+        is_warm = report is not None and max(report.nozzle_c, report.bed_c) > MIN_WARM_C
         self._push_wall_s = now_s + (PUSH_S if is_warm or session is not None else IDLE_PUSH_S)
         if self._server is not None:
             self._server.push(self._build_snapshot())

@@ -120,7 +120,9 @@ class Recorder:
         if session is not None:
             alarms.take_session_finding(session, now_s)
         elif (stuck_text := alarms.take_idle_finding(board.stuck_heater_text, now_s)) is not None:
-            board.state.attention_reason = _join(board.state.attention_reason, f"{stuck_text}: switch it off")
+            board.state.attention_reason = _join_clauses(
+                board.state.attention_reason, f"{stuck_text}: switch it off"
+            )
         board.stuck_heater_text = None
         outcome = alarms.poll_outcome()
         if outcome is None:
@@ -129,7 +131,7 @@ class Recorder:
             session.add_reason(outcome)
         else:
             finding = None if alarms.alarm is None else alarms.alarm.text
-            board.state.attention_reason = _join(board.state.attention_reason or finding, outcome)
+            board.state.attention_reason = _join_clauses(board.state.attention_reason or finding, outcome)
 
     def _write(self) -> None:
         session, saved_state, now_s = self.board.session, self.journal.state, self._clock.now()
@@ -203,5 +205,5 @@ class Recorder:
         return saved_print.model_copy(update=readings)
 
 
-def _join(text: str | None, addition: str) -> str:
+def _join_clauses(text: str | None, addition: str) -> str:
     return addition if text is None else f"{text}; {addition}"

@@ -29,8 +29,8 @@ from drivers.remote import (
 
 log = logging.getLogger(__name__)
 
-_RETRY_S = 1.0
-_END_S = 30.0
+_RETRY_S = 1.0  # wall seconds between two attempts to connect to the agent
+_END_S = 30.0  # wall seconds for an idle agent to end
 
 
 class AgentWatch:

@@ -12,7 +12,7 @@ from drivers.records import StartFile
 from drivers.remote import build_ssh_command
 from drivers.safety import StopResult
 
-_STOP_S = 200.0
+_STOP_S = 200.0  # wall seconds for all emergency stops
 
 
 def stop_host(

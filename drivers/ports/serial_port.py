@@ -22,8 +22,8 @@ from drivers.clock import Clock
 from drivers.emulator.launch import launch
 from drivers.errors import PortError
 
-DTR_PULSE_S = 0.1
-DRAIN_S = 1.0
+DTR_PULSE_S = 0.1  # duration of a pulse that resets the board
+DRAIN_S = 1.0  # maximum time for unsent bytes to be transmitted
 _DRAIN_POLL_S = 0.01
 _READ_BYTES = 4096
 _PTY = "/dev/pts/"  # the kernel keeps a pty exclusive until its other end is closed
@@ -58,7 +58,7 @@ class SerialPort:
             port = serial.Serial(str(self.path), self._baud_rate, timeout=0, exclusive=self._exclusive)
         except (serial.SerialException, OSError, ValueError) as error:
             raise PortError(
-                f"{self.path}: cannot be opened ({_describe_cause(error)}); {_advise(error)}"
+                f"{self.path}: cannot be opened ({_describe_cause(error)}); {_suggest_remedy(error)}"
             ) from error
         try:
             # Otherwise closing the port drops DTR, and the next host that opens it resets the board twice.
@@ -282,7 +282,7 @@ def _describe_cause(error: BaseException) -> str:
     return os.strerror(number) if isinstance(number, int) else str(error)
 
 
-def _advise(error: BaseException) -> str:
+def _suggest_remedy(error: BaseException) -> str:
     match getattr(error, "errno", None):
         case 2:
             return "is the printer plugged in and switched on?"

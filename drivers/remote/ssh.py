@@ -18,7 +18,7 @@ SSH = (
     "-o ControlMaster=no -o ControlPath=none"
 )
 NO_AGENT = "no agent is running there"
-_STOP_S = 200.0
+_STOP_S = 200.0  # wall seconds for an emergency stop
 
 
 class BridgeTask(StrEnum):

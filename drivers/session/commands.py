@@ -8,7 +8,7 @@ from drivers.errors import Fault
 from drivers.link import Phase as LinkPhase
 from drivers.session.context import Answer, PrintEnded, Script, SessionContext, Wait
 
-SEND_S = 180.0
+SEND_S = 180.0  # maximum time for commands to be executed
 RESET_S = 30.0  # maximum time for a port that disappeared to return
 CONNECT_S = 30.0  # the link itself queries before that
 TRIES = 3

@@ -10,7 +10,7 @@ from drivers.session.context import PrintEnded, Script, SessionContext
 HOME_SLACK_MM = 30.0  # M206 shifts the Z coordinate of the home position
 
 
-def identify(context: SessionContext) -> Script:
+def identify_printer(context: SessionContext) -> Script:
     """Reset the board and verify that it is this printer's, before anything heats.
 
     A banner has no checksum: one that is unreadable or does not match is requested again.

@@ -21,7 +21,7 @@ from drivers.link import Phase as LinkPhase
 from drivers.messages import PrintPhase
 from drivers.session.context import PrintEnded, Script, SessionContext, Wait
 from drivers.session.heat import compute_power_off_due_s, note_suspicion, watch_heaters
-from drivers.session.identification import identify
+from drivers.session.identification import identify_printer
 from drivers.session.print_abort import abort_print
 from drivers.session.stream import print_program
 
@@ -65,14 +65,14 @@ class Session:
         if now_s >= self._find_print_deadline_s():
             print_end = print_end or PrintEnded(Fault.HOURS_ENDED, UNATTENDED_REASON)
         if print_end is not None:
-            self._leave(print_end)
+            self._end_print(print_end)
         if now_s >= compute_power_off_due_s(context):
             context.request_power_off()
         while not context.ended:
             if self._wait.condition():
-                self._step(lambda: self._script.send(True))
+                self._run_step(lambda: self._script.send(True))
             elif now_s >= self._wait.deadline_s:
-                self._step(lambda: self._script.send(False))
+                self._run_step(lambda: self._script.send(False))
             else:
                 return
 
@@ -99,14 +99,14 @@ class Session:
         """End the print safely; no effect if it is ending already."""
         self.context.now_s = now_s
         if self.context.phase is not PrintPhase.ENDING and not self.context.ended:
-            self._leave(PrintEnded(None, reason))
+            self._end_print(PrintEnded(None, reason))
             self.advance((), now_s)
 
     def fail(self, fault: Fault, reason: str, now_s: float) -> None:
         """End the print by a fault that the caller found, such as a lost port."""
         self.context.now_s = now_s
         if not self.context.ended:
-            self._leave(PrintEnded(fault, reason))
+            self._end_print(PrintEnded(fault, reason))
             self.advance((), now_s)
 
     def add_reason(self, text: str) -> None:
@@ -116,12 +116,12 @@ class Session:
             self.context.reason = text if reason is None else f"{reason}; {text}"
 
     def _find_print_deadline_s(self) -> float:
-        """Compute the time limit of an open print."""
+        """Return the time limit of an open print; infinite if it has none."""
         context = self.context
         is_printing = context.phase is not PrintPhase.ENDING and not context.ended
         return context.ends_by_s if is_printing and context.ends_by_s is not None else math.inf
 
-    def _step(self, step: Callable[[], Wait]) -> None:
+    def _run_step(self, step: Callable[[], Wait]) -> None:
         context = self.context
         try:
             self._wait = step()
@@ -131,8 +131,8 @@ class Session:
             context.link.poll_every_s = context.pace.idle_s
             context.link.poll(context.now_s)
 
-    def _leave(self, print_end: PrintEnded) -> None:
-        self._step(lambda: self._script.throw(print_end))
+    def _end_print(self, print_end: PrintEnded) -> None:
+        self._run_step(lambda: self._script.throw(print_end))
 
 
 def _run(context: SessionContext) -> Script:
@@ -141,7 +141,7 @@ def _run(context: SessionContext) -> Script:
     try:
         if context.program is None:
             raise PrintEnded(context.previous_fault, _PREVIOUS_FAULT_REASONS[context.previous_fault])
-        yield from identify(context)
+        yield from identify_printer(context)
         yield from print_program(context, context.program)
     except (PrintEnded, UnreadableFile) as error:
         print_end = error if isinstance(error, PrintEnded) else PrintEnded(Fault.BAD_FILE, str(error))

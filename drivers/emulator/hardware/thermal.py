@@ -62,7 +62,7 @@ class Heater:
         """Compute the temperature at a time, which must not be before the time of the last call."""
         if now_s > self._time_s:
             if self.burns:
-                self._approach(now_s - self._time_s, is_powered=True)
+                self._update_temperature(now_s - self._time_s, is_powered=True)
                 self._decide_s = now_s
             elif self._period_s > 0.0:
                 self._switch(now_s)
@@ -97,24 +97,24 @@ class Heater:
             return math.inf
         return self.model.tau_s * math.log((start_c - AMBIENT_C) / (temperature_c - AMBIENT_C))
 
-    def _approach(self, seconds: float, is_powered: bool) -> None:
+    def _update_temperature(self, seconds: float, is_powered: bool) -> None:
         end_c = AMBIENT_C + (self.model.gain_c if is_powered and not self.dead else 0.0)
         self._temperature_c = end_c + (self._temperature_c - end_c) * math.exp(-seconds / self.model.tau_s)
 
     def _regulate(self, now_s: float) -> None:
         target_c = max(self.target_c, AMBIENT_C)
         if self.dead:
-            self._approach(now_s - self._time_s, is_powered=False)
+            self._update_temperature(now_s - self._time_s, is_powered=False)
             return
         is_below = self._temperature_c < target_c
-        self._approach(now_s - self._time_s, is_powered=is_below)
+        self._update_temperature(now_s - self._time_s, is_powered=is_below)
         if (self._temperature_c >= target_c) == is_below:
             self._temperature_c = target_c  # reached in between, and held since then
 
     def _switch(self, now_s: float) -> None:
         if self.target_c <= AMBIENT_C:
             self._is_on = False
-            self._approach(now_s - self._time_s, is_powered=False)
+            self._update_temperature(now_s - self._time_s, is_powered=False)
             self._decide_s = now_s
             return
         while self._time_s < now_s:
@@ -122,5 +122,5 @@ class Heater:
                 self._is_on = self._temperature_c < self.target_c
                 self._decide_s = self._time_s + self._period_s
             until_s = min(now_s, self._decide_s)
-            self._approach(until_s - self._time_s, self._is_on)
+            self._update_temperature(until_s - self._time_s, self._is_on)
             self._time_s = until_s
