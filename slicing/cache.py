@@ -10,7 +10,7 @@ from pathlib import Path
 
 CACHE_BYTES = 4 * 2**30
 """Maximum size of a cache; a part that fills a bed has 0.07 GB of G-code."""
-# KEY.json, KEY.gcode, and .KEY.gcode.xyz of a program that was killed while it wrote.
+# KEY.json, KEY.gcode, and .KEY.gcode.xyz of a program that was killed while writing.
 _ENTRY_FILE = re.compile(r"\.?([0-9a-f]{64})\.(?:json|gcode)(?:\.\w+)?")
 
 
@@ -39,13 +39,13 @@ def find_least_recently_used(entries: Iterable[CacheEntry], max_bytes: int) -> l
         Names of the entries to remove.
     """
     by_use = sorted(entries, key=lambda entry: (entry.used_s, entry.name))
-    excess = sum(entry.size_bytes for entry in by_use) - max_bytes
+    excess_bytes = sum(entry.size_bytes for entry in by_use) - max_bytes
     names = []
     for entry in by_use:
-        if excess <= 0:
+        if excess_bytes <= 0:
             break
         names.append(entry.name)
-        excess -= entry.size_bytes
+        excess_bytes -= entry.size_bytes
     return names
 
 

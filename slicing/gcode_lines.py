@@ -16,7 +16,7 @@ MAX_MM = 1e4
 """Maximum coordinate on any printer, in mm."""
 MAX_E = 1e8
 """Maximum E, in mm: a file may count all of its filament without a reset."""
-MAX_OTHER = 1e6
+MAX_OTHER_VALUE = 1e6
 
 _CODE = re.compile(r"([GMT])0*(\d{1,5}(?:\.\d+)?)(?![\d.])")
 _NUMBERED_LINE = re.compile(rb"\s*[Nn](\d+)\s*(.*)\Z", re.DOTALL)
@@ -104,7 +104,7 @@ def parse_words(rest: str, number: int) -> Words:
     Raises
     ------
     GcodeRefused
-        If the firmware would read it in another way, or a number is out of any printer's range.
+        If the firmware would read it differently, or a number is out of any printer's range.
     """
     words: Words = {}
     offset = 0
@@ -113,7 +113,7 @@ def parse_words(rest: str, number: int) -> Words:
     while offset < len(rest) and (word := _WORD.match(rest, offset)) is not None:
         letter, digits = word.groups()
         if letter in words:
-            raise GcodeRefused(f"line {number}: {letter} appears twice in {quote_text(rest)}: take one out")
+            raise GcodeRefused(f"line {number}: {letter} appears twice in {quote_text(rest)}: remove one")
         value = float(digits)
         if abs(value) > _find_max_value(letter):
             raise GcodeRefused(
@@ -136,7 +136,7 @@ def _find_max_value(letter: str) -> float:
     """Find the maximum value of a word with this letter."""
     if letter in "XYZIJ":
         return MAX_MM
-    return MAX_E if letter == "E" else MAX_OTHER
+    return MAX_E if letter == "E" else MAX_OTHER_VALUE
 
 
 def _strip_number(command: bytes, number: int) -> bytes:

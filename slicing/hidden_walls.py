@@ -1,7 +1,7 @@
 """Faster walls along the hidden sides of a part: upright cut faces, which nobody sees once parts are glued.
 
 CuraEngine has one speed for outer walls and one for inner walls, so its G-code is changed: the same lines
-with the same filament at another feedrate. The times in its comments are planned anew.
+with the same filament at a higher feedrate. The times in its comments are computed again.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def speed_up_hidden_walls(
     Returns
     -------
     bytes
-        The same lines with other feedrates; the ends of fast lines are lines of their own.
+        The same lines with higher feedrates; the end of each fast line becomes a separate line.
     """
     fast = find_fast_walls(path, sides, settings)
     if not fast.share.any():
@@ -190,7 +190,8 @@ def _format_line(end: Floats, feed_mm_min: float) -> bytes:
 def _change_times(gcode: bytes, path: Toolpath, limits: MotionLimits) -> bytes:
     """Subtract from the times in the comments of faster G-code what each layer saves.
 
-    path: the moves before. Cura's time of a layer changes in the ratio of the planned times of its moves.
+    `path` has the moves before the change. Cura's time of a layer changes in proportion to the planned times
+    of its moves.
     """
     fast_path = read_toolpath(gcode)
     planned_s, fast_s = _plan_layers_s(path, limits), _plan_layers_s(fast_path, limits)

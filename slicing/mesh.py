@@ -1,8 +1,8 @@
 """Binary STL of a part, and waves in its flat sides where CuraEngine would lose a corner.
 
-CuraEngine 4.13 loses a corner if the lengths of its two sides have the product 2**32 um2, see
-`slicing.plate`. Where a part widens slowly with its height, some layer always has such a corner, whatever the
-expansion of the part. A wave of hundredths of a mm divides each long flat side, so that no corner has two
+CuraEngine 4.13 loses a corner if the product of the lengths of its two sides is 2**32 um2 (see
+`slicing.plate`). Where a part widens slowly with its height, some layer always has such a corner, whatever
+the expansion of the part. A wave of hundredths of a mm divides each long flat side, so that no corner has two
 long sides.
 """
 

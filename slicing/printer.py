@@ -85,7 +85,7 @@ class HeadShape:
 
     Attributes
     ----------
-    left, right, front, back
+    left_mm, right_mm, front_mm, back_mm
         Edges seen from above; those on the left and at the front are negative.
     underside_mm
         Height of its underside above the tip.

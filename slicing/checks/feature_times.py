@@ -12,7 +12,7 @@ from slicing.checks.toolpath import Toolpath
 
 _STANDSTILL_MM_S = 0.05
 _PASSES = 8
-"""Moves before and after a junction that may bound its speed."""
+"""Number of moves before and after a junction that may limit its speed."""
 _GROUPS = {
     "WALL-OUTER": "walls_s",
     "WALL-INNER": "walls_s",
@@ -102,25 +102,34 @@ def estimate_move_seconds(path: Toolpath, limits: MotionLimits) -> Floats:
     direction = delta_mm / length_mm[:, None]
     share = np.maximum(np.abs(direction), 1e-9)
     feed_mm_s = np.maximum(path.feed_mm_min, 1.0) / 60.0
-    top = np.minimum(feed_mm_s, (limits.max_feed_mm_s / share).min(axis=1))
-    acceleration = np.minimum(limits.acceleration_mm_s2, (limits.max_acceleration_mm_s2 / share).min(axis=1))
-    gain = 2.0 * acceleration * length_mm  # largest change of the squared speed over a move
-    junction = _limit_junctions(direction * top[:, None], top, limits.jerk_mm_s) ** 2
+    top_mm_s = np.minimum(feed_mm_s, (limits.max_feed_mm_s / share).min(axis=1))
+    acceleration_mm_s2 = np.minimum(
+        limits.acceleration_mm_s2, (limits.max_acceleration_mm_s2 / share).min(axis=1)
+    )
+    gain_mm2_s2 = 2.0 * acceleration_mm_s2 * length_mm  # largest change of the squared speed over a move
+    junction_mm2_s2 = _limit_junctions(direction * top_mm_s[:, None], top_mm_s, limits.jerk_mm_s) ** 2
     for _ in range(_PASSES):
-        junction[1:] = np.minimum(junction[1:], junction[:-1] + gain)
-        junction[:-1] = np.minimum(junction[:-1], junction[1:] + gain)
-    entry, exit_ = junction[:-1], junction[1:]
-    peak = np.minimum(top, np.sqrt(np.maximum((gain + entry + exit_) / 2.0, np.maximum(entry, exit_))))
-    ramps_mm = np.maximum(2.0 * peak**2 - entry - exit_, 0.0) / (2.0 * acceleration)
-    ramps_s = (2.0 * peak - np.sqrt(entry) - np.sqrt(exit_)) / acceleration
-    seconds: Floats = ramps_s + np.maximum(length_mm - ramps_mm, 0.0) / peak
+        junction_mm2_s2[1:] = np.minimum(junction_mm2_s2[1:], junction_mm2_s2[:-1] + gain_mm2_s2)
+        junction_mm2_s2[:-1] = np.minimum(junction_mm2_s2[:-1], junction_mm2_s2[1:] + gain_mm2_s2)
+    entry_mm2_s2, exit_mm2_s2 = junction_mm2_s2[:-1], junction_mm2_s2[1:]
+    peak_mm_s = np.minimum(
+        top_mm_s,
+        np.sqrt(
+            np.maximum(
+                (gain_mm2_s2 + entry_mm2_s2 + exit_mm2_s2) / 2.0, np.maximum(entry_mm2_s2, exit_mm2_s2)
+            )
+        ),
+    )
+    ramps_mm = np.maximum(2.0 * peak_mm_s**2 - entry_mm2_s2 - exit_mm2_s2, 0.0) / (2.0 * acceleration_mm_s2)
+    ramps_s = (2.0 * peak_mm_s - np.sqrt(entry_mm2_s2) - np.sqrt(exit_mm2_s2)) / acceleration_mm_s2
+    seconds: Floats = ramps_s + np.maximum(length_mm - ramps_mm, 0.0) / peak_mm_s
     return np.where(np.any(delta_mm != 0.0, axis=1), seconds, 0.0)
 
 
-def _limit_junctions(velocity: Floats, top: Floats, jerk_mm_s: Floats) -> Floats:
-    """Compute the highest speeds (n + 1,) before, between and after moves: X and Y by their joint jerk."""
-    change = np.abs(np.diff(velocity, axis=0))
-    change[:, 0] = change[:, 1] = np.hypot(change[:, 0], change[:, 1])
-    share = np.minimum(1.0, (jerk_mm_s / np.maximum(change, 1e-9)).min(axis=1))
-    between = np.minimum(top[:-1], top[1:]) * share
-    return np.concatenate(([_STANDSTILL_MM_S], between, [_STANDSTILL_MM_S]))
+def _limit_junctions(velocity_mm_s: Floats, top_mm_s: Floats, jerk_mm_s: Floats) -> Floats:
+    """Compute the highest speeds (n + 1,) before, between and after moves; X and Y share one jerk."""
+    change_mm_s = np.abs(np.diff(velocity_mm_s, axis=0))
+    change_mm_s[:, 0] = change_mm_s[:, 1] = np.hypot(change_mm_s[:, 0], change_mm_s[:, 1])
+    share = np.minimum(1.0, (jerk_mm_s / np.maximum(change_mm_s, 1e-9)).min(axis=1))
+    between_mm_s = np.minimum(top_mm_s[:-1], top_mm_s[1:]) * share
+    return np.concatenate(([_STANDSTILL_MM_S], between_mm_s, [_STANDSTILL_MM_S]))

@@ -1,9 +1,9 @@
 """Comparison of each layer's printed outline with the mesh's section, for missing and for extra areas.
 
 First the areas and first moments of all sections and of all printed outlines are compared, computed from
-their segments by Green's theorem. Only the layers that differ are compared as polygons, which show the place,
-and whether the missing area is thinner than two lines. A thin area is reported; for any other the slice is
-rejected.
+their segments by Green's theorem. Only the layers that differ are compared as polygons, which show the place
+of the difference, and whether the missing area is thinner than two lines. A thin area is reported; for any
+other the slice is rejected.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ MIN_WALL_MM2 = 5.0
 """Smallest wall that is reported."""
 MIN_REJECTED_MM2 = 1.0
 """Smallest missing or extra piece for which a slice is rejected."""
-LOST_MM2, LOST_SHARE = 50.0, 0.02
+MAX_LOST_MM2, MAX_LOST_SHARE = 50.0, 0.02
 """Maximum area that the inner walls may lack: a constant, plus a share of the layer. A corner that the engine
 loses has 2000 mm2."""
 TIP_MM = 1.0
@@ -35,7 +35,7 @@ TIP_MM = 1.0
 EXACT_LAYERS = 24
 """Maximum number of differing layers that are compared as polygons; the others count like their
 neighbours."""
-_PLANE_MM = 0.005  # the engine rounds to 0.001 mm, which tilts nearly flat faces
+_PLANE_OFFSET_MM = 0.005  # the engine rounds to 0.001 mm, which tilts nearly flat faces
 _NEGLIGIBLE_MM2 = 0.2
 
 
@@ -156,7 +156,7 @@ def _check_areas(model: Rings, printed: Rings, walls: Walls, layout: WallLayout)
             "mesh is broken; thicken them, scale it up, choose a finer nozzle, or repair it",
         )
     missing_mm2 = walls.compute_missing_areas_mm2(layout, len(model.area_mm2))
-    incomplete = np.flatnonzero(missing_mm2 > LOST_MM2 + LOST_SHARE * model.area_mm2)
+    incomplete = np.flatnonzero(missing_mm2 > MAX_LOST_MM2 + MAX_LOST_SHARE * model.area_mm2)
     if len(incomplete):
         layer = int(incomplete[0])
         raise SliceRejected(
@@ -168,9 +168,9 @@ def _check_areas(model: Rings, printed: Rings, walls: Walls, layout: WallLayout)
 
 def _expand_sections(model: Rings, layout: WallLayout) -> Rings:
     """Expand sections by the engine's horizontal expansion, to first order."""
-    offset = np.full(len(model.area_mm2), layout.offset_mm)
-    offset[:1] = layout.offset_0_mm
-    return Rings(model.area_mm2 + offset * model.length_mm, model.length_mm, model.moment_mm3)
+    offset_mm = np.full(len(model.area_mm2), layout.offset_mm)
+    offset_mm[:1] = layout.offset_0_mm
+    return Rings(model.area_mm2 + offset_mm * model.length_mm, model.length_mm, model.moment_mm3)
 
 
 def _sample_layers(layers: npt.NDArray[np.intp], difference_mm2: Floats) -> npt.NDArray[np.intp]:
@@ -190,7 +190,7 @@ class _Sections:
         self._layout = layout
 
     def cut_at(self, z_mm: float, layer: int) -> Geometry:
-        """Find the area at a height with a positive winding number, expanded as in `layer`."""
+        """Build the area at a height where the winding number is positive, expanded as in `layer`."""
         pieces = list(cut_sections(self._corners, np.array([z_mm])))
         if not pieces:
             return shapely.Polygon()
@@ -204,8 +204,8 @@ class _Sections:
         solid = [
             face for face, (x, y) in zip(faces, points, strict=True) if _compute_winding(start, end, x, y) > 0
         ]
-        offset = self._layout.offset_0_mm if layer == 0 else self._layout.offset_mm
-        return shapely.union_all(solid).buffer(offset, join_style="mitre")
+        offset_mm = self._layout.offset_0_mm if layer == 0 else self._layout.offset_mm
+        return shapely.union_all(solid).buffer(offset_mm, join_style="mitre")
 
 
 def _compute_winding(start: Floats, end: Floats, x: float, y: float) -> int:
@@ -222,11 +222,14 @@ def _compare_layer(
 ) -> list[tuple[int, Geometry]]:
     """Find thin pieces that are missing in a layer, each with the layer; reject any other difference."""
     adjacent_sections = [
-        sections.cut_at(float(z_mm[layer]) + side, layer) for side in (-_PLANE_MM, _PLANE_MM)
+        sections.cut_at(float(z_mm[layer]) + offset_mm, layer)
+        for offset_mm in (-_PLANE_OFFSET_MM, _PLANE_OFFSET_MM)
     ]
     printed = walls.build_printed_area(layer, shapely.union_all(adjacent_sections))
     tolerance_mm = TOLERANCE_MM + layout.slack_mm
-    extra_area = _find_worst(printed.difference(shapely.union_all(adjacent_sections).buffer(tolerance_mm)))
+    extra_area = _find_largest_piece(
+        printed.difference(shapely.union_all(adjacent_sections).buffer(tolerance_mm))
+    )
     layer_text = f"layer {layer} (Z {layout.compute_top_mm(layer):.2f} mm)"
     if extra_area is not None:
         raise SliceRejected(
@@ -242,7 +245,7 @@ def _compare_layer(
         )
     two_lines_mm = float(layout.compute_reach_mm(np.array([layer], np.int32))[0]) + 0.03
     thick_area = certain_area.buffer(-two_lines_mm).buffer(two_lines_mm)
-    lost_area = _find_worst(missing_area.intersection(thick_area))
+    lost_area = _find_largest_piece(missing_area.intersection(thick_area))
     if lost_area is not None:
         raise SliceRejected(
             Rule.OUTLINE,
@@ -257,7 +260,7 @@ def _compare_layer(
     ]
 
 
-def _find_worst(shape: Geometry) -> Geometry | None:
+def _find_largest_piece(shape: Geometry) -> Geometry | None:
     """Find the largest piece that is more than a sliver; None if there is none."""
     core = shape.buffer(-TOLERANCE_MM / 2).buffer(TOLERANCE_MM / 2)
     pieces = [piece for piece in shapely.get_parts(core) if piece.area > MIN_REJECTED_MM2]

@@ -1,7 +1,7 @@
 """Rules that CuraEngine's log and G-code must meet to be printed.
 
-For most bad input CuraEngine ends with exit code 0 and a file that heats, homes and prints nothing, or only a
-part of the model; so every file is checked before it is printed.
+For most bad input CuraEngine ends with exit code 0 and writes a file that heats, homes and prints nothing, or
+only a part of the model; so every file is checked before it is printed.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from slicing.checks.toolpath import NO_LAYER, Toolpath
 from slicing.errors import OutsideBed, Rule, SliceRejected
 
 PARK_TOLERANCE_MM = 0.1
-TOP_MM = 1.0
+MAX_MISSING_TOP_MM = 1.0
 """Maximum height that may be missing if the outline is not compared."""
 BED_TOLERANCE_MM = 0.2
 """Tolerance at the edges of a bed: a brim is whole lines wide, and support may exceed the part by half a
@@ -30,7 +30,7 @@ class GcodeFacts:
     """Facts of a G-code file; coordinates are the printer's, in mm."""
 
     flavour: str
-    sliced_s: float  # the layers, without heating, homing, start and end
+    sliced_s: float  # time of the layers, without heating, homing, start and end
     filament_mm: float  # without priming
     layer_count: int  # planned by the engine
     layers: int  # those with extrusion
@@ -141,7 +141,7 @@ def check_facts(
     removed_mm
         Height of the empty layers that the engine removed at the bottom.
     is_top_checked
-        Whether the outline is compared up to the top; else `TOP_MM` of the height may be missing.
+        Whether the outline is compared up to the top; else `MAX_MISSING_TOP_MM` of the height may be missing.
     layer_height_mm
         Height of the thickest layer; a flat top may be off by half of it.
     min_extrusion_c
@@ -157,16 +157,21 @@ def check_facts(
     if not facts.layers == facts.top_layer + 1 <= facts.layer_count:
         raise SliceRejected(
             Rule.LAYERS,
-            f"only {facts.layers} of the first {facts.top_layer + 1} layers have something to print, and its "
-            f"header says {facts.layer_count}; repair the mesh, or turn a part with a tip on the bed",
+            f"only {facts.layers} of the first {facts.top_layer + 1} layers have something to print, and the "
+            f"file's header says {facts.layer_count}; repair the mesh, or turn the part if it stands on a "
+            "tip",
         )
     tolerance_mm = layer_height_mm / 2 + 0.005
     missing_mm = height_mm - removed_mm - facts.max_mm[2]
-    if missing_mm < -tolerance_mm or removed_mm > TOP_MM or (missing_mm > TOP_MM and not is_top_checked):
+    if (
+        missing_mm < -tolerance_mm
+        or removed_mm > MAX_MISSING_TOP_MM
+        or (missing_mm > MAX_MISSING_TOP_MM and not is_top_checked)
+    ):
         raise SliceRejected(
             Rule.HEIGHT,
             f"the print is {facts.max_mm[2]:.2f} mm high, the model {height_mm:.2f} mm; repair the mesh, or "
-            "turn a part with a tip on the bed",
+            "turn the part if it stands on a tip",
         )
     _check_commands(facts, min_extrusion_c)
 
@@ -253,12 +258,12 @@ _HEADER_TIME = re.compile(r"(?m)^;TIME:.*$")
 
 
 def replace_header(gcode: bytes, log: str, sliced_s: float) -> bytes:
-    """Replace the header of placeholders by the one in the log (time, filament, bounds).
+    """Replace the placeholder header with the one in the log (time, filament, bounds).
 
     Parameters
     ----------
     gcode
-        CuraEngine's output, with a header of placeholders.
+        CuraEngine's output, with a placeholder header.
     log
         CuraEngine's log; the G-code is not changed if the log has no header.
     sliced_s

@@ -1,7 +1,7 @@
 """Horizontal sections of a closed triangle mesh: their area, length and moments at many heights at once.
 
-A plane cuts each triangle in a directed segment with the solid on its left. Green's theorem then gives the
-area of a section from its segments alone, without joining them to loops first.
+A plane cuts each triangle along a directed segment with the solid on its left. Green's theorem then gives the
+area of a section from its segments alone, without joining them into loops first.
 """
 
 from __future__ import annotations
@@ -46,14 +46,14 @@ def measure_rings(segments: Iterator[tuple[npt.NDArray[np.intp], Floats, Floats]
     count
         Number of heights, k.
     """
-    area, length, moment = np.zeros(count), np.zeros(count), np.zeros((count, 2))
+    area_mm2, length_mm, moment_mm3 = np.zeros(count), np.zeros(count), np.zeros((count, 2))
     for index, start, end in segments:
-        cross = start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0]
-        area += np.bincount(index, cross, count) / 2
-        length += np.bincount(index, np.hypot(*(end - start).T), count)
+        cross_mm2 = start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0]
+        area_mm2 += np.bincount(index, cross_mm2, count) / 2
+        length_mm += np.bincount(index, np.hypot(*(end - start).T), count)
         for axis in range(2):
-            moment[:, axis] += np.bincount(index, (start + end)[:, axis] * cross, count) / 6
-    return Rings(area, length, moment)
+            moment_mm3[:, axis] += np.bincount(index, (start + end)[:, axis] * cross_mm2, count) / 6
+    return Rings(area_mm2, length_mm, moment_mm3)
 
 
 def cut_sections(corners: Floats, z_mm: Floats) -> Iterator[tuple[npt.NDArray[np.intp], Floats, Floats]]:
@@ -91,7 +91,7 @@ def cut_sections(corners: Floats, z_mm: Floats) -> Iterator[tuple[npt.NDArray[np
 
 
 def _cut_triangles(corners: Floats, z_mm: Floats) -> tuple[Floats, Floats]:
-    """Cut triangles (m, 3, 3) at a plane each, which crosses them: start and end (m, 2) in mm."""
+    """Cut triangles (m, 3, 3), each at a plane that crosses it: start and end (m, 2) in mm."""
     is_above = corners[..., 2] > z_mm[:, None]
     is_lone_above = is_above.sum(axis=1) == 1
     lone_corner = np.where(is_lone_above, is_above.argmax(axis=1), is_above.argmin(axis=1))

@@ -115,7 +115,7 @@ def read_toolpath(gcode: bytes) -> Toolpath:
     Raises
     ------
     SliceRejected
-        `FLAVOUR` if the firmware would read a line in another way, or not at all.
+        `FLAVOUR` if the firmware would read a line differently, or not at all.
     """
     text, moves, comments, commands = _split_file(gcode)
     columns = _read_columns(text, moves)
@@ -232,7 +232,7 @@ def _find_positions(columns: dict[int, Floats], commands: Iterable[Command]) -> 
 
 
 def _fill_gaps(column: Floats, first: float) -> Floats:
-    """Replace each NaN by the number before it, or by `first` if there is none."""
+    """Replace each NaN with the number before it, or with `first` if there is none."""
     is_known = ~np.isnan(column)
     last = np.maximum.accumulate(np.where(is_known, np.arange(len(column)), -1)) if len(column) else is_known
     return np.where(last < 0, first, column[last])

@@ -16,7 +16,7 @@ from slicing.settings import EngineSettings
 
 TOLERANCE_MM = 0.15
 """Tolerance of an outline: the engine simplifies it (0.05 mm), and a section on a slope is rounded."""
-_NEAR_MM = 1.0  # maximum distance of a line from an area that it fills
+_MAX_FILLING_DISTANCE_MM = 1.0  # maximum distance of a line from an area that it fills
 _MAX_GAPS = 8  # maximum number of gaps in a ring
 _EXACT_OUTLINE_SETTINGS = {
     "adaptive_layer_height_enabled": "False",
@@ -38,7 +38,7 @@ class WallLayout:
     layer_height_0_mm: float
     layer_height_mm: float
     width_mm: float
-    factor_0: float  # the first layer's width over the others'
+    factor_0: float  # ratio of the first layer's line width to that of the others
     inset_mm: float
     offset_0_mm: float  # growth of the model in the first layer
     offset_mm: float
@@ -99,7 +99,7 @@ class Walls:
     run: npt.NDArray[np.intp]  # index of the unbroken line of a move
     is_closed: npt.NDArray[np.bool_]  # whether that line is a ring
     width_mm: Floats  # by the extruded filament
-    half_width_mm: Floats  # of the line's width; of a ring: from its middle to the model's outline
+    half_width_mm: Floats  # half of the line's width; for a ring, from its middle to the model's outline
     other_lines: Floats  # (m, 6) all other lines of the part: start, end, layer, half width
     inner_lines: Floats  # (k, 5) lines of the inner walls: start, end, layer
 
@@ -153,12 +153,12 @@ class Walls:
         sign = np.where(inside.area_mm2 < 0, -1.0, 1.0)
         band_mm2 = np.hypot(*(self.end - self.start).T) * self.half_width_mm * np.where(is_ring, 1.0, 2.0)
         corners_mm2 = np.bincount(self.layer, self._compute_corners_mm2(), count)
-        area = sign * (inside.area_mm2 + corners_mm2) + np.bincount(self.layer, band_mm2, count)
-        moment = sign[:, None] * inside.moment_mm3
+        area_mm2 = sign * (inside.area_mm2 + corners_mm2) + np.bincount(self.layer, band_mm2, count)
+        moment_mm3 = sign[:, None] * inside.moment_mm3
         for axis in range(2):
-            middle = (self.start[:, axis] + self.end[:, axis]) / 2
-            moment[:, axis] += np.bincount(self.layer, band_mm2 * middle, count)
-        return Rings(area, inside.length_mm, moment)
+            middle_mm = (self.start[:, axis] + self.end[:, axis]) / 2
+            moment_mm3[:, axis] += np.bincount(self.layer, band_mm2 * middle_mm, count)
+        return Rings(area_mm2, inside.length_mm, moment_mm3)
 
     def compute_missing_areas_mm2(self, layout: WallLayout, count: int) -> Floats:
         """Compute the area (count,) that the inner walls of each layer enclose less than expected.
@@ -237,8 +237,8 @@ class Walls:
         """Build the area of the other lines in a layer that come near a rectangle (x0, y0, x1, y1)."""
         rows = self.other_lines[self.other_lines[:, 4] == layer]
         low, high = (
-            np.minimum(rows[:, :2], rows[:, 2:4]) - _NEAR_MM,
-            np.maximum(rows[:, :2], rows[:, 2:4]) + _NEAR_MM,
+            np.minimum(rows[:, :2], rows[:, 2:4]) - _MAX_FILLING_DISTANCE_MM,
+            np.maximum(rows[:, :2], rows[:, 2:4]) + _MAX_FILLING_DISTANCE_MM,
         )
         is_near = (low[:, 0] < bounds[2]) & (low[:, 1] < bounds[3])
         rows = rows[is_near & (high[:, 0] > bounds[0]) & (high[:, 1] > bounds[1])]
@@ -288,6 +288,6 @@ def _join_runs(
 
 
 def _build_strokes(start: Floats, end: Floats, half_width_mm: Floats) -> Geometry:
-    """Build the area of lines (n, 2) of a half width (n,)."""
+    """Build the area of lines (n, 2) with half widths (n,)."""
     lines = shapely.linestrings(np.stack((start, end), axis=1))
     return shapely.union_all(shapely.buffer(lines, half_width_mm))

@@ -16,9 +16,9 @@ from slicing.own_gcode.target import PrintTarget
 from slicing.own_gcode.writer import Stopwatch, Writer
 
 PLAUSIBLE_RATIO = (0.2, 2.5)
-"""Bounds of the mean section of the lines, as a multiple of a line a nozzle wide and a layer high. Slicers
-reach 2, and ironing may bring it far below 1; E in mm3 instead of mm gives about 6 (or 0.15), and filament of
-1.75 mm instead of 2.85 mm about 2.7."""
+"""Bounds of the ratio of the lines' mean cross-section to that of a line a nozzle wide and a layer high.
+Slicers reach 2, and ironing may bring it far below 1; E in mm3 instead of mm gives about 6 (or 0.15), and
+filament of 1.75 mm instead of 2.85 mm about 2.7."""
 MAX_LAYER_SHARE = 0.8
 """Maximum layer height as a share of the nozzle's diameter: higher lines do not stick."""
 SLACK_LAYERS = 1.25
@@ -42,9 +42,10 @@ class AcceptedGcode:
     filament_mm
         Length of filament, without priming.
     layers
-        Number of layers that the file marks, else of heights at which it prints.
+        Number of layers that the file marks, or of heights at which it prints if it marks none.
     min_mm, max_mm
-        Corners of all extrusion, in the printer's coordinates; in X and Y also of moves as low as clips.
+        Corners of all extrusion, in the printer's coordinates; in X and Y also of all moves as low as the
+        bed's clips.
     reach_min_mm, reach_max_mm
         Corners of all moves.
     filament_type
@@ -116,7 +117,7 @@ def accept_gcode(lines: Iterable[bytes], target: PrintTarget, *, stopwatch: Stop
         reach_min_mm=_to_point(extent.reach_low),
         reach_max_mm=_to_point(extent.reach_high),
         filament_type=survey.machine.filament_type,
-        notices=_build_notices(survey.is_ulticode, interpreter.omitted) + warnings,
+        notices=_build_notices(survey.is_ultigcode, interpreter.omitted) + warnings,
     )
 
 
@@ -152,7 +153,7 @@ def _add_start_and_end(printed: bytearray, interpreter: Interpreter, target: Pri
 
 
 def _compute_section_ratio(extent: Extent, layers: int, target: PrintTarget, nozzle_mm: float) -> float:
-    """Compute the ratio of the lines' mean section to the section of a line a nozzle wide and a layer high.
+    """Compute the ratio of the lines' mean cross-section to that of a line a nozzle wide and a layer high.
 
     Raises
     ------
@@ -167,16 +168,16 @@ def _compute_section_ratio(extent: Extent, layers: int, target: PrintTarget, noz
     ratio = section_mm2 / nominal_mm2
     if not PLAUSIBLE_RATIO[0] < ratio < PLAUSIBLE_RATIO[1]:
         raise GcodeRefused(
-            f"its lines have {section_mm2:.3f} mm2 of section on average; layers of {layer_mm:.3g} mm with a "
-            f"nozzle of {nozzle_mm:g} mm need about {nominal_mm2:.3f}: set the filament's diameter to "
-            f"{target.filament_mm:.4g} mm in your slicer, and let it count E in mm, not in mm3"
+            f"its lines have a mean cross-section of {section_mm2:.3f} mm2; layers of {layer_mm:.3g} mm with "
+            f"a nozzle of {nozzle_mm:g} mm need about {nominal_mm2:.3f}: set the filament's diameter to "
+            f"{target.filament_mm:.4g} mm in your slicer, and make it count E in mm, not in mm3"
         )
     return ratio
 
 
-def _build_notices(is_ulticode: bool, properties: dict[str, str]) -> tuple[str, ...]:
+def _build_notices(is_ultigcode: bool, properties: dict[str, str]) -> tuple[str, ...]:
     lines = ["Its start and end were replaced by the farm's."]
-    if is_ulticode:
+    if is_ultigcode:
         lines.append("Converted from UltiGCode; temperatures are those of the printer's material.")
     if properties:
         omitted_codes = ", ".join(f"{code} ({properties[code]})" for code in sorted(properties))

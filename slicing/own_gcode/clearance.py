@@ -11,7 +11,7 @@ from scipy import ndimage
 from slicing.printer import HeadShape
 
 _CELL_MM = 1.0
-_GRID_START_MM = -20.0  # where the grid begins, on X and Y
+_GRID_START_MM = -20.0  # where the grid begins, in X and Y
 _CELL_COUNT = 270
 _STEP_MM = 0.5  # distance between two samples of a line
 _BUFFER_SIZE = 512 * 6
@@ -74,7 +74,7 @@ class Clearance:
 
 
 def _sample_lines(lines: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Sample lines (n, 6) no further apart than a step: XY (m, 2) and Z (m,), in mm."""
+    """Sample points on lines (n, 6), no further apart than a step: XY (m, 2) and Z (m,), in mm."""
     start, end = lines[:, :3], lines[:, 3:]
     counts = np.ceil(np.linalg.norm(end - start, axis=1) / _STEP_MM).astype(np.intp) + 1
     first = np.repeat(np.cumsum(counts) - counts, counts)
@@ -84,13 +84,13 @@ def _sample_lines(lines: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDAr
 
 
 def _find_cells(xy: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Find row and column of each point; a point outside the grid, which no printer reaches, is clipped."""
+    """Find the row and the column of each point, clipped to the grid, beyond which no printer reaches."""
     cells = np.clip((xy - _GRID_START_MM) / _CELL_MM, 0, _CELL_COUNT - 1).astype(np.intp)
     return cells[:, 1], cells[:, 0]
 
 
 def _find_highest_below_head(height_mm: NDArray[np.float64], head: HeadShape) -> NDArray[np.float64]:
-    """Find the highest cell within the head's outline for each place of the nozzle."""
+    """Find the highest cell within the head's outline for each position of the nozzle."""
     left, right, front, back = (
         round(edge / _CELL_MM) for edge in (head.left_mm, head.right_mm, head.front_mm, head.back_mm)
     )

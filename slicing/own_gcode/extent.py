@@ -6,7 +6,7 @@ import math
 from collections import defaultdict
 
 CLIP_HEIGHT_MM = 10.0
-"""[assumed] Height below which the head must keep off the bed's clips also on travels."""
+"""[assumed] Height below which the head must keep off the bed's clips, even on travels."""
 MAX_PRIMED_MM = 1.0
 """Maximum filament that slicers extrude at standstill, beyond what was retracted before."""
 _NEGLIGIBLE_MM = 0.001
@@ -15,7 +15,7 @@ Corner = list[float]
 
 
 class Extent:
-    """Bounding boxes in the printer's coordinates, and the sums that show whether E is mm of filament.
+    """Bounding boxes in the printer's coordinates, and the sums that show whether E counts mm of filament.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Extent:
         self._primed_mm = self._jumped_mm = 0.0
         self._moves: list[Corner] = []  # since the last line that was printed
         self._fed_mm = 0.0
-        self._layer_z = self._step_mm = 0.0
+        self._layer_z_mm = self._step_mm = 0.0
         self._path_on_step_mm: defaultdict[float, float] = defaultdict(float)
 
     def record_move(self, target: Corner, fed_mm: float) -> None:
@@ -67,26 +67,26 @@ class Extent:
 
     def is_higher(self, start: Corner, target: Corner) -> bool:
         """Check whether a printed line lies higher than all before it, but is not the first."""
-        return self.path_mm > 0 and start[2] == target[2] > self._layer_z + 0.01
+        return self.path_mm > 0 and start[2] == target[2] > self._layer_z_mm + 0.01
 
     def record_line(self, start: Corner, target: Corner) -> None:
         """Record that the last move printed a line."""
         z, path_mm = target[2], math.dist(start, target)
-        if start[2] == z != self._layer_z:
-            self._step_mm = round(z - self._layer_z, 3) if z > self._layer_z else self._step_mm
-            self._layer_z = z
+        if start[2] == z != self._layer_z_mm:
+            self._step_mm = round(z - self._layer_z_mm, 3) if z > self._layer_z_mm else self._step_mm
+            self._layer_z_mm = z
         self._path_on_step_mm[self._step_mm] += path_mm
         self.path_mm += path_mm
         self.lines += 1
         self.filament_mm += self._fed_mm
         self._fed_mm = 0.0
         for point in self._moves:
-            _extend(self.reach_low, self.reach_high, point)
+            _extend_box(self.reach_low, self.reach_high, point)
             if point[2] < CLIP_HEIGHT_MM:
-                _extend(self.low, self.high, point[:2])
+                _extend_box(self.low, self.high, point[:2])
         self._moves.clear()
-        _extend(self.low, self.high, start)
-        _extend(self.low, self.high, target)
+        _extend_box(self.low, self.high, start)
+        _extend_box(self.low, self.high, target)
 
     @property
     def layer_mm(self) -> float:
@@ -99,7 +99,7 @@ class Extent:
         return 0.0
 
 
-def _extend(low: Corner, high: Corner, point: Corner) -> None:
+def _extend_box(low: Corner, high: Corner, point: Corner) -> None:
     """Extend a bounding box to contain a point."""
     for axis, value in enumerate(point):
         if value < low[axis]:

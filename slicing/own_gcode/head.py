@@ -15,17 +15,18 @@ RETRACTED_SLACK_MM = 0.5
 """Distance beyond the parked position at which the filament leaves the hot end."""
 MAX_EXTRUDED_MM = 200.0
 """Maximum filament in one move: more than any slicer extrudes, less than what the firmware refuses."""
-MIN_MM_S = 0.1
+MIN_SPEED_MM_S = 0.1
 MAX_START_RETRACTION_MM = 0.3
 """Maximum retraction at which a line may begin: slicers return the filament before a line."""
-MAX_SECTION = 4.0
-"""Maximum section of a line, over the nozzle's diameter squared: more than any slicer's."""
+MAX_CROSS_SECTION_RATIO = 4.0
+"""Maximum ratio of a line's cross-section to the square of the nozzle's diameter: more than any slicer's."""
 MAX_JUMP_MM = MAX_PRIMED_MM
 """Filament that a move may extrude beyond what was retracted and what its line takes. Where lines are missing
 from a file with absolute E, one move extrudes the filament of all of them."""
 MAX_DROP_MM = 10.0
-"""Height by which the head is raised before it parks in a pause, or homes after a cancellation."""
-TRAVEL_MM_S, LOWER_MM_S = 120.0, 20.0
+"""Maximum depth below the top of the print at which a line may be printed: the head is raised by this height
+before it parks in a pause, or homes after a cancellation."""
+TRAVEL_MM_S, LOWERING_MM_S = 120.0, 20.0
 
 Point = list[float]
 
@@ -40,7 +41,7 @@ class Head:
     code
         The printer's start and end code.
     marks_layers
-        Whether comments of the file say where layers begin.
+        Whether comments in the file mark where layers begin.
     gaps
         Records the moves that extrude.
     """
@@ -68,10 +69,10 @@ class Head:
         self._retraction_line = 0
 
     def forget_position(self) -> None:
-        """Set the position to unknown, as after homing."""
+        """Mark the position as unknown, as after homing."""
         self.position = [math.nan] * 3
 
-    def begin(self, retraction_mm_s: float) -> None:
+    def begin_print(self, retraction_mm_s: float) -> None:
         """Begin the print, with the head over the bed and primed."""
         if self._retracted_mm > self._max_retracted_mm:
             self._objections.refuse(
@@ -140,11 +141,11 @@ class Head:
             self._objections.add_except_at_end(
                 f"draws the filament {self._retracted_mm:.1f} mm back, out of the hot end"
             )
-        if speed_mm_s < MIN_MM_S:
-            self._objections.add(f"moves at {speed_mm_s * 60:g} mm a minute, which never ends")
+        if speed_mm_s < MIN_SPEED_MM_S:
+            self._objections.add(f"moves at {speed_mm_s * 60:g} mm/min, which never ends")
 
     def _check_jump(self, start: Point, target: Point, fed_mm: float) -> None:
-        """Object to filament for missing lines; a start script may prime any amount."""
+        """Object to a move that extrudes filament for missing lines; a start script may prime any amount."""
         if fed_mm > MAX_JUMP_MM and self.extent.path_mm:
             jump_mm = fed_mm - self._gaps.max_flow * math.dist(start, target)
             if jump_mm > MAX_JUMP_MM:
@@ -170,7 +171,7 @@ class Head:
             return False
         self._check_above_bed(z)
         self._writer.add_move((x, y, start_position_mm[2], 0.0, TRAVEL_MM_S))
-        self._writer.add_move((x, y, z, 0.0, LOWER_MM_S))
+        self._writer.add_move((x, y, z, 0.0, LOWERING_MM_S))
         self._has_approached = True
         return True
 
@@ -191,13 +192,13 @@ class Head:
 
     def _print(self, start: Point, target: Point) -> None:
         self._objections.check_printed_line()
-        z, highest = min(start[2], target[2]), self.extent.high[2]
-        if z <= 0:
-            self._objections.refuse(f"prints at Z {z:g}: it has to be above the bed")
-        if highest - z > MAX_DROP_MM:
+        z_mm, highest_mm = min(start[2], target[2]), self.extent.high[2]
+        if z_mm <= 0:
+            self._objections.refuse(f"prints at Z {z_mm:g}: it has to be above the bed")
+        if highest_mm - z_mm > MAX_DROP_MM:
             self._objections.refuse(
-                f"prints at Z {z:g} beside a part that is {highest:g} mm high, which the head would hit in a "
-                "pause: print all objects at once (Cura: Print Sequence; "
+                f"prints at Z {z_mm:g} beside a part that is {highest_mm:g} mm high, which the head would "
+                "hit in a pause: print all objects at once (Cura: Print Sequence; "
                 "PrusaSlicer: Complete individual objects)"
             )
         if not self._marks_layers and self.extent.is_higher(start, target):

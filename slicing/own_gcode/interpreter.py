@@ -12,7 +12,7 @@ from slicing.gcode_lines import Words, parse_plain_move, parse_words, split_line
 from slicing.own_gcode import command_rules
 from slicing.own_gcode.clearance import Clearance
 from slicing.own_gcode.completeness import LayerGaps, read_layer_number
-from slicing.own_gcode.head import MAX_SECTION, Head
+from slicing.own_gcode.head import MAX_CROSS_SECTION_RATIO, Head
 from slicing.own_gcode.objections import Objections
 from slicing.own_gcode.survey import Survey, is_layer
 from slicing.own_gcode.target import PrintTarget
@@ -27,11 +27,11 @@ MAX_PAUSES_S = 3600.0
 MAX_ARC_MM = 700.0
 """Maximum length of an arc: once around the whole bed."""
 ARC_TOLERANCE_MM = 0.2
-"""Difference of an arc's radius between its start and its end."""
+"""Maximum difference between an arc's radius at its start and at its end."""
 MAX_CHORD_MM = 1.0
 """Maximum length of the straight moves of an arc: the firmware's ``MM_PER_ARC_SEGMENT``."""
 CHORD_DEVIATION_MM = 0.01
-_FIRST_MM_S = 25.0  # speed of the firmware before the first F
+_INITIAL_SPEED_MM_S = 25.0  # speed of the firmware before the first F
 _FAN_OFF_LINE = b"M107"
 _FEATURE = re.compile(rb"TYPE:[A-Z-]{1,20}\Z")  # Cura's comments on what it prints
 
@@ -59,11 +59,11 @@ class Interpreter:
     def __init__(
         self, survey: Survey, writer: Writer, clearance: Clearance, target: PrintTarget, nozzle_mm: float
     ) -> None:
-        self.nozzle_c = target.nozzle_c if survey.is_ulticode else 0.0
-        self.bed_c = target.bed_c if survey.is_ulticode else 0.0
+        self.nozzle_c = target.nozzle_c if survey.is_ultigcode else 0.0
+        self.bed_c = target.bed_c if survey.is_ultigcode else 0.0
         self.omitted: dict[str, str] = {}
         self._objections = Objections()
-        self.gaps = LayerGaps(MAX_SECTION * nozzle_mm**2 / target.filament_mm2)
+        self.gaps = LayerGaps(MAX_CROSS_SECTION_RATIO * nozzle_mm**2 / target.filament_mm2)
         self.head = Head(
             target.printer.code,
             writer,
@@ -75,10 +75,10 @@ class Interpreter:
         self._survey = survey
         self._writer = writer
         self._printer = target.printer
-        self._mm_per_e = 1 / target.filament_mm2 if survey.is_ulticode else 1.0
-        self._e = 0.0  # in the file's own unit
+        self._mm_per_e = 1 / target.filament_mm2 if survey.is_ultigcode else 1.0
+        self._e = 0.0  # in the file's unit
         self._is_relative = self._is_relative_e = False
-        self._speed_mm_s = _FIRST_MM_S
+        self._speed_mm_s = _INITIAL_SPEED_MM_S
         self._speed_factor = self._flow_factor = 1.0
         self._is_retracted = False  # by G10
         self._total_dwell_s = self._dwell_s = 0.0  # of all pauses, and of those since the last printed line
@@ -105,7 +105,7 @@ class Interpreter:
             return
         code, rest, comment = split_line(raw, number)
         if number == self._survey.first_line:
-            self._begin()
+            self._begin_print()
         if self._is_printing and is_layer(comment):
             self._writer.begin_layer()
             if (layer := read_layer_number(comment)) is not None:
@@ -144,14 +144,14 @@ class Interpreter:
     def _is_printing(self) -> bool:
         return self._objections.is_printing
 
-    def _begin(self) -> None:
+    def _begin_print(self) -> None:
         self._objections.is_printing = True
         if self.nozzle_c < self._printer.limits.min_extrusion_c:
             self._objections.refuse(
                 "the print begins here, and no M104 or M109 before it has set the nozzle's temperature: "
                 "add it to your slicer's start script"
             )
-        self.head.begin(self._printer.retraction_mm_s)
+        self.head.begin_print(self._printer.retraction_mm_s)
         if self._fan != _FAN_OFF_LINE:
             self._writer.add_line(self._fan)
         if not self._survey.marks_layers:
@@ -233,7 +233,7 @@ class Interpreter:
                 self._objections.add(f"G4 waits {self._dwell_s:g} s in one place: at most {MAX_DWELL_S:g}")
             elif self._total_dwell_s > MAX_PAUSES_S:
                 self._objections.add(
-                    f"G4 waits {self._total_dwell_s:g} s in all so far: at most {MAX_PAUSES_S:g}"
+                    f"G4 waits {self._total_dwell_s:g} s in total so far: at most {MAX_PAUSES_S:g}"
                 )
             else:
                 self._writer.add_dwell(seconds)
@@ -251,7 +251,7 @@ class Interpreter:
         if words.keys() == {"E"}:
             self._e = words["E"]
         else:
-            self._objections.reject("G92 may reset E only: remove it from your slicer's scripts")
+            self._objections.add_mode_change("G92 may reset E only: remove it from your slicer's scripts")
 
     def _heat(self, code: str, words: Words) -> None:
         if not words.keys() & {"S", "R"}:
@@ -263,7 +263,7 @@ class Interpreter:
         if words.get("T") and target_c == 0 and self._is_printing:
             self._objections.add_except_at_end(f"{code} is for another extruder, but there is only one")
         elif words.get("T"):
-            self._objections.reject(
+            self._objections.add_mode_change(
                 f"{code} is for another extruder, but there is only one: slice for a single extruder"
             )
         elif not 0 <= target_c <= max_c:
@@ -326,7 +326,7 @@ class Arc:
     @property
     def sweep_rad(self) -> float:
         """Angle swept, in radians; negative clockwise."""
-        sweep_rad = (self._compute_angle(self.end) - self._compute_angle(self.start)) % math.tau
+        sweep_rad = (self._compute_angle_rad(self.end) - self._compute_angle_rad(self.start)) % math.tau
         if self.is_clockwise:
             return sweep_rad - math.tau
         return sweep_rad or math.tau
@@ -337,19 +337,19 @@ class Arc:
 
     def sample_points(self) -> Iterator[tuple[Point, float]]:
         """Yield the end of each straight move, and the share of the arc up to it; the last one is `end`."""
-        radius_mm, sweep_rad, first = self.radius_mm, self.sweep_rad, self._compute_angle(self.start)
+        radius_mm, sweep_rad, start_rad = self.radius_mm, self.sweep_rad, self._compute_angle_rad(self.start)
         step_mm = max(0.05, min(MAX_CHORD_MM, math.sqrt(8 * radius_mm * CHORD_DEVIATION_MM)))
         count = max(1, math.ceil(self.length_mm / step_mm))
         for i in range(1, count):
-            angle = first + sweep_rad * i / count
-            yield self._compute_point(angle, radius_mm), i / count
+            angle_rad = start_rad + sweep_rad * i / count
+            yield self._compute_point(angle_rad, radius_mm), i / count
         yield self.end, 1.0
 
-    def _compute_angle(self, point: Point) -> float:
+    def _compute_angle_rad(self, point: Point) -> float:
         return math.atan2(point[1] - self.centre[1], point[0] - self.centre[0])
 
-    def _compute_point(self, angle: float, radius_mm: float) -> Point:
+    def _compute_point(self, angle_rad: float, radius_mm: float) -> Point:
         return (
-            self.centre[0] + radius_mm * math.cos(angle),
-            self.centre[1] + radius_mm * math.sin(angle),
+            self.centre[0] + radius_mm * math.cos(angle_rad),
+            self.centre[1] + radius_mm * math.sin(angle_rad),
         )

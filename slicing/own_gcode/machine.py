@@ -15,8 +15,8 @@ _NAME_FACTS = ("target_machine.name", "printer_model", "printer_name", "machine_
 the name of a person's settings, used if no model is named."""
 _PLACEHOLDER_NAMES = ("", '""', "unknown", "default", "- default fff printer -")
 _USUAL_RATIO = (0.5, 1.7)
-"""Ratio of the lines' section to that of a line as wide as the nozzle: 0.75 to 1.4 in slices of CuraEngine
-4.13, and thus 2.0 and more in slices for filament of 1.75 mm."""
+"""Usual ratio of the lines' cross-section to that of a line as wide as the nozzle: 0.75 to 1.4 in slices of
+CuraEngine 4.13, and thus 2.0 and more in slices for filament of 1.75 mm."""
 
 FOREIGN_START_COMMANDS = {
     "G29": "probes the bed",
@@ -85,7 +85,7 @@ def check_machine(
     nozzle_mm
         The nozzle that the file was sliced for; None if it does not say.
     section_ratio
-        Ratio of the section of its lines to the section of a line as wide as the nozzle.
+        Ratio of the cross-section of its lines to that of a line as wide as the nozzle.
     target
         The printer that is to print it.
 
@@ -102,8 +102,8 @@ def check_machine(
         return ()
     if name is None:
         return (
-            f"Warning: its lines have {section_ratio:.1f} times the section of a line as wide as the nozzle: "
-            "was it sliced for another nozzle?",
+            f"Warning: its lines have {section_ratio:.1f} times the cross-section of a line as wide as the "
+            "nozzle: was it sliced for another nozzle?",
         )
     if machine.foreign_command is not None:
         number, code = machine.foreign_command
@@ -112,7 +112,7 @@ def check_machine(
         reason = f"its bed begins at {quote_text(machine.bed_corner or '')}"
     elif machine.filament_mm is None and not is_usual:
         filament = f"filament of {target.filament_mm:.4g} mm"
-        reason = f"its lines have {section_ratio:.1f} times the usual section, with {filament}"
+        reason = f"its lines have {section_ratio:.1f} times the usual cross-section, with {filament}"
     if reason is not None:
         raise GcodeRefused(f"it was sliced for {quote_text(name)} ({reason}): slice it for the {title}")
     return (

@@ -28,7 +28,7 @@ class Objections:
         self.is_printing = False
         self.first_reason: str | None = None
         self._unconditional_reason: str | None = None  # the first reason before any end script
-        self._has_ended = False  # an end script has begun, and nothing was printed since
+        self._has_ended = False  # an end script has begun, and nothing has been printed since
 
     def add(self, reason: str) -> None:
         """Refuse the file as soon as something is printed after this line; a start script is not printed."""
@@ -51,7 +51,7 @@ class Objections:
             self.first_reason = self.first_reason or self._add_line(reason)
             self._has_ended = self._has_ended or ends_print
 
-    def reject(self, reason: str) -> None:
+    def add_mode_change(self, reason: str) -> None:
         """Refuse a command that changes all lines after it, unless it stands in an end script."""
         if not self.is_printing:
             self.refuse(reason)

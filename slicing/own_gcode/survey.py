@@ -35,7 +35,7 @@ class Survey:
 
     Attributes
     ----------
-    is_ulticode
+    is_ultigcode
         Whether the file is UltiGCode: E in mm3, and no start code.
     nozzle_mm
         Nozzle that the file was sliced for; None if it does not say.
@@ -53,7 +53,7 @@ class Survey:
         Figures that the slicer states for the layers.
     """
 
-    is_ulticode: bool
+    is_ultigcode: bool
     nozzle_mm: float | None
     first_line: int
     marks_layers: bool
@@ -87,11 +87,11 @@ def survey_lines(lines: Iterable[bytes], filament_mm: float) -> Survey:
     scan = _Scan()
     for number, raw in enumerate(lines, 1):
         scan.read(raw, number)
-    is_ulticode = _is_ulticode(scan.facts, filament_mm)
-    if not scan.layer_line and (is_ulticode or not (scan.wait_line and scan.home_line)):
+    is_ultigcode = _is_ultigcode(scan.facts, filament_mm)
+    if not scan.layer_line and (is_ultigcode or not (scan.wait_line and scan.home_line)):
         raise GcodeRefused(
-            "the start of its print cannot be found: let your slicer write ;LAYER:0 where a layer begins "
-            "(as layer change G-code), or have a start script that homes (G28) and heats the nozzle (M109)"
+            "the start of its print cannot be found: make your slicer write ;LAYER:0 where a layer begins "
+            "(as layer change G-code), or use a start script that homes (G28) and heats the nozzle (M109)"
         )
     incompleteness = scan.completeness.describe_incompleteness(scan.last_line, scan.number, scan.print_line)
     if incompleteness is not None:
@@ -100,7 +100,7 @@ def survey_lines(lines: Iterable[bytes], filament_mm: float) -> Survey:
             f"{EXPORT_ADVICE}"
         )
     return Survey(
-        is_ulticode=is_ulticode,
+        is_ultigcode=is_ultigcode,
         nozzle_mm=_read_number(scan.facts, "nozzle_diameter", "extruderdiameter", "nozzle diameter #1"),
         first_line=scan.layer_line or scan.ready_line + 1,
         marks_layers=bool(scan.layer_line),
@@ -117,18 +117,18 @@ class _Scan:
     Attributes
     ----------
     facts
-        Facts in comments: name in lower case -> value as written.
+        Facts from comments: name in lower case -> value as written.
     layer_line
         First line that marks a layer.
     wait_line, home_line, ready_line
-        Last line before the print that waits for the nozzle, that homes, and that does one of these or waits
-        for the bed.
+        Last lines before the print: the last one that waits for the nozzle, the last one that homes, and the
+        last one that does either of these or waits for the bed.
     print_line
         Last line that extrudes while the head moves.
     number, last_line
         Number of the last line, and the line itself.
     foreign_command
-        First line and command that only another machine has; None if there is none.
+        Line number and code of the first command that only another machine has; None if there is none.
     """
 
     def __init__(self) -> None:
@@ -181,7 +181,7 @@ class _Scan:
             self.ready_line = self.number
 
 
-def _is_ulticode(facts: dict[str, bytes], filament_mm: float) -> bool:
+def _is_ultigcode(facts: dict[str, bytes], filament_mm: float) -> bool:
     flavour = (facts.get("flavor") or facts.get("gcode_flavor") or b"Marlin").decode("ascii", "replace")
     if flavour == "UltiGCode":
         return True

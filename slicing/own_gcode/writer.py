@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Protocol
 
 RESET_E_MM = 1000.0
-"""Maximum E: the firmware computes in single precision, so E is reset before its resolution gets coarse."""
+"""Maximum E: the firmware computes in single precision, so E is reset before it gets too coarse."""
 MARK_S = 60.0
 """Longest time between two marks of the timeline."""
 
 Step = tuple[float, float, float, float, float]
-"""x, y, z, filament fed, all in mm, and mm/s."""
+"""x, y, z and the filament fed, all in mm, and the speed in mm/s."""
 
 
 class Stopwatch(Protocol):

@@ -85,7 +85,7 @@ class EngineSettings:
     hidden_wall_ratio: float = 1.0  # maximum ratio of the speed of walls on hidden sides to that of others
 
     def limit_hidden_wall_mm_s(self, speed_mm_s: float) -> float:
-        """Compute the speed on hidden sides of walls of a speed: at most that of infill."""
+        """Compute the speed of a wall on hidden sides from its usual speed: at most that of infill."""
         return max(speed_mm_s, min(self.hidden_wall_ratio * speed_mm_s, self.speed_infill_mm_s))
 
     @property
@@ -200,7 +200,7 @@ def _format_scopes(resolver: Resolver) -> tuple[dict[str, str], dict[str, str]]:
         key: _format_value(resolver.compute_value(Scope.EXTRUDER, key))
         for key in resolver.list_keys(Scope.EXTRUDER)
     }
-    # The engine reads it in both scopes, and prints no support where it is false in either.
+    # The engine reads this key in both scopes, and prints no support if it is false in either.
     extruder["support_enable"] = global_["support_enable"]
     # The mesh is scaled before it is placed, as the checks compare the printed shape.
     full_size = dict.fromkeys(SHRINKAGE_KEYS, "100.0")

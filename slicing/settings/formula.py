@@ -84,7 +84,7 @@ def evaluate_formula(
     formula
         The expression.
     lookup
-        The value of a setting by its key; raises KeyError for a key that does not exist.
+        Returns the value of a setting by its key; raises KeyError for a key that does not exist.
     functions
         Cura's own functions, like ``extruderValue``, by name.
 

@@ -46,12 +46,12 @@ def compute_printed_height_mm(height_mm: float, heights: LayerHeights) -> float:
     float
         Height in mm; 0 if no layer is printed.
     """
-    first, other = _round_um(heights.first_mm), _round_um(heights.other_mm)
-    height = 1000 * height_mm
-    if height <= first / 2:
+    first_um, other_um = _round_um(heights.first_mm), _round_um(heights.other_mm)
+    height_um = 1000 * height_mm
+    if height_um <= first_um / 2:
         return 0.0
-    layers_above = max(0, _round_down((height - first) / other + 0.5))
-    return (first + layers_above * other) / 1000
+    layers_above = max(0, _round_down((height_um - first_um) / other_um + 0.5))
+    return (first_um + layers_above * other_um) / 1000
 
 
 def fit_heights(height_mm: float, nominal: LayerHeights, *, max_first_mm: float) -> LayerHeights:
@@ -67,29 +67,34 @@ def fit_heights(height_mm: float, nominal: LayerHeights, *, max_first_mm: float)
     max_first_mm
         Maximum height of the first layer; 0 to leave it as it is.
     """
-    first, other = _round_um(nominal.first_mm), _round_um(nominal.other_mm)
-    height, tolerance = 1000 * height_mm, 1000 * MAX_HEIGHT_ERROR_MM - _SLACK_UM
-    step = _round_down(other * _MAX_CHANGE)
+    nominal_first_um, nominal_other_um = _round_um(nominal.first_mm), _round_um(nominal.other_mm)
+    height_um, tolerance_um = 1000 * height_mm, 1000 * MAX_HEIGHT_ERROR_MM - _SLACK_UM
+    max_change_um = _round_down(nominal_other_um * _MAX_CHANGE)
 
-    def list_candidates(low: int, high: int) -> Iterator[tuple[float, float, int, int]]:
-        """Yield candidates: error (um), change of both heights, and both heights."""
-        for layer in range(other - step, other + step + 1):
-            layers_above = max(0, _round_down((height - first) / layer))
+    def list_candidates(min_first_um: int, max_first_um: int) -> Iterator[tuple[float, float, int, int]]:
+        """Yield candidates: error (um), weighted relative change, and both heights (um)."""
+        for other_um in range(nominal_other_um - max_change_um, nominal_other_um + max_change_um + 1):
+            layers_above = max(0, _round_down((height_um - nominal_first_um) / other_um))
             for count in (layers_above, layers_above + 1):
-                exact_um = height - count * layer  # height of the first layer without an error
-                nearest = round(min(max(first, exact_um - tolerance), exact_um + tolerance))
-                first_um = min(max(nearest, low), high)
-                error_um = max(0.0, abs(first_um - exact_um) - tolerance - 0.5)
-                change = abs(layer - other) / other + _FIRST_LAYER_WEIGHT * abs(first_um - first) / first
-                yield error_um, change, first_um, layer
+                exact_um = height_um - count * other_um  # height of the first layer without an error
+                nearest_um = round(
+                    min(max(nominal_first_um, exact_um - tolerance_um), exact_um + tolerance_um)
+                )
+                first_um = min(max(nearest_um, min_first_um), max_first_um)
+                error_um = max(0.0, abs(first_um - exact_um) - tolerance_um - 0.5)
+                change = (
+                    abs(other_um - nominal_other_um) / nominal_other_um
+                    + _FIRST_LAYER_WEIGHT * abs(first_um - nominal_first_um) / nominal_first_um
+                )
+                yield error_um, change, first_um, other_um
 
-    for spread in FIRST_LAYER_CHANGES if max_first_mm > 0 else FIRST_LAYER_CHANGES[:1]:
-        low = math.ceil(first * (1 - spread))
-        high = max(low, min(_round_down(first * (1 + spread)), _round_um(max_first_mm)))
-        best_error_um, _, first_um, layer = min(list_candidates(low, high))
+    for max_share in FIRST_LAYER_CHANGES if max_first_mm > 0 else FIRST_LAYER_CHANGES[:1]:
+        low_um = math.ceil(nominal_first_um * (1 - max_share))
+        high_um = max(low_um, min(_round_down(nominal_first_um * (1 + max_share)), _round_um(max_first_mm)))
+        best_error_um, _, first_um, other_um = min(list_candidates(low_um, high_um))
         if best_error_um == 0:
             break
-    return LayerHeights(first_um / 1000, layer / 1000)
+    return LayerHeights(first_um / 1000, other_um / 1000)
 
 
 def _round_um(mm: float) -> int:

@@ -84,11 +84,11 @@ _RESERVED_PREFIXES: Mapping[str, str] = {
 
 
 def find_reserved_reason(key: str) -> str | None:
-    """Return the reason why a person must not set a key; None if one may."""
+    """Return the reason why a person must not set a key; None if a person may."""
     if "_extruder_nr" in key:
         return _ONE_EXTRUDER
-    starts = (reason for start, reason in _RESERVED_PREFIXES.items() if key.startswith(start))
-    return _RESERVED.get(key) or next(starts, None)
+    reasons = (reason for prefix, reason in _RESERVED_PREFIXES.items() if key.startswith(prefix))
+    return _RESERVED.get(key) or next(reasons, None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +99,7 @@ class Violation:
     key: str
     value: Any
     allowed_values: str
-    is_farm_limit: bool  # Cura's own profiles have to keep it too
+    is_farm_limit: bool  # Cura's own profiles must not exceed it either
 
 
 def find_violations(

@@ -20,8 +20,9 @@ _DENSITY_G_CM3 = (0.1, 20.0)
 _DIAMETER_MM = (1.0, 4.0)
 _ROOT = f"{{{NAMESPACES['m']}}}fdmmaterial"
 
-# Kinds of material whose profiles fit an own material of a kind for which Cura has none. [assumed]: they are
-# printed in much the same way; temperatures and cooling come from the material's file.
+# For kinds of material that Cura does not have: the kind whose profiles a user's material of that kind may
+# use. [assumed]: both are printed in much the same way; temperatures and cooling come from the material's
+# file.
 RELATED_NAMES = {
     "PETG": "CPE",
     "PET": "CPE",
@@ -35,7 +36,7 @@ RELATED_NAMES = {
 }
 
 
-class _NoDocumentType(ET.TreeBuilder):
+class _DoctypeRefusingBuilder(ET.TreeBuilder):
     """Builder of elements that refuses a DOCTYPE: entities can expand without bound, or name other files."""
 
     def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
@@ -43,7 +44,7 @@ class _NoDocumentType(ET.TreeBuilder):
 
 
 def list_own_materials(folder: Path) -> dict[str, Path]:
-    """Find the material files of a folder, by the names of their materials.
+    """Find the material files in a folder, by the names of their materials.
 
     Raises
     ------
@@ -71,7 +72,7 @@ def read_own_material(path: Path) -> ET.Element:
     Raises
     ------
     BadSetting
-        If it is not a material file of Cura's format, or sets what a material must not set.
+        If it is not a Cura material file, or has a setting that a material must not set.
     """
     try:
         root = _parse(path)
@@ -93,11 +94,11 @@ def _parse(path: Path) -> ET.Element:
     if len(data) > MAX_BYTES:
         raise BadSetting(f"is larger than {MAX_BYTES // 1024} KiB: not a material file")
     try:
-        root = ET.fromstring(data, ET.XMLParser(target=_NoDocumentType()))
+        root = ET.fromstring(data, ET.XMLParser(target=_DoctypeRefusingBuilder()))
     except (ET.ParseError, ValueError, LookupError) as error:  # LookupError: an unknown encoding
         raise BadSetting(f"is not XML: {error}") from error
     if root.tag != _ROOT:
-        raise BadSetting("is not a material file of Cura's: its first element is not `fdmmaterial`")
+        raise BadSetting("is not a Cura material file: its first element is not `fdmmaterial`")
     return root
 
 
@@ -123,7 +124,7 @@ def _check_settings(root: ET.Element) -> None:
             raise BadSetting(f"{key}: formulas are not read in a material file; write the value")
     for point in root.iter(f"{{{NAMESPACES['m']}}}point"):
         if None in (_parse_number(point.get("flow", "0")), _parse_number(point.get("temperature", "0"))):
-            raise BadSetting("a point of its temperature graph is not two numbers")
+            raise BadSetting("a point of its temperature graph is not a pair of numbers")
     for entry in root.iter(f"{{{NAMESPACES['m']}}}setting"):
         if (entry.text or "").strip().startswith("="):
             raise BadSetting(f"{entry.get('key')}: formulas are not read in a material file; write the value")

@@ -38,7 +38,7 @@ _STREAMED_VALUES: Mapping[str, Any] = {
 class SettingsRequest:
     """Choice of printer model, quality, material, nozzle and overrides.
 
-    `has_support` prints supports also with Cura's own qualities, which have none. `overrides` take
+    With `has_support`, supports are printed even with Cura's own qualities, which have none. `overrides` take
     precedence.
     """
 
@@ -101,15 +101,15 @@ def resolve_settings(
     """
     request_key = _RequestKey.from_request(request)
     quality = FARM_QUALITIES.get(request.quality)
-    any_part = _resolve(resources, request_key, DEFAULT_PART, None)
+    default_settings = _resolve(resources, request_key, DEFAULT_PART, None)
     heights = None
     if part.height_mm is not None and quality and quality.exact_height and not _has_own_heights(request):
-        layer_heights = LayerHeights(any_part.layer_height_0_mm, any_part.layer_height_mm)
+        layer_heights = LayerHeights(default_settings.layer_height_0_mm, default_settings.layer_height_mm)
         max_first_mm = 0.0 if "layer_height_0" in request.overrides else LAYER_SHARE * request.nozzle_mm
         heights = fit_heights(part.height_mm, layer_heights, max_first_mm=max_first_mm)
     part = replace(part, height_mm=None)
     settings = _resolve(resources, request_key, part, heights)
-    if settings.brim_width_mm > any_part.brim_width_mm:
+    if settings.brim_width_mm > default_settings.brim_width_mm:
         return _resolve(resources, request_key, replace(part, brim_width_mm=None), heights)
     return settings
 
@@ -163,10 +163,10 @@ def _resolve(
             raise
         raise BadSetting(f"with the given {', '.join(user_keys)}: {error}") from error
     quality = FARM_QUALITIES.get(request_key.quality)
-    compensates = (
+    compensates_shrinkage = (
         quality is not None and quality.compensates_shrinkage and {*SHRINKAGE_KEYS}.isdisjoint(user_keys)
     )
-    scale = find_shrinkage_scale(resolver, stacks.material.kind if compensates else "")
+    scale = find_shrinkage_scale(resolver, stacks.material.kind if compensates_shrinkage else "")
     settings = build_engine_settings(request_key.printer, resolver, stacks.material.density_g_cm3, scale)
     if quality is None:
         return settings

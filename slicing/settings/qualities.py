@@ -43,14 +43,14 @@ class HiddenLayers:
 
 @dataclass(frozen=True, slots=True)
 class Quality:
-    """Quality of the farm: one of Cura's, and values on top of it (below the user's own settings)."""
+    """Quality of the farm: one of Cura's, with changes that the user's own settings override."""
 
     bases: tuple[str, ...]  # the first one that exists for the nozzle and the material
     changes: Mapping[str, Any]
     exact_height: bool = False  # layer heights are fitted to each part's height
     compensates_shrinkage: bool = False  # parts are printed larger by the shrinkage of their material
     fits_first_layer: bool = False  # brim and first layer are chosen for each part
-    hidden: HiddenLayers | None = None  # None: as visible faces
+    hidden: HiddenLayers | None = None  # None: the same as those of visible faces
     # Walls on hidden sides are printed at the speed of infill, at most this multiple of their own.
     hidden_wall_ratio: float = 1.0
 
@@ -79,13 +79,13 @@ FARM_QUALITIES: Mapping[str, Quality] = {
         {
             **SUPPORT_VALUES,
             **_BRIM_SETTINGS,
-            # Half the nozzle, where Cura's fast profile has 0.15 mm: a quarter faster, and the seams of a
-            # glued model are more visible than its layers.
+            # Half the nozzle's diameter, where Cura's fast profile has 0.15 mm: a quarter faster, and the
+            # seams of a glued model are more visible than its layers.
             "layer_height": Formula("round(max(extruderValues('machine_nozzle_size')) / 2, 2)"),
             "infill_sparse_density": 10.0,
             "infill_pattern": "zigzag",
             # [assumed] Half the infill deeper than 2 mm below any top, where it carries nothing. The walls
-            # bear the load of a glued joint, as in the paper's prints, whose infill is as light everywhere.
+            # bear the load of a glued joint, as in the paper's prints, whose infill is that light everywhere.
             "gradual_infill_steps": 1,
             "gradual_infill_step_height": 2.0,
             "support_angle": 50.0,
@@ -106,7 +106,7 @@ FARM_QUALITIES: Mapping[str, Quality] = {
         # [assumed] Two crossing layers on the bed carry the load of a glued joint to the walls and the
         # infill; three close a top over light infill well enough for glue.
         hidden=HiddenLayers(2, 3),
-        # [assumed] Lines of the flow of infill are good walls where nobody sees them.
+        # [assumed] Walls with the flow of infill are good enough where nobody sees them.
         hidden_wall_ratio=1.5,
     ),
 }

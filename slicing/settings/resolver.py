@@ -10,7 +10,7 @@ The rules are those of Cura 4.13 (``GlobalStack``, ``ExtruderStack``, ``CuraForm
   ``default_value``.
 - A formula's names are looked up in the same stack, even if the formula comes from the other.
 
-One extruder, as the Ultimaker 2 family has.
+Only one extruder is supported, as in the Ultimaker 2 family.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class Resolver:
         self._memo: dict[tuple[Scope, str, frozenset[str], int], Any] = {}
         self._active: set[tuple[Scope, str, frozenset[str], int]] = set()
         self._resolving: frozenset[str] = frozenset()  # keys whose `resolve` is being computed
-        self._first_place = 0  # index at which the look-up begins
+        self._first_index = 0  # index at which the look-up begins
         self._functions: dict[str, Callable[..., Any]] = {
             "extruderValue": lambda _, key: self._compute_own_value(Scope.EXTRUDER, key),
             "extruderValues": lambda key: [self._compute_own_value(Scope.EXTRUDER, key)],
@@ -74,9 +74,9 @@ class Resolver:
             # Cura 5's:
             "anyExtruderWithMaterial": lambda _: "0",
             "anyExtruderNrWithOrDefault": lambda _: "0",
-            "valueFromContainer": lambda key, place: self._compute_value_below(place, Scope.GLOBAL, key),
-            "extruderValueFromContainer": lambda _, key, place: self._compute_value_below(
-                place, Scope.EXTRUDER, key
+            "valueFromContainer": lambda key, index: self._compute_value_below(index, Scope.GLOBAL, key),
+            "extruderValueFromContainer": lambda _, key, index: self._compute_value_below(
+                index, Scope.EXTRUDER, key
             ),
         }
 
@@ -142,7 +142,7 @@ class Resolver:
         raw = self.find_setting(key).enabled
         try:
             return bool(self._evaluate(Scope.EXTRUDER, key, raw) if isinstance(raw, Formula) else raw)
-        except DefinitionError:  # a formula that only Cura's window needs
+        except DefinitionError:  # a formula that only Cura's user interface needs
             return True
 
     def is_per_extruder(self, key: str) -> bool:
@@ -165,12 +165,12 @@ class Resolver:
         return bool(self._evaluate(Scope.GLOBAL, setting.key, setting.limit_to_extruder) != "-1")
 
     def _is_user_set(self, key: str) -> bool:
-        return any(key in layer for place, layer in self._layers[Scope.GLOBAL] if place is ProfileIndex.USER)
+        return any(key in layer for index, layer in self._layers[Scope.GLOBAL] if index is ProfileIndex.USER)
 
     def _find_raw_value(self, scope: Scope, key: str) -> Any:
         """Find the first value or formula of a key in a stack, from the top down."""
-        for place, layer in self._layers[scope]:
-            if key in layer and place >= self._first_place:
+        for index, layer in self._layers[scope]:
+            if key in layer and index >= self._first_index:
                 return layer[key]
         setting = self._definitions[scope].get(key)
         if setting is not None:
@@ -179,20 +179,20 @@ class Resolver:
             return self._find_raw_value(Scope.GLOBAL, key)
         raise KeyError(key)
 
-    def _compute_value_below(self, place: int, scope: Scope, key: str) -> Any:
+    def _compute_value_below(self, index: int, scope: Scope, key: str) -> Any:
         """Compute a value without the profiles above an index."""
-        outer, self._first_place = self._first_place, place
+        outer, self._first_index = self._first_index, index
         try:
             return self.compute_value(scope, key)
         finally:
-            self._first_place = outer
+            self._first_index = outer
 
     def _compute_own_value(self, scope: Scope, key: str) -> Any:
         """Compute a stack's own value; the names in its formula are looked up in the same stack."""
         raw = self._find_raw_value(scope, key)
         if not isinstance(raw, Formula):
             return raw
-        lookup = (scope, key, self._resolving, self._first_place)
+        lookup = (scope, key, self._resolving, self._first_index)
         if lookup in self._memo:
             return self._memo[lookup]
         if lookup in self._active:

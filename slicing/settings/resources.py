@@ -23,7 +23,7 @@ OWN_MATERIALS_VARIABLE = "FARM_MATERIALS"
 """Environment variable with the folder of a person's own material files."""
 FOLDERS = ("definitions", "extruders", "variants", "quality", "materials")
 _GENERIC_MACHINE = "fdmprinter"
-"""Definition whose qualities are for all machines without their own, with any material."""
+"""Definition whose qualities apply, with any material, to machines that have none of their own."""
 _ADVICE = "run 'farm setup', or set {}"
 _PROJECT_ROOT = Path(__file__).resolve().parents[2]
 INSTALLATION_FOLDER = (
@@ -54,7 +54,7 @@ def find_resources(environ: Mapping[str, str] = os.environ, own_materials: Path 
     environ
         The environment.
     own_materials
-        Folder with own material files; None for the folder in `FARM_MATERIALS`, if it is set.
+        Folder with the user's material files; None for the folder in `FARM_MATERIALS`, if it is set.
 
     Raises
     ------
@@ -91,7 +91,7 @@ class Machine:
 
 @dataclass(frozen=True, slots=True)
 class Profile:
-    """An ``.inst.cfg`` file: the metadata that select it, and its values as written."""
+    """An ``.inst.cfg`` file: the metadata that selects it, and its values as written."""
 
     metadata: Mapping[str, str]
     values: Mapping[str, str]
@@ -99,7 +99,7 @@ class Profile:
 
 @dataclass(frozen=True, slots=True)
 class Resources:
-    """Cura's folder of resources, and the folder of own materials; a process reads each file once."""
+    """Cura's folder of resources, and the folder of the user's materials; a process reads each file once."""
 
     root: Path
     own_materials: Path | None = None
@@ -113,7 +113,7 @@ class Resources:
         return _read_profiles(self.root, kind, definition)
 
     def read_material(self, name: str) -> ET.Element:
-        """Read a material's XML. Raises BadSetting if there is none, or an own one is not usable."""
+        """Read a material's XML. Raises BadSetting if there is none, or the user's own file is not usable."""
         return _read_material(self.root, self.own_materials, name)
 
     def list_own_material_names(self) -> tuple[str, ...]:
@@ -121,7 +121,7 @@ class Resources:
         return tuple(_list_own_materials(self.root, self.own_materials))
 
     def list_material_names(self) -> tuple[str, ...]:
-        """List the names of all materials, own ones first."""
+        """List the names of all materials, the user's own first."""
         return (*self.list_own_material_names(), *_list_cura_materials(self.root))
 
     def read_material_kind(self, name: str) -> str | None:
@@ -168,13 +168,15 @@ def _read_machine(root: Path, model: str) -> Machine:
     extruder = merge_definitions(
         _read_chain(root, ("extruders", "definitions"), metadata["machine_extruder_trains"]["0"])
     )
-    own_qualities = bool(metadata.get("has_machine_quality", False))
+    has_own_qualities = bool(metadata.get("has_machine_quality", False))
     return Machine(
         model=model,
         name=chain[-1]["name"],
-        quality_definition=metadata.get("quality_definition", model) if own_qualities else _GENERIC_MACHINE,
+        quality_definition=metadata.get("quality_definition", model)
+        if has_own_qualities
+        else _GENERIC_MACHINE,
         has_variants=bool(metadata.get("has_variants", False)),
-        has_materials=own_qualities and bool(metadata.get("has_materials", False)),
+        has_materials=has_own_qualities and bool(metadata.get("has_materials", False)),
         excluded_materials=frozenset(metadata.get("exclude_materials", ())),
         nozzle_mm=float(extruder["machine_nozzle_size"].default),
         diameter_mm=float(extruder["material_diameter"].default),

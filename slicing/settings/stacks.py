@@ -163,7 +163,7 @@ def _find_qualities(
             name for name, farm_quality in FARM_QUALITIES.items() if {*farm_quality.bases} & {*available}
         ]
         context = f"{material} and a nozzle of {hotend} on the {machine.name}"
-        offer = f"there is {', '.join(available)}" if available else "choose another material or nozzle"
+        offer = f"available: {', '.join(available)}" if available else "choose another material or nozzle"
         advice = suggest_names(quality, available) or f"; {offer}"
         raise BadSetting(f"quality {quality}: there is none for {context}{advice}")
     return global_profiles[base], candidates[base]

@@ -57,9 +57,9 @@ class StatedFilament:
         filament_mm
             Filament that the file's layers extrude, without what was retracted before.
         filament_mm2
-            Its cross-section.
+            Cross-section of the filament.
         lines
-            Number of lines that extrude it.
+            Number of lines that extrude the filament.
         """
         unit, per_mm = ("mm3", filament_mm2) if self.is_volume else ("mm", 1.0)
         amount = filament_mm * per_mm
@@ -138,7 +138,7 @@ class FiguresReader:
         return StatedFigures(filament, numbers.get(b"MINZ"), numbers.get(b"MAXZ"))
 
     def describe_missing_time(self) -> str | None:
-        """Describe by the stated time that the last layers are missing; None if the last one ends then."""
+        """Describe the missing last layers, by the stated time; None if the last layer ends at that time."""
         time_s = self._numbers.get(b"TIME", 0.0)
         elapsed_s = self._numbers.get(b"TIME_ELAPSED", inf)
         if self._has_placeholders or not self._is_exact or elapsed_s >= time_s - _TIME_SLACK_S:

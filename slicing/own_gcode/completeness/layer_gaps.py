@@ -21,8 +21,8 @@ _MIN_EXCESS_ELSEWHERE_MM = 0.2
 than all others in its layer and the two beside it."""
 _LINE_SHARE = 0.01
 """Share of a line's own filament that is ignored: its length and its E are rounded."""
-_SHORT_MM = 0.03
-"""Length of a line below which its flow is too coarse to compare with."""
+_MIN_LINE_MM = 0.03
+"""Length below which the flow of a line is too coarse to compare with."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,7 @@ class _Layer:
 
     number: int
     flow: float = 0.0
-    thickest: _Feed | None = None
+    thickest_line: _Feed | None = None
     second_flow: float = 0.0
     after_gap: tuple[_Feed, str] | None = None
 
@@ -53,7 +53,7 @@ class _Layer:
         flow = (fed_mm + E_UNIT_MM) / length_mm
         if flow > self.flow:
             self.second_flow, self.flow = self.flow, flow
-            self.thickest = _Feed(line, length_mm, fed_mm)
+            self.thickest_line = _Feed(line, length_mm, fed_mm)
         elif flow > self.second_flow:
             self.second_flow = flow
 
@@ -64,7 +64,7 @@ class LayerGaps:
     Parameters
     ----------
     max_flow
-        Filament in mm for each mm of the thickest line, for layers that have no line to compare with.
+        Filament in mm for each mm of the thickest line allowed, for layers that have no line to compare with.
     """
 
     def __init__(self, max_flow: float) -> None:
@@ -107,7 +107,7 @@ class LayerGaps:
                 self._layer.after_gap, self._gap_text = (feed, self._gap_text), ""
             else:  # G11 feeds before the line, and does not move E
                 self._gap_primes.append((feed, self._gap_text))
-        elif length_mm > _SHORT_MM:
+        elif length_mm > _MIN_LINE_MM:
             self._layer.add(length_mm, fed_mm, line)
         elif not length_mm:
             self._primed_mm = max(self._primed_mm, fed_mm)
@@ -133,12 +133,14 @@ class LayerGaps:
             feed, gap = layer.after_gap
             flow = max(layer.flow, previous_flow) or self.max_flow
             self._check_feed(feed, feed.compute_excess_mm(flow), _MIN_EXCESS_MM, gap)
-        if previous is not None and previous.thickest is not None:
+        if previous is not None and previous.thickest_line is not None:
             flow = max(previous.second_flow, self._earlier_flow, layer.flow) or self.max_flow
             min_mm = (
                 _MIN_EXCESS_BEFORE_GAP_MM if layer.number > previous.number + 1 else _MIN_EXCESS_ELSEWHERE_MM
             )
-            self._check_feed(previous.thickest, previous.thickest.compute_excess_mm(flow), min_mm, "")
+            self._check_feed(
+                previous.thickest_line, previous.thickest_line.compute_excess_mm(flow), min_mm, ""
+            )
         self._earlier_flow, self._previous_layer = previous_flow, layer
 
     def _check_feed(self, feed: _Feed, excess_mm: float, min_mm: float, gap: str) -> None:

@@ -99,7 +99,7 @@ def test_total_pause_time_is_limited():
         return lines
 
     check_rules(accept(add_pauses(30, 100)))
-    assert_refused(add_pauses(40, 100), r"waits 3640 s in all so far: at most 3600")
+    assert_refused(add_pauses(40, 100), r"waits 3640 s in total so far: at most 3600")
     assert_refused(
         make_marlin(body=["G4 S50", "G0 X99", "G4 P20000"]), r"waits 70 s in one place: at most 60"
     )

@@ -36,7 +36,7 @@ def format_cura_settings():
 
 @cache
 def read_complete_file(slicer):
-    """Return the file of a slicer in the fixtures, for a tile or a plate."""
+    """Return a slicer's G-code of a tile or a plate, from the fixtures."""
     if slicer == "cura 5":
         record = json.loads(gzip.decompress((FIXTURES / "engine-5.0.json.gz").read_bytes()))
         return record["gcode"].encode()
@@ -121,8 +121,8 @@ def test_layers_of_sequential_objects_are_counted_per_object():
     lines = make_marlin([*first_object, *second_object])
     for number in (3, 4, 5):
         lines[lines.index(f";LAYER:{number}")] = f";LAYER:{number - 3}"
-    ends = [n for n, line in enumerate(lines) if line == ";LAYER:0"]
-    for index in reversed(ends):
+    starts = [n for n, line in enumerate(lines) if line == ";LAYER:0"]
+    for index in reversed(starts):
         lines.insert(index, ";LAYER_COUNT:3")
     assert accept(lines).layers == 6
     assert_refused([line.replace("COUNT:3", "COUNT:5") for line in lines], "states 5 layers, .* only 3")
@@ -162,7 +162,10 @@ def test_file_with_missing_layers_and_an_intact_end_is_refused(data):
 
 
 def read_file_with_figures(slicer):
-    """Read a file with the figures that its slicer knows at the end; Cura writes them into the header."""
+    """Read a file that states its filament and time, which a slicer knows only after slicing.
+
+    Cura writes them into the header.
+    """
     if slicer == "cura 5":
         record = json.loads(gzip.decompress((FIXTURES / "engine-5.0.json.gz").read_bytes()))
         [head] = re.findall(

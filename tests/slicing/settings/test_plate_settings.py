@@ -218,7 +218,7 @@ def test_abs_has_a_higher_temperature_than_pla(resources):
         ({"material": "generic_petg"}, "not for the Ultimaker 2"),
         ({"material": "../generic_pla"}, "no such material"),
         ({"nozzle_mm": 0.5}, "it has 0.25 mm, 0.4 mm, 0.6 mm, 0.8 mm"),
-        ({"nozzle_mm": 0.8, "quality": "fast"}, "there is none for generic_pla.*; there is draft, glue"),
+        ({"nozzle_mm": 0.8, "quality": "fast"}, "there is none for generic_pla.*; available: draft, glue"),
         ({"overrides": {"layer_heigth": "0.2"}}, "did you mean layer_height"),
         ({"overrides": {"layer_height": "thick"}}, "not a value of type float"),
         ({"overrides": {"layer_height": "0"}}, "out of range"),

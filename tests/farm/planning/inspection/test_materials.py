@@ -97,7 +97,7 @@ def test_section_of_a_printer_has_file_kind_and_colour(resources):
 def test_folder_of_own_materials_is_read_and_errors_are_reported(resources, tmp_path):
     path = tmp_path / "x.xml.fdm_material"
     path.write_text("<html/>")
-    with pytest.raises(FieldError, match="is not a material file of Cura's") as error:
+    with pytest.raises(FieldError, match="is not a Cura material file") as error:
         complete_section(make_section(), FleetSection(materials=tmp_path))
     assert error.value.key_path == ("fleet", "materials")
     with pytest.raises(FieldError, match="cannot be read"):
