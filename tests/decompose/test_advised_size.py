@@ -21,15 +21,15 @@ def make_block(size_mm: tuple[float, float, float]) -> Model:
 
 
 @pytest.mark.parametrize(
-    ("size_mm", "printers", "least_mm", "most_mm"),
+    ("size_mm", "printers", "min_mm", "max_mm"),
     [
-        ((300.0, 300.0, 300.0), 4, 200, 207),  # by the cube root of the volume 238, which is refused
-        ((210.0, 210.0, 210.0), 2, 200, 207),  # and 166
+        ((300.0, 300.0, 300.0), 4, 200, 207),  # the cube root of the volume gives 238, which is refused
+        ((210.0, 210.0, 210.0), 2, 200, 207),  # the cube root of the volume gives 166, less than needed
         ((2000.0, 20.0, 20.0), 3, 560, 640),
     ],
 )
 def test_advised_size_can_be_cut(
-    size_mm: tuple[float, float, float], printers: int, least_mm: int, most_mm: int, cost: CostModel
+    size_mm: tuple[float, float, float], printers: int, min_mm: int, max_mm: int, cost: CostModel
 ) -> None:
     rooms = [PrinterRoom(str(number), PLUS) for number in range(printers)]
     with pytest.raises(NoFit, match="give a smaller --longest-side") as error:
@@ -37,6 +37,6 @@ def test_advised_size_can_be_cut(
     assert error.value.is_too_large
     side_mm = advise_longest_side_mm(make_block(size_mm), rooms, OPTIONS, cost)
     assert side_mm is not None
-    assert least_mm <= side_mm <= most_mm
+    assert min_mm <= side_mm <= max_mm
     x_mm, y_mm, z_mm = (side_mm / max(size_mm) * side for side in size_mm)
     assert len(decompose_model(make_block((x_mm, y_mm, z_mm)), rooms, OPTIONS, cost).parts) <= printers

@@ -24,8 +24,8 @@ def test_expensive_handling_uses_fewer_printers(
 ) -> None:
     model = Model(ring_with_bar, (), 1.0)
     result = auto.decompose_auto(model, fleet, COARSE_OPTIONS, cost, goal=auto.CountGoal(0.0, 0.0))
-    fewest = auto.decompose_auto(model, fleet, COARSE_OPTIONS, cost, goal=auto.CountGoal(1e5, 1e5))
-    assert [p.printer for p in fewest.parts] == [fleet[0].name]
+    fewest_result = auto.decompose_auto(model, fleet, COARSE_OPTIONS, cost, goal=auto.CountGoal(1e5, 1e5))
+    assert [p.printer for p in fewest_result.parts] == [fleet[0].name]
     assert len(result.parts) > 1
     assert [p.printers for p in result.curve] == list(range(1, len(fleet) + 1))
     assert all(b.makespan_s <= a.makespan_s for a, b in pairwise(result.curve))
@@ -36,10 +36,12 @@ def test_curve_considers_the_speed_of_printers(
 ) -> None:
     model = Model(ring_with_bar, (), 1.0)
     printers = [replace(fleet[0], name=name, time_factor=f) for name, f in (("slow", 2.0), ("slower", 4.0))]
-    equal, slow = (
+    equal_curve, slow_curve = (
         auto.decompose_auto(model, rooms, COARSE_OPTIONS, cost).curve for rooms in (fleet[:2], printers)
     )
-    speed_ratio, curve_ratio = (b.makespan_s / a.makespan_s for a, b in zip(equal, slow, strict=True))
+    speed_ratio, curve_ratio = (
+        b.makespan_s / a.makespan_s for a, b in zip(equal_curve, slow_curve, strict=True)
+    )
     assert speed_ratio == pytest.approx(2.0)
     assert curve_ratio == pytest.approx(8.0 / 3.0, rel=0.05)  # distributed to two printers of these speeds
 
@@ -52,10 +54,10 @@ def test_curve_considers_the_room_of_printers(cost: CostModel) -> None:
     result = auto.decompose_auto(model, [low_room, high_room], fine_options, cost)
     assert [point.printers for point in result.curve] == [2]
     assert {part.printer for part in result.parts} == {"low", "high"}
-    lows = [replace(low_room, name=str(i)) for i in range(3)]
+    low_rooms = [replace(low_room, name=str(i)) for i in range(3)]
     curves = [
         auto.decompose_auto(model, rooms, fine_options, cost).curve
-        for rooms in ([*lows, high_room], [high_room, *lows])
+        for rooms in ([*low_rooms, high_room], [high_room, *low_rooms])
     ]
     assert [[point.printers for point in curve] for curve in curves] == [[3, 4], [2, 3, 4]]
     assert curves[1][0].makespan_s == result.curve[0].makespan_s

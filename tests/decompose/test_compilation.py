@@ -6,7 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-CHECK = """
+CHECK_SCRIPT = """
 import sys
 from pathlib import Path
 
@@ -55,6 +55,6 @@ print(sorted(set(list_signatures()) - old_signatures))
 
 def test_decomposition_compiles_nothing_that_was_not_compiled_ahead(tmp_path: Path) -> None:
     process = subprocess.run(
-        [sys.executable, "-c", CHECK, tmp_path], capture_output=True, text=True, check=False
+        [sys.executable, "-c", CHECK_SCRIPT, tmp_path], capture_output=True, text=True, check=False
     )
     assert (process.stdout, process.returncode) == ("[]\n", 0), process.stderr

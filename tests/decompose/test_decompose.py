@@ -65,14 +65,16 @@ def test_interior_is_omitted_if_that_saves_time(fleet: list[PrinterRoom], cost: 
     block = Model(Solid.box((0, 0, 0), (500, 400, 380)), (), 1.0)
     printers = [PrinterRoom(f"p{i}", fleet[0].boxes) for i in range(40)]
     cost_of_volume = replace(cost, volume_s_mm3=1.0)
-    hollow = decompose_model(block, printers, Options(Engine.GUILLOTINE, 9, prove=False), cost_of_volume)
+    hollow_result = decompose_model(
+        block, printers, Options(Engine.GUILLOTINE, 9, prove=False), cost_of_volume
+    )
     full_result = decompose_model(
         block, printers, Options(Engine.GUILLOTINE, 9, Interior.KEEP, prove=False), cost_of_volume
     )
-    volume = sum(p.solid.volume_mm3 for p in hollow.parts)
-    assert volume < 0.95 * block.solid.volume_mm3
+    volume_mm3 = sum(p.solid.volume_mm3 for p in hollow_result.parts)
+    assert volume_mm3 < 0.95 * block.solid.volume_mm3
     assert sum(p.solid.volume_mm3 for p in full_result.parts) == pytest.approx(block.solid.volume_mm3)
-    assert hollow.makespan_s < full_result.makespan_s
+    assert hollow_result.makespan_s < full_result.makespan_s
 
 
 def test_price_of_a_detailed_model_is_that_of_a_simpler_copy(
@@ -82,10 +84,12 @@ def test_price_of_a_detailed_model_is_that_of_a_simpler_copy(
     solid = Solid.from_arrays(ring.vertices, ring.faces)
     assert simplify_for_price(solid) is solid
     monkeypatch.setattr("decompose.decompose.PRICED_FACES", 22_000)
-    simple = simplify_for_price(solid)
-    assert simple.faces <= 22_000 < solid.faces
-    exact = estimate_serial_s(*solid.arrays(), cost, fit_first_layer=True)
-    assert estimate_serial_s(*simple.arrays(), cost, fit_first_layer=True) == pytest.approx(exact, rel=0.01)
+    simple_solid = simplify_for_price(solid)
+    assert simple_solid.faces <= 22_000 < solid.faces
+    exact_s = estimate_serial_s(*solid.arrays(), cost, fit_first_layer=True)
+    assert estimate_serial_s(*simple_solid.arrays(), cost, fit_first_layer=True) == pytest.approx(
+        exact_s, rel=0.01
+    )
 
 
 def test_too_few_printers_are_reported_with_the_required_number(
@@ -164,7 +168,7 @@ def test_invalid_wall_is_refused(ring_with_bar: Solid, fleet: list[PrinterRoom],
         decompose_model(Model(ring_with_bar, (), 1.0), fleet, Options(min_wall_mm=float("nan")), cost)
 
 
-def test_written_parts_fit_together_to_the_model(
+def test_written_parts_add_up_to_the_model(
     ring_with_bar: Solid, fleet: list[PrinterRoom], cost: CostModel, tmp_path: Path
 ) -> None:
     result = write_decomposition(
@@ -187,7 +191,7 @@ def test_written_parts_fit_together_to_the_model(
     } <= set(report)
     assert report["coverage"].keys() == {"surface_error", "overlap_mm3"}
     assert len(report["parts"]) == len(result.parts)
-    total = 0.0
+    total_mm3 = 0.0
     for part in report["parts"]:
         mesh = trimesh.load(tmp_path / "out" / part["file"], force="mesh")
         assert mesh.is_watertight
@@ -199,8 +203,8 @@ def test_written_parts_fit_together_to_the_model(
         assert model_mesh.bounds == pytest.approx(np.array([part["min_mm"], part["max_mm"]]), abs=1e-4)
         solid = Solid.from_arrays(mesh.vertices, mesh.faces)
         assert solid.volume_mm3 == pytest.approx(part["volume_mm3"], rel=1e-5)
-        total += part["volume_mm3"]
-    assert total <= ring_with_bar.volume_mm3 * (1.0 + 1e-9)
+        total_mm3 += part["volume_mm3"]
+    assert total_mm3 <= ring_with_bar.volume_mm3 * (1.0 + 1e-9)
     assert (tmp_path / "out" / "assembly.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
 
 

@@ -24,28 +24,30 @@ PRINTERS = [PrinterRoom(str(i), (ROOM,)) for i in range(16)]
 ENGINES = [engine for engine in Engine if engine is not Engine.BEST]
 corners = st.tuples(*[st.integers(-60, 40)] * 3)
 sizes = st.tuples(*[st.integers(15, 90)] * 3)
-turns = st.tuples(*[st.floats(-1.0, 1.0)] * 3)
+turns_rad = st.tuples(*[st.floats(-1.0, 1.0)] * 3)
 
 
-def make_model(blocks: Sequence[tuple[tuple[int, ...], tuple[int, ...]]], turns: tuple[float, ...]) -> Model:
+def make_model(
+    blocks: Sequence[tuple[tuple[int, ...], tuple[int, ...]]], turns_rad: tuple[float, ...]
+) -> Model:
     """Make a ball with rotated blocks through it or beside it."""
     ball = trimesh.creation.icosphere(1, 55.0)
     solids = [Solid.from_arrays(ball.vertices, ball.faces)]
     solids += [Solid.box(lo, np.add(lo, size)) for lo, size in blocks]
-    matrix = trimesh.transformations.euler_matrix(*turns)[:3, :3]
+    matrix = trimesh.transformations.euler_matrix(*turns_rad)[:3, :3]
     return Model(Solid.union(solids).rotate(matrix), (), 1.0)
 
 
 def find_points_inside(points: np.ndarray, solid: Solid) -> np.ndarray:
-    """Check by winding numbers (van Oosterom and Strackee 1983), independently of the cutting kernel."""
+    """Find points inside by winding numbers (van Oosterom and Strackee 1983), not by the cutting kernel."""
     vertices, faces = solid.arrays()
     a, b, c = (vertices[faces[:, i]] - points[:, None] for i in range(3))
     x, y, z = (np.linalg.norm(v, axis=2) for v in (a, b, c))
     dots = [np.einsum("nmk,nmk->nm", *pair) for pair in ((a, b), (b, c), (c, a))]
-    angle = np.arctan2(
+    angle_rad = np.arctan2(
         np.einsum("nmk,nmk->nm", a, np.cross(b, c)), x * y * z + dots[0] * z + dots[1] * x + dots[2] * y
     )
-    return np.asarray(angle.sum(axis=1) > np.pi)
+    return np.asarray(angle_rad.sum(axis=1) > np.pi)
 
 
 def check_laws(result: Decomposition, model: Model, seed: int) -> None:
@@ -62,14 +64,16 @@ def check_laws(result: Decomposition, model: Model, seed: int) -> None:
     vertices, faces = model.solid.arrays()
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     rng = np.random.default_rng(seed)
-    weight = rng.dirichlet([1.0, 1.0, 1.0], 60)
+    weights = rng.dirichlet([1.0, 1.0, 1.0], 60)
     face_indices = rng.choice(len(faces), 60, p=mesh.area_faces / mesh.area)
     points = (
-        np.einsum("nk,nkd->nd", weight, mesh.triangles[face_indices]) - 1e-3 * mesh.face_normals[face_indices]
+        np.einsum("nk,nkd->nd", weights, mesh.triangles[face_indices])
+        - 1e-3 * mesh.face_normals[face_indices]
     )
-    deep = find_points_inside(points, model.solid)  # at a sharp edge, not on the opposite side
+    # A point at a sharp edge may lie outside, beyond the opposite side.
+    is_inside = find_points_inside(points, model.solid)
     owners = np.sum([find_points_inside(points, part.solid) for part in result.parts], axis=0)
-    assert (owners[deep] == 1).all()
+    assert (owners[is_inside] == 1).all()
 
 
 def make_options(engine: Engine, interior: Interior, seed: int) -> Options:
@@ -96,22 +100,29 @@ def test_each_engine_cuts_a_ball(engine: Engine, interior: Interior, cost: CostM
 @settings(max_examples=1, deadline=None)
 @given(
     blocks=st.lists(st.tuples(corners, sizes), max_size=2),
-    angles=turns,
+    angles_rad=turns_rad,
     seed=st.integers(0, 10**6),
-    keep=st.booleans(),
+    keeps_interior=st.booleans(),
 )
-@example(blocks=[((15, 15, 15), (15, 15, 15))], angles=(0.0, 1.7e-197, -4e-58), seed=0, keep=False)
-@example(blocks=[], angles=(0.34124882938726064, 0.2943790231485002, 0.2307702229625077), seed=0, keep=True)
+@example(
+    blocks=[((15, 15, 15), (15, 15, 15))], angles_rad=(0.0, 1.7e-197, -4e-58), seed=0, keeps_interior=False
+)
+@example(
+    blocks=[],
+    angles_rad=(0.34124882938726064, 0.2943790231485002, 0.2307702229625077),
+    seed=0,
+    keeps_interior=True,
+)
 def test_all_of_the_surface_is_printed_once_by_parts_that_fit(
     engine: Engine,
     blocks: list[tuple[tuple[int, ...], tuple[int, ...]]],
-    angles: tuple[float, ...],
+    angles_rad: tuple[float, ...],
     seed: int,
-    keep: bool,
+    keeps_interior: bool,
     cost: CostModel,
 ) -> None:
-    model = make_model(blocks, angles)
-    interior = Interior.KEEP if keep else Interior.LEAVE
+    model = make_model(blocks, angles_rad)
+    interior = Interior.KEEP if keeps_interior else Interior.LEAVE
     try:
         result = decompose_model(model, PRINTERS, make_options(engine, interior, seed), cost)
     except NoFit:

@@ -20,9 +20,9 @@ ROOM = ((170.0, 170.0, 200.0),)
 box = Solid.box
 
 
-def make_ball(radius: float, centre: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Solid:
-    sphere = trimesh.creation.icosphere(3, radius)
-    return Solid.from_arrays(sphere.vertices + np.array(centre), sphere.faces)
+def make_ball(radius_mm: float, centre_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Solid:
+    sphere = trimesh.creation.icosphere(3, radius_mm)
+    return Solid.from_arrays(sphere.vertices + np.array(centre_mm), sphere.faces)
 
 
 def make_nested_bodies() -> Solid:
@@ -54,8 +54,8 @@ def make_pins() -> Solid:
     return Solid.union([box((0, 0, 0), (300, 200, 60)), *thin])
 
 
-def make_cube(side: float) -> Callable[[], Solid]:
-    return lambda: box((0, 0, 0), (side, side, side))
+def make_cube(side_mm: float) -> Callable[[], Solid]:
+    return lambda: box((0, 0, 0), (side_mm, side_mm, side_mm))
 
 
 def make_pyramid() -> Solid:
@@ -69,7 +69,7 @@ def make_pipe() -> Solid:
     return box((0, 0, 0), (300, 300, 300)).subtract(box((1, 1, -1), (299, 299, 301)))
 
 
-def run(solid: Solid, cost: CostModel, printers: int, granularity: int) -> Decomposition:
+def cut_solid(solid: Solid, cost: CostModel, printers: int, granularity: int) -> Decomposition:
     rooms = [PrinterRoom(f"um-{i}", ROOM) for i in range(printers)]
     options = Options(Engine.GUILLOTINE, granularity, prove=False)
     return decompose_model(Model(solid, (), 1.0), rooms, options, cost)
@@ -95,7 +95,7 @@ def test_whole_models_are_cut_without_faults(
     make_solid: Callable[[], Solid], granularity: int, printers: int, cost: CostModel
 ) -> None:
     solid = make_solid()
-    result = run(solid, cost, printers, granularity)
+    result = cut_solid(solid, cost, printers, granularity)
     assert 2 <= len(result.parts) <= printers
     assert result.faults == ()
     assert result.coverage.surface_error < 1e-6
@@ -106,7 +106,7 @@ def test_whole_models_are_cut_without_faults(
 
 def test_model_that_fits_one_printer_is_not_cut(cost: CostModel) -> None:
     solid = make_ball(30.0)
-    result = run(solid, cost, 1, 6)
+    result = cut_solid(solid, cost, 1, 6)
     (part,) = result.parts
     assert part.solid.volume_mm3 == pytest.approx(solid.volume_mm3)
     assert result.joints == ()
@@ -114,10 +114,10 @@ def test_model_that_fits_one_printer_is_not_cut(cost: CostModel) -> None:
 
 def test_sufficient_number_of_printers_is_reported(cost: CostModel) -> None:
     with pytest.raises(NoFit, match=r"400 x 400 x 400 mm needs \d+ parts.*there are 2") as error:
-        run(make_cube(400.0)(), cost, 2, 8)
+        cut_solid(make_cube(400.0)(), cost, 2, 8)
     printers_needed = error.value.printers_needed
     assert printers_needed is not None
-    assert len(run(make_cube(400.0)(), cost, printers_needed, 8).parts) <= printers_needed
+    assert len(cut_solid(make_cube(400.0)(), cost, printers_needed, 8).parts) <= printers_needed
 
 
 def test_model_too_large_for_any_fleet_is_reported(cost: CostModel) -> None:
@@ -127,20 +127,20 @@ def test_model_too_large_for_any_fleet_is_reported(cost: CostModel) -> None:
         decompose_model(Model(make_ball(200.0), (), 1.0), rooms, Options(Engine.GUILLOTINE, 8), cost)
 
 
-def test_rod_of_100_m_is_refused_before_any_grid_is_laid(
+def test_rod_of_100_m_is_refused_before_a_grid_is_built(
     cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse_call(*_: object) -> None:
-        raise AssertionError("lays a grid over it")
+        raise AssertionError("a grid is built")
 
     monkeypatch.setattr("decompose.problem.problem.build_grid", refuse_call)
     with pytest.raises(NoFit, match=r"100000 x 4 x 4 mm needs 320 parts at least.*there are 20") as error:
-        run(box((0, 0, 0), (100_000, 4, 4)), cost, 20, 10)
+        cut_solid(box((0, 0, 0), (100_000, 4, 4)), cost, 20, 10)
     assert "\n" not in str(error.value)
     assert error.value.printers_needed is None
     with pytest.raises(NoFit, match=r"needs 5 parts at least.*there are 3") as error:
-        run(box((0, 0, 0), (1_300, 4, 4)), cost, 3, 10)
+        cut_solid(box((0, 0, 0), (1_300, 4, 4)), cost, 3, 10)
     assert error.value.printers_needed == 5
     far_apart = Solid.union([box((0, 0, 0), (50, 50, 50)), box((99_950, 0, 0), (100_000, 50, 50))])
-    with pytest.raises(AssertionError, match="lays a grid"):
-        run(far_apart, cost, 20, 10)
+    with pytest.raises(AssertionError, match="a grid is built"):
+        cut_solid(far_apart, cost, 20, 10)

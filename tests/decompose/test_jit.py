@@ -1,4 +1,4 @@
-"""Cache of machine code, kept until a compiled file changes, also if the sources cannot be written."""
+"""Cache of machine code, kept until a compiled file changes, even if the source folder is not writable."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ def test_change_in_any_compiled_file_is_seen(tmp_path: Path) -> None:
 
 @pytest.fixture
 def unwritable_folders(monkeypatch: pytest.MonkeyPatch) -> set[Path]:
-    """Make folders unwritable, also if the tests run as root."""
+    """Make folders unwritable, even if the tests run as root."""
     folders: set[Path] = set()
-    writable = jit.is_writable
-    monkeypatch.setattr(jit, "is_writable", lambda folder: folder not in folders and writable(folder))
+    is_writable = jit.is_writable
+    monkeypatch.setattr(jit, "is_writable", lambda folder: folder not in folders and is_writable(folder))
     return folders
 
 
@@ -54,7 +54,7 @@ def test_installed_code_is_copied_for_a_user_who_may_not_write_it(
 def test_unwritable_home_falls_back_to_a_temporary_folder(
     tmp_path: Path, unwritable_folders: set[Path]
 ) -> None:
-    (tmp_path / "file").write_text("no folder")
+    (tmp_path / "file").write_text("not a folder")
     unwritable_folders.add(tmp_path / "installed")
     other_folders = [tmp_path / "file" / "own", tmp_path / "scratch"]
     assert find_code_folder(tmp_path / "installed", other_folders) == tmp_path / "scratch"

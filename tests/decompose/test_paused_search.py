@@ -1,4 +1,4 @@
-"""Searches that pause before a round of attempts: same result, wherever and whenever the attempts end."""
+"""Searches that pause before a round of attempts: the same result, wherever and whenever the attempts end."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ L_SHAPE = Model(
     Solid.union([Solid.box((0, 0, 0), (150, 40, 30)), Solid.box((0, 0, 0), (40, 110, 60))]), (), 1.0
 )
 ROOMS = [PrinterRoom(name, ((120.0, 120.0, 120.0),)) for name in "abcd"]
-BEST = BestOptions(12.0)  # a round of several attempts, and one that is alone
+BEST = BestOptions(12.0)  # one round of several attempts, and one single attempt
 
 
 @pytest.fixture(scope="module")
@@ -42,10 +42,10 @@ def drop_times(result: Decomposition) -> list[object]:
     return [replace(attempt, compute_s=0.0) for attempt in result.attempts]
 
 
-def test_attempts_in_any_order_have_the_result_of_one_process(
+def test_attempts_in_any_order_give_the_result_of_one_process(
     unpaused_result: Decomposition, paused_search: PausedSearch
 ) -> None:
-    """Make the attempts of each round in reverse order, each as if in a process of its own."""
+    """Make the attempts of each round in reverse order, each as if in a separate process."""
     search, rounds = paused_search, 0
     while search.best.open_printers:
         numbers = range(len(search.plan_round()))

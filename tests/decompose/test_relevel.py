@@ -51,7 +51,7 @@ def make_times_s(decomposition: Decomposition, slow_part: int, factor: float = 1
 
 
 def find_part_number(new_result: Decomposition, decomposition: Decomposition, slow_part: int) -> int:
-    """Find the number of a part after its borders have moved, as parts are numbered by position."""
+    """Find the number of a part after its borders have moved, because parts are numbered by position."""
     centre_mm = decomposition.parts[slow_part].solid.bounds_mm.mean(axis=0)
     return int(
         np.argmin([np.linalg.norm(p.solid.bounds_mm.mean(axis=0) - centre_mm) for p in new_result.parts])

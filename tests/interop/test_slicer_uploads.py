@@ -54,8 +54,8 @@ class ServedFarm(RealFarm):
 
     def wait_until_printed(self, job):
         """Wait until a job is printed, clear its bed, and return the printer."""
-        wait_for(f"job {job}", lambda: self.job(job)["state"] in END_STATES)
-        (plate,) = self.job(job)["plates"]
+        wait_for(f"job {job}", lambda: self.read_job(job)["state"] in END_STATES)
+        (plate,) = self.read_job(job)["plates"]
         self.run_checked("cleared", plate["printer"])
         return plate["printer"]
 
@@ -105,7 +105,7 @@ def test_gcode_of_prusaslicer_is_printed_by_the_printer_in_the_address(farm, sli
     gcode_path = slice_box("sent")
     status, _, body = send_with_curl(farm, gcode_path, "/to/b", print="true")
     assert status == 201, body
-    job = farm.job(int(json.loads(body)["files"]["local"]["path"].partition("/")[0]))
+    job = farm.read_job(int(json.loads(body)["files"]["local"]["path"].partition("/")[0]))
     assert (job["name"], job["submitted_by"]) == ("sent.gcode", "key slicer")
     assert farm.wait_until_printed(job["id"]) == "b"
 
@@ -138,7 +138,7 @@ def test_upload_of_qt_creates_a_job_with_the_location_that_the_plugin_of_cura_re
     if fields:
         farm.wait_until_printed(number)
     else:
-        assert farm.job(number)["options"]["hold"]
+        assert farm.read_job(number)["options"]["hold"]
 
 
 def test_refusal_to_qt_has_the_content_type_of_plain_text(farm, qt, tmp_path):

@@ -73,7 +73,7 @@ def test_job_is_submitted_planned_printed_and_cleared_and_shown_in_two_tabs(farm
     context.set_offline(True)
     for page in (desk_page, corridor_page):
         expect(page.locator(".stale")).to_contain_text("No updates from the farm since")
-    wait_for("the end of the print", lambda: farm.job()["state"] == "printed")
+    wait_for("the end of the print", lambda: farm.read_job()["state"] == "printed")
     context.set_offline(False)
     expect(desk_page.locator("#part-rows")).to_contain_text("printed")
     expect(corridor_page.locator(".stale")).to_be_hidden()

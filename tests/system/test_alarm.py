@@ -25,7 +25,7 @@ def test_shorted_nozzle_of_an_idle_printer_is_the_first_task_and_cuts_the_mains(
         )
         assert alarm[0] == farm.status()["todo"][0] and alarm[0]["code"] == "alarm"
         assert "go to um2-01 now: " in alarm[0]["text"] and ", nozzle " in alarm[0]["text"]
-        assert farm.printer("um2-01")["state"] == "look"
+        assert farm.read_printer("um2-01")["state"] == "look"
         assert "DO NOW   go to um2-01 now: " in farm.run_checked("status")
         assert mark.read_text() == "um2-01\n"
     finally:

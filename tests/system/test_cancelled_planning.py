@@ -53,12 +53,12 @@ def test_planning_processes_end_with_their_job_and_with_the_daemon(make_farm, ba
     with (tmp_path / "fifo").open() as fifo:
         assert fifo.readline() == "slicing\n"
         progress = {"step": "slicing", "done": 0, "of": 2, "cached": 0, "share": None, "remaining_s": None}
-        assert farm.job()["progress"] == progress
+        assert farm.read_job()["progress"] == progress
         assert "slicing 0 of 2" in farm.run_checked("status")
         old_workers = list_workers(daemon)
         farm.run_checked("cancel", 1)
         fifo.read()  # to its end: no engine has it open
-    assert (farm.job()["state"], farm.job()["progress"]) == ("cancelled", None)
+    assert (farm.read_job()["state"], farm.read_job()["progress"]) == ("cancelled", None)
     wait_for(
         "new workers", lambda: len(old_workers) == len(now := list_workers(daemon)) and now - old_workers
     )

@@ -144,7 +144,7 @@ def test_missing_port_is_reported(make_farm, tmp_path):
     result = farm.run("up")
     assert result.returncode == 0, result.stderr
     assert "one: there is no port" in read_error_line(result.stderr)
-    wait_for("the agent's report", lambda: farm.printer("one")["state"] == "absent")
+    wait_for("the agent's report", lambda: farm.read_printer("one")["state"] == "absent")
     assert farm.status()["todo"][0]["code"] == "connect"
 
 
@@ -166,7 +166,7 @@ def test_failing_cura_engine_is_reported(make_farm, bar, tmp_path):
     result = farm.run("submit", bar, "--wait")
     assert result.returncode == 1, result.stderr
     assert "out of memory" in read_error_line(result.stderr)
-    assert farm.job()["state"] == "failed"
+    assert farm.read_job()["state"] == "failed"
 
 
 def test_part_that_fits_no_printer_is_refused(make_farm, tmp_path):
@@ -190,13 +190,13 @@ def test_open_mesh_is_repaired_and_parts_are_printed_in_rounds(make_farm, tmp_pa
     bar.export(path)
     output = farm.run_checked("submit", path)
     assert "losed" in output
-    wait_for("the first round", lambda: farm.job()["waits_for_person"])
-    job = farm.job()
+    wait_for("the first round", lambda: farm.read_job()["waits_for_person"])
+    job = farm.read_job()
     assert job["repairs"]
     assert len(job["parts"]) == 2
     assert {p["hold"]["code"] for p in job["plates"] if p["hold"]} == {"bed_not_clear"}
     farm.run_checked("cleared", "one")
-    wait_for("the second round", lambda: farm.job()["state"] == "printed")
+    wait_for("the second round", lambda: farm.read_job()["state"] == "printed")
 
 
 def test_read_only_state_folder_is_refused(make_farm, tmp_path):

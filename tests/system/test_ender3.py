@@ -27,7 +27,7 @@ def test_model_is_split_between_two_models_of_printer(mixed_farm, bar):
     assert job["state"] == "printed"
     assert {part["prints"][-1]["printer"] for part in job["parts"]} == {"ender", "um2"}
     for name in ("ender", "um2"):
-        printer, emulator = mixed_farm.printer(name), mixed_farm.read_emulator_status(name)
+        printer, emulator = mixed_farm.read_printer(name), mixed_farm.read_emulator_status(name)
         assert (printer["bed"], printer["filament"], printer["heaters_off"]) == ("not_clear", "parked", True)
         assert (emulator.nozzle_target_c, emulator.bed_target_c, emulator.bed_clear) == (0.0, 0.0, False)
         assert emulator.altered == emulator.damaged == 0

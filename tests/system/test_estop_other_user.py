@@ -55,7 +55,7 @@ def test_member_of_the_group_stops_a_printer_whose_daemon_and_agent_hang(tmp_pat
         stopped_pids, server = [], None
         try:
             farm.up()
-            stopped_pids += [farm.status()["daemon"]["pid"], farm.printer("um2-01")["agent_pid"]]
+            stopped_pids += [farm.status()["daemon"]["pid"], farm.read_printer("um2-01")["agent_pid"]]
             for pid in stopped_pids:
                 os.kill(pid, signal.SIGSTOP)
             arguments = [sys.executable, "-c", ESTOP_AS_USER, str(NOBODY_UID), shared_folder / "farm.sock"]

@@ -39,24 +39,24 @@ def list_prints(job):
 def test_jobs_and_dry_runs_are_planned_while_printers_and_workers_are_busy(evening_farm, bar, models):
     farm = evening_farm
     farm.run_checked("submit", bar, "--engine", "guillotine")
-    wait_for("both printers to print", lambda: len(list_prints(farm.job())) == 2)
+    wait_for("both printers to print", lambda: len(list_prints(farm.read_job())) == 2)
 
     # No bed is cleared from now on; both jobs have their figures nevertheless.
     farm.run_checked("submit", bar, "--engine", "guillotine")
     farm.run_checked("submit", models["box"])
-    wait_for("two plans", lambda: all(farm.job(number)["parts"] for number in (2, 3)))
+    wait_for("two plans", lambda: all(farm.read_job(number)["parts"] for number in (2, 3)))
     for number, parts in ((2, 2), (3, 1)):
-        job = farm.job(number)
+        job = farm.read_job(number)
         assert len(job["parts"]) == parts
         assert job["grams"] > 0 and job["estimated_s"] > 0 and job["eta"]
         assert {plate["hold"]["code"] for plate in job["plates"]} <= {"printer_busy", "bed_not_clear"}
         assert list_prints(job) == []
 
     farm.run_checked("submit", models["sphere"])
-    wait_for("the search for parts", lambda: (farm.job(4)["progress"] or {}).get("share"))
+    wait_for("the search for parts", lambda: (farm.read_job(4)["progress"] or {}).get("share"))
     timeline = json.loads(farm.run_checked("submit", models["box"], "--dry-run", "--json"))
     assert len(timeline["slots"]) == 1 and timeline["grams"] > 0
-    progress = farm.job(4)["progress"]
+    progress = farm.read_job(4)["progress"]
     assert progress["step"] == "decomposing" and progress["remaining_s"] > 0
     assert "decomposing" in farm.run_checked("status")
     farm.run_checked("cancel", 4)

@@ -21,7 +21,7 @@ pytestmark = pytest.mark.system
 
 def is_printing(farm):
     """Return True while every plate of job 1 is being extruded."""
-    job = farm.job()
+    job = farm.read_job()
     states = [p["prints"][-1]["state"] if p["prints"] else "" for p in job["parts"]]
     return bool(states) and all(state == "printing" for state in states) and (job["elapsed_s"] or 0) > 0
 
@@ -52,7 +52,7 @@ def test_model_is_printed_to_its_last_part(farm, bar):
         *("assembly.png", "assembly.glb", "decomposition.json", "instructions.html"),
     }
     for name in ("one", "two"):
-        printer = farm.printer(name)
+        printer = farm.read_printer(name)
         assert (printer["bed"], printer["filament"], printer["heaters_off"]) == ("not_clear", "parked", True)
         emulator = farm.read_emulator_status(name)
         assert (emulator.nozzle_target_c, emulator.bed_target_c, emulator.bed_clear) == (0.0, 0.0, False)
@@ -92,10 +92,10 @@ def test_prints_continue_after_the_daemon_dies(farm, bar):
     assert farm.run("status").returncode == 3
     farm.run_checked("up")
     assert farm.status()["daemon"]["pid"] != old_status["daemon"]["pid"]
-    wait_for("the job to end", lambda: farm.job()["state"] == "printed")
+    wait_for("the job to end", lambda: farm.read_job()["state"] == "printed")
     assert {p["name"]: p["agent_pid"] for p in farm.status()["printers"]} == agents
     assert {name: farm.read_emulator_status(name).resets for name in agents} == resets
-    job = farm.job()
+    job = farm.read_job()
     # A second of a busy computer is minutes on the farm's clock; `bench/fleets/job_times.py` measures
     # the difference.
     assert job["elapsed_s"] == pytest.approx(job["estimated_s"], rel=0.25)
@@ -110,7 +110,7 @@ def test_submit_wait_continues_over_a_restart_of_the_daemon(farm, bar, tmp_path)
     with (tmp_path / "out").open("w+") as path:
         command = [str(FARM), "submit", str(bar), "--wait", "--json", "--state", str(farm.state)]
         wait_process = subprocess.Popen(command, stdout=path, stderr=subprocess.DEVNULL)
-        wait_for("the plan", lambda: farm.status()["jobs"] and farm.job()["estimated_s"])
+        wait_for("the plan", lambda: farm.status()["jobs"] and farm.read_job()["estimated_s"])
         farm.kill_daemon()
         farm.run_checked("up")
         assert wait_process.wait(240) == 0
@@ -171,7 +171,7 @@ def test_printer_of_a_dead_agent_is_cooled(watched_farm, bar, tmp_path):
     farm = watched_farm
     farm.run_checked("submit", bar)
     wait_for("both printers to extrude", lambda: is_printing(farm) and is_extruding(farm, "one"))
-    agent = farm.printer("one")["agent_pid"]
+    agent = farm.read_printer("one")["agent_pid"]
     assert farm.read_emulator_status("one").nozzle_target_c > 0
     os.kill(agent, signal.SIGKILL)
     kill_s = time.monotonic()
@@ -183,37 +183,39 @@ def test_printer_of_a_dead_agent_is_cooled(watched_farm, bar, tmp_path):
     # This is a guarantee: the heaters are off five seconds after an agent's death.
     wait_for("targets 0", is_cold, limit_s=5.0)
     assert time.monotonic() - kill_s < 5.0
-    wait_for("the daemon to record it", lambda: farm.printer("one")["state"] == "look")
-    printer = farm.printer("one")
+    wait_for("the daemon to record it", lambda: farm.read_printer("one")["state"] == "look")
+    printer = farm.read_printer("one")
     assert printer["bed"] == "not_clear"
     assert printer["agent_pid"] not in (None, agent)
-    job = farm.job()
+    job = farm.read_job()
     failed_prints = [p for part in job["parts"] for p in part["prints"] if p["printer"] == "one"]
     assert [p["state"] for p in failed_prints] == ["failed"]
     assert "agent" in failed_prints[0]["reason"]
     # The other print continues; the failed plate then waits for a person, with the reason.
-    wait_for("the other part", lambda: any(p["prints"][-1]["state"] == "done" for p in farm.job()["parts"]))
-    assert farm.job()["waits_for_person"]
+    wait_for(
+        "the other part", lambda: any(p["prints"][-1]["state"] == "done" for p in farm.read_job()["parts"])
+    )
+    assert farm.read_job()["waits_for_person"]
     farm.run_checked("cleared", "one")
-    wait_for("the second attempt", lambda: farm.job()["state"] == "printed")
-    wait_for("stills of the ends", lambda: have_last_stills(farm.job()))
-    check_fetched_files(farm, tmp_path, check_stills(farm.job()))
+    wait_for("the second attempt", lambda: farm.read_job()["state"] == "printed")
+    wait_for("stills of the ends", lambda: have_last_stills(farm.read_job()))
+    check_fetched_files(farm, tmp_path, check_stills(farm.read_job()))
 
 
 def test_printer_reset_by_a_person_gets_no_plate_before_it_is_inspected(farm, bar):
     control(farm.get_emulator_folder("one"), Command.RESET)
-    wait_for("the farm to notice", lambda: farm.printer("one")["look"])
-    printer = farm.printer("one")
+    wait_for("the farm to notice", lambda: farm.read_printer("one")["look"])
+    printer = farm.read_printer("one")
     assert (printer["bed"], printer["state"]) == ("unknown", "look")
     assert [item["code"] for item in farm.status()["todo"]] == ["look"]
     # A daemon that starts later still knows that the bed is unknown.
     farm.kill_daemon()
     farm.run_checked("up")
-    wait_for("the other printer", lambda: farm.printer("two")["state"] == "idle")
-    assert farm.printer("one")["bed"] == "unknown"
+    wait_for("the other printer", lambda: farm.read_printer("two")["state"] == "idle")
+    assert farm.read_printer("one")["bed"] == "unknown"
     farm.run_checked("cleared", "one")
-    wait_for("the printer to be ready", lambda: farm.printer("one")["state"] == "idle")
-    assert farm.printer("one")["bed"] == "clear"
+    wait_for("the printer to be ready", lambda: farm.read_printer("one")["state"] == "idle")
+    assert farm.read_printer("one")["bed"] == "clear"
 
 
 def test_farm_down_is_refused_during_a_print_without_an_option(farm, bar):
@@ -234,11 +236,11 @@ def test_cancelled_job_ends_safely_and_is_not_repeated(farm, bar):
     wait_for("both printers to extrude", lambda: is_printing(farm))
     farm.run_checked("cancel", 1)
     wait_for("both prints to end", lambda: all(p["print"] is None for p in farm.status()["printers"]))
-    job = farm.job()
+    job = farm.read_job()
     assert job["state"] == "cancelled"
     assert [part["prints"][-1]["state"] for part in job["parts"]] == ["cancelled", "cancelled"]
     for name in ("one", "two"):
-        printer = farm.printer(name)
+        printer = farm.read_printer(name)
         assert (printer["bed"], printer["look"]) == ("not_clear", None)
         assert farm.read_emulator_status(name).nozzle_target_c == 0.0
     assert farm.run("submit", bar, "--wait", "--printers", "0").returncode == 2

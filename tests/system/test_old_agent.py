@@ -39,16 +39,16 @@ def test_agent_of_an_earlier_version_is_detected_and_replaced(tmp_path):
         command = [sys.executable, "-m", "drivers.agent", "--folder", str(agent)]
         old_agent = subprocess.Popen(command, cwd=sources, stderr=subprocess.DEVNULL, start_new_session=True)
         farm.run_checked("up")
-        attention_reason = wait_for("the daemon to find it", lambda: farm.printer("um2-01")["look"])
+        attention_reason = wait_for("the daemon to find it", lambda: farm.read_printer("um2-01")["look"])
         assert "farm up --replace um2-01" in attention_reason
-        assert farm.printer("um2-01")["agent_pid"] == old_agent.pid
-        assert "needs_a_look" in farm.printer("um2-01")["hold"]["code"]
+        assert farm.read_printer("um2-01")["agent_pid"] == old_agent.pid
+        assert "needs_a_look" in farm.read_printer("um2-01")["hold"]["code"]
         # The daemon repeats no request in vain.
         assert len((farm.state / "daemon.log").read_text().splitlines()) < 50
         assert "is replaced" in farm.run_checked("up", "--replace", "um2-01")
         assert old_agent.wait(60.0) is not None
-        wait_for("another agent", lambda: farm.printer("um2-01")["state"] == "idle")
-        assert farm.printer("um2-01")["agent_pid"] != old_agent.pid
+        wait_for("another agent", lambda: farm.read_printer("um2-01")["state"] == "idle")
+        assert farm.read_printer("um2-01")["agent_pid"] != old_agent.pid
     finally:
         farm.end()
         if old_agent is not None and old_agent.poll() is None:

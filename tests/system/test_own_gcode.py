@@ -34,7 +34,7 @@ def print_file(farm, number, path):
     assert Path(job["parts"][0]["file"]).read_bytes() == path.read_bytes()
     emulator = farm.read_emulator_status("one")
     assert (emulator.nozzle_target_c, emulator.bed_target_c, emulator.bed_clear) == (0.0, 0.0, False)
-    assert farm.printer("one")["filament"] == "parked"
+    assert farm.read_printer("one")["filament"] == "parked"
     assert {f.name for f in Path(job["folder"]).iterdir()} == {"p01.gcode", "plate-01.gcode"}
     return job
 

@@ -15,14 +15,14 @@ def test_open_print_of_an_older_farm_is_ended_and_its_part_waits(make_farm, tmp_
     farm = make_farm({name: (model, f"sim://{model}") for name, model in models.items()})
     unpack_state(farm.folder)  # with the fleet file that it was made with
     farm.run_checked("up")
-    wait_for("the open print to be ended", lambda: farm.printer("um2x-01")["print"] is None)
+    wait_for("the open print to be ended", lambda: farm.read_printer("um2x-01")["print"] is None)
     jobs = {job["id"]: job["state"] for job in farm.status()["jobs"]}
     assert (jobs[2], jobs[3], jobs[4]) == ("printing", "held", "printed")
-    assert farm.job(1)["state"] == "done"
-    (part,) = farm.job(2)["parts"]
+    assert farm.read_job(1)["state"] == "done"
+    (part,) = farm.read_job(2)["parts"]
     first_print = part["prints"][0]
     assert (first_print["printer"], first_print["state"]) == ("um2x-01", "failed")
     assert "agent" in first_print["reason"]
-    assert farm.printer("um2-01")["bed"] == "not_clear"
+    assert farm.read_printer("um2-01")["bed"] == "not_clear"
     farm.run_checked("cleared", "um2-01")
-    assert farm.job(4)["state"] == "done"
+    assert farm.read_job(4)["state"] == "done"

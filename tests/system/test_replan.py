@@ -20,9 +20,9 @@ def test_failed_part_is_resliced_for_another_model_and_printed(make_farm, tmp_pa
     path = tmp_path / "block.stl"
     trimesh.creation.box((28.0, 24.0, 10.0)).export(path)
     farm.run_checked("submit", path, "--printers", "1")
-    wait_for("it to print", lambda: farm.printer("one")["state"] == "printing")
+    wait_for("it to print", lambda: farm.read_printer("one")["state"] == "printing")
     farm.run_checked("fail", "one", "--why", "a blob")
-    job = wait_for("it to be printed", lambda: (job := farm.job())["state"] == "printed" and job)
+    job = wait_for("it to be printed", lambda: (job := farm.read_job())["state"] == "printed" and job)
     (part,) = job["parts"]
     assert [(attempt["printer"], attempt["state"]) for attempt in part["prints"]] == [
         ("one", "failed"),
@@ -32,7 +32,7 @@ def test_failed_part_is_resliced_for_another_model_and_printed(make_farm, tmp_pa
     assert (part["id"], plate["id"], plate["printer"]) == ("1/p01", "1/01-2", "two")
     assert farm.read_emulator_status("two").bed_clear is False
     farm.run_checked("cleared", "all")
-    assert farm.job()["state"] == "done"
+    assert farm.read_job()["state"] == "done"
 
 
 def test_failed_part_is_cut_for_the_free_printers_and_printed(make_farm, tmp_path):
@@ -45,9 +45,9 @@ def test_failed_part_is_cut_for_the_free_printers_and_printed(make_farm, tmp_pat
     path = tmp_path / "strip.stl"
     trimesh.creation.box((150.0, 20.0, 3.0)).export(path)
     farm.run_checked("submit", path)
-    wait_for("it to print", lambda: farm.printer("large")["state"] == "printing")
+    wait_for("it to print", lambda: farm.read_printer("large")["state"] == "printing")
     farm.run_checked("fail", "large", "--why", "a blob")
-    job = wait_for("it to be printed", lambda: (job := farm.job())["state"] == "printed" and job)
+    job = wait_for("it to be printed", lambda: (job := farm.read_job())["state"] == "printed" and job)
     names = ["1/p01a", "1/p01b"]
     assert [part["id"] for part in job["parts"]] == names
     for part in job["parts"]:
@@ -74,4 +74,4 @@ def test_failed_part_is_cut_for_the_free_printers_and_printed(make_farm, tmp_pat
     assert text.count("1/p01 on large: failed") == 1
     assert all(f"<b>{name}</b> printed" in text for name in names)
     farm.run_checked("cleared", "all")
-    assert farm.job()["state"] == "done"
+    assert farm.read_job()["state"] == "done"

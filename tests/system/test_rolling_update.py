@@ -101,7 +101,7 @@ def test_idle_agents_are_updated_host_by_host_and_restored_at_the_first_fault(fa
     slow_file = tmp_path / "slow.gcode"
     slow_file.write_text(write_slow_gcode(moves=int(PRINT_S / 20), move_s=20.0))
     farm.run_checked("submit", slow_file, "--colour", "red")
-    wait_for("the print", lambda: farm.printer(PRINTING_PRINTER)["state"] == "printing")
+    wait_for("the print", lambda: farm.read_printer(PRINTING_PRINTER)["state"] == "printing")
     old_agents = farm.read_agents()
     assert {version for version, _ in old_agents.values()} == {OLD}
 
@@ -109,7 +109,7 @@ def test_idle_agents_are_updated_host_by_host_and_restored_at_the_first_fault(fa
     tasks = wait_for("the fault", lambda: [t for t in farm.status()["todo"] if "the update" in t["text"]])
     assert "a2: its new agent has ended; its old version is started again" in tasks[0]["text"]
     wait_for("the old agent", lambda: {version for version, _ in farm.read_agents().values()} == {OLD})
-    wait_for("its printer", lambda: farm.printer("a2")["state"] == "idle")
+    wait_for("its printer", lambda: farm.read_printer("a2")["state"] == "idle")
     new_agents = farm.read_agents()
     assert {name for name in new_agents if new_agents[name] != old_agents[name]} == {"a2"}
 
@@ -119,7 +119,7 @@ def test_idle_agents_are_updated_host_by_host_and_restored_at_the_first_fault(fa
     def is_updated() -> bool:
         agents = farm.read_agents()
         states.append({name: version for name, (version, _) in agents.items()})
-        if farm.job()["printed"] == 0:
+        if farm.read_job()["printed"] == 0:
             assert agents[PRINTING_PRINTER] == old_agents[PRINTING_PRINTER]
         return {version for version, _ in agents.values()} == {NEW}
 
@@ -128,5 +128,5 @@ def test_idle_agents_are_updated_host_by_host_and_restored_at_the_first_fault(fa
     assert not [
         versions for versions in states if NEW in (versions["b1"], versions["b2"]) and versions["a1"] != NEW
     ]
-    assert [attempt["state"] for attempt in farm.job()["parts"][0]["prints"]] == ["done"]
+    assert [attempt["state"] for attempt in farm.read_job()["parts"][0]["prints"]] == ["done"]
     assert not [task for task in farm.status()["todo"] if "the update" in task["text"]]

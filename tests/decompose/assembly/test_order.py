@@ -69,7 +69,7 @@ def test_pinwheel_is_closed_by_slides():
 
 
 def test_pinwheel_slides_along_one_face():
-    """Expect that one brick is taken off first: each other split of the whole slides along more faces."""
+    """Expect one brick to be taken off first: every other split of the whole slides along more faces."""
     pieces = make_pinwheel()
     [sliding_step] = [step for step in plan_and_check(pieces).steps if step.slides]
     joints = find_joints(pieces)
@@ -138,7 +138,7 @@ def test_body_that_would_fall_over_is_held():
 
 
 def test_thin_plate_in_a_thin_box_is_laid_in_before_the_box_is_closed():
-    """Use a long way on which the plate would pass through the floor only in the last millimetres."""
+    """Use a long path on which the plate would pass through the floor only in the last millimetres."""
     box = Solid.box((0, 0, 0), (60, 60, 120)).subtract(Solid.box((2, 2, 2), (58, 58, 118)))
     halves = [
         piece
@@ -150,7 +150,7 @@ def test_thin_plate_in_a_thin_box_is_laid_in_before_the_box_is_closed():
     assert len(second_step.joints) == 1
 
 
-def test_replay_reports_a_step_in_a_wrong_direction():
+def test_replay_reports_a_step_in_the_wrong_direction():
     pieces = make_pinwheel()
     assembly, joints, solids = plan_and_check(pieces), find_joints(pieces), [piece.solid for piece in pieces]
     last_step = assembly.steps[-1]
@@ -169,7 +169,7 @@ def test_replay_reports_a_step_that_is_missing(missing_step: int):
 
 @st.composite
 def draw_partitions(draw: st.DrawFn) -> list[Piece]:
-    """Draw partitions of a block of 2 to 4 cells a side into boxes."""
+    """Draw a partition of a block of 2 to 4 cells a side into boxes."""
     cells = draw(st.tuples(*[st.integers(2, 4)] * 3))
     results = [(np.zeros(3), np.array(cells, dtype=np.float64) * 10.0)]
     for _ in range(draw(st.integers(1, 9))):
@@ -187,8 +187,10 @@ def draw_partitions(draw: st.DrawFn) -> list[Piece]:
 
 @settings(max_examples=40, deadline=None)
 @given(draw_partitions(), st.floats(0.0, 6.0))
-def test_every_partition_into_boxes_of_one_frame_can_be_assembled(pieces: list[Piece], angle: float):
-    rotation = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1.0]])
+def test_every_partition_into_boxes_of_one_frame_can_be_assembled(pieces: list[Piece], angle_rad: float):
+    rotation = np.array(
+        [[np.cos(angle_rad), -np.sin(angle_rad), 0], [np.sin(angle_rad), np.cos(angle_rad), 0], [0, 0, 1.0]]
+    )
     transform = np.eye(4)
     transform[:3, :3] = rotation
     joints = [joint.move(transform) for joint in find_joints(pieces)]

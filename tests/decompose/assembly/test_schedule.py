@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 from decompose.assembly.schedule import Work, compute_critical_path_s, order_steps
 
 
-def glue(*bodies: set[int]) -> Work:
+def make_work(*bodies: set[int]) -> Work:
     a, b = bodies
     return Work((frozenset(a), frozenset(b)), joints=1, glue_mm2=500.0, steady=True)
 
 
 def test_person_glues_the_next_pair_while_the_first_dries() -> None:
-    works = [glue({0}, {1}), glue({0, 1}, {2}), glue({3}, {4}), glue({0, 1, 2}, {3, 4})]
+    works = [make_work({0}, {1}), make_work({0, 1}, {2}), make_work({3}, {4}), make_work({0, 1, 2}, {3, 4})]
     order = order_steps(works, dry_s=100.0)
     assert [number for number, _ in order] == [0, 2, 1, 3]
     assert order[1][1] == pytest.approx(works[0].seconds)
@@ -23,7 +23,7 @@ def test_person_glues_the_next_pair_while_the_first_dries() -> None:
 
 
 def test_person_waits_if_no_other_step_is_ready() -> None:
-    works = [glue({0}, {1}), glue({0, 1}, {2})]
+    works = [make_work({0}, {1}), make_work({0, 1}, {2})]
     order = order_steps(works, dry_s=1000.0)
     assert order == [(0, 0.0), (1, pytest.approx(works[0].seconds + 1000.0))]
     assert compute_critical_path_s(works, dry_s=1000.0) == pytest.approx(order[1][1] + works[1].seconds)
@@ -39,13 +39,13 @@ def test_more_joints_more_glue_and_single_parts_take_longer() -> None:
 
 @st.composite
 def draw_trees(draw: st.DrawFn) -> list[Work]:
-    """Draw random trees of steps over some parts, each step after those that make its bodies."""
+    """Draw a random tree of steps over some parts, each step after those that make its bodies."""
     bodies = [{part} for part in range(draw(st.integers(2, 12)))]
     works = []
     while len(bodies) > 1:
         a = bodies.pop(draw(st.integers(0, len(bodies) - 1)))
         b = bodies.pop(draw(st.integers(0, len(bodies) - 1)))
-        works.append(glue(a, b))
+        works.append(make_work(a, b))
         bodies.append(a | b)
     return works
 

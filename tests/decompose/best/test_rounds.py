@@ -1,4 +1,4 @@
-"""Rounds of `best`: their laws, with engines that are tables of makespans and efforts."""
+"""Rounds of `best`: their invariants, with tables of makespans and efforts as engines."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def make_problem(cost: CostModel, budget_s: float) -> Problem:
 
 
 def run_rounds(problem: Problem, engines: TableEngines, shuffle: Shuffle) -> list[SearchState]:
-    """Run a search whose attempts of a round end in some order; return the state after each round."""
+    """Run a search in which each round's attempts end in a given order; return the state after each round."""
     states = [SearchState()]
     while trials := plan_next_round(problem, states[-1]):
         outcomes = {
@@ -91,11 +91,11 @@ def test_order_in_which_attempts_of_a_round_end_changes_nothing(
         with pytest.raises(NoFit):
             find_best(problem, engines)
         return
-    serial = find_best(problem, engines)
-    assert (serial.makespan_s, serial.yaw_deg) == (state.best.makespan_s, state.best.yaw_deg)
-    started_attempts = serial.attempts[: len(state.attempts)]
+    serial_result = find_best(problem, engines)
+    assert (serial_result.makespan_s, serial_result.yaw_deg) == (state.best.makespan_s, state.best.yaw_deg)
+    started_attempts = serial_result.attempts[: len(state.attempts)]
     assert drop_times(started_attempts) == drop_times(state.attempts)
-    assert all("not started" in attempt.reason for attempt in serial.attempts[len(started_attempts) :])
+    assert all("not started" in attempt.reason for attempt in serial_result.attempts[len(started_attempts) :])
 
 
 @settings(max_examples=60, deadline=None)
@@ -110,7 +110,7 @@ def test_rounds_keep_the_budget_and_repeat_no_attempt(
         efforts_s = {trial.effort_s for trial in trials}
         assert len(efforts_s) <= 1
         is_repeated = trials and trials[0].granularity == "auto" and len(state.attempts) == 1
-        if not is_repeated:  # then the first grid was too coarse, and the budget begins anew
+        if not is_repeated:  # after a grid that was too coarse, the budget starts again
             assert sum(trial.effort_s for trial in trials) <= compute_remaining_s(problem, state) + 1e-9
         if len(trials) > 1:
             assert efforts_s.pop() >= state.attempts[0].effort_s
@@ -119,14 +119,16 @@ def test_rounds_keep_the_budget_and_repeat_no_attempt(
 
 
 def test_round_is_as_large_as_the_budget_allows(cost: CostModel, result: Decomposition) -> None:
-    """Use a first attempt of 10 s, and a result that other grids cannot better."""
+    """Use a first attempt of 10 s, and a result that other grids cannot improve."""
     best = replace(result, makespan_s=1000.0, sum_s=20_000.0)
     state = SearchState((Attempt(Engine.GUILLOTINE, "auto", 0.0, 1000.0, effort_s=10.0),), best)
 
-    def plan(budget_s: float) -> tuple[Trial, ...]:
+    def plan_round(budget_s: float) -> tuple[Trial, ...]:
         return plan_next_round(make_problem(cost, budget_s), state)
 
-    assert plan(14.0) == ()
-    assert plan(15.0) == (Trial(Engine.GUILLOTINE, "auto", OTHER_YAWS_DEG[0], 5.0),)
-    assert [(trial.yaw_deg, trial.effort_s) for trial in plan(35.0)] == [(45.0, 12.5), (15.0, 12.5)]
-    assert [(t.yaw_deg, t.effort_s) for t in plan(110.0)] == [(yaw_deg, 20.0) for yaw_deg in OTHER_YAWS_DEG]
+    assert plan_round(14.0) == ()
+    assert plan_round(15.0) == (Trial(Engine.GUILLOTINE, "auto", OTHER_YAWS_DEG[0], 5.0),)
+    assert [(trial.yaw_deg, trial.effort_s) for trial in plan_round(35.0)] == [(45.0, 12.5), (15.0, 12.5)]
+    assert [(t.yaw_deg, t.effort_s) for t in plan_round(110.0)] == [
+        (yaw_deg, 20.0) for yaw_deg in OTHER_YAWS_DEG
+    ]

@@ -28,7 +28,7 @@ from decompose.results import Decomposition
 BOUND_S = 1000.0
 BLOCK = Model(Solid.box((0, 0, 0), (300, 90, 80)), (), 1.0)
 ROOMS = [PrinterRoom(str(i), ((200.0, 200.0, 200.0),)) for i in range(20)]
-MakespanOf = Callable[[Options], float]
+MakespanFunction = Callable[[Options], float]
 
 
 @pytest.fixture(scope="module")
@@ -42,15 +42,15 @@ class Engines:
     """Engines that end at given times (inf: no partition), and record their problems."""
 
     def __init__(
-        self, result: Decomposition, makespan_of: MakespanOf, faulty: tuple[Engine, ...] = ()
+        self, result: Decomposition, compute_makespan_s: MakespanFunction, faulty: tuple[Engine, ...] = ()
     ) -> None:
-        self.result, self.makespan_of, self.faulty = result, makespan_of, faulty
+        self.result, self.compute_makespan_s, self.faulty = result, compute_makespan_s, faulty
         self.problems: list[Problem] = []
 
     def __call__(self, problem: Problem) -> Decomposition:
         self.problems.append(problem)
         problem.effort.record(Work.SUM, round(1e9 / WORK_NS[Work.SUM]))  # a second
-        if math.isinf(makespan_s := self.makespan_of(problem.options)):
+        if math.isinf(makespan_s := self.compute_makespan_s(problem.options)):
             raise NoFit(f"nothing at {problem.options.granularity}")
         engine = problem.options.engine
         faults = (Fault(0, "is a sliver"),) if engine in self.faulty else ()
@@ -73,9 +73,9 @@ def list_yaws_deg(result: Decomposition) -> list[float]:
 
 
 def compute_far_makespan_s(options: Options) -> float:
-    """Makespan well above the bound, and closer to it on finer grids."""
-    finer = options.granularity if isinstance(options.granularity, int) else 0
-    return 1.2 * BOUND_S - finer
+    """Compute a makespan well above the bound, and closer to it on finer grids."""
+    cells = options.granularity if isinstance(options.granularity, int) else 0
+    return 1.2 * BOUND_S - cells
 
 
 FIRST_ATTEMPTS = [(Engine.GUILLOTINE, "auto")]
@@ -138,7 +138,7 @@ def test_only_the_requested_grid_is_tried(
 
 
 def test_other_grids_are_tried_at_the_best_angle(cost: CostModel, result: Decomposition) -> None:
-    def makespan_of(options: Options) -> float:
+    def compute_makespan_s(options: Options) -> float:
         # The second yaw is faster.
         return BOUND_S * (1.2 if len(engines.problems) == 1 + len(first_attempts) + 2 else 1.3)
 
@@ -146,16 +146,16 @@ def test_other_grids_are_tried_at_the_best_angle(cost: CostModel, result: Decomp
     engines = Engines(result, lambda options: 1.3 * BOUND_S)
     find_best(make_problem(cost), engines)
     first_attempts += [cells for _, cells in engines.engine_grids if cells != "auto"]
-    engines = Engines(result, makespan_of)
+    engines = Engines(result, compute_makespan_s)
     best = find_best(make_problem(cost), engines)
     yaw_deg = OTHER_YAWS_DEG[1]
     later_attempts = best.attempts[1 + len(first_attempts) + len(OTHER_YAWS_DEG) :]
     assert best.makespan_s == 1.2 * BOUND_S
     assert later_attempts
     assert {attempt.yaw_deg for attempt in later_attempts} == {yaw_deg}
-    lengths = [item.model.extents_mm[0] for item in engines.problems]
-    assert lengths[-1] == pytest.approx(lengths[1 + len(first_attempts) + 1])
-    assert lengths[-1] == pytest.approx(300 * math.cos(math.radians(15)) + 90 * math.sin(math.radians(15)))
+    lengths_mm = [item.model.extents_mm[0] for item in engines.problems]
+    assert lengths_mm[-1] == pytest.approx(lengths_mm[1 + len(first_attempts) + 1])
+    assert lengths_mm[-1] == pytest.approx(300 * math.cos(math.radians(15)) + 90 * math.sin(math.radians(15)))
 
 
 @pytest.mark.parametrize(("share", "is_taken"), [(0.995, False), (0.985, True)])
@@ -179,8 +179,8 @@ def test_parts_of_a_rotated_model_are_in_the_original_frame(
     bar = replace(BLOCK, solid=BLOCK.solid.rotate(rotation))
     options = Options(Engine.BEST, prove=False, best=BestOptions(1000.0))
     result = decompose_model(bar, ROOMS[:2], options, cost)
-    straight = next(a for a in result.attempts if a.yaw_deg == 45.0)
-    assert straight.makespan_s == result.makespan_s
+    straight_attempt = next(a for a in result.attempts if a.yaw_deg == 45.0)
+    assert straight_attempt.makespan_s == result.makespan_s
     assert result.yaw_deg == 45.0
     bounds_mm = np.concatenate([part.solid.bounds_mm for part in result.parts])
     np.testing.assert_allclose([bounds_mm.min(axis=0), bounds_mm.max(axis=0)], bar.solid.bounds_mm, atol=1e-6)
@@ -234,10 +234,10 @@ def test_slow_printers_have_less_to_gain(cost: CostModel, result: Decomposition)
 
 
 def test_result_with_faults_is_the_last_choice(cost: CostModel, result: Decomposition) -> None:
-    def makespan_of(options: Options) -> float:
+    def compute_makespan_s(options: Options) -> float:
         return BOUND_S * (1.5 if options.engine is Engine.GUILLOTINE else 1.6)
 
-    engines = Engines(result, makespan_of, faulty=(Engine.GUILLOTINE,))
+    engines = Engines(result, compute_makespan_s, faulty=(Engine.GUILLOTINE,))
     best = find_best(make_problem(cost, granularity=8), engines)
     assert best.engine is Engine.PARALLELOBOX
     assert [item.best_known_s for item in engines.problems] == [math.inf, math.inf]
@@ -275,7 +275,7 @@ def test_no_attempt_starts_with_too_little_budget(
     result: Decomposition,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Use attempts of a second, of which half must be left for another one."""
+    """Use attempts of 1 s; another one starts only if half a second of the budget is left."""
     monkeypatch.setattr(rounds, "GRID_SHARE", math.inf)
     engines = Engines(result, compute_far_makespan_s)
     best = find_best(make_problem(cost, best=BestOptions(budget_s)), engines)
@@ -300,9 +300,11 @@ def test_small_budget_refuses_no_model_that_a_finer_grid_can_cut(
     """Use coarse grids and another engine without a result, or with a faulty one."""
 
     def run_engine(problem: Problem) -> Decomposition:
-        coarse = problem.options.granularity != "auto" or problem.options.engine == Engine.PARALLELOBOX
-        fault = (problem.options.engine,) if coarse and faulty else ()
-        return Engines(result, lambda _: math.inf if coarse and not faulty else 1.2 * BOUND_S, fault)(problem)
+        is_coarse = problem.options.granularity != "auto" or problem.options.engine == Engine.PARALLELOBOX
+        fault = (problem.options.engine,) if is_coarse and faulty else ()
+        return Engines(result, lambda _: math.inf if is_coarse and not faulty else 1.2 * BOUND_S, fault)(
+            problem
+        )
 
     best = find_best(make_problem(cost, best=BestOptions(budget_s)), run_engine)
     assert not best.faults

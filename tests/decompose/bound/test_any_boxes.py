@@ -16,9 +16,8 @@ from decompose.pieces import find_cut_faces, list_box_planes
 from decompose.print_time import POSE_ROTATIONS, CostModel, Recipe, measure_pose, price_axis_poses_s
 from decompose.printers import PrinterRoom
 
-KNOWN_MAKESPAN_RATIO = (
-    1.001  # ratio of the makespan that is said to be known to the one that must not be undercut
-)
+KNOWN_MAKESPAN_RATIO = 1.001
+"""Ratio of the makespan that is given as known to the one that the bound must not exceed."""
 COSTS = (
     CostModel.from_recipe(Recipe()),
     CostModel.from_recipe(Recipe(prelude_s=60.0, bed_layers_saved=2.0, top_layers_saved=1.0)),
@@ -27,7 +26,7 @@ COSTS = (
 
 @pytest.fixture(autouse=True, scope="module")
 def coarse_cells() -> Iterator[None]:
-    """Take coarse cells, which save time; the bound holds for any."""
+    """Use coarse cells, which save time; the bound holds for cells of any size."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(any_boxes, "CELLS", 20)
         yield
@@ -46,19 +45,21 @@ def draw_boxes(rng: np.random.Generator, count: int, low: np.ndarray, high: np.n
 
 
 def price_content_s(solid: Solid, box: np.ndarray, cost: CostModel) -> float:
-    """Price what a box holds of a solid in the best axis pose; 0 for nothing."""
+    """Compute the price of a solid's share in a box, in its best axis pose; 0 if the share is empty."""
     content = solid.clip(*box)
     if content.volume_mm3 < 1e-6:
         return 0.0
     vertices, faces = content.arrays()
     if cost.hidden_bed_share == 0.0:
         return float(price_axis_poses_s(vertices, faces, cost).min())
-    cut = find_cut_faces(vertices, faces, list_box_planes(box))
-    return min(measure_pose(vertices, faces, cut, turn, cost, False).price_s for turn in POSE_ROTATIONS)
+    is_cut = find_cut_faces(vertices, faces, list_box_planes(box))
+    return min(
+        measure_pose(vertices, faces, is_cut, rotation, cost, False).price_s for rotation in POSE_ROTATIONS
+    )
 
 
 def is_deep(box: np.ndarray, low: np.ndarray, high: np.ndarray, wall_mm: float) -> bool:
-    """Return True if a box is further from all sides of a block than the thickness of its wall."""
+    """Check whether a box is further from all sides of a block than the thickness of its wall."""
     return bool((box[0] >= low + wall_mm).all() and (box[1] <= high - wall_mm).all())
 
 
@@ -94,7 +95,7 @@ def test_no_partition_of_a_curved_solid_undercuts_the_bound(
 def test_no_hollow_partition_of_a_block_undercuts_the_bound(
     seed: int, side_mm: float, wall_mm: float
 ) -> None:
-    """Leave out the inner one of 27 boxes, and print the others on as many printers."""
+    """Leave out the innermost of 27 boxes, and print the others on as many printers."""
     rng = np.random.default_rng(seed)
     low, high = np.zeros(3), side_mm * rng.uniform(0.5, 1.0, 3)
     solid = Solid.box(low, high)

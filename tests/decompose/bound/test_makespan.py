@@ -22,7 +22,7 @@ shapes = st.tuples(st.integers(1, 4), st.integers(1, 3), st.integers(1, 3))
 
 
 def list_printable_boxes(tables: BoxTables) -> list[tuple[Box, float, int]]:
-    """List all boxes that may be parts, with time and number of pieces."""
+    """List all boxes that may be parts, with their times and numbers of pieces."""
     results = []
     for box in list_boxes(tables.shape):
         index = index_box(box, tables.shape)
@@ -137,10 +137,10 @@ def test_bound_exceeds_the_volume_bound_with_many_cells() -> None:
 @settings(deadline=None)  # the first call compiles
 @given(*[st.floats(3.0, 200.0)] * 3, st.integers(1, 9))
 def test_slabs_of_a_block_never_end_before_the_bound(
-    width: float, depth: float, height: float, slabs: int
+    width_mm: float, depth_mm: float, height_mm: float, slabs: int
 ) -> None:
     """Include small slabs, whose sides are all rim and whose walls are all inset."""
     cost = CostModel.from_recipe(Recipe(prelude_s=60.0))
-    slab = price_axis_poses_s(*Solid.box((0, 0, 0), (width, depth, height / slabs)).arrays(), cost)
-    block = Solid.box((0, 0, 0), (width, depth, height))
-    assert slab.min() >= bound_by_surface_s(block.area_mm2, block.volume_mm3, slabs, cost)
+    slab_s = price_axis_poses_s(*Solid.box((0, 0, 0), (width_mm, depth_mm, height_mm / slabs)).arrays(), cost)
+    block = Solid.box((0, 0, 0), (width_mm, depth_mm, height_mm))
+    assert slab_s.min() >= bound_by_surface_s(block.area_mm2, block.volume_mm3, slabs, cost)

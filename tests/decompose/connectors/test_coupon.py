@@ -27,16 +27,16 @@ def measure_width_mm(points: np.ndarray, direction: np.ndarray) -> float:
     return 2.0 * float(shapely.MultiPoint(plane_points).convex_hull.exterior.distance(middle))
 
 
-def test_holes_on_top_and_in_front_get_wider_by_a_tenth(coupon: tuple[float, Coupon]) -> None:
+def test_holes_on_top_and_in_front_get_wider_in_steps_of_the_fit(coupon: tuple[float, Coupon]) -> None:
     pin_mm, coupon_result = coupon
     count = len(coupon_result.fits_mm)
     for first in (0, count):
-        widths = [
+        widths_mm = [
             measure_width_mm(hole.points_mm, hole.into) for hole in coupon_result.holes[first : first + count]
         ]
-        assert widths == pytest.approx([pin_mm + fit_mm for fit_mm in coupon_result.fits_mm])
-    gauges = [float(np.ptp(hole.points_mm @ hole.into)) - 0.1 for hole in coupon_result.holes[2 * count :]]
-    assert gauges == pytest.approx(coupon_result.lengths_mm)
+        assert widths_mm == pytest.approx([pin_mm + fit_mm for fit_mm in coupon_result.fits_mm])
+    gauges_mm = [float(np.ptp(hole.points_mm @ hole.into)) - 0.1 for hole in coupon_result.holes[2 * count :]]
+    assert gauges_mm == pytest.approx(coupon_result.lengths_mm)
 
 
 def test_each_number_stands_on_the_face_of_its_hole(coupon: tuple[float, Coupon]) -> None:

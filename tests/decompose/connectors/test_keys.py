@@ -32,7 +32,7 @@ def make_wall(width_mm: float, slope: float, from_mm: float, to_mm: float) -> Pi
     return Piece(solid, CUT, np.array([solid.bounds_mm]))
 
 
-def plan(width_mm: float, slope: float, up_axis: np.ndarray = POSES[0]) -> DrilledParts:
+def drill_wall(width_mm: float, slope: float, up_axis: np.ndarray = POSES[0]) -> DrilledParts:
     """Plan the connectors of a leaning wall that is cut level, and drill its two parts."""
     pieces = [make_wall(width_mm, slope, 0.0, 30.0), make_wall(width_mm, slope, 30.0, 60.0)]
     joints = find_joints(pieces)
@@ -44,7 +44,7 @@ def plan(width_mm: float, slope: float, up_axis: np.ndarray = POSES[0]) -> Drill
 
 @pytest.mark.parametrize(("width_mm", "key_mm"), [(5.5, 1.75), (7.0, 2.85)])
 def test_leaning_wall_has_a_long_and_a_short_key_far_apart(width_mm: float, key_mm: float) -> None:
-    parts = plan(width_mm, 0.4)
+    parts = drill_wall(width_mm, 0.4)
     long_key, short_key = parts.connectors.pins
     assert long_key.along is not None and short_key.along is not None
     assert (long_key.diameter_mm, short_key.diameter_mm) == (key_mm, key_mm)
@@ -58,47 +58,47 @@ def test_leaning_wall_has_a_long_and_a_short_key_far_apart(width_mm: float, key_
 def test_connectors_of_leaning_walls_break_no_rule(
     width_mm: float, slope: float, up_axis: np.ndarray
 ) -> None:
-    assert list(plan(width_mm, slope, up_axis).find_faults()) == []
+    assert list(drill_wall(width_mm, slope, up_axis).find_faults()) == []
 
 
-def lengthen_key(parts: DrilledParts, **changes: object) -> DrilledParts:
+def change_first_key(parts: DrilledParts, **changes: object) -> DrilledParts:
     first_pin, *other_pins = parts.connectors.pins
     connectors = Connectors(pins=(replace(first_pin, **changes), *other_pins))
     return replace(parts, connectors=connectors, drilled=drill_parts(parts.blanks, connectors))
 
 
 def test_key_that_is_too_long_or_across_its_groove_is_refused() -> None:
-    parts = plan(5.5, 0.4)
+    parts = drill_wall(5.5, 0.4)
     for changes in ({"length_mm": 14.0}, {"along": np.array([0.0, 1.0, 0.0])}):
-        assert Rule.PINNED in {fault.rule for fault in lengthen_key(parts, **changes).find_faults()}
+        assert Rule.PINNED in {fault.rule for fault in change_first_key(parts, **changes).find_faults()}
 
 
 def test_groove_near_the_outside_is_refused() -> None:
-    parts = plan(5.5, 0.4)
+    parts = drill_wall(5.5, 0.4)
     first_pin = parts.connectors.pins[0]
     grooves = tuple(
         replace(hole, points_mm=hole.points_mm + np.array([0.0, 0.6, 0.0])) for hole in first_pin.holes
     )
-    assert Rule.SKIN in {fault.rule for fault in lengthen_key(parts, holes=grooves).find_faults()}
+    assert Rule.SKIN in {fault.rule for fault in change_first_key(parts, holes=grooves).find_faults()}
 
 
-def test_keys_of_one_length_can_be_turned_half_around() -> None:
-    long_key, short_key = plan(5.5, 0.4).connectors.pins
+def test_keys_of_equal_length_allow_a_half_turn() -> None:
+    long_key, short_key = drill_wall(5.5, 0.4).connectors.pins
     equal_key = replace(long_key, length_mm=short_key.length_mm + 1.0)
     assert find_wrong_fits([equal_key, short_key]) == ["step 1 can be turned by 180 degrees"]
 
 
 def test_cut_list_names_pieces_of_each_diameter() -> None:
-    thin_keys, thick_keys = plan(5.5, 0.4).connectors.pins, plan(7.0, 0.4).connectors.pins
+    thin_keys, thick_keys = drill_wall(5.5, 0.4).connectors.pins, drill_wall(7.0, 0.4).connectors.pins
     sheet = make_sheet([*thin_keys, *thick_keys])
     assert sheet is not None
     assert [row[:2] for row in sheet.rows] == [("2.85", "9"), ("2.85", "5"), ("1.75", "8"), ("1.75", "5")]
     assert [(diameter, count) for diameter, count, _ in sheet.stocks] == [("2.85", 2), ("1.75", 2)]
 
 
-def test_thick_and_thin_key_of_one_length_are_no_pair() -> None:
-    """The thin one goes into both grooves, so that the two do not show which way round a body is."""
-    thick_key, thin_key = plan(7.0, 0.4).connectors.pins[1], plan(5.5, 0.4).connectors.pins[1]
+def test_thick_and_thin_key_of_equal_length_are_not_a_pair() -> None:
+    """The thin key fits both grooves, so the two keys do not show the orientation of a body."""
+    thick_key, thin_key = drill_wall(7.0, 0.4).connectors.pins[1], drill_wall(5.5, 0.4).connectors.pins[1]
     assert (thick_key.length_mm, thin_key.length_mm) == (
         5.0,
         5.0,

@@ -1,4 +1,4 @@
-"""Places of pins and marks on boxes whose joints are known."""
+"""Positions of pins and marks on boxes whose joints are known."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def make_boxes(*spans: Span) -> list[Piece]:
     ]
 
 
-def plan(
+def plan_and_drill(
     pieces: Sequence[Piece],
     ups: Sequence[np.ndarray] | None = None,
     options: ConnectorOptions = ALL_CONNECTORS,
@@ -64,7 +64,7 @@ HALVES = make_boxes(((0, 0, 0), (60, 40, 20)), ((0, 0, 20), (60, 40, 50)))
 
 
 def test_two_halves_get_a_long_and_a_short_key_in_opposite_corners():
-    connectors, _ = plan(HALVES)
+    connectors, _ = plan_and_drill(HALVES)
     long_key, short_key = connectors.pins
     assert long_key.along is not None and short_key.along is not None
     assert long_key.length_mm > short_key.length_mm + 2.0
@@ -73,17 +73,17 @@ def test_two_halves_get_a_long_and_a_short_key_in_opposite_corners():
 
 
 def test_halves_that_lean_get_a_deep_and_a_shallow_pin_in_opposite_corners():
-    connectors, _ = plan(HALVES, [LEANING, UPRIGHT])
-    deep, shallow = connectors.pins
-    assert deep.along is None and shallow.along is None
-    assert deep.depth_mm > shallow.depth_mm + 2.0
-    assert measure_distance_mm(deep, shallow) > 0.75 * np.hypot(60.0, 40.0)
-    assert [deep.at_mm[2], shallow.at_mm[2]] == pytest.approx([20.0, 20.0])
+    connectors, _ = plan_and_drill(HALVES, [LEANING, UPRIGHT])
+    deep_pin, shallow_pin = connectors.pins
+    assert deep_pin.along is None and shallow_pin.along is None
+    assert deep_pin.depth_mm > shallow_pin.depth_mm + 2.0
+    assert measure_distance_mm(deep_pin, shallow_pin) > 0.75 * np.hypot(60.0, 40.0)
+    assert [deep_pin.at_mm[2], shallow_pin.at_mm[2]] == pytest.approx([20.0, 20.0])
     assert not connectors.unpinned
 
 
 def test_marks_read_from_outside_and_their_arrows_agree():
-    connectors, _ = plan(make_boxes(((0, 0, 0), (30, 60, 60)), ((30, 0, 0), (60, 60, 60))))
+    connectors, _ = plan_and_drill(make_boxes(((0, 0, 0), (30, 60, 60)), ((30, 0, 0), (60, 60, 60))))
     assert [mark.text for mark in connectors.marks] == ["1-2^", "2-1^"]
     for mark, outward in zip(connectors.marks, (1.0, -1.0), strict=True):
         right_direction = np.cross(UPRIGHT, [outward, 0.0, 0.0])
@@ -94,19 +94,19 @@ def test_marks_read_from_outside_and_their_arrows_agree():
         assert all(np.linalg.norm(wing_mm - tip, axis=1).min() < 1e-9 for wing_mm in wings)
 
 
-def test_upright_faces_have_a_gutter_inside_of_their_rim_and_level_ones_none():
-    connectors, _ = plan(make_boxes(((0, 0, 0), (30, 60, 60)), ((30, 0, 0), (60, 60, 60))))
+def test_only_upright_faces_have_a_gutter_inside_their_rim():
+    connectors, _ = plan_and_drill(make_boxes(((0, 0, 0), (30, 60, 60)), ((30, 0, 0), (60, 60, 60))))
     assert [(gutter.part, gutter.joint) for gutter in connectors.gutters] == [(0, 0), (1, 0)]
     for gutter in connectors.gutters:
         start, end = gutter.line_mm
         assert start[:2] == pytest.approx(end[:2]) and start[0] == pytest.approx(30.0)
         assert start[2] > 1.7 and end[2] < 58.3 and end[2] - start[2] > 30.0
-    assert plan(HALVES)[0].gutters == ()
+    assert plan_and_drill(HALVES)[0].gutters == ()
 
 
 def test_arrow_of_a_turned_text_still_points_up():
     narrow_boxes = make_boxes(((0, 0, 0), (30, 14, 70)), ((30, 0, 0), (60, 14, 70)))
-    connectors, _ = plan(narrow_boxes, options=ConnectorOptions(marks=True))
+    connectors, _ = plan_and_drill(narrow_boxes, options=ConnectorOptions(marks=True))
     mark = connectors.marks[0]
     assert np.ptp(mark.lines_mm[..., 2]) > 15.0  # the text runs upwards
     shaft, first_line, second_line = mark.lines_mm[-3:]
@@ -116,32 +116,32 @@ def test_arrow_of_a_turned_text_still_points_up():
 
 
 def test_thin_joint_has_neither_pins_nor_digits_and_that_is_reported():
-    connectors, parts = plan(make_boxes(((0, 0, 0), (60, 40, 3)), ((60, 0, 0), (120, 40, 3))))
+    connectors, parts = plan_and_drill(make_boxes(((0, 0, 0), (60, 40, 3)), ((60, 0, 0), (120, 40, 3))))
     assert not connectors.pins and not connectors.tools
     assert [reason for _, reason in connectors.unpinned] == ["too small for a pin"]
     assert [reason for _, reason in connectors.unmarked] == ["too small"]
     assert parts.drilled[0].volume_mm3 == pytest.approx(7200.0)
 
 
-def test_small_joint_is_marked_by_as_many_dots_on_both_faces():
-    connectors, _ = plan(make_boxes(((0, 0, 0), (30, 7, 7)), ((30, 0, 0), (60, 7, 7))))
+def test_small_joint_is_marked_by_the_same_dots_on_both_faces():
+    connectors, _ = plan_and_drill(make_boxes(((0, 0, 0), (30, 7, 7)), ((30, 0, 0), (60, 7, 7))))
     texts = [mark.text for mark in connectors.marks]
     assert texts == [".", "."]
 
 
 @pytest.mark.parametrize(("up", "rim_mm"), [(UPRIGHT, 0.0), (LEANING, 2.0)])
-def test_hollow_below_a_joint_keeps_keys_and_pins_off(up: np.ndarray, rim_mm: float):
+def test_keys_and_pins_avoid_a_hollow_below_a_joint(up: np.ndarray, rim_mm: float):
     low, high = HALVES
     hollow = Solid.box((10, 5, 2), (58, 38, 17.5))
     low = Piece(low.solid.subtract(hollow), low.planes, low.boxes_mm)
-    connectors, _ = plan([low, high], [up, UPRIGHT])
+    connectors, _ = plan_and_drill([low, high], [up, UPRIGHT])
     hollow_area = shapely.box(10.0, 5.0, 58.0, 38.0).buffer(rim_mm - 1e-6)
     assert connectors.pins
     assert not any(hollow_area.contains(shapely.Point(pin.at_mm[:2])) for pin in connectors.pins)
 
 
 def test_face_that_leans_over_in_its_pose_is_not_marked():
-    connectors, _ = plan(HALVES, [LEANING, UPRIGHT])
+    connectors, _ = plan_and_drill(HALVES, [LEANING, UPRIGHT])
     assert {mark.part for mark in connectors.marks} == {1}
     assert connectors.unmarked == ((0, "a face overhangs in its part's pose"),)
     assert len(connectors.pins) == 2  # their holes have a roof that follows the pose
@@ -149,11 +149,13 @@ def test_face_that_leans_over_in_its_pose_is_not_marked():
 
 @pytest.mark.parametrize("up", [UPRIGHT, LEANING])
 def test_large_joint_has_pins_or_keys_near_all_of_its_glue(up: np.ndarray):
-    connectors, _ = plan(make_boxes(((0, 0, 0), (200, 200, 30)), ((0, 0, 30), (200, 200, 60))), [up, UPRIGHT])
+    connectors, _ = plan_and_drill(
+        make_boxes(((0, 0, 0), (200, 200, 30)), ((0, 0, 30), (200, 200, 60))), [up, UPRIGHT]
+    )
     points_mm = np.array([pin.at_mm[:2] for pin in connectors.pins])
     grid = np.array(np.meshgrid(np.arange(2.5, 200, 5), np.arange(2.5, 200, 5))).reshape(2, -1).T
-    near = np.linalg.norm(grid[:, None] - points_mm, axis=2).min(axis=1) < 60.0
-    assert near.mean() >= 0.95
+    is_near = np.linalg.norm(grid[:, None] - points_mm, axis=2).min(axis=1) < 60.0
+    assert is_near.mean() >= 0.95
     assert connectors.pins[1].slotted == (up is LEANING)
 
 
@@ -165,7 +167,7 @@ def test_slide_gets_pins_only_along_its_direction():
         ((0, 40, 0), (40, 120, 40)),
         ((40, 40, 0), (80, 80, 40)),
     )
-    connectors, parts = plan(wheel)
+    connectors, parts = plan_and_drill(wheel)
     for pin in connectors.pins:
         assert abs(pin.axis @ parts.steps[pin.step].direction) == pytest.approx(1.0)
     assert len(connectors.pins) >= 2
@@ -186,7 +188,7 @@ def cut_at_random(random: Random, cuts: int) -> list[Piece]:
 
 def test_pin_that_gives_way_to_another_pair_stays_in_its_plane():
     random = Random(34)
-    connectors, parts = plan(cut_at_random(random, random.randint(2, 5)))
+    connectors, parts = plan_and_drill(cut_at_random(random, random.randint(2, 5)))
     for pin in connectors.pins:
         faces = parts.joints[pin.joint].faces
         assert min(abs(float(pin.at_mm @ face.normal) - face.offset_mm) for face in faces) < 1e-6
@@ -196,35 +198,35 @@ def test_pin_that_gives_way_to_another_pair_stays_in_its_plane():
 @given(st.randoms(use_true_random=False), st.integers(2, 5))
 def test_random_partitions_break_no_rule_and_no_two_pairs_are_alike(random: Random, cuts: int) -> None:
     pieces = cut_at_random(random, cuts)
-    connectors, _ = plan(pieces)
-    distances = sorted(measure_distance_mm(*pair) for pair in find_pairs(connectors.pins).values())
-    assert all(b - a > 1.0 for a, b in pairwise(distances))
+    connectors, _ = plan_and_drill(pieces)
+    distances_mm = sorted(measure_distance_mm(*pair) for pair in find_pairs(connectors.pins).values())
+    assert all(b - a > 1.0 for a, b in pairwise(distances_mm))
     steps = len(pieces) - 1
     assert len({pin.step for pin in connectors.pins} | {step for step, _ in connectors.unpinned}) == steps
 
 
-def test_level_faces_name_the_neighbour_alone_and_each_part_has_its_number_once():
-    connectors, _ = plan(HALVES)
+def test_level_faces_name_only_the_neighbour_and_each_part_has_its_number_once():
+    connectors, _ = plan_and_drill(HALVES)
     assert [mark.text for mark in connectors.marks] == ["-2^", "-1^", "1", "2"]
 
 
 @pytest.mark.parametrize(
     ("pin_mm", "deep_mm", "shallow_mm"), [(1.75, 5.5, 2.5), (2.85, 6.0, 3.0), (6.0, 9.5, 6.5)]
 )
-def test_a_body_that_is_turned_around_stays_open_with_pins_of_each_diameter(
+def test_body_turned_around_does_not_close_with_pins_of_any_diameter(
     pin_mm: float, deep_mm: float, shallow_mm: float
 ):
     assert choose_depths_mm(pin_mm) == (deep_mm, shallow_mm)
-    connectors, _ = plan(HALVES, [LEANING, UPRIGHT], ConnectorOptions(pin_mm))
+    connectors, _ = plan_and_drill(HALVES, [LEANING, UPRIGHT], ConnectorOptions(pin_mm))
     assert find_wrong_fits(connectors.pins) == [] and len(connectors.pins) == 2
 
 
 @pytest.mark.parametrize("up", [UPRIGHT, LEANING])
-def test_pair_keeps_off_a_distance_that_is_taken(up: np.ndarray):
-    free_distance_mm = measure_distance_mm(*plan(HALVES, [up, UPRIGHT])[0].pins)
+def test_pair_avoids_a_distance_that_is_taken(up: np.ndarray):
+    free_distance_mm = measure_distance_mm(*plan_and_drill(HALVES, [up, UPRIGHT])[0].pins)
     options = replace(ALL_CONNECTORS, taken_mm=(free_distance_mm, free_distance_mm - 1.6))
-    connectors, _ = plan(HALVES, [up, UPRIGHT], options)
-    assert min(abs(measure_distance_mm(*connectors.pins) - taken) for taken in options.taken_mm) > 1.4
+    connectors, _ = plan_and_drill(HALVES, [up, UPRIGHT], options)
+    assert min(abs(measure_distance_mm(*connectors.pins) - taken_mm) for taken_mm in options.taken_mm) > 1.4
     assert find_wrong_fits(connectors.pins, (measure_distance_mm(*connectors.pins),)) == [
         "a body of step 1 fits a neighbour that is printed already"
     ]
@@ -233,5 +235,5 @@ def test_pair_keeps_off_a_distance_that_is_taken(up: np.ndarray):
 def test_thin_wall_takes_pins_whose_roof_points_along_it():
     """Use a wall that is thinner than the circle around a hole, which a roof makes higher than wide."""
     walls = make_boxes(((0, 0, 0), (60, 6.4, 60)), ((60, 0, 0), (120, 6.4, 60)))
-    connectors, _ = plan(walls, options=ConnectorOptions(2.85))
+    connectors, _ = plan_and_drill(walls, options=ConnectorOptions(2.85))
     assert len(connectors.pins) == 2 and not connectors.unpinned

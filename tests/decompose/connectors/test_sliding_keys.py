@@ -29,8 +29,8 @@ POSES = [np.array(up) for up in ((0.0, 0.0, 1.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0
 def make_drilled_parts(height_mm: float, up: np.ndarray = POSES[0], *, cap_mm: float = 0.0) -> DrilledParts:
     """Plan the connectors of a floor with a wall, and of a block that comes from above.
 
-    The block closes on the floor and slides along the wall. `cap_mm`: thickness of a fourth part, which is
-    glued on the block and closes on the wall.
+    The block closes on the floor and slides along the wall. `cap_mm` is the thickness of a fourth part, which
+    is glued on the block and closes on the wall.
     """
     boxes = [
         ((0.0, 0.0, 0.0), (50.0, 60.0, FLOOR_MM)),
@@ -87,7 +87,7 @@ def test_wall_near_the_floor_needs_no_keys_that_slide() -> None:
 
 
 def test_keys_enter_the_wall_from_above_where_a_thin_cap_covers_it() -> None:
-    """Keys on the wall's top have no room in the cap, so that glue below it is far from all others."""
+    """Keys on the wall's top have no room in the cap, so the glue below it is far from all other keys."""
     parts = make_drilled_parts(150.0, cap_mm=2.0)
     exits = [
         (hole.part, float(hole.exit @ UP))
@@ -112,12 +112,12 @@ def change_key(parts: DrilledParts, **changes: object) -> DrilledParts:
     return replace(parts, connectors=connectors, drilled=drill_parts(parts.blanks, connectors))
 
 
-def find_rules(parts: DrilledParts) -> set[Rule]:
+def find_broken_rules(parts: DrilledParts) -> set[Rule]:
     return {fault.rule for fault in parts.find_faults()}
 
 
 def close_groove(hole: Tool, key: Pin, *, exit_direction: np.ndarray | None) -> Tool:
-    """Make the groove of a key that ends on both sides."""
+    """Make the groove of a key with both ends closed."""
     assert key.along is not None
     ends = key.at_mm + np.outer([-2.0, 2.0], key.along)
     return replace(make_groove(hole.part, ends, hole.into, key.depth_mm), exit=exit_direction)
@@ -132,19 +132,19 @@ def test_key_that_cannot_enter_its_groove_is_refused(tall_parts: DrilledParts) -
         close_groove(moved, key, exit_direction=None),
         replace(moved, exit=-moved.exit),
     ):
-        assert Rule.ORDER in find_rules(change_key(tall_parts, holes=(other, fixed)))
-    assert Rule.PINNED in find_rules(change_key(tall_parts, along=np.array([0.0, 0.6, 0.8])))
+        assert Rule.ORDER in find_broken_rules(change_key(tall_parts, holes=(other, fixed)))
+    assert Rule.PINNED in find_broken_rules(change_key(tall_parts, along=np.array([0.0, 0.6, 0.8])))
 
 
 def test_groove_that_leaves_through_the_surface_is_refused(tall_parts: DrilledParts) -> None:
-    """The groove runs up the block, to its top, which is seen."""
+    """The groove runs up the block to its top, which is visible."""
     key = list_sliding_pins(tall_parts)[0]
     moved, fixed = key.holes
     assert moved.exit is not None
     top_mm = tall_parts.blanks[moved.part].solid.bounds_mm[1][2]
     ends = np.array([key.at_mm, [*key.at_mm[:2], top_mm + 0.1]])
     open_groove = replace(make_groove(moved.part, ends, moved.into, key.depth_mm), exit=-moved.exit)
-    assert Rule.SKIN in find_rules(change_key(tall_parts, holes=(open_groove, fixed)))
+    assert Rule.SKIN in find_broken_rules(change_key(tall_parts, holes=(open_groove, fixed)))
 
 
 def test_keys_that_slide_belong_to_no_pair(tall_parts: DrilledParts) -> None:

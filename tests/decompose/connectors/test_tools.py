@@ -21,25 +21,29 @@ from decompose.connectors.tools import (
 )
 
 UP = np.array([0.0, 0.0, 1.0])
-SIZE = (3.25, 7.0)
-angles = st.floats(-np.pi, np.pi)
+SIZE_MM = (3.25, 7.0)
+angles_rad = st.floats(-np.pi, np.pi)
 
 
 @settings(deadline=None, max_examples=60)
-@given(angles, angles, angles)
+@given(angles_rad, angles_rad, angles_rad)
 def test_hole_in_any_direction_has_a_ceiling_that_prints_and_takes_the_pin(
-    turn_deg: float, tilt: float, slot: float
+    turn_rad: float, tilt_rad: float, slot_rad: float
 ) -> None:
-    axis = np.array([np.cos(turn_deg) * np.cos(tilt), np.sin(turn_deg) * np.cos(tilt), np.sin(tilt)])
+    axis = np.array(
+        [np.cos(turn_rad) * np.cos(tilt_rad), np.sin(turn_rad) * np.cos(tilt_rad), np.sin(tilt_rad)]
+    )
     u = np.cross(axis, np.eye(3)[int(np.abs(axis).argmin())])
     u /= np.linalg.norm(u)
     v = np.cross(axis, u)
-    hole = make_hole(0, np.zeros(3), axis, UP, SIZE, 0.25 * (np.cos(slot) * u + np.sin(slot) * v))
+    hole = make_hole(0, np.zeros(3), axis, UP, SIZE_MM, 0.25 * (np.cos(slot_rad) * u + np.sin(slot_rad) * v))
     assert hole is not None
     assert compute_overhang_sin(hole.points_mm, axis, UP) <= HOLE_SIN
-    flat = hole.points_mm @ np.stack([u, v]).T
-    floor = np.isclose(hole.points_mm @ axis, 7.0)
-    assert shapely.MultiPoint(flat[floor]).convex_hull.contains(shapely.Point(0, 0).buffer(3.24 / 2.0))
+    flat_points = hole.points_mm @ np.stack([u, v]).T
+    is_floor = np.isclose(hole.points_mm @ axis, 7.0)
+    assert shapely.MultiPoint(flat_points[is_floor]).convex_hull.contains(
+        shapely.Point(0, 0).buffer(3.24 / 2.0)
+    )
 
 
 @pytest.mark.parametrize(
@@ -47,15 +51,15 @@ def test_hole_in_any_direction_has_a_ceiling_that_prints_and_takes_the_pin(
     [((1.0, 0.0, 0.0), (0.0, 0.0, 1.9)), ((0.0, 0.0, 1.0), (0.0, 0.0, 7.0 + 1.75 * 1.625))],
     ids=["lying: a roof", "upwards: a tip"],
 )
-def test_ceiling_rises_to_the_beds_up(axis: tuple[float, ...], extra: tuple[float, ...]) -> None:
-    hole = make_hole(0, np.zeros(3), np.array(axis), UP, SIZE, np.zeros(3))
+def test_ceiling_rises_away_from_the_bed(axis: tuple[float, ...], extra: tuple[float, ...]) -> None:
+    hole = make_hole(0, np.zeros(3), np.array(axis), UP, SIZE_MM, np.zeros(3))
     assert hole is not None
     height_mm = (hole.points_mm @ UP).max()
     assert height_mm == pytest.approx(1.9 * 1.625 if extra[2] == 1.9 else extra[2])
 
 
 def test_hole_that_opens_upwards_is_a_plain_hexagon():
-    hole = make_hole(0, np.zeros(3), -UP, UP, SIZE, np.zeros(3))
+    hole = make_hole(0, np.zeros(3), -UP, UP, SIZE_MM, np.zeros(3))
     assert hole is not None and len(hole.points_mm) == 12
 
 
@@ -68,13 +72,13 @@ def test_groove_prints_on_upright_lower_and_upper_faces(outward: tuple[float, ..
         assert compute_overhang_sin(groove.points_mm, axis, UP) <= GROOVE_SIN
 
 
-def test_groove_on_a_leaning_face_hangs_over():
+def test_groove_on_a_leaning_face_overhangs():
     axis = np.array([-0.8, 0.0, 0.6])
     assert compute_overhang_sin(make_groove(0, np.zeros((2, 3)), axis).points_mm, axis, UP) > GROOVE_SIN
 
 
 def test_ceiling_that_ends_in_a_point_closes_in_a_step_and_a_ridge_does_not():
-    hole = make_hole(0, np.zeros(3), UP, UP, SIZE, np.zeros(3))
+    hole = make_hole(0, np.zeros(3), UP, UP, SIZE_MM, np.zeros(3))
     assert hole is not None and not closes_in_a_step(hole, UP)
     top = hole.points_mm[:, 2].argsort()[-2:]
     pointed_mm = hole.points_mm.copy()
@@ -83,11 +87,11 @@ def test_ceiling_that_ends_in_a_point_closes_in_a_step_and_a_ridge_does_not():
     assert compute_overhang_sin(pointed_mm, UP, UP) <= HOLE_SIN
 
 
-def test_ceiling_of_a_dot_that_is_a_cone_closes_in_a_step():
+def test_ceiling_of_a_conical_dot_closes_in_a_step():
     cone = make_groove(0, np.zeros((2, 3)), UP)
     assert closes_in_a_step(cone, UP)
     assert not closes_in_a_step(make_groove(0, np.array([[-0.5, 0.0, 0.0], [0.5, 0.0, 0.0]]), UP), UP)
-    assert not closes_in_a_step(make_groove(0, np.zeros((2, 3)), -UP), UP)  # open to above
+    assert not closes_in_a_step(make_groove(0, np.zeros((2, 3)), -UP), UP)  # opens upwards
 
 
 def test_letters_are_all_different_and_text_is_centred():

@@ -1,4 +1,4 @@
-"""Animation of the assembly in its GLB, read by the rules of glTF 2.0 without the library that writes it."""
+"""Animation of the assembly in its GLB, read according to glTF 2.0 without the library that writes it."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def test_no_steps_make_no_animation(parts: list[Part], tmp_path: Path) -> None:
     assert "animations" not in read_glb(tmp_path / "assembly.glb")[0]
 
 
-def test_parts_of_a_body_move_as_one(parts: list[Part], assembly: Assembly) -> None:
+def test_parts_of_a_body_move_together(parts: list[Part], assembly: Assembly) -> None:
     moves = find_moves(parts, assembly.steps)
     offsets = find_offsets(len(parts), assembly.steps, moves)
     for k, step in enumerate(assembly.steps):

@@ -109,8 +109,8 @@ def list_pictures(page: str) -> list[Image.Image]:
 def count_colour(picture: Image.Image, colour: np.ndarray) -> int:
     """Count pixels in a shade of a colour."""
     pixels = np.asarray(picture, dtype=np.float64) / 255.0
-    brightest = int(np.argmax(colour))
-    shade = pixels[..., brightest, None] / colour[brightest]
+    brightest_channel = int(np.argmax(colour))
+    shade = pixels[..., brightest_channel, None] / colour[brightest_channel]
     return int(((np.abs(pixels - shade * colour) < 0.03).all(axis=2) & (shade[..., 0] > 0.3)).sum())
 
 
@@ -140,9 +140,9 @@ def test_pins_and_codes_are_listed_in_their_steps(drilled_table: Decomposition, 
         assert len(marks) >= 2 and section.count("data-mark") == len(marks)
         for mark in marks:
             assert f">{mark.text.replace('^', ' ↑').replace('.', '●')}</span> on {mark.part + 1}" in section
-    lengths = [round(pin.length_mm) for pin in drilled_table.connectors.pins]
+    lengths_mm = [round(pin.length_mm) for pin in drilled_table.connectors.pins]
     for length_mm in (9, 5):
-        cells = f'<td class="number">{length_mm}</td><td class="number">{lengths.count(length_mm)}</td>'
+        cells = f'<td class="number">{length_mm}</td><td class="number">{lengths_mm.count(length_mm)}</td>'
         assert cells in page
 
 
@@ -187,7 +187,7 @@ def test_every_picture_shows_glue_pins_and_codes(step_pictures: list[StepPicture
         assert count_colour(both_picture, PIN_COLOUR) > 50
 
 
-def test_view_is_one_in_which_pins_and_codes_are_seen(drilled_table: Decomposition) -> None:
+def test_chosen_view_shows_pins_and_codes(drilled_table: Decomposition) -> None:
     for number, step in enumerate(drilled_table.assembly.steps):
         pose = find_pose(step.direction)
         scene = build_both(number, drilled_table, 60.0 * step.direction)
@@ -230,7 +230,7 @@ def test_step_without_pins_says_why(drilled_table: Decomposition, step_pictures:
         assert f"No pins ({reason}): align the faces by their rims." in text
 
 
-def test_faces_point_away_from_the_fixed_body_also_where_they_slide(pinwheel: Decomposition) -> None:
+def test_faces_point_away_from_the_fixed_body_even_where_they_slide(pinwheel: Decomposition) -> None:
     assert any(step.slides for step in pinwheel.assembly.steps)
     for step in pinwheel.assembly.steps:
         for entry in find_glued_faces(step, pinwheel):
@@ -255,8 +255,10 @@ def test_previous_view_is_kept_or_approached(drilled_table: Decomposition) -> No
         )
         for previous_deg in (-58.0, 32.0, 122.0, 212.0)
     ]
-    assert all(turn <= free_deg + 1e-9 for turn, free_deg in turn_angles)
-    assert any(turn < free_deg - 1.0 for turn, free_deg in turn_angles)  # the step before counts
+    assert all(turn_deg <= free_deg + 1e-9 for turn_deg, free_deg in turn_angles)
+    assert any(
+        turn_deg < free_deg - 1.0 for turn_deg, free_deg in turn_angles
+    )  # the previous view has an effect
 
 
 def test_parts_without_an_order_are_named(table: Decomposition) -> None:
@@ -264,9 +266,7 @@ def test_parts_without_an_order_are_named(table: Decomposition) -> None:
     assert "p01, p02 cannot be joined" in page
 
 
-def test_check_of_the_page_tells_what_is_missing_doubled_or_loaded(
-    drilled_table: Decomposition, page: str
-) -> None:
+def test_page_check_names_what_is_missing_repeated_or_loaded(drilled_table: Decomposition, page: str) -> None:
     table = drilled_table
     name = table.parts[0].id
     assert find_page_faults(page.replace('data-pin="1"', ""), table) == ["pin 1 is missing"]
@@ -302,7 +302,7 @@ def test_layout_shows_every_part_in_its_colour(table: Decomposition) -> None:
         assert is_similar.sum() > 300
 
 
-def test_parts_are_drawn_alike_in_another_process(drilled_table: Decomposition, tmp_path: Path) -> None:
+def test_parts_are_drawn_identically_in_another_process(drilled_table: Decomposition, tmp_path: Path) -> None:
     """Draw parts whose solids were sent as triangles, which may change their order."""
     for name, parts in (("here", drilled_table), ("there", pickle.loads(pickle.dumps(drilled_table)))):
         (tmp_path / name).mkdir()
@@ -313,12 +313,15 @@ def test_parts_are_drawn_alike_in_another_process(drilled_table: Decomposition, 
     assert (local_folder / ASSEMBLY).stat().st_size == (remote_folder / ASSEMBLY).stat().st_size
 
 
-def test_steps_are_drawn_alone_as_among_all_steps(
+def test_step_looks_the_same_drawn_alone_or_among_all_steps(
     drilled_table: Decomposition, step_pictures: list[StepPictures]
 ) -> None:
     middle = len(step_pictures) // 2
     assert 0 < middle < len(step_pictures)
-    shares = [*draw_steps(drilled_table, 0, middle), *draw_steps(drilled_table, middle, len(step_pictures))]
-    assert [(step.both, step.moved, step.top) for step in shares] == [
+    separate_pictures = [
+        *draw_steps(drilled_table, 0, middle),
+        *draw_steps(drilled_table, middle, len(step_pictures)),
+    ]
+    assert [(step.both, step.moved, step.top) for step in separate_pictures] == [
         (step.both, step.moved, step.top) for step in step_pictures
     ]

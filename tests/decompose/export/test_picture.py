@@ -50,9 +50,9 @@ def test_picture_shows_visible_parts(parts: list[Part], tmp_path: Path) -> None:
     picture = np.round(255 * imread(tmp_path / "assembly.png")[..., :3]).astype(int)
     height, width, _ = picture.shape
     assert abs(max(height, width) - 300) <= 1
-    tops = (255 * make_part_colours(4)).astype(int)
-    for channel in range(3):  # a face is lit between half and all of its colour
-        shares = picture / np.maximum(1, tops[channel])
+    part_colours = (255 * make_part_colours(4)).astype(int)
+    for part in range(3):  # shading leaves 50 to 100 % of a face's colour
+        shares = picture / np.maximum(1, part_colours[part])
         is_similar = (
             (np.ptp(shares, axis=2) < 0.03) & (shares.max(axis=2) > 0.5) & (shares.max(axis=2) < 1.01)
         )

@@ -42,15 +42,15 @@ def test_only_jumps_of_depth_are_outlined() -> None:
     is_outline = blue < shade * (1.0 + OUTLINE_BRIGHTNESS) / 2.0
     assert blue[is_outline] == pytest.approx(shade * OUTLINE_BRIGHTNESS)
     assert blue[~is_outline] == pytest.approx(shade)
-    # The rim of the plate and its edge beside the cube, on both sides; the middle of the plate has none.
+    # Outlines are on both sides at the rim of the plate and at its edge beside the cube, not in its middle.
     assert is_outline[0] and is_outline[-1] and 4 <= is_outline.sum() <= 6
 
 
 @pytest.mark.parametrize("oversample", [2, 3])
 def test_a_pixel_is_the_average_of_the_finer_picture(oversample: int) -> None:
-    coarse = draw_from_above(oversample).picture
-    fine = draw_from_above(1, 100 * oversample).picture
-    height, width = (fine.shape[0] // oversample, fine.shape[1] // oversample)
-    squares = fine[: height * oversample, : width * oversample]
+    coarse_picture = draw_from_above(oversample).picture
+    fine_picture = draw_from_above(1, 100 * oversample).picture
+    height, width = (fine_picture.shape[0] // oversample, fine_picture.shape[1] // oversample)
+    squares = fine_picture[: height * oversample, : width * oversample]
     average = squares.reshape(height, oversample, width, oversample, 3).mean(axis=(1, 3))
-    assert coarse[:height, :width] == pytest.approx(average)
+    assert coarse_picture[:height, :width] == pytest.approx(average)

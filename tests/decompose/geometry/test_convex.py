@@ -15,12 +15,12 @@ from decompose.geometry import (
     measure_rectangles,
 )
 
-places = st.integers(-20, 20).map(lambda v: v / 2.0)
-place_groups = st.lists(st.tuples(places, places), min_size=3, max_size=30).map(np.array)
+coordinates = st.integers(-20, 20).map(lambda v: v / 2.0)
+point_lists = st.lists(st.tuples(coordinates, coordinates), min_size=3, max_size=30).map(np.array)
 
 
 @settings(deadline=None)  # the first call compiles
-@given(place_groups)
+@given(point_lists)
 def test_outline_has_the_area_of_the_hull_and_holds_all_points(points: np.ndarray) -> None:
     outline = find_convex_outline(points)
     hull = MultiPoint(points).convex_hull
@@ -30,12 +30,12 @@ def test_outline_has_the_area_of_the_hull_and_holds_all_points(points: np.ndarra
     x, y = outline.T
     assert (x * np.roll(y, -1) - y * np.roll(x, -1)).sum() / 2.0 == pytest.approx(hull.area)
     edges = find_half_planes(outline)
-    assert len(outline) == len(hull.exterior.coords) - 1  # nothing on a straight side
+    assert len(outline) == len(hull.exterior.coords) - 1  # no corner on a straight side
     assert (points @ edges[:, :2].T + edges[:, 2] <= 1e-9).all()
 
 
 @settings(deadline=None)  # the first call compiles
-@given(place_groups)
+@given(point_lists)
 def test_smallest_rectangle_equals_that_of_shapely(points: np.ndarray) -> None:
     outline = find_convex_outline(points)
     if not len(outline):

@@ -32,12 +32,12 @@ def make_block(lo: tuple[float, float, float], hi: tuple[float, float, float]) -
     return vertices[faces]
 
 
-def make_ball(radius: float = 20.0) -> np.ndarray:
-    return np.array(trimesh.creation.icosphere(3, radius).triangles)
+def make_ball(radius_mm: float = 20.0) -> np.ndarray:
+    return np.array(trimesh.creation.icosphere(3, radius_mm).triangles)
 
 
 def save(path: Path, triangles: np.ndarray) -> Path:
-    with np.errstate(invalid="ignore"):  # some of the files contain a value that is no number
+    with np.errstate(invalid="ignore"):  # some of the files contain a value that is not a number
         write_stl(path, triangles.astype(np.float32))
     return path
 
@@ -162,7 +162,7 @@ def test_hundreds_of_bodies_are_one_solid(tmp_path: Path) -> None:
         make_block((x, y, z), (x + 6.0, y + 6.0, z + 6.0))
         for x in range(0, 70, 10) for y in range(0, 70, 10) for z in range(0, 140, 10)
     ]  # fmt: skip
-    cubes[5] = cubes[5][1:]  # one of them open
+    cubes[5] = cubes[5][1:]  # one of them is open
     model = load_model(save(tmp_path / "many.stl", np.concatenate(cubes)))
     assert model.solid.volume_mm3 == pytest.approx(len(cubes) * 216.0)
     assert any(f"{len(cubes)} bodies" in r for r in model.repairs)
@@ -233,7 +233,7 @@ def test_messages_use_the_given_name_of_a_file(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:200])
     with pytest.raises(ModelUnreadable, match=r"^My Ball\.STL: its header states"):
         load_model(path, name="My Ball.STL")
-    # Where a package that guesses encodings is installed, these bytes are a text without triangles.
+    # Where a package that guesses encodings is installed, these bytes are read as text without triangles.
     with pytest.raises((ModelUnreadable, ModelEmpty), match=r"^ball\.obj: "):
         load_model(path, name="ball.obj")
     with pytest.raises(ModelUnreadable, match=r"^notes\.txt: not a known kind"):
@@ -249,9 +249,9 @@ def test_messages_use_the_given_name_of_a_file(tmp_path: Path) -> None:
         load_model(Path("nul\0byte.stl"))
 
 
-@pytest.mark.skipif(not MODELS.is_dir(), reason="the models from the wild are not here")
+@pytest.mark.skipif(not MODELS.is_dir(), reason="the real model files are not available")
 @pytest.mark.parametrize(
-    ("name", "side", "message"),
+    ("name", "side_mm", "message"),
     [
         ("stanford-bunny.stl", 260.0, "223 open edges"),
         ("3DBenchy.stl", None, "Dropped"),
@@ -260,15 +260,15 @@ def test_messages_use_the_given_name_of_a_file(tmp_path: Path) -> None:
         ("fandisk.stl", 100.0, None),
     ],
 )
-def test_real_models_are_read(name: str, side: float | None, message: str | None) -> None:
-    model = load_model(MODELS / name, longest_side_mm=side)
+def test_real_models_are_read(name: str, side_mm: float | None, message: str | None) -> None:
+    model = load_model(MODELS / name, longest_side_mm=side_mm)
     assert model.mesh.is_watertight
-    if side:
-        assert model.extents_mm.max() == pytest.approx(side, rel=0.02)
+    if side_mm:
+        assert model.extents_mm.max() == pytest.approx(side_mm, rel=0.02)
     assert any(message in r for r in model.repairs) if message else model.repairs == ()
 
 
-@pytest.mark.skipif(not MODELS.is_dir(), reason="the models from the wild are not here")
+@pytest.mark.skipif(not MODELS.is_dir(), reason="the real model files are not available")
 def test_unusable_real_models_are_refused() -> None:
     with pytest.raises(ModelTiny, match="metres"):
         load_model(MODELS / "stanford-bunny.stl")

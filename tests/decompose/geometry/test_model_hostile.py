@@ -19,8 +19,8 @@ from decompose.errors import (
 from decompose.geometry import load_model, write_stl
 
 
-def make_ball(radius: float = 20.0) -> np.ndarray:
-    return np.array(trimesh.creation.icosphere(3, radius).triangles)
+def make_ball(radius_mm: float = 20.0) -> np.ndarray:
+    return np.array(trimesh.creation.icosphere(3, radius_mm).triangles)
 
 
 def write_obj(path: Path, triangles: np.ndarray) -> Path:

@@ -17,18 +17,21 @@ from decompose.pieces import cut_box
 RADIUS_MM = 12.0
 
 
-def make_crossing_tube(apart_mm: float, rings: int = 60, sides: int = 12) -> Solid:
+def make_crossing_tube(distance_mm: float, rings: int = 60, sides: int = 12) -> Solid:
     """Build a closed tube along a figure of eight, whose two branches cross at a given distance."""
-    angles = np.linspace(0.0, 2.0 * np.pi, rings, endpoint=False)
+    angles_rad = np.linspace(0.0, 2.0 * np.pi, rings, endpoint=False)
     middle = np.stack(
-        [90.0 * np.sin(angles), 60.0 * np.sin(2.0 * angles), apart_mm / 2.0 * np.cos(angles)], axis=1
+        [90.0 * np.sin(angles_rad), 60.0 * np.sin(2.0 * angles_rad), distance_mm / 2.0 * np.cos(angles_rad)],
+        axis=1,
     )
     tangents = np.roll(middle, -1, axis=0) - np.roll(middle, 1, axis=0)
     tangents /= np.linalg.norm(tangents, axis=1)[:, None]
     side = np.cross(tangents, [0.0, 0.0, 1.0])
     side /= np.linalg.norm(side, axis=1)[:, None]
-    around = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)[None, :, None]
-    ring = np.cos(around) * side[:, None] + np.sin(around) * np.cross(side, tangents)[:, None]
+    side_angles_rad = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)[None, :, None]
+    ring = (
+        np.cos(side_angles_rad) * side[:, None] + np.sin(side_angles_rad) * np.cross(side, tangents)[:, None]
+    )
     vertices = (middle[:, None] + RADIUS_MM * ring).reshape(-1, 3)
     i, j = (grid.ravel() for grid in np.meshgrid(np.arange(rings), np.arange(sides), indexing="ij"))
     below, above = sides * i, sides * ((i + 1) % rings)
@@ -47,13 +50,13 @@ def compute_shared_mm3(solid: Solid) -> float:
     return sum(a.solid.intersect(b.solid).volume_mm3 for a, b in combinations(pieces, 2))
 
 
-@pytest.mark.parametrize("apart_mm", [1.0, 6.0, 20.0])
-def test_branches_that_intersect_count_once(apart_mm: float) -> None:
-    tube = make_crossing_tube(apart_mm)
-    twice_mm3 = find_overlaps(tube).volume_mm3
-    assert twice_mm3 == pytest.approx(compute_shared_mm3(tube), rel=0.05)
+@pytest.mark.parametrize("distance_mm", [1.0, 6.0, 20.0])
+def test_branches_that_intersect_count_once(distance_mm: float) -> None:
+    tube = make_crossing_tube(distance_mm)
+    overlap_mm3 = find_overlaps(tube).volume_mm3
+    assert overlap_mm3 == pytest.approx(compute_shared_mm3(tube), rel=0.05)
     solid, resolved_mm3 = resolve_overlaps(tube)
-    assert resolved_mm3 == pytest.approx(twice_mm3, rel=0.05)
+    assert resolved_mm3 == pytest.approx(overlap_mm3, rel=0.05)
     assert solid.volume_mm3 == pytest.approx(tube.volume_mm3 - compute_shared_mm3(tube), rel=1e-3)
     assert compute_shared_mm3(solid) < 1e-3
     assert len(solid.list_pieces()) == 1
@@ -83,7 +86,7 @@ def raise_error(self: Solid, other_solid: Solid) -> Solid:
 
 
 @pytest.mark.parametrize("subtract", [keep_first_body, raise_error])
-def test_operation_that_fails_leaves_the_model_as_it_was(
+def test_failed_operation_leaves_the_model_unchanged(
     monkeypatch: pytest.MonkeyPatch, subtract: Callable[[Solid, Solid], Solid]
 ) -> None:
     bodies = Solid.union([make_crossing_tube(6.0), Solid.box((300.0, 0.0, 0.0), (340.0, 40.0, 40.0))])
@@ -101,7 +104,7 @@ def test_shell_with_a_cavity_does_not_overlap_itself() -> None:
     assert find_overlaps(shell).volume_mm3 == 0.0
 
 
-def test_sliver_is_searched_by_few_rays(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sliver_is_searched_with_few_rays(monkeypatch: pytest.MonkeyPatch) -> None:
     shapes = []
     search = overlaps.find_crossings
     monkeypatch.setattr(
@@ -111,7 +114,7 @@ def test_sliver_is_searched_by_few_rays(monkeypatch: pytest.MonkeyPatch) -> None
     assert np.prod(shapes[0]) <= 2 * overlaps.RAYS
 
 
-def test_loaded_model_says_what_was_united(tmp_path: Path) -> None:
+def test_loaded_model_reports_what_was_united(tmp_path: Path) -> None:
     vertices, faces = make_crossing_tube(6.0).arrays()
     path = tmp_path / "eight.stl"
     write_stl(path, vertices[faces].astype(np.float32))

@@ -86,14 +86,14 @@ def test_overlapping_bodies_with_a_common_edge_are_united() -> None:
     assert repairs[0] == sentence
 
 
-def test_body_that_is_inside_out_comes_apart_from_one_that_it_touches() -> None:
+def test_inverted_body_is_separated_from_one_that_it_touches() -> None:
     cubes = [make_block((0, 0, 0), (20, 20, 20)), make_block((20, 20, 0), (40, 40, 20))[:, ::-1]]
     solid, repairs = close_surface("two", weld_triangles(np.concatenate(cubes)))
     assert solid.volume_mm3 == pytest.approx(16_000.0)
     assert not any("new" in repair for repair in repairs)
 
 
-@pytest.mark.skipif(not MODELS.is_dir(), reason="the models from the wild are not here")
+@pytest.mark.skipif(not MODELS.is_dir(), reason="the real model files are not available")
 def test_closed_model_with_edges_of_four_faces_is_not_called_open() -> None:
     """Use the paper's 'Hole Pipe', whose flange overlaps the pipe slightly."""
     model = load_model(MODELS / "thingi10k-78224.stl")
@@ -164,7 +164,7 @@ def test_holes_that_share_a_vertex_get_separate_rims() -> None:
     assert filled_mesh.is_watertight and filled_mesh.is_winding_consistent
 
 
-@pytest.mark.skipif(not MODELS.is_dir(), reason="the models from the wild are not here")
+@pytest.mark.skipif(not MODELS.is_dir(), reason="the real model files are not available")
 def test_repaired_teapot_keeps_all_its_parts() -> None:
     model = load_model(MODELS / "utah-teapot.obj", longest_side_mm=450.0)
     assert model.extents_mm == pytest.approx([450.0, 220.3, 279.8], abs=0.1)

@@ -27,12 +27,12 @@ BOX = write_mesh_xml(trimesh.creation.box((10, 20, 30)))
 OTHER_MODEL = "3D/Objects/other.model"
 
 
-def read_bounds(data: bytes) -> list[list[float]]:
+def read_bounds_mm(data: bytes) -> list[list[float]]:
     triangles, _ = read_3mf("a.3mf", data)
     return [triangles.min(axis=(0, 1)).tolist(), triangles.max(axis=(0, 1)).tolist()]
 
 
-def compute_volume(data: bytes) -> float:
+def compute_volume_mm3(data: bytes) -> float:
     triangles, _ = read_3mf("a.3mf", data)
     return float(np.linalg.det(triangles).sum() / 6)
 
@@ -56,7 +56,7 @@ def test_unit_of_a_3mf_file_is_converted_to_mm(unit: str | None, factor: float) 
 def test_only_objects_placed_by_the_build_are_read() -> None:
     items = ['objectid="1" transform="1 0 0 0 1 0 0 0 1 100 0 5"', 'objectid="1"']
     data = pack_3mf(write_model_xml([write_object_xml(1, BOX), write_object_xml(2, BOX)], items))
-    assert read_bounds(data) == [[-5, -10, -15], [105, 10, 20]]
+    assert read_bounds_mm(data) == [[-5, -10, -15], [105, 10, 20]]
     _, notes = read_3mf("a.3mf", data)
     assert notes == (
         "Read 2 objects as one model, placed as in the file.",
@@ -65,7 +65,7 @@ def test_only_objects_placed_by_the_build_are_read() -> None:
 
 
 def test_transform_is_applied_to_points_as_row_vectors() -> None:
-    """Use the matrix 0 1 0 -1 0 0 0 0 1, which exchanges x and y by the specification."""
+    """Use the matrix 0 1 0 -1 0 0 0 0 1, which exchanges x and y according to the specification."""
     items = ['objectid="1" transform="0 1 0 -1 0 0 0 0 1 0 0 0"']
     triangles, _ = read_3mf("a.3mf", pack_3mf(write_model_xml([write_object_xml(1, BOX)], items)))
     np.testing.assert_allclose(np.ptp(triangles, axis=(0, 1)), [20, 10, 30])
@@ -80,16 +80,18 @@ def test_components_of_components_are_placed_by_all_their_transforms() -> None:
     outer = write_components_xml('objectid="2" transform="2 0 0 0 2 0 0 0 2 0 0 0"', 'objectid="1"')
     objects = [write_object_xml(1, BOX), write_object_xml(2, inner), write_object_xml(3, outer)]
     data = pack_3mf(write_model_xml(objects, ['objectid="3" transform="1 0 0 0 1 0 0 0 1 1 0 0"']))
-    assert read_bounds(data) == [[-9, -20, -16], [11, 20, 44]]  # the inner box: (z + 7) * 2, then x + 1
+    assert read_bounds_mm(data) == [[-9, -20, -16], [11, 20, 44]]  # the inner box: (z + 7) * 2, then x + 1
 
 
 def test_mirrored_object_is_not_inside_out() -> None:
     items = ['objectid="1" transform="-1 0 0 0 1 0 0 0 1 0 0 0"']
-    assert compute_volume(pack_3mf(write_model_xml([write_object_xml(1, BOX)], items))) == pytest.approx(6000)
+    assert compute_volume_mm3(pack_3mf(write_model_xml([write_object_xml(1, BOX)], items))) == pytest.approx(
+        6000
+    )
 
 
 def test_objects_of_other_parts_keep_their_own_numbers() -> None:
-    """Read objects in separate parts, which slicers all begin with the same number."""
+    """Read objects in separate parts: slicers start each part with the same object number."""
     small_box = write_mesh_xml(trimesh.creation.box((2, 2, 2)))
     components = write_components_xml(
         f'p:path="/{OTHER_MODEL}" objectid="1" transform="1 0 0 0 1 0 0 0 1 50 0 0"'
@@ -98,7 +100,7 @@ def test_objects_of_other_parts_keep_their_own_numbers() -> None:
         [write_object_xml(1, BOX), write_object_xml(2, components)], ['objectid="1"', 'objectid="2"']
     )
     data = pack_3mf(root, {OTHER_MODEL: write_model_xml([write_object_xml(1, small_box)], [])})
-    assert read_bounds(data) == [[-5, -10, -15], [51, 10, 15]]
+    assert read_bounds_mm(data) == [[-5, -10, -15], [51, 10, 15]]
 
 
 def test_supports_and_unprinted_items_are_left_out() -> None:
@@ -116,7 +118,7 @@ def test_supports_and_unprinted_items_are_left_out() -> None:
         '<metadata type="volume" key="volume_type" value="ParameterModifier"/>',
     ],
 )
-def test_modifiers_of_a_slicer_are_a_warning(settings_text: str) -> None:
+def test_modifiers_of_a_slicer_cause_a_warning(settings_text: str) -> None:
     model = write_model_xml([write_object_xml(1, BOX)], ['objectid="1"'])
     plain_settings = {"Metadata/model_settings.config": '<part id="1" subtype="normal_part"/>'}
     marked_settings = {"Metadata/model_settings.config": settings_text}
@@ -125,7 +127,7 @@ def test_modifiers_of_a_slicer_are_a_warning(settings_text: str) -> None:
 
 
 def test_file_of_another_program_gives_the_same_solid(tmp_path: Path) -> None:
-    """Read a file through the reader of models, with a scale in addition to the unit."""
+    """Read a file with `load_model`, with a scale in addition to the unit."""
     path = tmp_path / "ball.3mf"
     ball = write_mesh_xml(trimesh.creation.icosphere(2, 1.0))
     path.write_bytes(pack_3mf(write_model_xml([write_object_xml(1, ball)], ['objectid="1"'], "inch")))
@@ -147,10 +149,12 @@ def compute_determinant(matrix: list[float]) -> float:
 )
 @example([3.0, 5e-324, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 0.0])
 @settings(max_examples=50, deadline=None)
-def test_any_transform_scales_the_volume_by_its_determinant(matrix: list[float], move: list[float]) -> None:
-    transform = " ".join(map(repr, [*matrix, *move]))
+def test_any_transform_scales_the_volume_by_its_determinant(
+    matrix: list[float], shift_mm: list[float]
+) -> None:
+    transform = " ".join(map(repr, [*matrix, *shift_mm]))
     data = pack_3mf(write_model_xml([write_object_xml(1, BOX)], [f'objectid="1" transform="{transform}"']))
-    assert compute_volume(data) == pytest.approx(6000 * abs(compute_determinant(matrix)))
+    assert compute_volume_mm3(data) == pytest.approx(6000 * abs(compute_determinant(matrix)))
 
 
 # -- hostile files ------------------------------------------------------------------------------------
@@ -215,7 +219,9 @@ def test_components_that_multiply_are_counted_before_they_are_placed() -> None:
     assert "10000 objects" in read_refusal(pack_3mf(many_items), ModelTooDetailed)
 
 
-def test_package_that_unpacks_to_gigabytes_is_refused_unread(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_package_that_unpacks_to_gigabytes_is_refused_before_it_is_read(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(package, "FREE_RATIO_BYTES", 2**16)
     blank = write_model_xml([write_object_xml(1, BOX)], ['objectid="1"']).replace(
         "<build>", " " * 2**22 + "<build>"
@@ -224,7 +230,7 @@ def test_package_that_unpacks_to_gigabytes_is_refused_unread(monkeypatch: pytest
     assert "entries" in read_refusal(pack_3mf(blank) + package._ENTRY * 20_000)
 
 
-def test_entry_that_hides_its_size_ends_at_the_size_it_gives() -> None:
+def test_entry_with_a_false_size_is_read_up_to_that_size() -> None:
     data = bytearray(pack_3mf(write_model_xml([write_object_xml(1, BOX)], ['objectid="1"'])))
     index = data.rindex(b"PK\x01\x02")
     data[index + 24 : index + 28] = (100).to_bytes(4, "little")
@@ -269,7 +275,7 @@ def test_broken_model_is_refused_in_a_sentence(old_text: str, new_text: str) -> 
     read_refusal(pack_3mf(model.replace(old_text, new_text, 1)))
 
 
-def test_more_triangles_than_fit_the_memory_are_refused_while_they_are_read() -> None:
+def test_more_triangles_than_memory_allows_are_refused_while_they_are_read() -> None:
     data = pack_3mf(write_model_xml([write_object_xml(1, BOX)], ['objectid="1"']))
     with pytest.raises(ModelTooDetailed):
         read_3mf("a.3mf", data, 11)

@@ -15,7 +15,7 @@ from decompose.geometry.weld import SAME_MM, count_edge_uses, number_rows, selec
 
 FACES = st.lists(st.tuples(*[st.integers(0, 5)] * 3), min_size=1, max_size=20)
 PEAK_BYTES_PER_TRIANGLE = 300
-"""Arrays at a time: the file, its triangles in double precision, the numbers of their corners."""
+"""Arrays in memory at once: the file, its triangles in double precision, the numbers of their corners."""
 
 
 @given(st.lists(st.tuples(*[st.integers(-3, 3)] * 3), min_size=1, max_size=60))
@@ -41,7 +41,7 @@ def test_vertices_that_differ_by_rounding_are_the_same() -> None:
 
 
 @given(FACES)
-def test_edge_uses_are_those_of_an_edge_by_edge_count(faces: list[tuple[int, int, int]]) -> None:
+def test_edge_uses_equal_an_edge_by_edge_count(faces: list[tuple[int, int, int]]) -> None:
     distinct_faces = select_distinct(np.array(faces))
     directed_edges = [(f[k], f[(k + 1) % 3]) for f in distinct_faces.tolist() for k in range(3)]
     undirected_edges = [tuple(sorted(edge)) for edge in directed_edges]
@@ -88,8 +88,8 @@ def test_a_large_model_is_read_in_little_memory(tmp_path: Path) -> None:
     tracemalloc.start()
     try:
         model = load_model(path)
-        peak = tracemalloc.get_traced_memory()[1]
+        peak_bytes = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
     assert model.solid.faces == len(ball.faces)
-    assert peak < PEAK_BYTES_PER_TRIANGLE * len(ball.faces)
+    assert peak_bytes < PEAK_BYTES_PER_TRIANGLE * len(ball.faces)

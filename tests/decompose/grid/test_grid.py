@@ -90,8 +90,9 @@ def test_separate_rods_in_one_cell_are_counted_separately(
         Solid.box((x, y, 5.0), (x + 4.0, y + 4.0, 90.0)) for x in (3.0, 15.0, 27.0) for y in (3.0, 15.0, 27.0)
     ]
     comb = Solid.union([Solid.box((0.0, 0.0, 0.0), (60.0, 60.0, 10.0)), *rods])
-    upright = np.roll(np.eye(3), data.draw(st.integers(0, 2)), axis=0)  # counted across the longest axis
-    comb = comb.rotate(upright)
+    # Pieces are counted across the longest axis.
+    rotation = np.roll(np.eye(3), data.draw(st.integers(0, 2)), axis=0)
+    comb = comb.rotate(rotation)
     vertices, faces = comb.arrays()
     grid = build_grid(vertices[faces], 3, GridRules(0.0, True, 0.7, 0.75))
     room = PrinterRoom("", ((data.draw(st.sampled_from((1e4, 70.0))),) * 3,))
@@ -115,37 +116,37 @@ def test_cells_are_classified(grid: Grid, ring_with_bar: Solid) -> None:
     for cell in np.ndindex(grid.shape):
         x, y, z = cell
         lo, hi = grid.find_bounds_mm((x, y, z, x + 1, y + 1, z + 1))
-        volume = ring_with_bar.clip(lo, hi).volume_mm3
+        volume_mm3 = ring_with_bar.clip(lo, hi).volume_mm3
         if grid.cells[cell] == Cell.EXTERNAL:
-            assert volume == 0.0
+            assert volume_mm3 == 0.0
         elif grid.cells[cell] == Cell.INTERNAL:
-            assert volume == pytest.approx(float(np.prod(hi - lo)))
+            assert volume_mm3 == pytest.approx(float(np.prod(hi - lo)))
     assert set(np.unique(grid.cells)) >= {Cell.EXTERNAL, Cell.BOUNDARY}
 
 
 @pytest.mark.parametrize("min_wall_mm", [0.0, 10.0, 25.0])
-def test_hollow_cells_keep_their_distance(min_wall_mm: float) -> None:
+def test_hollow_cells_keep_their_distance_from_the_surface(min_wall_mm: float) -> None:
     corners = Solid.box((0, 0, 0), (200, 160, 120)).arrays()
     grid = build_grid(corners[0][corners[1]], 12, GridRules(min_wall_mm, False, 0.7, 0.75))
-    hollow = np.argwhere((grid.cells == Cell.INTERNAL) & ~grid.needed)
-    assert len(hollow)
-    lo = np.array([[grid.planes[a][c[a]] for a in range(3)] for c in hollow])
-    hi = np.array([[grid.planes[a][c[a] + 1] for a in range(3)] for c in hollow])
+    hollow_cells = np.argwhere((grid.cells == Cell.INTERNAL) & ~grid.needed)
+    assert len(hollow_cells)
+    lo = np.array([[grid.planes[a][c[a]] for a in range(3)] for c in hollow_cells])
+    hi = np.array([[grid.planes[a][c[a] + 1] for a in range(3)] for c in hollow_cells])
     assert lo.min() >= min_wall_mm
     assert (np.array([200, 160, 120]) - hi).min() >= min_wall_mm
 
 
 @given(
-    flats=st.lists(st.floats(0.0, 100.0), max_size=12),
+    flats_mm=st.lists(st.floats(0.0, 100.0), max_size=12),
     count=st.integers(1, 20),
 )
-def test_planes_ascend_and_avoid_flat_faces(flats: list[float], count: int) -> None:
-    planes = place_planes(0.0, 100.0, count, np.array(flats))
+def test_planes_ascend_and_avoid_flat_faces(flats_mm: list[float], count: int) -> None:
+    planes = place_planes(0.0, 100.0, count, np.array(flats_mm))
     assert (np.diff(planes) > 0.0).all()
     assert planes[0] < 0.0
     assert planes[-1] > 100.0
-    if len(flats) == 1 and count > 1:
-        assert np.abs(planes[1:-1] - flats[0]).min() >= min(CLEAR_MM, 0.2 * 100.0 / count) - 1e-9
+    if len(flats_mm) == 1 and count > 1:
+        assert np.abs(planes[1:-1] - flats_mm[0]).min() >= min(CLEAR_MM, 0.2 * 100.0 / count) - 1e-9
 
 
 def test_flat_faces_of_a_box_are_found() -> None:
@@ -161,7 +162,7 @@ def test_cell_counts_follow_the_proportions_of_the_model() -> None:
 
 
 @pytest.mark.parametrize("size_mm", [(450.0, 450.0, 1.0), (2000.0, 20.0, 20.0), (2000.0, 300.0, 2.0)])
-def test_solves_of_long_and_flat_grids_are_short(size_mm: tuple[float, float, float]) -> None:
+def test_long_and_flat_grids_are_solved_quickly(size_mm: tuple[float, float, float]) -> None:
     shape = count_cells(np.array(size_mm), 24)
     assert count_cuts(shape) <= 3e8
     assert max(shape) >= 2000.0 / 100.0  # no cell is longer than half a room

@@ -45,7 +45,7 @@ def refine_needed_cells(grid: Grid, cells: NeededCells) -> np.ndarray:
 )
 @settings(max_examples=25, deadline=None)
 def test_cells_near_the_surface_are_needed(rotation: Rotation, count: int, wall_mm: float) -> None:
-    """Compare with the depth of corners in a block in closed form, which is enough as a block is convex."""
+    """Compare with the exact depth of corners in a block, which is enough because a block is convex."""
     cost = CostModel.from_recipe(Recipe())
     triangles = make_block(rotation)
     grid = make_grid(triangles, cost, count, wall_mm)

@@ -59,5 +59,5 @@ def test_quickest_printer_takes_the_longest_part(
     printers = [replace(fleet[0], name=str(i), time_factor=1.5 - 0.2 * i) for i in range(3)]
     options = Options(Engine.GUILLOTINE, granularity="vcoarse", prove=False)
     parts = decompose_model(Model(ring_with_bar, (), 1.0), printers, options, cost).parts
-    longest_first = sorted(parts, key=lambda part: -part.price_s)
-    assert [part.printer for part in longest_first] == ["2", "1", "0"]
+    sorted_parts = sorted(parts, key=lambda part: -part.price_s)
+    assert [part.printer for part in sorted_parts] == ["2", "1", "0"]

@@ -48,9 +48,9 @@ def test_two_halves_have_one_joint() -> None:
 
 
 def test_duplicate_plane_counts_once() -> None:
-    item, other_pieces = cut_by_planes(make_block((0, 0, 0), (60, 40, 30)), x=(25.0,))
-    doubled_piece = Piece(item.solid, np.concatenate([item.planes, -item.planes]), item.boxes_mm)
-    (joint,) = find_joints([doubled_piece, other_pieces])
+    piece, other_piece = cut_by_planes(make_block((0, 0, 0), (60, 40, 30)), x=(25.0,))
+    doubled_piece = Piece(piece.solid, np.concatenate([piece.planes, -piece.planes]), piece.boxes_mm)
+    (joint,) = find_joints([doubled_piece, other_piece])
     assert joint.area_mm2 == pytest.approx(1200.0)
 
 
@@ -59,7 +59,7 @@ def test_width_of_a_frame_is_that_of_its_rim() -> None:
     pieces = cut_by_planes(frame, z=(15.0,))
     (joint,) = find_joints(pieces)
     assert joint.area_mm2 == pytest.approx(60.0**2 - 52.0**2)
-    assert joint.width_mm == pytest.approx(4.0 * 2.0 / (1.0 + np.sqrt(0.5)), rel=0.05)  # in a corner
+    assert joint.width_mm == pytest.approx(4.0 * 2.0 / (1.0 + np.sqrt(0.5)), rel=0.05)  # measured in a corner
 
 
 def test_pieces_that_meet_in_an_edge_have_no_joint() -> None:
@@ -141,8 +141,8 @@ def test_weak_joint_beside_a_strong_one_does_not_hold() -> None:
     ]
     assert [round(j.area_mm2) for j in find_joints(pieces)] == [900, 900, 900]
     assert find_faults(pieces) == []
-    thin = make_block((30, 30, 0), (60, 60, 0.5))
-    pieces[2] = Piece(thin, pieces[2].planes, pieces[2].boxes_mm)
+    thin_solid = make_block((30, 30, 0), (60, 60, 0.5))
+    pieces[2] = Piece(thin_solid, pieces[2].planes, pieces[2].boxes_mm)
     weak_joint = min(find_joints(pieces), key=lambda j: j.area_mm2)
     assert weak_joint.area_mm2 == pytest.approx(15.0)
     assert [f.piece for f in find_faults(pieces)] == [2]
@@ -238,12 +238,12 @@ def list_corners(face: JointFace) -> Floats:
 
 
 @given(st.floats(0.0, 6.3), st.tuples(*[st.floats(-300.0, 300.0)] * 3))
-def test_moving_a_joint_moves_its_corners(angle: float, offset: tuple[float, float, float]) -> None:
+def test_moving_a_joint_moves_its_corners(angle_rad: float, offset_mm: tuple[float, float, float]) -> None:
     (joint,) = find_joints(cut_by_planes(make_block((0, 0, 0), (60, 40, 30)), x=(25.0,)))
     transform = np.eye(4)
-    transform[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    transform[:2, :2] = [[np.cos(angle_rad), -np.sin(angle_rad)], [np.sin(angle_rad), np.cos(angle_rad)]]
     transform[:3, :3] = transform[:3, :3] @ np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
-    transform[:3, 3] = offset
+    transform[:3, 3] = offset_mm
     [old_face], [new_face] = joint.faces, joint.move(transform).faces
     assert list_corners(new_face) == pytest.approx(
         list_corners(old_face) @ transform[:3, :3].T + transform[:3, 3], abs=1e-9

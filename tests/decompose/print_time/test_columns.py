@@ -14,13 +14,13 @@ from decompose.print_time.columns import Columns
 OVERHANG_COS = np.sin(np.radians(45.0))
 
 
-def measure(solid: Solid, marked_up: float | None = None) -> Columns:
-    """Measure the columns of a solid; faces whose upward normal is `marked_up` are marked."""
+def measure_solid(solid: Solid, marked_normal_z: float | None = None) -> Columns:
+    """Measure the columns of a solid; mark the faces whose normal has this Z component."""
     vertices, faces = solid.arrays()
     triangles = vertices[faces]
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     upward = normals[:, 2] / np.linalg.norm(normals, axis=1)
-    is_marked = np.zeros(len(faces), bool) if marked_up is None else np.isclose(upward, marked_up)
+    is_marked = np.zeros(len(faces), bool) if marked_normal_z is None else np.isclose(upward, marked_normal_z)
     return measure_columns(triangles, is_marked, OVERHANG_COS)
 
 
@@ -38,7 +38,7 @@ def bench() -> Solid:
 
 def test_supports_end_on_the_part(bench: Solid) -> None:
     """Use a seat with 10 mm of width 20 mm above the foot, and 20 mm of width 25 mm above the bed."""
-    result = measure(bench)
+    result = measure_solid(bench)
     assert result.support_mm3 == pytest.approx(10 * 20 * 20 + 20 * 20 * 25, rel=0.03)
     assert result.support_side_mm2 == pytest.approx((10 + 20) * 2 * 20 + (20 + 20) * 2 * 25, rel=0.05)
     assert result.propped_mm2 == pytest.approx(20 * 20, rel=0.05)
@@ -48,19 +48,21 @@ def test_supports_end_on_the_part(bench: Solid) -> None:
 
 def test_marked_faces_are_touched_from_below_and_from_above(bench: Solid) -> None:
     # Support touches the seat, but not the base of the foot.
-    assert measure(bench, -1.0).touched_mm2 == pytest.approx(30 * 20, rel=0.05)
-    assert measure(bench, 1.0).touched_mm2 == pytest.approx(10 * 20, rel=0.05)  # the foot, not the seat's top
-    assert measure(bench, 0.5).touched_mm2 == 0.0
+    assert measure_solid(bench, -1.0).touched_mm2 == pytest.approx(30 * 20, rel=0.05)
+    assert measure_solid(bench, 1.0).touched_mm2 == pytest.approx(
+        10 * 20, rel=0.05
+    )  # the foot, not the seat's top
+    assert measure_solid(bench, 0.5).touched_mm2 == 0.0
 
 
 def test_mass_grows_with_height(bench: Solid) -> None:
-    result = measure(bench)
+    result = measure_solid(bench)
     assert result.volumes_mm3[-1] == pytest.approx(bench.volume_mm3, rel=0.02)
     assert (np.diff(result.volumes_mm3) > 0.0).all()
-    tower = (
+    expected_centre_mm = (
         np.array([10, 10, 2.5]) * 2000 + np.array([15, 10, 15]) * 4000 + np.array([20, 10, 27.5]) * 4000
     ) / 1e4
-    assert result.centres_mm[-1] == pytest.approx(tower, abs=0.3)
+    assert result.centres_mm[-1] == pytest.approx(expected_centre_mm, abs=0.3)
     assert result.centres_mm[0] == pytest.approx([10.0, 10.0, 30.0 / LEVELS / 2.0], abs=0.3)
 
 
@@ -68,41 +70,45 @@ def test_ball_needs_a_cone_of_support() -> None:
     """Compute the volume under a sphere's cap of 45 degrees, less the sphere, by integration."""
     mesh = trimesh.creation.icosphere(4, 20.0)
     mesh.apply_translation([0, 0, 20])
-    result = measure(Solid.from_arrays(mesh.vertices, mesh.faces))
-    radii = np.linspace(0.0, 20.0 / np.sqrt(2.0), 1000)
-    heights = 20.0 - np.sqrt(400.0 - radii**2)
-    assert result.support_mm3 == pytest.approx(np.trapezoid(2 * np.pi * radii * heights, radii), rel=0.05)
+    result = measure_solid(Solid.from_arrays(mesh.vertices, mesh.faces))
+    radii_mm = np.linspace(0.0, 20.0 / np.sqrt(2.0), 1000)
+    heights_mm = 20.0 - np.sqrt(400.0 - radii_mm**2)
+    assert result.support_mm3 == pytest.approx(
+        np.trapezoid(2 * np.pi * radii_mm * heights_mm, radii_mm), rel=0.05
+    )
 
 
 def test_tip_in_mid_air_needs_a_tower() -> None:
-    """Use an arm that begins in a point 20 mm above the bed, too steep for support, and joins its post."""
+    """Use an arm that begins at a point 20 mm above the bed, too steep for support, and joins its post."""
     corners = [(0, 0, 20), (-4, -4, 40), (4, -4, 40), (4, 4, 40), (-4, 4, 40)]
     hull = trimesh.convex.convex_hull(np.array(corners, float))
     tip = Solid.from_arrays(hull.vertices, hull.faces)
     post = [Solid.box((20, -4, 0), (30, 4, 50)), Solid.box((-4, -4, 40), (30, 4, 50))]
-    assert measure(Solid.union([tip, *post])).towers_mm == pytest.approx(20.0, abs=3.0)
-    assert measure(tip.union([tip, post[0]])).towers_mm == pytest.approx(20.0, abs=3.0)
-    assert measure(Solid.union(post)).towers_mm == 0.0  # all of it stands on support
+    assert measure_solid(Solid.union([tip, *post])).towers_mm == pytest.approx(20.0, abs=3.0)
+    assert measure_solid(tip.union([tip, post[0]])).towers_mm == pytest.approx(20.0, abs=3.0)
+    assert measure_solid(Solid.union(post)).towers_mm == 0.0  # all of it stands on support
     cup = Solid.box((-10, -10, 0), (10, 10, 60)).subtract(tip)
-    assert measure(cup).towers_mm == 0.0  # a tip that points up is none
+    assert measure_solid(cup).towers_mm == 0.0  # a tip that points up needs no tower
 
 
 def test_islands_are_separate_areas_of_a_layer() -> None:
     legs = [Solid.box((x, y, 0), (x + 8, y + 8, 30)) for x in (0, 32) for y in (0, 32)]
     table = Solid.union([*legs, Solid.box((0, 0, 30), (40, 40, 40))])
-    assert measure(legs[0]).islands_mm == 0.0
-    assert measure(Solid.union(legs)).islands_mm == pytest.approx(3 * 30.0)
+    assert measure_solid(legs[0]).islands_mm == 0.0
+    assert measure_solid(Solid.union(legs)).islands_mm == pytest.approx(3 * 30.0)
     # The islands of the support between the legs count too.
-    assert measure(table).islands_mm == pytest.approx(4 * 30.0, abs=4 * 40.0 / 16)
+    assert measure_solid(table).islands_mm == pytest.approx(4 * 30.0, abs=4 * 40.0 / 16)
     assert (
-        measure(Solid.union(legs)).bodies_mm == measure(table).bodies_mm == pytest.approx(3 * 30.0, abs=8.0)
+        measure_solid(Solid.union(legs)).bodies_mm
+        == measure_solid(table).bodies_mm
+        == pytest.approx(3 * 30.0, abs=8.0)
     )
-    assert measure(legs[0]).bodies_mm == 0.0
+    assert measure_solid(legs[0]).bodies_mm == 0.0
 
 
 def test_many_islands_are_near_each_other() -> None:
     posts = [Solid.box((x, y, 0), (x + 6, y + 6, 30)) for x in range(0, 60, 12) for y in (0, 12, 24, 36)]
-    result = measure(Solid.union(posts))
+    result = measure_solid(Solid.union(posts))
     assert result.islands_mm == pytest.approx(19 * 30.0)
     assert result.bodies_mm == pytest.approx(19 * 30.0)
     spacing_mm = np.sqrt(54.0 * 42.0 / 20.0)
@@ -115,38 +121,38 @@ def test_holes_of_a_layer_are_counted() -> None:
     ]
     holes = Solid.union([Solid.from_arrays(bore.vertices, bore.faces) for bore in bores])
     plate = Solid.box((0, 0, 0), (60, 60, 10)).subtract(holes)
-    result = measure(plate)
+    result = measure_solid(plate)
     assert result.holes_mm == pytest.approx(4 * 5.0, abs=4 * 10.0 / 16)  # they end at half of the height
     spacing_mm = np.sqrt((60.0**2 - 4 * np.pi * 4.0**2) / 5.0)
     assert result.hole_paths_mm2 == pytest.approx(result.holes_mm * spacing_mm, rel=0.05)
-    assert measure(Solid.box((0, 0, 0), (60, 60, 10))).holes_mm == 0.0
+    assert measure_solid(Solid.box((0, 0, 0), (60, 60, 10))).holes_mm == 0.0
 
 
 def test_brim_surrounds_each_foot_but_fills_no_hole() -> None:
     legs = [Solid.box((x, 0, 0), (x + 20, 20, 10)) for x in (0, 80)]
     brim_mm2 = 4 * 20.0 * 5.0 + np.pi * 5.0**2
-    assert measure(legs[0]).measure_brim_mm2(5.0) == pytest.approx(brim_mm2, rel=0.03)
-    assert measure(Solid.union(legs)).measure_brim_mm2(5.0) == pytest.approx(2 * brim_mm2, rel=0.05)
+    assert measure_solid(legs[0]).measure_brim_mm2(5.0) == pytest.approx(brim_mm2, rel=0.03)
+    assert measure_solid(Solid.union(legs)).measure_brim_mm2(5.0) == pytest.approx(2 * brim_mm2, rel=0.05)
     ring = Solid.box((0, 0, 0), (20, 20, 10)).subtract(Solid.box((4, 4, -1), (16, 16, 11)))
-    assert measure(ring).measure_brim_mm2(5.0) == pytest.approx(brim_mm2, rel=0.03)
-    assert measure(ring).measure_brim_mm2(0.0) == 0.0
+    assert measure_solid(ring).measure_brim_mm2(5.0) == pytest.approx(brim_mm2, rel=0.03)
+    assert measure_solid(ring).measure_brim_mm2(0.0) == 0.0
 
 
 def test_slope_from_its_wall_needs_no_tower() -> None:
     """Use a part that leans out by 40 degrees, whose lower edge is supported by its wall."""
     corners = np.array([(0, y, z) for y in (0, 20) for z in (0, 40)] + [(24, y, 40) for y in (0, 20)], float)
     hull = trimesh.convex.convex_hull(np.vstack([corners, corners - [5.0, 0.0, 0.0]]))
-    assert measure(Solid.from_arrays(hull.vertices, hull.faces)).towers_mm == 0.0
+    assert measure_solid(Solid.from_arrays(hull.vertices, hull.faces)).towers_mm == 0.0
 
 
-@pytest.mark.parametrize("yaw", [0.0, 0.3, 0.8])
-def test_thin_wall_that_leans_needs_no_tower(yaw: float) -> None:
-    """Use a wall that is thinner than the distance of columns, so that none seems to stand on the next."""
+@pytest.mark.parametrize("yaw_rad", [0.0, 0.3, 0.8])
+def test_thin_wall_that_leans_needs_no_tower(yaw_rad: float) -> None:
+    """Use a wall thinner than the distance between columns, so that no column seems to stand on the next."""
     wall = trimesh.creation.box((200.0, 0.8, 120.0))
     wall.apply_transform(trimesh.transformations.rotation_matrix(np.radians(35.0), (1.0, 0.0, 0.0)))
-    wall.apply_transform(trimesh.transformations.rotation_matrix(yaw, (0.0, 0.0, 1.0)))
+    wall.apply_transform(trimesh.transformations.rotation_matrix(yaw_rad, (0.0, 0.0, 1.0)))
     wall.apply_translation((0.0, 0.0, -wall.bounds[0, 2]))
-    result = measure(Solid.from_arrays(wall.vertices, wall.faces))
+    result = measure_solid(Solid.from_arrays(wall.vertices, wall.faces))
     assert result.towers_mm < 10.0
     assert result.support_side_mm2 < 1000.0
 
@@ -156,6 +162,6 @@ def test_edge_in_mid_air_needs_a_strip() -> None:
     corners = [(x, y, z) for y in (-1, 60) for x, z in ((0, 30), (-6, 40), (0, 40))]
     hull = trimesh.convex.convex_hull(np.array(corners, float))
     wall = Solid.box((-20, -20, 0), (0, 0, 40))
-    result = measure(Solid.union([Solid.from_arrays(hull.vertices, hull.faces), wall]))
+    result = measure_solid(Solid.union([Solid.from_arrays(hull.vertices, hull.faces), wall]))
     assert result.support_side_mm2 == pytest.approx(2 * 60 * 30, rel=0.1)
     assert result.towers_mm == 0.0

@@ -28,17 +28,17 @@ from decompose.print_time.pose_prices import find_pose_axes, price_poses_s
 from decompose.print_time.recipe import FEATURES
 from decompose.printers import PrinterRoom
 
-NOTHING = CostModel(*[0.0] * 8, brim_mm=0.0, skin_cos=0.7)
+ZERO_COST = CostModel(*[0.0] * 8, brim_mm=0.0, skin_cos=0.7)
 
 
 def make_cost(**coefficients: float) -> CostModel:
     """Make a cost with these coefficients, and all others 0."""
-    return replace(NOTHING, **coefficients)
+    return replace(ZERO_COST, **coefficients)
 
 
-def make_wedge(run: float) -> Solid:
-    """Make a block of 5 mm depth whose upper half leans out by `reach` over 10 mm."""
-    vertices = [(x, y, z) for y in (0.0, 5.0) for x, z in ((0, 0), (10, 0), (10 + run, 10), (0, 10))]
+def make_wedge(run_mm: float) -> Solid:
+    """Make a block 5 mm deep, one side of which leans out by `run_mm` over 10 mm of height."""
+    vertices = [(x, y, z) for y in (0.0, 5.0) for x, z in ((0, 0), (10, 0), (10 + run_mm, 10), (0, 10))]
     faces = [(0, 1, 2), (0, 2, 3), (4, 6, 5), (4, 7, 6)]
     faces += [f for i in range(4) for j in [(i + 1) % 4] for f in [(i, 4 + i, 4 + j), (i, 4 + j, j)]]
     return Solid.from_arrays(vertices, faces)
@@ -46,9 +46,9 @@ def make_wedge(run: float) -> Solid:
 
 def test_price_of_a_cube_equals_a_manual_calculation() -> None:
     cost = CostModel(7.0, 0.5, 0.25, 2.0, 50.0, 100.0, 3.0, 11.0, brim_mm=8.0)
-    ring = 8.0 * (2.0 * 20.0 + math.pi * 8.0)
-    body = max(0.5 * 1000.0 + 0.25 * 400.0, 11.0 * 10.0)
-    expected_s = 7.0 + body + 2.0 * 200.0 + 3.0 * ring
+    ring_mm2 = 8.0 * (2.0 * 20.0 + math.pi * 8.0)
+    body_s = max(0.5 * 1000.0 + 0.25 * 400.0, 11.0 * 10.0)
+    expected_s = 7.0 + body_s + 2.0 * 200.0 + 3.0 * ring_mm2
     times_s = price_axis_poses_s(*Solid.box((5, 5, 5), (15, 15, 15)).arrays(), cost)
     assert times_s == pytest.approx([expected_s] * 6)  # its underside lies on the bed: no support
 
@@ -58,11 +58,11 @@ def test_needle_takes_the_minimum_time_of_its_layers() -> None:
     needle, block = Solid.box((0, 0, 0), (3, 3, 60)), Solid.box((0, 0, 0), (60, 60, 60))
     faster = replace(cost, min_s_mm=0.0)
     upright_rotation = POSE_ROTATIONS[4:5]
-    body = cost.volume_s_mm3 * 540.0 + cost.lateral_s_mm2 * 720.0 * (1.0 - MAX_INSET_SHARE)
+    body_s = cost.volume_s_mm3 * 540.0 + cost.lateral_s_mm2 * 720.0 * (1.0 - MAX_INSET_SHARE)
     slowed_s = price_poses_s(*needle.arrays(), upright_rotation, cost) - price_poses_s(
         *needle.arrays(), upright_rotation, faster
     )
-    assert slowed_s[0] == pytest.approx(5.0 * 60.0 / 0.25 - body)
+    assert slowed_s[0] == pytest.approx(5.0 * 60.0 / 0.25 - body_s)
     assert price_axis_poses_s(*block.arrays(), cost) == pytest.approx(
         price_axis_poses_s(*block.arrays(), faster)
     )
@@ -77,8 +77,8 @@ def test_walls_inside_the_outline_are_shorter() -> None:
 
 def test_first_layers_of_a_skin_on_the_bed_have_their_own_speed() -> None:
     recipe = Recipe(skin_layers=4.0, skin_mm_s=20.0, brim_mm_s=30.0, speeding_layers=2)
-    on_bed, above = 1.0 / 30.0 + 1.0 / 25.0 + 2.0 / 20.0, 4.0 / 20.0
-    assert recipe.skin_s_mm == pytest.approx((on_bed + above) / 2.0)
+    bed_layers_s_mm, upper_layers_s_mm = 1.0 / 30.0 + 1.0 / 25.0 + 2.0 / 20.0, 4.0 / 20.0
+    assert recipe.skin_s_mm == pytest.approx((bed_layers_s_mm + upper_layers_s_mm) / 2.0)
 
 
 def test_uppermost_layer_of_a_top_has_its_own_speed() -> None:
@@ -91,16 +91,17 @@ def test_uppermost_layer_of_a_top_has_its_own_speed() -> None:
     assert replace(recipe, skin_layers=0.0).hidden_top_share == 0.0
 
 
-def test_ends_of_skin_lines_take_as_long_above_a_speed() -> None:
+def test_ends_of_skin_lines_take_the_same_time_above_a_speed_limit() -> None:
     slopes_s = [
-        compute_time_terms(Recipe(skin_mm_s=speed))["slope ends"].max() for speed in (15.0, 30.0, 50.0)
+        compute_time_terms(Recipe(skin_mm_s=speed_mm_s))["slope ends"].max()
+        for speed_mm_s in (15.0, 30.0, 50.0)
     ]
     assert slopes_s[1:] == pytest.approx([2.0 * slopes_s[0]] * 2)
 
 
 @pytest.mark.parametrize(("steps", "denser_mm"), [(0, 0.0), (1, 2.0 * 0.125), (2, 2.0 * (0.1875 + 0.0625))])
 def test_infill_gets_sparser_below_the_tops(steps, denser_mm):
-    """Halve the number of lines, which are 4 mm apart, by each step of 2 mm of height."""
+    """Lines are 4 mm apart; each step of 2 mm of height halves their number."""
     recipe = Recipe(infill_line_distance_mm=4.0, infill_steps=steps, infill_step_mm=2.0, skin_layers=0.0)
     even_recipe = replace(recipe, infill_line_distance_mm=4.0 * 2.0**steps, infill_steps=0)
     infill_terms, even_terms = compute_time_terms(recipe)["infill"], compute_time_terms(even_recipe)["infill"]
@@ -140,14 +141,14 @@ def test_slopes_up_to_45_degrees_need_no_support() -> None:
 def test_slope_has_skin_if_its_steps_are_wider_than_the_walls() -> None:
     recipe = Recipe(layer_height_mm=0.2, skin_layers=4.0, wall_count=2, line_width_mm=0.35)
     cost = replace(make_cost(slope_s_mm2=1.0), skin_cos=recipe.skin_cos)
-    # Slope (height over width) at which 4 layers leave just this area uncovered.
-    steepest = 4 * 0.2 / (2 * 0.35 + 0.35 / 2)
-    for run, has_skin in ((10.0 / steepest - 0.1, False), (10.0 / steepest + 0.1, True)):
-        assert (price_axis_poses_s(*make_wedge(run).arrays(), cost)[4] > 0.0) == has_skin
+    # Slope (height over width) at which a step of 4 layers is exactly as wide as the walls.
+    max_slope = 4 * 0.2 / (2 * 0.35 + 0.35 / 2)
+    for run_mm, has_skin in ((10.0 / max_slope - 0.1, False), (10.0 / max_slope + 0.1, True)):
+        assert (price_axis_poses_s(*make_wedge(run_mm).arrays(), cost)[4] > 0.0) == has_skin
 
 
 @pytest.mark.parametrize(
-    ("change", "term", "times_s"),
+    ("change", "term", "ratio"),
     [
         ({"infill_line_distance_mm": 14.0}, "infill", 0.5),
         ({"infill_line_distance_mm": 14.0}, "infill ends", 0.5),
@@ -172,13 +173,14 @@ def test_slope_has_skin_if_its_steps_are_wider_than_the_walls() -> None:
         ({"support_line_distance_mm": 0.0}, "support sides", 0.0),
     ],
 )
-def test_settings_change_the_price_as_expected(change: dict[str, float], term: str, times_s: float) -> None:
+def test_settings_change_the_price_as_expected(change: dict[str, float], term: str, ratio: float) -> None:
     old_terms, new_terms = (
         compute_time_terms(Recipe())[term],
         compute_time_terms(replace(Recipe(), **change))[term],
     )
-    share = slice(0, 2) if term == "infill" else slice(None)  # its volume less the skin's depends on layers
-    assert new_terms[share] == pytest.approx(old_terms[share] * times_s)
+    # The skin's share of the infill volume depends on the layer height.
+    compared = slice(0, 2) if term == "infill" else slice(None)
+    assert new_terms[compared] == pytest.approx(old_terms[compared] * ratio)
 
 
 def test_brim_takes_as_long_as_its_lines() -> None:
@@ -192,15 +194,15 @@ def test_every_term_has_a_factor() -> None:
 
 
 @settings(max_examples=25, deadline=None)
-@given(turns_deg=st.tuples(*[st.floats(-math.pi, math.pi)] * 3), cut_mm=st.floats(-30.0, 60.0))
+@given(turns_rad=st.tuples(*[st.floats(-math.pi, math.pi)] * 3), cut_mm=st.floats(-30.0, 60.0))
 def test_additive_features_add_up_over_a_cut(
-    turns_deg: tuple[float, float, float], cut_mm: float, ring_with_bar: Solid, cost: CostModel
+    turns_rad: tuple[float, float, float], cut_mm: float, ring_with_bar: Solid, cost: CostModel
 ) -> None:
-    """Compare two halves with the whole and twice the cut, which is wall or skin by its slope."""
-    rotations = Rotation.from_euler("xyz", [turns_deg]).as_matrix()
+    """Compare two halves with the whole plus both sides of the cut, which are wall or skin by their slope."""
+    rotations = Rotation.from_euler("xyz", [turns_rad]).as_matrix()
     halves = ring_with_bar.split(0, cut_mm)
     features, _ = sum_pose_features(*ring_with_bar.arrays(), rotations, cost)
-    parts = sum(sum_pose_features(*half.arrays(), rotations, cost)[0] for half in halves)
+    halves_features = sum(sum_pose_features(*half.arrays(), rotations, cost)[0] for half in halves)
     cut_mm2 = (sum(half.area_mm2 for half in halves) - ring_with_bar.area_mm2) / 2.0
     n = abs(float(rotations[0, 2, 0]))
     vertical_share = math.sqrt(1.0 - n * n)
@@ -209,19 +211,21 @@ def test_additive_features_add_up_over_a_cut(
         * 2.0
         * cut_mm2
     )
-    assert parts[0, :4] == pytest.approx(features[0, :4] + added_features, rel=1e-6, abs=1e-3)
+    assert halves_features[0, :4] == pytest.approx(features[0, :4] + added_features, rel=1e-6, abs=1e-3)
 
 
 @settings(max_examples=25, deadline=None)
-@given(turns_deg=st.tuples(*[st.floats(-math.pi, math.pi)] * 6), shift=st.tuples(*[st.floats(-1e3, 1e3)] * 3))
+@given(
+    turns_rad=st.tuples(*[st.floats(-math.pi, math.pi)] * 6), shift_mm=st.tuples(*[st.floats(-1e3, 1e3)] * 3)
+)
 def test_rotating_part_and_bed_together_changes_no_price(
-    turns_deg: tuple[float, ...], shift: tuple[float, float, float], ring_with_bar: Solid, cost: CostModel
+    turns_rad: tuple[float, ...], shift_mm: tuple[float, float, float], ring_with_bar: Solid, cost: CostModel
 ) -> None:
     vertices, faces = ring_with_bar.arrays()
-    pose, motion = Rotation.from_euler("xyz", [turns_deg[:3], turns_deg[3:]]).as_matrix()
+    pose, motion = Rotation.from_euler("xyz", [turns_rad[:3], turns_rad[3:]]).as_matrix()
     features, extents = sum_pose_features(vertices, faces, pose[None], cost)
     moved_features, turned_extents = sum_pose_features(
-        vertices @ motion.T + shift, faces, (pose @ motion.T)[None], cost
+        vertices @ motion.T + shift_mm, faces, (pose @ motion.T)[None], cost
     )
     # A face exactly at the angle where skin or support begins may be on either side of it.
     assert moved_features == pytest.approx(features, rel=2e-3)
@@ -266,14 +270,14 @@ def test_compiled_code_reads_prices_by_name() -> None:
 
 
 def test_inner_walls_of_each_body_are_shorter() -> None:
-    """Use four posts: their inner walls are shorter by four times one post's, within a share of all walls."""
+    """Use four posts, whose inner walls are shorter by four times one post's, up to a share of all walls."""
     cost = CostModel.from_recipe(Recipe(min_layer_s=0.0))
     lateral_mm2, height_mm = 4.0 * 4.0 * 30.0 * 50.0, 50.0
     assert cost.price_insets_s(lateral_mm2, height_mm, 0.0) == 0.0
     assert cost.price_insets_s(lateral_mm2, height_mm, 3.0 * height_mm) == pytest.approx(
         3.0 * cost.inset_s_mm * height_mm
     )
-    most_s = 0.1 * cost.lateral_s_mm2 * lateral_mm2
+    max_saving_s = 0.1 * cost.lateral_s_mm2 * lateral_mm2
     assert cost.price_insets_s(lateral_mm2, height_mm, 1e6) == pytest.approx(
-        most_s - cost.inset_s_mm * height_mm
+        max_saving_s - cost.inset_s_mm * height_mm
     )

@@ -17,12 +17,12 @@ from decompose.print_time.pose_prices import price_poses_s, sum_pose_features
 from decompose.printers import PrinterRoom
 
 RECIPE = Recipe(skin_layers=4.0, bed_layers_saved=2.0, top_layers_saved=1.0)
-COST, PLAIN = (
+COST, PLAIN_COST = (
     CostModel.from_recipe(RECIPE),
     CostModel.from_recipe(replace(RECIPE, **dict.fromkeys(("bed_layers_saved", "top_layers_saved"), 0.0))),
 )
 BLOCK = Solid.box((0.0, 0.0, 0.0), (40.0, 30.0, 20.0))
-BELOW, ABOVE, SIDE = (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 1.0, 20.0), (1.0, 0.0, 0.0, 40.0)
+BOTTOM_PLANE, TOP_PLANE, SIDE_PLANE = (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 1.0, 20.0), (1.0, 0.0, 0.0, 40.0)
 UPRIGHT, UPSIDE_DOWN = POSE_ROTATIONS[4], POSE_ROTATIONS[5]
 
 
@@ -35,18 +35,18 @@ def measure_block(*planes: tuple[float, ...], solid: Solid = BLOCK, rotation=UPR
 @pytest.mark.parametrize(
     ("planes", "rotation", "bed", "tops"),
     [
-        ((BELOW,), UPRIGHT, True, False),
-        ((BELOW,), UPSIDE_DOWN, False, True),
-        ((ABOVE,), UPSIDE_DOWN, True, False),
-        ((BELOW, ABOVE), UPRIGHT, True, True),
-        ((SIDE,), UPRIGHT, False, False),
+        ((BOTTOM_PLANE,), UPRIGHT, True, False),
+        ((BOTTOM_PLANE,), UPSIDE_DOWN, False, True),
+        ((TOP_PLANE,), UPSIDE_DOWN, True, False),
+        ((BOTTOM_PLANE, TOP_PLANE), UPRIGHT, True, True),
+        ((SIDE_PLANE,), UPRIGHT, False, False),
         ((), UPRIGHT, False, False),
     ],
 )
 def test_cut_faces_on_the_bed_and_on_top_are_hidden(planes, rotation, bed, tops):
     pose = measure_block(*planes, rotation=rotation)
     assert (pose.bed_face_hidden, pose.tops_hidden) == (bed, tops)
-    plain_pose = measure_block(*planes, rotation=rotation, cost=PLAIN)
+    plain_pose = measure_block(*planes, rotation=rotation, cost=PLAIN_COST)
     assert not plain_pose.bed_face_hidden
     assert not plain_pose.tops_hidden
     # A layer of skin over 1200 mm2, except for the rim under the walls, less the infill that replaces it.
@@ -56,39 +56,41 @@ def test_cut_faces_on_the_bed_and_on_top_are_hidden(planes, rotation, bed, tops)
 
 def test_top_that_is_seen_beside_a_cut_keeps_its_skin():
     step = Solid.union([BLOCK, Solid.box((10.0, 10.0, 10.0), (20.0, 20.0, 30.0))])
-    assert not measure_block(BELOW, (0.0, 0.0, 1.0, 30.0), solid=step).tops_hidden
-    assert measure_block(BELOW, (0.0, 0.0, 1.0, 30.0), solid=step).bed_face_hidden
+    assert not measure_block(BOTTOM_PLANE, (0.0, 0.0, 1.0, 30.0), solid=step).tops_hidden
+    assert measure_block(BOTTOM_PLANE, (0.0, 0.0, 1.0, 30.0), solid=step).bed_face_hidden
 
 
 def test_foot_beside_a_cut_face_on_the_bed_is_seen():
     vertices, faces = BLOCK.arrays()
-    is_cut = find_cut_faces(vertices, faces, np.array([BELOW]))
+    is_cut = find_cut_faces(vertices, faces, np.array([BOTTOM_PLANE]))
     is_cut[np.flatnonzero(is_cut)[0]] = False
     assert not measure_pose(vertices, faces, is_cut, UPRIGHT, COST).bed_face_hidden
 
 
 def test_hidden_faces_make_a_part_lie_on_its_cut():
-    """Check that of two equal ends the cut one is at the bottom."""
+    """Check that the cut one of two equal ends is at the bottom."""
     vertices, faces = Solid.box((0.0, 0.0, 0.0), (80.0, 80.0, 10.0)).arrays()
-    flat = [PrinterRoom("flat", ((90.0, 90.0, 15.0),))]
-    for plane, up_z in ((BELOW, 1.0), ((0.0, 0.0, 1.0, 10.0), -1.0)):
-        pose = find_best_pose(vertices, faces, find_cut_faces(vertices, faces, np.array([plane])), flat, COST)
+    flat_rooms = [PrinterRoom("flat", ((90.0, 90.0, 15.0),))]
+    for plane, up_z in ((BOTTOM_PLANE, 1.0), ((0.0, 0.0, 1.0, 10.0), -1.0)):
+        pose = find_best_pose(
+            vertices, faces, find_cut_faces(vertices, faces, np.array([plane])), flat_rooms, COST
+        )
         assert pose is not None
         assert pose.to_model[:3, 2] == pytest.approx((0.0, 0.0, up_z))
 
 
 def test_walls_along_upright_cut_faces_are_cheaper():
-    """Compare with the length of the walls over both speeds: 600 mm2 of side in layers of 0.25 mm."""
-    fast = replace(RECIPE, hidden_outer_wall_mm_s=60.0, hidden_inner_wall_mm_s=60.0)
-    cost = CostModel.from_recipe(fast)
+    """Compare with the length of the walls divided by both speeds: 600 mm2 of side in layers of 0.25 mm."""
+    fast_recipe = replace(RECIPE, hidden_outer_wall_mm_s=60.0, hidden_inner_wall_mm_s=60.0)
+    cost = CostModel.from_recipe(fast_recipe)
     saved_s = 600.0 / 0.25 * (1.0 / 40.0 - 1.0 / 60.0 + 1.0 / 50.0 - 1.0 / 60.0)
-    plain_s, fast_s = (measure_block(SIDE, cost=c).price_s for c in (COST, cost))
+    plain_s, fast_s = (measure_block(SIDE_PLANE, cost=c).price_s for c in (COST, cost))
     assert plain_s - fast_s == pytest.approx(saved_s, rel=1e-6)
-    for planes in ((), (BELOW,)):
+    for planes in ((), (BOTTOM_PLANE,)):
         assert measure_block(*planes, cost=cost).price_s == pytest.approx(measure_block(*planes).price_s)
-    lying = POSE_ROTATIONS[0]  # the side is on the bed or on top
-    assert measure_block(SIDE, rotation=lying, cost=cost).price_s == pytest.approx(
-        measure_block(SIDE, rotation=lying).price_s
+    lying_rotation = POSE_ROTATIONS[0]  # the side is on the bed or on top
+    assert measure_block(SIDE_PLANE, rotation=lying_rotation, cost=cost).price_s == pytest.approx(
+        measure_block(SIDE_PLANE, rotation=lying_rotation).price_s
     )
 
 

@@ -27,8 +27,8 @@ def test_slabs_add_up_to_the_part() -> None:
     ball.apply_translation([3.0, -2.0, -ball.bounds[0, 2]])
     height_mm = float(ball.bounds[1, 2])
     lateral_mm2, section_mm2 = _sum_by_slab(ball.triangles.copy(), height_mm)
-    upright = ball.area_faces * np.sqrt(np.maximum(0.0, 1.0 - ball.face_normals[:, 2] ** 2))
-    assert lateral_mm2.sum() == pytest.approx(upright.sum())
+    upright_mm2 = ball.area_faces * np.sqrt(np.maximum(0.0, 1.0 - ball.face_normals[:, 2] ** 2))
+    assert lateral_mm2.sum() == pytest.approx(upright_mm2.sum())
     assert section_mm2.sum() * height_mm / SLABS == pytest.approx(ball.volume, rel=0.01)
     for slab in (3, 16, 28):
         above_mm = height_mm * (slab + 0.5) / SLABS - height_mm / 2.0
@@ -46,12 +46,12 @@ def test_short_layers_of_a_tip_are_slowed_down() -> None:
     """Compare with the sum of the times of all layers' lines."""
     side_mm, height_mm, top_mm, layer_mm = 40.0, 120.0, 2.0, Recipe().layer_height_mm
     tip = make_pyramid(side_mm, height_mm, top_mm)
-    heights = np.arange(layer_mm / 2.0, height_mm, layer_mm)
-    sides = side_mm + (top_mm - side_mm) * heights / height_mm
+    heights_mm = np.arange(layer_mm / 2.0, height_mm, layer_mm)
+    sides_mm = side_mm + (top_mm - side_mm) * heights_mm / height_mm
     lines_s = layer_mm * (
-        COST.volume_s_mm3 * sides**2
-        + 4.0 * sides * COST.lateral_s_mm2
-        - np.minimum(COST.inset_s_mm, 0.1 * 4.0 * sides * COST.lateral_s_mm2)
+        COST.volume_s_mm3 * sides_mm**2
+        + 4.0 * sides_mm * COST.lateral_s_mm2
+        - np.minimum(COST.inset_s_mm, 0.1 * 4.0 * sides_mm * COST.lateral_s_mm2)
     )
     min_s = np.minimum(Recipe().min_layer_s, 4.0 * lines_s)
     expected_s = np.maximum(0.0, min_s - lines_s).sum()
@@ -72,16 +72,16 @@ def test_face_at_exactly_the_support_angle_is_supported(layer_mm: float, angle_d
     assert (
         math.sin(math.radians(angle_deg - 1.6)) < cost.overhang_cos < math.sin(math.radians(angle_deg - 0.15))
     )
-    steep, flatter = (
+    steep_pose, flatter_pose = (
         measure_pose(wedge.vertices, wedge.faces, np.zeros(len(wedge.faces), np.bool_), np.eye(3), cost)
         for wedge in (make_leaning_block(angle_deg), make_leaning_block(angle_deg - 3.0))
     )
-    assert steep.support_mm3 > 1000.0
-    assert flatter.support_mm3 == 0.0
+    assert steep_pose.support_mm3 > 1000.0
+    assert flatter_pose.support_mm3 == 0.0
 
 
 def make_leaning_block(angle_deg: float) -> trimesh.Trimesh:
-    """Make a block of which one side leans out by this angle from the vertical."""
+    """Make a block with one side that leans out by this angle from the vertical."""
     out_mm = 30.0 * math.tan(math.radians(angle_deg))
     outline = [(0, 0), (40, 0), (40 + out_mm, 30), (0, 30)]
     return trimesh.convex.convex_hull(np.array([(x, y, z) for x, z in outline for y in (0.0, 30.0)]))

@@ -13,40 +13,40 @@ WIDTHS = WallWidths(0.35, 0.7, 1.4)
 SIDES_MM2 = 2 * 50.0 * 20.0
 
 
-def measure(solid: Solid, turn_deg: float = 0.0) -> ThinWalls:
+def measure_solid(solid: Solid, turn_deg: float = 0.0) -> ThinWalls:
     turned_solid = solid.rotate(Rotation.from_euler("z", turn_deg, degrees=True).as_matrix())
     vertices, faces = turned_solid.arrays()
     return measure_thin_walls(vertices[faces], WIDTHS, Sheets(1.6, 0.2, 0.7))
 
 
 @pytest.mark.parametrize(
-    "thick_mm, bare_mm2, gap_mm2, full_mm2",
+    "thickness_mm, bare_share, gap_share, full_share",
     [(0.6, 1, 0, 1), (0.9, 1, 1, 1), (1.2, 0, 0, 1), (1.6, 0, 1, 1), (2.0, 0, 0, 0), (9.0, 0, 0, 0)],
 )
 @pytest.mark.parametrize("turn_deg", [0.0, 30.0])
 def test_wall_is_thin_by_its_width(
-    thick_mm: float, bare_mm2: int, gap_mm2: int, full_mm2: int, turn_deg: float
+    thickness_mm: float, bare_share: int, gap_share: int, full_share: int, turn_deg: float
 ) -> None:
-    thin = measure(Solid.box((0, 0, 0), (50, thick_mm, 20)), turn_deg)
-    for found_mm2, expected_mm2 in zip(thin[:3], (bare_mm2, gap_mm2, full_mm2), strict=True):
-        assert found_mm2 == pytest.approx(expected_mm2 * SIDES_MM2, rel=0.08, abs=0.05 * SIDES_MM2)
+    thin_walls = measure_solid(Solid.box((0, 0, 0), (50, thickness_mm, 20)), turn_deg)
+    for found_mm2, share in zip(thin_walls[:3], (bare_share, gap_share, full_share), strict=True):
+        assert found_mm2 == pytest.approx(share * SIDES_MM2, rel=0.08, abs=0.05 * SIDES_MM2)
 
 
 def test_thin_fins_on_a_thick_block_count_by_themselves() -> None:
     fins = [Solid.box((0, y, 0), (50, y + 1.6, 20)) for y in (0.0, 10.0)]
-    thin = measure(Solid.union([*fins, Solid.box((0, 20, 0), (50, 40, 20))]))
-    assert thin.gap_mm2 == pytest.approx(2 * SIDES_MM2, rel=0.08)
+    thin_walls = measure_solid(Solid.union([*fins, Solid.box((0, 20, 0), (50, 40, 20))]))
+    assert thin_walls.gap_mm2 == pytest.approx(2 * SIDES_MM2, rel=0.08)
 
 
 def test_leaning_wall_has_its_area_and_its_level_width() -> None:
     lean_rad = np.radians(20.0)
     wall = Solid.box((0, 0, 0), (50, 1.6 * np.cos(lean_rad), 20 / np.cos(lean_rad)))
-    leaning_wall = measure(wall.rotate(Rotation.from_euler("x", -20.0, degrees=True).as_matrix()))
+    leaning_wall = measure_solid(wall.rotate(Rotation.from_euler("x", -20.0, degrees=True).as_matrix()))
     assert leaning_wall.full_mm2 == pytest.approx(SIDES_MM2 / np.cos(lean_rad), rel=0.1)
 
 
-@pytest.mark.parametrize("high_mm, layers", [(1.2, 2), (1.6, 0), (3.0, 0)])
-def test_skins_overlap_in_a_thin_sheet(high_mm: float, layers: int) -> None:
-    """Use a sheet of 6 layers with skins of 4 on each side, which are 2 too many."""
-    overlap_mm3 = measure(Solid.box((0, 0, 0), (30, 30, high_mm))).overlap_mm3
+@pytest.mark.parametrize("height_mm, layers", [(1.2, 2), (1.6, 0), (3.0, 0)])
+def test_skins_overlap_in_a_thin_sheet(height_mm: float, layers: int) -> None:
+    """Use sheets with skins of 4 layers on each side; in one of 6 layers, the skins overlap by 2."""
+    overlap_mm3 = measure_solid(Solid.box((0, 0, 0), (30, 30, height_mm))).overlap_mm3
     assert overlap_mm3 == pytest.approx(layers * 0.2 * 900.0, rel=0.05)

@@ -137,10 +137,10 @@ def test_draws_beyond_the_budget_do_not_start(cost: CostModel, model: Model) -> 
 @given(budget_s=st.floats(0.0, 10.0), reserved_s=st.floats(0.0, 5.0), units=st.integers(0, 10**8))
 def test_affordable_work_keeps_the_budget_unspent(budget_s: float, reserved_s: float, units: int) -> None:
     effort = Effort(budget_s, reserved_s=reserved_s)
-    affords = effort.can_afford(Work.CELL_GROWN, units)
-    assert effort.cut_short == (not affords)
+    is_affordable = effort.can_afford(Work.CELL_GROWN, units)
+    assert effort.cut_short == (not is_affordable)
     effort.record(Work.CELL_GROWN, units)
-    assert affords == (effort.spent_s + reserved_s <= budget_s)
+    assert is_affordable == (effort.spent_s + reserved_s <= budget_s)
 
 
 @given(work=st.lists(st.tuples(st.sampled_from(Work), st.integers(0, 10**9))), budget_s=st.floats(0.0, 100.0))

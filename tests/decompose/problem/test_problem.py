@@ -51,11 +51,11 @@ def test_longest_piece_is_for_the_quickest_printer(cost: CostModel) -> None:
     problem = make_task(cost, make_fleet(1.5, 0.5))
     short_s, long_s = compute_price_s(cost, 30.0), compute_price_s(cost, 60.0)
     expected_s = max(1.5 * short_s, 0.5 * long_s)
-    slow, quick = problem.printers
+    slow_printer, quick_printer = problem.printers
     assert problem.compute_makespan_s([make_block(30.0), make_block(60.0)]) == pytest.approx(expected_s)
-    assert problem.compute_makespan_s([make_block(30.0, quick), make_block(60.0, slow)]) == pytest.approx(
-        expected_s
-    )
+    assert problem.compute_makespan_s(
+        [make_block(30.0, quick_printer), make_block(60.0, slow_printer)]
+    ) == pytest.approx(expected_s)
     assert make_task(cost, make_fleet(1.5)).compute_makespan_s([make_block(30.0)]) == pytest.approx(
         1.5 * short_s
     )
@@ -101,10 +101,10 @@ def test_bound_scales_with_the_speed_of_the_printers(
 def test_bound_holds_on_unequal_printers_for_common_boxes(ring_with_bar: Solid, cost: CostModel) -> None:
     options = replace(OPTIONS, engine=Engine.PARALLELOBOX, prove=True)
     result = decompose_model(Model(ring_with_bar, (), 1.0), make_fleet(0.5, *[1.0] * 7), options, cost)
-    equal = decompose_model(Model(ring_with_bar, (), 1.0), make_fleet(*[1.0] * 8), options, cost)
-    assert 0.5 * equal.grid_makespan_s <= result.grid_makespan_s <= equal.grid_makespan_s
+    equal_result = decompose_model(Model(ring_with_bar, (), 1.0), make_fleet(*[1.0] * 8), options, cost)
+    assert 0.5 * equal_result.grid_makespan_s <= result.grid_makespan_s <= equal_result.grid_makespan_s
     assert 0.0 < result.lower_bound_s <= result.grid_makespan_s
-    assert result.lower_bound_s == pytest.approx(0.5 * equal.lower_bound_s)
+    assert result.lower_bound_s == pytest.approx(0.5 * equal_result.lower_bound_s)
 
 
 def test_reported_time_includes_every_attempt(ring_with_bar: Solid, cost: CostModel) -> None:

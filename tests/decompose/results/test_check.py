@@ -21,13 +21,13 @@ from decompose.printers import PrinterRoom
 from decompose.results import Decomposition, Part, check_stl
 from decompose.results.check import check_missing, check_result
 
-SIZE = (60.0, 40.0, 20.0)
+SIZE_MM = (60.0, 40.0, 20.0)
 PRINTERS = [PrinterRoom(f"p{i}", ((50.0, 50.0, 50.0),)) for i in range(3)]
 
 
 @pytest.fixture(scope="module")
 def model() -> Model:
-    return Model(Solid.box((0, 0, 0), SIZE), (), 1.0)
+    return Model(Solid.box((0, 0, 0), SIZE_MM), (), 1.0)
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +73,7 @@ def test_valid_result_passes_all_rules(
     assert coverage.overlap_mm3 == 0.0
 
 
-def make_overlapping(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
+def overlap_parts(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
     """Extend the second part by 1 mm into the first."""
     lo, hi = parts[1].solid.bounds_mm
     return [parts[0], replace(parts[1], solid=Solid.box((lo[0] - 1.0, lo[1], lo[2]), hi))]
@@ -104,7 +104,7 @@ def split_part(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
     return [replace(parts[0], solid=crumbs), parts[1]]
 
 
-def make_empty(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
+def empty_part(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
     return [replace(parts[0], solid=parts[0].solid.clip((900, 900, 900), (901, 901, 901))), parts[1]]
 
 
@@ -123,7 +123,7 @@ def notch_edge(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
 @pytest.mark.parametrize(
     ("damage", "rule", "name"),
     [
-        (make_overlapping, Rule.NO_OVERLAP, "p02"),
+        (overlap_parts, Rule.NO_OVERLAP, "p02"),
         (repeat_part, Rule.NO_OVERLAP, "p03"),
         (drop_part, Rule.SURFACE, None),
         (notch_edge, Rule.SURFACE, None),
@@ -132,7 +132,7 @@ def notch_edge(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
         (rename_printer, Rule.FITS, "p02"),
         (enlarge_part, Rule.FITS, "p01"),
         (split_part, Rule.ONE_PIECE, "p01"),
-        (make_empty, Rule.CLOSED, "p01"),
+        (empty_part, Rule.CLOSED, "p01"),
     ],
 )
 def test_broken_rule_is_named(
@@ -167,20 +167,20 @@ def test_hollows_must_be_whole_cells_inside_the_wall(cost: CostModel) -> None:
             (lo, 6, 0, 6, 10, 10), (lo, 4, 0, 6, 6, 4), (lo, 4, 6, 6, 6, 10),
         ]  # fmt: skip
 
-    hollow = replace(base, parts=(make_part(shell, "p01", "p"),))
-    check_missing(hollow.parts, convert_to_mm(grid, list_boxes_around(4)), block, 15.0)
+    hollow_result = replace(base, parts=(make_part(shell, "p01", "p"),))
+    check_missing(hollow_result.parts, convert_to_mm(grid, list_boxes_around(4)), block, 15.0)
     with pytest.raises(GeometryError) as error:
-        check_missing(hollow.parts, convert_to_mm(grid, [(0, 0, 0, 10, 10, 10)]), block, 15.0)
+        check_missing(hollow_result.parts, convert_to_mm(grid, [(0, 0, 0, 10, 10, 10)]), block, 15.0)
     assert error.value.rule == Rule.INSIDE
-    thin = replace(base, parts=(make_part(thin_walled_solid, "p01", "p"),))
+    thin_result = replace(base, parts=(make_part(thin_walled_solid, "p01", "p"),))
     with pytest.raises(GeometryError) as error:
-        check_missing(thin.parts, convert_to_mm(grid, list_boxes_around(1)), block, 15.0)
+        check_missing(thin_result.parts, convert_to_mm(grid, list_boxes_around(1)), block, 15.0)
     assert error.value.rule == Rule.WALL
 
 
-@pytest.mark.parametrize(("top", "gap"), [(199.0, 1.0), (189.0, None)])
+@pytest.mark.parametrize(("top_mm", "gap_mm"), [(199.0, 1.0), (189.0, None)])
 def test_wall_is_measured_to_faces_not_only_to_their_corners(
-    cost: CostModel, top: float, gap: float | None
+    cost: CostModel, top_mm: float, gap_mm: float | None
 ) -> None:
     """Use a cube whose corners and face centres are far from a hollow under one of its faces."""
     cube = Model(Solid.box((0, 0, 0), (200, 200, 200)), (), 1.0)
@@ -188,7 +188,7 @@ def test_wall_is_measured_to_faces_not_only_to_their_corners(
     room = [PrinterRoom("p", ((500.0, 500.0, 500.0),))]
     base = decompose_model(cube, room, Options(granularity=6, min_wall_mm=10.0), cost)
     plain_grid = build_grid(vertices[faces], 3, GridRules(10.0, False, 0.7, 0.75))
-    x, z = np.array([-1.0, 150.0, 170.0, 201.0]), np.array([-1.0, top - 20.0, top, 201.0])
+    x, z = np.array([-1.0, 150.0, 170.0, 201.0]), np.array([-1.0, top_mm - 20.0, top_mm, 201.0])
     cuts = (np.ones((4, 3, 3)), np.ones((3, 4, 3)), np.ones((3, 3, 4)))
     grid = replace(plain_grid, planes=(x, x, z), cuts=cuts)  # its middle cell is the hollow
     boxes_around: list[Box] = [
@@ -196,13 +196,13 @@ def test_wall_is_measured_to_faces_not_only_to_their_corners(
         (1, 2, 0, 2, 3, 3), (1, 1, 0, 2, 2, 1), (1, 1, 2, 2, 2, 3),
     ]  # fmt: skip
     assert grid.shape == (3, 3, 3)
-    shell = cube.solid.subtract(Solid.box((150.0, 150.0, top - 20.0), (170.0, 170.0, top)))
-    hollow = replace(base, parts=(make_part(shell, "p01", "p"),))
-    if gap is None:
-        check_missing(hollow.parts, convert_to_mm(grid, boxes_around), cube, 10.0)
+    shell = cube.solid.subtract(Solid.box((150.0, 150.0, top_mm - 20.0), (170.0, 170.0, top_mm)))
+    hollow_result = replace(base, parts=(make_part(shell, "p01", "p"),))
+    if gap_mm is None:
+        check_missing(hollow_result.parts, convert_to_mm(grid, boxes_around), cube, 10.0)
         return
-    with pytest.raises(GeometryError, match=f"is {gap:.2f} mm from the surface") as error:
-        check_missing(hollow.parts, convert_to_mm(grid, boxes_around), cube, 10.0)
+    with pytest.raises(GeometryError, match=f"is {gap_mm:.2f} mm from the surface") as error:
+        check_missing(hollow_result.parts, convert_to_mm(grid, boxes_around), cube, 10.0)
     assert error.value.rule == Rule.WALL
 
 
@@ -216,4 +216,6 @@ def test_damaged_stl_is_refused(valid_result: Decomposition, tmp_path: Path) -> 
     with pytest.raises(GeometryError, match="not watertight"):
         check_stl(path, files.parts[0])
     with pytest.raises(GeometryError, match="mm3 instead of"):
-        check_stl(tmp_path / files.parts[1].file, replace(files.parts[0], solid=Solid.box((0, 0, 0), SIZE)))
+        check_stl(
+            tmp_path / files.parts[1].file, replace(files.parts[0], solid=Solid.box((0, 0, 0), SIZE_MM))
+        )

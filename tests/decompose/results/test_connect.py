@@ -39,7 +39,7 @@ def drilled_parts() -> DrilledParts:
 
 
 def drill_tower(up: np.ndarray, fits_mm: tuple[float, ...] = (0.4, 0.4, 0.4)) -> DrilledParts:
-    """Drill three blocks on top of each other, of which the middle one is printed in a pose."""
+    """Drill three blocks on top of each other; `up` is the pose of the middle one."""
     spans = [((0, 0, 0), (60, 40, 20)), ((0, 0, 20), (60, 40, 50)), ((0, 0, 50), (60, 40, 80))]
     pieces = [
         Piece(Solid.box(*span), list_box_planes(np.array(span, dtype=np.float64)), np.zeros((0, 2, 3)))
@@ -63,10 +63,10 @@ def change_pin(parts: DrilledParts, change: Callable[[Pin], Pin]) -> DrilledPart
     return replace(parts, connectors=connectors, drilled=drill_parts(parts.blanks, connectors))
 
 
-def move_hole(pin: Pin, offset: tuple[float, float, float]) -> Pin:
+def move_hole(pin: Pin, offset_mm: tuple[float, float, float]) -> Pin:
     first_hole, second_hole = pin.holes
     return replace(
-        pin, holes=(replace(first_hole, points_mm=first_hole.points_mm + np.array(offset)), second_hole)
+        pin, holes=(replace(first_hole, points_mm=first_hole.points_mm + np.array(offset_mm)), second_hole)
     )
 
 
@@ -74,9 +74,9 @@ def shift_out(parts: DrilledParts) -> DrilledParts:
     """Move both holes and the pin to within a millimetre of the part's side."""
 
     def shift(pin: Pin) -> Pin:
-        offset = np.array([0.9 - min(hole.points_mm[:, 0].min() for hole in pin.holes), 0.0, 0.0])
-        first_hole, second_hole = (replace(hole, points_mm=hole.points_mm + offset) for hole in pin.holes)
-        return replace(pin, at_mm=pin.at_mm + offset, holes=(first_hole, second_hole))
+        offset_mm = np.array([0.9 - min(hole.points_mm[:, 0].min() for hole in pin.holes), 0.0, 0.0])
+        first_hole, second_hole = (replace(hole, points_mm=hole.points_mm + offset_mm) for hole in pin.holes)
+        return replace(pin, at_mm=pin.at_mm + offset_mm, holes=(first_hole, second_hole))
 
     return change_pin(parts, shift)
 
@@ -121,7 +121,7 @@ def test_each_rule_refuses_parts_that_break_it(
     assert rule in {fault.rule for fault in damage(drilled_parts).find_faults()}
 
 
-def test_pins_of_one_depth_or_of_one_distance_fit_wrongly(drilled_parts: DrilledParts) -> None:
+def test_pins_of_equal_depth_or_equal_distance_fit_wrongly(drilled_parts: DrilledParts) -> None:
     pins = drilled_parts.connectors.pins
     assert find_wrong_fits(pins) == []
     equal_pins = [replace(pin, length_mm=2.0 * pin.depth_mm - 5.0) for pin in pins]
@@ -143,15 +143,17 @@ def halves() -> Decomposition:
 def test_parts_are_written_with_their_holes_and_the_report_lists_them(
     halves: Decomposition, tmp_path: Path
 ) -> None:
-    connected = connect_parts(halves)
-    for part in connected.parts:
+    connected_result = connect_parts(halves)
+    for part in connected_result.parts:
         assert part.printed.volume_mm3 < part.solid.volume_mm3 - 50.0
         write_stl(tmp_path / f"{part.id}.stl", part.build_stl_triangles())
         check_stl(tmp_path / f"{part.id}.stl", part)
-    for number, (part, old) in enumerate(zip(connected.parts, halves.parts, strict=True)):
-        added_s = price_connectors(connected.connectors, number, old.rotation[2], old.price_s)
-        assert part.price_s - old.price_s == pytest.approx(added_s)
-    report_object = json.loads(json.dumps(connected.as_dict()))
+    for number, (part, old_part) in enumerate(zip(connected_result.parts, halves.parts, strict=True)):
+        added_s = price_connectors(
+            connected_result.connectors, number, old_part.rotation[2], old_part.price_s
+        )
+        assert part.price_s - old_part.price_s == pytest.approx(added_s)
+    report_object = json.loads(json.dumps(connected_result.as_dict()))
     [step], report = report_object["assembly"]["steps"], report_object["connectors"]
     assert step["pins"] == [pin["id"] for pin in report["pins"]] == [1, 2]
     assert step["codes"] == [{"part": "p01", "text": "1-2^"}, {"part": "p02", "text": "2-1^"}]
@@ -179,9 +181,11 @@ def test_hole_is_as_wide_as_its_printer_needs_and_both_grooves_as_the_wider_fit(
 
 def test_fit_of_a_blank_is_that_of_its_printer(halves: Decomposition) -> None:
     options = replace(ALL_CONNECTORS, printer_fits_mm=((halves.parts[1].printer, 0.7),))
-    connected = connect_parts(replace(halves, options=replace(halves.options, connectors=options)))
-    assert not connected.connectors.failures
-    assert [pin.depth_mm for pin in connected.connectors.pins] == pytest.approx([3.55 / np.sqrt(2.0)] * 2)
+    connected_result = connect_parts(replace(halves, options=replace(halves.options, connectors=options)))
+    assert not connected_result.connectors.failures
+    assert [pin.depth_mm for pin in connected_result.connectors.pins] == pytest.approx(
+        [3.55 / np.sqrt(2.0)] * 2
+    )
 
 
 def test_prices_grow_only_with_the_tools_of_a_part(drilled_parts: DrilledParts) -> None:
@@ -191,7 +195,7 @@ def test_prices_grow_only_with_the_tools_of_a_part(drilled_parts: DrilledParts) 
     fewer_pins = replace(connectors, pins=connectors.pins[1:])
     fewer_prices_s = [price_connectors(fewer_pins, n, up, PART_S) for n, up in enumerate(ups)]
     cut_parts = {hole.part for hole in connectors.pins[0].holes}
-    assert [cheaper_s < price for cheaper_s, price in zip(fewer_prices_s, prices_s, strict=True)] == [
+    assert [cheaper_s < price_s for cheaper_s, price_s in zip(fewer_prices_s, prices_s, strict=True)] == [
         n in cut_parts for n in range(3)
     ]
     assert price_connectors(Connectors(), 0, UP_AXIS, PART_S) == 0.0
@@ -231,8 +235,8 @@ def test_parts_that_break_a_rule_stay_as_they_were_cut(
 ) -> None:
     def plan_pin_outside(*args: object) -> Connectors:
         connectors = plan_connectors(*args)  # type: ignore[arg-type]
-        deep, shallow = connectors.pins
-        return replace(connectors, pins=(move_hole(deep, (0.0, 0.0, 50.0)), shallow))
+        deep_pin, shallow_pin = connectors.pins
+        return replace(connectors, pins=(move_hole(deep_pin, (0.0, 0.0, 50.0)), shallow_pin))
 
     monkeypatch.setattr(connect, "plan_connectors", plan_pin_outside)
     result = connect_parts(halves)

@@ -32,44 +32,44 @@ def make_parts(solid: Solid, *boxes, rotation=POSE_ROTATIONS[4]) -> list[Part]:
     return parts
 
 
-def mark(solid: Solid, *boxes, rotation=POSE_ROTATIONS[4]) -> list[list[list[float]]]:
+def list_hidden_sides(solid: Solid, *boxes, rotation=POSE_ROTATIONS[4]) -> list[list[list[float]]]:
     """Cut a solid into boxes, and list the hidden sides of each part."""
     parts = make_parts(solid, *boxes, rotation=rotation)
     return [part.hidden_sides.tolist() for part in mark_hidden_sides(parts, solid)]
 
 
 def test_sides_of_a_cut_are_hidden_with_outward_normals():
-    left, right = mark(BAR, LEFT, RIGHT)
+    left, right = list_hidden_sides(BAR, LEFT, RIGHT)
     assert left == [pytest.approx([1.0, 0.0, 12.5])]
     assert right == [pytest.approx([-1.0, 0.0, 17.5])]
 
 
-def test_sides_follow_the_pose_and_lying_ones_do_not_count():
+def test_sides_follow_the_pose_and_level_ones_do_not_count():
     turned = trimesh.transformations.rotation_matrix(np.radians(30.0), (0.0, 0.0, 1.0))[:3, :3]
-    (left,), _ = mark(BAR, LEFT, RIGHT, rotation=turned)
+    (left,), _ = list_hidden_sides(BAR, LEFT, RIGHT, rotation=turned)
     assert left == pytest.approx([np.cos(np.radians(30.0)), np.sin(np.radians(30.0)), 12.5])
-    assert mark(BAR, LEFT, RIGHT, rotation=POSE_ROTATIONS[0]) == [[], []]
+    assert list_hidden_sides(BAR, LEFT, RIGHT, rotation=POSE_ROTATIONS[0]) == [[], []]
 
 
 def test_side_that_continues_a_visible_face_is_visible():
     """Cut a stair at its step: the face above the step is in the plane of the cut, and beside it."""
     stair = Solid.union([BAR, Solid.box((0.0, 0.0, 0.0), (25.0, 40.0, 40.0))])
     high = ((-1.0, -1.0, -1.0), (25.0, 41.0, 41.0))
-    stepped, low = mark(stair, high, RIGHT)
+    stepped, low = list_hidden_sides(stair, high, RIGHT)
     assert stepped == low == []
 
 
 def test_side_towards_solid_that_is_left_out_is_hidden():
-    assert mark(BAR, LEFT) == [[pytest.approx([1.0, 0.0, 12.5])]]
+    assert list_hidden_sides(BAR, LEFT) == [[pytest.approx([1.0, 0.0, 12.5])]]
 
 
 def test_small_side_does_not_count():
     small = Solid.box((0.0, 0.0, 0.0), (60.0, 9.0, 9.0))
-    assert mark(small, LEFT, RIGHT) == [[], []]
+    assert list_hidden_sides(small, LEFT, RIGHT) == [[], []]
 
 
 def test_sides_of_a_result_lie_on_the_printed_parts():
-    """Compare with the printed parts: all of each is behind its sides, and a face lies on each."""
+    """Compare with the printed parts: each lies behind all of its sides, and has a face on each of them."""
     printers = [PrinterRoom(f"um{i}", ((50.0, 50.0, 50.0),)) for i in range(8)]
     recipe = Recipe(hidden_outer_wall_mm_s=60.0, hidden_inner_wall_mm_s=60.0)
     model = Model(Solid.box((0.0, 0.0, 0.0), (90.0, 60.0, 40.0)).rotate(POSE_ROTATIONS[2]), (), 1.0)

@@ -27,7 +27,7 @@ def make_cone(width_mm: float, height_mm: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("tool", "direction", "least_mm2", "most_mm2"),
+    ("tool", "direction", "min_mm2", "max_mm2"),
     [
         (make_prism([(-2, 0), (2, 0), (2, 3), (-2, 3)]), SIDE, 15.0, 24.0),  # a flat ceiling
         (make_prism([(-2, 0), (2, 0), (2, 3), (0, 5.1), (-2, 3)]), SIDE, 0.0, 0.0),  # a roof of 45 degrees
@@ -38,9 +38,9 @@ def make_cone(width_mm: float, height_mm: float) -> np.ndarray:
     ],
 )  # fmt: skip
 def test_ceiling_that_needs_support_is_found(
-    tool: np.ndarray, direction: np.ndarray, least_mm2: float, most_mm2: float
+    tool: np.ndarray, direction: np.ndarray, min_mm2: float, max_mm2: float
 ) -> None:
-    assert least_mm2 <= measure_ceiling_mm2([tool], direction, 0.0, UP_AXIS) <= most_mm2
+    assert min_mm2 <= measure_ceiling_mm2([tool], direction, 0.0, UP_AXIS) <= max_mm2
 
 
 def test_bodies_that_meet_are_one_hollow() -> None:

@@ -33,12 +33,12 @@ def calls(monkeypatch):
     """List the times of the scheduler's runs."""
     results = []
 
-    def count_call(situation):
+    def record_call(situation):
         results.append(situation.now_s)
         return assign_plates(situation)
 
     assign_plates = scheduler.assign_plates
-    monkeypatch.setattr(scheduler, "assign_plates", count_call)
+    monkeypatch.setattr(scheduler, "assign_plates", record_call)
     return results
 
 
@@ -85,7 +85,7 @@ def test_tick_repeats_an_unconfirmed_start(farm):
     assert [type(item) for item in farm.effects.instructions] == [ev.SendStart]
 
 
-def test_command_of_a_person_leaves_the_repetition_to_the_next_tick(farm):
+def test_unconfirmed_start_is_repeated_by_the_next_tick_not_by_a_command(farm):
     tick(farm, MORNING_S)
     farm.effects.instructions.clear()
     farm.clear_bed("b")

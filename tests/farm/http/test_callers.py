@@ -179,7 +179,7 @@ while data := client.recv(4096):
 
 
 async def post_as(app, *uids):
-    """Return the answers of a real server, on a socket that all users reach, to each user."""
+    """Serve the app on a socket that all users can reach; return the answer to each user."""
     listener = socket.socket(socket.AF_UNIX)
     listener.bind(b"\0farm-test-" + os.urandom(8))
     listener.listen()
@@ -195,7 +195,7 @@ async def post_as(app, *uids):
     return answers
 
 
-@pytest.mark.skipif(os.getuid() != 0, reason="needs root, to be another user")
+@pytest.mark.skipif(os.getuid() != 0, reason="needs root to switch to another user")
 def test_caller_is_identified_by_the_kernel(tmp_path):
     other_answer, root_answer = asyncio.run(post_as(build_app(tmp_path, operators=NO_GROUP), 54321, 0))
     assert "uid 54321 is not an operator" in other_answer

@@ -277,7 +277,7 @@ def test_killed_agent_is_restarted_despite_many_idle_clients(tmp_path):
     try:
         farm.up()
         farm.wrapper = []
-        killed_pid = farm.printer("um2-01")["agent_pid"]
+        killed_pid = farm.read_printer("um2-01")["agent_pid"]
         with ExitStack() as idle_clients:
             for number in range(IDLE_CLIENTS):
                 client = idle_clients.enter_context(closing(socket.socket(socket.AF_UNIX)))

@@ -57,7 +57,7 @@ class RealFarm:
         self.fleet.write_text(f"fleet: {{{fleet_options}}}\nprinters:\n{rows}")
 
     def run(self, *arguments, **env):
-        """Run a farm command to its end; return a result with code, out and err."""
+        """Run a farm command to its end; return the completed process."""
         command = [*self.wrapper, str(FARM), *map(str, arguments), "--state", str(self.state)]
         if arguments[0] in ("up", "daemon"):
             command += ["--fleet", str(self.fleet)]
@@ -86,7 +86,7 @@ class RealFarm:
         """Return the output of `farm status --json`, without a process for each poll."""
         return self._parse(self._connect().status())
 
-    def job(self, number=1):
+    def read_job(self, number=1):
         return self._parse(self._connect().job(number))["job"]
 
     def _connect(self):
@@ -96,7 +96,7 @@ class RealFarm:
     def _parse(answer):
         return json.loads(answer.model_dump_json(by_alias=True))
 
-    def printer(self, name):
+    def read_printer(self, name):
         return next(p for p in self.status()["printers"] if p["name"] == name)
 
     def get_emulator_folder(self, name):

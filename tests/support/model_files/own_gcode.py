@@ -51,7 +51,7 @@ def select_extrusions(moves):
 
 
 def check_rules(result):
-    """Check a program by the rules for all programs of the farm, and return it."""
+    """Check a program against the rules for all of the farm's programs, and return it."""
     program = read_program(result.gcode.splitlines(), ULTIMAKER2_PLUS)
     assert all(ALLOWED_COMMAND.match(line) for line in program.read_lines(0, program.count))
     for heater in HeaterName:

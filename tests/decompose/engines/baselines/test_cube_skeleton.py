@@ -52,10 +52,10 @@ def make_ball(radius_mm: float) -> Model:
 @given(shape=shapes, seed=st.integers(0, 10**6), share=st.floats(0.0, 1.0))
 def test_blocks_cover_the_cells_once(shape: tuple[int, int, int], seed: int, share: float) -> None:
     cells = np.random.default_rng(seed).random(shape) < share
-    count = np.zeros(shape, int)
+    cover_count = np.zeros(shape, int)
     for x0, y0, z0, x1, y1, z1 in cover_by_boxes(cells):
-        count[x0:x1, y0:y1, z0:z1] += 1
-    assert (count == cells).all()
+        cover_count[x0:x1, y0:y1, z0:z1] += 1
+    assert (cover_count == cells).all()
 
 
 @settings(max_examples=80, deadline=None)
@@ -112,23 +112,25 @@ def test_shell_keeps_the_wall(cost: CostModel) -> None:
 
 @settings(max_examples=10, deadline=None)
 @given(
-    size=st.tuples(*[st.floats(60.0, 120.0)] * 3),
+    size_mm=st.tuples(*[st.floats(60.0, 120.0)] * 3),
     wall_mm=st.floats(0.0, 12.0),
     share=st.tuples(*[st.floats(0.2, 0.8)] * 3),
 )
 def test_cube_in_a_block_grows_until_it_reaches_the_wall(
-    size: tuple[float, float, float], wall_mm: float, share: tuple[float, float, float]
+    size_mm: tuple[float, float, float], wall_mm: float, share: tuple[float, float, float]
 ) -> None:
-    middle = wall_mm + 5.0 + np.array(share) * (np.array(size) - 2.0 * (wall_mm + 5.0))
+    middle = wall_mm + 5.0 + np.array(share) * (np.array(size_mm) - 2.0 * (wall_mm + 5.0))
     first_cube = np.array([middle - 5.0, middle + 5.0])
     min_mm = max(wall_mm, ACCURACY_MM)
-    cube = refine_cube(Solid.box((0, 0, 0), size), first_cube, 100.0, wall_mm)
-    edges = cube[1] - cube[0]
-    assert edges == pytest.approx([edges[0]] * 3)
-    assert min(size) - 2.0 * min_mm - 4.0 * ACCURACY_MM <= edges[0] <= min(size) - 2.0 * min_mm + 1e-6
-    assert (cube[0] >= min_mm - 1e-6).all() and (cube[1] <= np.array(size) - min_mm + 1e-6).all()
+    cube = refine_cube(Solid.box((0, 0, 0), size_mm), first_cube, 100.0, wall_mm)
+    edges_mm = cube[1] - cube[0]
+    assert edges_mm == pytest.approx([edges_mm[0]] * 3)
+    assert (
+        min(size_mm) - 2.0 * min_mm - 4.0 * ACCURACY_MM <= edges_mm[0] <= min(size_mm) - 2.0 * min_mm + 1e-6
+    )
+    assert (cube[0] >= min_mm - 1e-6).all() and (cube[1] <= np.array(size_mm) - min_mm + 1e-6).all()
     assert (cube[0] <= first_cube[0]).all() and (cube[1] >= first_cube[1]).all()
-    limited_cube = refine_cube(Solid.box((0, 0, 0), size), first_cube, 1.0, wall_mm)
+    limited_cube = refine_cube(Solid.box((0, 0, 0), size_mm), first_cube, 1.0, wall_mm)
     assert (limited_cube[0] >= first_cube[0] - 2.0).all() and (limited_cube[1] <= first_cube[1] + 2.0).all()
 
 
@@ -192,13 +194,13 @@ def test_cubes_are_compared_by_the_times_of_their_pieces(
         boxes = [np.array([(0.0,) * 3, (size,) * 3]) for size in sizes_mm]
         return tuple(Piece(Solid.box(*box), list_box_planes(box), box[None]) for box in boxes)
 
-    equal, unequal = make_cubes(55.0, 55.0), make_cubes(60.0, 30.0)
+    equal_pieces, unequal_pieces = make_cubes(55.0, 55.0), make_cubes(60.0, 30.0)
     slow, quick = replace(ROOM, name="slow", time_factor=1.5), replace(ROOM, name="quick", time_factor=0.5)
-    for result in ([equal, unequal], [unequal, equal]):
+    for result in ([equal_pieces, unequal_pieces], [unequal_pieces, equal_pieces]):
         cuts = iter(result)
         monkeypatch.setattr(cube_skeleton, "_cut_shell", lambda *_, cuts=cuts: next(cuts))
         problem = Problem(make_ball(95.0), (slow, quick), cost, OPTIONS)
-        assert cube_skeleton.cut_by_cube_skeleton(problem).pieces is unequal
+        assert cube_skeleton.cut_by_cube_skeleton(problem).pieces is unequal_pieces
 
 
 @pytest.mark.parametrize("interior", Interior)
@@ -224,14 +226,17 @@ def test_fewer_printers_get_merged_pieces(cost: CostModel) -> None:
 
 
 def test_faithful_form_reproduces_the_published_parts(cost: CostModel) -> None:
-    faithful = replace(OPTIONS, faithful=True)
+    faithful_options = replace(OPTIONS, faithful=True)
     with pytest.raises(NoFit, match="each on a printer of its own, and there are 2") as error:
-        decompose_model(make_ball(95.0), make_printers(2), faithful, cost)
+        decompose_model(make_ball(95.0), make_printers(2), faithful_options, cost)
     printers_needed = error.value.printers_needed
-    assert printers_needed is not None and printers_needed >= 13  # pairs, once, of 26
-    assert len(decompose_model(make_ball(95.0), make_printers(26), faithful, cost).parts) == printers_needed
+    assert printers_needed is not None and printers_needed >= 13  # 26 parts, paired at most once
+    assert (
+        len(decompose_model(make_ball(95.0), make_printers(26), faithful_options, cost).parts)
+        == printers_needed
+    )
     with pytest.raises(NoFit, match=r"of the \d+ parts that cube-skeleton makes for 26 printers fit none"):
-        decompose_model(make_ball(330.0), make_printers(26), faithful, cost)
+        decompose_model(make_ball(330.0), make_printers(26), faithful_options, cost)
 
 
 def test_model_too_thin_for_a_cube_is_refused(cost: CostModel) -> None:

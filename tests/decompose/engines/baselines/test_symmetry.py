@@ -67,15 +67,15 @@ def test_solid_is_cut_by_an_oblique_plane(
 
 
 def test_number_of_parts_required_by_the_room_is_computed() -> None:
-    size = np.array([450.0, 100.0, 300.0])
-    assert count_blocks(size, [ROOM]) == (3, 1, 2)
+    size_mm = np.array([450.0, 100.0, 300.0])
+    assert count_blocks(size_mm, [ROOM]) == (3, 1, 2)
     tall_room = PrinterRoom("tall", ((206.9, 190.9, 305.0),))
-    assert sorted(count_blocks(size, [tall_room])) == [1, 1, 3] or count_blocks(size, [tall_room]) == (
+    assert sorted(count_blocks(size_mm, [tall_room])) == [1, 1, 3] or count_blocks(size_mm, [tall_room]) == (
         2,
         1,
         2,
     )
-    assert count_blocks(size, [ROOM, tall_room]) == (3, 1, 2)
+    assert count_blocks(size_mm, [ROOM, tall_room]) == (3, 1, 2)
     assert count_parts(Solid.box((0, 0, 0), (190.9, 205.0, 206.9)), [ROOM]) == 1
     assert count_parts(Solid.box((0, 0, 0), (191.0, 205.1, 206.9)), [ROOM]) == 2
 
@@ -109,12 +109,12 @@ def test_planes_of_symmetry_differ_and_the_best_is_first() -> None:
     )
     asymmetric_points = np.random.default_rng(1).uniform(0.0, 100.0, (60, 3))
     assert not find_good_mirrors(asymmetric_points, np.random.default_rng(0), 3, 5)
-    assert len(draw_mirrors(asymmetric_points, np.random.default_rng(0), 5)) >= 3  # however bad
+    assert len(draw_mirrors(asymmetric_points, np.random.default_rng(0), 5)) >= 3  # whatever their errors
 
 
 @pytest.mark.parametrize("options", [OPTIONS, FAITHFUL_OPTIONS])
 def test_parts_add_up_to_the_model_and_are_deterministic(options: Options, cost: CostModel) -> None:
-    """An egg, whose halves are connected wherever it is cut."""
+    """Use an egg, whose halves are connected wherever it is cut."""
     egg = trimesh.creation.icosphere(2, 50.0)
     model = Model(Solid.from_arrays(egg.vertices * (1.0, 1.3, 1.7), egg.faces), (), 1.0)
     result = decompose_model(model, make_printers(4), options, cost)

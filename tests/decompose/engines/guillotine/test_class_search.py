@@ -1,4 +1,4 @@
-"""Search for printers of unequal rooms and speeds."""
+"""Search for printers with unequal rooms and speeds."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ HIGH = ((100.0, 100.0, 160.0),)
 OPTIONS = Options(Engine.GUILLOTINE, granularity=6, prove=False, fit_first_layer=False)
 
 
-def ends_s(result: Decomposition, printers: Sequence[PrinterRoom]) -> dict[str, float]:
+def compute_ends_s(result: Decomposition, printers: Sequence[PrinterRoom]) -> dict[str, float]:
     """Compute the end of each part from its printer."""
     factors = {printer.name: printer.time_factor for printer in printers}
     return {part.printer: part.price_s * factors[part.printer] for part in result.parts}
@@ -31,8 +31,8 @@ def ends_s(result: Decomposition, printers: Sequence[PrinterRoom]) -> dict[str, 
 
 def compute_shared_s(model: Model, printers: Sequence[PrinterRoom], cost: CostModel) -> float:
     """Compute the makespan of a search that assumes the common room and equal speeds."""
-    equal = tuple(replace(printer, time_factor=1.0) for printer in printers)
-    problem = Problem(model, equal, cost, OPTIONS)
+    equal_printers = tuple(replace(printer, time_factor=1.0) for printer in printers)
+    problem = Problem(model, equal_printers, cost, OPTIONS)
     poses = problem.find_poses(list(cut_for_uniform_printers(problem).pieces))
     times_s = sorted((pose.price_s for pose in poses if pose is not None), reverse=True)
     assert len(times_s) == len(poses)
@@ -42,7 +42,7 @@ def compute_shared_s(model: Model, printers: Sequence[PrinterRoom], cost: CostMo
 
 @pytest.fixture(scope="module")
 def tower() -> Model:
-    """Make a model higher than two low printers, but not than a low and a high one."""
+    """Make a model higher than two low printers, but not higher than a low and a high one."""
     return Model(Solid.box((0, 0, 0), (90, 90, 230)), (), 1.0)
 
 
@@ -57,26 +57,26 @@ def test_part_may_use_the_full_height_of_its_printer(tower: Model, cost: CostMod
 
 
 def test_too_few_printers_are_reported_with_the_required_kind(cost: CostModel) -> None:
-    """Check that the error names two more higher printers, or four more lower ones."""
+    """Check that the error names two more of the higher printers."""
     model = Model(Solid.box((0, 0, 0), (90, 90, 700)), (), 1.0)
     options = replace(OPTIONS, granularity=8)
-    lows = [PrinterRoom(f"low-{i}", LOW) for i in range(3)]
+    low_rooms = [PrinterRoom(f"low-{i}", LOW) for i in range(3)]
     high_rooms = [PrinterRoom(f"high-{i}", HIGH) for i in range(3)]
     message = r"needs 6 parts.*there are 4: free 2 more with room for 100 x 100 x 160 mm"
     with pytest.raises(NoFit, match=message) as error:
-        decompose_model(model, [*lows, high_rooms[0]], options, cost)
+        decompose_model(model, [*low_rooms, high_rooms[0]], options, cost)
     assert error.value.printers_needed == 6
-    assert len(decompose_model(model, [*lows, *high_rooms], options, cost).parts) == 6
+    assert len(decompose_model(model, [*low_rooms, *high_rooms], options, cost).parts) == 6
     with pytest.raises(NoFit, match="there are 5: free 1 more"):
-        decompose_model(model, [*lows, *high_rooms[:2]], options, cost)
+        decompose_model(model, [*low_rooms, *high_rooms[:2]], options, cost)
 
 
 def test_fast_printer_gets_more_work(ring_with_bar: Solid, cost: CostModel) -> None:
     printers = [*(PrinterRoom(f"fine-{i}", HIGH) for i in range(3)), PrinterRoom("wide", HIGH, 0.45)]
     model = Model(ring_with_bar, (), 1.0)
     result = decompose_model(model, printers, OPTIONS, cost)
-    ends = ends_s(result, printers)
-    assert result.makespan_s == max(ends.values())
+    ends_s = compute_ends_s(result, printers)
+    assert result.makespan_s == max(ends_s.values())
     assert result.makespan_s < 0.9 * compute_shared_s(model, printers, cost)
     longest = max(result.parts, key=lambda part: part.price_s)
     assert longest.printer == "wide"
@@ -88,7 +88,7 @@ def test_bound_holds_for_the_quickest_printer_with_the_largest_room(
 ) -> None:
     printers = [PrinterRoom("a", LOW, 1.2), PrinterRoom("b", LOW), PrinterRoom("c", HIGH, 0.7)]
     result = decompose_model(Model(ring_with_bar, (), 1.0), printers, replace(OPTIONS, prove=True), cost)
-    best = [replace(printers[2], name=name) for name in "abc"]
-    at_best = decompose_model(Model(ring_with_bar, (), 1.0), best, OPTIONS, cost)
+    best_printers = [replace(printers[2], name=name) for name in "abc"]
+    best_result = decompose_model(Model(ring_with_bar, (), 1.0), best_printers, OPTIONS, cost)
     assert 0.0 < result.lower_bound_s <= result.grid_makespan_s
-    assert result.lower_bound_s <= at_best.grid_makespan_s * (1.0 + 1e-6)
+    assert result.lower_bound_s <= best_result.grid_makespan_s * (1.0 + 1e-6)

@@ -59,11 +59,11 @@ def test_looser_partitions_are_complete_without_more_work(
 
 
 def test_earliest_end_after_plane_shifts_is_chosen(task: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Return the second of the looser partitions."""
+    """Expect the second of the looser partitions."""
     ends_s: dict[int, float] = {}
     results: list[tuple[Piece, ...]] = []
 
-    def reverse_shift(
+    def record_partition(
         problem: Problem, grid: object, cut: dict[Box, list[Piece]], cells: object
     ) -> list[Piece]:
         pieces = tuple(piece for pieces_of_box in cut.values() for piece in pieces_of_box)
@@ -71,7 +71,7 @@ def test_earliest_end_after_plane_shifts_is_chosen(task: Problem, monkeypatch: p
         ends_s[id(pieces[0])] = (9.0, 8.0, 5.0, 7.0)[len(results) - 1]
         return list(pieces)
 
-    monkeypatch.setattr(exact_search, "shift_planes", reverse_shift)
+    monkeypatch.setattr(exact_search, "shift_planes", record_partition)
     monkeypatch.setattr(Problem, "compute_makespan_s", lambda _, pieces: ends_s[id(pieces[0])])
     result = exact_search.cut_for_uniform_printers(task)
     assert len(results) > 2

@@ -108,7 +108,7 @@ def test_ties_are_broken_by_work_then_by_cut_area(
 @pytest.mark.parametrize("is_busy", [False, True])
 @settings(max_examples=10, deadline=None)
 @given(shape=shapes, seed=st.integers(0, 10**6), share=st.floats(0.2, 1.2))
-def test_an_executor_free_or_busy_changes_no_solution(
+def test_free_or_busy_executor_changes_no_solution(
     is_busy: bool, shape: Shape, seed: int, share: float
 ) -> None:
     tables, _ = make_tables(shape, seed)
@@ -185,7 +185,7 @@ def list_shares_by_recursion(
 
 
 def make_classes(shape: Shape, seed: int, number: int) -> tuple[list[BoxTables], np.ndarray]:
-    """Make tables of the same boxes on printers with another speed and too little room for some of them."""
+    """Make tables of the same boxes for printers with different speeds, some with too little room."""
     tables, is_needed = make_tables(shape, seed)
     rng = np.random.default_rng(seed)
     results = []
@@ -210,22 +210,22 @@ def test_unequal_printers_match_an_exhaustive_distribution(
     limit_s = share * 130.0 * float(np.prod(shape))
     solver = Partitioner(classes[0], [OtherClass(*item) for item in zip(classes[1:], counts, strict=True)])
     shares = list_shares_by_recursion(classes, is_needed, limit_s, max_count=12)
-    feasible_s = [
+    feasible_counts = [
         parts_by_class[0]
         for parts_by_class in shares
         if all(n <= m for n, m in zip(parts_by_class[1:], counts, strict=True))
     ]
-    expected_s = min(feasible_s, default=UNREACHABLE)
+    expected_count = min(feasible_counts, default=UNREACHABLE)
     for ties in (False, True):
-        assert solver.solve(limit_s, ties) == expected_s
-        if expected_s >= UNREACHABLE:
+        assert solver.solve(limit_s, ties) == expected_count
+        if expected_count >= UNREACHABLE:
             continue
         indices = [
             index_box(box, shape)
             for box in solver.list_chosen_boxes()
             for _ in range(classes[0].pieces[index_box(box, shape)])
         ]
-        printers = [classes[0]] * expected_s + [
+        printers = [classes[0]] * expected_count + [
             c for c, n in zip(classes[1:], counts, strict=True) for _ in range(n)
         ]
         cover_count = np.zeros(shape, int)

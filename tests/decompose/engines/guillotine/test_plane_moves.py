@@ -26,8 +26,8 @@ ROW = np.full((3, 2, 3), -1)  # three boxes in a row along x, with two planes be
 ROW[0, 1, 0] = ROW[1, 0, 0] = 0
 ROW[1, 1, 0] = ROW[2, 0, 0] = 1
 SLOPES = np.where(ROW >= 0, np.array([-1.0, 1.0])[None, :, None], 0.0)  # 1 s for each mm
-FREE = np.full((3, 3), math.inf)
-FAR = np.full(2, 100.0)
+NO_LIMIT = np.full((3, 3), math.inf)
+FAR_MM = np.full(2, 100.0)
 
 
 def convert_to_mm(boxes: list[Box]) -> np.ndarray:
@@ -118,16 +118,16 @@ def test_overlapping_or_incomplete_boxes_are_no_partition() -> None:
 )
 def test_plane_stops_before_flat_faces(flats: list[float], old_mm: float, new_mm: float) -> None:
     flats_mm = np.array(sorted(flats))
-    place = find_clear_position(flats_mm, old_mm, new_mm, 2.0)
-    assert min(old_mm, new_mm) <= place <= max(old_mm, new_mm)
-    assert place == old_mm or np.abs(flats_mm - place).min(initial=np.inf) >= 2.0 - 1e-6
+    position_mm = find_clear_position(flats_mm, old_mm, new_mm, 2.0)
+    assert min(old_mm, new_mm) <= position_mm <= max(old_mm, new_mm)
+    assert position_mm == old_mm or np.abs(flats_mm - position_mm).min(initial=np.inf) >= 2.0 - 1e-6
     if np.abs(flats_mm - new_mm).min(initial=np.inf) >= 2.0:
-        assert place == new_mm
+        assert position_mm == new_mm
 
 
 def test_load_is_balanced_across_a_box_in_between() -> None:
     moves, seconds = solve_plane_shifts(
-        np.array([20.0, 14.0, 8.0]), SLOPES, ROW, ShiftLimits(FREE, FREE, -FAR, FAR)
+        np.array([20.0, 14.0, 8.0]), SLOPES, ROW, ShiftLimits(NO_LIMIT, NO_LIMIT, -FAR_MM, FAR_MM)
     )
     assert seconds == pytest.approx(14.0)
     assert moves == pytest.approx([-6.0, -6.0])
@@ -135,7 +135,10 @@ def test_load_is_balanced_across_a_box_in_between() -> None:
 
 def test_only_useful_planes_are_moved() -> None:
     moves, seconds = solve_plane_shifts(
-        np.array([20.0, 20.0, 8.0]), SLOPES, ROW, ShiftLimits(FREE, FREE, np.array([0.0, -1.0]), FAR)
+        np.array([20.0, 20.0, 8.0]),
+        SLOPES,
+        ROW,
+        ShiftLimits(NO_LIMIT, NO_LIMIT, np.array([0.0, -1.0]), FAR_MM),
     )
     assert seconds == pytest.approx(20.0)  # the first box cannot get shorter
     assert moves == pytest.approx([0.0, 0.0])
@@ -143,7 +146,7 @@ def test_only_useful_planes_are_moved() -> None:
 
 @pytest.mark.parametrize("direction", ["longer", "shorter", "step"])
 def test_planes_move_up_to_their_limit(direction: str) -> None:
-    longer, shorter, step = FREE.copy(), FREE.copy(), FAR
+    longer, shorter, step = NO_LIMIT.copy(), NO_LIMIT.copy(), FAR_MM
     if direction == "longer":
         longer[2, 0] = 1.0
     elif direction == "shorter":

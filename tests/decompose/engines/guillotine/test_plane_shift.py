@@ -37,7 +37,7 @@ def compute_longest_s(problem: Problem, pieces: list[Piece]) -> float:
     return max(np.inf if pose is None else pose.price_s * piece.time_factor for piece, pose in poses)
 
 
-def run(problem: Problem, partition: list[Box]) -> tuple[list[Piece], list[Piece]]:
+def shift_boxes(problem: Problem, partition: list[Box]) -> tuple[list[Piece], list[Piece]]:
     """Return the pieces of a partition before and after the shift."""
     grid = problem.build_grid(problem.model)
     pieces_by_box = {box: cut_cells(problem.model.solid, grid, box) for box in partition}
@@ -48,7 +48,7 @@ def run(problem: Problem, partition: list[Box]) -> tuple[list[Piece], list[Piece
 
 @pytest.fixture(scope="module")
 def cone() -> Solid:
-    """Make a tapered block of 240 mm, of whose halves one takes far longer."""
+    """Make a tapered block of 240 mm; one of its halves takes far longer than the other."""
     corners = np.array([[x, y, z] for x in (0.0, 240.0) for y in (0.0, 80.0) for z in (0.0, 80.0)])
     corners[4:, 1:] = corners[4:, 1:] * 0.3 + 28.0
     faces = [
@@ -62,7 +62,7 @@ def test_cone_is_cut_into_two_parts_of_equal_time(cone: Solid, cost: CostModel) 
     task = make_problem(cone, cost, 2, cells=2)
     nx, ny, nz = task.build_grid(task.model).shape
     middle = nx // 2
-    old_pieces, new_pieces = run(task, [(0, 0, 0, middle, ny, nz), (middle, 0, 0, nx, ny, nz)])
+    old_pieces, new_pieces = shift_boxes(task, [(0, 0, 0, middle, ny, nz), (middle, 0, 0, nx, ny, nz)])
     assert compute_longest_s(task, new_pieces) < 0.95 * compute_longest_s(task, old_pieces)
     times_s = [pose.price_s for pose in task.find_poses(new_pieces) if pose is not None]
     assert max(times_s) <= 1.02 * min(times_s)
@@ -81,31 +81,31 @@ def test_other_parts_are_balanced_if_one_pose_would_get_worse(
     thirds = [0, nx // 3, 2 * nx // 3, nx]
     boxes = [(a, 0, 0, b, ny, nz) for a, b in pairwise(thirds)]
     end_mm = task.build_grid(task.model).planes[0][thirds[2]]
-    pose = Problem.find_pose
+    find_pose = Problem.find_pose
 
     def worsen_pose(self: Problem, piece: Piece) -> Pose | None:
-        result = pose(self, piece)
+        result = find_pose(self, piece)
         longer = bool(piece.solid.bounds_mm[1, 0] > 239.0 and piece.solid.bounds_mm[0, 0] < end_mm - 0.1)
         return replace(result, price_s=10.0 * result.price_s) if result and longer else result
 
     monkeypatch.setattr(Problem, "find_pose", worsen_pose)
-    old_pieces, new_pieces = run(task, boxes)
+    old_pieces, new_pieces = shift_boxes(task, boxes)
     assert compute_longest_s(task, new_pieces) < 0.96 * compute_longest_s(task, old_pieces)
     assert max(piece.solid.bounds_mm[0, 0] for piece in new_pieces) >= end_mm - 0.1
 
 
-class Rounds:
+class RoundCounter:
     """Counter of the rounds of plane shifts, from one set of poses to the next."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.started_count = 0
         take_steps = _PlaneShift._take_steps
 
-        def count_call(start_shift: _PlaneShift, parts: list[BoxPart], slopes: np.ndarray) -> list[BoxPart]:
+        def count_round(start_shift: _PlaneShift, parts: list[BoxPart], slopes: np.ndarray) -> list[BoxPart]:
             self.started_count += 1
             return take_steps(start_shift, parts, slopes)
 
-        monkeypatch.setattr(_PlaneShift, "_take_steps", count_call)
+        monkeypatch.setattr(_PlaneShift, "_take_steps", count_round)
 
 
 def make_halves(task: Problem) -> list[Box]:
@@ -127,9 +127,9 @@ def start_shift(task: Problem) -> tuple[_PlaneShift, list[BoxPart]]:
 def test_planes_move_once_after_the_budget_is_spent(
     cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    rounds = Rounds(monkeypatch)
+    rounds = RoundCounter(monkeypatch)
     task = replace(make_problem(cone, cost, 2, cells=2), effort=Effort(0.0))
-    old_pieces, new_pieces = run(task, make_halves(task))
+    old_pieces, new_pieces = shift_boxes(task, make_halves(task))
     assert compute_longest_s(task, new_pieces) < 0.95 * compute_longest_s(task, old_pieces)
     assert rounds.started_count == 1
     assert task.effort.cut_short
@@ -138,7 +138,7 @@ def test_planes_move_once_after_the_budget_is_spent(
 def test_last_round_prices_every_part(cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plane_shift, "ROUNDS", 1)
     task = replace(make_problem(cone, cost, 2, cells=2), effort=Effort(0.0))
-    old_pieces, new_pieces = run(task, make_halves(task))
+    old_pieces, new_pieces = shift_boxes(task, make_halves(task))
     assert compute_longest_s(task, new_pieces) < 0.95 * compute_longest_s(task, old_pieces)
     assert not task.effort.cut_short
 
@@ -150,10 +150,10 @@ def test_useless_round_is_not_repeated_after_the_budget(
     """Make every moved part ten times slower in its true pose, or impossible to glue well."""
     task = replace(make_problem(cone, cost, 2, cells=2), effort=Effort(0.0))
     grid = task.build_grid(task.model)
-    pose = Problem.find_pose
+    find_pose = Problem.find_pose
 
     def worsen_pose(self: Problem, piece: Piece) -> Pose | None:
-        result = pose(self, piece)
+        result = find_pose(self, piece)
         return result and replace(result, price_s=10.0 * result.price_s)
 
     pieces_by_box = {box: cut_cells(cone, grid, box) for box in make_halves(task)}
@@ -162,7 +162,7 @@ def test_useless_round_is_not_repeated_after_the_budget(
         monkeypatch.setattr(_PlaneShift, "_has_faults", lambda *_: True)
     else:
         monkeypatch.setattr(Problem, "find_pose", worsen_pose)
-    rounds = Rounds(monkeypatch)
+    rounds = RoundCounter(monkeypatch)
     shift_planes(task, grid, pieces_by_box)
     assert rounds.started_count == 1
     assert task.effort.cut_short
@@ -177,7 +177,7 @@ def test_fixed_longest_part_does_not_stop_other_faces(
         _PlaneShift, "_take_steps", lambda _, parts, slopes: shifts.append(len(parts)) or [*parts]
     )
     task = make_problem(cone, cost, 2, cells=2)
-    run(task, make_halves(task))
+    shift_boxes(task, make_halves(task))
     assert shifts == [2]
 
 
@@ -199,19 +199,19 @@ def test_new_pose_is_computed_once_and_recorded(
     cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Give every part a new pose after its first move."""
-    measure, pose, posed_parts = _PlaneShift._measure_piece, Problem.find_pose, []
+    measure_piece, find_pose, posed_parts = _PlaneShift._measure_piece, Problem.find_pose, []
 
     def make_tall(self: _PlaneShift, piece: Piece, old_pose: Pose) -> Pose:
-        return replace(measure(self, piece, old_pose), size_mm=(1e4, 1e4, 1e4))
+        return replace(measure_piece(self, piece, old_pose), size_mm=(1e4, 1e4, 1e4))
 
-    def count_call(self: Problem, piece: Piece) -> Pose | None:
+    def record_piece(self: Problem, piece: Piece) -> Pose | None:
         posed_parts.append(piece.solid)
-        return pose(self, piece)
+        return find_pose(self, piece)
 
     monkeypatch.setattr(_PlaneShift, "_measure_piece", make_tall)
-    monkeypatch.setattr(Problem, "find_pose", count_call)
+    monkeypatch.setattr(Problem, "find_pose", record_piece)
     task = make_problem(cone, cost, 2, cells=2)
-    old_pieces, new_pieces = run(task, make_halves(task))
+    old_pieces, new_pieces = shift_boxes(task, make_halves(task))
     assert new_pieces[0].solid is not old_pieces[0].solid
     assert len({*posed_parts}) == len(posed_parts) == task.effort.done[Work.PIECE_POSED] > 4
 
@@ -246,7 +246,7 @@ def test_lid_moves_into_the_hollow_behind_it(cost: CostModel) -> None:
     assert not grid.needed[2:6, 2:6, 2:6].any()
     end_layers = [(0, 0, 0, 8, 8, 2), (0, 0, 6, 8, 8, 8)]
     walls = [(0, 0, 2, 2, 8, 6), (6, 0, 2, 8, 8, 6), (2, 0, 2, 6, 2, 6), (2, 6, 2, 6, 8, 6)]
-    old_pieces, new_pieces = run(task, [*end_layers, *walls])
+    old_pieces, new_pieces = shift_boxes(task, [*end_layers, *walls])
     assert compute_longest_s(task, new_pieces) < 0.85 * compute_longest_s(task, old_pieces)
     assert 24.0 <= new_pieces[0].boxes_mm[0, 1, 2] < 32.0
 
@@ -256,12 +256,12 @@ def test_next_search_continues_from_the_result_of_the_last(
 ) -> None:
     """Limit the reach of a search; with `thorough`, several searches reach the best place."""
     task = replace(make_problem(cone, cost, 2, cells=2), thorough=True)
-    _, far_pieces = run(task, make_halves(task))
+    _, far_pieces = shift_boxes(task, make_halves(task))
     monkeypatch.setattr(plane_shift, "REACH", 0.05)
-    old_pieces, new_pieces = run(task, make_halves(task))
+    old_pieces, new_pieces = shift_boxes(task, make_halves(task))
     assert compute_longest_s(task, new_pieces) < 1.03 * compute_longest_s(task, far_pieces)
     assert compute_longest_s(task, new_pieces) < 0.95 * compute_longest_s(task, old_pieces)
-    _, quick_pieces = run(replace(task, thorough=False), make_halves(task))
+    _, quick_pieces = shift_boxes(replace(task, thorough=False), make_halves(task))
     assert compute_longest_s(task, quick_pieces) > 1.05 * compute_longest_s(task, new_pieces)
 
 
@@ -286,7 +286,7 @@ def test_shifted_plane_keeps_its_distance_from_a_flat_face(cost: CostModel) -> N
     task = make_problem(bar, cost, 3, cells=4)
     nx, ny, nz = task.build_grid(task.model).shape
     thirds = [0, nx // 3, 2 * nx // 3, nx]
-    old_pieces, new_pieces = run(task, [(a, 0, 0, b, ny, nz) for a, b in pairwise(thirds)])
+    old_pieces, new_pieces = shift_boxes(task, [(a, 0, 0, b, ny, nz) for a, b in pairwise(thirds)])
     vertices, faces = bar.arrays()
     flats = find_flat_coordinates(vertices[faces], 0)
     moved_mm = {float(piece.boxes_mm[0, 0, 0]) for piece in new_pieces} - {
@@ -306,7 +306,7 @@ def test_shifted_part_still_fits_its_printer(cost: CostModel) -> None:
     grid = task.build_grid(task.model)
     nx, ny, nz = grid.shape
     index = int(np.searchsorted(grid.planes[0], 220.0)) - 1
-    _, new_pieces = run(task, [(0, 0, 0, index, ny, nz), (index, 0, 0, nx, ny, nz)])
+    _, new_pieces = shift_boxes(task, [(0, 0, 0, index, ny, nz), (index, 0, 0, nx, ny, nz)])
     assert all(pose is not None for pose in task.find_poses(new_pieces))
     assert max(np.ptp(piece.solid.bounds_mm[:, 0]) for piece in new_pieces) <= 220.0
 
@@ -323,9 +323,9 @@ def test_shifted_planes_give_a_complete_and_no_slower_partition(
     left_boxes: list[Box] = [(0, 0, 0, x, y, nz), (0, y, 0, x, ny, z), (0, y, z, x, ny, nz)]
     partition: list[Box] = [*left_boxes, (x, 0, 0, nx, ny, z), (x, 0, z, nx, ny, nz)]
     partition = [box for box in partition if cut_cells(ring_with_bar, grid, box)]
-    old_pieces, new_pieces = run(task, partition)
+    old_pieces, new_pieces = shift_boxes(task, partition)
     assert len(new_pieces) <= len(old_pieces)
     assert compute_longest_s(task, new_pieces) <= compute_longest_s(task, old_pieces)
     assert sum(piece.solid.volume_mm3 for piece in new_pieces) == pytest.approx(ring_with_bar.volume_mm3)
-    second_result = run(task, partition)[1]
+    second_result = shift_boxes(task, partition)[1]
     assert [p.boxes_mm.tolist() for p in second_result] == [p.boxes_mm.tolist() for p in new_pieces]

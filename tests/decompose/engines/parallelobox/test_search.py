@@ -49,7 +49,7 @@ def make_empty_mask(grid: Grid) -> np.ndarray:
     return np.zeros(grid.shape, bool)
 
 
-def cover(blocks: np.ndarray, shape: Shape) -> np.ndarray:
+def count_cover(blocks: np.ndarray, shape: Shape) -> np.ndarray:
     count = np.zeros(shape, int)
     for x0, y0, z0, x1, y1, z1 in blocks:
         count[x0:x1, y0:y1, z0:z1] += 1
@@ -69,13 +69,13 @@ def test_blocks_are_disjoint_and_cover_the_cells(shape: Shape, seed: int, share:
     seeds = cells[: math.ceil(share * len(cells))].tolist()
     blocks, owner = grow_blocks([(x, y, z, x + 1, y + 1, z + 1) for x, y, z in seeds], terrain, score)
     assert len(blocks) == len(seeds)
-    assert ((cover(blocks, shape) == 1) == (owner != FREE)).all()
-    assert cover(blocks, shape).max(initial=0) <= 1
+    assert ((count_cover(blocks, shape) == 1) == (owner != FREE)).all()
+    assert count_cover(blocks, shape).max(initial=0) <= 1
     free_count = int((terrain.needed & (owner == FREE)).sum())
     filled_blocks = fill_voids(blocks, owner, terrain, free_count)
-    assert filled_blocks is not None  # a block for each cell would do
-    assert cover(filled_blocks, shape).max(initial=0) <= 1
-    assert (cover(filled_blocks, shape)[terrain.needed] == 1).all()
+    assert filled_blocks is not None  # a block for each cell would be enough
+    assert count_cover(filled_blocks, shape).max(initial=0) <= 1
+    assert (count_cover(filled_blocks, shape)[terrain.needed] == 1).all()
     for block in filled_blocks:
         index = index_box((*block.tolist(),), shape)
         assert np.isfinite(terrain.seconds[index])
@@ -182,11 +182,11 @@ def test_attempts_cover_the_model_and_are_deterministic(
     result = run_attempts(seed_sets, terrain, 14, score)
     assert result
     for item in result:
-        count = cover(np.array(item.blocks), ball_grid.shape)
+        count = count_cover(np.array(item.blocks), ball_grid.shape)
         assert count.max() == 1
         assert (count[ball_grid.needed] == 1).all()
         indices = [index_box(block, ball_grid.shape) for block in item.blocks]
-        assert (ball_tables.trimmed[indices] == indices).all()  # no block ends in a layer of nothing
+        assert (ball_tables.trimmed[indices] == indices).all()  # no block ends in an empty layer
         assert item.parts == ball_tables.pieces[indices].sum() <= 14
         assert item.longest == ball_tables.seconds[indices].max() < np.inf
     assert [a.longest for a in result] == sorted(a.longest for a in result)
@@ -220,16 +220,16 @@ def test_prices_of_the_paper_match_the_solid_in_each_box(
     assert terrain.overhang[whole_box] == pytest.approx(down_mm2, rel=0.1)
 
 
-def make_rotation(angle: float, axis: tuple[float, float, float]) -> np.ndarray:
-    return np.asarray(trimesh.transformations.rotation_matrix(angle, axis)[:3, :3])
+def make_rotation(angle_rad: float, axis: tuple[float, float, float]) -> np.ndarray:
+    return np.asarray(trimesh.transformations.rotation_matrix(angle_rad, axis)[:3, :3])
 
 
 @settings(max_examples=8, deadline=None)
-@given(angle=st.floats(-3.0, 3.0), seed=st.integers(0, 100))
-def test_mirror_of_a_mirrored_cloud_is_found(angle: float, seed: int) -> None:
+@given(angle_rad=st.floats(-3.0, 3.0), seed=st.integers(0, 100))
+def test_mirror_of_a_mirrored_cloud_is_found(angle_rad: float, seed: int) -> None:
     rng = np.random.default_rng(seed)
     half = rng.uniform((5.0, -60.0, -20.0), (100.0, 40.0, 30.0), (150, 3))
-    rotation = make_rotation(angle, (1.0, 2.0, 0.5))
+    rotation = make_rotation(angle_rad, (1.0, 2.0, 0.5))
     cloud = np.vstack([half, half * (-1.0, 1.0, 1.0)]) @ rotation.T + (7.0, 8.0, 9.0)
     mirror = find_mirror(cloud, np.random.default_rng(seed))
     assert mirror is not None
@@ -320,7 +320,7 @@ def test_option_faithful_uses_the_settings_of_the_paper(
     assert result.options.granularity == "vfine" and result.options.parallelobox.tries == 3
     assert {size for kind, size, _ in calls if kind == "grid"} == {15}
     assert math.sin(math.radians(1.0)) in {steep for kind, _, steep in calls if kind == "grid"}
-    # Draws for the two halves.
+    # Seed sets are drawn for the two halves.
     assert sorted(item[1:] for item in calls if item[0] == "draws") == [
         (4, 3),
         (5, 3),
@@ -343,9 +343,11 @@ def test_result_is_never_worse_than_the_faithful_one(
     """Compare both on a rotated model with a plane of symmetry that is large enough for a finer grid."""
     fleet = [replace(plus_room, name=str(i)) for i in range(printers)]
     options = Options(Engine.PARALLELOBOX, seed=seed, fit_first_layer=False, prove=False)
-    faithful = decompose_model(rotated_model, fleet, replace(options, faithful=True), cost)
-    default = decompose_model(rotated_model, fleet, options, cost)
-    assert default.makespan_s <= faithful.makespan_s or (faithful.faults and not default.faults)
+    faithful_result = decompose_model(rotated_model, fleet, replace(options, faithful=True), cost)
+    default_result = decompose_model(rotated_model, fleet, options, cost)
+    assert default_result.makespan_s <= faithful_result.makespan_s or (
+        faithful_result.faults and not default_result.faults
+    )
 
 
 def test_model_is_rotated_to_reduce_its_overhangs(cost: CostModel) -> None:

@@ -21,8 +21,8 @@ def measure_footing(solid: Solid) -> Footing:
     return Footing.from_mesh(vertices[faces], NO_PROPS)
 
 
-def measure_box(width: float, depth: float, height: float) -> Footing:
-    return measure_footing(Solid.box((0, 0, 0), (width, depth, height)))
+def measure_box(width_mm: float, depth_mm: float, height_mm: float) -> Footing:
+    return measure_footing(Solid.box((0, 0, 0), (width_mm, depth_mm, height_mm)))
 
 
 def test_footing_of_a_block_is_its_base() -> None:
@@ -78,14 +78,14 @@ def test_brim_depends_on_width_height_and_size() -> None:
     assert measure_box(120, 40, 20).choose_brim_width_mm(20.0, 5.0, 8.0, 0.002) < 2.5
     assert (
         measure_box(40, 40, 20).choose_brim_width_mm(20.0, -0.1, 8.0) == 8.0
-    )  # its centre of mass is beside it
+    )  # its centre of mass is beside the footing
     disc = trimesh.creation.cylinder(60.0, 10.0, sections=64)
     disc.apply_translation([0, 0, 5])
-    blunt = measure_footing(Solid.from_arrays(disc.vertices, disc.faces))
-    assert 0.0 < blunt.choose_brim_width_mm(10.0, 5.0, 8.0) < 8.0  # of the same length, without corners
+    round_footing = measure_footing(Solid.from_arrays(disc.vertices, disc.faces))
+    assert 0.0 < round_footing.choose_brim_width_mm(10.0, 5.0, 8.0) < 8.0  # as long, but without corners
 
 
-def test_chamfered_corner_is_sharp_a_rounded_one_is_not() -> None:
+def test_chamfered_corner_is_sharp_but_a_rounded_one_is_not() -> None:
     def measure_block(corner_mm: float) -> Footing:
         corners = [
             (x + s * a, y + t * b)
@@ -110,14 +110,14 @@ def test_first_layer_is_narrowed_at_joints_but_not_at_thin_walls() -> None:
     assert measure_box(80, 0.9, 20).choose_expansion_mm(joined=True) == 0.0
 
 
-sizes = st.floats(1.0, 150.0)
+sizes_mm = st.floats(1.0, 150.0)
 
 
-@given(sizes, sizes, sizes, st.floats(0.0, 10.0))
-def test_brim_is_never_wider_than_the_widest_and_grows_with_height(
-    width: float, depth: float, height: float, widest: float
+@given(sizes_mm, sizes_mm, sizes_mm, st.floats(0.0, 10.0))
+def test_brim_is_never_wider_than_the_maximum_and_grows_with_height(
+    width_mm: float, depth_mm: float, height_mm: float, max_mm: float
 ) -> None:
-    result = measure_box(width, depth, height)
-    brims = [result.choose_brim_width_mm(h, 5.0, widest) for h in (height, 2 * height, 4 * height)]
-    assert brims == sorted(brims)
-    assert all(0.0 <= b <= widest for b in brims)
+    result = measure_box(width_mm, depth_mm, height_mm)
+    brims_mm = [result.choose_brim_width_mm(ratio * height_mm, 5.0, max_mm) for ratio in (1, 2, 4)]
+    assert brims_mm == sorted(brims_mm)
+    assert all(0.0 <= brim_mm <= max_mm for brim_mm in brims_mm)

@@ -25,7 +25,7 @@ COST = CostModel.from_recipe(Recipe())
 ROOM = PrinterRoom("p", ((200.0, 190.0, 200.0),))
 ROTATION = Rotation.from_euler("xyz", [25.0, -40.0, 70.0], degrees=True).as_matrix()
 EDGEWISE = Rotation.from_euler("x", 45.0, degrees=True).as_matrix()
-NOTHING = np.zeros(0, dtype=np.bool_)
+NO_CUTS = np.zeros(0, dtype=np.bool_)
 
 
 def rotate_solid(solid: Solid, rotation: npt.NDArray[np.float64] = ROTATION) -> Solid:
@@ -33,7 +33,7 @@ def rotate_solid(solid: Solid, rotation: npt.NDArray[np.float64] = ROTATION) -> 
     return Solid.from_arrays(vertices @ rotation.T, faces)
 
 
-def find_pose(solid: Solid, room: PrinterRoom = ROOM, is_cut: npt.NDArray[np.bool_] = NOTHING) -> Pose:
+def find_pose(solid: Solid, room: PrinterRoom = ROOM, is_cut: npt.NDArray[np.bool_] = NO_CUTS) -> Pose:
     vertices, faces = solid.arrays()
     pose = find_best_pose(
         vertices, faces, is_cut if len(is_cut) else np.zeros(len(faces), np.bool_), [room], COST
@@ -43,7 +43,7 @@ def find_pose(solid: Solid, room: PrinterRoom = ROOM, is_cut: npt.NDArray[np.boo
     return pose
 
 
-def find_up(pose: Pose) -> npt.NDArray[np.float64]:
+def find_up_axis(pose: Pose) -> npt.NDArray[np.float64]:
     return pose.to_model[:3, 2]
 
 
@@ -100,16 +100,16 @@ def test_pyramid_is_turned_over() -> None:
     assert pose.footing.contact_mm2 > 1000.0  # on its base or on a side
 
 
-@pytest.mark.parametrize("size", [(100.0, 2.0, 100.0), (3.0, 3.0, 150.0)])
-def test_thin_part_is_laid_down_or_gets_a_brim(size: tuple[float, ...]) -> None:
-    solid = Solid.box((0, 0, 0), size)
+@pytest.mark.parametrize("size_mm", [(100.0, 2.0, 100.0), (3.0, 3.0, 150.0)])
+def test_thin_part_is_laid_down_or_gets_a_brim(size_mm: tuple[float, ...]) -> None:
+    solid = Solid.box((0, 0, 0), size_mm)
     lying_pose = find_pose(solid)
     assert lying_pose.stands
-    assert lying_pose.size_mm[2] == pytest.approx(min(size))
-    narrow = PrinterRoom("narrow", ((110.0, 20.0, 200.0),))
-    upright = find_pose(solid, narrow)
-    assert upright.size_mm[2] >= 100.0
-    assert upright.brim_width_mm == pytest.approx(COST.brim_mm, abs=0.1)
+    assert lying_pose.size_mm[2] == pytest.approx(min(size_mm))
+    narrow_room = PrinterRoom("narrow", ((110.0, 20.0, 200.0),))
+    upright_pose = find_pose(solid, narrow_room)
+    assert upright_pose.size_mm[2] >= 100.0
+    assert upright_pose.brim_width_mm == pytest.approx(COST.brim_mm, abs=0.1)
 
 
 def test_edge_is_not_used_as_footing() -> None:
@@ -123,7 +123,7 @@ def test_rotating_the_model_rotates_the_pose() -> None:
     solid = Solid.union([make_tee(), Solid.box((-5, -15, 0), (20, 10, 8))])
     pose, turned_pose = find_pose(solid), find_pose(rotate_solid(solid))
     assert turned_pose.price_s == pytest.approx(pose.price_s, rel=0.01)
-    assert find_up(turned_pose) == pytest.approx(ROTATION @ find_up(pose), abs=1e-6)
+    assert find_up_axis(turned_pose) == pytest.approx(ROTATION @ find_up_axis(pose), abs=1e-6)
     assert sorted(turned_pose.size_mm) == pytest.approx(sorted(pose.size_mm), abs=1e-6)
 
 
@@ -137,11 +137,11 @@ def mark_level_faces(solid: Solid, inner: bool) -> npt.NDArray[np.bool_]:
 def test_no_support_touches_a_cut_face_where_another_pose_fits() -> None:
     solid = make_spool()
     is_cut = mark_level_faces(solid, inner=True)
-    upright_only = PrinterRoom("p", ((51.0, 51.0, 61.0),))
-    assert find_pose(solid, upright_only, is_cut).touched_mm2 > 0.0
+    low_room = PrinterRoom("p", ((51.0, 51.0, 61.0),))
+    assert find_pose(solid, low_room, is_cut).touched_mm2 > 0.0
     free_pose = find_pose(solid, ROOM, is_cut)
     assert free_pose.touched_mm2 <= 1.0
-    assert abs(find_up(free_pose)[2]) < 0.9
+    assert abs(find_up_axis(free_pose)[2]) < 0.9
 
 
 def test_pose_with_the_least_support_on_cut_faces_is_preferred() -> None:
@@ -149,16 +149,16 @@ def test_pose_with_the_least_support_on_cut_faces_is_preferred() -> None:
     solid = make_spool()
     is_cut = mark_level_faces(solid, inner=True)
     pose = find_pose(solid, PrinterRoom("p", ((51.0, 51.0, 61.0),)), is_cut)
-    assert find_up(pose) == pytest.approx([0.0, 0.0, -1.0])
+    assert find_up_axis(pose) == pytest.approx([0.0, 0.0, -1.0])
     assert pose.touched_mm2 == pytest.approx(2 * (30 * 30 - 10 * 10), rel=0.05)
 
 
 def test_cut_face_at_the_bed_is_not_squeezed_out() -> None:
     vertices, faces = Solid.box((0, 0, 0), (40, 40, 20)).arrays()
     is_cut = np.isclose(vertices[faces][:, :, 0], 40.0).all(axis=1)
-    for is_marked, expansion in ((is_cut, -0.2), (~is_cut & is_cut, 0.0)):
+    for is_marked, expansion_mm in ((is_cut, -0.2), (~is_cut & is_cut, 0.0)):
         pose = measure_pose(vertices, faces, is_marked, POSE_ROTATIONS[4], COST)
-        assert pose.layer_0_expansion_mm == expansion
+        assert pose.layer_0_expansion_mm == expansion_mm
         default_pose = measure_pose(
             vertices, faces, is_marked, POSE_ROTATIONS[4], COST, fit_first_layer=False
         )
@@ -179,17 +179,17 @@ def test_part_without_a_fitting_pose_is_reported() -> None:
 def test_flat_sides_are_candidates_in_any_orientation() -> None:
     solid = rotate_solid(make_inverted_pyramid())
     vertices, faces = solid.arrays()
-    ups = list_directions(vertices, faces, build_hull(vertices))
+    up_axes = list_directions(vertices, faces, build_hull(vertices))
     corners = vertices[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    assert ((-normals @ ups.T).max(axis=1) > 1.0 - 1e-6).all()
+    assert ((-normals @ up_axes.T).max(axis=1) > 1.0 - 1e-6).all()
 
 
 @settings(max_examples=25, deadline=None)
 @given(arrays(np.float64, (12, 3), elements=st.floats(-40.0, 40.0), unique=True))
 def test_convex_part_is_stable_and_fits(points: npt.NDArray[np.float64]) -> None:
-    """Use points around a core of 20 mm, so that the part is no needle."""
+    """Use points around a core of 20 mm, so that the part is not a needle."""
     core = trimesh.creation.box((20.0, 20.0, 20.0)).vertices
     hull = trimesh.convex.convex_hull(np.vstack([points, core]))
     pose = find_pose(Solid.from_arrays(hull.vertices, hull.faces))

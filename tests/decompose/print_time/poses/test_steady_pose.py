@@ -31,13 +31,13 @@ def get_mesh(solid: Solid) -> PartMesh:
     return PartMesh(vertices, faces, np.zeros(len(faces), np.bool_))
 
 
-def measure_upright(solid: Solid, cost: CostModel) -> Pose:
+def measure_upright_pose(solid: Solid, cost: CostModel) -> Pose:
     mesh = get_mesh(solid)
     return measure_pose(mesh.vertices, mesh.faces, mesh.cut, POSE_ROTATIONS[4], cost)
 
 
 def test_part_on_a_small_foot_lies_down_within_its_time(cost: CostModel) -> None:
-    standing_pose = measure_upright(PIN, cost)
+    standing_pose = measure_upright_pose(PIN, cost)
     assert standing_pose.has_small_foot
     lying_pose = find_steady_pose(get_mesh(PIN), [ROOM], cost, standing_pose, 1.5 * standing_pose.price_s)
     assert lying_pose.size_mm[2] == pytest.approx(12.0)
@@ -50,26 +50,26 @@ def test_part_on_a_small_foot_lies_down_within_its_time(cost: CostModel) -> None
 
 
 def test_steady_pose_fits_its_printer_and_keeps_supports_off_cuts(cost: CostModel) -> None:
-    standing_pose = measure_upright(PIN, cost)
-    narrow = PrinterRoom("narrow", ((50.0, 50.0, 200.0),))
+    standing_pose = measure_upright_pose(PIN, cost)
+    narrow_room = PrinterRoom("narrow", ((50.0, 50.0, 200.0),))
     assert (
-        find_steady_pose(get_mesh(PIN), [narrow], cost, standing_pose, 9.0 * standing_pose.price_s)
+        find_steady_pose(get_mesh(PIN), [narrow_room], cost, standing_pose, 9.0 * standing_pose.price_s)
         is standing_pose
     )
     tee = Solid.union([Solid.box((-5, -5, 0), (5, 5, 40)), Solid.box((-30, -5, 40), (30, 5, 100))])
     vertices, faces = tee.arrays()
-    # One of its flat sides, on which it stands if it lies.
+    # The cut is one of its flat sides, on which it would lie.
     is_cut = (np.abs(vertices[faces][:, :, 1] + 5.0) < 1e-9).all(axis=1)
     mesh = PartMesh(vertices, faces, is_cut)
-    best = find_best_pose(vertices, faces, is_cut, [ROOM], cost)
-    assert best is not None
-    steady = find_steady_pose(mesh, [ROOM], cost, best, 9.0 * best.price_s)
-    assert steady.touched_mm2 <= best.touched_mm2
+    best_pose = find_best_pose(vertices, faces, is_cut, [ROOM], cost)
+    assert best_pose is not None
+    steady_pose = find_steady_pose(mesh, [ROOM], cost, best_pose, 9.0 * best_pose.price_s)
+    assert steady_pose.touched_mm2 <= best_pose.touched_mm2
 
 
 def test_only_a_part_on_a_small_foot_spends_its_spare_time(cost: CostModel) -> None:
-    small_pose = measure_upright(PIN, cost)
-    large_pose = measure_upright(Solid.box((0, 0, 0), (60, 60, 150)), cost)
+    small_pose = measure_upright_pose(PIN, cost)
+    large_pose = measure_upright_pose(Solid.box((0, 0, 0), (60, 60, 150)), cost)
     assert small_pose.has_small_foot and not large_pose.has_small_foot
     assert compute_steady_limit_s(small_pose, 2.0 * small_pose.price_s) == 2.0 * small_pose.price_s
     assert compute_steady_limit_s(small_pose, 0.0) == pytest.approx(1.02 * small_pose.price_s)
@@ -80,7 +80,7 @@ def test_only_a_part_on_a_small_foot_spends_its_spare_time(cost: CostModel) -> N
 
 
 @pytest.mark.parametrize("time_factor", [1.0, 1.5])
-def test_makespan_does_not_grow_by_steadier_poses(cost: CostModel, time_factor: float) -> None:
+def test_makespan_does_not_grow_with_steadier_poses(cost: CostModel, time_factor: float) -> None:
     """Use a block that takes far longer than the pin, which may therefore be printed lying down."""
     solid = Solid.union([Solid.box((0, 0, 0), (90, 90, 90)), Solid.box((200, 0, 0), (212, 12, 120))])
     rooms = [replace(ROOM, name=name, time_factor=time_factor) for name in "ab"]
@@ -95,8 +95,10 @@ def test_makespan_does_not_grow_by_steadier_poses(cost: CostModel, time_factor: 
 
 
 def test_small_foot_is_described(cost: CostModel) -> None:
-    narrow = PrinterRoom("narrow", ((50.0, 50.0, 200.0),))
-    result = decompose_model(Model(PIN, (), 1.0), [narrow], Options(Engine.GUILLOTINE, 4, prove=False), cost)
+    narrow_room = PrinterRoom("narrow", ((50.0, 50.0, 200.0),))
+    result = decompose_model(
+        Model(PIN, (), 1.0), [narrow_room], Options(Engine.GUILLOTINE, 4, prove=False), cost
+    )
     assert result.parts[0].small_foot_mm2 == pytest.approx(144.0, abs=1.0)
     assert "p01 on 144 mm2" in result.describe_small_feet()
     assert result.as_dict()["small_feet"] == result.describe_small_feet()

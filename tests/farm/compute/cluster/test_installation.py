@@ -1,4 +1,4 @@
-"""Versions of computers, compared by name."""
+"""Software versions on two computers, and the first one that differs."""
 
 from dataclasses import replace
 

@@ -126,15 +126,15 @@ def test_unwritable_cache_is_not_used(tmp_path):
     assert find_default_cache({"HOME": str(tmp_path)}) == Path(tmp_path) / ".cache" / "farm" / "slices"
 
 
-OWN_MATERIAL = """<fdmmaterial xmlns="http://www.ultimaker.com/material" version="1.3">
+CUSTOM_MATERIAL = """<fdmmaterial xmlns="http://www.ultimaker.com/material" version="1.3">
   <metadata><name><brand>Own</brand><material>PETG</material></name></metadata>
   <properties><density>1.27</density><diameter>2.85</diameter></properties>
   <settings><setting key="print temperature">233</setting></settings>
 </fdmmaterial>"""
 
 
-def test_settings_of_an_own_material_are_in_the_gcode(box, tmp_path, monkeypatch):
-    (tmp_path / "petg.xml.fdm_material").write_text(OWN_MATERIAL)
+def test_settings_of_a_custom_material_are_in_the_gcode(box, tmp_path, monkeypatch):
+    (tmp_path / "petg.xml.fdm_material").write_text(CUSTOM_MATERIAL)
     monkeypatch.setenv("FARM_MATERIALS", str(tmp_path))
     report = slice_model(box, tmp_path / "box.gcode", material="black PETG")
     lines = (tmp_path / "box.gcode").read_text().splitlines()

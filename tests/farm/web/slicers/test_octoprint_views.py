@@ -37,8 +37,8 @@ def test_progress_adds_up_to_the_whole_print():
         100,
         300,
     )
-    progress_at_begin = views.describe_current_job(make_job(), make_progress(share=0.0))["progress"]
-    assert (progress_at_begin["completion"], progress_at_begin["printTime"]) == (0.0, None)
+    progress_at_start = views.describe_current_job(make_job(), make_progress(share=0.0))["progress"]
+    assert (progress_at_start["completion"], progress_at_start["printTime"]) == (0.0, None)
 
 
 def test_view_without_a_job_has_empty_fields():
@@ -50,7 +50,7 @@ def test_view_without_a_job_has_empty_fields():
 
 def test_farm_always_reports_ready():
     flags = views.describe_state(None)["state"]["flags"]
-    true_flags = (
+    flag_names = (
         "error",
         "closedOrError",
         "paused",
@@ -60,10 +60,10 @@ def test_farm_always_reports_ready():
         "ready",
         "operational",
     )
-    assert [flags[name] for name in true_flags] == [False] * 6 + [True] * 2
+    assert [flags[name] for name in flag_names] == [False] * 6 + [True] * 2
 
 
-def test_profile_of_the_farm_is_what_each_printer_can_print():
+def test_farm_profile_has_the_volume_that_all_printers_share():
     sections = [
         PrinterSection(name=name, model=model, port=f"sim://{model}")
         for name, model in (("a", "ultimaker2_extended_plus"), ("b", "ultimaker2_plus"))
