@@ -26,7 +26,7 @@ class ErrorCode(StrEnum):
     UNREACHABLE = "unreachable"
     NO_SUCH_THING = "no_such_thing"
     REFUSED = "refused"
-    MODEL = "model"  # the model cannot be read or is no solid
+    MODEL = "model"  # the model cannot be read or is not a solid
     NO_FIT = "no_fit"  # no partition of it fits the printers
     GEOMETRY = "geometry"  # a result violates a geometry rule; nothing is printed
     GCODE = "gcode"  # a person's own G-code cannot be printed

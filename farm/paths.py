@@ -154,7 +154,7 @@ def _read_path(env: Mapping[str, str], name: str) -> Path | None:
 
 
 def _shorten_socket_path(socket: Path, env: Mapping[str, str]) -> Path:
-    """Replace a path that is too long for a socket by a short one, always the same."""
+    """Replace a path that is too long for a socket with a short one, always the same."""
     if len(os.fsencode(socket)) <= _MAX_SOCKET_PATH_BYTES:
         return socket
     digest = hashlib.sha256(os.fsencode(socket)).hexdigest()[:16]

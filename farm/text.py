@@ -31,7 +31,7 @@ def format_moment(moment: datetime, now: datetime) -> str:
     Parameters
     ----------
     moment, now
-        The time, and that of the reader, with time zones. A time in another year has that too.
+        The time, and that of the reader, with time zones. A time in another year is shown with the year.
     """
     distance = abs(moment - now)
     if distance <= _SAME_WEEK:

@@ -66,7 +66,7 @@ class AgentListener(HostListener, Protocol):
     def on_refusal(self, print_id: str, reason: str, late: bool) -> None:
         """Handle a refusal to start a print; `late` if the request arrived after its deadline."""
 
-    def unreported_since_s(self, printer: str) -> float | None:
+    def find_unreported_since_s(self, printer: str) -> float | None:
         """Return the time from which the agent must list its prints first; None if it need not."""
 
     def on_journal(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
@@ -212,7 +212,7 @@ class AgentConnection:
 
     async def _import_journal(self, report: m.Snapshot) -> m.Snapshot:
         """Import the agent's journal if the books are a backup; return its latest snapshot."""
-        since_s = self._listener.unreported_since_s(self._name)
+        since_s = self._listener.find_unreported_since_s(self._name)
         if since_s is None:
             return report
         request = to_agent_clock(m.ListPrints(id=0, since_s=since_s), self._ahead_s, self._clock.now())
@@ -226,7 +226,7 @@ class AgentConnection:
         return latest
 
     def _report(self, snapshot: AgentSnapshot) -> None:
-        if snapshot.agent_pid is not None and self._listener.unreported_since_s(self._name) is not None:
+        if snapshot.agent_pid is not None and self._listener.find_unreported_since_s(self._name) is not None:
             return  # the list of its prints must arrive first
         try:
             self._listener.on_snapshot(snapshot)
@@ -318,7 +318,7 @@ class AgentConnection:
         return to_farm_lines(reply.lines, self._ahead_s)
 
     async def replace(self) -> None:
-        """Replace an idle agent by one of this version.
+        """Replace an idle agent with one of this version.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Routes to agents on other hosts, stored as an agent may run longer than its printer is in the fleet."""
+"""Routes to agents on other hosts. They are stored: an agent may run after its printer left the fleet."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ Fetch = Callable[[str], Awaitable[Image]]
 
 
 async def _fetch_still(url: str) -> Image:
-    """Fetch a still; imports the HTTP client at the first call, as few farms have cameras."""
+    """Fetch a still; imports the HTTP client at the first call, because few farms have cameras."""
     from farm.cameras.fetch import fetch_still
 
     return await fetch_still(url)

@@ -153,7 +153,7 @@ async def _look_up(url: httpx.URL) -> list[str]:
     """Find the addresses of a host.
 
     Uses a separate daemon thread: a name server that does not answer blocks a look-up for half a minute,
-    and asyncio's look-up would block a shared thread, for which the process also waits at its end.
+    and asyncio's look-up would block a shared thread, which the process also waits for when it exits.
 
     Raises
     ------

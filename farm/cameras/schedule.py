@@ -31,7 +31,7 @@ class CameraState:
     attempt_s
         Time at which the last attempt began.
     failures
-        Attempts that failed since the last still.
+        Attempts that have failed since the last still.
     problem
         Reason why the last attempt failed.
     """

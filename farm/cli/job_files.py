@@ -33,7 +33,7 @@ class FetchedFiles:
 
 
 def is_picture(name: str) -> bool:
-    """Return whether the report of a job needs a file, by its name."""
+    """Return whether the report of a job needs the file of a name."""
     return name.lower().endswith(_PICTURES)
 
 

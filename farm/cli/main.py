@@ -39,7 +39,8 @@ COMMANDS = {
         CommandEntry(
             "prune",
             "prune.prune",
-            "Delete the files of old jobs now (see `fleet.keep`), not at night; figures and pictures stay.",
+            "Delete the files of old jobs now instead of at night (see `fleet.keep`); figures and pictures "
+            "stay.",
         ),
         CommandEntry(
             "key",
@@ -50,7 +51,7 @@ COMMANDS = {
         CommandEntry(
             "web",
             "web.web",
-            "Print a link that logs you in to the farm's pages in a browser, once, within five minutes.",
+            "Print a link that logs a browser in to the farm's pages; it works once, within five minutes.",
         ),
         CommandEntry(
             "daemon",

@@ -64,7 +64,9 @@ class Submitter:
         for i, answer in enumerate(answers):
             try:
                 numbers[i] = self._upload(Path(answer.model))
-                if self.options.dry_run:  # one by one, as the daemon cancels a dry run that no client polls
+                if (
+                    self.options.dry_run
+                ):  # one by one, because the daemon cancels a dry run that no client polls
                     answers[i] = self._finish_one(answer, numbers.pop(i))
             except FarmError as error:
                 answers[i] = _fail(answer, error)
@@ -149,7 +151,7 @@ class Submitter:
 
 
 def expand_patterns(models: Iterable[Path]) -> list[Path]:
-    """Replace each pattern by the matching files, in alphabetical order; existing paths are not patterns."""
+    """Replace each pattern with the matching files, sorted by name; existing paths are not patterns."""
     paths: list[Path] = []
     for model in models:
         matches: list[Path] = []

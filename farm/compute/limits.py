@@ -14,7 +14,7 @@ class Limit:
     work
         Name of the work, for messages.
     urgent
-        True if it is quick and a user waits for it: it is started before other work.
+        True if the work is quick and a user waits for it: it starts before other work.
     """
 
     work: str

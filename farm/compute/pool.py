@@ -21,7 +21,7 @@ class Pool(Protocol):
 
     @property
     def start_step(self) -> str | None:
-        """Step of the start of the workers on this computer, as text; None once one of them is ready."""
+        """Current step while the workers on this computer start, as text; None once one of them is ready."""
         ...
 
     @property
@@ -47,7 +47,7 @@ class Pool(Protocol):
         Raises
         ------
         FarmError
-            If the function raises it; `limit` if it exceeds its time or memory; or if its workers died.
+            If the function raises it; code `limit` if it exceeds its time or memory, or its workers died.
         """
         ...
 

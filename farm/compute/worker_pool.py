@@ -32,7 +32,7 @@ _GB = 2**30
 _CLOSED = "the daemon is shutting down: submit it again after `farm up`"
 
 
-def compute_memory_per_worker(count: int, memory_gb: float | None) -> int:
+def compute_worker_bytes(count: int, memory_gb: float | None) -> int:
     """Return the memory in bytes that a worker may use.
 
     Parameters
@@ -45,8 +45,8 @@ def compute_memory_per_worker(count: int, memory_gb: float | None) -> int:
     """
     if memory_gb is not None:
         return int(memory_gb * _GB)
-    machine = read_machine_bytes()
-    return int(max(0.8 * machine / count, min(4 * _GB, machine / 2)))
+    machine_bytes = read_machine_bytes()
+    return int(max(0.8 * machine_bytes / count, min(4 * _GB, machine_bytes / 2)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,7 +68,7 @@ class Workers:
     count
         Number of workers, without the one for urgent tasks; as many as cores by default.
     memory_gb
-        Memory limit of each; see `compute_memory_per_worker`.
+        Memory limit of each; see `compute_worker_bytes`.
     warm_up
         First call in every worker: imports the modules that tasks need.
     """
@@ -82,7 +82,7 @@ class Workers:
     ) -> None:
         count = count or len(os.sched_getaffinity(0))
         self._scratch = scratch
-        self._memory_bytes = compute_memory_per_worker(count, memory_gb)
+        self._memory_bytes = compute_worker_bytes(count, memory_gb)
         self._warm_up = warm_up
         self._is_closed = False
         self._threads = ThreadPoolExecutor(count + 1, thread_name_prefix="worker")
@@ -94,7 +94,7 @@ class Workers:
         shutil.rmtree(scratch, ignore_errors=True)
         scratch.mkdir(parents=True)
         for _ in range(count):
-            self._start()
+            self._start_worker()
 
     @property
     def pids(self) -> frozenset[int]:
@@ -146,7 +146,7 @@ class Workers:
                 continue
             finally:
                 self._running -= Counter([group])
-                self._release(worker, is_reusable)
+                self._release_worker(worker, is_reusable)
             if isinstance(answer, MemoryError):
                 raise FarmError(
                     f"not enough memory for {limit.work} (a worker may use "
@@ -175,20 +175,20 @@ class Workers:
         self._threads.shutdown(wait=False, cancel_futures=True)
         shutil.rmtree(self._scratch, ignore_errors=True)
 
-    def _start(self) -> None:
+    def _start_worker(self) -> None:
         worker = Worker(self._scratch, self._memory_bytes, self._warm_up)
         self._alive.add(worker)
         self._assign_worker(worker)
 
-    def _replace(self) -> None:
+    def _replace_worker(self) -> None:
         """Start a worker; if that fails (the disk may be full), retry until it succeeds."""
         if self._is_closed:
             return
         try:
-            self._start()
+            self._start_worker()
         except OSError as error:
             log.error("no worker can be started: %s; retrying", error)
-            asyncio.get_running_loop().call_later(_RETRY_S, self._replace)
+            asyncio.get_running_loop().call_later(_RETRY_S, self._replace_worker)
 
     async def _acquire_worker(self, group: Hashable, urgent: bool) -> Worker:
         """Wait for a free worker, preferably one that is ready. Raises FarmError if the pool is closed."""
@@ -235,7 +235,7 @@ class Workers:
         self._waiting.remove(first)
         first.slot.set_result(worker)
 
-    def _release(self, worker: Worker, is_reusable: bool) -> None:
+    def _release_worker(self, worker: Worker, is_reusable: bool) -> None:
         """Return a worker to the pool, or replace it if it cannot take more work."""
         if self._is_closed:
             return
@@ -249,7 +249,7 @@ class Workers:
             if any(task.urgent for task in self._waiting):
                 self._start_urgent_worker()
         else:
-            self._replace()
+            self._replace_worker()
         # A dying engine may write after its folder was removed: remove every unused folder.
         used_folders = {worker.folder for worker in self._alive}
         for folder in self._scratch.iterdir():

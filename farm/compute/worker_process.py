@@ -58,7 +58,7 @@ class Worker:
         context = multiprocessing.get_context("spawn")  # the daemon has threads: a fork could hang
         self._pipe, child_pipe = context.Pipe()
         arguments = (child_pipe, os.getpid(), self.folder, memory_bytes, warm_up)
-        self._process = context.Process(target=_serve, args=arguments, daemon=True)
+        self._process = context.Process(target=_serve_calls, args=arguments, daemon=True)
         self._process.start()
         self.pid = self._process.pid or 0
         child_pipe.close()  # else the end of the process would not close the pipe
@@ -104,9 +104,11 @@ class Worker:
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
-def _serve(pipe: Connection, daemon: int, folder: Path, memory_bytes: int, warm_up: WarmUp | None) -> None:
+def _serve_calls(
+    pipe: Connection, daemon: int, folder: Path, memory_bytes: int, warm_up: WarmUp | None
+) -> None:
     """Serve calls one after another; the main function of the process."""
-    _prepare(daemon, folder, memory_bytes)
+    _prepare_process(daemon, folder, memory_bytes)
     if warm_up is not None:
         try:
             warm_up((folder / _STEP).write_text)
@@ -119,10 +121,10 @@ def _serve(pipe: Connection, daemon: int, folder: Path, memory_bytes: int, warm_
             request = pipe.recv_bytes()
         except EOFError:
             return
-        pipe.send_bytes(_answer(request))
+        pipe.send_bytes(_run_call(request))
 
 
-def _answer(request: bytes) -> bytes:
+def _run_call(request: bytes) -> bytes:
     try:
         work, args = pickle.loads(request)
         return pickle.dumps(work(*args))
@@ -142,7 +144,7 @@ def _answer(request: bytes) -> bytes:
         return answer
 
 
-def _prepare(daemon: int, folder: Path, memory_bytes: int) -> None:
+def _prepare_process(daemon: int, folder: Path, memory_bytes: int) -> None:
     """Lower the priority, limit memory, set the temporary folder, and die with the daemon (Linux)."""
     os.nice(_START_NICE)
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -79,7 +79,7 @@ class Controller:
     def start(self, effects: Effects, restored_s: float | None = None) -> None:
         """Add printers that are new in the fleet, and abandon the unfinished plans of an earlier daemon.
 
-        Nothing is scheduled yet, as no agent has reported.
+        Nothing is scheduled yet, because no agent has reported.
 
         Parameters
         ----------
@@ -90,7 +90,7 @@ class Controller:
         """
         self._effects = effects
         events = _list_startup_events(self.books, self.fleet, restored_s, self.clock.now())
-        self._perform(self._commit_together(events))
+        self._perform_effects(self._commit_together(events))
         self.situations.prepare()
         for problem in validate_books(self.books) if restored_s is not None else ():
             log.error("the restored database is inconsistent: %s", problem)
@@ -98,8 +98,8 @@ class Controller:
     def handle(self, *events: ev.AnyEvent) -> None:
         """Apply events, commit each, schedule once, and perform the effects.
 
-        Instructions that agents have not confirmed are repeated by the next tick, as a search for them takes
-        time for each printer.
+        Instructions that agents have not confirmed are repeated by the next tick, because a search for them
+        takes time for each printer.
 
         Raises
         ------
@@ -109,17 +109,20 @@ class Controller:
         self._handle_all(events, ())
 
     def _handle_all(
-        self, events: Iterable[ev.AnyEvent], repeated: Iterable[ev.AnyInstruction], schedules_now: bool = True
+        self,
+        events: Iterable[ev.AnyEvent],
+        repeated_instructions: Iterable[ev.AnyInstruction],
+        schedules_now: bool = True,
     ) -> None:
         """Handle events, repeat instructions to agents, and schedule: now, or at the next tick."""
         effects: list[Effect] = []
         self.scheduler.next_change_s = -math.inf
         try:
             instructions = self._schedule() if schedules_now else ()
-            for effect in chain(self._commit(events), repeated, instructions):
+            for effect in chain(self._commit_events(events), repeated_instructions, instructions):
                 effects.append(effect)  # noqa: PERF402  (after an error, the earlier effects are performed)
         finally:
-            self._perform(effects)
+            self._perform_effects(effects)
 
     def tick(self) -> None:
         """Schedule if the time has changed a decision, and repeat unconfirmed instructions to agents."""
@@ -128,7 +131,7 @@ class Controller:
         elif self.clock.now() >= self.scheduler.next_change_s:
             self._handle_all((), self._list_unconfirmed(None))
         else:
-            self._perform(self._list_unconfirmed(None))
+            self._perform_effects(self._list_unconfirmed(None))
 
     @property
     def next_change_s(self) -> float | None:
@@ -136,7 +139,7 @@ class Controller:
         change_s = self.scheduler.next_change_s
         return change_s if math.isfinite(change_s) else None
 
-    def _commit(self, events: Iterable[ev.AnyEvent]) -> Iterator[Effect]:
+    def _commit_events(self, events: Iterable[ev.AnyEvent]) -> Iterator[Effect]:
         """Apply events to the books, commit each, and yield the resulting instructions."""
         for event in events:
             try:
@@ -158,12 +161,12 @@ class Controller:
         books = self.books
         try:
             with self._store.transaction():
-                return list(self._commit(events))
+                return list(self._commit_events(events))
         except BaseException:
             self.books = books
             raise
 
-    def _perform(self, effects: Iterable[Effect]) -> None:
+    def _perform_effects(self, effects: Iterable[Effect]) -> None:
         if self._effects is None:
             raise RuntimeError("the controller has not been started")
         for effect in effects:
@@ -189,9 +192,9 @@ class Controller:
     def on_snapshot(self, snapshot: AgentSnapshot) -> None:
         """Handle the changes that an agent's snapshot shows; the rest of it is telemetry."""
         name = snapshot.printer
-        previous = self.telemetry.snapshots.get(name)
+        previous_snapshot = self.telemetry.snapshots.get(name)
         in_use = self.situations.describe_printer(name) is not None
-        changes = compare_snapshot(self.books, snapshot, previous, in_use, self.clock.now())
+        changes = compare_snapshot(self.books, snapshot, previous_snapshot, in_use, self.clock.now())
         if changes.invalid_transition is not None:  # one faulty agent must not stop the others
             error_with_history = self._store.add_history(changes.invalid_transition)
             PrinterLog(log, name).error("its agent's snapshot does not fit the books: %s", error_with_history)
@@ -201,10 +204,10 @@ class Controller:
                 schedules_now = len(self.fleet.printers) <= LARGE_FLEET
                 self._handle_all(changes.events, self._list_unconfirmed([name]), schedules_now)
             else:
-                self._perform(self._list_unconfirmed([name]))
-            self._perform(changes.instructions)
+                self._perform_effects(self._list_unconfirmed([name]))
+            self._perform_effects(changes.instructions)
         except StoreError as error:
-            self.telemetry.reject(snapshot, previous, str(error))
+            self.telemetry.reject(snapshot, previous_snapshot, str(error))
             raise
 
     def on_refusal(self, print_id: str, reason: str, late: bool = False) -> None:
@@ -218,7 +221,7 @@ class Controller:
         printer = self.books.printer(attempt.printer)
         self.handle(make_refused_print_end(attempt, printer, reason, late, self.clock.now()))
 
-    def unreported_since_s(self, printer: str) -> float | None:
+    def find_unreported_since_s(self, printer: str) -> float | None:
         """Return the time from which an agent must list its prints first; None if it need not."""
         return self.books.printer(printer).unreported_since_s
 

@@ -59,14 +59,14 @@ class FarmEffects:
 
     def _start_planning(self, order: StartPlanning, books: Books) -> None:
         job, fleet = books.job(order.job), apply_reels(self._fleet, books.printers)
-        begins_s = max(self._clock.now(), job.not_before_s or 0.0)
+        start_s = max(self._clock.now(), job.not_before_s or 0.0)
         limit_s = job.assembled_by_s if job.done_by_s is None else job.done_by_s
         request = PlanRequest(
             job=job,
             printers=tuple(fleet.printer(name) for name in order.printers),
             rounds=order.rounds,
             time_factors={name: books.printer(name).time_factors for name in order.printers},
-            within_s=None if limit_s is None else max(0.0, limit_s - begins_s),
+            within_s=None if limit_s is None else max(0.0, limit_s - start_s),
             assembly_ratio=compute_assembly_ratio(books.jobs.values()),
             quick=order.quick,
         )

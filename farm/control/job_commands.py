@@ -19,7 +19,7 @@ from farm.text import format_count
 from farm.views.jobs import list_queue
 
 DRY_RUN_TIMEOUT_S = 60.0
-"""Wall seconds without a request after which a dry run is abandoned; long enough for a restart."""
+"""Wall seconds without a request after which a dry run is abandoned; a restart of the daemon takes less."""
 PAGE_DRY_RUN_TIMEOUT_S = 3600.0
 """Wall seconds for which a dry run is kept after its plan was shown on a page."""
 _CANCELLER = "the farm: nobody waits for its plan any more"
@@ -54,12 +54,12 @@ class JobCommands:
         """List the options of a submission that ask for more printers than the fleet has."""
         printers = len(self._controller.fleet.printers)
         fleet = f"the fleet has {format_count(printers, 'printer')}"
-        excess = []
+        refusals = []
         if options.printers is not None and options.printers > printers:
-            excess.append(f"--printers {options.printers}: {fleet}, and the job uses no more")
+            refusals.append(f"--printers {options.printers}: {fleet}, and the job uses no more")
         if options.spares >= printers:
-            excess.append(f"--spares {options.spares}: {fleet}, and at least one has to print the job")
-        return excess
+            refusals.append(f"--spares {options.spares}: {fleet}, and at least one has to print the job")
+        return refusals
 
     def submit(
         self,
@@ -98,11 +98,11 @@ class JobCommands:
         return number, False
 
     def cancel(self, number: int, by: str) -> None:
-        """Cancel a job: none of its parts is printed any more."""
+        """Cancel a job: no more of its parts are printed."""
         job = self._controller.books.job(number)
         if job.state.ended:
-            printable = job.parts and job.pruned_s is None
-            hint = f"; `farm reprint {number} PART` prints a part again" if printable else ""
+            is_printable = job.parts and job.pruned_s is None
+            hint = f"; `farm reprint {number} PART` prints a part again" if is_printable else ""
             raise Refused(f"job {number} has already ended: it is {job.state}{hint}")
         self._controller.handle(ev.JobCancelled(at_s=self._controller.clock.now(), job=number, by=by))
 
@@ -112,8 +112,8 @@ class JobCommands:
         job = books.job(number)
         if job.state.ended:
             raise Refused(f"job {number} has already ended: it is {job.state}")
-        parts = not is_paused and any(plate.paused for plate in books.plates_of(job))
-        if job.paused is is_paused and not parts:
+        has_paused_parts = not is_paused and any(plate.paused for plate in books.plates_of(job))
+        if job.paused is is_paused and not has_paused_parts:
             raise Refused(f"job {number} is {'already paused' if is_paused else 'not paused'}")
         if not is_paused:
             printers = (p.printer for p in books.open_prints(number) if p.pause_requested)
@@ -133,7 +133,7 @@ class JobCommands:
 
     def move(self, number: int, move: api.QueueMove, by: str) -> None:
         """Move a job in the queue: up, down, to the front, to the end, or before another job."""
-        successor = find_successor(self._list_order(number), number, move)
+        successor = find_successor(self._list_queue(number), number, move)
         at_s = self._controller.clock.now()
         self._controller.handle(ev.JobMoved(at_s=at_s, job=number, before=successor, by=by))
 
@@ -147,7 +147,7 @@ class JobCommands:
         FarmError
             If the time cannot be read, or is not in the future.
         """
-        self._list_order(number)
+        self._list_queue(number)
         now_s, not_before_s = self._controller.clock.now(), None
         if at.strip().lower() != "now":
             try:
@@ -156,7 +156,7 @@ class JobCommands:
                 raise FarmError(str(error), ErrorCode.SETTINGS) from error
         self._controller.handle(ev.JobRescheduled(at_s=now_s, job=number, not_before_s=not_before_s, by=by))
 
-    def _list_order(self, number: int) -> list[int]:
+    def _list_queue(self, number: int) -> list[int]:
         """Return the numbers of the jobs in the queue, in order. Raises Refused if the job is not in it."""
         books = self._controller.books
         if books.job(number).state.ended:
@@ -305,11 +305,11 @@ def parse_start_and_deadline_s(
         raise FarmError("give --done-by or --assembled-by, not both", ErrorCode.SETTINGS)
     try:
         if options.at is not None:
-            begins_s: float | None = parse_moment_s(options.at, now_s, rules.zone)
+            start_s: float | None = parse_moment_s(options.at, now_s, rules.zone)
         else:
-            begins_s = rules.find_night_start_s(now_s) if options.overnight else None
+            start_s = rules.find_night_start_s(now_s) if options.overnight else None
         deadline = options.done_by or options.assembled_by
-        return begins_s, None if deadline is None else parse_moment_s(deadline, begins_s or now_s, rules.zone)
+        return start_s, None if deadline is None else parse_moment_s(deadline, start_s or now_s, rules.zone)
     except ValueError as error:
         raise FarmError(str(error), ErrorCode.SETTINGS) from error
 

@@ -29,9 +29,9 @@ class JobPlanning:
     progress
         Progress of the unfinished plans, by job.
     holds
-        Reason for which the planning of a job has not started, by job.
+        Reason why the planning of a job has not started, by job.
     revisions
-        Jobs that are planned again.
+        Jobs that are being planned again.
     """
 
     def __init__(self) -> None:
@@ -127,8 +127,8 @@ class JobPlanning:
         if isinstance(result, FarmError):
             return ev.JobFailed(at_s=now_s, job=job.id, error=result.code, reason=str(result))
         event = build_planned_event(job, result, situation.printers, books, situation.rules, now_s)
-        order, began_s = self._orders.get(job.id, (None, now_s))
-        changes = {"printers": order.printers if order is not None else (), "planning_s": now_s - began_s}
+        order, start_s = self._orders.get(job.id, (None, now_s))
+        changes = {"printers": order.printers if order is not None else (), "planning_s": now_s - start_s}
         return event.model_copy(update=changes)
 
     def list_running_jobs(self, books: Books) -> list[int]:

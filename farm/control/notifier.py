@@ -22,7 +22,7 @@ _MAX_EVENT_AGE_S = 30 * 24 * 3600.0  # farm seconds after which an event is too 
 
 
 class Notifier:
-    """Sender of notices on new events; a file records sent notices, so a restart does not repeat them.
+    """Sender of notices on new events; a file records sent notices, so that a restart does not repeat them.
 
     Parameters
     ----------
@@ -46,8 +46,8 @@ class Notifier:
         self._title, self._file = farm, file
         self._since_s, self._sent = _load_record(file, now_s)
         self._queue: SimpleQueue[str] = SimpleQueue()
-        # A daemon thread, as an address that does not answer must not delay the exit.
-        Thread(target=self._send, name="notify", daemon=True).start()
+        # A daemon thread, because an address that does not answer must not delay the exit.
+        Thread(target=self._send_notices, name="notify", daemon=True).start()
         self._save_record()
 
     def notify(self, books: Books, now_s: float) -> None:
@@ -62,7 +62,7 @@ class Notifier:
         self._queue.put("\n".join(notice.text for notice in notices))
 
     def on_clock_set(self, by_s: float) -> None:
-        """Shift the start of the record after a step back of the clock, so later events are still sent."""
+        """Shift the start of the record after a step back of the clock, so that later events are sent."""
         self._since_s = min(self._since_s, self._since_s + by_s)
 
     def _save_record(self) -> None:
@@ -73,13 +73,13 @@ class Notifier:
         except OSError as error:
             log.warning("%s: cannot be written (%s): some notices may be sent twice", self._file, error)
 
-    def _send(self) -> None:
+    def _send_notices(self) -> None:
         while True:
             body = self._queue.get()
             for number, channel in enumerate(self._addresses, 1):
                 try:
                     is_sent = channel.notify(title=self._title, body=body)
-                except Exception as error:  # of a plugin: its text may contain the address
+                except Exception as error:  # an error of a plugin, whose text may contain the address
                     is_sent = False
                     log.warning("notify: address %d: %s", number, type(error).__name__)
                 if not is_sent:

@@ -17,7 +17,7 @@ _REFUSALS = {
     PlateState.GOOD: "is already printed",
     PlateState.CANCELLED: "is already cancelled",
 }
-_PENDING = {
+_PENDING_REASONS = {
     PlateState.PRINTING: "is being printed: `farm fail {printer}` ends that print and prints it again",
     PlateState.WAITING: "already waits to be printed",
 }
@@ -41,23 +41,23 @@ class PartCommands:
             )
         state = self._controller.books.plate_state(plate)
         stopped_print = find_stopped_print(plate, self._controller.books.prints_of(plate))
-        if state in _PENDING and stopped_print is None:
+        if state in _PENDING_REASONS and stopped_print is None:
             printer = self._find_printer(plate)
-            raise Refused(f"part {plate.parts[0]} {_PENDING[state].format(printer=printer)}")
+            raise Refused(f"part {plate.parts[0]} {_PENDING_REASONS[state].format(printer=printer)}")
         at_s = self._controller.clock.now()
         self._controller.handle(ev.ReprintRequested(at_s=at_s, plate=plate.id, why=why, by=by))
         return plate.parts[0]
 
     def cancel(self, job: int, part: str, by: str) -> str:
         """Cancel a part, which is then not printed; return its name."""
-        return self._cancel(self._find_plate(job, part), by)
+        return self._cancel_plate(self._find_plate(job, part), by)
 
     def cancel_on(self, printer: str, by: str) -> str:
         """Cancel the part that a printer is printing; return its name."""
-        attempt = self._printers.open_print(printer)
-        return self._cancel(self._controller.books.plates[attempt.plate], by)
+        attempt = self._printers.find_open_print(printer)
+        return self._cancel_plate(self._controller.books.plates[attempt.plate], by)
 
-    def _cancel(self, plate: Plate, by: str) -> str:
+    def _cancel_plate(self, plate: Plate, by: str) -> str:
         state = self._controller.books.plate_state(plate)
         if state in _REFUSALS and (state is not PlateState.GOOD or self._find_printer(plate) is None):
             raise Refused(f"part {plate.parts[0]} {_REFUSALS[state]}")
@@ -86,7 +86,7 @@ class PartCommands:
         return ""
 
     def _find_plate(self, job: int, part: str) -> Plate:
-        """Return the plate of a part, by its name with or without the job number: 3/p01, p01, 01 or 1."""
+        """Find the plate of a part, whose name may lack the number of the job: 3/p01, p01, 01 or 1."""
         books = self._controller.books
         entry = books.job(job)
         for name in entry.parts:

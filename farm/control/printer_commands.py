@@ -24,7 +24,7 @@ class PrinterCommands:
 
     def fail_print(self, printer: str, why: str, by: str) -> None:
         """Stop a failing print, and print its part again."""
-        attempt = self.open_print(printer, f"; for a printed part use `farm cleared {printer} --bad`")
+        attempt = self.find_open_print(printer, f"; for a printed part use `farm cleared {printer} --bad`")
         if attempt.cancel_reason is not None or attempt.state is PrintState.ENDING:
             raise Refused(f"{printer}: its print is ending; remove it, then `farm cleared {printer}`")
         self._controller.handle(
@@ -33,7 +33,7 @@ class PrinterCommands:
 
     def pause(self, printer: str, is_paused: bool, by: str) -> None:
         """Pause or resume a print; one that is still heating is paused when it starts to print."""
-        attempt = self.open_print(printer)
+        attempt = self.find_open_print(printer)
         if attempt.cancel_reason is not None or attempt.state is PrintState.ENDING:
             raise Refused(f"{printer}: its print is ending; remove it, then `farm cleared {printer}`")
         if not is_paused and not attempt.pause_requested and attempt.state is not PrintState.PAUSED:
@@ -118,7 +118,7 @@ class PrinterCommands:
     async def load_reel(self, printer: str, request: api.LoadRequest, by: str) -> Reel:
         """Record that a reel was loaded or weighed; omitted fields keep their values."""
         entry = self._controller.books.printer(printer)
-        self._refuse_printing(printer)
+        self._refuse_while_printing(printer)
         section = self._controller.fleet.printer(printer)
         has_new_material = request.material is not None or request.colour is not None
         present_reel = entry.reel if not has_new_material else None
@@ -143,12 +143,12 @@ class PrinterCommands:
             "colour": loaded_section.colour,
         }
         reel = reel.model_copy(update=filament)
-        self._refuse_printing(printer)  # a print may have started meanwhile
+        self._refuse_while_printing(printer)  # a print may have started meanwhile
         at_s = self._controller.clock.now()
         self._controller.handle(ev.ReelLoaded(at_s=at_s, printer=printer, reel=reel, by=by))
         return reel
 
-    def _refuse_printing(self, printer: str) -> None:
+    def _refuse_while_printing(self, printer: str) -> None:
         if self._controller.books.open_print_on(printer) is not None:
             raise Refused(f"{printer} is printing: use `farm load` after the print has ended")
 
@@ -174,7 +174,7 @@ class PrinterCommands:
         self._controller.handle(ev.OutageConfirmed(at_s=self._controller.clock.now(), by=by))
         return " ".join(outage.printers)
 
-    def open_print(self, printer: str, advice: str = ": see `farm status`") -> Print:
+    def find_open_print(self, printer: str, advice: str = ": see `farm status`") -> Print:
         """Return the open print of a printer. Raises Refused, with `advice`, if there is none."""
         self._controller.books.printer(printer)
         attempt = self._controller.books.open_print_on(printer)

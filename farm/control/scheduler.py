@@ -73,7 +73,7 @@ class Scheduler:
         """
         starts = self._take_later_starts()
         if starts:
-            yield from self._start(starts)
+            yield from self._start_plates(starts)
         else:
             yield from self._begin_run()
 
@@ -82,19 +82,19 @@ class Scheduler:
         held_back = situations.find_held_back_plates()
         complete_situation = situations.build(held_back)
         yield from self._replanning.recut_failures(situations.books, complete_situation)
-        situation = complete_situation.without(self._replanning.holds())
+        situation = complete_situation.without(self._replanning.list_holds())
         possible_assignments = assign_plates(situation)
         find_reservations = partial(self._find_reservations, situation)
         revisions = self._planning.revisions
         yield from revisions.revise(situations.books, situation, possible_assignments, find_reservations)
         # A job that is being planned again keeps its printers: no other job takes them meanwhile.
-        revision_holds = revisions.holds(situations.books, situation.now_s)
+        revision_holds = revisions.list_holds(situations.books, situation.now_s)
         postponed_plates = revisions.postponed_plates.union(revision_holds)
         allowed_assignments = self._replanning.exclude_reserved(situations.books, possible_assignments)
         assignments = [a for a in allowed_assignments if a.plate not in postponed_plates]
         situation = situation.without(revision_holds)
         starts, self._later_starts = assignments[:MAX_STARTS], assignments[MAX_STARTS:]
-        yield from self._start(starts)
+        yield from self._start_plates(starts)
         if self._later_starts or revisions.postponed_plates:
             self.next_change_s = situation.now_s
             return
@@ -108,8 +108,8 @@ class Scheduler:
             self.next_change_s = self._find_next_change_s(situation, held_back)
 
     def _find_next_change_s(self, situation: Situation, held_back: Mapping[str, Hold]) -> float:
-        revised_s = self._planning.revisions.next_change_s
-        other_times_s = (self._situations.startup_end_s, self._replanning.next_search_s, revised_s)
+        revision_change_s = self._planning.revisions.next_change_s
+        other_times_s = (self._situations.startup_end_s, self._replanning.next_search_s, revision_change_s)
         return find_next_change_s(situation, self._situations.books, held_back, other_times_s)
 
     def _take_later_starts(self) -> list[Assignment]:
@@ -118,7 +118,7 @@ class Scheduler:
             portion = self._later_starts[:MAX_STARTS]
             self._later_starts = self._later_starts[MAX_STARTS:]
             situation = self._situations.build_for(portion)
-            holds = self._replanning.holds() | self._planning.revisions.holds(
+            holds = self._replanning.list_holds() | self._planning.revisions.list_holds(
                 self._situations.books, situation.now_s
             )
             starts = select_possible_assignments(portion, situation.without(holds))
@@ -126,7 +126,7 @@ class Scheduler:
                 return starts
         return []
 
-    def _start(self, starts: Sequence[Assignment]) -> Iterator[Effect]:
+    def _start_plates(self, starts: Sequence[Assignment]) -> Iterator[Effect]:
         """Start plates, and let the next tick schedule again."""
         now_s = self._situations.now_s
         if starts:
@@ -136,7 +136,7 @@ class Scheduler:
             for start in starts
         )
 
-    def _assign(self, situation: Situation) -> list[Assignment]:
+    def _assign_plates(self, situation: Situation) -> list[Assignment]:
         """Assign plates to printers; jobs that have not started get no printer reserved for a replan."""
         return self._replanning.exclude_reserved(self._situations.books, assign_plates(situation))
 
@@ -156,13 +156,13 @@ class Scheduler:
     def find_plate_holds(self) -> dict[str, Hold]:
         """Find the current hold of each waiting plate."""
         situations = self._situations
-        revision_holds = self._planning.revisions.holds(situations.books, situations.now_s)
-        held_back = situations.find_held_back_plates() | self._replanning.holds()
+        revision_holds = self._planning.revisions.list_holds(situations.books, situations.now_s)
+        held_back = situations.find_held_back_plates() | self._replanning.list_holds()
         situation = situations.build_for_display(held_back)
-        return held_back | find_holds(situation, self._assign(situation)) | revision_holds
+        return held_back | find_holds(situation, self._assign_plates(situation)) | revision_holds
 
     def list_reservations(self) -> dict[str, str]:
         """Return the free printers that are reserved, each with its purpose."""
         situation = self._situations.build(self._situations.find_held_back_plates())
-        assigned_plates = {assignment.plate for assignment in self._assign(situation)}
+        assigned_plates = {assignment.plate for assignment in self._assign_plates(situation)}
         return self._find_reservations(situation.without(assigned_plates))

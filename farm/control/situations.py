@@ -51,7 +51,7 @@ class FarmState(Protocol):
 
 
 class Situations:
-    """Source of situations of the current state of a farm.
+    """Source of situations that describe the current state of a farm.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ class Situations:
         return self.now_s < self.startup_end_s
 
     def find_held_back_plates(self, jobs: Collection[Job] | None = None) -> dict[str, Hold]:
-        """Return the holds of the plates that are excluded from assignment, of some jobs or of all."""
+        """Return the holds of the plates of some or all jobs that are excluded from assignment."""
         farm = self._farm
         jobs = farm.books.jobs.values() if jobs is None else jobs
         return find_plate_holds(
@@ -104,8 +104,8 @@ class Situations:
     def build_for(self, assignments: Collection[Assignment]) -> Situation:
         """Return the current situation of the jobs and printers of some assignments, at little cost.
 
-        It contains all printers if the number of printers that heat up is limited. It keeps no spares, as
-        they must not prevent an assignment that was possible before.
+        It contains all printers if the number of printers that heat up is limited. It keeps no spares,
+        because these must not prevent an assignment that was possible before.
         """
         farm, books = self._farm, self._farm.books
         numbers = dict.fromkeys(books.plates[assignment.plate].job for assignment in assignments)
@@ -129,7 +129,7 @@ class Situations:
         return self.build_for_display({name: hold for name, hold in held_back.items() if hold.code in codes})
 
     def prepare(self) -> None:
-        """Fill the cache with all printers and plates, so the first run costs little more than later ones."""
+        """Fill the cache with all printers and plates, so that the first run is not much slower."""
         waiting = self.build(self.find_held_back_plates()).waiting
         _ = waiting.planned_printers, waiting.demands  # each job caches its values
 

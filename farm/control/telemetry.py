@@ -28,7 +28,7 @@ from farm.state.transitions import apply
 
 TEMPERATURES_KEPT_S = 12 * 3600.0
 """Farm seconds for which temperatures are kept; they are lost when the daemon ends."""
-REFUSALS = 5
+MAX_REFUSALS = 5
 """Refusals of an agent after which a print has failed; an agent also refuses while its port is opening."""
 _INTERVAL_S = 60.0
 _MIN_C, _MAX_C = -99.0, 999.0  # limits beyond any real reading: noise on the wire must not stretch a chart
@@ -42,7 +42,7 @@ class Telemetry:
     snapshots
         Latest snapshot of each agent, by printer.
     warnings
-        Problems of the farm as a whole (backup, disk), by topic; None for a solved one.
+        Problems of the farm as a whole (backup, disk), by topic; None for a solved problem.
     """
 
     def __init__(self) -> None:
@@ -79,7 +79,7 @@ class Telemetry:
         )
 
     def reject(self, snapshot: AgentSnapshot, previous: AgentSnapshot | None, reason: str) -> None:
-        """Undo the change by a snapshot that could not be handled, so its repetition is handled."""
+        """Undo the change by a snapshot that could not be handled, so that its repetition is handled."""
         self._failures[snapshot.printer] = reason
         if previous is None:
             self.snapshots.pop(snapshot.printer, None)
@@ -89,13 +89,13 @@ class Telemetry:
     def count_refusal(self, print_id: str) -> bool:
         """Count an agent's refusal to start a print; return whether the limit is reached."""
         self._refusals[print_id] += 1
-        return self._refusals[print_id] >= REFUSALS
+        return self._refusals[print_id] >= MAX_REFUSALS
 
 
 class TemperatureRecord:
     """Readings of one printer: one for each minute, of at most twelve hours.
 
-    The hottest reading of a minute is kept, so no peak is lost. A printer that does not answer adds a
+    The hottest reading of a minute is kept, so that peaks are visible. A printer that does not answer adds a
     reading without values, which is a gap in the chart.
     """
 
@@ -115,26 +115,26 @@ class TemperatureRecord:
         snapshot
             Report of the printer's agent.
         now_s
-            Farm time, seconds since the epoch. Later readings are removed: the clock was set back since.
+            Farm time, seconds since the epoch. Later readings are removed: the clock has been set back.
         """
         readings = self._readings
         while readings and readings[-1].at_s > now_s:
             readings.pop()
         last = readings[-1] if readings else None
-        nozzle_c, bed_c = _round(snapshot.nozzle_c), _round(snapshot.bed_c)
+        nozzle_c, bed_c = _round_temperature(snapshot.nozzle_c), _round_temperature(snapshot.bed_c)
         if last is not None and nozzle_c is None and bed_c is None and last.nozzle_c is None:
             return  # the gap has begun already
         at_s = now_s
-        same_minute = last is not None and now_s - last.at_s < _INTERVAL_S
-        if last is not None and same_minute and (last.nozzle_c is None) == (nozzle_c is None):
+        is_same_minute = last is not None and now_s - last.at_s < _INTERVAL_S
+        if last is not None and is_same_minute and (last.nozzle_c is None) == (nozzle_c is None):
             readings.pop()
             at_s = last.at_s
             nozzle_c, bed_c = _choose_hotter(last.nozzle_c, nozzle_c), _choose_hotter(last.bed_c, bed_c)
-        targets = _round(snapshot.nozzle_target_c), _round(snapshot.bed_target_c)
+        targets = _round_temperature(snapshot.nozzle_target_c), _round_temperature(snapshot.bed_target_c)
         readings.append(Temperatures(at_s, nozzle_c, bed_c, *targets))
 
 
-def _round(degrees_c: float | None) -> int | None:
+def _round_temperature(degrees_c: float | None) -> int | None:
     return None if degrees_c is None else round(min(_MAX_C, max(_MIN_C, degrees_c)))
 
 
@@ -194,7 +194,7 @@ def list_unconfirmed_instructions(
     rules: StartRules,
     now_s: float,
 ) -> Iterator[ev.AnyInstruction]:
-    """Yield the instructions that the agents of open prints, by their snapshots, have not carried out.
+    """Yield the instructions on open prints that, according to snapshots, agents have not carried out.
 
     A start is sent again only if the print may still start: neither in an unconfirmed outage nor outside the
     allowed hours. For a printer removed from the fleet, the agent keeps its time limit.
@@ -219,10 +219,10 @@ def list_unconfirmed_instructions(
             continue
         printer = find_printer(attempt.printer)
         if printer is not None:
-            ends_by_s = rules.find_latest_end_s(printer, now_s)
+            latest_end_s = rules.find_latest_end_s(printer, now_s)
         else:
-            ends_by_s = None if snapshot.print is None else snapshot.print.ends_by_s
-        for instruction in list_pending_instructions(attempt, snapshot, ends_by_s):
+            latest_end_s = None if snapshot.print is None else snapshot.print.ends_by_s
+        for instruction in list_pending_instructions(attempt, snapshot, latest_end_s):
             if not isinstance(instruction, ev.SendStart) or (
                 books.outage is None
                 and printer is not None
@@ -241,22 +241,24 @@ class _Comparison:
 
     def run(self, previous: AgentSnapshot | None, in_use: bool) -> None:
         snapshot, now_s, name = self._snapshot, self._now_s, self._snapshot.printer
-        self._add(detect_alarm(self._books.printer(name), snapshot, now_s))
+        self._add_results(detect_alarm(self._books.printer(name), snapshot, now_s))
         attempt, printer = self._books.open_print_on(name), self._books.printer(name)
         if attempt is None:
             if previous is not None and previous.link is Link.READY and snapshot.link is Link.ABSENT:
-                self._add([ev.PrinterLost(at_s=now_s, printer=name)])
-            self._add(observe_idle_printer(self._books.printer(name), snapshot, now_s))
+                self._add_results([ev.PrinterLost(at_s=now_s, printer=name)])
+            self._add_results(observe_idle_printer(self._books.printer(name), snapshot, now_s))
         elif attempt.cancel_reason is None and in_use and printer.unreported_since_s is not None:
             return  # no agent remains that could report its end
         else:
-            self._add(reconcile_print(attempt, snapshot, now_s))
+            self._add_results(reconcile_print(attempt, snapshot, now_s))
         report = snapshot.print
         if report is not None and (attempt is None or report.print_id != attempt.id):
             recorded_print = self._books.prints.get(report.print_id)
-            self._add(handle_unknown_print(self._books.printer(name), recorded_print, snapshot, now_s))
+            self._add_results(
+                handle_unknown_print(self._books.printer(name), recorded_print, snapshot, now_s)
+            )
 
-    def _add(self, results: Iterable[ev.AnyEvent | ev.AnyInstruction]) -> None:
+    def _add_results(self, results: Iterable[ev.AnyEvent | ev.AnyInstruction]) -> None:
         for result in results:
             if isinstance(result, ev.Event):
                 self._books, _ = apply(result, self._books)

@@ -25,11 +25,11 @@ class Timers:
         defaults = {"misfire_grace_time": None, "coalesce": True, "max_instances": 1}
         self._scheduler = AsyncIOScheduler(executors={"default": AsyncIOExecutor()}, job_defaults=defaults)
         self._clock = clock
-        self._moments: dict[str, float] = {}  # of `call_at`, in farm time
+        self._times_s: dict[str, float] = {}  # of `call_at`, in farm time
 
-    def call_every(self, wall_seconds: float, name: str, work: Callable[[], object]) -> None:
+    def call_every(self, interval_s: float, name: str, work: Callable[[], object]) -> None:
         """Call a function, plain or async, at this interval until the timers are stopped."""
-        trigger = IntervalTrigger(seconds=wall_seconds)
+        trigger = IntervalTrigger(seconds=interval_s)
         self._scheduler.add_job(_wrap_coroutine(work), trigger, id=name, replace_existing=True)
 
     def call_at(self, at_s: float, name: str, work: Callable[[], object]) -> None:
@@ -37,20 +37,22 @@ class Timers:
 
         A timer of the same name is replaced.
         """
-        self._moments[name] = at_s
-        self._scheduler.add_job(_wrap_coroutine(work), self._trigger(at_s), id=name, replace_existing=True)
+        self._times_s[name] = at_s
+        self._scheduler.add_job(
+            _wrap_coroutine(work), self._make_trigger(at_s), id=name, replace_existing=True
+        )
 
     def on_clock_set(self) -> None:
         """Recalculate all timers after a step of the host's clock; a step back would delay them."""
         for job in self._scheduler.get_jobs():
             trigger = job.trigger
             if isinstance(trigger, DateTrigger):
-                trigger = self._trigger(self._moments[job.id])
+                trigger = self._make_trigger(self._times_s[job.id])
             elif isinstance(trigger, IntervalTrigger):
                 trigger = IntervalTrigger(seconds=trigger.interval_length)
             job.reschedule(trigger)
 
-    def _trigger(self, at_s: float) -> DateTrigger:
+    def _make_trigger(self, at_s: float) -> DateTrigger:
         """Return a trigger for a farm time, converted to the host's clock."""
         remaining_s = timedelta(seconds=self._clock.to_wall_duration_s(at_s - self._clock.now()))
         return DateTrigger(datetime.now(UTC) + remaining_s)

@@ -139,7 +139,7 @@ def check_agents(facts: Facts) -> Iterator[Finding]:
             text = f"{name}: its agent is not running, though the daemon is up"
             yield make_problem("agents", text, f"read the end of agents/{name}/agent.log in the state folder")
         elif not agent.alive:
-            yield make_success("agents", f"{name}: no agent, as the daemon is down")
+            yield make_success("agents", f"{name}: no agent, because the daemon is down")
         elif agent.protocol is None:
             text = f"{name}: its agent is running but does not answer"
             yield make_problem("agents", text, f"`farm up --replace {name}` when nothing prints there")

@@ -108,7 +108,7 @@ class CuraFacts:
 
 @dataclass(frozen=True, slots=True)
 class CodeFacts:
-    """Machine code of the planning (`decompose.jit`).
+    """Compiled machine code of the planning functions (`decompose.jit`).
 
     Attributes
     ----------

@@ -13,15 +13,15 @@ from farm.control import DryRuns, JobCommands, KeyCommands, PartCommands, Printe
 from farm.errors import ErrorCode, ExitCode, FarmError, NoSuchThing, Refused
 from farm.http.body_limit import MAX_BODY_BYTES, TOO_LARGE, BodyLimit
 from farm.http.callers import identify_caller
-from farm.http.routes.cameras import camera_routes
-from farm.http.routes.events import event_routes
-from farm.http.routes.files import file_routes
-from farm.http.routes.hosts import host_routes
-from farm.http.routes.jobs import job_routes, part_routes
-from farm.http.routes.keys import key_routes, session_routes
-from farm.http.routes.printers import printer_routes
-from farm.http.routes.status import list_routes, status_routes
-from farm.http.routes.uploads import upload_routes
+from farm.http.routes.cameras import make_camera_routes
+from farm.http.routes.events import make_event_routes
+from farm.http.routes.files import make_file_routes
+from farm.http.routes.hosts import make_host_routes
+from farm.http.routes.jobs import make_job_routes, make_part_routes
+from farm.http.routes.keys import make_key_routes, make_session_routes
+from farm.http.routes.printers import make_printer_routes
+from farm.http.routes.status import make_list_routes, make_status_routes
+from farm.http.routes.uploads import make_upload_routes
 from farm.http.services import Services
 from farm.text import describe_first_error
 
@@ -43,8 +43,8 @@ def make_app(services: Services, dry_runs: DryRuns) -> FastAPI:
         title="farm", version=farm.__version__, openapi_url=None, dependencies=[Depends(identify_caller)]
     )
     add_routes(app, services, dry_runs)
-    app.include_router(key_routes(services, KeyCommands(services.controller)))
-    app.include_router(session_routes(services))
+    app.include_router(make_key_routes(services, KeyCommands(services.controller)))
+    app.include_router(make_session_routes(services))
     app.add_middleware(BodyLimit, is_upload=UPLOAD_PATH.__eq__)
     return app
 
@@ -56,16 +56,16 @@ def add_routes(app: FastAPI, services: Services, dry_runs: DryRuns, prefix: str 
     parts = PartCommands(services.controller, printers)
     jobs = JobCommands(services.controller, printers)
     for router in (
-        status_routes(services),
-        list_routes(services),
-        event_routes(services),
-        upload_routes(services, jobs),
-        job_routes(services, jobs, dry_runs),
-        part_routes(parts),
-        printer_routes(services, printers, parts),
-        host_routes(services),
-        camera_routes(services),
-        file_routes(services),
+        make_status_routes(services),
+        make_list_routes(services),
+        make_event_routes(services),
+        make_upload_routes(services, jobs),
+        make_job_routes(services, jobs, dry_runs),
+        make_part_routes(parts),
+        make_printer_routes(services, printers, parts),
+        make_host_routes(services),
+        make_camera_routes(services),
+        make_file_routes(services),
     ):
         app.include_router(router, prefix=prefix)
     _add_error_handlers(app, services)

@@ -56,17 +56,17 @@ class Person:
     def is_operator(self, group: str | None) -> bool:
         """Return whether the person is an operator.
 
-        Root and the daemon's user always are: they could change the database anyway.
+        Root and the daemon's user always are operators: they could change the database anyway.
         """
         return group is None or self.uid in (0, os.getuid()) or self.belongs_to(group)
 
     def belongs_to(self, group: str) -> bool:
-        """Return whether the person is in a group, by the group database or by the group of their process."""
-        number = _find_gid(group)
+        """Return whether a person is in a group: by the group database, or as the group of their process."""
+        gid = _find_gid(group)
         try:
-            return number in (self.gid, *os.getgrouplist(pwd.getpwuid(self.uid).pw_name, self.gid))
+            return gid in (self.gid, *os.getgrouplist(pwd.getpwuid(self.uid).pw_name, self.gid))
         except KeyError:  # the user is not in the database
-            return number == self.gid
+            return gid == self.gid
 
 
 def find_session_role(caller: Caller, operators: str | None) -> Role:
@@ -75,7 +75,7 @@ def find_session_role(caller: Caller, operators: str | None) -> Role:
 
 
 def find_user_role(name: str, operators: str | None) -> Role | None:
-    """Return the present role of a user by the databases of this host; None if the user was deleted.
+    """Return a user's present role according to this host's databases; None if the user was deleted.
 
     Parameters
     ----------
@@ -98,8 +98,8 @@ def find_user_role(name: str, operators: str | None) -> Role | None:
 class PeerProtocol(H11Protocol):
     """HTTP protocol whose requests carry the caller as `request.state.caller`.
 
-    It also records since when it has waited for its client to send the rest of a request or to read the
-    response: the server closes connections that wait too long.
+    It also records when it began to wait for its client to send the rest of a request or to read the
+    response, because the server closes connections that wait too long.
     """
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
@@ -131,8 +131,8 @@ class PeerProtocol(H11Protocol):
         """Time since which it has waited for its client, on the loop's clock; None if it does not wait."""
         if self.flow.write_paused:
             return self._unread_since_s
-        waits = self.conn.their_state in (h11.IDLE, h11.SEND_BODY) and not self.flow.read_paused
-        return self._waiting_since_s if waits else None
+        is_waiting = self.conn.their_state in (h11.IDLE, h11.SEND_BODY) and not self.flow.read_paused
+        return self._waiting_since_s if is_waiting else None
 
 
 def identify_caller(request: Request) -> Caller:
@@ -199,20 +199,20 @@ def listen(path: Path, group: str) -> socket.socket:
     except OSError as error:
         listener.close()
         raise Refused(f"{path}: the daemon cannot listen there ({error}); name another --socket") from error
-    _share(path, group)
+    _share_socket(path, group)
     listener.listen(_BACKLOG)
     listener.setblocking(False)
     return listener
 
 
-def _share(path: Path, group: str) -> None:
+def _share_socket(path: Path, group: str) -> None:
     """Give a socket to a group; otherwise log why only its owner may use it."""
-    number = _find_gid(group)
-    if number is None:
+    gid = _find_gid(group)
+    if gid is None:
         log.info("listening on %s, for this user alone: there is no group %s", path, group)
         return
     try:
-        os.chown(path, -1, number)
+        os.chown(path, -1, gid)
         path.chmod(0o660)
     except OSError as error:
         log.warning("listening on %s, for this user alone, who is not in group %s (%s)", path, group, error)

@@ -36,11 +36,11 @@ def _describe_work(state: ClusterState) -> str:
     queue_note = f", {format_count(state.waiting_count, 'task')} waiting" if state.waiting_count else ""
     if state.place is Place.WAITING:
         return f"waiting for a worker of {state.scheduler}, {state.lost_s:.0f} s so far{queue_note}"
-    usable = [worker for worker in state.workers if worker.refused is None]
+    usable_workers = [worker for worker in state.workers if worker.refused is None]
     counts = Counter(task.host for task in state.tasks if task.host is not None)
     places = ", ".join(f"{host} {count}" for host, count in sorted(counts.items()))
-    slots = format_count(sum(worker.slots for worker in usable), "slot")
-    head = f"{format_count(len(usable), 'worker')} with {slots} on {state.scheduler}"
+    slots = format_count(sum(worker.slots for worker in usable_workers), "slot")
+    head = f"{format_count(len(usable_workers), 'worker')} with {slots} on {state.scheduler}"
     sent_count = len(state.tasks) - counts.total()
     running_note = f"running: {places}" if places else "nothing runs"
     running_note += f", {format_count(sent_count, 'task')} on the way" if sent_count else ""

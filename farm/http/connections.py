@@ -26,7 +26,8 @@ MAX_CONNECTIONS = 64
 _MIN_CONNECTIONS = 4
 _RESERVED_DESCRIPTORS = 32  # descriptors for database, socket, timers, log, and the start of an agent
 _MAX_HANDSHAKES = 64
-_EACH_PRINTER, _EACH_WORKER, _EACH_CONNECTION = 3, 3, 2  # descriptors; an upload has a file too
+_DESCRIPTORS_PER_PRINTER, _DESCRIPTORS_PER_WORKER = 3, 3
+_DESCRIPTORS_PER_CONNECTION = 2  # the connection and the file of an upload
 _CHECK_INTERVAL_S = 1.0
 _WAIT_S = 0.1
 _LOG_INTERVAL_S = 60.0
@@ -53,9 +54,12 @@ def compute_connection_limit(descriptors: int, printers: int, workers: int) -> i
     printers, workers
         Number of printers, and of workers.
     """
-    reserved_descriptors = _RESERVED_DESCRIPTORS + _EACH_PRINTER * printers + _EACH_WORKER * workers
+    reserved_descriptors = (
+        _RESERVED_DESCRIPTORS + _DESCRIPTORS_PER_PRINTER * printers + _DESCRIPTORS_PER_WORKER * workers
+    )
     return max(
-        _MIN_CONNECTIONS, min(MAX_CONNECTIONS, (descriptors - reserved_descriptors) // _EACH_CONNECTION)
+        _MIN_CONNECTIONS,
+        min(MAX_CONNECTIONS, (descriptors - reserved_descriptors) // _DESCRIPTORS_PER_CONNECTION),
     )
 
 
@@ -122,7 +126,7 @@ class BoundedServer(uvicorn.Server):
     limit
         Maximum number of connections at a time.
     stop_work
-        Ends the work for which open requests wait; called before the server waits for the requests.
+        Ends the work that open requests wait for; called before the server waits for the requests.
     """
 
     def __init__(
@@ -146,7 +150,7 @@ class BoundedServer(uvicorn.Server):
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets=[])
         for listener in sockets or ():
-            self._tasks.append(asyncio.create_task(self._accept(listener)))
+            self._tasks.append(asyncio.create_task(self._accept_connections(listener)))
         self._tasks.append(asyncio.create_task(self._close_overdue_connections()))
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
@@ -169,7 +173,7 @@ class BoundedServer(uvicorn.Server):
         )
         return protocol
 
-    async def _accept(self, listener: socket.socket) -> None:
+    async def _accept_connections(self, listener: socket.socket) -> None:
         loop = asyncio.get_running_loop()
         while True:
             try:
@@ -179,19 +183,19 @@ class BoundedServer(uvicorn.Server):
                 await asyncio.sleep(_CHECK_INTERVAL_S)
                 continue
             if self.config.ssl is None:
-                await self._connect(connection)
+                await self._connect_client(connection)
             else:
                 self._begin_handshake(connection)
 
     def _begin_handshake(self, connection: socket.socket) -> None:
-        """Connect a client in its own task, as it may delay its handshake.
+        """Connect a client in its own task, because it may delay its handshake.
 
         With too many open handshakes, the oldest is abandoned.
         """
         oldest = self.find_abandoned_handshake(self._handshakes, connection)
         if oldest is not None:
             oldest.cancel()
-        task = asyncio.create_task(self._connect(connection))
+        task = asyncio.create_task(self._connect_client(connection))
         self._handshakes[task] = connection
         task.add_done_callback(lambda handshake: self._handshakes.pop(handshake, None))
 
@@ -209,7 +213,7 @@ class BoundedServer(uvicorn.Server):
         """
         return next(iter(handshakes)) if len(handshakes) >= _MAX_HANDSHAKES else None
 
-    async def _connect(self, connection: socket.socket) -> None:
+    async def _connect_client(self, connection: socket.socket) -> None:
         loop, tls = asyncio.get_running_loop(), self.config.ssl
         try:
             await self.make_room(connection)
@@ -233,13 +237,13 @@ class BoundedServer(uvicorn.Server):
             If the new connection is to be closed.
         """
         while len(self.connections) >= self._limit:
-            idle = find_longest_waiting(self.connections)
-            if idle is not None:
-                idle.transport.abort()
+            waiting_connection = find_longest_waiting(self.connections)
+            if waiting_connection is not None:
+                waiting_connection.transport.abort()
                 self._rate_limited_log.warn(
                     "too many connections: one without a request was closed", self._read_clock_s()
                 )
-            await asyncio.sleep(0.0 if idle is not None else _WAIT_S)
+            await asyncio.sleep(0.0 if waiting_connection is not None else _WAIT_S)
 
     async def _close_overdue_connections(self) -> None:
         while True:

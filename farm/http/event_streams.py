@@ -10,8 +10,8 @@ from farm.http.stream_limit import StreamLimit
 from farm.state.event_rows import EventRow
 
 _MAX_STREAMS_PER_CALLER = 4
-_BATCH = 20  # events read at once: each may have megabytes
-_HEARTBEATS = 30  # polls without an event between two heartbeats
+_BATCH_EVENTS = 20  # number of events that are read at once: each may have megabytes
+_POLLS_PER_HEARTBEAT = 30  # number of polls without an event between two heartbeats
 
 
 class EventLog(Protocol):
@@ -76,7 +76,7 @@ class EventStreams(StreamLimit):
         """
         idle_polls = 0
         while is_allowed() and not self.is_closed:
-            rows = list(self.log.read_events(after, _BATCH))
+            rows = list(self.log.read_events(after, _BATCH_EVENTS))
             if rows:
                 after, idle_polls = rows[-1].number, 0
                 yield rows
@@ -85,6 +85,6 @@ class EventStreams(StreamLimit):
             if not wait:
                 return
             idle_polls += 1
-            if idle_polls % _HEARTBEATS == 0:
+            if idle_polls % _POLLS_PER_HEARTBEAT == 0:
                 yield []
             await self.wait(self._poll_s)

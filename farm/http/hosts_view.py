@@ -8,7 +8,7 @@ from farm.views import ViewContext
 
 
 def describe_host(context: ViewContext, record: HostRecord) -> api.HostView:
-    """Describe a host, with its last state if it is lost."""
+    """Describe a host; a host that is not connected has its last state."""
     state = record.state
     return api.HostView(
         host=record.host,

@@ -26,22 +26,22 @@ from farm.views import ViewContext
 
 
 async def refuse_replacing(name: str) -> None:
-    """Refuse to replace an agent, as the farm has no agents."""
+    """Refuse to replace an agent, because the farm has no agents."""
     raise Refused(f"{name} has no agent")
 
 
 async def refuse_stills(printer: str) -> Image:
-    """Refuse to show a printer, as the farm has no cameras."""
+    """Refuse to show a printer, because the farm has no cameras."""
     raise NoSuchThing(f"{printer} has no camera")
 
 
 async def refuse_reading(printer: str) -> list[WireLine]:
-    """Refuse to read the wire of a printer, as the farm has no agents."""
+    """Refuse to read the wire of a printer, because the farm has no agents."""
     raise Refused(f"{printer} has no agent")
 
 
 async def refuse_pruning(by: str, dry_run: bool) -> api.PruneResponse:
-    """Refuse to prune, as the daemon runs without upkeep."""
+    """Refuse to prune, because the daemon runs without upkeep."""
     action = "preview a prune" if dry_run else "prune"
     raise Refused(f"{by} cannot {action}: this daemon runs without upkeep, and keeps all jobs")
 
@@ -88,10 +88,10 @@ class Services:
     hosts
         Hosts whose printers share one connection; None for a farm without agents.
     shut_down
-        Shuts the farm down; with True, stops all prints first.
+        Shuts the farm down; given True, stops all prints first.
     prune
-        Deletes the jobs and events that `fleet.keep` does not keep, for the named user; with True, only lists
-        them.
+        Deletes the jobs and events that `fleet.keep` does not keep, for the named user; given True, only
+        lists them.
     replace_agent
         Replaces the agent of an idle printer.
     fetch_still
@@ -146,7 +146,7 @@ class Services:
         object.__setattr__(self, "since_s", self.controller.started_s)
         object.__setattr__(self, "sessions", SessionCommands(self.controller))
 
-    def daemon_view(self, context: ViewContext) -> api.DaemonView:
+    def describe_daemon(self, context: ViewContext) -> api.DaemonView:
         """Describe this daemon: process, version and start time."""
         return api.DaemonView(
             pid=os.getpid(), version=farm.__version__, since=context.format_time(self.since_s) or ""

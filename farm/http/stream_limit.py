@@ -41,10 +41,10 @@ class StreamLimit:
         """True once all streams must end."""
         return self._close_event.is_set()
 
-    async def wait(self, seconds: float) -> None:
-        """Wait for a time, or until the streams are closed."""
+    async def wait(self, duration_s: float) -> None:
+        """Wait for a number of seconds, or until the streams are closed."""
         with suppress(TimeoutError):
-            async with asyncio.timeout(seconds):
+            async with asyncio.timeout(duration_s):
                 await self._close_event.wait()
 
     def check(self, caller: str) -> None:

@@ -28,14 +28,14 @@ from farm.text import flatten_text, format_count
 _GB = 1e9
 _MAX_NAME_LENGTH = 60  # characters
 _WRITE_BYTES = 2**20
-"""Bytes of one write: larger than a chunk, as each write needs a thread."""
+"""Bytes of one write: larger than a chunk, because each write needs a thread."""
 
 
 def clean_name(name: str) -> str:
     """Convert a model's name to a printable, valid file name of limited length, without its folder."""
     base_name = name.replace("\\", "/").rpartition("/")[2]
-    plain = flatten_text(base_name).lstrip(".")
-    return plain[-_MAX_NAME_LENGTH:] or "model"
+    plain_name = flatten_text(base_name).lstrip(".")
+    return plain_name[-_MAX_NAME_LENGTH:] or "model"
 
 
 def parse_options(options: str) -> JobOptions:
@@ -123,25 +123,25 @@ class Upload:
         FarmError
             With code `limit`, as soon as the first bytes announce more triangles than fit a worker's memory.
         """
-        head, is_checked, unwritten = b"", False, bytearray()
+        head, is_checked, unwritten_bytes = b"", False, bytearray()
 
         async def append(content: bytes) -> None:
-            nonlocal head, is_checked, unwritten
+            nonlocal head, is_checked, unwritten_bytes
             if not is_checked:
                 head += content[:HEAD_BYTES]
                 if len(head) >= min(self.size, HEAD_BYTES):
                     is_checked = True
                     self._check_head(name, head)
-            unwritten += content
-            if len(unwritten) >= _WRITE_BYTES:
-                full, unwritten = unwritten, bytearray()
-                await asyncio.to_thread(file.write, full)
+            unwritten_bytes += content
+            if len(unwritten_bytes) >= _WRITE_BYTES:
+                full_block, unwritten_bytes = unwritten_bytes, bytearray()
+                await asyncio.to_thread(file.write, full_block)
 
         with self.path.open("wb") as file:
             yield append
             if not is_checked:
                 self._check_head(name, head)
-            await asyncio.to_thread(file.write, unwritten)
+            await asyncio.to_thread(file.write, unwritten_bytes)
 
     def _check_head(self, name: str, head: bytes) -> None:
         try:
@@ -159,7 +159,7 @@ class Uploads:
     controller
         The farm, with its limits.
     state
-        The state folder, in which they are stored.
+        The state folder, in which the uploads are stored.
     workers
         Processes that inspect models.
     inspections
@@ -207,7 +207,7 @@ class Uploads:
         Raises
         ------
         Refused
-            As `check_quota`.
+            See `check_quota`.
         """
         self._check_quota(name, size)
         path = self._state.work / f"upload-{uuid.uuid4().hex}"
@@ -216,7 +216,7 @@ class Uploads:
             yield upload
         finally:
             del self._open[path]
-            await asyncio.to_thread(_delete, path)  # a tenth of a second for the largest models
+            await asyncio.to_thread(_delete_files, path)  # a tenth of a second for the largest models
 
     async def inspect(self, upload: Upload, name: str, options: JobOptions) -> InspectedSubmission:
         """Inspect a complete upload in a worker. Raises FarmError if it cannot be printed."""
@@ -244,14 +244,14 @@ class Uploads:
         Raises
         ------
         Refused
-            As `check_quota`; or if the number of bytes differs from the announced size.
+            See `check_quota`; also if the number of bytes differs from the announced size.
         FarmError
             If the model cannot be printed; with code `limit` as soon as its first bytes announce too many
             triangles.
         """
         async with self.admit(request_id, name, size) as upload:
             async with upload.open_file(name) as append:
-                with suppress(ClientDisconnect):  # detected by the size below
+                with suppress(ClientDisconnect):  # the check of the size below detects it
                     async for chunk in content:
                         upload.missing_bytes -= len(chunk)
                         if upload.missing_bytes < 0:
@@ -277,7 +277,7 @@ class Uploads:
         )
 
 
-def _delete(path: Path) -> None:
+def _delete_files(path: Path) -> None:
     """Delete the file of an upload, and the file with the step of its inspection."""
     path.unlink(missing_ok=True)
     name_step_file(path).unlink(missing_ok=True)

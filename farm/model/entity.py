@@ -38,7 +38,7 @@ class Entity(BaseModel):
 
 
 def share_field_set(model: M) -> M:
-    """Replace the set of fields of a model, and of models in its fields, by one set for each class.
+    """Replace the set of fields of a model, and of models in its fields, with one set for each class.
 
     Pydantic keeps a set for each instance, which takes as much memory as the fields of a plate.
     """

@@ -26,7 +26,7 @@ class SessionOpened(Event):
 
 
 class SessionExtended(Event):
-    """The end of a session was postponed, as the session is in use."""
+    """The end of a session was postponed, because the session is in use."""
 
     session: str
     expires_s: float

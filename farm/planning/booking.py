@@ -65,7 +65,7 @@ def book_plate(names: PlateNames, sliced_part: SlicedPart, time_factors: TimeFac
         sha256=result.sha256,
         sliced_s=result.sliced_s,
         features=features,
-        expected_s=sliced_part.expected_s(time_factors),
+        expected_s=sliced_part.compute_expected_s(time_factors),
         grams=result.grams,
         filament_mm=result.filament_mm,
         price=section.price(result.grams),
@@ -89,14 +89,14 @@ def book_plan(sliced_job: SlicedJob, files: Path) -> Plan:
     for number, part in enumerate(sliced_job.parts, 1):
         names = PlateNames(task.job, f"{task.job}/{part.part.id}", f"{task.job}/{number:02d}")
         parts.append(book_part(names, part.part, files))
-        plates.append(book_plate(names, part, task.time_factors_of(part.printer.name), files))
+        plates.append(book_plate(names, part, task.find_time_factors(part.printer.name), files))
     return Plan(
         parts=tuple(parts),
         plates=tuple(plates),
         repairs=decomposed_job.repairs,
         scale=decomposed_job.scale,
         serial_s=_estimate_serial_s(sliced_job),
-        expected_s=sliced_job.makespan_s(),
+        expected_s=sliced_job.compute_makespan_s(),
         picture=store_file(files, task.folder / PICTURE),
         assembly=store_file(files, task.folder / ASSEMBLY),
         decomposition=store_file(files, task.folder / REPORT),

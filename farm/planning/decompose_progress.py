@@ -40,8 +40,8 @@ class ProgressRate:
             self._first = share, now_s
         if self._first is None or share <= self._first[0]:
             return DecomposeProgress(share=share)
-        first_share, began_s = self._first
-        remaining_s = (now_s - began_s) * (1.0 - share) / (share - first_share)
+        first_share, start_s = self._first
+        remaining_s = (now_s - start_s) * (1.0 - share) / (share - first_share)
         return DecomposeProgress(share=share, remaining_s=remaining_s)
 
 

@@ -76,7 +76,7 @@ class JobPlanner:
         builder = PlanBuilder(
             task, workers, self._state, lambda progress: self._on_progress(job.id, progress)
         )
-        self._running[job.id] = asyncio.get_running_loop().create_task(self._run(job, builder))
+        self._running[job.id] = asyncio.get_running_loop().create_task(self._plan_job(job, builder))
 
     def stop(self, job: int | None = None) -> None:
         """Stop planning a job, or all jobs."""
@@ -84,7 +84,7 @@ class JobPlanner:
             if job in (None, number):
                 plan_task.cancel()
 
-    async def _run(self, job: Job, builder: PlanBuilder) -> None:
+    async def _plan_job(self, job: Job, builder: PlanBuilder) -> None:
         """Plan a job; after an error while the disk is full, retry once there is space."""
         while isinstance(result := await self._build_plan(job, builder), FarmError) and self._is_disk_full():
             log.error(
@@ -97,7 +97,7 @@ class JobPlanner:
             self._on_progress(job.id, PlanProgress(step=PlanStep.NO_ROOM))
             while self._is_disk_full():
                 await asyncio.sleep(_RETRY_S)
-        await self._deliver(job.id, result)
+        await self._deliver_plan(job.id, result)
 
     async def _build_plan(self, job: Job, builder: PlanBuilder) -> Plan | FarmError:
         folder = builder.task.folder
@@ -117,7 +117,7 @@ class JobPlanner:
     def _is_disk_full(self) -> bool:
         return shutil.disk_usage(self._state.root).free < ROOM_BYTES
 
-    async def _deliver(self, job: int, result: Plan | FarmError) -> None:
+    async def _deliver_plan(self, job: int, result: Plan | FarmError) -> None:
         """Deliver the plan; retry while the books cannot be written (a full disk).
 
         If it cannot be recorded for another reason, the job fails with that error.

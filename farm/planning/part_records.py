@@ -128,7 +128,7 @@ class SliceBatch:
     folder: Path
     cache: Path | None
 
-    def printer_of(self, part: DecomposedPart) -> PrinterSection:
+    def find_printer(self, part: DecomposedPart) -> PrinterSection:
         """Return the printer that a part was cut for."""
         return next(section for section in self.printers if section.name == part.printer)
 
@@ -147,7 +147,7 @@ class SlicedPart:
         """Sliced seconds of each feature of its layers."""
         return FeatureSeconds(**asdict(self.result.features))
 
-    def expected_s(self, time_factors: TimeFactors = NOMINAL_TIME_FACTORS) -> float:
+    def compute_expected_s(self, time_factors: TimeFactors = NOMINAL_TIME_FACTORS) -> float:
         """Return the seconds from the first command of its print to the last; see `compute_plate_seconds`."""
         settings = self.task.settings
         return compute_plate_seconds(

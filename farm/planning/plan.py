@@ -25,8 +25,8 @@ from farm.model import (
 from farm.planning.part_records import DecomposedPart, SlicedPart
 
 RELEVEL_LATE_S, RELEVEL_LATE_SHARE = 120.0, 0.01
-"""Least delay of the last printer behind the mean of all for which cuts are moved: the larger of a time and a
-share of the longest time."""
+"""Least delay of the last printer behind the mean of all printers at which cuts are moved: the larger of a
+time and a share of the longest time."""
 
 
 class TooFewPrinters(FarmError):
@@ -102,7 +102,7 @@ class DecomposeTask:
     folder
         Scratch folder of the plan.
     time_factors
-        Time factors of the printers, learned from their prints, by name; 1 if there is none.
+        Time factors of the printers, learned from their prints, by name; 1 for a printer that is not named.
     within_s
         Time within which the job must be printed (`--done-by`), or printed and glued (`--assembled-by`);
         None for no limit.
@@ -126,7 +126,7 @@ class DecomposeTask:
     budget_s: float | None = None
     side_by_side: bool = False
 
-    def time_factors_of(self, printer: str) -> TimeFactors:
+    def find_time_factors(self, printer: str) -> TimeFactors:
         """Return the time factors of a printer."""
         return self.time_factors.get(printer, NOMINAL_TIME_FACTORS)
 
@@ -186,26 +186,26 @@ class SlicedJob:
     decomposed: DecomposedJob
     parts: tuple[SlicedPart, ...]
 
-    def busy_s(self) -> dict[str, float]:
+    def compute_busy_s(self) -> dict[str, float]:
         """Return the expected printing time of each printer that has a part."""
-        busy: dict[str, float] = {}
+        busy_s: dict[str, float] = {}
         for part in self.parts:
             name = part.printer.name
-            busy[name] = busy.get(name, 0.0) + part.expected_s(self.task.time_factors_of(name))
-        return busy
+            busy_s[name] = busy_s.get(name, 0.0) + part.compute_expected_s(self.task.find_time_factors(name))
+        return busy_s
 
-    def makespan_s(self) -> float:
+    def compute_makespan_s(self) -> float:
         """Return the longest printing time of a printer, without the time to clear beds between rounds."""
-        return max(self.busy_s().values())
+        return max(self.compute_busy_s().values())
 
     def should_relevel(self) -> bool:
         """Return whether the last printer ends late enough to justify moving the cuts and reslicing.
 
-        False if a printer has several parts, as equal parts would then not be equal loads.
+        False if a printer has several parts, because equal parts would then not be equal loads.
         """
-        busy_s = self.busy_s()
-        late_s = self.makespan_s() - sum(busy_s.values()) / len(busy_s)
-        saves_enough = late_s >= max(RELEVEL_LATE_S, RELEVEL_LATE_SHARE * self.makespan_s())
+        busy_s = self.compute_busy_s()
+        late_s = self.compute_makespan_s() - sum(busy_s.values()) / len(busy_s)
+        saves_enough = late_s >= max(RELEVEL_LATE_S, RELEVEL_LATE_SHARE * self.compute_makespan_s())
         return self.decomposed.cut_record is not None and len(busy_s) == len(self.parts) and saves_enough
 
 

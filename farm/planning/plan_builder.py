@@ -1,4 +1,4 @@
-"""Builder of one plan: decompose, slice, move the cuts by the sliced times, put the files into the store."""
+"""Builder of one plan: decompose, slice, move the cuts to balance the sliced times, store the files."""
 
 from __future__ import annotations
 
@@ -68,8 +68,8 @@ class PlanBuilder:
     async def plan_model(self) -> Plan:
         """Decompose a model, slice its parts and balance them; idle workers draw them at the same time."""
         try:
-            decomposed_job = await self._decompose()
-            sliced_job = await self._relevel(await self._slice(self.task, decomposed_job))
+            decomposed_job = await self._decompose_model()
+            sliced_job = await self._relevel_job(await self._slice_parts(self.task, decomposed_job))
             await self._drawings.finish(sliced_job.task, sliced_job.decomposed)
         finally:
             await self._drawings.stop()
@@ -77,7 +77,7 @@ class PlanBuilder:
         await asyncio.to_thread(trim_cache, self._state.slices)
         return multiply_plan(plan, self.task)
 
-    async def _decompose(self) -> DecomposedJob:
+    async def _decompose_model(self) -> DecomposedJob:
         self._on_progress(PlanProgress(step=PlanStep.WAITING))
         rounds = SearchRounds(self._workers, self.task)
         watch_task = asyncio.get_running_loop().create_task(self._watch_decomposition(rounds))
@@ -100,7 +100,7 @@ class PlanBuilder:
                 last_progress = current
                 self._on_progress(current)
 
-    async def _slice(self, task: DecomposeTask, decomposed_job: DecomposedJob) -> SlicedJob:
+    async def _slice_parts(self, task: DecomposeTask, decomposed_job: DecomposedJob) -> SlicedJob:
         """Slice all parts, and report the progress; idle workers draw the parts."""
         sliced_count = cached_count = 0
 
@@ -124,7 +124,7 @@ class PlanBuilder:
         )
         return SlicedJob(task, decomposed_job, await slice_batch(self._workers, batch, count_slice))
 
-    async def _relevel(self, sliced_job: SlicedJob) -> SlicedJob:
+    async def _relevel_job(self, sliced_job: SlicedJob) -> SlicedJob:
         """Move the cuts as long as this shortens the sliced time of the slowest printer."""
         job = sliced_job.task.job
         for _ in range(_MAX_RELEVELS):
@@ -136,8 +136,8 @@ class PlanBuilder:
                 decomposed_job = await self._move_cuts(sliced_job, folder)
                 if decomposed_job is None:
                     break
-                new_slices = await self._slice(replace(sliced_job.task, folder=folder), decomposed_job)
-                if new_slices.makespan_s() >= sliced_job.makespan_s():
+                new_slices = await self._slice_parts(replace(sliced_job.task, folder=folder), decomposed_job)
+                if new_slices.compute_makespan_s() >= sliced_job.compute_makespan_s():
                     break
                 await self._drawings.finish(new_slices.task, decomposed_job)
             except FarmError as error:
@@ -156,7 +156,7 @@ class PlanBuilder:
             self._workers.run(relevel_parts, sliced_job, folder, limit=DECOMPOSING)
         )
         try:
-            await asyncio.sleep(0)  # it takes a worker first
+            await asyncio.sleep(0)  # so that it takes a worker first
             if self._workers.has_idle:
                 self._drawings.start(sliced_job.task, sliced_job.decomposed)
             decomposed_job = await move_future

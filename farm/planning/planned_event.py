@@ -75,12 +75,12 @@ def _describe_lateness(
 ) -> Iterator[str]:
     """Describe a deadline that will be missed; `glue_s` is the time to glue the parts."""
     deadlines = (("printed", job.done_by_s, ends_s), ("assembled", job.assembled_by_s, ends_s + glue_s))
-    for state, deadline_s, reached_s in deadlines:
-        if deadline_s is not None and reached_s > deadline_s:
-            deadline, earliest = (rules.format_moment(at_s, now_s) for at_s in (deadline_s, reached_s))
+    for state, deadline_s, end_s in deadlines:
+        if deadline_s is not None and end_s > deadline_s:
+            deadline, earliest_time = (rules.format_moment(at_s, now_s) for at_s in (deadline_s, end_s))
             yield (
                 f"It cannot be {state} by {deadline}: the earliest possible time is "
-                f"{earliest} ({rules.zone})."
+                f"{earliest_time} ({rules.zone})."
             )
 
 

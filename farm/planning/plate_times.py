@@ -26,7 +26,7 @@ def compute_plate_seconds(
     profile
         The printer model, for its heaters.
     sliced_s
-        Time of the layers by the slicer.
+        Time of the layers according to the slicer.
     nozzle_c, bed_c
         First-layer temperatures. The start code heats the bed first, then the nozzle.
     time_factor
@@ -53,7 +53,7 @@ def reassign_loads(
     kinds
         Kind of each usable printer; loads are exchanged only between printers of one kind.
     time_factors
-        Time factors of the printers, by name; 1 if there is none.
+        Time factors of the printers, by name; 1 for a printer that is not named.
 
     Returns
     -------
@@ -63,10 +63,10 @@ def reassign_loads(
     new_owners: dict[str, str] = {}
     for kind in set(kinds.values()):
         names = sorted(name for name in kinds if kinds[name] == kind)
-        speeds = {name: time_factors.get(name, 1.0) for name in names}
-        if len(set(speeds.values())) > 1:
+        factors = {name: time_factors.get(name, 1.0) for name in names}
+        if len(set(factors.values())) > 1:
             by_load = sorted(names, key=lambda name: -loads_s.get(name, 0.0))
-            new_owners |= dict(zip(by_load, sorted(names, key=speeds.__getitem__), strict=True))
+            new_owners |= dict(zip(by_load, sorted(names, key=factors.__getitem__), strict=True))
         else:
             new_owners |= dict(zip(names, names, strict=True))
     return new_owners

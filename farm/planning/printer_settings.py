@@ -31,14 +31,14 @@ def list_matching_printers(printers: Sequence[PrinterSection], options: JobOptio
         and (not options.only or section.name in options.only)
     ]
     if not matching_sections:
-        have = sorted({_describe_filament(section) for section in enabled_sections})
+        available = sorted({_describe_filament(section) for section in enabled_sections})
         description = " ".join(filter(None, (options.material, options.colour))) or "a printer"
         if options.only:
             raise Refused(
                 f"{' '.join(options.only)} is disabled, or lacks {description}: send it to another address"
             )
         raise Refused(
-            f"no printer of the fleet has {description}; there is {', '.join(have) or 'no printer at all'}"
+            f"no printer of the fleet has {description}; it has {', '.join(available) or 'no printer at all'}"
         )
     return matching_sections
 

@@ -44,7 +44,7 @@ async def slice_batch(
     async def slice_one(part: DecomposedPart, task: SliceTask) -> SlicedPart:
         result = await workers.run(slice_part, task, limit=SLICING)
         on_slice(result)
-        return SlicedPart(part, batch.printer_of(part), task, result)
+        return SlicedPart(part, batch.find_printer(part), task, result)
 
     # In a thread: resolving settings and writing files would block the event loop.
     tasks = await asyncio.to_thread(build_slice_tasks, batch)
@@ -72,7 +72,7 @@ def build_slice_tasks(batch: SliceBatch) -> list[SliceTask]:
         resources, engine = find_resources(), find_engine()
     tasks = []
     for part in batch.parts:
-        section = batch.printer_of(part)
+        section = batch.find_printer(part)
         settings = resolve_printer_settings(section, batch.quality, resources)
         tasks.append(
             SliceTask(

@@ -55,8 +55,8 @@ class JobRequest:
     spares
         Number of free printers to leave idle, as long as the job has at least one printer.
     starts_later
-        True if the job waits for a start time or for approval. Busy printers then count too, as the queue
-        at that time is unknown.
+        True if the job waits for a start time or for approval. Busy printers then count too, because
+        the queue at that time is unknown.
     """
 
     requirements: Requirements
@@ -90,11 +90,11 @@ class Availability:
     reservations
         Free printers that are reserved, each with its purpose: a plate or a job.
     reserved
-        Printers for which plates are being replanned: chosen only if there is no other.
+        Printers for which plates are being replanned: chosen only if there are no others.
     is_starting
         True just after the start of the farm: jobs wait for printers that are still connecting.
     unattended_blocked
-        Printers on which no print may start while nobody is present: chosen only if there is no other.
+        Printers on which no print may start while nobody is present: chosen only if there are no others.
     """
 
     printers: tuple[FleetPrinter, ...]
@@ -130,9 +130,9 @@ def find_mismatch(requirements: Requirements, printers: Iterable[FleetPrinter]) 
 def choose_printers(request: JobRequest, availability: Availability) -> PlanOrder | Hold:
     """Choose the printers that a job is planned for.
 
-    All matching printers that are idle and clear are chosen. If there is none, or they cannot print the job
+    All matching printers that are idle and clear are chosen. If there are none, or they cannot print the job
     in one round, printers that are busy or wait for a person are added; absent or broken printers only if
-    there is no other. If even these cannot print the job in one round, it gets several rounds.
+    there are no others. If even these cannot print the job in one round, it gets several rounds.
     """
     matching_printers = sorted(
         (p for p in availability.printers if request.requirements.matches(p.capabilities)),
@@ -145,13 +145,13 @@ def choose_printers(request: JobRequest, availability: Availability) -> PlanOrde
         return Hold(code=HoldCode.PRINTER_CONNECTING, text=f"connecting to {' '.join(starting_printers)}")
     usable_printers = list_usable_printers(matching_printers, availability)
     reserved_names = availability.reserved | availability.reservations.keys()
-    idle = [p for p in usable_printers if p.obstacle() is None and p.name not in reserved_names]
+    idle = [p for p in usable_printers if p.find_obstacle() is None and p.name not in reserved_names]
     candidates = idle if idle and not request.starts_later else usable_printers
-    number, least = request.limit(len(candidates)), request.min_parts
-    if least > number:
+    number, min_parts = request.limit(len(candidates)), request.min_parts
+    if min_parts > number:
         max_parts = request.limit(len(usable_printers))
-        if least > max_parts:
-            return PlanOrder(tuple(p.name for p in candidates[:number]), rounds=-(-least // number))
+        if min_parts > max_parts:
+            return PlanOrder(tuple(p.name for p in candidates[:number]), rounds=-(-min_parts // number))
         candidates, number = usable_printers, max_parts
     # The largest first, so that two requested printers are the two largest.
     largest = sorted(candidates, key=lambda p: (-p.capabilities.height_mm, p.name))
@@ -161,9 +161,9 @@ def choose_printers(request: JobRequest, availability: Availability) -> PlanOrde
 def list_usable_printers(
     matching_printers: list[FleetPrinter], availability: Availability
 ) -> list[FleetPrinter]:
-    """List the matching printers that are free, or will be without a repair; all if there is no such one."""
+    """List the matching printers that are free, or will be without a repair; all if none is."""
     usable_printers = [
-        p for p in matching_printers if (hold := p.obstacle()) is None or hold.code in _TEMPORARY_CODES
+        p for p in matching_printers if (hold := p.find_obstacle()) is None or hold.code in _TEMPORARY_CODES
     ]
     blocked_names = availability.unattended_blocked
     startable = [p for p in usable_printers if p.name not in blocked_names] or usable_printers
@@ -178,8 +178,8 @@ def choose_unreserved_printers(
 ) -> PlanOrder | Hold:
     """Choose the printers of a job while others are being planned.
 
-    The printers of these jobs are not available to jobs of the same or a lower priority; to other jobs only
-    if no other matching printer is free.
+    The printers of these jobs are not available to jobs of the same or a lower priority, and to other jobs
+    only if no other matching printer is free.
 
     Parameters
     ----------
@@ -193,7 +193,7 @@ def choose_unreserved_printers(
     plans = list(pending_plans)
     all_reserved = availability.with_pending_plans(plans)
     reserved_names = all_reserved.reserved | all_reserved.reservations.keys()
-    free = (p for p in availability.printers if p.obstacle() is None and p.name not in reserved_names)
+    free = (p for p in availability.printers if p.find_obstacle() is None and p.name not in reserved_names)
     if any(request.requirements.matches(p.capabilities) for p in free):
         return choose_printers(request, all_reserved)
     preferred_plans = (pending_plan for pending_plan in plans if pending_plan.priority >= priority)
@@ -246,7 +246,7 @@ class JobAdmission:
         self._planned_printers: dict[int, frozenset[str]] = {}  # printers for which a job is being planned
 
     def require_parts(self, number: int, parts: int) -> None:
-        """Store the number of parts that a job needs, as an attempt to plan it has shown."""
+        """Store the number of parts that a job needs according to an attempt to plan it."""
         self._min_parts[number] = parts
 
     def begin(self, order: StartPlanning) -> None:
@@ -290,7 +290,7 @@ class JobAdmission:
                 decision = Hold(code=HoldCode.NOT_FIRST, text=f"{first} are planned first")
             if decision is None:
                 availability = limit_availability(fleet, situation, job)
-                request, priority = self._request(job, situation.now_s), job.priority
+                request, priority = self._make_request(job, situation.now_s), job.priority
                 decision = choose_unreserved_printers(request, availability, priority, pending_plans)
             if isinstance(decision, Hold):
                 yield HoldJob(job.id, decision)
@@ -299,7 +299,7 @@ class JobAdmission:
             long_jobs += [] if quick else [job.id]
             yield StartPlanning(job.id, decision.printers, decision.rounds, quick)
 
-    def _request(self, job: Job, now_s: float) -> JobRequest:
+    def _make_request(self, job: Job, now_s: float) -> JobRequest:
         return JobRequest(
             requirements=derive_job_requirements(job),
             printers=job.options.printers if job.own_gcode is None else None,  # planning chooses one
@@ -312,7 +312,7 @@ class JobAdmission:
 def list_reservations(situation: Situation, reserved: Mapping[str, str]) -> dict[str, str]:
     """Return the printers that are reserved, and so not available to a new job, each with its purpose.
 
-    No printer is reserved for a plate that may not start now, as that plate may wait for a long time.
+    No printer is reserved for a plate that may not start now, because that plate may wait for a long time.
 
     Parameters
     ----------
@@ -333,7 +333,7 @@ def list_reservations(situation: Situation, reserved: Mapping[str, str]) -> dict
 
 def limit_availability(fleet: Availability, situation: Situation, job: Job) -> Availability:
     """Return the availability of the fleet at the start of a job, when perhaps nobody is present."""
-    starts_s = max(situation.now_s, job.not_before_s or 0.0)
-    is_attended = job.options.hold or situation.rules.is_attended(starts_s)
+    start_s = max(situation.now_s, job.not_before_s or 0.0)
+    is_attended = job.options.hold or situation.rules.is_attended(start_s)
     blocked_names = frozenset(p.name for p in situation.printers if not (p.unattended or is_attended))
     return replace(fleet, unattended_blocked=blocked_names)

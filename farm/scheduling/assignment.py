@@ -14,7 +14,7 @@ from farm.scheduling.situation import Situation
 from farm.scheduling.start_rules import find_filament_shortage
 
 LARGE_FLEET = 200
-"""Number of printers above which the scheduler runs once a second for all reports, as a run takes longer."""
+"""Number of printers above which the scheduler runs once a second for all reports, because runs take long."""
 MAX_STARTS = 15
 """Largest number of starts in one commit. The daemon handles messages between two such commits."""
 
@@ -47,7 +47,7 @@ def assign_plates(situation: Situation) -> list[Assignment]:
     list of Assignment
         Each printer and each plate at most once, in the order of assignment.
     """
-    pairs = sorted(_match(situation).items(), key=lambda pair: pair[1].priority_key)
+    pairs = sorted(_match_plates(situation).items(), key=lambda pair: pair[1].priority_key)
     return [Assignment(plate.id, name) for name, plate in pairs]
 
 
@@ -84,7 +84,7 @@ def _can_take(situation: Situation, printer: FleetPrinter, plate: WaitingPlate) 
 
 
 def find_holds(situation: Situation, assignments: Iterable[Assignment]) -> dict[str, Hold]:
-    """Find the reason for which each waiting plate got no printer.
+    """Find the reason why each waiting plate got no printer.
 
     Parameters
     ----------
@@ -104,7 +104,9 @@ def find_holds(situation: Situation, assignments: Iterable[Assignment]) -> dict[
         if plate.id in printer_by_plate and plate.job in extra_printers:
             extra_printers[plate.job] -= 1
     return {
-        plate.id: reasons.make_job_limit_hold() if extra_printers.get(plate.job) == 0 else reasons.find(plate)
+        plate.id: reasons.make_job_limit_hold()
+        if extra_printers.get(plate.job) == 0
+        else reasons.find_hold(plate)
         for plate in situation.waiting
         if plate.id not in printer_by_plate
     }
@@ -118,7 +120,7 @@ def _count_allowed_starts(situation: Situation) -> int:
     return max(0, limit - sum(printer.heating for printer in situation.printers))
 
 
-def _match(situation: Situation) -> dict[str, WaitingPlate]:
+def _match_plates(situation: Situation) -> dict[str, WaitingPlate]:
     """Match free printers with waiting plates; return the plate of each printer that gets one."""
     kinds = {printer.capabilities for printer in situation.free}
     met_demands = {

@@ -59,7 +59,7 @@ def forecast_prints(situation: Situation, has_bound: bool = True) -> Forecast:
     Plates are matched with printers by the code of `farm.scheduling.assignment` whenever a printer becomes
     free or has heated up, a job may use another printer, or attended or quiet hours begin or end. Between two
     plates on a printer, a person must be present to clear its bed. Absent or broken printers are used only if
-    there is no other. If all printers are alike and free, a job takes at most 4/3 of the shortest possible
+    there are no others. If all printers are alike and free, a job takes at most 4/3 of the shortest possible
     time (Graham 1969, LPT), plus the few seconds by which the order of gluing may change the order of plates
     (`TIME_TOLERANCE_S`); with at least as many printers as plates, it ends with its longest plate.
 
@@ -87,7 +87,7 @@ def forecast_in_steps(situation: Situation, has_bound: bool = True) -> Generator
     rules, now_s = situation.rules, situation.now_s
     fleet = list(situation.fleet.values())
     usable_printers = [
-        p for p in fleet if ((hold := p.obstacle()) and hold.code) in _TEMPORARY_CODES
+        p for p in fleet if ((hold := p.find_obstacle()) and hold.code) in _TEMPORARY_CODES
     ] or fleet
     simulation = _Simulation(situation, usable_printers)
     yield from simulation.run()
@@ -100,7 +100,7 @@ def forecast_in_steps(situation: Situation, has_bound: bool = True) -> Generator
         plates = [plate for plate in situation.waiting if plate.id in started_plates]
         ready_s = {p.name: _find_ready_s(p, rules, now_s) for p in usable_printers}
         bound_s = _compute_lower_bound_s(
-            plates, _find_fitting(plates, usable_printers), ready_s, rules, now_s
+            plates, _find_fitting_printers(plates, usable_printers), ready_s, rules, now_s
         )
     return Forecast(tuple(slots), unplaced_plates, ends_s, min(bound_s, ends_s))
 
@@ -131,31 +131,31 @@ class _Simulation:
             is_used = self._spares or any(map(printer.capabilities.meets, situation.waiting.demands))
             self._add_printer(printer, bool(is_used))
         for at_s in situation.waiting.starts_s:
-            self._push(at_s, _HOURS, "")
+            self._push_change(at_s, _HOURS, "")
 
     def _add_printer(self, printer: FleetPrinter, is_used: bool) -> None:
         now_s = self._now_s
         if printer.booked:
             self._remaining_plates.update([printer.job] if printer.job is not None else [])
-            self._push(max(now_s, printer.free_s or now_s), _END, printer.job)
+            self._push_change(max(now_s, printer.free_s or now_s), _END, printer.job)
         if printer.heating:
             self._heating_count += 1
-            self._push(max(now_s, printer.heats_until_s or now_s), _HEATED, printer.name)
+            self._push_change(max(now_s, printer.heats_until_s or now_s), _HEATED, printer.name)
         if not is_used:
             return
         ready_s = _find_ready_s(printer, self._rules, now_s)
         if ready_s <= now_s:
             self._idle.add(printer.name)
         else:
-            self._push(ready_s, _READY, printer.name)
+            self._push_change(ready_s, _READY, printer.name)
 
-    def _push(self, at_s: float, kind: int, subject: object) -> None:
+    def _push_change(self, at_s: float, kind: int, subject: object) -> None:
         if at_s >= self._now_s:
             heapq.heappush(self._changes, (at_s, kind, str(subject), subject))
 
     def run(self) -> Generator[None, None, None]:
         """Simulate until no plate waits, or no waiting plate can ever start; yield every few changes."""
-        self._match()
+        self._match_plates()
         edge_s, give_up_s = self._find_next_edge_s(), self._now_s + _HORIZON_S
         for number in itertools.count(1):
             if not self.queue:
@@ -173,8 +173,8 @@ class _Simulation:
                 return
             else:
                 self._now_s, kind, _, subject = heapq.heappop(self._changes)
-                self._apply(kind, subject)
-            if self._match():
+                self._apply_change(kind, subject)
+            if self._match_plates():
                 give_up_s = self._now_s + _HORIZON_S
 
     def _find_next_edge_s(self) -> float:
@@ -184,7 +184,7 @@ class _Simulation:
         )
         return min((edge_s for edge_s in edges if edge_s is not None), default=math.inf)
 
-    def _apply(self, kind: int, subject: object) -> None:
+    def _apply_change(self, kind: int, subject: object) -> None:
         if kind == _READY:
             self._idle.add(str(subject))
         elif kind == _HEATED:
@@ -202,8 +202,8 @@ class _Simulation:
             self._extra_printers[job] += 1
             self._blocked_printers.clear()
 
-    def _match(self) -> bool:
-        """Start the plates that can start; return whether there was any."""
+    def _match_plates(self) -> bool:
+        """Start the plates that can start; return whether there were any."""
         if self._spares:
             self._blocked_printers.clear()  # the spares depend on the waiting plates
         free = self._idle - self._blocked_printers
@@ -227,7 +227,7 @@ class _Simulation:
             ((rank, plates.values()) for rank, plates in self.queue.items()), inputs
         )
         for name, plate in plates_by_printer.items():
-            self._start(plate, name)
+            self._start_print(plate, name)
         if len(plates_by_printer) < starts:
             self._blocked_printers |= free - plates_by_printer.keys()
         return bool(plates_by_printer)
@@ -238,7 +238,7 @@ class _Simulation:
         spare_count = max(self._spares.values())
         return choose_spares((self._fleet[name] for name in self._idle), planned_printers, spare_count)
 
-    def _start(self, plate: WaitingPlate, name: str) -> None:
+    def _start_print(self, plate: WaitingPlate, name: str) -> None:
         printer = self._fleet[name]
         end_s = self._now_s + compute_seconds_on(plate, printer)
         self.slots.append(Slot(plate.id, name, self._now_s, end_s))
@@ -246,9 +246,9 @@ class _Simulation:
         if printer.grams is not None:
             self._fleet[name] = replace(printer, grams=printer.grams - plate.grams)
         self._heating_count += 1
-        self._push(self._now_s + plate.heating_s, _HEATED, name)
-        self._push(end_s, _END, plate.job)
-        self._push(self._rules.find_bed_clear_s(end_s, CLEARING_S), _READY, name)
+        self._push_change(self._now_s + plate.heating_s, _HEATED, name)
+        self._push_change(end_s, _END, plate.job)
+        self._push_change(self._rules.find_bed_clear_s(end_s, CLEARING_S), _READY, name)
         if plate.job in self._extra_printers:
             self._extra_printers[plate.job] -= 1
         self._planned_plates[plate.planned_printer] -= 1
@@ -283,12 +283,12 @@ def compute_seconds_on(plate: WaitingPlate, printer: FleetPrinter) -> float:
 
 def _find_ready_s(printer: FleetPrinter, rules: StartRules, now_s: float) -> float:
     """Return the time at which a printer is idle and clear."""
-    if printer.obstacle() is None:
+    if printer.find_obstacle() is None:
         return now_s
     return rules.find_bed_clear_s(max(now_s, printer.free_s or now_s), CLEARING_S)
 
 
-def _find_fitting(
+def _find_fitting_printers(
     plates: Iterable[WaitingPlate], printers: Iterable[FleetPrinter]
 ) -> dict[str, list[FleetPrinter]]:
     """Return the printers that match each plate and have enough filament for it."""
@@ -325,10 +325,10 @@ def _compute_lower_bound_s(
         if not fitting_printers[plate.id]:
             continue
         starts = [(p, rules.find_start(plate, p, ready_s[p.name]).at_s) for p in fitting_printers[plate.id]]
-        ends = [at_s + compute_seconds_on(plate, p) for p, at_s in starts if at_s is not None]
-        if not ends:
+        ends_s = [at_s + compute_seconds_on(plate, p) for p, at_s in starts if at_s is not None]
+        if not ends_s:
             continue
-        bound_s = max(bound_s, min(ends))
+        bound_s = max(bound_s, min(ends_s))
         names = frozenset(p.name for p in fitting_printers[plate.id])
         work_s[names] = work_s.get(names, 0.0) + min(
             compute_seconds_on(plate, p) for p in fitting_printers[plate.id]

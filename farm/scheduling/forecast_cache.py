@@ -85,9 +85,9 @@ class ForecastCache:
             return None
         situation = self._find_situation()
         self._is_large = len(situation.waiting) >= LARGE_QUEUE
-        return self._forecast(situation, books, self._ends)
+        return self._forecast_ends(situation, books, self._ends)
 
-    def _forecast(self, situation: Situation, books: Books, ends_before: ExpectedEnds) -> Iterator[None]:
+    def _forecast_ends(self, situation: Situation, books: Books, ends_before: ExpectedEnds) -> Iterator[None]:
         forecast = yield from forecast_in_steps(situation, has_bound=False)
         if self._ends is ends_before:  # else the clock was set meanwhile
             ends_s = {slot.plate: slot.ends_s for slot in forecast.slots}

@@ -99,12 +99,12 @@ def find_next_change_s(
     other_times_s
         Other times at which decisions may change.
     """
-    starts = (job.not_before_s for job in books.jobs.values() if not job.state.ended)
-    moments = (*other_times_s, *(at_s for at_s in starts if at_s is not None))
+    starts_s = (job.not_before_s for job in books.jobs.values() if not job.state.ended)
+    moments_s = (*other_times_s, *(at_s for at_s in starts_s if at_s is not None))
     return min(
         situation.find_next_change_s(),
         _find_loss_window_end_s(books, held_back),
-        *(at_s for at_s in moments if at_s > situation.now_s),
+        *(at_s for at_s in moments_s if at_s > situation.now_s),
     )
 
 
@@ -180,7 +180,7 @@ class _Group:
 
 
 class HoldReasons:
-    """Reasons for which plates wait in one situation.
+    """Reasons why plates wait in one situation.
 
     Parameters
     ----------
@@ -208,7 +208,7 @@ class HoldReasons:
             heating_limit,
         )
         fleet = situation.fleet
-        self._obstacles = {name: printer.obstacle() for name, printer in fleet.items()}
+        self._obstacles = {name: printer.find_obstacle() for name, printer in fleet.items()}
         self._capabilities = tuple(dict.fromkeys(printer.capabilities for printer in fleet.values()))
         self._groups: dict[tuple[Capabilities, ...], _Group] = {}  # by mismatches
         self._idle = frozenset(n for n, hold in self._obstacles.items() if hold is None) - assigned_printers
@@ -219,8 +219,8 @@ class HoldReasons:
             text="its job already uses as many printers as it may (--printers)",
         )
 
-    def find(self, plate: WaitingPlate) -> Hold:
-        """Return the reason for which a plate waits, preferably one that ends without a person's action."""
+    def find_hold(self, plate: WaitingPlate) -> Hold:
+        """Return the reason why a plate waits, preferably one that ends without a person's action."""
         mismatches = tuple(
             capabilities
             for capabilities in self._capabilities
@@ -293,13 +293,13 @@ class HoldReasons:
         busy = [n for n, hold in obstacles.items() if hold.code is HoldCode.PRINTER_BUSY]
         if not busy:
             return _make_all_assigned_hold() if any(n in self._assigned_printers for n in names) else None
-        ends = [
-            end
+        ends_s = [
+            end_s
             for n in busy
-            if (end := self._situation.fleet[n].free_s) is not None and end > self._situation.now_s
+            if (end_s := self._situation.fleet[n].free_s) is not None and end_s > self._situation.now_s
         ]
         rules, now_s = self._situation.rules, self._situation.now_s
-        times = (rules.name_time(min(ends), now_s),) if ends else ()
+        times = (rules.name_time(min(ends_s), now_s),) if ends_s else ()
         end_text = f" until {times[0].text}" if times else ""
         text = f"{join_names(busy)} {'is' if len(busy) == 1 else 'are'} printing{end_text}"
         uncleared_printers = [n for n, hold in obstacles.items() if hold.code is HoldCode.BED_NOT_CLEAR]

@@ -11,7 +11,7 @@ from functools import lru_cache
 
 from farm.week_windows import DAYS, Window
 
-_HORIZON_DAYS = 15  # two weeks contain a whole span of any weekly windows
+_SEARCH_DAYS = 15  # two weeks contain a whole span of any weekly windows
 _MAX_SPAN_S = 8 * 86400.0  # a longer span has no gap and never ends
 Span = tuple[float, float]
 
@@ -21,14 +21,14 @@ class Hours:
     """Weekly windows in a time zone. Times are seconds since the epoch.
 
     A local time that daylight saving skips is moved an hour later. At a local time that occurs twice, windows
-    start at the first occurrence and end at the second, so no minute is lost.
+    start at the first occurrence and end at the second, so that they include every minute.
     """
 
     windows: tuple[Window, ...]
     zone: tzinfo
 
     def find_span(self, at_s: float) -> Span | None:
-        """Return the half-open span around `at_s`, or None. A span that never ends has the end infinity."""
+        """Return the half-open span around `at_s`, or None. The end of a span that never ends is infinity."""
         return next((span for span in self._list_spans_near(at_s) if span[0] <= at_s < span[1]), None)
 
     def find_next_span(self, at_s: float) -> Span | None:
@@ -49,34 +49,35 @@ class Hours:
 
 @lru_cache(maxsize=64)
 def _list_spans(windows: tuple[Window, ...], zone: tzinfo, day: int) -> tuple[Span, ...]:
-    """Return the merged spans in order, beginning with those of the day before a day."""
+    """Return the merged spans in order, from the day before `day` on."""
     spans = []
-    for ordinal in range(day - 1, day + _HORIZON_DAYS):
+    for ordinal in range(day - 1, day + _SEARCH_DAYS):
         date = datetime.fromordinal(ordinal).replace(tzinfo=zone)
         for window in windows:
             if date.weekday() in window.days:
                 next_day = timedelta(days=window.ends <= window.begins)
-                begins = datetime.combine(date, window.begins, zone)
-                ends = datetime.combine(date + next_day, window.ends, zone)
-                spans.append((begins.timestamp(), max(ends.timestamp(), ends.replace(fold=1).timestamp())))
+                start = datetime.combine(date, window.begins, zone)
+                end = datetime.combine(date + next_day, window.ends, zone)
+                spans.append((start.timestamp(), max(end.timestamp(), end.replace(fold=1).timestamp())))
     return tuple(
-        (begin, math.inf if end - begin > _MAX_SPAN_S else end) for begin, end in _merge_spans(spans)
+        (start_s, math.inf if end_s - start_s > _MAX_SPAN_S else end_s)
+        for start_s, end_s in _merge_spans(spans)
     )
 
 
 def _merge_spans(spans: Iterable[Span]) -> list[Span]:
     merged_spans: list[Span] = []
-    for begin, end in sorted(spans):
-        if end <= begin:
-            continue  # skipped entirely by daylight saving
-        if merged_spans and begin <= merged_spans[-1][1]:
-            merged_spans[-1] = (merged_spans[-1][0], max(merged_spans[-1][1], end))
+    for start_s, end_s in sorted(spans):
+        if end_s <= start_s:
+            continue  # daylight saving skips all of it
+        if merged_spans and start_s <= merged_spans[-1][1]:
+            merged_spans[-1] = (merged_spans[-1][0], max(merged_spans[-1][1], end_s))
         else:
-            merged_spans.append((begin, end))
+            merged_spans.append((start_s, end_s))
     return merged_spans
 
 
-_HORIZON_S = 366 * 86400.0
+_MAX_AHEAD_S = 366 * 86400.0
 _TIME = re.compile(r"(?:([a-z]{3})\s+)?(\d{1,2}):(\d{2})")
 
 
@@ -86,7 +87,7 @@ def parse_moment_s(text: str, now_s: float, zone: tzinfo) -> float:
     Raises
     ------
     ValueError
-        If it cannot be read, has passed or is more than a year ahead; the message shows the valid forms.
+        If the text is not a time, or a time that has passed or is more than a year ahead.
     """
     now = datetime.fromtimestamp(now_s, zone)
     match = _TIME.fullmatch(text.strip().lower())
@@ -98,19 +99,19 @@ def parse_moment_s(text: str, now_s: float, zone: tzinfo) -> float:
             day, hour, minute = match.groups()
             if day is not None and day not in DAYS:
                 raise ValueError(f"{day!r} is not a day of the week")
-            at_s = _find_next(now, day, int(hour), int(minute)).timestamp()
+            at_s = _find_next_occurrence(now, day, int(hour), int(minute)).timestamp()
     except ValueError as error:
         example = "write it like 22:00, fri 22:00 or 2026-11-21T22:00"
         cause = f" ({error})" if match is not None else ""
         raise ValueError(f"{text!r} is not a time{cause}; {example}") from error
     if at_s <= now_s:
         raise ValueError(f"{text!r} has passed: it is {now:%a %Y-%m-%d %H:%M}")
-    if at_s > now_s + _HORIZON_S:
+    if at_s > now_s + _MAX_AHEAD_S:
         raise ValueError(f"{text!r} is more than a year ahead: it is {now:%a %Y-%m-%d %H:%M}")
     return at_s
 
 
-def _find_next(now: datetime, day: str | None, hour: int, minute: int) -> datetime:
+def _find_next_occurrence(now: datetime, day: str | None, hour: int, minute: int) -> datetime:
     """Return the next occurrence of a local time, which daylight saving may repeat."""
     moment = now.replace(hour=hour, minute=minute, second=0, microsecond=0, fold=0)
     for _ in range(9):

@@ -9,12 +9,12 @@ from functools import cached_property
 from farm.model import NOMINAL_TIME_FACTORS, Bed, FilamentState, Hold, HoldCode, Link, Shares, TimeFactors
 
 Demand = tuple[str | None, str | None, float | None, str | None, tuple[str, ...]]
-"""Material, colour, nozzle in mm, printer family and printers that a plate requires; None or empty: any."""
+"""Material, colour, nozzle diameter in mm, family and printers that a plate requires; None or empty: any."""
 Box = tuple[float, float, float, float, float]
 """min_x, min_y, max_x, max_y and height, in mm from the bed's centre."""
 
 SLACK_MM = 0.05
-"""Tolerance for the rounded extents of a slice."""
+"""Tolerance of comparisons with the extents of a slice, which are rounded."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Capabilities:
     family
         Printer family, whose members accept the same G-code; None: any.
     requested_name
-        Its name if an open job asks for it by name; else None, so that other printers of one kind are equal.
+        Name of the printer if an open job asks for it; else None, so that the printers of one kind are equal.
     """
 
     room: tuple[Box, ...]
@@ -96,7 +96,7 @@ class FleetPrinter:
     unattended: bool = True  # may print while nobody is present
     attended_reason: str = ""  # why it may not print unattended
 
-    def obstacle(self) -> Hold | None:
+    def find_obstacle(self) -> Hold | None:
         """Return why nothing can start on the printer now; None if it is idle and clear."""
         return self._obstacle
 
@@ -184,12 +184,12 @@ class Requirements:
         if self.box is not None:
             x0, y0, x1, y1, height = self.box
             width = f"{x1 - x0:.0f} mm of width, {y1 - y0:.0f} mm of depth"
-            is_low = any(height > kind.height_mm + SLACK_MM for kind in missing_capabilities)
-            is_narrow = any(not kind.holds((x0, y0, x1, y1, 0.0)) for kind in missing_capabilities)
+            needs_height = any(height > kind.height_mm + SLACK_MM for kind in missing_capabilities)
+            needs_width = any(not kind.holds((x0, y0, x1, y1, 0.0)) for kind in missing_capabilities)
             if not missing_capabilities:
                 texts.append(f"{width} and {height:.0f} mm of height")
             else:
-                texts += [f"{height:.0f} mm of height"] * is_low + [width] * is_narrow
+                texts += [f"{height:.0f} mm of height"] * needs_height + [width] * needs_width
         return ", ".join(texts)
 
 
@@ -221,8 +221,8 @@ class WaitingPlate:
 
         Among plates with the same time, rounded to `TIME_TOLERANCE_S`, the one that is glued first.
         """
-        longest = -round(self.expected_s / TIME_TOLERANCE_S)
-        return *self.queue_rank, longest, self.glue_rank, -self.expected_s, self.id
+        longest_first = -round(self.expected_s / TIME_TOLERANCE_S)
+        return *self.queue_rank, longest_first, self.glue_rank, -self.expected_s, self.id
 
     @cached_property
     def demand(self) -> Demand:
@@ -239,7 +239,7 @@ def choose_spares(
     printers: Iterable[FleetPrinter], planned_printers: Collection[str], spares: int
 ) -> frozenset[str]:
     """Return the `spares` largest free printers for which no waiting plate was planned."""
-    free = [p for p in printers if p.name not in planned_printers and p.obstacle() is None]
+    free = [p for p in printers if p.name not in planned_printers and p.find_obstacle() is None]
     free.sort(key=lambda p: (p.capabilities.height_mm, p.name), reverse=True)
     return frozenset(printer.name for printer in free[:spares])
 

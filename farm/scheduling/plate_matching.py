@@ -125,9 +125,9 @@ class _Kind:
         first = inputs.fleet[names[0]]
         grams = max(_read_grams(inputs.fleet[name]) for name in names)
         window = inputs.rules.find_start_window(first.unattended, inputs.now_s)
-        unassigned, planned, rank = names.copy(), inputs.planned_printers, inputs.order.rank
+        unassigned, planned_printers, rank = names.copy(), inputs.planned_printers, inputs.order.rank
         if len(names) > 1:
-            unassigned = sorted(names, key=lambda name: (name in planned, rank[name]), reverse=True)
+            unassigned = sorted(names, key=lambda name: (name in planned_printers, rank[name]), reverse=True)
         return cls(first.capabilities, names, unassigned, grams, window)
 
 
@@ -152,12 +152,12 @@ class _Matching:
         return False
 
     def place(self, plate: WaitingPlate) -> bool:
-        """Find a printer for a plate, and return whether there is one; placed plates may move to another."""
+        """Find a printer for a plate, to which placed plates may give way; return whether there is one."""
         return self._augment(plate, set())
 
     def place_on_any(self, plate: WaitingPlate) -> bool:
         """Find a printer for a plate, including those on which it failed; return whether there is one."""
-        for name in self._list_capable(plate):
+        for name in self._list_capable_printers(plate):
             if name not in self.plate_by_printer:
                 self.plate_by_printer[name] = plate
                 return True
@@ -183,7 +183,7 @@ class _Matching:
         return False
 
     def _find_unassigned_printer(self, plate: WaitingPlate) -> str | None:
-        """Return the best printer for a plate that is not assigned; None if there is none."""
+        """Return the best unassigned printer for a plate; None if there is none."""
         inputs, assigned, grams = self._inputs, self.plate_by_printer, compute_needed_grams(plate)
         best: str | None = None
         for kind in self._list_kinds(plate, grams):
@@ -218,7 +218,7 @@ class _Matching:
     def _list_choices(self, plate: WaitingPlate) -> list[str]:
         """Return the printers that can take a plate now, in order of preference."""
         if plate.id not in self._choices_by_plate:
-            names = self._list_capable(plate)
+            names = self._list_capable_printers(plate)
             if plate.failed_on:
                 preferred_names = [name for name in names if name not in plate.failed_on]
                 names = (
@@ -233,7 +233,7 @@ class _Matching:
         other_printers = (p for p in self._inputs.fleet.values() if p.name not in plate.failed_on)
         return not any(plate.requirements.matches(p.capabilities) for p in other_printers)
 
-    def _list_capable(self, plate: WaitingPlate) -> list[str]:
+    def _list_capable_printers(self, plate: WaitingPlate) -> list[str]:
         """Return the free printers that can take a plate now, the lowest first."""
         inputs, grams = self._inputs, compute_needed_grams(plate)
         names = [
@@ -246,7 +246,7 @@ class _Matching:
         return names
 
     def _list_kinds(self, plate: WaitingPlate, grams: float) -> list[_Kind]:
-        """Return the kinds of free printers that can take a plate that needs this many grams now."""
+        """Return the kinds of free printers that can now take a plate that needs this many grams."""
         return [
             kind
             for kind in self._kinds.values()

@@ -18,7 +18,7 @@ QueueRank = tuple[int, float, int]
 class JobPlates:
     """Waiting plates of one job, in the order in which they are served, with their common properties.
 
-    These are cached for each job, as most jobs are the same objects from one situation to the next.
+    Objects are cached for each job, because most jobs do not change from one situation to the next.
     """
 
     plates: tuple[WaitingPlate, ...]

@@ -47,7 +47,7 @@ class Situation:
     @cached_property
     def free(self) -> tuple[FleetPrinter, ...]:
         """Printers that are idle and clear, by name."""
-        return tuple(printer for printer in self.fleet.values() if printer.obstacle() is None)
+        return tuple(printer for printer in self.fleet.values() if printer.find_obstacle() is None)
 
     @cached_property
     def spare_printers(self) -> frozenset[str]:

@@ -122,7 +122,7 @@ def estimate_remaining_s(
     plate
         Its plate.
     report
-        Report of the printer's agent on this print; None without one.
+        Report of the printer's agent on this print; None if there is none.
     time_factors
         Time factors of the printer.
     now_s
@@ -135,21 +135,21 @@ def estimate_remaining_s(
 
 
 def update_ends(situation: Situation, books: Books, snapshots: Mapping[str, AgentSnapshot]) -> Situation:
-    """Return the situation with the ends of running prints by their progress, for display.
+    """Return the situation in which the ends of running prints follow their progress, for display.
 
-    Decisions use the ends by the plan, as they are made once for each event and not for each report.
+    Decisions use the planned ends, because they are made once for each event and not for each report.
 
     Parameters
     ----------
     situation
-        The situation, with ends by the plan.
+        The situation, with planned ends.
     books
         The open prints and their plates.
     snapshots
         Latest report of each agent, by printer.
     """
 
-    def update(printer: FleetPrinter) -> FleetPrinter:
+    def update_printer(printer: FleetPrinter) -> FleetPrinter:
         attempt, snapshot = books.open_print_on(printer.name), snapshots.get(printer.name)
         if attempt is None:
             return printer
@@ -158,7 +158,7 @@ def update_ends(situation: Situation, books: Books, snapshots: Mapping[str, Agen
         remaining_s = estimate_remaining_s(attempt, plate, report, factors, situation.now_s)
         return replace(printer, free_s=situation.now_s + remaining_s)
 
-    return situation.with_printers(tuple([update(printer) for printer in situation.printers]))
+    return situation.with_printers(tuple([update_printer(printer) for printer in situation.printers]))
 
 
 class SituationBuilder:
@@ -185,10 +185,10 @@ class SituationBuilder:
         self, fleet: Fleet, books: Books, snapshots: Mapping[str, AgentSnapshot]
     ) -> tuple[FleetPrinter, ...]:
         """Describe the enabled printers."""
-        sections, named = self._list_enabled(fleet), self._find_named_printers(books)
+        sections, named_printers = self._list_enabled(fleet), self._find_named_printers(books)
         return tuple(
             [
-                self._describe(section, books, snapshots.get(name), name in named)
+                self._describe(section, books, snapshots.get(name), name in named_printers)
                 for name, section in sections.items()
             ]
         )
@@ -327,7 +327,7 @@ def describe_plates(plates: Iterable[Plate], books: Books) -> Iterator[WaitingPl
 
 
 def _find_glue_ranks(plate: Plate, books: Books) -> list[int]:
-    """Find the places of a plate's parts in the order of gluing, of those parts that are in the books."""
+    """Find the places in the order of gluing of those of a plate's parts that are in the books."""
     parts = (books.parts.get(name) for name in plate.parts)
     return [part.glue_rank for part in parts if part is not None and part.glue_rank is not None]
 

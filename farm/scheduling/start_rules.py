@@ -18,7 +18,7 @@ from farm.wording import name_time
 LATE_FACTOR = 1.05
 """Factor by which a print may take longer than expected."""
 GRAMS_RATIO, MIN_GRAMS = 1.05, 5.0
-"""Filament that a reel must have for a plate: a factor on its grams, and a minimum of additional grams."""
+"""Filament that a reel must have for a plate: a factor on the plate's grams, and a minimum reserve."""
 FIRST_LAYER_S = 3600.0
 """Seconds of the attended hours reserved for first layers, which need supervision."""
 CLEARING_RESERVE_S = 900.0
@@ -105,13 +105,13 @@ class StartRules:
         return self.name_time(at_s, now_s).text
 
     def name_time(self, at_s: float, now_s: float) -> TextTime:
-        """Return a time with its text in a sentence, as by `format_moment`."""
+        """Return a time with its text in a sentence; see `format_moment`."""
         return name_time(at_s, now_s, self.zone)
 
     def find_start(self, plate: WaitingPlate, printer: FleetPrinter, from_s: float) -> Start:
         """Find the earliest time from `from_s` on at which hours allow a plate to start on a printer.
 
-        A print may not reach into quiet hours, and may not start unattended if it needs a person.
+        A print must end before quiet hours begin, and may not start unattended if it needs a person.
         """
         at_s, reason = from_s, None
         if plate.not_before_s is not None and plate.not_before_s > at_s:
@@ -157,9 +157,9 @@ class StartRules:
             return None
         if quiet[1] == float("inf"):
             return Start(None, Hold(code=HoldCode.QUIET_HOURS, text="fleet.yaml has quiet hours all week"))
-        begin, end = times = tuple(self.name_time(at_s, now_s) for at_s in quiet)
+        start, end = times = tuple(self.name_time(at_s, now_s) for at_s in quiet)
         duration = format_duration(plate.expected_s)
-        text = f"it takes {duration}, quiet hours are from {begin.text} to {end.text}"
+        text = f"it takes {duration}, quiet hours are from {start.text} to {end.text}"
         return Start(quiet[1], Hold(code=HoldCode.QUIET_HOURS, text=text, times=times))
 
     def _find_attended_start(
@@ -179,8 +179,8 @@ class StartRules:
         if next_span is None:
             text = f"{rule}, and fleet.yaml has none (`attended`)"
             return Start(None, Hold(code=HoldCode.UNATTENDED, text=text))
-        begin = self.name_time(next_span[0], now_s)
-        hold = Hold(code=HoldCode.UNATTENDED, text=f"{rule}: from {begin.text}", times=(begin,))
+        start = self.name_time(next_span[0], now_s)
+        hold = Hold(code=HoldCode.UNATTENDED, text=f"{rule}: from {start.text}", times=(start,))
         return Start(next_span[0], hold)
 
     def _compute_attendance_s(self, plate: WaitingPlate, printer: FleetPrinter) -> float | None:
@@ -214,14 +214,14 @@ class StartRules:
 
         At such a time hours start or end, or a plate reaches its latest start.
         """
-        # Hours depend on this field of a printer only.
+        # Of the fields of a printer, hours depend only on this one.
         kinds = {printer.unattended: printer for printer in printers}
-        moments = [self.attended.find_next_edge_s(now_s), self.quiet.find_next_edge_s(now_s)]
+        moments_s = [self.attended.find_next_edge_s(now_s), self.quiet.find_next_edge_s(now_s)]
         if self.quiet.windows or self.attended.windows:
-            moments += [
+            moments_s += [
                 at_s + _TOLERANCE_S for at_s in self._list_latest_starts_s(plates, kinds.values(), now_s)
             ]
-        return min((at_s for at_s in moments if at_s is not None and at_s > now_s), default=math.inf)
+        return min((at_s for at_s in moments_s if at_s is not None and at_s > now_s), default=math.inf)
 
     def find_latest_end_s(self, printer: FleetPrinter, at_s: float) -> float | None:
         """Return the latest end of a print that runs at `at_s`; None if it may continue unattended."""
@@ -234,8 +234,8 @@ class StartRules:
 
     def find_unattended_reason(self, printer: FleetPrinter, now_s: float) -> str | None:
         """Return the reason why a printer may not continue printing now; None if it may."""
-        ends_by_s = self.find_latest_end_s(printer, now_s)
-        if ends_by_s is None or now_s < ends_by_s:
+        latest_end_s = self.find_latest_end_s(printer, now_s)
+        if latest_end_s is None or now_s < latest_end_s:
             return None
         next_span = self.attended.find_next_span(now_s)
         hint = "" if next_span is None else f": from {self.format_moment(next_span[0], now_s)} ({self.zone})"
@@ -291,9 +291,9 @@ def find_filament_shortage(plate: WaitingPlate, printer: FleetPrinter, grams: fl
     grams_needed = compute_needed_grams(plate)
     if grams is None or grams >= grams_needed:
         return None
-    has, needs = f"{printer.name} has {grams:.0f} g", f"needs {grams_needed:.0f} g"
+    stock, need = f"{printer.name} has {grams:.0f} g", f"needs {grams_needed:.0f} g"
     return Hold(
         code=HoldCode.REEL_TOO_SHORT,
-        text=f"{has}, this plate {needs}: load a reel, then `farm load {printer.name}`",
-        reel=ShortReel(printer=printer.name, text=f"{has}, {plate.id} {needs}"),
+        text=f"{stock}, this plate {need}: load a reel, then `farm load {printer.name}`",
+        reel=ShortReel(printer=printer.name, text=f"{stock}, {plate.id} {need}"),
     )

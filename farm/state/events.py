@@ -47,7 +47,7 @@ class JobSubmitted(Event):
 
 
 class JobHeld(Event):
-    """The reason for which a queued job waits has changed."""
+    """The reason why a queued job waits has changed."""
 
     job: int
     hold: Hold | None
@@ -311,7 +311,7 @@ class BedCleared(Event):
 
 
 class BooksRestored(Event):
-    """The database was restored from a backup of `copied_s`; prints since then are unknown."""
+    """The database was restored from a backup of `copied_s`; the prints since then are unknown."""
 
     copied_s: float
 

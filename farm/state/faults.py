@@ -32,4 +32,4 @@ LOSSES: frozenset[str] = frozenset(
 BY_PEOPLE: frozenset[str] = frozenset({OwnFault.BY_A_PERSON, Fault.ESTOP})
 """Faults for prints that a person ended."""
 UNCHARGED: frozenset[str] = BY_PEOPLE | {Fault.HOURS_ENDED, OwnFault.REFUSED}
-"""Faults that do not count as an attempt of a plate, as they have other causes."""
+"""Faults that do not count as an attempt of a plate, because they have other causes."""

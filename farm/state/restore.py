@@ -17,7 +17,7 @@ HOLD = Hold(
 def restore_books(event: ev.BooksRestored, books: Books) -> Books:
     """Mark every bed as not clear, and hold every job until a person has checked which parts are printed.
 
-    All keys and sessions are revoked, as some may have been revoked since the backup.
+    All keys and sessions are revoked, because some may have been revoked since the backup.
     Prints since the backup are taken from the agents' journals (`import_agent_journal`).
     """
     printers = [_restore_printer(printer, event, books) for printer in books.printers.values()]

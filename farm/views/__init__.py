@@ -1,6 +1,6 @@
 """Views of the state for people: jobs, printers, tasks, history, notices. Pure.
 
-`farm.views.report`, the report of a job, is imported separately, as its templates are slow to load.
+`farm.views.report`, the report of a job, is imported separately, because its templates are slow to load.
 """
 
 from __future__ import annotations

@@ -29,7 +29,8 @@ class Notice:
 def list_due_notices(books: Books, now_s: float, since_s: float, sent_keys: Collection[str]) -> list[Notice]:
     """List the notices to send now, oldest first.
 
-    The notice on a lost printer is delayed, as further losses would make it one outage with a single notice.
+    The notice on a lost printer is delayed, because further losses would make it one outage with a
+    single notice.
 
     Parameters
     ----------
@@ -48,9 +49,9 @@ def list_due_notices(books: Books, now_s: float, since_s: float, sent_keys: Coll
         *_list_end_of_all_jobs(books),
     ]
     wait_s = books.outage_window_s  # in both directions: the clock may have been set back
-    due = (n for n in notices if n.urgent or abs(now_s - n.at_s) >= wait_s)
-    new = (n for n in due if since_s <= n.at_s and n.key not in sent_keys)
-    return sorted(new, key=lambda notice: (notice.at_s, notice.key))
+    due_notices = (n for n in notices if n.urgent or abs(now_s - n.at_s) >= wait_s)
+    new_notices = (n for n in due_notices if since_s <= n.at_s and n.key not in sent_keys)
+    return sorted(new_notices, key=lambda notice: (notice.at_s, notice.key))
 
 
 def _list_alarms(books: Books) -> Iterator[Notice]:

@@ -108,15 +108,15 @@ HOST_ONLY = frozenset(
         ("POST", "/down"),
     )
 )
-"""Routes of the Unix socket that are not served on the network, as they concern the daemon's host."""
+"""Routes of the Unix socket that are not served on the network, because they concern the daemon's host."""
 
 
-def _compile(path: str) -> re.Pattern[str]:
+def _compile_path(path: str) -> re.Pattern[str]:
     return re.compile(re.sub(r"\{\w+\}", "[^/]+", path))
 
 
-_OPEN_PATTERNS = [(method, _compile(path)) for method, path in PUBLIC_ROUTES]
-_PATTERNS = [(method, _compile(path), role) for (method, path), role in ROLES.items()]
+_OPEN_PATTERNS = [(method, _compile_path(path)) for method, path in PUBLIC_ROUTES]
+_PATTERNS = [(method, _compile_path(path), role) for (method, path), role in ROLES.items()]
 
 
 def is_open(method: str, path: str) -> bool:

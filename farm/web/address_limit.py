@@ -12,7 +12,7 @@ import uvicorn
 from farm.errors import Refused
 from farm.http import BoundedServer, WaitingConnection, find_longest_waiting
 
-_SHARE = 4  # divisor: one address may take a quarter of all connections
+_SHARE_DIVISOR = 4  # one address may take a quarter of all connections
 _MIN_CONNECTIONS = 4
 _SITE_BITS = 64  # prefix of an IPv6 address: one client may have all addresses with it
 
@@ -59,27 +59,30 @@ class AddressLimitedServer(BoundedServer):
 
     def __init__(self, config: uvicorn.Config, limit: int) -> None:
         super().__init__(config, limit)
-        self._address_limit = max(_MIN_CONNECTIONS, limit // _SHARE)
+        self._address_limit = max(_MIN_CONNECTIONS, limit // _SHARE_DIVISOR)
 
     async def make_room(self, connection: socket.socket) -> None:
         """Make room among the connections of an address, then among all. Raises Refused at the limit."""
         client = group_address(connection.getpeername()[0])
-        while client is not None and len(own := self._list_connections(client)) >= self._address_limit:
-            idle = find_longest_waiting(own)
-            if idle is None:
-                raise Refused(f"{client} has {len(own)} connections")
-            idle.transport.abort()
+        while (
+            client is not None
+            and len(own_connections := self._list_connections(client)) >= self._address_limit
+        ):
+            waiting_connection = find_longest_waiting(own_connections)
+            if waiting_connection is None:
+                raise Refused(f"{client} has {len(own_connections)} connections")
+            waiting_connection.transport.abort()
             await asyncio.sleep(0.0)
         await super().make_room(connection)
 
     def find_abandoned_handshake(
         self, handshakes: Mapping[asyncio.Task[None], socket.socket], connection: socket.socket
     ) -> asyncio.Task[None] | None:
-        """Return the oldest handshake of the same address if it has too many; else as the base class."""
+        """Return the oldest handshake of the same address if it has too many; else see the base class."""
         client = _find_peer(connection)
-        own = [task for task, other in handshakes.items() if _find_peer(other) == client]
-        if client is not None and len(own) >= self._address_limit:
-            return own[0]
+        own_handshakes = [task for task, other in handshakes.items() if _find_peer(other) == client]
+        if client is not None and len(own_handshakes) >= self._address_limit:
+            return own_handshakes[0]
         return super().find_abandoned_handshake(handshakes, connection)
 
     def _list_connections(self, client: str) -> list[WaitingConnection]:

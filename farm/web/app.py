@@ -30,12 +30,12 @@ from farm.http import (
 )
 from farm.views.report import load_templates as load_report_templates
 from farm.web.access import LIVENESS, METRICS, SCHEMA, SCHEMA_PAGE, find_role, is_open
-from farm.web.actions import job_forms, printer_forms
+from farm.web.actions import make_job_form_routes, make_printer_form_routes
 from farm.web.address_limit import group_address
 from farm.web.callers import CallerFinder, KeyHolder, Visitor
 from farm.web.cookies import SessionCookie
 from farm.web.guard import Refusal, check_head, check_host, check_origin, check_page
-from farm.web.live import LivePages, live_routes
+from farm.web.live import LivePages, make_live_routes
 from farm.web.metrics import CONTENT_TYPE, write_metrics
 from farm.web.notes import Notes
 from farm.web.openapi import describe_routes
@@ -43,15 +43,15 @@ from farm.web.pages import (
     POLICY,
     SUBMIT_PATH,
     PageContext,
-    fleet_routes,
-    job_pages,
     load_pages,
-    login_routes,
-    page_routes,
-    printer_pages,
+    make_all_job_routes,
+    make_fleet_routes,
+    make_login_routes,
+    make_page_routes,
+    make_printer_page_routes,
+    make_submit_routes,
     render_api_page,
     render_message,
-    submit_routes,
 )
 from farm.web.slicers import add_slicer_routes, is_slicer_path, is_slicer_upload, make_text
 
@@ -116,7 +116,7 @@ def make_web_app(services: Services, dry_runs: DryRuns, names: Collection[str]) 
 
     cookie = SessionCookie.for_section(services.controller.fleet.web)
     callers = CallerFinder(services, cookie)
-    app.include_router(login_routes(services, cookie, callers))
+    app.include_router(make_login_routes(services, cookie, callers))
     _add_pages(app, services, dry_runs)
     return Guard(app, services, names, cookie, callers)
 
@@ -134,14 +134,14 @@ def _add_pages(app: FastAPI, services: Services, dry_runs: DryRuns) -> None:
     jobs = JobCommands(services.controller, printers)
     live = LivePages(services.page_streams)
     pages = PageContext(services, notes, live)
-    app.include_router(page_routes(pages))
-    app.include_router(live_routes(live, services.page_streams))
-    app.include_router(fleet_routes(pages))
-    app.include_router(printer_pages(pages))
-    app.include_router(job_pages(pages, jobs, dry_runs))
-    app.include_router(submit_routes(pages, jobs))
-    app.include_router(printer_forms(printers, parts))
-    app.include_router(job_forms(services, jobs, parts))
+    app.include_router(make_page_routes(pages))
+    app.include_router(make_live_routes(live, services.page_streams))
+    app.include_router(make_fleet_routes(pages))
+    app.include_router(make_printer_page_routes(pages))
+    app.include_router(make_all_job_routes(pages, jobs, dry_runs))
+    app.include_router(make_submit_routes(pages, jobs))
+    app.include_router(make_printer_form_routes(printers, parts))
+    app.include_router(make_job_form_routes(services, jobs, parts))
 
 
 class Guard:
@@ -184,29 +184,29 @@ class Guard:
                     headers.setdefault(name, value)
             await send(message)
 
-        decision = self._judge(scope)
+        decision = self._check_request(scope)
         if not isinstance(decision, Refusal):
             is_allowed = partial(self._is_valid, decision)
             state = {**scope.get("state", {}), "caller": decision, "is_allowed": is_allowed}
             await self._app({**scope, "state": state}, receive, send_with_headers)
             return
-        response = self._answer(decision, scope["path"], Headers(scope=scope))
+        response = self._format_refusal(decision, scope["path"], Headers(scope=scope))
         response.headers["connection"] = "close"  # the body of the request is not read
         if decision.status == 401:
             response.headers["www-authenticate"] = "Bearer"
         await response(scope, receive, send_with_headers)
 
-    def _answer(self, refusal: Refusal, path: str, headers: Mapping[str, str]) -> Response:
+    def _format_refusal(self, refusal: Refusal, path: str, headers: Mapping[str, str]) -> Response:
         """Format a refusal as text for a slicer, as a page for a browser, else as JSON."""
         if is_slicer_path(path):
             return make_text(refusal.text, refusal.status)
         if "text/html" not in headers.get("accept", ""):
             return make_problem(refusal.text, ErrorCode.REFUSED, ExitCode.REFUSED, refusal.status)
-        without_session = refusal.status == 401
-        text = "You are not logged in, or your session has ended." if without_session else refusal.text
-        page = render_message(self._controller.fleet.fleet.name, text, without_session)
+        lacks_session = refusal.status == 401
+        text = "You are not logged in, or your session has ended." if lacks_session else refusal.text
+        page = render_message(self._controller.fleet.fleet.name, text, lacks_session)
         response = HTMLResponse(page, refusal.status)
-        if without_session and self._cookie.read(headers.get("cookie", "")):
+        if lacks_session and self._cookie.read(headers.get("cookie", "")):
             self._cookie.clear(response)
         return response
 
@@ -219,7 +219,7 @@ class Guard:
             return False
         return self._callers.find_role(key) is caller.role
 
-    def _judge(self, scope: Scope) -> KeyHolder | Visitor | Refusal:
+    def _check_request(self, scope: Scope) -> KeyHolder | Visitor | Refusal:
         """Identify the caller and check its role; return the caller or a refusal."""
         headers = Headers(scope=scope)
         method, path, host = scope["method"], scope["path"], headers.get("host")
@@ -234,7 +234,7 @@ class Guard:
         client = (scope.get("client") or ("nobody",))[0]
         address = group_address(client) or client
         if is_open(method, path):
-            page = None if is_slicer_path(path) else check_page(method, *site)  # slicers are no browsers
+            page = None if is_slicer_path(path) else check_page(method, *site)  # slicers are not browsers
             return page or Visitor(address)
         holder = self._callers.find(headers, address)
         if isinstance(holder, Refusal):

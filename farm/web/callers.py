@@ -138,7 +138,7 @@ class CallerFinder:
         return None if role is None else key.role.limit(role)
 
     def extend(self, session: Key) -> None:
-        """Extend a session at its use; if the extension cannot be written, the session ends earlier."""
+        """Extend a session that is used; if the extension cannot be written, the session ends earlier."""
         try:
             self._services.sessions.extend(session)
         except FarmError as error:

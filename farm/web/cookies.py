@@ -21,7 +21,7 @@ class SessionCookie:
     Attributes
     ----------
     port
-        The server's port; part of the cookie's name, as browsers do not separate cookies by port.
+        The server's port; part of the cookie's name, because browsers do not separate cookies by port.
     is_encrypted
         True if browsers reach the farm by HTTPS.
     """
@@ -46,13 +46,13 @@ class SessionCookie:
 
     def set(self, response: Response, text: str) -> None:
         """Store a session's text in the browser; the farm decides when the session ends."""
-        self._write(response, text, int(MAX_SESSION_S))
+        self._write_cookie(response, text, int(MAX_SESSION_S))
 
     def clear(self, response: Response) -> None:
         """Remove the session's text from the browser."""
-        self._write(response, "", 0)
+        self._write_cookie(response, "", 0)
 
-    def _write(self, response: Response, text: str, max_age_s: int) -> None:
+    def _write_cookie(self, response: Response, text: str, max_age_s: int) -> None:
         response.set_cookie(
             self.name, text, max_age_s, path="/", secure=self.is_encrypted, httponly=True, samesite="lax"
         )

@@ -17,7 +17,7 @@ _LOCAL = "localhost"
 _HOST = re.compile(r"(\[[0-9A-Fa-f:.]{2,45}\]|[A-Za-z0-9._-]{1,253})(:[0-9]{1,5})?")
 MAX_HEAD_BYTES = 16 * 1024
 """Limit on the size of a request's path and headers."""
-WRONG_KEYS = 10
+MAX_WRONG_KEYS = 10
 """Number of wrong keys after which an address must wait."""
 WAIT_S = 60.0
 _MAX_ADDRESSES = 1000
@@ -99,8 +99,8 @@ def check_head(path: bytes, headers: Iterable[tuple[bytes, bytes]]) -> Refusal |
     headers
         Names and values.
     """
-    size = len(path) + sum(len(name) + len(value) for name, value in headers)
-    if size <= MAX_HEAD_BYTES:
+    size_bytes = len(path) + sum(len(name) + len(value) for name, value in headers)
+    if size_bytes <= MAX_HEAD_BYTES:
         return None
     return Refusal(431, f"the headers are longer than {MAX_HEAD_BYTES // 1024} KiB")
 
@@ -114,7 +114,7 @@ class WrongKeys:
     def check(self, address: str, now_s: float) -> Refusal | None:
         """Return a refusal if an address must wait."""
         number, end_s = self._counts.get(address, (0, 0.0))
-        if number < WRONG_KEYS or now_s >= end_s:
+        if number < MAX_WRONG_KEYS or now_s >= end_s:
             return None
         return Refusal(429, f"too many wrong keys from {address}: wait for a minute")
 

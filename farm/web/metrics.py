@@ -152,7 +152,7 @@ def _collect_readings(printers: Sequence[api.PrinterView]) -> Iterator[Metric]:
     )
     yield _make_printer_gauge(
         "farm_printer_time_factor",
-        "Actual over expected time of its layers.",
+        "Ratio of the actual to the expected time of its layers.",
         printers,
         lambda printer: printer.time_factor,
     )
@@ -185,10 +185,12 @@ def _make_printer_gauge(
     name: str,
     text: str,
     printers: Sequence[api.PrinterView],
-    value: Callable[[api.PrinterView], float | None],
+    find_value: Callable[[api.PrinterView], float | None],
 ) -> Metric:
     """Return a gauge with one sample for each printer that has a value."""
-    return _make_gauge(name, text, ("printer",), (((printer.name,), value(printer)) for printer in printers))
+    return _make_gauge(
+        name, text, ("printer",), (((printer.name,), find_value(printer)) for printer in printers)
+    )
 
 
 def _make_gauge(name: str, text: str, labels: Sequence[str], rows: Rows) -> Metric:

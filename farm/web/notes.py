@@ -61,7 +61,7 @@ class Notes:
 
     @contextmanager
     def show(self, reader: str) -> Iterator[Note | None]:
-        """Yield the note of a reader, None without one; delete it unless the page with it fails."""
+        """Yield the note of a reader, or None; delete the note unless rendering its page fails."""
         note = self._notes.pop(reader, None)
         try:
             yield note

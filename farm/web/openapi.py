@@ -54,7 +54,7 @@ def describe_routes(routes: list[BaseRoute]) -> dict[str, Any]:
             continue  # a page, or a route in the dialect of another print server
         role = find_role(verb.upper(), path)
         if role is not None or is_open(verb.upper(), path):
-            paths.setdefault(path, {})[verb] = _complete(operation, verb, path, role)
+            paths.setdefault(path, {})[verb] = _complete_operation(operation, verb, path, role)
     document["paths"] = paths
     components = document["components"]
     components["schemas"]["Problem"] = api.Problem.model_json_schema()
@@ -70,7 +70,7 @@ def _list_operations(document: dict[str, Any]) -> Iterator[tuple[str, str, dict[
             yield path, verb, operation
 
 
-def _complete(operation: dict[str, Any], verb: str, path: str, role: Role | None) -> dict[str, Any]:
+def _complete_operation(operation: dict[str, Any], verb: str, path: str, role: Role | None) -> dict[str, Any]:
     """Return the description of an operation with its role and its errors."""
     answers = {status: answer for status, answer in operation["responses"].items() if status != _INVALID}
     for answer in answers.values():

@@ -82,30 +82,30 @@ class NetworkServer:
             await self._task
 
     async def _serve(self, has_key: Callable[[], bool]) -> None:
-        """Serve; an error closes only this server, as prints and the Unix socket must continue."""
+        """Serve; an error closes only this server, because prints and the Unix socket must continue."""
         try:
-            await self._run(has_key)
+            await self._serve_when_allowed(has_key)
         except Exception as error:
             log.exception("the server for the network failed on %s", self._section.listen_url)
             self._state.problem = f"it failed ({error!r}): see the daemon's log, then restart the daemon"
 
-    async def _run(self, has_key: Callable[[], bool]) -> None:
+    async def _serve_when_allowed(self, has_key: Callable[[], bool]) -> None:
         while not self._section.is_local and not has_key():
-            self._report("it has no key yet: add one with `farm key add NAME`")
+            self._report_problem("it has no key yet: add one with `farm key add NAME`")
             await asyncio.sleep(_KEY_CHECK_INTERVAL_S)
         while True:
             try:
-                listener = self._listen()
+                listener = self._open_socket()
                 break
             except OSError as error:
-                self._report(error.strerror or str(error))
+                self._report_problem(error.strerror or str(error))
                 await asyncio.sleep(_RETRY_S)
-        self._report(None)
+        self._report_problem(None)
         self._server = AddressLimitedServer(self._config, self._limit)
         with listener:
             await self._server.serve(sockets=[listener])
 
-    def _listen(self) -> socket.socket:
+    def _open_socket(self) -> socket.socket:
         """Load the certificate and open the socket. Raises OSError."""
         tls = self._section.tls
         if not self._config.loaded:
@@ -130,7 +130,7 @@ class NetworkServer:
             raise
         return listener
 
-    def _report(self, problem: str | None) -> None:
+    def _report_problem(self, problem: str | None) -> None:
         if problem is None:
             log.info("listening on %s", self._section.listen_url)
         elif problem != self._state.problem:

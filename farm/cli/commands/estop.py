@@ -1,4 +1,4 @@
-"""`farm estop`: the emergency stop. It needs neither the daemon nor an agent, as both may hang."""
+"""`farm estop`: the emergency stop. It needs neither the daemon nor an agent, because both may hang."""
 
 from __future__ import annotations
 

@@ -77,7 +77,7 @@ def _load_printers(paths: FarmPaths) -> tuple[PrinterSection, ...]:
 
 
 def _is_same_port(path: str, section: PrinterSection) -> bool:
-    """Return whether a path names the port of a printer on this host, also by a symbolic link."""
+    """Return whether a path names the port of a printer on this host, directly or through a symbolic link."""
     if section.host is not None:
         return False
     same_device = path.startswith("/") and Path(path).resolve() == Path(section.port).resolve()

@@ -50,7 +50,7 @@ def find_target_path(target: str) -> str:
 def select_beds_to_clear(printers: Iterable[PrinterView]) -> list[str]:
     """Select the printers for `all`: those with a bed to clear.
 
-    Absent printers and those in maintenance are left out, as a part may still be on the bed.
+    Absent printers and those in maintenance are left out, because a part may still be on the bed.
     """
     excluded_states = (HoldCode.MAINTENANCE, Link.ABSENT)
     return [

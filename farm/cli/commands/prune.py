@@ -22,7 +22,7 @@ def prune(
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only list what would be deleted.")] = False,
     json: Json = False,
 ) -> None:
-    """Delete the files of old jobs now (see `fleet.keep`), not at night; figures and pictures stay.
+    """Delete the files of old jobs now instead of at night (see `fleet.keep`); figures and pictures stay.
 
     The database is backed up first. Files of open jobs, and of jobs that ended in the last two days, always
     stay.

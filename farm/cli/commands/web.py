@@ -22,7 +22,7 @@ def web(
     ] = False,
     json: Json = False,
 ) -> None:
-    """Print a link that logs you in to the farm's pages in a browser, once, within five minutes.
+    """Print a link that logs a browser in to the farm's pages; it works once, within five minutes.
 
     Operators may do everything there, others what `farm key add --role print` allows.
     """

@@ -25,7 +25,7 @@ _COLUMNS = (
     Column("ACTION", rank=1, min_width=18),
 )
 _STATES = {"look": "inspect"}
-"""States with another name in the table than in `--json`."""
+"""States whose names in the table differ from those in `--json`."""
 
 
 def lay_out_printers(printers: Sequence[api.PrinterView], now: str, width: int | None) -> list[Text]:

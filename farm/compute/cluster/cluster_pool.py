@@ -1,4 +1,4 @@
-"""Pool on a cluster: tasks whose files are known go there, the others to the pool of this computer."""
+"""Pool on a cluster: tasks whose files are known run there, the others in the pool of this computer."""
 
 from __future__ import annotations
 
@@ -61,8 +61,8 @@ class ClusterPool:
     """Pool on a cluster; see `farm.compute.pool.Pool`.
 
     Work without known files runs on this computer: it is quick, and a person waits for it. When the cluster
-    has had no usable worker for `cluster_state.WORKER_TIMEOUT_S`, all work runs on this computer until it has
-    one.
+    has had no usable worker for `cluster_state.WORKER_TIMEOUT_S`, all work runs on this computer until the
+    cluster has one.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ class ClusterPool:
         """True if a task would start immediately; see `Pool.has_idle`."""
         return (
             self._local_pool.has_idle
-            if choose_place(self._lost_s()) is Place.HERE
+            if choose_place(self._measure_lost_s()) is Place.HERE
             else self._slot_queue.has_free
         )
 
@@ -121,7 +121,7 @@ class ClusterPool:
     def state(self) -> ClusterState:
         """State of the cluster."""
         tasks = tuple(running for running, _ in self._running.values())
-        lost_s = self._lost_s()
+        lost_s = self._measure_lost_s()
         return ClusterState(
             self._scheduler,
             choose_place(lost_s),
@@ -160,7 +160,7 @@ class ClusterPool:
                 if not has_slot:
                     break
                 try:
-                    answer = await self._attempt(task, group)
+                    answer = await self._make_attempt(task, group)
                 except AttemptLost as lost:
                     log.warning("%s is submitted again: %s", limit.work, lost)
                     continue
@@ -186,12 +186,12 @@ class ClusterPool:
             with suppress(asyncio.CancelledError):
                 await self._watch_task
 
-    async def _attempt(self, task: RemoteTask, group: Hashable) -> RemoteAnswer:
+    async def _make_attempt(self, task: RemoteTask, group: Hashable) -> RemoteAnswer:
         """Run a task on the cluster, first without files that were sent before. Raises AttemptLost."""
         new_files = tuple(file for file in task.reads if file.sha256 not in self._sent_hashes)
         for files in (new_files, task.reads):
             contents = await asyncio.to_thread(_read_contents, files)
-            answer = await self._submit(task, contents, group)
+            answer = await self._submit_task(task, contents, group)
             self._sent_hashes.update(contents)
             if answer.mismatch is not None:
                 raise AttemptLost(f"worker {answer.host}: {answer.mismatch}")
@@ -199,7 +199,9 @@ class ClusterPool:
                 return answer
         raise AttemptLost(f"worker {answer.host} has lost its files")
 
-    async def _submit(self, task: RemoteTask, contents: dict[str, bytes], group: Hashable) -> RemoteAnswer:
+    async def _submit_task(
+        self, task: RemoteTask, contents: dict[str, bytes], group: Hashable
+    ) -> RemoteAnswer:
         """Submit a task under a new name, and wait for the answer, or until the cluster is abandoned."""
         kind = re.sub(r"[^a-z]+", "_", task.limit.work.lower())
         named_task = replace(task, id=f"{kind}-{uuid.uuid4().hex}")  # Dask learns durations by this prefix
@@ -217,7 +219,7 @@ class ClusterPool:
                 future.cancel()
             await asyncio.gather(answer_future, close_future, return_exceptions=True)
 
-    def _lost_s(self) -> float:
+    def _measure_lost_s(self) -> float:
         return 0.0 if self._lost_since_s is None else max(1e-9, self._read_clock_s() - self._lost_since_s)
 
     def _on_workers(self, workers: tuple[ClusterWorker, ...]) -> None:
@@ -225,14 +227,14 @@ class ClusterPool:
         for worker in workers:
             if worker.refused and worker not in self._workers:
                 log.warning("worker %s of the cluster is refused: %s", worker.name, worker.refused)
-        previous_place = choose_place(self._lost_s())
+        previous_place = choose_place(self._measure_lost_s())
         slots = sum(worker.slots for worker in workers if worker.refused is None)
         self._workers = workers
         if slots:
             self._lost_since_s = None
         elif self._lost_since_s is None:
             self._lost_since_s = self._read_clock_s()
-        place = choose_place(self._lost_s())
+        place = choose_place(self._measure_lost_s())
         if place is not previous_place:
             level = logging.INFO if place is Place.CLUSTER else logging.WARNING
             log.log(level, "%s", describe_place(place, self._scheduler))

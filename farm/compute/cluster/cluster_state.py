@@ -15,7 +15,7 @@ class Place(StrEnum):
 
     CLUSTER = "cluster"
     WAITING = "waiting"  # for a worker of the cluster
-    HERE = "here"  # as there has been none for `WORKER_TIMEOUT_S`
+    HERE = "here"  # because there has been none for `WORKER_TIMEOUT_S`
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +95,7 @@ def describe_place(place: Place, scheduler: str) -> str:
 
 
 def choose_place(lost_s: float) -> Place:
-    """Choose the place of new work, from the seconds since the cluster had a usable worker."""
+    """Choose the place of new work from the time since the cluster last had a usable worker."""
     if lost_s <= 0.0:
         return Place.CLUSTER
     return Place.WAITING if lost_s < WORKER_TIMEOUT_S else Place.HERE

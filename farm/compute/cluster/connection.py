@@ -24,7 +24,7 @@ from farm.compute.cluster.security import make_security
 log = logging.getLogger(__name__)
 
 _POLL_S = 1.0  # wall seconds between two checks of the workers
-_ANSWER_S = 10.0  # wall seconds in which the scheduler answers
+_ANSWER_S = 10.0  # wall seconds within which the scheduler must answer
 _CONNECT_S = 10.0
 _STUCK_S = 20.0
 """Wall seconds without a heartbeat after which a worker is removed; one is due every second or two."""
@@ -43,7 +43,7 @@ class Connection:
     certificates
         Folder of certificates; None for a scheduler on this computer without TLS.
     installation
-        Versions on this computer; workers with others are refused.
+        Versions on this computer; workers with other versions are refused.
     on_workers
         Called every second with the workers; with an empty tuple if the scheduler does not answer.
     on_message
@@ -70,7 +70,7 @@ class Connection:
         self._workers: tuple[ClusterWorker, ...] = ()
         self._attempts: dict[asyncio.Future[None], frozenset[str]] = {}  # set once all these workers are gone
         self._heartbeats: dict[str, tuple[float, float]] = {}  # last heartbeat, and when it was first seen
-        _use_own_log()
+        _redirect_log()
         dask.config.set({"distributed.admin.large-graph-warning-threshold": "16 GiB"})  # models are large
 
     async def watch(self) -> None:
@@ -80,9 +80,9 @@ class Connection:
             while True:
                 try:
                     await self._watch_once()
-                except OSError as error:  # as a TimeoutError is
+                except OSError as error:  # a TimeoutError is one too
                     log.info("no connection to the scheduler %s: %s", self._scheduler, error)
-                self._report(())
+                self._report_workers(())
                 await self._disconnect()
                 await asyncio.sleep(_POLL_S)
         finally:
@@ -104,8 +104,8 @@ class Connection:
             The task may be submitted again, under another id.
         """
         client = self._client
-        usable = [worker.address for worker in self._workers if worker.refused is None]
-        if client is None or not usable:
+        usable_addresses = [worker.address for worker in self._workers if worker.refused is None]
+        if client is None or not usable_addresses:
             raise AttemptLost("there is no cluster")
         future = client.submit(
             run_task,
@@ -114,13 +114,13 @@ class Connection:
             client.id,
             key=task.id,
             pure=False,
-            workers=usable,
+            workers=usable_addresses,
             allow_other_workers=False,
             resources={RESOURCE: 1},
             priority=1 if task.limit.urgent else 0,
         )
         try:
-            answer = await self._await_answer(future, frozenset(usable))
+            answer = await self._await_answer(future, frozenset(usable_addresses))
         except (FutureCancelledError, KilledWorker, OSError) as error:
             raise AttemptLost(str(error)) from error
         finally:
@@ -165,22 +165,22 @@ class Connection:
                 identity = await self._client.scheduler.identity()
             workers = list_workers(identity["workers"], self._installation)
             await self._remove_stuck_workers(identity["workers"])
-            self._report(workers)
+            self._report_workers(workers)
             await asyncio.sleep(_POLL_S)
 
     def _on_event(self, event: tuple[float, dict[str, Any]]) -> None:
         self._on_message(event[1])
 
-    def _report(self, workers: Sequence[ClusterWorker]) -> None:
+    def _report_workers(self, workers: Sequence[ClusterWorker]) -> None:
         self._workers = tuple(workers)
-        present = {worker.address for worker in workers}
+        present_addresses = {worker.address for worker in workers}
         for loss, addresses in self._attempts.items():
-            if present and present.isdisjoint(addresses) and not loss.done():
+            if present_addresses and present_addresses.isdisjoint(addresses) and not loss.done():
                 loss.set_result(None)  # Dask would wait for them even after they return at other addresses
         self._on_workers(self._workers)
 
     async def _repeat_report(self) -> None:
-        """Report the last list of workers every second, also while there is no connection."""
+        """Report the last list of workers every second, even while there is no connection."""
         while True:
             await asyncio.sleep(_POLL_S)
             self._on_workers(self._workers)
@@ -243,7 +243,7 @@ def list_stuck_workers(
     return [address for address in records if now_s - heartbeats[address][1] > _STUCK_S]
 
 
-def _use_own_log() -> None:
+def _redirect_log() -> None:
     """Send Dask's messages to the log of this process, in its format, instead of Dask's own handlers."""
     for name in ("distributed", "distributed.client"):
         logger = logging.getLogger(name)

@@ -11,7 +11,7 @@ from farm.compute.cluster.remote_task import RemoteAnswer, RemoteTask
 from farm.compute.cluster.task_executor import TaskExecutor
 
 RESOURCE = "farm"
-"""Dask resource of which each task uses one unit: workers without it get no tasks of a farm."""
+"""Dask resource; each task uses one unit of it, so that workers without it get no tasks of a farm."""
 TOPIC = "farm-{}"
 """Topic of the messages about the tasks of a client: the host of each task, and its live files."""
 _WATCH_S = 0.2  # wall seconds between two checks that the result of a task is still needed
@@ -94,7 +94,7 @@ async def run_task(task: RemoteTask, contents: dict[str, bytes], client: str) ->
             if state is None or state.state == "cancelled":
                 break
         if not execution.done():
-            return RemoteAnswer(str(worker.name))  # has no reader
+            return RemoteAnswer(str(worker.name))  # nobody reads this answer
         answer: RemoteAnswer = await execution
         return answer
     finally:

@@ -1,4 +1,4 @@
-"""Cache of files by their SHA-256, in a folder of limited size: those used most recently are kept."""
+"""Cache of files by their SHA-256, in a folder of limited size: the most recently used files are kept."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ class FileCache:
         self._folder, self._max_bytes = folder, max_bytes
         self._use_counts: Counter[str] = Counter()  # files in use, by the number of tasks
         folder.mkdir(parents=True, exist_ok=True)
-        for partial in folder.glob(".*"):  # of a process that was killed while it wrote
+        for partial in folder.glob(".*"):  # left by a process that was killed while it wrote
             partial.unlink()
 
-    def path(self, sha256: str) -> Path:
+    def make_path(self, sha256: str) -> Path:
         """Return the path of a file."""
         return self._folder / sha256
 
@@ -41,13 +41,13 @@ class FileCache:
         Raises
         ------
         ValueError
-            If the content has another hash.
+            If the content has a different hash.
         OSError
             If it cannot be written.
         """
         if hashlib.sha256(content).hexdigest() != sha256:
             raise ValueError(f"the file {sha256[:12]} was damaged in transit")
-        path = self.path(sha256)
+        path = self.make_path(sha256)
         if path.exists():
             return
         handle, name = tempfile.mkstemp(dir=self._folder, prefix=".")
@@ -62,7 +62,7 @@ class FileCache:
 
     def list_missing_files(self, names: Iterable[str]) -> tuple[str, ...]:
         """Return the files that are not in the cache, each once."""
-        return tuple(dict.fromkeys(name for name in names if not self.path(name).exists()))
+        return tuple(dict.fromkeys(name for name in names if not self.make_path(name).exists()))
 
     @contextmanager
     def use(self, names: Iterable[str]) -> Iterator[None]:
@@ -74,12 +74,12 @@ class FileCache:
         finally:
             for name in used_names:
                 with suppress(OSError):
-                    os.utime(self.path(name))
+                    os.utime(self.make_path(name))
             self._use_counts -= Counter(used_names)
-            self._trim()
+            self._trim_cache()
 
-    def _trim(self) -> None:
-        """Remove the files used least recently until the rest fits; files in use stay."""
+    def _trim_cache(self) -> None:
+        """Remove the least recently used files until the rest fits; files in use stay."""
         files = []
         with os.scandir(self._folder) as entries:
             for entry in entries:
@@ -87,10 +87,10 @@ class FileCache:
                     with suppress(FileNotFoundError):
                         facts = entry.stat()
                         files.append((facts.st_mtime_ns, entry.name, facts.st_size))
-        excess = sum(size for _, _, size in files) - self._max_bytes
-        for _, name, size in sorted(files):
-            if excess <= 0:
+        excess_bytes = sum(size_bytes for _, _, size_bytes in files) - self._max_bytes
+        for _, name, size_bytes in sorted(files):
+            if excess_bytes <= 0:
                 return
             if name not in self._use_counts:
-                self.path(name).unlink(missing_ok=True)
-                excess -= size
+                self.make_path(name).unlink(missing_ok=True)
+                excess_bytes -= size_bytes

@@ -27,11 +27,11 @@ class Installation:
     Attributes
     ----------
     farm, engine, settings
-        Version and hash of farm's code, of CuraEngine, and of Cura's settings with own materials.
+        Version and hash of farm's code, of CuraEngine, and of Cura's settings with the user's materials.
     libraries
         Versions of the libraries that compute parts.
     engine_path, resources_path, materials_path
-        Paths; the last is empty without own materials.
+        Paths; the last is empty if the user has no materials.
     """
 
     farm: str
@@ -55,11 +55,11 @@ class Installation:
         """Describe the first difference from the expected versions; None if both give the same bytes."""
         titles = {"farm": "farm", "engine": "CuraEngine", "settings": "Cura's settings", "libraries": ""}
         for name, title in titles.items():
-            own_value, wanted_value = getattr(self, name), getattr(expected, name)
-            if own_value != wanted_value:
+            own_value, expected_value = getattr(self, name), getattr(expected, name)
+            if own_value != expected_value:
                 if name == "libraries":
-                    own_value, wanted_value = _find_differing_entries(own_value, wanted_value)
-                return f"it has {title} {own_value}, not {wanted_value}".replace("  ", " ")
+                    own_value, expected_value = _find_differing_entries(own_value, expected_value)
+                return f"it has {title} {own_value}, not {expected_value}".replace("  ", " ")
         return None
 
     def pair_paths(self, host_installation: Installation) -> list[tuple[str, str]]:
@@ -70,7 +70,7 @@ class Installation:
 
 
 def read_installation() -> Installation:
-    """Read the versions on this computer. Takes a second, as it reads every file of Cura's settings.
+    """Read the versions on this computer. Takes a second, because it reads every file of Cura's settings.
 
     Raises
     ------
@@ -97,7 +97,7 @@ def read_installation() -> Installation:
 
 
 def _hash_files(files: Iterable[Path], roots: list[Path]) -> str:
-    """Hash the names below their root, and the contents, of files in this order."""
+    """Hash the relative path and the content of each file, in the given order."""
     digest = hashlib.sha256()
     for file in files:
         root = next(root for root in reversed(roots) if file.is_relative_to(root))

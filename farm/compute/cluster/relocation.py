@@ -37,7 +37,7 @@ class Relocation:
 
 
 class _Pickler(pickle.Pickler):
-    """Pickler that writes paths as texts, moved."""
+    """Pickler that writes paths as text, moved by a relocation."""
 
     def __init__(self, sink: io.BytesIO, relocation: Relocation) -> None:
         super().__init__(sink, protocol=pickle.HIGHEST_PROTOCOL)
@@ -48,7 +48,7 @@ class _Pickler(pickle.Pickler):
 
 
 class _Unpickler(pickle.Unpickler):
-    """Unpickler that reads paths as moved."""
+    """Unpickler that moves the paths that it reads."""
 
     def __init__(self, data: bytes, relocation: Relocation) -> None:
         super().__init__(io.BytesIO(data))
@@ -86,7 +86,7 @@ def run_relocated(call: bytes, relocation: Relocation) -> bytes:
     Returns
     -------
     bytes
-        The result by `dump`, with its paths moved back.
+        The result as written by `dump`, with its paths moved back.
     """
     work, args = load(call, relocation)
     return dump(work(*args), relocation.reverse())

@@ -13,7 +13,7 @@ from farm.compute.limits import Limit
 
 
 class AttemptLost(Exception):
-    """The cluster gave no answer to a task: its worker, or the scheduler, is gone."""
+    """Error of an attempt without an answer from the cluster: the worker or the scheduler is gone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class RemoteTask:
     id
         Unique name.
     call
-        Function and arguments, by `relocation.dump`.
+        Function and arguments, written by `relocation.dump`.
     installation
         Versions that the worker must have.
     folders, writes, caches, live
@@ -51,7 +51,7 @@ class RemoteTask:
     caches: tuple[str, ...] = ()
     live: tuple[str, ...] = ()
 
-    def hashes(self) -> tuple[str, ...]:
+    def list_hashes(self) -> tuple[str, ...]:
         """Return the hashes of the files that it reads."""
         return tuple(file.sha256 for file in self.reads)
 
@@ -67,7 +67,7 @@ class RemoteAnswer:
     missing
         Hashes of files that the worker lacks; if there are any, the task was not run.
     result
-        Result, by `relocation.dump`; None if there is none.
+        Result, written by `relocation.dump`; None if there is none.
     error
         Exception of the work; None if it succeeded.
     mismatch

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Waiting:
+class _WaitingTask:
     """Task that waits for a slot; the result of `turn` is whether it gets one."""
 
     group: Hashable
@@ -23,8 +23,8 @@ class SlotQueue:
 
     def __init__(self) -> None:
         self._slots = 0
-        self._is_closed = False  # while True no task waits, as there is no cluster
-        self._waiting: list[_Waiting] = []
+        self._is_closed = False  # while True no task waits, because there is no cluster
+        self._waiting: list[_WaitingTask] = []
         self._running: Counter[Hashable] = Counter()
 
     @property
@@ -40,21 +40,21 @@ class SlotQueue:
     def update(self, slots: int, is_closed: bool) -> None:
         """Set the number of slots; with `is_closed`, no task waits for one any longer."""
         self._slots, self._is_closed = slots, is_closed
-        self._serve()
+        self._assign_slots()
 
     @asynccontextmanager
     async def take(self, group: Hashable, urgent: bool) -> AsyncIterator[bool]:
         """Wait for a slot, and hold it for the block. Yields False if the queue was closed instead."""
-        task = _Waiting(group, urgent, asyncio.get_running_loop().create_future())
+        task = _WaitingTask(group, urgent, asyncio.get_running_loop().create_future())
         self._waiting.append(task)
-        self._serve()
+        self._assign_slots()
         try:
             has_slot = await task.turn
         except asyncio.CancelledError:
             if task in self._waiting:
                 self._waiting.remove(task)
             elif not task.turn.cancelled() and task.turn.result():  # cancelled just when its turn came
-                self._release(group)
+                self._release_slot(group)
             raise
         if not has_slot:
             yield False
@@ -62,13 +62,13 @@ class SlotQueue:
         try:
             yield True
         finally:
-            self._release(group)
+            self._release_slot(group)
 
-    def _release(self, group: Hashable) -> None:
+    def _release_slot(self, group: Hashable) -> None:
         self._running -= Counter([group])
-        self._serve()
+        self._assign_slots()
 
-    def _serve(self) -> None:
+    def _assign_slots(self) -> None:
         """Give free slots to the tasks that are served first."""
         while self._waiting and (self._is_closed or self._running.total() < self._slots):
             first = min(self._waiting, key=lambda task: (not task.urgent, self._running[task.group]))

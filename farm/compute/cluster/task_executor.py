@@ -59,20 +59,20 @@ class TaskExecutor:
         difference = self.installation.describe_difference(task.installation)
         if difference is not None:
             return RemoteAnswer(self.host, mismatch=difference)
-        with self._files.use(task.hashes()):
+        with self._files.use(task.list_hashes()):
             try:
                 for sha256, content in contents.items():
                     await asyncio.to_thread(self._files.store, sha256, content)
             except (OSError, ValueError) as error:
                 return RemoteAnswer(self.host, mismatch=str(error))
-            missing_files = self._files.list_missing_files(task.hashes())
+            missing_files = self._files.list_missing_files(task.list_hashes())
             if missing_files:
                 return RemoteAnswer(self.host, missing=missing_files)
             folder = self._tasks / task.id
             try:
                 folder.mkdir()
-                return await self._run(task, self._place_files(task, folder), on_live)
-            except OSError as error:  # a full disk of this computer
+                return await self._run_task(task, self._place_files(task, folder), on_live)
+            except OSError as error:  # such as a full disk on this computer
                 return RemoteAnswer(self.host, mismatch=str(error))
             except Exception as error:
                 return RemoteAnswer(self.host, error=error)
@@ -80,12 +80,12 @@ class TaskExecutor:
                 await asyncio.to_thread(shutil.rmtree, folder, ignore_errors=True)
 
     def _place_files(self, task: RemoteTask, folder: Path) -> Relocation:
-        """Link the files that a task reads into its folder; return the relocation of its paths to there."""
+        """Link the files that a task reads into its folder; return the relocation of the task's paths."""
         pairs: list[tuple[Path | str, Path | str]] = list(task.installation.pair_paths(self.installation))
         for number, file in enumerate(task.reads):
             path = folder / f"read-{number}" / Path(file.path).name
             path.parent.mkdir()
-            path.hardlink_to(self._files.path(file.sha256))
+            path.hardlink_to(self._files.make_path(file.sha256))
             pairs.append((file.path, path))
         for number, name in enumerate(task.folders):
             path = folder / f"folder-{number}"
@@ -101,8 +101,8 @@ class TaskExecutor:
             pairs.append((name, cache))
         return Relocation.from_pairs(pairs)
 
-    async def _run(self, task: RemoteTask, relocation: Relocation, on_live: OnLive) -> RemoteAnswer:
-        watch_task = asyncio.get_running_loop().create_task(_watch(task.live, relocation, on_live))
+    async def _run_task(self, task: RemoteTask, relocation: Relocation, on_live: OnLive) -> RemoteAnswer:
+        watch_task = asyncio.get_running_loop().create_task(_watch_files(task.live, relocation, on_live))
         try:
             result = await self._pool.run(run_relocated, task.call, relocation, limit=task.limit)
         finally:
@@ -126,7 +126,7 @@ def _collect_files(task: RemoteTask, relocation: Relocation) -> Iterator[tuple[s
                 yield f"{name}/{path.relative_to(folder)}", path.read_bytes()
 
 
-async def _watch(live: tuple[str, ...], relocation: Relocation, on_live: OnLive) -> None:
+async def _watch_files(live: tuple[str, ...], relocation: Relocation, on_live: OnLive) -> None:
     """Report live files whenever they change."""
     last_contents: dict[str, bytes] = {}
     while live:

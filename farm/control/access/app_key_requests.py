@@ -29,7 +29,7 @@ class AppKeyRequest:
     code
         Short code by which the operator identifies it.
     app
-        Name of the program, as stated by itself.
+        Name of the program, as the program states it.
     address
         Network address of the sender.
     ends_s

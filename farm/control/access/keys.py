@@ -1,7 +1,7 @@
 """Commands that add and revoke keys of callers on the network. Only the SHA-256 of a key's text is stored.
 
-A session is the key of a browser (`farm.control.access.sessions`). Its text begins with another word, so a
-session is never accepted as a key, nor a key as a session.
+A session is the key of a browser (`farm.control.access.sessions`). Its text begins with a different word, so
+that a session is never accepted as a key, nor a key as a session.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def make_key_text(kind: KeyKind = KeyKind.KEY) -> tuple[str, str]:
 
 
 def digest_key(text: str) -> str:
-    """Return the SHA-256 of a key's text. Its 256 random bits need no slow hash."""
+    """Return the SHA-256 of a key's text, whose 256 random bits need no slow hash."""
     return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -95,15 +95,15 @@ class KeyCommands:
             If a valid key has the same name.
         """
         now_s = self._controller.clock.now()
-        same_name = [
+        keys_of_name = [
             key
             for key in self._controller.books.keys.values()
             if key.kind is KeyKind.KEY and key.name == request.name and key.is_valid(now_s)
         ]
-        if same_name:
+        if keys_of_name:
             raise Refused(
                 f"there is a key named {request.name}: choose another name, or "
-                f"`farm key revoke {same_name[0].id}`"
+                f"`farm key revoke {keys_of_name[0].id}`"
             )
         name, text = make_key_text()
         key = Key(

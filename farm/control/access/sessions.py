@@ -1,4 +1,4 @@
-"""Sessions of browsers: opened by a key or by a link that works once, extended while used, and ended.
+"""Sessions of browsers: opened by a key or by a link that works once, extended while in use, and ended.
 
 A user requests the link on the daemon's host, where the kernel reports the user's name. Links are kept in
 memory, by their SHA-256; sessions are keys in the books. A session that a key opened ends with the key.
@@ -24,8 +24,8 @@ IDLE_S = 12 * 3600.0
 MAX_SESSION_S = 30 * 86400.0
 """Wall seconds after which every session ends."""
 MAX_SESSIONS = 10
-"""Largest number of open sessions of one user or one key; another one ends the oldest."""
-_EXTEND_S = 3600.0  # least wall seconds between two extensions of a session, as each is an event
+"""Largest number of open sessions of one user or one key; one more ends the oldest."""
+_EXTEND_S = 3600.0  # least wall seconds between two extensions of a session, because each is an event
 _MAX_LINKS = 5  # maximum number of links of one user
 _MAX_LINKS_TOTAL = 100
 _TOKEN_BYTES = 32
@@ -50,7 +50,7 @@ def list_open_sessions(keys: Iterable[Key], now_s: float, caller: str | None = N
     return sorted(sessions, key=lambda session: session.created_s)
 
 
-def find_session_end(created_s: float, now_s: float, scale: float, key: Key | None = None) -> float:
+def find_session_end_s(created_s: float, now_s: float, scale: float, key: Key | None = None) -> float:
     """Return the end of a session that is used now, on the farm's clock.
 
     Parameters
@@ -79,7 +79,7 @@ class SessionCommands:
         Parameters
         ----------
         user
-            The user's name, as reported by the kernel.
+            The user's name, which the kernel has reported.
         role
             The role of the session.
         """
@@ -112,7 +112,7 @@ class SessionCommands:
         return link
 
     def open(self, token: str) -> str:
-        """Open a session by a link, which becomes invalid, and return the session's text.
+        """Open a session with a link, which becomes invalid, and return the session's text.
 
         Raises
         ------
@@ -121,13 +121,13 @@ class SessionCommands:
         """
         link = self.find_link(token)
         del self._links[digest_key(token)]
-        return self._open(link.user, link.role, None)
+        return self._open_session(link.user, link.role, None)
 
     def open_with_key(self, key: Key) -> str:
         """Open a session that has the role of a valid key and ends with it; return the session's text."""
-        return self._open(key.name, key.role, key)
+        return self._open_session(key.name, key.role, key)
 
-    def _open(self, name: str, role: Role, key: Key | None) -> str:
+    def _open_session(self, name: str, role: Role, key: Key | None) -> str:
         clock = self._controller.clock
         now_s = clock.now()
         session_id, text = make_key_text(KeyKind.SESSION)
@@ -139,7 +139,7 @@ class SessionCommands:
             digest=digest_key(text),
             created_s=now_s,
             by=name if key is None else key.caller,
-            expires_s=find_session_end(now_s, now_s, clock.scale, key),
+            expires_s=find_session_end_s(now_s, now_s, clock.scale, key),
             opened_by=None if key is None else key.id,
         )
         open_sessions = list_open_sessions(self._controller.books.keys.values(), now_s, session.caller)
@@ -157,7 +157,7 @@ class SessionCommands:
         clock = self._controller.clock
         now_s = clock.now()
         key = self._controller.books.keys.get(session.opened_by or "")
-        end_s = find_session_end(session.created_s, now_s, clock.scale, key)
+        end_s = find_session_end_s(session.created_s, now_s, clock.scale, key)
         if end_s - (session.expires_s or 0.0) >= _EXTEND_S * clock.scale:
             self._controller.handle(ev.SessionExtended(at_s=now_s, session=session.id, expires_s=end_s))
 

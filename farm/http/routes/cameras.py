@@ -10,7 +10,7 @@ from farm.http.services import Services
 _IMAGES = {media_type: {"schema": {"type": "string"}} for media_type in ("image/jpeg", "image/png")}
 
 
-def camera_routes(services: Services) -> APIRouter:
+def make_camera_routes(services: Services) -> APIRouter:
     """Return the route of the printers' cameras."""
     router = APIRouter()
 

@@ -24,13 +24,13 @@ _ANSWERS: dict[int | str, dict[str, object]] = {
 }
 
 
-def event_routes(services: Services) -> APIRouter:
+def make_event_routes(services: Services) -> APIRouter:
     """Return the route of the event log."""
     router, controller, streams = APIRouter(), services.controller, services.streams
 
-    def describe(rows: Sequence[EventRow]) -> str:
+    def describe_rows(rows: Sequence[EventRow]) -> str:
         books, zone = controller.books, controller.fleet.zone
-        return "".join(_format(describe_event(books, zone, row)) for row in rows) or _HEARTBEAT
+        return "".join(_format_event(describe_event(books, zone, row)) for row in rows) or _HEARTBEAT
 
     @router.get(
         "/events",
@@ -56,15 +56,15 @@ def event_routes(services: Services) -> APIRouter:
         is_allowed: Callable[[], bool] = getattr(request.state, "is_allowed", lambda: True)
         streams.check(by)
 
-        async def write() -> AsyncIterator[str]:
+        async def stream_events() -> AsyncIterator[str]:
             yield _RETRY
             async for rows in streams.follow(after, is_allowed, wait):
-                yield describe(rows)
+                yield describe_rows(rows)
 
-        return StreamResponse(write(), streams.count(by))
+        return StreamResponse(stream_events(), streams.count(by))
 
     return router
 
 
-def _format(event: api.EventView) -> str:
+def _format_event(event: api.EventView) -> str:
     return f"id: {event.number}\ndata: {event.model_dump_json()}\n\n"

@@ -18,14 +18,14 @@ from farm.state import Books
 _CONTENT = {"content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}}
 
 
-def file_routes(services: Services) -> APIRouter:
+def make_file_routes(services: Services) -> APIRouter:
     """Return the routes of files. A name is looked up among the job's files, and never used as a path."""
     router, controller = APIRouter(), services.controller
 
     @router.get("/jobs/{number}/files")
     async def files(number: int) -> api.JobFiles:
         names = name_stored_files(controller.books, number)
-        rows = await asyncio.to_thread(_measure, services.state.files, names)
+        rows = await asyncio.to_thread(_measure_files, services.state.files, names)
         return api.JobFiles(job=number, files=rows)
 
     @router.get("/jobs/{number}/files/{name}", response_class=FileResponse, responses={200: _CONTENT})
@@ -73,11 +73,11 @@ async def find_stored_file(services: Services, number: int, name: str) -> Path:
     raise NoSuchThing(f"job {number} has no file {name!r}: it may have been pruned")
 
 
-def _measure(folder: Path, names: dict[str, str]) -> list[api.FileView]:
+def _measure_files(folder: Path, names: dict[str, str]) -> list[api.FileView]:
     """Return the files that exist, with their sizes; a stored file is named by its SHA-256."""
     rows = []
     for name, file_name in names.items():
         with suppress(FileNotFoundError):
-            size = (folder / file_name).stat().st_size
-            rows.append(api.FileView(name=name, size=size, sha256=Path(file_name).stem))
+            size_bytes = (folder / file_name).stat().st_size
+            rows.append(api.FileView(name=name, size=size_bytes, sha256=Path(file_name).stem))
     return rows

@@ -11,7 +11,7 @@ from farm.http.hosts_view import describe_host
 from farm.http.services import Services
 
 
-def host_routes(services: Services) -> APIRouter:
+def make_host_routes(services: Services) -> APIRouter:
     """Return the routes of hosts."""
     router = APIRouter()
 

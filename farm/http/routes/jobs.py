@@ -14,7 +14,7 @@ from farm.views import describe_job, describe_timeline
 from farm.views.jobs import describe_queue
 
 
-def job_routes(services: Services, jobs: JobCommands, dry_runs: DryRuns) -> APIRouter:
+def make_job_routes(services: Services, jobs: JobCommands, dry_runs: DryRuns) -> APIRouter:
     """Return the routes of jobs."""
     router, controller = APIRouter(), services.controller
 
@@ -23,7 +23,7 @@ def job_routes(services: Services, jobs: JobCommands, dry_runs: DryRuns) -> APIR
         dry_runs.keep(number, time.monotonic())
         context = controller.build_view_context(services.state)
         return api.JobStatus(
-            daemon=services.daemon_view(context), job=describe_job(context, controller.books.job(number))
+            daemon=services.describe_daemon(context), job=describe_job(context, controller.books.job(number))
         )
 
     @router.get("/jobs/{number}/timeline")
@@ -36,7 +36,7 @@ def job_routes(services: Services, jobs: JobCommands, dry_runs: DryRuns) -> APIR
         await jobs.approve(number, request.plan, services.state, by)
 
     @router.post("/jobs/{number}/assembled")
-    async def assembled(number: int, request: api.AssembledRequest, by: CallerName) -> api.JobStatus:
+    async def record_assembly(number: int, request: api.AssembledRequest, by: CallerName) -> api.JobStatus:
         jobs.record_assembly(number, request.minutes, by)
         return await job(number)
 
@@ -70,7 +70,7 @@ def job_routes(services: Services, jobs: JobCommands, dry_runs: DryRuns) -> APIR
     return router
 
 
-def part_routes(parts: PartCommands) -> APIRouter:
+def make_part_routes(parts: PartCommands) -> APIRouter:
     """Return the routes of a job's parts."""
     router = APIRouter()
 

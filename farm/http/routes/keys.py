@@ -15,7 +15,7 @@ from farm.http.services import Services
 from farm.views import list_keys
 
 
-def key_routes(services: Services, keys: KeyCommands) -> APIRouter:
+def make_key_routes(services: Services, keys: KeyCommands) -> APIRouter:
     """Return the routes of keys, and of requests for keys by apps."""
     router, controller = APIRouter(), services.controller
 
@@ -51,7 +51,7 @@ def key_routes(services: Services, keys: KeyCommands) -> APIRouter:
     return router
 
 
-def session_routes(services: Services) -> APIRouter:
+def make_session_routes(services: Services) -> APIRouter:
     """Return the routes of sessions in the browser."""
     router, controller = APIRouter(), services.controller
 

@@ -11,7 +11,7 @@ from farm.http.callers import CallerName, OperatorName
 from farm.http.services import Services
 
 
-def printer_routes(services: Services, printers: PrinterCommands, parts: PartCommands) -> APIRouter:
+def make_printer_routes(services: Services, printers: PrinterCommands, parts: PartCommands) -> APIRouter:
     """Return the routes of printers."""
     router = APIRouter()
 

@@ -28,7 +28,7 @@ from farm.views import (
 )
 
 
-def status_routes(services: Services) -> APIRouter:
+def make_status_routes(services: Services) -> APIRouter:
     """Return the routes of the whole farm."""
     router, controller = APIRouter(), services.controller
 
@@ -63,7 +63,7 @@ def status_routes(services: Services) -> APIRouter:
     return router
 
 
-def list_routes(services: Services) -> APIRouter:
+def make_list_routes(services: Services) -> APIRouter:
     """Return the routes that list jobs and prints, ended ones included."""
     router, controller = APIRouter(), services.controller
 
@@ -149,9 +149,11 @@ def _describe_figures(services: Services, context: ViewContext) -> api.FarmFigur
     controller = services.controller
     fleet = controller.fleet
     reservations = controller.scheduler.list_reservations()
-    obstacles = {printer.name: printer.obstacle() for printer in controller.situations.describe_printers()}
+    obstacles = {
+        printer.name: printer.find_obstacle() for printer in controller.situations.describe_printers()
+    }
     return api.FarmFigures(
-        daemon=services.daemon_view(context),
+        daemon=services.describe_daemon(context),
         todo=list_tasks(context),
         night=describe_night(context),
         fleet=api.FleetView(

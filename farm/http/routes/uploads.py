@@ -20,7 +20,7 @@ _MODEL_BODY = {
 }
 
 
-def upload_routes(services: Services, jobs: JobCommands) -> APIRouter:
+def make_upload_routes(services: Services, jobs: JobCommands) -> APIRouter:
     """Return the routes of submissions."""
     router, uploads = APIRouter(), services.uploads
 

@@ -11,14 +11,14 @@ from slicing.settings import Resources, SettingsRequest, find_resources, resolve
 
 
 def complete_section(section: PrinterSection, fleet_section: FleetSection) -> PrinterSection:
-    """Check a printer's section against Cura's files, and name its material by its file.
+    """Check a printer's section against Cura's files, and replace its material with the name of a file.
 
     Parameters
     ----------
     section
         The section, with the material as entered by a person, like PLA.
     fleet_section
-        The keys under `fleet`, for the folder of own materials.
+        The keys under `fleet`, for the folder of the user's materials.
 
     Returns
     -------
@@ -56,7 +56,7 @@ def complete_section(section: PrinterSection, fleet_section: FleetSection) -> Pr
 
 
 def _check_own_materials(resources: Resources) -> None:
-    """Read every own material, so that an error in one is reported before it is used."""
+    """Read every material of the user, so that an error in one is reported before it is used."""
     try:
         for name in resources.list_own_material_names():
             resources.read_material(name)

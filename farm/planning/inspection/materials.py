@@ -52,22 +52,22 @@ def parse_material(text: str, kinds: Mapping[str, str]) -> NamedMaterial | None:
         None if no word of the text is a material.
     """
     materials = {name.casefold(): NamedMaterial(name, kind) for name, kind in kinds.items()}
-    materials |= {_normalise(kind): NamedMaterial(kind, kind) for kind in kinds.values() if kind}
+    materials |= {_normalise_name(kind): NamedMaterial(kind, kind) for kind in kinds.values() if kind}
     for name, kind in kinds.items():
         if name.startswith(_GENERIC):  # TPU is Cura's generic_tpu, of the kind TPU 95A
-            materials[_normalise(name.removeprefix(_GENERIC))] = NamedMaterial(kind, kind)
+            materials[_normalise_name(name.removeprefix(_GENERIC))] = NamedMaterial(kind, kind)
     words = text.split()
     for length in range(len(words), 0, -1):
         for first in range(len(words) - length + 1):
             middle = " ".join(words[first : first + length])
-            material = materials.get(middle.casefold()) or materials.get(_normalise(middle))
+            material = materials.get(middle.casefold()) or materials.get(_normalise_name(middle))
             if material is not None:
                 colour = " ".join(words[:first] + words[first + length :])
                 return NamedMaterial(material.name, material.kind, colour or None)
     return None
 
 
-def _normalise(name: str) -> str:
+def _normalise_name(name: str) -> str:
     return " ".join(name.casefold().replace("_", " ").replace("-", " ").split())
 
 
@@ -92,14 +92,14 @@ def choose_material(
     kinds = list_kinds(resources)
     named_material = parse_material(text, kinds)
     if named_material is None:
-        printable = _describe_printable(printer, nozzle_mm, kinds, resources)
-        raise BadSetting(f"{text}: there is no such material{printable}")
+        printable_text = _describe_printable_kinds(printer, nozzle_mm, kinds, resources)
+        raise BadSetting(f"{text}: there is no such material{printable_text}")
     if named_material.name in kinds:
         return named_material
-    of_kind = [name for name, kind in kinds.items() if kind == named_material.kind]
-    generic = [name for name in of_kind if name.startswith(_GENERIC)]
+    names_of_kind = [name for name, kind in kinds.items() if kind == named_material.kind]
+    generic_names = [name for name in names_of_kind if name.startswith(_GENERIC)]
     candidates: list[str] = []
-    for names in (generic, of_kind):
+    for names in (generic_names, names_of_kind):
         candidates = candidates or [name for name in names if _can_print(name, printer, nozzle_mm, resources)]
     if len(candidates) == 1:
         return NamedMaterial(candidates[0], named_material.kind, named_material.colour)
@@ -107,14 +107,14 @@ def choose_material(
         raise BadSetting(f"{named_material.kind}: there are several; name one of {', '.join(candidates)}")
     raise BadSetting(
         f"{named_material.kind}: Cura has no profile for it on the {printer.title} with a nozzle of "
-        f"{nozzle_mm:g} mm{_describe_printable(printer, nozzle_mm, kinds, resources)}"
+        f"{nozzle_mm:g} mm{_describe_printable_kinds(printer, nozzle_mm, kinds, resources)}"
     )
 
 
 def name_filament(
     options: JobOptions, printers: Sequence[PrinterSection], own_materials: Path | None
 ) -> JobOptions:
-    """Replace the requested material in the options by its kind or the name of its file, with its colour.
+    """Replace the requested material with its kind or the name of its file, and set the colour.
 
     Parameters
     ----------
@@ -154,16 +154,16 @@ def _can_print(name: str, printer: PrinterModel, nozzle_mm: float, resources: Re
     return True
 
 
-def _describe_printable(
+def _describe_printable_kinds(
     printer: PrinterModel, nozzle_mm: float, kinds: Mapping[str, str], resources: Resources
 ) -> str:
     """List the kinds that a printer can print: Cura's generic materials, and own materials."""
     own_names = resources.list_own_material_names()
     names = [name for name in kinds if name.startswith(_GENERIC) or name in own_names]
-    printable = {kinds[name] for name in names if _can_print(name, printer, nozzle_mm, resources)}
-    if not printable:
+    printable_kinds = {kinds[name] for name in names if _can_print(name, printer, nozzle_mm, resources)}
+    if not printable_kinds:
         return ""
     return (
-        f"; it prints {', '.join(sorted(printable, key=str.casefold))}, and others with a material file of "
-        "your own (`fleet.materials` in fleet.yaml)"
+        f"; it prints {', '.join(sorted(printable_kinds, key=str.casefold))}, and others with a material "
+        "file of your own (`fleet.materials` in fleet.yaml)"
     )

@@ -37,11 +37,11 @@ _IDENTITY = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.
 _REACH_MM = 10.0  # bed travel beyond the build height, for a final Z hop
 _SLACK_MM = 0.05
 _SAME_MATERIAL = {"PET": "PETG", "CPE": "PETG", "PA": "NYLON", "FLEX": "TPU"}
-_DEVIATION_C = 30.0  # temperatures of brands of one material differ by less
+_DEVIATION_C = 30.0  # temperatures of the brands of one material differ by less
 
 
 def is_gcode(name: str) -> bool:
-    """Return whether a submission is G-code, by its name.
+    """Return whether the name of a submission is that of a G-code file.
 
     Raises
     ------
@@ -51,13 +51,13 @@ def is_gcode(name: str) -> bool:
     lower = name.lower()
     compressed_suffix = next((suffix for suffix in _UNPACKING_ADVICE if lower.endswith(suffix)), None)
     if compressed_suffix is not None and (
-        compressed_suffix in (".bgcode", ".ufp") or _is_plain(lower.removesuffix(compressed_suffix))
+        compressed_suffix in (".bgcode", ".ufp") or _is_plain_gcode(lower.removesuffix(compressed_suffix))
     ):
         raise FarmError(f"{name}: {_UNPACKING_ADVICE[compressed_suffix]}, and submit that", ErrorCode.GCODE)
-    return _is_plain(lower)
+    return _is_plain_gcode(lower)
 
 
-def _is_plain(lower: str) -> bool:
+def _is_plain_gcode(lower: str) -> bool:
     return lower.endswith(SUFFIXES)
 
 
@@ -70,11 +70,13 @@ def inspect_gcode(
     ------
     FarmError
         `settings` for an option that does not apply to G-code, `refused` if no printer matches, `gcode`
-        with the line and the reason, `no_fit` if it fits no matching printer.
+        with the line and the reason, `no_fit` if the print fits no matching printer.
     """
     _check_options(options)
     matching_printers = list_matching_printers(printers, options)
-    accepted_gcode = _rewrite(path, matching_printers[0], _find_common_nozzle_mm(matching_printers), name)
+    accepted_gcode = _rewrite_gcode(
+        path, matching_printers[0], _find_common_nozzle_mm(matching_printers), name
+    )
     section = _find_fitting_printer(matching_printers, accepted_gcode, name)
     requirements = _measure_needs(accepted_gcode, section)
     target = path.with_name(f"gcode-{uuid.uuid4().hex}.gcode")
@@ -96,15 +98,15 @@ def plan_gcode(task: DecomposeTask, files: Path) -> Plan:
         task.printers,
         key=lambda section: (
             PROFILES[section.model].height_mm,
-            task.time_factors_of(section.name).overall,
+            task.find_time_factors(section.name).overall,
             section.name,
         ),
     )
     nozzle_mm = _find_common_nozzle_mm(order)
-    accepted_gcode = _rewrite(task.model, order[0], nozzle_mm, "the file")
+    accepted_gcode = _rewrite_gcode(task.model, order[0], nozzle_mm, "the file")
     section = _find_fitting_printer(order, accepted_gcode, "the file")
     if section is not order[0]:  # it may have a different material
-        accepted_gcode = _rewrite(task.model, section, nozzle_mm, "the file")
+        accepted_gcode = _rewrite_gcode(task.model, section, nozzle_mm, "the file")
     part, plate = _book_gcode(task, accepted_gcode, section, files)
     expected_s = plate.expected_s
     return Plan((part,), (plate,), _list_notices(accepted_gcode, section), 1.0, expected_s, expected_s)
@@ -120,7 +122,7 @@ def _book_gcode(
     settings = _resolve_material(section)
     filament_mm3 = accepted_gcode.filament_mm * settings.filament_mm2
     grams = filament_mm3 / 1000 * settings.density_g_cm3
-    profile, time_factor = PROFILES[section.model], task.time_factors_of(section.name).overall
+    profile, time_factor = PROFILES[section.model], task.find_time_factors(section.name).overall
     part = Part(
         id=f"{task.job}/p01",
         job=task.job,
@@ -163,7 +165,7 @@ def _find_common_nozzle_mm(printers: Sequence[PrinterSection]) -> float | None:
     return sizes_mm.pop() if len(sizes_mm) == 1 else None
 
 
-def _rewrite(path: Path, section: PrinterSection, nozzle_mm: float | None, name: str) -> AcceptedGcode:
+def _rewrite_gcode(path: Path, section: PrinterSection, nozzle_mm: float | None, name: str) -> AcceptedGcode:
     """Rewrite the file for a printer, and check that the result can be sent."""
     settings = _resolve_material(section)
     try:
@@ -185,7 +187,7 @@ def _rewrite(path: Path, section: PrinterSection, nozzle_mm: float | None, name:
 
 
 def _resolve_material(section: PrinterSection) -> EngineSettings:
-    """Resolve the settings of a printer's material: temperatures, density and filament section."""
+    """Resolve the settings of a printer's material: temperatures, density and filament cross-section."""
     with translate_errors():
         return resolve_printer_settings(section, JobOptions().quality, find_resources())
 
@@ -213,19 +215,19 @@ def _list_notices(accepted_gcode: AcceptedGcode, section: PrinterSection) -> tup
 
 
 def _normalise_material(kind: str) -> str:
-    """Normalise the name of a kind of material, as slicers and Cura use several for some."""
+    """Normalise the name of a kind of material: slicers and Cura use several names for some kinds."""
     first = re.split(r"[\s\d_+-]", kind.strip().upper().removeprefix("TOUGH "), maxsplit=1)[0]
     return _SAME_MATERIAL.get(first, first)
 
 
 def _measure_needs(accepted_gcode: AcceptedGcode, section: PrinterSection) -> OwnGcode:
     """Return the nozzle size of a file, and its extent relative to the bed's centre."""
-    width, depth = PROFILES[section.model].bed_mm
+    width_mm, depth_mm = PROFILES[section.model].bed_mm
     (x0, y0, z0), (x1, y1, z1) = accepted_gcode.min_mm, accepted_gcode.max_mm
     return OwnGcode(
         nozzle_mm=accepted_gcode.nozzle_mm,
-        min_mm=(x0 - width / 2, y0 - depth / 2, z0),
-        max_mm=(x1 - width / 2, y1 - depth / 2, z1),
+        min_mm=(x0 - width_mm / 2, y0 - depth_mm / 2, z0),
+        max_mm=(x1 - width_mm / 2, y1 - depth_mm / 2, z1),
     )
 
 

@@ -70,7 +70,7 @@ class DecomposeRequest:
     quality
         Quality with which parts are priced and sliced.
     sliced
-        True to slice the parts, and to move the cuts by the sliced times.
+        True to slice the parts, and to move the cuts according to the sliced times.
     connectors
         Pins and marks.
     """
@@ -119,7 +119,7 @@ def decompose_to_folder(
     """
     profile = max(
         PROFILES.values(), key=lambda p: (p.height_mm >= request.volume_mm[2], -p.height_mm)
-    )  # the lowest printer that is high enough; of equal ones the 2+, whose clips are larger
+    )  # the lowest printer that is high enough; among equal ones the 2+, whose clips are larger
     room = list_usable_volumes(profile, request.brim_mm, request.volume_mm)
     if not room:
         raise FarmError(f"a brim of {request.brim_mm:g} mm leaves no room on that bed", ErrorCode.NO_FIT)
@@ -138,8 +138,8 @@ def decompose_to_folder(
         cost = CostModel.from_recipe(replace(build_recipe(settings, prelude_s=0.0), brim_mm=request.brim_mm))
         decomposition = _decompose(model, list_model_sizes(room, settings), request, options, cost, executor)
         if request.sliced:
-            with_brim = replace(settings_request, overrides={"brim_width": f"{request.brim_mm:g}"})
-            slicer = PartSlicer(with_brim, resources, room, cache)
+            brim_request = replace(settings_request, overrides={"brim_width": f"{request.brim_mm:g}"})
+            slicer = PartSlicer(brim_request, resources, room, cache)
             with tempfile.TemporaryDirectory(prefix="farm-decompose-") as work:
                 sliced_parts = level_by_slices(model, decomposition, slicer, cost, executor, Path(work))
                 report = write_sliced_parts(sliced_parts, out)

@@ -33,7 +33,7 @@ class Cluster:
     on_notice: Callable[[str], None]
 
 
-class _ThisProcess:
+class _LocalPool:
     """Pool that runs work in this process, once the cluster is abandoned."""
 
     start_step = None
@@ -59,7 +59,7 @@ def decompose_on_cluster(
 ) -> dict[str, Any]:
     """Cut a model on a cluster; see `decompose_to_folder`."""
     prepare_output_folder(out)
-    return _run(cluster, _decompose, path.absolute(), out.absolute(), request, cache)
+    return _run_on_cluster(cluster, _decompose, path.absolute(), out.absolute(), request, cache)
 
 
 def slice_on_cluster(
@@ -67,13 +67,13 @@ def slice_on_cluster(
 ) -> dict[str, Any]:
     """Slice a model on a cluster; see `slice_to_file`."""
     check_writable(out, path)
-    return _run(cluster, _slice, path.absolute(), out.absolute(), options, cache)
+    return _run_on_cluster(cluster, _slice, path.absolute(), out.absolute(), options, cache)
 
 
-def _run(cluster: Cluster, work: Deferred, path: Path, out: Path, *args: object) -> dict[str, Any]:
+def _run_on_cluster(cluster: Cluster, work: Deferred, path: Path, out: Path, *args: object) -> dict[str, Any]:
     """Run a function on the cluster, or in this process if the cluster cannot be used."""
 
-    local_pool = _ThisProcess(cluster.on_notice)
+    local_pool = _LocalPool(cluster.on_notice)
     with translate_errors():
         pool = connect_cluster(local_pool, cluster.scheduler, cluster.certificates)
 

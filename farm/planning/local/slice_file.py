@@ -26,7 +26,7 @@ from slicing.plate import PlateResult
 from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_resources, resolve_settings
 
 OnStep = Callable[[str], None]
-_MARGIN = 0.99  # share of the largest size, as the suggested figures are rounded
+_MARGIN = 0.99  # share of the largest size, because the suggested figures are rounded
 
 
 def find_default_cache(env: Mapping[str, str] = os.environ) -> Path | None:
@@ -46,7 +46,7 @@ class SliceOptions:
     Attributes
     ----------
     printer_model, quality, material, nozzle_mm, overrides
-        See `slicing.settings.SettingsRequest`; the printer model is given by its name.
+        See `slicing.settings.SettingsRequest`; `printer_model` is the name of a model.
     scale, longest_side_mm
         See `decompose.geometry.load_model`.
     """
@@ -140,11 +140,11 @@ def _find_room(
 ) -> tuple[UsableVolume, ...]:
     """Return the room for a part with its brim. Raises FarmError if the model does not fit into it."""
     room = list_usable_volumes(profile, settings.brim_width_mm)
-    size = _compute_printed_size_mm(model, settings)
-    if place_part(size, room) is None:
+    size_mm = _compute_printed_size_mm(model, settings)
+    if place_part(size_mm, room) is None:
         raise FarmError(
-            f"{name} ({_format_size(size)} mm as printed) does not fit the {profile.title}: "
-            + _suggest_size(size, room, float(max(model.extents_mm)), model.scale),
+            f"{name} ({_format_size(size_mm)} mm as printed) does not fit the {profile.title}: "
+            + _suggest_size(size_mm, room, float(max(model.extents_mm)), model.scale),
             ErrorCode.NO_FIT,
         )
     return room
@@ -197,7 +197,7 @@ def _build_report(
 def _suggest_size(
     size_mm: tuple[float, float, float], room: tuple[UsableVolume, ...], longest_mm: float, scale: float
 ) -> str:
-    """Describe the available room, and the largest scale of the model in it."""
+    """Describe the available room, and the largest scale at which the model fits it."""
     x, y, z = size_mm
     shares = [
         (min(width / dx, depth / dy, height / z), (width, depth, height))
@@ -220,7 +220,7 @@ def _format_size(size_mm: tuple[float, float, float]) -> str:
 
 
 def check_writable(out: Path, model: Path) -> None:
-    """Check that a file can be written, before minutes of work. Raises FarmError; creates nothing."""
+    """Check that a file can be written, before work that takes minutes. Raises FarmError; creates nothing."""
     try:
         if out.is_dir():
             raise _make_write_error(out, "it is a folder")

@@ -1,4 +1,4 @@
-"""Slices of a decomposition's parts, and cuts moved by their times (`farm decompose --slice`)."""
+"""Slices of a decomposition's parts, and cuts moved according to their times (`farm decompose --slice`)."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class SlicedParts:
 
 @dataclass(frozen=True, slots=True)
 class PartSlicer:
-    """Slices parts for equal printers.
+    """Slicer of parts for equal printers.
 
     Attributes
     ----------
@@ -115,12 +115,12 @@ def level_by_slices(
     best = slicer.slice_parts(decomposition, work / "0")
     for number in range(1, MAX_RELEVELS + 1):
         try:
-            relevelled = relevel_planes(model, best.decomposition, best.times_s, cost, executor)
+            moved_parts = relevel_planes(model, best.decomposition, best.times_s, cost, executor)
         except DecomposeError:  # the parts are valid without moved cuts
             break
-        if relevelled is None or relevelled.faults:
+        if moved_parts is None or moved_parts.faults:
             break
-        moved_slices = slicer.slice_parts(relevelled, work / str(number))
+        moved_slices = slicer.slice_parts(moved_parts, work / str(number))
         if max(moved_slices.times_s) >= max(best.times_s):
             break
         best = moved_slices

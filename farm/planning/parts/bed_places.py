@@ -27,8 +27,8 @@ class Bed:
     def place(self, part: Part) -> BedPlace | None:
         """Place a part as `slice_part` does; None if it does not fit."""
         scale = np.array((self.settings.scale_xy, self.settings.scale_xy, self.settings.scale_z))
-        width, depth, height = map(float, np.ptp(part.build_printing_mesh()[0], axis=0) * scale)
-        placement = place_part((width, depth, height), self.room)
+        width_mm, depth_mm, height_mm = map(float, np.ptp(part.build_printing_mesh()[0], axis=0) * scale)
+        placement = place_part((width_mm, depth_mm, height_mm), self.room)
         if placement is None:
             return None
         return BedPlace(self.size_mm, (placement.x_mm, placement.y_mm), placement.is_rotated)

@@ -106,7 +106,7 @@ def _assign_copies(plan: Plan, task: DecomposeTask) -> tuple[dict[str, Plate], d
     plates: dict[str, Plate] = {}
     for plate in sorted(plan.plates, key=lambda plate: (-plate.sliced_s, plate.id)):
         candidates = [section for section in printers if _can_print(section, plate)]
-        choices = [_move_plate(plate, s, task.time_factors_of(s.name)) for s in candidates] or [plate]
+        choices = [_move_plate(plate, s, task.find_time_factors(s.name)) for s in candidates] or [plate]
         for number in range(1, task.options.copies + 1):
             chosen_plate = min(
                 choices, key=lambda choice: (loads_s[choice.printer] + choice.expected_s, choice.printer)

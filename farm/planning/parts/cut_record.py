@@ -1,7 +1,7 @@
-"""Cut record: a file with the cuts of a job, which another worker reads to move them.
+"""Record of the cuts of a job: a file that another worker reads to move the cuts.
 
 The file is JSON of `_CutRecord`: the figures and options of a `Decomposition` and its `Cutting`, without
-solids. Numbers are restored exactly, as boxes are grouped by equality.
+solids. Numbers are restored exactly, because boxes are grouped by equality.
 """
 
 from __future__ import annotations

@@ -128,7 +128,7 @@ def write_decomposed_job(decomposition: Decomposition, model: Model, folder: Pat
     Parameters
     ----------
     decomposition, model
-        The parts, and the model from which they were cut.
+        The parts, and the model that they were cut from.
     folder
         Folder of the job's plan.
     """
@@ -198,9 +198,9 @@ class ModelCutter:
         return decompose_auto(self.model, self.rooms, self.options, self.cost, self.executor, goal)
 
     def keep_whole(self) -> Decomposition | None:
-        """Keep the model whole, on the lowest printer into which it fits; None if it fits into none.
+        """Keep the model whole, on the lowest printer that it fits; None if it fits none.
 
-        A user who wants it sooner requests a number of printers.
+        A user who wants the job to end sooner requests a number of printers.
         """
         x, y, z = map(float, self.model.extents_mm)
         poses = ((x, y, z), (y, z, x), (z, x, y))
@@ -235,13 +235,13 @@ class ModelCutter:
             limit_s is None or one_part.makespan_s * -(-copies // printers) <= limit_s
         ):
             return one_part
-        part_limit, least_parts = len(self.rooms), 0
+        part_limit, min_parts = len(self.rooms), 0
         by_kind = sorted(range(part_limit), key=lambda i: self.rooms[i].boxes)
         for rounds, parts in iterate_part_counts(copies, printers, part_limit):
-            if parts < least_parts and parts < part_limit:
+            if parts < min_parts and parts < part_limit:
                 continue
-            share = sorted(choose_evenly_spaced(by_kind, parts))  # the fastest first, as in `rooms`
-            cutter = replace(self, rooms=[self.rooms[i] for i in share])
+            chosen = sorted(choose_evenly_spaced(by_kind, parts))  # the fastest first, as in `rooms`
+            cutter = replace(self, rooms=[self.rooms[i] for i in chosen])
             try:
                 if has_count:
                     return cutter.cut_for_all_printers()
@@ -249,7 +249,7 @@ class ModelCutter:
             except NoFit as error:
                 if parts == part_limit:
                     raise
-                least_parts = error.printers_needed or 0
+                min_parts = error.printers_needed or 0
         raise AssertionError("the last attempt has all printers")
 
     def cut_in_time(self, within_s: float) -> Decomposition:

@@ -1,4 +1,4 @@
-"""Drawing of a job's parts, during their slicing: picture, 3D view and instructions. Runs in a worker."""
+"""Drawing of a job's parts while they are sliced: picture, 3D view and instructions. Runs in a worker."""
 
 from __future__ import annotations
 
@@ -44,11 +44,11 @@ def draw_job(
     Parameters
     ----------
     drawing_record
-        File of `write_drawing_record`, by a worker of this farm.
+        File written by `write_drawing_record` in a worker of this farm.
     overview
-        File of `draw_overview`; None to draw it.
+        File written by `draw_overview`; None to draw it.
     steps
-        Files of `draw_some_steps` with all steps, in their order; empty to draw them.
+        Files written by `draw_some_steps`, with all steps in order; empty to draw them.
     """
     pictures = [picture for path in steps for picture in pickle.loads(path.read_bytes())]
     with translate_errors():

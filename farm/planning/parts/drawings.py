@@ -23,13 +23,13 @@ class Drawings:
         self._running: dict[Path, asyncio.Future[None]] = {}
 
     def start(self, task: DecomposeTask, decomposed_job: DecomposedJob) -> None:
-        """Start drawing parts, unless it has been started."""
+        """Start drawing parts, unless their drawing has started."""
         if task.folder not in self._running:
             drawing = draw_side_by_side(self._workers, task, decomposed_job)
             self._running[task.folder] = asyncio.ensure_future(drawing)
 
     async def finish(self, task: DecomposeTask, decomposed_job: DecomposedJob) -> None:
-        """Draw parts, or wait until they are drawn. Raises FarmError if that fails."""
+        """Draw parts, or wait until they are drawn. Raises FarmError if they cannot be drawn."""
         self.start(task, decomposed_job)
         await self._running[task.folder]
 
@@ -71,10 +71,10 @@ async def draw_side_by_side(workers: PoolShare, task: DecomposeTask, decomposed_
 
 
 def split_steps(steps: int) -> list[tuple[int, int]]:
-    """Split the steps into half-open ranges for several workers; no ranges if one worker draws all of them.
+    """Split the steps into half-open ranges for several workers; no ranges if one worker draws all.
 
-    Later ranges are shorter, as their steps join more parts and take more time.
+    Later ranges are shorter, because their steps join more parts and take more time.
     """
     shares = min(MAX_SHARES, steps // MIN_STEPS)
-    parts = [share / shares for share in range(shares + 1)] if shares > 1 else []
-    return list(pairwise(round(steps * (sqrt(1.0 + 8.0 * part) - 1.0) / 2.0) for part in parts))
+    edges = [share / shares for share in range(shares + 1)] if shares > 1 else []
+    return list(pairwise(round(steps * (sqrt(1.0 + 8.0 * edge) - 1.0) / 2.0) for edge in edges))

@@ -66,9 +66,9 @@ def continue_job(
     record
         See `PausedJob`.
     outcomes
-        File of each attempt of the round, or the reason why the attempt has none.
+        File of each attempt of the round, or the reason why the attempt has no file.
     end_reason
-        Reason to begin no other attempt, and end with the best result; None: the search goes on.
+        Reason to make no more attempts and end with the best result; None to continue the search.
 
     Raises
     ------

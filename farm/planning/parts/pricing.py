@@ -35,14 +35,14 @@ def price_rooms(
     """
     settings = {section.name: resolve_printer_settings(section, quality, resources) for section in printers}
     costs = [build_printer_cost(section, settings[section.name]) for section in printers]
-    times = {
+    time_ratios = {
         section.name: time_factors[section.name] * compute_time_ratio(cost, costs[0])
         for section, cost in zip(printers, costs, strict=True)
     }
     # Sorted without the effect of the nozzle: a coarser one is faster, but must not be preferred.
     fastest = sorted(printers, key=lambda section: time_factors[section.name])
     rooms = [
-        PrinterRoom(section.name, list_model_sizes(room, settings[section.name]), times[section.name])
+        PrinterRoom(section.name, list_model_sizes(room, settings[section.name]), time_ratios[section.name])
         for _ in range(rounds)
         for section in fastest
         for room in (find_printer_room(section, settings[section.name].brim_width_mm),)
@@ -64,7 +64,7 @@ def estimate_time_factors(
     Parameters
     ----------
     time_factors
-        Time factors of the printers, learned from their prints, by name; nominal if there are none.
+        Time factors of the printers, learned from their prints, by name; nominal for other printers.
     solid
         The model.
     """
@@ -87,7 +87,7 @@ def build_decompose_options(options: JobOptions, printers: Sequence[PrinterSecti
         The printers that may print its parts. Their fits apply to the holes, unless the job has its own fit.
     """
     quality = FARM_QUALITIES.get(options.quality)
-    fits = quality is not None and quality.fits_first_layer
+    fit_first_layer = quality is not None and quality.fits_first_layer
     fits_mm = {p.name: p.pin_fit_mm for p in printers if p.pin_fit_mm is not None}
     connectors = (
         ConnectorOptions(options.pin_mm, marks=options.marks, printer_fits_mm=tuple(sorted(fits_mm.items())))
@@ -96,8 +96,8 @@ def build_decompose_options(options: JobOptions, printers: Sequence[PrinterSecti
     )
     return Options(
         options.engine,
-        fit_first_layer=fits,
-        prove=False,  # as the user is waiting
+        fit_first_layer=fit_first_layer,
+        prove=False,  # because the user is waiting
         connectors=select_connectors(connectors, options.quality),
     )
 
@@ -156,7 +156,7 @@ def _time_retraction_s(extruder: Mapping[str, str]) -> float:
     """Compute the seconds of a retraction and its return; 0 if retraction is disabled."""
     if extruder["retraction_enable"] != "True":
         return 0.0
-    speeds_mm_s = (float(extruder[f"retraction_{way}_speed"]) for way in ("retract", "prime"))
+    speeds_mm_s = (float(extruder[f"retraction_{direction}_speed"]) for direction in ("retract", "prime"))
     return sum(float(extruder["retraction_amount"]) / max(speed_mm_s, 0.1) for speed_mm_s in speeds_mm_s)
 
 
@@ -167,5 +167,5 @@ def build_printer_cost(section: PrinterSection, settings: EngineSettings) -> Cos
 
 def compute_time_ratio(cost: CostModel, reference: CostModel) -> float:
     """Return the ratio of the estimated times of a 50 mm cube by two cost models."""
-    cube_sums, size = (125_000.0, 10_000.0, 5_000.0, 0.0, 0.0), (50.0, 50.0, 50.0)
-    return cost.price_s(cube_sums, size) / reference.price_s(cube_sums, size)
+    cube_sums, size_mm = (125_000.0, 10_000.0, 5_000.0, 0.0, 0.0), (50.0, 50.0, 50.0)
+    return cost.price_s(cube_sums, size_mm) / reference.price_s(cube_sums, size_mm)

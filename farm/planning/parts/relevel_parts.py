@@ -74,7 +74,7 @@ def _compute_times_s(sliced_job: SlicedJob) -> list[float]:
     job_shares = FeatureSeconds(**dict(zip(FeatureSeconds.model_fields, totals_s, strict=True))).shares
     times_s = []
     for part in parts:
-        factors = sliced_job.task.time_factors_of(part.printer.name)
-        relative = factors.compute_factor(part.features.shares) / factors.compute_factor(job_shares)
-        times_s.append(part.expected_s(TimeFactors(relative)))
+        factors = sliced_job.task.find_time_factors(part.printer.name)
+        relative_factor = factors.compute_factor(part.features.shares) / factors.compute_factor(job_shares)
+        times_s.append(part.compute_expected_s(TimeFactors(relative_factor)))
     return times_s

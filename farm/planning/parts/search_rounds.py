@@ -39,10 +39,12 @@ class SearchRounds:
         )
         while isinstance(answer, PausedJob):
             outcomes = await self._make_attempts(answer)
-            answer = await self._continue(answer.record, outcomes)
+            answer = await self._continue_search(answer.record, outcomes)
         return answer
 
-    async def _continue(self, record: Path, outcomes: tuple[Path | str, ...]) -> DecomposedJob | PausedJob:
+    async def _continue_search(
+        self, record: Path, outcomes: tuple[Path | str, ...]
+    ) -> DecomposedJob | PausedJob:
         """Continue the search after a round; beyond a limit, end it with the best result so far."""
         answer: DecomposedJob | PausedJob
         try:
@@ -50,7 +52,7 @@ class SearchRounds:
         except FarmError as error:
             if error.code is not ErrorCode.LIMIT:
                 raise
-            self._warn("the search for parts ends early", error)
+            self._log_warning("the search for parts ends early", error)
             reason = f"not started: {error}"
             answer = await self._workers.run(
                 continue_job, self._task, record, outcomes, reason, limit=DECOMPOSING
@@ -99,9 +101,9 @@ class SearchRounds:
         except FarmError as error:
             if error.code is not ErrorCode.LIMIT:
                 raise
-            self._warn("an attempt failed", error)
+            self._log_warning("an attempt failed", error)
             return str(error)
         return outcome
 
-    def _warn(self, effect: str, error: FarmError) -> None:
+    def _log_warning(self, effect: str, error: FarmError) -> None:
         log.warning("job %d: %s: %s", self._task.job, effect, error, extra={"job": self._task.job})

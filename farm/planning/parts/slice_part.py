@@ -30,18 +30,18 @@ def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None)
     Raises
     ------
     FarmError
-        `no_fit` if the bed has no place for it, `engine` or `slice` with CuraEngine's error.
+        `no_fit` if the bed has no room for it, `engine` or `slice` with CuraEngine's error.
     """
     mesh = trimesh.load_mesh(task.stl)
     scale = np.array((task.settings.scale_xy, task.settings.scale_xy, task.settings.scale_z))
-    extents = tuple(map(float, mesh.extents * scale))  # as printed, with shrinkage compensated
-    placement = place_part((extents[0], extents[1], extents[2]), task.room)
+    extents_mm = tuple(map(float, mesh.extents * scale))  # as printed, with shrinkage compensated
+    placement = place_part((extents_mm[0], extents_mm[1], extents_mm[2]), task.room)
     if placement is None:
-        size = " x ".join(f"{side:.1f}" for side in extents)
+        size = " x ".join(f"{side:.1f}" for side in extents_mm)
         raise FarmError(
             f"part {task.part} ({size} mm) does not fit on the bed of its printer", ErrorCode.NO_FIT
         )
-    to_bed = _transform(mesh, placement, scale)
+    to_bed = _build_transform(mesh, placement, scale)
     mesh.apply_transform(to_bed)
     bed = tuple(
         (r.min_x_mm, r.min_y_mm, r.max_x_mm, r.max_y_mm, box.height_mm)
@@ -49,7 +49,7 @@ def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None)
         for r in (box.rect.expand(task.settings.brim_width_mm),)
     )
     with translate_errors():
-        settings = resolve_slice_settings(task, extents[2])
+        settings = resolve_slice_settings(task, extents_mm[2])
         request = PlateRequest(
             stl=task.out.with_suffix(".placed.stl"),
             settings=settings,
@@ -87,7 +87,7 @@ def resolve_slice_settings(task: SliceTask, height_mm: float) -> EngineSettings:
 
 
 def _place_side(side: tuple[float, float, float], to_bed: npt.NDArray[np.float64]) -> HiddenSide:
-    """Place a hidden side of a part with its mesh; see `_transform`."""
+    """Place a hidden side of a part with its mesh; see `_build_transform`."""
     x, y, offset_mm = side
     turn_and_scale, shift_mm = to_bed[:2, :2], to_bed[:2, 3]
     normal = turn_and_scale @ (x, y)
@@ -96,7 +96,7 @@ def _place_side(side: tuple[float, float, float], to_bed: npt.NDArray[np.float64
     return HiddenSide((unit_x, unit_y), scale * offset_mm + float(shift_mm @ (unit_x, unit_y)))
 
 
-def _transform(
+def _build_transform(
     mesh: trimesh.Trimesh, placement: Placement, scale: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float64]:
     """Return the (4, 4) transform of a mesh to its placement.

@@ -61,7 +61,7 @@ class ReplanCoordinator:
         return {name: replan.plate for replan in self._running.values() for name in replan.printers}
 
     def exclude_reserved(self, books: Books, assignments: Iterable[Assignment]) -> list[Assignment]:
-        """Return the assignments without those to reserved printers, for jobs that have not started."""
+        """Return the assignments without those that give reserved printers to jobs that have not started."""
         reserved_printers = self.reserved_printers
         return [
             assignment
@@ -74,7 +74,7 @@ class ReplanCoordinator:
         """Allow the next search immediately, after a step of the host's clock."""
         self._search_due_s = -math.inf
 
-    def holds(self) -> dict[str, Hold]:
+    def list_holds(self) -> dict[str, Hold]:
         """Return a hold for each plate whose part is being cut, so that it is not assigned."""
         return {
             name: Hold(
@@ -99,10 +99,10 @@ class ReplanCoordinator:
             self._examined_keys.add(key)
             recut = policy.choose_recut(view, situation)
             if recut is not None:
-                yield self._start(plate, recut.printers, cut=True)
+                yield self._start_replan(plate, recut.printers, cut=True)
 
     def reslice_waiting(self, books: Books, situation: Situation) -> Iterator[StartReplan]:
-        """Yield the plates to slice for another kind of printer than the one that they wait for.
+        """Yield the plates to slice for a kind of printer other than the one that they wait for.
 
         Parameters
         ----------
@@ -125,7 +125,7 @@ class ReplanCoordinator:
             if any(policy.is_other_kind(demand, k) for k in kinds)
         }
         holds = find_holds(situation, ()) if demands else {}
-        ends = policy.EndForecast(situation)
+        end_forecast = policy.EndForecast(situation)
         for view in [view for view in situation.waiting if view.demand in demands]:
             plate = books.plates[view.id]
             if not free_printers or view.id in self._running or not _may_be_replanned(books, plate):
@@ -135,9 +135,9 @@ class ReplanCoordinator:
             candidates = [p for p in free_printers if self._is_candidate(plate, view, p, situation)]
             if candidates:
                 self.next_search_s = self._search_due_s
-            reslice = policy.choose_reslice(view, situation, candidates, ends)
+            reslice = policy.choose_reslice(view, situation, candidates, end_forecast)
             if reslice is not None:
-                yield self._start(plate, (reslice.printer,), cut=False)
+                yield self._start_replan(plate, (reslice.printer,), cut=False)
                 free_printers = [p for p in free_printers if p.name != reslice.printer]
 
     def _is_candidate(
@@ -170,7 +170,7 @@ class ReplanCoordinator:
         plate = books.plates[name]
         view = next((view for view in situation.waiting if view.id == name), None)
         if replan is None or view is None:
-            return None  # cancelled or printed meanwhile
+            return None  # the plate was cancelled or printed meanwhile
         for printer in replan.printers:
             if printer in situation.fleet:
                 self._attempted_keys.add(_make_attempt_key(plate, situation.fleet[printer].capabilities))
@@ -201,14 +201,14 @@ class ReplanCoordinator:
     ) -> bool:
         plate = books.plates[view.id]
         history = {"prints": plate.prints, "counted_from": plate.counted_from}
-        new = tuple(describe_plates([p.model_copy(update=history) for p in result.plates], books))
-        new_situation = situation.with_waiting((*situation.waiting.without({plate.id}), *new))
-        ends_s = policy.compute_one_piece_end_s if cut else policy.compute_expected_end_s
-        after_s = max(policy.compute_expected_end_s(piece_plate, new_situation) for piece_plate in new)
-        after_s += policy.JOIN_S * len(new) if cut else 0.0
-        return policy.saves_enough(ends_s(view, situation), after_s, situation.now_s)
+        new_plates = tuple(describe_plates([p.model_copy(update=history) for p in result.plates], books))
+        new_situation = situation.with_waiting((*situation.waiting.without({plate.id}), *new_plates))
+        compute_end_s = policy.compute_one_piece_end_s if cut else policy.compute_expected_end_s
+        after_s = max(policy.compute_expected_end_s(piece_plate, new_situation) for piece_plate in new_plates)
+        after_s += policy.JOIN_S * len(new_plates) if cut else 0.0
+        return policy.saves_enough(compute_end_s(view, situation), after_s, situation.now_s)
 
-    def _start(self, plate: Plate, printers: tuple[str, ...], cut: bool) -> StartReplan:
+    def _start_replan(self, plate: Plate, printers: tuple[str, ...], cut: bool) -> StartReplan:
         log.info(
             "plate %s is %s for %s",
             plate.id,

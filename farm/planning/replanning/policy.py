@@ -26,11 +26,11 @@ from farm.scheduling import (
 MIN_GAIN_SHARE = 0.2
 """Least share of the remaining time of a part that replanning must save."""
 MIN_GAIN_S = 1800.0
-"""Least time that replanning must save, as a new plan takes time too."""
+"""Least time that replanning must save, because a new plan takes time too."""
 JOIN_S = 336.0
 """Manual work for each additional piece: removing it from its bed (2 min) and gluing it (3.6 min)."""
 SLICING_S, CUTTING_S = 120.0, 300.0
-"""Typical wall seconds of slicing, and of cutting with slicing."""
+"""Typical wall-clock seconds of slicing, and of cutting followed by slicing."""
 MAX_PIECES = 8
 _CUT_TIME_RATIO = 1.15  # ratio of the time of all pieces to that of the whole part: cuts add walls and tops
 _REASONS_OF_KIND = (
@@ -78,7 +78,7 @@ class EndForecast:
     def __init__(self, situation: Situation) -> None:
         self._situation = situation
 
-    def find(self, plate: WaitingPlate) -> float:
+    def find_end_s(self, plate: WaitingPlate) -> float:
         """Return the expected end of a plate in the queue with all others; infinity if unknown."""
         return self._ends_s.get(plate.id, float("inf"))
 
@@ -96,17 +96,17 @@ class EndForecast:
 
 def compute_expected_end_s(plate: WaitingPlate, situation: Situation) -> float:
     """Return the expected end of a waiting plate in the queue with all others; infinity if unknown."""
-    return EndForecast(situation).find(plate)
+    return EndForecast(situation).find_end_s(plate)
 
 
 def compute_one_piece_end_s(plate: WaitingPlate, situation: Situation) -> float:
     """Return the expected end of a waiting plate's part in one piece, resliced if that is sooner."""
-    other = _find_best_printer(plate, situation.free, situation)
-    as_planned_s = compute_expected_end_s(plate, situation)
+    other_printer = _find_best_printer(plate, situation.free, situation)
+    planned_end_s = compute_expected_end_s(plate, situation)
     return (
-        as_planned_s
-        if other is None
-        else min(as_planned_s, _estimate_resliced_end_s(plate, other, situation))
+        planned_end_s
+        if other_printer is None
+        else min(planned_end_s, _estimate_resliced_end_s(plate, other_printer, situation))
     )
 
 
@@ -133,7 +133,7 @@ def choose_reslice(
     if best is None:
         return None
     after_s = _estimate_resliced_end_s(plate, best, situation)
-    if not saves_enough((ends or EndForecast(situation)).find(plate), after_s, situation.now_s):
+    if not saves_enough((ends or EndForecast(situation)).find_end_s(plate), after_s, situation.now_s):
         return None
     return Reslice(plate.id, best.name)
 
@@ -172,9 +172,9 @@ def choose_recut(plate: WaitingPlate, situation: Situation) -> Recut | None:
     free.sort(key=lambda p: (p.name in plate.failed_on, factors[p.name], -p.capabilities.height_mm, p.name))
 
     def compute_recut_end_s(count: int) -> float:
-        slowest = max(factors[p.name] for p in free[:count]) / plate.time_factor
+        max_factor = max(factors[p.name] for p in free[:count]) / plate.time_factor
         begins_s = situation.now_s + CUTTING_S * situation.time_scale
-        return begins_s + plate.heating_s + layers_s * _CUT_TIME_RATIO * slowest / count + JOIN_S * count
+        return begins_s + plate.heating_s + layers_s * _CUT_TIME_RATIO * max_factor / count + JOIN_S * count
 
     count = min(range(2, max_pieces + 1), key=compute_recut_end_s)
     if not saves_enough(
@@ -233,10 +233,10 @@ def _estimate_resliced_end_s(plate: WaitingPlate, printer: FleetPrinter, situati
 def _estimate_sliced_s(plate: WaitingPlate, printer: FleetPrinter) -> float:
     """Estimate the seconds of a plate if it is sliced for another printer.
 
-    A finer nozzle takes longer, as it prints finer lines; a coarser one is not assumed to be faster.
+    A finer nozzle takes longer because it prints finer lines; a coarser one is not assumed to be faster.
     """
     line_ratio = 1.0
     if plate.requirements.nozzle_mm is not None:
         line_ratio = max(1.0, (plate.requirements.nozzle_mm / printer.capabilities.nozzle_mm) ** 2)
-    prelude_s = plate.heating_s
-    return prelude_s + (compute_seconds_on(plate, printer) - prelude_s) * line_ratio
+    heating_s = plate.heating_s
+    return heating_s + (compute_seconds_on(plate, printer) - heating_s) * line_ratio

@@ -46,7 +46,7 @@ class ReplanTask:
     other_parts: tuple[Part, ...] = ()
     reports: tuple[str, ...] = ()
 
-    def time_factors_of(self, printer: str) -> TimeFactors:
+    def find_time_factors(self, printer: str) -> TimeFactors:
         """Return the time factors of a printer."""
         return self.time_factors.get(printer, NOMINAL_TIME_FACTORS)
 
@@ -89,7 +89,7 @@ def copy_part(task: ReplanTask) -> DecomposedPart:
         id=Path(part.id).name,
         stl=stl,
         geometry=part.geometry,
-        price_s=task.plate.sliced_s,  # exact, as it was sliced
+        price_s=task.plate.sliced_s,  # exact, because it was sliced
         printer=task.printers[0].name,
         print_options=part.print_options,
     )
@@ -107,7 +107,7 @@ def book_resliced(task: ReplanTask, sliced_part: SlicedPart) -> ReplannedPlate:
     if len(thin_walls) > len(task.plate.warnings):
         raise FarmError(f"{task.part.id}: {thin_walls[0]}", ErrorCode.SLICE)
     names = PlateNames(task.plate.job, task.part.id, make_next_plate_id(task.plate.id))
-    plate = book_plate(names, sliced_part, task.time_factors_of(sliced_part.printer.name), task.files)
+    plate = book_plate(names, sliced_part, task.find_time_factors(sliced_part.printer.name), task.files)
     return ReplannedPlate((task.part.model_copy(update={"plate": plate.id}),), (plate,))
 
 
@@ -119,7 +119,7 @@ def book_recut(task: ReplanTask, pieces: Pieces, sliced_parts: Sequence[SlicedPa
         plate_id = f"{task.plate.id.partition('-')[0]}{letter}"
         names = PlateNames(task.plate.job, f"{task.part.id}{letter}", plate_id)
         parts.append(book_part(names, piece.part, task.files, cut_from=task.part))
-        plates.append(book_plate(names, piece, task.time_factors_of(piece.printer.name), task.files))
+        plates.append(book_plate(names, piece, task.find_time_factors(piece.printer.name), task.files))
     files = (pieces.picture, pieces.assembly, pieces.decomposition, pieces.instructions)
     file_names = (store_file(task.files, path) for path in files)
     return ReplannedPlate(tuple(parts), tuple(plates), *file_names)

@@ -1,4 +1,4 @@
-"""Policy of plan revisions: decides whether a job that has not started is planned for other printers. Pure.
+"""Policy of plan revisions: decides whether a job is planned again for other printers before it starts. Pure.
 
 A job is planned as soon as it is submitted, for the printers that are available then. When it can start, the
 number of free printers may have changed. It is then planned again if the new plan ends sooner by a margin.
@@ -21,7 +21,7 @@ CUT_GROWTH_SHARE = 0.15
 
 @dataclass(frozen=True, slots=True)
 class PlannedJob:
-    """Planned job without a started plate.
+    """Planned job of which no plate has started.
 
     Attributes
     ----------
@@ -51,9 +51,9 @@ class PlannedJob:
 
 
 def may_revise(job: PlannedJob, situation: Situation, candidates: Iterable[Sequence[str]]) -> bool:
-    """Return whether another plan may save time, by estimates without the slow forecasts."""
+    """Return whether another plan may save time, according to estimates that need no slow forecast."""
     if job.end_s is None:
-        return any(_differs(job, names) for names in candidates)
+        return any(_has_other_printers(job, names) for names in candidates)
     if job.done_by_s is not None and job.end_s <= job.done_by_s:
         return False
     return any(_may_save(job, tuple(names), job.end_s, situation) for names in candidates)
@@ -76,15 +76,17 @@ def choose_revision(
     candidates
         Sets of printers for which it could be planned.
     """
-    sets = list(dict.fromkeys(tuple(names) for names in candidates))
-    best = _find_best_printers(job, situation, sets)
+    printer_sets = list(dict.fromkeys(tuple(names) for names in candidates))
+    best = _find_best_printers(job, situation, printer_sets)
     if best is None:
         return None
     plate_ids = {plate.id for plate in job.plates}
     plates = estimate_plates(job, best)
     new_situation = situation.with_waiting((*situation.waiting.without(plate_ids), *plates))
     is_final = (
-        _find_best_printers(replace(job, plates=plates, planned_for=best, end_s=None), new_situation, sets)
+        _find_best_printers(
+            replace(job, plates=plates, planned_for=best, end_s=None), new_situation, printer_sets
+        )
         is None
     )
     return best if is_final else None
@@ -129,17 +131,17 @@ def _find_additional_s(job: PlannedJob, names: Sequence[str]) -> float:
     return JOIN_S * max(0, len(names) - len(job.plates)) + job.planning_s
 
 
-def _differs(job: PlannedJob, names: Sequence[str]) -> bool:
+def _has_other_printers(job: PlannedJob, names: Sequence[str]) -> bool:
     return bool(names) and set(names) != set(job.planned_for)
 
 
 def _may_help(job: PlannedJob, names: Sequence[str], before_s: float) -> bool:
     """Return whether a plan for some printers may differ from the current plan and be better."""
-    if not _differs(job, names):
+    if not _has_other_printers(job, names):
         return False
     if math.isinf(before_s):
         return True
-    if len(job.plates) > len(job.planned_for):  # in rounds: it cannot be cut into fewer parts
+    if len(job.plates) > len(job.planned_for):  # it prints in rounds, and cannot be cut into fewer parts
         return len(names) >= len(job.plates)
     # If the plan did not use all of its printers, a plan for more printers would not use them either.
     if len(names) > len(job.plates):
@@ -167,5 +169,5 @@ def estimate_plates(job: PlannedJob, names: Sequence[str]) -> tuple[WaitingPlate
 
 def find_end_s(plates: set[str], situation: Situation) -> float:
     """Return the expected end of the last of some plates; infinity if one of them never starts."""
-    slots = {slot.plate: slot.ends_s for slot in forecast_prints(situation, has_bound=False).slots}
-    return max((slots.get(plate, math.inf) for plate in plates), default=situation.now_s)
+    ends_s = {slot.plate: slot.ends_s for slot in forecast_prints(situation, has_bound=False).slots}
+    return max((ends_s.get(plate, math.inf) for plate in plates), default=situation.now_s)

@@ -64,18 +64,19 @@ class PlanRevisions:
 
     def __init__(self) -> None:
         self._running: dict[int, StartPlanning] = {}
-        self._began_s: dict[int, float] = {}
+        self._start_times_s: dict[int, float] = {}
         self._held_until_s: dict[int, float] = {}
         self.has_more, self.postponed_plates = False, frozenset[str]()
         self._examined_keys: set[_Key] = set()  # jobs with their plans, idle and usable printers
-        self._changeable: dict[int, tuple[object, bool]] = {}  # by job, with its revision in the books
+        # For each job: its revision in the books, and whether its plan may change.
+        self._change_checks: dict[int, tuple[object, bool]] = {}
 
     def is_running(self, number: int) -> bool:
         """Return whether a job is being planned again."""
         return number in self._running
 
     def end(self, number: int) -> None:
-        """Remove a job that is no longer planned again."""
+        """Remove a job whose replanning has ended."""
         self._running.pop(number, None)
         self._held_until_s.pop(number, None)
 
@@ -89,7 +90,7 @@ class PlanRevisions:
         """Time at which the next job stops waiting for its new plan; infinity if none waits."""
         return min(self._held_until_s.values(), default=math.inf)
 
-    def holds(self, books: Books, now_s: float) -> dict[str, Hold]:
+    def list_holds(self, books: Books, now_s: float) -> dict[str, Hold]:
         """Return a hold for each plate whose job is being planned again, until that takes too long."""
         return {
             plate: Hold(
@@ -146,7 +147,7 @@ class PlanRevisions:
             if key in self._examined_keys:
                 continue
             end_s = _find_end_s(plates, plate_by_printer, situation)
-            candidate = _describe(job, plates, situation, ratio, end_s)
+            candidate = _describe_job(job, plates, situation, ratio, end_s)
             names = None
             if may_revise(candidate, situation, (idle, usable_printers)):
                 if forecast_size > MAX_FORECAST:
@@ -162,7 +163,7 @@ class PlanRevisions:
             if names is not None:
                 log.info("job %d is planned again for %s", number, " ".join(names), extra={"job": number})
                 self._running[number] = StartPlanning(number, names, rounds=1)
-                self._began_s[number] = situation.now_s
+                self._start_times_s[number] = situation.now_s
                 self._held_until_s[number] = situation.now_s + PLANNING_TIMEOUT_RATIO * candidate.planning_s
                 yield self._running[number]
 
@@ -170,10 +171,10 @@ class PlanRevisions:
         if job.state is not JobState.PRINTING:
             return False
         revision = books.revision(job.id)
-        known_revision, changeable = self._changeable.get(job.id, (None, False))
+        known_revision, changeable = self._change_checks.get(job.id, (None, False))
         if known_revision is not revision:
             changeable = _may_change(books, job)
-            self._changeable[job.id] = revision, changeable
+            self._change_checks[job.id] = revision, changeable
         return changeable
 
     def finish(
@@ -204,7 +205,7 @@ class PlanRevisions:
             job, result, situation.printers, books, situation.rules, situation.now_s
         )
         planned_event = planned_event.model_copy(
-            update={"printers": order.printers, "planning_s": situation.now_s - self._began_s[number]}
+            update={"printers": order.printers, "planning_s": situation.now_s - self._start_times_s[number]}
         )
         event = ev.PlanRevised(**dict(planned_event))
         if not _ends_sooner(event, books, situation):
@@ -253,7 +254,7 @@ class _Candidates:
         """Choose printers for a job: from those that are idle now, and from all that need no repair."""
         request = JobRequest(derive_job_requirements(job), job.options.printers, spares=job.options.spares)
         usable_printers = list(self._find_usable_printers(job).values())
-        idle = [p for p in usable_printers if p.obstacle() is None and p.name not in taken_printers]
+        idle = [p for p in usable_printers if p.find_obstacle() is None and p.name not in taken_printers]
         return _take_largest(idle, request), _take_largest(usable_printers, request)
 
     def _find_usable_printers(self, job: Job) -> dict[str, FleetPrinter]:
@@ -277,14 +278,14 @@ def _take_largest(printers: Sequence[FleetPrinter], request: JobRequest) -> tupl
 def _find_end_s(
     plates: Sequence[WaitingPlate], plate_by_printer: Mapping[str, str], situation: Situation
 ) -> float | None:
-    """Return the end of plates that all start now, as in a forecast; None if any of them does not."""
+    """Return the expected end of plates that all start now; None if any of them does not start now."""
     printers = {plate: situation.fleet[name] for name, plate in plate_by_printer.items()}
     if not all(plate.id in printers for plate in plates):
         return None
     return situation.now_s + max(compute_seconds_on(plate, printers[plate.id]) for plate in plates)
 
 
-def _describe(
+def _describe_job(
     job: Job, plates: tuple[WaitingPlate, ...], situation: Situation, ratio: float, end_s: float | None
 ) -> PlannedJob:
     return PlannedJob(
@@ -302,7 +303,7 @@ def _ends_sooner(event: ev.PlanRevised, books: Books, situation: Situation) -> b
     """Return whether the plates of a new plan end before those of the current plan."""
     changed_books, _ = apply(event, books)
     job = changed_books.job(event.job)
-    new = tuple(describe_plates(changed_books.plates_of(job), changed_books))
+    new_plates = tuple(describe_plates(changed_books.plates_of(job), changed_books))
     other_plates = tuple(view for view in situation.waiting if view.job != job.id)
     before_s = find_end_s(set(books.job(job.id).plates), situation)
-    return find_end_s(set(job.plates), situation.with_waiting((*other_plates, *new))) < before_s
+    return find_end_s(set(job.plates), situation.with_waiting((*other_plates, *new_plates))) < before_s

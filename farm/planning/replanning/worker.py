@@ -46,7 +46,7 @@ class ReplanWorker:
 
     def start(self, task: ReplanTask, cut: bool) -> None:
         """Start replanning a plate, in the background."""
-        task_run = asyncio.get_running_loop().create_task(self._run(task, cut))
+        task_run = asyncio.get_running_loop().create_task(self._replan_plate(task, cut))
         self._running.add(task_run)
         task_run.add_done_callback(self._running.discard)
 
@@ -55,12 +55,12 @@ class ReplanWorker:
         for task in self._running:
             task.cancel()
 
-    async def _run(self, task: ReplanTask, cut: bool) -> None:
+    async def _replan_plate(self, task: ReplanTask, cut: bool) -> None:
         result: ReplannedPlate | FarmError
         try:
             shutil.rmtree(task.folder, ignore_errors=True)
             task.folder.mkdir()
-            result = await (self._recut(task) if cut else self._reslice(task))
+            result = await (self._recut_part(task) if cut else self._reslice_part(task))
         except FarmError as error:
             result = error
         except asyncio.CancelledError:
@@ -75,16 +75,18 @@ class ReplanWorker:
         except FarmError as error:  # the books cannot be written: the plate is examined again later
             log.error("plate %s: %s", task.plate.id, error, extra={"plate": task.plate.id})
 
-    async def _reslice(self, task: ReplanTask) -> ReplannedPlate:
+    async def _reslice_part(self, task: ReplanTask) -> ReplannedPlate:
         part = await asyncio.to_thread(copy_part, task)
-        (sliced_part,) = await self._slice(task, (part,))
+        (sliced_part,) = await self._slice_parts(task, (part,))
         return await asyncio.to_thread(book_resliced, task, sliced_part)
 
-    async def _recut(self, task: ReplanTask) -> ReplannedPlate:
+    async def _recut_part(self, task: ReplanTask) -> ReplannedPlate:
         pieces = await PoolShare(self._workers, task.plate.id).run(cut_part, task, limit=CUTTING)
-        sliced_parts = await self._slice(task, pieces.parts)
+        sliced_parts = await self._slice_parts(task, pieces.parts)
         return await asyncio.to_thread(book_recut, task, pieces, sliced_parts)
 
-    async def _slice(self, task: ReplanTask, parts: tuple[DecomposedPart, ...]) -> tuple[SlicedPart, ...]:
+    async def _slice_parts(
+        self, task: ReplanTask, parts: tuple[DecomposedPart, ...]
+    ) -> tuple[SlicedPart, ...]:
         batch = SliceBatch(parts, task.printers, task.options.quality, task.folder, self._state.slices)
         return await slice_batch(PoolShare(self._workers, task.plate.id), batch)

@@ -32,7 +32,7 @@ def update_time_factor(factor: float, expected_s: float, reached_s: float, starv
     factor
         The factor so far; 1 at first.
     expected_s
-        Seconds of the layers by the slicer, without a factor.
+        Seconds of the layers according to the slicer, without a factor.
     reached_s
         Seconds that the layers took, without heat-up, start and end code.
     starved_s

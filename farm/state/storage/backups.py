@@ -28,7 +28,7 @@ _NAMES = f"books-{'[0-9]' * 8}T{'[0-9]' * 6}Z.db"
 def back_up(state: StateFolder, now_s: float) -> Path:
     """Back up the books, verify the copy, and delete the oldest backup. May run in a thread.
 
-    If the disk is full, the slice cache is emptied first, as slices can be computed again.
+    If the disk is full, the slice cache is emptied first, because slices can be computed again.
 
     Raises
     ------

@@ -90,7 +90,7 @@ def delete_files(
 ) -> int:
     """Delete files that the books do not name; return the number of bytes.
 
-    Recently stored files stay, as the event that names them may follow.
+    Recently stored files stay, because the event that names them may follow.
 
     Parameters
     ----------

@@ -308,8 +308,8 @@ class Store:
     def find_last_old_event(self, before_s: float, limit: int) -> int:
         """Find the last event that may be deleted: older than a time, or followed by `limit` newer events.
 
-        The newest event is always kept, as its number shows that no commit is lost. Returns 0 if every event
-        is kept.
+        The newest event is always kept, because its number shows that no commit is lost. Returns 0 if
+        every event is kept.
         """
         (newest,) = self._db.execute("SELECT coalesce(max(seq), 0) FROM event").fetchone()
         (first_kept,) = self._db.execute("SELECT min(seq) FROM event WHERE at_s >= ?", (before_s,)).fetchone()

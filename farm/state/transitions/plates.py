@@ -55,7 +55,7 @@ def _add_file(files: Mapping[str, str], part: str, file: str | None) -> Mapping[
 
 
 def _replace_names(names: tuple[str, ...], old: tuple[str, ...], new: tuple[str, ...]) -> tuple[str, ...]:
-    """Replace old names by new ones, at the position of the first."""
+    """Replace old names with new ones, at the position of the first."""
     index = names.index(old[0])
     other_names = tuple(name for name in names if name not in old)
     return (*other_names[:index], *new, *other_names[index:])

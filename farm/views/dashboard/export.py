@@ -20,8 +20,8 @@ _COLUMNS = (
 def write_csv(rows: Iterable[api.HistoryRow]) -> str:
     """Write prints as CSV (RFC 4180) with a line of headings; durations in seconds.
 
-    Text that a spreadsheet would take for a formula is prefixed with an apostrophe, as any user chooses the
-    names of models and notes.
+    Text that a spreadsheet would take for a formula is prefixed with an apostrophe, because any user
+    chooses the names of models and notes.
     """
     text = StringIO()
     writer = csv.writer(text)

@@ -27,7 +27,7 @@ SIGNS = {
     "printing": "▶",
     PLANNED: "",
 }
-"""Signs before the names of parts, as not all people see the colours of the states."""
+"""Signs before the names of parts, because not all people see the colours of the states."""
 
 
 @dataclass(frozen=True, slots=True)

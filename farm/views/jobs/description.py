@@ -37,7 +37,7 @@ _LIVE_STATES = (JobState.PLANNING, JobState.PRINTING)
 
 def describe_jobs(context: ViewContext, jobs: Iterable[Job]) -> list[api.JobView]:
     """Describe jobs with their parts, plates and prints."""
-    ratio = compute_assembly_ratio(context.books.jobs.values())  # computed once, as it reads all jobs
+    ratio = compute_assembly_ratio(context.books.jobs.values())  # computed once, because it reads all jobs
     return [_describe_job(context, job, ratio) for job in jobs]
 
 

@@ -59,7 +59,7 @@ def answer_form(request: Request, note: Note, path: str | None = None) -> Respon
     note
         Result of the form.
     path
-        Path of the page; by default, of the page that sent the form.
+        Path of the page; by default, the path of the page that sent the form.
     """
     request.app.state.notes.put(find_holder(request).key.id, note)
     return RedirectResponse(path or find_form_page(request), _SEE_OTHER)

@@ -11,7 +11,7 @@ from farm.web.actions.form_route import FormRoute, answer_form, read_form
 from farm.web.notes import Note
 
 
-def job_forms(services: Services, jobs: JobCommands, parts: PartCommands) -> APIRouter:
+def make_job_form_routes(services: Services, jobs: JobCommands, parts: PartCommands) -> APIRouter:
     """Return the routes of forms for jobs and parts."""
     router = APIRouter(route_class=FormRoute, include_in_schema=False)
 
@@ -49,7 +49,7 @@ def job_forms(services: Services, jobs: JobCommands, parts: PartCommands) -> API
         return answer_form(request, Note(f"Job {number} continues."))
 
     @router.post("/jobs/{number}/assembled")
-    async def assembled(number: int, request: Request, by: CallerName) -> Response:
+    async def record_assembly(number: int, request: Request, by: CallerName) -> Response:
         minutes = (await read_form(request, api.AssembledRequest)).minutes
         jobs.record_assembly(number, minutes, by)
         return answer_form(request, Note(f"Job {number} is assembled, in {minutes:g} minutes."))

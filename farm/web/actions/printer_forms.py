@@ -12,7 +12,7 @@ from farm.web.notes import Note
 from farm.wording import describe_material
 
 
-def printer_forms(printers: PrinterCommands, parts: PartCommands) -> APIRouter:
+def make_printer_form_routes(printers: PrinterCommands, parts: PartCommands) -> APIRouter:
     """Return the routes of forms for printers."""
     router = APIRouter(route_class=FormRoute, include_in_schema=False)
 

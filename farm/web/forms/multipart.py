@@ -75,7 +75,7 @@ class FormReader:
             "on_headers_finished": self._begin_content,
             "on_part_data": self._add_content,
             "on_part_end": self._end_part,
-            "on_end": self._end,
+            "on_end": self._end_form,
         }
         try:
             self._parser = MultipartParser(boundary, callbacks)
@@ -98,7 +98,7 @@ class FormReader:
         Raises
         ------
         BadForm
-            If the form is malformed, or has too many parts, too long fields, or a second file.
+            If the form is malformed, or has too many parts, fields that are too long, or a second file.
         """
         try:
             self._parser.write(chunk)
@@ -115,7 +115,7 @@ class FormReader:
             raise BadForm("the form has no file in its field `file`")
 
     def is_true(self, name: str) -> bool:
-        """Return whether a field is true by OctoPrint's rules."""
+        """Return whether a field is true according to OctoPrint's rules."""
         return self.fields.get(name, "").strip().lower() in ("true", "yes", "y", "1")
 
     def _begin_part(self) -> None:
@@ -139,11 +139,11 @@ class FormReader:
         _, options = parse_options_header(self._disposition)
         name, file_name = options.get(b"name"), options.get(b"filename")
         if file_name is None:
-            self._field = _decode(name or b"")
+            self._field = _decode_text(name or b"")
             return
         if self.file_name is not None:
             raise BadForm("the form has two files: send them one after the other")
-        self._field, self.file_name = None, _decode(file_name)
+        self._field, self.file_name = None, _decode_text(file_name)
 
     def _add_content(self, data: bytes, start: int, end: int) -> None:
         content = data if end - start == len(data) else data[start:end]
@@ -157,12 +157,12 @@ class FormReader:
 
     def _end_part(self) -> None:
         if self._field is not None:
-            self.fields[self._field] = _decode(self._value)
+            self.fields[self._field] = _decode_text(self._value)
 
-    def _end(self) -> None:
+    def _end_form(self) -> None:
         self._complete = True
 
 
-def _decode(text: bytes) -> str:
+def _decode_text(text: bytes) -> str:
     """Decode a name or a value as UTF-8, which all known clients write."""
     return text.decode("utf-8", "replace")

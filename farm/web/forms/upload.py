@@ -80,23 +80,23 @@ class FormUploads:
                 name = await _receive_file(content, reader, upload)
                 options = await read_options(reader)
                 self.jobs.check_submission(options)
-                model = await self._inspect(upload, name, options)
+                model = await self._inspect_upload(upload, name, options)
         except (FarmError, OSError):
             if int(size) <= _MAX_DISCARDED_BYTES and "expect" not in request.headers:
-                await _discard(content)
+                await _discard_rest(content)
             raise
         number, _ = self.jobs.submit(request_id, name, model, options, by)
         return SubmittedForm(number, reader)
 
-    async def _inspect(self, upload: Upload, name: str, options: JobOptions) -> InspectedSubmission:
-        """Inspect an upload; errors leave out the file name, which slicers show, as they have little room."""
+    async def _inspect_upload(self, upload: Upload, name: str, options: JobOptions) -> InspectedSubmission:
+        """Inspect an upload; errors leave out the file name, because slicers show it and have little room."""
         try:
             return await self.uploads.inspect(upload, name, options)
         except FarmError as error:
             raise FarmError(str(error).removeprefix(f"{name}: "), error.code) from error
 
 
-async def _discard(content: AsyncIterator[bytes]) -> None:
+async def _discard_rest(content: AsyncIterator[bytes]) -> None:
     """Read the rest of a refused upload: a client reads the response only after it has sent everything."""
     with suppress(ClientDisconnect):
         async for _ in content:

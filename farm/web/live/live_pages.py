@@ -69,10 +69,10 @@ class _Topic:
         change, self._change = self._change, asyncio.Event()
         change.set()
 
-    async def wait(self, seconds: float) -> None:
+    async def wait(self, duration_s: float) -> None:
         """Wait for the next change."""
         with suppress(TimeoutError):
-            async with asyncio.timeout(seconds):
+            async with asyncio.timeout(duration_s):
                 await self._change.wait()
 
     def list_changes_since(self, version: str) -> bytes:
@@ -138,7 +138,7 @@ class LivePages:
         """
         topic = await self.join(address, role)
         topic.viewers += 1  # before any await: a round ends a page without viewers
-        self._start()
+        self._start_refreshing()
         try:
             await topic.refresh_for(version)
             yield _RETRY
@@ -159,11 +159,11 @@ class LivePages:
                 return partial(render, Reader("", role), "".join(match.groups()), query), rounds
         raise NoSuchThing(f"there is no live page {path}")
 
-    def _start(self) -> None:
+    def _start_refreshing(self) -> None:
         if self._refresh_task is None or self._refresh_task.done():
-            self._refresh_task = asyncio.get_running_loop().create_task(self._refresh())
+            self._refresh_task = asyncio.get_running_loop().create_task(self._refresh_pages())
 
-    async def _refresh(self) -> None:
+    async def _refresh_pages(self) -> None:
         """Render the pages that have viewers, until no page has any."""
         pause_s = _PERIOD_S
         while self._topics:
@@ -173,9 +173,9 @@ class LivePages:
                 if topic.viewers == 0 or self._streams.is_closed:
                     self._end_topic(key)
                 else:
-                    begin_s = time.perf_counter()  # wall time, as a page may be rendered in a thread
+                    start_s = time.perf_counter()  # wall time, because a page may be rendered in a thread
                     await self._refresh_topic(key, topic)
-                    spent_s += time.perf_counter() - begin_s
+                    spent_s += time.perf_counter() - start_s
                 await asyncio.sleep(0.0)  # lets other tasks run between two pages
             pause_s = max(_PERIOD_S, spent_s / _MAX_SHARE)
 

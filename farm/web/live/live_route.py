@@ -14,7 +14,7 @@ from farm.web.live.live_pages import LivePages
 _MAX_LENGTH = 300
 
 
-def live_routes(pages: LivePages, streams: StreamLimit) -> APIRouter:
+def make_live_routes(pages: LivePages, streams: StreamLimit) -> APIRouter:
     """Return the route of the stream of changes."""
     router = APIRouter(include_in_schema=False)
 

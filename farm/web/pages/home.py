@@ -16,7 +16,7 @@ from farm.web.pages.sentences import Sentence
 from farm.wording import format_planning, group_holds, shorten_names
 
 _URGENT = ("alarm", "outage")
-_WITHOUT_HEAT = (Link.ABSENT, Link.STARTING, Link.CONNECTING)
+_STATES_WITHOUT_TEMPERATURE = (Link.ABSENT, Link.STARTING, Link.CONNECTING)
 """States of a printer whose temperatures are unknown."""
 _MAX_ENDED = 8
 
@@ -30,11 +30,11 @@ class Bed:
     printer
         Name of the printer.
     plate
-        The last plate that was printed on it; None without one.
+        The last plate that was printed on it; None if there is none.
     awaits_verdict
         True if its part waits for a verdict.
     seen
-        Id of the last print on it, as the form of an outdated page must not clear a later plate; "none"
+        Id of the last print on it, because the form of an outdated page must not clear a later plate; "none"
         without a print.
     good
         Part of a failed print that may be good nevertheless.
@@ -134,16 +134,19 @@ def list_home_tasks(status: api.Status) -> list[Task]:
     """List the tasks for people, most urgent first: the to-do list, and heaters on without a print."""
     printers = {printer.name: printer for printer in status.printers}
     jobs = {job.id: job for job in status.jobs}
-    keys = _make_keys(status.todo)
+    keys = _make_task_keys(status.todo)
     tasks = [_describe_task(key, todo, printers, jobs) for key, todo in zip(keys, status.todo, strict=True)]
     alarms = {name for task in tasks if task.code == "alarm" for name in task.printers}
-    hot = [printer for printer in status.printers if is_hot(printer) and printer.name not in alarms]
-    heat = [Task(f"heat-{printer.name}", "heat", _describe_heat(printer), [printer.name]) for printer in hot]
-    urgent = [task for task in tasks if task.is_urgent]
-    return [*urgent, *heat, *(task for task in tasks if not task.is_urgent)]
+    hot_printers = [printer for printer in status.printers if is_hot(printer) and printer.name not in alarms]
+    heat_tasks = [
+        Task(f"heat-{printer.name}", "heat", _describe_heat(printer), [printer.name])
+        for printer in hot_printers
+    ]
+    urgent_tasks = [task for task in tasks if task.is_urgent]
+    return [*urgent_tasks, *heat_tasks, *(task for task in tasks if not task.is_urgent)]
 
 
-def _make_keys(todos: Iterable[api.Todo]) -> Iterator[str]:
+def _make_task_keys(todos: Iterable[api.Todo]) -> Iterator[str]:
     """Yield a key for each task: its code and its subject, with a number if these are not unique."""
     key_counts = Counter[str]()
     for todo in todos:
@@ -154,8 +157,8 @@ def _make_keys(todos: Iterable[api.Todo]) -> Iterator[str]:
 
 
 def is_hot(printer: api.PrinterView) -> bool:
-    """Return whether heaters are on or not reported off without an open print."""
-    is_known = printer.nozzle_c is not None and printer.state not in _WITHOUT_HEAT
+    """Return whether, without an open print, heaters are on or are not reported as off."""
+    is_known = printer.nozzle_c is not None and printer.state not in _STATES_WITHOUT_TEMPERATURE
     return is_known and printer.print is None and not printer.heaters_off
 
 
@@ -244,8 +247,8 @@ def describe_job_row(job: api.JobView) -> JobRow:
     """Describe the progress of a job, and the reasons why it or its plates wait."""
     progress = format_planning(job.progress) if job.progress is not None else ""
     if job.plates:
-        planned_again = f"; planned again: {progress}" if progress else ""
-        progress = f"{job.printed} of {format_count(len(job.plates), 'plate')} printed{planned_again}"
+        replanning_text = f"; planned again: {progress}" if progress else ""
+        progress = f"{job.printed} of {format_count(len(job.plates), 'plate')} printed{replanning_text}"
     return JobRow(job, progress, list(_list_waits(job)))
 
 

@@ -17,7 +17,7 @@ from farm.web.pages.rendering import render_login, render_message
 _SEE_OTHER = 303
 
 
-def login_routes(services: Services, cookie: SessionCookie, callers: CallerFinder) -> APIRouter:
+def make_login_routes(services: Services, cookie: SessionCookie, callers: CallerFinder) -> APIRouter:
     """Return the routes to log in and out.
 
     Parameters
@@ -43,7 +43,7 @@ def login_routes(services: Services, cookie: SessionCookie, callers: CallerFinde
             page = render_message(name, key.text, has_login_hint=True)
             return HTMLResponse(page, key.status, {"www-authenticate": "Bearer"})
         services.key_uses_s[key.key.id] = services.controller.clock.now()
-        return _redirect(cookie, services.sessions.open_with_key(key.key))
+        return _redirect_home(cookie, services.sessions.open_with_key(key.key))
 
     @router.get("/login/{token}")
     async def show_login(token: str) -> Response:
@@ -59,7 +59,7 @@ def login_routes(services: Services, cookie: SessionCookie, callers: CallerFinde
             text = services.sessions.open(token)
         except NoSuchThing as error:
             return HTMLResponse(render_message(name, str(error)), 404)
-        return _redirect(cookie, text)
+        return _redirect_home(cookie, text)
 
     @router.post("/logout")
     async def log_out(request: Request) -> Response:
@@ -76,7 +76,7 @@ def login_routes(services: Services, cookie: SessionCookie, callers: CallerFinde
     return router
 
 
-def _redirect(cookie: SessionCookie, session: str) -> Response:
+def _redirect_home(cookie: SessionCookie, session: str) -> Response:
     """Return a redirect to the home page, with the cookie of a session."""
     response = RedirectResponse("/", _SEE_OTHER)
     cookie.set(response, session)

@@ -93,7 +93,7 @@ def render_page(
 
 
 def render_login(farm: str, user: str, role: Role) -> str:
-    """Render the page of a login link: a button logs in, as a preview of the link must not use it up."""
+    """Render the page of a login link: a button logs in, because a preview of the link must not use it up."""
     return load_template("login.html").render(title=farm, user=user, role=role)
 
 
@@ -144,7 +144,7 @@ def load_templates() -> Environment:
 
 
 def format_state(state: str) -> Markup:
-    """Format a state as a label with a sign and text, as not all people see its colour."""
+    """Format a state as a label with a sign and text, because not all people see its colour."""
     glyph = _GLYPHS.get(state, _OTHER_GLYPH)
     return Markup('<span class="state {}"><span aria-hidden="true">{}</span> {}</span>').format(
         state, glyph, describe_value(state)

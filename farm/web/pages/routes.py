@@ -14,18 +14,18 @@ from farm.web.pages.static_files import load_static_files
 _CACHE_CONTROL = "public, max-age=31536000, immutable"  # the URL changes with the contents
 
 
-def page_routes(pages: PageContext) -> APIRouter:
+def make_page_routes(pages: PageContext) -> APIRouter:
     """Return the routes of the home page and of the static files."""
     router = APIRouter(include_in_schema=False)
 
-    async def show(reader: Reader, note: Note | None = None) -> str:
+    async def render_home_page(reader: Reader, note: Note | None = None) -> str:
         return render_home(describe_farm(pages.services), reader, note)
 
-    pages.live.add("/", lambda reader, _variable, _query: show(reader))
+    pages.live.add("/", lambda reader, _variable, _query: render_home_page(reader))
 
     @router.get("/")
     async def home(request: Request) -> Response:
-        return await pages.answer(request, show)
+        return await pages.answer(request, render_home_page)
 
     @router.get("/static/{name}")
     async def static_file(name: str, request: Request) -> Response:

@@ -59,7 +59,7 @@ def format_commands(text: str) -> Markup:
 
 
 def _format_times(text: str, times: Sequence[TextTime]) -> Markup:
-    """Format a text; the given times in it become elements."""
+    """Format a text, and convert the given times in it to elements."""
     moments = {time.text: time.at for time in times}
     if not moments:
         return escape(text)
@@ -98,5 +98,5 @@ class NamedTime(Protocol):
 
 
 def format_time_attributes(time: NamedTime) -> Markup:
-    """Return the attributes that mark a time in an element that can contain only text, such as SVG's."""
+    """Return the attributes that mark a time in an element that can contain only text, such as in an SVG."""
     return Markup('data-time="{}" data-text="{}"').format(time.at, time.text)

@@ -9,10 +9,10 @@ from fastapi import FastAPI
 
 from farm.control import JobCommands, PrinterCommands
 from farm.http import Services
-from farm.web.slicers.app_keys import app_key_routes
-from farm.web.slicers.moonraker import moonraker_routes
-from farm.web.slicers.octoprint_commands import octoprint_commands
-from farm.web.slicers.octoprint_routes import octoprint_routes
+from farm.web.slicers.app_keys import make_app_key_routes
+from farm.web.slicers.moonraker import make_moonraker_routes
+from farm.web.slicers.octoprint_commands import make_octoprint_command_routes
+from farm.web.slicers.octoprint_routes import make_octoprint_routes
 from farm.web.slicers.paths import (
     PREFIXES,
     PUBLIC_SLICER_ROUTES,
@@ -39,9 +39,9 @@ def add_slicer_routes(app: FastAPI, services: Services) -> None:
     selection = Selection()
     for prefix in PREFIXES:
         for router in (
-            octoprint_routes(services, jobs, selection),
-            octoprint_commands(services, jobs, selection),
-            moonraker_routes(services, jobs),
-            app_key_routes(services),
+            make_octoprint_routes(services, jobs, selection),
+            make_octoprint_command_routes(services, jobs, selection),
+            make_moonraker_routes(services, jobs),
+            make_app_key_routes(services),
         ):
             app.include_router(router, prefix=prefix)

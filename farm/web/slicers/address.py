@@ -15,7 +15,7 @@ from farm.model import Job, JobOptions
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """The farm or one of its printers, as given in the path of a request.
+    """The farm or one of its printers, named in the path of a request.
 
     Attributes
     ----------
@@ -33,11 +33,11 @@ class Address:
         """Options of a job that is sent to this address."""
         return JobOptions() if self.printer is None else JobOptions(only=(self.printer,))
 
-    def name(self, controller: Controller) -> str:
+    def find_name(self, controller: Controller) -> str:
         """Return the name of the printer or of the farm."""
         return self.printer or controller.fleet.fleet.name
 
-    def sections(self, controller: Controller) -> list[PrinterSection]:
+    def list_sections(self, controller: Controller) -> list[PrinterSection]:
         """Return the printers that may print a job that is sent to this address."""
         return [section for section in controller.fleet.printers if self.printer in (None, section.name)]
 

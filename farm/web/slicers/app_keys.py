@@ -26,7 +26,7 @@ class AppRequest(BaseModel):
     app: Annotated[str, Field(min_length=1, max_length=200)]
 
 
-def app_key_routes(services: Services) -> APIRouter:
+def make_app_key_routes(services: Services) -> APIRouter:
     """Return the routes of requests for keys."""
     router = APIRouter(route_class=TextErrorRoute, include_in_schema=False)
     requests = services.app_key_requests

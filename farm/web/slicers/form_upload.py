@@ -41,13 +41,13 @@ async def submit_form(
     Raises
     ------
     FarmError, HTTPException
-        As `FormUploads.submit`.
+        See `FormUploads.submit`.
     """
 
     async def read_options(form: FormReader) -> JobOptions:
         folder = form.fields.get("path", "").strip("/ ")[:_MAX_NOTE_LENGTH]  # a note for people, never a path
-        own = {"hold": not form.is_true("print"), "note": folder or None}
-        return JobOptions.model_validate({**options.model_dump(), **own})
+        form_options = {"hold": not form.is_true("print"), "note": folder or None}
+        return JobOptions.model_validate({**options.model_dump(), **form_options})
 
     job_form = await FormUploads(uploads, jobs).submit(request, uuid.uuid4().hex, read_options, by)
     return SlicerUpload(job_form.job, job_form.form.is_true("print"))

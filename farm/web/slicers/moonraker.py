@@ -24,7 +24,7 @@ _ROOT = "gcodes"
 _READY = "ready"
 
 
-def moonraker_routes(services: Services, jobs: JobCommands) -> APIRouter:
+def make_moonraker_routes(services: Services, jobs: JobCommands) -> APIRouter:
     """Return the routes of Moonraker's dialect."""
     router = APIRouter(route_class=TextErrorRoute, include_in_schema=False)
     controller = services.controller
@@ -39,7 +39,7 @@ def moonraker_routes(services: Services, jobs: JobCommands) -> APIRouter:
     @router.get("/printer/info")
     async def printer_info(address: Addressed) -> dict[str, Any]:
         state = {"state": _READY, "state_message": "Printer is ready"}
-        names = {"hostname": address.name(controller), "software_version": f"farm {farm.__version__}"}
+        names = {"hostname": address.find_name(controller), "software_version": f"farm {farm.__version__}"}
         return {"result": {**state, **names}}
 
     @router.post(MOONRAKER_UPLOAD, status_code=_CREATED)

@@ -44,7 +44,7 @@ class ConnectionCommand(BaseModel):
     command: str
 
 
-def octoprint_commands(services: Services, jobs: JobCommands, selection: Selection) -> APIRouter:
+def make_octoprint_command_routes(services: Services, jobs: JobCommands, selection: Selection) -> APIRouter:
     """Return the routes of commands.
 
     Parameters

@@ -22,7 +22,7 @@ from farm.web.slicers.text_errors import TextErrorRoute
 _CREATED = 201
 
 
-def octoprint_routes(services: Services, jobs: JobCommands, selection: Selection) -> APIRouter:
+def make_octoprint_routes(services: Services, jobs: JobCommands, selection: Selection) -> APIRouter:
     """Return the routes of OctoPrint's dialect for descriptions of the farm and for uploads.
 
     Parameters
@@ -90,7 +90,7 @@ def _add_descriptions(router: APIRouter, services: Services) -> None:
 
     @router.get("/api/settings")
     async def settings(address: Addressed) -> dict[str, Any]:
-        return views.describe_settings(address.name(controller))
+        return views.describe_settings(address.find_name(controller))
 
     @router.get("/api/printer")
     async def printer(address: Addressed) -> dict[str, Any]:
@@ -100,11 +100,13 @@ def _add_descriptions(router: APIRouter, services: Services) -> None:
     @router.get("/api/printerprofiles")
     async def profiles(address: Addressed) -> dict[str, Any]:
         resource = f"{address.root}/api/printerprofiles"
-        return views.describe_profiles(address.name(controller), address.sections(controller), resource)
+        return views.describe_profiles(
+            address.find_name(controller), address.list_sections(controller), resource
+        )
 
     @router.get("/api/connection")
     async def connection(address: Addressed) -> dict[str, Any]:
-        return views.describe_connection(address.name(controller))
+        return views.describe_connection(address.find_name(controller))
 
     @router.get("/api/currentuser")
     async def current_user(request: Request, _: Addressed) -> dict[str, Any]:

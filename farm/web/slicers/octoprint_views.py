@@ -1,6 +1,6 @@
 """Descriptions of the farm as OctoPrint describes its one printer. Pure.
 
-The farm is always ready, as it takes jobs at any time, and Cura's plugin does not send to a printer that
+The farm is always ready, because it takes jobs at any time, and Cura's plugin does not send to a printer that
 prints. The description of a job has the state of its print.
 """
 
@@ -136,7 +136,7 @@ def describe_file(job: Job, resource: str) -> dict[str, Any]:
 
 
 def format_file_path(job: Job) -> str:
-    """Return the path of a job's file, unique by the job's number as its folder."""
+    """Return the path of a job's file; the job's number is the folder, which makes the path unique."""
     return f"{job.id}/{job.name}"
 
 
@@ -174,7 +174,7 @@ def find_job(jobs: Mapping[int, Job], path: str, by: str) -> Job:
 
 
 def describe_profiles(name: str, sections: Iterable[PrinterSection], resource: str) -> dict[str, Any]:
-    """Describe the profile of a printer; for the whole farm, of the printer with the lowest build height.
+    """Describe a printer's profile; for the whole farm, that of the printer with the lowest build height.
 
     Parameters
     ----------
@@ -189,7 +189,7 @@ def describe_profiles(name: str, sections: Iterable[PrinterSection], resource: s
     smallest = min(
         (PROFILES[section.model] for section in sections_shown), key=lambda profile: profile.height_mm
     )
-    width, depth = smallest.bed_mm
+    width_mm, depth_mm = smallest.bed_mm
     profile = {
         "id": _PROFILE,
         "name": name,
@@ -203,8 +203,8 @@ def describe_profiles(name: str, sections: Iterable[PrinterSection], resource: s
         "volume": {
             "formFactor": "rectangular",
             "origin": "lowerleft",
-            "width": width,
-            "depth": depth,
+            "width": width_mm,
+            "depth": depth_mm,
             "height": smallest.height_mm,
             "custom_box": False,
         },

@@ -16,7 +16,7 @@ class Selection:
         self._jobs: dict[tuple[str, str | None], int] = {}
 
     def select(self, by: str, address: Address, job: int) -> None:
-        """Select a job; delete the oldest of too many selections."""
+        """Select a job; if there are too many selections, delete the oldest."""
         self._jobs.pop((by, address.printer), None)
         self._jobs[by, address.printer] = job
         if len(self._jobs) > _MAX_JOBS:

@@ -1,7 +1,7 @@
 """Errors for slicers: one line of plain text that begins with the reason.
 
 PrusaSlicer and its forks show the whole body. Cura's plugin shows its first 100 characters if the type is
-exactly `text/plain`; the status 409 is not used, as the plugin treats it differently.
+exactly `text/plain`; the status 409 is not used, because the plugin treats it differently.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ log = logging.getLogger(__name__)
 
 _STATUS = {ErrorCode.NO_SUCH_THING: 404, ErrorCode.FAILED: 500, ErrorCode.ENGINE: 500}
 _BAD_REQUEST = 400
-_TEXT = "text/plain"  # without a charset, else Cura's plugin does not show it
+_TEXT = "text/plain"  # without a charset: Cura's plugin does not show a text with one
 
 
 def make_text(text: str, status: int) -> Response:

@@ -144,7 +144,7 @@ def test_any_journal_since_the_backup_can_be_recorded(last_record, reported_prin
         ]
         farm_prints = [to_farm_print(item, compute_clock_offset_s(snapshot, Clock())) for item in print_views]
         farm.controller.on_journal(to_farm_snapshot(snapshot, Clock()), farm_prints)
-        assert farm.controller.unreported_since_s("a") is None
+        assert farm.controller.find_unreported_since_s("a") is None
         render_views(farm.controller, folder)
     assert farm.controller.books.prints["theirs"] == other_print
     with Store(folder / "farm.db") as store:

@@ -83,7 +83,7 @@ class RecordingListener:
     def on_refusal(self, print_id: str, reason: str, late: bool) -> None:
         self.refusals.append((print_id, late))
 
-    def unreported_since_s(self, printer: str) -> float | None:
+    def find_unreported_since_s(self, printer: str) -> float | None:
         return None
 
     def on_journal(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:

@@ -53,7 +53,7 @@ class RecordingListener:
     def on_refusal(self, print_id: str, reason: str, late: bool) -> None:
         raise AssertionError(reason)
 
-    def unreported_since_s(self, printer: str) -> float | None:
+    def find_unreported_since_s(self, printer: str) -> float | None:
         return None
 
     def on_journal(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:

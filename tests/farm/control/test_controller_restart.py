@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from books.make_books import make_plan_event
 from books.recording_controller import MODEL, PLUS, Farm
-from farm.control.telemetry import REFUSALS
+from farm.control.telemetry import MAX_REFUSALS
 from farm.errors import FarmError
 from farm.model import JobOptions, JobState, PrintState, Verdict
 from farm.paths import StateFolder
@@ -122,7 +122,7 @@ def test_full_disk_of_an_agent_is_not_counted_as_attempt(tmp_path):
     farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0, None))
     for _ in "abcd":
         (attempt,) = farm.controller.books.open_prints()
-        for _ in range(REFUSALS):
+        for _ in range(MAX_REFUSALS):
             farm.controller.on_refusal(attempt.id, "x.gcode: cannot be written; make room on its disk")
         farm.controller.handle()
     books = farm.controller.books

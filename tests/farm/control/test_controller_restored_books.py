@@ -209,13 +209,13 @@ def test_interrupted_import_of_a_journal_is_repeated(tmp_path):
     for count in range(len(events)):
         other_farm = restore_farm(tmp_path / str(count), 2)
         other_farm.controller.handle(*events[:count])
-        since_s = other_farm.controller.unreported_since_s("a")
+        since_s = other_farm.controller.find_unreported_since_s("a")
         assert since_s == PLANNED_S + 1.0
         other_farm.controller.handle(
             *import_agent_journal(other_farm.controller.books, ready_snapshot, prints, PLANNED_S + 1e3)
         )
         assert other_farm.controller.books.prints == farm.controller.books.prints
-        assert other_farm.controller.unreported_since_s("a") is None
+        assert other_farm.controller.find_unreported_since_s("a") is None
 
 
 def test_inconsistent_restored_books_are_logged(tmp_path, caplog):

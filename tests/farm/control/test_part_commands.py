@@ -7,7 +7,7 @@ import pytest
 from books.make_books import make_plan_event
 from books.recording_controller import MODEL, Farm
 from drivers.clock import Clock
-from farm.control.telemetry import REFUSALS
+from farm.control.telemetry import MAX_REFUSALS
 from farm.errors import NoSuchThing, Refused
 from farm.model import (
     AgentPrint,
@@ -232,7 +232,7 @@ def test_refused_start_uses_no_filament(farm):
     reel = Reel(material="generic_pla", grams=500.0, nozzle_mm=0.4)
     farm.controller.handle(ev.ReelLoaded(at_s=1.0, printer="a", reel=reel, by="ann"))
     attempt = farm.controller.books.open_print_on("a")
-    for _ in range(REFUSALS):
+    for _ in range(MAX_REFUSALS):
         farm.controller.on_refusal(attempt.id, "no")
     assert farm.controller.books.prints[attempt.id].state is PrintState.FAILED
     assert farm.controller.books.printers["a"].reel == reel

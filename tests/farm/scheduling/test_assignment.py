@@ -107,7 +107,7 @@ def test_no_matching_printer_stays_idle(waiting_plates, fleet):
     assignments, holds = assign_with_holds(waiting_plates, fleet)
     used_printers = {a.printer for a in assignments}
     for plate in (p for p in waiting_plates if p.id in holds):
-        idle_printers = [p for p in fleet if p.name not in used_printers and p.obstacle() is None]
+        idle_printers = [p for p in fleet if p.name not in used_printers and p.find_obstacle() is None]
         assert not [p for p in idle_printers if plate.requirements.matches(p.capabilities)]
 
 

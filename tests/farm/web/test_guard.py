@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from farm.web.guard import WAIT_S, WRONG_KEYS, Refusal, WrongKeys, check_host, check_origin, check_page
+from farm.web.guard import MAX_WRONG_KEYS, WAIT_S, Refusal, WrongKeys, check_host, check_origin, check_page
 
 NAMES = {"farm.lab.example", "pc-b"}
 
@@ -61,10 +61,10 @@ def test_change_from_another_site_is_refused(method, origin, site, is_allowed):
 
 def test_address_with_ten_wrong_keys_waits_for_a_minute():
     wrong_keys = WrongKeys()
-    for number in range(WRONG_KEYS):
+    for number in range(MAX_WRONG_KEYS):
         assert wrong_keys.check("10.0.0.9", number) is None
         wrong_keys.add("10.0.0.9", number)
-    last_s = WRONG_KEYS - 1
+    last_s = MAX_WRONG_KEYS - 1
     assert wrong_keys.check("10.0.0.9", last_s + WAIT_S - 0.1).status == 429
     assert wrong_keys.check("10.0.0.8", last_s) is None
     assert wrong_keys.check("10.0.0.9", last_s + WAIT_S) is None

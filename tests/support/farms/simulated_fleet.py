@@ -244,7 +244,7 @@ class FarmSimulation:
                 self.job_to_plan = job  # as `JobPlanner` does if the disk is full
 
     def report_agent(self, agent):
-        since_s = self.controller.unreported_since_s(agent.name)
+        since_s = self.controller.find_unreported_since_s(agent.name)
         if since_s is not None:
             self.controller.on_journal(agent.snapshot(), agent.list_prints(since_s))
         self.controller.on_snapshot(agent.snapshot())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from farm.web.pages.fleet.printer_routes import printer_pages
-from farm.web.pages.fleet.routes import fleet_routes
+from farm.web.pages.fleet.printer_routes import make_printer_page_routes
+from farm.web.pages.fleet.routes import make_fleet_routes
 
-__all__ = ["fleet_routes", "printer_pages"]
+__all__ = ["make_fleet_routes", "make_printer_page_routes"]

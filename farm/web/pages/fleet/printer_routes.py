@@ -21,7 +21,7 @@ _MAX_UPKEEP = 15
 _IMAGES = {".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".png": "image/png"}
 
 
-def printer_pages(pages: PageContext) -> APIRouter:
+def make_printer_page_routes(pages: PageContext) -> APIRouter:
     """Return the routes."""
     router, services = APIRouter(route_class=PageRoute, include_in_schema=False), pages.services
     controller = services.controller
@@ -37,7 +37,7 @@ def printer_pages(pages: PageContext) -> APIRouter:
             name,
             controller.telemetry.list_temperatures(name, context.now_s),
             services.streams.log.read_upkeep(name, _MAX_UPKEEP),
-            None if printer is None else printer.obstacle(),
+            None if printer is None else printer.find_obstacle(),
             controller.scheduler.list_reservations().get(name),
         )
         return render_printer(page, fleet, reader, note)

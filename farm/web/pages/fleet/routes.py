@@ -27,13 +27,13 @@ from farm.web.pages.fleet.timeline import TimelineQuery, render_timeline
 from farm.web.pages.page_context import PageContext
 from farm.web.pages.page_route import PageRoute, read_query
 
-_ROUNDS = 10  # rounds of live pages between two renderings, as these pages read all jobs and prints
+_ROUNDS = 10  # rounds of live pages between two renderings, because these pages read all jobs and prints
 
 
-def fleet_routes(pages: PageContext) -> APIRouter:
+def make_fleet_routes(pages: PageContext) -> APIRouter:
     """Return the routes of these pages.
 
-    A thread reads a snapshot of the books, as a long history would block the event loop.
+    A thread reads a snapshot of the books, because a long history would block the event loop.
     """
     router, services = APIRouter(route_class=PageRoute, include_in_schema=False), pages.services
     controller = services.controller
@@ -77,7 +77,7 @@ def fleet_routes(pages: PageContext) -> APIRouter:
 
     @router.get("/history.csv")
     async def export_history(query: Annotated[HistoryQuery, Query()]) -> Response:
-        text = await asyncio.to_thread(_export, controller.build_view_context(services.state), query)
+        text = await asyncio.to_thread(_export_history, controller.build_view_context(services.state), query)
         headers = {"content-disposition": f'attachment; filename="{fleet.name}-prints.csv"'}
         return Response(text, media_type="text/csv; charset=utf-8", headers=headers)
 
@@ -115,6 +115,6 @@ def find_change(context: ViewContext, query: TimelineQuery) -> Change | None:
     return Change(job.id, query.to is not None, before, not_before_s)
 
 
-def _export(context: ViewContext, query: HistoryQuery) -> str:
+def _export_history(context: ViewContext, query: HistoryQuery) -> str:
     prints = select_prints(context, query.to_filter())
     return write_csv(describe_ended_print(context, attempt) for attempt in prints)

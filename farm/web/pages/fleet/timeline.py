@@ -18,13 +18,13 @@ from farm.web.pages.page_route import EMPTY_IS_NONE
 from farm.web.pages.rendering import Farm, render_page
 
 RANGES = ((6, "6 hours"), (12, "12 hours"), (24, "day"), (72, "3 days"), (168, "week"))
-"""Lengths of the shown past: hours and label."""
+"""Lengths of the past that is shown: hours and label."""
 MOVES = (("", "unchanged"), ("first", "first"), ("up", "one up"), ("down", "one down"), ("last", "last"))
 """What-if moves of a job: values of `api.QueuePlace` and label."""
 
 
 class TimelineQuery(BaseModel):
-    """Query of the page: the length of the shown past, and a what-if change."""
+    """Query of the page: the length of the past that is shown, and a what-if change."""
 
     hours: Literal["6", "12", "24", "72", "168"] = "12"
     job: Annotated[Annotated[int, Field(ge=1, le=2**31)] | None, EMPTY_IS_NONE] = None
@@ -33,10 +33,10 @@ class TimelineQuery(BaseModel):
 
     @property
     def past_s(self) -> float:
-        """Length of the shown past, in seconds."""
+        """Length of the past that is shown, in seconds."""
         return int(self.hours) * 3600.0
 
-    def write(self) -> str:
+    def format_query(self) -> str:
         """Format the query for a URL."""
         return urlencode(self.model_dump(exclude_defaults=True))
 
@@ -85,7 +85,7 @@ def render_timeline(
         moves=MOVES,
         move=query.to or "",
         at=query.at,
-        address=f"/timeline?{query.write()}",
+        address=f"/timeline?{query.format_query()}",
         start=format_start(view),
         change_text=describe_change(view.change, query),
         describe_shift=describe_shift,
@@ -93,7 +93,10 @@ def render_timeline(
 
 
 def format_start(view: TimelineView) -> str:
-    """Format the what-if start with its date, as `22:00` means another day tomorrow; empty for none."""
+    """Format the what-if start with its date; empty if there is none.
+
+    Without the date, `22:00` would mean a different day tomorrow.
+    """
     if view.change is None or view.change.not_before_s is None:
         return ""
     return datetime.fromtimestamp(view.change.not_before_s, ZoneInfo(view.zone)).isoformat(" ", "minutes")

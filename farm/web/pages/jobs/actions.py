@@ -1,4 +1,4 @@
-"""Buttons of a job and of its parts, by their state and the role of the reader. Pure."""
+"""Buttons of a job and of its parts, which depend on their state and the reader's role. Pure."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def list_part_actions(
     job, part
         The part, and its job.
     printer
-        Printer on whose bed the printed part lies; None if on none.
+        Printer on whose bed the printed part lies; None if it lies on no bed.
     role
         Role of the reader.
     """
@@ -88,10 +88,10 @@ def list_part_actions(
     if printer is not None and printer.last is not None and role.allows(Role.OPERATE):
         is_done = last_print is not None and last_print.state is PrintState.DONE
         good, bad = ("Good", "Bad") if is_done else ("Usable", "Not usable")
-        cleared, seen = f"/printers/{printer.name}/cleared", ("seen", printer.last.id)
-        yield Action(cleared, f"{good}, and {printer.name} is clear", (seen, ("good", part.id)))
+        clear_path, seen = f"/printers/{printer.name}/cleared", ("seen", printer.last.id)
+        yield Action(clear_path, f"{good}, and {printer.name} is clear", (seen, ("good", part.id)))
         verdict = (("bad", "true"),) if is_done else ()
-        yield Action(cleared, f"{bad}, and {printer.name} is clear", (seen, *verdict))
+        yield Action(clear_path, f"{bad}, and {printer.name} is clear", (seen, *verdict))
     if plate.printing or plate.hold is not None:
         is_paused = (last_print is not None and last_print.state is PrintState.PAUSED) or (
             plate.hold is not None and plate.hold.code is HoldCode.PAUSED

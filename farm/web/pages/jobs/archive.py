@@ -11,7 +11,7 @@ _LEVEL = 1  # compression: half the size of an STL, at about 50 MB/s
 
 
 class _Outbox:
-    """Unseekable stream that buffers content until `take`."""
+    """Stream without seeking that buffers content until `take`."""
 
     def __init__(self) -> None:
         self._chunks: list[bytes] = []
@@ -22,7 +22,7 @@ class _Outbox:
         return len(content)
 
     def flush(self) -> None:
-        """Do nothing, as `take` returns all content."""
+        """Do nothing: `take` returns all content."""
 
     def take(self) -> bytes:
         """Return the buffered content, and remove it."""

@@ -58,7 +58,7 @@ class Curve:
 
 
 def draw_curve(
-    points: Sequence[CurvePoint], chosen_count: int, starts: datetime, now: datetime
+    points: Sequence[CurvePoint], chosen_count: int, start: datetime, now: datetime
 ) -> Curve | None:
     """Lay out a curve; None if there is nothing to choose.
 
@@ -68,7 +68,7 @@ def draw_curve(
         Points of the curve.
     chosen_count
         The number of printers of the plan.
-    starts
+    start
         Time at which printing would start.
     now
         Present time on the farm's clock.
@@ -80,9 +80,9 @@ def draw_curve(
     first, last, longest_s = numbers[0], numbers[-1], max(by_number.values())
     label_interval = -(-(last - first + 1) // _MAX_LABELS)
 
-    def place(number: int) -> Choice:
+    def place_choice(number: int) -> Choice:
         time_s = by_number[number]
-        end = name_time(starts.timestamp() + time_s, now.timestamp(), now.tzinfo or UTC)
+        end = name_time(start.timestamp() + time_s, now.timestamp(), now.tzinfo or UTC)
         return Choice(
             printers=number,
             text=f"{format_count(number, 'printer')}: about {format_duration(time_s)}, ends {end.text}",
@@ -93,6 +93,6 @@ def draw_curve(
             end=end,
         )
 
-    choices = tuple(place(number) for number in numbers)
+    choices = tuple(place_choice(number) for number in numbers)
     line = " ".join(f"{choice.x:.1f},{choice.y:.1f}" for choice in choices)
     return Curve(choices, line, format_duration(longest_s))

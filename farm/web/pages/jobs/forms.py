@@ -28,7 +28,7 @@ class ReplanForm(BaseModel):
     curve: int | None = None
 
 
-def plan_forms(services: Services, jobs: JobCommands) -> APIRouter:
+def make_plan_form_routes(services: Services, jobs: JobCommands) -> APIRouter:
     """Return the routes of the forms."""
     router = APIRouter(route_class=FormRoute, include_in_schema=False)
 
@@ -51,10 +51,10 @@ def plan_forms(services: Services, jobs: JobCommands) -> APIRouter:
         form = await read_form(request, ReplanForm)
         job = services.controller.books.job(number)
         options = job.options.model_copy(update={"printers": form.printers, "dry_run": True, "hold": True})
-        new = jobs.plan_again(number, uuid.uuid4().hex, options, by)
+        new_number = jobs.plan_again(number, uuid.uuid4().hex, options, by)
         if job.options.dry_run and not job.state.ended:
             jobs.cancel(number, by)
         query = "" if form.curve is None else f"?curve={form.curve}"
-        return answer_form(request, Note(f"Planned again as job {new}."), f"/jobs/{new}{query}")
+        return answer_form(request, Note(f"Planned again as job {new_number}."), f"/jobs/{new_number}{query}")
 
     return router

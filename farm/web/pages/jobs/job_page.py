@@ -122,8 +122,8 @@ def summarise_job(job: api.JobView, timeline: api.Timeline | None) -> str:
         return f"{_describe_plan(job, timeline)} Nothing prints before it is approved."
     if job.state == JobState.PRINTING:
         progress = f"{job.printed} of {format_count(len(job.plates), 'part')} printed"
-        ends = "" if job.eta is None else _format_end(job.eta, job.now)
-        return Markup("{}{}{}.").format("Paused: " if job.paused else "", progress, ends)
+        end_text = "" if job.eta is None else _format_end(job.eta, job.now)
+        return Markup("{}{}{}.").format("Paused: " if job.paused else "", progress, end_text)
     if job.state == JobState.PRINTED:
         return "Every part is printed: take the parts off and report which are good."
     if job.state == JobState.DONE:
@@ -155,8 +155,8 @@ def _format_end(end: str, now: str) -> Markup:
 
 def _list_figures(job: api.JobView) -> Iterator[tuple[str, str]]:
     """Yield the known figures of a job, with their times as elements."""
-    moments = [at for run in job.runs for at in (run.started, run.ended)] + [job.pruned]
-    times = [TextTime(text=format_time(at, job.now), at=at) for at in moments if at is not None]
+    times_at = [at for run in job.runs for at in (run.started, run.ended)] + [job.pruned]
+    times = [TextTime(text=format_time(at, job.now), at=at) for at in times_at if at is not None]
     for name, text in list_figures(job):
         if name == "submitted":
             by = f" by {job.submitted_by}" if job.submitted_by else ""
@@ -206,18 +206,18 @@ def list_changes(job: api.JobView) -> list[str]:
 
 
 def draw_job_gantt(data: JobData, now: datetime) -> Gantt | None:
-    """Lay out the prints of a job, the prints of other jobs at that time, and the remaining plates."""
+    """Lay out the prints of a job, the prints of other jobs during that time, and the remaining plates."""
     slots = () if data.timeline is None else data.timeline.slots
     return lay_out_gantt([*list_bars(data.job, data.history, now), *list_expected_bars(slots, now)])
 
 
 def draw_job_curve(data: JobData, now: datetime) -> Curve | None:
-    """Lay out the curve of a plan, for a start at the start of the plan."""
+    """Lay out the curve of a plan; all points have the start time of the plan."""
     timeline = data.timeline
     if timeline is None:
         return None
-    starts = min((datetime.fromisoformat(slot.starts) for slot in timeline.slots), default=now)
-    return draw_curve(data.report.curve, len({plate.printer for plate in data.job.plates}), starts, now)
+    start = min((datetime.fromisoformat(slot.starts) for slot in timeline.slots), default=now)
+    return draw_curve(data.report.curve, len({plate.printer for plate in data.job.plates}), start, now)
 
 
 def list_downloads(files: Sequence[str]) -> Mapping[str, list[tuple[str, str]]]:

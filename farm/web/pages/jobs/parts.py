@@ -29,11 +29,12 @@ class PartRow:
     kind
         State for style sheets: waiting, printing, printed, good, bad, failed or cancelled.
     progress
-        Completed share of the open print, 0 to 1; None without one.
+        Completed share of the open print, 0 to 1; None if there is none.
     ends
         End of its print, expected or actual, ISO 8601; None if unknown.
     expected, total, actual
-        Printing times: planned; expected of the open print by its progress; actual of the last print.
+        Printing times: the planned time, the expected time of the open print according to its progress, and
+        the actual time of the last print.
     why
         Reason why it waits or failed; empty if there is none.
     warnings
@@ -98,9 +99,9 @@ def list_part_rows(
                 else (last_print.ended if last_print is not None else None),
                 expected=format_duration(plate.estimated_s),
                 total=_estimate_total_time(last_print, open_print, job.now),
-                actual=_describe_actual(last_print, plate.estimated_s),
+                actual=_describe_actual_time(last_print, plate.estimated_s),
                 filament=format_filament(plate.grams, plate.filament_mm, plate.price, job.currency),
-                why=_explain(plate, last_print),
+                why=_explain_wait_or_failure(plate, last_print),
                 warnings=plate.warnings,
                 actions=tuple(list_part_actions(job, part, beds.get(part.id), role)),
             )
@@ -140,21 +141,21 @@ def _estimate_total_time(
     return format_duration(max(0.0, duration.total_seconds()) + open_print.remaining_s)
 
 
-def _describe_actual(last_print: api.PrintView | None, expected_s: float) -> str:
+def _describe_actual_time(last_print: api.PrintView | None, expected_s: float) -> str:
     if (
         last_print is None
         or last_print.state is not PrintState.DONE
         or not (last_print.started and last_print.ended)
     ):
         return ""
-    took_s = (
+    actual_s = (
         datetime.fromisoformat(last_print.ended) - datetime.fromisoformat(last_print.started)
     ).total_seconds()
-    deviation = f" ({format_deviation(took_s / expected_s - 1)})" if expected_s > 0 else ""
-    return format_duration(took_s) + deviation
+    deviation = f" ({format_deviation(actual_s / expected_s - 1)})" if expected_s > 0 else ""
+    return format_duration(actual_s) + deviation
 
 
-def _explain(plate: api.PlateStatus, last_print: api.PrintView | None) -> Sentence:
+def _explain_wait_or_failure(plate: api.PlateStatus, last_print: api.PrintView | None) -> Sentence:
     reasons: list[str] = []
     if last_print is not None and not plate.printing:
         reasons += filter(None, [last_print.reason or last_print.why or last_print.fault])

@@ -41,7 +41,7 @@ class JobQuery(BaseModel):
     curve: Annotated[int | None, EMPTY_IS_NONE] = None
 
 
-def job_page_routes(pages: PageContext, dry_runs: DryRuns) -> APIRouter:
+def make_job_page_routes(pages: PageContext, dry_runs: DryRuns) -> APIRouter:
     """Return the routes. A page of a dry run keeps it alive."""
     router, services = APIRouter(route_class=PageRoute, include_in_schema=False), pages.services
     controller = services.controller
@@ -109,12 +109,12 @@ def job_page_routes(pages: PageContext, dry_runs: DryRuns) -> APIRouter:
 
 @lru_cache(maxsize=32)
 def _read_report(path: Path) -> Report:
-    """Read a report; cached, as a stored file never changes and a live page is rendered often.
+    """Read a report; cached, because a stored file never changes and a live page is rendered often.
 
     Raises
     ------
     OSError
-        If it cannot be read; errors are not cached, as they may be temporary.
+        If it cannot be read; errors are not cached, because they may be temporary.
     """
     return parse_report(path.read_bytes())
 

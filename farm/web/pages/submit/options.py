@@ -88,13 +88,13 @@ def read_job_options(fields: Mapping[str, str]) -> JobOptions:
     except ValueError as error:
         raise FarmError(f"{error}: send the form again from its page", ErrorCode.SETTINGS) from error
     if goal is Goal.COUNT:
-        values["printers"] = _require(fields, "printers", "give the number of printers")
+        values["printers"] = _require_field(fields, "printers", "give the number of printers")
     if goal is Goal.DEADLINE:
-        values["done_by"] = _require(fields, "done_by", "give the time by which it is done")
+        values["done_by"] = _require_field(fields, "done_by", "give the time by which it is done")
     if goal is Goal.GLUED:
-        values["assembled_by"] = _require(fields, "assembled_by", "give the time by which it is glued")
+        values["assembled_by"] = _require_field(fields, "assembled_by", "give the time by which it is glued")
     if start is Start.AT:
-        values["at"] = _require(fields, "at", "give the time at which it starts")
+        values["at"] = _require_field(fields, "at", "give the time at which it starts")
     values["marks"] = fields.get("marks", "") != ""
     values["overnight"] = start is Start.OVERNIGHT
     values["dry_run"] = next_step is NextStep.PLAN
@@ -105,7 +105,7 @@ def read_job_options(fields: Mapping[str, str]) -> JobOptions:
         raise FarmError(describe_first_error(error.errors()), ErrorCode.SETTINGS) from error
 
 
-def _require(fields: Mapping[str, str], name: str, text: str) -> str:
+def _require_field(fields: Mapping[str, str], name: str, text: str) -> str:
     value = fields.get(name, "").strip()
     if not value:
         raise FarmError(text, ErrorCode.SETTINGS)

@@ -27,7 +27,7 @@ _SEE_OTHER, _BAD_REQUEST = 303, 400
 _REQUEST_ID = re.compile(r"[0-9a-f]{32}")
 
 
-def submit_routes(pages: PageContext, jobs: JobCommands) -> APIRouter:
+def make_submit_routes(pages: PageContext, jobs: JobCommands) -> APIRouter:
     """Return the routes."""
     router, services = APIRouter(route_class=PageRoute, include_in_schema=False), pages.services
     fleet = services.controller.fleet
@@ -63,9 +63,9 @@ def submit_routes(pages: PageContext, jobs: JobCommands) -> APIRouter:
         except (FarmError, HTTPException) as error:
             text = str(error.detail if isinstance(error, HTTPException) else error)
             return HTMLResponse(render(Reader.for_holder(holder), Note(text, True), values), _BAD_REQUEST)
-        excess = jobs.list_unusable_options(services.controller.books.job(number).options)
-        if excess:
-            pages.notes.put(holder.key.id, Note("; ".join(excess)))
+        remarks = jobs.list_unusable_options(services.controller.books.job(number).options)
+        if remarks:
+            pages.notes.put(holder.key.id, Note("; ".join(remarks)))
         return RedirectResponse(f"/jobs/{number}", _SEE_OTHER)
 
     return router

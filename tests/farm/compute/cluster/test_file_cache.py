@@ -29,7 +29,7 @@ def test_least_recently_used_files_are_deleted_first_and_files_in_use_are_kept(t
     old_file, used_file, new_file = (content * 5 for content in (b"a", b"b", b"c"))
     for age, content in enumerate((used_file, old_file, new_file)):
         cache.store(compute_name(content), content)
-        os.utime(cache.path(compute_name(content)), (age, age))
+        os.utime(cache.make_path(compute_name(content)), (age, age))
     with cache.use([compute_name(used_file)]), cache.use([compute_name(new_file)]):
         pass
     assert {path.read_bytes() for path in (tmp_path / "files").iterdir()} == {used_file, new_file}

@@ -20,9 +20,9 @@ def test_part_with_a_slow_slice_is_cut_smaller(bar, files, tmp_path):
     decomposition = decompose_job(task)
     slow_job = slice_with_late_part(task, decomposition, late_s=RELEVEL_LATE_S * 3)
     assert (
-        slow_job.makespan_s()
-        == slow_job.parts[1].expected_s()
-        == slow_job.busy_s()[decomposition.parts[1].printer]
+        slow_job.compute_makespan_s()
+        == slow_job.parts[1].compute_expected_s()
+        == slow_job.compute_busy_s()[decomposition.parts[1].printer]
     )
     assert slow_job.should_relevel()
     new_result = relevel_parts(slow_job, tmp_path / "levelled")
@@ -57,7 +57,9 @@ def test_part_of_features_that_its_printer_prints_slowly_is_relevelled(bar, file
     first.result.features = FeatureTimes(0.0, 0.0, total_s, 0.0, 0.0)
     for other in others:
         other.result.features = FeatureTimes(total_s, 0.0, 0.0, 0.0, 0.0)
-    assert level_job.busy_s()[first.printer.name] == pytest.approx(first.expected_s(TimeFactors(1.3)))
+    assert level_job.compute_busy_s()[first.printer.name] == pytest.approx(
+        first.compute_expected_s(TimeFactors(1.3))
+    )
     assert relevel_parts(level_job, tmp_path / "levelled") is not None
 
 
@@ -67,7 +69,9 @@ def test_slow_printer_is_busy_longer(bar, files, tmp_path):
     level_job = slice_with_late_part(task, decomposition, late_s=0.0)
     printed_s = level_job.parts[0].result.sliced_s
     # The time factor applies to the layers alone.
-    assert level_job.busy_s()["p0"] == pytest.approx(level_job.busy_s()["p1"] + 0.5 * printed_s)
+    assert level_job.compute_busy_s()["p0"] == pytest.approx(
+        level_job.compute_busy_s()["p1"] + 0.5 * printed_s
+    )
 
 
 def test_several_parts_per_printer_are_not_relevelled(bar, files, tmp_path):

@@ -206,12 +206,12 @@ parts = st.builds(
 @given(parts, fleets)
 def test_recut_requests_matching_free_printers_if_useful(part, fleet):
     by_name = {p.name: p for p in fleet}
-    free_printers = [p for p in fleet if p.obstacle() is None]
+    free_printers = [p for p in fleet if p.find_obstacle() is None]
     whole_s = policy.compute_expected_end_s(part, make_situation([part], fleet, ATTENDED_RULES, NOW_S))
     reslice = policy.choose_reslice(part, make_situation([part], fleet, ATTENDED_RULES, NOW_S), free_printers)
     if reslice is not None:
         other_printer = by_name[reslice.printer]
-        assert other_printer.obstacle() is None
+        assert other_printer.find_obstacle() is None
         assert not part.requirements.matches(other_printer.capabilities)
         assert (other_printer.capabilities.material, other_printer.name in part.failed_on) == (
             "generic_pla",
@@ -221,7 +221,7 @@ def test_recut_requests_matching_free_printers_if_useful(part, fleet):
     recut = policy.choose_recut(part, make_situation([part], fleet, ATTENDED_RULES, NOW_S))
     if recut is not None:
         assert 2 <= len(set(recut.printers)) == len(recut.printers) <= policy.MAX_PIECES
-        assert all(by_name[name].obstacle() is None for name in recut.printers)
+        assert all(by_name[name].find_obstacle() is None for name in recut.printers)
         assert part.extra_printers is None or len(recut.printers) <= part.extra_printers
         assert whole_s - NOW_S > policy.MIN_GAIN_S + 2 * policy.JOIN_S
     assert (

@@ -111,7 +111,7 @@ def test_revision_saves_the_margin_with_its_planning_time_and_is_the_last(
     """Check that no revision follows a plan that ends as estimated while the printers are unchanged."""
     fleet = [make_printer("abcdefgh"[index], **fields) for index, fields in enumerate(states)]
     names = tuple(p.name for p in fleet)
-    free_printers = tuple(p.name for p in fleet if p.obstacle() is None)
+    free_printers = tuple(p.name for p in fleet if p.find_obstacle() is None)
     job = make_planned_job(hours, "abcdefgh"[:used_count], planning_s=float(planning_s))
     start_rules = make_rules(attended=["08:00-18:00"]) if has_attended_hours else make_rules()
     situation = replace(make_situation(job.plates, fleet, start_rules), now_s=20 * HOUR_S)
@@ -132,7 +132,7 @@ def test_revision_saves_the_margin_with_its_planning_time_and_is_the_last(
 @given(fleets, durations_h, st.integers(1, 8), st.integers(0, 4 * 3600), st.booleans())
 def test_omitted_forecasts_would_not_change_the_choice(states, hours, used_count, planning_s, has_started):
     fleet = [make_printer("abcdefgh"[index], **fields) for index, fields in enumerate(states)]
-    free_printers = tuple(p.name for p in fleet if p.obstacle() is None)
+    free_printers = tuple(p.name for p in fleet if p.find_obstacle() is None)
     job = make_planned_job(hours, "abcdefgh"[:used_count], planning_s=float(planning_s))
     situation = make_situation(job.plates, fleet)
     candidates = (free_printers, tuple(p.name for p in fleet))
