@@ -32,7 +32,7 @@ def test_part_is_drawn_where_it_is_sliced(size_mm):
     vertices, faces = part.build_printing_mesh()
     drawn_mm, _ = put_on_bed(vertices, faces, pose)
     mesh = trimesh.Trimesh(vertices, faces, process=False)
-    mesh.apply_transform(slice_part._transform(mesh, placement, np.ones(3)))
+    mesh.apply_transform(slice_part._build_transform(mesh, placement, np.ones(3)))
     assert drawn_mm[:, :2] == pytest.approx(mesh.vertices[:, :2])
 
 
