@@ -1,4 +1,4 @@
-"""Largest size at which a model fits the printers; it is found on a coarse grid, and checked."""
+"""Largest size at which a model fits the printers, found on a coarse grid and then checked."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def _find_scale(
 ) -> float | None:
     """Find about the largest scale below 1 at which a coarse grid needs no more parts than printers.
 
-    The grid is not scaled; the printers' rooms grow instead. Times have no influence on the fit.
+    The grid is not scaled; the printers' build volumes grow instead. Times have no influence on the fit.
     """
     problem = Problem(model, tuple(printers), cost, replace(options, granularity=COARSE_GRANULARITY))
     grid = problem.build_grid(model)

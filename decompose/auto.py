@@ -121,14 +121,14 @@ def build_curve(problem: Problem) -> tuple[CurvePoint, ...]:
     points = compute_makespan_curve(
         make_class_tables(problem, grid, shared_boxes, classes), fleets, problem.executor
     )
-    piece_times_s = [classes[i].time_factor for i in class_indices]
-    real_s = [printer.time_factor for printer in printers]
+    class_factors = [classes[i].time_factor for i in class_indices]
+    printer_factors = [printer.time_factor for printer in printers]
     return tuple(
         replace(
             p,
             makespan_s=p.makespan_s
-            * _compute_mean_factor(real_s[: p.printers])
-            / _compute_mean_factor(piece_times_s[: p.printers]),
+            * _compute_mean_factor(printer_factors[: p.printers])
+            / _compute_mean_factor(class_factors[: p.printers]),
         )
         for p in points
     )

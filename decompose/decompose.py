@@ -63,8 +63,10 @@ def decompose_model(
     problem = Problem(model, tuple(printers), cost, options, executor)
     serial = problem.start(partial(estimate_serial_s, vertices, faces, cost, options.fit_first_layer))
     serial_wall_s = perf_counter() - began_s
-    by_engine = partial(run_engine, serial=serial)
-    partition = find_best(problem, by_engine) if options.engine is Engine.BEST else by_engine(problem)
+    run_with_serial = partial(run_engine, serial=serial)
+    partition = (
+        find_best(problem, run_with_serial) if options.engine is Engine.BEST else run_with_serial(problem)
+    )
     partition = _add_bound(problem, partition)
     stages = partition.compute_s | {"serial": serial_wall_s, "total": perf_counter() - began_s}
     return replace(partition, compute_s=stages)

@@ -7,7 +7,7 @@ from enum import StrEnum
 
 
 class DecomposeError(Exception):
-    """Base of all errors of decomposition; the message says what, where, and what to do."""
+    """Base of all errors of decomposition; the message says what is wrong, where, and what to do."""
 
 
 class ModelUnreadable(DecomposeError):
@@ -43,7 +43,7 @@ class ModelHuge(DecomposeError):
 
 
 class ModelTooDetailed(DecomposeError):
-    """The model has more triangles than fit the memory."""
+    """The model has more triangles than fit in memory."""
 
 
 class NoFit(DecomposeError):

@@ -73,7 +73,7 @@ def relevel_planes(
     grid = GridFigures(previous.grid_makespan_s, previous.lower_bound_s, previous.cells)
     partition = Partition(tuple(shifted_pieces), problem.model, np.eye(3), grid)
     result = finish_result(problem, partition, (previous.serial_s, previous.serial_as_is_s))
-    return _carry_over(previous, result, perf_counter() - began_s)
+    return _copy_history(previous, result, perf_counter() - began_s)
 
 
 def _shift_planes(problem: Problem, cut_boxes: list[list[Piece]]) -> list[Piece] | None:
@@ -86,7 +86,7 @@ def _shift_planes(problem: Problem, cut_boxes: list[list[Piece]]) -> list[Piece]
     )
 
 
-def _carry_over(previous: Decomposition, result: Decomposition, elapsed_s: float) -> Decomposition:
+def _copy_history(previous: Decomposition, result: Decomposition, elapsed_s: float) -> Decomposition:
     """Copy the history of a decomposition to the result that improves it."""
     return replace(
         result,
@@ -123,11 +123,11 @@ def _cut_previous_boxes(
         return None
     # The prices are those of the sliced poses, which may be steadier than the fastest ones.
     prices_s = dict(enumerate(cutting.prices_s))
-    parts_of: dict[bytes, list[int]] = {}
+    parts_by_box: dict[bytes, list[int]] = {}
     for i, box in enumerate(cutting.boxes_mm):
-        parts_of.setdefault(box.tobytes(), []).append(i)
+        parts_by_box.setdefault(box.tobytes(), []).append(i)
     part_pieces = []
-    for parts in parts_of.values():
+    for parts in parts_by_box.values():
         pieces = cut_box(problem.model.solid, *cutting.boxes_mm[parts[0]])
         if len(pieces) != len(parts):
             return None

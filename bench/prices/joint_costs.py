@@ -30,7 +30,7 @@ from bench.joints import cut_case
 from decompose.connectors import Blank, Connectors, drill_parts
 from decompose.files.names import find_part_number
 from decompose.results import Decomposition, connect_parts
-from decompose.results.connector_prices import count_tools, scale_price
+from decompose.results.connector_prices import compute_price_factor, count_tools
 
 MAX_ADDED_SUPPORT_MM = 1.0  # of filament; with more, the added time is not that of a groove alone
 
@@ -85,7 +85,7 @@ def fit_prices(samples: list[Sample]) -> dict[str, float]:
         weights = np.array([models[sample.model] ** -0.5 / sample.bare_s for sample in kind_samples])
         rows = np.array(
             [
-                [sample.amounts.get(n, 0.0) * scale_price(n, sample.bare_s) for n in names]
+                [sample.amounts.get(n, 0.0) * compute_price_factor(n, sample.bare_s) for n in names]
                 for sample in kind_samples
             ]
         )

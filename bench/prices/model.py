@@ -38,7 +38,7 @@ from bench.prices.parts import (
     read_rows,
     write_rows,
 )
-from decompose.print_time import ADDITIVE, FACTORS, FEATURES, SUPPORT, CostModel, compute_time_terms
+from decompose.print_time import ADDITIVE_FEATURES, FACTORS, FEATURES, SUPPORT, CostModel, compute_time_terms
 
 Floats = npt.NDArray[np.float64]
 
@@ -121,7 +121,7 @@ def _fit(matrix: Floats, target: Floats) -> Floats:
 def _list_features(row: Row, brim_mm: float) -> Floats:
     """Return the features in the order of `print_time.recipe.FEATURES`."""
     ring = brim_mm * (2.0 * (row.width_mm + row.depth_mm) + math.pi * brim_mm)
-    additive = [getattr(row, name) for name in ADDITIVE]
+    additive = [getattr(row, name) for name in ADDITIVE_FEATURES]
     rim = math.sqrt(row.skin_mm2)
     supports = [row.support_mm3, row.support_side_mm2, row.towers_mm, row.islands_mm]
     # Distances of islands, holes, contours and thin walls were not measured.

@@ -61,8 +61,8 @@ def main() -> None:
     problem.price_boxes(grid)  # compiles, or loads compiled code
     boxes = measure_stage("boxes", lambda: problem.price_boxes(grid))
     solver = Partitioner(boxes)
-    for ties in (False, True):
-        solver.solve(0.0, ties)
+    for break_ties in (False, True):
+        solver.solve(0.0, break_ties)
     printer_counts = np.arange(1, options.most + 1)[:, None]  # of equal printers
     with ThreadPoolExecutor(os.cpu_count()) as executor:
         points = measure_stage("curve", lambda: compute_makespan_curve([boxes], printer_counts, executor))

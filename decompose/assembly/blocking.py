@@ -40,11 +40,11 @@ def find_axes(pieces: Sequence[CutSolid], joints: Sequence[Joint]) -> Floats:
     axes: list[Floats] = []
     normals = [face.normal for face in faces] + [plane[:3] for piece in pieces for plane in piece.planes]
     for normal in normals:
-        if len(axes) < MAX_AXES and _is_new(normal, axes):
+        if len(axes) < MAX_AXES and _is_new_axis(normal, axes):
             axes.append(normal)
     first = axes[0] if axes else np.array([0.0, 0.0, 1.0])
     frame_axes = [first, *_complete_frame(first, axes)]
-    return np.array([*frame_axes, *(axis for axis in axes if _is_new(axis, frame_axes))])
+    return np.array([*frame_axes, *(axis for axis in axes if _is_new_axis(axis, frame_axes))])
 
 
 def find_blocking(solids: Sequence[Solid], axes: Floats) -> Bools:
@@ -115,6 +115,6 @@ def _complete_frame(axis: Floats, axes: Sequence[Floats] | Floats) -> tuple[Floa
     return second, np.cross(axis, second)
 
 
-def _is_new(axis: Floats, known_axes: Sequence[Floats]) -> bool:
+def _is_new_axis(axis: Floats, known_axes: Sequence[Floats]) -> bool:
     """Check whether an axis differs from all known ones."""
     return all(float(np.linalg.norm(np.cross(axis, other))) > SAME_AXIS for other in known_axes)

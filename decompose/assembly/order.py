@@ -16,7 +16,7 @@ import numpy as np
 
 from decompose.arrays import Bools, Floats
 from decompose.assembly.blocking import find_axes, find_blocking
-from decompose.assembly.resting import Weight, find_rest
+from decompose.assembly.resting import Weight, find_resting_parts
 from decompose.assembly.schedule import Work, compute_critical_path_s, order_steps
 from decompose.assembly.splits import Glue, Split, SplitSearch
 from decompose.options import MIN_GLUE_MM2
@@ -186,8 +186,8 @@ class _Plan:
         """Build the step of a split; the lighter body is moved, unless only it stands with its joint up."""
         moved, fixed = split.moved, split.fixed
         direction = self._search.directions[split.direction]
-        resting_parts = find_rest(self._weights, _list_numbers(fixed), direction)
-        other_resting_parts = find_rest(self._weights, _list_numbers(moved), -direction)
+        resting_parts = find_resting_parts(self._weights, _list_numbers(fixed), direction)
+        other_resting_parts = find_resting_parts(self._weights, _list_numbers(moved), -direction)
         is_fixed_lighter = float(self._volumes_mm3[moved].sum()) > float(self._volumes_mm3[fixed].sum())
         if bool(other_resting_parts) > bool(resting_parts) or (
             is_fixed_lighter and bool(other_resting_parts) == bool(resting_parts)

@@ -32,7 +32,7 @@ class Weight:
         return cls(vertices, solid.volume_mm3, base + volumes @ (a + b + c) / (4.0 * volumes.sum()))
 
 
-def find_rest(weights: Sequence[Weight], body: Sequence[int], up: Floats) -> tuple[int, ...]:
+def find_resting_parts(weights: Sequence[Weight], body: Sequence[int], up: Floats) -> tuple[int, ...]:
     """Find the parts on which a body stands without falling over.
 
     Parameters

@@ -20,11 +20,10 @@ from decompose.assembly.shadow import TOUCH_MM
 from decompose.pieces import Joint
 
 MIN_CLOSING_SHARE = 0.999  # a step slides if a smaller share of its glue closes along its normal
-ALONG_COS = 0.999  # minimum cosine between a normal and a direction along it
-MAX_COMPARED = 8  # maximum number of sliding splits that are compared by taking the set apart
-MAX_EXAMINED = (
-    400  # maximum number of sets that are taken apart for that; then the least sliding glue decides
-)
+MIN_ALIGNED_COS = 0.999  # minimum cosine between a face's normal and the direction of a step
+MAX_COMPARED_SPLITS = 8  # maximum number of sliding splits that are compared by taking the set apart
+# Maximum number of sets that are taken apart for this comparison; then the least sliding glue decides.
+MAX_EXAMINED_SETS = 400
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,7 +79,7 @@ class Glue:
             area_mm2[ends] = joint.area_mm2
             holds[ends] = joint.holds(min_glue_mm2)
             for face in joint.faces:
-                along = np.flatnonzero(np.abs(axes @ face.normal) > ALONG_COS)
+                along = np.flatnonzero(np.abs(axes @ face.normal) > MIN_ALIGNED_COS)
                 for one, other in zip(*ends, strict=True):
                     closing_mm2[along, one, other] += face.area_mm2
         return cls(area_mm2, holds, np.concatenate([closing_mm2, closing_mm2]))
@@ -137,7 +136,9 @@ class SplitSearch:
         It has as few bodies as possible. Among splits that close, halves of equal size are preferred, because
         their glue dries at the same time.
         """
-        return self._choose_split(parts, MAX_COMPARED if len(self._sliding_mm2) < MAX_EXAMINED else 1)
+        return self._choose_split(
+            parts, MAX_COMPARED_SPLITS if len(self._sliding_mm2) < MAX_EXAMINED_SETS else 1
+        )
 
     def _choose_split(self, parts: Bools, max_compared: int) -> Split | None:
         """Choose the best split of a set (n,); compare at most some sliding splits."""
@@ -146,12 +147,12 @@ class SplitSearch:
             return None
         splits.sort(key=lambda split: (-split.smaller_count, -self.glue.measure_glued_mm2(split)))
         # The split of one body adds a body; a split between loose bodies adds none.
-        most_added = int(self.glue.count_bodies(parts) == 1)
+        max_added_bodies = int(self.glue.count_bodies(parts) == 1)
         for split in filter(self.glue.is_closing, splits):
-            if self.glue.count_added_bodies(split) <= most_added:
+            if self.glue.count_added_bodies(split) <= max_added_bodies:
                 return split
         sliding = sorted(splits, key=self.glue.measure_sliding_mm2)
-        candidates = (split for split in sliding if self.glue.count_added_bodies(split) <= most_added)
+        candidates = (split for split in sliding if self.glue.count_added_bodies(split) <= max_added_bodies)
         compared = list(islice(candidates, max_compared))
         if not compared:
             return min(splits, key=self.glue.count_added_bodies)
@@ -175,14 +176,14 @@ class SplitSearch:
         numbers = np.flatnonzero(parts)
         splits = []
         for direction in range(len(self.directions)):
-            for mask in self._find_movable(direction, numbers):
+            for mask in self._list_movable_sets(direction, numbers):
                 moved = np.zeros(len(parts), dtype=np.bool_)
                 moved[numbers[mask]] = True
                 splits.append(Split(moved, parts & ~moved, direction))
         return splits
 
-    def _find_movable(self, direction: int, numbers: Ints) -> Iterator[Bools]:
-        """Find sets of parts that can be moved along a direction, as masks over `numbers`.
+    def _list_movable_sets(self, direction: int, numbers: Ints) -> Iterator[Bools]:
+        """List the sets of parts that can be moved along a direction, as masks over `numbers`.
 
         These are each part with all parts that block it, the parts beyond a plane that cuts no part, and the
         bodies of such sets if no other body blocks them.
@@ -190,8 +191,8 @@ class SplitSearch:
         blocked_by = self.blocking[direction][np.ix_(numbers, numbers)].T | np.eye(
             len(numbers), dtype=np.bool_
         )
-        reach = _close_transitively(blocked_by)
-        sets = [*reach, *self._list_beyond_planes(direction, numbers)]
+        reach = _compute_closure(blocked_by)
+        sets = [*reach, *self._list_sets_beyond_planes(direction, numbers)]
         sets += chain.from_iterable([self._list_bodies(mask, numbers, reach) for mask in sets])
         distinct = {mask.tobytes(): mask for mask in sets if 0 < mask.sum() < len(numbers)}
         yield from distinct.values()
@@ -208,7 +209,7 @@ class SplitSearch:
                 bodies.append(inside)
         return bodies
 
-    def _list_beyond_planes(self, direction: int, numbers: Ints) -> list[Bools]:
+    def _list_sets_beyond_planes(self, direction: int, numbers: Ints) -> list[Bools]:
         """List the sets of parts beyond planes that cut no part, as masks over `numbers`."""
         low, high = self.low_mm[direction, numbers], self.high_mm[direction, numbers]
         planes = np.unique(np.round(low, 3))
@@ -220,7 +221,7 @@ class SplitSearch:
         ]
 
 
-def _close_transitively(relation: Bools) -> Bools:
+def _compute_closure(relation: Bools) -> Bools:
     """Compute the transitive closure of a reflexive relation (n, n)."""
     reach = relation
     while True:

@@ -13,7 +13,7 @@ from decompose.options import Engine
 from decompose.problem import Effort, Problem
 from decompose.results import Attempt, Decomposition
 
-ByEngine = Callable[[Problem], Decomposition]
+EngineRunner = Callable[[Problem], Decomposition]
 """Function that returns the checked result of the engine that a problem's options name."""
 
 
@@ -48,7 +48,7 @@ class Outcome:
 
 def make_attempt(
     problem: Problem,
-    by_engine: ByEngine,
+    run_engine: EngineRunner,
     trial: Trial,
     best_known_s: float,
     on_spent: Callable[[float], None] | None = None,
@@ -57,7 +57,7 @@ def make_attempt(
 
     Parameters
     ----------
-    problem, by_engine
+    problem, run_engine
         As in `find_best`.
     trial
         Engine, grid, angle and budget.
@@ -79,7 +79,7 @@ def make_attempt(
     result: Decomposition | None = None
     failure: DecomposeError | None = None
     try:
-        result = replace(by_engine(trial_problem), yaw_deg=trial.yaw_deg)
+        result = replace(run_engine(trial_problem), yaw_deg=trial.yaw_deg)
         makespan_s = result.makespan_s
     except (NoFit, GeometryError, ModelNotSolid) as error:
         failure = error

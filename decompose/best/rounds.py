@@ -24,7 +24,7 @@ OTHER_GRIDS = (1.1, 0.95, 0.9)  # ratios of the number of cells along a side to 
 # Rotations of the model about z; after a quarter turn the grid is the same.
 OTHER_YAWS_DEG = (45.0, 15.0, 75.0, 30.0, 60.0)
 # Minimum gain by a rotation, as a share of the makespan: cuts along the model's own sides are easier to glue.
-MIN_TURNING_GAIN = 0.01
+MIN_ROTATION_GAIN = 0.01
 MIN_GAIN = 0.03  # minimum possible gain, as a share of the makespan, for which another grid is tried
 SPENT = "not started: the budget was spent"
 
@@ -79,7 +79,7 @@ class SearchState:
         if self.best is None:
             return True
         if result.yaw_deg and not self.yaw_deg:
-            result = replace(result, makespan_s=result.makespan_s / (1.0 - MIN_TURNING_GAIN))
+            result = replace(result, makespan_s=result.makespan_s / (1.0 - MIN_ROTATION_GAIN))
         return _make_rank(result) < _make_rank(self.best)
 
 
@@ -152,7 +152,7 @@ def _is_first_repeated(problem: Problem, state: SearchState) -> bool:
 
 
 def _list_stages(problem: Problem, state: SearchState) -> list[tuple[Trial, ...]]:
-    """List the attempts that may follow the first grid and are not made yet, by their stages."""
+    """List the attempts that may follow the first grid and are not yet made, by stage."""
     usual = problem.options.granularity
     stages: list[tuple[Trial, ...]] = []
     if not state.has_sound_result:
@@ -165,16 +165,18 @@ def _list_stages(problem: Problem, state: SearchState) -> list[tuple[Trial, ...]
         stages.append(tuple(Trial(Engine.GUILLOTINE, grid, yaw_deg) for yaw_deg in OTHER_YAWS_DEG))
         if state.yaw_deg:
             stages.append(_list_other_grids(problem, state, grid))
-    begun = {(attempt.engine, attempt.granularity, attempt.yaw_deg) for attempt in state.attempts}
+    begun_attempts = {(attempt.engine, attempt.granularity, attempt.yaw_deg) for attempt in state.attempts}
     open_stages = [
-        tuple(trial for trial in stage if (trial.engine, trial.granularity, trial.yaw_deg) not in begun)
+        tuple(
+            trial for trial in stage if (trial.engine, trial.granularity, trial.yaw_deg) not in begun_attempts
+        )
         for stage in stages
     ]
     return [stage for stage in open_stages if stage]
 
 
 def _list_other_grids(problem: Problem, state: SearchState, grid: str | int) -> tuple[Trial, ...]:
-    """List grids similar to one, at the best angle, each shape once; none if the possible gain is small."""
+    """List attempts on similar grids at the best angle, each shape once; none for a small possible gain."""
     if state.best is not None and state.best.compute_possible_gain(problem.printers) < MIN_GAIN:
         return ()
     turned_problem = rotate_about_z(problem, state.yaw_deg)
@@ -195,7 +197,7 @@ def _list_other_grids(problem: Problem, state: SearchState, grid: str | int) -> 
 def choose_first_grid(problem: Problem) -> str | int:
     """Choose the first granularity: the requested one, or one coarser than ``auto`` for a small budget.
 
-    The grid stays fine enough for parts that are as large as the printers' rooms.
+    The grid stays fine enough for parts that are as large as the printers' build volumes.
     """
     options, extents_mm = problem.options, problem.model.extents_mm
     if options.granularity != "auto":

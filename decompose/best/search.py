@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from decompose.best.attempt import ByEngine, Outcome, Trial, make_attempt
+from decompose.best.attempt import EngineRunner, Outcome, Trial, make_attempt
 from decompose.best.rounds import SPENT, SearchState, list_open_attempts, plan_next_round
 from decompose.problem import Problem
 from decompose.progress import report_progress
 from decompose.results import Decomposition
 
 
-def find_best(problem: Problem, by_engine: ByEngine) -> Decomposition:
+def find_best(problem: Problem, run_engine: EngineRunner) -> Decomposition:
     """Run rounds of attempts until the budget is spent, and return the best result.
 
     Parameters
     ----------
     problem
         Problem with the options of the engine `best`.
-    by_engine
+    run_engine
         Function that returns the checked result of the engine that a problem's options name.
 
     Raises
@@ -26,10 +26,10 @@ def find_best(problem: Problem, by_engine: ByEngine) -> Decomposition:
     NoFit, GeometryError, ModelNotSolid
         Error of the first engine, if no engine has a result.
     """
-    return continue_rounds(problem, by_engine, SearchState())
+    return continue_rounds(problem, run_engine, SearchState())
 
 
-def continue_rounds(problem: Problem, by_engine: ByEngine, state: SearchState) -> Decomposition:
+def continue_rounds(problem: Problem, run_engine: EngineRunner, state: SearchState) -> Decomposition:
     """Run the rounds that follow those of a state, as `find_best` does.
 
     With `BestOptions.pauses`, the search pauses before a round of several attempts once there is a sound
@@ -37,7 +37,7 @@ def continue_rounds(problem: Problem, by_engine: ByEngine, state: SearchState) -
 
     Parameters
     ----------
-    problem, by_engine
+    problem, run_engine
         As in `find_best`.
     state
         Attempts and best result so far.
@@ -50,12 +50,12 @@ def continue_rounds(problem: Problem, by_engine: ByEngine, state: SearchState) -
                 attempts=state.attempts,
                 open_printers=problem.printers,
             )
-        state = state.add_round(_make_round(problem, by_engine, state, trials))
+        state = state.add_round(_run_round(problem, run_engine, state, trials))
     return end_rounds(problem, state)
 
 
-def _make_round(
-    problem: Problem, by_engine: ByEngine, state: SearchState, trials: tuple[Trial, ...]
+def _run_round(
+    problem: Problem, run_engine: EngineRunner, state: SearchState, trials: tuple[Trial, ...]
 ) -> list[Outcome]:
     """Run the attempts of a round one after the other, and report the spent share of the budget."""
     budget_s = problem.options.best.budget_s
@@ -67,7 +67,7 @@ def _make_round(
 
     outcomes = []
     for trial in trials:
-        outcomes.append(make_attempt(problem, by_engine, trial, state.best_known_s, report_spent))
+        outcomes.append(make_attempt(problem, run_engine, trial, state.best_known_s, report_spent))
         spent_s += outcomes[-1].attempt.effort_s
     return outcomes
 

@@ -80,9 +80,9 @@ def bound_any_boxes_s(
         work_s += float((area_mm2 * _price_cuts_s_mm2(solid_mm, hollow_mm, rooms_mm.max(), cost)).sum())
     saved_s = cost.inset_s_mm * float(rooms_mm[:, 2].max())
     saved_s += _compute_max_rim_s(cost, makespan_s / min(factors))
-    each_s = cost.fixed_s - saved_s
-    each_s *= min(factors) if each_s > 0.0 else max(factors)
-    return min(makespan_s, max(0.0, work_s / sum(1.0 / factor for factor in factors) + each_s))
+    per_part_s = cost.fixed_s - saved_s
+    per_part_s *= min(factors) if per_part_s > 0.0 else max(factors)
+    return min(makespan_s, max(0.0, work_s / sum(1.0 / factor for factor in factors) + per_part_s))
 
 
 def _price_least_surface_s(triangles: Floats, cost: CostModel) -> float:

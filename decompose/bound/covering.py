@@ -135,7 +135,7 @@ def _advance_step(p: _Programme, work: _Workspace, balance: float, current: _Ite
 
 
 @jit
-def _advance_active(p: _Programme, work: _Workspace, balance: float, current: _Iterate) -> _Iterate:
+def _advance_active_boxes(p: _Programme, work: _Workspace, balance: float, current: _Iterate) -> _Iterate:
     """Take `STEPS` steps with the boxes that may get a share in these; return the mean of the iterates.
 
     These boxes have a share, or almost their maximum weight. The bounds on the fewest boxes use all boxes.
@@ -191,7 +191,7 @@ def _find_feasibility_divisors(p: _Programme, work: _Workspace, iterate: _Iterat
 
 
 @jit
-def _search_best(p: _Programme, work: _Workspace, printers: int, current: _Iterate) -> _Iterate:
+def _search_best_iterate(p: _Programme, work: _Workspace, printers: int, current: _Iterate) -> _Iterate:
     """Search for the best feasible weights and shares by the method of this module.
 
     The search ends when it is known whether more pieces are needed than there are printers.
@@ -210,7 +210,7 @@ def _search_best(p: _Programme, work: _Workspace, printers: int, current: _Itera
     balance = 0.05 * len(p.pieces) / p.needed.sum()
     for _ in range(RESTARTS):
         old = _Iterate(current.shares.copy(), current.weights.copy())
-        mean = _advance_active(p, work, balance, current)
+        mean = _advance_active_boxes(p, work, balance, current)
         closest, restart = np.inf, mean
         for iterate in (_Iterate(current.shares.copy(), current.weights.copy()), mean):
             heaviest_box, least_covered_cell = _find_feasibility_divisors(p, work, iterate)
@@ -264,7 +264,7 @@ def _solve_programme(
     )
     sum_in_boxes(needed.astype(np.float64), corners, work.sums, programme.content)
     shares = np.full(len(pieces), weights.sum() / pieces.sum())
-    return _search_best(programme, work, printers, _Iterate(shares, weights))
+    return _search_best_iterate(programme, work, printers, _Iterate(shares, weights))
 
 
 def cover_cells(boxes: BoxTables, needed: Bools, limit_s: float, printers: int, weights: Floats) -> Covering:

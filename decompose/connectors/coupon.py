@@ -181,9 +181,9 @@ def _drill_hole(mouth_mm: Floats, direction: Floats, width_mm: float, depth_mm: 
     return hole
 
 
-def _write_mark(text: str, middle: Floats, upward: Floats, direction: Floats) -> Mark:
+def _write_mark(text: str, middle: Floats, up_direction: Floats, direction: Floats) -> Mark:
     """Make a number around a point (3,) on a face, from its directions (3,) up and into the block."""
-    right = np.cross(upward, -direction)
-    lines = draw_strokes(text) * (LETTERS_MM / GRID_HEIGHT) @ np.stack([right, upward]) + middle
+    right = np.cross(up_direction, -direction)
+    lines = draw_strokes(text) * (LETTERS_MM / GRID_HEIGHT) @ np.stack([right, up_direction]) + middle
     grooves = tuple(make_groove(0, line, direction, GROOVE_MM - 0.002 * n) for n, line in enumerate(lines))
     return Mark(0, 0, text, LETTERS_MM, lines, grooves)

@@ -16,7 +16,7 @@ from decompose.connectors.records import Pin
 REACH_MM = 60.0  # distance of glue from the nearest pin beyond which another pin is placed
 NEAR_SHARE = 0.95  # share of a step's glue within reach that is enough
 GLUE_MM = 5.0  # pitch of the sample points of the glue
-WORTH_MM2 = 100.0  # minimum area of glue for which another pin is worthwhile
+MIN_GAIN_MM2 = 100.0  # minimum area of glue for which another pin is worthwhile
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,9 +56,9 @@ def find_far_glue(glue_mm: Floats, pins: Sequence[Pin]) -> Floats:
 
 
 def sort_by_gain(places_mm: Floats, far_mm: Floats, weights: Floats | float = 1.0) -> list[int]:
-    """Sort places by the area of far glue in their reach, times their weights.
+    """Sort places by the area of far glue within reach, multiplied by their weights.
 
-    Places with little far glue in their reach are left out.
+    Places with little far glue within reach are left out.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def sort_by_gain(places_mm: Floats, far_mm: Floats, weights: Floats | float = 1.
     """
     gains_mm2 = (cdist(places_mm, far_mm) < REACH_MM).sum(axis=1) * GLUE_MM**2
     order = np.argsort(-gains_mm2 * weights, kind="stable")
-    return [int(number) for number in order if gains_mm2[number] >= WORTH_MM2]
+    return [int(number) for number in order if gains_mm2[number] >= MIN_GAIN_MM2]
 
 
 def sample_points(side: Side, area: shapely.Geometry, pitch_mm: float) -> Floats:

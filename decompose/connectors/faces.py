@@ -1,4 +1,4 @@
-"""Room for tools on the faces of joints, where a tool stays inside both parts."""
+"""Areas for tools on the faces of joints, where a tool stays inside both parts."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from decompose.geometry import Solid
 from decompose.options import PIN_FIT_MM
 from decompose.pieces import Joint, JointFace, list_polygons
 
-SLAB_MM = 8.0  # depth to which the gaps below a face are found at once; few tools reach deeper
+SLAB_MM = 8.0  # depth to which the gaps below a face are found and cached; few tools reach deeper
 SKIN_MM = 0.05  # depth at which the search for gaps begins: rounding leaves films at the face itself
 LEVEL_SIN = 0.5  # minimum sine of the angle between a level face and the vertical of the pose
 
@@ -77,7 +77,7 @@ class Side:
 
 
 def find_sides(blanks: Sequence[Blank], number: int, joint: Joint) -> list[tuple[Side, Side]]:
-    """Find both sides of each face of a joint; a face that a part reaches on both sides is left out.
+    """Find both sides of each face of a joint; leave out a face that a part reaches on both sides.
 
     Parameters
     ----------
@@ -99,8 +99,8 @@ def find_sides(blanks: Sequence[Blank], number: int, joint: Joint) -> list[tuple
 
 
 @dataclass(slots=True)
-class Room:
-    """Parts with the tools that are placed so far, and the remaining room for other tools."""
+class Workpieces:
+    """Parts, with the tools placed so far, and the remaining areas for other tools."""
 
     blanks: Sequence[Blank]
     tools: list[Tool] = field(default_factory=list)
@@ -111,7 +111,7 @@ class Room:
         """Check whether a face lies level in its pose: a groove in it prints as a ring, which is slow."""
         return abs(float(side.into @ self.blanks[side.part].up)) > LEVEL_SIN
 
-    def find_room(self, side: Side, depth_mm: float) -> shapely.Geometry:
+    def find_tool_area(self, side: Side, depth_mm: float) -> shapely.Geometry:
         """Find the area of a face below which a part is solid to a depth plus a rim, and free of other tools.
 
         Parameters
@@ -136,17 +136,17 @@ class Room:
         wall_mm
             Distance that the tool will keep from the border of the area; from other tools it keeps `RIM_MM`.
         """
-        room = self._find_solid(side, depth_mm)
+        area = self._find_solid_area(side, depth_mm)
         for tool in self.tools:
             if tool.part != side.part:
                 continue
             heights_mm = tool.points_mm @ side.into - side.sign * side.face.offset_mm
             if heights_mm.min() < depth_mm + RIM_MM - wall_mm and heights_mm.max() > -RIM_MM:
                 outline = shapely.MultiPoint(side.flatten(tool.points_mm)).convex_hull
-                room = room - (outline.buffer(RIM_MM - wall_mm) if wall_mm < RIM_MM else outline)
-        return room
+                area = area - (outline.buffer(RIM_MM - wall_mm) if wall_mm < RIM_MM else outline)
+        return area
 
-    def _find_solid(self, side: Side, depth_mm: float) -> shapely.Geometry:
+    def _find_solid_area(self, side: Side, depth_mm: float) -> shapely.Geometry:
         """Find the area of a face below which a part without tools is solid to a depth; cached."""
         key = (side.part, round(depth_mm, 3), id(side.face))
         if key not in self._solid_at:
@@ -157,7 +157,7 @@ class Room:
         return self._solid_at[key]
 
     def _find_gaps(self, side: Side, depth_mm: float) -> Solid:
-        """Find the gaps below a face, the space that is not solid, to a depth.
+        """Find the gaps below a face to a depth: the space that is not solid.
 
         The part may have many triangles, so it is cut only once for each face; afterwards its gaps are cut.
         """

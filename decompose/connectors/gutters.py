@@ -2,7 +2,7 @@
 
 The slicer begins each ring at its sharpest inner corner. Without such a corner it begins at an edge between
 two cut faces, or at a fold of the visible surface, and leaves a bump there. A gutter is sharper than the
-grooves of keys and marks, so that no bump is left in a groove in which a key has to lie.
+grooves of keys and marks, so that the slicer leaves no bump in the groove of a key.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ import numpy as np
 import shapely
 
 from decompose.arrays import Floats
-from decompose.connectors.faces import Room, Side, find_sides
+from decompose.connectors.faces import Side, Workpieces, find_sides
 from decompose.connectors.records import RIM_MM, Gutter
 from decompose.connectors.tools import LIP_MM, make_groove
 from decompose.pieces import Joint
 
 UPRIGHT_SIN = 0.02  # maximum sine of the angle between an upright face and the vertical
 PITCH_MM = 4.0  # pitch of the places that are tried
-SHORTEST_MM = 15.0  # minimum range of heights that a gutter adds
+MIN_RANGE_MM = 15.0  # minimum range of heights that a gutter adds
 MAX_GUTTERS = 3  # maximum number of gutters of a part
-ROUND_MM = 0.05
+ROUNDING_MARGIN_MM = 0.05  # margin for buffers, which may cut inner corners
 DEPTH_MM = 0.4
 WIDTH_RATIO = 0.9  # half of the width over the depth: an angle of 84 degrees
 
@@ -39,15 +39,15 @@ class _Place:
     high_mm: float
 
 
-def place_gutters(room: Room, joints: Sequence[Joint]) -> list[Gutter]:
+def place_gutters(workpieces: Workpieces, joints: Sequence[Joint]) -> list[Gutter]:
     """Place gutters on the upright faces of each part, so that most of its layers have one.
 
-    Their grooves are added to the room's tools.
+    Their grooves are added to the tools of the workpieces.
 
     Parameters
     ----------
-    room
-        Parts with the tools of pins and marks; the new tools are added.
+    workpieces
+        Parts, with the tools of pins and marks; the new tools are added.
     joints
         Joints of these parts, in the same frame.
 
@@ -58,23 +58,23 @@ def place_gutters(room: Room, joints: Sequence[Joint]) -> list[Gutter]:
     """
     sides: dict[int, list[Side]] = defaultdict(list)
     for number, joint in enumerate(joints):
-        for pair in find_sides(room.blanks, number, joint):
+        for pair in find_sides(workpieces.blanks, number, joint):
             for side in pair:
-                if abs(float(side.into @ room.blanks[side.part].up)) < UPRIGHT_SIN:
+                if abs(float(side.into @ workpieces.blanks[side.part].up)) < UPRIGHT_SIN:
                     sides[side.part].append(side)
     gutters = []
     for part, part_sides in sorted(sides.items()):
-        places = [place for side in part_sides for place in _find_places(room, side)]
+        places = [place for side in part_sides for place in _find_places(workpieces, side)]
         covered_span = shapely.LineString()
         for _ in range(MAX_GUTTERS):
             gains = [_make_span(place).difference(covered_span).length for place in places]
-            if not gains or max(gains) < SHORTEST_MM:
+            if not gains or max(gains) < MIN_RANGE_MM:
                 break
             best = places[int(np.argmax(gains))]
             covered_span = covered_span.union(_make_span(best))
             places = [place for place in places if place.side is not best.side]
             groove = make_groove(part, best.line_mm, best.side.into, DEPTH_MM, WIDTH_RATIO)
-            room.tools.append(groove)
+            workpieces.tools.append(groove)
             gutters.append(Gutter(part, best.side.joint, best.line_mm, groove))
     return gutters
 
@@ -84,13 +84,13 @@ def _make_span(place: _Place) -> shapely.LineString:
     return shapely.LineString([(place.low_mm, 0.0), (place.high_mm, 0.0)])
 
 
-def _find_places(room: Room, side: Side) -> Iterator[_Place]:
+def _find_places(workpieces: Workpieces, side: Side) -> Iterator[_Place]:
     """Yield the places on a side where a gutter keeps its distance from the rim and from other tools."""
-    reach_mm = DEPTH_MM + LIP_MM + RIM_MM + ROUND_MM
-    free_area = room.find_room(side, DEPTH_MM).buffer(-reach_mm)
+    reach_mm = DEPTH_MM + LIP_MM + RIM_MM + ROUNDING_MARGIN_MM
+    free_area = workpieces.find_tool_area(side, DEPTH_MM).buffer(-reach_mm)
     if free_area.is_empty:
         return
-    up = room.blanks[side.part].up
+    up = workpieces.blanks[side.part].up
     upwards = side.face.axes @ up
     frame = np.stack([[upwards[1], -upwards[0]], upwards]) / np.linalg.norm(upwards)
     rotated_area = shapely.transform(free_area, lambda flat: flat @ frame.T)
@@ -98,7 +98,7 @@ def _find_places(room: Room, side: Side) -> Iterator[_Place]:
     for x in np.arange((low_x + high_x) / 2.0 % PITCH_MM + low_x // PITCH_MM * PITCH_MM, high_x, PITCH_MM):
         cut = rotated_area.intersection(shapely.LineString([(x, low_y - 1.0), (x, high_y + 1.0)]))
         for run in getattr(cut, "geoms", [cut]):
-            if run.length >= SHORTEST_MM:
+            if run.length >= MIN_RANGE_MM:
                 ends = np.array(run.coords)[[0, -1]]
                 line_mm = side.lift(ends[ends[:, 1].argsort()] @ frame)
                 yield _Place(side, line_mm, *map(float, line_mm @ up))

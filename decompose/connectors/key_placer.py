@@ -1,4 +1,4 @@
-"""Placer of keys: it chooses among the places on a step, and spreads keys over its glue."""
+"""Placer of keys: it chooses among the places of a step, and distributes keys over its glue."""
 
 from __future__ import annotations
 
@@ -13,14 +13,15 @@ from decompose.connectors.coverage import Site, find_far_glue, sort_by_gain
 from decompose.connectors.keys import SHORT_MM, KeyMaker, KeyPlace
 from decompose.connectors.records import Pin
 
-NEAREST_MM = 12.0  # minimum distance between two keys, or between a key and a pin
-LEVEL_LOSS = 0.1  # loss of weight of a place for each level face: a groove there takes several times longer
-MAX_TRIED = 20  # maximum number of places that are tried, the best first
+MIN_SEPARATION_MM = 12.0  # minimum distance between two keys, or between a key and a pin
+# Reduction of a place's weight for each level face: a groove there takes several times longer.
+LEVEL_LOSS = 0.1
+MAX_TRIED_PLACES = 20  # maximum number of places that are tried, the best first
 
 
 @dataclass(slots=True)
 class KeyPlacer:
-    """Placer of keys of one diameter for a step, which adds their grooves to the tools of the room.
+    """Placer of keys of one diameter for a step, which adds their grooves to the tools of the workpieces.
 
     Attributes
     ----------
@@ -32,7 +33,7 @@ class KeyPlacer:
         (n, 3) sample points on all glued faces of the step.
     pins
         Pins and keys of the step so far; new keys are added.
-    taken_mm, distinct_mm
+    taken_mm, min_difference_mm
         Distances between the two keys or pins of the other steps, and the least difference from them.
     """
 
@@ -41,7 +42,7 @@ class KeyPlacer:
     glue_mm: Floats
     pins: list[Pin]
     taken_mm: Sequence[float]
-    distinct_mm: float
+    min_difference_mm: float
     _places: dict[float, list[KeyPlace]] = field(default_factory=dict)
 
     def place_pair(self) -> None:
@@ -52,9 +53,9 @@ class KeyPlacer:
             return
         separations_mm = cdist(*(self._project_places(places) for places in (long, short)))
         separations_mm[~self._is_free(separations_mm)] = 0.0
-        separations_mm[separations_mm < NEAREST_MM] = 0.0
+        separations_mm[separations_mm < MIN_SEPARATION_MM] = 0.0
         weighted_mm = separations_mm * np.add.outer(self._weigh_places(long), self._weigh_places(short)) / 2.0
-        for index in np.argsort(-weighted_mm, axis=None, kind="stable")[:MAX_TRIED].tolist():
+        for index in np.argsort(-weighted_mm, axis=None, kind="stable")[:MAX_TRIED_PLACES].tolist():
             first, second = np.unravel_index(index, separations_mm.shape)
             if not separations_mm[first, second]:
                 return
@@ -72,71 +73,71 @@ class KeyPlacer:
         if not places:
             return
         if not self.pins:
-            self._place_first_of(range(len(places)))
+            self._place_key(range(len(places)))
             return
         separations_mm = cdist(self._project_places(places), self._project_points(self.pins[0].at_mm[None]))[
             :, 0
         ]
         order = np.argsort(-separations_mm * self._weigh_places(places), kind="stable")
-        self._place_first_of(order[self._is_free(separations_mm[order])].tolist())
+        self._place_key(order[self._is_free(separations_mm[order])].tolist())
 
     def place_further_keys(self) -> None:
-        """Place short keys near the most glue that is far from all pins and keys."""
+        """Place short keys close to as much as possible of the glue that is far from all pins and keys."""
         count = 0
         while self.pins and len(self.pins) > count:
             count = len(self.pins)
             far_glue = find_far_glue(self.glue_mm, self.pins)
             places = self._list_places(SHORT_MM) if len(far_glue) else []
             if places:
-                self._place_first_of(sort_by_gain(_list_points(places), far_glue, self._weigh_places(places)))
+                self._place_key(sort_by_gain(_list_points(places), far_glue, self._weigh_places(places)))
 
     def place_sliding_keys(self, sites: Sequence[Site]) -> None:
-        """Place short keys on faces that slide, near the most glue that is far from all pins and keys."""
+        """Place short keys on faces that slide, close to as much far glue as possible."""
         count = -1
         while len(self.pins) > count:
             count = len(self.pins)
             far_glue = find_far_glue(self.glue_mm, self.pins)
             places = self.maker.find_sliding_places(sites, self.sites, SHORT_MM) if len(far_glue) else []
-            places = self._list_free(places)
+            places = self._list_free_places(places)
             if places:
                 numbers = sort_by_gain(_list_points(places), far_glue, self._weigh_places(places))
-                self._add_first_printable([places[number] for number in numbers])
+                self._add_printable_key([places[number] for number in numbers])
 
-    def _place_first_of(self, numbers: Sequence[int]) -> None:
-        """Place a short key at the first printable one of the places with these numbers."""
+    def _place_key(self, numbers: Sequence[int]) -> None:
+        """Place a short key at the first printable place with one of these numbers."""
         places = self._list_places(SHORT_MM)
-        self._add_first_printable([places[number] for number in numbers[:MAX_TRIED]])
+        self._add_printable_key([places[number] for number in numbers[:MAX_TRIED_PLACES]])
 
-    def _add_first_printable(self, places: Sequence[KeyPlace]) -> None:
+    def _add_printable_key(self, places: Sequence[KeyPlace]) -> None:
         """Place a short key at the first of some places where its grooves print without support."""
-        for place in places[:MAX_TRIED]:
+        for place in places[:MAX_TRIED_PLACES]:
             key = self.maker.make_key(place, SHORT_MM)
             if key is not None:
                 self._add_keys(key)
                 return
 
     def _add_keys(self, *keys: Pin) -> None:
-        """Add keys to the step, and their grooves to the room."""
+        """Add keys to the step, and their grooves to the workpieces."""
         self.pins += keys
-        self.maker.room.tools += [groove for key in keys for groove in key.holes]
+        self.maker.workpieces.tools += [groove for key in keys for groove in key.holes]
 
     def _list_places(self, length_mm: float) -> list[KeyPlace]:
         """List the places for a length that are not near a key or pin of the step."""
         if length_mm not in self._places:
             self._places[length_mm] = self.maker.find_places(self.sites, length_mm)
-        return self._list_free(self._places[length_mm])
+        return self._list_free_places(self._places[length_mm])
 
-    def _list_free(self, places: Sequence[KeyPlace]) -> list[KeyPlace]:
+    def _list_free_places(self, places: Sequence[KeyPlace]) -> list[KeyPlace]:
         """List the places that are not near a key or pin of the step."""
         return [
             place
             for place in places
-            if all(np.linalg.norm(place.at_mm - pin.at_mm) > NEAREST_MM for pin in self.pins)
+            if all(np.linalg.norm(place.at_mm - pin.at_mm) > MIN_SEPARATION_MM for pin in self.pins)
         ]
 
     def _weigh_places(self, places: Sequence[KeyPlace]) -> Floats:
         """Compute the weights (n,) of places by their print time: less for level faces."""
-        is_level = self.maker.room.is_level
+        is_level = self.maker.workpieces.is_level
         sites = [place.site for place in places]
         return 1.0 - LEVEL_LOSS * np.array([is_level(site.moved) + is_level(site.fixed) for site in sites])
 
@@ -144,7 +145,7 @@ class KeyPlacer:
         """Check for each distance whether it differs enough from those of the pairs of other steps."""
         is_free = np.ones(separations_mm.shape, dtype=np.bool_)
         for taken_mm in self.taken_mm:
-            is_free &= np.abs(separations_mm - taken_mm) > self.distinct_mm
+            is_free &= np.abs(separations_mm - taken_mm) > self.min_difference_mm
         return is_free
 
     def _project_places(self, places: Sequence[KeyPlace]) -> Floats:

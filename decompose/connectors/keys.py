@@ -19,7 +19,7 @@ from scipy.spatial.distance import cdist
 
 from decompose.arrays import Floats
 from decompose.connectors.coverage import Site, sample_points
-from decompose.connectors.faces import Room, Side
+from decompose.connectors.faces import Side, Workpieces
 from decompose.connectors.records import KEY_RIM_MM, Pin, Tool
 from decompose.connectors.tools import (
     GROOVE_SIN,
@@ -32,7 +32,7 @@ from decompose.connectors.tools import (
 from decompose.pieces import list_polygons
 
 SHORT_MM = 5.0  # length of the shorter key of a pair, and of additional keys
-LONGER_MM = 1.0  # excess of the long key over the mouth of the short groove: a swapped long key stays on top
+EXCESS_MM = 1.0  # excess of the long key over the mouth of the short groove: a swapped long key stays on top
 END_MM = 0.25  # gap at each end of a key
 LEVELS = 6  # depths at which the wall around a groove is examined
 PITCH_MM = 1.0  # minimum distance of the points between which grooves are tried
@@ -44,7 +44,7 @@ MAX_EXIT_MM = 80.0  # maximum distance that a key slides through its groove
 
 def choose_key_lengths_mm(key_mm: float) -> tuple[float, float]:
     """Choose the lengths of the long and the short key of a pair, in half millimetres."""
-    return math.ceil(2.0 * (SHORT_MM + key_mm + LONGER_MM)) / 2.0, SHORT_MM
+    return math.ceil(2.0 * (SHORT_MM + key_mm + EXCESS_MM)) / 2.0, SHORT_MM
 
 
 def compute_groove_depth_mm(key_mm: float, fit_mm: float) -> float:
@@ -112,7 +112,7 @@ class KeySlide:
 class KeyMaker:
     """Maker of keys of one diameter for a step with a direction (3,), which also finds their places."""
 
-    room: Room
+    workpieces: Workpieces
     step: int
     direction: Floats
     key_mm: float
@@ -132,7 +132,7 @@ class KeyMaker:
         length_mm
             Length of the key.
         """
-        return [place for site in sites for place in self._find_on_site(site, length_mm)]
+        return [place for site in sites for place in self._find_places_on_site(site, length_mm)]
 
     def find_sliding_places(
         self, sites: Sequence[Site], exits: Sequence[Site], length_mm: float
@@ -158,7 +158,7 @@ class KeyMaker:
         return sorted(places, key=lambda place: place.exit_mm)
 
     def make_key(self, place: KeyPlace, length_mm: float) -> Pin | None:
-        """Make a key with its grooves; None if one of them does not print without support.
+        """Make a key with its grooves; None if a groove would need support.
 
         Parameters
         ----------
@@ -171,7 +171,7 @@ class KeyMaker:
         half_mm = self._compute_bottom_mm(site, length_mm) / 2.0
         grooves: list[Tool] = []
         for side in (site.moved, site.fixed):
-            up = self.room.blanks[side.part].up
+            up = self.workpieces.blanks[side.part].up
             is_open = side.part == place.open_part
             ends_mm = [-half_mm, place.exit_mm + LIP_MM if is_open else half_mm]
             ends = place.at_mm + np.outer(ends_mm, place.along)
@@ -196,20 +196,20 @@ class KeyMaker:
 
     def _compute_depth_mm(self, site: Site) -> float:
         """Compute the depth of both grooves, for the larger fit of the two parts."""
-        fit_mm = max(self.room.blanks[side.part].pin_fit_mm for side in (site.moved, site.fixed))
+        fit_mm = max(self.workpieces.blanks[side.part].pin_fit_mm for side in (site.moved, site.fixed))
         return compute_groove_depth_mm(self.key_mm, fit_mm)
 
     def _compute_bottom_mm(self, site: Site, length_mm: float) -> float:
         """Compute the length of the bottom of a groove."""
         return compute_bottom_mm(self.key_mm, self._compute_depth_mm(site), length_mm)
 
-    def _find_on_site(self, site: Site, length_mm: float) -> Iterator[KeyPlace]:
-        """Yield the places on a site between two points on the rim of its room."""
-        room = shapely.intersection_all(
-            [self._find_room(side, self._compute_depth_mm(site)) for side in (site.moved, site.fixed)]
+    def _find_places_on_site(self, site: Site, length_mm: float) -> Iterator[KeyPlace]:
+        """Yield the places on a site between two points on the rim of the area for groove bottoms."""
+        area = shapely.intersection_all(
+            [self._find_bottom_area(side, self._compute_depth_mm(site)) for side in (site.moved, site.fixed)]
         )
         bottom_mm = self._compute_bottom_mm(site, length_mm)
-        for polygon in list_polygons(room):
+        for polygon in list_polygons(area):
             points, pitch_mm = _list_rim(polygon)
             distances_mm = np.triu(cdist(points, points))
             first, second = np.nonzero(np.abs(distances_mm - bottom_mm) < min(pitch_mm, SEAT_MM) / 2.0)
@@ -226,20 +226,20 @@ class KeyMaker:
 
     def _find_seats(self, site: Site, length_mm: float) -> Floats:
         """Find the middles (n, 3) of keys along the direction of the step that leave sufficient walls."""
-        room = shapely.intersection_all(
-            [self._find_room(side, self._compute_depth_mm(site)) for side in (site.moved, site.fixed)]
+        area = shapely.intersection_all(
+            [self._find_bottom_area(side, self._compute_depth_mm(site)) for side in (site.moved, site.fixed)]
         )
-        middles = site.moved.flatten(sample_points(site.moved, room, SEAT_MM))
+        middles = site.moved.flatten(sample_points(site.moved, area, SEAT_MM))
         half = self._compute_bottom_mm(site, length_mm) / 2.0 * site.moved.flatten(self.direction)
         lines = shapely.linestrings(np.stack([middles - half, middles + half], axis=1))
-        shapely.prepare(room)
-        return site.moved.lift(middles[shapely.covers(room, lines)])
+        shapely.prepare(area)
+        return site.moved.lift(middles[shapely.covers(area, lines)])
 
     def _find_exits(self, slide: KeySlide, seats_mm: Floats, ends: Sequence[Side]) -> Iterator[KeyPlace]:
         """Yield the places at seats (n, 3) whose groove can have an exit through one of the part's faces."""
         side, along = slide.open_side, slide.along
         half_width_mm = self._compute_depth_mm(slide.site) + KEY_RIM_MM + SLACK_MM
-        area = self.room.find_solid_area(side, half_width_mm, KEY_RIM_MM)
+        area = self.workpieces.find_solid_area(side, half_width_mm, KEY_RIM_MM)
         shapely.prepare(area)
         across = half_width_mm * np.cross(side.into, along)
         for end in ends:
@@ -249,21 +249,23 @@ class KeyMaker:
                 if not 0.0 < exit_mm <= MAX_EXIT_MM:
                     continue
                 section = seat_mm + exit_mm * along + np.array([-across, across])
-                below = [section + depth_mm * side.into for depth_mm in (SLACK_MM, half_width_mm)]
-                way = np.concatenate([seat_mm + np.array([-across, across]), section - SLACK_MM * along])
-                if end.face.outline.covers(_build_hull(end.flatten(np.concatenate(below)))) and area.covers(
-                    _build_hull(side.flatten(way))
-                ):
+                lower_corners = [section + depth_mm * side.into for depth_mm in (SLACK_MM, half_width_mm)]
+                path = np.concatenate([seat_mm + np.array([-across, across]), section - SLACK_MM * along])
+                if end.face.outline.covers(
+                    _build_hull(end.flatten(np.concatenate(lower_corners)))
+                ) and area.covers(_build_hull(side.flatten(path))):
                     yield KeyPlace(slide.site, seat_mm, along, side.part, exit_mm)
 
-    def _find_room(self, side: Side, depth_mm: float) -> shapely.Geometry:
-        """Find where the bottom of a groove may be; its sides taper, so the wall is checked by levels."""
+    def _find_bottom_area(self, side: Side, depth_mm: float) -> shapely.Geometry:
+        """Find where a groove's bottom may be; its sides taper, so the wall is checked at several depths."""
         levels_mm = np.linspace(0.0, depth_mm + KEY_RIM_MM, LEVELS)
-        rooms = []
+        areas = []
         for above_mm, below_mm in pairwise(levels_mm.tolist()):
             reach_mm = depth_mm + min(KEY_RIM_MM, math.sqrt(2.0) * KEY_RIM_MM - above_mm)
-            rooms.append(self.room.find_solid_area(side, below_mm, KEY_RIM_MM).buffer(-reach_mm - SLACK_MM))
-        return shapely.intersection_all(rooms)
+            areas.append(
+                self.workpieces.find_solid_area(side, below_mm, KEY_RIM_MM).buffer(-reach_mm - SLACK_MM)
+            )
+        return shapely.intersection_all(areas)
 
 
 def _build_hull(points: Floats) -> shapely.Geometry:

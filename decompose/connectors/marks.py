@@ -13,7 +13,7 @@ import shapely
 
 from decompose.arrays import Floats
 from decompose.assembly import Assembly
-from decompose.connectors.faces import Room, Side, find_sides
+from decompose.connectors.faces import Side, Workpieces, find_sides
 from decompose.connectors.records import RIM_MM, Mark
 from decompose.connectors.strokes import GRID_HEIGHT, draw_strokes, measure_text_width
 from decompose.connectors.tools import (
@@ -33,9 +33,8 @@ DOTS = 3  # maximum number of dots of a mark
 DOT_PITCH = 4.0  # distance between two dots, on the grid of the letters
 DEPTH_STEP_MM = 0.002  # difference in depth of strokes: operations on solids fail where faces coincide
 GRID_MM = 2.0  # pitch of the places that are tried
-LEVEL_COS = (
-    0.99  # minimum cosine between the normal of a level face, where the arrow points back, and the vertical
-)
+# Minimum cosine between the normal of a level face, where the arrow points back, and the vertical.
+LEVEL_COS = 0.99
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,14 +49,14 @@ class _Text:
 
 
 def place_marks(
-    room: Room, joints: Sequence[Joint], assembly: Assembly
+    workpieces: Workpieces, joints: Sequence[Joint], assembly: Assembly
 ) -> tuple[list[Mark], list[tuple[int, str]]]:
-    """Place the marks of all joints, and add their grooves to the room's tools.
+    """Place the marks of all joints, and add their grooves to the tools of the workpieces.
 
     Parameters
     ----------
-    room
-        Parts with the tools so far; the new tools are added.
+    workpieces
+        Parts, with the tools placed so far; the new tools are added.
     joints, assembly
         Joints of these parts, and the order in which they are glued.
 
@@ -66,27 +65,27 @@ def place_marks(
     list of Mark
         Marks in the order of the joints.
     list of (int, str)
-        Joints with a face that has no mark, with the reason.
+        Joints with an unmarked face, and the reason.
     """
     steps = {joint: number for number, step in enumerate(assembly.steps) for joint in step.joints}
     marks: list[Mark] = []
     unmarked = []
     for number, joint in enumerate(joints):
-        pairs = sorted(find_sides(room.blanks, number, joint), key=lambda pair: -pair[0].face.area_mm2)
-        placed = _mark_joint(room, pairs, 1 + steps.get(number, 0) % DOTS)
+        pairs = sorted(find_sides(workpieces.blanks, number, joint), key=lambda pair: -pair[0].face.area_mm2)
+        placed = _mark_joint(workpieces, pairs, 1 + steps.get(number, 0) % DOTS)
         marks += placed
         if len(placed) < 2:
-            needs_support = any(_needs_support(room, side) for pair in pairs[:1] for side in pair)
+            needs_support = any(_needs_support(workpieces, side) for pair in pairs[:1] for side in pair)
             unmarked.append((number, "a face overhangs in its part's pose" if needs_support else "too small"))
-    return marks + _number_parts(room, joints, marks), unmarked
+    return marks + _number_parts(workpieces, joints, marks), unmarked
 
 
-def _mark_joint(room: Room, pairs: Sequence[tuple[Side, Side]], dots: int) -> list[Mark]:
+def _mark_joint(workpieces: Workpieces, pairs: Sequence[tuple[Side, Side]], dots: int) -> list[Mark]:
     """Mark the largest face with room for the text on both sides; else each side with room, or draw dots."""
     best: list[Mark] = []
     for pair in pairs:
         marks = [
-            _place_text(room, side, _list_texts(room, side, room.blanks[other.part].name))
+            _place_text(workpieces, side, _list_texts(workpieces, side, workpieces.blanks[other.part].name))
             for side, other in (pair, pair[::-1])
         ]
         placed = [mark for mark in marks if mark is not None]
@@ -95,42 +94,44 @@ def _mark_joint(room: Room, pairs: Sequence[tuple[Side, Side]], dots: int) -> li
         if len(best) == 2:
             break
     if not best and pairs:
-        dotted = [_place_text(room, side, [_draw_dots(dots)]) for side in pairs[0]]
+        dotted = [_place_text(workpieces, side, [_draw_dots(dots)]) for side in pairs[0]]
         best = [mark for mark in dotted if mark is not None]
     for mark in best:
-        room.tools += mark.grooves
+        workpieces.tools += mark.grooves
     return best
 
 
-def _number_parts(room: Room, joints: Sequence[Joint], marks: Sequence[Mark]) -> list[Mark]:
-    """Mark each part with its own number if no other mark has it."""
-    numbered_parts = {mark.part for mark in marks if mark.text.startswith(f"{room.blanks[mark.part].name}-")}
+def _number_parts(workpieces: Workpieces, joints: Sequence[Joint], marks: Sequence[Mark]) -> list[Mark]:
+    """Mark each part with its own number if no other mark on it shows that number."""
+    numbered_parts = {
+        mark.part for mark in marks if mark.text.startswith(f"{workpieces.blanks[mark.part].name}-")
+    }
     new_marks = []
-    for part, blank in enumerate(room.blanks):
+    for part, blank in enumerate(workpieces.blanks):
         if part in numbered_parts:
             continue
         sides = [
             side
             for number, joint in enumerate(joints)
             if part in (joint.a, joint.b)
-            for pair in find_sides(room.blanks, number, joint)
+            for pair in find_sides(workpieces.blanks, number, joint)
             for side in pair
             if side.part == part
         ]
         texts = [_lay_out_text(blank.name, size, "") for size in SIZES_MM]
-        for side in sorted(sides, key=lambda side: (room.is_level(side), -side.face.area_mm2)):
-            mark = _place_text(room, side, texts[-1:] if room.is_level(side) else texts)
+        for side in sorted(sides, key=lambda side: (workpieces.is_level(side), -side.face.area_mm2)):
+            mark = _place_text(workpieces, side, texts[-1:] if workpieces.is_level(side) else texts)
             if mark is not None:
-                room.tools += mark.grooves
+                workpieces.tools += mark.grooves
                 new_marks.append(mark)
                 break
     return new_marks
 
 
-def _list_texts(room: Room, side: Side, neighbour: str) -> list[_Text]:
+def _list_texts(workpieces: Workpieces, side: Side, neighbour: str) -> list[_Text]:
     """List the texts for a side, the most legible first."""
-    is_level = room.is_level(side)
-    code = f"-{neighbour}" if is_level else f"{room.blanks[side.part].name}-{neighbour}"
+    is_level = workpieces.is_level(side)
+    code = f"-{neighbour}" if is_level else f"{workpieces.blanks[side.part].name}-{neighbour}"
     sizes = SIZES_MM[-1:] if is_level else SIZES_MM
     return [*(_lay_out_text(code, size, ARROW) for size in sizes), _lay_out_text(code, sizes[-1], "")]
 
@@ -159,33 +160,35 @@ def _draw_dots(count: int) -> _Text:
     return _Text("." * count, 2.0 * depth_mm, depth_mm, centres, half)
 
 
-def _needs_support(room: Room, side: Side) -> bool:
+def _needs_support(workpieces: Workpieces, side: Side) -> bool:
     """Check whether a groove in any direction on a face would need support."""
     cone = make_groove(side.part, np.zeros((2, 3)), side.into)
-    return compute_overhang_sin(cone.points_mm, side.into, room.blanks[side.part].up) > GROOVE_SIN
+    return compute_overhang_sin(cone.points_mm, side.into, workpieces.blanks[side.part].up) > GROOVE_SIN
 
 
-def _place_text(room: Room, side: Side, texts: Sequence[_Text]) -> Mark | None:
+def _place_text(workpieces: Workpieces, side: Side, texts: Sequence[_Text]) -> Mark | None:
     """Place the first text that has room on a side of a joint, horizontally or rotated by 90 degrees."""
-    if _needs_support(room, side):
+    if _needs_support(workpieces, side):
         return None
     depth_mm = max(text.depth_mm for text in texts)
-    free_area = room.find_room(side, depth_mm)
-    upward = _find_upward(side)
+    free_area = workpieces.find_tool_area(side, depth_mm)
+    up_direction = _find_up_direction(side)
     for text in texts:
         for turn in range(2):
-            frame = _build_text_frame(side, upward, turn)
+            frame = _build_text_frame(side, up_direction, turn)
             local = shapely.transform(free_area, lambda flat, frame=frame: side.lift(flat) @ frame[:2].T)
             middle = _find_middle(local, text.half_mm + text.depth_mm + LIP_MM + RIM_MM)
             if middle is None:
                 continue
             flat = _keep_arrow_up(text, turn) + middle
-            return _engrave_text(room, side, text, flat @ frame[:2] + side.face.offset_mm * side.face.normal)
+            return _engrave_text(
+                workpieces, side, text, flat @ frame[:2] + side.face.offset_mm * side.face.normal
+            )
     return None
 
 
 def _keep_arrow_up(text: _Text, turn: int) -> Floats:
-    """Rotate the arrow of a rotated text back so that it points up; return all strokes (k, 2, 2)."""
+    """Rotate the arrow of a rotated text back so that it points up, and return all strokes (k, 2, 2)."""
     if not turn or not text.text.endswith(ARROW):
         return text.strokes_mm
     count = len(draw_strokes(ARROW))
@@ -195,13 +198,13 @@ def _keep_arrow_up(text: _Text, turn: int) -> Floats:
     return np.concatenate([text.strokes_mm[:-count], rotated])
 
 
-def _engrave_text(room: Room, side: Side, text: _Text, lines_mm: Floats) -> Mark | None:
+def _engrave_text(workpieces: Workpieces, side: Side, text: _Text, lines_mm: Floats) -> Mark | None:
     """Make the mark of a text with strokes (k, 2, 3) on a side; None if a groove needs support."""
     grooves = tuple(
         make_groove(side.part, line, side.into, text.depth_mm - DEPTH_STEP_MM * (n % 16))
         for n, line in enumerate(lines_mm)
     )
-    up = room.blanks[side.part].up
+    up = workpieces.blanks[side.part].up
     for groove in grooves:
         overhang_sin = compute_overhang_sin(groove.points_mm, side.into, up)
         if overhang_sin > GROOVE_SIN or closes_in_a_step(groove, up):
@@ -209,34 +212,34 @@ def _engrave_text(room: Room, side: Side, text: _Text, lines_mm: Floats) -> Mark
     return Mark(side.part, side.joint, text.text, text.height_mm, lines_mm, grooves)
 
 
-def _find_upward(side: Side) -> Floats:
+def _find_up_direction(side: Side) -> Floats:
     """Find the direction (3,) of the arrow on a face: up in the model, on level faces towards its back."""
     target = np.eye(3)[1 if abs(side.face.normal[2]) > LEVEL_COS else 2]
     flat = target - (target @ side.face.normal) * side.face.normal
     return np.asarray(flat / np.linalg.norm(flat))
 
 
-def _build_text_frame(side: Side, upward: Floats, turn: int) -> Floats:
+def _build_text_frame(side: Side, up_direction: Floats, turn: int) -> Floats:
     """Build the rotation (3, 3) for a text that is read from outside: rows x, y and out of the face."""
     out = -side.into
-    right = np.cross(upward, out)
-    return np.stack([upward, -right, out]) if turn else np.stack([right, upward, out])
+    right = np.cross(up_direction, out)
+    return np.stack([up_direction, -right, out]) if turn else np.stack([right, up_direction, out])
 
 
-def _find_middle(room: shapely.Geometry, half_mm: Floats) -> Floats | None:
+def _find_middle(area: shapely.Geometry, half_mm: Floats) -> Floats | None:
     """Find the middle (2,) of a rectangle inside an area, as near to its widest place as possible."""
-    areas = [polygon for polygon in list_polygons(room) if polygon.area > 0.0]
-    if not areas:
+    polygons = [polygon for polygon in list_polygons(area) if polygon.area > 0.0]
+    if not polygons:
         return None
-    widest_mm = shapely.maximum_inscribed_circle(max(areas, key=lambda area: area.area)).coords[0]
-    low_x, low_y, high_x, high_y = room.bounds
+    widest_mm = shapely.maximum_inscribed_circle(max(polygons, key=lambda polygon: polygon.area)).coords[0]
+    low_x, low_y, high_x, high_y = area.bounds
     low, high = np.array([low_x, low_y]) + half_mm, np.array([high_x, high_y]) - half_mm
     if (low > high).any():
         return None
     spans = [np.append(np.arange(a, b, GRID_MM), [b, (a + b) / 2.0]) for a, b in zip(low, high, strict=True)]
     centres = np.array(np.meshgrid(*spans)).reshape(2, -1).T
     centres = centres[np.argsort(np.linalg.norm(centres - widest_mm, axis=1), kind="stable")]
-    shapely.prepare(room)
+    shapely.prepare(area)
     boxes = shapely.box(*(centres - half_mm).T, *(centres + half_mm).T)
-    inside_numbers = np.flatnonzero(shapely.contains(room, boxes))
+    inside_numbers = np.flatnonzero(shapely.contains(area, boxes))
     return None if not len(inside_numbers) else np.asarray(centres[inside_numbers[0]])

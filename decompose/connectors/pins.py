@@ -1,8 +1,8 @@
-"""Places of pins: two far apart for each step of the assembly, and more where glue is far from these.
+"""Places of pins: two far apart for each step of the assembly, and more where glue is far from these two.
 
-The two pins differ in depth, so that the joint stays open by millimetres if a body is rotated by 180 degrees.
-Their distance differs from step to step, so that a body fits only in its own place. Where there is no room
-for holes, keys lie along the joint.
+The depths of the two pins differ, so that the joint stays open by millimetres if a body is rotated by 180
+degrees. Their distance differs from step to step, so that a body fits only in its own place. Where there
+is no room for holes, keys lie along the joint.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from scipy.spatial.distance import cdist
 from decompose.arrays import Floats
 from decompose.assembly import Assembly, AssemblyStep
 from decompose.connectors.coverage import Site, find_far_glue, sample_glue, sample_points, sort_by_gain
-from decompose.connectors.faces import Room, Side, erode_area, find_sides
+from decompose.connectors.faces import Side, Workpieces, erode_area, find_sides
 from decompose.connectors.key_placer import KeyPlacer
 from decompose.connectors.keys import KeyMaker
 from decompose.connectors.records import RIM_MM, Pin, Tool, find_pairs, measure_distance_mm
@@ -26,21 +26,23 @@ from decompose.options import THIN_FILAMENT_MM, ConnectorOptions
 from decompose.pieces import Joint, list_polygons
 
 SHALLOW_DIAMETERS = 1.05  # depth of the shallow hole of a pair, in diameters of the pin
-SHALLOWEST_MM = 2.5  # minimum depth of a hole
+MIN_DEPTH_MM = 2.5  # minimum depth of a hole
 EXTRA_DEPTH_MM = 3.0  # additional depth of the deep hole: about the gap if a body is rotated by 180 degrees
 END_MM = 0.5  # gap at each end of a pin
-DISTINCT_MM = 0.7  # minimum difference between the distances of two pairs, in addition to twice the fit
-NEAREST_PAIR_MM = 8.0  # minimum distance between two pins that fix an angle
+# Minimum difference between the distances of two pairs, in addition to twice the fit.
+MIN_DISTANCE_DIFFERENCE_MM = 0.7
+MIN_PAIR_MM = 8.0  # minimum distance between two pins that fix an angle
 FAR_PAIR_MM = 80.0  # distance between two pins from which one hole is a slot
 SLOT_MM = 0.25  # elongation of a slot at each end, for 0.2 % of shrinkage and the play of the pins
-PLACES_MM = 15.0  # pitch of the places that are tried for glue that is far from pins
+PLACE_PITCH_MM = 15.0  # pitch of the places that are tried for glue that is far from pins
 MAX_FURTHER_PINS = 8  # maximum number of pins of a step besides its pair
 EXTRA_MARGIN_MM = 2.0  # additional margin of a pair, if it does not reduce its distance too much
-EXTRA_MARGIN_SHARE = 0.8  # minimum distance of a pair with this margin, as a share of the distance without
-ROUND_MM = 0.03  # margin for buffers, which may cut inner corners
-CORNER_MM = 0.5  # corners of a hull that stand out by less are left out
-ALONG_COS = 0.999  # minimum cosine between a normal and the direction along it
-SLIDING_SIN = 1e-7  # maximum sine of the angle between a face that slides and its direction
+EXTRA_MARGIN_SHARE = 0.8  # minimum distance of a pair with this margin, as a share of the distance without it
+ROUNDING_MARGIN_MM = 0.03  # margin for buffers, which may cut inner corners
+CORNER_MM = 0.5  # corners of a hull that protrude by less are left out
+MIN_ALIGNED_COS = 0.999  # minimum cosine between a face's normal and the direction of the step
+SLIDING_SIN = 1e-7  # maximum sine of the angle between a face that slides and the direction of the step
+NO_SQUARE_FACE = "no glued face is perpendicular to the direction in which the parts are joined"
 
 
 def choose_depths_mm(pin_mm: float) -> tuple[float, float]:
@@ -48,7 +50,7 @@ def choose_depths_mm(pin_mm: float) -> tuple[float, float]:
 
     The print time of a hole grows with its depth. Pins only align the faces; the glue holds them.
     """
-    shallow_mm = max(SHALLOWEST_MM, round(2.0 * SHALLOW_DIAMETERS * pin_mm) / 2.0)
+    shallow_mm = max(MIN_DEPTH_MM, round(2.0 * SHALLOW_DIAMETERS * pin_mm) / 2.0)
     return shallow_mm + EXTRA_DEPTH_MM, shallow_mm
 
 
@@ -58,16 +60,20 @@ def choose_keys_mm(pin_mm: float) -> list[float]:
 
 
 def place_pins(
-    room: Room, joints: Sequence[Joint], assembly: Assembly, options: ConnectorOptions, min_glue_mm2: float
+    workpieces: Workpieces,
+    joints: Sequence[Joint],
+    assembly: Assembly,
+    options: ConnectorOptions,
+    min_glue_mm2: float,
 ) -> tuple[list[Pin], list[tuple[int, str]]]:
-    """Place the pins of all steps, and add their holes to the room's tools.
+    """Place the pins of all steps, and add their holes to the tools of the workpieces.
 
     The distance of a pair differs from those of all others, and from those in `options`.
 
     Parameters
     ----------
-    room
-        Parts with the tools so far; the new tools are added.
+    workpieces
+        Parts, with the tools placed so far; the new tools are added.
     joints, assembly
         Joints of these parts, and the order in which they are glued.
     options
@@ -88,20 +94,20 @@ def place_pins(
         return pins, unpinned
     for number, step in enumerate(assembly.steps):
         held_joints = [j for j in step.joints if joints[j].holds(min_glue_mm2)]
-        pairs = [pair for j in held_joints for pair in find_sides(room.blanks, j, joints[j])]
+        pairs = [pair for j in held_joints for pair in find_sides(workpieces.blanks, j, joints[j])]
         sites, sliding_sites = _find_sites(pairs, step), _find_sites(pairs, step, sliding=True)
         glue_mm = sample_glue([side for side, _ in pairs])
-        placer = _PinPlacer(room, number, step, sites, sliding_sites, glue_mm, options.pin_mm)
+        placer = _PinPlacer(workpieces, number, step, sites, sliding_sites, glue_mm, options.pin_mm)
         placed = placer.place_all([*options.taken_mm, *_measure_pair_distances_mm(pins)])
         pins += placed
         if not placed:
-            reason = "too small for a pin" if sites else "no glued face closes along its normal"
+            reason = "too small for a pin" if sites else NO_SQUARE_FACE
             unpinned.append((number, reason))
     return pins, unpinned
 
 
 def _measure_pair_distances_mm(pins: Sequence[Pin]) -> list[float]:
-    """Measure the distance of each pair."""
+    """Measure the distance between the pins of each pair."""
     return [measure_distance_mm(*pair) for pair in find_pairs(pins).values()]
 
 
@@ -123,7 +129,7 @@ def _find_sites(
     for one, other in pairs:
         moved, fixed = (one, other) if one.part in step.moved_parts else (other, one)
         along = float(moved.into @ step.direction)
-        if abs(along) < SLIDING_SIN if sliding else along > ALONG_COS:
+        if abs(along) < SLIDING_SIN if sliding else along > MIN_ALIGNED_COS:
             sites.append(Site(moved, fixed))
     return sites
 
@@ -134,8 +140,8 @@ class _PinPlacer:
 
     Attributes
     ----------
-    room
-        Parts with the tools so far; new tools are added.
+    workpieces
+        Parts, with the tools placed so far; new tools are added.
     number, step
         Number of the step, and the step.
     sites, sliding_sites
@@ -146,7 +152,7 @@ class _PinPlacer:
         Diameter of the pins.
     """
 
-    room: Room
+    workpieces: Workpieces
     number: int
     step: AssemblyStep
     sites: list[Site]
@@ -155,7 +161,7 @@ class _PinPlacer:
     pin_mm: float
 
     def place_all(self, taken_mm: Sequence[float]) -> list[Pin]:
-        """Place all keys and pins of the step; the distance of its pair differs from those that are taken.
+        """Place all keys and pins of the step, with a distance of its pair that is not in `taken_mm`.
 
         A pair of keys is tried first, as it prints in the least time; then pins, for inclined faces, and thin
         keys, for thin walls.
@@ -163,12 +169,12 @@ class _PinPlacer:
         pins: list[Pin] = []
         keys, *thin_keys = [
             KeyPlacer(
-                KeyMaker(self.room, self.number, self.step.direction, key_mm),
+                KeyMaker(self.workpieces, self.number, self.step.direction, key_mm),
                 self.sites,
                 self.glue_mm,
                 pins,
                 taken_mm,
-                self.distinct_mm,
+                self.min_difference_mm,
             )
             for key_mm in choose_keys_mm(self.pin_mm)
         ]
@@ -196,13 +202,15 @@ class _PinPlacer:
         return pins
 
     @property
-    def distinct_mm(self) -> float:
+    def min_difference_mm(self) -> float:
         """Minimum difference between the distances of two pairs."""
-        return 2.0 * max(blank.pin_fit_mm for blank in self.room.blanks) + DISTINCT_MM
+        return 2.0 * max(blank.pin_fit_mm for blank in self.workpieces.blanks) + MIN_DISTANCE_DIFFERENCE_MM
 
     def _compute_size_mm(self, side: Side, index: int) -> tuple[float, float]:
         """Compute the width across the flats, and the depth, of a part's deep (0) or shallow (1) hole."""
-        return self.pin_mm + self.room.blanks[side.part].pin_fit_mm, choose_depths_mm(self.pin_mm)[index]
+        return self.pin_mm + self.workpieces.blanks[side.part].pin_fit_mm, choose_depths_mm(self.pin_mm)[
+            index
+        ]
 
     def _find_places(self, index: int) -> list[shapely.Geometry]:
         """Find for each site where the axis of a pin may be, in the coordinates of its face."""
@@ -217,25 +225,25 @@ class _PinPlacer:
             side.part,
             np.zeros(3),
             side.into,
-            self._find_upward(side),
+            self._find_up_direction(side),
             self._compute_size_mm(side, index),
             np.zeros(3),
         )
         if tool is None:
             return shapely.Polygon()
-        slack_mm = ROUND_MM + (SLOT_MM if index == 1 else 0.0)
+        slack_mm = ROUNDING_MARGIN_MM + (SLOT_MM if index == 1 else 0.0)
         outline = shapely.MultiPoint(side.flatten(tool.points_mm)).convex_hull
         centre = shapely.minimum_bounding_circle(outline).centroid
         radius_mm = shapely.minimum_bounding_radius(outline) + RIM_MM + slack_mm
-        room = self.room.find_room(side, float((tool.points_mm @ side.into).max()))
-        places = room.buffer(-radius_mm)
+        area = self.workpieces.find_tool_area(side, float((tool.points_mm @ side.into).max()))
+        places = area.buffer(-radius_mm)
         if places.is_empty:  # a thin wall may have room for the outline, although not for its circle
-            return erode_area(room, outline.buffer(RIM_MM + slack_mm, 3))
+            return erode_area(area, outline.buffer(RIM_MM + slack_mm, 3))
         return shapely.transform(places, lambda points: points - (centre.x, centre.y))
 
-    def _find_upward(self, side: Side) -> Floats:
-        """Find the upward direction (3,) in the pose of a side's part."""
-        return self.room.blanks[side.part].up
+    def _find_up_direction(self, side: Side) -> Floats:
+        """Find the upward unit vector (3,) in the pose of a side's part."""
+        return self.workpieces.blanks[side.part].up
 
     def _place_pair(self, taken_mm: Sequence[float]) -> list[Pin]:
         """Place a deep and a shallow pin as far apart as possible, at a distance that no other pair has."""
@@ -244,15 +252,15 @@ class _PinPlacer:
         if best_pair is None:
             return []
         inner = [[place.buffer(-EXTRA_MARGIN_MM) for place in places] for places in (deep, shallow)]
-        roomy_pair = self._find_farthest_pair(*inner)
-        if roomy_pair is not None and roomy_pair[0] >= EXTRA_MARGIN_SHARE * best_pair[0]:
-            best_pair = roomy_pair
-        separation_mm, (site, deep_mm), (shallow_site, end) = best_pair
-        for back_mm in np.arange(0.0, separation_mm - NEAREST_PAIR_MM, 0.5):
+        inner_pair = self._find_farthest_pair(*inner)
+        if inner_pair is not None and inner_pair[0] >= EXTRA_MARGIN_SHARE * best_pair[0]:
+            best_pair = inner_pair
+        separation_mm, (site, deep_mm), (shallow_site, end_mm) = best_pair
+        for back_mm in np.arange(0.0, separation_mm - MIN_PAIR_MM, 0.5):
             # The pin moves within the plane of its face.
-            shallow_mm = end + self._project_points((deep_mm - end)[None])[0] * back_mm / separation_mm
+            shallow_mm = end_mm + self._project_points((deep_mm - end_mm)[None])[0] * back_mm / separation_mm
             new_mm = self._measure_separation_mm(deep_mm, shallow_mm)
-            if any(abs(new_mm - known_mm) < self.distinct_mm for known_mm in taken_mm):
+            if any(abs(new_mm - known_mm) < self.min_difference_mm for known_mm in taken_mm):
                 continue
             if not shallow[shallow_site].contains(
                 shapely.Point(self.sites[shallow_site].moved.flatten(shallow_mm))
@@ -261,15 +269,17 @@ class _PinPlacer:
             deep_pin = self._make_pin(site, deep_mm, 0, np.zeros(3))
             if deep_pin is None:
                 return []
-            self.room.tools += deep_pin.holes
-            shallow_pin = self._make_pin(shallow_site, shallow_mm, 1, self._compute_slot(deep_mm, shallow_mm))
+            self.workpieces.tools += deep_pin.holes
+            shallow_pin = self._make_pin(
+                shallow_site, shallow_mm, 1, self._compute_slot_mm(deep_mm, shallow_mm)
+            )
             if shallow_pin is not None:
-                self.room.tools += shallow_pin.holes
+                self.workpieces.tools += shallow_pin.holes
                 return [deep_pin, shallow_pin]
-            del self.room.tools[-2:]
+            del self.workpieces.tools[-2:]
         return []
 
-    def _compute_slot(self, point_mm: Floats, end_mm: Floats) -> Floats:
+    def _compute_slot_mm(self, point_mm: Floats, end_mm: Floats) -> Floats:
         """Compute the elongation (3,) in mm of a hole towards another one; 0 unless they are far apart."""
         across = (end_mm - point_mm) - ((end_mm - point_mm) @ self.step.direction) * self.step.direction
         separation_mm = float(np.linalg.norm(across))
@@ -278,13 +288,13 @@ class _PinPlacer:
     def _find_farthest_pair(
         self, deep: list[shapely.Geometry], shallow: list[shapely.Geometry]
     ) -> tuple[float, tuple[int, Floats], tuple[int, Floats]] | None:
-        """Find the farthest pair of a deep and a shallow place: their distance, sites and points."""
+        """Find the deep and the shallow place that are farthest apart: their distance, sites and points."""
         ends = [self._list_corners(places) for places in (deep, shallow)]
         if not all(len(sites) for sites, _ in ends):
             return None
         separations_mm = cdist(*(self._project_points(points) for _, points in ends))
         first, second = np.unravel_index(int(separations_mm.argmax()), separations_mm.shape)
-        if separations_mm[first, second] < NEAREST_PAIR_MM:
+        if separations_mm[first, second] < MIN_PAIR_MM:
             return None
         (sites, points), (others, other_points) = ends
         return (
@@ -298,7 +308,9 @@ class _PinPlacer:
         sites: list[int] = []
         points = [np.zeros((0, 3))]
         for number, place in enumerate(places):
-            corners = shapely.get_coordinates(place.buffer(-ROUND_MM).convex_hull.simplify(CORNER_MM))
+            corners = shapely.get_coordinates(
+                place.buffer(-ROUNDING_MARGIN_MM).convex_hull.simplify(CORNER_MM)
+            )
             sites += [number] * len(corners)
             points.append(self.sites[number].moved.lift(corners))
         return sites, np.concatenate(points)
@@ -308,7 +320,7 @@ class _PinPlacer:
         return points_mm - np.outer(points_mm @ self.step.direction, self.step.direction)
 
     def _measure_separation_mm(self, start_mm: Floats, end_mm: Floats) -> float:
-        """Measure the distance of two points (3,) across the direction of the step."""
+        """Measure the distance between two points (3,) across the direction of the step."""
         return float(np.linalg.norm(self._project_points((start_mm - end_mm)[None])))
 
     def _place_single_pin(self) -> list[Pin]:
@@ -323,19 +335,22 @@ class _PinPlacer:
                     number, self.sites[number].moved.lift(np.array(middle)), index, np.zeros(3)
                 )
                 if pin is not None:
-                    self.room.tools += pin.holes
+                    self.workpieces.tools += pin.holes
                     return [pin]
         return []
 
     def _place_further_pin(self, pins: Sequence[Pin]) -> Pin | None:
-        """Place a shallow pin near the most glue that is far from all pins; None if none is worthwhile."""
+        """Place a shallow pin close to as much as possible of the glue that is far from all pins.
+
+        Return None if no place is worthwhile.
+        """
         far_glue = find_far_glue(self.glue_mm, pins)
         if not len(far_glue):
             return None
         places = self._find_places(1)
         sites, corners = self._list_corners(places)
         inside = [
-            sample_points(site.moved, place.buffer(-ROUND_MM), PLACES_MM)
+            sample_points(site.moved, place.buffer(-ROUNDING_MARGIN_MM), PLACE_PITCH_MM)
             for site, place in zip(self.sites, places, strict=True)
         ]
         sites += [number for number, points in enumerate(inside) for _ in points]
@@ -343,23 +358,23 @@ class _PinPlacer:
         for best in sort_by_gain(points, far_glue):
             pin = self._make_pin(sites[best], points[best], 1, np.zeros(3))
             if pin is not None:
-                self.room.tools += pin.holes
+                self.workpieces.tools += pin.holes
                 return pin
         return None
 
-    def _make_pin(self, number: int, point_mm: Floats, index: int, slot: Floats) -> Pin | None:
-        """Make a pin with its holes; None if one does not print without support, or has no room."""
+    def _make_pin(self, number: int, point_mm: Floats, index: int, slot_mm: Floats) -> Pin | None:
+        """Make a pin with its holes; None if a hole would need support or has no room."""
         site = self.sites[number]
         depth_mm = choose_depths_mm(self.pin_mm)[index]
         holes: list[Tool] = []
-        for side, stretch in ((site.moved, slot), (site.fixed, np.zeros(3))):
+        for side, stretch_mm in ((site.moved, slot_mm), (site.fixed, np.zeros(3))):
             hole = make_hole(
                 side.part,
                 point_mm,
                 side.into,
-                self._find_upward(side),
+                self._find_up_direction(side),
                 self._compute_size_mm(side, index),
-                stretch,
+                stretch_mm,
             )
             if hole is None or not self._has_room(side, hole):
                 return None
@@ -372,7 +387,7 @@ class _PinPlacer:
             diameter_mm=self.pin_mm,
             depth_mm=depth_mm,
             length_mm=2.0 * (depth_mm - END_MM),
-            slotted=bool(slot.any()),
+            slotted=bool(slot_mm.any()),
             holes=(holes[0], holes[1]),
         )
 
@@ -380,4 +395,4 @@ class _PinPlacer:
         """Check whether a hole keeps its distance from the outside of the part and from other tools."""
         reach_mm = float((hole.points_mm @ side.into).max()) - side.sign * side.face.offset_mm
         outline = shapely.MultiPoint(side.flatten(hole.points_mm)).convex_hull
-        return bool(self.room.find_room(side, reach_mm).contains(outline.buffer(RIM_MM)))
+        return bool(self.workpieces.find_tool_area(side, reach_mm).contains(outline.buffer(RIM_MM)))

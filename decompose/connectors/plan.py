@@ -1,11 +1,11 @@
-"""Pins and marks of all parts, and the parts with their holes and grooves."""
+"""Plan of the pins and marks of all parts, and the parts with their holes and grooves."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 from decompose.assembly import Assembly
-from decompose.connectors.faces import Blank, Room
+from decompose.connectors.faces import Blank, Workpieces
 from decompose.connectors.gutters import place_gutters
 from decompose.connectors.marks import place_marks
 from decompose.connectors.pins import place_pins
@@ -36,10 +36,10 @@ def plan_connectors(
     min_glue_mm2
         Minimum area of a joint that counts as holding.
     """
-    room = Room(blanks)
-    pins, unpinned = place_pins(room, joints, assembly, options, min_glue_mm2)
-    marks, unmarked = place_marks(room, joints, assembly) if options.marks else ([], [])
-    gutters = place_gutters(room, joints) if options.marks else []
+    workpieces = Workpieces(blanks)
+    pins, unpinned = place_pins(workpieces, joints, assembly, options, min_glue_mm2)
+    marks, unmarked = place_marks(workpieces, joints, assembly) if options.marks else ([], [])
+    gutters = place_gutters(workpieces, joints) if options.marks else []
     return Connectors(tuple(pins), tuple(marks), tuple(unpinned), tuple(unmarked), gutters=tuple(gutters))
 
 

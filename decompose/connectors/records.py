@@ -59,7 +59,7 @@ class Pin:
     length_mm
         Length to which it is cut; it is shorter than the holes.
     slotted
-        Whether one of its holes is elongated towards the other pin, because the distance may shrink.
+        Whether one of its holes is elongated towards the other pin, because their distance may shrink.
     holes
         Holes, or grooves, in the moved part and in the fixed one.
     along
@@ -193,13 +193,13 @@ def find_pairs(pins: Sequence[Pin]) -> dict[int, tuple[Pin, Pin]]:
 
     Keys that slide belong to no pair, because their long grooves fit any key.
     """
-    by_step: dict[int, list[Pin]] = {}
+    pins_by_step: dict[int, list[Pin]] = {}
     for pin in (pin for pin in pins if not pin.slides):
-        by_step.setdefault(pin.step, []).append(pin)
+        pins_by_step.setdefault(pin.step, []).append(pin)
     return {
-        step: (own[0], own[1])
-        for step, own in by_step.items()
-        if len(own) > 1 and _describe_shape(own[0]) != _describe_shape(own[1])
+        step: (step_pins[0], step_pins[1])
+        for step, step_pins in pins_by_step.items()
+        if len(step_pins) > 1 and _describe_shape(step_pins[0]) != _describe_shape(step_pins[1])
     }
 
 

@@ -76,13 +76,16 @@ def read_pair_distances_mm(report: Mapping[str, Any]) -> tuple[float, ...]:
     tuple
         Distances in mm across the axis of the first pin.
     """
-    by_step: dict[int, list[Mapping[str, Any]]] = {}
+    pins_by_step: dict[int, list[Mapping[str, Any]]] = {}
     for pin in (report.get("connectors") or {}).get("pins", ()):
-        by_step.setdefault(pin["step"], []).append(pin)
+        pins_by_step.setdefault(pin["step"], []).append(pin)
     distances = []
-    for own in by_step.values():
-        if len(own) > 1:
-            offset_mm, axis = np.subtract(own[0]["at_mm"], own[1]["at_mm"]), np.array(own[0]["axis"])
+    for step_pins in pins_by_step.values():
+        if len(step_pins) > 1:
+            offset_mm, axis = (
+                np.subtract(step_pins[0]["at_mm"], step_pins[1]["at_mm"]),
+                np.array(step_pins[0]["axis"]),
+            )
             distances.append(float(np.linalg.norm(offset_mm - (offset_mm @ axis) * axis)))
     return tuple(distances)
 

@@ -20,7 +20,7 @@ from decompose.printers import BedPlace
 from decompose.results import Part
 
 WIDTH_RATIO = 1.5  # ratio of the number of columns to that of rows
-GAP = 0.15  # gap between two parts, as a share of the longest side
+GAP_SHARE = 0.15  # gap between two parts, as a share of the longest side
 EYE_DEG = 50.0  # elevation of the eye above the table
 LONG_SIDE_PX = 900
 NAME_PT = 9.0
@@ -83,7 +83,7 @@ def _lay_out_shapes(
         [_find_extents(vertices, bed) for (vertices, _), bed in zip(meshes, beds, strict=True)]
     )
     seen_mm = extents_mm[:, 1] + extents_mm[:, 2] / np.tan(np.radians(EYE_DEG))  # of depth and height
-    pitch_mm = (1.0 + GAP) * np.array([extents_mm[:, 0].max(), seen_mm.max(), 0.0])
+    pitch_mm = (1.0 + GAP_SHARE) * np.array([extents_mm[:, 0].max(), seen_mm.max(), 0.0])
     columns = int(np.ceil(np.sqrt(WIDTH_RATIO * len(order))))
     shapes, tables, front_mm = [], [], []
     for place, (number, (vertices, faces), bed) in enumerate(zip(order, meshes, beds, strict=True)):
@@ -95,7 +95,7 @@ def _lay_out_shapes(
             tables.append(Shape(_make_bed(bed) + at_mm, BED_COLOUR))
             front = min(front, at_mm[1] - bed.bed_mm[1] / 2.0)
         front_mm.append([at_mm[0], front, 0.0])
-    below_mm = np.min(front_mm, axis=0) - [0.0, GAP / 2.0 * pitch_mm[1], 0.0]
+    below_mm = np.min(front_mm, axis=0) - [0.0, GAP_SHARE / 2.0 * pitch_mm[1], 0.0]
     # A triangle without area reserves room for the names in the last row.
     names = Shape(np.tile(below_mm, (1, 3, 1)), np.ones(3))
     return [*shapes, *tables, names], np.array(front_mm)
@@ -139,7 +139,7 @@ def put_on_bed(vertices: Floats, faces: Ints, bed: BedPlace | None) -> tuple[Flo
 
 
 def _find_extents(vertices: Floats, bed: BedPlace | None) -> Floats:
-    """Find the room (3,) that a part takes, with its bed around the origin."""
+    """Find the extents (3,) of a part, including its bed around the origin."""
     if bed is None:
         return np.asarray(np.ptp(vertices, axis=0))
     reach = np.maximum(2.0 * np.abs(vertices[:, :2]).max(axis=0), bed.bed_mm)

@@ -97,9 +97,9 @@ def write_labels(axes: Any, drawing: Drawing, labels: Sequence[str]) -> list[str
         if window is None:
             hidden_labels.append(label)
             continue
-        room = distance_transform_edt(np.pad(drawing.visible[window] == number, 1))
-        row, column = np.unravel_index(int(room.argmax()), room.shape)
-        points = float(np.clip(room.max() * 72.0 / DPI, SMALLEST_LABEL_PT, LABEL_PT))
+        distances_px = distance_transform_edt(np.pad(drawing.visible[window] == number, 1))
+        row, column = np.unravel_index(int(distances_px.argmax()), distances_px.shape)
+        points = float(np.clip(distances_px.max() * 72.0 / DPI, SMALLEST_LABEL_PT, LABEL_PT))
         axes.text(
             window[1].start + column - 1, window[0].start + row - 1, label,
             ha="center", va="center", fontsize=points, weight="bold", path_effects=make_white_outline(),

@@ -14,7 +14,7 @@ from decompose.jit import jit
 LIGHT_DIRECTION = np.array([-0.25, 0.62, 0.74]) / np.linalg.norm([-0.25, 0.62, 0.74])
 AMBIENT_SHARE = 0.5
 OUTLINE_BRIGHTNESS = 0.6  # brightness of outlines, as a share of that of the colour
-MARGIN = 0.04  # margin as a share of the longer side
+MARGIN_SHARE = 0.04  # margin as a share of the longer side
 OUTLINE_DEPTH_SHARE = 0.012  # minimum jump of depth at an outline, as a share of the scene's depth
 
 
@@ -194,7 +194,7 @@ def draw_shapes(shapes: Sequence[Shape], frame: Floats, longest_px: int, oversam
         owner.append(np.full(len(triangles), i + 1))
     triangles = np.concatenate(screen_triangles)
     low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
-    margin = MARGIN * float((high - low)[:2].max())
+    margin = MARGIN_SHARE * float((high - low)[:2].max())
     scale = oversample * longest_px / (float((high - low)[:2].max()) + 2.0 * margin)
     size = np.ceil((high - low + 2.0 * margin) * scale / oversample).astype(int) * oversample
     depth = np.full((size[1], size[0]), -np.inf)

@@ -16,7 +16,7 @@ from decompose.export.glb import find_moves
 from decompose.export.picture import AZIMUTH_DEG, encode_png, make_figure, make_white_outline, write_labels
 from decompose.export.pin_sheet import format_size
 from decompose.export.raster import Drawing, draw_shapes, make_camera
-from decompose.export.step_scene import Scene, build_both, build_moved
+from decompose.export.step_scene import Scene, build_both_bodies, build_moved_body
 from decompose.files.names import find_part_number
 from decompose.geometry import find_least_rotation
 from decompose.results import Decomposition
@@ -70,18 +70,18 @@ def draw_steps(decomposition: Decomposition, first: int = 0, end: int | None = N
     azimuth_deg: float | None = None
     for number, step in enumerate(decomposition.assembly.steps[:end]):
         offset_mm = find_gap_mm(step, decomposition) * step.direction
-        scene = build_both(number, decomposition, offset_mm)
+        scene = build_both_bodies(number, decomposition, offset_mm)
         pose = find_pose(step.direction)
         azimuth_deg, elevation_deg = choose_view(scene, pose, ELEVATIONS_DEG, azimuth_deg)
         if number < first:
             continue
         camera = make_camera(azimuth_deg, elevation_deg) @ pose
-        both = _draw_both(scene, step, decomposition, camera, offset_mm)
-        moved = build_moved(number, decomposition)
+        both = _draw_both_bodies(scene, step, decomposition, camera, offset_mm)
+        moved = build_moved_body(number, decomposition)
         turned_pose = turn_over(pose, azimuth_deg)
         view = choose_view(moved, turned_pose, TURNED_OVER_DEG, azimuth_deg)
-        picture_below = _draw_moved(moved, decomposition, make_camera(*view) @ turned_pose)
-        pictures.append(StepPictures(both, picture_below, name_top(camera)))
+        picture_below = _draw_moved_body(moved, decomposition, make_camera(*view) @ turned_pose)
+        pictures.append(StepPictures(both, picture_below, name_top_direction(camera)))
     return pictures
 
 
@@ -189,7 +189,7 @@ def choose_view(
     return max(best, key=lambda view: score_drawing(view) + compute_merit(view))
 
 
-def name_top(camera: Floats) -> str:
+def name_top_direction(camera: Floats) -> str:
     """Name the direction of the model's top in the picture of a camera (3, 3)."""
     right, up, towards_eye = camera[:, 2]
     names = [
@@ -199,7 +199,7 @@ def name_top(camera: Floats) -> str:
     return max(names)[1]
 
 
-def _draw_both(
+def _draw_both_bodies(
     scene: Scene, step: AssemblyStep, decomposition: Decomposition, camera: Floats, offset_mm: Floats
 ) -> bytes:
     """Draw both bodies of a step, with the names of parts and pins, the movement and a scale, as PNG."""
@@ -215,7 +215,7 @@ def _draw_both(
     return encode_png(figure)
 
 
-def _draw_moved(scene: Scene, decomposition: Decomposition, camera: Floats) -> bytes:
+def _draw_moved_body(scene: Scene, decomposition: Decomposition, camera: Floats) -> bytes:
     """Draw the moved body of a step, with the names of parts and pins, as PNG."""
     drawing = draw_shapes(scene.shapes, camera, TURNED_OVER_PX, oversample=2)
     figure, axes = make_figure(drawing)

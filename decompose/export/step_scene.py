@@ -86,7 +86,7 @@ def find_glued_faces(step: AssemblyStep, decomposition: Decomposition) -> list[G
     return glued_faces
 
 
-def build_both(number: int, decomposition: Decomposition, moved_offset_mm: Floats) -> Scene:
+def build_both_bodies(number: int, decomposition: Decomposition, moved_offset_mm: Floats) -> Scene:
     """Build the scene of both bodies of a step: the fixed one with its pins, on a table if it stands.
 
     Parameters
@@ -122,13 +122,13 @@ def build_both(number: int, decomposition: Decomposition, moved_offset_mm: Float
     return Scene((*step.fixed_parts, *step.moved_parts), glued_faces, pins, shapes)
 
 
-def build_moved(number: int, decomposition: Decomposition) -> Scene:
+def build_moved_body(number: int, decomposition: Decomposition) -> Scene:
     """Build the scene of only the moved body of a step, with the mouths of its holes.
 
     Parameters
     ----------
     number, decomposition
-        As in `build_both`.
+        As in `build_both_bodies`.
     """
     step = decomposition.assembly.steps[number]
     glued_faces = [GluedFace(entry.face, -entry.outward) for entry in find_glued_faces(step, decomposition)]

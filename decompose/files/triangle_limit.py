@@ -19,7 +19,7 @@ _OFF_COUNTS = re.compile(rb"(?:\s|#[^\n]*\n)*C?OFF(?:\s|#[^\n]*\n)+\d+\s+(\d{1,1
 
 
 def check_head(name: str, head: bytes, size: int, suffix: str, memory_bytes: int) -> None:
-    """Refuse a file whose first bytes give more triangles than fit the memory.
+    """Refuse a file whose first bytes give more triangles than fit in memory.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def check_head(name: str, head: bytes, size: int, suffix: str, memory_bytes: int
     Raises
     ------
     ModelTooDetailed
-        There are more triangles than fit the memory.
+        There are more triangles than fit in memory.
     """
     count = _COUNTS.get(suffix)
     if count is not None:
@@ -45,7 +45,7 @@ def check_head(name: str, head: bytes, size: int, suffix: str, memory_bytes: int
 
 
 def check_triangles(name: str, triangles: int, memory_bytes: int) -> None:
-    """Raise `ModelTooDetailed` if a number of triangles does not fit the memory.
+    """Raise `ModelTooDetailed` if a number of triangles does not fit in memory.
 
     Parameters
     ----------

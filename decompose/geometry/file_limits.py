@@ -30,7 +30,7 @@ _PLY_BINARY = re.compile(rb"format\s+binary")
 
 
 def check_limits(name: str, data: bytes, suffix: str, memory_bytes: int | None) -> None:
-    """Refuse a file with more triangles than fit the memory, too large a face, or a header without end.
+    """Refuse a file that has more triangles than fit in memory, too large a face, or an unterminated header.
 
     Parameters
     ----------
@@ -46,14 +46,14 @@ def check_limits(name: str, data: bytes, suffix: str, memory_bytes: int | None) 
     Raises
     ------
     ModelUnreadable
-        A face is too large, or the header has no end.
+        A face is too large, or the header is not terminated.
     ModelTooDetailed
-        The file has more triangles than fit the memory.
+        The file has more triangles than fit in memory.
     """
     if suffix == ".ply" and b"end_header" not in data[:MAX_PLY_HEADER_BYTES]:
         raise ModelUnreadable(
-            f"{name}: its header has no end within {MAX_PLY_HEADER_BYTES // 1024} KiB: not a PLY or only "
-            "a part of one; copy or export it again"
+            f"{name}: no end_header within {MAX_PLY_HEADER_BYTES // 1024} KiB; the file may be truncated or "
+            "not a PLY file. Copy or export it again"
         )
     triangles = count_triangles(data, suffix)
     if memory_bytes is not None:
@@ -61,12 +61,12 @@ def check_limits(name: str, data: bytes, suffix: str, memory_bytes: int | None) 
     if suffix == ".ply" and _PLY_BINARY.search(data, 0, MAX_PLY_HEADER_BYTES):
         if triangles and len(data) > triangles * MAX_CORNERS * _CORNER_BYTES:
             raise ModelUnreadable(
-                f"{name}: has {triangles} faces in {len(data) / 1e6:.0f} MB: faces of too many corners, or a "
-                "cloud of points; export it with triangles"
+                f"{name}: has {triangles} faces in {len(data) / 1e6:.0f} MB: faces with too many corners, or "
+                "a point cloud; export it with triangles"
             )
     elif suffix != ".stl" and (corners := _count_corners(data)) > MAX_CORNERS:
         raise ModelUnreadable(
-            f"{name}: has a face of {corners} corners (limit {MAX_CORNERS}); export it with triangles"
+            f"{name}: has a face with {corners} corners (limit {MAX_CORNERS}); export it with triangles"
         )
 
 

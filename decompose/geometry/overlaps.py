@@ -23,11 +23,10 @@ ROUNDING_SHARE = 1e-7  # minimum height of an overlap, as a share of the solid's
 HALVINGS = 4  # maximum number of times that a piece is halved to separate its branches
 # Maximum share of an overlap that remains after its branches are united; if more remains, it is a fold, which
 # is kept.
-LEFT_SHARE = 0.1
+MAX_REMAINING_SHARE = 0.1
 MAX_PLACES = 64  # maximum number of places, the largest first
-MAX_ROUNDS = (
-    4  # maximum number of rounds; each cuts the whole surface, which takes seconds for a million faces
-)
+# Maximum number of rounds; each cuts the whole surface, which takes seconds for a million faces.
+MAX_ROUNDS = 4
 MAX_LOST_SHARE = 0.1  # maximum unexpected loss of volume: this share of the overlaps plus 0.001 of the solid
 
 
@@ -72,13 +71,12 @@ def find_overlaps(solid: Solid) -> Overlaps:
     crossings = find_crossings(triangles, normals, Rays(origin_mm, step_mm, shape))
     ray = np.repeat(np.arange(len(crossings.start) - 1), np.diff(crossings.start))
     counts = np.concatenate([[0], np.cumsum(np.where(normals[crossings.face, 2] < 0.0, 1, -1))])
-    inside_of = counts[1:] - counts[crossings.start[ray]]
-    is_whole = (counts[crossings.start[1:]] == counts[crossings.start[:-1]])[
-        ray
-    ]  # with an odd number of crossings, the ray has met a sliver
+    winding = counts[1:] - counts[crossings.start[ray]]
+    # A ray that enters and leaves the solid unequally often has met a sliver.
+    is_whole = (counts[crossings.start[1:]] == counts[crossings.start[:-1]])[ray]
     length_mm = np.append(np.diff(crossings.z_mm), 0.0)
-    is_overlap = is_whole & (inside_of > 1) & (length_mm > ROUNDING_SHARE * height)
-    excess_mm = ((inside_of - 1) * length_mm)[is_overlap]
+    is_overlap = is_whole & (winding > 1) & (length_mm > ROUNDING_SHARE * height)
+    excess_mm = ((winding - 1) * length_mm)[is_overlap]
     low_mm = np.full(shape[0] * shape[1], np.inf)
     high_mm = np.full(shape[0] * shape[1], -np.inf)
     np.minimum.at(low_mm, ray[is_overlap], crossings.z_mm[is_overlap])
@@ -121,10 +119,10 @@ def resolve_overlaps(solid: Solid) -> tuple[Solid, float]:
         if united_solid is solid:
             return solid, 0.0
         resolved_mm3 = overlaps_before.volume_mm3 - find_overlaps(united_solid).volume_mm3
-        is_same = resolved_mm3 > 0.0 and _has_lost_nothing_else(resolved_mm3, solid, united_solid)
+        is_resolved = resolved_mm3 > 0.0 and _has_lost_nothing_else(resolved_mm3, solid, united_solid)
     except ModelNotSolid:  # an operation failed: the solid stays as it was
-        is_same = False
-    return (united_solid, resolved_mm3) if is_same else (solid, 0.0)
+        is_resolved = False
+    return (united_solid, resolved_mm3) if is_resolved else (solid, 0.0)
 
 
 def _has_lost_nothing_else(resolved_mm3: float, solid: Solid, united_solid: Solid) -> bool:
@@ -162,12 +160,14 @@ def _unite_branches(solid_in_box: Solid) -> Solid | None:
     if len(branches) < 2:
         return None
     united_solid = Solid.union(branches)
-    is_fold = find_overlaps(united_solid).volume_mm3 > LEFT_SHARE * find_overlaps(solid_in_box).volume_mm3
+    is_fold = (
+        find_overlaps(united_solid).volume_mm3 > MAX_REMAINING_SHARE * find_overlaps(solid_in_box).volume_mm3
+    )
     return None if is_fold else united_solid
 
 
 def _split_branches(piece: Solid, halvings: int) -> list[Solid]:
-    """Halve a piece that overlaps itself repeatedly until its branches are separate pieces."""
+    """Repeatedly halve a piece that overlaps itself until its branches are separate pieces."""
     boxes_mm = find_overlaps(piece).boxes_mm
     if not len(boxes_mm) or not halvings:
         return [piece]

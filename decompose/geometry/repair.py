@@ -32,8 +32,8 @@ from decompose.jit import jit
 NEAR_SHARE = 0.005  # distance by which the surface may move, as a share of the longest side
 # Maximum share of the surface that is further than this from the repaired one, and outside it.
 MAX_LOST_SHARE = 0.02
-NEW_SHARE = 0.20  # maximum share of new surface in the repaired one
-EXTENT_SHARE = 0.05  # maximum change of a bound, as a share of the longest side
+MAX_NEW_SHARE = 0.20  # maximum share of new surface in the repaired one
+MAX_EXTENT_CHANGE_SHARE = 0.05  # maximum change of a bound, as a share of the longest side
 SAMPLES = 40_000  # number of points on a surface to which distances are measured
 PROBES = 5_000  # number of points from which distances are measured
 THIN_SHARE = 1e-9  # minimum enclosed volume, as a share of area^1.5
@@ -85,7 +85,7 @@ def close_surface(name: str, surface: Surface, report: Report = lambda _: None) 
         is_open = single_edges > 0
         unpaired = f"no solid ({nonmanifold_edges} edges whose triangles do not pair up)"
         mesh = trimesh.Trimesh(surface.vertices, surface.faces, process=False)
-        new_share = _refuse_if_changed(name, mesh, solid, "not closed" if is_open else unpaired)
+        new_share = _check_repair(name, mesh, solid, "not closed" if is_open else unpaired)
         repairs.append(
             f"{'Closed an open' if is_open else 'Repaired an entangled'} mesh ({single_edges} open edges, "
             f"{nonmanifold_edges} shared by more than two triangles): {100.0 * new_share:.2g} % of the "
@@ -191,7 +191,7 @@ def _run_mesh_fix(body: Any) -> Any:
     return repaired_mesh if len(repaired_mesh.faces) and repaired_mesh.is_watertight else None
 
 
-def _refuse_if_changed(name: str, mesh_before: Any, solid: Solid, defect: str) -> float:
+def _check_repair(name: str, mesh_before: Any, solid: Solid, defect: str) -> float:
     """Measure the share of new surface; refuse a repair that changes too much of the model."""
     mesh_after: Any = trimesh.Trimesh(*solid.arrays(), process=False)
     probes = _draw_probes(mesh_before, PROBES)
@@ -200,15 +200,15 @@ def _refuse_if_changed(name: str, mesh_before: Any, solid: Solid, defect: str) -
     if len(far_probes):
         lost_share = float((~_is_inside(far_probes, np.asarray(mesh_after.triangles))).sum()) / len(probes)
     new_share = float(_is_far(mesh_after, mesh_before).mean())
-    if new_share > NEW_SHARE:
+    if new_share > MAX_NEW_SHARE:
         raise ModelNotSolid(
             f"{name}: {defect}, and repairing it would add {100 * new_share:.0f} % of new surface (limit "
-            f"{100 * NEW_SHARE:.0f} %): half a model or loose triangles; repair it by hand"
+            f"{100 * MAX_NEW_SHARE:.0f} %): half a model or loose triangles; repair it by hand"
         )
     size_change_share = float(
         np.abs(mesh_after.bounds - mesh_before.bounds).max() / np.ptp(mesh_before.bounds, axis=0).max()
     )
-    if lost_share > MAX_LOST_SHARE or size_change_share > EXTENT_SHARE:
+    if lost_share > MAX_LOST_SHARE or size_change_share > MAX_EXTENT_CHANGE_SHARE:
         raise ModelNotSolid(
             f"{name}: {defect}, and repairing it would lose {100 * lost_share:.0f} % of its surface and "
             f"change its size by {100 * size_change_share:.0f} %; repair it by hand"

@@ -86,7 +86,7 @@ def split_shells(vertices: Floats, faces: Ints) -> list[tuple[Floats, Ints]] | N
             return None
         sorted_edges.append(begins_ends)
     splits = []
-    for pair in (_pair_crossing, _pair_nested):
+    for pair in (_pair_crossing_edges, _pair_nested_edges):
         pairs = np.concatenate(
             [np.stack([a, b], axis=1), *(pair(pairs_of_edge) for pairs_of_edge in sorted_edges)]
         )
@@ -277,7 +277,7 @@ def _order_around_edge(
     return half_edges[order], begins[order]
 
 
-def _pair_crossing(around: tuple[Ints, Bools]) -> Ints:
+def _pair_crossing_edges(around: tuple[Ints, Bools]) -> Ints:
     """Pair the half-edges (k, 2) of an edge so that the solid that begins first ends first.
 
     Where two bodies overlap, each gets its own faces.
@@ -286,7 +286,7 @@ def _pair_crossing(around: tuple[Ints, Bools]) -> Ints:
     return np.stack([half_edges[begins], half_edges[~begins]], axis=1)
 
 
-def _pair_nested(around: tuple[Ints, Bools]) -> Ints:
+def _pair_nested_edges(around: tuple[Ints, Bools]) -> Ints:
     """Pair the half-edges (k, 2) of an edge so that the solid that begins last ends first.
 
     Where one of two bodies is inside out, each gets its own faces.

@@ -25,7 +25,7 @@ MAX_READING_S = 300.0
 MAX_GLB_BYTES = 2**31
 
 _BEGIN, _END = b"ISO-10303-21;", b"END-ISO-10303-21;"
-_EDGE_BYTES = 1024  # number of bytes at each end of a file in which these marks are sought
+_EDGE_BYTES = 1024  # number of bytes at each end of a file in which these marks are searched for
 _MM_PER_M = 1000.0  # GLB is in metres
 _FACE_BYTES = 120  # maximum size of a face in a GLB: three corners with normals, and their numbers
 _GLB_HEAD_BYTES = 2**20
@@ -49,7 +49,7 @@ def read_step(name: str, data: bytes, max_triangles: int | None = None) -> Float
     data
         Content of the file.
     max_triangles
-        Number of triangles that fit the memory; None if there is no limit.
+        Number of triangles that fit in memory; None if there is no limit.
 
     Returns
     -------
@@ -63,7 +63,7 @@ def read_step(name: str, data: bytes, max_triangles: int | None = None) -> Float
     ModelEmpty
         The file holds no surface.
     ModelTooDetailed
-        The surface has more triangles than fit the memory.
+        The surface has more triangles than fit in memory.
     """
     if _BEGIN not in data[:_EDGE_BYTES] or _END not in data[-_EDGE_BYTES:]:
         raise ModelUnreadable(f"{name}: not a STEP file or only a part of one; copy or export it again")

@@ -128,7 +128,10 @@ def draw_mirrors(vertices: Floats, rng: np.random.Generator, max_count: int) -> 
     """
     cloud = _Cloud(vertices, rng, MAX_MIRRORED_OF_PART)
     ranked = sorted((cloud.measure_error_mm(n), tuple(n)) for n in cloud.draw_normals())
-    return [cloud.make_mirror(np.array(normal), error) for error, normal in _pick_distinct(ranked, max_count)]
+    return [
+        cloud.make_mirror(np.array(normal), error)
+        for error, normal in _select_distinct_normals(ranked, max_count)
+    ]
 
 
 def find_good_mirrors(
@@ -149,19 +152,20 @@ def find_good_mirrors(
     normals = np.vstack([cloud.find_principal_directions(), cloud.draw_normals()])
     ranked = sorted((cloud.measure_error_mm(n), tuple(n)) for n in normals)
     mirrors = [
-        cloud.refine_normal(np.array(n), error, samples) for error, n in _pick_distinct(ranked, max_count)
+        cloud.refine_normal(np.array(n), error, samples)
+        for error, n in _select_distinct_normals(ranked, max_count)
     ]
-    refined = _pick_distinct(sorted((error, tuple(normal)) for normal, error in mirrors), max_count)
+    refined = _select_distinct_normals(sorted((error, tuple(normal)) for normal, error in mirrors), max_count)
     max_error_mm = tolerance * _measure_diagonal_mm(vertices)
     return [cloud.make_mirror(np.array(normal), error) for error, normal in refined if error <= max_error_mm]
 
 
-Scored = tuple[float, tuple[float, ...]]  # the error in mm, and the normal
+ScoredNormal = tuple[float, tuple[float, ...]]  # the error in mm, and the normal
 
 
-def _pick_distinct(ranked: list[Scored], max_count: int) -> list[Scored]:
+def _select_distinct_normals(ranked: list[ScoredNormal], max_count: int) -> list[ScoredNormal]:
     """Select the first planes whose normals differ from each other and from the opposite directions."""
-    distinct: list[Scored] = []
+    distinct: list[ScoredNormal] = []
     for error, normal in ranked:
         if len(distinct) < max_count and all(
             abs(np.dot(normal, n)) < np.cos(MIN_ANGLE_RAD) for _, n in distinct

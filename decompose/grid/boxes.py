@@ -23,7 +23,7 @@ from decompose.grid.grid import Grid
 from decompose.grid.piece_counts import count_pieces
 from decompose.grid.threads import SHARES, run_shares
 from decompose.jit import jit
-from decompose.print_time import SEEN_MM2, CostModel, Prices, compute_price_s
+from decompose.print_time import MIN_VISIBLE_MM2, CostModel, Prices, compute_price_s
 from decompose.printers import PrinterRoom
 
 
@@ -195,7 +195,7 @@ def _compute_min_price_s(
         for turned_over in range(2):  # as it is, and turned upside down
             pose = 2 * up + turned_over
             skin = skin_mm2 + flat - prices["hidden_bed_share"] * areas[pose]
-            if skin_mm2 < SEEN_MM2:  # neither a top nor an underside is visible
+            if skin_mm2 < MIN_VISIBLE_MM2:  # neither a top nor an underside is visible
                 skin -= prices["hidden_top_share"] * areas[4 * up + 1 - pose]
             column = sums[MOMENT + pose] - sums[OVERHANG + pose] * ends_mm[up]
             if turned_over == 1:

@@ -14,7 +14,7 @@ from decompose.pieces.joints import TWO_WALLS_MM, CutSolid, Joint, JointFace
 from decompose.pieces.piece import ON_PLANE_MM, find_cut_faces
 
 THIN_REACH_MM = 3.0  # minimum depth of a thin edge, over which a rim is thinner than two walls
-NOTABLE_MM = 5.0  # minimum length of thin rims that is reported
+MIN_REPORTED_MM = 5.0  # minimum length of thin rims that is reported
 LINE_MM = 1e-3  # tolerance of lines, because rounding moves the corners of outlines
 
 
@@ -36,7 +36,7 @@ class Seam:
 
 
 def describe_thin_rims(names: Sequence[str], joints: Sequence[Joint], seams: Sequence[Seam]) -> str:
-    """Describe thin rims in a sentence; empty if they are shorter than `NOTABLE_MM`.
+    """Describe thin rims in a sentence; empty if they are shorter than `MIN_REPORTED_MM`.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def describe_thin_rims(names: Sequence[str], joints: Sequence[Joint], seams: Seq
         Joints, and the seam of each.
     """
     total_mm = sum(seam.thin_mm for seam in seams)
-    if total_mm < NOTABLE_MM:
+    if total_mm < MIN_REPORTED_MM:
         return ""
     joint, seam = max(zip(joints, seams, strict=True), key=lambda pair: pair[1].thin_mm)
     return (
@@ -75,10 +75,10 @@ class _Rims:
     def __init__(self, pieces: Sequence[CutSolid]) -> None:
         self._solids = [piece.solid for piece in pieces]
         self._arrays = [piece.solid.arrays() for piece in pieces]
-        self._edges = [_pair_faces(faces) for _, faces in self._arrays]
+        self._edges = [_list_edges(faces) for _, faces in self._arrays]
         extents = _Extents(self._arrays)
         self._cut_faces = [
-            find_cut_faces(*arrays, extents.drop_outermost(piece.planes))
+            find_cut_faces(*arrays, extents.drop_outermost_planes(piece.planes))
             for piece, arrays in zip(pieces, self._arrays, strict=True)
         ]
         self._rims: dict[tuple[int, bytes, float], tuple[shapely.Geometry, shapely.Geometry]] = {}
@@ -141,7 +141,7 @@ def _measure_ring_mm2(ring: Floats) -> float:
     return float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum()) / 2.0
 
 
-def _pair_faces(faces: Ints) -> tuple[Ints, Ints]:
+def _list_edges(faces: Ints) -> tuple[Ints, Ints]:
     """List the edges of a closed surface: their corners (e, 2), and the two faces (e, 2) at each."""
     corners = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     order = np.lexsort((corners[:, 1], corners[:, 0]))
@@ -155,7 +155,7 @@ class _Extents:
         self._arrays = arrays
         self._extents: dict[bytes, tuple[float, float]] = {}
 
-    def drop_outermost(self, planes: Floats) -> Floats:
+    def drop_outermost_planes(self, planes: Floats) -> Floats:
         """Leave out those planes (k, 4) that have all pieces on one side, and thus cut nothing."""
         is_kept: Bools = np.array([self._is_cut(plane) for plane in planes], dtype=np.bool_)
         return planes[is_kept]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from decompose.print_time.columns import measure_columns
 from decompose.print_time.cost import MAX_INSET_SHARE, CostModel, Prices, compute_price_s
 from decompose.print_time.feature_shares import GROUPS, build_group_cost, estimate_feature_shares
-from decompose.print_time.hidden_faces import SEEN_MM2
+from decompose.print_time.hidden_faces import MIN_VISIBLE_MM2
 from decompose.print_time.pose_prices import POSE_ROTATIONS, price_axis_poses_s, sum_pose_features
 from decompose.print_time.poses import (
     REFERENCE_SHRINKAGE,
@@ -17,17 +17,24 @@ from decompose.print_time.poses import (
     find_steady_pose,
     measure_pose,
 )
-from decompose.print_time.recipe import ADDITIVE, FACTORS, FEATURES, SUPPORT, Recipe, compute_time_terms
+from decompose.print_time.recipe import (
+    ADDITIVE_FEATURES,
+    FACTORS,
+    FEATURES,
+    SUPPORT,
+    Recipe,
+    compute_time_terms,
+)
 
 __all__ = [
-    "ADDITIVE",
+    "ADDITIVE_FEATURES",
     "FACTORS",
     "FEATURES",
     "GROUPS",
     "MAX_INSET_SHARE",
+    "MIN_VISIBLE_MM2",
     "POSE_ROTATIONS",
     "REFERENCE_SHRINKAGE",
-    "SEEN_MM2",
     "SUPPORT",
     "TOUCHED_MM2",
     "CostModel",

@@ -14,7 +14,7 @@ from decompose.print_time.islands import Runs, sum_islands_mm
 MIN_STEP_MM = 0.4
 LEVELS = 8  # number of heights at which the growing part is measured
 LEVEL_MM = 0.01  # maximum difference of equal heights
-STEEPEST = 20.0  # minimum tangent of an upright face
+UPRIGHT_TAN = 20.0  # minimum tangent of an upright face
 BED_MM = 0.15  # maximum height at which a run begins in the first layer
 MIN_GAP_MM = 0.3  # minimum height of a supported face above the bed or the part
 
@@ -28,7 +28,7 @@ class Sweep(NamedTuple):
         Number of marked faces that columns of support touch, with their upper or their lower end.
     levels
         (LEVELS, 4) float64 moments in x, y, z and mass of the solid below each level, per area of a column.
-    is_propped, is_standing
+    is_bed_support, is_standing
         (nx, ny) bool: support carries the part from the bed; the part stands on the bed.
     supports_mm
         (nx, ny) float64 height of support in each column.
@@ -38,7 +38,7 @@ class Sweep(NamedTuple):
 
     touched_count: float
     levels: Floats
-    is_propped: Bools
+    is_bed_support: Bools
     supports_mm: Floats
     towers_mm: float
     edges_mm2: float
@@ -75,13 +75,13 @@ def sweep_columns(
     runs = Runs(crossings.start, np.zeros(nx * ny, np.int64), np.zeros((len(crossings.z_mm), 5)))
     touched_count = 0.0
     supports = np.zeros((nx, ny))
-    is_propped = np.zeros((nx, ny), np.bool_)
+    is_bed_support = np.zeros((nx, ny), np.bool_)
     passing_sums = np.zeros((LEVELS, 4))  # runs up to each level that continue above it
     ending_sums = np.zeros((LEVELS, 4))  # runs that end below a level, but not below the previous one
     for column in range(nx * ny):
         i, j = column // ny, column % ny
         count = _follow_ray(crossings, column, normals, is_marked, overhang_cos, runs.ends)
-        runs.counts[column], supports[i, j], column_touched_count, is_propped[i, j] = count
+        runs.counts[column], supports[i, j], column_touched_count, is_bed_support[i, j] = count
         touched_count += column_touched_count
         x, y = origin[0] + i * step_mm, origin[1] + j * step_mm
         for run in range(runs.start[column], runs.start[column] + runs.counts[column]):
@@ -93,7 +93,9 @@ def sweep_columns(
     towers_mm, edges_mm2 = _sum_towers_mm(runs, supports, carried_mm, step_mm)
     paths = sum_islands_mm(runs, rays.shape, height_mm, step_mm)
     is_standing = _find_standing_columns(runs, rays.shape)
-    return Sweep(touched_count, passing_sums, is_propped, supports, towers_mm, edges_mm2, *paths, is_standing)
+    return Sweep(
+        touched_count, passing_sums, is_bed_support, supports, towers_mm, edges_mm2, *paths, is_standing
+    )
 
 
 @jit_inline
@@ -122,7 +124,7 @@ def _follow_ray(
         carries the part from the bed.
     """
     first = crossings.start[ray]
-    count, support_mm, touched_count, is_propped = 0, 0.0, 0.0, False
+    count, support_mm, touched_count, is_bed_support = 0, 0.0, 0.0, False
     # Start of a possible support, and the mark of the face there.
     support_start_mm, mark_at_start = 0.0, 0.0
     depth, bottom, air, support, lean = 0, 0.0, 0.0, 0.0, 0.0
@@ -134,12 +136,12 @@ def _follow_ray(
             if depth != 1:
                 continue
             bottom, air, support = z, z - support_start_mm, 0.0
-            lean = min(STEEPEST, np.sqrt(1.0 - up * up) / -up)
+            lean = min(UPRIGHT_TAN, np.sqrt(1.0 - up * up) / -up)
             if -up > overhang_cos and air > MIN_GAP_MM:
                 support_mm += air
                 air, support = 0.0, air
                 touched_count += is_marked[t] + mark_at_start
-                is_propped = is_propped or support_start_mm == 0.0
+                is_bed_support = is_bed_support or support_start_mm == 0.0
             continue
         depth -= 1
         if depth != 0:
@@ -148,7 +150,7 @@ def _follow_ray(
         run = first + count
         ends[run, 0], ends[run, 1], ends[run, 2], ends[run, 3], ends[run, 4] = bottom, z, air, support, lean
         count += 1
-    return count, support_mm, touched_count, is_propped
+    return count, support_mm, touched_count, is_bed_support
 
 
 @jit_inline

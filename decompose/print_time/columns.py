@@ -32,10 +32,10 @@ class Columns:
     towers_mm
         Height of all towers under tips in mid-air, whose sides need no support.
     islands_mm
-        Sum over the layers of all islands but one, of part or support, times the layer's height: the nozzle
-        travels to each of them.
+        Number of islands of part or support less one, summed over the layers and multiplied by the layer
+        height: the nozzle travels to each of them.
     bodies_mm
-        The same sum for all bodies of the part but one: inner walls are shorter in each.
+        The same sum for the bodies of the part, also less one: inner walls are shorter in each.
     holes_mm
         The same sum for all holes of the part.
     island_paths_mm2, hole_paths_mm2
@@ -44,7 +44,7 @@ class Columns:
         (nx, ny) bool: the part or its support stands on the bed.
     step_mm
         Distance between columns.
-    propped_mm2, props_mm
+    bed_support_mm2, bed_support_border_mm
         Area, as seen from above, of the support that carries the part from the bed, and (p, 2) points on the
         border of that area: both ends of each row of columns.
     touched_mm2
@@ -64,8 +64,8 @@ class Columns:
     hole_paths_mm2: float
     first_layer: Bools
     step_mm: float
-    propped_mm2: float
-    props_mm: Floats
+    bed_support_mm2: float
+    bed_support_border_mm: Floats
     touched_mm2: float
     volumes_mm3: Floats
     centres_mm: Floats
@@ -102,31 +102,31 @@ def measure_columns(
     """
     triangles = np.ascontiguousarray(triangles)
     lo, hi = find_bounds(triangles)
-    width, depth, height = (hi - lo).tolist()
-    step = max(MIN_STEP_MM, math.sqrt(width * depth / count))
-    shape = math.ceil(width / step), math.ceil(depth / step)
+    width_mm, depth_mm, height_mm = (hi - lo).tolist()
+    step_mm = max(MIN_STEP_MM, math.sqrt(width_mm * depth_mm / count))
+    shape = math.ceil(width_mm / step_mm), math.ceil(depth_mm / step_mm)
     # An irregular offset avoids rays through edges of the mesh, which could count twice or not at all.
-    origin = lo[:2] + step * (0.5 + np.array([0.0123, 0.0271]))
+    origin_mm = lo[:2] + step_mm * (0.5 + np.array([0.0123, 0.0271]))
     sums = sweep_columns(
-        triangles, is_marked.astype(np.float64), Rays(origin, step, shape), height, overhang_cos
+        triangles, is_marked.astype(np.float64), Rays(origin_mm, step_mm, shape), height_mm, overhang_cos
     )
     mass = np.maximum(sums.levels[:, 3:], 1e-12)
-    area = step**2
+    area_mm2 = step_mm**2
     return Columns(
-        support_mm3=float(sums.supports_mm.sum() * area),
-        support_side_mm2=_sum_side_mm2(sums.supports_mm, step) + sums.edges_mm2,
+        support_mm3=float(sums.supports_mm.sum() * area_mm2),
+        support_side_mm2=_sum_side_mm2(sums.supports_mm, step_mm) + sums.edges_mm2,
         towers_mm=sums.towers_mm,
         islands_mm=sums.islands_mm,
         bodies_mm=sums.bodies_mm,
         holes_mm=sums.holes_mm,
         island_paths_mm2=sums.island_paths_mm2,
         hole_paths_mm2=sums.hole_paths_mm2,
-        first_layer=sums.is_standing | sums.is_propped,
-        step_mm=step,
-        propped_mm2=float(sums.is_propped.sum() * area),
-        props_mm=origin + step * _find_row_ends(sums.is_propped),
-        touched_mm2=float(sums.touched_count * area),
-        volumes_mm3=sums.levels[:, 3] * area,
+        first_layer=sums.is_standing | sums.is_bed_support,
+        step_mm=step_mm,
+        bed_support_mm2=float(sums.is_bed_support.sum() * area_mm2),
+        bed_support_border_mm=origin_mm + step_mm * _find_row_ends(sums.is_bed_support),
+        touched_mm2=float(sums.touched_count * area_mm2),
+        volumes_mm3=sums.levels[:, 3] * area_mm2,
         centres_mm=sums.levels[:, :3] / mass,
     )
 

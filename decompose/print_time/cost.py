@@ -1,9 +1,8 @@
 """Price of a part: its estimated print time in seconds, from features that need no slicing.
 
-There are two kinds of features. The additive ones (`ADDITIVE`) are integrals over volume and surface. Cut
-faces count as ordinary faces, so that the features of a part are the sums over the cells of a grid, and
-`grid.boxes` prices any box from tables. The others follow from the sums (`skin_rim_mm`) and from the extents
-of a part.
+There are two kinds of features. `ADDITIVE_FEATURES` are integrals over volume and surface. Cut faces count
+as ordinary faces, so that the features of a part are the sums over the cells of a grid, and `grid.boxes`
+prices any box from tables. The others follow from the sums (`skin_rim_mm`) and from the extents of a part.
 
 The time of each term is the length of its lines over their speed. Measured factors (`FACTORS`, by
 bench/prices/model.py) stand for travel, acceleration and retraction, which these terms omit.
@@ -38,8 +37,9 @@ class CostModel:
     """Coefficients of the print time, in seconds per unit of a feature, and limits of the features.
 
     ``t = fixed + max(volume V + lateral L - inset H, least H) + skin S - rim sqrt(S) + slope X + overhang O
-    + brim B``; see `ADDITIVE` for V, L, S, X and O. B is the area of the brim around the part's rectangle in
-    mm2, H the height in mm. Where a part's columns are known, `price_support_s` replaces the term of O.
+    + brim B``; see `ADDITIVE_FEATURES` for V, L, S, X and O. B is the area of the brim around the part's
+    rectangle in mm2, H the height in mm. Where a part's columns are known, `price_support_s` replaces the
+    term of O.
 
     The errors were measured on parts that the decomposition makes, with each model held out from the fit. For
     a part with its own supports, the mean error is 1.5 %, and at most 2.3 % in any of five settings, even if
@@ -198,7 +198,7 @@ class CostModel:
         contours
             Contours of the part.
         skin_mm2
-            Area of its skin, one of its `ADDITIVE` features.
+            Area of its skin, one of its `ADDITIVE_FEATURES`.
         """
         skin_s = self.skin_s_mm2 * skin_mm2
         assumed_s = max(0.0, skin_s - self.skin_rim_s_mm * math.sqrt(max(0.0, skin_mm2)))
@@ -220,7 +220,7 @@ class CostModel:
         Parameters
         ----------
         lateral_mm2
-            One of the part's `ADDITIVE` features.
+            One of the part's `ADDITIVE_FEATURES`.
         height_mm
             Height of the part.
         bodies_mm
@@ -240,7 +240,7 @@ class CostModel:
         Parameters
         ----------
         additive
-            (5,) `ADDITIVE` features.
+            (5,) `ADDITIVE_FEATURES`.
         extents_mm
             (3,) width, depth and height.
         """
@@ -275,7 +275,7 @@ def compute_price_s(prices: Prices, additive: Additive, extents_mm: Extents) -> 
     prices
         Record of `CostModel.build_prices`.
     additive
-        `ADDITIVE` features, in mm3, mm2, mm2, mm2 and mm3.
+        `ADDITIVE_FEATURES`, in mm3, mm2, mm2, mm2 and mm3.
     extents_mm
         Width, depth and height.
 

@@ -10,7 +10,7 @@ import numpy as np
 from decompose.arrays import Floats, Ints
 from decompose.print_time.cost import CostModel
 from decompose.print_time.pose_prices import sum_pose_features
-from decompose.print_time.recipe import ADDITIVE, FACTORS, Recipe
+from decompose.print_time.recipe import ADDITIVE_FEATURES, FACTORS, Recipe
 
 GROUPS: Mapping[str, tuple[str, ...]] = {
     "walls": ("walls",),
@@ -52,7 +52,7 @@ def estimate_feature_shares(vertices: Floats, faces: Ints, recipe: Recipe) -> di
         CostModel.from_recipe(bare_recipe),
         cut=np.zeros(len(faces), np.bool_),
     )
-    features[ADDITIVE.index("column_mm3")] = 0.0
+    features[ADDITIVE_FEATURES.index("column_mm3")] = 0.0
     extents_mm = np.ptp(vertices, axis=0)
     seconds = {
         group: max(0.0, build_group_cost(bare_recipe, group).price_s(features, extents_mm))

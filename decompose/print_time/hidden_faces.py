@@ -13,12 +13,11 @@ from decompose.arrays import Bools, Floats
 from decompose.jit import jit
 from decompose.print_time.surfaces import Surfaces
 
-LEVEL_COS = (
-    0.999  # minimum downward component of the normal of a face that lies on the bed: within 2.6 degrees
-)
+# Minimum downward component of the normal of a face that lies on the bed: within 2.6 degrees.
+LEVEL_COS = 0.999
 ON_BED_MM = 0.15
-UPRIGHT = 1e-6  # maximum upward component of the normal of an upright face
-SEEN_MM2 = 1.0  # minimum area of visible faces; a smaller area is a rounding error
+MAX_UPRIGHT_COS = 1e-6  # maximum upward component of the normal of an upright face
+MIN_VISIBLE_MM2 = 1.0  # minimum area of visible faces; a smaller area is a rounding error
 
 
 class HiddenFaces(NamedTuple):
@@ -26,29 +25,29 @@ class HiddenFaces(NamedTuple):
 
     Attributes
     ----------
-    cut_bed_mm2, seen_bed_mm2
+    cut_bed_mm2, visible_bed_mm2
         Area of the cut faces, and of the model's own faces, on the bed.
-    cut_top_mm2, seen_top_mm2
+    cut_top_mm2, visible_top_mm2
         Area of the cut faces, and of the model's own faces, of tops with skin, as seen from above.
     cut_side_mm2
         Area of upright cut faces.
     """
 
     cut_bed_mm2: float
-    seen_bed_mm2: float
+    visible_bed_mm2: float
     cut_top_mm2: float
-    seen_top_mm2: float
+    visible_top_mm2: float
     cut_side_mm2: float
 
     @property
     def is_bed_hidden(self) -> bool:
         """Check whether all faces on the bed are cut faces."""
-        return self.cut_bed_mm2 > 0.0 and self.seen_bed_mm2 < SEEN_MM2
+        return self.cut_bed_mm2 > 0.0 and self.visible_bed_mm2 < MIN_VISIBLE_MM2
 
     @property
     def are_tops_hidden(self) -> bool:
         """Check whether all tops with skin are cut faces."""
-        return self.cut_top_mm2 > 0.0 and self.seen_top_mm2 < SEEN_MM2
+        return self.cut_top_mm2 > 0.0 and self.visible_top_mm2 < MIN_VISIBLE_MM2
 
     def compute_saved_mm(self, bed_mm: float, top_mm: float) -> float:
         """Compute the height of skin that a thin flat part saves, by the heights of `CostModel`."""
@@ -98,7 +97,7 @@ def measure_hidden_faces(
         Areas in the order of `HiddenFaces`, in mm2.
     """
     normals, areas, centres = surfaces
-    cut_bed, seen_bed, cut_top, seen_top, cut_side = 0.0, 0.0, 0.0, 0.0, 0.0
+    cut_bed, visible_bed, cut_top, visible_top, cut_side = 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(len(areas)):
         n = normals[i, 0] * up[0] + normals[i, 1] * up[1] + normals[i, 2] * up[2]
         if n < -LEVEL_COS:
@@ -107,12 +106,12 @@ def measure_hidden_faces(
                 if cut[i]:
                     cut_bed -= areas[i] * n
                 else:
-                    seen_bed -= areas[i] * n
+                    visible_bed -= areas[i] * n
         elif n > skin_cos:
             if cut[i]:
                 cut_top += areas[i] * n
             else:
-                seen_top += areas[i] * n
-        elif abs(n) < UPRIGHT and cut[i]:
+                visible_top += areas[i] * n
+        elif abs(n) < MAX_UPRIGHT_COS and cut[i]:
             cut_side += areas[i]
-    return cut_bed, seen_bed, cut_top, seen_top, cut_side
+    return cut_bed, visible_bed, cut_top, visible_top, cut_side

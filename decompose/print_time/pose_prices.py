@@ -12,11 +12,11 @@ from decompose.arrays import Bools, Floats, Ints
 from decompose.jit import jit
 from decompose.print_time.cost import MAX_INSET_SHARE, CostModel
 from decompose.print_time.hidden_faces import find_hidden_faces
-from decompose.print_time.recipe import ADDITIVE
+from decompose.print_time.recipe import ADDITIVE_FEATURES
 from decompose.print_time.surfaces import Surfaces, measure_surfaces, sum_volume_mm3
 
-LATERAL = ADDITIVE.index("lateral_mm2")
-SKIN = ADDITIVE.index("skin_mm2")
+LATERAL = ADDITIVE_FEATURES.index("lateral_mm2")
+SKIN = ADDITIVE_FEATURES.index("skin_mm2")
 
 # A pose is the direction of the model that points up on the bed: +x, -x, +y, -y, +z, -z.
 POSES = 6
@@ -47,7 +47,7 @@ POSE_ROTATIONS: Floats = np.array([_build_pose_rotation(pose) for pose in range(
 def _sum_surfaces(
     surfaces: Surfaces, up: Floats, bed_mm: float, cosines: tuple[float, float]
 ) -> tuple[float, float, float, float]:
-    """Sum the `ADDITIVE` features of faces, without the volume.
+    """Sum the `ADDITIVE_FEATURES` of faces, without the volume.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def sum_pose_features(
     hull: Floats | None = None,
     cut: Bools | None = None,
 ) -> tuple[Floats, Floats]:
-    """Sum the `ADDITIVE` features of a closed mesh in k poses, and measure its extents.
+    """Sum the `ADDITIVE_FEATURES` of a closed mesh in k poses, and measure its extents.
 
     The skin and the walls that hidden faces save are subtracted.
 
@@ -112,8 +112,8 @@ def sum_pose_features(
         (k, 5) features, and (k, 3) width, depth and height in mm.
     """
     surfaces = measure_surfaces(vertices, faces)
-    saves = cut is not None and bool(cut.any()) and _saves_at_hidden_faces(cost)
-    features, extents = np.zeros((len(rotations), len(ADDITIVE))), np.zeros((len(rotations), 3))
+    saves = cut is not None and bool(cut.any()) and _has_hidden_savings(cost)
+    features, extents = np.zeros((len(rotations), len(ADDITIVE_FEATURES))), np.zeros((len(rotations), 3))
     features[:, 0] = sum_volume_mm3(surfaces)
     cosines = (cost.skin_cos, cost.overhang_cos)
     for i, rotation in enumerate(np.ascontiguousarray(rotations, dtype=np.float64)):
@@ -130,7 +130,7 @@ def sum_pose_features(
     return features, extents
 
 
-def _saves_at_hidden_faces(cost: CostModel) -> bool:
+def _has_hidden_savings(cost: CostModel) -> bool:
     """Check whether hidden faces are printed faster than visible ones."""
     return cost.hidden_bed_share + cost.hidden_top_share + cost.hidden_side_share > 0.0
 

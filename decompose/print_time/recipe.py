@@ -10,7 +10,7 @@ import numpy as np
 
 from decompose.arrays import Floats
 
-ADDITIVE = ("volume_mm3", "lateral_mm2", "skin_mm2", "slope_mm2", "column_mm3")
+ADDITIVE_FEATURES = ("volume_mm3", "lateral_mm2", "skin_mm2", "slope_mm2", "column_mm3")
 """Features that add up over the cells of a grid, n being the upward component of a face's unit normal.
 
 volume_mm3
@@ -26,7 +26,7 @@ column_mm3
 
 
 FEATURES = (
-    *ADDITIVE,
+    *ADDITIVE_FEATURES,
     *("height_mm", "skin_rim_mm", "brim_mm2"),
     *("support_mm3", "support_side_mm2", "towers_mm", "islands_mm"),
     *("island_paths_mm2", "holes_mm", "hole_paths_mm2", "rim_mm", "rim_ends_mm", "ring_mm2", "steep_top_mm2"),
@@ -70,8 +70,8 @@ others to five settings (`bench/prices/model.py`).
 
 
 SUPPORT = ("support", "support sides", "islands", "island paths")
-TOWER = 2.7
-"""Time of a layer of a tower of support, as a multiple of the travel to an island: it is printed too."""
+TOWER_LAYER_S = 2.7
+"""Time of a layer of a support tower before the factor of "islands"; the tower itself is printed as well."""
 
 
 INSET = 8.0
@@ -116,7 +116,7 @@ class Recipe:
     outer_wall_mm_s: float = 40.0
     inner_wall_mm_s: float = 50.0
     infill_mm_s: float = 60.0
-    hidden_outer_wall_mm_s: float = 0.0  # on upright sides that are hidden once parts are glued; 0: the same
+    hidden_outer_wall_mm_s: float = 0.0  # on upright sides that are hidden after gluing; 0: outer_wall_mm_s
     hidden_inner_wall_mm_s: float = 0.0
     skin_mm_s: float = 30.0
     roof_layers: int = 0  # number of uppermost layers of a top, at another speed unless all tops are hidden
@@ -125,7 +125,7 @@ class Recipe:
     support_angle_deg: float = 45.0  # from the vertical; faces at a larger angle get support
     brim_mm: float = 8.0
     brim_mm_s: float = 30.0  # of the first layer
-    speeding_layers: int = 2  # number of layers over which the speed rises to that of the others
+    slow_layers: int = 2  # number of layers over which the speed rises to that of the others
     travel_mm_s: float = 150.0
     retraction_s: float = 0.52  # to retract the filament and to push it back
     acceleration_mm_s2: float = 3000.0
@@ -149,8 +149,8 @@ class Recipe:
     @property
     def skin_s_mm(self) -> float:
         """Seconds for a mm of line in all layers of a skin; one skin of two lies on the bed."""
-        layers = min(self.speeding_layers, round(self.skin_layers))
-        speed_gain = (self.skin_mm_s - self.brim_mm_s) / max(self.speeding_layers, 1)
+        layers = min(self.slow_layers, round(self.skin_layers))
+        speed_gain = (self.skin_mm_s - self.brim_mm_s) / max(self.slow_layers, 1)
         first = sum(1.0 / (self.brim_mm_s + i * speed_gain) for i in range(layers))
         return self.skin_layers / self.skin_mm_s + (first - layers / self.skin_mm_s + self.roof_s_mm) / 2.0
 
@@ -167,7 +167,7 @@ class Recipe:
 
     @property
     def hidden_wall_s_mm2(self) -> float:
-        """Seconds that walls along a mm2 of a hidden upright side save."""
+        """Seconds saved by faster walls for each mm2 of a hidden upright side."""
         outer_s_mm = _compute_gain_s_mm(self.outer_wall_mm_s, self.hidden_outer_wall_mm_s)
         inner_s_mm = _compute_gain_s_mm(self.inner_wall_mm_s, self.hidden_inner_wall_mm_s)
         walls_s_mm = outer_s_mm + (self.wall_count - 1) * inner_s_mm
@@ -185,15 +185,15 @@ class Recipe:
         return saved_s_mm / self.skin_s_mm if self.skin_layers > 0.0 else 0.0
 
     @property
-    def deep_lines_mm(self) -> float:
-        """Number of infill lines in a mm, all directions together, at the lowest density."""
+    def sparse_lines_per_mm(self) -> float:
+        """Number of infill lines for each mm, all directions together, at the lowest density."""
         distance_mm = self.infill_line_distance_mm * 2.0**self.infill_steps
         return 1.0 / distance_mm if distance_mm > 0.0 else 0.0
 
     @property
     def connection_s_mm2(self) -> float:
         """Seconds for a line of infill along each mm2 of wall; 0 if infill lines are not connected."""
-        is_connected = self.infill_connected and self.deep_lines_mm > 0.0
+        is_connected = self.infill_connected and self.sparse_lines_per_mm > 0.0
         return 1.0 / (self.layer_height_mm * self.infill_mm_s) if is_connected else 0.0
 
     @property
@@ -201,14 +201,14 @@ class Recipe:
         """Seconds lost at the ends of infill lines, for each mm2 of wall."""
         stop_s = self.infill_mm_s / self.acceleration_mm_s2
         share = TURN_TIME_SHARE if self.connection_s_mm2 > 0.0 else 1.0
-        return share * self.deep_lines_mm * stop_s / self.layer_height_mm
+        return share * self.sparse_lines_per_mm * stop_s / self.layer_height_mm
 
     @property
-    def top_lines(self) -> float:
-        """Additional length of infill lines below a top, times depth: mm for each mm2 of the top."""
+    def top_lines_mm2(self) -> float:
+        """Additional infill lines below a top, as length times depth in mm2 for each mm2 of the top."""
         return (
             self.infill_step_mm
-            * self.deep_lines_mm
+            * self.sparse_lines_per_mm
             * (2.0 ** (self.infill_steps + 1) - 2.0 - self.infill_steps)
         )
 
@@ -250,30 +250,30 @@ def compute_time_terms(recipe: Recipe) -> dict[str, Floats]:
     r, layer = recipe, recipe.layer_height_mm
     inner_walls = max(r.wall_count - 1, 0) / r.inner_wall_mm_s
     walls = (1.0 / r.outer_wall_mm_s if r.wall_count > 0 else 0.0) + inner_walls
-    lines = r.deep_lines_mm
+    lines = r.sparse_lines_per_mm
     supports = 1.0 / r.support_line_distance_mm if r.support_line_distance_mm > 0.0 else 0.0
     infill = lines / (layer * r.infill_mm_s)
     skin = r.skin_s_mm / r.line_width_mm
     return {
-        "infill": _vector(
+        "infill": _build_vector(
             volume_mm3=infill,
             lateral_mm2=-infill * r.walls_mm,
             # One skin of two is a top.
-            skin_mm2=-infill * r.skin_layers * layer + r.top_lines / 2.0 / (layer * r.infill_mm_s),
+            skin_mm2=-infill * r.skin_layers * layer + r.top_lines_mm2 / 2.0 / (layer * r.infill_mm_s),
         ),
-        "walls": _vector(lateral_mm2=walls / layer, height_mm=-INSET * r.insets_s / layer),
-        "connections": _vector(
+        "walls": _build_vector(lateral_mm2=walls / layer, height_mm=-INSET * r.insets_s / layer),
+        "connections": _build_vector(
             lateral_mm2=r.connection_s_mm2, height_mm=-INSET * r.walls_mm * r.connection_s_mm2
         ),
-        "skin": _vector(skin_mm2=skin),
-        "skin rim": _vector(skin_rim_mm=-skin * r.walls_mm),
-        "slope ends": _vector(slope_mm2=r.skin_stop_s / (layer * r.line_width_mm)),
-        "columns": _vector(column_mm3=supports / (layer * r.support_mm_s)),
-        "support": _vector(support_mm3=supports / (layer * r.support_mm_s)),
-        "support sides": _vector(support_side_mm2=1.0 / (layer * r.support_mm_s) if supports else 0.0),
-        "brim": _vector(brim_mm2=1.0 / (r.outer_line_width_mm * r.brim_mm_s)),
-        "infill ends": _vector(lateral_mm2=r.infill_ends_s_mm2),
-        "travel": _vector(lateral_mm2=1.0 / (layer * r.travel_mm_s)),
+        "skin": _build_vector(skin_mm2=skin),
+        "skin rim": _build_vector(skin_rim_mm=-skin * r.walls_mm),
+        "slope ends": _build_vector(slope_mm2=r.skin_stop_s / (layer * r.line_width_mm)),
+        "columns": _build_vector(column_mm3=supports / (layer * r.support_mm_s)),
+        "support": _build_vector(support_mm3=supports / (layer * r.support_mm_s)),
+        "support sides": _build_vector(support_side_mm2=1.0 / (layer * r.support_mm_s) if supports else 0.0),
+        "brim": _build_vector(brim_mm2=1.0 / (r.outer_line_width_mm * r.brim_mm_s)),
+        "infill ends": _build_vector(lateral_mm2=r.infill_ends_s_mm2),
+        "travel": _build_vector(lateral_mm2=1.0 / (layer * r.travel_mm_s)),
     } | _compute_pose_terms(recipe)
 
 
@@ -283,26 +283,28 @@ def _compute_pose_terms(recipe: Recipe) -> dict[str, Floats]:
     skin = r.skin_s_mm / r.line_width_mm
     stop_s = r.travel_mm_s / r.acceleration_mm_s2 / 2.0
     return {
-        "islands": _vector(
+        "islands": _build_vector(
             islands_mm=r.retraction_s / layer,
-            towers_mm=TOWER / layer if r.support_line_distance_mm > 0.0 else 0.0,
+            towers_mm=TOWER_LAYER_S / layer if r.support_line_distance_mm > 0.0 else 0.0,
         ),
-        "island paths": _vector(islands_mm=stop_s / layer, island_paths_mm2=1.0 / (layer * r.travel_mm_s)),
-        "holes": _vector(
+        "island paths": _build_vector(
+            islands_mm=stop_s / layer, island_paths_mm2=1.0 / (layer * r.travel_mm_s)
+        ),
+        "holes": _build_vector(
             holes_mm=HOLE_VISITS * stop_s / layer, hole_paths_mm2=HOLE_VISITS / (layer * r.travel_mm_s)
         ),
-        "rims": _vector(rim_mm=-skin * r.walls_mm),
+        "rims": _build_vector(rim_mm=-skin * r.walls_mm),
         # On average over all directions, a line ends once for every length of pi line widths of the rim.
-        "rim ends": _vector(rim_ends_mm=r.skin_layers * r.skin_stop_s / (math.pi * r.line_width_mm)),
-        "rings": _vector(ring_mm2=r.connection_s_mm2 if r.infill_steps else 0.0),
-        "thin walls": _vector(
+        "rim ends": _build_vector(rim_ends_mm=r.skin_layers * r.skin_stop_s / (math.pi * r.line_width_mm)),
+        "rings": _build_vector(ring_mm2=r.connection_s_mm2 if r.infill_steps else 0.0),
+        "thin walls": _build_vector(
             bare_mm2=-max(r.wall_count - 1, 0) / r.inner_wall_mm_s / layer,
             gap_mm2=0.5 / (layer * r.skin_mm_s),
             full_mm2=-FACTORS["connections"] * r.connection_s_mm2
             - FACTORS["infill ends"] * r.infill_ends_s_mm2,
         ),
-        "thin sheets": _vector(overlap_mm3=-1.0 / (layer * r.line_width_mm * r.skin_mm_s)),
-        "steep tops": _vector(steep_top_mm2=r.top_lines / (layer * r.infill_mm_s)),
+        "thin sheets": _build_vector(overlap_mm3=-1.0 / (layer * r.line_width_mm * r.skin_mm_s)),
+        "steep tops": _build_vector(steep_top_mm2=r.top_lines_mm2 / (layer * r.infill_mm_s)),
     }
 
 
@@ -311,6 +313,6 @@ def _compute_gain_s_mm(speed_mm_s: float, fast_mm_s: float) -> float:
     return 1.0 / speed_mm_s - 1.0 / fast_mm_s if fast_mm_s > speed_mm_s else 0.0
 
 
-def _vector(**features: float) -> Floats:
+def _build_vector(**features: float) -> Floats:
     """Build a vector (features,) float64 in the order of `FEATURES`; features that are not named are 0."""
     return np.array([features.get(name, 0.0) for name in FEATURES])

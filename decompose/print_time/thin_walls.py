@@ -102,19 +102,19 @@ def _send_rays(triangles: Floats, count: int) -> tuple[Crossings, Floats, float]
     """
     turned_triangles = np.ascontiguousarray(triangles)
     lo, hi = find_bounds(turned_triangles)
-    width, depth = (hi - lo)[:2].tolist()
-    step = max(MIN_STEP_MM, math.sqrt(width * depth / count))
-    origin = lo[:2] + step * (0.5 + np.array([0.0123, 0.0271]))
+    width_mm, depth_mm = (hi - lo)[:2].tolist()
+    step_mm = max(MIN_STEP_MM, math.sqrt(width_mm * depth_mm / count))
+    origin_mm = lo[:2] + step_mm * (0.5 + np.array([0.0123, 0.0271]))
     normals = compute_unit_normals(turned_triangles)
-    rays = Rays(origin, step, (math.ceil(width / step), math.ceil(depth / step)))
-    return find_crossings(turned_triangles, normals, rays), normals, step * step
+    rays = Rays(origin_mm, step_mm, (math.ceil(width_mm / step_mm), math.ceil(depth_mm / step_mm)))
+    return find_crossings(turned_triangles, normals, rays), normals, step_mm**2
 
 
 @jit
 def _sum_thin_walls(crossings: Crossings, normals: Floats, upright: int, widths: WallWidths) -> Floats:
     """Sum the areas of thin walls, as multiples of the area that a ray stands for.
 
-    Only faces that look rather along the rays than across them are counted.
+    Only faces whose normal is closer to the rays than to the horizontal across them are counted.
 
     Parameters
     ----------

@@ -16,7 +16,7 @@ from decompose.pieces import Piece
 from decompose.printers import PrinterRoom
 from decompose.problem.problem import Problem
 
-FIT_MM = 1e-6  # length by which a part may exceed its room, due to rounding
+FIT_TOLERANCE_MM = 1e-6  # length by which a part may exceed its room, due to rounding
 ROUNDING_MM3 = 1e-6  # maximum volume of a film that rounding leaves on a cut plane
 
 
@@ -34,7 +34,9 @@ def count_blocks(size_mm: Floats, printers: Sequence[PrinterRoom]) -> tuple[int,
     """
     axis_counts = []
     for printer in printers:
-        block_counts = [np.ceil((size_mm - FIT_MM) / box) for b in printer.boxes for box in permutations(b)]
+        block_counts = [
+            np.ceil((size_mm - FIT_TOLERANCE_MM) / box) for b in printer.boxes for box in permutations(b)
+        ]
         axis_counts.append(
             min(block_counts, key=lambda counts: (math.prod(counts.tolist()), counts.tolist()))
         )

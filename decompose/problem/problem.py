@@ -329,10 +329,10 @@ def validate_problem(
         raise DecomposeError(f"--min-wall {options.min_wall_mm}: give a number of mm, 0 or more")
     if not (math.isfinite(options.min_glue_mm2) and options.min_glue_mm2 >= 0.0):
         raise DecomposeError(f"--min-glue {options.min_glue_mm2}: give a number of mm2, 0 or more")
-    _refuse_too_long(model, printers)
+    _refuse_too_long_model(model, printers)
 
 
-def _refuse_too_long(model: Model, printers: tuple[PrinterRoom, ...]) -> None:
+def _refuse_too_long_model(model: Model, printers: tuple[PrinterRoom, ...]) -> None:
     """Refuse a model that is longer than the diagonals of all printers' rooms together."""
     reach_mm = sum(max(math.hypot(*box) for box in p.boxes) for p in printers)
     if float(model.extents_mm.max()) <= reach_mm:

@@ -23,7 +23,7 @@ SURFACE_SHARE = 1e-6
 OVERLAP_MM3 = 1e-3
 MIN_HOLLOW_SHARE = 1e-12  # minimum volume of a hollow, as a share of the model; less is a rounding error
 STL_VOLUME_SHARE = 1e-5
-FIT_MM = 1e-6
+FIT_TOLERANCE_MM = 1e-6
 LAP_MM = 1e-6  # overlap of boxes that are united, so that rounding leaves no films between them
 
 
@@ -91,7 +91,7 @@ def check_part(part: Part, rooms: dict[str, PrinterRoom]) -> None:
     if pieces != 1:
         raise GeometryError(Rule.ONE_PIECE, part.id, f"{pieces} separate pieces")
     vertices_on_bed, _ = part.build_printing_mesh()
-    width, depth, height = np.ptp(vertices_on_bed, axis=0) - FIT_MM
+    width, depth, height = np.ptp(vertices_on_bed, axis=0) - FIT_TOLERANCE_MM
     room = rooms.get(part.printer)
     if room is None or not room.fits(width, depth, height):
         raise GeometryError(
@@ -168,7 +168,7 @@ def check_missing(parts: Sequence[Part], boxes_mm: Floats, model: Model, min_wal
     lo, hi = model.solid.bounds_mm
     far_mm = 2.0 * min_wall_mm + 1.0  # so that the sides of this box are far enough from all hollows
     outside = Solid.box(lo - far_mm, hi + far_mm).subtract(model.solid)
-    if outside.measure_gap_mm(hollow, min_wall_mm) >= min_wall_mm - FIT_MM:
+    if outside.measure_gap_mm(hollow, min_wall_mm) >= min_wall_mm - FIT_TOLERANCE_MM:
         return
     hollows = hollow.list_pieces()
     distances = [outside.measure_gap_mm(cavity, min_wall_mm) for cavity in hollows]

@@ -52,7 +52,7 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
             faults = list(parts.find_faults())
             if not faults:
                 break
-            connectors = _remove_faulty(connectors, faults, decomposition)
+            connectors = _remove_faulty_connectors(connectors, faults, decomposition)
         else:
             raise DecomposeError("the rules of pins and marks are broken repeatedly")
     except Exception as error:  # also of shapely and Qhull: parts are valid without pins and marks
@@ -75,7 +75,7 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
     )
 
 
-def _remove_faulty(
+def _remove_faulty_connectors(
     connectors: Connectors, faults: list[ConnectorFault], decomposition: Decomposition
 ) -> Connectors:
     """Remove the connectors of parts with a fault; if a fault names no part, remove all pins."""

@@ -73,7 +73,7 @@ def count_tools(connectors: Connectors, part: int, up: Floats) -> Counter[str]:
     return amounts + Counter({"gutter mm": round(length_mm), "sliding mm": round(sliding_mm)})
 
 
-def scale_price(name: str, bare_s: float) -> float:
+def compute_price_factor(name: str, bare_s: float) -> float:
     """Compute the factor of a price for the size of a part.
 
     Seams gather in the strokes of a mark, and the head travels to them in each layer, further on large parts.
@@ -99,4 +99,6 @@ def price_connectors(connectors: Connectors, part: int, up: Floats, bare_s: floa
         Print time of the part without connectors.
     """
     amounts = count_tools(connectors, part, up)
-    return sum(PRICES_S[name] * scale_price(name, bare_s) * amount for name, amount in amounts.items())
+    return sum(
+        PRICES_S[name] * compute_price_factor(name, bare_s) * amount for name, amount in amounts.items()
+    )

@@ -105,7 +105,7 @@ class DrilledParts:
             yield Rule.DRILLED, "it is no longer one piece"
         sleeves = Solid.union([group.build_sleeve() for group in groups if not group.has_exit])
         if sleeves.subtract(undrilled).volume_mm3 > EPS_MM3 or any(
-            _is_thick(self._subtract_all(group.build_sleeve())) for group in groups if group.has_exit
+            _is_thick(self._subtract_parts(group.build_sleeve())) for group in groups if group.has_exit
         ):
             yield Rule.SKIN, "the wall around a hole or mark is too thin"
         if any(not group.is_hidden(undrilled) for group in groups):
@@ -118,13 +118,13 @@ class DrilledParts:
             yield Rule.SKIN, "two holes or marks are too close to each other"
         for group in groups:
             steepest = group.compute_overhang_rad(self.blanks[part].up)
-            if steepest > group.limit:
+            if steepest > group.limit_rad:
                 yield Rule.SUPPORT_FREE, f"a {group.kind} overhangs by {math.degrees(steepest):.0f} degrees"
             if group.measure_ceiling_mm2(self.blanks[part].up) > group.speck_mm2:
                 yield Rule.SUPPORT_FREE, f"the ceiling of a {group.kind} closes in one step"
 
-    def _subtract_all(self, solid: Solid) -> Solid:
-        """Cut all undrilled parts out of a solid; the remainder is outside the model, or in a gap."""
+    def _subtract_parts(self, solid: Solid) -> Solid:
+        """Subtract all undrilled parts from a solid; the remainder is outside the model, or in a gap."""
         for blank in self.blanks:
             solid = solid if solid.is_empty else solid.subtract(blank.solid)
         return solid
@@ -214,8 +214,8 @@ def find_wrong_fits(pins: Sequence[Pin], taken_mm: Sequence[float] = ()) -> list
             faults.append(f"a body of step {step + 1} fits a neighbour that is printed already")
     for (step, pair), (other, others) in combinations(pairs.items(), 2):
         play_mm = 2.0 * max(_measure_play_mm(pin) for pin in (*pair, *others))
-        alike = [pin.along is None for pin in pair] == [pin.along is None for pin in others]
-        if alike and abs(measure_distance_mm(*pair) - measure_distance_mm(*others)) <= play_mm:
+        is_alike = [pin.along is None for pin in pair] == [pin.along is None for pin in others]
+        if is_alike and abs(measure_distance_mm(*pair) - measure_distance_mm(*others)) <= play_mm:
             faults.append(f"bodies of the steps {step + 1} and {other + 1} fit each other")
     return faults
 
@@ -243,15 +243,15 @@ class _Group:
     ----------
     tools, joint
         Tools, and the joint on whose faces they are.
-    limit
-        Angle of the flattest allowed ceiling from the vertical, in radians.
+    limit_rad
+        Angle of the flattest allowed ceiling from the vertical.
     kind
         Kind in messages: hole, groove, mark or gutter.
     """
 
     tools: tuple[Tool, ...]
     joint: Joint
-    limit: float
+    limit_rad: float
     kind: str
 
     @property

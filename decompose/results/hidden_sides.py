@@ -12,7 +12,7 @@ from decompose.geometry import Solid
 from decompose.pieces import find_cut_faces
 from decompose.results.decomposition import Part
 
-UPRIGHT = 1e-6  # maximum upward component of the normal of an upright side
+MAX_UPRIGHT_COS = 1e-6  # maximum upward component of the normal of an upright side
 ONE_WAY_SHARE = 0.01  # maximum share of a side that faces the other way, such as fins without volume
 MIN_SIDE_MM2 = 100.0  # minimum area of a side; smaller sides save no time
 NEAR_MM = 1e-3
@@ -46,7 +46,7 @@ def mark_hidden_sides(parts: Sequence[Part], model: Solid) -> list[Part]:
 def _find_side(part: Part, plane: Floats, surface: _Surface) -> Floats | None:
     """Find the side (3,) of a part on a plane (4,), in printing pose; None if not upright and hidden."""
     normal = part.rotation @ plane[:3]
-    if abs(normal[2]) > UPRIGHT:
+    if abs(normal[2]) > MAX_UPRIGHT_COS:
         return None
     vertices, faces = part.solid.arrays()
     corners = vertices[faces[find_cut_faces(vertices, faces, plane[None])]]

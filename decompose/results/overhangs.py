@@ -87,7 +87,7 @@ def _cut_layers(hollow: Solid, frame: Floats, layers: Floats) -> dict[int, shape
     )
     breaks = 1 + np.flatnonzero(is_corner)
     runs = [run.tolist() for run in np.split(np.arange(len(layers)), breaks) if len(run)]
-    ends = sorted({n for run in runs for n in _find_ends(run)})
+    ends = sorted({n for run in runs for n in _list_end_layers(run)})
     outlines = dict(zip(ends, _cut_outlines(hollow, frame, layers[ends]), strict=True))
     others = [
         n
@@ -100,8 +100,8 @@ def _cut_layers(hollow: Solid, frame: Floats, layers: Floats) -> dict[int, shape
     return {n: _build_area(outlines[n]) for n in sorted(outlines)}
 
 
-def _find_ends(run: list[int]) -> list[int]:
-    """Find the first two and the last two layers of a run of layers."""
+def _list_end_layers(run: list[int]) -> list[int]:
+    """List the first two and the last two layers of a run of layers."""
     return [*run[:2], *run[-2:]]
 
 

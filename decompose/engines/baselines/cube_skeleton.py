@@ -149,7 +149,7 @@ class _Group:
         """Volume of the pieces together."""
         return self.solid.volume_mm3
 
-    def measure_common_mm(self, other: _Group) -> Floats:
+    def measure_common_size_mm(self, other: _Group) -> Floats:
         """Measure the size (3,) of the bounding box of both groups."""
         bounds_mm = np.array([self.solid.bounds_mm, other.solid.bounds_mm])
         return np.asarray(bounds_mm[:, 1].max(axis=0) - bounds_mm[:, 0].min(axis=0))
@@ -174,7 +174,7 @@ class _PieceMerger:
 
     def can_merge(self, a: int, b: int) -> bool:
         """Check whether two groups together fit every printer."""
-        size_mm = self.groups[a].measure_common_mm(self.groups[b])
+        size_mm = self.groups[a].measure_common_size_mm(self.groups[b])
         return max(count_blocks(size_mm, self.problem.rooms)) == 1
 
     def merge_groups(self, a: int, b: int) -> bool:
@@ -198,7 +198,7 @@ class _PieceMerger:
                 self.touching_groups[a].add(neighbour)
         return True
 
-    def find_smallest(self, numbers: set[int]) -> int | None:
+    def find_smallest_group(self, numbers: set[int]) -> int | None:
         """Find the group with the smallest volume; None if there is none."""
         return min(numbers, key=lambda i: (self.groups[i].volume_mm3, i), default=None)
 
@@ -207,7 +207,7 @@ class _PieceMerger:
         for island in sorted(islands, key=lambda i: self.groups[i].volume_mm3):
             is_settled = False
             while not is_settled:
-                neighbour = self.find_smallest(
+                neighbour = self.find_smallest_group(
                     {i for i in self.touching_groups[island] if self.can_merge(i, island)}
                 )
                 is_settled = neighbour is None or self.merge_groups(neighbour, island)
@@ -216,24 +216,24 @@ class _PieceMerger:
         """Pair each piece, the largest first, with its smallest unpaired neighbour if both fit together."""
         unpaired = set(self.groups)
         for number in sorted(self.groups, key=lambda i: (-self.groups[i].volume_mm3, i)):
-            neighbour = self.find_smallest(self.touching_groups[number] & unpaired)
+            neighbour = self.find_smallest_group(self.touching_groups[number] & unpaired)
             if number not in unpaired or neighbour is None or not self.can_merge(number, neighbour):
                 continue
             if self.merge_groups(number, neighbour):
                 unpaired -= {number, neighbour}
 
-    def merge_down_to(self, printers: int) -> None:
+    def merge_to_count(self, printers: int) -> None:
         """Merge the neighbours that print fastest until there are no more groups than printers.
 
         If too many groups remain, the groups with the smallest common bounding box are merged instead.
         """
         groups, neighbours = dict(self.groups), {i: set(others) for i, others in self.touching_groups.items()}
-        self._merge_cheapest(printers, lambda a, b: a.seconds + b.seconds)
+        self._merge_cheapest_neighbours(printers, lambda a, b: a.seconds + b.seconds)
         if len(self.groups) > printers:
             self.groups, self.touching_groups = groups, defaultdict(set, neighbours)
-            self._merge_cheapest(printers, lambda a, b: float(a.measure_common_mm(b).prod()))
+            self._merge_cheapest_neighbours(printers, lambda a, b: float(a.measure_common_size_mm(b).prod()))
 
-    def _merge_cheapest(self, printers: int, key: Callable[[_Group, _Group], float]) -> None:
+    def _merge_cheapest_neighbours(self, printers: int, key: Callable[[_Group, _Group], float]) -> None:
         """Merge the neighbours with the lowest key until there are no more groups than printers."""
         while len(self.groups) > printers:
             pairs = [
@@ -266,5 +266,5 @@ def _merge_regions(regions: list[Piece], printers: int, problem: Problem) -> lis
     if problem.options.faithful:
         merger.pair_neighbours()
     else:
-        merger.merge_down_to(printers)
+        merger.merge_to_count(printers)
     return merger.list_merged_pieces()

@@ -120,7 +120,7 @@ def cover_by_boxes(cells: Bools) -> list[Block]:
 
 
 def find_largest_cube(cells: Bools) -> Block | None:
-    """Find the largest cube of cells (nx, ny, nz), of several the one nearest to their middle.
+    """Find the largest cube of cells (nx, ny, nz); if there are several, the one nearest to their middle.
 
     Returns
     -------
@@ -173,7 +173,7 @@ def refine_cube(solid: Solid, cube_mm: Floats, cell_mm: float, wall_mm: float) -
     # Shares of the growth that the lower sides get.
     directions: Floats = np.array([(0.5, 0.5, 0.5), *np.ndindex(2, 2, 2)])
 
-    def grow(direction: Floats, distance_mm: float) -> Floats:
+    def grow_cube(direction: Floats, distance_mm: float) -> Floats:
         return np.array([cube[0] - direction * distance_mm, cube[1] + (1.0 - direction) * distance_mm])
 
     def keeps_wall(box: Floats) -> bool:
@@ -182,15 +182,17 @@ def refine_cube(solid: Solid, cube_mm: Floats, cell_mm: float, wall_mm: float) -
     for _ in range(ROUNDS):
         before_mm = float(cube[1, 0] - cube[0, 0])
         for direction in directions:
-            share, room = (
+            shares, spaces_mm = (
                 np.array([direction, 1.0 - direction]),
                 np.array([cube[0] - min_corner, max_corner - cube[1]]),
             )
-            low, high = 0.0, float((room[share > 0.0] / share[share > 0.0]).min())
+            low, high = 0.0, float((spaces_mm[shares > 0.0] / shares[shares > 0.0]).min())
             while high - low > ACCURACY_MM:
                 growth_mm = (low + high) / 2.0
-                low, high = (growth_mm, high) if keeps_wall(grow(direction, growth_mm)) else (low, growth_mm)
-            cube = grow(direction, low)
+                low, high = (
+                    (growth_mm, high) if keeps_wall(grow_cube(direction, growth_mm)) else (low, growth_mm)
+                )
+            cube = grow_cube(direction, low)
         if cube[1, 0] - cube[0, 0] < before_mm + ACCURACY_MM:
             break
     return cube
@@ -234,7 +236,7 @@ def move_planes_to(solid: Solid, grid: Grid, cube_mm: Floats) -> tuple[tuple[Flo
 
 
 def _find_clear_place(flats_mm: Floats, at_mm: float, reach_mm: float) -> float:
-    """Find the nearest place in reach that is clear of all flat faces (k,), else the furthest from them."""
+    """Find the nearest place within reach that is clear of flat faces (k,), else the farthest from them."""
     places = np.linspace(at_mm, at_mm + reach_mm, 41)
     gaps = np.abs(places[:, None] - flats_mm[None]).min(axis=1, initial=np.inf)
     clear_gaps = np.flatnonzero(gaps >= CLEAR_MM)
@@ -242,7 +244,7 @@ def _find_clear_place(flats_mm: Floats, at_mm: float, reach_mm: float) -> float:
 
 
 def list_cubes_around(cube: Block, cells: Bools) -> list[Block]:
-    """List a cube outwards from the middle of each face of a cube: the largest of cells, but no larger.
+    """List a cube outwards from the middle of each face of a cube: the largest one of cells, but no larger.
 
     Where cells are not cubes, each side of a block is shorter than that of the cube by the same number of
     cells.

@@ -1,9 +1,9 @@
-"""The engine `guillotine`: for uniform printers, and for printers with unequal build volumes and speeds.
+"""Engine `guillotine`: for uniform printers, and for printers with unequal build volumes and speeds.
 
 First the model is cut as for equal printers: each part fits the build volume that all printers have in
 common, and the fastest printer prints the longest part. Then it is cut for classes of printers
 (`printer_classes`), by an exact search over all guillotine partitions and all ways to distribute their parts.
-The better one of both cuts is the result, so that classes that are too coarse do not make it worse.
+The better of the two cuts is the result, so that classes that are too coarse do not make it worse.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ RETRY_RATIO = 1.01  # ratio for another round, as in `exact_search`
 
 
 def cut_by_guillotine(problem: Problem) -> Partition:
-    """Cut a problem's model by the partition that ends soonest on its printers.
+    """Cut a problem's model by the partition with the least makespan on its printers.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def _compute_end_s(problem: Problem, cut: Cut) -> float:
 
 
 class _ClassSearch(ExactSearch):
-    """The exact search for classes of printers, with true prices as in `ExactSearch`.
+    """Exact search for classes of printers, with true prices as in `ExactSearch`.
 
     It starts from the shared tables, whose prices that search has corrected.
     """
@@ -117,22 +117,22 @@ class _ClassSearch(ExactSearch):
     def run(self, below_s: float) -> list[Cut]:  # type: ignore[override]
         """Find a partition that ends before a time by true prices; empty if there is none, or one class."""
         cuts: list[Cut] = []
-        close_s = TOLERANCE * (below_s if math.isfinite(below_s) else self.min_s)
-        if len(self.classes) == 1 or not self._may_succeed(WORTHWHILE_SHARE * below_s, close_s):
+        tolerance_s = TOLERANCE * (below_s if math.isfinite(below_s) else self.min_s)
+        if len(self.classes) == 1 or not self._may_succeed(WORTHWHILE_SHARE * below_s, tolerance_s):
             return cuts
         rounds = 0
         while rounds < MAX_ROUNDS and len(self.rejections) < MAX_REJECTIONS:
             if math.isfinite(below_s) and self.problem.effort.is_spent():
                 break
-            limit_s = self._solve(self.classes[0].count, close_s, WORTHWHILE_SHARE * below_s)
+            limit_s = self._solve(self.classes[0].count, tolerance_s, WORTHWHILE_SHARE * below_s)
             if limit_s is None:
                 break
-            self.min_s = max(self.min_s, limit_s - close_s)
+            self.min_s = max(self.min_s, limit_s - tolerance_s)
             boxes = self.solver.list_chosen_boxes()
-            if self._correct_piece_counts(boxes) or self._forbid_faulty(boxes):
+            if self._correct_piece_counts(boxes) or self._forbid_faulty_boxes(boxes):
                 continue
             rounds += 1
-            cut = self._assign_by_tables(boxes)
+            cut = self._assign_printers_by_tables(boxes)
             ends_s = _compute_end_s(self.problem, cut)
             if ends_s < below_s:
                 cuts, below_s = [cut], ends_s
@@ -141,15 +141,15 @@ class _ClassSearch(ExactSearch):
             self._record_prices(cut)
         return cuts
 
-    def _may_succeed(self, max_s: float, close_s: float) -> bool:
+    def _may_succeed(self, max_s: float, tolerance_s: float) -> bool:
         """Check whether a partition could end in time if every printer were the best one for each box."""
         best = replace(self.boxes, seconds=np.min([table.seconds for table in self.tables], axis=0))
         count = sum(printer_class.count for printer_class in self.classes)
         solver = Partitioner(best)
-        min_s = solver.find_min_makespan(count, self.min_s, close_s, max_s)
+        min_s = solver.find_min_makespan(count, self.min_s, tolerance_s, max_s)
         self.problem.effort.record(Work.SUM, solver.sums)
         if min_s is not None:
-            self.min_s = max(self.min_s, min_s - close_s)
+            self.min_s = max(self.min_s, min_s - tolerance_s)
         return min_s is not None
 
     def _forbid_box(self, index: int) -> None:
@@ -157,7 +157,7 @@ class _ClassSearch(ExactSearch):
         for table in self.tables:
             table.seconds[index] = math.inf
 
-    def _assign_by_tables(self, boxes: Sequence[Box]) -> Cut:
+    def _assign_printers_by_tables(self, boxes: Sequence[Box]) -> Cut:
         """Assign printers to the pieces of boxes, by the times of the tables."""
         cut = {box: self.cut[box] for box in boxes}
         assigned_printers = assign_bottleneck(self._look_up_seconds(boxes))
@@ -177,7 +177,7 @@ class _ClassSearch(ExactSearch):
         return np.array(columns).T
 
     def _record_prices(self, cut: Cut) -> None:
-        """Record the true prices of pieces in the tables of all classes that have the printer's room."""
+        """Record the true prices of pieces in the tables of all classes with their printer's build volume."""
         for box, pieces in cut.items():
             index = index_box(box, self.boxes.shape)
             for piece, pose in zip(pieces, self.problem.find_poses(list(pieces)), strict=True):
@@ -197,7 +197,7 @@ class _ClassSearch(ExactSearch):
         """Compute the makespan of a cut by the tables, and a lower bound for all partitions.
 
         The bound is proven as if all printers had the speed of the fastest one and, for each box, the best
-        room.
+        build volume.
         """
         problem = self.problem
         times = self._look_up_seconds(list(cut))
@@ -221,7 +221,7 @@ class _ClassSearch(ExactSearch):
 
 
 def _make_too_few_error(problem: Problem, grid: Grid, shared_tables: BoxTables) -> NoFit | None:
-    """Build the error that names how many printers of each class would be enough; None if unknown.
+    """Build the error with the number of printers of each class that would be enough; None if unknown.
 
     More printers of the first class, of one other class, or of both are tried.
     """
@@ -278,23 +278,23 @@ def make_class_tables(
     grid
         Grid over the model.
     shared_tables
-        Tables of the room that all printers have in common.
+        Tables of the build volume that all printers have in common.
     classes
         Classes of the printers.
     """
-    rooms: dict[object, BoxTables] = {}
+    tables: dict[object, BoxTables] = {}
     for printer_class in classes:
-        if printer_class.boxes in rooms:
+        if printer_class.boxes in tables:
             continue
         is_smallest = all(room.fits(*box) for box in printer_class.boxes for room in problem.rooms)
-        rooms[printer_class.boxes] = (
+        tables[printer_class.boxes] = (
             shared_tables if is_smallest else problem.price_boxes(grid, [printer_class.room])
         )
-    pieces = np.maximum(shared_tables.pieces, np.max([boxes.pieces for boxes in rooms.values()], axis=0))
+    pieces = np.maximum(shared_tables.pieces, np.max([boxes.pieces for boxes in tables.values()], axis=0))
     return [
         replace(
             shared_tables,
-            seconds=rooms[printer_class.boxes].seconds * np.float32(printer_class.time_factor),
+            seconds=tables[printer_class.boxes].seconds * np.float32(printer_class.time_factor),
             pieces=pieces,
         )
         for printer_class in classes

@@ -39,7 +39,7 @@ CLOSE_RATIO = 1.03  # a result is improved only if it is below this multiple of 
 
 
 def cut_for_uniform_printers(problem: Problem) -> Partition:
-    """Cut a problem's model by the cuts along its grid whose parts end soonest on uniform printers.
+    """Cut a problem's model by the cuts along its grid with the least makespan on uniform printers.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def build_tables(problem: Problem) -> tuple[Grid, BoxTables, float]:
 
 
 class ExactSearch:
-    """The exact search, with true prices for the boxes that it chooses.
+    """Exact search, with true prices for the boxes that it chooses.
 
     The tables count the solid in a cell as one piece, and price a box in its axis poses, even if it does not
     stand in them. The true counts and prices of the chosen boxes are written into the tables where they are
@@ -101,28 +101,28 @@ class ExactSearch:
         self.rejections: list[str] = []  # the fault of each rejected choice
 
     def run(self) -> dict[Box, list[Piece]]:
-        """Search for the partition that ends soonest by true prices; return its boxes, and their pieces."""
+        """Search for the partition with the least true makespan; return its boxes, and their pieces."""
         best: list[Box] = []
         best_s = math.inf
         rounds, effort = 0, self.problem.effort
-        until_s = effort.spent_s + SEARCH_SHARE * (effort.budget_s - effort.reserved_s - effort.spent_s)
+        search_end_s = effort.spent_s + SEARCH_SHARE * (effort.budget_s - effort.reserved_s - effort.spent_s)
         while True:
-            is_late = effort.spent_s >= until_s
+            is_late = effort.spent_s >= search_end_s
             if is_late:
                 effort.cut_short = True  # from here on any partition is accepted
                 if best:
                     break
-            close_s = max(TOLERANCE_S, (LATE_STEP if is_late else TOLERANCE) * self.min_s)
-            makespan_s = self._solve(len(self.problem.printers), close_s)
+            tolerance_s = max(TOLERANCE_S, (LATE_STEP if is_late else TOLERANCE) * self.min_s)
+            makespan_s = self._solve(len(self.problem.printers), tolerance_s)
             if makespan_s is None or len(self.rejections) > MAX_REJECTIONS:
                 if best:
                     break  # prices only grow: no other partition fits
                 raise self._make_no_fit_error()
-            self.min_s = max(self.min_s, makespan_s if is_late else makespan_s - close_s)
+            self.min_s = max(self.min_s, makespan_s if is_late else makespan_s - tolerance_s)
             if makespan_s >= best_s:
                 break
             boxes = self.solver.list_chosen_boxes()
-            if self._correct_piece_counts(boxes) or self._forbid_faulty(boxes):
+            if self._correct_piece_counts(boxes) or self._forbid_faulty_boxes(boxes):
                 continue
             rounds += 1
             longest_s = self._compute_true_makespan_s(boxes)
@@ -135,7 +135,7 @@ class ExactSearch:
     def list_looser_partitions(self, best: Sequence[Box]) -> Iterator[dict[Box, list[Piece]]]:
         """Yield partitions other than the best one, with less work, whose boxes may take a little longer.
 
-        The partition that ends soonest on the grid need not end soonest once its planes are shifted: shifts
+        The partition with the least makespan on the grid need not have it once its planes are shifted: shifts
         balance the times of its parts, so that the total work matters. Each partition has the fewest boxes
         within a limit, and of several such partitions the least work.
         """
@@ -165,12 +165,12 @@ class ExactSearch:
             if self.problem.effort.is_spent():
                 break
             previous_sums = self.solver.sums
-            parts = self.solver.solve(limit_s, ties=self.solver.can_break_ties)
+            parts = self.solver.solve(limit_s, break_ties=self.solver.can_break_ties)
             self.problem.effort.record(Work.SUM, self.solver.sums - previous_sums)
             if parts > len(self.problem.printers) or len(self.rejections) > MAX_REJECTIONS:
                 break
             boxes = self.solver.list_chosen_boxes()
-            if self._correct_piece_counts(boxes) or self._forbid_faulty(boxes):
+            if self._correct_piece_counts(boxes) or self._forbid_faulty_boxes(boxes):
                 continue
             longest_s = self._compute_true_makespan_s(boxes)
             best = boxes if math.isfinite(longest_s) else best
@@ -194,7 +194,7 @@ class ExactSearch:
             boxes = improve_locally(self.boxes, best, len(self.problem.printers), effort=self.problem.effort)
             if boxes == best:
                 break
-            if self._correct_piece_counts(boxes) or self._forbid_faulty(boxes):
+            if self._correct_piece_counts(boxes) or self._forbid_faulty_boxes(boxes):
                 continue
             self._compute_true_makespan_s(boxes)
             if sort_times_s(self.boxes, boxes) < sort_times_s(self.boxes, best):
@@ -213,7 +213,7 @@ class ExactSearch:
             self.boxes.pieces[index] = len(self.cut[box])
         return has_more
 
-    def _forbid_faulty(self, boxes: list[Box]) -> bool:
+    def _forbid_faulty_boxes(self, boxes: list[Box]) -> bool:
         """Exclude boxes with a piece that cannot be glued well; return whether there was one."""
         owners = [box for box in boxes for _ in self.cut[box]]
         pieces = [piece for box in boxes for piece in self.cut[box]]

@@ -1,8 +1,9 @@
 """Neighbourhood search: it improves a partition where it is slowest, and is not limited to guillotine cuts.
 
 A window is the slowest box with a few boxes near it. It is cut again into at most as many parts, so that the
-slowest of them ends sooner; all other boxes stay. The union of its boxes need not be a box. Windows cover
-moves of one face, slabs that pass from one box to the next, and boxes that are merged and split elsewhere.
+slowest of them ends sooner; all other boxes stay as they are. The union of its boxes need not be a box.
+Windows cover moves of one face, slabs that pass from one box to the next, and boxes that are merged and split
+elsewhere.
 
 The tables of a window are those of the grid, but only the cells of its own boxes have to be covered, and a
 box that overlaps another part is not allowed. The search over guillotine cuts of a window is exact. In
@@ -35,7 +36,7 @@ TOLERANCE = 0.002  # accuracy of the minimum makespan, as a share of it
 
 @jit
 def _cut_in_two(box: Box, shape: Shape) -> tuple[int, int]:
-    """Find the indices of the two parts of a box of two cells or more: without its last layer, and the layer.
+    """Find the indices of both parts of a box of at least two cells: all but its last layer, and that layer.
 
     Parameters
     ----------
@@ -223,7 +224,7 @@ class Window:
 
     def count_fewest_parts(self, limit_s: float) -> int:
         """Count the fewest parts that each take at most `limit_s`; `UNREACHABLE` or more if impossible."""
-        by_cuts = self._solver.solve(limit_s, ties=True)
+        by_cuts = self._solver.solve(limit_s, break_ties=True)
         count, *pinwheel = count_fewest_in_pinwheel(self._solver.counts, *self.shape)
         axis, is_mirrored, p1, p2, q1, q2 = pinwheel
         self._pinwheel = (axis, is_mirrored, p1, p2, q1, q2) if count < by_cuts else None
@@ -240,16 +241,16 @@ class Window:
         return [(a + x, b + y, c + z, d + x, e + y, f + z) for a, b, c, d, e, f in boxes]
 
     def solve(self, parts: int, below_s: float, min_s: float) -> list[Box] | None:
-        """Cut the window into parts whose slowest ends about as soon as possible; None if there is no cut.
+        """Cut the window into parts with about the least makespan; None if there is no cut.
 
         Parameters
         ----------
         parts
             Maximum number of parts.
         below_s
-            Time that each part has to stay below.
+            Limit that the time of each part must stay below.
         min_s
-            Time below which the search need not look.
+            Time below which the search need not go.
         """
         high = float(np.nextafter(np.float32(below_s), np.float32(0.0)))
         if self.count_fewest_parts(high) > parts:
@@ -280,7 +281,7 @@ def improve_locally(
     partition
         A partition: trimmed boxes that do not overlap and cover every needed cell.
     printers
-        Maximum number of pieces; at least that of the partition.
+        Maximum number of pieces, not below that of the partition.
     max_windows
         Maximum number of windows to solve.
     effort

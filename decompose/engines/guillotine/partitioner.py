@@ -1,4 +1,4 @@
-"""Exact solver of the engine `guillotine`: the partition by recursive cuts whose last part ends soonest.
+"""Exact solver of the engine `guillotine`: the partition by recursive cuts with the least makespan.
 
 For a time T, the minimum number of parts that cover all needed cells of a box is 0 if the box has no needed
 cell, 1 if it takes at most T and is one piece, and otherwise the minimum sum of both sides over all cuts
@@ -33,14 +33,15 @@ from decompose.engines.guillotine.recursion import (
     Table,
     fill_counts,
     fill_keys,
-    lower_boxes,
+    lower_box_values,
 )
 from decompose.engines.guillotine.ties import find_tied_keys
 from decompose.grid import SHARES, Box, BoxTables, count_cuts, find_box, index_box, index_interval, run_shares
 
-WIDE_RATIO = 2.0  # ratio of the limits of a range from which it is divided by their geometric mean
+WIDE_RATIO = 2.0  # ratio of a range's limits above which it is bisected at their geometric mean
 LIMIT_GROWTH = 4.0  # growth of the steps by which a limit is raised until there is a solution
-MAX_TIED = 120_000_000  # maximum number of values in all states with which ties are broken, to save memory
+# Ties are broken only up to this number of values in all states, to save memory.
+MAX_TIE_VALUES = 120_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +74,7 @@ class Partitioner:
     others
         The other classes.
     executor
-        Threads for a half of each solve; None to solve in this thread only.
+        Executor that solves half of the boxes; None to solve all of them in this thread.
     """
 
     def __init__(
@@ -90,14 +91,14 @@ class Partitioner:
         self._root: Box = (0, 0, 0, *boxes.shape)
         self.sums = 0  # number of sums in all solves so far
 
-    def solve(self, limit_s: float, ties: bool = False) -> int:
-        """Find the fewest printers of the first class with which each part takes at most a time.
+    def solve(self, limit_s: float, break_ties: bool = False) -> int:
+        """Find the minimum number of printers of the first class with which no part exceeds a time limit.
 
         Parameters
         ----------
         limit_s
             Maximum time of a part.
-        ties
+        break_ties
             Whether to choose, among such solutions, the one with the least work, then with the least area of
             cuts.
 
@@ -108,7 +109,7 @@ class Partitioner:
             partition.
         """
         self._limit_s, self._keys = limit_s, None
-        dense = ties and bool(self.others)  # keys of all boxes, because states are tied too
+        dense = break_ties and bool(self.others)  # keys of all boxes, because states are tied too
         total = len(self._states) * len(self.boxes.seconds)
         self._value = np.empty(total, np.int64) if dense else np.empty(total, np.int16)
         for length in range(1, self.boxes.shape[0] + 1):
@@ -118,7 +119,7 @@ class Partitioner:
             else:
                 run_shares(self._executor, partial(self._solve_half, length, count))
         self.sums += len(self._sums) * count_cuts(self.boxes.shape)
-        self._has_ties = ties and not dense
+        self._has_ties = break_ties and not dense
         return min(int(self.list_class_shares()[1][-1]), UNREACHABLE)
 
     def _solve_half(self, length: int, count: int, half: int) -> None:
@@ -126,7 +127,7 @@ class Partitioner:
         self._solve_length(length, half * count // SHARES, (half + 1) * count // SHARES)
 
     def _solve_length(self, length: int, first: int, end: int) -> None:
-        """Solve the boxes of one length along x that begin at the cells from `first` to before `end`."""
+        """Solve the boxes of one length along x that begin at cells `first` to `end`, half-open."""
         nx, ny, nz = self.boxes.shape
         size, layer = len(self.boxes.seconds), ny * (ny + 1) // 2 * (nz * (nz + 1) // 2)
         start = index_interval(0, length, nx)
@@ -134,12 +135,12 @@ class Partitioner:
         for state in range(len(self._states)):
             value = self._value[state * size : (state + 1) * size]
             self._fill_uncut(state, indices, value[indices])
-        lower_boxes(self._value, self._sums, self.boxes.shape, length, first, end)
+        lower_box_values(self._value, self._sums, self.boxes.shape, length, first, end)
 
     @property
     def can_break_ties(self) -> bool:
         """Check whether there is enough memory to choose among partitions with equally few parts."""
-        return not self.others or len(self._states) * len(self.boxes.seconds) <= MAX_TIED
+        return not self.others or len(self._states) * len(self.boxes.seconds) <= MAX_TIE_VALUES
 
     def _fill_uncut(self, state: int, indices: slice, value: npt.NDArray[Any]) -> None:
         """Fill in the values (boxes,) of the uncut boxes at these indices in a state."""
@@ -276,7 +277,7 @@ class Partitioner:
         while is_near and not is_reached and low + step_s < high:
             is_reached = self.solve(low + step_s) <= printers
             if is_reached:
-                high = self._find_reached_s(low + step_s)
+                high = self._find_reached_limit_s(low + step_s)
             else:
                 low, step_s = low + step_s, LIMIT_GROWTH * step_s
         if high < 0.0 or (not is_reached and self.solve(high) > printers):
@@ -285,13 +286,13 @@ class Partitioner:
             # In a range over several orders of magnitude, the result is more probably in the lower part.
             middle = math.sqrt(low * high) if high > WIDE_RATIO * low > 0.0 else (low + high) / 2.0
             if self.solve(middle) <= printers:
-                high = self._find_reached_s(middle)
+                high = self._find_reached_limit_s(middle)
             else:
                 low = middle
-        self.solve(high, ties=self.can_break_ties)
+        self.solve(high, break_ties=self.can_break_ties)
         return high
 
-    def _find_reached_s(self, limit_s: float) -> float:
+    def _find_reached_limit_s(self, limit_s: float) -> float:
         """Find the lowest limit that the last solution meets."""
         return limit_s if self.others else min(limit_s, self.find_longest_s())
 
@@ -301,7 +302,7 @@ class Partitioner:
 
 
 def list_class_states(counts: Sequence[int]) -> tuple[Ints, Ints]:
-    """List the states, numbers of usable printers of each class, and the pairs of states with their sums.
+    """List the states (numbers of usable printers of each class) and all pairs of states with their sums.
 
     Parameters
     ----------
@@ -325,6 +326,6 @@ def list_class_states(counts: Sequence[int]) -> tuple[Ints, Ints]:
 
 
 def _make_box(sides: list[int]) -> Box:
-    """Make a box of its six sides."""
+    """Make a box from its six sides."""
     x0, y0, z0, x1, y1, z1 = sides
     return x0, y0, z0, x1, y1, z1

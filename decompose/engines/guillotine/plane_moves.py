@@ -1,7 +1,7 @@
 """Moves of cut planes: groups of faces that move together, and the shifts with the least makespan.
 
-Two faces that lie on each other move together. Where four boxes meet along an edge (or two that are opposite
-each other), one of the two planes there has to be continuous: the faces on both sides of the edge also move
+Two faces that touch each other move together. Where four boxes meet along an edge (or two that are opposite
+each other), one of the two planes there must be continuous: the faces on both sides of the edge also move
 together. Otherwise a corner would belong to no box, or to two boxes.
 """
 
@@ -19,13 +19,13 @@ from decompose.grid import SAME_MM, Box, Grid, NeededCells, refine_cells
 from decompose.options import Interior
 from decompose.problem import Problem
 
-MAX_COVERED = 20_000_000  # maximum number of fine cells times boxes when the covering is checked
+MAX_CELL_BOXES = 20_000_000  # maximum number of fine cells times boxes when a partition is checked
 MOVE_S_PER_MM = 0.05  # minimum gain in s for each mm of a move, so that no face moves without a gain
-NOISE_MM = 2.0  # moves shorter than this correct slopes little: supports, and thus times, change in jumps
+NOISE_MM = 2.0  # shorter moves hardly correct slopes: supports, and thus times, change in jumps
 
 
 def fill_out_boxes(partition: Sequence[Box], empty: Bools) -> list[Box]:
-    """Grow boxes of cells over cells without solid so that they face more neighbours.
+    """Extend boxes over cells without solid, so that they face more neighbours.
 
     A face can only move into a box that covers all of it. Nothing is printed in the added cells.
 
@@ -45,13 +45,13 @@ def fill_out_boxes(partition: Sequence[Box], empty: Bools) -> list[Box]:
     free = empty.copy()
     for box in boxes:
         free[_slice_cells(box)] = False
-    touching = [
+    touching_boxes = [
         (int(i), int(j), axis)
         for axis in range(3)
         for i, j in np.argwhere(boxes[:, None, axis + 3] == boxes[None, :, axis])
     ]
     for _ in range(2):
-        for i, j, axis in touching:
+        for i, j, axis in touching_boxes:
             across = [a for a in range(3) if a != axis]
             lo = np.maximum(boxes[i, across], boxes[j, across])
             if (np.minimum(boxes[i, [a + 3 for a in across]], boxes[j, [a + 3 for a in across]]) <= lo).any():
@@ -69,7 +69,7 @@ def fill_out_boxes(partition: Sequence[Box], empty: Bools) -> list[Box]:
 
 
 def refine_needed_cells(problem: Problem, grid: Grid) -> NeededCells:
-    """Refine the needed cells of a grid over a problem's model as far as its partitions allow.
+    """Refine the needed cells as finely as checking a partition can afford.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def refine_needed_cells(problem: Problem, grid: Grid) -> NeededCells:
     """
     vertices, faces = problem.model.solid.arrays()
     keep = problem.options.interior is Interior.KEEP
-    max_cells = MAX_COVERED // len(problem.printers)
+    max_cells = MAX_CELL_BOXES // len(problem.printers)
     return refine_cells(grid, vertices[faces], problem.options.min_wall_mm, keep, max_cells)
 
 
@@ -93,7 +93,7 @@ def group_faces(boxes_mm: Floats) -> Ints:
     """Group the faces of boxes that have to move together.
 
     All faces of a group have the same axis and the same coordinate. A group is fixed if no two of its faces
-    lie on each other, because no volume could pass between boxes.
+    touch each other, because no volume could pass between boxes.
 
     Parameters
     ----------
@@ -117,9 +117,12 @@ def group_faces(boxes_mm: Floats) -> Ints:
             groups.join(_number_face(i, 1, axis), _number_face(j, 0, axis))
             is_shared[[_number_face(i, 1, axis), _number_face(j, 0, axis)]] = True
     for i, j, axes in _find_crossings(boxes_mm, overlap):
-        pairs = [(_find_facing(boxes_mm, i, j, axis), _find_facing(boxes_mm, j, i, axis)) for axis in axes]
+        pairs = [
+            (_find_facing_face(boxes_mm, i, j, axis), _find_facing_face(boxes_mm, j, i, axis))
+            for axis in axes
+        ]
         if all(groups.find(a) != groups.find(b) for a, b in pairs):
-            groups.join(*min(pairs, key=lambda pair: groups.count_joined(*pair)))
+            groups.join(*min(pairs, key=lambda pair: groups.compute_joined_size(*pair)))
     labels = np.array([groups.find(face) for face in range(count * 6)])
     moves = np.isin(labels, labels[is_shared])
     _, number = np.unique(labels[moves], return_inverse=True)
@@ -152,7 +155,7 @@ def _number_face(box: int, side: int, axis: int) -> int:
     return int(box * 6 + side * 3 + axis)
 
 
-def _find_facing(boxes_mm: Floats, box: int, other: int, axis: int) -> int:
+def _find_facing_face(boxes_mm: Floats, box: int, other: int, axis: int) -> int:
     """Find the face of a box that lies on the plane at which another box begins."""
     return _number_face(box, int(boxes_mm[box, 0, axis] < boxes_mm[other, 0, axis]), axis)
 
@@ -178,8 +181,8 @@ class _Groups:
             self._parent[b] = a
             self._size[a] += self._size[b]
 
-    def count_joined(self, *members: int) -> int:
-        """Count the members of the set that would result if the sets of these members were joined."""
+    def compute_joined_size(self, *members: int) -> int:
+        """Compute the size of the set that would result if the sets of these members were joined."""
         return sum(self._size[root] for root in {self.find(member) for member in members})
 
 
@@ -261,14 +264,14 @@ class ShiftLimits:
 
     Attributes
     ----------
-    longer_mm, shorter_mm
+    max_growth_mm, max_shrinkage_mm
         (n, 3) lengths by which each part may grow and shrink along each axis; inf without a limit.
     low_mm, high_mm
         (groups,) shifts that each group may make downwards (at most 0) and upwards.
     """
 
-    longer_mm: Floats
-    shorter_mm: Floats
+    max_growth_mm: Floats
+    max_shrinkage_mm: Floats
     low_mm: Floats
     high_mm: Floats
 
@@ -310,7 +313,7 @@ def solve_plane_shifts(
             [-identity, -identity, np.zeros((count, 1))],
         ]
     )
-    lengths_mm = limits.longer_mm.ravel(), limits.shorter_mm.ravel()
+    lengths_mm = limits.max_growth_mm.ravel(), limits.max_shrinkage_mm.ravel()
     rights = np.concatenate([-seconds, *lengths_mm, np.zeros(2 * count)])
     is_limited = np.isfinite(rights)
     solution = linprog(
@@ -325,18 +328,18 @@ def solve_plane_shifts(
     return np.asarray(solution.x[:count]), float(solution.x[-1])
 
 
-def update_slopes(slopes: Floats, by_mm: Floats, seconds: float) -> None:
+def update_slopes(slopes: Floats, moves_mm: Floats, seconds: float) -> None:
     """Correct the slopes of a part by the measured effect of a move (Broyden's update).
 
     Parameters
     ----------
     slopes
         (2, 3) change of the part's time in s/mm as its faces move up their axes; updated in place.
-    by_mm
+    moves_mm
         (2, 3) moves of the faces.
     seconds
         Change of the part's time; inf, which is ignored, if a piece did not fit.
     """
-    length = float((by_mm * by_mm).sum()) + NOISE_MM * NOISE_MM
+    squared_length_mm2 = float((moves_mm * moves_mm).sum()) + NOISE_MM * NOISE_MM
     if math.isfinite(seconds):
-        slopes += (seconds - float((slopes * by_mm).sum())) / length * by_mm
+        slopes += (seconds - float((slopes * moves_mm).sum())) / squared_length_mm2 * moves_mm

@@ -5,7 +5,7 @@ can move (`plane_moves`) move at once, by a linear programme: it minimises the m
 time were linear in the positions of its faces, within short steps. The parts are then priced with the new
 positions, which corrects the slopes. After `STEPS_PER_ROUND` steps all parts that moved get new poses; until
 then each keeps its pose, which is much faster to price. One such search is made even if the budget is spent:
-it gains more in its time than most other searches.
+it gains more in the same time than most other searches.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ from decompose.problem import WORK_NS, Problem, Work
 Face = tuple[int, ...]  # face of a box: its side, 0 or 1, and its axis
 
 PROBE_MM = 3.0  # inward move of a face to measure the time that it saves
-REACH = 0.9  # maximum total move of a plane, as a share of a cell
-FIRST_STEP = 0.5  # length of the first step, as a share of `REACH`
+MAX_MOVE_SHARE = 0.9  # maximum total move of a plane, as a share of a cell
+FIRST_STEP_SHARE = 0.5  # length of the first step, as a share of `MAX_MOVE_SHARE`
 TRIAL_MM = 0.4  # minimum free move of a group that is moved
 ROUNDS, STEPS_PER_ROUND = 4, 8
 STEP_REDUCTION = 0.6  # ratio of the next step to a step without a gain
@@ -60,7 +60,7 @@ MEAN_PRICINGS = 10  # mean number of times that a search prices each part: for i
 def shift_planes(
     problem: Problem, grid: Grid, cut: Mapping[Box, Sequence[Piece]], cells: NeededCells | None = None
 ) -> list[Piece]:
-    """Move the cut planes of a partition so that its slowest piece, in its best pose, ends soonest.
+    """Move the cut planes of a partition to the least makespan, with its pieces in their best poses.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def shift_box_planes(
     pieces: Sequence[Sequence[Piece]],
     cells: NeededCells | None = None,
 ) -> list[Piece]:
-    """Move the planes of boxes, on a grid or not, so that the slowest piece ends soonest.
+    """Move the planes of boxes, on a grid or not, to the least makespan.
 
     A face that was stopped, or could not reach its best position, may be free once the others have moved. So
     the planes of the result are moved again, as long as the gain is large enough.
@@ -156,7 +156,7 @@ class _PlaneShift:
         self.free = find_free_directions(self.start_mm, self.groups, self.cells, TRIAL_MM)
         self.axes = np.zeros(len(self.free), dtype=np.int64)
         self.axes[self.groups[self.groups >= 0]] = np.argwhere(self.groups >= 0)[:, 2]
-        self.reach_mm = (REACH * cell_mm)[self.axes]
+        self.reach_mm = (MAX_MOVE_SHARE * cell_mm)[self.axes]
         vertices, faces = problem.model.solid.arrays()
         self.flats_mm = [find_flat_coordinates(vertices[faces], axis) for axis in range(3)]
         self.nearby_solids = [  # solids in boxes that contain all moves of the faces
@@ -205,7 +205,7 @@ class _PlaneShift:
 
     def _take_steps(self, parts: list[BoxPart], slopes: Floats) -> list[BoxPart]:
         """Take steps with each part in its pose; return the same parts if no step gains enough."""
-        step_mm = FIRST_STEP * self.reach_mm
+        step_mm = FIRST_STEP_SHARE * self.reach_mm
         for _ in range(STEPS_PER_ROUND):
             boxes, expected_s = self._solve_step(parts, slopes, step_mm)
             if expected_s > (1.0 - MIN_GAIN) * find_longest_s(parts):
@@ -213,7 +213,7 @@ class _PlaneShift:
             if not self.cells.is_partition(boxes):
                 step_mm *= STEP_REDUCTION
                 continue
-            new = self._cut_moved(parts, boxes)
+            new = self._cut_moved_parts(parts, boxes)
             for i, (old, part) in enumerate(zip(parts, new, strict=True)):
                 update_slopes(slopes[i], part.box_mm - old.box_mm, part.seconds - old.seconds)
             if sort_times_s(new) < sort_times_s(parts):
@@ -276,17 +276,17 @@ class _PlaneShift:
         high_mm = np.maximum(
             np.where(self.free[:, 1], np.minimum(step_mm, self.reach_mm - shift_mm), 0.0), 0.0
         )
-        longer_mm = np.array([find_spare_length_mm(part.size_mm, self._list_rooms(part)) for part in parts])
-        shorter_mm = np.maximum(0.0, start_boxes_mm[:, 1] - start_boxes_mm[:, 0] - SLIVER_MM)
+        max_growth_mm = np.array([find_spare_length_mm(p.size_mm, self._list_rooms(p)) for p in parts])
+        max_shrinkage_mm = np.maximum(0.0, start_boxes_mm[:, 1] - start_boxes_mm[:, 0] - SLIVER_MM)
         seconds = np.array([part.seconds for part in parts])
         boxes_mm, expected_s = start_boxes_mm, math.inf
         for _ in range(MAX_SOLUTIONS):
-            limits = ShiftLimits(longer_mm, shorter_mm, low_mm, high_mm)
+            limits = ShiftLimits(max_growth_mm, max_shrinkage_mm, low_mm, high_mm)
             shifts_mm, min_s = solve_plane_shifts(seconds, slopes, self.groups, limits)
             if not math.isfinite(min_s):  # no solution with all of these stopped: keep the previous one
                 break
             expected_s = min_s
-            boxes_mm = self._keep_clear(start_boxes_mm, move_groups(start_boxes_mm, self.groups, shifts_mm))
+            boxes_mm = self._clear_planes(start_boxes_mm, move_groups(start_boxes_mm, self.groups, shifts_mm))
             moved_mm = self._measure_places(boxes_mm) - places
             moved_planes = np.abs(moved_mm - shifts_mm) > MIN_MOVE_MM
             if not moved_planes.any():
@@ -300,7 +300,7 @@ class _PlaneShift:
         places[self.groups[self.groups >= 0]] = boxes_mm[self.groups >= 0]
         return places
 
-    def _keep_clear(self, places_mm: Floats, boxes_mm: Floats) -> Floats:
+    def _clear_planes(self, places_mm: Floats, boxes_mm: Floats) -> Floats:
         """Stop planes before flat faces, and do not move a plane by less than a minimum."""
         old, new = self._measure_places(places_mm), self._measure_places(boxes_mm)
         for group in range(len(old)):
@@ -339,7 +339,7 @@ class _PlaneShift:
             unmoved_parts[i] = parts[i].with_poses([next(poses) for _ in parts[i].pieces])
         return [unmoved_parts[i] for i in range(len(parts))]
 
-    def _cut_moved(self, parts: list[BoxPart], boxes_mm: Floats) -> list[BoxPart]:
+    def _cut_moved_parts(self, parts: list[BoxPart], boxes_mm: Floats) -> list[BoxPart]:
         """Cut the parts whose boxes moved, and find new poses where the old ones do not fit."""
         moved_parts = [i for i, part in enumerate(parts) if (boxes_mm[i] != part.box_mm).any()]
         self._record_effort(moved_parts)

@@ -1,7 +1,7 @@
-"""Classes of unequal printers with the same room and about the same speed, to which parts are distributed.
+"""Classes of unequal printers with the same build volume and about the same speed, for their parts.
 
-Printers that differ only a little are one class, with the room that all of them have and the speed of the
-slowest one: a part that ends in time on the class ends in time on each of its printers.
+Printers that differ only a little are one class, with the build volume that all of them have and the speed
+of the slowest one: a part that ends in time on the class ends in time on each of its printers.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from math import prod
 
 from decompose.printers import PrinterRoom
 
-Room = tuple[tuple[float, float, float], ...]
+BuildVolume = tuple[tuple[float, float, float], ...]
 
 # Maximum loss of throughput when two classes become one, as a share of that of all printers.
 MAX_LOSS_SHARE = 0.003
-ROOM_VALUE = 0.05  # value of a printer's larger room, as a share of the printer's throughput
+VOLUME_VALUE = 0.05  # value of a printer's larger build volume, as a share of the printer's throughput
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,18 +27,18 @@ class PrinterClass:
     Attributes
     ----------
     boxes, time_factor
-        The room that all of them have, and the speed of the slowest; see `PrinterRoom`.
+        The build volume that all of them have, and the speed of the slowest; see `PrinterRoom`.
     printers
         Printers of the class.
     """
 
-    boxes: Room
+    boxes: BuildVolume
     time_factor: float
     printers: tuple[PrinterRoom, ...]
 
     @property
     def room(self) -> PrinterRoom:
-        """Minimum room and speed of all printers of the class."""
+        """Minimum build volume and speed of all printers of the class."""
         return PrinterRoom("", self.boxes, self.time_factor)
 
     @property
@@ -62,10 +62,10 @@ def classify_printers(printers: Sequence[PrinterRoom], max_sums: float) -> list[
     max_sums
         Number of sums (`count_sums`) that the search may make for each cut; at least 1.
     """
-    by_room: dict[tuple[Room, float], list[PrinterRoom]] = {}
+    by_volume: dict[tuple[BuildVolume, float], list[PrinterRoom]] = {}
     for printer in printers:
-        by_room.setdefault((printer.boxes, printer.time_factor), []).append(printer)
-    classes = [PrinterClass(*key, tuple(by_room[key])) for key in sorted(by_room)]
+        by_volume.setdefault((printer.boxes, printer.time_factor), []).append(printer)
+    classes = [PrinterClass(*key, tuple(by_volume[key])) for key in sorted(by_volume)]
     limit = MAX_LOSS_SHARE * sum(member.throughput for member in classes)
     while len(classes) > 1:
         loss, a, b = min(
@@ -86,20 +86,20 @@ def count_sums(counts: Sequence[int]) -> int:
 def _compute_lost_throughput(a: PrinterClass, b: PrinterClass) -> float:
     """Compute the throughput that two classes lose when they become one."""
     merged_class = _merge_classes(a, b)
-    rooms = sum(
+    shrunk_throughput = sum(
         printer_class.throughput for printer_class in (a, b) if printer_class.boxes != merged_class.boxes
     )
-    return a.throughput + b.throughput - merged_class.throughput + ROOM_VALUE * rooms
+    return a.throughput + b.throughput - merged_class.throughput + VOLUME_VALUE * shrunk_throughput
 
 
 def _merge_classes(a: PrinterClass, b: PrinterClass) -> PrinterClass:
-    """Merge two classes into one with the room that both have and the lower speed."""
+    """Merge two classes into one with the build volume that both have and the lower speed."""
     factor = max(a.time_factor, b.time_factor)
-    return PrinterClass(_find_shared_room(a.boxes, b.boxes), factor, (*a.printers, *b.printers))
+    return PrinterClass(_find_shared_volume(a.boxes, b.boxes), factor, (*a.printers, *b.printers))
 
 
-def _find_shared_room(a: Room, b: Room) -> Room:
-    """Find the largest boxes that fit both of two rooms."""
+def _find_shared_volume(a: BuildVolume, b: BuildVolume) -> BuildVolume:
+    """Find the largest boxes that fit in both build volumes."""
     if a == b:
         return a
     shared_boxes = {(min(p[0], q[0]), min(p[1], q[1]), min(p[2], q[2])) for p, q in product(a, b)}

@@ -12,7 +12,7 @@ from decompose.jit import jit
 UNREACHABLE = 16_000  # more parts than any fleet has printers; twice this number fits into an int16
 PART = 1 << 46  # digit of the parts in a key
 SECOND_DIGIT = 1 << 20  # digit of the seconds, rounded; the lower digit is the area of the cuts
-AREA_MM2 = 64.0  # unit of the area of cuts
+AREA_UNIT_MM2 = 64.0  # unit of the area of cuts
 MAX_S = 1e6  # maximum time of a box in a key, so that the digits do not overlap
 
 Table = npt.NDArray[np.int16] | Ints
@@ -50,13 +50,13 @@ def _update_min(value: Table, size: int, start: tuple[int, int, int], count: int
 
 
 @jit
-def lower_boxes(value: Table, sums: Ints, shape: Shape, length: int, first: int, end: int) -> None:
+def lower_box_values(value: Table, sums: Ints, shape: Shape, length: int, first: int, end: int) -> None:
     """Lower the values of boxes of one length along x, in place, to the least sums of their partitions.
 
-    All shorter boxes have to be lowered before; boxes of the same length do not depend on each other. Boxes
-    of one length along an axis are adjacent in the tables, so that boxes of one size are added at once for
-    all their positions; along z this is done after a transposition that puts z before y. A box that is larger
-    than its needed cells is no special case: a cut removes parts with the value 0 there.
+    All shorter boxes must have been processed first; boxes of the same length do not depend on each other.
+    Boxes of one length along an axis are adjacent in the tables, so that boxes of one size are added at once
+    for all their positions; along z this is done after a transposition that puts z before y. A box larger
+    than its needed cells needs no special case: cuts split off the empty regions, whose value is 0.
 
     Parameters
     ----------
@@ -90,17 +90,21 @@ def lower_boxes(value: Table, sums: Ints, shape: Shape, length: int, first: int,
                 a, b = start + index_interval(0, cut, ny) * tz, start + index_interval(cut, dy, ny) * tz
                 _update_min(value, size, (row, a, b), block, sums)
             for state in range(states):
-                at, to = state * size + row, state * block
-                _transpose_table(value[at : at + block], transposed[to : to + block], rows, tz)
+                source, target = state * size + row, state * block
+                _transpose_table(
+                    value[source : source + block], transposed[target : target + block], rows, tz
+                )
             for dz in range(2, nz + 1):
                 places = (nz - dz + 1) * rows
-                up = index_interval(0, dz, nz) * rows
+                column = index_interval(0, dz, nz) * rows
                 for cut in range(1, dz):
                     a, b = index_interval(0, cut, nz) * rows, index_interval(cut, dz, nz) * rows
-                    _update_min(transposed, block, (up, a, b), places, sums)
+                    _update_min(transposed, block, (column, a, b), places, sums)
             for state in range(states):
-                at, to = state * size + row, state * block
-                _transpose_table(transposed[to : to + block], value[at : at + block], tz, rows)
+                source, target = state * block, state * size + row
+                _transpose_table(
+                    transposed[source : source + block], value[target : target + block], tz, rows
+                )
 
 
 @jit
@@ -134,7 +138,7 @@ def fill_counts(
     Parameters
     ----------
     limit_s
-        The time; a box that takes longer gets `UNREACHABLE`.
+        Maximum time of a part; a box that takes longer gets `UNREACHABLE`.
     seconds, trimmed, pieces
         (boxes,) float32 in s, (boxes,) int32 and (boxes,) int16 tables of `BoxTables`.
     value
@@ -160,7 +164,7 @@ def make_key(seconds: float, pieces: int, cut_mm2: float) -> int:
     cut_mm2
         Area of its cut faces.
     """
-    key: int = pieces * PART + round(min(seconds, MAX_S)) * SECOND_DIGIT + round(cut_mm2 / AREA_MM2)
+    key: int = pieces * PART + round(min(seconds, MAX_S)) * SECOND_DIGIT + round(cut_mm2 / AREA_UNIT_MM2)
     return key
 
 
@@ -178,7 +182,7 @@ def fill_keys(
     Parameters
     ----------
     limit_s
-        The time; a box that takes longer gets the key of `UNREACHABLE` parts.
+        Maximum time of a part; a box that takes longer gets the key of `UNREACHABLE` parts.
     seconds, trimmed, pieces
         (boxes,) float32 in s, (boxes,) int32 and (boxes,) int16 tables of `BoxTables`.
     cut_mm2

@@ -24,7 +24,7 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 
-class Run(Protocol):
+class MapFunction(Protocol):
     """The builtin `map`, or that of an executor."""
 
     def __call__(self, function: Callable[[T], R], arguments: Iterable[T], /) -> Iterable[R]:
@@ -70,7 +70,9 @@ class SeedSource:
     barred: Bools
 
 
-def draw_seed_sets(source: SeedSource, printers: int, tries: int, seed: int, run: Run = map) -> list[Seeds]:
+def draw_seed_sets(
+    source: SeedSource, printers: int, tries: int, seed: int, run: MapFunction = map
+) -> list[Seeds]:
     """Draw the seeds from which blocks grow: `tries` draws of each number from `printers` down to 1.
 
     Parameters
@@ -94,9 +96,9 @@ def draw_seed_sets(source: SeedSource, printers: int, tries: int, seed: int, run
 
 
 def run_attempts(
-    seed_sets: Sequence[Seeds], terrain: Terrain, printers: int, score: Score, run: Run = map
+    seed_sets: Sequence[Seeds], terrain: Terrain, printers: int, score: Score, run: MapFunction = map
 ) -> list[BlockPartition]:
-    """Run attempts and return those that cover the model, the lowest P first, then the fewest parts.
+    """MapFunction attempts and return those that cover the model, the lowest P first, then the fewest parts.
 
     Parameters
     ----------

@@ -137,7 +137,7 @@ def _compute_proximity(blocks: Ints, number: int, direction: int, cells: int) ->
 
 
 @jit
-def _grow_all(
+def _grow_all_blocks(
     blocks: Ints,
     owner: Ints,
     needed: Bools,
@@ -209,7 +209,7 @@ def grow_blocks(seeds: list[Box], terrain: Terrain, score: Score) -> tuple[Ints,
     blocks = np.array(seeds, dtype=np.int64).reshape(-1, 6)
     owner = np.where(terrain.barred, BARRED, FREE).astype(np.int64)
     tables = (terrain.seconds, terrain.pieces, terrain.printing, terrain.overhang)
-    _grow_all(blocks, owner, terrain.needed, tables, score is Score.HIGH)
+    _grow_all_blocks(blocks, owner, terrain.needed, tables, score is Score.HIGH)
     return blocks, owner
 
 
@@ -227,7 +227,7 @@ def _cover_voids(
     Parameters
     ----------
     owner, needed
-        As in `_grow_all`; the owners are updated in place.
+        As in `_grow_all_blocks`; the owners are updated in place.
     seconds, pieces
         (boxes,) float32 in s and (boxes,) int16 of `Terrain`.
     number

@@ -32,7 +32,7 @@ from decompose.options import Options, ParalleloboxOptions, Score
 from decompose.pieces import Piece, cut_cells, find_faults
 from decompose.problem import Partition, Problem, Work
 
-MAX_CUT = 12  # maximum number of partitions whose pieces are counted, the best first
+MAX_CUT_PARTITIONS = 12  # maximum number of partitions whose pieces are counted, the best first
 MAX_HALF_ATTEMPTS = 100  # maximum number of attempts on a half that are combined with those on the other half
 
 
@@ -175,7 +175,7 @@ def _search_space(space: _SearchSpace, problem: Problem) -> list[_Candidate]:
         attempts = [
             [attempt for group in by_space.values() for attempt in group] for by_space in attempts_by_half
         ]
-        candidates += _find_soonest(
+        candidates += _find_soonest_candidate(
             _rank_partitions(attempts, lambda a: space.boxes.find_longest_s(a.blocks)), space, problem
         )
     return candidates
@@ -248,14 +248,18 @@ def _rank_partitions(
 
 def _find_first_fit(ranked_partitions: Ranked, space: _SearchSpace, problem: Problem) -> list[_Candidate]:
     """Find the first partition that has no more pieces than there are printers, if any."""
-    candidates = (_cut_candidate(boxes, space, problem) for _, boxes in ranked_partitions[:MAX_CUT])
+    candidates = (
+        _cut_candidate(boxes, space, problem) for _, boxes in ranked_partitions[:MAX_CUT_PARTITIONS]
+    )
     return list(islice((candidate for candidate in candidates if candidate is not None), 1))
 
 
-def _find_soonest(ranked_partitions: Ranked, space: _SearchSpace, problem: Problem) -> list[_Candidate]:
+def _find_soonest_candidate(
+    ranked_partitions: Ranked, space: _SearchSpace, problem: Problem
+) -> list[_Candidate]:
     """Find the partition that ends soonest; stop when no other one can end sooner."""
     best: list[_Candidate] = []
-    for expected_s, boxes in ranked_partitions[:MAX_CUT]:
+    for expected_s, boxes in ranked_partitions[:MAX_CUT_PARTITIONS]:
         is_settled = best and not best[0].fault and expected_s >= best[0].ends_s
         if is_settled or (best and problem.effort.is_spent()):
             break

@@ -12,17 +12,17 @@ from decompose.arrays import Floats
 from decompose.geometry import find_convex_outline, find_half_planes
 from decompose.jit import jit
 
-FIRST_LAYER_MM = 0.15  # height of the middle of the first layer, at which it is cut
+FIRST_LAYER_MM = 0.15  # height of the middle of the first layer, at which the mesh is cut
 SHARP_DEG = 120.0
 ROUNDED_MM = 1.0  # maximum size of a chamfer or a rounding that counts as one corner
 
 # [assumed] Limits that decide the width of a brim.
-STEADY = 3.0  # maximum ratio of height to width of the walls in the first layer without a brim
+MAX_STEADY_RATIO = 3.0  # maximum ratio of height to width of the walls in the first layer without a brim
 GOOD_CONTACT_MM2 = 400.0
 # Lengths of a base from which its corners lift, and from which they need the widest brim.
 WARP_LENGTHS_MM = (60.0, 120.0)
 REFERENCE_SHRINKAGE = 0.007
-"""Shrinkage (of ABS) to which `WARPS_MM` applies: a corner lifts by shrinkage times length squared."""
+"""Shrinkage (of ABS) to which `WARP_LENGTHS_MM` applies: a corner lifts by shrinkage times length squared."""
 MIN_BRIM_MM = 2.0
 
 # [assumed] Width that the squeezed first layer adds to each side; it is not taken off thinner walls.
@@ -54,14 +54,14 @@ class Footing:
     edges: Floats
 
     @classmethod
-    def from_mesh(cls, triangles: Floats, props_mm: Floats) -> Footing:
+    def from_mesh(cls, triangles: Floats, bed_support_border_mm: Floats) -> Footing:
         """Measure the footing of a closed mesh and of its supports.
 
         Parameters
         ----------
         triangles
             (m, 3, 3) in mm, outward, standing on z = 0.
-        props_mm
+        bed_support_border_mm
             (p, 2) points of the supports on the bed.
         """
         contact_mm2, outline_mm, points = _measure_first_layer(triangles)
@@ -70,7 +70,11 @@ class Footing:
         sides = sides[np.linalg.norm(sides, axis=1) > ROUNDED_MM]
         turn = np.arctan2(sides[:, 1], sides[:, 0])
         bend = np.degrees((np.roll(turn, -1) - turn + math.pi) % (2.0 * math.pi) - math.pi)
-        outline = find_convex_outline(np.concatenate([rim, props_mm])) if len(props_mm) else rim
+        outline = (
+            find_convex_outline(np.concatenate([rim, bed_support_border_mm]))
+            if len(bed_support_border_mm)
+            else rim
+        )
         edges = find_half_planes(outline)
         return cls(
             contact_mm2=contact_mm2,
@@ -107,18 +111,18 @@ class Footing:
         shrinkage
             Share of its length by which the material shrinks.
         """
-        lever = (height_mm / STEADY - self.wall_mm) / 2.0
-        contact = widest_mm * (1.0 - self.contact_mm2 / GOOD_CONTACT_MM2)
-        longer = math.sqrt(REFERENCE_SHRINKAGE / max(shrinkage, 1e-4))
-        begins, all_of_it = (longer * length_mm for length_mm in WARP_LENGTHS_MM)
-        warp = widest_mm * (self.length_mm - begins) / (all_of_it - begins)
+        lever_mm = (height_mm / MAX_STEADY_RATIO - self.wall_mm) / 2.0
+        contact_mm = widest_mm * (1.0 - self.contact_mm2 / GOOD_CONTACT_MM2)
+        length_ratio = math.sqrt(REFERENCE_SHRINKAGE / max(shrinkage, 1e-4))
+        first_mm, full_mm = (length_ratio * length_mm for length_mm in WARP_LENGTHS_MM)
+        warp_mm = widest_mm * (self.length_mm - first_mm) / (full_mm - first_mm)
         offset_mm = widest_mm if lean_mm < 0.0 else 0.0
-        width_mm = max(lever, contact, offset_mm, warp if self.sharp_corners else warp / 2.0)
+        width_mm = max(lever_mm, contact_mm, offset_mm, warp_mm if self.sharp_corners else warp_mm / 2.0)
         return 0.0 if width_mm < MIN_BRIM_MM else math.floor(10.0 * min(width_mm, widest_mm)) / 10.0
 
-    def choose_expansion_mm(self, joined: bool) -> float:
+    def choose_expansion_mm(self, is_joined: bool) -> float:
         """Choose the horizontal expansion of the first layer, so that it does not protrude from a joint."""
-        return -ELEPHANT_FOOT_MM if joined and self.wall_mm >= MIN_WALL_MM else 0.0
+        return -ELEPHANT_FOOT_MM if is_joined and self.wall_mm >= MIN_WALL_MM else 0.0
 
 
 @jit
@@ -138,7 +142,7 @@ def _measure_first_layer(triangles: Floats) -> tuple[float, float, Floats]:
         Area in mm2, length of the outline in mm, and (n, 2) float64 points in mm that span the layer.
     """
     area_mm2, outline_mm, count = 0.0, 0.0, 0
-    points = np.zeros((4 * _count_low(triangles), 2))
+    points = np.zeros((4 * _count_low_triangles(triangles), 2))
     ends = np.zeros((2, 2))
     for t in range(len(triangles)):
         below = 0
@@ -163,7 +167,7 @@ def _measure_first_layer(triangles: Floats) -> tuple[float, float, Floats]:
 
 
 @jit
-def _count_low(triangles: Floats) -> int:
+def _count_low_triangles(triangles: Floats) -> int:
     """Count the triangles that reach below the height of the first layer.
 
     Parameters

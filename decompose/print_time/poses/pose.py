@@ -15,11 +15,11 @@ from decompose.print_time.cost import CostModel
 from decompose.print_time.hidden_faces import find_hidden_faces
 from decompose.print_time.pose_prices import LATERAL, SKIN, price_short_layers_s, sum_pose_features
 from decompose.print_time.poses.footing import FIRST_LAYER_MM, Footing
-from decompose.print_time.recipe import ADDITIVE
+from decompose.print_time.recipe import ADDITIVE_FEATURES
 from decompose.print_time.surfaces import measure_surfaces
 from decompose.print_time.thin_walls import Sheets, WallWidths, measure_thin_walls
 
-COLUMN = ADDITIVE.index("column_mm3")
+COLUMN = ADDITIVE_FEATURES.index("column_mm3")
 HOLE_INSET_SHARE = math.pi / 4.0  # inset of a round hole as a share of a square one's: most holes are round
 TOUCHED_MM2 = 1.0  # minimum area of a cut face that support touches; a smaller area is a rounding error
 
@@ -35,7 +35,7 @@ PULL_N = 0.5
 
 # [assumed] A part that is so slender on such a small foot gets a warning, even if its brim holds it.
 SMALL_FOOT_MM2 = 300.0
-SLENDER = 6.0  # minimum `Pose.slenderness`, such as that of a part 100 mm high on 300 mm2
+MIN_SLENDERNESS = 6.0  # minimum `Pose.slenderness`, such as that of a part 100 mm high on 300 mm2
 WEIGHT_N_MM3 = 1.25e-5
 
 
@@ -51,6 +51,8 @@ class Pose:
         Width, depth and height.
     price_s
         Estimated print time with its supports and its brim.
+    footing
+        Area by which the part stands on the bed.
     strain
         Moment that tilts the part while it is printed, over the moment that holds it; it stays up to 1.
     lean_mm
@@ -97,7 +99,7 @@ class Pose:
     @property
     def has_small_foot(self) -> bool:
         """Check whether the part is tall for a small first layer."""
-        return self.footing.contact_mm2 < SMALL_FOOT_MM2 and self.slenderness > SLENDER
+        return self.footing.contact_mm2 < SMALL_FOOT_MM2 and self.slenderness > MIN_SLENDERNESS
 
     @property
     def rank(self) -> tuple[int, float, float, float]:
@@ -147,7 +149,7 @@ class PartMesh:
 def measure_from_features(
     mesh: PartMesh, rotation: Floats, features: Floats, cost: CostModel, fit_first_layer: bool
 ) -> Pose:
-    """Measure a pose as `measure_pose` does, from features that are known already.
+    """Measure a pose as `measure_pose` does, from known features.
 
     Parameters
     ----------
@@ -156,7 +158,7 @@ def measure_from_features(
     rotation
         (3, 3), whose rows are the bed's x, y and z in the model's frame.
     features
-        (5,) `ADDITIVE` features in this pose.
+        (5,) `ADDITIVE_FEATURES` in this pose.
     cost
         Print time of a part.
     fit_first_layer
@@ -175,16 +177,16 @@ def measure_from_features(
     sheets = Sheets(cost.skins_mm - saved_mm, cost.layer_mm, cost.skin_cos)
     columns = measure_columns(triangles, mesh.cut, cost.overhang_cos)
     thin = measure_thin_walls(triangles, WallWidths(cost.line_mm, cost.outer_walls_mm, cost.walls_mm), sheets)
-    footing = Footing.from_mesh(triangles, columns.props_mm)
-    leans = [footing.measure_margin_mm(centre[None, :2]) for centre in columns.centres_mm]
-    brim: float | None = None
-    expansion: float | None = None
+    footing = Footing.from_mesh(triangles, columns.bed_support_border_mm)
+    leans_mm = [footing.measure_margin_mm(centre[None, :2]) for centre in columns.centres_mm]
+    brim_width_mm: float | None = None
+    expansion_mm: float | None = None
     if fit_first_layer:
-        brim = footing.choose_brim_width_mm(height, leans[-1], cost.brim_mm, cost.shrinkage)
-        joined = bool((triangles[mesh.cut][:, :, 2].min(axis=1, initial=math.inf) < FIRST_LAYER_MM).any())
-        expansion = footing.choose_expansion_mm(joined)
+        brim_width_mm = footing.choose_brim_width_mm(height, leans_mm[-1], cost.brim_mm, cost.shrinkage)
+        is_joined = bool((triangles[mesh.cut][:, :, 2].min(axis=1, initial=math.inf) < FIRST_LAYER_MM).any())
+        expansion_mm = footing.choose_expansion_mm(is_joined)
     contours = measure_contours(mesh.vertices, mesh.faces, up, cost.skin_cos, cost.ring_cos)
-    pose_cost = cost if brim is None else replace(cost, brim_mm=brim)
+    pose_cost = cost if brim_width_mm is None else replace(cost, brim_mm=brim_width_mm)
     return Pose(
         to_model=to_model,
         size_mm=(width, depth, height),
@@ -193,20 +195,20 @@ def measure_from_features(
         + cost.price_contours_s(contours, float(features[SKIN]))
         + price_short_layers_s(triangles, cost),
         footing=footing,
-        strain=_compute_strain(footing, columns, height, leans),
-        lean_mm=leans[-1],
+        strain=_compute_strain(footing, columns, height, leans_mm),
+        lean_mm=leans_mm[-1],
         support_mm3=columns.support_mm3,
         touched_mm2=columns.touched_mm2,
         brim_share_mm=BRIM_FOOTING_SHARE * pose_cost.brim_mm,
-        brim_width_mm=brim,
-        layer_0_expansion_mm=expansion,
+        brim_width_mm=brim_width_mm,
+        layer_0_expansion_mm=expansion_mm,
         bed_face_hidden=hidden_faces.is_bed_hidden and cost.hidden_bed_share > 0.0,
         tops_hidden=hidden_faces.are_tops_hidden and cost.hidden_top_share > 0.0,
     )
 
 
 def _price_pose_s(features: Floats, extents_mm: Floats, columns: Columns, cost: CostModel) -> float:
-    """Price a pose by its `ADDITIVE` features (5,) and extents (3,), corrected by the part's columns."""
+    """Price a pose by its `ADDITIVE_FEATURES` (5,) and extents (3,), corrected by the part's columns."""
     bodies_mm = columns.bodies_mm - HOLE_INSET_SHARE * columns.holes_mm
     return (
         cost.price_s([*features[:COLUMN], 0.0], extents_mm)
@@ -221,8 +223,8 @@ def _price_pose_s(features: Floats, extents_mm: Floats, columns: Columns, cost: 
 
 def _compute_strain(footing: Footing, columns: Columns, height_mm: float, leans_mm: Sequence[float]) -> float:
     """Compute the worst ratio of the moments that tilt a growing part to the moment that holds it."""
-    area_mm2 = footing.contact_mm2 + SUPPORTED_CONTACT_SHARE * columns.propped_mm2
-    holds = ADHESION_N_MM2 * area_mm2 * footing.width_mm / 2.0
-    outside = max(w * max(0.0, -lean) for w, lean in zip(columns.volumes_mm3, leans_mm, strict=True))
-    pulls = PULL_N * height_mm + WEIGHT_N_MM3 * outside
-    return float(pulls / holds) if holds > 0.0 else math.inf
+    area_mm2 = footing.contact_mm2 + SUPPORTED_CONTACT_SHARE * columns.bed_support_mm2
+    holding_n_mm = ADHESION_N_MM2 * area_mm2 * footing.width_mm / 2.0
+    outside_mm4 = max(v * max(0.0, -lean) for v, lean in zip(columns.volumes_mm3, leans_mm, strict=True))
+    tilting_n_mm = PULL_N * height_mm + WEIGHT_N_MM3 * outside_mm4
+    return float(tilting_n_mm / holding_n_mm) if holding_n_mm > 0.0 else math.inf

@@ -142,7 +142,7 @@ def build_recipe(settings: EngineSettings, prelude_s: float) -> Recipe:
         support_angle_deg=settings.support_angle_deg,
         brim_mm=settings.brim_width_mm if global_settings["adhesion_type"] == "brim" else 0.0,
         brim_mm_s=settings.speed_layer_0_mm_s,
-        speeding_layers=int(float(global_settings["speed_slowdown_layers"])),
+        slow_layers=int(float(global_settings["speed_slowdown_layers"])),
         travel_mm_s=settings.speed_travel_mm_s,
         retraction_s=_time_retraction_s(extruder),
         acceleration_mm_s2=float(global_settings["machine_acceleration"]),

@@ -28,15 +28,15 @@ from decompose.export.step_picture import (
     choose_view,
     draw_steps,
     find_pose,
-    name_top,
+    name_top_direction,
     turn_over,
 )
 from decompose.export.step_scene import (
     GLUE_COLOUR,
     INK,
     PIN_COLOUR,
-    build_both,
-    build_moved,
+    build_both_bodies,
+    build_moved_body,
     find_glued_faces,
 )
 from decompose.files.names import ASSEMBLY, INSTRUCTIONS, PICTURE
@@ -190,7 +190,7 @@ def test_every_picture_shows_glue_pins_and_codes(step_pictures: list[StepPicture
 def test_chosen_view_shows_pins_and_codes(drilled_table: Decomposition) -> None:
     for number, step in enumerate(drilled_table.assembly.steps):
         pose = find_pose(step.direction)
-        scene = build_both(number, drilled_table, 60.0 * step.direction)
+        scene = build_both_bodies(number, drilled_table, 60.0 * step.direction)
         camera = make_camera(*choose_view(scene, pose, ELEVATIONS_DEG, None)) @ pose
         visible = draw_shapes(scene.shapes, camera, 400, oversample=1).visible
         visible_counts = [(visible == 1 + scene.first_pin + k).sum() for k in range(len(scene.pins))]
@@ -208,12 +208,12 @@ def test_pose_has_the_joint_upwards_and_keeps_left_and_right_apart() -> None:
         assert turned_pose @ direction == pytest.approx([0.0, 0.0, -1.0]) and np.linalg.det(
             turned_pose
         ) == pytest.approx(1.0)
-    assert name_top(make_camera(-60.0, 30.0)) == "upwards"
-    assert name_top(make_camera(-60.0, 30.0) @ find_pose(np.array([0.0, 0.0, -1.0]))) == "downwards"
+    assert name_top_direction(make_camera(-60.0, 30.0)) == "upwards"
+    assert name_top_direction(make_camera(-60.0, 30.0) @ find_pose(np.array([0.0, 0.0, -1.0]))) == "downwards"
 
 
 def test_holes_of_the_moved_body_lie_where_its_pins_go(drilled_table: Decomposition) -> None:
-    scene = build_moved(0, drilled_table)
+    scene = build_moved_body(0, drilled_table)
     for pin, shape in zip(scene.pins, scene.shapes[scene.first_pin :], strict=False):
         assert np.abs(shape.triangles.mean(axis=(0, 1)) - pin.at_mm).max() < 2.0
         assert np.cross(*np.diff(shape.triangles[0], axis=0)) @ pin.axis < 0.0  # seen from below
@@ -242,7 +242,7 @@ def test_faces_point_away_from_the_fixed_body_even_where_they_slide(pinwheel: De
 
 def test_previous_view_is_kept_or_approached(drilled_table: Decomposition) -> None:
     pose = find_pose(drilled_table.assembly.steps[0].direction)
-    scene = build_both(0, drilled_table, 60.0 * drilled_table.assembly.steps[0].direction)
+    scene = build_both_bodies(0, drilled_table, 60.0 * drilled_table.assembly.steps[0].direction)
 
     def compute_turn_deg(azimuth_deg: float, before_deg: float) -> float:
         return abs((azimuth_deg - before_deg + 180.0) % 360.0 - 180.0)

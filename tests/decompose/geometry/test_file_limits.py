@@ -33,7 +33,7 @@ def write_polygon(corners: int, suffix: str, comment: bytes = b"") -> bytes:
 def test_face_of_a_million_corners_is_refused(suffix: str) -> None:
     check_limits("a", write_polygon(MAX_CORNERS - 1, suffix), suffix, None)
     with pytest.raises(
-        ModelUnreadable, match=r"face of 100000.? corners .limit 10000.; export it with triangles"
+        ModelUnreadable, match=r"face with 100000.? corners .limit 10000.; export it with triangles"
     ):
         check_limits("a", write_polygon(1_000_000, suffix), suffix, None)
 
@@ -54,7 +54,7 @@ def test_binary_ply_of_few_faces_and_many_bytes_is_refused() -> None:
 
 @pytest.mark.parametrize("data", [b"ply", b"ply\nformat ascii 1.0\n", b"ply\n" + b"comment x\n" * 10_000])
 def test_ply_without_an_end_of_its_header_is_refused(data: bytes) -> None:
-    with pytest.raises(ModelUnreadable, match="its header has no end within 64 KiB"):
+    with pytest.raises(ModelUnreadable, match="no end_header within 64 KiB"):
         check_limits("a", data + b" " * MAX_PLY_HEADER_BYTES + b"end_header\n", ".ply", None)
 
 

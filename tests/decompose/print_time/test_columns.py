@@ -41,8 +41,8 @@ def test_supports_end_on_the_part(bench: Solid) -> None:
     result = measure_solid(bench)
     assert result.support_mm3 == pytest.approx(10 * 20 * 20 + 20 * 20 * 25, rel=0.03)
     assert result.support_side_mm2 == pytest.approx((10 + 20) * 2 * 20 + (20 + 20) * 2 * 25, rel=0.05)
-    assert result.propped_mm2 == pytest.approx(20 * 20, rel=0.05)
-    assert result.props_mm[:, 0].min() == pytest.approx(20.0, abs=0.5)
+    assert result.bed_support_mm2 == pytest.approx(20 * 20, rel=0.05)
+    assert result.bed_support_border_mm[:, 0].min() == pytest.approx(20.0, abs=0.5)
     assert result.touched_mm2 == 0.0
 
 

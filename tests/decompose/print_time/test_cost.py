@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from decompose.geometry import Solid
 from decompose.print_time import (
-    ADDITIVE,
+    ADDITIVE_FEATURES,
     FACTORS,
     MAX_INSET_SHARE,
     POSE_ROTATIONS,
@@ -76,7 +76,7 @@ def test_walls_inside_the_outline_are_shorter() -> None:
 
 
 def test_first_layers_of_a_skin_on_the_bed_have_their_own_speed() -> None:
-    recipe = Recipe(skin_layers=4.0, skin_mm_s=20.0, brim_mm_s=30.0, speeding_layers=2)
+    recipe = Recipe(skin_layers=4.0, skin_mm_s=20.0, brim_mm_s=30.0, slow_layers=2)
     bed_layers_s_mm, upper_layers_s_mm = 1.0 / 30.0 + 1.0 / 25.0 + 2.0 / 20.0, 4.0 / 20.0
     assert recipe.skin_s_mm == pytest.approx((bed_layers_s_mm + upper_layers_s_mm) / 2.0)
 
@@ -161,8 +161,8 @@ def test_slope_has_skin_if_its_steps_are_wider_than_the_walls() -> None:
         ({"layer_height_mm": 0.125}, "brim", 1.0),
         ({"outer_wall_mm_s": 20.0, "inner_wall_mm_s": 25.0}, "walls", 2.0),
         ({"skin_mm_s": 15.0, "brim_mm_s": 15.0}, "skin", 2.0),
-        ({"skin_mm_s": 15.0, "speeding_layers": 0}, "skin", 2.0),
-        ({"skin_mm_s": 15.0, "speeding_layers": 0}, "skin rim", 2.0),
+        ({"skin_mm_s": 15.0, "slow_layers": 0}, "skin", 2.0),
+        ({"skin_mm_s": 15.0, "slow_layers": 0}, "skin rim", 2.0),
         ({"infill_connected": False}, "infill ends", 2.0),
         ({"skin_layers": 6.0}, "skin", 2.0),
         ({"travel_mm_s": 75.0}, "travel", 2.0),
@@ -244,7 +244,7 @@ def test_axis_poses_are_priced_like_other_rotations(ring_with_bar: Solid, cost: 
 def test_features_are_returned_in_the_order_of_the_poses(ring_with_bar: Solid, cost: CostModel) -> None:
     rotations = Rotation.random(40, random_state=3).as_matrix()
     features, _ = sum_pose_features(*ring_with_bar.arrays(), rotations, cost)
-    assert features.shape == (40, len(ADDITIVE))
+    assert features.shape == (40, len(ADDITIVE_FEATURES))
     for i in (0, 17, 39):
         single_features, _ = sum_pose_features(*ring_with_bar.arrays(), rotations[i : i + 1], cost)
         assert features[i] == pytest.approx(single_features[0])

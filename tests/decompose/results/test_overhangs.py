@@ -70,7 +70,7 @@ def test_layers_between_corners_represent_the_others(
     area_mm2, section_count = measure_ceiling_mm2(tools, SIDE, 0.0, UP_AXIS), sum(counts)
     monkeypatch.setattr(overhangs, "RING_MM", 1e-9)  # nothing is dropped ...
     all_mm2 = measure_ceiling_mm2(tools, SIDE, 0.0, UP_AXIS)
-    monkeypatch.setattr(overhangs, "_find_ends", lambda run: run)  # ... and each layer is cut
+    monkeypatch.setattr(overhangs, "_list_end_layers", lambda run: run)  # ... and each layer is cut
     counts.clear()
     assert measure_ceiling_mm2(tools, SIDE, 0.0, UP_AXIS) == pytest.approx(all_mm2, abs=1e-6)
     assert area_mm2 == pytest.approx(all_mm2, abs=1e-6)

@@ -261,7 +261,7 @@ def test_pieces_that_would_meet_along_an_edge_stay_apart(cost: CostModel) -> Non
     pieces = [Piece(Solid.box(*box), list_box_planes(box), box[None]) for box in boxes]
     model = Model(Solid.union([piece.solid for piece in pieces]), (), 1.0)
     merger = _PieceMerger(pieces, Problem(model, tuple(make_printers(1)), cost, OPTIONS))
-    merger.merge_down_to(1)
+    merger.merge_to_count(1)
     merged_pieces = merger.list_merged_pieces()
     assert len(merged_pieces) == 2
     assert all(round_triangles(*piece.solid.arrays()) is not None for piece in merged_pieces)

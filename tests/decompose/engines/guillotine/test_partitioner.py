@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from books.box_tables import Shape, make_tables
 from decompose.engines.guillotine import Partitioner
 from decompose.engines.guillotine.partitioner import OtherClass
-from decompose.engines.guillotine.recursion import AREA_MM2, UNREACHABLE
+from decompose.engines.guillotine.recursion import AREA_UNIT_MM2, UNREACHABLE
 from decompose.grid import Box, BoxTables, find_box, index_box
 from decompose.grid.boxes import list_rooms
 from decompose.pieces import assign_bottleneck
@@ -41,7 +41,7 @@ def find_best_by_recursion(tables: BoxTables, is_needed: np.ndarray, limit_s: fl
                 (
                     int(tables.pieces[index]),
                     round(tables.seconds[index]),
-                    round(tables.cut_mm2[index] / AREA_MM2),
+                    round(tables.cut_mm2[index] / AREA_UNIT_MM2),
                 )
             ]
         for axis in range(3):
@@ -69,8 +69,8 @@ def test_minimum_number_of_parts_at_a_time_limit(shape: Shape, seed: int, share:
     limit_s = share * 130.0 * float(np.prod(shape))
     solver = Partitioner(tables)
     expected_count = find_fewest_by_recursion(tables, is_needed, limit_s)
-    for ties in (False, True):
-        result = solver.solve(limit_s, ties)
+    for break_ties in (False, True):
+        result = solver.solve(limit_s, break_ties)
         assert result == expected_count
     if result >= UNREACHABLE:
         return
@@ -94,13 +94,13 @@ def test_ties_are_broken_by_work_then_by_cut_area(
         tables.seconds[np.isfinite(tables.seconds)] = 100.0
     limit_s = share * 130.0 * float(np.prod(shape))
     solver = Partitioner(tables)
-    if solver.solve(limit_s, ties=True) >= UNREACHABLE:
+    if solver.solve(limit_s, break_ties=True) >= UNREACHABLE:
         return
     indices = [index_box(box, shape) for box in solver.list_chosen_boxes()]
     sort_key = (
         sum(int(tables.pieces[i]) for i in indices),
         sum(round(tables.seconds[i]) for i in indices),
-        sum(round(tables.cut_mm2[i] / AREA_MM2) for i in indices),
+        sum(round(tables.cut_mm2[i] / AREA_UNIT_MM2) for i in indices),
     )
     assert sort_key == find_best_by_recursion(tables, is_needed, limit_s)
 
@@ -114,13 +114,13 @@ def test_free_or_busy_executor_changes_no_solution(
     tables, _ = make_tables(shape, seed)
     limit_s = share * 130.0 * float(np.prod(shape))
     serial_partitioner = Partitioner(tables)
-    fewest = serial_partitioner.solve(limit_s, ties=True)
+    fewest = serial_partitioner.solve(limit_s, break_ties=True)
     release = Event()
     with ThreadPoolExecutor(1) as executor:
         if is_busy:
             executor.submit(release.wait)
         parallel_partitioner = Partitioner(tables, executor=executor)
-        parallel_fewest = parallel_partitioner.solve(limit_s, ties=True)
+        parallel_fewest = parallel_partitioner.solve(limit_s, break_ties=True)
         release.set()
     assert parallel_fewest == fewest
     assert (parallel_partitioner.counts == serial_partitioner.counts).all()
@@ -216,8 +216,8 @@ def test_unequal_printers_match_an_exhaustive_distribution(
         if all(n <= m for n, m in zip(parts_by_class[1:], counts, strict=True))
     ]
     expected_count = min(feasible_counts, default=UNREACHABLE)
-    for ties in (False, True):
-        assert solver.solve(limit_s, ties) == expected_count
+    for break_ties in (False, True):
+        assert solver.solve(limit_s, break_ties) == expected_count
         if expected_count >= UNREACHABLE:
             continue
         indices = [

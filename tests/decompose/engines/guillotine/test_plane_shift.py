@@ -257,7 +257,7 @@ def test_next_search_continues_from_the_result_of_the_last(
     """Limit the reach of a search; with `thorough`, several searches reach the best place."""
     task = replace(make_problem(cone, cost, 2, cells=2), thorough=True)
     _, far_pieces = shift_boxes(task, make_halves(task))
-    monkeypatch.setattr(plane_shift, "REACH", 0.05)
+    monkeypatch.setattr(plane_shift, "MAX_MOVE_SHARE", 0.05)
     old_pieces, new_pieces = shift_boxes(task, make_halves(task))
     assert compute_longest_s(task, new_pieces) < 1.03 * compute_longest_s(task, far_pieces)
     assert compute_longest_s(task, new_pieces) < 0.95 * compute_longest_s(task, old_pieces)

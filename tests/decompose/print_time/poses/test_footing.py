@@ -105,9 +105,9 @@ def test_chamfered_corner_is_sharp_but_a_rounded_one_is_not() -> None:
 
 
 def test_first_layer_is_narrowed_at_joints_but_not_at_thin_walls() -> None:
-    assert measure_box(20, 20, 20).choose_expansion_mm(joined=True) == -0.2
-    assert measure_box(20, 20, 20).choose_expansion_mm(joined=False) == 0.0
-    assert measure_box(80, 0.9, 20).choose_expansion_mm(joined=True) == 0.0
+    assert measure_box(20, 20, 20).choose_expansion_mm(is_joined=True) == -0.2
+    assert measure_box(20, 20, 20).choose_expansion_mm(is_joined=False) == 0.0
+    assert measure_box(80, 0.9, 20).choose_expansion_mm(is_joined=True) == 0.0
 
 
 sizes_mm = st.floats(1.0, 150.0)
