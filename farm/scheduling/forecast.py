@@ -169,6 +169,8 @@ class _Simulation:
                 self._now_s = edge_s
                 self._blocked_printers.clear()
                 edge_s = self._find_next_edge_s()
+                if change_s == self._now_s:  # a print that ends at this moment frees its printer first
+                    continue
             elif change_s == math.inf:
                 return
             else:

@@ -185,6 +185,14 @@ rule_sets = st.fixed_dictionaries(
     11,
     [1700, 260, 1161],
 )
+# A print of a job at its limit of printers ends at the moment when attended hours begin.
+@example(
+    [([2.0], JobOptions()), ([2.0, 0.75, 5.0], JobOptions(printers=2, spares=1)), ([0.75], JobOptions())],
+    {"max_heating": 1, "attended": ["mon-fri 08:00-12:00", "13:00-17:00"]},
+    4,
+    7,
+    [2000, 326, 300, 2000],
+)
 @given(jobs, rule_sets, st.integers(1, 4), st.integers(0, 23), st.lists(st.integers(200, 2000), max_size=4))
 def test_forecast_is_exact_without_failures(job_specs, start_rules, printers, hour, reels):
     with tempfile.TemporaryDirectory() as folder:
