@@ -1,6 +1,6 @@
 """Real jobs planned on one and on two workers of this computer, and the times of their tasks.
 
-Parts are cut from a random model (`bench.unseen_models`) and sliced by CuraEngine. The CPU time of each task
+Parts are cut from a random model (`bench.unseen`) and sliced by CuraEngine. The CPU time of each task
 does not depend on other load, and the ratio of the durations hardly does.
 """
 
@@ -16,7 +16,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from bench.unseen_models import draw_model
+from bench.unseen import draw_model
 from decompose.files.names import REPORT
 from decompose.geometry import round_triangles, write_stl
 from farm.compute import CHECKING, Deferred, Limit, Pool, PoolShare, Workers

@@ -2,7 +2,7 @@
 
 Usage: python -m bench.prices.feature_factors --cache DIR [--seeds 1,2,3,4] [--side 90] [--splits 20] [--json]
 
-Parts are quarters of the models of `bench.unseen_models`, sliced by CuraEngine. The actual time of a slice's
+Parts are quarters of the models of `bench.unseen`, sliced by CuraEngine. The actual time of a slice's
 layers is that of its moves in the emulator's planner, with limits other than those that CuraEngine assumes.
 The factors are learned from 30 parts, as the farm learns them from prints, and tested on the others; the
 errors are means over several random splits. Parts are kept in the cache: the first run slices them, which
@@ -22,7 +22,7 @@ import numpy as np
 
 from bench.prices.features import cut_piece
 from bench.prices.parts import PRINTER, make_recipe
-from bench.unseen_models import KINDS
+from bench.unseen import KINDS
 from decompose.geometry import write_stl
 from decompose.print_time import CostModel
 from drivers.emulator.firmware.planner import Limits, Planner

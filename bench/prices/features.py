@@ -3,7 +3,7 @@
 Usage: python -m bench.prices.features --cache DIR [--seeds 1,2] [--qualities glue,paper]
        [--pieces low,high] [--shapes] [--json]
 
-Parts are pieces of the models of `bench.unseen_models`, and with --shapes the shapes of
+Parts are pieces of the models of `bench.unseen`, and with --shapes the shapes of
 `bench.prices.contours`. A slice's seconds are those of its moves with acceleration and jerk
 (`bench.prices.move_times`), by the kind of their line. Parts and slices are kept in the cache, so that a
 change of prices can be measured within seconds.
@@ -23,7 +23,7 @@ import numpy as np
 from bench.prices.contours import SHAPES
 from bench.prices.move_times import measure_features_s
 from bench.prices.parts import PRINTER, make_recipe
-from bench.unseen_models import KINDS, draw_model
+from bench.unseen import KINDS, draw_model
 from decompose.arrays import Bools, Floats, Ints
 from decompose.geometry import write_stl
 from decompose.print_time import (

@@ -181,7 +181,7 @@ def main() -> int:
         "--unseen",
         type=int,
         metavar="SEED",
-        help="use models of bench.unseen_models instead of the bench shapes",
+        help="use models of bench.unseen instead of the bench shapes",
     )
     parser.add_argument("--parts", type=int, default=2, help="parts of each model and number of printers")
     parser.add_argument("--workers", type=int, default=2)

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from bench.models.shapes import SHAPES
-from bench.unseen_models import KINDS, draw_model
+from bench.unseen import KINDS, draw_model
 from decompose.decompose import decompose_model
 from decompose.errors import DecomposeError
 from decompose.geometry import Model, Solid, load_model, round_triangles, write_stl
@@ -183,7 +183,7 @@ class PosedPart:
 
 
 def list_unseen_models(seed: int) -> Iterator[tuple[str, Model]]:
-    """Yield a model of each kind of `bench.unseen_models`, drawn by a seed."""
+    """Yield a model of each kind of `bench.unseen`, drawn by a seed."""
     for kind in KINDS:
         yield f"{kind}-{seed}", draw_model(kind, seed, OTHER_MODEL_MM)
 

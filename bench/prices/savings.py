@@ -19,7 +19,7 @@ from pathlib import Path
 
 from bench.clusters.calls import add_cluster_options, count_calls, open_calls
 from bench.prices.parts import ENDLESS_BED, EVEN_INFILL, PRINTER
-from bench.unseen_models import draw_model
+from bench.unseen import draw_model
 from decompose.decompose import decompose_model
 from decompose.geometry import write_stl
 from decompose.options import Options

@@ -18,7 +18,7 @@ from dataclasses import asdict, dataclass
 from time import perf_counter, process_time
 
 from bench.models.shapes import make_ellipsoid
-from bench.unseen_models import USABLE_VOLUMES_MM
+from bench.unseen import USABLE_VOLUMES_MM
 from decompose.auto import decompose_auto
 from decompose.decompose import decompose_model
 from decompose.errors import DecomposeError

@@ -6,7 +6,7 @@ from argparse import ArgumentParser
 
 import pytest
 
-from bench import decompose, unseen_models
+from bench import decompose, unseen
 from bench.clusters import calls
 from bench.clusters.calls import add_cluster_options, count_calls, open_calls
 from bench.prices import savings
@@ -25,7 +25,7 @@ from farm.errors import FarmError
         decompose.deferred_cut,
         decompose.deferred_relevel,
         savings.deferred_measure,
-        unseen_models.deferred_measure,
+        unseen.deferred_measure,
     ],
 )
 def test_calls_of_benches_can_be_sent(work):

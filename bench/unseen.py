@@ -1,6 +1,6 @@
 """Decompositions of random shapes on which nothing was tuned, generated from a seed.
 
-Usage: python -m bench.unseen_models [--seed 1] [--kinds organic,bust,...] [--printers 20] [--side 450]
+Usage: python -m bench.unseen [--seed 1] [--kinds organic,bust,...] [--printers 20] [--side 450]
        [--budget 20] [--json] [--scheduler tls://HOST:PORT --certificates DIR]
 
 Each kind is a family: limbs of ellipsoids, a head of noise on shoulders, a lattice of struts, a thin shell, a
@@ -214,7 +214,7 @@ def list_files(*_: object) -> TaskFiles:
     return TaskFiles()
 
 
-deferred_measure = Deferred("bench.unseen_models:measure", list_files)
+deferred_measure = Deferred("bench.unseen:measure", list_files)
 
 
 def format_row(row: Figures) -> str:
