@@ -25,6 +25,8 @@ fallen where a visible wall begins."""
 MIN_LINE_MM = 2.0 * RUN_OUT_MM  # shorter lines keep their speed
 MAX_NOTCH_MM = 0.5
 """Maximum depth of a notch that counts as a part of the side: a mark or a gutter, not a hole for a pin."""
+MAX_NOTCH_LENGTH_MM = 6.0
+"""Maximum path through such a notch; letters are 5 mm high. A longer one may be along a visible wall."""
 _ON_LINE_MM = 0.05
 _LAYER_TIME_RATIO = 1.5
 """Ratio to the minimum layer time below which a layer keeps its speeds. A ratio of speeds up to this one
@@ -90,7 +92,7 @@ def find_fast_walls(path: Toolpath, sides: Sequence[HiddenSide], settings: Engin
     lengths_mm = np.hypot(delta_mm[:, 0], delta_mm[:, 1])
     is_line = (path.extruded_mm > 0.0) & (delta_mm[:, 2] == 0.0) & (lengths_mm > 0.0)
     is_line &= _find_long_layers(path, float(settings.extruder["cool_min_layer_time"]))
-    fast = FastMoves(np.zeros(len(is_line)), path.feed_mm_min.copy())
+    fast = FastMoves(np.zeros(len(is_line)), np.zeros(len(is_line)))
     for feature, depths_mm, speed_mm_s in _list_walls(settings):
         fast_mm_s = settings.limit_hidden_wall_mm_s(speed_mm_s)
         if fast_mm_s <= speed_mm_s:
@@ -124,13 +126,17 @@ def _find_fast_share(walls: npt.NDArray[np.intp], lengths_mm: Floats, depths_mm:
     """
     share = np.zeros(len(walls))
     deepest_mm, shallowest_mm = depths_mm.max(axis=0), depths_mm.min(axis=0)
-    is_on_side = np.asarray((shallowest_mm > -_ON_LINE_MM) & (deepest_mm < _ON_LINE_MM))
-    near = np.flatnonzero((shallowest_mm > -_ON_LINE_MM) & (deepest_mm < MAX_NOTCH_MM))
-    for run in np.split(near, np.flatnonzero(np.diff(walls[near]) != 1) + 1):
-        on_side = np.flatnonzero(is_on_side[run])
-        if len(on_side) == 0:
-            continue
-        line = run[on_side[0] : on_side[-1] + 1]
+    is_near = (shallowest_mm > -_ON_LINE_MM) & (deepest_mm < MAX_NOTCH_MM)
+    on_side = np.flatnonzero((shallowest_mm > -_ON_LINE_MM) & (deepest_mm < _ON_LINE_MM))
+    if len(on_side) == 0:
+        return share
+    first, second = on_side[:-1], on_side[1:]
+    ends_mm, interruptions = np.cumsum(lengths_mm), np.cumsum(~is_near)
+    notches_mm = ends_mm[second] - lengths_mm[second] - ends_mm[first]
+    is_joined = (np.diff(walls[on_side]) == np.diff(on_side)) & (notches_mm < MAX_NOTCH_LENGTH_MM)
+    is_joined &= interruptions[first] == interruptions[second]
+    for run in np.split(on_side, np.flatnonzero(~is_joined) + 1):
+        line = np.arange(run[0], run[-1] + 1)
         to_end_mm = np.cumsum(lengths_mm[line][::-1])[::-1]  # from the start of each move
         if to_end_mm[0] >= MIN_LINE_MM:
             share[line] = np.clip((to_end_mm - RUN_OUT_MM) / lengths_mm[line], 0.0, 1.0)

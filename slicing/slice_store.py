@@ -17,7 +17,7 @@ from slicing.engine import read_engine_version
 from slicing.hidden_walls import HiddenSide
 from slicing.settings import EngineSettings
 
-_FORMAT = "farm-slice-8"
+_FORMAT = "farm-slice-9"
 """Version in the cache's key: increase it with each change of the stored record or the checks."""
 
 

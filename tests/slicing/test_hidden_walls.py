@@ -76,6 +76,21 @@ def test_line_continues_through_a_mark_but_not_through_a_hole(
     assert slow_mm == pytest.approx(slow_ends * layers * RUN_OUT_MM, rel=0.01)
 
 
+def test_visible_wall_shortly_behind_the_side_is_slow(make_request):
+    """Check a recess that is as shallow as a mark, but longer."""
+    recess = trimesh.creation.box(
+        (0.6, 20.0, 20.0), trimesh.transformations.translation_matrix((SIDE.offset_mm, 0.0, 4.0))
+    )
+    _, path = slice_toolpath(make_request, [SIDE], mesh=BLOCK.difference(recess))
+    backs = find_lines(path, "WALL-OUTER", OUTER_MM + 0.3)
+    sides = find_lines(path, "WALL-OUTER", OUTER_MM)
+    layers = len(np.unique(path.layer[sides]))
+    assert len(backs) >= layers
+    assert set(path.feed_mm_min[backs]) == {2400.0}
+    slow_mm = list_lengths_mm(path)[sides[path.feed_mm_min[sides] < 3500.0]].sum()
+    assert slow_mm == pytest.approx(2 * layers * RUN_OUT_MM, rel=0.02)
+
+
 def test_only_walls_along_the_side_are_fast(make_request):
     _, path = slice_toolpath(make_request, [SIDE])
     for feature, depth_mm in (("WALL-OUTER", OUTER_MM), ("WALL-INNER", INNER_MM)):
