@@ -77,18 +77,14 @@ def test_line_continues_through_a_mark_but_not_through_a_hole(
 
 
 def test_visible_wall_shortly_behind_the_side_is_slow(make_request):
-    """Check a recess that is as shallow as a mark, but longer."""
-    recess = trimesh.creation.box(
-        (0.6, 20.0, 20.0), trimesh.transformations.translation_matrix((SIDE.offset_mm, 0.0, 4.0))
-    )
-    _, path = slice_toolpath(make_request, [SIDE], mesh=BLOCK.difference(recess))
+    """Check two recesses, as shallow as a mark but longer; the engine begins each loop in one of them."""
+    recess = trimesh.creation.box((0.6, 10.0, 20.0)).apply_translation((SIDE.offset_mm, 0.0, 4.0))
+    recesses = [recess.copy().apply_translation((0.0, y_mm, 0.0)) for y_mm in (-12.0, 12.0)]
+    _, path = slice_toolpath(make_request, [SIDE], mesh=BLOCK.difference(recesses))
     backs = find_lines(path, "WALL-OUTER", OUTER_MM + 0.3)
-    sides = find_lines(path, "WALL-OUTER", OUTER_MM)
-    layers = len(np.unique(path.layer[sides]))
-    assert len(backs) >= layers
+    assert len(backs) >= 2 * len(np.unique(path.layer[backs]))
     assert set(path.feed_mm_min[backs]) == {2400.0}
-    slow_mm = list_lengths_mm(path)[sides[path.feed_mm_min[sides] < 3500.0]].sum()
-    assert slow_mm == pytest.approx(2 * layers * RUN_OUT_MM, rel=0.02)
+    assert (path.feed_mm_min[find_lines(path, "WALL-OUTER", OUTER_MM)] > 3500.0).any()
 
 
 def test_only_walls_along_the_side_are_fast(make_request):
