@@ -48,7 +48,7 @@ def decompose_model(
     cost
         Print time of a part.
     executor
-        Threads or processes for attempts that may run in parallel; None to run them one after the other.
+        Threads for work that may run in parallel; None to run it serially.
 
     Raises
     ------

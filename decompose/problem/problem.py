@@ -64,7 +64,7 @@ class Problem:
     options
         Engine, grid and limits.
     executor
-        Executor for work that may run in parallel; threads are enough. None to run it serially.
+        Threads for work that may run in parallel; None to run it serially.
     effort
         Work that is done, and the budget. A search that does not end by itself stops when the budget is
         spent, with the best result so far.

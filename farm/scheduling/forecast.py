@@ -169,7 +169,7 @@ class _Simulation:
                 self._now_s = edge_s
                 self._blocked_printers.clear()
                 edge_s = self._find_next_edge_s()
-                if change_s == self._now_s:  # a print that ends at this moment frees its printer first
+                if change_s == self._now_s:  # a print that ends now first lets its job use another printer
                     continue
             elif change_s == math.inf:
                 return

@@ -74,7 +74,7 @@ class Partitioner:
     others
         The other classes.
     executor
-        Executor that solves half of the boxes; None to solve all of them in this thread.
+        Threads that solve half of the boxes; None to solve all of them in this thread.
     """
 
     def __init__(

@@ -6,8 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decompose.engines.guillotine.recursion import UNREACHABLE
-from decompose.grid import Box
-from decompose.grid.box_index import index_interval
+from decompose.grid import Box, index_interval
 from decompose.jit import jit
 
 Pinwheel = tuple[int, int, int, int, int, int]  # axis of extrusion, whether it is mirrored, p1, p2, q1, q2

@@ -98,7 +98,7 @@ def draw_seed_sets(
 def run_attempts(
     seed_sets: Sequence[Seeds], terrain: Terrain, printers: int, score: Score, run: MapFunction = map
 ) -> list[BlockPartition]:
-    """MapFunction attempts and return those that cover the model, the lowest P first, then the fewest parts.
+    """Run attempts and return those that cover the model, the lowest P first, then the fewest parts.
 
     Parameters
     ----------

@@ -165,4 +165,5 @@ def test_parallel_attempts_make_the_plan_of_one_worker(bar, tmp_path):
     assert max_running_tasks[1] == 2
     attempts = read_attempts(states[0], plan_by_one_worker)
     assert sum(attempt["finished"] for attempt in attempts) >= 3
+    assert sum(attempt["makespan_s"] is not None for attempt in attempts) >= 3
     assert read_attempts(states[1], plan_by_two_workers) == attempts

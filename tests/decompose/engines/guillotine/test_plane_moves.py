@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from decompose.engines.guillotine.neighbourhood import list_pinwheel_boxes
+from decompose.engines.guillotine.pinwheel import list_pinwheel_boxes
 from decompose.engines.guillotine.plane_moves import (
     ShiftLimits,
     fill_out_boxes,
