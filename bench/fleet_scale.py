@@ -112,7 +112,9 @@ def write_state(size: FleetSize, folder: Path, notify: str) -> dict[str, Path]:
             row |= {"host": host, "host_command": _HOST_COMMAND}
         rows.append(row)
         folders[name] = (
-            make_paths(folder / "hosts", host).find_agent_folder(name) if host else state.agent(name)
+            make_paths(folder / "hosts", host).find_agent_folder(name)
+            if host
+            else state.find_agent_folder(name)
         )
     fleet = {"fleet": {"name": FARM, "notify": [notify]}, "printers": rows}
     (folder / "fleet.yaml").write_text(yaml.safe_dump(fleet))

@@ -308,7 +308,7 @@ class Night:
         )
 
     def _find_agent_folder(self, name: str) -> Path:
-        return self.state.agent(name)
+        return self.state.find_agent_folder(name)
 
     def _find_emulator(self, name: str) -> Path:
         return self._find_agent_folder(name) / "emulator"

@@ -1,4 +1,4 @@
-"""farm: a fleet of Ultimaker 2+ printers as one fast printer for large models."""
+"""farm: a fleet of Ultimaker 2+ printers used as one fast printer for large models."""
 
 __version__: str
 

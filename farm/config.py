@@ -24,16 +24,16 @@ from pydantic import (
 from farm.log_format import LogFormat
 from farm.week_windows import Window, parse_window
 
-SIMULATED = "sim://"
-_FORWARDED = "rfc2217://"
-_SCHEDULER = re.compile(r"(tls|tcp)://([A-Za-z0-9._-]+|\[[0-9A-Fa-f:.]+\]):([0-9]{1,5})")
+SIMULATED_PREFIX = "sim://"
+_RFC2217_PREFIX = "rfc2217://"
+_SCHEDULER_PATTERN = re.compile(r"(tls|tcp)://([A-Za-z0-9._-]+|\[[0-9A-Fa-f:.]+\]):([0-9]{1,5})")
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,40}$")]
 _MOVED_MODULES = {"drivers.bridge": "drivers.remote.bridge"}
-"""Modules that fleet files of earlier versions name, and their present paths."""
+"""Current paths of modules that fleet files of earlier versions name."""
 Group = Annotated[str, Field(pattern=r"^[a-z_][a-z0-9_-]{0,31}$")]
 PinFit = Annotated[float, Field(ge=0, le=2)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+PositiveNumber = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 KeyPath = tuple[str | int, ...]
 """Path of a value in the file: keys, and indices of lists."""
 
@@ -52,9 +52,8 @@ def _parse_windows(value: object) -> object:
     return tuple(line if isinstance(line, Window) else parse_window(str(line)) for line in lines)
 
 
-Windows = Annotated[
-    tuple[Window, ...], Field(max_length=7 * 24), BeforeValidator(_parse_windows)
-]  # at most one for each hour of a week
+Windows = Annotated[tuple[Window, ...], Field(max_length=7 * 24), BeforeValidator(_parse_windows)]
+"""Weekly windows, at most one for each hour of a week."""
 
 
 class _Section(BaseModel):
@@ -62,8 +61,8 @@ class _Section(BaseModel):
 
 
 def check_scheduler(value: str) -> str:
-    """Check the address of a scheduler. Raises ValueError with what to write instead."""
-    match = _SCHEDULER.fullmatch(value)
+    """Check the address of a scheduler. Raises ValueError with a valid form."""
+    match = _SCHEDULER_PATTERN.fullmatch(value)
     if match is None or not 0 < int(match[3]) < 65536:
         raise ValueError(f"{value!r} is not the address of a scheduler: use tls://HOST:PORT")
     if match[1] == "tcp" and match[2] not in ("localhost", "127.0.0.1", "[::1]"):
@@ -74,10 +73,10 @@ def check_scheduler(value: str) -> str:
 class ComputeSection(_Section):
     """The keys under `fleet.compute`: limits on the resources that planning uses."""
 
-    workers: Annotated[int, Field(ge=1, le=256)] | None = None  # default: one for each core
-    memory_gb: Annotated[float, Field(ge=1, allow_inf_nan=False)] | None = None  # for each worker
+    workers: Annotated[int, Field(ge=1, le=256)] | None = None  # None: one for each core
+    memory_gb: Annotated[float, Field(ge=1, allow_inf_nan=False)] | None = None  # memory of each worker
     budget_s: Annotated[float, Field(ge=0, le=900)] = 20.0  # CPU seconds to search for a job's parts
-    scheduler: str | None = None  # of a Dask cluster that plans too
+    scheduler: str | None = None  # address of the scheduler of a Dask cluster that computes plans
     certificates: Path | None = None  # folder with ca.pem, cert.pem and key.pem
 
     @field_validator("scheduler")
@@ -100,19 +99,17 @@ class ComputeSection(_Section):
 class UploadsSection(_Section):
     """The keys under `fleet.uploads`: limits on submitted models."""
 
-    model_gb: Annotated[float, Field(gt=0, le=64)] = 2.0  # of one model
-    at_once: Annotated[int, Field(ge=1, le=64)] = 8
-    free_gb: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.5  # left free on the disk by uploads
-    open_jobs: Annotated[int, Field(ge=1)] = 1000
+    model_gb: Annotated[float, Field(gt=0, le=64)] = 2.0  # size of one model
+    at_once: Annotated[int, Field(ge=1, le=64)] = 8  # number of models received and checked at the same time
+    free_gb: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.5  # space that uploads leave free
+    open_jobs: Annotated[int, Field(ge=1)] = 1000  # number of jobs that have not ended
 
 
 class KeepSection(_Section):
-    """The keys under `fleet.keep`: what is kept of jobs that have ended; figures and pictures always stay."""
+    """The keys under `fleet.keep`: limits on files of ended jobs; figures and pictures always stay."""
 
     days: Annotated[float, Field(ge=2, allow_inf_nan=False)] = 90.0  # files of a job, and events
-    gb: Annotated[float, Field(gt=0, allow_inf_nan=False)] = (
-        50.0  # files of all jobs, the oldest deleted first
-    )
+    gb: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 50.0  # files of all jobs; the oldest go first
 
 
 class TlsSection(_Section):
@@ -122,8 +119,8 @@ class TlsSection(_Section):
     key: Path
 
 
-_WEB_URL = re.compile(r"https?://(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._-]+)(:[0-9]{1,5})?/?")
-_WEB_ADDRESS = re.compile(r"(\[[0-9A-Fa-f:.]+\]|[0-9.]+|localhost):([0-9]{1,5})")
+_WEB_URL_PATTERN = re.compile(r"https?://(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._-]+)(:[0-9]{1,5})?/?")
+_WEB_ADDRESS_PATTERN = re.compile(r"(\[[0-9A-Fa-f:.]+\]|[0-9.]+|localhost):([0-9]{1,5})")
 
 
 class WebSection(_Section):
@@ -132,17 +129,17 @@ class WebSection(_Section):
     listen: str = "127.0.0.1:8467"
     names: tuple[str, ...] = ()  # names of this host, besides its own
     tls: TlsSection | None = None
-    url: str | None = None  # of a proxy, where browsers reach it
+    url: str | None = None  # URL of a proxy through which browsers reach it
 
     @field_validator("listen")
     @classmethod
     def _check_listen(cls, value: str) -> str:
-        match = _WEB_ADDRESS.fullmatch(value)
+        match = _WEB_ADDRESS_PATTERN.fullmatch(value)
         try:
-            valid = match is not None and 0 < int(match[2]) < 65536 and bool(_parse_address(match[1]))
+            is_valid = match is not None and 0 < int(match[2]) < 65536 and bool(_parse_address(match[1]))
         except ValueError:
-            valid = False
-        if not valid:
+            is_valid = False
+        if not is_valid:
             raise ValueError(
                 f"{value!r} is not an address: use ADDRESS:PORT, like 127.0.0.1:8467 or 0.0.0.0:8467"
             )
@@ -156,7 +153,7 @@ class WebSection(_Section):
     @field_validator("url")
     @classmethod
     def _check_url(cls, value: str | None) -> str | None:
-        if value is not None and _WEB_URL.fullmatch(value) is None:
+        if value is not None and _WEB_URL_PATTERN.fullmatch(value) is None:
             raise ValueError(
                 f"{value!r} is not the address of a host: use a URL like https://farm.lab.example"
             )
@@ -164,7 +161,7 @@ class WebSection(_Section):
 
     @property
     def address(self) -> tuple[str, int]:
-        """The IP address and the port."""
+        """IP address and port."""
         host, _, port = self.listen.rpartition(":")
         return str(_parse_address(host)), int(port)
 
@@ -175,21 +172,21 @@ class WebSection(_Section):
 
     @property
     def listen_url(self) -> str:
-        """The address on which it listens, as a URL."""
+        """URL of the address on which it listens."""
         return f"{self._scheme}://{self.listen}"
 
     @property
     def is_encrypted(self) -> bool:
-        """True if browsers reach it by HTTPS."""
+        """True if browsers use HTTPS."""
         return self.tls is not None if self.url is None else self.url.startswith("https:")
 
     def find_browser_url(self, host: str) -> str:
-        """Return the URL at which browsers reach it.
+        """Return the URL at which browsers reach the server.
 
         Parameters
         ----------
         host
-            This host's name, for a server that listens on all its addresses.
+            Name of this host, used if the server listens on all addresses.
         """
         if self.url is not None:
             return self.url
@@ -204,13 +201,13 @@ class WebSection(_Section):
 
 
 def _is_web_address(url: str) -> bool:
-    """Return whether a text is an address by HTTP or HTTPS."""
+    """Return whether a text is an HTTP or HTTPS address."""
     try:
         parts = urlsplit(url)
-        valid_port = parts.port != 0
-    except ValueError:  # of the port, or of an IPv6 address
+        has_valid_port = parts.port != 0
+    except ValueError:  # the port or an IPv6 address is invalid
         return False
-    return valid_port and parts.scheme in ("http", "https") and bool(parts.hostname) and url.isprintable()
+    return has_valid_port and parts.scheme in ("http", "https") and bool(parts.hostname) and url.isprintable()
 
 
 def _parse_address(host: str) -> IPv4Address | IPv6Address:
@@ -226,18 +223,18 @@ class FleetSection(_Section):
     compute: ComputeSection = ComputeSection()
     uploads: UploadsSection = UploadsSection()
     keep: KeepSection = KeepSection()
-    log: LogFormat = LogFormat.TEXT  # of the daemon; json: a line of JSON for each record
+    log: LogFormat = LogFormat.TEXT  # format of the daemon's log; json: one line of JSON for each record
     currency: Annotated[str, Field(min_length=1, max_length=8)] | None = None
-    pin_fit_mm: PinFit | None = None  # width of holes for pins beyond the pin, by `farm coupon`
+    pin_fit_mm: PinFit | None = None  # how much wider holes are than their pins; see `farm coupon`
     attended: Windows = ()  # hours when somebody is present; empty: unknown
     quiet: Windows = ()  # hours when nothing may print
     first_layers_attended: bool = False  # first layers must end in attended hours
     max_heating: Annotated[int, Field(ge=1)] | None = None  # printers that may heat up at the same time
-    approve: bool = False  # no job prints before `farm approve`
-    materials: Path | None = None  # folder with material files of your own, in Cura's format
+    approve: bool = False  # jobs wait for `farm approve`
+    materials: Path | None = None  # folder with own material files in Cura's format
     group: Group = "farm"  # group that may use the daemon's socket, if it exists
     notify: tuple[SecretStr, ...] = ()  # addresses to notify, as URLs of apprise
-    operators: Group | None = None  # group that may approve, clear and resume; None: everybody
+    operators: Group | None = None  # group that may approve, clear and resume; None: all users
 
     @model_validator(mode="after")
     def _check_attended(self) -> Self:
@@ -263,16 +260,18 @@ class PrinterSection(_Section):
     port: str
     material: str = "generic_pla"
     colour: str | None = None
-    nozzle_mm: Positive = 0.4
-    price_per_kg: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None  # of its filament
-    volume_mm: tuple[Positive, Positive, Positive] | None = None
-    pin_fit_mm: PinFit | None = None  # its own, if it differs from the fleet's
+    nozzle_mm: PositiveNumber = 0.4
+    price_per_kg: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None  # price of its filament
+    volume_mm: tuple[PositiveNumber, PositiveNumber, PositiveNumber] | None = None
+    pin_fit_mm: PinFit | None = None  # fit of this printer; None: the fleet's
     host: Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.@-]*$")] | None = None  # host name for ssh
-    host_command: str = "/opt/farm/.venv/bin/python -m drivers.remote.bridge"  # run on the host by ssh
+    host_command: str = (
+        "/opt/farm/.venv/bin/python -m drivers.remote.bridge"  # command that ssh runs on the host
+    )
     enabled: bool = True
     unattended: bool = True  # may print while nobody is present
-    power_off_cmd: str | None = None  # switches its mains power off; {printer} is replaced by its name
-    camera: SecretStr | None = None  # address of a still; {printer} is replaced by its name
+    power_off_cmd: str | None = None  # command that switches the mains power off; {printer} becomes its name
+    camera: SecretStr | None = None  # address of a still; {printer} becomes its name
 
     _material_kind: str | None = PrivateAttr(default=None)
 
@@ -282,32 +281,33 @@ class PrinterSection(_Section):
         return self._material_kind
 
     def has_material(self, material: str | None) -> bool:
-        """Return whether its material is the one that a job asks for, by its file's name or its kind."""
+        """Return whether its material is the one that a job requires, by file name or kind."""
         return material in (None, self.material, self._material_kind)
 
     def with_filament(self, material: str, kind: str | None, colour: str | None) -> Self:
-        """Return the section with another material, by its file's name, and colour."""
+        """Return the section with another colour, and another material, given by its file name."""
         section = self.model_copy(update={"material": material, "colour": colour})
         section._material_kind = kind
         return section
 
     @property
     def camera_url(self) -> str | None:
-        """Address of a still by its camera, which may hold a password; None if it has no camera."""
+        """Address of a still by its camera, which may contain a password; None if it has no camera."""
         return None if self.camera is None else self.camera.get_secret_value().replace("{printer}", self.name)
 
     @property
     def simulated(self) -> bool:
-        return self.port.startswith(SIMULATED)
+        """True if an emulator simulates the printer."""
+        return self.port.startswith(SIMULATED_PREFIX)
 
-    def price(self, grams: float) -> float | None:
+    def compute_price(self, grams: float) -> float | None:
         """Return the price of an amount of filament in the fleet's currency; None if it is not known."""
         return None if self.price_per_kg is None else grams / 1000 * self.price_per_kg
 
     @field_validator("port")
     @classmethod
     def _check_port(cls, value: str) -> str:
-        if value.startswith((SIMULATED, _FORWARDED, "/")):
+        if value.startswith((SIMULATED_PREFIX, _RFC2217_PREFIX, "/")):
             return value
         if value.startswith("socket://"):
             raise ValueError("socket:// has no DTR, so a board could not be stopped: use rfc2217://HOST:PORT")
@@ -341,13 +341,13 @@ class PrinterSection(_Section):
 
     @model_validator(mode="after")
     def _check_simulation(self) -> Self:
-        if self.simulated and self.port.removeprefix(SIMULATED).partition("?")[0] != self.model:
+        if self.simulated and self.port.removeprefix(SIMULATED_PREFIX).partition("?")[0] != self.model:
             raise ValueError(f"{self.name}: port {self.port} simulates a model other than {self.model}")
         return self
 
 
 class Fleet(_Section):
-    """The complete file, with defaults filled in."""
+    """The whole file, with defaults filled in."""
 
     fleet: FleetSection = FleetSection()
     web: WebSection | None = None  # None: no server for callers on the network
@@ -386,7 +386,7 @@ class Fleet(_Section):
             )
         return self
 
-    def printer(self, name: str) -> PrinterSection:
+    def find_printer(self, name: str) -> PrinterSection:
         """Return the section of a printer. Raises KeyError if there is none."""
         return {printer.name: printer for printer in self.printers}[name]
 

@@ -1,4 +1,4 @@
-"""Daemon: creates and shuts down clock, store, controller, agents, planner, timers and server."""
+"""Daemon, which creates and shuts down clock, store, controller, agents, planner, timers and server."""
 
 from __future__ import annotations
 
@@ -65,25 +65,25 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-_WATCH_INTERVAL_S = 0.5  # wall seconds; a dead agent's printer must be cold within 5
+_WATCH_INTERVAL_S = 0.5  # wall seconds; the heaters of a dead agent's printer must be off within 5
 _TICK_INTERVAL_S = 1.0
 _FORECAST_INTERVAL_S = 15.0
-_FORECAST_PAUSE_S = 0.02  # between two steps, for other work
+_FORECAST_PAUSE_S = 0.02  # pause between two steps, for other work
 _NOTIFY_INTERVAL_S = 2.0
 _DRY_RUNS_INTERVAL_S = 5.0
 _CAMERAS_INTERVAL_S = 0.5
 _DISK_INTERVAL_S = 600.0
 _LOG_INTERVAL_S = 60.0
-_LOG_BYTES, _LOGS_KEPT = 10 * 2**20, 4
-# A view of a large farm has 50,000 objects: with Python's own threshold of 700 it takes a sixth longer.
+_LOG_BYTES, _MAX_OLD_LOGS = 10 * 2**20, 4
+# A view of a large farm has 50,000 objects; Python's own threshold of 700 would make it a sixth slower.
 _GC_THRESHOLDS = (20_000, 20, 20)
-_FOLLOW_INTERVAL_S = 1.0  # wall seconds; a clock set back delays timers by at most this
-_ABORT_S = 150.0  # wall seconds within which every print can be stopped safely
-_GRACE_S = 3  # wall seconds for requests that are under way when the daemon ends
+_FOLLOW_INTERVAL_S = 1.0  # wall seconds; the longest delay of timers after the clock was set back
+_ABORT_TIMEOUT_S = 150.0  # wall seconds within which every print can be stopped safely
+_GRACE_PERIOD_S = 3  # wall seconds for requests that are still running when the daemon ends
 
 
 class Daemon:
-    """The daemon of one farm. `run` returns on shutdown or SIGTERM; prints then continue."""
+    """Daemon of one farm. `run` returns at a shutdown or SIGTERM; prints then continue."""
 
     def __init__(self, fleet: Fleet, paths: FarmPaths) -> None:
         self._fleet = fleet
@@ -116,10 +116,10 @@ class Daemon:
             self._notifier = Notifier(urls, name, self._state.notices, self._clock.now())
         else:
             delete_record(self._state.notices)
-        self._change_s: float | None = None  # for which a timer is set
+        self._change_s: float | None = None  # time of the next change, for which a timer is set
         self._server: uvicorn.Server | None = None
-        self._ending: asyncio.Task[None] | None = None
-        self._inspections: dict[Path, str] = {}  # models that are being inspected
+        self._end_task: asyncio.Task[None] | None = None
+        self._inspections: dict[Path, str] = {}  # names of the models that are being inspected, by file
         self._streams = EventStreams(self._store)
         self._page_streams = StreamLimit()
 
@@ -147,12 +147,12 @@ class Daemon:
             hosts=self._agents.hosts,
         )
         dry_runs = DryRuns(self._controller)
-        connection_limit = self._limit_connections()
+        connection_limit = self._compute_connection_limit()
         self._server = self._make_server(make_app(services, dry_runs), connection_limit)
         self._controller.start(self._effects, self._restored_s)
         books = self._controller.books
         self._agents.start({attempt.printer for attempt in books.open_prints()}, books.lost_hosts)
-        gc.freeze()  # else each full collection would go through large books in the middle of an event
+        gc.freeze()  # otherwise each full collection would traverse large books in the middle of an event
         gc.set_threshold(*_GC_THRESHOLDS)
         timers = self._timers
         timers.call_every(_WATCH_INTERVAL_S, "watch agents", self._agents.watch)
@@ -163,10 +163,12 @@ class Daemon:
             _DRY_RUNS_INTERVAL_S, "dry runs", lambda: dry_runs.cancel_abandoned(time.monotonic())
         )
         timers.call_every(_CAMERAS_INTERVAL_S, "cameras", cameras.tick)
-        timers.call_every(_LOG_INTERVAL_S, "log", lambda: rotate_log(self._state.log, _LOG_BYTES, _LOGS_KEPT))
+        timers.call_every(
+            _LOG_INTERVAL_S, "log", lambda: rotate_log(self._state.log, _LOG_BYTES, _MAX_OLD_LOGS)
+        )
         if self._cluster is not None:
             self._cluster.start()
-            timers.call_every(_TICK_INTERVAL_S, "cluster", self._warn_of_cluster)
+            timers.call_every(_TICK_INTERVAL_S, "cluster", self._warn_about_cluster)
         timers.start()
         clock_task = asyncio.get_running_loop().create_task(self._follow_clock())
         await self._begin_upkeep(upkeep)
@@ -191,10 +193,10 @@ class Daemon:
             self._paths.socket.unlink(missing_ok=True)
             self._store.close()
 
-    def _limit_connections(self) -> int:
-        """Return the number of connections that each server takes at most."""
+    def _compute_connection_limit(self) -> int:
+        """Compute the maximum number of connections of each server."""
         workers = self._fleet.fleet.compute.workers or len(os.sched_getaffinity(0))
-        workers += 1  # for urgent work
+        workers += 1  # the worker for urgent tasks
         servers = 1 if self._fleet.web is None else 2
         cameras = sum(printer.camera is not None for printer in self._fleet.printers)
         descriptors = len(self._fleet.printers) + cameras  # a camera needs fewer than a printer
@@ -208,7 +210,7 @@ class Daemon:
             log_config=None,
             access_log=False,
             lifespan="off",
-            timeout_graceful_shutdown=_GRACE_S,
+            timeout_graceful_shutdown=_GRACE_PERIOD_S,
         )
         return BoundedServer(config, limit, self._stop_work)
 
@@ -236,7 +238,7 @@ class Daemon:
         return server
 
     async def _follow_clock(self) -> None:
-        """Follow steps of the host's clock, as by NTP after a start without a network."""
+        """Follow steps of the host's clock, such as those by NTP after a start without a network."""
         while True:
             await asyncio.sleep(_FOLLOW_INTERVAL_S)  # on the loop's monotonic clock
             step_s = self._clock.follow_host()
@@ -252,7 +254,7 @@ class Daemon:
         if self._notifier is not None:
             self._notifier.notify(self._controller.books, self._clock.now())
 
-    def _warn_of_cluster(self) -> None:
+    def _warn_about_cluster(self) -> None:
         if self._cluster is not None:
             self._controller.warn("compute", "; ".join(self._cluster.state.list_problems()) or None)
 
@@ -269,32 +271,34 @@ class Daemon:
             await asyncio.sleep(_FORECAST_PAUSE_S)
 
     async def _shut_down(self, now: bool) -> None:
-        """Shut down: prints first (with `now`), then the agents, then the daemon."""
+        """Shut down the prints (with `now`), then the agents, then the daemon."""
         self._controller.stopping = True
         if now:
             abort_prints(self._controller)
-        self._ending = asyncio.get_running_loop().create_task(self._end(now))
+        self._end_task = asyncio.get_running_loop().create_task(self._end_when_idle(now))
 
     def _stop_work(self) -> None:
-        """End all streams, and all work in workers; requests that wait for it are answered with an error."""
+        """End all streams and all work in workers; requests that wait for this work get an error."""
         self._streams.close()
         self._page_streams.close()
         self._planner.stop()
         self._replan_worker.stop()
         self._workers.close()
 
-    async def _end(self, now: bool) -> None:
-        """Wait for open plans and inspections (unless `now`) and prints, then end.
+    async def _end_when_idle(self, now: bool) -> None:
+        """Wait for running plans and inspections (unless `now`) and for open prints, then end.
 
-        Prints that do not end keep the farm running, so that a person can inspect them.
+        If a print does not end, the farm keeps running, so that a person can inspect the printer.
         """
         planning = self._controller.planning
         while not now and (self._inspections or planning.list_running_jobs(self._controller.books)):
             await asyncio.sleep(0.1)
-        deadline_s = asyncio.get_running_loop().time() + _ABORT_S if now else math.inf
+        deadline_s = asyncio.get_running_loop().time() + _ABORT_TIMEOUT_S if now else math.inf
         while open_prints := sorted({attempt.printer for attempt in self._controller.books.open_prints()}):
             if asyncio.get_running_loop().time() > deadline_s:
-                log.error("not shutting down: %s did not end within %g s", " ".join(open_prints), _ABORT_S)
+                log.error(
+                    "not shutting down: %s did not end within %g s", " ".join(open_prints), _ABORT_TIMEOUT_S
+                )
                 self._controller.stopping = False
                 return
             await asyncio.sleep(0.1)
@@ -309,7 +313,7 @@ def run(fleet: Fleet, paths: FarmPaths) -> None:
     Raises
     ------
     Refused
-        If another daemon has this state folder.
+        If another daemon uses this state folder.
     FarmError
         If the state folder cannot be read or written.
     """
@@ -317,11 +321,11 @@ def run(fleet: Fleet, paths: FarmPaths) -> None:
     logging.getLogger("apscheduler").setLevel(logging.WARNING)
     check_operators(fleet.fleet.operators)
     if fleet.fleet.materials is not None:
-        os.environ[OWN_MATERIALS_VARIABLE] = str(fleet.fleet.materials)  # for the workers
+        os.environ[OWN_MATERIALS_VARIABLE] = str(fleet.fleet.materials)  # the workers inherit it
     paths.state.make()
     try:
         with _lock_state_folder(paths.state):
-            _remove_unfinished(paths.state)
+            _remove_unfinished_files(paths.state)
             asyncio.run(Daemon(fleet, paths).run())
     except OSError as error:
         raise FarmError(
@@ -330,12 +334,12 @@ def run(fleet: Fleet, paths: FarmPaths) -> None:
         ) from error
 
 
-def _remove_unfinished(state: StateFolder) -> None:
-    """Remove the files of work that an earlier daemon did not end."""
+def _remove_unfinished_files(state: StateFolder) -> None:
+    """Remove the files of work that an earlier daemon did not finish."""
     shutil.rmtree(state.work, ignore_errors=True)
     state.make()
-    for folder in state.slices.glob(".*"):  # of a worker that was killed while writing
-        folder.unlink()
+    for partial_file in state.slices.glob(".*"):  # files of a worker that was killed while writing them
+        partial_file.unlink()
     trim_cache(state.slices)
 
 
@@ -357,7 +361,7 @@ def _lock_state_folder(state: StateFolder) -> Iterator[None]:
 
 
 def open_farm_clock(fleet: Fleet, state: StateFolder) -> Clock:
-    """Return the farm's clock, the same after a restart: running agents and emulators use it too.
+    """Open the farm's clock, which survives a restart, because running agents and emulators use it too.
 
     Raises
     ------

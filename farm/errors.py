@@ -27,7 +27,7 @@ class ErrorCode(StrEnum):
     NO_SUCH_THING = "no_such_thing"
     REFUSED = "refused"
     MODEL = "model"  # the model cannot be read or is not a solid
-    NO_FIT = "no_fit"  # no partition of it fits the printers
+    NO_FIT = "no_fit"  # no partition of the model fits the printers
     GEOMETRY = "geometry"  # a result violates a geometry rule; nothing is printed
     GCODE = "gcode"  # a person's own G-code cannot be printed
     SETTINGS = "settings"
@@ -58,7 +58,7 @@ EXIT_CODES: dict[ErrorCode, ExitCode] = {
 
 
 class FarmError(Exception):
-    """Error that is shown in one line: what, where, and what to do."""
+    """Error with a message of one line that names the problem, its place and the remedy."""
 
     code: ErrorCode = ErrorCode.FAILED
 

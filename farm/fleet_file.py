@@ -29,7 +29,7 @@ from farm.errors import FleetFileError
 
 MAX_FILE_BYTES = 512 * 1024  # enough for a thousand printers
 MAX_VALUES = 100_000
-"""Keys and values, with aliases (`*name`) expanded: a few lines can expand to billions."""
+"""Limit on keys and values with aliases (`*name`) expanded, because a few lines can expand to billions."""
 
 _TYPE_NAMES = {
     "int": "a whole number",
@@ -60,7 +60,7 @@ _PATTERNS = {
 """Descriptions of the keys that must match a pattern."""
 
 Completion = Callable[[PrinterSection, FleetSection], PrinterSection]
-"""Checks a printer and fills in what follows from it; raises FieldError with the wrong key."""
+"""Function that checks a printer and fills in derived values. Raises FieldError with the wrong key."""
 
 
 def load_fleet(
@@ -80,19 +80,19 @@ def load_fleet(
     Raises
     ------
     FleetFileError
-        With file, line and field of the first mistake, and what to write instead.
+        With the file, line and field of the first mistake, and a correction.
     """
-    document, raw = _parse(path, _read(path))
+    document, raw = _parse_document(path, _read_text(path))
     values = _fill_in_defaults(document, raw)
     for index, printer in enumerate(values["printers"]):
         model = printer.get("model") if isinstance(printer, dict) else None
         if isinstance(model, str) and model not in models:
             advice = f"{model!r} is not one of the printers that can be driven: {', '.join(sorted(models))}"
-            raise document.error_at(("printers", index, "model"), advice)
+            raise document.make_error(("printers", index, "model"), advice)
     try:
         fleet = Fleet.model_validate(values)
     except ValidationError as error:
-        raise document.describe(error.errors()[0]) from error
+        raise document.convert_error(error.errors()[0]) from error
     fleet_section = _resolve_folders(fleet.fleet, path.absolute().parent)
     sections: list[PrinterSection] = []
     for index, section in enumerate(fleet.printers):
@@ -101,7 +101,7 @@ def load_fleet(
         except FieldError as error:
             is_fleet_key = error.key_path[0] == "fleet"
             key_path = error.key_path if is_fleet_key else ("printers", index, *error.key_path)
-            raise document.error_at(key_path, str(error)) from error
+            raise document.make_error(key_path, str(error)) from error
     printers = (
         section.model_copy(update={"pin_fit_mm": fleet_section.pin_fit_mm})
         if section.pin_fit_mm is None
@@ -129,22 +129,24 @@ class _Document:
     path: Path
     node: yaml.Node | None
 
-    def error_at(self, key_path: KeyPath, message: str) -> FleetFileError:
-        """Make an error of one line: the file, the line of the value, the field, and the message."""
+    def make_error(self, key_path: KeyPath, message: str) -> FleetFileError:
+        """Make an error with the file, the line of the value, the field, and the message in one line."""
         source = self._find_source(key_path)
         field = ".".join(map(str, source))
         text = f"{field}: {message}" if field else message
         return FleetFileError(f"{self.path}:{self.find_line(source)}: {text}")
 
-    def describe(self, error: ErrorDetails) -> FleetFileError:
-        """Convert a pydantic error into one in plain words."""
+    def convert_error(self, error: ErrorDetails) -> FleetFileError:
+        """Convert an error of pydantic into an error in plain words."""
         cause = error.get("ctx", {}).get("error")
         key_path = cause.key_path if isinstance(cause, FieldError) else error["loc"]
         if error["type"] == "extra_forbidden":
             section = _find_section(self._find_source(key_path))
             keys = [*section.model_fields, *(["defaults"] if section is Fleet else [])]
-            return self.error_at(key_path, f"unknown key; known are {', '.join(keys)}")
-        return self.error_at(key_path, _reword(error, _PATTERNS.get(str(key_path[-1])) if key_path else None))
+            return self.make_error(key_path, f"unknown key; the known keys are {', '.join(keys)}")
+        return self.make_error(
+            key_path, _reword_error(error, _PATTERNS.get(str(key_path[-1])) if key_path else None)
+        )
 
     def find_line(self, key_path: KeyPath) -> int:
         """Find the line (from 1) of the deepest node on the path."""
@@ -157,10 +159,10 @@ class _Document:
         return line
 
     def find_duplicate(self) -> KeyPath | None:
-        """Find a key that appears twice in one mapping, of which YAML silently uses the last."""
-        visited: set[int] = set()  # an alias may lead to a node again, even to one that contains it
+        """Find a key that appears twice in one mapping; YAML would silently use the last one."""
+        visited: set[int] = set()  # an alias may lead to a visited node, even to one that contains the alias
 
-        def search(node: yaml.Node | None, key_path: KeyPath) -> KeyPath | None:
+        def search_node(node: yaml.Node | None, key_path: KeyPath) -> KeyPath | None:
             if id(node) in visited:
                 return None
             visited.add(id(node))
@@ -170,29 +172,29 @@ class _Document:
                 if key in keys:
                     return child_path
                 keys.add(key)
-                duplicate = search(child, child_path)
+                duplicate = search_node(child, child_path)
                 if duplicate is not None:
                     return duplicate
             return None
 
-        return search(self.node, ())
+        return search_node(self.node, ())
 
     def count_values(self) -> int:
-        """Count keys and values, with those of each alias; one that contains itself counts once."""
+        """Count keys and values, including those of each alias; an alias that contains itself counts once."""
         counts: dict[int, int] = {}
 
-        def count(node: yaml.Node) -> int:
+        def count_node(node: yaml.Node) -> int:
             if id(node) not in counts:
                 counts[id(node)] = 0
                 pairs = node.value if isinstance(node, yaml.CollectionNode) else []
                 children = chain.from_iterable(pairs) if isinstance(node, yaml.MappingNode) else pairs
-                counts[id(node)] = 1 + sum(map(count, children))
+                counts[id(node)] = 1 + sum(map(count_node, children))
             return counts[id(node)]
 
-        return 0 if self.node is None else count(self.node)
+        return 0 if self.node is None else count_node(self.node)
 
     def _find_source(self, key_path: KeyPath) -> KeyPath:
-        """Find the path from which a value comes: a printer's key may be in `defaults`."""
+        """Find the path from which a value comes, because a printer's key may be in `defaults`."""
         if len(key_path) < 3 or key_path[0] != "printers":
             return key_path
         section = _find_child(_find_child(self.node, "printers"), key_path[1])
@@ -203,7 +205,7 @@ class _Document:
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML loader that reports the line of an invalid value, such as a 30th of February."""
+    """YAML loader that reports the line of an invalid value, such as 30 February."""
 
     def construct_object(self, node: yaml.Node, deep: bool = False) -> object:
         try:
@@ -212,7 +214,7 @@ class _Loader(yaml.SafeLoader):
             raise ConstructorError(None, None, str(error), node.start_mark) from error
 
 
-def _read(path: Path) -> str:
+def _read_text(path: Path) -> str:
     try:
         with path.open("rb") as file:
             data = file.read(MAX_FILE_BYTES + 1)
@@ -229,7 +231,7 @@ def _read(path: Path) -> str:
         raise FleetFileError(f"{path}: cannot be read ({cause}); give another file with --fleet") from error
 
 
-def _parse(path: Path, text: str) -> tuple[_Document, Any]:
+def _parse_document(path: Path, text: str) -> tuple[_Document, Any]:
     """Parse YAML into nodes and values."""
     try:
         loader = _Loader(text)
@@ -246,7 +248,7 @@ def _parse(path: Path, text: str) -> tuple[_Document, Any]:
     except RecursionError as error:
         raise FleetFileError(f"{path}: nested too deeply; see the example in the README") from error
     if duplicate is not None:
-        raise document.error_at(duplicate, "appears twice")
+        raise document.make_error(duplicate, "appears twice")
     return document, raw
 
 
@@ -265,8 +267,8 @@ def _fill_in_defaults(document: _Document, raw: Any) -> dict[str, Any]:
     return values
 
 
-def _reword(error: ErrorDetails, pattern: str | None) -> str:
-    """Describe an error in plain words instead of pydantic's; `pattern` describes what is allowed."""
+def _reword_error(error: ErrorDetails, pattern: str | None) -> str:
+    """Describe an error in plain words; `pattern` describes the allowed values."""
     kind, context = error["type"], error.get("ctx", {})
     if kind == "missing":
         return "is missing" if isinstance(error["loc"][-1], str) else "has one value too few"
@@ -283,7 +285,7 @@ def _reword(error: ErrorDetails, pattern: str | None) -> str:
 
 
 def _find_section(key_path: KeyPath) -> type[BaseModel]:
-    """Return the record to which a key belongs."""
+    """Return the model of the section to which a key belongs."""
     if len(key_path) > 2 and key_path[0] == "fleet":
         sections: dict[object, type[BaseModel]] = {
             "compute": ComputeSection,

@@ -10,7 +10,7 @@ from enum import StrEnum
 from typing import Any
 
 SUBJECTS = ("job", "plate", "printer", "who")
-"""Attributes of a record, by `extra`, that JSON lines carry besides its text."""
+"""Attributes of a record, set through `extra`, that a JSON line contains in addition to the message."""
 
 
 class LogFormat(StrEnum):
@@ -21,10 +21,10 @@ class LogFormat(StrEnum):
 
 
 class JsonFormatter(logging.Formatter):
-    """Formats a record as one line of JSON: at, level, logger, message, its subjects, and an exception."""
+    """Formatter of a record as one line of JSON: at, level, logger, message, subjects, and an exception."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """Return the line, without its end."""
+        """Return the line without a line break."""
         time = datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds")
         fields = {
             "at": time,
@@ -39,19 +39,19 @@ class JsonFormatter(logging.Formatter):
 
 
 class PrinterLog(logging.LoggerAdapter[logging.Logger]):
-    """Log of one printer: begins each text with its name, and gives it to JSON lines."""
+    """Log of one printer: puts its name before each message, and into JSON lines."""
 
     def __init__(self, logger: logging.Logger, printer: str) -> None:
         super().__init__(logger, {"printer": printer})
-        self._printer = printer  # without `%`: see `config.Name`
+        self._printer = printer  # contains no `%`: see `config.Name`
 
     def process(self, msg: str, kwargs: MutableMapping[str, Any]) -> tuple[str, MutableMapping[str, Any]]:
-        """Return the text with the name before it, and the record's attributes."""
+        """Return the message with the name before it, and the arguments with the record's attributes."""
         return f"{self._printer}: {msg}", {**kwargs, "extra": self.extra}
 
 
 def start_log(log_format: LogFormat) -> None:
-    """Send records of this process to its standard error stream, from the level INFO."""
+    """Send log records of this process, from the level INFO upwards, to its standard error stream."""
     handler = logging.StreamHandler()
     text = logging.Formatter("%(asctime)s %(name)s %(message)s")
     handler.setFormatter(JsonFormatter() if log_format is LogFormat.JSON else text)

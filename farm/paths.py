@@ -15,7 +15,7 @@ from farm.errors import FarmError, Refused
 
 SHARED_SOCKET = Path("/run/farm/farm.sock")
 """Socket of the farm that all users of a host share (`deploy/systemd`)."""
-_MAX_SOCKET_PATH_BYTES = 100  # bytes; sun_path holds 108
+_MAX_SOCKET_PATH_BYTES = 100  # sun_path holds 108 bytes
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,8 +51,8 @@ class StateFolder:
         """Folder with a folder for each job."""
         return self.root / "jobs"
 
-    def job(self, number: int) -> Path:
-        """Folder with the files of a job by name, for people."""
+    def find_job_folder(self, number: int) -> Path:
+        """Return the folder with the files of a job by name, for people."""
         return self.jobs / str(number)
 
     @property
@@ -72,7 +72,8 @@ class StateFolder:
         """Keys of the notices that were sent."""
         return self.root / "told.json"
 
-    def agent(self, printer: str) -> Path:
+    def find_agent_folder(self, printer: str) -> Path:
+        """Return the folder of a printer's agent."""
         return self.root / "agents" / printer
 
     def make(self) -> None:
@@ -89,13 +90,13 @@ class StateFolder:
 
 @dataclass(frozen=True, slots=True)
 class FarmPaths:
-    """Paths of `--state`, `--socket` and `--fleet`, which nearly every command takes."""
+    """Paths from the options `--state`, `--socket` and `--fleet`, which nearly every command has."""
 
     state: StateFolder
     socket: Path
     fleet: Path
-    url: str | None = None  # of a daemon on another host; used instead of the socket
-    key_file: Path | None = None  # with the key for the URL
+    url: str | None = None  # URL of a daemon on another host; used instead of the socket
+    key_file: Path | None = None  # file with the key for the URL
 
 
 def find_farm_paths(
@@ -105,7 +106,7 @@ def find_farm_paths(
     env: Mapping[str, str] = os.environ,
     shared: Path = SHARED_SOCKET,
 ) -> FarmPaths:
-    """Find the paths of a farm: from the options, else the environment, else the XDG folders.
+    """Find the paths of a farm from the options, then from the environment, then from the XDG folders.
 
     If a state folder is named but no socket, the socket is in that folder, so that two farms on one host
     never share one. If neither is named, and this user has no daemon, the socket is the shared farm's.
@@ -142,7 +143,7 @@ def find_farm_paths(
 
 
 def _check_path(check: Callable[[], bool]) -> bool:
-    """Check a path; False if its folder may not be entered: `su` keeps the folders of the caller."""
+    """Check a path; return False if its folder is inaccessible, such as after `su`."""
     try:
         return check()
     except OSError:
@@ -154,7 +155,7 @@ def _read_path(env: Mapping[str, str], name: str) -> Path | None:
 
 
 def _shorten_socket_path(socket: Path, env: Mapping[str, str]) -> Path:
-    """Replace a path that is too long for a socket with a short one, always the same."""
+    """Replace a path that is too long for a socket with a short path, which depends only on the long one."""
     if len(os.fsencode(socket)) <= _MAX_SOCKET_PATH_BYTES:
         return socket
     digest = hashlib.sha256(os.fsencode(socket)).hexdigest()[:16]
@@ -163,7 +164,7 @@ def _shorten_socket_path(socket: Path, env: Mapping[str, str]) -> Path:
 
 
 def _make_private_folder(name: str) -> Path:
-    """Create a folder in the system's temporary folder, private to this user, which others cannot replace.
+    """Create a private folder in the system's temporary folder, which other users cannot replace.
 
     Raises
     ------
@@ -187,7 +188,7 @@ def _make_private_folder(name: str) -> Path:
 
 
 def read_anchor(path: Path) -> tuple[float, float] | None:
-    """Read scale and anchor of the farm's clock; None if there is none."""
+    """Read the scale and the anchor of the farm's clock; None if there is no valid file."""
     try:
         anchor = json.loads(path.read_text())
         return float(anchor["scale"]), float(anchor["anchor_s"])
@@ -196,7 +197,7 @@ def read_anchor(path: Path) -> tuple[float, float] | None:
 
 
 def write_anchor(path: Path, scale: float, anchor_s: float) -> None:
-    """Write scale and anchor of the farm's clock, atomically."""
+    """Write the scale and the anchor of the farm's clock atomically."""
     temporary = path.with_suffix(".tmp")
     temporary.write_text(json.dumps({"scale": scale, "anchor_s": anchor_s}))
     temporary.replace(path)

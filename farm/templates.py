@@ -1,4 +1,4 @@
-"""Templates of pages, loaded whole. They escape all text."""
+"""Loader of page templates, which escape all text."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ def load_environment(
 ) -> Environment:
     """Load and compile all templates of a package.
 
-    Templates are read at once: an upgrade replaces the files of a running daemon, and a newer template would
-    not fit its program.
+    All templates are read at the start, because an upgrade replaces the files of a running daemon, and a
+    newer template would not match the running program.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ def load_environment(
     Returns
     -------
     Environment
-        It reads no file again.
+        Environment that reads no further files.
     """
     environment = Environment(
         loader=PackageLoader(package),

@@ -9,39 +9,41 @@ from pydantic_core import ErrorDetails
 
 
 def format_duration(seconds: float | None) -> str:
-    """Format a duration in hours and minutes, a short one in seconds; an unknown one is a dash."""
+    """Format a duration in hours and minutes, or in seconds if it is short; None gives a dash."""
     if seconds is None:
         return "-"
-    total = round(seconds)
-    if total < 120:
-        return f"{total} s"
+    total_s = round(seconds)
+    if total_s < 120:
+        return f"{total_s} s"
     hours, minutes = divmod(round(seconds / 60), 60)
     return f"{hours}h{minutes:02d}" if hours else f"{minutes} min"
 
 
-_SAME_WEEK = timedelta(days=6)
+_WEEKDAY_RANGE = timedelta(days=6)
 """Distance up to which a weekday is unambiguous."""
-_SAME_YEAR = timedelta(days=300)
-_SAME_NIGHT = timedelta(hours=20)
+_DATE_RANGE = timedelta(days=300)
+"""Distance up to which a date is unambiguous without its year."""
+_TIME_RANGE = timedelta(hours=20)
+"""Distance up to which a past time is unambiguous without its weekday."""
 
 
 def format_moment(moment: datetime, now: datetime) -> str:
-    """Format a time with its weekday; with its date if it is more than six days from now.
+    """Format a time with its weekday, or with its date if it is more than six days from now.
 
     Parameters
     ----------
     moment, now
-        The time, and that of the reader, with time zones. A time in another year is shown with the year.
+        The time to format and the present time, with time zones. A distant time is shown with its year.
     """
     distance = abs(moment - now)
-    if distance <= _SAME_WEEK:
+    if distance <= _WEEKDAY_RANGE:
         return f"{moment:%a %H:%M}"
-    return f"{moment:%a %d %b %H:%M}" if distance <= _SAME_YEAR else f"{moment:%d %b %Y %H:%M}"
+    return f"{moment:%a %d %b %H:%M}" if distance <= _DATE_RANGE else f"{moment:%d %b %Y %H:%M}"
 
 
-def format_recent(moment: datetime, now: datetime) -> str:
-    """Format a time of the last hours without its weekday, and any other as `format_moment` does."""
-    return f"{moment:%H:%M}" if timedelta() <= now - moment <= _SAME_NIGHT else format_moment(moment, now)
+def format_recent_moment(moment: datetime, now: datetime) -> str:
+    """Format a time in the last 20 hours without its weekday, and any other time as `format_moment` does."""
+    return f"{moment:%H:%M}" if timedelta() <= now - moment <= _TIME_RANGE else format_moment(moment, now)
 
 
 def format_mass(grams: float) -> str:
@@ -60,10 +62,10 @@ def format_count(number: int, noun: str) -> str:
 
 
 def describe_first_error(errors: Sequence[ErrorDetails]) -> str:
-    """Name the place of the first error in some data, and pydantic's message for it."""
+    """Describe the first error in some data by its place and pydantic's message."""
     return f"{'.'.join(map(str, errors[0]['loc']))}: {errors[0]['msg']}"
 
 
 def parse_part_number(part: str) -> str:
-    """Extract the number of a part in its job, without zeros before it: 1 for 3/p01, p01, 01 and 1."""
+    """Extract the number of a part in its job without leading zeros: 1 for 3/p01, p01, 01 and 1."""
     return part.rpartition("/")[2].removeprefix("p").lstrip("0")

@@ -13,7 +13,7 @@ _EXAMPLE = "write it as 'mon-fri 08:00-18:00', 'sat,sun 10:00-14:00' or '22:00-0
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """Hours from `begins` on each of `days`; `ends` is on the next day if it is not after `begins`."""
+    """Time from `begins` to `ends` on each of `days`, or to the next day if `ends` is not after `begins`."""
 
     days: frozenset[int]  # 0 is Monday
     begins: time
@@ -21,12 +21,12 @@ class Window:
 
 
 def parse_window(text: str) -> Window:
-    """Parse a window of `fleet.yaml`; without days it applies every day.
+    """Parse a window of `fleet.yaml`; a window without days applies every day.
 
     Raises
     ------
     ValueError
-        The message says what to write instead.
+        If the text is not a window; the message gives an example.
     """
     match = _WINDOW.fullmatch(text.strip().lower())
     if match is None:

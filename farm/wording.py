@@ -18,34 +18,36 @@ def format_deviation(share: float) -> str:
 
 
 def format_share(share: float) -> str:
-    """Format a share of 1 in percent."""
+    """Format a share, from 0 to 1, in percent."""
     return f"{100 * share:.0f} %"
 
 
 def format_filament(
     grams: float, length_mm: float, price: float | None = None, currency: str | None = None
 ) -> str:
-    """Format an amount of filament, with its price if that is known."""
+    """Format an amount of filament, with its price if it is known."""
     parts = [f"{_format_amount(grams)} g", f"{_format_amount(length_mm / 1000)} m"]
     if price is not None:
         parts.append(f"{price:.2f} {currency}" if currency else f"price {price:.2f}")
     return ", ".join(parts)
 
 
-_GENERIC = "generic_"
+_GENERIC_PREFIX = "generic_"
 
 
 def describe_material(material: str, kind: str | None) -> str:
-    """Name a material for people: by its kind, like PLA; one of unknown kind by its file.
+    """Name a material for people by its kind, like PLA, or by its file if the kind is unknown.
 
     Parameters
     ----------
     material
         Name of its file, like `generic_pla`.
     kind
-        Its kind; None or empty if it is not known.
+        Kind of the material; None or empty if it is unknown.
     """
-    return kind or (material.removeprefix(_GENERIC).upper() if material.startswith(_GENERIC) else material)
+    return kind or (
+        material.removeprefix(_GENERIC_PREFIX).upper() if material.startswith(_GENERIC_PREFIX) else material
+    )
 
 
 def format_planning(progress: PlanProgress) -> str:
@@ -61,7 +63,7 @@ def format_planning(progress: PlanProgress) -> str:
     if progress.step is PlanStep.NO_ROOM:
         return "waiting for space on the disk"
     return f"slicing {progress.done} of {progress.of}" + (
-        f" ({format_cached(progress.cached)})" if progress.cached else ""
+        f" ({format_cached_plates(progress.cached)})" if progress.cached else ""
     )
 
 
@@ -70,8 +72,8 @@ def format_copies(view: api.JobView) -> str:
     return f"{view.printed_copies} of {view.options.copies}"
 
 
-def format_cached(plates: int) -> str:
-    """Format the number of plates taken from the slice cache."""
+def format_cached_plates(plates: int) -> str:
+    """Format the number of plates that were found in the slice cache."""
     return f"{format_count(plates, 'plate')} from the cache"
 
 
@@ -81,17 +83,17 @@ def _format_amount(amount: float) -> str:
 
 
 def parse_time(iso: str) -> datetime:
-    """Parse a time of the daemon, which has a time zone."""
+    """Parse a time that the daemon has sent, which has a time zone."""
     return datetime.fromisoformat(iso)
 
 
 def format_time(iso: str | None, now: str) -> str:
-    """Format a time of day with its weekday, and its date if it is far from now; a dash if there is none."""
+    """Format a time with its weekday, or with its date if it is far from now; None gives a dash."""
     return "-" if iso is None else format_moment(parse_time(iso), parse_time(now))
 
 
 def name_time(at_s: float, now_s: float, zone: tzinfo) -> TextTime:
-    """Return a time, in seconds since the epoch, with its words in a sentence that is read now."""
+    """Return a time, given in seconds since the epoch, with the text for a sentence that is read now."""
     at, now = (datetime.fromtimestamp(moment_s, zone) for moment_s in (at_s, now_s))
     return TextTime(text=format_moment(at, now), at=at.isoformat("T", "seconds"))
 
@@ -117,14 +119,14 @@ def shorten_names(printers: Iterable[str]) -> str:
     return " ".join(stem + first + (f"..{last}" if last != first else "") for stem, first, last in runs)
 
 
-def count_names(names: Iterable[str]) -> str:
-    """List names, equal ones with their number: a.stl, b.stl (3)."""
+def join_counted_names(names: Iterable[str]) -> str:
+    """Join names, with the number of equal names: a.stl, b.stl (3)."""
     counts = Counter(names)
     return ", ".join(name + (f" ({count})" if count > 1 else "") for name, count in counts.items())
 
 
 def group_holds(jobs: Iterable[api.JobView]) -> list[tuple[Hold, list[str]]]:
-    """Group the waiting plates of jobs by the sentence of their hold; each in the order of its first."""
+    """Group the waiting plates of jobs by the sentence of their hold, in the order of their first plates."""
     groups: dict[str, tuple[Hold, list[str]]] = {}
     for job in jobs:
         for plate in job.plates:

@@ -19,7 +19,7 @@ from typing import Any
 from bench.unseen import draw_model
 from decompose.files.names import REPORT
 from decompose.geometry import round_triangles, write_stl
-from farm.compute import CHECKING, Deferred, Limit, Pool, PoolShare, Workers
+from farm.compute import CHECKING_LIMIT, Deferred, Limit, Pool, PoolShare, Workers
 from farm.config import Fleet
 from farm.model import Job, JobOptions
 from farm.paths import StateFolder
@@ -80,12 +80,12 @@ class TimingPool:
         return self._pool.start_step
 
     @property
-    def has_idle(self) -> bool:
+    def has_idle_worker(self) -> bool:
         """True if a task would start at once."""
-        return self._pool.has_idle
+        return self._pool.has_idle_worker
 
     async def run(
-        self, work: Callable[..., Any], *args: object, limit: Limit = CHECKING, group: Hashable = None
+        self, work: Callable[..., Any], *args: object, limit: Limit = CHECKING_LIMIT, group: Hashable = None
     ) -> Any:
         """Run a function, and record its times."""
         begin_s = time.monotonic()

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from farm.api import NETWORK_PREFIX
-from farm.web.access import HOST_ONLY, PUBLIC_ROUTES, ROLES
+from farm.web.access import HOST_ONLY_ROUTES, PUBLIC_ROUTES, ROLES
 
 HOST = "localhost"
-ROUTES = sorted({*ROLES, *PUBLIC_ROUTES, *HOST_ONLY})
+ROUTES = sorted({*ROLES, *PUBLIC_ROUTES, *HOST_ONLY_ROUTES})
 HOSTILE_VALUES = (
     "", "0", "-1", "1e999", "9" * 400, "nan", "null", "true", "\x00", "\u202e", "ü" * 300, "../../etc/passwd",
     "..%2f..%2fetc%2fpasswd", "%00", "%ff%fe", "{{7*7}}", "';DROP TABLE event;--", "<script>",

@@ -103,7 +103,7 @@ class AgentConnection:
         self._name = name
         self._log = PrinterLog(log, name)
         self._section = section
-        self._folder = state.agent(name)
+        self._folder = state.find_agent_folder(name)
         self._clock = clock
         self._listener = listener
         self._host = None if isinstance(host, str) else host

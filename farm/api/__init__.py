@@ -1,6 +1,6 @@
 """Requests and responses of the daemon, which are also the objects that `--json` prints.
 
-Times are ISO 8601 in the fleet's time zone, by the farm's clock; durations are in seconds.
+Times are ISO 8601 in the fleet's time zone, on the farm's clock; durations are in seconds.
 """
 
 from __future__ import annotations
@@ -78,6 +78,8 @@ from farm.model import JobState
 
 
 class JobName(View):
+    """Number, name, state and part names of a job."""
+
     id: int
     name: str
     state: JobState
@@ -92,6 +94,8 @@ class Names(View):
 
 
 class JobStatus(View):
+    """One job, with the daemon that runs it."""
+
     model_config = ConfigDict(populate_by_name=True)
 
     schema_: int = Field(default=SCHEMA, alias="schema")
@@ -104,7 +108,7 @@ class SubmitResponse(View):
 
     job: int
     again: bool
-    # options that cannot be met, such as more printers than the fleet has
+    # descriptions of options that cannot be met, such as more printers than the fleet has
     notices: list[str] = Field(default_factory=list)
 
 
@@ -112,8 +116,8 @@ class UploadView(View):
     """Progress of a submission that has no response yet."""
 
     step: str  # description of the step
-    received: int  # bytes
-    size: int  # bytes
+    received: int  # number of received bytes
+    size: int  # number of bytes of the upload
 
 
 class PrunedJob(View):
@@ -125,7 +129,7 @@ class PrunedJob(View):
 
 
 class PruneResponse(View):
-    """Result of `farm prune`: the files, jobs and events that were deleted, or would be."""
+    """Result of `farm prune`: the jobs and events that it deleted, or would delete in a dry run."""
 
     model_config = ConfigDict(populate_by_name=True)
 
@@ -134,11 +138,11 @@ class PruneResponse(View):
     jobs: list[PrunedJob]  # in the order in which they ended
     freed_bytes: int
     stored_bytes: int  # size of all job files after the deletion
-    events: int  # deleted entries of the event log
+    events: int  # number of deleted entries of the event log
 
 
 class Problem(View):
-    """Error of a request."""
+    """Response to a request that failed."""
 
     error: str
     code: str
@@ -181,7 +185,7 @@ class Submission(View):
 
     model: str
     job: JobView | None = None
-    timeline: Timeline | None = None  # of a dry run
+    timeline: Timeline | None = None  # timeline of a dry run
     error: str | None = None
     exit_code: int = 0
 

@@ -1,4 +1,4 @@
-"""The cluster that plans, as `farm status` shows it."""
+"""Cluster that computes plans, as `farm status` shows it."""
 
 from __future__ import annotations
 

@@ -38,8 +38,8 @@ class JobRow(View):
     good: int
     error: str | None
     reason: str | None
-    assembled: str | None = None  # when a person reported that its parts are glued
-    assembly_s: float | None = None  # the time that the gluing took
+    assembled: str | None = None  # time at which a person reported that its parts are glued
+    assembly_s: float | None = None  # time that the gluing took
 
 
 class Jobs(View):

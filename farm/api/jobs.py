@@ -8,6 +8,8 @@ from farm.model import Hold, JobOptions, JobState, PlanProgress, Verdict
 
 
 class PartView(View):
+    """Part of a job, with its prints."""
+
     id: str
     cut_from: str | None = None  # the failed part of which it is a piece
     copy_number: int = 1  # number of the copy of the model, from 1
@@ -25,15 +27,17 @@ class PartView(View):
 
 
 class PlateStatus(View):
+    """Plate of a job, with the reason why it waits."""
+
     id: str
     parts: list[str]
-    printer: str  # printer of its last print, else of the plan
+    printer: str  # printer of its last print, or of the plan before the first print
     gcode: str | None  # null if the files of its job were pruned
     estimated_s: float
     grams: float
     filament_mm: float
     price: float | None
-    cached: bool  # its G-code was in the cache
+    cached: bool  # whether its G-code was in the cache
     warnings: list[str]  # such as walls too thin to print, or a part that may fall over
     printing: bool
     hold: Hold | None
@@ -43,11 +47,11 @@ class RunView(View):
     """Interval in which a job was printed."""
 
     started: str
-    ended: str | None  # null while it lasts
+    ended: str | None  # null while the job is printed
 
 
 class JobFigures(View):
-    """A job without its parts and plates."""
+    """Job without its parts and plates."""
 
     id: int
     name: str
@@ -57,7 +61,7 @@ class JobFigures(View):
     paused: bool
     exit_code: int
     hold: Hold | None
-    progress: PlanProgress | None  # while it is planned
+    progress: PlanProgress | None  # null unless the job is being planned
     now: str  # time of this view, on the farm's clock
     submitted: str
     submitted_by: str | None  # user name, from the socket's credentials
@@ -69,40 +73,41 @@ class JobFigures(View):
     estimated_s: float | None
     lower_bound_s: float | None  # lower bound of the parallel printing time on these printers
     eta: str | None
-    elapsed_s: float | None  # parallel printing time so far, or actual
-    runs: list[RunView]  # several if parts were printed again after the job had ended
+    elapsed_s: float | None  # parallel printing time so far, or of the printed job
+    runs: list[RunView]  # several runs if parts were printed again after the job had ended
     serial_s: float | None
     speedup: float | None
     utilisation: float | None
-    printed: int  # plates
-    good: int  # judged good by a person
-    printed_copies: int  # copies of the model with all their parts printed
-    current_s: float | None  # parallel printing time: expected from present data, or actual
+    printed: int  # number of printed plates
+    good: int  # number of plates that a person judged good
+    printed_copies: int  # number of copies of the model with all parts printed
+    current_s: float | None  # parallel printing time: actual, or expected from current data
     wasted_s: float  # time of prints that failed, were cancelled, or are bad
     wasted_grams: float
     grams: float | None
     filament_mm: float | None
-    price: float | None  # of its filament; null if a price is unknown
+    price: float | None  # price of the filament; null if a price is unknown
     currency: str | None
-    starved_share: (
-        float | None
-    )  # share of the time that simulated printers waited for the host; over 0.01 the run is not valid
+    # share of the time that simulated printers waited for the host; above 0.01 the run is invalid
+    starved_share: float | None
     folder: str | None  # contains its parts (STL), plates (G-code) and picture
-    pruned: str | None = None  # when its files were pruned; figures and pictures stay
+    pruned: str | None = None  # time at which its files were pruned; figures and pictures stay
     waits_for_person: bool
-    assembly_s: float | None = None  # a person's time to glue the parts: expected, or reported
-    assembled: str | None = None  # time at which they are glued: reported, or expected from present data
+    assembly_s: float | None = None  # time for gluing the parts: reported, or expected
+    assembled: str | None = None  # time at which they are glued: reported, or expected from current data
     glued: bool = False  # whether a person has reported that they are glued
     submitted_to_assembled_s: float | None = None  # time from submission to `assembled`
 
 
 class JobSummary(JobFigures):
-    """A job on the page of the whole farm."""
+    """Job in the status of the whole farm."""
 
     plate_count: int
 
 
 class JobView(JobFigures):
+    """Job with its parts and plates."""
+
     parts: list[PartView]
     plates: list[PlateStatus]
 

@@ -11,7 +11,7 @@ from farm.model import KeyKind, Role
 
 
 class KeyRequest(View):
-    """Request for a key: `days` until it expires, None for never."""
+    """Request for a key, which expires after `days`, or never if that is None."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._-]{0,40}$")]
     role: Role = Role.PRINT
@@ -19,7 +19,7 @@ class KeyRequest(View):
 
 
 class NewKey(View):
-    """A key that was added. Its text is in this response alone: the farm does not store it."""
+    """Key that was added. Only this response has its text, because the farm does not store it."""
 
     id: str
     text: str
@@ -52,7 +52,7 @@ class AppKeyRequestView(View):
     """Request for a key by a program."""
 
     code: str
-    app: str  # its own name for itself
+    app: str  # name that the program gives itself
     address: str
 
 

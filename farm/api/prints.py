@@ -32,51 +32,53 @@ class PrintView(View):
 
 
 class HistoryRow(PrintView):
-    """A print that has ended."""
+    """Print that has ended."""
 
     job: int
-    name: str  # the job's
-    note: str | None  # the job's
+    name: str  # name of the job
+    note: str | None  # note of the job
     submitted_by: str | None
     took_s: float
     expected_s: float
     grams: float
     wasted: bool
-    assembled: str | None = None  # when a person reported that the job's parts are glued
-    assembly_s: float | None = None  # the time that the gluing took
+    assembled: str | None = None  # time at which a person reported that the job's parts are glued
+    assembly_s: float | None = None  # time that the gluing took
 
 
 class FeatureFactorsView(View):
-    """Actual over sliced time of the layers by what they print, learned from finished prints."""
+    """Ratios of actual to sliced time by feature, learned from finished prints."""
 
     walls: float
     infill: float
     skins: float
-    supports: float  # the brim too
-    travel: float  # retractions too
+    supports: float  # includes the brim
+    travel: float  # includes retractions
     prints: int  # number of prints from which they were learned
-    own: bool  # of this printer alone; else of all printers of its family
+    own: bool  # learned from this printer alone; otherwise from all printers of its family
 
 
 class PrinterSpeed(View):
     """Speed of a printer, learned from its finished prints."""
 
     printer: str
-    time_factor: float  # actual over expected time of its layers
+    time_factor: float  # ratio of actual to expected time of its layers
     feature_factors: FeatureFactorsView | None  # null until enough prints have ended
 
 
 class History(View):
+    """Response to `farm history --json`."""
+
     model_config = ConfigDict(populate_by_name=True)
 
     schema_: int = Field(default=SCHEMA, alias="schema")
     now: str
     prints: list[HistoryRow]  # oldest first
-    speeds: list[PrinterSpeed] = Field(default_factory=list)  # of the printers of these prints
+    speeds: list[PrinterSpeed] = Field(default_factory=list)  # speeds of the printers of these prints
 
 
 class PrintRow(HistoryRow):
-    """A print, open or ended; `took_s` of an open print is the time so far."""
+    """Print, open or ended; `took_s` of an open print is the time so far."""
 
     id: str
     plate: str

@@ -37,15 +37,15 @@ class ClearedRequest(View):
     filament: FilamentState | None = None
     bad: bool = False
     why: Line | None = Field(default=None, max_length=200)
-    good: Line | None = Field(default=None, max_length=40)  # the part of a failed print that is usable
+    good: Line | None = Field(default=None, max_length=40)  # part of a failed print that is usable
     seen: Line | None = Field(default=None, max_length=64)  # id of the last print that the sender has seen
 
 
 class ClearedResponse(View):
     """Response to a cleared bed. A bad part is printed again, unless it was cancelled."""
 
-    again: str | None = None  # the part that is printed again
-    good: str | None = None  # the part of a failed print that is good
+    again: str | None = None  # part that is printed again
+    good: str | None = None  # part of a failed print that is good
     printed_on: list[str] = Field(default_factory=list)  # printers that already reprint that part
 
 
@@ -102,7 +102,7 @@ class QueueEntry(View):
     id: int
     name: str
     state: JobState
-    waiting: int  # plates that have not started; 0 before it is planned
+    waiting: int  # number of plates that have not started; 0 before the job is planned
     eta: str | None
     submitted_by: str | None
 

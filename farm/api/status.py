@@ -13,13 +13,17 @@ from farm.model import Bed, FilamentState, Hold, PrintState, TextTime, Verdict
 
 
 class Targets(View):
+    """Target temperatures of the heaters; null if unknown."""
+
     nozzle_c: float | None
     bed_c: float | None
 
 
 class Reel(View):
+    """Filament on a printer, and its nozzle."""
+
     material: str
-    kind: str | None = None  # of the material, such as PLA; null if unknown
+    kind: str | None = None  # kind of the material, such as PLA; null if unknown
     colour: str | None
     grams: float | None  # filament left; null if unknown
     nozzle_mm: float
@@ -38,17 +42,19 @@ class PrintProgress(PrintReadings, View):
 
 
 class LastPrint(View):
-    """The last print on a printer; its part is on the bed until a person clears the bed."""
+    """Last print on a printer; its part is on the bed until a person clears the bed."""
 
     id: str = ""
     plate: str
     state: PrintState
     ended: str | None
-    off: float | None  # share by which it took longer than expected; null unless it ended as `done`
+    off: float | None  # share by which it took longer than expected; null unless the print is `done`
     verdict: Verdict | None
 
 
 class PrinterView(PrinterReadings, View):
+    """Printer with its state, readings and prints."""
+
     name: str
     model: str
     state: str
@@ -59,12 +65,12 @@ class PrinterView(PrinterReadings, View):
     nozzle_c: float | None
     bed_c: float | None
     targets: Targets
-    time_factor: float  # actual over expected time of layers, estimated from its prints
-    # time factor by feature; null until enough prints have ended
+    time_factor: float  # ratio of actual to expected time of layers, estimated from its prints
+    # time factors by feature; null until enough prints have ended
     feature_factors: FeatureFactorsView | None = None
     print: PrintProgress | None
     last: LastPrint | None
-    look: str | None
+    look: str | None  # reason why a person must inspect it
     maintenance: str | None  # reason why it is out of use
     hold: Hold | None
     kept_for: str | None = None  # plate or job for which the free printer is reserved
@@ -72,7 +78,7 @@ class PrinterView(PrinterReadings, View):
 
 
 class Todo(View):
-    """A task for a person."""
+    """Task for a person."""
 
     code: str
     printers: list[str]
@@ -91,12 +97,14 @@ class NightView(View):
     printed: int
     failed: int
     printing: int
-    waiting: int  # not started
+    waiting: int  # number of plates that have not started
     grams: float
     wasted_grams: float
 
 
 class FleetView(View):
+    """Fleet and its clock."""
+
     name: str
     timezone: str
     time_scale: float
@@ -106,13 +114,15 @@ class FleetView(View):
 
 
 class DaemonView(View):
+    """Process of the daemon."""
+
     pid: int
     version: str
     since: str
 
 
 class FarmFigures(View):
-    """The whole farm without its jobs."""
+    """Whole farm without its jobs."""
 
     model_config = ConfigDict(populate_by_name=True)
 
@@ -122,11 +132,13 @@ class FarmFigures(View):
     fleet: FleetView
     printers: list[PrinterView]
     night: NightView | None  # null if no print ended last night
-    cluster: ClusterView | None = None  # null if the daemon's host plans alone
+    cluster: ClusterView | None = None  # null if only the daemon's host computes plans
 
 
 class Status(FarmFigures):
-    jobs: list[JobView]  # open ones, those without a verdict, and the last of the others
+    """Whole farm, with the parts and plates of its jobs."""
+
+    jobs: list[JobView]  # open jobs, jobs without a verdict, and the last of the others
 
 
 class Wait(View):
@@ -137,7 +149,7 @@ class Wait(View):
 
 
 class StatusSummary(FarmFigures):
-    """The whole farm as `farm status` prints it: without the parts and plates of jobs."""
+    """Whole farm as `farm status` prints it: without the parts and plates of jobs."""
 
     jobs: list[JobSummary]  # the same jobs as in `Status`
     waits: list[Wait]

@@ -1,7 +1,7 @@
 """Cameras of a fleet: stills for viewers, and stills that are kept with prints.
 
-It runs in the daemon's event loop. A camera that hangs costs one waiting task; the controller never waits
-for it.
+Stills are fetched in the daemon's event loop. A camera that does not answer occupies one task; the controller
+never waits for it.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from farm.state.storage import store_file
 
 log = logging.getLogger(__name__)
 
-_FORGET_S = 10.0  # wall seconds without a viewer after which the last still is dropped from memory
+_VIEWER_TIMEOUT_S = 10.0  # wall seconds without a viewer after which the last still is dropped from memory
 
-Fetch = Callable[[str], Awaitable[Image]]
+StillFetcher = Callable[[str], Awaitable[Image]]
 
 
 async def _fetch_still(url: str) -> Image:
@@ -42,7 +42,7 @@ async def _fetch_still(url: str) -> Image:
 
 @dataclass(slots=True)
 class _Camera:
-    """One camera: its state, its last still, and the running fetch."""
+    """State of one camera, its last still, and the running fetch. Times are monotonic, in wall seconds."""
 
     printer: str
     url: str
@@ -51,7 +51,7 @@ class _Camera:
     latest_s: float = 0.0
     viewed_s: float = 0.0
     fetch_task: asyncio.Task[Image] | None = None
-    keep_after_s: float = 0.0  # earliest time to store a still again, after an error of the disk
+    store_after_s: float = 0.0  # earliest time to store a still again after a disk error
 
 
 class Cameras:
@@ -60,7 +60,7 @@ class Cameras:
     Parameters
     ----------
     controller
-        Source of the prints; records the stills that are kept.
+        Source of the prints; records the stills that are stored.
     state
         The state folder, with the file store.
     fetch
@@ -73,7 +73,7 @@ class Cameras:
         self,
         controller: Controller,
         state: StateFolder,
-        fetch: Fetch = _fetch_still,
+        fetch: StillFetcher = _fetch_still,
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
         self._controller, self._state = controller, state
@@ -85,23 +85,23 @@ class Cameras:
         return len(self._cameras)
 
     async def fetch_still(self, printer: str) -> Image:
-        """Return a still that is two seconds old at most.
+        """Return a still that is at most two seconds old.
 
         Raises
         ------
         NoSuchThing
-            If there is no such printer, or it has no camera.
+            If there is no such printer, or if it has no camera.
         FarmError
-            If its camera has sent no still, or the last request failed too recently to repeat it.
+            If its camera has sent no still, or if the last request was too recent to send another.
         """
         self._controller.books.printer(printer)
         camera = self._cameras.get(printer)
         if camera is None:
-            raise NoSuchThing(f"{printer} has no camera: give its address by `camera` in fleet.yaml")
+            raise NoSuchThing(f"{printer} has no camera: give its address with `camera` in fleet.yaml")
         now_s = camera.viewed_s = self._monotonic()
         if camera.latest_still is not None and now_s - camera.latest_s < MAX_STILL_AGE_S:
             return camera.latest_still
-        task = camera.fetch_task or self._begin(camera)
+        task = camera.fetch_task or self._begin_fetch(camera)
         try:
             if task is None:
                 raise CameraError(camera.state.problem or "the last request was too recent")
@@ -110,10 +110,10 @@ class Cameras:
             raise FarmError(f"the camera of {printer}: {error}", ErrorCode.UNREACHABLE) from None
 
     def tick(self) -> None:
-        """Begin to fetch the stills that are to be kept now, and drop those without viewers."""
+        """Begin to fetch the stills that are due, and drop the stills that nobody views."""
         now_s = self._monotonic()
         for camera in self._cameras.values():
-            if now_s - max(camera.viewed_s, camera.latest_s) > _FORGET_S:
+            if now_s - max(camera.viewed_s, camera.latest_s) > _VIEWER_TIMEOUT_S:
                 camera.latest_still = None
         controller = self._controller
         snapshots, farm_s = controller.telemetry.snapshots, controller.clock.now()
@@ -123,12 +123,12 @@ class Cameras:
             if (
                 due.printer in self._store_tasks
                 or camera.fetch_task is not None
-                or now_s < camera.keep_after_s
+                or now_s < camera.store_after_s
             ):
                 continue
-            task = self._begin(camera)
+            task = self._begin_fetch(camera)
             if task is not None:
-                store_task = asyncio.get_running_loop().create_task(self._keep(due, task))
+                store_task = asyncio.get_running_loop().create_task(self._store_still(due, task))
                 self._store_tasks[due.printer] = store_task
                 store_task.add_done_callback(partial(self._remove_store_task, due.printer))
 
@@ -145,17 +145,17 @@ class Cameras:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
 
-    def _begin(self, camera: _Camera) -> asyncio.Task[Image] | None:
+    def _begin_fetch(self, camera: _Camera) -> asyncio.Task[Image] | None:
         """Begin to fetch a still; None if the last request was too recent."""
         now_s = self._monotonic()
-        if now_s < camera.state.next_s:
+        if now_s < camera.state.next_attempt_s:
             return None
         camera.state = camera.state.begin(now_s)
-        task = camera.fetch_task = asyncio.get_running_loop().create_task(self._run(camera))
+        task = camera.fetch_task = asyncio.get_running_loop().create_task(self._run_fetch(camera))
         task.add_done_callback(_consume_error)
         return task
 
-    async def _run(self, camera: _Camera) -> Image:
+    async def _run_fetch(self, camera: _Camera) -> Image:
         """Fetch a still, and record the outcome. Raises CameraError."""
         previous_problem = camera.state.problem
         try:
@@ -163,7 +163,8 @@ class Cameras:
         except CameraError as error:
             camera.state = camera.state.fail(str(error))
             raise
-        except Exception as error:  # a library cannot parse the answer; the text may contain the address
+        except Exception as error:  # a library cannot parse the answer
+            # the error's type is given without its text, which may contain the address
             camera.state = camera.state.fail(f"its answer cannot be read ({type(error).__name__})")
             raise CameraError(camera.state.problem or "") from None
         else:
@@ -178,19 +179,19 @@ class Cameras:
             elif problem is None and previous_problem is not None:
                 PrinterLog(log, camera.printer).info("its camera sends stills again")
 
-    async def _keep(self, due: DueStill, fetch_task: asyncio.Task[Image]) -> None:
+    async def _store_still(self, due: DueStill, fetch_task: asyncio.Task[Image]) -> None:
         """Store a still, then record it with its print."""
         controller = self._controller
         try:
             image = await fetch_task
             at_s = controller.clock.now()
-            name = await asyncio.to_thread(_store, self._state, image)
+            name = await asyncio.to_thread(_store_image, self._state, image)
             still = Still(moment=due.moment, at_s=at_s, file=name)
             controller.handle(ev.StillKept(at_s=at_s, print_id=due.print_id, still=still))
         except CameraError:
-            pass  # `_run` has logged it; a later tick tries again
+            pass  # `_run_fetch` has logged it; a later tick tries again
         except (OSError, FarmError) as error:
-            self._cameras[due.printer].keep_after_s = self._monotonic() + MAX_INTERVAL_S
+            self._cameras[due.printer].store_after_s = self._monotonic() + MAX_INTERVAL_S
             PrinterLog(log, due.printer).warning("a still cannot be stored: %s", error)
 
 
@@ -202,7 +203,7 @@ def _list_cameras(fleet: Fleet) -> dict[str, _Camera]:
     }
 
 
-def _store(state: StateFolder, image: Image) -> str:
+def _store_image(state: StateFolder, image: Image) -> str:
     """Store an image, and return the name of its file in the store. Raises OSError."""
     path: Path = state.work / f"still-{uuid.uuid4().hex}{image.suffix}"
     try:
@@ -213,6 +214,6 @@ def _store(state: StateFolder, image: Image) -> str:
 
 
 def _consume_error(task: asyncio.Task[Image]) -> None:
-    """Read the error of a fetch without a viewer: asyncio logs errors that are never read."""
+    """Read the error of a fetch without a viewer, because asyncio logs errors that are never read."""
     if not task.cancelled():
         task.exception()

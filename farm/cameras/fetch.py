@@ -1,6 +1,7 @@
 """Fetch of one still over HTTP, within limits on time, size and hosts. The only import of httpx.
 
-The address comes from `fleet.yaml` alone. It may contain a password: no message and no log line shows it.
+Addresses come only from `fleet.yaml`. No message or log line shows an address, because it may contain a
+password.
 """
 
 from __future__ import annotations
@@ -19,12 +20,12 @@ import httpx
 from farm.cameras.image import MAX_IMAGE_BYTES, Image, NoImage, check_beginning, read_image
 from farm.cameras.image import CameraError as CameraError
 
-FETCH_S = 5.0
-"""Wall seconds for a still, redirects included."""
+FETCH_TIMEOUT_S = 5.0
+"""Wall seconds within which a still must arrive, redirects included."""
 _MAX_REDIRECTS = 3
 _MAGIC_BYTES = 8
 
-for _name in ("httpx", "httpcore"):  # they log addresses
+for _name in ("httpx", "httpcore"):  # both log addresses
     logging.getLogger(_name).setLevel(logging.CRITICAL)
 
 
@@ -39,13 +40,13 @@ async def fetch_still(url: str) -> Image:
     Raises
     ------
     CameraError
-        If there is no image within `FETCH_S`.
+        If there is no image within `FETCH_TIMEOUT_S`.
     """
     try:
-        async with asyncio.timeout(FETCH_S):
-            return await _fetch(httpx.URL(url))
+        async with asyncio.timeout(FETCH_TIMEOUT_S):
+            return await _fetch_image(httpx.URL(url))
     except TimeoutError:
-        raise CameraError(f"it sent no complete still within {FETCH_S:g} s") from None
+        raise CameraError(f"it sent no complete still within {FETCH_TIMEOUT_S:g} s") from None
     except NoImage as error:
         raise CameraError(str(error)) from None
     except httpx.ConnectError as error:
@@ -55,28 +56,28 @@ async def fetch_still(url: str) -> Image:
         raise CameraError(f"it does not answer like a web server ({type(error).__name__})") from None
 
 
-async def _fetch(url: httpx.URL) -> Image:
+async def _fetch_image(url: httpx.URL) -> Image:
     """Follow redirects on the same host to an image. Raises CameraError, NoImage, and httpx's errors."""
     user, password = url.username, url.password
     authentication: httpx.Auth | None = None
     url = url.copy_with(username=None, password=None)
-    addresses = await _look_up(url)
+    addresses = await _look_up_addresses(url)
     async with httpx.AsyncClient(trust_env=False, timeout=None, verify=_load_authorities()) as client:
         for _ in range(_MAX_REDIRECTS + 2):
-            response = await _send(client, url, addresses, authentication)
+            response = await _send_request(client, url, addresses, authentication)
             try:
                 if response.status_code == 401 and user and authentication is None:
                     authentication = _choose_authentication(response, user, password)
                 elif response.has_redirect_location:
-                    url = _follow(url, response.headers["location"])
+                    url = _resolve_redirect(url, response.headers["location"])
                 else:
-                    return await _read(response)
+                    return await _read_response(response)
             finally:
                 await response.aclose()
     raise CameraError("it redirects too often")
 
 
-async def _send(
+async def _send_request(
     client: httpx.AsyncClient,
     url: httpx.URL,
     addresses: list[str],
@@ -84,7 +85,7 @@ async def _send(
 ) -> httpx.Response:
     """Send a request to the first address that can be reached. Raises httpx's errors.
 
-    The body of a 401 is not read: `httpx.Auth` in a client would read it without a limit.
+    The body of a 401 is not read, because `httpx.Auth` in a client would read it without a limit.
     """
     headers = {"host": url.netloc.decode("ascii"), "accept-encoding": "identity", "connection": "close"}
     for number, address in enumerate(addresses, 1):
@@ -94,19 +95,19 @@ async def _send(
         if authentication is not None:
             request = next(authentication.auth_flow(request))
         try:
-            return await client.send(request, stream=True, auth=_leave_unchanged)
+            return await client.send(request, stream=True, auth=_keep_request)
         except httpx.ConnectError:
             if number == len(addresses):
                 raise
     raise CameraError("its host name has no address")
 
 
-def _leave_unchanged(request: httpx.Request) -> httpx.Request:
+def _keep_request(request: httpx.Request) -> httpx.Request:
     return request
 
 
 def _choose_authentication(response: httpx.Response, user: str, password: str) -> httpx.Auth:
-    """Return the authentication that a camera requires: digest, else basic. Raises CameraError."""
+    """Return the authentication that a camera requires, digest or basic. Raises CameraError."""
     if not response.headers.get("www-authenticate", "").lower().startswith("digest "):
         return httpx.BasicAuth(user, password)
     digest = httpx.DigestAuth(user, password)
@@ -119,16 +120,16 @@ def _choose_authentication(response: httpx.Response, user: str, password: str) -
     return digest
 
 
-def _follow(url: httpx.URL, location: str) -> httpx.URL:
-    """Return the address of a redirect. Raises CameraError if it is on another host, or less secure."""
+def _resolve_redirect(url: httpx.URL, location: str) -> httpx.URL:
+    """Return the address of a redirect. Raises CameraError for another host, or a less secure address."""
     target = url.join(location).copy_with(username=None, password=None)
-    secure = target.scheme == "https" or (target.scheme, url.scheme) == ("http", "http")
-    if target.host != url.host or not secure:
+    is_secure = target.scheme == "https" or (target.scheme, url.scheme) == ("http", "http")
+    if target.host != url.host or not is_secure:
         raise CameraError("it redirects to another host: give the address of that host")
     return target
 
 
-async def _read(response: httpx.Response) -> Image:
+async def _read_response(response: httpx.Response) -> Image:
     """Read a body within the limit. Raises CameraError, NoImage, and httpx's errors."""
     if response.status_code == 401:
         raise CameraError("it refuses user and password (401): write them as http://USER:PASSWORD@HOST/")
@@ -145,15 +146,15 @@ async def _read(response: httpx.Response) -> Image:
 
 @cache
 def _load_authorities() -> ssl.SSLContext:
-    """Load the certificates that this host trusts, to which an administrator may add a camera's."""
+    """Load the certificates that this host trusts; an administrator may add the certificate of a camera."""
     return ssl.create_default_context()
 
 
-async def _look_up(url: httpx.URL) -> list[str]:
+async def _look_up_addresses(url: httpx.URL) -> list[str]:
     """Find the addresses of a host.
 
-    Uses a separate daemon thread: a name server that does not answer blocks a look-up for half a minute,
-    and asyncio's look-up would block a shared thread, which the process also waits for when it exits.
+    Uses a separate daemon thread, because a name server that does not answer blocks a look-up for half a
+    minute: asyncio's look-up would block a shared thread, for which the process also waits when it exits.
 
     Raises
     ------
@@ -171,10 +172,10 @@ async def _look_up(url: httpx.URL) -> list[str]:
             answer = list(dict.fromkeys(str(row[4][0]) for row in rows))
         except (OSError, UnicodeError) as error:
             answer = error
-        with suppress(RuntimeError):  # the loop has ended
-            loop.call_soon_threadsafe(finish, answer)
+        with suppress(RuntimeError):  # raised if the loop has ended
+            loop.call_soon_threadsafe(set_answer, answer)
 
-    def finish(answer: list[str] | OSError | UnicodeError) -> None:
+    def set_answer(answer: list[str] | OSError | UnicodeError) -> None:
         if not addresses.done():
             addresses.set_result(answer)
 

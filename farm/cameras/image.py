@@ -1,6 +1,6 @@
 """Checks of the bytes that a camera has sent: only a JPEG or PNG of a sensible size is accepted. Pure.
 
-A still is never decoded here: its header gives the size.
+A still is never decoded here, because its header states its size.
 """
 
 from __future__ import annotations
@@ -10,16 +10,16 @@ from dataclasses import dataclass
 
 MAX_IMAGE_BYTES = 5_000_000
 MAX_PIXELS = 50_000_000
-"""Limit on width times height: a viewer decodes all pixels, and a small file can have very many."""
+"""Limit on width times height, because a viewer decodes all pixels, and a small file can have very many."""
 _PNG, _JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
 _PNG_SIZE = struct.Struct(">II")  # in the first chunk, IHDR
-_PNG_SIZE_AT = 16
-_SEGMENT = struct.Struct(">BBH")  # JPEG: 0xFF, marker, length with its own two bytes
+_PNG_SIZE_OFFSET = 16
+_SEGMENT = struct.Struct(">BBH")  # JPEG: 0xFF, marker, length including its own two bytes
 _FRAME_SIZE = struct.Struct(">HH")  # JPEG: height, width
-_FRAME_SIZE_AT = 5  # after marker, length, and bits of a sample
+_FRAME_SIZE_OFFSET = 5  # after the marker, the length, and the sample precision
 _FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # markers that begin a frame
 _SCAN, _PADDING = 0xDA, 0xFF
-_MAX_SEGMENTS = 500  # before the frame; a long list would keep the daemon busy
+_MAX_SEGMENTS = 500  # number of segments before the frame; a long list would keep the daemon busy
 
 
 class CameraError(Exception):
@@ -32,7 +32,7 @@ class NoImage(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Image:
-    """A still: its bytes, its media type, and the suffix of its file."""
+    """Still: its bytes, its media type, and the suffix of its file."""
 
     content: bytes
     media_type: str
@@ -40,7 +40,7 @@ class Image:
 
 
 def check_beginning(first_bytes: bytes) -> None:
-    """Check that a body begins as a JPEG or PNG does; it may be incomplete. Raises NoImage."""
+    """Check that a body, which may be incomplete, begins like a JPEG or PNG. Raises NoImage."""
     for magic in (_JPEG, _PNG):
         if first_bytes[: len(magic)] == magic[: len(first_bytes)]:
             return
@@ -58,9 +58,9 @@ def read_image(content: bytes) -> Image:
     check_beginning(content)
     if len(content) > MAX_IMAGE_BYTES:
         raise NoImage(f"its still is larger than {MAX_IMAGE_BYTES / 1e6:g} MB: lower its resolution")
-    png = content.startswith(_PNG)
+    is_png = content.startswith(_PNG)
     try:
-        size = _PNG_SIZE.unpack_from(content, _PNG_SIZE_AT) if png else _read_jpeg_size(content)
+        size = _PNG_SIZE.unpack_from(content, _PNG_SIZE_OFFSET) if is_png else _read_jpeg_size(content)
     except struct.error:
         raise NoImage("its still is cut off") from None
     if not 0 < size[0] * size[1] <= MAX_PIXELS:
@@ -68,7 +68,7 @@ def read_image(content: bytes) -> Image:
             f"its still has {size[0]} x {size[1]} pixels; {MAX_PIXELS / 1e6:g} million at most: "
             "lower its resolution"
         )
-    return Image(content, "image/png", ".png") if png else Image(content, "image/jpeg", ".jpg")
+    return Image(content, "image/png", ".png") if is_png else Image(content, "image/jpeg", ".jpg")
 
 
 def _read_jpeg_size(content: bytes) -> tuple[int, int]:
@@ -79,7 +79,7 @@ def _read_jpeg_size(content: bytes) -> tuple[int, int]:
         if start != _PADDING or marker == _SCAN:
             raise NoImage("its still is not a valid JPEG")
         if marker in _FRAMES:
-            height, width = _FRAME_SIZE.unpack_from(content, offset + _FRAME_SIZE_AT)
+            height, width = _FRAME_SIZE.unpack_from(content, offset + _FRAME_SIZE_OFFSET)
             return width, height
         offset += 1 if marker == _PADDING else 2 + max(2, length)
     raise NoImage("its still is not a valid JPEG")

@@ -15,11 +15,11 @@ from farm.state import Books
 MIN_INTERVAL_S = 2.0
 MAX_INTERVAL_S = 60.0
 MAX_STILL_AGE_S = MIN_INTERVAL_S
-"""Age up to which a viewer gets the last still instead of a new one."""
-END_STILL_S = 60.0
-"""Wall seconds after the end of a print within which its last still is taken; later the bed may be clear."""
+"""Age in wall seconds up to which a viewer gets the last still instead of a new one."""
+END_STILL_TIMEOUT_S = 60.0
+"""Wall seconds after the end of a print in which its last still is fetched; later the bed may be clear."""
 _FIRST_LAYERS_DIVISOR = 10
-"""Divisor of the layer count: the first layer is still visible during the first tenth of the layers."""
+"""Divisor of the layer count: the first layer is visible during the first tenth of the layers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,9 +31,9 @@ class CameraState:
     attempt_s
         Time at which the last attempt began.
     failures
-        Attempts that have failed since the last still.
+        Number of attempts that have failed since the last still.
     problem
-        Reason why the last attempt failed.
+        Reason why the last attempt failed; None if it succeeded.
     """
 
     attempt_s: float | None = None
@@ -53,7 +53,7 @@ class CameraState:
         return replace(self, failures=self.failures + 1, problem=problem)
 
     @property
-    def next_s(self) -> float:
+    def next_attempt_s(self) -> float:
         """Earliest time of the next attempt."""
         if self.attempt_s is None:
             return 0.0
@@ -63,7 +63,7 @@ class CameraState:
 
 @dataclass(frozen=True, slots=True)
 class DueStill:
-    """A still to store with a print."""
+    """Still to store with a print."""
 
     print_id: str
     printer: str
@@ -73,7 +73,7 @@ class DueStill:
 def find_due_stills(
     books: Books, snapshots: Mapping[str, AgentSnapshot], printers: frozenset[str], now_s: float, scale: float
 ) -> Iterator[DueStill]:
-    """Yield the stills that must be taken now and stored with their prints.
+    """Yield the stills that must be fetched now and stored with their prints.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def find_due_stills(
     printers
         The printers with a camera.
     now_s, scale
-        Farm time in seconds, and farm seconds in a wall second.
+        Farm time in seconds, and farm seconds per wall second.
     """
     for name in printers & books.printers.keys():
         attempt = books.open_print_on(name) or books.last_print_on(name)
@@ -93,10 +93,12 @@ def find_due_stills(
         moment = Moment.FAILURE if attempt.state is PrintState.FAILED else Moment.END
         if not attempt.state.ended:
             moment = Moment.FIRST_LAYER
-            due = _shows_first_layer(attempt.id, snapshots.get(name))
+            is_due = _shows_first_layer(attempt.id, snapshots.get(name))
         else:
-            due = attempt.ended_s is not None and 0.0 <= now_s - attempt.ended_s <= END_STILL_S * scale
-        if due and all(still.moment is not moment for still in attempt.stills):
+            is_due = (
+                attempt.ended_s is not None and 0.0 <= now_s - attempt.ended_s <= END_STILL_TIMEOUT_S * scale
+            )
+        if is_due and all(still.moment is not moment for still in attempt.stills):
             yield DueStill(attempt.id, name, moment)
 
 

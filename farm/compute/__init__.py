@@ -1,16 +1,16 @@
-"""Work in processes, each with limits on time and memory: on this computer, or on a cluster."""
+"""Work in processes on this computer or on a cluster, with limits on time and memory."""
 
 from farm.compute.deferred import Deferred, TaskFiles
-from farm.compute.limits import CHECKING, DECOMPOSING, DRAWING, SLICING, Limit
+from farm.compute.limits import CHECKING_LIMIT, DECOMPOSING_LIMIT, DRAWING_LIMIT, SLICING_LIMIT, Limit
 from farm.compute.memory import read_process_bytes
 from farm.compute.pool import Pool, PoolShare
 from farm.compute.worker_pool import Workers
 
 __all__ = [
-    "CHECKING",
-    "DECOMPOSING",
-    "DRAWING",
-    "SLICING",
+    "CHECKING_LIMIT",
+    "DECOMPOSING_LIMIT",
+    "DRAWING_LIMIT",
+    "SLICING_LIMIT",
     "Deferred",
     "Limit",
     "Pool",

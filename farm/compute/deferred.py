@@ -1,4 +1,4 @@
-"""Functions referred to by name, whose modules are loaded at the call, with the files that each needs."""
+"""References to functions whose modules are loaded at the call, with the files that a call needs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class TaskFiles:
-    """Files that a task reads and writes, which let it run on a computer without a shared disk.
+    """Files that a task reads and writes, so that it can run on a computer without a shared disk.
 
     Attributes
     ----------
@@ -22,7 +22,7 @@ class TaskFiles:
     writes
         Files that it writes, besides those folders.
     caches
-        Folders of results by content; another computer uses its own.
+        Folders that cache results by content; another computer uses folders of its own.
     live
         Files in `folders` that others read while the task runs, such as its progress.
     """

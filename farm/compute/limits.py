@@ -1,4 +1,4 @@
-"""Limits of the kinds of work that a pool does."""
+"""Time limits for each kind of work in a pool."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class Limit:
     work
         Name of the work, for messages.
     urgent
-        True if the work is quick and a user waits for it: it starts before other work.
+        True if the work is quick and a user waits for it; it then starts before other work.
     """
 
     work: str
@@ -22,7 +22,7 @@ class Limit:
     urgent: bool = False
 
 
-CHECKING = Limit("reading and checking the model", 600.0, urgent=True)
-DECOMPOSING = Limit("decomposing", 1800.0)
-DRAWING = Limit("drawing the parts", 1800.0)
-SLICING = Limit("slicing a part", 2400.0)  # above CuraEngine's own limit (slicing.plate)
+CHECKING_LIMIT = Limit("reading and checking the model", 600.0, urgent=True)
+DECOMPOSING_LIMIT = Limit("decomposing", 1800.0)
+DRAWING_LIMIT = Limit("drawing the parts", 1800.0)
+SLICING_LIMIT = Limit("slicing a part", 2400.0)  # above CuraEngine's own limit (slicing.plate)

@@ -12,6 +12,6 @@ def read_machine_bytes() -> int:
 
 
 def read_process_bytes() -> int:
-    """Return the memory that this process may use in bytes: its limit (workers have one), or all."""
+    """Return the memory in bytes that this process may use: its limit, which workers have, or all memory."""
     soft, _ = resource.getrlimit(resource.RLIMIT_DATA)
     return read_machine_bytes() if soft == resource.RLIM_INFINITY else min(soft, read_machine_bytes())

@@ -1,4 +1,4 @@
-"""Pool: the interface behind which tasks run, on this computer or on a cluster."""
+"""Interface of a pool, which runs tasks on this computer or on a cluster."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable, Hashable
 from dataclasses import replace
 from typing import Protocol, TypeVar
 
-from farm.compute.limits import CHECKING, Limit
+from farm.compute.limits import CHECKING_LIMIT, Limit
 
 T = TypeVar("T")
 
@@ -25,12 +25,12 @@ class Pool(Protocol):
         ...
 
     @property
-    def has_idle(self) -> bool:
+    def has_idle_worker(self) -> bool:
         """True if a task that is not urgent would start immediately."""
         ...
 
     async def run(
-        self, work: Callable[..., T], *args: object, limit: Limit = CHECKING, group: Hashable = None
+        self, work: Callable[..., T], *args: object, limit: Limit = CHECKING_LIMIT, group: Hashable = None
     ) -> T:
         """Run a function in a worker. Cancelling the call ends the function, and the engine that it runs.
 
@@ -41,13 +41,14 @@ class Pool(Protocol):
         limit
             Time limit, and urgency.
         group
-            Of the waiting tasks of equal urgency, those of the group with the fewest running tasks are
-            started first. None: the task forms its own group.
+            Among waiting tasks of equal urgency, those of the group with the fewest running tasks start
+            first. With None, the task forms its own group.
 
         Raises
         ------
         FarmError
-            If the function raises it; code `limit` if it exceeds its time or memory, or its workers died.
+            If the function raises it; with code `limit` if the function exceeds its time or memory, or if its
+            workers died.
         """
         ...
 
@@ -61,19 +62,23 @@ class PoolShare:
 
     Parameters
     ----------
+    pool
+        Pool that runs the tasks.
+    group
+        Group of the tasks.
     urgent
-        True if the tasks are started before other work.
+        True if the tasks start before other work.
     """
 
     def __init__(self, pool: Pool, group: Hashable, urgent: bool = False) -> None:
         self._pool, self._group, self._urgent = pool, group, urgent
 
     @property
-    def has_idle(self) -> bool:
-        """True if a task would start immediately; see `Pool.has_idle`."""
-        return self._pool.has_idle
+    def has_idle_worker(self) -> bool:
+        """True if a task would start immediately; see `Pool.has_idle_worker`."""
+        return self._pool.has_idle_worker
 
-    async def run(self, work: Callable[..., T], *args: object, limit: Limit = CHECKING) -> T:
+    async def run(self, work: Callable[..., T], *args: object, limit: Limit = CHECKING_LIMIT) -> T:
         """Run a function in a worker."""
         limit = replace(limit, urgent=True) if self._urgent else limit
         return await self._pool.run(work, *args, limit=limit, group=self._group)

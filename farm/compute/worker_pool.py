@@ -1,8 +1,8 @@
-"""Pool of worker processes for decomposition and slicing: low priority, limited, stopped with the daemon.
+"""Pool of worker processes for decomposition and slicing. They have a low priority and end with the daemon.
 
-Each task runs alone in a process. A task is stopped (its job is cancelled, its time is over) by killing that
-process, which a new one replaces; a crash affects no other task. Groups of tasks, such as the jobs that are
-being planned, share the workers evenly; urgent tasks have one more worker, started when all others are busy.
+Each task runs alone in a process. If its job is cancelled or its time is over, that process is killed and
+replaced by a new one; a crash affects no other task. Groups of tasks, such as the jobs that are being
+planned, share the workers evenly; urgent tasks have one more worker, which starts when all others are busy.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-from farm.compute.limits import CHECKING, Limit
+from farm.compute.limits import CHECKING_LIMIT, Limit
 from farm.compute.memory import read_machine_bytes
 from farm.compute.worker_process import RaisedError, WarmUp, Worker
 from farm.errors import ErrorCode, FarmError
@@ -29,7 +29,7 @@ T = TypeVar("T")
 _MAX_ATTEMPTS = 2
 _RETRY_S = 5.0
 _GB = 2**30
-_CLOSED = "the daemon is shutting down: submit it again after `farm up`"
+_CLOSED_MESSAGE = "the daemon is shutting down: submit it again after `farm up`"
 
 
 def compute_worker_bytes(count: int, memory_gb: float | None) -> int:
@@ -66,11 +66,11 @@ class Workers:
     scratch
         Folder of the pool: each worker has a folder for temporary files there, which is removed with it.
     count
-        Number of workers, without the one for urgent tasks; as many as cores by default.
+        Number of workers, without the one for urgent tasks; by default, the number of cores.
     memory_gb
-        Memory limit of each; see `compute_worker_bytes`.
+        Memory limit of each worker; see `compute_worker_bytes`.
     warm_up
-        First call in every worker: imports the modules that tasks need.
+        Function that every worker calls first: it imports the modules that tasks need.
     """
 
     def __init__(
@@ -113,12 +113,12 @@ class Workers:
         return steps[0] if steps and all(steps) else None
 
     @property
-    def has_idle(self) -> bool:
-        """True if a task would start immediately; see `Pool.has_idle`."""
+    def has_idle_worker(self) -> bool:
+        """True if a task would start immediately; see `Pool.has_idle_worker`."""
         return any(worker is not self._urgent_worker for worker in self._idle)
 
     async def run(
-        self, work: Callable[..., T], *args: object, limit: Limit = CHECKING, group: Hashable = None
+        self, work: Callable[..., T], *args: object, limit: Limit = CHECKING_LIMIT, group: Hashable = None
     ) -> T:
         """Run a function in a worker, and once more if the worker dies; see `Pool.run`."""
         exit_text = ""
@@ -140,7 +140,7 @@ class Workers:
                 ) from None
             except EOFError:
                 if self._is_closed:
-                    raise FarmError(_CLOSED) from None
+                    raise FarmError(_CLOSED_MESSAGE) from None
                 exit_text = worker.wait()
                 log.warning("worker %d ended unexpectedly (%s)", worker.pid, exit_text)
                 continue
@@ -171,7 +171,7 @@ class Workers:
         self._alive.clear()
         for task in self._waiting:
             if not task.slot.done():
-                task.slot.set_exception(FarmError(_CLOSED))
+                task.slot.set_exception(FarmError(_CLOSED_MESSAGE))
         self._threads.shutdown(wait=False, cancel_futures=True)
         shutil.rmtree(self._scratch, ignore_errors=True)
 
@@ -193,10 +193,10 @@ class Workers:
     async def _acquire_worker(self, group: Hashable, urgent: bool) -> Worker:
         """Wait for a free worker, preferably one that is ready. Raises FarmError if the pool is closed."""
         if self._is_closed:
-            raise FarmError(_CLOSED)
-        free = [worker for worker in self._idle if urgent or worker is not self._urgent_worker]
-        if free:
-            worker = max(free, key=lambda worker: worker.start_step is None)
+            raise FarmError(_CLOSED_MESSAGE)
+        free_workers = [worker for worker in self._idle if urgent or worker is not self._urgent_worker]
+        if free_workers:
+            worker = max(free_workers, key=lambda worker: worker.start_step is None)
             self._idle.remove(worker)
             return worker
         task = _WaitingTask(group, urgent, asyncio.get_running_loop().create_future())
@@ -250,7 +250,7 @@ class Workers:
                 self._start_urgent_worker()
         else:
             self._replace_worker()
-        # A dying engine may write after its folder was removed: remove every unused folder.
+        # A dying engine may write a file after its folder was removed, so remove every unused folder.
         used_folders = {worker.folder for worker in self._alive}
         for folder in self._scratch.iterdir():
             if folder not in used_folders:

@@ -1,4 +1,4 @@
-"""Worker process: runs the calls received through its pipe, one after another, until it is killed."""
+"""Worker process, which runs the calls received through its pipe one after another until it is killed."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ WarmUp = Callable[[Callable[[str], object]], None]
 """Function that prepares a process for its tasks; its argument reports the step, as text."""
 
 _PR_SET_PDEATHSIG = 1
-_ENDING_S = 2.0  # maximum time from the closing of its pipe to its exit
+_EXIT_TIMEOUT_S = 2.0  # maximum wall seconds from the closing of the pipe to the exit of the process
 _START_NICE, _WORK_NICE = 5, 19
-"""Priorities. The start has a higher one: at the lowest it takes minutes on a busy host."""
+"""Niceness of the start and of the work. With the latter, the start would take minutes on a busy host."""
 _STEP = "step"
 
 
@@ -40,14 +40,15 @@ class RaisedError:
 class Worker:
     """Handle of one process, which runs one call at a time.
 
-    Start it on the daemon's main thread: the kernel kills it when the thread that started it ends.
+    Create it on the daemon's main thread, because the kernel kills the process when the thread that
+    started it ends.
 
     Parameters
     ----------
     scratch
         Folder in which the process gets a folder for its temporary files.
     memory_bytes
-        Limit of its data memory.
+        Limit on its data memory.
     warm_up
         Function that the process calls first; None for none.
     """
@@ -55,13 +56,13 @@ class Worker:
     def __init__(self, scratch: Path, memory_bytes: int, warm_up: WarmUp | None) -> None:
         self.folder = Path(tempfile.mkdtemp(prefix="worker-", dir=scratch))
         (self.folder / _STEP).write_text("loading the planning code")
-        context = multiprocessing.get_context("spawn")  # the daemon has threads: a fork could hang
+        context = multiprocessing.get_context("spawn")  # the daemon has threads, so a fork could hang
         self._pipe, child_pipe = context.Pipe()
         arguments = (child_pipe, os.getpid(), self.folder, memory_bytes, warm_up)
         self._process = context.Process(target=_serve_calls, args=arguments, daemon=True)
         self._process.start()
         self.pid = self._process.pid or 0
-        child_pipe.close()  # else the end of the process would not close the pipe
+        child_pipe.close()  # otherwise the end of the process would not close the pipe
 
     @property
     def start_step(self) -> str | None:
@@ -92,12 +93,12 @@ class Worker:
 
     def wait(self) -> str:
         """Wait for the end of the process, which has closed its pipe, and describe its exit code."""
-        self._process.join(_ENDING_S)
+        self._process.join(_EXIT_TIMEOUT_S)
         code = self._process.exitcode
         return signal.Signals(-code).name if code is not None and code < 0 else f"exit code {code}"
 
     def end(self) -> None:
-        """Kill the process, and with it (see slicing.engine) the engine that it runs."""
+        """Kill the process, and with it the engine that it runs (see `slicing.engine`)."""
         self._process.kill()
         self._process.join()
         # The pipe is closed once the thread that may still read from it has seen the end of file.
@@ -105,15 +106,15 @@ class Worker:
 
 
 def _serve_calls(
-    pipe: Connection, daemon: int, folder: Path, memory_bytes: int, warm_up: WarmUp | None
+    pipe: Connection, daemon_pid: int, folder: Path, memory_bytes: int, warm_up: WarmUp | None
 ) -> None:
-    """Serve calls one after another; the main function of the process."""
-    _prepare_process(daemon, folder, memory_bytes)
+    """Serve calls one after another, as the main function of the process."""
+    _prepare_process(daemon_pid, folder, memory_bytes)
     if warm_up is not None:
         try:
             warm_up((folder / _STEP).write_text)
         except Exception:
-            traceback.print_exc()  # the task that needs it fails with a message
+            traceback.print_exc()  # a task that needs the missing module fails with a message
     os.nice(_WORK_NICE - _START_NICE)
     (folder / _STEP).unlink(missing_ok=True)
     while True:
@@ -133,9 +134,8 @@ def _run_call(request: bytes) -> bytes:
     except SystemExit as error:
         return pickle.dumps(RaisedError(FarmError(f"a library ended the task: {error}")))
     except Exception as error:
-        error.add_note(
-            "".join(traceback.format_exception(error))
-        )  # traceback of this process, for the daemon's log
+        # the daemon's log shows the traceback of this process
+        error.add_note("".join(traceback.format_exception(error)))
         try:
             answer = pickle.dumps(RaisedError(error))
             pickle.loads(answer)
@@ -144,18 +144,18 @@ def _run_call(request: bytes) -> bytes:
         return answer
 
 
-def _prepare_process(daemon: int, folder: Path, memory_bytes: int) -> None:
+def _prepare_process(daemon_pid: int, folder: Path, memory_bytes: int) -> None:
     """Lower the priority, limit memory, set the temporary folder, and die with the daemon (Linux)."""
     os.nice(_START_NICE)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != daemon:
-        os._exit(1)  # it died before prctl took effect
-    with contextlib.suppress(OSError):  # out of memory, the kernel ends this process, not the daemon
+    if os.getppid() != daemon_pid:
+        os._exit(1)  # the daemon died before prctl took effect
+    with contextlib.suppress(OSError):  # if memory runs out, the kernel ends this process, not the daemon
         Path("/proc/self/oom_score_adj").write_text("800")
     tempfile.tempdir = os.environ["TMPDIR"] = str(folder)
-    # The soft limit only: CuraEngine has a separate limit (slicing.engine), and raises this one.
+    # Set only the soft limit, because CuraEngine has a separate limit (slicing.engine), and raises this one.
     _, hard = resource.getrlimit(resource.RLIMIT_DATA)
     soft = memory_bytes if hard == resource.RLIM_INFINITY else min(memory_bytes, hard)
     resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))

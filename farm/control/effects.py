@@ -63,7 +63,7 @@ class FarmEffects:
         limit_s = job.assembled_by_s if job.done_by_s is None else job.done_by_s
         request = PlanRequest(
             job=job,
-            printers=tuple(fleet.printer(name) for name in order.printers),
+            printers=tuple(fleet.find_printer(name) for name in order.printers),
             rounds=order.rounds,
             time_factors={name: books.printer(name).time_factors for name in order.printers},
             within_s=None if limit_s is None else max(0.0, limit_s - start_s),
@@ -80,7 +80,7 @@ class FarmEffects:
             plate=plate,
             part=part,
             options=job.options,
-            printers=tuple(fleet.printer(name) for name in order.printers),
+            printers=tuple(fleet.find_printer(name) for name in order.printers),
             files=self._state.files,
             folder=self._state.work / f"replan-{plate.id.replace('/', '-')}",
             time_factors={name: books.printer(name).time_factors for name in order.printers},
@@ -97,6 +97,6 @@ class FarmEffects:
         job = books.job(number)
         names = list_job_files(job, map(books.parts.__getitem__, job.parts), books.plates_of(job))
         try:
-            link_files(self._state.job(job.id), self._state.files, names)
+            link_files(self._state.find_job_folder(job.id), self._state.files, names)
         except OSError as error:  # the links are optional: the job continues
             log.warning("job %d: its files could not be linked: %s", job.id, error, extra={"job": job.id})

@@ -119,7 +119,7 @@ class PrinterCommands:
         """Record that a reel was loaded or weighed; omitted fields keep their values."""
         entry = self._controller.books.printer(printer)
         self._refuse_while_printing(printer)
-        section = self._controller.fleet.printer(printer)
+        section = self._controller.fleet.find_printer(printer)
         has_new_material = request.material is not None or request.colour is not None
         present_reel = entry.reel if not has_new_material else None
         grams = present_reel.grams if present_reel is not None else None

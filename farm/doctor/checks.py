@@ -13,13 +13,13 @@ from farm.state.retention import describe_shortage
 from farm.state.storage import SCHEMA_VERSION
 from farm.text import format_count
 
-MIN_BYTES = 64 * 1024**2
+MIN_FREE_BYTES = 64 * 1024**2
 """Free bytes that the daemon needs to plan (`farm.planning.job_planner.ROOM_BYTES`)."""
-RECOMMENDED_BYTES = 2 * 1024**3
+RECOMMENDED_FREE_BYTES = 2 * 1024**3
 """Free bytes that suffice for the plans, slices and backups of a large job."""
-SHARED_MEMORY_BYTES = 16 * 1024**2
+MIN_SHARED_MEMORY_BYTES = 16 * 1024**2
 _FIRST_YEAR = 2024  # a host without a real-time clock starts in 1970
-_MAX_SHOWN = 5
+_MAX_SHOWN_PROBLEMS = 5
 
 
 def check_installation(facts: Facts) -> list[Finding]:
@@ -28,7 +28,7 @@ def check_installation(facts: Facts) -> list[Finding]:
     Returns
     -------
     list of Finding
-        In the order in which to fix them; each check has at least one.
+        Findings in the order in which to fix them, at least one for each check.
     """
     return [finding for check in _CHECKS for finding in check(facts)]
 
@@ -53,7 +53,7 @@ def check_fleet(facts: Facts) -> Iterator[Finding]:
 
 
 def check_daemon(facts: Facts) -> Iterator[Finding]:
-    """Check that the daemon answers, with the version of this program."""
+    """Check that the daemon answers, and that it has the version of this program."""
     if facts.daemon_error is not None:
         yield make_warning("daemon", facts.daemon_error, "running agents continue printing without it")
     elif facts.daemon_version != facts.version:
@@ -97,9 +97,11 @@ def check_books(facts: Facts) -> Iterator[Finding]:
         return
     problems = validate_books(books.books)
     action = "report this with the database; `farm history` shows what was printed"
-    yield from (make_problem("database", text, action) for text in problems[:_MAX_SHOWN])
-    if len(problems) > _MAX_SHOWN:
-        yield make_problem("database", f"and {len(problems) - _MAX_SHOWN} more contradictions", action)
+    yield from (make_problem("database", text, action) for text in problems[:_MAX_SHOWN_PROBLEMS])
+    if len(problems) > _MAX_SHOWN_PROBLEMS:
+        yield make_problem(
+            "database", f"and {len(problems) - _MAX_SHOWN_PROBLEMS} more contradictions", action
+        )
     if not problems:
         jobs, prints = (
             format_count(len(books.books.jobs), "job"),
@@ -119,9 +121,13 @@ def check_files(facts: Facts) -> Iterator[Finding]:
         ("is missing", files.missing_files),
         ("has changed since it was planned", files.changed_files),
     ):
-        yield from (make_problem("files", f"{name} {condition}", action) for name in names[:_MAX_SHOWN])
-        if len(names) > _MAX_SHOWN:
-            yield make_problem("files", f"and {len(names) - _MAX_SHOWN} more: each {condition}", action)
+        yield from (
+            make_problem("files", f"{name} {condition}", action) for name in names[:_MAX_SHOWN_PROBLEMS]
+        )
+        if len(names) > _MAX_SHOWN_PROBLEMS:
+            yield make_problem(
+                "files", f"and {len(names) - _MAX_SHOWN_PROBLEMS} more: each {condition}", action
+            )
     if not files.missing_files and not files.changed_files:
         yield make_success("files", f"{format_count(files.checked_count, 'file')} of open jobs, as planned")
 
@@ -173,21 +179,21 @@ def check_cura(facts: Facts) -> Iterator[Finding]:
     """Check that CuraEngine and Cura's files exist, and report their versions."""
     cura, action = facts.cura, "`farm setup` installs both"
     if cura.engine is None:
-        yield _describe_missing(cura.engine_error or f"there is no CuraEngine: {action}")
+        yield _describe_missing_file(cura.engine_error or f"there is no CuraEngine: {action}")
     elif cura.engine_version is None:
         yield make_problem("cura", f"{cura.engine} does not report its version: it cannot be run", action)
     else:
         yield make_success("cura", f"{cura.engine}: CuraEngine {cura.engine_version}")
     if cura.resources is None:
-        yield _describe_missing(cura.resources_error or f"Cura's files are missing: {action}")
+        yield _describe_missing_file(cura.resources_error or f"Cura's files are missing: {action}")
     elif cura.settings_version is None:
         yield make_problem("cura", f"{cura.resources}: its definitions name no version", action)
     else:
         yield make_success("cura", f"{cura.resources}: Cura's settings, version {cura.settings_version}")
 
 
-def _describe_missing(error: str) -> Finding:
-    """Return the problem of an error whose text ends with the action."""
+def _describe_missing_file(error: str) -> Finding:
+    """Make a problem from an error whose text ends with the action."""
     text, _, action = error.rpartition(": ")
     return make_problem("cura", text, action)
 
@@ -218,7 +224,7 @@ def check_clock(facts: Facts) -> Iterator[Finding]:
         yield make_warning("clock", text, action)
     if clock.host_zone is not None and clock.host_zone != zone:
         text = f"hours in fleet.yaml are in {zone}, the host is in {clock.host_zone}"
-        yield make_warning("clock", text, "set fleet.timezone to where the printers are, if that is wrong")
+        yield make_warning("clock", text, "if that is wrong, set fleet.timezone to the printers' time zone")
 
 
 def check_free_space(facts: Facts) -> Iterator[Finding]:
@@ -228,11 +234,11 @@ def check_free_space(facts: Facts) -> Iterator[Finding]:
             yield make_problem("room", f"{space.folder} cannot be written", "check its owner and its disk")
             continue
         text = f"{space.folder} has {space.free_bytes / 1024**2:.0f} MB free"
-        if space.free_bytes < MIN_BYTES:
+        if space.free_bytes < MIN_FREE_BYTES:
             yield make_problem(
                 "room", f"{text}: too little to plan, or to write the database", "free some space"
             )
-        elif space.free_bytes < RECOMMENDED_BYTES:
+        elif space.free_bytes < RECOMMENDED_FREE_BYTES:
             yield make_warning("room", f"{text}: a large job may not fit", "free some space")
         else:
             yield make_success("room", text)
@@ -244,7 +250,7 @@ def check_free_space(facts: Facts) -> Iterator[Finding]:
             text, _, action = shortage.partition(": ")
             yield make_warning("room", text, action)
     memory = facts.shared_memory
-    if memory.free_bytes is None or memory.free_bytes < SHARED_MEMORY_BYTES:
+    if memory.free_bytes is None or memory.free_bytes < MIN_SHARED_MEMORY_BYTES:
         text = f"{memory.folder} cannot be used, or is full: parts of planning use only one processor"
         yield make_warning(
             "room", text, f"mount it (`--shm-size=256m` of a container), or empty {memory.folder}"

@@ -11,7 +11,7 @@ from farm.state.retention import DiskUse
 
 @dataclass(frozen=True, slots=True)
 class BooksFacts:
-    """Books on the disk.
+    """Database of the books.
 
     Attributes
     ----------
@@ -22,7 +22,7 @@ class BooksFacts:
     schema_version
         Version of its schema; None if it cannot be read.
     books
-        The entities; None if they cannot be read.
+        The books; None if they cannot be read.
     error
         Reason why they cannot be read.
     """
@@ -53,7 +53,7 @@ class FileFacts:
 
 @dataclass(frozen=True, slots=True)
 class AgentFacts:
-    """Agent of a printer of this host.
+    """Agent of a printer on this host.
 
     Attributes
     ----------
@@ -75,14 +75,14 @@ class AgentFacts:
 
 @dataclass(frozen=True, slots=True)
 class PortFacts:
-    """Serial port of a printer of this host.
+    """Serial port of a printer on this host.
 
     Attributes
     ----------
     printer, path
         The printer, and its port in `fleet.yaml`.
     exists, usable
-        True if the device exists, and if this user may read and write it.
+        Whether the device exists, and whether this user may read and write it.
     group
         The device's group.
     """
@@ -96,7 +96,7 @@ class PortFacts:
 
 @dataclass(frozen=True, slots=True)
 class CuraFacts:
-    """CuraEngine and Cura's files: path and version of each, or the reason why it is not found."""
+    """Path and version of CuraEngine and of Cura's files, or the reasons why they are not found."""
 
     engine: str | None = None
     engine_version: str | None = None
@@ -192,7 +192,7 @@ class Facts:
     fleet_path
         Path of that file.
     disk
-        Space that the files of jobs take; None if there are none, or the books cannot be read.
+        Space that the files of jobs take; None if there are no files, or if the books cannot be read.
     """
 
     version: str

@@ -19,7 +19,7 @@ from farm.http.connections import (
     WaitingConnection,
     compute_connection_limit,
     end_at_signals,
-    find_longest_waiting,
+    find_longest_waiting_connection,
     read_descriptor_limit,
 )
 from farm.http.event_streams import EventStreams
@@ -51,7 +51,7 @@ __all__ = [
     "compute_connection_limit",
     "describe_farm",
     "end_at_signals",
-    "find_longest_waiting",
+    "find_longest_waiting_connection",
     "find_stored_file",
     "identify_caller",
     "is_operator",

@@ -11,7 +11,7 @@ import farm
 from farm import api
 from farm.control import DryRuns, JobCommands, KeyCommands, PartCommands, PrinterCommands
 from farm.errors import ErrorCode, ExitCode, FarmError, NoSuchThing, Refused
-from farm.http.body_limit import MAX_BODY_BYTES, TOO_LARGE, BodyLimit
+from farm.http.body_limit import MAX_BODY_BYTES, TOO_LARGE_STATUS, BodyLimit
 from farm.http.callers import identify_caller
 from farm.http.routes.cameras import make_camera_routes
 from farm.http.routes.events import make_event_routes
@@ -26,18 +26,19 @@ from farm.http.services import Services
 from farm.text import describe_first_error
 
 UPLOAD_PATH = "/jobs"
-_STATUS = {
+_STATUS_CODES = {
     ErrorCode.NO_SUCH_THING: 404,
     ErrorCode.REFUSED: 409,
     ErrorCode.FAILED: 500,
-    ErrorCode.UNREACHABLE: 503,  # a camera
+    ErrorCode.UNREACHABLE: 503,  # a camera does not answer
 }
 
 
 def make_app(services: Services, dry_runs: DryRuns) -> FastAPI:
     """Make the application with all routes; each request about a job keeps its dry run alive.
 
-    It serves only the Unix socket: it refuses a request whose caller the kernel has not identified.
+    The application serves only the Unix socket: it refuses a request whose caller the kernel has not
+    identified.
     """
     app = FastAPI(
         title="farm", version=farm.__version__, openapi_url=None, dependencies=[Depends(identify_caller)]
@@ -73,36 +74,36 @@ def add_routes(app: FastAPI, services: Services, dry_runs: DryRuns, prefix: str 
 
 def _add_error_handlers(app: FastAPI, services: Services) -> None:
     @app.exception_handler(FarmError)
-    async def farm_error(_: Request, error: FarmError) -> Response:
-        return make_problem(str(error), error.code, error.exit_code, _STATUS.get(error.code, 400))
+    async def handle_farm_error(_: Request, error: FarmError) -> Response:
+        return make_problem(str(error), error.code, error.exit_code, _STATUS_CODES.get(error.code, 400))
 
     @app.exception_handler(RequestValidationError)
-    async def invalid_request(_: Request, error: RequestValidationError) -> Response:
+    async def handle_invalid_request(_: Request, error: RequestValidationError) -> Response:
         return make_problem(describe_first_error(error.errors()), ErrorCode.SETTINGS, ExitCode.USAGE, 400)
 
     @app.exception_handler(OSError)
-    async def disk_error(_: Request, error: OSError) -> Response:
+    async def handle_disk_error(_: Request, error: OSError) -> Response:
         root = services.state.root
         text = f"the state folder {root} cannot be used ({error.strerror or error}): check its disk space"
         failure = FarmError(text)
-        return make_problem(text, failure.code, failure.exit_code, _STATUS.get(failure.code, 400))
+        return make_problem(text, failure.code, failure.exit_code, _STATUS_CODES.get(failure.code, 400))
 
     @app.exception_handler(Exception)
-    async def unexpected_error(_: Request, error: Exception) -> Response:
+    async def handle_unexpected_error(_: Request, error: Exception) -> Response:
         text = f"the daemon failed: {type(error).__name__}: {error}; see its log"
         return make_problem(text, ErrorCode.FAILED, ExitCode.FAILED, 500)
 
-    @app.exception_handler(TOO_LARGE)
-    async def large_body(request: Request, _: Exception) -> Response:
+    @app.exception_handler(TOO_LARGE_STATUS)
+    async def handle_large_body(request: Request, _: Exception) -> Response:
         error = Refused(f"the request to {request.url.path} is longer than {MAX_BODY_BYTES // 1024} KiB")
-        return make_problem(str(error), error.code, error.exit_code, TOO_LARGE)
+        return make_problem(str(error), error.code, error.exit_code, TOO_LARGE_STATUS)
 
     @app.exception_handler(HTTPException)
-    async def other_http_error(_: Request, error: HTTPException) -> Response:
+    async def handle_other_http_error(_: Request, error: HTTPException) -> Response:
         return make_problem(str(error.detail), ErrorCode.REFUSED, ExitCode.REFUSED, error.status_code)
 
     @app.exception_handler(404)
-    async def not_found(request: Request, _: Exception) -> Response:
+    async def handle_not_found(request: Request, _: Exception) -> Response:
         error = NoSuchThing(f"there is nothing at {request.url.path}")
         return make_problem(str(error), error.code, error.exit_code, 404)
 

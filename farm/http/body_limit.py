@@ -9,9 +9,9 @@ from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 MAX_BODY_BYTES = 64 * 1024
-"""Limit of a body in JSON; an upload is written to the disk chunk by chunk, and has its own limits."""
-TOO_LARGE = 413
-_FIRST_ERROR = 400  # lowest status code of an error
+"""Limit on a JSON body; an upload is written to the disk chunk by chunk, and has its own limits."""
+TOO_LARGE_STATUS = 413
+_FIRST_ERROR_STATUS = 400  # lowest status code of an error
 
 
 class BodyLimit:
@@ -33,24 +33,24 @@ class BodyLimit:
             await self._app(scope, receive, send)
             return
         is_limited = not self._is_upload(scope["path"])
-        received_bytes, complete = 0, False
+        received_bytes, is_complete = 0, False
 
         async def receive_limited() -> Message:
-            nonlocal received_bytes, complete
+            nonlocal received_bytes, is_complete
             message = await receive()
             received_bytes += len(message.get("body", b""))
-            complete = not message.get("more_body", False)
+            is_complete = not message.get("more_body", False)
             if is_limited and received_bytes > MAX_BODY_BYTES:
-                raise HTTPException(TOO_LARGE)
+                raise HTTPException(TOO_LARGE_STATUS)
             return message
 
         async def send_closing(message: Message) -> None:
             if (
                 message["type"] == "http.response.start"
-                and message["status"] >= _FIRST_ERROR
-                and not complete
+                and message["status"] >= _FIRST_ERROR_STATUS
+                and not is_complete
             ):
-                MutableHeaders(scope=message)["connection"] = "close"  # else the server reads the rest
+                MutableHeaders(scope=message)["connection"] = "close"  # otherwise the server reads the rest
             await send(message)
 
         await self._app(scope, receive_limited, send_closing)

@@ -22,7 +22,7 @@ from farm.model import Role
 
 log = logging.getLogger(__name__)
 _BACKLOG = 1024  # queued connections use no descriptor; further ones are refused
-_UID_PREFIX = "uid "  # begins the name of a user who is not in the user database
+_UID_PREFIX = "uid "  # prefix of the name of a user who is not in the user database
 _NO_GID = -1
 _CREDENTIALS = struct.Struct("=iII")  # struct ucred: pid, uid, gid
 
@@ -56,12 +56,12 @@ class Person:
     def is_operator(self, group: str | None) -> bool:
         """Return whether the person is an operator.
 
-        Root and the daemon's user always are operators: they could change the database anyway.
+        Root and the daemon's user are always operators, because they could change the database anyway.
         """
         return group is None or self.uid in (0, os.getuid()) or self.belongs_to(group)
 
     def belongs_to(self, group: str) -> bool:
-        """Return whether a person is in a group: by the group database, or as the group of their process."""
+        """Return whether the person is in a group, by the group database or by the group of their process."""
         gid = _find_gid(group)
         try:
             return gid in (self.gid, *os.getgrouplist(pwd.getpwuid(self.uid).pw_name, self.gid))
@@ -80,7 +80,7 @@ def find_user_role(name: str, operators: str | None) -> Role | None:
     Parameters
     ----------
     name
-        As `Person.name`.
+        Name of the user, as in `Person.name`.
     operators
         The group `fleet.operators`; None if every user is an operator.
     """
@@ -98,8 +98,8 @@ def find_user_role(name: str, operators: str | None) -> Role | None:
 class PeerProtocol(H11Protocol):
     """HTTP protocol whose requests carry the caller as `request.state.caller`.
 
-    It also records when it began to wait for its client to send the rest of a request or to read the
-    response, because the server closes connections that wait too long.
+    The protocol also records when it began to wait for its client to send the rest of a request or to read
+    the response, because the server closes connections that wait too long.
     """
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
@@ -115,7 +115,7 @@ class PeerProtocol(H11Protocol):
         previous_state = self.conn.their_state
         super().data_received(data)
         if self.conn.their_state is h11.SEND_BODY or self.conn.their_state is not previous_state:
-            # the limit applies to the whole head, and to each chunk of a body
+            # the time limit applies to the whole head, and to each chunk of a body
             self._waiting_since_s = self.loop.time()
 
     def on_response_complete(self) -> None:
@@ -128,7 +128,7 @@ class PeerProtocol(H11Protocol):
 
     @property
     def waiting_since_s(self) -> float | None:
-        """Time since which it has waited for its client, on the loop's clock; None if it does not wait."""
+        """Time at which it began to wait for its client, on the loop's clock; None if it does not wait."""
         if self.flow.write_paused:
             return self._unread_since_s
         is_waiting = self.conn.their_state in (h11.IDLE, h11.SEND_BODY) and not self.flow.read_paused
@@ -180,7 +180,7 @@ def check_operators(group: str | None) -> None:
 
 
 def listen(path: Path, group: str) -> socket.socket:
-    """Open a listening Unix socket for a group; only for its owner if the group does not exist.
+    """Open a listening Unix socket for a group, or only for its owner if the group does not exist.
 
     Raises
     ------
@@ -206,7 +206,7 @@ def listen(path: Path, group: str) -> socket.socket:
 
 
 def _share_socket(path: Path, group: str) -> None:
-    """Give a socket to a group; otherwise log why only its owner may use it."""
+    """Share a socket with a group; if that fails, log why only the owner may use it."""
     gid = _find_gid(group)
     if gid is None:
         log.info("listening on %s, for this user alone: there is no group %s", path, group)

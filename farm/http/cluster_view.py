@@ -10,7 +10,7 @@ from farm.text import format_count
 
 
 def describe_cluster(state: ClusterState) -> api.ClusterView:
-    """Describe where tasks run, and why they wait."""
+    """Describe the state of the cluster, with the place where tasks run and the reason why they wait."""
     return api.ClusterView(
         scheduler=state.scheduler,
         place=state.place,
@@ -44,8 +44,8 @@ def _describe_work(state: ClusterState) -> str:
     sent_count = len(state.tasks) - counts.total()
     running_note = f"running: {places}" if places else "nothing runs"
     running_note += f", {format_count(sent_count, 'task')} on the way" if sent_count else ""
-    here = f", {format_count(state.local_count, 'task')} on this host" if state.local_count else ""
-    return f"{head}; {running_note}{queue_note}{here}"
+    local_note = f", {format_count(state.local_count, 'task')} on this host" if state.local_count else ""
+    return f"{head}; {running_note}{queue_note}{local_note}"
 
 
 def _name_group(task: RunningTask) -> str | None:

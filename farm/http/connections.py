@@ -1,7 +1,8 @@
 """Server with a limited number of connections, and a time limit for requests.
 
-Idle clients must not prevent an agent from starting: some file descriptors are reserved for agents, workers
-and the database. At the limit, a new connection replaces the one that has waited longest for its client.
+Idle clients must not prevent an agent from starting, so some file descriptors are reserved for agents,
+workers and the database. At the limit, a new connection replaces the one that has waited longest for its
+client.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ import uvicorn
 
 log = logging.getLogger(__name__)
 
-REQUEST_S = 10.0
+REQUEST_TIMEOUT_S = 10.0
 """Wall seconds for the head of a request, for each chunk of its body, and for reading the response."""
 MAX_CONNECTIONS = 64
 _MIN_CONNECTIONS = 4
@@ -29,9 +30,9 @@ _MAX_HANDSHAKES = 64
 _DESCRIPTORS_PER_PRINTER, _DESCRIPTORS_PER_WORKER = 3, 3
 _DESCRIPTORS_PER_CONNECTION = 2  # the connection and the file of an upload
 _CHECK_INTERVAL_S = 1.0
-_WAIT_S = 0.1
+_RETRY_S = 0.1
 _LOG_INTERVAL_S = 60.0
-_ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 class WaitingConnection(Protocol):
@@ -41,7 +42,7 @@ class WaitingConnection(Protocol):
 
     @property
     def waiting_since_s(self) -> float | None:
-        """Time since which it has waited, on the event loop's clock; None if it does not wait."""
+        """Time at which it began to wait, on the event loop's clock; None if it does not wait."""
 
 
 def compute_connection_limit(descriptors: int, printers: int, workers: int) -> int:
@@ -76,11 +77,11 @@ def find_overdue_connections(
     return [
         connection
         for connection in connections
-        if (since_s := connection.waiting_since_s) is not None and now_s - since_s > REQUEST_S
+        if (since_s := connection.waiting_since_s) is not None and now_s - since_s > REQUEST_TIMEOUT_S
     ]
 
 
-def find_longest_waiting(connections: Iterable[WaitingConnection]) -> WaitingConnection | None:
+def find_longest_waiting_connection(connections: Iterable[WaitingConnection]) -> WaitingConnection | None:
     """Return the connection that has waited longest for its client; None if none waits."""
     waiting_connections = [connection for connection in connections if connection.waiting_since_s is not None]
     return min(waiting_connections, key=lambda connection: connection.waiting_since_s or 0.0, default=None)
@@ -90,34 +91,35 @@ class RateLimitedLog:
     """Log of a repeated error: at most one line a minute, with the number of occurrences."""
 
     def __init__(self) -> None:
-        self._next_s = -math.inf
+        self._next_line_s = -math.inf
         self._suppressed_count = 0
 
     def warn(self, text: str, now_s: float) -> None:
+        """Count an error, and log it unless a line was logged less than a minute ago."""
         self._suppressed_count += 1
-        if now_s >= self._next_s:
+        if now_s >= self._next_line_s:
             log.warning("%s (%d times)", text, self._suppressed_count)
-            self._next_s, self._suppressed_count = now_s + _LOG_INTERVAL_S, 0
+            self._next_line_s, self._suppressed_count = now_s + _LOG_INTERVAL_S, 0
 
 
 @contextlib.contextmanager
 def end_at_signals(server: uvicorn.Server) -> Iterator[None]:
-    """End a server at SIGINT and SIGTERM, and let the code after it run."""
+    """End a server at SIGINT and SIGTERM, so that the code after it runs."""
     loop = asyncio.get_running_loop()
-    for number in _ENDING_SIGNALS:
+    for number in _STOP_SIGNALS:
         loop.add_signal_handler(number, server.handle_exit, number, None)
     try:
         yield
     finally:
-        for number in _ENDING_SIGNALS:
+        for number in _STOP_SIGNALS:
             loop.remove_signal_handler(number)
 
 
 class BoundedServer(uvicorn.Server):
     """Server on one socket that takes a limited number of connections at a time.
 
-    It accepts connections itself: asyncio's servers accept without a limit, and log every error when
-    descriptors run out.
+    The server accepts connections itself, because asyncio's servers accept without a limit, and log every
+    error when descriptors run out.
 
     Parameters
     ----------
@@ -135,15 +137,15 @@ class BoundedServer(uvicorn.Server):
         super().__init__(config)
         self._limit, self._stop_work = limit, stop_work
         self._tasks: list[asyncio.Task[None]] = []
-        self._handshakes: dict[asyncio.Task[None], socket.socket] = {}  # of TLS, the oldest first
+        self._handshakes: dict[asyncio.Task[None], socket.socket] = {}  # TLS handshakes, the oldest first
         self._rate_limited_log = RateLimitedLog()
 
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
         """Do nothing: `end_at_signals` handles signals.
 
-        uvicorn raises a signal again once the server has ended, which would end the process before it has
-        closed its agents, workers and database; and a process has several servers.
+        Once its server has ended, uvicorn raises the signal again, which would end the process before it has
+        closed its agents, workers and database. Besides, this process has several servers.
         """
         yield
 
@@ -188,7 +190,7 @@ class BoundedServer(uvicorn.Server):
                 self._begin_handshake(connection)
 
     def _begin_handshake(self, connection: socket.socket) -> None:
-        """Connect a client in its own task, because it may delay its handshake.
+        """Connect a client in a separate task, because it may delay its handshake.
 
         With too many open handshakes, the oldest is abandoned.
         """
@@ -202,7 +204,7 @@ class BoundedServer(uvicorn.Server):
     def find_abandoned_handshake(
         self, handshakes: Mapping[asyncio.Task[None], socket.socket], connection: socket.socket
     ) -> asyncio.Task[None] | None:
-        """Return the handshake to abandon for a new connection; None if there is room.
+        """Return the handshake to abandon for a new connection; None if none needs to be abandoned.
 
         Parameters
         ----------
@@ -218,7 +220,10 @@ class BoundedServer(uvicorn.Server):
         try:
             await self.make_room(connection)
             await loop.connect_accepted_socket(
-                self._make_protocol, connection, ssl=tls, ssl_handshake_timeout=REQUEST_S if tls else None
+                self._make_protocol,
+                connection,
+                ssl=tls,
+                ssl_handshake_timeout=REQUEST_TIMEOUT_S if tls else None,
             )
         except asyncio.CancelledError:
             connection.close()
@@ -229,21 +234,21 @@ class BoundedServer(uvicorn.Server):
                 self._rate_limited_log.warn(f"a connection was refused: {error!r}", loop.time())
 
     async def make_room(self, connection: socket.socket) -> None:
-        """Wait for room for a new connection; close the one that has waited longest for its client.
+        """Wait until the limit allows a new connection; close the one that has waited longest for its client.
 
         Raises
         ------
         Refused
-            If the new connection is to be closed.
+            If the new connection must be closed.
         """
         while len(self.connections) >= self._limit:
-            waiting_connection = find_longest_waiting(self.connections)
+            waiting_connection = find_longest_waiting_connection(self.connections)
             if waiting_connection is not None:
                 waiting_connection.transport.abort()
                 self._rate_limited_log.warn(
                     "too many connections: one without a request was closed", self._read_clock_s()
                 )
-            await asyncio.sleep(0.0 if waiting_connection is not None else _WAIT_S)
+            await asyncio.sleep(0.0 if waiting_connection is not None else _RETRY_S)
 
     async def _close_overdue_connections(self) -> None:
         while True:

@@ -1,4 +1,4 @@
-"""Streams of the farm's events, limited in number, until the daemon ends."""
+"""Streams of the farm's events, which are limited in number and end with the daemon."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from farm.http.stream_limit import StreamLimit
 from farm.state.event_rows import EventRow
 
 _MAX_STREAMS_PER_CALLER = 4
-_BATCH_EVENTS = 20  # number of events that are read at once: each may have megabytes
+_BATCH_EVENTS = 20  # number of events that are read at once, because each may take megabytes
 _POLLS_PER_HEARTBEAT = 30  # number of polls without an event between two heartbeats
 
 
@@ -24,22 +24,22 @@ class EventLog(Protocol):
         """Read events after a number, oldest first. Raises StoreError."""
 
     def read_upkeep(self, printer: str, limit: int) -> Sequence[EventRow]:
-        """Read events on the upkeep of a printer, newest first. Raises StoreError."""
+        """Read events about the upkeep of a printer, newest first. Raises StoreError."""
 
 
-class NoEvents:
-    """Empty log."""
+class EmptyEventLog:
+    """Log without events."""
 
     def find_last_event(self) -> int:
         """Return 0."""
         return 0
 
     def read_events(self, after: int, limit: int) -> Sequence[EventRow]:
-        """Return nothing."""
+        """Return no events."""
         return ()
 
     def read_upkeep(self, printer: str, limit: int) -> Sequence[EventRow]:
-        """Return nothing."""
+        """Return no events."""
         return ()
 
 

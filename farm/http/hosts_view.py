@@ -8,7 +8,7 @@ from farm.views import ViewContext
 
 
 def describe_host(context: ViewContext, record: HostRecord) -> api.HostView:
-    """Describe a host; a host that is not connected has its last state."""
+    """Describe a host by its current state, or by its last state if it is not connected."""
     state = record.state
     return api.HostView(
         host=record.host,

@@ -17,7 +17,7 @@ from farm.compute.cluster import ClusterPool
 from farm.control import AppKeyRequests, Controller, SessionCommands
 from farm.errors import NoSuchThing, Refused
 from farm.http.callers import find_user_role
-from farm.http.event_streams import EventStreams, NoEvents
+from farm.http.event_streams import EmptyEventLog, EventStreams
 from farm.http.stream_limit import StreamLimit
 from farm.http.uploads import Uploads
 from farm.model import Role
@@ -31,12 +31,12 @@ async def refuse_replacing(name: str) -> None:
 
 
 async def refuse_stills(printer: str) -> Image:
-    """Refuse to show a printer, because the farm has no cameras."""
+    """Refuse to fetch a still, because the farm has no cameras."""
     raise NoSuchThing(f"{printer} has no camera")
 
 
 async def refuse_reading(printer: str) -> list[WireLine]:
-    """Refuse to read the wire of a printer, because the farm has no agents."""
+    """Refuse to read the lines on the wire of a printer, because the farm has no agents."""
     raise Refused(f"{printer} has no agent")
 
 
@@ -130,7 +130,7 @@ class Services:
     network: NetworkState = field(default_factory=NetworkState)
     key_uses_s: dict[str, float] = field(default_factory=dict)
     inspections: dict[Path, str] = field(default_factory=dict)
-    streams: EventStreams = field(default_factory=lambda: EventStreams(NoEvents()))
+    streams: EventStreams = field(default_factory=lambda: EventStreams(EmptyEventLog()))
     page_streams: StreamLimit = field(default_factory=StreamLimit)
     app_key_requests: AppKeyRequests = field(default_factory=AppKeyRequests)
     find_user_role: Callable[[str, str | None], Role | None] = find_user_role

@@ -1,4 +1,4 @@
-"""Limit on the number of open streams, all of which end with the daemon."""
+"""Limit on the number of open streams. All streams end with the daemon."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class StreamLimit:
         return self._close_event.is_set()
 
     async def wait(self, duration_s: float) -> None:
-        """Wait for a number of seconds, or until the streams are closed."""
+        """Wait for a duration in seconds, or until the streams are closed."""
         with suppress(TimeoutError):
             async with asyncio.timeout(duration_s):
                 await self._close_event.wait()

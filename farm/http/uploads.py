@@ -26,9 +26,9 @@ from farm.planning.tasks import inspect_submission
 from farm.text import flatten_text, format_count
 
 _GB = 1e9
-_MAX_NAME_LENGTH = 60  # characters
+_MAX_NAME_LENGTH = 60  # number of characters
 _WRITE_BYTES = 2**20
-"""Bytes of one write: larger than a chunk, because each write needs a thread."""
+"""Size of one write in bytes; larger than a chunk, because each write needs a thread."""
 
 
 def clean_name(name: str) -> str:
@@ -76,7 +76,7 @@ def check_quota(
         )
     if len(missing_bytes) >= quota.at_once:
         raise Refused(
-            f"{format_count(len(missing_bytes), 'model')} being received and checked already: submit {name} "
+            f"already receiving and checking {format_count(len(missing_bytes), 'model')}: submit {name} "
             "again in a moment, or raise `fleet.uploads.at_once` in fleet.yaml"
         )
     if open_jobs >= quota.open_jobs:
@@ -116,12 +116,12 @@ class Upload:
     async def open_file(self, name: str) -> AsyncIterator[Callable[[bytes], Awaitable[None]]]:
         """Open the file, and yield a function that appends content to it.
 
-        Threads write the file: a write to a slow disk takes seconds, in which the event loop must continue.
+        Threads write the file, because a write to a slow disk would block the event loop for seconds.
 
         Raises
         ------
         FarmError
-            With code `limit`, as soon as the first bytes announce more triangles than fit a worker's memory.
+            With code `limit`, as soon as the first bytes announce too many triangles for a worker's memory.
         """
         head, is_checked, unwritten_bytes = b"", False, bytearray()
 
@@ -171,14 +171,14 @@ class Uploads:
     ) -> None:
         self._controller, self._state, self._workers = controller, state, workers
         self._inspections = inspections
-        self._open: dict[Path, Upload] = {}
+        self._open_uploads: dict[Path, Upload] = {}
 
     def describe(self, request_id: str) -> api.UploadView:
         """Describe the progress of an upload. Raises NoSuchThing."""
-        for path, upload in self._open.items():
+        for path, upload in self._open_uploads.items():
             if upload.request_id == request_id:
                 step = "sending" if upload.missing_bytes else self._describe_wait()
-                with suppress(OSError):  # inspection has not started, or has ended
+                with suppress(OSError):  # the inspection has not started, or has ended
                     step = name_step_file(path).read_text() or step
                 return api.UploadView(
                     step=step, received=upload.size - upload.missing_bytes, size=upload.size
@@ -211,12 +211,12 @@ class Uploads:
         """
         self._check_quota(name, size)
         path = self._state.work / f"upload-{uuid.uuid4().hex}"
-        upload = self._open[path] = Upload(request_id, size, path, self._workers.memory_bytes)
+        upload = self._open_uploads[path] = Upload(request_id, size, path, self._workers.memory_bytes)
         try:
             yield upload
         finally:
-            del self._open[path]
-            await asyncio.to_thread(_delete_files, path)  # a tenth of a second for the largest models
+            del self._open_uploads[path]
+            await asyncio.to_thread(_delete_files, path)  # takes a tenth of a second for the largest models
 
     async def inspect(self, upload: Upload, name: str, options: JobOptions) -> InspectedSubmission:
         """Inspect a complete upload in a worker. Raises FarmError if it cannot be printed."""
@@ -244,9 +244,9 @@ class Uploads:
         Raises
         ------
         Refused
-            See `check_quota`; also if the number of bytes differs from the announced size.
+            See `check_quota`; or if the number of bytes differs from the announced size.
         FarmError
-            If the model cannot be printed; with code `limit` as soon as its first bytes announce too many
+            If the model cannot be printed; with code `limit`, as soon as its first bytes announce too many
             triangles.
         """
         async with self.admit(request_id, name, size) as upload:
@@ -271,7 +271,7 @@ class Uploads:
             controller.fleet.fleet.uploads,
             name,
             size,
-            [upload.missing_bytes for upload in self._open.values()],
+            [upload.missing_bytes for upload in self._open_uploads.values()],
             shutil.disk_usage(self._state.root).free,
             sum(not job.state.ended for job in controller.books.jobs.values()),
         )

@@ -68,7 +68,7 @@ def book_plate(names: PlateNames, sliced_part: SlicedPart, time_factors: TimeFac
         expected_s=sliced_part.compute_expected_s(time_factors),
         grams=result.grams,
         filament_mm=result.filament_mm,
-        price=section.price(result.grams),
+        price=section.compute_price(result.grams),
         layers=result.layers,
         min_mm=result.min_mm,
         max_mm=result.max_mm,

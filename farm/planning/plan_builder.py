@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from farm.compute import CHECKING, DECOMPOSING, PoolShare
+from farm.compute import CHECKING_LIMIT, DECOMPOSING_LIMIT, PoolShare
 from farm.errors import FarmError
 from farm.model import PlanProgress, PlanStep
 from farm.paths import StateFolder
@@ -62,7 +62,7 @@ class PlanBuilder:
     async def plan_gcode(self) -> Plan:
         """Plan a person's own G-code as one plate."""
         self._on_progress(PlanProgress(step=PlanStep.WAITING))
-        plan = await self._workers.run(plan_gcode, self.task, self._state.files, limit=CHECKING)
+        plan = await self._workers.run(plan_gcode, self.task, self._state.files, limit=CHECKING_LIMIT)
         return multiply_plan(plan, self.task)
 
     async def plan_model(self) -> Plan:
@@ -115,7 +115,7 @@ class PlanBuilder:
             sliced_count += 1
             cached_count += result.cached
             report_progress()
-            if sliced_count < len(decomposed_job.parts) and self._workers.has_idle:
+            if sliced_count < len(decomposed_job.parts) and self._workers.has_idle_worker:
                 self._drawings.start(task, decomposed_job)
 
         report_progress()
@@ -153,16 +153,16 @@ class PlanBuilder:
     async def _move_cuts(self, sliced_job: SlicedJob, folder: Path) -> DecomposedJob | None:
         """Move the cuts; meanwhile idle workers draw the parts, which may stay unchanged."""
         move_future = asyncio.ensure_future(
-            self._workers.run(relevel_parts, sliced_job, folder, limit=DECOMPOSING)
+            self._workers.run(relevel_parts, sliced_job, folder, limit=DECOMPOSING_LIMIT)
         )
         try:
             await asyncio.sleep(0)  # so that it takes a worker first
-            if self._workers.has_idle:
+            if self._workers.has_idle_worker:
                 self._drawings.start(sliced_job.task, sliced_job.decomposed)
             decomposed_job = await move_future
         finally:
             move_future.cancel()
             await asyncio.gather(move_future, return_exceptions=True)  # until its worker has ended
-        if decomposed_job is not None and not self._workers.has_idle:  # the new parts need the workers
+        if decomposed_job is not None and not self._workers.has_idle_worker:  # the new parts need the workers
             await self._drawings.stop(sliced_job.task.folder)
         return decomposed_job

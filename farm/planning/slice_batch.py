@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from farm.compute import SLICING, PoolShare
+from farm.compute import SLICING_LIMIT, PoolShare
 from farm.planning.part_records import SliceBatch, SlicedPart
 from farm.planning.tasks import slice_part
 
@@ -42,7 +42,7 @@ async def slice_batch(
     """
 
     async def slice_one(part: DecomposedPart, task: SliceTask) -> SlicedPart:
-        result = await workers.run(slice_part, task, limit=SLICING)
+        result = await workers.run(slice_part, task, limit=SLICING_LIMIT)
         on_slice(result)
         return SlicedPart(part, batch.find_printer(part), task, result)
 

@@ -1,4 +1,4 @@
 """Upkeep of the state folder: expired files and events are deleted after each verified backup.
 
-Nothing is imported here: commands and workers need one module each.
+The package imports no module itself, because each command or worker needs only one of them.
 """

@@ -29,7 +29,7 @@ def measure_disk(state: StateFolder, books: Books, farm_now_s: float, time_scale
     farm_now_s
         Farm time, in seconds.
     time_scale
-        Farm seconds in a wall second.
+        Farm seconds per wall second.
 
     Raises
     ------
@@ -38,10 +38,12 @@ def measure_disk(state: StateFolder, books: Books, farm_now_s: float, time_scale
     """
     files, wall_s = list_files(state.files), time.time()
     prunable = list_prunable_files(books, files, farm_now_s)
-    ages = (((wall_s - file.stored_s) * time_scale / _DAY_S, file.size_bytes) for file in files.values())
+    ages_and_sizes = (
+        ((wall_s - file.stored_s) * time_scale / _DAY_S, file.size_bytes) for file in files.values()
+    )
     return DiskUse(
         free_bytes=shutil.disk_usage(state.root).free,
         stored_bytes=sum(file.size_bytes for file in files.values()),
         prunable_bytes=sum(files[name].size_bytes for name in prunable),
-        day_bytes=average_day_bytes(ages),
+        day_bytes=average_day_bytes(ages_and_sizes),
     )

@@ -16,7 +16,7 @@ _PICTURE_PX = 220
 
 
 def draw_part(stl: Path) -> bytes | None:
-    """Draw a part in its printing pose as PNG; return None if the file is not a readable STL."""
+    """Draw a part in its printing pose as a PNG; return None if the file is not a readable STL."""
     import numpy as np  # these are slow to load
     import trimesh
 
@@ -35,7 +35,7 @@ def draw_part(stl: Path) -> bytes | None:
 
 
 def store_part_pictures(files: Path, parts: Mapping[str, str], folder: Path) -> dict[str, str]:
-    """Draw parts and put their pictures into the store; runs in a worker.
+    """Draw parts, and store their pictures; runs in a worker.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def store_part_pictures(files: Path, parts: Mapping[str, str], folder: Path) -> 
     for part, name in parts.items():
         try:
             png = draw_part(files / name)
-        except Exception:  # a picture must not keep the disk full
+        except Exception:  # a failed picture must not stop the deletion of files
             log.exception("part %s cannot be drawn", part)
             continue
         if png is not None:

@@ -1,5 +1,7 @@
-"""Upkeep after each backup: old events, files of old jobs, slices. Deletions are committed before they are
-made."""
+"""Upkeep after each backup: old events, files of old jobs and slices are deleted.
+
+Each deletion is committed to the database before it is carried out.
+"""
 
 from __future__ import annotations
 
@@ -47,15 +49,16 @@ from slicing.cache import trim_cache
 log = logging.getLogger(__name__)
 
 MAX_EVENTS = 500_000
-"""Largest number of events that are kept, about 300 MB; a print has about ten."""
+"""Maximum number of events that are kept, about 300 MB; a print has about ten events."""
 FARM_CALLER = "the farm"
-_DRAWING = Limit("drawing the parts of an old job", 1800.0)  # a worker may first have to compile its code
+# the time suffices for a worker that must first compile its code
+_DRAWING_LIMIT = Limit("drawing the parts of an old job", 1800.0)
 _store_part_pictures = Deferred("farm.upkeep.part_pictures:store_part_pictures")
 _DAY_S = 86400.0
 
 
 class Upkeep:
-    """Deletion of the files and events beyond `fleet.keep`. One run at a time, on the event loop's thread.
+    """Deletion of the files and events beyond `fleet.keep`: one run at a time, on the event loop's thread.
 
     Parameters
     ----------
@@ -66,7 +69,7 @@ class Upkeep:
     state
         The state folder.
     workers
-        Draw the parts of a job before its files are deleted.
+        Processes that draw the parts of a job before its files are deleted.
     """
 
     def __init__(self, controller: Controller, store: Store, state: StateFolder, workers: Pool) -> None:
@@ -81,14 +84,14 @@ class Upkeep:
 
     def begin(self) -> None:
         """Finish the deletions of an earlier daemon, in the background."""
-        self._spawn(self._finish())
+        self._start_task(self._finish_deletions())
 
     def clean_up(self, backup: Path) -> None:
         """Delete expired files and events after a nightly backup, in the background."""
-        self._spawn(self._run(backup, FARM_CALLER))
+        self._start_task(self._run_upkeep(backup, FARM_CALLER))
 
     async def measure(self) -> None:
-        """Warn people if the disk will be full within two nights; withdraw the warning once it will not."""
+        """Warn people if the disk will be full within two nights; otherwise withdraw the warning."""
         controller, reserve_gb = self._controller, self._controller.fleet.fleet.uploads.free_gb
         now_s, scale = controller.clock.now(), controller.clock.scale
         try:
@@ -103,20 +106,20 @@ class Upkeep:
         for task in self._tasks:
             task.cancel()
 
-    def _spawn(self, work: Coroutine[object, object, object]) -> None:
-        async def run() -> None:
+    def _start_task(self, work: Coroutine[object, object, object]) -> None:
+        async def run_work() -> None:
             try:
                 async with self._running:
                     await work
                 self._controller.warn("prune", None)
             except Exception as error:  # the daemon continues, and tries again the next night
-                log.exception("old files")
+                log.exception("old files cannot be deleted")
                 self._controller.warn(
                     "prune",
                     f"old files cannot be deleted ({error}): check {self._state.root}, then `farm prune`",
                 )
 
-        task = asyncio.get_running_loop().create_task(run())
+        task = asyncio.get_running_loop().create_task(run_work())
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
@@ -128,27 +131,27 @@ class Upkeep:
         Raises
         ------
         FarmError
-            If the backup fails and there is no earlier one; nothing is deleted then.
+            If the backup fails and there is no earlier backup; no file is deleted then.
         """
         async with self._running:
             now_s = self._controller.clock.now()
             if dry_run:
-                return await self._preview(now_s)
+                return await self._preview_prune(now_s)
             try:
                 backup = await asyncio.to_thread(back_up, self._state, now_s)
-            except StoreError as error:  # a full disk: files of jobs in the last backup can be deleted
+            except StoreError as error:  # on a full disk, files of jobs in the last backup can be deleted
                 backups = list_backups(self._state)
                 if not backups:
                     raise
                 backup = backups[0]
                 log.error("%s; jobs that ended before %s are pruned", error, backup)
-            return await self._run(backup, by)
+            return await self._run_upkeep(backup, by)
 
-    async def _preview(self, now_s: float) -> api.PruneResponse:
+    async def _preview_prune(self, now_s: float) -> api.PruneResponse:
         """List the files that a run would delete now."""
         books = self._controller.books
         files = await asyncio.to_thread(list_files, self._state.files)
-        numbers = self._select(files, books, now_s)
+        numbers = self._select_jobs(files, books, now_s)
         changed_books = books
         for number in numbers:
             changed_books, _ = apply(ev.JobPruned(at_s=now_s, job=number, by=FARM_CALLER), changed_books)
@@ -162,7 +165,7 @@ class Upkeep:
         last_old_event = self._store.find_last_old_event(now_s - self._rules.days * _DAY_S, MAX_EVENTS)
         return api.PruneResponse(
             dry_run=True,
-            jobs=[self._describe(books.jobs[number], files, books) for number in numbers],
+            jobs=[self._describe_job(books.jobs[number], files, books) for number in numbers],
             freed_bytes=sum(files[name].size_bytes for name in released_files),
             stored_bytes=sum(file.size_bytes for name, file in files.items() if name not in released_files),
             events=self._store.count_events(last_old_event),
@@ -170,12 +173,12 @@ class Upkeep:
 
     # -- steps ------------------------------------------------------------------------------------------
 
-    async def _run(self, backup: Path, by: str) -> api.PruneResponse:
+    async def _run_upkeep(self, backup: Path, by: str) -> api.PruneResponse:
         """Delete expired files and events after a verified backup."""
         started_s = time.monotonic()
         events = await self._compact_events(backup)
         jobs = await self._prune_jobs(parse_backup_time_s(backup), by)
-        freed_bytes = await self._finish()
+        freed_bytes = await self._finish_deletions()
         files = await asyncio.to_thread(list_files, self._state.files)
         await asyncio.to_thread(trim_cache, self._state.slices)
         log.info(
@@ -189,7 +192,7 @@ class Upkeep:
         )
 
     async def _compact_events(self, backup: Path) -> int:
-        """Delete the events older than those that are kept, in batches; return their number."""
+        """Delete expired events in batches; return the number of deleted events."""
         now_s = self._controller.clock.now()
         last = self._store.find_last_old_event(now_s - self._rules.days * _DAY_S, MAX_EVENTS)
         if not last:
@@ -198,22 +201,21 @@ class Upkeep:
         deleted_count = 0
         while batch := self._store.delete_events(last):
             deleted_count += batch
-            await asyncio.sleep(0)  # the event loop serves agents and people in between
+            await asyncio.sleep(0)  # lets the event loop serve agents and people between batches
         self._store.release_space()
         return deleted_count
 
     async def _prune_jobs(self, backup_s: float, by: str) -> list[api.PrunedJob]:
-        """Commit the jobs whose files will be deleted, one by one, with pictures of their parts."""
+        """Record the jobs whose files will be deleted, one by one, with pictures of their parts."""
         controller = self._controller
         files = await asyncio.to_thread(list_files, self._state.files)
         pruned_jobs = []
-        for number in self._select(files, controller.books, controller.clock.now(), backup_s):
+        for number in self._select_jobs(files, controller.books, controller.clock.now(), backup_s):
             job = controller.books.job(number)
             pictures = await self._draw_parts(job)
-            if (
-                find_keep_reason(controller.books, controller.books.job(number)) is None
-            ):  # a person may have changed it meanwhile
-                pruned_jobs.append(self._describe(job, files, controller.books))
+            # a person may have changed the job meanwhile
+            if find_keep_reason(controller.books, controller.books.job(number)) is None:
+                pruned_jobs.append(self._describe_job(job, files, controller.books))
                 at_s = controller.clock.now()
                 controller.handle(ev.JobPruned(at_s=at_s, job=number, by=by, part_pictures=pictures))
         return pruned_jobs
@@ -225,18 +227,18 @@ class Upkeep:
             return {}
         try:
             work = self._workers.run(
-                _store_part_pictures, self._state.files, stls, self._state.work, limit=_DRAWING
+                _store_part_pictures, self._state.files, stls, self._state.work, limit=_DRAWING_LIMIT
             )
             return dict(await work)
         except FarmError as error:
             log.warning("job %d: its parts are not drawn: %s", job.id, error, extra={"job": job.id})
             return {}
 
-    async def _finish(self) -> int:
-        """Delete the files of pruned jobs, and old files that no job names; return their bytes.
+    async def _finish_deletions(self) -> int:
+        """Delete the files of pruned jobs, and old files that no job names; return their total size in bytes.
 
-        The first remain after a daemon was killed while it pruned, the others after one was killed while it
-        stored files. A restored backup may name files that are gone: those jobs count as pruned.
+        Such files remain if a daemon was killed while it pruned jobs or stored files. A restored backup may
+        name files that are gone; the jobs with these files count as pruned.
         """
         controller, folder = self._controller, self._state.files
         files = await asyncio.to_thread(list_files, folder)
@@ -252,9 +254,10 @@ class Upkeep:
     def _list_deletions(
         self, files: dict[str, StoredFile], books: Books
     ) -> list[tuple[frozenset[str], float]]:
-        """List the files that are not kept, with the age at which they may be deleted, in wall seconds.
+        """List the files to delete, with the age in wall seconds from which they may be deleted.
 
-        Files that no job names may belong to a database that a person restores: they stay for `days`.
+        Files that no job names are kept for `days`, because they may belong to a database that a person
+        restores.
         """
         deletable = list_deletable_files(books)
         unknown = files.keys() - deletable - list_named_files(books)
@@ -264,13 +267,13 @@ class Upkeep:
             (frozenset(unknown), max(NEW_FILE_GRACE_S, days_s)),
         ]
 
-    def _select(
+    def _select_jobs(
         self, files: dict[str, StoredFile], books: Books, now_s: float, backup_s: float | None = None
     ) -> list[int]:
         sizes = {name: file.size_bytes for name, file in files.items()}
         return select_jobs(books, sizes, self._rules, now_s, now_s if backup_s is None else backup_s)
 
-    def _describe(self, job: Job, files: dict[str, StoredFile], books: Books) -> api.PrunedJob:
+    def _describe_job(self, job: Job, files: dict[str, StoredFile], books: Books) -> api.PrunedJob:
         names = list_job_file_names(books, job)
         return api.PrunedJob(
             id=job.id,

@@ -8,31 +8,31 @@ from dataclasses import dataclass
 from farm.model import Job, Print, PrintState, Verdict
 from farm.state import Books, PlateState
 
-_PRINTED = (PlateState.PRINTED, PlateState.GOOD)
+_PRINTED_STATES = (PlateState.PRINTED, PlateState.GOOD)
 NIGHT_S = 16 * 3600.0
-"""Length of the last night: in the morning, it began in the previous afternoon."""
+"""Length of the last night; seen from the morning, it began on the previous afternoon."""
 
 
 @dataclass(frozen=True, slots=True)
-class JobSummary:
+class JobTotals:
     """Plates, time and filament of a job."""
 
-    printed: int = 0  # plates, with or without a verdict
+    printed: int = 0  # number of plates, with or without a verdict
     good: int = 0
-    printed_copies: int = 0  # copies of the model with all their parts printed
+    printed_copies: int = 0  # number of copies of the model with all parts printed
     wasted_s: float = 0.0
     wasted_grams: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
-class NightSummary:
+class NightTotals:
     """Plates and filament of the prints in a period."""
 
     since_s: float
-    printed: int = 0  # plates
+    printed: int = 0  # number of plates
     failed: int = 0
     printing: int = 0
-    waiting: int = 0  # not started
+    waiting: int = 0  # number of plates that have not started
     grams: float = 0.0
     wasted_grams: float = 0.0
 
@@ -49,22 +49,22 @@ def compute_duration_s(attempt: Print) -> float:
 
 
 def is_wasted(attempt: Print) -> bool:
-    """Return whether a print failed, was cancelled, or is bad."""
+    """Return whether a print failed, was cancelled, or made a bad part."""
     return attempt.state.ended and (attempt.state is not PrintState.DONE or attempt.verdict is Verdict.BAD)
 
 
-def summarise_job(books: Books, job: Job) -> JobSummary:
+def summarise_job(books: Books, job: Job) -> JobTotals:
     """Count the plates of a job, and add up the time and filament wasted."""
     states = [books.plate_state(plate) for plate in books.plates_of(job)]
     numbers = [books.parts[plate.parts[0]].copy_number for plate in books.plates_of(job)]
-    unfinished_copies = {n for n, state in zip(numbers, states, strict=True) if state not in _PRINTED}
+    unfinished_copies = {n for n, state in zip(numbers, states, strict=True) if state not in _PRINTED_STATES}
     waste = [
         (compute_duration_s(attempt), attempt.grams)
         for attempt in books.prints_of_job(job)
         if is_wasted(attempt)
     ]
-    return JobSummary(
-        printed=sum(map(states.count, _PRINTED)),
+    return JobTotals(
+        printed=sum(map(states.count, _PRINTED_STATES)),
         good=states.count(PlateState.GOOD),
         printed_copies=len(set(numbers) - unfinished_copies),
         wasted_s=sum(s for s, _ in waste),
@@ -72,13 +72,17 @@ def summarise_job(books: Books, job: Job) -> JobSummary:
     )
 
 
-def summarise_night(books: Books, recent_prints: Iterable[Print], now_s: float) -> NightSummary | None:
+def summarise_night(books: Books, recent_prints: Iterable[Print], now_s: float) -> NightTotals | None:
     """Count the prints of the last night; None if none ended in it.
 
     Parameters
     ----------
+    books
+        The books.
     recent_prints
-        Prints that include all that ended last night.
+        Prints, including at least those that ended last night.
+    now_s
+        Farm time, in seconds since the epoch.
     """
     since_s = now_s - NIGHT_S
     ended_prints = [
@@ -88,11 +92,12 @@ def summarise_night(books: Books, recent_prints: Iterable[Print], now_s: float) 
         return None
     printed_plates = {p.plate for p in ended_prints if not is_wasted(p)}
     failed_plates = {p.plate for p in ended_prints if p.state is PrintState.FAILED} - printed_plates
-    failed_plates = {name for name in failed_plates if not books.plates[name].replaced_by}  # pieces wait
+    # a failed plate that was cut again counts through its pieces
+    failed_plates = {name for name in failed_plates if not books.plates[name].replaced_by}
     printing_plates = {p.plate for p in books.open_prints()} - printed_plates
     waiting_plates = {plate.id for plate in books.waiting_plates()} - printed_plates - failed_plates
     grams = [(is_wasted(p), p.grams) for p in ended_prints]
-    return NightSummary(
+    return NightTotals(
         since_s=since_s,
         printed=len(printed_plates),
         failed=len(failed_plates - printing_plates),

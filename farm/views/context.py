@@ -26,20 +26,20 @@ class ViewContext:
     now_s: float
     ends_s: Mapping[str, float] = field(default_factory=dict)  # forecast ends of waiting plates
     forecast_s: float = -math.inf  # time at which the forecast was computed
-    awaits_forecast: bool = False  # the first forecast of a large queue is not ready yet
-    is_started: bool = True  # the farm has been running long enough for printers to connect
-    progress: Mapping[int, PlanProgress] = field(default_factory=dict)  # of jobs in planning
+    awaits_forecast: bool = False  # whether the first forecast of a large queue is not ready yet
+    is_started: bool = True  # whether the farm has been running long enough for printers to connect
+    progress: Mapping[int, PlanProgress] = field(default_factory=dict)  # of jobs that are being planned
     warnings: tuple[str, ...] = ()  # problems of the farm as a whole
     plate_holds: Mapping[str, Hold] = field(default_factory=dict)  # present holds of waiting plates
     job_holds: Mapping[int, Hold] = field(default_factory=dict)
     jobs: JobCache = field(default_factory=JobCache)
 
-    def plate_hold(self, plate: Plate) -> Hold | None:
+    def find_plate_hold(self, plate: Plate) -> Hold | None:
         """Return the hold of a waiting plate; None if it has none."""
         return self.plate_holds.get(plate.id)
 
-    def job_hold(self, job: Job) -> Hold | None:
-        """Return the recorded hold of a job; if the scheduler's latest has the same reason, the latest."""
+    def find_job_hold(self, job: Job) -> Hold | None:
+        """Return the recorded hold of a job, or the scheduler's latest hold if it has the same reason."""
         latest = self.job_holds.get(job.id)
         return latest if latest is not None and latest.has_same_reason(job.hold) else job.hold
 
@@ -54,15 +54,15 @@ class ViewContext:
         """Time of the forecast as ISO 8601; None before the first forecast."""
         return self.format_time(self.forecast_s) if math.isfinite(self.forecast_s) else None
 
-    def snapshot(self, printer: str) -> AgentSnapshot:
+    def find_snapshot(self, printer: str) -> AgentSnapshot:
         """Return the latest snapshot of a printer's agent."""
         return self.snapshots.get(printer) or AgentSnapshot(printer=printer, link=Link.STARTING)
 
-    def reported_print(self, attempt: Print) -> AgentPrint | None:
-        """Return the report of the printer's agent on a print; None if it has none."""
-        return self.snapshot(attempt.printer).find_print(attempt.id)
+    def find_reported_print(self, attempt: Print) -> AgentPrint | None:
+        """Return the agent's latest report on a print; None if there is none."""
+        return self.find_snapshot(attempt.printer).find_print(attempt.id)
 
-    def remaining_s(self, attempt: Print) -> float:
-        """Estimate the remaining time of an open print, in seconds, as `estimate_remaining_s` does."""
+    def estimate_remaining_s(self, attempt: Print) -> float:
+        """Estimate the remaining time of an open print in seconds."""
         plate, factors = self.books.plates[attempt.plate], self.books.printer(attempt.printer).time_factors
-        return estimate_remaining_s(attempt, plate, self.reported_print(attempt), factors, self.now_s)
+        return estimate_remaining_s(attempt, plate, self.find_reported_print(attempt), factors, self.now_s)

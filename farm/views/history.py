@@ -10,11 +10,11 @@ from farm.views.context import ViewContext
 from farm.views.jobs import describe_print
 
 MAX_ENDED_JOBS = 10
-"""Number of ended jobs on the status page; `farm history` lists the prints of all."""
+"""Number of ended jobs on the status page; `farm history` lists the prints of all jobs."""
 
 
 def select_shown_jobs(books: Books) -> list[Job]:
-    """Select the jobs of the status page, in order of submission: all open ones, and the last that ended.
+    """Select the jobs of the status page in order of submission: all open jobs, and the last ended jobs.
 
     A printed job is open until all its parts have a verdict. Dry runs that have ended are left out.
     """
@@ -49,7 +49,7 @@ def describe_night(context: ViewContext) -> api.NightView | None:
 def list_history(
     context: ViewContext, job: int | None = None, printer: str | None = None, last: int = 100
 ) -> list[api.HistoryRow]:
-    """List the prints that ended last, oldest first; all, or those of one job or printer."""
+    """List the last prints that ended, of all jobs or of one job or printer, oldest first."""
     ended_prints = [
         attempt
         for attempt in context.books.prints.values()
@@ -62,7 +62,7 @@ def list_history(
 def list_prints(
     context: ViewContext, job: int | None, printer: str | None, state: PrintState | None, last: int
 ) -> list[api.PrintRow]:
-    """List the prints that were started last, including open ones, in the order of their start."""
+    """List the last prints that were started, including open prints, in the order of their start."""
     prints = [
         attempt
         for attempt in context.books.prints.values()
@@ -71,10 +71,10 @@ def list_prints(
         and state in (None, attempt.shown_state)
     ]
     prints.sort(key=lambda attempt: (attempt.assigned_s, attempt.number))
-    return [_print_row(context, attempt) for attempt in prints[-last:]]
+    return [_make_print_row(context, attempt) for attempt in prints[-last:]]
 
 
-def _print_row(context: ViewContext, attempt: Print) -> api.PrintRow:
+def _make_print_row(context: ViewContext, attempt: Print) -> api.PrintRow:
     row = api.PrintRow(**dict(describe_ended_print(context, attempt)), id=attempt.id, plate=attempt.plate)
     if not attempt.state.ended and attempt.started_s is not None:
         row.took_s = max(0.0, context.now_s - attempt.started_s)
@@ -82,7 +82,7 @@ def _print_row(context: ViewContext, attempt: Print) -> api.PrintRow:
 
 
 def list_jobs(context: ViewContext, state: JobState | None, last: int) -> list[api.JobRow]:
-    """List the jobs that were submitted last, in order of submission."""
+    """List the last jobs that were submitted, in order of submission."""
     jobs = [job for job in context.books.jobs.values() if state in (None, job.state)]
     jobs.sort(key=lambda job: job.id)
     return [_make_job_row(context, job) for job in jobs[-last:]]

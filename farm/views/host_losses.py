@@ -1,4 +1,4 @@
-"""Descriptions of hosts that do not answer: one sentence for all that were lost together. Pure."""
+"""Descriptions of hosts that do not answer: one sentence for all hosts that were lost together. Pure."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from farm.model import HostLoss, Printer
 from farm.state import Books
 from farm.text import format_count
 
-_MAX_HOSTS_NAMED = 8
+_MAX_NAMED_HOSTS = 8
 
 
 def list_lost_printers(fleet: Fleet, books: Books) -> list[Printer]:
-    """List the enabled printers whose present host is lost; a printer moved to another host is left out."""
+    """List the enabled printers whose host is lost; leave out printers that were moved to another host."""
     entries = ((section, books.printer(section.name)) for section in fleet.printers if section.enabled)
     return [entry for section, entry in entries if entry.host_loss and entry.host_loss.host == section.host]
 
 
 def group_host_losses(books: Books) -> dict[float, list[HostLoss]]:
-    """Group the losses of all printers by the time at which their hosts were lost together."""
+    """Group the losses of all printers by the time of the loss; hosts that were lost together share it."""
     groups: dict[float, list[HostLoss]] = {}
     for printer in books.printers.values():
         if printer.host_loss is not None:
@@ -35,12 +35,16 @@ def describe_lost_hosts(losses: Sequence[HostLoss]) -> str:
         problem = f"{hosts[0]} with {printers} does not answer ({reasons[hosts[0]]})"
     else:
         problem = f"{len(hosts)} hosts with {printers} do not answer ({_shorten_names(hosts)})"
-    its = "its" if len(hosts) == 1 else "their"
-    return f"{problem}: prints continue there without the farm; check {its} power and {its} network"
+    pronoun = "its" if len(hosts) == 1 else "their"
+    return f"{problem}: prints continue there without the farm; check {pronoun} power and {pronoun} network"
 
 
 def _shorten_names(hosts: Iterable[str]) -> str:
-    """Join the names of hosts; only the first ones if there are many."""
+    """Join the names of hosts; if there are many, name only the first."""
     names = list(hosts)
-    more = len(names) - _MAX_HOSTS_NAMED
-    return " ".join(names) if more <= 1 else f"{' '.join(names[:_MAX_HOSTS_NAMED])} and {more} more"
+    hidden_count = len(names) - _MAX_NAMED_HOSTS
+    return (
+        " ".join(names)
+        if hidden_count <= 1
+        else f"{' '.join(names[:_MAX_NAMED_HOSTS])} and {hidden_count} more"
+    )

@@ -8,16 +8,16 @@ from typing import Generic, TypeVar
 
 from farm import api
 from farm.state import Books
-from farm.views.accounting import JobSummary
+from farm.views.accounting import JobTotals
 
 T = TypeVar("T")
 
 MAX_JOBS = 1000
-"""Maximum number of cached jobs, of about 1 kB for each part."""
+"""Maximum number of cached jobs; a job takes about 1 kB for each part."""
 
 
 @dataclass(slots=True)
-class JobContents:
+class PartsAndPlates:
     """Parts and plates of a job in views; each view updates the holds of the plates."""
 
     parts: list[api.PartView]
@@ -25,13 +25,13 @@ class JobContents:
 
 
 class RevisionCache(Generic[T]):
-    """Cached descriptions of jobs, each valid for one revision of its job in the books."""
+    """Cache of descriptions of jobs, each valid for one revision of its job in the books."""
 
     def __init__(self) -> None:
         self._descriptions: dict[int, tuple[object, T]] = {}
 
     def find(self, books: Books, job: int, make: Callable[[], T]) -> T:
-        """Return the description of a job; make it again if the job has changed."""
+        """Return the cached description of a job, or a new one from `make` if the job has changed."""
         revision = books.revision(job)
         cached = self._descriptions.get(job)
         if cached is not None and revision is not None and cached[0] is revision:
@@ -44,18 +44,18 @@ class RevisionCache(Generic[T]):
 
 
 class JobCache:
-    """Descriptions of jobs that depend neither on the time nor on other jobs.
+    """Cache of descriptions of jobs that depend neither on the time nor on other jobs.
 
-    It serves one state folder and one time zone.
+    A cache serves one state folder and one time zone.
 
     Attributes
     ----------
     contents
-        Parts and plates.
+        Parts and plates of each job.
     summaries
-        Totals.
+        Totals of each job.
     """
 
     def __init__(self) -> None:
-        self.contents = RevisionCache[JobContents]()
-        self.summaries = RevisionCache[JobSummary]()
+        self.contents = RevisionCache[PartsAndPlates]()
+        self.summaries = RevisionCache[JobTotals]()

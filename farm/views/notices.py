@@ -1,6 +1,6 @@
 """Notices for people who are away, derived from the books. Pure.
 
-Each notice has a unique key, by which the sender avoids duplicates.
+Each notice has a unique key, with which the sender avoids duplicates.
 """
 
 from __future__ import annotations
@@ -29,26 +29,28 @@ class Notice:
 def list_due_notices(books: Books, now_s: float, since_s: float, sent_keys: Collection[str]) -> list[Notice]:
     """List the notices to send now, oldest first.
 
-    The notice on a lost printer is delayed, because further losses would make it one outage with a
-    single notice.
+    The notice about a lost printer is delayed, because further losses would make it part of an outage, which
+    has a single notice.
 
     Parameters
     ----------
-    since_s
-        Time in seconds since the epoch; notices on earlier events are left out.
+    books
+        The books.
+    now_s, since_s
+        Farm time in seconds since the epoch, and the time of the oldest events with notices.
     sent_keys
         Keys of the notices already sent.
     """
     notices = [
         *_list_alarms(books),
-        *_list_jobs(books),
-        *_list_parts(books),
+        *_list_ended_jobs(books),
+        *_list_failed_parts(books),
         *_list_losses(books),
         *_list_host_losses(books),
-        *_list_restored(books),
+        *_list_restorations(books),
         *_list_end_of_all_jobs(books),
     ]
-    wait_s = books.outage_window_s  # in both directions: the clock may have been set back
+    wait_s = books.outage_window_s  # an absolute difference, because the clock may have been set back
     due_notices = (n for n in notices if n.urgent or abs(now_s - n.at_s) >= wait_s)
     new_notices = (n for n in due_notices if since_s <= n.at_s and n.key not in sent_keys)
     return sorted(new_notices, key=lambda notice: (notice.at_s, notice.key))
@@ -61,7 +63,7 @@ def _list_alarms(books: Books) -> Iterator[Notice]:
             yield Notice(f"alarm {printer.name} {printer.alarm_s:.3f}", printer.alarm_s, text, urgent=True)
 
 
-def _list_jobs(books: Books) -> Iterator[Notice]:
+def _list_ended_jobs(books: Books) -> Iterator[Notice]:
     for job in books.jobs.values():
         if job.ended_s is None or job.options.dry_run:
             continue
@@ -78,7 +80,7 @@ def _list_jobs(books: Books) -> Iterator[Notice]:
             )
 
 
-def _list_parts(books: Books) -> Iterator[Notice]:
+def _list_failed_parts(books: Books) -> Iterator[Notice]:
     for attempt in books.prints.values():
         has_failed = attempt.state is PrintState.FAILED and attempt.fault not in BY_PEOPLE
         if (
@@ -113,12 +115,12 @@ def _list_losses(books: Books) -> Iterator[Notice]:
 
 
 def _list_host_losses(books: Books) -> Iterator[Notice]:
-    """List one notice for all hosts that were lost together."""
+    """Yield one notice for all hosts that were lost together."""
     for at_s, losses in group_host_losses(books).items():
         yield Notice(f"hosts {at_s:.0f}", at_s, describe_lost_hosts(losses))
 
 
-def _list_restored(books: Books) -> Iterator[Notice]:
+def _list_restorations(books: Books) -> Iterator[Notice]:
     moments = [p.restored_s for p in books.printers.values() if p.restored_s is not None]
     if moments:
         text = "the database was damaged and restored from a backup: clear every bed, then approve every job"

@@ -19,13 +19,17 @@ def describe_printer(
 
     Parameters
     ----------
+    context
+        The farm.
+    section
+        The printer.
     hold
         Reason why it takes no plate now.
     kept_for
         Plate or job for which the free printer is reserved.
     """
     entry = context.books.printer(section.name)
-    snapshot = context.snapshot(section.name)
+    snapshot = context.find_snapshot(section.name)
     attempt = context.books.open_print_on(section.name)
     return api.PrinterView(
         **snapshot.dump_readings(),
@@ -101,8 +105,8 @@ def _describe_reel(section: PrinterSection, entry: Printer) -> api.Reel:
 
 def _describe_progress(context: ViewContext, attempt: Print) -> api.PrintProgress:
     plate = context.books.plates[attempt.plate]
-    remaining_s = context.remaining_s(attempt)
-    report = context.reported_print(attempt)
+    remaining_s = context.estimate_remaining_s(attempt)
+    report = context.find_reported_print(attempt)
     return api.PrintProgress(
         **(report or PrintReadings()).dump_readings(),
         job=attempt.job,

@@ -23,12 +23,12 @@ from farm.model import (
     TextTime,
 )
 from farm.state import Books, PlateState, find_possibly_complete_print, find_stopped_print, name_part
-from farm.text import format_count, format_mass, format_recent
+from farm.text import format_count, format_mass, format_recent_moment
 from farm.views.context import ViewContext
 from farm.views.host_losses import describe_lost_hosts, list_lost_printers
 from farm.wording import name_time
 
-_ORDER = {
+_RANKS = {
     "alarm": 0,
     "farm": 1,
     "outage": 2,
@@ -40,9 +40,9 @@ _ORDER = {
     "hours": 4,
     "clear": 5,
 }
-"""Rank of each code, 0 for the most urgent; tasks of equal rank are in the order of the fleet."""
+"""Rank of each code, 0 for the most urgent; tasks of equal rank keep the order of the fleet."""
 
-_MAX_PARTS_NAMED = 8
+_MAX_NAMED_PARTS = 8
 """Maximum number of beds to clear for which `brief` names the parts."""
 
 
@@ -61,20 +61,20 @@ def list_tasks(context: ViewContext) -> list[api.Todo]:
         if not printer_tasks and _needs_clearing(context, section.name) and section.name not in lost_printers:
             occupied_printers.append(section.name)
     if occupied_printers:
-        occupied_printers, names = _sort_by_use(context, occupied_printers)
+        occupied_printers, names = _sort_by_gluing_order(context, occupied_printers)
         beds = format_count(len(occupied_printers), "bed")
         text = f"clear {beds}: {' '.join(names)}, then `farm cleared PRINTER`"
-        has_parts = names != occupied_printers and len(names) <= _MAX_PARTS_NAMED
+        has_parts = names != occupied_printers and len(names) <= _MAX_NAMED_PARTS
         brief = " ".join(names) if has_parts else ""
         tasks.append(api.Todo(code="clear", printers=occupied_printers, text=text, brief=brief))
     return [
-        *sorted(tasks, key=lambda task: _ORDER[task.code]),
+        *sorted(tasks, key=lambda task: _RANKS[task.code]),
         *list_requests(context.books, context.plate_holds),
     ]
 
 
 def _list_farm_tasks(context: ViewContext) -> Iterator[api.Todo]:
-    """List problems of the farm as a whole."""
+    """Yield the problems of the farm as a whole."""
     for text in context.warnings:
         yield api.Todo(code="farm", printers=[], text=text)
     for number, progress in context.progress.items():
@@ -84,7 +84,7 @@ def _list_farm_tasks(context: ViewContext) -> Iterator[api.Todo]:
 
 
 def _list_host_tasks(context: ViewContext) -> Iterator[api.Todo]:
-    """List one task for all hosts that do not answer."""
+    """Yield one task for all hosts that do not answer."""
     printers = list_lost_printers(context.fleet, context.books)
     losses = [printer.host_loss for printer in printers if printer.host_loss is not None]
     if losses:
@@ -97,21 +97,23 @@ def _describe_outage(context: ViewContext, outage: Outage) -> api.Todo:
         f"{' '.join(outage.printers)} were lost at the same time (power, USB hub or host?): inspect them, "
         "then `farm resume`"
     )
-    text += "".join(_ask_about_part(context, name) for name in outage.printers)
+    text += "".join(_format_good_command(context, name) for name in outage.printers)
     good = {name: part for name in outage.printers if (part := _find_whole_part(context, name))}
     return api.Todo(code="outage", printers=list(outage.printers), text=text, good=good)
 
 
 def _list_printer_tasks(context: ViewContext, section: PrinterSection, is_lost: bool) -> Iterator[api.Todo]:
-    """List the tasks at one printer, except clearing its bed: one task lists all beds to clear.
+    """Yield the tasks at one printer, except clearing its bed, because one task lists all beds to clear.
 
     Parameters
     ----------
+    context, section
+        The farm and the printer.
     is_lost
-        True if the printer is part of an outage, which has one task for all of its printers.
+        True if the printer is part of an outage, which has one task for all its printers.
     """
     name = section.name
-    entry, snapshot = context.books.printer(name), context.snapshot(name)
+    entry, snapshot = context.books.printer(name), context.find_snapshot(name)
     attempt = context.books.open_print_on(name)
     if snapshot.alarm is not None:
         state = attempt.state if attempt is not None else snapshot.link
@@ -123,32 +125,34 @@ def _list_printer_tasks(context: ViewContext, section: PrinterSection, is_lost: 
     attention = entry.attention_reason
     reason = attention or (snapshot.reason if snapshot.link is Link.FAULT else None)
     if section.enabled and _is_absent(context, snapshot):
-        addition = f"; and inspect it: {attention}" if attention else ""
+        extra_text = f"; and inspect it: {attention}" if attention else ""
         if entry.unreported_since_s is not None:
-            addition += "; its prints since the backup of the database are unknown"
+            extra_text += "; its prints since the backup of the database are unknown"
         problem = f"{name}: {snapshot.reason or 'no answer'}"
-        yield api.Todo(code="connect", printers=[name], text=f"connect {problem}{addition}", brief=problem)
+        yield api.Todo(code="connect", printers=[name], text=f"connect {problem}{extra_text}", brief=problem)
     elif snapshot.outdated and attention is None:
         problem = f"{name} {snapshot.reason}"
         yield api.Todo(code="replace", printers=[name], text=problem, brief=problem)
     elif reason:
-        ask = _ask_about_part(context, name)
+        question = _format_good_command(context, name)
         since_text, times = "", list[TextTime]()
         if attention is not None and entry.attention_since_s is not None:
             moment, now = (
                 datetime.fromtimestamp(moment_s, context.fleet.zone)
                 for moment_s in (entry.attention_since_s, context.now_s)
             )
-            since = TextTime(text=format_recent(moment, now), at=moment.isoformat("T", "seconds"))
+            since = TextTime(text=format_recent_moment(moment, now), at=moment.isoformat("T", "seconds"))
             since_text, times = f" ({since.text})", [since]
-        text = f"inspect {name}: {reason}; then `farm cleared {name}`{ask}"
+        text = f"inspect {name}: {reason}; then `farm cleared {name}`{question}"
         whole = _find_whole_part(context, name)
-        brief = f"{name}: {reason}{since_text}{ask}"
+        brief = f"{name}: {reason}{since_text}{question}"
         good = {} if whole is None else {name: whole}
         yield api.Todo(code="look", printers=[name], text=text, brief=brief, good=good, times=times)
     elif attempt is not None:
-        remaining_s, zone = context.remaining_s(attempt), context.fleet.zone
-        yield from list_deadlines(attempt, context.reported_print(attempt), remaining_s, context.now_s, zone)
+        remaining_s, zone = context.estimate_remaining_s(attempt), context.fleet.zone
+        yield from list_deadlines(
+            attempt, context.find_reported_print(attempt), remaining_s, context.now_s, zone
+        )
 
 
 def _is_absent(context: ViewContext, snapshot: AgentSnapshot) -> bool:
@@ -163,21 +167,21 @@ def _needs_clearing(context: ViewContext, printer: str) -> bool:
 
 
 def _find_whole_part(context: ViewContext, printer: str) -> str | None:
-    """Return the part of a failed print on a bed if it may be good, else None."""
+    """Return the part of a failed print on a bed if it may be good; None if it cannot be."""
     attempt = find_possibly_complete_print(context.books, printer)
     return None if attempt is None else name_part(context.books, attempt)
 
 
-def _sort_by_use(context: ViewContext, printers: list[str]) -> tuple[list[str], list[str]]:
-    """Sort printers by the order in which the parts on them are glued; name these parts in a second list."""
+def _sort_by_gluing_order(context: ViewContext, printers: list[str]) -> tuple[list[str], list[str]]:
+    """Sort printers by the gluing order of their parts; return them, and their names with the parts."""
     on_bed = {name: _find_part_on_bed(context.books, name) for name in printers}
     unknown_rank = (math.inf, 0, 0)
 
-    def rank(name: str) -> tuple[float, int, int]:
+    def find_rank(name: str) -> tuple[float, int, int]:
         part = on_bed[name]
         return unknown_rank if part is None else (part.job, part.copy_number, part.glue_rank or 0)
 
-    order = sorted(printers, key=rank)
+    order = sorted(printers, key=find_rank)
     parts = {name: part for name in order if (part := on_bed[name]) is not None and part.glue_rank}
     return order, [f"{name} ({parts[name].id})" if name in parts else name for name in order]
 
@@ -188,8 +192,8 @@ def _find_part_on_bed(books: Books, printer: str) -> Part | None:
     return None if attempt is None else books.parts[books.plates[attempt.plate].parts[0]]
 
 
-def _ask_about_part(context: ViewContext, printer: str) -> str:
-    """Ask whether the part of a failed print is good, with the command; empty if it cannot be good."""
+def _format_good_command(context: ViewContext, printer: str) -> str:
+    """Format the command for a failed print whose part is good; empty if the part cannot be good."""
     part = _find_whole_part(context, printer)
     return (
         ""
@@ -211,20 +215,20 @@ def _format_heat(snapshot: AgentSnapshot) -> str:
     )
 
 
-# -- prints that will be ended ------------------------------------------------------------------------------
+# -- prints that will be stopped early ----------------------------------------------------------------------
 
 
 def list_deadlines(
     attempt: Print, reported_print: AgentPrint | None, remaining_s: float, now_s: float, zone: tzinfo
 ) -> list[api.Todo]:
-    """List the actions that prevent the early end of a print: resume it, or extend the attended hours.
+    """List the tasks that prevent the early end of a print: resume it, or extend the attended hours.
 
     Parameters
     ----------
     attempt, reported_print
-        An open print, and the latest report of its agent on it.
-    remaining_s
-        Remaining printing time at `now_s`.
+        An open print, and its agent's latest report on it.
+    remaining_s, now_s
+        Remaining printing time at the farm time `now_s`, in seconds.
     zone
         Time zone of the times in the texts.
     """
@@ -232,8 +236,8 @@ def list_deadlines(
         return []
     name, deadlines = attempt.printer, []
     hours_s = math.inf if reported_print.ends_by_s is None else reported_print.ends_by_s
-    waits = attempt.state is PrintState.PAUSED and attempt.pause_requested  # not parking, not resumed
-    if waits and reported_print.pause_ends_s is not None:
+    is_waiting = attempt.state is PrintState.PAUSED and attempt.pause_requested  # neither parking nor resumed
+    if is_waiting and reported_print.pause_ends_s is not None:
         deadline = name_time(min(reported_print.pause_ends_s, hours_s), now_s, zone)
         text = f"resume {name} by {deadline.text}, or its print will be ended: `farm resume {name}`"
         deadlines.append(api.Todo(code="resume", printers=[name], text=text, times=[deadline]))
@@ -253,7 +257,7 @@ def list_deadlines(
 
 
 def list_requests(books: Books, plate_holds: Mapping[str, Hold]) -> list[api.Todo]:
-    """List jobs to approve, stopped parts to decide on, reels to change and reels to weigh, each once."""
+    """List jobs to approve, stopped parts to decide on, reels to change, and reels to weigh, each once."""
     return [*_list_held_jobs(books), *_list_stopped_parts(books), *_list_reels(books, plate_holds)]
 
 
@@ -276,7 +280,7 @@ def _list_held_jobs(books: Books) -> Iterator[api.Todo]:
 
 
 def _list_stopped_parts(books: Books) -> Iterator[api.Todo]:
-    """List the jobs with parts that `farm estop` stopped, until a person decides on them."""
+    """Yield a task for each job with parts that `farm estop` stopped, until a person decides on them."""
     parts: dict[int, list[str]] = {}
     paused_plates = (plate for plate in books.plates.values() if plate.paused)
     for plate in paused_plates:
@@ -299,15 +303,17 @@ def _list_stopped_parts(books: Books) -> Iterator[api.Todo]:
 
 
 def _list_reels(books: Books, plate_holds: Mapping[str, Hold]) -> Iterator[api.Todo]:
-    short: dict[str, str] = {}  # by printer: text on the next plate for which its reel is too short
+    short_reels: dict[str, str] = {}  # by printer: text on the next plate for which its reel is too short
     for hold in plate_holds.values():
         if hold.reel is not None:
-            short.setdefault(hold.reel.printer, hold.reel.text)
-    for name, reel in sorted(short.items()):
+            short_reels.setdefault(hold.reel.printer, hold.reel.text)
+    for name, reel in sorted(short_reels.items()):
         text = f"{reel}: load a reel, then `farm load {name}`"
         yield api.Todo(code="reel", printers=[name], text=text, brief=reel)
-    uncertain = [name for name, printer in books.printers.items() if printer.reel and printer.reel.uncertain]
-    if uncertain:
-        names = " ".join(uncertain)
+    uncertain_reels = [
+        name for name, printer in books.printers.items() if printer.reel and printer.reel.uncertain
+    ]
+    if uncertain_reels:
+        names = " ".join(uncertain_reels)
         text = f"weigh the reels of {names} (the database was restored), then `farm load PRINTER --grams G`"
-        yield api.Todo(code="reel", printers=uncertain, text=text, brief=f"weigh {names}")
+        yield api.Todo(code="reel", printers=uncertain_reels, text=text, brief=f"weigh {names}")

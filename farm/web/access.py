@@ -11,11 +11,11 @@ from farm.api import NETWORK_PREFIX
 from farm.model import Role
 from farm.web.slicers import PUBLIC_SLICER_ROUTES, SLICER_ROLES
 
-METRICS = "/metrics"
-SCHEMA = f"{NETWORK_PREFIX}/openapi.json"
-SCHEMA_PAGE = f"{NETWORK_PREFIX}/docs"
-LIVENESS = "/healthz"
-_LOOK = (
+METRICS_PATH = "/metrics"
+SCHEMA_PATH = f"{NETWORK_PREFIX}/openapi.json"
+SCHEMA_PAGE_PATH = f"{NETWORK_PREFIX}/docs"
+LIVENESS_PATH = "/healthz"
+_LOOK_PATHS = (
     "/status",
     "/status/summary",
     "/events",
@@ -32,7 +32,7 @@ _LOOK = (
     "/printers/{name}/camera",
     "/uploads/{request_id}",
 )
-_PRINT = (
+_PRINT_PATHS = (
     "/jobs",
     "/jobs/{number}/assembled",
     "/jobs/{number}/cancel",
@@ -48,8 +48,8 @@ _PRINT = (
     "/printers/{name}/cancel",
     "/printers/{name}/maintenance",
 )
-_PLAN_FORMS = ("/jobs/{number}/release", "/jobs/{number}/keep", "/jobs/{number}/replan")
-_OPERATE = (
+_PLAN_FORM_PATHS = ("/jobs/{number}/release", "/jobs/{number}/keep", "/jobs/{number}/replan")
+_OPERATE_PATHS = (
     "/jobs/{number}/approve",
     "/jobs/{number}/move",
     "/jobs/{number}/start",
@@ -73,7 +73,7 @@ PAGES = (
 OPERATOR_PAGES = ("/printers/{name}/wire",)
 PUBLIC_ROUTES = frozenset(
     {
-        ("GET", LIVENESS),
+        ("GET", LIVENESS_PATH),
         ("GET", "/login"),
         ("POST", "/login"),
         ("GET", "/login/{token}"),
@@ -82,24 +82,24 @@ PUBLIC_ROUTES = frozenset(
         *PUBLIC_SLICER_ROUTES,
     }
 )
-"""Routes that require no key; they show no data of the farm."""
+"""Routes that require no key, and show no data of the farm."""
 ROLES: dict[tuple[str, str], Role] = {
-    **{("GET", path): Role.LOOK for path in (METRICS, SCHEMA, SCHEMA_PAGE)},
+    **{("GET", path): Role.LOOK for path in (METRICS_PATH, SCHEMA_PATH, SCHEMA_PAGE_PATH)},
     **{("GET", path): Role.LOOK for path in PAGES},
     ("GET", "/live"): Role.LOOK,
     **{("GET", path): Role.OPERATE for path in OPERATOR_PAGES},
     ("POST", "/logout"): Role.LOOK,
-    **{("GET", NETWORK_PREFIX + path): Role.LOOK for path in _LOOK},
-    **{("POST", NETWORK_PREFIX + path): Role.PRINT for path in _PRINT},
-    **{("POST", NETWORK_PREFIX + path): Role.OPERATE for path in _OPERATE},
-    **{("POST", path): Role.PRINT for path in _PRINT if path != "/jobs"},  # forms of the pages
-    **{("POST", path): Role.PRINT for path in (*_PLAN_FORMS, "/submit")},
+    **{("GET", NETWORK_PREFIX + path): Role.LOOK for path in _LOOK_PATHS},
+    **{("POST", NETWORK_PREFIX + path): Role.PRINT for path in _PRINT_PATHS},
+    **{("POST", NETWORK_PREFIX + path): Role.OPERATE for path in _OPERATE_PATHS},
+    **{("POST", path): Role.PRINT for path in _PRINT_PATHS if path != "/jobs"},  # forms of the pages
+    **{("POST", path): Role.PRINT for path in (*_PLAN_FORM_PATHS, "/submit")},
     ("GET", "/submit"): Role.PRINT,
-    **{("POST", path): Role.OPERATE for path in _OPERATE},
+    **{("POST", path): Role.OPERATE for path in _OPERATE_PATHS},
     **SLICER_ROLES,
 }
-"""Role by method and path."""
-HOST_ONLY = frozenset(
+"""Required role by method and path."""
+HOST_ONLY_ROUTES = frozenset(
     (method, NETWORK_PREFIX + path)
     for method, path in (
         ("POST", "/printers/{name}/replace"),
@@ -115,17 +115,17 @@ def _compile_path(path: str) -> re.Pattern[str]:
     return re.compile(re.sub(r"\{\w+\}", "[^/]+", path))
 
 
-_OPEN_PATTERNS = [(method, _compile_path(path)) for method, path in PUBLIC_ROUTES]
+_PUBLIC_PATTERNS = [(method, _compile_path(path)) for method, path in PUBLIC_ROUTES]
 _PATTERNS = [(method, _compile_path(path), role) for (method, path), role in ROLES.items()]
 
 
-def is_open(method: str, path: str) -> bool:
+def is_public(method: str, path: str) -> bool:
     """Return whether a request requires no key."""
-    return any(verb == method and pattern.fullmatch(path) for verb, pattern in _OPEN_PATTERNS)
+    return any(verb == method and pattern.fullmatch(path) for verb, pattern in _PUBLIC_PATTERNS)
 
 
 def find_role(method: str, path: str) -> Role | None:
-    """Return the role that a request requires; None if there is no such route on the network."""
+    """Find the role that a request requires; None if there is no such route on the network."""
     return next(
         (role for verb, pattern, role in _PATTERNS if verb == method and pattern.fullmatch(path)), None
     )

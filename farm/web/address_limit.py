@@ -1,4 +1,4 @@
-"""Limit on the connections from one address: one client cannot take all connections."""
+"""Limit on the connections from one address, so that one client cannot take all connections."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from collections.abc import Mapping
 import uvicorn
 
 from farm.errors import Refused
-from farm.http import BoundedServer, WaitingConnection, find_longest_waiting
+from farm.http import BoundedServer, WaitingConnection, find_longest_waiting_connection
 
-_SHARE_DIVISOR = 4  # one address may take a quarter of all connections
+_SHARE_DIVISOR = 4  # one address may have a quarter of all connections
 _MIN_CONNECTIONS = 4
-_SITE_BITS = 64  # prefix of an IPv6 address: one client may have all addresses with it
+_SITE_BITS = 64  # length of an IPv6 prefix; one client may have all addresses with the same prefix
 
 
 def group_address(host: str) -> str | None:
@@ -28,7 +28,7 @@ def group_address(host: str) -> str | None:
     Returns
     -------
     str or None
-        IPv4 address, or IPv6 network of one client; None for this host, which may run a proxy for others.
+        IPv4 address, or IPv6 network of one client; None for this host, because it may run a proxy.
     """
     try:
         address = ipaddress.ip_address(host.partition("%")[0])
@@ -62,13 +62,19 @@ class AddressLimitedServer(BoundedServer):
         self._address_limit = max(_MIN_CONNECTIONS, limit // _SHARE_DIVISOR)
 
     async def make_room(self, connection: socket.socket) -> None:
-        """Make room among the connections of an address, then among all. Raises Refused at the limit."""
+        """Wait until the limit of the address, then the total limit, allows a new connection.
+
+        Raises
+        ------
+        Refused
+            If the address has reached its limit, and none of its connections waits for the client.
+        """
         client = group_address(connection.getpeername()[0])
         while (
             client is not None
             and len(own_connections := self._list_connections(client)) >= self._address_limit
         ):
-            waiting_connection = find_longest_waiting(own_connections)
+            waiting_connection = find_longest_waiting_connection(own_connections)
             if waiting_connection is None:
                 raise Refused(f"{client} has {len(own_connections)} connections")
             waiting_connection.transport.abort()
@@ -78,7 +84,7 @@ class AddressLimitedServer(BoundedServer):
     def find_abandoned_handshake(
         self, handshakes: Mapping[asyncio.Task[None], socket.socket], connection: socket.socket
     ) -> asyncio.Task[None] | None:
-        """Return the oldest handshake of the same address if it has too many; else see the base class."""
+        """Return the oldest handshake of an address with too many; otherwise see the base class."""
         client = _find_peer(connection)
         own_handshakes = [task for task, other in handshakes.items() if _find_peer(other) == client]
         if client is not None and len(own_handshakes) >= self._address_limit:
@@ -96,5 +102,5 @@ class AddressLimitedServer(BoundedServer):
 def _find_peer(connection: socket.socket) -> str | None:
     try:
         return group_address(connection.getpeername()[0])
-    except OSError:  # it has been closed
+    except OSError:  # the connection has been closed
         return None

@@ -1,6 +1,7 @@
-"""HTTP application for callers on the network: the routes of `farm.web.access`, for keys with their roles.
+"""HTTP application for callers on the network, who need a key with the role that a route requires.
 
-It serves only routes in the table of roles. The guard checks every request before a route handles it.
+It serves only the routes in the table of `farm.web.access`. The guard checks every request before a route
+handles it.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from farm.http import (
     make_problem,
 )
 from farm.views.report import load_templates as load_report_templates
-from farm.web.access import LIVENESS, METRICS, SCHEMA, SCHEMA_PAGE, find_role, is_open
+from farm.web.access import LIVENESS_PATH, METRICS_PATH, SCHEMA_PAGE_PATH, SCHEMA_PATH, find_role, is_public
 from farm.web.actions import make_job_form_routes, make_printer_form_routes
 from farm.web.address_limit import group_address
 from farm.web.callers import CallerFinder, KeyHolder, Visitor
@@ -56,9 +57,9 @@ from farm.web.pages import (
 from farm.web.slicers import add_slicer_routes, is_slicer_path, is_slicer_upload, make_text
 
 _GZIP_LEVEL = 5
-_FILES = ("text/plain", "model/*", "application/octet-stream", "application/vnd.ms-pki.stl")
-_NOT_COMPRESSED = (*DEFAULT_EXCLUDED_CONTENT_TYPES, *_FILES)
-"""Media types that are sent uncompressed; G-code and models may be large, and need their length."""
+_FILE_TYPES = ("text/plain", "model/*", "application/octet-stream", "application/vnd.ms-pki.stl")
+_UNCOMPRESSED_TYPES = (*DEFAULT_EXCLUDED_CONTENT_TYPES, *_FILE_TYPES)
+"""Media types that are sent uncompressed, because G-code and models may be large, and need a length."""
 _HEADERS = {
     "content-security-policy": "default-src 'none'; style-src 'self'; script-src 'self'; "
     "img-src 'self'; connect-src 'self'; form-action 'self'; frame-ancestors 'none'; base-uri 'none'",
@@ -77,7 +78,7 @@ def make_web_app(services: Services, dry_runs: DryRuns, names: Collection[str]) 
     services
         Components of the daemon.
     dry_runs
-        Dry runs; a request about the job of a dry run keeps it alive.
+        Dry runs; a request about its job keeps a dry run alive.
     names
         Names of this host in lower case.
     """
@@ -86,32 +87,32 @@ def make_web_app(services: Services, dry_runs: DryRuns, names: Collection[str]) 
     )
     add_routes(app, services, dry_runs, NETWORK_PREFIX)
     add_slicer_routes(app, services)
-    app.add_middleware(GZipMiddleware, compresslevel=_GZIP_LEVEL, exclude_content_types=_NOT_COMPRESSED)
+    app.add_middleware(GZipMiddleware, compresslevel=_GZIP_LEVEL, exclude_content_types=_UNCOMPRESSED_TYPES)
     app.add_middleware(
         BodyLimit,
         is_upload=lambda path: path in (NETWORK_PREFIX + UPLOAD_PATH, SUBMIT_PATH) or is_slicer_upload(path),
     )
 
-    @app.get(LIVENESS)
-    async def liveness() -> dict[str, str]:
+    @app.get(LIVENESS_PATH)
+    async def report_liveness() -> dict[str, str]:
         return {"status": "ok"}
 
-    @app.get(METRICS, response_class=PlainTextResponse)
-    async def metrics() -> Response:
+    @app.get(METRICS_PATH, response_class=PlainTextResponse)
+    async def send_metrics() -> Response:
         context = services.controller.build_view_context(services.state)
         return Response(write_metrics(context, describe_farm(services)), media_type=CONTENT_TYPE)
 
     @cache
     def describe() -> dict[str, Any]:
-        return describe_routes(app.routes)  # called by a request, when all routes exist
+        return describe_routes(app.routes)  # first called during a request, when all routes exist
 
-    @app.get(SCHEMA, include_in_schema=False)
-    async def schema() -> Response:
+    @app.get(SCHEMA_PATH, include_in_schema=False)
+    async def send_schema() -> Response:
         return JSONResponse(describe())
 
-    @app.get(SCHEMA_PAGE, include_in_schema=False)
-    async def schema_page() -> Response:
-        page = render_api_page(describe(), SCHEMA)
+    @app.get(SCHEMA_PAGE_PATH, include_in_schema=False)
+    async def show_schema_page() -> Response:
+        page = render_api_page(describe(), SCHEMA_PATH)
         return HTMLResponse(page, headers={"content-security-policy": POLICY})
 
     cookie = SessionCookie.for_section(services.controller.fleet.web)
@@ -124,7 +125,7 @@ def make_web_app(services: Services, dry_runs: DryRuns, names: Collection[str]) 
 def _add_pages(app: FastAPI, services: Services, dry_runs: DryRuns) -> None:
     """Add the pages and their forms.
 
-    Templates and static files are loaded now: an update may replace them while the daemon runs.
+    Templates and static files are loaded now, because an update may replace them while the daemon runs.
     """
     load_pages()
     load_report_templates()
@@ -145,7 +146,7 @@ def _add_pages(app: FastAPI, services: Services, dry_runs: DryRuns) -> None:
 
 
 class Guard:
-    """Middleware that refuses requests by host, origin, key and role, and adds security headers.
+    """Middleware that checks the host, origin, key and role of requests, and adds security headers.
 
     Parameters
     ----------
@@ -156,7 +157,7 @@ class Guard:
     names
         Names of this host in lower case.
     cookie
-        The cookie of sessions.
+        Cookie of the sessions.
     callers
         Finds the caller of a request.
     """
@@ -197,7 +198,7 @@ class Guard:
         await response(scope, receive, send_with_headers)
 
     def _format_refusal(self, refusal: Refusal, path: str, headers: Mapping[str, str]) -> Response:
-        """Format a refusal as text for a slicer, as a page for a browser, else as JSON."""
+        """Format a refusal as text for a slicer, as a page for a browser, or otherwise as JSON."""
         if is_slicer_path(path):
             return make_text(refusal.text, refusal.status)
         if "text/html" not in headers.get("accept", ""):
@@ -211,7 +212,7 @@ class Guard:
         return response
 
     def _is_valid(self, caller: KeyHolder | Visitor) -> bool:
-        """Return whether a caller's key or session is still valid and has the same role; else streams end."""
+        """Return whether a caller's key or session is still valid with the same role; if not, streams end."""
         if isinstance(caller, Visitor):
             return True
         key = self._controller.books.keys.get(caller.key.id)
@@ -233,7 +234,7 @@ class Guard:
             return refusal
         client = (scope.get("client") or ("nobody",))[0]
         address = group_address(client) or client
-        if is_open(method, path):
+        if is_public(method, path):
             page = None if is_slicer_path(path) else check_page(method, *site)  # slicers are not browsers
             return page or Visitor(address)
         holder = self._callers.find(headers, address)
@@ -249,6 +250,6 @@ class Guard:
             refusal = check_page(method, *site)
             if refusal is not None:
                 return refusal
-            self._callers.extend(key)
+            self._callers.extend_session(key)
         self._uses_s[key.id] = self._controller.clock.now()
         return holder

@@ -75,7 +75,7 @@ def find_holder(request: Request) -> KeyHolder:
 
 
 class CallerFinder:
-    """Finder of the caller of a request by key or session; limits the number of wrong keys by address.
+    """Finder of the caller of a request by key or session, with a limit on wrong keys for each address.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ class CallerFinder:
         return Refusal(401, "this needs a key: an operator creates one with `farm key add NAME`")
 
     def find_key(self, text: str, address: str, kind: KeyKind = KeyKind.KEY) -> KeyHolder | Refusal:
-        """Find the caller with the text of a valid key or session; count a wrong one for the address."""
+        """Find the caller with the text of a valid key or session; count a wrong text for the address."""
         now_s = self._controller.clock.now()
         key = find_key(text, self._controller.books.keys, now_s, kind)
         if key is not None:
@@ -129,16 +129,16 @@ class CallerFinder:
     def find_role(self, key: Key) -> Role | None:
         """Return the present role of a valid key or session; None for a session whose user was deleted.
 
-        The present role of its user limits a session: a user who has left the group of operators loses that
-        role.
+        The present role of its user limits the role of a session: a user who has left the group of operators
+        loses the role of an operator.
         """
         if key.user is None:
             return key.role
         role = self._services.find_user_role(key.user, self._controller.fleet.fleet.operators)
         return None if role is None else key.role.limit(role)
 
-    def extend(self, session: Key) -> None:
-        """Extend a session that is used; if the extension cannot be written, the session ends earlier."""
+    def extend_session(self, session: Key) -> None:
+        """Extend a session that is in use; if the extension cannot be stored, the session ends earlier."""
         try:
             self._services.sessions.extend(session)
         except FarmError as error:

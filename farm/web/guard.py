@@ -1,7 +1,7 @@
 """Checks of requests from the network, before any route handles them. Pure.
 
 Another site may make a browser send requests to the farm (cross-site request forgery), or may resolve its
-own name to this host (DNS rebinding). Requests that could be either are refused.
+own name to this host (DNS rebinding). Requests that could result from either are refused.
 """
 
 from __future__ import annotations
@@ -13,13 +13,14 @@ from dataclasses import dataclass
 
 _SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 _OWN_SITE = frozenset({"same-origin", "none"})
-_LOCAL = "localhost"
-_HOST = re.compile(r"(\[[0-9A-Fa-f:.]{2,45}\]|[A-Za-z0-9._-]{1,253})(:[0-9]{1,5})?")
+_LOCAL_NAME = "localhost"
+_HOST_PATTERN = re.compile(r"(\[[0-9A-Fa-f:.]{2,45}\]|[A-Za-z0-9._-]{1,253})(:[0-9]{1,5})?")
 MAX_HEAD_BYTES = 16 * 1024
 """Limit on the size of a request's path and headers."""
 MAX_WRONG_KEYS = 10
 """Number of wrong keys after which an address must wait."""
-WAIT_S = 60.0
+WRONG_KEY_WAIT_S = 60.0
+"""Seconds that an address must wait after its last wrong key."""
 _MAX_ADDRESSES = 1000
 
 
@@ -41,11 +42,11 @@ def check_host(host: str | None, names: Collection[str]) -> Refusal | None:
     names
         Names of this host in lower case, besides `localhost` and all IP addresses.
     """
-    match = _HOST.fullmatch(host or "")
+    match = _HOST_PATTERN.fullmatch(host or "")
     if match is None:
         return Refusal(400, "the header Host is neither a name nor an address")
     name = match[1].lower().rstrip(".")
-    if name == _LOCAL or name in names or _is_address(name.strip("[]")):
+    if name == _LOCAL_NAME or name in names or _is_address(name.strip("[]")):
         return None
     return Refusal(421, f"{name} is not a name of this farm: add it to `web.names` in fleet.yaml")
 
@@ -53,7 +54,8 @@ def check_host(host: str | None, names: Collection[str]) -> Refusal | None:
 def check_origin(method: str, host: str | None, origin: str | None, fetch_site: str | None) -> Refusal | None:
     """Check that a request with an unsafe method does not come from a page of another site.
 
-    Browsers send `Origin` always, and `Sec-Fetch-Site` only to trustworthy addresses; programs send neither.
+    Browsers always send `Origin`, and send `Sec-Fetch-Site` only to trustworthy addresses; programs send
+    neither.
 
     Parameters
     ----------
@@ -74,8 +76,8 @@ def check_origin(method: str, host: str | None, origin: str | None, fetch_site: 
 def check_page(method: str, origin: str | None, fetch_site: str | None) -> Refusal | None:
     """Check that a request with an unsafe method and a session names its site, as every browser does.
 
-    `check_origin` has compared the site. Without this check, a form of another site would pass in a browser
-    that sends neither header.
+    `check_origin` has compared the site. Without this check, a form from another site would be accepted
+    from a browser that sends neither header.
 
     Parameters
     ----------
@@ -90,14 +92,14 @@ def check_page(method: str, origin: str | None, fetch_site: str | None) -> Refus
 
 
 def check_head(path: bytes, headers: Iterable[tuple[bytes, bytes]]) -> Refusal | None:
-    """Check the size of a request's head: the server limits only a head that arrives in pieces.
+    """Check the size of a request's head, because the server limits only a head that arrives in pieces.
 
     Parameters
     ----------
     path
         The request's path with its query.
     headers
-        Names and values.
+        Names and values of the headers.
     """
     size_bytes = len(path) + sum(len(name) + len(value) for name, value in headers)
     if size_bytes <= MAX_HEAD_BYTES:
@@ -109,7 +111,8 @@ class WrongKeys:
     """Count of wrong keys by address; after ten within a minute, the address must wait for a minute."""
 
     def __init__(self) -> None:
-        self._counts: dict[str, tuple[int, float]] = {}  # number, and time until which it counts
+        # by address: number of wrong keys, and time until which they count
+        self._counts: dict[str, tuple[int, float]] = {}
 
     def check(self, address: str, now_s: float) -> Refusal | None:
         """Return a refusal if an address must wait."""
@@ -121,7 +124,7 @@ class WrongKeys:
     def add(self, address: str, now_s: float) -> None:
         """Count a wrong key."""
         number, end_s = self._counts.pop(address, (0, 0.0))
-        self._counts[address] = (number + 1 if now_s < end_s else 1, now_s + WAIT_S)
+        self._counts[address] = (number + 1 if now_s < end_s else 1, now_s + WRONG_KEY_WAIT_S)
         if len(self._counts) > _MAX_ADDRESSES:
             del self._counts[next(iter(self._counts))]  # the address whose last wrong key is oldest
 

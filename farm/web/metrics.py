@@ -1,7 +1,7 @@
 """Metrics of the farm for Prometheus, collected at each scrape. The only import of prometheus_client.
 
-Totals come from the books, not from counters in memory: they never decrease, even across a restart.
-No label is a job, a person or a file, to keep the number of series small.
+Totals come from the books, not from counters in memory, so that they never decrease, even across a restart.
+Labels name no jobs, persons or files, which keeps the number of series small.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ _PRINTER_STATES = (
     *(str(state) for state in PrintState if not state.ended),
     *(str(link) for link in Link if link is not Link.READY),
 )
-"""Values of `PrinterView.state`; each has a sample, for use in alerts."""
+"""Values of `PrinterView.state`; each has a sample, so that alerts can use it."""
 Rows = Iterable[tuple[tuple[str, ...], float | None]]
-"""Pairs of label values and the value of the sample; None for no sample."""
+"""Pairs of label values and the value of a sample, which is None if there is no sample."""
 
 
 def write_metrics(context: ViewContext, status: api.Status) -> bytes:
@@ -45,6 +45,8 @@ def write_metrics(context: ViewContext, status: api.Status) -> bytes:
 
 
 class _FarmCollector(Collector):
+    """Collector of all metrics of the farm."""
+
     def __init__(self, context: ViewContext, status: api.Status) -> None:
         self._context, self._status = context, status
 
@@ -68,7 +70,7 @@ def _collect_jobs(context: ViewContext) -> Iterator[Metric]:
         plate for plate in books.waiting_plates() if books.plate_state(plate) is PlateState.WAITING
     )
     holds = Counter(
-        "none" if hold is None else str(hold.code) for hold in map(context.plate_hold, waiting_plates)
+        "none" if hold is None else str(hold.code) for hold in map(context.find_plate_hold, waiting_plates)
     )
     yield _make_gauge(
         "farm_plates_waiting",

@@ -1,4 +1,4 @@
-"""Readers of pages, and notes on their last actions, each shown once."""
+"""Readers of pages, and notes about their last actions, each of which is shown once."""
 
 from __future__ import annotations
 
@@ -30,30 +30,30 @@ class Reader:
 
     @classmethod
     def for_holder(cls, holder: KeyHolder) -> Reader:
-        """Return the reader with a key or a session."""
+        """Make the reader who has a key or a session."""
         return cls(holder.name, holder.role, holder.has_session)
 
-    def may(self, role: str) -> bool:
+    def has_role(self, role: str) -> bool:
         """Return whether the reader has the rights of a role."""
         return self.role.allows(Role(role))
 
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """Message on a reader's last action, shown once above the page."""
+    """Message about a reader's last action, shown once above the page."""
 
     text: str
     is_problem: bool = False
 
 
 class Notes:
-    """The last note of each reader, until a page shows it."""
+    """Last note of each reader, kept until a page shows it."""
 
     def __init__(self) -> None:
         self._notes: dict[str, Note] = {}
 
     def put(self, reader: str, note: Note) -> None:
-        """Store a note for a reader, by the id of the reader's key or session."""
+        """Store a note for a reader, given by the id of the key or session."""
         self._notes.pop(reader, None)
         self._notes[reader] = note
         if len(self._notes) > _MAX_READERS:

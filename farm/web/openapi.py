@@ -12,7 +12,7 @@ import farm
 from farm import api
 from farm.api import NETWORK_PREFIX
 from farm.model import Role
-from farm.web.access import LIVENESS, METRICS, find_role, is_open
+from farm.web.access import LIVENESS_PATH, METRICS_PATH, find_role, is_public
 
 _REF = "#/components/schemas/"
 _PROBLEM = {"content": {"application/json": {"schema": {"$ref": f"{_REF}Problem"}}}}
@@ -20,7 +20,7 @@ _ERRORS = {
     "4XX": {"description": "The request is refused; the error text gives the remedy.", **_PROBLEM},
     "500": {"description": "The daemon failed.", **_PROBLEM},
 }
-_INVALID = "422"  # FastAPI's description of an invalid request; this application answers 400
+_INVALID = "422"  # FastAPI's status for an invalid request; this application uses 400
 _KEYS = {
     "key": {"type": "apiKey", "in": "header", "name": "X-Api-Key"},
     "bearer": {"type": "http", "scheme": "bearer"},
@@ -50,10 +50,10 @@ def describe_routes(routes: list[BaseRoute]) -> dict[str, Any]:
     )
     paths: dict[str, Any] = {}
     for path, verb, operation in _list_operations(document):
-        if not path.startswith(f"{NETWORK_PREFIX}/") and path not in (METRICS, LIVENESS):
-            continue  # a page, or a route in the dialect of another print server
+        if not path.startswith(f"{NETWORK_PREFIX}/") and path not in (METRICS_PATH, LIVENESS_PATH):
+            continue  # a page, or a route in the interface of another print server
         role = find_role(verb.upper(), path)
-        if role is not None or is_open(verb.upper(), path):
+        if role is not None or is_public(verb.upper(), path):
             paths.setdefault(path, {})[verb] = _complete_operation(operation, verb, path, role)
     document["paths"] = paths
     components = document["components"]
@@ -71,7 +71,7 @@ def _list_operations(document: dict[str, Any]) -> Iterator[tuple[str, str, dict[
 
 
 def _complete_operation(operation: dict[str, Any], verb: str, path: str, role: Role | None) -> dict[str, Any]:
-    """Return the description of an operation with its role and its errors."""
+    """Add the role and the errors to the description of an operation."""
     answers = {status: answer for status, answer in operation["responses"].items() if status != _INVALID}
     for answer in answers.values():
         json = answer.get("content", {}).get("application/json")

@@ -24,11 +24,11 @@ log = logging.getLogger(__name__)
 _KEY_CHECK_INTERVAL_S = 1.0  # time between two checks for a valid key
 _RETRY_S = 10.0  # time between two attempts to listen
 _BACKLOG = 128
-_GRACE_S = 3  # time for open requests when the daemon ends
+_GRACE_PERIOD_S = 3  # time that open requests have when the daemon ends
 
 
 class NetworkServer:
-    """Server that listens as soon as it is allowed to, until it is closed.
+    """Server that listens as soon as listening is allowed, until it is closed.
 
     Without a valid key, it listens only on a loopback address. If the address is in use or the certificate
     cannot be read, it reports the problem in `state` and tries again, while prints continue.
@@ -58,7 +58,7 @@ class NetworkServer:
             proxy_headers=False,
             server_header=False,
             h11_max_incomplete_event_size=MAX_HEAD_BYTES,
-            timeout_graceful_shutdown=_GRACE_S,
+            timeout_graceful_shutdown=_GRACE_PERIOD_S,
             ssl_certfile=None if tls is None else tls.cert,
             ssl_keyfile=None if tls is None else tls.key,
         )
@@ -67,11 +67,11 @@ class NetworkServer:
         state.address, state.browser_url = section.listen_url, section.find_browser_url(socket.gethostname())
 
     def start(self, has_key: Callable[[], bool]) -> None:
-        """Serve in a task; `has_key` returns whether a valid key exists."""
+        """Start a task that serves; `has_key` returns whether a valid key exists."""
         self._task = asyncio.get_running_loop().create_task(self._serve(has_key))
 
     async def close(self) -> None:
-        """End the server; wait a few seconds at most for open requests."""
+        """End the server; wait at most a few seconds for open requests."""
         if self._task is None:
             return
         if self._server is None:
@@ -139,7 +139,7 @@ class NetworkServer:
 
 
 def find_host_names(section: WebSection) -> frozenset[str]:
-    """Return the names of this host in lower case: its host name, with `.local`, and names in fleet.yaml."""
+    """Return the names of this host in lower case: host name, also with `.local`, and those in fleet.yaml."""
     name = socket.gethostname().lower()
     names = {name, name.partition(".")[0], f"{name.partition('.')[0]}.local"}
     proxy = urlsplit(section.url or "").hostname

@@ -97,7 +97,7 @@ def test_farm_down_waits_for_a_plan_in_progress_unless_now(tmp_path, monkeypatch
     monkeypatch.setattr(daemon._controller.planning, "list_running_jobs", list_planning)
     monkeypatch.setattr("farm.daemon.asyncio.sleep", skip_sleep)
     monkeypatch.setattr(daemon._agents, "shut_down_agents", shut_down_agents)
-    asyncio.run(daemon._end(now))
+    asyncio.run(daemon._end_when_idle(now))
     daemon._workers.close()
     daemon._store.close()
     assert len(ends[0]) == poll_count
@@ -123,7 +123,7 @@ def test_farm_down_waits_for_inspections_but_not_for_a_plan_that_waits_for_disk_
 
     monkeypatch.setattr("farm.daemon.asyncio.sleep", sleep)
     monkeypatch.setattr(daemon._agents, "shut_down_agents", shut_down_agents)
-    asyncio.run(daemon._end(now=False))
+    asyncio.run(daemon._end_when_idle(now=False))
     daemon._workers.close()
     daemon._store.close()
     assert waits == [["bunny.stl"], []]

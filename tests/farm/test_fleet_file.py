@@ -35,7 +35,7 @@ def test_defaults_apply_unless_a_printer_overrides_them(tmp_path):
         ("ultimaker2_plus", "blue"),
     ]
     assert fleet.zone.key == "Europe/Zurich"
-    assert fleet.printer("b").colour == "blue"
+    assert fleet.find_printer("b").colour == "blue"
 
 
 def test_printers_have_the_fit_of_the_fleet_unless_they_have_their_own(tmp_path):
@@ -53,8 +53,8 @@ def test_reel_has_a_price_if_given(tmp_path):
     )
     fleet = load_text(tmp_path, priced_text.replace("colour: blue", "price_per_kg: 0"))
     assert fleet.fleet.currency == "CHF"
-    assert [p.price(200.0) for p in fleet.printers] == [pytest.approx(5.70), 0.0]
-    assert [p.price(200.0) for p in load_text(tmp_path, VALID_TEXT).printers] == [None, None]
+    assert [p.compute_price(200.0) for p in fleet.printers] == [pytest.approx(5.70), 0.0]
+    assert [p.compute_price(200.0) for p in load_text(tmp_path, VALID_TEXT).printers] == [None, None]
 
 
 def test_hours_are_one_window_or_a_list(tmp_path):
@@ -93,7 +93,7 @@ def test_fleet_file_of_the_repository_is_valid():
         ),
         (
             VALID_TEXT.replace("name: lab", "keep: {nights: 3}"),
-            "fleet.yaml:2: fleet.keep.nights: unknown key; known are days, gb",
+            "fleet.yaml:2: fleet.keep.nights: unknown key; the known keys are days, gb",
         ),
         (
             VALID_TEXT.replace("colour: blue", "price_per_kg: -1"),
@@ -126,7 +126,7 @@ def test_fleet_file_of_the_repository_is_valid():
         (VALID_TEXT.replace("name: a,", "name: ../a,"), "printers.0.name"),
         (
             VALID_TEXT.replace("timezone", "compute: {cores: 2}, timezone"),
-            "known are workers, memory_gb, budget_s",
+            "the known keys are workers, memory_gb, budget_s",
         ),
         (
             VALID_TEXT.replace("timezone", "compute: {workers: 0}, timezone"),
@@ -170,7 +170,7 @@ def test_fleet_file_of_the_repository_is_valid():
         (VALID_TEXT + "  - um2-03\n", "fleet.yaml:7: printers.2: must be keys with values"),
         (
             VALID_TEXT + "colour: red\n",
-            "fleet.yaml:7: colour: unknown key; known are fleet, web, printers, defaults",
+            "fleet.yaml:7: colour: unknown key; the known keys are fleet, web, printers, defaults",
         ),
         ("fleet: lab\nprinters: []", "fleet.yaml:1: fleet: must be keys with values"),
         (VALID_TEXT.replace("name: lab", "name: 2026-02-30"), "fleet.yaml:2: not YAML: day is out of range"),
@@ -332,7 +332,7 @@ printers: [{<<: *common, name: a, port: /dev/one}]
 )
 def test_camera_has_an_http_address(tmp_path, url):
     fleet = load_text(tmp_path, VALID_TEXT.replace("colour: red", f'camera: "{url}"'))
-    assert fleet.printer("b").camera_url == url.replace("{printer}", "b")
+    assert fleet.find_printer("b").camera_url == url.replace("{printer}", "b")
     assert "pass-w0rd" not in repr(fleet)
 
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from farm.text import format_moment, format_recent
+from farm.text import format_moment, format_recent_moment
 
 NOW = datetime(2026, 11, 22, 7, 0, tzinfo=UTC)  # a Sunday
 
@@ -37,4 +37,4 @@ def test_two_times_weeks_apart_differ_in_the_past_and_in_the_future(seconds_away
     [(-1, "06:00"), (-20, "11:00"), (-21, "Sat 10:00"), (1, "Sun 08:00"), (-144, "Mon 07:00")],
 )
 def test_time_of_the_same_night_has_no_weekday(hours, text):
-    assert format_recent(NOW + timedelta(hours=hours), NOW) == text
+    assert format_recent_moment(NOW + timedelta(hours=hours), NOW) == text

@@ -210,7 +210,7 @@ def find_targets(paths: FarmPaths) -> tuple[dict[str, Target], FleetFileError | 
                 HostTarget(remote, start) if has_service else _stop_remote_printers(*remote, start)
             )
         elif section.enabled and name not in targets:
-            folder, firmware = paths.state.agent(name), find_firmware(section.model)
+            folder, firmware = paths.state.find_agent_folder(name), find_firmware(section.model)
             target = StopTarget(name, section.port, folder, firmware, relay)
             targets[name] = _stop_local_printer(target)
     return targets, None

@@ -118,11 +118,11 @@ def _commission(paths: FarmPaths, sections: tuple[PrinterSection, ...], place: s
         print(f"This resets the board of {place}, which ends a print from its SD card.")
         typer.confirm("Is the printer idle?", abort=True)
     try:
-        if section is not None and is_locked(paths.state.agent(section.name) / AGENT_LOCK):
-            verify_reset_through_agent(paths.state.agent(section.name))
+        if section is not None and is_locked(paths.state.find_agent_folder(section.name) / AGENT_LOCK):
+            verify_reset_through_agent(paths.state.find_agent_folder(section.name))
             print(f"{section.name}: its board restarts when DTR is pulsed, so it can be stopped")
             return
-        folder = paths.state.agent(section.name) if section is not None else None
+        folder = paths.state.find_agent_folder(section.name) if section is not None else None
         firmware = find_firmware(_MODEL if section is None else section.model)
         model = verify_reset(section.port if section is not None else place, folder, firmware)
     except DriverError as error:

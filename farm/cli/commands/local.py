@@ -255,7 +255,7 @@ def worker(
 
     parse_scheduler(scheduler)
     check_cluster(scheduler, certificates)
-    from farm.compute.cluster.serve import WorkerOptions, serve_tasks  # loads Dask
+    from farm.compute.cluster.worker_service import WorkerOptions, serve_tasks  # loads Dask
     from farm.planning.error_translation import translate_errors
     from farm.planning.tasks import warm_up_planning
 

@@ -13,7 +13,7 @@ from farm.cli.display.table import Column, lay_out_table
 from farm.model import JobState, PrintState
 from farm.text import format_duration, format_mass
 from farm.wording import (
-    format_cached,
+    format_cached_plates,
     format_copies,
     format_deviation,
     format_filament,
@@ -138,7 +138,7 @@ def _list_figures(view: api.JobView) -> list[tuple[str, str]]:
     if view.plan is not None and view.state == JobState.HELD:
         rows.append(("plan", view.plan))
     if cached_count := sum(plate.cached for plate in view.plates):
-        rows.append(("slices", format_cached(cached_count)))
+        rows.append(("slices", format_cached_plates(cached_count)))
     rows += _list_times(view)
     if view.wasted_s > 0:
         rows.append(("wasted", f"{format_duration(view.wasted_s)}, {format_mass(view.wasted_grams)}"))

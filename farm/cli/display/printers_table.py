@@ -9,7 +9,7 @@ from rich.text import Text
 from farm import api
 from farm.cli.display.table import Column, lay_out_table
 from farm.model import Bed, HoldCode, Link, PrintState
-from farm.text import format_duration, format_recent
+from farm.text import format_duration, format_recent_moment
 from farm.wording import describe_material, format_deviation, format_share, parse_time
 
 _COLUMNS = (
@@ -48,7 +48,9 @@ def _list_cells(printer: api.PrinterView, now: str) -> tuple[str, ...]:
         ends = f"in {format_duration(printer.print.remaining_s)} ({format_share(printer.print.progress)})"
     elif last_print is not None and printer.bed != Bed.CLEAR:
         end_time = (
-            "-" if last_print.ended is None else format_recent(parse_time(last_print.ended), parse_time(now))
+            "-"
+            if last_print.ended is None
+            else format_recent_moment(parse_time(last_print.ended), parse_time(now))
         )
         part, ends = last_print.plate, f"at {end_time}"
         deviation = format_deviation(last_print.off) if last_print.off is not None else ""

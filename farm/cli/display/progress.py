@@ -18,7 +18,7 @@ from farm.cli.display.console import open_console
 from farm.errors import DaemonUnreachable
 from farm.model import JobState, PlanProgress, PlanStep, PrintState
 from farm.text import format_count, format_duration
-from farm.wording import format_cached, format_filament, format_planning, format_time
+from farm.wording import format_cached_plates, format_filament, format_planning, format_time
 
 T = TypeVar("T")
 _RESTART_S = 60.0  # a restarted daemon answers again within this time
@@ -127,7 +127,7 @@ class ProgressLines:
             amount = format_filament(view.grams or 0.0, view.filament_mm or 0.0, view.price, view.currency)
             parts = format_count(len(view.parts), "part")
             cached_count = sum(plate.cached for plate in view.plates)
-            cache_note = f"; {format_cached(cached_count)}" if cached_count else ""
+            cache_note = f"; {format_cached_plates(cached_count)}" if cached_count else ""
             self._print_once(
                 f"planned: {parts}, expected {format_duration(view.estimated_s)}, {amount}{cache_note}"
             )

@@ -14,10 +14,10 @@ from farm.cli.display.table import wrap_text
 from farm.model import JobState
 from farm.text import format_count, format_duration, format_mass
 from farm.wording import (
-    count_names,
     format_planning,
     format_share,
     format_time,
+    join_counted_names,
     parse_time,
     shorten_names,
 )
@@ -182,7 +182,7 @@ def _list_live_lines(jobs: Sequence[api.JobSummary], now: str, width: int | None
             yield _list_job_lines(job, now, width)
         elif job is same_hold[0]:
             numbers = shorten_names(str(held_job.id) for held_job in same_hold)
-            names = count_names(held_job.name[:_NAME_WIDTH] for held_job in same_hold)
+            names = join_counted_names(held_job.name[:_NAME_WIDTH] for held_job in same_hold)
             text = f"{numbers} ({names}): {_list_job_facts(job, now)[0]}"
             yield _fold_texts("JOBS", [text], "", width)
 

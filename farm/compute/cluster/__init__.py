@@ -1,6 +1,6 @@
-"""Work on a cluster by Dask's `distributed`, without a shared disk; files are sent, named by their SHA-256.
+"""Work on a cluster with Dask's `distributed`, without a shared disk: files are sent, named by their SHA-256.
 
-`distributed` is imported by `connection`, `dask_worker` and `make_security` alone, where a cluster is used.
+Only `connection`, `dask_worker` and `make_security` import `distributed`, and only if a cluster is used.
 """
 
 from farm.compute.cluster.cluster_pool import ClusterPool, connect_cluster

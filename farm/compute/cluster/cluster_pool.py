@@ -1,4 +1,4 @@
-"""Pool on a cluster: tasks whose files are known run there, the others in the pool of this computer."""
+"""Pool on a cluster. Tasks without known files run in the pool of this computer instead."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from farm.compute.cluster.remote_task import (
 from farm.compute.cluster.security import check_cluster
 from farm.compute.cluster.slot_queue import SlotQueue
 from farm.compute.deferred import Deferred
-from farm.compute.limits import CHECKING, Limit
+from farm.compute.limits import CHECKING_LIMIT, Limit
 from farm.compute.pool import Pool
 
 log = logging.getLogger(__name__)
@@ -47,26 +47,26 @@ class Link(Protocol):
     """Connection to a cluster; see `connection.Connection`."""
 
     async def watch(self) -> None:
-        """Keep the connection, and report the workers, until cancelled."""
+        """Keep the connection and report the workers until cancelled."""
 
     async def submit(self, task: RemoteTask, contents: dict[str, bytes]) -> RemoteAnswer:
         """Run a task on one of the workers. Raises AttemptLost."""
 
 
-Connect = Callable[[Callable[[tuple[ClusterWorker, ...]], None], Callable[[dict[str, Any]], None]], Link]
-"""Function that makes a link from two callbacks: for the list of workers, and for messages of tasks."""
+LinkFactory = Callable[[Callable[[tuple[ClusterWorker, ...]], None], Callable[[dict[str, Any]], None]], Link]
+"""Function that makes a link from two callbacks, for the list of workers and for messages of tasks."""
 
 
 class ClusterPool:
     """Pool on a cluster; see `farm.compute.pool.Pool`.
 
-    Work without known files runs on this computer: it is quick, and a person waits for it. When the cluster
-    has had no usable worker for `cluster_state.WORKER_TIMEOUT_S`, all work runs on this computer until the
-    cluster has one.
+    Work without known files runs on this computer, because it is quick and a person waits for it. When the
+    cluster has had no usable worker for `cluster_state.WORKER_TIMEOUT_S`, all work runs on this computer
+    until the cluster has one.
 
     Parameters
     ----------
-    own
+    local_pool
         Pool of this computer.
     scheduler
         Address of the scheduler, for messages.
@@ -80,20 +80,20 @@ class ClusterPool:
 
     def __init__(
         self,
-        own: Pool,
+        local_pool: Pool,
         scheduler: str,
         installation: Installation,
-        connect: Connect,
+        connect: LinkFactory,
         read_clock_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._local_pool, self._scheduler, self._installation = own, scheduler, installation
+        self._local_pool, self._scheduler, self._installation = local_pool, scheduler, installation
         self._read_clock_s = read_clock_s
         self._slot_queue = SlotQueue()
         self._workers: tuple[ClusterWorker, ...] = ()
         self._lost_since_s: float | None = read_clock_s()
         self._running: dict[str, tuple[RunningTask, RemoteTask]] = {}
         self._local_count = 0
-        self._sent_hashes: set[str] = set()  # hashes of files that the cluster was sent before
+        self._sent_hashes: set[str] = set()  # hashes of files that were already sent to the cluster
         self._close_event = asyncio.Event()  # set while the cluster gets no work
         self._link = connect(self._on_workers, self._on_message)
         self._watch_task: asyncio.Task[None] | None = None
@@ -109,12 +109,12 @@ class ClusterPool:
         return self._local_pool.start_step
 
     @property
-    def has_idle(self) -> bool:
-        """True if a task would start immediately; see `Pool.has_idle`."""
+    def has_idle_worker(self) -> bool:
+        """True if a task would start immediately; see `Pool.has_idle_worker`."""
         return (
-            self._local_pool.has_idle
+            self._local_pool.has_idle_worker
             if choose_place(self._measure_lost_s()) is Place.HERE
-            else self._slot_queue.has_free
+            else self._slot_queue.has_free_slot
         )
 
     @property
@@ -133,11 +133,11 @@ class ClusterPool:
         )
 
     def start(self) -> None:
-        """Connect to the cluster, and keep connected; call it once, in the event loop."""
+        """Connect to the cluster, and keep the connection; call it once, in the event loop."""
         self._watch_task = asyncio.get_running_loop().create_task(self._link.watch())
 
     async def run(
-        self, work: Callable[..., T], *args: object, limit: Limit = CHECKING, group: Hashable = None
+        self, work: Callable[..., T], *args: object, limit: Limit = CHECKING_LIMIT, group: Hashable = None
     ) -> T:
         """Run a function on the cluster, or here; see `Pool.run`."""
         if not isinstance(work, Deferred) or work.list_files is None:
@@ -175,19 +175,19 @@ class ClusterPool:
             self._local_count -= 1
 
     def close(self) -> None:
-        """Abandon all work, and end every worker on this computer; see `wait_closed`."""
+        """Abandon all work, and end every worker on this computer; `wait_closed` waits for the connection."""
         if self._watch_task is not None:
             self._watch_task.cancel()
         self._local_pool.close()
 
     async def wait_closed(self) -> None:
-        """Wait until the connection of a closed pool has ended: its tasks are then cancelled."""
+        """Wait until the connection of a closed pool has ended, and its tasks are cancelled."""
         if self._watch_task is not None:
             with suppress(asyncio.CancelledError):
                 await self._watch_task
 
     async def _make_attempt(self, task: RemoteTask, group: Hashable) -> RemoteAnswer:
-        """Run a task on the cluster, first without files that were sent before. Raises AttemptLost."""
+        """Run a task on the cluster, first without the files that were already sent. Raises AttemptLost."""
         new_files = tuple(file for file in task.reads if file.sha256 not in self._sent_hashes)
         for files in (new_files, task.reads):
             contents = await asyncio.to_thread(_read_contents, files)
@@ -202,7 +202,7 @@ class ClusterPool:
     async def _submit_task(
         self, task: RemoteTask, contents: dict[str, bytes], group: Hashable
     ) -> RemoteAnswer:
-        """Submit a task under a new name, and wait for the answer, or until the cluster is abandoned."""
+        """Submit a task under a new name, and wait until it is answered or the cluster is abandoned."""
         kind = re.sub(r"[^a-z]+", "_", task.limit.work.lower())
         named_task = replace(task, id=f"{kind}-{uuid.uuid4().hex}")  # Dask learns durations by this prefix
         self._running[named_task.id] = (RunningTask(task.limit.work, group), named_task)
@@ -257,7 +257,7 @@ class ClusterPool:
 
 
 def _read_contents(files: tuple[InputFile, ...]) -> dict[str, bytes]:
-    """Read files, by their hash. Raises AttemptLost if one of them is gone."""
+    """Read files, and return their contents by hash. Raises AttemptLost if a file is gone."""
     try:
         return {file.sha256: Path(file.path).read_bytes() for file in files}
     except OSError as error:
@@ -265,12 +265,12 @@ def _read_contents(files: tuple[InputFile, ...]) -> dict[str, bytes]:
 
 
 def connect_cluster(local_pool: Pool, scheduler: str, certificates: Path | None) -> ClusterPool:
-    """Make a pool on the cluster of a scheduler; reads the versions on this computer, which takes a second.
+    """Make a pool on a cluster. Takes a second, because it reads the versions on this computer.
 
     Parameters
     ----------
     local_pool
-        Pool of this computer, which the new one closes.
+        Pool of this computer, which the new pool closes.
     scheduler, certificates
         See `check_cluster`.
 

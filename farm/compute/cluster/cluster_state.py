@@ -14,8 +14,8 @@ class Place(StrEnum):
     """Place of new work."""
 
     CLUSTER = "cluster"
-    WAITING = "waiting"  # for a worker of the cluster
-    HERE = "here"  # because there has been none for `WORKER_TIMEOUT_S`
+    WAITING = "waiting"  # work waits for a worker of the cluster
+    HERE = "here"  # this computer, because there has been no usable worker for `WORKER_TIMEOUT_S`
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +56,7 @@ class ClusterState:
     local_count
         Number of tasks that run or wait on this computer instead.
     lost_s
-        Wall seconds since it last had a usable worker; 0 while it has one.
+        Wall seconds since the cluster last had a usable worker; 0 while it has one.
     """
 
     scheduler: str
@@ -68,7 +68,7 @@ class ClusterState:
     lost_s: float
 
     def list_problems(self) -> list[str]:
-        """Describe the problems that need a person, in sentences that stay equal while the problem lasts."""
+        """Describe the problems that need a person; each sentence stays the same while its problem lasts."""
         problems = []
         if self.place is Place.HERE:
             problems.append(
@@ -84,7 +84,7 @@ class ClusterState:
 
 
 def describe_place(place: Place, scheduler: str) -> str:
-    """Describe a change of place for the log."""
+    """Describe the new place of work for the log."""
     if place is Place.CLUSTER:
         return f"tasks run on the workers of {scheduler}"
     reason = f"no worker of {scheduler} can be used"

@@ -1,4 +1,4 @@
-"""Connection to the scheduler of a Dask cluster: its workers, and one attempt of a task on them."""
+"""Connection to the scheduler of a Dask cluster, which reports the workers, and runs tasks on them."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from farm.compute.cluster.security import make_security
 log = logging.getLogger(__name__)
 
 _POLL_S = 1.0  # wall seconds between two checks of the workers
-_ANSWER_S = 10.0  # wall seconds within which the scheduler must answer
-_CONNECT_S = 10.0
-_STUCK_S = 20.0
+_ANSWER_TIMEOUT_S = 10.0  # wall seconds within which the scheduler must answer
+_CONNECT_TIMEOUT_S = 10.0
+_HEARTBEAT_TIMEOUT_S = 20.0
 """Wall seconds without a heartbeat after which a worker is removed; one is due every second or two."""
 
 OnMessage = Callable[[dict[str, Any]], None]
@@ -34,7 +34,7 @@ OnWorkers = Callable[[tuple[ClusterWorker, ...]], None]
 
 
 class Connection:
-    """Connection to a scheduler, made again after each loss.
+    """Connection to a scheduler, which is renewed after each loss.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class Connection:
     installation
         Versions on this computer; workers with other versions are refused.
     on_workers
-        Called every second with the workers; with an empty tuple if the scheduler does not answer.
+        Called every second with the workers, or with an empty tuple if the scheduler does not answer.
     on_message
         Called with messages of running tasks; see `dask_worker.run_task`.
 
@@ -68,8 +68,10 @@ class Connection:
         self._on_workers, self._on_message = on_workers, on_message
         self._client: Client | None = None
         self._workers: tuple[ClusterWorker, ...] = ()
-        self._attempts: dict[asyncio.Future[None], frozenset[str]] = {}  # set once all these workers are gone
-        self._heartbeats: dict[str, tuple[float, float]] = {}  # last heartbeat, and when it was first seen
+        # each future is set once all workers at these addresses are gone
+        self._attempts: dict[asyncio.Future[None], frozenset[str]] = {}
+        # by address: last heartbeat, and the time at which it was first seen
+        self._heartbeats: dict[str, tuple[float, float]] = {}
         _redirect_log()
         dask.config.set({"distributed.admin.large-graph-warning-threshold": "16 GiB"})  # models are large
 
@@ -80,7 +82,7 @@ class Connection:
             while True:
                 try:
                     await self._watch_once()
-                except OSError as error:  # a TimeoutError is one too
+                except OSError as error:  # includes TimeoutError
                     log.info("no connection to the scheduler %s: %s", self._scheduler, error)
                 self._report_workers(())
                 await self._disconnect()
@@ -94,6 +96,8 @@ class Connection:
 
         Parameters
         ----------
+        task
+            The task, whose id must be unique.
         contents
             Files to send with it, by their hash.
 
@@ -125,7 +129,7 @@ class Connection:
             raise AttemptLost(str(error)) from error
         finally:
             if not future.done():
-                with contextlib.suppress(Exception):  # without a scheduler there is nothing to cancel
+                with contextlib.suppress(Exception):  # without a scheduler, the task is gone
                     cancellation = asyncio.ensure_future(future.cancel(force=True))
                     cancellation.add_done_callback(_ignore_result)
             future.release()
@@ -154,14 +158,14 @@ class Connection:
             self._scheduler,
             security=self._security,
             asynchronous=True,
-            timeout=_CONNECT_S,
+            timeout=_CONNECT_TIMEOUT_S,
             set_as_default=False,
             name="farm",
         )
         self._client.subscribe_topic(TOPIC.format(self._client.id), self._on_event)
         log.info("connected to the scheduler %s", self._scheduler)
         while self._client.status == "running":
-            async with asyncio.timeout(_ANSWER_S):
+            async with asyncio.timeout(_ANSWER_TIMEOUT_S):
                 identity = await self._client.scheduler.identity()
             workers = list_workers(identity["workers"], self._installation)
             await self._remove_stuck_workers(identity["workers"])
@@ -176,7 +180,7 @@ class Connection:
         present_addresses = {worker.address for worker in workers}
         for loss, addresses in self._attempts.items():
             if present_addresses and present_addresses.isdisjoint(addresses) and not loss.done():
-                loss.set_result(None)  # Dask would wait for them even after they return at other addresses
+                loss.set_result(None)  # Dask would wait for them even if they return at other addresses
         self._on_workers(self._workers)
 
     async def _repeat_report(self) -> None:
@@ -186,7 +190,7 @@ class Connection:
             self._on_workers(self._workers)
 
     async def _remove_stuck_workers(self, records: dict[str, dict[str, Any]]) -> None:
-        """Remove workers without a recent heartbeat: a stopped process keeps its connection and its tasks.
+        """Remove workers without a recent heartbeat, because a stopped process keeps connection and tasks.
 
         Dask removes them after five minutes by default. Their tasks go to other workers.
         """
@@ -240,7 +244,7 @@ def list_stuck_workers(
         last_s = float(record.get("last_seen", 0.0))
         if address not in heartbeats or heartbeats[address][0] != last_s:
             heartbeats[address] = (last_s, now_s)
-    return [address for address in records if now_s - heartbeats[address][1] > _STUCK_S]
+    return [address for address in records if now_s - heartbeats[address][1] > _HEARTBEAT_TIMEOUT_S]
 
 
 def _redirect_log() -> None:

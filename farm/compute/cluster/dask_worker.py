@@ -11,7 +11,7 @@ from farm.compute.cluster.remote_task import RemoteAnswer, RemoteTask
 from farm.compute.cluster.task_executor import TaskExecutor
 
 RESOURCE = "farm"
-"""Dask resource; each task uses one unit of it, so that workers without it get no tasks of a farm."""
+"""Dask resource of which each task uses one unit, so that workers without it get no tasks of a farm."""
 TOPIC = "farm-{}"
 """Topic of the messages about the tasks of a client: the host of each task, and its live files."""
 _WATCH_S = 0.2  # wall seconds between two checks that the result of a task is still needed
@@ -62,10 +62,10 @@ class FarmWorker(Worker):  # type: ignore[misc]
 
 
 async def run_task(task: RemoteTask, contents: dict[str, bytes], client: str) -> RemoteAnswer:
-    """Run a task on the worker that Dask chose; stop it when nothing needs its result.
+    """Run a task on the worker that Dask chose; stop it when its result is no longer needed.
 
-    Nothing needs it once the task is cancelled, or its client or the scheduler is gone. Dask lets a coroutine
-    continue in these cases.
+    The result is no longer needed once the task is cancelled, or once its client or the scheduler is gone.
+    Dask lets a coroutine continue in these cases.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Cache of files by their SHA-256, in a folder of limited size: the most recently used files are kept."""
+"""Cache of files by their SHA-256 in a folder of limited size, which keeps the most recently used files."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ class FileCache:
     Parameters
     ----------
     folder
-        Its folder, which is created.
+        Folder of the cache, which is created.
     max_bytes
-        Limit on the total size of the kept files that no task uses.
+        Limit on the total size; files that tasks use are kept even above it.
     """
 
     def __init__(self, folder: Path, max_bytes: int = CACHE_BYTES) -> None:
         self._folder, self._max_bytes = folder, max_bytes
-        self._use_counts: Counter[str] = Counter()  # files in use, by the number of tasks
+        self._use_counts: Counter[str] = Counter()  # number of tasks that use each file
         folder.mkdir(parents=True, exist_ok=True)
-        for partial in folder.glob(".*"):  # left by a process that was killed while it wrote
+        for partial in folder.glob(".*"):  # files of a process that was killed while it wrote them
             partial.unlink()
 
     def make_path(self, sha256: str) -> Path:
@@ -61,12 +61,12 @@ class FileCache:
             raise
 
     def list_missing_files(self, names: Iterable[str]) -> tuple[str, ...]:
-        """Return the files that are not in the cache, each once."""
+        """Return the names of the files that are not in the cache, without duplicates."""
         return tuple(dict.fromkeys(name for name in names if not self.make_path(name).exists()))
 
     @contextmanager
     def use(self, names: Iterable[str]) -> Iterator[None]:
-        """Protect files from removal while a task uses them, even before they are stored; then trim."""
+        """Keep files while a task uses them, even before they are stored; then trim the cache."""
         used_names = set(names)
         self._use_counts.update(used_names)
         try:
@@ -85,8 +85,8 @@ class FileCache:
             for entry in entries:
                 if not entry.name.startswith("."):
                     with suppress(FileNotFoundError):
-                        facts = entry.stat()
-                        files.append((facts.st_mtime_ns, entry.name, facts.st_size))
+                        status = entry.stat()
+                        files.append((status.st_mtime_ns, entry.name, status.st_size))
         excess_bytes = sum(size_bytes for _, _, size_bytes in files) - self._max_bytes
         for _, name, size_bytes in sorted(files):
             if excess_bytes <= 0:

@@ -1,4 +1,4 @@
-"""Installation: the versions on which the bytes of parts and slices depend, compared between computers."""
+"""Versions on which the bytes of parts and slices depend, compared between the computers of a cluster."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from slicing.settings import find_engine, find_resources
 _LIBRARIES = ("numpy", "scipy", "numba", "manifold3d", "pymeshfix", "scikit-learn", "shapely", "trimesh")
 _PACKAGES = ("farm", "drivers", "decompose", "slicing")
 _PYTHON = f"Python {sys.version_info.major}.{sys.version_info.minor}"
-_DIGITS = 12  # number of hexadecimal digits of a hash
+_HASH_DIGITS = 12  # number of hexadecimal digits of a hash
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,7 @@ class Installation:
 
     @classmethod
     def from_record(cls, record: dict[str, str]) -> Self:
-        """Read a record that `as_record` made, which may come from another version of farm."""
+        """Build an installation from a record of `as_record`, possibly of another version of farm."""
         return cls(**{name: str(record.get(name, "?")) for name in cls.__dataclass_fields__})
 
     def as_record(self) -> dict[str, str]:
@@ -63,7 +63,7 @@ class Installation:
         return None
 
     def pair_paths(self, host_installation: Installation) -> list[tuple[str, str]]:
-        """Pair the paths of this installation with those of another, where both have them."""
+        """Pair the paths of this installation with those of another; leave out paths that either lacks."""
         names = ("engine_path", "resources_path", "materials_path")
         pairs = [(getattr(self, name), getattr(host_installation, name)) for name in names]
         return [pair for pair in pairs if all(pair)]
@@ -103,7 +103,7 @@ def _hash_files(files: Iterable[Path], roots: list[Path]) -> str:
         root = next(root for root in reversed(roots) if file.is_relative_to(root))
         digest.update(f"{file.relative_to(root)}\0".encode())
         digest.update(hashlib.sha256(file.read_bytes()).digest())
-    return digest.hexdigest()[:_DIGITS]
+    return digest.hexdigest()[:_HASH_DIGITS]
 
 
 def _find_version(name: str) -> str:
@@ -114,6 +114,6 @@ def _find_version(name: str) -> str:
 
 
 def _find_differing_entries(own: str, expected: str) -> tuple[str, str]:
-    """Return the entries of two lists of versions that differ."""
+    """Return the entries that differ between two lists of versions."""
     pairs = [(a, b) for a, b in zip(own.split(", "), expected.split(", "), strict=False) if a != b]
     return (", ".join(a for a, _ in pairs), ", ".join(b for _, b in pairs)) if pairs else (own, expected)

@@ -12,7 +12,7 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class Relocation:
-    """Pairs of paths: a path at or below the first is moved to the second; the longest match counts."""
+    """Pairs of paths. A path at or below the first is moved to the second; the longest match is used."""
 
     pairs: tuple[tuple[str, str], ...] = ()
 
@@ -27,7 +27,7 @@ class Relocation:
         return Relocation.from_pairs((target, source) for source, target in self.pairs)
 
     def move(self, path: str) -> str:
-        """Return a path moved by the pair that matches it; without a match, the same path."""
+        """Return a path moved by the pair that matches it, or unchanged if no pair does."""
         for source, target in self.pairs:
             if path == source:
                 return target

@@ -52,7 +52,7 @@ class RemoteTask:
     live: tuple[str, ...] = ()
 
     def list_hashes(self) -> tuple[str, ...]:
-        """Return the hashes of the files that it reads."""
+        """Return the hashes of the files that the task reads."""
         return tuple(file.sha256 for file in self.reads)
 
 
@@ -71,7 +71,7 @@ class RemoteAnswer:
     error
         Exception of the work; None if it succeeded.
     mismatch
-        Reason why this worker could not run the task, though another may; None if it could.
+        Reason why this worker could not run the task, although another may; None if it could.
     files
         The files that the task wrote, by their paths on the submitting computer.
     """
@@ -102,7 +102,7 @@ def write_files(task: RemoteTask, files: dict[str, bytes]) -> None:
     ValueError
         If the worker names a file that the task does not write.
     OSError
-        If one of them cannot be written.
+        If a file cannot be written.
     """
     for name, content in files.items():
         path = Path(name)

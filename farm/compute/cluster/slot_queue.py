@@ -1,4 +1,4 @@
-"""Queue of tasks for the slots of a cluster: urgent ones first, then groups with the fewest running tasks."""
+"""Queue of tasks for the slots of a cluster: urgent tasks first, then groups with few running tasks."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _WaitingTask:
-    """Task that waits for a slot; the result of `turn` is whether it gets one."""
+    """Task that waits for a slot; `grant` results in True if it gets one."""
 
     group: Hashable
     urgent: bool
-    turn: asyncio.Future[bool]
+    grant: asyncio.Future[bool]
 
 
 class SlotQueue:
@@ -23,7 +23,7 @@ class SlotQueue:
 
     def __init__(self) -> None:
         self._slots = 0
-        self._is_closed = False  # while True no task waits, because there is no cluster
+        self._is_closed = False  # while True, no task waits, because there is no cluster
         self._waiting: list[_WaitingTask] = []
         self._running: Counter[Hashable] = Counter()
 
@@ -33,27 +33,27 @@ class SlotQueue:
         return len(self._waiting)
 
     @property
-    def has_free(self) -> bool:
+    def has_free_slot(self) -> bool:
         """True if a slot is free."""
         return self._running.total() < self._slots
 
     def update(self, slots: int, is_closed: bool) -> None:
-        """Set the number of slots; with `is_closed`, no task waits for one any longer."""
+        """Set the number of slots; with `is_closed`, refuse a slot to all waiting tasks."""
         self._slots, self._is_closed = slots, is_closed
         self._assign_slots()
 
     @asynccontextmanager
     async def take(self, group: Hashable, urgent: bool) -> AsyncIterator[bool]:
-        """Wait for a slot, and hold it for the block. Yields False if the queue was closed instead."""
+        """Wait for a slot, and hold it for the block. Yields False without a slot if the queue is closed."""
         task = _WaitingTask(group, urgent, asyncio.get_running_loop().create_future())
         self._waiting.append(task)
         self._assign_slots()
         try:
-            has_slot = await task.turn
+            has_slot = await task.grant
         except asyncio.CancelledError:
             if task in self._waiting:
                 self._waiting.remove(task)
-            elif not task.turn.cancelled() and task.turn.result():  # cancelled just when its turn came
+            elif not task.grant.cancelled() and task.grant.result():  # cancelled just as it got a slot
                 self._release_slot(group)
             raise
         if not has_slot:
@@ -69,12 +69,12 @@ class SlotQueue:
         self._assign_slots()
 
     def _assign_slots(self) -> None:
-        """Give free slots to the tasks that are served first."""
+        """Grant free slots to waiting tasks in their order; if the queue is closed, refuse them."""
         while self._waiting and (self._is_closed or self._running.total() < self._slots):
             first = min(self._waiting, key=lambda task: (not task.urgent, self._running[task.group]))
             self._waiting.remove(first)
-            if first.turn.done():  # its task was cancelled
+            if first.grant.done():  # its task was cancelled
                 continue
             if not self._is_closed:
                 self._running[first.group] += 1
-            first.turn.set_result(not self._is_closed)
+            first.grant.set_result(not self._is_closed)

@@ -1,4 +1,4 @@
-"""Execution of a task on a worker of a cluster: places its files, and runs its work in a process."""
+"""Execution of a task on a worker of a cluster: its files are placed, and its work runs in a process."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from slicing.cache import trim_cache
 log = logging.getLogger(__name__)
 
 _POLL_S = 0.5  # wall seconds between two readings of a live file
-OnLive = Callable[[str, bytes], None]
+OnLiveFile = Callable[[str, bytes], None]
 
 
 class TaskExecutor:
@@ -40,17 +40,19 @@ class TaskExecutor:
         self.host, self.installation = host, installation
         self._folder, self._pool = folder, pool
         self._files = FileCache(folder / "files")
-        self._tasks = folder / "tasks"
-        shutil.rmtree(self._tasks, ignore_errors=True)
-        self._tasks.mkdir()
+        self._task_folder = folder / "tasks"
+        shutil.rmtree(self._task_folder, ignore_errors=True)
+        self._task_folder.mkdir()
 
     async def execute(
-        self, task: RemoteTask, contents: Mapping[str, bytes], on_live: OnLive = lambda *_: None
+        self, task: RemoteTask, contents: Mapping[str, bytes], on_live: OnLiveFile = lambda *_: None
     ) -> RemoteAnswer:
         """Run a task. Cancelling the call ends the process of the task, and the engine that it runs.
 
         Parameters
         ----------
+        task
+            The task, with the paths of the submitting computer.
         contents
             Files that were sent with the task, by their hash.
         on_live
@@ -68,7 +70,7 @@ class TaskExecutor:
             missing_files = self._files.list_missing_files(task.list_hashes())
             if missing_files:
                 return RemoteAnswer(self.host, missing=missing_files)
-            folder = self._tasks / task.id
+            folder = self._task_folder / task.id
             try:
                 folder.mkdir()
                 return await self._run_task(task, self._place_files(task, folder), on_live)
@@ -101,7 +103,7 @@ class TaskExecutor:
             pairs.append((name, cache))
         return Relocation.from_pairs(pairs)
 
-    async def _run_task(self, task: RemoteTask, relocation: Relocation, on_live: OnLive) -> RemoteAnswer:
+    async def _run_task(self, task: RemoteTask, relocation: Relocation, on_live: OnLiveFile) -> RemoteAnswer:
         watch_task = asyncio.get_running_loop().create_task(_watch_files(task.live, relocation, on_live))
         try:
             result = await self._pool.run(run_relocated, task.call, relocation, limit=task.limit)
@@ -126,7 +128,7 @@ def _collect_files(task: RemoteTask, relocation: Relocation) -> Iterator[tuple[s
                 yield f"{name}/{path.relative_to(folder)}", path.read_bytes()
 
 
-async def _watch_files(live: tuple[str, ...], relocation: Relocation, on_live: OnLive) -> None:
+async def _watch_files(live: tuple[str, ...], relocation: Relocation, on_live: OnLiveFile) -> None:
     """Report live files whenever they change."""
     last_contents: dict[str, bytes] = {}
     while live:

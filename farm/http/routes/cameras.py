@@ -22,7 +22,7 @@ def make_camera_routes(services: Services) -> APIRouter:
             503: {"description": "The camera sends no still.", "model": api.Problem},
         },
     )
-    async def camera(name: str) -> Response:
+    async def send_still(name: str) -> Response:
         image = await services.fetch_still(name)
         return Response(image.content, media_type=image.media_type, headers={"cache-control": "no-store"})
 

@@ -37,7 +37,7 @@ def make_event_routes(services: Services) -> APIRouter:
         response_class=StreamingResponse,
         responses=_ANSWERS,
     )
-    async def events(
+    async def send_events(
         request: Request,
         by: CallerName,
         since: Annotated[int, Query(ge=0, le=_MAX_NUMBER)] | None = None,

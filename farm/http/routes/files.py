@@ -19,17 +19,17 @@ _CONTENT = {"content": {"application/octet-stream": {"schema": {"type": "string"
 
 
 def make_file_routes(services: Services) -> APIRouter:
-    """Return the routes of files. A name is looked up among the job's files, and never used as a path."""
+    """Return the routes of files. A name is looked up among the job's files; it is never used as a path."""
     router, controller = APIRouter(), services.controller
 
     @router.get("/jobs/{number}/files")
-    async def files(number: int) -> api.JobFiles:
+    async def list_files(number: int) -> api.JobFiles:
         names = name_stored_files(controller.books, number)
         rows = await asyncio.to_thread(_measure_files, services.state.files, names)
         return api.JobFiles(job=number, files=rows)
 
     @router.get("/jobs/{number}/files/{name}", response_class=FileResponse, responses={200: _CONTENT})
-    async def file(number: int, name: str) -> FileResponse:
+    async def send_file(number: int, name: str) -> FileResponse:
         path = await find_stored_file(services, number, name)
         return FileResponse(path, media_type="application/octet-stream", filename=name)
 

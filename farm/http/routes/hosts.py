@@ -16,7 +16,7 @@ def make_host_routes(services: Services) -> APIRouter:
     router = APIRouter()
 
     @router.get("/hosts")
-    async def hosts() -> api.HostList:
+    async def show_hosts() -> api.HostList:
         context = services.controller.build_view_context(services.state)
         records = [] if services.hosts is None else services.hosts.records
         return api.HostList(

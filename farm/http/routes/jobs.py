@@ -19,7 +19,7 @@ def make_job_routes(services: Services, jobs: JobCommands, dry_runs: DryRuns) ->
     router, controller = APIRouter(), services.controller
 
     @router.get("/jobs/{number}")
-    async def job(number: int) -> api.JobStatus:
+    async def show_job(number: int) -> api.JobStatus:
         dry_runs.keep(number, time.monotonic())
         context = controller.build_view_context(services.state)
         return api.JobStatus(
@@ -27,44 +27,44 @@ def make_job_routes(services: Services, jobs: JobCommands, dry_runs: DryRuns) ->
         )
 
     @router.get("/jobs/{number}/timeline")
-    async def timeline(number: int) -> api.Timeline:
+    async def show_timeline(number: int) -> api.Timeline:
         context = controller.build_view_context(services.state)
         return describe_timeline(context, number, controller.situations.build_for_forecast())
 
     @router.post("/jobs/{number}/approve")
-    async def approve(number: int, request: api.ApproveRequest, by: OperatorName) -> None:
+    async def approve_job(number: int, request: api.ApproveRequest, by: OperatorName) -> None:
         await jobs.approve(number, request.plan, services.state, by)
 
     @router.post("/jobs/{number}/assembled")
     async def record_assembly(number: int, request: api.AssembledRequest, by: CallerName) -> api.JobStatus:
         jobs.record_assembly(number, request.minutes, by)
-        return await job(number)
+        return await show_job(number)
 
     @router.get("/queue")
-    async def queue() -> api.Queue:
+    async def show_queue() -> api.Queue:
         return describe_queue(controller.build_view_context(services.state))
 
     @router.post("/jobs/{number}/move")
-    async def move(number: int, request: api.QueueMove, by: OperatorName) -> api.Queue:
+    async def move_job(number: int, request: api.QueueMove, by: OperatorName) -> api.Queue:
         jobs.move(number, request, by)
-        return await queue()
+        return await show_queue()
 
     @router.post("/jobs/{number}/start")
-    async def reschedule(number: int, request: api.JobStart, by: OperatorName) -> api.JobStatus:
+    async def reschedule_job(number: int, request: api.JobStart, by: OperatorName) -> api.JobStatus:
         jobs.reschedule(number, request.at, by)
-        return await job(number)
+        return await show_job(number)
 
     @router.post("/jobs/{number}/cancel")
-    async def cancel(number: int, by: CallerName) -> api.JobStatus:
+    async def cancel_job(number: int, by: CallerName) -> api.JobStatus:
         jobs.cancel(number, by)
-        return await job(number)
+        return await show_job(number)
 
     @router.post("/jobs/{number}/pause")
-    async def pause(number: int, by: CallerName) -> None:
+    async def pause_job(number: int, by: CallerName) -> None:
         jobs.pause(number, True, by)
 
     @router.post("/jobs/{number}/resume")
-    async def resume(number: int, by: CallerName) -> None:
+    async def resume_job(number: int, by: CallerName) -> None:
         jobs.pause(number, False, by)
 
     return router

@@ -25,11 +25,11 @@ def make_printer_routes(services: Services, printers: PrinterCommands, parts: Pa
         return api.Reel(**reel.model_dump(exclude={"uncertain"}))
 
     @router.post("/printers/{name}/pause")
-    async def pause(name: str, by: CallerName) -> None:
+    async def pause_printer(name: str, by: CallerName) -> None:
         printers.pause(name, True, by)
 
     @router.post("/printers/{name}/resume")
-    async def resume(name: str, by: CallerName) -> None:
+    async def resume_printer(name: str, by: CallerName) -> None:
         printers.pause(name, False, by)
 
     @router.post("/printers/{name}/fail")

@@ -33,15 +33,15 @@ def make_status_routes(services: Services) -> APIRouter:
     router, controller = APIRouter(), services.controller
 
     @router.get("/status")
-    async def status() -> api.Status:
+    async def show_status() -> api.Status:
         return describe_farm(services)
 
     @router.get("/status/summary")
-    async def status_summary() -> api.StatusSummary:
+    async def show_status_summary() -> api.StatusSummary:
         return summarise_farm(services)
 
     @router.get("/names")
-    async def names() -> api.Names:
+    async def list_names() -> api.Names:
         return api.Names(
             printers=list(controller.fleet.names),
             jobs=[
@@ -64,11 +64,11 @@ def make_status_routes(services: Services) -> APIRouter:
 
 
 def make_list_routes(services: Services) -> APIRouter:
-    """Return the routes that list jobs and prints, ended ones included."""
+    """Return the routes that list jobs and prints, including ended ones."""
     router, controller = APIRouter(), services.controller
 
     @router.get("/history")
-    async def history(
+    async def show_history(
         job: int | None = None,
         printer: str | None = None,
         last: Annotated[int, Query(ge=1, le=100_000)] = 100,
@@ -83,7 +83,7 @@ def make_list_routes(services: Services) -> APIRouter:
         return api.History(now=now, prints=prints, speeds=list_speeds(context, prints))
 
     @router.get("/prints")
-    async def prints(
+    async def show_prints(
         job: int | None = None,
         printer: str | None = None,
         state: PrintState | None = None,
@@ -96,7 +96,7 @@ def make_list_routes(services: Services) -> APIRouter:
         )
 
     @router.get("/jobs")
-    async def jobs(
+    async def show_jobs(
         state: JobState | None = None, last: Annotated[int, Query(ge=1, le=100_000)] = 100
     ) -> api.Jobs:
         context = controller.build_view_context(services.state)

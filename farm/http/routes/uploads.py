@@ -25,7 +25,7 @@ def make_upload_routes(services: Services, jobs: JobCommands) -> APIRouter:
     router, uploads = APIRouter(), services.uploads
 
     @router.post("/jobs", response_model_exclude_defaults=True, openapi_extra={"requestBody": _MODEL_BODY})
-    async def submit(
+    async def submit_model(
         request: Request,
         request_id: Annotated[str, Query(min_length=8, max_length=64)],
         name: Annotated[str, Query(min_length=1, max_length=200)],
@@ -50,7 +50,7 @@ def make_upload_routes(services: Services, jobs: JobCommands) -> APIRouter:
         )
 
     @router.get("/uploads/{request_id}")
-    async def upload(request_id: str) -> api.UploadView:
+    async def show_upload(request_id: str) -> api.UploadView:
         return uploads.describe(request_id)
 
     return router

@@ -147,7 +147,7 @@ def _book_gcode(
         ),
         grams=grams,
         filament_mm=accepted_gcode.filament_mm,
-        price=section.price(grams),
+        price=section.compute_price(grams),
         layers=accepted_gcode.layers,
         min_mm=requirements.min_mm,
         max_mm=requirements.max_mm,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from farm.compute import CHECKING, Deferred, Limit, TaskFiles, read_process_bytes
+from farm.compute import CHECKING_LIMIT, Deferred, Limit, TaskFiles, read_process_bytes
 from farm.compute.cluster import connect_cluster
 from farm.planning.error_translation import translate_errors
 from farm.planning.local.decompose_file import DecomposeRequest, prepare_output_folder
@@ -37,14 +37,14 @@ class _LocalPool:
     """Pool that runs work in this process, once the cluster is abandoned."""
 
     start_step = None
-    has_idle = True
+    has_idle_worker = True
 
     def __init__(self, on_notice: Callable[[str], None]) -> None:
         self.memory_bytes = read_process_bytes()
         self._on_notice = on_notice
 
     async def run(
-        self, work: Callable[..., T], *args: object, limit: Limit = CHECKING, group: Hashable = None
+        self, work: Callable[..., T], *args: object, limit: Limit = CHECKING_LIMIT, group: Hashable = None
     ) -> T:
         """Run a function in this process, with a notice."""
         self._on_notice("no worker of the cluster can be used: computing on this host")

@@ -136,7 +136,7 @@ def _move_plate(plate: Plate, section: PrinterSection, time_factors: TimeFactors
             "printer": section.name,
             "time_factor": time_factors.compute_factor(plate.feature_shares),
             "expected_s": plate.compute_expected_s(time_factors),
-            "price": section.price(plate.grams),
+            "price": section.compute_price(plate.grams),
         }
     )
 

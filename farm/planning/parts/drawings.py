@@ -7,7 +7,7 @@ from itertools import pairwise
 from math import sqrt
 from pathlib import Path
 
-from farm.compute import DRAWING, PoolShare
+from farm.compute import DRAWING_LIMIT, PoolShare
 from farm.planning.plan import DecomposedJob, DecomposeTask
 from farm.planning.tasks import draw_job, draw_overview, draw_some_steps
 
@@ -53,13 +53,13 @@ async def draw_side_by_side(workers: PoolShare, task: DecomposeTask, decomposed_
     record, folder = decomposed_job.drawing_record, task.folder
     ranges = split_steps(decomposed_job.steps)
     if not ranges:
-        await workers.run(draw_job, task, record, limit=DRAWING)
+        await workers.run(draw_job, task, record, limit=DRAWING_LIMIT)
         return
     overview = folder / "overview.png"
     files = [folder / f"steps-{first}.pickle" for first, _ in ranges]
-    shares = [asyncio.ensure_future(workers.run(draw_overview, record, overview, limit=DRAWING))]
+    shares = [asyncio.ensure_future(workers.run(draw_overview, record, overview, limit=DRAWING_LIMIT))]
     for (first, end), file in zip(ranges, files, strict=True):
-        share = workers.run(draw_some_steps, record, first, end, file, limit=DRAWING)
+        share = workers.run(draw_some_steps, record, first, end, file, limit=DRAWING_LIMIT)
         shares.append(asyncio.ensure_future(share))
     try:
         await asyncio.gather(*shares)
@@ -67,7 +67,7 @@ async def draw_side_by_side(workers: PoolShare, task: DecomposeTask, decomposed_
         for drawing in shares:
             drawing.cancel()
         await asyncio.gather(*shares, return_exceptions=True)  # until their workers have ended
-    await workers.run(draw_job, task, record, overview, tuple(files), limit=DRAWING)
+    await workers.run(draw_job, task, record, overview, tuple(files), limit=DRAWING_LIMIT)
 
 
 def split_steps(steps: int) -> list[tuple[int, int]]:

@@ -6,7 +6,7 @@ import asyncio
 import logging
 from pathlib import Path
 
-from farm.compute import DECOMPOSING, PoolShare
+from farm.compute import DECOMPOSING_LIMIT, PoolShare
 from farm.errors import ErrorCode, FarmError
 from farm.planning.decompose_progress import DecomposeProgress, ProgressRate, read_progress
 from farm.planning.plan import DecomposedJob, DecomposeTask, PausedJob
@@ -35,7 +35,7 @@ class SearchRounds:
     async def run(self) -> DecomposedJob:
         """Search for parts. Raises FarmError; see `decompose_job`."""
         answer: DecomposedJob | PausedJob = await self._workers.run(
-            decompose_job, self._task, limit=DECOMPOSING
+            decompose_job, self._task, limit=DECOMPOSING_LIMIT
         )
         while isinstance(answer, PausedJob):
             outcomes = await self._make_attempts(answer)
@@ -48,14 +48,16 @@ class SearchRounds:
         """Continue the search after a round; beyond a limit, end it with the best result so far."""
         answer: DecomposedJob | PausedJob
         try:
-            answer = await self._workers.run(continue_job, self._task, record, outcomes, limit=DECOMPOSING)
+            answer = await self._workers.run(
+                continue_job, self._task, record, outcomes, limit=DECOMPOSING_LIMIT
+            )
         except FarmError as error:
             if error.code is not ErrorCode.LIMIT:
                 raise
             self._log_warning("the search for parts ends early", error)
             reason = f"not started: {error}"
             answer = await self._workers.run(
-                continue_job, self._task, record, outcomes, reason, limit=DECOMPOSING
+                continue_job, self._task, record, outcomes, reason, limit=DECOMPOSING_LIMIT
             )
         return answer
 
@@ -96,7 +98,7 @@ class SearchRounds:
         """Make an attempt; return the file of its outcome, or the limit that it exceeded."""
         try:
             outcome: Path = await self._workers.run(
-                try_grid, self._task, record, number, folder, limit=DECOMPOSING
+                try_grid, self._task, record, number, folder, limit=DECOMPOSING_LIMIT
             )
         except FarmError as error:
             if error.code is not ErrorCode.LIMIT:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from farm.views.charts.axis import Mark, TimeAxis
+from farm.views.charts.axis import TimeAxis, TimeMark
 from farm.views.charts.gantt import (
     KINDS,
     Bar,
@@ -19,9 +19,9 @@ __all__ = [
     "KINDS",
     "Bar",
     "Gantt",
-    "Mark",
     "TemperatureChart",
     "TimeAxis",
+    "TimeMark",
     "lay_out_gantt",
     "lay_out_temperatures",
     "list_bars",

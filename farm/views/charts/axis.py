@@ -1,4 +1,4 @@
-"""Time axis of a chart: positions of times, and round times as marks. Pure."""
+"""Time axis of a chart, with positions of times, and marks at round times. Pure."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ _MIN_SPAN_S = 60.0
 
 
 @dataclass(frozen=True, slots=True)
-class Mark:
-    """Time mark at `x`, with the time as ISO 8601 and as short text."""
+class TimeMark:
+    """Mark at `x` px, with its time as ISO 8601 and as short text."""
 
     x: float
     at: str
@@ -21,7 +21,7 @@ class Mark:
 
 @dataclass(frozen=True, slots=True)
 class TimeAxis:
-    """Horizontal axis from `begin_s` to `end_s`, seconds since the epoch, at `left` to `left + width` px."""
+    """Axis from `begin_s` to `end_s` (seconds since the epoch), drawn from `left` to `left + width` px."""
 
     begin_s: float
     end_s: float
@@ -29,20 +29,20 @@ class TimeAxis:
     width: float
     zone: tzinfo
 
-    def x(self, at_s: float) -> float:
-        """Return the position of a time; times outside of the axis are at its ends."""
+    def compute_x(self, at_s: float) -> float:
+        """Compute the position of a time in px; times outside the axis are placed at its ends."""
         span_s = max(_MIN_SPAN_S, self.end_s - self.begin_s)
         return self.left + self.width * min(1.0, max(0.0, (at_s - self.begin_s) / span_s))
 
-    def list_marks(self, max_marks: int = 10) -> list[Mark]:
-        """List round times of the zone on the axis; the first and those at midnight have their weekday."""
+    def list_marks(self, max_marks: int = 10) -> list[TimeMark]:
+        """List round times of the zone on the axis; the first and those at midnight show their weekday."""
         marks, has_day = [], False
         for moment in self.list_times(max_marks):
             shows_day = not has_day or (moment.hour, moment.minute) == (0, 0)
             has_day = True
             marks.append(
-                Mark(
-                    self.x(moment.timestamp()),
+                TimeMark(
+                    self.compute_x(moment.timestamp()),
                     moment.isoformat("T", "seconds"),
                     f"{moment:%a %H:%M}" if shows_day else f"{moment:%H:%M}",
                 )
@@ -50,14 +50,14 @@ class TimeAxis:
         return marks
 
     def list_times(self, max_times: int) -> Iterator[datetime]:
-        """List round times of the zone on the axis, oldest first; about as many as `max_times` at most."""
+        """Yield round times of the zone on the axis, oldest first; at most about `max_times`."""
         span_s = max(_MIN_SPAN_S, self.end_s - self.begin_s)
         step_s = next((step for step in _STEPS_S if span_s / step <= max_times), _STEPS_S[-1])
         step = timedelta(seconds=step_s)
         day = datetime.fromtimestamp(self.begin_s, self.zone).replace(
             hour=0, minute=0, second=0, microsecond=0
         )
-        moment = day  # the local clock: steps of wall time, even across a change to daylight saving
+        moment = day  # local time, so that marks stay at round times across a change to daylight saving time
         while moment.timestamp() <= self.end_s:
             if moment.timestamp() >= self.begin_s:
                 yield moment

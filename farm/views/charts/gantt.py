@@ -11,20 +11,15 @@ from importlib.resources import files
 from farm import api
 from farm.model import PrintState, TextTime, Verdict
 from farm.text import format_moment
-from farm.views.charts.axis import Mark, TimeAxis
+from farm.views.charts.axis import TimeAxis, TimeMark
 
-_WIDTH, _ROW, _LEFT, _RIGHT, _TOP = (
-    1040,
-    22,
-    150,
-    36,
-    24,
-)  # px; a time label needs half its width at the right
-_TICKS = 8  # approximate number of time marks
+# lengths in px; a time label needs half its width at the right
+_WIDTH, _ROW_HEIGHT, _LEFT, _RIGHT, _TOP = 1040, 22, 150, 36, 24
+_MAX_MARKS = 8  # approximate number of time marks
 _OTHER_JOB = "another job"
-EXPECTED = "expected"
+EXPECTED_KIND = "expected"
 
-KINDS = ("good", "printed", "bad", "failed", "cancelled", "printing", EXPECTED, _OTHER_JOB)
+KINDS = ("good", "printed", "bad", "failed", "cancelled", "printing", EXPECTED_KIND, _OTHER_JOB)
 """Kinds of bars; `static/palette.css` has their colours."""
 
 
@@ -36,7 +31,7 @@ def load_palette() -> str:
 
 @dataclass(frozen=True, slots=True)
 class Bar:
-    """Print in the Gantt chart.
+    """Print as a bar of the Gantt chart.
 
     Attributes
     ----------
@@ -45,7 +40,7 @@ class Bar:
     text
         Tooltip.
     time
-        Time in the text of the tooltip; None if it contains none.
+        Time that the tooltip contains; None if there is none.
     """
 
     printer: str
@@ -59,7 +54,7 @@ class Bar:
 
 @dataclass(frozen=True, slots=True)
 class Box:
-    """Bar with its position in the chart; lengths in px."""
+    """Position of a bar in the chart; lengths in px."""
 
     bar: Bar
     x: float
@@ -68,7 +63,7 @@ class Box:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """Row of a printer, at y px."""
+    """Row of a printer, at `y` px."""
 
     printer: str
     y: int
@@ -88,13 +83,13 @@ class Gantt:
     """
 
     height: int
-    marks: tuple[Mark, ...]
+    marks: tuple[TimeMark, ...]
     rows: tuple[Row, ...]
     key: tuple[str, ...]
     width: int = _WIDTH
     names_width: int = _LEFT - 40
     top: int = _TOP
-    bar_height: int = _ROW - 5
+    bar_height: int = _ROW_HEIGHT - 5
 
 
 def name_outcome(state: PrintState, verdict: Verdict | None) -> str:
@@ -105,7 +100,7 @@ def name_outcome(state: PrintState, verdict: Verdict | None) -> str:
 
 
 def list_bars(job: api.JobView, history: Sequence[api.HistoryRow], now: datetime) -> list[Bar]:
-    """List every print of a job, and the prints of other jobs in the same time span."""
+    """List the prints of a job, and the prints of other jobs in the same time span."""
     job_bars = []
     for attempt in job.prints:
         if attempt.started is None:
@@ -137,14 +132,14 @@ def list_expected_bars(slots: Sequence[api.SlotView], now: datetime) -> list[Bar
         if end > now:
             parts = " ".join(slot.parts)
             time = TextTime(text=format_moment(end, now), at=slot.ends)
-            text = f"{parts} on {slot.printer}: {EXPECTED} to end {time.text}"
+            text = f"{parts} on {slot.printer}: {EXPECTED_KIND} to end {time.text}"
             label = slot.parts[0].rpartition("/")[2].removeprefix("p") if start >= now else ""
-            bars.append(Bar(slot.printer, max(start, now), end, EXPECTED, label, text, time))
+            bars.append(Bar(slot.printer, max(start, now), end, EXPECTED_KIND, label, text, time))
     return bars
 
 
 def lay_out_gantt(bars: Sequence[Bar]) -> Gantt | None:
-    """Lay out bars over the time span of the job's own bars; None if there are none."""
+    """Lay out bars over the time span of the bars of the job; None if there are no bars."""
     if not bars:
         return None
     job_bars = [bar for bar in bars if bar.kind != _OTHER_JOB]
@@ -153,19 +148,27 @@ def lay_out_gantt(bars: Sequence[Bar]) -> Gantt | None:
     axis = TimeAxis(first.timestamp(), last.timestamp(), _LEFT, _WIDTH - _LEFT - _RIGHT, zone)
 
     def lay_out_bar(bar: Bar) -> Box:
-        x = axis.x(bar.start.timestamp())
-        return Box(bar, x, max(1.5, axis.x(bar.end.timestamp()) - x))
+        x = axis.compute_x(bar.start.timestamp())
+        return Box(bar, x, max(1.5, axis.compute_x(bar.end.timestamp()) - x))
 
     rows = tuple(
-        Row(printer, _TOP + _ROW * number, tuple(lay_out_bar(bar) for bar in bars if bar.printer == printer))
+        Row(
+            printer,
+            _TOP + _ROW_HEIGHT * number,
+            tuple(lay_out_bar(bar) for bar in bars if bar.printer == printer),
+        )
         for number, printer in enumerate(sorted({bar.printer for bar in bars}))
     )
     kinds = {bar.kind for bar in bars}
     return Gantt(
-        height=_TOP + _ROW * len(rows) + 4,
+        height=_TOP + _ROW_HEIGHT * len(rows) + 4,
         marks=tuple(
-            Mark(axis.x(moment.timestamp()), moment.isoformat("T", "seconds"), format_moment(moment, first))
-            for moment in axis.list_times(_TICKS)
+            TimeMark(
+                axis.compute_x(moment.timestamp()),
+                moment.isoformat("T", "seconds"),
+                format_moment(moment, first),
+            )
+            for moment in axis.list_times(_MAX_MARKS)
         ),
         rows=rows,
         key=tuple(kind for kind in KINDS if kind in kinds),

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from datetime import tzinfo
 
 from farm.model import Temperatures
-from farm.views.charts.axis import Mark, TimeAxis
+from farm.views.charts.axis import TimeAxis, TimeMark
 
-_WIDTH, _HEIGHT, _LEFT, _TOP, _BOTTOM = 960.0, 220.0, 64.0, 10.0, 24.0  # px
+_WIDTH, _HEIGHT, _LEFT, _TOP, _BOTTOM = 960.0, 220.0, 64.0, 10.0, 24.0  # lengths in px
 _MIN_TOP_C, _STEP_C = 100, 50
 _TABLE_ROWS = 24
-"""Approximate number of readings in the table, for readers who do not see the chart."""
+"""Approximate number of readings in the table, which is for readers who cannot see the chart."""
 
 Points = tuple[tuple[float, float], ...]
 """Vertices of one piece of a curve; x and y in px."""
@@ -20,7 +20,7 @@ Points = tuple[tuple[float, float], ...]
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """Curve of the chart, in pieces: it is interrupted while the printer does not answer."""
+    """Curve of the chart, in several pieces if the printer did not answer for a time."""
 
     name: str
     kind: str
@@ -51,7 +51,7 @@ class TemperatureChart:
     """
 
     curves: tuple[Curve, ...]
-    marks: tuple[Mark, ...]
+    marks: tuple[TimeMark, ...]
     degrees: tuple[tuple[float, int], ...]
     rows: tuple[TemperatureRow, ...]
     since: str
@@ -66,12 +66,12 @@ class TemperatureChart:
 def lay_out_temperatures(
     readings: Sequence[Temperatures], now_s: float, zone: tzinfo, format_time: Callable[[float], str]
 ) -> TemperatureChart | None:
-    """Lay out temperatures from the first reading until now; None without a reading that has a value.
+    """Lay out temperatures from the first reading until now; None if no reading has a value.
 
     Parameters
     ----------
     readings
-        Oldest first.
+        Readings, oldest first.
     now_s
         Farm time, seconds since the epoch.
     zone
@@ -90,22 +90,23 @@ def lay_out_temperatures(
         known_readings[0].at_s, max(now_s, known_readings[-1].at_s), _LEFT, _WIDTH - _LEFT - 20.0, zone
     )
 
-    def y(degrees_c: float) -> float:
+    def compute_y(degrees_c: float) -> float:
         return _TOP + (_HEIGHT - _TOP - _BOTTOM) * (1.0 - max(0.0, degrees_c) / top_c)
 
-    def draw(value: Callable[[Temperatures], int | None]) -> tuple[Points, ...]:
-        return tuple(_split(((axis.x(reading.at_s), value(reading)) for reading in readings), y))
+    def lay_out_curve(read_value: Callable[[Temperatures], int | None]) -> tuple[Points, ...]:
+        values = ((axis.compute_x(reading.at_s), read_value(reading)) for reading in readings)
+        return tuple(_split_curve(values, compute_y))
 
     step = max(1, len(known_readings) // _TABLE_ROWS)
     return TemperatureChart(
         curves=(
-            Curve("nozzle", "nozzle", draw(lambda reading: reading.nozzle_c)),
-            Curve("nozzle, target", "nozzle target", draw(lambda reading: reading.nozzle_target_c)),
-            Curve("bed", "bed", draw(lambda reading: reading.bed_c)),
-            Curve("bed, target", "bed target", draw(lambda reading: reading.bed_target_c)),
+            Curve("nozzle", "nozzle", lay_out_curve(lambda reading: reading.nozzle_c)),
+            Curve("nozzle, target", "nozzle target", lay_out_curve(lambda reading: reading.nozzle_target_c)),
+            Curve("bed", "bed", lay_out_curve(lambda reading: reading.bed_c)),
+            Curve("bed, target", "bed target", lay_out_curve(lambda reading: reading.bed_target_c)),
         ),
         marks=tuple(axis.list_marks()),
-        degrees=tuple((y(c), c) for c in range(0, top_c + 1, _STEP_C)),
+        degrees=tuple((compute_y(degrees_c), degrees_c) for degrees_c in range(0, top_c + 1, _STEP_C)),
         rows=tuple(
             TemperatureRow(
                 format_time(reading.at_s),
@@ -121,14 +122,16 @@ def lay_out_temperatures(
     )
 
 
-def _split(values: Iterable[tuple[float, int | None]], y: Callable[[float], float]) -> list[Points]:
-    """Split a curve where values are missing; points inside a horizontal stretch are left out."""
+def _split_curve(
+    values: Iterable[tuple[float, int | None]], compute_y: Callable[[float], float]
+) -> list[Points]:
+    """Split a curve where values are missing; leave out points inside a horizontal stretch."""
     pieces: list[list[tuple[float, float]]] = [[]]
     for x, value in values:
         if value is None:
             pieces.append([])
             continue
-        piece, level_y = pieces[-1], y(value)
+        piece, level_y = pieces[-1], compute_y(value)
         if len(piece) > 1 and piece[-1][1] == piece[-2][1] == level_y:
             piece.pop()
         piece.append((x, level_y))

@@ -17,20 +17,20 @@ class Figures:
     Attributes
     ----------
     name
-        Common property: a printer, a material, a month.
+        Common property of the prints: a printer, a material or a month.
     prints
         Number of prints that were started, including cancelled ones.
     good
-        Number of prints that are done, without those that a person judged bad.
+        Number of prints that are done, except those that a person judged bad.
     failed
         Number of prints that failed or were judged bad.
     used_s, wasted_s
-        Time on printers: of all prints, and of those that failed, were cancelled or are bad.
+        Printing time of all prints, and of those that failed, were cancelled or are bad.
     grams, wasted_grams
-        Filament of all prints, and of the wasted ones.
+        Filament of all prints, and of the wasted prints.
     expected_s, actual_s
-        Expected and actual time of the prints that are done without a pause. Their ratio shows the accuracy
-        of forecasts.
+        Expected and actual time of the prints that ended as done without a pause. Their ratio shows the
+        accuracy of forecasts.
     """
 
     name: str
@@ -47,17 +47,17 @@ class Figures:
 
     @property
     def success(self) -> float | None:
-        """Share of good prints among good and failed ones; None if there are none."""
+        """Share of good prints among good and failed prints; None if there are no such prints."""
         return self.good / (self.good + self.failed) if self.good + self.failed else None
 
     @property
     def deviation(self) -> float | None:
-        """Share by which prints took longer than expected; None if none is done."""
+        """Share by which prints took longer than expected; None if no print is done."""
         return self.actual_s / self.expected_s - 1 if self.expected_s else None
 
 
 def sum_figures(name: str, prints: Iterable[Print], plates: Mapping[str, Plate]) -> Figures:
-    """Add up the prints that were started and have ended.
+    """Add up the figures of the prints that were started and have ended.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def sum_figures(name: str, prints: Iterable[Print], plates: Mapping[str, Plate])
 def group_figures(
     prints: Iterable[Print], plates: Mapping[str, Plate], name: Callable[[Print], str]
 ) -> list[Figures]:
-    """Add up ended prints by group; `name` returns the group of a print."""
+    """Add up the figures of ended prints by group; `name` returns the group of a print."""
     groups: dict[str, list[Print]] = {}
     for attempt in prints:
         groups.setdefault(name(attempt), []).append(attempt)

@@ -1,4 +1,4 @@
-"""Prints of the fleet over time: ended, running, and forecast. Pure."""
+"""Ended, running and forecast prints of the fleet over time. Pure."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from farm.scheduling import Hours, Situation, forecast_prints
 from farm.views.charts import name_outcome
 from farm.views.context import ViewContext
 
-PLANNED = "planned"
+PLANNED_KIND = "planned"
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,11 +38,11 @@ class FleetPlan:
     prints: tuple[TimelinePrint, ...]
     unprintable_plates: tuple[str, ...]
 
-    def job_ends_s(self) -> dict[int, float]:
-        """Return the end of the last running or planned print of each job."""
+    def find_job_ends_s(self) -> dict[int, float]:
+        """Find the end of the last running or planned print of each job, by the job's number."""
         ends_s: dict[int, float] = {}
         for slot in self.prints:
-            if slot.kind in (PLANNED, "printing"):
+            if slot.kind in (PLANNED_KIND, "printing"):
                 ends_s[slot.job] = max(slot.ends_s, ends_s.get(slot.job, slot.ends_s))
         return ends_s
 
@@ -66,19 +66,19 @@ def plan_fleet(context: ViewContext, situation: Situation, since_s: float) -> Fl
             slot.printer,
             plates[slot.plate].job,
             plates[slot.plate].parts[0],
-            PLANNED,
+            PLANNED_KIND,
             slot.starts_s,
             slot.ends_s,
         )
         for slot in forecast.slots
     )
-    prints = [*_list_started(context, since_s), *planned_prints]
+    prints = [*_list_started_prints(context, since_s), *planned_prints]
     prints.sort(key=lambda slot: (slot.starts_s, slot.printer))
     return FleetPlan(tuple(prints), forecast.unprintable_plates)
 
 
-def _list_started(context: ViewContext, since_s: float) -> Iterator[TimelinePrint]:
-    """List the prints that have started since a time; an open print lasts until its expected end."""
+def _list_started_prints(context: ViewContext, since_s: float) -> Iterator[TimelinePrint]:
+    """Yield the prints that have not ended before a time; an open print lasts until its expected end."""
     for attempt in context.books.prints.values():
         if attempt.state.ended and (attempt.started_s is None or (attempt.ended_s or 0.0) < since_s):
             continue
@@ -98,7 +98,7 @@ def _list_started(context: ViewContext, since_s: float) -> Iterator[TimelinePrin
 def _find_end_s(context: ViewContext, attempt: Print, starts_s: float) -> float:
     if attempt.ended_s is not None:
         return max(starts_s, attempt.ended_s)
-    return context.now_s + max(60.0, context.remaining_s(attempt))
+    return context.now_s + max(60.0, context.estimate_remaining_s(attempt))
 
 
 def list_spans(hours: Hours, begin_s: float, end_s: float) -> list[tuple[float, float]]:

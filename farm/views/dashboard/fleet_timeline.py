@@ -1,4 +1,4 @@
-"""View of the fleet's timeline: a row for each printer, a bar for each print, and the hours. Pure."""
+"""View of the fleet's timeline: a row for each printer, a bar for each print, and a band for hours. Pure."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from dataclasses import dataclass
 
 from farm.scheduling import Situation
 from farm.text import format_duration
-from farm.views.charts import Mark, TimeAxis
+from farm.views.charts import TimeAxis, TimeMark
 from farm.views.context import ViewContext
-from farm.views.dashboard.fleet_plan import PLANNED, FleetPlan, TimelinePrint, list_spans, plan_fleet
+from farm.views.dashboard.fleet_plan import PLANNED_KIND, FleetPlan, TimelinePrint, list_spans, plan_fleet
 from farm.views.dashboard.what_if import Change, JobShift, try_change
-from farm.views.jobs import count_waiting
+from farm.views.jobs import count_waiting_plates
 
-_WIDTH, _ROW, _LEFT, _RIGHT, _TOP = 1200, 30, 110, 30, 44  # px
-_BAR = 22
-_CHARACTER = 7.0  # approximate width of a character, px
-_AFTER_S = 1800.0
+_WIDTH, _ROW_HEIGHT, _LEFT, _RIGHT, _TOP = 1200, 30, 110, 30, 44  # lengths in px
+_BAR_HEIGHT = 22
+_CHARACTER_WIDTH = 7.0  # approximate width of a character, px
+_MARGIN_S = 1800.0  # time before the first print and after the last print
 _MIN_SPAN_S, _MAX_SPAN_S = 6 * 3600.0, 8 * 86400.0
 SIGNS = {
     "good": "✓",
@@ -25,9 +25,9 @@ SIGNS = {
     "failed": "✗",
     "cancelled": "–",
     "printing": "▶",
-    PLANNED: "",
+    PLANNED_KIND: "",
 }
-"""Signs before the names of parts, because not all people see the colours of the states."""
+"""Signs before the names of parts, because not everybody can distinguish the colours of the states."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,7 @@ class Chart:
     """Layout of the timeline; lengths in px."""
 
     rows: tuple[Row, ...]
-    marks: tuple[Mark, ...]
+    marks: tuple[TimeMark, ...]
     attended: tuple[Band, ...]
     quiet: tuple[Band, ...]
     now_x: float
@@ -73,7 +73,7 @@ class Chart:
     width: int = _WIDTH
     left: int = _LEFT
     top: int = _TOP
-    bar_height: int = _BAR
+    bar_height: int = _BAR_HEIGHT
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +91,7 @@ class TableRow:
 
 @dataclass(frozen=True, slots=True)
 class Shift:
-    """End of a job without and with a change, as ISO 8601; None if the forecast lacks the job."""
+    """End of a job without and with a change, as ISO 8601; None if the job is not in the forecast."""
 
     job: int
     name: str
@@ -102,7 +102,7 @@ class Shift:
 
 @dataclass(frozen=True, slots=True)
 class WaitingJob:
-    """Job whose place in the queue or start a what-if change can alter."""
+    """Job whose start or place in the queue a what-if change can alter."""
 
     id: int
     name: str
@@ -115,7 +115,7 @@ class TimelineView:
     Attributes
     ----------
     past_s
-        Time from its start to now, in seconds.
+        Time from the start of the timeline to now, in seconds.
     unprintable_parts
         Parts that no printer can take.
     jobs_without_plan
@@ -152,7 +152,7 @@ def describe_fleet_timeline(
     past_s
         Time from the start of the timeline to now, in seconds.
     change
-        A what-if change to a job: the timeline shows the plan with it.
+        A what-if change to a job, with which the timeline shows the plan.
 
     Raises
     ------
@@ -171,11 +171,13 @@ def describe_fleet_timeline(
         now=context.format_time(context.now_s) or "",
         zone=context.fleet.fleet.timezone,
         past_s=past_s,
-        chart=_lay_out(context, situation, plan, since_s),
+        chart=_lay_out_chart(context, situation, plan, since_s),
         table=tuple(_make_table_row(context, slot) for slot in plan.prints),
         unprintable_parts=tuple(context.books.plates[name].parts[0] for name in plan.unprintable_plates),
         jobs_without_plan=tuple(WaitingJob(job.id, job.name) for job in jobs if not job.plates),
-        waiting=tuple(WaitingJob(job.id, job.name) for job in jobs if count_waiting(context.books, job)),
+        waiting=tuple(
+            WaitingJob(job.id, job.name) for job in jobs if count_waiting_plates(context.books, job)
+        ),
         change=change,
         shifts=tuple(
             Shift(
@@ -190,11 +192,11 @@ def describe_fleet_timeline(
     )
 
 
-def _lay_out(context: ViewContext, situation: Situation, plan: FleetPlan, since_s: float) -> Chart:
+def _lay_out_chart(context: ViewContext, situation: Situation, plan: FleetPlan, since_s: float) -> Chart:
     """Lay out a plan over its whole time, up to eight days from now."""
-    last_s = max((slot.ends_s for slot in plan.prints), default=context.now_s) + _AFTER_S
-    first_s = min((slot.starts_s for slot in plan.prints), default=context.now_s) - _AFTER_S
-    begin_s = max(since_s, min(first_s, context.now_s - _AFTER_S))
+    last_s = max((slot.ends_s for slot in plan.prints), default=context.now_s) + _MARGIN_S
+    first_s = min((slot.starts_s for slot in plan.prints), default=context.now_s) - _MARGIN_S
+    begin_s = max(since_s, min(first_s, context.now_s - _MARGIN_S))
     end_s = min(max(last_s, begin_s + _MIN_SPAN_S), context.now_s + _MAX_SPAN_S)
     axis = TimeAxis(begin_s, end_s, _LEFT, _WIDTH - _LEFT - _RIGHT, context.fleet.zone)
     rows = []
@@ -204,7 +206,7 @@ def _lay_out(context: ViewContext, situation: Situation, plan: FleetPlan, since_
         rows.append(
             Row(
                 name,
-                _TOP + _ROW * number,
+                _TOP + _ROW_HEIGHT * number,
                 tuple(_lay_out_bar(context, axis, slot) for slot in bars),
             )
         )
@@ -215,24 +217,27 @@ def _lay_out(context: ViewContext, situation: Situation, plan: FleetPlan, since_
         marks=tuple(axis.list_marks()),
         attended=_lay_out_bands(axis, list_spans(rules.attended, begin_s, end_s)),
         quiet=_lay_out_bands(axis, list_spans(rules.quiet, begin_s, end_s)),
-        now_x=axis.x(context.now_s),
-        height=_TOP + _ROW * len(rows) + 4,
+        now_x=axis.compute_x(context.now_s),
+        height=_TOP + _ROW_HEIGHT * len(rows) + 4,
         kinds=tuple((kind, sign) for kind, sign in SIGNS.items() if kind in kinds),
     )
 
 
 def _lay_out_bands(axis: TimeAxis, spans: Sequence[tuple[float, float]]) -> tuple[Band, ...]:
-    return tuple(Band(axis.x(begin_s), axis.x(end_s) - axis.x(begin_s)) for begin_s, end_s in spans)
+    return tuple(
+        Band(axis.compute_x(begin_s), axis.compute_x(end_s) - axis.compute_x(begin_s))
+        for begin_s, end_s in spans
+    )
 
 
 def _lay_out_bar(context: ViewContext, axis: TimeAxis, slot: TimelinePrint) -> Bar:
-    x = axis.x(slot.starts_s)
-    width = max(3.0, axis.x(slot.ends_s) - x - 1.0)
+    x = axis.compute_x(slot.starts_s)
+    width = max(3.0, axis.compute_x(slot.ends_s) - x - 1.0)
     label = " ".join(filter(None, (SIGNS[slot.kind], slot.part)))
-    if len(label) * _CHARACTER > width:
-        label = SIGNS[slot.kind] if width > 2 * _CHARACTER else ""
-    length = format_duration(slot.ends_s - slot.starts_s)
-    text = f"{slot.part} ({context.books.jobs[slot.job].name}) on {slot.printer}: {slot.kind}, {length}"
+    if len(label) * _CHARACTER_WIDTH > width:
+        label = SIGNS[slot.kind] if width > 2 * _CHARACTER_WIDTH else ""
+    duration = format_duration(slot.ends_s - slot.starts_s)
+    text = f"{slot.part} ({context.books.jobs[slot.job].name}) on {slot.printer}: {slot.kind}, {duration}"
     return Bar(x, width, slot.kind, label, text, slot.job)
 
 

@@ -17,7 +17,7 @@ _DAY_S = 86400.0
 
 @dataclass(frozen=True, slots=True)
 class HistoryFilter:
-    """Filter of ended prints: by the number of last days, by printer, by job; None does not filter."""
+    """Filter of ended prints by age in days, printer and job; None does not filter."""
 
     days: int | None = None
     printer: str | None = None
@@ -26,14 +26,14 @@ class HistoryFilter:
 
 @dataclass(frozen=True, slots=True)
 class JobOutcome:
-    """Job that has ended or been printed: expected and actual parallel printing time, in seconds.
+    """Job that has ended, with its expected and actual parallel printing time in seconds.
 
     Attributes
     ----------
     assembled
         Time at which a person reported that its parts are glued.
     assembly_expected_s, assembly_s
-        A person's time to glue them: expected from the steps of the assembly, and reported.
+        Time that a person needs to glue them: expected from the steps of the assembly, and reported.
     """
 
     id: int
@@ -54,7 +54,7 @@ class JobOutcome:
 
 @dataclass(frozen=True, slots=True)
 class HistoryView:
-    """Ended prints, newest first, with figures of all of them.
+    """Ended prints, newest first, with figures of all prints.
 
     Attributes
     ----------
@@ -86,7 +86,7 @@ def describe_history(context: ViewContext, history_filter: HistoryFilter, max_ro
     history_filter
         The prints to describe.
     max_rows
-        Maximum number of prints, and of jobs, that are listed; the figures count all.
+        Maximum number of listed prints, and of listed jobs; the figures include all prints.
     """
     books, zone = context.books, context.fleet.zone
     prints = select_prints(context, history_filter)

@@ -44,16 +44,16 @@ class FaultView:
 
 @dataclass(frozen=True, slots=True)
 class PrinterPage:
-    """One printer, with its history.
+    """View of one printer, with its history.
 
     Attributes
     ----------
     tasks
         Tasks for people at the printer.
     chart
-        Temperatures of the last hours; None if there are none since the daemon started.
+        Temperatures of the last hours; None if none were reported since the daemon started.
     prints, faults, upkeep
-        The last prints, faults, and events on the upkeep, newest first.
+        The last prints, faults, and events about the upkeep, newest first.
     """
 
     now: str
@@ -86,9 +86,9 @@ def describe_printer_page(
     readings
         Its temperatures, oldest first.
     upkeep
-        Events on its upkeep, newest first.
+        Events about its upkeep, newest first.
     hold, kept_for
-        As in `describe_printer`.
+        See `describe_printer`.
 
     Raises
     ------
@@ -97,7 +97,7 @@ def describe_printer_page(
     """
     if name not in context.fleet.names:
         raise NoSuchThing(f"there is no printer {name} in the fleet")
-    section = context.fleet.printer(name)
+    section = context.fleet.find_printer(name)
     prints = [attempt for attempt in context.books.prints.values() if attempt.printer == name]
     return PrinterPage(
         now=context.format_time(context.now_s) or "",

@@ -1,4 +1,4 @@
-"""Forecast with a what-if change: to the place of a job in the queue, or to its start. Pure."""
+"""Forecast with a what-if change to the start of a job or to its place in the queue. Pure."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ class Change:
     job
         Number of the job.
     moves
-        True if the job is moved in the queue: before the job `before`, or to the end if that is None.
+        True if the job is moved in the queue, before the job `before`, or to the end if `before` is None.
     not_before_s
-        New earliest start, seconds since the epoch; None to keep the present one.
+        New earliest start, in seconds since the epoch; None to keep the present one.
     """
 
     job: int
@@ -37,7 +37,7 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class JobShift:
-    """End of a job without and with the change, seconds since the epoch; None if not in the forecast."""
+    """End of a job without and with a change, in seconds since the epoch; None if not in the forecast."""
 
     job: Job
     end_s: float | None
@@ -45,12 +45,12 @@ class JobShift:
 
     @property
     def delay_s(self) -> float | None:
-        """Delay of the end by the change, in seconds; negative if it ends earlier, None if unknown."""
+        """Delay of the end due to the change, in seconds; negative if it ends earlier, None if unknown."""
         return None if self.end_s is None or self.new_end_s is None else self.new_end_s - self.end_s
 
 
 def apply_change(books: Books, change: Change, now_s: float) -> Books:
-    """Return new books with a change to a job.
+    """Return the books after a change to a job.
 
     Raises
     ------
@@ -71,7 +71,7 @@ def apply_change(books: Books, change: Change, now_s: float) -> Books:
 def change_situation(situation: Situation, books: Books, change: Change, now_s: float) -> Situation:
     """Return the situation of a forecast after a change.
 
-    It includes the plates of the changed job even if that waits for approval or is paused.
+    The situation includes the plates of the changed job even if the job waits for approval or is paused.
 
     Parameters
     ----------
@@ -85,11 +85,11 @@ def change_situation(situation: Situation, books: Books, change: Change, now_s: 
         Farm time, seconds since the epoch.
     """
     changed_books = apply_change(books, change, now_s)
-    others = tuple(
+    other_plates = tuple(
         _update_rank(plate, changed_books) for plate in situation.waiting if plate.job != change.job
     )
     plates = (p for p in books.plates_of(books.job(change.job)) if books.plate_state(p) is PlateState.WAITING)
-    return situation.with_waiting((*others, *describe_plates(plates, changed_books)))
+    return situation.with_waiting((*other_plates, *describe_plates(plates, changed_books)))
 
 
 def _update_rank(plate: WaitingPlate, books: Books) -> WaitingPlate:
@@ -98,11 +98,11 @@ def _update_rank(plate: WaitingPlate, books: Books) -> WaitingPlate:
 
 
 def compare_plans(context: ViewContext, plan: FleetPlan, changed_plan: FleetPlan) -> list[JobShift]:
-    """Compare the ends of all open jobs in two plans, in the order of their ends in the first.
+    """Compare the ends of all open jobs in two plans, in the order of their ends in the first plan.
 
-    A job that is in neither plan is left out.
+    Jobs that are in neither plan are left out.
     """
-    ends_s, new_ends_s = plan.job_ends_s(), changed_plan.job_ends_s()
+    ends_s, new_ends_s = plan.find_job_ends_s(), changed_plan.find_job_ends_s()
     shifts = [
         JobShift(job, ends_s.get(job.id), new_ends_s.get(job.id))
         for job in context.books.jobs.values()
@@ -129,7 +129,7 @@ def try_change(
     change
         The change.
     since_s
-        As in `plan_fleet`.
+        See `plan_fleet`.
 
     Returns
     -------

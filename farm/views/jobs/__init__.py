@@ -9,12 +9,12 @@ from farm.views.jobs.description import (
     group_waits,
     summarise_jobs,
 )
-from farm.views.jobs.queue import count_waiting, describe_queue, list_queue
+from farm.views.jobs.queue import count_waiting_plates, describe_queue, list_queue
 from farm.views.jobs.timeline import describe_timeline
 from farm.views.jobs.times import measure_assembly, measure_times
 
 __all__ = [
-    "count_waiting",
+    "count_waiting_plates",
     "describe_job",
     "describe_jobs",
     "describe_print",

@@ -22,7 +22,7 @@ from farm.model import (
 from farm.state import Books
 from farm.views.accounting import summarise_job
 from farm.views.context import ViewContext
-from farm.views.job_cache import JobContents
+from farm.views.job_cache import PartsAndPlates
 from farm.views.jobs.times import Run, measure_assembly, measure_times
 
 _TEMPORARY_HOLDS = {
@@ -31,8 +31,8 @@ _TEMPORARY_HOLDS = {
     HoldCode.KEPT_AS_SPARE, HoldCode.JUST_LOST, HoldCode.BEING_RECUT, HoldCode.BEING_REPLANNED,
 }  # fmt: skip
 
-_LIVE_STATES = (JobState.PLANNING, JobState.PRINTING)
-"""States in which a job may be planned: initially, or again before a plate starts."""
+_PLANNABLE_STATES = (JobState.PLANNING, JobState.PRINTING)
+"""States in which a job may be planned, for the first time or again."""
 
 
 def describe_jobs(context: ViewContext, jobs: Iterable[Job]) -> list[api.JobView]:
@@ -88,7 +88,7 @@ def _describe_figures(
     books = context.books
     summary = context.jobs.summaries.find(books, job.id, lambda: summarise_job(books, job))
     times = measure_times(context, job)
-    glue = measure_assembly(job, times.end_s, assembly_ratio)
+    assembly = measure_assembly(job, times.end_s, assembly_ratio)
     return api.JobFigures(
         id=job.id,
         name=job.name,
@@ -97,8 +97,8 @@ def _describe_figures(
         reason=job.reason,
         paused=job.paused,
         exit_code=int(_find_exit_code(job)),
-        hold=context.job_hold(job),
-        progress=context.progress.get(job.id) if job.state in _LIVE_STATES else None,
+        hold=context.find_job_hold(job),
+        progress=context.progress.get(job.id) if job.state in _PLANNABLE_STATES else None,
         now=context.format_time(context.now_s) or "",
         submitted=context.format_time(job.submitted_s) or "",
         submitted_by=job.submitted_by,
@@ -126,29 +126,29 @@ def _describe_figures(
         price=sum_prices(plates),
         currency=context.fleet.fleet.currency,
         starved_share=times.starved_share,
-        folder=str(context.state.job(job.id)) if job.plates else None,
+        folder=str(context.state.find_job_folder(job.id)) if job.plates else None,
         pruned=context.format_time(job.pruned_s),
         waits_for_person=_waits_for_person(context, job, plates),
-        assembly_s=glue.work_s,
-        assembled=context.format_time(glue.end_s),
+        assembly_s=assembly.work_s,
+        assembled=context.format_time(assembly.end_s),
         glued=job.gluing is not None,
-        submitted_to_assembled_s=None if glue.end_s is None else glue.end_s - job.submitted_s,
+        submitted_to_assembled_s=None if assembly.end_s is None else assembly.end_s - job.submitted_s,
     )
 
 
-def _make_contents(context: ViewContext, job: Job, plates: Iterable[Plate]) -> JobContents:
+def _make_contents(context: ViewContext, job: Job, plates: Iterable[Plate]) -> PartsAndPlates:
     files = None if job.pruned_s is not None else str(context.state.files)
-    return JobContents(
+    return PartsAndPlates(
         parts=[share_field_set(_make_part_view(context, name, files)) for name in job.parts],
         plates=[share_field_set(_make_plate_view(context, plate, files)) for plate in plates],
     )
 
 
 def _update_holds(context: ViewContext, views: Iterable[api.PlateStatus]) -> list[api.PlateStatus]:
-    """Return the views of plates with their present holds; a view whose hold is unchanged is not copied."""
+    """Return the views of plates with their current holds; copy only views whose hold has changed."""
     updated_views: list[api.PlateStatus] = []
     old_hold: Hold | None = None
-    # `new_hold` equals `old_hold`: most plates of a job share a hold, which is compared once
+    # `new_hold` equals `old_hold`; they avoid comparisons, because most plates of a job share a hold
     new_hold: Hold | None = None
     for view in views:
         hold = context.plate_holds.get(view.id)
@@ -181,14 +181,14 @@ def sum_prices(plates: Iterable[Plate]) -> float | None:
 
 
 def _waits_for_person(context: ViewContext, job: Job, plates: Iterable[Plate]) -> bool:
-    """Return whether a job cannot continue without action by a person."""
+    """Return whether a job cannot continue until a person acts."""
     if job.state is JobState.HELD:
         return True
     if job.state is JobState.QUEUED:
         holds = [job.hold]
         has_open_prints = any(True for _ in context.books.open_prints())
     elif job.state is JobState.PRINTING:
-        holds = [context.plate_hold(plate) for plate in plates]
+        holds = [context.find_plate_hold(plate) for plate in plates]
         has_open_prints = any(True for _ in context.books.open_prints(job.id))
     else:
         return False
@@ -246,9 +246,8 @@ def _find_verdict(books: Books, plate: Plate) -> Verdict | None:
 
 
 def _make_plate_view(context: ViewContext, plate: Plate, files: str | None) -> api.PlateStatus:
-    own_prints = [
-        p for p in context.books.prints_of(plate) if p.plate == plate.id
-    ]  # not of the part it was cut from
+    # without the prints of the part from which this one was cut
+    own_prints = [p for p in context.books.prints_of(plate) if p.plate == plate.id]
     return api.PlateStatus(
         id=plate.id,
         parts=list(plate.parts),
@@ -267,4 +266,4 @@ def _make_plate_view(context: ViewContext, plate: Plate, files: str | None) -> a
 
 def _make_file_path(files: str | None, name: str) -> str | None:
     """Return the path of a file; None if it was pruned."""
-    return None if files is None else f"{files}/{name}"  # a `Path` is slow for thousands
+    return None if files is None else f"{files}/{name}"  # text, because thousands of `Path` objects are slow

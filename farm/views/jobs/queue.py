@@ -12,11 +12,13 @@ from farm.views.jobs.times import measure_times
 def list_queue(books: Books) -> list[Job]:
     """List the jobs with plates left to print, in the order in which they are scheduled."""
     return [
-        job for job in books.open_jobs() if job.state is not JobState.PRINTING or count_waiting(books, job)
+        job
+        for job in books.open_jobs()
+        if job.state is not JobState.PRINTING or count_waiting_plates(books, job)
     ]
 
 
-def count_waiting(books: Books, job: Job) -> int:
+def count_waiting_plates(books: Books, job: Job) -> int:
     """Count the plates of a job that have not started."""
     return sum(books.plate_state(plate) is PlateState.WAITING for plate in books.plates_of(job))
 
@@ -30,7 +32,7 @@ def describe_queue(context: ViewContext) -> api.Queue:
                 id=job.id,
                 name=job.name,
                 state=job.state,
-                waiting=count_waiting(context.books, job),
+                waiting=count_waiting_plates(context.books, job),
                 eta=context.format_time(measure_times(context, job).end_s),
                 submitted_by=job.submitted_by,
             )

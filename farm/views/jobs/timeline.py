@@ -14,15 +14,17 @@ from farm.views.jobs.description import sum_prices
 
 
 def describe_timeline(context: ViewContext, number: int, situation: Situation) -> api.Timeline:
-    """Describe times and printers of a job's plates: actual for printed ones, forecast for the others.
+    """Describe the times and printers of a job's plates: actual for printed plates, forecast for the others.
 
     The forecast includes the plates of all jobs, as in `farm status`; the lower bound is for this job alone.
     The forecast assumes that a held or paused job continues now.
 
     Parameters
     ----------
+    context
+        The farm.
     number
-        The job.
+        Number of the job.
     situation
         The situation for a forecast, with the waiting plates of all jobs.
 
@@ -65,7 +67,7 @@ def describe_timeline(context: ViewContext, number: int, situation: Situation) -
 
 
 def _list_started_slots(plates: Iterable[Plate], books: Books) -> Iterator[Slot]:
-    """List the prints that have started; an open print lasts until its expected end."""
+    """Yield the prints that have started; an open print lasts until its expected end."""
     for plate in plates:
         for attempt in books.prints_of(plate):
             factors = books.printer(attempt.printer).time_factors

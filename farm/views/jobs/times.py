@@ -10,7 +10,7 @@ from farm.state import PlateState
 from farm.views.accounting import compute_duration_s, is_wasted
 from farm.views.context import ViewContext
 
-_UNFINISHED = (PlateState.WAITING, PlateState.PRINTING)
+_UNFINISHED_STATES = (PlateState.WAITING, PlateState.PRINTING)
 _PlateInState = tuple[Plate, PlateState]
 
 
@@ -51,9 +51,9 @@ class JobTimes:
     elapsed_s
         Parallel printing time so far: the length of all runs.
     makespan_s
-        Parallel printing time: actual, or expected from present data.
+        Parallel printing time: actual, or expected from current data.
     end_s
-        Time at which it ended, or is expected to; None while it is paused.
+        Time at which the job ended or is expected to end; None while it is paused.
     speedup
         Ratio of the time on a single large printer to the makespan.
     utilisation
@@ -82,7 +82,7 @@ def measure_times(context: ViewContext, job: Job) -> JobTimes:
     makespan_s, end_s = None, job.ended_s if is_printed else None
     if is_printed:
         makespan_s = elapsed_s or job.expected_s
-    elif not job.state.ended:  # the time of a failed or cancelled job is meaningless
+    elif not job.state.ended:  # a failed or cancelled job has no meaningful time
         makespan_s = job.expected_s
         if elapsed_s is not None:
             makespan_s = elapsed_s + _estimate_growth_s(plates, runs, remaining_s or 0.0) or job.expected_s
@@ -103,7 +103,7 @@ def measure_times(context: ViewContext, job: Job) -> JobTimes:
 def list_runs(job: Job, prints: Sequence[Print], now_s: float) -> Iterator[Run]:
     """Yield the intervals in which a job was printed, oldest first.
 
-    A run begins with its first print command. It ends when the job ends, and continues while plates wait. A
+    A run begins with its first print command and ends when the job ends; it continues while plates wait. A
     print belongs to the run in which its printer was chosen.
     """
     since_s = float("-inf")
@@ -127,7 +127,7 @@ def _compute_utilisation(
     makespan_s: float,
 ) -> float | None:
     """Return the printing time of a job's plates over the available time of the printers of each run."""
-    unfinished_plates = [plate for plate, state in plates if state in _UNFINISHED]
+    unfinished_plates = [plate for plate, state in plates if state in _UNFINISHED_STATES]
     successes = [p for p in prints if p.state is PrintState.DONE and not is_wasted(p)]
     busy_s = sum(map(compute_duration_s, successes)) + sum(plate.expected_s for plate in unfinished_plates)
     ended_runs = [run for run in runs if not run.is_open]
@@ -141,10 +141,10 @@ def _compute_utilisation(
 
 
 def _estimate_growth_s(plates: Sequence[_PlateInState], runs: Sequence[Run], remaining_s: float) -> float:
-    """Estimate the seconds that the open run, or else the next one, will still take."""
+    """Estimate the seconds that the open run, or the next run, will add to the runs so far."""
     if any(run.is_open for run in runs):
         return remaining_s
-    waiting_plates = (plate for plate, state in plates if state in _UNFINISHED)
+    waiting_plates = (plate for plate, state in plates if state in _UNFINISHED_STATES)
     return min(remaining_s, sum(plate.expected_s for plate in waiting_plates))
 
 
@@ -157,7 +157,7 @@ def _estimate_remaining_s(context: ViewContext, plates: Sequence[_PlateInState])
 
 
 def _is_end_known(context: ViewContext, job: Job, plates: Sequence[_PlateInState]) -> bool:
-    """Return whether no plate waits for its first forecast or for a person to resume it."""
+    """Return whether no plate waits for its first forecast, or for a person who resumes it."""
     waiting_plates = (plate for plate, state in plates if state is PlateState.WAITING)
     return not any(job.paused or plate.paused or context.awaits_forecast for plate in waiting_plates)
 
@@ -168,19 +168,19 @@ def _estimate_plate_remaining_s(context: ViewContext, plate: Plate, state: Plate
     if state is not PlateState.PRINTING:
         return 0.0
     attempt = context.books.prints[plate.prints[-1]]
-    return plate.expected_s if attempt.started_s is None else context.remaining_s(attempt)
+    return plate.expected_s if attempt.started_s is None else context.estimate_remaining_s(attempt)
 
 
 @dataclass(frozen=True, slots=True)
 class AssemblyTimes:
-    """Times of gluing a job, in seconds; None if unknown.
+    """Times of the assembly of a job, in seconds; None if unknown.
 
     Attributes
     ----------
     work_s
-        Time that a person needs for it: reported, or expected.
+        Time that a person needs to glue it: reported, or expected.
     end_s
-        Time at which it was glued, or would be if a person begins as soon as it is printed.
+        Time at which it was glued, or will be if a person begins as soon as it is printed.
     """
 
     work_s: float | None
@@ -188,7 +188,7 @@ class AssemblyTimes:
 
 
 def measure_assembly(job: Job, printed_s: float | None, ratio: float) -> AssemblyTimes:
-    """Measure or estimate the time of gluing a job.
+    """Measure or estimate the time for gluing the parts of a job.
 
     Parameters
     ----------
@@ -204,5 +204,5 @@ def measure_assembly(job: Job, printed_s: float | None, ratio: float) -> Assembl
     if job.assembly_s is None:
         return AssemblyTimes(None, None)
     work_s = job.assembly_s * ratio
-    given_up = job.state in (JobState.FAILED, JobState.CANCELLED)
-    return AssemblyTimes(work_s, None if printed_s is None or given_up else printed_s + work_s)
+    is_abandoned = job.state in (JobState.FAILED, JobState.CANCELLED)
+    return AssemblyTimes(work_s, None if printed_s is None or is_abandoned else printed_s + work_s)

@@ -15,7 +15,7 @@ class Joint(_Record):
     a: str
     b: str
     area_mm2: float
-    glued: bool = True  # the glued area suffices without other joints
+    glued: bool = True  # whether the glued area suffices without other joints
 
 
 class Code(_Record):
@@ -41,7 +41,7 @@ class Pin(_Record):
 
 
 class Step(_Record):
-    """Step of the assembly: a body of glued parts is moved and glued to another body.
+    """Step of the assembly, in which a body of glued parts is moved and glued to another body.
 
     Attributes
     ----------
@@ -117,7 +117,7 @@ class Report(_Record):
 
 
 def parse_report(text: bytes) -> Report:
-    """Parse the report of a decomposition; an empty one if it is not valid."""
+    """Parse the report of a decomposition; return an empty report if the text is invalid."""
     try:
         return Report.model_validate_json(text)
     except ValidationError:

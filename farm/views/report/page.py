@@ -1,6 +1,6 @@
 """Report of a job as one HTML page: figures, Gantt chart of the fleet, failures with reasons, parts.
 
-The page is a single file with embedded pictures, and loads no other file. The templates escape all text.
+The page is a single file with embedded pictures, which loads no other file. The templates escape all text.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from farm.text import format_duration
 from farm.views.charts import lay_out_gantt, list_bars, load_palette, name_outcome
 from farm.views.report.decomposition import Report
 
-_SIGNS = str.maketrans({"^": "", ".": "●"})  # characters of codes, as printed on parts
+_SIGNS = str.maketrans({"^": "", ".": "●"})  # characters of codes as they appear on parts
 _JPEG = b"\xff\xd8"
 
 
@@ -36,7 +36,7 @@ class JobContents:
     assembly
         PNG of all parts in an exploded view; None if there is none.
     decomposition
-        Glued joints, steps and codes; None if unknown.
+        Joints, steps and codes; None if unknown.
     """
 
     pictures: Mapping[str, bytes] = field(default_factory=dict)
@@ -57,7 +57,7 @@ class _PartEntry:
 
 @cache
 def load_templates() -> Environment:
-    """Load the templates of this folder, once."""
+    """Load the templates of this package once."""
     return load_environment("farm.views.report")
 
 
@@ -103,7 +103,7 @@ def render_page(
 
 
 def _list_steps(report: Report) -> list[tuple[str, ...]]:
-    """List number, upper and lower body, codes, pins and seam of every step of the assembly."""
+    """List number, moved and fixed body, codes, pins and seam of each step of the assembly."""
     return [
         (
             str(step.number),
@@ -118,7 +118,7 @@ def _list_steps(report: Report) -> list[tuple[str, ...]]:
 
 
 def _list_failures(job: api.JobView) -> list[tuple[str, ...]]:
-    """List part, printer, end, outcome and reason of every failed, bad or cancelled print, by time of end."""
+    """List part, printer, end, outcome and reason of each failed, bad or cancelled print, by end."""
     failures = [
         (attempt.ended or "", attempt, outcome)
         for attempt in job.prints
@@ -137,7 +137,7 @@ def _list_failures(job: api.JobView) -> list[tuple[str, ...]]:
 
 
 def _list_stills(job: api.JobView, pictures: Mapping[str, bytes]) -> list[tuple[str, str, str, str]]:
-    """List the stills of all prints by time: part and printer, moment, time, and the picture."""
+    """List the stills of all prints in order of time: part and printer, moment, time, and picture."""
     stills = [
         (still.taken, attempt, still.moment, pictures[still.file])
         for attempt in job.prints

@@ -1,4 +1,4 @@
-"""Forms of the pages: commands, each answered by a redirect to its page, which shows a note."""
+"""Forms of the pages. Each is a command, and is answered by a redirect to its page, which shows a note."""
 
 from __future__ import annotations
 

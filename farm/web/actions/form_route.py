@@ -1,6 +1,6 @@
 """Routes of forms: the models of the API parse the fields, and errors become notes.
 
-The response to a form is a redirect to the page that sent it: a reload does not send the form again.
+The response to a form is a redirect to the page that sent it, so that a reload does not send the form again.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class FormRoute(APIRoute):
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
         handle = super().get_route_handler()
 
-        async def answer(request: Request) -> Response:
+        async def answer_request(request: Request) -> Response:
             try:
                 return await handle(request)
             except FarmError as error:
@@ -40,11 +40,11 @@ class FormRoute(APIRoute):
                 text = describe_first_error(error.errors())
             return answer_form(request, Note(text, is_problem=True))
 
-        return answer
+        return answer_request
 
 
 async def read_form(request: Request, model: type[_Model]) -> _Model:
-    """Read the fields of a form, without empty ones. Raises ValidationError or BadForm."""
+    """Read the fields of a form that are not empty. Raises ValidationError or BadForm."""
     fields = await read_fields(request)
     return model.model_validate({name: value for name, value in fields.items() if value})
 
@@ -66,7 +66,7 @@ def answer_form(request: Request, note: Note, path: str | None = None) -> Respon
 
 
 def find_form_page(request: Request) -> str:
-    """Return the path of the farm's page that sent a form; the path of the home page if unknown."""
+    """Return the path of the page that sent a form, or the path of the home page if it is unknown."""
     page = urlsplit(request.headers.get("referer", ""))
     if page.netloc != request.headers.get("host") or not page.path.startswith("/"):
         return "/"

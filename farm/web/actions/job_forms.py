@@ -16,35 +16,35 @@ def make_job_form_routes(services: Services, jobs: JobCommands, parts: PartComma
     router = APIRouter(route_class=FormRoute, include_in_schema=False)
 
     @router.post("/jobs/{number}/approve")
-    async def approve(number: int, request: Request, by: OperatorName) -> Response:
+    async def approve_job(number: int, request: Request, by: OperatorName) -> Response:
         plan = (await read_form(request, api.ApproveRequest)).plan
         await jobs.approve(number, plan, services.state, by)
         return answer_form(request, Note(f"Job {number} is approved."))
 
     @router.post("/jobs/{number}/move")
-    async def move(number: int, request: Request, by: OperatorName) -> Response:
+    async def move_job(number: int, request: Request, by: OperatorName) -> Response:
         jobs.move(number, await read_form(request, api.QueueMove), by)
         return answer_form(request, Note(f"Job {number} has moved in the queue."))
 
     @router.post("/jobs/{number}/start")
-    async def reschedule(number: int, request: Request, by: OperatorName) -> Response:
+    async def reschedule_job(number: int, request: Request, by: OperatorName) -> Response:
         at = (await read_form(request, api.JobStart)).at
         jobs.reschedule(number, at, by)
         time_text = "as soon as it can" if at == "now" else f"not before {at}"
         return answer_form(request, Note(f"Job {number} starts {time_text}."))
 
     @router.post("/jobs/{number}/cancel")
-    async def cancel(number: int, request: Request, by: CallerName) -> Response:
+    async def cancel_job(number: int, request: Request, by: CallerName) -> Response:
         jobs.cancel(number, by)
         return answer_form(request, Note(f"Job {number} is cancelled."))
 
     @router.post("/jobs/{number}/pause")
-    async def pause(number: int, request: Request, by: CallerName) -> Response:
+    async def pause_job(number: int, request: Request, by: CallerName) -> Response:
         jobs.pause(number, True, by)
         return answer_form(request, Note(f"Job {number} is paused."))
 
     @router.post("/jobs/{number}/resume")
-    async def resume(number: int, request: Request, by: CallerName) -> Response:
+    async def resume_job(number: int, request: Request, by: CallerName) -> Response:
         jobs.pause(number, False, by)
         return answer_form(request, Note(f"Job {number} continues."))
 

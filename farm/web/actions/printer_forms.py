@@ -19,7 +19,7 @@ def make_printer_form_routes(printers: PrinterCommands, parts: PartCommands) -> 
     @router.post("/printers/{name}/cleared")
     async def clear_bed(name: str, request: Request, by: OperatorName) -> Response:
         answer = printers.clear_bed(name, await read_form(request, api.ClearedRequest), by)
-        return answer_form(request, Note(describe_cleared(name, answer)))
+        return answer_form(request, Note(describe_cleared_bed(name, answer)))
 
     @router.post("/printers/{name}/load")
     async def load_reel(name: str, request: Request, by: OperatorName) -> Response:
@@ -31,12 +31,12 @@ def make_printer_form_routes(printers: PrinterCommands, parts: PartCommands) -> 
         )
 
     @router.post("/printers/{name}/pause")
-    async def pause(name: str, request: Request, by: CallerName) -> Response:
+    async def pause_printer(name: str, request: Request, by: CallerName) -> Response:
         printers.pause(name, True, by)
         return answer_form(request, Note(f"{name} pauses."))
 
     @router.post("/printers/{name}/resume")
-    async def resume(name: str, request: Request, by: CallerName) -> Response:
+    async def resume_printer(name: str, request: Request, by: CallerName) -> Response:
         printers.pause(name, False, by)
         return answer_form(request, Note(f"{name} resumes."))
 
@@ -68,8 +68,8 @@ def make_printer_form_routes(printers: PrinterCommands, parts: PartCommands) -> 
     return router
 
 
-def describe_cleared(printer: str, response: api.ClearedResponse) -> str:
-    """Describe the result of a cleared bed in a sentence."""
+def describe_cleared_bed(printer: str, response: api.ClearedResponse) -> str:
+    """Describe the result of clearing a bed in a sentence."""
     if response.good is not None:
         others = f"; {' '.join(response.printed_on)} already print it again" if response.printed_on else ""
         return f"{printer} is clear, part {response.good} is good{others}."

@@ -1,7 +1,7 @@
 """Reader of multipart forms with one file, chunk by chunk, without I/O. The only import of python_multipart.
 
-Browsers and slicers write forms in several ways: options before or after the file, boundaries quoted or not,
-header names in any case, file names in raw UTF-8.
+Browsers and slicers write forms in several ways: with options before or after the file, with or without
+quotes around the boundary, with header names in any case, and with file names in raw UTF-8.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ MAX_FIELD_BYTES = 64 * 1024
 """Limit on the values of all fields together."""
 _FORM = b"multipart/form-data"
 
-# It logs each malformed form as a warning: anybody on the network could fill the log.
+# It logs each malformed form as a warning, so anybody on the network could fill the log.
 logging.getLogger("python_multipart").setLevel(logging.ERROR)
 
 
@@ -51,7 +51,7 @@ class FormReader:
     Raises
     ------
     BadForm
-        If the header is not that of a multipart form.
+        If the header does not announce a multipart form.
     """
 
     def __init__(self, content_type: str) -> None:
@@ -63,10 +63,10 @@ class FormReader:
         self.file_name: str | None = None
         self._pieces: list[bytes] = []  # content of the file since the last call of `feed`
         self._header_name = self._header_value = self._disposition = b""
-        self._field: str | None = None  # name of the present field; None for the file
+        self._field: str | None = None  # name of the current field; None for the file
         self._value = b""
         self._parts = self._field_bytes = 0
-        self._complete = False
+        self._is_complete = False
         callbacks: MultipartCallbacks = {
             "on_part_begin": self._begin_part,
             "on_header_field": self._add_header_name,
@@ -109,7 +109,7 @@ class FormReader:
 
     def finish(self) -> None:
         """Check that the form is complete and has a file. Raises BadForm."""
-        if not self._complete:
+        if not self._is_complete:
             raise BadForm("the upload stopped before its end: send it again")
         if self.file_name is None:
             raise BadForm("the form has no file in its field `file`")
@@ -160,7 +160,7 @@ class FormReader:
             self.fields[self._field] = _decode_text(self._value)
 
     def _end_form(self) -> None:
-        self._complete = True
+        self._is_complete = True
 
 
 def _decode_text(text: bytes) -> str:

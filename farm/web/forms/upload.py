@@ -1,4 +1,4 @@
-"""Uploads as forms: written to the state folder chunk by chunk, inspected, and submitted as jobs."""
+"""Uploads by form, which are written to the state folder chunk by chunk, inspected, and submitted as jobs."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from farm.web.forms.multipart import BadForm, FormReader
 
 _LENGTH_REQUIRED = 411
 _MAX_DISCARDED_BYTES = 2**30
-_ANY_NAME = "the upload"  # name in messages until the file's name is known
+_PLACEHOLDER_NAME = "the upload"  # name in messages until the file's name is known
 ReadOptions = Callable[[FormReader], Awaitable[JobOptions]]
-"""Reads the options of a job from a complete form. Raises FarmError."""
+"""Function that reads the options of a job from a complete form. Raises FarmError."""
 
 
 class SubmittedForm(NamedTuple):
@@ -68,7 +68,8 @@ class FormUploads:
             If the length of the body is not announced.
         """
         size = request.headers.get("content-length", "")
-        if not size.isdecimal() or "transfer-encoding" in request.headers:  # chunks announce no length
+        # a chunked body announces no length
+        if not size.isdecimal() or "transfer-encoding" in request.headers:
             raise HTTPException(
                 _LENGTH_REQUIRED, "the request has no Content-Length: send the length of the upload in it"
             )
@@ -76,7 +77,7 @@ class FormUploads:
         try:
             self.jobs.check_submission(JobOptions())
             reader = FormReader(request.headers.get("content-type", ""))
-            async with self.uploads.admit(request_id, _ANY_NAME, int(size)) as upload:
+            async with self.uploads.admit(request_id, _PLACEHOLDER_NAME, int(size)) as upload:
                 name = await _receive_file(content, reader, upload)
                 options = await read_options(reader)
                 self.jobs.check_submission(options)
@@ -89,7 +90,7 @@ class FormUploads:
         return SubmittedForm(number, reader)
 
     async def _inspect_upload(self, upload: Upload, name: str, options: JobOptions) -> InspectedSubmission:
-        """Inspect an upload; errors leave out the file name, because slicers show it and have little room."""
+        """Inspect an upload; errors omit the file name, because slicers show it, and have little space."""
         try:
             return await self.uploads.inspect(upload, name, options)
         except FarmError as error:
@@ -97,7 +98,7 @@ class FormUploads:
 
 
 async def _discard_rest(content: AsyncIterator[bytes]) -> None:
-    """Read the rest of a refused upload: a client reads the response only after it has sent everything."""
+    """Read the rest of a refused upload, because a client reads the response only after its last byte."""
     with suppress(ClientDisconnect):
         async for _ in content:
             pass
@@ -105,7 +106,7 @@ async def _discard_rest(content: AsyncIterator[bytes]) -> None:
 
 async def _receive_file(content: AsyncIterator[bytes], reader: FormReader, upload: Upload) -> str:
     """Write the file of a form to the upload's file, and return its name. Raises FarmError."""
-    name = _ANY_NAME
+    name = _PLACEHOLDER_NAME
     append: Callable[[bytes], Awaitable[None]] | None = None
     async with AsyncExitStack() as files:
         try:

@@ -1,7 +1,8 @@
 """Fragments of a page, and the changes between two renderings. Pure.
 
 A template marks each element that changes independently with comments: `<!--live:ID-->` before it, with its
-id, and `<!--/live-->` after it. Fragments are not nested. A change outside of them sends the whole page.
+id, and `<!--/live-->` after it. Fragments are not nested. After a change outside the fragments, the whole
+page is sent.
 """
 
 from __future__ import annotations
@@ -11,10 +12,10 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-MAIN = "main"
+MAIN_ID = "main"
 """Id of the element that contains all fragments."""
-_FRAGMENT = re.compile(r"<!--live:([^>]*?)-->\s*(.*?)\s*<!--/live-->", re.DOTALL)
-_MAIN = re.compile(r'<main id="main">.*</main>', re.DOTALL)
+_FRAGMENT_PATTERN = re.compile(r"<!--live:([^>]*?)-->\s*(.*?)\s*<!--/live-->", re.DOTALL)
+_MAIN_PATTERN = re.compile(r'<main id="main">.*</main>', re.DOTALL)
 _VERSION = 'data-version=""'
 
 
@@ -36,7 +37,7 @@ class Fragments:
     @property
     def html(self) -> str:
         """The whole main element."""
-        return _FRAGMENT.sub(lambda match: self.elements[match[1]], self.frame)
+        return _FRAGMENT_PATTERN.sub(lambda match: self.elements[match[1]], self.frame)
 
     @property
     def version(self) -> str:
@@ -46,14 +47,14 @@ class Fragments:
 
 def split_page(page: str) -> Fragments:
     """Split the main element of a rendered page into its fragments."""
-    match = _MAIN.search(page)
+    match = _MAIN_PATTERN.search(page)
     main = "" if match is None else match[0]
-    elements = {mark[1]: mark[2] for mark in _FRAGMENT.finditer(main)}
-    return Fragments(_FRAGMENT.sub(r"<!--live:\1--><!--/live-->", main), elements)
+    elements = {fragment[1]: fragment[2] for fragment in _FRAGMENT_PATTERN.finditer(main)}
+    return Fragments(_FRAGMENT_PATTERN.sub(r"<!--live:\1--><!--/live-->", main), elements)
 
 
 def publish_page(page: str) -> str:
-    """Prepare a rendered page for a browser: remove the marks, and add the version of its content."""
+    """Prepare a rendered page for a browser: remove the comments, and add the version of its content."""
     if _VERSION not in page:
         return page
     fragments = split_page(page)
@@ -68,5 +69,5 @@ def find_changes(before: Fragments, after: Fragments) -> dict[str, str]:
     Returns the whole main element if fragments were added, removed or moved, or if the rest has changed.
     """
     if before.frame != after.frame:
-        return {MAIN: after.html}
+        return {MAIN_ID: after.html}
     return {name: html for name, html in after.elements.items() if before.elements[name] != html}

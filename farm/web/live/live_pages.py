@@ -1,4 +1,4 @@
-"""Live pages: a page is rendered once for all its viewers of a role, and they receive the changes.
+"""Live pages. A page is rendered once for all its viewers of a role, who receive the changes.
 
 Pages without viewers are not rendered.
 """
@@ -17,23 +17,23 @@ from functools import partial
 from farm.errors import FarmError, NoSuchThing
 from farm.http import StreamLimit
 from farm.model import Role
-from farm.web.live.fragments import MAIN, find_changes, split_page
+from farm.web.live.fragments import MAIN_ID, find_changes, split_page
 from farm.web.notes import Reader
 
 log = logging.getLogger(__name__)
 
-Render = Callable[[Reader, str, str], Awaitable[str]]
-"""Renders a page for a reader, from the variable part of its path and the query of its URL."""
+PageRenderer = Callable[[Reader, str, str], Awaitable[str]]
+"""Function that renders a page for a reader from the variable part of its path and the query of its URL."""
 
 _PERIOD_S = 1.0
-_MAX_SHARE = 0.05  # share of the time that rendering may take
+_MAX_RENDERING_SHARE = 0.05  # share of the time that rendering may take
 _HEARTBEAT_S = 5.0
 _RETRY = b"retry: 3000\n\n"  # milliseconds after which a browser connects again
 _HEARTBEAT = b"event: beat\ndata:\n\n"
 
 
 class _Topic:
-    """Last rendering of one page for one role, renewed every few rounds."""
+    """Last rendering of one page for one role, which is renewed every few rounds."""
 
     def __init__(self, render: Callable[[], Awaitable[str]], page: str, rounds: int) -> None:
         self._render = render
@@ -50,7 +50,7 @@ class _Topic:
         if self._rounds_left <= 0:
             await self._render_again()
 
-    async def refresh_for(self, version: str) -> None:
+    async def refresh_for_version(self, version: str) -> None:
         """Render again for a viewer with an unknown version, which may be newer than the last rendering."""
         if self._rounds > 1 and version not in (self.version, self._previous_version):
             await self._render_again()
@@ -76,12 +76,12 @@ class _Topic:
                 await self._change.wait()
 
     def list_changes_since(self, version: str) -> bytes:
-        """Return the changes from a version to the present one: none, the last changes, or the whole page."""
+        """Return the changes since a version: none, the last changes, or the whole page."""
         if version == self.version:
             return b""
         if version == self._previous_version:
             return self._message
-        return format_changes({MAIN: self.fragments.html}, self.version)
+        return format_changes({MAIN_ID: self.fragments.html}, self.version)
 
 
 class LivePages:
@@ -90,16 +90,16 @@ class LivePages:
     Parameters
     ----------
     streams
-        Counter of open streams, which it ends when the daemon ends.
+        Counter of the open streams, which ends them with the daemon.
     """
 
     def __init__(self, streams: StreamLimit) -> None:
         self._streams = streams
-        self._pages: list[tuple[re.Pattern[str], Render, int]] = []
+        self._pages: list[tuple[re.Pattern[str], PageRenderer, int]] = []
         self._topics: dict[tuple[str, Role], _Topic] = {}
         self._refresh_task: asyncio.Task[None] | None = None
 
-    def add(self, path: str, render: Render, rounds: int = 1) -> None:
+    def add(self, path: str, render: PageRenderer, rounds: int = 1) -> None:
         """Add a page.
 
         Parameters
@@ -113,7 +113,7 @@ class LivePages:
         """
         self._pages.append((re.compile(re.sub(r"\{\w+\}", "([^/]+)", path)), render, rounds))
 
-    async def join(self, address: str, role: Role) -> _Topic:
+    async def find_topic(self, address: str, role: Role) -> _Topic:
         """Return the last rendering of a page for a role. Raises FarmError if there is no such page."""
         topic = self._topics.get((address, role))
         if topic is not None:
@@ -136,17 +136,17 @@ class LivePages:
         is_allowed
             Returns whether the viewer may still see the page.
         """
-        topic = await self.join(address, role)
-        topic.viewers += 1  # before any await: a round ends a page without viewers
+        topic = await self.find_topic(address, role)
+        topic.viewers += 1  # before any await, because a round ends pages without viewers
         self._start_refreshing()
         try:
-            await topic.refresh_for(version)
+            await topic.refresh_for_version(version)
             yield _RETRY
             while is_allowed() and not self._streams.is_closed and not topic.is_over:
                 message = topic.list_changes_since(version)
                 version = topic.version
                 yield message or _HEARTBEAT
-                if version == topic.version and not topic.is_over:  # else it changed in the meantime
+                if version == topic.version and not topic.is_over:  # otherwise it has changed in the meantime
                     await topic.wait(_HEARTBEAT_S)
         finally:
             topic.viewers -= 1
@@ -177,13 +177,13 @@ class LivePages:
                     await self._refresh_topic(key, topic)
                     spent_s += time.perf_counter() - start_s
                 await asyncio.sleep(0.0)  # lets other tasks run between two pages
-            pause_s = max(_PERIOD_S, spent_s / _MAX_SHARE)
+            pause_s = max(_PERIOD_S, spent_s / _MAX_RENDERING_SHARE)
 
     async def _refresh_topic(self, key: tuple[str, Role], topic: _Topic) -> None:
         try:
             await topic.refresh()
         except Exception as error:
-            if not isinstance(error, FarmError):  # such as a job that was pruned
+            if not isinstance(error, FarmError):  # a FarmError is expected, such as after a job was pruned
                 log.exception("cannot render the live page %s", key[0])
             self._end_topic(key)
 

@@ -19,15 +19,15 @@ def make_live_routes(pages: LivePages, streams: StreamLimit) -> APIRouter:
     router = APIRouter(include_in_schema=False)
 
     @router.get("/live", response_class=StreamingResponse)
-    async def live(
+    async def send_changes(
         request: Request,
         page: Annotated[str, Query(max_length=_MAX_LENGTH)] = "/",
         version: Annotated[str, Query(max_length=_MAX_LENGTH)] = "",
     ) -> StreamingResponse:
-        """Send the changed elements of a page by id as JSON, and heartbeats between changes."""
+        """Send the changed elements of a page as JSON by their ids, and heartbeats between changes."""
         holder = find_holder(request)
         streams.check(holder.name)
-        await pages.join(page, holder.role)  # raises an error before the stream begins
+        await pages.find_topic(page, holder.role)  # raises an error before the stream begins
         changes = pages.follow(page, holder.role, version, request.state.is_allowed)
         return StreamResponse(changes, streams.count(holder.name))
 

@@ -1,4 +1,4 @@
-"""Page of the network's routes, from their OpenAPI description. It loads no file and runs no script. Pure."""
+"""Page that lists the routes on the network. It loads no file and runs no script. Pure."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from farm.web.pages.rendering import load_template
 from farm.web.pages.sentences import format_commands
 
 Text = tuple[tuple[str, str], ...]
-"""Pieces of a text, each a pair of plain text and the name of an object to link, one of which is empty."""
+"""Pieces of a text. Each is either plain text or the name of an object to link; the other one is empty."""
 
 _STYLE = (
     ":root{color-scheme:light dark;--text:#222;--back:#fff;--line:#ccc;--link:#174ea6}"
@@ -56,7 +56,7 @@ class _Operation:
 
 
 def render_api_page(document: Mapping[str, Any], address: str) -> str:
-    """Render the page.
+    """Render the page from the OpenAPI description of the routes.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def _list_objects(document: Mapping[str, Any]) -> Iterator[tuple[str, list[tuple
 
 
 def describe_schema(schema: Mapping[str, Any]) -> Text:
-    """Describe the values that a JSON schema allows in a few words."""
+    """Describe in a few words the values that a JSON schema allows."""
     if "$ref" in schema:
         return (("", str(schema["$ref"]).rpartition("/")[2]),)
     if "anyOf" in schema:

@@ -1,4 +1,4 @@
-"""Home page: tasks for people, printers in the order in which their prints end, jobs. Pure."""
+"""Home page with tasks for people, printers in the order in which their prints end, and jobs. Pure."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ from farm.web.pages.rendering import render_page
 from farm.web.pages.sentences import Sentence
 from farm.wording import format_planning, group_holds, shorten_names
 
-_URGENT = ("alarm", "outage")
+_URGENT_CODES = ("alarm", "outage")
 _STATES_WITHOUT_TEMPERATURE = (Link.ABSENT, Link.STARTING, Link.CONNECTING)
 """States of a printer whose temperatures are unknown."""
-_MAX_ENDED = 8
+_MAX_ENDED_JOBS = 8
 
 
 @dataclass(frozen=True, slots=True)
 class Bed:
-    """Bed to clear: its printer, the plate on it, and the questions on its part.
+    """Bed to clear, with its printer, the plate on it, and the questions about the part.
 
     Attributes
     ----------
     printer
         Name of the printer.
     plate
-        The last plate that was printed on it; None if there is none.
+        Last plate that was printed on the bed; None if there is none.
     awaits_verdict
         True if its part waits for a verdict.
     seen
-        Id of the last print on it, because the form of an outdated page must not clear a later plate; "none"
-        without a print.
+        Id of the last print on the bed, or "none", because the form of an outdated page must not clear a
+        later plate.
     good
-        Part of a failed print that may be good nevertheless.
+        Part of a failed print that may nevertheless be good.
     """
 
     printer: str
@@ -56,7 +56,7 @@ class Task:
     key
         Id that does not change while the task exists.
     code
-        Code of the to-do list; `heat` for heaters that are on without a print.
+        Code from the to-do list; `heat` for heaters that are on without a print.
     text
         The action.
     printers, jobs
@@ -77,8 +77,8 @@ class Task:
 
     @property
     def is_urgent(self) -> bool:
-        """True if a person should go there now."""
-        return self.code in (*_URGENT, "heat")
+        """True if a person should act at once."""
+        return self.code in (*_URGENT_CODES, "heat")
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +93,7 @@ class Tile:
 
 @dataclass(frozen=True, slots=True)
 class JobRow:
-    """Job, with a text on its progress, and the reasons why it or its plates wait."""
+    """Job, with a text about its progress, and the reasons why it or its plates wait."""
 
     job: api.JobView
     progress: str
@@ -108,9 +108,9 @@ def render_home(status: api.Status, reader: Reader, note: Note | None = None) ->
     status
         The farm.
     reader
-        Person who reads it.
+        Person who reads the page.
     note
-        Message on the reader's last action.
+        Message about the reader's last action.
     """
     jobs = [describe_job_row(job) for job in status.jobs]
     ended_rows = [row for row in jobs if JobState(row.job.state).ended and row.job.state != JobState.PRINTED]
@@ -125,7 +125,7 @@ def render_home(status: api.Status, reader: Reader, note: Note | None = None) ->
         tasks=list_home_tasks(status),
         tiles=list_tiles(status),
         jobs=[row for row in jobs if row not in ended_rows],
-        ended=ended_rows[-_MAX_ENDED:][::-1],
+        ended=ended_rows[-_MAX_ENDED_JOBS:][::-1],
         night=describe_night(status.night),
     )
 
@@ -193,17 +193,17 @@ def _describe_task(
             text = todo.text[:1].upper() + todo.text[1:]
         case "farm":
             text = todo.text
-        case "host":  # it may have hundreds of printers: no button for each
+        case "host":  # a host may have hundreds of printers, so there is no button for each
             return Task(key, todo.code, text, [])
         case "connect":
             text = f"Connect {text}"
-    jobs_of_task = [jobs[number] for number in todo.jobs if number in jobs]
+    task_jobs = [jobs[number] for number in todo.jobs if number in jobs]
     text = text[:1].upper() + text[1:] if not names else text
-    return Task(key, todo.code, text, names, jobs_of_task, beds, todo.times)
+    return Task(key, todo.code, text, names, task_jobs, beds, todo.times)
 
 
 def describe_bed(printer: api.PrinterView, good: str | None = None) -> Bed:
-    """Describe the plate on the bed of a printer, and the questions on its part."""
+    """Describe the plate on the bed of a printer, and the questions about its part."""
     last_print = printer.last
     awaits_verdict = (
         last_print is not None and last_print.state is PrintState.DONE and last_print.verdict is None
@@ -219,9 +219,9 @@ def describe_bed(printer: api.PrinterView, good: str | None = None) -> Bed:
 
 
 def list_tiles(status: api.Status) -> list[Tile]:
-    """List the printers in the order in which their prints end; printers without a print are last.
+    """List the printers in the order in which their prints end; printers without a print come last.
 
-    Ends are rounded down to minutes, so that two printers with similar ends rarely change places.
+    The ends are rounded down to minutes, so that two printers with similar ends rarely change places.
     """
     models, now = {job.id: job.name for job in status.jobs}, status.fleet.now
     tiles = [
@@ -253,7 +253,7 @@ def describe_job_row(job: api.JobView) -> JobRow:
 
 
 def _list_waits(job: api.JobView) -> Iterator[Sentence]:
-    """List the reasons why a job and its plates wait, each once."""
+    """Yield the reasons why a job and its plates wait, each once."""
     if job.error and job.state != JobState.CANCELLED:
         yield Sentence(job.reason or job.error)
     if job.hold is not None:

@@ -1,4 +1,4 @@
-"""Routes of the pages to log in with a link or a key, and to log out."""
+"""Routes of the pages on which people log in with a link or a key, and log out."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _SEE_OTHER = 303
 
 
 def make_login_routes(services: Services, cookie: SessionCookie, callers: CallerFinder) -> APIRouter:
-    """Return the routes to log in and out.
+    """Return the routes with which people log in and out.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def _redirect_home(cookie: SessionCookie, session: str) -> Response:
 
 
 async def _read_key(request: Request) -> str:
-    """Return the key in a form; empty if there is none."""
+    """Read the key in a form; empty if there is none."""
     try:
         return (await read_fields(request)).get("key", "").strip()
     except BadForm:

@@ -13,8 +13,8 @@ from farm.web.callers import find_holder
 from farm.web.live import LivePages, publish_page
 from farm.web.notes import Note, Notes, Reader
 
-Render = Callable[[Reader, Note | None], Awaitable[str]]
-"""Renders a page for a reader, with a note above it."""
+PageRenderer = Callable[[Reader, Note | None], Awaitable[str]]
+"""Function that renders a page for a reader, with a note above it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,15 +28,15 @@ class PageContext:
     notes
         Notes to show above the pages.
     live
-        Register of the live pages.
+        Registry of the live pages.
     """
 
     services: Services
     notes: Notes
     live: LivePages
 
-    async def answer(self, request: Request, render: Render) -> Response:
-        """Respond with a page and the note of the caller, which is kept if rendering fails."""
+    async def answer(self, request: Request, render: PageRenderer) -> Response:
+        """Answer with a page and the note of the caller; the note is kept if rendering fails."""
         holder = find_holder(request)
         with self.notes.show(holder.key.id) as note:
             return HTMLResponse(publish_page(await render(Reader.for_holder(holder), note)))

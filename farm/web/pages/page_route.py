@@ -1,4 +1,4 @@
-"""Routes of pages: an error becomes a page with its message."""
+"""Routes of pages, which convert an error to a page with its message."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ _MAX_FIELDS = 20
 _NOT_FOUND, _BAD_REQUEST = 404, 400
 _Query = TypeVar("_Query", bound=BaseModel)
 EMPTY_IS_NONE = BeforeValidator(lambda value: None if value == "" else value)
-"""Validator that treats an empty field of a form as a missing one."""
+"""Validator that treats an empty field of a form as missing."""
 
 
 def read_query(model: type[_Query], text: str) -> _Query:
-    """Read the query of a URL, for a page without a request. Raises FarmError if it is invalid."""
+    """Read a URL's query for a page that is rendered without a request. Raises FarmError if it is invalid."""
     try:
         return model.model_validate(dict(parse_qsl(text, max_num_fields=_MAX_FIELDS)))
     except ValidationError as error:
@@ -40,7 +40,7 @@ class PageRoute(APIRoute):
         """Return the handler of requests."""
         handle = super().get_route_handler()
 
-        async def answer(request: Request) -> Response:
+        async def answer_request(request: Request) -> Response:
             try:
                 return await handle(request)
             except FarmError as error:
@@ -49,4 +49,4 @@ class PageRoute(APIRoute):
                 text, status = describe_first_error(error.errors()), _BAD_REQUEST
             return HTMLResponse(render_message(request.app.state.controller.fleet.fleet.name, text), status)
 
-        return answer
+        return answer_request

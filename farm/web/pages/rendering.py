@@ -29,8 +29,8 @@ NAVIGATION: tuple[tuple[str, str, Role], ...] = (
     ("/timeline", "Timeline", Role.LOOK),
     ("/history", "History", Role.LOOK),
 )
-"""Pages to which each page links: path, label, and the role that the page requires."""
-_WORDS = {
+"""Pages to which each page links, each with its path, its label, and the role that it requires."""
+_VALUE_TEXTS = {
     "look": "inspect",
     "ready": "idle",
     "absent": "not connected",
@@ -57,7 +57,7 @@ _OTHER_GLYPH = "•"
 
 
 class Farm(Protocol):
-    """Fleet of the pages: its section in `fleet.yaml`, or the view of it."""
+    """Fleet that the pages show: the section of `fleet.yaml`, or its view."""
 
     @property
     def name(self) -> str: ...
@@ -80,9 +80,9 @@ def render_page(
     path
         Path of the page, marked in the navigation.
     reader
-        Person who reads it.
+        Person who reads the page.
     note
-        Message on the reader's last action.
+        Message about the reader's last action.
     values
         Variables of the template.
     """
@@ -93,7 +93,7 @@ def render_page(
 
 
 def render_login(farm: str, user: str, role: Role) -> str:
-    """Render the page of a login link: a button logs in, because a preview of the link must not use it up."""
+    """Render the page of a login link. Its button logs in, because a preview must not use the link up."""
     return load_template("login.html").render(title=farm, user=user, role=role)
 
 
@@ -111,7 +111,7 @@ def render_message(title: str, text: str, has_login_hint: bool = False) -> str:
 
 
 def load_template(name: str) -> Template:
-    """Load a template of this folder; it escapes all text."""
+    """Load a template of this package, which escapes all text."""
     return load_templates().get_template(name)
 
 
@@ -123,7 +123,7 @@ def load_pages() -> None:
 
 @cache
 def load_templates() -> Environment:
-    """Load all templates of this folder, once."""
+    """Load all templates of this package once."""
     filters: dict[str, Callable[..., str]] = {
         "duration": format_duration,
         "mass": format_mass,
@@ -144,7 +144,7 @@ def load_templates() -> Environment:
 
 
 def format_state(state: str) -> Markup:
-    """Format a state as a label with a sign and text, because not all people see its colour."""
+    """Format a state as a label with a sign and text, because not everybody can distinguish its colour."""
     glyph = _GLYPHS.get(state, _OTHER_GLYPH)
     return Markup('<span class="state {}"><span aria-hidden="true">{}</span> {}</span>').format(
         state, glyph, describe_value(state)
@@ -158,14 +158,14 @@ def format_job_state(job: api.JobView) -> Markup:
 
 
 def format_outcome(attempt: api.HistoryRow) -> Markup:
-    """Format the outcome of a print: the verdict on its part, else its state."""
+    """Format the outcome of a print: the verdict on its part, or otherwise its state."""
     state = "printed" if attempt.state is PrintState.DONE else attempt.state
     return format_state(attempt.verdict or state)
 
 
 def describe_value(value: str) -> str:
     """Return the text for a value of an enumeration."""
-    return _WORDS.get(value, value.replace("_", " "))
+    return _VALUE_TEXTS.get(value, value.replace("_", " "))
 
 
 def _format_known(format_value: Callable[[float], str], value: float | None) -> str:

@@ -24,11 +24,11 @@ def make_page_routes(pages: PageContext) -> APIRouter:
     pages.live.add("/", lambda reader, _variable, _query: render_home_page(reader))
 
     @router.get("/")
-    async def home(request: Request) -> Response:
+    async def show_home(request: Request) -> Response:
         return await pages.answer(request, render_home_page)
 
     @router.get("/static/{name}")
-    async def static_file(name: str, request: Request) -> Response:
+    async def send_static_file(name: str, request: Request) -> Response:
         file = load_static_files().get(name)
         if file is None:
             raise NoSuchThing(f"there is nothing at /static/{name}")

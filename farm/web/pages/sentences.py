@@ -20,7 +20,7 @@ _LAST_COMMAND = re.compile(r"(?:, then|; then|:) `farm [^`]*`$")
 
 
 class TimedText(Protocol):
-    """Object with a sentence, such as a hold or a task, and the times in the sentence."""
+    """Object with a sentence and the times in it, such as a hold or a task."""
 
     @property
     def text(self) -> str: ...
@@ -38,13 +38,13 @@ class Sentence:
 
 
 def format_sentence(sentence: TimedText) -> Markup:
-    """Format a sentence: commands in backticks as code, times as elements.
+    """Format a sentence, with commands in backticks as code, and times as elements.
 
-    Leaves out a command at the end: the pages have a button for it.
+    A command at the end is left out, because the pages have a button for it.
     """
     text = _LAST_COMMAND.sub("", sentence.text)
     pieces = text.split("`")
-    if len(pieces) % 2 == 0:  # an unpaired backtick, as in the name of a model
+    if len(pieces) % 2 == 0:  # an unpaired backtick, such as in the name of a model
         return _format_times(text, sentence.times)
     code = Markup("<code>{}</code>")
     return Markup("").join(
@@ -98,5 +98,5 @@ class NamedTime(Protocol):
 
 
 def format_time_attributes(time: NamedTime) -> Markup:
-    """Return the attributes that mark a time in an element that can contain only text, such as in an SVG."""
+    """Return the attributes that mark a time in an element that can contain only text, such as in SVG."""
     return Markup('data-time="{}" data-text="{}"').format(time.at, time.text)

@@ -16,13 +16,13 @@ _TYPES = {
     ".txt": "text/plain; charset=utf-8",
 }
 _FOLDERS = (("farm.web.pages", "static"), ("farm.web.pages", "built"), ("farm.views.charts", "static"))
-"""Packages and folders of static files; `built` has those that `make install` builds, and may be missing."""
+"""Packages and folders of static files; `make install` builds the files in `built`, which may be missing."""
 _VERSION_DIGITS = 12
 
 
 @dataclass(frozen=True, slots=True)
 class StaticFile:
-    """Content of a file, plain and compressed by gzip."""
+    """Content of a file, plain and compressed with gzip."""
 
     content: bytes
     compressed: bytes
@@ -35,8 +35,8 @@ def load_static_files() -> Mapping[str, StaticFile]:
     """Load the files by name."""
     static_files: dict[str, StaticFile] = {}
     for package, folder in _FOLDERS:
-        place = files(package).joinpath(folder)
-        for entry in sorted(place.iterdir(), key=lambda path: path.name) if place.is_dir() else ():
+        source = files(package).joinpath(folder)
+        for entry in sorted(source.iterdir(), key=lambda path: path.name) if source.is_dir() else ():
             media_type = _TYPES.get(entry.name[entry.name.rfind(".") :])
             if media_type is None:
                 continue
@@ -49,6 +49,6 @@ def load_static_files() -> Mapping[str, StaticFile]:
 
 
 def make_static_url(name: str) -> str:
-    """Return the path of a file with its version, for caches of browsers; empty if it is missing."""
+    """Return the URL of a file with its version, so that browsers can cache it; empty if it is missing."""
     file = load_static_files().get(name)
     return "" if file is None else f"/static/{name}?v={file.version}"

@@ -1,6 +1,6 @@
-"""Interfaces of other print servers, OctoPrint and Moonraker, with which slicers send to the farm.
+"""Interfaces of the print servers OctoPrint and Moonraker, through which slicers send files to the farm.
 
-Each dialect is served at the root, for any printer that fits, and under `/to/PRINTER`, for one printer.
+Each interface is served at the root for any printer that fits, and under `/to/PRINTER` for one printer.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ __all__ = [
 
 
 def add_slicer_routes(app: FastAPI, services: Services) -> None:
-    """Add the routes of all dialects to an application."""
+    """Add the routes of all interfaces to an application."""
     jobs = JobCommands(services.controller, PrinterCommands(services.controller))
     selection = Selection()
     for prefix in PREFIXES:

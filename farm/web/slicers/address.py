@@ -15,14 +15,14 @@ from farm.model import Job, JobOptions
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """The farm or one of its printers, named in the path of a request.
+    """Farm, or one of its printers, as named in the path of a request.
 
     Attributes
     ----------
     printer
         Name of the printer; None for any printer that fits.
     root
-        Scheme, host and prefix, without a slash at the end.
+        Scheme, host and prefix of its URLs, without a slash at the end.
     """
 
     printer: str | None
@@ -41,7 +41,7 @@ class Address:
         """Return the printers that may print a job that is sent to this address."""
         return [section for section in controller.fleet.printers if self.printer in (None, section.name)]
 
-    def takes(self, job: Job) -> bool:
+    def lists_job(self, job: Job) -> bool:
         """Return whether a job is listed at this address."""
         return self.printer is None or not job.options.only or self.printer in job.options.only
 
@@ -57,5 +57,5 @@ def read_address(request: Request) -> Address:
     return Address(printer, f"{request.url.scheme}://{request.url.netloc}{prefix}")
 
 
-Addressed = Annotated[Address, Depends(read_address)]
+AddressParameter = Annotated[Address, Depends(read_address)]
 """Parameter of a route: the address of the request."""

@@ -27,23 +27,23 @@ class AppRequest(BaseModel):
 
 
 def make_app_key_routes(services: Services) -> APIRouter:
-    """Return the routes of requests for keys."""
+    """Return the routes with which programs request keys."""
     router = APIRouter(route_class=TextErrorRoute, include_in_schema=False)
     requests = services.app_key_requests
 
     @router.get(APP_KEY_PROBE, status_code=_NO_CONTENT)
-    async def probe() -> None:
-        """Report that keys may be requested."""
+    async def report_support() -> None:
+        """Report that programs may request keys."""
 
     @router.post(APP_KEY_REQUESTS)
-    async def ask(request: Request, body: AppRequest) -> Response:
+    async def request_key(request: Request, body: AppRequest) -> Response:
         request_url = str(request.url.replace(path=quote(request.url.path), query="", fragment=""))
         token = requests.add(body.app, request.state.caller.address, time.monotonic())
         answer = {"app_token": token, "auth_dialog": request_url.removesuffix(APP_KEY_REQUESTS) + "/"}
         return JSONResponse(answer, _CREATED, {"location": f"{request_url}/{token}"})
 
     @router.get(APP_KEY_REQUEST)
-    async def poll(token: str) -> Response:
+    async def poll_key(token: str) -> Response:
         key = requests.take_key(token, time.monotonic())
         if key is None:
             return JSONResponse({"message": "Awaiting decision"}, _ACCEPTED)

@@ -1,4 +1,4 @@
-"""Uploads of slicers: submission of a form, with its fields as options of a job."""
+"""Uploads of slicers: a form is submitted, with its fields as options of the job."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _MAX_NOTE_LENGTH = 200
 
 
 class SlicerUpload(NamedTuple):
-    """Number of an upload's job, and whether the slicer requested its print."""
+    """Job of an upload, and whether the slicer requested its print."""
 
     job: int
     print_requested: bool

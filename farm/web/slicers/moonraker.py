@@ -1,4 +1,4 @@
-"""Routes of Moonraker's dialect that slicers use: the check for a server, and uploads.
+"""Routes of Moonraker's interface that slicers use: the check for a server, and uploads.
 
 As in Moonraker, the response to an upload is not wrapped in `result`, unlike all other responses.
 """
@@ -13,7 +13,7 @@ from fastapi import APIRouter, Request, Response
 import farm
 from farm.control import JobCommands
 from farm.http import CallerName, Services
-from farm.web.slicers.address import Addressed
+from farm.web.slicers.address import AddressParameter
 from farm.web.slicers.form_upload import submit_form
 from farm.web.slicers.octoprint_views import format_file_path
 from farm.web.slicers.paths import MOONRAKER_UPLOAD
@@ -25,26 +25,26 @@ _READY = "ready"
 
 
 def make_moonraker_routes(services: Services, jobs: JobCommands) -> APIRouter:
-    """Return the routes of Moonraker's dialect."""
+    """Return the routes of Moonraker's interface."""
     router = APIRouter(route_class=TextErrorRoute, include_in_schema=False)
     controller = services.controller
 
     @router.get("/server/info")
-    async def server_info(_: Addressed) -> dict[str, Any]:
+    async def describe_server(_: AddressParameter) -> dict[str, Any]:
         components = {"components": ["file_manager"], "failed_components": [], "warnings": []}
         state = {"klippy_connected": True, "klippy_state": _READY, "registered_directories": [_ROOT]}
         version = {"moonraker_version": f"farm {farm.__version__}", "api_version": [1, 4, 0]}
         return {"result": {**state, **components, **version}}
 
     @router.get("/printer/info")
-    async def printer_info(address: Addressed) -> dict[str, Any]:
+    async def describe_printer(address: AddressParameter) -> dict[str, Any]:
         state = {"state": _READY, "state_message": "Printer is ready"}
         names = {"hostname": address.find_name(controller), "software_version": f"farm {farm.__version__}"}
         return {"result": {**state, **names}}
 
     @router.post(MOONRAKER_UPLOAD, status_code=_CREATED)
-    async def upload(
-        request: Request, response: Response, address: Addressed, by: CallerName
+    async def receive_upload(
+        request: Request, response: Response, address: AddressParameter, by: CallerName
     ) -> dict[str, Any]:
         slicer_upload = await submit_form(request, services.uploads, jobs, address.options, by)
         job = controller.books.job(slicer_upload.job)

@@ -1,4 +1,4 @@
-"""Routes of commands in OctoPrint's dialect: select, print, pause and cancel."""
+"""Routes of commands in OctoPrint's interface: select, print, pause and cancel."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from farm.control import JobCommands, PartCommands, PrinterCommands
 from farm.errors import Refused
 from farm.http import CallerName, Services, is_operator
 from farm.model import PrintState
-from farm.web.slicers.address import Addressed
+from farm.web.slicers.address import AddressParameter
 from farm.web.slicers.octoprint_views import find_job
 from farm.web.slicers.paths import FILE, FILE_OF_JOB
 from farm.web.slicers.selection import Selection
@@ -21,7 +21,7 @@ _NO_CONTENT = 204
 
 
 class FileCommand(BaseModel):
-    """Command on a file: `select`; with `print`, its job is also released."""
+    """Command on a file: `select`, which also releases its job if `print` is true."""
 
     command: str
     print: bool = False
@@ -62,7 +62,12 @@ def make_octoprint_command_routes(services: Services, jobs: JobCommands, selecti
     @router.post(FILE, status_code=_NO_CONTENT)
     @router.post(FILE_OF_JOB, status_code=_NO_CONTENT)
     async def command_file(
-        request: Request, body: FileCommand, address: Addressed, by: CallerName, name: str, number: str = ""
+        request: Request,
+        body: FileCommand,
+        address: AddressParameter,
+        by: CallerName,
+        name: str,
+        number: str = "",
     ) -> None:
         if body.command != "select":
             raise Refused(f"the farm has no command {body.command} for files")
@@ -72,7 +77,9 @@ def make_octoprint_command_routes(services: Services, jobs: JobCommands, selecti
         selection.select(by, address, job.id)
 
     @router.post("/api/job", status_code=_NO_CONTENT)
-    async def command_job(request: Request, body: JobCommand, address: Addressed, by: CallerName) -> None:
+    async def command_job(
+        request: Request, body: JobCommand, address: AddressParameter, by: CallerName
+    ) -> None:
         job = selection.find(by, address, controller.books)
         if job is None:
             raise Refused("no file is selected, and nothing is printed at this address")
@@ -93,7 +100,7 @@ def make_octoprint_command_routes(services: Services, jobs: JobCommands, selecti
                 raise Refused(f"the farm has no command {body.command} for jobs")
 
     @router.post("/api/connection", status_code=_NO_CONTENT)
-    async def command_connection(body: ConnectionCommand, _: Addressed) -> None:
+    async def command_connection(body: ConnectionCommand, _: AddressParameter) -> None:
         if body.command != "connect":  # agents connect printers without a command
             raise Refused("printers stay connected: `farm maintenance PRINTER` takes one out of use")
 

@@ -1,4 +1,4 @@
-"""Routes of OctoPrint's dialect, which PrusaSlicer, SuperSlicer, OrcaSlicer and a plugin of Cura speak."""
+"""Routes of OctoPrint's interface, which PrusaSlicer, SuperSlicer, OrcaSlicer and a plugin of Cura use."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from farm.http import CallerName, Services, identify_caller, is_operator
 from farm.model import Job
 from farm.views import describe_printer
 from farm.web.slicers import octoprint_views as views
-from farm.web.slicers.address import Address, Addressed
+from farm.web.slicers.address import Address, AddressParameter
 from farm.web.slicers.form_upload import submit_form
 from farm.web.slicers.paths import FILE, FILE_OF_JOB, FILES
 from farm.web.slicers.selection import Selection
@@ -23,7 +23,7 @@ _CREATED = 201
 
 
 def make_octoprint_routes(services: Services, jobs: JobCommands, selection: Selection) -> APIRouter:
-    """Return the routes of OctoPrint's dialect for descriptions of the farm and for uploads.
+    """Return the routes of OctoPrint's interface for descriptions of the farm and for uploads.
 
     Parameters
     ----------
@@ -37,22 +37,22 @@ def make_octoprint_routes(services: Services, jobs: JobCommands, selection: Sele
     _add_descriptions(router, services)
 
     @router.get("/api/job")
-    async def job(address: Addressed, by: CallerName) -> dict[str, Any]:
-        current = selection.find(by, address, controller.books)
-        prints = controller.books.open_prints(current.id) if current is not None else ()
+    async def show_job(address: AddressParameter, by: CallerName) -> dict[str, Any]:
+        current_job = selection.find(by, address, controller.books)
+        prints = controller.books.open_prints(current_job.id) if current_job is not None else ()
         printer = next(
             (attempt.printer for attempt in prints if address.printer in (None, attempt.printer)), None
         )
         view = None if printer is None else _describe_printer(services, printer)
-        return views.describe_current_job(current, view.print if view else None)
+        return views.describe_current_job(current_job, view.print if view else None)
 
     @router.post(FILES, status_code=_CREATED)
-    async def upload(
-        request: Request, response: Response, address: Addressed, by: CallerName
+    async def receive_upload(
+        request: Request, response: Response, address: AddressParameter, by: CallerName
     ) -> dict[str, Any]:
         slicer_upload = await submit_form(request, services.uploads, jobs, address.options, by)
         job = controller.books.job(slicer_upload.job)
-        response.headers["location"] = location = _locate(address, job)
+        response.headers["location"] = location = _make_file_url(address, job)
         file = {"name": job.name, "path": views.format_file_path(job), "origin": "local"}
         return {
             "files": {"local": {**file, "refs": {"resource": location}}},
@@ -63,58 +63,60 @@ def make_octoprint_routes(services: Services, jobs: JobCommands, selection: Sele
 
     @router.get("/api/files")
     @router.get(FILES)
-    async def files(address: Addressed) -> dict[str, Any]:
-        open_jobs = [job for job in controller.books.open_jobs() if address.takes(job)]
-        return {"files": [views.describe_file(job, _locate(address, job)) for job in open_jobs]}
+    async def list_files(address: AddressParameter) -> dict[str, Any]:
+        open_jobs = [job for job in controller.books.open_jobs() if address.lists_job(job)]
+        return {"files": [views.describe_file(job, _make_file_url(address, job)) for job in open_jobs]}
 
     @router.get(FILE)
     @router.get(FILE_OF_JOB)
-    async def file(address: Addressed, by: CallerName, name: str, number: str = "") -> dict[str, Any]:
+    async def show_file(
+        address: AddressParameter, by: CallerName, name: str, number: str = ""
+    ) -> dict[str, Any]:
         job = views.find_job(controller.books.jobs, f"{number}/{name}", by)
-        return views.describe_file(job, _locate(address, job))
+        return views.describe_file(job, _make_file_url(address, job))
 
     return router
 
 
 def _add_descriptions(router: APIRouter, services: Services) -> None:
-    """Add the routes that describe the farm or a printer, and the caller."""
+    """Add the routes that describe the caller, and the farm or a printer."""
     controller = services.controller
 
     @router.get("/api/version")
-    async def version(_: Addressed) -> dict[str, Any]:
+    async def show_version(_: AddressParameter) -> dict[str, Any]:
         return views.describe_version()
 
     @router.get("/api/server")
-    async def server(_: Addressed) -> dict[str, Any]:
+    async def show_server(_: AddressParameter) -> dict[str, Any]:
         return {"version": views.SERVER_VERSION, "safemode": None}
 
     @router.get("/api/settings")
-    async def settings(address: Addressed) -> dict[str, Any]:
+    async def show_settings(address: AddressParameter) -> dict[str, Any]:
         return views.describe_settings(address.find_name(controller))
 
     @router.get("/api/printer")
-    async def printer(address: Addressed) -> dict[str, Any]:
+    async def show_printer(address: AddressParameter) -> dict[str, Any]:
         name = address.printer
         return views.describe_state(None if name is None else _describe_printer(services, name))
 
     @router.get("/api/printerprofiles")
-    async def profiles(address: Addressed) -> dict[str, Any]:
+    async def show_profiles(address: AddressParameter) -> dict[str, Any]:
         resource = f"{address.root}/api/printerprofiles"
         return views.describe_profiles(
             address.find_name(controller), address.list_sections(controller), resource
         )
 
     @router.get("/api/connection")
-    async def connection(address: Addressed) -> dict[str, Any]:
+    async def show_connection(address: AddressParameter) -> dict[str, Any]:
         return views.describe_connection(address.find_name(controller))
 
     @router.get("/api/currentuser")
-    async def current_user(request: Request, _: Addressed) -> dict[str, Any]:
+    async def show_current_user(request: Request, _: AddressParameter) -> dict[str, Any]:
         caller = identify_caller(request)
         return views.describe_user(caller.name, is_operator(request))
 
     @router.post("/api/login")
-    async def log_in(request: Request, _: Addressed) -> dict[str, Any]:
+    async def log_in(request: Request, _: AddressParameter) -> dict[str, Any]:
         caller = identify_caller(request)
         return views.describe_login(caller.name, is_operator(request))
 
@@ -125,6 +127,6 @@ def _describe_printer(services: Services, name: str) -> api.PrinterView:
     return describe_printer(controller.build_view_context(services.state), section, None)
 
 
-def _locate(address: Address, job: Job) -> str:
+def _make_file_url(address: Address, job: Job) -> str:
     """Return the URL of a job's file."""
     return f"{address.root}{FILES}/{quote(views.format_file_path(job))}"

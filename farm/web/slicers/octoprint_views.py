@@ -1,7 +1,7 @@
-"""Descriptions of the farm as OctoPrint describes its one printer. Pure.
+"""Descriptions of the farm in the form in which OctoPrint describes its printer. Pure.
 
-The farm is always ready, because it takes jobs at any time, and Cura's plugin does not send to a printer that
-prints. The description of a job has the state of its print.
+The farm is always ready, because it accepts jobs at any time, and because Cura's plugin does not send to a
+printer that is printing. The description of a job has the state of its print.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _FLAGS = {
 
 
 def describe_version() -> dict[str, Any]:
-    """Describe the version; some clients accept only a text that begins with OctoPrint."""
+    """Describe the version; its text begins with OctoPrint, because some clients accept no other text."""
     return {"api": API_VERSION, "server": SERVER_VERSION, "text": f"OctoPrint (farm {farm.__version__})"}
 
 
@@ -93,7 +93,7 @@ def describe_current_job(job: Job | None, progress: api.PrintProgress | None) ->
     job
         The job; None if none is selected.
     progress
-        Progress of its open print; None if it does not print.
+        Progress of its open print; None if there is none.
     """
     file = dict.fromkeys(("name", "path", "origin", "size", "date"))
     if job is not None:
@@ -152,7 +152,7 @@ def find_job(jobs: Mapping[int, Job], path: str, by: str) -> Job:
     jobs
         All jobs by number.
     path
-        Number and name; or only a name, for the newest open job of that name, of the caller if possible.
+        Number and name, or only a name for the newest open job with that name, of the caller if possible.
     by
         Name of the caller.
 
@@ -174,7 +174,7 @@ def find_job(jobs: Mapping[int, Job], path: str, by: str) -> Job:
 
 
 def describe_profiles(name: str, sections: Iterable[PrinterSection], resource: str) -> dict[str, Any]:
-    """Describe a printer's profile; for the whole farm, that of the printer with the lowest build height.
+    """Describe the profile of a printer; the farm has that of the printer with the lowest build height.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Paths of the slicers' dialects, with the roles that they require."""
+"""Paths of the interfaces for slicers, with the roles that they require."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MOONRAKER_UPLOAD = "/server/files/upload"
 APP_KEY_PROBE = "/plugin/appkeys/probe"
 APP_KEY_REQUESTS = "/plugin/appkeys/request"
 APP_KEY_REQUEST = APP_KEY_REQUESTS + "/{token}"
-_LOOK = (
+_LOOK_PATHS = (
     "/api/version",
     "/api/server",
     "/api/settings",
@@ -31,31 +31,31 @@ _LOOK = (
     "/server/info",
     "/printer/info",
 )
-_PRINT = (FILES, FILE, FILE_OF_JOB, "/api/job", "/api/connection", MOONRAKER_UPLOAD)
+_PRINT_PATHS = (FILES, FILE, FILE_OF_JOB, "/api/job", "/api/connection", MOONRAKER_UPLOAD)
 SLICER_ROLES: dict[tuple[str, str], Role] = {
     (method, prefix + path): role
     for prefix in PREFIXES
     for method, paths, role in (
-        ("GET", _LOOK, Role.LOOK),
+        ("GET", _LOOK_PATHS, Role.LOOK),
         ("POST", ("/api/login",), Role.LOOK),
-        ("POST", _PRINT, Role.PRINT),
+        ("POST", _PRINT_PATHS, Role.PRINT),
     )
     for path in paths
 }
-"""Role by method and path."""
+"""Required role by method and path."""
 PUBLIC_SLICER_ROUTES = frozenset(
     (method, prefix + path)
     for prefix in PREFIXES
     for method, path in (("GET", APP_KEY_PROBE), ("POST", APP_KEY_REQUESTS), ("GET", APP_KEY_REQUEST))
 )
-"""Routes that require no key: a program requests a key with them."""
-_DIALECT = re.compile(r"/(to|server|printer|plugin)/.*|/api/(?!v1(/|$)).*")
+"""Routes that require no key, because a program requests a key with them."""
+_SLICER_PATH = re.compile(r"/(to|server|printer|plugin)/.*|/api/(?!v1(/|$)).*")
 _UPLOAD = re.compile(rf"(/to/[^/]+)?({FILES}|{MOONRAKER_UPLOAD})")
 
 
 def is_slicer_path(path: str) -> bool:
-    """Return whether a path belongs to a dialect, where errors are plain text."""
-    return _DIALECT.fullmatch(path) is not None
+    """Return whether a path belongs to an interface for slicers, which gets errors as plain text."""
+    return _SLICER_PATH.fullmatch(path) is not None
 
 
 def is_slicer_upload(path: str) -> bool:

@@ -1,4 +1,4 @@
-"""Selected jobs of clients, like the selected file of OctoPrint. Kept only in memory."""
+"""Selected jobs of clients, like the selected file in OctoPrint. They are kept only in memory."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Selection:
             del self._jobs[next(iter(self._jobs))]
 
     def find(self, by: str, address: Address, books: Books) -> Job | None:
-        """Return the job that the printer of an address prints, else the selected job."""
+        """Return the job that the printer of an address is printing, or otherwise the selected job."""
         attempt = None if address.printer is None else books.open_print_on(address.printer)
         number = self._jobs.get((by, address.printer)) if attempt is None else attempt.job
         return None if number is None else books.jobs.get(number)

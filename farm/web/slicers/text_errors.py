@@ -1,7 +1,7 @@
 """Errors for slicers: one line of plain text that begins with the reason.
 
-PrusaSlicer and its forks show the whole body. Cura's plugin shows its first 100 characters if the type is
-exactly `text/plain`; the status 409 is not used, because the plugin treats it differently.
+PrusaSlicer and its forks show the whole body. Cura's plugin shows the first 100 characters if the type is
+exactly `text/plain`. The status 409 is not used, because the plugin treats it differently.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from farm.text import describe_first_error, flatten_text
 
 log = logging.getLogger(__name__)
 
-_STATUS = {ErrorCode.NO_SUCH_THING: 404, ErrorCode.FAILED: 500, ErrorCode.ENGINE: 500}
+_STATUS_CODES = {ErrorCode.NO_SUCH_THING: 404, ErrorCode.FAILED: 500, ErrorCode.ENGINE: 500}
 _BAD_REQUEST = 400
-_TEXT = "text/plain"  # without a charset: Cura's plugin does not show a text with one
+_TEXT = "text/plain"  # without a charset, because Cura's plugin shows no text that has one
 
 
 def make_text(text: str, status: int) -> Response:
@@ -37,26 +37,26 @@ class TextErrorRoute(APIRoute):
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
         handle = super().get_route_handler()
 
-        async def answer(request: Request) -> Response:
+        async def answer_request(request: Request) -> Response:
             try:
                 return await handle(request)
             except Exception as error:
                 return describe_error(error)
 
-        return answer
+        return answer_request
 
 
 def describe_error(error: Exception) -> Response:
     """Make the response to a request that failed."""
     if isinstance(error, FarmError):
-        return make_text(str(error), _STATUS.get(error.code, _BAD_REQUEST))
+        return make_text(str(error), _STATUS_CODES.get(error.code, _BAD_REQUEST))
     if isinstance(error, RequestValidationError):
         return make_text(describe_first_error(error.errors()), _BAD_REQUEST)
     if isinstance(error, HTTPException):
         return make_text(str(error.detail), error.status_code)
     if isinstance(error, OSError):
         log.warning("a request of a slicer failed", exc_info=error)
-        text = f"the farm cannot store it ({error.strerror or error}): check its disk space"
+        text = f"the farm cannot store the file ({error.strerror or error}): check its disk space"
         return make_text(text, 500)
     log.error("a request of a slicer failed", exc_info=error)
     return make_text(f"the daemon failed: {type(error).__name__}; see its log", 500)

@@ -104,7 +104,7 @@ def run_with_agent(
     state = StateFolder(folder)
     state.make()
     fleet = Fleet.model_validate({"printers": [{"name": "a", "model": MODEL, "port": PORT}]})
-    home = state.agent("a")
+    home = state.find_agent_folder("a")
     home.mkdir(parents=True, exist_ok=True)
     agent, listener = OldAgent(home, is_printing), RecordingListener()
 

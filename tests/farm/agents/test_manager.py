@@ -81,20 +81,20 @@ def test_hung_agent_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
             first_pid = await wait_until_ready(manager, listener)
             os.kill(first_pid, signal.SIGSTOP)
             second_pid = await wait_until_ready(manager, listener, first_pid)
-            assert find_agent_pid(state.agent("a")) == second_pid
+            assert find_agent_pid(state.find_agent_folder("a")) == second_pid
             await manager.shut_down_agents()
-            assert not is_alive(state.agent("a"))
+            assert not is_alive(state.find_agent_folder("a"))
         finally:
             await manager.close()
 
     try:
         asyncio.run(scenario())
     finally:
-        pid = find_agent_pid(state.agent("a"))
+        pid = find_agent_pid(state.find_agent_folder("a"))
         if pid is not None:
             os.kill(pid, signal.SIGKILL)
-        if emulator_is_running(state.agent("a") / "emulator"):
-            control(state.agent("a") / "emulator", "power_off")
+        if emulator_is_running(state.find_agent_folder("a") / "emulator"):
+            control(state.find_agent_folder("a") / "emulator", "power_off")
 
 
 @pytest.mark.system
@@ -116,9 +116,9 @@ def test_shutdown_ends_an_agent_that_has_just_started(tmp_path: Path):
     try:
         asyncio.run(scenario())
     finally:
-        kill_agent(state.agent("a"))
-        if emulator_is_running(state.agent("a") / "emulator"):
-            control(state.agent("a") / "emulator", "power_off")
+        kill_agent(state.find_agent_folder("a"))
+        if emulator_is_running(state.find_agent_folder("a") / "emulator"):
+            control(state.find_agent_folder("a") / "emulator", "power_off")
 
 
 def make_printing_snapshot(started_s: float) -> m.Snapshot:
@@ -240,7 +240,7 @@ def test_renamed_printer_opens_the_port_of_its_former_agent(tmp_path: Path):
             await wait_until(new_manager, Link.FAULT)
             new_manager.perform(ev.SendCleared(printer="new", filament=None), Books(), tmp_path)
             await wait_until(new_manager, Link.READY)
-            assert not is_alive(state.agent("old"))
+            assert not is_alive(state.find_agent_folder("old"))
             old_process = old_manager._connections["old"]._process
             assert old_process is not None and old_process.wait(10.0) == 0
         finally:
@@ -250,7 +250,7 @@ def test_renamed_printer_opens_the_port_of_its_former_agent(tmp_path: Path):
     try:
         asyncio.run(scenario())
     finally:
-        kill_agent(state.agent("old"))
+        kill_agent(state.find_agent_folder("old"))
         control(tmp_path / "emulator", "power_off")
 
 
@@ -390,8 +390,9 @@ def test_idle_agent_is_replaced_without_a_change_to_its_printer(tmp_path: Path):
         try:
             first_pid = await wait_until_ready(manager, listener)
             await manager.replace("a")
-            assert await wait_until_ready(manager, listener, first_pid) == find_agent_pid(state.agent("a"))
-            assert emulator_is_running(state.agent("a") / "emulator")
+            agent_folder = state.find_agent_folder("a")
+            assert await wait_until_ready(manager, listener, first_pid) == find_agent_pid(agent_folder)
+            assert emulator_is_running(agent_folder / "emulator")
         finally:
             await manager.shut_down_agents()
             await manager.close()

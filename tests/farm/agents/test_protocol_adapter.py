@@ -45,7 +45,7 @@ def test_readings_of_a_printer_are_copied_to_its_view():
     fleet = Fleet.model_validate({"printers": [{"name": "a", "model": "m", "port": "/dev/a"}]})
     books, _ = apply(ev.PrinterAdded(at_s=0.0, printer="a", bed="clear"), Books())
     context = ViewContext(fleet, books, {"a": snapshot_view}, StateFolder(Path("/state")), 0.0)
-    assert describe_printer(context, fleet.printer("a"), None).dump_readings() == readings
+    assert describe_printer(context, fleet.find_printer("a"), None).dump_readings() == readings
 
 
 def test_bed_is_reported_by_emulators_only():

@@ -300,7 +300,7 @@ def test_idle_agent_of_a_removed_printer_is_ended_on_its_host(tmp_path: Path, re
     remote_folder = tmp_path / "there" / "farm-agents" / "test" / "a"
     state, clock = StateFolder(tmp_path / "here"), Clock(SCALE, time.time())
     state.make()
-    route_file = state.agent("a") / "way.json"
+    route_file = state.find_agent_folder("a") / "way.json"
 
     def make_manager(*names: str) -> AgentManager:
         fields = {"model": MODEL, "port": f"sim://{MODEL}", "host": "pc-b", "host_command": command}

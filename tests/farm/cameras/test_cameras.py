@@ -109,7 +109,7 @@ def test_camera_without_viewers_is_not_polled_and_its_still_is_dropped(rig):
 
 
 def test_printer_without_a_camera_and_unknown_printers_are_errors(rig):
-    for name, message in (("b", "b has no camera: give its address by `camera`"), ("c", "no printer c")):
+    for name, message in (("b", "b has no camera: give its address with `camera`"), ("c", "no printer c")):
         with pytest.raises(NoSuchThing, match=message):
             asyncio.run(rig.cameras.fetch_still(name))
 

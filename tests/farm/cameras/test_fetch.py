@@ -135,7 +135,7 @@ def send_endless_401(request):
     ],
 )  # fmt: skip
 def test_hostile_camera_gives_an_error_without_its_address(answer, message, monkeypatch):
-    monkeypatch.setattr(fetch, "FETCH_S", 5.0 if answer is not send_slowly else 0.2)
+    monkeypatch.setattr(fetch, "FETCH_TIMEOUT_S", 5.0 if answer is not send_slowly else 0.2)
     with run_camera(answer) as camera, pytest.raises(CameraError, match=message) as error:
         fetch_image(f"http://look:{SECRET}@{camera.address}/secret-path")
     assert SECRET not in str(error.value) and "secret-path" not in str(error.value)

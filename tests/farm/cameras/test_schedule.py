@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from books.make_books import apply_events, make_end_event, make_printing_books
 from farm.cameras.schedule import (
-    END_STILL_S,
+    END_STILL_TIMEOUT_S,
     MAX_INTERVAL_S,
     MIN_INTERVAL_S,
     CameraState,
@@ -26,13 +26,14 @@ def test_attempts_are_two_seconds_apart_and_at_least_one_a_minute_is_allowed(ste
     state, now_s, begin_times_s = CameraState(), 0.0, []
     for wait_s, succeeds in steps:
         now_s += wait_s
-        assert state.next_s <= (state.attempt_s or 0.0) + MAX_INTERVAL_S
-        if now_s >= state.next_s:
+        assert state.next_attempt_s <= (state.attempt_s or 0.0) + MAX_INTERVAL_S
+        if now_s >= state.next_attempt_s:
             begin_times_s.append(now_s)
             state = state.begin(now_s)
             state = state.succeed() if succeeds else state.fail("dead")
     assert all(
-        next_s - previous_s >= MIN_INTERVAL_S for previous_s, next_s in itertools.pairwise(begin_times_s)
+        next_attempt_s - previous_s >= MIN_INTERVAL_S
+        for previous_s, next_attempt_s in itertools.pairwise(begin_times_s)
     )
 
 
@@ -40,9 +41,9 @@ def test_dead_camera_is_polled_with_growing_intervals():
     state, waits = CameraState(), []
     for _ in range(7):
         state = state.begin(100.0).fail("dead")
-        waits.append(state.next_s - 100.0)
+        waits.append(state.next_attempt_s - 100.0)
     assert waits == [4.0, 8.0, 16.0, 32.0, 60.0, 60.0, 60.0]
-    assert state.begin(100.0).succeed().next_s == 102.0
+    assert state.begin(100.0).succeed().next_attempt_s == 102.0
 
 
 def make_books_with_open_print():
@@ -94,9 +95,9 @@ def test_still_of_the_first_layer_is_taken_when_complete(snapshots, due):
 def test_still_of_the_end_is_taken_within_a_minute(state, moment):
     books, _ = apply_events(make_books_with_open_print(), make_end_event("x", state, at_s=200.0))
     due = [DueStill("x", "a", moment)]
-    assert find_stills(books, {}, 200.0) == find_stills(books, {}, 200.0 + END_STILL_S) == due
-    assert find_stills(books, {}, 201.0 + END_STILL_S) == find_stills(books, {}, 199.0) == []
-    assert find_stills(books, {}, 200.0 + 50 * END_STILL_S, scale=50.0) == due
+    assert find_stills(books, {}, 200.0) == find_stills(books, {}, 200.0 + END_STILL_TIMEOUT_S) == due
+    assert find_stills(books, {}, 201.0 + END_STILL_TIMEOUT_S) == find_stills(books, {}, 199.0) == []
+    assert find_stills(books, {}, 200.0 + 50 * END_STILL_TIMEOUT_S, scale=50.0) == due
 
 
 def test_still_is_taken_once():

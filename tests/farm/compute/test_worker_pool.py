@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 from clusters import failing_work as work
-from farm.compute import DECOMPOSING, Limit, PoolShare
+from farm.compute import DECOMPOSING_LIMIT, Limit, PoolShare
 from farm.compute.worker_pool import Workers, compute_worker_bytes
 from farm.compute.worker_process import Worker
 from farm.errors import ErrorCode, FarmError
@@ -54,7 +54,7 @@ def test_work_that_kills_every_worker_is_reported_and_the_next_runs(pool, tmp_pa
     async def scenario(workers):
         match = r"decomposing ended its worker process 2 times \(SIGSEGV\)"
         with pytest.raises(FarmError, match=match) as error:
-            await workers.run(work.die, signal.SIGSEGV, limit=DECOMPOSING)
+            await workers.run(work.die, signal.SIGSEGV, limit=DECOMPOSING_LIMIT)
         assert error.value.code is ErrorCode.LIMIT
         return await workers.run(work.get_pid)
 
@@ -190,10 +190,14 @@ def test_quick_task_does_not_wait_while_all_workers_are_busy(pool):
     """Run a dry run, which takes a second, while a model is decomposed for minutes."""
 
     async def scenario(workers):
-        long_tasks = [asyncio.ensure_future(workers.run(work.pause, limit=DECOMPOSING)) for _ in range(2)]
+        long_tasks = [
+            asyncio.ensure_future(workers.run(work.pause, limit=DECOMPOSING_LIMIT)) for _ in range(2)
+        ]
         await asyncio.sleep(0)
         assert len(workers.pids) == 1  # the second waits
-        first_pid = await PoolShare(workers, "dry run", urgent=True).run(work.get_pid, limit=DECOMPOSING)
+        first_pid = await PoolShare(workers, "dry run", urgent=True).run(
+            work.get_pid, limit=DECOMPOSING_LIMIT
+        )
         assert await workers.run(work.get_pid) == first_pid in workers.pids
         with pytest.raises(FarmError, match="2 times"):
             await workers.run(work.die)
@@ -211,7 +215,7 @@ def test_all_work_is_refused_once_the_pool_is_closed(pool):
     """Close the pool while one model is checked and another one waits for a worker."""
 
     async def scenario(workers):
-        tasks = [asyncio.ensure_future(workers.run(work.pause, limit=DECOMPOSING)) for _ in range(2)]
+        tasks = [asyncio.ensure_future(workers.run(work.pause, limit=DECOMPOSING_LIMIT)) for _ in range(2)]
         await asyncio.sleep(0)
         workers.close()
         for task in (*tasks, asyncio.ensure_future(workers.run(work.get_pid))):
@@ -228,14 +232,14 @@ def test_groups_share_the_workers_evenly(pool, tmp_path):
     order = []
 
     async def run_one(workers, group):
-        await PoolShare(workers, group).run(work.get_pid, limit=DECOMPOSING)
+        await PoolShare(workers, group).run(work.get_pid, limit=DECOMPOSING_LIMIT)
         order.append(group)
 
     async def scenario(workers):
         large_share, small_share = PoolShare(workers, "big"), PoolShare(workers, "small")
         busy_task = [
             asyncio.ensure_future(
-                large_share.run(work.write_line, tmp_path / name, "hello", limit=DECOMPOSING)
+                large_share.run(work.write_line, tmp_path / name, "hello", limit=DECOMPOSING_LIMIT)
             )
             for name in ("one", "two")
         ]
@@ -243,7 +247,7 @@ def test_groups_share_the_workers_evenly(pool, tmp_path):
         await asyncio.sleep(0)
         await asyncio.to_thread((tmp_path / "one").read_text)
         await asyncio.gather(*tasks)
-        assert await small_share.run(work.find_temporary_folder, limit=DECOMPOSING)
+        assert await small_share.run(work.find_temporary_folder, limit=DECOMPOSING_LIMIT)
         await asyncio.to_thread((tmp_path / "two").read_text)
         await asyncio.gather(*busy_task)
 
@@ -255,7 +259,7 @@ def test_oversized_model_ends_with_advice(pool):
     async def scenario(workers):
         assert await workers.run(work.allocate_memory, 0.1) > 10**8
         with pytest.raises(FarmError, match=r"not enough memory for decomposing \(.* 2.0 GB\)") as error:
-            await workers.run(work.allocate_memory, 3.0, limit=DECOMPOSING)
+            await workers.run(work.allocate_memory, 3.0, limit=DECOMPOSING_LIMIT)
         assert error.value.code is ErrorCode.LIMIT
         assert await workers.run(work.read_oom_score) > work.read_oom_score()
         return await workers.run(work.allocate_memory, 0.1)
@@ -303,11 +307,11 @@ def test_memory_of_a_worker_is_its_share_or_the_minimum():
 
 def test_a_pool_is_idle_while_a_worker_is_free_for_any_task(pool):
     async def scenario(workers):
-        idle_states = [workers.has_idle]
-        run_task = asyncio.ensure_future(workers.run(work.get_pid, limit=DECOMPOSING))
+        idle_states = [workers.has_idle_worker]
+        run_task = asyncio.ensure_future(workers.run(work.get_pid, limit=DECOMPOSING_LIMIT))
         await asyncio.sleep(0)
-        idle_states.append(workers.has_idle)
+        idle_states.append(workers.has_idle_worker)
         await run_task
-        return [*idle_states, workers.has_idle]
+        return [*idle_states, workers.has_idle_worker]
 
     assert pool.run(scenario) == [True, False, True]

@@ -214,7 +214,7 @@ def test_second_job_is_planned_and_forecast_while_the_first_prints(farm, plan):
 
 def test_printer_with_a_fault_is_not_used_and_shows_its_reason(farm):
     farm.report_ready("a", link=Link.FAULT, reason="it does not get warm")
-    view = describe_printer(farm.build_view_context(STATE), farm.controller.fleet.printer("a"), None)
+    view = describe_printer(farm.build_view_context(STATE), farm.controller.fleet.find_printer("a"), None)
     assert (view.state, view.look) == ("fault", "it does not get warm")
     farm.report_ready("b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
@@ -247,7 +247,7 @@ def test_paused_print_is_a_task_with_its_time_limit(farm, plan):
         agent_print = AgentPrint(print_id=attempt.id, state=state, **fields)
         farm.controller.on_snapshot(AgentSnapshot(printer="a", link=Link.BUSY, print=agent_print))
         context = farm.build_view_context(STATE)
-        view = describe_printer(context, farm.controller.fleet.printer("a"), None)
+        view = describe_printer(context, farm.controller.fleet.find_printer("a"), None)
         return view, [item for item in list_tasks(context) if item.code == "resume"]
 
     report_state(PrintState.PRINTING)  # the pause arrived while it was heating

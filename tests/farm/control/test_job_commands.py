@@ -175,7 +175,7 @@ def test_reel_survives_a_restart_and_short_reels_start_nothing(farm, state, tmp_
     farm.store.close()
     restarted_farm = Farm(tmp_path)
     restarted_farm.report_ready("a", "b")
-    assert restarted_farm.controller.fleet.printer("b").material == "generic_abs"
+    assert restarted_farm.controller.fleet.find_printer("b").material == "generic_abs"
     asyncio.run(restarted_farm.printers.load_reel("a", LoadRequest(grams=300.0), "ann"))
     assert list_starts(restarted_farm) == ["a"]
     with pytest.raises(Refused, match="is printing"):

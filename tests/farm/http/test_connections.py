@@ -18,9 +18,9 @@ import uvicorn
 from farm.http import BoundedServer, PeerProtocol, compute_connection_limit, connections
 from farm.http.connections import (
     MAX_CONNECTIONS,
-    REQUEST_S,
+    REQUEST_TIMEOUT_S,
     RateLimitedLog,
-    find_longest_waiting,
+    find_longest_waiting_connection,
     find_overdue_connections,
 )
 from farms.real_farm import RealFarm, wait_for
@@ -51,11 +51,13 @@ def test_incomplete_requests_are_ended_oldest_first():
         WaitingClient(0.0),
         WaitingClient(5.0),
     )
-    assert find_overdue_connections([busy_connection, old_connection, young_connection], REQUEST_S + 0.1) == [
-        old_connection
-    ]
-    assert find_longest_waiting([busy_connection, young_connection, old_connection]) is old_connection
-    assert find_longest_waiting([busy_connection]) is None
+    assert find_overdue_connections(
+        [busy_connection, old_connection, young_connection], REQUEST_TIMEOUT_S + 0.1
+    ) == [old_connection]
+    assert (
+        find_longest_waiting_connection([busy_connection, young_connection, old_connection]) is old_connection
+    )
+    assert find_longest_waiting_connection([busy_connection]) is None
 
 
 def test_repeated_error_is_logged_once_a_minute(caplog):
@@ -145,7 +147,7 @@ def test_connection_of_a_client_that_does_not_read_is_closed_to_serve_a_request(
     ids=["nothing", "half a head", "half a body", "idle after its answer"],
 )
 def test_connection_with_an_incomplete_request_is_ended(tmp_path, monkeypatch, sent_bytes):
-    monkeypatch.setattr(connections, "REQUEST_S", -1.0)
+    monkeypatch.setattr(connections, "REQUEST_TIMEOUT_S", -1.0)
     monkeypatch.setattr(connections, "_CHECK_INTERVAL_S", 0.01)
 
     async def scenario(server, path):

@@ -30,7 +30,7 @@ MB, GB = 10**6, 10**9
     ("size", "missing_bytes", "free_bytes", "jobs", "reason"),
     [
         (2 * GB + 1, (), 100 * GB, 0, r"a.stl has 2.0 GB.*fleet.uploads.model_gb"),
-        (MB, (MB, MB), 100 * GB, 0, "2 models being received.*again in a moment.*fleet.uploads.at_once"),
+        (MB, (MB, MB), 100 * GB, 0, "checking 2 models.*again in a moment.*fleet.uploads.at_once"),
         (MB, (), 100 * GB, 3, "3 open jobs already.*farm cancel JOB.*fleet.uploads.open_jobs"),
         (MB, (), GB, 0, r"would leave 1.0 GB free .*1 GB must stay free.*fleet.uploads.free_gb"),
         (GB, (GB,), 3 * GB - 1, 0, "would leave"),  # the other one has not arrived yet
@@ -85,7 +85,7 @@ def test_open_uploads_count_until_inspected(tmp_path, monkeypatch):
         assert uploads.describe("a") == UploadView(step="repairing", received=5, size=5)
         with pytest.raises(NoSuchThing):
             uploads.describe("b")
-        with pytest.raises(Refused, match="1 model being received"):
+        with pytest.raises(Refused, match="receiving and checking 1 model"):
             await uploads.receive_model(send_content(), "b", "b.stl", 5, JobOptions())
         inspection_may_end.set()
         assert await first_upload == "inspected"

@@ -156,8 +156,8 @@ def test_useless_relevel_is_discarded(state, bar, error, monkeypatch):
 class RecordingWorkers(SameProcess):
     """Workers that record their tasks, each in its own step of the event loop; drawings may be held."""
 
-    def __init__(self, held_calls=(), has_idle=True):
-        self.started, self.ended, self.held_calls, self.has_idle = [], [], held_calls, has_idle
+    def __init__(self, held_calls=(), has_idle_worker=True):
+        self.started, self.ended, self.held_calls, self.has_idle_worker = [], [], held_calls, has_idle_worker
 
     async def run(self, work, *args, limit=None, group=None):
         name = getattr(work, "target", "slow").rpartition(":")[2]
@@ -174,7 +174,7 @@ class RecordingWorkers(SameProcess):
 
 def plan_with_workers(state, job, workers, monkeypatch):
     monkeypatch.setattr(SameProcess, "run", workers.run)
-    monkeypatch.setattr(SameProcess, "has_idle", workers.has_idle)
+    monkeypatch.setattr(SameProcess, "has_idle_worker", workers.has_idle_worker)
     return plan_job(state, job)[1]
 
 
@@ -201,7 +201,7 @@ def test_the_drawing_of_parts_that_are_cut_again_is_stopped(state, bar, monkeypa
 
 def test_parts_that_may_be_cut_again_are_drawn_only_by_idle_workers(state, bar, monkeypatch):
     slow_down_slices(monkeypatch, lambda stl, length_mm: 10.0 * length_mm * (stl.stem == "p02"))
-    workers = RecordingWorkers(has_idle=False)
+    workers = RecordingWorkers(has_idle_worker=False)
     result = plan_with_workers(state, bar, workers, monkeypatch)
     assert isinstance(result, Plan), result
     assert "relevel_parts 0" in workers.started

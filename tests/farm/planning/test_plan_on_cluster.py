@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 from clusters.dask_cluster import run_cluster
-from farm.compute import DECOMPOSING, Workers
+from farm.compute import DECOMPOSING_LIMIT, Workers
 from farm.config import Fleet
 from farm.model import Job, JobOptions
 from farm.paths import StateFolder
@@ -158,7 +158,7 @@ def test_parallel_attempts_make_the_plan_of_one_worker(bar, tmp_path):
         CountingWorkers.max_running_tasks.clear()
         states.append(StateFolder(tmp_path / name))
         plans.append(asyncio.run(make_plan(states[-1])))
-        max_running_tasks.append(CountingWorkers.max_running_tasks[DECOMPOSING.work])
+        max_running_tasks.append(CountingWorkers.max_running_tasks[DECOMPOSING_LIMIT.work])
     plan_by_one_worker, plan_by_two_workers = plans
     assert plan_by_two_workers == replace(plan_by_one_worker, decomposition=plan_by_two_workers.decomposition)
     assert list_stored_files(states[0]) == list_stored_files(states[1])

@@ -63,7 +63,7 @@ class LinkingEffects(RecordedEffects):
 def link_job_files(books, state, number):
     entry = books.jobs[number]
     names = list_job_files(entry, map(books.parts.__getitem__, entry.parts), books.plates_of(entry))
-    link_files(state.job(number), state.files, names)
+    link_files(state.find_job_folder(number), state.files, names)
 
 
 class StoppedClock(Clock):
@@ -133,8 +133,8 @@ def test_files_of_old_jobs_are_deleted_except_pictures(tmp_path):
     assert answer.freed_bytes == 3 * 6 * 1000  # all but the picture
     assert list_files(state.files).keys() == list_named_files(books)
     assert answer.stored_bytes == 1000 * len(list_named_files(books))
-    assert [path.name for path in state.job(1).iterdir()] == ["assembly.png"]
-    assert len(list(state.job(4).iterdir())) > 4
+    assert [path.name for path in state.find_job_folder(1).iterdir()] == ["assembly.png"]
+    assert len(list(state.find_job_folder(4).iterdir())) > 4
     check_jobs(state, books, old_books)
     assert len(list_backups(state)) == 1
     with Store(state.books) as store:
@@ -174,7 +174,11 @@ def test_parts_of_a_pruned_job_keep_small_pictures(tmp_path):
         books = farm.controller.books
     view, _ = show_job(state, books, 1)
     assert all(Path(part.picture).read_bytes().startswith(b"\x89PNG") for part in view.parts)
-    assert {path.name for path in state.job(1).iterdir()} == {"assembly.png", "p01.png", "p02.png"}
+    assert {path.name for path in state.find_job_folder(1).iterdir()} == {
+        "assembly.png",
+        "p01.png",
+        "p02.png",
+    }
     check_jobs(state, books, old_books)
 
 

@@ -7,7 +7,7 @@ from fastapi.routing import iter_route_contexts
 
 from farm.api import NETWORK_PREFIX
 from farm.model import Role
-from farm.web.access import HOST_ONLY, LIVENESS, PUBLIC_ROUTES, ROLES
+from farm.web.access import HOST_ONLY_ROUTES, LIVENESS_PATH, PUBLIC_ROUTES, ROLES
 from farms.network_farm import HOST, OWN_PAGE, NetworkFarm
 
 VALUES = {"printer": "a", "number": "1", "name": "a", "part": "p01", "request_id": "r" * 8}
@@ -33,14 +33,14 @@ def fill_path(path):
 def test_each_route_has_a_row_in_one_table_and_each_row_is_a_route(farm):
     contexts = iter_route_contexts(farm.web._app.routes)
     routes = {(method, context.path) for context in contexts for method in context.methods}
-    assert routes == ROLES.keys() | PUBLIC_ROUTES | HOST_ONLY
-    assert len(routes) == len(ROLES) + len(PUBLIC_ROUTES) + len(HOST_ONLY)
+    assert routes == ROLES.keys() | PUBLIC_ROUTES | HOST_ONLY_ROUTES
+    assert len(routes) == len(ROLES) + len(PUBLIC_ROUTES) + len(HOST_ONLY_ROUTES)
 
 
 def test_route_without_a_role_is_not_served(farm):
     operator = farm.add(OPERATE).text
-    assert ("POST", f"{NETWORK_PREFIX}/down") in HOST_ONLY
-    for method, path in HOST_ONLY | {
+    assert ("POST", f"{NETWORK_PREFIX}/down") in HOST_ONLY_ROUTES
+    for method, path in HOST_ONLY_ROUTES | {
         ("PUT", f"{NETWORK_PREFIX}/jobs"),
         ("OPTIONS", f"{NETWORK_PREFIX}/status"),
         ("HEAD", f"{NETWORK_PREFIX}/status"),
@@ -158,7 +158,7 @@ def test_oversized_body_is_refused(farm):
 
 def test_long_headers_are_refused(farm):
     long_headers = {"x-long": "x" * 20_000}
-    assert farm.ask("GET", LIVENESS, headers=long_headers).status_code == 431
+    assert farm.ask("GET", LIVENESS_PATH, headers=long_headers).status_code == 431
 
 
 def test_ten_wrong_keys_are_delayed_but_a_valid_key_is_not(farm):
@@ -173,7 +173,7 @@ def test_ten_wrong_keys_are_delayed_but_a_valid_key_is_not(farm):
 def test_every_answer_forbids_scripts_and_frames_and_no_other_site_may_read_it(farm):
     key = farm.add(LOOK).text
     answers = (
-        farm.ask("GET", LIVENESS),
+        farm.ask("GET", LIVENESS_PATH),
         farm.ask("GET", f"{NETWORK_PREFIX}/status"),
         farm.ask("GET", f"{NETWORK_PREFIX}/status", key, headers={"origin": "http://evil.example"}),
         farm.ask("GET", f"{NETWORK_PREFIX}/nothing", key),

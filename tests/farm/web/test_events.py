@@ -8,7 +8,7 @@ import pytest
 
 from books.recording_controller import MODEL
 from farm.errors import Refused
-from farm.http.event_streams import EventStreams, NoEvents
+from farm.http.event_streams import EmptyEventLog, EventStreams
 from farm.model import JobOptions, Role
 from farm.state.event_rows import EventRow
 from farms.web_farm import HOST, WebFarm, get_network_path
@@ -129,7 +129,7 @@ def test_stream_ends_with_the_daemon_and_its_place_is_free_again(farm):
 
 
 def test_streams_are_limited_for_a_caller_and_in_all():
-    streams = EventStreams(NoEvents(), limit=6)
+    streams = EventStreams(EmptyEventLog(), limit=6)
     with ExitStack() as open_streams:
         for caller in ("ann", "ann", "ann", "ann", "bob", "bob"):
             streams.check(caller)
@@ -142,7 +142,7 @@ def test_streams_are_limited_for_a_caller_and_in_all():
 
 
 def test_long_log_is_sent_in_order(monkeypatch):
-    class LongLog(NoEvents):
+    class LongLog(EmptyEventLog):
         def read_events(self, after, limit):
             return [EventRow(n, 0.0, "JobMoved") for n in range(after + 1, min(after + limit, 1000) + 1)]
 

@@ -5,10 +5,10 @@ import re
 import pytest
 
 from farm.model import Role
-from farm.web.access import LIVENESS, METRICS, ROLES, SCHEMA, SCHEMA_PAGE, find_role
+from farm.web.access import LIVENESS_PATH, METRICS_PATH, ROLES, SCHEMA_PAGE_PATH, SCHEMA_PATH, find_role
 from farms.web_farm import WebFarm, get_network_path
 
-OWN_DESCRIPTION = {("GET", SCHEMA), ("GET", SCHEMA_PAGE)}
+OWN_DESCRIPTION = {("GET", SCHEMA_PATH), ("GET", SCHEMA_PAGE_PATH)}
 
 
 @pytest.fixture
@@ -20,7 +20,7 @@ def farm(tmp_path):
 
 @pytest.fixture
 def document(farm):
-    return farm.ask("GET", SCHEMA, farm.add_key(Role.LOOK)).json()
+    return farm.ask("GET", SCHEMA_PATH, farm.add_key(Role.LOOK)).json()
 
 
 def list_operations(document):
@@ -42,9 +42,9 @@ def test_every_served_route_is_described_with_its_role_and_no_other(document):
     described_routes = {
         route for route in ROLES if route[1].startswith(get_network_path("/"))
     } - OWN_DESCRIPTION
-    assert operations.keys() == described_routes | {("GET", METRICS), ("GET", LIVENESS)}
+    assert operations.keys() == described_routes | {("GET", METRICS_PATH), ("GET", LIVENESS_PATH)}
     for (verb, path), operation in operations.items():
-        assert (verb, path) == ("GET", LIVENESS) or operation["x-role"] == find_role(verb, path)
+        assert (verb, path) == ("GET", LIVENESS_PATH) or operation["x-role"] == find_role(verb, path)
     assert get_network_path("/down") not in document["paths"]
     ids = [operation["operationId"] for operation in operations.values()]
     assert len(set(ids)) == len(ids)
@@ -70,7 +70,7 @@ def test_refusal_and_an_answer_have_the_fields_that_are_described(farm, document
 
 
 def test_page_shows_every_operation_and_loads_nothing(farm, document):
-    answer = farm.ask("GET", SCHEMA_PAGE, farm.add_key(Role.LOOK, "two"))
+    answer = farm.ask("GET", SCHEMA_PAGE_PATH, farm.add_key(Role.LOOK, "two"))
     assert answer.headers["content-type"].startswith("text/html")
     for verb, path in list_operations(document):
         assert f"<code>{verb} {path}</code>" in answer.text
@@ -78,13 +78,13 @@ def test_page_shows_every_operation_and_loads_nothing(farm, document):
     assert set(re.findall(r'id="([^"]*)"', answer.text)) >= {
         link[1:] for link in links if link.startswith("#")
     }
-    assert {link for link in links if not link.startswith("#")} == {SCHEMA}
+    assert {link for link in links if not link.startswith("#")} == {SCHEMA_PATH}
     assert "<script" not in answer.text
     policy = answer.headers["content-security-policy"]
     assert policy.startswith("default-src 'none'; style-src 'sha256-")
 
 
-@pytest.mark.parametrize("path", [SCHEMA, SCHEMA_PAGE, METRICS])
+@pytest.mark.parametrize("path", [SCHEMA_PATH, SCHEMA_PAGE_PATH, METRICS_PATH])
 def test_description_and_metrics_need_a_key(farm, path):
     assert farm.ask("GET", path).status_code == 401
     assert farm.ask("GET", path, farm.add_key(Role.LOOK)).status_code == 200

@@ -68,7 +68,7 @@ def make_status(books):
         fleet=api.FleetView(
             name="farm", timezone="UTC", time_scale=1, now=context.format_time(NOW_S), file="f"
         ),
-        printers=[describe_printer(context, FLEET.printer(name), HOLD) for name in PRINTERS],
+        printers=[describe_printer(context, FLEET.find_printer(name), HOLD) for name in PRINTERS],
         jobs=[describe_job(context, item) for item in select_shown_jobs(books)],
         night=describe_night(context),
     )

@@ -40,12 +40,12 @@ async def run_scheduler(folder, certificates):
 def run_worker(folder, certificates, address, name):
     """Run a worker with one slot, whose versions are those of the tests."""
     from clusters.dask_cluster import INSTALLATION
-    from farm.compute.cluster import serve
+    from farm.compute.cluster import worker_service
 
-    serve.read_installation = lambda: INSTALLATION
-    options = serve.WorkerOptions(address, certificates, name, folder / name, slots=1)
+    worker_service.read_installation = lambda: INSTALLATION
+    options = worker_service.WorkerOptions(address, certificates, name, folder / name, slots=1)
     options.folder.mkdir(exist_ok=True)
-    asyncio.run(serve.serve_tasks(options, None))
+    asyncio.run(worker_service.serve_tasks(options, None))
 
 
 class Processes:

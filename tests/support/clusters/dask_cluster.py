@@ -20,7 +20,7 @@ class Recorder:
     """Local pool that runs each task immediately and records it."""
 
     start_step = None
-    has_idle = True
+    has_idle_worker = True
     memory_bytes = 2**30
 
     def __init__(self):

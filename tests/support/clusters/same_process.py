@@ -7,7 +7,7 @@ class SameProcess:
     """Workers that run each task immediately."""
 
     start_step = None
-    has_idle = True
+    has_idle_worker = True
     memory_bytes = 2**40
 
     async def run(self, work, *args, limit=None, group=None):

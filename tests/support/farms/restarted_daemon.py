@@ -28,7 +28,7 @@ class NoWorkers:
     """Stand-in for the daemon's worker processes."""
 
     start_step = None
-    has_idle = True
+    has_idle_worker = True
     memory_bytes = 2**40
 
     def __init__(self, *_):

@@ -6,15 +6,16 @@ import { Stage, readColour } from "./stage.js";
 
 const STATES = ["waiting", "printing", "printed", "good", "bad", "failed", "cancelled"]; // colours in palette.css
 const GOLDEN_RATIO = 0.618; // neighbouring numbers get distant hues
-const STEP_S = 1.5; // of each step in the animation (decompose/export/glb.py)
+const STEP_S = 1.5; // duration of each step in the animation (decompose/export/glb.py)
 
 /** Return the rows of the parts by name. */
 const findRows = () => new Map([...document.querySelectorAll("tr[data-part]")].map((row) => [row.dataset.part, row]));
 
 /** Return the name of a part in the file; three.js removes the dots from the name of its mesh. */
-const nameOf = (mesh) => mesh.userData.name ?? mesh.name;
+const findName = (mesh) => mesh.userData.name ?? mesh.name;
 
-const hueOf = (number) => new Color().setHSL((number * GOLDEN_RATIO) % 1, 0.5, 0.55);
+/** Return the colour of a printer by its number. */
+const computeColour = (number) => new Color().setHSL((number * GOLDEN_RATIO) % 1, 0.5, 0.55);
 
 /** Add an input with its label. */
 const addInput = (container, text, attributes, onInput) => {
@@ -37,7 +38,7 @@ class JobView {
       if (!mesh.isMesh) return;
       mesh.material = mesh.material.clone();
       const centre = new Box3().setFromBufferAttribute(mesh.geometry.attributes.position).getCenter(new Vector3());
-      this.parts.set(nameOf(mesh), { mesh, centre, restPosition: mesh.position.clone() });
+      this.parts.set(findName(mesh), { mesh, centre, restPosition: mesh.position.clone() });
     });
     const middle = new Vector3();
     for (const { centre } of this.parts.values()) middle.addScaledVector(centre, 1 / this.parts.size);
@@ -53,7 +54,7 @@ class JobView {
     this.setApart(0.35);
     this.paint();
     this.stage.frame();
-    this.stage.onPick((mesh) => this.pick(mesh ? nameOf(mesh) : null));
+    this.stage.onPick((mesh) => this.pick(mesh ? findName(mesh) : null));
   }
 
   addControls(container) {
@@ -128,11 +129,11 @@ class JobView {
     const printers = [...new Set([...this.rows.values()].map((row) => row.dataset.printer))].sort();
     const meanings = new Map();
     for (const [name, { mesh }] of this.parts) {
-      const values = new Set(this.rowsOf(name).map((row) => row.dataset[this.colourBy === "state" ? "kind" : "printer"]));
+      const values = new Set(this.findPartRows(name).map((row) => row.dataset[this.colourBy === "state" ? "kind" : "printer"]));
       const [first = "cut into smaller parts"] = values;
       const text = values.size > 1 ? `copies with several ${this.colourBy}s` : first;
       const colour = this.colourBy === "printer" && values.size === 1
-        ? hueOf(printers.indexOf(first))
+        ? computeColour(printers.indexOf(first))
         : readColour(`--fill-${STATES.includes(text) ? text : "other"}`);
       meanings.set(text, colour);
       mesh.material.color.copy(colour);
@@ -148,7 +149,7 @@ class JobView {
     this.stage.requestFrame();
   }
 
-  /** Mark a part in the view and in the table: the row of one copy, or all rows of the part; null for none. */
+  /** Mark a part in the view, and the row of one copy or all its rows in the table; null marks no part. */
   pick(name, copy = null) {
     [this.picked, this.copy] = [name, copy];
     const rows = this.markRows();
@@ -160,23 +161,23 @@ class JobView {
 
   /** Mark only the rows of the picked part, and return them. */
   markRows() {
-    const rows = this.copy ? [this.rows.get(this.copy)].filter(Boolean) : this.rowsOf(this.picked);
+    const rows = this.copy ? [this.rows.get(this.copy)].filter(Boolean) : this.findPartRows(this.picked);
     for (const row of this.rows.values()) row.classList.toggle("picked", rows.includes(row));
     return rows;
   }
 
-  /** Return the part of the model for the name of a row: names of copies end with a dot and a number. */
+  /** Return the part of the model for the name of a row; names of copies end with a dot and a number. */
   findPart(name) {
     return this.parts.has(name) ? name : name.split(".")[0];
   }
 
-  /** Return the rows of a part: one for each copy; none if the part was cut into smaller parts. */
-  rowsOf(name) {
+  /** Return the rows of a part, one for each copy; none if the part was cut into smaller parts. */
+  findPartRows(name) {
     return [...this.rows].filter(([part]) => this.findPart(part) === name).map(([, row]) => row);
   }
 }
 
-/** Replace the picture in an element by a 3D view of its model. */
+/** Replace the picture in an element with a 3D view of its model. */
 export const showJob = async (container) => {
   const gltf = await new GLTFLoader().loadAsync(container.dataset.model);
   const picture = container.querySelector("img");

@@ -6,10 +6,10 @@ import {
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 
 const FIELD_OF_VIEW_DEG = 35;
-const MARGIN = 0.95; // below 1, as a box does not fill its bounding sphere
+const MARGIN = 0.95; // below 1, because a box does not fill its bounding sphere
 const CLICK_PX = 4; // a pointer that moved further has turned the view
 
-/** Return the value of a colour of the style sheet. */
+/** Return a colour of the style sheet by its name. */
 export const readColour = (name) => new Color(getComputedStyle(document.documentElement).getPropertyValue(name).trim());
 
 export class Stage {
@@ -18,7 +18,7 @@ export class Stage {
    * @param {string} label description of the view for screen readers
    */
   constructor(container, label) {
-    this.renderer = new WebGLRenderer({ antialias: true, preserveDrawingBuffer: true }); // a view without a buffer prints blank
+    this.renderer = new WebGLRenderer({ antialias: true, preserveDrawingBuffer: true }); // otherwise the view is blank in print
     this.canvas = this.renderer.domElement;
     this.canvas.setAttribute("role", "img");
     this.canvas.setAttribute("aria-label", label);
@@ -82,7 +82,7 @@ export class Stage {
     this.requestFrame();
   }
 
-  /** Call a function with the mesh under the pointer, or null, at each click. */
+  /** Call a function at each click, with the mesh under the pointer or null. */
   onPick(callback) {
     let start = null;
     this.canvas.addEventListener("pointerdown", (event) => { start = [event.clientX, event.clientY]; });

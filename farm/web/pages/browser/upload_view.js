@@ -1,4 +1,4 @@
-// Shows a chosen model in the printers' build volume before the upload; it sends no data.
+// Shows a chosen model in the printers' build volume before the upload, without sending any data.
 
 import {
   Box3, BoxGeometry, Color, EdgesGeometry, GridHelper, Group, LineBasicMaterial, LineSegments, Mesh,
@@ -11,12 +11,12 @@ import { PLYLoader } from "three/addons/loaders/PLYLoader.js";
 import { STLLoader } from "three/addons/loaders/STLLoader.js";
 import { Stage, readColour } from "./stage.js";
 
-const LARGEST_BYTES = 300e6; // a larger file is not shown
+const MAX_BYTES = 300e6; // a larger file is not shown
 const UNITS_MM = { micron: 0.001, millimeter: 1, centimeter: 10, inch: 25.4, foot: 304.8, meter: 1000 };
 
-const wrap = (geometry) => new Group().add(new Mesh(geometry));
+const wrapMesh = (geometry) => new Group().add(new Mesh(geometry));
 
-/** Return the unit of a 3MF file in mm. */
+/** Return the length of the unit of a 3MF file in mm. */
 const readUnit = (content) => {
   const files = unzipSync(new Uint8Array(content), { filter: ({ name }) => name.toLowerCase().endsWith(".model") });
   const units = Object.values(files).map((file) => /<model\b[^>]*\bunit="(\w+)"/.exec(strFromU8(file.subarray(0, 4096)))?.[1]);
@@ -24,8 +24,8 @@ const readUnit = (content) => {
 };
 
 const READERS = {
-  stl: (content) => wrap(new STLLoader().parse(content)),
-  ply: (content) => wrap(new PLYLoader().parse(content)),
+  stl: (content) => wrapMesh(new STLLoader().parse(content)),
+  ply: (content) => wrapMesh(new PLYLoader().parse(content)),
   obj: (content) => new OBJLoader().parse(new TextDecoder().decode(content)),
   "3mf": (content) => {
     const group = new ThreeMFLoader().parse(content);
@@ -40,10 +40,10 @@ const findScale = (form, longest) => {
   return side > 0 ? side / longest : Number(form.elements.scale.value);
 };
 
-const format = (lengths) => `${lengths.map((mm) => (mm < 10 ? mm.toFixed(1) : Math.round(mm))).join(" × ")} mm`;
+const formatLengths = (lengths) => `${lengths.map((mm) => (mm < 10 ? mm.toFixed(1) : Math.round(mm))).join(" × ")} mm`;
 
 /** Compare the size of a model in any orientation with the build volumes. */
-const compare = (size, beds) => {
+const compareSize = (size, beds) => {
   const lengths = [...size].sort((a, b) => a - b);
   const fitting = beds.filter(([, ...bed]) => bed.sort((a, b) => a - b).every((mm, axis) => lengths[axis] <= mm));
   if (Math.max(...size) < 5) return "It is smaller than 5 mm: check its unit.";
@@ -76,7 +76,7 @@ class UploadView {
     this.caption.textContent = "";
     const reader = READERS[file?.name.split(".").pop().toLowerCase()];
     if (!file || !reader) return;
-    if (file.size > LARGEST_BYTES) {
+    if (file.size > MAX_BYTES) {
       this.caption.textContent = "The file is too large for a preview.";
       return;
     }
@@ -95,7 +95,7 @@ class UploadView {
     const raw = new Box3().setFromObject(this.model).getSize(new Vector3());
     const scale = findScale(this.form, Math.max(...raw));
     const size = raw.toArray().map((mm) => mm * scale);
-    this.caption.textContent = `${format(size)}. ${compare(size, this.beds)}`;
+    this.caption.textContent = `${formatLengths(size)}. ${compareSize(size, this.beds)}`;
     this.container.hidden = false;
     this.stage ??= new Stage(this.container, "The model beside the printers' build volume");
     this.draw(scale, isNew);
@@ -119,11 +119,11 @@ class UploadView {
     });
     const [, width, depth, height] = this.beds.reduce((a, b) => (a[1] * a[2] * a[3] > b[1] * b[2] * b[3] ? a : b));
     const edges = new EdgesGeometry(new BoxGeometry(width, depth, height));
-    const room = new LineSegments(edges, new LineBasicMaterial({ color: readColour("--faint") }));
-    room.position.z = height / 2;
+    const volume = new LineSegments(edges, new LineBasicMaterial({ color: readColour("--faint") }));
+    volume.position.z = height / 2;
     const grid = new GridHelper(Math.max(width, depth), 10, new Color(readColour("--line")), readColour("--line"));
     grid.rotation.x = Math.PI / 2;
-    content.add(room, grid);
+    content.add(volume, grid);
     this.stage.resize();
     if (isNew) this.stage.frame();
     this.stage.requestFrame();

@@ -1,4 +1,4 @@
-"""Page of the history: figures of ended prints, with filters. Pure."""
+"""History page with figures of ended prints and filters. Pure."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from farm.web.pages.page_route import EMPTY_IS_NONE
 from farm.web.pages.rendering import Farm, render_page
 
 PERIODS = ((None, "all"), (1, "last day"), (7, "last 7 days"), (30, "last 30 days"), (365, "last year"))
-"""Periods to choose from: days and label."""
+"""Periods to choose from, each as a number of days and a label."""
 
 
 class HistoryQuery(BaseModel):
@@ -39,9 +39,9 @@ def render_history(view: HistoryView, farm: Farm, reader: Reader, note: Note | N
     farm
         The fleet.
     reader
-        Person who reads it.
+        Person who reads the page.
     note
-        Message on the reader's last action.
+        Message about the reader's last action.
     """
     values = asdict(view.history_filter)
     query = urlencode({name: value for name, value in values.items() if value is not None})

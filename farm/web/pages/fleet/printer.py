@@ -14,7 +14,7 @@ from farm.web.notes import Note, Reader
 from farm.web.pages.home import is_hot
 from farm.web.pages.rendering import Farm, render_page
 
-UPKEEP = {
+UPKEEP_WORDS = {
     "MaintenanceStarted": "taken out of use",
     "MaintenanceEnded": "back in use",
     "ReelLoaded": "reel loaded",
@@ -22,7 +22,7 @@ UPKEEP = {
     "PrinterAlarmed": "alarm",
     "BedBecameUnknown": "bed unknown",
 }
-"""Words for the kinds of events on the upkeep of a printer."""
+"""Words for the kinds of events about the upkeep of a printer."""
 
 
 def render_printer(page: PrinterPage, farm: Farm, reader: Reader, note: Note | None = None) -> str:
@@ -35,13 +35,13 @@ def render_printer(page: PrinterPage, farm: Farm, reader: Reader, note: Note | N
     farm
         The fleet.
     reader
-        Person who reads it; the page has the forms that their role allows.
+        Person who reads the page; it has the forms that the reader's role allows.
     note
-        Message on the reader's last action.
+        Message about the reader's last action.
     """
     path = f"/printers/{page.printer.name}"
     title = PROFILES[page.model].title if page.model in PROFILES else page.model
-    values = {"page": page, "title": title, "upkeep_words": UPKEEP, "is_hot": is_hot(page.printer)}
+    values = {"page": page, "title": title, "upkeep_words": UPKEEP_WORDS, "is_hot": is_hot(page.printer)}
     return render_page("printer.html", farm, path, reader, note, **values)
 
 
@@ -68,11 +68,11 @@ def render_wire(
     name
         The printer.
     lines
-        Oldest first, with times on the farm's clock.
+        Lines, oldest first, with times on the farm's clock.
     farm
         The fleet.
     reader
-        Person who reads it.
+        Person who reads the page.
     problem
         Reason why there are no lines.
     """

@@ -1,4 +1,4 @@
-"""Routes of the page of a printer, of its last lines on the wire, and of stills of prints."""
+"""Routes of a printer's page, of its last lines on the wire, and of stills of prints."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ _IMAGES = {".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".png": "image/png"}
 
 
 def make_printer_page_routes(pages: PageContext) -> APIRouter:
-    """Return the routes."""
+    """Return the routes of a printer's pages and of stills."""
     router, services = APIRouter(route_class=PageRoute, include_in_schema=False), pages.services
     controller = services.controller
     fleet = controller.fleet.fleet
 
-    async def show(reader: Reader, name: str, note: Note | None = None) -> str:
+    async def render(reader: Reader, name: str, note: Note | None = None) -> str:
         context, printer = (
             controller.build_view_context(services.state),
             controller.situations.describe_printer(name),
@@ -42,11 +42,11 @@ def make_printer_page_routes(pages: PageContext) -> APIRouter:
         )
         return render_printer(page, fleet, reader, note)
 
-    pages.live.add("/printers/{name}", lambda reader, name, _query: show(reader, name))
+    pages.live.add("/printers/{name}", lambda reader, name, _query: render(reader, name))
 
     @router.get("/printers/{name}")
     async def show_printer(request: Request, name: str) -> Response:
-        return await pages.answer(request, lambda reader, note: show(reader, name, note))
+        return await pages.answer(request, lambda reader, note: render(reader, name, note))
 
     @router.get("/printers/{name}/wire")
     async def show_wire(request: Request, name: str) -> Response:

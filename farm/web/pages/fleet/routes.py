@@ -20,7 +20,7 @@ from farm.views.dashboard import (
     write_csv,
 )
 from farm.views.history import describe_ended_print
-from farm.views.jobs import count_waiting, list_queue
+from farm.views.jobs import count_waiting_plates, list_queue
 from farm.web.notes import Note, Reader
 from farm.web.pages.fleet.history import HistoryQuery, render_history
 from farm.web.pages.fleet.timeline import TimelineQuery, render_timeline
@@ -31,9 +31,9 @@ _ROUNDS = 10  # rounds of live pages between two renderings, because these pages
 
 
 def make_fleet_routes(pages: PageContext) -> APIRouter:
-    """Return the routes of these pages.
+    """Return the routes of the timeline and of the history.
 
-    A thread reads a snapshot of the books, because a long history would block the event loop.
+    The books are read in a thread, because a long history would block the event loop.
     """
     router, services = APIRouter(route_class=PageRoute, include_in_schema=False), pages.services
     controller = services.controller
@@ -58,14 +58,14 @@ def make_fleet_routes(pages: PageContext) -> APIRouter:
         view = await asyncio.to_thread(describe_history, context, query.to_filter())
         return render_history(view, fleet, reader, note)
 
-    async def show_live_timeline(reader: Reader, _variable: str, query: str) -> str:
+    async def render_live_timeline(reader: Reader, _variable: str, query: str) -> str:
         return await render_timeline_page(reader, read_query(TimelineQuery, query))
 
-    async def show_live_history(reader: Reader, _variable: str, query: str) -> str:
+    async def render_live_history(reader: Reader, _variable: str, query: str) -> str:
         return await render_history_page(reader, read_query(HistoryQuery, query))
 
-    pages.live.add("/timeline", show_live_timeline, _ROUNDS)
-    pages.live.add("/history", show_live_history, _ROUNDS)
+    pages.live.add("/timeline", render_live_timeline, _ROUNDS)
+    pages.live.add("/history", render_live_history, _ROUNDS)
 
     @router.get("/timeline")
     async def show_timeline(request: Request, query: Annotated[TimelineQuery, Query()]) -> Response:
@@ -92,17 +92,17 @@ def find_change(context: ViewContext, query: TimelineQuery) -> Change | None:
     NoSuchThing
         If there is no such job.
     Refused
-        If none of its plates waits, or it cannot be moved there.
+        If none of its plates waits, or the job cannot be moved there.
     FarmError
-        If the start cannot be read.
+        If the start cannot be parsed.
     """
     query.check()
     if query.job is None:
         return None
     job = context.books.job(query.job)
-    if not count_waiting(context.books, job):
+    if not count_waiting_plates(context.books, job):
         reason = "all of its plates have started" if job.plates else "it has no plan yet"
-        raise Refused(f"nothing of job {job.id} would move: {reason}")
+        raise Refused(f"job {job.id} has no plate to move: {reason}")
     before, not_before_s = None, None
     if query.to is not None:
         order = [entry.id for entry in list_queue(context.books)]

@@ -18,13 +18,13 @@ from farm.web.pages.page_route import EMPTY_IS_NONE
 from farm.web.pages.rendering import Farm, render_page
 
 RANGES = ((6, "6 hours"), (12, "12 hours"), (24, "day"), (72, "3 days"), (168, "week"))
-"""Lengths of the past that is shown: hours and label."""
+"""Lengths of the past that the page shows, each as a number of hours and a label."""
 MOVES = (("", "unchanged"), ("first", "first"), ("up", "one up"), ("down", "one down"), ("last", "last"))
-"""What-if moves of a job: values of `api.QueuePlace` and label."""
+"""What-if moves of a job, each as a value of `api.QueuePlace` and a label."""
 
 
 class TimelineQuery(BaseModel):
-    """Query of the page: the length of the past that is shown, and a what-if change."""
+    """Query of the page, with the length of the past that it shows and a what-if change."""
 
     hours: Literal["6", "12", "24", "72", "168"] = "12"
     job: Annotated[Annotated[int, Field(ge=1, le=2**31)] | None, EMPTY_IS_NONE] = None
@@ -33,7 +33,7 @@ class TimelineQuery(BaseModel):
 
     @property
     def past_s(self) -> float:
-        """Length of the past that is shown, in seconds."""
+        """Length of the past that the page shows, in seconds."""
         return int(self.hours) * 3600.0
 
     def format_query(self) -> str:
@@ -67,9 +67,9 @@ def render_timeline(
     farm
         The fleet.
     reader
-        Person who reads it.
+        Person who reads the page.
     note
-        Message on the reader's last action.
+        Message about the reader's last action.
     problem
         Reason why the change cannot be made.
     """
@@ -93,7 +93,7 @@ def render_timeline(
 
 
 def format_start(view: TimelineView) -> str:
-    """Format the what-if start with its date; empty if there is none.
+    """Format the what-if start with its date; empty if there is no what-if start.
 
     Without the date, `22:00` would mean a different day tomorrow.
     """

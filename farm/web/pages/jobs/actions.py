@@ -1,4 +1,4 @@
-"""Buttons of a job and of its parts, which depend on their state and the reader's role. Pure."""
+"""Buttons of a job and its parts, which depend on their state and the reader's role. Pure."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def list_part_actions(
     job, part
         The part, and its job.
     printer
-        Printer on whose bed the printed part lies; None if it lies on no bed.
+        Printer on whose bed the printed part lies; None if the part is on no bed.
     role
         Role of the reader.
     """
@@ -105,8 +105,8 @@ def list_part_actions(
 def find_parts_on_beds(job: api.JobView, printers: Sequence[api.PrinterView]) -> dict[str, api.PrinterView]:
     """Find the printers with parts of a job on their beds, by part id.
 
-    Only the last print of a part counts: an earlier, failed one may lie on another bed, and must not get the
-    verdict.
+    Only the last print of a part counts, because an earlier failed print may lie on another bed, and must not
+    get the verdict.
     """
     beds = {
         (printer.last.plate, printer.name): printer

@@ -1,4 +1,4 @@
-"""ZIP archive of files, written while it is sent: neither the disk nor the memory holds all of it."""
+"""ZIP archive of files, written while it is sent, so that neither disk nor memory holds all of it."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 _CHUNK_BYTES = 1 << 18
-_LEVEL = 1  # compression: half the size of an STL, at about 50 MB/s
+_COMPRESSION_LEVEL = 1  # halves the size of an STL, at about 50 MB/s
 
 
 class _Outbox:
-    """Stream without seeking that buffers content until `take`."""
+    """Stream that cannot seek, and buffers content until `take` is called."""
 
     def __init__(self) -> None:
         self._chunks: list[bytes] = []
@@ -42,10 +42,10 @@ def write_archive(files: Mapping[str, Path]) -> Iterator[bytes]:
     Raises
     ------
     OSError
-        If a file cannot be read; the content until then is not a valid archive.
+        If a file cannot be read; the content so far is not a valid archive.
     """
     outbox = _Outbox()
-    with zipfile.ZipFile(outbox, "w", zipfile.ZIP_DEFLATED, compresslevel=_LEVEL) as archive:  # type: ignore[call-overload]
+    with zipfile.ZipFile(outbox, "w", zipfile.ZIP_DEFLATED, compresslevel=_COMPRESSION_LEVEL) as archive:  # type: ignore[call-overload]
         for name, path in files.items():
             with path.open("rb") as source, archive.open(name, "w", force_zip64=True) as entry:
                 while chunk := source.read(_CHUNK_BYTES):

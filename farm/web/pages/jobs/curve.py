@@ -1,4 +1,4 @@
-"""Chart of the expected printing time over the number of printers, to choose from. Pure."""
+"""Chart of the expected printing time over the number of printers, for the choice of that number. Pure."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Choice:
     x, y
         Position in the chart, px.
     label
-        Number below the axis; empty if there is no room.
+        Number below the axis; empty if there is no space for it.
     is_chosen
         True if the plan has this number of printers.
     end
@@ -48,7 +48,7 @@ class Curve:
 
     choices: tuple[Choice, ...]
     line: str  # points of the polyline
-    top_text: str  # the longest time
+    top_text: str  # longest time
     width: int = _WIDTH
     height: int = _HEIGHT
     left: int = _LEFT
@@ -57,10 +57,10 @@ class Curve:
     right: int = _WIDTH - _RIGHT
 
 
-def draw_curve(
+def lay_out_curve(
     points: Sequence[CurvePoint], chosen_count: int, start: datetime, now: datetime
 ) -> Curve | None:
-    """Lay out a curve; None if there is nothing to choose.
+    """Lay out a curve; None if there are fewer than two points.
 
     Parameters
     ----------

@@ -33,7 +33,7 @@ def make_plan_form_routes(services: Services, jobs: JobCommands) -> APIRouter:
     router = APIRouter(route_class=FormRoute, include_in_schema=False)
 
     @router.post("/jobs/{number}/release")
-    async def release(number: int, request: Request, by: CallerName) -> Response:
+    async def release_job(number: int, request: Request, by: CallerName) -> Response:
         seen_plan = (await read_form(request, ReleaseForm)).plan
         plan = services.controller.books.job(number).plan
         if seen_plan is not None and seen_plan != plan:
@@ -42,12 +42,12 @@ def make_plan_form_routes(services: Services, jobs: JobCommands) -> APIRouter:
         return answer_form(request, Note(f"Job {number} prints as soon as it can."))
 
     @router.post("/jobs/{number}/keep")
-    async def keep(number: int, request: Request, by: CallerName) -> Response:
+    async def keep_plan(number: int, request: Request, by: CallerName) -> Response:
         jobs.keep_dry_run(number, by)
         return answer_form(request, Note(f"Job {number} is kept, and printed once it is approved."))
 
     @router.post("/jobs/{number}/replan")
-    async def plan_again(number: int, request: Request, by: CallerName) -> Response:
+    async def replan_job(number: int, request: Request, by: CallerName) -> Response:
         form = await read_form(request, ReplanForm)
         job = services.controller.books.job(number)
         options = job.options.model_copy(update={"printers": form.printers, "dry_run": True, "hold": True})

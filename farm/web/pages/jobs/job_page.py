@@ -1,4 +1,4 @@
-"""Page of one job: next step, parts, timeline, assembly and files. Pure."""
+"""Page of one job with next step, parts, timeline, assembly and files. Pure."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from farm.views.report import list_figures
 from farm.views.report.decomposition import Report
 from farm.web.notes import Note, Reader
 from farm.web.pages.jobs.actions import list_job_actions, may_report_assembly
-from farm.web.pages.jobs.curve import Curve, draw_curve
+from farm.web.pages.jobs.curve import Curve, lay_out_curve
 from farm.web.pages.jobs.parts import list_part_rows
 from farm.web.pages.rendering import Farm, render_page
 from farm.web.pages.sentences import Sentence, format_sentence, format_time_element
 from farm.wording import format_planning, format_time, group_holds, shorten_names
 
-_FILES = {
+_FILE_LABELS = {
     "assembly.png": "picture of the parts",
     "assembly.glb": "3D model of the parts",
     "decomposition.json": "report of the decomposition",
     "instructions.html": "instructions for gluing",
 }
-_MODEL = "assembly.glb"
-_PICTURE = "assembly.png"
-_FIGURES_OF_PLATES = ("plates printed", "wasted")
+_MODEL_FILE = "assembly.glb"
+_PICTURE_FILE = "assembly.png"
+_PLATE_FIGURES = ("plates printed", "wasted")
 """Figures that are meaningless for a job without plates."""
 
 
@@ -47,13 +47,13 @@ class JobData:
     history
         Ended prints of the fleet, for the timeline.
     timeline
-        Expected times of its plates; None without a plan, or once it has ended.
+        Expected times of its plates; None without a plan, and once the job has ended.
     report
         Joints, assembly and curve.
     files
         Names of its files.
     curve_job
-        Job whose report has the curve; None for this one.
+        Job whose report has the curve; None for this job.
     gcode
         Figures of a person's own G-code.
     """
@@ -80,7 +80,7 @@ def render_job_page(data: JobData, farm: Farm, reader: Reader, note: Note | None
     """
     job, timeline = data.job, data.timeline
     now = datetime.fromisoformat(job.now)
-    # a plate that is printed again has several slots: the last one counts
+    # a plate that is printed again has several slots, of which the last one counts
     slots = {} if timeline is None else {slot.plate: slot for slot in timeline.slots}
     return render_page(
         "job.html",
@@ -96,21 +96,21 @@ def render_job_page(data: JobData, farm: Farm, reader: Reader, note: Note | None
         rows=list_part_rows(job, data.printers, slots, reader.role),
         reasons=list_reasons(job, timeline),
         changes=list_changes(job),
-        gantt=draw_job_gantt(data, now),
-        curve=draw_job_curve(data, now) if job.options.dry_run else None,
+        gantt=lay_out_job_gantt(data, now),
+        curve=lay_out_job_curve(data, now) if job.options.dry_run else None,
         curve_job=data.curve_job or job.id,
         figures=[*data.gcode, *_list_figures(job)],
         is_glued_here=may_report_assembly(job, reader.role),
         report=data.report,
-        model=_MODEL if _MODEL in data.files else None,
-        picture=_PICTURE if _PICTURE in data.files else None,
+        model=_MODEL_FILE if _MODEL_FILE in data.files else None,
+        picture=_PICTURE_FILE if _PICTURE_FILE in data.files else None,
         downloads=list_downloads(data.files),
         has_instructions="instructions.html" in data.files,
     )
 
 
 def summarise_job(job: api.JobView, timeline: api.Timeline | None) -> str:
-    """Summarise the progress of a job and the next step in one or two sentences."""
+    """Summarise the progress and the next step of a job in one or two sentences."""
     if job.progress is not None and job.state != JobState.PRINTING:
         return f"{format_planning(job.progress).capitalize()}."
     if job.state == JobState.QUEUED:
@@ -148,8 +148,8 @@ def _describe_plan(job: api.JobView, timeline: api.Timeline | None) -> str:
 
 
 def _format_end(end: str, now: str) -> Markup:
-    left_s = (datetime.fromisoformat(end) - datetime.fromisoformat(now)).total_seconds()
-    words = format_time_element(end, now), format_duration(max(0.0, left_s))
+    remaining_s = (datetime.fromisoformat(end) - datetime.fromisoformat(now)).total_seconds()
+    words = format_time_element(end, now), format_duration(max(0.0, remaining_s))
     return Markup(", ends {}, in {}").format(*words)
 
 
@@ -161,19 +161,19 @@ def _list_figures(job: api.JobView) -> Iterator[tuple[str, str]]:
         if name == "submitted":
             by = f" by {job.submitted_by}" if job.submitted_by else ""
             yield name, Markup("{}{}").format(format_time_element(job.submitted, job.now), by)
-        elif text != "-" and (job.plates or name not in _FIGURES_OF_PLATES):
+        elif text != "-" and (job.plates or name not in _PLATE_FIGURES):
             yield name, format_sentence(Sentence(text, times))
 
 
 def estimate_share(progress: PlanProgress) -> float | None:
-    """Estimate the completed share of the present step of planning, 0 to 1; None if unknown."""
+    """Estimate the completed share of the current planning step, from 0 to 1; None if unknown."""
     if progress.step is PlanStep.SLICING and progress.of:
         return progress.done / progress.of
     return progress.share if progress.step is PlanStep.DECOMPOSING else None
 
 
 def list_reasons(job: api.JobView, timeline: api.Timeline | None = None) -> list[Sentence]:
-    """List the reasons why a job or its plates wait, each once, without the reason in the summary."""
+    """List the reasons why a job or its plates wait, each once, except the reason in the summary."""
     reasons = []
     if timeline is not None and timeline.left:
         reasons.append(Sentence(f"no printer can print {shorten_names(timeline.left)}"))
@@ -187,7 +187,7 @@ def list_reasons(job: api.JobView, timeline: api.Timeline | None = None) -> list
 
 
 def list_gcode_figures(job: Job, plates: Iterable[Plate]) -> list[tuple[str, str]]:
-    """List size, layers and time of a person's own G-code once it is planned; empty for a model."""
+    """List size, layers and time of a person's own G-code; the list is empty for a model."""
     if job.own_gcode is None:
         return []
     low_mm, high_mm = job.own_gcode.min_mm, job.own_gcode.max_mm
@@ -205,27 +205,27 @@ def list_changes(job: api.JobView) -> list[str]:
     return [*job.repairs, *scale_notes]
 
 
-def draw_job_gantt(data: JobData, now: datetime) -> Gantt | None:
-    """Lay out the prints of a job, the prints of other jobs during that time, and the remaining plates."""
+def lay_out_job_gantt(data: JobData, now: datetime) -> Gantt | None:
+    """Lay out the prints of a job, the prints of other jobs in the same time, and the remaining plates."""
     slots = () if data.timeline is None else data.timeline.slots
     return lay_out_gantt([*list_bars(data.job, data.history, now), *list_expected_bars(slots, now)])
 
 
-def draw_job_curve(data: JobData, now: datetime) -> Curve | None:
-    """Lay out the curve of a plan; all points have the start time of the plan."""
+def lay_out_job_curve(data: JobData, now: datetime) -> Curve | None:
+    """Lay out the curve of a plan, with the start time of the plan for all points."""
     timeline = data.timeline
     if timeline is None:
         return None
     start = min((datetime.fromisoformat(slot.starts) for slot in timeline.slots), default=now)
-    return draw_curve(data.report.curve, len({plate.printer for plate in data.job.plates}), start, now)
+    return lay_out_curve(data.report.curve, len({plate.printer for plate in data.job.plates}), start, now)
 
 
 def list_downloads(files: Sequence[str]) -> Mapping[str, list[tuple[str, str]]]:
-    """Group the files of a job by title; each file has its name and a label."""
+    """Group the files of a job by title, each file with its name and a label."""
     groups: dict[str, list[tuple[str, str]]] = {"Model": [], "Parts (STL)": [], "G-code": [], "Pictures": []}
     for name in files:
-        if name in _FILES:
-            groups["Model"].append((name, _FILES[name]))
+        if name in _FILE_LABELS:
+            groups["Model"].append((name, _FILE_LABELS[name]))
         elif name.endswith(".stl"):
             groups["Parts (STL)"].append((name, name))
         elif name.endswith(".gcode"):

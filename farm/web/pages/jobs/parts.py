@@ -25,13 +25,13 @@ class PartRow:
     state
         State of its last print, or the verdict on it.
     remark
-        Number of the attempt if there are several, and the bed on which the part lies.
+        Number of the attempt if there were several, and the bed on which the part lies.
     kind
         State for style sheets: waiting, printing, printed, good, bad, failed or cancelled.
     progress
-        Completed share of the open print, 0 to 1; None if there is none.
+        Completed share of the open print, from 0 to 1; None if there is none.
     ends
-        End of its print, expected or actual, ISO 8601; None if unknown.
+        Expected or actual end of its print, as ISO 8601; None if unknown.
     expected, total, actual
         Printing times: the planned time, the expected time of the open print according to its progress, and
         the actual time of the last print.

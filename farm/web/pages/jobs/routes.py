@@ -26,29 +26,29 @@ from farm.web.pages.jobs.job_page import JobData, list_gcode_figures, render_job
 from farm.web.pages.page_context import PageContext
 from farm.web.pages.page_route import EMPTY_IS_NONE, PageRoute, read_query
 
-_INSTRUCTIONS, _PICTURE, _REPORT = "instructions.html", "assembly.png", "decomposition.json"
-_DOCUMENT = {
+_INSTRUCTIONS_FILE, _PICTURE_FILE, _REPORT_FILE = "instructions.html", "assembly.png", "decomposition.json"
+_DOCUMENT_HEADERS = {
     "content-security-policy": "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:; "
     "frame-ancestors 'none'; base-uri 'none'"
 }
-"""Security policy of a stored page, a single file: it allows its own style and pictures, and no script."""
+"""Security policy of a stored page in a single file: it allows own styles and pictures, but no script."""
 _MAX_PRINTS = 2000  # maximum number of prints of other jobs in a timeline
 
 
 class JobQuery(BaseModel):
-    """Query of a job's page: the job whose curve it shows, if it is another one."""
+    """Query of a job's page: the job whose curve it shows, if that is another job."""
 
     curve: Annotated[int | None, EMPTY_IS_NONE] = None
 
 
 def make_job_page_routes(pages: PageContext, dry_runs: DryRuns) -> APIRouter:
-    """Return the routes. A page of a dry run keeps it alive."""
+    """Return the routes of a job's pages. The page of a dry run keeps the dry run alive."""
     router, services = APIRouter(route_class=PageRoute, include_in_schema=False), pages.services
     controller = services.controller
     farm = controller.fleet.fleet
 
     async def read_stored_report(number: int) -> Report:
-        file_name = name_stored_files(controller.books, number).get(_REPORT)
+        file_name = name_stored_files(controller.books, number).get(_REPORT_FILE)
         if file_name is None:
             return Report()
         try:
@@ -56,7 +56,7 @@ def make_job_page_routes(pages: PageContext, dry_runs: DryRuns) -> APIRouter:
         except OSError:  # the page is useful without its report
             return Report()
 
-    async def show(reader: Reader, number: int, note: Note | None = None, curve: int | None = None) -> str:
+    async def render(reader: Reader, number: int, note: Note | None = None, curve: int | None = None) -> str:
         dry_runs.keep(number, time.monotonic(), PAGE_DRY_RUN_TIMEOUT_S)
         report = await read_stored_report(number)
         if curve is not None and not report.curve:
@@ -64,28 +64,29 @@ def make_job_page_routes(pages: PageContext, dry_runs: DryRuns) -> APIRouter:
         data = describe_job_page(services, number, report, curve)
         return render_job_page(data, farm, reader, note)
 
-    async def show_live(reader: Reader, number: str, query: str) -> str:
+    async def render_live(reader: Reader, number: str, query: str) -> str:
         if not number.isdecimal():
             raise NoSuchThing(f"there is no job {number}")
-        return await show(reader, int(number), curve=read_query(JobQuery, query).curve)
+        return await render(reader, int(number), curve=read_query(JobQuery, query).curve)
 
-    pages.live.add("/jobs/{number}", show_live)
+    pages.live.add("/jobs/{number}", render_live)
 
     @router.get("/jobs/{number}")
     async def show_job(number: int, request: Request, query: Annotated[JobQuery, Query()]) -> Response:
-        return await pages.answer(request, lambda reader, note: show(reader, number, note, query.curve))
+        return await pages.answer(request, lambda reader, note: render(reader, number, note, query.curve))
 
     @router.get("/jobs/{number}/instructions")
     async def show_instructions(number: int) -> Response:
-        path = await find_stored_file(services, number, _INSTRUCTIONS)
-        return FileResponse(path, media_type="text/html", headers=_DOCUMENT)
+        path = await find_stored_file(services, number, _INSTRUCTIONS_FILE)
+        return FileResponse(path, media_type="text/html", headers=_DOCUMENT_HEADERS)
 
     @router.get("/jobs/{number}/parts.zip")
     async def send_parts(number: int) -> Response:
         files = name_stored_files(controller.books, number)
         parts = {name: services.state.files / file for name, file in files.items() if name.endswith(".stl")}
         for name in parts or ["parts.zip"]:
-            await find_stored_file(services, number, name)  # refuses before an incomplete archive is sent
+            # raises an error before an incomplete archive is sent
+            await find_stored_file(services, number, name)
         headers = {"content-disposition": f'attachment; filename="job-{number}-parts.zip"'}
         return StreamingResponse(write_archive(parts), media_type="application/zip", headers=headers)
 
@@ -95,14 +96,14 @@ def make_job_page_routes(pages: PageContext, dry_runs: DryRuns) -> APIRouter:
         job = describe_job(context, controller.books.job(number))
         history = list_history(context, None, None, _MAX_PRINTS)
         try:
-            path = await find_stored_file(services, number, _PICTURE)
+            path = await find_stored_file(services, number, _PICTURE_FILE)
             picture = await asyncio.to_thread(path.read_bytes)
         except (NoSuchThing, OSError):
             picture = None
         now = datetime.fromtimestamp(context.now_s, controller.fleet.zone)
         contents = JobContents({}, picture, await read_stored_report(number))
         page = render_page(job, history, now, list_figures(job), contents)
-        return HTMLResponse(page, headers=_DOCUMENT)
+        return HTMLResponse(page, headers=_DOCUMENT_HEADERS)
 
     return router
 
@@ -114,7 +115,7 @@ def _read_report(path: Path) -> Report:
     Raises
     ------
     OSError
-        If it cannot be read; errors are not cached, because they may be temporary.
+        If the report cannot be read; errors are not cached, because they may be temporary.
     """
     return parse_report(path.read_bytes())
 

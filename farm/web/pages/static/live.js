@@ -1,9 +1,9 @@
 // Updates a live page: a stream of server-sent events brings the changed elements.
-// Keeps focus, open forms and typed text. The event "element-received" tells other scripts about each new element.
+// It keeps the focus, open forms and typed text. The event "element-received" reports each new element to other scripts.
 
 const RETRY_MS = 3000;
-const SILENCE_MS = 15000;
-const STILL_MS = 5000;
+const MAX_SILENCE_MS = 15000; // after which the page warns that it may be outdated
+const STILL_INTERVAL_MS = 5000; // between two stills of a camera
 
 const main = document.getElementById("main");
 const page = document.body.dataset.live;
@@ -30,7 +30,7 @@ const syncAttributes = (old, fresh) => {
   }
 };
 
-/** Update an element to equal a new one, reusing its nodes; child elements with ids are matched by id. */
+/** Make an element equal to a new one, but reuse its nodes; child elements with ids are matched by id. */
 export const sync = (old, fresh) => {
   if (old.nodeType !== Node.ELEMENT_NODE) {
     if (old.data !== fresh.data) old.data = fresh.data;
@@ -54,7 +54,7 @@ export const sync = (old, fresh) => {
   while (at) at = removeAndGetNext(at);
 };
 
-const apply = (changes) => {
+const applyChanges = (changes) => {
   const focused = document.activeElement;
   for (const [id, html] of Object.entries(changes)) {
     const template = document.createElement("template");
@@ -74,7 +74,7 @@ warning.className = "stale";
 warning.hidden = true;
 document.getElementById("notes").append(warning);
 
-const showStale = (isStale) => {
+const showWarning = (isStale) => {
   if (isStale && warning.hidden) {
     const since = new Date(contactMs).toLocaleTimeString([], { hour12: false });
     warning.textContent = `No updates from the farm since ${since}. This page may be outdated; trying again.`;
@@ -87,7 +87,7 @@ const showStale = (isStale) => {
 
 const recordContact = () => {
   contactMs = Date.now();
-  showStale(false);
+  showWarning(false);
 };
 
 const disconnect = () => {
@@ -103,12 +103,12 @@ const connect = () => {
   source.onmessage = (event) => {
     recordContact();
     version = event.lastEventId;
-    apply(JSON.parse(event.data));
+    applyChanges(JSON.parse(event.data));
   };
   source.addEventListener("beat", recordContact);
   source.onerror = () => {
     disconnect();
-    showStale(true);
+    showWarning(true);
     retryTimer = setTimeout(connect, RETRY_MS);
   };
 };
@@ -127,7 +127,7 @@ if (page) {
   addEventListener("pageshow", (event) => event.persisted && connect());
   addEventListener("online", connect);
   addEventListener("offline", () => source?.onerror()); // an open stream may report no error
-  setInterval(() => source && Date.now() - contactMs > SILENCE_MS && source.onerror(), 1000);
-  setInterval(showStills, STILL_MS);
+  setInterval(() => source && Date.now() - contactMs > MAX_SILENCE_MS && source.onerror(), 1000);
+  setInterval(showStills, STILL_INTERVAL_MS);
   connect();
 }

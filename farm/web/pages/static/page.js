@@ -1,14 +1,14 @@
 // Converts the times of a page from the farm's time zone to the reader's.
 
-const offsetOf = /([+-])(\d\d):(\d\d)$|Z$/;
+const OFFSET_PATTERN = /([+-])(\d\d):(\d\d)$|Z$/;
 
-/** Return the offset from UTC in minutes of an ISO 8601 time in the farm's time zone. */
+/** Return the offset from UTC, in minutes, of an ISO 8601 time. */
 const readOffset = (iso) => {
-  const found = offsetOf.exec(iso);
+  const found = OFFSET_PATTERN.exec(iso);
   return !found || !found[1] ? 0 : (found[1] === "-" ? -1 : 1) * (60 * Number(found[2]) + Number(found[3]));
 };
 
-/** Format a time in the reader's time zone; null if both zones agree. Marks of a chart may have no day. */
+/** Format a time in the reader's time zone; null if both zones agree. A mark of a chart may have no day. */
 const formatMoment = (iso, text) => {
   const moment = new Date(iso);
   if (Number.isNaN(moment.getTime()) || -moment.getTimezoneOffset() === readOffset(iso)) return null;
@@ -22,7 +22,7 @@ const formatMoment = (iso, text) => {
 const localiseTimes = (root) => {
   let isLocal = false;
   for (const element of root.querySelectorAll("time[datetime], [data-time]")) {
-    if (element.closest("[data-farm-time]")) continue; // a page in the farm's zone
+    if (element.closest("[data-farm-time]")) continue; // this part of the page uses the farm's time zone
     const text = element.dataset.text ?? element.textContent; // `data-text` is a part of the content
     const words = formatMoment(element.dataset.time ?? element.getAttribute("datetime"), text);
     if (words === null) continue;

@@ -14,7 +14,7 @@ const poll = async () => {
     const answer = await fetch(`/api/v1/uploads/${form.dataset.request}`);
     if (answer.ok) progress.textContent = describeUpload(await answer.json());
   } catch {
-    // the page is closing or the network is down: the browser reports that
+    // the page is closing, or the network is down, which the browser reports
   }
   setTimeout(poll, PERIOD_MS);
 };

@@ -12,15 +12,15 @@ from farm.model import JobOptions
 from farm.text import describe_first_error
 
 UNITS = {"1": "millimetres", "10": "centimetres", "25.4": "inches", "1000": "metres"}
-"""Units of length by their factor to millimetres."""
+"""Names of the units of length, by their length in millimetres."""
 QUALITIES = ("glue", "paper", "paper-hidden", "draft", "fast", "normal", "high")
-"""Names of qualities to choose from: the farm's, and Cura's."""
+"""Names of the qualities of the farm and of Cura."""
 
 
 class Goal(StrEnum):
     """Choice of the number of printers."""
 
-    AUTO = "auto"  # as many as save time
+    AUTO = "auto"  # as many printers as save time
     COUNT = "count"
     DEADLINE = "deadline"  # the fewest parts that are printed by a time
     GLUED = "glued"  # the fewest parts that are printed and glued by a time
@@ -72,12 +72,12 @@ DEFAULTS: Mapping[str, str] = {
 
 
 def read_job_options(fields: Mapping[str, str]) -> JobOptions:
-    """Read the options of a job from the fields of a form; empty fields have their defaults.
+    """Read the options of a job from the fields of a form; empty fields get their defaults.
 
     Raises
     ------
     FarmError
-        If a field is invalid; the message has its name.
+        If a field is invalid; the message names it.
     """
     values: dict[str, object] = {name: fields[name] for name in _PLAIN_FIELDS if fields.get(name, "").strip()}
     try:

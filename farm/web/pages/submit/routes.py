@@ -28,7 +28,7 @@ _REQUEST_ID = re.compile(r"[0-9a-f]{32}")
 
 
 def make_submit_routes(pages: PageContext, jobs: JobCommands) -> APIRouter:
-    """Return the routes."""
+    """Return the routes of the page."""
     router, services = APIRouter(route_class=PageRoute, include_in_schema=False), pages.services
     fleet = services.controller.fleet
     uploads = FormUploads(services.uploads, jobs)
@@ -45,7 +45,7 @@ def make_submit_routes(pages: PageContext, jobs: JobCommands) -> APIRouter:
         return await pages.answer(request, show)
 
     @router.post(SUBMIT_PATH)
-    async def submit(request: Request, by: CallerName) -> Response:
+    async def submit_model(request: Request, by: CallerName) -> Response:
         holder, values = find_holder(request), dict[str, str]()
 
         async def read_options(form: FormReader) -> JobOptions:

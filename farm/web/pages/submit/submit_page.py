@@ -16,8 +16,8 @@ from farm.web.pages.rendering import Farm, render_page
 from farm.web.pages.submit.options import DEFAULTS, QUALITIES, UNITS
 
 SUBMIT_PATH = "/submit"
-_MESHES, _GCODE = ".stl,.3mf,.obj,.ply,.off", ".gcode,.gco,.g"
-_STEP = ".step,.stp"
+_MESH_SUFFIXES, _GCODE_SUFFIXES = ".stl,.3mf,.obj,.ply,.off", ".gcode,.gco,.g"
+_STEP_SUFFIXES = ".step,.stp"
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +29,7 @@ class SubmitChoices:
     printers
         Number of printers.
     materials, colours
-        Kinds of material and colours on the printers.
+        Kinds of material, and colours, on the printers.
     beds_mm
         Build volumes: name of the printer model, width, depth and height.
     timezone
@@ -78,9 +78,9 @@ def render_submit_page(
     Parameters
     ----------
     choices
-        Choices of the fleet.
+        Choices in the form.
     request_id
-        Id of the submission: a form that is sent twice is one job.
+        Id of the submission; a form that is sent twice makes one job.
     farm, reader, note
         See `render_page`.
     values
@@ -101,5 +101,7 @@ def render_submit_page(
         min_pin_mm=MIN_PIN_MM,
         max_pin_mm=MAX_PIN_MM,
         beds=json.dumps([list(bed) for bed in choices.beds_mm]),
-        file_types=",".join((_MESHES, *([_STEP] if choices.reads_step else []), _GCODE)),
+        file_types=",".join(
+            (_MESH_SUFFIXES, *([_STEP_SUFFIXES] if choices.reads_step else []), _GCODE_SUFFIXES)
+        ),
     )

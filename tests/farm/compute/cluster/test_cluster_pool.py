@@ -13,7 +13,7 @@ from farm.compute.cluster.cluster_pool import ClusterPool
 from farm.compute.cluster.cluster_state import ClusterWorker, Place
 from farm.compute.cluster.remote_task import AttemptLost, RemoteAnswer, RemoteTask, write_files
 from farm.compute.cluster.task_executor import TaskExecutor
-from farm.compute.limits import CHECKING
+from farm.compute.limits import CHECKING_LIMIT
 from farm.errors import ErrorCode, FarmError
 
 
@@ -95,7 +95,7 @@ def test_a_cancelled_task_ends_its_process_on_the_worker(tmp_path, source):
         task = asyncio.ensure_future(pool.run(work.hold, source, path, str(pid_file)))
         while not (path / "progress.json").exists():  # a progress file, which the worker sends
             await asyncio.sleep(0.02)
-        assert [run_task.host for run_task in pool.state.tasks] == ["w1"] and not pool.has_idle
+        assert [run_task.host for run_task in pool.state.tasks] == ["w1"] and not pool.has_idle_worker
         (pid,) = map(int, pid_file.read_text().split())
         assert pid in processes.pids
         task.cancel()
@@ -103,7 +103,7 @@ def test_a_cancelled_task_ends_its_process_on_the_worker(tmp_path, source):
             await asyncio.sleep(0.02)
         with pytest.raises(asyncio.CancelledError):
             await task
-        assert pool.state.tasks == () and pool.has_idle
+        assert pool.state.tasks == () and pool.has_idle_worker
 
     run_in_processes(tmp_path, scenario)
 
@@ -217,7 +217,7 @@ def test_a_worker_refuses_damaged_files_and_other_versions(tmp_path, files):
     async def main():
         executor = TaskExecutor("w1", tmp_path, Recorder(), INSTALLATION)
         installation = INSTALLATION if files else replace(INSTALLATION, settings="other")
-        return await executor.execute(RemoteTask("t", b"", CHECKING, installation), files)
+        return await executor.execute(RemoteTask("t", b"", CHECKING_LIMIT, installation), files)
 
     answer = asyncio.run(main())
     assert answer.mismatch == (
@@ -227,6 +227,6 @@ def test_a_worker_refuses_damaged_files_and_other_versions(tmp_path, files):
 
 @pytest.mark.parametrize("name", ["/etc/passwd", "/farm/job-1/../other", "/farm/job-10/p.stl", "/farm/job-1"])
 def test_a_worker_writes_only_files_of_its_task(name):
-    task = RemoteTask("t", b"", CHECKING, INSTALLATION, folders=("/farm/job-1",))
+    task = RemoteTask("t", b"", CHECKING_LIMIT, INSTALLATION, folders=("/farm/job-1",))
     with pytest.raises(ValueError, match="not a file of its task"):
         write_files(task, RemoteAnswer("w", files={name: b"x"}).files)

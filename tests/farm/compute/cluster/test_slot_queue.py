@@ -90,10 +90,10 @@ def test_a_slot_is_free_until_a_task_takes_it():
 
     async def scenario(queue):
         queue.slots.update(1, False)
-        slot_states.append(queue.slots.has_free)
+        slot_states.append(queue.slots.has_free_slot)
         tasks = [queue.add("a", 1)]
         await run_pending_tasks()
-        slot_states.append(queue.slots.has_free)
+        slot_states.append(queue.slots.has_free_slot)
         return tasks
 
     run(scenario)

@@ -32,7 +32,7 @@ def test_marks_stay_round_when_daylight_saving_ends():
 @given(st.floats(0.0, 4e9), st.floats(0.0, 3e6), st.floats(-1e7, 1e7))
 def test_all_times_and_marks_are_on_the_axis(begin_s, length_s, offset_s):
     axis = TimeAxis(begin_s, begin_s + length_s, 100.0, 800.0, BERLIN)
-    assert 100.0 <= axis.x(begin_s + offset_s) <= 900.0
+    assert 100.0 <= axis.compute_x(begin_s + offset_s) <= 900.0
     marks = axis.list_marks()
     assert len(marks) <= 12
     assert all(100.0 <= mark.x <= 900.0 for mark in marks)

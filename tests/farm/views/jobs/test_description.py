@@ -141,7 +141,7 @@ def test_remaining_time_uses_the_factor_of_the_printer(progress_s, remaining_s):
     )
     view = describe_printer(
         make_context(books, 7.0, a=AgentSnapshot(printer="a", link=Link.BUSY, print=agent_print)),
-        FLEET.printer("a"),
+        FLEET.find_printer("a"),
         None,
     )
     assert view.time_factor == 1.2
@@ -165,7 +165,7 @@ def test_print_that_is_resumed_is_not_shown_as_paused():
         books, _ = apply_events(
             books, ev.PauseRequested(at_s=3.0, print_id="x", wanted=wants_pause), progress_event
         )
-        printer = describe_printer(make_context(books, 7.0), FLEET.printer("a"), None)
+        printer = describe_printer(make_context(books, 7.0), FLEET.find_printer("a"), None)
         (part,) = [part for part in make_view(books).parts if part.prints]
         assert (printer.state, printer.print.state, part.prints[0].state) == (
             shown_state,

@@ -3,7 +3,7 @@
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from farm.web.live.fragments import MAIN, find_changes, publish_page, split_page
+from farm.web.live.fragments import MAIN_ID, find_changes, publish_page, split_page
 
 NAMES = st.lists(st.sampled_from(["a", "b-1", "c--", "printer-d"]), unique=True)
 TEXTS = st.text("ab<>&;-! \nü", max_size=8).map(lambda text: text.replace("<", "&lt;").replace(">", "&gt;"))
@@ -25,8 +25,8 @@ def draw_pages(draw):
 
 def apply_changes(state, changes):
     """Return the page of a browser after some changes, as elements by name in their order."""
-    if MAIN in changes:
-        return split_main(changes[MAIN])
+    if MAIN_ID in changes:
+        return split_main(changes[MAIN_ID])
     return {name: changes.get(name, html) for name, html in state.items()}
 
 

@@ -34,7 +34,7 @@ from farm.state.books import put
 from farm.state.faults import OwnFault
 from farm.views import report
 from farm.web import make_web_app
-from farm.web.access import METRICS, ROLES, SCHEMA, SCHEMA_PAGE
+from farm.web.access import METRICS_PATH, ROLES, SCHEMA_PAGE_PATH, SCHEMA_PATH
 from farm.web.notes import Note, Reader
 from farm.web.pages import rendering, static_files
 from farm.web.pages.fleet.printer import render_wire
@@ -53,7 +53,8 @@ NOW_S = 1.7e9
 PAGES = sorted(
     path
     for method, path in ROLES.keys() - SLICER_ROLES.keys()
-    if method == "GET" and not path.startswith((NETWORK_PREFIX, METRICS, SCHEMA, SCHEMA_PAGE, "/live"))
+    if method == "GET"
+    and not path.startswith((NETWORK_PREFIX, METRICS_PATH, SCHEMA_PATH, SCHEMA_PAGE_PATH, "/live"))
 )
 FILE_PAGES = ("/jobs/{number}/instructions", "/jobs/{number}/parts.zip")
 """Pages that are files of a job, which the jobs here do not have."""

@@ -184,7 +184,7 @@ def test_change_to_a_job_whose_plates_have_started_would_move_nothing(busy_farm,
     )
     busy_farm.controller.books = apply_events(books, started_event)[0]
     page = read_page(busy_farm, f"/timeline?job=2&{query}")
-    assert "nothing of job 2 would move: all of its plates have started" in page
+    assert "job 2 has no plate to move: all of its plates have started" in page
     assert '<option value="2"' not in page
     assert '<option value="3"' in page
 

@@ -70,7 +70,7 @@ def test_missing_and_invalid_books_are_reported(paths):
 
 
 def test_silent_agent_is_a_problem(paths):
-    lock = acquire_lock(paths.state.agent("um2-01") / AGENT_LOCK)
+    lock = acquire_lock(paths.state.find_agent_folder("um2-01") / AGENT_LOCK)
     try:
         (agent,) = (
             finding for finding in list_findings(paths, "agents") if finding.text.startswith("um2-01:")

@@ -2,7 +2,7 @@
 
 import asyncio
 
-from farm.compute.cluster import serve
+from farm.compute.cluster import worker_service
 
 
 class RefusedWorker:
@@ -20,6 +20,6 @@ class RefusedWorker:
 
 def test_worker_that_cannot_join_logs_the_reason(caplog):
     worker = RefusedWorker()
-    asyncio.run(serve._serve_once(worker, asyncio.Event()))
+    asyncio.run(worker_service._serve_once(worker, asyncio.Event()))
     assert caplog.messages == ["worker w1: certificate verify failed"]
     assert worker.reason == "the scheduler is gone"

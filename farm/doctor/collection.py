@@ -1,4 +1,4 @@
-"""Collection of the facts about an installation: files, processes, devices, clocks. Changes nothing."""
+"""Collection of the facts about an installation: files, processes, devices, clocks. It changes nothing."""
 
 from __future__ import annotations
 
@@ -47,9 +47,9 @@ from farm.upkeep.disk_use import measure_disk
 from slicing.errors import SlicingError
 from slicing.settings import find_engine, find_resources
 
-_AGENT_S = 10.0
-_ENGINE_S = 20.0
-_UNSYNCHRONISED = 5  # TIME_ERROR of adjtimex(2)
+_AGENT_TIMEOUT_S = 10.0
+_ENGINE_TIMEOUT_S = 20.0
+_TIME_ERROR = 5  # result of adjtimex(2) if the clock is not synchronised
 _ENGINE_VERSION = re.compile(r"version (\d+(?:\.\d+)+)")
 _SETTINGS_VERSION = re.compile(r'"setting_version":\s*(\d+)')
 _SHARED_MEMORY = Path("/dev/shm")
@@ -72,21 +72,22 @@ def collect_facts(paths: FarmPaths, daemon_version: str | None, daemon_error: st
         version=farm.__version__,
         fleet_path=str(paths.fleet),
         books=books,
-        cura=_find_cura(),
-        clock=_read_clock(paths.state),
-        user=_find_user(fleet, paths.state),
+        cura=_read_cura_facts(),
+        clock=_read_clock_facts(paths.state),
+        user=_read_user_facts(fleet, paths.state),
         daemon_error=daemon_error,
         daemon_version=daemon_version,
         fleet=fleet,
         fleet_error=fleet_error,
         files=_check_files(books.books, paths.state) if books.books is not None else FileFacts(),
         agents=tuple(
-            _query_agent(section.name, paths.state.agent(section.name)) for section in local_printers
+            _query_agent(section.name, paths.state.find_agent_folder(section.name))
+            for section in local_printers
         ),
         ports=tuple(_check_port(section) for section in local_printers if section.port.startswith("/")),
         disk=_measure_disk(paths.state, books.books),
         free_spaces=tuple(_measure_free_spaces(paths.state)),
-        code=_find_code(),
+        code=_read_code_facts(),
         shared_memory=_measure_free_space(_SHARED_MEMORY),
     )
 
@@ -103,10 +104,10 @@ def _read_books(state: StateFolder) -> BooksFacts:
     try:
         if not state.books.exists():
             return BooksFacts(path, exists=False)
-        books, form = read_books(state.books)
+        books, schema_version = read_books(state.books)
     except (FarmError, OSError) as error:
         return BooksFacts(path, error=str(error))
-    return BooksFacts(path, schema_version=form, books=books)
+    return BooksFacts(path, schema_version=schema_version, books=books)
 
 
 def _check_files(books: Books, state: StateFolder) -> FileFacts:
@@ -147,7 +148,7 @@ def _query_agent(printer: str, folder: Path) -> AgentFacts:
 async def _query_protocol(folder: Path) -> int | None:
     client = AgentClient(folder)
     try:
-        async with asyncio.timeout(_AGENT_S):
+        async with asyncio.timeout(_AGENT_TIMEOUT_S):
             await client.connect()
             async for snapshot in client.snapshots():
                 return snapshot.protocol
@@ -167,11 +168,11 @@ def _check_port(section: PrinterSection) -> PortFacts:
     group = None
     with suppress(KeyError):
         group = grp.getgrgid(status.st_gid).gr_name
-    usable = os.access(path, os.R_OK | os.W_OK)
-    return PortFacts(section.name, section.port, exists=True, usable=usable, group=group)
+    is_usable = os.access(path, os.R_OK | os.W_OK)
+    return PortFacts(section.name, section.port, exists=True, usable=is_usable, group=group)
 
 
-def _find_cura() -> CuraFacts:
+def _read_cura_facts() -> CuraFacts:
     engine = engine_version = engine_error = resources = settings_version = resources_error = None
     try:
         engine_path = find_engine()
@@ -189,10 +190,12 @@ def _find_cura() -> CuraFacts:
 def _read_engine_version(engine: Path) -> str | None:
     """Return the version in the help text of CuraEngine, which exits with code 1."""
     try:
-        run = subprocess.run([engine, "help"], capture_output=True, text=True, timeout=_ENGINE_S, check=False)
+        result = subprocess.run(
+            [engine, "help"], capture_output=True, text=True, timeout=_ENGINE_TIMEOUT_S, check=False
+        )
     except (OSError, subprocess.SubprocessError, UnicodeDecodeError):
         return None
-    match = _ENGINE_VERSION.search(run.stdout + run.stderr)
+    match = _ENGINE_VERSION.search(result.stdout + result.stderr)
     return match.group(1) if match else None
 
 
@@ -205,13 +208,13 @@ def _read_settings_version(resources: Path) -> str | None:
     return match.group(1) if match else None
 
 
-def _find_code() -> CodeFacts:
+def _read_code_facts() -> CodeFacts:
     from decompose.jit import CODE_FOLDER, INSTALLED, is_compiled  # slow to load
 
     return CodeFacts(str(INSTALLED), None if CODE_FOLDER is None else str(CODE_FOLDER), is_compiled())
 
 
-def _read_clock(state: StateFolder) -> ClockFacts:
+def _read_clock_facts(state: StateFolder) -> ClockFacts:
     return ClockFacts(
         now_s=time.time(),
         synchronised=_is_synchronised(),
@@ -221,13 +224,13 @@ def _read_clock(state: StateFolder) -> ClockFacts:
 
 
 def _is_synchronised() -> bool | None:
-    """Return whether NTP synchronises the kernel's clock: adjtimex(2) without a mode only reads it."""
+    """Return whether NTP synchronises the kernel's clock; adjtimex(2) without a mode only reads the state."""
     timex = ctypes.create_string_buffer(512)  # larger than struct timex, whose first word is the mode
     try:
         answer = ctypes.CDLL(None, use_errno=True).adjtimex(timex)
     except (OSError, AttributeError):
         return None
-    return None if answer < 0 else bool(answer != _UNSYNCHRONISED)
+    return None if answer < 0 else bool(answer != _TIME_ERROR)
 
 
 def _read_host_zone() -> str | None:
@@ -238,7 +241,7 @@ def _read_host_zone() -> str | None:
     return None
 
 
-def _find_user(fleet: Fleet | None, state: StateFolder) -> UserFacts:
+def _read_user_facts(fleet: Fleet | None, state: StateFolder) -> UserFacts:
     groups = set()
     for gid in {*os.getgroups(), os.getgid()}:
         with suppress(KeyError):
@@ -272,7 +275,7 @@ def _measure_disk(state: StateFolder, books: Books | None) -> DiskUse | None:
 
 def _measure_free_space(folder: Path) -> FreeSpace:
     try:
-        usable = os.access(folder, os.W_OK | os.X_OK)
-        return FreeSpace(str(folder), shutil.disk_usage(folder).free if usable else None)
+        is_usable = os.access(folder, os.W_OK | os.X_OK)
+        return FreeSpace(str(folder), shutil.disk_usage(folder).free if is_usable else None)
     except OSError:
         return FreeSpace(str(folder), None)

@@ -1,4 +1,4 @@
-"""Service of a worker: joins a cluster, and joins it again after a restart of the scheduler."""
+"""Service of a worker, which joins a cluster, and joins it again after a restart of the scheduler."""
 
 from __future__ import annotations
 
@@ -46,8 +46,10 @@ async def serve_tasks(options: WorkerOptions, warm_up: WarmUp | None) -> None:
 
     Parameters
     ----------
+    options
+        Scheduler, certificates, folder and limits of the worker.
     warm_up
-        First call in every process; see `Workers`.
+        Function that every process calls first; see `Workers`.
 
     Raises
     ------
