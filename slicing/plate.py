@@ -28,7 +28,7 @@ from slicing.checks import (
 )
 from slicing.engine import EngineLimits, Progress, check_versions, run_engine
 from slicing.errors import Rule, SliceRejected, SlicingError
-from slicing.hidden_walls import HiddenSide, speed_up_hidden_walls
+from slicing.hidden_walls import HiddenSide, remove_inner_walls, speed_up_hidden_walls
 from slicing.mesh import Floats, add_waves, read_triangles, write_triangles
 from slicing.settings import EngineSettings
 from slicing.slice_store import CheckedSlice, StoredSlice, write_atomically
@@ -186,7 +186,8 @@ def _slice_once(request: PlateRequest, corners: Floats, progress: Progress | Non
         request.engine, request.stl, settings.global_, settings.extruder, limits, progress
     )
     output.check_log(engine_output.log)
-    gcode, toolpath = _speed_up(engine_output.gcode, request)
+    engine_toolpath = read_toolpath(engine_output.gcode)
+    gcode, toolpath = _change_hidden_walls(engine_output.gcode, engine_toolpath, request)
     min_extrusion_c = settings.printer.limits.min_extrusion_c
     facts = output.gather_facts(toolpath, min_extrusion_c)
     removed_layers, layout = output.count_removed_layers(engine_output.log), read_wall_layout(settings)
@@ -201,8 +202,9 @@ def _slice_once(request: PlateRequest, corners: Floats, progress: Progress | Non
     output.check_parking(facts, settings.printer.code.park_retraction_mm)
     unprinted: tuple[UnprintedWall, ...] = ()
     if layout is not None:
+        # The outer walls stay as the engine has printed them; its inner walls are checked as well.
         unprinted = check_outline(
-            toolpath,
+            engine_toolpath,
             corners,
             layout,
             removed_layers=removed_layers,
@@ -210,18 +212,20 @@ def _slice_once(request: PlateRequest, corners: Floats, progress: Progress | Non
             filament_mm2=settings.filament_mm2,
         )
     return CheckedSlice(
-        output.replace_header(add_times(gcode, toolpath), engine_output.log, facts.sliced_s),
+        output.replace_header(add_times(gcode, toolpath), engine_output.log, facts),
         facts,
         unprinted,
         measure_feature_times(toolpath, MotionLimits.from_settings(settings.global_)),
     )
 
 
-def _speed_up(gcode: bytes, request: PlateRequest) -> tuple[bytes, Toolpath]:
-    """Print the walls on hidden sides faster; return the G-code and its moves."""
-    toolpath = read_toolpath(gcode)
-    fast_gcode = speed_up_hidden_walls(gcode, toolpath, request.hidden_sides, request.settings)
-    return fast_gcode, toolpath if fast_gcode is gcode else read_toolpath(fast_gcode)
+def _change_hidden_walls(gcode: bytes, path: Toolpath, request: PlateRequest) -> tuple[bytes, Toolpath]:
+    """Print one wall along hidden sides, and faster; return the G-code and its moves."""
+    for change in (remove_inner_walls, speed_up_hidden_walls):
+        new_gcode = change(gcode, path, request.hidden_sides, request.settings)
+        if new_gcode is not gcode:
+            gcode, path = new_gcode, read_toolpath(new_gcode)
+    return gcode, path
 
 
 def _find_bed_centre(settings: EngineSettings) -> tuple[float, float]:

@@ -17,7 +17,7 @@ from slicing.engine import read_engine_version
 from slicing.hidden_walls import HiddenSide
 from slicing.settings import EngineSettings
 
-_FORMAT = "farm-slice-9"
+_FORMAT = "farm-slice-10"
 """Version in the cache's key: increase it with each change of the stored record or the checks."""
 
 
@@ -50,7 +50,10 @@ class StoredSlice:
         """Find the entry of a model (an STL's bytes) for these settings; without a cache it stays empty."""
         if cache is None:
             return cls(None, "")
-        walls = [settings.hidden_wall_ratio, [asdict(side) for side in hidden_sides]] if hidden_sides else []
+        walls: list[Any] = (
+            [settings.hidden_wall_ratio, settings.has_single_hidden_walls] if hidden_sides else []
+        )
+        walls += [asdict(side) for side in hidden_sides]
         texts = json.dumps([settings.global_, settings.extruder, walls], sort_keys=True)
         digest = hashlib.sha256(model)
         for text in (texts, read_engine_version(engine), _FORMAT):

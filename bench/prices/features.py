@@ -133,7 +133,8 @@ def measure(posed_part: PosedPart, quality: str, cache: Path) -> Row | None:
     request = SettingsRequest(build_slicing_printer(BEDS[PRINTER]), quality)
     settings = resolve_settings(request, find_resources())
     # Parts are sliced alone, so that no side of them is hidden.
-    recipe = build_recipe(replace(settings, hidden_wall_ratio=1.0), prelude_s=0.0)
+    plain_settings = replace(settings, hidden_wall_ratio=1.0, has_single_hidden_walls=False)
+    recipe = build_recipe(plain_settings, prelude_s=0.0)
     pose = price_part(posed_part, CostModel.from_recipe(recipe), quality == "glue")
     cache_file = cache / f"{posed_part.name}-{quality}.json"
     if not cache_file.exists():

@@ -208,7 +208,8 @@ def main() -> int:
     args = parser.parse_args()
     settings = resolve_settings(REQUEST, find_resources())
     # Parts are sliced without their hidden sides.
-    cost = CostModel.from_recipe(build_recipe(replace(settings, hidden_wall_ratio=1.0), prelude_s=0.0))
+    plain_settings = replace(settings, hidden_wall_ratio=1.0, has_single_hidden_walls=False)
+    cost = CostModel.from_recipe(build_recipe(plain_settings, prelude_s=0.0))
     room = PrinterRoom(
         "0", tuple(b.size_mm for b in list_usable_volumes(PROFILES[PRINTER], settings.brim_width_mm))
     )

@@ -83,6 +83,8 @@ class EngineSettings:
     scale_z: float
     hidden: HiddenLayers  # solid layers of hidden faces, of a part that has some
     hidden_wall_ratio: float = 1.0  # maximum ratio of the speed of walls on hidden sides to that of others
+    # No inner walls along hidden sides, where infill is beside them.
+    has_single_hidden_walls: bool = False
 
     def limit_hidden_wall_mm_s(self, speed_mm_s: float) -> float:
         """Compute the speed of a wall on hidden sides from its usual speed: at most that of infill."""
@@ -163,6 +165,7 @@ def build_engine_settings(
         scale_xy=scale[0],
         scale_z=scale[1],
         hidden=HiddenLayers(bottom_layers, top_layers),
+        has_single_hidden_walls=False,
         **{name: values.read_number(key) for name, key in _KEYS.items()},
     )
     retracted_mm = values.read_number("retraction_amount") if values.read_flag("retraction_enable") else 0.0

@@ -34,6 +34,9 @@ _STREAMED_VALUES: Mapping[str, Any] = {
 }
 
 
+_WALL_KEYS = {"wall_line_count", "wall_thickness"}  # settings of a user who wants these walls on all sides
+
+
 @dataclass(frozen=True, slots=True)
 class SettingsRequest:
     """Choice of printer model, quality, material, nozzle and overrides.
@@ -170,7 +173,11 @@ def _resolve(
     settings = build_engine_settings(request_key.printer, resolver, stacks.material.density_g_cm3, scale)
     if quality is None:
         return settings
-    settings = replace(settings, hidden_wall_ratio=quality.hidden_wall_ratio)
+    settings = replace(
+        settings,
+        hidden_wall_ratio=quality.hidden_wall_ratio,
+        has_single_hidden_walls=quality.has_single_hidden_walls and _WALL_KEYS.isdisjoint(user_keys),
+    )
     return _reduce_hidden_layers(settings, quality.hidden, part)
 
 

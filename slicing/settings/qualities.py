@@ -53,6 +53,8 @@ class Quality:
     hidden: HiddenLayers | None = None  # None: the same as those of visible faces
     # Walls on hidden sides are printed at the speed of infill, at most this multiple of their own.
     hidden_wall_ratio: float = 1.0
+    # Hidden sides have one wall; not if the user sets the number of walls or their thickness.
+    has_single_hidden_walls: bool = False
 
 
 # The settings of the prints in the Parallelobox paper, for comparisons of times with it.
@@ -108,6 +110,8 @@ FARM_QUALITIES: Mapping[str, Quality] = {
         hidden=HiddenLayers(2, 3),
         # [assumed] Walls with the flow of infill are good enough where nobody sees them.
         hidden_wall_ratio=1.5,
+        # [assumed] A glued face needs one wall: the infill ends at it, and carries the load through the part.
+        has_single_hidden_walls=True,
     ),
 }
 DEFAULT_QUALITY = "glue"

@@ -134,7 +134,7 @@ def build_recipe(settings: EngineSettings, prelude_s: float) -> Recipe:
         inner_wall_mm_s=settings.speed_wall_x_mm_s,
         infill_mm_s=settings.speed_infill_mm_s,
         hidden_outer_wall_mm_s=settings.limit_hidden_wall_mm_s(settings.speed_wall_0_mm_s),
-        hidden_inner_wall_mm_s=settings.limit_hidden_wall_mm_s(settings.speed_wall_x_mm_s),
+        hidden_inner_wall_mm_s=_find_hidden_inner_wall_mm_s(settings),
         skin_mm_s=settings.speed_topbottom_mm_s,
         roof_layers=int(extruder["roofing_layer_count"]),
         roof_mm_s=float(extruder["speed_roofing"]),
@@ -150,6 +150,13 @@ def build_recipe(settings: EngineSettings, prelude_s: float) -> Recipe:
         shrinkage=settings.scale_xy - 1.0 or REFERENCE_SHRINKAGE,
         prelude_s=prelude_s,
     )
+
+
+def _find_hidden_inner_wall_mm_s(settings: EngineSettings) -> float:
+    """Return the speed at which the head moves where the inner wall of a hidden side is, or would be."""
+    if settings.has_single_hidden_walls and settings.wall_count == 2:
+        return settings.speed_travel_mm_s
+    return settings.limit_hidden_wall_mm_s(settings.speed_wall_x_mm_s)
 
 
 def _time_retraction_s(extruder: Mapping[str, str]) -> float:

@@ -1,6 +1,7 @@
 """Facts that are read from a G-code file, and violations of each rule."""
 
 import pickle
+from dataclasses import replace
 
 import pytest
 
@@ -150,12 +151,14 @@ def test_warnings_of_an_incomplete_mesh_refuse_the_slice(line):
 
 def test_header_from_the_log_replaces_the_placeholder():
     log = (
-        "x\nGcode header after slicing:\n;FLAVOR:Marlin\n;TIME:21\nEnd of gcode header.\nPrint time (s): 21\n"
+        "x\nGcode header after slicing:\n;FLAVOR:Marlin\n;TIME:21\n;Filament used: 0.9m\n"
+        "End of gcode header.\nPrint time (s): 21\n"
     )
-    gcode = replace_header(VALID_GCODE, log, 19.9)
-    assert gcode.startswith(b";FLAVOR:Marlin\n;TIME:19\n\n;Generated with Cura")
+    facts = replace(check(VALID_GCODE), sliced_s=19.9, filament_mm=812.5)
+    gcode = replace_header(VALID_GCODE, log, facts)
+    assert gcode.startswith(b";FLAVOR:Marlin\n;TIME:19\n;Filament used: 0.8125m\n\n;Generated with Cura")
     assert gcode.partition(b"M82")[2] == VALID_GCODE.partition(b"M82")[2]
-    assert replace_header(VALID_GCODE, "no header here", 19.9) == VALID_GCODE
+    assert replace_header(VALID_GCODE, "no header here", facts) == VALID_GCODE
 
 
 def test_number_of_removed_layers_is_read_from_the_log():

@@ -141,8 +141,9 @@ def test_walls_along_hidden_sides_are_fast_where_the_part_is_placed(task, is_tur
     rect = Rect(-90.0, -90.0, -30.0, 10.0) if is_turned else Rect(-90.0, -90.0, 10.0, -30.0)
 
     def slice_with(*sides):
-        work = replace(task(mesh, brim_width_mm=0.0, hidden_sides=sides), room=(UsableVolume(rect, 100.0),))
-        return slice_part(work).sliced_s
+        work = task(mesh, brim_width_mm=0.0, hidden_sides=sides)
+        request = replace(work.request, overrides={"wall_line_count": 2})  # with which all walls are printed
+        return slice_part(replace(work, request=request, room=(UsableVolume(rect, 100.0),))).sliced_s
 
     plain_s = slice_with()
     length_mm = float(np.abs(side[::-1]) @ size_mm) - RUN_OUT_MM

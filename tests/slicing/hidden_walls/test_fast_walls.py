@@ -16,6 +16,17 @@ OUTER_MM, INNER_MM = 0.2, 0.525  # half a line and the inset of the outer wall; 
 BLOCK = trimesh.creation.box((60.0, 50.0, 8.0), trimesh.transformations.translation_matrix((0.0, 0.0, 4.0)))
 
 
+@pytest.fixture
+def make_request(make_request, make_settings):
+    """Return a function that makes a PlateRequest which keeps the inner walls of hidden sides."""
+
+    def make(model, settings=None, **fields):
+        settings = replace(settings or make_settings(), has_single_hidden_walls=False)
+        return make_request(model, settings=settings, **fields)
+
+    return make
+
+
 def slice_toolpath(make_request, sides=(), mesh=BLOCK, **fields):
     result = slice_plate(make_request(mesh, hidden_sides=tuple(sides), **fields))
     return result, read_toolpath(result.gcode.read_bytes())

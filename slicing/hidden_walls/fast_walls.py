@@ -1,0 +1,128 @@
+"""Faster walls along the hidden sides of a part: the same lines with the same filament at a higher feedrate.
+
+CuraEngine has one speed for outer walls and one for inner walls.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from slicing.checks import MotionLimits, Toolpath
+from slicing.checks.section import Floats
+from slicing.hidden_walls.sides import (
+    RUN_OUT_MM,
+    HiddenSide,
+    Indices,
+    change_times,
+    find_bed_points,
+    find_level_lines,
+    find_long_layers,
+    list_side_runs,
+    list_wall_lines,
+)
+from slicing.settings import EngineSettings
+
+MIN_LINE_MM = 2.0 * RUN_OUT_MM  # shorter lines keep their speed
+_LAYER_TIME_RATIO = 1.5
+"""Ratio to the minimum layer time below which a layer keeps its speeds. A ratio of speeds up to this one
+leaves the layer above the minimum."""
+_MOVE_LINE = re.compile(rb"(?m)^G[01] [^\n]*\n")
+
+
+def speed_up_hidden_walls(
+    gcode: bytes, path: Toolpath, sides: Sequence[HiddenSide], settings: EngineSettings
+) -> bytes:
+    """Print the walls along hidden sides at up to `EngineSettings.limit_hidden_wall_mm_s`.
+
+    Walls in layers that the slicer slows down, and in the slow first layers, keep their speed.
+
+    Parameters
+    ----------
+    gcode
+        CuraEngine's output.
+    path
+        Moves and comments of the same file.
+    sides
+        Hidden sides of the part where it lies on the bed.
+    settings
+        Settings with which it was sliced.
+
+    Returns
+    -------
+    bytes
+        The same lines with higher feedrates; the end of each fast line becomes a separate line.
+    """
+    fast = find_fast_walls(path, sides, settings)
+    if not fast.share.any():
+        return gcode
+    faster_gcode = _change_feedrates(gcode, path, fast)
+    return change_times(faster_gcode, path, MotionLimits.from_settings(settings.global_))
+
+
+@dataclass(frozen=True, slots=True)
+class FastMoves:
+    """Share (n,) of each move, from its start, that is printed faster, and its feedrate (n,) there."""
+
+    share: Floats
+    feed_mm_min: Floats
+
+
+def find_fast_walls(path: Toolpath, sides: Sequence[HiddenSide], settings: EngineSettings) -> FastMoves:
+    """Find the moves along hidden sides, and in their notches, that are printed faster."""
+    ends_mm = find_bed_points(path, settings)
+    lengths_mm = np.hypot(*(ends_mm[1] - ends_mm[0]).T)
+    min_time_s = _LAYER_TIME_RATIO * float(settings.extruder["cool_min_layer_time"])
+    is_line = find_level_lines(path) & find_long_layers(path, min_time_s)
+    fast = FastMoves(np.zeros(len(is_line)), np.zeros(len(is_line)))
+    for wall in list_wall_lines(settings):
+        fast_mm_s = settings.limit_hidden_wall_mm_s(wall.speed_mm_s)
+        if fast_mm_s <= wall.speed_mm_s:
+            continue
+        has_full_speed = path.feed_mm_min > 60.0 * wall.speed_mm_s - 1.0
+        walls = np.flatnonzero(is_line & path.is_feature(wall.feature) & has_full_speed)
+        for side in sides:
+            depths_mm = np.stack([side.measure_depths_mm(points[walls]) for points in ends_mm])
+            share = _find_fast_share(walls, lengths_mm[walls], depths_mm, wall.depth_mm)
+            fast.share[walls] = np.maximum(fast.share[walls], share)
+        fast.feed_mm_min[walls] = 60.0 * fast_mm_s
+    return fast
+
+
+def _find_fast_share(walls: Indices, lengths_mm: Floats, depths_mm: Floats, wall_mm: float) -> Floats:
+    """Compute the share (k,) of each wall, from its start, that is printed faster along a side.
+
+    The parameters are those of `list_side_runs`.
+    """
+    share = np.zeros(len(walls))
+    for line in list_side_runs(walls, lengths_mm, depths_mm, wall_mm):
+        to_end_mm = np.cumsum(lengths_mm[line][::-1])[::-1]  # from the start of each move
+        if to_end_mm[0] >= MIN_LINE_MM:
+            share[line] = np.clip((to_end_mm - RUN_OUT_MM) / lengths_mm[line], 0.0, 1.0)
+    return share
+
+
+def _change_feedrates(gcode: bytes, path: Toolpath, fast: FastMoves) -> bytes:
+    """Write the feedrates of fast moves into their lines; a move that is fast in part becomes two lines."""
+    lines = [match.span() for match in _MOVE_LINE.finditer(gcode)]
+    assert len(lines) == len(fast.share), "CuraEngine writes each move as G0 or G1"
+    follows_fast = np.append(False, fast.share[:-1] == 1.0)  # G-code keeps the feedrate of the line before
+    pieces, offset = [], 0
+    for move in np.flatnonzero((fast.share > 0.0) | follows_fast):
+        begin, next_begin = lines[move]
+        start, end, share = path.start[move], path.end[move], float(fast.share[move])
+        pieces.append(gcode[offset:begin])
+        if share > 0.0:
+            pieces.append(_format_line(start + share * (end - start), float(fast.feed_mm_min[move])))
+        if share < 1.0:
+            pieces.append(_format_line(end, float(path.feed_mm_min[move])))
+        offset = next_begin
+    return b"".join((*pieces, gcode[offset:]))
+
+
+def _format_line(end: Floats, feed_mm_min: float) -> bytes:
+    x, y, _, e = end
+    return b"G1 F%.6g X%.3f Y%.3f E%.5f\n" % (feed_mm_min, x, y, e)

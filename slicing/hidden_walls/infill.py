@@ -1,0 +1,184 @@
+"""Infill beside a removed inner wall: the stretches that it supports, and the moves that stretch it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from slicing.checks import Toolpath
+from slicing.checks.section import Floats
+from slicing.hidden_walls.rewriting import Segment
+from slicing.hidden_walls.sides import MAX_NOTCH_MM, RUN_OUT_MM, HiddenSide, Indices, find_level_lines
+
+MAX_UNBACKED_MM = 15.0
+"""[assumed] Maximum length of the outer wall between two points where infill reaches it. The lines of the
+sparsest infill of quality `glue` are 10 mm apart along a side that they meet at 45 degrees."""
+_ON_BOUNDARY_MM = 0.3  # depth below the edge of the inner wall within which lines of infill end
+_TAPER_MM = 1.0  # depth below that over which the shift of the infill falls to zero
+_SKIN_MM = 2.0  # depth of the skin behind a side that needs the inner wall
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """Part of a hidden side without an inner wall in one layer, by the positions along the side."""
+
+    layer: int
+    side: int
+    low_mm: float
+    high_mm: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Band:
+    """Points near a side: their layers (k,), ascending, and their positions (k,) along the side."""
+
+    layers: npt.NDArray[np.int32]
+    positions_mm: Floats
+
+    def find(self, stretch: Stretch, margin_mm: float = 0.0) -> Floats:
+        """Return the positions of the points beside a stretch, ascending."""
+        layer = slice(*np.searchsorted(self.layers, (stretch.layer, stretch.layer + 1)))
+        positions_mm = np.sort(self.positions_mm[layer])
+        limits_mm = (stretch.low_mm - margin_mm, stretch.high_mm + margin_mm)
+        return positions_mm[slice(*np.searchsorted(positions_mm, limits_mm))]
+
+
+@dataclass(frozen=True, slots=True)
+class Backing:
+    """Ends of lines of infill and skin near each side."""
+
+    infill: list[_Band]
+    skin: list[_Band]
+
+    @classmethod
+    def from_path(
+        cls, path: Toolpath, points_mm: tuple[Floats, Floats], sides: Sequence[HiddenSide], fill_mm: float
+    ) -> Backing:
+        """Find the ends of lines beside the inner wall.
+
+        Parameters
+        ----------
+        path
+            Moves of CuraEngine's output.
+        points_mm
+            (n, 2) bed-centred starts and ends of the moves.
+        sides
+            Hidden sides of the part.
+        fill_mm
+            Depth of the inner edge of the inner wall behind a side.
+        """
+        is_line = find_level_lines(path)
+
+        def list_bands(feature: str, low_mm: float, high_mm: float) -> list[_Band]:
+            moves = np.flatnonzero(is_line & path.is_feature(feature))
+            layers = np.concatenate((path.layer[moves], path.layer[moves]))
+            order = np.argsort(layers, kind="stable")
+            points = np.concatenate([points[moves] for points in points_mm])[order]
+            bands = []
+            for side in sides:
+                depths_mm = side.measure_depths_mm(points)
+                is_near = (depths_mm > low_mm) & (depths_mm < high_mm)
+                positions_mm = side.measure_positions_mm(points[is_near])
+                bands.append(_Band(layers[order][is_near], positions_mm))
+            return bands
+
+        infill = list_bands("FILL", fill_mm, fill_mm + MAX_NOTCH_MM + _ON_BOUNDARY_MM)
+        return cls(infill, list_bands("SKIN", 0.0, _SKIN_MM))
+
+    def supports(self, stretch: Stretch) -> bool:
+        """Check that infill reaches the outer wall along a stretch, and that no skin needs the inner wall."""
+        if len(self.skin[stretch.side].find(stretch, RUN_OUT_MM)) > 0:
+            return False
+        positions_mm = self.infill[stretch.side].find(stretch)
+        gaps_mm = np.diff(positions_mm, prepend=stretch.low_mm, append=stretch.high_mm)
+        return float(gaps_mm.max()) <= MAX_UNBACKED_MM
+
+
+@dataclass(frozen=True, slots=True)
+class _Step:
+    """Step of a line along the wall at the end of a stretch, at a share of the line from its start."""
+
+    share: float
+    shift_mm: Floats
+    ends_shifted: bool
+
+
+def stretch_infill(
+    path: Toolpath,
+    points_mm: Floats,
+    sides: Sequence[HiddenSide],
+    stretches: Sequence[Stretch],
+    fill_mm: float,
+    spacing_mm: float,
+) -> dict[int, list[Segment]]:
+    """Return the segments that replace moves of the infill, so that it reaches the outer wall.
+
+    Ends near the removed wall are shifted by the spacing of the walls, and deeper ones by less, so that lines
+    do not cross. A line along the wall that passes the end of a stretch gets a step there.
+
+    Parameters
+    ----------
+    path
+        Moves of CuraEngine's output.
+    points_mm
+        (n, 2) bed-centred ends of the moves.
+    sides
+        Hidden sides of the part.
+    stretches
+        Where the inner wall is removed.
+    fill_mm
+        Depth of the inner edge of the inner wall behind a side.
+    spacing_mm
+        Distance between the middles of the two walls.
+    """
+    is_fill, ends = _find_infill_ends(path)
+    shifts_mm = np.zeros((len(path.layer), 2))
+    steps: dict[int, _Step] = {}
+    for stretch in stretches:
+        side, shift_mm = sides[stretch.side], spacing_mm * np.array(sides[stretch.side].normal)
+        beside = ends[slice(*np.searchsorted(path.layer[ends], (stretch.layer, stretch.layer + 1)))]
+        depths_mm = side.measure_depths_mm(points_mm[beside])
+        positions_mm = side.measure_positions_mm(points_mm[beside])
+        share = np.clip(1.0 - (depths_mm - fill_mm - _ON_BOUNDARY_MM) / _TAPER_MM, 0.0, 1.0)
+        share[depths_mm < fill_mm] = 0.0
+        is_within = (positions_mm >= stretch.low_mm) & (positions_mm <= stretch.high_mm)
+        shifts_mm[beside] += (share * is_within)[:, None] * shift_mm
+        is_step = (np.diff(beside) == 1) & is_fill[beside[1:]] & (is_within[1:] != is_within[:-1])
+        for first in np.flatnonzero(is_step & (np.minimum(share[1:], share[:-1]) == 1.0)):
+            begin_mm, end_mm = positions_mm[first : first + 2]
+            limit_mm = stretch.low_mm if min(begin_mm, end_mm) < stretch.low_mm else stretch.high_mm
+            step_share = float((limit_mm - begin_mm) / (end_mm - begin_mm))
+            steps[int(beside[first + 1])] = _Step(step_share, shift_mm, bool(is_within[first + 1]))
+    return _list_segments(path, is_fill, shifts_mm, steps)
+
+
+def _find_infill_ends(path: Toolpath) -> tuple[npt.NDArray[np.bool_], Indices]:
+    """Find the lines of the infill (n,), and the moves whose ends are ends of these lines alone."""
+    is_line = find_level_lines(path)
+    is_fill = is_line & path.is_feature("FILL")
+    is_other = is_line & ~is_fill
+    is_end = is_fill | np.append(is_fill[1:], False)
+    is_end &= ~is_other & ~np.append(is_other[1:], False) & (path.end[:, 2] == path.start[:, 2])
+    return is_fill, np.flatnonzero(is_end)
+
+
+def _list_segments(
+    path: Toolpath, is_fill: npt.NDArray[np.bool_], shifts_mm: Floats, steps: dict[int, _Step]
+) -> dict[int, list[Segment]]:
+    """Return the segments of the moves whose starts or ends are shifted (n, 2)."""
+    is_shifted = (shifts_mm != 0.0).any(axis=1)
+    starts_mm, ends_mm = path.start[:, :2], path.end[:, :2]
+    segments = {}
+    for move in np.flatnonzero(is_shifted | (is_fill & np.append(False, is_shifted[:-1]))).tolist():
+        points = [ends_mm[move] + shifts_mm[move]]
+        if move in steps:
+            step = steps[move]
+            point = starts_mm[move] + step.share * (ends_mm[move] - starts_mm[move])
+            corner = [point + step.shift_mm, point]
+            points = [*(reversed(corner) if step.ends_shifted else corner), *points]
+        is_extruding, feed_mm_min = bool(is_fill[move]), float(path.feed_mm_min[move])
+        segments[move] = [Segment(float(x), float(y), feed_mm_min, is_extruding) for x, y in points]
+    return segments

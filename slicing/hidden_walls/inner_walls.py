@@ -1,0 +1,223 @@
+"""Removal of inner walls along the hidden sides of a part: the infill there reaches the outer wall.
+
+CuraEngine prints the same number of walls all around a layer, so the lines are removed from its G-code, and
+the infill beside them is stretched by the distance between two walls.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from slicing.checks import MotionLimits, Toolpath
+from slicing.checks.section import Floats
+from slicing.hidden_walls.infill import Backing, Stretch, stretch_infill
+from slicing.hidden_walls.rewriting import Segment, replace_moves
+from slicing.hidden_walls.sides import (
+    RUN_OUT_MM,
+    Bools,
+    HiddenSide,
+    Indices,
+    change_times,
+    find_bed_points,
+    find_level_lines,
+    find_long_layers,
+    list_side_runs,
+    list_wall_lines,
+)
+from slicing.hidden_walls.travel import shorten_travel
+from slicing.settings import EngineSettings
+
+MIN_REMOVED_MM = 10.0
+"""Minimum length that is removed from a wall."""
+_LAYER_TIME_RATIO = 2.0
+"""Ratio to the minimum layer time below which a layer keeps its inner walls; they take at most half of it."""
+_CLOSED_MM = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class _Removal:
+    """Shares (n,) of each move between which it is removed, moves (n,) to skip, and the stretches."""
+
+    first: Floats
+    last: Floats
+    is_skipped: Bools
+    stretches: list[Stretch]
+
+
+def remove_inner_walls(
+    gcode: bytes, path: Toolpath, sides: Sequence[HiddenSide], settings: EngineSettings
+) -> bytes:
+    """Remove the inner wall along hidden sides, if `EngineSettings.has_single_hidden_walls`.
+
+    A layer keeps its inner wall where skin is beside it, where no infill supports the outer wall, and within
+    `RUN_OUT_MM` of a wall that stays.
+
+    Parameters
+    ----------
+    gcode
+        CuraEngine's output.
+    path
+        Moves and comments of the same file.
+    sides
+        Hidden sides of the part where it lies on the bed.
+    settings
+        Settings with which it was sliced.
+
+    Returns
+    -------
+    bytes
+        G-code in which the head skips the removed lines or travels along them.
+    """
+    walls = list_wall_lines(settings)
+    if not settings.has_single_hidden_walls or len(walls) != 2:
+        return gcode
+    points_mm = find_bed_points(path, settings)
+    spacing_mm = walls[1].depth_mm - walls[0].depth_mm
+    fill_mm = walls[1].depth_mm + settings.line_width_mm / 2.0  # minimum depth of the infill's lines
+    removal = _find_removal(path, points_mm, sides, settings, walls[1].depth_mm, fill_mm)
+    if not removal.stretches:
+        return gcode
+    travel_mm_min = 60.0 * settings.speed_travel_mm_s
+    segments = dict(_list_remaining_segments(path, removal, travel_mm_min))
+    segments |= stretch_infill(path, points_mm[1], sides, removal.stretches, fill_mm, spacing_mm)
+    shorten_travel(path, removal.first, removal.last, segments)
+    new_gcode = replace_moves(gcode, path, segments)
+    return change_times(new_gcode, path, MotionLimits.from_settings(settings.global_))
+
+
+def _find_removal(
+    path: Toolpath,
+    points_mm: tuple[Floats, Floats],
+    sides: Sequence[HiddenSide],
+    settings: EngineSettings,
+    wall_mm: float,
+    fill_mm: float,
+) -> _Removal:
+    """Find the moves of inner walls at the depth `wall_mm` that are removed."""
+    count = len(path.layer)
+    removal = _Removal(np.zeros(count), np.zeros(count), np.zeros(count, np.bool_), [])
+    min_time_s = _LAYER_TIME_RATIO * float(settings.extruder["cool_min_layer_time"])
+    is_line = find_level_lines(path) & find_long_layers(path, min_time_s) & (path.layer > 0)
+    walls = np.flatnonzero(is_line & path.is_feature("WALL-INNER"))
+    if len(walls) == 0:
+        return removal
+    loops = _list_loops(path, walls, points_mm)
+    side_of = _find_sides(loops, points_mm, sides, wall_mm)
+    backing = Backing.from_path(path, points_mm, sides, fill_mm)
+    for loop in loops:
+        for moves in _list_loop_runs(loop, side_of[loop.moves] >= 0):
+            starts_mm, deltas_mm = points_mm[0][moves], points_mm[1][moves] - points_mm[0][moves]
+            lengths_mm = np.hypot(*deltas_mm.T)
+            is_whole = loop.is_closed and len(moves) == len(loop.moves)
+            first, last = _trim_run(lengths_mm, 0.0 if is_whole else RUN_OUT_MM)
+            if float(((last - first) * lengths_mm).sum()) < MIN_REMOVED_MM:
+                continue
+            ends_mm = [starts_mm + share[:, None] * deltas_mm for share in (first, last)]
+            layer = int(path.layer[moves[0]])
+            stretches = _list_stretches(layer, side_of[moves], ends_mm, last > first, sides)
+            if all(backing.supports(stretch) for stretch in stretches):
+                removal.first[moves], removal.last[moves] = first, last
+                removal.is_skipped[moves] = is_whole
+                removal.stretches.extend(stretches)
+    return removal
+
+
+@dataclass(frozen=True, slots=True)
+class _Loop:
+    """Successive moves (k,) of an inner wall in one layer; if closed, the longest is the first."""
+
+    moves: Indices
+    is_closed: bool
+
+
+def _list_loops(path: Toolpath, walls: Indices, points_mm: tuple[Floats, Floats]) -> list[_Loop]:
+    """Divide the moves (k,) of inner walls into lines.
+
+    A closed line begins at its longest move, because CuraEngine may begin it in a notch of a hidden side.
+    """
+    starts_mm, ends_mm = points_mm
+    is_first = (np.diff(walls) != 1) | (np.diff(path.layer[walls]) != 0)
+    loops = []
+    for moves in np.split(walls, np.flatnonzero(is_first) + 1):
+        is_closed = bool(np.hypot(*(ends_mm[moves[-1]] - starts_mm[moves[0]])) < _CLOSED_MM)
+        if is_closed:
+            longest = int(np.argmax(np.hypot(*(ends_mm[moves] - starts_mm[moves]).T)))
+            moves = np.roll(moves, -longest)
+        loops.append(_Loop(moves, is_closed))
+    return loops
+
+
+def _find_sides(
+    loops: Sequence[_Loop], points_mm: tuple[Floats, Floats], sides: Sequence[HiddenSide], wall_mm: float
+) -> npt.NDArray[np.int_]:
+    """Find the number of the hidden side that each move (n,) is along; -1 for none."""
+    moves = np.concatenate([loop.moves for loop in loops])
+    numbers = np.arange(len(moves)) + np.repeat(np.arange(len(loops)), [len(loop.moves) for loop in loops])
+    starts_mm, ends_mm = (points[moves] for points in points_mm)
+    side_of = np.full(len(points_mm[0]), -1)
+    for number, side in enumerate(sides):
+        depths_mm = np.stack([side.measure_depths_mm(points) for points in (starts_mm, ends_mm)])
+        for run in list_side_runs(numbers, np.hypot(*(ends_mm - starts_mm).T), depths_mm, wall_mm):
+            side_of[moves[run]] = number
+    return side_of
+
+
+def _list_loop_runs(loop: _Loop, is_hidden: Bools) -> Iterator[Indices]:
+    """Yield runs of successive hidden moves of a line; a run of a closed line may pass its start."""
+    order = np.arange(len(is_hidden))
+    if loop.is_closed and not is_hidden.all():
+        order = np.roll(order, -int(np.argmin(is_hidden)))
+    changes = np.flatnonzero(np.diff(is_hidden[order].astype(np.int8), prepend=0, append=0))
+    for begin, end in changes.reshape(-1, 2):
+        yield loop.moves[order[begin:end]]
+
+
+def _trim_run(lengths_mm: Floats, margin_mm: float) -> tuple[Floats, Floats]:
+    """Compute the shares (k,) of moves between which they are at least a margin from the ends of a run."""
+    end_mm = np.cumsum(lengths_mm)
+    begin_mm = end_mm - lengths_mm
+    first = np.clip((margin_mm - begin_mm) / lengths_mm, 0.0, 1.0)
+    last = np.clip((end_mm[-1] - margin_mm - begin_mm) / lengths_mm, 0.0, 1.0)
+    return first, np.maximum(first, last)
+
+
+def _list_stretches(
+    layer: int,
+    side_of: npt.NDArray[np.int_],
+    ends_mm: Sequence[Floats],
+    is_removed: Bools,
+    sides: Sequence[HiddenSide],
+) -> list[Stretch]:
+    """List the stretches of a run, one for each successive side; `ends_mm` are those of the removed lines."""
+    stretches = []
+    for moves in np.split(np.arange(len(side_of)), np.flatnonzero(np.diff(side_of)) + 1):
+        moves = moves[is_removed[moves]]
+        if len(moves) > 0:
+            number = int(side_of[moves[0]])
+            points_mm = np.concatenate([points[moves] for points in ends_mm])
+            positions_mm = sides[number].measure_positions_mm(points_mm)
+            stretches.append(Stretch(layer, number, float(positions_mm.min()), float(positions_mm.max())))
+    return stretches
+
+
+def _list_remaining_segments(
+    path: Toolpath, removal: _Removal, travel_mm_min: float
+) -> Iterator[tuple[int, list[Segment]]]:
+    """Yield the segments that replace each move of a removed wall: the head travels along what is removed."""
+    for move in np.flatnonzero(removal.last > removal.first).tolist():
+        start_mm, feed_mm_min = path.start[move, :2], float(path.feed_mm_min[move])
+        delta_mm = path.end[move, :2] - start_mm
+        first, last = float(removal.first[move]), float(removal.last[move])
+        pieces = [(first, feed_mm_min, True), (last, travel_mm_min, False), (1.0, feed_mm_min, True)]
+        segments = []
+        begin = 0.0
+        for end, speed_mm_min, is_extruding in [] if removal.is_skipped[move] else pieces:
+            if end > begin:
+                x_mm, y_mm = start_mm + end * delta_mm
+                segments.append(Segment(float(x_mm), float(y_mm), speed_mm_min, is_extruding))
+            begin = end
+        yield move, segments

@@ -1,0 +1,93 @@
+"""Rewriting of G-code in which some moves are replaced by others."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from slicing.checks import Toolpath
+from slicing.hidden_walls.sides import Bools
+
+MOVE_LINE = re.compile(rb"(?m)^G[01] [^\n]*\n")
+_WORDS = {letter: re.compile(rb" %b[-+.\d]+" % letter) for letter in (b"E", b"F")}
+_E_ROUNDING_MM = 5e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """New move to a point in printer coordinates; it extrudes as much per mm as the move it replaces."""
+
+    x_mm: float
+    y_mm: float
+    feed_mm_min: float
+    is_extruding: bool
+
+
+def replace_moves(gcode: bytes, path: Toolpath, segments: Mapping[int, Sequence[Segment]]) -> bytes:
+    """Replace moves of a file; the lines after them continue at the new position of the filament.
+
+    Parameters
+    ----------
+    gcode
+        G-code, each move in a line of its own; relative moves, as at its end, are not changed.
+    path
+        Moves and comments of the same file.
+    segments
+        New moves for the numbers of moves on one level; none to skip a move.
+    """
+    lines = [match.span() for match in MOVE_LINE.finditer(gcode)]
+    assert len(lines) == len(path.layer), "CuraEngine writes each move as G0 or G1"
+    resets = {command.move for command in path.commands if command.code == "G92" and "E" in command.words}
+    is_relative = _find_relative_moves(path)
+    extruded_mm = path.extruded_mm
+    extruded_per_mm = extruded_mm / np.maximum(np.hypot(*(path.end - path.start)[:, :2].T), 1e-9)
+    pieces: list[bytes] = []
+    offset = 0
+    e_mm = feed_mm_min = x_mm = y_mm = 0.0  # after the new lines so far
+    for move, (begin, next_begin) in enumerate(lines):
+        if move == 0 or move in resets:
+            e_mm = float(path.start[move, 3])
+        line = gcode[begin:next_begin]
+        new_segments = segments.get(move)
+        if new_segments is None:
+            e_mm += float(extruded_mm[move])
+            new_line = line
+            if not is_relative[move] and abs(e_mm - path.end[move, 3]) > _E_ROUNDING_MM:
+                new_line = _WORDS[b"E"].sub(b" E%.5f" % e_mm, new_line)
+            if feed_mm_min != path.feed_mm_min[move] and not _WORDS[b"F"].search(new_line):
+                new_line = b"%b F%.6g%b" % (new_line[:2], path.feed_mm_min[move], new_line[2:])
+            x_mm, y_mm = float(path.end[move, 0]), float(path.end[move, 1])
+            feed_mm_min = float(path.feed_mm_min[move])
+        else:
+            new_line = b""
+            for segment in new_segments:
+                code, extrusion = b"G0", b""
+                if segment.is_extruding:
+                    length_mm = math.hypot(segment.x_mm - x_mm, segment.y_mm - y_mm)
+                    e_mm += float(extruded_per_mm[move]) * length_mm
+                    code, extrusion = b"G1", b" E%.5f" % e_mm
+                x_mm, y_mm, feed_mm_min = segment.x_mm, segment.y_mm, segment.feed_mm_min
+                new_line += b"%b F%.6g X%.3f Y%.3f%b\n" % (code, feed_mm_min, x_mm, y_mm, extrusion)
+        if new_line != line:
+            pieces += [gcode[offset:begin], new_line]
+            offset = next_begin
+    return b"".join((*pieces, gcode[offset:]))
+
+
+def _find_relative_moves(path: Toolpath) -> Bools:
+    """Mark the moves (n,) whose coordinates, or whose extrusion, are relative."""
+    is_relative = np.zeros(len(path.layer), np.bool_)
+    modes = dict.fromkeys(("G91", "M83"), False)
+    for command in path.commands:
+        if command.code in ("G90", "G91"):
+            modes["G91"] = command.code == "G91"
+        elif command.code in ("M82", "M83"):
+            modes["M83"] = command.code == "M83"
+        else:
+            continue
+        is_relative[command.move :] = any(modes.values())
+    return is_relative

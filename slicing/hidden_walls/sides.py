@@ -1,0 +1,151 @@
+"""Hidden sides of a part, the walls along them in a toolpath, and the times of changed G-code."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from slicing.checks import MotionLimits, Toolpath, estimate_move_seconds, read_toolpath, read_wall_layout
+from slicing.checks.section import Floats
+from slicing.settings import EngineSettings
+
+Bools = npt.NDArray[np.bool_]
+Indices = npt.NDArray[np.intp]
+
+RUN_OUT_MM = 5.0
+"""[assumed] Length at an end of a line along a hidden side that is printed like a visible wall, so that the
+pressure in the nozzle is as usual where a visible wall begins."""
+MAX_NOTCH_MM = 0.5
+"""Maximum depth of a notch that counts as a part of the side: a mark or a gutter, not a hole for a pin."""
+MAX_NOTCH_LENGTH_MM = 6.0
+"""Maximum path through such a notch; letters are 5 mm high. A longer one may be along a visible wall."""
+_NOTCH_RATIO = 0.5
+"""Share of the depth of a wall by which its line is deeper than a notch: 1 / sin(42 deg) - 1 in a gutter."""
+_ON_LINE_MM = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class HiddenSide:
+    """Upright side of a part that is hidden: outward unit normal and offset along it, in bed-centred mm."""
+
+    normal: tuple[float, float]
+    offset_mm: float
+
+    def move(self, shift_mm: tuple[float, float]) -> HiddenSide:
+        """Return the side moved by X and Y in mm."""
+        return replace(self, offset_mm=self.offset_mm + float(np.dot(self.normal, shift_mm)))
+
+    def measure_depths_mm(self, points_mm: Floats) -> Floats:
+        """Measure the depth (n,) of points (n, 2) behind the side."""
+        return np.asarray(self.offset_mm - points_mm @ np.array(self.normal))
+
+    def measure_positions_mm(self, points_mm: Floats) -> Floats:
+        """Measure the position (n,) of points (n, 2) along the side."""
+        return np.asarray(points_mm @ np.array([-self.normal[1], self.normal[0]]))
+
+
+@dataclass(frozen=True, slots=True)
+class WallLine:
+    """Line of a wall of each layer: CuraEngine's name for the wall, its depth in the part, and its speed."""
+
+    feature: str
+    depth_mm: float
+    speed_mm_s: float
+
+
+def list_wall_lines(settings: EngineSettings) -> list[WallLine]:
+    """List the walls from the outside; none if they do not follow the model's outline."""
+    layout = read_wall_layout(settings)
+    if layout is None:
+        return []
+    outer_mm = layout.width_mm / 2.0 + layout.inset_mm - layout.offset_mm
+    first_mm = layout.width_mm - layout.offset_mm
+    inner_mm = [first_mm + (i + 0.5) * settings.line_width_mm for i in range(layout.inner_walls)]
+    return [
+        WallLine("WALL-OUTER", outer_mm, settings.speed_wall_0_mm_s),
+        *(WallLine("WALL-INNER", depth_mm, settings.speed_wall_x_mm_s) for depth_mm in inner_mm),
+    ]
+
+
+def find_bed_points(path: Toolpath, settings: EngineSettings) -> tuple[Floats, Floats]:
+    """Find the points (n, 2) where moves start and end, in bed-centred mm."""
+    bed_mm = np.array([float(settings.global_[f"machine_{axis}"]) for axis in ("width", "depth")])
+    return path.start[:, :2] - bed_mm / 2.0, path.end[:, :2] - bed_mm / 2.0
+
+
+def find_level_lines(path: Toolpath) -> Bools:
+    """Mark the moves (n,) that extrude on one level."""
+    delta_mm = path.end - path.start
+    is_moved = (delta_mm[:, :2] != 0.0).any(axis=1)
+    return np.asarray((path.extruded_mm > 0.0) & (delta_mm[:, 2] == 0.0) & is_moved)
+
+
+def find_long_layers(path: Toolpath, min_time_s: float) -> Bools:
+    """Mark the moves (n,) of layers that take at least a time by the comments."""
+    is_long = np.zeros(len(path.layer), np.bool_)
+    first, elapsed_s = 0, 0.0
+    for move, end_s in path.list_layer_ends():
+        is_long[first:move] = end_s - elapsed_s >= min_time_s
+        first, elapsed_s = move, end_s
+    return is_long
+
+
+def list_side_runs(
+    walls: Indices, lengths_mm: Floats, depths_mm: Floats, wall_mm: float
+) -> Iterator[Indices]:
+    """Yield runs of successive moves along a side, as indices of `walls`.
+
+    Moves on the side, and in notches between them, are one run; see `MAX_NOTCH_MM`.
+
+    Parameters
+    ----------
+    walls
+        (k,) numbers of the moves of a wall; moves with successive numbers are connected.
+    lengths_mm
+        (k,) lengths of the moves.
+    depths_mm
+        (2, k) depths of their ends behind the side.
+    wall_mm
+        Depth of the wall along a plain side.
+    """
+    depths_mm = depths_mm - wall_mm
+    deepest_mm, shallowest_mm = depths_mm.max(axis=0), depths_mm.min(axis=0)
+    is_near = (shallowest_mm > -_ON_LINE_MM) & (deepest_mm < MAX_NOTCH_MM + _NOTCH_RATIO * wall_mm)
+    on_side = np.flatnonzero((shallowest_mm > -_ON_LINE_MM) & (deepest_mm < _ON_LINE_MM))
+    if len(on_side) == 0:
+        return
+    first, second = on_side[:-1], on_side[1:]
+    ends_mm, interruptions = np.cumsum(lengths_mm), np.cumsum(~is_near)
+    notches_mm = ends_mm[second] - lengths_mm[second] - ends_mm[first]
+    is_joined = (np.diff(walls[on_side]) == np.diff(on_side)) & (notches_mm < MAX_NOTCH_LENGTH_MM)
+    is_joined &= interruptions[first] == interruptions[second]
+    for run in np.split(on_side, np.flatnonzero(~is_joined) + 1):
+        yield np.arange(run[0], run[-1] + 1)
+
+
+def change_times(gcode: bytes, path: Toolpath, limits: MotionLimits) -> bytes:
+    """Subtract from the times in the comments of changed G-code what each layer saves.
+
+    `path` has the moves before the change. Cura's time of a layer changes in proportion to the planned times
+    of its moves.
+    """
+    new_path = read_toolpath(gcode)
+    planned_s, new_s = _plan_layers_s(path, limits), _plan_layers_s(new_path, limits)
+    ratios = np.divide(new_s, planned_s, out=np.ones_like(new_s), where=planned_s > 0.0)
+    ends_s = np.array([0.0, *(end_s for _, end_s in path.list_layer_ends())])
+    marks = [comment for comment in new_path.comments if comment.text.startswith("TIME_ELAPSED:")]
+    pieces, offset = [], 0
+    for mark, elapsed_s in zip(marks, np.cumsum(np.diff(ends_s) * ratios), strict=True):
+        pieces += [gcode[offset : mark.offset], b";TIME_ELAPSED:%.6f" % elapsed_s]
+        offset = gcode.index(b"\n", mark.offset)
+    return b"".join((*pieces, gcode[offset:]))
+
+
+def _plan_layers_s(path: Toolpath, limits: MotionLimits) -> Floats:
+    """Plan the seconds (layers,) of the moves of each layer."""
+    sums_s = np.append(0.0, np.cumsum(estimate_move_seconds(path, limits)))
+    bounds = [path.first_layer_move or 0, *(move for move, _ in path.list_layer_ends())]
+    return np.diff(sums_s[bounds])

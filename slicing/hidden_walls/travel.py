@@ -1,0 +1,87 @@
+"""Shorter travel where walls are removed: straight within the outer walls, not along the removed lines."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, MutableMapping
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+
+from slicing.checks import Toolpath
+from slicing.checks.section import Floats
+from slicing.hidden_walls.rewriting import Segment
+from slicing.hidden_walls.sides import Indices, find_level_lines
+
+_TOLERANCE_MM = 0.05  # distance from the middle of the outer wall within which the head may travel
+
+
+def shorten_travel(
+    path: Toolpath, first: Floats, last: Floats, segments: MutableMapping[int, list[Segment]]
+) -> None:
+    """Leave out points of successive travel, where it stays within the outer walls of the layer without them.
+
+    Parameters
+    ----------
+    path
+        Moves of CuraEngine's output.
+    first, last
+        (n,) Shares of each move between which it is removed.
+    segments
+        Segments that replace moves; those of removed and of travel moves are changed.
+    """
+    areas: dict[int, shapely.Geometry] = {}
+    walls = np.flatnonzero(find_level_lines(path) & path.is_feature("WALL-OUTER"))
+    for moves in _list_gaps(path, first, last):
+        layer = int(path.layer[moves[-1]])
+        if layer not in areas:
+            in_layer = slice(*np.searchsorted(path.layer[walls], (layer, layer + 1)))
+            areas[layer] = _build_area(path, walls[in_layer])
+        shares = np.where(last[moves] > first[moves], last[moves], 1.0)
+        points_mm = path.start[moves, :2] + shares[:, None] * (path.end - path.start)[moves, :2]
+        start_mm = path.start[moves[0], :2] + first[moves[0]] * (path.end - path.start)[moves[0], :2]
+        for number in _list_omitted_points(np.vstack((start_mm, points_mm)), areas[layer]):
+            move = int(moves[number - 1])
+            segments[move] = [segment for segment in segments.get(move, []) if segment.is_extruding]
+
+
+def _list_omitted_points(points_mm: Floats, area: shapely.Geometry) -> Iterator[int]:
+    """Yield the numbers of the points (n, 2) that a shorter way within an area leaves out."""
+    current, final = 0, len(points_mm) - 1
+    while current < final:
+        reached = current + 1
+        for target in range(final, current + 1, -1):
+            if area.covers(shapely.LineString(points_mm[[current, target]])):
+                reached = target
+                break
+        yield from range(current + 1, reached)
+        current = reached
+
+
+def _list_gaps(path: Toolpath, first: Floats, last: Floats) -> Iterator[Indices]:
+    """Yield successive moves without extrusion, of which some are removed lines."""
+    is_removed = last > first
+    is_level = (path.end[:, 2] == path.start[:, 2]) & path.is_move
+    is_gap = is_removed | (is_level & (path.extruded_mm == 0.0) & (path.layer >= 0))
+    begin, end = np.where(is_removed, first, 0.0), np.where(is_removed, last, 1.0)
+    has_command = np.zeros(len(is_gap), np.bool_)
+    has_command[[command.move for command in path.commands if command.move < len(is_gap)]] = True
+    is_joined = is_gap[1:] & is_gap[:-1] & (end[:-1] == 1.0) & (begin[1:] == 0.0) & ~has_command[1:]
+    is_joined &= path.end[1:, 2] == path.end[:-1, 2]
+    bounds = np.flatnonzero(np.diff(is_joined.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
+    removed_count = np.append(0, np.cumsum(is_removed))
+    for low, high in bounds.tolist():
+        if removed_count[high + 1] > removed_count[low]:
+            yield np.arange(low, high + 1)
+
+
+def _build_area(path: Toolpath, walls: npt.NDArray[np.intp]) -> shapely.Geometry:
+    """Build the area within the middles of the outer walls (k,) of a layer."""
+    area: shapely.Geometry = shapely.Polygon()
+    for ring in np.split(walls, np.flatnonzero(np.diff(walls) != 1) + 1):
+        if len(ring) > 2:
+            ring_area = shapely.make_valid(shapely.Polygon(path.end[ring, :2]))
+            area = area.symmetric_difference(ring_area)
+    area = area.buffer(_TOLERANCE_MM)
+    shapely.prepare(area)
+    return area

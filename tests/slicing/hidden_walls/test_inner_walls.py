@@ -1,0 +1,224 @@
+"""Removal of inner walls along hidden sides, in slices of the real engine."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+import trimesh
+
+from slicing.checks import read_toolpath
+from slicing.hidden_walls import RUN_OUT_MM, HiddenSide
+from slicing.plate import slice_plate
+
+CENTRE_MM = np.array((111.5, 111.5))
+OUTER_MM, INNER_MM = 0.2, 0.525  # half a line and the inset of the outer wall; one and a half lines
+SPACING_MM = INNER_MM - OUTER_MM
+BLOCK = trimesh.creation.box((60.0, 50.0, 8.0), trimesh.transformations.translation_matrix((0.0, 0.0, 4.0)))
+RIGHT, LEFT = HiddenSide((1.0, 0.0), 30.0), HiddenSide((-1.0, 0.0), 30.0)
+BACK, FRONT = HiddenSide((0.0, 1.0), 25.0), HiddenSide((0.0, -1.0), 25.0)
+INFILL_LAYERS = range(6, 30)
+"""Layers of the block well above the skin of its bottom and below that of its top."""
+
+
+@pytest.fixture
+def slice_walls(make_request):
+    """Return a function that slices a mesh with hidden sides whose other walls keep their speed."""
+
+    def slice_mesh(*sides, mesh=BLOCK, settings=None, **fields):
+        request = make_request(mesh, hidden_sides=sides, settings=settings, **fields)
+        result = slice_plate(replace(request, settings=replace(request.settings, hidden_wall_ratio=1.0)))
+        return result, read_toolpath(result.gcode.read_bytes())
+
+    return slice_mesh
+
+
+def list_lines(path, feature, layers=None):
+    """Return the lines (n, 2, 2) of a feature in bed-centred mm, and their layers (n,)."""
+    is_line = path.is_feature(feature) & (path.extruded_mm > 0.0) & path.is_move
+    if layers is not None:
+        is_line &= np.isin(path.layer, layers)
+    lines_mm = np.stack((path.start[is_line, :2], path.end[is_line, :2]), axis=1) - CENTRE_MM
+    return lines_mm, path.layer[is_line]
+
+
+def sum_lengths_mm(lines_mm):
+    return float(np.linalg.norm(lines_mm[:, 1] - lines_mm[:, 0], axis=1).sum())
+
+
+def list_travel(path, layers):
+    is_travel = (path.extruded_mm == 0.0) & path.is_move & np.isin(path.layer, layers)
+    return np.stack((path.start[is_travel, :2], path.end[is_travel, :2]), axis=1) - CENTRE_MM
+
+
+def test_inner_wall_along_a_hidden_side_is_removed_except_near_its_ends(slice_walls):
+    _, path = slice_walls(RIGHT)
+    lines_mm, _ = list_lines(path, "WALL-INNER", INFILL_LAYERS)
+    on_side = np.abs(30.0 - lines_mm[:, :, 0] - INNER_MM).max(axis=1) < 0.02
+    ends_mm = np.abs(lines_mm[on_side][:, :, 1])
+    assert ends_mm.min() == pytest.approx(25.0 - INNER_MM - RUN_OUT_MM, abs=0.01)
+    assert len(ends_mm) == 2 * len(INFILL_LAYERS)
+    other_mm = 2 * 60.0 + 50.0 - 6 * INNER_MM
+    assert sum_lengths_mm(lines_mm[~on_side]) == pytest.approx(len(INFILL_LAYERS) * other_mm, rel=1e-3)
+
+
+def test_inner_walls_stay_beside_skin(slice_walls):
+    _, plain_path = slice_walls()
+    _, path = slice_walls(RIGHT, LEFT, BACK, FRONT)
+    _, skin_layers = list_lines(plain_path, "SKIN")
+    for layer in np.unique(skin_layers):
+        plain_mm, _ = list_lines(plain_path, "WALL-INNER", [layer])
+        lines_mm, _ = list_lines(path, "WALL-INNER", [layer])
+        assert sum_lengths_mm(lines_mm) == pytest.approx(sum_lengths_mm(plain_mm))
+
+
+def test_ring_between_hidden_sides_is_skipped(slice_walls):
+    _, path = slice_walls(RIGHT, LEFT, BACK, FRONT)
+    assert len(list_lines(path, "WALL-INNER", INFILL_LAYERS)[0]) == 0
+
+
+@pytest.mark.parametrize("sides", [(RIGHT,), (RIGHT, BACK), (RIGHT, LEFT, BACK, FRONT)])
+def test_infill_reaches_the_outer_wall_of_hidden_sides_alone(slice_walls, sides):
+    """Compare the least depth of the infill behind each side with that behind an inner wall."""
+    _, plain_path = slice_walls()
+    _, path = slice_walls(*sides)
+    for side in (RIGHT, LEFT, BACK, FRONT):
+        depths_mm = [
+            side.measure_depths_mm(list_lines(p, "FILL", INFILL_LAYERS)[0].reshape(-1, 2)).min()
+            for p in (plain_path, path)
+        ]
+        shift_mm = SPACING_MM if side in sides else 0.0
+        assert depths_mm[1] == pytest.approx(depths_mm[0] - shift_mm, abs=0.002)
+
+
+def test_infill_keeps_its_distance_from_the_inner_wall_that_stays(slice_walls):
+    """Check lines along the side that pass the end of the removed wall: they step aside."""
+    _, path = slice_walls(RIGHT)
+    walls_mm, wall_layers = list_lines(path, "WALL-INNER", INFILL_LAYERS)
+    infill_mm, infill_layers = list_lines(path, "FILL", INFILL_LAYERS)
+    for layer in INFILL_LAYERS:
+        walls = shapely.MultiLineString(list(walls_mm[wall_layers == layer]))
+        infill = shapely.MultiLineString(list(infill_mm[infill_layers == layer]))
+        crossing = infill.intersection(walls.buffer(0.25, cap_style="flat"))
+        assert crossing.length < 2.0 * SPACING_MM  # two steps
+
+
+def test_all_other_lines_are_those_of_the_engine(slice_walls):
+    _, plain_path = slice_walls()
+    _, path = slice_walls(RIGHT, BACK)
+    for feature in ("WALL-OUTER", "SKIN", "SKIRT"):
+        lines_mm, _ = list_lines(path, feature)
+        assert lines_mm == pytest.approx(list_lines(plain_path, feature)[0])
+        filament_mm = [p.extruded_mm[p.is_feature(feature) & p.is_move].sum() for p in (plain_path, path)]
+        assert filament_mm[1] == pytest.approx(filament_mm[0], abs=0.01)
+
+
+def test_lines_extrude_as_much_for_each_mm_as_before(slice_walls):
+    _, plain_path = slice_walls()
+    _, path = slice_walls(RIGHT, BACK)
+    for feature in ("WALL-INNER", "FILL"):
+        flows = []
+        for p in (plain_path, path):
+            is_line = p.is_feature(feature) & (p.extruded_mm > 0.0) & p.is_move & (p.layer > 0)
+            lengths_mm = np.hypot(*(p.end - p.start)[:, :2].T)
+            flows.append(p.extruded_mm[is_line].sum() / lengths_mm[is_line].sum())
+        assert flows[1] == pytest.approx(flows[0], rel=1e-3)
+
+
+def test_filament_time_and_header_are_those_of_the_new_lines(slice_walls):
+    plain_result, _ = slice_walls()
+    result, path = slice_walls(RIGHT, LEFT, BACK, FRONT)
+    assert result.sliced_s < 0.95 * plain_result.sliced_s
+    assert result.filament_mm < 0.95 * plain_result.filament_mm
+    header = result.gcode.read_text()[:300]
+    assert f";TIME:{int(result.sliced_s)}\n" in header
+    assert f";Filament used: {result.filament_mm / 1000.0:.6g}m\n" in header
+    times_s = [float(c.text[13:]) for c in path.comments if c.text.startswith("TIME_ELAPSED:")]
+    assert times_s == sorted(times_s)
+    assert times_s[-1] == pytest.approx(result.sliced_s, abs=1e-5)
+
+
+def test_end_of_the_file_retracts_as_before(slice_walls):
+    _, plain_path = slice_walls()
+    _, path = slice_walls(RIGHT)
+    retracted_mm = [p.extruded_mm[~p.is_move & (p.extruded_mm < 0.0)][-2:] for p in (plain_path, path)]
+    assert retracted_mm[1] == pytest.approx(retracted_mm[0], abs=1e-4)
+
+
+ANGLE = shapely.Polygon([(-30, -25), (30, -25), (30, -10), (-10, -10), (-10, 25), (-30, 25)])
+"""Angle with two arms 20 and 15 mm wide, and an inner corner."""
+
+
+@pytest.mark.parametrize("sides", [(LEFT, FRONT), (LEFT, BACK), (HiddenSide((1.0, 0.0), -10.0), FRONT)])
+def test_travel_stays_within_the_outer_walls(slice_walls, sides):
+    angle = trimesh.creation.extrude_polygon(ANGLE, 8.0)
+    _, path = slice_walls(*sides, mesh=angle)
+    travel_mm = list_travel(path, INFILL_LAYERS)
+    lines_mm, _ = list_lines(path, "WALL-INNER", INFILL_LAYERS)
+    plain_mm, _ = list_lines(slice_walls(mesh=angle)[1], "WALL-INNER", INFILL_LAYERS)
+    assert sum_lengths_mm(lines_mm) < 0.85 * sum_lengths_mm(plain_mm)
+    assert all(ANGLE.covers(shapely.LineString(line_mm)) for line_mm in travel_mm)
+
+
+def test_turned_block_saves_the_same_filament(slice_walls):
+    angle = np.radians(10.0)
+    turned = BLOCK.copy().apply_transform(trimesh.transformations.rotation_matrix(angle, (0.0, 0.0, 1.0)))
+    side = HiddenSide((float(np.cos(angle)), float(np.sin(angle))), 30.0)
+    saved_mm = [
+        slice_walls(mesh=mesh)[0].filament_mm - slice_walls(s, mesh=mesh)[0].filament_mm
+        for mesh, s in ((BLOCK, RIGHT), (turned, side))
+    ]
+    assert saved_mm[0] > 0.0
+    assert saved_mm[1] == pytest.approx(saved_mm[0], rel=0.1)
+
+
+def cut_groove(depth_mm):
+    """Return the block with an upright V groove of a depth in the middle of its right side."""
+    tool = trimesh.creation.box((2.0**0.5 * depth_mm, 2.0**0.5 * depth_mm, 20.0))
+    tool.apply_transform(trimesh.transformations.rotation_matrix(np.radians(45.0), (0.0, 0.0, 1.0)))
+    return BLOCK.difference(tool.apply_translation((30.0, 0.0, 4.0)))
+
+
+@pytest.mark.parametrize(("depth_mm", "is_kept"), [(0.4, False), (2.0, True)])
+def test_inner_wall_stays_around_a_hole_but_not_around_a_mark(slice_walls, depth_mm, is_kept):
+    _, path = slice_walls(RIGHT, mesh=cut_groove(depth_mm))
+    lines_mm, layers = list_lines(path, "WALL-INNER", INFILL_LAYERS)
+    is_near = (np.abs(lines_mm[:, :, 1]).max(axis=1) < 2.0 + RUN_OUT_MM) & (
+        lines_mm[:, :, 0].min(axis=1) > 26.0
+    )
+    assert (set(layers[is_near]) == set(INFILL_LAYERS)) == is_kept
+    assert bool(is_near.any()) == is_kept
+
+
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        {"wall_line_count": 2},
+        {"wall_thickness": 0.7},
+        {"infill_sparse_density": 0.0},
+        {"cool_min_layer_time": 30.0},
+    ],
+)
+def test_inner_walls_stay_where_they_are_asked_for_or_needed(slice_walls, make_settings, overrides):
+    """Check the user's own walls, no infill, and layers that the slicer slows down."""
+    settings = make_settings(**overrides)
+    plain_result, _ = slice_walls(settings=settings)
+    assert slice_walls(RIGHT, settings=settings)[0].sha256 == plain_result.sha256
+
+
+def test_paper_keeps_inner_walls(slice_walls, make_settings):
+    settings = make_settings("paper")
+    plain_result, _ = slice_walls(settings=settings)
+    assert slice_walls(RIGHT, settings=settings)[0].sha256 == plain_result.sha256
+
+
+def test_cache_distinguishes_single_walls(slice_walls, make_settings, tmp_path):
+    settings = make_settings()
+    results = [
+        slice_walls(
+            RIGHT, settings=replace(settings, has_single_hidden_walls=value), cache=tmp_path / "cache"
+        )[0]
+        for value in (False, True, True)
+    ]
+    assert [result.cached for result in results] == [False, False, True]
+    assert results[0].sha256 != results[1].sha256 == results[2].sha256
