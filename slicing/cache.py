@@ -16,14 +16,14 @@ _ENTRY_FILE = re.compile(r"\.?([0-9a-f]{64})\.(?:json|gcode)(?:\.\w+)?")
 
 @dataclass(frozen=True, slots=True)
 class CacheEntry:
-    """Stored slice: its name, its size, and the time of its last use (s, by any one clock)."""
+    """Stored slice: its name, its size, and the time of its last use in s, by one clock for all entries."""
 
     name: str
     size_bytes: int
     used_s: float
 
 
-def find_least_recently_used(entries: Iterable[CacheEntry], max_bytes: int) -> list[str]:
+def find_least_recently_used_entries(entries: Iterable[CacheEntry], max_bytes: int) -> list[str]:
     """Choose the entries to remove, the least recently used first.
 
     Parameters
@@ -50,7 +50,9 @@ def find_least_recently_used(entries: Iterable[CacheEntry], max_bytes: int) -> l
 
 
 def trim_cache(folder: Path, max_bytes: int = CACHE_BYTES) -> None:
-    """Remove the least recently used slices until the rest fits; files that cannot be removed are kept.
+    """Remove the least recently used slices until the others fit; files that cannot be removed are kept.
+
+    A process that is about to read a removed entry slices the part again.
 
     Parameters
     ----------
@@ -58,8 +60,6 @@ def trim_cache(folder: Path, max_bytes: int = CACHE_BYTES) -> None:
         Folder of the cache; other files in it are not touched.
     max_bytes
         Maximum total size of its entries.
-
-    A process that is about to read a removed entry slices the part again.
     """
     files: dict[str, list[Path]] = {}
     entries: dict[str, CacheEntry] = {}
@@ -68,13 +68,13 @@ def trim_cache(folder: Path, max_bytes: int = CACHE_BYTES) -> None:
         if match is None:
             continue
         with contextlib.suppress(OSError):
-            facts = path.stat()
+            status = path.stat()
             name = match[1]
             files.setdefault(name, []).append(path)
             entry = entries.get(name, CacheEntry(name, 0, 0.0))
-            used_s = max(entry.used_s, facts.st_mtime)
-            entries[name] = CacheEntry(name, entry.size_bytes + facts.st_size, used_s)
-    for name in find_least_recently_used(entries.values(), max_bytes):
+            used_s = max(entry.used_s, status.st_mtime)
+            entries[name] = CacheEntry(name, entry.size_bytes + status.st_size, used_s)
+    for name in find_least_recently_used_entries(entries.values(), max_bytes):
         for path in files[name]:
             with contextlib.suppress(OSError):
                 path.unlink()

@@ -30,7 +30,7 @@ LAYER_BYTES = 10 * 2**20
 OUTPUT_BYTES = 2 * 2**30
 """Maximum size of a file that CuraEngine may write; a part that fills a bed has 0.07 GB of G-code."""
 _LOG_BYTES = 2**20
-"""Number of bytes that are kept of the beginning, and of the end, of a long log."""
+"""Number of bytes to keep of the beginning, and of the end, of a long log."""
 _PR_SET_PDEATHSIG = 1
 _UNKNOWN_ERROR = "Unknown exception"
 _PROGRESS = re.compile(rb"Progress:[^:\n]+:\d+:\d+ *\t([\d.]+)%")
@@ -82,9 +82,9 @@ def run_engine(
 ) -> EngineOutput:
     """Slice an STL with resolved settings.
 
-    The settings are passed as flat JSON files with text values: the engine cuts JSON numbers to six digits.
-    Settings of the extruder come after ``-e0``, and all of them before ``-l``: elsewhere the engine ignores
-    them.
+    The settings are passed as flat JSON files with text values, because the engine truncates JSON numbers to
+    six digits. Settings of the extruder come after ``-e0``, and all settings before ``-l``, because the
+    engine ignores them elsewhere.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def run_engine(
     limits
         Limits on time and memory.
     progress
-        Called from time to time with the share of the work that is done, 0 to 1.
+        Function that is called from time to time with the completed share of the work, 0 to 1.
 
     Raises
     ------
@@ -171,12 +171,13 @@ def _read_log(process: subprocess.Popen[bytes], timeout_s: float, progress: Prog
             is_running = True
             while is_running:
                 ready = [key.fd for key, _ in selector.select(max(0.0, deadline_s - time.monotonic()))]
-                is_running = exit_fd not in ready  # the rest of its log is in the pipe then
+                # The pipe holds the rest of the log of a process that has ended.
+                is_running = exit_fd not in ready
                 if is_running and time.monotonic() >= deadline_s:
                     raise EngineTimeout(f"CuraEngine did not finish within {timeout_s:g} s; {_ADVICE}")
-                message = _read(pipe)
+                message = _read_pipe(pipe)
                 if message == b"" and pipe in ready:
-                    selector.unregister(pipe)  # the process has closed its streams, but still runs
+                    selector.unregister(pipe)  # the process has closed its streams, but is still running
                 log += message
                 if len(log) > 4 * _LOG_BYTES:
                     del log[_LOG_BYTES:-_LOG_BYTES]
@@ -187,8 +188,8 @@ def _read_log(process: subprocess.Popen[bytes], timeout_s: float, progress: Prog
     return log.decode("utf-8", errors="replace")
 
 
-def _read(pipe: int) -> bytes:
-    """Read from a pipe, 64 KiB at most; empty if it holds nothing or is closed."""
+def _read_pipe(pipe: int) -> bytes:
+    """Read at most 64 KiB from a pipe; return no bytes if it is empty or closed."""
     try:
         return os.read(pipe, 1 << 16)
     except BlockingIOError:
@@ -243,7 +244,13 @@ def _limit_child(memory_bytes: int, parent_pid: int) -> None:
 
 @lru_cache(maxsize=4)
 def read_engine_version(engine: Path) -> str:
-    """Read the program's version, like ``Cura_SteamEngine version 4.13.0``; raises EngineMissing."""
+    """Read the program's version, such as ``Cura_SteamEngine version 4.13.0``.
+
+    Raises
+    ------
+    EngineMissing
+        If the program cannot be run, or does not print a version.
+    """
     try:
         output = subprocess.run(
             [str(engine), "help"], capture_output=True, text=True, timeout=30, check=False
@@ -253,12 +260,14 @@ def read_engine_version(engine: Path) -> str:
     lines = [line.strip() for line in (output.stdout + output.stderr).splitlines()]
     version_line = next((line for line in lines if "version" in line), None)
     if version_line is None:
-        raise EngineMissing(f"{engine} does not print its version: not CuraEngine; set FARM_CURA_ENGINE")
+        raise EngineMissing(
+            f"{engine} does not print its version, so it is not CuraEngine; set FARM_CURA_ENGINE"
+        )
     return version_line
 
 
 def check_versions(engine: Path, extruder: Mapping[str, str]) -> None:
-    """Raise EngineMissing if the settings come from Cura's files of another generation than the engine.
+    """Raise EngineMissing if Cura's settings files and the engine are not of the same generation.
 
     Cura 5 draws walls of variable width: it has ``inset_direction`` where Cura 4 has ``outer_inset_first``.
     """
@@ -269,6 +278,6 @@ def check_versions(engine: Path, extruder: Mapping[str, str]) -> None:
     files_version = 5 if "inset_direction" in extruder else 4
     if (int(match[1]) >= 5) != (files_version >= 5):
         raise EngineMissing(
-            f"{engine} is {version}, and Cura's settings files are of version {files_version}: "
+            f"{engine} is {version}, but Cura's settings files are of version {files_version}: "
             "set FARM_CURA_ENGINE and FARM_CURA_RESOURCES to the same version"
         )

@@ -9,7 +9,7 @@ from enum import StrEnum
 
 
 class SlicingError(Exception):
-    """Base of all errors of slicing; the message says what, where, and what to do."""
+    """Base of all errors of slicing; the message says what is wrong, where, and what to do."""
 
 
 class EngineMissing(SlicingError):
@@ -17,7 +17,7 @@ class EngineMissing(SlicingError):
 
 
 class ResourcesMissing(EngineMissing):
-    """Cura's settings files are not there, or one of them cannot be read."""
+    """Cura's settings files are missing, or one of them cannot be read."""
 
 
 class EngineFailed(SlicingError):
@@ -37,15 +37,15 @@ class EngineTimeout(SlicingError):
 
 
 class BadSetting(SlicingError):
-    """A printer model, quality, material or setting that does not exist or does not fit."""
+    """A printer model, quality, material or setting does not exist or does not fit."""
 
 
 class DefinitionError(SlicingError):
-    """A formula in Cura's files that cannot be evaluated."""
+    """A formula in Cura's files cannot be evaluated."""
 
 
 class GcodeRefused(SlicingError):
-    """A person's own G-code that cannot be printed as it is."""
+    """A person's own G-code cannot be printed as it is."""
 
 
 class Rule(StrEnum):
@@ -76,7 +76,7 @@ class SliceRejected(SlicingError):
     """
 
     def __init__(self, rule: Rule, detail: str) -> None:
-        super().__init__(rule, detail)  # both in `args`, as pickling rebuilds the error from them
+        super().__init__(rule, detail)  # both in `args`, because pickling rebuilds the error from them
         self.rule = rule
         self.detail = detail
 
@@ -85,14 +85,14 @@ class SliceRejected(SlicingError):
 
 
 class OutsideBed(SliceRejected):
-    """Print outside the bed: its support or brim reaches further than the expected brim.
+    """The print extends beyond the bed, because its support or brim is wider than expected.
 
     Parameters
     ----------
     detail
         Short description of the fault.
     low_mm, high_mm
-        Bounds (x, y) of all that is extruded, from the bed's centre.
+        Bounds (x, y) of all extrusion, from the bed's centre.
     height_mm
         Minimum build height that the part needs.
     """
@@ -101,7 +101,7 @@ class OutsideBed(SliceRejected):
         self, detail: str, low_mm: tuple[float, float], high_mm: tuple[float, float], height_mm: float
     ) -> None:
         super().__init__(Rule.OUTSIDE_BED, detail)
-        self.args = (detail, low_mm, high_mm, height_mm)  # it passes between processes
+        self.args = (detail, low_mm, high_mm, height_mm)  # pickling rebuilds the error from them
         self.low_mm = low_mm
         self.high_mm = high_mm
         self.height_mm = height_mm
@@ -109,7 +109,7 @@ class OutsideBed(SliceRejected):
     def find_shift(
         self, bed: Iterable[tuple[float, float, float, float, float]]
     ) -> tuple[float, float] | None:
-        """Find the shortest shift (x, y) in mm that brings all that is extruded onto the bed.
+        """Find the shortest shift (x, y) in mm that brings all extrusion onto the bed.
 
         Parameters
         ----------
@@ -122,10 +122,10 @@ class OutsideBed(SliceRejected):
             None if no box is large enough.
         """
         shifts = []
-        for min_x, min_y, max_x, max_y, height in bed:
-            slack_x = max_x - min_x - (self.high_mm[0] - self.low_mm[0])
-            slack_y = max_y - min_y - (self.high_mm[1] - self.low_mm[1])
-            if min(slack_x, slack_y, height - self.height_mm) >= 0.0:
+        for min_x, min_y, max_x, max_y, max_height_mm in bed:
+            slack_x_mm = max_x - min_x - (self.high_mm[0] - self.low_mm[0])
+            slack_y_mm = max_y - min_y - (self.high_mm[1] - self.low_mm[1])
+            if min(slack_x_mm, slack_y_mm, max_height_mm - self.height_mm) >= 0.0:
                 x = min(max(0.0, min_x - self.low_mm[0]), max_x - self.high_mm[0])
                 y = min(max(0.0, min_y - self.low_mm[1]), max_y - self.high_mm[1])
                 shifts.append((x, y))
@@ -134,5 +134,5 @@ class OutsideBed(SliceRejected):
 
 def suggest_names(name: str, names: Iterable[str]) -> str:
     """Suggest known names similar to a name, as ``"; did you mean a, b?"``; empty if none is similar."""
-    close = difflib.get_close_matches(name, list(names), n=3, cutoff=0.5)
-    return f"; did you mean {', '.join(close)}?" if close else ""
+    similar_names = difflib.get_close_matches(name, list(names), n=3, cutoff=0.5)
+    return f"; did you mean {', '.join(similar_names)}?" if similar_names else ""

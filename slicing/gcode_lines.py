@@ -12,10 +12,10 @@ from slicing.errors import GcodeRefused
 
 MAX_LINE_BYTES = 1 << 16
 """Maximum length of a line; the longest lines of slicers are comments that contain a whole script."""
-MAX_MM = 1e4
+MAX_COORDINATE_MM = 1e4
 """Maximum coordinate on any printer, in mm."""
 MAX_E = 1e8
-"""Maximum E, in mm: a file may count all of its filament without a reset."""
+"""Maximum E, in mm; a file may never reset E."""
 MAX_OTHER_VALUE = 1e6
 
 _CODE = re.compile(r"([GMT])0*(\d{1,5}(?:\.\d+)?)(?![\d.])")
@@ -92,7 +92,7 @@ def parse_plain_move(raw: bytes) -> Words | None:
 
 
 def parse_words(rest: str, number: int) -> Words:
-    """Parse the words after a code, as letter -> number.
+    """Parse the words after a code into a dictionary of numbers by letter.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def parse_words(rest: str, number: int) -> Words:
     Raises
     ------
     GcodeRefused
-        If the firmware would read it differently, or a number is out of any printer's range.
+        If the firmware would read the line differently, or a number is out of any printer's range.
     """
     words: Words = {}
     offset = 0
@@ -135,12 +135,12 @@ def quote_text(text: str) -> str:
 def _find_max_value(letter: str) -> float:
     """Find the maximum value of a word with this letter."""
     if letter in "XYZIJ":
-        return MAX_MM
+        return MAX_COORDINATE_MM
     return MAX_E if letter == "E" else MAX_OTHER_VALUE
 
 
 def _strip_number(command: bytes, number: int) -> bytes:
-    """Remove the line number and the checksum from a command that was written for a serial port."""
+    """Check and remove the line number and the checksum of a command that was written for a serial port."""
     body, separator, checksum = command.partition(b"*")
     match = _NUMBERED_LINE.match(body)
     if separator:

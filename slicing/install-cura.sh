@@ -4,7 +4,7 @@
 # The engine is Debian's package. The settings are taken out of Debian's packages `cura` and `fdm-materials` without
 # installing them, into FOLDER. Both can be given instead: FARM_CURA_ENGINE (the program)
 # and FARM_CURA_RESOURCES (the folder with definitions, extruders, variants, quality, materials).
-# usage: install-cura.sh FOLDER     `farm setup` and `make install` call it
+# Usage: install-cura.sh FOLDER     `farm setup` and `make install` call it.
 set -euo pipefail
 
 RESOURCES=$1
@@ -15,7 +15,7 @@ say() { echo "install: $*" >&2; }
 fail() {
     say "$1"
     cat >&2 <<END
-install: What is needed, and how to point at it:
+install: These are needed; the variables tell where they are:
 install:   CuraEngine 4.13 or 5                   export FARM_CURA_ENGINE=/path/to/CuraEngine
 install:   Cura's resources of the same version   export FARM_CURA_RESOURCES=/path/to/resources
 install:     (the folder that has ${FOLDERS[*]};
@@ -25,13 +25,13 @@ END
     exit 1
 }
 
-supported() { [[ $1 == 4.13 || $1 == 5.* ]]; }
+is_supported() { [[ $1 == 4.13 || $1 == 5.* ]]; }
 
-# The engine names its version, like 4.13.0, in the first lines of its help; it exits 1 then.
-engine_version() { { "$1" help 2>&1 || true; } | head -n 3 | sed -n 's/.*version \([0-9]*\.[0-9]*\).*/\1/p'; }
+# The engine prints its version, such as 4.13.0, in the first lines of its help, and exits with code 1.
+read_engine_version() { { "$1" help 2>&1 || true; } | head -n 3 | sed -n 's/.*version \([0-9]*\.[0-9]*\).*/\1/p'; }
 
-# Cura counts the versions of its settings.
-settings_version() {
+# Print the Cura version of the settings in a folder, which have their own version numbers.
+read_settings_version() {
     local folder number
     for folder in "${FOLDERS[@]}"; do
         [[ -d $1/$folder ]] || return 0
@@ -45,73 +45,73 @@ settings_version() {
     esac
 }
 
-match() { [[ $1 == "$2" || ($2 == 5.x && $1 == 5.* && $1 != 5.0) ]]; }
+versions_match() { [[ $1 == "$2" || ($2 == 5.x && $1 == 5.* && $1 != 5.0) ]]; }
 
-# Debian's version of a package, like 4.13, without epoch and revision.
-candidate() { apt-cache policy "$1" 2>/dev/null | sed -n 's/ *Candidate: \([0-9]*:\)\?\([0-9]*\.[0-9]*\).*/\2/p'; }
+# Print Debian's version of a package, such as 4.13, without epoch and revision.
+find_candidate() { apt-cache policy "$1" 2>/dev/null | sed -n 's/ *Candidate: \([0-9]*:\)\?\([0-9]*\.[0-9]*\).*/\2/p'; }
 
 has_candidates() {
     local package version
     for package in "$@"; do
-        version=$(candidate "$package")
-        supported "$version" && match "$version" "${expected:-$version}" || return 1
+        version=$(find_candidate "$package")
+        is_supported "$version" && versions_match "$version" "${expected:-$version}" || return 1
     done
 }
 
-as_root() {
+run_as_root() {
     if [[ $(id -u) == 0 ]]; then "$@"; else sudo "$@"; fi
 }
 
-need_root() {
+require_root() {
     [[ $(id -u) == 0 ]] && return 0
     command -v sudo >/dev/null || fail "There is no sudo here; as root: $*"
     say "This needs root: $* (sudo may ask for your password)."
 }
 
 refresh_lists() {
-    need_root "apt-get update"
-    as_root apt-get update -qq
+    require_root "apt-get update"
+    run_as_root apt-get update -qq
 }
 
 install_engine() {
-    need_root "apt-get install cura-engine"
-    as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends cura-engine >/dev/null
+    require_root "apt-get install cura-engine"
+    run_as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends cura-engine >/dev/null
 }
 
 engine=${FARM_CURA_ENGINE:-$(command -v CuraEngine || true)}
-have_engine=
-[[ -z $engine || ! -x $engine ]] || have_engine=$(engine_version "$engine")
+engine_version=
+[[ -z $engine || ! -x $engine ]] || engine_version=$(read_engine_version "$engine")
 if [[ -n ${FARM_CURA_ENGINE:-} ]]; then
-    supported "$have_engine" || fail "FARM_CURA_ENGINE=$FARM_CURA_ENGINE is not CuraEngine 4.13 or 5."
+    is_supported "$engine_version" || fail "FARM_CURA_ENGINE=$FARM_CURA_ENGINE is not CuraEngine 4.13 or 5."
 fi
-supported "$have_engine" || have_engine=
+is_supported "$engine_version" || engine_version=
 
-have_settings=$(settings_version "${FARM_CURA_RESOURCES:-$RESOURCES}")
+settings_version=$(read_settings_version "${FARM_CURA_RESOURCES:-$RESOURCES}")
 if [[ -n ${FARM_CURA_RESOURCES:-} ]]; then
-    supported "$have_settings" ||
+    is_supported "$settings_version" ||
         fail "FARM_CURA_RESOURCES=$FARM_CURA_RESOURCES is not Cura's resources folder (${FOLDERS[*]}) of 4.13 or 5."
-    [[ -z $have_engine ]] || match "$have_engine" "$have_settings" ||
-        fail "CuraEngine is $have_engine, and FARM_CURA_RESOURCES=$FARM_CURA_RESOURCES is Cura $have_settings's."
+    [[ -z $engine_version ]] || versions_match "$engine_version" "$settings_version" ||
+        fail "CuraEngine is $engine_version, and FARM_CURA_RESOURCES=$FARM_CURA_RESOURCES is Cura $settings_version's."
 fi
-[[ -n $have_engine ]] && match "$have_engine" "$have_settings" && exit 0
+[[ -n $engine_version ]] && versions_match "$engine_version" "$settings_version" && exit 0
 
 command -v apt-get >/dev/null || fail "There is no apt here."
-expected=$have_engine
-[[ -z ${FARM_CURA_RESOURCES:-} ]] || expected=${have_engine:-$have_settings}
+expected=$engine_version
+[[ -z ${FARM_CURA_RESOURCES:-} ]] || expected=${engine_version:-$settings_version}
 wanted=()
-[[ -n $have_engine ]] || wanted+=(cura-engine)
+[[ -n $engine_version ]] || wanted+=(cura-engine)
 [[ -n ${FARM_CURA_RESOURCES:-} ]] || wanted+=(cura fdm-materials)
 has_candidates "${wanted[@]}" || refresh_lists
 has_candidates "${wanted[@]}" || fail "apt has no version ${expected:-4.13 or 5} of: ${wanted[*]}."
 
-if [[ -z $have_engine ]]; then
+if [[ -z $engine_version ]]; then
     say "Installing cura-engine ..."
     install_engine || { refresh_lists && install_engine; } || fail "apt could not install cura-engine."
-    engine=$(command -v CuraEngine) && have_engine=$(engine_version "$engine")
-    supported "$have_engine" || fail "The CuraEngine on PATH is not version 4.13 or 5."
+    engine=$(command -v CuraEngine) && engine_version=$(read_engine_version "$engine")
+    is_supported "$engine_version" || fail "The CuraEngine on PATH is not version 4.13 or 5."
 fi
 
-if [[ -z ${FARM_CURA_RESOURCES:-} ]] && ! match "$have_engine" "$have_settings"; then
+if [[ -z ${FARM_CURA_RESOURCES:-} ]] && ! versions_match "$engine_version" "$settings_version"; then
     say "Extracting Cura's settings from Debian's packages 'cura' and 'fdm-materials', which are not installed ..."
     scratch=$(mktemp -d)
     trap 'rm -rf "$scratch"' EXIT
@@ -123,14 +123,14 @@ if [[ -z ${FARM_CURA_RESOURCES:-} ]] && ! match "$have_engine" "$have_settings";
     for folder in "${FOLDERS[@]}"; do
         cp -rL "$scratch/unpacked/usr/share/cura/resources/$folder" "$scratch/resources/"
     done
-    match "$have_engine" "$(settings_version "$scratch/resources")" ||
-        fail "Debian's cura package does not have the settings of CuraEngine $have_engine."
-    # The folder appears whole or not at all.
+    versions_match "$engine_version" "$(read_settings_version "$scratch/resources")" ||
+        fail "Debian's cura package does not have the settings of CuraEngine $engine_version."
+    # The folder appears completely or not at all.
     mkdir -p "$(dirname "$RESOURCES")"
     rm -rf "$RESOURCES" "$RESOURCES.new"
     cp -r "$scratch/resources" "$RESOURCES.new"
     mv "$RESOURCES.new" "$RESOURCES"
 fi
-[[ -z ${FARM_CURA_RESOURCES:-} ]] || match "$have_engine" "$have_settings" ||
-    fail "CuraEngine is $have_engine, and FARM_CURA_RESOURCES=$FARM_CURA_RESOURCES is Cura $have_settings's."
-say "CuraEngine $have_engine and Cura's settings are in place."
+[[ -z ${FARM_CURA_RESOURCES:-} ]] || versions_match "$engine_version" "$settings_version" ||
+    fail "CuraEngine is $engine_version, and FARM_CURA_RESOURCES=$FARM_CURA_RESOURCES is Cura $settings_version's."
+say "CuraEngine $engine_version and Cura's settings are in place."

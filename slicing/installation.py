@@ -12,15 +12,15 @@ _SCRIPT = Path(__file__).with_name("install-cura.sh")
 
 
 def install_cura(folder: Path = INSTALLATION_FOLDER) -> None:
-    """Install CuraEngine by apt, and Cura's settings of the same version from Debian's packages.
+    """Install CuraEngine with apt, and Cura's settings of the same version from Debian's packages.
 
-    Does nothing if both are installed, or if the environment names them. The script reports its steps, and
+    Nothing happens if both are installed, or if the environment names them. The script reports its steps, and
     anything that is missing, on stderr.
 
     Parameters
     ----------
     folder
-        Folder for the settings; it is created complete or not at all.
+        Folder for the settings; it is created completely or not at all.
 
     Raises
     ------

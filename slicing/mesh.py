@@ -19,8 +19,9 @@ from slicing.errors import Rule, SliceRejected
 
 Floats = npt.NDArray[np.float64]
 
-STEPS_MM = (29.0, 23.0)  # along x and y, from crest to trough: the product of two sides stays below 2**32 um2
-WAVE_MM = 0.03  # CuraEngine may flatten a smaller wave
+# Distances along x and y from crest to trough: the product of two sides stays below 2**32 um2.
+HALF_PERIODS_MM = (29.0, 23.0)
+WAVE_HEIGHT_MM = 0.03  # CuraEngine may flatten a smaller wave
 POINT_TOLERANCE_MM = 1e-6
 
 
@@ -77,14 +78,14 @@ def add_waves(corners: Floats) -> Floats:
     ndarray
         (m, 3, 3) Triangles in mm.
     """
-    for axis, step_mm in enumerate(STEPS_MM):
-        first, last = corners[..., axis].min() / step_mm, corners[..., axis].max() / step_mm
+    for axis, half_period_mm in enumerate(HALF_PERIODS_MM):
+        first, last = corners[..., axis].min() / half_period_mm, corners[..., axis].max() / half_period_mm
         for multiple in range(int(np.ceil(first)), int(np.floor(last)) + 1):
-            corners = _cut_triangles(corners, axis, multiple * step_mm)
+            corners = _cut_triangles(corners, axis, multiple * half_period_mm)
     result = corners.copy()
     for axis, other_axis in ((0, 1), (1, 0)):
-        phase = corners[..., other_axis] / STEPS_MM[other_axis]
-        result[..., axis] += WAVE_MM * np.abs(phase % 2.0 - 1.0)
+        phase = corners[..., other_axis] / HALF_PERIODS_MM[other_axis]
+        result[..., axis] += WAVE_HEIGHT_MM * np.abs(phase % 2.0 - 1.0)
     return result
 
 
@@ -102,11 +103,11 @@ def _cut_triangles(corners: Floats, axis: int, plane_mm: float) -> Floats:
     has_corner_on_plane = is_crossed & (side == 0.0).any(axis=1)
     is_cut_twice = is_crossed & ~has_corner_on_plane
     on_plane, a, b = _roll_corners(corners[has_corner_on_plane], side[has_corner_on_plane] == 0.0)
-    middle = _interpolate(a, b, axis, plane_mm)
+    middle = _interpolate_edges(a, b, axis, plane_mm)
     tip, c, d = _roll_corners(
         corners[is_cut_twice], side[is_cut_twice] == -np.sign(side[is_cut_twice].sum(axis=1))[:, None]
     )
-    p, q = _interpolate(tip, c, axis, plane_mm), _interpolate(tip, d, axis, plane_mm)
+    p, q = _interpolate_edges(tip, c, axis, plane_mm), _interpolate_edges(tip, d, axis, plane_mm)
     new_triangles = [(on_plane, a, middle), (on_plane, middle, b), (tip, p, q), (p, c, d), (p, d, q)]
     return np.concatenate(
         [corners[~is_crossed], *(np.stack(corner_set, axis=1) for corner_set in new_triangles)]
@@ -119,7 +120,7 @@ def _roll_corners(corners: Floats, first: npt.NDArray[np.bool_]) -> tuple[Floats
     return corners[rows, start], corners[rows, (start + 1) % 3], corners[rows, (start + 2) % 3]
 
 
-def _interpolate(a: Floats, b: Floats, axis: int, plane_mm: float) -> Floats:
+def _interpolate_edges(a: Floats, b: Floats, axis: int, plane_mm: float) -> Floats:
     """Find the points (n, 3) at which edges meet a plane; the ends may come in either order."""
     swap = (a[:, axis] > b[:, axis])[:, None]
     low, high = np.where(swap, b, a), np.where(swap, a, b)

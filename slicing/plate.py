@@ -1,6 +1,6 @@
 """Slicing of one plate: an STL in its printing pose becomes a checked G-code file, or an error.
 
-Request and result are plain data, so that this runs in worker processes.
+Request and result are plain data, so that slicing can run in worker processes.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from slicing.slice_store import CheckedSlice, StoredSlice, write_atomically
 
 _BED_TOLERANCE_MM = 0.02
 _RETRIES = ((0.0, 0.0), (1e-4, 0.005), (-3e-4, -0.02), (5e-4, -0.03))
-"""Shares by which a part is scaled, and mm by which its outlines are grown, in the order of the attempts.
+"""Shares by which a part is scaled, and mm by which its outlines are expanded, in the order of the attempts.
 
 CuraEngine 4.13 loses a corner of a valid ring where the product of the corner's two sides is 2**32 um2
 (measured: from 0.99995 to 1.000003 of it), both in a layer's section and in its walls."""
@@ -49,16 +49,16 @@ class PlateRequest:
     Parameters
     ----------
     hidden_sides
-        Upright sides of the model whose walls nobody will see.
+        Upright sides of the model that are hidden once the parts are glued.
     stl
         Binary STL in its printing pose, in bed-centred mm (XY 0 is the bed's centre), lowest point at Z 0.
     output_path
         File of the G-code; written atomically.
     bed
-        Rectangles (min_x, min_y, max_x, max_y, height) in bed-centred mm; one of them must hold all that
-        is extruded, brim and support included.
+        Rectangles (min_x, min_y, max_x, max_y, height) in bed-centred mm; one of them must hold all
+        extrusion, including brim and support.
     cache
-        Folder that keeps results by content; None for no cache.
+        Folder that keeps results by content; None to cache nothing.
     """
 
     stl: Path
@@ -73,7 +73,7 @@ class PlateRequest:
 
 @dataclass(frozen=True, slots=True)
 class PlateResult:
-    """G-code file that may be printed. `sliced_s` is its time without heating, homing and priming."""
+    """G-code file that may be printed; `sliced_s` is its time without heating, homing and priming."""
 
     gcode: Path
     sha256: str
@@ -91,12 +91,14 @@ class PlateResult:
 
 
 def slice_plate(request: PlateRequest, progress: Progress | None = None) -> PlateResult:
-    """Slice one plate and check the result, or read it from the cache if the same was sliced before.
+    """Slice one plate and check the result, or read it from the cache if the same plate was sliced before.
 
     Parameters
     ----------
+    request
+        Model, settings and bed.
     progress
-        Called from time to time with the share of the engine's work that is done, 0 to 1.
+        Function that is called from time to time with the completed share of the engine's work, 0 to 1.
 
     Raises
     ------
@@ -113,33 +115,34 @@ def slice_plate(request: PlateRequest, progress: Progress | None = None) -> Plat
         lowest_mm = float(corners[..., 2].min())
         if abs(lowest_mm) > _BED_TOLERANCE_MM:
             raise SliceRejected(Rule.HEIGHT, f"the model starts at Z {lowest_mm:.2f} mm; put it on the bed")
-        stored = StoredSlice.locate(
+        entry = StoredSlice.locate(
             request.cache, request.engine, request.settings, model, request.hidden_sides
         )
-        cached = stored.read()
-        sliced = cached or _slice(request, corners, progress)
-        if cached is None:
-            stored.write(sliced)
-        # The bed is not part of the cache's key: the same file may fit one printer and not another.
+        stored_slice = entry.read()
+        sliced = stored_slice or _slice_with_retries(request, corners, progress)
+        if stored_slice is None:
+            entry.write(sliced)
+        # The bed is not part of the cache's key, because the same file may fit one printer but not another.
         _check_bed(request, sliced.facts)
         write_atomically(request.output_path, sliced.gcode)
     except OSError as error:
         raise SlicingError(
-            f"{error.filename or request.output_path}: {error.strerror}; make room there, or check its "
+            f"{error.filename or request.output_path}: {error.strerror}; free space there, or check its "
             "permissions"
         ) from error
-    return _build_result(request, sliced, cached is not None)
+    return _build_result(request, sliced, stored_slice is not None)
 
 
-def _slice(request: PlateRequest, corners: Floats, progress: Progress | None) -> CheckedSlice:
-    """Slice the part as it is; if that is rejected, slightly scaled, or with a wave in its sides."""
+def _slice_with_retries(request: PlateRequest, corners: Floats, progress: Progress | None) -> CheckedSlice:
+    """Slice the part as it is; if that is rejected, slightly scaled, then with a wave in its sides."""
     check_versions(request.engine, request.settings.extruder)
     first_error: SliceRejected | None = None
     with tempfile.TemporaryDirectory(prefix="farm-wider-") as folder:
         variants = [
-            partial(_widen, request, corners, share, offset_mm, Path(folder)) for share, offset_mm in _RETRIES
+            partial(_build_wider_request, request, corners, share, offset_mm, Path(folder))
+            for share, offset_mm in _RETRIES
         ]
-        for variant in (*variants, partial(_add_wave, request, corners, Path(folder))):
+        for variant in (*variants, partial(_build_wavy_request, request, corners, Path(folder))):
             try:
                 return _slice_once(variant(), corners, progress)
             except SliceRejected as error:
@@ -150,10 +153,10 @@ def _slice(request: PlateRequest, corners: Floats, progress: Progress | None) ->
     raise first_error
 
 
-def _widen(
+def _build_wider_request(
     request: PlateRequest, corners: Floats, share: float, offset_mm: float, folder: Path
 ) -> PlateRequest:
-    """Build the request for a part scaled by a share about the bed's centre, with its outlines grown."""
+    """Build the request for a part scaled by a share about the bed's centre, with expanded outlines."""
     if not share:
         return request
     wider_stl = folder / request.stl.name
@@ -170,14 +173,15 @@ def _widen(
     )
 
 
-def _add_wave(request: PlateRequest, corners: Floats, folder: Path) -> PlateRequest:
-    """Build the same request for a part whose long sides have a wave of hundredths of a mm."""
+def _build_wavy_request(request: PlateRequest, corners: Floats, folder: Path) -> PlateRequest:
+    """Build the request for a part whose long sides have a wave of hundredths of a mm."""
     path = folder / request.stl.name
     path.write_bytes(write_triangles(add_waves(corners)))
     return replace(request, stl=path)
 
 
 def _slice_once(request: PlateRequest, corners: Floats, progress: Progress | None) -> CheckedSlice:
+    """Slice a part once, and check the result."""
     settings = request.settings
     height_mm = float(corners[..., 2].max())
     layers = math.ceil(height_mm / settings.layer_height_mm) + 1
@@ -242,8 +246,8 @@ def _build_result(request: PlateRequest, sliced: CheckedSlice, cached: bool) -> 
     settings, facts = request.settings, sliced.facts
     centre = (*_find_bed_centre(settings), 0.0)
     filament_mm3 = facts.filament_mm * settings.filament_mm2
-    low = tuple(facts.min_mm[i] - centre[i] for i in range(3))
-    high = tuple(facts.max_mm[i] - centre[i] for i in range(3))
+    low_mm = tuple(facts.min_mm[i] - centre[i] for i in range(3))
+    high_mm = tuple(facts.max_mm[i] - centre[i] for i in range(3))
     return PlateResult(
         gcode=request.output_path,
         sha256=hashlib.sha256(sliced.gcode).hexdigest(),
@@ -253,8 +257,8 @@ def _build_result(request: PlateRequest, sliced: CheckedSlice, cached: bool) -> 
         grams=filament_mm3 / 1000 * settings.density_g_cm3,
         layers=facts.layers,
         height_mm=facts.max_mm[2],
-        min_mm=(low[0], low[1], low[2]),
-        max_mm=(high[0], high[1], high[2]),
+        min_mm=(low_mm[0], low_mm[1], low_mm[2]),
+        max_mm=(high_mm[0], high_mm[1], high_mm[2]),
         cached=cached,
         features=sliced.features,
         unprinted=sliced.unprinted,

@@ -5,7 +5,7 @@ G-code sends its own code. In the flavour ``RepRap (Marlin/Sprinter)`` the extru
 filament, as the firmware expects from a host (its own UltiGCode counts mm3).
 
 A print ends with the filament retracted by `PrintCode.park_retraction_mm`. The host that streams the next
-file knows whether it is parked and pushes it back: the start code only primes.
+file knows whether it is parked and pushes it back, so the start code only primes.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class MachineLimits:
     max_nozzle_c, max_bed_c
         Highest targets that may be set.
     min_extrusion_c
-        Below it the firmware ignores the filament of a move, but moves the head.
+        Nozzle temperature below which the firmware ignores the filament of a move, but moves the head.
     """
 
     max_nozzle_c: float

@@ -18,12 +18,12 @@ from slicing.hidden_walls import HiddenSide
 from slicing.settings import EngineSettings
 
 _FORMAT = "farm-slice-10"
-"""Version in the cache's key: increase it with each change of the stored record or the checks."""
+"""Version in the cache's key; increase it with each change to the stored record or the checks."""
 
 
 @dataclass(frozen=True, slots=True)
 class CheckedSlice:
-    """G-code that passed the checks, its facts and the seconds of its features."""
+    """G-code that passed the checks, with its facts and the times of its features."""
 
     gcode: bytes
     facts: GcodeFacts
@@ -47,7 +47,7 @@ class StoredSlice:
         model: bytes,
         hidden_sides: Sequence[HiddenSide] = (),
     ) -> StoredSlice:
-        """Find the entry of a model (an STL's bytes) for these settings; without a cache it stays empty."""
+        """Find the entry of a model (an STL's bytes) for these settings; it is empty without a cache."""
         if cache is None:
             return cls(None, "")
         walls: list[Any] = (
@@ -61,7 +61,7 @@ class StoredSlice:
         return cls(cache, digest.hexdigest())
 
     def read(self) -> CheckedSlice | None:
-        """Read the stored slice; None if there is none, or it was damaged."""
+        """Read the stored slice; None if there is none, or if it is damaged."""
         if self.folder is None:
             return None
         try:
@@ -106,5 +106,5 @@ def write_atomically(path: Path, content: bytes) -> None:
     except BaseException as error:
         Path(name).unlink(missing_ok=True)
         if isinstance(error, OSError):
-            error.filename = str(path)  # the error of a full disk has no file name
+            error.filename = str(path)  # the error for a full disk has no file name
         raise

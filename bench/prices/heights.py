@@ -21,7 +21,7 @@ from slicing.settings.layer_heights import (
     compute_printed_height_mm,
     fit_heights,
 )
-from slicing.settings.limits import LAYER_SHARE
+from slicing.settings.limits import MAX_LAYER_SHARE
 
 PRINTERS = {"ultimaker2_plus": (0.25, 0.4, 0.6, 0.8), "ultimaker2": (0.4,)}
 CASES = ("first layer as it is", "first layer within 4 %", "first layer within 25 %", "missed")
@@ -32,7 +32,7 @@ def compute_shares(nominal: LayerHeights, nozzle_mm: float, hundredths: range) -
     counts = [0] * len(CASES)
     for hundredth in hundredths:
         height_mm = hundredth / 100.0
-        heights = fit_heights(height_mm, nominal, max_first_mm=LAYER_SHARE * nozzle_mm)
+        heights = fit_heights(height_mm, nominal, max_first_mm=MAX_LAYER_SHARE * nozzle_mm)
         change = abs(heights.first_mm / nominal.first_mm - 1.0)
         is_exact = abs(compute_printed_height_mm(height_mm, heights) - height_mm) <= MAX_HEIGHT_ERROR_MM
         case = next((i for i, spread in enumerate(FIRST_LAYER_CHANGES) if change <= spread + 1e-9), -1)

@@ -1,4 +1,4 @@
-"""Seconds of the layers of a slice by what they print: walls, infill, skins, supports, travel."""
+"""Time of the layers of a slice by feature: walls, infill, skins, supports and travel."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from slicing.checks.section import Floats
 from slicing.checks.toolpath import Toolpath
 
 _STANDSTILL_MM_S = 0.05
-_PASSES = 8
+_JUNCTION_PASSES = 8
 """Number of moves before and after a junction that may limit its speed."""
 _GROUPS = {
     "WALL-OUTER": "walls_s",
@@ -40,7 +40,7 @@ class FeatureTimes:
 
 @dataclass(frozen=True, slots=True)
 class MotionLimits:
-    """Limits with which CuraEngine plans moves; arrays are (4,), of X, Y, Z and E."""
+    """Limits with which CuraEngine plans moves; arrays are (4,), for X, Y, Z and E."""
 
     acceleration_mm_s2: float
     max_acceleration_mm_s2: Floats
@@ -95,6 +95,13 @@ def estimate_move_seconds(path: Toolpath, limits: MotionLimits) -> Floats:
     """Estimate the seconds (n,) of each move with acceleration and jerk.
 
     The speed at a junction is bounded by the jerk, and by the few moves on both sides of it.
+
+    Parameters
+    ----------
+    path
+        The n moves of a file.
+    limits
+        Limits of acceleration, speed and jerk.
     """
     delta_mm = path.end - path.start
     length_mm = np.linalg.norm(delta_mm[:, :3], axis=1)
@@ -108,7 +115,7 @@ def estimate_move_seconds(path: Toolpath, limits: MotionLimits) -> Floats:
     )
     gain_mm2_s2 = 2.0 * acceleration_mm_s2 * length_mm  # largest change of the squared speed over a move
     junction_mm2_s2 = _limit_junctions(direction * top_mm_s[:, None], top_mm_s, limits.jerk_mm_s) ** 2
-    for _ in range(_PASSES):
+    for _ in range(_JUNCTION_PASSES):
         junction_mm2_s2[1:] = np.minimum(junction_mm2_s2[1:], junction_mm2_s2[:-1] + gain_mm2_s2)
         junction_mm2_s2[:-1] = np.minimum(junction_mm2_s2[:-1], junction_mm2_s2[1:] + gain_mm2_s2)
     entry_mm2_s2, exit_mm2_s2 = junction_mm2_s2[:-1], junction_mm2_s2[1:]

@@ -2,8 +2,8 @@
 
 First the areas and first moments of all sections and of all printed outlines are compared, computed from
 their segments by Green's theorem. Only the layers that differ are compared as polygons, which show the place
-of the difference, and whether the missing area is thinner than two lines. A thin area is reported; for any
-other the slice is rejected.
+of the difference, and whether the missing area is thinner than two lines. A thin area is reported; any
+other missing or extra area rejects the slice.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ SLACK_MM2, SLACK_MM = 0.5, 0.005
 """Difference of a layer's area up to which its polygons are not compared: a constant, plus a part for each mm
 of outline. Nearly all layers of sound models stay below it."""
 MIN_WALL_MM2 = 5.0
-"""Smallest wall that is reported."""
+"""Minimum area of a wall that is reported."""
 MIN_REJECTED_MM2 = 1.0
-"""Smallest missing or extra piece for which a slice is rejected."""
+"""Minimum area of a missing or extra piece for which a slice is rejected."""
 MAX_LOST_MM2, MAX_LOST_SHARE = 50.0, 0.02
 """Maximum area that the inner walls may lack: a constant, plus a share of the layer. A corner that the engine
 loses has 2000 mm2."""
 TIP_MM = 1.0
 """Height that may be missing at a sharp edge or a tip."""
-EXACT_LAYERS = 24
-"""Maximum number of differing layers that are compared as polygons; the others count like their
+MAX_EXACT_LAYERS = 24
+"""Maximum number of differing layers that are compared as polygons; the others are assumed to be like their
 neighbours."""
 _PLANE_OFFSET_MM = 0.005  # the engine rounds to 0.001 mm, which tilts nearly flat faces
 _NEGLIGIBLE_MM2 = 0.2
@@ -86,7 +86,7 @@ def check_outline(
     layout
         Position of the outer wall in the model.
     removed_layers
-        Number of empty layers that the engine removed at the bottom; it lowered the others to the bed.
+        Number of empty layers that the engine removed at the bottom, lowering the others to the bed.
     centre_mm
         The bed's centre in the printer's coordinates.
     filament_mm2
@@ -100,8 +100,8 @@ def check_outline(
     Raises
     ------
     SliceRejected
-        `OUTLINE` if something thick enough is missing, something is printed outside of the model, or most
-        of the model is too thin.
+        `OUTLINE` if something thick enough is missing, something is printed outside the model, or most of the
+        model is too thin.
     """
     if removed_layers:  # the expansion of the first layer was lost with the removed layers
         layout = replace(layout, offset_0_mm=layout.offset_mm)
@@ -109,15 +109,17 @@ def check_outline(
         corners = corners[:, ::-1]
     walls = Walls.from_toolpath(path, layout, centre_mm, filament_mm2)
     z_mm = _find_cut_heights_mm(corners, walls, layout, removed_layers)
-    differing, difference_mm2 = _find_differing_layers(corners, z_mm, walls, layout)
-    if not len(differing):
+    differing_layers, difference_mm2 = _find_differing_layers(corners, z_mm, walls, layout)
+    if not len(differing_layers):
         return ()
-    sampled = _sample_layers(differing, difference_mm2)
+    sampled_layers = _sample_layers(differing_layers, difference_mm2)
     sections = _Sections(corners, layout)
     thin_pieces = [
-        piece for layer in sampled for piece in _compare_layer(int(layer), z_mm, walls, sections, layout)
+        piece
+        for layer in sampled_layers
+        for piece in _compare_layer(int(layer), z_mm, walls, sections, layout)
     ]
-    return _join_pieces(thin_pieces, layout, len(differing) / len(sampled))
+    return _join_pieces(thin_pieces, layout, len(differing_layers) / len(sampled_layers))
 
 
 def _find_cut_heights_mm(corners: Floats, walls: Walls, layout: WallLayout, removed_layers: int) -> Floats:
@@ -137,13 +139,14 @@ def _find_differing_layers(
     printed = walls.sum_rings(count)
     _check_areas(model, printed, walls, layout)
     difference_mm2 = np.abs(printed.area_mm2 - model.area_mm2)
-    slack_mm2 = SLACK_MM2 + (SLACK_MM + layout.slack_mm) * model.length_mm
+    max_difference_mm2 = SLACK_MM2 + (SLACK_MM + layout.slack_mm) * model.length_mm
     offset_mm3 = np.abs(printed.moment_mm3 - model.moment_mm3).max(axis=1)
     reach_mm = np.abs(corners[..., :2]).max() + TIP_MM
-    differing = np.flatnonzero(
-        (difference_mm2 > slack_mm2) | (offset_mm3 > slack_mm2 * reach_mm + TOLERANCE_MM * model.area_mm2)
+    differing_layers = np.flatnonzero(
+        (difference_mm2 > max_difference_mm2)
+        | (offset_mm3 > max_difference_mm2 * reach_mm + TOLERANCE_MM * model.area_mm2)
     )
-    return differing, difference_mm2[differing]
+    return differing_layers, difference_mm2[differing_layers]
 
 
 def _check_areas(model: Rings, printed: Rings, walls: Walls, layout: WallLayout) -> None:
@@ -156,9 +159,9 @@ def _check_areas(model: Rings, printed: Rings, walls: Walls, layout: WallLayout)
             "mesh is broken; thicken them, scale it up, choose a finer nozzle, or repair it",
         )
     missing_mm2 = walls.compute_missing_areas_mm2(layout, len(model.area_mm2))
-    incomplete = np.flatnonzero(missing_mm2 > MAX_LOST_MM2 + MAX_LOST_SHARE * model.area_mm2)
-    if len(incomplete):
-        layer = int(incomplete[0])
+    incomplete_layers = np.flatnonzero(missing_mm2 > MAX_LOST_MM2 + MAX_LOST_SHARE * model.area_mm2)
+    if len(incomplete_layers):
+        layer = int(incomplete_layers[0])
         raise SliceRejected(
             Rule.OUTLINE,
             f"layer {layer} (Z {layout.compute_top_mm(layer):.2f} mm) lacks {missing_mm2[layer]:.0f} mm2 "
@@ -174,11 +177,11 @@ def _expand_sections(model: Rings, layout: WallLayout) -> Rings:
 
 
 def _sample_layers(layers: npt.NDArray[np.intp], difference_mm2: Floats) -> npt.NDArray[np.intp]:
-    """Choose at most `EXACT_LAYERS` of the layers: the worst, and others in even steps."""
-    if len(layers) <= EXACT_LAYERS:
+    """Choose at most `MAX_EXACT_LAYERS` of the layers: the worst, and others in even steps."""
+    if len(layers) <= MAX_EXACT_LAYERS:
         return layers
-    worst_layers = layers[np.argsort(difference_mm2)[-EXACT_LAYERS // 4 :]]
-    evenly_spaced = layers[np.linspace(0, len(layers) - 1, EXACT_LAYERS - len(worst_layers)).astype(int)]
+    worst_layers = layers[np.argsort(difference_mm2)[-MAX_EXACT_LAYERS // 4 :]]
+    evenly_spaced = layers[np.linspace(0, len(layers) - 1, MAX_EXACT_LAYERS - len(worst_layers)).astype(int)]
     return np.unique(np.concatenate((worst_layers, evenly_spaced)))
 
 
@@ -189,7 +192,7 @@ class _Sections:
         self._corners = corners
         self._layout = layout
 
-    def cut_at(self, z_mm: float, layer: int) -> Geometry:
+    def cut_section(self, z_mm: float, layer: int) -> Geometry:
         """Build the area at a height where the winding number is positive, expanded as in `layer`."""
         pieces = list(cut_sections(self._corners, np.array([z_mm])))
         if not pieces:
@@ -222,7 +225,7 @@ def _compare_layer(
 ) -> list[tuple[int, Geometry]]:
     """Find thin pieces that are missing in a layer, each with the layer; reject any other difference."""
     adjacent_sections = [
-        sections.cut_at(float(z_mm[layer]) + offset_mm, layer)
+        sections.cut_section(float(z_mm[layer]) + offset_mm, layer)
         for offset_mm in (-_PLANE_OFFSET_MM, _PLANE_OFFSET_MM)
     ]
     printed = walls.build_printed_area(layer, shapely.union_all(adjacent_sections))
@@ -234,7 +237,7 @@ def _compare_layer(
     if extra_area is not None:
         raise SliceRejected(
             Rule.OUTLINE,
-            f"{layer_text} prints {extra_area.area:.1f} mm2 outside of the model at "
+            f"{layer_text} prints {extra_area.area:.1f} mm2 outside the model at "
             f"{_format_place(extra_area)}; repair the mesh",
         )
     certain_area = adjacent_sections[0].intersection(adjacent_sections[1])
@@ -268,7 +271,7 @@ def _find_largest_piece(shape: Geometry) -> Geometry | None:
 
 
 def _format_place(shape: Geometry) -> str:
-    """Format a place in a shape."""
+    """Format the coordinates of a point in a shape."""
     middle = shape.representative_point()
     return f"X{middle.x:.1f} Y{middle.y:.1f} (from the bed's centre)"
 

@@ -1,7 +1,7 @@
 """Rules that CuraEngine's log and G-code must meet to be printed.
 
-For most bad input CuraEngine ends with exit code 0 and writes a file that heats, homes and prints nothing, or
-only a part of the model; so every file is checked before it is printed.
+For most bad input, CuraEngine ends with exit code 0 and writes a file that heats, homes and prints nothing,
+or only a part of the model. Every file is therefore checked before it is printed.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ MAX_MISSING_TOP_MM = 1.0
 BED_TOLERANCE_MM = 0.2
 """Tolerance at the edges of a bed: a brim is whole lines wide, and support may exceed the part by half a
 line."""
-_WARNINGS = ("disconnected faces", "Face count")
+_BROKEN_MESH_WARNINGS = ("disconnected faces", "Face count")
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,10 +32,10 @@ class GcodeFacts:
     flavour: str
     sliced_s: float  # time of the layers, without heating, homing, start and end
     filament_mm: float  # without priming
-    layer_count: int  # planned by the engine
-    layers: int  # those with extrusion
-    top_layer: int  # the index of the last one with extrusion
-    min_mm: tuple[float, float, float]  # of all extrusion in layers, brim and support included
+    layer_count: int  # number of layers that the engine planned
+    layers: int  # number of layers with extrusion
+    top_layer: int  # index of the last layer with extrusion
+    min_mm: tuple[float, float, float]  # of all extrusion in layers, including brim and support
     max_mm: tuple[float, float, float]
     uses_firmware_retraction: bool
     moved_before_homing: bool
@@ -47,7 +47,7 @@ class GcodeFacts:
 def gather_facts(path: Toolpath, min_extrusion_c: float) -> GcodeFacts:
     """Collect the facts of a G-code file of the Marlin flavour.
 
-    Distances and the bounding box are of the moves' centre lines.
+    Distances and the bounding box refer to the centre lines of the moves.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ Bed = tuple[tuple[float, float, float, float, float], ...]
 
 def check_log(log: str) -> None:
     """Raise SliceRejected if the engine warns that it sliced only a part of the mesh."""
-    warning = next((line for line in log.splitlines() if any(w in line for w in _WARNINGS)), None)
+    warning = next((line for line in log.splitlines() if any(w in line for w in _BROKEN_MESH_WARNINGS)), None)
     if warning is not None:
         raise SliceRejected(Rule.BROKEN_MESH, f"CuraEngine says {warning.strip()!r}; repair the mesh")
 
@@ -136,12 +136,15 @@ def check_facts(
 
     Parameters
     ----------
+    facts
+        Facts of the file.
     height_mm
         Height of the model that was sliced.
     removed_mm
         Height of the empty layers that the engine removed at the bottom.
     is_top_checked
-        Whether the outline is compared up to the top; else `MAX_MISSING_TOP_MM` of the height may be missing.
+        Whether the outline is compared up to the top; otherwise `MAX_MISSING_TOP_MM` of the height may be
+        missing.
     layer_height_mm
         Height of the thickest layer; a flat top may be off by half of it.
     min_extrusion_c
@@ -198,7 +201,7 @@ def _check_commands(facts: GcodeFacts, min_extrusion_c: float) -> None:
         (
             Rule.HEATERS_ON,
             facts.heaters_off,
-            "a heater is left on at the end, or the end is missing; slice again, or make room on the disk",
+            "a heater is left on at the end, or the end is missing; slice again, or free space on the disk",
         ),
     )
     for rule, is_met, detail in rules:
@@ -207,14 +210,14 @@ def _check_commands(facts: GcodeFacts, min_extrusion_c: float) -> None:
 
 
 def check_parking(facts: GcodeFacts, parked_mm: float) -> None:
-    """Raise SliceRejected unless the filament ends parked as the next print expects it.
+    """Raise SliceRejected unless the filament is parked at the end, as the next print expects.
 
     Parameters
     ----------
     facts
         Facts of the file.
     parked_mm
-        Distance by which the filament is to be retracted.
+        Distance by which the filament has to be retracted.
     """
     if abs(facts.parked_mm - parked_mm) > PARK_TOLERANCE_MM:
         raise SliceRejected(
@@ -225,12 +228,16 @@ def check_parking(facts: GcodeFacts, parked_mm: float) -> None:
 
 
 def check_bed(facts: GcodeFacts, centre_mm: tuple[float, float], bed: Bed, max_excess_mm: float) -> None:
-    """Raise OutsideBed unless a bed holds all that is extruded, brim and support included.
+    """Raise OutsideBed unless a rectangle of the bed holds all extrusion, including brim and support.
 
     Parameters
     ----------
+    facts
+        Facts of the file.
     centre_mm
         The bed's centre in the printer's coordinates.
+    bed
+        Rectangles of the bed.
     max_excess_mm
         Height by which the last layer, which is printed whole, may exceed the bed's height.
     """
@@ -238,10 +245,10 @@ def check_bed(facts: GcodeFacts, centre_mm: tuple[float, float], bed: Bed, max_e
     high_mm = (facts.max_mm[0] - centre_mm[0], facts.max_mm[1] - centre_mm[1])
     height_mm = facts.max_mm[2]
     tolerance_mm = BED_TOLERANCE_MM
-    for min_x, min_y, max_x, max_y, height in bed:
+    for min_x, min_y, max_x, max_y, max_height_mm in bed:
         inside = low_mm[0] >= min_x - tolerance_mm and low_mm[1] >= min_y - tolerance_mm
         inside &= high_mm[0] <= max_x + tolerance_mm and high_mm[1] <= max_y + tolerance_mm
-        if inside and height_mm <= height + max_excess_mm:
+        if inside and height_mm <= max_height_mm + max_excess_mm:
             return
     raise OutsideBed(
         f"it prints on X {low_mm[0]:.1f}..{high_mm[0]:.1f}, Y {low_mm[1]:.1f}..{high_mm[1]:.1f}, up to Z "

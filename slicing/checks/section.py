@@ -72,9 +72,9 @@ def cut_sections(corners: Floats, z_mm: Floats) -> Iterator[tuple[npt.NDArray[np
         Chunks of (m,) indices into `z_mm`, and (m, 2) start and end of each segment in mm. Triangles with a
         common edge give bit-equal points on it, so a closed mesh gives closed rings.
     """
-    heights = corners[..., 2]
-    first_plane = np.searchsorted(z_mm, heights.min(axis=1), "left")
-    count = np.searchsorted(z_mm, heights.max(axis=1), "left") - first_plane
+    heights_mm = corners[..., 2]
+    first_plane = np.searchsorted(z_mm, heights_mm.min(axis=1), "left")
+    count = np.searchsorted(z_mm, heights_mm.max(axis=1), "left") - first_plane
     crossed_triangles = np.flatnonzero(count)
     ends = np.cumsum(count[crossed_triangles])
     first_row = 0

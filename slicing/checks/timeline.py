@@ -1,4 +1,4 @@
-"""Time marks at the start of each feature of a layer: CuraEngine marks only the end of a layer."""
+"""Time marks at the start of each feature of a layer, because CuraEngine marks only the end of a layer."""
 
 from __future__ import annotations
 

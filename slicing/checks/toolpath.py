@@ -1,7 +1,7 @@
 """G-code file as columns of numbers: one row for each move, and the lines between the moves.
 
 CuraEngine writes tens of thousands of moves in a second, so they are read by columns: a regular expression
-takes whole blocks of plain moves, and only the few other lines are read one by one.
+matches whole blocks of plain moves, and only the few other lines are read one by one.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from slicing.gcode_lines import PLAIN_MOVE, Words, parse_words, split_line
 
 Floats = npt.NDArray[np.float64]
 
-# Any text matches the second group, so `re` never backtracks over a block and reading stays linear. A block
+# The second group matches any text, so `re` never backtracks over a block and the time stays linear. A block
 # is bounded because the engine of `re` keeps 50 bytes for each byte of it.
 _BLOCK = re.compile(rb"((?:%b\n){0,1000})([^\n]*\n?)" % PLAIN_MOVE)
 _LETTERS = b"GFXYZE\r\n"
 _LETTERS_TO_SPACES = bytes.maketrans(_LETTERS, b" " * len(_LETTERS))
 _AXES = b"XYZE"
-_TIME = "TIME_ELAPSED:"
+_TIME_PREFIX = "TIME_ELAPSED:"
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,9 +88,9 @@ class Toolpath:
     def list_layer_ends(self) -> list[tuple[int, float]]:
         """List the number of moves before the end of each layer, and Cura's time there in seconds."""
         return [
-            (comment.move, float(comment.text[len(_TIME) :]))
+            (comment.move, float(comment.text[len(_TIME_PREFIX) :]))
             for comment in self.comments
-            if comment.text.startswith(_TIME)
+            if comment.text.startswith(_TIME_PREFIX)
         ]
 
     def is_feature(self, name: str) -> npt.NDArray[np.bool_]:
@@ -245,11 +245,13 @@ def _expand_steps(steps: list[tuple[int, int]], first: int, moves: int) -> npt.N
 
 
 def _find_layers(comments: Iterable[Comment]) -> list[tuple[int, int]]:
+    """Find the moves at which layers begin, with the numbers of the layers."""
     layers = [(comment.move, comment.text[6:]) for comment in comments if comment.text.startswith("LAYER:")]
     return [(move, int(number)) for move, number in layers if number.lstrip("-").isdecimal()]
 
 
 def _find_features(comments: Iterable[Comment], features: tuple[str, ...]) -> list[tuple[int, int]]:
+    """Find the moves at which features begin, with the indices of the features."""
     code = {name: number for number, name in enumerate(features)}
     return [
         (comment.move, code[comment.text[5:]]) for comment in comments if comment.text.startswith("TYPE:")

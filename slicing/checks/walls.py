@@ -40,7 +40,7 @@ class WallLayout:
     width_mm: float
     factor_0: float  # ratio of the first layer's line width to that of the others
     inset_mm: float
-    offset_0_mm: float  # growth of the model in the first layer
+    offset_0_mm: float  # horizontal expansion of the first layer
     offset_mm: float
     slack_mm: float
     step_mm: float = 0.0  # maximum distance between the middles of neighbouring walls
@@ -84,7 +84,7 @@ def read_wall_layout(settings: EngineSettings) -> WallLayout | None:
         slack_mm=abs(read_number("hole_xy_offset")),
         step_mm=max(settings.line_width_0_mm, read_number("wall_line_width_x"))
         * max(1.0, read_number("initial_layer_line_width_factor") / 100),
-        # Cura 5 draws as many walls as there is room for, of any width.
+        # Cura 5 draws as many walls as fit, of any width.
         inner_walls=0 if "inset_direction" in settings.extruder else settings.wall_count - 1,
     )
 
@@ -98,7 +98,7 @@ class Walls:
     layer: npt.NDArray[np.int32]
     run: npt.NDArray[np.intp]  # index of the unbroken line of a move
     is_closed: npt.NDArray[np.bool_]  # whether that line is a ring
-    width_mm: Floats  # by the extruded filament
+    width_mm: Floats  # computed from the extruded filament
     half_width_mm: Floats  # half of the line's width; for a ring, from its middle to the model's outline
     other_lines: Floats  # (m, 6) all other lines of the part: start, end, layer, half width
     inner_lines: Floats  # (k, 5) lines of the inner walls: start, end, layer
@@ -149,7 +149,7 @@ class Walls:
         inside = measure_rings(
             iter([(self.layer[is_ring].astype(np.intp), self.start[is_ring], self.end[is_ring])]), count
         )
-        # An engine may draw rings in the opposite direction, but then all rings of a layer.
+        # An engine may draw rings in the opposite direction, but then it does so for all rings of a layer.
         sign = np.where(inside.area_mm2 < 0, -1.0, 1.0)
         band_mm2 = np.hypot(*(self.end - self.start).T) * self.half_width_mm * np.where(is_ring, 1.0, 2.0)
         corners_mm2 = np.bincount(self.layer, self._compute_corners_mm2(), count)
@@ -161,7 +161,7 @@ class Walls:
         return Rings(area_mm2, inside.length_mm, moment_mm3)
 
     def compute_missing_areas_mm2(self, layout: WallLayout, count: int) -> Floats:
-        """Compute the area (count,) that the inner walls of each layer enclose less than expected.
+        """Compute the expected area (count,) that the inner walls of each layer fail to enclose.
 
         A ring that is offset inwards by d loses at most d times its length in area. The result is 0 where an
         inner wall is not a whole ring.
@@ -187,7 +187,7 @@ class Walls:
         return np.where(has_open_lines, 0.0, expected_mm2 - np.abs(inner.area_mm2))
 
     def _compute_corners_mm2(self) -> Floats:
-        """Compute the area (n,) of the band outside of a ring at the corner after each move."""
+        """Compute the area (n,) of the band outside a ring at the corner after each move."""
         if not len(self.run):
             return np.empty(0)
         next_index = np.arange(1, len(self.run) + 1)
@@ -248,10 +248,10 @@ class Walls:
 def _join_runs(
     start: Floats, end: Floats, layer: npt.NDArray[np.int32]
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], npt.NDArray[np.bool_]]:
-    """Join moves into unbroken lines, and find out which of them are rings.
+    """Join moves into unbroken lines, and determine which of them are rings.
 
     Where two walls overlap, an engine leaves a move or two without flow: a line that is not closed is
-    joined across such gaps to the following lines if this closes it.
+    joined across these gaps to the following lines if this closes it.
 
     Returns
     -------
@@ -262,18 +262,18 @@ def _join_runs(
         return np.empty(0, np.intp), np.empty(0, np.intp), np.empty(0, bool)
     first = np.ones(len(start), bool)
     first[1:] = (start[1:] != end[:-1]).any(axis=1) | (layer[1:] != layer[:-1])
-    begins = np.flatnonzero(first)
-    ends = np.append(begins[1:], len(start)) - 1
-    is_near = np.hypot(*(start[begins] - end[ends]).T) < TOLERANCE_MM
+    starts = np.flatnonzero(first)
+    ends = np.append(starts[1:], len(start)) - 1
+    is_near = np.hypot(*(start[starts] - end[ends]).T) < TOLERANCE_MM
     bridges: list[int] = []
     number = 0
-    while number < len(begins):
+    while number < len(starts):
         stop = number + 1
         if not is_near[number]:
-            for last in range(number + 1, min(number + _MAX_GAPS, len(begins))):
-                if is_near[last] or layer[begins[last]] != layer[begins[number]]:
+            for last in range(number + 1, min(number + _MAX_GAPS, len(starts))):
+                if is_near[last] or layer[starts[last]] != layer[starts[number]]:
                     break
-                if np.hypot(*(start[begins[number]] - end[ends[last]])) < TOLERANCE_MM:
+                if np.hypot(*(start[starts[number]] - end[ends[last]])) < TOLERANCE_MM:
                     bridges += [int(move) for move in ends[number:last]]
                     stop = last + 1
                     break

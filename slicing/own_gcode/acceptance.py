@@ -15,14 +15,14 @@ from slicing.own_gcode.survey import EXPORT_ADVICE, survey_lines
 from slicing.own_gcode.target import PrintTarget
 from slicing.own_gcode.writer import Stopwatch, Writer
 
-PLAUSIBLE_RATIO = (0.2, 2.5)
+PLAUSIBLE_RATIOS = (0.2, 2.5)
 """Bounds of the ratio of the lines' mean cross-section to that of a line a nozzle wide and a layer high.
 Slicers reach 2, and ironing may bring it far below 1; E in mm3 instead of mm gives about 6 (or 0.15), and
 filament of 1.75 mm instead of 2.85 mm about 2.7."""
 MAX_LAYER_SHARE = 0.8
-"""Maximum layer height as a share of the nozzle's diameter: higher lines do not stick."""
+"""Maximum layer height as a share of the nozzle's diameter; higher lines do not stick."""
 SLACK_LAYERS = 1.25
-"""Depth, in layers of maximum height, that slicers may reach below a layer's top, as in a sloping seam."""
+"""Depth to which slicers may go below a layer's top, as in a sloping seam, in layers of maximum height."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ class AcceptedGcode:
     reach_min_mm, reach_max_mm
         Corners of all moves.
     filament_type
-        Material that the file was sliced for, like PLA; None if it does not say.
+        Material that the file was sliced for, such as PLA; None if it does not say.
     notices
         Changes and warnings, a sentence each.
     """
@@ -88,7 +88,7 @@ def accept_gcode(lines: Iterable[bytes], target: PrintTarget, *, stopwatch: Stop
     Raises
     ------
     GcodeRefused
-        If the file cannot be printed; with the line, the reason, and what to do.
+        If the file cannot be printed; the message has the line, the reason, and the remedy.
     """
     survey = survey_lines(lines, target.filament_mm)
     line_mm = _find_line_width_mm(survey.nozzle_mm or target.nozzle_mm)
@@ -117,12 +117,12 @@ def accept_gcode(lines: Iterable[bytes], target: PrintTarget, *, stopwatch: Stop
         reach_min_mm=_to_point(extent.reach_low),
         reach_max_mm=_to_point(extent.reach_high),
         filament_type=survey.machine.filament_type,
-        notices=_build_notices(survey.is_ultigcode, interpreter.omitted) + warnings,
+        notices=_build_notices(survey.is_ultigcode, interpreter.omitted_properties) + warnings,
     )
 
 
 def _check_missing_lines(figures: StatedFigures, interpreter: Interpreter, target: PrintTarget) -> None:
-    """Refuse a file with missing lines, by its slicer's figures and by what its moves feed."""
+    """Refuse a file with missing lines, by its slicer's figures and the filament that its moves feed."""
     extent = interpreter.head.extent
     problem = interpreter.gaps.describe_loss() or figures.describe_missing_height(
         extent.low[2], extent.reach_high[2]
@@ -145,11 +145,11 @@ def _find_line_width_mm(nozzle_mm: float | None) -> float:
     return nozzle_mm
 
 
-def _add_start_and_end(printed: bytearray, interpreter: Interpreter, target: PrintTarget) -> bytes:
+def _add_start_and_end(printed_lines: bytearray, interpreter: Interpreter, target: PrintTarget) -> bytes:
     """Put the farm's start and end code around the lines that are printed."""
     code = target.printer.code
     start = code.build_start_code(interpreter.nozzle_c, interpreter.bed_c, target.filament_mm2)
-    return f";FLAVOR:Marlin\n{start}\n".encode() + printed + code.build_end_code(0.0).encode() + b"\n"
+    return f";FLAVOR:Marlin\n{start}\n".encode() + printed_lines + code.build_end_code(0.0).encode() + b"\n"
 
 
 def _compute_section_ratio(extent: Extent, layers: int, target: PrintTarget, nozzle_mm: float) -> float:
@@ -166,7 +166,7 @@ def _compute_section_ratio(extent: Extent, layers: int, target: PrintTarget, noz
     layer_mm = max(extent.layer_mm, mean_mm)
     nominal_mm2 = nozzle_mm * layer_mm
     ratio = section_mm2 / nominal_mm2
-    if not PLAUSIBLE_RATIO[0] < ratio < PLAUSIBLE_RATIO[1]:
+    if not PLAUSIBLE_RATIOS[0] < ratio < PLAUSIBLE_RATIOS[1]:
         raise GcodeRefused(
             f"its lines have a mean cross-section of {section_mm2:.3f} mm2; layers of {layer_mm:.3g} mm with "
             f"a nozzle of {nozzle_mm:g} mm need about {nominal_mm2:.3f}: set the filament's diameter to "

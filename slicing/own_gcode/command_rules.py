@@ -18,9 +18,8 @@ PRINTED_COMMANDS = frozenset(
 )
 """Commands that are executed; the lines for the printer are written by `slicing.own_gcode.writer`."""
 
-_VOLUMETRIC_OFF_WORD = re.compile(
-    r"\s*D\s?0*\.?0*\s*"
-)  # switches volumetric extrusion off, which is the default
+# Word that switches volumetric extrusion off, which is the default.
+_VOLUMETRIC_OFF_WORD = re.compile(r"\s*D\s?0*\.?0*\s*")
 
 COMMANDS_WITHOUT_EFFECT = frozenset(
     (
@@ -99,7 +98,7 @@ def has_no_effect(code: str, rest: str) -> bool:
 def find_refusal(code: str) -> str | None:
     """Find the reason why a command is refused anywhere in a file; None if it is not."""
     if code[0] == "T" and code != "T0":
-        return "selects another extruder, and the printer has one: slice for a single extruder"
+        return "selects another extruder, but the printer has only one: slice for a single extruder"
     return REFUSED_COMMANDS.get(code)
 
 

@@ -6,7 +6,7 @@ import math
 from collections import defaultdict
 
 CLIP_HEIGHT_MM = 10.0
-"""[assumed] Height below which the head must keep off the bed's clips, even on travels."""
+"""[assumed] Height below which the head must avoid the bed's clips, even in travel moves."""
 MAX_PRIMED_MM = 1.0
 """Maximum filament that slicers extrude at standstill, beyond what was retracted before."""
 _NEGLIGIBLE_MM = 0.001

@@ -21,8 +21,8 @@ MAX_START_RETRACTION_MM = 0.3
 MAX_CROSS_SECTION_RATIO = 4.0
 """Maximum ratio of a line's cross-section to the square of the nozzle's diameter: more than any slicer's."""
 MAX_JUMP_MM = MAX_PRIMED_MM
-"""Filament that a move may extrude beyond what was retracted and what its line takes. Where lines are missing
-from a file with absolute E, one move extrudes the filament of all of them."""
+"""Maximum filament that a move may extrude beyond what was retracted and what its line takes. If lines are
+missing from a file with absolute E, one move extrudes the filament of all of them."""
 MAX_DROP_MM = 10.0
 """Maximum depth below the top of the print at which a line may be printed: the head is raised by this height
 before it parks in a pause, or homes after a cancellation."""
@@ -42,8 +42,9 @@ class Head:
         The printer's start and end code.
     marks_layers
         Whether comments in the file mark where layers begin.
-    gaps
-        Records the moves that extrude.
+    writer, clearance, objections, gaps
+        Objects that record the moves: for the program, for collisions, to refuse the file, and to find
+        missing lines.
     """
 
     def __init__(
@@ -92,7 +93,7 @@ class Head:
         extruded_mm
             Filament that it extrudes, in mm.
         speed_mm_s, factor
-            Feed rate, and the factor of M220 on it.
+            Feed rate, and the factor by which M220 changes it.
 
         Returns
         -------
@@ -125,7 +126,7 @@ class Head:
         self.extent.record_move(target, fed_mm)
         is_printing = fed_mm > 0 and target != start
         if is_printing:
-            self._print(start, target)
+            self._print_line(start, target)
         return is_printing
 
     @property
@@ -155,7 +156,7 @@ class Head:
                 )
 
     def _approach_start(self, start: Point, target: Point, extruded_mm: float, speed_mm_s: float) -> bool:
-        """Move from above to the place of the first extrusion; return False before that."""
+        """Move from above to the place of the first extrusion; return False before it."""
         if self._has_approached:
             return True
         x, y, z = start
@@ -190,7 +191,7 @@ class Head:
                 "with the nozzle or the head beside it"
             )
 
-    def _print(self, start: Point, target: Point) -> None:
+    def _print_line(self, start: Point, target: Point) -> None:
         self._objections.check_printed_line()
         z_mm, highest_mm = min(start[2], target[2]), self.extent.high[2]
         if z_mm <= 0:

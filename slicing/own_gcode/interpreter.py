@@ -21,7 +21,7 @@ from slicing.own_gcode.writer import Writer
 Point = tuple[float, float]
 
 MAX_DWELL_S = 60.0
-"""Maximum pause in one place: the nozzle is hot, and a cancelled print has to wait for its end."""
+"""Maximum pause in one place: the nozzle is hot, and a cancellation has to wait for the end of the pause."""
 MAX_PAUSES_S = 3600.0
 """Maximum sum of all pauses."""
 MAX_ARC_MM = 700.0
@@ -33,7 +33,7 @@ MAX_CHORD_MM = 1.0
 CHORD_DEVIATION_MM = 0.01
 _INITIAL_SPEED_MM_S = 25.0  # speed of the firmware before the first F
 _FAN_OFF_LINE = b"M107"
-_FEATURE = re.compile(rb"TYPE:[A-Z-]{1,20}\Z")  # Cura's comments on what it prints
+_FEATURE = re.compile(rb"TYPE:[A-Z-]{1,20}\Z")  # Cura's comments that name the printed feature
 
 
 class Interpreter:
@@ -52,8 +52,8 @@ class Interpreter:
         Gaps in the numbers of the layers.
     nozzle_c, bed_c
         Temperatures as last set before the print, in C.
-    omitted
-        Commands that were left out, and the property that each would change.
+    omitted_properties
+        Commands that were left out, each with the property that it would change.
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class Interpreter:
     ) -> None:
         self.nozzle_c = target.nozzle_c if survey.is_ultigcode else 0.0
         self.bed_c = target.bed_c if survey.is_ultigcode else 0.0
-        self.omitted: dict[str, str] = {}
+        self.omitted_properties: dict[str, str] = {}
         self._objections = Objections()
         self.gaps = LayerGaps(MAX_CROSS_SECTION_RATIO * nozzle_mm**2 / target.filament_mm2)
         self.head = Head(
@@ -117,7 +117,7 @@ class Interpreter:
         if (reason := command_rules.find_refusal(code)) is not None:
             raise GcodeRefused(f"line {number}: {code} {reason}")
         if code in command_rules.OMITTED_PROPERTIES:
-            self.omitted[code] = command_rules.OMITTED_PROPERTIES[code]
+            self.omitted_properties[code] = command_rules.OMITTED_PROPERTIES[code]
         elif code in command_rules.PRINTED_COMMANDS:
             self._run_command(code, parse_words(rest, number))
         elif code == "G28" and not self._is_printing:
@@ -197,7 +197,7 @@ class Interpreter:
         ]
 
     def _find_extruded_mm(self, words: Words) -> float:
-        """Compute the filament that a move extrudes, in mm; the firmware takes E as relative after G91."""
+        """Compute the filament that a move extrudes, in mm; the firmware treats E as relative after G91."""
         e = words.get("E")
         if e is None:
             return 0.0
@@ -308,7 +308,7 @@ class Interpreter:
 
 @dataclass(frozen=True, slots=True)
 class Arc:
-    """Arc from `start` around `centre` to `end`, in mm; a whole circle where start and end are the same."""
+    """Arc from `start` around `centre` to `end`, in mm; a whole circle if start and end are the same."""
 
     start: Point
     end: Point
@@ -317,10 +317,12 @@ class Arc:
 
     @property
     def radius_mm(self) -> float:
+        """Radius at the start."""
         return math.dist(self.start, self.centre)
 
     @property
     def end_radius_mm(self) -> float:
+        """Radius at the end."""
         return math.dist(self.end, self.centre)
 
     @property
@@ -333,6 +335,7 @@ class Arc:
 
     @property
     def length_mm(self) -> float:
+        """Length along the arc."""
         return abs(self.sweep_rad) * self.radius_mm
 
     def sample_points(self) -> Iterator[tuple[Point, float]]:

@@ -14,7 +14,7 @@ _NAME_FACTS = ("target_machine.name", "printer_model", "printer_name", "machine_
 """Facts that name the machine, as written by Cura, PrusaSlicer and its forks, and KISSlicer. The last one is
 the name of a person's settings, used if no model is named."""
 _PLACEHOLDER_NAMES = ("", '""', "unknown", "default", "- default fff printer -")
-_USUAL_RATIO = (0.5, 1.7)
+_USUAL_RATIOS = (0.5, 1.7)
 """Usual ratio of the lines' cross-section to that of a line as wide as the nozzle: 0.75 to 1.4 in slices of
 CuraEngine 4.13, and thus 2.0 and more in slices for filament of 1.75 mm."""
 
@@ -34,7 +34,7 @@ FOREIGN_START_COMMANDS = {
 
 @dataclass(frozen=True, slots=True)
 class Machine:
-    """Machine that a file was sliced for, by its comments.
+    """Machine that a file was sliced for, according to its comments.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class Machine:
     filament_mm
         The filament's diameter; None if the file does not say.
     filament_type
-        Material, like PLA; None if the file does not say.
+        Material, such as PLA; None if the file does not say.
     bed_corner
         First corner of its bed, as written; None if the file does not say.
     foreign_command
@@ -61,7 +61,17 @@ class Machine:
 def find_machine(
     facts: Mapping[str, bytes], filament_mm: float | None, foreign_command: tuple[int, str] | None
 ) -> Machine:
-    """Read the machine from a file's facts: key in lower case -> value as written."""
+    """Read the machine from a file's facts.
+
+    Parameters
+    ----------
+    facts
+        Values as written, by their keys in lower case.
+    filament_mm
+        The filament's diameter; None if the file does not say.
+    foreign_command
+        Line number and code of a command that the farm's printers do not have; None if there is none.
+    """
     names = (_read_text(facts, key) for key in _NAME_FACTS)
     name = next((name for name in names if name is not None and name.lower() not in _PLACEHOLDER_NAMES), None)
     return Machine(
@@ -76,7 +86,7 @@ def find_machine(
 def check_machine(
     machine: Machine, nozzle_mm: float | None, section_ratio: float, target: PrintTarget
 ) -> tuple[str, ...]:
-    """Refuse a file that was sliced for another machine; return warnings.
+    """Refuse a file that was sliced for another machine; return warnings about the others.
 
     The size of the print is checked elsewhere.
 
@@ -87,7 +97,7 @@ def check_machine(
     section_ratio
         Ratio of the cross-section of its lines to that of a line as wide as the nozzle.
     target
-        The printer that is to print it.
+        The printer on which it would be printed.
 
     Raises
     ------
@@ -97,7 +107,7 @@ def check_machine(
     name, reason, title = machine.name, None, target.printer.title
     if name is not None and re.search(target.printer.slicer_names, name.lower()):
         name = None
-    is_usual = _USUAL_RATIO[0] < section_ratio < _USUAL_RATIO[1]
+    is_usual = _USUAL_RATIOS[0] < section_ratio < _USUAL_RATIOS[1]
     if name is None and (is_usual or nozzle_mm is not None):
         return ()
     if name is None:

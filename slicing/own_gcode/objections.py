@@ -10,8 +10,8 @@ from slicing.errors import GcodeRefused
 class Objections:
     """Reasons to refuse a file once something is printed after them.
 
-    A command that must not be in a print is harmless in an end script, which is not printed. So an objection
-    is only recorded, and the file is refused with the next line that prints.
+    A command that must not be in a print is harmless in an end script, which is not printed. Therefore, an
+    objection is only recorded, and the file is refused at the next line that prints.
 
     Attributes
     ----------
@@ -31,11 +31,11 @@ class Objections:
         self._has_ended = False  # an end script has begun, and nothing has been printed since
 
     def add(self, reason: str) -> None:
-        """Refuse the file as soon as something is printed after this line; a start script is not printed."""
+        """Refuse the file once something is printed after this line; a start script is not printed."""
         if self.is_printing:
-            self.first_reason = self.first_reason or self._add_line(reason)
+            self.first_reason = self.first_reason or self._format_reason(reason)
             if not self._has_ended:
-                self._unconditional_reason = self._unconditional_reason or self._add_line(reason)
+                self._unconditional_reason = self._unconditional_reason or self._format_reason(reason)
 
     def add_except_at_end(self, reason: str, *, ends_print: bool = False) -> None:
         """Refuse the file if something is printed after this line; an end script may contain it.
@@ -48,18 +48,18 @@ class Objections:
             Whether the line shows that the end script has begun.
         """
         if self.is_printing:
-            self.first_reason = self.first_reason or self._add_line(reason)
+            self.first_reason = self.first_reason or self._format_reason(reason)
             self._has_ended = self._has_ended or ends_print
 
     def add_mode_change(self, reason: str) -> None:
-        """Refuse a command that changes all lines after it, unless it stands in an end script."""
+        """Refuse a command that changes all lines after it, unless it is in an end script."""
         if not self.is_printing:
             self.refuse(reason)
         self.add(reason)
 
     def refuse(self, reason: str) -> NoReturn:
         """Raise GcodeRefused with the number of the line."""
-        raise GcodeRefused(self._add_line(reason))
+        raise GcodeRefused(self._format_reason(reason))
 
     def check_printed_line(self) -> None:
         """Raise GcodeRefused if there is a reason why nothing more may be printed."""
@@ -91,5 +91,5 @@ class Objections:
                 "the last line that is printed; export it once more, or copy it again"
             )
 
-    def _add_line(self, reason: str) -> str:
+    def _format_reason(self, reason: str) -> str:
         return f"line {self.line}: {reason}"

@@ -12,7 +12,7 @@ from slicing.own_gcode import command_rules
 from slicing.own_gcode.completeness import Completeness, StatedFigures
 from slicing.own_gcode.machine import FOREIGN_START_COMMANDS, Machine, find_machine
 
-FILAMENT_SLACK_MM = (-0.1, 0.2)
+FILAMENT_DEVIATION_MM = (-0.1, 0.2)
 """Accepted deviation of the filament's diameter: filament of 2.85 mm is also sold as 3 mm."""
 EXPORT_ADVICE = "export it once more, or copy it again"
 _LAYER = re.compile(
@@ -44,7 +44,7 @@ class Survey:
     marks_layers
         Whether comments mark where layers begin.
     is_closed
-        Whether the slicer's closing mark comes after all that is printed; False for a slicer without one.
+        Whether the slicer's closing mark comes after the last printed line; False for a slicer without one.
     machine
         The machine that it was sliced for.
     warning
@@ -86,7 +86,7 @@ def survey_lines(lines: Iterable[bytes], filament_mm: float) -> Survey:
     """
     scan = _Scan()
     for number, raw in enumerate(lines, 1):
-        scan.read(raw, number)
+        scan.read_line(raw, number)
     is_ultigcode = _is_ultigcode(scan.facts, filament_mm)
     if not scan.layer_line and (is_ultigcode or not (scan.wait_line and scan.home_line)):
         raise GcodeRefused(
@@ -112,7 +112,7 @@ def survey_lines(lines: Iterable[bytes], filament_mm: float) -> Survey:
 
 
 class _Scan:
-    """Facts of a file, gathered line by line; line numbers are 0 if there is no such line.
+    """Facts of a file, gathered line by line; a line number is 0 if there is no such line.
 
     Attributes
     ----------
@@ -139,7 +139,7 @@ class _Scan:
         self.completeness = Completeness()
         self.foreign_command: tuple[int, str] | None = None
 
-    def read(self, raw: bytes, number: int) -> None:
+    def read_line(self, raw: bytes, number: int) -> None:
         """Read one line."""
         self.number, self.last_line = number, raw
         if (move := parse_plain_move(raw)) is not None:
@@ -162,7 +162,7 @@ class _Scan:
             self._read_start(code)
 
     def _read_comment(self, comment: bytes) -> None:
-        self.completeness.read(comment, self.number)
+        self.completeness.read_comment(comment, self.number)
         if is_layer(comment):
             self.layer_line = self.layer_line or self.number
             self.completeness.count_layer()
@@ -193,7 +193,7 @@ def _is_ultigcode(facts: dict[str, bytes], filament_mm: float) -> bool:
     if facts.get("use_volumetric_e") == b"1":
         raise GcodeRefused("it counts filament in mm3: switch off `Use volumetric E` in your slicer")
     diameter_mm = _read_number(facts, *_FILAMENT_FACTS)
-    min_difference_mm, max_difference_mm = FILAMENT_SLACK_MM
+    min_difference_mm, max_difference_mm = FILAMENT_DEVIATION_MM
     if (
         diameter_mm is not None
         and not min_difference_mm <= round(diameter_mm - filament_mm, 3) <= max_difference_mm

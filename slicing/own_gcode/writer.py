@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Protocol
 
-RESET_E_MM = 1000.0
-"""Maximum E: the firmware computes in single precision, so E is reset before it gets too coarse."""
-MARK_S = 60.0
-"""Longest time between two marks of the timeline."""
+E_RESET_MM = 1000.0
+"""Maximum E, which is then reset, because the firmware computes in single precision."""
+MAX_MARK_INTERVAL_S = 60.0
+"""Maximum time between two marks of the timeline."""
 
 Step = tuple[float, float, float, float, float]
 """x, y, z and the filament fed, all in mm, and the speed in mm/s."""
@@ -17,7 +17,7 @@ class Stopwatch(Protocol):
     """Clock that simulates the printer's moves and measures their time."""
 
     def move(self, x: float, y: float, z: float, e: float, speed_mm_s: float) -> None:
-        """Go to x, y, z at a speed; `e` counts all filament fed so far. All in mm."""
+        """Go to x, y, z at a speed; `e` counts all filament fed so far. Lengths are in mm."""
 
     def wait(self, seconds: float) -> None:
         """Wait at the current position."""
@@ -27,7 +27,7 @@ class Stopwatch(Protocol):
 
 
 class Writer:
-    """Writer of lines and time marks; what is added after the last `commit` is never written."""
+    """Writer of lines and time marks; lines that are added after the last `commit` are never written."""
 
     def __init__(self, stopwatch: Stopwatch) -> None:
         self.text = bytearray()
@@ -56,7 +56,7 @@ class Writer:
         self._pending.insert(next(indices, len(self._pending)), None)
 
     def commit(self) -> None:
-        """Write all that was recorded since the last `commit`."""
+        """Write everything that was recorded since the last `commit`."""
         for item in self._pending:
             if isinstance(item, tuple):
                 self._write(item)
@@ -70,7 +70,7 @@ class Writer:
         self._pending.clear()
 
     def finish(self) -> float:
-        """Close the timeline, and return the seconds that the print takes."""
+        """Close the timeline, and return the time of the print in s."""
         self._pending.clear()
         seconds = self._stopwatch.measure_s(finish=True)
         self.text += b";TIME_ELAPSED:%.3f\n" % seconds
@@ -90,7 +90,7 @@ class Writer:
         x, y, z, fed_mm, speed_mm_s = step
         last_words = self._last_words
         self._fed_mm += fed_mm
-        if self._fed_mm - self._base_mm > RESET_E_MM:
+        if self._fed_mm - self._base_mm > E_RESET_MM:
             self.text += b"G92 E0\n"
             self._base_mm += float(last_words[4])
             last_words[4] = "0.00000"
@@ -111,5 +111,5 @@ class Writer:
         self._last_words = list(words)
         self.text += f"{'G1' if fed_mm else 'G0'} {' '.join(changed_words)}\n".encode()
         self._stopwatch.move(x, y, z, self._fed_mm, speed_mm_s)
-        if self._stopwatch.measure_s() - self._last_mark_s > MARK_S:
+        if self._stopwatch.measure_s() - self._last_mark_s > MAX_MARK_INTERVAL_S:
             self._write_mark(self._stopwatch.measure_s())

@@ -133,7 +133,7 @@ def parse_value(setting: Setting, raw: Any) -> Any:
                 return int(number) if is_whole else number
             case SettingType.ENUM if text not in setting.options:
                 hint = suggest_names(text, setting.options) or f"; one of {', '.join(setting.options)}"
-                raise BadSetting(f"{setting.key}={_shorten(text)}: not one of the options{hint}")
+                raise BadSetting(f"{setting.key}={_shorten_text(text)}: not one of the options{hint}")
             case SettingType.STR if any(ord(letter) < ord(" ") for letter in text.replace("\n", "")):
                 raise ValueError
             case kind if kind in _EXTRUDER_TYPES:
@@ -147,12 +147,12 @@ def parse_value(setting: Setting, raw: Any) -> Any:
     except (KeyError, ValueError, SyntaxError, MemoryError, RecursionError):
         allowed = _ALLOWED_VALUES[setting.type]
         raise BadSetting(
-            f"{setting.key}={_shorten(text)}: not a value of type {setting.type}; {allowed}"
+            f"{setting.key}={_shorten_text(text)}: not a value of type {setting.type}; {allowed}"
         ) from None
     return str(raw)
 
 
-def _shorten(text: str) -> str:
+def _shorten_text(text: str) -> str:
     """Shorten a person's text to one line."""
     line = "".join(letter if letter.isprintable() else " " for letter in text)
     return line if len(line) <= _MAX_TEXT_LENGTH else f"{line[:_MAX_TEXT_LENGTH]}..."

@@ -18,7 +18,8 @@ SHRINKAGE_KEYS = (
     "material_shrinkage_percentage_z",
 )
 """Cura's own settings that scale parts to compensate for shrinkage, in percent."""
-# Directions in which a pattern lays its lines `infill_line_distance` apart (Cura's formula for that setting).
+# Number of directions in which a pattern has lines `infill_line_distance` apart (Cura's formula for that
+# setting).
 _DIRECTIONS = {
     "grid": 2,
     "tetrahedral": 2,
@@ -63,7 +64,7 @@ class EngineSettings:
     wall_count: int
     top_layers: int
     bottom_layers: int
-    infill_line_distance_mm: float  # mean spacing, all directions together; 0 without infill
+    infill_line_distance_mm: float  # mean spacing of the lines of all directions; 0 without infill
     support_enabled: bool
     support_angle_deg: float  # from the vertical
     support_line_distance_mm: float  # 0 without support
@@ -104,7 +105,7 @@ def find_shrinkage_scale(resolver: Resolver, kind: str) -> tuple[float, float]:
     resolver
         Cura's settings; their own factors take precedence.
     kind
-        Kind of material, like PLA; if it is empty, none of the farm's factors is used.
+        Kind of material, such as PLA; if it is empty, none of the farm's factors is used.
     """
     keys = resolver.list_keys(Scope.GLOBAL)
     uniform, xy, z = (
@@ -187,9 +188,11 @@ class _ExtruderValues:
     resolver: Resolver
 
     def read_number(self, key: str) -> float:
+        """Read a number."""
         return float(self.resolver.compute_value(Scope.EXTRUDER, key))
 
     def read_flag(self, key: str) -> bool:
+        """Read a boolean."""
         return bool(self.resolver.compute_value(Scope.EXTRUDER, key))
 
 
@@ -205,7 +208,7 @@ def _format_scopes(resolver: Resolver) -> tuple[dict[str, str], dict[str, str]]:
     }
     # The engine reads this key in both scopes, and prints no support if it is false in either.
     extruder["support_enable"] = global_["support_enable"]
-    # The mesh is scaled before it is placed, as the checks compare the printed shape.
+    # The mesh is scaled before it is placed, because the checks compare the printed shape.
     full_size = dict.fromkeys(SHRINKAGE_KEYS, "100.0")
     global_ |= {key: full_size[key] for key in full_size.keys() & global_.keys()}
     extruder |= {key: full_size[key] for key in full_size.keys() & extruder.keys()}

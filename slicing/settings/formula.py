@@ -17,7 +17,7 @@ from slicing.errors import DefinitionError
 
 
 def _restrict_to_numbers(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
-    """Restrict an operation to numbers: on text and lists, its result may have any length."""
+    """Restrict an operation to numbers, because on text and lists its result could have any length."""
 
     def operate(left: Any, right: Any) -> Any:
         if not isinstance(left, int | float) or not isinstance(right, int | float):
@@ -67,7 +67,7 @@ class Formula:
 
 
 @lru_cache(maxsize=4096)
-def _parse(text: str) -> ast.expr:
+def _parse_expression(text: str) -> ast.expr:
     try:
         return ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
@@ -84,17 +84,17 @@ def evaluate_formula(
     formula
         The expression.
     lookup
-        Returns the value of a setting by its key; raises KeyError for a key that does not exist.
+        Function that returns the value of a setting by its key, or raises KeyError if the key does not exist.
     functions
-        Cura's own functions, like ``extruderValue``, by name.
+        Cura's own functions, such as ``extruderValue``, by name.
 
     Raises
     ------
     DefinitionError
-        If the formula has anything that is not allowed, or cannot be computed.
+        If the formula contains a form that is not allowed, or cannot be computed.
     """
     try:
-        return _Evaluator(lookup, functions).evaluate(_parse(formula.text))
+        return _Evaluator(lookup, functions).evaluate(_parse_expression(formula.text))
     except (ArithmeticError, TypeError, ValueError) as error:
         raise DefinitionError(f"Cura's formula {formula.text!r} cannot be computed: {error}") from error
 
@@ -147,7 +147,7 @@ class _Evaluator:
             raise DefinitionError(f"no setting is called {name!r}") from None
 
     def _evaluate_boolean(self, is_or: bool, parts: list[ast.expr]) -> Any:
-        """Compute ``a and b`` or ``a or b``: the first part that decides it, else the last."""
+        """Compute ``a and b`` or ``a or b``: the first part that decides the result, else the last."""
         result = self.evaluate(parts[0])
         for part in parts[1:]:
             if bool(result) == is_or:

@@ -1,7 +1,7 @@
 """Layer heights that give a printed part its exact height.
 
 CuraEngine keeps layer heights in whole micrometres and prints the layers whose middle lies in the part
-(measured with 4.13), so that a part ends up to half a layer too high or too low. With heights near the
+(measured with 4.13), so that a part can be up to half a layer too high or too low. With heights near the
 requested ones, one for the first layer and one for all others, the print ends at the part's height.
 """
 
@@ -19,7 +19,7 @@ FIRST_LAYER_CHANGES = (0.0, _MAX_CHANGE, 0.25)
 """Shares by which the first layer may differ. A larger share is used only where a smaller one does not reach
 the height. The first layer levels out the bed anyway, and without such changes some heights cannot be
 reached in whole micrometres."""
-_FIRST_LAYER_WEIGHT = 0.1  # weight of the first layer's change: it is one layer of many
+_FIRST_LAYER_WEIGHT = 0.1  # weight of the first layer's change, which is low because it is one layer of many
 _SLACK_UM = 1  # tolerance for rounding
 
 

@@ -11,27 +11,27 @@ from slicing.printer import PrinterModel
 from slicing.settings.definitions import fits_type
 from slicing.settings.resolver import Resolver, Scope
 
-LAYER_SHARE = 0.8  # maximum layer height as a share of the nozzle, where Cura warns
-_LINE_SHARE = 2.0  # maximum line width as a share of the nozzle, where Cura warns
+MAX_LAYER_SHARE = 0.8  # maximum layer height as a share of the nozzle, where Cura warns
+_MAX_LINE_SHARE = 2.0  # maximum line width as a share of the nozzle, where Cura warns
 _MAX_HOP_MM = 10.0
-_MAX_FLOW_PERCENT = 150.0  # where Cura warns: a line has no room for more
+_MAX_FLOW_PERCENT = 150.0  # where Cura warns, because a line cannot hold more
 _MAX_EXTRA_MM3 = 5.0  # maximum extra volume at each retraction, where Cura warns
 
-_PRINTER = "it describes the printer; choose another printer model or nozzle"
-_STREAM = "set by this program, for streaming; leave it out"
-_PLACE = "this program places the part; leave it out"
-_FILE = "it names a file, which is not read; leave it out"
-_ONE_MESH = "it is for one mesh among several, and a plate has one; leave it out"
-_ONE_EXTRUDER = "it is for printers with several nozzles; leave it out"
-_ONE_PART = "a plate has one part; leave it out"
-_SHAPE = "it does not print the part as it is; leave it out"
-_HEAT = "its temperatures are not checked; leave it out, and set material_print_temperature"
-_MOTION = "accelerations depend on the printer and the material; leave it out"
+_PRINTER_REASON = "it describes the printer; choose another printer model or nozzle"
+_STREAM_REASON = "set by this program, for streaming; leave it out"
+_PLACE_REASON = "this program places the part; leave it out"
+_FILE_REASON = "it names a file, which is not read; leave it out"
+_ONE_MESH_REASON = "it is for one mesh among several, and a plate has one; leave it out"
+_ONE_EXTRUDER_REASON = "it is for printers with several nozzles; leave it out"
+_ONE_PART_REASON = "a plate has one part; leave it out"
+_SHAPE_REASON = "it does not print the part as it is; leave it out"
+_HEAT_REASON = "its temperatures are not checked; leave it out, and set material_print_temperature"
+_MOTION_REASON = "accelerations depend on the printer and the material; leave it out"
 
 _RESERVED: Mapping[str, str] = {
-    "material_diameter": _PRINTER,
-    "gantry_height": _PRINTER,
-    "material_guid": _PRINTER,
+    "material_diameter": _PRINTER_REASON,
+    "gantry_height": _PRINTER_REASON,
+    "material_guid": _PRINTER_REASON,
     **dict.fromkeys(
         (
             "machine_gcode_flavor",
@@ -46,47 +46,47 @@ _RESERVED: Mapping[str, str] = {
             "prime_blob_enable",
             "clean_between_layers",
         ),
-        _STREAM,
+        _STREAM_REASON,
     ),
-    "material_flow_dependent_temperature": _HEAT,
-    "material_flow_temp_graph": _HEAT,
-    "center_object": _PLACE,
-    "cross_infill_density_image": _FILE,
-    "cross_support_density_image": _FILE,
-    "support_mesh": _ONE_MESH,
-    "support_mesh_drop_down": _ONE_MESH,
-    "support_meshes_present": _ONE_MESH,
-    "anti_overhang_mesh": _ONE_MESH,
-    "cutting_mesh": _ONE_MESH,
-    "infill_mesh": _ONE_MESH,
-    "infill_mesh_order": _ONE_MESH,
-    "extruder_nr": _ONE_EXTRUDER,
-    "extruders_enabled_count": _ONE_EXTRUDER,
-    "ooze_shield_enabled": _ONE_EXTRUDER,
-    "print_sequence": _ONE_PART,
-    "mold_enabled": _SHAPE,
-    "magic_spiralize": _SHAPE,
-    "magic_mesh_surface_mode": _SHAPE,
-    "wireframe_enabled": _SHAPE,
-    "acceleration_enabled": _MOTION,
-    "acceleration_travel_enabled": _MOTION,
-    "jerk_enabled": _MOTION,
-    "jerk_travel_enabled": _MOTION,
+    "material_flow_dependent_temperature": _HEAT_REASON,
+    "material_flow_temp_graph": _HEAT_REASON,
+    "center_object": _PLACE_REASON,
+    "cross_infill_density_image": _FILE_REASON,
+    "cross_support_density_image": _FILE_REASON,
+    "support_mesh": _ONE_MESH_REASON,
+    "support_mesh_drop_down": _ONE_MESH_REASON,
+    "support_meshes_present": _ONE_MESH_REASON,
+    "anti_overhang_mesh": _ONE_MESH_REASON,
+    "cutting_mesh": _ONE_MESH_REASON,
+    "infill_mesh": _ONE_MESH_REASON,
+    "infill_mesh_order": _ONE_MESH_REASON,
+    "extruder_nr": _ONE_EXTRUDER_REASON,
+    "extruders_enabled_count": _ONE_EXTRUDER_REASON,
+    "ooze_shield_enabled": _ONE_EXTRUDER_REASON,
+    "print_sequence": _ONE_PART_REASON,
+    "mold_enabled": _SHAPE_REASON,
+    "magic_spiralize": _SHAPE_REASON,
+    "magic_mesh_surface_mode": _SHAPE_REASON,
+    "wireframe_enabled": _SHAPE_REASON,
+    "acceleration_enabled": _MOTION_REASON,
+    "acceleration_travel_enabled": _MOTION_REASON,
+    "jerk_enabled": _MOTION_REASON,
+    "jerk_travel_enabled": _MOTION_REASON,
 }
 _RESERVED_PREFIXES: Mapping[str, str] = {
-    "machine_": _PRINTER,
-    "extruder_prime_pos_": _PRINTER,
-    "nozzle_": _PRINTER,
-    "mesh_": _PLACE,
-    "prime_tower_": _ONE_EXTRUDER,
-    "switch_extruder_": _ONE_EXTRUDER,
+    "machine_": _PRINTER_REASON,
+    "extruder_prime_pos_": _PRINTER_REASON,
+    "nozzle_": _PRINTER_REASON,
+    "mesh_": _PLACE_REASON,
+    "prime_tower_": _ONE_EXTRUDER_REASON,
+    "switch_extruder_": _ONE_EXTRUDER_REASON,
 }
 
 
 def find_reserved_reason(key: str) -> str | None:
-    """Return the reason why a person must not set a key; None if a person may."""
+    """Find the reason why a person must not set a key; None if it may be set."""
     if "_extruder_nr" in key:
-        return _ONE_EXTRUDER
+        return _ONE_EXTRUDER_REASON
     reasons = (reason for prefix, reason in _RESERVED_PREFIXES.items() if key.startswith(prefix))
     return _RESERVED.get(key) or next(reasons, None)
 
@@ -114,7 +114,7 @@ def find_violations(
     printer
         The printer model, for its limits.
     user_keys
-        Keys that a person has set: they are checked first, and even where Cura disables them.
+        Keys that a person has set; they are checked first, even if Cura disables them.
     """
     for scope in Scope:
         for key in {**dict.fromkeys(user_keys), **dict.fromkeys(resolver.list_keys(scope))}:
@@ -151,7 +151,7 @@ def _find_farm_bounds(
     nozzle_mm = float(resolver.compute_value(Scope.EXTRUDER, "machine_nozzle_size"))
     match key:
         case "layer_height" | "layer_height_0":
-            return None, LAYER_SHARE * nozzle_mm
+            return None, MAX_LAYER_SHARE * nozzle_mm
         case "retraction_amount":
             return 0.0, printer.code.park_retraction_mm
         case "retraction_extra_prime_amount" | "wipe_retraction_extra_prime_amount":
@@ -159,11 +159,11 @@ def _find_farm_bounds(
         case "retraction_hop" | "wipe_hop_amount":
             return 0.0, _MAX_HOP_MM
         case _ if "line_width" in key and not key.endswith("_factor"):
-            return None, _LINE_SHARE * nozzle_mm
+            return None, _MAX_LINE_SHARE * nozzle_mm
         case "infill_overlap_mm" | "skin_overlap_mm" | "magic_fuzzy_skin_thickness":
-            return None, _LINE_SHARE * nozzle_mm  # more would lie outside the part
+            return None, _MAX_LINE_SHARE * nozzle_mm  # wider ones would lie outside the part
         case _ if key.endswith("_line_distance") and resolver.compute_value(Scope.EXTRUDER, key) > 0:
-            return nozzle_mm / 2, None  # lines on top of each other
+            return nozzle_mm / 2, None  # closer lines would lie on top of each other
         case _ if "material_flow" in key or key == "ironing_flow":
             return None, _MAX_FLOW_PERCENT
         case _ if "bed_temperature" in key:

@@ -43,8 +43,8 @@ _BOOLEANS = {"yes": "True", "no": "False"}  # in elements with the keys of Cura'
 NO_SHRINKAGE = (1.0, 1.0)
 # Factors (XY, Z) by which parts are printed larger. Material files of Cura 4.13 and 5.0 give 100 % or none.
 # Those of PLA, Tough PLA and PETG are Cura 5.0's own, from its profiles for the Ultimaker S3 and S5. The
-# others are [assumed]: typical shrinkage of printed parts, below what data sheets give for moulded ones;
-# half as much in Z as in X and Y, as in Cura's figures for PLA.
+# others are [assumed]: typical shrinkage of printed parts, which is lower than in data sheets for moulded
+# ones, and half as much in Z as in X and Y, as in Cura's figures for PLA.
 _SHRINKAGE: Mapping[str, tuple[float, float]] = {
     kind: (1 + xy_percent / 100, 1 + z_percent / 100)
     for kind, xy_percent, z_percent in (
@@ -95,13 +95,13 @@ def read_material(root: ET.Element, name: str, product: str, hotend: str) -> Mat
     """
     settings = root.find("m:settings", NAMESPACES)
     values: dict[str, str] = {}
-    compatible = True
+    is_compatible = True
     sections = [] if settings is None else [settings, *_list_printer_sections(settings, product, hotend)]
     for section in sections:
         for entry in section.findall("m:setting", NAMESPACES):
             key, text = entry.get("key", ""), (entry.text or "").strip()
             if key == "hardware compatible":
-                compatible = text in ("yes", "unknown")
+                is_compatible = text in ("yes", "unknown")
             elif key in _KEYS:
                 values[_KEYS[key]] = text
             elif key == _GRAPH:
@@ -109,7 +109,7 @@ def read_material(root: ET.Element, name: str, product: str, hotend: str) -> Mat
         for entry in section.findall(CURA_SETTING):
             text = (entry.text or "").strip()
             values[entry.get("key", "")] = _BOOLEANS.get(text.lower(), text)
-    if not compatible:
+    if not is_compatible:
         raise BadSetting(
             f"material {name} is not for the {product} with the nozzle {hotend}; choose another material or "
             "nozzle"
@@ -131,12 +131,12 @@ def _read_points(graph: ET.Element) -> list[list[float]]:
 
 
 def read_material_kind(root: ET.Element) -> str:
-    """Read the kind of a material, like PLA: its colours and brands all have the same qualities."""
+    """Read the kind of a material, such as PLA, whose colours and brands all have the same qualities."""
     return root.findtext("m:metadata/m:name/m:material", default="", namespaces=NAMESPACES)
 
 
 def _list_printer_sections(settings: ET.Element, product: str, hotend: str) -> Iterator[ET.Element]:
-    """Yield the sections of this printer, then of this nozzle in it: the later one wins."""
+    """Yield the sections of this printer, then of its nozzle; the last one takes precedence."""
     for machine in settings.findall("m:machine", NAMESPACES):
         products = {i.get("product") for i in machine.findall("m:machine_identifier", NAMESPACES)}
         if product in products:

@@ -12,7 +12,7 @@ from slicing.settings.limits import find_reserved_reason
 from slicing.settings.material import CURA_SETTING, NAMESPACES, read_material_kind
 
 SUFFIX = ".xml.fdm_material"
-MAX_BYTES = 256 * 1024  # Cura's own have up to 40 KiB
+MAX_BYTES = 256 * 1024  # Cura's own files have up to 40 KiB
 MAX_FILES = 500
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]{0,60}")
 _KIND = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._+-]{0,30}")
@@ -20,9 +20,8 @@ _DENSITY_G_CM3 = (0.1, 20.0)
 _DIAMETER_MM = (1.0, 4.0)
 _ROOT = f"{{{NAMESPACES['m']}}}fdmmaterial"
 
-# For kinds of material that Cura does not have: the kind whose profiles a user's material of that kind may
-# use. [assumed]: both are printed in much the same way; temperatures and cooling come from the material's
-# file.
+# For each kind of material that Cura does not have, the kind whose profiles a user's material may use.
+# [assumed] Both are printed in much the same way; temperatures and cooling come from the material's file.
 RELATED_NAMES = {
     "PETG": "CPE",
     "PET": "CPE",
@@ -75,7 +74,7 @@ def read_own_material(path: Path) -> ET.Element:
         If it is not a Cura material file, or has a setting that a material must not set.
     """
     try:
-        root = _parse(path)
+        root = _parse_file(path)
         _check_properties(root)
         _check_settings(root)
     except BadSetting as error:
@@ -83,7 +82,7 @@ def read_own_material(path: Path) -> ET.Element:
     return root
 
 
-def _parse(path: Path) -> ET.Element:
+def _parse_file(path: Path) -> ET.Element:
     try:
         if not path.is_file():
             raise BadSetting("is not a file")

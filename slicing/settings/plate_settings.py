@@ -18,7 +18,7 @@ from slicing.settings.engine_settings import (
 )
 from slicing.settings.formula import Formula
 from slicing.settings.layer_heights import LayerHeights, fit_heights
-from slicing.settings.limits import LAYER_SHARE, Violation, find_reserved_reason, find_violations
+from slicing.settings.limits import MAX_LAYER_SHARE, Violation, find_reserved_reason, find_violations
 from slicing.settings.qualities import DEFAULT_QUALITY, FARM_QUALITIES, SUPPORT_VALUES, HiddenLayers
 from slicing.settings.resolver import Layer, ProfileIndex, Resolver
 from slicing.settings.resources import Resources
@@ -55,20 +55,20 @@ class SettingsRequest:
 
 @dataclass(frozen=True, slots=True)
 class PartSettings:
-    """Settings of one part; None keeps the quality's. A user's own settings override them.
+    """Settings of one part; None keeps the value of the quality. A user's own settings override them.
 
     Parameters
     ----------
     height_mm
         Height of the print.
     brim_width_mm
-        Width of its brim; 0 for none. It is never wider than the quality's, for which the part room is
-        computed.
+        Width of its brim; 0 for none. It is never wider than that of the quality, for which the part room
+        is computed.
     layer_0_expansion_mm
         Horizontal expansion of the first layer on each side; negative to compensate an elephant's foot.
     bed_face_hidden, tops_hidden
         Whether the faces on the bed, and all top faces, are hidden once the parts are glued. Hidden faces get
-        the layers of `Quality.hidden`, and hidden tops no slow uppermost layer.
+        the layers of `Quality.hidden`, and hidden tops get no slow uppermost layer.
     """
 
     height_mm: float | None = None
@@ -104,16 +104,16 @@ def resolve_settings(
     """
     request_key = _RequestKey.from_request(request)
     quality = FARM_QUALITIES.get(request.quality)
-    default_settings = _resolve(resources, request_key, DEFAULT_PART, None)
+    default_settings = _resolve_settings(resources, request_key, DEFAULT_PART, None)
     heights = None
     if part.height_mm is not None and quality and quality.exact_height and not _has_own_heights(request):
         layer_heights = LayerHeights(default_settings.layer_height_0_mm, default_settings.layer_height_mm)
-        max_first_mm = 0.0 if "layer_height_0" in request.overrides else LAYER_SHARE * request.nozzle_mm
+        max_first_mm = 0.0 if "layer_height_0" in request.overrides else MAX_LAYER_SHARE * request.nozzle_mm
         heights = fit_heights(part.height_mm, layer_heights, max_first_mm=max_first_mm)
     part = replace(part, height_mm=None)
-    settings = _resolve(resources, request_key, part, heights)
+    settings = _resolve_settings(resources, request_key, part, heights)
     if settings.brim_width_mm > default_settings.brim_width_mm:
-        return _resolve(resources, request_key, replace(part, brim_width_mm=None), heights)
+        return _resolve_settings(resources, request_key, replace(part, brim_width_mm=None), heights)
     return settings
 
 
@@ -149,7 +149,7 @@ class _RequestKey:
 
 
 @lru_cache(maxsize=64)
-def _resolve(
+def _resolve_settings(
     resources: Resources, request_key: _RequestKey, part: PartSettings, heights: LayerHeights | None
 ) -> EngineSettings:
     stacks = find_stacks(
@@ -190,19 +190,19 @@ def _reduce_hidden_layers(
     """
     if hidden is None:
         return settings
-    reduced = HiddenLayers(
+    reduced_layers = HiddenLayers(
         min(hidden.bed_layers, settings.bottom_layers), min(hidden.top_layers, settings.top_layers)
     )
     layers: dict[str, str] = {}
     if part.bed_face_hidden:
-        layers["initial_bottom_layers"] = str(reduced.bed_layers)
+        layers["initial_bottom_layers"] = str(reduced_layers.bed_layers)
     if part.tops_hidden:
-        layers |= {"top_layers": str(reduced.top_layers), "roofing_layer_count": "0"}
-    return replace(settings, hidden=reduced, extruder={**settings.extruder, **layers})
+        layers |= {"top_layers": str(reduced_layers.top_layers), "roofing_layer_count": "0"}
+    return replace(settings, hidden=reduced_layers, extruder={**settings.extruder, **layers})
 
 
 def _is_cura_value(violation: Violation, resources: Resources, request_key: _RequestKey) -> bool:
-    """Check whether a value beyond Cura's limits is from Cura's own profiles: Cura accepts these."""
+    """Check whether a value beyond Cura's limits comes from Cura's own profiles, which Cura accepts."""
     default_key = replace(request_key, overrides=())
     stacks = find_stacks(
         resources, request_key.printer.name, request_key.nozzle_mm, request_key.material, request_key.quality
@@ -236,23 +236,23 @@ def _build_resolver(
     stacks: Stacks, request_key: _RequestKey, part: PartSettings, heights: LayerHeights | None
 ) -> Resolver:
     """Add the user's layer to the stacks: values of quality, part and streaming, and overrides."""
-    user: dict[str, Any] = dict(SUPPORT_VALUES) if request_key.has_support else {}
+    user_layer: dict[str, Any] = dict(SUPPORT_VALUES) if request_key.has_support else {}
     quality = FARM_QUALITIES.get(request_key.quality)
     if quality is not None:
-        user |= quality.changes
-    user |= {
+        user_layer |= quality.changes
+    user_layer |= {
         **_build_part_layer(part, heights),
         **_STREAMED_VALUES,
         "machine_gcode_flavor": request_key.printer.code.flavor,
     }
-    layers = {scope: {ProfileIndex.USER: user, **profiles} for scope, profiles in stacks.layers.items()}
+    layers = {scope: {ProfileIndex.USER: user_layer, **profiles} for scope, profiles in stacks.layers.items()}
     resolver = Resolver(stacks.machine.settings, stacks.machine.extruder, layers)
     for key, raw in request_key.overrides:
         setting = resolver.find_setting(key)
         reason = find_reserved_reason(key)
         if reason is not None:
             raise BadSetting(f"{key}: {reason}")
-        user[key] = parse_value(setting, raw)
+        user_layer[key] = parse_value(setting, raw)
     return resolver
 
 

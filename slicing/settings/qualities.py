@@ -13,7 +13,8 @@ SUPPORT_VALUES = {"support_enable": True, "support_type": "everywhere"}
 _BRIM_SETTINGS = {
     "adhesion_type": "brim",
     "brim_width": 8.0,
-    # Cura's own formula: its profiles for nylon, TPU and others name a count, which would win over the width.
+    # Cura's own formula: its profiles for nylon, TPU and others name a count, which would take precedence
+    # over the width.
     "brim_line_count": Formula(
         "math.ceil(brim_width / (skirt_brim_line_width * initial_layer_line_width_factor / 100.0))"
     ),
@@ -50,7 +51,7 @@ class Quality:
     exact_height: bool = False  # layer heights are fitted to each part's height
     compensates_shrinkage: bool = False  # parts are printed larger by the shrinkage of their material
     fits_first_layer: bool = False  # brim and first layer are chosen for each part
-    hidden: HiddenLayers | None = None  # None: the same as those of visible faces
+    hidden: HiddenLayers | None = None  # None if they have as many as visible faces
     # Walls on hidden sides are printed at the speed of infill, at most this multiple of their own.
     hidden_wall_ratio: float = 1.0
     # Hidden sides have one wall; not if the user sets the number of walls or their thickness.
@@ -86,15 +87,15 @@ FARM_QUALITIES: Mapping[str, Quality] = {
             "layer_height": Formula("round(max(extruderValues('machine_nozzle_size')) / 2, 2)"),
             "infill_sparse_density": 10.0,
             "infill_pattern": "zigzag",
-            # [assumed] Half the infill deeper than 2 mm below any top, where it carries nothing. The walls
-            # bear the load of a glued joint, as in the paper's prints, whose infill is that light everywhere.
+            # [assumed] Half the infill deeper than 2 mm below any top, where it carries no load. The walls
+            # bear the load of a glued joint, as in the paper's prints, whose infill is as light everywhere.
             "gradual_infill_steps": 1,
             "gradual_infill_step_height": 2.0,
             "support_angle": 50.0,
             "top_layers": Formula(
                 "max(4, math.ceil(round(top_thickness / resolveOrValue('layer_height'), 4)))"
             ),
-            # [assumed] Only the uppermost layer of a top that is seen needs Cura's slow speed of skins. The
+            # [assumed] Only the uppermost layer of a visible top needs Cura's slow speed of skins. The
             # others are printed like inner walls, with less flow than infill has.
             "speed_topbottom": Formula(
                 f"max({_CURA_SKIN_SPEED}, min(speed_wall_x, speed_infill, 2 * {_CURA_SKIN_SPEED}))"
@@ -108,7 +109,7 @@ FARM_QUALITIES: Mapping[str, Quality] = {
         # [assumed] Two crossing layers on the bed carry the load of a glued joint to the walls and the
         # infill; three close a top over light infill well enough for glue.
         hidden=HiddenLayers(2, 3),
-        # [assumed] Walls with the flow of infill are good enough where nobody sees them.
+        # [assumed] Walls with the flow of infill are good enough on hidden sides.
         hidden_wall_ratio=1.5,
         # [assumed] A glued face needs one wall: the infill ends at it, and carries the load through the part.
         has_single_hidden_walls=True,

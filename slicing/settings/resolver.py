@@ -2,8 +2,8 @@
 
 The rules are those of Cura 4.13 (``GlobalStack``, ``ExtruderStack``, ``CuraFormulaFunctions``):
 
-- The first of these layers wins: user, quality, material, variant, definition. The extruder's stack falls
-  through to the global one.
+- The first of these layers takes precedence: user, quality, material, variant, definition. The extruder's
+  stack falls through to the global one.
 - A setting that is not settable per extruder is always looked up in the global stack.
 - The global stack tries ``resolve`` (unless the user has set the value), then the extruder, if
   ``limit_to_extruder`` says so, then its own value. In a definition ``value`` takes precedence over
@@ -71,7 +71,7 @@ class Resolver:
             "extruderValues": lambda key: [self._compute_own_value(Scope.EXTRUDER, key)],
             "resolveOrValue": lambda key: self.compute_value(Scope.GLOBAL, key),
             "defaultExtruderPosition": lambda: "0",
-            # Cura 5's:
+            # functions of Cura 5
             "anyExtruderWithMaterial": lambda _: "0",
             "anyExtruderNrWithOrDefault": lambda _: "0",
             "valueFromContainer": lambda key, index: self._compute_value_below(index, Scope.GLOBAL, key),
@@ -133,7 +133,7 @@ class Resolver:
         return self._compute_own_value(Scope.GLOBAL, key)
 
     def compute_bounds(self, scope: Scope, key: str) -> tuple[float | None, float | None]:
-        """Compute the minimum and the maximum of a key by its definition; None for no limit."""
+        """Compute the minimum and the maximum of a key from its definition; None if there is no limit."""
         setting = self.find_setting(key)
         return self._read_bound(scope, key, setting.minimum), self._read_bound(scope, key, setting.maximum)
 
@@ -159,7 +159,7 @@ class Resolver:
         return None if bound is None else float(bound)
 
     def _is_limited(self, setting: Setting) -> bool:
-        """Check whether the global stack takes the extruder's value: the text "-1" means that it does not."""
+        """Check whether the global stack uses the extruder's value; the text "-1" means that it does not."""
         if setting.limit_to_extruder is None:
             return False
         return bool(self._evaluate(Scope.GLOBAL, setting.key, setting.limit_to_extruder) != "-1")

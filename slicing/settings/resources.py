@@ -23,7 +23,7 @@ OWN_MATERIALS_VARIABLE = "FARM_MATERIALS"
 """Environment variable with the folder of a person's own material files."""
 FOLDERS = ("definitions", "extruders", "variants", "quality", "materials")
 _GENERIC_MACHINE = "fdmprinter"
-"""Definition whose qualities apply, with any material, to machines that have none of their own."""
+"""Definition whose qualities apply, with any material, to machines without their own qualities."""
 _ADVICE = "run 'farm setup', or set {}"
 _PROJECT_ROOT = Path(__file__).resolve().parents[2]
 INSTALLATION_FOLDER = (
@@ -125,7 +125,7 @@ class Resources:
         return (*self.list_own_material_names(), *_list_cura_materials(self.root))
 
     def read_material_kind(self, name: str) -> str | None:
-        """Read the kind of a material, like PLA; None if there is no such material."""
+        """Read the kind of a material, such as PLA; None if there is no such material."""
         try:
             return read_material_kind(self.read_material(name))
         except BadSetting:
@@ -230,7 +230,8 @@ def _read_material(root: Path, folder: Path | None, name: str) -> ET.Element:
         return read_own_material(own_names[name])
     names = {*own_names, *cura_paths}
     if name not in names:
-        generic = f"generic_{name.lower()}"  # PLA is a kind, and Cura has a generic material of each
+        # PLA is a kind of material; Cura has a generic material of each kind.
+        generic = f"generic_{name.lower()}"
         hint = suggest_names(generic if generic in names else name, names)
         raise BadSetting(f"{name}: Cura has no such material{hint}")
     try:

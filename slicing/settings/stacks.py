@@ -170,5 +170,5 @@ def _find_qualities(
 
 
 def _is_kind(material: str | None, kind: str, resources: Resources) -> bool:
-    """Check whether a quality's material is of a kind, like PLA."""
+    """Check whether a quality's material is of a kind, such as PLA."""
     return material is not None and resources.read_material_kind(material) == kind

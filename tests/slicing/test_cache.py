@@ -5,7 +5,7 @@ import os
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slicing.cache import CacheEntry, find_least_recently_used, trim_cache
+from slicing.cache import CacheEntry, find_least_recently_used_entries, trim_cache
 
 ENTRIES = st.lists(
     st.builds(CacheEntry, st.text(min_size=1), st.integers(0, 1000), st.floats(0, 1e9)),
@@ -15,7 +15,7 @@ ENTRIES = st.lists(
 
 @given(ENTRIES, st.integers(0, 5000))
 def test_kept_entries_fit_and_are_the_most_recently_used(entries, max_bytes):
-    removed_names = set(find_least_recently_used(entries, max_bytes))
+    removed_names = set(find_least_recently_used_entries(entries, max_bytes))
     kept_entries = [entry for entry in entries if entry.name not in removed_names]
     removed_entries = [entry for entry in entries if entry.name in removed_names]
     assert sum(entry.size_bytes for entry in kept_entries) <= max_bytes

@@ -187,7 +187,7 @@ def test_engine_and_settings_files_must_be_of_one_generation(tmp_path, version, 
     if is_valid:
         check_versions(engine, extruder)
         return
-    with pytest.raises(EngineMissing, match=f"{version}, and Cura's settings files are of version"):
+    with pytest.raises(EngineMissing, match=f"{version}, but Cura's settings files are of version"):
         check_versions(engine, extruder)
 
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from slicing.errors import Rule, SliceRejected
-from slicing.mesh import STEPS_MM, WAVE_MM, add_waves, read_triangles, write_triangles
+from slicing.mesh import HALF_PERIODS_MM, WAVE_HEIGHT_MM, add_waves, read_triangles, write_triangles
 from slicing.plate import slice_plate
 
 
@@ -60,9 +60,9 @@ def test_waved_part_differs_by_hundredths_of_a_mm_at_most(mesh):
     waved_mesh = merge_corners(read_triangles(write_triangles(add_waves(np.asarray(mesh.triangles)))))
     assert waved_mesh.is_watertight
     assert waved_mesh.volume == pytest.approx(mesh.volume, rel=2e-4)
-    assert waved_mesh.bounds == pytest.approx(mesh.bounds, abs=1.01 * WAVE_MM)
+    assert waved_mesh.bounds == pytest.approx(mesh.bounds, abs=1.01 * WAVE_HEIGHT_MM)
     _, distances_mm, _ = trimesh.proximity.closest_point_naive(mesh, waved_mesh.vertices[:200])
-    assert distances_mm.max() <= 1.01 * np.hypot(WAVE_MM, WAVE_MM)
+    assert distances_mm.max() <= 1.01 * np.hypot(WAVE_HEIGHT_MM, WAVE_HEIGHT_MM)
 
 
 def test_corners_of_a_waved_part_lie_on_the_crests():
@@ -71,9 +71,9 @@ def test_corners_of_a_waved_part_lie_on_the_crests():
     waved_mesh = merge_corners(add_waves(np.asarray(block.triangles)))
     front = waved_mesh.vertices[np.abs(waved_mesh.vertices[:, 1] + 20.0) < 0.1]
     xs = np.unique(front[:, 0].round(1))
-    assert np.diff(xs).max() <= STEPS_MM[0] + 0.1
+    assert np.diff(xs).max() <= HALF_PERIODS_MM[0] + 0.1
     depths = [front[np.abs(front[:, 0] - x) < 0.1][:, 1].mean() for x in xs[1:-1]]
-    assert np.ptp(depths) == pytest.approx(WAVE_MM, rel=0.01)
+    assert np.ptp(depths) == pytest.approx(WAVE_HEIGHT_MM, rel=0.01)
 
 
 def test_slowly_widening_part_keeps_its_corners(make_request, make_settings):

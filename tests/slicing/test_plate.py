@@ -97,13 +97,13 @@ def test_part_is_sliced_again_as_a_wider_mesh(make_request, tmp_path):
     corners = read_triangles(request.stl.read_bytes())
     folder = tmp_path / "wider"
     folder.mkdir()
-    wider_mesh = plate._widen(request, corners, 1e-3, 0.01, folder)
+    wider_mesh = plate._build_wider_request(request, corners, 1e-3, 0.01, folder)
     assert wider_mesh.stl != request.stl
     assert trimesh.load_mesh(wider_mesh.stl).extents == pytest.approx((80.08, 60.06, 2.0), abs=1e-3)
     assert float(wider_mesh.settings.extruder["xy_offset"]) == pytest.approx(
         0.01 + float(request.settings.extruder.get("xy_offset") or 0.0)
     )
-    assert plate._widen(request, corners, 0.0, 0.0, folder) is request
+    assert plate._build_wider_request(request, corners, 0.0, 0.0, folder) is request
 
 
 def test_inner_wall_that_is_lost_in_the_engine_is_sliced_again(make_request):

@@ -28,10 +28,10 @@ _CLOSING_MARKS: tuple[tuple[re.Pattern[bytes], re.Pattern[bytes]], ...] = tuple(
         (rb"KISSlicer\b", rb"Estimated(?:-in-GUI)? Build Time"),
     )
 )
-"""A slicer's name, and the comment that it writes after every print: the first match counts.
-Verified in files of PrusaSlicer 2.5, Slic3r 1.3 and CuraEngine 4.13 and 5.0; the others are [assumed]."""
+"""A slicer's name, and the comment that it writes after every print; the first match counts. Verified in
+files of PrusaSlicer 2.5, Slic3r 1.3 and CuraEngine 4.13 and 5.0; the others are [assumed]."""
 EMPTY_SHARE = 0.2
-"""Maximum share of empty layers. CuraEngine counts them, and leaves them out: 15 % at the tip of a spire of 3
+"""Maximum share of empty layers. CuraEngine counts them, but leaves them out: 15 % at the tip of a spire of 3
 by 40 mm, the gaps below and above supports, and one in files with adaptive layers. If lines are missing from
 such a file, E shows it (`head.MAX_JUMP_MM`)."""
 
@@ -59,7 +59,7 @@ class Completeness:
         self._settings: list[bytes] = []
         self._figures = FiguresReader()
 
-    def read(self, comment: bytes, number: int) -> None:
+    def read_comment(self, comment: bytes, number: int) -> None:
         """Read one comment, without its semicolon, of line `number`."""
         if self._closing_mark is None:
             self._identify_slicer(comment)
@@ -79,7 +79,7 @@ class Completeness:
         elif (settings := _SETTINGS.match(comment)) is not None:
             self._settings.append(settings[1])
         else:
-            self._figures.read(comment, number)
+            self._figures.read_comment(comment, number)
 
     def record_flow_change(self) -> None:
         """Record that the file changes the flow, which feeds more or less filament than E states."""
@@ -114,7 +114,7 @@ class Completeness:
             return "the last line has no newline"
         if self.is_closed(last_print) is False:
             slicer = self._slicer_name.decode("ascii", "replace")
-            return f"{slicer!r} closes its files with a comment, and there is none"
+            return f"{slicer!r} closes its files with a comment, but there is none"
         if (
             missing_layers := self._missing_layers
             or self._describe_missing_layers(self._limit_empty_layers())
@@ -136,7 +136,7 @@ class Completeness:
                 return
 
     def _begin_count(self, count: int, number: int) -> None:
-        """Begin a new count of layers: each object has one where objects are printed one at a time."""
+        """Begin a new count of layers: each object has its own if objects are printed one at a time."""
         if self._stated_count and self._is_numbered:
             self._missing_layers = self._missing_layers or self._describe_missing_layers(
                 self._limit_empty_layers()
@@ -147,7 +147,7 @@ class Completeness:
     def build_warning(self) -> str | None:
         """Build a warning of missing layers in a file whose only sign of completeness is its closing mark."""
         missing = self._describe_missing_layers(0) if self.figures.filament is None else None
-        return missing and f"Warning: {missing}: Cura leaves out empty ones; look at its preview."
+        return missing and f"Warning: {missing}: Cura leaves out empty layers; check its preview."
 
     def _limit_empty_layers(self) -> int:
         if not self._is_numbered or self._closing_mark is None:
@@ -168,7 +168,7 @@ class Completeness:
 
     @property
     def _layer_count(self) -> int:
-        """Number of layers found: distinct layer numbers, without the negative ones of a raft."""
+        """Number of layers in the file: distinct layer numbers, without the negative ones of a raft."""
         return sum(number >= 0 for number in self._layer_numbers) if self._is_numbered else self._mark_count
 
 

@@ -21,7 +21,7 @@ _PLACEHOLDER_TIME = b"TIME:6666"
 _DIGITS = 6
 """Significant digits of CuraEngine's figures."""
 E_UNIT_MM = 1e-5
-"""Unit of E's last digit; each line may be rounded by half of it, which adds up where E is relative."""
+"""Unit of E's last digit; each line may be rounded by half of it, which adds up if E is relative."""
 _HEIGHT_SLACK_MM = 0.005
 """Tolerance of the stated heights, which are exact in 300 slices of CuraEngine 4.13."""
 _TIME_SLACK_S = 1.0
@@ -36,8 +36,8 @@ class StatedFilament:
     ----------
     amount
         In mm, or in mm3.
-    unit
-        Value of the figure's last digit.
+    resolution
+        Value of the amount's last digit, in the same unit.
     is_volume
         Whether it is a volume.
     line
@@ -45,7 +45,7 @@ class StatedFilament:
     """
 
     amount: float
-    unit: float
+    resolution: float
     is_volume: bool
     line: int
 
@@ -61,12 +61,12 @@ class StatedFilament:
         lines
             Number of lines that extrude the filament.
         """
-        unit, per_mm = ("mm3", filament_mm2) if self.is_volume else ("mm", 1.0)
-        amount = filament_mm * per_mm
-        if amount >= self.amount - self.unit - E_UNIT_MM / 2 * lines:
+        unit, amount_per_mm = ("mm3", filament_mm2) if self.is_volume else ("mm", 1.0)
+        amount = filament_mm * amount_per_mm
+        if amount >= self.amount - self.resolution - E_UNIT_MM / 2 * lines:
             return None
         return (
-            f"line {self.line} says that it takes {self.amount:.{_DIGITS}g} {unit} of filament, and "
+            f"line {self.line} says that it takes {self.amount:.{_DIGITS}g} {unit} of filament, but "
             f"its lines extrude {amount:.{_DIGITS}g} {unit}"
         )
 
@@ -113,7 +113,7 @@ class FiguresReader:
         self._is_exact = False  # whether the slicer's figures are exact
         self._has_placeholders = self._is_flow_changed = False
 
-    def read(self, comment: bytes, number: int) -> None:
+    def read_comment(self, comment: bytes, number: int) -> None:
         """Read one comment, without its semicolon, of line `number`."""
         if comment == _PLACEHOLDER_TIME:
             self._has_placeholders = True
@@ -138,7 +138,7 @@ class FiguresReader:
         return StatedFigures(filament, numbers.get(b"MINZ"), numbers.get(b"MAXZ"))
 
     def describe_missing_time(self) -> str | None:
-        """Describe the missing last layers, by the stated time; None if the last layer ends at that time."""
+        """Describe missing last layers, from the stated time; None if the last layer ends at that time."""
         time_s = self._numbers.get(b"TIME", 0.0)
         elapsed_s = self._numbers.get(b"TIME_ELAPSED", inf)
         if self._has_placeholders or not self._is_exact or elapsed_s >= time_s - _TIME_SLACK_S:

@@ -11,18 +11,18 @@ from dataclasses import dataclass
 from slicing.own_gcode.completeness.figures import E_UNIT_MM
 
 _MIN_EXCESS_MM = 3e-4
-"""Minimum excess filament that shows a loss, in the first line after a gap. Measured at 18,500 changes of
-layer of CuraEngine 4.13: at most 1e-5 mm where nothing is missing. The smallest layer, a spire's tip, has
+"""Minimum excess filament that shows a loss, in the first line after a gap. Measured at 18,500 layer
+changes of CuraEngine 4.13: at most 1e-5 mm where nothing is missing. The smallest layer, a spire's tip, has
 4e-4."""
 _MIN_EXCESS_BEFORE_GAP_MM = 0.01
 """The same for a layer before a gap, which may lack a part. Measured in 1.4 million lines: at most 2e-4."""
 _MIN_EXCESS_ELSEWHERE_MM = 0.2
-"""The same if no layer number is missing. [assumed] No line of Cura 5, whose widths vary, takes so much more
-than all others in its layer and the two beside it."""
+"""The same if no layer number is missing. [assumed] No line of Cura 5, whose widths vary, takes so much
+more than all other lines in its layer and in the two adjacent layers."""
 _LINE_SHARE = 0.01
 """Share of a line's own filament that is ignored: its length and its E are rounded."""
 _MIN_LINE_MM = 0.03
-"""Length below which the flow of a line is too coarse to compare with."""
+"""Length below which the flow of a line is too inaccurate for a comparison."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,10 +46,10 @@ class _Layer:
     flow: float = 0.0
     thickest_line: _Feed | None = None
     second_flow: float = 0.0
-    after_gap: tuple[_Feed, str] | None = None
+    feed_after_gap: tuple[_Feed, str] | None = None
 
-    def add(self, length_mm: float, fed_mm: float, line: int) -> None:
-        """Record a line that is long enough to compare with."""
+    def add_line(self, length_mm: float, fed_mm: float, line: int) -> None:
+        """Record a line that is long enough for a comparison."""
         flow = (fed_mm + E_UNIT_MM) / length_mm
         if flow > self.flow:
             self.second_flow, self.flow = self.flow, flow
@@ -64,7 +64,7 @@ class LayerGaps:
     Parameters
     ----------
     max_flow
-        Filament in mm for each mm of the thickest line allowed, for layers that have no line to compare with.
+        Filament in mm for each mm of the thickest line allowed, for layers without a line for comparison.
     """
 
     def __init__(self, max_flow: float) -> None:
@@ -74,9 +74,8 @@ class LayerGaps:
         self._layer: _Layer | None = None  # None before the first number: 0, or less in a raft
         self._gap_text = ""  # place of the last gap, until a line is printed after it
         self._primed_mm = 0.0  # most filament fed at one place, except at gaps
-        self._gap_primes: list[
-            tuple[_Feed, str]
-        ] = []  # feeds at one place after a gap, with the text of the gap
+        # Feeds at one place after a gap, each with the text of the gap.
+        self._gap_primes: list[tuple[_Feed, str]] = []
         self._loss: str | None = None
 
     def begin_layer(self, number: int) -> None:
@@ -104,11 +103,11 @@ class LayerGaps:
         if self._gap_text:
             feed = _Feed(line, length_mm, fed_mm)
             if length_mm:
-                self._layer.after_gap, self._gap_text = (feed, self._gap_text), ""
+                self._layer.feed_after_gap, self._gap_text = (feed, self._gap_text), ""
             else:  # G11 feeds before the line, and does not move E
                 self._gap_primes.append((feed, self._gap_text))
         elif length_mm > _MIN_LINE_MM:
-            self._layer.add(length_mm, fed_mm, line)
+            self._layer.add_line(length_mm, fed_mm, line)
         elif not length_mm:
             self._primed_mm = max(self._primed_mm, fed_mm)
 
@@ -129,8 +128,8 @@ class LayerGaps:
         if layer is None:
             return
         previous_flow = 0.0 if previous is None else previous.flow
-        if layer.after_gap is not None:
-            feed, gap = layer.after_gap
+        if layer.feed_after_gap is not None:
+            feed, gap = layer.feed_after_gap
             flow = max(layer.flow, previous_flow) or self.max_flow
             self._check_feed(feed, feed.compute_excess_mm(flow), _MIN_EXCESS_MM, gap)
         if previous is not None and previous.thickest_line is not None:

@@ -129,7 +129,7 @@ def change_layer_5(change):
         (lambda layer: [np.asarray(ring) * 0.9 for ring in layer], "layer 5"),
         (
             lambda layer: [*layer, [(20, 0), (25, 0), (25, 5), (20, 5), (20, 0)]],
-            r"outside of the model at X2",
+            r"outside the model at X2",
         ),
     ],
     ids=["nothing", "no hole", "shifted", "shrunk", "something beside it"],

@@ -209,7 +209,7 @@ def test_empty_layers_are_accepted_if_all_filament_is_present():
     figures = [line.replace("TIME:6666", "TIME:60").replace(":6666", f":{volume}") for line in lines]
     assert not any("layers" in line for line in accept(figures).notices)
     higher_figures = [line.replace(f":{volume}", f":{volume + 2}") for line in figures]
-    problem = rf"line 3 says that it takes {volume + 2} mm3 of filament, and its lines extrude {volume}"
+    problem = rf"line 3 says that it takes {volume + 2} mm3 of filament, but its lines extrude {volume}"
     assert_refused(higher_figures, problem)
     # The printer extrudes more than the E of the file, so the figures cannot be compared.
     lines_with_flow = [

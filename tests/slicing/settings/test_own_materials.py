@@ -46,7 +46,11 @@ def _clear_caches():
     """Clear the caches, as a process reads each file only once."""
     from slicing.settings import plate_settings, resources
 
-    for function in (resources._list_own_materials, resources._read_material, plate_settings._resolve):
+    for function in (
+        resources._list_own_materials,
+        resources._read_material,
+        plate_settings._resolve_settings,
+    ):
         function.cache_clear()
 
 
