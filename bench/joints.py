@@ -136,7 +136,7 @@ def measure_glue_near_pins(result: Decomposition) -> float:
     """Measure the share of the glued area that is near a pin of its step."""
     near_mm2 = total_mm2 = 0.0
     for number, step in enumerate(result.assembly.steps):
-        pins = [pin.at_mm for pin in result.connectors.pins if pin.step == number]
+        pins = [pin.position_mm for pin in result.connectors.pins if pin.step == number]
         for face in (face for joint in step.joints for face in result.joints[joint].faces):
             discs = [
                 shapely.Point(face.axes @ at_mm).buffer(np.sqrt(MAX_PIN_DISTANCE_MM**2 - off_mm**2))
@@ -156,7 +156,7 @@ def slice_parts(cut: Decomposition, result: Decomposition, count: int) -> Sliced
     for number, part in enumerate(result.parts[:count]):
         with tempfile.TemporaryDirectory() as folder:
             bare = slice_part(part, part.solid, Path(folder))
-            drilled = slice_part(part, part.printed, Path(folder))
+            drilled = slice_part(part, part.printed_solid, Path(folder))
         pairs.append((bare, drilled))
         part_marks = [mark for mark in result.connectors.marks if mark.part == number]
         marks += len(part_marks)

@@ -18,9 +18,9 @@ from decompose.printers import PrinterRoom
 from decompose.problem import Problem
 
 COARSE_GRANULARITY = 8  # granularity of the grid on which sizes are searched
-HALVINGS = 8  # number of times that the range of sizes is halved
+MAX_HALVINGS = 8  # maximum number of times that the range of sizes is halved
 CLOSE_RATIO = 1.005  # ratio of two sizes at which the search between them ends
-TRIALS = 4  # maximum number of full decompositions, each of a smaller model than the one before
+MAX_TRIALS = 4  # maximum number of full decompositions, each of a smaller model than the one before
 TRIAL_STEP = 0.96  # ratio of the size in a trial to that in the trial before
 TRIAL_BUDGET_S = 2.0  # enough to find a result, although not the best one
 
@@ -32,7 +32,7 @@ def advise_longest_side_mm(
     cost: CostModel,
     executor: Executor | None = None,
 ) -> int | None:
-    """Find a longest side with which a model that needs too many parts can be cut.
+    """Find a longest side at which a model that needs too many parts could be cut.
 
     Parameters
     ----------
@@ -42,17 +42,17 @@ def advise_longest_side_mm(
     Returns
     -------
     int | None
-        Size in whole mm, about the largest one for which there is a result; None if there is none.
+        Size in whole mm, close to the largest one with a result; None if there is none.
     """
     longest_mm = float(model.extents_mm.max())
     max_scale = _find_scale(model, printers, options, cost)
     if max_scale is None:
         return None
-    coarse = replace(options, granularity=COARSE_GRANULARITY)
-    low, high = 0.0, max_scale * 1.15  # a part may fit at an angle, which the tables leave out
+    coarse_options = replace(options, granularity=COARSE_GRANULARITY)
+    low, high = 0.0, max_scale * 1.15  # a part may fit at an angle, which the tables do not consider
     scale = max_scale
-    for _ in range(HALVINGS):
-        if _has_result(model, scale, printers, coarse, cost, executor):
+    for _ in range(MAX_HALVINGS):
+        if _has_result(model, scale, printers, coarse_options, cost, executor):
             low = scale
         else:
             high = scale
@@ -60,7 +60,7 @@ def advise_longest_side_mm(
             break
         scale = (low + high) / 2.0 if low else TRIAL_STEP * high
     side_mm = math.floor((low or max_scale) * longest_mm)
-    for _ in range(TRIALS):
+    for _ in range(MAX_TRIALS):
         if side_mm < 1:
             break
         if _has_result(model, side_mm / longest_mm, printers, options, cost, executor):
@@ -72,15 +72,15 @@ def advise_longest_side_mm(
 def _find_scale(
     model: Model, printers: Sequence[PrinterRoom], options: Options, cost: CostModel
 ) -> float | None:
-    """Find about the largest scale below 1 at which a coarse grid needs no more parts than printers.
+    """Estimate the largest scale below 1 at which a coarse grid needs no more parts than printers.
 
     The grid is not scaled; the printers' build volumes grow instead. Times have no influence on the fit.
     """
     problem = Problem(model, tuple(printers), cost, replace(options, granularity=COARSE_GRANULARITY))
     grid = problem.build_grid(model)
     low, high = 0.0, 1.0
-    scale = min(1.0, max(problem.room_mm) / float(model.extents_mm.max()))  # about one part
-    for _ in range(HALVINGS):
+    scale = min(1.0, max(problem.room_mm) / float(model.extents_mm.max()))  # the model is about one part
+    for _ in range(MAX_HALVINGS):
         boxes = problem.price_boxes(grid, [_scale_room(room, 1.0 / scale) for room in problem.rooms])
         if Partitioner(boxes).solve(sys.float_info.max) <= len(printers):
             low = scale

@@ -37,8 +37,8 @@ class CountGoal:
     Attributes
     ----------
     clear_s, assemble_s
-        A person's time in seconds for each part: to clear its bed, and to glue it. The sum of printing and
-        handling is minimised.
+        Time in seconds that a person needs for each part: to clear its bed, and to glue it. The sum of
+        printing and handling is minimised.
     within_s
         Time limit in seconds for printing all parts: the number of parts is the lowest one that meets it or,
         if there is none, the fastest one, however long the handling takes.
@@ -83,7 +83,7 @@ def decompose_auto(
     Raises
     ------
     NoFit, GeometryError
-        As in `decompose.decompose_model`, if even all of the printers are not enough.
+        As in `decompose.decompose_model`, if not even all printers are enough.
     """
     validate_problem(model, tuple(printers), options)
     points = build_curve(Problem(model, tuple(printers), cost, options, executor))
@@ -98,7 +98,7 @@ def decompose_auto(
 
 
 def build_curve(problem: Problem) -> tuple[CurvePoint, ...]:
-    """Compute the makespan of the first 1, 2, ... printers by the tables, except numbers that are too small.
+    """Compute the makespan of the first 1, 2, ... printers from the tables, except for too few printers.
 
     Unequal printers are grouped in classes, on a coarser grid, because there are more ways to distribute
     parts among them. The printers of a class have their mean speed.
@@ -135,5 +135,5 @@ def build_curve(problem: Problem) -> tuple[CurvePoint, ...]:
 
 
 def _compute_mean_factor(factors: Sequence[float]) -> float:
-    """Compute the harmonic mean of time factors: parts that end together share the work by speed."""
+    """Compute the harmonic mean of time factors, because printers share the work by their speeds."""
     return len(factors) / sum(1.0 / factor for factor in factors)

@@ -1,4 +1,4 @@
-"""Compilation of all functions that run as machine code, before the first model: `farm setup` starts it.
+"""Compilation of all functions that run as machine code; `farm setup` starts it before the first model.
 
 ``python -m decompose.compilation`` takes about a minute; it does nothing if the code is already compiled.
 """
@@ -19,7 +19,7 @@ import trimesh
 from decompose.decompose import decompose_model
 from decompose.export import write_decomposition
 from decompose.geometry import load_model, write_stl
-from decompose.jit import CODE_FOLDER, INSTALLED, is_compiled, mark_compiled
+from decompose.jit import CODE_FOLDER, INSTALLED_FOLDER, is_compiled, mark_compiled
 from decompose.options import BestOptions, Engine, Options, ParalleloboxOptions
 from decompose.print_time import CostModel, Recipe
 from decompose.printers import PrinterRoom
@@ -75,8 +75,8 @@ def main() -> None:
     """Compile, and print where the code is stored."""
     ensure_compiled()
     place = "nowhere: no folder can be written" if CODE_FOLDER is None else f"in {CODE_FOLDER}"
-    if CODE_FOLDER not in (None, INSTALLED):
-        place += f", as {INSTALLED} cannot be written"
+    if CODE_FOLDER not in (None, INSTALLED_FOLDER):
+        place += f", as {INSTALLED_FOLDER} cannot be written"
     sys.stdout.write(f"Machine code is kept {place}\n")
 
 

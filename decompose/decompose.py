@@ -13,7 +13,7 @@ import numpy as np
 
 from decompose.arrays import Floats, Ints
 from decompose.best import find_best
-from decompose.bound import bound_any_boxes_s
+from decompose.bound import compute_any_boxes_bound_s
 from decompose.engines import ENGINES, apply_paper_settings
 from decompose.geometry import Model, Solid
 from decompose.options import Engine, Interior, Options
@@ -22,7 +22,8 @@ from decompose.printers import PrinterRoom
 from decompose.problem import Problem, validate_problem
 from decompose.results import Decomposition, finish_result
 
-PRICED_FACES = 300_000  # maximum number of faces of a priced whole model; twice as many change it by 0.5 %
+# Maximum number of faces of a model to price; twice as many change the price by 0.5 %.
+MAX_PRICED_FACES = 300_000
 PRICE_TOLERANCES_MM = (0.02, 0.05)
 
 
@@ -57,19 +58,19 @@ def decompose_model(
     GeometryError
         The result breaks a geometry rule.
     """
-    began_s = perf_counter()
+    start_s = perf_counter()
     validate_problem(model, tuple(printers), options)
-    vertices, faces = simplify_for_price(model.solid).arrays()
+    vertices, faces = simplify_solid_for_pricing(model.solid).arrays()
     problem = Problem(model, tuple(printers), cost, options, executor)
     serial = problem.start(partial(estimate_serial_s, vertices, faces, cost, options.fit_first_layer))
-    serial_wall_s = perf_counter() - began_s
+    serial_wall_s = perf_counter() - start_s
     run_with_serial = partial(run_engine, serial=serial)
-    partition = (
+    result = (
         find_best(problem, run_with_serial) if options.engine is Engine.BEST else run_with_serial(problem)
     )
-    partition = _add_bound(problem, partition)
-    stages = partition.compute_s | {"serial": serial_wall_s, "total": perf_counter() - began_s}
-    return replace(partition, compute_s=stages)
+    result = _add_bound(problem, result)
+    stages = result.compute_s | {"serial": serial_wall_s, "total": perf_counter() - start_s}
+    return replace(result, compute_s=stages)
 
 
 def run_engine(problem: Problem, serial: Callable[[], tuple[float, float]]) -> Decomposition:
@@ -82,13 +83,13 @@ def run_engine(problem: Problem, serial: Callable[[], tuple[float, float]]) -> D
     serial
         Function that returns the result of `estimate_serial_s`.
     """
-    watch = _StageTimes()
+    stage_times = _StageTimes()
     if problem.options.faithful and problem.options.engine is Engine.PARALLELOBOX:
         problem = replace(problem, options=apply_paper_settings(problem.options))
-    problem = replace(problem, on_stage=watch.record_stage)
+    problem = replace(problem, on_stage=stage_times.record_stage)
     partition = ENGINES[problem.options.engine](problem)
-    watch.record_stage("engine")
-    return replace(finish_result(problem, partition, serial()), compute_s=watch.list_stage_times())
+    stage_times.record_stage("engine")
+    return replace(finish_result(problem, partition, serial()), compute_s=stage_times.list_stage_times())
 
 
 def _add_bound(problem: Problem, result: Decomposition) -> Decomposition:
@@ -98,10 +99,10 @@ def _add_bound(problem: Problem, result: Decomposition) -> Decomposition:
     """
     if result.cutting is None or not problem.options.prove:
         return result
-    solid = simplify_for_price(problem.model.solid.rotate(result.cutting.frame))
+    solid = simplify_solid_for_pricing(problem.model.solid.rotate(result.cutting.frame))
     vertices, faces = solid.arrays()
     keeps_interior = problem.options.interior is Interior.KEEP
-    bound_s = bound_any_boxes_s(
+    bound_s = compute_any_boxes_bound_s(
         vertices[faces],
         problem.printers,
         problem.cost,
@@ -111,11 +112,11 @@ def _add_bound(problem: Problem, result: Decomposition) -> Decomposition:
     return replace(result, any_boxes_bound_s=bound_s)
 
 
-def simplify_for_price(solid: Solid) -> Solid:
-    """Simplify a solid with millions of faces, whose price hardly changes; return any other unchanged."""
+def simplify_solid_for_pricing(solid: Solid) -> Solid:
+    """Simplify a solid with millions of faces, which hardly changes its price; return others unchanged."""
     simplified = solid
     for tolerance_mm in PRICE_TOLERANCES_MM:
-        if simplified.faces <= PRICED_FACES:
+        if simplified.faces <= MAX_PRICED_FACES:
             break
         simplified = solid.simplify(tolerance_mm)
     return simplified
@@ -133,7 +134,7 @@ def estimate_serial_s(
     cost
         Print time of a part.
     fit_first_layer
-        Whether the brim and the first layer's expansion are chosen too.
+        Whether the brim and the first layer's expansion are also chosen.
 
     Returns
     -------
@@ -161,5 +162,5 @@ class _StageTimes:
         self._stage_start_s = now_s
 
     def list_stage_times(self) -> dict[str, float]:
-        """List the seconds of each stage, and of all together."""
+        """List the seconds of each stage, and their total."""
         return {**self._stage_times_s, "total": self._stage_start_s - self._start_s}

@@ -15,7 +15,7 @@ class ModelUnreadable(DecomposeError):
 
 
 class BadSize(ModelUnreadable):
-    """A scale or a longest side that no model can have."""
+    """No model can have this scale or this longest side."""
 
 
 class ModelEmpty(DecomposeError):
@@ -69,7 +69,7 @@ class NoFit(DecomposeError):
     def from_shortage(
         cls, extents_mm: Iterable[float], needed: int, printers: int, more: str = "more printers"
     ) -> NoFit:
-        """Build the error that parts outnumber the printers; `more` names the printers to free.
+        """Build the error for more parts than printers.
 
         Parameters
         ----------
@@ -78,10 +78,10 @@ class NoFit(DecomposeError):
         needed, printers
             Number of parts, and number of printers.
         more
-            Printers to free.
+            Description of the printers to free, for the message.
         """
         return cls(
-            f"{format_size(extents_mm)} mm needs {needed} parts, each on a printer of its own, and there are "
+            f"{format_size(extents_mm)} mm needs {needed} parts, each on its own printer, but there are "
             f"{printers}: free {more}, or give a smaller --longest-side",
             needed,
             is_too_large=True,
@@ -122,7 +122,7 @@ class GeometryError(DecomposeError):
     rule
         Short name of the rule, see `Rule`.
     part
-        Part that breaks it; None if it is not a single part.
+        Part that breaks it; None if the rule is not broken by a single part.
     """
 
     def __init__(self, rule: str, part: str | None, problem: str) -> None:

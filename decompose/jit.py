@@ -1,7 +1,8 @@
 """Settings of the just-in-time compiler, and the folder of its machine code.
 
 Compiled code contains functions and constants of other files, but numba compares the time stamp of one file
-only: after an update it would use stale code. So the folder is named by a hash of all compiled files.
+only, so that it would use stale code after an update. Therefore, the folder is named by a hash of all
+compiled files.
 
 The folder is next to the sources, where `farm setup` fills it (`decompose.compilation`). A user who may not
 write there gets a copy in their own cache, because numba only uses a folder that it can write to.
@@ -74,13 +75,13 @@ def is_writable(folder: Path) -> bool:
 
 def is_compiled() -> bool:
     """Check whether the code of all compiled functions for this processor is stored."""
-    return CODE_FOLDER is not None and (CODE_FOLDER / _MARK).exists()
+    return CODE_FOLDER is not None and (CODE_FOLDER / _MARKER).exists()
 
 
 def mark_compiled() -> None:
     """Record that the code of all compiled functions for this processor is stored."""
     if CODE_FOLDER is not None:
-        (CODE_FOLDER / _MARK).touch()
+        (CODE_FOLDER / _MARKER).touch()
 
 
 def _copy_folder(source: Path, target: Path) -> None:
@@ -93,8 +94,8 @@ def _copy_folder(source: Path, target: Path) -> None:
 
 
 def _list_other_folders(name: str) -> Iterator[Path]:
-    """Yield folders for a user who may not write next to the sources; the last is for this process only."""
-    with contextlib.suppress(RuntimeError):  # a user without a home
+    """Yield folders for a user who may not write next to the sources; the last is for this process alone."""
+    with contextlib.suppress(RuntimeError):  # a user without a home folder
         yield Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "farm" / name
     with contextlib.suppress(OSError):
         scratch = tempfile.mkdtemp(prefix="farm-code-")
@@ -104,11 +105,11 @@ def _list_other_folders(name: str) -> Iterator[Path]:
 
 _PACKAGE = Path(__file__).parent
 _HASH = hash_sources(_PACKAGE)
-INSTALLED = _PACKAGE / "__pycache__" / _HASH
+INSTALLED_FOLDER = _PACKAGE / "__pycache__" / _HASH
 """Folder next to the sources, for all users."""
-CODE_FOLDER = find_code_folder(INSTALLED, _list_other_folders(_HASH))
+CODE_FOLDER = find_code_folder(INSTALLED_FOLDER, _list_other_folders(_HASH))
 """Folder of the machine code; None if it cannot be kept."""
-_MARK = (
+_MARKER = (
     f"compiled-{numba.__version__}-{sysconfig.get_config_var('SOABI')}-{llvmlite.binding.get_host_cpu_name()}"
 )
 

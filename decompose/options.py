@@ -7,7 +7,7 @@ from enum import StrEnum
 from typing import Any
 
 MIN_GLUE_MM2 = 25.0
-"""Area of a joint of 5 mm x 5 mm, which holds a part of the size of a hand."""
+"""Area of a joint of 5 mm x 5 mm, which holds a part the size of a hand."""
 BUDGET_S = 20.0
 FILAMENT_MM = 2.85
 THIN_FILAMENT_MM = 1.75
@@ -87,23 +87,23 @@ class ConnectorOptions:
     Attributes
     ----------
     pin_mm
-        Diameter of the pins; None for no pins.
+        Diameter of the pins; None if there are none.
     pin_fit_mm
         Clearance of a hole: width across the flats, less the diameter of the pin.
     marks
         Whether the numbers of the parts are cut into these faces.
     printer_fits_mm
-        Fits of the printers that have another one than `pin_fit_mm`, by name.
-    taken_mm
-        Distances between the two pins of other steps, which are drilled already, such as those of the
-        neighbours of a part that is cut again.
+        Fits of the printers whose fit differs from `pin_fit_mm`, by name.
+    used_distances_mm
+        Distances between the two pins of steps whose parts are drilled already, such as the neighbours of a
+        part that is cut again.
     """
 
     pin_mm: float | None = None
     pin_fit_mm: float = PIN_FIT_MM
     marks: bool = False
     printer_fits_mm: tuple[tuple[str, float], ...] = ()
-    taken_mm: tuple[float, ...] = ()
+    used_distances_mm: tuple[float, ...] = ()
 
     @property
     def is_empty(self) -> bool:
@@ -130,7 +130,7 @@ class Options:
     min_wall_mm
         Minimum thickness of the wall where the inside is not printed.
     min_glue_mm2
-        Minimum area of a joint that counts as holding; it must also be two walls wide.
+        Minimum area of a joint whose glue counts as holding; the joint must also be two walls wide.
     seed
         Seed of the random numbers of the engines; the engine `guillotine` uses none.
     faithful

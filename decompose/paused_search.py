@@ -47,7 +47,7 @@ class PausedSearch:
     @property
     def spent_share(self) -> float:
         """Share of the budget that its attempts have spent."""
-        remaining_s = sum(trial.effort_s for trial in self.plan_round())
+        remaining_s = sum(trial.budget_s for trial in self.plan_round())
         return 1.0 - remaining_s / self.best.options.best.budget_s
 
     def plan_round(self) -> tuple[Trial, ...]:
@@ -85,7 +85,7 @@ class PausedSearch:
             trial.engine,
             trial.granularity,
             trial.yaw_deg,
-            effort_s=trial.effort_s,
+            effort_s=trial.budget_s,
             finished=False,
             reason=reason,
         )

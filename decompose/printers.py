@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class PrinterRoom:
-    """Room for a part on a printer.
+    """Room for a part on a printer: its build volume without clips and brim.
 
     Attributes
     ----------
@@ -45,12 +45,12 @@ class BedPlace:
     ----------
     bed_mm
         Width and depth of the bed.
-    at_mm
+    centre_mm
         Centre of the part's bounding box: distance to the right of the bed's centre, and behind it.
-    turned
+    is_rotated
         Whether the part is rotated by 90 degrees about z, counterclockwise, from the pose of its file.
     """
 
     bed_mm: tuple[float, float]
-    at_mm: tuple[float, float]
-    turned: bool
+    centre_mm: tuple[float, float]
+    is_rotated: bool

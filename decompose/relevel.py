@@ -1,8 +1,8 @@
-"""Second move of the cut planes, by the sliced times of the parts.
+"""Second move of the cut planes, based on the sliced times of the parts.
 
 Prices of parts have errors of one or two per cent, and a job waits for the part that is underestimated most.
 The error hardly changes when the faces of a part move by a few millimetres. So each part keeps its ratio of
-sliced time to price, and the planes are moved by price times ratio, as before by the price alone.
+sliced time to price, and the planes are moved again with price times ratio instead of the price.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ def relevel_planes(
     model
         Model that was decomposed.
     previous
-        Its decomposition; may lack its parts, joints and faults (`Decomposition.without_parts`).
+        Its decomposition, which may lack its parts, joints and faults (`Decomposition.without_parts`).
     sliced_s
-        Time of each of its parts in seconds, by the slicer.
+        Sliced time of each of its parts in seconds.
     cost
         Cost model of that decomposition.
     executor
@@ -51,8 +51,8 @@ def relevel_planes(
     Returns
     -------
     Decomposition | None
-        Decomposition into as many parts, with the times of the cost model. None if the gain would be too
-        small to slice again, or if the parts were not cut by the engine `guillotine`.
+        Decomposition into the same number of parts, with the times of the cost model. None if the gain would
+        be too small to slice again, or if the parts were not cut by the engine `guillotine`.
 
     Raises
     ------
@@ -61,7 +61,7 @@ def relevel_planes(
     """
     if (cutting := previous.cutting) is None:
         return None
-    began_s = perf_counter()
+    start_s = perf_counter()
     options = replace(previous.options, engine=Engine.GUILLOTINE, granularity=cutting.granularity)
     effort = Effort(previous.options.best.budget_s)
     aligned_problem = Problem(model, cutting.printers, cost, options, executor, effort, thorough=True)
@@ -73,7 +73,7 @@ def relevel_planes(
     grid = GridFigures(previous.grid_makespan_s, previous.lower_bound_s, previous.cells)
     partition = Partition(tuple(shifted_pieces), problem.model, np.eye(3), grid)
     result = finish_result(problem, partition, (previous.serial_s, previous.serial_as_is_s))
-    return _copy_history(previous, result, perf_counter() - began_s)
+    return _copy_history(previous, result, perf_counter() - start_s)
 
 
 def _shift_planes(problem: Problem, cut_boxes: list[list[Piece]]) -> list[Piece] | None:

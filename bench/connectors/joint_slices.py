@@ -82,7 +82,7 @@ class SlicedPart:
 
     def is_legible(self, mark: Mark) -> bool:
         """Check whether a mark can be read: letters match their own strokes best, arrows and dots exist."""
-        direction, depth_mm = mark.grooves[0].into, measure_depth_mm(mark)
+        direction, depth_mm = mark.grooves[0].inward_normal, measure_depth_mm(mark)
         code, stroke_count = mark.text.rstrip("^."), 0
         if code:
             strokes = draw_strokes(code)
@@ -105,13 +105,13 @@ class SlicedPart:
         for n in range(len(code)):
             middle = np.array([ADVANCE * n + GRID_WIDTH / 2.0 - measure_text_width(code) / 2.0, 0.0])
             points_mm = np.column_stack([_LETTER_GRID + middle, np.ones(len(_LETTER_GRID))]) @ to_face
-            is_missing = ~self.is_printed(points_mm + READ_DEPTH_MM * mark.grooves[0].into)
+            is_missing = ~self.is_printed(points_mm + READ_DEPTH_MM * mark.grooves[0].inward_normal)
             yield max(_READABLE, key=lambda letter: _correlate_letters(letter, half_width, is_missing))
 
 
 def measure_depth_mm(mark: Mark) -> float:
     """Measure the depth of the grooves of a mark."""
-    return float((mark.grooves[0].points_mm @ mark.grooves[0].into).max() - mark.grooves[0].face_mm)
+    return float((mark.grooves[0].points_mm @ mark.grooves[0].inward_normal).max() - mark.grooves[0].face_mm)
 
 
 def slice_part(part: Part, solid: Solid, folder: Path) -> SlicedPart:

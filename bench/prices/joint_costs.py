@@ -55,8 +55,8 @@ def slice_kinds(result: Decomposition, count: int) -> Iterator[Sample]:
     blanks = [Blank(find_part_number(p.id), p.solid, p.rotation[2]) for p in result.parts]
     connectors = result.connectors
     kinds = [
-        Connectors(pins=tuple(pin for pin in connectors.pins if pin.along is not None)),
-        Connectors(pins=tuple(pin for pin in connectors.pins if pin.along is None)),
+        Connectors(pins=tuple(pin for pin in connectors.pins if pin.key_direction is not None)),
+        Connectors(pins=tuple(pin for pin in connectors.pins if pin.key_direction is None)),
         Connectors(marks=connectors.marks),
         Connectors(gutters=connectors.gutters),
     ]

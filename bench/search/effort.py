@@ -87,7 +87,7 @@ def main() -> None:
                 rooms = tuple(PrinterRoom(str(i), room) for i in range(printers))
                 effort, stage_ends_s = measure_search(Problem(model, rooms, cost, Options(engine)))
                 cpu_s = stage_ends_s["all"]
-                units_by_work = {str(work): units for work, units in effort.done.items()}
+                units_by_work = {str(work): units for work, units in effort.done_units.items()}
                 run = {"model": path.stem, "printers": printers, "engine": str(engine), "cpu_s": cpu_s}
                 runs.append(run | {"effort_s": effort.spent_s, "ends_s": stage_ends_s, "done": units_by_work})
                 if not options.json:

@@ -11,11 +11,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from decompose.arrays import Bools, Floats
-from decompose.assembly.shadow import TOUCH_MM, cast_shadow
+from decompose.assembly.shadow import MAX_TOUCH_OVERLAP_MM, cast_shadow
 from decompose.geometry import Solid
 from decompose.pieces import CutSolid, Joint
 
-SAME_AXIS = 1e-4  # maximum sine of the angle between two directions that count as one
+SAME_AXIS_SIN = 1e-4  # maximum sine of the angle between two directions that count as one
 MAX_AXES = 9
 
 
@@ -48,7 +48,7 @@ def find_axes(pieces: Sequence[CutSolid], joints: Sequence[Joint]) -> Floats:
 
 
 def find_blocking(solids: Sequence[Solid], axes: Floats) -> Bools:
-    """Find the pairs of parts of which one blocks the other.
+    """Find the pairs of parts in which one part blocks the other.
 
     Parameters
     ----------
@@ -60,21 +60,22 @@ def find_blocking(solids: Sequence[Solid], axes: Floats) -> Bools:
     Returns
     -------
     Bools
-        (2 k, n, n) bool: ``[d, i, j]`` is true if part i blocks part j along ``[axes, -axes][d]``. Parts with
-        disjoint bounding boxes, in a frame of the axis, are judged by these boxes; others by their shadows.
+        (2 k, n, n) bool: ``[d, i, j]`` is true if part i blocks part j along ``[axes, -axes][d]``. If the
+        bounding boxes of two parts are disjoint in a frame of the axis, these boxes decide, otherwise the
+        shadows of the parts.
     """
     count = len(solids)
     blocking = np.zeros((2 * len(axes), count, count), dtype=np.bool_)
     corners = [solid.arrays()[0] for solid in solids]
     for k, axis in enumerate(axes):
         frame = make_frame(axis, axes)
-        spans = [points @ frame.T for points in corners]
-        lo = np.array([span.min(axis=0) for span in spans])
-        hi = np.array([span.max(axis=0) for span in spans])
-        is_beside = (_find_overlap_mm(lo[:, 1:], hi[:, 1:]) > TOUCH_MM).all(axis=2) & ~np.eye(
-            count, dtype=np.bool_
-        )
-        is_beyond = lo[:, None, 0] >= hi[None, :, 0] - TOUCH_MM  # [i, j]: all of part i lies beyond part j
+        spans_mm = [points @ frame.T for points in corners]
+        lo_mm = np.array([span_mm.min(axis=0) for span_mm in spans_mm])
+        hi_mm = np.array([span_mm.max(axis=0) for span_mm in spans_mm])
+        overlap_mm = _compute_overlap_mm(lo_mm[:, 1:], hi_mm[:, 1:])
+        is_beside = (overlap_mm > MAX_TOUCH_OVERLAP_MM).all(axis=2) & ~np.eye(count, dtype=np.bool_)
+        # [i, j] is true if all of part i lies beyond part j.
+        is_beyond = lo_mm[:, None, 0] >= hi_mm[None, :, 0] - MAX_TOUCH_OVERLAP_MM
         blocking[k], blocking[k + len(axes)] = is_beside & is_beyond, is_beside & is_beyond.T
         needs_shadows = is_beside & ~is_beyond & ~is_beyond.T
         shadows = {
@@ -100,15 +101,15 @@ def make_frame(axis: Floats, axes: Sequence[Floats] | Floats = ()) -> Floats:
     return np.stack([axis, *_complete_frame(axis, axes)])
 
 
-def _find_overlap_mm(lo: Floats, hi: Floats) -> Floats:
-    """Find the overlap (n, n, k) of each two boxes with corners (n, k)."""
-    overlap: Floats = np.minimum(hi[:, None], hi[None]) - np.maximum(lo[:, None], lo[None])
-    return overlap
+def _compute_overlap_mm(lo_mm: Floats, hi_mm: Floats) -> Floats:
+    """Compute the overlap (n, n, k) in mm of every pair of boxes with corners (n, k) in mm."""
+    overlap_mm: Floats = np.minimum(hi_mm[:, None], hi_mm[None]) - np.maximum(lo_mm[:, None], lo_mm[None])
+    return overlap_mm
 
 
 def _complete_frame(axis: Floats, axes: Sequence[Floats] | Floats) -> tuple[Floats, Floats]:
     """Choose two unit vectors (3,) orthogonal to an axis and to each other, one of `axes` if possible."""
-    across = next((other for other in axes if abs(float(other @ axis)) < SAME_AXIS), None)
+    across = next((other for other in axes if abs(float(other @ axis)) < SAME_AXIS_SIN), None)
     if across is None:
         across = np.cross(np.eye(3)[int(np.abs(axis).argmin())], axis)
     second = across / np.linalg.norm(across)
@@ -117,4 +118,4 @@ def _complete_frame(axis: Floats, axes: Sequence[Floats] | Floats) -> tuple[Floa
 
 def _is_new_axis(axis: Floats, known_axes: Sequence[Floats]) -> bool:
     """Check whether an axis differs from all known ones."""
-    return all(float(np.linalg.norm(np.cross(axis, other))) > SAME_AXIS for other in known_axes)
+    return all(float(np.linalg.norm(np.cross(axis, other))) > SAME_AXIS_SIN for other in known_axes)

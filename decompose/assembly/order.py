@@ -16,8 +16,8 @@ import numpy as np
 
 from decompose.arrays import Bools, Floats
 from decompose.assembly.blocking import find_axes, find_blocking
-from decompose.assembly.resting import Weight, find_resting_parts
-from decompose.assembly.schedule import Work, compute_critical_path_s, order_steps
+from decompose.assembly.resting import MassProperties, find_resting_parts
+from decompose.assembly.schedule import StepWork, compute_critical_path_s, order_steps
 from decompose.assembly.splits import Glue, Split, SplitSearch
 from decompose.options import MIN_GLUE_MM2
 from decompose.pieces import CutSolid, Joint
@@ -42,11 +42,11 @@ class AssemblyStep:
     rests_on
         Parts on which the fixed body stands while `direction` points up; empty if it must be held.
     level
-        One more than the highest level of the steps that make the two bodies: the glue of all steps of a
+        One more than the highest level of the steps that make the two bodies. The glue of all steps of a
         level can dry at the same time.
     work_s, starts_s
-        A person's time in seconds for the step, and the time from the start of the first step to its own
-        start, if one person does all work.
+        Time that a person needs for the step, and the time from the start of the first step to the start of
+        this one if one person does all the work.
     """
 
     moved_parts: tuple[int, ...]
@@ -61,10 +61,10 @@ class AssemblyStep:
     starts_s: float = 0.0
 
     @property
-    def work(self) -> Work:
+    def work(self) -> StepWork:
         """Quantities on which the step's time depends."""
         bodies = frozenset(self.moved_parts), frozenset(self.fixed_parts)
-        return Work(bodies, len(self.joints), self.glue_mm2, bool(self.rests_on))
+        return StepWork(bodies, len(self.joints), self.glue_mm2, bool(self.rests_on))
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,12 +75,12 @@ class Assembly:
     ----------
     steps
         Steps in the order of work, each after the steps that make its bodies.
-    locked
+    locked_sets
         Sets of parts that cannot be joined by straight moves of two bodies.
     """
 
     steps: tuple[AssemblyStep, ...] = ()
-    locked: tuple[tuple[int, ...], ...] = ()
+    locked_sets: tuple[tuple[int, ...], ...] = ()
 
     @property
     def levels(self) -> int:
@@ -117,7 +117,7 @@ def plan_assembly(
     joints
         Joints of `pieces.find_joints`, in the same frame.
     min_glue_mm2
-        Minimum area of a joint that counts as holding.
+        Minimum area of a joint whose glue counts as holding.
 
     Returns
     -------
@@ -133,7 +133,7 @@ def plan_assembly(
         replace(plan.steps[number], work_s=works[number].seconds, starts_s=starts_s)
         for number, starts_s in order_steps(works)
     )
-    return Assembly(tuple(steps), tuple(plan.locked))
+    return Assembly(tuple(steps), tuple(plan.locked_sets))
 
 
 class _Plan:
@@ -143,13 +143,13 @@ class _Plan:
         count = len(pieces)
         axes = find_axes(pieces, joints)
         self.steps: list[AssemblyStep] = []
-        self.locked: list[tuple[int, ...]] = []
+        self.locked_sets: list[tuple[int, ...]] = []
         self._joints = joints
-        self._weights = [Weight.from_solid(piece.solid) for piece in pieces]
-        self._volumes_mm3 = np.array([weight.volume_mm3 for weight in self._weights])
-        heights = [weight.points @ axes.T for weight in self._weights]
+        self._mass_properties = [MassProperties.from_solid(piece.solid) for piece in pieces]
+        self._volumes_mm3 = np.array([properties.volume_mm3 for properties in self._mass_properties])
+        heights_mm = [properties.points @ axes.T for properties in self._mass_properties]
         low_mm, high_mm = (
-            np.array([bound(height, axis=0) for height in heights]).T for bound in (np.min, np.max)
+            np.array([bound(height_mm, axis=0) for height_mm in heights_mm]).T for bound in (np.min, np.max)
         )
         self._search = SplitSearch(
             Glue.from_joints(count, joints, axes, min_glue_mm2),
@@ -160,40 +160,43 @@ class _Plan:
         )
 
     def split_parts(self, parts: Bools, *, outermost: bool) -> int:
-        """Split a set of parts into single parts, and append the steps; return the level of the last one.
+        """Split a set of parts into single parts, append the steps, and return the level of the last one.
 
         Parameters
         ----------
         parts
             (n,) bool, true for the parts of the set.
         outermost
-            Whether nothing is glued around the set, so that loose bodies in it need no step.
+            Whether the set is glued to no other part, so that loose bodies in it need no step.
         """
         if parts.sum() < 2:
             return 0
         split = self._search.find_split(parts)
         if split is None:
-            self.locked.append(_list_numbers(parts))
+            self.locked_sets.append(_list_numbers(parts))
             return 0
-        loose = not self._search.glue.measure_glued_mm2(split)
+        is_loose = not self._search.glue.measure_glued_area_mm2(split)
         sides = sorted((split.moved, split.fixed), key=lambda side: int(side.sum()))
-        level = 1 + max(self.split_parts(side, outermost=outermost and loose) for side in sides)
-        if not (loose and outermost):
+        level = 1 + max(self.split_parts(side, outermost=outermost and is_loose) for side in sides)
+        if not (is_loose and outermost):
             self.steps.append(self._build_step(split, level))
         return level
 
     def _build_step(self, split: Split, level: int) -> AssemblyStep:
-        """Build the step of a split; the lighter body is moved, unless only it stands with its joint up."""
+        """Build the step of a split.
+
+        The lighter body is moved, unless it is the only one that stands with its joint up.
+        """
         moved, fixed = split.moved, split.fixed
         direction = self._search.directions[split.direction]
-        resting_parts = find_resting_parts(self._weights, _list_numbers(fixed), direction)
-        other_resting_parts = find_resting_parts(self._weights, _list_numbers(moved), -direction)
+        resting_parts = find_resting_parts(self._mass_properties, _list_numbers(fixed), direction)
+        other_resting_parts = find_resting_parts(self._mass_properties, _list_numbers(moved), -direction)
         is_fixed_lighter = float(self._volumes_mm3[moved].sum()) > float(self._volumes_mm3[fixed].sum())
         if bool(other_resting_parts) > bool(resting_parts) or (
             is_fixed_lighter and bool(other_resting_parts) == bool(resting_parts)
         ):
             moved, fixed, direction, resting_parts = fixed, moved, -direction, other_resting_parts
-        across = np.outer(moved, fixed)
+        crosses_split = np.outer(moved, fixed)
         return AssemblyStep(
             moved_parts=_list_numbers(moved),
             fixed_parts=_list_numbers(fixed),
@@ -201,9 +204,9 @@ class _Plan:
             joints=tuple(
                 k
                 for k, joint in enumerate(self._joints)
-                if across[joint.a, joint.b] or across[joint.b, joint.a]
+                if crosses_split[joint.a, joint.b] or crosses_split[joint.b, joint.a]
             ),
-            glue_mm2=self._search.glue.measure_glued_mm2(split),
+            glue_mm2=self._search.glue.measure_glued_area_mm2(split),
             slides=not self._search.glue.is_closing(split),
             rests_on=resting_parts,
             level=level,

@@ -1,4 +1,4 @@
-"""Replay of an assembly: checks of each step by the parts' solids, independent of the search."""
+"""Replay of an assembly: checks of each step with the parts' solids, independent of the search."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from decompose.assembly.shadow import cast_shadow
 from decompose.geometry import Solid
 from decompose.pieces import Joint
 
-SAME_AXIS = 1.0 - 1e-9
+SAME_AXIS_COS = 1.0 - 1e-9  # minimum cosine of the angle between two directions that count as one
 
 
 def find_order_faults(solids: Sequence[Solid], joints: Sequence[Joint], assembly: Assembly) -> list[str]:
@@ -38,7 +38,7 @@ def find_order_faults(solids: Sequence[Solid], joints: Sequence[Joint], assembly
 def _replay_bodies(count: int, joints: Sequence[Joint], assembly: Assembly) -> Iterator[str]:
     """Join the bodies step by step; yield sides of steps that are not one body, and joints without a step."""
     bodies = {number: frozenset({number}) for number in range(count)}
-    for group in assembly.locked:
+    for group in assembly.locked_sets:
         bodies |= dict.fromkeys(group, frozenset(group))
     for n, step in enumerate(assembly.steps, 1):
         for side in (step.moved_parts, step.fixed_parts):
@@ -58,18 +58,18 @@ def _find_collisions(solids: Sequence[Solid], steps: Sequence[AssemblyStep]) -> 
     """
     axes: list[np.ndarray] = []
     for step in steps:
-        if not any(abs(float(axis @ step.direction)) > SAME_AXIS for axis in axes):
+        if not any(abs(float(axis @ step.direction)) > SAME_AXIS_COS for axis in axes):
             axes.append(step.direction)
     for axis in axes:
         frame = make_frame(axis)
         shadows = [cast_shadow(solid, frame) for solid in solids]
         for n, step in enumerate(steps, 1):
-            along = float(axis @ step.direction)
-            if abs(along) <= SAME_AXIS:
+            cosine = float(axis @ step.direction)
+            if abs(cosine) <= SAME_AXIS_COS:
                 continue
             for moved in step.moved_parts:
                 for fixed in step.fixed_parts:
-                    if shadows[fixed].blocks(shadows[moved])[0 if along > 0.0 else 1]:
+                    if shadows[fixed].blocks(shadows[moved])[0 if cosine > 0.0 else 1]:
                         yield f"step {n}: part {moved + 1} runs into part {fixed + 1}"
 
 

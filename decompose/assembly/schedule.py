@@ -1,6 +1,6 @@
 """Schedule of an assembly: the time of each step, and an order in which a person can work while glue dries.
 
-The times are estimates. For models with 6 to 12 parts, their sum agrees with the 3.6 minutes per part of the
+The times are estimates. For models with 6 to 12 parts, their sum agrees with the 3.6 minutes per part in the
 literature (`engines.guillotine.ASSEMBLE_S`).
 """
 
@@ -9,18 +9,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-DRY_S = 120.0
-"""Time until a glued body can be handled: cyanoacrylate sets in 30 s; an estimate."""
-CLEAN_S = 30.0  # to remove the brim of a part before its first use
-HANDLE_S = 45.0  # to find two bodies, fit them without glue, and read the page
-HOLD_S = 30.0  # to press the bodies together until the glue holds
-UNSTEADY_HOLD_S = 30.0  # additional time if the lower body does not stand
-JOINT_S = 10.0  # to align each further joint
-GLUE_S_PER_MM2 = 0.005  # to apply the glue
+DRYING_S = 120.0
+"""Estimated time until a glued body can be handled; the cyanoacrylate itself sets in 30 s."""
+CLEANING_S = 30.0  # time to remove the brim of a part before its first use
+HANDLING_S = 45.0  # time to find two bodies, fit them without glue, and read the instructions
+HOLDING_S = 30.0  # time to press the bodies together until the glue holds
+UNSTEADY_HOLDING_S = 30.0  # additional time if the lower body does not stand by itself
+ALIGNMENT_S = 10.0  # time to align one joint
+GLUING_S_PER_MM2 = 0.005  # time to apply the glue
 
 
 @dataclass(frozen=True, slots=True)
-class Work:
+class StepWork:
     """Work of one step of the assembly.
 
     Attributes
@@ -31,29 +31,33 @@ class Work:
         Number of joints that it glues.
     glue_mm2
         Area of these joints.
-    steady
+    is_steady
         Whether the lower body stands by itself.
     """
 
     bodies: tuple[frozenset[int], frozenset[int]]
     joints: int
     glue_mm2: float
-    steady: bool
+    is_steady: bool
 
     @property
     def seconds(self) -> float:
-        """Estimated time of a person, without waits for glue to dry."""
-        single = sum(len(body) == 1 for body in self.bodies)
-        glue_s = HOLD_S + JOINT_S * self.joints + GLUE_S_PER_MM2 * self.glue_mm2 if self.joints else 0.0
-        return CLEAN_S * single + HANDLE_S + glue_s + (0.0 if self.steady else UNSTEADY_HOLD_S)
+        """Estimated time that a person needs, without waits for glue to dry."""
+        single_count = sum(len(body) == 1 for body in self.bodies)
+        glue_s = (
+            HOLDING_S + ALIGNMENT_S * self.joints + GLUING_S_PER_MM2 * self.glue_mm2 if self.joints else 0.0
+        )
+        return (
+            CLEANING_S * single_count + HANDLING_S + glue_s + (0.0 if self.is_steady else UNSTEADY_HOLDING_S)
+        )
 
     @property
     def parts(self) -> frozenset[int]:
-        """Parts of the body that results."""
+        """Parts of the resulting body."""
         return self.bodies[0] | self.bodies[1]
 
 
-def order_steps(works: Sequence[Work], dry_s: float = DRY_S) -> list[tuple[int, float]]:
+def order_steps(works: Sequence[StepWork], drying_s: float = DRYING_S) -> list[tuple[int, float]]:
     """Order the steps so that a person can work while glue dries.
 
     The next step is the first one in the given order whose bodies are dry; if there is none, the one whose
@@ -63,13 +67,13 @@ def order_steps(works: Sequence[Work], dry_s: float = DRY_S) -> list[tuple[int, 
     ----------
     works
         Steps, each after those that make its bodies.
-    dry_s
+    drying_s
         Time until a glued body can be handled.
 
     Returns
     -------
     list of (int, float)
-        Index of each step in the order of work, with its start in seconds.
+        Index and start in seconds of each step, in the order of work.
     """
     predecessors = _find_predecessors(works)
     dry_at_s: dict[int, float] = {}
@@ -84,18 +88,18 @@ def order_steps(works: Sequence[Work], dry_s: float = DRY_S) -> list[tuple[int, 
         number = min(ready_s, key=lambda i: (ready_s[i], i))
         order.append((number, ready_s[number]))
         now_s = ready_s[number] + works[number].seconds
-        dry_at_s[number] = now_s + dry_s
+        dry_at_s[number] = now_s + drying_s
     return order
 
 
-def compute_critical_path_s(works: Sequence[Work], dry_s: float = DRY_S) -> float:
+def compute_critical_path_s(works: Sequence[StepWork], drying_s: float = DRYING_S) -> float:
     """Compute the minimum time of an assembly with enough people: the longest chain of work and drying.
 
     Parameters
     ----------
     works
         Steps, each after those that make its bodies.
-    dry_s
+    drying_s
         Time until a glued body can be handled; it does not count after the last step of the chain.
 
     Returns
@@ -105,11 +109,11 @@ def compute_critical_path_s(works: Sequence[Work], dry_s: float = DRY_S) -> floa
     """
     ends_s: list[float] = []
     for work, predecessors in zip(works, _find_predecessors(works), strict=True):
-        ends_s.append(max((ends_s[j] + dry_s for j in predecessors), default=0.0) + work.seconds)
+        ends_s.append(max((ends_s[j] + drying_s for j in predecessors), default=0.0) + work.seconds)
     return max(ends_s, default=0.0)
 
 
-def _find_predecessors(works: Sequence[Work]) -> list[list[int]]:
+def _find_predecessors(works: Sequence[StepWork]) -> list[list[int]]:
     """List, for each step, the steps that make its bodies."""
     step_by_body = {work.parts: i for i, work in enumerate(works)}
     return [[step_by_body[body] for body in work.bodies if body in step_by_body] for work in works]

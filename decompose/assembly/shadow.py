@@ -1,7 +1,7 @@
 """Shadows of parts along an axis: the ends of each part on a grid of parallel lines.
 
 A part that is moved along an axis by any distance collides with another part if, on some line along that
-axis, the other part has material further on. So the ends of both parts on all lines decide this.
+axis, the other part has material further on. The ends of both parts on all lines are enough to decide this.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from decompose.arrays import Floats
 from decompose.geometry import Solid
 from decompose.jit import jit
 
-LINE_MM = 0.6  # distance between lines: less than two walls of the thinnest part
+LINE_SPACING_MM = 0.6  # distance between lines: less than two walls of the thinnest part
 LINE_OFFSET_MM = 0.2137  # offset of the lines from round coordinates, at which many parts end
-TOUCH_MM = 0.05  # parts with a smaller overlap only touch
+MAX_TOUCH_OVERLAP_MM = 0.05  # maximum overlap of parts that only touch
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,27 +27,27 @@ class Shadow:
     ----------
     first
         Numbers of the first line along each of the two axes perpendicular to the lines.
-    low, high
+    low_mm, high_mm
         (lines, lines) float64 least and greatest coordinate along the axis in mm; inf and -inf for a line
         that misses the part.
     """
 
     first: tuple[int, int]
-    low: Floats
-    high: Floats
+    low_mm: Floats
+    high_mm: Floats
 
     def blocks(self, other: Shadow) -> tuple[bool, bool]:
-        """Check whether this part blocks another one that moves along the axis, and against it."""
+        """Check whether this part blocks another one that moves along the axis, or the opposite way."""
         start = np.maximum(self.first, other.first)
-        end = np.minimum(np.add(self.first, self.low.shape), np.add(other.first, other.low.shape))
+        end = np.minimum(np.add(self.first, self.low_mm.shape), np.add(other.first, other.low_mm.shape))
         if (start >= end).any():
             return False, False
         own_lines, other_lines = (
             tuple(slice(a - f, b - f) for a, b, f in zip(start, end, shadow.first, strict=True))
             for shadow in (self, other)
         )
-        blocks_along = other.low[other_lines] < self.high[own_lines] - TOUCH_MM
-        blocks_against = other.high[other_lines] > self.low[own_lines] + TOUCH_MM
+        blocks_along = other.low_mm[other_lines] < self.high_mm[own_lines] - MAX_TOUCH_OVERLAP_MM
+        blocks_against = other.high_mm[other_lines] > self.low_mm[own_lines] + MAX_TOUCH_OVERLAP_MM
         return bool(blocks_along.any()), bool(blocks_against.any())
 
 
@@ -63,30 +63,30 @@ def cast_shadow(solid: Solid, frame: Floats) -> Shadow:
     """
     vertices, faces = solid.arrays()
     rotated_vertices = vertices @ frame.T
-    cells = (rotated_vertices[:, 1:] - LINE_OFFSET_MM) / LINE_MM
+    cells = (rotated_vertices[:, 1:] - LINE_OFFSET_MM) / LINE_SPACING_MM
     first, last = np.floor(cells.min(axis=0)).astype(np.int64), np.ceil(cells.max(axis=0)).astype(np.int64)
-    low = np.full(tuple(last - first + 1), np.inf)
-    high = np.full(low.shape, -np.inf)
+    low_mm = np.full(tuple(last - first + 1), np.inf)
+    high_mm = np.full(low_mm.shape, -np.inf)
     points = np.column_stack([cells - first, rotated_vertices[:, 0]])
-    _find_ends(points[faces], low, high)
-    return Shadow((int(first[0]), int(first[1])), low, high)
+    _find_ends(points[faces], low_mm, high_mm)
+    return Shadow((int(first[0]), int(first[1])), low_mm, high_mm)
 
 
 @jit
-def _find_ends(triangles: Floats, low: Floats, high: Floats) -> None:
-    """Extend the ends on all lines to some triangles.
+def _find_ends(triangles: Floats, low_mm: Floats, high_mm: Floats) -> None:
+    """Extend the ends on all lines to include some triangles.
 
     Parameters
     ----------
     triangles
         (m, 3, 3) float64 corners: two line numbers, and the coordinate along the axis in mm.
-    low, high
+    low_mm, high_mm
         (lines, lines) float64 least and greatest coordinate in mm, updated in place.
     """
     for t in range(len(triangles)):
         a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
         doubled_area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-        if doubled_area == 0.0:  # along the axis
+        if doubled_area == 0.0:  # parallel to the axis
             continue
         for i in range(int(np.ceil(min(a[0], b[0], c[0]))), int(max(a[0], b[0], c[0])) + 1):
             for j in range(int(np.ceil(min(a[1], b[1], c[1]))), int(max(a[1], b[1], c[1])) + 1):
@@ -96,5 +96,5 @@ def _find_ends(triangles: Floats, low: Floats, high: Floats) -> None:
                 if u < 0.0 or v < 0.0 or w < 0.0:
                     continue
                 z = u * a[2] + v * b[2] + w * c[2]
-                low[i, j] = min(low[i, j], z)
-                high[i, j] = max(high[i, j], z)
+                low_mm[i, j] = min(low_mm[i, j], z)
+                high_mm[i, j] = max(high_mm[i, j], z)

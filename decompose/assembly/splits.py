@@ -1,9 +1,10 @@
 """Search for the split of a set of parts into two sets that can be moved apart.
 
 Faces that close along their normal can have pins and keys, and the glue stays on them. A split whose faces
-all close is never worse than another one: any way to take the set apart also takes its two halves apart,
-along the same faces or fewer. So there is a choice only if each split slides. Then the splits with the least
-sliding glue are compared by all glue that slides until only single parts remain.
+all close is never worse than another one, because any way to take the whole set apart also takes its two
+halves apart, along the same faces or fewer of them. So there is a choice only if every split slides. In that
+case, the splits with the least sliding glue are compared by the total sliding glue until only single parts
+remain.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 from scipy.sparse.csgraph import connected_components
 
 from decompose.arrays import Bools, Floats, Ints
-from decompose.assembly.shadow import TOUCH_MM
+from decompose.assembly.shadow import MAX_TOUCH_OVERLAP_MM
 from decompose.pieces import Joint
 
 MIN_CLOSING_SHARE = 0.999  # a step slides if a smaller share of its glue closes along its normal
@@ -58,7 +59,7 @@ class Glue:
 
     @classmethod
     def from_joints(cls, count: int, joints: Sequence[Joint], axes: Floats, min_glue_mm2: float) -> Glue:
-        """Build the areas between parts; the directions are the axes, then their opposites.
+        """Build the glue between parts from their joints; the directions are the axes, then their opposites.
 
         Parameters
         ----------
@@ -69,7 +70,7 @@ class Glue:
         axes
             (k, 3) unit vectors.
         min_glue_mm2
-            Minimum area of a joint that counts as holding.
+            Minimum area of a joint whose glue counts as holding.
         """
         area_mm2 = np.zeros((count, count))
         holds = np.zeros((count, count), dtype=np.bool_)
@@ -84,18 +85,19 @@ class Glue:
                     closing_mm2[along, one, other] += face.area_mm2
         return cls(area_mm2, holds, np.concatenate([closing_mm2, closing_mm2]))
 
-    def measure_glued_mm2(self, split: Split) -> float:
+    def measure_glued_area_mm2(self, split: Split) -> float:
         """Measure the area that is glued between both sets of a split."""
         return float(self.area_mm2[split.moved][:, split.fixed].sum())
 
-    def measure_sliding_mm2(self, split: Split) -> float:
+    def measure_sliding_area_mm2(self, split: Split) -> float:
         """Measure the glued area of a split without the faces that close along its direction."""
         closing_mm2 = float(self.closing_mm2[split.direction][split.moved][:, split.fixed].sum())
-        return max(0.0, self.measure_glued_mm2(split) - closing_mm2)
+        return max(0.0, self.measure_glued_area_mm2(split) - closing_mm2)
 
     def is_closing(self, split: Split) -> bool:
         """Check whether all faces of a split close along their normal."""
-        return self.measure_sliding_mm2(split) <= (1.0 - MIN_CLOSING_SHARE) * self.measure_glued_mm2(split)
+        max_sliding_mm2 = (1.0 - MIN_CLOSING_SHARE) * self.measure_glued_area_mm2(split)
+        return self.measure_sliding_area_mm2(split) <= max_sliding_mm2
 
     def count_bodies(self, parts: Bools) -> int:
         """Count the bodies that glue holds together in a set of parts (n,)."""
@@ -133,40 +135,40 @@ class SplitSearch:
     def find_split(self, parts: Bools) -> Split | None:
         """Find the best split of a set (n,) into two that can be moved apart; None if there is none.
 
-        It has as few bodies as possible. Among splits that close, halves of equal size are preferred, because
-        their glue dries at the same time.
+        The split makes as few bodies as possible. Among splits that close, halves of equal size are
+        preferred, because their glue dries at the same time.
         """
         return self._choose_split(
             parts, MAX_COMPARED_SPLITS if len(self._sliding_mm2) < MAX_EXAMINED_SETS else 1
         )
 
     def _choose_split(self, parts: Bools, max_compared: int) -> Split | None:
-        """Choose the best split of a set (n,); compare at most some sliding splits."""
+        """Choose the best split of a set (n,); compare at most `max_compared` sliding splits."""
         splits = self._list_splits(parts)
         if not splits:
             return None
-        splits.sort(key=lambda split: (-split.smaller_count, -self.glue.measure_glued_mm2(split)))
+        splits.sort(key=lambda split: (-split.smaller_count, -self.glue.measure_glued_area_mm2(split)))
         # The split of one body adds a body; a split between loose bodies adds none.
         max_added_bodies = int(self.glue.count_bodies(parts) == 1)
         for split in filter(self.glue.is_closing, splits):
             if self.glue.count_added_bodies(split) <= max_added_bodies:
                 return split
-        sliding = sorted(splits, key=self.glue.measure_sliding_mm2)
+        sliding = sorted(splits, key=self.glue.measure_sliding_area_mm2)
         candidates = (split for split in sliding if self.glue.count_added_bodies(split) <= max_added_bodies)
         compared = list(islice(candidates, max_compared))
         if not compared:
             return min(splits, key=self.glue.count_added_bodies)
-        return compared[0] if len(compared) == 1 else min(compared, key=self._measure_all_sliding_mm2)
+        return compared[0] if len(compared) == 1 else min(compared, key=self._measure_total_sliding_mm2)
 
-    def _measure_all_sliding_mm2(self, split: Split) -> float:
+    def _measure_total_sliding_mm2(self, split: Split) -> float:
         """Measure the sliding glue of a split and of those that follow, each with the least sliding glue."""
-        sliding_mm2 = self.glue.measure_sliding_mm2(split)
+        sliding_mm2 = self.glue.measure_sliding_area_mm2(split)
         for parts in (split.moved, split.fixed):
             key = parts.tobytes()
             if key not in self._sliding_mm2:
                 following = self._choose_split(parts, 1) if parts.sum() > 1 else None
                 self._sliding_mm2[key] = (
-                    0.0 if following is None else self._measure_all_sliding_mm2(following)
+                    0.0 if following is None else self._measure_total_sliding_mm2(following)
                 )
             sliding_mm2 += self._sliding_mm2[key]
         return sliding_mm2
@@ -185,8 +187,8 @@ class SplitSearch:
     def _list_movable_sets(self, direction: int, numbers: Ints) -> Iterator[Bools]:
         """List the sets of parts that can be moved along a direction, as masks over `numbers`.
 
-        These are each part with all parts that block it, the parts beyond a plane that cuts no part, and the
-        bodies of such sets if no other body blocks them.
+        These sets are each part with all parts that block it, the parts beyond a plane that cuts no part, and
+        the bodies of these sets if no other body blocks them.
         """
         blocked_by = self.blocking[direction][np.ix_(numbers, numbers)].T | np.eye(
             len(numbers), dtype=np.bool_
@@ -198,9 +200,9 @@ class SplitSearch:
         yield from distinct.values()
 
     def _list_bodies(self, mask: Bools, numbers: Ints, reach: Bools) -> list[Bools]:
-        """List those bodies of a set of several bodies that no part outside the body blocks."""
-        own = numbers[mask]
-        count, label = connected_components(self.glue.holds[np.ix_(own, own)], directed=False)
+        """List the bodies of a set that no other part blocks; none for a set of a single body."""
+        members = numbers[mask]
+        count, label = connected_components(self.glue.holds[np.ix_(members, members)], directed=False)
         bodies = []
         for body in range(count if count > 1 else 0):
             inside = np.zeros(len(numbers), dtype=np.bool_)
@@ -213,11 +215,11 @@ class SplitSearch:
         """List the sets of parts beyond planes that cut no part, as masks over `numbers`."""
         low, high = self.low_mm[direction, numbers], self.high_mm[direction, numbers]
         planes = np.unique(np.round(low, 3))
-        sides = [low >= at_mm - TOUCH_MM for at_mm in planes]
+        sides = [low >= plane_mm - MAX_TOUCH_OVERLAP_MM for plane_mm in planes]
         return [
             side
-            for at_mm, side in zip(planes, sides, strict=True)
-            if not side.all() and (high[~side] <= at_mm + TOUCH_MM).all()
+            for plane_mm, side in zip(planes, sides, strict=True)
+            if not side.all() and (high[~side] <= plane_mm + MAX_TOUCH_OVERLAP_MM).all()
         ]
 
 

@@ -27,19 +27,19 @@ class Trial:
         Engine, and granularity of its grid.
     yaw_deg
         Angle by which the model is rotated about z.
-    effort_s
+    budget_s
         Budget of the attempt, see `problem.Effort`.
     """
 
     engine: Engine
     granularity: str | int
     yaw_deg: float = 0.0
-    effort_s: float = 0.0
+    budget_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outcome:
-    """Outcome of an attempt: its record, and its result or the error that prevented one."""
+    """Outcome of an attempt: its record, and its result or the error that prevented a result."""
 
     attempt: Attempt
     result: Decomposition | None = None
@@ -66,7 +66,7 @@ def make_attempt(
     on_spent
         Function that is called with the spent effort in seconds, see `problem.Effort`.
     """
-    effort = Effort(trial.effort_s, on_spent=on_spent)
+    effort = Effort(trial.budget_s, on_spent=on_spent)
     options = replace(problem.options, engine=trial.engine, granularity=trial.granularity)
     trial_problem = replace(
         rotate_about_z(problem, trial.yaw_deg),
@@ -83,8 +83,8 @@ def make_attempt(
         makespan_s = result.makespan_s
     except (NoFit, GeometryError, ModelNotSolid) as error:
         failure = error
-        out_of_budget = effort.cut_short and isinstance(error, NoFit)
-        reason = "nothing was found before the budget was spent" if out_of_budget else str(error)
+        is_out_of_budget = effort.is_cut_short and isinstance(error, NoFit)
+        reason = "nothing was found before the budget was spent" if is_out_of_budget else str(error)
     attempt = Attempt(
         trial.engine,
         trial.granularity,
@@ -92,7 +92,7 @@ def make_attempt(
         makespan_s,
         perf_counter() - started_s,
         effort.spent_s,
-        not effort.cut_short,
+        not effort.is_cut_short,
         reason,
     )
     return Outcome(attempt, result, failure)

@@ -1,4 +1,4 @@
-"""Rounds of the engine `best`: the next attempts and their budgets, by pure functions.
+"""Rounds of the engine `best`: the next attempts and their budgets, as pure functions.
 
 The attempts of a round depend only on earlier rounds, not on each other, so that they can run in parallel, in
 any order, with the same result.
@@ -19,14 +19,15 @@ from decompose.results import Attempt, Decomposition
 
 GRID_SHARE = 0.5  # share of the budget for the tables of the first grid, its solves and its bound
 USUAL_SOLVES = 30  # usual number of solves on a grid, each for a different limit
-START_SHARE = 0.5  # minimum remaining budget for another attempt, as a share of the first attempt's effort
+# Minimum remaining budget for another attempt, as a share of the first attempt's effort.
+MIN_START_SHARE = 0.5
 OTHER_GRIDS = (1.1, 0.95, 0.9)  # ratios of the number of cells along a side to that of the first grid
 # Rotations of the model about z; after a quarter turn the grid is the same.
 OTHER_YAWS_DEG = (45.0, 15.0, 75.0, 30.0, 60.0)
 # Minimum gain by a rotation, as a share of the makespan: cuts along the model's own sides are easier to glue.
 MIN_ROTATION_GAIN = 0.01
 MIN_GAIN = 0.03  # minimum possible gain, as a share of the makespan, for which another grid is tried
-SPENT = "not started: the budget was spent"
+SPENT_REASON = "not started: the budget was spent"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,18 +81,18 @@ class SearchState:
             return True
         if result.yaw_deg and not self.yaw_deg:
             result = replace(result, makespan_s=result.makespan_s / (1.0 - MIN_ROTATION_GAIN))
-        return _make_rank(result) < _make_rank(self.best)
+        return _make_sort_key(result) < _make_sort_key(self.best)
 
 
 def plan_next_round(problem: Problem, state: SearchState) -> tuple[Trial, ...]:
     """Plan the attempts that follow those of a state; none at the end of the search.
 
-    The first grid is tried alone. If it is coarser than the usual one, for a small budget, and has no sound
-    result, the usual grid follows with the whole budget, then Parallelobox, because any result is better than
-    none. The next rounds are other grids, rotations of the model about z, and other grids at the best angle.
-    The attempts of a round have equal shares of the remaining budget. A round has as many attempts as can
-    each have the effort of the first one, and at least one; the others form the next round, with the rest of
-    the budget.
+    The first grid is tried alone. If it is coarser than the usual one because the budget is small, and gives
+    no sound result, the usual grid follows with the whole budget, then Parallelobox, because any result is
+    better than none. The next rounds are other grids, rotations of the model about z, and other grids at the
+    best angle. The attempts of a round have equal shares of the remaining budget. A round has at least one
+    attempt, and otherwise as many as can each spend the effort of the first one. The other attempts form the
+    next round, with the rest of the budget.
 
     Parameters
     ----------
@@ -103,19 +104,19 @@ def plan_next_round(problem: Problem, state: SearchState) -> tuple[Trial, ...]:
     budget_s, usual = problem.options.best.budget_s, problem.options.granularity
     first = choose_first_grid(problem)
     if not state.attempts:
-        return (Trial(Engine.GUILLOTINE, first, effort_s=budget_s),)
+        return (Trial(Engine.GUILLOTINE, first, budget_s=budget_s),)
     if not state.has_sound_result and first != usual and len(state.attempts) == 1:
-        return (Trial(Engine.GUILLOTINE, usual, effort_s=budget_s),)
+        return (Trial(Engine.GUILLOTINE, usual, budget_s=budget_s),)
     trials = next(iter(_list_stages(problem, state)), ())
     remaining_s, first_s = compute_remaining_s(problem, state), state.attempts[0].effort_s
-    is_too_little = state.best is not None and remaining_s < START_SHARE * first_s
+    is_too_little = state.best is not None and remaining_s < MIN_START_SHARE * first_s
     if not trials or remaining_s <= 0.0 or is_too_little:
         return ()
     count = len(trials) if first_s <= 0.0 else min(len(trials), max(1, int(remaining_s / first_s)))
-    return tuple(replace(trial, effort_s=remaining_s / count) for trial in trials[:count])
+    return tuple(replace(trial, budget_s=remaining_s / count) for trial in trials[:count])
 
 
-def list_open_attempts(problem: Problem, state: SearchState, reason: str = SPENT) -> list[Attempt]:
+def list_open_attempts(problem: Problem, state: SearchState, reason: str = SPENT_REASON) -> list[Attempt]:
     """List the attempts that a search has not started, as records with a reason.
 
     Parameters
@@ -152,15 +153,15 @@ def _is_first_repeated(problem: Problem, state: SearchState) -> bool:
 
 
 def _list_stages(problem: Problem, state: SearchState) -> list[tuple[Trial, ...]]:
-    """List the attempts that may follow the first grid and are not yet made, by stage."""
+    """List the attempts that may follow the first grid and have not been made yet, by stage."""
     usual = problem.options.granularity
     stages: list[tuple[Trial, ...]] = []
     if not state.has_sound_result:
         stages.append((Trial(Engine.PARALLELOBOX, usual),))
     if usual == "auto" and len(problem.printers) > 1:
         grid = usual if _is_first_repeated(problem, state) else state.attempts[0].granularity
-        is_turned = any(attempt.yaw_deg for attempt in state.attempts)
-        if not is_turned:
+        is_rotated = any(attempt.yaw_deg for attempt in state.attempts)
+        if not is_rotated:
             stages.append(_list_other_grids(problem, state, grid))
         stages.append(tuple(Trial(Engine.GUILLOTINE, grid, yaw_deg) for yaw_deg in OTHER_YAWS_DEG))
         if state.yaw_deg:
@@ -176,13 +177,13 @@ def _list_stages(problem: Problem, state: SearchState) -> list[tuple[Trial, ...]
 
 
 def _list_other_grids(problem: Problem, state: SearchState, grid: str | int) -> tuple[Trial, ...]:
-    """List attempts on similar grids at the best angle, each shape once; none for a small possible gain."""
+    """List attempts on similar grids at the best angle, each shape once; none if the possible gain is low."""
     if state.best is not None and state.best.compute_possible_gain(problem.printers) < MIN_GAIN:
         return ()
-    turned_problem = rotate_about_z(problem, state.yaw_deg)
-    turned_problem = replace(turned_problem, options=replace(problem.options, granularity=grid))
-    extents_mm = turned_problem.model.extents_mm
-    first_cells = turned_problem.choose_granularity(turned_problem.model)
+    rotated_problem = rotate_about_z(problem, state.yaw_deg)
+    rotated_problem = replace(rotated_problem, options=replace(problem.options, granularity=grid))
+    extents_mm = rotated_problem.model.extents_mm
+    first_cells = rotated_problem.choose_granularity(rotated_problem.model)
     shapes = {count_cells(extents_mm, first_cells)}
     trials = []
     for ratio in OTHER_GRIDS:
@@ -212,12 +213,12 @@ def choose_first_grid(problem: Problem) -> str | int:
 
 
 def _estimate_grid_s(shape: tuple[int, int, int]) -> float:
-    """Estimate the effort in s for a grid: its tables, their solves, and the bound that they prove."""
+    """Estimate the effort in s for a grid: its tables, the solves with them, and their bound."""
     boxes = math.prod(n * (n + 1) // 2 for n in shape)
     box_ns = WORK_NS[Work.BOX_PRICED] + WORK_NS[Work.BOX_PROVEN]
     return (boxes * box_ns + USUAL_SOLVES * count_cuts(shape) * WORK_NS[Work.SUM]) / 1e9
 
 
-def _make_rank(result: Decomposition) -> tuple[bool, float, int]:
+def _make_sort_key(result: Decomposition) -> tuple[bool, float, int]:
     """Make the sort key of a result; lower is better."""
     return bool(result.faults), result.makespan_s, len(result.parts)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from decompose.best.attempt import EngineRunner, Outcome, Trial, make_attempt
-from decompose.best.rounds import SPENT, SearchState, list_open_attempts, plan_next_round
+from decompose.best.rounds import SPENT_REASON, SearchState, list_open_attempts, plan_next_round
 from decompose.problem import Problem
 from decompose.progress import report_progress
 from decompose.results import Decomposition
@@ -59,7 +59,7 @@ def _run_round(
 ) -> list[Outcome]:
     """Run the attempts of a round one after the other, and report the spent share of the budget."""
     budget_s = problem.options.best.budget_s
-    spent_s = budget_s - sum(trial.effort_s for trial in trials)  # they share the remaining budget
+    spent_s = budget_s - sum(trial.budget_s for trial in trials)  # the trials share the remaining budget
 
     def report_spent(attempt_s: float) -> None:
         if budget_s > 0.0:
@@ -72,7 +72,7 @@ def _run_round(
     return outcomes
 
 
-def end_rounds(problem: Problem, state: SearchState, reason: str = SPENT) -> Decomposition:
+def end_rounds(problem: Problem, state: SearchState, reason: str = SPENT_REASON) -> Decomposition:
     """End a search: return the best result, or raise the error of the first engine if there is none.
 
     Parameters

@@ -8,16 +8,16 @@ and so is each mm3 of solid in a box.
 
 Cut faces: a line along an axis runs through a length L of solid. A box is at most R long, the longest side of
 a room. So m >= L / R boxes share the line, and one ends and the next begins at m - 1 places, with two cut
-faces each, whether the boxes touch or not. If they do not touch, solid between them is left out, which is
-allowed only far enough from the surface: on a length U of the line at most. This costs at least
+faces each, whether the boxes touch or not. If they do not touch, the solid between them is not printed, which
+is allowed only far enough from the surface, on at most a length U of the line. This costs at least
 
     min(0 if L <= R, 2 k (m - 1) - v U / 3), with the least m >= 2 for which L - U <= m R
 
 more than printing the whole line in one box. Here k is the least price of a mm2 of cut face in any pose, and
 v that of a mm3, a third of which counts for each of the three lines through a point. The integral over all
-lines of the three axes is the cost of cuts less the saving by hollows. It grows with L and falls with U. On a
-fine grid, therefore, L is the longest run of full cells, and U the length of all cells that may be left out;
-all lines in a row of cells have the same L and U.
+lines of the three axes is the cost of cuts less the saving by hollows. It increases with L and decreases with
+U. On a grid, therefore, L is the longest run of full cells, and U the length of all cells that may be left
+out. All lines in a row of cells have the same L and U.
 
 `compute_price_s` subtracts from the price of a box at most the inset over the height of a room, and the rim
 of as much skin as fits into a box whose time is at most the limit of the bound.
@@ -39,11 +39,11 @@ from decompose.grid import Cell, Grid, GridRules, fill_grid, place_planes
 from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 
-CELLS = 64  # cube root of the number of cells, which is enough for a wall of 10 mm in a model of 450 mm
-NO_COS = 1.0  # no normal has a larger component
+CELLS_PER_SIDE = 64  # cube root of the number of cells; enough for a wall of 10 mm in a model of 450 mm
+UNREACHED_COS = 1.0  # no component of a unit normal is larger
 
 
-def bound_any_boxes_s(
+def compute_any_boxes_bound_s(
     triangles: Floats, printers: Sequence[PrinterRoom], cost: CostModel, wall_mm: float, makespan_s: float
 ) -> float:
     """Compute a lower bound on the makespan of all partitions of a solid into axis-parallel boxes.
@@ -57,43 +57,43 @@ def bound_any_boxes_s(
     cost
         Print time of a part.
     wall_mm
-        Distance from the surface within which all solid is in a box; inf for all solid.
+        Distance from the surface within which all solid must be in a box; inf if all solid must be.
     makespan_s
         Upper limit of the bound, such as the makespan of a known partition. It also limits the saving by
-        rims, because partitions that end later are above the bound in any case.
+        rims, because partitions with a longer makespan are above the bound in any case.
 
     Returns
     -------
     float
         Seconds.
     """
-    factors = [printer.time_factor for printer in printers]
+    time_factors = [printer.time_factor for printer in printers]
     rooms_mm = np.array([box for printer in printers for box in printer.boxes])
     volume_mm3 = float(
         np.einsum("ij,ij->", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])) / 6.0
     )
     work_s = _price_least_surface_s(triangles, cost) + cost.volume_s_mm3 * volume_mm3
     grid = _build_grid(triangles)
-    may_hollow = _find_unneeded_cells(grid, wall_mm)
+    may_omit = _find_unneeded_cells(grid, wall_mm)
     for axis in range(3):
-        solid_mm, hollow_mm, area_mm2 = _measure_rows(grid, may_hollow, axis).T
+        solid_mm, hollow_mm, area_mm2 = _measure_rows(grid, may_omit, axis).T
         work_s += float((area_mm2 * _price_cuts_s_mm2(solid_mm, hollow_mm, rooms_mm.max(), cost)).sum())
     saved_s = cost.inset_s_mm * float(rooms_mm[:, 2].max())
-    saved_s += _compute_max_rim_s(cost, makespan_s / min(factors))
+    saved_s += _compute_max_rim_s(cost, makespan_s / min(time_factors))
     per_part_s = cost.fixed_s - saved_s
-    per_part_s *= min(factors) if per_part_s > 0.0 else max(factors)
-    return min(makespan_s, max(0.0, work_s / sum(1.0 / factor for factor in factors) + per_part_s))
+    per_part_s *= min(time_factors) if per_part_s > 0.0 else max(time_factors)
+    return min(makespan_s, max(0.0, work_s / sum(1.0 / factor for factor in time_factors) + per_part_s))
 
 
 def _price_least_surface_s(triangles: Floats, cost: CostModel) -> float:
     """Price the surface of triangles (m, 3, 3) in s, each face in the cheapest of its axis poses."""
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    lengths = np.linalg.norm(cross, axis=1)
-    cosines = np.abs(cross) / np.maximum(lengths, np.finfo(float).tiny)[:, None]
+    doubled_areas_mm2 = np.linalg.norm(cross, axis=1)
+    cosines = np.abs(cross) / np.maximum(doubled_areas_mm2, np.finfo(float).tiny)[:, None]
     upright = np.sqrt(np.maximum(0.0, 1.0 - cosines * cosines))
     skin = cost.skin_s_mm2 * cosines + cost.slope_s_mm2 * upright
-    prices = cost.lateral_s_mm2 * upright + (cosines > cost.skin_cos) * skin
-    return float((prices.min(axis=1) * lengths).sum() / 2.0)
+    prices_s_mm2 = cost.lateral_s_mm2 * upright + (cosines > cost.skin_cos) * skin
+    return float((prices_s_mm2.min(axis=1) * doubled_areas_mm2).sum() / 2.0)
 
 
 def _price_cuts_s_mm2(solid_mm: Floats, hollow_mm: Floats, longest_mm: float, cost: CostModel) -> Floats:
@@ -120,42 +120,44 @@ def _compute_max_rim_s(cost: CostModel, makespan_s: float) -> float:
     """Compute the maximum time that `compute_price_s` subtracts for the rims of skin within a makespan."""
     if not cost.skin_s_mm2:
         return 0.0
-    rim, skin = cost.skin_rim_s_mm, cost.skin_s_mm2
-    return rim * (rim + math.sqrt(rim * rim + 4.0 * skin * makespan_s)) / (2.0 * skin)
+    rim_s_mm, skin = cost.skin_rim_s_mm, cost.skin_s_mm2
+    return rim_s_mm * (rim_s_mm + math.sqrt(rim_s_mm * rim_s_mm + 4.0 * skin * makespan_s)) / (2.0 * skin)
 
 
 def _build_grid(triangles: Floats) -> Grid:
     """Build a grid of nearly cubic cells over triangles (m, 3, 3) in mm."""
     lo_mm, hi_mm = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
-    edge_mm = float(np.prod(hi_mm - lo_mm) ** (1.0 / 3.0)) / CELLS
+    edge_mm = float(np.prod(hi_mm - lo_mm) ** (1.0 / 3.0)) / CELLS_PER_SIDE
     px, py, pz = (
         place_planes(lo, hi, max(1, round((hi - lo) / edge_mm)), np.zeros(0))
         for lo, hi in zip(lo_mm.tolist(), hi_mm.tolist(), strict=True)
     )
-    return fill_grid(triangles, (px, py, pz), GridRules(0.0, True, NO_COS, NO_COS))
+    return fill_grid(triangles, (px, py, pz), GridRules(0.0, True, UNREACHED_COS, UNREACHED_COS))
 
 
 def _find_unneeded_cells(grid: Grid, wall_mm: float) -> Bools:
     """Find the cells (nx, ny, nz) with solid that may be further from the surface than the wall.
 
-    A cell is excluded if all of it is within the wall of every point of the box around the surface in a cell
-    near it.
+    A cell is excluded if all of it is closer than the wall thickness to every point of the bounding box of
+    the surface in a nearby cell.
     """
     has_surface = grid.cells == Cell.BOUNDARY
     surface = grid.surface[has_surface]
-    centres, halves = (surface[:, :3] + surface[:, 3:]) / 2.0, (surface[:, 3:] - surface[:, :3]) / 2.0
+    centres_mm, halves_mm = (surface[:, :3] + surface[:, 3:]) / 2.0, (surface[:, 3:] - surface[:, :3]) / 2.0
     cells = np.argwhere(grid.needed)
-    low, high = (
+    low_mm, high_mm = (
         np.stack([grid.planes[a][cells[:, a] + side] for a in range(3)], axis=1) for side in range(2)
     )
-    _, nearest = cKDTree(centres).query((low + high) / 2.0)
-    reach_mm = np.abs((low + high) / 2.0 - centres[nearest]) + (high - low) / 2.0 + halves[nearest]
+    _, nearest = cKDTree(centres_mm).query((low_mm + high_mm) / 2.0)
+    reach_mm = (
+        np.abs((low_mm + high_mm) / 2.0 - centres_mm[nearest]) + (high_mm - low_mm) / 2.0 + halves_mm[nearest]
+    )
     is_unneeded = np.zeros(grid.needed.shape, np.bool_)
     is_unneeded[tuple(cells.T)] = np.linalg.norm(reach_mm, axis=1) > wall_mm
     return is_unneeded
 
 
-def _measure_rows(grid: Grid, may_hollow: Bools, axis: int) -> Floats:
+def _measure_rows(grid: Grid, may_omit: Bools, axis: int) -> Floats:
     """Measure the blocks of cells with solid in each row along an axis.
 
     Returns
@@ -174,18 +176,18 @@ def _measure_rows(grid: Grid, may_hollow: Bools, axis: int) -> Floats:
     full_starts, full_ends = _find_runs(grid.cells == Cell.INTERNAL, axis)
     full_mm = places_mm[full_ends[:, 2]] - places_mm[full_starts[:, 2]]
     np.maximum.at(longest_mm, blocks[tuple(full_starts.T)], full_mm)
-    left_out = np.argwhere(np.moveaxis(may_hollow, axis, 2))
-    np.add.at(hollow_mm, blocks[tuple(left_out.T)], np.diff(places_mm)[left_out[:, 2]])
+    omitted = np.argwhere(np.moveaxis(may_omit, axis, 2))
+    np.add.at(hollow_mm, blocks[tuple(omitted.T)], np.diff(places_mm)[omitted[:, 2]])
     return np.stack([longest_mm, hollow_mm, a_mm[starts[:, 0]] * b_mm[starts[:, 1]]], axis=1)
 
 
 def _find_runs(cells: Bools, axis: int) -> tuple[Ints, Ints]:
-    """Find the begin and the end of each run of cells (nx, ny, nz) along an axis.
+    """Find the start and the end of each run of cells (nx, ny, nz) along an axis.
 
     Returns
     -------
     tuple
-        (k, 3) int64 indices of the begins, and (k, 3) of the ends; the axis is the last column.
+        (k, 3) int64 indices of the starts, and (k, 3) of the ends; the axis is the last column.
     """
     rows = np.moveaxis(cells, axis, 2).astype(np.int8)
     steps = np.diff(np.pad(rows, ((0, 0), (0, 0), (1, 1))), axis=2)

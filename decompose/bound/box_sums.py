@@ -1,4 +1,4 @@
-"""Sums over the cells in boxes, and over the boxes on cells, by summed-area tables."""
+"""Sums of the cells in each box, and of the boxes over each cell, by summed-area tables."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from decompose.jit import jit
 
 
 @jit
-def sum_in_boxes(cells: Floats, corners: Ints, sums: Floats, in_box: Floats) -> None:
+def sum_in_boxes(cells: Floats, corners: Ints, sums: Floats, box_sums: Floats) -> None:
     """Sum the values of cells in each box, by a summed-area table.
 
     Parameters
@@ -20,7 +20,7 @@ def sum_in_boxes(cells: Floats, corners: Ints, sums: Floats, in_box: Floats) -> 
         (k, 8) int64 of `find_corners`.
     sums
         (nx + 1, ny + 1, nz + 1) float64 workspace for the summed-area table; its first layers are 0.
-    in_box
+    box_sums
         (k,) float64 sums, filled in.
     """
     nx, ny, nz = cells.shape
@@ -36,11 +36,11 @@ def sum_in_boxes(cells: Floats, corners: Ints, sums: Floats, in_box: Floats) -> 
     for k in range(len(corners)):
         c = corners[k]
         added = s[c[0]] + s[c[1]] + s[c[2]] + s[c[3]]
-        in_box[k] = added - s[c[4]] - s[c[5]] - s[c[6]] - s[c[7]]
+        box_sums[k] = added - s[c[4]] - s[c[5]] - s[c[6]] - s[c[7]]
 
 
 @jit
-def sum_over_cells(shares: Floats, corners: Ints, steps: Floats, covered: Floats) -> None:
+def sum_over_cells(shares: Floats, corners: Ints, steps: Floats, cell_sums: Floats) -> None:
     """Sum, for each cell, the shares of the boxes that cover it.
 
     Parameters
@@ -50,8 +50,9 @@ def sum_over_cells(shares: Floats, corners: Ints, steps: Floats, covered: Floats
     corners
         (k, 8) int64 of `find_corners`.
     steps
-        (nx + 1, ny + 1, nz + 1) float64 workspace for the differences where boxes begin and end.
-    covered
+        (nx + 1, ny + 1, nz + 1) float64 workspace for the differences at the places where boxes begin and
+        end.
+    cell_sums
         (nx, ny, nz) float64 sums, filled in.
     """
     s = steps.ravel()
@@ -62,20 +63,20 @@ def sum_over_cells(shares: Floats, corners: Ints, steps: Floats, covered: Floats
         for i in range(4):
             s[corners[k, i]] -= shares[k]
             s[corners[k, i + 4]] += shares[k]
-    nx, ny, nz = covered.shape
+    nx, ny, nz = cell_sums.shape
     for x in range(nx):
         for y in range(ny):
             run = 0.0
             for z in range(nz):
                 run += steps[x, y, z]
-                v = run
+                total = run
                 if x > 0:
-                    v += covered[x - 1, y, z]
+                    total += cell_sums[x - 1, y, z]
                 if y > 0:
-                    v += covered[x, y - 1, z]
+                    total += cell_sums[x, y - 1, z]
                 if x > 0 and y > 0:
-                    v -= covered[x - 1, y - 1, z]
-                covered[x, y, z] = v
+                    total -= cell_sums[x - 1, y - 1, z]
+                cell_sums[x, y, z] = total
 
 
 def find_corners(boxes: Ints, shape: tuple[int, int, int]) -> Ints:
@@ -97,9 +98,19 @@ def find_corners(boxes: Ints, shape: tuple[int, int, int]) -> Ints:
     _, ny, nz = shape
     x0, y0, z0, x1, y1, z1 = boxes.T
 
-    def find_index(x: Ints, y: Ints, z: Ints) -> Ints:
+    def compute_index(x: Ints, y: Ints, z: Ints) -> Ints:
         return (x * (ny + 1) + y) * (nz + 1) + z
 
-    positive = find_index(x1, y1, z1), find_index(x0, y0, z1), find_index(x0, y1, z0), find_index(x1, y0, z0)
-    negative = find_index(x0, y1, z1), find_index(x1, y0, z1), find_index(x1, y1, z0), find_index(x0, y0, z0)
+    positive = (
+        compute_index(x1, y1, z1),
+        compute_index(x0, y0, z1),
+        compute_index(x0, y1, z0),
+        compute_index(x1, y0, z0),
+    )
+    negative = (
+        compute_index(x0, y1, z1),
+        compute_index(x1, y0, z1),
+        compute_index(x1, y1, z0),
+        compute_index(x0, y0, z0),
+    )
     return np.ascontiguousarray(np.stack([*positive, *negative], axis=1))

@@ -1,8 +1,8 @@
-"""Fractional covering of cells by the fewest boxes: a linear programme over all boxes within a time.
+"""Fractional covering of cells by the fewest boxes: a linear programme over all boxes within a time limit.
 
-Only the boxes within the time that are not part of a larger one are used. These are tens of thousands, with
-too many cells each for a simplex method; but a summed-area table gives the sum over a box in O(1). So the
-programme is solved by the primal-dual hybrid gradient method (Chambolle and Pock 2011), with averages,
+Only the boxes within the limit that are not part of a larger one are used. There are tens of thousands of
+them, with too many cells each for a simplex method, but a summed-area table gives the sum over a box in O(1).
+So the programme is solved by the primal-dual hybrid gradient method (Chambolle and Pock 2011), with averages,
 restarts and the balance of the steps as in PDLP (Applegate et al. 2021).
 """
 
@@ -20,10 +20,10 @@ from decompose.bound.largest_boxes import find_largest_boxes
 from decompose.grid import BoxTables
 from decompose.jit import jit
 
-RESTARTS, STEPS = 60, 100  # maximum number of restarts, and number of steps between them
+MAX_RESTARTS, RESTART_STEPS = 60, 100  # maximum number of restarts, and number of steps between them
 # Minimum weight of a box that may get a share before the next restart, as a share of its maximum weight.
-ACTIVE_SHARE = 0.9
-TOLERANCE = 1e-4  # the search stops when the fewest boxes exceed the printers by this share
+MIN_ACTIVE_SHARE = 0.9
+TOLERANCE = 1e-4  # the search stops when the fewest boxes exceed the number of printers by this share
 BOUND_TOLERANCE = 1e-3  # the search stops when the bounds on the fewest boxes differ by this share
 
 
@@ -34,11 +34,11 @@ class Covering:
     Attributes
     ----------
     weights
-        (nx, ny, nz) float64 weights of needed cells, at least 0. The weight in a box within the time is at
+        (nx, ny, nz) float64 weights of needed cells, at least 0. The weight in a box within the limit is at
         most its number of pieces (except for rounding), so that the sum of all weights is a lower bound on
         the pieces of any covering.
     boxes
-        (k, 6) int16 boxes within the time that are not part of a larger one.
+        (k, 6) int16 boxes within the limit that are not part of a larger one.
     shares
         (k,) float64 share of each box in the covering; their sum is near the minimum.
     """
@@ -59,7 +59,7 @@ class _Programme(NamedTuple):
         (k, 8) int64 of `find_corners`.
     pieces
         (k,) float64 number of pieces of each box.
-    content
+    needed_counts
         (k,) float64 number of needed cells in each box.
     overlap
         (nx, ny, nz) float64 number of boxes over each cell.
@@ -68,7 +68,7 @@ class _Programme(NamedTuple):
     needed: Bools
     corners: Ints
     pieces: Floats
-    content: Floats
+    needed_counts: Floats
     overlap: Floats
 
 
@@ -86,9 +86,9 @@ class _Workspace(NamedTuple):
     ----------
     sums, steps
         (nx + 1, ny + 1, nz + 1), see `sum_in_boxes` and `sum_over_cells`.
-    in_box
+    box_sums
         (k,) weight in each box.
-    covered
+    cell_sums
         (nx, ny, nz) sum of the shares over each cell.
     extrapolated
         (k,) shares extrapolated by one step.
@@ -96,8 +96,8 @@ class _Workspace(NamedTuple):
 
     sums: Floats
     steps: Floats
-    in_box: Floats
-    covered: Floats
+    box_sums: Floats
+    cell_sums: Floats
     extrapolated: Floats
 
 
@@ -114,29 +114,29 @@ def _advance_step(p: _Programme, work: _Workspace, balance: float, current: _Ite
     balance
         Ratio of the steps in shares to those in weights.
     current, mean
-        Iterate, and mean of the iterates of `STEPS` steps; both are updated in place.
+        Iterate, and mean of the iterates of `RESTART_STEPS` steps; both are updated in place.
     """
     shares, weights = current.shares, current.weights
-    sum_in_boxes(weights, p.corners, work.sums, work.in_box)
+    sum_in_boxes(weights, p.corners, work.sums, work.box_sums)
     for k in range(len(shares)):
-        share = max(0.0, shares[k] + balance / p.content[k] * (work.in_box[k] - p.pieces[k]))
+        share = max(0.0, shares[k] + balance / p.needed_counts[k] * (work.box_sums[k] - p.pieces[k]))
         work.extrapolated[k] = 2.0 * share - shares[k]
         shares[k] = share
-        mean.shares[k] += share / STEPS
-    sum_over_cells(work.extrapolated, p.corners, work.steps, work.covered)
+        mean.shares[k] += share / RESTART_STEPS
+    sum_over_cells(work.extrapolated, p.corners, work.steps, work.cell_sums)
     nx, ny, nz = p.needed.shape
     for x in range(nx):
         for y in range(ny):
             for z in range(nz):
                 if p.needed[x, y, z]:
-                    step = (1.0 - work.covered[x, y, z]) / (p.overlap[x, y, z] * balance)
+                    step = (1.0 - work.cell_sums[x, y, z]) / (p.overlap[x, y, z] * balance)
                     weights[x, y, z] = max(0.0, weights[x, y, z] + step)
-                    mean.weights[x, y, z] += weights[x, y, z] / STEPS
+                    mean.weights[x, y, z] += weights[x, y, z] / RESTART_STEPS
 
 
 @jit
 def _advance_active_boxes(p: _Programme, work: _Workspace, balance: float, current: _Iterate) -> _Iterate:
-    """Take `STEPS` steps with the boxes that may get a share in these; return the mean of the iterates.
+    """Take `RESTART_STEPS` steps with the boxes that may get a share; return the mean of the iterates.
 
     These boxes have a share, or almost their maximum weight. The bounds on the fewest boxes use all boxes.
 
@@ -147,12 +147,12 @@ def _advance_active_boxes(p: _Programme, work: _Workspace, balance: float, curre
     current
         Iterate, updated in place.
     """
-    sum_in_boxes(current.weights, p.corners, work.sums, work.in_box)
-    active = np.flatnonzero((current.shares > 0.0) | (work.in_box > ACTIVE_SHARE * p.pieces))
-    programme = _Programme(p.needed, p.corners[active], p.pieces[active], p.content[active], p.overlap)
+    sum_in_boxes(current.weights, p.corners, work.sums, work.box_sums)
+    active = np.flatnonzero((current.shares > 0.0) | (work.box_sums > MIN_ACTIVE_SHARE * p.pieces))
+    programme = _Programme(p.needed, p.corners[active], p.pieces[active], p.needed_counts[active], p.overlap)
     iterate = _Iterate(current.shares[active], current.weights)
     mean = _Iterate(np.zeros(len(active)), np.zeros(p.needed.shape))
-    for _ in range(STEPS):
+    for _ in range(RESTART_STEPS):
         _advance_step(programme, work, balance, iterate, mean)
     current.shares[active] = iterate.shares
     shares = np.zeros(len(p.pieces))
@@ -176,17 +176,17 @@ def _find_feasibility_divisors(p: _Programme, work: _Workspace, iterate: _Iterat
     tuple
         Greatest weight per piece in any box, and least sum of shares over a needed cell.
     """
-    sum_in_boxes(iterate.weights, p.corners, work.sums, work.in_box)
-    sum_over_cells(iterate.shares, p.corners, work.steps, work.covered)
+    sum_in_boxes(iterate.weights, p.corners, work.sums, work.box_sums)
+    sum_over_cells(iterate.shares, p.corners, work.steps, work.cell_sums)
     heaviest_box, least_covered_cell = 1e-12, np.inf
     for k in range(len(p.pieces)):
-        heaviest_box = max(heaviest_box, work.in_box[k] / p.pieces[k])
+        heaviest_box = max(heaviest_box, work.box_sums[k] / p.pieces[k])
     nx, ny, nz = p.needed.shape
     for x in range(nx):
         for y in range(ny):
             for z in range(nz):
                 if p.needed[x, y, z]:
-                    least_covered_cell = min(least_covered_cell, work.covered[x, y, z])
+                    least_covered_cell = min(least_covered_cell, work.cell_sums[x, y, z])
     return heaviest_box, max(least_covered_cell, 1e-12)
 
 
@@ -208,10 +208,10 @@ def _search_best_iterate(p: _Programme, work: _Workspace, printers: int, current
     best_weights, best_shares = current.weights.copy(), current.shares.copy()
     lower, upper = 0.0, np.inf  # the sums of both are the bounds on the fewest boxes
     balance = 0.05 * len(p.pieces) / p.needed.sum()
-    for _ in range(RESTARTS):
+    for _ in range(MAX_RESTARTS):
         old = _Iterate(current.shares.copy(), current.weights.copy())
         mean = _advance_active_boxes(p, work, balance, current)
-        closest, restart = np.inf, mean
+        smallest_gap, restart = np.inf, mean
         for iterate in (_Iterate(current.shares.copy(), current.weights.copy()), mean):
             heaviest_box, least_covered_cell = _find_feasibility_divisors(p, work, iterate)
             low, high = (
@@ -222,18 +222,18 @@ def _search_best_iterate(p: _Programme, work: _Workspace, printers: int, current
                 lower, best_weights = low, iterate.weights / heaviest_box
             if high < upper:
                 upper, best_shares = high, iterate.shares / least_covered_cell
-            if high - low < closest:
-                closest, restart = high - low, iterate
+            if high - low < smallest_gap:
+                smallest_gap, restart = high - low, iterate
         if (
             lower > printers * (1.0 + TOLERANCE)
             or upper <= printers
             or upper - lower < BOUND_TOLERANCE * lower
         ):
             break
-        by_shares = ((restart.shares - old.shares) ** 2 * p.content).sum()
-        by_weights = ((restart.weights - old.weights) ** 2 * p.overlap).sum()
-        if by_shares > 0.0 and by_weights > 0.0:
-            balance = np.sqrt(balance * np.sqrt(by_shares / by_weights))
+        share_distance = ((restart.shares - old.shares) ** 2 * p.needed_counts).sum()
+        weight_distance = ((restart.weights - old.weights) ** 2 * p.overlap).sum()
+        if share_distance > 0.0 and weight_distance > 0.0:
+            balance = np.sqrt(balance * np.sqrt(share_distance / weight_distance))
         current.shares[:], current.weights[:] = restart.shares, restart.weights
     return _Iterate(best_shares, best_weights)
 
@@ -249,7 +249,7 @@ def _solve_programme(
     needed, corners, pieces, overlap
         Arrays of `_Programme`.
     printers
-        Number of pieces: the search ends when it is known whether more are needed.
+        Maximum number of pieces; the search ends when it is known whether more are needed.
     weights
         (nx, ny, nz) float64 initial weights, updated in place.
     """
@@ -262,13 +262,13 @@ def _solve_programme(
         np.zeros((nx, ny, nz)),
         np.zeros(len(pieces)),
     )
-    sum_in_boxes(needed.astype(np.float64), corners, work.sums, programme.content)
+    sum_in_boxes(needed.astype(np.float64), corners, work.sums, programme.needed_counts)
     shares = np.full(len(pieces), weights.sum() / pieces.sum())
     return _search_best_iterate(programme, work, printers, _Iterate(shares, weights))
 
 
 def cover_cells(boxes: BoxTables, needed: Bools, limit_s: float, printers: int, weights: Floats) -> Covering:
-    """Cover the needed cells by the fewest boxes within a time; fractions of boxes are allowed.
+    """Cover the needed cells by the fewest boxes within a time limit; fractions of boxes are allowed.
 
     Parameters
     ----------
@@ -279,14 +279,14 @@ def cover_cells(boxes: BoxTables, needed: Bools, limit_s: float, printers: int, 
     limit_s
         Maximum time of a box.
     printers
-        Number of pieces: the search ends when it is known whether more are needed.
+        Maximum number of pieces; the search ends when it is known whether more are needed.
     weights
         (nx, ny, nz) float64 initial weights, 0 if a cell is not needed.
 
     Returns
     -------
     Covering
-        Covering near the minimum. If a needed cell is in no box within the time, there is no covering, and
+        Covering near the minimum. If a needed cell is in no box within the limit, there is no covering, and
         all weight is on that cell.
     """
     total = int((boxes.seconds <= limit_s).sum())

@@ -1,4 +1,4 @@
-"""Largest boxes within a time: those that no larger box can replace in a covering."""
+"""Largest boxes within a time limit: those that no larger box can replace in a covering."""
 
 from __future__ import annotations
 

@@ -26,8 +26,8 @@ from decompose.grid import BoxTables, index_interval
 from decompose.jit import jit
 from decompose.print_time import MAX_INSET_SHARE, CostModel
 
-UNIT = 1 << 24  # weight of a whole part before rounding to whole numbers
-MAX_LIMITS = 30  # maximum number of times T that are tested
+WEIGHT_UNIT = 1 << 24  # weight of a whole part before rounding to whole numbers
+MAX_LIMITS = 30  # maximum number of limits T that are tested
 FIRST_SHARE = 0.95  # the search begins at this share of a good partition's makespan
 TOLERANCE = 0.005  # accuracy of the bound, as a share of it
 
@@ -39,7 +39,7 @@ class Bound:
     Attributes
     ----------
     seconds
-        Time that the slowest box takes at least, in every partition into no more pieces than printers.
+        Minimum time of the slowest box in any partition into at most as many pieces as there are printers.
     weights
         (nx, ny, nz) int64 weights of the cells; 0 if a cell is not needed.
     """
@@ -57,7 +57,7 @@ def _find_proven_s(
     trimmed: npt.NDArray[np.int32],
     pieces: npt.NDArray[np.int16],
 ) -> float:
-    """Find the time of the fastest box that holds the share of weight of its pieces.
+    """Find the time of the fastest box that holds at least the share of weight for its number of pieces.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def _find_proven_s(
     nx, ny, nz = weight_sums.shape[0] - 1, weight_sums.shape[1] - 1, weight_sums.shape[2] - 1
     ty, tz = ny * (ny + 1) // 2, nz * (nz + 1) // 2
     total = weight_sums[nx, ny, nz]
-    proven = makespan_s
+    proven_s = makespan_s
     for x0 in range(nx):
         for x1 in range(x0 + 1, nx + 1):
             ix = index_interval(x0, x1, nx)
@@ -83,7 +83,7 @@ def _find_proven_s(
                     for z0 in range(nz):
                         for z1 in range(z0 + 1, nz + 1):
                             box = row + index_interval(z0, z1, nz)
-                            if not seconds[box] < proven or trimmed[box] != box:
+                            if not seconds[box] < proven_s or trimmed[box] != box:
                                 continue
                             weight = (
                                 weight_sums[x1, y1, z1]
@@ -98,13 +98,13 @@ def _find_proven_s(
                                 - weight_sums[x0, y0, z0]
                             )
                             if weight * printers >= pieces[box] * total:
-                                proven = float(seconds[box])
-    return proven
+                                proven_s = float(seconds[box])
+    return proven_s
 
 
 def _compute_bound(boxes: BoxTables, weights: Floats, printers: int, makespan_s: float) -> Bound:
     """Compute the bound that some weights prove."""
-    whole_weights = np.floor(weights * UNIT).astype(np.int64)
+    whole_weights = np.floor(weights * WEIGHT_UNIT).astype(np.int64)
     weight_sums = np.pad(whole_weights, ((1, 0),) * 3).cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
     tables = (boxes.seconds, boxes.trimmed, boxes.pieces)
     return Bound(_find_proven_s(weight_sums, printers, makespan_s, *tables), whole_weights)
@@ -123,37 +123,37 @@ def bound_makespan(boxes: BoxTables, needed: Bools, printers: int, makespan_s: f
     printers
         Maximum number of pieces.
     makespan_s
-        Makespan, by the tables, of a partition into that many pieces.
+        Makespan of a partition into that many pieces, according to the tables.
 
     Returns
     -------
     Bound
-        Best proven bound. It is below the optimum by the gain of fractional boxes, and by the remaining error
-        of the linear programmes.
+        Best proven bound. It is below the optimum because fractions of boxes are allowed, and because the
+        linear programmes are solved approximately.
     """
     weights = needed * (printers / needed.sum())
     low = _compute_bound(boxes, weights, printers, makespan_s)
-    high, limit = makespan_s, FIRST_SHARE * makespan_s
+    high_s, limit_s = makespan_s, FIRST_SHARE * makespan_s
     for _ in range(MAX_LIMITS):
-        if high <= low.seconds * (1.0 + TOLERANCE):
+        if high_s <= low.seconds * (1.0 + TOLERANCE):
             break
-        if limit <= low.seconds:
-            limit = (low.seconds + high) / 2.0
-        weights = cover_cells(boxes, needed, limit, printers, weights).weights
+        if limit_s <= low.seconds:
+            limit_s = (low.seconds + high_s) / 2.0
+        weights = cover_cells(boxes, needed, limit_s, printers, weights).weights
         proof = _compute_bound(boxes, weights, printers, makespan_s)
         low = max(low, proof, key=lambda bound: bound.seconds)
-        if proof.seconds <= limit:
-            high = limit
-        limit = (low.seconds + high) / 2.0
+        if proof.seconds <= limit_s:
+            high_s = limit_s
+        limit_s = (low.seconds + high_s) / 2.0
     return low
 
 
-def bound_by_surface_s(area_mm2: float, volume_mm3: float, printers: int, cost: CostModel) -> float:
+def compute_surface_bound_s(area_mm2: float, volume_mm3: float, printers: int, cost: CostModel) -> float:
     """Compute a lower bound on the makespan of any partition that prints a surface and a volume.
 
     In the best case, all of the surface is level skin, or the flattest slope without skin; cuts, supports,
     brims and minimum layer times only add to it. At most `printers` parts share the work, each with its fixed
-    time; the savings of each part by shorter inner walls, and by walls over the rim of its skin, are
+    time. The savings of each part by shorter inner walls, and by walls over the rim of its skin, are
     subtracted.
 
     Parameters
@@ -170,9 +170,9 @@ def bound_by_surface_s(area_mm2: float, volume_mm3: float, printers: int, cost: 
     float
         Seconds.
     """
-    slope = cost.lateral_s_mm2 * math.sqrt(max(0.0, 1.0 - cost.skin_cos**2))
-    surface = area_mm2 * min(slope, cost.skin_s_mm2)
+    slope_s_mm2 = cost.lateral_s_mm2 * math.sqrt(max(0.0, 1.0 - cost.skin_cos**2))
+    surface_s = area_mm2 * min(slope_s_mm2, cost.skin_s_mm2)
     # c S - r sqrt(S) is at least (1 - k) c S - r^2 / (4 k c), for any share k.
     rim_s = cost.skin_rim_s_mm**2 / (4.0 * MAX_INSET_SHARE * cost.skin_s_mm2) if cost.skin_s_mm2 else 0.0
-    shared_s = (1.0 - MAX_INSET_SHARE) * surface + cost.volume_s_mm3 * volume_mm3
+    shared_s = (1.0 - MAX_INSET_SHARE) * surface_s + cost.volume_s_mm3 * volume_mm3
     return cost.fixed_s + max(0.0, shared_s / printers - rim_s)

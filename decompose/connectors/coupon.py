@@ -9,12 +9,12 @@ import numpy as np
 
 from decompose.arrays import Floats
 from decompose.connectors.keys import (
-    SHORT_MM,
+    SHORT_KEY_MM,
     choose_key_lengths_mm,
-    compute_bottom_mm,
+    compute_bottom_length_mm,
     compute_groove_depth_mm,
 )
-from decompose.connectors.pins import END_MM, choose_depths_mm
+from decompose.connectors.pins import END_GAP_MM, choose_depths_mm
 from decompose.connectors.records import Mark, Tool
 from decompose.connectors.strokes import GRID_HEIGHT, draw_strokes
 from decompose.connectors.tools import make_groove, make_hole
@@ -22,12 +22,12 @@ from decompose.errors import DecomposeError
 from decompose.geometry import Solid
 
 FITS_MM = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7)
-GAUGE_FIT_MM = 0.8  # clearance of the gauges, which a pin enters easily
-LETTERS_MM, GROOVE_MM = 6.0, 0.5
+GAUGE_FIT_MM = 0.8  # clearance of the gauges, into which a pin slides easily
+LETTER_HEIGHT_MM, GROOVE_DEPTH_MM = 6.0, 0.5
 GAP_MM = 3.0  # gap between holes, numbers and edges
 PLATE_GAP_MM = 6.0  # gap between the block and the plate
 UP = np.array([0.0, 0.0, 1.0])
-INWARDS, DOWNWARDS = np.array([0.0, 1.0, 0.0]), -UP
+INWARD, DOWN = np.array([0.0, 1.0, 0.0]), -UP
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +46,7 @@ class Coupon:
         Numbers of the holes, then of the grooves in the block: fits in tenths of a millimetre, and lengths in
         millimetres.
     fits_mm, lengths_mm
-        Fits of the holes on each side, and lengths of pins and keys that end flush in the gauges.
+        Fits of the holes and grooves, and lengths of pins and keys that end flush in the gauges.
     """
 
     solid: Solid
@@ -71,29 +71,29 @@ class _Layout:
     @property
     def lengths_mm(self) -> tuple[float, ...]:
         """Lengths of all pins and keys of the diameter, the longest first."""
-        pins_mm = {2.0 * (depth_mm - END_MM) for depth_mm in choose_depths_mm(self.pin_mm)}
+        pins_mm = {2.0 * (depth_mm - END_GAP_MM) for depth_mm in choose_depths_mm(self.pin_mm)}
         return tuple(sorted(pins_mm | {*choose_key_lengths_mm(self.pin_mm)}, reverse=True))
 
     @property
     def mouth_mm(self) -> float:
         """Length of the mouth of the longest groove, slightly overestimated."""
-        return SHORT_MM + 2.0 * compute_groove_depth_mm(self.pin_mm, FITS_MM[-1])
+        return SHORT_KEY_MM + 2.0 * compute_groove_depth_mm(self.pin_mm, FITS_MM[-1])
 
     @property
     def height_mm(self) -> float:
         """Height of the block and of the plate."""
         below_letters_mm = max(2.0 * self.pin_mm, self.mouth_mm)
-        return max(self.lengths_mm[0] + GAP_MM, below_letters_mm + LETTERS_MM + 3.0 * GAP_MM)
+        return max(self.lengths_mm[0] + GAP_MM, below_letters_mm + LETTER_HEIGHT_MM + 3.0 * GAP_MM)
 
     @property
     def depth_mm(self) -> float:
         """Depth of the block, with the holes in its front and its top, and the grooves in its back."""
         groove_mm = compute_groove_depth_mm(self.pin_mm, FITS_MM[-1])
-        deep_mm = choose_depths_mm(self.pin_mm)[0]
-        return deep_mm + 2.0 * self.pin_mm + LETTERS_MM + 3.0 * GAP_MM + groove_mm
+        hole_depth_mm = choose_depths_mm(self.pin_mm)[0]
+        return hole_depth_mm + 2.0 * self.pin_mm + LETTER_HEIGHT_MM + 3.0 * GAP_MM + groove_mm
 
-    def find_column_mm(self, n: int) -> float:
-        """Find the middle of a column along x."""
+    def compute_column_x_mm(self, n: int) -> float:
+        """Compute the x coordinate of the middle of a column."""
         return self.pitch_mm * (n + 0.5)
 
 
@@ -123,14 +123,14 @@ def make_coupon(pin_mm: float) -> Coupon:
     )
     holes, marks = _make_holes(layout)
     grooves = [
-        _make_key_groove(layout, n, y_mm, into)
-        for y_mm, into in ((layout.depth_mm, -INWARDS), (plate_y_mm, INWARDS))
+        _make_key_groove(layout, n, y_mm, inward_normal)
+        for y_mm, inward_normal in ((layout.depth_mm, -INWARD), (plate_y_mm, INWARD))
         for n in range(len(FITS_MM))
     ]
-    letters_z_mm = layout.height_mm - GAP_MM - LETTERS_MM / 2.0
+    letters_z_mm = layout.height_mm - GAP_MM - LETTER_HEIGHT_MM / 2.0
     for n, text in enumerate(_name_fits()):
-        middle = np.array([layout.find_column_mm(n), layout.depth_mm, letters_z_mm])
-        marks.append(_write_mark(text, middle, UP, -INWARDS))
+        middle_mm = np.array([layout.compute_column_x_mm(n), layout.depth_mm, letters_z_mm])
+        marks.append(_write_mark(text, middle_mm, UP, -INWARD))
     strokes = [groove for mark in marks for groove in mark.grooves]
     tools = Solid.union([Solid.hull(tool.points_mm) for tool in (*holes, *grooves, *strokes)])
     solid = Solid.union([block, plate]).subtract(tools)
@@ -139,33 +139,37 @@ def make_coupon(pin_mm: float) -> Coupon:
 
 def _make_holes(layout: _Layout) -> tuple[list[Tool], list[Mark]]:
     """Make the holes and their numbers: in the top, in the front, and the gauges in the top."""
-    pin_mm, deep_mm = layout.pin_mm, choose_depths_mm(layout.pin_mm)[0]
-    top = [(text, pin_mm + fit_mm, deep_mm) for text, fit_mm in zip(_name_fits(), FITS_MM, strict=True)]
+    pin_mm, hole_depth_mm = layout.pin_mm, choose_depths_mm(layout.pin_mm)[0]
+    top = [(text, pin_mm + fit_mm, hole_depth_mm) for text, fit_mm in zip(_name_fits(), FITS_MM, strict=True)]
     gauges = [(f"{length_mm:g}", pin_mm + GAUGE_FIT_MM, length_mm) for length_mm in layout.lengths_mm]
     holes_y_mm = layout.depth_mm - GAP_MM - pin_mm - compute_groove_depth_mm(pin_mm, FITS_MM[-1])
     drilled: list[tuple[Tool, Mark]] = []
     for n, (text, width_mm, length_mm) in enumerate([*top, *gauges]):
-        mouth_mm = np.array([layout.find_column_mm(n), holes_y_mm, layout.height_mm])
-        middle = np.array([layout.find_column_mm(n), GAP_MM + LETTERS_MM / 2.0, layout.height_mm])
-        hole = _drill_hole(mouth_mm, DOWNWARDS, width_mm, length_mm)
-        drilled.append((hole, _write_mark(text, middle, INWARDS, DOWNWARDS)))
+        mouth_mm = np.array([layout.compute_column_x_mm(n), holes_y_mm, layout.height_mm])
+        middle_mm = np.array(
+            [layout.compute_column_x_mm(n), GAP_MM + LETTER_HEIGHT_MM / 2.0, layout.height_mm]
+        )
+        hole = _drill_hole(mouth_mm, DOWN, width_mm, length_mm)
+        drilled.append((hole, _write_mark(text, middle_mm, INWARD, DOWN)))
     front: list[tuple[Tool, Mark]] = []
     for n, (text, width_mm, length_mm) in enumerate(top):
-        mouth_mm = np.array([layout.find_column_mm(n), 0.0, GAP_MM + pin_mm])
-        middle = np.array([layout.find_column_mm(n), 0.0, layout.height_mm - GAP_MM - LETTERS_MM / 2.0])
+        mouth_mm = np.array([layout.compute_column_x_mm(n), 0.0, GAP_MM + pin_mm])
+        middle_mm = np.array(
+            [layout.compute_column_x_mm(n), 0.0, layout.height_mm - GAP_MM - LETTER_HEIGHT_MM / 2.0]
+        )
         front.append(
-            (_drill_hole(mouth_mm, INWARDS, width_mm, length_mm), _write_mark(text, middle, UP, INWARDS))
+            (_drill_hole(mouth_mm, INWARD, width_mm, length_mm), _write_mark(text, middle_mm, UP, INWARD))
         )
     ordered = [*drilled[: len(top)], *front, *drilled[len(top) :]]
     return [hole for hole, _ in ordered], [mark for _, mark in ordered]
 
 
-def _make_key_groove(layout: _Layout, n: int, y_mm: float, into: Floats) -> Tool:
+def _make_key_groove(layout: _Layout, n: int, y_mm: float, inward_normal: Floats) -> Tool:
     """Make the upright groove of a short key in a column, in the back of the block or in the plate."""
     depth_mm = compute_groove_depth_mm(layout.pin_mm, FITS_MM[n])
-    half_mm = compute_bottom_mm(layout.pin_mm, depth_mm, SHORT_MM) / 2.0
-    middle = np.array([layout.find_column_mm(n), y_mm, GAP_MM + layout.mouth_mm / 2.0])
-    return make_groove(0, middle + np.outer([-half_mm, half_mm], UP), into, depth_mm)
+    half_mm = compute_bottom_length_mm(layout.pin_mm, depth_mm, SHORT_KEY_MM) / 2.0
+    middle_mm = np.array([layout.compute_column_x_mm(n), y_mm, GAP_MM + layout.mouth_mm / 2.0])
+    return make_groove(0, middle_mm + np.outer([-half_mm, half_mm], UP), inward_normal, depth_mm)
 
 
 def _name_fits() -> Iterator[str]:
@@ -181,9 +185,13 @@ def _drill_hole(mouth_mm: Floats, direction: Floats, width_mm: float, depth_mm: 
     return hole
 
 
-def _write_mark(text: str, middle: Floats, up_direction: Floats, direction: Floats) -> Mark:
+def _write_mark(text: str, middle_mm: Floats, up_direction: Floats, direction: Floats) -> Mark:
     """Make a number around a point (3,) on a face, from its directions (3,) up and into the block."""
     right = np.cross(up_direction, -direction)
-    lines = draw_strokes(text) * (LETTERS_MM / GRID_HEIGHT) @ np.stack([right, up_direction]) + middle
-    grooves = tuple(make_groove(0, line, direction, GROOVE_MM - 0.002 * n) for n, line in enumerate(lines))
-    return Mark(0, 0, text, LETTERS_MM, lines, grooves)
+    lines = (
+        draw_strokes(text) * (LETTER_HEIGHT_MM / GRID_HEIGHT) @ np.stack([right, up_direction]) + middle_mm
+    )
+    grooves = tuple(
+        make_groove(0, line, direction, GROOVE_DEPTH_MM - 0.002 * n) for n, line in enumerate(lines)
+    )
+    return Mark(0, 0, text, LETTER_HEIGHT_MM, lines, grooves)

@@ -14,8 +14,8 @@ from decompose.connectors.faces import Side
 from decompose.connectors.records import Pin
 
 REACH_MM = 60.0  # distance of glue from the nearest pin beyond which another pin is placed
-NEAR_SHARE = 0.95  # share of a step's glue within reach that is enough
-GLUE_MM = 5.0  # pitch of the sample points of the glue
+MIN_REACHED_SHARE = 0.95  # share of a step's glue within reach that is enough
+GLUE_PITCH_MM = 5.0  # pitch of the sample points of the glue
 MIN_GAIN_MM2 = 100.0  # minimum area of glue for which another pin is worthwhile
 
 
@@ -30,7 +30,7 @@ class Site:
 def sample_glue(sides: Sequence[Side]) -> Floats:
     """List sample points (n, 3) in mm of the glue on faces, including those that slide."""
     return np.concatenate(
-        [sample_points(side, side.face.outline, GLUE_MM) for side in sides] or [np.zeros((0, 3))]
+        [sample_points(side, side.face.outline, GLUE_PITCH_MM) for side in sides] or [np.zeros((0, 3))]
     )
 
 
@@ -47,15 +47,15 @@ def find_far_glue(glue_mm: Floats, pins: Sequence[Pin]) -> Floats:
     Returns
     -------
     ndarray
-        (k, 3) points; all if there are no pins, none if nearly all glue is near.
+        (k, 3) points; all if there are no pins, none if nearly all glue is within reach.
     """
     if not pins:
         return glue_mm
-    far = glue_mm[cdist(glue_mm, [pin.at_mm for pin in pins]).min(axis=1, initial=np.inf) > REACH_MM]
-    return np.asarray(far if len(far) > (1.0 - NEAR_SHARE) * len(glue_mm) else far[:0])
+    far_mm = glue_mm[cdist(glue_mm, [pin.position_mm for pin in pins]).min(axis=1, initial=np.inf) > REACH_MM]
+    return np.asarray(far_mm if len(far_mm) > (1.0 - MIN_REACHED_SHARE) * len(glue_mm) else far_mm[:0])
 
 
-def sort_by_gain(places_mm: Floats, far_mm: Floats, weights: Floats | float = 1.0) -> list[int]:
+def sort_places_by_gain(places_mm: Floats, far_mm: Floats, weights: Floats | float = 1.0) -> list[int]:
     """Sort places by the area of far glue within reach, multiplied by their weights.
 
     Places with little far glue within reach are left out.
@@ -74,7 +74,7 @@ def sort_by_gain(places_mm: Floats, far_mm: Floats, weights: Floats | float = 1.
     list[int]
         Numbers of the places, the best first.
     """
-    gains_mm2 = (cdist(places_mm, far_mm) < REACH_MM).sum(axis=1) * GLUE_MM**2
+    gains_mm2 = (cdist(places_mm, far_mm) < REACH_MM).sum(axis=1) * GLUE_PITCH_MM**2
     order = np.argsort(-gains_mm2 * weights, kind="stable")
     return [int(number) for number in order if gains_mm2[number] >= MIN_GAIN_MM2]
 

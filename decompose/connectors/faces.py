@@ -14,8 +14,8 @@ from decompose.geometry import Solid
 from decompose.options import PIN_FIT_MM
 from decompose.pieces import Joint, JointFace, list_polygons
 
-SLAB_MM = 8.0  # depth to which the gaps below a face are found and cached; few tools reach deeper
-SKIN_MM = 0.05  # depth at which the search for gaps begins: rounding leaves films at the face itself
+SLAB_DEPTH_MM = 8.0  # depth to which the gaps below a face are found and cached; few tools reach deeper
+SKIN_DEPTH_MM = 0.05  # depth at which the search for gaps begins: rounding leaves films at the face itself
 LEVEL_SIN = 0.5  # minimum sine of the angle between a level face and the vertical of the pose
 
 
@@ -63,7 +63,7 @@ class Side:
     sign: float
 
     @property
-    def into(self) -> Floats:
+    def inward_normal(self) -> Floats:
         """Unit vector (3,) from the face into the part."""
         return self.sign * self.face.normal
 
@@ -77,7 +77,7 @@ class Side:
 
 
 def find_sides(blanks: Sequence[Blank], number: int, joint: Joint) -> list[tuple[Side, Side]]:
-    """Find both sides of each face of a joint; leave out a face that a part reaches on both sides.
+    """Find both sides of each face of a joint; leave out a face if a part lies on both sides of its plane.
 
     Parameters
     ----------
@@ -90,9 +90,9 @@ def find_sides(blanks: Sequence[Blank], number: int, joint: Joint) -> list[tuple
     for face in joint.faces:
         signs = []
         for part in (joint.a, joint.b):
-            off_mm = blanks[part].solid.arrays()[0] @ face.normal - face.offset_mm
-            high, low = float(off_mm.max()), float(off_mm.min())
-            signs.append(1.0 if low > -SKIN_MM else -1.0 if high < SKIN_MM else 0.0)
+            offsets_mm = blanks[part].solid.arrays()[0] @ face.normal - face.offset_mm
+            high_mm, low_mm = float(offsets_mm.max()), float(offsets_mm.min())
+            signs.append(1.0 if low_mm > -SKIN_DEPTH_MM else -1.0 if high_mm < SKIN_DEPTH_MM else 0.0)
         if signs[0] * signs[1] < 0.0:
             sides.append((Side(joint.a, number, face, signs[0]), Side(joint.b, number, face, signs[1])))
     return sides
@@ -105,11 +105,11 @@ class Workpieces:
     blanks: Sequence[Blank]
     tools: list[Tool] = field(default_factory=list)
     _gaps: dict[tuple[int, int], Solid] = field(default_factory=dict)
-    _solid_at: dict[tuple[int, float, int], shapely.Geometry] = field(default_factory=dict)
+    _solid_areas: dict[tuple[int, float, int], shapely.Geometry] = field(default_factory=dict)
 
     def is_level(self, side: Side) -> bool:
         """Check whether a face lies level in its pose: a groove in it prints as a ring, which is slow."""
-        return abs(float(side.into @ self.blanks[side.part].up)) > LEVEL_SIN
+        return abs(float(side.inward_normal @ self.blanks[side.part].up)) > LEVEL_SIN
 
     def find_tool_area(self, side: Side, depth_mm: float) -> shapely.Geometry:
         """Find the area of a face below which a part is solid to a depth plus a rim, and free of other tools.
@@ -140,7 +140,7 @@ class Workpieces:
         for tool in self.tools:
             if tool.part != side.part:
                 continue
-            heights_mm = tool.points_mm @ side.into - side.sign * side.face.offset_mm
+            heights_mm = tool.points_mm @ side.inward_normal - side.sign * side.face.offset_mm
             if heights_mm.min() < depth_mm + RIM_MM - wall_mm and heights_mm.max() > -RIM_MM:
                 outline = shapely.MultiPoint(side.flatten(tool.points_mm)).convex_hull
                 area = area - (outline.buffer(RIM_MM - wall_mm) if wall_mm < RIM_MM else outline)
@@ -149,36 +149,38 @@ class Workpieces:
     def _find_solid_area(self, side: Side, depth_mm: float) -> shapely.Geometry:
         """Find the area of a face below which a part without tools is solid to a depth; cached."""
         key = (side.part, round(depth_mm, 3), id(side.face))
-        if key not in self._solid_at:
+        if key not in self._solid_areas:
             outline = side.face.outline
             gaps = self._find_gaps(side, depth_mm)
             frame = np.vstack([side.face.axes, side.face.normal])
-            self._solid_at[key] = outline if gaps.is_empty else outline - build_polygons(gaps.project(frame))
-        return self._solid_at[key]
+            self._solid_areas[key] = (
+                outline if gaps.is_empty else outline - build_polygons(gaps.project(frame))
+            )
+        return self._solid_areas[key]
 
     def _find_gaps(self, side: Side, depth_mm: float) -> Solid:
-        """Find the gaps below a face to a depth: the space that is not solid.
+        """Find the gaps below a face, down to a depth: the space that is not solid.
 
         The part may have many triangles, so it is cut only once for each face; afterwards its gaps are cut.
         """
         solid = self.blanks[side.part].solid
-        if depth_mm > SLAB_MM:
+        if depth_mm > SLAB_DEPTH_MM:
             return _build_slab(side, depth_mm).subtract(solid)
         key = (side.part, id(side.face))
         if key not in self._gaps:
-            self._gaps[key] = _build_slab(side, SLAB_MM).subtract(solid)
-        return self._gaps[key].keep_below(side.into, side.sign * side.face.offset_mm + depth_mm)
+            self._gaps[key] = _build_slab(side, SLAB_DEPTH_MM).subtract(solid)
+        return self._gaps[key].keep_below(side.inward_normal, side.sign * side.face.offset_mm + depth_mm)
 
 
 def _build_slab(side: Side, depth_mm: float) -> Solid:
-    """Build the space below a face, to a depth."""
+    """Build the slab below a face, down to a depth."""
     frame = np.vstack([side.face.axes, side.face.normal])
-    ends = side.face.offset_mm + side.sign * np.array([SKIN_MM, depth_mm])
+    ends = side.face.offset_mm + side.sign * np.array([SKIN_DEPTH_MM, depth_mm])
     return Solid.prism(list_rings(side.face.outline), frame, float(ends.min()), float(ends.max()))
 
 
 def erode_area(area: shapely.Geometry, shape: shapely.Polygon) -> shapely.Geometry:
-    """Erode an area by a convex shape: find where the shape's origin may be so that it stays inside.
+    """Erode an area by a convex shape: find the positions of the shape's origin at which it stays inside.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
-"""Gutters: upright grooves on hidden faces, which hide the seams of the outer walls and give room for glue.
+"""Gutters: upright grooves on hidden faces, which hide the seams of the outer walls and leave space for glue.
 
-The slicer begins each ring at its sharpest inner corner. Without such a corner it begins at an edge between
-two cut faces, or at a fold of the visible surface, and leaves a bump there. A gutter is sharper than the
-grooves of keys and marks, so that the slicer leaves no bump in the groove of a key.
+The slicer begins each ring at its sharpest inner corner. Without an inner corner, it begins at an edge
+between two cut faces, or at a fold of the visible surface, and leaves a bump there. A gutter is sharper than
+the grooves of keys and marks, so that the slicer leaves no bump in the groove of a key.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from decompose.connectors.tools import LIP_MM, make_groove
 from decompose.pieces import Joint
 
 UPRIGHT_SIN = 0.02  # maximum sine of the angle between an upright face and the vertical
-PITCH_MM = 4.0  # pitch of the places that are tried
+PLACE_PITCH_MM = 4.0  # pitch of the places that are tried
 MIN_RANGE_MM = 15.0  # minimum range of heights that a gutter adds
 MAX_GUTTERS = 3  # maximum number of gutters of a part
 ROUNDING_MARGIN_MM = 0.05  # margin for buffers, which may cut inner corners
-DEPTH_MM = 0.4
+GUTTER_DEPTH_MM = 0.4
 WIDTH_RATIO = 0.9  # half of the width over the depth: an angle of 84 degrees
 
 
@@ -60,7 +60,7 @@ def place_gutters(workpieces: Workpieces, joints: Sequence[Joint]) -> list[Gutte
     for number, joint in enumerate(joints):
         for pair in find_sides(workpieces.blanks, number, joint):
             for side in pair:
-                if abs(float(side.into @ workpieces.blanks[side.part].up)) < UPRIGHT_SIN:
+                if abs(float(side.inward_normal @ workpieces.blanks[side.part].up)) < UPRIGHT_SIN:
                     sides[side.part].append(side)
     gutters = []
     for part, part_sides in sorted(sides.items()):
@@ -73,7 +73,7 @@ def place_gutters(workpieces: Workpieces, joints: Sequence[Joint]) -> list[Gutte
             best = places[int(np.argmax(gains))]
             covered_span = covered_span.union(_make_span(best))
             places = [place for place in places if place.side is not best.side]
-            groove = make_groove(part, best.line_mm, best.side.into, DEPTH_MM, WIDTH_RATIO)
+            groove = make_groove(part, best.line_mm, best.side.inward_normal, GUTTER_DEPTH_MM, WIDTH_RATIO)
             workpieces.tools.append(groove)
             gutters.append(Gutter(part, best.side.joint, best.line_mm, groove))
     return gutters
@@ -86,8 +86,8 @@ def _make_span(place: _Place) -> shapely.LineString:
 
 def _find_places(workpieces: Workpieces, side: Side) -> Iterator[_Place]:
     """Yield the places on a side where a gutter keeps its distance from the rim and from other tools."""
-    reach_mm = DEPTH_MM + LIP_MM + RIM_MM + ROUNDING_MARGIN_MM
-    free_area = workpieces.find_tool_area(side, DEPTH_MM).buffer(-reach_mm)
+    reach_mm = GUTTER_DEPTH_MM + LIP_MM + RIM_MM + ROUNDING_MARGIN_MM
+    free_area = workpieces.find_tool_area(side, GUTTER_DEPTH_MM).buffer(-reach_mm)
     if free_area.is_empty:
         return
     up = workpieces.blanks[side.part].up
@@ -95,7 +95,11 @@ def _find_places(workpieces: Workpieces, side: Side) -> Iterator[_Place]:
     frame = np.stack([[upwards[1], -upwards[0]], upwards]) / np.linalg.norm(upwards)
     rotated_area = shapely.transform(free_area, lambda flat: flat @ frame.T)
     low_x, low_y, high_x, high_y = rotated_area.bounds
-    for x in np.arange((low_x + high_x) / 2.0 % PITCH_MM + low_x // PITCH_MM * PITCH_MM, high_x, PITCH_MM):
+    for x in np.arange(
+        (low_x + high_x) / 2.0 % PLACE_PITCH_MM + low_x // PLACE_PITCH_MM * PLACE_PITCH_MM,
+        high_x,
+        PLACE_PITCH_MM,
+    ):
         cut = rotated_area.intersection(shapely.LineString([(x, low_y - 1.0), (x, high_y + 1.0)]))
         for run in getattr(cut, "geoms", [cut]):
             if run.length >= MIN_RANGE_MM:

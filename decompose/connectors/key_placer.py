@@ -9,13 +9,13 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from decompose.arrays import Bools, Floats
-from decompose.connectors.coverage import Site, find_far_glue, sort_by_gain
-from decompose.connectors.keys import SHORT_MM, KeyMaker, KeyPlace
+from decompose.connectors.coverage import Site, find_far_glue, sort_places_by_gain
+from decompose.connectors.keys import SHORT_KEY_MM, KeyMaker, KeyPlace
 from decompose.connectors.records import Pin
 
 MIN_SEPARATION_MM = 12.0  # minimum distance between two keys, or between a key and a pin
 # Reduction of a place's weight for each level face: a groove there takes several times longer.
-LEVEL_LOSS = 0.1
+LEVEL_PENALTY = 0.1
 MAX_TRIED_PLACES = 20  # maximum number of places that are tried, the best first
 
 
@@ -33,15 +33,15 @@ class KeyPlacer:
         (n, 3) sample points on all glued faces of the step.
     pins
         Pins and keys of the step so far; new keys are added.
-    taken_mm, min_difference_mm
-        Distances between the two keys or pins of the other steps, and the least difference from them.
+    used_distances_mm, min_difference_mm
+        Distances between the two keys or pins of the other steps, and minimum difference from them.
     """
 
     maker: KeyMaker
     sites: Sequence[Site]
     glue_mm: Floats
     pins: list[Pin]
-    taken_mm: Sequence[float]
+    used_distances_mm: Sequence[float]
     min_difference_mm: float
     _places: dict[float, list[KeyPlace]] = field(default_factory=dict)
 
@@ -68,16 +68,16 @@ class KeyPlacer:
                 return
 
     def place_second_key(self) -> None:
-        """Place a short key as far as possible from the only pin; anywhere if there is no pin."""
-        places = self._list_places(SHORT_MM)
+        """Place a short key as far as possible from the only pin, or anywhere if there is no pin."""
+        places = self._list_places(SHORT_KEY_MM)
         if not places:
             return
         if not self.pins:
             self._place_key(range(len(places)))
             return
-        separations_mm = cdist(self._project_places(places), self._project_points(self.pins[0].at_mm[None]))[
-            :, 0
-        ]
+        separations_mm = cdist(
+            self._project_places(places), self._project_points(self.pins[0].position_mm[None])
+        )[:, 0]
         order = np.argsort(-separations_mm * self._weigh_places(places), kind="stable")
         self._place_key(order[self._is_free(separations_mm[order])].tolist())
 
@@ -87,9 +87,11 @@ class KeyPlacer:
         while self.pins and len(self.pins) > count:
             count = len(self.pins)
             far_glue = find_far_glue(self.glue_mm, self.pins)
-            places = self._list_places(SHORT_MM) if len(far_glue) else []
+            places = self._list_places(SHORT_KEY_MM) if len(far_glue) else []
             if places:
-                self._place_key(sort_by_gain(_list_points(places), far_glue, self._weigh_places(places)))
+                self._place_key(
+                    sort_places_by_gain(_list_points(places), far_glue, self._weigh_places(places))
+                )
 
     def place_sliding_keys(self, sites: Sequence[Site]) -> None:
         """Place short keys on faces that slide, close to as much far glue as possible."""
@@ -97,21 +99,21 @@ class KeyPlacer:
         while len(self.pins) > count:
             count = len(self.pins)
             far_glue = find_far_glue(self.glue_mm, self.pins)
-            places = self.maker.find_sliding_places(sites, self.sites, SHORT_MM) if len(far_glue) else []
+            places = self.maker.find_sliding_places(sites, self.sites, SHORT_KEY_MM) if len(far_glue) else []
             places = self._list_free_places(places)
             if places:
-                numbers = sort_by_gain(_list_points(places), far_glue, self._weigh_places(places))
+                numbers = sort_places_by_gain(_list_points(places), far_glue, self._weigh_places(places))
                 self._add_printable_key([places[number] for number in numbers])
 
     def _place_key(self, numbers: Sequence[int]) -> None:
         """Place a short key at the first printable place with one of these numbers."""
-        places = self._list_places(SHORT_MM)
+        places = self._list_places(SHORT_KEY_MM)
         self._add_printable_key([places[number] for number in numbers[:MAX_TRIED_PLACES]])
 
     def _add_printable_key(self, places: Sequence[KeyPlace]) -> None:
         """Place a short key at the first of some places where its grooves print without support."""
         for place in places[:MAX_TRIED_PLACES]:
-            key = self.maker.make_key(place, SHORT_MM)
+            key = self.maker.make_key(place, SHORT_KEY_MM)
             if key is not None:
                 self._add_keys(key)
                 return
@@ -132,20 +134,20 @@ class KeyPlacer:
         return [
             place
             for place in places
-            if all(np.linalg.norm(place.at_mm - pin.at_mm) > MIN_SEPARATION_MM for pin in self.pins)
+            if all(np.linalg.norm(place.middle_mm - pin.position_mm) > MIN_SEPARATION_MM for pin in self.pins)
         ]
 
     def _weigh_places(self, places: Sequence[KeyPlace]) -> Floats:
-        """Compute the weights (n,) of places by their print time: less for level faces."""
+        """Compute the weights (n,) of places by their print time, with lower ones for level faces."""
         is_level = self.maker.workpieces.is_level
         sites = [place.site for place in places]
-        return 1.0 - LEVEL_LOSS * np.array([is_level(site.moved) + is_level(site.fixed) for site in sites])
+        return 1.0 - LEVEL_PENALTY * np.array([is_level(site.moved) + is_level(site.fixed) for site in sites])
 
     def _is_free(self, separations_mm: Floats) -> Bools:
         """Check for each distance whether it differs enough from those of the pairs of other steps."""
         is_free = np.ones(separations_mm.shape, dtype=np.bool_)
-        for taken_mm in self.taken_mm:
-            is_free &= np.abs(separations_mm - taken_mm) > self.min_difference_mm
+        for known_mm in self.used_distances_mm:
+            is_free &= np.abs(separations_mm - known_mm) > self.min_difference_mm
         return is_free
 
     def _project_places(self, places: Sequence[KeyPlace]) -> Floats:
@@ -160,4 +162,4 @@ class KeyPlacer:
 
 def _list_points(places: Sequence[KeyPlace]) -> Floats:
     """List the middles (n, 3) of places."""
-    return np.array([place.at_mm for place in places]).reshape(-1, 3)
+    return np.array([place.middle_mm for place in places]).reshape(-1, 3)

@@ -1,9 +1,10 @@
 """Places of keys: pins that lie along a joint, half in a V groove of each part.
 
-A key serves joints whose rims have no room for a hole. Its groove is shallow and tapers, so that it stays
-inside a sloping thin wall. Its sides hold the parts across its length, and its ends along it. Where faces
-slide over each other, keys lie along the direction of the step. The groove of one part is closed at both
-ends; that of the other part has an exit through a face that closes, by which the key enters.
+A key serves joints whose rims have no space for a hole. Its groove is shallow and tapers, so that it stays
+inside a sloping thin wall. The sides of the key hold the parts across its length, and its ends hold them
+along it. Where faces slide over each other, keys lie along the direction of the step. The groove of one part
+is closed at both ends; that of the other part has an exit through a face that closes, by which the key
+enters.
 """
 
 from __future__ import annotations
@@ -22,29 +23,29 @@ from decompose.connectors.coverage import Site, sample_points
 from decompose.connectors.faces import Side, Workpieces
 from decompose.connectors.records import KEY_RIM_MM, Pin, Tool
 from decompose.connectors.tools import (
-    GROOVE_SIN,
     LIP_MM,
+    MAX_GROOVE_SIN,
     closes_in_a_step,
     compute_overhang_sin,
-    cut_at_exit,
+    cut_groove_at_exit,
     make_groove,
 )
 from decompose.pieces import list_polygons
 
-SHORT_MM = 5.0  # length of the shorter key of a pair, and of additional keys
-EXCESS_MM = 1.0  # excess of the long key over the mouth of the short groove: a swapped long key stays on top
-END_MM = 0.25  # gap at each end of a key
-LEVELS = 6  # depths at which the wall around a groove is examined
-PITCH_MM = 1.0  # minimum distance of the points between which grooves are tried
-MAX_POINTS = 150  # maximum number of these points on a face
-SEAT_MM = 3.0  # pitch of the places that are tried on faces that slide
-SLACK_MM = 0.05  # tolerance for the rounding of buffers
+SHORT_KEY_MM = 5.0  # length of the shorter key of a pair, and of additional keys
+EXCESS_MM = 1.0  # length by which the long key exceeds the mouth of the short groove, which it cannot enter
+END_GAP_MM = 0.25  # gap at each end of a key
+DEPTH_SAMPLES = 6  # number of depths at which the wall around a groove is examined
+RIM_PITCH_MM = 1.0  # minimum distance of the points between which grooves are tried
+MAX_RIM_POINTS = 150  # maximum number of these points on a face
+SEAT_PITCH_MM = 3.0  # pitch of the places that are tried on faces that slide
+ROUNDING_MARGIN_MM = 0.05  # tolerance for the rounding of buffers
 MAX_EXIT_MM = 80.0  # maximum distance that a key slides through its groove
 
 
 def choose_key_lengths_mm(key_mm: float) -> tuple[float, float]:
     """Choose the lengths of the long and the short key of a pair, in half millimetres."""
-    return math.ceil(2.0 * (SHORT_MM + key_mm + EXCESS_MM)) / 2.0, SHORT_MM
+    return math.ceil(2.0 * (SHORT_KEY_MM + key_mm + EXCESS_MM)) / 2.0, SHORT_KEY_MM
 
 
 def compute_groove_depth_mm(key_mm: float, fit_mm: float) -> float:
@@ -62,7 +63,7 @@ def compute_groove_depth_mm(key_mm: float, fit_mm: float) -> float:
     return (key_mm + fit_mm) / 2.0 * math.sqrt(2.0)
 
 
-def compute_bottom_mm(key_mm: float, depth_mm: float, length_mm: float) -> float:
+def compute_bottom_length_mm(key_mm: float, depth_mm: float, length_mm: float) -> float:
     """Compute the length of the bottom of a groove; its ends rise from there to the ends of the key.
 
     Parameters
@@ -72,7 +73,7 @@ def compute_bottom_mm(key_mm: float, depth_mm: float, length_mm: float) -> float
     length_mm
         Length of the key.
     """
-    return length_mm + 2.0 * END_MM - 2.0 * (depth_mm - key_mm / 2.0)
+    return length_mm + 2.0 * END_GAP_MM - 2.0 * (depth_mm - key_mm / 2.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,7 +82,7 @@ class KeyPlace:
 
     Attributes
     ----------
-    site, at_mm, along
+    site, middle_mm, direction
         Its faces, its middle (3,), and its direction, a (3,) unit vector.
     open_part
         Part whose groove has an exit along that direction; None if neither groove has one.
@@ -90,8 +91,8 @@ class KeyPlace:
     """
 
     site: Site
-    at_mm: Floats
-    along: Floats
+    middle_mm: Floats
+    direction: Floats
     open_part: int | None = None
     exit_mm: float = 0.0
 
@@ -105,7 +106,7 @@ class KeySlide:
 
     site: Site
     open_side: Side
-    along: Floats
+    direction: Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,10 +152,10 @@ class KeyMaker:
         places: list[KeyPlace] = []
         for site in sites:
             seats = self._find_seats(site, length_mm)
-            for side, along in ((site.moved, -self.direction), (site.fixed, self.direction)):
+            for side, direction in ((site.moved, -self.direction), (site.fixed, self.direction)):
                 ends = [end for pair in exits for end in (pair.moved, pair.fixed) if end.part == side.part]
                 if len(seats) and ends:
-                    places += self._find_exits(KeySlide(site, side, along), seats, ends)
+                    places += self._find_exits(KeySlide(site, side, direction), seats, ends)
         return sorted(places, key=lambda place: place.exit_mm)
 
     def make_key(self, place: KeyPlace, length_mm: float) -> Pin | None:
@@ -174,24 +175,23 @@ class KeyMaker:
             up = self.workpieces.blanks[side.part].up
             is_open = side.part == place.open_part
             ends_mm = [-half_mm, place.exit_mm + LIP_MM if is_open else half_mm]
-            ends = place.at_mm + np.outer(ends_mm, place.along)
-            groove = make_groove(side.part, ends, side.into, self._compute_depth_mm(site))
-            if compute_overhang_sin(groove.points_mm, side.into, up) > GROOVE_SIN or closes_in_a_step(
-                groove, up
-            ):
+            ends = place.middle_mm + np.outer(ends_mm, place.direction)
+            groove = make_groove(side.part, ends, side.inward_normal, self._compute_depth_mm(site))
+            overhang_sin = compute_overhang_sin(groove.points_mm, side.inward_normal, up)
+            if overhang_sin > MAX_GROOVE_SIN or closes_in_a_step(groove, up):
                 return None
-            grooves.append(cut_at_exit(groove, ends[1], place.along) if is_open else groove)
+            grooves.append(cut_groove_at_exit(groove, ends[1], place.direction) if is_open else groove)
         return Pin(
             step=self.step,
             joint=site.moved.joint,
-            at_mm=place.at_mm,
+            position_mm=place.middle_mm,
             axis=self.direction,
             diameter_mm=self.key_mm,
             depth_mm=self._compute_depth_mm(site),
             length_mm=length_mm,
-            slotted=False,
+            is_slotted=False,
             holes=(grooves[0], grooves[1]),
-            along=place.along,
+            key_direction=place.direction,
         )
 
     def _compute_depth_mm(self, site: Site) -> float:
@@ -201,7 +201,7 @@ class KeyMaker:
 
     def _compute_bottom_mm(self, site: Site, length_mm: float) -> float:
         """Compute the length of the bottom of a groove."""
-        return compute_bottom_mm(self.key_mm, self._compute_depth_mm(site), length_mm)
+        return compute_bottom_length_mm(self.key_mm, self._compute_depth_mm(site), length_mm)
 
     def _find_places_on_site(self, site: Site, length_mm: float) -> Iterator[KeyPlace]:
         """Yield the places on a site between two points on the rim of the area for groove bottoms."""
@@ -210,18 +210,18 @@ class KeyMaker:
         )
         bottom_mm = self._compute_bottom_mm(site, length_mm)
         for polygon in list_polygons(area):
-            points, pitch_mm = _list_rim(polygon)
+            points, pitch_mm = _sample_rim(polygon)
             distances_mm = np.triu(cdist(points, points))
-            first, second = np.nonzero(np.abs(distances_mm - bottom_mm) < min(pitch_mm, SEAT_MM) / 2.0)
+            first, second = np.nonzero(np.abs(distances_mm - bottom_mm) < min(pitch_mm, SEAT_PITCH_MM) / 2.0)
             if not len(first):
                 continue
-            along = (points[second] - points[first]) / distances_mm[first, second][:, None]
+            directions = (points[second] - points[first]) / distances_mm[first, second][:, None]
             middles = (points[first] + points[second]) / 2.0
-            half = bottom_mm / 2.0 * along
+            half = bottom_mm / 2.0 * directions
             lines = shapely.linestrings(np.stack([middles - half, middles + half], axis=1))
             shapely.prepare(polygon)
-            for n in np.flatnonzero(shapely.covers(polygon.buffer(SLACK_MM / 2.0), lines)).tolist():
-                direction = along[n] @ site.moved.face.axes
+            for n in np.flatnonzero(shapely.covers(polygon.buffer(ROUNDING_MARGIN_MM / 2.0), lines)).tolist():
+                direction = directions[n] @ site.moved.face.axes
                 yield KeyPlace(site, site.moved.lift(middles[n]), direction)
 
     def _find_seats(self, site: Site, length_mm: float) -> Floats:
@@ -229,7 +229,7 @@ class KeyMaker:
         area = shapely.intersection_all(
             [self._find_bottom_area(side, self._compute_depth_mm(site)) for side in (site.moved, site.fixed)]
         )
-        middles = site.moved.flatten(sample_points(site.moved, area, SEAT_MM))
+        middles = site.moved.flatten(sample_points(site.moved, area, SEAT_PITCH_MM))
         half = self._compute_bottom_mm(site, length_mm) / 2.0 * site.moved.flatten(self.direction)
         lines = shapely.linestrings(np.stack([middles - half, middles + half], axis=1))
         shapely.prepare(area)
@@ -237,33 +237,43 @@ class KeyMaker:
 
     def _find_exits(self, slide: KeySlide, seats_mm: Floats, ends: Sequence[Side]) -> Iterator[KeyPlace]:
         """Yield the places at seats (n, 3) whose groove can have an exit through one of the part's faces."""
-        side, along = slide.open_side, slide.along
-        half_width_mm = self._compute_depth_mm(slide.site) + KEY_RIM_MM + SLACK_MM
+        side, direction = slide.open_side, slide.direction
+        half_width_mm = self._compute_depth_mm(slide.site) + KEY_RIM_MM + ROUNDING_MARGIN_MM
         area = self.workpieces.find_solid_area(side, half_width_mm, KEY_RIM_MM)
         shapely.prepare(area)
-        across = half_width_mm * np.cross(side.into, along)
+        across = half_width_mm * np.cross(side.inward_normal, direction)
         for end in ends:
-            end_mm = float(end.face.offset_mm * end.face.normal @ along)
+            end_mm = float(end.face.offset_mm * end.face.normal @ direction)
             for seat_mm in seats_mm:
-                exit_mm = end_mm - float(seat_mm @ along)
+                exit_mm = end_mm - float(seat_mm @ direction)
                 if not 0.0 < exit_mm <= MAX_EXIT_MM:
                     continue
-                section = seat_mm + exit_mm * along + np.array([-across, across])
-                lower_corners = [section + depth_mm * side.into for depth_mm in (SLACK_MM, half_width_mm)]
-                path = np.concatenate([seat_mm + np.array([-across, across]), section - SLACK_MM * along])
+                section = seat_mm + exit_mm * direction + np.array([-across, across])
+                lower_corners = [
+                    section + depth_mm * side.inward_normal
+                    for depth_mm in (ROUNDING_MARGIN_MM, half_width_mm)
+                ]
+                path = np.concatenate(
+                    [seat_mm + np.array([-across, across]), section - ROUNDING_MARGIN_MM * direction]
+                )
                 if end.face.outline.covers(
                     _build_hull(end.flatten(np.concatenate(lower_corners)))
                 ) and area.covers(_build_hull(side.flatten(path))):
-                    yield KeyPlace(slide.site, seat_mm, along, side.part, exit_mm)
+                    yield KeyPlace(slide.site, seat_mm, direction, side.part, exit_mm)
 
     def _find_bottom_area(self, side: Side, depth_mm: float) -> shapely.Geometry:
-        """Find where a groove's bottom may be; its sides taper, so the wall is checked at several depths."""
-        levels_mm = np.linspace(0.0, depth_mm + KEY_RIM_MM, LEVELS)
+        """Find the area for the bottom of a groove.
+
+        The sides of the groove taper, so the wall is checked at several depths.
+        """
+        levels_mm = np.linspace(0.0, depth_mm + KEY_RIM_MM, DEPTH_SAMPLES)
         areas = []
         for above_mm, below_mm in pairwise(levels_mm.tolist()):
             reach_mm = depth_mm + min(KEY_RIM_MM, math.sqrt(2.0) * KEY_RIM_MM - above_mm)
             areas.append(
-                self.workpieces.find_solid_area(side, below_mm, KEY_RIM_MM).buffer(-reach_mm - SLACK_MM)
+                self.workpieces.find_solid_area(side, below_mm, KEY_RIM_MM).buffer(
+                    -reach_mm - ROUNDING_MARGIN_MM
+                )
             )
         return shapely.intersection_all(areas)
 
@@ -273,9 +283,9 @@ def _build_hull(points: Floats) -> shapely.Geometry:
     return shapely.MultiPoint(points).convex_hull
 
 
-def _list_rim(polygon: shapely.Polygon) -> tuple[Floats, float]:
-    """List points (n, 2) along the rims of a polygon; return also their pitch in mm."""
+def _sample_rim(polygon: shapely.Polygon) -> tuple[Floats, float]:
+    """Sample points (n, 2) along the rims of a polygon; return them and their pitch in mm."""
     rings = [polygon.exterior, *polygon.interiors]
-    pitch_mm = max(PITCH_MM, sum(ring.length for ring in rings) / MAX_POINTS)
+    pitch_mm = max(RIM_PITCH_MM, sum(ring.length for ring in rings) / MAX_RIM_POINTS)
     points = [shapely.line_interpolate_point(ring, np.arange(0.0, ring.length, pitch_mm)) for ring in rings]
     return np.asarray(shapely.get_coordinates(np.concatenate(points))), pitch_mm

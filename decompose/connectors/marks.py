@@ -17,9 +17,9 @@ from decompose.connectors.faces import Side, Workpieces, find_sides
 from decompose.connectors.records import RIM_MM, Mark
 from decompose.connectors.strokes import GRID_HEIGHT, draw_strokes, measure_text_width
 from decompose.connectors.tools import (
-    GROOVE_SIN,
+    HALF_RIDGE_MM,
     LIP_MM,
-    RIDGE_MM,
+    MAX_GROOVE_SIN,
     closes_in_a_step,
     compute_overhang_sin,
     make_groove,
@@ -29,11 +29,11 @@ from decompose.pieces import Joint, list_polygons
 SIZES_MM = ((5.0, 0.35), (4.0, 0.35))  # heights of letters, with the depth of their grooves
 ARROW = "^"
 ARROW_CELL = 7.0  # width of the arrow's cell on the grid of the letters
-DOTS = 3  # maximum number of dots of a mark
+MAX_DOTS = 3  # maximum number of dots of a mark
 DOT_PITCH = 4.0  # distance between two dots, on the grid of the letters
 DEPTH_STEP_MM = 0.002  # difference in depth of strokes: operations on solids fail where faces coincide
-GRID_MM = 2.0  # pitch of the places that are tried
-# Minimum cosine between the normal of a level face, where the arrow points back, and the vertical.
+PLACE_PITCH_MM = 2.0  # pitch of the places that are tried
+# Minimum cosine between the vertical and the normal of a level face, on which the arrow points to the back.
 LEVEL_COS = 0.99
 
 
@@ -72,7 +72,7 @@ def place_marks(
     unmarked = []
     for number, joint in enumerate(joints):
         pairs = sorted(find_sides(workpieces.blanks, number, joint), key=lambda pair: -pair[0].face.area_mm2)
-        placed = _mark_joint(workpieces, pairs, 1 + steps.get(number, 0) % DOTS)
+        placed = _mark_joint(workpieces, pairs, 1 + steps.get(number, 0) % MAX_DOTS)
         marks += placed
         if len(placed) < 2:
             needs_support = any(_needs_support(workpieces, side) for pair in pairs[:1] for side in pair)
@@ -81,7 +81,7 @@ def place_marks(
 
 
 def _mark_joint(workpieces: Workpieces, pairs: Sequence[tuple[Side, Side]], dots: int) -> list[Mark]:
-    """Mark the largest face with room for the text on both sides; else each side with room, or draw dots."""
+    """Mark the largest face on both sides, or else the sides that have space; if none has, draw dots."""
     best: list[Mark] = []
     for pair in pairs:
         marks = [
@@ -153,43 +153,46 @@ def _draw_dots(count: int) -> _Text:
     """Draw a row of dots."""
     height_mm, depth_mm = SIZES_MM[-1]
     pitch_mm = DOT_PITCH * height_mm / GRID_HEIGHT
-    centres = np.zeros((count, 2, 2))
-    centres[:, :, 0] = ((np.arange(count) - (count - 1) / 2.0) * pitch_mm)[:, None]
-    centres[:, :, 0] += [-RIDGE_MM, RIDGE_MM]
-    half = np.array([(count - 1) * pitch_mm / 2.0 + RIDGE_MM, 0.0])
-    return _Text("." * count, 2.0 * depth_mm, depth_mm, centres, half)
+    centres_mm = np.zeros((count, 2, 2))
+    centres_mm[:, :, 0] = ((np.arange(count) - (count - 1) / 2.0) * pitch_mm)[:, None]
+    centres_mm[:, :, 0] += [-HALF_RIDGE_MM, HALF_RIDGE_MM]
+    half = np.array([(count - 1) * pitch_mm / 2.0 + HALF_RIDGE_MM, 0.0])
+    return _Text("." * count, 2.0 * depth_mm, depth_mm, centres_mm, half)
 
 
 def _needs_support(workpieces: Workpieces, side: Side) -> bool:
     """Check whether a groove in any direction on a face would need support."""
-    cone = make_groove(side.part, np.zeros((2, 3)), side.into)
-    return compute_overhang_sin(cone.points_mm, side.into, workpieces.blanks[side.part].up) > GROOVE_SIN
+    cone = make_groove(side.part, np.zeros((2, 3)), side.inward_normal)
+    return (
+        compute_overhang_sin(cone.points_mm, side.inward_normal, workpieces.blanks[side.part].up)
+        > MAX_GROOVE_SIN
+    )
 
 
 def _place_text(workpieces: Workpieces, side: Side, texts: Sequence[_Text]) -> Mark | None:
-    """Place the first text that has room on a side of a joint, horizontally or rotated by 90 degrees."""
+    """Place the first text that fits on a side of a joint, horizontally or rotated by 90 degrees."""
     if _needs_support(workpieces, side):
         return None
     depth_mm = max(text.depth_mm for text in texts)
     free_area = workpieces.find_tool_area(side, depth_mm)
     up_direction = _find_up_direction(side)
     for text in texts:
-        for turn in range(2):
-            frame = _build_text_frame(side, up_direction, turn)
+        for quarter_turns in range(2):
+            frame = _build_text_frame(side, up_direction, quarter_turns)
             local = shapely.transform(free_area, lambda flat, frame=frame: side.lift(flat) @ frame[:2].T)
-            middle = _find_middle(local, text.half_mm + text.depth_mm + LIP_MM + RIM_MM)
-            if middle is None:
+            middle_mm = _find_middle(local, text.half_mm + text.depth_mm + LIP_MM + RIM_MM)
+            if middle_mm is None:
                 continue
-            flat = _keep_arrow_up(text, turn) + middle
+            flat = _keep_arrow_up(text, quarter_turns) + middle_mm
             return _engrave_text(
                 workpieces, side, text, flat @ frame[:2] + side.face.offset_mm * side.face.normal
             )
     return None
 
 
-def _keep_arrow_up(text: _Text, turn: int) -> Floats:
+def _keep_arrow_up(text: _Text, quarter_turns: int) -> Floats:
     """Rotate the arrow of a rotated text back so that it points up, and return all strokes (k, 2, 2)."""
-    if not turn or not text.text.endswith(ARROW):
+    if not quarter_turns or not text.text.endswith(ARROW):
         return text.strokes_mm
     count = len(draw_strokes(ARROW))
     arrow = text.strokes_mm[-count:]
@@ -201,13 +204,13 @@ def _keep_arrow_up(text: _Text, turn: int) -> Floats:
 def _engrave_text(workpieces: Workpieces, side: Side, text: _Text, lines_mm: Floats) -> Mark | None:
     """Make the mark of a text with strokes (k, 2, 3) on a side; None if a groove needs support."""
     grooves = tuple(
-        make_groove(side.part, line, side.into, text.depth_mm - DEPTH_STEP_MM * (n % 16))
+        make_groove(side.part, line, side.inward_normal, text.depth_mm - DEPTH_STEP_MM * (n % 16))
         for n, line in enumerate(lines_mm)
     )
     up = workpieces.blanks[side.part].up
     for groove in grooves:
-        overhang_sin = compute_overhang_sin(groove.points_mm, side.into, up)
-        if overhang_sin > GROOVE_SIN or closes_in_a_step(groove, up):
+        overhang_sin = compute_overhang_sin(groove.points_mm, side.inward_normal, up)
+        if overhang_sin > MAX_GROOVE_SIN or closes_in_a_step(groove, up):
             return None
     return Mark(side.part, side.joint, text.text, text.height_mm, lines_mm, grooves)
 
@@ -219,11 +222,11 @@ def _find_up_direction(side: Side) -> Floats:
     return np.asarray(flat / np.linalg.norm(flat))
 
 
-def _build_text_frame(side: Side, up_direction: Floats, turn: int) -> Floats:
+def _build_text_frame(side: Side, up_direction: Floats, quarter_turns: int) -> Floats:
     """Build the rotation (3, 3) for a text that is read from outside: rows x, y and out of the face."""
-    out = -side.into
+    out = -side.inward_normal
     right = np.cross(up_direction, out)
-    return np.stack([up_direction, -right, out]) if turn else np.stack([right, up_direction, out])
+    return np.stack([up_direction, -right, out]) if quarter_turns else np.stack([right, up_direction, out])
 
 
 def _find_middle(area: shapely.Geometry, half_mm: Floats) -> Floats | None:
@@ -233,13 +236,16 @@ def _find_middle(area: shapely.Geometry, half_mm: Floats) -> Floats | None:
         return None
     widest_mm = shapely.maximum_inscribed_circle(max(polygons, key=lambda polygon: polygon.area)).coords[0]
     low_x, low_y, high_x, high_y = area.bounds
-    low, high = np.array([low_x, low_y]) + half_mm, np.array([high_x, high_y]) - half_mm
-    if (low > high).any():
+    low_mm, high_mm = np.array([low_x, low_y]) + half_mm, np.array([high_x, high_y]) - half_mm
+    if (low_mm > high_mm).any():
         return None
-    spans = [np.append(np.arange(a, b, GRID_MM), [b, (a + b) / 2.0]) for a, b in zip(low, high, strict=True)]
-    centres = np.array(np.meshgrid(*spans)).reshape(2, -1).T
-    centres = centres[np.argsort(np.linalg.norm(centres - widest_mm, axis=1), kind="stable")]
+    spans = [
+        np.append(np.arange(a, b, PLACE_PITCH_MM), [b, (a + b) / 2.0])
+        for a, b in zip(low_mm, high_mm, strict=True)
+    ]
+    centres_mm = np.array(np.meshgrid(*spans)).reshape(2, -1).T
+    centres_mm = centres_mm[np.argsort(np.linalg.norm(centres_mm - widest_mm, axis=1), kind="stable")]
     shapely.prepare(area)
-    boxes = shapely.box(*(centres - half_mm).T, *(centres + half_mm).T)
+    boxes = shapely.box(*(centres_mm - half_mm).T, *(centres_mm + half_mm).T)
     inside_numbers = np.flatnonzero(shapely.contains(area, boxes))
-    return None if not len(inside_numbers) else np.asarray(centres[inside_numbers[0]])
+    return None if not len(inside_numbers) else np.asarray(centres_mm[inside_numbers[0]])

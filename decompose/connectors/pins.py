@@ -2,7 +2,7 @@
 
 The depths of the two pins differ, so that the joint stays open by millimetres if a body is rotated by 180
 degrees. Their distance differs from step to step, so that a body fits only in its own place. Where there
-is no room for holes, keys lie along the joint.
+is no space for holes, keys lie along the joint.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from scipy.spatial.distance import cdist
 
 from decompose.arrays import Floats
 from decompose.assembly import Assembly, AssemblyStep
-from decompose.connectors.coverage import Site, find_far_glue, sample_glue, sample_points, sort_by_gain
+from decompose.connectors.coverage import Site, find_far_glue, sample_glue, sample_points, sort_places_by_gain
 from decompose.connectors.faces import Side, Workpieces, erode_area, find_sides
 from decompose.connectors.key_placer import KeyPlacer
 from decompose.connectors.keys import KeyMaker
@@ -27,22 +27,22 @@ from decompose.pieces import Joint, list_polygons
 
 SHALLOW_DIAMETERS = 1.05  # depth of the shallow hole of a pair, in diameters of the pin
 MIN_DEPTH_MM = 2.5  # minimum depth of a hole
-EXTRA_DEPTH_MM = 3.0  # additional depth of the deep hole: about the gap if a body is rotated by 180 degrees
-END_MM = 0.5  # gap at each end of a pin
+EXTRA_DEPTH_MM = 3.0  # additional depth of the deep hole: about the gap left by a body rotated by 180 degrees
+END_GAP_MM = 0.5  # gap at each end of a pin
 # Minimum difference between the distances of two pairs, in addition to twice the fit.
 MIN_DISTANCE_DIFFERENCE_MM = 0.7
 MIN_PAIR_MM = 8.0  # minimum distance between two pins that fix an angle
-FAR_PAIR_MM = 80.0  # distance between two pins from which one hole is a slot
+FAR_PAIR_MM = 80.0  # minimum distance between two pins at which one hole is a slot
 SLOT_MM = 0.25  # elongation of a slot at each end, for 0.2 % of shrinkage and the play of the pins
 PLACE_PITCH_MM = 15.0  # pitch of the places that are tried for glue that is far from pins
 MAX_FURTHER_PINS = 8  # maximum number of pins of a step besides its pair
 EXTRA_MARGIN_MM = 2.0  # additional margin of a pair, if it does not reduce its distance too much
 EXTRA_MARGIN_SHARE = 0.8  # minimum distance of a pair with this margin, as a share of the distance without it
 ROUNDING_MARGIN_MM = 0.03  # margin for buffers, which may cut inner corners
-CORNER_MM = 0.5  # corners of a hull that protrude by less are left out
+MIN_CORNER_MM = 0.5  # corners of a hull that protrude by less are left out
 MIN_ALIGNED_COS = 0.999  # minimum cosine between a face's normal and the direction of the step
 SLIDING_SIN = 1e-7  # maximum sine of the angle between a face that slides and the direction of the step
-NO_SQUARE_FACE = "no glued face is perpendicular to the direction in which the parts are joined"
+NO_SQUARE_FACE_REASON = "no glued face is perpendicular to the direction in which the parts are joined"
 
 
 def choose_depths_mm(pin_mm: float) -> tuple[float, float]:
@@ -54,8 +54,8 @@ def choose_depths_mm(pin_mm: float) -> tuple[float, float]:
     return shallow_mm + EXTRA_DEPTH_MM, shallow_mm
 
 
-def choose_keys_mm(pin_mm: float) -> list[float]:
-    """Choose the diameters of keys: that of pins, then that of thin filament, for places with less room."""
+def choose_key_diameters_mm(pin_mm: float) -> list[float]:
+    """Choose the diameters of keys: that of pins, then that of thin filament, for narrower places."""
     return sorted({pin_mm, min(pin_mm, THIN_FILAMENT_MM)}, reverse=True)
 
 
@@ -79,14 +79,14 @@ def place_pins(
     options
         Diameter of the pins, and distances that pairs must not have.
     min_glue_mm2
-        Minimum area of a joint that counts as holding.
+        Minimum area of a joint whose glue counts as holding.
 
     Returns
     -------
     list of Pin
         Pins in the order of the steps.
     list of (int, str)
-        Steps without a pin, with the reason.
+        Steps without a pin, each with the reason.
     """
     pins: list[Pin] = []
     unpinned: list[tuple[int, str]] = []
@@ -98,10 +98,10 @@ def place_pins(
         sites, sliding_sites = _find_sites(pairs, step), _find_sites(pairs, step, sliding=True)
         glue_mm = sample_glue([side for side, _ in pairs])
         placer = _PinPlacer(workpieces, number, step, sites, sliding_sites, glue_mm, options.pin_mm)
-        placed = placer.place_all([*options.taken_mm, *_measure_pair_distances_mm(pins)])
+        placed = placer.place_connectors([*options.used_distances_mm, *_measure_pair_distances_mm(pins)])
         pins += placed
         if not placed:
-            reason = "too small for a pin" if sites else NO_SQUARE_FACE
+            reason = "too small for a pin" if sites else NO_SQUARE_FACE_REASON
             unpinned.append((number, reason))
     return pins, unpinned
 
@@ -128,7 +128,7 @@ def _find_sites(
     sites = []
     for one, other in pairs:
         moved, fixed = (one, other) if one.part in step.moved_parts else (other, one)
-        along = float(moved.into @ step.direction)
+        along = float(moved.inward_normal @ step.direction)
         if abs(along) < SLIDING_SIN if sliding else along > MIN_ALIGNED_COS:
             sites.append(Site(moved, fixed))
     return sites
@@ -160,8 +160,8 @@ class _PinPlacer:
     glue_mm: Floats
     pin_mm: float
 
-    def place_all(self, taken_mm: Sequence[float]) -> list[Pin]:
-        """Place all keys and pins of the step, with a distance of its pair that is not in `taken_mm`.
+    def place_connectors(self, used_distances_mm: Sequence[float]) -> list[Pin]:
+        """Place all keys and pins of the step; the distance of its pair differs from `used_distances_mm`.
 
         A pair of keys is tried first, as it prints in the least time; then pins, for inclined faces, and thin
         keys, for thin walls.
@@ -173,14 +173,14 @@ class _PinPlacer:
                 self.sites,
                 self.glue_mm,
                 pins,
-                taken_mm,
+                used_distances_mm,
                 self.min_difference_mm,
             )
-            for key_mm in choose_keys_mm(self.pin_mm)
+            for key_mm in choose_key_diameters_mm(self.pin_mm)
         ]
         keys.place_pair()
         if not pins:
-            pins += self._place_pair(taken_mm)
+            pins += self._place_pair(used_distances_mm)
         for placer in thin_keys:
             if not pins:
                 placer.place_pair()
@@ -191,10 +191,10 @@ class _PinPlacer:
                 placer.place_second_key()
         keys.place_further_keys()
         for _ in range(MAX_FURTHER_PINS if pins else 0):
-            further = self._place_further_pin(pins)
-            if further is None:
+            further_pin = self._place_further_pin(pins)
+            if further_pin is None:
                 break
-            pins.append(further)
+            pins.append(further_pin)
         for placer in thin_keys:
             placer.place_further_keys()
         for placer in (keys, *thin_keys):
@@ -206,27 +206,27 @@ class _PinPlacer:
         """Minimum difference between the distances of two pairs."""
         return 2.0 * max(blank.pin_fit_mm for blank in self.workpieces.blanks) + MIN_DISTANCE_DIFFERENCE_MM
 
-    def _compute_size_mm(self, side: Side, index: int) -> tuple[float, float]:
+    def _compute_hole_size_mm(self, side: Side, index: int) -> tuple[float, float]:
         """Compute the width across the flats, and the depth, of a part's deep (0) or shallow (1) hole."""
         return self.pin_mm + self.workpieces.blanks[side.part].pin_fit_mm, choose_depths_mm(self.pin_mm)[
             index
         ]
 
     def _find_places(self, index: int) -> list[shapely.Geometry]:
-        """Find for each site where the axis of a pin may be, in the coordinates of its face."""
+        """Find the area of each site in which the axis of a pin may lie, in the coordinates of its face."""
         return [
-            shapely.intersection_all([self._find_axes(side, index) for side in (site.moved, site.fixed)])
+            shapely.intersection_all([self._find_axis_area(side, index) for side in (site.moved, site.fixed)])
             for site in self.sites
         ]
 
-    def _find_axes(self, side: Side, index: int) -> shapely.Geometry:
-        """Find where the axis of a pin may be on one side of a face."""
+    def _find_axis_area(self, side: Side, index: int) -> shapely.Geometry:
+        """Find the area on one side of a face in which the axis of a pin may lie."""
         tool = make_hole(
             side.part,
             np.zeros(3),
-            side.into,
+            side.inward_normal,
             self._find_up_direction(side),
-            self._compute_size_mm(side, index),
+            self._compute_hole_size_mm(side, index),
             np.zeros(3),
         )
         if tool is None:
@@ -235,9 +235,9 @@ class _PinPlacer:
         outline = shapely.MultiPoint(side.flatten(tool.points_mm)).convex_hull
         centre = shapely.minimum_bounding_circle(outline).centroid
         radius_mm = shapely.minimum_bounding_radius(outline) + RIM_MM + slack_mm
-        area = self.workpieces.find_tool_area(side, float((tool.points_mm @ side.into).max()))
+        area = self.workpieces.find_tool_area(side, float((tool.points_mm @ side.inward_normal).max()))
         places = area.buffer(-radius_mm)
-        if places.is_empty:  # a thin wall may have room for the outline, although not for its circle
+        if places.is_empty:  # the outline may fit into a thin wall although its circle does not
             return erode_area(area, outline.buffer(RIM_MM + slack_mm, 3))
         return shapely.transform(places, lambda points: points - (centre.x, centre.y))
 
@@ -245,7 +245,7 @@ class _PinPlacer:
         """Find the upward unit vector (3,) in the pose of a side's part."""
         return self.workpieces.blanks[side.part].up
 
-    def _place_pair(self, taken_mm: Sequence[float]) -> list[Pin]:
+    def _place_pair(self, used_distances_mm: Sequence[float]) -> list[Pin]:
         """Place a deep and a shallow pin as far apart as possible, at a distance that no other pair has."""
         deep, shallow = (self._find_places(index) for index in range(2))
         best_pair = self._find_farthest_pair(deep, shallow)
@@ -256,11 +256,11 @@ class _PinPlacer:
         if inner_pair is not None and inner_pair[0] >= EXTRA_MARGIN_SHARE * best_pair[0]:
             best_pair = inner_pair
         separation_mm, (site, deep_mm), (shallow_site, end_mm) = best_pair
-        for back_mm in np.arange(0.0, separation_mm - MIN_PAIR_MM, 0.5):
-            # The pin moves within the plane of its face.
-            shallow_mm = end_mm + self._project_points((deep_mm - end_mm)[None])[0] * back_mm / separation_mm
+        for shift_mm in np.arange(0.0, separation_mm - MIN_PAIR_MM, 0.5):
+            # Move the shallow pin towards the deep one, within the plane of its face.
+            shallow_mm = end_mm + self._project_points((deep_mm - end_mm)[None])[0] * shift_mm / separation_mm
             new_mm = self._measure_separation_mm(deep_mm, shallow_mm)
-            if any(abs(new_mm - known_mm) < self.min_difference_mm for known_mm in taken_mm):
+            if any(abs(new_mm - known_mm) < self.min_difference_mm for known_mm in used_distances_mm):
                 continue
             if not shallow[shallow_site].contains(
                 shapely.Point(self.sites[shallow_site].moved.flatten(shallow_mm))
@@ -309,7 +309,7 @@ class _PinPlacer:
         points = [np.zeros((0, 3))]
         for number, place in enumerate(places):
             corners = shapely.get_coordinates(
-                place.buffer(-ROUNDING_MARGIN_MM).convex_hull.simplify(CORNER_MM)
+                place.buffer(-ROUNDING_MARGIN_MM).convex_hull.simplify(MIN_CORNER_MM)
             )
             sites += [number] * len(corners)
             points.append(self.sites[number].moved.lift(corners))
@@ -355,7 +355,7 @@ class _PinPlacer:
         ]
         sites += [number for number, points in enumerate(inside) for _ in points]
         points = np.concatenate([corners, *inside])
-        for best in sort_by_gain(points, far_glue):
+        for best in sort_places_by_gain(points, far_glue):
             pin = self._make_pin(sites[best], points[best], 1, np.zeros(3))
             if pin is not None:
                 self.workpieces.tools += pin.holes
@@ -363,7 +363,7 @@ class _PinPlacer:
         return None
 
     def _make_pin(self, number: int, point_mm: Floats, index: int, slot_mm: Floats) -> Pin | None:
-        """Make a pin with its holes; None if a hole would need support or has no room."""
+        """Make a pin with its holes; None if a hole would need support or lacks clearance."""
         site = self.sites[number]
         depth_mm = choose_depths_mm(self.pin_mm)[index]
         holes: list[Tool] = []
@@ -371,28 +371,28 @@ class _PinPlacer:
             hole = make_hole(
                 side.part,
                 point_mm,
-                side.into,
+                side.inward_normal,
                 self._find_up_direction(side),
-                self._compute_size_mm(side, index),
+                self._compute_hole_size_mm(side, index),
                 stretch_mm,
             )
-            if hole is None or not self._has_room(side, hole):
+            if hole is None or not self._has_clearance(side, hole):
                 return None
             holes.append(hole)
         return Pin(
             step=self.number,
             joint=site.moved.joint,
-            at_mm=point_mm,
+            position_mm=point_mm,
             axis=self.step.direction,
             diameter_mm=self.pin_mm,
             depth_mm=depth_mm,
-            length_mm=2.0 * (depth_mm - END_MM),
-            slotted=bool(slot_mm.any()),
+            length_mm=2.0 * (depth_mm - END_GAP_MM),
+            is_slotted=bool(slot_mm.any()),
             holes=(holes[0], holes[1]),
         )
 
-    def _has_room(self, side: Side, hole: Tool) -> bool:
+    def _has_clearance(self, side: Side, hole: Tool) -> bool:
         """Check whether a hole keeps its distance from the outside of the part and from other tools."""
-        reach_mm = float((hole.points_mm @ side.into).max()) - side.sign * side.face.offset_mm
+        reach_mm = float((hole.points_mm @ side.inward_normal).max()) - side.sign * side.face.offset_mm
         outline = shapely.MultiPoint(side.flatten(hole.points_mm)).convex_hull
         return bool(self.workpieces.find_tool_area(side, reach_mm).contains(outline.buffer(RIM_MM)))

@@ -34,7 +34,7 @@ def plan_connectors(
         Diameter of the pins, distances that pairs must not have, and whether there are marks. The fit is that
         of each blank.
     min_glue_mm2
-        Minimum area of a joint that counts as holding.
+        Minimum area of a joint whose glue counts as holding.
     """
     workpieces = Workpieces(blanks)
     pins, unpinned = place_pins(workpieces, joints, assembly, options, min_glue_mm2)

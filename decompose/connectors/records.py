@@ -24,10 +24,10 @@ class Tool:
         Number of the part.
     points_mm
         (n, 3) corners in the frame of the parts. The tool extends slightly beyond the face at which it opens.
-    into
+    inward_normal
         (3,) unit vector from that face into the part.
     face_mm
-        Coordinate of that face along `into`.
+        Coordinate of that face along `inward_normal`.
     exit
         (3,) unit vector along which a groove also leaves its part, through another face that is glued; None
         for a tool that opens at one face only.
@@ -35,7 +35,7 @@ class Tool:
 
     part: int
     points_mm: Floats
-    into: Floats
+    inward_normal: Floats
     face_mm: float
     exit: Floats | None = None
 
@@ -48,7 +48,7 @@ class Pin:
     ----------
     step, joint
         Numbers of the step of the assembly that closes its joint, and of the joint.
-    at_mm
+    position_mm
         (3,) point on its axis, in the plane of the joint.
     axis
         (3,) unit vector, the direction of the step.
@@ -58,35 +58,35 @@ class Pin:
         Depth of its hole in each part.
     length_mm
         Length to which it is cut; it is shorter than the holes.
-    slotted
+    is_slotted
         Whether one of its holes is elongated towards the other pin, because their distance may shrink.
     holes
         Holes, or grooves, in the moved part and in the fixed one.
-    along
+    key_direction
         (3,) unit vector along which a key lies; None for a pin in holes. If it is the direction of the step,
         the faces slide over each other, and one of the grooves has an exit through which the key enters.
     """
 
     step: int
     joint: int
-    at_mm: Floats
+    position_mm: Floats
     axis: Floats
     diameter_mm: float
     depth_mm: float
     length_mm: float
-    slotted: bool
+    is_slotted: bool
     holes: tuple[Tool, Tool]
-    along: Floats | None = None
+    key_direction: Floats | None = None
 
     @property
     def rod_axis(self) -> Floats:
         """Unit vector (3,) along the pin itself."""
-        return self.axis if self.along is None else self.along
+        return self.axis if self.key_direction is None else self.key_direction
 
     @property
     def slides(self) -> bool:
         """Check whether it is a key that enters a groove lengthwise while the faces slide."""
-        return self.along is not None and abs(float(self.along @ self.axis)) > SLIDING_COS
+        return self.key_direction is not None and abs(float(self.key_direction @ self.axis)) > SLIDING_COS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,7 +100,7 @@ class Mark:
     text
         Numbers of the part and its neighbour (`10-14`, or `-14` on a face that is printed level), and `^`,
         which points to the top of the model (on level faces, to its back); or the part's number alone; or, if
-        no digits fit, full stops: the same number of dots on both faces of a joint.
+        no digits fit, full stops for dots, equally many on both faces of a joint.
     height_mm
         Height of its letters.
     lines_mm
@@ -171,8 +171,8 @@ class Connectors:
             *(gutter.groove for gutter in self.gutters),
         ]
 
-    def without_part(self, part: int, reason: str) -> Connectors:
-        """Return the connectors without those that cut a part, with the reason among the failures."""
+    def remove_part(self, part: int, reason: str) -> Connectors:
+        """Remove the connectors that cut a part, and add the reason to the failures."""
         return replace(
             self,
             pins=tuple(pin for pin in self.pins if all(hole.part != part for hole in pin.holes)),
@@ -184,7 +184,7 @@ class Connectors:
 
 def measure_distance_mm(a: Pin, b: Pin) -> float:
     """Measure the distance between two pins across the axis of the first one."""
-    offset_mm = a.at_mm - b.at_mm
+    offset_mm = a.position_mm - b.position_mm
     return float(np.linalg.norm(offset_mm - (offset_mm @ a.axis) * a.axis))
 
 
@@ -204,5 +204,5 @@ def find_pairs(pins: Sequence[Pin]) -> dict[int, tuple[Pin, Pin]]:
 
 
 def _describe_shape(pin: Pin) -> tuple[float, bool]:
-    """Describe why a pin does not fit other holes; a thin key fits any groove of its length."""
-    return pin.length_mm, pin.along is None
+    """Describe the shape that decides which holes a pin fits; a thin key fits any groove of its length."""
+    return pin.length_mm, pin.key_direction is None

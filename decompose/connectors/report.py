@@ -1,4 +1,4 @@
-"""Connectors as the object of decomposition.json."""
+"""Connectors as an object in decomposition.json."""
 
 from __future__ import annotations
 
@@ -79,28 +79,28 @@ def read_pair_distances_mm(report: Mapping[str, Any]) -> tuple[float, ...]:
     pins_by_step: dict[int, list[Mapping[str, Any]]] = {}
     for pin in (report.get("connectors") or {}).get("pins", ()):
         pins_by_step.setdefault(pin["step"], []).append(pin)
-    distances = []
+    distances_mm = []
     for step_pins in pins_by_step.values():
         if len(step_pins) > 1:
             offset_mm, axis = (
                 np.subtract(step_pins[0]["at_mm"], step_pins[1]["at_mm"]),
                 np.array(step_pins[0]["axis"]),
             )
-            distances.append(float(np.linalg.norm(offset_mm - (offset_mm @ axis) * axis)))
-    return tuple(distances)
+            distances_mm.append(float(np.linalg.norm(offset_mm - (offset_mm @ axis) * axis)))
+    return tuple(distances_mm)
 
 
 def _describe_pin(pin: Pin) -> dict[str, Any]:
     """Describe a pin or key."""
     return {
         "step": pin.step + 1,
-        "at_mm": pin.at_mm.tolist(),
+        "at_mm": pin.position_mm.tolist(),
         "axis": (pin.axis + 0.0).tolist(),  # without -0
         "diameter_mm": pin.diameter_mm,
         "depth_mm": pin.depth_mm,
         "length_mm": pin.length_mm,
-        "kind": "key" if pin.along is not None else "slot" if pin.slotted else "round",
-        "along": None if pin.along is None else (pin.along + 0.0).tolist(),
+        "kind": "key" if pin.key_direction is not None else "slot" if pin.is_slotted else "round",
+        "along": None if pin.key_direction is None else (pin.key_direction + 0.0).tolist(),
     }
 
 

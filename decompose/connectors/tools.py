@@ -14,10 +14,11 @@ from decompose.connectors.records import Tool
 from decompose.geometry import choose_plane_axes
 
 LIP_MM = 0.1  # distance by which a tool extends beyond its face, so that no film remains
-# Flattest ceiling of a hole, as the sine of its angle from the vertical.
-HOLE_SIN = math.sin(math.radians(40.0))
-GROOVE_SIN = math.sin(math.radians(47.5))  # flattest ceiling of a groove; the slicer supports from 50 degrees
-GROOVE_MM = 0.6  # depth of a groove, and half its width: its sides slope by 45 degrees
+# Sine of the angle between the flattest ceiling of a hole and the vertical.
+MAX_HOLE_SIN = math.sin(math.radians(40.0))
+# The same for a groove; the slicer supports ceilings from 50 degrees.
+MAX_GROOVE_SIN = math.sin(math.radians(47.5))
+GROOVE_DEPTH_MM = 0.6  # depth of a groove, and half its width: its sides slope by 45 degrees
 
 # Roof and tip of a hole as multiples of its inner radius, the least material first. The roof runs along the
 # hole and points upwards; the tip rises from its end.
@@ -32,11 +33,12 @@ _CEILINGS = (
     (2.6, 4.5),
     (2.6, 6.0),
 )
-RIDGE_MM = 0.5
-"""Half the length of the ridge in which a tip ends. The slicer drops rings shorter than 1 mm: a ceiling that
-ends in a point closes by a step that the slicer supports (`closes_in_a_step`)."""
-LAYER_MM, STEP_MM = 0.2, 0.23  # height of a layer, and maximum step between two layers without support
-RING_MM = 1.0  # minimum length of a ring: the slicer drops shorter ones, so that a ceiling closes early
+HALF_RIDGE_MM = 0.5
+"""Half the length of the ridge in which a tip ends. The slicer drops rings shorter than 1 mm, so that a
+ceiling that ends in a point closes in a step, which the slicer supports (`closes_in_a_step`)."""
+LAYER_HEIGHT_MM = 0.2
+MAX_STEP_MM = 0.23  # maximum step between two layers without support
+MIN_RING_MM = 1.0  # minimum length of a ring: the slicer drops shorter ones, so that a ceiling closes early
 _EDGE_MM = 1e-3
 _MOUTH_COS = -0.99  # maximum cosine between the normal of the mouth and the direction into the part
 _CORNERS = np.deg2rad(90.0 + 60.0 * np.arange(6))
@@ -44,19 +46,24 @@ _CONE = np.deg2rad(45.0 * np.arange(8))
 
 
 def make_hole(
-    part: int, at_mm: Floats, into: Floats, up: Floats, size_mm: tuple[float, float], stretch_mm: Floats
+    part: int,
+    mouth_mm: Floats,
+    inward_normal: Floats,
+    up: Floats,
+    size_mm: tuple[float, float],
+    stretch_mm: Floats,
 ) -> Tool | None:
     """Make a hexagonal hole with the ceiling that its part's pose needs.
 
-    The corners of a hexagon have room for air and glue; its sides hold a round pin along six lines.
+    The corners of a hexagon leave space for air and glue; its sides hold a round pin along six lines.
 
     Parameters
     ----------
     part
         Number of the part.
-    at_mm
+    mouth_mm
         (3,) point where the axis meets the face.
-    into
+    inward_normal
         (3,) unit vector of the axis, into the part.
     up
         (3,) upward direction of the bed in the part's pose, in the same frame.
@@ -72,25 +79,29 @@ def make_hole(
     """
     width_mm, depth_mm = size_mm
     inner_mm = width_mm / 2.0
-    upwards, across = _choose_across(into, up)
+    upwards, across = _choose_cross_axes(inward_normal, up)
     ring = (upwards * np.sin(_CORNERS)[:, None] + across * np.cos(_CORNERS)[:, None]) * (
         inner_mm / math.cos(math.pi / 6.0)
     )
     ring = np.concatenate([ring + stretch_mm, ring - stretch_mm]) if stretch_mm.any() else ring
     for roof, tip in _CEILINGS:
         section = np.vstack([ring, roof * inner_mm * upwards]) if roof else ring
-        points = np.concatenate([section - LIP_MM * into, section + depth_mm * into])
+        points = np.concatenate([section - LIP_MM * inward_normal, section + depth_mm * inward_normal])
         if tip:
-            ridge = RIDGE_MM * np.array([[-1.0], [1.0]]) * across
-            points = np.vstack([points, depth_mm * into + tip * inner_mm * up + ridge])
-        hole = Tool(part, points + at_mm, into, float(at_mm @ into))
-        if compute_overhang_sin(points, into, up) <= HOLE_SIN and not closes_in_a_step(hole, up):
+            ridge = HALF_RIDGE_MM * np.array([[-1.0], [1.0]]) * across
+            points = np.vstack([points, depth_mm * inward_normal + tip * inner_mm * up + ridge])
+        hole = Tool(part, points + mouth_mm, inward_normal, float(mouth_mm @ inward_normal))
+        if compute_overhang_sin(points, inward_normal, up) <= MAX_HOLE_SIN and not closes_in_a_step(hole, up):
             return hole
     return None
 
 
 def make_groove(
-    part: int, ends_mm: Floats, into: Floats, depth_mm: float = GROOVE_MM, width_ratio: float = 1.0
+    part: int,
+    ends_mm: Floats,
+    inward_normal: Floats,
+    depth_mm: float = GROOVE_DEPTH_MM,
+    width_ratio: float = 1.0,
 ) -> Tool:
     """Make a V groove along a stroke, or a cone if both ends are equal.
 
@@ -100,7 +111,7 @@ def make_groove(
         Number of the part.
     ends_mm
         (2, 3) ends of the bottom of the groove, on the face.
-    into
+    inward_normal
         (3,) unit vector from the face into the part.
     depth_mm
         Depth of the groove.
@@ -109,18 +120,18 @@ def make_groove(
     """
     along = ends_mm[1] - ends_mm[0]
     if not along.any():
-        along = np.cross(into, np.eye(3)[int(np.abs(into).argmin())])
+        along = np.cross(inward_normal, np.eye(3)[int(np.abs(inward_normal).argmin())])
     first = along / np.linalg.norm(along)
-    second = np.cross(into, first)
+    second = np.cross(inward_normal, first)
     rim = (first * np.cos(_CONE)[:, None] + width_ratio * second * np.sin(_CONE)[:, None]) * (
         depth_mm + LIP_MM
     )
-    cone = np.vstack([rim - LIP_MM * into, depth_mm * into])
+    cone = np.vstack([rim - LIP_MM * inward_normal, depth_mm * inward_normal])
     points = np.concatenate([cone + end for end in np.unique(ends_mm, axis=0)])
-    return Tool(part, points, into, float(ends_mm[0] @ into))
+    return Tool(part, points, inward_normal, float(ends_mm[0] @ inward_normal))
 
 
-def cut_at_exit(groove: Tool, end_mm: Floats, along: Floats) -> Tool:
+def cut_groove_at_exit(groove: Tool, end_mm: Floats, exit_direction: Floats) -> Tool:
     """Cut a groove off squarely at its exit.
 
     Parameters
@@ -129,23 +140,25 @@ def cut_at_exit(groove: Tool, end_mm: Floats, along: Floats) -> Tool:
         Groove that extends beyond the exit.
     end_mm
         (3,) point at which it leaves the part.
-    along
+    exit_direction
         (3,) unit vector out of the part.
     """
-    beyond_mm = ((groove.points_mm - end_mm) @ along).clip(min=0.0)
-    return replace(groove, points_mm=groove.points_mm - np.outer(beyond_mm, along), exit=along)
+    beyond_mm = ((groove.points_mm - end_mm) @ exit_direction).clip(min=0.0)
+    return replace(
+        groove, points_mm=groove.points_mm - np.outer(beyond_mm, exit_direction), exit=exit_direction
+    )
 
 
-def _choose_across(into: Floats, up: Floats) -> tuple[Floats, Floats]:
+def _choose_cross_axes(inward_normal: Floats, up: Floats) -> tuple[Floats, Floats]:
     """Choose two unit vectors (3,) across a hole: one as far upwards as possible, the other one level."""
-    upwards = up - (up @ into) * into
+    upwards = up - (up @ inward_normal) * inward_normal
     if np.linalg.norm(upwards) < 1e-6:
-        upwards = np.cross(np.eye(3)[int(np.abs(into).argmin())], into)
+        upwards = np.cross(np.eye(3)[int(np.abs(inward_normal).argmin())], inward_normal)
     upwards = upwards / np.linalg.norm(upwards)
-    return upwards, np.cross(into, upwards)
+    return upwards, np.cross(inward_normal, upwards)
 
 
-def compute_overhang_sin(points_mm: Floats, into: Floats, up: Floats) -> float:
+def compute_overhang_sin(points_mm: Floats, inward_normal: Floats, up: Floats) -> float:
     """Compute the sine of the angle between the flattest ceiling of a convex tool and the vertical.
 
     The mouth does not count. The sine is negative if nothing overhangs.
@@ -154,13 +167,13 @@ def compute_overhang_sin(points_mm: Floats, into: Floats, up: Floats) -> float:
     ----------
     points_mm
         (n, 3) corners of the tool.
-    into
+    inward_normal
         (3,) unit vector from the mouth into the part.
     up
         (3,) upward direction of the bed in the part's pose, in the same frame.
     """
     normals = ConvexHull(points_mm).equations[:, :3]
-    sides = normals[normals @ into > _MOUTH_COS]
+    sides = normals[normals @ inward_normal > _MOUTH_COS]
     return float((sides @ up).max())
 
 
@@ -180,25 +193,25 @@ def closes_in_a_step(tool: Tool, up: Floats) -> bool:
     heights = tool.points_mm @ up
     high_mm = float(heights.max())
     top = tool.points_mm[heights > high_mm - _EDGE_MM]
-    if (top @ tool.into).min() < tool.face_mm + _EDGE_MM:
-        return False  # the section ends at the mouth: a notch in the outline, not a ring
-    if 2.0 * float(np.ptp(top, axis=0).max()) < RING_MM:
+    if (top @ tool.inward_normal).min() < tool.face_mm + _EDGE_MM:
+        return False  # the section is open at the mouth, so that it is a notch in the outline, not a ring
+    if 2.0 * float(np.ptp(top, axis=0).max()) < MIN_RING_MM:
         low_mm = float(heights.min())
         for _ in range(10):
             middle_mm = (low_mm + high_mm) / 2.0
-            is_short = _cut_section(tool, up, middle_mm).length < RING_MM
+            is_short = _cut_section(tool, up, middle_mm).length < MIN_RING_MM
             low_mm, high_mm = (low_mm, middle_mm) if is_short else (middle_mm, high_mm)
-    last = _cut_section(tool, up, high_mm - LAYER_MM)
-    return last.area > 0.0 and not last.buffer(-STEP_MM).is_empty
+    last = _cut_section(tool, up, high_mm - LAYER_HEIGHT_MM)
+    return last.area > 0.0 and not last.buffer(-MAX_STEP_MM).is_empty
 
 
-def _cut_section(tool: Tool, up: Floats, at_mm: float) -> shapely.Geometry:
+def _cut_section(tool: Tool, up: Floats, height_mm: float) -> shapely.Geometry:
     """Cut the section of a tool at a height along `up`; empty if the tool does not reach it."""
-    off_mm = tool.points_mm @ up - at_mm
-    above, below = np.flatnonzero(off_mm > 0.0), np.flatnonzero(off_mm <= 0.0)
+    offsets_mm = tool.points_mm @ up - height_mm
+    above, below = np.flatnonzero(offsets_mm > 0.0), np.flatnonzero(offsets_mm <= 0.0)
     if not len(above) or not len(below):
         return shapely.Polygon()
-    share = off_mm[above][:, None] / (off_mm[above][:, None] - off_mm[below])
+    share = offsets_mm[above][:, None] / (offsets_mm[above][:, None] - offsets_mm[below])
     start = tool.points_mm[above][:, None]
     points = (start + share[..., None] * (tool.points_mm[below] - start)).reshape(-1, 3)
     return shapely.MultiPoint(points @ choose_plane_axes(up).T).convex_hull

@@ -1,4 +1,4 @@
-"""A decomposition as files: STL, JSON, picture and GLB."""
+"""Files of a decomposition: STL, JSON, pictures, GLB and instructions."""
 
 from __future__ import annotations
 

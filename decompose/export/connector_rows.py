@@ -14,7 +14,7 @@ SIGNS = str.maketrans({"^": " ↑", ".": "●"})
 
 
 def list_codes(decomposition: Decomposition, joint: int) -> list[dict[str, str]]:
-    """List the codes on both faces of a joint, as they are read on the parts, with the part of each.
+    """List the codes on both faces of a joint, each as it is read on its part, with the part's number.
 
     Parameters
     ----------
@@ -61,19 +61,19 @@ def list_pins(decomposition: Decomposition, joint: int) -> list[dict[str, str]]:
         As in `list_codes`.
     """
     return [
-        {"id": str(number), "kind": name_kind(pin), "size": format_size(pin)}
+        {"id": str(number), "kind": name_pin_kind(pin), "size": format_size(pin)}
         for number, pin in enumerate(decomposition.connectors.pins, 1)
         if pin.joint == joint
     ]
 
 
-def name_kind(pin: Pin) -> str:
+def name_pin_kind(pin: Pin) -> str:
     """Name the kind of a pin."""
-    return "pin" if pin.along is None else "sliding key" if pin.slides else "key"
+    return "pin" if pin.key_direction is None else "sliding key" if pin.slides else "key"
 
 
 def explain_pins(decomposition: Decomposition, step: int) -> str:
-    """Explain the use of a step's pins, or why it has none; empty if no pins were requested.
+    """Explain how to use the pins of a step, or why it has none; empty if no pins were requested.
 
     Parameters
     ----------
@@ -90,8 +90,8 @@ def explain_pins(decomposition: Decomposition, step: int) -> str:
         reasons = dict(decomposition.connectors.unpinned)
         reason = reasons.get(step, "its holes were left out")
         return f"No pins ({reason}): align the faces by their rims."
-    upright = [pin for pin in pins if pin.along is None]
-    keys = [pin for pin in pins if pin.along is not None and not pin.slides]
+    upright = [pin for pin in pins if pin.key_direction is None]
+    keys = [pin for pin in pins if pin.key_direction is not None and not pin.slides]
     sentences = []
     if upright:
         sentences.append(f"Put {_count_sizes(upright, 'pin')} into the lower body first, as drawn.")
@@ -108,8 +108,10 @@ def explain_pins(decomposition: Decomposition, step: int) -> str:
                 f"Glue {_count_sizes(sliding, 'sliding key')} into the short grooves of the {body} body "
                 "first: the long grooves of the other one slide over them."
             )
-    if any(pin.along is not None and pin.diameter_mm < pin_mm for pin in pins):
-        sentences.append("Without filament of that size leave these grooves empty, and align the rims.")
+    if any(pin.key_direction is not None and pin.diameter_mm < pin_mm for pin in pins):
+        sentences.append(
+            "If you have no filament of that size, leave these grooves empty and align the rims."
+        )
     if len(pins) == 1 and upright:
         sentences.append("One pin does not prevent a rotation: align the rims.")
     return " ".join(sentences)

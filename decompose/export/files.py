@@ -1,4 +1,4 @@
-"""A decomposition as a folder: an STL file of each part, report, picture, GLB and instructions."""
+"""A decomposition as a folder: an STL file of each part, the report, a picture, the GLB and instructions."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ FindPlace = Callable[[Part], BedPlace | None]
 def write_decomposition(
     decomposition: Decomposition, folder: Path, find_place: FindPlace = lambda part: None
 ) -> Decomposition:
-    """Write an STL file of each part, report, picture, GLB and instructions.
+    """Write an STL file of each part, the report, the picture, the GLB and the instructions.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def draw_parts(
     overview: bytes | None = None,
     steps: Sequence[StepPictures] | None = None,
 ) -> None:
-    """Write picture, GLB and instructions.
+    """Write the picture, the GLB and the instructions.
 
     Parameters
     ----------

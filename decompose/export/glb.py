@@ -17,14 +17,14 @@ from decompose.results import Part
 
 METRES_Y_UP = np.array([[1e-3, 0, 0, 0], [0, 0, 1e-3, 0], [0, -1e-3, 0, 0], [0, 0, 0, 1]])
 """Transform from mm with z up to metres with y up (glTF 2.0, 3.6 "Coordinate system and units")."""
-STEP_S, MOVE_S = 1.5, 1.0  # duration of a step in the animation, and of the move in it
-MIN_MOVE_MM, MIN_MOVE_SHARE = 25.0, 0.3  # minimum move of a body, also as a share of its extent
+STEP_S, MOVE_S = 1.5, 1.0  # duration of a step in the animation, and of the movement in it
+MIN_MOVE_MM, MIN_MOVE_SHARE = 25.0, 0.3  # minimum movement of a body, also as a share of its extent
 FLOAT = 5126  # glTF 2.0, 3.6.2.2: component type of single precision
-MODEL = "model"
+MODEL_NODE = "model"
 
 
-def find_moves(parts: Sequence[Part], steps: Sequence[AssemblyStep]) -> Floats:
-    """Find the distance by which the body of each step moves.
+def find_movements_mm(parts: Sequence[Part], steps: Sequence[AssemblyStep]) -> Floats:
+    """Find the movement of the moved body in each step.
 
     Parameters
     ----------
@@ -36,35 +36,36 @@ def find_moves(parts: Sequence[Part], steps: Sequence[AssemblyStep]) -> Floats:
     Returns
     -------
     ndarray
-        (steps, 3) vectors in mm from the end of the body's move to its start.
+        (steps, 3) vectors in mm from the end of the movement to its start.
     """
-    moves = np.zeros((len(steps), 3))
-    for row, step in zip(moves, steps, strict=True):
-        heights = [parts[number].solid.arrays()[0] @ step.direction for number in step.moved_parts]
-        extent_mm = max(h.max() for h in heights) - min(h.min() for h in heights)
+    moves_mm = np.zeros((len(steps), 3))
+    for row, step in zip(moves_mm, steps, strict=True):
+        heights_mm = [parts[number].solid.arrays()[0] @ step.direction for number in step.moved_parts]
+        extent_mm = max(h.max() for h in heights_mm) - min(h.min() for h in heights_mm)
         row[:] = max(MIN_MOVE_MM, MIN_MOVE_SHARE * float(extent_mm)) * step.direction
-    return moves
+    return moves_mm
 
 
-def find_offsets(count: int, steps: Sequence[AssemblyStep], moves: Floats) -> Floats:
+def find_offsets(count: int, steps: Sequence[AssemblyStep], moves_mm: Floats) -> Floats:
     """Find the positions of the parts before each step, and after the last one.
 
     Parameters
     ----------
     count
         Number of parts.
-    steps, moves
-        Steps, and the move (steps, 3) of each.
+    steps, moves_mm
+        Steps, and the movement (steps, 3) of each.
 
     Returns
     -------
     ndarray
-        (steps + 1, count, 3) offset of each part from its place, in the unit of `moves`; 0 in the last row.
+        (steps + 1, count, 3) offset of each part from its place, in the unit of `moves_mm`; 0 in the last
+        row.
     """
     offsets = np.zeros((len(steps) + 1, count, 3))
     for k in range(len(steps) - 1, -1, -1):
         offsets[k] = offsets[k + 1]
-        offsets[k, list(steps[k].moved_parts)] += moves[k]
+        offsets[k, list(steps[k].moved_parts)] += moves_mm[k]
     return offsets
 
 
@@ -82,7 +83,7 @@ def write_glb(parts: Sequence[Part], path: Path, steps: Sequence[AssemblyStep] =
     """
     visual: Any = trimesh.visual  # untyped
     scene: Any = trimesh.Scene()
-    scene.graph.update(MODEL, matrix=METRES_Y_UP)  # an animated node has no matrix of its own
+    scene.graph.update(MODEL_NODE, matrix=METRES_Y_UP)  # an animated node must not have a matrix of its own
     for part, colour in zip(parts, make_part_colours(len(parts)), strict=True):
         vertices, faces = part.solid.arrays()
         material = visual.material.PBRMaterial(
@@ -91,11 +92,11 @@ def write_glb(parts: Sequence[Part], path: Path, steps: Sequence[AssemblyStep] =
         mesh: Any = trimesh.Trimesh(vertices, faces, process=False)
         mesh.unmerge_vertices()  # the edges of a part are drawn sharp
         mesh.visual = visual.TextureVisuals(material=material)
-        scene.add_geometry(mesh, node_name=part.id, geom_name=part.id, parent_node_name=MODEL)
+        scene.add_geometry(mesh, node_name=part.id, geom_name=part.id, parent_node_name=MODEL_NODE)
 
     def animate(buffers: dict[Any, bytes], tree: dict[str, Any]) -> None:
         if steps:
-            offsets = find_offsets(len(parts), steps, find_moves(parts, steps))
+            offsets = find_offsets(len(parts), steps, find_movements_mm(parts, steps))
             _add_animation(tree, buffers, [part.id for part in parts], offsets)
 
     path.write_bytes(scene.export(file_type="glb", buffer_postprocessor=animate))

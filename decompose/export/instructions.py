@@ -1,4 +1,4 @@
-"""Instructions for assembly: one HTML page that loads nothing, with a picture of each step."""
+"""Instructions for assembly: one HTML page that loads no other files, with a picture of each step."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from decompose.export.connector_rows import (
     list_pins,
     list_unglued_codes,
 )
-from decompose.export.layout import describe_place, draw_layout, name_printer, sort_by_use
+from decompose.export.layout import describe_place, draw_layout, name_printer, sort_parts_by_use
 from decompose.export.page_check import find_page_faults
-from decompose.export.pin_sheet import make_sheet
+from decompose.export.pin_sheet import make_pin_sheet
 from decompose.export.step_picture import StepPictures, draw_steps
 from decompose.files.names import find_part_number
 from decompose.printers import BedPlace
@@ -30,7 +30,7 @@ from decompose.results import Decomposition
 _TEMPLATE = Environment(
     loader=PackageLoader("decompose.export"), autoescape=True, undefined=StrictUndefined
 ).get_template("instructions.html")
-"""Template, read on import: an update may replace the file by that of another version while a worker runs."""
+"""Template, read on import because an update may replace its file while a worker runs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,7 @@ class Pictures:
     steps
         Pictures of each step.
     overview, layout
-        All parts in an exploded view, and all parts on their beds; None for no picture.
+        All parts in an exploded view, and all parts on their beds; None if there is no such picture.
     places
         Place of each part on its bed; empty if they are not known.
     """
@@ -60,7 +60,7 @@ def write_instructions(
     places: Sequence[BedPlace | None] = (),
     steps: Sequence[StepPictures] | None = None,
 ) -> None:
-    """Draw the steps, unless they are drawn already, and write the page.
+    """Draw the steps, unless their pictures are given, and write the page.
 
     Parameters
     ----------
@@ -114,14 +114,14 @@ def render_instructions(decomposition: Decomposition, pictures: Pictures, faults
         parts=_list_parts(decomposition, pictures.places),
         steps=steps,
         levels=assembly.levels,
-        locked=[_name_parts(decomposition, group) for group in assembly.locked],
+        locked=[_name_parts(decomposition, group) for group in assembly.locked_sets],
         overview=_embed_png(pictures.overview),
         layout=_embed_png(pictures.layout),
         minutes=_format_minutes(assembly.total_s),
         least_minutes=_format_minutes(assembly.critical_s),
         seam_mm=f"{decomposition.sum_seams_mm():,.0f}",
         thin_rims=decomposition.describe_thin_rims(),
-        sheet=make_sheet(decomposition.connectors.pins),
+        sheet=make_pin_sheet(decomposition.connectors.pins),
         marked=bool(decomposition.connectors.marks),
         unglued_codes=list_unglued_codes(decomposition),
         failures=decomposition.connectors.failures,
@@ -131,7 +131,7 @@ def render_instructions(decomposition: Decomposition, pictures: Pictures, faults
 
 def _order_parts(decomposition: Decomposition) -> list[int]:
     """List the numbers of all parts in the order of use."""
-    return sort_by_use(decomposition.parts, decomposition.assembly.part_order)
+    return sort_parts_by_use(decomposition.parts, decomposition.assembly.part_order)
 
 
 def _list_parts(decomposition: Decomposition, places: Sequence[BedPlace | None]) -> list[dict[str, Any]]:
@@ -149,7 +149,7 @@ def _list_parts(decomposition: Decomposition, places: Sequence[BedPlace | None])
                 "id": piece.id,
                 "printer": name_printer(piece),
                 "place": describe_place(places[index] if places else None),
-                "size": " x ".join(f"{extent:.0f}" for extent in np.ptp(vertices, axis=0)),
+                "size": " x ".join(f"{extent_mm:.0f}" for extent_mm in np.ptp(vertices, axis=0)),
                 "volume": f"{piece.solid.volume_mm3 / 1000.0:.1f}",
                 "step": str(first.get(index, "")),
             }
@@ -162,7 +162,7 @@ def _describe_step(
 ) -> dict[str, Any]:
     """Describe a step by the variables of the template."""
     fixed = ", ".join(_name_parts(decomposition, step.fixed_parts))
-    rest = ", ".join(_name_parts(decomposition, step.rests_on))
+    resting_parts = ", ".join(_name_parts(decomposition, step.rests_on))
     return {
         "number": number,
         "level": step.level,
@@ -176,8 +176,8 @@ def _describe_step(
         "seam_mm": f"{decomposition.sum_seams_mm(step.joints if decomposition.seams else ()):,.0f}",
         "support": (
             f"Put {fixed} down as drawn, on the grey table: with the joint upwards it stands"
-            + (f" on {rest}." if len(step.fixed_parts) > 1 else ".")
-            if rest
+            + (f" on {resting_parts}." if len(step.fixed_parts) > 1 else ".")
+            if resting_parts
             else f"Hold {fixed} as drawn: it does not stand with the joint upwards."
         ),
         "pins": explain_pins(decomposition, number - 1) if step.joints else "",

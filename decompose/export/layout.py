@@ -28,7 +28,7 @@ BED_COLOUR = np.array([0.93, 0.93, 0.95])
 BED_DEPTH_MM = 0.5  # depth below a part at which its bed is drawn
 
 
-def sort_by_use(parts: Sequence[Part], order: Sequence[int]) -> list[int]:
+def sort_parts_by_use(parts: Sequence[Part], order: Sequence[int]) -> list[int]:
     """Sort the numbers of all parts: first those in an order, then the others.
 
     Parameters
@@ -51,7 +51,7 @@ def draw_layout(parts: Sequence[Part], order: Sequence[int], places: Sequence[Be
     order
         Numbers of parts, in the order in which they are drawn.
     places
-        Place of each part on its bed, which is drawn where it is known; empty for none.
+        Place of each part on its bed, None if it is not known; a bed is drawn for each known place.
 
     Returns
     -------
@@ -73,39 +73,41 @@ def draw_layout(parts: Sequence[Part], order: Sequence[int], places: Sequence[Be
 def _lay_out_shapes(
     parts: Sequence[Part], order: Sequence[int], places: Sequence[BedPlace | None]
 ) -> tuple[list[Shape], Floats]:
-    """Lay out the shapes of parts and beds; return also points (n, 3) in mm in front of them for names."""
+    """Lay out the shapes of parts and beds; return them, and points (n, 3) in mm in front for the names."""
     colours = make_part_colours(len(parts))
     beds = [places[number] if places else None for number in order]
     meshes = [
-        put_on_bed(*parts[number].build_printing_mesh(), bed) for number, bed in zip(order, beds, strict=True)
+        put_part_on_bed(*parts[number].build_printing_mesh(), bed)
+        for number, bed in zip(order, beds, strict=True)
     ]
     extents_mm = np.array(
         [_find_extents(vertices, bed) for (vertices, _), bed in zip(meshes, beds, strict=True)]
     )
-    seen_mm = extents_mm[:, 1] + extents_mm[:, 2] / np.tan(np.radians(EYE_DEG))  # of depth and height
-    pitch_mm = (1.0 + GAP_SHARE) * np.array([extents_mm[:, 0].max(), seen_mm.max(), 0.0])
+    # Extents of depth and height together, as seen by the eye.
+    visible_mm = extents_mm[:, 1] + extents_mm[:, 2] / np.tan(np.radians(EYE_DEG))
+    pitch_mm = (1.0 + GAP_SHARE) * np.array([extents_mm[:, 0].max(), visible_mm.max(), 0.0])
     columns = int(np.ceil(np.sqrt(WIDTH_RATIO * len(order))))
     shapes, tables, front_mm = [], [], []
     for place, (number, (vertices, faces), bed) in enumerate(zip(order, meshes, beds, strict=True)):
-        at_mm = pitch_mm * [place % columns, -(place // columns), 0.0]
-        placed_vertices = vertices + at_mm
+        middle_mm = pitch_mm * [place % columns, -(place // columns), 0.0]
+        placed_vertices = vertices + middle_mm
         shapes.append(Shape(placed_vertices[faces], colours[number]))
         front = placed_vertices[:, 1].min()
         if bed is not None:
-            tables.append(Shape(_make_bed(bed) + at_mm, BED_COLOUR))
-            front = min(front, at_mm[1] - bed.bed_mm[1] / 2.0)
-        front_mm.append([at_mm[0], front, 0.0])
+            tables.append(Shape(_make_bed(bed) + middle_mm, BED_COLOUR))
+            front = min(front, middle_mm[1] - bed.bed_mm[1] / 2.0)
+        front_mm.append([middle_mm[0], front, 0.0])
     below_mm = np.min(front_mm, axis=0) - [0.0, GAP_SHARE / 2.0 * pitch_mm[1], 0.0]
-    # A triangle without area reserves room for the names in the last row.
-    names = Shape(np.tile(below_mm, (1, 3, 1)), np.ones(3))
-    return [*shapes, *tables, names], np.array(front_mm)
+    # A triangle without area reserves space for the names in the last row.
+    name_space = Shape(np.tile(below_mm, (1, 3, 1)), np.ones(3))
+    return [*shapes, *tables, name_space], np.array(front_mm)
 
 
 def describe_place(place: BedPlace | None) -> str:
-    """Describe where the middle of a part is on its bed, seen from the front; empty if unknown."""
+    """Describe the place of the middle of a part on its bed, seen from the front; empty if unknown."""
     if place is None:
         return ""
-    right, back = (round(mm) for mm in place.at_mm)
+    right, back = (round(mm) for mm in place.centre_mm)
     words = [
         f"{abs(mm)} mm {names[mm > 0]}"
         for mm, names in ((right, ("to the left", "to the right")), (back, ("to the front", "to the back")))
@@ -114,8 +116,8 @@ def describe_place(place: BedPlace | None) -> str:
     return f"{' and '.join(words)}, from the middle" if words else "in the middle"
 
 
-def put_on_bed(vertices: Floats, faces: Ints, bed: BedPlace | None) -> tuple[Floats, Ints]:
-    """Move a part to its place on the bed; without a bed, to the origin.
+def put_part_on_bed(vertices: Floats, faces: Ints, bed: BedPlace | None) -> tuple[Floats, Ints]:
+    """Move a part to its place on the bed, or to the origin if its place is not known.
 
     Parameters
     ----------
@@ -133,17 +135,17 @@ def put_on_bed(vertices: Floats, faces: Ints, bed: BedPlace | None) -> tuple[Flo
     placed_vertices = vertices - middle_mm
     if bed is None:
         return placed_vertices, faces
-    if bed.turned:
+    if bed.is_rotated:
         placed_vertices = placed_vertices @ np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    return placed_vertices + np.array([*bed.at_mm, 0.0]), faces
+    return placed_vertices + np.array([*bed.centre_mm, 0.0]), faces
 
 
 def _find_extents(vertices: Floats, bed: BedPlace | None) -> Floats:
     """Find the extents (3,) of a part, including its bed around the origin."""
     if bed is None:
         return np.asarray(np.ptp(vertices, axis=0))
-    reach = np.maximum(2.0 * np.abs(vertices[:, :2]).max(axis=0), bed.bed_mm)
-    return np.append(reach, np.ptp(vertices[:, 2]))
+    reach_mm = np.maximum(2.0 * np.abs(vertices[:, :2]).max(axis=0), bed.bed_mm)
+    return np.append(reach_mm, np.ptp(vertices[:, 2]))
 
 
 def _make_bed(bed: BedPlace) -> Floats:

@@ -1,4 +1,4 @@
-"""Check of a page of instructions: whether it names all parts and joints, and loads nothing."""
+"""Check of a page of instructions: whether it names all parts and joints, and loads no other files."""
 
 from __future__ import annotations
 
@@ -49,17 +49,17 @@ def find_page_faults(page: str, decomposition: Decomposition) -> list[str]:
     reader = _Reader()
     reader.feed(page)
     reader.close()
-    expected_names = Counter(_list_expected(decomposition))
+    expected_names = Counter(_list_expected_names(decomposition))
     faults = [f"{kind} {name} is missing" for kind, name in expected_names - reader.name_counts]
     faults += [f"{kind} {name} is named too often" for kind, name in reader.name_counts - expected_names]
     faults += [f"it loads {address[:80]}" for address in reader.addresses]
     if "url(" in page or "@import" in page:
-        faults.append("its style loads something")
+        faults.append("its style loads a file")
     return faults
 
 
-def _list_expected(decomposition: Decomposition) -> Iterator[tuple[str, str]]:
-    """Yield the kind and the name of everything that a page has to name."""
+def _list_expected_names(decomposition: Decomposition) -> Iterator[tuple[str, str]]:
+    """Yield the kind and the name of each part, pin, mark, step and joint that a page has to name."""
     names = [part.id for part in decomposition.parts]
     for name in names:
         yield "part", name

@@ -16,11 +16,11 @@ from decompose.export.raster import Drawing, Shape, draw_shapes, make_camera
 from decompose.files.names import find_part_number
 from decompose.results import Part
 
-EXPLODED_SHARE = 0.28  # move of a part away from the middle, as a share of its distance from it
+EXPLODED_SHARE = 0.28  # movement of a part away from the middle, as a share of its distance from the middle
 AZIMUTH_DEG, ELEVATION_DEG = -58.0, 22.0  # position of the eye: in front, slightly to the right and above
 DPI = 100.0
 LABEL_PT, SMALLEST_LABEL_PT = 13.0, 7.0
-LABEL_PX = 10.0  # width of a letter of a label
+LETTER_WIDTH_PX = 10.0  # width of a letter of a label
 GOLDEN_RATIO = (np.sqrt(5.0) - 1.0) / 2.0
 
 
@@ -45,19 +45,21 @@ def draw_assembly(parts: Sequence[Part], path: Path, longest_px: int = 1100) -> 
     longest_px
         Longer side of the picture without its margin, in pixels.
     """
-    lo = np.min([p.solid.bounds_mm[0] for p in parts], axis=0)
-    hi = np.max([p.solid.bounds_mm[1] for p in parts], axis=0)
-    middle = (lo + hi) / 2.0
+    lo_mm = np.min([p.solid.bounds_mm[0] for p in parts], axis=0)
+    hi_mm = np.max([p.solid.bounds_mm[1] for p in parts], axis=0)
+    middle_mm = (lo_mm + hi_mm) / 2.0
     shapes = []
     for part, colour in zip(parts, make_part_colours(len(parts)), strict=True):
         vertices, faces = part.solid.arrays()
-        offset_mm = EXPLODED_SHARE * (part.solid.bounds_mm.mean(axis=0) - middle)
-        shapes.append(Shape((vertices + offset_mm - middle)[faces], colour))
+        offset_mm = EXPLODED_SHARE * (part.solid.bounds_mm.mean(axis=0) - middle_mm)
+        shapes.append(Shape((vertices + offset_mm - middle_mm)[faces], colour))
     drawing = draw_shapes(shapes, make_camera(AZIMUTH_DEG, ELEVATION_DEG), longest_px)
     figure, axes = make_figure(drawing)
     hidden_labels = write_labels(axes, drawing, [find_part_number(part.id) for part in parts])
     if hidden_labels:
-        lines = fill(f"behind: {', '.join(hidden_labels)}", max(20, int(drawing.visible.shape[1] / LABEL_PX)))
+        lines = fill(
+            f"behind: {', '.join(hidden_labels)}", max(20, int(drawing.visible.shape[1] / LETTER_WIDTH_PX))
+        )
         axes.text(
             0.01, 0.01, lines, transform=axes.transAxes, fontsize=LABEL_PT, path_effects=make_white_outline()
         )
@@ -65,12 +67,12 @@ def draw_assembly(parts: Sequence[Part], path: Path, longest_px: int = 1100) -> 
 
 
 def make_figure(drawing: Drawing) -> tuple[Any, Any]:
-    """Make a matplotlib figure of a drawing, whose axes are in pixels; return both."""
+    """Make a matplotlib figure of a drawing; return the figure and its axes, which are in pixels."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg  # slow to load
     from matplotlib.figure import Figure
 
-    height, width = drawing.visible.shape
-    figure = Figure(figsize=(width / DPI, height / DPI), dpi=DPI)
+    height_px, width_px = drawing.visible.shape
+    figure = Figure(figsize=(width_px / DPI, height_px / DPI), dpi=DPI)
     FigureCanvasAgg(figure)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.set_axis_off()
@@ -99,10 +101,10 @@ def write_labels(axes: Any, drawing: Drawing, labels: Sequence[str]) -> list[str
             continue
         distances_px = distance_transform_edt(np.pad(drawing.visible[window] == number, 1))
         row, column = np.unravel_index(int(distances_px.argmax()), distances_px.shape)
-        points = float(np.clip(distances_px.max() * 72.0 / DPI, SMALLEST_LABEL_PT, LABEL_PT))
+        label_pt = float(np.clip(distances_px.max() * 72.0 / DPI, SMALLEST_LABEL_PT, LABEL_PT))
         axes.text(
             window[1].start + column - 1, window[0].start + row - 1, label,
-            ha="center", va="center", fontsize=points, weight="bold", path_effects=make_white_outline(),
+            ha="center", va="center", fontsize=label_pt, weight="bold", path_effects=make_white_outline(),
         )  # fmt: skip
     return hidden_labels
 
@@ -115,7 +117,7 @@ def make_white_outline() -> list[Any]:
 
 
 def encode_png(figure: Any) -> bytes:
-    """Encode a figure as a PNG with 128 colours, which is small."""
+    """Encode a figure as a small PNG with 128 colours."""
     from PIL import Image  # comes with matplotlib; slow to load
 
     figure.canvas.draw()

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from decompose.connectors import Pin, list_cuts
 
 RULER_MM = 100
-LEFT_MM, ROW_MM, RULER_HEIGHT_MM = 5.0, 11.0, 17.0
-WIDTH_MM = RULER_MM + 2.0 * LEFT_MM
-SAW_MM = 1.0  # width of the saw's cut
+LEFT_MARGIN_MM, ROW_HEIGHT_MM, RULER_HEIGHT_MM = 5.0, 11.0, 17.0
+WIDTH_MM = RULER_MM + 2.0 * LEFT_MARGIN_MM
+SAW_CUT_MM = 1.0  # width of the saw's cut
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +22,7 @@ class PinSheet:
     rows
         Diameter in mm, length in mm, and number of pins, the largest first.
     stocks
-        Diameter in mm, number of pins, and length in mm of filament that they need, including the cuts.
+        Diameter in mm, number of pins, and length in mm of the filament that they need, including the cuts.
     drawing
         SVG in mm.
     """
@@ -32,7 +32,7 @@ class PinSheet:
     drawing: str
 
 
-def make_sheet(pins: Sequence[Pin]) -> PinSheet | None:
+def make_pin_sheet(pins: Sequence[Pin]) -> PinSheet | None:
     """Make the sheet of pins; None if there are no pins."""
     if not pins:
         return None
@@ -49,8 +49,10 @@ def make_sheet(pins: Sequence[Pin]) -> PinSheet | None:
 
 def _describe_stock(cuts: Sequence[tuple[float, float, int]], diameter_mm: float) -> tuple[str, int, str]:
     """Describe the filament that the pins of a diameter need, as in `PinSheet.stocks`."""
-    diameter_cuts = [(length_mm, count) for diameter, length_mm, count in cuts if diameter == diameter_mm]
-    stock_mm = sum(count * (length_mm + SAW_MM) for length_mm, count in diameter_cuts)
+    diameter_cuts = [
+        (length_mm, count) for cut_diameter_mm, length_mm, count in cuts if cut_diameter_mm == diameter_mm
+    ]
+    stock_mm = sum(count * (length_mm + SAW_CUT_MM) for length_mm, count in diameter_cuts)
     return f"{diameter_mm:g}", sum(count for _, count in diameter_cuts), f"{stock_mm:,.0f}"
 
 
@@ -60,9 +62,9 @@ def format_length(length_mm: float) -> str:
 
 
 def format_size(pin: Pin) -> str:
-    """Format the length of a pin; for a key, with its diameter."""
+    """Format the length of a pin, or the length and the diameter of a key."""
     length = format_length(pin.length_mm)
-    return length if pin.along is None else f"{length} × {pin.diameter_mm:g}"
+    return length if pin.key_direction is None else f"{length} × {pin.diameter_mm:g}"
 
 
 def draw_gauge(sizes_mm: Sequence[tuple[float, float]]) -> str:
@@ -78,19 +80,21 @@ def draw_gauge(sizes_mm: Sequence[tuple[float, float]]) -> str:
     str
         SVG in mm.
     """
-    height_mm = RULER_HEIGHT_MM + ROW_MM * len(sizes_mm)
-    marks = [_draw_line(LEFT_MM, 2.0, LEFT_MM + RULER_MM, 2.0)]
+    height_mm = RULER_HEIGHT_MM + ROW_HEIGHT_MM * len(sizes_mm)
+    marks = [_draw_line(LEFT_MARGIN_MM, 2.0, LEFT_MARGIN_MM + RULER_MM, 2.0)]
     for mm in range(RULER_MM + 1):
         long_mm = 6.0 if mm % 10 == 0 else 4.5 if mm % 5 == 0 else 3.0
-        marks.append(_draw_line(LEFT_MM + mm, 2.0, LEFT_MM + mm, 2.0 + long_mm))
+        marks.append(_draw_line(LEFT_MARGIN_MM + mm, 2.0, LEFT_MARGIN_MM + mm, 2.0 + long_mm))
         if mm % 10 == 0:
-            marks.append(_draw_text(LEFT_MM + mm, 11.5, f"{mm}", anchor="middle"))
+            marks.append(_draw_text(LEFT_MARGIN_MM + mm, 11.5, f"{mm}", anchor="middle"))
     for row, (length_mm, diameter_mm) in enumerate(sizes_mm):
-        top_mm = RULER_HEIGHT_MM + ROW_MM * row
-        end_mm = LEFT_MM + length_mm
-        marks += [_draw_line(x, top_mm - 2.0, x, top_mm + diameter_mm + 2.0) for x in (LEFT_MM, end_mm)]
+        top_mm = RULER_HEIGHT_MM + ROW_HEIGHT_MM * row
+        end_mm = LEFT_MARGIN_MM + length_mm
+        marks += [
+            _draw_line(x, top_mm - 2.0, x, top_mm + diameter_mm + 2.0) for x in (LEFT_MARGIN_MM, end_mm)
+        ]
         marks.append(
-            f'<rect x="{LEFT_MM:g}" y="{top_mm:g}" width="{length_mm:g}" height="{diameter_mm:g}" '
+            f'<rect x="{LEFT_MARGIN_MM:g}" y="{top_mm:g}" width="{length_mm:g}" height="{diameter_mm:g}" '
             'fill="#9db8f2" stroke="#000" stroke-width="0.1"/>'
         )
         marks.append(

@@ -182,7 +182,7 @@ def draw_shapes(shapes: Sequence[Shape], frame: Floats, longest_px: int, oversam
     oversample
         Number of pixels of the buffer along each side of a pixel of the picture.
     """
-    screen_triangles, colours, owner = [], [], []
+    screen_triangles, colours, owners = [], [], []
     for i, shape in enumerate(shapes):
         triangles = shape.triangles @ frame.T
         normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
@@ -191,21 +191,21 @@ def draw_shapes(shapes: Sequence[Shape], frame: Floats, longest_px: int, oversam
         shade = AMBIENT_SHARE + (1.0 - AMBIENT_SHARE) * np.clip(normal @ LIGHT_DIRECTION, 0.0, 1.0)
         screen_triangles.append(triangles)
         colours.append(shade[:, None] * shape.colour)
-        owner.append(np.full(len(triangles), i + 1))
+        owners.append(np.full(len(triangles), i + 1))
     triangles = np.concatenate(screen_triangles)
     low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
-    margin = MARGIN_SHARE * float((high - low)[:2].max())
-    scale = oversample * longest_px / (float((high - low)[:2].max()) + 2.0 * margin)
-    size = np.ceil((high - low + 2.0 * margin) * scale / oversample).astype(int) * oversample
-    depth = np.full((size[1], size[0]), -np.inf)
-    front = np.full((size[1], size[0]), -1)
-    _rasterise_triangles((triangles - low + margin) * scale, depth, front)
-    step = OUTLINE_DEPTH_SHARE * float(np.ptp(triangles[:, :, 2])) * scale
-    number = np.concatenate([[0], *owner])  # number of the shape of each triangle; 0 for none
+    margin_mm = MARGIN_SHARE * float((high - low)[:2].max())
+    scale = oversample * longest_px / (float((high - low)[:2].max()) + 2.0 * margin_mm)
+    size_px = np.ceil((high - low + 2.0 * margin_mm) * scale / oversample).astype(int) * oversample
+    depth = np.full((size_px[1], size_px[0]), -np.inf)
+    front = np.full((size_px[1], size_px[0]), -1)
+    _rasterise_triangles((triangles - low + margin_mm) * scale, depth, front)
+    outline_step_px = OUTLINE_DEPTH_SHARE * float(np.ptp(triangles[:, :, 2])) * scale
+    number = np.concatenate([[0], *owners])  # number of the shape of each triangle; 0 for none
     return Drawing(
-        picture=_colour_pixels(front, depth, np.concatenate(colours), step, oversample),
+        picture=_colour_pixels(front, depth, np.concatenate(colours), outline_step_px, oversample),
         visible=number[front[::oversample, ::oversample] + 1],
         frame=frame,
-        origin_mm=low[:2] - margin,
+        origin_mm=low[:2] - margin_mm,
         pixels_per_mm=scale / oversample,
     )

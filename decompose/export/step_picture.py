@@ -12,7 +12,7 @@ import numpy as np
 from decompose.arrays import Floats
 from decompose.assembly import AssemblyStep
 from decompose.connectors import Pin
-from decompose.export.glb import find_moves
+from decompose.export.glb import find_movements_mm
 from decompose.export.picture import AZIMUTH_DEG, encode_png, make_figure, make_white_outline, write_labels
 from decompose.export.pin_sheet import format_size
 from decompose.export.raster import Drawing, draw_shapes, make_camera
@@ -23,8 +23,8 @@ from decompose.results import Decomposition
 
 AZIMUTHS_DEG = [AZIMUTH_DEG + turn for turn in (0.0, 45.0, -45.0, 90.0, -90.0, 135.0, -135.0, 180.0)]
 ELEVATIONS_DEG = (22.0, 38.0)
-TURNED_OVER_DEG = (35.0, 60.0)  # elevations of the views of the moved body alone
-BEST_TILT = 0.5  # best cosine between a face's normal and the eye, at which the gap next to it is seen too
+TURNED_OVER_ELEVATIONS_DEG = (35.0, 60.0)  # elevations of the views of the moved body alone
+BEST_TILT_COS = 0.5  # best cosine between a face's normal and the direction to the eye: it shows the gap too
 TURN_COST = 0.1  # cost of each 45 degrees by which the eye turns from the previous step
 PIN_GAIN = 0.5  # gain if all pins are visible
 MAX_DRAWN_VIEWS = 5  # maximum number of views that are drawn in a small size to find hidden faces and pins
@@ -45,7 +45,7 @@ class StepPictures:
     both
         Picture of both bodies apart, the fixed one below.
     moved
-        Picture of the moved body, turned over so that its glued faces are seen.
+        Picture of the moved body, turned over so that its glued faces are visible.
     top
         Direction of the model's top in `both`, such as "upwards" or "to the left".
     """
@@ -63,7 +63,7 @@ def draw_steps(decomposition: Decomposition, first: int = 0, end: int | None = N
     decomposition
         Decomposition with the parts and the steps.
     first, end
-        Range of the steps that are drawn, half-open; all by default. The views of earlier steps are computed
+        Half-open range of the steps that are drawn; all by default. The views of earlier steps are computed
         too.
     """
     pictures: list[StepPictures] = []
@@ -78,10 +78,10 @@ def draw_steps(decomposition: Decomposition, first: int = 0, end: int | None = N
         camera = make_camera(azimuth_deg, elevation_deg) @ pose
         both = _draw_both_bodies(scene, step, decomposition, camera, offset_mm)
         moved = build_moved_body(number, decomposition)
-        turned_pose = turn_over(pose, azimuth_deg)
-        view = choose_view(moved, turned_pose, TURNED_OVER_DEG, azimuth_deg)
-        picture_below = _draw_moved_body(moved, decomposition, make_camera(*view) @ turned_pose)
-        pictures.append(StepPictures(both, picture_below, name_top_direction(camera)))
+        turned_pose = turn_pose_over(pose, azimuth_deg)
+        view = choose_view(moved, turned_pose, TURNED_OVER_ELEVATIONS_DEG, azimuth_deg)
+        moved_picture = _draw_moved_body(moved, decomposition, make_camera(*view) @ turned_pose)
+        pictures.append(StepPictures(both, moved_picture, name_top_direction(camera)))
     return pictures
 
 
@@ -106,8 +106,8 @@ def find_pose(direction: Floats) -> Floats:
     return find_least_rotation(direction, np.array([0.0, 0.0, 1.0]))
 
 
-def turn_over(pose: Floats, azimuth_deg: float) -> Floats:
-    """Rotate a pose (3, 3) by 180 degrees about the level axis across the view, to show a body from below.
+def turn_pose_over(pose: Floats, azimuth_deg: float) -> Floats:
+    """Rotate a pose by 180 degrees about the horizontal axis across the view, to show a body from below.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def turn_over(pose: Floats, azimuth_deg: float) -> Floats:
 
 
 def find_gap_mm(step: AssemblyStep, decomposition: Decomposition) -> float:
-    """Find the gap between the drawn bodies at which their glued faces are seen.
+    """Find the gap between the drawn bodies at which their glued faces are visible.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def find_gap_mm(step: AssemblyStep, decomposition: Decomposition) -> float:
     decomposition
         Decomposition with the parts and their joints.
     """
-    [move_mm] = find_moves(decomposition.parts, [step])
+    [move_mm] = find_movements_mm(decomposition.parts, [step])
     corners = [
         np.array(face.outline.envelope.exterior.coords) @ face.axes
         for joint in step.joints
@@ -169,7 +169,7 @@ def choose_view(
 
     def compute_merit(view: tuple[float, float]) -> float:
         tilts = outwards @ (make_camera(*view) @ pose)[2]
-        visible_mm2 = areas_mm2 @ np.where(tilts > 0.0, 1.0 - np.abs(tilts - BEST_TILT), 0.0)
+        visible_mm2 = areas_mm2 @ np.where(tilts > 0.0, 1.0 - np.abs(tilts - BEST_TILT_COS), 0.0)
         turn_deg = 0.0 if previous_deg is None else abs((view[0] - previous_deg + 180.0) % 360.0 - 180.0)
         return float(visible_mm2 / (areas_mm2.sum() or 1.0) - TURN_COST * turn_deg / 45.0)
 
@@ -207,7 +207,7 @@ def _draw_both_bodies(
     figure, axes = make_figure(drawing)
     write_labels(axes, drawing, [find_part_number(decomposition.parts[number].id) for number in scene.parts])
     for pin in scene.pins:
-        rod = np.array([_find_tip(pin), pin.at_mm + offset_mm])
+        rod = np.array([_find_tip(pin), pin.position_mm + offset_mm])
         axes.plot(*drawing.find_pixels(rod).T, ls=":", lw=1.2, color=PIN_INK)
     _name_pins(axes, drawing, scene, [_find_tip(pin) for pin in scene.pins])
     _draw_arrow(axes, drawing, step, decomposition, offset_mm)
@@ -220,14 +220,14 @@ def _draw_moved_body(scene: Scene, decomposition: Decomposition, camera: Floats)
     drawing = draw_shapes(scene.shapes, camera, TURNED_OVER_PX, oversample=2)
     figure, axes = make_figure(drawing)
     write_labels(axes, drawing, [find_part_number(decomposition.parts[number].id) for number in scene.parts])
-    _name_pins(axes, drawing, scene, [pin.at_mm for pin in scene.pins])
+    _name_pins(axes, drawing, scene, [pin.position_mm for pin in scene.pins])
     return encode_png(figure)
 
 
 def _find_tip(pin: Pin) -> Floats:
     """Find the highest point (3,) of a pin or key above the lower body."""
-    height_mm = pin.length_mm if pin.along is None else pin.diameter_mm
-    return np.asarray(pin.at_mm + height_mm / 2.0 * pin.axis)
+    height_mm = pin.length_mm if pin.key_direction is None else pin.diameter_mm
+    return np.asarray(pin.position_mm + height_mm / 2.0 * pin.axis)
 
 
 def _name_pins(axes: Any, drawing: Drawing, scene: Scene, points_mm: Sequence[Floats]) -> None:

@@ -18,13 +18,13 @@ from decompose.pieces import JointFace, find_cut_faces, list_polygons
 from decompose.results import Decomposition
 
 GLUE_COLOUR = np.array([1.0, 0.35, 0.0])
-INK = np.array([0.08, 0.08, 0.08])
+INK_COLOUR = np.array([0.08, 0.08, 0.08])
 PIN_COLOUR = np.array([0.1, 0.35, 0.9])
 TABLE_COLOUR = np.array([0.9, 0.9, 0.92])
-LIFT_MM = 0.05  # height of a colour above its face; ink is three times as high
+LIFT_HEIGHT_MM = 0.05  # height of a colour above its face; ink is three times as high
 INK_MM, INK_SHARE = 1.2, 0.005  # minimum width of a stroke, also as a share of the scene
 TABLE_SHARE = 0.1  # margin of the table around the body, as a share of its size
-SIDES = 12  # number of a pin's side faces
+ROD_SIDES = 12  # number of a pin's side faces
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,8 +81,8 @@ def find_glued_faces(step: AssemblyStep, decomposition: Decomposition) -> list[G
         for face in joint.faces:
             plane = np.append(face.normal, face.offset_mm)[None]
             a, b, c = np.moveaxis(vertices[faces[find_cut_faces(vertices, faces, plane)]], 1, 0)
-            outside = float((np.cross(b - a, c - a) @ face.normal).sum())
-            glued_faces.append(GluedFace(face, face.normal if outside >= 0.0 else -face.normal))
+            signed_area = float((np.cross(b - a, c - a) @ face.normal).sum())
+            glued_faces.append(GluedFace(face, face.normal if signed_area >= 0.0 else -face.normal))
     return glued_faces
 
 
@@ -123,7 +123,7 @@ def build_both_bodies(number: int, decomposition: Decomposition, moved_offset_mm
 
 
 def build_moved_body(number: int, decomposition: Decomposition) -> Scene:
-    """Build the scene of only the moved body of a step, with the mouths of its holes.
+    """Build the scene of the moved body of a step alone, with the mouths of its holes.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def build_moved_body(number: int, decomposition: Decomposition) -> Scene:
     shapes = [
         *_paint_parts(step.moved_parts, decomposition, np.zeros(3)),
         *(Shape(fill_face(entry.face, entry.outward), GLUE_COLOUR) for entry in glued_faces),
-        *(Shape(_fill_mouth(pin.holes[0]), INK) for pin in pins),
+        *(Shape(_fill_mouth(pin.holes[0]), INK_COLOUR) for pin in pins),
         *_write_codes(step, step.moved_parts, decomposition),
     ]
     return Scene(step.moved_parts, glued_faces, pins, shapes)
@@ -157,7 +157,7 @@ def fill_face(face: JointFace, outward: Floats) -> Floats:
     ndarray
         (m, 3, 3) triangles in mm.
     """
-    offset_mm = face.offset_mm * face.normal + LIFT_MM * outward
+    offset_mm = face.offset_mm * face.normal + LIFT_HEIGHT_MM * outward
     triangles = []
     for polygon in list_polygons(face.outline):
         oriented_polygon = shapely.geometry.polygon.orient(polygon)
@@ -165,7 +165,7 @@ def fill_face(face: JointFace, outward: Floats) -> Floats:
             np.array(ring.coords)[:-1] for ring in (oriented_polygon.exterior, *oriented_polygon.interiors)
         ]
         corners = np.concatenate(rings) @ face.axes + offset_mm
-        triangles.append(_turn_towards(corners[triangulate(rings)], outward))
+        triangles.append(_orient_triangles(corners[triangulate(rings)], outward))
     return np.concatenate(triangles) if triangles else np.zeros((0, 3, 3))
 
 
@@ -184,7 +184,7 @@ def _write_codes(step: AssemblyStep, body: Sequence[int], decomposition: Decompo
     bounds = np.array([decomposition.parts[part].solid.bounds_mm for part in body])
     extent_mm = float(np.linalg.norm(bounds[:, 1].max(axis=0) - bounds[:, 0].min(axis=0)))
     return [
-        Shape(_make_ribbons(mark, max(INK_MM, INK_SHARE * extent_mm)), INK)
+        Shape(_make_ribbons(mark, max(INK_MM, INK_SHARE * extent_mm)), INK_COLOUR)
         for mark in decomposition.connectors.marks
         if mark.part in body and mark.joint in step.joints
     ]
@@ -192,8 +192,8 @@ def _write_codes(step: AssemblyStep, body: Sequence[int], decomposition: Decompo
 
 def _make_ribbons(mark: Mark, width_mm: float) -> Floats:
     """Make flat triangles (m, 3, 3) of the strokes of a mark, in front of its face."""
-    outward = -mark.grooves[0].into
-    ends = mark.lines_mm + 3.0 * LIFT_MM * outward
+    outward = -mark.grooves[0].inward_normal
+    ends = mark.lines_mm + 3.0 * LIFT_HEIGHT_MM * outward
     along = ends[:, 1] - ends[:, 0]
     length = np.linalg.norm(along, axis=1, keepdims=True)
     dot = choose_plane_axes(outward)[0]  # a dot has no direction of its own
@@ -201,15 +201,15 @@ def _make_ribbons(mark: Mark, width_mm: float) -> Floats:
     half = width_mm / 2.0 * np.cross(outward, along)
     a, b = ends[:, 0] - width_mm / 2.0 * along, ends[:, 1] + width_mm / 2.0 * along
     corners = np.stack([a - half, b - half, b + half, a + half], axis=1)
-    return _turn_towards(np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]]), outward)
+    return _orient_triangles(np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]]), outward)
 
 
 def _make_rod(pin: Pin) -> Floats:
     """Make triangles (m, 3, 3) of a pin in its place."""
-    angles = 2.0 * np.pi * np.arange(SIDES) / SIDES
+    angles = 2.0 * np.pi * np.arange(ROD_SIDES) / ROD_SIDES
     circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     ring = pin.diameter_mm / 2.0 * circle @ choose_plane_axes(pin.rod_axis)
-    ends = [pin.at_mm + sign * pin.length_mm / 2.0 * pin.rod_axis for sign in (-1.0, 1.0)]
+    ends = [pin.position_mm + sign * pin.length_mm / 2.0 * pin.rod_axis for sign in (-1.0, 1.0)]
     low, high = (ring + end for end in ends)
     after_low, after_high = np.roll(low, -1, axis=0), np.roll(high, -1, axis=0)
     return np.concatenate(
@@ -224,12 +224,12 @@ def _make_rod(pin: Pin) -> Floats:
 
 def _fill_mouth(hole: Tool) -> Floats:
     """Fill the mouth of a hole with triangles (m, 3, 3), in front of its face."""
-    at_mm = hole.points_mm @ hole.into
-    mouth = hole.points_mm[at_mm < at_mm.min() + 1e-6]
-    axes = choose_plane_axes(hole.into)
+    depths_mm = hole.points_mm @ hole.inward_normal
+    mouth = hole.points_mm[depths_mm < depths_mm.min() + 1e-6]
+    axes = choose_plane_axes(hole.inward_normal)
     ring = np.array(shapely.MultiPoint(mouth @ axes.T).convex_hull.exterior.coords)[:-1]
-    corners = ring @ axes + (hole.face_mm - 3.0 * LIFT_MM) * hole.into
-    return _turn_towards(corners[triangulate([ring])], -hole.into)
+    corners = ring @ axes + (hole.face_mm - 3.0 * LIFT_HEIGHT_MM) * hole.inward_normal
+    return _orient_triangles(corners[triangulate([ring])], -hole.inward_normal)
 
 
 def _make_table(step: AssemblyStep, decomposition: Decomposition) -> Floats:
@@ -239,17 +239,17 @@ def _make_table(step: AssemblyStep, decomposition: Decomposition) -> Floats:
     axes = choose_plane_axes(up)
     flat = points @ axes.T
     low, high = flat.min(axis=0), flat.max(axis=0)
-    edge = TABLE_SHARE * float((high - low).max())
-    (x0, y0), (x1, y1) = low - edge, high + edge
+    margin_mm = TABLE_SHARE * float((high - low).max())
+    (x0, y0), (x1, y1) = low - margin_mm, high + margin_mm
     corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]]) @ axes
-    corners += (float((points @ up).min()) - LIFT_MM) * up
-    return _turn_towards(corners[[[0, 1, 2], [0, 2, 3]]], up)
+    corners += (float((points @ up).min()) - LIFT_HEIGHT_MM) * up
+    return _orient_triangles(corners[[[0, 1, 2], [0, 2, 3]]], up)
 
 
-def _turn_towards(triangles: Floats, outward: Floats) -> Floats:
+def _orient_triangles(triangles: Floats, outward: Floats) -> Floats:
     """Orient flat triangles (m, 3, 3) so that they face a direction (3,)."""
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     is_reversed = normal @ outward < 0.0
-    turned_triangles = triangles.copy()
-    turned_triangles[is_reversed] = turned_triangles[is_reversed][:, ::-1]
-    return turned_triangles
+    oriented_triangles = triangles.copy()
+    oriented_triangles[is_reversed] = oriented_triangles[is_reversed][:, ::-1]
+    return oriented_triangles

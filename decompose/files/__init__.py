@@ -1,1 +1,1 @@
-"""Limits and names of the files of models and decompositions, in modules that import no other packages."""
+"""Limits and names of the files of models and decompositions; these modules import no other packages."""

@@ -5,6 +5,6 @@ from __future__ import annotations
 import importlib.util
 
 
-def reads_step() -> bool:
+def can_read_step() -> bool:
     """Check whether the package that reads STEP files is installed."""
     return importlib.util.find_spec("cascadio") is not None

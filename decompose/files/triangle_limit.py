@@ -1,4 +1,4 @@
-"""Limit on triangles by memory, checked on the first bytes of a file by pure functions; quick to import."""
+"""Limit on the triangles that fit in memory, checked on the first bytes of a file; quick to import."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _PLY_FACES = re.compile(rb"element\s+face\s+(\d{1,18})")
 _OFF_COUNTS = re.compile(rb"(?:\s|#[^\n]*\n)*C?OFF(?:\s|#[^\n]*\n)+\d+\s+(\d{1,18})")
 
 
-def check_head(name: str, head: bytes, size: int, suffix: str, memory_bytes: int) -> None:
+def check_head(name: str, head: bytes, size_bytes: int, suffix: str, memory_bytes: int) -> None:
     """Refuse a file whose first bytes give more triangles than fit in memory.
 
     Parameters
@@ -27,10 +27,11 @@ def check_head(name: str, head: bytes, size: int, suffix: str, memory_bytes: int
         Name of the file, for messages.
     head
         First bytes of the file, up to `HEAD_BYTES`.
-    size
+    size_bytes
         Number of bytes of the whole file.
     suffix
-        Format of the file, such as `.stl`; a format without a number of triangles in its first bytes passes.
+        Format of the file, such as `.stl`; a file passes if its format does not give the number of triangles
+        there.
     memory_bytes
         Memory of the process that will read it.
 
@@ -39,9 +40,9 @@ def check_head(name: str, head: bytes, size: int, suffix: str, memory_bytes: int
     ModelTooDetailed
         There are more triangles than fit in memory.
     """
-    count = _COUNTS.get(suffix)
+    count = _FACE_COUNTERS.get(suffix)
     if count is not None:
-        check_triangles(name, count(head, size), memory_bytes)
+        check_triangles(name, count(head, size_bytes), memory_bytes)
 
 
 def check_triangles(name: str, triangles: int, memory_bytes: int) -> None:
@@ -59,8 +60,8 @@ def check_triangles(name: str, triangles: int, memory_bytes: int) -> None:
     limit = compute_max_triangles(memory_bytes)
     if triangles > limit:
         raise ModelTooDetailed(
-            f"{name}: has {triangles / 1e6:.1f} million triangles, and {memory_bytes / 2**30:.1f} GB of "
-            f"memory suffice for {limit / 1e6:.1f} million: simplify its mesh"
+            f"{name}: has {triangles / 1e6:.1f} million triangles, but {memory_bytes / 2**30:.1f} GB of "
+            f"memory suffice only for {limit / 1e6:.1f} million: simplify its mesh"
         )
 
 
@@ -91,16 +92,16 @@ def count_off_faces(head: bytes) -> int:
     return int(match[1]) if match else 0
 
 
-def _count_stl_faces(head: bytes, size: int) -> int:
-    """Count the faces of a binary STL file by its header, but no more than fit into the file."""
-    begin = STL_HEADER_BYTES + STL_COUNT_BYTES
-    if len(head) < begin or not is_binary_stl(head):
+def _read_stl_face_count(head: bytes, size_bytes: int) -> int:
+    """Read the number of faces from the header of a binary STL file, at most as many as fit into the file."""
+    header_bytes = STL_HEADER_BYTES + STL_COUNT_BYTES
+    if len(head) < header_bytes or not is_binary_stl(head):
         return 0
-    return min(read_face_count(head), (size - begin) // STL_FACE_BYTES)
+    return min(read_face_count(head), (size_bytes - header_bytes) // STL_FACE_BYTES)
 
 
-_COUNTS: Mapping[str, Callable[[bytes, int], int]] = {
-    ".stl": _count_stl_faces,
+_FACE_COUNTERS: Mapping[str, Callable[[bytes, int], int]] = {
+    ".stl": _read_stl_face_count,
     ".ply": lambda head, _: count_ply_faces(head),
     ".off": lambda head, _: count_off_faces(head),
 }

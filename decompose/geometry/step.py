@@ -17,7 +17,7 @@ import trimesh
 
 from decompose.arrays import Floats
 from decompose.errors import ModelEmpty, ModelTooDetailed, ModelUnreadable
-from decompose.files.extras import reads_step
+from decompose.files.extras import can_read_step
 
 CHORD_MM = 0.01  # maximum distance between a curved face and its triangles
 CHORD_RAD = 0.2  # maximum angle between neighbouring triangles of a curved face
@@ -67,7 +67,7 @@ def read_step(name: str, data: bytes, max_triangles: int | None = None) -> Float
     """
     if _BEGIN not in data[:_EDGE_BYTES] or _END not in data[-_EDGE_BYTES:]:
         raise ModelUnreadable(f"{name}: not a STEP file or only a part of one; copy or export it again")
-    if not reads_step():
+    if not can_read_step():
         raise ModelUnreadable(
             f"{name}: STEP needs the package cascadio: `pip install 'farm[step]'`, or export it as 3MF or STL"
         )

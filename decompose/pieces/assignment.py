@@ -17,7 +17,8 @@ from decompose.printers import PrinterRoom
 def assign_printers(poses: Sequence[Pose], printers: Sequence[PrinterRoom]) -> list[PrinterRoom] | None:
     """Assign a printer to each part so that the last part ends as soon as possible.
 
-    A part fits by its pose. The price of a pose does not include the speed of a printer.
+    The pose of a part decides whether the part fits. The price of a pose does not include the speed of a
+    printer.
 
     Parameters
     ----------
@@ -52,23 +53,24 @@ def assign_bottleneck(seconds: Floats) -> list[int] | None:
     Returns
     -------
     list or None
-        Column of each row, each at most once, the first one of equal columns; None if there is no assignment.
+        Column of each row, each used at most once, and the first of equal columns; None if there is no
+        assignment.
     """
-    times = np.unique(seconds[np.isfinite(seconds)])
-    if not len(times) or not _has_matching(seconds <= times[-1]):
+    times_s = np.unique(seconds[np.isfinite(seconds)])
+    if not len(times_s) or not _has_matching(seconds <= times_s[-1]):
         return None
-    low, high = 0, len(times) - 1
+    low, high = 0, len(times_s) - 1
     while low < high:
         middle = (low + high) // 2
-        if _has_matching(seconds <= times[middle]):
+        if _has_matching(seconds <= times_s[middle]):
             high = middle
         else:
             low = middle + 1
-    is_allowed = seconds <= times[high]
-    first = 1e-6 * np.arange(seconds.shape[1])
-    forbidden = 1.0 + float((times[high] + first[-1]) * len(seconds))
+    is_allowed = seconds <= times_s[high]
+    order_costs = 1e-6 * np.arange(seconds.shape[1])
+    forbidden = 1.0 + float((times_s[high] + order_costs[-1]) * len(seconds))
     _, columns = linear_sum_assignment(
-        np.where(is_allowed, np.where(is_allowed, seconds, 0.0) + first, forbidden)
+        np.where(is_allowed, np.where(is_allowed, seconds, 0.0) + order_costs, forbidden)
     )
     return [int(column) for column in columns]
 

@@ -22,8 +22,9 @@ from decompose.pieces.piece import ON_PLANE_MM, find_cut_faces
 SLIVER_MM = 8.0
 TWO_WALLS_MM = 0.8  # two walls of a 0.4 mm nozzle: a thinner piece has no interior
 FLAKE_SHARE = 0.25  # minimum cut share of a flake's surface
-SAME_AREA_SHARE = 1e-9  # maximum difference between the area of triangles and that of their union, as a share
-SAME_DIGITS = 6  # decimal places to which the normals and the offsets of two pieces' common plane agree
+# Maximum difference between the area of triangles and that of their union, as a share.
+AREA_TOLERANCE_SHARE = 1e-9
+PLANE_DECIMALS = 6  # decimal places to which the normals and the offsets of two pieces' common plane agree
 
 
 class CutSolid(Protocol):
@@ -63,7 +64,7 @@ class JointFace:
         return float(self.outline.area)
 
     def move(self, transform: Floats) -> JointFace:
-        """Return the face moved by a rigid transform (4, 4)."""
+        """Move the face by a rigid transform (4, 4)."""
         rotation, offset_mm = transform[:3, :3], transform[:3, 3]
         normal, axes = rotation @ self.normal, self.axes @ rotation.T
         outline = shapely.transform(self.outline, lambda corners: corners + axes @ offset_mm)
@@ -93,11 +94,11 @@ class Joint:
     faces: tuple[JointFace, ...] = field(default=(), compare=False, repr=False)
 
     def move(self, transform: Floats) -> Joint:
-        """Return the joint moved by a rigid transform (4, 4)."""
+        """Move the joint by a rigid transform (4, 4)."""
         return replace(self, faces=tuple(face.move(transform) for face in self.faces))
 
     def holds(self, min_glue_mm2: float) -> bool:
-        """Check whether the joint has the minimum area and is two walls wide; for 0 mm2 any joint holds.
+        """Check whether the joint has the minimum area and is two walls wide; any joint holds if that is 0.
 
         Parts could fold at a narrower joint, however long it is.
         """
@@ -131,7 +132,7 @@ def find_joints(pieces: Sequence[CutSolid]) -> list[Joint]:
         for plane, side in _find_cut_sides(piece.solid, piece.planes).items():
             sides[plane].append((number, side))
     joint_faces: dict[tuple[int, int], list[JointFace]] = defaultdict(list)
-    for name, faces in sides.items():
+    for plane_key, faces in sides.items():
         for i, (a, side) in enumerate(faces):
             for b, other in faces[i + 1 :]:
                 if a == b or not side.area.intersects(other.area):
@@ -140,7 +141,7 @@ def find_joints(pieces: Sequence[CutSolid]) -> list[Joint]:
                 if shared_area.area > 0.0:
                     normal, offset_mm = side.plane[:3], float(side.plane[3])
                     joint_faces[min(a, b), max(a, b)].append(
-                        JointFace(normal, offset_mm, choose_plane_axes(np.array(name[:3])), shared_area)
+                        JointFace(normal, offset_mm, choose_plane_axes(np.array(plane_key[:3])), shared_area)
                     )
     return [
         Joint(
@@ -159,16 +160,16 @@ def find_faults(
 ) -> list[Fault]:
     """Find the pieces that cannot be glued well, at most one for each reason.
 
-    Slivers are thinner than `SLIVER_MM` next to a cut, or are flakes thinner than two walls. Loose pieces
-    have joints that do not hold (`Joint.holds`), and no others that connect them to their body. A piece that
-    touches no other piece is a separate body.
+    Slivers are thinner than `SLIVER_MM` next to a cut, or are flakes thinner than two walls. Loose pieces are
+    connected to their body only by joints that do not hold (`Joint.holds`). A piece that touches no other
+    piece is a separate body.
 
     Parameters
     ----------
     pieces
         Pieces in one frame, cut at planes.
     min_glue_mm2
-        Minimum area of a joint that counts as holding.
+        Minimum area of a joint whose glue counts as holding.
     joints
         Joints of `find_joints`, if they are known already.
     """
@@ -183,15 +184,16 @@ def _find_loose_pieces(
     """Find the smallest piece with a weak joint in each group of pieces that only weak joints connect."""
     body = _label_groups(len(volumes_mm3), joints)
     components = _label_groups(len(volumes_mm3), [j for j in joints if j.holds(min_glue_mm2)])
-    weight = np.bincount(components, weights=volumes_mm3)
-    heaviest = {
-        int(b): max(np.unique(components[body == b]), key=lambda g: weight[g]) for b in np.unique(body)
+    group_volumes_mm3 = np.bincount(components, weights=volumes_mm3)
+    largest_groups = {
+        int(b): max(np.unique(components[body == b]), key=lambda g: group_volumes_mm3[g])
+        for b in np.unique(body)
     }
     weak_pieces: dict[int, tuple[float, int, Joint]] = {}
     for joint in joints:
         for piece in (joint.a, joint.b):
             group = int(components[piece])
-            if components[joint.a] != components[joint.b] and group != heaviest[int(body[piece])]:
+            if components[joint.a] != components[joint.b] and group != largest_groups[int(body[piece])]:
                 candidate = (volumes_mm3[piece], piece, joint)
                 weak_pieces[group] = min(
                     weak_pieces.get(group, candidate), candidate, key=lambda fault: fault[:2]
@@ -200,7 +202,7 @@ def _find_loose_pieces(
 
 
 def _describe_sliver(piece: CutSolid) -> str:
-    """Describe why a piece is a sliver; empty if it is none."""
+    """Describe why a piece is a sliver; empty if it is not."""
     vertices, faces = piece.solid.arrays()
     for plane in piece.planes:
         distances_mm = vertices @ plane[:3] - plane[3]
@@ -217,14 +219,14 @@ def _describe_sliver(piece: CutSolid) -> str:
 
 
 def _label_groups(count: int, joints: Sequence[Joint]) -> Ints:
-    """Number the group (count,) of each piece that joints connect."""
+    """Label each piece with the number of its group (count,): the pieces that joints connect."""
     pairs = np.array([(j.a, j.b) for j in joints], dtype=np.int64).reshape(-1, 2)
     return label_components(count, pairs[:, 0], pairs[:, 1])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Side:
-    """Faces of a solid on a plane (4,), not rounded, as one geometry."""
+    """Plane (4,), not rounded, and the faces of a solid on it as one geometry."""
 
     plane: Floats
     area: shapely.Geometry
@@ -246,26 +248,26 @@ def _find_cut_sides(solid: Solid, planes: Floats) -> dict[tuple[float, ...], _Si
         if not len(flat):
             continue
         sign = -1.0 if plane[int(np.abs(plane[:3]).argmax())] < 0.0 else 1.0
-        name = np.round(sign * plane, SAME_DIGITS) + 0.0
+        plane_key = np.round(sign * plane, PLANE_DECIMALS) + 0.0
         # The inverse of a denormal number is infinite.
-        corners = np.round((vertices @ choose_plane_axes(name[:3]).T)[flat], SAME_DIGITS)
+        corners = np.round((vertices @ choose_plane_axes(plane_key[:3]).T)[flat], PLANE_DECIMALS)
         rings = shapely.polygons(np.concatenate([corners, corners[:, :1]], axis=1))
         section = _unite_triangles(rings[shapely.area(rings) > 0.0])
         if section.area > 0.0:
-            sides[tuple(float(v) for v in name)] = _Side(sign * plane, section)
+            sides[tuple(float(v) for v in plane_key)] = _Side(sign * plane, section)
     return sides
 
 
 def _unite_triangles(triangles: npt.NDArray[np.object_]) -> shapely.Geometry:
     """Unite the triangles of a flat face.
 
-    Triangles that meet edge to edge, without overlap, are united by their edges alone, which is much faster;
-    this may fail because corners are rounded.
+    Triangles that meet edge to edge, without overlap, are united by their edges alone, which is much faster
+    but may fail because corners are rounded.
     """
     area_mm2 = float(shapely.area(triangles).sum())
     with suppress(shapely.GEOSException):
         union = shapely.coverage_union_all(triangles)
-        if union.is_valid and math.isclose(union.area, area_mm2, rel_tol=SAME_AREA_SHARE):
+        if union.is_valid and math.isclose(union.area, area_mm2, rel_tol=AREA_TOLERANCE_SHARE):
             return union
     return shapely.union_all(triangles)
 

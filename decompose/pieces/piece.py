@@ -88,7 +88,7 @@ def list_box_planes(box_mm: Floats) -> Floats:
 
 
 def find_cut_faces(vertices: Floats, faces: Ints, planes: Floats) -> Bools:
-    """Find the faces that lie on any of some planes.
+    """Find the faces that lie on one of several planes.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Seams: the lines on the outer surface where two parts meet, and those where a part has a thin edge."""
+"""Seams: the lines on the outer surface at which two parts meet, and the thin edges of parts along them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from decompose.pieces.piece import ON_PLANE_MM, find_cut_faces
 
 THIN_REACH_MM = 3.0  # minimum depth of a thin edge, over which a rim is thinner than two walls
 MIN_REPORTED_MM = 5.0  # minimum length of thin rims that is reported
-LINE_MM = 1e-3  # tolerance of lines, because rounding moves the corners of outlines
+LINE_TOLERANCE_MM = 1e-3  # tolerance of lines, because rounding moves the corners of outlines
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +87,7 @@ class _Rims:
         """Measure the seam of a joint."""
         length_mm = thin_mm = 0.0
         for face in joint.faces:
-            near_area = face.outline.buffer(LINE_MM)
+            near_area = face.outline.buffer(LINE_TOLERANCE_MM)
             both_rims = [self._find_rim(number, face) for number in (joint.a, joint.b)]
             length_mm += max(float(rim.intersection(near_area).length) for rim, _ in both_rims)
             thin_mm += max(float(thin.intersection(near_area).length) for _, thin in both_rims)
@@ -101,11 +101,11 @@ class _Rims:
             flat = find_cut_faces(vertices, faces, np.append(face.normal, face.offset_mm)[None])
             corners, pairs = self._edges[number]
             is_outer = ~self._cut_faces[number][pairs]
-            on_rim = (flat[pairs] & is_outer[:, ::-1]).any(axis=1)
-            lines = (vertices @ face.axes.T)[corners[on_rim]]
+            is_on_rim = (flat[pairs] & is_outer[:, ::-1]).any(axis=1)
+            lines = (vertices @ face.axes.T)[corners[is_on_rim]]
             rim = shapely.union_all(shapely.linestrings(lines))
             thin = _find_thin_area(self._solids[number], vertices, faces[flat], face)
-            self._rims[key] = rim, rim.intersection(thin.buffer(LINE_MM))
+            self._rims[key] = rim, rim.intersection(thin.buffer(LINE_TOLERANCE_MM))
         return self._rims[key]
 
 
@@ -123,7 +123,7 @@ def _find_thin_area(solid: Solid, vertices: Floats, flat: Ints, face: JointFace)
 
 
 def _build_area(rings: Sequence[Floats]) -> shapely.Geometry:
-    """Build the area inside rings (n, 2), of which those around holes are clockwise."""
+    """Build the area inside rings (n, 2); rings around holes are clockwise."""
     outlines = [ring for ring in rings if len(ring) > 2]
     filled_areas = [_make_valid(ring) for ring in outlines if _measure_ring_mm2(ring) > 0.0]
     holes = [_make_valid(ring) for ring in outlines if _measure_ring_mm2(ring) < 0.0]
@@ -131,7 +131,7 @@ def _build_area(rings: Sequence[Floats]) -> shapely.Geometry:
 
 
 def _make_valid(ring: Floats) -> shapely.Geometry:
-    """Build the valid area of a ring, without lines to which parts of it collapse."""
+    """Build the valid area of a ring, without the parts of it that collapse to lines."""
     return shapely.make_valid(shapely.Polygon(ring), method="structure", keep_collapsed=False)
 
 
@@ -156,16 +156,19 @@ class _Extents:
         self._extents: dict[bytes, tuple[float, float]] = {}
 
     def drop_outermost_planes(self, planes: Floats) -> Floats:
-        """Leave out those planes (k, 4) that have all pieces on one side, and thus cut nothing."""
-        is_kept: Bools = np.array([self._is_cut(plane) for plane in planes], dtype=np.bool_)
-        return planes[is_kept]
+        """Drop the planes (k, 4) that have all pieces on one side and thus cut nothing."""
+        is_cut: Bools = np.array([self._is_cut(plane) for plane in planes], dtype=np.bool_)
+        return planes[is_cut]
 
     def _is_cut(self, plane: Floats) -> bool:
         """Check whether there are pieces on both sides of a plane (4,)."""
         normal = plane[:3]
         key = normal.tobytes()
         if key not in self._extents:
-            along = [vertices @ normal for vertices, _ in self._arrays]
-            self._extents[key] = min(float(a.min()) for a in along), max(float(a.max()) for a in along)
+            coordinates_mm = [vertices @ normal for vertices, _ in self._arrays]
+            self._extents[key] = (
+                min(float(a.min()) for a in coordinates_mm),
+                max(float(a.max()) for a in coordinates_mm),
+            )
         low_mm, high_mm = self._extents[key]
         return low_mm < float(plane[3]) - ON_PLANE_MM and float(plane[3]) + ON_PLANE_MM < high_mm

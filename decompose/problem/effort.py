@@ -47,48 +47,48 @@ WORK_NS = {
 
 @dataclass(slots=True)
 class Effort:
-    """Work that is done, and the budget.
+    """Work that has been done, and the budget.
 
     Attributes
     ----------
     budget_s
         Maximum work in seconds of one core of a typical machine.
-    done
-        Number of units of each kind that are done.
-    cut_short
+    done_units
+        Number of units of each kind that have been done.
+    is_cut_short
         Whether a search has stopped because of the budget.
     on_spent
-        Function that is called with the spent seconds whenever work is started; None for no call.
+        Function that is called with the spent seconds whenever work is started; None if there is none.
     reserved_s
         Part of the budget that no search may use, for work that is always done.
     """
 
     budget_s: float = math.inf
-    done: Counter[Work] = field(default_factory=Counter)
-    cut_short: bool = False
+    done_units: Counter[Work] = field(default_factory=Counter)
+    is_cut_short: bool = False
     on_spent: Callable[[float], None] | None = None
     reserved_s: float = 0.0
 
     @property
     def spent_s(self) -> float:
         """Work done, in seconds of one core of a typical machine."""
-        return sum(price * self.done[work] for work, price in WORK_NS.items()) / 1e9
+        return sum(price * self.done_units[work] for work, price in WORK_NS.items()) / 1e9
 
     def record(self, work: Work, units: int) -> None:
         """Record units of work when they are started."""
-        self.done[work] += units
+        self.done_units[work] += units
         if self.on_spent is not None:
             self.on_spent(self.spent_s)
 
     def can_afford(self, work: Work, units: int) -> bool:
-        """Check whether the budget is enough for some work; record in `cut_short` if it is not."""
+        """Check whether the budget is enough for some work; record in `is_cut_short` if it is not."""
         total_s = self.spent_s + self.reserved_s + units * WORK_NS[work] / 1e9
         can_afford = total_s <= self.budget_s
-        self.cut_short = self.cut_short or not can_afford
+        self.is_cut_short = self.is_cut_short or not can_afford
         return can_afford
 
     def is_spent(self) -> bool:
-        """Check whether the budget is spent; record in `cut_short` if it is."""
+        """Check whether the budget is spent; record in `is_cut_short` if it is."""
         spent = self.spent_s + self.reserved_s >= self.budget_s
-        self.cut_short = self.cut_short or spent
+        self.is_cut_short = self.is_cut_short or spent
         return spent

@@ -1,4 +1,4 @@
-"""Fit of pieces to the printers' room: number of parts, pieces that do not fit, and positions of cuts."""
+"""Fit of pieces in the printers' rooms: number of parts, pieces that do not fit, and positions of cuts."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def count_parts(solid: Solid, printers: Sequence[PrinterRoom]) -> int:
     return math.prod(count_blocks(np.ptp(solid.bounds_mm, axis=0), printers))
 
 
-def place_clear_of_faces(
+def place_plane_clear_of_faces(
     solid: Solid, normal: Floats, at_mm: float, reach_mm: float = 2.0 * CLEAR_MM
 ) -> float:
     """Find the offset of a plane near `at_mm` that is not close to any face parallel to the plane.
@@ -72,24 +72,24 @@ def place_clear_of_faces(
     normal
         (3,) unit normal of the plane.
     at_mm
-        Wanted offset along the normal.
+        Desired offset along the normal.
     reach_mm
-        Maximum distance from the wanted offset.
+        Maximum distance from the desired offset.
     """
     vertices, faces = solid.arrays()
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     cross = np.cross(b - a, c - a)
-    along, size = cross @ normal, np.linalg.norm(cross, axis=1)
-    is_flat = (np.abs(along) > (1.0 - 1e-9) * size) & (size > 0.0)
-    coordinates = np.unique(np.round(a[is_flat] @ normal, 6))
-    coordinates = coordinates[np.abs(coordinates - at_mm) < reach_mm + CLEAR_MM]
-    if not len(coordinates):
+    normal_areas_mm2, doubled_areas_mm2 = cross @ normal, np.linalg.norm(cross, axis=1)
+    is_flat = (np.abs(normal_areas_mm2) > (1.0 - 1e-9) * doubled_areas_mm2) & (doubled_areas_mm2 > 0.0)
+    coordinates_mm = np.unique(np.round(a[is_flat] @ normal, 6))
+    coordinates_mm = coordinates_mm[np.abs(coordinates_mm - at_mm) < reach_mm + CLEAR_MM]
+    if not len(coordinates_mm):
         return at_mm
-    offsets = np.linspace(-reach_mm, reach_mm, 81)
-    offsets = offsets[np.argsort(np.abs(offsets), kind="stable")]
-    gaps = np.abs(at_mm + offsets[:, None] - coordinates[None]).min(axis=1)
-    clear_gaps = np.flatnonzero(gaps >= CLEAR_MM)
-    return at_mm + float(offsets[clear_gaps[0] if len(clear_gaps) else int(np.argmax(gaps))])
+    offsets_mm = np.linspace(-reach_mm, reach_mm, 81)
+    offsets_mm = offsets_mm[np.argsort(np.abs(offsets_mm), kind="stable")]
+    gaps_mm = np.abs(at_mm + offsets_mm[:, None] - coordinates_mm[None]).min(axis=1)
+    clear_gaps = np.flatnonzero(gaps_mm >= CLEAR_MM)
+    return at_mm + float(offsets_mm[clear_gaps[0] if len(clear_gaps) else int(np.argmax(gaps_mm))])
 
 
 def split_connected(piece: Piece) -> list[Piece]:
@@ -108,7 +108,7 @@ def refuse_misfits(
     engine
         Name of the engine, for messages.
     pieces
-        Pieces that it has made.
+        Pieces that the engine has made.
     problem
         Problem with the printers.
     sufficient_printers
@@ -124,7 +124,7 @@ def refuse_misfits(
         )
     if len(pieces) > printers:
         raise NoFit(
-            f"{engine} makes {len(pieces)} parts, each on a printer of its own, and there are {printers}: "
+            f"{engine} makes {len(pieces)} parts, each on its own printer, but there are {printers}: "
             f"free more printers, or choose --engine guillotine",
             sufficient_printers,
         )

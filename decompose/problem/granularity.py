@@ -34,9 +34,9 @@ def choose_granularity(granularity: str | int, printers: int, room_ratio: float 
         The granularity is not valid.
     """
     if granularity == "auto":
-        finer = math.ceil(math.pow(CELLS_PER_PART * printers, 1.0 / 3.0))
-        for_room = min(MAX_ROOM_CELLS, math.ceil(2.0 * room_ratio))
-        return max(AUTO_GRANULARITY, finer, for_room)
+        part_cells = math.ceil(math.pow(CELLS_PER_PART * printers, 1.0 / 3.0))
+        room_cells = min(MAX_ROOM_CELLS, math.ceil(2.0 * room_ratio))
+        return max(AUTO_GRANULARITY, part_cells, room_cells)
     if granularity in GRANULARITY:
         return GRANULARITY[str(granularity)]
     try:

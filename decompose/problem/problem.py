@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from decompose.arrays import Floats
-from decompose.bound import bound_by_surface_s, bound_makespan
+from decompose.bound import bound_makespan, compute_surface_bound_s
 from decompose.errors import DecomposeError, NoFit, format_size
 from decompose.geometry import Model, Solid
 from decompose.grid import VOLUME, Box, BoxTables, Grid, GridRules, build_grid, price_boxes
@@ -24,7 +24,7 @@ from decompose.problem.effort import Effort, Work
 from decompose.problem.granularity import choose_granularity
 
 T = TypeVar("T")
-Posing = tuple[Solid, tuple[tuple[tuple[float, float, float], ...], ...]]  # a solid, and the rooms to fit
+PoseKey = tuple[Solid, tuple[tuple[tuple[float, float, float], ...], ...]]  # a solid, and the rooms to fit
 
 MAX_PARTS = 200  # maximum number of printers, or rounds, that a message suggests for a model
 
@@ -36,7 +36,7 @@ class GridFigures:
     Attributes
     ----------
     makespan_s
-        Makespan of the partition on the grid, by the tables.
+        Makespan of the partition on the grid, according to the tables.
     lower_bound_s
         Proven lower bound on the makespan.
     cells
@@ -66,14 +66,14 @@ class Problem:
     executor
         Threads for work that may run in parallel; None to run it serially.
     effort
-        Work that is done, and the budget. A search that does not end by itself stops when the budget is
+        Work that has been done, and the budget. A search that does not end by itself stops when the budget is
         spent, with the best result so far.
     on_stage
         Function that is called with the name of each stage when it ends.
     best_known_s
-        Makespan of the best result so far: no bound is proven for a result that ends later.
+        Makespan of the best result so far; no bound is proven for a result with a longer one.
     thorough
-        Whether to shift also the planes of partitions other than the best one, and to shift moved planes
+        Whether to also shift the planes of partitions other than the best one, and to shift moved planes
         again, within the budget.
     frame
         (3, 3) rotation of the model so far: ``v_cut = frame @ v_model``.
@@ -89,7 +89,7 @@ class Problem:
     best_known_s: float = math.inf
     thorough: bool = False
     frame: Floats = field(default_factory=lambda: np.eye(3))
-    _poses: dict[Posing, Pose | None] = field(default_factory=dict, init=False, repr=False)
+    _poses: dict[PoseKey, Pose | None] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
     def rooms(self) -> tuple[PrinterRoom, ...]:
@@ -147,7 +147,7 @@ class Problem:
         model
             Model in that frame.
         plane_at
-            Axis and coordinate in mm of a plane that the grid must have; None for none.
+            Axis and coordinate in mm of a plane that the grid must have; None if there is none.
         overhang_cos
             Cosine above which a face overhangs; None for that of the cost model.
         """
@@ -186,7 +186,8 @@ class Problem:
         Returns
         -------
         Callable
-            Function that waits for the lower bound in s on all partitions of the grid, by the tables.
+            Function that waits for the lower bound in s on all partitions of the grid, according to the
+            tables.
         """
         self.effort.record(Work.BOX_PROVEN, len(boxes.seconds))
         makespan_s = boxes.find_longest_s(partition)
@@ -201,9 +202,9 @@ class Problem:
         pieces: Sequence[Piece],
         proof: Callable[[], float] | None = None,
     ) -> GridFigures:
-        """Compute the makespan of boxes by the tables, and a lower bound for all partitions.
+        """Compute the makespan of boxes according to the tables, and a lower bound for all partitions.
 
-        The boxes fit every printer, and the slowest box is for the fastest printer. The bound is proven as if
+        The boxes fit every printer, and the fastest printer prints the slowest box. The bound is proven as if
         all printers were as fast as that one.
 
         Parameters
@@ -215,31 +216,32 @@ class Problem:
         pieces
             Final pieces from these boxes, or from similar ones.
         proof
-            Result of `start_proof`, if the proof is started already.
+            Result of `start_proof`, if the proof has been started already.
         """
         printers = len(self.printers)
         times_s = sorted((boxes.find_longest_s([box]) for box in partition), reverse=True)
         needed_mm3 = float(grid.sums[grid.needed][:, VOLUME].sum())
-        bound_s = bound_by_surface_s(self.model.solid.area_mm2, needed_mm3, printers, self.cost)
+        bound_s = compute_surface_bound_s(self.model.solid.area_mm2, needed_mm3, printers, self.cost)
         if proof is None and self.needs_proof(pieces):
             proof = self.start_proof(grid, boxes, partition)
         bound_s = bound_s if proof is None else max(bound_s, proof())
         factors = sorted(printer.time_factor for printer in self.printers)
-        ends_s = max(time_s * factor for time_s, factor in zip(times_s, factors, strict=False))
-        return GridFigures(ends_s, self.fastest_factor * bound_s, grid.shape)
+        makespan_s = max(time_s * factor for time_s, factor in zip(times_s, factors, strict=False))
+        return GridFigures(makespan_s, self.fastest_factor * bound_s, grid.shape)
 
     def needs_proof(self, pieces: Sequence[Piece]) -> bool:
         """Check whether these pieces may be the best result, so that a bound has to be proven for them."""
         if not self.options.prove:
             return False
-        ends_s = self.compute_makespan_s(pieces)
-        # Of two results that end at the same time, either may be chosen.
-        return math.isfinite(ends_s) and ends_s <= self.best_known_s
+        makespan_s = self.compute_makespan_s(pieces)
+        # Either of two results with the same makespan may be chosen.
+        return math.isfinite(makespan_s) and makespan_s <= self.best_known_s
 
     def compute_makespan_s(self, pieces: Sequence[Piece]) -> float:
-        """Compute the time when the last piece ends, each in its best pose; inf if they do not fit.
+        """Compute the makespan of pieces, each in its best pose; inf if they do not fit.
 
-        The pieces are assigned to printers again, as in the result, even if they are cut for some.
+        The pieces are assigned to printers again, as in the result, even if they were cut for certain
+        printers.
         """
         assigned_printers = self.assign_printers(pieces)
         if assigned_printers is None:
@@ -254,30 +256,32 @@ class Problem:
         poses = [pose for pose in self.find_poses(pieces) if pose is not None]
         return assign_printers(poses, self.printers) if len(poses) == len(pieces) else None
 
-    def list_rooms_for(self, piece: Piece) -> tuple[PrinterRoom, ...]:
+    def list_piece_rooms(self, piece: Piece) -> tuple[PrinterRoom, ...]:
         """List the rooms that a piece has to fit: that of its printer, or those of all printers."""
         return self.rooms if piece.printer is None else (piece.printer,)
 
     def find_pose(self, piece: Piece) -> Pose | None:
-        """Find the best pose of a piece that fits `list_rooms_for` it; None if there is none."""
+        """Find the best pose of a piece that fits its rooms (`list_piece_rooms`); None if there is none."""
         vertices, faces = piece.solid.arrays()
         cut = find_cut_faces(vertices, faces, piece.planes)
-        rooms = self.list_rooms_for(piece)
+        rooms = self.list_piece_rooms(piece)
         return find_best_pose(vertices, faces, cut, rooms, self.cost, self.options.fit_first_layer)
 
     def find_poses(self, pieces: Sequence[Piece]) -> list[Pose | None]:
         """Find the pose of each piece, once for each solid with its rooms, in parallel with an executor."""
         unposed_keys = {
-            self._make_posing(piece): piece for piece in pieces if self._make_posing(piece) not in self._poses
+            self._make_pose_key(piece): piece
+            for piece in pieces
+            if self._make_pose_key(piece) not in self._poses
         }
         self.effort.record(Work.PIECE_POSED, len(unposed_keys))
         self.effort.record(Work.FACE_POSED, sum(piece.solid.faces for piece in unposed_keys.values()))
         self._poses.update(zip(unposed_keys, self.map(self.find_pose, unposed_keys.values()), strict=True))
-        return [self._poses[self._make_posing(piece)] for piece in pieces]
+        return [self._poses[self._make_pose_key(piece)] for piece in pieces]
 
-    def _make_posing(self, piece: Piece) -> Posing:
-        """Make the key of a piece's pose."""
-        return piece.solid, tuple(room.boxes for room in self.list_rooms_for(piece))
+    def _make_pose_key(self, piece: Piece) -> PoseKey:
+        """Make the key of a piece's pose in the cache."""
+        return piece.solid, tuple(room.boxes for room in self.list_piece_rooms(piece))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -317,8 +321,8 @@ def validate_problem(
     Raises
     ------
     DecomposeError
-        There is no printer, a printer has no room, a minimum is no length or area, or the model is too long
-        for all rooms together.
+        There is no printer, a printer has no room, a minimum is not a length or area, or the model is too
+        long for all rooms together.
     """
     if not printers:
         raise NoFit("no printer: name at least one")
@@ -341,13 +345,13 @@ def _refuse_too_long_model(model: Model, printers: tuple[PrinterRoom, ...]) -> N
     for axis in range(3):
         order = spans[np.argsort(spans[:, 0, axis]), :, axis]
         before = np.maximum.accumulate(np.concatenate([[-np.inf], order[:-1, 1]]))
-        # This is the length of the solid if the parts filled the rooms without gaps.
+        # Length of the solid along the axis, without the gaps between its pieces.
         solid_mm = float(np.maximum(0.0, order[:, 1] - np.maximum(order[:, 0], before)).sum())
         if solid_mm > reach_mm:
             part_count = math.ceil(solid_mm / reach_mm * len(printers))
             raise NoFit(
-                f"{format_size(model.extents_mm)} mm needs {part_count} parts at least, each on a printer "
-                f"of its own, and there are {len(printers)}: free more printers, or give a smaller "
+                f"{format_size(model.extents_mm)} mm needs {part_count} parts at least, each on its own "
+                f"printer, but there are {len(printers)}: free more printers, or give a smaller "
                 "--longest-side",
                 part_count if part_count <= MAX_PARTS else None,
                 is_too_large=True,

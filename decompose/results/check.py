@@ -19,12 +19,12 @@ from decompose.printers import PrinterRoom
 from decompose.results.decomposition import Part
 from decompose.results.records import Coverage
 
-SURFACE_SHARE = 1e-6
-OVERLAP_MM3 = 1e-3
+MAX_SURFACE_ERROR_SHARE = 1e-6
+MAX_OVERLAP_MM3 = 1e-3
 MIN_HOLLOW_SHARE = 1e-12  # minimum volume of a hollow, as a share of the model; less is a rounding error
-STL_VOLUME_SHARE = 1e-5
+MAX_STL_ERROR_SHARE = 1e-5
 FIT_TOLERANCE_MM = 1e-6
-LAP_MM = 1e-6  # overlap of boxes that are united, so that rounding leaves no films between them
+BOX_OVERLAP_MM = 1e-6  # overlap of boxes that are united, so that rounding leaves no films between them
 
 
 def check_result(
@@ -67,10 +67,10 @@ def check_result(
         free_counts[part.printer] -= 1
         if free_counts[part.printer] < 0:
             raise GeometryError(Rule.OWN_PRINTER, part.id, f"{part.printer} has another part already")
-    overlap = check_overlap(parts)
-    error = check_surface(parts, model)
+    overlap_mm3 = check_overlap(parts)
+    surface_error = check_surface(parts, model)
     check_missing(parts, boxes_mm, model, min_wall_mm)
-    return Coverage(error, overlap)
+    return Coverage(surface_error, overlap_mm3)
 
 
 def check_part(part: Part, rooms: dict[str, PrinterRoom]) -> None:
@@ -91,27 +91,29 @@ def check_part(part: Part, rooms: dict[str, PrinterRoom]) -> None:
     if pieces != 1:
         raise GeometryError(Rule.ONE_PIECE, part.id, f"{pieces} separate pieces")
     vertices_on_bed, _ = part.build_printing_mesh()
-    width, depth, height = np.ptp(vertices_on_bed, axis=0) - FIT_TOLERANCE_MM
+    width_mm, depth_mm, height_mm = np.ptp(vertices_on_bed, axis=0) - FIT_TOLERANCE_MM
     room = rooms.get(part.printer)
-    if room is None or not room.fits(width, depth, height):
+    if room is None or not room.fits(width_mm, depth_mm, height_mm):
         raise GeometryError(
-            Rule.FITS, part.id, f"{width:.1f} x {depth:.1f} x {height:.1f} mm does not fit {part.printer}"
+            Rule.FITS,
+            part.id,
+            f"{width_mm:.1f} x {depth_mm:.1f} x {height_mm:.1f} mm does not fit {part.printer}",
         )
 
 
 def check_overlap(parts: Sequence[Part]) -> float:
     """Check that no two parts overlap; return the sum in mm3 of the volumes that two parts share."""
-    total = 0.0
+    total_mm3 = 0.0
     for a, b in combinations(parts, 2):
-        lo = np.maximum(a.solid.bounds_mm[0], b.solid.bounds_mm[0])
-        hi = np.minimum(a.solid.bounds_mm[1], b.solid.bounds_mm[1])
-        if (hi - lo).min() <= ON_PLANE_MM:
+        lo_mm = np.maximum(a.solid.bounds_mm[0], b.solid.bounds_mm[0])
+        hi_mm = np.minimum(a.solid.bounds_mm[1], b.solid.bounds_mm[1])
+        if (hi_mm - lo_mm).min() <= ON_PLANE_MM:
             continue
         shared_mm3 = a.solid.intersect(b.solid).volume_mm3
-        if shared_mm3 > OVERLAP_MM3:
+        if shared_mm3 > MAX_OVERLAP_MM3:
             raise GeometryError(Rule.NO_OVERLAP, b.id, f"shares {shared_mm3:.3g} mm3 with {a.id}")
-        total += shared_mm3
-    return total
+        total_mm3 += shared_mm3
+    return total_mm3
 
 
 def check_surface(parts: Sequence[Part], model: Model) -> float:
@@ -129,21 +131,21 @@ def check_surface(parts: Sequence[Part], model: Model) -> float:
         vertices, faces = part.solid.arrays()
         triangles = vertices[faces]
         cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-        area = np.linalg.norm(cross, axis=1) / 2.0
-        covered_mm2 += float(area[~find_cut_faces(vertices, faces, part.planes)].sum())
+        areas_mm2 = np.linalg.norm(cross, axis=1) / 2.0
+        covered_mm2 += float(areas_mm2[~find_cut_faces(vertices, faces, part.planes)].sum())
     model_mm2 = model.solid.area_mm2
-    error = abs(covered_mm2 - model_mm2) / model_mm2
-    if error > SURFACE_SHARE:
+    surface_error = abs(covered_mm2 - model_mm2) / model_mm2
+    if surface_error > MAX_SURFACE_ERROR_SHARE:
         raise GeometryError(
             Rule.SURFACE,
             None,
             f"the parts contain {covered_mm2:.3f} of {model_mm2:.3f} mm2 of the original surface",
         )
-    return error
+    return surface_error
 
 
 def check_missing(parts: Sequence[Part], boxes_mm: Floats, model: Model, min_wall_mm: float) -> None:
-    """Check that only hollows outside the boxes are missing, which keep their distance from the surface.
+    """Check that only hollows outside the boxes are missing, far enough from the surface.
 
     Parameters
     ----------
@@ -155,27 +157,29 @@ def check_missing(parts: Sequence[Part], boxes_mm: Floats, model: Model, min_wal
     hollow = None
     if len(boxes_mm):
         boxes = np.unique(boxes_mm, axis=0)
-        hollow = model.solid.subtract(Solid.union([Solid.box(lo - LAP_MM, hi + LAP_MM) for lo, hi in boxes]))
+        hollow = model.solid.subtract(
+            Solid.union([Solid.box(lo_mm - BOX_OVERLAP_MM, hi_mm + BOX_OVERLAP_MM) for lo_mm, hi_mm in boxes])
+        )
     hollow_mm3 = 0.0 if hollow is None else hollow.volume_mm3
-    if abs(missing_mm3 - hollow_mm3) > SURFACE_SHARE * model_mm3:
+    if abs(missing_mm3 - hollow_mm3) > MAX_SURFACE_ERROR_SHARE * model_mm3:
         raise GeometryError(
             Rule.INSIDE,
             None,
-            f"{missing_mm3:.1f} mm3 are missing, but {hollow_mm3:.1f} are outside of all boxes",
+            f"{missing_mm3:.1f} mm3 are missing, but {hollow_mm3:.1f} are outside all boxes",
         )
     if hollow is None or hollow_mm3 <= MIN_HOLLOW_SHARE * model_mm3:
         return
-    lo, hi = model.solid.bounds_mm
-    far_mm = 2.0 * min_wall_mm + 1.0  # so that the sides of this box are far enough from all hollows
-    outside = Solid.box(lo - far_mm, hi + far_mm).subtract(model.solid)
+    lo_mm, hi_mm = model.solid.bounds_mm
+    margin_mm = 2.0 * min_wall_mm + 1.0  # so that the sides of this box are far enough from all hollows
+    outside = Solid.box(lo_mm - margin_mm, hi_mm + margin_mm).subtract(model.solid)
     if outside.measure_gap_mm(hollow, min_wall_mm) >= min_wall_mm - FIT_TOLERANCE_MM:
         return
     hollows = hollow.list_pieces()
-    distances = [outside.measure_gap_mm(cavity, min_wall_mm) for cavity in hollows]
-    nearest = int(np.argmin(distances))
+    distances_mm = [outside.measure_gap_mm(cavity, min_wall_mm) for cavity in hollows]
+    nearest = int(np.argmin(distances_mm))
     centre = np.round(hollows[nearest].bounds_mm.mean(axis=0))
     raise GeometryError(
-        Rule.WALL, None, f"the hollow at {centre} is {distances[nearest]:.2f} mm from the surface"
+        Rule.WALL, None, f"the hollow at {centre} is {distances_mm[nearest]:.2f} mm from the surface"
     )
 
 
@@ -197,8 +201,10 @@ def check_stl(path: Path, part: Part) -> None:
     mesh: Any = trimesh.load(path, force="mesh", process=True)
     if not mesh.is_watertight:
         raise GeometryError(Rule.STL, part.id, f"{path.name}, read back, is not watertight")
-    volume = part.printed.volume_mm3
-    if abs(mesh.volume - volume) > STL_VOLUME_SHARE * volume:
+    volume_mm3 = part.printed_solid.volume_mm3
+    if abs(mesh.volume - volume_mm3) > MAX_STL_ERROR_SHARE * volume_mm3:
         raise GeometryError(
-            Rule.STL, part.id, f"{path.name}, read back, has {mesh.volume:.3f} mm3 instead of {volume:.3f}"
+            Rule.STL,
+            part.id,
+            f"{path.name}, read back, has {mesh.volume:.3f} mm3 instead of {volume_mm3:.3f}",
         )

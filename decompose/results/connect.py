@@ -1,4 +1,4 @@
-"""Pins and marks of a result, which are placed, cut and checked."""
+"""Pins and marks of a result: they are placed, cut and checked."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
     Returns
     -------
     Decomposition
-        The decomposition with `Part.drilled` and `connectors`; unchanged if the options request neither pins
-        nor marks.
+        The decomposition with `Part.drilled_solid` and `connectors`; unchanged if the options request neither
+        pins nor marks.
     """
     options = decomposition.options
     if options.connectors.is_empty or len(decomposition.parts) < 2:
@@ -47,7 +47,7 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
                 decomposition.joints,
                 decomposition.assembly.steps,
                 connectors,
-                options.connectors.taken_mm,
+                options.connectors.used_distances_mm,
             )
             faults = list(parts.find_faults())
             if not faults:
@@ -55,7 +55,7 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
             connectors = _remove_faulty_connectors(connectors, faults, decomposition)
         else:
             raise DecomposeError("the rules of pins and marks are broken repeatedly")
-    except Exception as error:  # also of shapely and Qhull: parts are valid without pins and marks
+    except Exception as error:  # of shapely and Qhull too, because parts are valid without connectors
         failure = f"no pins and marks: {error or type(error).__name__}"
         return replace(decomposition, connectors=Connectors(failures=(failure,)))
     cut_parts = {tool.part for tool in connectors.tools}
@@ -65,7 +65,7 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
         parts=tuple(
             replace(
                 part,
-                drilled=solid,
+                drilled_solid=solid,
                 price_s=part.price_s + price_connectors(connectors, i, blanks[i].up, part.price_s),
             )
             if i in cut_parts
@@ -87,5 +87,5 @@ def _remove_faulty_connectors(
             name = decomposition.parts[fault.part].id
             reason = f"{name} has no holes and marks: {fault.problem} (rule {fault.rule})"
             if reason not in connectors.failures:
-                connectors = connectors.without_part(fault.part, reason)
+                connectors = connectors.remove_part(fault.part, reason)
     return connectors

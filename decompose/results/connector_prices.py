@@ -45,20 +45,22 @@ def count_tools(connectors: Connectors, part: int, up: Floats) -> Counter[str]:
         (3,) upward direction of the bed in the part's pose.
     """
 
-    def name_price(kind: str, into: Floats, suffix: str = "") -> str:
-        rise = float(into @ up)
+    def name_price(kind: str, inward_normal: Floats, suffix: str = "") -> str:
+        rise = float(inward_normal @ up)
         place = "upright" if abs(rise) < LEVEL_SIN else "bed" if rise > 0.0 else "top"
         return f"{kind} {place}{suffix}"
 
     amounts = Counter(
-        name_price("hole", hole.into)
-        if pin.along is None
-        else name_price("groove", hole.into, " thin" if pin.diameter_mm <= THIN_FILAMENT_MM else "")
+        name_price("hole", hole.inward_normal)
+        if pin.key_direction is None
+        else name_price("groove", hole.inward_normal, " thin" if pin.diameter_mm <= THIN_FILAMENT_MM else "")
         for pin in connectors.pins
         for hole in pin.holes
         if hole.part == part
     )
-    amounts.update(name_price("mark", mark.grooves[0].into) for mark in connectors.marks if mark.part == part)
+    amounts.update(
+        name_price("mark", mark.grooves[0].inward_normal) for mark in connectors.marks if mark.part == part
+    )
     length_mm = sum(
         float(np.linalg.norm(np.diff(gutter.line_mm, axis=0)))
         for gutter in connectors.gutters
@@ -74,9 +76,9 @@ def count_tools(connectors: Connectors, part: int, up: Floats) -> Counter[str]:
 
 
 def compute_price_factor(name: str, bare_s: float) -> float:
-    """Compute the factor of a price for the size of a part.
+    """Compute the factor by which the size of a part changes a price.
 
-    Seams gather in the strokes of a mark, and the head travels to them in each layer, further on large parts.
+    Seams gather in the strokes of a mark. The head travels to them in each layer, and further on large parts.
 
     Parameters
     ----------

@@ -28,20 +28,21 @@ from decompose.pieces import Joint
 from decompose.results.overhangs import measure_ceiling_mm2
 
 EPS_MM3 = 1e-3  # maximum rounding error of an operation on solids
-EPS_MM2, SPECK_MM2 = 0.005, 0.3  # maximum area of a layer's ceiling in a hole, and at crossing strokes
+EPS_MM2, SPECK_MM2 = 0.005, 0.3  # maximum area of a layer's ceiling in a hole, and where strokes cross
 RIM_MM = 1.15  # minimum wall around a tool, and between two tools: the rim of the search less rounding
 FILM_MM = 0.06  # depth below a face that is not checked, because of rounding
-HOLE_DEG, GROOVE_DEG = 40.5, 48.0  # flattest ceilings, from the vertical; supports begin at 50
+MAX_HOLE_DEG, MAX_GROOVE_DEG = 40.5, 48.0  # flattest ceilings, from the vertical; the slicer supports from 50
 MOUTH_COS = -0.99  # maximum cosine between the normal of the mouth and the direction into the part
-SWELL_MM = 0.005  # growth of the tools in the check that nothing else was removed
-THIN_MM = 0.05  # minimum thickness of a real difference; thinner ones are errors at nearly coincident faces
+ENLARGEMENT_MM = 0.005  # enlargement of the tools in the check that nothing else was removed
+# Minimum thickness of a real difference; thinner ones are errors at nearly coincident faces.
+MIN_THICKNESS_MM = 0.05
 KEY_END_MM = 0.25  # gap at each end of a key
 KEY_RIM_MM = 0.75  # minimum wall around the groove of a key
 ARC_SEGMENTS = 4  # number of sides of a polygon around a circle, for each quarter of it
 COAXIAL_COS = 1.0 - 1e-9  # minimum cosine between two parallel directions
 LEVEL_SIN = 1e-6  # maximum sine of the angle between a direction and the face that it lies in
 FAR_MM = 2000.0  # distance beyond all parts
-OPEN_MM = 1.0  # minimum gap of a joint if one of its bodies is rotated by 180 degrees
+MIN_OPENING_MM = 1.0  # minimum gap of a joint if one of its bodies is rotated by 180 degrees
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,47 +59,49 @@ class DrilledParts:
     """Parts before and after drilling, with their joints, steps and connectors."""
 
     blanks: Sequence[Blank]
-    drilled: Sequence[Solid]
+    drilled_solids: Sequence[Solid]
     joints: Sequence[Joint]
     steps: Sequence[AssemblyStep]
     connectors: Connectors
-    taken_mm: Sequence[float] = ()
+    used_distances_mm: Sequence[float] = ()
 
     def find_faults(self) -> Iterator[ConnectorFault]:
         """Check all rules, part by part, then pin by pin; yield the faults."""
         groups: dict[int, list[_Group]] = {}
         for group in self._list_groups():
             groups.setdefault(group.tools[0].part, []).append(group)
-        for part, own in sorted(groups.items()):
-            for rule, problem in self._check_part(part, own):
+        for part, part_groups in sorted(groups.items()):
+            for rule, problem in self._check_part(part, part_groups):
                 yield ConnectorFault(rule, part, problem)
         for pin in self.connectors.pins:
             for rule, problem in self._check_pin(pin):
                 yield ConnectorFault(rule, pin.holes[0].part, problem)
-        for problem in find_wrong_fits(self.connectors.pins, self.taken_mm):
+        for problem in find_wrong_fits(self.connectors.pins, self.used_distances_mm):
             yield ConnectorFault(Rule.PINNED, None, problem)
 
     def _list_groups(self) -> Iterator[_Group]:
         """Yield the tools of each hole, mark and gutter."""
         for pin in self.connectors.pins:
             for hole in pin.holes:
-                kind, limit_deg = ("hole", HOLE_DEG) if pin.along is None else ("groove", GROOVE_DEG)
+                kind, limit_deg = (
+                    ("hole", MAX_HOLE_DEG) if pin.key_direction is None else ("groove", MAX_GROOVE_DEG)
+                )
                 yield _Group((hole,), self.joints[pin.joint], math.radians(limit_deg), kind)
         for mark in self.connectors.marks:
-            yield _Group(mark.grooves, self.joints[mark.joint], math.radians(GROOVE_DEG), "mark")
+            yield _Group(mark.grooves, self.joints[mark.joint], math.radians(MAX_GROOVE_DEG), "mark")
         for gutter in self.connectors.gutters:
-            yield _Group((gutter.groove,), self.joints[gutter.joint], math.radians(GROOVE_DEG), "gutter")
+            yield _Group((gutter.groove,), self.joints[gutter.joint], math.radians(MAX_GROOVE_DEG), "gutter")
 
     def _check_part(self, part: int, groups: Sequence[_Group]) -> Iterator[tuple[Rule, str]]:
         """Check a part with its tools; yield the rules that are broken, and how."""
-        undrilled, drilled = self.blanks[part].solid, self.drilled[part]
+        undrilled, drilled = self.blanks[part].solid, self.drilled_solids[part]
         tools = [Solid.union([Solid.hull(tool.points_mm) for tool in group.tools]) for group in groups]
         removed_solid = undrilled.subtract(drilled)
         added_mm3 = drilled.volume_mm3 - undrilled.volume_mm3 + removed_solid.volume_mm3
         if added_mm3 > EPS_MM3 and _is_thick(drilled.subtract(undrilled)):
             yield Rule.DRILLED, "material was added"
         if _is_thick(
-            removed_solid.subtract(Solid.union([_swell_tool(t) for group in groups for t in group.tools]))
+            removed_solid.subtract(Solid.union([_enlarge_tool(t) for group in groups for t in group.tools]))
         ):
             yield Rule.DRILLED, "more was removed than the holes and marks"
         if len(drilled.list_pieces()) != 1:
@@ -117,9 +120,12 @@ class DrilledParts:
         ):
             yield Rule.SKIN, "two holes or marks are too close to each other"
         for group in groups:
-            steepest = group.compute_overhang_rad(self.blanks[part].up)
-            if steepest > group.limit_rad:
-                yield Rule.SUPPORT_FREE, f"a {group.kind} overhangs by {math.degrees(steepest):.0f} degrees"
+            overhang_rad = group.compute_overhang_rad(self.blanks[part].up)
+            if overhang_rad > group.limit_rad:
+                yield (
+                    Rule.SUPPORT_FREE,
+                    f"a {group.kind} overhangs by {math.degrees(overhang_rad):.0f} degrees",
+                )
             if group.measure_ceiling_mm2(self.blanks[part].up) > group.speck_mm2:
                 yield Rule.SUPPORT_FREE, f"the ceiling of a {group.kind} closes in one step"
 
@@ -136,59 +142,62 @@ class DrilledParts:
         if (
             moved.part not in step.moved_parts
             or fixed.part not in step.fixed_parts
-            or not _brings_into_holes(pin, step)
+            or not _inserts_pin(pin, step)
         ):
             yield Rule.ORDER, f"a pin of step {pin.step + 1} is not along its direction"
-        if pin.along is not None and abs(float(pin.along @ moved.into)) > LEVEL_SIN:
+        if pin.key_direction is not None and abs(float(pin.key_direction @ moved.inward_normal)) > LEVEL_SIN:
             yield Rule.PINNED, f"a key of step {pin.step + 1} does not lie in its joint"
-        rod = _make_rod(pin)
+        rod = _build_rod(pin)
         for hole in pin.holes:
-            if rod.intersect(self.drilled[hole.part]).volume_mm3 > EPS_MM3:
+            if rod.intersect(self.drilled_solids[hole.part]).volume_mm3 > EPS_MM3:
                 yield Rule.PINNED, f"a pin of step {pin.step + 1} does not go into its hole"
             if hole.exit is None:
                 continue
-            path = _make_rod(pin, hole.exit)
+            path = _build_rod(pin, hole.exit)
             body = step.moved_parts if hole is moved else step.fixed_parts
-            if any(path.intersect(self.drilled[part]).volume_mm3 > EPS_MM3 for part in body):
+            if any(path.intersect(self.drilled_solids[part]).volume_mm3 > EPS_MM3 for part in body):
                 yield Rule.ORDER, f"a key of step {pin.step + 1} does not slide into its groove"
 
 
-def _brings_into_holes(pin: Pin, step: AssemblyStep) -> bool:
-    """Check whether the direction of a step brings a pin into its holes.
+def _inserts_pin(pin: Pin, step: AssemblyStep) -> bool:
+    """Check whether a movement along the direction of a step inserts a pin into its holes.
 
     A key that slides has one groove with an exit: in the moved part against the direction, or in the fixed
     part along it.
     """
     moved, fixed = pin.holes
-    if float(pin.axis @ step.direction) < COAXIAL_COS or float(-moved.into @ fixed.into) < COAXIAL_COS:
+    if (
+        float(pin.axis @ step.direction) < COAXIAL_COS
+        or float(-moved.inward_normal @ fixed.inward_normal) < COAXIAL_COS
+    ):
         return False
     exits = [None if hole.exit is None else float(hole.exit @ step.direction) for hole in pin.holes]
     if not pin.slides:
-        return exits == [None, None] and float(moved.into @ step.direction) >= COAXIAL_COS
-    return abs(float(moved.into @ step.direction)) < LEVEL_SIN and (
+        return exits == [None, None] and float(moved.inward_normal @ step.direction) >= COAXIAL_COS
+    return abs(float(moved.inward_normal @ step.direction)) < LEVEL_SIN and (
         (exits[1] is None and exits[0] is not None and exits[0] < -COAXIAL_COS)
         or (exits[0] is None and exits[1] is not None and exits[1] > COAXIAL_COS)
     )
 
 
-def _make_rod(pin: Pin, exit_direction: Floats | None = None) -> Solid:
+def _build_rod(pin: Pin, exit_direction: Floats | None = None) -> Solid:
     """Build the body of a pin, or the space that it sweeps on its way out of a groove."""
     axis = pin.rod_axis if exit_direction is None else exit_direction
-    circle = shapely.Point(pin.at_mm @ choose_plane_axes(axis).T).buffer(pin.diameter_mm / 2.0)
-    middle_mm = float(pin.at_mm @ axis)
+    circle = shapely.Point(pin.position_mm @ choose_plane_axes(axis).T).buffer(pin.diameter_mm / 2.0)
+    middle_mm = float(pin.position_mm @ axis)
     far_mm = pin.length_mm / 2.0 if exit_direction is None else FAR_MM
     return _extrude_outline(circle, axis, middle_mm - pin.length_mm / 2.0, middle_mm + far_mm)
 
 
-def find_wrong_fits(pins: Sequence[Pin], taken_mm: Sequence[float] = ()) -> list[str]:
-    """Find pairs of pins that let a body fit if it is rotated by 180 degrees, or in the place of another one.
+def find_wrong_fits(pins: Sequence[Pin], used_distances_mm: Sequence[float] = ()) -> list[str]:
+    """Find pairs of pins with which a body fits rotated by 180 degrees, or in the place of another body.
 
     Parameters
     ----------
     pins
         Pins of all steps, in order; the first two pins of a step locate its bodies.
-    taken_mm
-        Distances between the pins of steps that are drilled already.
+    used_distances_mm
+        Distances between the pins of steps whose parts are drilled already.
 
     Returns
     -------
@@ -199,24 +208,26 @@ def find_wrong_fits(pins: Sequence[Pin], taken_mm: Sequence[float] = ()) -> list
     pairs = find_pairs(pins)
     for step, (deep, shallow) in pairs.items():
         open_mm = deep.length_mm - deep.depth_mm - shallow.depth_mm
-        if deep.along is None and shallow.along is None:
-            is_open = open_mm >= OPEN_MM
+        if deep.key_direction is None and shallow.key_direction is None:
+            is_open = open_mm >= MIN_OPENING_MM
         else:  # a key does not fit into a hole, nor a long key into a short groove
-            is_open = (deep.along is None) != (shallow.along is None) or deep.length_mm > _measure_mouth_mm(
-                shallow
-            )
+            is_open = (deep.key_direction is None) != (
+                shallow.key_direction is None
+            ) or deep.length_mm > _measure_mouth_mm(shallow)
         if not is_open:
-            faults.append(f"step {step + 1} can be turned by 180 degrees")
+            faults.append(f"a body of step {step + 1} fits if it is rotated by 180 degrees")
         if any(
-            abs(measure_distance_mm(deep, shallow) - taken_distance_mm) <= 2.0 * _measure_play_mm(deep)
-            for taken_distance_mm in taken_mm
+            abs(measure_distance_mm(deep, shallow) - used_distance_mm) <= 2.0 * _measure_play_mm(deep)
+            for used_distance_mm in used_distances_mm
         ):
             faults.append(f"a body of step {step + 1} fits a neighbour that is printed already")
     for (step, pair), (other, others) in combinations(pairs.items(), 2):
         play_mm = 2.0 * max(_measure_play_mm(pin) for pin in (*pair, *others))
-        is_alike = [pin.along is None for pin in pair] == [pin.along is None for pin in others]
+        is_alike = [pin.key_direction is None for pin in pair] == [
+            pin.key_direction is None for pin in others
+        ]
         if is_alike and abs(measure_distance_mm(*pair) - measure_distance_mm(*others)) <= play_mm:
-            faults.append(f"bodies of the steps {step + 1} and {other + 1} fit each other")
+            faults.append(f"bodies of steps {step + 1} and {other + 1} fit each other")
     return faults
 
 
@@ -226,11 +237,13 @@ def _measure_mouth_mm(key: Pin) -> float:
 
 
 def _measure_play_mm(pin: Pin) -> float:
-    """Measure how far a pin can move across its holes, by the narrowest width of the wider hole."""
-    if pin.along is not None:  # across it, between the sides of a V groove; along it, by its free ends
+    """Measure how far a pin can move across its holes, from the narrowest width of the wider hole."""
+    if pin.key_direction is not None:  # between the sides of the V groove, and lengthwise between its ends
         return max(2.0 * KEY_END_MM, math.sqrt(2.0) * pin.depth_mm - pin.diameter_mm)
     across = choose_plane_axes(pin.axis)
-    hulls = [shapely.MultiPoint((hole.points_mm - pin.at_mm) @ across.T).convex_hull for hole in pin.holes]
+    hulls = [
+        shapely.MultiPoint((hole.points_mm - pin.position_mm) @ across.T).convex_hull for hole in pin.holes
+    ]
     inner_mm = max(shapely.Point(0.0, 0.0).distance(hull.exterior) for hull in hulls)
     return float(2.0 * inner_mm - pin.diameter_mm)
 
@@ -261,10 +274,10 @@ class _Group:
 
     def _draw_outline(self) -> shapely.Geometry:
         """Draw the outline of the tools on their face, with the wall around them."""
-        across = choose_plane_axes(self.tools[0].into)
+        across = choose_plane_axes(self.tools[0].inward_normal)
         hulls = [shapely.MultiPoint(tool.points_mm @ across.T).convex_hull for tool in self.tools]
-        around_mm = self.rim_mm / math.cos(math.pi / 4.0 / ARC_SEGMENTS)  # so that the arc is inside
-        return shapely.union_all(hulls).buffer(around_mm, quad_segs=ARC_SEGMENTS)
+        rim_radius_mm = self.rim_mm / math.cos(math.pi / 4.0 / ARC_SEGMENTS)  # so that the arc is inside
+        return shapely.union_all(hulls).buffer(rim_radius_mm, quad_segs=ARC_SEGMENTS)
 
     @property
     def rim_mm(self) -> float:
@@ -275,12 +288,16 @@ class _Group:
         """Build the tools with the wall around them, from just below the face."""
         first = self.tools[0]
         if self.kind == "groove":
-            swollen = (first.points_mm[:, None] + self.rim_mm * _SPHERE).reshape(-1, 3)
-            end_mm = float((swollen @ first.into).max())
-            below = _extrude_outline(self._draw_outline(), first.into, first.face_mm + FILM_MM, end_mm)
-            return Solid.hull(swollen).intersect(below)
-        reach_mm = max(float((tool.points_mm @ first.into).max()) for tool in self.tools)
-        return _extrude_outline(self._draw_outline(), first.into, first.face_mm + FILM_MM, reach_mm + RIM_MM)
+            enlarged_points_mm = (first.points_mm[:, None] + self.rim_mm * _SPHERE).reshape(-1, 3)
+            end_mm = float((enlarged_points_mm @ first.inward_normal).max())
+            below = _extrude_outline(
+                self._draw_outline(), first.inward_normal, first.face_mm + FILM_MM, end_mm
+            )
+            return Solid.hull(enlarged_points_mm).intersect(below)
+        reach_mm = max(float((tool.points_mm @ first.inward_normal).max()) for tool in self.tools)
+        return _extrude_outline(
+            self._draw_outline(), first.inward_normal, first.face_mm + FILM_MM, reach_mm + RIM_MM
+        )
 
     @property
     def has_exit(self) -> bool:
@@ -289,14 +306,14 @@ class _Group:
 
     def is_hidden(self, undrilled: Solid) -> bool:
         """Check whether the mouths, with the rim that is inside the part, lie in a face of the joint."""
-        into = self.tools[0].into
-        across = choose_plane_axes(into)
+        inward_normal = self.tools[0].inward_normal
+        across = choose_plane_axes(inward_normal)
         outline = self._draw_outline()
         if self.has_exit:
             wall = self.build_sleeve().intersect(undrilled)
-            outline = build_polygons(wall.project(np.vstack([across, into])))
+            outline = build_polygons(wall.project(np.vstack([across, inward_normal])))
         for face in self.joint.faces:
-            along = float(face.normal @ into)
+            along = float(face.normal @ inward_normal)
             if abs(along) < COAXIAL_COS or abs(face.offset_mm * along - self.tools[0].face_mm) > 1e-6:
                 continue
             placed = shapely.transform(
@@ -311,23 +328,23 @@ class _Group:
         """Measure the area of a layer over the tools that needs support."""
         first = self.tools[0]
         tools = [tool.points_mm for tool in self.tools]
-        return measure_ceiling_mm2(tools, first.into, first.face_mm, up, first.exit)
+        return measure_ceiling_mm2(tools, first.inward_normal, first.face_mm, up, first.exit)
 
     def compute_overhang_rad(self, up: Floats) -> float:
         """Compute the angle of the flattest ceiling from the vertical, from the triangles of the tools."""
-        steepest = -1.0
+        overhang_rad = -1.0
         for tool in self.tools:
             vertices, faces = Solid.hull(tool.points_mm).arrays()
             a, b, c = (vertices[faces[:, k]] for k in range(3))
             normals = np.cross(b - a, c - a)
             sizes = np.linalg.norm(normals, axis=1)
             normals = normals[sizes > 1e-6] / sizes[sizes > 1e-6, None]
-            is_open = normals @ tool.into <= MOUTH_COS
+            is_open = normals @ tool.inward_normal <= MOUTH_COS
             if tool.exit is not None:
                 is_open |= normals @ tool.exit > COAXIAL_COS
             sides = normals[~is_open]
-            steepest = max(steepest, float((sides @ up).max()))
-        return math.asin(min(1.0, steepest))
+            overhang_rad = max(overhang_rad, float((sides @ up).max()))
+        return math.asin(min(1.0, overhang_rad))
 
 
 _CORNERS = np.array(list(product((-1.0, 0.0, 1.0), repeat=3)))
@@ -335,16 +352,17 @@ _SPHERE = _CORNERS[_CORNERS.any(axis=1)] / np.linalg.norm(_CORNERS[_CORNERS.any(
 """Points (26, 3) on the unit sphere."""
 
 
-def _swell_tool(tool: Tool) -> Solid:
+def _enlarge_tool(tool: Tool) -> Solid:
     """Build a slightly larger tool, because operations on solids fail where faces coincide."""
     offsets = tool.points_mm - tool.points_mm.mean(axis=0)
-    return Solid.hull(tool.points_mm + SWELL_MM * offsets / np.linalg.norm(offsets, axis=1)[:, None])
+    return Solid.hull(tool.points_mm + ENLARGEMENT_MM * offsets / np.linalg.norm(offsets, axis=1)[:, None])
 
 
 def _is_thick(solid: Solid) -> bool:
     """Check whether a difference of two solids consists of more than films."""
     return solid.volume_mm3 > EPS_MM3 and any(
-        piece.volume_mm3 > max(EPS_MM3, THIN_MM * piece.area_mm2 / 2.0) for piece in solid.list_pieces()
+        piece.volume_mm3 > max(EPS_MM3, MIN_THICKNESS_MM * piece.area_mm2 / 2.0)
+        for piece in solid.list_pieces()
     )
 
 
@@ -354,6 +372,6 @@ def _is_near(a: Solid, b: Solid) -> bool:
     return bool((np.maximum(a_low, b_low) - np.minimum(a_high, b_high)).max() < RIM_MM)
 
 
-def _extrude_outline(outline: shapely.Geometry, axis: Floats, from_mm: float, to_mm: float) -> Solid:
+def _extrude_outline(outline: shapely.Geometry, axis: Floats, start_mm: float, end_mm: float) -> Solid:
     """Extrude an outline across an axis (3,) between two coordinates along it."""
-    return Solid.prism(list_rings(outline), np.vstack([choose_plane_axes(axis), axis]), from_mm, to_mm)
+    return Solid.prism(list_rings(outline), np.vstack([choose_plane_axes(axis), axis]), start_mm, end_mm)

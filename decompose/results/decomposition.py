@@ -21,9 +21,9 @@ from decompose.pieces import Fault, Joint, Seam, describe_thin_rims, measure_sea
 from decompose.printers import PrinterRoom
 from decompose.results.records import Attempt, Coverage, Cutting
 
-SCHEMA = 1
+SCHEMA_VERSION = 1
 STL_TOLERANCES_MM = (0.0, 1e-5, 1e-4, 1e-3)
-ON_BED_MM = 2e-5  # maximum distance of the corners of a tilted face from its plane in single precision
+BED_TOLERANCE_MM = 2e-5  # maximum distance of the corners of a tilted face from its plane in single precision
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class Part:
     solid
         Solid in the model's frame, in mm.
     to_model
-        (4, 4) rigid motion from the printing pose, in which its file is, to the model's frame, in mm.
+        (4, 4) rigid motion from the printing pose, the frame of its file, to the model's frame, in mm.
     price_s
         Estimated print time.
     printer
@@ -57,8 +57,8 @@ class Part:
     stands
         Whether it stays upright while it is printed in its pose.
     small_foot_mm2
-        Area of its first layer if this is small for the height; else None.
-    drilled
+        Area of its first layer if this is small for the height, else None.
+    drilled_solid
         Solid with holes and marks, which is printed; None if it has neither.
     """
 
@@ -76,12 +76,12 @@ class Part:
     hidden_sides: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     stands: bool = True
     small_foot_mm2: float | None = None
-    drilled: Solid | None = None
+    drilled_solid: Solid | None = None
 
     @property
-    def printed(self) -> Solid:
+    def printed_solid(self) -> Solid:
         """Solid that is printed, with its holes and marks."""
-        return self.solid if self.drilled is None else self.drilled
+        return self.solid if self.drilled_solid is None else self.drilled_solid
 
     @property
     def rotation(self) -> Floats:
@@ -101,10 +101,10 @@ class Part:
         tuple
             (n, 3) vertices in mm, and (m, 3) faces.
         """
-        solid = self.printed.simplify(tolerance_mm) if tolerance_mm > 0.0 else self.printed
+        solid = self.printed_solid.simplify(tolerance_mm) if tolerance_mm > 0.0 else self.printed_solid
         vertices, faces = solid.arrays()
         placed_vertices = (vertices - self.to_model[:3, 3]) @ self.to_model[:3, :3]
-        placed_vertices[np.abs(placed_vertices[:, 2]) < ON_BED_MM, 2] = 0.0
+        placed_vertices[np.abs(placed_vertices[:, 2]) < BED_TOLERANCE_MM, 2] = 0.0
         return placed_vertices, faces
 
     def build_stl_triangles(self) -> npt.NDArray[np.float32]:
@@ -121,10 +121,10 @@ class Part:
             corners = round_triangles(*self.build_printing_mesh(tolerance_mm))
             if corners is not None:
                 return corners
-        raise GeometryError(Rule.STL, self.id, "touches itself, so that an STL of it is not closed")
+        raise GeometryError(Rule.STL, self.id, "touches itself, so that its STL file is not closed")
 
     def as_dict(self) -> dict[str, Any]:
-        """Build the object of the part for decomposition.json."""
+        """Build the object that describes the part in decomposition.json."""
         lo, hi = self.solid.bounds_mm
         return {
             "id": self.id,
@@ -132,8 +132,8 @@ class Part:
             "to_model": self.to_model.tolist(),
             "min_mm": lo.tolist(),
             "max_mm": hi.tolist(),
-            "volume_mm3": self.printed.volume_mm3,
-            "area_mm2": self.printed.area_mm2,
+            "volume_mm3": self.printed_solid.volume_mm3,
+            "area_mm2": self.printed_solid.area_mm2,
             "estimated_s": self.price_s,
             "printer": self.printer,
             "brim_width_mm": self.brim_width_mm,
@@ -157,12 +157,12 @@ class Decomposition:
     serial_s, serial_as_is_s
         Time of the whole model on one imaginary large printer: in its best pose, and in the pose of its file.
     makespan_s, sum_s
-        Time when the last part ends, each on its printer at the printer's speed; sum of the prices of all
-        parts, without speeds.
+        Time when the last part ends, with each part on its printer at the printer's speed; sum of the prices
+        of all parts, without speeds.
     grid_makespan_s
-        Time of the slowest box of the partition by the tables: in the best of its axis poses, with supports
-        down to the bed and the brim of the quality; a box whose pieces were posed is priced at no less than
-        their true price. `makespan_s` refers to the printing poses, and may be less or more.
+        Time of the slowest box of the partition according to the tables: in the best of its axis poses, with
+        supports down to the bed and the brim of the quality; a box whose pieces were posed is priced at no
+        less than their true price. `makespan_s` refers to the printing poses, and may be less or more.
     lower_bound_s
         Proven bound: no partition into boxes of this grid, into at most as many pieces as there are printers,
         has a lower `grid_makespan_s` (`bound`). It does not hold for other grids, cuts or poses. For an
@@ -170,12 +170,12 @@ class Decomposition:
         hold for these printers, and assume that all of them are as fast as the fastest one.
     any_boxes_bound_s
         Proven bound: no partition into boxes along these axes, on any grid or none, has a lower makespan, if
-        boxes are priced as in `grid_makespan_s`. Only for the engine `guillotine`, also as the best one of
-        `best`; None if no bound was requested.
+        boxes are priced as in `grid_makespan_s`. Only for the engine `guillotine`, alone or in `best`; None
+        if no bound was requested.
     gap
         (grid_makespan_s - lower_bound_s) / lower_bound_s.
     parts
-        Parts in their order of numbers.
+        Parts in the order of their numbers.
     coverage
         Errors of surface and overlap.
     cells
@@ -191,15 +191,16 @@ class Decomposition:
         Pins and marks on the joints, from `connect_parts`.
     faults
         Slivers, and parts without joints of sufficient area. A result with faults is rejected, except that
-        of a baseline or with `--faithful`, which reports them.
+        baselines and `--faithful` report them.
     cutting
         Boxes of the engine `guillotine`, from which its planes can be moved again.
     curve
-        Makespan of each number of printers by the tables, in seconds; empty unless the number was chosen.
+        Makespan of each number of printers according to the tables, in seconds; empty unless the number was
+        chosen.
     yaw_deg
         Angle by which `best` rotated the model about z before it was cut.
     attempts
-        Attempts of `best`, in their order; empty for a single engine.
+        Attempts of `best`, in order; empty for a single engine.
     open_printers
         Printers of a search that has paused before a round of several attempts; empty if it has ended.
     compute_s
@@ -236,8 +237,8 @@ class Decomposition:
 
         With such a balance, all printers would work until the end, each at its own speed.
         """
-        busy_s = self.sum_s / sum(1.0 / printer.time_factor for printer in printers)
-        return 1.0 - busy_s / self.makespan_s
+        balanced_s = self.sum_s / sum(1.0 / printer.time_factor for printer in printers)
+        return 1.0 - balanced_s / self.makespan_s
 
     def without_parts(self) -> Decomposition:
         """Return the result with only its figures, for another process."""
@@ -253,11 +254,11 @@ class Decomposition:
         solids = [part.solid for part in self.parts]
         assembly = plan_assembly(self.parts, self.joints, self.options.min_glue_mm2)
         if find_order_faults(solids, self.joints, assembly):
-            assembly = Assembly(locked=(tuple(range(len(solids))),))
+            assembly = Assembly(locked_sets=(tuple(range(len(solids))),))
         try:
             seams = tuple(measure_seams(self.parts, self.joints))
         except (shapely.errors.ShapelyError, DecomposeError, ValueError):
-            seams = ()  # the parts are valid without lengths of seams
+            seams = ()  # the parts are valid even if their seams are not measured
         return replace(self, assembly=assembly, seams=seams)
 
     def sum_seams_mm(self, joints: Iterable[int] | None = None) -> float:
@@ -266,9 +267,9 @@ class Decomposition:
         return sum((self.seams[number].length_mm for number in numbers), start=0.0)
 
     def as_dict(self) -> dict[str, Any]:
-        """Build the object for decomposition.json."""
+        """Build the object that describes the result in decomposition.json."""
         return {
-            "schema": SCHEMA,
+            "schema": SCHEMA_VERSION,
             "engine": self.engine,
             "options": self.options.as_dict(),
             "serial_s": self.serial_s,
@@ -297,7 +298,7 @@ class Decomposition:
                 "critical_s": self.assembly.critical_s,
                 "parts": self._name_parts(self.assembly.part_order),
                 "steps": [self._describe_step(n, step) for n, step in enumerate(self.assembly.steps, 1)],
-                "locked": [self._name_parts(parts) for parts in self.assembly.locked],
+                "locked": [self._name_parts(parts) for parts in self.assembly.locked_sets],
             },
             "connectors": describe_connectors(self.connectors, [part.id for part in self.parts], self.joints),
             "faults": [{"part": self.parts[f.piece].id, "what": f.reason} for f in self.faults],
@@ -318,7 +319,7 @@ class Decomposition:
         )
 
     def _describe_joint(self, number: int, joint: Joint) -> dict[str, Any]:
-        """Build the object of a joint."""
+        """Build the object that describes a joint in decomposition.json."""
         seam = self.seams[number] if self.seams else Seam()
         return {
             "a": self.parts[joint.a].id,
@@ -331,7 +332,7 @@ class Decomposition:
         }
 
     def _describe_step(self, number: int, step: AssemblyStep) -> dict[str, Any]:
-        """Build the object of a step of the assembly."""
+        """Build the object that describes a step of the assembly in decomposition.json."""
         return {
             "number": number,
             "moved": self._name_parts(step.moved_parts),

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from decompose.arrays import Floats
-from decompose.bound import bound_by_surface_s
+from decompose.bound import compute_surface_bound_s
 from decompose.errors import NoFit
 from decompose.options import Engine
 from decompose.pieces import (
@@ -29,7 +29,8 @@ from decompose.results.decomposition import Decomposition, Part
 from decompose.results.hidden_sides import mark_hidden_sides
 from decompose.results.records import Coverage, Cutting
 
-SPARE_SHARE = 0.97  # maximum end of a steadier pose, as a share of the makespan: prices have errors
+# Latest end of a part in a steadier pose, as a share of the makespan, because prices have errors.
+MAX_END_SHARE = 0.97
 
 
 def finish_result(
@@ -68,7 +69,7 @@ def finish_result(
 def _record_cutting(
     problem: Problem, pieces: Sequence[Piece], boxes_mm: Floats, parts: Sequence[Part]
 ) -> Cutting | None:
-    """Record the boxes of the pieces for another move of the planes; None if they are not cut from boxes."""
+    """Record the boxes of the pieces so that their planes can be moved again; None if there are no boxes."""
     if problem.options.engine is not Engine.GUILLOTINE or len(boxes_mm) != len(pieces):
         return None
     cut_for = tuple(piece.printer for piece in pieces)
@@ -89,7 +90,7 @@ def _build_decomposition(
     makespan_s = max(p.price_s * factors[p.printer] for p in parts)
     cut_joints = find_joints(parts)
     rotation = partition.rotation @ problem.frame
-    bound_s = bound_by_surface_s(problem.model.solid.area_mm2, 0.0, len(problem.printers), problem.cost)
+    bound_s = compute_surface_bound_s(problem.model.solid.area_mm2, 0.0, len(problem.printers), problem.cost)
     grid = partition.grid or GridFigures(makespan_s, problem.fastest_factor * bound_s, None)
     if problem.cost.hidden_side_share > 0.0:
         parts = mark_hidden_sides(parts, partition.model.solid)
@@ -153,14 +154,14 @@ def _find_steady_poses(
         piece.time_ratio * printer.time_factor
         for piece, printer in zip(pieces, assigned_printers, strict=True)
     ]
-    ends_s = max(pose.price_s * ratio for pose, ratio in zip(poses, ratios, strict=True))
-    rounds = Counter(printer.name for printer in problem.printers)
+    makespan_s = max(pose.price_s * ratio for pose, ratio in zip(poses, ratios, strict=True))
+    round_counts = Counter(printer.name for printer in problem.printers)
 
     def find_pose(piece: Piece, fastest: Pose, printer: PrinterRoom, ratio: float) -> Pose:
-        spare_s = SPARE_SHARE * ends_s / ratio if rounds[printer.name] == 1 else 0.0
+        spare_s = MAX_END_SHARE * makespan_s / ratio if round_counts[printer.name] == 1 else 0.0
         vertices, faces = piece.solid.arrays()
         mesh = PartMesh(vertices, faces, find_cut_faces(vertices, faces, piece.planes))
-        rooms = (*problem.list_rooms_for(piece), printer)
+        rooms = (*problem.list_piece_rooms(piece), printer)
         return find_steady_pose(mesh, rooms, problem.cost, fastest, compute_steady_limit_s(fastest, spare_s))
 
     return list(problem.map(find_pose, pieces, poses, assigned_printers, ratios))

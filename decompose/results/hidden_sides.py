@@ -15,7 +15,7 @@ from decompose.results.decomposition import Part
 MAX_UPRIGHT_COS = 1e-6  # maximum upward component of the normal of an upright side
 ONE_WAY_SHARE = 0.01  # maximum share of a side that faces the other way, such as fins without volume
 MIN_SIDE_MM2 = 100.0  # minimum area of a side; smaller sides save no time
-NEAR_MM = 1e-3
+BESIDE_TOLERANCE_MM = 1e-3
 
 
 def mark_hidden_sides(parts: Sequence[Part], model: Solid) -> list[Part]:
@@ -44,7 +44,7 @@ def mark_hidden_sides(parts: Sequence[Part], model: Solid) -> list[Part]:
 
 
 def _find_side(part: Part, plane: Floats, surface: _Surface) -> Floats | None:
-    """Find the side (3,) of a part on a plane (4,), in printing pose; None if not upright and hidden."""
+    """Find the side (3,) of a part on a plane (4,), in printing pose; None unless upright and hidden."""
     normal = part.rotation @ plane[:3]
     if abs(normal[2]) > MAX_UPRIGHT_COS:
         return None
@@ -62,7 +62,7 @@ def _find_side(part: Part, plane: Floats, surface: _Surface) -> Floats | None:
 
 
 class _Surface:
-    """Surface of the model, and its flat faces on planes, which are found once for each plane."""
+    """Surface of the model, with its flat faces on planes, which are found once for each plane."""
 
     def __init__(self, model: Solid) -> None:
         self._vertices, self._faces = model.arrays()
@@ -75,6 +75,6 @@ class _Surface:
             is_flat = find_cut_faces(self._vertices, self._faces, plane[None])
             self._flat_corners[key] = self._vertices[self._faces[is_flat]]
         corners = self._flat_corners[key]
-        low, high = points.min(axis=0) - NEAR_MM, points.max(axis=0) + NEAR_MM
+        low, high = points.min(axis=0) - BESIDE_TOLERANCE_MM, points.max(axis=0) + BESIDE_TOLERANCE_MM
         overlaps = (corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)
         return bool(overlaps.all(axis=1).any())

@@ -1,9 +1,9 @@
 """Ceilings of holes and grooves, measured layer by layer as in a slicer.
 
 The slicer supports areas that extend further beyond the layer below than the support angle allows. To check
-connectors, hollows are cut into layers, without the formulas of the search for their shapes. Between two
-heights at which a hollow has corners, the edges of its sections change linearly, so that the layers at both
-ends represent the others.
+connectors, hollows are cut into layers, without the formulas with which the search finds their shapes.
+Between two heights at which a hollow has corners, the edges of its sections change linearly, so that the
+layers at both ends represent the others.
 """
 
 from __future__ import annotations
@@ -17,18 +17,19 @@ import shapely
 from decompose.arrays import Floats
 from decompose.geometry import Solid, choose_plane_axes
 
-LAYER_MM = 0.2
-REACH_MM = LAYER_MM * math.tan(math.radians(50.0))  # maximum overhang of a layer without support
-RING_MM = 1.0  # minimum length of a ring: the slicer drops shorter ones
-SLACK_MM = 0.004  # tolerance for the rounding of sections
+LAYER_HEIGHT_MM = 0.2
+# Maximum overhang of a layer without support.
+MAX_OVERHANG_MM = LAYER_HEIGHT_MM * math.tan(math.radians(50.0))
+MIN_RING_MM = 1.0  # minimum length of a ring: the slicer drops shorter ones
+ROUNDING_MARGIN_MM = 0.004  # tolerance for the rounding of sections
 LEVEL_COS = 0.5  # minimum vertical component of the normal of a level face; others are upright
-EDGE_MM = 1e-6  # maximum distance between a layer and a corner at the same height
+CORNER_TOLERANCE_MM = 1e-6  # maximum distance between a layer and a corner at the same height
 AIR_MM = 5.0  # thickness of the air in front of an upright face, and around its tools
 
 
 def measure_ceiling_mm2(
     tools: Sequence[Floats],
-    into: Floats,
+    inward_normal: Floats,
     face_mm: float,
     up: Floats,
     exit_direction: Floats | None = None,
@@ -39,40 +40,42 @@ def measure_ceiling_mm2(
     ----------
     tools
         (n, 3) corners in mm of each convex body that is cut out.
-    into
+    inward_normal
         (3,) unit vector from the tools' face into the part.
     face_mm
-        Coordinate of the face along `into`.
+        Coordinate of the face along `inward_normal`.
     up
         (3,) upward direction of the bed in the pose of the part, in the same frame.
     exit_direction
         (3,) unit vector along which the tools leave the part through another face, above which nothing is
         printed; None if they do not.
     """
-    rise = float(into @ up)
+    rise = float(inward_normal @ up)
     if rise < -LEVEL_COS:
         return 0.0  # a hollow that opens upwards only gets wider
     corners_mm = np.concatenate(tools)
-    high_mm = float((corners_mm @ up).max()) + 2.0 * LAYER_MM
+    high_mm = float((corners_mm @ up).max()) + 2.0 * LAYER_HEIGHT_MM
     if exit_direction is not None:
         tools = [_lengthen_body(tool, exit_direction) for tool in tools]
-        high_mm -= 3.0 * LAYER_MM * float(exit_direction @ up > 0.0)
+        high_mm -= 3.0 * LAYER_HEIGHT_MM * float(exit_direction @ up > 0.0)
     bodies = [Solid.hull(tool) for tool in tools]
     if rise <= LEVEL_COS:
-        bodies.append(_build_air(corners_mm, into, face_mm, up))
+        bodies.append(_build_air(corners_mm, inward_normal, face_mm, up))
     hollow = Solid.union(bodies)
     frame = np.vstack([choose_plane_axes(up), up])
     low_mm = float((corners_mm @ up).min())
-    layers = np.arange(low_mm + LAYER_MM / 2.0, high_mm, LAYER_MM)
+    layers = np.arange(low_mm + LAYER_HEIGHT_MM / 2.0, high_mm, LAYER_HEIGHT_MM)
     areas = _cut_layers(hollow, frame, layers)
-    below = [n for n in areas if n + 1 in areas]
-    open_below = shapely.buffer([areas[n] for n in below], -REACH_MM - SLACK_MM, quad_segs=4)
-    ceilings = shapely.difference(open_below, [areas[n + 1] for n in below])
+    lower_layers = [n for n in areas if n + 1 in areas]
+    open_below = shapely.buffer(
+        [areas[n] for n in lower_layers], -MAX_OVERHANG_MM - ROUNDING_MARGIN_MM, quad_segs=4
+    )
+    ceilings = shapely.difference(open_below, [areas[n + 1] for n in lower_layers])
     return float(shapely.area(ceilings).max(initial=0.0))
 
 
 def _cut_layers(hollow: Solid, frame: Floats, layers: Floats) -> dict[int, shapely.Geometry]:
-    """Cut a hollow at heights (n,); in a run of layers without corners, only at two layers at each end.
+    """Cut a hollow at heights (n,); in a run of layers without corners, cut only two at each end.
 
     The run is cut at all layers if a ring at one end is so short that the slicer drops it.
 
@@ -82,8 +85,8 @@ def _cut_layers(hollow: Solid, frame: Floats, layers: Floats) -> dict[int, shape
         Area of each layer that is cut, by its number.
     """
     corners = np.sort(hollow.arrays()[0] @ frame[2])
-    is_corner = np.searchsorted(corners, layers[:-1] - EDGE_MM) < np.searchsorted(
-        corners, layers[1:] + EDGE_MM
+    is_corner = np.searchsorted(corners, layers[:-1] - CORNER_TOLERANCE_MM) < np.searchsorted(
+        corners, layers[1:] + CORNER_TOLERANCE_MM
     )
     breaks = 1 + np.flatnonzero(is_corner)
     runs = [run.tolist() for run in np.split(np.arange(len(layers)), breaks) if len(run)]
@@ -92,7 +95,7 @@ def _cut_layers(hollow: Solid, frame: Floats, layers: Floats) -> dict[int, shape
     others = [
         n
         for run in runs
-        if any(ring.length < RING_MM for end in (run[0], run[-1]) for ring in outlines[end])
+        if any(ring.length < MIN_RING_MM for end in (run[0], run[-1]) for ring in outlines[end])
         for n in run
         if n not in outlines
     ]
@@ -107,16 +110,16 @@ def _list_end_layers(run: list[int]) -> list[int]:
 
 def _lengthen_body(corners_mm: Floats, direction: Floats) -> Floats:
     """Extend a convex body with corners (n, 3) beyond its end in a direction (3,)."""
-    along_mm = corners_mm @ direction
-    end = corners_mm[along_mm > along_mm.max() - LAYER_MM / 2.0]
+    coordinates_mm = corners_mm @ direction
+    end = corners_mm[coordinates_mm > coordinates_mm.max() - LAYER_HEIGHT_MM / 2.0]
     return np.concatenate([corners_mm, end + AIR_MM * direction])
 
 
-def _build_air(corners_mm: Floats, into: Floats, face_mm: float, up: Floats) -> Solid:
+def _build_air(corners_mm: Floats, inward_normal: Floats, face_mm: float, up: Floats) -> Solid:
     """Build the air in front of an upright face, so that a ceiling at the mouth does not end at a wall."""
-    upwards = up - (up @ into) * into
+    upwards = up - (up @ inward_normal) * inward_normal
     upwards = upwards / np.linalg.norm(upwards)
-    frame = np.stack([np.cross(upwards, into), upwards, into])
+    frame = np.stack([np.cross(upwards, inward_normal), upwards, inward_normal])
     low, high = (
         (corners_mm @ frame[:2].T).min(axis=0) - AIR_MM,
         (corners_mm @ frame[:2].T).max(axis=0) + AIR_MM,
@@ -125,17 +128,17 @@ def _build_air(corners_mm: Floats, into: Floats, face_mm: float, up: Floats) -> 
     return Solid.prism([ring], frame, face_mm - AIR_MM, face_mm)
 
 
-def _cut_outlines(hollow: Solid, frame: Floats, at_mm: Floats) -> list[list[shapely.Polygon]]:
+def _cut_outlines(hollow: Solid, frame: Floats, heights_mm: Floats) -> list[list[shapely.Polygon]]:
     """Cut a hollow at heights (n,); return the outlines of each section."""
     return [
         [shapely.Polygon(ring) for ring in rings if len(ring) > 2]
-        for rings in hollow.cut_sections(frame, at_mm)
+        for rings in hollow.cut_sections(frame, heights_mm)
     ]
 
 
 def _build_area(outlines: Sequence[shapely.Polygon]) -> shapely.Geometry:
     """Build the area of a layer without rings that are too short, as the slicer does."""
-    outlines = [outline for outline in outlines if outline.length >= RING_MM]
+    outlines = [outline for outline in outlines if outline.length >= MIN_RING_MM]
     if len(outlines) == 1:
         return outlines[0].buffer(0.0)
     area: shapely.Geometry = shapely.Polygon()

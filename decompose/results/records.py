@@ -28,7 +28,7 @@ class Attempt:
     yaw_deg
         Angle by which the model was rotated about z.
     makespan_s
-        Makespan of the result; None if there is none, for the cause in `reason`.
+        Makespan of the result; None if there is no result.
     compute_s, effort_s
         Wall time, and counted work, which is the same on every machine (`problem.Effort`).
     finished
@@ -49,7 +49,7 @@ class Attempt:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cutting:
-    """Boxes from which the parts were cut, for a second move of the planes (`decompose.relevel`).
+    """Boxes from which the parts were cut, so that their planes can be moved again (`decompose.relevel`).
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class Cutting:
     printers
         Printers of the problem.
     prices_s
-        Price of each part in its printing pose; empty if it is not known.
+        Price of each part in its printing pose; empty if the prices are not known.
     """
 
     granularity: str | int

@@ -209,9 +209,9 @@ def _read_settings_version(resources: Path) -> str | None:
 
 
 def _read_code_facts() -> CodeFacts:
-    from decompose.jit import CODE_FOLDER, INSTALLED, is_compiled  # slow to load
+    from decompose.jit import CODE_FOLDER, INSTALLED_FOLDER, is_compiled  # slow to load
 
-    return CodeFacts(str(INSTALLED), None if CODE_FOLDER is None else str(CODE_FOLDER), is_compiled())
+    return CodeFacts(str(INSTALLED_FOLDER), None if CODE_FOLDER is None else str(CODE_FOLDER), is_compiled())
 
 
 def _read_clock_facts(state: StateFolder) -> ClockFacts:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from decompose.decompose import decompose_model, estimate_serial_s, simplify_for_price
+from decompose.decompose import decompose_model, estimate_serial_s, simplify_solid_for_pricing
 from decompose.errors import DecomposeError, NoFit
 from decompose.export import write_decomposition
 from decompose.geometry import Model, Solid
@@ -82,9 +82,9 @@ def test_price_of_a_detailed_model_is_that_of_a_simpler_copy(
 ) -> None:
     ring = trimesh.creation.torus(60.0, 25.0, major_sections=160, minor_sections=80)
     solid = Solid.from_arrays(ring.vertices, ring.faces)
-    assert simplify_for_price(solid) is solid
-    monkeypatch.setattr("decompose.decompose.PRICED_FACES", 22_000)
-    simple_solid = simplify_for_price(solid)
+    assert simplify_solid_for_pricing(solid) is solid
+    monkeypatch.setattr("decompose.decompose.MAX_PRICED_FACES", 22_000)
+    simple_solid = simplify_solid_for_pricing(solid)
     assert simple_solid.faces <= 22_000 < solid.faces
     exact_s = estimate_serial_s(*solid.arrays(), cost, fit_first_layer=True)
     assert estimate_serial_s(*simple_solid.arrays(), cost, fit_first_layer=True) == pytest.approx(

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from decompose.jit import INSTALLED
+from decompose.jit import INSTALLED_FOLDER
 from farms.installed_version import ROOT, build_wheel, install_wheel
 from hosts.apt_host import Host
 
@@ -29,7 +29,9 @@ def environment(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("clean") / "farm"
     packages = install_wheel(wheel, folder)
     # Reuse the compiled code of the checkout, which is the same: compiling takes a minute.
-    shutil.copytree(INSTALLED, packages / "decompose" / "__pycache__" / INSTALLED.name, dirs_exist_ok=True)
+    shutil.copytree(
+        INSTALLED_FOLDER, packages / "decompose" / "__pycache__" / INSTALLED_FOLDER.name, dirs_exist_ok=True
+    )
     return folder
 
 

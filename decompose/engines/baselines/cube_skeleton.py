@@ -39,7 +39,7 @@ from decompose.print_time import price_axis_poses_s
 from decompose.problem import Partition, Problem
 from decompose.problem.fitting import (
     count_blocks,
-    place_clear_of_faces,
+    place_plane_clear_of_faces,
     refuse_misfits,
     split_connected,
 )
@@ -132,7 +132,7 @@ def _cut_to_fit(piece: Piece, problem: Problem) -> list[Piece]:
     axis = int(counts.argmax())
     share = (counts[axis] // 2) / counts[axis]
     at_mm = float(lo[axis] + share * (hi - lo)[axis])
-    halves = _split_piece(piece, axis, place_clear_of_faces(piece.solid, np.eye(3)[axis], at_mm))
+    halves = _split_piece(piece, axis, place_plane_clear_of_faces(piece.solid, np.eye(3)[axis], at_mm))
     return [part for half in halves for part in _cut_to_fit(half, problem)] if len(halves) > 1 else [piece]
 
 

@@ -26,7 +26,7 @@ from decompose.problem import Partition, Problem
 from decompose.problem.fitting import (
     count_blocks,
     count_parts,
-    place_clear_of_faces,
+    place_plane_clear_of_faces,
     refuse_misfits,
     split_connected,
 )
@@ -214,7 +214,7 @@ class _CorrectedForm(_Form):
 
     def split_at_plane(self, piece: Piece, normal: Floats, at_mm: float) -> Iterator[list[_Part]]:
         """Yield the connected pieces on both sides of a plane near `at_mm`, unless a piece is too small."""
-        at_mm = place_clear_of_faces(piece.solid, normal, at_mm)
+        at_mm = place_plane_clear_of_faces(piece.solid, normal, at_mm)
         pieces = [p for half in _cut_halves(piece, normal, at_mm) for p in split_connected(half)]
         min_mm3 = MIN_VOLUME_SHARE * min(self.mean_mm3, piece.solid.volume_mm3)
         if len(pieces) > 1 and all(fragment.solid.volume_mm3 >= min_mm3 for fragment in pieces):

@@ -14,7 +14,7 @@ from functools import partial
 
 import numpy as np
 
-from decompose.bound import bound_by_surface_s
+from decompose.bound import compute_surface_bound_s
 from decompose.engines.guillotine.neighbourhood import improve_locally, sort_times_s
 from decompose.engines.guillotine.partitioner import Partitioner
 from decompose.engines.guillotine.plane_moves import refine_needed_cells
@@ -79,7 +79,7 @@ def build_tables(problem: Problem) -> tuple[Grid, BoxTables, float]:
     problem.on_stage("boxes")
     needed_mm3 = float(grid.sums[grid.needed][:, VOLUME].sum())
     area_mm2 = problem.model.solid.area_mm2
-    return grid, boxes, bound_by_surface_s(area_mm2, needed_mm3, len(problem.printers), problem.cost)
+    return grid, boxes, compute_surface_bound_s(area_mm2, needed_mm3, len(problem.printers), problem.cost)
 
 
 class ExactSearch:
@@ -109,7 +109,7 @@ class ExactSearch:
         while True:
             is_late = effort.spent_s >= search_end_s
             if is_late:
-                effort.cut_short = True  # from here on any partition is accepted
+                effort.is_cut_short = True  # from here on any partition is accepted
                 if best:
                     break
             tolerance_s = max(TOLERANCE_S, (LATE_STEP if is_late else TOLERANCE) * self.min_s)

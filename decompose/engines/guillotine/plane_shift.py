@@ -315,7 +315,7 @@ class _PlaneShift:
 
     def _list_rooms(self, part: BoxPart) -> list[PrinterRoom]:
         """List the rooms that the pieces of a part have to fit."""
-        return [room for piece in part.pieces for room in self.problem.list_rooms_for(piece)]
+        return [room for piece in part.pieces for room in self.problem.list_piece_rooms(piece)]
 
     def _cut_part(self, i: int, box_mm: Floats) -> BoxPart:
         """Cut a part with another box; its pieces keep their printers if there are as many."""
@@ -369,7 +369,7 @@ class _PlaneShift:
         poses: list[Pose | None] = []
         for piece, old in zip(new.pieces, part.poses, strict=True):
             pose = self._measure_piece(piece, old)
-            fits = all(room.fits(*pose.size_mm) for room in self.problem.list_rooms_for(piece))
+            fits = all(room.fits(*pose.size_mm) for room in self.problem.list_piece_rooms(piece))
             dirtier = pose.rank[2] > 0.0 and old.rank[2] == 0.0
             poses.append(pose if fits and not dirtier and pose.rank[:2] <= old.rank[:2] else None)
         return new, poses

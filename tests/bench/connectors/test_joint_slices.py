@@ -52,7 +52,10 @@ def test_horizontal_holes_and_holes_open_to_the_bed_have_no_support(
 ) -> None:
     connectors, sliced_part = sliced_joint
     directions = {
-        round(float(hole.into @ UP)) for pin in connectors.pins for hole in pin.holes if not hole.part
+        round(float(hole.inward_normal @ UP))
+        for pin in connectors.pins
+        for hole in pin.holes
+        if not hole.part
     }
     assert directions == {0, 1}
     # Specks of support remain where strokes of the mark on the bed cross; a hole would have 1.3 mm.
@@ -68,7 +71,7 @@ def test_seams_of_the_outer_wall_are_in_the_gutter_and_not_in_grooves_of_keys(
     start, end = gutter.line_mm
     gutter_starts_mm = starts_mm[(starts_mm[:, 2] > start[2]) & (starts_mm[:, 2] < end[2])]
     assert len(gutter_starts_mm) > 40
-    keys_mm = np.array([pin.at_mm for pin in connectors.pins if pin.joint == gutter.joint])
+    keys_mm = np.array([pin.position_mm for pin in connectors.pins if pin.joint == gutter.joint])
     # A seam nearer to a key would count as one in the gutter.
     assert (np.abs(keys_mm[:, 1] - start[1]) > 5.0).all()
     is_in_gutter = (start[0] - gutter_starts_mm[:, 0] > 0.3) & (

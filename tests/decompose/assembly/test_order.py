@@ -31,7 +31,7 @@ def plan_and_check(pieces: Sequence[Piece]) -> Assembly:
     assembly = plan_assembly(pieces, joints)
     assert find_order_faults([piece.solid for piece in pieces], joints, assembly) == []
     glued_joints = [joint for step in assembly.steps for joint in step.joints]
-    if not assembly.locked:
+    if not assembly.locked_sets:
         assert sorted(glued_joints) == list(range(len(joints)))
     return assembly
 
@@ -64,7 +64,7 @@ def make_pinwheel() -> list[Piece]:
 
 def test_pinwheel_is_closed_by_slides():
     assembly = plan_and_check(make_pinwheel())
-    assert len(assembly.steps) == 4 and not assembly.locked
+    assert len(assembly.steps) == 4 and not assembly.locked_sets
     assert any(step.slides for step in assembly.steps)
 
 
@@ -115,7 +115,7 @@ def test_linked_rings_are_a_fault():
         Piece(link, np.zeros((0, 4)), np.zeros((0, 2, 3))),
     ]
     assembly = plan_assembly(rings, find_joints(rings))
-    assert assembly.locked == ((0, 1),) and not assembly.steps
+    assert assembly.locked_sets == ((0, 1),) and not assembly.steps
 
 
 def test_two_ears_above_a_plane_are_joined_one_by_one():
@@ -199,7 +199,7 @@ def test_every_partition_into_boxes_of_one_frame_can_be_assembled(pieces: list[P
         for piece in pieces
     ]
     assembly = plan_assembly(rotated_boxes, joints)
-    assert not assembly.locked
+    assert not assembly.locked_sets
     assert find_order_faults([piece.solid for piece in rotated_boxes], joints, assembly) == []
     assert len(assembly.steps) == len(pieces) - 1
     assert not any(step.slides for step in assembly.steps)  # the partition was made by planes

@@ -6,17 +6,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from decompose.assembly.schedule import Work, compute_critical_path_s, order_steps
+from decompose.assembly.schedule import StepWork, compute_critical_path_s, order_steps
 
 
-def make_work(*bodies: set[int]) -> Work:
+def make_work(*bodies: set[int]) -> StepWork:
     a, b = bodies
-    return Work((frozenset(a), frozenset(b)), joints=1, glue_mm2=500.0, steady=True)
+    return StepWork((frozenset(a), frozenset(b)), joints=1, glue_mm2=500.0, is_steady=True)
 
 
 def test_person_glues_the_next_pair_while_the_first_dries() -> None:
     works = [make_work({0}, {1}), make_work({0, 1}, {2}), make_work({3}, {4}), make_work({0, 1, 2}, {3, 4})]
-    order = order_steps(works, dry_s=100.0)
+    order = order_steps(works, drying_s=100.0)
     assert [number for number, _ in order] == [0, 2, 1, 3]
     assert order[1][1] == pytest.approx(works[0].seconds)
     assert order[2][1] == pytest.approx(works[0].seconds + works[2].seconds)
@@ -24,21 +24,21 @@ def test_person_glues_the_next_pair_while_the_first_dries() -> None:
 
 def test_person_waits_if_no_other_step_is_ready() -> None:
     works = [make_work({0}, {1}), make_work({0, 1}, {2})]
-    order = order_steps(works, dry_s=1000.0)
+    order = order_steps(works, drying_s=1000.0)
     assert order == [(0, 0.0), (1, pytest.approx(works[0].seconds + 1000.0))]
-    assert compute_critical_path_s(works, dry_s=1000.0) == pytest.approx(order[1][1] + works[1].seconds)
+    assert compute_critical_path_s(works, drying_s=1000.0) == pytest.approx(order[1][1] + works[1].seconds)
 
 
 def test_more_joints_more_glue_and_single_parts_take_longer() -> None:
-    work = Work((frozenset({0, 1}), frozenset({2, 3})), 1, 100.0, steady=True)
-    assert Work(work.bodies, 2, 100.0, steady=True).seconds > work.seconds
-    assert Work(work.bodies, 1, 900.0, steady=True).seconds > work.seconds
-    assert Work(work.bodies, 1, 100.0, steady=False).seconds > work.seconds
-    assert Work((frozenset({0}), frozenset({2, 3})), 1, 100.0, steady=True).seconds > work.seconds
+    work = StepWork((frozenset({0, 1}), frozenset({2, 3})), 1, 100.0, is_steady=True)
+    assert StepWork(work.bodies, 2, 100.0, is_steady=True).seconds > work.seconds
+    assert StepWork(work.bodies, 1, 900.0, is_steady=True).seconds > work.seconds
+    assert StepWork(work.bodies, 1, 100.0, is_steady=False).seconds > work.seconds
+    assert StepWork((frozenset({0}), frozenset({2, 3})), 1, 100.0, is_steady=True).seconds > work.seconds
 
 
 @st.composite
-def draw_trees(draw: st.DrawFn) -> list[Work]:
+def draw_trees(draw: st.DrawFn) -> list[StepWork]:
     """Draw a random tree of steps over some parts, each step after those that make its bodies."""
     bodies = [{part} for part in range(draw(st.integers(2, 12)))]
     works = []
@@ -51,18 +51,24 @@ def draw_trees(draw: st.DrawFn) -> list[Work]:
 
 
 @given(draw_trees(), st.floats(0.0, 2000.0))
-def test_no_step_begins_before_its_bodies_are_dry(works: list[Work], dry_s: float) -> None:
-    order = order_steps(works, dry_s)
+def test_no_step_begins_before_its_bodies_are_dry(works: list[StepWork], drying_s: float) -> None:
+    order = order_steps(works, drying_s)
     assert sorted(number for number, _ in order) == list(range(len(works)))
-    dry_at_s = {work.parts: at_s + work.seconds + dry_s for work, (_, at_s) in pair_with_order(works, order)}
+    dry_at_s = {
+        work.parts: at_s + work.seconds + drying_s for work, (_, at_s) in pair_with_order(works, order)
+    }
     for work, (_, at_s) in pair_with_order(works, order):
         assert all(at_s >= dry_at_s[body] - 1e-6 for body in work.bodies if body in dry_at_s)
     end_s = max(at_s + works[number].seconds for number, at_s in order)
     busy_s = sum(work.seconds for work in works)
-    assert max(busy_s, compute_critical_path_s(works, dry_s)) - 1e-6 <= end_s <= busy_s + dry_s * len(works)
+    assert (
+        max(busy_s, compute_critical_path_s(works, drying_s)) - 1e-6
+        <= end_s
+        <= busy_s + drying_s * len(works)
+    )
 
 
 def pair_with_order(
-    works: list[Work], order: list[tuple[int, float]]
-) -> list[tuple[Work, tuple[int, float]]]:
+    works: list[StepWork], order: list[tuple[int, float]]
+) -> list[tuple[StepWork, tuple[int, float]]]:
     return [(works[number], (number, at_s)) for number, at_s in order]

@@ -107,11 +107,11 @@ def test_rounds_keep_the_budget_and_repeat_no_attempt(
     states = run_rounds(problem, TableEngines(result, seed), lambda numbers: numbers)
     for state in states[1:]:
         trials = plan_next_round(problem, state)
-        efforts_s = {trial.effort_s for trial in trials}
+        efforts_s = {trial.budget_s for trial in trials}
         assert len(efforts_s) <= 1
         is_repeated = trials and trials[0].granularity == "auto" and len(state.attempts) == 1
         if not is_repeated:  # after a grid that was too coarse, the budget starts again
-            assert sum(trial.effort_s for trial in trials) <= compute_remaining_s(problem, state) + 1e-9
+            assert sum(trial.budget_s for trial in trials) <= compute_remaining_s(problem, state) + 1e-9
         if len(trials) > 1:
             assert efforts_s.pop() >= state.attempts[0].effort_s
     attempts = [(a.engine, a.granularity, a.yaw_deg) for a in states[-1].attempts]
@@ -128,7 +128,7 @@ def test_round_is_as_large_as_the_budget_allows(cost: CostModel, result: Decompo
 
     assert plan_round(14.0) == ()
     assert plan_round(15.0) == (Trial(Engine.GUILLOTINE, "auto", OTHER_YAWS_DEG[0], 5.0),)
-    assert [(trial.yaw_deg, trial.effort_s) for trial in plan_round(35.0)] == [(45.0, 12.5), (15.0, 12.5)]
-    assert [(t.yaw_deg, t.effort_s) for t in plan_round(110.0)] == [
+    assert [(trial.yaw_deg, trial.budget_s) for trial in plan_round(35.0)] == [(45.0, 12.5), (15.0, 12.5)]
+    assert [(t.yaw_deg, t.budget_s) for t in plan_round(110.0)] == [
         (yaw_deg, 20.0) for yaw_deg in OTHER_YAWS_DEG
     ]

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from decompose.bound import any_boxes, bound_any_boxes_s
+from decompose.bound import any_boxes, compute_any_boxes_bound_s
 from decompose.geometry import Solid
 from decompose.pieces import find_cut_faces, list_box_planes
 from decompose.print_time import POSE_ROTATIONS, CostModel, Recipe, measure_pose, price_axis_poses_s
@@ -28,7 +28,7 @@ COSTS = (
 def coarse_cells() -> Iterator[None]:
     """Use coarse cells, which save time; the bound holds for cells of any size."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(any_boxes, "CELLS", 20)
+        patch.setattr(any_boxes, "CELLS_PER_SIDE", 20)
         yield
 
 
@@ -84,7 +84,7 @@ def test_no_partition_of_a_curved_solid_undercuts_the_bound(
     )
     printers = [make_room(longest_mm, float(factor)) for factor in factors]
     for wall_mm in (1.0, math.inf):
-        bound_s = bound_any_boxes_s(
+        bound_s = compute_any_boxes_bound_s(
             vertices[faces], printers, cost, wall_mm, KNOWN_MAKESPAN_RATIO * makespan_s
         )
         assert 0.0 <= bound_s <= makespan_s
@@ -112,7 +112,7 @@ def test_no_hollow_partition_of_a_block_undercuts_the_bound(
     vertices, faces = solid.arrays()
     longest_mm = max(float(np.ptp(box, axis=0).max()) for box in boxes)
     printers = [make_room(longest_mm)] * len(boxes)
-    bound_s = bound_any_boxes_s(
+    bound_s = compute_any_boxes_bound_s(
         vertices[faces], printers, COSTS[0], wall_mm, KNOWN_MAKESPAN_RATIO * max(times_s)
     )
     assert bound_s <= sum(times_s) / len(boxes)
@@ -123,17 +123,17 @@ def test_cuts_that_rooms_need_and_solid_that_must_be_printed_raise_the_bound(cos
     vertices, faces = solid.arrays()
     triangles = vertices[faces]
     small_rooms, large_rooms = [make_room(205.0)] * 8, [make_room(500.0)] * 8
-    hollow_s = bound_any_boxes_s(triangles, small_rooms, cost, 10.0, 1e6)
-    full_s = bound_any_boxes_s(triangles, small_rooms, cost, math.inf, 1e6)
-    uncut_s = bound_any_boxes_s(triangles, large_rooms, cost, math.inf, 1e6)
+    hollow_s = compute_any_boxes_bound_s(triangles, small_rooms, cost, 10.0, 1e6)
+    full_s = compute_any_boxes_bound_s(triangles, small_rooms, cost, math.inf, 1e6)
+    uncut_s = compute_any_boxes_bound_s(triangles, large_rooms, cost, math.inf, 1e6)
     assert hollow_s < full_s and uncut_s < full_s
     makespan_s = price_content_s(solid, np.array([[0.0] * 3, [200.0] * 3]), cost)
     assert 0.85 * makespan_s < full_s <= makespan_s  # eight cubes are the best partition into boxes
-    assert bound_any_boxes_s(triangles, small_rooms, cost, math.inf, 10.0) == 10.0
+    assert compute_any_boxes_bound_s(triangles, small_rooms, cost, math.inf, 10.0) == 10.0
 
 
 def test_faster_printers_lower_the_bound_by_their_throughput(cost: CostModel) -> None:
     vertices, faces = Solid.box((0, 0, 0), (300, 300, 300)).arrays()
-    equal_s = bound_any_boxes_s(vertices[faces], [make_room(205.0)] * 8, cost, math.inf, 1e6)
-    fast_s = bound_any_boxes_s(vertices[faces], [make_room(205.0, 0.5)] * 8, cost, math.inf, 5e5)
+    equal_s = compute_any_boxes_bound_s(vertices[faces], [make_room(205.0)] * 8, cost, math.inf, 1e6)
+    fast_s = compute_any_boxes_bound_s(vertices[faces], [make_room(205.0, 0.5)] * 8, cost, math.inf, 5e5)
     assert fast_s == pytest.approx(0.5 * equal_s)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from books.box_tables import Shape, list_boxes, make_tables
-from decompose.bound import bound_by_surface_s, bound_makespan
+from decompose.bound import bound_makespan, compute_surface_bound_s
 from decompose.bound.makespan import TOLERANCE, Bound
 from decompose.engines.guillotine import Partitioner
 from decompose.geometry import Solid
@@ -143,4 +143,4 @@ def test_slabs_of_a_block_never_end_before_the_bound(
     cost = CostModel.from_recipe(Recipe(prelude_s=60.0))
     slab_s = price_axis_poses_s(*Solid.box((0, 0, 0), (width_mm, depth_mm, height_mm / slabs)).arrays(), cost)
     block = Solid.box((0, 0, 0), (width_mm, depth_mm, height_mm))
-    assert slab_s.min() >= bound_by_surface_s(block.area_mm2, block.volume_mm3, slabs, cost)
+    assert slab_s.min() >= compute_surface_bound_s(block.area_mm2, block.volume_mm3, slabs, cost)

@@ -9,8 +9,8 @@ import shapely
 from decompose.connectors import Coupon, make_coupon
 from decompose.connectors.coupon import UP
 from decompose.connectors.keys import choose_key_lengths_mm
-from decompose.connectors.pins import END_MM, choose_depths_mm
-from decompose.connectors.tools import GROOVE_SIN, HOLE_SIN, closes_in_a_step, compute_overhang_sin
+from decompose.connectors.pins import END_GAP_MM, choose_depths_mm
+from decompose.connectors.tools import MAX_GROOVE_SIN, MAX_HOLE_SIN, closes_in_a_step, compute_overhang_sin
 from decompose.geometry import Solid, round_triangles
 
 
@@ -32,10 +32,13 @@ def test_holes_on_top_and_in_front_get_wider_in_steps_of_the_fit(coupon: tuple[f
     count = len(coupon_result.fits_mm)
     for first in (0, count):
         widths_mm = [
-            measure_width_mm(hole.points_mm, hole.into) for hole in coupon_result.holes[first : first + count]
+            measure_width_mm(hole.points_mm, hole.inward_normal)
+            for hole in coupon_result.holes[first : first + count]
         ]
         assert widths_mm == pytest.approx([pin_mm + fit_mm for fit_mm in coupon_result.fits_mm])
-    gauges_mm = [float(np.ptp(hole.points_mm @ hole.into)) - 0.1 for hole in coupon_result.holes[2 * count :]]
+    gauges_mm = [
+        float(np.ptp(hole.points_mm @ hole.inward_normal)) - 0.1 for hole in coupon_result.holes[2 * count :]
+    ]
     assert gauges_mm == pytest.approx(coupon_result.lengths_mm)
 
 
@@ -50,13 +53,13 @@ def test_each_number_stands_on_the_face_of_its_hole(coupon: tuple[float, Coupon]
     ]
     tools = (*coupon_result.holes, *coupon_result.grooves[: len(texts)])
     for mark, hole in zip(coupon_result.marks, tools, strict=True):
-        assert (mark.grooves[0].into == hole.into).all()
+        assert (mark.grooves[0].inward_normal == hole.inward_normal).all()
         assert mark.lines_mm[..., 0].mean() == pytest.approx(hole.points_mm[:, 0].mean(), abs=3.5)
 
 
 def test_gauges_have_the_lengths_of_all_pins_and_keys(coupon: tuple[float, Coupon]) -> None:
     pin_mm, coupon_result = coupon
-    pins_mm = {2.0 * (depth_mm - END_MM) for depth_mm in choose_depths_mm(pin_mm)}
+    pins_mm = {2.0 * (depth_mm - END_GAP_MM) for depth_mm in choose_depths_mm(pin_mm)}
     assert set(coupon_result.lengths_mm) == pins_mm | set(choose_key_lengths_mm(pin_mm))
     if pin_mm == 2.85:
         assert coupon_result.lengths_mm == (11.0, 9.0, 5.0)
@@ -88,9 +91,9 @@ def test_coupon_prints_without_support_in_two_pieces_and_is_a_closed_stl(
     assert len(coupon_result.solid.list_pieces()) == 2
     assert round_triangles(*coupon_result.solid.arrays()) is not None
     for tools, limit in (
-        (coupon_result.holes, HOLE_SIN),
-        ([*coupon_result.grooves, *(g for m in coupon_result.marks for g in m.grooves)], GROOVE_SIN),
+        (coupon_result.holes, MAX_HOLE_SIN),
+        ([*coupon_result.grooves, *(g for m in coupon_result.marks for g in m.grooves)], MAX_GROOVE_SIN),
     ):
         for tool in tools:
-            assert compute_overhang_sin(tool.points_mm, tool.into, UP) <= limit
+            assert compute_overhang_sin(tool.points_mm, tool.inward_normal, UP) <= limit
             assert not closes_in_a_step(tool, UP)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from decompose.assembly import plan_assembly
 from decompose.connectors import Blank, Connectors, drill_parts, find_pairs, plan_connectors
 from decompose.errors import Rule
-from decompose.export.pin_sheet import make_sheet
+from decompose.export.pin_sheet import make_pin_sheet
 from decompose.geometry import Solid
 from decompose.options import ConnectorOptions
 from decompose.pieces import Piece, find_joints
@@ -46,9 +46,9 @@ def drill_wall(width_mm: float, slope: float, up_axis: np.ndarray = POSES[0]) ->
 def test_leaning_wall_has_a_long_and_a_short_key_far_apart(width_mm: float, key_mm: float) -> None:
     parts = drill_wall(width_mm, 0.4)
     long_key, short_key = parts.connectors.pins
-    assert long_key.along is not None and short_key.along is not None
+    assert long_key.key_direction is not None and short_key.key_direction is not None
     assert (long_key.diameter_mm, short_key.diameter_mm) == (key_mm, key_mm)
-    assert abs(float(long_key.at_mm[0] - short_key.at_mm[0])) > 35.0
+    assert abs(float(long_key.position_mm[0] - short_key.position_mm[0])) > 35.0
     assert find_pairs(parts.connectors.pins) == {0: (long_key, short_key)}
     assert find_wrong_fits([long_key, short_key]) == [] and list(parts.find_faults()) == []
 
@@ -64,12 +64,12 @@ def test_connectors_of_leaning_walls_break_no_rule(
 def change_first_key(parts: DrilledParts, **changes: object) -> DrilledParts:
     first_pin, *other_pins = parts.connectors.pins
     connectors = Connectors(pins=(replace(first_pin, **changes), *other_pins))
-    return replace(parts, connectors=connectors, drilled=drill_parts(parts.blanks, connectors))
+    return replace(parts, connectors=connectors, drilled_solids=drill_parts(parts.blanks, connectors))
 
 
 def test_key_that_is_too_long_or_across_its_groove_is_refused() -> None:
     parts = drill_wall(5.5, 0.4)
-    for changes in ({"length_mm": 14.0}, {"along": np.array([0.0, 1.0, 0.0])}):
+    for changes in ({"length_mm": 14.0}, {"key_direction": np.array([0.0, 1.0, 0.0])}):
         assert Rule.PINNED in {fault.rule for fault in change_first_key(parts, **changes).find_faults()}
 
 
@@ -85,12 +85,14 @@ def test_groove_near_the_outside_is_refused() -> None:
 def test_keys_of_equal_length_allow_a_half_turn() -> None:
     long_key, short_key = drill_wall(5.5, 0.4).connectors.pins
     equal_key = replace(long_key, length_mm=short_key.length_mm + 1.0)
-    assert find_wrong_fits([equal_key, short_key]) == ["step 1 can be turned by 180 degrees"]
+    assert find_wrong_fits([equal_key, short_key]) == [
+        "a body of step 1 fits if it is rotated by 180 degrees"
+    ]
 
 
 def test_cut_list_names_pieces_of_each_diameter() -> None:
     thin_keys, thick_keys = drill_wall(5.5, 0.4).connectors.pins, drill_wall(7.0, 0.4).connectors.pins
-    sheet = make_sheet([*thin_keys, *thick_keys])
+    sheet = make_pin_sheet([*thin_keys, *thick_keys])
     assert sheet is not None
     assert [row[:2] for row in sheet.rows] == [("2.85", "9"), ("2.85", "5"), ("1.75", "8"), ("1.75", "5")]
     assert [(diameter, count) for diameter, count, _ in sheet.stocks] == [("2.85", 2), ("1.75", 2)]

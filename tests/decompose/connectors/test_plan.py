@@ -66,7 +66,7 @@ HALVES = make_boxes(((0, 0, 0), (60, 40, 20)), ((0, 0, 20), (60, 40, 50)))
 def test_two_halves_get_a_long_and_a_short_key_in_opposite_corners():
     connectors, _ = plan_and_drill(HALVES)
     long_key, short_key = connectors.pins
-    assert long_key.along is not None and short_key.along is not None
+    assert long_key.key_direction is not None and short_key.key_direction is not None
     assert long_key.length_mm > short_key.length_mm + 2.0
     assert measure_distance_mm(long_key, short_key) > 0.7 * np.hypot(60.0, 40.0)
     assert not connectors.unpinned and not connectors.unmarked
@@ -75,10 +75,10 @@ def test_two_halves_get_a_long_and_a_short_key_in_opposite_corners():
 def test_halves_that_lean_get_a_deep_and_a_shallow_pin_in_opposite_corners():
     connectors, _ = plan_and_drill(HALVES, [LEANING, UPRIGHT])
     deep_pin, shallow_pin = connectors.pins
-    assert deep_pin.along is None and shallow_pin.along is None
+    assert deep_pin.key_direction is None and shallow_pin.key_direction is None
     assert deep_pin.depth_mm > shallow_pin.depth_mm + 2.0
     assert measure_distance_mm(deep_pin, shallow_pin) > 0.75 * np.hypot(60.0, 40.0)
-    assert [deep_pin.at_mm[2], shallow_pin.at_mm[2]] == pytest.approx([20.0, 20.0])
+    assert [deep_pin.position_mm[2], shallow_pin.position_mm[2]] == pytest.approx([20.0, 20.0])
     assert not connectors.unpinned
 
 
@@ -120,7 +120,7 @@ def test_thin_joint_has_neither_pins_nor_digits_and_that_is_reported():
     assert not connectors.pins and not connectors.tools
     assert [reason for _, reason in connectors.unpinned] == ["too small for a pin"]
     assert [reason for _, reason in connectors.unmarked] == ["too small"]
-    assert parts.drilled[0].volume_mm3 == pytest.approx(7200.0)
+    assert parts.drilled_solids[0].volume_mm3 == pytest.approx(7200.0)
 
 
 def test_small_joint_is_marked_by_the_same_dots_on_both_faces():
@@ -137,7 +137,7 @@ def test_keys_and_pins_avoid_a_hollow_below_a_joint(up: np.ndarray, rim_mm: floa
     connectors, _ = plan_and_drill([low, high], [up, UPRIGHT])
     hollow_area = shapely.box(10.0, 5.0, 58.0, 38.0).buffer(rim_mm - 1e-6)
     assert connectors.pins
-    assert not any(hollow_area.contains(shapely.Point(pin.at_mm[:2])) for pin in connectors.pins)
+    assert not any(hollow_area.contains(shapely.Point(pin.position_mm[:2])) for pin in connectors.pins)
 
 
 def test_face_that_leans_over_in_its_pose_is_not_marked():
@@ -152,11 +152,11 @@ def test_large_joint_has_pins_or_keys_near_all_of_its_glue(up: np.ndarray):
     connectors, _ = plan_and_drill(
         make_boxes(((0, 0, 0), (200, 200, 30)), ((0, 0, 30), (200, 200, 60))), [up, UPRIGHT]
     )
-    points_mm = np.array([pin.at_mm[:2] for pin in connectors.pins])
+    points_mm = np.array([pin.position_mm[:2] for pin in connectors.pins])
     grid = np.array(np.meshgrid(np.arange(2.5, 200, 5), np.arange(2.5, 200, 5))).reshape(2, -1).T
     is_near = np.linalg.norm(grid[:, None] - points_mm, axis=2).min(axis=1) < 60.0
     assert is_near.mean() >= 0.95
-    assert connectors.pins[1].slotted == (up is LEANING)
+    assert connectors.pins[1].is_slotted == (up is LEANING)
 
 
 def test_slide_gets_pins_only_along_its_direction():
@@ -191,7 +191,7 @@ def test_pin_that_gives_way_to_another_pair_stays_in_its_plane():
     connectors, parts = plan_and_drill(cut_at_random(random, random.randint(2, 5)))
     for pin in connectors.pins:
         faces = parts.joints[pin.joint].faces
-        assert min(abs(float(pin.at_mm @ face.normal) - face.offset_mm) for face in faces) < 1e-6
+        assert min(abs(float(pin.position_mm @ face.normal) - face.offset_mm) for face in faces) < 1e-6
 
 
 @settings(deadline=None, max_examples=6, phases=PHASES)
@@ -224,9 +224,12 @@ def test_body_turned_around_does_not_close_with_pins_of_any_diameter(
 @pytest.mark.parametrize("up", [UPRIGHT, LEANING])
 def test_pair_avoids_a_distance_that_is_taken(up: np.ndarray):
     free_distance_mm = measure_distance_mm(*plan_and_drill(HALVES, [up, UPRIGHT])[0].pins)
-    options = replace(ALL_CONNECTORS, taken_mm=(free_distance_mm, free_distance_mm - 1.6))
+    options = replace(ALL_CONNECTORS, used_distances_mm=(free_distance_mm, free_distance_mm - 1.6))
     connectors, _ = plan_and_drill(HALVES, [up, UPRIGHT], options)
-    assert min(abs(measure_distance_mm(*connectors.pins) - taken_mm) for taken_mm in options.taken_mm) > 1.4
+    assert (
+        min(abs(measure_distance_mm(*connectors.pins) - used_mm) for used_mm in options.used_distances_mm)
+        > 1.4
+    )
     assert find_wrong_fits(connectors.pins, (measure_distance_mm(*connectors.pins),)) == [
         "a body of step 1 fits a neighbour that is printed already"
     ]

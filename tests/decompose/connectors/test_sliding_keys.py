@@ -13,7 +13,7 @@ from decompose.assembly import Assembly, AssemblyStep, find_order_faults
 from decompose.connectors import Blank, Connectors, Pin, Tool, drill_parts, find_pairs, plan_connectors
 from decompose.connectors.tools import make_groove
 from decompose.errors import Rule
-from decompose.export.connector_rows import name_kind
+from decompose.export.connector_rows import name_pin_kind
 from decompose.geometry import Solid
 from decompose.options import ConnectorOptions
 from decompose.pieces import Piece, find_joints, list_box_planes
@@ -76,8 +76,8 @@ def test_glue_on_a_wall_far_from_the_floor_gets_keys_that_slide_in(tall_parts: D
     keys = list_sliding_pins(tall_parts)
     assert step.slides and keys and list(tall_parts.find_faults()) == []
     for key in keys:
-        assert name_kind(key) == "sliding key"
-        assert abs(float(key.at_mm[1]) - WALL_MM) < 1e-6 and key.at_mm[2] > FLOOR_MM
+        assert name_pin_kind(key) == "sliding key"
+        assert abs(float(key.position_mm[1]) - WALL_MM) < 1e-6 and key.position_mm[2] > FLOOR_MM
         exits = [hole.exit for hole in key.holes]
         assert sum(direction is not None for direction in exits) == 1
 
@@ -109,7 +109,7 @@ def change_key(parts: DrilledParts, **changes: object) -> DrilledParts:
     key = list_sliding_pins(parts)[0]
     pins = tuple(replace(pin, **changes) if pin is key else pin for pin in parts.connectors.pins)
     connectors = Connectors(pins=pins)
-    return replace(parts, connectors=connectors, drilled=drill_parts(parts.blanks, connectors))
+    return replace(parts, connectors=connectors, drilled_solids=drill_parts(parts.blanks, connectors))
 
 
 def find_broken_rules(parts: DrilledParts) -> set[Rule]:
@@ -118,9 +118,9 @@ def find_broken_rules(parts: DrilledParts) -> set[Rule]:
 
 def close_groove(hole: Tool, key: Pin, *, exit_direction: np.ndarray | None) -> Tool:
     """Make the groove of a key with both ends closed."""
-    assert key.along is not None
-    ends = key.at_mm + np.outer([-2.0, 2.0], key.along)
-    return replace(make_groove(hole.part, ends, hole.into, key.depth_mm), exit=exit_direction)
+    assert key.key_direction is not None
+    ends = key.position_mm + np.outer([-2.0, 2.0], key.key_direction)
+    return replace(make_groove(hole.part, ends, hole.inward_normal, key.depth_mm), exit=exit_direction)
 
 
 def test_key_that_cannot_enter_its_groove_is_refused(tall_parts: DrilledParts) -> None:
@@ -133,7 +133,7 @@ def test_key_that_cannot_enter_its_groove_is_refused(tall_parts: DrilledParts) -
         replace(moved, exit=-moved.exit),
     ):
         assert Rule.ORDER in find_broken_rules(change_key(tall_parts, holes=(other, fixed)))
-    assert Rule.PINNED in find_broken_rules(change_key(tall_parts, along=np.array([0.0, 0.6, 0.8])))
+    assert Rule.PINNED in find_broken_rules(change_key(tall_parts, key_direction=np.array([0.0, 0.6, 0.8])))
 
 
 def test_groove_that_leaves_through_the_surface_is_refused(tall_parts: DrilledParts) -> None:
@@ -142,8 +142,8 @@ def test_groove_that_leaves_through_the_surface_is_refused(tall_parts: DrilledPa
     moved, fixed = key.holes
     assert moved.exit is not None
     top_mm = tall_parts.blanks[moved.part].solid.bounds_mm[1][2]
-    ends = np.array([key.at_mm, [*key.at_mm[:2], top_mm + 0.1]])
-    open_groove = replace(make_groove(moved.part, ends, moved.into, key.depth_mm), exit=-moved.exit)
+    ends = np.array([key.position_mm, [*key.position_mm[:2], top_mm + 0.1]])
+    open_groove = replace(make_groove(moved.part, ends, moved.inward_normal, key.depth_mm), exit=-moved.exit)
     assert Rule.SKIN in find_broken_rules(change_key(tall_parts, holes=(open_groove, fixed)))
 
 

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from decompose.connectors.strokes import draw_strokes
 from decompose.connectors.tools import (
-    GROOVE_SIN,
-    HOLE_SIN,
+    MAX_GROOVE_SIN,
+    MAX_HOLE_SIN,
     closes_in_a_step,
     compute_overhang_sin,
     make_groove,
@@ -38,7 +38,7 @@ def test_hole_in_any_direction_has_a_ceiling_that_prints_and_takes_the_pin(
     v = np.cross(axis, u)
     hole = make_hole(0, np.zeros(3), axis, UP, SIZE_MM, 0.25 * (np.cos(slot_rad) * u + np.sin(slot_rad) * v))
     assert hole is not None
-    assert compute_overhang_sin(hole.points_mm, axis, UP) <= HOLE_SIN
+    assert compute_overhang_sin(hole.points_mm, axis, UP) <= MAX_HOLE_SIN
     flat_points = hole.points_mm @ np.stack([u, v]).T
     is_floor = np.isclose(hole.points_mm @ axis, 7.0)
     assert shapely.MultiPoint(flat_points[is_floor]).convex_hull.contains(
@@ -69,12 +69,12 @@ def test_groove_prints_on_upright_lower_and_upper_faces(outward: tuple[float, ..
     for ends in ([[0.0, 0.0], [3.0, 1.0]], [[1.0, 1.0], [1.0, 1.0]]):
         right_direction = np.cross(axis, [0.0, 1.0, 0.0])
         groove = make_groove(0, np.array(ends) @ np.stack([right_direction, [0.0, 1.0, 0.0]]), axis)
-        assert compute_overhang_sin(groove.points_mm, axis, UP) <= GROOVE_SIN
+        assert compute_overhang_sin(groove.points_mm, axis, UP) <= MAX_GROOVE_SIN
 
 
 def test_groove_on_a_leaning_face_overhangs():
     axis = np.array([-0.8, 0.0, 0.6])
-    assert compute_overhang_sin(make_groove(0, np.zeros((2, 3)), axis).points_mm, axis, UP) > GROOVE_SIN
+    assert compute_overhang_sin(make_groove(0, np.zeros((2, 3)), axis).points_mm, axis, UP) > MAX_GROOVE_SIN
 
 
 def test_ceiling_that_ends_in_a_point_closes_in_a_step_and_a_ridge_does_not():
@@ -84,7 +84,7 @@ def test_ceiling_that_ends_in_a_point_closes_in_a_step_and_a_ridge_does_not():
     pointed_mm = hole.points_mm.copy()
     pointed_mm[top, :2] = 0.0  # a slice of this shape had 1.3 mm3 of support in the hole
     assert closes_in_a_step(replace(hole, points_mm=pointed_mm), UP)
-    assert compute_overhang_sin(pointed_mm, UP, UP) <= HOLE_SIN
+    assert compute_overhang_sin(pointed_mm, UP, UP) <= MAX_HOLE_SIN
 
 
 def test_ceiling_of_a_conical_dot_closes_in_a_step():

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from decompose.assembly import Assembly, plan_assembly
-from decompose.export.glb import find_moves, find_offsets, write_glb
+from decompose.export.glb import find_movements_mm, find_offsets, write_glb
 from decompose.geometry import Solid
 from decompose.pieces import find_joints, list_box_planes
 from decompose.results import Part
@@ -78,7 +78,7 @@ def test_no_steps_make_no_animation(parts: list[Part], tmp_path: Path) -> None:
 
 
 def test_parts_of_a_body_move_together(parts: list[Part], assembly: Assembly) -> None:
-    moves = find_moves(parts, assembly.steps)
+    moves = find_movements_mm(parts, assembly.steps)
     offsets = find_offsets(len(parts), assembly.steps, moves)
     for k, step in enumerate(assembly.steps):
         fixed_parts = [n for n in range(len(parts)) if n not in step.moved_parts]
@@ -93,4 +93,4 @@ def test_parts_of_a_body_move_together(parts: list[Part], assembly: Assembly) ->
 
 def test_moves_grow_with_the_body(parts: list[Part], assembly: Assembly) -> None:
     long_parts = [replace(part, solid=Solid.box((0, 0, 0), (1000, 1000, 1000))) for part in parts]
-    assert np.linalg.norm(find_moves(long_parts, assembly.steps), axis=1) == pytest.approx([300.0] * 3)
+    assert np.linalg.norm(find_movements_mm(long_parts, assembly.steps), axis=1) == pytest.approx([300.0] * 3)

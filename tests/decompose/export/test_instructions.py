@@ -29,11 +29,11 @@ from decompose.export.step_picture import (
     draw_steps,
     find_pose,
     name_top_direction,
-    turn_over,
+    turn_pose_over,
 )
 from decompose.export.step_scene import (
     GLUE_COLOUR,
-    INK,
+    INK_COLOUR,
     PIN_COLOUR,
     build_both_bodies,
     build_moved_body,
@@ -195,7 +195,7 @@ def test_chosen_view_shows_pins_and_codes(drilled_table: Decomposition) -> None:
         visible = draw_shapes(scene.shapes, camera, 400, oversample=1).visible
         visible_counts = [(visible == 1 + scene.first_pin + k).sum() for k in range(len(scene.pins))]
         assert len(visible_counts) >= 2 and min(visible_counts) > 0
-        ink = [k for k, shape in enumerate(scene.shapes, 1) if (shape.colour == INK).all()]
+        ink = [k for k, shape in enumerate(scene.shapes, 1) if (shape.colour == INK_COLOUR).all()]
         assert ink and np.isin(visible, ink).sum() > 20
 
 
@@ -204,7 +204,7 @@ def test_pose_has_the_joint_upwards_and_keeps_left_and_right_apart() -> None:
         pose = find_pose(np.array(direction, dtype=np.float64))
         assert pose @ direction == pytest.approx([0.0, 0.0, 1.0])
         assert pose @ pose.T == pytest.approx(np.eye(3)) and np.linalg.det(pose) == pytest.approx(1.0)
-        turned_pose = turn_over(pose, 30.0)
+        turned_pose = turn_pose_over(pose, 30.0)
         assert turned_pose @ direction == pytest.approx([0.0, 0.0, -1.0]) and np.linalg.det(
             turned_pose
         ) == pytest.approx(1.0)
@@ -215,7 +215,7 @@ def test_pose_has_the_joint_upwards_and_keeps_left_and_right_apart() -> None:
 def test_holes_of_the_moved_body_lie_where_its_pins_go(drilled_table: Decomposition) -> None:
     scene = build_moved_body(0, drilled_table)
     for pin, shape in zip(scene.pins, scene.shapes[scene.first_pin :], strict=False):
-        assert np.abs(shape.triangles.mean(axis=(0, 1)) - pin.at_mm).max() < 2.0
+        assert np.abs(shape.triangles.mean(axis=(0, 1)) - pin.position_mm).max() < 2.0
         assert np.cross(*np.diff(shape.triangles[0], axis=0)) @ pin.axis < 0.0  # seen from below
 
 
@@ -279,7 +279,7 @@ def test_page_check_names_what_is_missing_repeated_or_loaded(drilled_table: Deco
     remote = page.replace("<h1>", '<img src="https://example.org/x.png"><h1>')
     assert find_page_faults(remote, table) == ["it loads https://example.org/x.png"]
     styled_page = page.replace("<style>", "<style>@import 'x';")
-    assert find_page_faults(styled_page, table) == ["its style loads something"]
+    assert find_page_faults(styled_page, table) == ["its style loads a file"]
 
 
 def test_page_with_a_fault_says_so_first(

@@ -67,7 +67,7 @@ def test_triangles_of_each_format_are_counted_and_limited_by_memory(kind: str) -
     assert count_triangles(data, suffix) == count
     memory_bytes = OTHER_BYTES + count * BYTES_PER_TRIANGLE
     check_limits("a", data, suffix, memory_bytes)
-    with pytest.raises(ModelTooDetailed, match=r"suffice for 0.0 million: simplify its mesh"):
+    with pytest.raises(ModelTooDetailed, match=r"suffice only for 0.0 million: simplify its mesh"):
         check_limits("a", data, suffix, memory_bytes - 1)
 
 

@@ -163,6 +163,8 @@ def test_repairs_are_reported(tmp_path: Path) -> None:
 def test_model_with_more_triangles_than_memory_allows_is_refused_before_it_is_read(tmp_path: Path) -> None:
     path, steps = tmp_path / "ball.stl", []
     write_stl(path, np.tile(make_ball(), (1000, 1, 1)).astype(np.float32))  # 1,280,000
-    with pytest.raises(ModelTooDetailed, match=r"1\.3 million triangles.*1\.0 GB.*suffice for 0\.5 million"):
+    with pytest.raises(
+        ModelTooDetailed, match=r"1\.3 million triangles.*1\.0 GB.*suffice only for 0\.5 million"
+    ):
         load_model(path, memory_bytes=2**30, report=steps.append)
     assert steps == ["reading"]

@@ -129,8 +129,8 @@ def test_draws_beyond_the_budget_do_not_start(cost: CostModel, model: Model) -> 
     ENGINES[Engine.PARALLELOBOX](Problem(model, PRINTERS, cost, options, effort=unlimited_effort))
     with pytest.raises(NoFit):
         ENGINES[Engine.PARALLELOBOX](Problem(model, PRINTERS, cost, options, effort=limited_effort))
-    assert limited_effort.cut_short
-    assert not unlimited_effort.cut_short
+    assert limited_effort.is_cut_short
+    assert not unlimited_effort.is_cut_short
     assert limited_effort.spent_s < unlimited_effort.spent_s
 
 
@@ -138,7 +138,7 @@ def test_draws_beyond_the_budget_do_not_start(cost: CostModel, model: Model) -> 
 def test_affordable_work_keeps_the_budget_unspent(budget_s: float, reserved_s: float, units: int) -> None:
     effort = Effort(budget_s, reserved_s=reserved_s)
     is_affordable = effort.can_afford(Work.CELL_GROWN, units)
-    assert effort.cut_short == (not is_affordable)
+    assert effort.is_cut_short == (not is_affordable)
     effort.record(Work.CELL_GROWN, units)
     assert is_affordable == (effort.spent_s + reserved_s <= budget_s)
 
@@ -151,7 +151,9 @@ def test_sum_of_work_is_independent_of_order(work: list[tuple[Work, int]], budge
         backwards.record(*other_item)
     assert forwards.spent_s == backwards.spent_s
     assert forwards.spent_s == pytest.approx(sum(WORK_NS[kind] * units for kind, units in work) / 1e9)
-    assert forwards.is_spent() == backwards.is_spent() == forwards.cut_short == (forwards.spent_s >= budget_s)
+    assert (
+        forwards.is_spent() == backwards.is_spent() == forwards.is_cut_short == (forwards.spent_s >= budget_s)
+    )
 
 
 @given(shape=st.tuples(st.integers(1, 4), st.integers(1, 4), st.integers(1, 4)))

@@ -60,7 +60,7 @@ def drill_tower(up: np.ndarray, fits_mm: tuple[float, ...] = (0.4, 0.4, 0.4)) ->
 def change_pin(parts: DrilledParts, change: Callable[[Pin], Pin]) -> DrilledParts:
     first_pin, *other_pins = parts.connectors.pins
     connectors = replace(parts.connectors, pins=(change(first_pin), *other_pins))
-    return replace(parts, connectors=connectors, drilled=drill_parts(parts.blanks, connectors))
+    return replace(parts, connectors=connectors, drilled_solids=drill_parts(parts.blanks, connectors))
 
 
 def move_hole(pin: Pin, offset_mm: tuple[float, float, float]) -> Pin:
@@ -76,22 +76,24 @@ def shift_out(parts: DrilledParts) -> DrilledParts:
     def shift(pin: Pin) -> Pin:
         offset_mm = np.array([0.9 - min(hole.points_mm[:, 0].min() for hole in pin.holes), 0.0, 0.0])
         first_hole, second_hole = (replace(hole, points_mm=hole.points_mm + offset_mm) for hole in pin.holes)
-        return replace(pin, at_mm=pin.at_mm + offset_mm, holes=(first_hole, second_hole))
+        return replace(pin, position_mm=pin.position_mm + offset_mm, holes=(first_hole, second_hole))
 
     return change_pin(parts, shift)
 
 
 def cut_undeclared_hole(parts: DrilledParts) -> DrilledParts:
     hole = Solid.box((25.0, 18.0, 5.0), (28.0, 21.0, 9.0))
-    return replace(parts, drilled=[parts.drilled[0].subtract(hole), *parts.drilled[1:]])
+    return replace(parts, drilled_solids=[parts.drilled_solids[0].subtract(hole), *parts.drilled_solids[1:]])
 
 
 def add_material(parts: DrilledParts) -> DrilledParts:
     bump = Solid.box((59.0, 10.0, 5.0), (62.0, 12.0, 9.0))
-    return replace(parts, drilled=[Solid.union([parts.drilled[0], bump]), *parts.drilled[1:]])
+    return replace(
+        parts, drilled_solids=[Solid.union([parts.drilled_solids[0], bump]), *parts.drilled_solids[1:]]
+    )
 
 
-def turn_over(parts: DrilledParts) -> DrilledParts:
+def turn_pose_over(parts: DrilledParts) -> DrilledParts:
     return replace(parts, blanks=[replace(blank, up=np.array([0.0, 0.8, -0.6])) for blank in parts.blanks])
 
 
@@ -109,7 +111,7 @@ def tilt_pin(parts: DrilledParts) -> DrilledParts:
         (cut_undeclared_hole, Rule.DRILLED),
         (add_material, Rule.DRILLED),
         (shift_out, Rule.SKIN),
-        (turn_over, Rule.SUPPORT_FREE),
+        (turn_pose_over, Rule.SUPPORT_FREE),
         (separate_holes, Rule.PINNED),
         (tilt_pin, Rule.ORDER),
     ],
@@ -145,7 +147,7 @@ def test_parts_are_written_with_their_holes_and_the_report_lists_them(
 ) -> None:
     connected_result = connect_parts(halves)
     for part in connected_result.parts:
-        assert part.printed.volume_mm3 < part.solid.volume_mm3 - 50.0
+        assert part.printed_solid.volume_mm3 < part.solid.volume_mm3 - 50.0
         write_stl(tmp_path / f"{part.id}.stl", part.build_stl_triangles())
         check_stl(tmp_path / f"{part.id}.stl", part)
     for number, (part, old_part) in enumerate(zip(connected_result.parts, halves.parts, strict=True)):
@@ -171,7 +173,7 @@ def test_hole_is_as_wide_as_its_printer_needs_and_both_grooves_as_the_wider_fit(
     assert len(parts.connectors.pins) == 4 and list(parts.find_faults()) == []
     for pin in parts.connectors.pins:
         for hole in pin.holes:
-            if pin.along is not None:
+            if pin.key_direction is not None:
                 assert pin.depth_mm == pytest.approx((2.85 + 0.7) / np.sqrt(2.0))
                 continue
             offsets_mm = hole.points_mm[:6] - hole.points_mm[:6].mean(axis=0)
@@ -208,7 +210,7 @@ def test_prices_grow_only_with_the_tools_of_a_part(drilled_parts: DrilledParts) 
 def test_part_that_is_cut_again_keeps_its_holes_and_codes(halves: Decomposition) -> None:
     """Cut the printed share of a part after a fault, when its neighbour is already printed."""
     result = connect_parts(halves)
-    printed_solid = result.parts[0].printed
+    printed_solid = result.parts[0].printed_solid
     printers = [PrinterRoom(f"p{i}", ((30.0, 40.0, 50.0),)) for i in range(2)]
     options = replace(halves.options, interior=Interior.KEEP)
     cost = CostModel(1.0, *[1e-3] * 7, brim_mm=0.0)
@@ -220,7 +222,7 @@ def test_part_that_is_cut_again_keeps_its_holes_and_codes(halves: Decomposition)
     pieces = connect_parts(named_parts)
     assert not pieces.connectors.failures
     assert {mark.text.rstrip("^") for mark in pieces.connectors.marks} == {"1a-1b", "1b-1a"}
-    printed_solids = Solid.union([piece.printed for piece in pieces.parts])
+    printed_solids = Solid.union([piece.printed_solid for piece in pieces.parts])
     old_tools = [Solid.hull(tool.points_mm) for tool in result.connectors.tools if tool.part == 0]
     assert len(old_tools) > 10 and printed_solids.intersect(Solid.union(old_tools)).volume_mm3 < 1e-3
 
@@ -242,7 +244,7 @@ def test_parts_that_break_a_rule_stay_as_they_were_cut(
     result = connect_parts(halves)
     assert not result.connectors.pins
     assert all("has no holes and marks" in failure for failure in result.connectors.failures)
-    assert any(part.drilled is None for part in result.parts)
+    assert any(part.drilled_solid is None for part in result.parts)
 
 
 @pytest.mark.parametrize("kind", [ModelNotSolid, shapely.errors.GEOSException, QhullError])
@@ -263,13 +265,13 @@ def test_holes_that_would_damage_an_stl_are_left_out_and_reported(
     halves: Decomposition, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     def refuse_holes(path: Path, part: Part) -> None:
-        if part.drilled is not None:
+        if part.drilled_solid is not None:
             raise GeometryError(Rule.STL, part.id, f"{path.name}, read back, is not watertight")
         check_stl(path, part)
 
     monkeypatch.setattr(files, "check_stl", refuse_holes)
     written_files = write_decomposition(halves, tmp_path)
-    assert [part.drilled for part in written_files.parts] == [None, None]
+    assert [part.drilled_solid for part in written_files.parts] == [None, None]
     assert not written_files.connectors.pins and not written_files.connectors.marks
     [failure] = json.loads((tmp_path / REPORT).read_text())["connectors"]["failures"]
     assert failure.startswith("no pins and marks: ") and "not watertight" in failure
@@ -291,10 +293,11 @@ def test_seams_that_cannot_be_measured_are_left_out(
 def test_tool_that_opens_outside_of_its_joint_is_refused(drilled_parts: DrilledParts) -> None:
     mark = drilled_parts.connectors.marks[0]
     shifted_tools = tuple(
-        Tool(t.part, t.points_mm + np.array([0.0, 30.0, 0.0]), t.into, t.face_mm) for t in mark.grooves
+        Tool(t.part, t.points_mm + np.array([0.0, 30.0, 0.0]), t.inward_normal, t.face_mm)
+        for t in mark.grooves
     )
     connectors = replace(drilled_parts.connectors, marks=(replace(mark, grooves=shifted_tools),))
     parts = replace(
-        drilled_parts, connectors=connectors, drilled=drill_parts(drilled_parts.blanks, connectors)
+        drilled_parts, connectors=connectors, drilled_solids=drill_parts(drilled_parts.blanks, connectors)
     )
     assert Rule.SKIN in {fault.rule for fault in parts.find_faults()}

@@ -68,7 +68,7 @@ def test_layers_between_corners_represent_the_others(
 
     monkeypatch.setattr(Solid, "cut_sections", count_sections)
     area_mm2, section_count = measure_ceiling_mm2(tools, SIDE, 0.0, UP_AXIS), sum(counts)
-    monkeypatch.setattr(overhangs, "RING_MM", 1e-9)  # nothing is dropped ...
+    monkeypatch.setattr(overhangs, "MIN_RING_MM", 1e-9)  # nothing is dropped ...
     all_mm2 = measure_ceiling_mm2(tools, SIDE, 0.0, UP_AXIS)
     monkeypatch.setattr(overhangs, "_list_end_layers", lambda run: run)  # ... and each layer is cut
     counts.clear()

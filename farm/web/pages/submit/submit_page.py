@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from decompose.files.extras import reads_step
+from decompose.files.extras import can_read_step
 from decompose.options import MAX_PIN_MM, MIN_PIN_MM
 from drivers.printers import PROFILES
 from farm.config import Fleet, PrinterSection
@@ -34,7 +34,7 @@ class SubmitChoices:
         Build volumes: name of the printer model, width, depth and height.
     timezone
         Time zone of the times in the form.
-    reads_step
+    can_read_step
         True if the package for STEP files is installed.
     """
 
@@ -43,7 +43,7 @@ class SubmitChoices:
     colours: Sequence[str]
     beds_mm: Sequence[tuple[str, float, float, float]]
     timezone: str
-    reads_step: bool = False
+    can_read_step: bool = False
 
 
 def list_choices(fleet: Fleet) -> SubmitChoices:
@@ -56,7 +56,7 @@ def list_choices(fleet: Fleet) -> SubmitChoices:
         colours=sorted({printer.colour for printer in printers if printer.colour}),
         beds_mm=sorted(beds),
         timezone=fleet.fleet.timezone,
-        reads_step=reads_step(),
+        can_read_step=can_read_step(),
     )
 
 
@@ -102,6 +102,6 @@ def render_submit_page(
         max_pin_mm=MAX_PIN_MM,
         beds=json.dumps([list(bed) for bed in choices.beds_mm]),
         file_types=",".join(
-            (_MESH_SUFFIXES, *([_STEP_SUFFIXES] if choices.reads_step else []), _GCODE_SUFFIXES)
+            (_MESH_SUFFIXES, *([_STEP_SUFFIXES] if choices.can_read_step else []), _GCODE_SUFFIXES)
         ),
     )

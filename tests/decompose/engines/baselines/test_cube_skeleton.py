@@ -227,7 +227,7 @@ def test_fewer_printers_get_merged_pieces(cost: CostModel) -> None:
 
 def test_faithful_form_reproduces_the_published_parts(cost: CostModel) -> None:
     faithful_options = replace(OPTIONS, faithful=True)
-    with pytest.raises(NoFit, match="each on a printer of its own, and there are 2") as error:
+    with pytest.raises(NoFit, match="each on its own printer, but there are 2") as error:
         decompose_model(make_ball(95.0), make_printers(2), faithful_options, cost)
     printers_needed = error.value.printers_needed
     assert printers_needed is not None and printers_needed >= 13  # 26 parts, paired at most once

@@ -114,7 +114,7 @@ def test_corrected_piece_counts_need_few_solves(
     search = ExactSearch(task, grid, tables, 1.0)
     search.run()
     assert search.solver.sums <= solver.sums + 10 * max_solves * count_cuts(tables.shape)
-    assert task.effort.cut_short == (budget_s == 0.0)
+    assert task.effort.is_cut_short == (budget_s == 0.0)
 
 
 def test_search_ends_when_its_share_of_the_budget_is_spent(
@@ -137,5 +137,5 @@ def test_search_ends_when_its_share_of_the_budget_is_spent(
     task = replace(task, effort=effort)
     grid = task.build_grid(task.model)
     ExactSearch(task, grid, task.price_boxes(grid), 1.0).run()
-    assert effort.cut_short
+    assert effort.is_cut_short
     assert effort.spent_s < effort.budget_s

@@ -132,7 +132,7 @@ def test_planes_move_once_after_the_budget_is_spent(
     old_pieces, new_pieces = shift_boxes(task, make_halves(task))
     assert compute_longest_s(task, new_pieces) < 0.95 * compute_longest_s(task, old_pieces)
     assert rounds.started_count == 1
-    assert task.effort.cut_short
+    assert task.effort.is_cut_short
 
 
 def test_last_round_prices_every_part(cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -140,7 +140,7 @@ def test_last_round_prices_every_part(cone: Solid, cost: CostModel, monkeypatch:
     task = replace(make_problem(cone, cost, 2, cells=2), effort=Effort(0.0))
     old_pieces, new_pieces = shift_boxes(task, make_halves(task))
     assert compute_longest_s(task, new_pieces) < 0.95 * compute_longest_s(task, old_pieces)
-    assert not task.effort.cut_short
+    assert not task.effort.is_cut_short
 
 
 @pytest.mark.parametrize("faulty", [False, True])
@@ -165,7 +165,7 @@ def test_useless_round_is_not_repeated_after_the_budget(
     rounds = RoundCounter(monkeypatch)
     shift_planes(task, grid, pieces_by_box)
     assert rounds.started_count == 1
-    assert task.effort.cut_short
+    assert task.effort.is_cut_short
 
 
 def test_fixed_longest_part_does_not_stop_other_faces(
@@ -187,11 +187,11 @@ def test_only_broken_parts_are_recut_to_find_the_face(cone: Solid, cost: CostMod
     box = parts[0].box_mm + np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     slower_part = replace(parts[0], box_mm=box, seconds=2.0 * parts[0].seconds)
     assert search._stop_faces(parts, [slower_part, parts[1]], parts[0].seconds)
-    assert task.effort.done[Work.FACE_CUT] == 0
+    assert task.effort.done_units[Work.FACE_CUT] == 0
     search.free[:] = True
     broken_part = replace(slower_part, pieces=slower_part.pieces * 2, seconds=np.inf)
     assert search._stop_faces(parts, [broken_part, parts[1]])
-    assert task.effort.done[Work.FACE_CUT] == search.nearby_solids[0].faces
+    assert task.effort.done_units[Work.FACE_CUT] == search.nearby_solids[0].faces
     assert not search._stop_faces(parts, [broken_part, parts[1]])  # it is barred already
 
 
@@ -213,7 +213,7 @@ def test_new_pose_is_computed_once_and_recorded(
     task = make_problem(cone, cost, 2, cells=2)
     old_pieces, new_pieces = shift_boxes(task, make_halves(task))
     assert new_pieces[0].solid is not old_pieces[0].solid
-    assert len({*posed_parts}) == len(posed_parts) == task.effort.done[Work.PIECE_POSED] > 4
+    assert len({*posed_parts}) == len(posed_parts) == task.effort.done_units[Work.PIECE_POSED] > 4
 
 
 def test_slower_of_two_printers_gets_less(cone: Solid, cost: CostModel) -> None:

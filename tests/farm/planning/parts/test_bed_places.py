@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from decompose.export.layout import describe_place, put_on_bed
+from decompose.export.layout import describe_place, put_part_on_bed
 from decompose.geometry import Solid
 from decompose.printers import BedPlace
 from decompose.results import Part
@@ -30,7 +30,7 @@ def test_part_is_drawn_where_it_is_sliced(size_mm):
     placement = place_part(size_mm, BED.room)
     assert pose == BedPlace(PROFILE.bed_mm, (placement.x_mm, placement.y_mm), placement.is_rotated)
     vertices, faces = part.build_printing_mesh()
-    drawn_mm, _ = put_on_bed(vertices, faces, pose)
+    drawn_mm, _ = put_part_on_bed(vertices, faces, pose)
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     mesh.apply_transform(slice_part._build_transform(mesh, placement, np.ones(3)))
     assert drawn_mm[:, :2] == pytest.approx(mesh.vertices[:, :2])

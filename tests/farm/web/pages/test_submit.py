@@ -159,10 +159,10 @@ def test_request_for_more_printers_than_there_are_is_a_note(farm):
     assert "the fleet has 1 printer" in farm.browse("GET", "/jobs/1", ann).text
 
 
-@pytest.mark.parametrize("reads_step", [True, False])
-def test_step_files_are_offered_if_they_can_be_read(monkeypatch, reads_step):
-    monkeypatch.setattr(importlib.util, "find_spec", lambda _: object() if reads_step else None)
+@pytest.mark.parametrize("can_read_step", [True, False])
+def test_step_files_are_offered_if_they_can_be_read(monkeypatch, can_read_step):
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _: object() if can_read_step else None)
     page = render_submit_page(list_choices(make_fleet()), REQUEST, FARM, Reader("ann", Role.PRINT))
     suffixes = re.search(r'accept="([^"]*)"', page)[1].split(",")
-    assert (".step" in suffixes, "STEP" in page) == (reads_step, reads_step)
+    assert (".step" in suffixes, "STEP" in page) == (can_read_step, can_read_step)
     assert {".stl", ".gcode"} <= set(suffixes)
