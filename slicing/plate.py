@@ -216,7 +216,9 @@ def _slice_once(request: PlateRequest, corners: Floats, progress: Progress | Non
             filament_mm2=settings.filament_mm2,
         )
     return CheckedSlice(
-        output.replace_header(add_times(gcode, toolpath), engine_output.log, facts),
+        output.replace_header(
+            add_times(gcode, toolpath), engine_output.log, facts.sliced_s, facts.filament_mm
+        ),
         facts,
         unprinted,
         measure_feature_times(toolpath, MotionLimits.from_settings(settings.global_)),

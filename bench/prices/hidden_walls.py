@@ -1,9 +1,10 @@
-"""Time that faster walls on hidden sides save on the parts of a decomposition, sliced with and without them.
+"""Time that faster and single walls on hidden sides save on the parts of a decomposition.
 
 Usage: python -m bench.prices.hidden_walls FOLDER [--parts 5] [--quality glue] [--cache DIR]
 
-FOLDER was written by `farm decompose` or `bench.decompose`. Times are CuraEngine's, with the times of the
-faster walls recomputed; the prices are those of the decomposition, which include the faster walls.
+FOLDER was written by `farm decompose` or `bench.decompose`. Each part is sliced with all walls like those of
+a visible side, with faster walls on its hidden sides, and with one faster wall. Times are CuraEngine's, but
+those of the changed walls computed again; the prices are those of the decomposition, for one faster wall.
 """
 
 from __future__ import annotations
@@ -11,8 +12,13 @@ from __future__ import annotations
 import argparse
 import json
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
+
+import numpy as np
+import numpy.typing as npt
 
 from bench.prices.parts import PRINTER
 from drivers.printers import BEDS, PROFILES, list_usable_volumes
@@ -22,12 +28,19 @@ from farm.planning.parts.slice_part import slice_part
 from farm.planning.printer_settings import build_slicing_printer
 from slicing.settings import SettingsRequest, find_engine, find_resources, resolve_settings
 
+NO_OVERRIDES: Mapping[str, Any] = MappingProxyType({})
+KEPT_WALLS = {"wall_line_count": 2}  # as in the quality, but all walls are printed
+
 
 def slice_with_sides(
-    part: dict[str, Any], sides: list[list[float]], out: Path, args: argparse.Namespace
+    part: dict[str, Any],
+    sides: list[list[float]],
+    out: Path,
+    args: argparse.Namespace,
+    overrides: Mapping[str, Any] = NO_OVERRIDES,
 ) -> float:
-    """Slice a part with the given hidden sides; return its time in seconds."""
-    request = SettingsRequest(build_slicing_printer(BEDS[PRINTER]), args.quality)
+    """Slice a part with the given hidden sides and settings; return its time in seconds."""
+    request = SettingsRequest(build_slicing_printer(BEDS[PRINTER]), args.quality, overrides=overrides)
     settings = resolve_settings(request, find_resources())
     names = ("brim_width_mm", "layer_0_expansion_mm", "bed_face_hidden", "tops_hidden")
     options = PartPrintOptions.model_validate({name: part[name] for name in names} | {"hidden_sides": sides})
@@ -51,19 +64,31 @@ def main() -> None:
     args = parser.parse_args()
     parts = json.loads((args.folder / "decomposition.json").read_text(encoding="utf-8"))["parts"]
     chosen_parts = parts[:: max(1, len(parts) // args.parts)][: args.parts]
-    sums_s = [0.0, 0.0]
+    sums_s = np.zeros(3)
     with tempfile.TemporaryDirectory() as folder:
         for part in chosen_parts:
             out = Path(folder) / "part.gcode"
-            plain_s = slice_with_sides(part, [], out, args)
-            fast_s = slice_with_sides(part, part["hidden_sides"], out, args)
-            sums_s = [sums_s[0] + plain_s, sums_s[1] + fast_s]
-            error = part["estimated_s"] / fast_s - 1.0
-            print(
-                f"{part['id']}  {len(part['hidden_sides'])} hidden sides  {plain_s:6.0f} to {fast_s:6.0f} s  "
-                f"{fast_s / plain_s - 1.0:+.1%}  price {error:+.1%}"
+            sides = part["hidden_sides"]
+            times_s = np.array(
+                [
+                    slice_with_sides(part, [], out, args),
+                    slice_with_sides(part, sides, out, args, KEPT_WALLS),
+                    slice_with_sides(part, sides, out, args),
+                ]
             )
-    print(f"total {sums_s[0]:.0f} to {sums_s[1]:.0f} s, {sums_s[1] / sums_s[0] - 1.0:+.1%}")
+            sums_s += times_s
+            error = part["estimated_s"] / times_s[-1] - 1.0
+            print(f"{part['id']}  {len(sides)} hidden sides  {format_times(times_s)}  price {error:+.1%}")
+    print(f"total {format_times(sums_s)}")
+
+
+def format_times(times_s: npt.NDArray[np.float64]) -> str:
+    """Format the times without hidden sides, with faster walls, and with single walls."""
+    plain_s, fast_s, single_s = times_s
+    return (
+        f"{plain_s:6.0f} s  fast {fast_s:6.0f} s {fast_s / plain_s - 1.0:+.1%}  "
+        f"single {single_s:6.0f} s {single_s / plain_s - 1.0:+.1%}"
+    )
 
 
 if __name__ == "__main__":

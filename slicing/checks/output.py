@@ -265,7 +265,7 @@ _HEADER_TIME = re.compile(r"(?m)^;TIME:.*$")
 _HEADER_FILAMENT = re.compile(r"(?m)^;Filament used: .*$")
 
 
-def replace_header(gcode: bytes, log: str, facts: GcodeFacts) -> bytes:
+def replace_header(gcode: bytes, log: str, sliced_s: float, filament_mm: float | None = None) -> bytes:
     """Replace the placeholder header with the one in the log (bounds, layer height).
 
     Parameters
@@ -274,16 +274,19 @@ def replace_header(gcode: bytes, log: str, facts: GcodeFacts) -> bytes:
         CuraEngine's output, with a placeholder header.
     log
         CuraEngine's log; the G-code is not changed if the log has no header.
-    facts
-        Time of the layers and filament, in place of those in the log.
+    sliced_s
+        Time of the layers, in place of the one in the log.
+    filament_mm
+        Filament, in place of that in the log if given.
     """
     _, separator, rest = log.rpartition("Gcode header after slicing:")
     header, header_end, _ = rest.partition(_HEADER_END)
     placeholder, generator_mark, body = gcode.partition(b";Generated with")
     if not (separator and header_end and generator_mark) or not placeholder.startswith(b";FLAVOR:"):
         return gcode
-    header = _HEADER_TIME.sub(f";TIME:{int(facts.sliced_s)}", header)
-    header = _HEADER_FILAMENT.sub(f";Filament used: {facts.filament_mm / 1000.0:.6g}m", header)
+    header = _HEADER_TIME.sub(f";TIME:{int(sliced_s)}", header)
+    if filament_mm is not None:
+        header = _HEADER_FILAMENT.sub(f";Filament used: {filament_mm / 1000.0:.6g}m", header)
     return header.strip().encode() + b"\n\n" + generator_mark + body
 
 

@@ -72,47 +72,55 @@ _PAPER = Quality(
     },
 )
 
+# For parts that are glued: closed tops over a light infill, and a brim that holds tall thin blocks.
+_GLUE = Quality(
+    ("fast", "draft", "normal", "high", "standard", "super"),
+    {
+        **SUPPORT_VALUES,
+        **_BRIM_SETTINGS,
+        # Half the nozzle's diameter, where Cura's fast profile has 0.15 mm: a quarter faster, and the
+        # seams of a glued model are more visible than its layers.
+        "layer_height": Formula("round(max(extruderValues('machine_nozzle_size')) / 2, 2)"),
+        "infill_sparse_density": 10.0,
+        "infill_pattern": "zigzag",
+        # [assumed] Half the infill deeper than 2 mm below any top, where it carries no load. The walls
+        # bear the load of a glued joint, as in the paper's prints, whose infill is as light everywhere.
+        "gradual_infill_steps": 1,
+        "gradual_infill_step_height": 2.0,
+        "support_angle": 50.0,
+        "top_layers": Formula("max(4, math.ceil(round(top_thickness / resolveOrValue('layer_height'), 4)))"),
+        # [assumed] Only the uppermost layer of a visible top needs Cura's slow speed of skins. The
+        # others are printed like inner walls, with less flow than infill has.
+        "speed_topbottom": Formula(
+            f"max({_CURA_SKIN_SPEED}, min(speed_wall_x, speed_infill, 2 * {_CURA_SKIN_SPEED}))"
+        ),
+        "speed_roofing": Formula(f"min(speed_topbottom, {_CURA_ROOF_SPEED})"),
+        "roofing_layer_count": Formula("1 if top_layers > 1 else 0"),
+    },
+    exact_height=True,
+    compensates_shrinkage=True,
+    fits_first_layer=True,
+    # [assumed] Two crossing layers on the bed carry the load of a glued joint to the walls and the
+    # infill; three close a top over light infill well enough for glue.
+    hidden=HiddenLayers(2, 3),
+    # [assumed] Walls with the flow of infill are good enough on hidden sides.
+    hidden_wall_ratio=1.5,
+    # [assumed] A glued face needs one wall: the infill ends at it, and carries the load through the part.
+    has_single_hidden_walls=True,
+)
+
 FARM_QUALITIES: Mapping[str, Quality] = {
     "paper": _PAPER,
     # The paper's settings with fewer layers of hidden faces, to measure the saving.
     "paper-hidden": replace(_PAPER, hidden=HiddenLayers(1, 2)),
-    # For parts that are glued: closed tops over a light infill, and a brim that holds tall thin blocks.
-    "glue": Quality(
-        ("fast", "draft", "normal", "high", "standard", "super"),
-        {
-            **SUPPORT_VALUES,
-            **_BRIM_SETTINGS,
-            # Half the nozzle's diameter, where Cura's fast profile has 0.15 mm: a quarter faster, and the
-            # seams of a glued model are more visible than its layers.
-            "layer_height": Formula("round(max(extruderValues('machine_nozzle_size')) / 2, 2)"),
-            "infill_sparse_density": 10.0,
-            "infill_pattern": "zigzag",
-            # [assumed] Half the infill deeper than 2 mm below any top, where it carries no load. The walls
-            # bear the load of a glued joint, as in the paper's prints, whose infill is as light everywhere.
-            "gradual_infill_steps": 1,
-            "gradual_infill_step_height": 2.0,
-            "support_angle": 50.0,
-            "top_layers": Formula(
-                "max(4, math.ceil(round(top_thickness / resolveOrValue('layer_height'), 4)))"
-            ),
-            # [assumed] Only the uppermost layer of a visible top needs Cura's slow speed of skins. The
-            # others are printed like inner walls, with less flow than infill has.
-            "speed_topbottom": Formula(
-                f"max({_CURA_SKIN_SPEED}, min(speed_wall_x, speed_infill, 2 * {_CURA_SKIN_SPEED}))"
-            ),
-            "speed_roofing": Formula(f"min(speed_topbottom, {_CURA_ROOF_SPEED})"),
-            "roofing_layer_count": Formula("1 if top_layers > 1 else 0"),
-        },
-        exact_height=True,
-        compensates_shrinkage=True,
-        fits_first_layer=True,
-        # [assumed] Two crossing layers on the bed carry the load of a glued joint to the walls and the
-        # infill; three close a top over light infill well enough for glue.
-        hidden=HiddenLayers(2, 3),
-        # [assumed] Walls with the flow of infill are good enough on hidden sides.
-        hidden_wall_ratio=1.5,
-        # [assumed] A glued face needs one wall: the infill ends at it, and carries the load through the part.
-        has_single_hidden_walls=True,
+    "glue": _GLUE,
+    # The same without what is assumed to be strong enough: for joints that bear a load.
+    "glue-strong": replace(
+        _GLUE,
+        changes={**_GLUE.changes, "gradual_infill_steps": 0},
+        hidden=None,
+        hidden_wall_ratio=1.0,
+        has_single_hidden_walls=False,
     ),
 }
 DEFAULT_QUALITY = "glue"

@@ -1,7 +1,6 @@
 """Facts that are read from a G-code file, and violations of each rule."""
 
 import pickle
-from dataclasses import replace
 
 import pytest
 
@@ -154,11 +153,10 @@ def test_header_from_the_log_replaces_the_placeholder():
         "x\nGcode header after slicing:\n;FLAVOR:Marlin\n;TIME:21\n;Filament used: 0.9m\n"
         "End of gcode header.\nPrint time (s): 21\n"
     )
-    facts = replace(check(VALID_GCODE), sliced_s=19.9, filament_mm=812.5)
-    gcode = replace_header(VALID_GCODE, log, facts)
+    gcode = replace_header(VALID_GCODE, log, 19.9, 812.5)
     assert gcode.startswith(b";FLAVOR:Marlin\n;TIME:19\n;Filament used: 0.8125m\n\n;Generated with Cura")
     assert gcode.partition(b"M82")[2] == VALID_GCODE.partition(b"M82")[2]
-    assert replace_header(VALID_GCODE, "no header here", facts) == VALID_GCODE
+    assert replace_header(VALID_GCODE, "no header here", 19.9) == VALID_GCODE
 
 
 def test_number_of_removed_layers_is_read_from_the_log():

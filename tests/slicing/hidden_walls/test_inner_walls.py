@@ -206,8 +206,9 @@ def test_inner_walls_stay_where_they_are_asked_for_or_needed(slice_walls, make_s
     assert slice_walls(RIGHT, settings=settings)[0].sha256 == plain_result.sha256
 
 
-def test_paper_keeps_inner_walls(slice_walls, make_settings):
-    settings = make_settings("paper")
+@pytest.mark.parametrize("quality", ["paper", "glue-strong"])
+def test_other_qualities_keep_inner_walls(slice_walls, make_settings, quality):
+    settings = make_settings(quality)
     plain_result, _ = slice_walls(settings=settings)
     assert slice_walls(RIGHT, settings=settings)[0].sha256 == plain_result.sha256
 

@@ -81,7 +81,10 @@ def test_model_without_its_own_qualities_uses_those_of_all_machines(resources):
     assert (settings.layer_height_mm, settings.filament_diameter_mm) == (0.2, 1.75)
 
 
-@pytest.mark.parametrize(("quality", "bed", "top"), [("paper", 3, 3), ("paper-hidden", 1, 2), ("glue", 2, 3)])
+@pytest.mark.parametrize(
+    ("quality", "bed", "top"),
+    [("paper", 3, 3), ("paper-hidden", 1, 2), ("glue", 2, 3), ("glue-strong", 4, 4)],
+)
 def test_hidden_faces_get_fewer_solid_layers(resources, make_settings, quality, bed, top):
     request = SettingsRequest(UM2_PLUS, quality)
     settings = make_settings(quality)

@@ -13,7 +13,7 @@ from farm.text import describe_first_error
 
 UNITS = {"1": "millimetres", "10": "centimetres", "25.4": "inches", "1000": "metres"}
 """Names of the units of length, by their length in millimetres."""
-QUALITIES = ("glue", "paper", "paper-hidden", "draft", "fast", "normal", "high")
+QUALITIES = ("glue", "glue-strong", "paper", "paper-hidden", "draft", "fast", "normal", "high")
 """Names of the qualities of the farm and of Cura."""
 
 
