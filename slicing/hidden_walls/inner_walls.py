@@ -84,7 +84,7 @@ def remove_inner_walls(
     travel_mm_min = 60.0 * settings.speed_travel_mm_s
     segments = dict(_list_remaining_segments(path, removal, travel_mm_min))
     segments |= stretch_infill(path, points_mm[1], sides, removal.stretches, fill_mm, spacing_mm)
-    shorten_travel(path, removal.first, removal.last, segments)
+    shorten_travel(path, removal.first, removal.last, removal.is_skipped, segments)
     new_gcode = replace_moves(gcode, path, segments)
     return change_times(new_gcode, path, MotionLimits.from_settings(settings.global_))
 

@@ -11,13 +11,17 @@ import shapely
 from slicing.checks import Toolpath
 from slicing.checks.section import Floats
 from slicing.hidden_walls.rewriting import Segment
-from slicing.hidden_walls.sides import Indices, find_level_lines
+from slicing.hidden_walls.sides import Bools, Indices, find_level_lines
 
 _TOLERANCE_MM = 0.05  # distance from the middle of the outer wall within which the head may travel
 
 
 def shorten_travel(
-    path: Toolpath, first: Floats, last: Floats, segments: MutableMapping[int, list[Segment]]
+    path: Toolpath,
+    first: Floats,
+    last: Floats,
+    is_skipped: Bools,
+    segments: MutableMapping[int, list[Segment]],
 ) -> None:
     """Leave out points of successive travel, where it stays within the outer walls of the layer without them.
 
@@ -27,12 +31,17 @@ def shorten_travel(
         Moves of CuraEngine's output.
     first, last
         (n,) Shares of each move between which it is removed.
+    is_skipped
+        (n,) Whether a move belongs to a closed line that is left out.
     segments
         Segments that replace moves; those of removed and of travel moves are changed.
     """
     areas: dict[int, shapely.Geometry] = {}
     walls = np.flatnonzero(find_level_lines(path) & path.is_feature("WALL-OUTER"))
     for moves in _list_gaps(path, first, last):
+        moves = moves[~is_skipped[moves]]
+        if len(moves) == 0:
+            continue
         layer = int(path.layer[moves[-1]])
         if layer not in areas:
             in_layer = slice(*np.searchsorted(path.layer[walls], (layer, layer + 1)))

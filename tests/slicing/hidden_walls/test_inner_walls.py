@@ -149,7 +149,14 @@ ANGLE = shapely.Polygon([(-30, -25), (30, -25), (30, -10), (-10, -10), (-10, 25)
 """Angle with two arms 20 and 15 mm wide, and an inner corner."""
 
 
-@pytest.mark.parametrize("sides", [(LEFT, FRONT), (LEFT, BACK), (HiddenSide((1.0, 0.0), -10.0), FRONT)])
+INNER_SIDES = HiddenSide((1.0, 0.0), -10.0), HiddenSide((0.0, 1.0), -10.0)
+
+
+@pytest.mark.parametrize(
+    "sides",
+    [(LEFT, FRONT), (LEFT, BACK), (INNER_SIDES[0], FRONT), (LEFT, RIGHT, BACK, FRONT, *INNER_SIDES)],
+    ids=["ends", "tip", "inner", "all"],
+)
 def test_travel_stays_within_the_outer_walls(slice_walls, sides):
     angle = trimesh.creation.extrude_polygon(ANGLE, 8.0)
     _, path = slice_walls(*sides, mesh=angle)

@@ -1,0 +1,45 @@
+"""Shorter travel on an angle with two arms, whose inner corner is not to be crossed."""
+
+import numpy as np
+import shapely
+
+from slicing.checks import read_toolpath
+from slicing.hidden_walls.rewriting import replace_moves
+from slicing.hidden_walls.travel import shorten_travel
+
+OUTLINE = [(0, 60), (0, 0), (60, 0), (60, 15), (15, 15), (15, 60), (0, 60)]  # from the first arm
+RING = [(1, 1), (59, 1), (59, 14), (14, 14), (14, 59), (1, 59), (1, 1)]
+SECOND_ARM = (50, 8)
+
+
+def write_gcode(*travel):
+    """Return a layer: the outer wall, travel, the inner wall, and infill that begins in the second arm."""
+    lines = [";LAYER:0", "G0 F9000 X0 Y60 Z1", ";TYPE:WALL-OUTER"]
+    lines += [f"G1 F1200 X{x} Y{y} E{e}" for e, (x, y) in enumerate(OUTLINE[1:], 1)]
+    lines += [f"G0 F9000 X{x} Y{y}" for x, y in travel]
+    lines += [";TYPE:WALL-INNER", *(f"G1 F1200 X{x} Y{y} E{e}" for e, (x, y) in enumerate(RING[1:], 7))]
+    lines += ["G0 F9000 X{} Y{}".format(*SECOND_ARM), ";TYPE:FILL", "G1 F1200 X50 Y5 E13"]
+    return ("\n".join(lines) + "\n").encode()
+
+
+def list_travel(gcode, removed, is_skipped):
+    """Return the lines of the travel after the outer wall if moves of a file are removed."""
+    path = read_toolpath(gcode)
+    shares = np.zeros(len(path.layer))
+    shares[removed] = 1.0
+    segments = {move: [] for move in removed} if is_skipped else {}
+    shorten_travel(path, np.zeros_like(shares), shares, (shares > 0.0) & is_skipped, segments)
+    new_path = read_toolpath(replace_moves(gcode, path, segments))
+    is_travel = (new_path.extruded_mm == 0.0) & (np.arange(len(new_path.layer)) > len(OUTLINE) - 1)
+    return np.stack((new_path.start[is_travel, :2], new_path.end[is_travel, :2]), axis=1)
+
+
+def test_way_past_a_skipped_ring_stays_within_the_part():
+    travel_mm = list_travel(write_gcode((8, 50), RING[0]), range(9, 15), is_skipped=True)
+    assert travel_mm[-1][1].tolist() == list(SECOND_ARM)
+    assert shapely.Polygon(OUTLINE).covers(shapely.MultiLineString(list(travel_mm)))
+
+
+def test_points_that_a_straight_way_does_not_need_are_left_out():
+    travel_mm = list_travel(write_gcode((8, 50), (8, 30), RING[0]), range(10, 16), is_skipped=True)
+    assert travel_mm.tolist() == [[[0.0, 60.0], list(RING[0])], [list(RING[0]), list(SECOND_ARM)]]
