@@ -19,9 +19,9 @@ from farm.state.storage.store import Store
 from farm.views import describe_job, describe_night, describe_printer, list_history, list_tasks
 
 NOW_S = datetime(2026, 11, 1).timestamp()
-WILD_NUMBERS = [float("nan"), float("inf"), -1e300, 1e300, -1.0, 0.0, 1e-300, 1e12, NOW_S, NOW_S + 1e4]
-times_s = st.sampled_from([None, *WILD_NUMBERS])
-numbers = st.sampled_from(WILD_NUMBERS)
+EXTREME_NUMBERS = [float("nan"), float("inf"), -1e300, 1e300, -1.0, 0.0, 1e-300, 1e12, NOW_S, NOW_S + 1e4]
+times_s = st.sampled_from([None, *EXTREME_NUMBERS])
+numbers = st.sampled_from(EXTREME_NUMBERS)
 
 
 class Clock:
@@ -55,7 +55,7 @@ prints = st.fixed_dictionaries(
         "sha256": st.sampled_from([None, "0" * 64]),
     },
 )
-# Prints of the same file as a waiting plate.
+# These prints have the file of a waiting plate.
 similar_prints = prints.map(lambda item: {"started_s": NOW_S + 9.0, **item, "sha256": "0" * 64})
 snapshots = st.fixed_dictionaries(
     {
@@ -98,7 +98,7 @@ def render_views(controller, folder):
 
 
 def make_busy_farm(folder):
-    """Make a job on two printers, of which `a` sends false reports."""
+    """Make a farm with a job on two printers; `a` sends invalid reports."""
     farm = Farm(folder, clock=Clock(), attended=["mon-fri 08:00-18:00"], quiet="22:00-06:00")
     farm.store._db.execute("PRAGMA synchronous = OFF")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())

@@ -38,12 +38,12 @@ PRINT_REPORT = {"print_id": "p", "phase": "printing", "line": 10, "lines": 100, 
 
 
 class OldAgent:
-    """Agent from before protocol versions; an unknown request ends the connection."""
+    """Agent that is older than protocol versions; it ends the connection after an unknown request."""
 
     def __init__(self, folder: Path, is_printing: bool = False) -> None:
         self.folder = folder
         self.requests: list[dict[str, object]] = []
-        self.connections = self.dropped = 0
+        self.connection_count = self.dropped_count = 0
         self.hello: dict[str, object] = {
             "kind": "snapshot",
             "printer": "a",
@@ -58,13 +58,13 @@ class OldAgent:
         }
 
     async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        self.connections += 1
+        self.connection_count += 1
         writer.write(json.dumps(self.hello).encode() + b"\n")
         while line := await reader.readline():
             request = json.loads(line)
             fields = KNOWN_REQUESTS.get(request["do"])
             if fields is None or not request.keys() <= fields:
-                self.dropped += 1
+                self.dropped_count += 1
                 break
             self.requests.append(request)
             reply = {"kind": "reply", "id": request["id"], "error": None, "snapshot": self.hello}
@@ -74,11 +74,11 @@ class OldAgent:
 
 class RecordingListener:
     def __init__(self) -> None:
-        self.last: AgentSnapshot | None = None
+        self.last_snapshot: AgentSnapshot | None = None
         self.refusals: list[tuple[str, bool]] = []
 
     def on_snapshot(self, snapshot: AgentSnapshot) -> None:
-        self.last = snapshot
+        self.last_snapshot = snapshot
 
     def on_refusal(self, print_id: str, reason: str, late: bool) -> None:
         self.refusals.append((print_id, late))
@@ -98,7 +98,7 @@ def make_start(**fields: object) -> m.StartPrint:
 def run_with_agent(
     folder: Path,
     is_printing: bool,
-    scenario: Callable[[AgentManager, OldAgent, RecordingListener], Awaitable[None]],
+    run_scenario: Callable[[AgentManager, OldAgent, RecordingListener], Awaitable[None]],
 ) -> OldAgent:
     """Run a daemon's connections with a live agent of the first protocol."""
     state = StateFolder(folder)
@@ -114,9 +114,12 @@ def run_with_agent(
         manager.start(())
         try:
             async with asyncio.timeout(DEADLINE_S):
-                while listener.last is None or listener.last.link in (Link.STARTING, Link.ABSENT):
+                while listener.last_snapshot is None or listener.last_snapshot.link in (
+                    Link.STARTING,
+                    Link.ABSENT,
+                ):
                     await asyncio.sleep(0.01)
-                await scenario(manager, agent, listener)
+                await run_scenario(manager, agent, listener)
         finally:
             await manager.close()
             server.close()
@@ -131,9 +134,13 @@ def run_with_agent(
 
 
 def test_idle_agent_of_an_earlier_protocol_gets_no_print_and_must_be_replaced(tmp_path: Path):
-    async def scenario(manager: AgentManager, agent: OldAgent, listener: RecordingListener) -> None:
-        assert listener.last is not None and listener.last.link is Link.FAULT and listener.last.outdated
-        assert "farm up --replace a" in (listener.last.reason or "")
+    async def run_scenario(manager: AgentManager, agent: OldAgent, listener: RecordingListener) -> None:
+        assert (
+            listener.last_snapshot is not None
+            and listener.last_snapshot.link is Link.FAULT
+            and listener.last_snapshot.outdated
+        )
+        assert "farm up --replace a" in (listener.last_snapshot.reason or "")
         connection = manager._connections["a"]
         for _ in range(3):
             connection.send(make_start(ends_by_s=900.0))
@@ -146,41 +153,45 @@ def test_idle_agent_of_an_earlier_protocol_gets_no_print_and_must_be_replaced(tm
         with pytest.raises(NoSuchThing):
             await manager.replace("b")
 
-    agent = run_with_agent(tmp_path, False, scenario)
+    agent = run_with_agent(tmp_path, False, run_scenario)
     assert [request["do"] for request in agent.requests] == ["shutdown"]
-    assert (agent.dropped, agent.connections) == (0, 1)
+    assert (agent.dropped_count, agent.connection_count) == (0, 1)
 
 
 def test_print_of_an_older_agent_continues_and_can_be_cancelled(tmp_path: Path):
-    async def scenario(manager: AgentManager, agent: OldAgent, listener: RecordingListener) -> None:
-        assert listener.last is not None and listener.last.link is Link.BUSY and not listener.last.outdated
+    async def run_scenario(manager: AgentManager, agent: OldAgent, listener: RecordingListener) -> None:
+        assert (
+            listener.last_snapshot is not None
+            and listener.last_snapshot.link is Link.BUSY
+            and not listener.last_snapshot.outdated
+        )
         connection = manager._connections["a"]
         connection.send(m.EndPrintBy(id=0, print_id="p", ends_by_s=900.0))
         connection.send(m.CancelPrint(id=0, print_id="p"))
         while connection._pending:
             await asyncio.sleep(0.01)
 
-    agent = run_with_agent(tmp_path, True, scenario)
+    agent = run_with_agent(tmp_path, True, run_scenario)
     assert [request["do"] for request in agent.requests] == ["cancel"]
-    assert (agent.dropped, agent.connections) == (0, 1)
+    assert (agent.dropped_count, agent.connection_count) == (0, 1)
 
 
 def test_refused_replacement_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    async def scenario(manager: AgentManager, agent: OldAgent, listener: RecordingListener) -> None:
-        async def refuse(self: AgentClient, request: m.Request, timeout_s: float = 30.0) -> m.Reply:
+    async def run_scenario(manager: AgentManager, agent: OldAgent, listener: RecordingListener) -> None:
+        async def refuse_request(self: AgentClient, request: m.Request, timeout_s: float = 30.0) -> m.Reply:
             return m.Reply(id=1, error="it prints")
 
-        monkeypatch.setattr(AgentClient, "request", refuse)
+        monkeypatch.setattr(AgentClient, "request", refuse_request)
         with pytest.raises(Refused, match="it prints"):
             await manager.replace("a")
 
-    run_with_agent(tmp_path, False, scenario)
+    run_with_agent(tmp_path, False, run_scenario)
 
 
 def test_client_sends_only_known_requests_to_an_older_agent(tmp_path: Path):
     agent = OldAgent(tmp_path)
 
-    async def scenario() -> None:
+    async def run_scenario() -> None:
         server = await asyncio.start_unix_server(agent.serve, tmp_path / "agent.sock")
         client = AgentClient(tmp_path)
         await client.connect()
@@ -196,9 +207,9 @@ def test_client_sends_only_known_requests_to_an_older_agent(tmp_path: Path):
         await client.close()
         server.close()
 
-    asyncio.run(scenario())
+    asyncio.run(run_scenario())
     assert [request["do"] for request in agent.requests] == ["start"]
-    assert agent.dropped == 0
+    assert agent.dropped_count == 0
 
 
 def test_new_request_is_not_sent_to_an_older_agent():

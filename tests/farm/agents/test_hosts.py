@@ -66,7 +66,7 @@ class RecordingListener:
         self.warnings[topic] = text
 
     def is_host_connected(self, host: str) -> bool:
-        """Check whether the last event of a host, if any, is that it is connected."""
+        """Check that a host has no event, or that its last event is a connection."""
         kinds = [type(event) for event in self.events if getattr(event, "host", None) == host]
         return kinds[-1:] in ([], [ev.HostConnected])
 
@@ -109,7 +109,7 @@ def make_fleet(pipe: HostPipe) -> Fleet:
 async def connect_agents(
     pipe: HostPipe, state: StateFolder, clock: Clock, listener: RecordingListener
 ) -> AsyncIterator[AgentManager]:
-    """Connect a manager to the two agents, and watch them like the daemon."""
+    """Connect a manager to the two agents, and watch them as the daemon does."""
     manager = AgentManager(make_fleet(pipe), state, clock, listener)
 
     async def watch() -> None:
@@ -140,11 +140,11 @@ def test_print_survives_the_death_of_the_host_service_and_of_the_network(
     text = (HEAD + moves + TAIL).encode()
     (tmp_path / "a.gcode").write_bytes(text)
 
-    async def scenario() -> None:
+    async def run_scenario() -> None:
         async with connect_agents(pipe, state, clock, listener) as manager:
             await wait_for(lambda: listener.list_links() == {Link.READY})
             assert len(pipe.pids) == 1  # one connection for both printers
-            start = m.StartPrint(
+            start_request = m.StartPrint(
                 id=0,
                 print_id="p-1",
                 gcode=str(tmp_path / "a.gcode"),
@@ -152,8 +152,8 @@ def test_print_survives_the_death_of_the_host_service_and_of_the_network(
                 print_time_s=900.0,
                 filament=m.Filament.PARKED,
             )
-            manager._connections["a"].send(start)
-            await wait_for(lambda: is_print_in(listener, PrintState.PRINTING))
+            manager._connections["a"].send(start_request)
+            await wait_for(lambda: has_print_in_state(listener, PrintState.PRINTING))
             old_pids = {name: find_agent_pid(pipe.paths.find_agent_folder(name)) for name in NAMES}
             service = find_holder(pipe.paths.lock)
             assert service is not None
@@ -176,16 +176,16 @@ def test_print_survives_the_death_of_the_host_service_and_of_the_network(
             await wait_for(
                 lambda: listener.last_snapshots["a"].print and listener.last_snapshots["a"].print.state.ended
             )
-            assert is_print_in(listener, PrintState.DONE), listener.last_snapshots["a"]
+            assert has_print_in_state(listener, PrintState.DONE), listener.last_snapshots["a"]
             assert find_agent_pid(pipe.paths.find_agent_folder("a")) == old_pids["a"]
             await wait_for(lambda: listener.is_host_connected("pc-b"))
             assert [type(event) for event in listener.events] == [ev.HostLost, ev.HostConnected]
 
-    asyncio.run(scenario())
+    asyncio.run(run_scenario())
 
 
-def is_print_in(listener: RecordingListener, state: PrintState) -> bool:
-    """Check whether printer a has a print in this state."""
+def has_print_in_state(listener: RecordingListener, state: PrintState) -> bool:
+    """Check whether printer `a` has a print in this state."""
     report = listener.last_snapshots["a"].print
     return report is not None and report.state is state
 
@@ -212,11 +212,11 @@ def test_host_service_restarts_an_agent_without_the_daemon_and_passes_on_estop_a
     fleet.write_text(
         f"fleet: {{name: test}}\ndefaults: {{host: pc-b, host_command: '{pipe.command}'}}\nprinters:\n{rows}"
     )
-    farm = [Path(sys.executable).with_name("farm"), "estop", "--state", state.root, "--fleet", fleet]
-    connections = len(pipe.pids)
-    stop_result = subprocess.run(farm, check=False, capture_output=True, text=True, timeout=90)
+    command = [Path(sys.executable).with_name("farm"), "estop", "--state", state.root, "--fleet", fleet]
+    connection_count = len(pipe.pids)
+    stop_result = subprocess.run(command, check=False, capture_output=True, text=True, timeout=90)
     assert stop_result.returncode == 0 and stop_result.stdout.count("confirmed off") == 2, stop_result
-    assert len(pipe.pids) == connections + 1
+    assert len(pipe.pids) == connection_count + 1
     assert all(read_status(folder / "emulator").resets for folder in folders.values())
 
     async def shut_down_and_wait() -> None:

@@ -13,7 +13,7 @@ MODEL = "ultimaker2_plus"
 
 
 class StoppedClock:
-    """Clock that is set by the test."""
+    """Clock that the test sets."""
 
     scale, anchor_s, now_s = 1.0, 0.0, 1000.0
 
@@ -34,7 +34,7 @@ class EventRecorder:
         raise AssertionError(text)
 
 
-def test_a_restarted_daemon_reports_the_return_of_a_host_but_not_its_loss_again(tmp_path: Path, monkeypatch):
+def test_restarted_daemon_reports_the_return_of_a_host_but_not_its_loss_again(tmp_path: Path, monkeypatch):
     monkeypatch.setenv("FARM_SSH", "false")
     fields = {"model": MODEL, "port": f"sim://{MODEL}", "host_command": "farm host"}
     rows = [{"name": f"of-{host}", "host": host, **fields} for host in ("pc-a", "pc-b")]

@@ -31,10 +31,10 @@ DEADLINE_S = 40.0
 
 class RecordingListener:
     def __init__(self) -> None:
-        self.last: AgentSnapshot | None = None
+        self.last_snapshot: AgentSnapshot | None = None
 
     def on_snapshot(self, snapshot: AgentSnapshot) -> None:
-        self.last = snapshot
+        self.last_snapshot = snapshot
 
     def on_refusal(self, print_id: str, reason: str, late: bool) -> None:
         raise AssertionError(reason)
@@ -61,7 +61,7 @@ async def wait_until_ready(
     async with asyncio.timeout(DEADLINE_S):
         while True:
             manager.watch()
-            report = listener.last
+            report = listener.last_snapshot
             if report is not None and report.link is Link.READY and report.agent_pid not in (None, old_pid):
                 assert report.agent_pid is not None and not report.outdated
                 return report.agent_pid
@@ -74,7 +74,7 @@ def test_hung_agent_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(heartbeat, "HUNG_S", 8.0)
     state, fleet, listener = make_simulated_farm(tmp_path)
 
-    async def scenario() -> None:
+    async def run_scenario() -> None:
         manager = AgentManager(fleet, state, Clock(60.0, time.time()), listener)
         manager.start(())
         try:
@@ -88,7 +88,7 @@ def test_hung_agent_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
             await manager.close()
 
     try:
-        asyncio.run(scenario())
+        asyncio.run(run_scenario())
     finally:
         pid = find_agent_pid(state.find_agent_folder("a"))
         if pid is not None:
@@ -101,7 +101,7 @@ def test_hung_agent_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 def test_shutdown_ends_an_agent_that_has_just_started(tmp_path: Path):
     state, fleet, listener = make_simulated_farm(tmp_path)
 
-    async def scenario() -> None:
+    async def run_scenario() -> None:
         manager = AgentManager(fleet, state, Clock(60.0, time.time()), listener)
         manager.start(())
         process = manager._connections["a"]._process
@@ -114,7 +114,7 @@ def test_shutdown_ends_an_agent_that_has_just_started(tmp_path: Path):
             await manager.close()
 
     try:
-        asyncio.run(scenario())
+        asyncio.run(run_scenario())
     finally:
         kill_agent(state.find_agent_folder("a"))
         if emulator_is_running(state.find_agent_folder("a") / "emulator"):
@@ -142,25 +142,27 @@ def test_times_of_an_agent_with_another_clock_are_corrected(clock_offset_s: floa
 
 
 @pytest.mark.parametrize("step_s", [30.0, -30.0, 6 * 3600.0, -6 * 3600.0])
-@pytest.mark.parametrize("agent_is_later", [False, True])
-def test_agents_agree_on_deadlines_with_a_daemon_whose_clock_was_set(step_s: float, agent_is_later: bool):
+@pytest.mark.parametrize("is_agent_started_later", [False, True])
+def test_agents_agree_on_deadlines_with_a_daemon_whose_clock_was_set(
+    step_s: float, is_agent_started_later: bool
+):
     """Start the agent before or after the host's clock is set."""
-    daemon, agent = Clock(host_shift_s=step_s), Clock(host_shift_s=step_s if agent_is_later else 0.0)
-    started_s = agent.now()
+    daemon_clock = Clock(host_shift_s=step_s)
+    agent_clock = Clock(host_shift_s=step_s if is_agent_started_later else 0.0)
+    started_s = agent_clock.now()
     snapshot = make_printing_snapshot(started_s)
-    received_print = to_farm_snapshot(snapshot, daemon).print
+    received_print = to_farm_snapshot(snapshot, daemon_clock).print
     assert received_print is not None and received_print.started_s is not None
-    # Less than a minute may be caused by the transfer alone.
-    tolerance_s = 30.0 if agent_is_later and abs(step_s) < 60.0 else 5.0
-    assert daemon.now() - received_print.started_s == pytest.approx(0.0, abs=tolerance_s + 5.0)
-    deadline_s = daemon.now() + 600.0
+    # A difference of less than a minute may be caused by the transfer alone.
+    tolerance_s = 30.0 if is_agent_started_later and abs(step_s) < 60.0 else 5.0
+    assert daemon_clock.now() - received_print.started_s == pytest.approx(0.0, abs=tolerance_s + 5.0)
+    deadline_s = daemon_clock.now() + 600.0
     sent_request = to_agent_clock(
-        make_start(None, deadline_s), compute_clock_offset_s(snapshot, daemon), deadline_s
+        make_start(None, deadline_s), compute_clock_offset_s(snapshot, daemon_clock), deadline_s
     )
     assert isinstance(sent_request, m.StartPrint)
-    assert sent_request.not_after_s is not None and sent_request.not_after_s - agent.now() == pytest.approx(
-        600.0, abs=35.0
-    )
+    assert sent_request.not_after_s is not None
+    assert sent_request.not_after_s - agent_clock.now() == pytest.approx(600.0, abs=35.0)
     assert sent_request.ends_by_s == sent_request.not_after_s
 
 
@@ -183,12 +185,13 @@ def test_start_is_sent_with_its_limits_and_changed_limits_later(tmp_path: Path):
     )
     recorder = RecordingConnection()
     manager._connections["a"] = recorder  # type: ignore[assignment]
-    begin = ev.SendStart(print_id="p", printer="a", not_after_s=500.0, ends_by_s=900.0)
-    manager.perform(begin, books, tmp_path)
+    start_instruction = ev.SendStart(print_id="p", printer="a", not_after_s=500.0, ends_by_s=900.0)
+    manager.perform(start_instruction, books, tmp_path)
     manager.perform(ev.SendEndBy(print_id="p", printer="a", ends_by_s=800.0), books, tmp_path)
-    start, end = recorder.requests
-    assert isinstance(start, m.StartPrint) and (start.not_after_s, start.ends_by_s) == (500.0, 900.0)
-    assert end == m.EndPrintBy(id=0, print_id="p", ends_by_s=800.0)
+    start_request, end_request = recorder.requests
+    assert isinstance(start_request, m.StartPrint)
+    assert (start_request.not_after_s, start_request.ends_by_s) == (500.0, 900.0)
+    assert end_request == m.EndPrintBy(id=0, print_id="p", ends_by_s=800.0)
 
 
 def make_start(not_after_s: float | None, ends_by_s: float | None) -> m.StartPrint:
@@ -197,14 +200,14 @@ def make_start(not_after_s: float | None, ends_by_s: float | None) -> m.StartPri
     return m.StartPrint.model_validate({"id": 0, **fields, **limits})
 
 
-def test_requests_have_times_on_the_clock_of_the_agent():
+def test_requests_have_times_by_the_clock_of_the_agent():
     sent_request = to_agent_clock(make_start(None, None), -3600.0, 1000.0)
     assert sent_request == make_start(4600.0, None)
     assert to_agent_clock(make_start(500.0, 2000.0), -3600.0, 1000.0) == make_start(4100.0, 5600.0)
     assert to_agent_clock(make_start(5000.0, 2000.0), 0.0, 1000.0) == make_start(1000.0, 2000.0)
-    end = m.EndPrintBy(id=0, print_id="p", ends_by_s=2000.0)
-    assert to_agent_clock(end, 500.0, 1000.0) == end.model_copy(update={"ends_by_s": 1500.0})
-    unlimited_request = end.model_copy(update={"ends_by_s": None})
+    end_request = m.EndPrintBy(id=0, print_id="p", ends_by_s=2000.0)
+    assert to_agent_clock(end_request, 500.0, 1000.0) == end_request.model_copy(update={"ends_by_s": 1500.0})
+    unlimited_request = end_request.model_copy(update={"ends_by_s": None})
     for request in (unlimited_request, m.Hello(id=0)):
         assert to_agent_clock(request, 500.0, 1000.0) == request
 
@@ -222,18 +225,18 @@ def test_renamed_printer_opens_the_port_of_its_former_agent(tmp_path: Path):
 
     async def wait_until(manager: AgentManager, link: Link) -> None:
         async with asyncio.timeout(DEADLINE_S):
-            while listener.last is None or listener.last.link is not link:
+            while listener.last_snapshot is None or listener.last_snapshot.link is not link:
                 manager.watch()
                 await asyncio.sleep(0.05)
 
-    async def scenario() -> None:
+    async def run_scenario() -> None:
         old_manager = AgentManager(make_fleet("old"), state, clock, listener)
         old_manager.start(())
         await wait_until(old_manager, Link.FAULT)  # no person has allowed the port to be opened yet
         old_manager.perform(ev.SendCleared(printer="old", filament=None), Books(), tmp_path)
         await wait_until(old_manager, Link.READY)
         await old_manager.close()
-        listener.last = None
+        listener.last_snapshot = None
         new_manager = AgentManager(make_fleet("new"), state, clock, listener)
         new_manager.start(())
         try:
@@ -248,28 +251,30 @@ def test_renamed_printer_opens_the_port_of_its_former_agent(tmp_path: Path):
             await new_manager.close()
 
     try:
-        asyncio.run(scenario())
+        asyncio.run(run_scenario())
     finally:
         kill_agent(state.find_agent_folder("old"))
         control(tmp_path / "emulator", "power_off")
 
 
 class FakeClient:
-    """Agent that answers every request with its snapshot; uploads only when allowed."""
+    """Agent that answers every request with its snapshot, but uploads only when allowed."""
 
     def __init__(self) -> None:
-        self.sent: list[m.Request] = []
+        self.sent_requests: list[m.Request] = []
         self.answer_allowed = asyncio.Event()
         self.snapshot = m.Snapshot(protocol=m.PROTOCOL, printer="a", agent_pid=7, link=m.LinkState.ABSENT)
 
     async def request(self, request: m.Request) -> m.Reply:
-        self.sent.append(request)
+        self.sent_requests.append(request)
         if isinstance(request, m.Upload):
             await self.answer_allowed.wait()
         return m.Reply(id=request.id, snapshot=self.snapshot)
 
 
-def run_connection(tmp_path: Path, scenario, port: str = "/dev/null") -> tuple[FakeClient, RecordingListener]:  # type: ignore[no-untyped-def]
+def run_connection(  # type: ignore[no-untyped-def]
+    tmp_path: Path, run_scenario, port: str = "/dev/null"
+) -> tuple[FakeClient, RecordingListener]:
     """Run a scenario on a connection; return its client and the listener."""
     listener = RecordingListener()
     section = PrinterSection(name="a", model=MODEL, port=port)
@@ -278,33 +283,30 @@ def run_connection(tmp_path: Path, scenario, port: str = "/dev/null") -> tuple[F
         agent_connection = AgentConnection("a", section, StateFolder(tmp_path), Clock(), listener)
         client = FakeClient()
         agent_connection._client = client  # type: ignore[assignment]
-        await scenario(agent_connection, client)
+        await run_scenario(agent_connection, client)
         await asyncio.gather(*agent_connection._tasks)
         return client
 
     return asyncio.run(main()), listener
 
 
-def test_reply_to_a_cancel_confirms_it(tmp_path: Path):
-    async def scenario(agent_connection, client):  # type: ignore[no-untyped-def]
+def test_reply_of_an_agent_confirms_a_cancellation(tmp_path: Path):
+    async def run_scenario(agent_connection, client):  # type: ignore[no-untyped-def]
         agent_connection.send(m.CancelPrint(id=0, print_id="x"))
 
-    _, listener = run_connection(tmp_path, scenario)
-    assert listener.last is not None
-    assert (listener.last.link, listener.last.agent_pid, listener.last.acknowledged_cancel) == (
-        Link.ABSENT,
-        7,
-        "x",
-    )
+    _, listener = run_connection(tmp_path, run_scenario)
+    snapshot = listener.last_snapshot
+    assert snapshot is not None
+    assert (snapshot.link, snapshot.agent_pid, snapshot.acknowledged_cancel) == (Link.ABSENT, 7, "x")
 
 
 class TalkingClient(FakeClient):
     """Agent that sends a message to each client on connection."""
 
-    connected = 0
+    connection_count = 0
 
     async def connect(self) -> None:
-        self.connected += 1
+        self.connection_count += 1
 
     async def snapshots(self) -> AsyncIterator[m.Snapshot]:
         yield self.snapshot
@@ -317,11 +319,11 @@ def test_internal_error_does_not_stop_listening_to_an_agent(tmp_path: Path, monk
     monkeypatch.setattr(connection, "RETRY_S", 0.001)
 
     class FaultyListener(RecordingListener):
-        snapshots = 0
+        snapshot_count = 0
 
         def on_snapshot(self, snapshot: AgentSnapshot) -> None:
-            self.snapshots += 1
-            if self.snapshots < 5:
+            self.snapshot_count += 1
+            if self.snapshot_count < 5:
                 raise ZeroDivisionError("internal error")
             super().on_snapshot(snapshot)
 
@@ -330,7 +332,7 @@ def test_internal_error_does_not_stop_listening_to_an_agent(tmp_path: Path, monk
         agent_connection._client = TalkingClient()  # type: ignore[assignment]
         listen_task = asyncio.ensure_future(agent_connection._listen())
         async with asyncio.timeout(DEADLINE_S):
-            while listener.last is None:
+            while listener.last_snapshot is None:
                 assert not listen_task.done()
                 await asyncio.sleep(0.001)
         agent_connection._stopping = True
@@ -347,17 +349,14 @@ def test_snapshot_counts_for_the_printer_of_its_agent_and_only_an_emulator_repor
         protocol=m.PROTOCOL, printer="b", agent_pid=7, link=m.LinkState.READY, bed_clear=True
     )
 
-    async def scenario(agent_connection, client):  # type: ignore[no-untyped-def]
+    async def run_scenario(agent_connection, client):  # type: ignore[no-untyped-def]
         client.snapshot = misnamed_snapshot
         agent_connection.send(m.CancelPrint(id=0, print_id="x"))
 
-    _, listener = run_connection(tmp_path, scenario, port)
-    assert listener.last is not None
-    assert (listener.last.printer, listener.last.link, listener.last.bed_clear) == (
-        "a",
-        Link.READY,
-        bed_clear,
-    )
+    _, listener = run_connection(tmp_path, run_scenario, port)
+    snapshot = listener.last_snapshot
+    assert snapshot is not None
+    assert (snapshot.printer, snapshot.link, snapshot.bed_clear) == ("a", Link.READY, bed_clear)
 
 
 def test_print_cancelled_during_its_upload_does_not_start(tmp_path: Path):
@@ -367,24 +366,24 @@ def test_print_cancelled_during_its_upload_does_not_start(tmp_path: Path):
         id=0, print_id="x", gcode=str(gcode), sha256="0", print_time_s=1.0, filament=m.Filament.PARKED
     )
 
-    async def scenario(agent_connection, client):  # type: ignore[no-untyped-def]
+    async def run_scenario(agent_connection, client):  # type: ignore[no-untyped-def]
         agent_connection._remote = True
         agent_connection.send(start)
-        while not client.sent:
+        while not client.sent_requests:
             await asyncio.sleep(0)
         agent_connection.send(m.CancelPrint(id=0, print_id="x"))
         await asyncio.sleep(0)
         client.answer_allowed.set()
 
-    client, _ = run_connection(tmp_path, scenario)
-    assert {type(item) for item in client.sent} == {m.Upload, m.CancelPrint}
+    client, _ = run_connection(tmp_path, run_scenario)
+    assert {type(item) for item in client.sent_requests} == {m.Upload, m.CancelPrint}
 
 
 @pytest.mark.system
 def test_idle_agent_is_replaced_without_a_change_to_its_printer(tmp_path: Path):
     state, fleet, listener = make_simulated_farm(tmp_path)
 
-    async def scenario() -> None:
+    async def run_scenario() -> None:
         manager = AgentManager(fleet, state, Clock(60.0, time.time()), listener)
         manager.start(())
         try:
@@ -397,4 +396,4 @@ def test_idle_agent_is_replaced_without_a_change_to_its_printer(tmp_path: Path):
             await manager.shut_down_agents()
             await manager.close()
 
-    asyncio.run(scenario())
+    asyncio.run(run_scenario())

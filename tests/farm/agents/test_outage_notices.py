@@ -31,7 +31,7 @@ ALL_DELAYS_S = 100.0  # longer than all delays of losses and of notices together
 
 
 class ManualClock:
-    """Clock that is set by the test."""
+    """Clock that the test sets."""
 
     scale, anchor_s, host_shift_s = 1.0, 0.0, 0.0
 
@@ -43,7 +43,7 @@ class ManualClock:
 
 
 class LostHosts(RuleBasedStateMachine):
-    """A daemon's hosts and controller. Every lasting loss of a host is in exactly one notice."""
+    """Hosts and controller of a daemon; every lasting loss of a host is in exactly one notice."""
 
     @initialize()
     def make_farm(self):
@@ -52,8 +52,8 @@ class LostHosts(RuleBasedStateMachine):
         fields = {"model": PLUS, "port": f"sim://{PLUS}", "host_command": "farm host"}
         rows = [{"name": name, "host": host, **fields} for name, host in PRINTERS.items()]
         self.fleet = Fleet.model_validate({"printers": rows})
-        self.sent_keys, self.losses = set(), Counter()
-        self.notice_counts = Counter()  # by host and number of its loss
+        self.sent_keys, self.loss_counts = set(), Counter()
+        self.notice_counts = Counter()  # keys: host and number of its loss
         self.open_daemon()
         for host in HOSTS:
             self.reconnect_host(host)
@@ -69,14 +69,14 @@ class LostHosts(RuleBasedStateMachine):
 
     def handle(self, *events):
         """Count losses, as the listener of the hosts, before the controller records them."""
-        self.losses.update(event.host for event in events if isinstance(event, ev.HostLost))
+        self.loss_counts.update(event.host for event in events if isinstance(event, ev.HostLost))
         self.controller.handle(*events)
 
     def warn(self, topic, text):
         raise AssertionError(text)
 
     @rule()
-    def restart_the_daemon(self):
+    def restart_daemon(self):
         self.store.close()
         self.open_daemon()
 
@@ -90,22 +90,22 @@ class LostHosts(RuleBasedStateMachine):
 
     @rule(name=st.sampled_from(sorted(PRINTERS)))
     def lose_agent(self, name):
-        """Lose the stream of an agent: before its host's connection breaks, or with it."""
+        """Lose the stream of an agent before its host is lost, or together with it."""
         is_host_lost = self.records[PRINTERS[name]].disconnected_s is not None
         loss = "no connection to its host" if is_host_lost else None
-        self.report(name, link=Link.STARTING, reason=loss, host_lost=is_host_lost)
+        self.report_snapshot(name, link=Link.STARTING, reason=loss, host_lost=is_host_lost)
 
     @rule(name=st.sampled_from(sorted(PRINTERS)), link=st.sampled_from([Link.CONNECTING, Link.READY]))
     def reconnect_agent(self, name, link):
-        self.report(name, link=link, agent_pid=9, filament=FilamentState.PARKED, bed_clear=True)
+        self.report_snapshot(name, link=link, agent_pid=9, filament=FilamentState.PARKED, bed_clear=True)
 
-    def report(self, name, **fields):
+    def report_snapshot(self, name, **fields):
         self.controller.on_snapshot(AgentSnapshot(printer=name, **fields))
 
-    @rule(seconds=st.sampled_from([0.5, 5.0, 10.0, 45.0]), notices_first=st.booleans())
-    def wait(self, seconds, notices_first):
-        self.clock.now_s += seconds
-        for work in (self.notify, self.hosts.watch) if notices_first else (self.hosts.watch, self.notify):
+    @rule(duration_s=st.sampled_from([0.5, 5.0, 10.0, 45.0]), is_notified_first=st.booleans())
+    def wait(self, duration_s, is_notified_first):
+        self.clock.now_s += duration_s
+        for work in (self.notify, self.hosts.watch) if is_notified_first else (self.hosts.watch, self.notify):
             work()
 
     def notify(self):
@@ -115,7 +115,7 @@ class LostHosts(RuleBasedStateMachine):
         for notice in notices:
             hosts = {loss.host for loss in host_losses if loss is not None and loss.at_s == notice.at_s}
             assert notice.key.startswith("hosts ") and hosts, notice
-            self.notice_counts.update((host, self.losses[host]) for host in hosts)
+            self.notice_counts.update((host, self.loss_counts[host]) for host in hosts)
         self.sent_keys |= {notice.key for notice in notices}
         assert set(self.notice_counts.values()) <= {1}, self.notice_counts
 
@@ -125,7 +125,7 @@ class LostHosts(RuleBasedStateMachine):
         self.clock.now_s += ALL_DELAYS_S
         self.notify()
         for host in self.controller.books.lost_hosts:
-            assert self.notice_counts[host, self.losses[host]] == 1, host
+            assert self.notice_counts[host, self.loss_counts[host]] == 1, host
 
     def teardown(self):
         if hasattr(self, "store"):
@@ -137,21 +137,21 @@ def test_each_lasting_loss_of_a_host_is_in_one_notice():
     run_state_machine_as_test(LostHosts)
 
 
-def test_a_step_of_the_clock_neither_makes_nor_hides_a_loss(tmp_path):
+def test_clock_step_neither_causes_nor_hides_a_loss(tmp_path):
     machine = LostHosts()
     machine.make_farm()
     try:
         for step_s in (-3600.0, 3600.0):
             machine.reconnect_host("pc-a")
             machine.hosts.watch()
-            losses = machine.losses["pc-a"]
+            loss_count = machine.loss_counts["pc-a"]
             machine.lose_host("pc-a", "time-out")
-            machine.wait(5.0, notices_first=True)
+            machine.wait(5.0, is_notified_first=True)
             machine.clock.now_s += step_s
             machine.hosts.on_clock_set(step_s)
             machine.hosts.watch()
-            assert machine.losses["pc-a"] == losses
-            machine.wait(10.0, notices_first=True)
-            assert machine.losses["pc-a"] == losses + 1
+            assert machine.loss_counts["pc-a"] == loss_count
+            machine.wait(10.0, is_notified_first=True)
+            assert machine.loss_counts["pc-a"] == loss_count + 1
     finally:
         machine.teardown()

@@ -48,7 +48,7 @@ def test_readings_of_a_printer_are_copied_to_its_view():
     assert describe_printer(context, fleet.find_printer("a"), None).dump_readings() == readings
 
 
-def test_bed_is_reported_by_emulators_only():
+def test_only_emulators_report_their_bed():
     snapshot = make_snapshot(bed_clear=True)
     assert convert_snapshot(snapshot, is_simulated=True).bed_clear is True
     assert convert_snapshot(snapshot).bed_clear is None

@@ -120,7 +120,7 @@ class Sshd:
 
     def reconnect(self) -> None:
         if os.getuid() == 0:
-            Path("/run/sshd").mkdir(exist_ok=True)  # as openssh-server's own unit does
+            Path("/run/sshd").mkdir(exist_ok=True)  # as the unit of openssh-server does
         arguments = [str(SSHD), "-D", "-e", "-f", str(self._folder / "sshd")]
         self._server = subprocess.Popen(arguments, stderr=subprocess.DEVNULL, start_new_session=True)
 
@@ -140,14 +140,14 @@ class Sshd:
 
 
 def _has_sshd_user() -> bool:
-    """Return whether sshd can separate privileges; as root it needs a user of its own for that."""
+    """Return whether sshd can separate privileges; as root it needs the user `sshd` for that."""
     with suppress(KeyError):
         return os.getuid() != 0 or bool(pwd.getpwnam("sshd"))
     return False
 
 
 def list_children(pid: int) -> list[int]:
-    """List the server's processes for its connections, without the processes that those started."""
+    """List the server's processes for its connections, without the processes that these started."""
     results = []
     for path in Path("/proc").glob("[0-9]*/stat"):
         with suppress(OSError):
@@ -196,7 +196,7 @@ def remote_host(
 def test_print_survives_a_network_failure_of_ten_minutes(
     tmp_path: Path, remote_host: Any, monkeypatch: pytest.MonkeyPatch
 ):
-    if isinstance(remote_host, SilentNetwork):  # ten minutes of the farm are five wall seconds
+    if isinstance(remote_host, SilentNetwork):  # ten minutes by the farm's clock take five seconds
         monkeypatch.setattr(connection, "_SILENCE_S", 1.5)
         monkeypatch.setattr(connection, "_MAX_WAIT_S", 0.5)
         monkeypatch.setattr(client, "FIRST_MESSAGE_S", 10.0)
@@ -223,7 +223,7 @@ def test_print_survives_a_network_failure_of_ten_minutes(
                 await asyncio.sleep(0.05)
             return listener.last_snapshot
 
-    async def scenario() -> None:
+    async def run_scenario() -> None:
         agent_connection = AgentConnection("a", section, state, clock, listener, "test")
         agent_connection.start()
         try:
@@ -259,7 +259,7 @@ def test_print_survives_a_network_failure_of_ten_minutes(
                 assert len(remote_host.bridges) >= 2
             await agent_connection.close()
             listener.last_snapshot = AgentSnapshot(printer="a", link=Link.STARTING)
-            # The printer was removed from the fleet meanwhile.
+            # The printer has been removed from the fleet meanwhile.
             agent_connection = AgentConnection("a", None, state, clock, listener)
             agent_connection.start()
             await wait_until(lambda s: s.print is not None and s.print.state.ended)
@@ -271,7 +271,7 @@ def test_print_survives_a_network_failure_of_ten_minutes(
         finally:
             await agent_connection.close()
 
-    asyncio.run(scenario())
+    asyncio.run(run_scenario())
 
 
 @pytest.mark.system
@@ -284,12 +284,19 @@ def test_estop_stops_a_printer_on_another_host_and_names_an_unreachable_one(tmp_
     )
     remote_folder = tmp_path / "there" / "farm-agents" / "test" / "a"
     launch(f"sim://{MODEL}", remote_folder / "emulator", Clock(SCALE, time.time()))
-    farm = [Path(sys.executable).with_name("farm"), "estop", "--state", tmp_path / "here", "--fleet", fleet]
-    result = subprocess.run(farm, check=False, capture_output=True, text=True, timeout=90)
+    estop_command = [
+        Path(sys.executable).with_name("farm"),
+        "estop",
+        "--state",
+        tmp_path / "here",
+        "--fleet",
+        fleet,
+    ]
+    result = subprocess.run(estop_command, check=False, capture_output=True, text=True, timeout=90)
     assert result.returncode == 0 and "confirmed off" in result.stdout, result
     assert read_status(remote_folder / "emulator").resets == 1
     remote_host.cut()
-    result = subprocess.run(farm, check=False, capture_output=True, text=True, timeout=90)
+    result = subprocess.run(estop_command, check=False, capture_output=True, text=True, timeout=90)
     assert result.returncode == 1 and "a: cannot be stopped: pc-b:" in result.stdout, result
 
 
@@ -313,12 +320,12 @@ def test_idle_agent_of_a_removed_printer_is_ended_on_its_host(tmp_path: Path, re
             while not condition():
                 await asyncio.sleep(0.05)
 
-    async def scenario() -> None:
+    async def run_scenario() -> None:
         old_manager = make_manager("a")
         old_manager.start(())
         await wait_until(lambda: is_alive(remote_folder))
         await old_manager.close()
-        for _ in range(2):  # the second time no agent runs there
+        for _ in range(2):  # the second time, no agent is running there
             route_text = route_file.read_text()
             new_manager = make_manager()
             new_manager.start(())
@@ -327,7 +334,7 @@ def test_idle_agent_of_a_removed_printer_is_ended_on_its_host(tmp_path: Path, re
             await new_manager.close()
             route_file.write_text(route_text)
 
-    asyncio.run(scenario())
+    asyncio.run(run_scenario())
 
 
 @pytest.mark.parametrize("text", ["", "null", "[1, 2]", '["a"]', "{}", "[[], 5]"])

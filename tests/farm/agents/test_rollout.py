@@ -8,58 +8,68 @@ from farm.agents.host_record import HostChange, HostRecord
 from farm.agents.hosts import compute_report_s
 from farm.agents.rollout import RolloutStep, plan_rollout
 
-CURRENT, OUTDATED, RUNNING, FAILED = (Update(phase=phase, reason="why") for phase in UpdatePhase)
+CURRENT_UPDATE, OUTDATED_UPDATE, RUNNING_UPDATE, FAILED_UPDATE = (
+    Update(phase=phase, reason="why") for phase in UpdatePhase
+)
 UPDATES = st.dictionaries(
-    st.sampled_from("abcde"), st.sampled_from([None, CURRENT, OUTDATED, RUNNING, FAILED])
+    st.sampled_from("abcde"),
+    st.sampled_from([None, CURRENT_UPDATE, OUTDATED_UPDATE, RUNNING_UPDATE, FAILED_UPDATE]),
 )
 
 
 def test_one_host_is_updated_first_and_the_others_follow_when_it_is_done():
-    assert plan_rollout({"a": CURRENT, "b": OUTDATED, "c": OUTDATED}, ()) == RolloutStep(begin=("b",))
-    assert plan_rollout({"a": CURRENT, "b": RUNNING, "c": OUTDATED}, ("b",)) == RolloutStep()
-    updates = plan_rollout({"a": OUTDATED, "b": CURRENT, "c": OUTDATED}, ("b",))
+    assert plan_rollout({"a": CURRENT_UPDATE, "b": OUTDATED_UPDATE, "c": OUTDATED_UPDATE}, ()) == RolloutStep(
+        begin=("b",)
+    )
+    assert (
+        plan_rollout({"a": CURRENT_UPDATE, "b": RUNNING_UPDATE, "c": OUTDATED_UPDATE}, ("b",))
+        == RolloutStep()
+    )
+    updates = plan_rollout({"a": OUTDATED_UPDATE, "b": CURRENT_UPDATE, "c": OUTDATED_UPDATE}, ("b",))
     assert updates == RolloutStep(begin=("a", "c"))
-    assert plan_rollout({"a": CURRENT, "b": CURRENT}, ("b",)).ended
+    assert plan_rollout({"a": CURRENT_UPDATE, "b": CURRENT_UPDATE}, ("b",)).ended
 
 
 def test_first_fault_ends_the_update_on_all_hosts():
-    step = plan_rollout({"a": CURRENT, "b": FAILED, "c": RUNNING, "d": OUTDATED}, ("a", "b", "c"))
+    step = plan_rollout(
+        {"a": CURRENT_UPDATE, "b": FAILED_UPDATE, "c": RUNNING_UPDATE, "d": OUTDATED_UPDATE}, ("a", "b", "c")
+    )
     assert step == RolloutStep(halt=("c",), ended=True, fault="b: why")
 
 
 def test_host_that_failed_before_is_tried_again_by_a_new_update():
-    assert plan_rollout({"a": FAILED}, ()) == RolloutStep(begin=("a",))
+    assert plan_rollout({"a": FAILED_UPDATE}, ()) == RolloutStep(begin=("a",))
 
 
 def test_rollout_waits_for_a_host_that_is_not_connected():
-    assert plan_rollout({"a": None, "b": CURRENT}, ("b",)) == RolloutStep()
+    assert plan_rollout({"a": None, "b": CURRENT_UPDATE}, ("b",)) == RolloutStep()
 
 
 def test_update_begins_again_on_a_host_whose_service_was_restarted():
-    assert plan_rollout({"a": OUTDATED, "b": OUTDATED}, ("a",)) == RolloutStep(begin=("a",))
-    step = plan_rollout({"a": CURRENT, "b": OUTDATED, "c": RUNNING}, ("a", "b", "c"))
+    assert plan_rollout({"a": OUTDATED_UPDATE, "b": OUTDATED_UPDATE}, ("a",)) == RolloutStep(begin=("a",))
+    step = plan_rollout({"a": CURRENT_UPDATE, "b": OUTDATED_UPDATE, "c": RUNNING_UPDATE}, ("a", "b", "c"))
     assert step == RolloutStep(begin=("b",))
 
 
 def test_state_from_before_an_update_is_not_taken_as_its_result():
     record = HostRecord("pc-b", ("a",), 100.0)
-    failed_host = HostState(pid=1, update=FAILED)
+    failed_host = HostState(pid=1, update=FAILED_UPDATE)
     record.on_state(101.0, failed_host)
     record.on_update_begun()
     record.on_state(102.0, failed_host)  # in transit when the update began
     assert record.update is not None and record.update.phase is UpdatePhase.RUNNING
-    record.on_state(103.0, HostState(pid=1, update=RUNNING))
+    record.on_state(103.0, HostState(pid=1, update=RUNNING_UPDATE))
     record.on_state(104.0, failed_host)
-    assert record.update == FAILED
+    assert record.update == FAILED_UPDATE
 
 
 def test_update_begins_again_when_its_request_was_lost_with_the_connection():
     record = HostRecord("pc-b", ("a",), 100.0)
-    record.on_state(101.0, HostState(pid=1, update=OUTDATED))
+    record.on_state(101.0, HostState(pid=1, update=OUTDATED_UPDATE))
     record.on_update_begun()
     record.on_lost(102.0, "no route")
-    record.on_state(103.0, HostState(pid=1, update=OUTDATED))
-    assert record.update == OUTDATED
+    record.on_state(103.0, HostState(pid=1, update=OUTDATED_UPDATE))
+    assert record.update == OUTDATED_UPDATE
 
 
 @given(UPDATES, st.sets(st.sampled_from("abcde")))
@@ -67,10 +77,10 @@ def test_nothing_begins_before_the_first_host_is_done_nor_after_a_fault(updates,
     started_hosts = tuple(sorted(names & updates.keys()))
     step = plan_rollout(updates, started_hosts)
     assert all(updates[host] is not None for host in step.begin)
-    assert all(updates[host] is OUTDATED for host in set(step.begin) & set(started_hosts))
-    if started_hosts and updates[started_hosts[0]] is not CURRENT:
+    assert all(updates[host] is OUTDATED_UPDATE for host in set(step.begin) & set(started_hosts))
+    if started_hosts and updates[started_hosts[0]] is not CURRENT_UPDATE:
         assert set(step.begin) <= set(started_hosts)
-    if any(updates[host] is FAILED for host in started_hosts):
+    if any(updates[host] is FAILED_UPDATE for host in started_hosts):
         assert step.ended and step.fault and not step.begin
     if not started_hosts:
         assert len(step.begin) <= 1
@@ -98,5 +108,5 @@ def test_loss_is_reported_once_after_ten_seconds_and_the_return_once():
     assert record.describe_wait() is None
 
 
-def test_report_interval_keeps_the_reports_of_the_fleet_to_200_a_second():
+def test_report_interval_limits_the_reports_of_the_fleet_to_200_a_second():
     assert [compute_report_s(printers) for printers in (1, 200, 400, 1000, 5000)] == [1, 1, 2, 5, 5]

@@ -62,7 +62,7 @@ def test_job_waits_for_printers_then_uses_all_idle_and_clear_ones(farm):
     assert farm.controller.books.jobs[1].state is JobState.PLANNING
 
 
-def test_plate_is_reassigned_after_its_agent_confirmed_the_cancel(tmp_path):
+def test_plate_is_reassigned_after_its_agent_confirmed_its_cancellation(tmp_path):
     farm = Farm(tmp_path, [PLUS] * 3)
     farm.report_ready("a", "b", "c")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
@@ -93,8 +93,8 @@ def test_unmatched_job_does_not_block_the_next_one(farm):
 
 
 def test_own_gcode_is_planned_for_one_matching_printer(farm):
-    def submit(request_id, nozzle_mm, half_mm):
-        box = {"min_mm": (-half_mm, -half_mm, 0.2), "max_mm": (half_mm, half_mm, 9.0)}
+    def submit(request_id, nozzle_mm, half_width_mm):
+        box = {"min_mm": (-half_width_mm, -half_width_mm, 0.2), "max_mm": (half_width_mm, half_width_mm, 9.0)}
         own_gcode = OwnGcode(nozzle_mm=nozzle_mm, **box)
         return farm.jobs.submit(
             request_id, "x.gcode", InspectedSubmission("x.gcode", (), 1.0, own_gcode), JobOptions()
@@ -159,7 +159,7 @@ def test_instruction_is_sent_once_and_repeated_by_a_new_daemon(farm, plan, tmp_p
 
 
 def test_unattended_start_is_not_repeated_at_night(farm, plan, tmp_path):
-    """Drop the start for a disconnected agent, which would heat while no person is present."""
+    """Drop the start for a disconnected agent, because it would heat while no person is present."""
     farm.report_ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     farm.controller.on_plan(1, plan)
@@ -190,7 +190,7 @@ def test_job_is_planned_while_every_bed_is_full(farm, plan):
     view = describe_job(farm.build_view_context(STATE), farm.controller.books.jobs[1])
     assert view.waits_for_person
     assert {plate.hold.code for plate in view.plates} == {HoldCode.BED_NOT_CLEAR}
-    assert view.grams and view.estimated_s and view.eta  # known before a bed is clear
+    assert view.grams and view.estimated_s and view.eta  # these are known before a bed is clear
     assert list_tasks(farm.build_view_context(STATE))[0].printers == ["a", "b"]
     farm.clear_bed("a")
     assert [attempt.plate for attempt in farm.controller.books.open_prints()] == ["1/01"]
@@ -250,9 +250,9 @@ def test_paused_print_is_a_task_with_its_time_limit(farm, plan):
         view = describe_printer(context, farm.controller.fleet.find_printer("a"), None)
         return view, [item for item in list_tasks(context) if item.code == "resume"]
 
-    report_state(PrintState.PRINTING)  # the pause arrived while it was heating
+    report_state(PrintState.PRINTING)  # the pause arrived while the printer was heating
     assert find_last_pause() == pause_instruction
-    assert report_state(PrintState.PAUSED)[1] == []  # it is still parking
+    assert report_state(PrintState.PAUSED)[1] == []  # the printer is still parking its nozzle
     view, (item,) = report_state(PrintState.PAUSED, pause_ends_s=7200.0)
     assert (view.state, view.print.pause_ends) == ("paused", "1970-01-01T02:00:00+00:00")
     assert item.text == "resume a by 01 Jan 1970 02:00, or its print will be ended: `farm resume a`"
@@ -266,7 +266,7 @@ def test_paused_print_is_a_task_with_its_time_limit(farm, plan):
         farm.printers.pause("a", True, "ann")
 
 
-def test_temperatures_and_progress_run_no_scheduler(farm, plan, monkeypatch):
+def test_temperatures_and_progress_do_not_run_the_scheduler(farm, plan, monkeypatch):
     """Show telemetry at once, at a cost independent of the number of waiting plates."""
     farm.report_ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
@@ -335,7 +335,7 @@ def test_hold_shows_the_end_computed_from_progress_without_a_commit(farm, monkey
     assert kinds[-5:] == ["JobPlanned", *["PlateAssigned"] * 2, *["PrintProgressed"] * 2]
 
 
-def test_start_writes_little_with_many_waiting_plates(farm, monkeypatch):
+def test_start_writes_few_bytes_while_many_plates_wait(farm, monkeypatch):
     sizes = {}
 
     def record_size(event, old_books, new_books, commit=farm.store.commit):
@@ -352,14 +352,14 @@ def test_start_writes_little_with_many_waiting_plates(farm, monkeypatch):
     assert sizes.keys() == {"PlateAssigned"} and max(sizes["PlateAssigned"]) < 4096
 
 
-def test_failed_report_is_handled_when_repeated(farm):
+def test_report_that_was_not_stored_is_handled_when_repeated(farm):
     farm.report_ready("a", "b")
     snapshot = AgentSnapshot(printer="a", link=Link.READY, agent_pid=9, alarm="it gets hotter", nozzle_c=90.0)
     farm.store._db.execute("PRAGMA query_only = 1")
     for _ in range(2):
         with pytest.raises(StoreError):
             farm.controller.on_snapshot(snapshot)
-    farm.report_ready("b")  # the snapshot changes nothing in the books
+    farm.report_ready("b")  # this snapshot does not change the books
     context = farm.build_view_context(STATE)
     assert "nothing is recorded until there is space" in context.warnings[0]
     assert context.snapshots["a"].nozzle_c == 90.0

@@ -1,4 +1,4 @@
-"""Forecasts of a simulated fleet whose prints take the expected times, so that they are exact."""
+"""Forecasts of a simulated fleet, which are exact because its prints take the expected times."""
 
 import heapq
 import tempfile
@@ -20,7 +20,11 @@ from farm.state.plate_state import PlateState
 HOUR_S = 3600.0
 MONDAY_S = 1_000_000.0 // 604800 * 604800 + 4 * 86400  # 00:00 UTC
 HEATING_S = 300.0
-ORDER = (PrintState.DONE, PrintState.PRINTING, None)  # of simultaneous changes, as in the forecast
+STATE_ORDER = (
+    PrintState.DONE,
+    PrintState.PRINTING,
+    None,
+)  # order of simultaneous changes, as in the forecast
 
 
 class Clock:
@@ -36,44 +40,44 @@ class Clock:
 class ForecastSimulation:
     """Farm whose printers and people act as in the forecast."""
 
-    def __init__(self, folder, printers, now_s, start_rules):
+    def __init__(self, folder, printer_count, now_s, start_rules):
         self.clock = Clock(now_s)
         self.farm = Farm(
-            folder, ["ultimaker2_plus"] * printers, clock=self.clock, timezone="UTC", **start_rules
+            folder, ["ultimaker2_plus"] * printer_count, clock=self.clock, timezone="UTC", **start_rules
         )
         self.controller = self.farm.controller
         self.controller.started_s = now_s - HOUR_S
         self.farm.report_ready(*self.controller.fleet.names)
         self.pending_steps, self.started_ids, self.end_s = [], set(), now_s + 28 * 24 * HOUR_S
 
-    def plan(self, hours, options):
+    def plan_job(self, durations_h, options):
         request = f"r{len(self.controller.books.jobs):07d}"
         number, _ = self.farm.jobs.submit(request, "m.stl", MODEL, options)
         if self.controller.books.jobs[number].state is JobState.QUEUED:
             self.controller.handle(ev.PlanningStarted(at_s=self.clock.now_s, job=number))
-        event = make_plan_event(number, len(hours))
+        event = make_plan_event(number, len(durations_h))
         names = self.controller.fleet.names
         plates = tuple(
             plate.model_copy(
                 update={
-                    "sliced_s": item * HOUR_S,
-                    "expected_s": item * HOUR_S + HEATING_S,
-                    "grams": 100.0 * item,
+                    "sliced_s": duration_h * HOUR_S,
+                    "expected_s": duration_h * HOUR_S + HEATING_S,
+                    "grams": 100.0 * duration_h,
                     "printer": names[index % min(len(names), options.printers or len(names))],
                     "family": "ultimaker2_plus",
                 }
             )
-            for index, (plate, item) in enumerate(zip(event.plates, hours, strict=True))
+            for index, (plate, duration_h) in enumerate(zip(event.plates, durations_h, strict=True))
         )
-        self.planned = len(self.farm.effects.plans)
+        self.planned_count = len(self.farm.effects.plans)
         self.controller.on_plan(number, Plan(event.parts, plates, (), 1.0, 500.0, 100.0))
-        self.refuse_revisions()
+        self.reject_revisions()
 
-    def refuse_revisions(self):
+    def reject_revisions(self):
         """Reject all revisions, so that every job keeps its first plan."""
-        while len(self.farm.effects.plans) > self.planned:
-            number, *_ = self.farm.effects.plans[self.planned]
-            self.planned += 1
+        while len(self.farm.effects.plans) > self.planned_count:
+            number, *_ = self.farm.effects.plans[self.planned_count]
+            self.planned_count += 1
             self.controller.on_plan(number, FarmError("no better plan"))
 
     def report_print(self, name, print_id, state, started_s, ended_s=None):
@@ -89,7 +93,7 @@ class ForecastSimulation:
         )
 
     def start_prints(self):
-        self.refuse_revisions()
+        self.reject_revisions()
         now_s = self.clock.now_s
         for attempt in list(self.controller.books.open_prints()):
             if attempt.id not in self.started_ids:
@@ -97,38 +101,49 @@ class ForecastSimulation:
                 plate = self.controller.books.plates[attempt.plate]
                 state_delays_s = {PrintState.PRINTING: HEATING_S, PrintState.DONE: plate.expected_s}
                 self.report_print(attempt.printer, attempt.id, PrintState.HEATING, now_s)
-                for state, after_s in state_delays_s.items():
-                    self.add_step(now_s + after_s, attempt.printer, attempt.id, state, now_s)
+                for state, delay_s in state_delays_s.items():
+                    self.add_step(now_s + delay_s, attempt.printer, attempt.id, state, now_s)
 
     def add_step(self, at_s, name, print_id, state, started_s):
         """Add an action: a state of a print, or a cleared bed if the state is None."""
-        heapq.heappush(self.pending_steps, (at_s, ORDER.index(state), name, print_id, started_s))
+        heapq.heappush(self.pending_steps, (at_s, STATE_ORDER.index(state), name, print_id, started_s))
 
     def step(self):
         """Advance to the time of the next change; return False if there is none."""
         self.start_prints()
-        edge_s = self.find_next_edge_s()
-        next_s = min(self.pending_steps[0][0] if self.pending_steps else float("inf"), edge_s)
+        next_change_s = self.find_next_edge_s()
+        next_s = min(self.pending_steps[0][0] if self.pending_steps else float("inf"), next_change_s)
         if next_s == float("inf") or next_s > self.end_s:
             return False
         self.clock.now_s = next_s
         if not self.pending_steps or self.pending_steps[0][0] > next_s:
             self.controller.handle()
             return True
-        self.take_step(next_s)
+        self.perform_next_step(next_s)
         return True
 
     def find_next_edge_s(self):
-        """Return the time at which hours or start times change next."""
+        """Return the next time at which attended or quiet hours change, or a job may start."""
         rules, now_s = self.controller.rules, self.clock.now_s
         starts = (job.not_before_s for job in self.controller.books.jobs.values() if not job.state.ended)
-        edges = (rules.attended.find_next_edge_s(now_s), rules.quiet.find_next_edge_s(now_s), *starts)
-        return min((edge for edge in edges if edge is not None and edge > now_s), default=float("inf"))
+        change_times_s = (
+            rules.attended.find_next_edge_s(now_s),
+            rules.quiet.find_next_edge_s(now_s),
+            *starts,
+        )
+        return min(
+            (
+                change_time_s
+                for change_time_s in change_times_s
+                if change_time_s is not None and change_time_s > now_s
+            ),
+            default=float("inf"),
+        )
 
-    def take_step(self, next_s):
+    def perform_next_step(self, next_s):
         """Perform the next action that is due."""
         _, order, name, print_id, started_s = heapq.heappop(self.pending_steps)
-        state = ORDER[order]
+        state = STATE_ORDER[order]
         if state is None:
             self.farm.clear_bed(name)
             return
@@ -147,7 +162,7 @@ class ForecastSimulation:
 
 jobs = st.lists(
     st.tuples(
-        st.lists(st.integers(2, 24).map(lambda halves: halves / 4), min_size=1, max_size=6),
+        st.lists(st.integers(2, 24).map(lambda quarters: quarters / 4), min_size=1, max_size=6),
         st.builds(JobOptions, printers=st.none() | st.integers(1, 3), spares=st.integers(0, 1)),
     ),
     min_size=1,
@@ -163,7 +178,7 @@ rule_sets = st.fixed_dictionaries(
 )
 
 
-# Without shrinking, which takes minutes.
+# Shrinking is disabled because it takes minutes.
 @settings(max_examples=40, deadline=None, phases=[Phase.explicit, Phase.reuse, Phase.generate])
 @example([([8.0] * 8, JobOptions(printers=4))], {}, 8, 9, [])  # two rounds on four of eight printers
 # A job that is planned again without a change keeps its place before the next one.
@@ -174,7 +189,7 @@ rule_sets = st.fixed_dictionaries(
     23,
     [1013, 1084, 861, 640],
 )
-# A print of a job at its limit of printers ends at the moment when another bed becomes clear.
+# A print ends at the moment when another bed becomes clear; its job uses as many printers as it may.
 @example(
     [
         ([4.25, 4.5, 3.5, 5.0, 0.75], JobOptions(printers=3)),
@@ -185,7 +200,7 @@ rule_sets = st.fixed_dictionaries(
     11,
     [1700, 260, 1161],
 )
-# A print of a job at its limit of printers ends at the moment when attended hours begin.
+# A print ends at the moment when attended hours begin; its job uses as many printers as it may.
 @example(
     [([2.0], JobOptions()), ([2.0, 0.75, 5.0], JobOptions(printers=2, spares=1)), ([0.75], JobOptions())],
     {"max_heating": 1, "attended": ["mon-fri 08:00-12:00", "13:00-17:00"]},
@@ -194,16 +209,16 @@ rule_sets = st.fixed_dictionaries(
     [2000, 326, 300, 2000],
 )
 @given(jobs, rule_sets, st.integers(1, 4), st.integers(0, 23), st.lists(st.integers(200, 2000), max_size=4))
-def test_forecast_is_exact_without_failures(job_specs, start_rules, printers, hour, reels):
+def test_forecast_is_exact_without_failures(job_specs, start_rules, printer_count, hour, reels_g):
     with tempfile.TemporaryDirectory() as folder:
         simulation = ForecastSimulation(
-            Path(folder) / "farm", printers, MONDAY_S + hour * HOUR_S, start_rules
+            Path(folder) / "farm", printer_count, MONDAY_S + hour * HOUR_S, start_rules
         )
-        for name, grams in zip(simulation.controller.fleet.names, reels, strict=False):
+        for name, grams in zip(simulation.controller.fleet.names, reels_g, strict=False):
             reel = {"material": "generic_pla", "grams": grams, "nozzle_mm": 0.4}
             simulation.controller.handle(ev.ReelLoaded(at_s=1.0, printer=name, reel=reel, by="ann"))
-        for hours, options in job_specs:
-            simulation.plan(hours, options)
+        for durations_h, options in job_specs:
+            simulation.plan_job(durations_h, options)
         simulation.start_prints()
         now_s = simulation.clock.now_s
         books = simulation.controller.books

@@ -49,7 +49,7 @@ def farm(tmp_path):
 
 
 def report_print(farm, state=PrintState.PRINTING, **changes):
-    """Report the print on `a` like its agent, and return its record before the report."""
+    """Report the print on `a` as its agent does; return its record before the report."""
     attempt = farm.controller.books.open_print_on("a")
     fields = {"fault": None, "reason": None, "progress_s": 5.0, "print_time_s": 90.0, "extruded": True}
     fields |= {"started_s": FRIDAY_S, "ended_s": None, "ends_by_s": STOP_S, **changes}
@@ -66,10 +66,10 @@ def list_deadline_tasks(farm):
 
 def test_print_gets_its_latest_start_and_end(farm):
     attempt = farm.controller.books.open_print_on("a")
-    span = farm.controller.situations.find_limits(attempt.id)
+    limits = farm.controller.situations.find_limits(attempt.id)
     needed_s = farm.controller.books.plates[attempt.plate].expected_s * 1.05
-    assert span.not_after_s == pytest.approx(STOP_S - needed_s)
-    assert span.ends_by_s == STOP_S
+    assert limits.not_after_s == pytest.approx(STOP_S - needed_s)
+    assert limits.ends_by_s == STOP_S
 
 
 def test_changed_hours_are_sent_to_the_agent(farm):
@@ -109,7 +109,7 @@ def test_late_start_is_refused_and_its_plate_waits(farm):
     assert farm.controller.books.open_print_on("a").plate == late_print.plate
 
 
-def test_print_beyond_the_hours_is_a_task_before_its_end(farm):
+def test_print_that_exceeds_the_hours_is_listed_as_a_task(farm):
     report_print(farm)
     assert list_deadline_tasks(farm) == []
     report_print(farm, progress_s=10.0, print_time_s=90.0)
@@ -121,7 +121,7 @@ def test_print_beyond_the_hours_is_a_task_before_its_end(farm):
     assert list_deadline_tasks(farm) == []
 
 
-def test_pause_is_resumed_in_attended_hours_only(farm):
+def test_paused_print_is_resumed_only_in_attended_hours(farm):
     report_print(farm)
     farm.printers.pause("a", True, "ann")
     report_print(farm, PrintState.PAUSED, pause_ends_s=STOP_S + 3600.0)
@@ -147,7 +147,7 @@ def test_job_is_resumed_only_if_its_printers_may_continue(farm):
     report_print(
         farm, PrintState.FAILED, fault="hours_ended", reason="nobody was to be there", ended_s=STOP_S
     )
-    farm.jobs.pause(1, False, "ann")  # its waiting plates have their own start time
+    farm.jobs.pause(1, False, "ann")  # its waiting plates have their own start times
     assert not farm.controller.books.jobs[1].paused
 
 
@@ -164,7 +164,7 @@ def test_end_of_hours_is_not_charged_to_the_plate_and_needs_an_inspection(farm):
 
 @pytest.mark.parametrize("step_s", [3600.0, -3600.0])
 def test_clock_step_shifts_hours_but_not_prints(farm, step_s):
-    """Keep the age of a print, whose agent reports the start on its present clock."""
+    """Keep the age of a print, because its agent reports the start by the corrected clock."""
     attempt = report_print(farm)
     farm.controller.clock.now_s += 600.0
     age_s = farm.controller.clock.now() - farm.controller.books.prints[attempt.id].started_s
@@ -174,7 +174,8 @@ def test_clock_step_shifts_hours_but_not_prints(farm, step_s):
     assert farm.controller.clock.now() - moved_print.started_s == age_s
     assert moved_print.assigned_s == pytest.approx(attempt.assigned_s + step_s)
     assert farm.controller.clock.now() - farm.controller.started_s == pytest.approx(3600.0 + 600.0)
-    report_print(farm, started_s=moved_print.started_s, ends_by_s=STOP_S + step_s)  # on the former clock
+    # The agent still has the time of the clock before its step.
+    report_print(farm, started_s=moved_print.started_s, ends_by_s=STOP_S + step_s)
     if step_s < 0:
         assert farm.effects.instructions[-1] == ev.SendEndBy(
             print_id=attempt.id, printer="a", ends_by_s=STOP_S
@@ -182,7 +183,7 @@ def test_clock_step_shifts_hours_but_not_prints(farm, step_s):
 
 
 def test_hours_and_start_times_follow_a_clock_step(tmp_path):
-    """Set the clock of a host that started without a network to the night before, until NTP corrects it."""
+    """Shift hours and start times when NTP corrects the clock of a host that started without a network."""
     farm = Farm(tmp_path, timezone="UTC", quiet=["mon-sun 22:00-08:00"])
     farm.controller.clock, farm.controller.started_s = (
         Clock(parse_time("2026-11-20 03:00")),

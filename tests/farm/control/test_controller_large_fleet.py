@@ -32,17 +32,17 @@ def farm(tmp_path, monkeypatch):
     return farm
 
 
-def list_starts(farm):
+def list_started_printers(farm):
     return sorted(attempt.printer for attempt in farm.controller.books.open_prints(1))
 
 
 def test_reports_wait_for_the_tick_and_each_tick_starts_its_share(farm):
     farm.report_ready("a", "b")
-    assert list_starts(farm) == []
+    assert list_started_printers(farm) == []
     farm.controller.tick()
-    assert len(list_starts(farm)) == 1
+    assert len(list_started_printers(farm)) == 1
     farm.controller.tick()
-    assert list_starts(farm) == ["a", "b"]
+    assert list_started_printers(farm) == ["a", "b"]
     assert sorted(attempt.printer for attempt in farm.controller.books.open_prints()) == ["a", "b"]
 
 
@@ -55,23 +55,23 @@ def test_events_of_a_report_are_recorded_at_once(farm):
     assert farm.controller.books.prints[ended_print.id].state is PrintState.CANCELLED
 
 
-def test_a_command_of_a_person_is_scheduled_at_once(farm):
+def test_command_of_a_person_is_scheduled_at_once(farm):
     farm.report_ready("a", "b")
     farm.clear_bed("a")
-    assert len(list_starts(farm)) == 1
+    assert len(list_started_printers(farm)) == 1
 
 
 def test_postponed_start_is_dropped_once_it_is_impossible(farm):
     farm.report_ready("a", "b")
     farm.controller.tick()
-    (started_printer,) = list_starts(farm)
+    (started_printer,) = list_started_printers(farm)
     (other_printer,) = {"a", "b"} - {started_printer}
     farm.report_ready(other_printer, link=Link.ABSENT, agent_pid=None)
     farm.controller.tick()
-    assert list_starts(farm) == [started_printer]
+    assert list_started_printers(farm) == [started_printer]
     farm.report_ready(other_printer)
     farm.controller.tick()
-    assert list_starts(farm) == ["a", "b"]
+    assert list_started_printers(farm) == ["a", "b"]
 
 
 def test_starts_that_cannot_be_written_together_leave_the_books_unchanged(farm, monkeypatch):
@@ -90,12 +90,12 @@ def test_starts_that_cannot_be_written_together_leave_the_books_unchanged(farm, 
     assert farm.controller.books is books and farm.store.load() == books
     monkeypatch.setattr(farm.store, "commit", commit)
     farm.controller.tick()
-    assert list_starts(farm) == ["a", "b"]
+    assert list_started_printers(farm) == ["a", "b"]
 
 
-def plan_jobs(farm, plates):
+def plan_jobs(farm, plate_counts):
     """Submit and plan one job for each number of plates; no printer is ready yet."""
-    for number, count in enumerate(plates, 1):
+    for number, count in enumerate(plate_counts, 1):
         farm.jobs.submit(str(number) * 8, "m.stl", MODEL, JobOptions(printers=count % 3 or None), "ann")
         event = make_plan_event(number, count)
         plan = Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None)
@@ -103,9 +103,9 @@ def plan_jobs(farm, plates):
         farm.controller.on_plan(number, plan)
 
 
-def make_farm(folder, plates, printers):
-    farm = Farm(Path(folder), models=(PLUS,) * printers)
-    plan_jobs(farm, plates)
+def make_farm(folder, plate_counts, printer_count):
+    farm = Farm(Path(folder), models=(PLUS,) * printer_count)
+    plan_jobs(farm, plate_counts)
     farm.report_ready(*farm.controller.fleet.names)
     return farm
 
@@ -124,13 +124,13 @@ fleets = st.lists(st.integers(1, 4), min_size=1, max_size=4), st.integers(2, 8)
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=40)
 @given(*fleets, st.integers(1, 4))
-def test_starts_in_portions_equal_those_of_one_run(large_fleet, plates, printers, portion):
-    """Make the same decisions in portions as at once, although each portion considers only its own jobs."""
+def test_starts_in_portions_equal_those_of_one_run(large_fleet, plate_counts, printer_count, max_portion):
+    """Make the same decisions as one run, although each portion considers only its own jobs."""
     pairs = []
-    for max_starts in (portion, 100):
+    for max_starts in (max_portion, 100):
         with TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
             patch.setattr(scheduler, "MAX_STARTS", max_starts)
-            farm = make_farm(folder, plates, printers)
+            farm = make_farm(folder, plate_counts, printer_count)
             for _ in range(20):
                 farm.controller.tick()
             pairs.append(list_assignments(farm))
@@ -140,11 +140,11 @@ def test_starts_in_portions_equal_those_of_one_run(large_fleet, plates, printers
 
 @settings(max_examples=40)
 @given(*fleets, st.data())
-def test_updated_situation_equals_one_built_after_the_starts(plates, printers, data):
+def test_updated_situation_equals_one_built_after_the_starts(plate_counts, printer_count, data):
     with TemporaryDirectory() as folder:
-        farm = Farm(Path(folder), models=(PLUS,) * printers)
-        plan_jobs(farm, plates)
-        farm.controller.stopping = True  # nothing starts with the reports
+        farm = Farm(Path(folder), models=(PLUS,) * printer_count)
+        plan_jobs(farm, plate_counts)
+        farm.controller.stopping = True  # the reports must not start plates
         farm.report_ready(*farm.controller.fleet.names)
         situations = farm.controller.situations
         old_situation = situations.build(situations.find_held_back_plates())
@@ -192,17 +192,18 @@ CHANGES = {
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60)
 @given(*fleets, st.sampled_from(sorted(CHANGES)), st.data())
-def test_start_that_a_change_between_two_portions_forbids_is_dropped(
-    large_fleet, plates, printers, change, data
+def test_start_is_dropped_if_a_change_between_two_portions_forbids_it(
+    large_fleet, plate_counts, printer_count, change, data
 ):
     with TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
         patch.setattr(scheduler, "MAX_STARTS", 1)
-        farm = make_farm(folder, plates, printers)
+        farm = make_farm(folder, plate_counts, printer_count)
         farm.controller.tick()
         later_starts = farm.controller.scheduler._later_starts
         assume(later_starts)
         start = data.draw(st.sampled_from(later_starts))
-        patch.setattr(controller.Controller, "_schedule", lambda _: iter(()))  # the change alone
+        # Nothing is scheduled before the next tick.
+        patch.setattr(controller.Controller, "_schedule", lambda _: iter(()))
         CHANGES[change](farm, start)
         patch.undo()
         patch.setattr(scheduler, "MAX_STARTS", 1)
@@ -225,7 +226,7 @@ def lose_print(farm, printer):
     farm.report_ready(printer, link=Link.ABSENT, print=report)
 
 
-def test_postponed_starts_do_not_begin_in_an_outage(large_fleet, monkeypatch, tmp_path):
+def test_postponed_starts_are_dropped_in_an_outage(large_fleet, monkeypatch, tmp_path):
     monkeypatch.setattr(scheduler, "MAX_STARTS", 2)
     farm = make_farm(tmp_path / "farm", [6], 6)
     farm.controller.tick()

@@ -1,4 +1,4 @@
-"""Restarts after a death at any commit, or failed writes: no plate is lost or printed twice."""
+"""Restarts after a kill at any commit, and failed writes: no plate is lost or printed twice."""
 
 import itertools
 
@@ -21,7 +21,7 @@ PLATE_COUNT = 3
 
 
 def check_books(simulation):
-    """Compare the books with the true prints, for the daemon and for the next one that reads them."""
+    """Compare the books, in memory and as stored, with the prints that the simulated printers made."""
     good_plates = [plate for plate, _, verdict in simulation.judged_prints if verdict is Verdict.GOOD]
     # No plate is lost, none is printed twice.
     assert sorted(good_plates) == [f"1/0{i}" for i in range(1, PLATE_COUNT + 1)]
@@ -34,11 +34,11 @@ def check_books(simulation):
         name: (p.printer, p.started_s, p.ended_s) for name, p in started_prints.items()
     } == simulation.prints
     for printer in "ab":  # one print at a time
-        times_s = sorted((p.started_s, p.ended_s) for p in started_prints.values() if p.printer == printer)
-        assert all(previous_s[1] <= next_s[0] for previous_s, next_s in itertools.pairwise(times_s))
+        spans_s = sorted((p.started_s, p.ended_s) for p in started_prints.values() if p.printer == printer)
+        assert all(end_s <= next_start_s for (_, end_s), (next_start_s, _) in itertools.pairwise(spans_s))
     for plate in books.plates.values():
-        times_s = sorted((p.started_s, p.ended_s) for p in started_prints.values() if p.plate == plate.id)
-        assert all(previous_s[1] <= next_s[0] for previous_s, next_s in itertools.pairwise(times_s))
+        spans_s = sorted((p.started_s, p.ended_s) for p in started_prints.values() if p.plate == plate.id)
+        assert all(end_s <= next_start_s for (_, end_s), (next_start_s, _) in itertools.pairwise(spans_s))
     failed_prints = [p for p in books.prints.values() if p.state is PrintState.FAILED]
     assert len(failed_prints) == 1
     assert not list(books.open_prints())
@@ -90,7 +90,7 @@ def test_controller_continues_after_failed_commits(
     simulation = FarmSimulation(tmp_path, PLATE_COUNT)
     report_to_daemon, minutes = simulation.report_to_daemon, itertools.count()
 
-    def report_while_broken():
+    def report_with_broken_store():
         minute = next(minutes)
         if minute == first_failure:
             simulation.store._db.execute(failing_sql)
@@ -98,7 +98,7 @@ def test_controller_continues_after_failed_commits(
             simulation.store._db.execute(repairing_sql)
         report_to_daemon()
 
-    simulation.report_to_daemon = report_while_broken
+    simulation.report_to_daemon = report_with_broken_store
     simulation.run()
     check_books(simulation)
 
@@ -113,7 +113,7 @@ def test_full_disk_is_reported_and_starts_nothing(tmp_path):
     assert all(agent.print_id is None for agent in simulation.agents.values())
 
 
-def test_full_disk_of_an_agent_is_not_counted_as_attempt(tmp_path):
+def test_full_disk_of_an_agent_is_not_counted_as_an_attempt(tmp_path):
     """Use a disk that is too full for a plate's file, but not for the books."""
     farm = Farm(tmp_path, (PLUS,) * 4)
     farm.report_ready(*"abcd")
@@ -141,7 +141,7 @@ def test_unrecordable_snapshot_is_shown_and_logged(tmp_path):
             farm.report_ready(
                 "a", nozzle_c=205.0, bed_unknown_reason="its board was reset, but not by the farm"
             )
-    farm.report_ready("b")  # an unchanged snapshot changes nothing in the books
+    farm.report_ready("b")  # an unchanged snapshot does not change the books
     (first_task, *_) = list_tasks(farm.build_view_context(state))
     assert first_task.code == "farm"
     assert "nothing is recorded until there is space" in first_task.text

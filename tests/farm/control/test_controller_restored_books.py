@@ -28,12 +28,12 @@ from farm.state.storage.store import copy_books
 from farm.views import list_tasks
 from farms.simulated_fleet import FarmSimulation
 
-PLATES = 4
+PLATE_COUNT = 4
 PLANNED_S = 1_790_000_000.0
 
 
-def run_with_restore(simulation, folder, copy_minute, damage_minute, unreachable=(), away_minutes=0):
-    """Run a job to its end, with books that are copied in one minute and damaged in a later one."""
+def run_with_restore(simulation, folder, copy_minute, damage_minute, unreachable=(), unreachable_minutes=0):
+    """Run a job to its end and yield each minute; copy the books in one minute and restore them later."""
     planned_minute, copy = None, folder / "copy.db"
     for minute in itertools.count():
         assert minute < 300, simulation.controller.books
@@ -46,14 +46,15 @@ def run_with_restore(simulation, folder, copy_minute, damage_minute, unreachable
             simulation.unreachable = frozenset(unreachable)
         if (
             planned_minute is not None
-            and minute == planned_minute + copy_minute + damage_minute + away_minutes
+            and minute == planned_minute + copy_minute + damage_minute + unreachable_minutes
         ):
             simulation.unreachable = frozenset()
         yield minute
         job = simulation.controller.books.jobs.get(1)
         if job is not None and job.state is JobState.DONE and simulation.is_restored:
             return
-        if job is not None and job.state is JobState.HELD:  # a person who does not inspect the bed
+        # A person approves the job without an inspection of the beds.
+        if job is not None and job.state is JobState.HELD:
             simulation.controller.handle(ev.JobApproved(at_s=simulation.clock.now(), job=1, by="ann"))
         simulation.step()
 
@@ -61,7 +62,7 @@ def run_with_restore(simulation, folder, copy_minute, damage_minute, unreachable
 def check_books(simulation):
     books = simulation.controller.books
     done_prints = [p for p in books.prints.values() if p.state is PrintState.DONE]
-    assert len(done_prints) == len(simulation.judged_prints) == PLATES
+    assert len(done_prints) == len(simulation.judged_prints) == PLATE_COUNT
     assert {verdict for *_, verdict in simulation.judged_prints} == {Verdict.GOOD}
     started_prints = {name: p for name, p in books.prints.items() if p.started_s is not None}
     assert {
@@ -76,20 +77,22 @@ def check_books(simulation):
     copy_minute=st.integers(0, 12),
     damage_minute=st.integers(0, 14),
     unreachable=st.sets(st.sampled_from("ab")),
-    away_minutes=st.integers(0, 8),
-    files=st.sampled_from([1, 2, PLATES]),
+    unreachable_minutes=st.integers(0, 8),
+    files=st.sampled_from([1, 2, PLATE_COUNT]),
 )
 def test_restored_backup_neither_loses_nor_repeats_a_plate(
-    copy_minute, damage_minute, unreachable, away_minutes, files, tmp_path_factory
+    copy_minute, damage_minute, unreachable, unreachable_minutes, files, tmp_path_factory
 ):
-    """Include a person who approves at once, and agents that connect later."""
+    """Let a person approve the job at once, and let some agents connect later."""
     folder = tmp_path_factory.mktemp("copied")
-    simulation = FarmSimulation(folder, PLATES, bad_prints=(), files=files)
-    for _ in run_with_restore(simulation, folder, copy_minute, damage_minute, unreachable, away_minutes):
+    simulation = FarmSimulation(folder, PLATE_COUNT, bad_prints=(), files=files)
+    for _ in run_with_restore(
+        simulation, folder, copy_minute, damage_minute, unreachable, unreachable_minutes
+    ):
         pass
-    if files == PLATES:
+    if files == PLATE_COUNT:
         assert sorted(plate for plate, *_ in simulation.judged_prints) == [
-            f"1/0{i + 1}" for i in range(PLATES)
+            f"1/0{i + 1}" for i in range(PLATE_COUNT)
         ]
     check_books(simulation)
 

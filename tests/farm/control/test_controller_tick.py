@@ -30,7 +30,7 @@ class Clock:
 
 @pytest.fixture
 def calls(monkeypatch):
-    """List the times of the scheduler's runs."""
+    """Record the times at which the scheduler runs."""
     results = []
 
     def record_call(situation):

@@ -94,10 +94,10 @@ def test_all_copies_print_side_by_side(farm):
         ("1/p02.2", 2),
     ]
     assert (job_view.name, job_view.serial_s, job_view.printed_copies) == ("vase", 360.0, 0)
-    assert job_view.speedup == pytest.approx(3.6)  # of two copies, one after the other on a single printer
+    assert job_view.speedup == pytest.approx(3.6)  # compared with a single printer that prints both copies
 
 
-def test_failed_part_of_a_copy_is_printed_again_alone(farm):
+def test_only_the_failed_part_of_a_copy_is_printed_again(farm):
     for plate in ("1/01.1", "1/02.1", "1/01.2"):
         farm.clear_bed(end_print(farm, plate))
     printer = end_print(farm, "1/02.2")
@@ -121,7 +121,7 @@ def test_part_of_a_copy_is_named_with_its_number(farm):
     assert farm.parts.cancel(1, "2.1", "ann") == "1/p02.1"
 
 
-def test_history_has_the_note_of_the_job(farm):
+def test_history_shows_the_note_of_a_job(farm):
     end_print(farm, "1/01.1")
     (row,) = list_history(farm.build_view_context(STATE))
     assert (row.part, row.name, row.note) == ("1/p01.1", "vase", "for Ada")

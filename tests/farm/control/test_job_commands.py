@@ -26,8 +26,8 @@ GCODE = InspectedSubmission(
 )
 
 
-class NoThreads:
-    """asyncio with threads replaced by direct calls."""
+class ThreadlessAsyncio:
+    """Replacement of asyncio that calls functions directly instead of in threads."""
 
     @staticmethod
     async def to_thread(work, *args):
@@ -69,7 +69,7 @@ def describe_job_timeline(farm, state, number):
     )
 
 
-def list_starts(farm):
+def list_started_printers(farm):
     return [
         instruction.printer
         for instruction in farm.effects.instructions
@@ -82,24 +82,24 @@ def test_changes_during_an_approval_are_noticed(farm, state, monkeypatch):
     farm.controller.on_plan(number, make_stored_plan(number, state))
     plan = farm.controller.books.job(number).plan
 
-    def cancel():
+    def cancel_job():
         if not farm.controller.books.job(number).state.ended:
             farm.controller.handle(ev.JobCancelled(at_s=1.0, job=number))
 
     with monkeypatch.context() as patch:
-        patch.setattr(job_commands, "compute_sha256", lambda path: (cancel(), compute_sha256(path))[1])
-        patch.setattr(job_commands, "asyncio", NoThreads)
+        patch.setattr(job_commands, "compute_sha256", lambda path: (cancel_job(), compute_sha256(path))[1])
+        patch.setattr(job_commands, "asyncio", ThreadlessAsyncio)
         with pytest.raises(Refused, match="is not waiting for approval: it is cancelled"):
             asyncio.run(farm.jobs.approve(number, plan, state, "ann"))
     other_job = submit_job(farm, "s", hold=True)
     farm.controller.on_plan(other_job, make_stored_plan(other_job, state))
 
-    def start(section, fleet_options):
+    def start_print(section, fleet_options):
         farm.controller.handle(ev.JobApproved(at_s=1.0, job=other_job, by="ann"))
         return section
 
-    monkeypatch.setattr(printer_commands, "complete_section", start)
-    monkeypatch.setattr(printer_commands, "asyncio", NoThreads)
+    monkeypatch.setattr(printer_commands, "complete_section", start_print)
+    monkeypatch.setattr(printer_commands, "asyncio", ThreadlessAsyncio)
     with pytest.raises(Refused, match="a is printing"):
         asyncio.run(farm.printers.load_reel("a", LoadRequest(grams=500.0), "ann"))
 
@@ -120,11 +120,11 @@ def test_held_plan_prints_only_after_approval_of_its_hash(farm, state):
     farm.controller.on_plan(number, make_stored_plan(number, state))
     job = farm.controller.books.job(number)
     assert (job.state, job.hold.code) == (JobState.HELD, HoldCode.APPROVAL)
-    assert list_starts(farm) == []
+    assert list_started_printers(farm) == []
     with pytest.raises(Refused, match="check it again"):
         asyncio.run(farm.jobs.approve(number, "0" * 12, state, "ann"))
     asyncio.run(farm.jobs.approve(number, job.plan, state, "ann"))
-    assert list_starts(farm) == ["a", "b"]
+    assert list_started_printers(farm) == ["a", "b"]
     with pytest.raises(Refused, match="is not waiting for approval"):
         asyncio.run(farm.jobs.approve(number, job.plan, state, "ann"))
 
@@ -148,7 +148,7 @@ def test_plan_whose_files_changed_is_not_released(farm, state):
     with pytest.raises(Refused, match="has changed since it was planned"):
         plan = farm.controller.books.job(number).plan
         asyncio.run(farm.jobs.approve(number, plan, state, "ann"))
-    assert list_starts(farm) == []
+    assert list_started_printers(farm) == []
 
 
 def test_fleet_option_requires_approval_of_every_job(tmp_path, state):
@@ -177,16 +177,16 @@ def test_reel_survives_a_restart_and_short_reels_start_nothing(farm, state, tmp_
     restarted_farm.report_ready("a", "b")
     assert restarted_farm.controller.fleet.find_printer("b").material == "generic_abs"
     asyncio.run(restarted_farm.printers.load_reel("a", LoadRequest(grams=300.0), "ann"))
-    assert list_starts(restarted_farm) == ["a"]
+    assert list_started_printers(restarted_farm) == ["a"]
     with pytest.raises(Refused, match="is printing"):
         asyncio.run(restarted_farm.printers.load_reel("a", LoadRequest(grams=300.0), "ann"))
 
 
 def test_reel_of_an_unknown_material_is_refused(farm, state, monkeypatch):
-    def refuse(section, fleet_options):
+    def refuse_material(section, fleet_options):
         raise FieldError("there is no generic_gold", "material")
 
-    monkeypatch.setattr(printer_commands, "complete_section", refuse)
+    monkeypatch.setattr(printer_commands, "complete_section", refuse_material)
     with pytest.raises(Refused, match="a: there is no generic_gold"):
         asyncio.run(farm.printers.load_reel("a", LoadRequest(material="generic_gold"), "ann"))
 
@@ -203,7 +203,7 @@ def test_own_gcode_is_planned_during_decompositions(farm):
 
 
 def test_own_gcode_is_planned_beside_an_unprintable_job(farm):
-    """Plan G-code behind such a job at once; a dry run once waited ten minutes for it."""
+    """Plan G-code at once although the job before it in the queue matches no printer."""
     blocked_job = submit_job(farm, material="generic_abs")
     assert farm.controller.books.job(blocked_job).hold.code is HoldCode.NO_SUCH_PRINTER
     gcode_job = submit_job(farm, "s", GCODE, hold=True, dry_run=True)
@@ -221,7 +221,7 @@ def test_job_with_a_start_time_is_planned_at_once_and_starts_at_that_time(farm, 
     farm.controller.clock = type("Later", (), {"now": lambda _: farm.clock_s, "scale": 1.0})()
     farm.clock_s = farm.controller.books.job(later_job).not_before_s
     farm.controller.tick()
-    assert list_starts(farm) == ["a", "b"]
+    assert list_started_printers(farm) == ["a", "b"]
 
 
 def test_invalid_start_time_is_refused_at_submission(farm):
@@ -232,9 +232,9 @@ def test_invalid_start_time_is_refused_at_submission(farm):
 
 
 def test_missed_deadline_is_reported_with_the_earliest_end(farm, state):
-    def list_deadline_notices(seconds):
-        deadline = datetime.fromtimestamp(farm.controller.clock.now() + seconds).astimezone().isoformat()
-        number = submit_job(farm, name=f"{seconds:03d}", done_by=deadline, hold=True)
+    def list_deadline_notices(delay_s):
+        deadline = datetime.fromtimestamp(farm.controller.clock.now() + delay_s).astimezone().isoformat()
+        number = submit_job(farm, name=f"{delay_s:03d}", done_by=deadline, hold=True)
         farm.controller.on_plan(number, make_stored_plan(number, state))
         return farm.controller.books.job(number).repairs
 
@@ -242,22 +242,22 @@ def test_missed_deadline_is_reported_with_the_earliest_end(farm, state):
     (notice,) = list_deadline_notices(50)
     assert notice.startswith("It cannot be printed by") and "the earliest possible time is" in notice
     assert list_deadline_notices(600) == ()
-    for name in "ab":  # a person has to clear them first
+    for name in "ab":  # a person has to clear both beds first
         farm.controller.handle(
-            ev.BedBecameUnknown(at_s=farm.controller.clock.now(), printer=name, reason="so")
+            ev.BedBecameUnknown(at_s=farm.controller.clock.now(), printer=name, reason="test")
         )
     assert len(list_deadline_notices(601)) == 1
 
 
 def test_plan_of_several_materials_is_reported(farm, state):
-    for name, other_material, notices in (("1", "generic_pla", 0), ("2", "generic_abs", 1)):
+    for name, other_material, notice_count in (("1", "generic_pla", 0), ("2", "generic_abs", 1)):
         number = submit_job(farm, name=name, hold=True)
         plan = make_stored_plan(number, state)
         first_plate, second_plate = plan.plates
         plates = (first_plate, second_plate.model_copy(update={"material": other_material}))
         farm.controller.on_plan(number, replace(plan, plates=plates))
         result = farm.controller.books.job(number).repairs
-        assert len(result) == notices
+        assert len(result) == notice_count
         assert all("generic_abs and generic_pla" in notice for notice in result)
 
 
@@ -267,7 +267,7 @@ def test_deadline_without_a_date_follows_the_start_time(farm):
     assert job.done_by_s - job.not_before_s == pytest.approx(10 * 3600)
 
 
-def test_deadline_of_the_assembly_leaves_time_to_glue(farm):
+def test_assembly_deadline_replaces_the_printing_deadline(farm):
     number = submit_job(farm, at="22:00", assembled_by="08:00")
     job = farm.controller.books.job(number)
     assert job.done_by_s is None
@@ -277,9 +277,9 @@ def test_deadline_of_the_assembly_leaves_time_to_glue(farm):
 
 
 def test_missed_deadline_of_the_assembly_is_reported(farm, state):
-    def list_deadline_notices(seconds):
-        deadline = datetime.fromtimestamp(farm.controller.clock.now() + seconds).astimezone().isoformat()
-        number = submit_job(farm, name=f"{seconds:04d}", assembled_by=deadline, hold=True)
+    def list_deadline_notices(delay_s):
+        deadline = datetime.fromtimestamp(farm.controller.clock.now() + delay_s).astimezone().isoformat()
+        number = submit_job(farm, name=f"{delay_s:04d}", assembled_by=deadline, hold=True)
         farm.controller.on_plan(number, replace(make_stored_plan(number, state), assembly_s=3600.0))
         return farm.controller.books.job(number).repairs
 
@@ -300,22 +300,22 @@ def test_spare_printers_are_excluded_from_the_plan(farm):
     assert farm.effects.plans[0][0] == number
 
 
-def test_spares_are_kept_in_unattended_hours_only(tmp_path, state):
-    kept_spares = {}
+def test_spares_are_kept_only_in_unattended_hours(tmp_path, state):
+    planned_printers = {}
     for period, hours in {"day": ["00:00-24:00"], "night": []}.items():
         farm = Farm(tmp_path / period, attended=hours)
         farm.report_ready("a", "b")
         first_job = submit_job(farm, spares=1)
         farm.controller.on_plan(first_job, make_stored_plan(first_job, state, plates=1))
         submit_job(farm, "s")
-        kept_spares[period] = [names for number, names, _ in farm.effects.plans if number != first_job]
+        planned_printers[period] = [names for number, names, _ in farm.effects.plans if number != first_job]
         assert farm.controller.scheduler.list_reservations().get("b") == (
             "job 2" if period == "day" else "a failed part (--spares)"
         )
-    assert kept_spares == {"day": [["b"]], "night": [["a", "b"]]}
+    assert planned_printers == {"day": [["b"]], "night": [["a", "b"]]}
 
 
-def test_held_plans_are_made_for_the_whole_fleet_and_the_later_one_waits_for_its_printers(farm, state):
+def test_held_jobs_are_planned_for_the_whole_fleet_and_start_in_order_of_approval(farm, state):
     numbers = [submit_job(farm, name, hold=True) for name in "rs"]
     assert farm.effects.plans == [(number, ["a", "b"], 1) for number in numbers]
     for number in numbers:
@@ -324,7 +324,7 @@ def test_held_plans_are_made_for_the_whole_fleet_and_the_later_one_waits_for_its
         plan = farm.controller.books.job(number).plan
         asyncio.run(farm.jobs.approve(number, plan, state, "ann"))
     printing_jobs = {attempt.printer: attempt.job for attempt in farm.controller.books.open_prints()}
-    assert printing_jobs == {"a": numbers[1], "b": numbers[1]}  # it was approved first
+    assert printing_jobs == {"a": numbers[1], "b": numbers[1]}  # this job was approved first
     hold_codes = [
         farm.controller.scheduler.find_plate_holds().get(name).code
         for name in farm.controller.books.job(numbers[0]).plates
@@ -344,17 +344,17 @@ def test_timeline_of_a_held_job_is_forecast(farm, state):
     assert farm.controller.books.job(number).expected_s == pytest.approx(timeline.makespan_s)
 
 
-def test_timeline_of_a_job_waits_for_the_plates_of_jobs_before_it(farm, state):
+def test_timeline_of_a_job_starts_after_the_plates_of_jobs_before_it(farm, state):
     first_job, second_job = submit_job(farm, hold=True), submit_job(farm, "s", hold=True)
     for number in (first_job, second_job):
         farm.controller.on_plan(number, make_stored_plan(number, state, plates=4))
-    timeline_alone = describe_job_timeline(farm, state, second_job)
+    undisturbed_timeline = describe_job_timeline(farm, state, second_job)
     asyncio.run(farm.jobs.approve(first_job, farm.controller.books.job(first_job).plan, state, "ann"))
     second_timeline = describe_job_timeline(farm, state, second_job)
     assert {slot.plate for slot in second_timeline.slots} == {f"{second_job}/0{i}" for i in (1, 2, 3, 4)}
     last_end = max(slot.ends for slot in describe_job_timeline(farm, state, first_job).slots)
     assert (
-        min(slot.starts for slot in timeline_alone.slots)
+        min(slot.starts for slot in undisturbed_timeline.slots)
         < last_end
         <= min(slot.starts for slot in second_timeline.slots)
     )

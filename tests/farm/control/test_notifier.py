@@ -15,13 +15,15 @@ from farm.errors import FleetFileError
 from farm.state import events as ev
 
 pytest.importorskip("apprise")
-pytestmark = pytest.mark.filterwarnings("ignore:'imghdr' is deprecated:DeprecationWarning")  # apprise's
+pytestmark = pytest.mark.filterwarnings(
+    "ignore:'imghdr' is deprecated:DeprecationWarning"
+)  # raised by apprise
 TIME_LIMIT_S = 60.0
 
 
 @pytest.fixture
 def server():
-    """Start a server that stores posted bodies; yield these and its address."""
+    """Start a server that stores posted bodies; yield them and its address."""
     posts = SimpleQueue()
 
     class Handler(BaseHTTPRequestHandler):

@@ -33,7 +33,7 @@ STATE = StateFolder(Path("/state"))
 
 @pytest.fixture
 def farm(tmp_path):
-    """Make a job of three parts on two printers: two print, one waits."""
+    """Make a job of three parts on two printers: two are printed, one waits."""
     farm = Farm(tmp_path)
     farm.report_ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
@@ -44,7 +44,7 @@ def farm(tmp_path):
 
 def end_print(farm, printer, state=PrintState.DONE, **changes):
     attempt = farm.controller.books.open_print_on(printer)
-    fields = {"fault": None, "reason": "so", "progress_s": 5.0, "print_time_s": 90.0, "extruded": True}
+    fields = {"fault": None, "reason": "test", "progress_s": 5.0, "print_time_s": 90.0, "extruded": True}
     fields |= {"started_s": 2.0, "ended_s": 50.0, **changes}
     agent_print = AgentPrint(print_id=attempt.id, state=state, **fields)
     idle_fields = {"link": Link.READY, "agent_pid": 9, "filament": FilamentState.PARKED}
@@ -53,7 +53,7 @@ def end_print(farm, printer, state=PrintState.DONE, **changes):
     return attempt
 
 
-def test_failing_print_is_ended_and_its_part_printed_elsewhere(farm):
+def test_failing_print_is_ended_and_its_part_is_printed_elsewhere(farm):
     farm.printers.fail_print("a", "a blob", "ann")
     with pytest.raises(Refused, match="ending"):
         farm.printers.fail_print("a", "a blob", "ann")
@@ -114,7 +114,7 @@ def test_paused_job_starts_no_plate(farm):
 
 
 def test_plates_waiting_for_a_bed_are_counted(farm):
-    """Count plates while the printers of the job print, and when one has to be cleared."""
+    """Include waiting plates while the printers of the job print, and until a bed has been cleared."""
     now_s = farm.controller.clock.now()
     started_fields = {"at_s": now_s, "state": PrintState.PRINTING, "started_s": now_s, "extruded": True}
     for attempt in list(farm.controller.books.open_prints()):
@@ -137,7 +137,7 @@ def test_paused_waiting_part_is_not_assigned(farm, tmp_path):
     hold = farm.controller.scheduler.find_plate_holds().get("1/03")
     assert (hold.code, hold.text) == (HoldCode.PAUSED, "part 1/p03 is paused: `farm resume 1/p03`")
     farm.store.close()
-    farm = Farm(tmp_path)  # also over a restart
+    farm = Farm(tmp_path)  # the pause survives a restart
     farm.report_ready("a")
     assert farm.controller.books.open_print_on("a") is None
     farm.parts.pause(1, "p03", False, "ann")
@@ -225,7 +225,7 @@ def test_plates_of_a_held_job_do_not_wait_for_an_outage(farm):
     for name in "ab":
         end_print(farm, name, PrintState.FAILED, fault="port_lost", ended_s=farm.controller.clock.now())
     assert farm.controller.books.outage is not None
-    assert farm.controller.scheduler.find_plate_holds().get("2/01") is None  # no event would remove it again
+    assert farm.controller.scheduler.find_plate_holds().get("2/01") is None  # no event would remove this hold
 
 
 def test_refused_start_uses_no_filament(farm):
@@ -263,7 +263,7 @@ def test_part_stopped_by_estop_waits_for_a_person(farm, request_print):
     assert not [item for item in list_tasks(farm.build_view_context(STATE)) if item.code == "stopped"]
 
 
-def test_parts_stopped_by_estop_are_one_task(farm):
+def test_parts_stopped_by_estop_are_listed_as_one_task(farm):
     for printer in "ab":
         end_print(farm, printer, PrintState.FAILED, fault="estop")
     [task] = [item for item in list_tasks(farm.build_view_context(STATE)) if item.code == "stopped"]

@@ -19,7 +19,7 @@ from farm.state import events as ev
 
 @pytest.fixture
 def farm(tmp_path):
-    """Serve a job of two parts that print on two printers, by the daemon's routes."""
+    """Serve a job of two parts, which two printers print, through the daemon's routes."""
     farm = Farm(tmp_path)
     farm.report_ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
@@ -42,13 +42,13 @@ def farm(tmp_path):
     )
 
     def send_command(target, verb):
-        async def call():
+        async def post_command():
             transport = httpx.ASGITransport(call_as(DAEMON_USER, app))
             async with httpx.AsyncClient(transport=transport, base_url="http://farm") as client:
                 return await client.post(f"{find_target_path(target)}/{verb}")
 
         farm.effects.instructions.clear()
-        return asyncio.run(call())
+        return asyncio.run(post_command())
 
     farm.send_command = send_command
     return farm

@@ -18,19 +18,19 @@ from farm.state.lifecycles import InvalidTransition
 HOUR_S = 3600.0
 
 
-def make_plan(number, hours, printers):
-    """Return a plan with a plate of each of these lengths."""
-    event = make_plan_event(number, len(hours))
+def make_plan(number, durations_h, printers):
+    """Make a plan with one plate for each of these printing times."""
+    event = make_plan_event(number, len(durations_h))
     plates = tuple(
         plate.model_copy(
             update={
-                "sliced_s": length_h * HOUR_S,
-                "expected_s": length_h * HOUR_S + 300.0,
+                "sliced_s": duration_h * HOUR_S,
+                "expected_s": duration_h * HOUR_S + 300.0,
                 "printer": printers[index % len(printers)],
                 "family": PLUS,
             }
         )
-        for index, (plate, length_h) in enumerate(zip(event.plates, hours, strict=True))
+        for index, (plate, duration_h) in enumerate(zip(event.plates, durations_h, strict=True))
     )
     return Plan(event.parts, plates, (), 1.0, 500.0, 100.0)
 
@@ -41,11 +41,11 @@ def farm(tmp_path):
     farm = Farm(tmp_path, [PLUS] * 8)
     farm.report_ready(*"ab", bed_clear=False)
     farm.report_ready(*"cdefgh", link=Link.ABSENT, reason="unplugged")
-    submit_planned(farm)
+    submit_planned_job(farm)
     return farm
 
 
-def submit_planned(farm, **options):
+def submit_planned_job(farm, **options):
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(**options))
     assert farm.effects.plans == [(1, ["a", "b"], 1)]
     farm.controller.on_plan(1, make_plan(1, [8.0, 8.0], "ab"))
@@ -74,16 +74,17 @@ def test_job_is_planned_again_for_more_printers_and_starts_only_then(farm):
     assert {hold.code for hold in farm.controller.scheduler.find_plate_holds().values()} == {
         HoldCode.BEING_REPLANNED
     }
-    assert farm.controller.books.jobs[1].state is JobState.PRINTING  # with its times, as before
+    assert farm.controller.books.jobs[1].state is JobState.PRINTING  # the job keeps its old plan meanwhile
     farm.controller.on_plan(1, make_plan(1, [3.0] * 6, "cdefgh"))
     job = farm.controller.books.jobs[1]
     assert (len(job.plates), job.revisions) == (6, 1)
     assert set(list_open_prints(farm)) == set("cdefgh")
-    assert [plan for plan in farm.effects.plans if plan[0] == 1][2:] == []  # it is not planned a third time
+    # The job is not planned a third time.
+    assert [plan for plan in farm.effects.plans if plan[0] == 1][2:] == []
     assert validate_books(farm.controller.books) == []
 
 
-def test_plan_stays_if_the_new_one_fails_or_is_not_sooner(farm):
+def test_plan_stays_if_the_new_one_fails(farm):
     clear_other_beds_at_once(farm)
     farm.controller.on_plan(1, FarmError("the engine died"))
     assert farm.controller.books.jobs[1].plates == ("1/01", "1/02")
@@ -98,7 +99,7 @@ def test_job_does_not_wait_long_for_its_new_plan(farm, reason):
         farm.controller.on_plan_progress(1, PlanProgress(step=PlanStep.NO_ROOM))
         farm.controller.handle()
     else:
-        for _ in range(2):  # the end of the start-up, then that of the delay
+        for _ in range(2):  # first the start-up ends, then the delay
             next_change_s = farm.controller.next_change_s
             farm.controller.clock = SimpleNamespace(
                 now=lambda next_change_s=next_change_s: next_change_s, scale=1.0
@@ -130,9 +131,9 @@ def test_revised_plan_may_have_fewer_plates(farm):
     assert validate_books(books) == []
 
 
-def make_revised_fields(farm, hours, printers):
-    plan = make_plan(1, hours, printers)
-    event = make_plan_event(1, len(hours))
+def make_revised_fields(farm, durations_h, printers):
+    plan = make_plan(1, durations_h, printers)
+    event = make_plan_event(1, len(durations_h))
     return event.model_copy(update={"plates": plan.plates, "at_s": farm.controller.clock.now()})
 
 
@@ -145,7 +146,7 @@ def test_plan_of_a_started_job_is_never_replaced(farm):
     assert len(farm.effects.plans) == 1
 
 
-def test_cancelled_job_is_no_longer_planned_again(farm):
+def test_cancelled_job_is_not_planned_again(farm):
     clear_other_beds_at_once(farm)
     farm.jobs.cancel(1, "ann")
     assert ev.StopPlanning(job=1) in farm.effects.instructions

@@ -1,4 +1,4 @@
-"""Jobs moved in the queue, by the daemon's rules."""
+"""Moves of jobs in the queue, and changes of their start times."""
 
 from datetime import datetime
 from pathlib import Path
@@ -66,18 +66,18 @@ def test_impossible_move_is_refused_with_the_reason(farm):
 
 
 def test_moved_job_gets_the_next_free_printer_and_forecast(farm, tmp_path):
-    def read_ends():
+    def list_expected_ends():
         farm.controller.handle()
         context = farm.build_view_context(STATE)
         return {entry.id: entry.eta for entry in describe_queue(context).jobs}
 
-    old_ends = read_ends()
+    old_ends = list_expected_ends()
     assert old_ends[1] <= old_ends[2] <= old_ends[3]
     move_job(farm, 3, "first")
     waiting_plates = list(farm.controller.situations.build_for_forecast().waiting)
     assert [plate.job for plate in waiting_plates[:3]] == [3, 3, 3]
     farm.store.close()
-    restarted_farm = Farm(tmp_path)  # the order is in the books
+    restarted_farm = Farm(tmp_path)  # the order is stored in the books
     assert list_queue(restarted_farm) == [3, 1, 2]
     waiting_plates = list(restarted_farm.controller.situations.build_for_forecast().waiting)
     assert [plate.job for plate in waiting_plates[:3]] == [3, 3, 3]

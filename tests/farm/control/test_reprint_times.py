@@ -25,8 +25,8 @@ class Scenario:
         event = make_plan_event(1, 2)
         self.farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0, None))
 
-    def report(self, printer, state, started_s):
-        """Report the state of a print like the agent of its printer."""
+    def report_print(self, printer, state, started_s):
+        """Report the state of a print as the agent of its printer does."""
         attempt = self.farm.controller.books.open_print_on(printer)
         is_ended = state.ended
         agent_print = AgentPrint(
@@ -42,10 +42,10 @@ class Scenario:
         """Let the prints of these printers run for 100 s from now on, and clear their beds."""
         started_s = self.clock.now_s
         for printer in printers:
-            self.report(printer, PrintState.PRINTING, started_s)
+            self.report_print(printer, PrintState.PRINTING, started_s)
         self.clock.now_s += 100.0
         for printer in printers:
-            self.report(printer, PrintState.DONE, started_s)
+            self.report_print(printer, PrintState.DONE, started_s)
             self.farm.report_ready(printer)
             self.farm.clear_bed(printer)
 

@@ -11,22 +11,22 @@ from drivers.clock import Clock
 from farm.control.timers import Timers
 
 
-@pytest.mark.parametrize("plain", [True, False])
-def test_work_runs_on_the_event_loop(plain):
-    """Check the thread: a timer in another one would change the daemon's state concurrently."""
+@pytest.mark.parametrize("is_synchronous", [True, False])
+def test_work_runs_on_the_event_loop(is_synchronous):
+    """Check the thread, because a timer in another thread would change the daemon's state concurrently."""
 
     async def run() -> threading.Thread:
         result: asyncio.Future[threading.Thread] = asyncio.get_running_loop().create_future()
 
-        def work() -> None:
+        def record_thread() -> None:
             if not result.done():
                 result.get_loop().call_soon_threadsafe(result.set_result, threading.current_thread())
 
-        async def async_work() -> None:
-            work()
+        async def record_thread_later() -> None:
+            record_thread()
 
         timers = Timers(Clock())
-        timers.call_every(0.01, "work", work if plain else async_work)
+        timers.call_every(0.01, "work", record_thread if is_synchronous else record_thread_later)
         timers.start()
         try:
             return await result
@@ -36,7 +36,7 @@ def test_work_runs_on_the_event_loop(plain):
     assert asyncio.run(run()) is threading.current_thread()
 
 
-def test_timer_runs_once_even_late_and_can_be_moved():
+def test_late_timer_runs_once_and_a_timer_can_be_moved():
     async def run() -> list[str]:
         result: list[str] = []
         done = asyncio.Event()

@@ -24,8 +24,8 @@ def choose_order(
     printers,
     min_parts,
     fleet,
-    taken_printers,
-    starting_jobs,
+    reserved_printers,
+    is_starting,
     starts_later=False,
     blocked_printers=frozenset(),
 ):
@@ -34,8 +34,8 @@ def choose_order(
         request,
         Availability(
             tuple(fleet),
-            dict.fromkeys(taken_printers, "9/01"),
-            is_starting=starting_jobs,
+            dict.fromkeys(reserved_printers, "9/01"),
+            is_starting=is_starting,
             unattended_blocked=blocked_printers,
         ),
     )
@@ -53,7 +53,7 @@ def test_first_job_uses_all_idle_and_clear_printers():
     assert choose_order(ANY_PRINTER, 1, 0, fleet, frozenset(), True) == PlanOrder(("a",))
 
 
-def test_fewer_requested_printers_are_the_largest():
+def test_largest_printers_are_chosen_if_fewer_are_requested():
     fleet = [make_printer("a"), make_printer("b", room=TALL)]
     assert choose_order(ANY_PRINTER, 1, 0, fleet, frozenset(), True) == PlanOrder(("b",))
 
@@ -147,13 +147,13 @@ def test_held_job_is_planned_for_attended_printers_too():
     assert decide_on_jobs([make_queued_job(1, not_before_s=3600.0)], fleet)[0] == [(1, ("a", "b"))]
 
 
-SMALL = {"size": ModelSize(extents_mm=(60.0, 60.0, 60.0), faces=12)}
+SMALL_MODEL = {"size": ModelSize(extents_mm=(60.0, 60.0, 60.0), faces=12)}
 
 
 def test_long_plans_are_limited_and_quick_ones_do_not_wait():
     own_gcode = OwnGcode(nozzle_mm=0.4, min_mm=(-5.0, -5.0, 0.2), max_mm=(5.0, 5.0, 9.0))
     jobs = [make_queued_job(n) for n in (1, 2, 3)] + [
-        make_queued_job(4, **SMALL),
+        make_queued_job(4, **SMALL_MODEL),
         make_queued_job(5, own_gcode=own_gcode),
     ]
     orders, holds = decide_on_jobs(jobs, [make_printer("a"), make_printer("b")])
@@ -163,19 +163,19 @@ def test_long_plans_are_limited_and_quick_ones_do_not_wait():
 
 def test_model_is_quick_only_if_small_and_without_options():
     fleet = [make_printer("a")]
-    assert is_quick(make_queued_job(1, **SMALL), fleet)
-    assert not is_quick(make_queued_job(1), fleet)  # of an earlier version
+    assert is_quick(make_queued_job(1, **SMALL_MODEL), fleet)
+    assert not is_quick(make_queued_job(1), fleet)  # a job of an earlier version has no size
     for size in (((260.0, 10.0, 10.0), 12), ((60.0, 60.0, 60.0), 900_000)):
-        long_size = ModelSize(extents_mm=size[0], faces=size[1])
-        assert not is_quick(make_queued_job(1, size=long_size), fleet)
+        large_size = ModelSize(extents_mm=size[0], faces=size[1])
+        assert not is_quick(make_queued_job(1, size=large_size), fleet)
     for options in (JobOptions(printers=3), JobOptions(done_by="08:00")):
-        assert not is_quick(make_queued_job(1, options=options, **SMALL), fleet)
+        assert not is_quick(make_queued_job(1, options=options, **SMALL_MODEL), fleet)
     assert is_quick(
         make_queued_job(1, size=ModelSize(extents_mm=(10.0, 150.0, 240.0), faces=12)),
         [make_printer("a", TALL)],
     )
 
 
-def test_requirements_name_the_missing_room():
+def test_requirements_name_the_needed_build_volume():
     requirements = Requirements(None, None, None, (-50.0, -20.0, 50.0, 40.0, 30.0))
     assert requirements.describe() == "100 mm of width, 60 mm of depth and 30 mm of height"

@@ -21,13 +21,15 @@ FLEET = (make_printer("a", booked=True, heating=True), make_printer("b", grams=5
 
 
 @pytest.mark.parametrize(
-    "reason",
+    "plate_changes",
     [{"extra_printers": 0}, {"not_before_s": 16 * 3600.0}, {"grams": 900.0, "failed_on": frozenset("c")}],
 )
 @pytest.mark.parametrize("start_rules", [make_rules(), START_RULES])
-def test_no_printer_is_reserved_for_a_plate_that_may_not_start(reason, start_rules):
+def test_no_printer_is_reserved_for_a_plate_that_may_not_start(plate_changes, start_rules):
     assert (
-        list_reservations(make_situation([make_plate("1/02", "b", **reason)], FLEET[:2], start_rules), {})
+        list_reservations(
+            make_situation([make_plate("1/02", "b", **plate_changes)], FLEET[:2], start_rules), {}
+        )
         == {}
     )
 

@@ -1,4 +1,4 @@
-"""Assignment: each printer once, clear beds only, independent of the order."""
+"""Assignment of plates: one for each printer, clear beds only, independent of the order of the input."""
 
 from collections import Counter
 from dataclasses import replace
@@ -22,18 +22,20 @@ def assign_with_holds(waiting_plates, fleet, start_rules=None, **changes):
 
 
 def test_unmatched_printers_and_plates_are_skipped(monkeypatch):
-    """Skip plates of other materials, which would be searched for each free printer in a large queue."""
+    """Skip plates of other materials instead of searching a large queue for each free printer."""
     placed_ids = []
-    place = plate_matching._Matching.place
+    original_place = plate_matching._Matching.place
     monkeypatch.setattr(
         plate_matching._Matching,
         "place",
-        lambda self, item: (placed_ids.append(item.id), place(self, item))[1],
+        lambda self, item: (placed_ids.append(item.id), original_place(self, item))[1],
     )
     fleet = [make_printer("a"), *(make_printer(name, material="generic_abs") for name in "bcd")]
-    tpu = Requirements(material="generic_tpu", colour=None, nozzle_mm=0.4)
+    tpu_requirements = Requirements(material="generic_tpu", colour=None, nozzle_mm=0.4)
     waiting_plates = [make_plate(f"1/{number:02d}", "a") for number in range(50)]
-    other_plates = [make_plate(f"2/{number:02d}", "a", requirements=tpu, job=2) for number in range(50)]
+    other_plates = [
+        make_plate(f"2/{number:02d}", "a", requirements=tpu_requirements, job=2) for number in range(50)
+    ]
     assignments, _ = assign_with_holds([*waiting_plates, *other_plates], fleet)
     assert [item.printer for item in assignments] == ["a"]
     assert len(placed_ids) == 1
@@ -84,12 +86,12 @@ plates = st.lists(
 @given(plates, printers)
 def test_assignment_keeps_its_invariants(waiting_plates, fleet):
     assignments, holds = assign_with_holds(waiting_plates, fleet)
-    by_name = {p.name: p for p in fleet}
-    by_id = {p.id: p for p in waiting_plates}
+    printers_by_name = {p.name: p for p in fleet}
+    plates_by_id = {p.id: p for p in waiting_plates}
     used_printers = [a.printer for a in assignments]
     assert len(used_printers) == len(set(used_printers))
     for pair in assignments:
-        printer = by_name[pair.printer]
+        printer = printers_by_name[pair.printer]
         assert (
             printer.bed is Bed.CLEAR
             and printer.link is Link.READY
@@ -97,8 +99,8 @@ def test_assignment_keeps_its_invariants(waiting_plates, fleet):
             and printer.attention_reason is None
         )
         assert printer.filament is not FilamentState.UNKNOWN
-        assert by_id[pair.plate].requirements.matches(printer.capabilities)
-    assert {a.plate for a in assignments} | set(holds) == set(by_id)
+        assert plates_by_id[pair.plate].requirements.matches(printer.capabilities)
+    assert {a.plate for a in assignments} | set(holds) == set(plates_by_id)
     assert not {a.plate for a in assignments} & set(holds)
 
 
@@ -119,7 +121,7 @@ def test_assignment_is_independent_of_input_order(waiting_plates, fleet, random)
     assert assign_with_holds(waiting_plates, fleet) == answer
 
 
-def test_plate_keeps_its_planned_printer_and_avoids_one_it_failed_on():
+def test_plate_keeps_its_planned_printer_and_avoids_a_printer_on_which_it_failed():
     assignments, _ = assign_with_holds([make_plate("1/01", "b")], [make_printer("a"), make_printer("b")])
     assert assignments[0].printer == "b"
     assignments, _ = assign_with_holds(
@@ -132,17 +134,19 @@ def test_plate_keeps_its_planned_printer_and_avoids_one_it_failed_on():
     assert assignments[0].printer == "b"
 
 
-def test_hold_names_the_reason_to_wait():
+def test_hold_names_the_reason_for_waiting():
     _, holds = assign_with_holds([make_plate("1/01", "a")], [make_printer("a", bed=Bed.NOT_CLEAR)])
     assert holds["1/01"].code is HoldCode.BED_NOT_CLEAR
     assert "farm cleared a" in holds["1/01"].text
-    tall = Requirements("generic_pla", None, 0.4, make_box(231.0))
-    _, holds = assign_with_holds([make_plate("1/01", "a", requirements=tall)], [make_printer("a")])
+    tall_requirements = Requirements("generic_pla", None, 0.4, make_box(231.0))
+    _, holds = assign_with_holds(
+        [make_plate("1/01", "a", requirements=tall_requirements)], [make_printer("a")]
+    )
     assert holds["1/01"].code is HoldCode.NO_SUCH_PRINTER
     assert "231 mm of height" in holds["1/01"].text
 
 
-def test_plate_is_moved_only_to_a_printer_with_enough_room():
+def test_plate_is_moved_only_to_a_printer_with_a_sufficient_volume():
     small_printer = make_printer("b", room=((-50.0, -50.0, 50.0, 50.0, 205.0),))
     small_bed_requirements = Requirements("generic_pla", None, 0.4, (20.0, -20.0, 60.0, 20.0, 30.0))
     assignments, holds = assign_with_holds(
@@ -184,7 +188,7 @@ def test_plate_of_an_earlier_job_comes_before_a_longer_one_of_a_later_job():
 
 
 def test_gcode_for_another_kind_of_printer_waits():
-    """Keep slices for an Ultimaker 2 and for a 2+ apart, as they feed and heat differently."""
+    """Keep G-code for an Ultimaker 2 and for a 2+ apart, because these printers feed and heat differently."""
     plain_printer = make_printer("plain")
     plain_printer = replace(
         plain_printer, capabilities=replace(plain_printer.capabilities, family="ultimaker2")
@@ -203,23 +207,23 @@ def test_gcode_for_another_kind_of_printer_waits():
     assert [a.printer for a in assignments] == ["plus"]
 
 
-def name_printer(name, **changes):
+def make_named_printer(name, **changes):
     plain_printer = make_printer(name, **changes)
     return replace(plain_printer, capabilities=replace(plain_printer.capabilities, requested_name=name))
 
 
 def test_plate_for_named_printers_is_assigned_to_one_or_held_with_their_names():
-    only_b = Requirements("generic_pla", None, 0.4, make_box(100.0), only=("b",))
-    fleet = [make_printer("a"), name_printer("b"), make_printer("c")]
+    requirements_for_b = Requirements("generic_pla", None, 0.4, make_box(100.0), only=("b",))
+    fleet = [make_printer("a"), make_named_printer("b"), make_printer("c")]
     first_plate, second_plate = (
-        make_plate("1/01", "a", requirements=only_b),
-        make_plate("1/02", "a", requirements=only_b),
+        make_plate("1/01", "a", requirements=requirements_for_b),
+        make_plate("1/02", "a", requirements=requirements_for_b),
     )
     assignments, holds = assign_with_holds([first_plate, second_plate], fleet)
     assert [(assignment.plate, assignment.printer) for assignment in assignments] == [("1/01", "b")]
     assert holds["1/02"].text == "needs b: every matching printer got another plate"
     assignments, holds = assign_with_holds(
-        [first_plate], [make_printer("a"), name_printer("b", bed=Bed.NOT_CLEAR)]
+        [first_plate], [make_printer("a"), make_named_printer("b", bed=Bed.NOT_CLEAR)]
     )
     assert assignments == []
     assert holds["1/01"].text.startswith("needs b: the bed of b is not clear")
@@ -248,12 +252,12 @@ ready_printers = st.lists(
 
 
 @given(plates, ready_printers)
-def test_shortcut_to_an_unassigned_printer_changes_no_assignment(waiting_plates, fleet):
+def test_shortcut_to_an_unassigned_printer_does_not_change_assignments(waiting_plates, fleet):
     situation = make_situation(waiting_plates, fleet, None, NOW_S)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(plate_matching._Matching, "_find_unassigned_printer", lambda self, plate: None)
-        expected = assignment.assign_plates(situation)
-    assert assignment.assign_plates(situation) == expected
+        expected_assignments = assignment.assign_plates(situation)
+    assert assignment.assign_plates(situation) == expected_assignments
 
 
 @given(plates, ready_printers, printers)
@@ -269,7 +273,7 @@ def test_only_starts_that_are_still_possible_are_selected(waiting_plates, fleet,
     extra_printers = {
         plate.job: plate.extra_printers for plate in waiting_plates if plate.extra_printers is not None
     }
-    jobs = Counter(
+    plate_counts = Counter(
         plate.job for plate in waiting_plates if plate.id in {item.plate for item in possible_assignments}
     )
-    assert all(jobs[job] <= limit for job, limit in extra_printers.items())
+    assert all(plate_counts[job] <= limit for job, limit in extra_printers.items())

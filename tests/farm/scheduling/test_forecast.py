@@ -70,23 +70,25 @@ rule_sets = st.builds(
 
 
 @given(plate_lists, fleets, rule_sets, st.floats(0, 7 * 24 * HOUR_S), st.randoms())
-def test_forecast_keeps_its_invariants(plates, fleet, start_rules, after_s, random):
-    now_s = MONDAY_S + after_s
+def test_forecast_keeps_its_invariants(plates, fleet, start_rules, offset_s, random):
+    now_s = MONDAY_S + offset_s
     forecast = make_forecast(plates, fleet, start_rules, now_s)
-    by_id, by_name = {p.id: p for p in plates}, {p.name: p for p in fleet}
+    plates_by_id, printers_by_name = {p.id: p for p in plates}, {p.name: p for p in fleet}
     assert sorted([slot.plate for slot in forecast.slots] + list(forecast.unprintable_plates)) == sorted(
-        by_id
+        plates_by_id
     )
     for name, slots in itertools.groupby(
         sorted(forecast.slots, key=lambda s: s.printer), lambda s: s.printer
     ):
         ordered_slots = sorted(slots, key=lambda slot: slot.starts_s)
-        for item, next_slot in itertools.pairwise(ordered_slots):
-            assert next_slot.starts_s >= item.ends_s + CLEARING_S
-        reel_grams = by_name[name].grams
-        assert reel_grams is None or sum(by_id[slot.plate].grams for slot in ordered_slots) <= reel_grams
+        for slot, next_slot in itertools.pairwise(ordered_slots):
+            assert next_slot.starts_s >= slot.ends_s + CLEARING_S
+        reel_grams = printers_by_name[name].grams
+        assert (
+            reel_grams is None or sum(plates_by_id[slot.plate].grams for slot in ordered_slots) <= reel_grams
+        )
     for slot in forecast.slots:
-        plate, printer = by_id[slot.plate], by_name[slot.printer]
+        plate, printer = plates_by_id[slot.plate], printers_by_name[slot.printer]
         assert plate.requirements.matches(printer.capabilities)
         assert slot.starts_s >= now_s
         assert slot.ends_s - slot.starts_s == pytest.approx(compute_seconds_on(plate, printer))
@@ -100,18 +102,18 @@ def test_forecast_keeps_its_invariants(plates, fleet, start_rules, after_s, rand
 
 
 @given(st.lists(st.floats(600, 9 * HOUR_S), min_size=1, max_size=6), st.integers(1, 3))
-def test_bound_is_below_the_end_of_every_order(times, count):
-    names = "abc"[:count]
-    plates = [make_plate(f"1/{i}", "a", expected_s=seconds) for i, seconds in enumerate(times)]
+def test_bound_is_below_the_end_of_every_order(durations_s, printer_count):
+    names = "abc"[:printer_count]
+    plates = [make_plate(f"1/{i}", "a", expected_s=duration_s) for i, duration_s in enumerate(durations_s)]
     forecast = make_forecast(plates, [make_printer(name) for name in names], make_rules(), 0.0)
-    best = min(
-        max(sum(t for t, place in zip(times, places, strict=True) if place == name) for name in names)
-        for places in itertools.product(names, repeat=len(times))
+    best_end_s = min(
+        max(sum(t for t, place in zip(durations_s, places, strict=True) if place == name) for name in names)
+        for places in itertools.product(names, repeat=len(durations_s))
     )
-    assert forecast.lower_bound_s <= best * (1 + 1e-9)
-    rounds = -(-len(times) // count)
-    assert forecast.ends_s <= 4 / 3 * best + len(times) * CLEARING_S
-    assert rounds > 1 or forecast.ends_s == pytest.approx(best)
+    assert forecast.lower_bound_s <= best_end_s * (1 + 1e-9)
+    rounds = -(-len(durations_s) // printer_count)
+    assert forecast.ends_s <= 4 / 3 * best_end_s + len(durations_s) * CLEARING_S
+    assert rounds > 1 or forecast.ends_s == pytest.approx(best_end_s)
 
 
 def test_second_round_waits_for_a_cleared_bed():
@@ -137,33 +139,35 @@ def test_absent_printer_is_not_used():
 
 def test_time_of_a_plate_scales_with_the_time_factor():
     plate = make_plate("p", "a", expected_s=1100.0, heating_s=100.0, time_factor=1.25)
-    for factor, seconds in ((1.0, 100.0 + 800.0), (1.25, 1100.0)):
+    for factor, expected_s in ((1.0, 100.0 + 800.0), (1.25, 1100.0)):
         printer = make_printer("b", time_factors=TimeFactors(factor))
-        assert compute_seconds_on(plate, printer) == pytest.approx(seconds)
+        assert compute_seconds_on(plate, printer) == pytest.approx(expected_s)
 
 
-def test_time_of_a_plate_follows_its_features():
+def test_time_of_a_plate_depends_on_its_features():
     plate = make_plate("p", "a", expected_s=1100.0, heating_s=100.0, feature_shares=(0.5, 0.2, 0.1, 0.0, 0.2))
     printer = make_printer("b", time_factors=TimeFactors(1.1, (1.0, 1.0, 1.2, 1.0, 1.4)))
     assert compute_seconds_on(plate, printer) == pytest.approx(100.0 + 1000.0 * 1.1)
-    travel = replace(plate, feature_shares=(0.0, 0.0, 0.0, 0.0, 1.0))
-    assert compute_seconds_on(travel, printer) == pytest.approx(100.0 + 1000.0 * 1.4)
+    travel_plate = replace(plate, feature_shares=(0.0, 0.0, 0.0, 0.0, 1.0))
+    assert compute_seconds_on(travel_plate, printer) == pytest.approx(100.0 + 1000.0 * 1.4)
     assert compute_seconds_on(replace(plate, feature_shares=None), printer) == pytest.approx(1200.0)
 
 
-def test_bound_includes_plates_for_some_printers_only():
+def test_bound_considers_plates_that_fit_only_some_printers():
     low_requirements, tall_requirements = (
         Requirements(None, None, None, make_box(height_mm)) for height_mm in (100.0, 250.0)
     )
-    needs = enumerate((tall_requirements, low_requirements, low_requirements))
-    plates = [make_plate(f"1/{i}", "b", requirements=need, expected_s=2 * HOUR_S) for i, need in needs]
+    plate_requirements = enumerate((tall_requirements, low_requirements, low_requirements))
+    plates = [
+        make_plate(f"1/{i}", "b", requirements=item, expected_s=2 * HOUR_S) for i, item in plate_requirements
+    ]
     forecast = make_forecast(
         plates, [make_printer("a", room=LOW), make_printer("b", room=TALL)], make_rules(), 0.0
     )
     assert forecast.lower_bound_s == pytest.approx(3 * HOUR_S)
 
 
-def test_plate_too_large_for_the_reel_of_the_next_printer_waits_for_another():
+def test_plate_that_needs_more_filament_than_a_reel_has_waits_for_another_printer():
     plates = [make_plate(f"1/{i}", "a", expected_s=HOUR_S, grams=40.0) for i in range(2)]
     fleet = [make_printer("a", grams=50.0), make_printer("b", booked=True, free_s=10 * HOUR_S)]
     forecast = make_forecast(plates, fleet, make_rules(), 0.0)

@@ -1,4 +1,4 @@
-"""Cached forecast: computed again if it may have changed, at a limited rate."""
+"""Cached forecast: it is computed again, at a limited rate, when it may have changed."""
 
 import math
 
@@ -12,24 +12,24 @@ from farm.scheduling.situation_builder import describe_plates
 
 
 class CachedForecast:
-    """Forecast cache on books and a clock that the test sets; counts the situations that are built."""
+    """Forecast cache with books and a clock that the test sets; it counts the situations that are built."""
 
     scale = 2.0
 
     def __init__(self):
-        self.books, self.now_s, self.situations = make_printing_books(plates=2), 1000.0, 0
+        self.books, self.now_s, self.situation_count = make_printing_books(plates=2), 1000.0, 0
         self.cache = ForecastCache(self, lambda: self.books, self._make_situation)
 
     def now(self):
         return self.now_s
 
     def _make_situation(self):
-        self.situations += 1
+        self.situation_count += 1
         waiting_plates = describe_plates(self.books.waiting_plates(), self.books)
         return make_situation(waiting_plates, [make_printer("a")], now_s=self.now_s)
 
     def set_time_and_queue(self, now_s, plates):
-        """Set the time, and a queue of this number of plates."""
+        """Set the time, and fill the queue with this number of plates."""
         self.now_s, self.books = now_s, make_printing_books(plates=plates)
 
 
@@ -40,7 +40,7 @@ def cached_forecast():
 
 def test_forecast_is_computed_again_after_changes_with_a_minimum_interval(cached_forecast):
     first_ends = cached_forecast.cache.find_ends()
-    # A bed is cleared between them.
+    # A bed is cleared between the two prints.
     assert (
         first_ends.by_plate == {"1/01": 1100.0, "1/02": 1100.0 + 900.0 + 100.0} and first_ends.at_s == 1000.0
     )
@@ -52,7 +52,7 @@ def test_forecast_is_computed_again_after_changes_with_a_minimum_interval(cached
     assert cached_forecast.cache.find_ends().by_plate == {"1/01": 1111.0}
     cached_forecast.now_s = 1072.0  # no request for a minute
     assert cached_forecast.cache.find_ends().by_plate == {"1/01": 1172.0}
-    assert cached_forecast.situations == 3
+    assert cached_forecast.situation_count == 3
 
 
 def run_steps(steps):
@@ -80,7 +80,7 @@ def test_no_caller_waits_for_the_forecast_of_a_large_queue(cached_forecast, monk
     cached_forecast.set_time_and_queue(1200.0, plates=2)
     steps = cache.find_background_work()
     cache.on_clock_set()
-    run_steps(steps)  # it was computed with the former hours
+    run_steps(steps)  # the result is discarded, because it was computed before the clock was set
     assert cache.find_ends().at_s == -math.inf
 
 

@@ -38,12 +38,12 @@ def test_invalid_window_is_refused_with_an_example(text):
 
 def test_spans_may_cross_midnight_and_the_end_of_the_week():
     night = make_hours("fri 22:00-06:00", "sat 06:00-08:00")
-    begin, end = parse_time("2026-11-20 22:00"), parse_time("2026-11-21 08:00")
-    assert night.find_span(parse_time("2026-11-21 05:00")) == (begin, end)
+    begin_s, end_s = parse_time("2026-11-20 22:00"), parse_time("2026-11-21 08:00")
+    assert night.find_span(parse_time("2026-11-21 05:00")) == (begin_s, end_s)
     assert night.find_span(parse_time("2026-11-21 08:00")) is None
-    assert night.find_next_span(end) == (begin + 7 * 86400, end + 7 * 86400)
-    assert night.find_next_edge_s(parse_time("2026-11-21 05:00")) == end
-    assert night.find_next_edge_s(end) == begin + 7 * 86400
+    assert night.find_next_span(end_s) == (begin_s + 7 * 86400, end_s + 7 * 86400)
+    assert night.find_next_edge_s(parse_time("2026-11-21 05:00")) == end_s
+    assert night.find_next_edge_s(end_s) == begin_s + 7 * 86400
 
 
 def test_windows_may_cover_nothing_or_the_whole_week():
@@ -56,12 +56,12 @@ def test_windows_may_cover_nothing_or_the_whole_week():
 
 def test_length_of_a_night_changes_with_daylight_saving():
     night = make_hours("22:00-06:00")
-    lengths = [
-        (end - begin) / 3600
+    lengths_h = [
+        (end_s - begin_s) / 3600
         for time in ("2026-03-28 23:00", "2026-10-24 23:00", "2026-11-20 23:00")
-        for begin, end in [night.find_span(parse_time(time))]
+        for begin_s, end_s in [night.find_span(parse_time(time))]
     ]
-    assert lengths == [7, 9, 8]
+    assert lengths_h == [7, 9, 8]
 
 
 def test_window_edges_in_skipped_or_repeated_hours_are_resolved():
@@ -87,12 +87,12 @@ def test_window_edges_in_skipped_or_repeated_hours_are_resolved():
 )
 def test_skipped_edge_is_an_hour_later_and_a_repeated_hour_is_covered_twice(window, begin, end):
     """Check the edges of attended and of quiet hours."""
-    berlin = Hours((parse_window(window),), ZoneInfo("Europe/Berlin"))
+    berlin_hours = Hours((parse_window(window),), ZoneInfo("Europe/Berlin"))
     span = tuple(datetime.fromisoformat(text).timestamp() for text in (begin, end))
-    assert berlin.find_span(span[0]) == berlin.find_span(span[1] - 1.0) == span
-    assert berlin.find_span(span[0] - 1.0) is None and berlin.find_span(span[1]) is None
-    assert berlin.find_next_edge_s(span[0] - 60.0) == span[0]
-    assert berlin.find_next_edge_s(span[0]) == span[1]
+    assert berlin_hours.find_span(span[0]) == berlin_hours.find_span(span[1] - 1.0) == span
+    assert berlin_hours.find_span(span[0] - 1.0) is None and berlin_hours.find_span(span[1]) is None
+    assert berlin_hours.find_next_edge_s(span[0] - 60.0) == span[0]
+    assert berlin_hours.find_next_edge_s(span[0]) == span[1]
 
 
 windows = st.lists(

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from books.scheduling_examples import make_plate
 from farm.scheduling import PlateQueue, Requirements
 
-ranks_by_job = {1: (0, None), 2: (1, None), 3: (0, 0.5)}  # priority and rank by number
+ranks_by_job = {1: (0, None), 2: (1, None), 3: (0, 0.5)}  # priority and rank of each job
 plates = st.lists(
     st.builds(
         lambda name, job, material, **changes: make_plate(
@@ -47,12 +47,12 @@ def test_summaries_of_a_queue_match_its_plates(waiting_plates):
 
 @given(plates, st.data())
 def test_queue_after_a_removal_equals_a_queue_of_the_other_plates(waiting_plates, data):
-    removed = data.draw(st.sets(st.sampled_from(waiting_plates or [make_plate("x", "a")])))
-    names = {plate.id for plate in removed}
+    removed_plates = data.draw(st.sets(st.sampled_from(waiting_plates or [make_plate("x", "a")])))
+    removed_ids = {plate.id for plate in removed_plates}
     queue = PlateQueue.from_plates(waiting_plates)
-    remaining_queue = queue.without(names)
-    assert remaining_queue == PlateQueue.from_plates(p for p in waiting_plates if p.id not in names)
-    unchanged_jobs = {plate.job for plate in waiting_plates} - {plate.job for plate in removed}
+    remaining_queue = queue.without(removed_ids)
+    assert remaining_queue == PlateQueue.from_plates(p for p in waiting_plates if p.id not in removed_ids)
+    unchanged_jobs = {plate.job for plate in waiting_plates} - {plate.job for plate in removed_plates}
     assert all(job in remaining_queue.jobs for job in queue.jobs if job.job in unchanged_jobs)
 
 

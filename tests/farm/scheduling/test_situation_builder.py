@@ -50,7 +50,7 @@ def make_events(step, books, number):
         ]
     if step in ("fail", "lose") and open_prints:
         fault = Fault.KILL if step == "fail" else Fault.PORT_LOST
-        return [make_end_event(open_prints[0].id, PrintState.FAILED, fault=fault, reason="so")]
+        return [make_end_event(open_prints[0].id, PrintState.FAILED, fault=fault, reason="test")]
     if step == "done" and open_prints:
         return [make_end_event(open_prints[0].id)]
     if step == "clear" and free_printers:
@@ -158,14 +158,14 @@ def test_capabilities_have_a_name_only_if_a_job_requests_it():
 
 
 @given(st.floats(0, 200), st.floats(-300, 300), st.sampled_from(["print", "another", None]))
-def test_end_of_a_running_print_equals_the_end_shown_for_its_printer(progress_s, late_s, reported):
+def test_end_of_a_running_print_equals_the_end_shown_for_its_printer(progress_s, late_s, reported_id):
     books = make_printing_books(plates=2)
     books, _ = apply_events(books, ev.PlateAssigned(at_s=5.0, plate="1/01", printer="a", print_id="print"))
     report = AgentPrint(
-        print_id=reported or "", state=PrintState.PRINTING, fault=None, reason=None, progress_s=progress_s,
+        print_id=reported_id or "", state=PrintState.PRINTING, fault=None, reason=None, progress_s=progress_s,
         print_time_s=90.0, extruded=True, started_s=5.0, ended_s=None,
     )  # fmt: skip
-    report = None if reported is None else report
+    report = None if reported_id is None else report
     snapshots = {**READY_SNAPSHOTS, "a": AgentSnapshot(printer="a", link=Link.BUSY, print=report)}
     context = ViewContext(FLEET, books, snapshots, StateFolder(Path("/state")), 300.0 + late_s)
     builder = SituationBuilder(list_bed_boxes)

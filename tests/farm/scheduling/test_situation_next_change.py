@@ -14,7 +14,7 @@ from farm.scheduling.assignment import assign_plates
 
 HOUR_S = 3600.0
 TICK_S = 1200.0
-TICKS = 3 * 24 * 3  # three days
+TICK_COUNT = 3 * 24 * 3  # three days
 FRIDAY_S = datetime(2026, 11, 20, 17, tzinfo=UTC).timestamp()
 
 rule_sets = st.builds(
@@ -51,13 +51,13 @@ plates = st.lists(
 
 
 def start_plates(situation):
-    """Schedule repeatedly, removing started plates from the queue, until nothing starts."""
+    """Schedule until nothing starts, and remove the started plates from the queue each time."""
     starts = []
     while assignments := assign_plates(situation):
         starts += assignments
-        taken_printers = {item.printer for item in assignments}
+        started_printers = {item.printer for item in assignments}
         situation = situation.without({item.plate for item in assignments}).with_printers(
-            tuple(replace(p, booked=True) if p.name in taken_printers else p for p in situation.printers)
+            tuple(replace(p, booked=True) if p.name in started_printers else p for p in situation.printers)
         )
     return situation, starts
 
@@ -67,7 +67,7 @@ def start_plates(situation):
 def test_no_start_changes_before_the_next_change(waiting_plates, fleet, start_rules):
     eager_situation = lazy_situation = make_situation(waiting_plates, fleet, start_rules, FRIDAY_S)
     due_s = -math.inf
-    for tick in range(TICKS):
+    for tick in range(TICK_COUNT):
         now_s = FRIDAY_S + tick * TICK_S
         eager_situation, eager_starts = start_plates(replace(eager_situation, now_s=now_s))
         lazy_starts = []
@@ -81,8 +81,13 @@ def test_no_start_changes_before_the_next_change(waiting_plates, fleet, start_ru
     ("start_rules", "changes", "after_s"),
     [
         (make_rules(), {}, math.inf),  # only an event changes a decision
-        (make_rules(attended=["mon-fri 08:00-18:00"]), {"expected_s": 20 * HOUR_S}, HOUR_S),  # the hours end
-        # Too late to start the plate.
+        # The attended hours end.
+        (
+            make_rules(attended=["mon-fri 08:00-18:00"]),
+            {"expected_s": 20 * HOUR_S},
+            HOUR_S,
+        ),
+        # A later start would end too close to quiet hours.
         (
             make_rules(quiet=["22:00-06:00"]),
             {"expected_s": HOUR_S},

@@ -27,7 +27,7 @@ from farm.scheduling.start_rules import CLEARING_RESERVE_S, compute_needed_grams
 from farm.text import format_moment
 
 HOUR_S = 3600.0
-WEEK = [("mon-fri 08:00-18:00",), ("08:00-10:00", "16:00-18:00"), ()]
+ATTENDED_HOURS = [("mon-fri 08:00-18:00",), ("08:00-10:00", "16:00-18:00"), ()]
 
 
 def parse_time(text):
@@ -76,7 +76,7 @@ plates = st.lists(
 )
 rule_sets = st.builds(
     make_rules,
-    attended=st.sampled_from(WEEK),
+    attended=st.sampled_from(ATTENDED_HOURS),
     quiet=st.sampled_from([(), ("22:00-06:00",), ("fri 18:00-24:00",)]),
     first_layers_attended=st.booleans(),
     max_heating=st.none() | st.integers(1, 3),
@@ -87,18 +87,18 @@ times_s = st.floats(FRIDAY_S, FRIDAY_S + 7 * 24 * HOUR_S)
 @given(plates, fleets, rule_sets, times_s, st.integers(0, 2))
 def test_forbidden_starts_are_refused(waiting_plates, fleet, start_rules, now_s, spares):
     assignments, holds = assign_with_holds(waiting_plates, fleet, start_rules, now_s, spares)
-    by_name, by_id = {p.name: p for p in fleet}, {p.id: p for p in waiting_plates}
+    printers_by_name, plates_by_id = {p.name: p for p in fleet}, {p.id: p for p in waiting_plates}
     assert len({a.printer for a in assignments}) == len(assignments)
-    assert {a.plate for a in assignments} | set(holds) == set(by_id)
+    assert {a.plate for a in assignments} | set(holds) == set(plates_by_id)
     if start_rules.max_heating is not None:
         heating_count = sum(p.heating for p in fleet)
         assert not assignments or heating_count + len(assignments) <= start_rules.max_heating
-    for plate, printer in ((by_id[a.plate], by_name[a.printer]) for a in assignments):
+    for plate, printer in ((plates_by_id[a.plate], printers_by_name[a.printer]) for a in assignments):
         assert printer.bed is Bed.CLEAR
         assert printer.grams is None or plate.grams <= printer.grams
         assert plate.not_before_s is None or plate.not_before_s <= now_s
-        quiet = start_rules.quiet.find_span(now_s) or start_rules.quiet.find_next_span(now_s)
-        assert quiet is None or now_s + plate.expected_s <= quiet[0]
+        quiet_span = start_rules.quiet.find_span(now_s) or start_rules.quiet.find_next_span(now_s)
+        assert quiet_span is None or now_s + plate.expected_s <= quiet_span[0]
         attended_span = start_rules.attended.find_span(now_s)
         if not printer.unattended:
             assert (
@@ -142,12 +142,12 @@ def test_start_is_allowed_until_the_latest_start(waiting_plates, fleet, start_ru
 
 def test_attended_printer_ends_before_the_hours_and_names_the_next_start():
     start_rules, attended_printer = (
-        make_rules(attended=WEEK[0]),
-        make_printer("a", unattended=False, attended_reason="so"),
+        make_rules(attended=ATTENDED_HOURS[0]),
+        make_printer("a", unattended=False, attended_reason="no verified timer"),
     )
     assert start_rules.find_latest_end_s(attended_printer, FRIDAY_S) == parse_time("2026-11-20 17:45")
     assert start_rules.find_unattended_reason(attended_printer, parse_time("2026-11-20 17:44")) is None
-    message = "a prints only in attended hours (so): from Mon 08:00 (UTC)"
+    message = "a prints only in attended hours (no verified timer): from Mon 08:00 (UTC)"
     assert start_rules.find_unattended_reason(attended_printer, parse_time("2026-11-20 17:45")) == message
     assert start_rules.find_unattended_reason(attended_printer, parse_time("2026-11-21 03:00")) == message
     assert start_rules.find_latest_end_s(attended_printer, parse_time("2026-11-21 03:00")) == parse_time(
@@ -155,7 +155,7 @@ def test_attended_printer_ends_before_the_hours_and_names_the_next_start():
     )
     assert (
         make_rules().find_unattended_reason(attended_printer, FRIDAY_S)
-        == "a prints only in attended hours (so)"
+        == "a prints only in attended hours (no verified timer)"
     )
     assert start_rules.find_unattended_reason(make_printer("a"), parse_time("2026-11-21 03:00")) is None
     assert make_rules(attended=["00:00-24:00"]).find_latest_end_s(attended_printer, FRIDAY_S) is None
@@ -197,14 +197,14 @@ def test_every_possible_start_is_made_in_any_order(waiting_plates, fleet, start_
 
 
 def test_planned_printer_is_never_a_spare():
-    high_plate = make_plate("1/02", "b", requirements=Requirements("generic_pla", None, 0.4, make_box(231.0)))
+    tall_plate = make_plate("1/02", "b", requirements=Requirements("generic_pla", None, 0.4, make_box(231.0)))
     assignments, _ = assign_with_holds(
-        [high_plate], [make_printer("a"), make_printer("b", room=TALL)], make_rules(), FRIDAY_S, spares=1
+        [tall_plate], [make_printer("a"), make_printer("b", room=TALL)], make_rules(), FRIDAY_S, spares=1
     )
     assert assignments[0].printer == "b"
     broken_printer = make_printer("b", room=TALL, attention_reason="heater")
     assignments, _ = assign_with_holds(
-        [high_plate], [broken_printer, make_printer("c", room=TALL)], make_rules(), FRIDAY_S, spares=1
+        [tall_plate], [broken_printer, make_printer("c", room=TALL)], make_rules(), FRIDAY_S, spares=1
     )
     assert assignments[0].printer == "c"
 
@@ -231,7 +231,7 @@ def test_every_plate_is_served_eventually(waiting_plates, fleet, spares):
             assert holds[candidate.id].code in final_codes
 
 
-def find_printer(plate, printer, start_rules=None, now_s=FRIDAY_S, **changes):
+def find_printer_or_hold(plate, printer, start_rules=None, now_s=FRIDAY_S, **changes):
     assignments, holds = assign_with_holds([plate], [printer], start_rules or make_rules(), now_s, **changes)
     return holds[plate.id] if holds else assignments[0].printer
 
@@ -241,12 +241,12 @@ def find_printer(plate, printer, start_rules=None, now_s=FRIDAY_S, **changes):
     [
         ({"expected_s": 6 * HOUR_S}, {}, {"quiet": ["22:00-06:00"]}, "quiet_hours", "to Sat 06:00"),
         ({"expected_s": 17 * HOUR_S}, {}, {"quiet": ["22:00-06:00"]}, "too_long", "takes 17h00"),
-        ({}, {"unattended": False}, {"attended": WEEK[0]}, "unattended", "from Mon 08:00"),
+        ({}, {"unattended": False}, {"attended": ATTENDED_HOURS[0]}, "unattended", "from Mon 08:00"),
         ({}, {"unattended": False}, {}, "unattended", "has none (`attended`)"),
         (
             {"first_layer_s": 2 * HOUR_S},
             {},
-            {"attended": WEEK[0], "first_layers_attended": True},
+            {"attended": ATTENDED_HOURS[0], "first_layers_attended": True},
             "unattended",
             "first layers",
         ),
@@ -256,12 +256,12 @@ def find_printer(plate, printer, start_rules=None, now_s=FRIDAY_S, **changes):
     ],
 )
 def test_hold_has_a_code_and_a_reason(plate, printer, start_rules, code, message):
-    hold = find_printer(
+    hold = find_printer_or_hold(
         make_plate("1/01", "a", **plate), make_printer("a", **printer), make_rules(**start_rules)
     )
     assert hold.code == code
     assert message in hold.text
-    assert find_printer(make_plate("1/01", "a"), make_printer("a")) == "a"
+    assert find_printer_or_hold(make_plate("1/01", "a"), make_printer("a")) == "a"
 
 
 def test_short_reel_is_named_in_addition_to_another_hold():
@@ -272,10 +272,10 @@ def test_short_reel_is_named_in_addition_to_another_hold():
     )[1]["1/01"]
     assert hold.code is HoldCode.PRINTER_BUSY
     assert (hold.reel.printer, hold.reel.text) == ("b", "b has 10 g, 1/01 needs 25 g")
-    colour = Requirements("generic_pla", "white", 0.4, make_box(100.0))
+    white_requirements = Requirements("generic_pla", "white", 0.4, make_box(100.0))
     fleet = [make_printer("b", grams=10.0, colour="white"), make_printer("c", colour="black")]
     hold = assign_with_holds(
-        [make_plate("1/01", "b", grams=20.0, requirements=colour)], fleet, make_rules(), FRIDAY_S
+        [make_plate("1/01", "b", grams=20.0, requirements=white_requirements)], fleet, make_rules(), FRIDAY_S
     )[1]["1/01"]
     assert hold.text.startswith("needs white: b has 10 g") and hold.reel.text == "b has 10 g, 1/01 needs 25 g"
 
@@ -283,13 +283,15 @@ def test_short_reel_is_named_in_addition_to_another_hold():
 def test_plate_ends_with_a_margin_before_quiet_hours():
     start_rules = make_rules(quiet=["22:00-06:00"])
     assert (
-        find_printer(
+        find_printer_or_hold(
             make_plate("1/01", "a", expected_s=5 * HOUR_S / 1.05 - 1), make_printer("a"), start_rules
         )
         == "a"
     )
     assert (
-        find_printer(make_plate("1/01", "a", expected_s=5 * HOUR_S), make_printer("a"), start_rules).code
+        find_printer_or_hold(
+            make_plate("1/01", "a", expected_s=5 * HOUR_S), make_printer("a"), start_rules
+        ).code
         == "quiet_hours"
     )
 
@@ -319,9 +321,9 @@ def test_priority_precedes_order_of_submission():
 
 def test_plate_moves_to_an_equivalent_printer():
     low_plate = make_plate("1/01", "b", expected_s=9 * HOUR_S)
-    high_plate = make_plate("1/02", "b", requirements=Requirements("generic_pla", None, 0.4, make_box(231.0)))
+    tall_plate = make_plate("1/02", "b", requirements=Requirements("generic_pla", None, 0.4, make_box(231.0)))
     assignments, _ = assign_with_holds(
-        [low_plate, high_plate], [make_printer("a"), make_printer("b", room=TALL)], make_rules(), FRIDAY_S
+        [low_plate, tall_plate], [make_printer("a"), make_printer("b", room=TALL)], make_rules(), FRIDAY_S
     )
     assert {a.plate: a.printer for a in assignments} == {"1/01": "a", "1/02": "b"}
 
@@ -357,7 +359,7 @@ def test_longest_plate_of_a_job_is_served_first():
 
 
 @given(st.integers(1, 30))
-def test_many_names_are_counted(count):
+def test_joined_names_are_shown_or_counted(count):
     text = join_names([f"um2-{number:02d}" for number in range(count)])
     count_match = re.search(r"(\d+) more", text)
     assert text.count("um2-") + (int(count_match[1]) if count_match else 0) == count

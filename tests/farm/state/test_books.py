@@ -31,7 +31,7 @@ from farm.state.plate_state import MAX_ATTEMPTS, PlateState, list_charged_failur
 from farm.state.transitions import apply
 
 
-def test_job_is_printed_with_its_last_part():
+def test_job_is_printed_when_its_last_print_ends():
     books, instructions = apply_events(
         make_printing_books(),
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
@@ -49,7 +49,7 @@ def test_job_is_printed_with_its_last_part():
     assert {p.bed for n, p in books.printers.items() if n in "ab"} == {Bed.NOT_CLEAR}
 
 
-def test_no_plate_goes_to_a_printer_that_is_booked_or_not_clear():
+def test_no_plate_is_assigned_to_a_printer_that_is_booked_or_not_clear():
     books, _ = apply_events(
         make_printing_books(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
     )
@@ -112,7 +112,7 @@ def test_cancelled_job_ends_its_prints_without_retries():
     assert not list(books.waiting_plates())
 
 
-def test_bad_part_of_a_cancelled_job_is_not_printed_with_the_reprint_of_another():
+def test_bad_part_of_a_cancelled_job_is_not_printed_when_another_part_is_reprinted():
     books, _ = apply_events(
         make_printing_books(),
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
@@ -145,12 +145,12 @@ class RandomEvents(RuleBasedStateMachine):
         self.now_s += 1.0
         self.books, _ = apply_events(self.books, event)
 
-    @rule(plates=st.integers(1, 3))
-    def submit_and_plan(self, plates):
+    @rule(plate_count=st.integers(1, 3))
+    def submit_and_plan_job(self, plate_count):
         number = len(self.books.jobs) + 1
         self.apply_event(ev.JobSubmitted(at_s=self.now_s, job=make_job(number)))
         self.apply_event(ev.PlanningStarted(at_s=self.now_s, job=number))
-        self.apply_event(make_plan_event(number, plates, self.now_s))
+        self.apply_event(make_plan_event(number, plate_count, self.now_s))
 
     @rule(data=st.data())
     def assign_plate(self, data):
@@ -178,7 +178,7 @@ class RandomEvents(RuleBasedStateMachine):
 
     @precondition(lambda self: any(p.state.ended for p in self.books.prints.values()))
     @rule(data=st.data(), state=st.sampled_from(PrintState))
-    def reject_late_verdict(self, data, state):
+    def reject_late_events(self, data, state):
         name = data.draw(st.sampled_from([p.id for p in self.books.prints.values() if p.state.ended]))
         progress = ev.PrintProgressed(
             at_s=self.now_s, print_id=name, state=state, started_s=None, extruded=True
@@ -199,13 +199,13 @@ class RandomEvents(RuleBasedStateMachine):
         self.apply_event(ev.PrintFailRequested(at_s=self.now_s, print_id=name, why="a blob", by="ann"))
 
     @precondition(lambda self: self.books.plates)
-    @rule(data=st.data(), repeated=st.booleans())
-    def cancel_or_reprint(self, data, repeated):
+    @rule(data=st.data(), is_reprint=st.booleans())
+    def cancel_or_reprint(self, data, is_reprint):
         plate = self.books.plates[data.draw(st.sampled_from(sorted(self.books.plates)))]
         state = self.books.plate_state(plate)
-        if repeated and state not in (PlateState.WAITING, PlateState.PRINTING):
+        if is_reprint and state not in (PlateState.WAITING, PlateState.PRINTING):
             self.apply_event(ev.ReprintRequested(at_s=self.now_s, plate=plate.id, why="more", by="ann"))
-        elif not repeated and state is not PlateState.CANCELLED:
+        elif not is_reprint and state is not PlateState.CANCELLED:
             self.apply_event(ev.PlateCancelled(at_s=self.now_s, plate=plate.id, by="ann"))
 
     @rule(printer=st.sampled_from(PRINTERS))
@@ -233,7 +233,7 @@ class RandomEvents(RuleBasedStateMachine):
             assert sum(not s.ended for s in states) <= 1
 
     @invariant()
-    def check_attempts_within_budget(self):
+    def check_attempts_are_limited(self):
         for plate in self.books.plates.values():
             prints = list(self.books.prints_of(plate))
             assert len(list_charged_failures(plate, prints)) <= MAX_ATTEMPTS

@@ -27,7 +27,7 @@ def make_loss_event(printer, at_s, fault="port_lost"):
 TWO_PLATES = (("1/01", "a"), ("1/02", "b"))
 
 
-def test_losses_within_the_window_are_one_outage_without_attempts():
+def test_losses_within_the_window_are_one_outage_without_charged_attempts():
     books, _ = apply_events(
         make_printing_books(), *make_assigned_events(*TWO_PLATES), make_loss_event("a", 100.0)
     )
@@ -44,7 +44,7 @@ def test_losses_within_the_window_are_one_outage_without_attempts():
 
 def test_outage_window_covers_reporting_delays_on_a_fast_clock():
     assert [compute_outage_window_s(scale) for scale in (1.0, 5.0, 300.0)] == [WINDOW_S, WINDOW_S, 300.0]
-    second_loss = make_loss_event("b", 250.0)  # half a wall second after the other
+    second_loss = make_loss_event("b", 250.0)  # 0.5 s of wall time after the first loss
     books_with_real_printers, _ = apply_events(
         make_printing_books(), *make_assigned_events(*TWO_PLATES), make_loss_event("a", 100.0), second_loss
     )
@@ -67,7 +67,7 @@ def test_failures_that_are_no_outage_count_as_attempts(second_failure):
     assert [books.prints[name].charged for name in "ab"] == [True, True]
 
 
-def test_job_continues_after_failures_by_an_outage():
+def test_job_continues_after_failures_caused_by_an_outage():
     books = make_printing_books(plates=1)
     for attempt in range(MAX_ATTEMPTS - 1):
         name = f"x{attempt}"
@@ -89,7 +89,7 @@ def test_job_continues_after_failures_by_an_outage():
 
 
 @given(st.lists(st.floats(0, 100), min_size=1, max_size=8))
-def test_group_of_lost_printers_is_the_same_for_each(times_s):
+def test_group_of_lost_printers_is_the_same_for_each_of_them(times_s):
     printers = [Printer(name=f"p{i}", disconnected_at_s=at_s) for i, at_s in enumerate(times_s)]
     groups = {printer.name: find_common_losses(printer.name, printers) for printer in printers}
     for name, group in groups.items():
@@ -103,7 +103,7 @@ def test_group_of_lost_printers_is_the_same_for_each(times_s):
 
 
 def test_failure_before_an_outage_stays_charged():
-    """Count a failure before the outage, so that the job stays failed."""
+    """Charge the failure before the outage, but not those that the outage causes."""
     earlier_events = (
         *make_assigned_events(("1/01", "a")),
         make_end_event("a", PrintState.FAILED, 50.0, fault="maxtemp"),

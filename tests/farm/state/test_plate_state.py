@@ -29,8 +29,8 @@ def make_printed_books(plates=1):
     return books
 
 
-def make_failed_books(books, count, printer="a", plate="1/01", start=0):
-    for number in range(start, start + count):
+def make_failed_books(books, count, printer="a", plate="1/01", first_number=0):
+    for number in range(first_number, first_number + count):
         name = f"{printer}{number}"
         books, _ = apply_events(
             books,
@@ -41,26 +41,26 @@ def make_failed_books(books, count, printer="a", plate="1/01", start=0):
     return books
 
 
-def find_state(books, plate="1/01"):
+def find_plate_state(books, plate="1/01"):
     return books.plate_state(books.plates[plate])
 
 
 def test_job_is_done_when_a_person_has_found_every_part_good():
     books = make_printed_books(2)
-    assert (books.jobs[1].state, find_state(books)) == (JobState.PRINTED, PlateState.PRINTED)
+    assert (books.jobs[1].state, find_plate_state(books)) == (JobState.PRINTED, PlateState.PRINTED)
     books, _ = apply_events(books, make_cleared_event("a"))
-    assert (books.jobs[1].state, find_state(books)) == (JobState.PRINTED, PlateState.GOOD)
+    assert (books.jobs[1].state, find_plate_state(books)) == (JobState.PRINTED, PlateState.GOOD)
     books, _ = apply_events(books, make_cleared_event("b"))
     assert (books.jobs[1].state, books.jobs[1].ended_s) == (JobState.DONE, 200.0)
 
 
-def test_bad_part_is_printed_again_without_an_attempt():
+def test_bad_part_is_printed_again_without_a_charged_attempt():
     books, _ = apply_events(make_printed_books(1), make_cleared_event("a", Verdict.BAD))
     assert (books.jobs[1].state, books.jobs[1].ended_s) == (JobState.PRINTING, None)
     assert [plate.id for plate in books.waiting_plates()] == ["1/01"]
     assert (books.prints["a"].verdict, books.prints["a"].verdict_why) == (Verdict.BAD, "stringy")
     books = make_failed_books(books, MAX_ATTEMPTS - 1)
-    assert find_state(books) is PlateState.WAITING
+    assert find_plate_state(books) is PlateState.WAITING
     books, _ = apply_events(
         books,
         make_cleared_event("a"),
@@ -71,26 +71,26 @@ def test_bad_part_is_printed_again_without_an_attempt():
     assert (books.jobs[1].state, books.jobs[1].ended_s) == (JobState.DONE, 900.0)
 
 
-def test_clearing_a_bed_judges_the_last_print_only():
+def test_second_clearing_of_a_bed_does_not_change_the_verdict():
     books, _ = apply_events(
         make_printed_books(1), make_cleared_event("a"), make_cleared_event("a", Verdict.BAD)
     )
     assert books.prints["a"].verdict is Verdict.GOOD
 
 
-@pytest.mark.parametrize("end", [PrintState.CANCELLED, PrintState.DONE])
-def test_print_failed_by_a_person_is_repeated(end):
+@pytest.mark.parametrize("end_state", [PrintState.CANCELLED, PrintState.DONE])
+def test_print_failed_by_a_person_is_repeated(end_state):
     requested_event = ev.PrintFailRequested(at_s=50.0, print_id="x", why="a blob", by="ann")
     books, instructions = apply_events(
         make_printing_books(plates=1),
         make_assigned_event("1/01", "a", "x"),
         requested_event,
-        make_end_event("x", end),
+        make_end_event("x", end_state),
     )
     assert instructions[1] == ev.SendCancel(print_id="x", printer="a", reason="a blob")
-    assert find_state(books) is PlateState.WAITING
+    assert find_plate_state(books) is PlateState.WAITING
     assert books.printers["a"].bed is Bed.NOT_CLEAR
-    if end is PrintState.CANCELLED:
+    if end_state is PrintState.CANCELLED:
         print_ = books.prints["x"]
         assert (print_.state, print_.fault, print_.reason) == (PrintState.FAILED, "by_a_person", "a blob")
         assert not print_.charged
@@ -107,10 +107,10 @@ def test_fault_while_a_print_is_ended_by_a_person_is_not_charged():
     assert books.printers["a"].attention_reason == "it does not cool"
 
 
-def test_plate_without_attempts_does_not_block_others():
+def test_plate_without_remaining_attempts_does_not_block_others():
     books, _ = apply_events(make_printing_books(plates=2), make_assigned_event("1/02", "b", "y"))
     books = make_failed_books(books, MAX_ATTEMPTS)
-    assert find_state(books) is PlateState.OUT_OF_ATTEMPTS
+    assert find_plate_state(books) is PlateState.OUT_OF_ATTEMPTS
     assert books.jobs[1].state is JobState.PRINTING
     assert books.prints["y"].cancel_reason is None
     books, _ = apply_events(books, make_end_event("y", at_s=500.0))
@@ -130,9 +130,15 @@ def test_failed_cancelled_and_good_parts_can_be_reprinted():
         books, _ = apply_events(books, repeated_event)
         job = books.jobs[1]
         assert (job.state, job.error, job.reason, job.ended_s) == (JobState.PRINTING, None, None, None)
-        assert find_state(books) is PlateState.WAITING
-        assert find_state(make_failed_books(books, MAX_ATTEMPTS - 1, start=10)) is PlateState.WAITING
-        assert find_state(make_failed_books(books, MAX_ATTEMPTS, start=10)) is PlateState.OUT_OF_ATTEMPTS
+        assert find_plate_state(books) is PlateState.WAITING
+        assert (
+            find_plate_state(make_failed_books(books, MAX_ATTEMPTS - 1, first_number=10))
+            is PlateState.WAITING
+        )
+        assert (
+            find_plate_state(make_failed_books(books, MAX_ATTEMPTS, first_number=10))
+            is PlateState.OUT_OF_ATTEMPTS
+        )
 
 
 def test_cancelled_part_is_not_repeated_while_others_continue():
@@ -152,10 +158,10 @@ def test_cancelled_part_is_not_repeated_while_others_continue():
     assert not list(books.waiting_plates())
     books, _ = apply_events(books, make_end_event("y"), make_cleared_event("b"))
     assert books.jobs[1].state is JobState.DONE
-    both_cancelled, _ = apply_events(
+    cancelled_books, _ = apply_events(
         make_printing_books(plates=2), cancelled_event, ev.PlateCancelled(at_s=6.0, plate="1/02", by="ann")
     )
-    assert both_cancelled.jobs[1].state is JobState.CANCELLED
+    assert cancelled_books.jobs[1].state is JobState.CANCELLED
 
 
 def test_paused_job_pauses_all_its_prints():
@@ -185,7 +191,7 @@ def test_maintenance_lasts_until_ended_by_a_person():
 
 
 def test_unconfirmed_print_cancelled_elsewhere_has_failed():
-    """Cancel a print before its agent reports the start: a person has to check the bed."""
+    """Cancel a print before its agent reports the start; a person then has to check the bed."""
     assigned_event = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
     books, _ = apply_events(
         make_printing_books(1),
@@ -194,10 +200,13 @@ def test_unconfirmed_print_cancelled_elsewhere_has_failed():
     )
     assert books.prints["x"].state is PrintState.FAILED
     assert (books.printer("a").attention_reason is None, books.printer("a").bed) == (False, Bed.NOT_CLEAR)
-    not_started, _ = apply_events(
+    unstarted_books, _ = apply_events(
         make_printing_books(1),
         assigned_event,
         make_end_event("x", PrintState.CANCELLED, 50.0, False, started_s=None),
     )
-    assert not_started.prints["x"].state is PrintState.CANCELLED
-    assert (not_started.printer("a").attention_reason, not_started.printer("a").bed) == (None, Bed.CLEAR)
+    assert unstarted_books.prints["x"].state is PrintState.CANCELLED
+    assert (unstarted_books.printer("a").attention_reason, unstarted_books.printer("a").bed) == (
+        None,
+        Bed.CLEAR,
+    )

@@ -39,23 +39,21 @@ def test_manual_use_makes_bed_and_filament_unknown():
     )
 
 
-def test_agent_that_was_started_again_knows_the_filament_but_not_the_bed():
+def test_restarted_agent_knows_the_filament_but_not_the_bed():
     first_snapshot = AgentSnapshot(
         printer="a",
         link=Link.READY,
         filament=FilamentState.UNKNOWN,
         bed_unknown_reason="it was not watched before its agent was started",
     )
-    expected_snapshot = first_snapshot.model_copy(update={"filament": FilamentState.PARKED})
+    parked_snapshot = first_snapshot.model_copy(update={"filament": FilamentState.PARKED})
     books = make_printing_books()
-    for at_s, snapshot in enumerate(
-        (first_snapshot, expected_snapshot, expected_snapshot, expected_snapshot)
-    ):
+    for at_s, snapshot in enumerate((first_snapshot, parked_snapshot, parked_snapshot, parked_snapshot)):
         books, _ = apply_events(books, *observe_idle_printer(books.printers["a"], snapshot, float(at_s)))
     printer = books.printers["a"]
     assert (printer.bed, printer.filament) == (Bed.UNKNOWN, FilamentState.PARKED)
     assert "not watched" in printer.attention_reason
-    assert list(observe_idle_printer(printer, expected_snapshot, 9.0)) == []
+    assert list(observe_idle_printer(printer, parked_snapshot, 9.0)) == []
     cleared_books, _ = apply_events(books, ev.BedCleared(at_s=10.0, printer="a", by="ann"))
     printer = cleared_books.printers["a"]  # no person had to state the position of the filament
     assert (printer.bed, printer.filament) == (Bed.CLEAR, FilamentState.PARKED)
@@ -95,7 +93,7 @@ def make_assigned_books():
     )[0]
 
 
-def test_reconciliation_yields_events_for_changes_only():
+def test_reconciliation_yields_events_only_for_changes():
     books = make_assigned_books()
     books, _ = apply_events(books, *reconcile_print(books.prints["x"], make_report(), 3.0))
     assert books.prints["x"].state is PrintState.PRINTING
@@ -131,7 +129,7 @@ def test_cancelled_print_ends_when_its_agent_confirms():
     cancel_instruction = ev.SendCancel(print_id="x", printer="a", reason=books.prints["x"].cancel_reason)
     assert list(reconcile_print(books.prints["x"], make_idle_snapshot(), 4.0)) == []
     assert list(list_pending_instructions(books.prints["x"], make_idle_snapshot())) == [cancel_instruction]
-    # no agent would receive it
+    # No agent would receive the instruction.
     assert list(list_pending_instructions(books.prints["x"], make_idle_snapshot(Link.STARTING))) == []
     assert (
         list(reconcile_print(books.prints["x"], make_idle_snapshot(acknowledged_cancel="another"), 4.0)) == []
@@ -151,7 +149,7 @@ def test_unstartable_print_is_reassigned_after_its_agent_confirms(link):
     assert instructions == [ev.SendCancel(print_id="x", printer="a", reason="unplugged")]
     assert [plate.id for plate in books.waiting_plates()] == ["1/02"]
     assert list(reconcile_print(books.prints["x"], stale_snapshot, 4.0)) == []
-    # It started nevertheless and is ended: its plate is free again, without a charged attempt.
+    # The print started nevertheless and is ended: its plate is free again, without a charged attempt.
     started_books, _ = apply_events(
         books, *reconcile_print(books.prints["x"], make_report(state=PrintState.HEATING, extruded=False), 5.0)
     )
@@ -166,7 +164,7 @@ def test_unstartable_print_is_reassigned_after_its_agent_confirms(link):
         started_books, *reconcile_print(started_books.prints["x"], last_report, 9.0)
     )
     assert started_books.prints["x"].state is PrintState.CANCELLED
-    # Or it never started.
+    # Or the print never started.
     books, _ = apply_events(
         books, *reconcile_print(books.prints["x"], make_idle_snapshot(link, acknowledged_cancel="x"), 5.0)
     )
@@ -185,7 +183,7 @@ def test_print_without_an_agent_cannot_start():
 
 
 def restore_books(*states):
-    """Restore books in which plates were in these states on a, b, ..."""
+    """Restore books in which the prints on `a` and `b` have these states."""
     books = make_printing_books()
     for name, state in zip("ab", states, strict=False):
         plate = {"a": "1/01", "b": "1/02"}[name]
@@ -214,7 +212,7 @@ def test_restored_books_adopt_the_print_of_an_agent(state):
     assert [plate.id for plate in books.waiting_plates()] == ["1/02"]
 
 
-def test_print_unknown_to_its_agent_is_no_outage_and_no_attempt():
+def test_print_unknown_to_its_agent_is_neither_an_outage_nor_a_charged_attempt():
     books = restore_books(PrintState.PRINTING, PrintState.PRINTING)
     for name in "ab":
         snapshot = make_idle_snapshot().model_copy(update={"printer": name})
@@ -258,7 +256,7 @@ def test_unknown_print_continues_and_makes_the_bed_unknown():
 @pytest.mark.parametrize(
     ("wanted", "state", "repeated_value"),
     [
-        (True, PrintState.HEATING, None),  # the agent reports it once it prints
+        (True, PrintState.HEATING, None),  # the agent reports the pause once it prints
         (True, PrintState.PRINTING, True),
         (True, PrintState.PAUSED, None),
         (False, PrintState.PAUSED, False),
@@ -293,9 +291,9 @@ def test_cancelled_print_is_not_paused():
 @pytest.mark.parametrize("known_field", ["bed", "filament"])
 def test_emulator_provides_the_unknown_bed_or_filament(known_field):
     snapshot = AgentSnapshot(printer="a", link=Link.READY, bed_clear=True, filament=FilamentState.PARKED)
-    unknown = {"bed": Bed.UNKNOWN, "filament": FilamentState.UNKNOWN}
-    unknown[known_field] = Bed.NOT_CLEAR if known_field == "bed" else FilamentState.AT_NOZZLE
-    printer = Printer(name="a", **unknown)
+    fields = {"bed": Bed.UNKNOWN, "filament": FilamentState.UNKNOWN}
+    fields[known_field] = Bed.NOT_CLEAR if known_field == "bed" else FilamentState.AT_NOZZLE
+    printer = Printer(name="a", **fields)
     (event,) = observe_idle_printer(printer, snapshot, 5.0)
     books, _ = apply_events(Books.from_entities([printer]), event)
     printer = books.printers["a"]

@@ -26,7 +26,7 @@ def make_books_with_reel(**changes):
 
 
 @pytest.mark.parametrize(
-    ("changes", "left_grams"),
+    ("changes", "remaining_grams"),
     [
         ({}, 97.0),
         ({"state": PrintState.FAILED, "printed_share": 0.5}, 98.5),
@@ -35,30 +35,30 @@ def make_books_with_reel(**changes):
         ({"state": PrintState.CANCELLED, "started_s": None, "extruded": False}, 100.0),
     ],
 )
-def test_print_subtracts_its_grams_from_the_reel(changes, left_grams):
+def test_print_subtracts_its_grams_from_the_reel(changes, remaining_grams):
     books, _ = apply_events(make_books_with_reel(), make_end_event("x", **changes))
-    assert books.printer("a").reel.grams == pytest.approx(left_grams)
-    assert books.prints["x"].grams == pytest.approx(100.0 - left_grams), (
+    assert books.printer("a").reel.grams == pytest.approx(remaining_grams)
+    assert books.prints["x"].grams == pytest.approx(100.0 - remaining_grams), (
         "the history must agree with the reel"
     )
 
 
-def test_unweighed_reel_stays_unknown():
+def test_grams_of_an_unweighed_reel_stay_unknown():
     books, _ = apply_events(make_books_with_reel(grams=None), make_end_event("x"))
     assert books.printer("a").reel.grams is None
 
 
 @given(st.sampled_from(PrintState), st.booleans(), st.none() | st.floats(0, 5))
-def test_print_uses_at_most_the_grams_of_its_plate(state, extruded, share):
+def test_print_uses_at_most_the_grams_of_its_plate(state, extruded, printed_share):
     plate = make_printing_books().plates["1/01"]
-    assert 0.0 <= compute_used_grams(plate, state, extruded, share) <= plate.grams
+    assert 0.0 <= compute_used_grams(plate, state, extruded, printed_share) <= plate.grams
 
 
 def test_fleet_shows_the_loaded_reels():
     row = {"name": "a", "model": "ultimaker2_plus", "port": "sim://ultimaker2_plus", "colour": "red"}
     fleet = Fleet.model_validate({"printers": [row, {**row, "name": "b"}]})
-    abs_ = Reel(material="generic_abs", nozzle_mm=0.8)
-    fleet_with_reels = apply_reels(fleet, {"a": Printer(name="a", reel=abs_), "b": Printer(name="b")})
+    abs_reel = Reel(material="generic_abs", nozzle_mm=0.8)
+    fleet_with_reels = apply_reels(fleet, {"a": Printer(name="a", reel=abs_reel), "b": Printer(name="b")})
     shown_fields = [
         (section.material, section.colour, section.nozzle_mm) for section in fleet_with_reels.printers
     ]

@@ -21,15 +21,15 @@ def make_assigned_event(plate, printer, print_id, at_s=2.0):
 
 
 def make_dead_agent_books(plates=1, at_s=110.0, **fields):
-    """Make a plate of 90 s on `a`, whose agent was found dead after this time."""
-    start = (
+    """Make books with a plate of 90 s on `a`, whose agent was found dead at this time."""
+    first_events = (
         make_assigned_event("1/01", "a", "x"),
         make_end_event("x", PrintState.FAILED, at_s, **{**AGENT_DEATH, **fields}),
     )
-    return apply_events(make_printing_books(plates), *start)[0]
+    return apply_events(make_printing_books(plates), *first_events)[0]
 
 
-def make_whole_part_event(print_id="x", printer="a"):
+def make_complete_part_event(print_id="x", printer="a"):
     return ev.BedCleared(at_s=500.0, printer=printer, by="ann", whole=print_id)
 
 
@@ -44,7 +44,7 @@ def list_look_tasks(books):
 def test_complete_part_is_good_and_not_reprinted():
     books = make_dead_agent_books()
     assert books.plate_state(books.plates["1/01"]) is PlateState.WAITING
-    books, instructions = apply_events(books, make_whole_part_event())
+    books, instructions = apply_events(books, make_complete_part_event())
     assert books.plate_state(books.plates["1/01"]) is PlateState.GOOD
     assert books.jobs[1].state is JobState.DONE
     assert list(books.waiting_plates()) == []
@@ -67,7 +67,7 @@ def test_failed_job_is_done_if_its_last_part_is_complete():
         failed_event = make_end_event(name, PrintState.FAILED, 110.0, **AGENT_DEATH)
         books, _ = apply_events(books, cleared_event, make_assigned_event("1/01", "a", name), failed_event)
     assert books.jobs[1].state is JobState.FAILED
-    books, _ = apply_events(books, make_whole_part_event(f"x{MAX_ATTEMPTS - 1}"))
+    books, _ = apply_events(books, make_complete_part_event(f"x{MAX_ATTEMPTS - 1}"))
     assert (books.jobs[1].state, books.jobs[1].error) == (JobState.DONE, None)
 
 
@@ -77,14 +77,14 @@ def test_salvaged_part_uses_its_full_filament():
     failed_event = make_end_event("x", PrintState.FAILED, 110.0, printed_share=0.5, **AGENT_DEATH)
     books, _ = apply_events(books, make_assigned_event("1/01", "a", "x"), failed_event)
     assert books.printer("a").reel.grams == pytest.approx(98.5)
-    books, _ = apply_events(books, make_whole_part_event())
+    books, _ = apply_events(books, make_complete_part_event())
     assert books.printer("a").reel.grams == pytest.approx(97.0)
     assert books.prints["x"].grams == pytest.approx(3.0)
 
 
 def test_reprint_that_has_not_started_is_cancelled():
     books, _ = apply_events(make_dead_agent_books(), make_assigned_event("1/01", "b", "y", 120.0))
-    books, instructions = apply_events(books, make_whole_part_event())
+    books, instructions = apply_events(books, make_complete_part_event())
     assert [type(event) for event in instructions] == [ev.SendCancel, ev.SendCleared]
     assert (instructions[0].print_id, instructions[0].printer) == ("y", "b")
     assert list_reprinting_printers(books, books.prints["x"]) == []
@@ -101,7 +101,7 @@ def test_started_reprint_continues_until_a_person_ends_it():
     books, _ = apply_events(
         make_dead_agent_books(), make_assigned_event("1/01", "b", "y", 120.0), started_event
     )
-    books, instructions = apply_events(books, make_whole_part_event())
+    books, instructions = apply_events(books, make_complete_part_event())
     assert [type(event) for event in instructions] == [ev.SendCleared]
     assert list_reprinting_printers(books, books.prints["x"]) == ["b"]
     stopped_books, instructions = apply_events(books, ev.PlateCancelled(at_s=510.0, plate="1/01", by="ann"))
@@ -122,7 +122,7 @@ def test_complete_part_makes_the_pieces_of_its_recut_unnecessary():
     replaced_event = ev.PlateReplaced(at_s=115.0, plate="1/01", parts=tuple(parts), plates=tuple(plates))
     books, _ = apply_events(books, replaced_event, make_assigned_event("1/01a", "b", "y", 120.0))
     assert find_possibly_complete_print(books, "a").id == "x"
-    books, instructions = apply_events(books, make_whole_part_event())
+    books, instructions = apply_events(books, make_complete_part_event())
     assert books.jobs[1].state is JobState.DONE
     assert instructions[0].print_id == "y"
 
@@ -136,9 +136,9 @@ def test_task_asks_for_the_verdict_with_part_and_command():
 
 
 def test_task_asks_for_the_verdict_after_an_outage():
-    start = (make_assigned_event("1/01", "a", "x"), make_assigned_event("1/02", "b", "y"))
+    first_events = (make_assigned_event("1/01", "a", "x"), make_assigned_event("1/02", "b", "y"))
     lost_events = (make_end_event(name, PrintState.FAILED, 110.0, **AGENT_DEATH) for name in "xy")
-    (item,) = list_look_tasks(apply_events(make_printing_books(2), *start, *lost_events)[0])
+    (item,) = list_look_tasks(apply_events(make_printing_books(2), *first_events, *lost_events)[0])
     assert item.code == "outage"
     assert "`farm cleared a --good 1/p01`" in item.text and "`farm cleared b --good 1/p02`" in item.text
 
@@ -146,18 +146,18 @@ def test_task_asks_for_the_verdict_after_an_outage():
 @pytest.mark.parametrize(
     "fields",
     [
-        {"at_s": 60.0},  # much sooner than the end of its plate
+        {"at_s": 60.0},  # long before the expected end of its plate
         {"extruded": False},
         {"started_s": None},
-        {"then": (make_whole_part_event(),)},
-        {"then": (ev.BedCleared(at_s=500.0, printer="a", by="ann"),)},
-        {"then": (ev.PlateCancelled(at_s=500.0, plate="1/01", by="ann"),)},
+        {"later_events": (make_complete_part_event(),)},
+        {"later_events": (ev.BedCleared(at_s=500.0, printer="a", by="ann"),)},
+        {"later_events": (ev.PlateCancelled(at_s=500.0, plate="1/01", by="ann"),)},
         # The reprint ended meanwhile.
-        {"then": (make_assigned_event("1/01", "b", "y"), make_end_event("y", at_s=300.0))},
+        {"later_events": (make_assigned_event("1/01", "b", "y"), make_end_event("y", at_s=300.0))},
     ],
 )
 def test_no_verdict_is_requested_for_an_incomplete_part(fields):
-    later_events = fields.pop("then", ())
+    later_events = fields.pop("later_events", ())
     books, _ = apply_events(make_dead_agent_books(**fields), *later_events)
     assert find_possibly_complete_print(books, "a") is None
 

@@ -1,4 +1,4 @@
-"""Keys as text."""
+"""Texts of keys: generation, and the search for the key of a text."""
 
 import re
 from itertools import permutations
@@ -11,7 +11,7 @@ from farm.control.access.keys import digest_key, find_key, make_key_text
 from farm.model import KeyKind
 
 
-def test_new_key_is_found_by_its_text_alone_and_its_text_is_not_kept():
+def test_new_key_is_found_by_its_text_which_is_not_stored():
     name, text = make_key_text()
     assert re.fullmatch(rf"farm_{name}_[\w-]{{43}}", text)
     stored_key = make_key(id=name, digest=digest_key(text), expires_s=100.0)
@@ -31,7 +31,7 @@ def test_unknown_text_is_not_accepted_as_key(text):
     assert find_key(text, {name: make_key(id=name, digest=digest_key(secret))}, 1.0) is None
 
 
-def test_session_is_not_accepted_as_key_nor_key_as_session():
+def test_session_and_key_are_not_accepted_in_place_of_each_other():
     for kind, other_kind in permutations(KeyKind):
         name, text = make_key_text(kind)
         keys = {name: make_key(id=name, kind=kind, digest=digest_key(text))}

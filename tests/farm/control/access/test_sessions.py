@@ -33,13 +33,13 @@ def farm(tmp_path, request):
     def open_session(user="ann", role=Role.PRINT):
         return farm.sessions.open(farm.sessions.make_link(user, role))
 
-    def find(text):
+    def find_session(text):
         return find_key(text, farm.controller.books.keys, clock.now_s, KeyKind.SESSION)
 
     def wait(wall_s):
         clock.now_s += wall_s * clock.scale
 
-    farm.open_session, farm.find, farm.wait = open_session, find, wait
+    farm.open_session, farm.find_session, farm.wait = open_session, find_session, wait
     yield farm
     farm.store.close()
 
@@ -51,11 +51,11 @@ def list_events(farm, kind):
 def test_link_opens_one_session_of_its_user(farm):
     token = farm.sessions.make_link("ann", Role.OPERATE)
     assert farm.sessions.find_link(token).user == "ann"
-    session = farm.find(farm.sessions.open(token))
+    session = farm.find_session(farm.sessions.open(token))
     assert (session.name, session.role, session.by) == ("ann", Role.OPERATE, "ann")
-    for use in (farm.sessions.find_link, farm.sessions.open):
+    for method in (farm.sessions.find_link, farm.sessions.open):
         with pytest.raises(NoSuchThing, match="`farm web`"):
-            use(token)
+            method(token)
     assert len(list_events(farm, "SessionOpened")) == 1
 
 
@@ -90,40 +90,40 @@ def test_texts_of_links_and_sessions_are_not_stored(farm, tmp_path):
 def test_session_ends_twelve_hours_after_its_last_use_and_after_thirty_days(farm):
     text = farm.open_session()
     farm.wait(IDLE_S - 1.0)
-    farm.sessions.extend(farm.find(text))
+    farm.sessions.extend(farm.find_session(text))
     used_s = 0.0
-    while farm.find(text) is not None:
-        farm.sessions.extend(farm.find(text))
+    while farm.find_session(text) is not None:
+        farm.sessions.extend(farm.find_session(text))
         farm.wait(11 * HOUR_S)
         used_s += 11 * HOUR_S
     assert abs(used_s + IDLE_S - MAX_SESSION_S) < 12 * HOUR_S
     unused_session = farm.open_session()
     farm.wait(IDLE_S - 1.0)
-    assert farm.find(unused_session) is not None
+    assert farm.find_session(unused_session) is not None
     farm.wait(1.0)
-    assert farm.find(unused_session) is None
+    assert farm.find_session(unused_session) is None
 
 
 def test_session_in_constant_use_is_extended_once_an_hour(farm):
     text = farm.open_session()
     for _ in range(10 * 60):
         farm.wait(60.0)
-        farm.sessions.extend(farm.find(text))
+        farm.sessions.extend(farm.find_session(text))
     assert len(list_events(farm, "SessionExtended")) == 10
 
 
 def test_additional_session_ends_the_oldest_of_its_user(farm):
     other_session = farm.open_session("bob")
     texts = [farm.open_session() for _ in range(MAX_SESSIONS + 3) if farm.wait(1.0) is None]
-    results = [farm.find(text) is not None for text in texts]
+    results = [farm.find_session(text) is not None for text in texts]
     assert results == [False] * 3 + [True] * MAX_SESSIONS
-    assert farm.find(other_session) is not None
+    assert farm.find_session(other_session) is not None
     assert len(farm.controller.books.keys) <= MAX_SESSIONS + 2
 
 
 def test_ended_sessions_are_removed_from_the_books(farm):
     for _ in range(50):
-        session = farm.find(farm.open_session())
+        session = farm.find_session(farm.open_session())
         farm.wait(1.0)
         assert session is not None
         farm.sessions.end_all("ann")
@@ -131,11 +131,11 @@ def test_ended_sessions_are_removed_from_the_books(farm):
     assert len(farm.store.load().keys) == 1
 
 
-def test_end_of_all_sessions_voids_links_too(farm):
+def test_end_of_all_sessions_also_voids_links(farm):
     texts = [farm.open_session(user) for user in ("ann", "bob")]
     token = farm.sessions.make_link("eve", Role.PRINT)
     assert farm.sessions.end_all("ann").ended == 2
-    assert [farm.find(text) for text in texts] == [None, None]
+    assert [farm.find_session(text) for text in texts] == [None, None]
     assert {event["by"] for event in list_events(farm, "KeyRevoked")} == {"ann"}
     with pytest.raises(NoSuchThing):
         farm.sessions.open(token)
@@ -154,14 +154,14 @@ def test_restarted_daemon_keeps_sessions_and_forgets_links(farm, tmp_path):
     restarted_farm.store.close()
 
 
-def test_user_and_key_of_the_same_name_have_sessions_of_their_own(farm):
+def test_user_and_key_of_the_same_name_have_separate_sessions(farm):
     panel = make_key("ann", id="panel234", expires_s=None)
     farm.controller.handle(ev.KeyAdded(at_s=farm.clock.now_s, key=panel))
     text = farm.open_session("ann")
     for _ in range(MAX_SESSIONS + 3):
         farm.wait(1.0)
-        by_key = farm.find(farm.sessions.open_with_key(panel))
-    assert (by_key.caller, by_key.user, by_key.by) == ("key ann", None, "key ann")
-    assert farm.find(text).caller == "ann"
+        key_session = farm.find_session(farm.sessions.open_with_key(panel))
+    assert (key_session.caller, key_session.user, key_session.by) == ("key ann", None, "key ann")
+    assert farm.find_session(text).caller == "ann"
     sessions = list_open_sessions(farm.controller.books.keys.values(), farm.clock.now_s, "key ann")
     assert len(sessions) == MAX_SESSIONS

@@ -20,8 +20,8 @@ SEEDS = st.integers(0, 10_000)
 
 
 def draw_shares(rng):
-    parts = [rng.uniform(0.02, 1.0) for _ in range(5)]
-    return tuple(part / sum(parts) for part in parts)
+    weights = [rng.uniform(0.02, 1.0) for _ in range(5)]
+    return tuple(weight / sum(weights) for weight in weights)
 
 
 def draw_timings(seed, factors, count=40, noise=0.0):
@@ -71,21 +71,21 @@ def test_feature_without_time_gets_a_factor_among_the_others(seed, true_factors)
         shares = (walls + supports, infill, skins, 0.0, travel)
         timings.append(Timing(shares, TimeFactors(1.0, true_factors).compute_factor(shares)))
     walls, infill, skins, supports, travel = fit_feature_factors(timings)
-    others = (walls, infill, skins, travel)
-    assert others == pytest.approx((*true_factors[:3], true_factors[4]), abs=1e-3)
-    assert min(others) - 1e-9 <= supports <= max(others) + 1e-9
+    other_factors = (walls, infill, skins, travel)
+    assert other_factors == pytest.approx((*true_factors[:3], true_factors[4]), abs=1e-3)
+    assert min(other_factors) - 1e-9 <= supports <= max(other_factors) + 1e-9
 
 
-shares_of_any_print = st.lists(st.floats(0.0, 1.0), min_size=5, max_size=5).map(
-    lambda parts: tuple((part + 1e-6) / (sum(parts) + 5e-6) for part in parts)
+print_shares = st.lists(st.floats(0.0, 1.0), min_size=5, max_size=5).map(
+    lambda weights: tuple((weight + 1e-6) / (sum(weights) + 5e-6) for weight in weights)
 )
-timings_of_any_print = st.lists(
-    st.builds(Timing, shares_of_any_print, st.floats(0.5, 2.0)), min_size=MIN_PRINTS, max_size=50
+print_timings = st.lists(
+    st.builds(Timing, print_shares, st.floats(0.5, 2.0)), min_size=MIN_PRINTS, max_size=50
 )
 
 
-@given(timings_of_any_print, st.randoms(use_true_random=False))
-def test_factors_are_bounded_and_the_order_of_prints_is_without_effect(timings, rng):
+@given(print_timings, st.randoms(use_true_random=False))
+def test_factors_are_bounded_and_independent_of_the_order_of_prints(timings, rng):
     factors = fit_feature_factors(timings)
     assert all(MIN_FACTOR <= factor <= MAX_FACTOR for factor in factors)
     shuffled_timings = list(timings)
@@ -96,8 +96,10 @@ def test_factors_are_bounded_and_the_order_of_prints_is_without_effect(timings, 
 @given(SEEDS, TRUE_FACTORS, st.lists(st.floats(0.5, 2.0), min_size=1, max_size=6))
 def test_few_prints_with_a_wrong_time_are_ignored(seed, true_factors, wrong_ratios):
     timings = draw_timings(seed, true_factors, count=40)
-    others = [Timing(timing.shares, ratio) for timing, ratio in zip(timings, wrong_ratios, strict=False)]
-    factors = fit_feature_factors([*others, *timings[len(others) :]])
+    wrong_timings = [
+        Timing(timing.shares, ratio) for timing, ratio in zip(timings, wrong_ratios, strict=False)
+    ]
+    factors = fit_feature_factors([*wrong_timings, *timings[len(wrong_timings) :]])
     assert factors == pytest.approx(true_factors, abs=0.02)
 
 

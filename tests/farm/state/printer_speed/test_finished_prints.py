@@ -17,16 +17,18 @@ TRUE_FACTORS = (1.02, 0.98, 1.15, 1.0, 1.3)
 
 def make_plate(number, family="ultimaker2"):
     rng = random.Random(number)
-    parts = [rng.uniform(0.05, 1.0) for _ in range(5)]
-    seconds = [HOUR_S * part / sum(parts) for part in parts]
-    features = FeatureSeconds(**dict(zip(FeatureSeconds.model_fields, seconds, strict=True)))
+    weights = [rng.uniform(0.05, 1.0) for _ in range(5)]
+    durations_s = [HOUR_S * weight / sum(weights) for weight in weights]
+    features = FeatureSeconds(**dict(zip(FeatureSeconds.model_fields, durations_s, strict=True)))
     changes = {"sliced_s": HOUR_S, "expected_s": HOUR_S + PRELUDE_S, "features": features, "family": family}
     return TEMPLATE.model_copy(update={"id": f"1/{number:03d}", "prints": (f"x{number}",), **changes})
 
 
-def make_print(plate: Plate, printer="a", speed=1.0, **changes):
+def make_print(plate: Plate, printer="a", time_ratio=1.0, **changes):
     number = int(plate.id[2:])
-    layers_s = speed * plate.sliced_s * TimeFactors(1.0, TRUE_FACTORS).compute_factor(plate.feature_shares)
+    layers_s = (
+        time_ratio * plate.sliced_s * TimeFactors(1.0, TRUE_FACTORS).compute_factor(plate.feature_shares)
+    )
     fields = {
         "id": f"x{number}",
         "plate": plate.id,
@@ -46,8 +48,8 @@ def learn_from_prints(prints, plates, **printers):
     names = {attempt.printer for attempt in prints}
     entries = {name: Printer(name=name, time_factor=printers.get(name, 1.0)) for name in names}
     books = Books.from_entities([*plates, *prints, *entries.values()])
-    last = prints[-1]
-    return learn_speed(books, entries[last.printer], last), books
+    last_print = prints[-1]
+    return learn_speed(books, entries[last_print.printer], last_print), books
 
 
 def test_factors_are_learned_from_thirty_prints_of_a_printer():
@@ -57,8 +59,8 @@ def test_factors_are_learned_from_thirty_prints_of_a_printer():
     printer, _ = learn_from_prints(prints, plates)
     assert printer.feature_factors.factors == pytest.approx(TRUE_FACTORS, abs=1e-3)
     assert (printer.feature_factors.prints, printer.feature_factors.own) == (MIN_PRINTS, True)
-    walls_only = (1.0, 0.0, 0.0, 0.0, 0.0)
-    assert printer.time_factors.compute_factor(walls_only) == pytest.approx(TRUE_FACTORS[0], abs=1e-3)
+    wall_shares = (1.0, 0.0, 0.0, 0.0, 0.0)
+    assert printer.time_factors.compute_factor(wall_shares) == pytest.approx(TRUE_FACTORS[0], abs=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -72,7 +74,7 @@ def test_factors_are_learned_from_thirty_prints_of_a_printer():
         {"ended_s": 0.0},
     ],
 )
-def test_unrepresentative_print_is_left_out(changes):
+def test_unrepresentative_print_is_ignored(changes):
     plates = [make_plate(number) for number in range(1, MIN_PRINTS + 1)]
     prints = [make_print(plate) for plate in plates]
     prints[3] = make_print(plates[3], **changes)
@@ -94,21 +96,23 @@ def test_plate_without_features_updates_only_the_time_factor():
 def test_printer_with_few_prints_has_the_factors_of_its_family_at_its_own_speed():
     plates = [make_plate(number) for number in range(1, MIN_PRINTS + 3)]
     prints = [make_print(plate, printer="b") for plate in plates[:-2]]
-    prints += [make_print(plate, printer="a", speed=1.05) for plate in plates[-2:]]
+    prints += [make_print(plate, printer="a", time_ratio=1.05) for plate in plates[-2:]]
     mean_ratio = sum(TRUE_FACTORS) / 5
     printer, _ = learn_from_prints(prints, plates, a=1.05 * mean_ratio, b=mean_ratio)
     assert not printer.feature_factors.own
     assert printer.feature_factors.prints == MIN_PRINTS + 2
-    expected = tuple(1.05 * factor for factor in TRUE_FACTORS)
-    assert printer.feature_factors.factors == pytest.approx(expected, abs=0.02)
-    others = [plate.model_copy(update={"family": "marlin"}) for plate in plates[:-2]]
-    assert learn_from_prints(prints, [*others, *plates[-2:]])[0].feature_factors is None
+    expected_factors = tuple(1.05 * factor for factor in TRUE_FACTORS)
+    assert printer.feature_factors.factors == pytest.approx(expected_factors, abs=0.02)
+    other_plates = [plate.model_copy(update={"family": "marlin"}) for plate in plates[:-2]]
+    assert learn_from_prints(prints, [*other_plates, *plates[-2:]])[0].feature_factors is None
 
 
 def test_only_the_latest_prints_of_a_printer_count():
     plates = [make_plate(number) for number in range(1, 101)]
-    prints = [make_print(plate, speed=1.0 if number < 40 else 1.1) for number, plate in enumerate(plates)]
+    prints = [
+        make_print(plate, time_ratio=1.0 if number < 40 else 1.1) for number, plate in enumerate(plates)
+    ]
     printer, books = learn_from_prints(prints, plates)
     assert len(list_timings(books, printer)) == 60
-    expected = tuple(1.1 * factor for factor in TRUE_FACTORS)
-    assert printer.feature_factors.factors == pytest.approx(expected, abs=1e-3)
+    expected_factors = tuple(1.1 * factor for factor in TRUE_FACTORS)
+    assert printer.feature_factors.factors == pytest.approx(expected_factors, abs=1e-3)

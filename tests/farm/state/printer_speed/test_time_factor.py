@@ -1,4 +1,4 @@
-"""Time factor of a printer: updates by its prints."""
+"""Time factor of a printer, which its prints update."""
 
 import itertools
 
@@ -30,8 +30,8 @@ def apply_ratios(ratios, factor=1.0):
 
 
 @given(FACTORS, FACTORS, DURATIONS_S)
-def test_time_factor_converges_to_the_true_ratio(start, true_ratio, expected_s):
-    factor = start
+def test_time_factor_converges_to_the_true_ratio(initial_factor, true_ratio, expected_s):
+    factor = initial_factor
     for _ in range(60):
         new_factor = update_time_factor(factor, expected_s, true_ratio * expected_s)
         assert abs(new_factor - true_ratio) <= abs(factor - true_ratio) + 1e-12
@@ -47,9 +47,9 @@ def test_time_factor_is_bounded_and_changes_slowly(factor, expected_s, reached_s
 
 
 @given(st.lists(st.floats(0.9, 1.2), min_size=1, max_size=5), FACTORS)
-def test_order_of_prints_hardly_affects_the_factor(ratios, start):
-    ends = [apply_ratios(order, start) for order in itertools.permutations(ratios)]
-    assert max(ends) - min(ends) <= max(ratios) - min(ratios) + 1e-9
+def test_order_of_prints_hardly_affects_the_factor(ratios, initial_factor):
+    final_factors = [apply_ratios(order, initial_factor) for order in itertools.permutations(ratios)]
+    assert max(final_factors) - min(final_factors) <= max(ratios) - min(ratios) + 1e-9
 
 
 @given(st.lists(st.floats(1.0, 1.1), min_size=1, max_size=30))
@@ -60,10 +60,10 @@ def test_time_factor_stays_within_observed_ratios(ratios):
 @pytest.mark.parametrize(
     ("expected_s", "reached_s", "starved_s"),
     [
-        (MIN_LEARNED_S - 1, 1.1 * MIN_LEARNED_S, 0.0),  # short
-        (HOUR_S, 1.1 * HOUR_S, 0.02 * HOUR_S),  # starved
+        (MIN_LEARNED_S - 1, 1.1 * MIN_LEARNED_S, 0.0),  # too short
+        (HOUR_S, 1.1 * HOUR_S, 0.02 * HOUR_S),  # starved too long
         (HOUR_S, 5 * HOUR_S, 0.0),  # paused overnight
-        (HOUR_S, -10.0, 0.0),  # a clock that was set back
+        (HOUR_S, -10.0, 0.0),  # the clock was set back
         (HOUR_S, 0.0, 0.0),
     ],
 )
@@ -71,8 +71,8 @@ def test_unrepresentative_print_does_not_change_the_factor(expected_s, reached_s
     assert update_time_factor(1.05, expected_s, reached_s, starved_s) == 1.05
 
 
-def make_long_plate(books, factor):
-    """Make a plate of an hour of layers and another 100 s, planned with a factor."""
+def lengthen_first_plate(books, factor):
+    """Give the first plate, planned with a factor, an hour of layers and 100 s of other time."""
     plate = books.plates["1/01"]
     changes = {
         "sliced_s": HOUR_S,
@@ -85,7 +85,7 @@ def make_long_plate(books, factor):
 
 def make_printed_books(state=PrintState.DONE, planned_factor=1.0, elapsed_s=1.1 * HOUR_S + 100.0):
     return apply_events(
-        make_long_plate(make_printing_books(plates=2), planned_factor),
+        lengthen_first_plate(make_printing_books(plates=2), planned_factor),
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
         make_end_event("x", state, at_s=2.0 + elapsed_s, fault=None, reason="r"),
     )[0]
@@ -108,7 +108,7 @@ def test_failed_print_does_not_update_the_factor():
 def test_paused_print_does_not_update_the_factor():
     fields = {"print_id": "x", "started_s": 2.0, "extruded": True}
     books, _ = apply_events(
-        make_long_plate(make_printing_books(), 1.0),
+        lengthen_first_plate(make_printing_books(), 1.0),
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
         ev.PrintProgressed(at_s=3.0, state=PrintState.PAUSED, **fields),
         ev.PrintProgressed(at_s=4.0, state=PrintState.PRINTING, **fields),

@@ -12,7 +12,7 @@ GB = 1e9
 
 
 @pytest.mark.parametrize(
-    ("use", "nights"),
+    ("disk_use", "nights"),
     [
         (DiskUse(10 * GB, 5 * GB, 0.0, 1 * GB), 9.5),  # nothing to prune before 50 GB
         # After one night each new job replaces an old one.
@@ -26,8 +26,8 @@ GB = 1e9
         (DiskUse(10 * GB, 0.0, 0.0, 0.0), math.inf),
     ],
 )
-def test_nights_until_full_follow_from_the_use_of_the_disk(use, nights):
-    assert estimate_nights_until_full(use, 50 * GB, 0.5 * GB) == pytest.approx(nights)
+def test_nights_until_full_follow_from_the_use_of_the_disk(disk_use, nights):
+    assert estimate_nights_until_full(disk_use, 50 * GB, 0.5 * GB) == pytest.approx(nights)
 
 
 _bytes = st.floats(0, 1e13)
@@ -45,7 +45,7 @@ def test_more_free_space_is_never_full_earlier(
     free_bytes, stored_bytes, prunable_bytes, day_bytes, max_bytes, more_bytes
 ):
     def forecast_nights(**changes):
-        use = DiskUse(
+        disk_use = DiskUse(
             **(
                 {
                     "free_bytes": free_bytes,
@@ -56,7 +56,7 @@ def test_more_free_space_is_never_full_earlier(
                 | changes
             )
         )
-        return estimate_nights_until_full(use, max_bytes, 0.5 * GB)
+        return estimate_nights_until_full(disk_use, max_bytes, 0.5 * GB)
 
     slack = 1 + 1e-9
     assert forecast_nights(free_bytes=free_bytes + more_bytes) * slack >= forecast_nights()

@@ -24,8 +24,8 @@ from farm.state.retention import (
 from farm.state.transitions import apply
 
 
-def make_sizes(books, size=100):
-    return dict.fromkeys(list_named_files(books), size)
+def make_sizes(books, file_bytes=100):
+    return dict.fromkeys(list_named_files(books), file_bytes)
 
 
 def prune_job(books, number):
@@ -44,7 +44,7 @@ def test_oldest_jobs_are_selected_until_the_rest_fits():
     books = make_old_books(*((JobState.DONE, 10 + number) for number in range(5)))  # 7 files per job
     assert len(list_job_file_names(books, books.jobs[1])) == 7
     rules = KeepRules(days=90, max_bytes=2500)
-    # Without pictures 3500 - 2 * 600 bytes are left.
+    # Two pruned jobs, which keep only their pictures, leave 3500 - 2 * 600 bytes.
     assert select_jobs(books, make_sizes(books), rules, NOW_S, NOW_S) == [
         5,
         4,
@@ -59,7 +59,7 @@ def test_files_shared_with_another_job_are_not_freed():
     assert select_jobs(books, sizes, KeepRules(90, 500), NOW_S, NOW_S) == []
 
 
-def test_recent_and_unsaved_jobs_are_not_selected():
+def test_recent_jobs_and_those_without_a_backup_are_not_selected():
     books = make_old_books((JobState.DONE, 1.9), (JobState.DONE, 5), (JobState.DONE, 2.1))
     full_rules = KeepRules(days=2, max_bytes=0.0)
     assert select_jobs(books, make_sizes(books), full_rules, NOW_S, NOW_S) == [2, 3]
@@ -75,7 +75,7 @@ def test_job_that_is_open_or_not_judged_is_never_pruned(state):
 
 
 def test_part_on_a_bed_or_without_a_verdict_keeps_the_files():
-    """Keep files that a bad verdict, or a good one on a failed print, may make necessary."""
+    """Keep files that may be needed for a reprint after a verdict."""
     cancelled_event = ev.JobCancelled(at_s=201.0, job=1, by="ann")
     books, _ = apply_events(
         Books(),
@@ -121,7 +121,7 @@ def test_pruned_job_keeps_its_pictures_and_is_not_printed_again():
         prune_job(new_books, 1)
 
 
-def test_parts_that_others_replaced_keep_their_files_while_the_job_is_open():
+def test_replaced_parts_keep_their_files_while_the_job_is_open():
     books = make_old_books((JobState.PRINTING, 0))
     books = put(books, replace_fields(books.jobs[1], parts=("1/p02",), plates=("1/02",)))
     assert {"1-p01.stl", "1-01.gcode"} <= list_named_files(books)
@@ -134,8 +134,8 @@ def test_jobs_with_missing_files_are_found_after_a_restore():
     assert list_lost_jobs(prune_job(books, 1), files) == []
 
 
-def test_unavailable_store_prunes_no_job():
-    """Keep all jobs if the disk is not mounted, or a person moved the folder."""
+def test_no_job_counts_as_lost_if_the_store_is_unavailable():
+    """Keep all jobs if the disk is not mounted, or if a person has moved the folder."""
     books = make_old_books((JobState.DONE, 100), (JobState.PRINTING, 0))
     assert list_lost_jobs(books, set()) == []
     assert list_lost_jobs(books, list_named_files(books) - {"picture-1.png", "1-p01.stl"}) == []
@@ -147,7 +147,7 @@ _job_lists = st.lists(st.tuples(st.sampled_from(JobState), st.floats(0, 400)), m
 
 
 @given(jobs=_job_lists, days=st.floats(2, 365), max_total_bytes=st.integers(0, 6000), data=st.data())
-def test_deleted_files_are_unused_and_kept_ones_complete(jobs, days, max_total_bytes, data):
+def test_only_unused_files_of_old_jobs_are_deleted(jobs, days, max_total_bytes, data):
     shared_numbers = data.draw(st.sets(st.integers(1, len(jobs))))
     bed = data.draw(st.sampled_from(Bed))
     books = make_old_books(*jobs, shared_numbers=shared_numbers)
@@ -166,8 +166,8 @@ def test_deleted_files_are_unused_and_kept_ones_complete(jobs, days, max_total_b
         if number not in selected_jobs:
             assert not list_job_file_names(books, entry) & deleted_names
         assert entry.picture in list_named_files(new_books)
-    ends = [books.jobs[number].ended_s for number in selected_jobs]
-    assert ends == sorted(ends)
+    ended_times_s = [books.jobs[number].ended_s for number in selected_jobs]
+    assert ended_times_s == sorted(ended_times_s)
     kept_jobs = [
         e
         for n, e in new_books.jobs.items()

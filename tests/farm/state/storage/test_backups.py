@@ -59,7 +59,7 @@ def make_held_books():
     )[0]
 
 
-def test_backup_of_books_in_use_succeeds_and_old_ones_are_deleted(state):
+def test_books_in_use_are_backed_up_and_old_backups_are_deleted(state):
     books = write_books(state)
     assert is_due(state, FIRST_BACKUP_S)
     with Store(state.books):
@@ -94,9 +94,9 @@ def test_damaged_database_is_restored_from_the_newest_intact_backup(state, damag
     assert moved_file.read_bytes() == damaged_bytes
 
 
-def test_backup_is_recognised_until_it_is_restored(state):
+def test_backup_is_recognised_until_its_restore_is_recorded(state):
     write_books(state)
-    back_up(state, FIRST_BACKUP_S).replace(state.books)  # for example by hand
+    back_up(state, FIRST_BACKUP_S).replace(state.books)  # for example, a person copies it back
     for _ in range(2):  # the first daemon dies before it has recorded the restore
         store, copied_s = open_books(state, FIRST_BACKUP_S + DAY_S)
         with store:
@@ -200,12 +200,12 @@ def test_restored_database_starts_nothing_before_an_inspection(tmp_path):
     assert books.jobs[2].options.hold
     next_books, _ = apply(ev.PlanningStarted(at_s=FIRST_BACKUP_S, job=2), books)
     next_books, _ = apply(make_plan_event(2, 1).model_copy(update={"held": True}), next_books)
-    # The job may have been planned and printed since the copy.
+    # The job may have been planned and printed since the backup.
     assert next_books.jobs[2].hold == books.jobs[1].hold
     restored_books, _ = apply(
         ev.BooksRestored(at_s=FIRST_BACKUP_S, copied_s=FIRST_BACKUP_S), make_held_books()
     )
-    assert restored_books.jobs[1].hold == books.jobs[1].hold  # and a held job may have been approved
+    assert restored_books.jobs[1].hold == books.jobs[1].hold  # a held job may have been approved since then
     for name in "ab":
         farm.report(name)  # its agent does not know the print, which was only assigned
     assert {p.state for p in farm.controller.books.prints.values()} == {PrintState.CANCELLED}

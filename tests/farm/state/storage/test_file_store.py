@@ -41,7 +41,7 @@ def test_same_bytes_are_stored_once(tmp_path):
     assert not (tmp_path / "b.stl").exists()
 
 
-def test_links_have_the_current_names_beside_other_files(tmp_path):
+def test_links_get_the_current_names_and_other_files_stay(tmp_path):
     store, folder = tmp_path / "files", tmp_path / "jobs" / "1"
     store.mkdir()
     (tmp_path / "a.stl").write_bytes(b"solid")
@@ -96,12 +96,12 @@ def test_file_stored_during_a_deletion_is_kept(tmp_path):
     store.mkdir()
     stop_event = threading.Event()
 
-    def delete():
+    def delete_all_files():
         while not stop_event.is_set():
             delete_files(store, list_files(store), time.time())
 
     with ThreadPoolExecutor() as pool:
-        deletion = pool.submit(delete)
+        deletion = pool.submit(delete_all_files)
         try:
             for _ in range(300):
                 name = store_content(store, tmp_path, b"solid")

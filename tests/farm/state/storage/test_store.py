@@ -24,7 +24,7 @@ from farm.state.transitions import apply
 
 
 def convert_to_version(db, version):
-    """Convert the books to those of an older farm."""
+    """Convert the database to the schema of an older version."""
     for kind, table in TABLES.items():
         if FIRST_VERSIONS.get(kind, 0) > version:
             db.execute(f"DROP TABLE {table}")
@@ -34,7 +34,7 @@ def convert_to_version(db, version):
 
 
 def list_job_events():
-    """List the events of a fleet and of a job with a plan."""
+    """List the events that add a fleet, and a job with a plan."""
     return [
         *make_fleet_events(),
         ev.JobSubmitted(at_s=0.0, job=make_job()),
@@ -43,7 +43,7 @@ def list_job_events():
     ]
 
 
-def commit_all(store, events):
+def commit_events(store, events):
     """Apply events to empty books and commit each; return the books."""
     books = Books()
     for event in events:
@@ -55,14 +55,14 @@ def commit_all(store, events):
 
 def test_store_returns_committed_entities(tmp_path):
     with Store(tmp_path / "farm.db") as store:
-        books = commit_all(store, list_job_events())
+        books = commit_events(store, list_job_events())
     with Store(tmp_path / "farm.db") as store:
         assert store.load() == books
         assert [kind for _, kind, _ in store.events()][-1] == "JobPlanned"
 
 
 def test_books_in_a_public_folder_are_private(tmp_path):
-    """Include existing books of an older farm."""
+    """Include books that an older version created."""
     tmp_path.chmod(0o755)
     old_mask = os.umask(0o022)
     try:
@@ -103,7 +103,7 @@ def test_database_of_the_first_schema_is_migrated(tmp_path):
     books = make_printing_books(plates=1)
     with Store(path) as store:
         store.commit(make_plan_event(), Books(), books)
-    with sqlite3.connect(path) as db:  # a verdict was a field of the part
+    with sqlite3.connect(path) as db:  # formerly, a verdict was a field of the part
         db.execute("UPDATE part SET body = json_set(body, '$.verdict', NULL)")
         convert_to_version(db, 1)
     db.close()
@@ -162,7 +162,7 @@ def test_part_cleared_in_an_earlier_version_is_good(tmp_path):
 
 
 @pytest.mark.parametrize("version", [2, 3])
-def test_books_without_a_table_of_keys_are_read_and_get_one(tmp_path, version):
+def test_books_without_a_table_of_keys_are_read_and_extended(tmp_path, version):
     path = tmp_path / "farm.db"
     with Store(path) as store:
         books, _ = apply(make_fleet_events()[0], Books())
@@ -196,20 +196,20 @@ def test_removed_key_is_removed_from_the_disk(tmp_path):
     assert read_books(path)[0].keys == {"s2": new_key}
 
 
-def test_key_of_a_version_without_sessions_is_no_session():
+def test_key_of_a_version_without_sessions_is_not_a_session():
     body = make_key().model_dump(mode="json", exclude={"kind"})
     assert Key.model_validate(body).kind is KeyKind.KEY
 
 
-def test_commits_of_a_transaction_are_written_all_or_none(tmp_path):
+def test_either_all_commits_of_a_transaction_are_written_or_none(tmp_path):
     events = make_fleet_events()
     with Store(tmp_path / "farm.db") as store:
         with pytest.raises(StoreError), store.transaction():
-            commit_all(store, events)
+            commit_events(store, events)
             store._db.execute("INSERT INTO no_such_table VALUES (1)")
         assert store.load() == Books() and store.find_last_event() == 0
         with store.transaction():
-            books = commit_all(store, events)
+            books = commit_events(store, events)
         assert store.load() == books and store.find_last_event() == len(events)
         assert int((tmp_path / "farm.db-count").read_bytes()) == len(events)
 
@@ -217,11 +217,11 @@ def test_commits_of_a_transaction_are_written_all_or_none(tmp_path):
 def test_rows_omit_defaults_and_complete_rows_are_read_too(tmp_path):
     path = tmp_path / "farm.db"
     with Store(path) as store:
-        books = commit_all(store, list_job_events())
+        books = commit_events(store, list_job_events())
         assert store.load() == books
         (body,) = store._db.execute("SELECT body FROM plate WHERE id = '1/01'").fetchone()
         assert "sliced_s" in body and "replaced_by" not in body and "null" not in body
-        for name, plate in books.plates.items():  # as farm 0.1 writes them
+        for name, plate in books.plates.items():  # as farm 0.1 wrote them
             text = plate.model_dump_json()
             row = (text, zlib.crc32(text.encode()), name)
             store._db.execute("UPDATE plate SET body = ?, crc = ? WHERE id = ?", row)
@@ -243,18 +243,18 @@ def test_entities_that_are_read_share_the_set_of_their_fields(tmp_path):
 
 
 def test_failed_commit_is_not_counted_by_a_later_empty_transaction(tmp_path):
-    """Check that the next start reports no lost events, for which it would restore a backup."""
-    first, second, *_ = make_fleet_events()
+    """Check that the next start finds no lost event, for which it would restore a backup."""
+    first_event, second_event, *_ = make_fleet_events()
     with Store(tmp_path / "farm.db") as store:
         with store.transaction():
             pass
         assert not (tmp_path / "farm.db-count").exists()
-        books, _ = apply(first, Books())
-        store.commit(first, Books(), books)
+        books, _ = apply(first_event, Books())
+        store.commit(first_event, Books(), books)
         store._db.execute(f"PRAGMA max_page_count = {store._db.execute('PRAGMA page_count').fetchone()[0]}")
         with pytest.raises(StoreError, match="full"):  # a full disk
             for _ in range(1000):
-                store.commit(second, books, books)
+                store.commit(second_event, books, books)
         with store.transaction():
             pass
         assert int((tmp_path / "farm.db-count").read_bytes()) == store.find_last_event()

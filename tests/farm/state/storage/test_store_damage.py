@@ -1,4 +1,4 @@
-"""Opening of damaged books: unchanged, restored with a report, or refused."""
+"""Opening of damaged books: they are unchanged, restored with a report, or refused."""
 
 import shutil
 
@@ -16,7 +16,7 @@ from farm.state.storage.backups import back_up, open_books
 from farm.state.storage.store import Store
 from farm.state.transitions import apply
 
-BACKED_UP_EVENTS = 5  # events before the backup
+BACKED_UP_COUNT = 5  # events before the backup
 EVENTS = (
     *make_fleet_events(),
     ev.JobSubmitted(at_s=0.0, job=make_job()),
@@ -34,7 +34,7 @@ NOW_S = 1000.0
 
 
 class KilledDaemon:
-    """Folder of a killed daemon, with its books after each event."""
+    """Folder of a killed daemon, and its books after each event."""
 
     def __init__(self, folder, history):
         self.folder, self.history = folder, history
@@ -47,7 +47,7 @@ def killed_daemon(tmp_path_factory):
     history = [Books()]
     with Store(state.books) as store:
         for number, event in enumerate(EVENTS):
-            if number == BACKED_UP_EVENTS:
+            if number == BACKED_UP_COUNT:
                 back_up(state, 1.0)
             new_books, _ = apply(event, history[-1])
             store.commit(event, history[-1], new_books)
@@ -58,7 +58,7 @@ def killed_daemon(tmp_path_factory):
 
 
 def open_damaged_books(killed_daemon, folder, damage_database):
-    """Open books after damage; return True if they were restored, None if they were refused."""
+    """Open damaged books; return True if they were restored, False if unchanged, None if refused."""
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(killed_daemon.folder, folder)
     state = StateFolder(folder)
@@ -73,7 +73,7 @@ def open_damaged_books(killed_daemon, folder, damage_database):
         if restored_s is None:
             assert books == killed_daemon.history[-1]
             return False
-        assert books in killed_daemon.history[BACKED_UP_EVENTS:]
+        assert books in killed_daemon.history[BACKED_UP_COUNT:]
         new_books, _ = apply(ev.BooksRestored(at_s=NOW_S, copied_s=restored_s), books)
         store.commit(ev.BooksRestored(at_s=NOW_S, copied_s=restored_s), books, new_books)
         assert all(printer.bed is Bed.NOT_CLEAR for printer in new_books.printers.values())
@@ -107,7 +107,7 @@ def test_flipped_bit_anywhere_is_detected(killed_daemon, tmp_path_factory, file_
 @settings(max_examples=30, deadline=None)
 @given(share=st.floats(0, 0.999))
 def test_truncated_write_ahead_log_is_detected(killed_daemon, tmp_path_factory, share):
-    """Detect a truncated log; SQLite does not, and a bed could count as clear that no longer is."""
+    """Detect a truncated log, because SQLite does not, and old books may show a full bed as clear."""
 
     def truncate_log(state):
         log = state.books.with_name("farm.db-wal")
@@ -119,7 +119,7 @@ def test_truncated_write_ahead_log_is_detected(killed_daemon, tmp_path_factory, 
 def test_intact_database_is_opened_unchanged(killed_daemon, tmp_path):
     assert open_damaged_books(killed_daemon, tmp_path / "state", lambda state: None) is False
     state = StateFolder(tmp_path / "state")
-    for path in state.root.glob("farm.db*"):  # as if a person had moved most of them
+    for path in state.root.glob("farm.db*"):  # a person moves all files but the counter
         if not path.name.endswith("-count"):
             path.unlink()
     shutil.rmtree(state.backups)
@@ -129,7 +129,7 @@ def test_intact_database_is_opened_unchanged(killed_daemon, tmp_path):
 
 
 def test_every_changed_row_is_found(killed_daemon, tmp_path):
-    """Find a changed digit of a time, which leaves the pages of SQLite valid."""
+    """Find a changed digit, which leaves the pages of SQLite valid."""
     import sqlite3
 
     def make_row_damage(table):

@@ -45,7 +45,7 @@ def test_remaining_events_are_the_latest(tmp_path_factory, times_s, end_s, max_c
         )
         record_events(store, 200.0)
     with Store(path) as store:
-        assert store.copied_s is None  # nothing counts as lost
+        assert store.copied_s is None  # no event counts as lost
         assert list_times_s(store) == [*kept_times_s, 200.0]
 
 
@@ -56,13 +56,13 @@ def test_deleting_events_makes_the_file_smaller(tmp_path):
         assert not store.release_space(min_bytes=10**6)  # all space is in use
         while store.delete_events(store.find_last_old_event(0.0, 10)):
             pass
-        assert not store.release_space()  # less than 16 MB
+        assert not store.release_space()  # less than 16 MB are free
         assert store.release_space(min_bytes=10**5)
         assert path.stat().st_size < 300 * 4000 / 5
         assert list_times_s(store) == [float(n) for n in range(290, 300)]
 
 
-def test_events_that_cannot_be_deleted_are_an_error_of_the_store(tmp_path):
+def test_failed_deletion_of_events_raises_a_store_error(tmp_path):
     with Store(tmp_path / "farm.db") as store:
         record_events(store, 1.0, 2.0)
         with sqlite3.connect(tmp_path / "farm.db", isolation_level=None) as connection:

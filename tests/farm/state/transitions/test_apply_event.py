@@ -19,14 +19,16 @@ from farm.state.storage.store import Store
 from farm.state.transitions import apply
 
 ASSIGNMENT = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
-HEATING = ev.PrintProgressed(at_s=3.0, print_id="x", state=PrintState.HEATING, started_s=3.0, extruded=False)
+HEATING_EVENT = ev.PrintProgressed(
+    at_s=3.0, print_id="x", state=PrintState.HEATING, started_s=3.0, extruded=False
+)
 CANCELLATION = ev.JobCancelled(at_s=5.0, job=1)
 INVALID_EVENTS = {
     "a print ends twice": ([ASSIGNMENT, make_end_event("x")], make_end_event("x"), "print x is done"),
-    "a print continues after its end": ([ASSIGNMENT, make_end_event("x")], HEATING, "print x is done"),
+    "a print continues after its end": ([ASSIGNMENT, make_end_event("x")], HEATING_EVENT, "print x is done"),
     "a print that has begun is withdrawn": (
-        [ASSIGNMENT, HEATING],
-        ev.PrintWithdrawn(at_s=4.0, print_id="x", reason="so"),
+        [ASSIGNMENT, HEATING_EVENT],
+        ev.PrintWithdrawn(at_s=4.0, print_id="x", reason="test"),
         "print x is heating",
     ),
     "a print is failed after its end": (
@@ -43,7 +45,7 @@ INVALID_EVENTS = {
     ),
     "a printing job fails": (
         [],
-        ev.JobFailed(at_s=5.0, job=1, error=ErrorCode.ENGINE, reason="so"),
+        ev.JobFailed(at_s=5.0, job=1, error=ErrorCode.ENGINE, reason="test"),
         "job 1 is printing",
     ),
     "a plate that prints is paused": (
@@ -66,9 +68,9 @@ INVALID_EVENTS = {
 }
 
 
-@pytest.mark.parametrize(("events_before", "event", "message"), INVALID_EVENTS.values(), ids=INVALID_EVENTS)
-def test_invalid_transition_names_its_cause(events_before, event, message):
-    books, _ = apply_events(make_printing_books(), *events_before)
+@pytest.mark.parametrize(("earlier_events", "event", "message"), INVALID_EVENTS.values(), ids=INVALID_EVENTS)
+def test_invalid_transition_names_its_cause(earlier_events, event, message):
+    books, _ = apply_events(make_printing_books(), *earlier_events)
     with pytest.raises(InvalidTransition, match=message) as error:
         apply(event, books)
     assert type(event).__name__ in str(error.value)
@@ -96,7 +98,7 @@ def test_state_outside_the_transition_table_is_an_error():
         apply(ev.JobSubmitted(at_s=1.0, job=started_job), books)
 
 
-def test_error_has_the_history_of_its_entity_only(tmp_path):
+def test_error_has_only_the_history_of_its_entity(tmp_path):
     events = [
         *make_fleet_events(),
         ev.JobSubmitted(at_s=0.0, job=make_job()),
@@ -104,7 +106,7 @@ def test_error_has_the_history_of_its_entity_only(tmp_path):
         make_plan_event(),
         ASSIGNMENT,
         ev.PlateAssigned(at_s=2.0, plate="1/02", printer="b", print_id="y"),
-        HEATING,
+        HEATING_EVENT,
         make_end_event("x"),
     ]
     with Store(tmp_path / "farm.db") as store:
@@ -114,7 +116,7 @@ def test_error_has_the_history_of_its_entity_only(tmp_path):
             store.commit(event, books, new_books)
             books = new_books
         with pytest.raises(InvalidTransition) as error:
-            apply(HEATING, books)
+            apply(HEATING_EVENT, books)
         error_with_print_history = store.add_history(error.value)
         with pytest.raises(InvalidTransition) as error:
             apply(ev.PlanningStarted(at_s=9.0, job=1), books)

@@ -20,7 +20,7 @@ def test_time_of_gluing_is_kept_and_replaced_by_a_later_report(state):
         assert (books.jobs[1].state, list(instructions)) == (state, [])
 
 
-def test_parts_that_are_not_printed_are_not_glued():
+def test_unprinted_parts_cannot_be_reported_as_glued():
     with pytest.raises(InvalidTransition):
         apply(ev.JobAssembled(at_s=9.0, job=1, minutes=45.0), make_printing_books())
 

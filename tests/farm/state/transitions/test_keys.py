@@ -31,9 +31,10 @@ def test_restored_backup_revokes_all_keys():
 
 def test_each_role_includes_those_before_it():
     allowed_pairs = {(role, needed_role) for role in Role for needed_role in Role if role.allows(needed_role)}
-    look, send, operate = Role
+    viewer, sender, operator = Role
     assert allowed_pairs == {
-        (look, look), (send, look), (send, send), (operate, look), (operate, send), (operate, operate)
+        (viewer, viewer), (sender, viewer), (sender, sender),
+        (operator, viewer), (operator, sender), (operator, operator),
     }  # fmt: skip
 
 
@@ -42,7 +43,7 @@ def make_session(name, user="ann", at_s=0.0, expires_s=100.0):
     return ev.SessionOpened(at_s=at_s, session=session_key)
 
 
-def test_used_session_is_valid_until_its_later_end():
+def test_extended_session_is_valid_until_its_new_end():
     books, _ = apply_events(
         Books(), make_session("s1"), ev.SessionExtended(at_s=90.0, session="s1", expires_s=190.0)
     )
@@ -57,7 +58,7 @@ def test_ended_sessions_of_a_user_leave_the_books_when_the_user_opens_another():
     books, _ = apply_events(
         books, ev.KeyRevoked(at_s=50.0, key="s1", by="ann"), make_session("s4", at_s=60.0)
     )
-    assert set(books.keys) == {"abcd2345", "s2", "s3", "s4"}  # only sessions end, and only those of this user
+    assert set(books.keys) == {"abcd2345", "s2", "s3", "s4"}  # only ended sessions of this user are removed
     books, _ = apply_events(books, make_session("s5", at_s=150.0, expires_s=300.0))
     assert set(books.keys) == {"abcd2345", "s3", "s5"}
 

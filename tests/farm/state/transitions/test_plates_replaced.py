@@ -15,11 +15,11 @@ from farm.views import describe_job
 from farm.views.accounting import summarise_job
 
 
-def make_replaced_event(books, plate, names=("a", "b")):
-    """Make the event of a plate whose part is cut into pieces with these letters, or is resliced."""
+def make_replaced_event(books, plate, letters=("a", "b")):
+    """Make the event of a part that is cut into pieces with these letters, or resliced without letters."""
     old_plate = books.plates[plate]
     (part,) = (books.parts[name] for name in old_plate.parts)
-    if not names:
+    if not letters:
         new_plate = old_plate.model_copy(update={"id": f"{plate}-2", "prints": (), "printer": "c"})
         return ev.PlateReplaced(
             at_s=9.0,
@@ -28,10 +28,10 @@ def make_replaced_event(books, plate, names=("a", "b")):
             plates=(new_plate,),
         )
     parts, plates = [], []
-    for name in names:
-        changes = {"id": f"{part.id}{name}", "plate": f"{plate}{name}", "cut_from": part.id}
+    for letter in letters:
+        changes = {"id": f"{part.id}{letter}", "plate": f"{plate}{letter}", "cut_from": part.id}
         parts.append(part.model_copy(update=changes))
-        changes = {"id": f"{plate}{name}", "parts": (f"{part.id}{name}",), "prints": ()}
+        changes = {"id": f"{plate}{letter}", "parts": (f"{part.id}{letter}",), "prints": ()}
         plates.append(old_plate.model_copy(update=changes))
     new_plate = {"parts": tuple(parts), "plates": tuple(plates)}
     return ev.PlateReplaced(
@@ -119,7 +119,7 @@ steps = st.lists(
 
 @given(steps)
 def test_replacing_plates_neither_loses_nor_repeats_a_part(choices):
-    """Check that after any reslices and recuts the current plates have each piece of the parts once."""
+    """Check that, after any reslices and recuts, the current plates have each piece of the parts once."""
     books = make_printing_books(3)
     for number, (kind, choice, printer) in enumerate(choices):
         waiting_ids = sorted(plate.id for plate in books.waiting_plates())
@@ -146,20 +146,20 @@ def test_replacing_plates_neither_loses_nor_repeats_a_part(choices):
     current_parts = [name for plate in books.plates_of(job) for name in plate.parts]
     assert sorted(current_parts) == sorted(job.parts)
     assert all(books.parts[name].plate in job.plates for name in job.parts)
-    for part_id in ("1/p01", "1/p02", "1/p03"):  # each part is there, or all of its pieces
+    for part_id in ("1/p01", "1/p02", "1/p03"):  # either the part or all of its pieces are there
         assert sum(compute_share(books, name, part_id) for name in job.parts) == pytest.approx(1.0)
     assert all(attempt.plate in job.plates for attempt in books.open_prints())
-    for plate in books.plates_of(job):  # good ones have one print that counts
-        kept_plates = [
+    for plate in books.plates_of(job):  # at most one print of a plate counts
+        counted_prints = [
             p for p in books.prints_of(plate) if p.state is PrintState.DONE and p.verdict is not Verdict.BAD
         ]
-        assert len(kept_plates) <= 1
+        assert len(counted_prints) <= 1
     if job.state in (JobState.PRINTED, JobState.DONE):
         assert {books.plate_state(p) for p in books.plates_of(job)} <= {PlateState.PRINTED, PlateState.GOOD}
 
 
 def compute_share(books, part, part_id):
-    """Compute the share of a planned part; every cut makes halves."""
+    """Compute the share of the planned part `part_id` that a part contains; every cut makes halves."""
     if part == part_id:
         return 1.0
     parent = books.parts[part].cut_from
@@ -179,4 +179,4 @@ def test_failures_of_a_cut_part_are_shown_once():
     }
     assert [len(part.own_prints) for part in view.parts] == [0, 1, 0, 0]
     assert [(item.part, item.printer) for item in view.prints] == [("1/p02", "b"), ("1/p02a", "a")]
-    assert {plate.id: plate.printer for plate in view.plates}["1/02b"] == "b"  # as it was planned
+    assert {plate.id: plate.printer for plate in view.plates}["1/02b"] == "b"  # its planned printer

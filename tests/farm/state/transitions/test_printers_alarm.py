@@ -86,7 +86,7 @@ def test_alarm_is_notified_once_and_its_outcome_later():
     ]
 
 
-def test_alarm_after_a_cleared_one_is_notified():
+def test_new_alarm_after_a_cleared_one_is_notified():
     books = apply_report(make_started_books(), make_snapshot())
     failed_event = ev.PrintEnded(
         at_s=60.0, print_id="x", state=PrintState.FAILED, fault="heater_stuck_on", reason=CUT_TEXT,

@@ -30,7 +30,7 @@ def test_verdict_applies_to_the_last_print_despite_a_clock_step(tmp_path):
             store.commit(event, old_books, books)
         assert books.print_to_judge("a").id == "y"
         first_print = books.prints["x"].model_copy(update={"verdict_why": "as it should be"})
-        store.commit(earlier_events[0], books, put(books, first_print))  # written last
+        store.commit(earlier_events[0], books, put(books, first_print))  # the first print is written last
         assert store.load().print_to_judge("a").id == "y"
     books, _ = apply_events(books, ev.BedCleared(at_s=1600.0, printer="a", by="ann", verdict=Verdict.BAD))
     assert books.plate_state(books.plates["1/02"]) is PlateState.WAITING
@@ -49,7 +49,7 @@ def test_loss_before_a_backward_clock_step_is_notified_and_repeated():
     assert [item.key for item in list_due_notices(books, 1000.0, 0.0, ())] == ["print x"]
 
 
-def test_clock_step_shifts_open_prints_only():
+def test_clock_step_shifts_only_open_prints():
     books, _ = apply_events(
         make_printing_books(),
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
