@@ -34,8 +34,8 @@ class StoppedClock:
         return self.now_s
 
 
-class Rig:
-    """Farm of the printers a, which has a camera, and b; the test sets the answers of the camera."""
+class CameraRig:
+    """Farm with printer `a`, which has a camera, and printer `b`; the test sets the answers of the camera."""
 
     def __init__(self, folder):
         rows = [{"name": name, "model": PLUS, "port": f"sim://{PLUS}"} for name in "ab"]
@@ -48,9 +48,9 @@ class Rig:
         self.controller = Controller(fleet, self.store, self.clock, list_bed_boxes)
         self.controller.start(RecordedEffects())
         self.now_s, self.requests, self.answer = 1000.0, [], IMAGE
-        self.cameras = Cameras(self.controller, self.state, self.fetch, lambda: self.now_s)
+        self.cameras = Cameras(self.controller, self.state, self.fetch_image, lambda: self.now_s)
 
-    async def fetch(self, url):
+    async def fetch_image(self, url):
         self.requests.append(url)
         await asyncio.sleep(0)
         if isinstance(self.answer, Exception):
@@ -78,7 +78,7 @@ class Rig:
 
 @pytest.fixture
 def rig(tmp_path):
-    rig = Rig(tmp_path)
+    rig = CameraRig(tmp_path)
     yield rig
     rig.store.close()
 
@@ -97,13 +97,13 @@ def test_camera_is_polled_once_for_all_viewers_and_at_most_every_two_seconds(rig
 
 
 def test_camera_without_viewers_is_not_polled_and_its_still_is_dropped(rig):
-    async def wait():
+    async def tick_without_viewers():
         await rig.cameras.fetch_still("a")
         for _ in range(100):
             rig.now_s += 1.0
             await rig.tick()
 
-    asyncio.run(wait())
+    asyncio.run(tick_without_viewers())
     assert len(rig.requests) == 1
     assert rig.cameras._cameras["a"].latest_still is None
 
@@ -194,12 +194,12 @@ def test_stills_are_deleted_with_the_files_of_their_job(rig):
     assert still.file in list_deletable_files(books) and still.file not in list_named_files(books)
 
 
-def test_hanging_camera_is_cancelled_at_the_end_of_the_daemon(rig):
-    async def hang(_):
+def test_hanging_camera_is_cancelled_when_the_daemon_ends(rig):
+    async def wait_forever(_):
         await asyncio.Event().wait()
 
     async def run():
-        rig.cameras = Cameras(rig.controller, rig.state, hang, lambda: rig.now_s)
+        rig.cameras = Cameras(rig.controller, rig.state, wait_forever, lambda: rig.now_s)
         rig.run_print()
         rig.cameras.tick()
         await asyncio.sleep(0)

@@ -49,19 +49,19 @@ def test_second_address_is_tried_when_the_first_refuses(monkeypatch):
         assert fetch_image(f"http://camera.lab.example:{camera.server_port}/").content == make_jpeg()
 
 
-def test_basic_authentication_is_sent_when_asked_for():
-    def answer(request):
+def test_basic_authentication_is_sent_on_request():
+    def send_answer(request):
         if request.headers["authorization"]:
             send_image(request)
         else:
             request.send(b"who?", 401, www_authenticate='Basic realm="camera"')
 
-    with run_camera(answer) as camera:
+    with run_camera(send_answer) as camera:
         fetch_image(f"http://look:{SECRET}@{camera.address}/")
     assert camera.requests[1][1]["authorization"] == "Basic bG9vazpwYXNzLXcwcmQ="
 
 
-def test_digest_authentication_is_sent_when_asked_for():
+def test_digest_authentication_is_sent_on_request():
     def compute_digest(text):
         return hashlib.md5(text.encode()).hexdigest()
 
@@ -69,13 +69,13 @@ def test_digest_authentication_is_sent_when_asked_for():
         f"{compute_digest(f'look:camera:{SECRET}')}:abc:{compute_digest('GET:/shot')}"
     )
 
-    def answer(request):
+    def send_answer(request):
         if f'response="{expected_digest}"' in (request.headers["authorization"] or ""):
             send_image(request)
         else:
             request.send(b"who?", 401, www_authenticate='Digest realm="camera", nonce="abc"')
 
-    with run_camera(answer) as camera:
+    with run_camera(send_answer) as camera:
         fetch_image(f"http://look:{SECRET}@{camera.address}/shot")
 
 
@@ -142,10 +142,10 @@ def test_hostile_camera_gives_an_error_without_its_address(answer, message, monk
 
 
 def test_redirect_on_the_same_host_is_followed():
-    def answer(request):
+    def send_answer(request):
         send_image(request) if request.path == "/new" else request.send(b"", 302, location="/new")
 
-    with run_camera(answer) as camera:
+    with run_camera(send_answer) as camera:
         assert fetch_image(f"http://{camera.address}/old").content == make_jpeg()
 
 

@@ -38,11 +38,11 @@ def test_attempts_are_two_seconds_apart_and_at_least_one_a_minute_is_allowed(ste
 
 
 def test_dead_camera_is_polled_with_growing_intervals():
-    state, waits = CameraState(), []
+    state, waits_s = CameraState(), []
     for _ in range(7):
         state = state.begin(100.0).fail("dead")
-        waits.append(state.next_attempt_s - 100.0)
-    assert waits == [4.0, 8.0, 16.0, 32.0, 60.0, 60.0, 60.0]
+        waits_s.append(state.next_attempt_s - 100.0)
+    assert waits_s == [4.0, 8.0, 16.0, 32.0, 60.0, 60.0, 60.0]
     assert state.begin(100.0).succeed().next_attempt_s == 102.0
 
 
@@ -67,7 +67,7 @@ def find_stills(books, snapshots, now_s=1000.0, scale=1.0, cameras=CAMERAS):
 
 
 @pytest.mark.parametrize(
-    ("snapshots", "due"),
+    ("snapshots", "is_due"),
     [
         ({}, False),
         (make_snapshots(None), False),
@@ -80,8 +80,8 @@ def find_stills(books, snapshots, now_s=1000.0, scale=1.0, cameras=CAMERAS):
         (make_snapshots(2, print_id="another"), False),
     ],
 )
-def test_still_of_the_first_layer_is_taken_when_complete(snapshots, due):
-    due_stills = [DueStill("x", "a", Moment.FIRST_LAYER)] if due else []
+def test_still_of_the_first_layer_is_taken_when_complete(snapshots, is_due):
+    due_stills = [DueStill("x", "a", Moment.FIRST_LAYER)] if is_due else []
     assert find_stills(make_books_with_open_print(), snapshots) == due_stills
 
 
@@ -94,10 +94,10 @@ def test_still_of_the_first_layer_is_taken_when_complete(snapshots, due):
 )
 def test_still_of_the_end_is_taken_within_a_minute(state, moment):
     books, _ = apply_events(make_books_with_open_print(), make_end_event("x", state, at_s=200.0))
-    due = [DueStill("x", "a", moment)]
-    assert find_stills(books, {}, 200.0) == find_stills(books, {}, 200.0 + END_STILL_TIMEOUT_S) == due
+    due_stills = [DueStill("x", "a", moment)]
+    assert find_stills(books, {}, 200.0) == find_stills(books, {}, 200.0 + END_STILL_TIMEOUT_S) == due_stills
     assert find_stills(books, {}, 201.0 + END_STILL_TIMEOUT_S) == find_stills(books, {}, 199.0) == []
-    assert find_stills(books, {}, 200.0 + 50 * END_STILL_TIMEOUT_S, scale=50.0) == due
+    assert find_stills(books, {}, 200.0 + 50 * END_STILL_TIMEOUT_S, scale=50.0) == due_stills
 
 
 def test_still_is_taken_once():

@@ -51,12 +51,12 @@ def daemon(tmp_path):
 
 
 def send_request(app, method, path, **options):
-    async def call():
+    async def await_answer():
         transport = httpx.ASGITransport(call_as(DAEMON_USER, app), raise_app_exceptions=False)
         async with httpx.AsyncClient(transport=transport, base_url="http://farm") as client:
             return await client.request(method, path, **options)
 
-    return asyncio.run(call())
+    return asyncio.run(await_answer())
 
 
 def make_stl():
@@ -137,9 +137,9 @@ def test_endless_body_is_refused_without_being_read_further(daemon, path):
 def test_body_of_the_largest_size_is_read(daemon):
     body_bytes = b'{"why": "w"}'
     body = body_bytes + b" " * (MAX_BODY_BYTES - len(body_bytes))
-    path, json = "/printers/a/maintenance", {"Content-Type": "application/json"}
-    assert send_request(daemon, "POST", path, content=body, headers=json).status_code == 200
-    assert send_request(daemon, "POST", path, content=body + b" ", headers=json).status_code == 413
+    path, json_headers = "/printers/a/maintenance", {"Content-Type": "application/json"}
+    assert send_request(daemon, "POST", path, content=body, headers=json_headers).status_code == 200
+    assert send_request(daemon, "POST", path, content=body + b" ", headers=json_headers).status_code == 413
 
 
 def test_upload_beyond_the_quota_is_refused_before_it_is_sent(daemon, monkeypatch):
@@ -165,18 +165,18 @@ def test_upload_beyond_the_quota_is_refused_before_it_is_sent(daemon, monkeypatc
 def test_incomplete_upload_is_refused_and_leaves_no_file(daemon):
     """End the connection in the middle of the body, as Ctrl-C at `farm submit` does."""
     messages = [{"type": "http.request", "body": b"solid", "more_body": True}, {"type": "http.disconnect"}]
-    messages_sent = []
+    sent_messages = []
 
     async def receive():
         return messages.pop(0)
 
     async def send(message):
-        messages_sent.append(message)
+        sent_messages.append(message)
 
     query = b"request_id=rrrrrrrr&name=box.stl&size=100"
     scope = {"type": "http", "http_version": "1.1", "method": "POST", "path": "/jobs", "query_string": query}
     asyncio.run(daemon({**scope, "headers": [], "state": {}}, receive, send))
-    assert messages_sent[0]["status"] == 409
+    assert sent_messages[0]["status"] == 409
     assert not daemon.state.controller.books.jobs
     assert not list(daemon.state.folder.work.iterdir())
 
@@ -208,7 +208,7 @@ def test_name_without_a_known_suffix_is_refused(daemon, name):
     assert "not a known kind of model" in answer.json()["error"]
 
 
-def test_unknown_printer_is_refused_at_once(daemon):
+def test_material_that_no_printer_has_is_refused_at_once(daemon):
     answer = submit_model(daemon, make_stl(), options='{"material": "generic_pal"}')
     assert answer.status_code == 409
     assert "no printer of the fleet has generic_pal; it has generic_pla" in answer.json()["error"]
@@ -232,7 +232,7 @@ def test_unknown_path_is_not_found(daemon):
     assert (answer.status_code, answer.json()["exit_code"]) == (404, 4)
 
 
-def test_summary_of_the_farm_leaves_out_the_parts_and_plates_of_jobs(daemon):
+def test_summary_of_the_farm_omits_the_parts_and_plates_of_jobs(daemon):
     submit_model(daemon, make_stl())
     status, summary = (send_request(daemon, "GET", path).json() for path in ("/status", "/status/summary"))
     assert summary.keys() == status.keys() | {"waits"}
@@ -243,8 +243,8 @@ def test_summary_of_the_farm_leaves_out_the_parts_and_plates_of_jobs(daemon):
 def test_status_has_the_documented_fields(daemon):
     submit_model(daemon, make_stl())
     status = send_request(daemon, "GET", "/status").json()
-    names = {"schema", "daemon", "todo", "fleet", "printers", "jobs", "night", "cluster"}
-    assert status.keys() == names
+    sections = {"schema", "daemon", "todo", "fleet", "printers", "jobs", "night", "cluster"}
+    assert status.keys() == sections
     assert status["schema"] == 1
     documented_fields = {
         "name",

@@ -54,12 +54,12 @@ def build_app(folder, **fleet):
 
 
 def send_request(app, person, method, path, **options):
-    async def call():
+    async def await_answer():
         transport = httpx.ASGITransport(call_as(person, app))
         async with httpx.AsyncClient(transport=transport, base_url="http://farm") as client:
             return await client.request(method, path, **options)
 
-    return asyncio.run(call())
+    return asyncio.run(await_answer())
 
 
 OPERATOR_REQUESTS = (
@@ -178,7 +178,7 @@ while data := client.recv(4096):
 """
 
 
-async def post_as(app, *uids):
+async def post_as_users(app, *uids):
     """Serve the app on a socket that all users can reach; return the answer to each user."""
     listener = socket.socket(socket.AF_UNIX)
     listener.bind(b"\0farm-test-" + os.urandom(8))
@@ -197,6 +197,6 @@ async def post_as(app, *uids):
 
 @pytest.mark.skipif(os.getuid() != 0, reason="needs root to switch to another user")
 def test_caller_is_identified_by_the_kernel(tmp_path):
-    other_answer, root_answer = asyncio.run(post_as(build_app(tmp_path, operators=NO_GROUP), 54321, 0))
+    other_answer, root_answer = asyncio.run(post_as_users(build_app(tmp_path, operators=NO_GROUP), 54321, 0))
     assert "uid 54321 is not an operator" in other_answer
     assert root_answer.startswith("HTTP/1.1 200")

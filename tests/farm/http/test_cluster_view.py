@@ -16,13 +16,13 @@ TASKS = (
 )
 
 
-def describe_state(place, workers=(), tasks=(), waiting_count=0, here_count=0, lost_s=0.0):
+def describe_state(place, workers=(), tasks=(), waiting_count=0, local_count=0, lost_s=0.0):
     return describe_cluster(
-        ClusterState("tls://a:8786", place, workers, tasks, waiting_count, here_count, lost_s)
+        ClusterState("tls://a:8786", place, workers, tasks, waiting_count, local_count, lost_s)
     )
 
 
-def test_the_workers_that_run_tasks_are_named():
+def test_workers_that_run_tasks_are_named():
     view = describe_state(Place.CLUSTER, WORKERS, TASKS, waiting_count=7)
     assert view.text == (
         "2 workers with 6 slots on tls://a:8786; running: pc-b 2, pc-c 1, 1 task on the way, 7 tasks waiting"
@@ -40,6 +40,6 @@ def test_lost_cluster_is_described_with_its_duration_and_the_place_of_work():
     assert describe_state(Place.WAITING, waiting_count=1, lost_s=12.3).text == (
         "waiting for a worker of tls://a:8786, 12 s so far, 1 task waiting"
     )
-    assert describe_state(Place.HERE, here_count=2, lost_s=31.0).text == (
+    assert describe_state(Place.HERE, local_count=2, lost_s=31.0).text == (
         "no worker of tls://a:8786 for 31 s: computing on this host, 2 tasks"
     )

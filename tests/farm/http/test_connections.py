@@ -26,9 +26,9 @@ from farm.http.connections import (
 from farms.real_farm import RealFarm, wait_for
 
 DESCRIPTOR_LIMIT = 64
-IDLE_CLIENTS = 80
+IDLE_CLIENT_COUNT = 80
 INCOMPLETE_REQUEST = b"GET /status HTTP/1.1\r\nHost: farm\r\n"
-LARGE_BYTES = 20_000_000
+LARGE_ANSWER_BYTES = 20_000_000
 COMPLETE_REQUEST = INCOMPLETE_REQUEST + b"Connection: close\r\n\r\n"
 
 
@@ -45,7 +45,7 @@ def test_descriptors_are_reserved_for_the_farm(descriptors, printers, workers, m
     assert compute_connection_limit(descriptors, printers, workers) == max_connections
 
 
-def test_incomplete_requests_are_ended_oldest_first():
+def test_oldest_incomplete_request_is_ended_first():
     busy_connection, old_connection, young_connection = (
         WaitingClient(None),
         WaitingClient(0.0),
@@ -73,12 +73,12 @@ async def serve_hello(scope, receive, send):
     while (await receive()).get("more_body"):
         pass
     await send({"type": "http.response.start", "status": 200, "headers": []})
-    size = LARGE_BYTES if scope["path"] == "/large" else 0
-    await send({"type": "http.response.body", "body": b"well" + bytes(size), "more_body": True})
+    size_bytes = LARGE_ANSWER_BYTES if scope["path"] == "/large" else 0
+    await send({"type": "http.response.body", "body": b"well" + bytes(size_bytes), "more_body": True})
     await send({"type": "http.response.body", "body": b""})
 
 
-def serve(tmp_path, max_connections, scenario):
+def serve(tmp_path, max_connections, run_scenario):
     """Run a scenario on a server with a limited number of connections."""
 
     async def run():
@@ -91,7 +91,7 @@ def serve(tmp_path, max_connections, scenario):
             serve_task = asyncio.create_task(server._serve([listener]))
             try:
                 async with asyncio.timeout(30.0):
-                    await scenario(server, str(tmp_path / "s"))
+                    await run_scenario(server, str(tmp_path / "s"))
             finally:
                 server.should_exit = True
                 await serve_task
@@ -110,7 +110,7 @@ async def send_request(path, *pieces):
 
 
 def test_idle_connections_are_closed_to_serve_a_request(tmp_path):
-    async def scenario(server, path):
+    async def run_scenario(server, path):
         idle_clients = [await asyncio.open_unix_connection(path) for _ in range(40)]
         for _, writer in idle_clients[::2]:
             writer.write(INCOMPLETE_REQUEST)
@@ -119,11 +119,11 @@ def test_idle_connections_are_closed_to_serve_a_request(tmp_path):
         for _, writer in idle_clients:
             writer.close()
 
-    serve(tmp_path, 4, scenario)
+    serve(tmp_path, 4, run_scenario)
 
 
 def test_connection_of_a_client_that_does_not_read_is_closed_to_serve_a_request(tmp_path):
-    async def scenario(server, path):
+    async def run_scenario(server, path):
         unread_connections = [await asyncio.open_unix_connection(path, limit=1) for _ in range(4)]
         for _, writer in unread_connections:
             writer.write(COMPLETE_REQUEST.replace(b"/status", b"/large"))
@@ -133,7 +133,7 @@ def test_connection_of_a_client_that_does_not_read_is_closed_to_serve_a_request(
         for _, writer in unread_connections:
             writer.close()
 
-    serve(tmp_path, 4, scenario)
+    serve(tmp_path, 4, run_scenario)
 
 
 @pytest.mark.parametrize(
@@ -150,14 +150,14 @@ def test_connection_with_an_incomplete_request_is_ended(tmp_path, monkeypatch, s
     monkeypatch.setattr(connections, "REQUEST_TIMEOUT_S", -1.0)
     monkeypatch.setattr(connections, "_CHECK_INTERVAL_S", 0.01)
 
-    async def scenario(server, path):
-        await send_request(path, sent_bytes)  # until the other end closes
+    async def run_scenario(server, path):
+        await send_request(path, sent_bytes)  # the call returns when the server closes
 
-    serve(tmp_path, 4, scenario)
+    serve(tmp_path, 4, run_scenario)
 
 
 def test_time_limit_applies_to_the_head_and_to_each_chunk(tmp_path):
-    async def scenario(server, path):
+    async def run_scenario(server, path):
         async def read_waiting_since_s():
             await asyncio.sleep(0.01)
             [item] = server.server_state.connections
@@ -170,19 +170,19 @@ def test_time_limit_applies_to_the_head_and_to_each_chunk(tmp_path):
         writer.write(INCOMPLETE_REQUEST)
         assert await read_waiting_since_s() == started_s
         writer.write(b"Content-Length: 9\r\n\r\nhalf")
-        body_s = await read_waiting_since_s()
-        assert body_s > started_s
+        body_since_s = await read_waiting_since_s()
+        assert body_since_s > started_s
         writer.write(b"more")
-        assert await read_waiting_since_s() > body_s
+        assert await read_waiting_since_s() > body_since_s
         writer.close()
 
-    serve(tmp_path, 4, scenario)
+    serve(tmp_path, 4, run_scenario)
 
 
-def test_missing_descriptors_are_logged_once_and_retried(tmp_path, monkeypatch, caplog):
+def test_lack_of_descriptors_is_logged_once_and_accept_is_retried(tmp_path, monkeypatch, caplog):
     monkeypatch.setattr(connections, "_CHECK_INTERVAL_S", 0.01)
 
-    async def scenario(server, path):
+    async def run_scenario(server, path):
         loop, attempts = asyncio.get_running_loop(), []
         accept = loop.sock_accept
 
@@ -193,12 +193,12 @@ def test_missing_descriptors_are_logged_once_and_retried(tmp_path, monkeypatch, 
             return await accept(listener)
 
         monkeypatch.setattr(loop, "sock_accept", accept_when_free)
-        assert b"well" in await send_request(path, COMPLETE_REQUEST)  # by the accept in progress
+        assert b"well" in await send_request(path, COMPLETE_REQUEST)  # served after the accept in progress
         assert b"well" in await send_request(path, COMPLETE_REQUEST)
         assert len(attempts) >= 20
 
     with caplog.at_level(logging.WARNING, logger="farm"):
-        serve(tmp_path, 4, scenario)
+        serve(tmp_path, 4, run_scenario)
     assert len([record for record in caplog.records if "accepted" in record.getMessage()]) == 1
 
 
@@ -206,7 +206,7 @@ def test_errors_of_accept_are_logged_and_accepting_continues(tmp_path, monkeypat
     monkeypatch.setattr(connections, "_CHECK_INTERVAL_S", 0.01)
     monkeypatch.setattr(connections, "_LOG_INTERVAL_S", 0.0)
 
-    async def scenario(server, path):
+    async def run_scenario(server, path):
         loop, make_protocol = asyncio.get_running_loop(), server._make_protocol
         accept, faults = loop.sock_accept, [MemoryError("no room"), ValueError("no socket")]
 
@@ -221,12 +221,12 @@ def test_errors_of_accept_are_logged_and_accepting_continues(tmp_path, monkeypat
 
         monkeypatch.setattr(loop, "sock_accept", fail_to_accept)
         server._make_protocol = raise_error
-        assert await send_request(path) == b""  # by the accept in progress: refused
+        assert await send_request(path) == b""  # refused after the accept in progress
         assert b"well" in await send_request(path, COMPLETE_REQUEST)
         assert not faults
 
     with caplog.at_level(logging.WARNING, logger="farm"):
-        serve(tmp_path, 4, scenario)
+        serve(tmp_path, 4, run_scenario)
     log_text = " ".join(record.getMessage() for record in caplog.records)
     for error_text in ("no socket", "no room", "no protocol"):
         assert error_text in log_text
@@ -266,7 +266,7 @@ def test_code_after_the_server_runs_when_a_signal_ends_it(tmp_path, signal_numbe
             client.settimeout(60.0)
             client.connect(str(tmp_path / "farm.sock"))
             client.send(COMPLETE_REQUEST)
-            assert client.recv(100).startswith(b"HTTP/1.1 204")  # so the server has started
+            assert client.recv(100).startswith(b"HTTP/1.1 204")  # the server has started
         process.send_signal(signal_number)
         output, _ = process.communicate(timeout=30)
     assert (process.returncode, output) == (0, "served\nclosed\n")
@@ -281,7 +281,7 @@ def test_killed_agent_is_restarted_despite_many_idle_clients(tmp_path):
         farm.wrapper = []
         killed_pid = farm.read_printer("um2-01")["agent_pid"]
         with ExitStack() as idle_clients:
-            for number in range(IDLE_CLIENTS):
+            for number in range(IDLE_CLIENT_COUNT):
                 client = idle_clients.enter_context(closing(socket.socket(socket.AF_UNIX)))
                 client.settimeout(30.0)
                 client.connect(str(farm.state / "farm.sock"))

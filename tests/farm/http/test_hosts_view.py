@@ -46,7 +46,7 @@ def test_printers_of_a_lost_host_are_unknown_and_have_no_tasks_of_their_own():
     reason = "no connection to its host pc-b: no route"
     lost_snapshot = AgentSnapshot(printer="a", link=Link.STARTING, reason=reason, host_lost=True)
     context = make_context({"a": lost_snapshot, "b": AgentSnapshot(printer="b", link=Link.STARTING)})
-    a, b = (describe_printer(context, section, None) for section in context.fleet.printers)
-    assert (a.state, a.look) == ("unknown", reason)
-    assert b.state == "starting"
+    first_view, second_view = (describe_printer(context, section, None) for section in context.fleet.printers)
+    assert (first_view.state, first_view.look) == ("unknown", reason)
+    assert second_view.state == "starting"
     assert [task.printers for task in list_tasks(context) if task.code == "connect"] == [["b"]]

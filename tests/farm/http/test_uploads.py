@@ -33,7 +33,7 @@ MB, GB = 10**6, 10**9
         (MB, (MB, MB), 100 * GB, 0, "checking 2 models.*again in a moment.*fleet.uploads.at_once"),
         (MB, (), 100 * GB, 3, "3 open jobs already.*farm cancel JOB.*fleet.uploads.open_jobs"),
         (MB, (), GB, 0, r"would leave 1.0 GB free .*1 GB must stay free.*fleet.uploads.free_gb"),
-        (GB, (GB,), 3 * GB - 1, 0, "would leave"),  # the other one has not arrived yet
+        (GB, (GB,), 3 * GB - 1, 0, "would leave"),  # the other upload has not arrived yet
         (GB, (), GB // 2, 0, "would leave 0.0 GB"),
     ],
 )
@@ -47,14 +47,14 @@ def test_upload_within_all_limits_is_accepted():
     check_quota(UploadsSection(free_gb=0.0), "a.stl", GB, (), 0, 999)
 
 
-def test_open_uploads_count_until_inspected(tmp_path, monkeypatch):
-    """Count open uploads: every end of a stream frees its place."""
+def test_open_uploads_count_until_their_inspection_ends(tmp_path, monkeypatch):
+    """Count open uploads: each one frees its place when its stream ends."""
     state = StateFolder(tmp_path)
     state.make()
     usage = shutil.disk_usage(tmp_path)
     monkeypatch.setattr("shutil.disk_usage", lambda _: usage._replace(free=100 * GB))
 
-    async def scenario():
+    async def run_uploads():
         inspection_may_end, inspection_started = asyncio.Event(), asyncio.Event()
 
         async def run(*_):
@@ -95,7 +95,7 @@ def test_open_uploads_count_until_inspected(tmp_path, monkeypatch):
         assert list(state.work.iterdir()) == []
         assert inspections == {}
 
-    asyncio.run(scenario())
+    asyncio.run(run_uploads())
 
 
 def test_stl_with_too_many_triangles_is_refused_before_the_rest_of_it_arrives(tmp_path, monkeypatch):
@@ -127,33 +127,33 @@ class SlowFile(io.BytesIO):
 
     def __init__(self):
         super().__init__()
-        self.may_write, self.written = threading.Event(), b""
+        self.may_write, self.written_bytes = threading.Event(), b""
 
     def write(self, content):
         assert self.may_write.wait(30), "may_write was never set: the event loop was waiting for the disk"
-        self.written += content
+        self.written_bytes += content
         return super().write(content)
 
 
-def test_slow_disk_delays_its_upload_only(tmp_path, monkeypatch):
+def test_slow_disk_delays_only_its_own_upload(tmp_path, monkeypatch):
     file, chunk = SlowFile(), b"x" * 2**21
     upload = Upload("a", 3 * len(chunk), tmp_path / "upload", GB)
     monkeypatch.setattr(Path, "open", lambda *_: file)
 
-    async def receive():
+    async def receive_content():
         async with upload.open_file("a.gcode") as append:
             for _ in range(3):
                 await append(chunk)
 
     async def upload_slowly():
-        receive_task = asyncio.create_task(receive())
+        receive_task = asyncio.create_task(receive_content())
         await asyncio.sleep(0)  # the file is being written while the loop continues
-        assert (file.written, receive_task.done()) == (b"", False)
+        assert (file.written_bytes, receive_task.done()) == (b"", False)
         file.may_write.set()
         await receive_task
 
     asyncio.run(upload_slowly())
-    assert file.written == 3 * chunk
+    assert file.written_bytes == 3 * chunk
 
 
 @settings(deadline=None)
@@ -162,10 +162,10 @@ def test_content_in_any_pieces_is_written_in_order(pieces):
     with tempfile.TemporaryDirectory() as folder:
         upload = Upload("a", sum(map(len, pieces)), Path(folder) / "upload", GB)
 
-        async def receive():
+        async def receive_content():
             async with upload.open_file("a.gcode") as append:
                 for piece in pieces * 40:
                     await append(piece)
 
-        asyncio.run(receive())
+        asyncio.run(receive_content())
         assert upload.path.read_bytes() == b"".join(pieces * 40)

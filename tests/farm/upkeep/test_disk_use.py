@@ -23,11 +23,11 @@ Usage = namedtuple("Usage", "total used free")
 def test_files_of_open_jobs_are_not_counted_as_prunable(tmp_path):
     state, books = StateFolder(tmp_path), make_old_books((JobState.DONE, 5), (JobState.PRINTING, 0))
     write_files(books, state, size=100)
-    use = measure_disk(state, books, NOW_S, 1.0)
-    assert use.stored_bytes == 100 * len(list_named_files(books))
-    assert use.prunable_bytes == 600  # the picture stays
-    assert use.day_bytes == 0.0  # all of it is old
-    assert use.free_bytes == pytest.approx(shutil.disk_usage(tmp_path).free, rel=0.05)
+    disk_use = measure_disk(state, books, NOW_S, 1.0)
+    assert disk_use.stored_bytes == 100 * len(list_named_files(books))
+    assert disk_use.prunable_bytes == 600  # the picture stays
+    assert disk_use.day_bytes == 0.0  # all files are old
+    assert disk_use.free_bytes == pytest.approx(shutil.disk_usage(tmp_path).free, rel=0.05)
 
 
 def test_task_names_a_disk_that_fills_within_two_nights(tmp_path, monkeypatch):
@@ -44,7 +44,7 @@ def test_task_names_a_disk_that_fills_within_two_nights(tmp_path, monkeypatch):
         return [task.text for task in list_tasks(farm.build_view_context(state)) if task.code == "farm"]
 
     with farm.store:
-        assert list_task_texts(10**9) == []  # 4 MB a day, half a GB is left free
+        assert list_task_texts(10**9) == []  # 4 MB a day are stored, and 0.5 GB must stay free
         (text,) = list_task_texts(507 * 10**6)
         assert "is full in about two nights" in text and "`farm prune`" in text
         (text,) = list_task_texts(4 * 10**8)

@@ -1,4 +1,4 @@
-"""Upkeep after a backup: expired files are deleted, also if the daemon is killed at any moment."""
+"""Upkeep after a backup: expired files are deleted, even if the daemon is killed at any moment."""
 
 import asyncio
 import os
@@ -28,7 +28,7 @@ from farm.upkeep.upkeep import Upkeep
 from farm.views import ViewContext, describe_job, list_history, list_tasks
 from farm.views.report import JobContents, render_page
 
-AGES = ((JobState.DONE, 200), (JobState.DONE, 100), (JobState.CANCELLED, 95), (JobState.DONE, 10),
+JOB_AGES = ((JobState.DONE, 200), (JobState.DONE, 100), (JobState.CANCELLED, 95), (JobState.DONE, 10),
         (JobState.PRINTED, 300), (JobState.PRINTING, 0))  # fmt: skip
 OLD_JOBS = [1, 2, 3]
 
@@ -48,7 +48,7 @@ def omit_pictures(files, parts, folder):
 
 
 class LinkingEffects(RecordedEffects):
-    """Effects that link the files of jobs, like the daemon's."""
+    """Effects that link the files of jobs, as those of the daemon do."""
 
     def __init__(self, state):
         super().__init__()
@@ -73,14 +73,14 @@ class StoppedClock(Clock):
         return NOW_S
 
 
-def fill_state(root, ages=AGES, events=40):
+def fill_state(root, ages=JOB_AGES, event_count=40):
     """Make a state folder with jobs, their files and links, and events of the last 200 days."""
     state = StateFolder(root)
     state.make()
     books = add_good_prints(make_old_books(*ages))
     with Store(state.books) as store:
-        for number in range(events):
-            at_s = NOW_S - 200 * DAY_S * (1 - number / events)
+        for number in range(event_count):
+            at_s = NOW_S - 200 * DAY_S * (1 - number / event_count)
             store.commit(ev.MaintenanceEnded(at_s=at_s, printer="a", by=f"ann-{number}"), Books(), books)
     write_files(books, state)
     for number in books.jobs:
@@ -89,7 +89,7 @@ def fill_state(root, ages=AGES, events=40):
 
 
 def open_upkeep(state, work=omit_pictures, **keep):
-    """Open a daemon's upkeep on a state folder; close its store at the end."""
+    """Open a daemon's upkeep on a state folder; the caller closes the store of the farm."""
     farm = Farm(state.root, (PLUS,) * 3, clock=StoppedClock(), keep=keep)
     farm.controller._effects = LinkingEffects(state)
     return farm, Upkeep(farm.controller, farm.store, state, InlineWorkers(work))
@@ -130,7 +130,7 @@ def test_files_of_old_jobs_are_deleted_except_pictures(tmp_path):
         books = farm.controller.books
     assert [job.id for job in answer.jobs] == OLD_JOBS
     assert [number for number, job in books.jobs.items() if job.pruned_s is not None] == OLD_JOBS
-    assert answer.freed_bytes == 3 * 6 * 1000  # all but the picture
+    assert answer.freed_bytes == 3 * 6 * 1000  # all files but the picture
     assert list_files(state.files).keys() == list_named_files(books)
     assert answer.stored_bytes == 1000 * len(list_named_files(books))
     assert [path.name for path in state.find_job_folder(1).iterdir()] == ["assembly.png"]
@@ -183,7 +183,7 @@ def test_parts_of_a_pruned_job_keep_small_pictures(tmp_path):
 
 
 def test_files_of_an_unknown_database_stay_for_the_kept_days(tmp_path):
-    """Keep files, as a person may have moved the database and put it back."""
+    """Keep files, because a person may have moved the database and may put it back."""
     state, old_books = fill_state(tmp_path)
     for name in list_named_files(old_books):
         stored_s = time.time() - (89 if name.endswith("gcode") else 91) * DAY_S
@@ -198,7 +198,7 @@ def test_files_of_an_unknown_database_stay_for_the_kept_days(tmp_path):
 
 
 def test_old_events_are_deleted_after_the_backup(tmp_path):
-    state, books = fill_state(tmp_path, events=400)
+    state, books = fill_state(tmp_path, event_count=400)
     farm, cleanup = open_upkeep(state)
     with farm.store:
         answer = asyncio.run(cleanup.prune("ann", dry_run=False))
@@ -211,7 +211,7 @@ def test_old_events_are_deleted_after_the_backup(tmp_path):
     with Store(copy) as backup:
         assert len(backup.events()) == 400 and backup.load() == books
     with Store(state.books) as store:
-        assert store.copied_s is None  # nothing counts as lost
+        assert store.copied_s is None  # no event counts as lost
         store.commit(ev.MaintenanceEnded(at_s=NOW_S, printer="a", by="ann"), Books(), Books())
     with Store(state.books) as store:
         assert store.copied_s is None
@@ -259,7 +259,7 @@ def test_failed_run_is_reported_and_the_next_one_continues(tmp_path, monkeypatch
     async def run_nights():
         backup = back_up(state, NOW_S)
         with monkeypatch.context() as patch:
-            patch.setattr(upkeep, "delete_files", fail)
+            patch.setattr(upkeep, "delete_files", fail_on_disk)
             cleanup.clean_up(backup)
             await asyncio.gather(*cleanup._tasks)
         context = farm.build_view_context(state)
@@ -267,7 +267,7 @@ def test_failed_run_is_reported_and_the_next_one_continues(tmp_path, monkeypatch
         cleanup.clean_up(backup)
         await asyncio.gather(*cleanup._tasks)
 
-    def fail(*_):
+    def fail_on_disk(*_):
         raise OSError("no disk")
 
     with farm.store:
@@ -281,14 +281,14 @@ def test_full_disk_deletes_jobs_from_before_the_last_backup(tmp_path, monkeypatc
     state, _ = fill_state(tmp_path)
     back_up(state, NOW_S - 97 * DAY_S)
 
-    def fail(*_):
+    def fail_on_full_disk(*_):
         raise StoreError("the disk is full")
 
-    monkeypatch.setattr(upkeep, "back_up", fail)
+    monkeypatch.setattr(upkeep, "back_up", fail_on_full_disk)
     farm, cleanup = open_upkeep(state)
     with farm.store:
         answer = asyncio.run(cleanup.prune("ann", dry_run=False))
-        assert [job.id for job in answer.jobs] == [1, 2]  # job 3 ended since
+        assert [job.id for job in answer.jobs] == [1, 2]  # job 3 ended after the backup
         for copy in list_backups(state):
             copy.unlink()
         with pytest.raises(StoreError, match="the disk is full"):
@@ -296,16 +296,16 @@ def test_full_disk_deletes_jobs_from_before_the_last_backup(tmp_path, monkeypatc
 
 
 def run_until_killed(state, step):
-    """Prune in a process that is killed before its n-th change; return True if it finished."""
+    """Prune in a process that is killed before change number `step`; return True if it finished."""
     child = os.fork()
     if child == 0:
         try:
-            calls_left = step
+            remaining_calls = step
 
             def die_at_call(function, *args, **kwargs):
-                nonlocal calls_left
-                calls_left -= 1
-                if calls_left < 0:
+                nonlocal remaining_calls
+                remaining_calls -= 1
+                if remaining_calls < 0:
                     os.kill(os.getpid(), signal.SIGKILL)
                 return function(*args, **kwargs)
 
@@ -331,11 +331,11 @@ CHANGES = (
 
 def test_interrupted_prune_is_finished_at_the_next_start(tmp_path):
     for step in range(200):
-        state, old_books = fill_state(tmp_path / str(step), events=10)
+        state, old_books = fill_state(tmp_path / str(step), event_count=10)
         is_done = run_until_killed(state, step)
         farm, cleanup = open_upkeep(state)
         with farm.store:
-            check_jobs(state, farm.controller.books, old_books)  # before any change is complete
+            check_jobs(state, farm.controller.books, old_books)  # the prune is incomplete
             asyncio.run(finish_cleanup(cleanup))
             books = farm.controller.books
             assert list_files(state.files).keys() == list_named_files(books)

@@ -28,7 +28,7 @@ FLEET = Fleet.model_validate(
 
 @pytest.fixture
 def books():
-    """Make books with three parts, glued in the order 3, 1, 2, whose prints have not begun."""
+    """Make books with three unprinted parts, which are glued in the order 3, 1, 2."""
     books = make_printing_books(plates=3)
     ranks = {"1/p01": 2, "1/p02": 3, "1/p03": 1}
     parts = (replace_fields(books.parts[name], glue_rank=rank) for name, rank in ranks.items())
@@ -112,7 +112,7 @@ def test_page_of_a_job_names_its_instructions(books):
     assert f"instructions for gluing: {view.folder}/instructions.html" in console.export_text()
 
 
-def test_other_jobs_take_as_long_as_people_reported():
+def test_expected_gluing_time_of_other_jobs_follows_the_reports():
     other_job = make_job().model_copy(update={"assembly_s": 1000.0})
     assert measure_assembly(other_job, 50.0, 1.2).end_s == pytest.approx(1250.0)
     failed_job = other_job.model_copy(update={"state": JobState.FAILED})
@@ -125,19 +125,16 @@ def test_other_jobs_take_as_long_as_people_reported():
     assert measure_assembly(make_job(), 50.0, 1.0).work_s is None
 
 
-def test_first_glued_of_equally_long_plates_is_served_first(books):
+def test_first_plate_to_be_glued_is_served_first_among_equally_long_ones(books):
     def list_served_plates(*expected_s):
         plates = [
-            plate.model_copy(update={"expected_s": seconds})
-            for plate, seconds in zip(books.plates.values(), expected_s, strict=True)
+            plate.model_copy(update={"expected_s": plate_s})
+            for plate, plate_s in zip(books.plates.values(), expected_s, strict=True)
         ]
         waiting_plates = describe_plates(plates, books)
         return [plate.id for plate in sorted(waiting_plates, key=lambda plate: plate.priority_key)]
 
     assert list_served_plates(3600.0, 3604.0, 3596.0) == ["1/03", "1/01", "1/02"]
     assert list_served_plates(3600.0, 9000.0, 3596.0) == ["1/02", "1/03", "1/01"]
-    assert list_served_plates(3600.0, 3700.0, 3590.0) == [
-        "1/02",
-        "1/01",
-        "1/03",
-    ]  # none ends more than ten seconds later
+    # Times that differ by ten seconds or more are ordered longest first.
+    assert list_served_plates(3600.0, 3700.0, 3590.0) == ["1/02", "1/01", "1/03"]

@@ -1,4 +1,4 @@
-"""Notices to an absent person: each event once, printers lost together as one."""
+"""Notices to an absent person: one for each event, and one for printers that are lost together."""
 
 from books.make_books import apply_events, make_end_event, make_fleet_events, make_job, make_printing_books
 from farm.errors import ErrorCode
@@ -24,7 +24,7 @@ def make_started_books(plates=2):
     return apply_events(make_printing_books(plates), *assigned_events)[0]
 
 
-def test_no_notice_without_a_problem():
+def test_no_notice_is_sent_without_a_problem():
     assert list_texts(make_started_books()) == []
 
 
@@ -42,15 +42,15 @@ def test_printed_job_and_empty_queue_are_notified_once():
         books, *(ev.BedCleared(at_s=400.0, printer=name, by="ann") for name in "ab")
     )
     keys = [
-        {notice.key for notice in list_due_notices(books_shown, LATER_S, 0.0, ())}
-        for books_shown in (books, judged_books)
+        {notice.key for notice in list_due_notices(shown_books, LATER_S, 0.0, ())}
+        for shown_books in (books, judged_books)
     ]
     assert keys[0] == keys[1]  # a verdict causes no notice
     more_books, _ = apply_events(books, ev.JobSubmitted(at_s=400.0, job=make_job(2)))
     assert list_texts(more_books) == texts[:1]
 
 
-def test_failure_is_notified_but_not_a_cancel():
+def test_failure_is_notified_but_not_a_cancellation():
     failed_event = make_end_event(
         "x", PrintState.FAILED, fault="heater_timeout", reason="it does not get warm"
     )

@@ -55,11 +55,11 @@ def test_bar_of_every_print_has_the_colour_of_its_outcome():
     groups = {group.get("class") for group in picture.iter("g")}
     assert groups == {f"bar-{kind}" for kind in ("good", "bad", "printed", "failed", "printing")}
     widths = [float(rect.get("width")) for rect in rects]
-    assert widths[0] == widths[1] == widths[2] > widths[3]  # 102 s each, and 45 s
+    assert widths[0] == widths[1] == widths[2] > widths[3]  # three prints of 102 s, and one of 45 s
     assert "1/p04 on um2-04: failed, it does not get warm" in svg
 
 
-def test_stills_of_a_print_are_shown_by_time_and_a_missing_one_is_left_out():
+def test_stills_of_a_print_are_shown_by_time_and_a_missing_one_is_omitted():
     books = make_night_books()
     attempt = next(row for row in books.prints.values() if row.printer == "um2-01")
     stills = {"end": 300.0, "first_layer": 120.0, "failure": 400.0}
@@ -124,7 +124,7 @@ def test_page_is_one_file_with_failures_and_escaped_names():
         in text
     )
     assert "plates printed</td><td>3 of 5; good 0" in text
-    assert text.count("<br>102 s, expected 100 s") == 3  # those that are printed
+    assert text.count("<br>102 s, expected 100 s") == 3  # the printed parts
     assert text.count("<br>expected 100 s") == 2
 
 

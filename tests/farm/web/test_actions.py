@@ -102,6 +102,6 @@ def test_note_stays_for_the_next_page_if_a_page_fails():
 
 
 def read_note(notes, reader):
-    """Return the note of a reader, as a page shows it."""
+    """Return the note that a page shows to a reader."""
     with notes.show(reader) as note:
         return note

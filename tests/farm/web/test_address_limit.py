@@ -50,8 +50,8 @@ async def answer_request(scope, receive, send):
     await send({"type": "http.response.body", "body": b"well"})
 
 
-def serve(scenario, limit=16):
-    """Serve on loopback, whose addresses 127.0.0.X are separate clients here."""
+def run_with_server(run_scenario, limit=16):
+    """Run a scenario with a server on loopback, whose addresses 127.0.0.X are separate clients here."""
 
     async def run():
         with socket.socket() as listener:
@@ -69,7 +69,7 @@ def serve(scenario, limit=16):
             serve_task = asyncio.create_task(server.serve([listener]))
             try:
                 async with asyncio.timeout(30.0):
-                    await scenario(server, listener.getsockname())
+                    await run_scenario(server, listener.getsockname())
             finally:
                 server.should_exit = True
                 await serve_task
@@ -78,11 +78,11 @@ def serve(scenario, limit=16):
 
 
 @pytest.fixture(autouse=True)
-def loopback_addresses_are_clients(monkeypatch):
+def loopback_clients(monkeypatch):
     monkeypatch.setattr(address_limit, "group_address", lambda host: host)
 
 
-async def connect(address, host, sent_bytes=b""):
+async def connect_client(address, host, sent_bytes=b""):
     reader, writer = await asyncio.open_connection(*address, local_addr=(host, 0))
     writer.write(sent_bytes)
     return reader, writer
@@ -93,37 +93,38 @@ async def wait_until(condition):
         await asyncio.sleep(0.0)
 
 
-def test_idle_connections_are_closed_for_their_own_client_only():
-    async def scenario(server, address):
-        other_client = await connect(address, "127.0.0.2", INCOMPLETE_REQUEST)
+def test_idle_connections_are_closed_only_for_their_own_client():
+    async def run_scenario(server, address):
+        other_client = await connect_client(address, "127.0.0.2", INCOMPLETE_REQUEST)
         await wait_until(lambda: len(server.connections) == 1)
-        flood = [await connect(address, "127.0.0.1", INCOMPLETE_REQUEST) for _ in range(40)]
-        reader, writer = await connect(address, "127.0.0.1", COMPLETE_REQUEST)
+        flood = [await connect_client(address, "127.0.0.1", INCOMPLETE_REQUEST) for _ in range(40)]
+        reader, writer = await connect_client(address, "127.0.0.1", COMPLETE_REQUEST)
         assert b"well" in await reader.read()
         assert len(server._list_connections("127.0.0.1")) <= 4
-        other_client[1].write(b"Connection: close\r\n\r\n")  # it was not closed in favour of them
+        # This connection was not closed in favour of the others.
+        other_client[1].write(b"Connection: close\r\n\r\n")
         assert b"well" in await other_client[0].read()
         for _, connection in (*flood, (reader, writer), other_client):
             connection.close()
 
-    serve(scenario)
+    run_with_server(run_scenario)
 
 
 def test_client_with_too_many_open_requests_gets_no_connection_and_others_do():
-    async def scenario(server, address):
-        busy_clients = [await connect(address, "127.0.0.1", SLOW_REQUEST) for _ in range(4)]
+    async def run_scenario(server, address):
+        busy_clients = [await connect_client(address, "127.0.0.1", SLOW_REQUEST) for _ in range(4)]
         await wait_until(
             lambda: sum(connection.waiting_since_s is None for connection in server.connections) == 4
         )
-        reader, refused_writer = await connect(address, "127.0.0.1")
+        reader, refused_writer = await connect_client(address, "127.0.0.1")
         assert await reader.read() == b""
-        reader, writer = await connect(address, "127.0.0.2", COMPLETE_REQUEST)
+        reader, writer = await connect_client(address, "127.0.0.2", COMPLETE_REQUEST)
         assert b"well" in await reader.read()
         assert len(server._list_connections("127.0.0.1")) == 4
         for _, connection in (*busy_clients, (reader, writer), (reader, refused_writer)):
             connection.close()
 
-    serve(scenario)
+    run_with_server(run_scenario)
 
 
 def test_oldest_handshake_of_a_client_with_too_many_is_abandoned():
@@ -132,16 +133,16 @@ def test_oldest_handshake_of_a_client_with_too_many_is_abandoned():
     with ExitStack() as stack:
         listener = stack.enter_context(closing(socket.create_server(("127.0.0.1", 0))))
 
-        def accept(host):
+        def accept_from(host):
             stack.enter_context(closing(socket.create_connection(listener.getsockname(), 30, (host, 0))))
             return stack.enter_context(closing(listener.accept()[0]))
 
-        handshakes = {"other": accept("127.0.0.2")}
-        handshakes |= {number: accept("127.0.0.1") for number in range(4)}
-        assert server.find_abandoned_handshake(handshakes, accept("127.0.0.1")) == 0
-        assert server.find_abandoned_handshake(handshakes, accept("127.0.0.2")) is None
-        handshakes |= {f"client {number}": accept(f"127.0.1.{number}") for number in range(60)}
-        assert server.find_abandoned_handshake(handshakes, accept("127.0.0.3")) == "other"
+        handshakes = {"other": accept_from("127.0.0.2")}
+        handshakes |= {number: accept_from("127.0.0.1") for number in range(4)}
+        assert server.find_abandoned_handshake(handshakes, accept_from("127.0.0.1")) == 0
+        assert server.find_abandoned_handshake(handshakes, accept_from("127.0.0.2")) is None
+        handshakes |= {f"client {number}": accept_from(f"127.0.1.{number}") for number in range(60)}
+        assert server.find_abandoned_handshake(handshakes, accept_from("127.0.0.3")) == "other"
 
 
 def test_long_head_is_refused():

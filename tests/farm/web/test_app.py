@@ -12,7 +12,7 @@ from farms.network_farm import HOST, OWN_PAGE, NetworkFarm
 
 VALUES = {"printer": "a", "number": "1", "name": "a", "part": "p01", "request_id": "r" * 8}
 LOOK, PRINT, OPERATE = Role
-JSON = {"content-type": "application/json"}
+JSON_HEADERS = {"content-type": "application/json"}
 HOUR_S = 3600.0
 REFUSALS = (401, 403, 421, 429, 500)
 
@@ -98,7 +98,7 @@ def test_route_answers_each_kind_of_caller_by_its_role(farm, method, path):
     needed_role, filled_path = ROLES[method, path], fill_path(path)
     callers = list(list_callers(farm, needed_role))
 
-    def ask(headers):
+    def request_status(headers):
         return farm.ask(method, filled_path, headers=headers, json={"why": "x"}).status_code
 
     def count_events():
@@ -107,7 +107,7 @@ def test_route_answers_each_kind_of_caller_by_its_role(farm, method, path):
     event_count = count_events()
     for name, headers, status in callers:
         if status is not None:
-            assert ask(headers) == status, name
+            assert request_status(headers) == status, name
             farm.clock.now_s += 60.0  # otherwise requests would wait after ten wrong keys
     operator_headers = [headers for name, headers, _ in callers if name in ("key operate", "session operate")]
     assert len(operator_headers) == 2
@@ -115,14 +115,14 @@ def test_route_answers_each_kind_of_caller_by_its_role(farm, method, path):
         for headers in operator_headers:
             for site in OTHER_SITES:
                 headers_without_origin = {name: value for name, value in headers.items() if name != "origin"}
-                assert ask(headers_without_origin | site) == 403, site
+                assert request_status(headers_without_origin | site) == 403, site
         # No browser sends a form without its origin.
-        assert ask({"cookie": operator_headers[1]["cookie"]}) == 403
+        assert request_status({"cookie": operator_headers[1]["cookie"]}) == 403
     assert count_events() == event_count  # refused requests changed nothing
     for name, headers, status in callers:
         if status is None and (method, path) != ("POST", "/logout"):
-            assert ask(headers) not in REFUSALS, name
-    assert ask(operator_headers[1]) not in REFUSALS
+            assert request_status(headers) not in REFUSALS, name
+    assert request_status(operator_headers[1]) not in REFUSALS
 
 
 def test_event_log_has_the_name_of_a_key_and_never_its_text(farm, tmp_path):
@@ -187,8 +187,8 @@ def test_every_answer_forbids_scripts_and_frames_and_no_other_site_may_read_it(f
     assert not re.search("key print|um2|job", answers[0].text)
 
 
-def test_body_that_cannot_be_parsed_gives_an_error_like_any_other(farm):
+def test_body_that_cannot_be_parsed_gets_the_usual_error(farm):
     path, key = fill_path(f"{NETWORK_PREFIX}/printers/{{name}}/cleared"), farm.add(OPERATE).text
-    answer = farm.ask("POST", path, key, content=b'{"why": "\xff"}', headers=JSON)
+    answer = farm.ask("POST", path, key, content=b'{"why": "\xff"}', headers=JSON_HEADERS)
     assert answer.status_code == 400
     assert answer.json().keys() == {"error", "code", "exit_code"}

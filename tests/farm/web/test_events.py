@@ -128,7 +128,7 @@ def test_stream_ends_with_the_daemon_and_its_place_is_free_again(farm):
         streams.check("key look")
 
 
-def test_streams_are_limited_for_a_caller_and_in_all():
+def test_streams_are_limited_for_a_caller_and_in_total():
     streams = EventStreams(EmptyEventLog(), limit=6)
     with ExitStack() as open_streams:
         for caller in ("ann", "ann", "ann", "ann", "bob", "bob"):
@@ -146,8 +146,8 @@ def test_long_log_is_sent_in_order(monkeypatch):
         def read_events(self, after, limit):
             return [EventRow(n, 0.0, "JobMoved") for n in range(after + 1, min(after + limit, 1000) + 1)]
 
-    async def read():
+    async def read_numbers():
         rows = EventStreams(LongLog()).follow(17, lambda: True, wait=False)
         return [row.number async for batch in rows for row in batch]
 
-    assert FakeTime(monkeypatch, 0.0).run(read()) == list(range(18, 1001))
+    assert FakeTime(monkeypatch, 0.0).run(read_numbers()) == list(range(18, 1001))

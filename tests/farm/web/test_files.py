@@ -10,7 +10,7 @@ from farm.model import JobOptions, Role
 from farm.planning.plan import Plan
 from farms.web_farm import WebFarm, get_network_path
 
-FILES = get_network_path("/jobs/1/files")
+FILES_PATH = get_network_path("/jobs/1/files")
 
 
 @pytest.fixture
@@ -30,15 +30,15 @@ def farm(tmp_path):
 
 def test_existing_files_are_listed_and_sent_with_their_hash(farm):
     key = farm.add_key(Role.LOOK)
-    (file_view,) = farm.ask("GET", FILES, key).json()["files"]
+    (file_view,) = farm.ask("GET", FILES_PATH, key).json()["files"]
     assert file_view["name"] == "p01.stl"
-    answer = farm.ask("GET", f"{FILES}/p01.stl", key)
+    answer = farm.ask("GET", f"{FILES_PATH}/p01.stl", key)
     assert answer.status_code == 200
     assert hashlib.sha256(answer.content).hexdigest() == file_view["sha256"]
     assert len(answer.content) == file_view["size"]
     assert answer.headers["content-disposition"].startswith("attachment")
-    part = farm.ask("GET", f"{FILES}/p01.stl", key, headers={"range": "bytes=6-"})
-    assert (part.status_code, part.content) == (206, b"part")
+    partial_answer = farm.ask("GET", f"{FILES_PATH}/p01.stl", key, headers={"range": "bytes=6-"})
+    assert (partial_answer.status_code, partial_answer.content) == (206, b"part")
     assert farm.ask_socket("GET", "/jobs/1/files").json()["files"] == [file_view]
 
 
@@ -50,7 +50,7 @@ def test_existing_files_are_listed_and_sent_with_their_hash(farm):
     ],
 )
 def test_other_file_names_are_not_found(farm, name):
-    answer = farm.ask("GET", f"{FILES}/{name}", farm.add_key(Role.LOOK))
+    answer = farm.ask("GET", f"{FILES_PATH}/{name}", farm.add_key(Role.LOOK))
     assert answer.status_code == 404
 
 

@@ -37,25 +37,25 @@ async def send_requests(farm, requests):
     serve_task = asyncio.create_task(server.serve(sockets=[listener]))
     port, waiting_requests, answers = listener.getsockname()[1], list(requests), []
 
-    async def work():
+    async def send_waiting_requests():
         while waiting_requests:
             request = waiting_requests.pop()
             answers.append((request, await send(port, request, ANSWER_S)))
 
-    await asyncio.gather(*(work() for _ in range(CONCURRENT_CLIENTS)))
+    await asyncio.gather(*(send_waiting_requests() for _ in range(CONCURRENT_CLIENTS)))
     server.should_exit = True
     await asyncio.wait_for(serve_task, TIME_LIMIT_S)
     listener.close()
     return answers
 
 
-def run_fuzz(farm, keys, number, seed):
+def run_fuzz(farm, keys, request_count, seed):
     rng = random.Random(seed)
-    return asyncio.run(send_requests(farm, [make_request(rng, keys) for _ in range(number)]))
+    return asyncio.run(send_requests(farm, [make_request(rng, keys) for _ in range(request_count)]))
 
 
 def list_failures(answers):
-    """List the requests that the server failed to serve; 503 is a camera that does not answer."""
+    """List the requests that the server failed to serve; 503 is allowed, because no camera answers."""
     return [
         (request.data, statuses)
         for request, statuses in answers
@@ -70,36 +70,36 @@ def is_guarded(request):
 def test_requests_with_the_role_look_change_nothing(farm):
     revoked_key = farm.add(Role.OPERATE, "revoked")
     farm.keys.revoke(revoked_key.id, "ann")
-    look = farm.add(Role.LOOK).text
-    keys = {"": "", "wrong": "farm_key_x", "revoked": revoked_key.text, "look": look}
+    look_key = farm.add(Role.LOOK).text
+    keys = {"": "", "wrong": "farm_key_x", "revoked": revoked_key.text, "look": look_key}
     events = farm.store.events()
     answers = run_fuzz(farm, keys, 250, seed=1)
     assert list_failures(answers) == []
     assert farm.store.events() == events
     assert farm.controller.books.jobs == {} and not list(farm.state.work.iterdir())
-    callers_served = {
+    served_callers = {
         request.caller for request, statuses in answers if 200 in statuses and is_guarded(request)
     }
-    assert callers_served == {"look"}
+    assert served_callers == {"look"}
 
 
 def test_requests_with_every_role_do_not_fail(farm):
     keys = {str(role): farm.add(role).text for role in (Role.PRINT, Role.OPERATE)}
-    events = len(farm.store.events())
+    event_count = len(farm.store.events())
     answers = run_fuzz(farm, keys, 250, seed=2)
     assert list_failures(answers) == []
-    change_count = sum(  # a request is carried out even if its sender does not wait for the answer
+    change_count = sum(  # a request takes effect even if its sender does not wait for the answer
         request.method != "GET" and (not statuses or any(200 <= status < 300 for status in statuses))
         for request, statuses in answers
     )
-    assert 0 < len(farm.store.events()) - events <= 5 * change_count
+    assert 0 < len(farm.store.events()) - event_count <= 5 * change_count
     assert farm.shutdowns == [] and not list(farm.state.work.iterdir())
 
 
-def test_a_stream_is_read_until_its_first_event():
-    """Stop reading a stream at its first event, as streams do not end."""
+def test_stream_is_read_until_its_first_event():
+    """Stop reading a stream at its first event, because streams do not end."""
 
-    async def stream(reader, writer):
+    async def send_stream(reader, writer):
         await reader.readuntil(b"\r\n\r\n")
         while not writer.is_closing():
             writer.write(b"HTTP/1.1 200 OK\r\ncontent-type: text/event-stream\r\n\r\n: quiet\n\n")
@@ -108,7 +108,7 @@ def test_a_stream_is_read_until_its_first_event():
         writer.close()
 
     async def read_stream():
-        async with await asyncio.start_server(stream, "127.0.0.1", 0) as server:
+        async with await asyncio.start_server(send_stream, "127.0.0.1", 0) as server:
             port = server.sockets[0].getsockname()[1]
             data = b"GET /live HTTP/1.1\r\nHost: localhost\r\n\r\n"
             request = FuzzedRequest(data, "look", "GET", "/live", intact=True)

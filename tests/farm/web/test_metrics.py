@@ -1,4 +1,4 @@
-"""Metrics of the farm: from the books, so that totals never fall."""
+"""Metrics of the farm, which are computed from the books, so that totals never fall."""
 
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
@@ -23,7 +23,7 @@ def sum_totals(samples):
     return {key: value for key, value in samples.items() if key[0].endswith("_total")}
 
 
-def test_prints_are_counted_by_outcome_and_never_fall_over_a_restart(tmp_path):
+def test_totals_by_outcome_never_fall_even_over_a_restart(tmp_path):
     farm = ScrapedFarm(tmp_path)
     old_totals = {}
     for state in (DONE, FAILED, DONE):

@@ -8,7 +8,7 @@ from farm.model import Role
 from farm.web.access import LIVENESS_PATH, METRICS_PATH, ROLES, SCHEMA_PAGE_PATH, SCHEMA_PATH, find_role
 from farms.web_farm import WebFarm, get_network_path
 
-OWN_DESCRIPTION = {("GET", SCHEMA_PATH), ("GET", SCHEMA_PAGE_PATH)}
+DESCRIPTION_ROUTES = {("GET", SCHEMA_PATH), ("GET", SCHEMA_PAGE_PATH)}
 
 
 @pytest.fixture
@@ -41,7 +41,7 @@ def test_every_served_route_is_described_with_its_role_and_no_other(document):
     operations = list_operations(document)
     described_routes = {
         route for route in ROLES if route[1].startswith(get_network_path("/"))
-    } - OWN_DESCRIPTION
+    } - DESCRIPTION_ROUTES
     assert operations.keys() == described_routes | {("GET", METRICS_PATH), ("GET", LIVENESS_PATH)}
     for (verb, path), operation in operations.items():
         assert (verb, path) == ("GET", LIVENESS_PATH) or operation["x-role"] == find_role(verb, path)

@@ -24,8 +24,8 @@ CHECKS = [
     content_type_conformance,
     response_schema_conformance,
 ]
-BODY = {"json", "data", "content", "params"}
-EXAMPLES = 4  # of each operation
+BODY_FIELDS = {"json", "data", "content", "params"}
+EXAMPLE_COUNT = 4  # for each operation
 
 
 @pytest.fixture
@@ -44,10 +44,10 @@ def test_generated_requests_get_answers_that_match_the_description(farm, mode):
     requested_routes = set()
     for operation in operations:
         if operation.path.endswith("/events"):
-            continue  # its answer does not end
+            continue  # the stream does not end
 
         @settings(
-            max_examples=EXAMPLES,
+            max_examples=EXAMPLE_COUNT,
             derandomize=True,
             deadline=None,
             database=None,
@@ -60,7 +60,9 @@ def test_generated_requests_get_answers_that_match_the_description(farm, mode):
                 name: value.encode("latin-1", "replace") for name, value in request_fields["headers"].items()
             }
             body = {
-                name: value for name, value in request_fields.items() if name in BODY and value is not None
+                name: value
+                for name, value in request_fields.items()
+                if name in BODY_FIELDS and value is not None
             }
             if isinstance(body.get("data"), bytes | str):
                 body["content"] = body.pop("data")

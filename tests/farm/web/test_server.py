@@ -22,7 +22,7 @@ INCOMPLETE_HEAD = b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n"
 
 
 def make_certificate(folder):
-    """Make a certificate for localhost by openssl."""
+    """Make a certificate for localhost with openssl."""
     cert, key = folder / "cert.pem", folder / "key.pem"
     names = "subjectAltName=DNS:localhost,IP:127.0.0.1"
     request = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-subj", "/CN=localhost"]
@@ -55,7 +55,7 @@ class RedirectKeeper(urllib.request.HTTPRedirectHandler):
 
 
 def open_session(link, origin, context):
-    """Log in by a link; return the session cookie."""
+    """Log in with a link; return the session cookie."""
     opener = urllib.request.build_opener(urllib.request.HTTPSHandler(context=context), RedirectKeeper)
     request = urllib.request.Request(link, method="POST", data=b"", headers={"Origin": origin})
     with pytest.raises(urllib.error.HTTPError, match="303") as error:
@@ -79,7 +79,7 @@ def test_another_host_sees_and_submits_over_tls_as_its_role_allows(farm, tmp_pat
     )
     farm.up()
     assert "it has no key yet" in farm.run_checked("key")
-    with closing(socket.socket()) as probe:  # nothing listens before there is a key
+    with closing(socket.socket()) as probe:  # the server does not listen before there is a key
         assert probe.connect_ex(("127.0.0.1", port)) != 0
     added_key = farm.run_checked("key", "add", "laptop", "--role", "look").strip()
     context = ssl.create_default_context(cafile=cert)
@@ -151,7 +151,7 @@ def test_slow_network_clients_do_not_delay_the_socket(farm):
     wait_for("the daemon's end", lambda: not (farm.state / "farm.sock").exists(), 30.0)
 
 
-def test_daemon_ends_in_time_with_hanging_clients_and_half_uploads(farm, tmp_path):
+def test_daemon_ends_in_time_with_hanging_clients_and_incomplete_uploads(farm, tmp_path):
     port = find_free_port()
     farm.fleet.write_text(farm.fleet.read_text() + f"web: {{listen: '127.0.0.1:{port}'}}\n")
     farm.up()

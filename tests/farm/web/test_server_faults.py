@@ -44,8 +44,8 @@ def test_missing_certificate_is_named(tmp_path):
 
 
 def test_unexpected_error_is_reported_and_closing_continues():
-    def fail():
+    def raise_error():
         raise RuntimeError("no books")
 
     section = WebSection.model_validate({"listen": "0.0.0.0:8467"})
-    assert "no books" in serve_until(section, fail, lambda state: state.problem)
+    assert "no books" in serve_until(section, raise_error, lambda state: state.problem)

@@ -40,7 +40,7 @@ def read_cookie(answer):
 
 def test_link_logs_in_only_by_its_button_and_only_once(farm):
     link = f"/login/{farm.sessions.make_link('ann', Role.PRINT)}"
-    for _ in range(3):  # like the preview of a chat program
+    for _ in range(3):  # as the link preview of a chat program does
         page = farm.ask("GET", link)
         assert page.status_code == 200
         assert "Log in as ann" in page.text
@@ -77,7 +77,7 @@ def test_page_of_another_site_opens_no_session(farm, headers):
 
 
 @pytest.mark.parametrize("web", [TLS, {"url": "https://farm.lab.example"}])
-def test_cookie_over_https_is_secure_and_of_this_host_alone(tmp_path, web):
+def test_cookie_over_https_is_secure_and_only_for_this_host(tmp_path, web):
     farm = NetworkFarm(tmp_path, web)
     link = f"/login/{farm.sessions.make_link('ann', Role.PRINT)}"
     log_in_answer = farm.browse("POST", link)
@@ -91,7 +91,7 @@ def test_cookie_over_https_is_secure_and_of_this_host_alone(tmp_path, web):
     farm.store.close()
 
 
-def test_two_farms_on_a_host_have_cookies_of_their_own():
+def test_two_farms_on_a_host_have_different_cookies():
     assert SessionCookie(8467, False).name != SessionCookie(8468, False).name
 
 
@@ -168,12 +168,12 @@ def test_browser_without_a_session_gets_a_page_and_a_program_gets_json(farm):
 def post_to_socket(farm, person, path):
     """Send a request over the Unix socket as a person."""
 
-    async def call():
+    async def send_request():
         transport = httpx.ASGITransport(call_as(person, farm.unix))
         async with httpx.AsyncClient(transport=transport, base_url="http://farm") as client:
             return await client.post(path, json={})
 
-    return asyncio.run(call())
+    return asyncio.run(send_request())
 
 
 def test_event_log_names_every_kind_of_caller(farm):
@@ -232,12 +232,12 @@ def test_session_in_use_is_extended_and_its_last_use_is_known(farm):
 
 
 def test_session_is_served_although_its_extension_cannot_be_written(farm, monkeypatch):
-    def fail(*_):
+    def fail_to_commit(*_):
         raise StoreError("the disk is full")
 
     text = farm.open_session()
     farm.clock.now_s += 7200.0
-    monkeypatch.setattr(farm.store, "commit", fail)
+    monkeypatch.setattr(farm.store, "commit", fail_to_commit)
     assert farm.browse("GET", "/", text).status_code == 200
 
 
@@ -271,18 +271,18 @@ def test_session_is_limited_to_the_role_with_which_it_was_opened(farm):
 
 
 def test_stream_of_a_session_ends_when_its_user_is_gone(farm):
-    requests = []
+    permissions = []
 
     async def read_stream(scope, receive, send):
         is_allowed = scope["state"]["is_allowed"]
-        requests.append(is_allowed())
+        permissions.append(is_allowed())
         farm.user_roles["ann"] = None
-        requests.append(is_allowed())
+        permissions.append(is_allowed())
         await Response()(scope, receive, send)
 
     farm.web._app = read_stream
     farm.browse("GET", "/api/v1/events", farm.open_session())
-    assert requests == [True, False]
+    assert permissions == [True, False]
 
 
 @pytest.mark.parametrize("role", Role)
@@ -290,7 +290,7 @@ def test_key_opens_a_session_of_its_role_and_name(farm, role):
     assert 'action="/login"' in farm.browse("GET", "/login").text
     assert 'action="/login"' in farm.browse("GET", "/").text
     key = farm.add(role, "panel")
-    log_in_answer = farm.log_in(f" {key.text}\n")  # as pasted
+    log_in_answer = farm.log_in(f" {key.text}\n")  # as a person may paste it
     assert (log_in_answer.status_code, log_in_answer.headers["location"]) == (303, "/")
     text, attributes = read_cookie(log_in_answer)
     assert {"httponly", "samesite=lax", "path=/"} <= attributes
@@ -307,7 +307,7 @@ def test_session_of_a_key_ends_with_the_key(farm):
     texts = [read_cookie(farm.log_in(key.text))[0] for key in (lasting_key, short_key)]
     farm.clock.now_s += 5 * 3600.0
     assert [farm.browse("GET", "/", text).status_code for text in texts] == [200, 200]
-    farm.clock.now_s += 3600.0  # the second key has expired, though its session is in use
+    farm.clock.now_s += 3600.0  # the second key has expired although its session is in use
     assert [farm.browse("GET", "/", text).status_code for text in texts] == [200, 401]
     farm.keys.revoke(lasting_key.id, "ann")
     assert farm.browse("GET", "/", texts[0]).status_code == 401

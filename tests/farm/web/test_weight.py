@@ -1,4 +1,4 @@
-"""Size of the sent pages, and the files that they load."""
+"""Sizes of the pages that are sent, and of the files that they load."""
 
 import gzip
 
@@ -13,7 +13,7 @@ from farm.web.pages.home import render_home
 from farm.web.pages.static_files import load_static_files
 from farms.network_farm import NetworkFarm
 
-FIRST_PAGE_BYTES, WITH_VIEWER_BYTES = 60_000, 250_000
+MAX_FIRST_PAGE_BYTES, MAX_BYTES_WITH_VIEWER = 60_000, 250_000
 
 
 def test_first_page_of_a_hundred_printers_is_small(tmp_path):
@@ -36,14 +36,14 @@ def test_first_page_of_a_hundred_printers_is_small(tmp_path):
     loaded_files = [file for name, file in load_static_files().items() if f"/static/{name}?" in page]
     assert len(loaded_files) >= 4  # style sheet, icon and scripts
     size_bytes = len(gzip.compress(page.encode())) + sum(len(file.compressed) for file in loaded_files)
-    assert size_bytes < FIRST_PAGE_BYTES
+    assert size_bytes < MAX_FIRST_PAGE_BYTES
 
 
 def test_viewer_script_is_small():
     viewer = load_static_files().get("viewer.js")
     if viewer is None:
         pytest.skip("the viewer is not built: `make pages`")
-    assert len(viewer.compressed) < WITH_VIEWER_BYTES - FIRST_PAGE_BYTES
+    assert len(viewer.compressed) < MAX_BYTES_WITH_VIEWER - MAX_FIRST_PAGE_BYTES
 
 
 def test_page_is_compressed_for_clients_that_read_it(tmp_path):

@@ -8,25 +8,29 @@ import pytest
 from farm.views.charts import KINDS, load_palette
 
 OUTCOMES = ("waiting", "printing", "printed", "good", "bad", "failed", "cancelled", "other")
-STATIC = files("farm.web.pages").joinpath("static")
+STATIC_FOLDER = files("farm.web.pages").joinpath("static")
 
 
 def read_variables(text, is_dark):
-    """Return the variables of the light block, with those of the dark block in their place if `is_dark`."""
-    light, _, dark = text.partition("@media print")[0].partition(
+    """Return the variables of the light block, overridden by those of the dark block if `is_dark`."""
+    light_block, _, dark_block = text.partition("@media print")[0].partition(
         "@media screen and (prefers-color-scheme: dark)"
     )
-    variables = dict(re.findall(r"--([\w-]+): (#\w+)", light))
-    return variables | dict(re.findall(r"--([\w-]+): (#\w+)", dark)) if is_dark else variables
+    variables = dict(re.findall(r"--([\w-]+): (#\w+)", light_block))
+    return variables | dict(re.findall(r"--([\w-]+): (#\w+)", dark_block)) if is_dark else variables
 
 
 def compute_luminance(colour):
     """Compute the relative luminance of a colour by WCAG 2."""
     digits = colour.lstrip("#")
     digits = digits if len(digits) == 6 else "".join(2 * digit for digit in digits)
-    shares = [int(digits[start : start + 2], 16) / 255 for start in (0, 2, 4)]
-    linear = [share / 12.92 if share <= 0.04045 else ((share + 0.055) / 1.055) ** 2.4 for share in shares]
-    return sum(weight * value for weight, value in zip((0.2126, 0.7152, 0.0722), linear, strict=True))
+    channels = [int(digits[start : start + 2], 16) / 255 for start in (0, 2, 4)]
+    linear_channels = [
+        channel / 12.92 if channel <= 0.04045 else ((channel + 0.055) / 1.055) ** 2.4 for channel in channels
+    ]
+    return sum(
+        weight * value for weight, value in zip((0.2126, 0.7152, 0.0722), linear_channels, strict=True)
+    )
 
 
 def compute_contrast(first_colour, second_colour):
@@ -38,7 +42,7 @@ def compute_contrast(first_colour, second_colour):
 @pytest.mark.parametrize("is_dark", [False, True])
 def test_outcomes_differ_and_their_text_can_be_read(is_dark):
     colours = read_variables(load_palette(), is_dark)
-    card = read_variables(STATIC.joinpath("farm.css").read_text(), is_dark)["card"]
+    card = read_variables(STATIC_FOLDER.joinpath("farm.css").read_text(), is_dark)["card"]
     fills = [colours[f"fill-{outcome}"] for outcome in OUTCOMES]
     assert len(set(fills)) == len(OUTCOMES)
     for outcome in OUTCOMES:
@@ -54,7 +58,7 @@ def test_colours_of_bars_are_defined_only_in_the_palette():
     for kind in (*KINDS, "planned"):
         assert f".bar-{kind.replace(' ', '-')}" in palette
     for name in ("farm.css", "charts.css"):
-        text = STATIC.joinpath(name).read_text()
+        text = STATIC_FOLDER.joinpath(name).read_text()
         assert not re.search(r"\.bar[.-](good|printed|bad|failed|cancelled|printing|planned)", text), name
         assert not re.search(r"--(fill|ink|part)-\w+:", text), name
 

@@ -22,15 +22,15 @@ def test_line_is_interrupted_while_the_printer_does_not_answer():
     gap, cold_reading = Temperatures(700.0, None, None, None, None), Temperatures(900.0, 30, 25, 0, 0)
     nozzle, target, bed, _ = lay_out_chart_in_utc([*hot_readings, gap, cold_reading]).curves
     assert [len(piece) for piece in nozzle.pieces] == [10, 1]
-    assert [len(piece) for piece in bed.pieces] == [2, 1]  # a level line consists of its ends alone
+    assert [len(piece) for piece in bed.pieces] == [2, 1]  # a level line has only its two ends
     assert nozzle.pieces[0][0][1] > nozzle.pieces[0][-1][1]  # hotter is higher
     assert target.kind == "nozzle target"
 
 
-DEGREES = st.none() | st.integers(-20, 400)
+TEMPERATURES_C = st.none() | st.integers(-20, 400)
 
 
-@given(st.lists(st.tuples(DEGREES, DEGREES, DEGREES, DEGREES), max_size=60))
+@given(st.lists(st.tuples(TEMPERATURES_C, TEMPERATURES_C, TEMPERATURES_C, TEMPERATURES_C), max_size=60))
 def test_every_point_is_inside_the_chart(values):
     chart = lay_out_chart_in_utc([Temperatures(600.0 * n, *value) for n, value in enumerate(values)])
     if chart is None:

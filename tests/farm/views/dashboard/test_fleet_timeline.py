@@ -68,10 +68,10 @@ def test_past_running_and_planned_prints_are_shown_in_order():
     assert dict(view.chart.kinds) == {"good": "✓", "failed": "✗", "printing": "▶", "planned": ""}
 
 
-def test_prints_before_the_period_are_left_out():
+def test_prints_before_the_period_are_omitted():
     kinds = [row.kind for row in describe_timeline(make_night_books(), past_s=800.0).table]
     assert "good" not in kinds
-    assert "failed" in kinds  # it ended 750 s ago
+    assert "failed" in kinds  # this print ended 750 s ago
 
 
 def test_attended_and_quiet_hours_are_in_the_background():
@@ -84,21 +84,21 @@ def test_attended_and_quiet_hours_are_in_the_background():
 def test_job_that_is_moved_to_the_front_ends_earlier_and_delays_the_others():
     books = make_night_books()
     view = describe_timeline(books, Change(3, moves=True, before=1))
-    delay_s = {shift.job: shift.delay_s for shift in view.shifts}
-    assert delay_s[3] < 0.0 < delay_s[1]
+    delays_s = {shift.job: shift.delay_s for shift in view.shifts}
+    assert delays_s[3] < 0.0 < delays_s[1]
     planned_parts = [row.part for row in view.table if row.kind == "planned"]
     assert planned_parts[0] == "3/p01"
-    assert books.jobs[3].moved_rank is None  # nothing was changed
+    assert books.jobs[3].moved_rank is None  # the books are unchanged
     assert next(row.part for row in describe_timeline(books).table if row.kind == "planned") == "1/p02"
 
 
 def test_later_start_delays_only_that_job():
     change = Change(2, not_before_s=NOW_S + 20_000.0)
     view = describe_timeline(make_night_books(), change)
-    delay_s = {shift.job: shift.delay_s for shift in view.shifts}
-    assert delay_s[2] > 10_000.0
-    assert delay_s[3] <= 0.0
-    assert delay_s[1] == 0.0
+    delays_s = {shift.job: shift.delay_s for shift in view.shifts}
+    assert delays_s[2] > 10_000.0
+    assert delays_s[3] <= 0.0
+    assert delays_s[1] == 0.0
 
 
 def test_held_job_is_forecast_as_if_it_were_approved():
@@ -132,16 +132,16 @@ WINDOWS = st.lists(
 
 @given(WINDOWS, st.floats(0.0, 7 * 86400.0), st.floats(1.0, 7 * 86400.0))
 def test_spans_are_disjoint_and_within_the_period_and_agree_with_the_hours(texts, begin_s, length_s):
-    week, end_s = make_hours(*texts), begin_s + length_s
-    spans = list_spans(week, begin_s, end_s)
+    hours, end_s = make_hours(*texts), begin_s + length_s
+    spans = list_spans(hours, begin_s, end_s)
     assert all(begin_s <= first_s < last_s <= end_s for first_s, last_s in spans)
     assert all(span[1] < next_span[0] for span, next_span in pairwise(spans))
     for at_s in (begin_s, begin_s + length_s / 2):
         is_open = any(first_s <= at_s < last_s for first_s, last_s in spans)
-        assert is_open == (week.find_span(at_s) is not None)
+        assert is_open == (hours.find_span(at_s) is not None)
 
 
-def test_always_attended_is_one_span():
+def test_attended_hours_that_never_end_are_one_span():
     assert list_spans(Hours((parse_window("00:00-24:00"),), UTC), 0.0, 1e6) == [(0.0, 1e6)]
 
 

@@ -45,12 +45,12 @@ def test_fault_is_shown_with_its_stills_and_temperatures():
     assert page.chart.hottest_c == 210
 
 
-def test_other_printers_do_not_count():
+def test_page_omits_faults_and_prints_of_other_printers():
     page = describe_page(make_failed_books(), "b")
     assert (page.faults, page.prints, page.figures.prints, page.chart) == ([], [], 0, None)
 
 
-def test_stills_of_a_pruned_job_are_left_out():
+def test_stills_of_a_pruned_job_are_omitted():
     books = make_failed_books()
     books.jobs[1] = books.jobs[1].model_copy(update={"pruned_s": NOW_S})
     assert describe_page(books).faults[0].stills == ()

@@ -1,4 +1,4 @@
-"""View of jobs."""
+"""Views of jobs and printers: prices, times, progress and warnings."""
 
 import dataclasses
 import io
@@ -32,7 +32,7 @@ FLEET = Fleet.model_validate(
 
 
 def make_priced_books(*prices):
-    """Make a planned job whose plates have these prices."""
+    """Make books with a planned job whose plates have these prices."""
     books = make_printing_books(plates=len(prices))
     plates = {
         name: plate.model_copy(update={"price": price})
@@ -53,7 +53,7 @@ def test_price_of_a_job_is_the_sum_of_its_plates():
 
 
 def test_starved_time_does_not_exceed_the_printing_time():
-    """Limit the starved time of a part that was printed twice by the total time."""
+    """Use a part that was printed twice, so that its starved times are added."""
     books = make_printing_books(plates=1)
     assert make_view(books).starved_share is None
     for name, started_s in (("p", 2.0), ("q", 202.0)):

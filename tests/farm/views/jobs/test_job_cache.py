@@ -1,4 +1,4 @@
-"""Cached contents of jobs: a view from the cache equals a fresh one, whatever happens in between."""
+"""Cached contents of jobs: a view from the cache equals a fresh one after any changes."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -30,7 +30,7 @@ HOLDS = [Hold(code=HoldCode.PRINTER_BUSY, text="a is printing"), Hold(code=HoldC
 
 
 def make_context(books, cache, now_s, holds):
-    """Make the data of a view; holds are new objects each time, as those of the scheduler are."""
+    """Make the context of a view with new hold objects, as the scheduler does."""
     copies = {plate: hold.model_copy() for plate, hold in holds.items()}
     return ViewContext(FLEET, books, {}, StateFolder(Path("/state")), now_s, plate_holds=copies, jobs=cache)
 
@@ -40,7 +40,7 @@ def describe_all_jobs(books, cache, now_s, holds):
 
 
 def assign_plate(books, plate, number):
-    """Assign a plate to a printer; the number is the id of its print."""
+    """Assign a plate to a printer, and use the number as the id of its print."""
     event = ev.PlateAssigned(at_s=float(number), plate=plate, printer="ab"[number % 2], print_id=str(number))
     return apply_events(books, event)[0]
 
@@ -74,7 +74,7 @@ hold_sets = st.dictionaries(st.sampled_from(PLATES), st.sampled_from(HOLDS))
 
 
 @given(st.lists(st.tuples(st.none() | steps, hold_sets), min_size=1, max_size=8))
-def test_a_cached_view_equals_a_fresh_one(steps_and_holds):
+def test_cached_view_equals_a_fresh_one(steps_and_holds):
     books, cache = make_printing_books(plates=2), JobCache()
     for now_s, (step, holds) in enumerate(steps_and_holds, 10):
         books = books if step is None else change_books(books, step)
@@ -90,11 +90,11 @@ def test_a_cached_view_equals_a_fresh_one(steps_and_holds):
 
 def test_unchanged_parts_and_plates_are_not_described_again():
     books, cache = make_printing_books(plates=2), JobCache()
-    (first,) = describe_all_jobs(books, cache, 10.0, dict.fromkeys(PLATES, HOLDS[0]))
-    (second,) = describe_all_jobs(books, cache, 11.0, {PLATES[0]: HOLDS[0], PLATES[1]: HOLDS[1]})
-    assert all(map(lambda old, new: old is new, first.parts, second.parts))
-    assert first.plates[0] is second.plates[0] and first.plates[1].hold == HOLDS[0]
-    assert second.plates[1].hold == HOLDS[1]
+    (first_view,) = describe_all_jobs(books, cache, 10.0, dict.fromkeys(PLATES, HOLDS[0]))
+    (second_view,) = describe_all_jobs(books, cache, 11.0, {PLATES[0]: HOLDS[0], PLATES[1]: HOLDS[1]})
+    assert all(map(lambda old, new: old is new, first_view.parts, second_view.parts))
+    assert first_view.plates[0] is second_view.plates[0] and first_view.plates[1].hold == HOLDS[0]
+    assert second_view.plates[1].hold == HOLDS[1]
 
 
 def test_cache_keeps_a_limited_number_of_jobs(monkeypatch):
@@ -103,8 +103,8 @@ def test_cache_keeps_a_limited_number_of_jobs(monkeypatch):
     books = replace(books, _revisions=dict.fromkeys((1, 2, 3), "first"))
     described_jobs = []
 
-    def find(job):
+    def find_contents(job):
         return cache.find(books, job, lambda: described_jobs.append(job) or job)
 
-    assert [find(job) for job in (1, 1, 2, 3, 3, 1)] == [1, 1, 2, 3, 3, 1]
+    assert [find_contents(job) for job in (1, 1, 2, 3, 3, 1)] == [1, 1, 2, 3, 3, 1]
     assert described_jobs == [1, 2, 3, 1]

@@ -26,18 +26,18 @@ def compute_times(books, now_s):
     return measure_times(context, books.job(1))
 
 
-def make_attempt_events(name, plate, printer, from_s, to_s):
-    """Return the events of a done print and of its bed, cleared at the same time."""
+def make_attempt_events(name, plate, printer, started_s, ended_s):
+    """Make the events of a completed print and of its bed, which is cleared at the same time."""
     return (
-        ev.PlateAssigned(at_s=from_s, plate=plate, printer=printer, print_id=name),
-        make_end_event(name, at_s=to_s, started_s=from_s),
-        ev.BedCleared(at_s=to_s, printer=printer, by="ann"),
+        ev.PlateAssigned(at_s=started_s, plate=plate, printer=printer, print_id=name),
+        make_end_event(name, at_s=ended_s, started_s=started_s),
+        ev.BedCleared(at_s=ended_s, printer=printer, by="ann"),
     )
 
 
 @pytest.fixture
 def done_books():
-    """Make books of a job of two plates of 100 s, printed at the same time."""
+    """Make books with a job of two plates of 100 s, which were printed at the same time."""
     return apply_events(
         make_printing_books(),
         *make_attempt_events("x", "1/01", "a", 0.0, 100.0),
@@ -58,7 +58,7 @@ def test_time_between_the_end_of_a_job_and_a_reprint_is_not_counted(done_books):
         (DAY_S + 50.0, DAY_S + 150.0),
     ]
     assert (second_times.elapsed_s, second_times.makespan_s, second_times.speedup) == (200.0, 200.0, 2.5)
-    assert second_times.utilisation == pytest.approx(200.0 / 300.0)  # of two printers, then of one
+    assert second_times.utilisation == pytest.approx(200.0 / 300.0)  # two printers, then one
     assert second_times.end_s == DAY_S + 150.0
 
 

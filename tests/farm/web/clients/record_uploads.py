@@ -23,18 +23,34 @@ FOLDER = TEST_FOLDER / "recorded"
 KEY = f"farm_{'a' * 8}_{'A' * 43}"
 PORT = 8467
 ANSWER = b'{"done":true}'
-FILE = "file=@{path};filename={name};type=application/octet-stream"
-PRUSA, EXPECT = ["-A", "PrusaSlicer/2.9.4"], ["-H", "Expect: 100-continue"]
-LOCAL = "/api/files/local"
+FILE_FIELD = "file=@{path};filename={name};type=application/octet-stream"
+PRUSA_OPTIONS, EXPECT_OPTIONS = ["-A", "PrusaSlicer/2.9.4"], ["-H", "Expect: 100-continue"]
+LOCAL_PATH = "/api/files/local"
 CURL_UPLOADS = {  # name -> (path, name of the file, options)
-    "libcurl-print": (LOCAL, "part.gcode", [*PRUSA, *EXPECT, "-F", "print=true", "-F", "path=", "-F", FILE]),
-    "libcurl-upload": (LOCAL, "part.gcode", [*PRUSA, "-F", "print=false", "-F", "path=", "-F", FILE]),
-    "libcurl-file-first": (LOCAL, "part.gcode", [*PRUSA, "-F", FILE, "-F", "path=", "-F", "print=true"]),
-    "libcurl-odd-name": (LOCAL, 'Größe "2" (1).gcode', ["-F", "print=false", "-F", "path=a/b", "-F", FILE]),
+    "libcurl-print": (
+        LOCAL_PATH,
+        "part.gcode",
+        [*PRUSA_OPTIONS, *EXPECT_OPTIONS, "-F", "print=true", "-F", "path=", "-F", FILE_FIELD],
+    ),
+    "libcurl-upload": (
+        LOCAL_PATH,
+        "part.gcode",
+        [*PRUSA_OPTIONS, "-F", "print=false", "-F", "path=", "-F", FILE_FIELD],
+    ),
+    "libcurl-file-first": (
+        LOCAL_PATH,
+        "part.gcode",
+        [*PRUSA_OPTIONS, "-F", FILE_FIELD, "-F", "path=", "-F", "print=true"],
+    ),
+    "libcurl-odd-name": (
+        LOCAL_PATH,
+        'Größe "2" (1).gcode',
+        ["-F", "print=false", "-F", "path=a/b", "-F", FILE_FIELD],
+    ),
     "libcurl-moonraker": (
         "/server/files/upload",
         "part.gcode",
-        ["-F", "root=gcodes", "-F", "print=true", "-F", FILE],
+        ["-F", "root=gcodes", "-F", "print=true", "-F", FILE_FIELD],
     ),
 }
 QT_UPLOADS = {
@@ -45,7 +61,7 @@ QT_UPLOADS = {
 
 
 def receive_request(listener: socket.socket) -> bytes:
-    """Receive one complete request, and answer it like OctoPrint."""
+    """Receive one complete request, and answer it as OctoPrint does."""
     connection, _ = listener.accept()
     with connection:
         data = b""
@@ -86,12 +102,13 @@ def main() -> None:
         for name, (url_path, file_name, options) in CURL_UPLOADS.items():
             quoted_name = '"' + file_name.replace('"', '\\"') + '"'
             arguments = [
-                option.format(path=path, name=quoted_name) if option is FILE else option for option in options
+                option.format(path=path, name=quoted_name) if option is FILE_FIELD else option
+                for option in options
             ]
             record_upload(name, ["curl", "-sS", "-H", f"X-Api-Key: {KEY}", *arguments, url + url_path])
         for name, (file_name, fields) in QT_UPLOADS.items():
             peer = [os.environ["FARM_INTEROP"], TESTS / "interop/qt_peer.py"]
-            record_upload(name, [*peer, url + LOCAL, KEY, path, file_name, *fields])
+            record_upload(name, [*peer, url + LOCAL_PATH, KEY, path, file_name, *fields])
 
 
 if __name__ == "__main__":

@@ -18,9 +18,9 @@ from farms.slicer_farm import SlicerFarm
 
 FOLDER = Path(__file__).parent / "recorded"
 RECORDED_KEY = b"farm_" + b"a" * 8 + b"_" + b"A" * 43
-HEALTH = b"GET /healthz HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"
+HEALTH_REQUEST = b"GET /healthz HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"
 CONTINUE_REPLY = b"HTTP/1.1 100 "
-CHUNKS = (1, 7, 1000, 10**6)
+CHUNK_SIZES = (1, 7, 1000, 10**6)
 UPLOADS = {  # name of the recording -> name of the job's model, whether it is held, its note
     "libcurl-print": ("part.gcode", False, None),
     "libcurl-upload": ("part.gcode", True, None),
@@ -49,13 +49,13 @@ def read_recording(name, farm):
 
 
 class Connections:
-    """Connections to the server, one after the other."""
+    """Client that opens one connection to the server after the other."""
 
     def __init__(self, port, server):
         self._port, self._server = port, server
 
     async def send(self, *chunks):
-        """Send a request, and return its answers including the interim one."""
+        """Send a request, and return its answers, including an interim answer."""
         reader, writer = await asyncio.open_connection("127.0.0.1", self._port)
         with closing(writer):
             for chunk in chunks:
@@ -77,21 +77,21 @@ class Connections:
         await self._wait_until_idle()
         return answer
 
-    async def send_partially(self, data, reset):
+    async def send_part(self, data, is_reset):
         """Send only a part of a request; return the answer."""
         reader, writer = await asyncio.open_connection("127.0.0.1", self._port)
         writer.write(data)
         await writer.drain()
-        if reset:
+        if is_reset:
             linger = struct.pack("ii", 1, 0)
             writer.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, linger)
         with closing(writer):
-            answer = b"" if reset else await self._finish(reader, writer)
+            answer = b"" if is_reset else await self._read_rest(reader, writer)
         await self._wait_until_idle()
         return answer
 
     @staticmethod
-    async def _finish(reader, writer):
+    async def _read_rest(reader, writer):
         with suppress(ConnectionError):
             writer.write_eof()
             return await reader.read()
@@ -105,7 +105,7 @@ class Connections:
 
 
 @asynccontextmanager
-async def serve(farm):
+async def serve_farm(farm):
     with socket.create_server(("127.0.0.1", 0)) as probe:
         port = probe.getsockname()[1]
     server = NetworkServer(WebSection(listen=f"127.0.0.1:{port}"), farm.web, 16, NetworkState())
@@ -122,7 +122,7 @@ def split_data(data, size):
 
 
 def read_answer(answer):
-    """Return the status, the headers in lower case, and the body; without the interim answer."""
+    """Return the status, the headers in lower case, and the body of the final answer."""
     head, _, body = answer.partition(b"\r\n\r\n")
     if answer.startswith(CONTINUE_REPLY):
         head, _, body = body.partition(b"\r\n\r\n")
@@ -135,18 +135,20 @@ def read_answer(answer):
 def test_recorded_upload_becomes_a_job_however_it_is_split(name, farm):
     model, is_held, note = UPLOADS[name]
 
-    async def scenario():
-        async with serve(farm) as connections:
-            return [await connections.send(*split_data(read_recording(name, farm), size)) for size in CHUNKS]
+    async def run_scenario():
+        async with serve_farm(farm) as connections:
+            return [
+                await connections.send(*split_data(read_recording(name, farm), size)) for size in CHUNK_SIZES
+            ]
 
-    for answer in asyncio.run(scenario()):
+    for answer in asyncio.run(run_scenario()):
         status, headers, _ = read_answer(answer)
         assert status == 201, answer
         assert "api/" in headers["location"] or name == "libcurl-moonraker"
     assert {(job.name, job.options.hold, job.options.note) for job in farm.jobs_by_number.values()} == {
         (model, is_held, note)
     }
-    assert len(farm.jobs_by_number) == len(CHUNKS)
+    assert len(farm.jobs_by_number) == len(CHUNK_SIZES)
     assert (farm.unfinished_uploads, list(farm.temporary_folder.iterdir())) == ([], [])
 
 
@@ -154,39 +156,39 @@ def test_continue_is_sent_to_libcurl_unless_its_key_is_wrong(farm):
     recording = read_recording("libcurl-print", farm)
     head = recording[: recording.index(b"\r\n\r\n") + 4]
 
-    async def scenario():
-        async with serve(farm) as connections:
+    async def run_scenario():
+        async with serve_farm(farm) as connections:
             answer = await connections.send(head.replace(farm.key_text, RECORDED_KEY))
             return await connections.send_head(head), answer
 
-    interim_answer, result = asyncio.run(scenario())
+    interim_answer, result = asyncio.run(run_scenario())
     assert interim_answer.startswith(CONTINUE_REPLY)
     assert read_answer(result)[0] == 401
 
 
 @pytest.mark.parametrize(
-    ("name", "reset"),
+    ("name", "is_reset"),
     [("libcurl-print", False), ("libcurl-file-first", True), ("qt-print", False)],
 )
-def test_upload_cut_at_any_byte_leaves_nothing(name, reset, farm):
-    recording, events = read_recording(name, farm), len(farm.controller._store.events())
-    state = {path for path in farm.state.root.rglob("*") if path.is_file()}
+def test_upload_cut_at_any_byte_leaves_no_job_and_no_file(name, is_reset, farm):
+    recording, event_count = read_recording(name, farm), len(farm.controller._store.events())
+    old_files = {path for path in farm.state.root.rglob("*") if path.is_file()}
 
-    async def scenario():
-        async with serve(farm) as connections:
+    async def run_scenario():
+        async with serve_farm(farm) as connections:
             for end in range(len(recording)):
-                answer = await connections.send_partially(recording[:end], reset)
+                answer = await connections.send_part(recording[:end], is_reset)
                 assert b" 201 " not in answer, end
                 assert (len(farm.jobs_by_number), farm.unfinished_uploads) == (0, []), end
-                assert read_answer(await connections.send(HEALTH))[0] == 200, end
-            assert {path for path in farm.state.root.rglob("*") if path.is_file()} == state
+                assert read_answer(await connections.send(HEALTH_REQUEST))[0] == 200, end
+            assert {path for path in farm.state.root.rglob("*") if path.is_file()} == old_files
             assert (len(farm.controller._store.events()), list(farm.temporary_folder.iterdir())) == (
-                events,
+                event_count,
                 [],
             )
             return await connections.send(recording)
 
-    assert read_answer(asyncio.run(scenario()))[0] == 201
+    assert read_answer(asyncio.run(run_scenario()))[0] == 201
     assert len(farm.jobs_by_number) == 1
 
 
@@ -194,11 +196,11 @@ def test_refusal_of_gcode_is_one_line_of_text_that_begins_with_line_and_reason(f
     farm.services.uploads._workers = SameProcess()
     recording = read_recording("qt-print", farm).replace(b"M109 S205", b"M109 S999")
 
-    async def scenario():
-        async with serve(farm) as connections:
+    async def run_scenario():
+        async with serve_farm(farm) as connections:
             return await connections.send(recording)
 
-    status, headers, text = read_answer(asyncio.run(scenario()))
+    status, headers, text = read_answer(asyncio.run(run_scenario()))
     assert (status, headers["content-type"]) == (400, "text/plain")
     assert text.startswith("line 5: M109 sets 999 C, and the nozzle may have at most 260")
     assert (farm.jobs_by_number, farm.unfinished_uploads) == ({}, [])

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from farm.web.forms.multipart import MAX_FIELD_BYTES, MAX_PARTS, BadForm, FormReader
 
 CONTENT = b"G28\r\n--boundary!\r\n--bound\r\n-\r\n" * 3
-CURL = "multipart/form-data; boundary=boundary"
+CURL_CONTENT_TYPE = "multipart/form-data; boundary=boundary"
 
 
 def write_form(parts, boundary="boundary", end="--\r\n"):
@@ -27,7 +27,7 @@ def write_file_field(name="a.gcode", content=CONTENT, header="Content-Dispositio
     return f"{disposition}\r\nContent-Type: application/octet-stream", content
 
 
-def read_form(form, *cuts, content_type=CURL):
+def read_form(form, *cuts, content_type=CURL_CONTENT_TYPE):
     """Read a form that is split at some offsets."""
     reader, pieces = FormReader(content_type), []
     for begin, end in zip((0, *cuts), (*cuts, len(form)), strict=True):
@@ -36,8 +36,8 @@ def read_form(form, *cuts, content_type=CURL):
     return reader, b"".join(pieces)
 
 
-PRUSA = write_form([write_field("print", "true"), write_field("path", "x/y"), write_file_field()])
-CURA = write_form(
+PRUSA_FORM = write_form([write_field("print", "true"), write_field("path", "x/y"), write_file_field()])
+CURA_FORM = write_form(
     [
         write_field("path", "x/y"),
         write_file_field(),
@@ -47,7 +47,7 @@ CURA = write_form(
 )
 
 
-@pytest.mark.parametrize("form", [PRUSA, CURA], ids=["options first", "options last"])
+@pytest.mark.parametrize("form", [PRUSA_FORM, CURA_FORM], ids=["options first", "options last"])
 @settings(deadline=None)
 @given(data=st.data())
 def test_form_is_read_independently_of_its_chunks(form, data):
@@ -58,7 +58,7 @@ def test_form_is_read_independently_of_its_chunks(form, data):
 
 
 def test_form_is_read_byte_by_byte():
-    reader, content = read_form(PRUSA, *range(1, len(PRUSA)))
+    reader, content = read_form(PRUSA_FORM, *range(1, len(PRUSA_FORM)))
     assert (reader.file_name, content) == ("a.gcode", CONTENT)
 
 
@@ -73,11 +73,11 @@ def test_boundaries_of_qt_and_of_curl_are_read_quoted_or_not(boundary, quote):
 
 
 def test_truncated_form_is_never_complete():
-    min_length = len(PRUSA) - 2  # the last line end may be missing
+    min_length = len(PRUSA_FORM) - 2  # the last line break may be missing
     for end in range(min_length):
         with pytest.raises(BadForm, match="stopped before its end"):
-            read_form(PRUSA[:end])
-    read_form(PRUSA[:min_length])
+            read_form(PRUSA_FORM[:end])
+    read_form(PRUSA_FORM[:min_length])
 
 
 @pytest.mark.parametrize(
@@ -120,17 +120,17 @@ def test_invalid_form_is_refused(content_type):
 
 @settings(deadline=None)
 @given(st.binary(max_size=300), st.integers(0, 300))
-def test_any_bytes_are_read_or_refused(noise, at):
-    form = PRUSA[: at % len(PRUSA)] + noise + PRUSA[at % len(PRUSA) :]
+def test_any_bytes_are_read_or_refused(noise, offset):
+    form = PRUSA_FORM[: offset % len(PRUSA_FORM)] + noise + PRUSA_FORM[offset % len(PRUSA_FORM) :]
     with suppress(BadForm):
-        read_form(form, at % (len(form) + 1))
+        read_form(form, offset % (len(form) + 1))
 
 
 @pytest.mark.parametrize(
-    ("value", "expected"), [("true", True), ("True ", True), ("1", True), ("", False), ("false", False)]
+    ("value", "is_true"), [("true", True), ("True ", True), ("1", True), ("", False), ("false", False)]
 )
-def test_every_form_of_true_is_read(value, expected):
+def test_every_form_of_true_is_read(value, is_true):
     assert (
         read_form(write_form([write_field("print", value), write_file_field()]))[0].is_true("print")
-        is expected
+        is is_true
     )

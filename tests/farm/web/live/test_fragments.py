@@ -10,7 +10,7 @@ TEXTS = st.text("ab<>&;-! \nü", max_size=8).map(lambda text: text.replace("<", 
 
 
 def make_page(elements, extra=""):
-    """Make a page like a template."""
+    """Make a page as a template does."""
     parts = "".join(
         f'\n<!--live:{name}-->\n<li id="{name}">{text}</li>\n<!--/live-->' for name, text in elements.items()
     )
@@ -59,7 +59,7 @@ def test_page_is_sent_without_marks_and_with_its_version(page):
     assert split_main(sent_page).keys() == page[0].keys()
 
 
-def test_one_change_is_one_element():
+def test_only_the_changed_element_is_sent():
     old_page, new_page = (split_page(make_page({"a": "1", "b": text})) for text in ("2", "3"))
     assert find_changes(old_page, new_page) == {"b": '<li id="b">3</li>'}
 

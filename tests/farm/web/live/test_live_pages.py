@@ -21,7 +21,7 @@ HEARTBEAT = b"event: beat\ndata:\n\n"
 
 
 class Page:
-    """Page of one number, which counts its renderings."""
+    """Page that shows one number and counts its renderings."""
 
     def __init__(self):
         self.number, self.render_count, self.error, self.pauses = 0, 0, None, 0
@@ -68,14 +68,14 @@ def open_stream(pages, role=Role.LOOK, version="", path="/x/7", is_allowed=lambd
     return pages.follow(path, role, version, is_allowed)
 
 
-def run_scenario(page, scenario):
+def run_with_pages(page, check_streams):
     async def main():
         streams = QuickStreams()
         pages = LivePages(streams)
         pages.add("/x/{number}", page.render)
         pages.add("/slow", page.render, rounds=10)
         async with asyncio.timeout(20):
-            await scenario(pages, streams)
+            await check_streams(pages, streams)
             streams.close()
             if pages._refresh_task is not None:
                 await pages._refresh_task
@@ -84,7 +84,7 @@ def run_scenario(page, scenario):
 
 
 def test_viewer_gets_the_page_and_then_its_changes(page):
-    async def scenario(pages, _):
+    async def check_streams(pages, _):
         stream = open_stream(pages)
         assert await anext(stream) == b"retry: 3000\n\n"
         version, changes = parse_message(await anext(stream))
@@ -102,11 +102,11 @@ def test_viewer_gets_the_page_and_then_its_changes(page):
         for client in (stream, known_stream, late_stream):
             await client.aclose()
 
-    run_scenario(page, scenario)
+    run_with_pages(page, check_streams)
 
 
 def test_page_is_rendered_once_for_all_viewers_of_a_role_and_not_without_viewers(page):
-    async def scenario(pages, limit):
+    async def check_streams(pages, limit):
         streams = [open_stream(pages, role) for role in (Role.LOOK, Role.OPERATE) for _ in range(10)]
         for stream in streams:
             await anext(stream)
@@ -117,7 +117,7 @@ def test_page_is_rendered_once_for_all_viewers_of_a_role_and_not_without_viewers
             '<p id="n">1 look 7</p>',
             '<p id="n">1 operate 7</p>',
         }
-        assert page.render_count <= 2 * (limit.rounds + 1)  # two in a round, not twenty
+        assert page.render_count <= 2 * (limit.rounds + 1)  # two renderings in a round, not twenty
         for stream in streams:
             await stream.aclose()
         await pages._refresh_task
@@ -125,11 +125,11 @@ def test_page_is_rendered_once_for_all_viewers_of_a_role_and_not_without_viewers
         await asyncio.sleep(0.0)
         assert page.render_count == render_count
 
-    run_scenario(page, scenario)
+    run_with_pages(page, check_streams)
 
 
 def test_streams_end_with_the_daemon_and_when_the_viewer_loses_access(page):
-    async def scenario(pages, streams):
+    async def check_streams(pages, streams):
         permissions = [True]
         stream, other_stream = open_stream(pages), open_stream(pages, is_allowed=lambda: permissions[0])
         for client in (stream, other_stream):
@@ -144,12 +144,12 @@ def test_streams_end_with_the_daemon_and_when_the_viewer_loses_access(page):
             await read_changes(stream)
             await read_changes(stream)
 
-    run_scenario(page, scenario)
+    run_with_pages(page, check_streams)
 
 
 @pytest.mark.parametrize("error", [NoSuchThing("it was pruned"), ValueError("a fault")])
 def test_page_that_cannot_be_rendered_ends_its_streams_and_can_be_opened_again(page, error):
-    async def scenario(pages, _):
+    async def check_streams(pages, _):
         stream = open_stream(pages)
         await anext(stream)
         await anext(stream)
@@ -162,7 +162,7 @@ def test_page_that_cannot_be_rendered_ends_its_streams_and_can_be_opened_again(p
         assert "main" in parse_message(await anext(second_stream))[1]
         await second_stream.aclose()
 
-    run_scenario(page, scenario)
+    run_with_pages(page, check_streams)
 
 
 def test_stream_of_an_unknown_page_or_beyond_the_limit_is_refused(tmp_path):
@@ -184,7 +184,7 @@ def test_stream_of_an_unknown_page_or_beyond_the_limit_is_refused(tmp_path):
 
 
 def test_page_of_several_rounds_is_rendered_in_the_last_round_or_for_a_newer_version(page):
-    async def scenario(pages, limit):
+    async def check_streams(pages, limit):
         stream = open_stream(pages, path="/slow")
         await anext(stream)
         await anext(stream)
@@ -202,11 +202,11 @@ def test_page_of_several_rounds_is_rendered_in_the_last_round_or_for_a_newer_ver
         for client in (stream, known_stream, later_stream):
             await client.aclose()
 
-    run_scenario(page, scenario)
+    run_with_pages(page, check_streams)
 
 
 def test_page_does_not_end_while_it_is_rendered_for_its_only_viewer(page):
-    async def scenario(pages, limit):
+    async def check_streams(pages, limit):
         first_stream = open_stream(pages, path="/slow")
         await anext(first_stream)
         await first_stream.aclose()
@@ -218,17 +218,17 @@ def test_page_does_not_end_while_it_is_rendered_for_its_only_viewer(page):
         ]
         await late_stream.aclose()
 
-    run_scenario(page, scenario)
+    run_with_pages(page, check_streams)
 
 
 def test_query_of_an_address_is_passed_to_the_page(page):
-    async def scenario(pages, _):
+    async def check_streams(pages, _):
         stream = open_stream(pages, path="/x/7?days=3")
         await anext(stream)
         assert "0 look 7days=3" in parse_message(await anext(stream))[1]["main"]
         await stream.aclose()
 
-    run_scenario(page, scenario)
+    run_with_pages(page, check_streams)
 
 
 def test_stream_continues_its_page_and_other_addresses_are_errors(tmp_path):

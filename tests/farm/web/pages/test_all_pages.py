@@ -70,7 +70,7 @@ class Structure(HTMLParser):
         self.close()
 
     def handle_starttag(self, tag, attributes):
-        if tag != "code" or attributes:  # text between backticks is shown as a command, whoever wrote it
+        if tag != "code" or attributes:  # text between backticks is always shown as a command
             self.elements.append((tag, *(name for name, _ in attributes)))
         self.values += [value or "" for _, value in attributes]
 
@@ -86,7 +86,7 @@ def make_farm(folder):
 
 
 def read_pages(farm, printers=PRINTERS, jobs=JOBS, role=Role.OPERATE):
-    """Return every page of the table of roles; those of other roles are refused."""
+    """Return all pages that the role may read, and check that the others are refused."""
     pages = {}
     for path in PAGES:
         fields = {"{name}": printers, "{number}": jobs}
@@ -105,7 +105,7 @@ def read_pages(farm, printers=PRINTERS, jobs=JOBS, role=Role.OPERATE):
 
 
 def make_attempt(number, printer, state, **changes):
-    """Return a print of the first plate of job 1."""
+    """Make a print of the first plate of job 1."""
     ended_s = NOW_S - 60.0 if state.ended else None
     return Print(
         id=f"print {number}", plate="1/01", job=1, printer=printer, number=number, state=state,
@@ -178,7 +178,8 @@ def test_every_state_hold_and_fault_has_a_page(farm):
     pages = read_pages(farm)
     assert {f"/printers/{name}" for name in PRINTERS} <= pages.keys()
     fault_page = pages[f"/printers/{PRINTERS[0]}"]
-    assert sum(fault.replace("_", " ") in fault_page for fault in FAULTS) >= 10  # the last ten
+    # The page shows the last ten faults.
+    assert sum(fault.replace("_", " ") in fault_page for fault in FAULTS) >= 10
     for state in ("heating", "printing", "paused"):
         assert any(f'class="state {state}"' in pages[f"/printers/{name}"] for name in PRINTERS), state
     home = " ".join(Structure(pages["/"]).texts)
@@ -194,7 +195,7 @@ def test_pages_are_complete_for_other_roles(farm, role):
 
 
 def test_pages_read_no_file_once_the_farm_runs(farm, monkeypatch):
-    """Check that pages are in memory, as an upgrade replaces files under a running daemon."""
+    """Check that pages are in memory, because an upgrade replaces files under a running daemon."""
     for load in (rendering.load_templates, report.load_templates, static_files.load_static_files):
         load.cache_clear()
     make_web_app(farm.services, DryRuns(farm.controller), ())
@@ -238,7 +239,7 @@ def test_hostile_text_changes_no_element_of_any_page(farm, text, name):
 
 
 def render_other_pages(farm, text, name):
-    """Return pages that no address shows by itself: of log-in, messages, refused forms, what-if changes."""
+    """Render pages that no address shows by itself: log-in, messages, refused forms, what-if changes."""
     fleet = SimpleNamespace(name=name, timezone="UTC")
     reader, note = Reader(text, Role.OPERATE), Note(text, is_problem=True)
     choices = list_choices(farm.controller.fleet)

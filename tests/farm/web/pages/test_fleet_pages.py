@@ -78,7 +78,7 @@ def test_printer_page_shows_temperatures_faults_and_prints(busy_farm):
     assert 'src="/jobs/1/stills/print-1-failure.png"' in page
     picture = busy_farm.browse("GET", "/jobs/1/stills/print-1-failure.png", busy_farm.open_session())
     assert (picture.headers["content-type"], picture.content) == ("image/png", b"\x89PNG")
-    assert 'action="/printers/a/cleared"' not in page  # it prints the next plate
+    assert 'action="/printers/a/cleared"' not in page  # `a` is printing the next plate
 
 
 def test_printer_page_asks_for_a_verdict_only_on_a_part_that_was_printed(farm):
@@ -90,18 +90,18 @@ def test_printer_page_asks_for_a_verdict_only_on_a_part_that_was_printed(farm):
         page = read_page(farm, "/printers/a")
         assert 'action="/printers/a/cleared"' in page
         verdict_requests.append('name="bad"' in page)
-        cleared = ev.BedCleared(at_s=now_s, printer="a", by="ann", filament=FilamentState.PARKED)
-        controller.handle(cleared)
+        cleared_event = ev.BedCleared(at_s=now_s, printer="a", by="ann", filament=FilamentState.PARKED)
+        controller.handle(cleared_event)
     assert verdict_requests == [False, True]
 
 
 def test_printer_page_warns_of_heat_before_it_offers_to_clear_the_bed(farm):
-    alarm = {"alarm": "the nozzle cannot be switched off", "nozzle_c": 231.0, "bed_c": 60.0}
+    alarm_fields = {"alarm": "the nozzle cannot be switched off", "nozzle_c": 231.0, "bed_c": 60.0}
     cold_fields = {"nozzle_c": 21.0, "bed_c": 20.0, "heaters_off": True}
-    for changes, expected_counts in ((alarm, (1, 1, 0)), (cold_fields, (0, 0, 1))):
+    for changes, expected_counts in ((alarm_fields, (1, 1, 0)), (cold_fields, (0, 0, 1))):
         fields = {"link": Link.FAULT, "reason": "inspect it", **changes}
         farm.controller.on_snapshot(AgentSnapshot(printer="a", **fields))
-        farm.controller.handle(ev.BedBecameUnknown(at_s=farm.clock.now(), printer="a", reason="so"))
+        farm.controller.handle(ev.BedBecameUnknown(at_s=farm.clock.now(), printer="a", reason="test"))
         page = read_page(farm, "/printers/a")
         counts = [page.count(text) for text in ("task urgent", "231 °C, not confirmed off", "<details open>")]
         assert tuple(counts) == expected_counts
@@ -214,7 +214,7 @@ def test_operator_reads_the_last_lines_on_the_wire(farm):
     services = dataclasses.replace(farm.services, read_lines=read_lines)
     farm.web = make_web_app(services, DryRuns(farm.controller), {HOST})
     page = read_page(farm, "/printers/a/wire")
-    assert "23:13:20.000 &gt; M105 &lt;b&gt;" in page  # in Berlin
+    assert "23:13:20.000 &gt; M105 &lt;b&gt;" in page  # the time in Berlin
     assert "&lt; ok" in page
     for role in (Role.LOOK, Role.PRINT):
         assert "needs a key with the role operate" in read_page(farm, "/printers/a/wire", role, status=403)

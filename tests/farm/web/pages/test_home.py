@@ -51,7 +51,10 @@ def make_last_print(state, verdict=None):
 
 def test_tiles_are_in_the_order_of_their_ends(status):
     remaining_times_s = (7200.0, None, 60.0, 7205.0)
-    print_fields = [{"print": None if left_s is None else make_print(left_s)} for left_s in remaining_times_s]
+    print_fields = [
+        {"print": None if remaining_s is None else make_print(remaining_s)}
+        for remaining_s in remaining_times_s
+    ]
     tiles = list_tiles(replace_printers(status, *print_fields))
     assert [tile.printer.name for tile in tiles] == ["um2-3", "um2-1", "um2-4", "um2-2"]
     assert tiles[0].model == "box.stl"

@@ -99,7 +99,7 @@ def test_reasons_mark_commands_and_omit_the_last_one_which_has_a_button():
     hold = Hold(code=HoldCode.PRINTER_BUSY, text="load `a reel`, then `farm load um2-01`")
     plates = [data.job.plates[0].model_copy(update={"hold": hold}), *data.job.plates[1:]]
     page = render_page(replace(data, job=data.job.model_copy(update={"plates": plates})))
-    assert page.count("load <code>a reel</code><") == 2  # of the job, and of the part
+    assert page.count("load <code>a reel</code><") == 2  # once for the job, and once for the part
     assert "`" not in page
 
 
@@ -287,7 +287,7 @@ def test_own_gcode_is_shown_with_size_layers_and_time():
     assert "<dt>Layers</dt><dd>10</dd>" in page
 
 
-def test_gluing_is_asked_only_about_a_model_that_was_cut():
+def test_time_of_gluing_is_requested_only_for_a_model_that_was_cut():
     data, path = make_data(make_night_books(), state=JobState.PRINTED), "/jobs/1/assembled"
     assert path in list_paths(render_page(data))
     copies = [part.model_copy(update={"copy_number": n}) for n, part in enumerate(data.job.parts, 1)]

@@ -11,7 +11,7 @@ from farm.model import JobState, Role
 from farm.state.books import put
 from farms.network_farm import NetworkFarm
 
-DRY_RUN = {"dry_run": True, "hold": True}
+DRY_RUN_OPTIONS = {"dry_run": True, "hold": True}
 
 
 @pytest.fixture
@@ -26,12 +26,12 @@ def ann(farm):
     return farm.open_session(Role.PRINT, "ann")
 
 
-def get_state(farm, number):
+def get_job_state(farm, number):
     return farm.controller.books.job(number).state
 
 
 def test_page_shows_a_plan_and_keeps_its_dry_run(farm, ann):
-    number = plan_job(farm, **DRY_RUN)
+    number = plan_job(farm, **DRY_RUN_OPTIONS)
     page = farm.browse("GET", f"/jobs/{number}", ann)
     assert page.status_code == 200
     assert "Planned: 2 parts" in page.text
@@ -40,28 +40,28 @@ def test_page_shows_a_plan_and_keeps_its_dry_run(farm, ann):
 
 
 def test_dry_run_is_printed_only_with_the_plan_that_was_shown(farm, ann):
-    number = plan_job(farm, **DRY_RUN)
+    number = plan_job(farm, **DRY_RUN_OPTIONS)
     old_plan_answer = farm.browse("POST", f"/jobs/{number}/release", ann, data={"plan": "old"})
-    assert (old_plan_answer.status_code, get_state(farm, number)) == (303, JobState.HELD)
+    assert (old_plan_answer.status_code, get_job_state(farm, number)) == (303, JobState.HELD)
     assert "has changed: review it again" in farm.browse("GET", f"/jobs/{number}", ann).text
     plan_data = {"plan": farm.controller.books.job(number).plan}
     answer = farm.browse("POST", f"/jobs/{number}/release", ann, data=plan_data)
-    assert (answer.status_code, get_state(farm, number)) == (303, JobState.PRINTING)
+    assert (answer.status_code, get_job_state(farm, number)) == (303, JobState.PRINTING)
     assert not farm.controller.books.job(number).options.dry_run
 
 
 def test_dry_run_is_kept_for_approval(farm, ann):
-    number = plan_job(farm, **DRY_RUN)
+    number = plan_job(farm, **DRY_RUN_OPTIONS)
     farm.browse("POST", f"/jobs/{number}/keep", ann)
     options = farm.controller.books.job(number).options
-    assert (get_state(farm, number), options.dry_run, options.hold) == (JobState.HELD, False, True)
+    assert (get_job_state(farm, number), options.dry_run, options.hold) == (JobState.HELD, False, True)
 
 
 def test_another_number_of_printers_is_planned_from_the_same_model_and_keeps_the_curve(farm, ann):
-    number = plan_job(farm, **DRY_RUN, copies=2)
+    number = plan_job(farm, **DRY_RUN_OPTIONS, copies=2)
     answer = farm.browse("POST", f"/jobs/{number}/replan", ann, data={"printers": "2", "curve": str(number)})
     assert answer.headers["location"] == f"/jobs/{number + 1}?curve={number}"
-    assert get_state(farm, number) is JobState.CANCELLED
+    assert get_job_state(farm, number) is JobState.CANCELLED
     new_job = farm.controller.books.job(number + 1)
     assert (new_job.model_file, new_job.options.printers, new_job.options.copies) == ("m.npz", 2, 2)
     assert new_job.options.dry_run
@@ -71,14 +71,14 @@ def test_another_number_of_printers_is_planned_from_the_same_model_and_keeps_the
 
 
 def test_only_the_submitter_or_an_operator_may_print_a_job(farm, ann):
-    number = plan_job(farm, user="bob", **DRY_RUN)
+    number = plan_job(farm, user="bob", **DRY_RUN_OPTIONS)
     farm.browse("POST", f"/jobs/{number}/release", ann)
-    assert get_state(farm, number) is JobState.HELD
+    assert get_job_state(farm, number) is JobState.HELD
     assert "only an operator may let job 1 print" in farm.browse("GET", "/", ann).text
 
 
 def test_report_that_could_not_be_read_is_read_again(farm, ann):
-    number = plan_job(farm, **DRY_RUN)
+    number = plan_job(farm, **DRY_RUN_OPTIONS)
     report = farm.state.files / "d.json"
     renamed_report = report.rename(report.with_name("away.json"))
     assert "2 printers: about 5 s" not in farm.browse("GET", f"/jobs/{number}", ann).text

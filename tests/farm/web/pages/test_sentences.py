@@ -12,8 +12,8 @@ FRIDAY = TextTime(text="Fri 22:00", at="2026-11-20T22:00:00+01:00")
 SATURDAY = TextTime(text="Sat 06:00", at="2026-11-21T06:00:00+01:00")
 
 
-class Reader(HTMLParser):
-    """Elements of a sentence, and its words."""
+class SentenceParser(HTMLParser):
+    """Parser that records the elements of a sentence, and its text."""
 
     def __init__(self, text):
         super().__init__()
@@ -48,7 +48,7 @@ TEXTS = st.sampled_from([FRIDAY.text, SATURDAY.text, "<i>", "&", "a", " ", '"', 
 
 @given(st.lists(TEXTS, max_size=8).map("".join).filter(lambda text: not set(text) & {"`", "\r", "\0"}))
 def test_no_word_is_lost_and_only_times_are_marked(text):
-    page = Reader(format_sentence(Sentence(text, (FRIDAY, SATURDAY))))
+    page = SentenceParser(format_sentence(Sentence(text, (FRIDAY, SATURDAY))))
     assert page.text == text
     time_count = text.count(FRIDAY.text) + text.count(SATURDAY.text)
     assert [tag for tag, _ in page.elements] == ["time"] * time_count
@@ -56,5 +56,5 @@ def test_no_word_is_lost_and_only_times_are_marked(text):
 
 @given(st.text(), st.text())
 def test_attributes_of_a_time_cannot_end_early(text, time_at):
-    (element,) = Reader(f"<text {format_time_attributes(TextTime(text=text, at=time_at))}>").elements
+    (element,) = SentenceParser(f"<text {format_time_attributes(TextTime(text=text, at=time_at))}>").elements
     assert list(element[1]) == ["data-time", "data-text"]

@@ -16,7 +16,7 @@ from farm.web.pages.submit.submit_page import SUBMIT_PATH, list_choices, render_
 from farms.network_farm import NetworkFarm
 
 FARM = SimpleNamespace(name="farm", timezone="UTC")
-REQUEST = "0123456789abcdef" * 2
+REQUEST_ID = "0123456789abcdef" * 2
 
 
 def test_empty_form_asks_for_a_plan_with_the_defaults_of_the_command():
@@ -73,15 +73,15 @@ def test_wrong_field_is_named(fields, text):
 
 
 def test_page_offers_the_printers_and_beds_of_the_fleet():
-    page = render_submit_page(list_choices(make_fleet()), REQUEST, FARM, Reader("ann", Role.PRINT))
-    assert f'action="/submit?request={REQUEST}"' in page
+    page = render_submit_page(list_choices(make_fleet()), REQUEST_ID, FARM, Reader("ann", Role.PRINT))
+    assert f'action="/submit?request={REQUEST_ID}"' in page
     assert "A number, of 2 printers" in page
     assert "Ultimaker 2+" in page
-    assert "&#34;" in page  # the beds, as an attribute
+    assert "&#34;" in page  # quotes in the attribute that describes the beds
 
 
 def test_every_field_has_a_label():
-    page = render_submit_page(list_choices(make_fleet()), REQUEST, FARM, Reader("ann", Role.PRINT))
+    page = render_submit_page(list_choices(make_fleet()), REQUEST_ID, FARM, Reader("ann", Role.PRINT))
     form = page[page.index('<form id="submit"') :]
     labels = re.findall(r"<label[^>]*>(.*?)</label>", form, re.DOTALL)
     field_names = set(re.findall(r'<(?:input|select)[^>]* name="(\w+)"', form))
@@ -96,7 +96,7 @@ def farm(tmp_path):
     farm.store.close()
 
 
-def send_form(farm, session, request=REQUEST, name="vase.stl", content=b"x" * 1000, **fields):
+def send_form(farm, session, request=REQUEST_ID, name="vase.stl", content=b"x" * 1000, **fields):
     path = f"{SUBMIT_PATH}?request={request}"
     return farm.browse("POST", path, session, files={"file": (name, content)}, data={**DEFAULTS, **fields})
 
@@ -107,24 +107,24 @@ def test_model_is_submitted_once_and_leads_to_its_job(farm):
         answer = send_form(farm, ann, next="plan", copies="2")
         assert (answer.status_code, answer.headers["location"]) == (303, "/jobs/1")
     job = farm.controller.books.job(1)
-    assert (job.name, job.submitted_by, job.request_id) == ("vase.stl", "ann", REQUEST)
+    assert (job.name, job.submitted_by, job.request_id) == ("vase.stl", "ann", REQUEST_ID)
     assert job.options == JobOptions(dry_run=True, hold=True, copies=2)
     assert list(farm.controller.books.jobs) == [1]
     assert farm.browse("GET", "/jobs/1", ann).status_code == 200
 
 
 def test_refusal_is_shown_on_the_form_which_keeps_its_values(farm, monkeypatch):
-    async def refuse(self, work, path, name, *args, limit=None):
+    async def refuse_model(self, work, path, name, *args, limit=None):
         raise FarmError(f"{name}: it is open at <7> edges", ErrorCode.MODEL)
 
-    monkeypatch.setattr(AcceptingWorkers, "run", refuse)
+    monkeypatch.setattr(AcceptingWorkers, "run", refuse_model)
     ann = farm.open_session(Role.PRINT, "ann")
     answer = send_form(farm, ann, note="for <eve>", goal="deadline", done_by="2023-12-01T07:00")
     assert answer.status_code == 400
     assert "it is open at &lt;7&gt; edges" in answer.text
     assert 'value="for &lt;eve&gt;"' in answer.text
     assert 'value="deadline" checked' in answer.text
-    assert REQUEST not in answer.text  # another attempt is another submission
+    assert REQUEST_ID not in answer.text  # another attempt is another submission
     assert not farm.controller.books.jobs
     assert not list(farm.state.work.iterdir())
 
@@ -153,7 +153,7 @@ def test_reader_who_may_not_print_has_no_form_and_no_link(farm):
     assert 'href="/submit"' in farm.browse("GET", "/", farm.open_session(Role.PRINT)).text
 
 
-def test_request_for_more_printers_than_there_are_is_a_note(farm):
+def test_request_for_more_printers_than_there_are_gets_a_note(farm):
     ann = farm.open_session(Role.PRINT, "ann")
     send_form(farm, ann, goal="count", printers="5")
     assert "the fleet has 1 printer" in farm.browse("GET", "/jobs/1", ann).text
@@ -162,7 +162,7 @@ def test_request_for_more_printers_than_there_are_is_a_note(farm):
 @pytest.mark.parametrize("can_read_step", [True, False])
 def test_step_files_are_offered_if_they_can_be_read(monkeypatch, can_read_step):
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: object() if can_read_step else None)
-    page = render_submit_page(list_choices(make_fleet()), REQUEST, FARM, Reader("ann", Role.PRINT))
+    page = render_submit_page(list_choices(make_fleet()), REQUEST_ID, FARM, Reader("ann", Role.PRINT))
     suffixes = re.search(r'accept="([^"]*)"', page)[1].split(",")
     assert (".step" in suffixes, "STEP" in page) == (can_read_step, can_read_step)
     assert {".stl", ".gcode"} <= set(suffixes)

@@ -1,4 +1,4 @@
-"""Programs that ask for a key, and operators who grant or deny it."""
+"""Programs that request a key, and operators who grant or deny it."""
 
 import pytest
 
@@ -53,14 +53,14 @@ def test_denied_program_gets_no_key(tmp_path):
     assert not farm.controller.books.keys
 
 
-def test_visitor_learns_no_name_of_a_printer(tmp_path):
+def test_visitor_does_not_learn_the_names_of_printers(tmp_path):
     farm = SlicerFarm(tmp_path)
     assert farm.ask("POST", "/to/nobody" + REQUEST_PATH, json={"app": "x"}).status_code == 201
     assert farm.ask("POST", REQUEST_PATH, json={"app": ""}).headers["content-type"] == "text/plain"
     assert farm.ask("GET", f"{REQUEST_PATH}/guessed").status_code == 404
 
 
-def test_open_requests_are_limited_by_address_and_in_all():
+def test_open_requests_are_limited_for_an_address_and_in_total():
     requests = AppKeyRequests()
     for _ in range(MAX_REQUESTS_PER_ADDRESS):
         requests.add("Cura", "1.2.3.4", 0.0)

@@ -6,7 +6,7 @@ from farm.model import JobState, Role
 from farms.slicer_farm import UPLOAD, SlicerFarm
 from farms.web_farm import HOST
 
-START = {"command": "start"}
+START_COMMAND = {"command": "start"}
 
 
 @pytest.fixture
@@ -33,12 +33,12 @@ def test_selecting_with_print_releases_a_held_job_before_it_is_planned(farm, key
     assert [name for _, name, _ in farm.store.events()].count("JobReleased") == 1
 
 
-def test_select_alone_prints_nothing_and_start_prints(farm, key):
+def test_selection_alone_prints_nothing_and_a_start_command_does(farm, key):
     farm.upload(key)
     assert select_file(farm, key, "box.gcode").status_code == 204
     assert farm.jobs_by_number[1].options.hold
     assert farm.ask("GET", "/api/job", key).json()["job"]["file"]["name"] == "box.gcode"
-    assert farm.ask("POST", "/api/job", key, json=START).status_code == 204
+    assert farm.ask("POST", "/api/job", key, json=START_COMMAND).status_code == 204
     assert not farm.jobs_by_number[1].options.hold
 
 
@@ -65,7 +65,7 @@ def test_ended_job_is_not_released(farm, key):
     assert select_file(farm, key, "1/box.gcode").status_code == 204
     assert farm.ask("POST", "/api/job", key, json={"command": "cancel"}).status_code == 204
     assert farm.jobs_by_number[1].state is JobState.CANCELLED
-    answer = farm.ask("POST", "/api/job", key, json=START)
+    answer = farm.ask("POST", "/api/job", key, json=START_COMMAND)
     assert (answer.status_code, answer.text) == (400, "job 1 has already ended: it is cancelled")
 
 
@@ -80,7 +80,7 @@ def test_pause_toggles_the_selected_job(farm, key):
 
 
 def test_unsupported_commands_are_refused_in_plain_text(farm, key):
-    answer_without_file = farm.ask("POST", "/api/job", key, json=START)
+    answer_without_file = farm.ask("POST", "/api/job", key, json=START_COMMAND)
     assert (answer_without_file.status_code, answer_without_file.text[:20]) == (400, "no file is selected,")
     farm.upload(key)
     select_file(farm, key, "box.gcode")

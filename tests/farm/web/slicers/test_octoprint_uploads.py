@@ -20,7 +20,7 @@ def test_version_is_one_that_slicers_accept(make_slicer_farm):
     assert answer.json()["text"].startswith("OctoPrint")
 
 
-def test_upload_holds_a_job_and_upload_and_print_submits_one(make_slicer_farm):
+def test_plain_upload_is_held_and_upload_with_print_is_submitted(make_slicer_farm):
     farm = make_slicer_farm()
     key = farm.add_key(Role.PRINT)
     held_answer, printed_answer = farm.upload(key, print="false"), farm.upload(key, print="true")
@@ -96,7 +96,7 @@ def test_folder_of_an_upload_is_shown_and_not_interpreted(make_slicer_farm):
     assert farm.jobs_by_number[1].options.note == "../etc"
 
 
-BOUNDARY = {"content-type": "multipart/form-data; boundary=b"}
+FORM_HEADERS = {"content-type": "multipart/form-data; boundary=b"}
 FORM = (
     b'--b\r\nContent-Disposition: form-data; name="file"; filename="../../a.gcode"\r\n\r\nG28\r\n'
     b'--b\r\nContent-Disposition: form-data; name="print"\r\n\r\ntrue\r\n--b--\r\n'
@@ -104,17 +104,17 @@ FORM = (
 
 
 def make_headers(size):
-    return {**BOUNDARY, "content-length": str(size)}
+    return {**FORM_HEADERS, "content-length": str(size)}
 
 
-def test_upload_cut_at_any_byte_leaves_nothing(make_slicer_farm):
+def test_upload_cut_at_any_byte_leaves_no_job_and_no_file(make_slicer_farm):
     farm = make_slicer_farm()
     key = farm.add_key(Role.PRINT)
-    events = len(farm.store.events())
+    event_count = len(farm.store.events())
     for end in range(len(FORM)):
         answer = farm.send(UPLOAD, key, [FORM[:end], None], make_headers(len(FORM)))
         assert answer.status == 400, answer
-    assert (farm.jobs_by_number, farm.unfinished_uploads, len(farm.store.events())) == ({}, [], events)
+    assert (farm.jobs_by_number, farm.unfinished_uploads, len(farm.store.events())) == ({}, [], event_count)
     assert farm.send(UPLOAD, key, [FORM], make_headers(len(FORM))).status == 201
     assert farm.jobs_by_number[1].name == "a.gcode"
 
@@ -136,17 +136,17 @@ def test_refused_upload_is_read_to_its_end_so_that_the_client_sees_the_answer(ma
 
 
 def test_length_of_an_upload_must_be_announced(make_slicer_farm):
-    answer = make_answer(make_slicer_farm(), {**BOUNDARY})
+    answer = send_form(make_slicer_farm(), {**FORM_HEADERS})
     assert (answer.status, answer.text[:31]) == (411, "the request has no Content-Leng")
 
 
-def make_answer(farm, headers):
+def send_form(farm, headers):
     return farm.send(UPLOAD, farm.add_key(Role.PRINT), [FORM], headers)
 
 
 @pytest.mark.parametrize("headers", [{}, {"transfer-encoding": "chunked"}])
-def test_upload_longer_than_announced_leaves_nothing(make_slicer_farm, headers):
-    """Include both headers, with which h11 reads chunks of any length."""
+def test_upload_longer_than_announced_leaves_no_job_and_no_file(make_slicer_farm, headers):
+    """Include chunked encoding, with which h11 reads more than the announced length."""
     farm = make_slicer_farm()
     farm.send(UPLOAD, farm.add_key(Role.PRINT), [FORM, FORM], {**make_headers(10), **headers})
     assert not farm.jobs_by_number and not list(farm.services.state.work.iterdir())

@@ -87,8 +87,8 @@ def test_file_is_found_by_number_and_name_or_as_the_newest_of_its_name():
             (4, "b", "bob"),
         )
     }
-    files_found = {path: views.find_job(jobs, path, "ann").id for path in ("1/a.gcode", "a.gcode", "/b")}
-    assert files_found == {"1/a.gcode": 1, "a.gcode": 2, "/b": 4}
+    found_ids = {path: views.find_job(jobs, path, "ann").id for path in ("1/a.gcode", "a.gcode", "/b")}
+    assert found_ids == {"1/a.gcode": 1, "a.gcode": 2, "/b": 4}
     assert views.find_job(jobs, "a.gcode", "carl").id == 3
     for path in ("4/a.gcode", "9/a.gcode", "c", "٣/a.gcode", "9" * 5000 + "/a.gcode", "", "1/"):
         with pytest.raises(NoSuchThing):
