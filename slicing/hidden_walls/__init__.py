@@ -1,13 +1,13 @@
-"""Walls along the hidden sides of a part: upright cut faces, which nobody sees once parts are glued.
+"""Walls along the hidden sides of a part: upright cut faces, which are invisible once parts are glued.
 
-CuraEngine prints all walls of a part alike, so its G-code is changed: inner walls are removed, and the other
-walls are printed faster.
+CuraEngine prints all walls of a part alike, so its G-code is changed: inner walls are removed, and the
+remaining walls are printed faster.
 """
 
 from __future__ import annotations
 
 from slicing.hidden_walls.fast_walls import speed_up_hidden_walls
 from slicing.hidden_walls.inner_walls import remove_inner_walls
-from slicing.hidden_walls.sides import MAX_NOTCH_MM, RUN_OUT_MM, HiddenSide
+from slicing.hidden_walls.sides import MAX_NOTCH_DEPTH_MM, RUN_OUT_MM, HiddenSide
 
-__all__ = ["MAX_NOTCH_MM", "RUN_OUT_MM", "HiddenSide", "remove_inner_walls", "speed_up_hidden_walls"]
+__all__ = ["MAX_NOTCH_DEPTH_MM", "RUN_OUT_MM", "HiddenSide", "remove_inner_walls", "speed_up_hidden_walls"]

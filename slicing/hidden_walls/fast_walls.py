@@ -28,8 +28,8 @@ from slicing.settings import EngineSettings
 
 MIN_LINE_MM = 2.0 * RUN_OUT_MM  # shorter lines keep their speed
 _LAYER_TIME_RATIO = 1.5
-"""Ratio to the minimum layer time below which a layer keeps its speeds. A ratio of speeds up to this one
-leaves the layer above the minimum."""
+"""Minimum ratio of a layer's time to the minimum layer time at which its walls are made faster. With a ratio
+of speeds up to this one, the layer stays above the minimum."""
 _MOVE_LINE = re.compile(rb"(?m)^G[01] [^\n]*\n")
 
 
@@ -47,7 +47,7 @@ def speed_up_hidden_walls(
     path
         Moves and comments of the same file.
     sides
-        Hidden sides of the part where it lies on the bed.
+        Hidden sides of the part, in its place on the bed.
     settings
         Settings with which it was sliced.
 
@@ -56,10 +56,10 @@ def speed_up_hidden_walls(
     bytes
         The same lines with higher feedrates; the end of each fast line becomes a separate line.
     """
-    fast = find_fast_walls(path, sides, settings)
-    if not fast.share.any():
+    fast_moves = find_fast_walls(path, sides, settings)
+    if not fast_moves.share.any():
         return gcode
-    faster_gcode = _change_feedrates(gcode, path, fast)
+    faster_gcode = _change_feedrates(gcode, path, fast_moves)
     return change_times(faster_gcode, path, MotionLimits.from_settings(settings.global_))
 
 
@@ -72,12 +72,18 @@ class FastMoves:
 
 
 def find_fast_walls(path: Toolpath, sides: Sequence[HiddenSide], settings: EngineSettings) -> FastMoves:
-    """Find the moves along hidden sides, and in their notches, that are printed faster."""
+    """Find the moves along hidden sides, and in their notches, that are printed faster.
+
+    Parameters
+    ----------
+    path, sides, settings
+        As in `speed_up_hidden_walls`.
+    """
     ends_mm = find_bed_points(path, settings)
     lengths_mm = np.hypot(*(ends_mm[1] - ends_mm[0]).T)
     min_time_s = _LAYER_TIME_RATIO * float(settings.extruder["cool_min_layer_time"])
     is_line = find_level_lines(path) & find_long_layers(path, min_time_s)
-    fast = FastMoves(np.zeros(len(is_line)), np.zeros(len(is_line)))
+    fast_moves = FastMoves(np.zeros(len(is_line)), np.zeros(len(is_line)))
     for wall in list_wall_lines(settings):
         fast_mm_s = settings.limit_hidden_wall_mm_s(wall.speed_mm_s)
         if fast_mm_s <= wall.speed_mm_s:
@@ -87,9 +93,9 @@ def find_fast_walls(path: Toolpath, sides: Sequence[HiddenSide], settings: Engin
         for side in sides:
             depths_mm = np.stack([side.measure_depths_mm(points[walls]) for points in ends_mm])
             share = _find_fast_share(walls, lengths_mm[walls], depths_mm, wall.depth_mm)
-            fast.share[walls] = np.maximum(fast.share[walls], share)
-        fast.feed_mm_min[walls] = 60.0 * fast_mm_s
-    return fast
+            fast_moves.share[walls] = np.maximum(fast_moves.share[walls], share)
+        fast_moves.feed_mm_min[walls] = 60.0 * fast_mm_s
+    return fast_moves
 
 
 def _find_fast_share(walls: Indices, lengths_mm: Floats, depths_mm: Floats, wall_mm: float) -> Floats:
@@ -105,24 +111,25 @@ def _find_fast_share(walls: Indices, lengths_mm: Floats, depths_mm: Floats, wall
     return share
 
 
-def _change_feedrates(gcode: bytes, path: Toolpath, fast: FastMoves) -> bytes:
+def _change_feedrates(gcode: bytes, path: Toolpath, fast_moves: FastMoves) -> bytes:
     """Write the feedrates of fast moves into their lines; a move that is fast in part becomes two lines."""
     lines = [match.span() for match in _MOVE_LINE.finditer(gcode)]
-    assert len(lines) == len(fast.share), "CuraEngine writes each move as G0 or G1"
-    follows_fast = np.append(False, fast.share[:-1] == 1.0)  # G-code keeps the feedrate of the line before
+    assert len(lines) == len(fast_moves.share), "CuraEngine writes each move as G0 or G1"
+    follows_fast_move = np.append(False, fast_moves.share[:-1] == 1.0)  # the previous feedrate persists
     pieces, offset = [], 0
-    for move in np.flatnonzero((fast.share > 0.0) | follows_fast):
-        begin, next_begin = lines[move]
-        start, end, share = path.start[move], path.end[move], float(fast.share[move])
-        pieces.append(gcode[offset:begin])
+    for move in np.flatnonzero((fast_moves.share > 0.0) | follows_fast_move):
+        line_start, next_line_start = lines[move]
+        start, end, share = path.start[move], path.end[move], float(fast_moves.share[move])
+        pieces.append(gcode[offset:line_start])
         if share > 0.0:
-            pieces.append(_format_line(start + share * (end - start), float(fast.feed_mm_min[move])))
+            pieces.append(_format_line(start + share * (end - start), float(fast_moves.feed_mm_min[move])))
         if share < 1.0:
             pieces.append(_format_line(end, float(path.feed_mm_min[move])))
-        offset = next_begin
+        offset = next_line_start
     return b"".join((*pieces, gcode[offset:]))
 
 
 def _format_line(end: Floats, feed_mm_min: float) -> bytes:
+    """Format a move to a point (4,) as a line of G-code."""
     x, y, _, e = end
     return b"G1 F%.6g X%.3f Y%.3f E%.5f\n" % (feed_mm_min, x, y, e)

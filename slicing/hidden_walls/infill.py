@@ -1,4 +1,4 @@
-"""Infill beside a removed inner wall: the stretches that it supports, and the moves that stretch it."""
+"""Infill beside a removed inner wall: the stretches that it supports, and the moves that extend it."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ import numpy.typing as npt
 from slicing.checks import Toolpath
 from slicing.checks.section import Floats
 from slicing.hidden_walls.rewriting import Segment
-from slicing.hidden_walls.sides import MAX_NOTCH_MM, RUN_OUT_MM, HiddenSide, Indices, find_level_lines
+from slicing.hidden_walls.sides import MAX_NOTCH_DEPTH_MM, RUN_OUT_MM, HiddenSide, Indices, find_level_lines
 
-MAX_UNBACKED_MM = 15.0
+MAX_UNSUPPORTED_MM = 15.0
 """[assumed] Maximum length of the outer wall between two points where infill reaches it. The lines of the
 sparsest infill of quality `glue` are 10 mm apart along a side that they meet at 45 degrees."""
-_ON_BOUNDARY_MM = 0.3  # depth below the edge of the inner wall within which lines of infill end
-_TAPER_MM = 1.0  # depth below that over which the shift of the infill falls to zero
-_SKIN_MM = 2.0  # depth of the skin behind a side that needs the inner wall
+_BOUNDARY_DEPTH_MM = 0.3  # depth below the edge of the inner wall within which lines of infill end
+_TAPER_MM = 1.0  # depth below that one over which the shift of the infill decreases to zero
+_SKIN_DEPTH_MM = 2.0  # depth of the skin behind a side that needs the inner wall
 
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """Part of a hidden side without an inner wall in one layer, by the positions along the side."""
+    """Part of a hidden side without an inner wall in one layer, between two positions along the side."""
 
     layer: int
     side: int
@@ -33,13 +33,13 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True)
 class _Band:
-    """Points near a side: their layers (k,), ascending, and their positions (k,) along the side."""
+    """Points near a side: their layers (k,) in ascending order, and their positions (k,) along the side."""
 
     layers: npt.NDArray[np.int32]
     positions_mm: Floats
 
     def find(self, stretch: Stretch, margin_mm: float = 0.0) -> Floats:
-        """Return the positions of the points beside a stretch, ascending."""
+        """Find the positions of the points beside a stretch, in ascending order."""
         layer = slice(*np.searchsorted(self.layers, (stretch.layer, stretch.layer + 1)))
         positions_mm = np.sort(self.positions_mm[layer])
         limits_mm = (stretch.low_mm - margin_mm, stretch.high_mm + margin_mm)
@@ -85,8 +85,8 @@ class Backing:
                 bands.append(_Band(layers[order][is_near], positions_mm))
             return bands
 
-        infill = list_bands("FILL", fill_mm, fill_mm + MAX_NOTCH_MM + _ON_BOUNDARY_MM)
-        return cls(infill, list_bands("SKIN", 0.0, _SKIN_MM))
+        infill = list_bands("FILL", fill_mm, fill_mm + MAX_NOTCH_DEPTH_MM + _BOUNDARY_DEPTH_MM)
+        return cls(infill, list_bands("SKIN", 0.0, _SKIN_DEPTH_MM))
 
     def supports(self, stretch: Stretch) -> bool:
         """Check that infill reaches the outer wall along a stretch, and that no skin needs the inner wall."""
@@ -94,7 +94,7 @@ class Backing:
             return False
         positions_mm = self.infill[stretch.side].find(stretch)
         gaps_mm = np.diff(positions_mm, prepend=stretch.low_mm, append=stretch.high_mm)
-        return float(gaps_mm.max()) <= MAX_UNBACKED_MM
+        return float(gaps_mm.max()) <= MAX_UNSUPPORTED_MM
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +114,7 @@ def stretch_infill(
     fill_mm: float,
     spacing_mm: float,
 ) -> dict[int, list[Segment]]:
-    """Return the segments that replace moves of the infill, so that it reaches the outer wall.
+    """Build the segments that replace moves of the infill, so that it reaches the outer wall.
 
     Ends near the removed wall are shifted by the spacing of the walls, and deeper ones by less, so that lines
     do not cross. A line along the wall that passes the end of a stretch gets a step there.
@@ -128,7 +128,7 @@ def stretch_infill(
     sides
         Hidden sides of the part.
     stretches
-        Where the inner wall is removed.
+        Stretches along which the inner wall is removed.
     fill_mm
         Depth of the inner edge of the inner wall behind a side.
     spacing_mm
@@ -142,7 +142,7 @@ def stretch_infill(
         beside = ends[slice(*np.searchsorted(path.layer[ends], (stretch.layer, stretch.layer + 1)))]
         depths_mm = side.measure_depths_mm(points_mm[beside])
         positions_mm = side.measure_positions_mm(points_mm[beside])
-        share = np.clip(1.0 - (depths_mm - fill_mm - _ON_BOUNDARY_MM) / _TAPER_MM, 0.0, 1.0)
+        share = np.clip(1.0 - (depths_mm - fill_mm - _BOUNDARY_DEPTH_MM) / _TAPER_MM, 0.0, 1.0)
         share[depths_mm < fill_mm] = 0.0
         is_within = (positions_mm >= stretch.low_mm) & (positions_mm <= stretch.high_mm)
         shifts_mm[beside] += (share * is_within)[:, None] * shift_mm
@@ -168,7 +168,7 @@ def _find_infill_ends(path: Toolpath) -> tuple[npt.NDArray[np.bool_], Indices]:
 def _list_segments(
     path: Toolpath, is_fill: npt.NDArray[np.bool_], shifts_mm: Floats, steps: dict[int, _Step]
 ) -> dict[int, list[Segment]]:
-    """Return the segments of the moves whose starts or ends are shifted (n, 2)."""
+    """List the segments of the moves whose starts or ends are shifted (n, 2)."""
     is_shifted = (shifts_mm != 0.0).any(axis=1)
     starts_mm, ends_mm = path.start[:, :2], path.end[:, :2]
     segments = {}

@@ -34,7 +34,8 @@ from slicing.settings import EngineSettings
 MIN_REMOVED_MM = 10.0
 """Minimum length that is removed from a wall."""
 _LAYER_TIME_RATIO = 2.0
-"""Ratio to the minimum layer time below which a layer keeps its inner walls; they take at most half of it."""
+"""Minimum ratio of a layer's time to the minimum layer time at which its inner walls are removed; they take
+at most half of the layer's time."""
 _CLOSED_MM = 0.02
 
 
@@ -53,8 +54,8 @@ def remove_inner_walls(
 ) -> bytes:
     """Remove the inner wall along hidden sides, if `EngineSettings.has_single_hidden_walls`.
 
-    A layer keeps its inner wall where skin is beside it, where no infill supports the outer wall, and within
-    `RUN_OUT_MM` of a wall that stays.
+    A layer keeps its inner wall beside skin, where no infill supports the outer wall, and within `RUN_OUT_MM`
+    of a wall that stays.
 
     Parameters
     ----------
@@ -63,7 +64,7 @@ def remove_inner_walls(
     path
         Moves and comments of the same file.
     sides
-        Hidden sides of the part where it lies on the bed.
+        Hidden sides of the part, in its place on the bed.
     settings
         Settings with which it was sliced.
 
@@ -106,10 +107,10 @@ def _find_removal(
     if len(walls) == 0:
         return removal
     loops = _list_loops(path, walls, points_mm)
-    side_of = _find_sides(loops, points_mm, sides, wall_mm)
+    side_numbers = _find_sides(loops, points_mm, sides, wall_mm)
     backing = Backing.from_path(path, points_mm, sides, fill_mm)
     for loop in loops:
-        for moves in _list_loop_runs(loop, side_of[loop.moves] >= 0):
+        for moves in _list_loop_runs(loop, side_numbers[loop.moves] >= 0):
             starts_mm, deltas_mm = points_mm[0][moves], points_mm[1][moves] - points_mm[0][moves]
             lengths_mm = np.hypot(*deltas_mm.T)
             is_whole = loop.is_closed and len(moves) == len(loop.moves)
@@ -118,7 +119,7 @@ def _find_removal(
                 continue
             ends_mm = [starts_mm + share[:, None] * deltas_mm for share in (first, last)]
             layer = int(path.layer[moves[0]])
-            stretches = _list_stretches(layer, side_of[moves], ends_mm, last > first, sides)
+            stretches = _list_stretches(layer, side_numbers[moves], ends_mm, last > first, sides)
             if all(backing.supports(stretch) for stretch in stretches):
                 removal.first[moves], removal.last[moves] = first, last
                 removal.is_skipped[moves] = is_whole
@@ -128,7 +129,7 @@ def _find_removal(
 
 @dataclass(frozen=True, slots=True)
 class _Loop:
-    """Successive moves (k,) of an inner wall in one layer; if closed, the longest is the first."""
+    """Successive moves (k,) of an inner wall in one layer; a closed loop begins with its longest move."""
 
     moves: Indices
     is_closed: bool
@@ -154,16 +155,16 @@ def _list_loops(path: Toolpath, walls: Indices, points_mm: tuple[Floats, Floats]
 def _find_sides(
     loops: Sequence[_Loop], points_mm: tuple[Floats, Floats], sides: Sequence[HiddenSide], wall_mm: float
 ) -> npt.NDArray[np.int_]:
-    """Find the number of the hidden side that each move (n,) is along; -1 for none."""
+    """Find the number of the hidden side along which each move (n,) lies; -1 for none."""
     moves = np.concatenate([loop.moves for loop in loops])
     numbers = np.arange(len(moves)) + np.repeat(np.arange(len(loops)), [len(loop.moves) for loop in loops])
     starts_mm, ends_mm = (points[moves] for points in points_mm)
-    side_of = np.full(len(points_mm[0]), -1)
+    side_numbers = np.full(len(points_mm[0]), -1)
     for number, side in enumerate(sides):
         depths_mm = np.stack([side.measure_depths_mm(points) for points in (starts_mm, ends_mm)])
         for run in list_side_runs(numbers, np.hypot(*(ends_mm - starts_mm).T), depths_mm, wall_mm):
-            side_of[moves[run]] = number
-    return side_of
+            side_numbers[moves[run]] = number
+    return side_numbers
 
 
 def _list_loop_runs(loop: _Loop, is_hidden: Bools) -> Iterator[Indices]:
@@ -187,17 +188,17 @@ def _trim_run(lengths_mm: Floats, margin_mm: float) -> tuple[Floats, Floats]:
 
 def _list_stretches(
     layer: int,
-    side_of: npt.NDArray[np.int_],
+    side_numbers: npt.NDArray[np.int_],
     ends_mm: Sequence[Floats],
     is_removed: Bools,
     sides: Sequence[HiddenSide],
 ) -> list[Stretch]:
-    """List the stretches of a run, one for each successive side; `ends_mm` are those of the removed lines."""
+    """List the stretches of a run, one for each successive side; `ends_mm` belong to the removed lines."""
     stretches = []
-    for moves in np.split(np.arange(len(side_of)), np.flatnonzero(np.diff(side_of)) + 1):
+    for moves in np.split(np.arange(len(side_numbers)), np.flatnonzero(np.diff(side_numbers)) + 1):
         moves = moves[is_removed[moves]]
         if len(moves) > 0:
-            number = int(side_of[moves[0]])
+            number = int(side_numbers[moves[0]])
             points_mm = np.concatenate([points[moves] for points in ends_mm])
             positions_mm = sides[number].measure_positions_mm(points_mm)
             stretches.append(Stretch(layer, number, float(positions_mm.min()), float(positions_mm.max())))
@@ -207,7 +208,7 @@ def _list_stretches(
 def _list_remaining_segments(
     path: Toolpath, removal: _Removal, travel_mm_min: float
 ) -> Iterator[tuple[int, list[Segment]]]:
-    """Yield the segments that replace each move of a removed wall: the head travels along what is removed."""
+    """Yield the segments that replace each move of a removed wall: the removed part becomes travel."""
     for move in np.flatnonzero(removal.last > removal.first).tolist():
         start_mm, feed_mm_min = path.start[move, :2], float(path.feed_mm_min[move])
         delta_mm = path.end[move, :2] - start_mm

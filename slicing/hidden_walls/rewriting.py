@@ -19,7 +19,7 @@ _E_ROUNDING_MM = 5e-6
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """New move to a point in printer coordinates; it extrudes as much per mm as the move it replaces."""
+    """New move to a point in printer coordinates, with the extrusion per mm of the move that it replaces."""
 
     x_mm: float
     y_mm: float
@@ -28,16 +28,16 @@ class Segment:
 
 
 def replace_moves(gcode: bytes, path: Toolpath, segments: Mapping[int, Sequence[Segment]]) -> bytes:
-    """Replace moves of a file; the lines after them continue at the new position of the filament.
+    """Replace moves of a file, and correct E in the lines after them.
 
     Parameters
     ----------
     gcode
-        G-code, each move in a line of its own; relative moves, as at its end, are not changed.
+        G-code with one move in each line; relative moves, as at its end, are not changed.
     path
         Moves and comments of the same file.
     segments
-        New moves for the numbers of moves on one level; none to skip a move.
+        New moves, by the number of the level move that they replace; none to skip that move.
     """
     lines = [match.span() for match in MOVE_LINE.finditer(gcode)]
     assert len(lines) == len(path.layer), "CuraEngine writes each move as G0 or G1"
@@ -47,11 +47,11 @@ def replace_moves(gcode: bytes, path: Toolpath, segments: Mapping[int, Sequence[
     extruded_per_mm = extruded_mm / np.maximum(np.hypot(*(path.end - path.start)[:, :2].T), 1e-9)
     pieces: list[bytes] = []
     offset = 0
-    e_mm = feed_mm_min = x_mm = y_mm = 0.0  # after the new lines so far
-    for move, (begin, next_begin) in enumerate(lines):
+    e_mm = feed_mm_min = x_mm = y_mm = 0.0  # position after the new lines so far
+    for move, (line_start, next_line_start) in enumerate(lines):
         if move == 0 or move in resets:
             e_mm = float(path.start[move, 3])
-        line = gcode[begin:next_begin]
+        line = gcode[line_start:next_line_start]
         new_segments = segments.get(move)
         if new_segments is None:
             e_mm += float(extruded_mm[move])
@@ -73,8 +73,8 @@ def replace_moves(gcode: bytes, path: Toolpath, segments: Mapping[int, Sequence[
                 x_mm, y_mm, feed_mm_min = segment.x_mm, segment.y_mm, segment.feed_mm_min
                 new_line += b"%b F%.6g X%.3f Y%.3f%b\n" % (code, feed_mm_min, x_mm, y_mm, extrusion)
         if new_line != line:
-            pieces += [gcode[offset:begin], new_line]
-            offset = next_begin
+            pieces += [gcode[offset:line_start], new_line]
+            offset = next_line_start
     return b"".join((*pieces, gcode[offset:]))
 
 

@@ -16,14 +16,14 @@ Bools = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.intp]
 
 RUN_OUT_MM = 5.0
-"""[assumed] Length at an end of a line along a hidden side that is printed like a visible wall, so that the
-pressure in the nozzle is as usual where a visible wall begins."""
-MAX_NOTCH_MM = 0.5
-"""Maximum depth of a notch that counts as a part of the side: a mark or a gutter, not a hole for a pin."""
+"""[assumed] Length at each end of a line along a hidden side that is printed like a visible wall, so that the
+pressure in the nozzle is normal when a visible wall begins."""
+MAX_NOTCH_DEPTH_MM = 0.5
+"""Maximum depth of a notch that counts as a part of the side: a mark or a gutter, but not a pin's hole."""
 MAX_NOTCH_LENGTH_MM = 6.0
-"""Maximum path through such a notch; letters are 5 mm high. A longer one may be along a visible wall."""
+"""Maximum path through a notch; letters are 5 mm high. A longer path may lie along a visible wall."""
 _NOTCH_RATIO = 0.5
-"""Share of the depth of a wall by which its line is deeper than a notch: 1 / sin(42 deg) - 1 in a gutter."""
+"""Depth of a wall's line below a notch, as a share of the wall's depth: 1 / sin(42 deg) - 1 in a gutter."""
 _ON_LINE_MM = 0.05
 
 
@@ -35,7 +35,7 @@ class HiddenSide:
     offset_mm: float
 
     def move(self, shift_mm: tuple[float, float]) -> HiddenSide:
-        """Return the side moved by X and Y in mm."""
+        """Move the side by X and Y in mm."""
         return replace(self, offset_mm=self.offset_mm + float(np.dot(self.normal, shift_mm)))
 
     def measure_depths_mm(self, points_mm: Floats) -> Floats:
@@ -49,7 +49,7 @@ class HiddenSide:
 
 @dataclass(frozen=True, slots=True)
 class WallLine:
-    """Line of a wall of each layer: CuraEngine's name for the wall, its depth in the part, and its speed."""
+    """Line of a wall in each layer: CuraEngine's name of the wall, its depth in the part, and its speed."""
 
     feature: str
     depth_mm: float
@@ -57,7 +57,7 @@ class WallLine:
 
 
 def list_wall_lines(settings: EngineSettings) -> list[WallLine]:
-    """List the walls from the outside; none if they do not follow the model's outline."""
+    """List the walls, the outermost first; none if they do not follow the model's outline."""
     layout = read_wall_layout(settings)
     if layout is None:
         return []
@@ -84,7 +84,7 @@ def find_level_lines(path: Toolpath) -> Bools:
 
 
 def find_long_layers(path: Toolpath, min_time_s: float) -> Bools:
-    """Mark the moves (n,) of layers that take at least a time by the comments."""
+    """Mark the moves (n,) of layers that take at least a minimum time, according to the comments."""
     is_long = np.zeros(len(path.layer), np.bool_)
     first, elapsed_s = 0, 0.0
     for move, end_s in path.list_layer_ends():
@@ -98,7 +98,7 @@ def list_side_runs(
 ) -> Iterator[Indices]:
     """Yield runs of successive moves along a side, as indices of `walls`.
 
-    Moves on the side, and in notches between them, are one run; see `MAX_NOTCH_MM`.
+    Moves on the side, and in notches between them, are one run; see `MAX_NOTCH_DEPTH_MM`.
 
     Parameters
     ----------
@@ -109,11 +109,11 @@ def list_side_runs(
     depths_mm
         (2, k) depths of their ends behind the side.
     wall_mm
-        Depth of the wall along a plain side.
+        Depth of the wall along a side without notches.
     """
     depths_mm = depths_mm - wall_mm
     deepest_mm, shallowest_mm = depths_mm.max(axis=0), depths_mm.min(axis=0)
-    is_near = (shallowest_mm > -_ON_LINE_MM) & (deepest_mm < MAX_NOTCH_MM + _NOTCH_RATIO * wall_mm)
+    is_near = (shallowest_mm > -_ON_LINE_MM) & (deepest_mm < MAX_NOTCH_DEPTH_MM + _NOTCH_RATIO * wall_mm)
     on_side = np.flatnonzero((shallowest_mm > -_ON_LINE_MM) & (deepest_mm < _ON_LINE_MM))
     if len(on_side) == 0:
         return
@@ -127,13 +127,13 @@ def list_side_runs(
 
 
 def change_times(gcode: bytes, path: Toolpath, limits: MotionLimits) -> bytes:
-    """Subtract from the times in the comments of changed G-code what each layer saves.
+    """Correct the times in the comments of changed G-code by the time that each layer saves.
 
     `path` has the moves before the change. Cura's time of a layer changes in proportion to the planned times
     of its moves.
     """
     new_path = read_toolpath(gcode)
-    planned_s, new_s = _plan_layers_s(path, limits), _plan_layers_s(new_path, limits)
+    planned_s, new_s = _estimate_layers_s(path, limits), _estimate_layers_s(new_path, limits)
     ratios = np.divide(new_s, planned_s, out=np.ones_like(new_s), where=planned_s > 0.0)
     ends_s = np.array([0.0, *(end_s for _, end_s in path.list_layer_ends())])
     marks = [comment for comment in new_path.comments if comment.text.startswith("TIME_ELAPSED:")]
@@ -144,8 +144,8 @@ def change_times(gcode: bytes, path: Toolpath, limits: MotionLimits) -> bytes:
     return b"".join((*pieces, gcode[offset:]))
 
 
-def _plan_layers_s(path: Toolpath, limits: MotionLimits) -> Floats:
-    """Plan the seconds (layers,) of the moves of each layer."""
+def _estimate_layers_s(path: Toolpath, limits: MotionLimits) -> Floats:
+    """Estimate the seconds (layers,) of the moves of each layer."""
     sums_s = np.append(0.0, np.cumsum(estimate_move_seconds(path, limits)))
     bounds = [path.first_layer_move or 0, *(move for move, _ in path.list_layer_ends())]
     return np.diff(sums_s[bounds])

@@ -1,4 +1,4 @@
-"""Shorter travel where walls are removed: straight within the outer walls, not along the removed lines."""
+"""Shorter travel beside removed walls: straight within the outer walls, not along the removed lines."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ def shorten_travel(
     is_skipped: Bools,
     segments: MutableMapping[int, list[Segment]],
 ) -> None:
-    """Leave out points of successive travel, where it stays within the outer walls of the layer without them.
+    """Leave out points of successive travel moves if the travel then still stays within the outer walls.
 
     Parameters
     ----------
     path
         Moves of CuraEngine's output.
     first, last
-        (n,) Shares of each move between which it is removed.
+        (n,) shares of each move between which it is removed.
     is_skipped
-        (n,) Whether a move belongs to a closed line that is left out.
+        (n,) bool, true if a move belongs to a closed line that is left out.
     segments
-        Segments that replace moves; those of removed and of travel moves are changed.
+        Segments that replace moves; those of removed moves and of travel moves are changed.
     """
     areas: dict[int, shapely.Geometry] = {}
     walls = np.flatnonzero(find_level_lines(path) & path.is_feature("WALL-OUTER"))
@@ -55,7 +55,7 @@ def shorten_travel(
 
 
 def _list_omitted_points(points_mm: Floats, area: shapely.Geometry) -> Iterator[int]:
-    """Yield the numbers of the points (n, 2) that a shorter way within an area leaves out."""
+    """Yield the numbers of the points (n, 2) that a shorter path within an area omits."""
     current, final = 0, len(points_mm) - 1
     while current < final:
         reached = current + 1
@@ -68,7 +68,7 @@ def _list_omitted_points(points_mm: Floats, area: shapely.Geometry) -> Iterator[
 
 
 def _list_gaps(path: Toolpath, first: Floats, last: Floats) -> Iterator[Indices]:
-    """Yield successive moves without extrusion, of which some are removed lines."""
+    """Yield runs of successive moves without extrusion that include removed lines."""
     is_removed = last > first
     is_level = (path.end[:, 2] == path.start[:, 2]) & path.is_move
     is_gap = is_removed | (is_level & (path.extruded_mm == 0.0) & (path.layer >= 0))

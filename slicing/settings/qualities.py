@@ -114,7 +114,7 @@ FARM_QUALITIES: Mapping[str, Quality] = {
     # The paper's settings with fewer layers of hidden faces, to measure the saving.
     "paper-hidden": replace(_PAPER, hidden=HiddenLayers(1, 2)),
     "glue": _GLUE,
-    # The same without what is assumed to be strong enough: for joints that bear a load.
+    # The same without the assumptions on strength, for joints that bear a load.
     "glue-strong": replace(
         _GLUE,
         changes={**_GLUE.changes, "gradual_infill_steps": 0},
