@@ -27,10 +27,10 @@ from bench.connectors.part_reader import CodedFace, read_part
 from decompose.arrays import Bools, Floats
 from decompose.files.names import INSTRUCTIONS, REPORT, find_part_number
 
-PLAY_MM = 0.7  # greatest distance between two holes that one pin joins, slots included
-COPLANAR_TOLERANCE_MM = 0.3  # largest offset between faces in one plane
-MIN_COSINE = 0.99  # of the angle between arrows, or normals, that agree
-MAX_ERROR_MM, MAX_ROTATION_ERROR = 1.5, 0.05  # of a correct placement: translation, entry of the rotation
+PLAY_MM = 0.7  # maximum distance between two holes that one pin joins, slots included
+COPLANAR_TOLERANCE_MM = 0.3  # maximum offset between faces in one plane
+MIN_COSINE = 0.99  # minimum cosine of the angle between arrows, or normals, that agree
+MAX_ERROR_MM, MAX_ROTATION_ERROR = 1.5, 0.05  # of the translation and the rotation of a correct placement
 
 
 PlacedFace = tuple[CodedFace, str, Floats, Floats]
@@ -78,7 +78,7 @@ class Outcome:
     wrong_fits
         Pairs of bodies of different steps that fit each other with all their pins, codes ignored.
     least_gap_mm
-        Least gap at which a joint stays open if its long pin goes into a short hole.
+        Smallest gap that remains in a joint if its long pin goes into a short hole.
     """
 
     folder: str
@@ -104,11 +104,13 @@ def read_page(page: str) -> tuple[float, list[PageStep]]:
         dot_parts = [part for text, part in codes if "-" not in text]
         pins = re.findall(r">pin ([\d.]+) mm<", section)
         keys = re.findall(r">key ([\d.]+) × [\d.]+ mm<", section)
-        moved, fixed = (tuple(name.split(", ")) for name in bodies.groups()) if bodies else ((), ())
+        moved_parts, fixed_parts = (
+            (tuple(name.split(", ")) for name in bodies.groups()) if bodies else ((), ())
+        )
         part_codes = ((part, html.unescape(text).removesuffix(" ↑")) for text, part in codes)
         blank_parts = (*filter(None, blank.split(", ")), *dot_parts)
         lengths_mm = tuple(map(float, pins)), tuple(map(float, keys))
-        steps.append(PageStep(moved, fixed, tuple(part_codes), blank_parts, *lengths_mm))
+        steps.append(PageStep(moved_parts, fixed_parts, tuple(part_codes), blank_parts, *lengths_mm))
     return float(diameter[1]) if diameter else 0.0, steps
 
 
@@ -132,11 +134,13 @@ def assemble(folder: Path) -> Outcome:
             (names[part], text) for part in true_poses for face in faces[part] for text in face.codes
         }
         outcome.misread += sum(code not in read_codes for code in lettered_codes)
-        fixed, moved = (
+        fixed_face, moved_face = (
             find_mating_face(body, step, faces, poses, names) for body in (step.fixed_parts, step.moved_parts)
         )
         has_pins = step.is_located
-        placements = list(find_placements(fixed, moved, step.pins_mm, step.keys_mm)) if has_pins else []
+        placements = (
+            list(find_placements(fixed_face, moved_face, step.pins_mm, step.keys_mm)) if has_pins else []
+        )
         true_placement = find_true_placement(step, true_poses, poses)
         if not has_pins:
             outcome.without_pins += 1
@@ -149,14 +153,16 @@ def assemble(folder: Path) -> Outcome:
         else:
             outcome.correct += 1
         if has_pins:
-            face_pairs.append((fixed, moved))
-            outcome.least_gap_mm = min(outcome.least_gap_mm, measure_gap_mm(fixed, moved, step.pins_mm))
+            face_pairs.append((fixed_face, moved_face))
+            outcome.least_gap_mm = min(
+                outcome.least_gap_mm, measure_gap_mm(fixed_face, moved_face, step.pins_mm)
+            )
         placement = placements[0] if len(placements) == 1 else true_placement
         for part in step.moved_parts:
             poses[part] = placement @ poses[part]
     outcome.wrong_fits = sum(
-        any(True for _ in find_placements(fixed, moved, None))
-        for (a, (fixed, _)), (b, (_, moved)) in product(enumerate(face_pairs), repeat=2)
+        any(True for _ in find_placements(fixed_face, moved_face, None))
+        for (a, (fixed_face, _)), (b, (_, moved_face)) in product(enumerate(face_pairs), repeat=2)
         if a != b
     )
     return outcome
@@ -239,29 +245,32 @@ def compute_plane(face: CodedFace, rotation: Floats, translation: Floats) -> Flo
 
 
 def find_placements(
-    fixed: MatingFace, moved: MatingFace, pins_mm: Sequence[float] | None, keys_mm: Sequence[float] = ()
+    fixed_face: MatingFace,
+    moved_face: MatingFace,
+    pins_mm: Sequence[float] | None,
+    keys_mm: Sequence[float] = (),
 ) -> Iterator[Floats]:
     """Find all placements (4, 4) of a body against another in which the pins go into their holes.
 
     Parameters
     ----------
-    fixed, moved
+    fixed_face, moved_face
         Glued faces of both.
     pins_mm
-        Lengths of the pins; None: a pin in every hole, and codes are ignored.
+        Lengths of the pins; None for a pin in every hole, with codes ignored.
     keys_mm
         Lengths of the keys.
     """
     placements: list[Floats] = []
-    pairs = list(permutations(range(len(moved.at_mm)), 2))
-    for i, j in permutations(range(len(fixed.at_mm)), 2):
-        fixed_offset_mm = fixed.at_mm[j] - fixed.at_mm[i]
+    pairs = list(permutations(range(len(moved_face.at_mm)), 2))
+    for i, j in permutations(range(len(fixed_face.at_mm)), 2):
+        fixed_offset_mm = fixed_face.at_mm[j] - fixed_face.at_mm[i]
         for k, m in pairs:
-            moved_offset_mm = moved.at_mm[m] - moved.at_mm[k]
+            moved_offset_mm = moved_face.at_mm[m] - moved_face.at_mm[k]
             if abs(np.linalg.norm(fixed_offset_mm) - np.linalg.norm(moved_offset_mm)) > PLAY_MM:
                 continue
-            placement = compute_placement(fixed, moved, (i, j), (k, m))
-            if placement is None or not pins_fit(fixed, moved, placement, pins_mm, keys_mm):
+            placement = compute_placement(fixed_face, moved_face, (i, j), (k, m))
+            if placement is None or not pins_fit(fixed_face, moved_face, placement, pins_mm, keys_mm):
                 continue
             if all(are_different(placement, earlier) for earlier in placements):
                 placements.append(placement)
@@ -275,11 +284,11 @@ def are_different(placement: Floats, other: Floats) -> bool:
 
 
 def compute_placement(
-    fixed: MatingFace, moved: MatingFace, fixed_holes: tuple[int, int], moved_holes: tuple[int, int]
+    fixed_face: MatingFace, moved_face: MatingFace, fixed_holes: tuple[int, int], moved_holes: tuple[int, int]
 ) -> Floats | None:
-    """Compute the placement (4, 4) that puts two holes onto two others; None if their faces do not meet."""
+    """Compute the placement (4, 4) that moves two holes onto two others; None if their faces do not meet."""
     frames = []
-    for face_side, (a, b), sign in ((fixed, fixed_holes, 1.0), (moved, moved_holes, -1.0)):
+    for face_side, (a, b), sign in ((fixed_face, fixed_holes, 1.0), (moved_face, moved_holes, -1.0)):
         direction = face_side.at_mm[b] - face_side.at_mm[a]
         normal = sign * face_side.normals[a]
         direction = direction - (direction @ normal) * normal
@@ -289,49 +298,57 @@ def compute_placement(
         frames.append(np.stack([direction / length, np.cross(normal, direction / length), normal]))
     placement = np.eye(4)
     placement[:3, :3] = frames[0].T @ frames[1]
-    middles_mm = (fixed.at_mm[list(fixed_holes)].mean(axis=0), moved.at_mm[list(moved_holes)].mean(axis=0))
+    middles_mm = (
+        fixed_face.at_mm[list(fixed_holes)].mean(axis=0),
+        moved_face.at_mm[list(moved_holes)].mean(axis=0),
+    )
     placement[:3, 3] = middles_mm[0] - placement[:3, :3] @ middles_mm[1]
     return placement
 
 
 def pins_fit(
-    fixed: MatingFace,
-    moved: MatingFace,
+    fixed_face: MatingFace,
+    moved_face: MatingFace,
     placement: Floats,
     pins_mm: Sequence[float] | None,
     keys_mm: Sequence[float] = (),
 ) -> bool:
     """Check that each pin and key has a hole on both sides that is deep enough, and that the arrows agree."""
-    at_mm = moved.at_mm @ placement[:3, :3].T + placement[:3, 3]
-    distances_mm = np.linalg.norm(fixed.at_mm[:, None] - at_mm[None], axis=2)
-    is_opposite = fixed.normals @ (moved.normals @ placement[:3, :3].T).T < -MIN_COSINE
-    is_joined = (distances_mm < PLAY_MM) & is_opposite & (fixed.is_groove[:, None] == moved.is_groove[None])
+    at_mm = moved_face.at_mm @ placement[:3, :3].T + placement[:3, 3]
+    distances_mm = np.linalg.norm(fixed_face.at_mm[:, None] - at_mm[None], axis=2)
+    is_opposite = fixed_face.normals @ (moved_face.normals @ placement[:3, :3].T).T < -MIN_COSINE
+    is_joined = (
+        (distances_mm < PLAY_MM) & is_opposite & (fixed_face.is_groove[:, None] == moved_face.is_groove[None])
+    )
     if pins_mm is None:
         return bool(is_joined.any(axis=1).all() and is_joined.any(axis=0).all())
     if any(
-        fixed.arrows[code] @ (placement[:3, :3] @ moved.arrows[code]) < MIN_COSINE
-        for code in fixed.arrows.keys() & moved.arrows
+        fixed_face.arrows[code] @ (placement[:3, :3] @ moved_face.arrows[code]) < MIN_COSINE
+        for code in fixed_face.arrows.keys() & moved_face.arrows
     ):
         return False
-    spaces_mm = fixed.reaches_mm[:, None] + moved.reaches_mm[None]
+    spaces_mm = fixed_face.reaches_mm[:, None] + moved_face.reaches_mm[None]
     return all(
-        has_space_for_all(spaces_mm[is_joined & (fixed.is_groove[:, None] == is_key)], lengths_mm)
+        has_space_for_all(spaces_mm[is_joined & (fixed_face.is_groove[:, None] == is_key)], lengths_mm)
         for is_key, lengths_mm in ((False, pins_mm), (True, keys_mm))
     )
 
 
 def has_space_for_all(spaces_mm: Floats, lengths_mm: Sequence[float]) -> bool:
     """Check whether each length has a space of its own that is longer."""
-    spaces, lengths = sorted(spaces_mm, reverse=True), sorted(lengths_mm, reverse=True)
-    return len(spaces) >= len(lengths) and all(a > b for a, b in zip(spaces, lengths, strict=False))
+    sorted_spaces_mm = sorted(spaces_mm, reverse=True)
+    pairs_mm = zip(sorted_spaces_mm, sorted(lengths_mm, reverse=True), strict=False)
+    return len(sorted_spaces_mm) >= len(lengths_mm) and all(space > length for space, length in pairs_mm)
 
 
-def measure_gap_mm(fixed: MatingFace, moved: MatingFace, pins_mm: Sequence[float]) -> float:
+def measure_gap_mm(fixed_face: MatingFace, moved_face: MatingFace, pins_mm: Sequence[float]) -> float:
     """Measure the gap of a joint if its longest pin is put into a deep hole and meets a shallow one."""
     longest_mm = max(pins_mm, default=0.0)
     gaps_mm = [
         longest_mm - a - b
-        for a, b in product(fixed.reaches_mm[~fixed.is_groove], moved.reaches_mm[~moved.is_groove])
+        for a, b in product(
+            fixed_face.reaches_mm[~fixed_face.is_groove], moved_face.reaches_mm[~moved_face.is_groove]
+        )
         if min(a, b) < longest_mm / 2.0 < max(a, b)
     ]
     return float(min(gaps_mm, default=np.inf))

@@ -2,7 +2,7 @@
 
 ``PYTHONPATH=tests/support python -m bench.cluster faults [--rounds N] [--seed N] [--json]``, as root, runs
 rounds in which a process or the network fails; see `bench.clusters.faults`. The figures of each round are
-printed when it ends, with `--json` to standard error. Each round checks that the plan of the job is the plan
+printed when it ends (to standard error with `--json`). Each round checks that the plan of the job is the plan
 of one computer, that no result is taken twice, and that no host has a task or an extra process at the end.
 
 ``... jobs [--parts 20,100] [--workers 1,2] [--record FILE] [--json]`` plans a job on a number of workers of
@@ -68,7 +68,9 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--parts", default="20,100")
     parser.add_argument("--workers", help="1,2 for jobs, and 4,16,64,256 for replay")
-    parser.add_argument("--budget", type=float, default=200.0, help="budget of a search, s of one core")
+    parser.add_argument(
+        "--budget", type=float, default=200.0, help="effort of a search, in seconds of one core"
+    )
     parser.add_argument("--record", type=Path, help="file for the times of the tasks")
     parser.add_argument("--tasks", type=Path, default=RECORDED_JOBS, help="file with the times of the tasks")
     parser.add_argument("--jobs", type=int, help="default: one for every four workers")
@@ -116,7 +118,7 @@ def measure_jobs(args: argparse.Namespace, folder: Path) -> list[dict[str, Any]]
     for part_count in map(int, args.parts.split(",")):
         for worker_count in map(int, (args.workers or "1,2").split(",")):
             row = measure_job(part_count, worker_count, folder)
-            # Only the first run is recorded: with one worker, nothing is drawn twice.
+            # Only the first run is recorded, because with one worker nothing is drawn twice.
             records.setdefault(str(part_count), list_stages(row.pop("tasks")))
             rows.append(row)
     if args.record is not None:

@@ -6,9 +6,9 @@ Usage: python -m bench.decompose --models DIR [--printers 20,50,100] [--engines 
 
 Engines other than `best` run only for the first number of printers. If an engine that takes no number returns
 k parts, `best` runs for k printers as well, for a fair comparison. Partitions of the guillotine engine are
-balanced again by their sliced times (`decompose.relevel`) if that makes them faster. Each run is a file in
---results and is not repeated; slices are cached. The uncut model is sliced once, on a bed without limits
-(--no-whole: its time is the cost's estimate).
+balanced again by their sliced times (`decompose.relevel`) if that makes them faster. Each run is stored in a
+file in --results and is not repeated; slices are cached. The uncut model is sliced once, on a bed without
+limits (with --no-whole, its time is the estimate of the cost model).
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ PRINTER = "ultimaker2_plus"
 FAITHFUL_SUFFIX = "-faithful"  # suffix of an engine's name
 WHOLE_TIMEOUT_S = 3600.0
 CUT_FILE = "cutting.pickle"
-MAX_PLANE_MOVES = 2  # number of times that the planes are moved by sliced times
+MAX_PLANE_MOVES = 2  # maximum number of times that the planes are moved by sliced times
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,14 +115,14 @@ def cut_model(run: Run, folder: Path) -> dict[str, Any]:
 
 
 def relevel(run: Run, cut_file: Path, folder: Path, sliced_s: list[float]) -> dict[str, Any] | None:
-    """Balance a partition read from a file by its sliced times; return None if that changes nothing."""
-    previous = pickle.loads(cut_file.read_bytes())
+    """Balance a partition from a file by its sliced times; return None if that changes nothing."""
+    previous_result = pickle.loads(cut_file.read_bytes())
     start_s = perf_counter()
     model = load_model(run.path, longest_side_mm=run.side_mm)
     cost = CostModel.from_recipe(make_recipe(run.quality))
     try:
         with ThreadPoolExecutor(os.cpu_count()) as executor:
-            result = relevel_planes(model, previous, sliced_s, cost, executor)
+            result = relevel_planes(model, previous_result, sliced_s, cost, executor)
     except DecomposeError as error:
         print(f"{run.name}, balanced again: {error}", file=sys.stderr)
         return None
@@ -130,12 +130,12 @@ def relevel(run: Run, cut_file: Path, folder: Path, sliced_s: list[float]) -> di
 
 
 def list_cut_files(run: Run, folder: Path) -> TaskFiles:
-    """List the files of `cut_model`: the model, the folder of the parts."""
+    """List the files of `cut_model`: the model, and the folder of the parts."""
     return TaskFiles(reads=(run.path,), folders=(folder,))
 
 
 def list_relevel_files(run: Run, cut_file: Path, folder: Path, _: list[float]) -> TaskFiles:
-    """List the files of `relevel`: the model and its partition, the folder of the parts."""
+    """List the files of `relevel`: the model, its partition, and the folder of the parts."""
     return TaskFiles(reads=(run.path, cut_file), folders=(folder,))
 
 
@@ -195,7 +195,7 @@ def slice_parts(
         return list(pool.map(slice_report_part, report["parts"]))
 
 
-def slice_whole(run: Run, results: Path, cache: Path) -> float | None:
+def slice_whole_model(run: Run, results: Path, cache: Path) -> float | None:
     """Slice the uncut model; return CuraEngine's time in seconds."""
     record_path = results / f"{run.path.stem}-{run.side_mm:g}-{run.quality}-whole.json"
     if record_path.is_file():
@@ -263,7 +263,7 @@ def make_rows(path: Path, args: argparse.Namespace) -> list[dict[str, Any]]:
         run = Run(path, args.side, printers, engine, args.quality, args.granularity, args.budget)
         row = load_or_run(run, args)
         if "refused" not in row and args.whole:
-            row["whole_s"] = slice_whole(run, args.results, args.results / "slices")
+            row["whole_s"] = slice_whole_model(run, args.results, args.results / "slices")
             if row["whole_s"] is not None:
                 row["efficiency_sliced"] = row["whole_s"] / (printers * row["parallel_s"])
         print(format_row(row), file=sys.stderr if args.json else sys.stdout, flush=True)
@@ -307,6 +307,6 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    from bench import decompose  # imported by name, so that other processes can unpickle its functions
+    from bench import decompose  # imported by name so that other processes can unpickle its functions
 
     sys.exit(decompose.main())

@@ -7,7 +7,7 @@ protocol, all in this process. First every printer gets a plate, then all print 
 `--plate-changes` prints end one after the other: each bed is cleared, and its printer gets the next plate.
 
 With `--hosts` the printers are spread over hosts, each with the real service of `farm host`, and the daemon
-connects to each as over ssh. After the prints, one host is lost, then half of them; then, where this computer
+connects to each as over ssh. After the prints, one host is lost, then half of them. Then, if this computer
 allows network namespaces (as root), packets are lost and delayed (`bench.fleets.faults`).
 
 Costs are CPU time, which other load hardly changes. An event is anything that commits: a report of an
@@ -35,8 +35,8 @@ import yaml
 
 from bench.fleets.daemon_process import Daemon, EventFollower, NoticeReceiver
 from bench.fleets.faults import (
-    HALF,
-    ONE,
+    FIRST_HALF,
+    FIRST_HOST,
     PrintingFleet,
     group_hosts,
     measure_event_delays,
@@ -205,8 +205,8 @@ def _measure_faults(fleet: PrintingFleet, size: FleetSize) -> dict[str, Any]:
     if not fleet.names:
         return {}
     figures: dict[str, Any] = {
-        "one_host_lost": measure_loss(fleet, [ONE]),
-        "half_lost": measure_loss(fleet, [name for name in (ONE, HALF) if name in fleet.names]),
+        "one_host_lost": measure_loss(fleet, [FIRST_HOST]),
+        "half_lost": measure_loss(fleet, [name for name in (FIRST_HOST, FIRST_HALF) if name in fleet.names]),
     }
     if fleet.groups.has_network:
         figures["poor_network"] = measure_poor_network(fleet, size.seconds, min(size.plate_changes, 10))
@@ -265,7 +265,7 @@ def read_options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--printers", type=int, default=200)
     parser.add_argument(
-        "--hosts", type=int, default=0, help="hosts with their services; 0: agents of this host"
+        "--hosts", type=int, default=0, help="hosts with their services; 0 for agents of this host"
     )
     parser.add_argument("--idle", type=int, default=0, help="additional printers, which no plate fits")
     parser.add_argument("--plates", type=int, help=f"{PLATES_PER_PRINTER} for each printer by default")

@@ -3,9 +3,9 @@
     PYTHONPATH=tests/support python -m bench.host_night --json
     PYTHONPATH=tests/support python -m bench.host_night --hosts 4 --printers 40 --scale 60 --seed 3
 
-The night of `bench.night` with real services, agents and emulators in a network namespace for each host. At
-random moments a host's service is killed, its network is cut for a time, or the whole host fails and
-comes back; in that case its agents are killed too, so that its prints fail. While all printers print, the
+The night is that of `bench.night`, with real services, agents and emulators in a network namespace for each
+host. At random moments a host's service is killed, its network is cut for a time, or the whole host fails and
+comes back; in that case its agents are killed too, so its prints fail. While all printers print, the
 farm is switched to its next version, installed from its own wheel, and the agents are updated to it.
 """
 
@@ -35,8 +35,9 @@ from hosts.network_hosts import NetworkHosts  # type: ignore[import-not-found]
 from hosts.virtual_network import find_obstacle  # type: ignore[import-not-found]
 
 OLD_VERSION, NEW_VERSION = "1.0.0", "1.0.1"
-UPDATE_SHARE = 0.3  # share of the first plates that is printed when the new version is installed
-MIN_ABSENCE_S, MAX_ABSENCE_S = 5.0, 60.0  # wall seconds for which a host is away; after 30 it counts as lost
+UPDATE_SHARE = 0.3  # printed share of the first plates when the new version is installed
+# Wall seconds for which a host is away; after 30 s it counts as lost.
+MIN_ABSENCE_S, MAX_ABSENCE_S = 5.0, 60.0
 SERVICE_END_S = 90.0  # wall seconds until a service without a daemon ends: 60, and a margin
 SAMPLE_S = 20.0  # time between two samples of CPU time
 _TICK_S = 1 / os.sysconf("SC_CLK_TCK")
@@ -100,11 +101,13 @@ class CpuMeter:
         elapsed_s = now_s - self._sampled_s
         if elapsed_s < SAMPLE_S:
             return
-        used_s = {pid: cpu_s for pid in self._list_processes() if (cpu_s := _read_cpu_s(pid)) is not None}
+        cpu_times_s = {
+            pid: cpu_s for pid in self._list_processes() if (cpu_s := _read_cpu_s(pid)) is not None
+        }
         if self._used_s:
-            common_pids = used_s.keys() & self._used_s.keys()
-            self.shares.append(sum(used_s[pid] - self._used_s[pid] for pid in common_pids) / elapsed_s)
-        self._sampled_s, self._used_s = now_s, used_s
+            common_pids = cpu_times_s.keys() & self._used_s.keys()
+            self.shares.append(sum(cpu_times_s[pid] - self._used_s[pid] for pid in common_pids) / elapsed_s)
+        self._sampled_s, self._used_s = now_s, cpu_times_s
 
 
 def _read_cpu_s(pid: int) -> float | None:

@@ -37,7 +37,7 @@ from decompose.results import Decomposition, connect_parts
 
 USABLE_VOLUMES_MM = ((206.9, 190.9, 205.0), (173.9, 197.9, 205.0), (164.9, 206.9, 205.0))
 ALL_CONNECTORS = ConnectorOptions(FILAMENT_MM, marks=True)
-MAX_PIN_DISTANCE_MM = 60.0  # of glue that counts as near a pin
+MAX_PIN_DISTANCE_MM = 60.0  # maximum distance of glue that counts as near a pin
 MIN_TWO_PINS_MM2 = 100.0  # glued area above which a step should have two pins
 
 
@@ -106,30 +106,32 @@ def cut_case(name: str, printers: int, longest_side_mm: float) -> Decomposition:
 
 def measure(name: str, printers: int, longest_side_mm: float, slices: int) -> Row:
     """Cut a model, drill its parts, and measure them."""
-    cut = cut_case(name, printers, longest_side_mm)
+    bare_result = cut_case(name, printers, longest_side_mm)
     start_s = process_time()
-    drilled = connect_parts(cut)
+    drilled_result = connect_parts(bare_result)
     compute_s = process_time() - start_s
-    connectors, steps = drilled.connectors, drilled.assembly.steps
+    connectors, steps = drilled_result.connectors, drilled_result.assembly.steps
     pairs = find_pairs(connectors.pins)
     row = Row(
         model=Path(name).name,
-        parts=len(drilled.parts),
+        parts=len(drilled_result.parts),
         steps=len(steps),
         pins=len(connectors.pins),
         steps_without_pair=sum(
             step.glue_mm2 > MIN_TWO_PINS_MM2 and number not in pairs for number, step in enumerate(steps)
         ),
-        glue_near_share=measure_glue_near_pins(drilled),
+        glue_near_share=measure_glue_near_pins(drilled_result),
         marks=len(connectors.marks),
-        faces=2 * len(drilled.joints),
+        faces=2 * len(drilled_result.joints),
         lettered_share=sum(bool(m.text.strip(".")) for m in connectors.marks)
-        / (2 * len(drilled.joints) or 1),
+        / (2 * len(drilled_result.joints) or 1),
         failures=len(connectors.failures),
         compute_s=compute_s,
-        added_time_share=max(p.price_s for p in drilled.parts) / max(p.price_s for p in cut.parts) - 1.0,
+        added_time_share=max(p.price_s for p in drilled_result.parts)
+        / max(p.price_s for p in bare_result.parts)
+        - 1.0,
     )
-    return replace(row, sliced=slice_parts(cut, drilled, slices)) if slices else row
+    return replace(row, sliced=slice_parts(bare_result, drilled_result, slices)) if slices else row
 
 
 def measure_glue_near_pins(result: Decomposition) -> float:
@@ -148,28 +150,29 @@ def measure_glue_near_pins(result: Decomposition) -> float:
     return near_mm2 / total_mm2 if total_mm2 else 1.0
 
 
-def slice_parts(cut: Decomposition, result: Decomposition, count: int) -> SlicedFigures:
+def slice_parts(bare_result: Decomposition, drilled_result: Decomposition, count: int) -> SlicedFigures:
     """Slice the first parts of a result before and after drilling, and compare the slices."""
     pairs = []
     illegible: list[str] = []
     marks = 0
-    for number, part in enumerate(result.parts[:count]):
+    for number, part in enumerate(drilled_result.parts[:count]):
         with tempfile.TemporaryDirectory() as folder:
-            bare = slice_part(part, part.solid, Path(folder))
-            drilled = slice_part(part, part.printed_solid, Path(folder))
-        pairs.append((bare, drilled))
-        part_marks = [mark for mark in result.connectors.marks if mark.part == number]
+            bare_slice = slice_part(part, part.solid, Path(folder))
+            drilled_slice = slice_part(part, part.printed_solid, Path(folder))
+        pairs.append((bare_slice, drilled_slice))
+        part_marks = [mark for mark in drilled_result.connectors.marks if mark.part == number]
         marks += len(part_marks)
-        illegible += [f"{part.id}: {mark.text}" for mark in part_marks if not drilled.is_legible(mark)]
+        illegible += [f"{part.id}: {mark.text}" for mark in part_marks if not drilled_slice.is_legible(mark)]
     return SlicedFigures(
         parts=len(pairs),
-        bare_s=sum(bare.sliced_s for bare, _ in pairs),
-        drilled_s=sum(drilled.sliced_s for _, drilled in pairs),
-        priced_added_s=sum(p.price_s for p in result.parts[:count])
-        - sum(p.price_s for p in cut.parts[:count]),
-        support_filament_mm=sum(bare.support_filament_mm for bare, _ in pairs),
+        bare_s=sum(bare_slice.sliced_s for bare_slice, _ in pairs),
+        drilled_s=sum(drilled_slice.sliced_s for _, drilled_slice in pairs),
+        priced_added_s=sum(p.price_s for p in drilled_result.parts[:count])
+        - sum(p.price_s for p in bare_result.parts[:count]),
+        support_filament_mm=sum(bare_slice.support_filament_mm for bare_slice, _ in pairs),
         support_filament_added_mm=sum(
-            drilled.support_filament_mm - bare.support_filament_mm for bare, drilled in pairs
+            drilled_slice.support_filament_mm - bare_slice.support_filament_mm
+            for bare_slice, drilled_slice in pairs
         ),
         marks=marks,
         illegible=tuple(illegible),

@@ -4,9 +4,9 @@
 Real processes: every agent resets its board, heats, streams short moves and ends its print.
 
 * ``throughput``: lines per second through agents and emulators on ptys, and CPU time per line. The clock is
-  so fast that moves take almost no time: this is the limit of host and link.
+  so fast that moves take almost no time, so the host and the link are the limit.
 * ``printcore``: an agent and then printcore print the same moves on one emulator, in wall time and with the
-  time of bytes at 250000 baud. Needs a PYTHON that has Printrun (`make interop` makes one).
+  time of bytes at 250000 baud. It needs a PYTHON that has Printrun (`make interop` makes one).
 * ``agent``: N agents at 50 lines/s, on boards that only acknowledge: turnaround, CPU, memory
   (`bench.printing.agent`).
 * ``peers``: the same for 50 agents.
@@ -42,7 +42,7 @@ INTEROP_PYTHON = Path(__file__).parents[1] / ".venv" / "interop" / "bin" / "pyth
 MODEL = "ultimaker2_plus"
 PRINTCORE_SCRIPT = Path(__file__).parents[1] / "tests" / "interop" / "printcore_peer.py"
 START_GCODE = "G21\nG90\nM82\nM107\nG28\nM109 S180\nG1 F2400 Z20\nG92 E0\n"
-# Cold moves in the time that bytes need: nothing but the link is measured.
+# The nozzle stays cold, and moves take less time than their bytes, so only the link is measured.
 COMPARISON_START_GCODE = (
     "G21\nG90\nM82\nM107\nG28\nM302 S0\nM109 S30\nG1 F2400 Z205\nG92 E0\nG0 F9000 X10 Y10\nM400\n"
 )
@@ -90,7 +90,7 @@ async def print_file(
                     raise SystemExit(f"the print ended {phase}: {snapshot.print and snapshot.print.reason}")
                 break
     finally:
-        # After any failure too, the heaters are switched off, and no process keeps running.
+        # The heaters are switched off and no process keeps running, even after a failure.
         with suppress(DriverError):
             await client.request(m.Shutdown(id=0, now=True))
         await client.close()

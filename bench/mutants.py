@@ -1,4 +1,4 @@
-"""Mutation testing: finds deliberate faults, in the rules that prints depend on, that no test detects.
+"""Mutation testing of the rules that prints depend on: find deliberate faults that no test detects.
 
 .venv/mutants/bin/python -m bench.mutants --group link
 
@@ -48,7 +48,7 @@ def test_group(name: str, group: Group, seed: int, folder: Path) -> list[tuple[s
     )
 
     def run_cosmic_ray(*arguments: str | Path) -> None:
-        # No bytecode: Python would mistake two mutants with the same second and size for the same file.
+        # Without this, Python would mistake two mutants of the same second and size for the same file.
         env = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
         tool = Path(sys.executable).with_name("cosmic-ray")
         subprocess.run([tool, *arguments], cwd=sources, env=env, check=True)

@@ -5,9 +5,9 @@
 
 One job has many equal plates of slow moves. The operator clears beds in attended hours and is away for a
 night. Some boards, chosen by the seed, are reset during a print, one printer is unplugged permanently, and
-the daemon is killed twice. The lower bound is that of the remaining printers, without the hours in which
-nobody clears a bed (`away_s`). With `--keep`, the farm's folder (books, logs, journals) is kept as a new
-folder DIR.
+the daemon is killed twice. The lower bound is that of the remaining printers, without the hours in
+which nobody clears a bed (`away_s`). With `--keep`, the farm's folder (books, logs, journals) is kept as a
+new folder DIR.
 """
 
 from __future__ import annotations
@@ -63,10 +63,10 @@ def write_slow_gcode(moves: int, move_s: float) -> str:
         lines += [f";LAYER:{layer}", f"G0 F9000 X100 Y100 Z{LAYER_MM * (layer + 1):.2f}"]
         for x, y in (*corners[1:], corners[0]):
             e_mm += SIDE_MM * E_PER_MM
-            speed = 60 * SIDE_MM / move_s
-            lines.append(f"G1 F{speed:.1f} X{100 + SIDE_MM * x:g} Y{100 + SIDE_MM * y:g} E{e_mm:.4f}")
-    end = ["G1 F1500 E-6", "M104 S0", "M140 S0", "M107", "G91", "G1 Z10", "G90", "G28 X0 Y0", "M84"]
-    return "\n".join([*lines, *end]) + "\n"
+            speed_mm_min = 60 * SIDE_MM / move_s
+            lines.append(f"G1 F{speed_mm_min:.1f} X{100 + SIDE_MM * x:g} Y{100 + SIDE_MM * y:g} E{e_mm:.4f}")
+    end_lines = ["G1 F1500 E-6", "M104 S0", "M140 S0", "M107", "G91", "G1 Z10", "G90", "G28 X0 Y0", "M84"]
+    return "\n".join([*lines, *end_lines]) + "\n"
 
 
 class Night:
@@ -93,7 +93,7 @@ class Night:
         self.unplug_number = self.rng.randint(2, args.printers)
         # Numbers of printed plates at which the daemon is killed, within the first half of them.
         self.kill_thresholds = [(kill + 1) * args.plates // (2 * args.kills) for kill in range(args.kills)]
-        # Printers and plates whose print was made to fail.
+        # Printer and plate of each print that was made to fail.
         self.failed_plates: set[tuple[str, str]] = set()
         self.unplugged_printer: str | None = None
         self.kill_count = 0
@@ -218,7 +218,8 @@ class Night:
     def _cause_failures(self, view: api.Status, job: api.JobView) -> None:
         """Cause failures, by the number of prints that have begun and by the progress of the job.
 
-        A failure hits the next print in its first half; a later one may end before it fails.
+        A failure hits the next print that is in its first half, because another one might end before it
+        fails.
         """
         started_count = sum(attempt.started is not None for part in job.parts for attempt in part.prints)
         for printer in view.printers:
@@ -269,7 +270,7 @@ class Night:
                     ):
                         self.client.clear_bed(name, api.ClearedRequest())
             except FarmError:
-                pass  # the state changed meanwhile: the next poll shows it
+                pass  # the state changed meanwhile, which the next poll shows
 
     # -- the end ----------------------------------------------------------------------------------------
 

@@ -3,9 +3,9 @@
 Usage: python -m bench.unseen [--seed 1] [--kinds organic,bust,...] [--printers 20] [--side 450]
        [--budget 20] [--json] [--scheduler tls://HOST:PORT --certificates DIR]
 
-Each kind is a family: limbs of ellipsoids, a head of noise on shoulders, a lattice of struts, a thin shell, a
-block with bores, a flat sheet with ribs. Times are prices of the cost model, compared with the whole model in
-its best pose; nothing is sliced (`bench.decompose` slices). `wall_s` is the wall time on this machine,
+Each kind is a family: limbs of ellipsoids, a rough head on shoulders, a lattice of struts, a thin shell,
+a block with bores, a flat sheet with ribs. Times are prices of the cost model, compared with the whole model
+in its best pose; nothing is sliced (`bench.decompose` slices). `wall_s` is the wall time on this machine,
 `effort_s` the counted work.
 """
 
@@ -41,7 +41,7 @@ USABLE_VOLUMES_MM = (
 )
 
 
-def draw_organic(rng: np.random.Generator) -> Solid:
+def draw_organic_body(rng: np.random.Generator) -> Solid:
     """Draw a body with limbs that bend and taper."""
     bodies = [make_ellipsoid((0.0, 0.0, 0.0), tuple(rng.uniform(30.0, 60.0, 3)))]
     for _ in range(int(rng.integers(4, 7))):
@@ -62,8 +62,8 @@ def draw_bust(rng: np.random.Generator) -> Solid:
     sphere = creation.icosphere(5, 1.0)
     waves = rng.normal(scale=4.0, size=(24, 3))
     phases = rng.uniform(0.0, 2.0 * math.pi, 24)
-    rough = np.sin(sphere.vertices @ waves.T + phases).sum(axis=1) / 24.0
-    sphere.vertices *= (1.0 + 0.35 * rough)[:, None] * rng.uniform(50.0, 70.0, 3)
+    roughness = np.sin(sphere.vertices @ waves.T + phases).sum(axis=1) / 24.0
+    sphere.vertices *= (1.0 + 0.35 * roughness)[:, None] * rng.uniform(50.0, 70.0, 3)
     sphere.apply_translation((0.0, 0.0, 130.0))
     shoulders = make_ellipsoid((0.0, 0.0, 10.0), (55.0, float(rng.uniform(80.0, 110.0)), 60.0))
     neck = make_rod((0.0, 0.0, 30.0), (0.0, 0.0, 110.0), float(rng.uniform(20.0, 30.0)))
@@ -79,29 +79,29 @@ def draw_lattice(rng: np.random.Generator) -> Solid:
         for j in range(3)
         for k in range(4)
     }
-    radius = float(rng.uniform(4.0, 8.0))
-    struts = [make_ellipsoid(tuple(point), (1.2 * radius,) * 3) for point in nodes.values()]
+    radius_mm = float(rng.uniform(4.0, 8.0))
+    struts = [make_ellipsoid(tuple(point), (1.2 * radius_mm,) * 3) for point in nodes.values()]
     for index, point in nodes.items():
         for axis in range(3):
             neighbour = tuple(n + (a == axis) for a, n in enumerate(index))
             if neighbour in nodes:
-                struts.append(make_rod(tuple(point), tuple(nodes[neighbour]), radius))
+                struts.append(make_rod(tuple(point), tuple(nodes[neighbour]), radius_mm))
     return Solid.union(struts)
 
 
 def draw_shell(rng: np.random.Generator) -> Solid:
     """Draw a thin, open bowl with an uneven rim."""
-    radii = rng.uniform(70.0, 120.0, 3)
+    radii_mm = rng.uniform(70.0, 120.0, 3)
     thickness_mm = float(rng.uniform(2.5, 6.0))
-    bowl = make_ellipsoid((0.0, 0.0, 0.0), tuple(radii)).subtract(
-        make_ellipsoid((0.0, 0.0, 0.0), tuple(radii - thickness_mm))
+    bowl = make_ellipsoid((0.0, 0.0, 0.0), tuple(radii_mm)).subtract(
+        make_ellipsoid((0.0, 0.0, 0.0), tuple(radii_mm - thickness_mm))
     )
     slope = rng.uniform(-0.3, 0.3, 2)
     normal = np.array([*slope, 1.0]) / math.sqrt(1.0 + float(slope @ slope))
     return bowl.split_by_plane(normal, float(rng.uniform(-20.0, 30.0)))[0]
 
 
-def draw_mechanical(rng: np.random.Generator) -> Solid:
+def draw_mechanical_part(rng: np.random.Generator) -> Solid:
     """Draw a block with pads, pockets and bores."""
     size = rng.uniform(80.0, 220.0, 3)
     bodies, bores = [Solid.box((0.0, 0.0, 0.0), tuple(size))], []
@@ -116,25 +116,27 @@ def draw_mechanical(rng: np.random.Generator) -> Solid:
     return Solid.union(bodies).subtract(Solid.union(bores))
 
 
-def draw_flat(rng: np.random.Generator) -> Solid:
+def draw_flat_sheet(rng: np.random.Generator) -> Solid:
     """Draw a wide sheet with ribs."""
-    width, depth = rng.uniform(200.0, 400.0, 2)
-    bodies = [Solid.box((0.0, 0.0, 0.0), (width, depth, 3.0))]
+    width_mm, depth_mm = rng.uniform(200.0, 400.0, 2)
+    bodies = [Solid.box((0.0, 0.0, 0.0), (width_mm, depth_mm, 3.0))]
     for _ in range(5):
-        x, y = rng.uniform(0.0, 0.6, 2) * (width, depth)
+        x, y = rng.uniform(0.0, 0.6, 2) * (width_mm, depth_mm)
         length_mm = float(rng.uniform(60.0, 140.0))
-        size = (length_mm, 4.0) if rng.random() < 0.5 else (4.0, length_mm)
-        bodies.append(Solid.box((x, y, 0.0), (x + size[0], y + size[1], float(rng.uniform(10.0, 30.0)))))
+        size_mm = (length_mm, 4.0) if rng.random() < 0.5 else (4.0, length_mm)
+        bodies.append(
+            Solid.box((x, y, 0.0), (x + size_mm[0], y + size_mm[1], float(rng.uniform(10.0, 30.0))))
+        )
     return Solid.union(bodies)
 
 
 KINDS: Mapping[str, Callable[[np.random.Generator], Solid]] = {
-    "organic": draw_organic,
+    "organic": draw_organic_body,
     "bust": draw_bust,
     "lattice": draw_lattice,
     "shell": draw_shell,
-    "mechanical": draw_mechanical,
-    "flat": draw_flat,
+    "mechanical": draw_mechanical_part,
+    "flat": draw_flat_sheet,
 }
 
 

@@ -45,7 +45,7 @@ def open_calls(args: argparse.Namespace, local_call: Call | None = None) -> Iter
     args
         Options of `add_cluster_options`.
     local_call
-        Executor of calls without a cluster; None: the calling thread.
+        Executor of calls without a cluster; None for the calling thread.
     """
     if args.scheduler is None:
         yield local_call or (lambda work, *arguments: work(*arguments))

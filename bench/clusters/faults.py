@@ -37,9 +37,9 @@ STOPS = ("stop worker", "stop scheduler")
 NETWORK_FAULTS = ("cut worker", "cut scheduler", "cut farm", "delay packets", "drop packets")
 FAULTS = (*KILLS, *STOPS, *NETWORK_FAULTS)
 FAULT_DURATION_S = 40.0  # time for which a process is stopped, or the network disturbed
-DELAY_S, LOSS = 0.3, 0.05  # delay and share of lost packets at each host, in both directions
+DELAY_S, LOSS_SHARE = 0.3, 0.05  # delay and share of lost packets at each host, in both directions
 TASK_COUNT, TASK_S = 8, 4.0
-START_RANGE_S = (0.3, 7.0)  # a fault starts in this range of a round: tasks run for 8 s on four workers
+START_RANGE_S = (0.3, 7.0)  # a fault starts in this range of a round; tasks run for 8 s on four workers
 PRINTER_MODEL, MODEL_COUNT, PRINTER_COUNT, BUDGET_S = "ultimaker2_plus", 3, 3, 1.0
 LIMIT = Limit("sleeping", 600.0)
 UNCOMPARED_FIELDS = ("decomposition", "cached")  # duration of planning, cached slices
@@ -242,7 +242,7 @@ class FaultRounds:
                 *names,
                 cut=kind == "cut",
                 delay_s=DELAY_S if kind == "delay" else 0.0,
-                loss=LOSS if kind == "drop" else 0.0,
+                loss=LOSS_SHARE if kind == "drop" else 0.0,
             )
             await asyncio.sleep(FAULT_DURATION_S)
             self._hosts.network.set_faults(*names)

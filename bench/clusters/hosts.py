@@ -18,7 +18,7 @@ SCHEDULER, FARM = "scheduler", "farm"
 END_TIMEOUT_S = 30.0  # maximum time for the tasks of a round to end
 SAMPLE_S = 0.2
 PORT = 8786
-NICE = -9  # niceness of workers; their tasks add 19, and would hardly run on a busy computer
+NICE = -9  # niceness of workers; their tasks add 19 to it, and would otherwise hardly run on a busy computer
 
 
 class Hosts:

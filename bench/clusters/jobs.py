@@ -1,7 +1,7 @@
 """Real jobs planned on one and on two workers of this computer, and the times of their tasks.
 
 Parts are cut from a random model (`bench.unseen`) and sliced by CuraEngine. The CPU time of each task
-does not depend on other load, and the ratio of the durations hardly does.
+does not depend on other load, and the ratio of the durations hardly depends on it.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from farm.planning.tasks import decompose_job, draw_job, draw_overview, draw_som
 
 MODEL = "ultimaker2_plus"
 MODEL_KIND, MODEL_SEED = "organic", 1
-SIDE_MM = 200.0  # longest side of the model for 20 printers: parts are small, so that slices take seconds
+SIDE_MM = 200.0  # longest side of the model for 20 printers; parts are small, so slices take only seconds
 BUDGET_S = 5.0
 PARALLEL_TASKS = {"slice_part", "draw_overview", "draw_some_steps", "draw_job", "try_grid"}
 """Tasks of which several run at the same time."""
@@ -48,13 +48,13 @@ class TimedTask:
     cpu_s: float
 
 
-def run_timed(work: Callable[..., Any], *args: object) -> tuple[Any, float]:
+def time_call(work: Callable[..., Any], *args: object) -> tuple[Any, float]:
     """Call a function; return its result and its CPU seconds, including those of its child processes."""
     start_cpu_s = _read_cpu_s()
     return work(*args), _read_cpu_s() - start_cpu_s
 
 
-deferred_run_timed = Deferred("bench.clusters.jobs:run_timed")
+deferred_time_call = Deferred("bench.clusters.jobs:time_call")
 
 
 def _read_cpu_s() -> float:
@@ -89,7 +89,7 @@ class TimingPool:
     ) -> Any:
         """Run a function, and record its times."""
         begin_s = time.monotonic()
-        result, cpu_s = await self._pool.run(deferred_run_timed, work, *args, limit=limit, group=group)
+        result, cpu_s = await self._pool.run(deferred_time_call, work, *args, limit=limit, group=group)
         end_s = time.monotonic()
         name = getattr(work, "target", "").rpartition(":")[2]
         self.tasks.append(TimedTask(name, begin_s - self._begin_s, end_s - self._begin_s, cpu_s))
@@ -210,15 +210,15 @@ def measure_drawing(part_count: int, folder: Path) -> dict[str, Any]:
     record, overview = decomposition.drawing_record, work / "overview.png"
     ranges = split_steps(decomposition.steps)
     files = [work / f"steps-{begin}.pickle" for begin, _ in ranges]
-    run_timed(draw_overview, record, overview)  # loads the modules
-    _, single_drawer_s = run_timed(draw_job, task, record)
+    time_call(draw_overview, record, overview)  # the first call loads the modules
+    _, single_drawer_s = time_call(draw_job, task, record)
     tasks = {
-        "draw_overview": [run_timed(draw_overview, record, overview)[1]],
+        "draw_overview": [time_call(draw_overview, record, overview)[1]],
         "draw_some_steps": [
-            run_timed(draw_some_steps, record, begin, end, file)[1]
+            time_call(draw_some_steps, record, begin, end, file)[1]
             for (begin, end), file in zip(ranges, files, strict=True)
         ],
-        "draw_job": [run_timed(draw_job, task, record, overview, tuple(files))[1]],
+        "draw_job": [time_call(draw_job, task, record, overview, tuple(files))[1]],
     }
     shutil.rmtree(state.root)
     critical_s = max(*tasks["draw_overview"], *tasks["draw_some_steps"]) + sum(tasks["draw_job"])

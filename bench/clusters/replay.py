@@ -2,7 +2,7 @@
 
 Scheduler, workers and farm share one process and one core, so the cost of a task is an upper bound. Work that
 Dask does for each worker apart from its tasks (a thread that samples its stack, ticks of its event loop,
-readings of the computer's load) is turned off, as real workers do that on their own computers.
+readings of the computer's load) is turned off, because real workers do it on their own computers.
 """
 
 from __future__ import annotations
@@ -197,8 +197,8 @@ def summarise(workers: int, jobs: list[Stages], duration_s: float, cpu_s: float)
         for kind_times_s in stage.values()
         for seconds in kind_times_s
     ]
-    longest = max((find_critical_path(job) for job in jobs), key=sum_path)
-    critical_s = sum_path(longest)
+    longest_path = max((find_critical_path(job) for job in jobs), key=sum_path)
+    critical_s = sum_path(longest_path)
     return {
         "jobs": len(jobs),
         "tasks": len(times_s),
@@ -206,7 +206,7 @@ def summarise(workers: int, jobs: list[Stages], duration_s: float, cpu_s: float)
         "bound_s": max(critical_s, sum(times_s) / workers),
         "efficiency": sum(times_s) / (workers * duration_s),
         "cpu_ms_per_task": 1000.0 * cpu_s / len(times_s),
-        "critical_path": ", ".join(f"{kind} {seconds:.1f} s" for kind, seconds in longest),
+        "critical_path": ", ".join(f"{kind} {seconds:.1f} s" for kind, seconds in longest_path),
         "single_drawer_critical_s": max(
             sum_path(find_critical_path(job, single_drawer=True)) for job in jobs
         ),

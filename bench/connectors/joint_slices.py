@@ -33,7 +33,7 @@ MIN_READ_SHARE = 0.8  # minimum share of the points of a legible arrow or dot
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SlicedPart:
-    """Slice of a part: its path, its outer walls, and the transform (4, 4) from the joints' frame to it."""
+    """Slice of a part: its path, its outer walls, and the transform (4, 4) from the frame of the joints."""
 
     path: Toolpath
     walls: Walls
@@ -55,14 +55,14 @@ class SlicedPart:
         Parameters
         ----------
         longest_only
-            Leave out all rings but the longest of each layer: those around holes.
+            Whether to use only the longest ring of each layer, which is not around a hole.
         """
         walls = self.walls
         starts = np.flatnonzero(np.diff(walls.run, prepend=-1))
         starts = starts[walls.is_closed[starts]]
         if longest_only:
-            lengths = np.bincount(walls.run, np.hypot(*(walls.end - walls.start).T))[walls.run[starts]]
-            sorted_starts = starts[np.lexsort((-lengths, walls.layer[starts]))]
+            lengths_mm = np.bincount(walls.run, np.hypot(*(walls.end - walls.start).T))[walls.run[starts]]
+            sorted_starts = starts[np.lexsort((-lengths_mm, walls.layer[starts]))]
             starts = sorted_starts[np.diff(walls.layer[sorted_starts], prepend=-1) > 0]
         z_mm = self.layout.layer_height_0_mm + self.layout.layer_height_mm * (walls.layer[starts] - 0.5)
         placed_mm = np.column_stack([walls.start[starts], z_mm]) - self.to_print[:3, 3]
@@ -106,7 +106,9 @@ class SlicedPart:
             middle = np.array([ADVANCE * n + GRID_WIDTH / 2.0 - measure_text_width(code) / 2.0, 0.0])
             points_mm = np.column_stack([_LETTER_GRID + middle, np.ones(len(_LETTER_GRID))]) @ to_face
             is_missing = ~self.is_printed(points_mm + READ_DEPTH_MM * mark.grooves[0].inward_normal)
-            yield max(_READABLE, key=lambda letter: _correlate_letters(letter, half_width, is_missing))
+            yield max(
+                _READABLE_LETTERS, key=lambda letter: _correlate_letters(letter, half_width, is_missing)
+            )
 
 
 def measure_depth_mm(mark: Mark) -> float:
@@ -146,7 +148,7 @@ def slice_part(part: Part, solid: Solid, folder: Path) -> SlicedPart:
     return SlicedPart(path, walls, layout, to_print, result.sliced_s)
 
 
-_READABLE = [letter for letter in LETTERS if letter not in ".^"]
+_READABLE_LETTERS = [letter for letter in LETTERS if letter not in ".^"]
 _WHOLE_BED = shapely.box(-1e4, -1e4, 1e4, 1e4)
 _LETTER_GRID = np.stack(
     np.meshgrid(

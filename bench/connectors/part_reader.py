@@ -20,15 +20,16 @@ from decompose.connectors.marks import SIZES_MM
 from decompose.connectors.strokes import GRID_HEIGHT, draw_strokes, measure_text_width
 from decompose.geometry import choose_plane_axes
 
-MIN_SEED_MM2, MIN_FACE_MM2 = 4.0, 25.0  # smallest triangle that begins a face, smallest face
-PLANE_TOLERANCE_MM = 0.01  # distance of the corners of a face from its plane
+MIN_SEED_MM2, MIN_FACE_MM2 = 4.0, 25.0  # minimum area of the first triangle of a face, and of a face
+PLANE_TOLERANCE_MM = 0.01  # maximum distance of the corners of a face from its plane
 SLIT_MM = 0.005  # half the width of a slit between triangles of one face
 PLAY_RANGE_MM = (0.1, 1.5)  # least and greatest clearance of a hole around its pin
 BOTTOM_RISE_MM = 0.03  # half of the difference in height along the bottom of a groove
-STROKE_TOLERANCE_MM = 0.12  # distance from a stroke to points at the bottom of its groove
+STROKE_TOLERANCE_MM = 0.12  # maximum distance from a stroke to points at the bottom of its groove
 CLEARANCE_SHARE = 0.3  # free margin around a code, as a share of the height of letters
 RIM_RAYS = 8  # number of points on the rim of a pin at which the depth is measured
-GROOVE_WIDTH_MM, GROOVE_TOLERANCE_MM = 2.0, 0.1  # least width of the groove of a key, error of its depth
+# Minimum width of the groove of a key, and maximum error of its depth.
+GROOVE_WIDTH_MM, GROOVE_TOLERANCE_MM = 2.0, 0.1
 MIN_HOLE_DEPTH_MM = 1.0  # grooves of codes are shallower
 
 
@@ -41,7 +42,7 @@ class Hole:
     at_mm
         (3,) middle of its mouth.
     reach_mm
-        Depth at which a pin stops; of a groove, half the length of the longest key that lies in it.
+        Depth at which a pin stops, or half the length of the longest key that fits a groove.
     """
 
     at_mm: Floats
@@ -136,8 +137,8 @@ def _read_holes(
         circle = shapely.maximum_inscribed_circle(shapely.Polygon(ring), tolerance=0.01)
         if PLAY_RANGE_MM[0] < 2.0 * circle.length - pin_mm < PLAY_RANGE_MM[1]:
             centre = np.array(circle.coords[0])
-            angles = 2.0 * np.pi * np.arange(RIM_RAYS) / RIM_RAYS
-            rim = centre + 0.49 * pin_mm * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+            angles_rad = 2.0 * np.pi * np.arange(RIM_RAYS) / RIM_RAYS
+            rim = centre + 0.49 * pin_mm * np.stack([np.cos(angles_rad), np.sin(angles_rad)], axis=1)
             reach_mm = min(
                 _measure_distance_to_wall_mm(corners, point @ axes + offset_mm * normal, -normal)
                 for point in rim
@@ -149,7 +150,7 @@ def _read_holes(
 def _read_grooves(
     rings: Iterable[shapely.LinearRing], corners: Floats, axes: Floats, normal: Floats, offset_mm: float
 ) -> Iterator[Hole]:
-    """Yield the grooves of keys: half as deep as they are wide, and longer."""
+    """Yield the grooves of keys, which are half as deep as they are wide."""
     for ring in rings:
         box = np.array(shapely.minimum_rotated_rectangle(shapely.Polygon(ring)).exterior.coords)
         width_mm, length_mm = np.sort(np.linalg.norm(np.diff(box[:3], axis=0), axis=1)).tolist()
@@ -267,7 +268,7 @@ def _measure_distances_mm(points: Floats, strokes: Floats) -> Floats:
 
 
 def _unite_triangles(triangles: Floats) -> shapely.Geometry:
-    """Unite triangles (n, 3, 2), and close the slits that rounding leaves, as they would open rings."""
+    """Unite triangles (n, 3, 2), and close the slits that rounding leaves, which would open rings."""
     rings = np.concatenate([triangles, triangles[:, :1]], axis=1)
     union = shapely.union_all(shapely.polygons(rings), grid_size=1e-3)
     return union.buffer(SLIT_MM, join_style="mitre").buffer(-SLIT_MM, join_style="mitre")

@@ -35,7 +35,7 @@ class Daemon:
     profile
         File for the daemon's profile.
     ssh
-        Value of FARM_SSH; None: that of this process.
+        Value of FARM_SSH; None for that of this process.
     """
 
     def __init__(self, folder: Path, profile: Path | None, ssh: str | None = None) -> None:

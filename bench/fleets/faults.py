@@ -12,17 +12,17 @@ from bench.fleets.host_services import HostGroups
 from bench.fleets.protocol_agents import ProtocolAgents
 from farm import api
 
-ONE, HALF, REST = "one", "half", "rest"
-LOSS, DELAY_S = 0.05, 0.3
+FIRST_HOST, FIRST_HALF, OTHER_HOSTS = "one", "half", "rest"
+LOSS_SHARE, DELAY_S = 0.05, 0.3
 _TIMEOUT_S = 180.0
 _POLL_S = 2.0
-_NOTICE_S = 20.0  # by then every notice is sent: it waits for 10 s, so that it can include further losses
+_NOTICE_S = 20.0  # time until every notice is sent; a notice waits for 10 s to include further losses
 
 
 def group_hosts(hosts: list[str]) -> dict[str, list[str]]:
     """Divide hosts into the first one, the others of the first half, and the rest."""
     half = max(1, len(hosts) // 2)
-    groups = {ONE: hosts[:1], HALF: hosts[1:half], REST: hosts[half:]}
+    groups = {FIRST_HOST: hosts[:1], FIRST_HALF: hosts[1:half], OTHER_HOSTS: hosts[half:]}
     return {name: group for name, group in groups.items() if group}
 
 
@@ -38,7 +38,7 @@ class PrintingFleet:
     notices: NoticeReceiver
 
     def wait(self, condition: Callable[[], bool], name: str) -> float:
-        """Serve the agents until a condition holds; return the seconds. Raises RuntimeError after 180 s."""
+        """Serve the agents until a condition holds; return the seconds, or raise RuntimeError after 180 s."""
         start_s = time.monotonic()
         if not self.agents.serve(_TIMEOUT_S, limit_polls(condition)):
             raise RuntimeError(f"waited {_TIMEOUT_S:.0f} s for {name}")
@@ -123,7 +123,7 @@ def measure_poor_network(fleet: PrintingFleet, seconds: float, plate_changes: in
         Number of lost hosts, the daemon's share of a core, the delay of an event, and the seconds until all
         hosts are connected.
     """
-    fleet.groups.disturb(LOSS, DELAY_S)
+    fleet.groups.disturb(LOSS_SHARE, DELAY_S)
     start_s, start_cpu_s = time.monotonic(), fleet.daemon.read_cpu_s()
     fleet.agents.serve(seconds)
     cpu_share = (fleet.daemon.read_cpu_s() - start_cpu_s) / (time.monotonic() - start_s)
@@ -135,7 +135,7 @@ def measure_poor_network(fleet: PrintingFleet, seconds: float, plate_changes: in
     )
     fleet.groups.disturb(0.0, 0.0)
     return {
-        "loss": LOSS,
+        "loss": LOSS_SHARE,
         "delay_s": DELAY_S,
         "hosts_lost": lost_count,
         "cpu_share": cpu_share,
@@ -146,7 +146,7 @@ def measure_poor_network(fleet: PrintingFleet, seconds: float, plate_changes: in
 
 
 def measure_event_delays(fleet: PrintingFleet, plate_changes: int) -> list[float]:
-    """End prints one after another, and start the next; return the seconds until each end is on `/events`."""
+    """End prints one after another, and start the next; return the seconds until `/events` has each end."""
     delays_s = []
     for name in fleet.agents.printing_names[:plate_changes]:
         since_s = time.monotonic()

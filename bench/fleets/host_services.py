@@ -45,7 +45,7 @@ class HostGroups:
     groups
         Hosts by name of their group.
     has_network
-        True: each group has a network namespace; False: all are on this computer's network.
+        True if each group has a network namespace; False if all are on this computer's network.
     """
 
     def __init__(self, folder: Path, groups: Mapping[str, Sequence[str]], has_network: bool) -> None:

@@ -32,7 +32,7 @@ PLATES_PER_JOB = 20
 
 
 def fill_books(path: Path, printers: list[str], plates: int) -> None:
-    """Write books of planned jobs with this number of plates; every tenth job is limited to four printers."""
+    """Write books of planned jobs with a number of plates; every tenth job is limited to four printers."""
     rng, store, books = random.Random(1), Store(path), Books()
     for number in range(1, -(-plates // PLATES_PER_JOB) + 1):
         plate_count = min(PLATES_PER_JOB, plates - (number - 1) * PLATES_PER_JOB)
@@ -97,7 +97,7 @@ class Measurements:
         self._depth, self._overhead_s, self._starts = 0, 0.0, False
 
     def measure_time(self, method: Callable[..., Any], quiet_s: list[float]) -> Callable[..., Any]:
-        """Time the outermost call: store it in `event_s` if it commits anything, else in `quiet_s`."""
+        """Measure the time of the outermost call; store it in `event_s` if it commits, else in `quiet_s`."""
 
         def call(*args: Any, **keywords: Any) -> Any:
             self._depth += 1

@@ -41,7 +41,7 @@ class Row:
     time_factor: float
     error_without: float  # mean of |reached / expected - 1|, layers alone
     error_with: float
-    error_by_feature: float  # with factors by feature learned from the earlier prints; else as `error_with`
+    error_by_feature: float  # with factors by feature if earlier prints have shown them, else as `error_with`
 
 
 def list_rows(books: Books) -> Iterator[Row]:

@@ -59,11 +59,11 @@ def make_queue(count: int, rng: random.Random) -> list[WaitingPlate]:
     """Make the plates of ten jobs."""
     plates = []
     for number in range(count):
-        height = 250.0 if rng.random() < 0.2 else 100.0
+        height_mm = 250.0 if rng.random() < 0.2 else 100.0
         plates.append(
             WaitingPlate(
                 id=f"{number % 10}/{number:04d}",
-                requirements=Requirements("generic_pla", None, 0.4, (-50.0, -50.0, 50.0, 50.0, height)),
+                requirements=Requirements("generic_pla", None, 0.4, (-50.0, -50.0, 50.0, 50.0, height_mm)),
                 job=number % 10,
                 planned_printer=f"um2-{rng.randrange(100):03d}",
                 expected_s=rng.uniform(1800.0, 36000.0),

@@ -1,7 +1,7 @@
 """Stand-in for ssh to hosts of `bench.fleets.host_services`: ``ssh_pipe.py ADDRESSES -- HOST COMMAND``.
 
 It copies bytes between stdin, stdout and the address of the host in the JSON file ADDRESSES. It imports few
-modules, as one such process runs for each host of the daemon.
+modules, because one such process runs for each host of the daemon.
 """
 
 import json

@@ -3,9 +3,10 @@
     python -m bench.fleets.years --json
     python -m bench.fleets.years --measure STATE_FOLDER    # sizes of the files of a planned job
 
-Every night a job is planned, printed on eight printers and judged, and the database is backed up. Its files
-have the sizes of one real night and take no space (they are sparse). The state, its events, the backup and
-the prune are the daemon's own. The pictures of parts are not drawn: a file of the usual size replaces each.
+Every night a job is planned, printed on eight printers and judged, and the database is backed up. The files
+of a job have the sizes of those of a real night and take no space (they are sparse). The state, its events,
+the backup and the prune are the daemon's own. The pictures of parts are not drawn; a file of the usual size
+replaces each of them.
 """
 
 from __future__ import annotations
@@ -85,7 +86,7 @@ def write_sparse(files: Path, name: str, size: int) -> str:
 
 
 def list_printer_names(jobs: int) -> list[str]:
-    """List the names of the printers that a number of jobs a night need."""
+    """List the names of the printers that a number of jobs per night need."""
     return [f"um2-{number:02d}" for number in range(1, PARTS_PER_JOB * jobs + 1)]
 
 
@@ -97,13 +98,13 @@ def list_job_events(
     Parameters
     ----------
     number
-        The job.
+        Number of the job.
     at_s
         Time of its submission in farm seconds.
     names
-        Its files in the store, by kind.
+        Names of its files in the store, by kind.
     printers
-        Its printers, one for each part.
+        Names of its printers, one for each part.
     """
     (model,) = names["model"]
     job = Job(
@@ -209,7 +210,7 @@ class NoEffects:
     """Effects of a farm without agents."""
 
     def perform(self, effect: object, books: Books) -> None:
-        """Do nothing, as there are no agents."""
+        """Do nothing, because there are no agents."""
 
 
 def measure_job(state: StateFolder, number: int) -> dict[str, list[int]]:

@@ -142,13 +142,17 @@ def make_propeller() -> Solid:
         turn = rotation_matrix(i * 2.0 * math.pi / 3.0, [0.0, 0.0, 1.0])[:3, :3]
         rings = []
         for r in np.linspace(10.0, 120.0, 20):
-            width, thickness, twist = 22.0 + 8.0 * math.sin(r / 40.0), 6.0 - r / 40.0, 1.1 - 0.006 * r
-            angle = np.linspace(0.0, 2.0 * math.pi, 32, endpoint=False)
-            y, z = width * np.cos(angle), thickness * np.sin(angle)
+            width_mm, thickness_mm, twist_rad = (
+                22.0 + 8.0 * math.sin(r / 40.0),
+                6.0 - r / 40.0,
+                1.1 - 0.006 * r,
+            )
+            angle_rad = np.linspace(0.0, 2.0 * math.pi, 32, endpoint=False)
+            y, z = width_mm * np.cos(angle_rad), thickness_mm * np.sin(angle_rad)
             ring = [
                 0.0 * y + r,
-                y * math.cos(twist) - z * math.sin(twist),
-                y * math.sin(twist) + z * math.cos(twist),
+                y * math.cos(twist_rad) - z * math.sin(twist_rad),
+                y * math.sin(twist_rad) + z * math.cos(twist_rad),
             ]
             rings.append(np.stack(ring, axis=1) @ turn.T)
         blades.append(make_loft(rings))

@@ -13,29 +13,27 @@ from trimesh.transformations import rotation_matrix
 from decompose.geometry import Solid
 from examples.make_aqueduct import aqueduct
 
-_ROUND = 48
-
 
 def make_solid(mesh: trimesh.Trimesh) -> Solid:
     """Make a solid from a mesh."""
     return Solid.from_arrays(mesh.vertices, mesh.faces)
 
 
-def make_rod(start: tuple[float, ...], end: tuple[float, ...], radius: float) -> Solid:
+def make_rod(start: tuple[float, ...], end: tuple[float, ...], radius_mm: float) -> Solid:
     """Make a cylinder between two points, in mm."""
-    return make_solid(creation.cylinder(radius, segment=[start, end], sections=24))
+    return make_solid(creation.cylinder(radius_mm, segment=[start, end], sections=24))
 
 
-def make_ellipsoid(centre: tuple[float, ...], radii: tuple[float, ...]) -> Solid:
+def make_ellipsoid(centre: tuple[float, ...], radii_mm: tuple[float, ...]) -> Solid:
     """Make an ellipsoid by its centre and its radii, in mm."""
     mesh = creation.icosphere(4, 1.0)
-    mesh.apply_scale(radii)
+    mesh.apply_scale(radii_mm)
     mesh.apply_translation(centre)
     return make_solid(mesh)
 
 
 def make_loft(rings: list[np.ndarray]) -> Solid:
-    """Make a body through closed rings (k, n, 3) of points, one above the other."""
+    """Make a body through closed rings (k, n, 3) of points, one above another."""
     n, k = len(rings[0]), len(rings)
     vertices = np.concatenate([*rings, [rings[0].mean(axis=0), rings[-1].mean(axis=0)]])
     faces = []

@@ -25,9 +25,11 @@ from slicing.plate import PlateRequest, slice_plate
 from slicing.settings import find_engine
 
 
-def make_block(x: float, y: float, z: float, width: float, depth: float, height: float) -> Solid:
-    """Make a block by its corner and its size in mm."""
-    return Solid.box((x, y, z), (x + width, y + depth, z + height))
+def make_block(
+    x_mm: float, y_mm: float, z_mm: float, width_mm: float, depth_mm: float, height_mm: float
+) -> Solid:
+    """Make a block by its corner and its size."""
+    return Solid.box((x_mm, y_mm, z_mm), (x_mm + width_mm, y_mm + depth_mm, z_mm + height_mm))
 
 
 def make_plate() -> Solid:

@@ -5,8 +5,8 @@ Usage: python -m bench.prices.feature_factors --cache DIR [--seeds 1,2,3,4] [--s
 Parts are quarters of the models of `bench.unseen`, sliced by CuraEngine. The actual time of a slice's
 layers is that of its moves in the emulator's planner, with limits other than those that CuraEngine assumes.
 The factors are learned from 30 parts, as the farm learns them from prints, and tested on the others; the
-errors are means over several random splits. Parts are kept in the cache: the first run slices them, which
-takes minutes.
+errors are means over several random splits. Parts are kept in the cache, and the first run, which slices
+them, takes minutes.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ class Errors:
 
 
 def list_parts(seeds: Sequence[int], side_mm: float, cache: Path) -> Iterator[PartTimes]:
-    """Yield the times of all parts; new ones are cut, sliced and simulated."""
+    """Yield the times of all parts; parts that are not in the cache are cut, sliced and simulated."""
     cost = CostModel.from_recipe(make_recipe("glue"))
     for seed in seeds:
         for kind in KINDS:
@@ -168,7 +168,7 @@ def compute_errors(parts: Sequence[PartTimes], firmware: str, splits: int, pause
     Parameters
     ----------
     pauses
-        Number of training parts whose prints took 20 % longer, because of a pause that was not noticed.
+        Number of training parts whose prints took 20 % longer, because of an unnoticed pause.
     """
     rows = []
     for split in range(splits):

@@ -5,7 +5,7 @@ Usage: python -m bench.prices.features --cache DIR [--seeds 1,2] [--qualities gl
 
 Parts are pieces of the models of `bench.unseen`, and with --shapes the shapes of
 `bench.prices.contours`. A slice's seconds are those of its moves with acceleration and jerk
-(`bench.prices.move_times`), by the kind of their line. Parts and slices are kept in the cache, so that a
+(`bench.prices.move_times`), by the kind of their line. Parts and slices are kept in the cache, so a
 change of prices can be measured within seconds.
 """
 
@@ -132,7 +132,7 @@ def measure(posed_part: PosedPart, quality: str, cache: Path) -> Row | None:
     """Price and slice a part; None if the slice is refused."""
     request = SettingsRequest(build_slicing_printer(BEDS[PRINTER]), quality)
     settings = resolve_settings(request, find_resources())
-    # Parts are sliced alone, so that no side of them is hidden.
+    # Parts are sliced alone, so none of their sides is hidden.
     plain_settings = replace(settings, hidden_wall_ratio=1.0, has_single_hidden_walls=False)
     recipe = build_recipe(plain_settings, prelude_s=0.0)
     pose = price_part(posed_part, CostModel.from_recipe(recipe), quality == "glue")

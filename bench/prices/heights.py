@@ -1,4 +1,4 @@
-"""Share of heights that can be printed exactly, by the change of the first layer that this needs.
+"""Share of heights that can be printed exactly, by the change of the first layer that they need.
 
 Usage: python -m bench.prices.heights [--from-mm 5] [--to-mm 205] [--json]
 

@@ -3,7 +3,7 @@
 Models are cut by the engine `guillotine` and drilled. The first parts are sliced without connectors, and
 again with only their keys, pins, marks or gutters. The time that a kind adds is fitted as a price per piece,
 or per mm of gutter, separately for faces that are upright, on top, and towards the bed. Errors are relative
-to the print time of the bare part, and all models have the same weight. Parts that get support are left out.
+to the print time of the bare part, and all models have the same weight. Parts that get support are ignored.
 --fit fits the samples of several runs with --json together. The fitted prices are stored in
 `decompose.results.connector_prices`.
 
@@ -32,12 +32,12 @@ from decompose.files.names import find_part_number
 from decompose.results import Decomposition, connect_parts
 from decompose.results.connector_prices import compute_price_factor, count_tools
 
-MAX_ADDED_SUPPORT_MM = 1.0  # of filament; with more, the added time is not that of a groove alone
+MAX_ADDED_SUPPORT_MM = 1.0  # maximum filament of added supports; with more, they add time themselves
 
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """Part sliced with one kind of connector: the amount for each price, and the time that they add."""
+    """Part sliced with one kind of connector: the amount for each price, and the added time."""
 
     part: str
     bare_s: float
@@ -63,14 +63,17 @@ def slice_kinds(result: Decomposition, count: int) -> Iterator[Sample]:
     solids_by_kind = [drill_parts(blanks, kind) for kind in kinds]
     for number, part in enumerate(result.parts[:count]):
         with tempfile.TemporaryDirectory() as folder:
-            bare = slice_part(part, part.solid, Path(folder))
+            bare_slice = slice_part(part, part.solid, Path(folder))
             for kind, solids in zip(kinds, solids_by_kind, strict=True):
                 amounts = count_tools(kind, number, blanks[number].up)
                 if amounts:
-                    drilled = slice_part(part, solids[number], Path(folder))
-                    if abs(drilled.support_filament_mm - bare.support_filament_mm) < MAX_ADDED_SUPPORT_MM:
-                        added_s = drilled.sliced_s - bare.sliced_s
-                        yield Sample(part.id, bare.sliced_s, added_s, dict(amounts))
+                    drilled_slice = slice_part(part, solids[number], Path(folder))
+                    if (
+                        abs(drilled_slice.support_filament_mm - bare_slice.support_filament_mm)
+                        < MAX_ADDED_SUPPORT_MM
+                    ):
+                        added_s = drilled_slice.sliced_s - bare_slice.sliced_s
+                        yield Sample(part.id, bare_slice.sliced_s, added_s, dict(amounts))
 
 
 def fit_prices(samples: list[Sample]) -> dict[str, float]:
@@ -107,8 +110,8 @@ def main() -> None:
     options = parser.parse_args()
     samples = [Sample(**row) for path in options.fit for row in json.loads(path.read_text())["samples"]]
     for name in options.models:
-        drilled = connect_parts(cut_case(name, options.printers, options.longest_side))
-        for sample in slice_kinds(drilled, options.slices):
+        drilled_result = connect_parts(cut_case(name, options.printers, options.longest_side))
+        for sample in slice_kinds(drilled_result, options.slices):
             samples.append(replace(sample, part=f"{Path(name).stem} {sample.part}"))
             if not options.json:
                 print(

@@ -49,8 +49,8 @@ KINDS = {
     "support_s": ("support", "support sides"),
     "brim_s": ("brim",),
 }
-REST = ("slope ends", "infill ends", "travel", *SUPPORT)
-ROUNDS, MIN_ERROR = 30, 1e-3  # number of rounds of the fit; lower limit of an error in the weights
+REST_TERMS = ("slope ends", "infill ends", "travel", *SUPPORT)
+ROUNDS, MIN_ERROR = 30, 1e-3  # number of rounds of the fit, and lower limit of an error in the weights
 COLUMN_TERM = "columns"  # term of the search's tables, in place of the terms of supports
 
 
@@ -81,7 +81,7 @@ class Dataset:
         factors = dict.fromkeys(FACTORS, 0.0)
         weight = 1.0 / self.sliced_s[rows]
         rest_s = self.sliced_s - sum(self.kinds.values(), np.zeros(len(self.sliced_s)))
-        for names, seconds in [*((KINDS[kind], self.kinds[kind]) for kind in KINDS), (REST, rest_s)]:
+        for names, seconds in [*((KINDS[kind], self.kinds[kind]) for kind in KINDS), (REST_TERMS, rest_s)]:
             matrix = np.array([self.terms[name][rows] * weight for name in names]).T
             for name, factor in zip(names, _fit(matrix, seconds[rows] * weight), strict=True):
                 factors[name] += float(factor)
@@ -91,7 +91,7 @@ class Dataset:
         return factors
 
     def compute_errors(self, factors: dict[str, float], by_tables: bool) -> Floats:
-        """Compute relative errors (rows,): of the tables' prices, or of prices with the part's supports."""
+        """Compute the relative errors (rows,) of the prices from tables, or with the part's supports."""
         excluded_terms = SUPPORT if by_tables else (COLUMN_TERM,)
         total, body = np.zeros((2, len(self.sliced_s)))
         for name, factor in factors.items():
@@ -120,12 +120,12 @@ def _fit(matrix: Floats, target: Floats) -> Floats:
 
 def _list_features(row: Row, brim_mm: float) -> Floats:
     """Return the features in the order of `print_time.recipe.FEATURES`."""
-    ring = brim_mm * (2.0 * (row.width_mm + row.depth_mm) + math.pi * brim_mm)
+    brim_ring_mm2 = brim_mm * (2.0 * (row.width_mm + row.depth_mm) + math.pi * brim_mm)
     additive = [getattr(row, name) for name in ADDITIVE_FEATURES]
-    rim = math.sqrt(row.skin_mm2)
+    skin_rim_mm = math.sqrt(row.skin_mm2)
     supports = [row.support_mm3, row.support_side_mm2, row.towers_mm, row.islands_mm]
     # Distances of islands, holes, contours and thin walls were not measured.
-    known_features = [*additive, row.height_mm, rim, ring, *supports]
+    known_features = [*additive, row.height_mm, skin_rim_mm, brim_ring_mm2, *supports]
     return np.array(known_features + [0.0] * (len(FEATURES) - len(known_features)))
 
 

@@ -1,8 +1,8 @@
 """Seconds of each kind of line in G-code, with acceleration and jerk as CuraEngine plans them.
 
-Each layer starts and ends at a stop. A retraction counts by itself, a move without filament as travel. Speeds
-are propagated over all moves, as in CuraEngine; `slicing.checks.feature_times` is an estimate from the few
-moves around each junction.
+Each layer starts and ends at a stop. A retraction counts separately, and a move without filament counts as
+travel. Speeds are propagated over all moves, as in CuraEngine; `slicing.checks.feature_times` is an estimate
+from the few moves around each junction.
 """
 
 from __future__ import annotations
@@ -44,17 +44,17 @@ def measure_features_s(gcode: str) -> dict[str, float]:
 
 
 def read_moves(gcode: str) -> tuple[Floats, Ints, Ints]:
-    """Read moves (n, 5), as `plan_moves_s` takes them, the index of each in `KINDS` (n,), and the stops."""
-    position, feed, kind = dict.fromkeys("XYZE", 0.0), 1.0, 0
+    """Read the moves (n, 5) for `plan_moves_s`, the index of each in `KINDS` (n,), and the stops."""
+    position, feed_mm_s, kind = dict.fromkeys("XYZE", 0.0), 1.0, 0
     moves, kinds, stops = [], [], []
     for line in gcode.splitlines():
         if line.startswith(("G0 ", "G1 ")):
             values = {letter: float(value) for letter, value in _WORD.findall(line)}
-            feed = values.pop("F", 60.0 * feed) / 60.0
+            feed_mm_s = values.pop("F", 60.0 * feed_mm_s) / 60.0
             delta = [values.get(axis, position[axis]) - position[axis] for axis in "XYZE"]
             position.update(values)
             if any(delta):
-                moves.append((*delta, feed))
+                moves.append((*delta, feed_mm_s))
                 is_still = delta[0] == delta[1] == 0.0
                 kinds.append(1 if is_still and delta[3] else kind if delta[3] > 0.0 else 0)
         elif line.startswith("G92 "):
@@ -104,8 +104,8 @@ def plan_moves_s(moves: Floats, stops: Ints) -> Floats:
         junction_mm_s = min(junction_mm_s, nominal_mm_s[i])
         while stop < len(stops) and stops[stop] < i:
             stop += 1
-        at_rest = i == 0 or (stop < len(stops) and stops[stop] == i)
-        if not at_rest and last_mm_s > 0.0001:
+        is_at_rest = i == 0 or (stop < len(stops) and stops[stop] == i)
+        if not is_at_rest and last_mm_s > 0.0001:
             jerk_mm_s = np.sqrt((speed[0] - previous_speed[0]) ** 2 + (speed[1] - previous_speed[1]) ** 2)
             if jerk_mm_s > JERK_MM_S[0]:
                 share = JERK_MM_S[0] / jerk_mm_s
@@ -114,7 +114,7 @@ def plan_moves_s(moves: Floats, stops: Ints) -> Floats:
                 if change_mm_s > JERK_MM_S[axis]:
                     share = min(share, JERK_MM_S[axis] / change_mm_s)
             junction_mm_s = min(last_mm_s, nominal_mm_s[i] * share)
-        limit_mm_s[i] = STANDSTILL_MM_S if at_rest else junction_mm_s
+        limit_mm_s[i] = STANDSTILL_MM_S if is_at_rest else junction_mm_s
         last_mm_s = nominal_mm_s[i]
         previous_speed[:] = speed
     next_mm_s = STANDSTILL_MM_S

@@ -33,7 +33,14 @@ from decompose.errors import DecomposeError
 from decompose.geometry import Solid, write_stl
 from decompose.options import Options
 from decompose.pieces import find_cut_faces
-from decompose.print_time import POSE_ROTATIONS, TOUCHED_MM2, CostModel, Pose, find_best_pose, measure_pose
+from decompose.print_time import (
+    MIN_TOUCHED_MM2,
+    POSE_ROTATIONS,
+    CostModel,
+    Pose,
+    find_best_pose,
+    measure_pose,
+)
 from decompose.printers import PrinterRoom
 from decompose.results import Part
 from drivers.printers import BEDS, PROFILES, list_usable_volumes
@@ -178,7 +185,7 @@ def summarise(rows: list[Row]) -> dict[str, Any]:
         values = [a / b for a, b in pairs if a is not None and b is not None]
         return {"mean": float(np.mean(values)), "worst": max(values), "parts": len(values)}
 
-    is_touched = [t > TOUCHED_MM2 for r in rows for t in r.axes_touched_mm2]
+    is_touched = [t > MIN_TOUCHED_MM2 for r in rows for t in r.axes_touched_mm2]
     return {
         "schema": 1,
         "to_best_axis": compute_ratios([(r.chosen_s, r.find_best_axis_s()) for r in rows]),
@@ -189,7 +196,7 @@ def summarise(rows: list[Row]) -> dict[str, Any]:
         "to_pose_in_model": compute_ratios([(r.chosen_s, r.pose_in_model_s) for r in rows]),
         "price_ratio": compute_ratios([(r.price_s, r.chosen_s) for r in rows]),
         "stand": sum(r.stands for r in rows),
-        "touched": sum(r.touched_mm2 > TOUCHED_MM2 for r in rows),
+        "touched": sum(r.touched_mm2 > MIN_TOUCHED_MM2 for r in rows),
         "axes_touched_share": float(np.mean(is_touched)),
         "compute_s": sum(r.compute_s for r in rows),
         "parts": [asdict(r) for r in rows],

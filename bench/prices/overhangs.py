@@ -29,7 +29,7 @@ from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_
 CASES = ((0.25, 45.0), (0.1, 45.0), (0.25, 60.0))  # layer height in mm, support angle in degrees
 YAWS_DEG = (0.0, 33.0)
 HEIGHT_MM, SIDE_MM = 20.0, 30.0
-SEARCH_RANGE_DEG, HALVINGS = 3.0, 6  # start of the search, and number of its halvings
+SEARCH_RANGE_DEG, HALVING_COUNT = 3.0, 6  # start of the search, and number of its halvings
 
 
 def make_leaning_block(angle_deg: float, yaw_deg: float) -> trimesh.Trimesh:
@@ -59,7 +59,7 @@ def find_angles(layer_mm: float, angle_deg: float, yaw_deg: float, folder: Path)
         SettingsRequest(build_slicing_printer(BEDS[PRINTER]), "paper", overrides=overrides), find_resources()
     )
     bare_deg, supported_deg = angle_deg - SEARCH_RANGE_DEG, angle_deg
-    for _ in range(HALVINGS):
+    for _ in range(HALVING_COUNT):
         middle_deg = (bare_deg + supported_deg) / 2.0
         if is_supported(make_leaning_block(middle_deg, yaw_deg), settings, folder):
             supported_deg = middle_deg

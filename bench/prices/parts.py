@@ -1,6 +1,6 @@
 """Dataset of the print-time model: parts of decompositions, sliced at several settings.
 
-Only figures are stored: the scripts can recreate models, parts and slices.
+Only figures are stored, because the scripts can recreate models, parts and slices.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from slicing.plate import PlateRequest, slice_plate
 from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_resources, resolve_settings
 
 PRINTER = "ultimaker2_plus"
-# Large enough for every part: only times are measured.
+# It is large enough for every part, because only times are measured.
 ENDLESS_BED = ((-500.0, -500.0, 500.0, 500.0, 500.0),)
 PRINTER_COUNTS = (4, 9)  # printers, for parts of two sizes
 OTHER_MODEL_MM = 200.0  # longest side of a model from a folder
@@ -200,7 +200,7 @@ def list_parts(models: Iterable[tuple[str, Model]], max_parts: int) -> Iterator[
             except DecomposeError as error:
                 print(f"{name} for {count}: {error}", file=sys.stderr)
                 continue
-            # Seeded anew for each model, so that adding a model does not change the other rows.
+            # The generator is seeded for each model, so adding a model does not change the other rows.
             rng = np.random.default_rng(count)
             rng.shuffle(parts)  # type: ignore[arg-type]
             for part in parts[:max_parts]:
@@ -250,7 +250,7 @@ def measure(posed_part: PosedPart, setting: str, folder: Path, cache: Path | Non
 def measure_kinds_s(gcode: str) -> dict[str, float]:
     """Compute the seconds of extrusion of each kind of line: length over speed, without acceleration."""
     seconds = dict.fromkeys(FIELDS_BY_FEATURE.values(), 0.0)
-    kind, position, feed = "", dict.fromkeys("XYZEF", 0.0), 1.0
+    kind, position, feed_mm_s = "", dict.fromkeys("XYZEF", 0.0), 1.0
     for line in gcode.splitlines():
         if line.startswith(";TYPE:"):
             kind = FIELDS_BY_FEATURE.get(line[6:], "")
@@ -258,10 +258,10 @@ def measure_kinds_s(gcode: str) -> dict[str, float]:
             next_position = position | {
                 text[0]: float(text[1:]) for text in re.findall(r"[XYZEF]-?[\d.]+", line)
             }
-            length = math.dist([position[a] for a in "XYZ"], [next_position[a] for a in "XYZ"])
-            feed = next_position["F"] / 60.0 or feed
+            length_mm = math.dist([position[a] for a in "XYZ"], [next_position[a] for a in "XYZ"])
+            feed_mm_s = next_position["F"] / 60.0 or feed_mm_s
             if kind and next_position["E"] > position["E"] and not line.startswith("G92"):
-                seconds[kind] += length / feed
+                seconds[kind] += length_mm / feed_mm_s
             position = next_position
     return seconds
 

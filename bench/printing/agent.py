@@ -58,7 +58,7 @@ class FakeBoard:
         self.boot_end_s = time.monotonic() + BOOT_S
 
     def receive(self, now_s: float) -> float | None:
-        """Process received bytes; return the time at which the ok to a move is due, None without a move."""
+        """Process received bytes; return the time at which the ok to a move is due, or None."""
         data = self.port.read()
         if self.boot_end_s:
             return None
@@ -272,7 +272,7 @@ def main() -> None:
     parser.add_argument("--lines", type=int, default=1000, help="lines of each agent")
     parser.add_argument("--rate", type=float, default=50.0, help="lines per second of each agent")
     parser.add_argument(
-        "--megabytes", type=int, default=0, help="size of the file, of which --lines are printed"
+        "--megabytes", type=int, default=0, help="size of the file; only --lines of it are printed"
     )
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()

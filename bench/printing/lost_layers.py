@@ -60,7 +60,7 @@ SLICE_SETTINGS: dict[str, dict[str, str]] = {
 }
 """Settings of CuraEngine, in addition to those of the quality."""
 _SIZE_MM = 22.0
-"""Longest side of a model: enough layers, and a short slicing time."""
+"""Longest side of a model, which gives enough layers and a short slicing time."""
 _LAYER = re.compile(rb"(?m)^;LAYER:(-?\d+)\r?\n")
 _FEED = re.compile(rb"(?m)^G1[^\n]* [XY][^\n]* E")
 _END = re.compile(rb"(?m)^;TIME_ELAPSED:[^\n]*\n")
@@ -110,7 +110,7 @@ CUTS: dict[str, Cut] = {
 
 
 class ZeroStopwatch:
-    """Stopwatch that always reads 0, as acceptance does not depend on it."""
+    """Stopwatch that always reads 0, because acceptance does not depend on it."""
 
     def move(self, x: float, y: float, z: float, e: float, speed_mm_s: float) -> None:
         """Ignore a move."""
@@ -199,7 +199,7 @@ def split_layers(gcode: bytes) -> tuple[bytes, list[bytes], bytes]:
 
 
 def find_refusal(gcode: bytes, target: PrintTarget) -> str | None:
-    """Read a file; return the reason for its refusal, None if it is accepted."""
+    """Read a file; return the reason for its refusal, or None if it is accepted."""
     try:
         accept_gcode(gcode.splitlines(keepends=True), target, stopwatch=ZeroStopwatch())
     except GcodeRefused as refused:

@@ -93,7 +93,7 @@ class FaultKind:
     Attributes
     ----------
     to_board, to_host
-        Damage to the line, and to the answer; None: undamaged.
+        Damage to the line, and to the answer; None for no damage.
     line_pattern
         Regular expression of the lines that are damaged.
     """
@@ -144,7 +144,7 @@ _REFUSAL_DAMAGES: dict[str, Damage] = {
     "Resend garbled": flip_digit,
     "Error and Resend lost": replace_match(rb"(?s)Error:.*Resend: \d+\n"),
     "its ok lost": replace_match(rb"ok\n"),
-    "all of it lost": remove_all_bytes,
+    "all lost": remove_all_bytes,
     "newline of Error lost": lambda data, rng: remove_bytes(data, data.index(b"\n")),
     "newline of Resend lost": replace_match(rb"\nok\n", b"ok\n"),
     "newline of its ok lost": lambda data, rng: data[:-1],

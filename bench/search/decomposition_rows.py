@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 PART_ENGINES = ("symmetry", "cube-skeleton")
-"""Engines other than `best` that take no number of printers."""
+"""Engines that take no number of printers."""
 
 
 def compute_row(
     model: str, printers: int, engine: str, report: dict[str, Any], sliced_s: list[float | None] | None
 ) -> dict[str, Any]:
-    """Compute one row of the table. Times are CuraEngine's where every part was sliced, else prices.
+    """Compute one row of the table. Times are CuraEngine's if every part was sliced, else prices.
 
     Parameters
     ----------
@@ -33,12 +33,12 @@ def compute_row(
     if "refused" in report:
         return row | {"refused": report["refused"]}
     estimated_s = [part["estimated_s"] for part in report["parts"]]
-    all_sliced = sliced_s is not None and all(seconds is not None for seconds in sliced_s)
-    times_s = [float(s) for s in sliced_s if s is not None] if sliced_s and all_sliced else estimated_s
+    is_sliced = sliced_s is not None and all(seconds is not None for seconds in sliced_s)
+    times_s = [float(s) for s in sliced_s if s is not None] if sliced_s and is_sliced else estimated_s
     row |= {
         "winning_engine": report["engine"],
         "parts": len(times_s),
-        "sliced": all_sliced,
+        "sliced": is_sliced,
         "not_sliced": sum(s is None for s in sliced_s) if sliced_s else None,
         "parallel_s": max(times_s),
         "estimated_s": max(estimated_s),
@@ -58,7 +58,7 @@ def compute_row(
         "attempts": report["attempts"],
         "cells": report["cells"],
     }
-    if all_sliced:
+    if is_sliced:
         row["cost_error"] = float(
             np.mean([abs(e / t - 1.0) for e, t in zip(estimated_s, times_s, strict=True)])
         )

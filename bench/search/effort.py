@@ -1,4 +1,4 @@
-"""Counted effort of decomposition against CPU time, and the price of each kind of work.
+"""Counted effort of decomposition compared with CPU time, and the price of each kind of work.
 
 Usage: python -m bench.search.effort MODEL... [--printers 8,20] [--engines guillotine,parallelobox]
        [--side 450] [--json]

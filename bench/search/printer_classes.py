@@ -5,8 +5,8 @@ Usage: python -m bench.search.printer_classes MODEL... [--plus 16] [--extended 4
 
 Makespans are those of the cost model, with each part on its printer. "Shared" is a cut for equal printers
 with the smallest volume and one speed, whose parts are then assigned so that the makespan is shortest.
-`--spread`: the time factors of the printers are spread evenly around 1 by this share, in random order.
-`--wide`: number of 2+ with a wide nozzle, with which a part takes 0.45 of the time.
+`--spread` is the share by which the time factors of the printers are spread evenly around 1, in random order.
+`--wide` is the number of 2+ with a wide nozzle, with which a part takes 0.45 of the time.
 """
 
 from __future__ import annotations

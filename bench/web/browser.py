@@ -1,11 +1,11 @@
 """Home of a large fleet in Chromium: stalls of its main thread, first paint, and the size of pages.
 
 ``PYTHONPATH=tests/support python -m bench.web.browser [--printers N] [--seconds S] [--json]``. The farm is
-that of `bench.web.live`: all printers print, and each has another temperature every second. A stall is a
+that of `bench.web.live`: all printers print, and their temperatures change every second. A stall is a
 task of the page's main thread, measured by its CPU time, which other work on the machine does not lengthen,
-and by its wall time. The goal applies to the quickest of the first paints, as other work only lengthens them.
-A phone is simulated by a processor that is four times slower, and by slow 4G as Lighthouse defines it: 150 ms
-and 1.6 Mbit/s. The exit status is 1 if a goal is missed.
+and by its wall time. The goal applies to the quickest of the first paints, because other work only lengthens
+them. A phone is simulated by a processor that is four times slower, and by slow 4G as Lighthouse defines it:
+150 ms and 1.6 Mbit/s. The exit status is 1 if a goal is missed.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from browser.chromium import CHROMIUM, Chromium  # type: ignore[import-not-found
 from farm.web.pages.static_files import load_static_files
 
 GOALS = {"stall_ms": 50.0, "paint_ms": 300.0, "phone_paint_ms": 1000.0, "home_kb": 60.0, "viewer_kb": 250.0}
-_LOADS = 12
+_LOAD_COUNT = 12
 _SLOW_4G = {"latency": 150, "downloadThroughput": 1.6e6 / 8, "uploadThroughput": 0.75e6 / 8}
-_UNLIMITED = {"latency": 0, "downloadThroughput": -1, "uploadThroughput": -1}
+_UNLIMITED_NETWORK = {"latency": 0, "downloadThroughput": -1, "uploadThroughput": -1}
 _PAINT = "performance.getEntriesByName('first-contentful-paint')[0]?.startTime ?? 0"
 _WEIGHT = """performance.getEntries().reduce((sum, one) => sum + (one.transferSize ?? 0), 0)"""
 
@@ -73,7 +73,7 @@ async def load_page(
     await tab.call("Emulation.setCPUThrottlingRate", rate=slowdown)
     await tab.call("Network.emulateNetworkConditions", offline=False, **network)
     paints = []
-    for _ in range(_LOADS):
+    for _ in range(_LOAD_COUNT):
         await tab.open(address)
         await tab.wait_for(f"{_PAINT} > 0")
         paints.append(float(await tab.evaluate(_PAINT)))
@@ -85,9 +85,9 @@ async def measure_home(port: int, key: str, seconds: float, folder: Path) -> dic
     home = f"http://127.0.0.1:{port}/"
     async with Chromium(folder, "") as tab:
         await tab.call("Network.setExtraHTTPHeaders", headers={"X-Api-Key": key})
-        paints_ms, home_kb = await load_page(tab, home, 1, _UNLIMITED)
+        paints_ms, home_kb = await load_page(tab, home, 1, _UNLIMITED_NETWORK)
         phone_paints_ms, _ = await load_page(tab, home, 4, _SLOW_4G)
-        await load_page(tab, home, 1, _UNLIMITED)
+        await load_page(tab, home, 1, _UNLIMITED_NETWORK)
         tasks = await Tracer(tab).trace(seconds)
     viewer = load_static_files().get("viewer.js")
     return {

@@ -31,7 +31,7 @@ class WebFarm:
     def __init__(self, folder: Path, printers: Sequence[str] = ("um2-01",)) -> None:
         with socket.create_server(("127.0.0.1", 0)) as probe:
             self.port = probe.getsockname()[1]
-        # Compiled before the start, so that the first model does not wait for it.
+        # The kernels are compiled before the start, so the first model does not wait for them.
         compilation = [sys.executable, "-m", "decompose.compilation"]
         subprocess.run(compilation, check=True, stdout=subprocess.DEVNULL)
         self.state, self.fleet = folder / "state", folder / "fleet.yaml"

@@ -36,7 +36,7 @@ GOALS = {
     "prints_without_permission": 0,
     "uploads_left": 0, "new_descriptors": 4, "memory_growth_mb_per_100000": 20.0,
 }  # fmt: skip
-_CAMERA_SILENT = 503
+_SILENT_CAMERA_STATUS = 503
 _MAX_SHOWN = 20
 
 
@@ -116,7 +116,7 @@ class RequestSender:
         if request.intact and not statuses:
             self.unanswered += 1
             self.failures.append((statuses, request.data))
-        if any(status >= 500 and status != _CAMERA_SILENT for status in statuses):
+        if any(status >= 500 and status != _SILENT_CAMERA_STATUS for status in statuses):
             self.failures.append((statuses, request.data))
 
 

@@ -1,8 +1,8 @@
 """CPU time of the Home page with many viewers of a large fleet, and the bytes that each of them receives.
 
 ``python -m bench.web.live [--printers N] [--viewers N] [--seconds S] [--json]``. A process serves the
-pages of printers that all print: each second, each has another temperature and progress. No agents run, so
-that the CPU time is that of the telemetry, the pages and their streams alone. The viewers are streams over
+pages of printers that all print; their temperatures and progress change every second. No agents run, so the
+CPU time is that of the telemetry, the pages and their streams alone. The viewers are streams over
 loopback, half of them with another role. The exit status is 1 if a goal is missed.
 """
 

@@ -1,7 +1,8 @@
-"""Random requests to the farm's server for the network: every route, hostile values, broken framing. Pure.
+"""Random requests to the farm's server for the network: every route, hostile values, broken framing.
 
 A third of the requests are plain and valid. Others are well-formed HTTP for a known route with valid or
 hostile values, or have damaged heads, lengths, chunks or bytes. The same random seed gives the same requests.
+All functions are pure.
 """
 
 from __future__ import annotations

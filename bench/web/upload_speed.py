@@ -1,10 +1,10 @@
 """Speed of uploads from the network, and the daemon's response times during them.
 
 ``python -m bench.web.upload_speed [--mb MB] [--times N] [--form] [--json]``. A real daemon runs with one
-simulated printer. This process sends a file of that size over loopback TCP with a key: with `--form` as
+simulated printer. This process sends a file of MB megabytes over loopback TCP with a key: with `--form` as
 slicers do (multipart), else as `farm submit` does. Another process requests `GET /status` on the Unix socket
-and on TCP every 50 ms. The file is G-code that is refused because of its first line, so that the answer comes
-as soon as the last byte is on the disk. A further upload is cut off in the middle, and the files that it
+and on TCP every 50 ms. The file is G-code that is refused because of its first line, so the answer comes as
+soon as the last byte is on the disk. A further upload is cut off in the middle, and the files that it
 leaves on the disk are counted.
 """
 

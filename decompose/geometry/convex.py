@@ -7,7 +7,7 @@ import numpy as np
 from decompose.arrays import Floats
 from decompose.jit import jit
 
-FLAT_MM2 = 1e-9  # three points with less than half this area are collinear
+COLLINEAR_MM2 = 1e-9  # twice the area of a triangle up to which its corners count as collinear
 
 
 @jit
@@ -38,7 +38,7 @@ def find_convex_outline(points: Floats) -> Floats:
             while count >= begin + 2:
                 ax, ay = chain[count - 2]
                 bx, by = chain[count - 1]
-                if (bx - ax) * (y - ay) - (by - ay) * (x - ax) > FLAT_MM2:
+                if (bx - ax) * (y - ay) - (by - ay) * (x - ax) > COLLINEAR_MM2:
                     break
                 count -= 1
             chain[count, 0], chain[count, 1] = x, y
@@ -64,21 +64,21 @@ def find_half_planes(outline: Floats) -> Floats:
     edges = np.zeros((len(outline), 3))
     for i in range(len(outline)):
         a, b = outline[i], outline[(i + 1) % len(outline)]
-        length = np.hypot(b[0] - a[0], b[1] - a[1])
-        nx, ny = (b[1] - a[1]) / length, (a[0] - b[0]) / length
+        length_mm = np.hypot(b[0] - a[0], b[1] - a[1])
+        nx, ny = (b[1] - a[1]) / length_mm, (a[0] - b[0]) / length_mm
         edges[i, 0], edges[i, 1], edges[i, 2] = nx, ny, -(nx * a[0] + ny * a[1])
     return edges
 
 
 @jit
-def measure_rectangles(outline: Floats, angles: Floats) -> Floats:
+def measure_rectangles(outline: Floats, angles_rad: Floats) -> Floats:
     """Measure the width and the depth of an outline that is rotated by minus each of n angles.
 
     Parameters
     ----------
     outline
         (k, 2) float64 in mm, of `find_convex_outline`.
-    angles
+    angles_rad
         (n,) float64 in radians.
 
     Returns
@@ -86,9 +86,9 @@ def measure_rectangles(outline: Floats, angles: Floats) -> Floats:
     ndarray
         (n, 2) float64 in mm.
     """
-    sides = np.zeros((len(angles), 2))
-    for i in range(len(angles)):
-        ux, uy = np.cos(angles[i]), np.sin(angles[i])
+    sides = np.zeros((len(angles_rad), 2))
+    for i in range(len(angles_rad)):
+        ux, uy = np.cos(angles_rad[i]), np.sin(angles_rad[i])
         low, high = np.full(2, np.inf), np.full(2, -np.inf)
         for k in range(len(outline)):
             u = outline[k, 0] * ux + outline[k, 1] * uy
@@ -113,15 +113,15 @@ def find_smallest_rectangle(outline: Floats) -> float:
     float
         Angle in radians.
     """
-    best, angle = np.inf, 0.0
+    best_mm2, angle_rad = np.inf, 0.0
     for i in range(len(outline)):
         a, b = outline[i], outline[(i + 1) % len(outline)]
-        side = np.hypot(b[0] - a[0], b[1] - a[1])
-        ux, uy = (b[0] - a[0]) / side, (b[1] - a[1]) / side
+        side_mm = np.hypot(b[0] - a[0], b[1] - a[1])
+        ux, uy = (b[0] - a[0]) / side_mm, (b[1] - a[1]) / side_mm
         along_edge = outline[:, 0] * ux + outline[:, 1] * uy
         across = outline[:, 1] * ux - outline[:, 0] * uy
         u, v = along_edge.max() - along_edge.min(), across.max() - across.min()
-        if u * v < best - 1e-6:  # of rectangles of equal size, the first one is taken
-            best = u * v
-            angle = np.arctan2(uy, ux) if u >= v else np.arctan2(ux, -uy)
-    return float(angle)
+        if u * v < best_mm2 - 1e-6:  # of rectangles of equal size, the first one is taken
+            best_mm2 = u * v
+            angle_rad = np.arctan2(uy, ux) if u >= v else np.arctan2(ux, -uy)
+    return float(angle_rad)

@@ -25,12 +25,12 @@ MAX_PLY_HEADER_BYTES = HEAD_BYTES
 
 _COMMENTS = (b"#", b"comment")
 _CORNER_BYTES = 4  # minimum bytes of a corner in a binary PLY
-_CONTINUED = re.compile(rb"\\\r?\n")
+_LINE_CONTINUATION = re.compile(rb"\\\r?\n")
 _PLY_BINARY = re.compile(rb"format\s+binary")
 
 
 def check_limits(name: str, data: bytes, suffix: str, memory_bytes: int | None) -> None:
-    """Refuse a file that has more triangles than fit in memory, too large a face, or an unterminated header.
+    """Refuse a file with more triangles than fit in memory, too large a face, or an unterminated header.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def count_triangles(data: bytes, suffix: str) -> int:
 def _count_corners(data: bytes) -> int:
     """Count the corners of the largest face of a text file; 0 if no face has more than `MAX_CORNERS`."""
     if b"\\" in data:
-        data = _CONTINUED.sub(b" ", data)
+        data = _LINE_CONTINUATION.sub(b" ", data)
     ends = np.flatnonzero(np.frombuffer(data, np.uint8) == ord("\n"))
     begins, ends = np.append(0, ends + 1), np.append(ends, len(data))
     is_long = ends - begins > 2 * MAX_CORNERS  # a corner takes at least a digit and a blank

@@ -39,17 +39,17 @@ from decompose.geometry.threemf import read_3mf
 from decompose.geometry.weld import weld_triangles
 
 SUFFIXES = (".stl", ".obj", ".ply", ".off", ".3mf", ".step", ".stp")
-TINY_MM = 5.0  # longest side below which the unit is probably not the mm
-SMALLEST_MM = 0.1  # minimum longest side: a smaller model is thinner than the line of any nozzle
-LARGEST_MM = 1e6  # maximum coordinate: beyond it double precision is too coarse for cuts
-FLAT_RATIO = 1e-6  # minimum thickness, as a share of the longest side
+MIN_PLAUSIBLE_SIDE_MM = 5.0  # longest side below which the unit is probably not the mm
+MIN_SIDE_MM = 0.1  # minimum longest side: a smaller model is thinner than the line of any nozzle
+MAX_COORDINATE_MM = 1e6  # maximum coordinate; beyond it, double precision is too coarse for cuts
+MIN_THICKNESS_SHARE = 1e-6  # minimum thickness, as a share of the longest side
 _BATCH_TRIANGLES = 100_000  # number of triangles that are measured at a time
-UNITS = {"metres": 1000.0, "inches": 25.4}
+MM_PER_UNIT = {"metres": 1000.0, "inches": 25.4}
 
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """A model ready to cut.
+    """A model that is ready to be cut.
 
     Attributes
     ----------
@@ -99,11 +99,11 @@ def load_model(
     longest_side_mm
         Longest side of the scaled model, instead of `scale`.
     name
-        Name of the file in messages, whose suffix gives the format; by default that of the path.
+        Name of the file in messages, whose suffix gives the format; by default the name of the path.
     memory_bytes
         Memory that the process may use; None if there is no limit.
     report
-        Function that is called with a short name of each step as it begins.
+        Function that is called with a short name of each step when it begins.
 
     Raises
     ------
@@ -117,19 +117,19 @@ def load_model(
     _check_size_options(scale, longest_side_mm)
     report("reading")
     triangles, notes = _read_triangles(path, source, name, suffix, memory_bytes)
-    longest, reach = _measure_triangles(name, triangles)
-    factor = _choose_factor(name, longest, scale, longest_side_mm)
-    if longest * factor < SMALLEST_MM:
-        raise ModelTiny(f"{name}: would be less than {SMALLEST_MM:g} mm long; give a larger --longest-side")
-    if not reach * factor <= LARGEST_MM:
+    longest_side, max_coordinate = _measure_triangles(name, triangles)
+    factor = _choose_factor(name, longest_side, scale, longest_side_mm)
+    if longest_side * factor < MIN_SIDE_MM:
+        raise ModelTiny(f"{name}: would be less than {MIN_SIDE_MM:g} mm long; give a larger --longest-side")
+    if not max_coordinate * factor <= MAX_COORDINATE_MM:
         raise ModelHuge(
-            f"{name}: would reach {reach * factor:.3g} mm from its origin (limit {LARGEST_MM:g} mm): "
-            "give a smaller --longest-side, or move the model to its origin"
+            f"{name}: would reach {max_coordinate * factor:.3g} mm from its origin (limit "
+            f"{MAX_COORDINATE_MM:g} mm): give a smaller --longest-side, or move the model to its origin"
         )
     report("checking its surface")
     triangles *= factor
     surface = weld_triangles(triangles)
-    del triangles  # those of a large model take half a gigabyte
+    del triangles  # the triangles of a large model take half a gigabyte
     solid, repairs = close_surface(name, surface, report)
     return Model(solid, (*notes, *repairs), factor)
 
@@ -154,18 +154,18 @@ def _measure_triangles(name: str, triangles: Floats) -> tuple[float, float]:
             f"{name}: {bad_triangles} of {len(triangles)} triangles have a coordinate that is not a number"
         )
     lo, hi = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
-    reach = float(np.abs([lo, hi]).max())
-    scale = reach or 1.0  # so that squares neither overflow nor underflow
+    max_coordinate = float(np.abs([lo, hi]).max())
+    scale = max_coordinate or 1.0  # so that squares neither overflow nor underflow
     batches = (
         triangles[i : i + _BATCH_TRIANGLES] / scale for i in range(0, len(triangles), _BATCH_TRIANGLES)
     )
     if not any(np.cross(b[:, 1] - b[:, 0], b[:, 2] - b[:, 0]).any() for b in batches):
         raise ModelEmpty(f"{name}: has no triangle with an area; export the model again")
     size = hi / scale - lo / scale
-    if size.min() <= FLAT_RATIO * size.max():
+    if size.min() <= MIN_THICKNESS_SHARE * size.max():
         axis = "xyz"[int(size.argmin())]
         raise ModelFlat(f"{name}: is flat, without thickness along {axis}; a print needs a solid")
-    return float(size.max()) * reach, reach
+    return float(size.max()) * max_coordinate, max_coordinate
 
 
 def _replace_unprintable(text: str) -> str:
@@ -176,7 +176,7 @@ def _replace_unprintable(text: str) -> str:
 def _read_triangles(
     path: Path, source: str, name: str, suffix: str, memory_bytes: int | None
 ) -> tuple[Floats, tuple[str, ...]]:
-    """Read the triangles (m, 3, 3) of a file; return also sentences on what was left out or converted."""
+    """Read the triangles (m, 3, 3) of a file; also return sentences on what was left out or converted."""
     try:
         data = path.read_bytes()
     except (OSError, ValueError) as error:  # a path with a zero byte is a ValueError
@@ -207,7 +207,7 @@ def _read_triangles(
 
 
 def _check_stl(name: str, data: bytes) -> tuple[bytes, tuple[str, ...]]:
-    """Refuse an incomplete STL; cut off bytes after its triangles, and return also a sentence on these."""
+    """Refuse an incomplete STL; cut off bytes after its triangles, and also return a sentence on them."""
     if not is_binary_stl(data):
         if b"endsolid" not in data[-1000:].lower():
             raise ModelUnreadable(f"{name}: ends too early; copy or export it again")
@@ -250,13 +250,17 @@ def _load_triangles(name: str, data: bytes, suffix: str) -> Floats:
     return triangles.reshape(-1, 3, 3)
 
 
-def _choose_factor(name: str, longest: float, scale: float | None, longest_side_mm: float | None) -> float:
+def _choose_factor(
+    name: str, longest_side: float, scale: float | None, longest_side_mm: float | None
+) -> float:
     """Choose the factor from the file's numbers to mm; refuse a model whose unit is probably not the mm."""
     if longest_side_mm is not None:
-        return longest_side_mm / longest
+        return longest_side_mm / longest_side
     if scale is not None:
         return scale
-    if longest < TINY_MM:
-        guesses = " or ".join(f"--scale {factor:g} if it is in {unit}" for unit, factor in UNITS.items())
-        raise ModelTiny(f"{name}: longest side {longest:.3g} mm; give --longest-side MM, or {guesses}")
+    if longest_side < MIN_PLAUSIBLE_SIDE_MM:
+        guesses = " or ".join(
+            f"--scale {factor:g} if it is in {unit}" for unit, factor in MM_PER_UNIT.items()
+        )
+        raise ModelTiny(f"{name}: longest side {longest_side:.3g} mm; give --longest-side MM, or {guesses}")
     return 1.0

@@ -17,12 +17,12 @@ from decompose.errors import ModelNotSolid
 from decompose.geometry.rays import Rays, compute_unit_normals, find_bounds, find_crossings
 from decompose.geometry.solid import Solid
 
-RAYS = 40_000  # approximate number of rays over the area of a solid seen from above
+RAY_COUNT = 40_000  # approximate number of rays over the area of a solid seen from above
 MARGIN_STEPS = 2.0  # margin around the rays that meet an overlap, in steps between rays
 ROUNDING_SHARE = 1e-7  # minimum height of an overlap, as a share of the solid's height; less is rounding
-HALVINGS = 4  # maximum number of times that a piece is halved to separate its branches
-# Maximum share of an overlap that remains after its branches are united; if more remains, it is a fold, which
-# is kept.
+MAX_HALVINGS = 4  # maximum number of times that a piece is halved to separate its branches
+# Maximum share of an overlap that remains after its branches are united; if more remains, the overlap is a
+# fold of one branch, which is kept.
 MAX_REMAINING_SHARE = 0.1
 MAX_PLACES = 64  # maximum number of places, the largest first
 # Maximum number of rounds; each cuts the whole surface, which takes seconds for a million faces.
@@ -37,7 +37,7 @@ class Overlaps:
     Attributes
     ----------
     volume_mm3
-        Volume that counts in excess, estimated by the rays that meet it.
+        Volume that is counted in excess, estimated from the rays that meet it.
     boxes_mm
         (k, 2, 3) corners of a box around each place, the largest overlap first.
     """
@@ -62,9 +62,11 @@ def find_overlaps(solid: Solid) -> Overlaps:
     vertices, faces = solid.arrays()
     triangles = np.ascontiguousarray(vertices[faces])
     lo, hi = find_bounds(triangles)
-    width, depth, height = (hi - lo).tolist()
-    step_mm = max(math.sqrt(width * depth / RAYS), max(width, depth) / RAYS)  # the latter for a sliver
-    shape = math.ceil(width / step_mm), math.ceil(depth / step_mm)
+    width_mm, depth_mm, height_mm = (hi - lo).tolist()
+    step_mm = max(
+        math.sqrt(width_mm * depth_mm / RAY_COUNT), max(width_mm, depth_mm) / RAY_COUNT
+    )  # the latter for a sliver
+    shape = math.ceil(width_mm / step_mm), math.ceil(depth_mm / step_mm)
     # The rays are offset by irregular shares of a step: a ray through an edge of the mesh could count twice.
     origin_mm = lo[:2] + step_mm * (0.5 + np.array([0.0123, 0.0271]))
     normals = compute_unit_normals(triangles)
@@ -72,10 +74,10 @@ def find_overlaps(solid: Solid) -> Overlaps:
     ray = np.repeat(np.arange(len(crossings.start) - 1), np.diff(crossings.start))
     counts = np.concatenate([[0], np.cumsum(np.where(normals[crossings.face, 2] < 0.0, 1, -1))])
     winding = counts[1:] - counts[crossings.start[ray]]
-    # A ray that enters and leaves the solid unequally often has met a sliver.
+    # A ray that does not leave the solid as often as it enters it has met a sliver.
     is_whole = (counts[crossings.start[1:]] == counts[crossings.start[:-1]])[ray]
     length_mm = np.append(np.diff(crossings.z_mm), 0.0)
-    is_overlap = is_whole & (winding > 1) & (length_mm > ROUNDING_SHARE * height)
+    is_overlap = is_whole & (winding > 1) & (length_mm > ROUNDING_SHARE * height_mm)
     excess_mm = ((winding - 1) * length_mm)[is_overlap]
     low_mm = np.full(shape[0] * shape[1], np.inf)
     high_mm = np.full(shape[0] * shape[1], -np.inf)
@@ -105,9 +107,9 @@ def resolve_overlaps(solid: Solid) -> tuple[Solid, float]:
     Returns
     -------
     tuple
-        The solid, in which overlaps count once, and the volume in mm3 that counted in excess before; the same
-        solid and 0 if nothing overlaps, if all overlaps are folds of one branch, or if more than the overlaps
-        would be lost.
+        The solid, in which overlaps count once, and the volume in mm3 that was counted in excess before. The
+        unchanged solid and 0 if nothing overlaps, if all overlaps are folds of one branch, or if more than
+        the overlaps would be lost.
     """
     overlaps_before = find_overlaps(solid)
     united_solid, remaining_boxes = solid, list(overlaps_before.boxes_mm[:MAX_PLACES])
@@ -119,13 +121,13 @@ def resolve_overlaps(solid: Solid) -> tuple[Solid, float]:
         if united_solid is solid:
             return solid, 0.0
         resolved_mm3 = overlaps_before.volume_mm3 - find_overlaps(united_solid).volume_mm3
-        is_resolved = resolved_mm3 > 0.0 and _has_lost_nothing_else(resolved_mm3, solid, united_solid)
-    except ModelNotSolid:  # an operation failed: the solid stays as it was
+        is_resolved = resolved_mm3 > 0.0 and _has_lost_only_overlaps(resolved_mm3, solid, united_solid)
+    except ModelNotSolid:  # an operation failed, so the solid is returned unchanged
         is_resolved = False
     return (united_solid, resolved_mm3) if is_resolved else (solid, 0.0)
 
 
-def _has_lost_nothing_else(resolved_mm3: float, solid: Solid, united_solid: Solid) -> bool:
+def _has_lost_only_overlaps(resolved_mm3: float, solid: Solid, united_solid: Solid) -> bool:
     """Check whether the union has lost no body and no volume besides the overlaps, and has kept the size."""
     unexplained_mm3 = abs(solid.volume_mm3 - united_solid.volume_mm3 - resolved_mm3)
     return (
@@ -156,7 +158,9 @@ def _unite_places(solid: Solid, boxes_mm: list[Floats]) -> Solid:
 
 def _unite_branches(solid_in_box: Solid) -> Solid | None:
     """Unite the branches in a box around an overlap; None if it is a fold of one branch."""
-    branches = [branch for piece in solid_in_box.list_pieces() for branch in _split_branches(piece, HALVINGS)]
+    branches = [
+        branch for piece in solid_in_box.list_pieces() for branch in _split_branches(piece, MAX_HALVINGS)
+    ]
     if len(branches) < 2:
         return None
     united_solid = Solid.union(branches)

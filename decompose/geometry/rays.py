@@ -58,7 +58,7 @@ def find_bounds(triangles: Floats) -> tuple[Floats, Floats]:
     Returns
     -------
     tuple
-        (3,) float64 least x, y and z, and (3,) float64 greatest ones, in mm.
+        (3,) float64 least x, y and z, and (3,) float64 greatest x, y and z, in mm.
     """
     lo, hi = np.full(3, np.inf), np.full(3, -np.inf)
     for t in range(len(triangles)):
@@ -119,8 +119,8 @@ def find_crossings(triangles: Floats, normals: Floats, rays: Rays) -> Crossings:
     crossings = Crossings(np.zeros(nx * ny + 1, np.int64), np.zeros(0, np.float64), np.zeros(0, np.int64))
     fill_counts = np.zeros(nx * ny, np.int64)
     edges = np.zeros((3, 4))
-    for turn in range(2):  # in the first turn the crossings are counted, in the second one filled in
-        if turn == 1:
+    for round_number in range(2):  # the first round counts the crossings, the second one fills them in
+        if round_number == 1:
             crossings = _allocate_crossings(crossings.start)
         for t in range(len(triangles)):
             if normals[t, 2] == 0.0:
@@ -136,7 +136,7 @@ def find_crossings(triangles: Floats, normals: Floats, rays: Rays) -> Crossings:
                 begin = max(0, int(np.ceil((low - y0) / step)))
                 for j in range(begin, min(ny, int(np.ceil((high - y0) / step)))):
                     column = i * ny + j
-                    if turn == 0:
+                    if round_number == 0:
                         crossings.start[column + 1] += 1
                         continue
                     z = az + (x - ax) * slope_x + (y0 + j * step - ay) * slope_y

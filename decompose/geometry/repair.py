@@ -1,7 +1,7 @@
 """Repair of triangles into a closed solid, with a sentence on each change, or a refusal.
 
-A repair is judged by its effect on the surface: no part of the surface may be lost or moved, unless it then
-lies inside the solid, and only little may be added.
+A repair is judged by its effect on the surface: no part of the surface may be lost or moved, unless it lies
+inside the repaired solid, and only a little surface may be added.
 """
 
 from __future__ import annotations
@@ -29,26 +29,26 @@ from decompose.geometry.solid import Solid
 from decompose.geometry.weld import EdgeUses, Surface, count_edge_uses
 from decompose.jit import jit
 
-NEAR_SHARE = 0.005  # distance by which the surface may move, as a share of the longest side
-# Maximum share of the surface that is further than this from the repaired one, and outside it.
+MAX_MOVE_SHARE = 0.005  # distance by which the surface may move, as a share of the longest side
+# Maximum share of the surface that is further than this from the repaired surface, and outside it.
 MAX_LOST_SHARE = 0.02
-MAX_NEW_SHARE = 0.20  # maximum share of new surface in the repaired one
+MAX_NEW_SHARE = 0.20  # maximum share of new surface in the repaired surface
 MAX_EXTENT_CHANGE_SHARE = 0.05  # maximum change of a bound, as a share of the longest side
-SAMPLES = 40_000  # number of points on a surface to which distances are measured
-PROBES = 5_000  # number of points from which distances are measured
-THIN_SHARE = 1e-9  # minimum enclosed volume, as a share of area^1.5
-NEIGHBOURS = 6  # number of nearest samples whose triangles' distance is computed exactly
+SAMPLE_COUNT = 40_000  # number of points on a surface to which distances are measured
+PROBE_COUNT = 5_000  # number of points from which distances are measured
+MIN_VOLUME_SHARE = 1e-9  # minimum enclosed volume, as a share of area^1.5
+NEIGHBOUR_COUNT = 6  # number of nearest samples whose triangles' distance is computed exactly
 # Each body is closed and joined separately. Real models have hundreds of bodies at most. Each loose triangle
 # is a body, and a large file of them would take hours.
 MAX_BODIES = 1000
 
 
 Report = Callable[[str], None]
-"""Function that is called with a short name of each step as it begins."""
+"""Function that is called with a short name of each step when it begins."""
 
 
 def close_surface(name: str, surface: Surface, report: Report = lambda _: None) -> tuple[Solid, list[str]]:
-    """Close a surface so that it bounds a solid; return also sentences on the repairs.
+    """Close a surface so that it bounds a solid; also return sentences on the repairs.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def close_surface(name: str, surface: Surface, report: Report = lambda _: None) 
     surface
         Surface with common vertices.
     report
-        Function that is called with a short name of each step as it begins.
+        Function that is called with a short name of each step when it begins.
 
     Raises
     ------
@@ -77,15 +77,15 @@ def close_surface(name: str, surface: Surface, report: Report = lambda _: None) 
     if bodies_after > 1:
         report(f"joining {bodies_after} bodies")
     solid = _join_bodies(name, closed_bodies, messages)
-    del split_bodies, closed_bodies  # those of a large model take a gigabyte
+    del split_bodies, closed_bodies  # the bodies of a large model take a gigabyte
     single_edges = sum(use.single_count for use in uses)
     nonmanifold_edges = sum(use.nonmanifold_count for use in uses)
     if is_changed:
         report("comparing the repaired surface")
         is_open = single_edges > 0
-        unpaired = f"no solid ({nonmanifold_edges} edges whose triangles do not pair up)"
+        unpaired_defect = f"no solid ({nonmanifold_edges} edges whose triangles do not pair up)"
         mesh = trimesh.Trimesh(surface.vertices, surface.faces, process=False)
-        new_share = _check_repair(name, mesh, solid, "not closed" if is_open else unpaired)
+        new_share = _check_repair(name, mesh, solid, "not closed" if is_open else unpaired_defect)
         repairs.append(
             f"{'Closed an open' if is_open else 'Repaired an entangled'} mesh ({single_edges} open edges, "
             f"{nonmanifold_edges} shared by more than two triangles): {100.0 * new_share:.2g} % of the "
@@ -99,9 +99,9 @@ def close_surface(name: str, surface: Surface, report: Report = lambda _: None) 
         )
     if any(use.is_closed and use.repeated_count for use in uses):
         repairs.append("Turned triangles that faced the wrong way.")
-    solid, twice_mm3 = resolve_overlaps(solid)
-    if twice_mm3:
-        messages.append(f"United bodies that intersected: {twice_mm3:.3g} mm3 were counted twice.")
+    solid, excess_mm3 = resolve_overlaps(solid)
+    if excess_mm3:
+        messages.append(f"United bodies that intersected: {excess_mm3:.3g} mm3 were counted twice.")
     return solid, repairs + messages
 
 
@@ -128,10 +128,10 @@ def _list_bodies(name: str, surface: Surface) -> list[Any]:
 
 
 def _close_bodies(bodies: list[Any], uses: list[EdgeUses], report: Report) -> tuple[list[Any], bool]:
-    """Close surfaces that enclose a volume; return also whether a hole was filled or a surface changed.
+    """Close surfaces that enclose a volume; also return whether a hole was filled or a surface changed.
 
-    Flat holes are capped. Other holes are closed by MeshFix, one body after the other, since it keeps only
-    the largest body of several. If it removes some of the surface, these holes are capped too.
+    Flat holes are capped. Other holes are closed by MeshFix, one body after the other, because it keeps
+    only the largest of several bodies. If it removes part of the surface, these holes are capped too.
     """
     closed_bodies: list[Any] = []
     open_bodies: list[Any] = []
@@ -165,7 +165,7 @@ def _close_bodies(bodies: list[Any], uses: list[EdgeUses], report: Report) -> tu
     thick_shells = []
     for body in closed_bodies:
         volume_mm3, area_mm2 = _measure_body(body)
-        if abs(volume_mm3) > THIN_SHARE * area_mm2**1.5:
+        if abs(volume_mm3) > MIN_VOLUME_SHARE * area_mm2**1.5:
             thick_shells.append(body)
     return thick_shells, is_changed or bool(open_bodies) or len(thick_shells) < len(closed_bodies)
 
@@ -194,7 +194,7 @@ def _run_mesh_fix(body: Any) -> Any:
 def _check_repair(name: str, mesh_before: Any, solid: Solid, defect: str) -> float:
     """Measure the share of new surface; refuse a repair that changes too much of the model."""
     mesh_after: Any = trimesh.Trimesh(*solid.arrays(), process=False)
-    probes = _draw_probes(mesh_before, PROBES)
+    probes = _draw_probes(mesh_before, PROBE_COUNT)
     far_probes = probes[_is_far(mesh_before, mesh_after)]
     lost_share = 0.0
     if len(far_probes):
@@ -222,24 +222,24 @@ def _draw_probes(mesh: Any, count: int) -> Floats:
 
 
 def _is_far(mesh: Any, other: Any) -> Bools:
-    """Check for (PROBES,) points on a mesh whether they are too far from another mesh for a repair."""
+    """Check for each of (PROBE_COUNT,) points on a mesh whether it is too far from another mesh."""
     geometry: Any = trimesh.triangles  # untyped
-    samples, triangle = trimesh.sample.sample_surface(other, SAMPLES, seed=0)
-    probes = _draw_probes(mesh, PROBES)
-    _, near = cKDTree(samples).query(probes, NEIGHBOURS)
+    samples, triangle = trimesh.sample.sample_surface(other, SAMPLE_COUNT, seed=0)
+    probes = _draw_probes(mesh, PROBE_COUNT)
+    _, nearest_samples = cKDTree(samples).query(probes, NEIGHBOUR_COUNT)
     distances_mm = np.full(len(probes), np.inf)
-    for k in range(NEIGHBOURS):
-        corners = np.asarray(other.triangles)[triangle[near[:, k]]]
+    for k in range(NEIGHBOUR_COUNT):
+        corners = np.asarray(other.triangles)[triangle[nearest_samples[:, k]]]
         nearest_point = geometry.closest_point(corners, probes)
         distances_mm = np.minimum(distances_mm, np.linalg.norm(nearest_point - probes, axis=1))
-    return np.asarray(distances_mm > NEAR_SHARE * np.ptp(mesh.bounds, axis=0).max())
+    return np.asarray(distances_mm > MAX_MOVE_SHARE * np.ptp(mesh.bounds, axis=0).max())
 
 
 def _is_inside(points: Floats, triangles: Floats) -> Bools:
     """Check for each point (n, 3) whether it lies inside a closed surface (m, 3, 3).
 
-    A ray from such a point meets the surface an odd number of times. It is tilted by an irregular angle, to
-    avoid the edges of boxes.
+    A ray from such a point meets the surface an odd number of times. The ray is tilted by an irregular angle,
+    to avoid the edges of boxes.
     """
     tilt = np.array([0.0123456789, 0.0345678912])
     points = np.column_stack([points[:, :2] - points[:, 2:] * tilt, points[:, 2]])
@@ -264,22 +264,22 @@ def measure_surface(vertices: Floats, faces: Ints) -> tuple[float, float]:
     Returns
     -------
     tuple
-        The volume, below 0 if triangles face inwards, and the area.
+        Volume, which is below 0 if triangles face inwards, and area.
     """
     cx, cy, cz = 0.0, 0.0, 0.0  # a point near the surface, so that large numbers do not cancel
     for i in range(len(vertices)):
         cx += vertices[i, 0] / len(vertices)
         cy += vertices[i, 1] / len(vertices)
         cz += vertices[i, 2] / len(vertices)
-    volume, area = 0.0, 0.0
+    volume_mm3, area_mm2 = 0.0, 0.0
     for t in range(len(faces)):
         a, b, c = vertices[faces[t, 0]], vertices[faces[t, 1]], vertices[faces[t, 2]]
         ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
         vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
         nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-        volume += (nx * (a[0] - cx) + ny * (a[1] - cy) + nz * (a[2] - cz)) / 6.0
-        area += np.sqrt(nx * nx + ny * ny + nz * nz) / 2.0
-    return volume, area
+        volume_mm3 += (nx * (a[0] - cx) + ny * (a[1] - cy) + nz * (a[2] - cz)) / 6.0
+        area_mm2 += np.sqrt(nx * nx + ny * ny + nz * nz) / 2.0
+    return volume_mm3, area_mm2
 
 
 @jit
@@ -303,11 +303,11 @@ def _count_triangles_above(points: Floats, triangles: Floats) -> Ints:
         x, y, z = points[i]
         for t in range(len(triangles)):
             a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
-            area2 = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-            if area2 == 0.0:
+            double_area_mm2 = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+            if double_area_mm2 == 0.0:
                 continue
-            u = ((b[0] - x) * (c[1] - y) - (b[1] - y) * (c[0] - x)) / area2
-            v = ((c[0] - x) * (a[1] - y) - (c[1] - y) * (a[0] - x)) / area2
+            u = ((b[0] - x) * (c[1] - y) - (b[1] - y) * (c[0] - x)) / double_area_mm2
+            v = ((c[0] - x) * (a[1] - y) - (c[1] - y) * (a[0] - x)) / double_area_mm2
             if u >= 0.0 and v >= 0.0 and u + v <= 1.0 and u * a[2] + v * b[2] + (1.0 - u - v) * c[2] > z:
                 counts[i] += 1
     return counts
@@ -325,26 +325,26 @@ def _join_bodies(name: str, bodies: list[Any], repairs: list[str]) -> Solid:
     bodies, volumes_mm3 = [bodies[i] for i in order], volumes_mm3[order]
     inverted_count = 0
     lo, hi = (np.array([b.bounds[end] for b in bodies]) for end in (0, 1))
-    cavity = []
+    cavity_flags = []
     for i, body in enumerate(bodies):
-        inside = ((lo[:i] <= lo[i]) & (hi[:i] >= hi[i])).all(axis=1).any()
+        is_surrounded = ((lo[:i] <= lo[i]) & (hi[:i] >= hi[i])).all(axis=1).any()
         if volumes_mm3[i] < 0.0:
             body.invert()
-            inverted_count += not inside  # not a cavity: nothing surrounds it
-        cavity.append(bool(volumes_mm3[i] < 0.0 and inside))
+            inverted_count += not is_surrounded  # otherwise it is a cavity
+        cavity_flags.append(bool(volumes_mm3[i] < 0.0 and is_surrounded))
     if inverted_count:
         repairs.append(
             f"Turned {inverted_count} of {len(bodies)} bodies inside out: their triangles faced inwards."
         )
     solids = [Solid.from_arrays(b.vertices, b.faces) for b in bodies]
     solid = solids[0]
-    if any(cavity):
-        for other, is_cavity in zip(solids[1:], cavity[1:], strict=True):
+    if any(cavity_flags):
+        for other, is_cavity in zip(solids[1:], cavity_flags[1:], strict=True):
             solid = solid.subtract(other) if is_cavity else Solid.union([solid, other])
     elif len(solids) > 1:
         solid = Solid.union(solids)
     if solid.is_empty or solid.volume_mm3 <= 0.0:
         raise ModelNotSolid(f"{name}: its triangles enclose no volume; export a solid")
     if len(solids) > 1:
-        repairs.append(f"Joined {len(solids)} bodies to one solid of {solid.volume_mm3 / 1000.0:.1f} cm3.")
+        repairs.append(f"Joined {len(solids)} bodies into one solid of {solid.volume_mm3 / 1000.0:.1f} cm3.")
     return solid

@@ -13,14 +13,14 @@ from scipy.sparse.csgraph import connected_components
 from decompose.arrays import Bools, Floats, Ints
 from decompose.geometry.solid import triangulate
 
-SAME_ANGLE_RAD = 1e-9
-FLAT_SHARE = 1e-2  # maximum distance of a flat loop from its plane, as a share of its size
+MAX_ANGLE_DIFFERENCE_RAD = 1e-9  # maximum difference between angles that count as equal
+MAX_UNEVENNESS_SHARE = 1e-2  # maximum distance of a flat loop from its plane, as a share of its size
 # Maximum distance of the rims of one opening from a plane, as a share of the model's size.
-ONE_PLANE_SHARE = 1e-6
+MAX_PLANE_GAP_SHARE = 1e-6
 
 
 def orient_faces(faces: Ints) -> Ints | None:
-    """Orient faces consistently with their neighbours: the two faces of an edge.
+    """Orient faces so that the two faces of each edge have the same outside.
 
     In each surface the smaller part of the faces is reversed.
 
@@ -47,19 +47,19 @@ def orient_faces(faces: Ints) -> Ints | None:
     if (label[:m] == label[m:]).any():
         return None
     keep_count = np.bincount(label[:m], minlength=label.max() + 1)
-    flip = keep_count[label[:m]] < keep_count[label[m:]]
+    is_flipped = keep_count[label[:m]] < keep_count[label[m:]]
     is_tie = (keep_count[label[:m]] == keep_count[label[m:]]) & (label[:m] > label[m:])
     reversed_faces = faces.copy()
-    reversed_faces[flip | is_tie] = reversed_faces[flip | is_tie][:, ::-1]
+    reversed_faces[is_flipped | is_tie] = reversed_faces[is_flipped | is_tie][:, ::-1]
     return reversed_faces
 
 
 def split_shells(vertices: Floats, faces: Ints) -> list[tuple[Floats, Ints]] | None:
-    """Split triangles into their surfaces, so that each edge has one or two faces, and no rim meets itself.
+    """Split triangles into surfaces in which each edge has one or two faces and no rim meets itself.
 
     Where more than two triangles meet at an edge, each continues to the next one around the edge on the side
-    of the solid, so that touching bodies are separated. If bodies overlap at such an edge, or one is inside
-    out, there are two ways to continue: the one that separates more surfaces is used.
+    of the solid, so touching bodies are separated. If bodies overlap at such an edge, or one is inside out,
+    there are two ways to continue, and the one that separates more surfaces is used.
 
     Parameters
     ----------
@@ -69,8 +69,8 @@ def split_shells(vertices: Floats, faces: Ints) -> list[tuple[Floats, Ints]] | N
     Returns
     -------
     list or None
-        Vertices (n, 3) and faces (m, 3) of each surface; None if the numbers of faces at which solid begins
-        and ends differ around some edge.
+        Vertices (n, 3) and faces (m, 3) of each surface; None if the solid does not begin at as many faces as
+        it ends around some edge.
     """
     tail, head, face = _list_half_edges(faces)
     order, starts, counts = _sort_by_edge(tail, head)
@@ -86,9 +86,9 @@ def split_shells(vertices: Floats, faces: Ints) -> list[tuple[Floats, Ints]] | N
             return None
         sorted_edges.append(begins_ends)
     splits = []
-    for pair in (_pair_crossing_edges, _pair_nested_edges):
+    for pair_edges in (_pair_crossing_edges, _pair_nested_edges):
         pairs = np.concatenate(
-            [np.stack([a, b], axis=1), *(pair(pairs_of_edge) for pairs_of_edge in sorted_edges)]
+            [np.stack([a, b], axis=1), *(pair_edges(sorted_edge) for sorted_edge in sorted_edges)]
         )
         splits.append(_split_surfaces(vertices, faces, pairs))
     return max(splits, key=len)
@@ -146,14 +146,16 @@ def is_flat(rim: Floats) -> bool:
     """Check whether a rim (k, 3) is flat within a small share of its size."""
     centred_rim = rim - rim.mean(axis=0)
     normal = np.linalg.svd(centred_rim, full_matrices=False)[2][-1]
-    return float(np.abs(centred_rim @ normal).max()) <= FLAT_SHARE * float(np.ptp(rim, axis=0).max())
+    return float(np.abs(centred_rim @ normal).max()) <= MAX_UNEVENNESS_SHARE * float(
+        np.ptp(rim, axis=0).max()
+    )
 
 
 def cap_holes(vertices: Floats, faces: Ints) -> Ints:
     """Build faces that close all holes of shells, without a new vertex.
 
     A hole is filled in its plane. Two rims in one plane, one inside the other and of opposite orientation,
-    are the end of a pipe: the ring between them is filled.
+    are the end of a pipe, so the ring between them is filled.
 
     Parameters
     ----------
@@ -166,22 +168,22 @@ def cap_holes(vertices: Floats, faces: Ints) -> Ints:
         (k, 3) int64 new faces.
     """
     loops = find_rims(faces)
-    size = float(np.ptp(vertices, axis=0).max())
+    size_mm = float(np.ptp(vertices, axis=0).max())
     normals = [_compute_area_vector(vertices[loop]) for loop in loops]
     order = sorted(range(len(loops)), key=lambda i: -float(np.linalg.norm(normals[i])))
     outers: list[tuple[list[int], shapely.Polygon, Floats]] = []
     for i in order:
         has_outer = False
-        if np.linalg.norm(normals[i]) > 1e-9 * size * size:
+        if np.linalg.norm(normals[i]) > 1e-9 * size_mm * size_mm:
             for members, polygon, frame in reversed(outers):  # the smallest hole first
-                has_outer = _is_hole_of(vertices[loops[i]], normals[i], polygon, frame, size)
+                has_outer = _is_hole_of(vertices[loops[i]], normals[i], polygon, frame, size_mm)
                 if has_outer:
                     members.append(i)
                     break
         if not has_outer:
             frame = _find_frame(vertices[loops[i]], normals[i])
-            flat = (vertices[loops[i]] - frame[3]) @ frame[:2].T
-            outers.append(([i], shapely.Polygon(flat), frame))
+            flat_rim = (vertices[loops[i]] - frame[3]) @ frame[:2].T
+            outers.append(([i], shapely.Polygon(flat_rim), frame))
     caps = []
     for members, _, frame in outers:
         polygons = [(vertices[loops[i]] - frame[3]) @ frame[:2].T for i in members]
@@ -190,14 +192,14 @@ def cap_holes(vertices: Floats, faces: Ints) -> Ints:
     return np.concatenate(caps) if caps else np.zeros((0, 3), dtype=np.int64)
 
 
-def _is_hole_of(rim: Floats, normal: Floats, polygon: shapely.Polygon, frame: Floats, size: float) -> bool:
+def _is_hole_of(rim: Floats, normal: Floats, polygon: shapely.Polygon, frame: Floats, size_mm: float) -> bool:
     """Check whether a rim (k, 3) bounds a hole in a polygon in a frame (4, 3)."""
     if normal @ frame[2] > -0.99 * np.linalg.norm(normal):
         return False
-    if np.abs((rim - frame[3]) @ frame[2]).max() > ONE_PLANE_SHARE * size:
+    if np.abs((rim - frame[3]) @ frame[2]).max() > MAX_PLANE_GAP_SHARE * size_mm:
         return False
-    inner = shapely.Polygon((rim - frame[3]) @ frame[:2].T)
-    return bool(polygon.is_valid and inner.is_valid and polygon.contains(inner))
+    hole = shapely.Polygon((rim - frame[3]) @ frame[:2].T)
+    return bool(polygon.is_valid and hole.is_valid and polygon.contains(hole))
 
 
 def _compute_area_vector(loop: Floats) -> Floats:
@@ -209,9 +211,9 @@ def _compute_area_vector(loop: Floats) -> Floats:
 def _find_frame(loop: Floats, normal: Floats) -> Floats:
     """Find a frame (4, 3): two directions in the plane of a loop, its normal, and a point on it."""
     centre = loop.mean(axis=0)
-    length = float(np.linalg.norm(normal))
-    on_a_line = length == 0.0
-    up = np.linalg.svd(loop - centre)[2][-1] if on_a_line else normal / length
+    area_mm2 = float(np.linalg.norm(normal))
+    is_line = area_mm2 == 0.0
+    up = np.linalg.svd(loop - centre)[2][-1] if is_line else normal / area_mm2
     side = np.cross(np.eye(3)[int(np.abs(up).argmin())], up)
     side /= np.linalg.norm(side)
     return np.stack([side, np.cross(up, side), up, centre])
@@ -226,8 +228,8 @@ def _sort_by_edge(tail: Ints, head: Ints) -> tuple[Ints, Ints, Ints]:
     """Sort half-edges by their edges; return their order, and the first index and the count of each edge."""
     lo, hi = np.minimum(tail, head), np.maximum(tail, head)
     order = np.lexsort((hi, lo))
-    new = np.flatnonzero(np.concatenate([[True], (np.diff(lo[order]) != 0) | (np.diff(hi[order]) != 0)]))
-    return order, new, np.diff(np.concatenate([new, [len(tail)]]))
+    starts = np.flatnonzero(np.concatenate([[True], (np.diff(lo[order]) != 0) | (np.diff(hi[order]) != 0)]))
+    return order, starts, np.diff(np.concatenate([starts, [len(tail)]]))
 
 
 def label_components(count: int, rows: Ints, columns: Ints) -> Ints:
@@ -252,24 +254,24 @@ def label_components(count: int, rows: Ints, columns: Ints) -> Ints:
 def _order_around_edge(
     vertices: Floats, faces: Ints, tail: Ints, head: Ints, face: Ints, half_edges: Ints
 ) -> tuple[Ints, Bools] | None:
-    """Sort the half-edges (k,) of an edge by angle, and find those at which solid begins, not ends.
+    """Sort the half-edges (k,) of an edge by angle, and find those at which the solid begins.
 
-    The order starts at a face at which solid begins, where the fewest solids overlap. The result is None if
-    the numbers of faces at which solid begins and ends differ.
+    The order starts at a face at which the solid begins, where the fewest solids overlap. The result is None
+    if the solid does not begin at as many faces as it ends.
     """
     start, end = min(tail[half_edges[0]], head[half_edges[0]]), max(tail[half_edges[0]], head[half_edges[0]])
     along = vertices[end] - vertices[start]
     along = along / np.linalg.norm(along)
-    third = vertices[faces[face[half_edges]].sum(axis=1) - start - end] - vertices[start]
+    third_corners = vertices[faces[face[half_edges]].sum(axis=1) - start - end] - vertices[start]
     across = np.cross(np.eye(3)[int(np.abs(along).argmin())], along)
     across /= np.linalg.norm(across)
-    angle = np.arctan2(third @ np.cross(along, across), third @ across)
-    angle = np.round(angle / SAME_ANGLE_RAD) * SAME_ANGLE_RAD
-    angle = np.where(angle <= -np.pi + SAME_ANGLE_RAD, np.pi, angle)
-    # The normal of a face that runs along the edge points to greater angles: its solid is at smaller
-    # ones.
+    angle_rad = np.arctan2(third_corners @ np.cross(along, across), third_corners @ across)
+    angle_rad = np.round(angle_rad / MAX_ANGLE_DIFFERENCE_RAD) * MAX_ANGLE_DIFFERENCE_RAD
+    angle_rad = np.where(angle_rad <= -np.pi + MAX_ANGLE_DIFFERENCE_RAD, np.pi, angle_rad)
+    # The normal of a face whose half-edge runs along the edge points to greater angles, so the solid of the
+    # face is at smaller angles.
     begins = tail[half_edges] != start
-    order = np.lexsort((begins, angle))
+    order = np.lexsort((begins, angle_rad))
     depth = np.cumsum(np.where(begins[order], 1, -1))  # number of solids at each angle around the edge
     if depth[-1] != 0:
         return None
@@ -277,23 +279,23 @@ def _order_around_edge(
     return half_edges[order], begins[order]
 
 
-def _pair_crossing_edges(around: tuple[Ints, Bools]) -> Ints:
+def _pair_crossing_edges(sorted_edge: tuple[Ints, Bools]) -> Ints:
     """Pair the half-edges (k, 2) of an edge so that the solid that begins first ends first.
 
-    Where two bodies overlap, each gets its own faces.
+    If two bodies overlap, each of them gets its own faces.
     """
-    half_edges, begins = around
+    half_edges, begins = sorted_edge
     return np.stack([half_edges[begins], half_edges[~begins]], axis=1)
 
 
-def _pair_nested_edges(around: tuple[Ints, Bools]) -> Ints:
+def _pair_nested_edges(sorted_edge: tuple[Ints, Bools]) -> Ints:
     """Pair the half-edges (k, 2) of an edge so that the solid that begins last ends first.
 
-    Where one of two bodies is inside out, each gets its own faces.
+    If one of two bodies is inside out, each of them gets its own faces.
     """
     pairs: list[tuple[int, int]] = []
     open_half_edges: list[int] = []
-    for half_edge, begin in zip(*around, strict=True):
+    for half_edge, begin in zip(*sorted_edge, strict=True):
         if begin:
             open_half_edges.append(half_edge)
         else:

@@ -116,7 +116,7 @@ class Solid:
 
     @property
     def volume_mm3(self) -> float:
-        """Volume."""
+        """Enclosed volume."""
         return float(self.manifold.volume())
 
     @property
@@ -145,7 +145,7 @@ class Solid:
         return Solid(_check_status(self.manifold ^ other.manifold, "intersecting solids"))
 
     def subtract(self, other: Solid) -> Solid:
-        """Build the solid without another one."""
+        """Build the solid minus another one."""
         return Solid(_check_status(self.manifold - other.manifold, "subtracting solids"))
 
     def clip(self, lo: npt.ArrayLike, hi: npt.ArrayLike) -> Solid:
@@ -172,7 +172,15 @@ class Solid:
         return Solid(_check_status(self.manifold.simplify(tolerance_mm), "simplifying a solid"))
 
     def measure_gap_mm(self, other: Solid, up_to_mm: float) -> float:
-        """Measure the exact distance to another solid; 0 if they meet, at most `up_to_mm`."""
+        """Measure the exact distance to another solid in mm; 0 if they meet.
+
+        Parameters
+        ----------
+        other
+            The other solid.
+        up_to_mm
+            Maximum of the result; a larger distance is not measured.
+        """
         return float(self.manifold.min_gap(other.manifold, up_to_mm))
 
     def project(self, frame: Floats) -> list[Floats]:
@@ -228,8 +236,8 @@ class Solid:
         """
         if self.is_empty:  # its bounds are infinite
             return self
-        below = self.manifold.trim_by_plane(tuple((-normal).tolist()), -at_mm)
-        return Solid(_check_status(below, "cutting a solid"))
+        manifold_below = self.manifold.trim_by_plane(tuple((-normal).tolist()), -at_mm)
+        return Solid(_check_status(manifold_below, "cutting a solid"))
 
     def cut_section(self, frame: Floats, at_mm: float) -> list[Floats]:
         """Cut at a plane, and return the outlines (n, 2) there: counter-clockwise, clockwise around holes.
@@ -272,9 +280,9 @@ class Solid:
         surfaces = [Solid(_check_status(p, "separating pieces")) for p in self.manifold.decompose()]
         pieces = [s for s in surfaces if s.volume_mm3 > 0.0]
         for cavity in (s._turn_inside_out() for s in surfaces if s.volume_mm3 < 0.0):
-            around = [i for i, p in enumerate(pieces) if p._encloses(cavity)]
-            if around:  # if pieces lie in cavities of others, the smallest one around a piece encloses it
-                i = min(around, key=lambda i: pieces[i].volume_mm3)
+            enclosing = [i for i, p in enumerate(pieces) if p._encloses(cavity)]
+            if enclosing:  # if pieces are nested, the cavity belongs to the smallest one
+                i = min(enclosing, key=lambda i: pieces[i].volume_mm3)
                 pieces[i] = pieces[i].subtract(cavity)
         return sorted(pieces, key=lambda p: tuple(p.bounds_mm.ravel()))
 
@@ -299,7 +307,7 @@ def choose_plane_axes(normal: Floats) -> Floats:
 
 
 def triangulate(polygons: list[Floats]) -> Ints:
-    """Fill polygons with triangles; no point is added or left out, whatever the shape of the polygons.
+    """Fill polygons of any shape with triangles, without adding or omitting a point.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Reader of STEP files: the surfaces of their solids as triangles in mm.
 
-OpenCASCADE reads them, by the package cascadio, an extra. It runs in its own process, because it prints on
-stdout and may crash on a damaged file.
+OpenCASCADE reads them through the package cascadio, an optional extra. It runs in a process of its own
+because it prints to stdout and may crash on a damaged file.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ MAX_READING_S = 300.0
 MAX_GLB_BYTES = 2**31
 
 _BEGIN, _END = b"ISO-10303-21;", b"END-ISO-10303-21;"
-_EDGE_BYTES = 1024  # number of bytes at each end of a file in which these marks are searched for
+_EDGE_BYTES = 1024  # number of bytes at each end of a file in which these marks must be
 _MM_PER_M = 1000.0  # GLB is in metres
-_FACE_BYTES = 120  # maximum size of a face in a GLB: three corners with normals, and their numbers
+_FACE_BYTES = 120  # maximum size of a face in a GLB: three corners with normals, and their indices
 _GLB_HEAD_BYTES = 2**20
 _CONVERT = """
 import ctypes, resource, signal, sys

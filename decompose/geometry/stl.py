@@ -35,8 +35,8 @@ def round_triangles(vertices: Floats, faces: Ints) -> npt.NDArray[np.float32] | 
     edges = np.concatenate([f[:, [0, 1]], f[:, [1, 2]], f[:, [2, 0]]]).astype(np.int64)
     forward_edges = np.sort(edges[:, 0] * len(points) + edges[:, 1])
     backward_edges = np.sort(edges[:, 1] * len(points) + edges[:, 0])
-    each_once = len(f) > 0 and bool((np.diff(forward_edges) > 0).all())
-    return points[f] if each_once and np.array_equal(forward_edges, backward_edges) else None
+    is_each_once = len(f) > 0 and bool((np.diff(forward_edges) > 0).all())
+    return points[f] if is_each_once and np.array_equal(forward_edges, backward_edges) else None
 
 
 def write_stl(path: Path, corners: npt.NDArray[np.float32]) -> None:

@@ -1,9 +1,9 @@
 """Planes of symmetry, as symmetry-based decomposition (SBD) finds them; Parallelobox cuts at the best one.
 
-By Hatton et al. (2023), planes pass through the mean of the vertices, and their normals are drawn from the
-sphere. The score of a plane is the mean distance from the vertices' mirror images to the nearest vertices.
-Two steps have no effect in the authors' program, by mistake: the best normals are refined, and a plane counts
-only if its score is within a tolerance (here a share of the model's size). Both are done here, except by
+According to Hatton et al. (2023), planes pass through the mean of the vertices, and their normals are drawn
+from the sphere. The score of a plane is the mean distance from the vertices' mirror images to the nearest
+vertices. Two steps of the method have no effect in the authors' program, by mistake: the refinement of the
+best normals, and the tolerance of the score (here a share of the model's size). Both are done here, except by
 `draw_mirrors`. Only the second of the program's three draws of normals has an effect, so there is one draw
 here.
 """
@@ -17,11 +17,11 @@ from scipy.spatial import KDTree
 
 from decompose.arrays import Floats
 
-SAMPLES = 100  # number of normals in a round
+SAMPLES_PER_ROUND = 100  # number of normals in a round
 # Angles of the cones of normals around the best one, in the rounds after the first.
 CONES_RAD = (0.3, 0.1, 0.03, 0.01)
-MAX_MIRRORED = 1000  # maximum number of vertices whose mirror images are measured, for a whole model
-MAX_MIRRORED_OF_PART = 300  # the same for a part
+MAX_MIRRORED_VERTICES = 1000  # maximum number of vertices whose mirror images are measured, for a whole model
+MAX_MIRRORED_VERTICES_OF_PART = 300  # the same for a part
 TOLERANCE = 0.01  # maximum mean distance of mirror images, as a share of the bounding box's diagonal
 SAME_AXIS_RAD = 0.01  # a normal closer to an axis is replaced by the axis if that is as good
 MIN_ANGLE_RAD = 0.5  # minimum angle between the normals of two planes of one part
@@ -46,10 +46,12 @@ class Mirror:
     error_mm: float
 
 
-class _Cloud:
+class _VertexCloud:
     """Vertices (n, 3) in mm, some of which are mirrored to measure planes."""
 
-    def __init__(self, vertices: Floats, rng: np.random.Generator, max_count: int = MAX_MIRRORED) -> None:
+    def __init__(
+        self, vertices: Floats, rng: np.random.Generator, max_count: int = MAX_MIRRORED_VERTICES
+    ) -> None:
         self.centre = vertices.mean(axis=0)
         self.rng = rng
         self._tree = KDTree(vertices)
@@ -63,17 +65,19 @@ class _Cloud:
         return float(self._tree.query(images)[0].mean())
 
     def draw_normals(self) -> Floats:
-        """Draw normals (SAMPLES, 3) uniformly from all directions."""
-        return _normalise_rows(self.rng.standard_normal((SAMPLES, 3)))
+        """Draw normals (SAMPLES_PER_ROUND, 3) uniformly from all directions."""
+        return _normalise_rows(self.rng.standard_normal((SAMPLES_PER_ROUND, 3)))
 
-    def refine_normal(self, normal: Floats, error_mm: float, samples: int = SAMPLES) -> tuple[Floats, float]:
+    def refine_normal(
+        self, normal: Floats, error_mm: float, samples: int = SAMPLES_PER_ROUND
+    ) -> tuple[Floats, float]:
         """Find the best normal near a given one, and its error in mm."""
         best_error_mm = error_mm
-        for cone in CONES_RAD:
-            candidates = _normalise_rows(normal + cone * self.rng.standard_normal((samples, 3)))
-            errors = [self.measure_error_mm(mirror) for mirror in candidates]
-            if min(errors) < best_error_mm:
-                normal, best_error_mm = candidates[int(np.argmin(errors))], min(errors)
+        for cone_rad in CONES_RAD:
+            candidates = _normalise_rows(normal + cone_rad * self.rng.standard_normal((samples, 3)))
+            errors_mm = [self.measure_error_mm(candidate) for candidate in candidates]
+            if min(errors_mm) < best_error_mm:
+                normal, best_error_mm = candidates[int(np.argmin(errors_mm))], min(errors_mm)
         axis = np.eye(3)[int(np.abs(normal).argmax())]
         if (
             abs(normal @ axis) > np.cos(SAME_AXIS_RAD)
@@ -83,7 +87,7 @@ class _Cloud:
         return normal, best_error_mm
 
     def find_principal_directions(self) -> Floats:
-        """Find the principal directions of the cloud; return (6, 3) the axes, then these."""
+        """Find the principal directions of the cloud; return (6, 3) the axes, then these directions."""
         _, principal = np.linalg.eigh(np.cov(self.centred_vertices.T))
         return np.vstack([np.eye(3), principal.T])
 
@@ -100,15 +104,15 @@ def find_mirror(vertices: Floats, rng: np.random.Generator, tolerance: float = T
     vertices
         (n, 3) in mm.
     rng
-        Random numbers of the normals that are tried.
+        Generator of the random normals.
     tolerance
         Maximum mean distance of mirror images, as a share of the diagonal of the vertices' bounding box.
     """
-    cloud = _Cloud(vertices, rng)
+    cloud = _VertexCloud(vertices, rng)
     normals = np.vstack([cloud.find_principal_directions(), cloud.draw_normals()])
-    errors = [cloud.measure_error_mm(normal) for normal in normals]
-    best = int(np.argmin(np.round(errors, 9)))
-    normal, best_error_mm = cloud.refine_normal(normals[best], errors[best])
+    errors_mm = [cloud.measure_error_mm(normal) for normal in normals]
+    best = int(np.argmin(np.round(errors_mm, 9)))
+    normal, best_error_mm = cloud.refine_normal(normals[best], errors_mm[best])
     return (
         cloud.make_mirror(normal, best_error_mm)
         if best_error_mm <= tolerance * _measure_diagonal_mm(vertices)
@@ -126,11 +130,11 @@ def draw_mirrors(vertices: Floats, rng: np.random.Generator, max_count: int) -> 
     max_count
         Maximum number of planes; their normals differ from each other.
     """
-    cloud = _Cloud(vertices, rng, MAX_MIRRORED_OF_PART)
-    ranked = sorted((cloud.measure_error_mm(n), tuple(n)) for n in cloud.draw_normals())
+    cloud = _VertexCloud(vertices, rng, MAX_MIRRORED_VERTICES_OF_PART)
+    ranked_normals = sorted((cloud.measure_error_mm(n), tuple(n)) for n in cloud.draw_normals())
     return [
-        cloud.make_mirror(np.array(normal), error)
-        for error, normal in _select_distinct_normals(ranked, max_count)
+        cloud.make_mirror(np.array(normal), error_mm)
+        for error_mm, normal in _select_distinct_normals(ranked_normals, max_count)
     ]
 
 
@@ -148,30 +152,36 @@ def find_good_mirrors(
     samples
         Number of normals in a round.
     """
-    cloud = _Cloud(vertices, rng, MAX_MIRRORED_OF_PART)
+    cloud = _VertexCloud(vertices, rng, MAX_MIRRORED_VERTICES_OF_PART)
     normals = np.vstack([cloud.find_principal_directions(), cloud.draw_normals()])
-    ranked = sorted((cloud.measure_error_mm(n), tuple(n)) for n in normals)
+    ranked_normals = sorted((cloud.measure_error_mm(n), tuple(n)) for n in normals)
     mirrors = [
-        cloud.refine_normal(np.array(n), error, samples)
-        for error, n in _select_distinct_normals(ranked, max_count)
+        cloud.refine_normal(np.array(n), error_mm, samples)
+        for error_mm, n in _select_distinct_normals(ranked_normals, max_count)
     ]
-    refined = _select_distinct_normals(sorted((error, tuple(normal)) for normal, error in mirrors), max_count)
+    refined_normals = _select_distinct_normals(
+        sorted((error_mm, tuple(normal)) for normal, error_mm in mirrors), max_count
+    )
     max_error_mm = tolerance * _measure_diagonal_mm(vertices)
-    return [cloud.make_mirror(np.array(normal), error) for error, normal in refined if error <= max_error_mm]
+    return [
+        cloud.make_mirror(np.array(normal), error_mm)
+        for error_mm, normal in refined_normals
+        if error_mm <= max_error_mm
+    ]
 
 
 ScoredNormal = tuple[float, tuple[float, ...]]  # the error in mm, and the normal
 
 
-def _select_distinct_normals(ranked: list[ScoredNormal], max_count: int) -> list[ScoredNormal]:
+def _select_distinct_normals(ranked_normals: list[ScoredNormal], max_count: int) -> list[ScoredNormal]:
     """Select the first planes whose normals differ from each other and from the opposite directions."""
-    distinct: list[ScoredNormal] = []
-    for error, normal in ranked:
-        if len(distinct) < max_count and all(
-            abs(np.dot(normal, n)) < np.cos(MIN_ANGLE_RAD) for _, n in distinct
+    distinct_normals: list[ScoredNormal] = []
+    for error_mm, normal in ranked_normals:
+        if len(distinct_normals) < max_count and all(
+            abs(np.dot(normal, n)) < np.cos(MIN_ANGLE_RAD) for _, n in distinct_normals
         ):
-            distinct.append((error, normal))
-    return distinct
+            distinct_normals.append((error_mm, normal))
+    return distinct_normals
 
 
 def _measure_diagonal_mm(vertices: Floats) -> float:
@@ -180,7 +190,7 @@ def _measure_diagonal_mm(vertices: Floats) -> float:
 
 
 def find_rotation_to_axis(normal: Floats) -> tuple[Floats, int]:
-    """Find the smallest rotation that lays a normal on an axis, and the axis.
+    """Find the smallest rotation that aligns a normal with an axis, and the axis.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
-"""Surfaces with common vertices, from triangles that each have their own corners.
+"""Surfaces with common vertices, made of triangles that have corners of their own.
 
-Models have millions of triangles, so that each array takes much memory. Rows are therefore numbered by a hash
+Models have millions of triangles, so each array takes a lot of memory. Therefore rows are numbered by a hash
 table, and edges are compared as sorted whole numbers, not as rows.
 """
 
@@ -31,7 +31,7 @@ class Surface:
 
 @dataclass(frozen=True, slots=True)
 class EdgeUses:
-    """Numbers of edges by how many faces use them.
+    """Numbers of edges by the number of faces that use them.
 
     Attributes
     ----------
@@ -88,12 +88,12 @@ def select_distinct(faces: Ints) -> Ints:
     f = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
     first_slot = f.argmin(axis=1)[:, None]
     rotated_faces = np.take_along_axis(f, (first_slot + np.arange(3)) % 3, axis=1)
-    distinct: Ints = f[number_rows(rotated_faces, 1.0)[1]]
-    return distinct
+    distinct_faces: Ints = f[number_rows(rotated_faces, 1.0)[1]]
+    return distinct_faces
 
 
 def count_edge_uses(faces: Ints) -> EdgeUses:
-    """Count the edges of faces (m, 3) by how many faces use them."""
+    """Count the edges of faces (m, 3) by the number of faces that use them."""
     if not len(faces):
         return EdgeUses(0, 0, 0)
     directed_edges, undirected_edges = (

@@ -1,7 +1,7 @@
 """Tables over every axis-aligned box of a grid: price, box around the needed cells, and number of pieces.
 
-There are millions of boxes. Each row, layer and box is the previous one plus one cell, row or layer, so that
-each box takes only a few dozen additions.
+There are millions of boxes. Each row, layer and box is the previous one plus a cell, row or layer, so each
+box takes only a few dozen additions.
 """
 
 from __future__ import annotations
@@ -53,14 +53,14 @@ class BoxTables:
     pieces: npt.NDArray[np.int16]
     cut_mm2: npt.NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32))
 
-    def find_longest_s(self, boxes: Iterable[Box]) -> float:
-        """Find the time of the slowest of some boxes, each trimmed to its needed cells."""
+    def find_longest_time_s(self, boxes: Iterable[Box]) -> float:
+        """Find the time in seconds of the slowest of some boxes, each trimmed to its needed cells."""
         return max(float(self.seconds[self.trimmed[index_box(box, self.shape)]]) for box in boxes)
 
 
 @jit
 def _fits_all(rooms: Floats, width_mm: float, depth_mm: float, height_mm: float) -> bool:
-    """Check whether a part fits each room in one of its boxes, rotated about z if necessary.
+    """Check whether a part fits each build volume, rotated about z if necessary.
 
     Parameters
     ----------
@@ -73,8 +73,8 @@ def _fits_all(rooms: Floats, width_mm: float, depth_mm: float, height_mm: float)
         fits = False
         for b in range(rooms.shape[1]):
             x, y, z = rooms[r, b, 0], rooms[r, b, 1], rooms[r, b, 2]
-            flat = (width_mm <= x and depth_mm <= y) or (depth_mm <= x and width_mm <= y)
-            if height_mm <= z and flat:
+            fits_base = (width_mm <= x and depth_mm <= y) or (depth_mm <= x and width_mm <= y)
+            if height_mm <= z and fits_base:
                 fits = True
         if not fits:
             return False
@@ -83,7 +83,7 @@ def _fits_all(rooms: Floats, width_mm: float, depth_mm: float, height_mm: float)
 
 @jit
 def _clear_ends(ends: Floats) -> None:
-    """Set ends to those of no cell: inf for least values, -inf for greatest ones.
+    """Set ends to those of no cell: inf for the least values, -inf for the greatest ones.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def _clear_ends(ends: Floats) -> None:
 
 @jit
 def _widen_ends(ends: Floats, added_ends: Floats) -> None:
-    """Widen ends to include others.
+    """Widen ends to include other ends.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ def _fill_cut_areas(cuts: tuple[Floats, Floats, Floats], box: Box, areas: Floats
 def _compute_min_price_s(
     prices: Prices, rooms: Floats, sums: Floats, ends_mm: Floats, areas: Floats
 ) -> float:
-    """Compute the price of a box in the best axis pose that fits all rooms; +inf if none does.
+    """Compute the price of a box in the best axis pose that fits all build volumes; +inf if none does.
 
     Parameters
     ----------
@@ -177,32 +177,33 @@ def _compute_min_price_s(
     sums
         (SUMS,) float64 sums over its cells, see `grid.clipping`.
     ends_mm
-        (12,) float64, of which 0-5 are the extents of its solid in mm.
+        (12,) float64; the first six are the extents of its solid in mm.
     areas
         (6,) float64 areas of its cut sides in mm2, of `_fill_cut_areas`.
     """
-    cut = areas.sum()
-    best = np.inf
+    cut_mm2 = areas.sum()
+    best_s = np.inf
     for up in range(3):
-        width = ends_mm[(up + 1) % 3 + 3] - ends_mm[(up + 1) % 3]
-        depth = ends_mm[(up + 2) % 3 + 3] - ends_mm[(up + 2) % 3]
-        height = ends_mm[up + 3] - ends_mm[up]
-        if not _fits_all(rooms, width, depth, height):
+        width_mm = ends_mm[(up + 1) % 3 + 3] - ends_mm[(up + 1) % 3]
+        depth_mm = ends_mm[(up + 2) % 3 + 3] - ends_mm[(up + 2) % 3]
+        height_mm = ends_mm[up + 3] - ends_mm[up]
+        if not _fits_all(rooms, width_mm, depth_mm, height_mm):
             continue
-        flat = areas[2 * up] + areas[2 * up + 1]
-        lateral = sums[LATERAL + up] + (1.0 - prices["hidden_side_share"]) * (cut - flat)
-        skin_mm2 = sums[SKIN + up]
-        for turned_over in range(2):  # as it is, and turned upside down
-            pose = 2 * up + turned_over
-            skin = skin_mm2 + flat - prices["hidden_bed_share"] * areas[pose]
-            if skin_mm2 < MIN_VISIBLE_MM2:  # neither a top nor an underside is visible
-                skin -= prices["hidden_top_share"] * areas[4 * up + 1 - pose]
-            column = sums[MOMENT + pose] - sums[OVERHANG + pose] * ends_mm[up]
-            if turned_over == 1:
-                column = sums[OVERHANG + pose] * ends_mm[up + 3] - sums[MOMENT + pose]
-            features = (sums[VOLUME], lateral, max(0.0, skin), sums[SLOPE + up], column)
-            best = min(best, compute_price_s(prices, features, (width, depth, height)))
-    return best
+        flat_mm2 = areas[2 * up] + areas[2 * up + 1]
+        hidden_side_factor = 1.0 - prices["hidden_side_share"]
+        lateral_mm2 = sums[LATERAL + up] + hidden_side_factor * (cut_mm2 - flat_mm2)
+        visible_skin_mm2 = sums[SKIN + up]
+        for is_turned_over in range(2):  # the right way up, and upside down
+            pose = 2 * up + is_turned_over
+            skin_mm2 = visible_skin_mm2 + flat_mm2 - prices["hidden_bed_share"] * areas[pose]
+            if visible_skin_mm2 < MIN_VISIBLE_MM2:  # neither a top nor an underside is visible
+                skin_mm2 -= prices["hidden_top_share"] * areas[4 * up + 1 - pose]
+            column_mm3 = sums[MOMENT + pose] - sums[OVERHANG + pose] * ends_mm[up]
+            if is_turned_over == 1:
+                column_mm3 = sums[OVERHANG + pose] * ends_mm[up + 3] - sums[MOMENT + pose]
+            features = (sums[VOLUME], lateral_mm2, max(0.0, skin_mm2), sums[SLOPE + up], column_mm3)
+            best_s = min(best_s, compute_price_s(prices, features, (width_mm, depth_mm, height_mm)))
+    return best_s
 
 
 class Contents(NamedTuple):
@@ -267,7 +268,7 @@ def _add_contents(total: Contents, contents: Contents) -> None:
 def _price_share(
     needed: Bools, sums: Floats, ends: Floats, pricing: Pricing, tables: PriceTables, share: int
 ) -> None:
-    """Price a share of all boxes of a grid: rows of cells are added up to layers, and layers to boxes.
+    """Price a share of all boxes of a grid, by adding up rows of cells to layers, and layers to boxes.
 
     Parameters
     ----------
@@ -276,7 +277,7 @@ def _price_share(
     ends
         (nx, ny, nz, 12) float64 of `_find_cell_ends`.
     pricing
-        Rooms, cut areas and prices.
+        Build volumes, cut areas and prices.
     tables
         Tables, filled in.
     share
@@ -313,7 +314,7 @@ def _price_column(
     shape
         Shape of the grid, in cells.
     pricing
-        Rooms, cut areas and prices.
+        Build volumes, cut areas and prices.
     tables
         Tables, filled in.
     """
@@ -339,16 +340,18 @@ def _price_column(
 
 
 def list_rooms(printers: Sequence[PrinterRoom]) -> Floats:
-    """List the distinct rooms of printers.
+    """List the distinct build volumes of printers, each of which consists of boxes.
 
     Returns
     -------
     ndarray
         (rooms, boxes, 3) float64 in mm, padded with boxes that no part fits.
     """
-    distinct = sorted({p.boxes for p in printers})
-    max_boxes = max(len(boxes) for boxes in distinct)
-    return np.array([list(boxes) + [(-1.0, -1.0, -1.0)] * (max_boxes - len(boxes)) for boxes in distinct])
+    distinct_rooms = sorted({p.boxes for p in printers})
+    max_boxes = max(len(boxes) for boxes in distinct_rooms)
+    return np.array(
+        [list(boxes) + [(-1.0, -1.0, -1.0)] * (max_boxes - len(boxes)) for boxes in distinct_rooms]
+    )
 
 
 def price_boxes(
@@ -361,20 +364,20 @@ def price_boxes(
     grid
         Grid that is built with the overhang and skin angles of the cost model.
     printers
-        Printers; a box fits if it fits the room of each of them.
+        Printers; a box fits if it fits the build volume of each of them.
     cost
-        Print time of a part.
+        Cost model, which estimates print times.
     executor
         Threads for half of the work; None to do it serially.
     """
-    prefix = []
+    cut_sums = []
     for axis, cut in enumerate(grid.cuts):
         table = np.zeros([n + (a != axis) for a, n in enumerate(cut.shape)])
         a, b = (i for i in range(3) if i != axis)
-        inner = tuple(slice(None) if i == axis else slice(1, None) for i in range(3))
-        table[inner] = cut.cumsum(axis=a).cumsum(axis=b)
-        prefix.append(table)
-    cuts = (prefix[0], prefix[1], prefix[2])
+        inner_index = tuple(slice(None) if i == axis else slice(1, None) for i in range(3))
+        table[inner_index] = cut.cumsum(axis=a).cumsum(axis=b)
+        cut_sums.append(table)
+    cuts = (cut_sums[0], cut_sums[1], cut_sums[2])
     total = math.prod(n * (n + 1) // 2 for n in grid.shape)
     tables = PriceTables(
         np.full(total, np.inf, np.float32), np.full(total, -1, np.int32), np.zeros(total, np.float32)

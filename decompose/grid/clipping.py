@@ -15,10 +15,10 @@ LATERAL = 1  # 3 columns, one for each axis as up
 SKIN = 4  # 3 columns
 SLOPE = 7  # 3 columns: lateral area of the faces that have skin
 OVERHANG = 10  # 6 columns: projected area of faces that overhang in a pose
-MOMENT = 16  # 6 columns: this area times its coordinate along the axis
+MOMENT = 16  # 6 columns: the area of `OVERHANG` times its coordinate along the axis
 SUMS = 22
 
-MIN_FRAGMENT_MM2 = 1e-12
+MIN_FRAGMENT_MM2 = 1e-12  # smaller fragments are ignored
 
 Planes = tuple[Floats, Floats, Floats]
 
@@ -141,13 +141,13 @@ def _measure_polygon(polygon: Floats, normal: Floats, centre: Floats) -> float:
     for i in range(1, len(polygon) - 1):
         u = polygon[i] - polygon[0]
         v = polygon[i + 1] - polygon[0]
-        area = (
+        triangle_mm2 = (
             (u[1] * v[2] - u[2] * v[1]) * normal[0]
             + (u[2] * v[0] - u[0] * v[2]) * normal[1]
             + (u[0] * v[1] - u[1] * v[0]) * normal[2]
         ) / 2.0
-        area_mm2 += area
-        centre += area * (polygon[0] + polygon[i] + polygon[i + 1]) / 3.0
+        area_mm2 += triangle_mm2
+        centre += triangle_mm2 * (polygon[0] + polygon[i] + polygon[i + 1]) / 3.0
     return area_mm2
 
 
@@ -194,11 +194,11 @@ def _add_fragment(
     for k in range(3):
         c = normal[k]
         flux[x, y, z, k] += area_mm2 * c
-        upright = area_mm2 * np.sqrt(max(0.0, 1.0 - c * c))
-        sums[x, y, z, LATERAL + k] += upright
+        lateral_mm2 = area_mm2 * np.sqrt(max(0.0, 1.0 - c * c))
+        sums[x, y, z, LATERAL + k] += lateral_mm2
         if abs(c) > skin_cos:
             sums[x, y, z, SKIN + k] += area_mm2 * abs(c)
-            sums[x, y, z, SLOPE + k] += upright
+            sums[x, y, z, SLOPE + k] += lateral_mm2
         if abs(c) > overhang_cos:
             pose = 2 * k if c < 0.0 else 2 * k + 1
             sums[x, y, z, OVERHANG + pose] += area_mm2 * abs(c)
@@ -233,7 +233,7 @@ def clip_into_cells(triangles: Floats, planes: Planes, skin_cos: float, overhang
         count[0] = 3
         axis = 0
         is_entering = True
-        while axis >= 0:  # for each slab along x, those along y, and for each of these those along z
+        while axis >= 0:  # nested loops over the slabs along x, y and z
             polygon = polygons[axis, : count[axis]]
             if is_entering:
                 cell[axis], last[axis] = _find_slabs(planes[axis], polygon, axis)

@@ -24,9 +24,9 @@ GRANULARITY = {
     "ucoarse": 2, "xcoarse": 3, "vcoarse": 8, "coarse": 9, "regular": 10, "fine": 12, "vfine": 15,
 }  # fmt: skip
 MAX_BOXES = 10_000_000  # maximum number of boxes of a grid, which are all kept in memory
-MAX_CUTS = 300_000_000  # maximum number of cuts of all boxes: a solve of the search computes a sum for each
+MAX_CUTS = 300_000_000  # maximum number of cuts of all boxes: each solve computes a sum for each of them
 FLAT_BOXES_RATIO = 1.5  # maximum ratio of the boxes of a flat model to those of a cube with as many cells
-MIN_CELL_MM = 4.0
+MIN_CELL_MM = 4.0  # minimum side of a cell
 CELL_DIVISION, MAX_FINE_CELLS = 3, 500_000  # division of cells along each axis, to separate their bodies
 CLEAR_MM = 2.0
 """Distance of grid planes from flat faces, if possible, so that cuts leave no slivers and no face counts as a
@@ -131,22 +131,22 @@ def find_flat_coordinates(triangles: Floats, axis: int) -> npt.NDArray[Any]:
     """
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     length = np.linalg.norm(cross, axis=1)
-    flat = (np.abs(cross[:, axis]) > (1.0 - 1e-9) * length) & (length > 0.0)
-    return np.unique(np.round(triangles[flat, 0, axis], 6))
+    is_flat = (np.abs(cross[:, axis]) > (1.0 - 1e-9) * length) & (length > 0.0)
+    return np.unique(np.round(triangles[is_flat, 0, axis], 6))
 
 
 def place_planes(lo_mm: float, hi_mm: float, count: int, flats: npt.NDArray[Any]) -> Floats:
     """Place planes: the first and the last one outside the model, the others clear of flat faces.
 
-    A plane that would be within `CLEAR_MM` of a flat face is moved to the nearest clear place; if there is
-    none within 0.4 of a cell, to the place furthest from all flat faces.
+    A plane that would be within `CLEAR_MM` of a flat face is moved to the nearest clear position. If there is
+    none within 0.4 of a cell, the plane is moved to the position furthest from all flat faces.
 
     Parameters
     ----------
     lo_mm, hi_mm
         Ends of the model along the axis.
     count
-        Number of cells, one less than planes.
+        Number of cells; there is one plane more.
     flats
         (k,) coordinates of flat faces in mm.
 
@@ -155,19 +155,20 @@ def place_planes(lo_mm: float, hi_mm: float, count: int, flats: npt.NDArray[Any]
     ndarray
         (count + 1,) ascending coordinates in mm.
     """
-    pad = 0.01 * (hi_mm - lo_mm) / count + 1e-3
-    step = (hi_mm - lo_mm) / count
-    planes: Floats = lo_mm + step * np.arange(count + 1, dtype=np.float64)
-    planes[0], planes[-1] = lo_mm - pad, hi_mm + pad
+    pad_mm = 0.01 * (hi_mm - lo_mm) / count + 1e-3
+    step_mm = (hi_mm - lo_mm) / count
+    planes: Floats = lo_mm + step_mm * np.arange(count + 1, dtype=np.float64)
+    planes[0], planes[-1] = lo_mm - pad_mm, hi_mm + pad_mm
     if not len(flats):
         return planes
-    clear_mm = min(CLEAR_MM, 0.2 * step)
-    offsets = np.linspace(-0.4, 0.4, 161) * step
-    offsets = offsets[np.argsort(np.abs(offsets), kind="stable")]
+    clear_mm = min(CLEAR_MM, 0.2 * step_mm)
+    offsets_mm = np.linspace(-0.4, 0.4, 161) * step_mm
+    offsets_mm = offsets_mm[np.argsort(np.abs(offsets_mm), kind="stable")]
     for i in range(1, count):
-        distance = np.abs((planes[i] + offsets)[:, None] - flats[None, :]).min(axis=1)
-        candidates = np.flatnonzero(distance >= clear_mm)
-        planes[i] += offsets[candidates[0]] if len(candidates) else offsets[int(np.argmax(distance))]
+        distances_mm = np.abs((planes[i] + offsets_mm)[:, None] - flats[None, :]).min(axis=1)
+        candidates = np.flatnonzero(distances_mm >= clear_mm)
+        best = candidates[0] if len(candidates) else int(np.argmax(distances_mm))
+        planes[i] += offsets_mm[best]
     return planes
 
 
@@ -179,26 +180,28 @@ def count_cuts(shape: tuple[int, int, int]) -> int:
 
 
 def count_cells(size_mm: Floats, granularity: int) -> tuple[int, int, int]:
-    """Count the nearly cubic cells along each axis: about granularity**3 in total, unless they get too small.
+    """Choose the number of nearly cubic cells along each axis: about granularity**3 in total.
 
-    The number is also limited if a flat model would have many times as many boxes of cells as a cube, or a
-    long model many times as many cuts.
+    There are fewer cells if they would become too small.
+
+    A flat model would have many times as many boxes of cells as a cube, and a long model many times as many
+    cuts, so these numbers are limited too.
 
     Parameters
     ----------
     size_mm
         (3,) size of the model.
     granularity
-        Cube root of the wanted number of cells.
+        Cube root of the desired number of cells.
     """
-    edge = max(MIN_CELL_MM, float(np.prod(size_mm) ** (1.0 / 3.0)) / granularity)
-    most_boxes = min(MAX_BOXES, FLAT_BOXES_RATIO * (granularity * (granularity + 1) // 2) ** 3)
+    edge_mm = max(MIN_CELL_MM, float(np.prod(size_mm) ** (1.0 / 3.0)) / granularity)
+    max_boxes = min(MAX_BOXES, FLAT_BOXES_RATIO * (granularity * (granularity + 1) // 2) ** 3)
     while True:
-        nx, ny, nz = (max(1, round(float(s) / edge)) for s in size_mm)
+        nx, ny, nz = (max(1, round(float(s) / edge_mm)) for s in size_mm)
         boxes = nx * (nx + 1) // 2 * (ny * (ny + 1) // 2) * (nz * (nz + 1) // 2)
-        if boxes <= most_boxes and count_cuts((nx, ny, nz)) <= MAX_CUTS:
+        if boxes <= max_boxes and count_cuts((nx, ny, nz)) <= MAX_CUTS:
             return nx, ny, nz
-        edge *= 1.03
+        edge_mm *= 1.03
 
 
 def build_grid(
@@ -214,11 +217,11 @@ def build_grid(
     triangles
         (m, 3, 3) in mm, outward by the right-hand rule, closed.
     granularity
-        Cube root of the wanted number of cells.
+        Cube root of the desired number of cells.
     rules
         Rules for cells and faces.
     plane_at
-        Axis, and coordinate in mm to which the nearest inner plane of the grid is moved.
+        Axis and coordinate in mm to which the nearest inner plane of the grid is moved; None for no plane.
     """
     lo, hi = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
     counts = count_cells(hi - lo, granularity)
@@ -232,9 +235,9 @@ def build_grid(
         inner_planes[np.abs(inner_planes - plane_at[1]).argmin()] = plane_at[1]
     grid = fill_grid(triangles, planes, rules)
     divisions = max(1, min(CELL_DIVISION, int((MAX_FINE_CELLS / grid.needed.size) ** (1.0 / 3.0))))
-    finer_planes = (divide_planes(px, divisions), divide_planes(py, divisions), divide_planes(pz, divisions))
-    fine = fill_grid(triangles, finer_planes, replace(rules, keep_interior=True))
-    return replace(grid, bodies=_find_bodies(fine.extents, fine.cuts, divisions))
+    fine_planes = (divide_planes(px, divisions), divide_planes(py, divisions), divide_planes(pz, divisions))
+    fine_grid = fill_grid(triangles, fine_planes, replace(rules, keep_interior=True))
+    return replace(grid, bodies=_find_bodies(fine_grid.extents, fine_grid.cuts, divisions))
 
 
 def fill_grid(triangles: Floats, planes: tuple[Floats, Floats, Floats], rules: GridRules) -> Grid:
@@ -248,27 +251,27 @@ def fill_grid(triangles: Floats, planes: tuple[Floats, Floats, Floats], rules: G
         (n + 1,) ascending coordinates of the planes across each axis, in mm.
     """
     area, flux, sums, extents = clip_into_cells(triangles, planes, rules.skin_cos, rules.overhang_cos)
-    surface = extents.copy()  # the solid's extents follow from it
-    steps = [np.diff(p) for p in planes]
+    surface = extents.copy()  # `extents` will become those of the solid
+    steps_mm = [np.diff(p) for p in planes]
     cuts = []
     for axis in range(3):
         face_flux = np.zeros([n + (a == axis) for a, n in enumerate(area.shape)])
-        inner = [slice(None)] * 3
-        inner[axis] = slice(1, None)
-        face_flux[tuple(inner)] = -np.cumsum(flux[..., axis], axis=axis)
-        face = np.multiply.outer(steps[(axis + 1) % 3], steps[(axis + 2) % 3]).min()
-        face_flux[np.abs(face_flux) < 1e-9 * face] = 0.0
+        inner_index = [slice(None)] * 3
+        inner_index[axis] = slice(1, None)
+        face_flux[tuple(inner_index)] = -np.cumsum(flux[..., axis], axis=axis)
+        min_face_mm2 = np.multiply.outer(steps_mm[(axis + 1) % 3], steps_mm[(axis + 2) % 3]).min()
+        face_flux[np.abs(face_flux) < 1e-9 * min_face_mm2] = 0.0
         cuts.append(np.maximum(face_flux, 0.0))
-    sums[..., VOLUME] = np.maximum(0.0, flux[..., 3] + cuts[0][1:] * steps[0][:, None, None])
-    # Solid behind a cut face reaches the side of the cell; a cell without surface is full or empty.
+    sums[..., VOLUME] = np.maximum(0.0, flux[..., 3] + cuts[0][1:] * steps_mm[0][:, None, None])
+    # The solid behind a cut face reaches the side of the cell; a cell without surface is full or empty.
     for axis in range(3):
-        is_cut = np.take(cuts[axis], range(area.shape[axis]), axis=axis) > 0.0
-        has_far_side = np.take(cuts[axis], range(1, area.shape[axis] + 1), axis=axis) > 0.0
+        is_near_side_cut = np.take(cuts[axis], range(area.shape[axis]), axis=axis) > 0.0
+        is_far_side_cut = np.take(cuts[axis], range(1, area.shape[axis] + 1), axis=axis) > 0.0
         shape = [1, 1, 1]
         shape[axis] = -1
-        low, high = planes[axis][:-1].reshape(shape), planes[axis][1:].reshape(shape)
-        extents[..., axis] = np.where(is_cut, low, extents[..., axis])
-        extents[..., axis + 3] = np.where(has_far_side, high, extents[..., axis + 3])
+        low_mm, high_mm = planes[axis][:-1].reshape(shape), planes[axis][1:].reshape(shape)
+        extents[..., axis] = np.where(is_near_side_cut, low_mm, extents[..., axis])
+        extents[..., axis + 3] = np.where(is_far_side_cut, high_mm, extents[..., axis + 3])
     cells = np.full(area.shape, Cell.EXTERNAL, dtype=np.int8)
     cells[(area == 0.0) & (cuts[0][:-1] > 0.0)] = Cell.INTERNAL
     cells[area > 0.0] = Cell.BOUNDARY
@@ -314,11 +317,11 @@ def _find_wall(
     never more than the true distance.
     """
     boundary = np.argwhere(cells == Cell.BOUNDARY)
-    wall = np.zeros(cells.shape, dtype=np.bool_)
+    is_wall = np.zeros(cells.shape, dtype=np.bool_)
     boxes = surface[tuple(boundary.T)]
     for x, y, z in np.argwhere(cells == Cell.INTERNAL):
         lo = np.array([planes[0][x], planes[1][y], planes[2][z]])
         hi = np.array([planes[0][x + 1], planes[1][y + 1], planes[2][z + 1]])
-        gap = np.maximum(0.0, np.maximum(boxes[:, :3] - hi, lo - boxes[:, 3:]))
-        wall[x, y, z] = bool((np.einsum("ij,ij->i", gap, gap) < min_wall_mm * min_wall_mm).any())
-    return wall
+        gaps_mm = np.maximum(0.0, np.maximum(boxes[:, :3] - hi, lo - boxes[:, 3:]))
+        is_wall[x, y, z] = bool((np.einsum("ij,ij->i", gaps_mm, gaps_mm) < min_wall_mm * min_wall_mm).any())
+    return is_wall

@@ -1,7 +1,8 @@
 """Needed cells of a grid, on finer cells than those along which the model is cut.
 
-On the grid a whole cell counts as needed, even if only a little of it is. This matters when planes are moved
-off the grid: a part next to the hollow may shrink until it contains only the surface and the wall behind it.
+On the grid a whole cell counts as needed, even if only a small part of it is needed. This matters when planes
+are moved off the grid: a part next to the cavity may shrink until it contains only the surface and the wall
+behind it.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from decompose.grid.grid import Cell, Grid, GridRules, divide_planes, fill_grid
 from decompose.jit import jit
 
 SAME_MM = 1e-9  # maximum difference between coordinates of the same plane
-MAX_DIVISION = 4
+MAX_DIVISION = 4  # maximum number of fine cells along each side of a cell
 
 
 def refine_cells(
@@ -38,18 +39,20 @@ def refine_cells(
     """
     divisions = max(1, min(MAX_DIVISION, int((max_cells / grid.needed.size) ** (1.0 / 3.0))))
     px, py, pz = (divide_planes(planes, divisions) for planes in grid.planes)
-    fine = fill_grid(triangles, (px, py, pz), GridRules(min_wall_mm, True, 1.0, 1.0))
-    needed = fine.cells != Cell.EXTERNAL
+    fine_grid = fill_grid(triangles, (px, py, pz), GridRules(min_wall_mm, True, 1.0, 1.0))
+    needed = fine_grid.cells != Cell.EXTERNAL
     if not keep_interior:
-        boundary = fine.cells == Cell.BOUNDARY
-        needed = boundary | needed & _is_near(fine.surface[boundary], fine.planes, min_wall_mm)
-    coarse = grid.needed
+        boundary = fine_grid.cells == Cell.BOUNDARY
+        needed = boundary | needed & _find_near_cells(
+            fine_grid.surface[boundary], fine_grid.planes, min_wall_mm
+        )
+    is_cell_needed = grid.needed
     for axis in range(3):
-        coarse = coarse.repeat(divisions, axis=axis)
-    return NeededCells(fine.planes, needed & coarse)
+        is_cell_needed = is_cell_needed.repeat(divisions, axis=axis)
+    return NeededCells(fine_grid.planes, needed & is_cell_needed)
 
 
-def _is_near(extents: Floats, planes: tuple[Floats, Floats, Floats], distance_mm: float) -> Bools:
+def _find_near_cells(extents: Floats, planes: tuple[Floats, Floats, Floats], distance_mm: float) -> Bools:
     """Find the cells (nx, ny, nz) within a distance of any of the boxes (b, 6), along the axes."""
     ends = np.zeros([len(p) for p in planes], dtype=np.int64)
     first = [np.searchsorted(p, extents[:, a] - distance_mm, side="right") - 1 for a, p in enumerate(planes)]
@@ -65,7 +68,7 @@ def _is_near(extents: Floats, planes: tuple[Floats, Floats, Floats], distance_mm
     return np.asarray(counts[:-1, :-1, :-1] > 0)
 
 
-OPEN_SHARE = 1e-9  # share of a cell that may stay uncovered because of rounding
+MAX_UNCOVERED_SHARE = 1e-9  # share of a cell that may stay uncovered because of rounding
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,12 +114,12 @@ def _covers_all(x_shares: Floats, y_shares: Floats, z_shares: Floats, needed: Bo
     needed
         (nx, ny, nz) bool, true for cells to be covered.
     """
-    covered = np.zeros(needed.shape)
+    covered_shares = np.zeros(needed.shape)
     for box in range(len(x_shares)):
-        rows, places = np.flatnonzero(y_shares[box]), np.flatnonzero(z_shares[box])
+        rows, layers = np.flatnonzero(y_shares[box]), np.flatnonzero(z_shares[box])
         for x in np.flatnonzero(x_shares[box]):
             for y in rows:
-                area = x_shares[box, x] * y_shares[box, y]
-                for z in places:
-                    covered[x, y, z] += area * z_shares[box, z]
-    return not np.any(needed & (covered <= 1.0 - OPEN_SHARE))
+                base_share = x_shares[box, x] * y_shares[box, y]
+                for z in layers:
+                    covered_shares[x, y, z] += base_share * z_shares[box, z]
+    return not np.any(needed & (covered_shares <= 1.0 - MAX_UNCOVERED_SHARE))

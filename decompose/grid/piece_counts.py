@@ -1,7 +1,7 @@
 """Number of connected pieces of the solid in every box of a grid, by the bodies of the solid in each cell.
 
-The bodies of a cell are separated on finer cells, each of which counts as connected. So a count is never
-higher than that of the true solid, and is usually equal to it.
+The bodies of a cell are separated on finer cells, and each finer cell counts as connected. So a count is
+never higher than that of the true solid, and is usually equal to it.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from decompose.jit import jit
 class CellBodies(NamedTuple):
     """Bodies of the solid in each cell of a grid, and their contacts across the sides of cells.
 
-    Cells are counted as in an array (nx, ny, nz).
+    Cells are numbered as in an array (nx, ny, nz).
 
     Attributes
     ----------
-    first
+    first_body
         (cells + 1,) int64 number of the first body of each cell; the bodies of a cell have consecutive
         numbers.
     first_link
@@ -37,7 +37,7 @@ class CellBodies(NamedTuple):
         axis.
     """
 
-    first: Ints
+    first_body: Ints
     first_link: Ints
     links: Ints
 
@@ -45,26 +45,26 @@ class CellBodies(NamedTuple):
 NO_BODIES = CellBodies(np.zeros(0, np.int64), np.zeros((3, 0), np.int64), np.zeros((3, 0, 2), np.int64))
 
 
-def find_bodies(is_full: Bools, is_open: tuple[Bools, Bools, Bools], times: int) -> CellBodies:
-    """Find the bodies of cells by finer cells.
+def find_bodies(is_full: Bools, is_open: tuple[Bools, Bools, Bools], divisions: int) -> CellBodies:
+    """Find the bodies of cells by means of finer cells.
 
     Parameters
     ----------
     is_full
-        (times nx, times ny, times nz) bool, true for a fine cell with solid.
+        (divisions nx, divisions ny, divisions nz) bool, true for a fine cell with solid.
     is_open
         Arrays of this shape for each axis, true if solid crosses the near side of a fine cell.
-    times
+    divisions
         Number of fine cells along each side of a cell; with 1, each cell with solid is one body.
     """
-    nx, ny, nz = (n // times for n in is_full.shape)
-    fine = np.arange(is_full.size).reshape(is_full.shape)
-    x, y, z = (np.arange(n) // times for n in is_full.shape)
+    nx, ny, nz = (n // divisions for n in is_full.shape)
+    fine_cells = np.arange(is_full.size).reshape(is_full.shape)
+    x, y, z = (np.arange(n) // divisions for n in is_full.shape)
     cell = ((x[:, None, None] * ny + y[None, :, None]) * nz + z).ravel()
     pairs = []
     for axis, has_contact in enumerate(is_open):
-        far_cells = np.take(fine, range(1, is_full.shape[axis]), axis=axis)
-        near_cells = np.take(fine, range(is_full.shape[axis] - 1), axis=axis)
+        far_cells = np.take(fine_cells, range(1, is_full.shape[axis]), axis=axis)
+        near_cells = np.take(fine_cells, range(is_full.shape[axis] - 1), axis=axis)
         crosses_side = np.take(has_contact, range(1, is_full.shape[axis]), axis=axis)
         pairs.append(np.stack([far_cells[crosses_side], near_cells[crosses_side]], axis=1))
     inner_pairs = np.concatenate(
@@ -176,7 +176,7 @@ def _add_layer(
     bodies: CellBodies,
     parent: npt.NDArray[np.int32],
 ) -> int:
-    """Add a layer of cells to the forest of a box; return by how much the number of pieces changes.
+    """Add a layer of cells to the forest of a box, and return the change of the number of pieces.
 
     Parameters
     ----------
@@ -192,20 +192,20 @@ def _add_layer(
         (bodies,) int32 forest of all bodies, updated in place.
     """
     a0, a1, b0, b1 = ends
-    first, first_link, links = bodies
+    first_body, first_link, links = bodies
     change = 0
     for a in range(a0, a1):
         for b in range(b0, b1):
             cell = a * order.cell_strides[0] + b * order.cell_strides[1] + layer * order.cell_strides[2]
-            for body in range(first[cell], first[cell + 1]):
+            for body in range(first_body[cell], first_body[cell + 1]):
                 parent[body] = body
                 change += 1
     for a in range(a0, a1):
         for b in range(b0, b1):
             cell = a * order.cell_strides[0] + b * order.cell_strides[1] + layer * order.cell_strides[2]
             for k in range(3):
-                inside = a > a0 if k == 0 else b > b0 if k == 1 else layer > bottom
-                if not inside:
+                is_inside = a > a0 if k == 0 else b > b0 if k == 1 else layer > bottom
+                if not is_inside:
                     continue
                 axis = order.axes[k]
                 for i in range(first_link[axis, cell], first_link[axis, cell + 1]):
@@ -239,7 +239,7 @@ def _count_share(
         one after it.
     """
     na, nb, nc = order.sizes
-    parent = np.zeros(bodies.first[-1], np.int32)
+    parent = np.zeros(bodies.first_body[-1], np.int32)
     for a0 in range(share, na, SHARES):
         for a1 in range(a0 + 1, na + 1):
             for b0 in range(nb):

@@ -1,4 +1,4 @@
-"""Work that is divided between this thread and one of an executor."""
+"""Division of work between this thread and a thread of an executor."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ SHARES = 2  # number of shares that work is divided into
 
 
 def run_shares(executor: Executor | None, work: Callable[[int], None]) -> None:
-    """Call a function for each share: the second one in an executor, or here if that has not started it.
+    """Call a function for each share: for the second one in an executor, unless that is slow to start it.
 
     Parameters
     ----------
     executor
         Threads; None to run all shares here.
     work
-        Function of the number of a share.
+        Function that is called with the number of a share.
     """
     if executor is None:
         for share in range(SHARES):
             work(share)
         return
-    second = executor.submit(work, 1)
+    future = executor.submit(work, 1)
     work(0)
-    if second.cancel():
+    if future.cancel():
         work(1)
     else:
-        second.result()
+        future.result()

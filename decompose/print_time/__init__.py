@@ -8,8 +8,8 @@ from decompose.print_time.feature_shares import GROUPS, build_group_cost, estima
 from decompose.print_time.hidden_faces import MIN_VISIBLE_MM2
 from decompose.print_time.pose_prices import POSE_ROTATIONS, price_axis_poses_s, sum_pose_features
 from decompose.print_time.poses import (
+    MIN_TOUCHED_MM2,
     REFERENCE_SHRINKAGE,
-    TOUCHED_MM2,
     PartMesh,
     Pose,
     compute_steady_limit_s,
@@ -32,11 +32,11 @@ __all__ = [
     "FEATURES",
     "GROUPS",
     "MAX_INSET_SHARE",
+    "MIN_TOUCHED_MM2",
     "MIN_VISIBLE_MM2",
     "POSE_ROTATIONS",
     "REFERENCE_SHRINKAGE",
     "SUPPORT",
-    "TOUCHED_MM2",
     "CostModel",
     "PartMesh",
     "Pose",

@@ -11,11 +11,11 @@ from decompose.geometry.rays import Crossings, Rays, compute_unit_normals, find_
 from decompose.jit import jit, jit_inline
 from decompose.print_time.islands import Runs, sum_islands_mm
 
-MIN_STEP_MM = 0.4
+MIN_STEP_MM = 0.4  # minimum distance between columns
 LEVELS = 8  # number of heights at which the growing part is measured
-LEVEL_MM = 0.01  # maximum difference of equal heights
-UPRIGHT_TAN = 20.0  # minimum tangent of an upright face
-BED_MM = 0.15  # maximum height at which a run begins in the first layer
+SAME_HEIGHT_MM = 0.01  # maximum difference between heights that count as equal
+MAX_LEAN_TAN = 20.0  # maximum tangent of the lean of a face; a face that leans more counts as upright
+MAX_BED_GAP_MM = 0.15  # maximum height at which a run begins in the first layer
 MIN_GAP_MM = 0.3  # minimum height of a supported face above the bed or the part
 
 
@@ -29,7 +29,7 @@ class Sweep(NamedTuple):
     levels
         (LEVELS, 4) float64 moments in x, y, z and mass of the solid below each level, per area of a column.
     is_bed_support, is_standing
-        (nx, ny) bool: support carries the part from the bed; the part stands on the bed.
+        (nx, ny) bool, true where support carries the part from the bed, and where the part stands on the bed.
     supports_mm
         (nx, ny) float64 height of support in each column.
     towers_mm, edges_mm2, islands_mm, bodies_mm, holes_mm, island_paths_mm2, hole_paths_mm2
@@ -74,14 +74,14 @@ def sweep_columns(
     crossings = find_crossings(triangles, normals, rays)
     runs = Runs(crossings.start, np.zeros(nx * ny, np.int64), np.zeros((len(crossings.z_mm), 5)))
     touched_count = 0.0
-    supports = np.zeros((nx, ny))
+    supports_mm = np.zeros((nx, ny))
     is_bed_support = np.zeros((nx, ny), np.bool_)
     passing_sums = np.zeros((LEVELS, 4))  # runs up to each level that continue above it
     ending_sums = np.zeros((LEVELS, 4))  # runs that end below a level, but not below the previous one
     for column in range(nx * ny):
         i, j = column // ny, column % ny
         count = _follow_ray(crossings, column, normals, is_marked, overhang_cos, runs.ends)
-        runs.counts[column], supports[i, j], column_touched_count, is_bed_support[i, j] = count
+        runs.counts[column], supports_mm[i, j], column_touched_count, is_bed_support[i, j] = count
         touched_count += column_touched_count
         x, y = origin[0] + i * step_mm, origin[1] + j * step_mm
         for run in range(runs.start[column], runs.start[column] + runs.counts[column]):
@@ -90,11 +90,11 @@ def sweep_columns(
         for upper_level in range(level, LEVELS):
             passing_sums[upper_level] += ending_sums[level]
     carried_mm = step_mm * np.sqrt(1.0 - overhang_cos * overhang_cos) / overhang_cos
-    towers_mm, edges_mm2 = _sum_towers_mm(runs, supports, carried_mm, step_mm)
+    towers_mm, edges_mm2 = _sum_towers_mm(runs, supports_mm, carried_mm, step_mm)
     paths = sum_islands_mm(runs, rays.shape, height_mm, step_mm)
     is_standing = _find_standing_columns(runs, rays.shape)
     return Sweep(
-        touched_count, passing_sums, is_bed_support, supports, towers_mm, edges_mm2, *paths, is_standing
+        touched_count, passing_sums, is_bed_support, supports_mm, towers_mm, edges_mm2, *paths, is_standing
     )
 
 
@@ -115,7 +115,7 @@ def _follow_ray(
     is_marked, overhang_cos
         As in `sweep_columns`.
     ends
-        (runs, 5) float64, `ends` of `Runs`; the rows from the first crossing of the ray on are filled in.
+        (runs, 5) float64, `ends` of `Runs`; rows are filled in from the first crossing of the ray on.
 
     Returns
     -------
@@ -127,7 +127,7 @@ def _follow_ray(
     count, support_mm, touched_count, is_bed_support = 0, 0.0, 0.0, False
     # Start of a possible support, and the mark of the face there.
     support_start_mm, mark_at_start = 0.0, 0.0
-    depth, bottom, air, support, lean = 0, 0.0, 0.0, 0.0, 0.0
+    depth, bottom_mm, air_mm, run_support_mm, lean_tan = 0, 0.0, 0.0, 0.0, 0.0
     for k in range(first, crossings.start[ray + 1]):
         z, t = crossings.z_mm[k], crossings.face[k]
         up = normals[t, 2]
@@ -135,11 +135,11 @@ def _follow_ray(
             depth += 1
             if depth != 1:
                 continue
-            bottom, air, support = z, z - support_start_mm, 0.0
-            lean = min(UPRIGHT_TAN, np.sqrt(1.0 - up * up) / -up)
-            if -up > overhang_cos and air > MIN_GAP_MM:
-                support_mm += air
-                air, support = 0.0, air
+            bottom_mm, air_mm, run_support_mm = z, z - support_start_mm, 0.0
+            lean_tan = min(MAX_LEAN_TAN, np.sqrt(1.0 - up * up) / -up)
+            if -up > overhang_cos and air_mm > MIN_GAP_MM:
+                support_mm += air_mm
+                air_mm, run_support_mm = 0.0, air_mm
                 touched_count += is_marked[t] + mark_at_start
                 is_bed_support = is_bed_support or support_start_mm == 0.0
             continue
@@ -148,7 +148,13 @@ def _follow_ray(
             continue
         support_start_mm, mark_at_start = z, is_marked[t]
         run = first + count
-        ends[run, 0], ends[run, 1], ends[run, 2], ends[run, 3], ends[run, 4] = bottom, z, air, support, lean
+        ends[run, 0], ends[run, 1], ends[run, 2], ends[run, 3], ends[run, 4] = (
+            bottom_mm,
+            z,
+            air_mm,
+            run_support_mm,
+            lean_tan,
+        )
         count += 1
     return count, support_mm, touched_count, is_bed_support
 
@@ -157,7 +163,7 @@ def _follow_ray(
 def _add_run(
     passing_sums: Floats,
     ending_sums: Floats,
-    place: tuple[float, float],
+    position: tuple[float, float],
     run: tuple[float, float],
     height_mm: float,
 ) -> None:
@@ -167,59 +173,61 @@ def _add_run(
     ----------
     passing_sums, ending_sums
         (LEVELS, 4) float64 sums of the runs that continue above a level, and of those that end below it.
-    place
+    position
         x and y of the column in mm.
     run
         Bottom and top of the run in mm.
     height_mm
         Height of the mesh in mm.
     """
-    bottom, top = run
-    level = int(bottom / height_mm * LEVELS)
-    while level < LEVELS - 1 and height_mm * (level + 1) / LEVELS < top:
-        _add_moments(passing_sums, level, place, bottom, height_mm * (level + 1) / LEVELS)
+    bottom_mm, top_mm = run
+    level = int(bottom_mm / height_mm * LEVELS)
+    while level < LEVELS - 1 and height_mm * (level + 1) / LEVELS < top_mm:
+        _add_moments(passing_sums, level, position, bottom_mm, height_mm * (level + 1) / LEVELS)
         level += 1
-    _add_moments(ending_sums, min(level, LEVELS - 1), place, bottom, top)
+    _add_moments(ending_sums, min(level, LEVELS - 1), position, bottom_mm, top_mm)
 
 
 @jit_inline
-def _add_moments(sums: Floats, level: int, place: tuple[float, float], bottom: float, top: float) -> None:
+def _add_moments(
+    sums: Floats, level: int, position: tuple[float, float], bottom_mm: float, top_mm: float
+) -> None:
     """Add the moments and the mass of a part of a column to the sums of a level.
 
     Parameters
     ----------
     sums
-        (LEVELS, 4) float64 moments in x, y, z and mass, updated in place.
+        (LEVELS, 4) float64 moments in x, y, z and mass, updated in position.
     level
         Index of the level.
-    place
+    position
         x and y of the column in mm.
-    bottom, top
-        Heights in mm between which the part of the column lies.
+    bottom_mm, top_mm
+        Heights between which the part of the column lies.
     """
-    x, y = place
-    sums[level, 0] += x * (top - bottom)
-    sums[level, 1] += y * (top - bottom)
-    sums[level, 2] += (top * top - bottom * bottom) / 2.0
-    sums[level, 3] += top - bottom
+    x, y = position
+    sums[level, 0] += x * (top_mm - bottom_mm)
+    sums[level, 1] += y * (top_mm - bottom_mm)
+    sums[level, 2] += (top_mm * top_mm - bottom_mm * bottom_mm) / 2.0
+    sums[level, 3] += top_mm - bottom_mm
 
 
 @jit
-def _sum_towers_mm(runs: Runs, supports: Floats, carried_mm: float, step_mm: float) -> tuple[float, float]:
+def _sum_towers_mm(runs: Runs, supports_mm: Floats, carried_mm: float, step_mm: float) -> tuple[float, float]:
     """Sum the height of air under runs of solid that no neighbouring run or support carries.
 
-    Where neighbouring runs begin at about the same height, as along an edge, the first one counts as a
-    tower; the others count as a strip of support, by the area of both its sides.
+    If neighbouring runs begin at about the same height, as along an edge, the first one counts as a tower.
+    The other ones count as a strip of support, by the area of both its sides.
 
     Parameters
     ----------
     runs
         Runs of all columns.
-    supports
-        (nx, ny) float64 height of support in each column, in mm.
+    supports_mm
+        (nx, ny) float64 height of support in each column.
     carried_mm, step_mm
-        Height by which a neighbouring run must begin lower to carry a run, and distance between columns, in
-        mm.
+        Minimum height by which a neighbouring run must begin lower to carry a run, and distance between
+        columns.
 
     Returns
     -------
@@ -227,36 +235,36 @@ def _sum_towers_mm(runs: Runs, supports: Floats, carried_mm: float, step_mm: flo
         Height of all towers in mm, and sides of all strips in mm2.
     """
     start, counts, ends = runs.start, runs.counts, runs.ends
-    total, sides = 0.0, 0.0
-    nx, ny = supports.shape
+    towers_mm, sides_mm2 = 0.0, 0.0
+    nx, ny = supports_mm.shape
     for column in range(nx * ny):
         for k in range(start[column], start[column] + counts[column]):
-            bottom, air = ends[k, 0], ends[k, 2]
+            bottom_mm, air_mm = ends[k, 0], ends[k, 2]
             # A leaning thin wall is carried by a neighbour that is lower by its slope between two columns.
-            reached = bottom - ends[k, 4] * step_mm
-            if air <= MIN_GAP_MM:
+            carrier_top_mm = bottom_mm - ends[k, 4] * step_mm
+            if air_mm <= MIN_GAP_MM:
                 continue
-            begins, edge = True, False
+            is_tower, is_edge = True, False
             for i in range(max(0, column // ny - 1), min(nx, column // ny + 2)):
                 for j in range(max(0, column % ny - 1), min(ny, column % ny + 2)):
                     neighbour = i * ny + j
-                    if supports[i, j] > 0.0:
-                        begins = False
+                    if supports_mm[i, j] > 0.0:
+                        is_tower = False
                     for m in range(start[neighbour], start[neighbour] + counts[neighbour]):
-                        if ends[m, 1] < reached:
+                        if ends[m, 1] < carrier_top_mm:
                             continue
-                        diagonal = abs(i - column // ny) + abs(j - column % ny) == 2
-                        lower = bottom - ends[m, 0]
-                        least = carried_mm * (1.4142135623730951 if diagonal else 1.0)
-                        if lower > least:
-                            begins = False
-                        elif lower > LEVEL_MM or (lower > -LEVEL_MM and neighbour < column):
-                            edge = True
-            if begins and edge:
-                sides += 2.0 * step_mm * air
-            elif begins:
-                total += air
-    return total, sides
+                        is_diagonal = abs(i - column // ny) + abs(j - column % ny) == 2
+                        drop_mm = bottom_mm - ends[m, 0]
+                        min_drop_mm = carried_mm * (1.4142135623730951 if is_diagonal else 1.0)
+                        if drop_mm > min_drop_mm:
+                            is_tower = False
+                        elif drop_mm > SAME_HEIGHT_MM or (drop_mm > -SAME_HEIGHT_MM and neighbour < column):
+                            is_edge = True
+            if is_tower and is_edge:
+                sides_mm2 += 2.0 * step_mm * air_mm
+            elif is_tower:
+                towers_mm += air_mm
+    return towers_mm, sides_mm2
 
 
 @jit
@@ -279,6 +287,6 @@ def _find_standing_columns(runs: Runs, shape: tuple[int, int]) -> Bools:
     for column in range(shape[0] * shape[1]):
         first = runs.start[column]
         is_standing[column // shape[1], column % shape[1]] = (
-            runs.counts[column] > 0 and runs.ends[first, 0] < BED_MM
+            runs.counts[column] > 0 and runs.ends[first, 0] < MAX_BED_GAP_MM
         )
     return is_standing

@@ -1,4 +1,4 @@
-"""A part as upright columns: the places of its supports, and the growth of its mass as it is printed.
+"""Upright columns of a part, which show where its supports are and how its mass grows while it is printed.
 
 A support ends on the first face below it, which is often the part itself; sums over faces do not show that.
 """
@@ -15,7 +15,7 @@ from decompose.arrays import Bools, Floats
 from decompose.geometry.rays import Rays, find_bounds
 from decompose.print_time.column_kernels import MIN_STEP_MM, sweep_columns
 
-COLUMNS = 12_000  # approximate number of columns; support volumes have errors of 1 to 2 %
+COLUMN_COUNT = 12_000  # approximate number of columns; support volumes have errors of 1 to 2 %
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,20 +28,20 @@ class Columns:
         Volume below faces that overhang too far, down to the bed or to the part.
     support_side_mm2
         Upright sides of this support, counted along the columns' grid, and of the strips under edges that
-        begin in mid-air, whose faces need no support.
+        begin in mid-air and whose faces need no support.
     towers_mm
         Height of all towers under tips in mid-air, whose sides need no support.
     islands_mm
-        Number of islands of part or support less one, summed over the layers and multiplied by the layer
-        height: the nozzle travels to each of them.
+        Number of islands of the part or its support minus one, summed over the layers and multiplied by the
+        layer height, because the nozzle travels to each island.
     bodies_mm
-        The same sum for the bodies of the part, also less one: inner walls are shorter in each.
+        The same sum for the bodies of the part, also minus one, because inner walls are shorter in each body.
     holes_mm
         The same sum for all holes of the part.
     island_paths_mm2, hole_paths_mm2
-        The sums for islands and for holes, each times the mean distance from one to the next.
+        The sums for islands and for holes, each multiplied by the mean distance to the next one.
     first_layer
-        (nx, ny) bool: the part or its support stands on the bed.
+        (nx, ny) bool, true where the part or its support stands on the bed.
     step_mm
         Distance between columns.
     bed_support_mm2, bed_support_border_mm
@@ -51,7 +51,7 @@ class Columns:
         Area, as seen from above, of the marked faces that support touches, above or below it.
     volumes_mm3, centres_mm
         (LEVELS,) volume and (LEVELS, 3) centre of mass of the part below each of LEVELS evenly spaced
-        heights; the last row is that of the whole part.
+        heights; the last row is for the whole part.
     """
 
     support_mm3: float
@@ -71,7 +71,7 @@ class Columns:
     centres_mm: Floats
 
     def measure_brim_mm2(self, width_mm: float) -> float:
-        """Measure the area of a brim around all that stands on the bed; holes get no brim."""
+        """Measure the area of a brim around everything that stands on the bed; holes get no brim."""
         if width_mm <= 0.0:
             return 0.0
         is_standing = _fill_holes(np.pad(self.first_layer, math.ceil(width_mm / self.step_mm) + 1))
@@ -85,7 +85,7 @@ class Columns:
 
 
 def measure_columns(
-    triangles: Floats, is_marked: Bools, overhang_cos: float, count: int = COLUMNS
+    triangles: Floats, is_marked: Bools, overhang_cos: float, count: int = COLUMN_COUNT
 ) -> Columns:
     """Cut a closed mesh into upright columns and measure its supports, mass and islands.
 
@@ -145,7 +145,7 @@ def _find_row_ends(is_marked: Bools) -> Floats:
 
 
 def _sum_side_mm2(heights_mm: Floats, step_mm: float) -> float:
-    """Sum the upright area between columns (nx, ny) of different heights; slopes count along the grid."""
-    heights = np.pad(heights_mm, 1)
-    steps = np.abs(np.diff(heights, axis=0)).sum() + np.abs(np.diff(heights, axis=1)).sum()
-    return float(steps * step_mm)
+    """Sum the upright area between columns (nx, ny) of different heights; slopes are counted as steps."""
+    padded_mm = np.pad(heights_mm, 1)
+    steps_mm = np.abs(np.diff(padded_mm, axis=0)).sum() + np.abs(np.diff(padded_mm, axis=1)).sum()
+    return float(steps_mm * step_mm)

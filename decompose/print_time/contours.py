@@ -1,7 +1,7 @@
 """Contours, which sums over faces do not show: rims of flat faces, and rings of denser infill under slopes.
 
-A slicer prints no skin where the walls stand at the rim of a flat face, and more of it under a wall that
-rises from one. Gradual infill is denser in a ring below each slope.
+A slicer prints no skin under the walls at the rim of a flat face, and additional skin under a wall that rises
+from such a face. Gradual infill is denser in a ring below each slope.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from decompose.arrays import Floats, Ints
 from decompose.jit import jit
 from decompose.print_time.surfaces import Surfaces, measure_surfaces
 
-RISING_SHARE = 1.5
+RISING_WALL_FACTOR = 1.5
 """Width of the skin that continues under a wall rising from it, as a multiple of the width of the walls at an
 edge: Cura expands skin beyond the walls. Measured on a block that stands on another."""
 
@@ -26,14 +26,14 @@ class Contours(NamedTuple):
     ----------
     rim_mm
         Weighted length of the rims of faces with skin, as seen from above. The weight is the difference
-        between |n| of the face and |n| of the steeper face beside it, times -`RISING_SHARE` if that face
-        rises.
+        between |n| of the face and |n| of the steeper face beside it, multiplied by -`RISING_WALL_FACTOR` if
+        the steeper face rises.
     ends_mm
-        The same length without the factor -`RISING_SHARE`: lines of skin end there.
+        The same length without the factor -`RISING_WALL_FACTOR`, because lines of skin end at all rims.
     ring_mm2
         Sum of A sqrt(1 - n^2) over the slopes below which infill is denser.
     steep_top_mm2
-        Area, as seen from above, of those of these slopes that have no skin.
+        Area, as seen from above, of the slopes with denser infill below them and without skin.
     """
 
     rim_mm: float
@@ -66,7 +66,7 @@ def measure_contours(vertices: Floats, faces: Ints, up: Floats, skin_cos: float,
 def _pair_half_edges(faces: Ints, vertices: int) -> Ints:
     """Pair the two half-edges of each edge.
 
-    Half-edges are kept in lists by the lower of their vertices until the other half of their edge follows.
+    Half-edges are stored in lists by the lower of their vertices until the other half of their edge follows.
 
     Parameters
     ----------
@@ -87,21 +87,21 @@ def _pair_half_edges(faces: Ints, vertices: int) -> Ints:
     for vertex in range(vertices):
         start[vertex + 1] += start[vertex]
     ends = start[:-1].copy()
-    kept, pairs = np.zeros((start[-1], 2), np.int64), np.zeros((start[-1], 2), np.int64)
+    stored, pairs = np.zeros((start[-1], 2), np.int64), np.zeros((start[-1], 2), np.int64)
     count = 0
     for i in range(len(faces)):
         for corner in range(3):
             a, b = faces[i, corner], faces[i, (corner + 1) % 3]
             low, high = min(a, b), max(a, b)
-            place = start[low]
-            while place < ends[low] and kept[place, 0] != high:
-                place += 1
-            if place < ends[low]:
-                pairs[count, 0], pairs[count, 1] = kept[place, 1], 3 * i + corner
+            slot = start[low]
+            while slot < ends[low] and stored[slot, 0] != high:
+                slot += 1
+            if slot < ends[low]:
+                pairs[count, 0], pairs[count, 1] = stored[slot, 1], 3 * i + corner
                 count += 1
             else:
                 ends[low] += 1
-            kept[place, 0], kept[place, 1] = high, 3 * i + corner
+            stored[slot, 0], stored[slot, 1] = high, 3 * i + corner
     return pairs[:count].copy()
 
 
@@ -123,23 +123,23 @@ def _sum_slopes_mm2(surfaces: Surfaces, up: Floats, skin_cos: float, ring_cos: f
     tuple
         `ring_mm2` and `steep_top_mm2` of `Contours`.
     """
-    rings, steep_tops = 0.0, 0.0
+    ring_mm2, steep_top_mm2 = 0.0, 0.0
     for i in range(len(surfaces.areas_mm2)):
         n = 0.0
         for axis in range(3):
             n += surfaces.normals[i, axis] * up[axis]
         if n > ring_cos:
-            rings += surfaces.areas_mm2[i] * np.sqrt(max(0.0, 1.0 - n * n))
+            ring_mm2 += surfaces.areas_mm2[i] * np.sqrt(max(0.0, 1.0 - n * n))
             if n <= skin_cos:
-                steep_tops += surfaces.areas_mm2[i] * n
-    return rings, steep_tops
+                steep_top_mm2 += surfaces.areas_mm2[i] * n
+    return ring_mm2, steep_top_mm2
 
 
 @jit
 def _sum_rims_mm(
     vertices: Floats, faces: Ints, normals: Floats, up: Floats, edges: Ints, skin_cos: float
 ) -> tuple[float, float]:
-    """Sum the rims: edges between a face with skin and a steeper face without.
+    """Sum the rims, which are edges between a face with skin and a steeper face without skin.
 
     Parameters
     ----------
@@ -159,28 +159,28 @@ def _sum_rims_mm(
     tuple
         `rim_mm` and `ends_mm` of `Contours`.
     """
-    signed, total = 0.0, 0.0
-    skin = np.zeros(len(faces), np.bool_)
+    rim_mm, ends_mm = 0.0, 0.0
+    has_skin = np.zeros(len(faces), np.bool_)
     for i in range(len(faces)):
-        skin[i] = abs(normals[i, 0] * up[0] + normals[i, 1] * up[1] + normals[i, 2] * up[2]) > skin_cos
+        has_skin[i] = abs(normals[i, 0] * up[0] + normals[i, 1] * up[1] + normals[i, 2] * up[2]) > skin_cos
     for e in range(len(edges)):
         first, second = edges[e]
-        if skin[first // 3] == skin[second // 3]:
+        if has_skin[first // 3] == has_skin[second // 3]:
             continue
-        if skin[second // 3]:
+        if has_skin[second // 3]:
             first, second = second, first
         flat, steep, corner = first // 3, second // 3, first % 3
         a, b = faces[flat, corner], faces[flat, (corner + 1) % 3]
         apex = faces[steep, (second % 3 + 2) % 3]
-        rise, square, outside, n_flat, n_steep = 0.0, 0.0, 0.0, 0.0, 0.0
+        rise, squared_length, apex_offset, n_flat, n_steep = 0.0, 0.0, 0.0, 0.0, 0.0
         for axis in range(3):
             along = vertices[b, axis] - vertices[a, axis]
             rise += along * up[axis]
-            square += along * along
-            outside += (vertices[apex, axis] - vertices[a, axis]) * normals[flat, axis]
+            squared_length += along * along
+            apex_offset += (vertices[apex, axis] - vertices[a, axis]) * normals[flat, axis]
             n_flat += normals[flat, axis] * up[axis]
             n_steep += normals[steep, axis] * up[axis]
-        length = np.sqrt(max(0.0, square - rise * rise)) * (abs(n_flat) - abs(n_steep))
-        total += length
-        signed += length if outside < 0.0 else -RISING_SHARE * length
-    return signed, total
+        length_mm = np.sqrt(max(0.0, squared_length - rise * rise)) * (abs(n_flat) - abs(n_steep))
+        ends_mm += length_mm
+        rim_mm += length_mm if apex_offset < 0.0 else -RISING_WALL_FACTOR * length_mm
+    return rim_mm, ends_mm

@@ -1,11 +1,11 @@
-"""Price of a part: its estimated print time in seconds, from features that need no slicing.
+"""Price of a part: its estimated print time in seconds, from features that do not need slicing.
 
 There are two kinds of features. `ADDITIVE_FEATURES` are integrals over volume and surface. Cut faces count
-as ordinary faces, so that the features of a part are the sums over the cells of a grid, and `grid.boxes`
-prices any box from tables. The others follow from the sums (`skin_rim_mm`) and from the extents of a part.
+as ordinary faces, so the features of a part are the sums over the cells of a grid, and `grid.boxes` prices
+any box from tables. The other features follow from the sums (`skin_rim_mm`) and from the extents of a part.
 
 The time of each term is the length of its lines over their speed. Measured factors (`FACTORS`, by
-bench/prices/model.py) stand for travel, acceleration and retraction, which these terms omit.
+bench/prices/model.py) account for travel, acceleration and retraction, which these terms omit.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from decompose.print_time.thin_walls import ThinWalls
 
 Prices = np.void
 """A record of `CostModel.build_prices`: compiled code reads its fields by name."""
-Additive = tuple[float, float, float, float, float]
+AdditiveFeatures = tuple[float, float, float, float, float]
 Extents = tuple[float, float, float]
 
 MAX_INSET_SHARE = 0.1
@@ -36,10 +36,10 @@ MAX_INSET_SHARE = 0.1
 class CostModel:
     """Coefficients of the print time, in seconds per unit of a feature, and limits of the features.
 
-    ``t = fixed + max(volume V + lateral L - inset H, least H) + skin S - rim sqrt(S) + slope X + overhang O
+    ``t = fixed + max(volume V + lateral L - inset H, min H) + skin S - rim sqrt(S) + slope X + overhang O
     + brim B``; see `ADDITIVE_FEATURES` for V, L, S, X and O. B is the area of the brim around the part's
-    rectangle in mm2, H the height in mm. Where a part's columns are known, `price_support_s` replaces the
-    term of O.
+    rectangle in mm2, H the height in mm. If a part's columns are known, `price_support_s` replaces the term
+    of O.
 
     The errors were measured on parts that the decomposition makes, with each model held out from the fit. For
     a part with its own supports, the mean error is 1.5 %, and at most 2.3 % in any of five settings, even if
@@ -104,11 +104,11 @@ class CostModel:
         factors
             Factor of each term.
         """
-        per_mm = sum(
-            (factors[name] * vector for name, vector in compute_time_terms(recipe).items()),
+        vector = sum(
+            (factors[name] * term for name, term in compute_time_terms(recipe).items()),
             np.zeros(len(FEATURES)),
         )
-        seconds = dict(zip(FEATURES, per_mm.tolist(), strict=True))
+        seconds = dict(zip(FEATURES, vector.tolist(), strict=True))
         return cls(
             fixed_s=recipe.prelude_s,
             volume_s_mm3=seconds["volume_mm3"],
@@ -162,8 +162,8 @@ class CostModel:
         support_mm3, side_mm2, towers_mm, islands_mm
             Values of `Columns`.
         """
-        support = self.support_s_mm3 * support_mm3 + self.support_side_s_mm2 * side_mm2
-        return support + self.tower_s_mm * towers_mm + self.island_s_mm * islands_mm
+        support_s = self.support_s_mm3 * support_mm3 + self.support_side_s_mm2 * side_mm2
+        return support_s + self.tower_s_mm * towers_mm + self.island_s_mm * islands_mm
 
     def price_paths_s(self, islands_mm2: float, holes_mm: float, holes_mm2: float) -> float:
         """Price travel to islands and holes by `island_paths_mm2`, `holes_mm` and `hole_paths_mm2`.
@@ -177,7 +177,7 @@ class CostModel:
         return self.island_path_s_mm2 * islands_mm2 + holes_s
 
     def price_brim_s(self, brim_mm2: float, extents_mm: Floats) -> float:
-        """Compute by how much a brim costs more than the rectangular one that `compute_price_s` assumes.
+        """Compute the extra price of a brim, compared with the rectangular one in `compute_price_s`.
 
         Parameters
         ----------
@@ -186,12 +186,12 @@ class CostModel:
         extents_mm
             (3,) extents of the part.
         """
-        width, depth = extents_mm[:2]
-        ring_mm2 = self.brim_mm * (2.0 * (width + depth) + math.pi * self.brim_mm)
+        width_mm, depth_mm = extents_mm[:2]
+        ring_mm2 = self.brim_mm * (2.0 * (width_mm + depth_mm) + math.pi * self.brim_mm)
         return float(self.brim_s_mm2 * (brim_mm2 - ring_mm2))
 
     def price_contours_s(self, contours: Contours, skin_mm2: float) -> float:
-        """Price the contours of a part; its rims replace that of the single face in `compute_price_s`.
+        """Price the contours of a part; its rims replace the rim that `compute_price_s` assumes.
 
         Parameters
         ----------
@@ -206,15 +206,15 @@ class CostModel:
         rings_s = self.ring_s_mm2 * contours.ring_mm2 + self.steep_top_s_mm2 * contours.steep_top_mm2
         return rims_s + self.rim_end_s_mm * contours.ends_mm + rings_s
 
-    def price_thin_walls_s(self, thin: ThinWalls) -> float:
-        """Compute by how much the price of thin walls and sheets exceeds that of thick ones."""
-        walls_s = self.bare_s_mm2 * thin.bare_mm2 + self.gap_s_mm2 * thin.gap_mm2
-        return walls_s + self.full_s_mm2 * thin.full_mm2 + self.overlap_s_mm3 * thin.overlap_mm3
+    def price_thin_walls_s(self, thin_walls: ThinWalls) -> float:
+        """Compute the price of thin walls and sheets minus that of thick ones."""
+        walls_s = self.bare_s_mm2 * thin_walls.bare_mm2 + self.gap_s_mm2 * thin_walls.gap_mm2
+        return walls_s + self.full_s_mm2 * thin_walls.full_mm2 + self.overlap_s_mm3 * thin_walls.overlap_mm3
 
     def price_insets_s(self, lateral_mm2: float, height_mm: float, bodies_mm: float) -> float:
         """Compute the time that shorter inner walls save in all bodies of a layer but one.
 
-        `compute_price_s` counts a single body. Inner walls around a hole are longer: a hole counts as a
+        `compute_price_s` counts a single body. Inner walls around a hole are longer, so a hole counts as a
         negative body.
 
         Parameters
@@ -224,7 +224,7 @@ class CostModel:
         height_mm
             Height of the part.
         bodies_mm
-            Value of `Columns`, less that of holes.
+            Value of `Columns`, minus that of holes.
         """
         max_s = MAX_INSET_SHARE * self.lateral_s_mm2 * lateral_mm2
         body_s = min(self.inset_s_mm * height_mm, max_s)
@@ -244,10 +244,10 @@ class CostModel:
         extents_mm
             (3,) width, depth and height.
         """
-        volume, lateral, skin, slope, column = map(float, additive)
-        width, depth, height = map(float, extents_mm)
-        features = (volume, lateral, skin, slope, column)
-        return float(compute_price_s(self.build_prices(), features, (width, depth, height)))
+        volume_mm3, lateral_mm2, skin_mm2, slope_mm2, column_mm3 = map(float, additive)
+        width_mm, depth_mm, height_mm = map(float, extents_mm)
+        features = (volume_mm3, lateral_mm2, skin_mm2, slope_mm2, column_mm3)
+        return float(compute_price_s(self.build_prices(), features, (width_mm, depth_mm, height_mm)))
 
 
 def _compute_saved_share(saved_s: float, price_s: float) -> float:
@@ -267,7 +267,7 @@ def _make_record(cost: CostModel) -> Prices:
 
 
 @jit
-def compute_price_s(prices: Prices, additive: Additive, extents_mm: Extents) -> float:
+def compute_price_s(prices: Prices, additive: AdditiveFeatures, extents_mm: Extents) -> float:
     """Compute the price of a part in one pose, by the same formula for tables and parts.
 
     Parameters
@@ -282,21 +282,21 @@ def compute_price_s(prices: Prices, additive: Additive, extents_mm: Extents) -> 
     Returns
     -------
     float
-        Seconds.
+        Price in seconds.
     """
-    volume, lateral, skin, slope, column = additive
-    width, depth, height = extents_mm
-    ring = prices["brim_mm"] * (2.0 * (width + depth) + np.pi * prices["brim_mm"])
-    inset = min(prices["inset_s_mm"] * height, MAX_INSET_SHARE * prices["lateral_s_mm2"] * lateral)
-    lines = prices["volume_s_mm3"] * volume + prices["lateral_s_mm2"] * lateral - inset
-    body = max(lines, prices["min_s_mm"] * height)
-    flat = max(0.0, prices["skin_s_mm2"] * skin - prices["skin_rim_s_mm"] * np.sqrt(skin))
+    volume_mm3, lateral_mm2, skin_mm2, slope_mm2, column_mm3 = additive
+    width_mm, depth_mm, height_mm = extents_mm
+    brim_mm2 = prices["brim_mm"] * (2.0 * (width_mm + depth_mm) + np.pi * prices["brim_mm"])
+    max_inset_s = MAX_INSET_SHARE * prices["lateral_s_mm2"] * lateral_mm2
+    inset_s = min(prices["inset_s_mm"] * height_mm, max_inset_s)
+    lines_s = prices["volume_s_mm3"] * volume_mm3 + prices["lateral_s_mm2"] * lateral_mm2 - inset_s
+    skin_s = prices["skin_s_mm2"] * skin_mm2 - prices["skin_rim_s_mm"] * np.sqrt(skin_mm2)
     seconds: float = (
         prices["fixed_s"]
-        + body
-        + flat
-        + prices["slope_s_mm2"] * slope
-        + prices["overhang_s_mm3"] * column
-        + prices["brim_s_mm2"] * ring
+        + max(lines_s, prices["min_s_mm"] * height_mm)
+        + max(0.0, skin_s)
+        + prices["slope_s_mm2"] * slope_mm2
+        + prices["overhang_s_mm3"] * column_mm3
+        + prices["brim_s_mm2"] * brim_mm2
     )
     return seconds

@@ -1,4 +1,4 @@
-"""Shares of walls, infill, skins, brim and travel in the price of a model that is not cut yet."""
+"""Shares of walls, infill, skins, brim and travel in the price of an uncut model."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
 def estimate_feature_shares(vertices: Floats, faces: Ints, recipe: Recipe) -> dict[str, float]:
     """Estimate the share of each of `GROUPS` in the price of a model; the shares sum to 1.
 
-    Supports are left out, because cuts avoid them.
+    Supports are not counted, because cuts avoid them.
 
     Parameters
     ----------
@@ -44,18 +44,18 @@ def estimate_feature_shares(vertices: Floats, faces: Ints, recipe: Recipe) -> di
     recipe
         Settings of the slicer.
     """
-    bare_recipe = replace(recipe, prelude_s=0.0, min_layer_s=0.0)
+    recipe_per_unit = replace(recipe, prelude_s=0.0, min_layer_s=0.0)
     (features,), _ = sum_pose_features(
         vertices,
         faces,
         np.eye(3)[None],
-        CostModel.from_recipe(bare_recipe),
-        cut=np.zeros(len(faces), np.bool_),
+        CostModel.from_recipe(recipe_per_unit),
+        is_cut=np.zeros(len(faces), np.bool_),
     )
     features[ADDITIVE_FEATURES.index("column_mm3")] = 0.0
     extents_mm = np.ptp(vertices, axis=0)
     seconds = {
-        group: max(0.0, build_group_cost(bare_recipe, group).price_s(features, extents_mm))
+        group: max(0.0, build_group_cost(recipe_per_unit, group).price_s(features, extents_mm))
         for group in GROUPS
     }
     total_s = sum(seconds.values())

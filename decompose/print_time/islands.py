@@ -36,8 +36,8 @@ def sum_islands_mm(
 ) -> tuple[float, float, float, float, float]:
     """Count the islands, the bodies of solid and the holes of each layer, and sum them over the height.
 
-    The mean distance between islands or holes is the side of a square: an equal share of the layer's
-    rectangle for each island, of its solid for each hole.
+    The mean distance between islands is estimated by the side of a square whose area is the layer's rectangle
+    divided by the number of islands. For holes, it is the solid divided by the number of bodies and holes.
 
     Parameters
     ----------
@@ -57,18 +57,18 @@ def sum_islands_mm(
         sums of islands and of holes times their mean distance.
     """
     nx, ny = shape
-    total, other_bodies, holes, hole_paths, island_paths = 0, 0, 0, 0.0, 0.0
+    other_islands, other_bodies, holes, hole_paths, island_paths = 0, 0, 0, 0.0, 0.0
     rows, row_length = (nx + ISLAND_STRIDE - 1) // ISLAND_STRIDE, (ny + ISLAND_STRIDE - 1) // ISLAND_STRIDE
-    kind = np.zeros(rows * row_length, np.int8)  # kinds of cells: none, solid, support
+    kind = np.zeros(rows * row_length, np.int8)  # kind of each cell: empty, solid or support
     parent = np.zeros(rows * row_length, np.int64)
     for level in range(ISLAND_LEVELS):
         rectangle = _fill_level(runs, ny, height_mm * (level + 0.5) / ISLAND_LEVELS, kind, (rows, row_length))
         islands, bodies, cells = _count_islands(kind, parent, rows, row_length)
         if islands > 1:
-            total += islands - 1
+            other_islands += islands - 1
             island_paths += (islands - 1) * ISLAND_STRIDE * step_mm * np.sqrt(rectangle / islands)
         other_bodies += max(0, bodies - 1)
-        hole_count = max(0, bodies - _count_euler(kind, rows, row_length))
+        hole_count = max(0, bodies - _compute_euler_number(kind, rows, row_length))
         holes += hole_count
         hole_paths += (
             hole_count * ISLAND_STRIDE * step_mm * np.sqrt(cells / (bodies + hole_count))
@@ -77,7 +77,7 @@ def sum_islands_mm(
         )
     level_mm = height_mm / ISLAND_LEVELS
     return (
-        total * level_mm,
+        other_islands * level_mm,
         other_bodies * level_mm,
         holes * level_mm,
         island_paths * level_mm,
@@ -100,12 +100,12 @@ def _fill_level(runs: Runs, ny: int, z_mm: float, kind: Bytes, shape: tuple[int,
     kind
         (rows * row_length,) int8, filled in: 1 for solid, 2 for support, else 0.
     shape
-        Number of rows of the raster, and of the cells in each.
+        Number of rows of the raster, and number of cells in each row.
 
     Returns
     -------
     int
-        Number of cells of the smallest rectangle around those that are not empty.
+        Number of cells of the smallest rectangle around the cells that are not empty.
     """
     rows, row_length = shape
     low_i, high_i, low_j, high_j = rows, -1, row_length, -1
@@ -134,7 +134,7 @@ def _count_islands(kind: Bytes, parent: Ints, rows: int, row_length: int) -> tup
     parent
         (rows * row_length,) int64 buffer for the forest of connected cells; it is overwritten.
     rows, row_length
-        Number of rows of the raster, and of the cells in each.
+        Number of rows of the raster, and number of cells in each row.
     """
     islands, bodies, cells = 0, 0, 0
     for i in range(rows):
@@ -143,9 +143,9 @@ def _count_islands(kind: Bytes, parent: Ints, rows: int, row_length: int) -> tup
             parent[index] = index
             if kind[index] == 0:
                 continue
-            solid = 1 if kind[index] == 1 else 0
-            islands, bodies, cells = islands + 1, bodies + solid, cells + solid
-            for n in range(4):  # the four of the eight neighbours that have been visited
+            solid_count = 1 if kind[index] == 1 else 0
+            islands, bodies, cells = islands + 1, bodies + solid_count, cells + solid_count
+            for n in range(4):  # the four neighbours that have been visited
                 u, v = (i, j - 1) if n == 3 else (i - 1, j - 1 + n)
                 if u < 0 or v < 0 or v >= row_length or kind[u * row_length + v] != kind[index]:
                     continue
@@ -153,13 +153,13 @@ def _count_islands(kind: Bytes, parent: Ints, rows: int, row_length: int) -> tup
                 if a != b:
                     parent[a] = b
                     islands -= 1
-                    bodies -= solid
+                    bodies -= solid_count
     return islands, bodies, cells
 
 
 @jit
-def _count_euler(kind: Bytes, rows: int, row_length: int) -> int:
-    """Count the bodies of solid of a raster, less their holes.
+def _compute_euler_number(kind: Bytes, rows: int, row_length: int) -> int:
+    """Compute the Euler number of a raster: the number of bodies of solid minus that of their holes.
 
     The number follows from the patterns of two by two cells (Gray 1971). Cells that share a corner are one
     body.
@@ -169,7 +169,7 @@ def _count_euler(kind: Bytes, rows: int, row_length: int) -> int:
     kind
         (rows * row_length,) int8: 1 for solid.
     rows, row_length
-        Number of rows of the raster, and of the cells in each.
+        Number of rows of the raster, and number of cells in each row.
     """
     quads = 0
     for i in range(-1, rows):

@@ -1,7 +1,7 @@
 """Price of a closed mesh in a pose, from sums over its faces alone, and the extra time of short layers.
 
-Supports count as if they went down to the bed. A slicer slows down short layers, which would otherwise not
-cool before the next one.
+Supports are counted as if they went down to the bed. A slicer slows down short layers, which would otherwise
+not cool before the next layer.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from decompose.print_time.surfaces import Surfaces, measure_surfaces, sum_volume
 LATERAL = ADDITIVE_FEATURES.index("lateral_mm2")
 SKIN = ADDITIVE_FEATURES.index("skin_mm2")
 
-# A pose is the direction of the model that points up on the bed: +x, -x, +y, -y, +z, -z.
-POSES = 6
+# The number of a pose stands for the direction of the model that points up: +x, -x, +y, -y, +z, -z.
+POSE_COUNT = 6
 
-SLABS = 32  # number of equal slabs of the height; the layers of a slab are taken as equal
+SLABS = 32  # number of slabs into which the height is divided; the layers of a slab are treated as equal
 MAX_SLOWDOWN = 4.0  # maximum factor: walls of 40 to 50 mm/s are not printed at less than 10
 
 
 def find_pose_axes(pose: int) -> tuple[int, int, int]:
-    """Return the model axes that become width, depth and height in a pose."""
+    """Find the model axes that become width, depth and height in a pose."""
     up = pose // 2
     return ((up + 1) % 3, (up + 2) % 3, up)
 
@@ -39,12 +39,12 @@ def _build_pose_rotation(pose: int) -> Floats:
     return rotation
 
 
-POSE_ROTATIONS: Floats = np.array([_build_pose_rotation(pose) for pose in range(POSES)])
-"""Rotations (6, 3, 3) of the axis poses, as `price_poses_s` takes them."""
+POSE_ROTATIONS: Floats = np.array([_build_pose_rotation(pose) for pose in range(POSE_COUNT)])
+"""Rotations (6, 3, 3) of the axis poses, for `price_poses_s`."""
 
 
 @jit
-def _sum_surfaces(
+def _sum_face_features(
     surfaces: Surfaces, up: Floats, bed_mm: float, cosines: tuple[float, float]
 ) -> tuple[float, float, float, float]:
     """Sum the `ADDITIVE_FEATURES` of faces, without the volume.
@@ -65,20 +65,20 @@ def _sum_surfaces(
     tuple
         `lateral_mm2`, `skin_mm2`, `slope_mm2` and `column_mm3`.
     """
-    normals, areas, centres = surfaces
+    normals, areas_mm2, centres = surfaces
     skin_cos, overhang_cos = cosines
-    lateral, skin, slope, column = 0.0, 0.0, 0.0, 0.0
-    for i in range(len(areas)):
+    lateral_mm2, skin_mm2, slope_mm2, column_mm3 = 0.0, 0.0, 0.0, 0.0
+    for i in range(len(areas_mm2)):
         n = normals[i, 0] * up[0] + normals[i, 1] * up[1] + normals[i, 2] * up[2]
-        upright = areas[i] * np.sqrt(max(0.0, 1.0 - n * n))
-        lateral += upright
+        face_lateral_mm2 = areas_mm2[i] * np.sqrt(max(0.0, 1.0 - n * n))
+        lateral_mm2 += face_lateral_mm2
         if abs(n) > skin_cos:
-            skin += areas[i] * abs(n)
-            slope += upright
+            skin_mm2 += areas_mm2[i] * abs(n)
+            slope_mm2 += face_lateral_mm2
         if n < -overhang_cos:
             z = centres[i, 0] * up[0] + centres[i, 1] * up[1] + centres[i, 2] * up[2]
-            column -= areas[i] * n * (z - bed_mm)
-    return lateral, skin, slope, column
+            column_mm3 -= areas_mm2[i] * n * (z - bed_mm)
+    return lateral_mm2, skin_mm2, slope_mm2, column_mm3
 
 
 def sum_pose_features(
@@ -87,7 +87,7 @@ def sum_pose_features(
     rotations: Floats,
     cost: CostModel,
     hull: Floats | None = None,
-    cut: Bools | None = None,
+    is_cut: Bools | None = None,
 ) -> tuple[Floats, Floats]:
     """Sum the `ADDITIVE_FEATURES` of a closed mesh in k poses, and measure its extents.
 
@@ -100,10 +100,10 @@ def sum_pose_features(
     rotations
         (k, 3, 3), whose rows are the bed's x, y and z in the model's frame: ``v_bed = rotation @ v_model``.
     cost
-        Print time of a part.
+        Cost model of the print time.
     hull
-        (h, 3) vertices that span the convex hull, if they are known; with them it is faster.
-    cut
+        (h, 3) vertices of the convex hull, which save time; None if they are not known.
+    is_cut
         (m,) bool, true for cut faces; None if there are none.
 
     Returns
@@ -112,7 +112,7 @@ def sum_pose_features(
         (k, 5) features, and (k, 3) width, depth and height in mm.
     """
     surfaces = measure_surfaces(vertices, faces)
-    saves = cut is not None and bool(cut.any()) and _has_hidden_savings(cost)
+    has_savings = is_cut is not None and bool(is_cut.any()) and _has_hidden_savings(cost)
     features, extents = np.zeros((len(rotations), len(ADDITIVE_FEATURES))), np.zeros((len(rotations), 3))
     features[:, 0] = sum_volume_mm3(surfaces)
     cosines = (cost.skin_cos, cost.overhang_cos)
@@ -121,9 +121,9 @@ def sum_pose_features(
         bottom = rotated_vertices.min(axis=0)
         extents[i] = rotated_vertices.max(axis=0) - bottom
         up, bed_mm = rotation[2], float(bottom[2])
-        features[i, 1:] = _sum_surfaces(surfaces, up, bed_mm, cosines)
-        if saves and cut is not None:
-            hidden_faces = find_hidden_faces(surfaces, cut, up, bed_mm, cost.skin_cos)
+        features[i, 1:] = _sum_face_features(surfaces, up, bed_mm, cosines)
+        if has_savings and is_cut is not None:
+            hidden_faces = find_hidden_faces(surfaces, is_cut, up, bed_mm, cost.skin_cos)
             saved_mm2 = hidden_faces.compute_saved_skin_mm2(cost.hidden_bed_share, cost.hidden_top_share)
             features[i, SKIN] = max(0.0, features[i, SKIN] - saved_mm2)
             features[i, LATERAL] -= cost.hidden_side_share * hidden_faces.cut_side_mm2
@@ -160,15 +160,15 @@ def price_axis_poses_s(vertices: Floats, faces: Ints, cost: CostModel) -> Floats
     vertices, faces
         (n, 3) in mm and (m, 3) of a closed mesh, outward.
     cost
-        Print time of a part.
+        Cost model of the print time.
     """
     return price_poses_s(vertices, faces, POSE_ROTATIONS, cost)
 
 
 def price_short_layers_s(triangles: Floats, cost: CostModel) -> float:
-    """Compute the extra time in seconds of short layers, beyond what `CostModel.price_s` covers.
+    """Compute the extra time in seconds of short layers that `CostModel.price_s` does not cover.
 
-    That price covers only the mean of all layers: in a part that tapers, only the layers at the tip are
+    That price covers only the mean of all layers, but in a part that tapers only the layers at the tip are
     slowed down.
 
     Parameters
@@ -176,7 +176,7 @@ def price_short_layers_s(triangles: Floats, cost: CostModel) -> float:
     triangles
         (m, 3, 3) in mm of a closed mesh, outward, standing on z = 0.
     cost
-        Print time of a part.
+        Cost model of the print time.
     """
     height_mm = float(triangles[:, :, 2].max())
     slab_mm = height_mm / SLABS
@@ -185,13 +185,13 @@ def price_short_layers_s(triangles: Floats, cost: CostModel) -> float:
     inset_s = np.minimum(cost.inset_s_mm * slab_mm, MAX_INSET_SHARE * walls_s)
     lines_s = cost.volume_s_mm3 * slab_mm * section_mm2 + walls_s - inset_s
     min_s = np.minimum(cost.min_s_mm * slab_mm, MAX_SLOWDOWN * lines_s)
-    known_s = max(0.0, cost.min_s_mm * height_mm - float(lines_s.sum()))
-    return max(0.0, float(np.maximum(0.0, min_s - lines_s).sum()) - known_s)
+    covered_s = max(0.0, cost.min_s_mm * height_mm - float(lines_s.sum()))
+    return max(0.0, float(np.maximum(0.0, min_s - lines_s).sum()) - covered_s)
 
 
 @jit
 def _sum_by_slab(triangles: Floats, height_mm: float) -> tuple[Floats, Floats]:
-    """Sum A sqrt(1 - n^2) over the faces in each slab, and compute the mean section of the solid there.
+    """Sum A sqrt(1 - n^2) over the faces in each slab, and compute the mean section of the solid in it.
 
     n is the upward component of a face's unit normal. The section at a height is the sum of A n over all
     faces above it.
@@ -208,7 +208,7 @@ def _sum_by_slab(triangles: Floats, height_mm: float) -> tuple[Floats, Floats]:
     tuple
         (SLABS,) float64 sums, and (SLABS,) float64 sections, in mm2.
     """
-    lateral, section_sums = np.zeros(SLABS + 1), np.zeros(SLABS + 1)  # sums below each plane, and above it
+    lateral, section_sums = np.zeros(SLABS + 1), np.zeros(SLABS + 1)  # sums below and above each plane
     for t in range(len(triangles)):
         ax, ay, az = triangles[t, 0, 0], triangles[t, 0, 1], triangles[t, 0, 2]
         ux, uy, uz = triangles[t, 1, 0] - ax, triangles[t, 1, 1] - ay, triangles[t, 1, 2] - az
@@ -220,14 +220,14 @@ def _sum_by_slab(triangles: Floats, height_mm: float) -> tuple[Floats, Floats]:
         for plane in range(SLABS + 1):
             z = height_mm * plane / SLABS
             if z >= high:
-                below = 1.0
+                share_below = 1.0
             elif z <= low:
-                below = 0.0
+                share_below = 0.0
             elif z < middle:
-                below = (z - low) ** 2 / ((middle - low) * (high - low))
+                share_below = (z - low) ** 2 / ((middle - low) * (high - low))
             else:
-                below = 1.0 - (high - z) ** 2 / ((high - middle) * (high - low))
-            lateral[plane] += below * upright
-            section_sums[plane] += (1.0 - below) * up
+                share_below = 1.0 - (high - z) ** 2 / ((high - middle) * (high - low))
+            lateral[plane] += share_below * upright
+            section_sums[plane] += (1.0 - share_below) * up
     section_sums[0] = section_sums[1]  # the section at the bed itself would be 0
     return lateral[1:] - lateral[:-1], np.maximum(0.0, (section_sums[1:] + section_sums[:-1]) / 2.0)

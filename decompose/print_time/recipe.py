@@ -18,10 +18,10 @@ volume_mm3
 lateral_mm2
     Sum of A sqrt(1 - n^2) over all faces: walls, in every layer.
 skin_mm2, slope_mm2
-    Sums of A |n| and of A sqrt(1 - n^2) over the faces so flat that they get top or bottom skin.
+    Sums of A |n| and of A sqrt(1 - n^2) over the faces that are flat enough for top or bottom skin.
 column_mm3
     Sum of A |n| z over the faces that overhang by more than the support angle, z being their height above the
-    bed: the support's volume, if it reaches the bed.
+    bed. This is the support's volume if the support reaches the bed.
 """
 
 
@@ -63,7 +63,7 @@ FACTORS: Mapping[str, float] = {
 }
 """Factors of the seconds of each term of `compute_time_terms`, the same for all settings.
 
-``columns`` replaces all of `SUPPORT` where only tables are available. The factors of travel, of supports and
+``columns`` replaces all of `SUPPORT` if only tables are available. The factors of travel, of supports and
 of the terms that need a pose were fitted to the features of sliced parts (`bench/prices/features.py`), the
 others to five settings (`bench/prices/model.py`).
 """
@@ -74,23 +74,23 @@ TOWER_LAYER_S = 2.7
 """Time of a layer of a support tower before the factor of "islands"; the tower itself is printed as well."""
 
 
-INSET = 8.0
+LOOP_SHORTENING = 8.0
 """Length in mm by which a loop is shorter for each mm of distance from the outline: 2 mm at each corner."""
 
 
-OUTLINE_MM = 0.004
+OUTLINE_MARGIN_MM = 0.004
 """Margin of a layer's maximum overhang without support. Outlines are rounded, and a single line of support
-grows to the whole face: without the margin, a face at exactly the support angle would be priced without
+grows to the whole face. Without the margin, a face at exactly the support angle would be priced without
 support."""
 
 
 HOLE_VISITS = 4.0
-"""Number of travel moves to a hole, or around it, in a layer. Measured on plates with 1 to 16 bores: their
-travel is this multiple of their distance, with a stop for each move."""
+"""Number of travel moves to a hole, or around it, in a layer. On measured plates with 1 to 16 bores, the
+travel is this multiple of the distance between the bores, with a stop for each move."""
 
 
 MAX_STOP_MM_S = 30.0
-"""Speed of skin above which its line ends lose no more time: slices lose the same at 30 and at 50 mm/s."""
+"""Speed of skin above which its line ends lose no more time: slices lose equal times at 30 and at 50 mm/s."""
 
 
 TURN_TIME_SHARE = 0.5
@@ -116,7 +116,7 @@ class Recipe:
     outer_wall_mm_s: float = 40.0
     inner_wall_mm_s: float = 50.0
     infill_mm_s: float = 60.0
-    hidden_outer_wall_mm_s: float = 0.0  # on upright sides that are hidden after gluing; 0: outer_wall_mm_s
+    hidden_outer_wall_mm_s: float = 0.0  # on upright sides hidden after gluing; 0 for outer_wall_mm_s
     hidden_inner_wall_mm_s: float = 0.0
     skin_mm_s: float = 30.0
     roof_layers: int = 0  # number of uppermost layers of a top, at another speed unless all tops are hidden
@@ -125,12 +125,12 @@ class Recipe:
     support_angle_deg: float = 45.0  # from the vertical; faces at a larger angle get support
     brim_mm: float = 8.0
     brim_mm_s: float = 30.0  # of the first layer
-    slow_layers: int = 2  # number of layers over which the speed rises to that of the others
+    slow_layers: int = 2  # number of layers over which the speed rises to that of the other layers
     travel_mm_s: float = 150.0
     retraction_s: float = 0.52  # to retract the filament and to push it back
     acceleration_mm_s2: float = 3000.0
     min_layer_s: float = 5.0  # the slicer slows down shorter layers to this time
-    shrinkage: float = 0.007  # share of its length by which the material shrinks, so that parts warp
+    shrinkage: float = 0.007  # share of its length by which the material shrinks, which makes parts warp
     prelude_s: float = 0.0  # time of heating, homing, start and end code, once for each part
 
     @property
@@ -141,18 +141,20 @@ class Recipe:
     @property
     def insets_s(self) -> float:
         """Sum over the walls of a layer: distance of each from the outline in mm, over its speed."""
-        inner = range(1, self.wall_count)
-        depths_mm = [self.outer_line_width_mm + (i - 0.5) * self.line_width_mm for i in inner]
+        inner_walls = range(1, self.wall_count)
+        depths_mm = [self.outer_line_width_mm + (i - 0.5) * self.line_width_mm for i in inner_walls]
         outer_s = self.outer_line_width_mm / 2.0 / self.outer_wall_mm_s if self.wall_count > 0 else 0.0
         return outer_s + sum(depths_mm) / self.inner_wall_mm_s
 
     @property
     def skin_s_mm(self) -> float:
-        """Seconds for a mm of line in all layers of a skin; one skin of two lies on the bed."""
+        """Seconds per mm of line in all layers of a skin; one skin of two lies on the bed."""
         layers = min(self.slow_layers, round(self.skin_layers))
         speed_gain = (self.skin_mm_s - self.brim_mm_s) / max(self.slow_layers, 1)
-        first = sum(1.0 / (self.brim_mm_s + i * speed_gain) for i in range(layers))
-        return self.skin_layers / self.skin_mm_s + (first - layers / self.skin_mm_s + self.roof_s_mm) / 2.0
+        first_s_mm = sum(1.0 / (self.brim_mm_s + i * speed_gain) for i in range(layers))
+        return (
+            self.skin_layers / self.skin_mm_s + (first_s_mm - layers / self.skin_mm_s + self.roof_s_mm) / 2.0
+        )
 
     @property
     def skin_stop_s(self) -> float:
@@ -161,13 +163,13 @@ class Recipe:
 
     @property
     def roof_s_mm(self) -> float:
-        """Additional seconds for a mm of line in all layers of a top, due to the speed of its roof layers."""
+        """Additional seconds per mm of line in all layers of a top, due to the speed of its roof layers."""
         layers = min(self.roof_layers, self.skin_layers)
         return layers * (1.0 / self.roof_mm_s - 1.0 / self.skin_mm_s)
 
     @property
     def hidden_wall_s_mm2(self) -> float:
-        """Seconds saved by faster walls for each mm2 of a hidden upright side."""
+        """Seconds saved by faster walls, per mm2 of a hidden upright side."""
         outer_s_mm = _compute_gain_s_mm(self.outer_wall_mm_s, self.hidden_outer_wall_mm_s)
         inner_s_mm = _compute_gain_s_mm(self.inner_wall_mm_s, self.hidden_inner_wall_mm_s)
         walls_s_mm = outer_s_mm + (self.wall_count - 1) * inner_s_mm
@@ -186,26 +188,26 @@ class Recipe:
 
     @property
     def sparse_lines_per_mm(self) -> float:
-        """Number of infill lines for each mm, all directions together, at the lowest density."""
+        """Number of infill lines per mm, all directions together, at the lowest density."""
         distance_mm = self.infill_line_distance_mm * 2.0**self.infill_steps
         return 1.0 / distance_mm if distance_mm > 0.0 else 0.0
 
     @property
     def connection_s_mm2(self) -> float:
-        """Seconds for a line of infill along each mm2 of wall; 0 if infill lines are not connected."""
+        """Seconds for infill lines along the wall, per mm2 of wall; 0 if infill lines are not connected."""
         is_connected = self.infill_connected and self.sparse_lines_per_mm > 0.0
         return 1.0 / (self.layer_height_mm * self.infill_mm_s) if is_connected else 0.0
 
     @property
     def infill_ends_s_mm2(self) -> float:
-        """Seconds lost at the ends of infill lines, for each mm2 of wall."""
+        """Seconds lost at the ends of infill lines, per mm2 of wall."""
         stop_s = self.infill_mm_s / self.acceleration_mm_s2
         share = TURN_TIME_SHARE if self.connection_s_mm2 > 0.0 else 1.0
         return share * self.sparse_lines_per_mm * stop_s / self.layer_height_mm
 
     @property
     def top_lines_mm2(self) -> float:
-        """Additional infill lines below a top, as length times depth in mm2 for each mm2 of the top."""
+        """Additional infill lines below a top, as length times depth in mm2 per mm2 of the top."""
         return (
             self.infill_step_mm
             * self.sparse_lines_per_mm
@@ -221,7 +223,9 @@ class Recipe:
     @property
     def supported_deg(self) -> float:
         """Angle from the vertical beyond which faces count as supported: slightly less than the setting."""
-        overhang_mm = self.layer_height_mm * math.tan(math.radians(self.support_angle_deg)) - OUTLINE_MM
+        overhang_mm = (
+            self.layer_height_mm * math.tan(math.radians(self.support_angle_deg)) - OUTLINE_MARGIN_MM
+        )
         return math.degrees(math.atan2(max(0.0, overhang_mm), self.layer_height_mm))
 
     @property
@@ -234,8 +238,8 @@ class Recipe:
 def compute_time_terms(recipe: Recipe) -> dict[str, Floats]:
     """Compute the seconds of each term for one unit of each of `FEATURES`.
 
-    The nozzle stops and starts at each end of a line of infill, and of a slope's narrow skin. Walls cover the
-    rim of a skin.
+    The nozzle stops and starts at each end of a line of infill or of the narrow skin of a slope. Walls cover
+    the rim of a skin.
 
     Parameters
     ----------
@@ -247,64 +251,68 @@ def compute_time_terms(recipe: Recipe) -> dict[str, Floats]:
     dict
         Float64 vectors in the order of `FEATURES`, before `FACTORS`, by the names of the terms.
     """
-    r, layer = recipe, recipe.layer_height_mm
-    inner_walls = max(r.wall_count - 1, 0) / r.inner_wall_mm_s
-    walls = (1.0 / r.outer_wall_mm_s if r.wall_count > 0 else 0.0) + inner_walls
-    lines = r.sparse_lines_per_mm
-    supports = 1.0 / r.support_line_distance_mm if r.support_line_distance_mm > 0.0 else 0.0
-    infill = lines / (layer * r.infill_mm_s)
-    skin = r.skin_s_mm / r.line_width_mm
+    r, layer_mm = recipe, recipe.layer_height_mm
+    inner_walls_s_mm = max(r.wall_count - 1, 0) / r.inner_wall_mm_s
+    walls_s_mm = (1.0 / r.outer_wall_mm_s if r.wall_count > 0 else 0.0) + inner_walls_s_mm
+    support_lines_per_mm = 1.0 / r.support_line_distance_mm if r.support_line_distance_mm > 0.0 else 0.0
+    infill_s_mm3 = r.sparse_lines_per_mm / (layer_mm * r.infill_mm_s)
+    skin_s_mm2 = r.skin_s_mm / r.line_width_mm
     return {
         "infill": _build_vector(
-            volume_mm3=infill,
-            lateral_mm2=-infill * r.walls_mm,
+            volume_mm3=infill_s_mm3,
+            lateral_mm2=-infill_s_mm3 * r.walls_mm,
             # One skin of two is a top.
-            skin_mm2=-infill * r.skin_layers * layer + r.top_lines_mm2 / 2.0 / (layer * r.infill_mm_s),
+            skin_mm2=-infill_s_mm3 * r.skin_layers * layer_mm
+            + r.top_lines_mm2 / 2.0 / (layer_mm * r.infill_mm_s),
         ),
-        "walls": _build_vector(lateral_mm2=walls / layer, height_mm=-INSET * r.insets_s / layer),
+        "walls": _build_vector(
+            lateral_mm2=walls_s_mm / layer_mm, height_mm=-LOOP_SHORTENING * r.insets_s / layer_mm
+        ),
         "connections": _build_vector(
-            lateral_mm2=r.connection_s_mm2, height_mm=-INSET * r.walls_mm * r.connection_s_mm2
+            lateral_mm2=r.connection_s_mm2, height_mm=-LOOP_SHORTENING * r.walls_mm * r.connection_s_mm2
         ),
-        "skin": _build_vector(skin_mm2=skin),
-        "skin rim": _build_vector(skin_rim_mm=-skin * r.walls_mm),
-        "slope ends": _build_vector(slope_mm2=r.skin_stop_s / (layer * r.line_width_mm)),
-        "columns": _build_vector(column_mm3=supports / (layer * r.support_mm_s)),
-        "support": _build_vector(support_mm3=supports / (layer * r.support_mm_s)),
-        "support sides": _build_vector(support_side_mm2=1.0 / (layer * r.support_mm_s) if supports else 0.0),
+        "skin": _build_vector(skin_mm2=skin_s_mm2),
+        "skin rim": _build_vector(skin_rim_mm=-skin_s_mm2 * r.walls_mm),
+        "slope ends": _build_vector(slope_mm2=r.skin_stop_s / (layer_mm * r.line_width_mm)),
+        "columns": _build_vector(column_mm3=support_lines_per_mm / (layer_mm * r.support_mm_s)),
+        "support": _build_vector(support_mm3=support_lines_per_mm / (layer_mm * r.support_mm_s)),
+        "support sides": _build_vector(
+            support_side_mm2=1.0 / (layer_mm * r.support_mm_s) if support_lines_per_mm else 0.0
+        ),
         "brim": _build_vector(brim_mm2=1.0 / (r.outer_line_width_mm * r.brim_mm_s)),
         "infill ends": _build_vector(lateral_mm2=r.infill_ends_s_mm2),
-        "travel": _build_vector(lateral_mm2=1.0 / (layer * r.travel_mm_s)),
+        "travel": _build_vector(lateral_mm2=1.0 / (layer_mm * r.travel_mm_s)),
     } | _compute_pose_terms(recipe)
 
 
 def _compute_pose_terms(recipe: Recipe) -> dict[str, Floats]:
     """Compute the seconds of the terms whose features depend on a pose, as in `compute_time_terms`."""
-    r, layer = recipe, recipe.layer_height_mm
-    skin = r.skin_s_mm / r.line_width_mm
+    r, layer_mm = recipe, recipe.layer_height_mm
+    skin_s_mm2 = r.skin_s_mm / r.line_width_mm
     stop_s = r.travel_mm_s / r.acceleration_mm_s2 / 2.0
     return {
         "islands": _build_vector(
-            islands_mm=r.retraction_s / layer,
-            towers_mm=TOWER_LAYER_S / layer if r.support_line_distance_mm > 0.0 else 0.0,
+            islands_mm=r.retraction_s / layer_mm,
+            towers_mm=TOWER_LAYER_S / layer_mm if r.support_line_distance_mm > 0.0 else 0.0,
         ),
         "island paths": _build_vector(
-            islands_mm=stop_s / layer, island_paths_mm2=1.0 / (layer * r.travel_mm_s)
+            islands_mm=stop_s / layer_mm, island_paths_mm2=1.0 / (layer_mm * r.travel_mm_s)
         ),
         "holes": _build_vector(
-            holes_mm=HOLE_VISITS * stop_s / layer, hole_paths_mm2=HOLE_VISITS / (layer * r.travel_mm_s)
+            holes_mm=HOLE_VISITS * stop_s / layer_mm, hole_paths_mm2=HOLE_VISITS / (layer_mm * r.travel_mm_s)
         ),
-        "rims": _build_vector(rim_mm=-skin * r.walls_mm),
+        "rims": _build_vector(rim_mm=-skin_s_mm2 * r.walls_mm),
         # On average over all directions, a line ends once for every length of pi line widths of the rim.
         "rim ends": _build_vector(rim_ends_mm=r.skin_layers * r.skin_stop_s / (math.pi * r.line_width_mm)),
         "rings": _build_vector(ring_mm2=r.connection_s_mm2 if r.infill_steps else 0.0),
         "thin walls": _build_vector(
-            bare_mm2=-max(r.wall_count - 1, 0) / r.inner_wall_mm_s / layer,
-            gap_mm2=0.5 / (layer * r.skin_mm_s),
+            bare_mm2=-max(r.wall_count - 1, 0) / r.inner_wall_mm_s / layer_mm,
+            gap_mm2=0.5 / (layer_mm * r.skin_mm_s),
             full_mm2=-FACTORS["connections"] * r.connection_s_mm2
             - FACTORS["infill ends"] * r.infill_ends_s_mm2,
         ),
-        "thin sheets": _build_vector(overlap_mm3=-1.0 / (layer * r.line_width_mm * r.skin_mm_s)),
-        "steep tops": _build_vector(steep_top_mm2=r.top_lines_mm2 / (layer * r.infill_mm_s)),
+        "thin sheets": _build_vector(overlap_mm3=-1.0 / (layer_mm * r.line_width_mm * r.skin_mm_s)),
+        "steep tops": _build_vector(steep_top_mm2=r.top_lines_mm2 / (layer_mm * r.infill_mm_s)),
     }
 
 

@@ -39,8 +39,8 @@ def measure_surfaces(vertices: Floats, faces: Ints) -> Surfaces:
     faces
         (m, 3) int64, outward by the right-hand rule.
     """
-    normals, centres = np.zeros((len(faces), 3)), np.zeros((len(faces), 3))
-    areas = np.zeros(len(faces))
+    normals, centres_mm = np.zeros((len(faces), 3)), np.zeros((len(faces), 3))
+    areas_mm2 = np.zeros(len(faces))
     for i in range(len(faces)):
         a, b, c = faces[i, 0], faces[i, 1], faces[i, 2]
         ux, uy, uz = (
@@ -55,21 +55,21 @@ def measure_surfaces(vertices: Floats, faces: Ints) -> Surfaces:
         )
         nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
         length = np.sqrt(nx * nx + ny * ny + nz * nz)
-        areas[i] = length / 2.0
+        areas_mm2[i] = length / 2.0
         if length > 0.0:
             normals[i, 0], normals[i, 1], normals[i, 2] = nx / length, ny / length, nz / length
         for axis in range(3):
-            centres[i, axis] = (vertices[a, axis] + vertices[b, axis] + vertices[c, axis]) / 3.0
-    return Surfaces(normals, areas, centres)
+            centres_mm[i, axis] = (vertices[a, axis] + vertices[b, axis] + vertices[c, axis]) / 3.0
+    return Surfaces(normals, areas_mm2, centres_mm)
 
 
 @jit
 def sum_volume_mm3(surfaces: Surfaces) -> float:
     """Sum the volume of a closed mesh by the divergence theorem."""
-    volume = 0.0
+    volume_mm3 = 0.0
     for i in range(len(surfaces.areas_mm2)):
-        height = 0.0
+        height_mm = 0.0
         for axis in range(3):
-            height += surfaces.normals[i, axis] * surfaces.centres_mm[i, axis]
-        volume += surfaces.areas_mm2[i] * height / 3.0
-    return volume
+            height_mm += surfaces.normals[i, axis] * surfaces.centres_mm[i, axis]
+        volume_mm3 += surfaces.areas_mm2[i] * height_mm / 3.0
+    return volume_mm3

@@ -1,4 +1,4 @@
-"""Thin walls and sheets of a part, found by rays: infill, inner walls or skins do not fit inside them.
+"""Thin walls and sheets of a part, in which infill, inner walls or skins do not fit.
 
 Between the outer walls of a thin wall, a slicer prints a single line at the speed of skin instead of infill.
 If the inner walls do not fit either, such a line replaces them.
@@ -15,8 +15,8 @@ from decompose.arrays import Floats
 from decompose.geometry.rays import Crossings, Rays, compute_unit_normals, find_bounds, find_crossings
 from decompose.jit import jit
 
-RAYS = 4_000  # approximate number of rays along each axis
-MIN_STEP_MM = 0.05
+RAY_COUNT = 4_000  # approximate number of rays along each axis
+MIN_STEP_MM = 0.05  # minimum distance between rays
 MIN_GAP_MM = 0.05  # minimum gap between walls that is filled
 
 
@@ -67,7 +67,9 @@ class ThinWalls(NamedTuple):
     overlap_mm3: float
 
 
-def measure_thin_walls(triangles: Floats, widths: WallWidths, sheets: Sheets, count: int = RAYS) -> ThinWalls:
+def measure_thin_walls(
+    triangles: Floats, widths: WallWidths, sheets: Sheets, count: int = RAY_COUNT
+) -> ThinWalls:
     """Measure the thin walls and sheets of a closed mesh.
 
     Parameters
@@ -100,14 +102,14 @@ def _send_rays(triangles: Floats, count: int) -> tuple[Crossings, Floats, float]
     tuple
         Crossings, (m, 3) unit normals of the faces, and the area that a ray stands for, in mm2.
     """
-    turned_triangles = np.ascontiguousarray(triangles)
-    lo, hi = find_bounds(turned_triangles)
+    aligned_triangles = np.ascontiguousarray(triangles)
+    lo, hi = find_bounds(aligned_triangles)
     width_mm, depth_mm = (hi - lo)[:2].tolist()
     step_mm = max(MIN_STEP_MM, math.sqrt(width_mm * depth_mm / count))
     origin_mm = lo[:2] + step_mm * (0.5 + np.array([0.0123, 0.0271]))
-    normals = compute_unit_normals(turned_triangles)
+    normals = compute_unit_normals(aligned_triangles)
     rays = Rays(origin_mm, step_mm, (math.ceil(width_mm / step_mm), math.ceil(depth_mm / step_mm)))
-    return find_crossings(turned_triangles, normals, rays), normals, step_mm**2
+    return find_crossings(aligned_triangles, normals, rays), normals, step_mm**2
 
 
 @jit
@@ -133,7 +135,7 @@ def _sum_thin_walls(crossings: Crossings, normals: Floats, upright: int, widths:
         (3,) float64 sums for `bare_mm2`, `gap_mm2` and `full_mm2` of `ThinWalls`.
     """
     sums = np.zeros(3)
-    line, outer, walls = widths
+    line_mm, outer_mm, walls_mm = widths
     for ray in range(len(crossings.start) - 1):
         depth, entry = 0, 0
         for k in range(crossings.start[ray], crossings.start[ray + 1]):
@@ -145,20 +147,23 @@ def _sum_thin_walls(crossings: Crossings, normals: Floats, upright: int, widths:
             depth -= 1
             if depth != 0:
                 continue
-            chord = crossings.z_mm[k] - crossings.z_mm[entry]
+            chord_mm = crossings.z_mm[k] - crossings.z_mm[entry]
             for crossing in (entry, k):
                 face = crossings.face[crossing]
                 along, across = abs(normals[face, 2]), abs(normals[face, 1 - upright])
                 if along < across:
                     continue
-                level = np.sqrt(along * along + across * across)
-                thick, area = chord * along / level, level / along
-                if thick < outer + line:
-                    sums[0] += area
-                if outer + MIN_GAP_MM < thick < outer + line or walls + MIN_GAP_MM < thick < walls + line:
-                    sums[1] += area
-                if thick < walls + line:
-                    sums[2] += area
+                level_cos = np.sqrt(along * along + across * across)
+                thickness_mm, area_share = chord_mm * along / level_cos, level_cos / along
+                if thickness_mm < outer_mm + line_mm:
+                    sums[0] += area_share
+                if (
+                    outer_mm + MIN_GAP_MM < thickness_mm < outer_mm + line_mm
+                    or walls_mm + MIN_GAP_MM < thickness_mm < walls_mm + line_mm
+                ):
+                    sums[1] += area_share
+                if thickness_mm < walls_mm + line_mm:
+                    sums[2] += area_share
     return sums
 
 
@@ -175,18 +180,19 @@ def _sum_overlap_mm(crossings: Crossings, normals: Floats, sheets: Sheets) -> fl
     sheets
         Limits of thin sheets.
     """
-    skins, layer, skin_cos = sheets
-    total = 0.0
+    skins_mm, layer_mm, skin_cos = sheets
+    overlap_mm = 0.0
     for ray in range(len(crossings.start) - 1):
-        depth, bottom, flat = 0, 0.0, False
+        depth, bottom_mm, is_flat = 0, 0.0, False
         for k in range(crossings.start[ray], crossings.start[ray + 1]):
             z, up = crossings.z_mm[k], normals[crossings.face[k], 2]
             if up < 0.0:
                 depth += 1
                 if depth == 1:
-                    bottom, flat = z, -up > skin_cos
+                    bottom_mm, is_flat = z, -up > skin_cos
                 continue
             depth -= 1
-            if depth == 0 and flat and up > skin_cos:
-                total += max(0.0, skins - layer * np.floor((z - bottom) / layer + 0.5))
-    return total
+            if depth == 0 and is_flat and up > skin_cos:
+                layers = np.floor((z - bottom_mm) / layer_mm + 0.5)
+                overlap_mm += max(0.0, skins_mm - layer_mm * layers)
+    return overlap_mm

@@ -190,7 +190,7 @@ class Problem:
             tables.
         """
         self.effort.record(Work.BOX_PROVEN, len(boxes.seconds))
-        makespan_s = boxes.find_longest_s(partition)
+        makespan_s = boxes.find_longest_time_s(partition)
         proof = self.start(partial(bound_makespan, boxes, grid.needed, len(self.printers), makespan_s))
         return lambda: proof().seconds
 
@@ -219,7 +219,7 @@ class Problem:
             Result of `start_proof`, if the proof has been started already.
         """
         printers = len(self.printers)
-        times_s = sorted((boxes.find_longest_s([box]) for box in partition), reverse=True)
+        times_s = sorted((boxes.find_longest_time_s([box]) for box in partition), reverse=True)
         needed_mm3 = float(grid.sums[grid.needed][:, VOLUME].sum())
         bound_s = compute_surface_bound_s(self.model.solid.area_mm2, needed_mm3, printers, self.cost)
         if proof is None and self.needs_proof(pieces):

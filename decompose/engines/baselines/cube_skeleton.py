@@ -5,11 +5,11 @@ into up to 26 regions. Small loose pieces of a region are joined to their smalle
 merged while they fit. If the interior is kept, the cube is printed too, with further cubes outwards from its
 faces: the skeleton.
 
-`--faithful` takes a cube of whole cells, and merges pairs by volume, once, whatever the number of printers.
-Otherwise the cube is also refined against the mesh, and of both cubes the one whose pieces end sooner is
-used. Regions that are larger than a printer are cut on a grid, and the neighbours that print fastest are
-merged until each piece has a printer.
-Where nothing can be hollowed, the largest cube deep inside is a separate piece.
+`--faithful` takes a cube of whole cells, and merges pairs by volume only once, regardless of the number of
+printers. Otherwise the cube is also refined against the mesh, and the engine uses the cube whose pieces end
+sooner. Regions that are too large for a printer are cut on a grid, and the neighbours that print fastest are
+merged until there is a printer for each piece.
+If nothing can be hollowed, the largest cube deep inside is a separate piece.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ from decompose.problem.fitting import (
     split_connected,
 )
 
-CELLS = 24  # granularity of the grid on which the model is hollowed
-TOUCH_MM2 = 1.0  # minimum area of the joint between neighbours
+GRANULARITY = 24  # granularity of the grid on which the model is hollowed
+MIN_JOINT_MM2 = 1.0  # minimum area of the joint between neighbours
 
 
 def cut_by_cube_skeleton(problem: Problem) -> Partition:
@@ -60,28 +60,28 @@ def cut_by_cube_skeleton(problem: Problem) -> Partition:
     vertices, faces = model.solid.arrays()
     cost = problem.cost
     rules = GridRules(options.min_wall_mm, False, cost.overhang_cos, cost.skin_cos)
-    grid = build_grid(vertices[faces], CELLS, rules)
+    grid = build_grid(vertices[faces], GRANULARITY, rules)
     shell = hollow_model(model.solid, grid)
     is_hollow = bool(shell.cavity.any())
     cube = find_largest_cube(shell.cavity if is_hollow else grid.cells == Cell.INTERNAL)
     if cube is None and faithful:
         raise NoFit("there is no room for a cube inside the model: choose --engine guillotine")
     problem.on_stage("hollow")
-    best = _cut_shell(problem, grid, shell, cube)
+    best_pieces = _cut_shell(problem, grid, shell, cube)
     if cube is not None and is_hollow and not faithful:
         cell_mm = max(float(np.diff(planes).max()) for planes in grid.planes)
         cube_mm = refine_cube(model.solid, np.array(grid.find_bounds_mm(cube)), cell_mm, options.min_wall_mm)
         planes, cube = move_planes_to(model.solid, grid, cube_mm)
         grid = fill_grid(vertices[faces], planes, rules)
-        refined = _cut_shell(problem, grid, hollow_model(model.solid, grid, cube), cube)
-        best = min(
-            refined,
-            best,
+        refined_pieces = _cut_shell(problem, grid, hollow_model(model.solid, grid, cube), cube)
+        best_pieces = min(
+            refined_pieces,
+            best_pieces,
             key=lambda pieces: (len(pieces) > len(problem.printers), problem.compute_makespan_s(pieces)),
         )
     problem.on_stage("cut")
-    refuse_misfits("cube-skeleton", best, problem, sufficient_printers=len(best))
-    return Partition(best, model, np.eye(3))
+    refuse_misfits("cube-skeleton", best_pieces, problem, sufficient_printers=len(best_pieces))
+    return Partition(best_pieces, model, np.eye(3))
 
 
 def _cut_shell(problem: Problem, grid: Grid, shell: Shell, cube: Block | None) -> tuple[Piece, ...]:
@@ -105,7 +105,7 @@ def _cut_skeleton(cubes: list[Block], grid: Grid, problem: Problem) -> list[Piec
 
 
 def _split_regions(piece: Piece, cube: Block | None, grid: Grid) -> list[Piece]:
-    """Split a piece by the planes of a cube's sides; each region may be in several pieces."""
+    """Split a piece by the planes of a cube's sides; a region may consist of several pieces."""
     parts = [piece]
     if cube is None:
         return parts
@@ -156,7 +156,7 @@ class _Group:
 
 
 class _PieceMerger:
-    """Merge of pieces into groups: the groups by number, and the neighbours of each."""
+    """Groups of merged pieces, by number, and the neighbours of each group."""
 
     def __init__(self, pieces: list[Piece], problem: Problem) -> None:
         self.pieces = pieces
@@ -168,7 +168,7 @@ class _PieceMerger:
             self.groups[i] = _Group([i], solid, seconds)
         self.touching_groups: dict[int, set[int]] = defaultdict(set)
         for joint in find_joints(pieces):
-            if joint.area_mm2 >= TOUCH_MM2:
+            if joint.area_mm2 >= MIN_JOINT_MM2:
                 self.touching_groups[joint.a].add(joint.b)
                 self.touching_groups[joint.b].add(joint.a)
 
@@ -180,8 +180,8 @@ class _PieceMerger:
     def merge_groups(self, a: int, b: int) -> bool:
         """Merge the second group into the first, and return whether that was possible.
 
-        It is not possible if rounding leaves a gap at their cut, or if they also meet along an edge, so that
-        an STL file of both would not be closed.
+        It is impossible if rounding leaves a gap at their cut. It is also impossible if they meet along an
+        edge too, because an STL file of both would not be closed.
         """
         first, second = self.groups[a], self.groups[b]
         solid = Solid.union([first.solid, second.solid])

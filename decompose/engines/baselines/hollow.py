@@ -15,8 +15,8 @@ Block = tuple[int, int, int, int, int, int]  # x0, y0, z0, x1, y1, z1 in cells, 
 
 MAX_GROWTH_CELLS = 2.0  # maximum growth of a cube on each side, as a multiple of a cell's longest side
 ACCURACY_MM = 0.2  # accuracy of the cube's size
-MARGIN_MM = 0.01  # margin above the minimum wall, since distances are rounded
-ROUNDS = 2  # rounds of growth in every direction
+MARGIN_MM = 0.01  # margin above the minimum wall, because distances are rounded
+ROUNDS = 2  # number of rounds of growth in every direction
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,7 +51,7 @@ def hollow_model(solid: Solid, grid: Grid, cube: Block | None = None) -> Shell:
     grid
         Grid over it, with the cells that the minimum wall needs.
     cube
-        Cells to remove in any case; None for none.
+        Cells of a cube that are removed in any case; None for no cube.
     """
     cube_cells = np.zeros_like(grid.needed)
     if cube is not None:
@@ -67,14 +67,16 @@ def hollow_model(solid: Solid, grid: Grid, cube: Block | None = None) -> Shell:
 
 
 def remove_diagonals(cells: Bools, kept_cells: Bools | None = None) -> Bools:
-    """Remove cells that meet others only along an edge, where the surface of a cavity would touch itself.
+    """Remove cells that meet others only along an edge.
+
+    The surface of a cavity would touch itself there.
 
     Parameters
     ----------
     cells
         (nx, ny, nz) bool, the cells of the cavity.
     kept_cells
-        (nx, ny, nz) bool, cells that are not removed; None for none.
+        (nx, ny, nz) bool, true for cells that are not removed; None if any cell may be removed.
 
     Returns
     -------
@@ -101,7 +103,7 @@ def remove_diagonals(cells: Bools, kept_cells: Bools | None = None) -> Bools:
 
 
 def cover_by_boxes(cells: Bools) -> list[Block]:
-    """Cover cells (nx, ny, nz) by disjoint boxes: each grows along z, then y, then x as far as it can."""
+    """Cover cells (nx, ny, nz) with disjoint boxes; each grows along z, then y, then x as far as it can."""
     is_free = cells.copy()
     boxes: list[Block] = []
     for x, y, z in np.argwhere(cells).tolist():
@@ -145,8 +147,9 @@ def find_largest_cube(cells: Bools) -> Block | None:
 def refine_cube(solid: Solid, cube_mm: Floats, cell_mm: float, wall_mm: float) -> Floats:
     """Grow the largest cube within a cuboid until it reaches the minimum wall.
 
-    It grows about its middle and towards each corner, by bisection against the mesh itself, for `ROUNDS`
-    rounds, by at most `MAX_GROWTH_CELLS` cells: afterwards hardly any larger cube around it keeps the wall.
+    It grows about its middle and towards each corner, by bisection against the mesh itself, in `ROUNDS`
+    rounds and by at most `MAX_GROWTH_CELLS` cells. Afterwards hardly any larger cube around it keeps the
+    wall.
 
     Parameters
     ----------
@@ -165,34 +168,36 @@ def refine_cube(solid: Solid, cube_mm: Floats, cell_mm: float, wall_mm: float) -
         (2, 3) corners of the cube in mm.
     """
     reach_mm, wall_mm = MAX_GROWTH_CELLS * cell_mm, max(wall_mm, ACCURACY_MM) + MARGIN_MM
-    middle, half = cube_mm.mean(axis=0), np.ptp(cube_mm, axis=0).min() / 2.0
-    min_corner, max_corner = cube_mm[0] - reach_mm, cube_mm[1] + reach_mm
-    far_mm = wall_mm + ACCURACY_MM
-    outside = Solid.box(min_corner - far_mm, max_corner + far_mm).subtract(solid)
-    cube = np.array([middle - half, middle + half])
-    # Shares of the growth that the lower sides get.
+    middle_mm, half_side_mm = cube_mm.mean(axis=0), np.ptp(cube_mm, axis=0).min() / 2.0
+    min_corner_mm, max_corner_mm = cube_mm[0] - reach_mm, cube_mm[1] + reach_mm
+    margin_mm = wall_mm + ACCURACY_MM
+    outer_solid = Solid.box(min_corner_mm - margin_mm, max_corner_mm + margin_mm).subtract(solid)
+    cube = np.array([middle_mm - half_side_mm, middle_mm + half_side_mm])
+    # Shares of the growth on the lower sides.
     directions: Floats = np.array([(0.5, 0.5, 0.5), *np.ndindex(2, 2, 2)])
 
     def grow_cube(direction: Floats, distance_mm: float) -> Floats:
         return np.array([cube[0] - direction * distance_mm, cube[1] + (1.0 - direction) * distance_mm])
 
     def keeps_wall(box: Floats) -> bool:
-        return outside.is_empty or outside.measure_gap_mm(Solid.box(*box), wall_mm) >= wall_mm
+        return outer_solid.is_empty or outer_solid.measure_gap_mm(Solid.box(*box), wall_mm) >= wall_mm
 
     for _ in range(ROUNDS):
         before_mm = float(cube[1, 0] - cube[0, 0])
         for direction in directions:
             shares, spaces_mm = (
                 np.array([direction, 1.0 - direction]),
-                np.array([cube[0] - min_corner, max_corner - cube[1]]),
+                np.array([cube[0] - min_corner_mm, max_corner_mm - cube[1]]),
             )
-            low, high = 0.0, float((spaces_mm[shares > 0.0] / shares[shares > 0.0]).min())
-            while high - low > ACCURACY_MM:
-                growth_mm = (low + high) / 2.0
-                low, high = (
-                    (growth_mm, high) if keeps_wall(grow_cube(direction, growth_mm)) else (low, growth_mm)
+            low_mm, high_mm = 0.0, float((spaces_mm[shares > 0.0] / shares[shares > 0.0]).min())
+            while high_mm - low_mm > ACCURACY_MM:
+                growth_mm = (low_mm + high_mm) / 2.0
+                low_mm, high_mm = (
+                    (growth_mm, high_mm)
+                    if keeps_wall(grow_cube(direction, growth_mm))
+                    else (low_mm, growth_mm)
                 )
-            cube = grow_cube(direction, low)
+            cube = grow_cube(direction, low_mm)
         if cube[1, 0] - cube[0, 0] < before_mm + ACCURACY_MM:
             break
     return cube
@@ -221,15 +226,15 @@ def move_planes_to(solid: Solid, grid: Grid, cube_mm: Floats) -> tuple[tuple[Flo
     inwards_mm = min(2.0 * CLEAR_MM, float(np.ptp(cube_mm, axis=0).min()) / 3.0)
     planes, cells = [], []
     for axis, sides in enumerate(cube_mm.T.tolist()):
-        positions, flats = grid.planes[axis].copy(), find_flat_coordinates(vertices[faces], axis)
-        low, high = (
-            _find_clear_place(flats, side_mm, reach_mm)
+        positions_mm, flats_mm = grid.planes[axis].copy(), find_flat_coordinates(vertices[faces], axis)
+        low_mm, high_mm = (
+            _find_clear_place(flats_mm, side_mm, reach_mm)
             for side_mm, reach_mm in zip(sides, (inwards_mm, -inwards_mm), strict=True)
         )
-        first = 1 + int(np.abs(positions[1:-2] - low).argmin())
-        last = first + 1 + int(np.abs(positions[first + 1 : -1] - high).argmin())
-        positions[first], positions[last] = low, high
-        planes.append(positions)
+        first = 1 + int(np.abs(positions_mm[1:-2] - low_mm).argmin())
+        last = first + 1 + int(np.abs(positions_mm[first + 1 : -1] - high_mm).argmin())
+        positions_mm[first], positions_mm[last] = low_mm, high_mm
+        planes.append(positions_mm)
         cells.append((first, last))
     (x0, x1), (y0, y1), (z0, z1) = cells
     return (planes[0], planes[1], planes[2]), (x0, y0, z0, x1, y1, z1)
@@ -237,16 +242,16 @@ def move_planes_to(solid: Solid, grid: Grid, cube_mm: Floats) -> tuple[tuple[Flo
 
 def _find_clear_place(flats_mm: Floats, at_mm: float, reach_mm: float) -> float:
     """Find the nearest place within reach that is clear of flat faces (k,), else the farthest from them."""
-    places = np.linspace(at_mm, at_mm + reach_mm, 41)
-    gaps = np.abs(places[:, None] - flats_mm[None]).min(axis=1, initial=np.inf)
-    clear_gaps = np.flatnonzero(gaps >= CLEAR_MM)
-    return float(places[clear_gaps[0] if len(clear_gaps) else int(gaps.argmax())])
+    places_mm = np.linspace(at_mm, at_mm + reach_mm, 41)
+    gaps_mm = np.abs(places_mm[:, None] - flats_mm[None]).min(axis=1, initial=np.inf)
+    clear_places = np.flatnonzero(gaps_mm >= CLEAR_MM)
+    return float(places_mm[clear_places[0] if len(clear_places) else int(gaps_mm.argmax())])
 
 
 def list_cubes_around(cube: Block, cells: Bools) -> list[Block]:
-    """List a cube outwards from the middle of each face of a cube: the largest one of cells, but no larger.
+    """List cubes outwards from the middle of each face of a cube: the largest ones, but no larger than it.
 
-    Where cells are not cubes, each side of a block is shorter than that of the cube by the same number of
+    If the cells are not cubes, each side of a block is shorter than that of the cube by the same number of
     cells.
 
     Parameters
@@ -254,18 +259,18 @@ def list_cubes_around(cube: Block, cells: Bools) -> list[Block]:
     cube
         Cells of the cube.
     cells
-        (nx, ny, nz) bool, the cells that the cubes may have.
+        (nx, ny, nz) bool, true for cells that the cubes may occupy.
     """
     edges = [cube[axis + 3] - cube[axis] for axis in range(3)]
     cubes: list[Block] = []
     for axis in range(3):
-        for outward in (False, True):
+        for is_upper_side in (False, True):
             for margin in range(min(edges)):
                 lo = [cube[a] + margin // 2 for a in range(3)]
-                lo[axis] = cube[axis + 3] if outward else cube[axis] - edges[axis] + margin
+                lo[axis] = cube[axis + 3] if is_upper_side else cube[axis] - edges[axis] + margin
                 hi = [v + edge - margin for v, edge in zip(lo, edges, strict=True)]
-                inside = min(lo) >= 0 and all(h <= n for h, n in zip(hi, cells.shape, strict=True))
-                if inside and cells[lo[0] : hi[0], lo[1] : hi[1], lo[2] : hi[2]].all():
+                is_inside = min(lo) >= 0 and all(h <= n for h, n in zip(hi, cells.shape, strict=True))
+                if is_inside and cells[lo[0] : hi[0], lo[1] : hi[1], lo[2] : hi[2]].all():
                     cubes.append((lo[0], lo[1], lo[2], hi[0], hi[1], hi[2]))
                     break
     return cubes

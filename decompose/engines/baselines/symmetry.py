@@ -1,11 +1,11 @@
 """The engine `symmetry`: SBD, recursive cuts at planes of symmetry (Hatton et al. 2023).
 
 First a tree of cuts with a depth of three is built, and its leaves are chosen to minimise the price of the
-costliest part. Then one part after another is cut further, while there are printers. `--faithful` follows the
-authors' program: planes are taken from one draw of normals, the price of a part is its volume, the least
-symmetric part is cut first, halves of too little volume are refused, and the printers' room does not matter.
-Otherwise planes are refined and used only where they are good, the price of a part is its print time, the
-costliest part is cut first, and the printers' room forces cuts.
+costliest part. Then one part after another is cut further as long as printers remain. `--faithful` follows
+the authors' program: planes are taken from one draw of normals, the price of a part is its volume, the least
+symmetric part is cut first, cuts with too small a half are refused, and build volumes are ignored. Otherwise
+planes are refined and used only if they are good, the price of a part is its print time, the costliest part
+is cut first, and parts that do not fit a build volume are cut.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ from decompose.problem.fitting import (
 )
 
 TREE_DEPTH = 3  # depth of the tree of cuts
-DRAWN_PLANES = 5  # maximum number of planes that are kept from a draw for a part
-GOOD_PLANES = 3  # maximum number of refined planes of a part
-REFINING_SAMPLES = 25  # number of normals in a round of the refinement
-MIN_SHARE = 1.0 / 1.5  # minimum volume of a half in the authors' program, as a share of the mean part's
+MAX_DRAWN_PLANES = 5  # maximum number of planes that are used from a draw for a part
+MAX_REFINED_PLANES = 3  # maximum number of refined planes of a part
+REFINEMENT_SAMPLES = 25  # number of normals in a round of the refinement
+MIN_HALF_SHARE = 1.0 / 1.5  # minimum volume of a half in the authors' program, as a share of the mean part's
 # Offsets of a plane from the boundary of a block, as shares of the block.
-OFFSETS: Floats = np.array([0.0, 0.05, -0.05, 0.1, -0.1, 0.15, -0.15, 0.2, -0.2, 0.3, -0.3])
+OFFSET_SHARES: Floats = np.array([0.0, 0.05, -0.05, 0.1, -0.1, 0.15, -0.15, 0.2, -0.2, 0.3, -0.3])
 MIN_VOLUME_SHARE = 0.05  # minimum volume of a part, as a share of the mean part's
 
 
@@ -54,8 +54,8 @@ Leaves = tuple[float, tuple[_Part, ...]]  # the highest price of some parts, and
 NO_LEAVES: Leaves = (math.inf, ())
 
 
-class _Form(ABC):
-    """Steps in which the published and the corrected form differ."""
+class _Method(ABC):
+    """Steps in which the published and the corrected method differ."""
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
@@ -72,7 +72,7 @@ class _Form(ABC):
 
     @abstractmethod
     def cut_further(self, parts: list[_Part]) -> list[_Part]:
-        """Cut the parts further, while there are printers."""
+        """Cut the parts further as long as printers remain."""
 
     def price_model(self) -> _Part:
         """Price the whole model as a part."""
@@ -87,34 +87,34 @@ def cut_by_symmetry(problem: Problem) -> Partition:
     NoFit
         A part fits no printer, or the parts are in more pieces than there are printers.
     """
-    form = _PublishedForm(problem) if problem.options.faithful else _CorrectedForm(problem)
+    method = _PublishedMethod(problem) if problem.options.faithful else _CorrectedMethod(problem)
     printers = len(problem.printers)
-    uncut_part = form.price_model()
+    uncut_part = method.price_model()
     if uncut_part.printers_needed > printers:
         raise NoFit(
             f"the printers' build volumes need at least {uncut_part.printers_needed} parts, but there are "
             f"{printers} printers",
             uncut_part.printers_needed,
         )
-    parts = list(_find_best_leaves(form, uncut_part, printers, TREE_DEPTH)[printers][1])
+    parts = list(_find_best_leaves(method, uncut_part, printers, TREE_DEPTH)[printers][1])
     problem.on_stage("tree")
-    parts = form.cut_further(parts)
+    parts = method.cut_further(parts)
     problem.on_stage("greedy")
     pieces = tuple(piece for part in parts for piece in split_connected(part.piece))
-    # With more printers more parts would be made, so that no number is known to be enough.
+    # With more printers, the engine would make more parts, so no number is known to be enough.
     refuse_misfits("symmetry", pieces, problem, sufficient_printers=None)
     return Partition(pieces, problem.model, np.eye(3))
 
 
-def _find_best_leaves(form: _Form, part: _Part, printers: int, depth: int) -> list[Leaves]:
+def _find_best_leaves(method: _Method, part: _Part, printers: int, depth: int) -> list[Leaves]:
     """Find the leaves of the tree of cuts with the lowest maximum price, for 0, 1, ... printers."""
     best = [NO_LEAVES if k < part.printers_needed else (part.price, (part,)) for k in range(printers + 1)]
     if depth == 0 or printers < 2:
         return best
-    for children in form.list_cuts(part):
+    for children in method.list_cuts(part):
         combinations: list[Leaves] = [(0.0, ())] * (printers + 1)
         for child in children:
-            child_leaves = _find_best_leaves(form, child, printers, depth - 1)
+            child_leaves = _find_best_leaves(method, child, printers, depth - 1)
             combinations = [_join_leaves(combinations, child_leaves, k) for k in range(printers + 1)]
         best = [
             min(a, b, key=lambda leaves: (leaves[0], len(leaves[1])))
@@ -142,7 +142,7 @@ def _sum_printers_needed(parts: list[_Part]) -> int:
     return sum(part.printers_needed for part in parts)
 
 
-class _PublishedForm(_Form):
+class _PublishedMethod(_Method):
     """The authors' program, with its mistakes."""
 
     def price_part(self, piece: Piece) -> _Part:
@@ -155,7 +155,7 @@ class _PublishedForm(_Form):
 
     def list_cuts(self, part: _Part) -> Iterator[list[_Part]]:
         """Yield the halves at random planes, the most symmetric one first, unless a half is too small."""
-        for mirror in self.draw_planes(part, DRAWN_PLANES):
+        for mirror in self.draw_planes(part, MAX_DRAWN_PLANES):
             halves = self.cut_in_halves(part, mirror)
             if halves:
                 yield halves
@@ -165,14 +165,14 @@ class _PublishedForm(_Form):
         halves = [
             self.price_part(piece) for piece in _cut_halves(part.piece, mirror.normal, mirror.offset_mm)
         ]
-        is_even = len(halves) == 2 and all(half.price >= MIN_SHARE * self.mean_mm3 for half in halves)
+        is_even = len(halves) == 2 and all(half.price >= MIN_HALF_SHARE * self.mean_mm3 for half in halves)
         return halves if is_even else []
 
     def cut_further(self, parts: list[_Part]) -> list[_Part]:
-        """Cut the least symmetric parts in halves, while there are printers."""
-        has_divided = True
-        while has_divided and len(parts) < len(self.problem.printers):
-            has_divided = False
+        """Cut the least symmetric parts in halves as long as printers remain."""
+        has_cut = True
+        while has_cut and len(parts) < len(self.problem.printers):
+            has_cut = False
             best = [(self.draw_planes(part, 1)[0], part) for part in parts]
             for mirror, part in sorted(best, key=lambda pair: -pair[0].error_mm):
                 if len(parts) == len(self.problem.printers):
@@ -180,15 +180,15 @@ class _PublishedForm(_Form):
                 halves = self.cut_in_halves(part, mirror)
                 if halves:
                     parts = [p for p in parts if p is not part] + halves
-                    has_divided = True
+                    has_cut = True
         return parts
 
 
-class _CorrectedForm(_Form):
-    """The method as the authors intend it, with parts that fit."""
+class _CorrectedMethod(_Method):
+    """The method as the authors intended it, with parts that fit."""
 
     def price_part(self, piece: Piece) -> _Part:
-        """Price a piece by its print time for each printer that it needs."""
+        """Price a piece by its print time per printer that it needs."""
         printers_needed = count_parts(piece.solid, self.problem.rooms)
         seconds = float(price_axis_poses_s(*piece.solid.arrays(), self.problem.cost).min())
         return _Part(piece, seconds / printers_needed, printers_needed)
@@ -197,7 +197,7 @@ class _CorrectedForm(_Form):
         """Yield the parts at good planes of symmetry, then at a plane across the longest side."""
         solid = part.piece.solid
         vertices = solid.arrays()[0]
-        for mirror in find_good_mirrors(vertices, self.rng, GOOD_PLANES, REFINING_SAMPLES):
+        for mirror in find_good_mirrors(vertices, self.rng, MAX_REFINED_PLANES, REFINEMENT_SAMPLES):
             yield from self.split_at_plane(part.piece, mirror.normal, mirror.offset_mm)
         normal, places_mm = self.find_planes_across(solid)
         part_count, best_children = max(2, part.printers_needed), None
@@ -221,33 +221,37 @@ class _CorrectedForm(_Form):
             yield [self.price_part(fragment) for fragment in pieces]
 
     def find_planes_across(self, solid: Solid) -> tuple[Floats, list[float]]:
-        """Find planes across the longest side, or across the side that exceeds the room most.
+        """Find planes across the longest side, or across the side that exceeds the build volume most.
 
-        The first plane divides the side by a whole number of rooms; the others lie near it.
+        The first plane divides the side into whole lengths of the build volume; the others lie near it.
 
         Returns
         -------
         tuple
-            Normal (3,) of the planes, and their places along it in mm.
+            Normal (3,) of the planes, and their positions along it in mm.
         """
         lo, hi = solid.bounds_mm
         counts = count_blocks(hi - lo, self.problem.rooms)
         axis = int(np.lexsort((hi - lo, counts))[-1])
-        shares = (counts[axis] // 2 + OFFSETS) / counts[axis] if counts[axis] > 1 else (1.0 + OFFSETS) / 2.0
+        shares = (
+            (counts[axis] // 2 + OFFSET_SHARES) / counts[axis]
+            if counts[axis] > 1
+            else (1.0 + OFFSET_SHARES) / 2.0
+        )
         return np.eye(3)[axis], (lo[axis] + shares * (hi - lo)[axis]).tolist()
 
     def cut_further(self, parts: list[_Part]) -> list[_Part]:
-        """Cut the costliest part, while there are printers and this makes no part costlier."""
+        """Cut the costliest part as long as printers remain and no part becomes costlier."""
         while True:
             costliest_part = max(parts, key=lambda part: (part.printers_needed > 1, part.price))
             other_parts = [part for part in parts if part is not costliest_part]
-            free = len(self.problem.printers) - _sum_printers_needed(other_parts)
+            free_printers = len(self.problem.printers) - _sum_printers_needed(other_parts)
             for children in self.list_cuts(costliest_part):
                 is_costlier = (
                     costliest_part.printers_needed == 1
                     and max(child.price for child in children) >= costliest_part.price
                 )
-                if _sum_printers_needed(children) <= free and not is_costlier:
+                if _sum_printers_needed(children) <= free_printers and not is_costlier:
                     parts = other_parts + children
                     break
             else:

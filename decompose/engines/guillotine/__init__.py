@@ -1,4 +1,4 @@
-"""The engine `guillotine`: the partition by recursive cuts across the axes whose last part ends soonest."""
+"""The engine `guillotine`: recursive cuts across the axes for the least makespan."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Content of a box of a partition, posed and priced."""
+"""Pieces in a box of a partition, with their poses and their price."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from decompose.printers import PrinterRoom
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoxPart:
-    """Content of a box, posed.
+    """Pieces in a box, and their poses.
 
     Attributes
     ----------
@@ -36,31 +36,33 @@ class BoxPart:
 
     @property
     def size_mm(self) -> Floats:
-        """Length (3,) of its longest piece along each axis."""
+        """Length (3,) of the longest piece along each axis."""
         return np.asarray(np.max([np.ptp(piece.solid.bounds_mm, axis=0) for piece in self.pieces], axis=0))
 
     @property
-    def min_mm(self) -> float:
-        """Shortest side of all its pieces."""
+    def shortest_side_mm(self) -> float:
+        """Shortest side of any piece."""
         return min(float(np.ptp(piece.solid.bounds_mm, axis=0).min()) for piece in self.pieces)
 
     def with_poses(self, poses: Sequence[Pose | None]) -> BoxPart:
         """Return the part with its pieces in these poses; inf seconds if a piece has no pose."""
         fitting = tuple(pose for pose in poses if pose is not None)
-        return replace(self, poses=fitting, seconds=find_slowest_s(self.pieces, poses))
+        return replace(self, poses=fitting, seconds=compute_slowest_piece_s(self.pieces, poses))
 
     def has_similar_pieces(self, other: BoxPart) -> bool:
-        """Check whether it has as many pieces as another part, and none that is a sliver by comparison."""
-        return len(self.pieces) == len(other.pieces) and self.min_mm >= min(SLIVER_MM, other.min_mm)
+        """Check whether it has as many pieces as another part, and no sliver by comparison."""
+        return len(self.pieces) == len(other.pieces) and self.shortest_side_mm >= min(
+            SLIVER_MM, other.shortest_side_mm
+        )
 
 
-def find_slowest_s(pieces: Sequence[Piece], poses: Sequence[Pose | None]) -> float:
+def compute_slowest_piece_s(pieces: Sequence[Piece], poses: Sequence[Pose | None]) -> float:
     """Compute the time in seconds of the slowest piece on its printer; inf if one has no pose.
 
     Parameters
     ----------
     pieces, poses
-        Pieces, and the pose of each in the same order; None if it has none.
+        Pieces, and the pose of each in the same order; None for a piece without a pose.
     """
     pairs = zip(pieces, poses, strict=True)
     times = [math.inf if pose is None else pose.price_s * piece.time_factor for piece, pose in pairs]
@@ -72,30 +74,30 @@ def sort_times_s(parts: Sequence[BoxPart]) -> list[float]:
     return sorted((part.seconds for part in parts), reverse=True)
 
 
-def find_longest_s(parts: Sequence[BoxPart]) -> float:
+def find_longest_time_s(parts: Sequence[BoxPart]) -> float:
     """Find the time of the slowest part, in seconds."""
     return max(part.seconds for part in parts)
 
 
 def find_spare_length_mm(size_mm: Floats, rooms: Sequence[PrinterRoom]) -> Floats:
-    """Compute the length that a part may gain along each axis, alone, and still fit.
+    """Compute the length by which a part may grow along each axis, one axis at a time, and still fit.
 
     Parameters
     ----------
     size_mm
         (3,) size of the part.
     rooms
-        Rooms that the part has to fit, all of them.
+        Build volumes, all of which the part has to fit.
 
     Returns
     -------
     ndarray
-        (3,) lengths in mm; inf, not known, if the part fits each room only when rotated off the axes.
+        (3,) lengths in mm; inf (unknown) if the part fits each build volume only when rotated off the axes.
     """
     spare_mm = np.full(3, math.inf)
     for room in rooms:
-        spare = np.array([extents for box in room.boxes for extents in permutations(box)]) - size_mm
-        spare = spare[(spare >= 0.0).all(axis=1)]
-        if len(spare):
-            spare_mm = np.minimum(spare_mm, spare.max(axis=0))
+        spare_by_box_mm = np.array([extents for box in room.boxes for extents in permutations(box)]) - size_mm
+        spare_by_box_mm = spare_by_box_mm[(spare_by_box_mm >= 0.0).all(axis=1)]
+        if len(spare_by_box_mm):
+            spare_mm = np.minimum(spare_mm, spare_by_box_mm.max(axis=0))
     return spare_mm

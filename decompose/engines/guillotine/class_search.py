@@ -3,7 +3,7 @@
 First the model is cut as for equal printers: each part fits the build volume that all printers have in
 common, and the fastest printer prints the longest part. Then it is cut for classes of printers
 (`printer_classes`), by an exact search over all guillotine partitions and all ways to distribute their parts.
-The better of the two cuts is the result, so that classes that are too coarse do not make it worse.
+The better of the two cuts is the result, so classes that are too coarse do not make it worse.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ RETRY_RATIO = 1.01  # ratio for another round, as in `exact_search`
 
 
 def cut_by_guillotine(problem: Problem) -> Partition:
-    """Cut a problem's model by the partition with the least makespan on its printers.
+    """Cut a problem's model for the least makespan on its printers.
 
     Raises
     ------
@@ -51,7 +51,7 @@ def cut_by_guillotine(problem: Problem) -> Partition:
     cuts: list[Cut] = []
     failure: NoFit | None = None
     try:
-        cuts.append(_assign_cut(problem, ExactSearch(problem, grid, boxes, min_s).run()))
+        cuts.append(_assign_printers(problem, ExactSearch(problem, grid, boxes, min_s).run()))
     except NoFit as error:
         failure = error
     problem.on_stage("search")
@@ -60,7 +60,7 @@ def cut_by_guillotine(problem: Problem) -> Partition:
     cuts += class_search.run(min((_compute_end_s(problem, cut) for cut in cuts), default=math.inf))
     if not cuts:
         assert failure is not None
-        raise _make_too_few_error(problem, grid, boxes) or failure
+        raise _make_shortage_error(problem, grid, boxes) or failure
     problem.on_stage("classes")
     best = min(cuts, key=lambda cut: _compute_end_s(problem, cut))
     pieces = tuple(shift_planes(problem, grid, best))
@@ -74,8 +74,8 @@ def cut_by_guillotine(problem: Problem) -> Partition:
     return Partition(pieces, problem.model, np.eye(3), figures)
 
 
-def _assign_cut(problem: Problem, cut: Cut) -> Cut:
-    """Assign printers to the pieces of boxes so that the last one ends soonest."""
+def _assign_printers(problem: Problem, cut: Cut) -> Cut:
+    """Assign printers to the pieces of boxes so that the last piece ends as soon as possible."""
     assigned_printers = problem.assign_printers(_list_pieces(cut))
     return cut if assigned_printers is None else _set_printers(cut, assigned_printers)
 
@@ -115,7 +115,10 @@ class _ClassSearch(ExactSearch):
         )
 
     def run(self, below_s: float) -> list[Cut]:  # type: ignore[override]
-        """Find a partition that ends before a time by true prices; empty if there is none, or one class."""
+        """Find a partition that ends before a time by true prices.
+
+        The list is empty if there is no such partition, or only one class.
+        """
         cuts: list[Cut] = []
         tolerance_s = TOLERANCE * (below_s if math.isfinite(below_s) else self.min_s)
         if len(self.classes) == 1 or not self._may_succeed(WORTHWHILE_SHARE * below_s, tolerance_s):
@@ -133,19 +136,19 @@ class _ClassSearch(ExactSearch):
                 continue
             rounds += 1
             cut = self._assign_printers_by_tables(boxes)
-            ends_s = _compute_end_s(self.problem, cut)
-            if ends_s < below_s:
-                cuts, below_s = [cut], ends_s
-            if ends_s <= RETRY_RATIO * limit_s:
+            end_s = _compute_end_s(self.problem, cut)
+            if end_s < below_s:
+                cuts, below_s = [cut], end_s
+            if end_s <= RETRY_RATIO * limit_s:
                 break
             self._record_prices(cut)
         return cuts
 
     def _may_succeed(self, max_s: float, tolerance_s: float) -> bool:
-        """Check whether a partition could end in time if every printer were the best one for each box."""
-        best = replace(self.boxes, seconds=np.min([table.seconds for table in self.tables], axis=0))
+        """Check whether a partition could end in time if every printer were the best printer for each box."""
+        best_tables = replace(self.boxes, seconds=np.min([table.seconds for table in self.tables], axis=0))
         count = sum(printer_class.count for printer_class in self.classes)
-        solver = Partitioner(best)
+        solver = Partitioner(best_tables)
         min_s = solver.find_min_makespan(count, self.min_s, tolerance_s, max_s)
         self.problem.effort.record(Work.SUM, solver.sums)
         if min_s is not None:
@@ -200,27 +203,27 @@ class _ClassSearch(ExactSearch):
         build volume.
         """
         problem = self.problem
-        times = self._look_up_seconds(list(cut))
-        assigned_printers = assign_bottleneck(times)
+        times_s = self._look_up_seconds(list(cut))
+        assigned_printers = assign_bottleneck(times_s)
         if assigned_printers is None:  # the cut for all printers may use boxes that this search has excluded
             makespan_s = _compute_end_s(problem, cut)
         else:
-            makespan_s = float(times[range(len(assigned_printers)), assigned_printers].max())
+            makespan_s = float(times_s[range(len(assigned_printers)), assigned_printers].max())
         if problem.needs_proof(pieces):
-            fastest = np.float32(problem.fastest_factor)
+            fastest_factor = np.float32(problem.fastest_factor)
             tables = [problem.price_boxes(grid, [room]) for room in problem.rooms]
-            best = replace(
+            best_tables = replace(
                 tables[0],
-                seconds=fastest * np.min([boxes.seconds for boxes in tables], axis=0),
+                seconds=fastest_factor * np.min([boxes.seconds for boxes in tables], axis=0),
                 pieces=np.max([boxes.pieces for boxes in tables], axis=0),
             )
-            problem.effort.record(Work.BOX_PROVEN, len(best.seconds))
-            proven = bound_makespan(best, grid.needed, len(problem.printers), makespan_s)
+            problem.effort.record(Work.BOX_PROVEN, len(best_tables.seconds))
+            proven = bound_makespan(best_tables, grid.needed, len(problem.printers), makespan_s)
             min_s = max(min_s, proven.seconds)
         return GridFigures(makespan_s, min_s, grid.shape)
 
 
-def _make_too_few_error(problem: Problem, grid: Grid, shared_tables: BoxTables) -> NoFit | None:
+def _make_shortage_error(problem: Problem, grid: Grid, shared_tables: BoxTables) -> NoFit | None:
     """Build the error with the number of printers of each class that would be enough; None if unknown.
 
     More printers of the first class, of one other class, or of both are tried.
@@ -228,16 +231,16 @@ def _make_too_few_error(problem: Problem, grid: Grid, shared_tables: BoxTables) 
     max_sums = MAX_SUMS / len(shared_tables.seconds)
     classes = classify_printers([replace(printer, time_factor=1.0) for printer in problem.printers], max_sums)
     tables = make_class_tables(problem, grid, shared_tables, classes)
-    counts_available = [printer_class.count for printer_class in classes]
+    available_counts = [printer_class.count for printer_class in classes]
     shortages: list[tuple[int, list[int]]] = []
     for grown_class in range(1, len(classes)):
-        counts = _grow_counts(counts_available, grown_class, max_sums)
+        counts = _grow_counts(available_counts, grown_class, max_sums)
         other_classes = [OtherClass(table, count) for table, count in zip(tables[1:], counts, strict=True)]
         solver = Partitioner(tables[0], other_classes)
         solver.solve(float(np.finfo(np.float32).max))  # finite: inf means no fit
         for state, fewest in zip(*solver.list_class_shares(), strict=True):
             shortage = [
-                max(0, int(n) - count) for n, count in zip((fewest, *state), counts_available, strict=True)
+                max(0, int(n) - count) for n, count in zip((fewest, *state), available_counts, strict=True)
             ]
             shortages += [(sum(shortage), shortage)] if fewest < UNREACHABLE else []
     total, shortage = min(shortages, default=(0, []))
@@ -252,15 +255,15 @@ def _make_too_few_error(problem: Problem, grid: Grid, shared_tables: BoxTables) 
     return NoFit.from_shortage(problem.model.extents_mm, printers + total, printers, " and ".join(requests))
 
 
-def _grow_counts(available: Sequence[int], grown_class: int, max_sums: float) -> list[int]:
+def _grow_counts(available_counts: Sequence[int], grown_class: int, max_sums: float) -> list[int]:
     """Raise the count of one class as far as the search allows; return the counts without the first class."""
-    counts = list(available[1:])
+    counts = list(available_counts[1:])
     for _ in range(MAX_ADDED_PRINTERS):
-        larger = list(counts)
-        larger[grown_class - 1] += 1
-        if count_sums([max(larger), *larger]) > max_sums:
+        larger_counts = list(counts)
+        larger_counts[grown_class - 1] += 1
+        if count_sums([max(larger_counts), *larger_counts]) > max_sums:
             break
-        counts = larger
+        counts = larger_counts
     return counts
 
 

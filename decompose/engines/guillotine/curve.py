@@ -1,8 +1,9 @@
 """Curve of makespan over the number of printers, and the number of printers that suits a goal.
 
-One search serves all numbers of printers: the fewest parts within a time T show for every number whether it
-reaches T, so that each solve narrows the bounds of many numbers. The same holds for classes of printers: a
-solve gives the fewest printers of the first class for any number of the others.
+One search serves all numbers of printers: the smallest number of parts that can end within a time T shows for
+every number of printers whether it is enough, so each solve narrows the bounds for many numbers. The same
+holds for classes of printers: a solve gives the fewest printers of the first class for any number of the
+others.
 """
 
 from __future__ import annotations
@@ -40,44 +41,47 @@ class _MakespanBounds:
     def __init__(self, tables: Sequence[BoxTables], fleets: Ints) -> None:
         max_counts = fleets.max(axis=0)
         self._boxes = tables[0]
-        self._others = [
+        self._other_classes = [
             OtherClass(table, int(count)) for table, count in zip(tables[1:], max_counts[1:], strict=True)
         ]
         self._fleets = fleets
-        self.reached_s = np.full(len(fleets), np.inf)
-        self.refuted_s = np.zeros(len(fleets))
+        self.upper_bounds_s = np.full(len(fleets), np.inf)
+        self.lower_bounds_s = np.zeros(len(fleets))
 
     def solve_limit(self, limit_s: float) -> tuple[float, Bools, float]:
-        """Solve for a limit; return it, whether each fleet (n,) reaches it, and when the last part ends."""
-        solver = Partitioner(self._boxes, self._others)
+        """Solve for a limit; return it, whether each fleet (n,) meets it, and when the last part ends."""
+        solver = Partitioner(self._boxes, self._other_classes)
         solver.solve(limit_s)
         states, fewest_printers = solver.list_class_shares()
         fewest_by_state = {
             tuple(state): int(fewest_parts)
             for state, fewest_parts in zip(states.tolist(), fewest_printers, strict=True)
         }
-        feasible = np.array(
-            [first_count >= fewest_by_state[tuple(others)] for first_count, *others in self._fleets.tolist()]
+        is_feasible = np.array(
+            [
+                first_count >= fewest_by_state[tuple(other_counts)]
+                for first_count, *other_counts in self._fleets.tolist()
+            ]
         )
-        ends_s = solver.find_longest_s() if feasible.any() and not self._others else limit_s
-        return limit_s, feasible, ends_s
+        end_s = solver.find_longest_time_s() if is_feasible.any() and not self._other_classes else limit_s
+        return limit_s, is_feasible, end_s
 
-    def narrow_bounds(self, limit_s: float, feasible: Bools, ends_s: float) -> None:
+    def narrow_bounds(self, limit_s: float, is_feasible: Bools, end_s: float) -> None:
         """Narrow the bounds of every fleet by the result of a solve."""
-        self.reached_s[feasible] = np.minimum(self.reached_s[feasible], ends_s)
-        self.refuted_s[~feasible] = np.maximum(self.refuted_s[~feasible], limit_s)
+        self.upper_bounds_s[is_feasible] = np.minimum(self.upper_bounds_s[is_feasible], end_s)
+        self.lower_bounds_s[~is_feasible] = np.maximum(self.lower_bounds_s[~is_feasible], limit_s)
 
-    def choose_limits(self) -> list[float]:
-        """Choose the next limits to solve for, in the widest gaps; empty if all gaps are narrow."""
-        is_reached = np.isfinite(self.reached_s)
+    def choose_limits_s(self) -> list[float]:
+        """Choose the next limits to solve for, in the widest gaps; return none if all gaps are narrow."""
+        is_reached = np.isfinite(self.upper_bounds_s)
         gaps: dict[tuple[float, float], float] = {}
-        for low, high in zip(
-            self.refuted_s[is_reached].tolist(), self.reached_s[is_reached].tolist(), strict=True
+        for low_s, high_s in zip(
+            self.lower_bounds_s[is_reached].tolist(), self.upper_bounds_s[is_reached].tolist(), strict=True
         ):
-            if high - low > TOLERANCE * high:
-                gaps[low, high] = (high - low) / high
-        widest = sorted(gaps, key=lambda gap: (-gaps[gap], gap))[:PARALLEL_SOLVES]
-        return [(low + high) / 2.0 for low, high in widest]
+            if high_s - low_s > TOLERANCE * high_s:
+                gaps[low_s, high_s] = (high_s - low_s) / high_s
+        widest_gaps = sorted(gaps, key=lambda gap: (-gaps[gap], gap))[:PARALLEL_SOLVES]
+        return [(low_s + high_s) / 2.0 for low_s, high_s in widest_gaps]
 
 
 def compute_makespan_curve(
@@ -85,7 +89,7 @@ def compute_makespan_curve(
 ) -> tuple[CurvePoint, ...]:
     """Compute the least makespan of guillotine partitions for some fleets.
 
-    Each makespan is accurate to `TOLERANCE`; fleets that are too small for any partition are left out.
+    Each makespan is accurate to `TOLERANCE`. Fleets that are too small for any partition are omitted.
 
     Parameters
     ----------
@@ -94,20 +98,20 @@ def compute_makespan_curve(
     fleets
         (n, classes) int64 number of printers of each class; no two rows have the same sum.
     executor
-        Threads for solves side by side; None to solve one after the other.
+        Threads for parallel solves; None to solve one after the other.
     """
-    finite = [table.seconds[np.isfinite(table.seconds)] for table in tables]
-    if not any(len(table) for table in finite):
+    finite_times_s = [table.seconds[np.isfinite(table.seconds)] for table in tables]
+    if not any(len(times_s) for times_s in finite_times_s):
         return ()
     bounds = _MakespanBounds(tables, fleets)
-    limits = [max(float(table.max()) for table in finite if len(table))]
+    limits_s = [max(float(times_s.max()) for times_s in finite_times_s if len(times_s))]
     run = map if executor is None else executor.map
-    while limits:
-        for points in run(bounds.solve_limit, limits):
-            bounds.narrow_bounds(*points)
-        limits = bounds.choose_limits()
-    counts, reached_s = fleets.sum(axis=1).tolist(), bounds.reached_s.tolist()
-    return tuple(CurvePoint(n, s) for n, s in zip(counts, reached_s, strict=True) if math.isfinite(s))
+    while limits_s:
+        for result in run(bounds.solve_limit, limits_s):
+            bounds.narrow_bounds(*result)
+        limits_s = bounds.choose_limits_s()
+    counts, makespans_s = fleets.sum(axis=1).tolist(), bounds.upper_bounds_s.tolist()
+    return tuple(CurvePoint(n, s) for n, s in zip(counts, makespans_s, strict=True) if math.isfinite(s))
 
 
 def find_knee(
@@ -126,7 +130,7 @@ def find_knee(
 
 
 def find_fewest_in_time(points: Sequence[CurvePoint], within_s: float, handling_s: float = 0.0) -> CurvePoint:
-    """Find the point with the fewest printers that finish within a time; else the one that finishes first.
+    """Find the point with the fewest printers that finish within a time, or else the one that finishes first.
 
     Parameters
     ----------
@@ -141,7 +145,7 @@ def find_fewest_in_time(points: Sequence[CurvePoint], within_s: float, handling_
     def compute_end_s(point: CurvePoint) -> float:
         return point.makespan_s + (handling_s * point.printers if point.printers > 1 else 0.0)
 
-    feasible = [point for point in points if compute_end_s(point) <= within_s]
-    if feasible:
-        return min(feasible, key=lambda point: point.printers)
+    feasible_points = [point for point in points if compute_end_s(point) <= within_s]
+    if feasible_points:
+        return min(feasible_points, key=lambda point: point.printers)
     return min(points, key=lambda point: (compute_end_s(point), point.printers))

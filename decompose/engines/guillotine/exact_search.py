@@ -1,7 +1,7 @@
 """The engine `guillotine`: a grid, the price of each of its boxes, the exact partition, and its true price.
 
-Afterwards, boxes are cut again and planes are moved off the grid, to reduce the loss by guillotine cuts and
-by the grid.
+Afterwards, boxes are cut again and planes are moved off the grid, to reduce the loss that guillotine cuts and
+the grid cause.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ MAX_ROUNDS = 8  # maximum number of rounds; each finds true prices of the chosen
 MAX_REJECTIONS = 40  # maximum number of choices rejected because of a sliver or a weak joint
 RETRY_RATIO = 1.01  # another round follows if the true makespan exceeds that of the tables by this ratio
 TOLERANCE_S = 1.0  # minimum accuracy of the minimum makespan by the tables
-TOLERANCE = 5e-4  # the same as a share of the makespan: true prices differ from those of the tables by more
+TOLERANCE = 5e-4  # the same as a share of the makespan; the errors of the tables' prices are larger
 SEARCH_SHARE = 0.75  # share of the unreserved budget for the exact search; the rest is for windows
 LATE_STEP = 0.02  # growth of the makespan's limit, as a share, when the budget is spent without a result
-# Limits of looser partitions, between the minimum makespan with all printers (0) and with one less (1).
+# Limits of looser partitions, between the minimum makespan with all printers (0) and with one fewer (1).
 LOOSER_LIMIT_SHARES = (0.1, 0.25, 0.4)
-MAX_LATER_RATIO = 1.06  # maximum limit over the minimum makespan, if one printer less is not enough
+MAX_LATER_RATIO = 1.06  # maximum limit over the minimum makespan, if one printer fewer is not enough
 CLOSE_RATIO = 1.03  # a result is improved only if it is below this multiple of the makespan to beat
 
 
 def cut_for_uniform_printers(problem: Problem) -> Partition:
-    """Cut a problem's model by the cuts along its grid with the least makespan on uniform printers.
+    """Cut a problem's model along its grid for the least makespan on uniform printers.
 
     Raises
     ------
@@ -49,19 +49,19 @@ def cut_for_uniform_printers(problem: Problem) -> Partition:
     grid, boxes, bound_s = build_tables(problem)
     find_cells = problem.start(partial(refine_needed_cells, problem, grid))
     engine = ExactSearch(problem, grid, boxes, bound_s)
-    is_proven = problem.options.prove and math.isinf(problem.best_known_s)  # no result to beat
+    needs_proof = problem.options.prove and math.isinf(problem.best_known_s)  # no result to beat
     problem.effort.reserved_s = estimate_shift_s(problem, len(problem.printers))
     partition = engine.run()
     problem.effort.reserved_s = 0.0
     problem.on_stage("search")
-    proof = problem.start_proof(grid, boxes, list(partition)) if is_proven else None
+    proof = problem.start_proof(grid, boxes, list(partition)) if needs_proof else None
     pieces = tuple(shift_planes(problem, grid, partition, find_cells()))
     is_promising = (
         problem.thorough and problem.compute_makespan_s(pieces) < CLOSE_RATIO * problem.best_known_s
     )
     if is_promising and not problem.effort.is_spent():
-        for looser in engine.list_looser_partitions(list(partition)):
-            other_pieces = tuple(shift_planes(problem, grid, looser, find_cells()))
+        for looser_partition in engine.list_looser_partitions(list(partition)):
+            other_pieces = tuple(shift_planes(problem, grid, looser_partition, find_cells()))
             pieces = min(pieces, other_pieces, key=problem.compute_makespan_s)
             if problem.effort.is_spent():
                 break
@@ -85,8 +85,8 @@ def build_tables(problem: Problem) -> tuple[Grid, BoxTables, float]:
 class ExactSearch:
     """Exact search, with true prices for the boxes that it chooses.
 
-    The tables count the solid in a cell as one piece, and price a box in its axis poses, even if it does not
-    stand in them. The true counts and prices of the chosen boxes are written into the tables where they are
+    The tables count the solid in a cell as one piece, and price a box in its axis poses, even if it is not
+    stable in them. The true counts and prices of the chosen boxes are written into the tables where they are
     higher, and the search is repeated. A box with a piece that cannot be glued well is excluded. Counts and
     prices only grow, so the makespan only grows.
     """
@@ -94,10 +94,10 @@ class ExactSearch:
     def __init__(self, problem: Problem, grid: Grid, boxes: BoxTables, bound_s: float) -> None:
         self.problem, self.grid, self.boxes = problem, grid, boxes
         self.min_s = bound_s
-        self.is_near = False  # whether the next minimum is probably near `min_s`: prices only grow
+        self.is_near = False  # whether the next minimum is probably near `min_s`, because prices only grow
         self.solver = Partitioner(boxes, executor=problem.executor)
         self.cut: dict[Box, list[Piece]] = {}
-        self.posed_s: dict[Box, float] = {}
+        self.true_times_s: dict[Box, float] = {}
         self.rejections: list[str] = []  # the fault of each rejected choice
 
     def run(self) -> dict[Box, list[Piece]]:
@@ -116,7 +116,7 @@ class ExactSearch:
             makespan_s = self._solve(len(self.problem.printers), tolerance_s)
             if makespan_s is None or len(self.rejections) > MAX_REJECTIONS:
                 if best:
-                    break  # prices only grow: no other partition fits
+                    break  # prices only grow, so no other partition fits
                 raise self._make_no_fit_error()
             self.min_s = max(self.min_s, makespan_s if is_late else makespan_s - tolerance_s)
             if makespan_s >= best_s:
@@ -133,11 +133,11 @@ class ExactSearch:
         return {box: self.cut[box] for box in self._improve_partition(best)}
 
     def list_looser_partitions(self, best: Sequence[Box]) -> Iterator[dict[Box, list[Piece]]]:
-        """Yield partitions other than the best one, with less work, whose boxes may take a little longer.
+        """Yield partitions with less work than the best one, whose slowest box may take a little longer.
 
-        The partition with the least makespan on the grid need not have it once its planes are shifted: shifts
-        balance the times of its parts, so that the total work matters. Each partition has the fewest boxes
-        within a limit, and of several such partitions the least work.
+        The partition with the least makespan on the grid need not have it once its planes are shifted,
+        because shifts balance the times of its parts, so the total work matters. Each partition has the
+        fewest boxes within a limit, and the least work among the partitions with that number of boxes.
         """
         if len(best) < 2:
             return
@@ -145,7 +145,7 @@ class ExactSearch:
         search = ExactSearch(
             self.problem, self.grid, replace(self.boxes, seconds=seconds, pieces=pieces), self.min_s
         )
-        search.cut, search.posed_s, search.is_near = self.cut, self.posed_s, True
+        search.cut, search.true_times_s, search.is_near = self.cut, self.true_times_s, True
         printers = len(self.problem.printers)
         tolerance_s = max(TOLERANCE_S, TOLERANCE * self.min_s)
         min_s, fewer_s = search._solve(printers, tolerance_s), search._solve(printers - 1, tolerance_s)
@@ -159,7 +159,7 @@ class ExactSearch:
                 yield {box: self.cut[box] for box in boxes}
 
     def _solve_within(self, limit_s: float) -> list[Box]:
-        """Find a partition with about the least work whose true times meet a limit; empty if none does."""
+        """Find a partition with about the least work whose true times meet a limit; [] if there is none."""
         best: list[Box] = []
         for _ in range(MAX_ROUNDS):
             if self.problem.effort.is_spent():
@@ -229,15 +229,17 @@ class ExactSearch:
 
     def _compute_true_makespan_s(self, boxes: list[Box]) -> float:
         """Compute the true makespan of boxes in seconds, and raise their prices in the table to true ones."""
-        new = [(box, piece) for box in boxes if box not in self.posed_s for piece in self.cut[box]]
-        poses = self.problem.find_poses([piece for _, piece in new])
-        for (box, _), pose in zip(new, poses, strict=True):
+        new_pieces = [
+            (box, piece) for box in boxes if box not in self.true_times_s for piece in self.cut[box]
+        ]
+        poses = self.problem.find_poses([piece for _, piece in new_pieces])
+        for (box, _), pose in zip(new_pieces, poses, strict=True):
             seconds = math.inf if pose is None else pose.price_s
-            self.posed_s[box] = max(self.posed_s.get(box, 0.0), seconds)
+            self.true_times_s[box] = max(self.true_times_s.get(box, 0.0), seconds)
         for box in boxes:
             index = index_box(box, self.boxes.shape)
-            self.boxes.seconds[index] = max(float(self.boxes.seconds[index]), self.posed_s[box])
-        return max(self.posed_s[box] for box in boxes)
+            self.boxes.seconds[index] = max(float(self.boxes.seconds[index]), self.true_times_s[box])
+        return max(self.true_times_s[box] for box in boxes)
 
     def _make_no_fit_error(self) -> NoFit:
         """Build the error that says why there is no partition for these printers."""

@@ -2,8 +2,8 @@
 
 A window is the slowest box with a few boxes near it. It is cut again into at most as many parts, so that the
 slowest of them ends sooner; all other boxes stay as they are. The union of its boxes need not be a box.
-Windows cover moves of one face, slabs that pass from one box to the next, and boxes that are merged and split
-elsewhere.
+Windows cover moves of one face, slabs that pass from one box to the next, and boxes that are merged and then
+split elsewhere.
 
 The tables of a window are those of the grid, but only the cells of its own boxes have to be covered, and a
 box that overlaps another part is not allowed. The search over guillotine cuts of a window is exact. In
@@ -36,14 +36,14 @@ TOLERANCE = 0.002  # accuracy of the minimum makespan, as a share of it
 
 @jit
 def _cut_in_two(box: Box, shape: Shape) -> tuple[int, int]:
-    """Find the indices of both parts of a box of at least two cells: all but its last layer, and that layer.
+    """Find the indices of the two parts of a box of several cells: all but its last layer, and that layer.
 
     Parameters
     ----------
     box
         Box in cells of the window.
     shape
-        Cells of the window.
+        Shape of the window, in cells.
     """
     x0, y0, z0, x1, y1, z1 = box
     if z1 - z0 > 1:
@@ -129,8 +129,8 @@ def _fill_tables(
     grid_tables
         `seconds` float32 and `pieces` int16 of the grid, (boxes of the grid,).
     tables
-        `seconds` float32, `trimmed` int32 and `pieces` int16 of the window, (boxes of the window,); they are
-        +inf, -1 and 1 before.
+        `seconds` float32, `trimmed` int32 and `pieces` int16 of the window, (boxes of the window,), filled
+        in; initially +inf, -1 and 1.
     """
     (x, y, z), grid_shape = place
     grid_seconds, grid_pieces = grid_tables
@@ -158,11 +158,11 @@ def _fill_tables(
                         shape,
                     )
                     if trimmed[box] == box and _count_cells(other_sums, sides) == 0:
-                        on_grid = compute_index(
+                        grid_index = compute_index(
                             (x + x0, y + y0, z + z0, x + x1, y + y1, z + z0 + dz), grid_shape
                         )
-                        seconds[box] = grid_seconds[on_grid]
-                        pieces[box] = grid_pieces[on_grid]
+                        seconds[box] = grid_seconds[grid_index]
+                        pieces[box] = grid_pieces[grid_index]
 
 
 class Window:
@@ -172,16 +172,16 @@ class Window:
     ----------
     boxes
         The tables of the grid.
-    boxes_inside, other_boxes
-        Boxes of the partition that are cut again, and all others.
+    boxes_to_cut, other_boxes
+        Boxes of the partition that are cut again, and all its other boxes.
     """
 
-    def __init__(self, boxes: BoxTables, boxes_inside: Iterable[Box], other_boxes: Iterable[Box]) -> None:
-        inside_boxes = np.array(sorted(boxes_inside))
-        self._lo, hi = inside_boxes[:, :3].min(axis=0), inside_boxes[:, 3:].max(axis=0)
+    def __init__(self, boxes: BoxTables, boxes_to_cut: Iterable[Box], other_boxes: Iterable[Box]) -> None:
+        window_boxes = np.array(sorted(boxes_to_cut))
+        self._lo, hi = window_boxes[:, :3].min(axis=0), window_boxes[:, 3:].max(axis=0)
         nx, ny, nz = (hi - self._lo).tolist()
         self.shape = (nx, ny, nz)
-        is_covered = self._mark_cells(inside_boxes)
+        is_covered = self._mark_cells(window_boxes)
         x_offset, y_offset, z_offset = self._lo.tolist()
         for cell in np.argwhere(is_covered):
             x, y, z = (self._lo + cell).tolist()
@@ -192,15 +192,15 @@ class Window:
         boxes_outside = boxes_outside[
             (boxes_outside[:, :3] < hi).all(axis=1) & (boxes_outside[:, 3:] > self._lo).all(axis=1)
         ]
-        is_foreign = self._mark_cells(boxes_outside).astype(np.int64)
-        sums = np.pad(is_foreign, ((1, 0),) * 3).cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
+        is_occupied = self._mark_cells(boxes_outside).astype(np.int64)
+        sums = np.pad(is_occupied, ((1, 0),) * 3).cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
         total = int(np.prod([n * (n + 1) // 2 for n in self.shape]))
         seconds = np.full(total, np.inf, np.float32)
         trimmed = np.full(total, -1, np.int32)
         pieces = np.ones(total, np.int16)
-        on_grid = (boxes.seconds, boxes.pieces)
+        grid_tables = (boxes.seconds, boxes.pieces)
         place = ((x_offset, y_offset, z_offset), boxes.shape)
-        _fill_tables(is_covered, sums, place, on_grid, (seconds, trimmed, pieces))
+        _fill_tables(is_covered, sums, place, grid_tables, (seconds, trimmed, pieces))
         self._solver = Partitioner(BoxTables(self.shape, seconds, trimmed, pieces))
         self._pinwheel: Pinwheel | None = None
 
@@ -216,19 +216,19 @@ class Window:
 
     def _mark_cells(self, boxes: Ints) -> Bools:
         """Mark the cells (wx, wy, wz) of the window that lie in any of the boxes (n, 6)."""
-        inside = np.zeros(self.shape, dtype=np.bool_)
+        is_inside = np.zeros(self.shape, dtype=np.bool_)
         for box in boxes:
             lo, hi = np.maximum(box[:3] - self._lo, 0), box[3:] - self._lo
-            inside[lo[0] : hi[0], lo[1] : hi[1], lo[2] : hi[2]] = True
-        return inside
+            is_inside[lo[0] : hi[0], lo[1] : hi[1], lo[2] : hi[2]] = True
+        return is_inside
 
     def count_fewest_parts(self, limit_s: float) -> int:
         """Count the fewest parts that each take at most `limit_s`; `UNREACHABLE` or more if impossible."""
-        by_cuts = self._solver.solve(limit_s, break_ties=True)
+        fewest_by_cuts = self._solver.solve(limit_s, break_ties=True)
         count, *pinwheel = count_fewest_in_pinwheel(self._solver.counts, *self.shape)
         axis, is_mirrored, p1, p2, q1, q2 = pinwheel
-        self._pinwheel = (axis, is_mirrored, p1, p2, q1, q2) if count < by_cuts else None
-        return min(by_cuts, int(count))
+        self._pinwheel = (axis, is_mirrored, p1, p2, q1, q2) if count < fewest_by_cuts else None
+        return min(fewest_by_cuts, int(count))
 
     def list_chosen_boxes(self) -> list[Box]:
         """List the boxes of the last solution, in the cells of the grid."""
@@ -250,18 +250,18 @@ class Window:
         below_s
             Limit that the time of each part must stay below.
         min_s
-            Time below which the search need not go.
+            Time below which the search does not look for a makespan.
         """
-        high = float(np.nextafter(np.float32(below_s), np.float32(0.0)))
-        if self.count_fewest_parts(high) > parts:
+        high_s = float(np.nextafter(np.float32(below_s), np.float32(0.0)))
+        if self.count_fewest_parts(high_s) > parts:
             return None
-        best, low = self.list_chosen_boxes(), min_s
-        while high - low > TOLERANCE * high:
-            middle = (low + high) / 2.0
-            if self.count_fewest_parts(middle) <= parts:
-                best, high = self.list_chosen_boxes(), middle
+        best, low_s = self.list_chosen_boxes(), min_s
+        while high_s - low_s > TOLERANCE * high_s:
+            middle_s = (low_s + high_s) / 2.0
+            if self.count_fewest_parts(middle_s) <= parts:
+                best, high_s = self.list_chosen_boxes(), middle_s
             else:
-                low = middle
+                low_s = middle_s
         return best
 
 
@@ -281,7 +281,7 @@ def improve_locally(
     partition
         A partition: trimmed boxes that do not overlap and cover every needed cell.
     printers
-        Maximum number of pieces, not below that of the partition.
+        Maximum number of pieces, at least that of the partition.
     max_windows
         Maximum number of windows to solve.
     effort
@@ -295,12 +295,14 @@ def improve_locally(
         group = next((g for g in groups if g not in failed_windows), None)
         if group is None or effort.is_spent():
             break
-        spare = printers - _count_pieces(boxes, parts)
+        spare_printers = printers - _count_pieces(boxes, parts)
         other_boxes = [box for box in parts if box not in group]
-        times = [_find_seconds(boxes, box) for box in group]
+        times_s = [_find_seconds(boxes, box) for box in group]
         window = Window(boxes, group, other_boxes)
         replacement = window.solve(
-            _count_pieces(boxes, group) + spare, MAX_TIME_RATIO * max(times), 0.5 * float(np.mean(times))
+            _count_pieces(boxes, group) + spare_printers,
+            MAX_TIME_RATIO * max(times_s),
+            0.5 * float(np.mean(times_s)),
         )
         effort.record(Work.BOX_PRICED, window.boxes)
         effort.record(Work.SUM, window.sums)
@@ -347,8 +349,8 @@ def _list_groups(boxes: BoxTables, parts: list[Box]) -> Iterator[frozenset[Box]]
         ]
         neighbours = sorted(neighbours, key=lambda i: seconds[i])[:MAX_NEIGHBOURS]
         groups = []
-        for extra in range(MAX_BOXES_IN_WINDOW):
-            for chosen_neighbours in combinations(neighbours, extra):
+        for neighbour_count in range(MAX_BOXES_IN_WINDOW):
+            for chosen_neighbours in combinations(neighbours, neighbour_count):
                 group = [int(centre), *chosen_neighbours]
                 sides = ends[group, 3:].max(axis=0) - ends[group, :3].min(axis=0)
                 if np.prod(sides * (sides + 1) // 2) <= MAX_BOXES:

@@ -3,11 +3,12 @@
 For a time T, the minimum number of parts that cover all needed cells of a box is 0 if the box has no needed
 cell, 1 if it takes at most T and is one piece, and otherwise the minimum sum of both sides over all cuts
 across it. Bisection over T gives the least makespan for a number of printers. This is the hierarchical
-bipartition HIER-OPT of Saule, Bas and Catalyurek (2012), in three dimensions, with a cost that does not add
-up.
+bipartition HIER-OPT of Saule, Bas and Catalyurek (2012), in three dimensions, with a cost that is not
+additive.
 
-Among partitions with equally few parts, the one with the least sum of times is taken, then the one with the
-least area of cuts. These three are digits of one whole number, `recursion.make_key`, whose sum is minimised.
+Among partitions with equally few parts, the solver takes the one with the least sum of times, then the one
+with the least area of cuts. These three are digits of one whole number, `recursion.make_key`, whose
+sum is minimised.
 
 Unequal printers are grouped in classes. At a time T, the number of printers of one class that a box needs
 depends on how many of each other class it may use. For a cut, this number is the minimum sum of both sides
@@ -28,7 +29,7 @@ import numpy.typing as npt
 
 from decompose.arrays import Ints
 from decompose.engines.guillotine.recursion import (
-    PART,
+    PART_WEIGHT,
     UNREACHABLE,
     Table,
     fill_counts,
@@ -61,29 +62,29 @@ class OtherClass:
 
 
 class Partitioner:
-    """Exact solver over one table of boxes, which keeps its last solution.
+    """Exact solver over one table of boxes; it keeps its last solution.
 
     If there are other classes, a state is a number of usable printers of each of them. For each box and state
-    the solver finds the fewest printers of the first class, so that the search is exact over all ways to
+    the solver finds the fewest printers of the first class, so the search is exact over all ways to
     distribute the parts. The cost grows with the square of the number of states.
 
     Parameters
     ----------
     boxes
         Tables of the first class of printers.
-    others
-        The other classes.
+    other_classes
+        The other classes of printers.
     executor
         Threads that solve half of the boxes; None to solve all of them in this thread.
     """
 
     def __init__(
-        self, boxes: BoxTables, others: Sequence[OtherClass] = (), executor: Executor | None = None
+        self, boxes: BoxTables, other_classes: Sequence[OtherClass] = (), executor: Executor | None = None
     ) -> None:
         self.boxes = boxes
-        self.others = tuple(others)
+        self.other_classes = tuple(other_classes)
         self._executor = executor
-        self._states, self._sums = list_class_states([other.count for other in others])
+        self._states, self._sums = list_class_states([other.count for other in other_classes])
         self._value: Table = np.zeros(0, np.int16)
         self._has_ties = False  # whether ties are broken when boxes are chosen
         self._keys: dict[int, int] | None = None  # keys of the boxes that may be chosen, if ties are broken
@@ -105,13 +106,13 @@ class Partitioner:
         Returns
         -------
         int
-            Number of printers: without other classes, the number of parts. `UNREACHABLE` if there is no such
-            partition.
+            Number of printers, which is the number of parts if there are no other classes; `UNREACHABLE` if
+            there is no such partition.
         """
         self._limit_s, self._keys = limit_s, None
-        dense = break_ties and bool(self.others)  # keys of all boxes, because states are tied too
+        has_all_keys = break_ties and bool(self.other_classes)  # because states are tied too
         total = len(self._states) * len(self.boxes.seconds)
-        self._value = np.empty(total, np.int64) if dense else np.empty(total, np.int16)
+        self._value = np.empty(total, np.int64) if has_all_keys else np.empty(total, np.int16)
         for length in range(1, self.boxes.shape[0] + 1):
             count = self.boxes.shape[0] - length + 1
             if count < SHARES:
@@ -119,7 +120,7 @@ class Partitioner:
             else:
                 run_shares(self._executor, partial(self._solve_half, length, count))
         self.sums += len(self._sums) * count_cuts(self.boxes.shape)
-        self._has_ties = break_ties and not dense
+        self._has_ties = break_ties and not has_all_keys
         return min(int(self.list_class_shares()[1][-1]), UNREACHABLE)
 
     def _solve_half(self, length: int, count: int, half: int) -> None:
@@ -139,20 +140,20 @@ class Partitioner:
 
     @property
     def can_break_ties(self) -> bool:
-        """Check whether there is enough memory to choose among partitions with equally few parts."""
-        return not self.others or len(self._states) * len(self.boxes.seconds) <= MAX_TIE_VALUES
+        """True if the memory is sufficient to choose among partitions with equally few parts."""
+        return not self.other_classes or len(self._states) * len(self.boxes.seconds) <= MAX_TIE_VALUES
 
     def _fill_uncut(self, state: int, indices: slice, value: npt.NDArray[Any]) -> None:
         """Fill in the values (boxes,) of the uncut boxes at these indices in a state."""
         seconds, pieces = self.boxes.seconds[indices], self.boxes.pieces[indices]
-        for other, count in zip(self.others, self._states[state].tolist(), strict=True):
+        for other, count in zip(self.other_classes, self._states[state].tolist(), strict=True):
             if count:
-                own_s = other.boxes.seconds[indices]
-                pieces = np.where(own_s <= self._limit_s, np.maximum(pieces - count, 0), pieces)
-                seconds = np.minimum(seconds, own_s)
-        if self.others:  # the remaining pieces of a box have to be fast enough on the first class
-            fast_enough = (self.boxes.seconds[indices] <= self._limit_s) | (pieces == 0)
-            seconds = np.where(fast_enough, seconds, np.float32(np.inf))
+                class_s = other.boxes.seconds[indices]
+                pieces = np.where(class_s <= self._limit_s, np.maximum(pieces - count, 0), pieces)
+                seconds = np.minimum(seconds, class_s)
+        if self.other_classes:  # the remaining pieces of a box have to be fast enough on the first class
+            is_fast_enough = (self.boxes.seconds[indices] <= self._limit_s) | (pieces == 0)
+            seconds = np.where(is_fast_enough, seconds, np.float32(np.inf))
         tables = (self._limit_s, seconds, self.boxes.trimmed[indices], pieces.astype(np.int16, copy=False))
         if value.dtype == np.int64:
             fill_keys(*tables, self.boxes.cut_mm2[indices], value)
@@ -167,7 +168,7 @@ class Partitioner:
         """
         value = self._value[-len(self.boxes.seconds) :]
         if value.dtype == np.int64:
-            return (value // PART).astype(np.int16)
+            return (value // PART_WEIGHT).astype(np.int16)
         return np.asarray(value)
 
     def list_class_shares(self) -> tuple[Ints, Ints]:
@@ -181,7 +182,7 @@ class Partitioner:
         """
         index = index_box(self._root, self.boxes.shape)
         value = self._value[index :: len(self.boxes.seconds)]
-        fewest = value // PART if value.dtype == np.int64 else value
+        fewest = value // PART_WEIGHT if value.dtype == np.int64 else value
         return self._states, fewest.astype(np.int64)
 
     def list_chosen_boxes(self, within: Box | None = None) -> list[Box]:
@@ -205,10 +206,10 @@ class Partitioner:
         return chosen_boxes
 
     def _find_value(self, box: Box, state: int) -> int:
-        """Find the value of a box in the last solution; if it is not known, a value above that of any box."""
+        """Find the value of a box in the last solution; an unknown one is higher than that of any box."""
         index = index_box(box, self.boxes.shape)
         if self._keys is not None:
-            return self._keys.get(int(self.boxes.trimmed[index]), UNREACHABLE * PART)
+            return self._keys.get(int(self.boxes.trimmed[index]), UNREACHABLE * PART_WEIGHT)
         return int(self._value[state * len(self.boxes.seconds) + index])
 
     def _compute_uncut_value(self, box: Box, state: int) -> int:
@@ -267,38 +268,41 @@ class Partitioner:
         float or None
             Limit in seconds; None if there is none up to `max_s`.
         """
-        tables = (self.boxes, *(other.boxes for other in self.others))
-        finite = [boxes.seconds[np.isfinite(boxes.seconds)] for boxes in tables]
-        high = min(
-            max_s, max((float(seconds.max()) for seconds in finite if len(seconds)), default=-math.inf)
+        tables = (self.boxes, *(other.boxes for other in self.other_classes))
+        finite_times_s = [boxes.seconds[np.isfinite(boxes.seconds)] for boxes in tables]
+        high_s = min(
+            max_s,
+            max((float(times_s.max()) for times_s in finite_times_s if len(times_s)), default=-math.inf),
         )
-        low, step_s = max(0.0, min_s), tolerance_s
+        low_s, step_s = max(0.0, min_s), tolerance_s
         is_reached = False
-        while is_near and not is_reached and low + step_s < high:
-            is_reached = self.solve(low + step_s) <= printers
+        while is_near and not is_reached and low_s + step_s < high_s:
+            is_reached = self.solve(low_s + step_s) <= printers
             if is_reached:
-                high = self._find_reached_limit_s(low + step_s)
+                high_s = self._find_reached_limit_s(low_s + step_s)
             else:
-                low, step_s = low + step_s, LIMIT_GROWTH * step_s
-        if high < 0.0 or (not is_reached and self.solve(high) > printers):
+                low_s, step_s = low_s + step_s, LIMIT_GROWTH * step_s
+        if high_s < 0.0 or (not is_reached and self.solve(high_s) > printers):
             return None
-        while high - low > tolerance_s:
-            # In a range over several orders of magnitude, the result is more probably in the lower part.
-            middle = math.sqrt(low * high) if high > WIDE_RATIO * low > 0.0 else (low + high) / 2.0
-            if self.solve(middle) <= printers:
-                high = self._find_reached_limit_s(middle)
+        while high_s - low_s > tolerance_s:
+            # In a range over several orders of magnitude, the result is more likely to be in the lower part.
+            middle_s = (
+                math.sqrt(low_s * high_s) if high_s > WIDE_RATIO * low_s > 0.0 else (low_s + high_s) / 2.0
+            )
+            if self.solve(middle_s) <= printers:
+                high_s = self._find_reached_limit_s(middle_s)
             else:
-                low = middle
-        self.solve(high, break_ties=self.can_break_ties)
-        return high
+                low_s = middle_s
+        self.solve(high_s, break_ties=self.can_break_ties)
+        return high_s
 
     def _find_reached_limit_s(self, limit_s: float) -> float:
         """Find the lowest limit that the last solution meets."""
-        return limit_s if self.others else min(limit_s, self.find_longest_s())
+        return limit_s if self.other_classes else min(limit_s, self.find_longest_time_s())
 
-    def find_longest_s(self) -> float:
+    def find_longest_time_s(self) -> float:
         """Find the time of the slowest box of the last solution on a printer of the first class."""
-        return self.boxes.find_longest_s(self.list_chosen_boxes())
+        return self.boxes.find_longest_time_s(self.list_chosen_boxes())
 
 
 def list_class_states(counts: Sequence[int]) -> tuple[Ints, Ints]:
@@ -313,7 +317,7 @@ def list_class_states(counts: Sequence[int]) -> tuple[Ints, Ints]:
     -------
     tuple
         (states, classes) int64 numbers; all printers are usable in the last state. (m, 3) int64 indices of
-        the sum of two states, and of these two.
+        each sum of two states, and of the two states.
     """
     states = list(np.ndindex(*(count + 1 for count in counts)))
     index = {state: i for i, state in enumerate(states)}

@@ -9,7 +9,7 @@ from decompose.engines.guillotine.recursion import UNREACHABLE
 from decompose.grid import Box, index_interval
 from decompose.jit import jit
 
-Pinwheel = tuple[int, int, int, int, int, int]  # axis of extrusion, whether it is mirrored, p1, p2, q1, q2
+Pinwheel = tuple[int, int, int, int, int, int]  # extrusion axis, whether it is mirrored, p1, p2, q1, q2
 
 
 @jit
@@ -23,7 +23,7 @@ def count_fewest_in_pinwheel(
     counts
         (boxes,) int16 fewest parts of each box of the window, by its index.
     wx, wy, wz
-        Cells of the window.
+        Number of cells of the window along each axis.
 
     Returns
     -------
@@ -65,23 +65,23 @@ def count_fewest_in_pinwheel(
 
 
 def list_pinwheel_boxes(shape: tuple[int, int, int], pinwheel: Pinwheel) -> list[Box]:
-    """List the five boxes of a pinwheel that fills a window of some shape; the last one is in the middle.
+    """List the five boxes of a pinwheel that fills a window; the last one is in the middle.
 
     Parameters
     ----------
     shape
-        Cells of the window.
+        Shape of the window, in cells.
     pinwheel
-        Axis, mirror and places of the cuts.
+        Axis, mirroring and positions of the cuts.
     """
     axis, is_mirrored, p1, p2, q1, q2 = pinwheel
     p, q = shape[(axis + 1) % 3], shape[(axis + 2) % 3]
     if is_mirrored:
-        flat = [(p1, p, 0, q1), (0, p1, 0, q2), (0, p2, q2, q), (p2, p, q1, q), (p1, p2, q1, q2)]
+        rectangles = [(p1, p, 0, q1), (0, p1, 0, q2), (0, p2, q2, q), (p2, p, q1, q), (p1, p2, q1, q2)]
     else:
-        flat = [(0, p2, 0, q1), (p2, p, 0, q2), (p1, p, q2, q), (0, p1, q1, q), (p1, p2, q1, q2)]
+        rectangles = [(0, p2, 0, q1), (p2, p, 0, q2), (p1, p, q2, q), (0, p1, q1, q), (p1, p2, q1, q2)]
     boxes = []
-    for a, b, c, d in flat:
+    for a, b, c, d in rectangles:
         lo, hi = [0, 0, 0], list(shape)
         lo[(axis + 1) % 3], hi[(axis + 1) % 3] = a, b
         lo[(axis + 2) % 3], hi[(axis + 2) % 3] = c, d

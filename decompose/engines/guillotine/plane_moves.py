@@ -1,7 +1,7 @@
 """Moves of cut planes: groups of faces that move together, and the shifts with the least makespan.
 
 Two faces that touch each other move together. Where four boxes meet along an edge (or two that are opposite
-each other), one of the two planes there must be continuous: the faces on both sides of the edge also move
+each other), one of the two planes there must be continuous, so the faces on both sides of the edge also move
 together. Otherwise a corner would belong to no box, or to two boxes.
 """
 
@@ -21,10 +21,10 @@ from decompose.problem import Problem
 
 MAX_CELL_BOXES = 20_000_000  # maximum number of fine cells times boxes when a partition is checked
 MOVE_S_PER_MM = 0.05  # minimum gain in s for each mm of a move, so that no face moves without a gain
-NOISE_MM = 2.0  # shorter moves hardly correct slopes: supports, and thus times, change in jumps
+NOISE_MM = 2.0  # shorter moves hardly correct slopes, because supports and thus times change in jumps
 
 
-def fill_out_boxes(partition: Sequence[Box], empty: Bools) -> list[Box]:
+def fill_out_boxes(partition: Sequence[Box], empty_cells: Bools) -> list[Box]:
     """Extend boxes over cells without solid, so that they face more neighbours.
 
     A face can only move into a box that covers all of it. Nothing is printed in the added cells.
@@ -33,7 +33,7 @@ def fill_out_boxes(partition: Sequence[Box], empty: Bools) -> list[Box]:
     ----------
     partition
         Disjoint boxes in cells.
-    empty
+    empty_cells
         (nx, ny, nz) bool, true for cells without solid.
 
     Returns
@@ -42,9 +42,9 @@ def fill_out_boxes(partition: Sequence[Box], empty: Bools) -> list[Box]:
         The boxes in the same order; none is smaller than before.
     """
     boxes = np.array(partition)
-    free = empty.copy()
+    is_free = empty_cells.copy()
     for box in boxes:
-        free[_slice_cells(box)] = False
+        is_free[_slice_cells(box)] = False
     touching_boxes = [
         (int(i), int(j), axis)
         for axis in range(3)
@@ -52,24 +52,28 @@ def fill_out_boxes(partition: Sequence[Box], empty: Bools) -> list[Box]:
     ]
     for _ in range(2):
         for i, j, axis in touching_boxes:
-            across = [a for a in range(3) if a != axis]
-            lo = np.maximum(boxes[i, across], boxes[j, across])
-            if (np.minimum(boxes[i, [a + 3 for a in across]], boxes[j, [a + 3 for a in across]]) <= lo).any():
+            other_axes = [a for a in range(3) if a != axis]
+            lo = np.maximum(boxes[i, other_axes], boxes[j, other_axes])
+            if (
+                np.minimum(boxes[i, [a + 3 for a in other_axes]], boxes[j, [a + 3 for a in other_axes]]) <= lo
+            ).any():
                 continue
             for box, other in ((i, j), (j, i)):
-                for side in (*across, *(a + 3 for a in across)):
+                for side in (*other_axes, *(a + 3 for a in other_axes)):
                     extend = min if side < 3 else max
-                    larger = boxes[box].copy()
-                    larger[side] = extend(boxes[box, side], boxes[other, side])
-                    gained_cells = np.prod(larger[3:] - larger[:3]) - np.prod(boxes[box, 3:] - boxes[box, :3])
-                    if gained_cells > 0 and free[_slice_cells(larger)].sum() == gained_cells:
-                        boxes[box] = larger
-                        free[_slice_cells(larger)] = False
+                    larger_box = boxes[box].copy()
+                    larger_box[side] = extend(boxes[box, side], boxes[other, side])
+                    gained_cells = np.prod(larger_box[3:] - larger_box[:3]) - np.prod(
+                        boxes[box, 3:] - boxes[box, :3]
+                    )
+                    if gained_cells > 0 and is_free[_slice_cells(larger_box)].sum() == gained_cells:
+                        boxes[box] = larger_box
+                        is_free[_slice_cells(larger_box)] = False
     return [(a, b, c, d, e, f) for a, b, c, d, e, f in boxes.tolist()]
 
 
 def refine_needed_cells(problem: Problem, grid: Grid) -> NeededCells:
-    """Refine the needed cells as finely as checking a partition can afford.
+    """Refine the needed cells as far as the check of a partition allows.
 
     Parameters
     ----------
@@ -79,9 +83,9 @@ def refine_needed_cells(problem: Problem, grid: Grid) -> NeededCells:
         Grid over the model.
     """
     vertices, faces = problem.model.solid.arrays()
-    keep = problem.options.interior is Interior.KEEP
+    keeps_interior = problem.options.interior is Interior.KEEP
     max_cells = MAX_CELL_BOXES // len(problem.printers)
-    return refine_cells(grid, vertices[faces], problem.options.min_wall_mm, keep, max_cells)
+    return refine_cells(grid, vertices[faces], problem.options.min_wall_mm, keeps_interior, max_cells)
 
 
 def _slice_cells(box: Ints) -> tuple[slice, ...]:
@@ -93,7 +97,7 @@ def group_faces(boxes_mm: Floats) -> Ints:
     """Group the faces of boxes that have to move together.
 
     All faces of a group have the same axis and the same coordinate. A group is fixed if no two of its faces
-    touch each other, because no volume could pass between boxes.
+    touch each other, because no volume could pass between boxes then.
 
     Parameters
     ----------
@@ -111,9 +115,9 @@ def group_faces(boxes_mm: Floats) -> Ints:
     overlap = np.minimum(hi[:, None], hi[None]) - np.maximum(lo[:, None], lo[None])  # (n, n, 3)
     is_shared = np.zeros(count * 6, dtype=np.bool_)
     for axis in range(3):
-        across = [i for i in range(3) if i != axis]
+        other_axes = [i for i in range(3) if i != axis]
         is_touching = np.abs(hi[:, None, axis] - lo[None, :, axis]) < SAME_MM
-        for i, j in np.argwhere(is_touching & (overlap[:, :, across] > SAME_MM).all(axis=2)):
+        for i, j in np.argwhere(is_touching & (overlap[:, :, other_axes] > SAME_MM).all(axis=2)):
             groups.join(_number_face(i, 1, axis), _number_face(j, 0, axis))
             is_shared[[_number_face(i, 1, axis), _number_face(j, 0, axis)]] = True
     for i, j, axes in _find_crossings(boxes_mm, overlap):
@@ -124,15 +128,15 @@ def group_faces(boxes_mm: Floats) -> Ints:
         if all(groups.find(a) != groups.find(b) for a, b in pairs):
             groups.join(*min(pairs, key=lambda pair: groups.compute_joined_size(*pair)))
     labels = np.array([groups.find(face) for face in range(count * 6)])
-    moves = np.isin(labels, labels[is_shared])
-    _, number = np.unique(labels[moves], return_inverse=True)
-    labels[:] = np.where(moves, 0, -1)
-    labels[moves] = number.reshape(-1)
+    is_moving = np.isin(labels, labels[is_shared])
+    _, number = np.unique(labels[is_moving], return_inverse=True)
+    labels[:] = np.where(is_moving, 0, -1)
+    labels[is_moving] = number.reshape(-1)
     return np.asarray(labels.reshape(count, 2, 3), dtype=np.int64)
 
 
 def _find_crossings(boxes_mm: Floats, overlap: Floats) -> list[tuple[int, int, tuple[int, int]]]:
-    """Find pairs of boxes that meet at an edge only, and the two axes across that edge.
+    """Find pairs of boxes that meet only at an edge, and the two axes across that edge.
 
     Parameters
     ----------
@@ -141,12 +145,12 @@ def _find_crossings(boxes_mm: Floats, overlap: Floats) -> list[tuple[int, int, t
     overlap
         (n, n, 3) length in mm by which two boxes overlap along each axis.
     """
-    touches = np.abs(overlap) < SAME_MM
+    is_touching = np.abs(overlap) < SAME_MM
     crossings = []
     for direction in range(3):
         a, b = (i for i in range(3) if i != direction)
-        meet = touches[:, :, a] & touches[:, :, b] & (overlap[:, :, direction] > SAME_MM)
-        crossings += [(int(i), int(j), (a, b)) for i, j in np.argwhere(meet) if i < j]
+        meets_at_edge = is_touching[:, :, a] & is_touching[:, :, b] & (overlap[:, :, direction] > SAME_MM)
+        crossings += [(int(i), int(j), (a, b)) for i, j in np.argwhere(meets_at_edge) if i < j]
     return crossings
 
 
@@ -227,32 +231,33 @@ def find_free_directions(boxes_mm: Floats, groups: Ints, cells: NeededCells, ste
         (groups, 2) bool, for down and up.
     """
     count = int(groups.max(initial=-1)) + 1
-    free = np.zeros((count, 2), dtype=np.bool_)
+    is_free = np.zeros((count, 2), dtype=np.bool_)
     for group in range(count):
         for side, sign in enumerate((-1.0, 1.0)):
             shifts_mm = np.zeros(count)
             shifts_mm[group] = sign * step_mm
-            free[group, side] = cells.is_partition(move_groups(boxes_mm, groups, shifts_mm))
-    return free
+            is_free[group, side] = cells.is_partition(move_groups(boxes_mm, groups, shifts_mm))
+    return is_free
 
 
 def find_clear_position(flats_mm: Floats, old_mm: float, new_mm: float, clear_mm: float) -> float:
     """Find the position closest to a plane's target that is clear of all flat faces.
 
-    It is between the present and the target position; the present one if no other is clear.
+    It lies between the current and the target position. The current position is returned if no other one is
+    clear.
 
     Parameters
     ----------
     flats_mm
         (k,) coordinates of flat faces along the axis.
     old_mm, new_mm
-        Present and target position of the plane.
+        Current and target position of the plane.
     clear_mm
         Distance to keep from flat faces.
     """
-    low, high = sorted((old_mm, new_mm))
+    low_mm, high_mm = sorted((old_mm, new_mm))
     positions = [new_mm, *(flats_mm - clear_mm), *(flats_mm + clear_mm)]
-    for position in sorted((p for p in positions if low <= p <= high), key=lambda p: abs(p - new_mm)):
+    for position in sorted((p for p in positions if low_mm <= p <= high_mm), key=lambda p: abs(p - new_mm)):
         if np.abs(flats_mm - position).min(initial=np.inf) >= clear_mm - SAME_MM:
             return float(position)
     return old_mm
@@ -267,7 +272,7 @@ class ShiftLimits:
     max_growth_mm, max_shrinkage_mm
         (n, 3) lengths by which each part may grow and shrink along each axis; inf without a limit.
     low_mm, high_mm
-        (groups,) shifts that each group may make downwards (at most 0) and upwards.
+        (groups,) limits of each group's shift, downwards (at most 0) and upwards.
     """
 
     max_growth_mm: Floats
@@ -279,7 +284,7 @@ class ShiftLimits:
 def solve_plane_shifts(
     seconds: Floats, slopes: Floats, groups: Ints, limits: ShiftLimits
 ) -> tuple[Floats, float]:
-    """Compute the shift of each group with the least makespan, as if every part's time were linear.
+    """Compute the shifts of groups with the least makespan, assuming that times are linear in the shifts.
 
     Parameters
     ----------
@@ -314,12 +319,12 @@ def solve_plane_shifts(
         ]
     )
     lengths_mm = limits.max_growth_mm.ravel(), limits.max_shrinkage_mm.ravel()
-    rights = np.concatenate([-seconds, *lengths_mm, np.zeros(2 * count)])
-    is_limited = np.isfinite(rights)
+    right_sides = np.concatenate([-seconds, *lengths_mm, np.zeros(2 * count)])
+    is_limited = np.isfinite(right_sides)
     solution = linprog(
         np.array([*np.zeros(count), *np.full(count, MOVE_S_PER_MM), 1.0]),
         rows[is_limited],
-        rights[is_limited],
+        right_sides[is_limited],
         bounds=[*zip(limits.low_mm, limits.high_mm, strict=True), *[(0.0, None)] * count, (None, None)],
         method="highs-ds",
     )
@@ -328,7 +333,7 @@ def solve_plane_shifts(
     return np.asarray(solution.x[:count]), float(solution.x[-1])
 
 
-def update_slopes(slopes: Floats, moves_mm: Floats, seconds: float) -> None:
+def update_slopes(slopes: Floats, moves_mm: Floats, change_s: float) -> None:
     """Correct the slopes of a part by the measured effect of a move (Broyden's update).
 
     Parameters
@@ -337,9 +342,9 @@ def update_slopes(slopes: Floats, moves_mm: Floats, seconds: float) -> None:
         (2, 3) change of the part's time in s/mm as its faces move up their axes; updated in place.
     moves_mm
         (2, 3) moves of the faces.
-    seconds
-        Change of the part's time; inf, which is ignored, if a piece did not fit.
+    change_s
+        Change of the part's time; inf if a piece did not fit, which is ignored.
     """
     squared_length_mm2 = float((moves_mm * moves_mm).sum()) + NOISE_MM * NOISE_MM
-    if math.isfinite(seconds):
-        slopes += (seconds - float((slopes * moves_mm).sum())) / squared_length_mm2 * moves_mm
+    if math.isfinite(change_s):
+        slopes += (change_s - float((slopes * moves_mm).sum())) / squared_length_mm2 * moves_mm

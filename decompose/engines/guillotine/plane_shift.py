@@ -1,11 +1,11 @@
-"""Cut planes moved off the grid, so that the slowest parts end sooner.
+"""Search for positions of the cut planes off the grid at which the slowest parts end sooner.
 
 A grid moves a face by a whole layer of cells, which is a large share of a part. Here all groups of faces that
-can move (`plane_moves`) move at once, by a linear programme: it minimises the makespan as if every part's
-time were linear in the positions of its faces, within short steps. The parts are then priced with the new
+can move (`plane_moves`) move at once, by a linear programme. Within short steps, it minimises the makespan as
+if every part's time were linear in the positions of its faces. The parts are then priced at the new
 positions, which corrects the slopes. After `STEPS_PER_ROUND` steps all parts that moved get new poses; until
-then each keeps its pose, which is much faster to price. One such search is made even if the budget is spent:
-it gains more in the same time than most other searches.
+then each part keeps its pose, because it is much faster to price. One such search is made even if the budget
+is spent, because it gains more in the same time than most other searches.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ import numpy as np
 from decompose.arrays import Floats
 from decompose.engines.guillotine.box_part import (
     BoxPart,
-    find_longest_s,
-    find_slowest_s,
+    compute_slowest_piece_s,
+    find_longest_time_s,
     find_spare_length_mm,
     sort_times_s,
 )
@@ -46,13 +46,13 @@ Face = tuple[int, ...]  # face of a box: its side, 0 or 1, and its axis
 PROBE_MM = 3.0  # inward move of a face to measure the time that it saves
 MAX_MOVE_SHARE = 0.9  # maximum total move of a plane, as a share of a cell
 FIRST_STEP_SHARE = 0.5  # length of the first step, as a share of `MAX_MOVE_SHARE`
-TRIAL_MM = 0.4  # minimum free move of a group that is moved
-ROUNDS, STEPS_PER_ROUND = 4, 8
+TRIAL_MM = 0.4  # length of the trial move that a group must be free to make
+MAX_ROUNDS, STEPS_PER_ROUND = 4, 8
 STEP_REDUCTION = 0.6  # ratio of the next step to a step without a gain
 MIN_GAIN = 0.0015  # minimum gain that a step has to promise, as a share of the makespan
 MIN_TOTAL_GAIN = 0.003  # minimum gain of a search after which another one starts from its result
 PLANE_DIGITS = 6  # decimal places of a moved plane's coordinate in mm
-MIN_MOVE_MM = 0.02
+MIN_MOVE_MM = 0.02  # minimum move of a plane
 MAX_SOLUTIONS = 4  # maximum number of solutions of a step, each with more planes stopped by flat faces
 MEAN_PRICINGS = 10  # mean number of times that a search prices each part: for its slopes, and after its moves
 
@@ -74,8 +74,8 @@ def shift_planes(
     Returns
     -------
     list[Piece]
-        As many pieces, none slower than the slowest one before; the same pieces if there is no gain. Solid
-        that was in a box stays in one, or in none if it need not be printed (`grid.needed_cells`).
+        The same number of pieces, none slower than the slowest one before; the unchanged pieces if there is
+        no gain. Solid in a box stays in some box, or in none if it need not be printed (`grid.needed_cells`).
     """
     grown_boxes = fill_out_boxes(list(cut), grid.cells == Cell.EXTERNAL)
     return shift_box_planes(
@@ -99,8 +99,8 @@ def shift_box_planes(
 ) -> list[Piece]:
     """Move the planes of boxes, on a grid or not, to the least makespan.
 
-    A face that was stopped, or could not reach its best position, may be free once the others have moved. So
-    the planes of the result are moved again, as long as the gain is large enough.
+    A face that was stopped, or could not reach its best position, may be free to move once the others have
+    moved. So the planes of the result are moved again as long as the gain is large enough.
 
     Parameters
     ----------
@@ -125,8 +125,8 @@ def shift_box_planes(
         search = _PlaneShift(problem, cells, cell_mm, boxes_mm, pieces)
         start_parts = search.pose_start_parts()
         parts = search.improve_parts(start_parts)
-        has_gain = math.isfinite(find_longest_s(parts)) and (
-            find_longest_s(parts) <= (1.0 - MIN_TOTAL_GAIN) * find_longest_s(start_parts)
+        has_gain = math.isfinite(find_longest_time_s(parts)) and (
+            find_longest_time_s(parts) <= (1.0 - MIN_TOTAL_GAIN) * find_longest_time_s(start_parts)
         )
         if not (has_gain and problem.thorough) or problem.effort.is_spent():
             return [piece for part in parts for piece in part.pieces]
@@ -135,7 +135,7 @@ def shift_box_planes(
 
 
 class _PlaneShift:
-    """Search from one partition: the groups of faces that may move, their reach, and the parts so far."""
+    """Search that starts from one partition, with the groups of faces that may move and their reach."""
 
     def __init__(
         self,
@@ -147,47 +147,47 @@ class _PlaneShift:
     ) -> None:
         self.problem = problem
         self.cells = cells
-        self.start_mm = boxes_mm
-        self.start = [
+        self.start_boxes_mm = boxes_mm
+        self.start_parts = [
             BoxPart(box, tuple(replace(piece, boxes_mm=box[None]) for piece in inside), (), math.inf)
             for box, inside in zip(boxes_mm, pieces, strict=True)
         ]
-        self.groups = group_faces(self.start_mm)
-        self.free = find_free_directions(self.start_mm, self.groups, self.cells, TRIAL_MM)
-        self.axes = np.zeros(len(self.free), dtype=np.int64)
+        self.groups = group_faces(self.start_boxes_mm)
+        self.is_free = find_free_directions(self.start_boxes_mm, self.groups, self.cells, TRIAL_MM)
+        self.axes = np.zeros(len(self.is_free), dtype=np.int64)
         self.axes[self.groups[self.groups >= 0]] = np.argwhere(self.groups >= 0)[:, 2]
         self.reach_mm = (MAX_MOVE_SHARE * cell_mm)[self.axes]
         vertices, faces = problem.model.solid.arrays()
         self.flats_mm = [find_flat_coordinates(vertices[faces], axis) for axis in range(3)]
         self.nearby_solids = [  # solids in boxes that contain all moves of the faces
-            problem.model.solid.clip(lo - cell_mm, hi + cell_mm) for lo, hi in self.start_mm
+            problem.model.solid.clip(lo - cell_mm, hi + cell_mm) for lo, hi in self.start_boxes_mm
         ]
 
     def pose_start_parts(self) -> list[BoxPart]:
         """Pose the parts of the given partition."""
-        return self._pose_parts(self.start)
+        return self._pose_parts(self.start_parts)
 
     def improve_parts(self, best: list[BoxPart]) -> list[BoxPart]:
         """Search for a better partition, starting from parts in their poses."""
-        if not (self.free.any() and math.isfinite(find_longest_s(best))):
+        if not (self.is_free.any() and math.isfinite(find_longest_time_s(best))):
             return best
         self._record_effort([i for i in range(len(best)) for _ in range(6)])
         slopes = np.array(list(self.problem.map(self._measure_slopes, range(len(best)), best)))
-        for rounds in range(ROUNDS):
+        for rounds in range(MAX_ROUNDS):
             if rounds and self.problem.effort.is_spent():
                 break
-            draft = self._take_steps(best, slopes)
-            if draft is best:
+            moved_parts = self._take_steps(best, slopes)
+            if moved_parts is best:
                 break
-            new = self._pose_parts(draft, best)
-            if sort_times_s(new) >= sort_times_s(best):
-                if not self._stop_faces(best, new, find_longest_s(best)):
+            new_parts = self._pose_parts(moved_parts, best)
+            if sort_times_s(new_parts) >= sort_times_s(best):
+                if not self._stop_faces(best, new_parts, find_longest_time_s(best)):
                     break
-            elif self._has_faults(new):
+            elif self._has_faults(new_parts):
                 self.reach_mm = self.reach_mm / 2.0
             else:
-                gain = 1.0 - find_longest_s(new) / find_longest_s(best)
-                best = new
+                gain = 1.0 - find_longest_time_s(new_parts) / find_longest_time_s(best)
+                best = new_parts
                 if gain < MIN_GAIN:
                     break
         return best
@@ -204,39 +204,39 @@ class _PlaneShift:
         )
 
     def _take_steps(self, parts: list[BoxPart], slopes: Floats) -> list[BoxPart]:
-        """Take steps with each part in its pose; return the same parts if no step gains enough."""
+        """Take steps in which each part keeps its pose; return the same parts if no step gains enough."""
         step_mm = FIRST_STEP_SHARE * self.reach_mm
         for _ in range(STEPS_PER_ROUND):
-            boxes, expected_s = self._solve_step(parts, slopes, step_mm)
-            if expected_s > (1.0 - MIN_GAIN) * find_longest_s(parts):
+            boxes_mm, expected_s = self._solve_step(parts, slopes, step_mm)
+            if expected_s > (1.0 - MIN_GAIN) * find_longest_time_s(parts):
                 break
-            if not self.cells.is_partition(boxes):
+            if not self.cells.is_partition(boxes_mm):
                 step_mm *= STEP_REDUCTION
                 continue
-            new = self._cut_moved_parts(parts, boxes)
-            for i, (old, part) in enumerate(zip(parts, new, strict=True)):
+            new_parts = self._cut_moved_parts(parts, boxes_mm)
+            for i, (old, part) in enumerate(zip(parts, new_parts, strict=True)):
                 update_slopes(slopes[i], part.box_mm - old.box_mm, part.seconds - old.seconds)
-            if sort_times_s(new) < sort_times_s(parts):
-                parts = new
-            elif not self._stop_faces(parts, new):
+            if sort_times_s(new_parts) < sort_times_s(parts):
+                parts = new_parts
+            elif not self._stop_faces(parts, new_parts):
                 step_mm *= STEP_REDUCTION
         return parts
 
     def _stop_faces(
-        self, parts: Sequence[BoxPart], new: Sequence[BoxPart], limit_s: float = math.inf
+        self, parts: Sequence[BoxPart], new_parts: Sequence[BoxPart], limit_s: float = math.inf
     ) -> bool:
-        """Stop faces whose moves make parts break, not fit, or take as long as a limit.
+        """Stop faces whose moves make parts break, exceed a build volume, or take as long as a limit.
 
-        Where supports begin to touch a cut face, or the brim becomes too narrow, the best pose changes to
-        one that may be much slower.
+        When supports begin to touch a cut face, or the brim becomes too narrow, another pose becomes the best
+        one, and it may be much slower.
 
         Returns
         -------
         bool
             Whether any of these faces was free, so that the next step differs.
         """
-        previous_free = self.free.copy()
-        for i, (old, part) in enumerate(zip(parts, new, strict=True)):
+        was_free = self.is_free.copy()
+        for i, (old, part) in enumerate(zip(parts, new_parts, strict=True)):
             if part.seconds < limit_s:
                 continue
             move_mm = part.box_mm - old.box_mm
@@ -245,13 +245,13 @@ class _PlaneShift:
                 [] if part.has_similar_pieces(old) else self._find_breaking_faces(i, old, faces, move_mm)
             )
             for face in breaking_faces or faces:
-                self.free[self.groups[(i, *face)], int(move_mm[face] > 0.0)] = False
-        return bool((self.free != previous_free).any())
+                self.is_free[self.groups[(i, *face)], int(move_mm[face] > 0.0)] = False
+        return bool((self.is_free != was_free).any())
 
     def _find_breaking_faces(
         self, i: int, part: BoxPart, faces: Sequence[Face], move_mm: Floats
     ) -> list[Face]:
-        """Find the faces that break a part into pieces or make it too thin if they move alone."""
+        """Find the faces that break a part into pieces or make it too thin even if they move alone."""
         self.problem.effort.record(Work.FACE_CUT, len(faces) * self.nearby_solids[i].faces)
         breaking_faces = []
         for face in faces:
@@ -268,13 +268,13 @@ class _PlaneShift:
         again.
         """
         start_boxes_mm = np.array([part.box_mm for part in parts])
-        places = self._measure_places(start_boxes_mm)
-        shift_mm = places - self._measure_places(self.start_mm)
+        positions_mm = self._find_positions_mm(start_boxes_mm)
+        shift_mm = positions_mm - self._find_positions_mm(self.start_boxes_mm)
         low_mm = np.minimum(
-            np.where(self.free[:, 0], np.maximum(-step_mm, -self.reach_mm - shift_mm), 0.0), 0.0
+            np.where(self.is_free[:, 0], np.maximum(-step_mm, -self.reach_mm - shift_mm), 0.0), 0.0
         )
         high_mm = np.maximum(
-            np.where(self.free[:, 1], np.minimum(step_mm, self.reach_mm - shift_mm), 0.0), 0.0
+            np.where(self.is_free[:, 1], np.minimum(step_mm, self.reach_mm - shift_mm), 0.0), 0.0
         )
         max_growth_mm = np.array([find_spare_length_mm(p.size_mm, self._list_rooms(p)) for p in parts])
         max_shrinkage_mm = np.maximum(0.0, start_boxes_mm[:, 1] - start_boxes_mm[:, 0] - SLIVER_MM)
@@ -283,96 +283,96 @@ class _PlaneShift:
         for _ in range(MAX_SOLUTIONS):
             limits = ShiftLimits(max_growth_mm, max_shrinkage_mm, low_mm, high_mm)
             shifts_mm, min_s = solve_plane_shifts(seconds, slopes, self.groups, limits)
-            if not math.isfinite(min_s):  # no solution with all of these stopped: keep the previous one
+            if not math.isfinite(min_s):  # no solution with these planes stopped: keep the previous one
                 break
             expected_s = min_s
-            boxes_mm = self._clear_planes(start_boxes_mm, move_groups(start_boxes_mm, self.groups, shifts_mm))
-            moved_mm = self._measure_places(boxes_mm) - places
-            moved_planes = np.abs(moved_mm - shifts_mm) > MIN_MOVE_MM
-            if not moved_planes.any():
+            boxes_mm = self._stop_planes(start_boxes_mm, move_groups(start_boxes_mm, self.groups, shifts_mm))
+            moves_mm = self._find_positions_mm(boxes_mm) - positions_mm
+            is_stopped = np.abs(moves_mm - shifts_mm) > MIN_MOVE_MM
+            if not is_stopped.any():
                 break
-            low_mm[moved_planes] = high_mm[moved_planes] = moved_mm[moved_planes]
+            low_mm[is_stopped] = high_mm[is_stopped] = moves_mm[is_stopped]
         return boxes_mm, expected_s
 
-    def _measure_places(self, boxes_mm: Floats) -> Floats:
+    def _find_positions_mm(self, boxes_mm: Floats) -> Floats:
         """Find the coordinate (groups,) of each group in mm."""
-        places = np.zeros(len(self.free))
-        places[self.groups[self.groups >= 0]] = boxes_mm[self.groups >= 0]
-        return places
+        positions_mm = np.zeros(len(self.is_free))
+        positions_mm[self.groups[self.groups >= 0]] = boxes_mm[self.groups >= 0]
+        return positions_mm
 
-    def _clear_planes(self, places_mm: Floats, boxes_mm: Floats) -> Floats:
+    def _stop_planes(self, old_boxes_mm: Floats, new_boxes_mm: Floats) -> Floats:
         """Stop planes before flat faces, and do not move a plane by less than a minimum."""
-        old, new = self._measure_places(places_mm), self._measure_places(boxes_mm)
-        for group in range(len(old)):
-            if abs(new[group] - old[group]) < MIN_MOVE_MM:
-                new[group] = old[group]
-            new[group] = find_clear_position(
-                self.flats_mm[self.axes[group]], old[group], new[group], CLEAR_MM
+        old_mm, new_mm = self._find_positions_mm(old_boxes_mm), self._find_positions_mm(new_boxes_mm)
+        for group in range(len(old_mm)):
+            if abs(new_mm[group] - old_mm[group]) < MIN_MOVE_MM:
+                new_mm[group] = old_mm[group]
+            new_mm[group] = find_clear_position(
+                self.flats_mm[self.axes[group]], old_mm[group], new_mm[group], CLEAR_MM
             )
-            if new[group] != old[group]:  # groups that move to one plane get exactly the same coordinate
-                new[group] = round(new[group], PLANE_DIGITS)
-        return np.where(self.groups >= 0, new[self.groups], places_mm)
+            if new_mm[group] != old_mm[group]:  # groups that move to one plane get the same coordinate
+                new_mm[group] = round(new_mm[group], PLANE_DIGITS)
+        return np.where(self.groups >= 0, new_mm[self.groups], old_boxes_mm)
 
     def _list_rooms(self, part: BoxPart) -> list[PrinterRoom]:
-        """List the rooms that the pieces of a part have to fit."""
+        """List the build volumes that the pieces of a part have to fit."""
         return [room for piece in part.pieces for room in self.problem.list_piece_rooms(piece)]
 
     def _cut_part(self, i: int, box_mm: Floats) -> BoxPart:
         """Cut a part with another box; its pieces keep their printers if there are as many."""
         pieces = cut_box(self.nearby_solids[i], *box_mm)
-        before = self.start[i].pieces
-        if len(pieces) == len(before):
+        start_pieces = self.start_parts[i].pieces
+        if len(pieces) == len(start_pieces):
             pieces = [
-                replace(piece, printer=matches.printer, time_ratio=matches.time_ratio)
-                for piece, matches in zip(pieces, before, strict=True)
+                replace(piece, printer=start_piece.printer, time_ratio=start_piece.time_ratio)
+                for piece, start_piece in zip(pieces, start_pieces, strict=True)
             ]
         return BoxPart(box_mm, tuple(pieces), (), math.inf)
 
     def _pose_parts(self, parts: list[BoxPart], previous_parts: Sequence[BoxPart] = ()) -> list[BoxPart]:
         """Find the best poses of parts; parts that have not moved since `previous_parts` keep their poses."""
-        unmoved_parts = {
+        posed_parts = {
             i: part for i, part in enumerate(previous_parts) if (part.box_mm == parts[i].box_mm).all()
         }
-        moved_numbers = [i for i in range(len(parts)) if i not in unmoved_parts]
+        moved_numbers = [i for i in range(len(parts)) if i not in posed_parts]
         poses = iter(self.problem.find_poses([piece for i in moved_numbers for piece in parts[i].pieces]))
         for i in moved_numbers:
-            unmoved_parts[i] = parts[i].with_poses([next(poses) for _ in parts[i].pieces])
-        return [unmoved_parts[i] for i in range(len(parts))]
+            posed_parts[i] = parts[i].with_poses([next(poses) for _ in parts[i].pieces])
+        return [posed_parts[i] for i in range(len(parts))]
 
     def _cut_moved_parts(self, parts: list[BoxPart], boxes_mm: Floats) -> list[BoxPart]:
         """Cut the parts whose boxes moved, and find new poses where the old ones do not fit."""
-        moved_parts = [i for i, part in enumerate(parts) if (boxes_mm[i] != part.box_mm).any()]
-        self._record_effort(moved_parts)
-        cuts = moved_parts, [parts[i] for i in moved_parts], boxes_mm[moved_parts]
-        recut = list(self.problem.map(self._cut_in_old_poses, *cuts))
-        unposed = [
+        moved_numbers = [i for i, part in enumerate(parts) if (boxes_mm[i] != part.box_mm).any()]
+        self._record_effort(moved_numbers)
+        arguments = moved_numbers, [parts[i] for i in moved_numbers], boxes_mm[moved_numbers]
+        recut_parts = list(self.problem.map(self._cut_in_old_poses, *arguments))
+        unposed_pieces = [
             piece
-            for part, poses in recut
+            for part, poses in recut_parts
             for piece, pose in zip(part.pieces, poses, strict=False)
             if pose is None
         ]
-        best = iter(self.problem.find_poses(unposed))
-        new = list(parts)
-        for i, (part, poses) in zip(moved_parts, recut, strict=True):
-            all_poses = [next(best) if pose is None else pose for pose in poses]
-            new[i] = part.with_poses(all_poses) if all_poses else part
-        return new
+        new_poses = iter(self.problem.find_poses(unposed_pieces))
+        new_parts = list(parts)
+        for i, (part, poses) in zip(moved_numbers, recut_parts, strict=True):
+            all_poses = [next(new_poses) if pose is None else pose for pose in poses]
+            new_parts[i] = part.with_poses(all_poses) if all_poses else part
+        return new_parts
 
     def _cut_in_old_poses(self, i: int, part: BoxPart, box_mm: Floats) -> tuple[BoxPart, list[Pose | None]]:
         """Cut a part again, with its pieces in their old poses; None for a pose that does not fit.
 
         The list is empty if the part breaks into pieces.
         """
-        new = self._cut_part(i, box_mm)
-        if not new.has_similar_pieces(part):
-            return new, []
+        new_part = self._cut_part(i, box_mm)
+        if not new_part.has_similar_pieces(part):
+            return new_part, []
         poses: list[Pose | None] = []
-        for piece, old in zip(new.pieces, part.poses, strict=True):
+        for piece, old in zip(new_part.pieces, part.poses, strict=True):
             pose = self._measure_piece(piece, old)
             fits = all(room.fits(*pose.size_mm) for room in self.problem.list_piece_rooms(piece))
-            dirtier = pose.rank[2] > 0.0 and old.rank[2] == 0.0
-            poses.append(pose if fits and not dirtier and pose.rank[:2] <= old.rank[:2] else None)
-        return new, poses
+            is_dirtier = pose.rank[2] > 0.0 and old.rank[2] == 0.0
+            poses.append(pose if fits and not is_dirtier and pose.rank[:2] <= old.rank[:2] else None)
+        return new_part, poses
 
     def _measure_piece(self, piece: Piece, pose: Pose) -> Pose:
         """Price a piece in the rotation of a pose."""
@@ -391,9 +391,9 @@ class _PlaneShift:
             box[side, axis] += PROBE_MM * (1.0 - 2.0 * side)
             trimmed_part = self._cut_part(i, box)
             if len(trimmed_part.pieces) == len(part.pieces):
-                seconds_before = [
+                poses = [
                     self._measure_piece(*pair) for pair in zip(trimmed_part.pieces, part.poses, strict=True)
                 ]
-                now_s = find_slowest_s(trimmed_part.pieces, seconds_before)
-                slopes[side, axis] = (now_s - part.seconds) / (box[side, axis] - part.box_mm[side, axis])
+                trimmed_s = compute_slowest_piece_s(trimmed_part.pieces, poses)
+                slopes[side, axis] = (trimmed_s - part.seconds) / (box[side, axis] - part.box_mm[side, axis])
         return slopes

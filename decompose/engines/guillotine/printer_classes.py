@@ -1,7 +1,7 @@
-"""Classes of unequal printers with the same build volume and about the same speed, for their parts.
+"""Classes of printers: those in a class have about the same build volume and about the same speed.
 
 Printers that differ only a little are one class, with the build volume that all of them have and the speed
-of the slowest one: a part that ends in time on the class ends in time on each of its printers.
+of the slowest one, so a part that ends in time on the class ends in time on each of its printers.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class PrinterClass:
 
     @property
     def throughput(self) -> float:
-        """Work that all of them do per second, in seconds of a printer with time factor 1."""
+        """Work that all printers do per second, in seconds of a printer with time factor 1."""
         return self.count / self.time_factor
 
 
@@ -62,10 +62,10 @@ def classify_printers(printers: Sequence[PrinterRoom], max_sums: float) -> list[
     max_sums
         Number of sums (`count_sums`) that the search may make for each cut; at least 1.
     """
-    by_volume: dict[tuple[BuildVolume, float], list[PrinterRoom]] = {}
+    printers_by_key: dict[tuple[BuildVolume, float], list[PrinterRoom]] = {}
     for printer in printers:
-        by_volume.setdefault((printer.boxes, printer.time_factor), []).append(printer)
-    classes = [PrinterClass(*key, tuple(by_volume[key])) for key in sorted(by_volume)]
+        printers_by_key.setdefault((printer.boxes, printer.time_factor), []).append(printer)
+    classes = [PrinterClass(*key, tuple(printers_by_key[key])) for key in sorted(printers_by_key)]
     limit = MAX_LOSS_SHARE * sum(member.throughput for member in classes)
     while len(classes) > 1:
         loss, a, b = min(
@@ -103,12 +103,12 @@ def _find_shared_volume(a: BuildVolume, b: BuildVolume) -> BuildVolume:
     if a == b:
         return a
     shared_boxes = {(min(p[0], q[0]), min(p[1], q[1]), min(p[2], q[2])) for p, q in product(a, b)}
-    inside = {
+    contained_boxes = {
         box
         for box in shared_boxes
         for other in shared_boxes
         if box != other and all(map(float.__le__, box, other))
     }
     return tuple(
-        box for box in dict.fromkeys((*a, *b, *sorted(shared_boxes))) if box in shared_boxes - inside
+        box for box in dict.fromkeys((*a, *b, *sorted(shared_boxes))) if box in shared_boxes - contained_boxes
     )

@@ -10,8 +10,8 @@ from decompose.grid import Shape, index_interval
 from decompose.jit import jit
 
 UNREACHABLE = 16_000  # more parts than any fleet has printers; twice this number fits into an int16
-PART = 1 << 46  # digit of the parts in a key
-SECOND_DIGIT = 1 << 20  # digit of the seconds, rounded; the lower digit is the area of the cuts
+PART_WEIGHT = 1 << 46  # weight of a part in a key
+SECOND_WEIGHT = 1 << 20  # weight of a rounded second in a key; the lowest digit is the area of the cuts
 AREA_UNIT_MM2 = 64.0  # unit of the area of cuts
 MAX_S = 1e6  # maximum time of a box in a key, so that the digits do not overlap
 
@@ -33,7 +33,7 @@ def _update_min(value: Table, size: int, start: tuple[int, int, int], count: int
     count
         Number of boxes.
     sums
-        (m, 3) int64 of a state, and of the states of its near and of its far side.
+        (m, 3) int64 indices of a state, of the state of its near side, and of that of its far side.
     """
     out_index, near_index, far_index = start
     for k in range(len(sums)):
@@ -54,8 +54,8 @@ def lower_box_values(value: Table, sums: Ints, shape: Shape, length: int, first:
     """Lower the values of boxes of one length along x, in place, to the least sums of their partitions.
 
     All shorter boxes must have been processed first; boxes of the same length do not depend on each other.
-    Boxes of one length along an axis are adjacent in the tables, so that boxes of one size are added at once
-    for all their positions; along z this is done after a transposition that puts z before y. A box larger
+    Boxes of one length along an axis are adjacent in the tables, so boxes of one size are added for all their
+    positions at once. Along z this is done after a transposition that puts z before y. A box that is larger
     than its needed cells needs no special case: cuts split off the empty regions, whose value is 0.
 
     Parameters
@@ -65,7 +65,7 @@ def lower_box_values(value: Table, sums: Ints, shape: Shape, length: int, first:
     sums
         (m, 3) int64 of `partitioner.list_class_states`.
     shape
-        Cells of the grid.
+        Shape of the grid, in cells.
     length
         Number of cells of the boxes along x.
     first, end
@@ -76,7 +76,7 @@ def lower_box_values(value: Table, sums: Ints, shape: Shape, length: int, first:
     layer = ty * tz
     size = nx * (nx + 1) // 2 * layer
     states = len(value) // size
-    transposed = np.empty(states * ny * tz, value.dtype)
+    transposed_value = np.empty(states * ny * tz, value.dtype)
     for x0 in range(first, end):
         start = index_interval(x0, x0 + length, nx) * layer
         for x in range(x0 + 1, x0 + length):
@@ -92,18 +92,18 @@ def lower_box_values(value: Table, sums: Ints, shape: Shape, length: int, first:
             for state in range(states):
                 source, target = state * size + row, state * block
                 _transpose_table(
-                    value[source : source + block], transposed[target : target + block], rows, tz
+                    value[source : source + block], transposed_value[target : target + block], rows, tz
                 )
             for dz in range(2, nz + 1):
-                places = (nz - dz + 1) * rows
+                positions = (nz - dz + 1) * rows
                 column = index_interval(0, dz, nz) * rows
                 for cut in range(1, dz):
                     a, b = index_interval(0, cut, nz) * rows, index_interval(cut, dz, nz) * rows
-                    _update_min(transposed, block, (column, a, b), places, sums)
+                    _update_min(transposed_value, block, (column, a, b), positions, sums)
             for state in range(states):
                 source, target = state * block, state * size + row
                 _transpose_table(
-                    transposed[source : source + block], value[target : target + block], tz, rows
+                    transposed_value[source : source + block], value[target : target + block], tz, rows
                 )
 
 
@@ -164,7 +164,9 @@ def make_key(seconds: float, pieces: int, cut_mm2: float) -> int:
     cut_mm2
         Area of its cut faces.
     """
-    key: int = pieces * PART + round(min(seconds, MAX_S)) * SECOND_DIGIT + round(cut_mm2 / AREA_UNIT_MM2)
+    key: int = (
+        pieces * PART_WEIGHT + round(min(seconds, MAX_S)) * SECOND_WEIGHT + round(cut_mm2 / AREA_UNIT_MM2)
+    )
     return key
 
 
@@ -196,4 +198,4 @@ def fill_keys(
         elif seconds[box] <= limit_s:
             value[box] = make_key(seconds[box], pieces[box], cut_mm2[box] if len(cut_mm2) else 0.0)
         else:
-            value[box] = UNREACHABLE * PART
+            value[box] = UNREACHABLE * PART_WEIGHT

@@ -1,6 +1,6 @@
 """Choice among partitions with equally few parts: by the least work, then by the least area of cuts.
 
-Only a few boxes are in a partition with the fewest parts. They are listed from the whole box downwards, by
+Only a few boxes occur in a partition into the fewest parts. They are listed from the whole box downwards, by
 the cuts whose sides add up to the fewest parts, and their keys (`recursion.make_key`) are summed upwards.
 """
 
@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decompose.arrays import Ints
-from decompose.engines.guillotine.recursion import PART, UNREACHABLE, make_key
+from decompose.engines.guillotine.recursion import PART_WEIGHT, UNREACHABLE, make_key
 from decompose.grid import BoxTables, Shape, find_interval_ends, index_interval
 from decompose.jit import jit
 
@@ -24,7 +24,7 @@ def _fill_sides(box: int, shape: Shape, sides: Ints) -> int:
     box
         Index of the box.
     shape
-        Cells of the grid.
+        Shape of the grid, in cells.
     sides
         (cuts, 2) int64, filled in with the indices of both sides; it may have more rows.
     """
@@ -35,10 +35,10 @@ def _fill_sides(box: int, shape: Shape, sides: Ints) -> int:
     count = 0
     for axis in range(3):
         low, high = find_interval_ends(intervals[axis], shape[axis])
-        fixed = box - intervals[axis] * strides[axis]
+        base_index = box - intervals[axis] * strides[axis]
         for plane in range(low + 1, high):
-            sides[count, 0] = fixed + index_interval(low, plane, shape[axis]) * strides[axis]
-            sides[count, 1] = fixed + index_interval(plane, high, shape[axis]) * strides[axis]
+            sides[count, 0] = base_index + index_interval(low, plane, shape[axis]) * strides[axis]
+            sides[count, 1] = base_index + index_interval(plane, high, shape[axis]) * strides[axis]
             count += 1
     return count
 
@@ -47,7 +47,7 @@ def _fill_sides(box: int, shape: Shape, sides: Ints) -> int:
 def _list_tied_boxes(
     counts: npt.NDArray[np.int16], trimmed: npt.NDArray[np.int32], shape: Shape, root: int
 ) -> Ints:
-    """List the boxes that are in any partition of a box into the fewest parts.
+    """List the boxes that occur in any partition of a box into the fewest parts.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def _list_tied_boxes(
     trimmed
         (boxes,) int32 of `BoxTables`.
     shape
-        Cells of the grid.
+        Shape of the grid, in cells.
     root
         Index of the trimmed box.
 
@@ -66,7 +66,7 @@ def _list_tied_boxes(
         (k,) int64 indices in ascending order: the sides of a box come before it.
     """
     sides = np.empty((shape[0] + shape[1] + shape[2], 2), np.int64)
-    stack, listed = [root], {root}
+    stack, indices = [root], {root}
     while stack:
         box = stack.pop()
         if counts[box] < 2:
@@ -75,23 +75,23 @@ def _list_tied_boxes(
             near, far = sides[cut]
             if counts[near] + counts[far] == counts[box]:
                 for side in (int(trimmed[near]), int(trimmed[far])):
-                    if side not in listed:
-                        listed.add(side)
+                    if side not in indices:
+                        indices.add(side)
                         stack.append(side)
-    return np.sort(np.array(list(listed)))  # a box has a higher index than its sides
+    return np.sort(np.array(list(indices)))  # a box has a higher index than its sides
 
 
 @jit
-def _sum_keys(
+def _compute_least_keys(
     limit_s: float,
     tables: tuple[
         npt.NDArray[np.float32], npt.NDArray[np.int32], npt.NDArray[np.int16], npt.NDArray[np.float32]
     ],
     counts: npt.NDArray[np.int16],
     shape: Shape,
-    listed: Ints,
+    tied_boxes: Ints,
 ) -> Ints:
-    """Compute the least key of each listed box.
+    """Compute the least key of each tied box.
 
     Parameters
     ----------
@@ -102,8 +102,8 @@ def _sum_keys(
     counts
         (boxes,) int16 fewest parts of each box.
     shape
-        Cells of the grid.
-    listed
+        Shape of the grid, in cells.
+    tied_boxes
         (k,) int64 of `_list_tied_boxes`.
 
     Returns
@@ -113,9 +113,9 @@ def _sum_keys(
     """
     seconds, trimmed, pieces, cut_mm2 = tables
     sides = np.empty((shape[0] + shape[1] + shape[2], 2), np.int64)
-    keys = np.full(len(listed), UNREACHABLE * PART)
-    for i in range(len(listed)):
-        box = listed[i]
+    keys = np.full(len(tied_boxes), UNREACHABLE * PART_WEIGHT)
+    for i in range(len(tied_boxes)):
+        box = tied_boxes[i]
         if seconds[box] <= limit_s:
             keys[i] = make_key(seconds[box], pieces[box], cut_mm2[box] if len(cut_mm2) else 0.0)
         if counts[box] < 2:
@@ -123,15 +123,15 @@ def _sum_keys(
         for cut in range(_fill_sides(box, shape, sides)):
             near, far = sides[cut]
             if counts[near] + counts[far] == counts[box]:
-                key = keys[np.searchsorted(listed, trimmed[near])]
-                keys[i] = min(keys[i], key + keys[np.searchsorted(listed, trimmed[far])])
+                key = keys[np.searchsorted(tied_boxes, trimmed[near])]
+                keys[i] = min(keys[i], key + keys[np.searchsorted(tied_boxes, trimmed[far])])
     return keys
 
 
 def find_tied_keys(
     boxes: BoxTables, counts: npt.NDArray[np.int16], limit_s: float, root: int
 ) -> dict[int, int]:
-    """Find the least key, by index, of every box that is in a partition into the fewest parts.
+    """Find the least key of every box that occurs in a partition into the fewest parts, by the box's index.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ def find_tied_keys(
     """
     if not 0 < counts[root] < UNREACHABLE:
         return {}
-    listed = _list_tied_boxes(counts, boxes.trimmed, boxes.shape, int(boxes.trimmed[root]))
+    tied_boxes = _list_tied_boxes(counts, boxes.trimmed, boxes.shape, int(boxes.trimmed[root]))
     tables = (boxes.seconds, boxes.trimmed, boxes.pieces, boxes.cut_mm2)
-    keys = _sum_keys(limit_s, tables, counts, boxes.shape, listed)
-    return dict(zip(listed.tolist(), keys.tolist(), strict=True))
+    keys = _compute_least_keys(limit_s, tables, counts, boxes.shape, tied_boxes)
+    return dict(zip(tied_boxes.tolist(), keys.tolist(), strict=True))

@@ -1,8 +1,9 @@
 """Orientation step of the paper: the frame in which the grid is built over a model.
 
-If the model has a plane of symmetry, the plane is normal to an axis of the frame. The frame is turned further
-to the model's oriented bounding box if faces overhang less in it. The paper also moves the centroid to the
-origin, which has no effect here: the grid reaches from one end of the model to the other.
+If the model has a plane of symmetry, the plane is normal to an axis of the frame. The frame is rotated
+further to the model's oriented bounding box if the overhangs are smaller there. The paper also moves the
+centroid to the origin, which has no effect here, because the grid reaches from one end of the model to the
+other.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from decompose.geometry import (
 from decompose.grid import CLEAR_MM, find_flat_coordinates
 from decompose.print_time import POSE_ROTATIONS
 
-MAX_TURNED_OVERHANG_SHARE = 0.95  # a model is turned only if at most this share of its overhang remains
+MAX_REMAINING_OVERHANG_SHARE = 0.95  # a model is rotated only if at most this share of its overhang remains
 ON_BED_MM = 1e-3  # maximum height of a face that lies on the bed
 
 
@@ -49,10 +50,10 @@ class AlignedModel:
 
 
 def align_model(model: Model, seed: int, overhang_cos: float) -> AlignedModel:
-    """Turn a model by its symmetry and its overhangs.
+    """Rotate a model by its symmetry and its overhangs.
 
-    A plane of symmetry next to a face is not used: it would cut slivers off, and the face would count as a
-    cut.
+    A plane of symmetry next to a face is not used, because it would cut slivers off, and the face would count
+    as a cut.
 
     Parameters
     ----------
@@ -70,7 +71,7 @@ def align_model(model: Model, seed: int, overhang_cos: float) -> AlignedModel:
     corners = (vertices @ rotation.T)[faces]
     if measure_overhang_mm2(
         corners @ turn.T, overhang_cos
-    ) < MAX_TURNED_OVERHANG_SHARE * measure_overhang_mm2(corners, overhang_cos):
+    ) < MAX_REMAINING_OVERHANG_SHARE * measure_overhang_mm2(corners, overhang_cos):
         rotation = turn @ rotation
     if (rotation != np.eye(3)).any():
         model = replace(model, solid=model.solid.rotate(rotation))
@@ -94,13 +95,13 @@ def measure_overhang_mm2(triangles: Floats, overhang_cos: float) -> float:
         Cosine of the angle between normal and downward direction above which a face counts as an overhang.
     """
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    area = np.linalg.norm(cross, axis=1)
-    areas = []
+    length = np.linalg.norm(cross, axis=1)  # twice the area
+    areas_mm2 = []
     for up in POSE_ROTATIONS[:, 2]:
-        height = (triangles @ up).max(axis=1)
-        is_overhang = (-(cross @ up) > overhang_cos * area) & (height > (triangles @ up).min() + ON_BED_MM)
-        areas.append(float(area[is_overhang].sum()) / 2.0)
-    return min(areas)
+        top_mm = (triangles @ up).max(axis=1)
+        is_overhang = (-(cross @ up) > overhang_cos * length) & (top_mm > (triangles @ up).min() + ON_BED_MM)
+        areas_mm2.append(float(length[is_overhang].sum()) / 2.0)
+    return min(areas_mm2)
 
 
 def _find_box_frame(vertices: Floats, axis: int) -> Floats:
@@ -111,17 +112,17 @@ def _find_box_frame(vertices: Floats, axis: int) -> Floats:
     """
     if axis < 0:
         to_box: Any = oriented_bounds  # trimesh has no types for it
-        return _find_min_turn(to_box(vertices, ordered=False)[0][:3, :3])
+        return _find_smallest_rotation(to_box(vertices, ordered=False)[0][:3, :3])
     x, y = (axis + 1) % 3, (axis + 2) % 3
-    angle = find_smallest_rectangle(find_convex_outline(np.ascontiguousarray(vertices[:, [x, y]])))
-    angle = (angle + math.pi / 4.0) % (math.pi / 2.0) - math.pi / 4.0
+    angle_rad = find_smallest_rectangle(find_convex_outline(np.ascontiguousarray(vertices[:, [x, y]])))
+    angle_rad = (angle_rad + math.pi / 4.0) % (math.pi / 2.0) - math.pi / 4.0
     turn = np.eye(3)
-    turn[x, x] = turn[y, y] = math.cos(angle)
-    turn[x, y], turn[y, x] = math.sin(angle), -math.sin(angle)
+    turn[x, x] = turn[y, y] = math.cos(angle_rad)
+    turn[x, y], turn[y, x] = math.sin(angle_rad), -math.sin(angle_rad)
     return turn
 
 
-def _find_min_turn(rotation: Floats) -> Floats:
+def _find_smallest_rotation(rotation: Floats) -> Floats:
     """Find the smallest rotation (3, 3) with the same axes as a rotation, in any order and direction."""
     costs = np.abs(rotation)
     rows = [-1, -1, -1]

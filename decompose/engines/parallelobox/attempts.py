@@ -1,6 +1,6 @@
 """Metaheuristic: the best of many attempts, with decreasing numbers of seeds and several draws of each.
 
-With fewer seeds, more printers remain for the void fill, so that they suffice more often.
+With fewer seeds, more printers remain for the void fill, so they are more often enough.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from decompose.arrays import Bools, Floats, Ints
 from decompose.engines.parallelobox.growth import fill_voids, grow_blocks
-from decompose.engines.parallelobox.terrain import Terrain
+from decompose.engines.parallelobox.growth_tables import GrowthTables
 from decompose.grid import Box, Cell, Grid, index_box
 from decompose.options import Score
 
@@ -33,20 +33,20 @@ class MapFunction(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class BlockPartition:
-    """A partition: blocks that cover every needed cell once.
+    """Blocks that cover every needed cell once.
 
     Attributes
     ----------
     blocks
         Blocks in cells.
-    longest
+    max_price
         Highest price of a block, the paper's P.
     parts
         Number of pieces in all blocks, by the grid.
     """
 
     blocks: tuple[Box, ...]
-    longest: float
+    max_price: float
     parts: int
 
 
@@ -57,8 +57,8 @@ class SeedSource:
     Attributes
     ----------
     points
-        (n, 3) distinct vertices in mm. If there are fewer than seeds, the centres of the boundary cells are
-        clustered instead.
+        (n, 3) distinct vertices in mm. If there are fewer vertices than seeds, the centres of the boundary
+        cells are clustered instead.
     grid
         Grid over the model.
     barred
@@ -96,7 +96,7 @@ def draw_seed_sets(
 
 
 def run_attempts(
-    seed_sets: Sequence[Seeds], terrain: Terrain, printers: int, score: Score, run: MapFunction = map
+    seed_sets: Sequence[Seeds], tables: GrowthTables, printers: int, score: Score, run: MapFunction = map
 ) -> list[BlockPartition]:
     """Run attempts and return those that cover the model, the lowest P first, then the fewest parts.
 
@@ -104,7 +104,7 @@ def run_attempts(
     ----------
     seed_sets
         Seeds of `draw_seed_sets`.
-    terrain
+    tables
         Cells and prices that blocks grow by.
     printers
         Maximum number of parts.
@@ -115,28 +115,28 @@ def run_attempts(
     """
 
     def make_attempt(seeds: Seeds) -> BlockPartition | None:
-        return _run_attempt(seeds, terrain, printers, score)
+        return _run_attempt(seeds, tables, printers, score)
 
     results = [result for result in run(make_attempt, seed_sets) if result is not None]
-    return sorted(results, key=lambda a: (a.longest, a.parts))
+    return sorted(results, key=lambda a: (a.max_price, a.parts))
 
 
-def _run_attempt(seeds: Seeds, terrain: Terrain, printers: int, score: Score) -> BlockPartition | None:
+def _run_attempt(seeds: Seeds, tables: GrowthTables, printers: int, score: Score) -> BlockPartition | None:
     """Make one attempt; None if it needs more parts than there are printers."""
-    blocks, owner = grow_blocks(seeds, terrain, score)
-    all_blocks = fill_voids(blocks, owner, terrain, printers - _count_parts(blocks, terrain))
-    if all_blocks is None or _count_parts(all_blocks, terrain) > printers:
+    blocks, owner = grow_blocks(seeds, tables, score)
+    all_blocks = fill_voids(blocks, owner, tables, printers - _count_parts(blocks, tables))
+    if all_blocks is None or _count_parts(all_blocks, tables) > printers:
         return None
     boxes = [(x0, y0, z0, x1, y1, z1) for x0, y0, z0, x1, y1, z1 in all_blocks.tolist()]
-    shape = terrain.shape
-    longest = max(float(terrain.printing[index_box(box, shape)]) for box in boxes)
-    return BlockPartition(tuple(boxes), longest, _count_parts(all_blocks, terrain))
+    shape = tables.shape
+    max_price = max(float(tables.printing[index_box(box, shape)]) for box in boxes)
+    return BlockPartition(tuple(boxes), max_price, _count_parts(all_blocks, tables))
 
 
-def _count_parts(blocks: Ints, terrain: Terrain) -> int:
+def _count_parts(blocks: Ints, tables: GrowthTables) -> int:
     """Count the pieces in blocks (n, 6), by the grid."""
-    indices = [index_box((*block,), terrain.shape) for block in blocks.tolist()]
-    return int(terrain.pieces[indices].sum())
+    indices = [index_box((*block,), tables.shape) for block in blocks.tolist()]
+    return int(tables.pieces[indices].sum())
 
 
 def _find_centres(points: Floats, count: int, random_state: int) -> Floats:
@@ -167,10 +167,10 @@ def draw_seeds(source: SeedSource, count: int, rng: np.random.Generator) -> list
     points, grid = source.points, source.grid
     boundary = np.argwhere((grid.cells == Cell.BOUNDARY) & ~source.barred)
     count = min(count, len(boundary))
-    middles = [(p[1:] + p[:-1]) / 2.0 for p in grid.planes]
-    centres = np.stack([middles[axis][boundary[:, axis]] for axis in range(3)], axis=1)
+    middles_mm = [(p[1:] + p[:-1]) / 2.0 for p in grid.planes]
+    centres_mm = np.stack([middles_mm[axis][boundary[:, axis]] for axis in range(3)], axis=1)
     if len(points) < count:
-        points = centres
+        points = centres_mm
     random_state = int(rng.integers(2**31))
     means = _find_centres(points, count, random_state)
     is_available = np.ones(len(boundary), dtype=np.bool_)
@@ -181,8 +181,8 @@ def draw_seeds(source: SeedSource, count: int, rng: np.random.Generator) -> list
             for a in range(3)
         )
         in_block = is_available & (boundary == (x, y, z)).all(axis=1)
-        gaps = np.where(in_block, -1.0, np.linalg.norm(centres - centroid, axis=1))
-        nearest = int(np.where(is_available, gaps, np.inf).argmin())
+        gaps_mm = np.where(in_block, -1.0, np.linalg.norm(centres_mm - centroid, axis=1))
+        nearest = int(np.where(is_available, gaps_mm, np.inf).argmin())
         is_available[nearest] = False
         x, y, z = boundary[nearest].tolist()
         seeds.append((x, y, z, x + 1, y + 1, z + 1))

@@ -2,9 +2,9 @@
 
 The cheapest block that can grow grows next, in the direction with the best score, which consists of
 ``|P + O|`` of the grown block and its proximity to other blocks. The paper calls higher scores better
-(section "Objective"), although P and O are costs: `Score` has both readings. A direction is forbidden if the
-grown block would leave the grid, not fit a printer, gain no needed cell, take a cell that has an owner, or
-consist of more pieces.
+(section "Objective") although P and O are costs, so `Score` has both readings. A direction is forbidden if
+the grown block would leave the grid, not fit a printer, gain no needed cell, take a cell that has an owner,
+or consist of more pieces.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ import numpy as np
 import numpy.typing as npt
 
 from decompose.arrays import Bools, Ints
-from decompose.engines.parallelobox.terrain import Terrain
+from decompose.engines.parallelobox.growth_tables import GrowthTables
 from decompose.grid import Box, compute_index
 from decompose.jit import jit
 from decompose.options import Score
 
-Singles = npt.NDArray[np.float32]
+Float32s = npt.NDArray[np.float32]
 
-FREE, BARRED = -1, -2
+FREE_CELL, BARRED_CELL = -1, -2
 
 
 @jit
@@ -32,7 +32,7 @@ def _find_block_index(block: Ints, shape: tuple[int, int, int]) -> int:
     block
         (6,) int64 in cells, half-open.
     shape
-        Cells of the grid.
+        Shape of the grid, in cells.
     """
     return compute_index((block[0], block[1], block[2], block[3], block[4], block[5]), shape)
 
@@ -55,11 +55,11 @@ def find_grown_index(
     direction
         0 to 5: -x, -y, -z, +x, +y, +z.
     owner
-        (nx, ny, nz) int64 number of the block that has a cell, `FREE` or `BARRED`.
+        (nx, ny, nz) int64 number of the block that has a cell, `FREE_CELL` or `BARRED_CELL`.
     needed
         (nx, ny, nz) bool, true for cells that must be covered.
     seconds, pieces
-        (boxes,) float32 in s and (boxes,) int16 of `Terrain`.
+        (boxes,) float32 in s and (boxes,) int16 of `GrowthTables`.
     """
     axis = direction % 3
     grown_block = block.copy()
@@ -106,9 +106,9 @@ def claim_cells(block: Ints, number: int, owner: Ints) -> None:
 
 @jit
 def _compute_proximity(blocks: Ints, number: int, direction: int, cells: int) -> float:
-    """Compute S_prox: 0.5 if another block touches in front, 1 if none is within the length of the grid.
+    """Compute S_prox: 0.5 if another block touches this one in front, 1 if none is within the grid's length.
 
-    The gap is the L1 distance of the centres less half the sizes, as in the paper. The paper's program
+    The gap is the L1 distance of the centres minus half the sizes, as in the paper. The paper's program
     divides it by twice the grid's length and adds 0.5; otherwise a touching block would prevent all growth.
 
     Parameters
@@ -123,10 +123,10 @@ def _compute_proximity(blocks: Ints, number: int, direction: int, cells: int) ->
     axis = direction % 3
     nearest = 1.0
     for other in range(len(blocks)):
-        neighbours = (
+        offset = (
             blocks[other, axis] + blocks[other, axis + 3] - blocks[number, axis] - blocks[number, axis + 3]
         )
-        if other == number or (neighbours <= 0 if direction >= 3 else neighbours >= 0):
+        if other == number or (offset <= 0 if direction >= 3 else offset >= 0):
             continue
         gap = 0.0
         for k in range(3):
@@ -141,8 +141,8 @@ def _grow_all_blocks(
     blocks: Ints,
     owner: Ints,
     needed: Bools,
-    tables: tuple[Singles, npt.NDArray[np.int16], Singles, Singles],
-    high: bool,
+    tables: tuple[Float32s, npt.NDArray[np.int16], Float32s, Float32s],
+    is_high_best: bool,
 ) -> None:
     """Grow blocks, in place, until none can grow.
 
@@ -151,13 +151,14 @@ def _grow_all_blocks(
     blocks
         (k, 6) int64, in cells, half-open.
     owner
-        (nx, ny, nz) int64 number of the block that has a cell, `FREE` or `BARRED`; updated in place.
+        (nx, ny, nz) int64 number of the block that has a cell, `FREE_CELL` or `BARRED_CELL`; updated in
+        place.
     needed
         (nx, ny, nz) bool, true for cells that must be covered.
     tables
-        (boxes,) `seconds`, `pieces`, `printing` and `overhang` of `Terrain`.
-    high
-        Whether the highest score is the best one; otherwise the lowest.
+        (boxes,) `seconds`, `pieces`, `printing` and `overhang` of `GrowthTables`.
+    is_high_best
+        Whether the highest score is the best one; otherwise the lowest one is.
     """
     seconds, pieces, printing, overhang = tables
     nx, ny, nz = owner.shape
@@ -177,10 +178,10 @@ def _grow_all_blocks(
                 continue
             score = abs(printing[box] + overhang[box])
             proximity = _compute_proximity(blocks, cheapest, direction, nx + ny + nz)
-            score = score * proximity if high else -score / proximity
+            score = score * proximity if is_high_best else -score / proximity
             if best_side < 0 or score > best:
                 best_side, best, price = direction, score, float(printing[box])
-        if best_side < 0:  # the block can never grow again: no cell loses its owner
+        if best_side < 0:  # the block can never grow again, because no cell loses its owner
             cost[cheapest] = np.inf
             continue
         blocks[cheapest, best_side] += 1 if best_side >= 3 else -1
@@ -188,14 +189,14 @@ def _grow_all_blocks(
         cost[cheapest] = price
 
 
-def grow_blocks(seeds: list[Box], terrain: Terrain, score: Score) -> tuple[Ints, Ints]:
+def grow_blocks(seeds: list[Box], tables: GrowthTables, score: Score) -> tuple[Ints, Ints]:
     """Grow blocks from seeds.
 
     Parameters
     ----------
     seeds
         Distinct single cells.
-    terrain
+    tables
         Cells and prices that blocks grow by.
     score
         Reading of the score, low or high.
@@ -203,13 +204,13 @@ def grow_blocks(seeds: list[Box], terrain: Terrain, score: Score) -> tuple[Ints,
     Returns
     -------
     blocks, owner
-        (k, 6) int64 in cells, half-open; (nx, ny, nz) int64 number of the block of each cell, `FREE` or
-        `BARRED`.
+        (k, 6) int64 in cells, half-open; (nx, ny, nz) int64 number of the block of each cell, `FREE_CELL` or
+        `BARRED_CELL`.
     """
     blocks = np.array(seeds, dtype=np.int64).reshape(-1, 6)
-    owner = np.where(terrain.barred, BARRED, FREE).astype(np.int64)
-    tables = (terrain.seconds, terrain.pieces, terrain.printing, terrain.overhang)
-    _grow_all_blocks(blocks, owner, terrain.needed, tables, score is Score.HIGH)
+    owner = np.where(tables.barred, BARRED_CELL, FREE_CELL).astype(np.int64)
+    prices = (tables.seconds, tables.pieces, tables.printing, tables.overhang)
+    _grow_all_blocks(blocks, owner, tables.needed, prices, score is Score.HIGH)
     return blocks, owner
 
 
@@ -220,7 +221,7 @@ def _cover_voids(
     seconds: npt.NDArray[np.float32],
     pieces: npt.NDArray[np.int16],
     number: int,
-    max_blocks: int,
+    max_parts: int,
 ) -> tuple[bool, Ints]:
     """Cover needed cells without an owner by new blocks.
 
@@ -229,10 +230,10 @@ def _cover_voids(
     owner, needed
         As in `_grow_all_blocks`; the owners are updated in place.
     seconds, pieces
-        (boxes,) float32 in s and (boxes,) int16 of `Terrain`.
+        (boxes,) float32 in s and (boxes,) int16 of `GrowthTables`.
     number
         Number of the first new block.
-    max_blocks
+    max_parts
         Maximum number of parts of the new blocks.
 
     Returns
@@ -241,8 +242,8 @@ def _cover_voids(
         Whether all needed cells are covered, and the new blocks (n, 6) int64.
     """
     nx, ny, nz = owner.shape
-    blocks = np.zeros((max(max_blocks, 0), 6), np.int64)
-    seeds_used = parts = 0
+    blocks = np.zeros((max(max_parts, 0), 6), np.int64)
+    block_count = parts = 0
     for z in range(nz):
         for y in range(ny):
             for x in range(nx):
@@ -251,8 +252,8 @@ def _cover_voids(
                 block = np.array([x, y, z, x + 1, y + 1, z + 1])
                 index = compute_index((x, y, z, x + 1, y + 1, z + 1), owner.shape)
                 parts += pieces[index]
-                if parts > max_blocks or not np.isfinite(seconds[index]):
-                    return False, blocks[:seeds_used]
+                if parts > max_parts or not np.isfinite(seconds[index]):
+                    return False, blocks[:block_count]
                 can_grow = True
                 while can_grow:
                     can_grow = False
@@ -260,26 +261,26 @@ def _cover_voids(
                         if find_grown_index(block, direction, owner, needed, seconds, pieces) >= 0:
                             block[direction] += 1 if direction >= 3 else -1
                             can_grow = True
-                claim_cells(block, number + seeds_used, owner)
-                blocks[seeds_used] = block
-                seeds_used += 1
-    return True, blocks[:seeds_used]
+                claim_cells(block, number + block_count, owner)
+                blocks[block_count] = block
+                block_count += 1
+    return True, blocks[:block_count]
 
 
-def fill_voids(blocks: Ints, owner: Ints, terrain: Terrain, max_blocks: int) -> Ints | None:
+def fill_voids(blocks: Ints, owner: Ints, tables: GrowthTables, max_parts: int) -> Ints | None:
     """Cover the needed cells that have no owner by blocks of their own.
 
-    The first such cell becomes a block, which grows in every direction in turn as far as it may; then the
-    next one follows. As in growth, no block may be too large for a printer, which the paper's program does
-    not check.
+    The first such cell becomes a block, which grows in every direction in turn as far as it can; then the
+    next cell follows. As in `grow_blocks`, no block may be too large for a printer; the paper's program does
+    not check that.
 
     Parameters
     ----------
     blocks, owner
         Results of `grow_blocks`; the owners are updated in place.
-    terrain
+    tables
         Cells and prices that blocks grow by.
-    max_blocks
+    max_parts
         Maximum number of added parts.
 
     Returns
@@ -287,6 +288,7 @@ def fill_voids(blocks: Ints, owner: Ints, terrain: Terrain, max_blocks: int) -> 
     Ints or None
         (n, 6) all blocks in cells; None if more parts would be needed.
     """
-    tables = (terrain.needed, terrain.seconds, terrain.pieces)
-    has_covered, fillers = _cover_voids(owner, *tables, len(blocks), max_blocks)
-    return np.concatenate([blocks, fillers]) if has_covered else None
+    is_covered, fillers = _cover_voids(
+        owner, tables.needed, tables.seconds, tables.pieces, len(blocks), max_parts
+    )
+    return np.concatenate([blocks, fillers]) if is_covered else None

@@ -4,8 +4,8 @@ The sections are orientation and symmetry cut (`alignment`), then for each half 
 fill (`growth`), over many attempts (`attempts`).
 
 `--faithful` takes the best attempt by the paper's score. Otherwise blocks also grow from the same seeds by
-prices in seconds, by both readings of the score, on a finer grid, and without the symmetry cut. Of all
-attempts, including the faithful one, the one whose pieces end soonest in their printing poses is taken.
+prices in seconds, by both readings of the score, on a finer grid, and without the symmetry cut. The
+engine then takes the attempt, faithful or not, whose pieces end soonest in their printing poses.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ import numpy as np
 from decompose.arrays import Floats
 from decompose.engines.parallelobox.alignment import AlignedModel, align_model
 from decompose.engines.parallelobox.attempts import BlockPartition, SeedSource, draw_seed_sets, run_attempts
-from decompose.engines.parallelobox.terrain import (
+from decompose.engines.parallelobox.growth_tables import (
     OVERHANG_TOLERANCE_DEG,
-    Terrain,
-    make_paper_terrain,
-    make_time_terrain,
+    GrowthTables,
+    make_paper_tables,
+    make_time_tables,
 )
 from decompose.errors import NoFit
 from decompose.grid import VOLUME, Box, BoxTables, Grid
@@ -37,7 +37,7 @@ MAX_HALF_ATTEMPTS = 100  # maximum number of attempts on a half that are combine
 
 
 def apply_paper_settings(options: Options) -> Options:
-    """Set options to those of the paper's table; its speeds and overhang tolerance are in `terrain`.
+    """Set options to those of the paper's table; its speeds and overhang tolerance are in `growth_tables`.
 
     The table does not define the sign of the score: the reading of the paper's text is the default.
     """
@@ -79,7 +79,7 @@ def cut_by_parallelobox(problem: Problem) -> Partition:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _SearchSpace:
-    """A frame, the grid in it, and the terrains on the grid.
+    """A frame, the grid in it, and the growth tables of the grid.
 
     Attributes
     ----------
@@ -87,20 +87,20 @@ class _SearchSpace:
         Model in its frame.
     grid, boxes
         Grid over it, and the prices of its boxes.
-    terrains
-        Terrain of the paper and, unless faithful, one in seconds.
+    table_sets
+        Tables by the paper's prices and, unless faithful, by times in seconds.
     cut
-        Pieces of each box that is cut already.
+        Pieces of each box that has been cut.
     """
 
     aligned_model: AlignedModel
     grid: Grid
     boxes: BoxTables
-    terrains: tuple[Terrain, ...]
+    table_sets: tuple[GrowthTables, ...]
     cut: dict[Box, list[Piece]] = field(default_factory=dict)
 
     def cut_box(self, box: Box) -> list[Piece]:
-        """Cut a box out of the model, unless it is cut already."""
+        """Cut a box out of the model, unless it has been cut before."""
         if box not in self.cut:
             self.cut[box] = cut_cells(self.aligned_model.model.solid, self.grid, box)
         return self.cut[box]
@@ -112,12 +112,12 @@ class _Candidate:
 
     space: _SearchSpace
     cut: dict[Box, list[Piece]]
-    ends_s: float
+    end_s: float
     fault: str
 
     def rank(self) -> tuple[bool, float]:
         """Return the sort key, lower is better."""
-        return bool(self.fault), self.ends_s
+        return bool(self.fault), self.end_s
 
     @property
     def pieces(self) -> tuple[Piece, ...]:
@@ -138,18 +138,18 @@ def _build_search_spaces(problem: Problem) -> list[_SearchSpace]:
         aligned_model = align_model(problem.model, options.seed, overhang_cos)
         grid = paper_problem.build_grid(aligned_model.model, aligned_model.mirror)
         boxes = problem.price_boxes(grid)
-        paper_terrain = make_paper_terrain(
+        paper_tables = make_paper_tables(
             paper_problem.build_grid(aligned_model.model, aligned_model.mirror, overhang_cos), boxes
         )
-        terrains = (paper_terrain,) if options.faithful else (paper_terrain, make_time_terrain(grid, boxes))
-        spaces.append(_SearchSpace(aligned_model, grid, boxes, terrains))
+        table_sets = (paper_tables,) if options.faithful else (paper_tables, make_time_tables(grid, boxes))
+        spaces.append(_SearchSpace(aligned_model, grid, boxes, table_sets))
     if not options.faithful:
         aligned_model = align_model(problem.model, options.seed, problem.cost.overhang_cos)
         grid = problem.build_grid(aligned_model.model, aligned_model.mirror)
         if not any(_is_same_space(aligned_model, grid, space) for space in spaces):
             boxes = problem.price_boxes(grid)
-            terrains = (make_paper_terrain(grid, boxes), make_time_terrain(grid, boxes))
-            spaces.append(_SearchSpace(aligned_model, grid, boxes, terrains))
+            table_sets = (make_paper_tables(grid, boxes), make_time_tables(grid, boxes))
+            spaces.append(_SearchSpace(aligned_model, grid, boxes, table_sets))
     problem.on_stage("boxes")
     return spaces
 
@@ -167,7 +167,7 @@ def _search_space(space: _SearchSpace, problem: Problem) -> list[_Candidate]:
         attempts_by_half = [_grow_half(half, space, problem) for half in halves]
         reading = problem.options.parallelobox.score if problem.options.faithful else Score.HIGH
         paper_attempts = [by_space.get((0, reading), []) for by_space in attempts_by_half]
-        candidates += _find_first_fit(_rank_partitions(paper_attempts, lambda a: a.longest), space, problem)
+        candidates += _find_first_fit(_rank_partitions(paper_attempts, lambda a: a.max_price), space, problem)
         if problem.options.faithful:
             if candidates:
                 break
@@ -176,77 +176,80 @@ def _search_space(space: _SearchSpace, problem: Problem) -> list[_Candidate]:
             [attempt for group in by_space.values() for attempt in group] for by_space in attempts_by_half
         ]
         candidates += _find_soonest_candidate(
-            _rank_partitions(attempts, lambda a: space.boxes.find_longest_s(a.blocks)), space, problem
+            _rank_partitions(attempts, lambda a: space.boxes.find_longest_time_s(a.blocks)), space, problem
         )
     return candidates
 
 
-Half = tuple[tuple[Terrain, ...], Floats, int]  # terrains, points for seeds, and printers of a half
-# Attempts on a half, by the number of the terrain and the reading of the score.
+Half = tuple[tuple[GrowthTables, ...], Floats, int]  # growth tables, points for seeds, and printers of a half
+# Attempts on a half, by the number of the table set and the reading of the score.
 GrownHalf = dict[tuple[int, Score], list[BlockPartition]]
-Ranked = list[tuple[float, list[Box]]]  # expected times of partitions in ascending order, and their boxes
+# Expected times of partitions in ascending order, and their boxes.
+RankedPartitions = list[tuple[float, list[Box]]]
 
 
 def _list_halves(space: _SearchSpace, points: Floats, printers: int) -> Iterator[list[Half]]:
-    """Yield the halves of a symmetric model, the larger one with an odd printer; then the uncut model."""
+    """Yield the halves of a symmetric model, the larger one with an odd printer, and then the uncut model."""
     if space.aligned_model.mirror is not None and printers > 1:
         axis, at_mm = space.aligned_model.mirror
         for plane in np.flatnonzero(space.grid.planes[axis][1:-1] == at_mm)[:1] + 1:
             sides = [
-                tuple(t.restrict_to_half(axis, int(plane), upper) for t in space.terrains)
+                tuple(t.restrict_to_half(axis, int(plane), upper) for t in space.table_sets)
                 for upper in (False, True)
             ]
-            work = [float(space.grid.sums[side[0].needed][:, VOLUME].sum()) for side in sides]
+            volumes_mm3 = [float(space.grid.sums[side[0].needed][:, VOLUME].sum()) for side in sides]
             odd_printer = printers % 2
             shares = [
-                printers // 2 + odd_printer * (work[0] >= work[1]),
-                printers // 2 + odd_printer * (work[0] < work[1]),
+                printers // 2 + odd_printer * (volumes_mm3[0] >= volumes_mm3[1]),
+                printers // 2 + odd_printer * (volumes_mm3[0] < volumes_mm3[1]),
             ]
             is_on_side = [points[:, axis] < at_mm, points[:, axis] >= at_mm]
             yield [
                 (side, points[cells_on_side], n)
                 for side, cells_on_side, n in zip(sides, is_on_side, shares, strict=True)
             ]
-    yield [(space.terrains, points, printers)]
+    yield [(space.table_sets, points, printers)]
 
 
 def _grow_half(half: Half, space: _SearchSpace, problem: Problem) -> GrownHalf:
     """Make the attempts on one half, all from the same seeds; none if the budget is too small for them."""
-    terrains, points, printers = half
+    table_sets, points, printers = half
     options = problem.options
     clustered_count = len(points) * options.parallelobox.tries * printers * (printers + 1) // 2
     if not problem.effort.can_afford(Work.POINT_CLUSTERED, clustered_count):
         return {}
     run = map if problem.executor is None else problem.executor.map
-    source = SeedSource(points, space.grid, terrains[0].barred)
+    source = SeedSource(points, space.grid, table_sets[0].barred)
     seed_sets = draw_seed_sets(source, printers, options.parallelobox.tries, options.seed, run)
     problem.effort.record(Work.POINT_CLUSTERED, clustered_count)
-    grown = len(seed_sets) * len(terrains) * len(options.parallelobox.score.readings)
-    problem.effort.record(Work.CELL_GROWN, grown * space.grid.needed.size)
+    attempts = len(seed_sets) * len(table_sets) * len(options.parallelobox.score.readings)
+    problem.effort.record(Work.CELL_GROWN, attempts * space.grid.needed.size)
     return {
-        (number, reading): run_attempts(seed_sets, terrain, printers, reading, run)
-        for number, terrain in enumerate(terrains)
+        (number, reading): run_attempts(seed_sets, tables, printers, reading, run)
+        for number, tables in enumerate(table_sets)
         for reading in options.parallelobox.score.readings
     }
 
 
 def _rank_partitions(
     groups: Sequence[Sequence[BlockPartition]], key: Callable[[BlockPartition], float]
-) -> Ranked:
+) -> RankedPartitions:
     """Combine the attempts on the halves into partitions, the best first."""
     best = [sorted((key(a), a.parts, a.blocks) for a in half)[:MAX_HALF_ATTEMPTS] for half in groups]
     combined_partitions = [
-        (max(longest for longest, _, _ in picks), sum(parts for _, parts, _ in picks), picks)
+        (max(max_price for max_price, _, _ in picks), sum(parts for _, parts, _ in picks), picks)
         for picks in product(*best)
     ]
     combined_partitions.sort(key=lambda ranked: ranked[:2])
     return [
-        (longest, [box for *_, blocks in picks for box in blocks])
-        for longest, _, picks in combined_partitions
+        (max_price, [box for *_, blocks in picks for box in blocks])
+        for max_price, _, picks in combined_partitions
     ]
 
 
-def _find_first_fit(ranked_partitions: Ranked, space: _SearchSpace, problem: Problem) -> list[_Candidate]:
+def _find_first_fit(
+    ranked_partitions: RankedPartitions, space: _SearchSpace, problem: Problem
+) -> list[_Candidate]:
     """Find the first partition that has no more pieces than there are printers, if any."""
     candidates = (
         _cut_candidate(boxes, space, problem) for _, boxes in ranked_partitions[:MAX_CUT_PARTITIONS]
@@ -255,28 +258,28 @@ def _find_first_fit(ranked_partitions: Ranked, space: _SearchSpace, problem: Pro
 
 
 def _find_soonest_candidate(
-    ranked_partitions: Ranked, space: _SearchSpace, problem: Problem
+    ranked_partitions: RankedPartitions, space: _SearchSpace, problem: Problem
 ) -> list[_Candidate]:
     """Find the partition that ends soonest; stop when no other one can end sooner."""
     best: list[_Candidate] = []
     for expected_s, boxes in ranked_partitions[:MAX_CUT_PARTITIONS]:
-        is_settled = best and not best[0].fault and expected_s >= best[0].ends_s
+        is_settled = best and not best[0].fault and expected_s >= best[0].end_s
         if is_settled or (best and problem.effort.is_spent()):
             break
         candidate = _cut_candidate(boxes, space, problem)
-        if candidate is not None and candidate.ends_s < math.inf:
+        if candidate is not None and candidate.end_s < math.inf:
             best = sorted([*best, candidate], key=_Candidate.rank)[:1]
     return best
 
 
 def _cut_candidate(boxes: list[Box], space: _SearchSpace, problem: Problem) -> _Candidate | None:
     """Cut and pose a partition; None if it has more pieces than there are printers."""
-    new = sum(box not in space.cut for box in boxes)
-    problem.effort.record(Work.FACE_CUT, new * space.aligned_model.model.solid.faces)
+    new_boxes = sum(box not in space.cut for box in boxes)
+    problem.effort.record(Work.FACE_CUT, new_boxes * space.aligned_model.model.solid.faces)
     cut = {box: space.cut_box(box) for box in boxes}
     pieces = [piece for box_pieces in cut.values() for piece in box_pieces]
     if len(pieces) > len(problem.printers):
         return None
-    ends_s = max(math.inf if pose is None else pose.price_s for pose in problem.find_poses(pieces))
+    end_s = max(math.inf if pose is None else pose.price_s for pose in problem.find_poses(pieces))
     faults = find_faults(pieces, problem.options.min_glue_mm2)
-    return _Candidate(space, cut, ends_s, faults[0].reason if faults else "")
+    return _Candidate(space, cut, end_s, faults[0].reason if faults else "")

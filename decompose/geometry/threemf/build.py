@@ -35,7 +35,7 @@ def read_3mf(name: str, data: bytes, max_triangles: int | None = None) -> tuple[
     data
         Content of the file.
     max_triangles
-        Number of triangles that fit the memory; None for `MAX_TRIANGLES`.
+        Number of triangles that fit in memory; None for `MAX_TRIANGLES`.
 
     Returns
     -------
@@ -49,7 +49,7 @@ def read_3mf(name: str, data: bytes, max_triangles: int | None = None) -> tuple[
     ModelEmpty
         The build places no triangles.
     ModelTooDetailed
-        There are more triangles than fit the memory, or too many objects.
+        There are more triangles than fit in memory, or too many objects.
     """
     package = Package(name, data)
     build = _Build(name, package, max_triangles or MAX_TRIANGLES)
@@ -89,14 +89,14 @@ def _list_notes(build: _Build, root: ModelPart, instances: int, unit: str) -> It
         yield f"Left out {unplaced_count} of its objects, which its build does not place."
     if build.package.has_modifiers():
         yield (
-            "Warning: a slicer marked volumes of it as modifiers, negative or supports; they are read as "
-            "solid: remove them, or export STL."
+            "Warning: a slicer marked some of its volumes as modifiers, negative or supports; they are "
+            "read as solid: remove them, or export STL."
         )
 
 
 @dataclass(frozen=True, slots=True)
 class _Size:
-    """Number of triangles of an object with its components, and of meshes that are placed for them."""
+    """Number of triangles of an object with its components, and number of its placed meshes."""
 
     triangles: int = 0
     instances: int = 0
@@ -115,7 +115,7 @@ class _Build:
     _sizes: dict[tuple[str, str], _Size | None] = field(default_factory=dict)  # None while it is measured
 
     def find_part(self, path: str) -> ModelPart:
-        """Find a model part, and read it on first use; all parts have the unit of the first one."""
+        """Find a model part, and read it on first use; all parts must have the unit of the first one."""
         if path not in self._parts:
             part = read_model_part(self.name, path, self.package.unpack(path), self.max_triangles)
             unit = part.unit or self.unit or "millimeter"
@@ -129,7 +129,7 @@ class _Build:
         return self._parts[path]
 
     def measure_references(self, path: str, references: list[Reference], depth: int = 0) -> _Size:
-        """Count the objects and triangles that references place, before any is placed."""
+        """Count the objects and triangles that references place, before any of them is placed."""
         if depth > MAX_DEPTH:
             raise ModelUnreadable(f"{self.name}: nests objects more than {MAX_DEPTH} deep; export it again")
         sizes = [self._measure_object(*self._find_object(path, reference), depth) for reference in references]
@@ -149,9 +149,9 @@ class _Build:
             self.other_kinds.add(record.kind[:20])
             size = _Size()
         else:
-            inner = self.measure_references(key[0], record.components, depth + 1)
-            own_faces = 1 if record.face_count else 0
-            size = _Size(inner.triangles + record.face_count, inner.instances + own_faces)
+            component_size = self.measure_references(key[0], record.components, depth + 1)
+            own_meshes = 1 if record.face_count else 0
+            size = _Size(component_size.triangles + record.face_count, component_size.instances + own_meshes)
         self._sizes[key] = size
         return size
 
@@ -183,9 +183,12 @@ class _Build:
             key, record = self._find_object(path, reference)
             if not (self._sizes[key] or _Size()).triangles:
                 continue
-            inner = reference.transform
+            own_transform = reference.transform
             transform = np.vstack(
-                (inner[:3] @ parent_transform[:3], inner[3] @ parent_transform[:3] + parent_transform[3])
+                (
+                    own_transform[:3] @ parent_transform[:3],
+                    own_transform[3] @ parent_transform[:3] + parent_transform[3],
+                )
             )
             if record.face_count:
                 yield self._transform_mesh(record, transform)
@@ -200,8 +203,7 @@ class _Build:
                 f"{self.name}: a triangle has a corner that is not in its list; export it again"
             ) from None
         triangles = triangles @ transform[:3] + transform[3]
-        # Without this, a mirrored object would be inside out.
-        is_mirrored = np.linalg.det(transform[:3]) < 0
+        is_mirrored = np.linalg.det(transform[:3]) < 0  # its triangles would face inwards
         return np.asarray(triangles[:, ::-1] if is_mirrored else triangles)
 
     def count_unplaced(self) -> int:

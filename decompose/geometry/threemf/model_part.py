@@ -30,7 +30,7 @@ _SCHEMA = "http://schemas.microsoft.com/3dmanufacturing/"
 _CORE = (f"{_SCHEMA}core/2015/02", f"{_SCHEMA}2013/01/3dmodel")
 _PRODUCTION = f"{_SCHEMA}production/2015/06"
 _PLAIN_EXTENSIONS = (_PRODUCTION, f"{_SCHEMA}material/2015/02", f"{_SCHEMA}trianglesets/2021/07")
-"""Extensions without effect on the shape, and the one that is read."""
+"""The production extension, which is read, and extensions without effect on the shape."""
 _IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 
 
@@ -96,14 +96,14 @@ def read_model_part(name: str, part: str, chunks: Iterator[bytes], max_triangles
     chunks
         Bytes of the part.
     max_triangles
-        Maximum number of triangles, and of a third of the vertices.
+        Maximum number of triangles; a part may have three times as many vertices.
 
     Raises
     ------
     ModelUnreadable
-        The part is no model, is damaged, or needs an extension that is not read.
+        The part is not a model, is damaged, or needs an extension that is not read.
     ModelTooDetailed
-        The part has more triangles or vertices.
+        The part has too many triangles or vertices.
     """
     reader = _Reader(name, max_triangles)
     parser = make_parser(name)
@@ -148,11 +148,11 @@ class _Reader:
         self._object_tags = {f"{core} object" for core in _CORE}
 
     def declare_namespace(self, prefix: str | None, uri: str) -> None:
-        """Record the address of a namespace."""
+        """Record the URI of a namespace."""
         self._namespaces[prefix or ""] = uri
 
     def begin_tag(self, tag: str, attributes: dict[str, str]) -> None:
-        """Handle the begin of a tag; count tags of other kinds."""
+        """Handle the start of a tag; count tags of other kinds."""
         handler = self._handlers.get(tag)
         if handler is not None:
             handler(attributes)
@@ -160,7 +160,7 @@ class _Reader:
         self._other_tags += 1
         if self._other_tags > MAX_OTHER_TAGS:
             raise ModelUnreadable(
-                f"{self._name}: has over {MAX_OTHER_TAGS} tags beside its mesh; export it without colours"
+                f"{self._name}: has over {MAX_OTHER_TAGS} tags besides its mesh; export it without colours"
             )
 
     def end_tag(self, tag: str) -> None:

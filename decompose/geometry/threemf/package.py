@@ -16,16 +16,16 @@ from xml.parsers import expat
 from decompose.errors import ModelUnreadable
 
 MAX_ENTRIES = 10_000
-FREE_RATIO_BYTES = 64 * 2**20  # unpacked size up to which any ratio is allowed
+MAX_UNCHECKED_BYTES = 64 * 2**20  # unpacked size up to which any compression ratio is allowed
 MAX_RATIO = 100  # maximum ratio of unpacked to packed bytes; for meshes in XML it is 4 to 40
 MAX_BYTES = 2 * 2**30  # maximum unpacked size of all parts that are read
-MAX_RELATIONS_BYTES = 2**20
+MAX_RELATIONSHIPS_BYTES = 2**20
 CHUNK_BYTES = 2**18
 
 _ENTRY = b"PK\x01\x02"
-_RELATIONS = "_rels/.rels"
+_RELATIONSHIPS = "_rels/.rels"
 _MODEL_TYPE = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"
-_RELATION = "http://schemas.openxmlformats.org/package/2006/relationships Relationship"
+_RELATIONSHIP = "http://schemas.openxmlformats.org/package/2006/relationships Relationship"
 _SETTINGS = ("metadata/model_settings.config", "metadata/slic3r_pe_model.config")
 _MODIFIER = re.compile(
     rb'subtype="(?!normal_part)\w+"|key="modifier"\s+value="1"|key="volume_type"\s+value="(?!ModelPart)\w+"'
@@ -62,18 +62,18 @@ class Package:
         self._entries = {_make_key(entry.filename): entry for entry in self._zip.infolist()}
 
     def find_model(self) -> str:
-        """Find the name of the part with the model, by the package's relations."""
+        """Find the name of the part with the model, by the package's relationships."""
         targets: list[str] = []
 
         def add_target(tag: str, attributes: dict[str, str]) -> None:
-            if tag == _RELATION and attributes.get("Type") == _MODEL_TYPE:
+            if tag == _RELATIONSHIP and attributes.get("Type") == _MODEL_TYPE:
                 targets.append(attributes.get("Target", ""))
 
         parser = make_parser(self._name)
         parser.StartElementHandler = add_target
-        parse_chunks(parser, self._name, _RELATIONS, self.unpack(_RELATIONS, MAX_RELATIONS_BYTES))
+        parse_chunks(parser, self._name, _RELATIONSHIPS, self.unpack(_RELATIONSHIPS, MAX_RELATIONSHIPS_BYTES))
         if not targets:
-            raise ModelUnreadable(f"{self._name}: its relations name no 3D model; export it again")
+            raise ModelUnreadable(f"{self._name}: its relationships name no 3D model; export it again")
         return targets[0]
 
     def unpack(self, part: str, max_bytes: int = MAX_BYTES) -> Iterator[bytes]:
@@ -99,7 +99,7 @@ class Package:
         if (
             size > max_bytes
             or self._unpacked_bytes > MAX_BYTES
-            or (size > FREE_RATIO_BYTES and size > packed_size * MAX_RATIO)
+            or (size > MAX_UNCHECKED_BYTES and size > packed_size * MAX_RATIO)
         ):
             raise ModelUnreadable(
                 f"{self._name}: its part {_quote_part(part)} unpacks from {packed_size / 1e6:.1f} MB to "
@@ -125,7 +125,7 @@ class Package:
         return any(
             _MODIFIER.search(b"".join(self.unpack(part)))
             for part in _SETTINGS
-            if part in self._entries and self._entries[part].file_size <= MAX_RELATIONS_BYTES
+            if part in self._entries and self._entries[part].file_size <= MAX_RELATIONSHIPS_BYTES
         )
 
 
@@ -148,12 +148,12 @@ def make_parser(name: str) -> expat.XMLParserType:
     """Make an XML parser that prefixes tags with their namespace and refuses document types and entities."""
     parser = expat.ParserCreate(namespace_separator=" ")
 
-    def refuse(*_: object) -> None:
+    def refuse_doctype(*_: object) -> None:
         raise ModelUnreadable(
             f"{name}: defines a document type or entities, which 3MF forbids; export it again"
         )
 
-    parser.StartDoctypeDeclHandler = refuse
+    parser.StartDoctypeDeclHandler = refuse_doctype
     return parser
 
 

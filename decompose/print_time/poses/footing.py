@@ -13,19 +13,20 @@ from decompose.geometry import find_convex_outline, find_half_planes
 from decompose.jit import jit
 
 FIRST_LAYER_MM = 0.15  # height of the middle of the first layer, at which the mesh is cut
-SHARP_DEG = 120.0
-ROUNDED_MM = 1.0  # maximum size of a chamfer or a rounding that counts as one corner
+MAX_SHARP_DEG = 120.0  # maximum angle of a sharp corner
+MAX_ROUNDING_MM = 1.0  # maximum size of a chamfer or a rounding that counts as one corner
 
 # [assumed] Limits that decide the width of a brim.
 MAX_STEADY_RATIO = 3.0  # maximum ratio of height to width of the walls in the first layer without a brim
-GOOD_CONTACT_MM2 = 400.0
+GOOD_CONTACT_MM2 = 400.0  # contact area from which adhesion needs no brim
 # Lengths of a base from which its corners lift, and from which they need the widest brim.
 WARP_LENGTHS_MM = (60.0, 120.0)
 REFERENCE_SHRINKAGE = 0.007
 """Shrinkage (of ABS) to which `WARP_LENGTHS_MM` applies: a corner lifts by shrinkage times length squared."""
-MIN_BRIM_MM = 2.0
+MIN_BRIM_MM = 2.0  # a narrower brim is omitted
 
-# [assumed] Width that the squeezed first layer adds to each side; it is not taken off thinner walls.
+# [assumed] Width that the squeezed first layer adds to each side, and minimum width of walls that are
+# corrected for it.
 ELEPHANT_FOOT_MM = 0.2
 MIN_WALL_MM = 2.0
 
@@ -40,7 +41,7 @@ class Footing:
         Area of the first layer, and the width of its walls: four times the area over the outline's length.
     length_mm, sharp_corners
         Greatest extent of the convex outline of the first layer, and the number of its corners under
-        `SHARP_DEG`.
+        `MAX_SHARP_DEG`.
     width_mm, edges
         Least extent of the convex outline around the first layer and the supports on the bed, and that
         outline as (q, 3) half-planes: ``edges[:, :2] @ p + edges[:, 2] <= 0`` in mm; empty without area.
@@ -67,9 +68,11 @@ class Footing:
         contact_mm2, outline_mm, points = _measure_first_layer(triangles)
         rim = find_convex_outline(points)
         sides = np.diff(rim, axis=0, append=rim[:1])
-        sides = sides[np.linalg.norm(sides, axis=1) > ROUNDED_MM]
-        turn = np.arctan2(sides[:, 1], sides[:, 0])
-        bend = np.degrees((np.roll(turn, -1) - turn + math.pi) % (2.0 * math.pi) - math.pi)
+        sides = sides[np.linalg.norm(sides, axis=1) > MAX_ROUNDING_MM]
+        direction_rad = np.arctan2(sides[:, 1], sides[:, 0])
+        bend_deg = np.degrees(
+            (np.roll(direction_rad, -1) - direction_rad + math.pi) % (2.0 * math.pi) - math.pi
+        )
         outline = (
             find_convex_outline(np.concatenate([rim, bed_support_border_mm]))
             if len(bed_support_border_mm)
@@ -80,7 +83,7 @@ class Footing:
             contact_mm2=contact_mm2,
             wall_mm=4.0 * contact_mm2 / outline_mm if outline_mm > 0.0 else 0.0,
             length_mm=float(pdist(rim).max(initial=0.0)),
-            sharp_corners=int((bend > 180.0 - SHARP_DEG).sum()),
+            sharp_corners=int((bend_deg > 180.0 - MAX_SHARP_DEG).sum()),
             width_mm=float(np.ptp(outline @ edges[:, :2].T, axis=0).min()) if len(outline) else 0.0,
             edges=edges,
         )
@@ -92,19 +95,19 @@ class Footing:
         return -float((points @ self.edges[:, :2].T + self.edges[:, 2]).max())
 
     def choose_brim_width_mm(
-        self, height_mm: float, lean_mm: float, widest_mm: float, shrinkage: float = REFERENCE_SHRINKAGE
+        self, height_mm: float, margin_mm: float, widest_mm: float, shrinkage: float = REFERENCE_SHRINKAGE
     ) -> float:
         """Choose the width of a part's brim, from 0 to the widest.
 
-        A part that is tall for its base, or whose centre of mass is not above it (`lean_mm`), gets a brim
-        that widens the base; a small contact area needs a brim for adhesion; a long base curls up at its
-        corners, less at blunt corners and with a material that shrinks less.
+        A part that is tall for its base, or whose centre of mass is not above the base (`margin_mm`), gets a
+        brim that widens the base. A small contact area needs a brim for adhesion. A long base curls up at its
+        corners, but less at blunt corners and with a material that shrinks less.
 
         Parameters
         ----------
         height_mm
             Height of the part.
-        lean_mm
+        margin_mm
             Distance of its centre of mass inside the footing; negative outside.
         widest_mm
             Maximum width of a brim.
@@ -116,12 +119,12 @@ class Footing:
         length_ratio = math.sqrt(REFERENCE_SHRINKAGE / max(shrinkage, 1e-4))
         first_mm, full_mm = (length_ratio * length_mm for length_mm in WARP_LENGTHS_MM)
         warp_mm = widest_mm * (self.length_mm - first_mm) / (full_mm - first_mm)
-        offset_mm = widest_mm if lean_mm < 0.0 else 0.0
+        offset_mm = widest_mm if margin_mm < 0.0 else 0.0
         width_mm = max(lever_mm, contact_mm, offset_mm, warp_mm if self.sharp_corners else warp_mm / 2.0)
         return 0.0 if width_mm < MIN_BRIM_MM else math.floor(10.0 * min(width_mm, widest_mm)) / 10.0
 
     def choose_expansion_mm(self, is_joined: bool) -> float:
-        """Choose the horizontal expansion of the first layer, so that it does not protrude from a joint."""
+        """Choose the horizontal expansion of the first layer so that it does not protrude from a joint."""
         return -ELEPHANT_FOOT_MM if is_joined and self.wall_mm >= MIN_WALL_MM else 0.0
 
 
@@ -145,21 +148,21 @@ def _measure_first_layer(triangles: Floats) -> tuple[float, float, Floats]:
     points = np.zeros((4 * _count_low_triangles(triangles), 2))
     ends = np.zeros((2, 2))
     for t in range(len(triangles)):
-        below = 0
+        corners_below = 0
         for corner in range(3):
             if triangles[t, corner, 2] < FIRST_LAYER_MM:
-                below += 1
+                corners_below += 1
                 points[count] = triangles[t, corner, :2]
                 count += 1
-        if below == 0:
+        if corners_below == 0:
             continue
         a, b, c = triangles[t]
         down_mm2 = ((b[1] - a[1]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[1] - a[1])) / 2.0
-        if below == 3:
+        if corners_below == 3:
             area_mm2 += down_mm2
             continue
-        share = _cut_triangle(triangles[t], below == 1, ends)
-        area_mm2 += down_mm2 * (share if below == 1 else 1.0 - share)
+        share = _cut_triangle(triangles[t], corners_below == 1, ends)
+        area_mm2 += down_mm2 * (share if corners_below == 1 else 1.0 - share)
         outline_mm += np.hypot(ends[1, 0] - ends[0, 0], ends[1, 1] - ends[0, 1])
         points[count : count + 2] = ends
         count += 2
@@ -184,7 +187,7 @@ def _count_low_triangles(triangles: Floats) -> int:
 
 @jit
 def _cut_triangle(triangle: Floats, is_apex_below: bool, ends: Floats) -> float:
-    """Cut a triangle at the height of the first layer; a single corner, its apex, is on one side.
+    """Cut a triangle at the height of the first layer, with a single corner (its apex) on one side.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Orientation of a part: the fastest pose to print among those in which it stays upright.
+"""Orientation of a part: the pose that prints fastest among those in which the part stays upright.
 
 Candidates are the six axis poses and those that lie on a facet of the convex hull or on a large flat face.
 Each is priced with its supports, and checked for what a price does not cover: whether the part stays upright
@@ -25,9 +25,9 @@ from decompose.print_time.poses.pose import COLUMN, PartMesh, Pose, measure_from
 from decompose.print_time.surfaces import measure_surfaces
 from decompose.printers import PrinterRoom
 
-HULL_FACETS, FLAT_FACES = 24, 12  # maximum number of candidates of each kind, the largest first
+MAX_HULL_FACETS, MAX_FLAT_FACES = 24, 12  # maximum number of candidates of each kind, the largest first
 DIRECTION_STEPS = 1000  # coordinates of directions are compared after rounding to 1 / DIRECTION_STEPS
-DISTINCT_DEG = 2.0  # minimum angle between two candidates
+MIN_DIFFERENCE_DEG = 2.0  # minimum angle between two candidates
 MAX_MEASURED = 24  # maximum number of measured candidates, in the order of their prices
 ESTIMATE_COLUMNS = 1_500  # approximate number of columns for an estimate
 CERTAIN_SUPPORT_SHARE = 0.8  # share of an estimated support that is certainly needed
@@ -37,23 +37,23 @@ YAWS_RAD: Floats = np.radians(np.arange(90.0))
 def find_best_pose(
     vertices: Floats,
     faces: Ints,
-    cut: Bools,
+    is_cut: Bools,
     printers: Sequence[PrinterRoom],
     cost: CostModel,
     fit_first_layer: bool = True,
 ) -> Pose | None:
-    """Find the pose to print a part in.
+    """Find the best pose for printing a part.
 
     Parameters
     ----------
     vertices, faces
         (n, 3) in mm and (m, 3) of a closed mesh, outward.
-    cut
+    is_cut
         (m,) bool, true for cut faces, which no support should touch.
     printers
-        Printers that the part has to fit, all of them; empty for a printer without limits.
+        Printers, all of which the part has to fit; empty for a printer without limits.
     cost
-        Print time of a part.
+        Cost model of the print time.
     fit_first_layer
         Whether the brim and the first layer's expansion are chosen too.
 
@@ -63,14 +63,14 @@ def find_best_pose(
         Pose of the lowest rank; None if no pose fits.
     """
     hull = build_hull(vertices)
-    rotations = _orient_all(list_directions(vertices, faces, hull), hull, printers)
+    rotations = _list_rotations(list_directions(vertices, faces, hull), hull, printers)
     if not len(rotations):
         return None
-    features, extents = sum_pose_features(vertices, faces, rotations, cost, hull.points, cut)
+    features, extents = sum_pose_features(vertices, faces, rotations, cost, hull.points, is_cut)
     cost_without_brim = replace(cost, brim_mm=0.0) if fit_first_layer else cost
     min_s = [cost_without_brim.price_s([*f[:COLUMN], 0.0], e) for f, e in zip(features, extents, strict=True)]
     max_s = [cost.price_s(f, e) for f, e in zip(features, extents, strict=True)]
-    mesh = PartMesh(vertices, faces, cut)
+    mesh = PartMesh(vertices, faces, is_cut)
     best: Pose | None = None
     measured_count = 0
     for i in np.argsort(max_s, kind="stable"):
@@ -103,12 +103,12 @@ def find_fitting_rotations(vertices: Floats, faces: Ints, printers: Sequence[Pri
         (k, 3, 3), whose rows are the bed's x, y and z in the model's frame.
     """
     hull = build_hull(vertices)
-    return _orient_all(list_directions(vertices, faces, hull), hull, printers)
+    return _list_rotations(list_directions(vertices, faces, hull), hull, printers)
 
 
-def _orient_all(directions: Floats, hull: Hull, printers: Sequence[PrinterRoom]) -> Floats:
-    """Find a rotation for each direction up (k, 3) that fits some yaw on every printer; return (m, 3, 3)."""
-    rotations = [_orient(up, hull.points, printers) for up in directions]
+def _list_rotations(directions: Floats, hull: Hull, printers: Sequence[PrinterRoom]) -> Floats:
+    """Find the rotations (m, 3, 3) that turn directions (k, 3) up and fit every printer at some yaw."""
+    rotations = [_find_rotation(up, hull.points, printers) for up in directions]
     return np.array([rotation for rotation in rotations if rotation is not None]).reshape(-1, 3, 3)
 
 
@@ -127,7 +127,7 @@ class Hull(NamedTuple):
     Attributes
     ----------
     points
-        (h, 3) vertices that span it, in mm; all vertices of the part if it has no volume.
+        (h, 3) vertices of the hull in mm; all vertices of the part if it has no volume.
     facets
         (f, 3) area vectors of its facets in mm2, outward; none if it has no volume.
     """
@@ -147,7 +147,7 @@ def build_hull(vertices: Floats) -> Hull:
 
 
 def list_directions(vertices: Floats, faces: Ints, hull: Hull) -> Floats:
-    """List directions to try as up: the axes, then opposite to hull facets and to large flat faces.
+    """List candidates for the direction up: the axes, then the opposites of hull facets and large flat faces.
 
     Parameters
     ----------
@@ -162,29 +162,31 @@ def list_directions(vertices: Floats, faces: Ints, hull: Hull) -> Floats:
         (k, 3) unit vectors.
     """
     surfaces = measure_surfaces(vertices, faces)
-    areas = surfaces.areas_mm2[:, None] * surfaces.normals
+    area_vectors = surfaces.areas_mm2[:, None] * surfaces.normals
     directions = POSE_ROTATIONS[[4, 5, 0, 1, 2, 3], 2]
-    for normals, max_count in ((hull.facets, HULL_FACETS), (areas, FLAT_FACES)):
-        directions = _add_distinct(
-            directions, -_find_flat_directions(normals), max_count, math.cos(math.radians(DISTINCT_DEG))
+    for normals, max_count in ((hull.facets, MAX_HULL_FACETS), (area_vectors, MAX_FLAT_FACES)):
+        directions = _append_distinct(
+            directions, -_find_flat_directions(normals), max_count, math.cos(math.radians(MIN_DIFFERENCE_DEG))
         )
     return directions
 
 
 @jit
-def _add_distinct(known_directions: Floats, candidates: Floats, max_count: int, near_cos: float) -> Floats:
-    """Append candidates to directions unless they are close to one that is listed.
+def _append_distinct(
+    known_directions: Floats, candidates: Floats, max_count: int, min_same_cos: float
+) -> Floats:
+    """Append candidates to directions unless they are close to one in the list.
 
     Parameters
     ----------
     known_directions
         (k, 3) float64 unit vectors.
     candidates
-        (m, 3) float64 unit vectors, in the order in which they are tried.
+        (m, 3) float64 unit vectors, in the order of precedence.
     max_count
         Maximum number of candidates to append.
-    near_cos
-        Minimum cosine of the angle between directions that are taken as the same.
+    min_same_cos
+        Minimum cosine of the angle between directions that count as the same.
 
     Returns
     -------
@@ -197,59 +199,60 @@ def _add_distinct(known_directions: Floats, candidates: Floats, max_count: int, 
     for i in range(len(candidates)):
         if count == len(directions):
             break
-        distinct = True
+        is_distinct = True
         for k in range(count):
             cos = 0.0
             for axis in range(3):
                 cos += directions[k, axis] * candidates[i, axis]
-            if cos >= near_cos:
-                distinct = False
-        if distinct:
+            if cos >= min_same_cos:
+                is_distinct = False
+        if is_distinct:
             directions[count] = candidates[i]
             count += 1
     return directions[:count].copy()
 
 
-def _find_flat_directions(areas: Floats) -> Floats:
+def _find_flat_directions(area_vectors: Floats) -> Floats:
     """Sum area vectors (m, 3) by direction, and return the directions (k, 3), the largest sum first."""
-    size = np.linalg.norm(areas, axis=1)
-    areas = areas[size > 0.0]
-    if not len(areas):
-        return areas
-    x, y, z = np.rint(areas / size[size > 0.0, None] * DIRECTION_STEPS).astype(np.int64).T
+    sizes_mm2 = np.linalg.norm(area_vectors, axis=1)
+    area_vectors = area_vectors[sizes_mm2 > 0.0]
+    if not len(area_vectors):
+        return area_vectors
+    x, y, z = np.rint(area_vectors / sizes_mm2[sizes_mm2 > 0.0, None] * DIRECTION_STEPS).astype(np.int64).T
     _, group = np.unique(
         ((x + DIRECTION_STEPS) * (2 * DIRECTION_STEPS + 1) + y + DIRECTION_STEPS) * (2 * DIRECTION_STEPS + 1)
         + z,
         return_inverse=True,
     )
     sums = np.zeros((group.max() + 1, 3))
-    np.add.at(sums, group.reshape(-1), areas)
-    size = np.linalg.norm(sums, axis=1)
-    sums = sums[np.argsort(-np.round(size, 6), kind="stable")]
+    np.add.at(sums, group.reshape(-1), area_vectors)
+    sizes_mm2 = np.linalg.norm(sums, axis=1)
+    sums = sums[np.argsort(-np.round(sizes_mm2, 6), kind="stable")]
     directions: Floats = sums / np.linalg.norm(sums, axis=1, keepdims=True)
     return directions
 
 
-def _orient(up: Floats, hull: Floats, printers: Sequence[PrinterRoom]) -> Floats | None:
+def _find_rotation(up: Floats, hull: Floats, printers: Sequence[PrinterRoom]) -> Floats | None:
     """Find a rotation with a direction up (3,) whose yaw fits every printer; None if there is none.
 
-    Axis poses keep their yaw if it fits. Any other pose is turned to the smallest rectangle around its
-    outline, and further if that does not fit.
+    Axis poses keep their yaw if it fits. Any other pose is rotated so that the smallest rectangle around its
+    outline is parallel to the bed's axes, and further if that yaw does not fit.
     """
     axis = np.flatnonzero((POSE_ROTATIONS[:, 2] == up).all(axis=1))
     if len(axis):
         x, y = POSE_ROTATIONS[axis[0], :2]
     else:
         x, y = _choose_bed_axes(up)
-    flat = hull @ np.array([x, y]).T
-    height = float(np.ptp(hull @ up))
-    outline = find_convex_outline(flat)
-    angles = find_smallest_rectangle(outline) + YAWS_RAD
+    points = hull @ np.array([x, y]).T
+    height_mm = float(np.ptp(hull @ up))
+    outline = find_convex_outline(points)
+    angles_rad = find_smallest_rectangle(outline) + YAWS_RAD
     if len(axis):
-        angles = np.insert(angles, 0, 0.0)
-    for angle, (width, depth) in zip(angles, measure_rectangles(outline, angles).tolist(), strict=True):
-        if all(printer.fits(width, depth, height) for printer in printers):
-            return np.vstack([_build_yaw(angle) @ np.array([x, y]), up])
+        angles_rad = np.insert(angles_rad, 0, 0.0)
+    sizes_mm = measure_rectangles(outline, angles_rad).tolist()
+    for angle_rad, (width_mm, depth_mm) in zip(angles_rad, sizes_mm, strict=True):
+        if all(printer.fits(width_mm, depth_mm, height_mm) for printer in printers):
+            return np.vstack([_build_yaw(angle_rad) @ np.array([x, y]), up])
     return None
 
 
@@ -281,6 +284,7 @@ def _choose_bed_axes(up: Floats) -> tuple[Floats, Floats]:
     return x, y
 
 
-def _build_yaw(angle: float) -> Floats:
-    """Build the rotation (2, 2) of x and y by an angle in radians, in rows."""
-    return np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
+def _build_yaw(angle_rad: float) -> Floats:
+    """Build the rotation (2, 2) of x and y by an angle, in rows."""
+    cos, sin = math.cos(angle_rad), math.sin(angle_rad)
+    return np.array([[cos, sin], [-sin, cos]])

@@ -20,23 +20,23 @@ from decompose.print_time.surfaces import measure_surfaces
 from decompose.print_time.thin_walls import Sheets, WallWidths, measure_thin_walls
 
 COLUMN = ADDITIVE_FEATURES.index("column_mm3")
-HOLE_INSET_SHARE = math.pi / 4.0  # inset of a round hole as a share of a square one's: most holes are round
-TOUCHED_MM2 = 1.0  # minimum area of a cut face that support touches; a smaller area is a rounding error
+HOLE_INSET_SHARE = math.pi / 4.0  # inset of a round hole, as a share of that of a square hole
+MIN_TOUCHED_MM2 = 1.0  # minimum area of a cut face that support touches; a smaller area is a rounding error
 
 # [assumed] A part stays upright while its adhesion to the bed exceeds the pull of the nozzle at its top and
-# of its weight beside its footing. Support is made to be peeled off, so it holds less; the outer half of a
-# brim is too thin to hold.
-MIN_CONTACT_MM2 = 4.0
+# of the weight that is not above its footing. Support is made to be peeled off, so it holds less. The outer
+# half of a brim is too thin to hold.
+MIN_CONTACT_MM2 = 4.0  # minimum area of the first layer
 MIN_FOOT_MM = 0.8  # minimum `Footing.wall_mm`: an edge narrower than a line is not printed
-ADHESION_N_MM2 = 0.05
+ADHESION_N_MM2 = 0.05  # adhesion of the first layer to the bed
 SUPPORTED_CONTACT_SHARE = 0.1  # adhesion of the area that supports carry, as a share of that of the part
 BRIM_FOOTING_SHARE = 0.5  # share of a brim's width that counts as footing
-PULL_N = 0.5
+PULL_N = 0.5  # horizontal pull of the nozzle
 
-# [assumed] A part that is so slender on such a small foot gets a warning, even if its brim holds it.
-SMALL_FOOT_MM2 = 300.0
+# [assumed] A slender part on a small foot gets a warning, even if its brim holds it.
+SMALL_FOOT_MM2 = 300.0  # first layers with a smaller area count as small
 MIN_SLENDERNESS = 6.0  # minimum `Pose.slenderness`, such as that of a part 100 mm high on 300 mm2
-WEIGHT_N_MM3 = 1.25e-5
+WEIGHT_N_MM3 = 1.25e-5  # weight of the filament
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,19 +52,20 @@ class Pose:
     price_s
         Estimated print time with its supports and its brim.
     footing
-        Area by which the part stands on the bed.
-    strain
-        Moment that tilts the part while it is printed, over the moment that holds it; it stays up to 1.
-    lean_mm
-        Distance of the part's centre of mass inside its footing; negative outside.
+        Contact of the part with the bed.
+    tilt_ratio
+        Moment that tilts the part while it is printed, over the moment that holds it; the part stays upright
+        up to 1.
+    margin_mm
+        Distance of the part's centre of mass from the edge of its footing; negative outside.
     support_mm3
         Volume of its supports.
     touched_mm2
-        Area of cut faces that support sticks to.
+        Area of cut faces to which support sticks.
     brim_share_mm
         Width by which the brim widens the footing.
     brim_width_mm, layer_0_expansion_mm
-        Values chosen for the part; None for those of the quality.
+        Values chosen for the part; None to use those of the quality.
     bed_face_hidden, tops_hidden
         Whether the faces on the bed, and all tops, are cut faces, which need less skin by the cost model.
     """
@@ -73,8 +74,8 @@ class Pose:
     size_mm: tuple[float, float, float]
     price_s: float
     footing: Footing
-    strain: float
-    lean_mm: float
+    tilt_ratio: float
+    margin_mm: float
     support_mm3: float
     touched_mm2: float
     brim_share_mm: float
@@ -85,10 +86,10 @@ class Pose:
 
     @property
     def stands(self) -> bool:
-        """Check whether the part stays in place while it is printed, by its footing and its brim."""
+        """Check whether the part stays in place while it is printed, given its footing and its brim."""
         footing = self.footing
-        touches = footing.contact_mm2 >= MIN_CONTACT_MM2 and footing.wall_mm >= MIN_FOOT_MM
-        return touches and self.strain <= 1.0 and self.lean_mm >= -self.brim_share_mm
+        has_contact = footing.contact_mm2 >= MIN_CONTACT_MM2 and footing.wall_mm >= MIN_FOOT_MM
+        return has_contact and self.tilt_ratio <= 1.0 and self.margin_mm >= -self.brim_share_mm
 
     @property
     def slenderness(self) -> float:
@@ -103,17 +104,17 @@ class Pose:
 
     @property
     def rank(self) -> tuple[int, float, float, float]:
-        """Sort key, lower is better: standing, clean cut faces, time; strain first if the part falls."""
-        touched_mm2 = self.touched_mm2 if self.touched_mm2 > TOUCHED_MM2 else 0.0
+        """Sort key, lower is better: standing, clean cut faces, time; tilt ratio first if the part falls."""
+        touched_mm2 = self.touched_mm2 if self.touched_mm2 > MIN_TOUCHED_MM2 else 0.0
         if self.stands:
             return (0, 0.0, touched_mm2, self.price_s)
-        return (1 if self.lean_mm >= -self.brim_share_mm else 2, self.strain, touched_mm2, self.price_s)
+        return (1 if self.margin_mm >= -self.brim_share_mm else 2, self.tilt_ratio, touched_mm2, self.price_s)
 
 
 def measure_pose(
     vertices: Floats,
     faces: Ints,
-    cut: Bools,
+    is_cut: Bools,
     rotation: Floats,
     cost: CostModel,
     fit_first_layer: bool = True,
@@ -124,17 +125,17 @@ def measure_pose(
     ----------
     vertices, faces
         (n, 3) in mm and (m, 3) of a closed mesh, outward.
-    cut
+    is_cut
         (m,) bool, true for cut faces, which no support should touch.
     rotation
         (3, 3), whose rows are the bed's x, y and z in the model's frame.
     cost
-        Print time of a part.
+        Cost model of the print time.
     fit_first_layer
         Whether the brim and the first layer's expansion are chosen too.
     """
-    (features,), _ = sum_pose_features(vertices, faces, rotation[None], cost, cut=cut)
-    return measure_from_features(PartMesh(vertices, faces, cut), rotation, features, cost, fit_first_layer)
+    (features,), _ = sum_pose_features(vertices, faces, rotation[None], cost, is_cut=is_cut)
+    return measure_from_features(PartMesh(vertices, faces, is_cut), rotation, features, cost, fit_first_layer)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,7 +144,7 @@ class PartMesh:
 
     vertices: Floats
     faces: Ints
-    cut: Bools
+    is_cut: Bools
 
 
 def measure_from_features(
@@ -160,7 +161,7 @@ def measure_from_features(
     features
         (5,) `ADDITIVE_FEATURES` in this pose.
     cost
-        Print time of a part.
+        Cost model of the print time.
     fit_first_layer
         Whether the brim and the first layer's expansion are chosen too.
     """
@@ -168,35 +169,39 @@ def measure_from_features(
     lo, hi = rotated_vertices.min(axis=0), rotated_vertices.max(axis=0)
     origin = np.array([(lo[0] + hi[0]) / 2.0, (lo[1] + hi[1]) / 2.0, lo[2]])
     triangles = (rotated_vertices - origin)[mesh.faces]
-    width, depth, height = (hi - lo).tolist()
+    width_mm, depth_mm, height_mm = (hi - lo).tolist()
     to_model = np.eye(4)
     to_model[:3, :3], to_model[:3, 3] = rotation.T, rotation.T @ origin
     surfaces, up = measure_surfaces(mesh.vertices, mesh.faces), np.ascontiguousarray(rotation[2])
-    hidden_faces = find_hidden_faces(surfaces, mesh.cut, up, float(lo[2]), cost.skin_cos)
+    hidden_faces = find_hidden_faces(surfaces, mesh.is_cut, up, float(lo[2]), cost.skin_cos)
     saved_mm = hidden_faces.compute_saved_mm(cost.hidden_bed_mm, cost.hidden_top_mm)
     sheets = Sheets(cost.skins_mm - saved_mm, cost.layer_mm, cost.skin_cos)
-    columns = measure_columns(triangles, mesh.cut, cost.overhang_cos)
-    thin = measure_thin_walls(triangles, WallWidths(cost.line_mm, cost.outer_walls_mm, cost.walls_mm), sheets)
+    columns = measure_columns(triangles, mesh.is_cut, cost.overhang_cos)
+    thin_walls = measure_thin_walls(
+        triangles, WallWidths(cost.line_mm, cost.outer_walls_mm, cost.walls_mm), sheets
+    )
     footing = Footing.from_mesh(triangles, columns.bed_support_border_mm)
-    leans_mm = [footing.measure_margin_mm(centre[None, :2]) for centre in columns.centres_mm]
+    margins_mm = [footing.measure_margin_mm(centre[None, :2]) for centre in columns.centres_mm]
     brim_width_mm: float | None = None
     expansion_mm: float | None = None
     if fit_first_layer:
-        brim_width_mm = footing.choose_brim_width_mm(height, leans_mm[-1], cost.brim_mm, cost.shrinkage)
-        is_joined = bool((triangles[mesh.cut][:, :, 2].min(axis=1, initial=math.inf) < FIRST_LAYER_MM).any())
+        brim_width_mm = footing.choose_brim_width_mm(height_mm, margins_mm[-1], cost.brim_mm, cost.shrinkage)
+        is_joined = bool(
+            (triangles[mesh.is_cut][:, :, 2].min(axis=1, initial=math.inf) < FIRST_LAYER_MM).any()
+        )
         expansion_mm = footing.choose_expansion_mm(is_joined)
     contours = measure_contours(mesh.vertices, mesh.faces, up, cost.skin_cos, cost.ring_cos)
     pose_cost = cost if brim_width_mm is None else replace(cost, brim_mm=brim_width_mm)
     return Pose(
         to_model=to_model,
-        size_mm=(width, depth, height),
+        size_mm=(width_mm, depth_mm, height_mm),
         price_s=_price_pose_s(features, hi - lo, columns, pose_cost)
-        + cost.price_thin_walls_s(thin)
+        + cost.price_thin_walls_s(thin_walls)
         + cost.price_contours_s(contours, float(features[SKIN]))
         + price_short_layers_s(triangles, cost),
         footing=footing,
-        strain=_compute_strain(footing, columns, height, leans_mm),
-        lean_mm=leans_mm[-1],
+        tilt_ratio=_compute_tilt_ratio(footing, columns, height_mm, margins_mm),
+        margin_mm=margins_mm[-1],
         support_mm3=columns.support_mm3,
         touched_mm2=columns.touched_mm2,
         brim_share_mm=BRIM_FOOTING_SHARE * pose_cost.brim_mm,
@@ -221,10 +226,15 @@ def _price_pose_s(features: Floats, extents_mm: Floats, columns: Columns, cost: 
     )
 
 
-def _compute_strain(footing: Footing, columns: Columns, height_mm: float, leans_mm: Sequence[float]) -> float:
+def _compute_tilt_ratio(
+    footing: Footing, columns: Columns, height_mm: float, margins_mm: Sequence[float]
+) -> float:
     """Compute the worst ratio of the moments that tilt a growing part to the moment that holds it."""
     area_mm2 = footing.contact_mm2 + SUPPORTED_CONTACT_SHARE * columns.bed_support_mm2
     holding_n_mm = ADHESION_N_MM2 * area_mm2 * footing.width_mm / 2.0
-    outside_mm4 = max(v * max(0.0, -lean) for v, lean in zip(columns.volumes_mm3, leans_mm, strict=True))
-    tilting_n_mm = PULL_N * height_mm + WEIGHT_N_MM3 * outside_mm4
+    overhang_mm4 = max(
+        volume_mm3 * max(0.0, -margin_mm)
+        for volume_mm3, margin_mm in zip(columns.volumes_mm3, margins_mm, strict=True)
+    )
+    tilting_n_mm = PULL_N * height_mm + WEIGHT_N_MM3 * overhang_mm4
     return float(tilting_n_mm / holding_n_mm) if holding_n_mm > 0.0 else math.inf

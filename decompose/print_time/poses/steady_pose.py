@@ -1,4 +1,4 @@
-"""Steadier pose of a part that has time to spare: a larger foot and less height than in its fastest pose.
+"""Search for a more stable pose, with a larger foot and less height, of a part that has time to spare.
 
 A part that ends before the slowest one need not be printed in its fastest pose. On a foot of a few square
 millimetres it is more likely to come off the bed.
@@ -20,34 +20,34 @@ from decompose.print_time.poses.orientation import find_fitting_rotations
 from decompose.print_time.poses.pose import COLUMN, PartMesh, Pose, measure_from_features
 from decompose.printers import PrinterRoom
 
-LOW_SLENDERNESS = 1.0  # maximum slenderness of a steady part: that of a cube
-MAX_SLENDERNESS_RATIO = 0.8  # a steadier pose must have at most this share of the slenderness
-MAX_TIME_RATIO = 1.02  # maximum time of a steadier pose, as a multiple of the fastest
+MAX_STEADY_SLENDERNESS = 1.0  # maximum slenderness of a steady part: that of a cube
+MAX_SLENDERNESS_RATIO = 0.8  # maximum slenderness of a steadier pose, as a share of that of the fastest pose
+MAX_TIME_RATIO = 1.02  # maximum time of a steadier pose, as a multiple of that of the fastest pose
 MAX_MEASURED = 4  # maximum number of measured poses, the steadiest by their flat faces first
 
 
-def compute_steady_limit_s(fastest: Pose, spare_limit_s: float) -> float:
+def compute_steady_limit_s(fastest_pose: Pose, spare_limit_s: float) -> float:
     """Compute the time that a part may take in a steadier pose.
 
     Parameters
     ----------
-    fastest
+    fastest_pose
         Fastest pose of the part.
     spare_limit_s
-        Price at which the part would end with the slowest one.
+        Price at which the part would end together with the slowest part.
 
     Returns
     -------
     float
-        Seconds: for a part on a small foot all of its spare time, and at least 2 % more than in the fastest
-        pose; for others at most 2 % more.
+        Time in seconds. For a part on a small foot it includes all of its spare time, and is at least 2 %
+        longer than in the fastest pose; for other parts it is at most 2 % longer.
     """
-    max_s = MAX_TIME_RATIO * fastest.price_s
-    return max(spare_limit_s, max_s) if fastest.has_small_foot else min(spare_limit_s, max_s)
+    max_s = MAX_TIME_RATIO * fastest_pose.price_s
+    return max(spare_limit_s, max_s) if fastest_pose.has_small_foot else min(spare_limit_s, max_s)
 
 
 def find_steady_pose(
-    mesh: PartMesh, rooms: Sequence[PrinterRoom], cost: CostModel, fastest: Pose, limit_s: float
+    mesh: PartMesh, rooms: Sequence[PrinterRoom], cost: CostModel, fastest_pose: Pose, limit_s: float
 ) -> Pose:
     """Find a pose with a larger foot and less height than the fastest one, within a time.
 
@@ -56,43 +56,46 @@ def find_steady_pose(
     mesh
         Closed mesh of the part, outward.
     rooms
-        Rooms of the printers that the part has to fit, all of them.
+        Build volumes of the printers, all of which the part has to fit.
     cost
-        Print time of a part.
-    fastest
-        Fastest pose of the part; its brim says whether first layers are chosen.
+        Cost model of the print time.
+    fastest_pose
+        Fastest pose of the part; if it has a brim width, first layers are chosen for other poses too.
     limit_s
         Maximum price of the pose.
 
     Returns
     -------
     Pose
-        The fastest pose if no other is much steadier, or if support would touch more cut faces in the others.
+        The fastest pose if no other pose is much steadier, or if support would touch more cut faces in the
+        others.
     """
-    if fastest.slenderness <= LOW_SLENDERNESS or limit_s < fastest.price_s:
-        return fastest
+    if fastest_pose.slenderness <= MAX_STEADY_SLENDERNESS or limit_s < fastest_pose.price_s:
+        return fastest_pose
     rotations = find_fitting_rotations(mesh.vertices, mesh.faces, rooms)
     slenderness = np.array([_estimate_slenderness(mesh, rotation) for rotation in rotations])
-    max_slenderness = MAX_SLENDERNESS_RATIO * fastest.slenderness
+    max_slenderness = MAX_SLENDERNESS_RATIO * fastest_pose.slenderness
     order = [i for i in np.argsort(slenderness, kind="stable") if slenderness[i] < max_slenderness]
-    without_brim, measured_count = replace(cost, brim_mm=0.0), 0
+    cost_without_brim, measured_count = replace(cost, brim_mm=0.0), 0
     for i in order:
         (features,), (extents,) = sum_pose_features(
-            mesh.vertices, mesh.faces, rotations[i : i + 1], cost, cut=mesh.cut
+            mesh.vertices, mesh.faces, rotations[i : i + 1], cost, is_cut=mesh.is_cut
         )
-        if without_brim.price_s([*features[:COLUMN], 0.0], extents) > limit_s:
+        if cost_without_brim.price_s([*features[:COLUMN], 0.0], extents) > limit_s:
             continue
-        pose = measure_from_features(mesh, rotations[i], features, cost, fastest.brim_width_mm is not None)
+        pose = measure_from_features(
+            mesh, rotations[i], features, cost, fastest_pose.brim_width_mm is not None
+        )
         if (
             pose.slenderness < max_slenderness
             and pose.price_s <= limit_s
-            and pose.rank[:3] <= fastest.rank[:3]
+            and pose.rank[:3] <= fastest_pose.rank[:3]
         ):
             return pose
         measured_count += 1
         if measured_count == MAX_MEASURED:
             break
-    return fastest
+    return fastest_pose
 
 
 def _estimate_slenderness(mesh: PartMesh, rotation: Floats) -> float:

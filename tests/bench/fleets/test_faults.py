@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import pytest
 
 from bench.fleets import faults
-from bench.fleets.faults import ONE, PrintingFleet, measure_loss
+from bench.fleets.faults import FIRST_HOST, PrintingFleet, measure_loss
 
-LOSS = "pc-01 does not answer"
+LOSS_SHARE = "pc-01 does not answer"
 
 
 class FleetWithLateNotice:
@@ -33,7 +33,7 @@ class FleetWithLateNotice:
 
     def disconnect(self, *groups):
         self.is_lost, self.loss_count = True, self.loss_count + 1
-        self.notices_due[self.now_s + 10.0] = LOSS
+        self.notices_due[self.now_s + 10.0] = LOSS_SHARE
 
     def reconnect(self, *groups):
         self.is_lost = False
@@ -51,9 +51,9 @@ def test_notices_about_earlier_prints_do_not_count(monkeypatch):
         hosts=lambda: SimpleNamespace(hosts=[]),
     )
     daemon = SimpleNamespace(client=client, read_cpu_s=lambda: 0.0)
-    names = {ONE: ["pc-01"]}
-    figures = measure_loss(PrintingFleet(daemon, fleet, fleet, names, fleet, fleet), [ONE])
-    assert figures["notice_texts"] == [LOSS] and figures["notices"] == figures["events"] == 1
+    names = {FIRST_HOST: ["pc-01"]}
+    figures = measure_loss(PrintingFleet(daemon, fleet, fleet, names, fleet, fleet), [FIRST_HOST])
+    assert figures["notice_texts"] == [LOSS_SHARE] and figures["notices"] == figures["events"] == 1
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 50])

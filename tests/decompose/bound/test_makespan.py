@@ -36,7 +36,9 @@ def compute_bound(tables: BoxTables, is_needed: np.ndarray, printers: int) -> tu
     solver = Partitioner(tables)
     assume(is_needed.any())
     assume(solver.find_min_makespan(printers, 0.0, tolerance_s=1e-3) is not None)
-    return bound_makespan(tables, is_needed, printers, solver.find_longest_s()), solver.find_longest_s()
+    return bound_makespan(
+        tables, is_needed, printers, solver.find_longest_time_s()
+    ), solver.find_longest_time_s()
 
 
 def find_min_makespan_by_recursion(tables: BoxTables, is_needed: np.ndarray, printers: int) -> float:
@@ -130,8 +132,8 @@ def test_bound_exceeds_the_volume_bound_with_many_cells() -> None:
     tables, is_needed = make_tables((9, 8, 7), 3)
     solver = Partitioner(tables)
     assert solver.find_min_makespan(20, 0.0) is not None
-    bound = bound_makespan(tables, is_needed, 20, solver.find_longest_s())
-    assert 0.8 * solver.find_longest_s() <= bound.seconds <= solver.find_longest_s()
+    bound = bound_makespan(tables, is_needed, 20, solver.find_longest_time_s())
+    assert 0.8 * solver.find_longest_time_s() <= bound.seconds <= solver.find_longest_time_s()
 
 
 @settings(deadline=None)  # the first call compiles

@@ -111,7 +111,7 @@ def test_sliver_is_searched_with_few_rays(monkeypatch: pytest.MonkeyPatch) -> No
         overlaps, "find_crossings", lambda *args: shapes.append(args[2].shape) or search(*args)
     )
     assert find_overlaps(Solid.box((0.0, 0.0, 0.0), (1e-7, 100.0, 5.0))).volume_mm3 == 0.0
-    assert np.prod(shapes[0]) <= 2 * overlaps.RAYS
+    assert np.prod(shapes[0]) <= 2 * overlaps.RAY_COUNT
 
 
 def test_loaded_model_reports_what_was_united(tmp_path: Path) -> None:

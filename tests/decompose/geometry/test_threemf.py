@@ -222,7 +222,7 @@ def test_components_that_multiply_are_counted_before_they_are_placed() -> None:
 def test_package_that_unpacks_to_gigabytes_is_refused_before_it_is_read(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(package, "FREE_RATIO_BYTES", 2**16)
+    monkeypatch.setattr(package, "MAX_UNCHECKED_BYTES", 2**16)
     blank = write_model_xml([write_object_xml(1, BOX)], ['objectid="1"']).replace(
         "<build>", " " * 2**22 + "<build>"
     )

@@ -8,7 +8,7 @@ import trimesh
 
 from decompose.geometry import Solid
 from decompose.print_time import POSE_ROTATIONS, Recipe
-from decompose.print_time.contours import RISING_SHARE, Contours, measure_contours
+from decompose.print_time.contours import RISING_WALL_FACTOR, Contours, measure_contours
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -36,7 +36,7 @@ def test_rims_of_a_block_are_those_of_its_bed_and_its_top() -> None:
 def test_skin_goes_on_under_a_wall_that_rises_from_it() -> None:
     stepped_block = Solid.union([Solid.box((0, 0, 0), (60, 60, 10)), Solid.box((20, 20, 9), (40, 40, 20))])
     rims = measure_solid(stepped_block)
-    assert rims.rim_mm == pytest.approx(2 * 240.0 + 80.0 - RISING_SHARE * 80.0)
+    assert rims.rim_mm == pytest.approx(2 * 240.0 + 80.0 - RISING_WALL_FACTOR * 80.0)
     assert rims.ends_mm == pytest.approx(2 * 240.0 + 2 * 80.0)
 
 

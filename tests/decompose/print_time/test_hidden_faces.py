@@ -109,7 +109,7 @@ def test_tables_price_hidden_faces_as_parts_do(ring_with_bar: Solid, top_share: 
         mesh = ring_with_bar.clip(lo, hi).arrays()
         planes = [[*axis, end[i]] for end in (lo, hi) for i, axis in enumerate(np.eye(3).tolist())]
         is_cut = find_cut_faces(*mesh, np.array(planes))
-        features, extents = sum_pose_features(*mesh, POSE_ROTATIONS, cost, cut=is_cut)
+        features, extents = sum_pose_features(*mesh, POSE_ROTATIONS, cost, is_cut=is_cut)
         hidden_s = min(cost.price_s(*pose) for pose in zip(features, extents, strict=True))
         visible_s = price_poses_s(*mesh, POSE_ROTATIONS, cost).min()
         assert hidden_s * (1.0 - 1e-5) <= tables.seconds[index] <= visible_s * (1.0 + 1e-5)

@@ -46,8 +46,8 @@ def test_looser_partitions_are_complete_without_more_work(
     results = [list(partition) for partition in search.list_looser_partitions(best)]
     assert 0 < len(results) <= len(LOOSER_LIMIT_SHARES)
     assert len({frozenset(partition) for partition in [best, *results]}) == len(results) + 1
-    limits_s = [max(search.posed_s[box] for box in partition) for partition in results]
-    assert min(limits_s) >= max(search.posed_s[box] for box in best)
+    limits_s = [max(search.true_times_s[box] for box in partition) for partition in results]
+    assert min(limits_s) >= max(search.true_times_s[box] for box in best)
     for partition in results:
         cover_count = np.zeros(search.grid.shape, dtype=np.int64)
         for a, b, c, d, e, f in partition:

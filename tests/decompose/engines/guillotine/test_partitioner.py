@@ -285,8 +285,8 @@ def test_random_cuts_give_no_better_partition(shape: Shape, seed: int, share: fl
     solver = Partitioner(tables)
     least_s = solver.find_min_makespan(len(result), 0.0, tolerance_s=1e-3)
     assert least_s is not None
-    assert solver.find_longest_s() <= tables.find_longest_s(result)
-    assert solver.solve(tables.find_longest_s(result)) <= len(result)
+    assert solver.find_longest_time_s() <= tables.find_longest_time_s(result)
+    assert solver.solve(tables.find_longest_time_s(result)) <= len(result)
 
 
 def partition_greedily(tables: BoxTables, printers: int) -> list[Box]:
@@ -325,11 +325,11 @@ def partition_greedily(tables: BoxTables, printers: int) -> list[Box]:
 def test_greedy_cuts_give_no_better_partition(shape: Shape, seed: int, printers: int) -> None:
     tables, _ = make_tables(shape, seed)
     result = partition_greedily(tables, printers)
-    assume(result and np.isfinite(tables.find_longest_s(result)))
+    assume(result and np.isfinite(tables.find_longest_time_s(result)))
     count = sum(int(tables.pieces[index_box(box, shape)]) for box in result)
     solver = Partitioner(tables)
     assert solver.find_min_makespan(count, 0.0, tolerance_s=1e-3) is not None
-    assert solver.find_longest_s() <= tables.find_longest_s(result) + 1e-3
+    assert solver.find_longest_time_s() <= tables.find_longest_time_s(result) + 1e-3
 
 
 def rotate_tables(

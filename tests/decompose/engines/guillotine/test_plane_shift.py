@@ -136,7 +136,7 @@ def test_planes_move_once_after_the_budget_is_spent(
 
 
 def test_last_round_prices_every_part(cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(plane_shift, "ROUNDS", 1)
+    monkeypatch.setattr(plane_shift, "MAX_ROUNDS", 1)
     task = replace(make_problem(cone, cost, 2, cells=2), effort=Effort(0.0))
     old_pieces, new_pieces = shift_boxes(task, make_halves(task))
     assert compute_longest_s(task, new_pieces) < 0.95 * compute_longest_s(task, old_pieces)
@@ -188,7 +188,7 @@ def test_only_broken_parts_are_recut_to_find_the_face(cone: Solid, cost: CostMod
     slower_part = replace(parts[0], box_mm=box, seconds=2.0 * parts[0].seconds)
     assert search._stop_faces(parts, [slower_part, parts[1]], parts[0].seconds)
     assert task.effort.done_units[Work.FACE_CUT] == 0
-    search.free[:] = True
+    search.is_free[:] = True
     broken_part = replace(slower_part, pieces=slower_part.pieces * 2, seconds=np.inf)
     assert search._stop_faces(parts, [broken_part, parts[1]])
     assert task.effort.done_units[Work.FACE_CUT] == search.nearby_solids[0].faces

@@ -17,8 +17,13 @@ from decompose.decompose import decompose_model
 from decompose.engines.parallelobox import search
 from decompose.engines.parallelobox.alignment import align_model, measure_overhang_mm2
 from decompose.engines.parallelobox.attempts import SeedSource, draw_seed_sets, draw_seeds, run_attempts
-from decompose.engines.parallelobox.growth import FREE, fill_voids, grow_blocks
-from decompose.engines.parallelobox.terrain import SPEED_MM_S, Terrain, make_paper_terrain, make_time_terrain
+from decompose.engines.parallelobox.growth import FREE_CELL, fill_voids, grow_blocks
+from decompose.engines.parallelobox.growth_tables import (
+    SPEED_MM_S,
+    GrowthTables,
+    make_paper_tables,
+    make_time_tables,
+)
 from decompose.errors import NoFit
 from decompose.geometry import Model, Solid, find_mirror, find_rotation_to_axis
 from decompose.grid import BoxTables, Cell, Grid, GridRules, build_grid, index_box, price_boxes
@@ -31,8 +36,8 @@ from decompose.problem import problem as problem_module
 Shape = tuple[int, int, int]
 
 
-def make_random_terrain(shape: Shape, seed: int) -> Terrain:
-    """Make a random terrain: some cells needed, some boxes too large or in two pieces; single cells fit."""
+def make_random_tables(shape: Shape, seed: int) -> GrowthTables:
+    """Make random tables: some cells needed, some boxes too large or in two pieces; single cells fit."""
     rng = np.random.default_rng(seed)
     total = int(np.prod([n * (n + 1) // 2 for n in shape]))
     seconds = rng.uniform(1.0, 9.0, total).astype(np.float32)
@@ -42,7 +47,9 @@ def make_random_terrain(shape: Shape, seed: int) -> Terrain:
         index = index_box((*cell, *(c + 1 for c in cell)), shape)  # type: ignore[arg-type]
         seconds[index], pieces[index] = 1.0, 1
     is_needed = rng.random(shape) < 0.6
-    return Terrain(is_needed, np.zeros(shape, bool), seconds, pieces, seconds, np.zeros(total, np.float32))
+    return GrowthTables(
+        is_needed, np.zeros(shape, bool), seconds, pieces, seconds, np.zeros(total, np.float32)
+    )
 
 
 def make_empty_mask(grid: Grid) -> np.ndarray:
@@ -64,45 +71,45 @@ def count_cover(blocks: np.ndarray, shape: Shape) -> np.ndarray:
     score=st.sampled_from(Score.BOTH.readings),
 )
 def test_blocks_are_disjoint_and_cover_the_cells(shape: Shape, seed: int, share: float, score: Score) -> None:
-    terrain = make_random_terrain(shape, seed)
-    cells = np.argwhere(terrain.needed)
+    tables = make_random_tables(shape, seed)
+    cells = np.argwhere(tables.needed)
     seeds = cells[: math.ceil(share * len(cells))].tolist()
-    blocks, owner = grow_blocks([(x, y, z, x + 1, y + 1, z + 1) for x, y, z in seeds], terrain, score)
+    blocks, owner = grow_blocks([(x, y, z, x + 1, y + 1, z + 1) for x, y, z in seeds], tables, score)
     assert len(blocks) == len(seeds)
-    assert ((count_cover(blocks, shape) == 1) == (owner != FREE)).all()
+    assert ((count_cover(blocks, shape) == 1) == (owner != FREE_CELL)).all()
     assert count_cover(blocks, shape).max(initial=0) <= 1
-    free_count = int((terrain.needed & (owner == FREE)).sum())
-    filled_blocks = fill_voids(blocks, owner, terrain, free_count)
+    free_count = int((tables.needed & (owner == FREE_CELL)).sum())
+    filled_blocks = fill_voids(blocks, owner, tables, free_count)
     assert filled_blocks is not None  # a block for each cell would be enough
     assert count_cover(filled_blocks, shape).max(initial=0) <= 1
-    assert (count_cover(filled_blocks, shape)[terrain.needed] == 1).all()
+    assert (count_cover(filled_blocks, shape)[tables.needed] == 1).all()
     for block in filled_blocks:
         index = index_box((*block.tolist(),), shape)
-        assert np.isfinite(terrain.seconds[index])
-        assert terrain.pieces[index] == 1
-        assert terrain.needed[tuple(slice(a, b) for a, b in zip(block[:3], block[3:], strict=True))].any()
+        assert np.isfinite(tables.seconds[index])
+        assert tables.pieces[index] == 1
+        assert tables.needed[tuple(slice(a, b) for a, b in zip(block[:3], block[3:], strict=True))].any()
 
 
-def make_simple_terrain(shape: Shape, seconds: np.ndarray, price_s: np.ndarray) -> Terrain:
-    """Make a terrain with all cells needed and free, all boxes in one piece, and no overhang."""
+def make_simple_tables(shape: Shape, seconds: np.ndarray, price_s: np.ndarray) -> GrowthTables:
+    """Make tables with all cells needed and free, all boxes in one piece, and no overhang."""
     pieces = np.ones(len(seconds), np.int16)
-    return Terrain(np.ones(shape, bool), np.zeros(shape, bool), seconds, pieces, price_s, 0 * price_s)
+    return GrowthTables(np.ones(shape, bool), np.zeros(shape, bool), seconds, pieces, price_s, 0 * price_s)
 
 
 def test_growth_stops_where_no_block_can_grow() -> None:
     shape = (4, 1, 1)
     total = 10
     flat = np.ones(total, np.float32)
-    terrain = make_simple_terrain(shape, flat, flat)
-    blocks, owner = grow_blocks([(0, 0, 0, 1, 1, 1), (3, 0, 0, 4, 1, 1)], terrain, Score.LOW)
+    tables = make_simple_tables(shape, flat, flat)
+    blocks, owner = grow_blocks([(0, 0, 0, 1, 1, 1), (3, 0, 0, 4, 1, 1)], tables, Score.LOW)
     assert owner.ravel().tolist() == [0, 0, 1, 1] or owner.ravel().tolist() == [0, 0, 0, 1]
     too_large = flat.copy()
     too_large[index_box((0, 0, 0, 2, 1, 1), shape)] = np.inf
-    terrain = make_simple_terrain(shape, too_large, flat)
-    blocks, owner = grow_blocks([(0, 0, 0, 1, 1, 1)], terrain, Score.LOW)
-    assert owner.ravel().tolist() == [0, FREE, FREE, FREE]
-    assert fill_voids(blocks, owner.copy(), terrain, 0) is None
-    assert fill_voids(blocks, owner.copy(), terrain, 1) is not None
+    tables = make_simple_tables(shape, too_large, flat)
+    blocks, owner = grow_blocks([(0, 0, 0, 1, 1, 1)], tables, Score.LOW)
+    assert owner.ravel().tolist() == [0, FREE_CELL, FREE_CELL, FREE_CELL]
+    assert fill_voids(blocks, owner.copy(), tables, 0) is None
+    assert fill_voids(blocks, owner.copy(), tables, 1) is not None
 
 
 @pytest.mark.parametrize(("score", "expected_cells"), [(Score.LOW, [0, 1]), (Score.HIGH, [1, 2])])
@@ -114,8 +121,8 @@ def test_both_readings_of_the_score_are_used(score: Score, expected_cells: list[
     price[index_box((1, 0, 0, 3, 1, 1), shape)] = 5.0
     seconds = np.ones(6, np.float32)
     seconds[index_box((0, 0, 0, 3, 1, 1), shape)] = np.inf
-    terrain = make_simple_terrain(shape, seconds, price)
-    _, owner = grow_blocks([(1, 0, 0, 2, 1, 1)], terrain, score)
+    tables = make_simple_tables(shape, seconds, price)
+    _, owner = grow_blocks([(1, 0, 0, 2, 1, 1)], tables, score)
     assert np.flatnonzero(owner.ravel() == 0).tolist() == expected_cells
 
 
@@ -177,9 +184,9 @@ def test_seeds_spread_over_the_surface(ball_grid: Grid, ball_points: np.ndarray)
 def test_attempts_cover_the_model_and_are_deterministic(
     score: Score, ball_grid: Grid, ball_tables: BoxTables, ball_points: np.ndarray
 ) -> None:
-    terrain = make_time_terrain(ball_grid, ball_tables)
-    seed_sets = draw_seed_sets(SeedSource(ball_points, ball_grid, terrain.barred), 14, 2, 5)
-    result = run_attempts(seed_sets, terrain, 14, score)
+    tables = make_time_tables(ball_grid, ball_tables)
+    seed_sets = draw_seed_sets(SeedSource(ball_points, ball_grid, tables.barred), 14, 2, 5)
+    result = run_attempts(seed_sets, tables, 14, score)
     assert result
     for item in result:
         count = count_cover(np.array(item.blocks), ball_grid.shape)
@@ -188,20 +195,20 @@ def test_attempts_cover_the_model_and_are_deterministic(
         indices = [index_box(block, ball_grid.shape) for block in item.blocks]
         assert (ball_tables.trimmed[indices] == indices).all()  # no block ends in an empty layer
         assert item.parts == ball_tables.pieces[indices].sum() <= 14
-        assert item.longest == ball_tables.seconds[indices].max() < np.inf
-    assert [a.longest for a in result] == sorted(a.longest for a in result)
+        assert item.max_price == ball_tables.seconds[indices].max() < np.inf
+    assert [a.max_price for a in result] == sorted(a.max_price for a in result)
     with ThreadPoolExecutor(2) as pool:
-        threaded_sets = draw_seed_sets(SeedSource(ball_points, ball_grid, terrain.barred), 14, 2, 5, pool.map)
+        threaded_sets = draw_seed_sets(SeedSource(ball_points, ball_grid, tables.barred), 14, 2, 5, pool.map)
         assert threaded_sets == seed_sets
-        assert run_attempts(threaded_sets, terrain, 14, score, pool.map) == result
-    other_sets = draw_seed_sets(SeedSource(ball_points, ball_grid, terrain.barred), 14, 2, 6)
-    assert result != run_attempts(other_sets, terrain, 14, score)
+        assert run_attempts(threaded_sets, tables, 14, score, pool.map) == result
+    other_sets = draw_seed_sets(SeedSource(ball_points, ball_grid, tables.barred), 14, 2, 6)
+    assert result != run_attempts(other_sets, tables, 14, score)
 
 
 def test_prices_of_the_paper_match_the_solid_in_each_box(
     ball: Model, ball_grid: Grid, ball_tables: BoxTables
 ) -> None:
-    terrain = make_paper_terrain(ball_grid, ball_tables)
+    tables = make_paper_tables(ball_grid, ball_tables)
     rng = np.random.default_rng(1)
     shape = ball_grid.shape
     for number in rng.choice(len(ball_tables.seconds), 25, replace=False):
@@ -213,11 +220,11 @@ def test_prices_of_the_paper_match_the_solid_in_each_box(
         box = (x[0], y[0], z[0], x[1], y[1], z[1])
         piece: Solid = ball.solid.clip(*ball_grid.find_bounds_mm(box))
         expected_s = SPEED_MM_S * (piece.volume_mm3 + piece.area_mm2)
-        assert terrain.printing[number] == pytest.approx(expected_s, rel=1e-4, abs=1.0)
+        assert tables.printing[number] == pytest.approx(expected_s, rel=1e-4, abs=1.0)
     whole_box = index_box((0, 0, 0, *shape), shape)
     # The surface of a ball that is steeper than the support angle projects to the same disc on all sides.
     down_mm2 = math.pi * (150.0 * math.sin(math.radians(45.0))) ** 2
-    assert terrain.overhang[whole_box] == pytest.approx(down_mm2, rel=0.1)
+    assert tables.overhang[whole_box] == pytest.approx(down_mm2, rel=0.1)
 
 
 def make_rotation(angle_rad: float, axis: tuple[float, float, float]) -> np.ndarray:

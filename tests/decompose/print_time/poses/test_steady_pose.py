@@ -33,7 +33,7 @@ def get_mesh(solid: Solid) -> PartMesh:
 
 def measure_upright_pose(solid: Solid, cost: CostModel) -> Pose:
     mesh = get_mesh(solid)
-    return measure_pose(mesh.vertices, mesh.faces, mesh.cut, POSE_ROTATIONS[4], cost)
+    return measure_pose(mesh.vertices, mesh.faces, mesh.is_cut, POSE_ROTATIONS[4], cost)
 
 
 def test_part_on_a_small_foot_lies_down_within_its_time(cost: CostModel) -> None:

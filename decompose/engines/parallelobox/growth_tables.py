@@ -1,4 +1,4 @@
-"""Terrain that blocks grow on: the cells, and two prices of every box."""
+"""Tables for the growth of blocks: the cells, and two prices of every box."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ OVERHANG_TOLERANCE_DEG = 1.0  # tolerance of the angle of overhangs in the paper
 
 
 @dataclass(frozen=True, slots=True)
-class Terrain:
+class GrowthTables:
     """Cells and prices that blocks grow by.
 
     Attributes
@@ -24,7 +24,7 @@ class Terrain:
     needed
         (nx, ny, nz) bool, true for cells that must be covered.
     barred
-        (nx, ny, nz) bool, true for cells that no block may take: those of the other half, if there are two.
+        (nx, ny, nz) bool, true for cells that no block may take: those of the other half of a cut model.
     seconds
         (boxes,) float32 of `BoxTables`: +inf if a box does not fit.
     pieces
@@ -48,24 +48,24 @@ class Terrain:
         nx, ny, nz = self.needed.shape
         return nx, ny, nz
 
-    def restrict_to_half(self, axis: int, plane: int, upper: bool) -> Terrain:
-        """Restrict the terrain to one side of a plane of the grid.
+    def restrict_to_half(self, axis: int, plane: int, keeps_upper: bool) -> GrowthTables:
+        """Restrict the tables to one side of a plane of the grid.
 
         Parameters
         ----------
         axis, plane
             Axis across the plane, and index of the plane.
-        upper
+        keeps_upper
             Whether the side above the plane is kept.
         """
-        other = np.zeros(self.needed.shape, dtype=np.bool_)
-        side = slice(None, plane) if upper else slice(plane, None)
-        other[tuple(side if a == axis else slice(None) for a in range(3))] = True
-        return replace(self, needed=self.needed & ~other, barred=self.barred | other)
+        is_other_half = np.zeros(self.needed.shape, dtype=np.bool_)
+        side = slice(None, plane) if keeps_upper else slice(plane, None)
+        is_other_half[tuple(side if a == axis else slice(None) for a in range(3))] = True
+        return replace(self, needed=self.needed & ~is_other_half, barred=self.barred | is_other_half)
 
 
-def make_time_terrain(grid: Grid, boxes: BoxTables) -> Terrain:
-    """Build the terrain in which P is the print time in the best pose, with supports, and O is 0.
+def make_time_tables(grid: Grid, boxes: BoxTables) -> GrowthTables:
+    """Build the tables in which P is the print time in the best pose, with supports, and O is 0.
 
     Parameters
     ----------
@@ -75,13 +75,13 @@ def make_time_terrain(grid: Grid, boxes: BoxTables) -> Terrain:
         Tables of its boxes.
     """
     zero_overhangs = np.zeros(len(boxes.seconds), np.float32)
-    return Terrain(
+    return GrowthTables(
         grid.needed, np.zeros_like(grid.needed), boxes.seconds, boxes.pieces, boxes.seconds, zero_overhangs
     )
 
 
-def make_paper_terrain(grid: Grid, boxes: BoxTables) -> Terrain:
-    """Build the terrain in which P is speed times volume plus area, and O the least overhanging area.
+def make_paper_tables(grid: Grid, boxes: BoxTables) -> GrowthTables:
+    """Build the tables in which P is speed times the sum of volume and area, and O the least overhang area.
 
     Parameters
     ----------
@@ -95,24 +95,24 @@ def make_paper_terrain(grid: Grid, boxes: BoxTables) -> Terrain:
     )
     prefix = np.zeros([n + 1 for n in grid.shape] + [columns.shape[3]])
     prefix[1:, 1:, 1:] = columns.cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
-    faces = []
+    cut_sums = []
     for axis, cut in enumerate(grid.cuts):
         a, b = (i for i in range(3) if i != axis)
         table = np.zeros([n + (i != axis) for i, n in enumerate(cut.shape)])
         table[tuple(slice(None) if i == axis else slice(1, None) for i in range(3))] = cut.cumsum(a).cumsum(b)
-        faces.append(table)
+        cut_sums.append(table)
     printing, overhang = _compute_paper_prices(
-        prefix, faces[0], faces[1], faces[2], len(boxes.seconds), SPEED_MM_S
+        prefix, cut_sums[0], cut_sums[1], cut_sums[2], len(boxes.seconds), SPEED_MM_S
     )
-    free = np.zeros_like(grid.needed)
-    return Terrain(grid.needed, free, boxes.seconds, boxes.pieces, printing, overhang)
+    no_cells = np.zeros_like(grid.needed)
+    return GrowthTables(grid.needed, no_cells, boxes.seconds, boxes.pieces, printing, overhang)
 
 
 @jit
 def _compute_paper_prices(
     prefix: Floats, cut_x: Floats, cut_y: Floats, cut_z: Floats, total: int, speed_mm_s: float
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-    """Compute P and O of `Terrain` for every box.
+    """Compute P and O of `GrowthTables` for every box.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def _compute_paper_prices(
         in the six poses in mm2.
     cut_x, cut_y, cut_z
         (nx + 1, ny + 1, nz + 1) float64 summed-area tables, along two axes each, of the cut areas in mm2 on
-        the planes across the third one.
+        the planes across the third axis.
     total
         Number of boxes.
     speed_mm_s
@@ -144,16 +144,16 @@ def _compute_paper_prices(
                             s = prefix[x1, y1, z1] - prefix[x0, y1, z1] - prefix[x1, y0, z1]
                             s = s - prefix[x1, y1, z0] + prefix[x0, y0, z1] + prefix[x0, y1, z0]
                             s = s + prefix[x1, y0, z0] - prefix[x0, y0, z0]
-                            area = s[1]
+                            area_mm2 = s[1]
                             for end in range(2):
                                 x, y, z = (x0, y0, z0) if end == 0 else (x1, y1, z1)
-                                area += cut_x[x, y1, z1] - cut_x[x, y0, z1] - cut_x[x, y1, z0]
-                                area += cut_x[x, y0, z0]
-                                area += cut_y[x1, y, z1] - cut_y[x0, y, z1] - cut_y[x1, y, z0]
-                                area += cut_y[x0, y, z0]
-                                area += cut_z[x1, y1, z] - cut_z[x0, y1, z] - cut_z[x1, y0, z]
-                                area += cut_z[x0, y0, z]
+                                area_mm2 += cut_x[x, y1, z1] - cut_x[x, y0, z1] - cut_x[x, y1, z0]
+                                area_mm2 += cut_x[x, y0, z0]
+                                area_mm2 += cut_y[x1, y, z1] - cut_y[x0, y, z1] - cut_y[x1, y, z0]
+                                area_mm2 += cut_y[x0, y, z0]
+                                area_mm2 += cut_z[x1, y1, z] - cut_z[x0, y1, z] - cut_z[x1, y0, z]
+                                area_mm2 += cut_z[x0, y0, z]
                             box = compute_index((x0, y0, z0, x1, y1, z1), (nx, ny, nz))
-                            printing[box] = speed_mm_s * (s[0] + area)
+                            printing[box] = speed_mm_s * (s[0] + area_mm2)
                             overhang[box] = s[2:8].min()
     return printing, overhang
