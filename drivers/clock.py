@@ -20,7 +20,7 @@ def read_wall_s() -> float:
 
 
 _BOOTED_S = time.time() - time.clock_gettime(time.CLOCK_BOOTTIME)
-_SMALLEST_STEP_S = 1.0  # smaller changes add up
+_SMALLEST_STEP_S = 1.0  # smaller changes add up until they reach this size
 
 
 @dataclass(slots=True)
@@ -66,6 +66,6 @@ class Clock:
         """Convert a farm time to wall time, both in seconds since the epoch."""
         return self.anchor_s + (farm_s - self.host_shift_s - self.anchor_s) / self.scale
 
-    def to_wall_duration_s(self, farm_seconds: float) -> float:
+    def to_wall_duration_s(self, farm_duration_s: float) -> float:
         """Convert a duration in farm seconds to wall seconds."""
-        return farm_seconds / self.scale
+        return farm_duration_s / self.scale

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers import messages as m
-from drivers.agent import SD_PRINT, IdleWatch
+from drivers.agent import SD_PRINT_REASON, IdleWatch
 from drivers.clock import Clock
 from drivers.errors import AgentError, DriverError, PortError
 from drivers.firmware import Firmware
@@ -64,6 +64,7 @@ def list_plugged_devices(
     Returns
     -------
     list[PluggedDevice]
+        In the order of `devices`.
     """
     printer_by_path = {Path(port).resolve(): name for name, port in fleet if port.startswith("/")}
     links = {link.resolve(): link for link in sorted(by_path.glob("*"), reverse=True)}
@@ -131,10 +132,10 @@ def verify_reset_through_agent(folder: Path) -> None:
     DriverError
         The agent refused, or the board did not restart.
     """
-    asyncio.run(_ask_agent(folder))
+    asyncio.run(_request_verification(folder))
 
 
-async def _ask_agent(folder: Path) -> None:
+async def _request_verification(folder: Path) -> None:
     """Send the request to the agent, and wait for the result. Raises DriverError if the check fails."""
     client = AgentClient(folder)
     try:
@@ -160,7 +161,7 @@ async def _ask_agent(folder: Path) -> None:
 
 
 def find_model(identity: bytes) -> str:
-    """Return the printer model with this banner or answer to the identity query.
+    """Return the printer model that sends this banner, or this answer to the identity query.
 
     Raises
     ------
@@ -181,7 +182,7 @@ def find_model(identity: bytes) -> str:
 
 
 def _verify_idle(port: Port, url: str, firmware: Firmware, answer_s: float) -> None:
-    """Verify that a printer is idle; it may be printing if opening the port did not reset its board."""
+    """Verify that a printer is idle: it may be printing, unless opening the port has reset its board."""
     link, idle = Link(firmware), IdleWatch()
     for now_s, event in exchange(port, link, answer_s):
         if isinstance(event, Connected):
@@ -193,7 +194,7 @@ def _verify_idle(port: Port, url: str, firmware: Firmware, answer_s: float) -> N
             idle.judge_answer(event.text)
         elif isinstance(event, Report):
             if idle.is_printing_from_card or not event.targets_off:
-                cause = SD_PRINT if idle.is_printing_from_card else "a heater is on"
+                cause = SD_PRINT_REASON if idle.is_printing_from_card else "a heater is on"
                 raise PortError(f"{url}: its printer is not idle: {cause}; wait until it is")
             return
     raise PortError(f"{url}: its printer does not report that it is idle; switch it off and on")

@@ -48,10 +48,10 @@ class UnreadableFile(DriverError):
 class Fault(StrEnum):
     """Reason for which a print failed, named as in the database."""
 
-    STOPPED = "stopped"  # the firmware's Stop(): heaters off; it answers but does not move
+    STOPPED = "stopped"  # the firmware called Stop(): heaters are off; it answers but does not move
     MAXTEMP = "maxtemp"  # a sensor reads too hot, or is broken
     MINTEMP = "mintemp"  # a sensor reads too cold, or is shorted
-    KILL = "kill"  # the firmware's kill(): its dead-man timer expired
+    KILL = "kill"  # the firmware called kill(), as when its dead-man timer expires
     REBOOT = "reboot"  # the board restarted during a print
     ENDSTOP = "endstop"  # an endstop was not reached, or stayed pressed
     COLD_EXTRUSION = "cold_extrusion"  # the firmware refused to extrude
@@ -64,7 +64,7 @@ class Fault(StrEnum):
     HOURS_ENDED = "hours_ended"  # the print was allowed only in attended hours
     TARGET_CHANGED = "target_changed"  # a person or the firmware set a temperature
     WRONG_PRINTER = "wrong_printer"  # not the expected printer
-    BAD_FILE = "bad_file"  # another file than expected, or unfit for this printer
-    PORT_LOST = "port_lost"  # unplugged, or its power is off
+    BAD_FILE = "bad_file"  # not the expected file, or unfit for this printer
+    PORT_LOST = "port_lost"  # the cable was unplugged, or the printer switched off
     AGENT_DIED = "agent_died"  # the agent's process ended during the print
-    ESTOP = "estop"  # a person stopped it by `farm estop`
+    ESTOP = "estop"  # a person stopped the printer by `farm estop`

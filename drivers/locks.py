@@ -11,8 +11,8 @@ from contextlib import suppress
 from pathlib import Path
 
 AGENT_LOCK = "lock"  # file in an agent's folder
-_TRIES, _WAIT_S = 20, 0.05
-_DEATH_S = 1.0  # wall seconds for a killed process to end
+_LOCK_TRIES, _RETRY_S = 20, 0.05
+_KILL_TIME_OUT_S = 1.0  # wall seconds for a killed process to end
 _PID_BYTES = 10
 
 
@@ -29,7 +29,7 @@ def is_locked(path: Path) -> bool:
 
 
 def acquire_lock(path: Path) -> int | None:
-    """Take the lock until the descriptor is closed, retrying because `is_locked` takes it briefly.
+    """Take the lock until the descriptor is closed; retry, as `is_locked` takes the lock briefly.
 
     Returns
     -------
@@ -42,17 +42,19 @@ def acquire_lock(path: Path) -> int | None:
         The file cannot be written.
     """
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-    for _ in range(_TRIES):
+    for _ in range(_LOCK_TRIES):
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            time.sleep(_WAIT_S)
+            time.sleep(_RETRY_S)
         else:
             break
     else:
         os.close(descriptor)
         return None
-    try:  # erases the previous holder's id, so that `kill_holder` spares it; in place: the disk may be full
+    # Erase the previous holder's id, so that `kill_holder` does not kill that process. The file keeps its
+    # size, as the disk may be full.
+    try:
         os.pwrite(descriptor, b" " * os.fstat(descriptor).st_size, 0)
     except OSError:
         os.close(descriptor)
@@ -81,9 +83,9 @@ def kill_holder(path: Path) -> bool:
         with suppress(OSError):
             process = os.pidfd_open(pid)
             try:
-                if is_locked(path):  # otherwise it has ended, and its id may be reused
+                if is_locked(path):  # if not, the process has ended, and its id may be reused
                     signal.pidfd_send_signal(process, signal.SIGKILL)
-                    select.select([process], [], [], _DEATH_S)
+                    select.select([process], [], [], _KILL_TIME_OUT_S)
             finally:
                 os.close(process)
     return not is_locked(path)

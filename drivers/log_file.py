@@ -1,4 +1,4 @@
-"""Log files of processes that log to stdout and stderr: bounded, and no line is lost."""
+"""Bounded log files of processes that log to stdout and stderr, without the loss of a line."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 MAX_BYTES = 2 * 2**20
-"""Size at which a log is renamed; an agent writes about 1 KB for a print."""
+"""Size at which a log is renamed; an agent writes about 1 KB per print."""
 LOG_COUNT = 3
 """Number of renamed logs that are kept."""
 
@@ -21,9 +21,9 @@ def rotate_log(path: Path, max_bytes: int = MAX_BYTES, file_count: int = LOG_COU
     Parameters
     ----------
     path
-        The log. Renamed ones are `path.1`, the newest, to `path.LOG_COUNT`.
+        The log. Renamed logs are `path.1`, the newest, to `path.LOG_COUNT`.
     max_bytes
-        Size at which it is renamed.
+        Size at which the log is renamed.
     file_count
         Number of renamed logs that are kept; at least 1.
 

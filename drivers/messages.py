@@ -1,8 +1,8 @@
 """Messages between a daemon and an agent: one JSON object per line over the agent's Unix socket.
 
-The daemon sends `Request`s with a unique `id`; the agent answers each with one `Reply` of the same id, and
-pushes a `Snapshot` after every change, and about once per wall second while the printer is warm or prints.
-Requests are idempotent by `print_id`: repeated, they change nothing and get the same answer.
+The daemon sends `Request`s with a unique `id`. The agent answers each with one `Reply` of the same id. It
+also pushes a `Snapshot` after every change, and about once per wall second while the printer is warm or
+prints. Requests are idempotent by `print_id`: a repeated request changes nothing and gets the same answer.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from pydantic import Base64Bytes, BaseModel, ConfigDict, Field, TypeAdapter
 AGENT_SOCKET = "agent.sock"  # socket in an agent's folder
 
 PROTOCOL = 4
-"""Version of the protocol, increased when a request or a field is added, or its meaning changes. Each
-snapshot has the version of its agent; the first agents sent none, and have version 1."""
+"""Version of the protocol, increased when a request or a field is added, or when its meaning changes. Each
+snapshot contains the version of its agent; the first agents sent no version, which counts as version 1."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ class _Request(_Message):
 
 
 class _AgentMessage(_Message):
-    """Message of an agent, whose version may differ from the reader's: upgrades do not end prints."""
+    """Message of an agent, whose version may differ from the reader's, as upgrades do not end prints."""
 
     model_config = ConfigDict(
         extra="ignore",
@@ -100,7 +100,7 @@ class PrintReadings(BaseModel):
     `farm.model.AgentPrint` and `farm.api.PrintProgress` inherit them: `--json` shows new fields too.
     """
 
-    layer: int | None = None  # from 1; null before the first layer of the file
+    layer: int | None = None  # counted from 1; null before the first layer of the file
     z_mm: float | None = None  # height of that layer
     feature: str | None = None  # type of the current lines, as Cura names it: WALL-OUTER, FILL, ...
 
@@ -119,15 +119,15 @@ class PrintSnapshot(PrintReadings, _AgentMessage):
     line: int = 0  # number of acknowledged lines of the stripped file
     lines: int = 0
     progress_s: float = 0.0  # elapsed print time, by the slicer's ;TIME_ELAPSED
-    print_time_s: float = 0.0  # of the whole file
+    print_time_s: float = 0.0  # print time of the whole file
     layers: int = 0
     extruded: bool = False  # material of this print may be on the bed
-    started_s: float | None = None  # farm clock, first command of this print
-    ended_s: float | None = None  # farm clock; heaters off and head stopped
+    started_s: float | None = None  # farm clock, at the first command of this print
+    ended_s: float | None = None  # farm clock, when heaters were off and the head had stopped
     pause_ends_s: float | None = None  # farm clock; the print is ended unless resumed by then
     ends_by_s: float | None = None  # farm clock; the print is ended safely at this time
     starved_s: float = 0.0  # emulator only: farm seconds of this print spent waiting for the host
-    sha256: str | None = None  # of its file; None from an older agent
+    sha256: str | None = None  # hash of the G-code file; None from an older agent
 
 
 class PrinterReadings(BaseModel):
@@ -149,20 +149,20 @@ class Snapshot(PrinterReadings, _AgentMessage):
 
     filament_watched: ClassVar[int] = 3  # protocol version of `filament` in its present meaning
     kind: Literal["snapshot"] = "snapshot"
-    protocol: int = 1  # of the agent
+    protocol: int = 1  # version of the agent
     printer: str
     agent_pid: int
     now_s: float = 0.0  # the agent's clock, which may differ from its host's
     model: str = ""  # as in the agent's start file
     port: str = ""
     link: LinkState
-    reason: str | None = None  # of ABSENT or FAULT, one sentence
+    reason: str | None = None  # one sentence about ABSENT or FAULT
     nozzle: Heater | None = None
     bed: Heater | None = None
-    filament: Filament = Filament.UNKNOWN  # since version 3 also if it may have been moved meanwhile
+    filament: Filament = Filament.UNKNOWN  # since version 3, also UNKNOWN if it may have been moved
     bed_clear: bool | None = None  # from an emulator only
     starved_s: float = 0.0  # emulator only: farm seconds spent waiting for the host
-    # reason for which bed and filament are unknown, until `BedCleared`; "doubt" on the wire
+    # Reason for which bed and filament are unknown, until `BedCleared`; named "doubt" on the wire.
     bed_unknown_reason: str | None = Field(
         default=None, validation_alias="doubt", serialization_alias="doubt"
     )
@@ -213,7 +213,7 @@ class Upload(_Request):
     do: Literal["upload"] = "upload"
     id: int
     print_id: str
-    # bytes before this piece; 0 begins a new file
+    # Number of bytes before this piece; 0 begins a new file.
     offset: Annotated[int, Field(ge=0, validation_alias="at", serialization_alias="at")]
     data: Base64Bytes
 
@@ -228,7 +228,7 @@ class CancelPrint(_Request):
 
 
 class PausePrint(_Request):
-    """Pause a print, which can be resumed. No effect unless it prints."""
+    """Pause a print, which can then be resumed. No effect unless the phase is PRINTING."""
 
     do: Literal["pause"] = "pause"
     id: int
@@ -269,11 +269,11 @@ class ListLines(_Request):
 
 
 class BedCleared(_Request):
-    """Report that a person has cleared the bed; clears faults that needed a person."""
+    """Report that a person has cleared the bed. Clears faults that needed a person."""
 
     do: Literal["cleared"] = "cleared"
     id: int
-    filament: Filament | None = None  # if the person reported it
+    filament: Filament | None = None  # None if the person did not state it
 
 
 class Commission(_Request):
@@ -284,7 +284,7 @@ class Commission(_Request):
 
 
 class Shutdown(_Request):
-    """End the agent. With `now` it first ends an open print safely; else it refuses while printing."""
+    """End the agent. With `now` it first ends an open print safely; otherwise it refuses while printing."""
 
     do: Literal["shutdown"] = "shutdown"
     id: int

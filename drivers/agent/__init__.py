@@ -1,11 +1,11 @@
 """Agent: the process that owns one printer's serial port, and continues printing if the daemon ends.
 
 `loop` is its select loop, `server` its socket, `requests` handles the daemon's requests, `status` makes
-snapshots. `board` has the port with link and session, `idle_watch` watches a board without a print,
-`recorder` writes changes to the journal, `alarm` cuts the mains, `spool` has the G-code files.
+snapshots. `board` owns the port, the link and the session, `idle_watch` watches a board without a print,
+`recorder` writes changes to the journal, `alarm` cuts the mains, `spool` stores the G-code files.
 """
 
-from drivers.agent.idle_watch import SD_PRINT, IdleWatch
+from drivers.agent.idle_watch import SD_PRINT_REASON, IdleWatch
 from drivers.agent.loop import Agent
 
-__all__ = ["SD_PRINT", "Agent", "IdleWatch"]
+__all__ = ["SD_PRINT_REASON", "Agent", "IdleWatch"]

@@ -40,7 +40,7 @@ def main() -> int:
         agent = Agent(start, folder, inhibitor)
     except OSError as error:
         logging.error("%s: cannot be written (%s); check its disk", folder, error)
-        _end_heat(start, folder)
+        _switch_off_heaters(start, folder)
         return 1
     agent.run()
     return 0
@@ -55,13 +55,13 @@ def _take_lock(folder: Path) -> bool:
             return False
         raise
     if lock is not None:
-        with suppress(OSError):  # a full disk: no print can start, but heaters must be switched off
+        with suppress(OSError):  # even on a full disk the agent must run, to switch heaters off
             write_pid(lock)
     return lock is not None
 
 
-def _end_heat(start: StartFile, folder: Path) -> None:
-    """Switch off heaters that the last agent left on, if this one cannot run."""
+def _switch_off_heaters(start: StartFile, folder: Path) -> None:
+    """Switch off heaters that the last agent left on; called if this agent cannot run."""
     if read_journal(folder / JOURNAL)[0].may_be_hot:
         result = stop_board(StopTarget.from_agent(start, folder))
         logging.error("%s: its last agent left a print open: %s", start.printer, result.text)

@@ -1,4 +1,4 @@
-"""Alarm for a heater that cannot be switched off, which cuts the mains once."""
+"""Alarms about heaters that cannot be switched off. Each alarm cuts the mains once."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 
 from drivers.clock import read_wall_s
 from drivers.records import Alarm, Suspicion
-from drivers.safety import NO_COMMAND, POLL_S, PowerOff
+from drivers.safety import NO_COMMAND_OUTCOME, POLL_S, PowerOffRun
 from drivers.session import Session
 
 log = logging.getLogger(__name__)
@@ -16,17 +16,17 @@ _UNCONFIRMED_TEXT = "heaters were not confirmed off"
 
 
 class Alarms:
-    """Alarms of one printer, for each of which its `power_off_cmd` is run once.
+    """Alarms of one printer. Each alarm runs the printer's `power_off_cmd` once.
 
-    First the finding is recorded, then the journal is written, then `run_command` acts: unless the disk
-    fails, no command is run before its request is in the journal.
+    The caller records the finding, writes the journal, and then calls `run_command`. Unless the disk fails,
+    no command is run before its request is in the journal.
 
     Parameters
     ----------
     printer
-        Its name in the fleet.
+        The printer's name in the fleet.
     command
-        Its `power_off_cmd`, if it has one.
+        The printer's `power_off_cmd`; None if it has none.
     alarm
         The alarm in the journal.
 
@@ -39,7 +39,7 @@ class Alarms:
     def __init__(self, printer: str, command: str | None, alarm: Alarm | None) -> None:
         self._printer, self._command = printer, command
         self.alarm = alarm
-        self._power_off: PowerOff | None = None
+        self._power_off: PowerOffRun | None = None
         self._requested_by: Session | None = None  # the session that asked for the mains to be cut
 
     @property
@@ -79,7 +79,7 @@ class Alarms:
             if alarm is None or not alarm.is_suspicion:
                 self.alarm = Alarm(text=suspicion.text, at_s=suspicion.since_s)
         elif alarm is not None and alarm.is_suspicion:
-            self.alarm = None  # the heater has cooled
+            self.alarm = None  # the heater has cooled down
 
     def take_idle_finding(self, finding: str | None, now_s: float) -> str | None:
         """Take over a finding of the idle board; return it if it is new."""
@@ -103,15 +103,15 @@ class Alarms:
         if outcome is not None:
             self._power_off = None
         elif self._command is None and self.is_pending:
-            outcome = NO_COMMAND
+            outcome = NO_COMMAND_OUTCOME
         if outcome is not None and self.alarm is not None:
             self.alarm = self.alarm.model_copy(update={"outcome": outcome})
         return outcome
 
     def run_command(self) -> None:
-        """Run the command if it was requested; the request is in the journal already."""
+        """Run the command if it was requested; the request must be in the journal already."""
         if self._power_off is None and self._command is not None and self.is_pending:
-            self._power_off = PowerOff(self._command, self._printer)
+            self._power_off = PowerOffRun(self._command, self._printer)
 
     def compute_wake_wall_s(self) -> float:
         """Compute the wall time of the next call of `poll_outcome`."""

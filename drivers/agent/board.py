@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from drivers.agent.emulator_control import EmulatorControl
-from drivers.agent.idle_watch import SD_PRINT, IdleWatch
+from drivers.agent.idle_watch import SD_PRINT_REASON, IdleWatch
 from drivers.clock import Clock, read_wall_s
 from drivers.errors import AgentError, Fault, PortError, PortNotIdle
 from drivers.link import Connected, Event, Events, Link, LinkFault, Phase, Report, UnknownLine
@@ -58,11 +58,11 @@ class Board:
     resets
         Number of resets that the agent did not cause.
     stuck_heater_text
-        Finding that a heater of the idle board is off and gets hotter; the recorder takes it over.
+        Finding that a heater of the idle board is off but gets hotter; the recorder takes it over.
     rearms_alarm
         True if the printer was reconnected or seen cold: later findings are new ones.
     idle_watch, emulator, wire_record
-        Watch over the idle board; access to the emulator, if there is one; last bytes on the port.
+        Watch over the idle board; access to the emulator, if any; record of the last bytes on the port.
     has_changed
         True if anything other than the next line of a program has changed.
     """
@@ -170,7 +170,7 @@ class Board:
         return self.session is not None or self.state.hot
 
     def begin(self, session: Session) -> None:
-        """Start a session on the board, which begins with a reset."""
+        """Start a session, which begins with a reset of the board."""
         self.session = session
         self.stuck_heater_text = None
         self.idle_watch.reset()
@@ -203,7 +203,7 @@ class Board:
             The printer prints from its SD card.
         """
         if self.idle_watch.is_printing_from_card:
-            raise AgentError(SD_PRINT)
+            raise AgentError(SD_PRINT_REASON)
         self.state.bed_unknown_reason = self.stuck_heater_text = None
         self.state.hot = False
         was_ready = self.state.attention_reason is None and self.link.phase is not Phase.DEAD
@@ -235,7 +235,7 @@ class Board:
             The board prints.
         """
         if self.session is not None or self.idle_watch.is_printing_from_card:
-            raise AgentError(SD_PRINT if self.idle_watch.is_printing_from_card else "it prints")
+            raise AgentError(SD_PRINT_REASON if self.idle_watch.is_printing_from_card else "it prints")
         self._is_idle_confirmed = True
         self.state.verified_reset_port = self.state.failed_reset_port = None
         if self._port is None:
@@ -245,11 +245,11 @@ class Board:
         if self._port is not None:
             self._pulses_left = RESET_PULSES
         else:
-            self._is_idle_confirmed = False  # the confirmation was for a printer that is no longer connected
+            self._is_idle_confirmed = False  # the confirmed printer is no longer connected
         self.has_changed = True
 
     def switch_off(self) -> None:
-        """Switch off heat and motion that this agent may have caused, by a reset, before it ends."""
+        """Reset the board before the agent ends, if the agent may have switched on heaters or motors."""
         if self._port is None or not self._is_responsible:
             return
         (send_abort_until_accepted if self.reset_failed else send_abort)(self._port, self._firmware)
@@ -309,7 +309,7 @@ class Board:
                 self._on_idle_fault(event, now_s)
 
     def _on_connected(self, event: Connected) -> None:
-        """Record whether the last pulse of DTR has reset the board."""
+        """Record whether the last pulse of DTR reset the board."""
         self.idle_watch.reset()
         if event.restarted:
             self.idle_watch.filament.note_reset()
@@ -376,7 +376,7 @@ class Board:
         self._on_opened()
 
     def _mark_bed_unknown(self, reason: str) -> None:
-        """Record that bed and filament are unknown; the first reason is kept."""
+        """Record that the states of bed and filament are unknown, and keep the first reason."""
         self.idle_watch.filament.forget()
         if self.state.bed_unknown_reason is None:
             log.warning("bed and filament are unknown: %s", reason)

@@ -1,4 +1,4 @@
-"""Watch over an idle board for manual actions, SD prints and faults not caused by the farm. Pure.
+"""Watch over an idle board that detects manual actions, SD prints and faults. Pure.
 
 Answers have no checksum, so a finding that a garbled digit could cause must occur twice.
 """
@@ -10,7 +10,7 @@ import re
 from drivers.errors import Fault
 from drivers.link.replies import LinkFault, Report
 
-SD_PRINT = "it prints from its SD card"
+SD_PRINT_REASON = "it prints from its SD card"
 MOVED_REASON = "somebody moved it at the printer"
 HEATED_REASON = "somebody switched a heater on at the printer"
 MAX_COLD_C = 45.0
@@ -18,11 +18,11 @@ MAX_COLD_C = 45.0
 RISE_C, MIN_STUCK_C = 15.0, 60.0
 
 _POSITION = re.compile(rb"X:-?[\d.]+ ?Y:-?[\d.]+ ?Z:-?[\d.]+ ?E:-?[\d.]+ Count")
-_CARD = (b"SD printing byte", b"Not SD printing", b"Card error:")
+_SD_ANSWERS = (b"SD printing byte", b"Not SD printing", b"Card error:")
 
 
 class FilamentWatch:
-    """Watch over the position of the filament since the last record of the journal.
+    """Watch over the filament's position since the last record of the journal.
 
     After a print the agent records the printer's position. A restarted agent compares it with the printer's
     answer: they differ if the board was reset meanwhile.
@@ -37,10 +37,10 @@ class FilamentWatch:
 
     def __init__(self, is_certain: bool = False, rest_position: str | None = None) -> None:
         self.is_certain, self.rest_position = is_certain, rest_position
-        self._has_printed = False  # since the last reset; otherwise the position proves nothing
+        self._has_printed = False  # since the last reset; the position proves nothing before a print
 
     def confirm(self) -> None:
-        """Trust the journal from now on: a print begins, or a person has named the filament's position."""
+        """Trust the journal from now on: a print begins, or a person has stated the filament's position."""
         self.is_certain, self.rest_position = True, None
 
     def note_print(self) -> None:
@@ -101,20 +101,21 @@ class IdleWatch:
         Returns
         -------
         (bool, str | None)
-            True if it is such an answer; the event that it shows, if not caused by the farm.
+            True if the text answers one of these queries; the event that it shows, if the farm did not cause
+            that event.
         """
-        if text.startswith(_CARD):
-            self.is_printing_from_card = text.startswith(_CARD[0]) or (
-                self.is_printing_from_card and text.startswith(_CARD[2])
+        if text.startswith(_SD_ANSWERS):
+            self.is_printing_from_card = text.startswith(_SD_ANSWERS[0]) or (
+                self.is_printing_from_card and text.startswith(_SD_ANSWERS[2])
             )
-            return True, SD_PRINT if self.is_printing_from_card else None
+            return True, SD_PRINT_REASON if self.is_printing_from_card else None
         if _POSITION.match(text) is None:
             return False, None
         if text == self._position:
             self._unconfirmed_position = None
         elif text != self._unconfirmed_position:
             self._first_position = self._first_position or text
-            self._unconfirmed_position = text  # a garbled digit may be the cause, in the first answer as well
+            self._unconfirmed_position = text  # may differ by a garbled digit only, even the first answer
         else:
             has_moved = self._position is not None or not _may_be_garbled(self._first_position or text, text)
             self._position, self._unconfirmed_position = text, None
@@ -123,12 +124,12 @@ class IdleWatch:
         return True, None
 
     def judge_report(self, report: Report) -> tuple[str | None, LinkFault | None]:
-        """Judge a report.
+        """Judge a temperature report.
 
         Returns
         -------
         (str | None, LinkFault | None)
-            An event not caused by the farm; a heater that is stuck on.
+            An event that the farm did not cause; the fault of a heater that is stuck on.
         """
         is_heated = report.nozzle_target_c > 0 or report.bed_target_c > 0
         is_cold = not is_heated and max(report.nozzle_c, report.bed_c) < MAX_COLD_C
@@ -152,5 +153,5 @@ class IdleWatch:
 
 
 def _may_be_garbled(answer: bytes, text: bytes) -> bool:
-    """Return True if an answer differs from `text` in one byte at most: a move of an axis changes more."""
+    """Return True if an answer differs from `text` in at most one byte, as a move of an axis changes more."""
     return len(answer) == len(text) and sum(a != b for a, b in zip(answer, text, strict=True)) < 2

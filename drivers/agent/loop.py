@@ -24,10 +24,10 @@ from drivers.records import AGENT_LOG, JOURNAL, Journal, StartFile
 
 log = logging.getLogger(__name__)
 
-EMULATOR = "emulator"
-PUSH_S = 1.0  # wall seconds between snapshots while anything is warm or prints
-IDLE_PUSH_S = 5.0
-LOG_S = 60.0  # wall seconds between two checks of the log's size
+EMULATOR_FOLDER = "emulator"
+PUSH_INTERVAL_S = 1.0  # wall seconds between two snapshots while the printer is warm or prints
+IDLE_PUSH_INTERVAL_S = 5.0
+LOG_CHECK_INTERVAL_S = 60.0  # wall seconds between two checks of the log's size
 MIN_WARM_C = 40.0  # temperature above which a heater counts as warm
 
 
@@ -56,7 +56,7 @@ class Agent:
         spool.delete_others(None if saved_print is None else saved_print.print_id)
         self._journal.shorten()
         self._board = Board(
-            start.port, profile, folder / EMULATOR, self._clock, self._save, self._on_port_change
+            start.port, profile, folder / EMULATOR_FOLDER, self._clock, self._save, self._on_port_change
         )
         self._recorder = Recorder(start, self._board, self._journal, self._clock)
         self._requests = RequestHandler(start.printer, self._recorder, spool, self._clock)
@@ -67,7 +67,7 @@ class Agent:
         self._signals = self._listen_to_signals()
 
     def run(self) -> None:
-        """Serve until asked to end; then switch off heaters that may be on, as nothing would watch them."""
+        """Serve until the agent has to end; then switch off heaters, as nothing would watch them any more."""
         try:
             self._serve()
         except BaseException:
@@ -103,7 +103,7 @@ class Agent:
             if is_due:
                 self._board.tick()
                 self._limit_log()
-            # Otherwise only a program line was sent, and no deadline became earlier.
+            # In all other cases only a line of the program was sent, and no deadline became earlier.
             if is_due or self._board.has_changed:
                 self._board.has_changed = False
                 self._push()
@@ -113,7 +113,7 @@ class Agent:
     def _limit_log(self) -> None:
         """Rename the log if it is full; a check takes two microseconds."""
         if read_wall_s() >= self._log_wall_s:
-            self._log_wall_s = read_wall_s() + LOG_S
+            self._log_wall_s = read_wall_s() + LOG_CHECK_INTERVAL_S
             rotate_log(self._folder / AGENT_LOG)
 
     def _save(self) -> None:
@@ -139,7 +139,7 @@ class Agent:
         return Reply(id=request.id, snapshot=self._build_snapshot(), prints=prints, lines=wire_lines)
 
     def _push(self) -> None:
-        """Send a snapshot to all clients, at once after a change and otherwise at intervals."""
+        """Send a snapshot to all clients: at once after a change, otherwise at intervals."""
         session, report, journal_state = self._board.session, self._board.report, self._journal.state
         self._inhibitor.hold(session is not None)
         context = None if session is None else session.context
@@ -160,7 +160,8 @@ class Agent:
             return
         self._pushed_key = key
         is_warm = report is not None and max(report.nozzle_c, report.bed_c) > MIN_WARM_C
-        self._push_wall_s = now_s + (PUSH_S if is_warm or session is not None else IDLE_PUSH_S)
+        is_active = is_warm or session is not None
+        self._push_wall_s = now_s + (PUSH_INTERVAL_S if is_active else IDLE_PUSH_INTERVAL_S)
         if self._server is not None:
             self._server.push(self._build_snapshot())
 

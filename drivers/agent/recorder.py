@@ -1,4 +1,4 @@
-"""Recorder of the changes of a board: they are in the journal before the board continues."""
+"""Recorder of a board's changes, which are in the journal before the board continues."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from drivers.clock import Clock
 from drivers.errors import Fault, JournalError
 from drivers.gcode import Program
 from drivers.messages import Filament, PrintPhase, PrintSnapshot
-from drivers.records import ESTOPPED, Journal, StartFile
+from drivers.records import ESTOP_REASON, Journal, StartFile
 from drivers.session import Session, SessionContext
 
 log = logging.getLogger(__name__)
@@ -70,12 +70,12 @@ class Recorder:
         filament
             Position of the filament's end.
         extruded
-            True if material of the print may lie on the bed already.
+            True if material of the print may be on the bed already.
         ends_by_s
             Farm time at which the print is ended safely; None for no limit.
         """
         now_s, saved_state = self._clock.now(), self.journal.state
-        fault = Fault.ESTOP if saved_state.board.attention_reason == ESTOPPED else Fault.AGENT_DIED
+        fault = Fault.ESTOP if saved_state.board.attention_reason == ESTOP_REASON else Fault.AGENT_DIED
         context = SessionContext(
             link=self.board.link,
             program=program,
@@ -99,7 +99,8 @@ class Recorder:
     def record_changes(self) -> None:
         """Write all changes to the journal.
 
-        A full disk does not stop a print: every step tries again, and no print counts as ended before that.
+        A full disk does not stop a print: every later step tries again, and no print counts as ended before
+        its end is written.
         """
         self._update_alarm()
         try:

@@ -123,9 +123,9 @@ class RequestHandler:
             sha256=request.sha256,
         )
         try:
-            source = Path(request.gcode) if request.gcode else self._spool.make_part_path(request.print_id)
+            source = Path(request.gcode) if request.gcode else self._spool.make_upload_path(request.print_id)
             program = self._spool.import_gcode(request.print_id, source, request.sha256)
-            self._spool.make_part_path(request.print_id).unlink(missing_ok=True)
+            self._spool.make_upload_path(request.print_id).unlink(missing_ok=True)
         except BadGcode as error:
             update = {"phase": PrintPhase.FAILED, "fault": Fault.BAD_FILE, "reason": str(error)}
             snapshot = snapshot.model_copy(update=update | {"started_s": now_s, "ended_s": now_s})

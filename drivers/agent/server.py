@@ -18,12 +18,12 @@ from drivers.messages import AGENT_SOCKET, FromAgent, Reply, Request, Snapshot, 
 
 log = logging.getLogger(__name__)
 
-_REQUEST_BYTES = 64 * 1024
+_MAX_REQUEST_BYTES = 64 * 1024
 _MAX_CLIENTS = 16  # the daemon, a bridge and a few users; each takes a descriptor
-_REQUEST_S = 10.0  # wall seconds between the first and the last byte of a request
-_PAUSE_S = 1.0  # pause in accepting clients when no descriptor is left
-_LOG_EVERY_S = 60.0
-_BACKLOG_BYTES = 1024 * 1024  # a client that reads too slowly is dropped; it can reconnect
+_REQUEST_TIME_OUT_S = 10.0  # wall seconds between the first and the last byte of a request
+_ACCEPT_PAUSE_S = 1.0  # wall seconds without new clients after no descriptor was free
+_LOG_INTERVAL_S = 60.0  # wall seconds between two warnings
+_MAX_BACKLOG_BYTES = 1024 * 1024  # a client that reads too slowly is dropped; it can reconnect
 
 
 class _Client:
@@ -43,7 +43,7 @@ class Server:
     Parameters
     ----------
     folder
-        Folder for `agent.sock`, which only the agent's user can access; its path may exceed 107 bytes.
+        Folder for `agent.sock`, which only the agent's user can access. The path may exceed 107 bytes.
     selector
         The agent's selector; the data of its keys is a callable that takes the ready mask.
     answer
@@ -91,7 +91,7 @@ class Server:
         """
         now_s = read_wall_s()
         for client in tuple(self._clients):
-            if now_s - client.partial_since_s > _REQUEST_S:
+            if now_s - client.partial_since_s > _REQUEST_TIME_OUT_S:
                 self._drop(client)
         self._listen(now_s >= self._paused_until_s)
 
@@ -116,11 +116,11 @@ class Server:
             connection, _address = self._listener.accept()
         except (BlockingIOError, ConnectionAbortedError):
             return  # the client has disconnected already
-        except OSError as error:  # otherwise the loop would spin
-            self._paused_until_s = now_s + _PAUSE_S
+        except OSError as error:  # no free descriptor: pause, as the loop would spin otherwise
+            self._paused_until_s = now_s + _ACCEPT_PAUSE_S
             self._listen(False)
             if now_s >= self._quiet_until_s:
-                self._quiet_until_s = now_s + _LOG_EVERY_S
+                self._quiet_until_s = now_s + _LOG_INTERVAL_S
                 log.warning("cannot accept a client: %s", error)
             return
         if len(self._clients) >= _MAX_CLIENTS:  # a live client that is dropped will reconnect
@@ -139,13 +139,13 @@ class Server:
 
     def _read(self, client: _Client) -> None:
         try:
-            data = client.socket.recv(_REQUEST_BYTES)
+            data = client.socket.recv(_MAX_REQUEST_BYTES)
         except BlockingIOError:
             return
         except OSError:
             data = b""
         *lines, client.incoming = (client.incoming + data).split(b"\n")
-        if not data or len(client.incoming) > _REQUEST_BYTES:
+        if not data or len(client.incoming) > _MAX_REQUEST_BYTES:
             self._drop(client)
             return
         now_s = read_wall_s()
@@ -175,7 +175,7 @@ class Server:
         except OSError:
             self._drop(client)
             return
-        if len(client.outgoing) > _BACKLOG_BYTES:
+        if len(client.outgoing) > _MAX_BACKLOG_BYTES:
             self._drop(client)
             return
         events = selectors.EVENT_READ | (selectors.EVENT_WRITE if client.outgoing else 0)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 log = logging.getLogger(__name__)
 
-_SYSTEMD = Path("/run/systemd/system")  # exists where systemd runs the host
+_SYSTEMD = Path("/run/systemd/system")  # exists if systemd manages the host
 _COMMAND = ("systemd-inhibit", "--what=shutdown:sleep", "--mode=block", "--who=farm")
 
 
@@ -24,7 +24,7 @@ class Inhibitor:
     is_simulated
         True for a simulated printer, which takes no lock.
     command
-        Command that holds the lock while the command after it runs.
+        Command that holds the lock while the command given as its last arguments runs.
     """
 
     def __init__(self, printer: str, *, is_simulated: bool, command: Sequence[str] | None = None) -> None:
@@ -39,7 +39,7 @@ class Inhibitor:
         if self._child is not None:
             assert self._child.stdin is not None
             with suppress(OSError):
-                self._child.stdin.close()  # `cat` ends, and with it the lock
+                self._child.stdin.close()  # ends `cat`, which releases the lock
             try:
                 self._child.wait(1.0)
             except subprocess.TimeoutExpired:

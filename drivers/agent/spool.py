@@ -17,8 +17,8 @@ from drivers.gcode import MAX_LINE_BYTES, Program, read_program
 from drivers.printers import Profile
 
 _PRINT_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}")
-_GCODE = ".gcode"
-_PART = ".part"
+_GCODE_SUFFIX = ".gcode"
+_UPLOAD_SUFFIX = ".part"
 
 
 class Spool:
@@ -35,13 +35,13 @@ class Spool:
     def __init__(self, folder: Path, profile: Profile) -> None:
         self._folder, self._profile = folder, profile
         folder.mkdir(parents=True, exist_ok=True)
-        for partial_file in folder.glob(f"*{_PART}"):
+        for partial_file in folder.glob(f"*{_UPLOAD_SUFFIX}"):
             partial_file.unlink()
 
     def _make_path(self, print_id: str) -> Path:
         if _PRINT_ID.fullmatch(print_id) is None:
             raise AgentError(f"{print_id!r}: a print id may contain only letters, digits, `.`, `-` and `_`")
-        return self._folder / f"{print_id}{_GCODE}"
+        return self._folder / f"{print_id}{_GCODE_SUFFIX}"
 
     def check_print_id(self, print_id: str) -> None:
         """Check a print id. Raises AgentError if it is invalid."""
@@ -64,21 +64,21 @@ class Spool:
         AgentError
             The piece does not follow the last one, or cannot be written.
         """
-        part = self.make_part_path(print_id)
+        path = self.make_upload_path(print_id)
         try:
-            with part.open("wb" if offset == 0 else "ab") as file:
+            with path.open("wb" if offset == 0 else "ab") as file:
                 if file.tell() != offset:
-                    raise AgentError(f"{part}: a piece at {offset} does not follow {file.tell()} bytes")
+                    raise AgentError(f"{path}: a piece at {offset} does not follow {file.tell()} bytes")
                 file.write(data)
         except OSError as error:
-            raise _make_write_error(part, error) from error
+            raise _make_write_error(path, error) from error
 
-    def make_part_path(self, print_id: str) -> Path:
+    def make_upload_path(self, print_id: str) -> Path:
         """Return the path of an uploaded file."""
-        return self._make_path(print_id).with_suffix(_PART)
+        return self._make_path(print_id).with_suffix(_UPLOAD_SUFFIX)
 
     def import_gcode(self, print_id: str, source: Path, sha256: str) -> Program:
-        """Read a file, and copy all of its commands into the spool on the disk.
+        """Read a file, and copy all of its commands into the spool.
 
         Parameters
         ----------
@@ -108,7 +108,7 @@ class Spool:
 
         try:
             with source.open("rb") as raw:
-                # limits the memory for a binary file, which may be one long line
+                # The limit bounds the memory for a binary file, which may be one long line.
                 lines = hash_lines(iter(lambda: raw.readline(MAX_LINE_BYTES + 1), b""))
                 try:
                     program = read_program(lines, self._profile, _Copy(path))
@@ -128,17 +128,19 @@ class Spool:
             raise BadGcode(f"{source}: cannot be read ({error.strerror}); is its folder shared?") from error
 
     def delete_others(self, print_id: str | None) -> None:
-        """Delete the files of all other prints: of an upload that was never started, or of a dead agent."""
-        kept_files = set() if print_id is None else {self._make_path(print_id), self.make_part_path(print_id)}
+        """Delete the files of all other prints, left by a dead agent or an upload that was never started."""
+        kept_files = (
+            set() if print_id is None else {self._make_path(print_id), self.make_upload_path(print_id)}
+        )
         for path in self._folder.iterdir():
-            if path not in kept_files and path.suffix in (_GCODE, _PART):
+            if path not in kept_files and path.suffix in (_GCODE_SUFFIX, _UPLOAD_SUFFIX):
                 with suppress(OSError):
                     path.unlink()
 
     def delete(self, print_id: str) -> None:
         """Delete the files of a print."""
         self._make_path(print_id).unlink(missing_ok=True)
-        self.make_part_path(print_id).unlink(missing_ok=True)
+        self.make_upload_path(print_id).unlink(missing_ok=True)
 
 
 class _Copy:

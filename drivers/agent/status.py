@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 
 from drivers.agent.board import NO_RESET_REASON, Board
-from drivers.agent.idle_watch import SD_PRINT
+from drivers.agent.idle_watch import SD_PRINT_REASON
 from drivers.agent.recorder import Recorder
 from drivers.link import Phase
 from drivers.messages import PROTOCOL, Filament, Heater, LinkState, PrintSnapshot, Snapshot
@@ -14,7 +14,7 @@ from drivers.records import StartFile
 UNVERIFIED_REASON = (
     "it is not verified that DTR resets its board: this is tested when a person confirms that it is idle"
 )
-_PARKED_SLACK_MM = 1.0
+_PARKED_TOLERANCE_MM = 1.0
 
 
 def describe_link(board: Board, journal_error: str | None) -> tuple[LinkState, str | None]:
@@ -38,7 +38,7 @@ def describe_link(board: Board, journal_error: str | None) -> tuple[LinkState, s
     if board.state.attention_reason is not None:
         return LinkState.FAULT, board.state.attention_reason
     if board.idle_watch.is_printing_from_card:
-        return LinkState.FAULT, SD_PRINT
+        return LinkState.FAULT, SD_PRINT_REASON
     if not (board.reset_verified or board.reset_failed):
         return LinkState.FAULT, UNVERIFIED_REASON
     state = LinkState.READY if board.link.phase is Phase.LIVE else LinkState.CONNECTING
@@ -55,7 +55,7 @@ def make_snapshot(start: StartFile, recorder: Recorder, now_s: float) -> Snapsho
     recorder
         The recorder, with board and journal.
     now_s
-        The farm's clock.
+        Farm time in seconds.
     """
     board, journal_state = recorder.board, recorder.journal.state
     session, report, emulator = board.session, board.report, board.emulator.read_status()
@@ -91,7 +91,7 @@ def make_snapshot(start: StartFile, recorder: Recorder, now_s: float) -> Snapsho
 
 
 def describe_print(recorder: Recorder) -> PrintSnapshot | None:
-    """Return the current state of the open print, or the last one that was not forgotten."""
+    """Return the current state of the open print, or the last print unless it was forgotten."""
     current, session = recorder.journal.state.print, recorder.board.session
     if current is None or session is None:
         return current
@@ -113,6 +113,6 @@ def list_prints(recorder: Recorder, since_s: float) -> tuple[PrintSnapshot, ...]
 
 def _read_filament(end_mm: float, park_retraction_mm: float) -> Filament:
     """Return the filament position of an emulator."""
-    if abs(end_mm + park_retraction_mm) <= _PARKED_SLACK_MM:
+    if abs(end_mm + park_retraction_mm) <= _PARKED_TOLERANCE_MM:
         return Filament.PARKED
     return Filament.AT_NOZZLE if abs(end_mm) <= 1.0 else Filament.UNKNOWN

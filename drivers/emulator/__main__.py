@@ -29,16 +29,17 @@ from drivers.errors import PortError
 from drivers.log_file import rotate_log
 from drivers.printers import PROFILES, Profile
 
-STATUS_S = 0.4  # wall seconds between two status writes; readers expect one every 0.5 s
-CONTROL_S = 0.5
+STATUS_INTERVAL_S = 0.4  # wall seconds between two status writes; readers expect one every 0.5 s
+CONTROL_TIME_OUT_S = 0.5
 PIECE_BYTES = 2  # size of the pieces of an answer
-SLACK_S = 0.002  # wall seconds by which an accelerated emulator may delay an ok while its planner is full
+# Wall seconds by which an accelerated emulator may delay an ok while its planner is full.
+MAX_OK_DELAY_S = 0.002
 
 
 class Emulator:
     """The firmware with its port and its control socket.
 
-    The firmware's own clock starts at power on, as small numbers keep microseconds in a float.
+    The firmware's own clock starts at 0 at power on: a float represents microseconds of small numbers only.
 
     Parameters
     ----------
@@ -49,7 +50,7 @@ class Emulator:
     seed
         Seed of the random faults.
     folder
-        Folder of its port, status and control socket.
+        Folder of the emulator's port, status and control socket.
     clock
         The farm's clock.
     """
@@ -78,10 +79,10 @@ class Emulator:
         firmware, port, control_fd = self._firmware, self._port, self._control.fileno()
         clock, board = self._clock, self._firmware.board
         scale, wires = clock.scale, self._wires
-        slack_s = SLACK_S * scale if scale > 1.0 else 0.0
+        max_delay_s = MAX_OK_DELAY_S * scale if scale > 1.0 else 0.0
         now_s = 0.0
         while self._is_on:
-            due_s = firmware.compute_deadline_s(slack_s)
+            due_s = firmware.compute_deadline_s(max_delay_s)
             if wires is not None:
                 due_s = min(due_s, wires[0].compute_due_s(), wires[1].compute_due_s())
             wait_s = min((due_s - now_s) / scale, self._status_due_s - time.monotonic())
@@ -123,7 +124,7 @@ class Emulator:
         self.publish_status(now_s)
 
     def switch_off(self) -> None:
-        """Let `run` return."""
+        """Make `run` return."""
         self._is_on = False
 
     def publish_status(self, now_s: float) -> None:
@@ -161,10 +162,10 @@ class Emulator:
             self._is_on = self._folder.is_dir()  # on a full disk, the last status remains
         rotate_log(self._folder / LOG)
         self._published_change_count = board.change_count
-        self._status_due_s = time.monotonic() + STATUS_S
+        self._status_due_s = time.monotonic() + STATUS_INTERVAL_S
 
     def _process_port_events(self, now_s: float) -> None:
-        """Handle the host's opens and closes of the port: opening resets the board, closing has no effect."""
+        """Handle openings and closings of the port by the host: opening resets the board."""
         was_open = self._port.is_open
         if self._port.process_opens() and not self._firmware.board.faults.no_reset:
             self._port.discard()
@@ -180,7 +181,7 @@ class Emulator:
         try:
             link, _ = self._control.accept()
             with link:
-                link.settimeout(CONTROL_S)
+                link.settimeout(CONTROL_TIME_OUT_S)
                 with link.makefile("rb") as requests:
                     answer = self._execute(json.loads(requests.readline()), now_s)
                 self.publish_status(now_s)

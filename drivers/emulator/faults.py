@@ -21,14 +21,14 @@ from drivers.printers import PROFILES, Profile
 class Faults:
     """Faults to inject; the default is a printer without faults.
 
-    ``*_after`` counts the lines that the firmware accepted since power on; each of these happens once.
+    ``*_after`` counts the lines that the firmware has accepted since power on; each such fault happens once.
     """
 
     # on the wire, in both directions; probabilities per byte
-    noise: float = 0.0  # one of its bits is flipped
+    noise: float = 0.0  # one bit of the byte is flipped
     lost: float = 0.0
     doubled: float = 0.0
-    bytewise: bool = False  # answers are sent in pieces of a few bytes
+    bytewise: bool = False  # answers are sent in pieces of two bytes
     wire: bool = False  # not a fault: bytes take as long as at 250000 baud
     slowdown: bool = False  # not a fault: short moves are slowed down while few are queued
     # when lines are read or answered; probabilities per line
@@ -41,12 +41,12 @@ class Faults:
     swallow: float = 0.0  # a line is neither executed nor answered
     resend: float = 0.0  # a correct line is refused
     mute_resend: bool = False  # Resend is sent without its ok
-    # of the board
+    # in the board's processor
     reset_after: int = 0  # resets (brown-out)
     silent_after: int = 0  # reads and sends nothing until it is reset; its heaters stay on
     sleep_after: int = 0  # does nothing for `SLEEP_S`, and then continues
     stuck_after: int = 0  # requests the same line endlessly
-    kill_after: int = 0  # kill(), as when its dead-man timer expires
+    kill_after: int = 0  # calls kill(), as when its dead-man timer expires
     zero_after: int = 0  # silently sets the nozzle's target to 0
     # heaters and sensors
     dead_nozzle: bool = False  # the element gives no heat
@@ -63,7 +63,7 @@ class Faults:
     bed_short_after: int = 0  # the bed's sensor is shorted: reads cold, without an error
     # switches
     no_endstop: int = 0  # 1, 2, 3: the switch of X, Y, Z is never pressed
-    stuck_endstop: bool = False  # Z's stays pressed
+    stuck_endstop: bool = False  # the switch of Z stays pressed
     # between host and board
     no_reset: bool = False  # DTR is not connected: neither opening the port nor a pulse resets the board
     # not faults: an option of some firmwares, and a difference between two printers
@@ -73,11 +73,11 @@ class Faults:
     @property
     def affects_lines(self) -> bool:
         """True if a fault may change any line."""
-        samples = (
+        probabilities = (
             self.checksum, self.no_number, self.no_checksum, self.wrong_number,
             self.drop_ok, self.garble_ok, self.swallow, self.resend,
         )  # fmt: skip
-        return bool(any(samples) or self.stuck_after or self.line_counts)
+        return bool(any(probabilities) or self.stuck_after or self.line_counts)
 
     @property
     def affects_bytes(self) -> bool:
@@ -184,12 +184,12 @@ def parse_url(url: str) -> SimUrl:
     return SimUrl(profile, parse_faults(words, url), seed, tuple(words))
 
 
-_KINDS: dict[str, type[float] | type[int] | type[bool]] = {"float": float, "int": int, "bool": bool}
+_TYPES_BY_NAME: dict[str, type[float] | type[int] | type[bool]] = {"float": float, "int": int, "bool": bool}
 
 
 def parse_faults(words: Iterable[str], source: str = "--fault") -> Faults:
     """Parse faults of the form ``NAME`` or ``NAME=VALUE``. Raises PortError as `parse_url` does."""
-    kinds = {field.name: _KINDS[str(field.type)] for field in fields(Faults)}
+    kinds = {field.name: _TYPES_BY_NAME[str(field.type)] for field in fields(Faults)}
     values: dict[str, float | int | bool] = {}
     for word in words:
         name, _, value = word.partition("=")

@@ -27,7 +27,7 @@ __all__ = ["Command", "EmulatorStatus", "control", "is_running", "launch", "read
 TTY = "tty"
 LOG = "emulator.log"
 ALIVE_LOCK = "emulator.lock"  # held by the emulator while it runs
-LAUNCH_LOCK = "launch.lock"  # held by the process that starts one
+LAUNCH_LOCK = "launch.lock"  # held by a process that starts an emulator
 CONTROL = "control.sock"
 START_TIMEOUT_S = 20.0
 CONTROL_TIMEOUT_S = 5.0
@@ -44,7 +44,7 @@ class Command(StrEnum):
     MOVE = "move"  # moves the bed to z_mm
     PRINT_SD = "print_sd"
     UNPLUG = "unplug"  # pulls the USB cable; the printer continues
-    BREAK = "break"  # not an action: triggers a fault that counts lines
+    BREAK = "break"  # not an action of a person: triggers one of `COUNTED_FAULTS`
     PLUG = "plug"  # the device gets another name
 
 
@@ -58,7 +58,7 @@ def launch(url: str, folder: Path, clock: Clock) -> Path:
     url
         ``sim://MODEL?FAULT=VALUE&seed=N``; ignored if an emulator is running.
     folder
-        Folder for its port (`tty`), status, log and control socket; created if missing.
+        Folder for the emulator's port (`tty`), status, log and control socket; created if missing.
     clock
         The farm's clock.
 
@@ -130,7 +130,7 @@ def control(folder: Path, command: Command | str, **values: float | str) -> dict
 
 
 def _wait_for_end(folder: Path) -> None:
-    """Wait until the lock is free: the process has ended and no longer changes its files."""
+    """Wait until the lock is free, which shows that the process has ended and changes no more files."""
     until_s = time.monotonic() + CONTROL_TIMEOUT_S
     while is_running(folder):
         if time.monotonic() > until_s:
@@ -140,7 +140,7 @@ def _wait_for_end(folder: Path) -> None:
 
 @contextlib.contextmanager
 def shorten_path(folder: Path) -> Iterator[str]:
-    """Provide a path to the folder that fits a Unix socket's 108 bytes, however deep the folder is."""
+    """Provide a path to a folder of any depth that fits into the 108 bytes of a Unix socket's address."""
     descriptor = os.open(folder, os.O_PATH | os.O_DIRECTORY)
     try:
         yield f"/proc/self/fd/{descriptor}"

@@ -21,7 +21,7 @@ _EVENT = struct.Struct("iIII")
 
 
 class Port:
-    """A pty in raw mode, with `link` pointing to its slave.
+    """A pty in raw mode; `link` points to its slave.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Port:
     def plug(self) -> None:
         """Plug the cable in: create a pseudo-terminal with a new name."""
         masters = [pty.openpty()]
-        while os.ttyname(masters[-1][1]) == self.name:  # the old name, just released
+        while os.ttyname(masters[-1][1]) == self.name:  # the old name, which was just released
             masters.append(pty.openpty())
         self.master, slave = masters.pop()
         for end_fd in (end for ends in masters for end in ends):
@@ -72,7 +72,7 @@ class Port:
         self.is_plugged = self.is_open = False
 
     def process_opens(self) -> bool:
-        """Process opens and closes of the slave; return True if it was closed and then opened.
+        """Process openings and closings of the slave; return True if it was closed and then opened.
 
         Only the first of several hosts raises DTR.
         """
@@ -94,14 +94,14 @@ class Port:
         return is_dtr_raised
 
     def read(self) -> bytes:
-        """Read bytes from the host; empty also if it has closed the port."""
+        """Read bytes from the host; empty if there are none, or if the host has closed the port."""
         try:
             return os.read(self.master, 4096)
         except OSError:  # EIO: no host has the slave open; EAGAIN: no data
             return b""
 
     def write(self, data: bytes) -> None:
-        """Send bytes to the host. Those that exceed its buffer are lost, as with a USB chip."""
+        """Send bytes to the host. Bytes that exceed its buffer are lost, as with a USB chip."""
         if self.is_open:
             try:
                 os.write(self.master, data)
@@ -109,7 +109,7 @@ class Port:
                 return
 
     def unlink(self) -> None:
-        """Remove the link: a stale one would soon point to the pseudo-terminal of another process."""
+        """Remove the link, as a stale one would soon point to the pseudo-terminal of another process."""
         with suppress(OSError):
             if str(self._link.readlink()) == self.name:
                 self._link.unlink()

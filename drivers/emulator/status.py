@@ -8,7 +8,7 @@ from pathlib import Path
 
 from drivers.errors import PortError
 
-FILE = "status.json"
+STATUS_FILE = "status.json"
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,7 +18,7 @@ class EmulatorStatus:
     Attributes
     ----------
     tty
-        The pty's slave at this time; `tty` in the folder points to it.
+        Device file of the pty's slave at this time; the link `tty` in the folder points to it.
     link_open
         True while a host has the port open.
     phase
@@ -36,7 +36,7 @@ class EmulatorStatus:
     errors
         Number of `Error` lines sent.
     resets
-        Number of boots after power on, including those by opening the port.
+        Number of boots since power on, including those caused by opening the port.
     printing_s
         Total duration of the finished moves, in seconds.
     damaged
@@ -72,9 +72,9 @@ class EmulatorStatus:
 
 def write_status(folder: Path, status: EmulatorStatus) -> None:
     """Replace the status file in one step."""
-    temporary = folder / f".{FILE}.new"
+    temporary = folder / f".{STATUS_FILE}.new"
     temporary.write_text(json.dumps(asdict(status)))
-    temporary.replace(folder / FILE)
+    temporary.replace(folder / STATUS_FILE)
 
 
 def read_status(folder: Path) -> EmulatorStatus:
@@ -85,7 +85,7 @@ def read_status(folder: Path) -> EmulatorStatus:
     PortError
         The file is missing or not a status of an emulator.
     """
-    path = folder / FILE
+    path = folder / STATUS_FILE
     try:
         raw = json.loads(path.read_text())
         raw["position_mm"] = tuple(raw["position_mm"])

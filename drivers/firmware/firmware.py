@@ -18,7 +18,8 @@ class Identity:
     suffix
         Suffix of the firmware's version: "ex" on an Ultimaker 2 Extended.
     offset
-        Home offset (M206), which levelling sets to 0.01 mm: it differs from printer to printer.
+        Home offset (M206), which levelling sets with a precision of 0.01 mm: it differs from printer to
+        printer.
     """
 
     suffix: str
@@ -36,9 +37,9 @@ class Firmware:
     title
         Name in messages.
     baud_rate
-        Baud rate of its serial port.
+        Baud rate of the printer's serial port.
     command_bytes
-        Length of the longest command that it accepts between ``N1234567 `` and ``*255``.
+        Length of the longest command that the firmware accepts between ``N1234567 `` and ``*255``.
     version
         Pattern of the banner with the group `suffix`; None if the banner does not name the model.
     home_offset
@@ -52,8 +53,8 @@ class Firmware:
     idle_queries
         Queries that reveal what people do at an idle printer: the position of the head, and the SD card.
     last_line_query, last_line_answer
-        A line without effect that is answered with the number of the last accepted line; the beginning of
-        that answer.
+        A line without effect, which the firmware answers with the number of the last accepted line; the
+        beginning of that answer.
     last_line_resends
         True if a ``Resend`` and possibly an ok follow the answer; lines sent after the query are lost then.
     acknowledges_read_moves
@@ -63,7 +64,7 @@ class Firmware:
     keep_alive
         Beginning of the line that is sent once a second during a long command; None if there is none.
     fault_texts
-        Texts that mark a line as a fault, in order: the first match counts.
+        Texts that mark a line as a fault; the first match counts.
     stop_moves
         Command that empties the queue of moves and thus stops the head.
     halt
@@ -127,7 +128,7 @@ class Firmware:
 
     @property
     def abort_unnumbered(self) -> bytes:
-        """Bytes with the same effect in any state of the board; the newline ends a line that was cut off."""
+        """Bytes that abort in any state of the board; the newline ends a line that was cut off."""
         return b"\n" + b"".join(command + b"\n" for command in self.abort)
 
     def read_identity(self, banner: bytes) -> Identity | None:

@@ -1,7 +1,7 @@
-"""Unmodified Marlin 2, the firmware of printers of many makers. Pure.
+"""Unmodified Marlin 2, which runs on printers of many makers. Pure.
 
-Source: Marlin's source files, named where they matter. Nothing here was measured on a printer: all of it
-is [assumed] of a real one.
+Sources are Marlin's source files, which the comments name. Nothing here was measured on a printer: it is all
+[assumed] to hold for a real one.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ import re
 from drivers.errors import Fault
 from drivers.firmware.firmware import Firmware
 
-_CARD = "belongs to the SD card"
-_MODES = "the firmware forgets it at the next G90 or G91"
-_SET_UP = (
-    b"M113 S1",  # a busy message every second instead of every two
-    b"M84 S10800",  # 2 minutes without a move would switch the motors off in a pause
+_CARD_REASON = "belongs to the SD card"
+_MODE_REASON = "the firmware forgets it at the next G90 or G91"
+_SETUP_COMMANDS = (
+    b"M113 S1",  # a busy message every second instead of every two seconds
+    b"M84 S10800",  # the default of 2 minutes without a move would switch the motors off in a pause
 )
 
 MARLIN2 = Firmware(
@@ -64,7 +64,7 @@ MARLIN2 = Firmware(
     fan_off=b"M107",
     dead_man=b"M85 S%d",  # reset only by moves and by M85 itself (``manage_inactivity``); ends in kill()
     dead_man_observed=False,
-    setup_commands=_SET_UP,
+    setup_commands=_SETUP_COMMANDS,
     reset_commands=(
         b"M104 S0",
         b"M140 S0",
@@ -74,7 +74,7 @@ MARLIN2 = Firmware(
         b"M82",
         b"M220 S100",
         b"M221 S100",
-        *_SET_UP,
+        *_SETUP_COMMANDS,
     ),
     waiting_s={
         b"G28": 1500.0,
@@ -90,7 +90,7 @@ MARLIN2 = Firmware(
         b"M125": "waits for a person forever",
         b"M226": "waits for a switch forever",
         b"M600": "waits for a person forever",
-        b"M83": _MODES,
+        b"M83": _MODE_REASON,
         b"M108": "interrupts the wait for a temperature",
         b"M410": "ends all moves",
         b"M112": "switches the board off",
@@ -105,6 +105,6 @@ MARLIN2 = Firmware(
         b"M402": "raises the probe",
         b"G10": "retracts by the printer's own settings, not by the file's",
         b"G11": "retracts by the printer's own settings, not by the file's",
-        **{b"M%d" % number: _CARD for number in (*range(20, 31), 32, 524, 808, 928)},
+        **{b"M%d" % number: _CARD_REASON for number in (*range(20, 31), 32, 524, 808, 928)},
     },
 )

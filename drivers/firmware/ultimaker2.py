@@ -10,7 +10,7 @@ import re
 from drivers.errors import Fault
 from drivers.firmware.firmware import Firmware
 
-_CARD = "belongs to the SD card"
+_CARD_REASON = "belongs to the SD card"
 
 ULTIMAKER2 = Firmware(
     title="Ultimaker 2",
@@ -25,8 +25,9 @@ ULTIMAKER2 = Firmware(
     position_query=b"M114",
     report_query=b"M105",
     idle_queries=(b"M114", b"M27"),
-    # A line with a checksum and no number. The leading newline ends a line that lost its own, the second star
-    # remains if the first is damaged, and the checksum is wrong, so that a line joined to it is refused.
+    # A line with a checksum but no number. The leading newline ends a line that lost its own newline. The
+    # second star remains if the first is damaged. The checksum is wrong, so that the firmware refuses a line
+    # that was joined to this one.
     last_line_query=b"\n1**0\n",
     last_line_answer=b"Error:No Line Number",
     last_line_resends=False,
@@ -73,6 +74,6 @@ ULTIMAKER2 = Firmware(
         b"M110": "is the link's line number",
         b"G10": "retracts by the printer's own settings, not by the file's",
         b"G11": "retracts by the printer's own settings, not by the file's",
-        **{b"M%d" % number: _CARD for number in (*range(20, 31), 32, 923, 928)},
+        **{b"M%d" % number: _CARD_REASON for number in (*range(20, 31), 32, 923, 928)},
     },
 )

@@ -15,8 +15,8 @@ from collections.abc import Sequence
 from drivers.gcode.program import Program
 
 BUFFERED_LINES = 64  # planner and line buffer hold 24 moves, and not every line is a move
-WINDOW_LINES = 4096  # in each window of this size, the filament was at the nozzle at some line
-POSITION_TOLERANCE_MM = 1.0  # tolerance of a position; M114 rounds to 0.01
+WINDOW_LINES = 4096  # number of lines within which the filament is at the nozzle at least once
+POSITION_TOLERANCE_MM = 1.0  # M114 rounds positions to 0.01
 
 _POSITION = re.compile(rb"X:(-?[\d.]+)\s*Y:(-?[\d.]+)\s*Z:(-?[\d.]+)\s*E:(-?[\d.]+)")
 _WORD = re.compile(rb"([FXYZE])(-?[\d.]+)")
@@ -54,7 +54,7 @@ def measure_retraction_mm(program: Program, done_lines: int, stopped_at: Point |
     Returns
     -------
     float
-        In mm, 0 at the tip. Exact except after a G92 among the last moves, which shifts the coordinates.
+        Distance in mm; 0 at the tip. It is exact, unless a G92 among the last moves shifted the coordinates.
     """
     moves = MotionState(program, done_lines)
     return moves.retracted_mm if stopped_at is None else moves.find_retraction_mm(stopped_at)
@@ -85,21 +85,21 @@ class MotionState:
     def __init__(self, program: Program, done_lines: int) -> None:
         start = max(0, done_lines - WINDOW_LINES)
         self.relative, self.relative_e = program.is_relative(start), program.is_e_relative(start)
-        if self.relative or self.relative_e:  # the position is the sum of all lines before
+        if self.relative or self.relative_e:  # the position is the sum of all previous lines
             self.relative = self.relative_e = False
             start = 0
         self.position = [math.nan, math.nan, math.nan, math.nan if start else 0.0]
         self.retracted_mm = 0.0
         self.feed_mm_min = _find_feed(program, start)
-        # start, end, and retraction of the filament at the start in mm
+        # Start point, end point, and retraction of the filament at the start, in mm.
         self._moves: deque[tuple[list[float], list[float], float]] = deque(maxlen=BUFFERED_LINES)
-        for first in range(start, done_lines, WINDOW_LINES):  # never reads a long file completely
+        for first in range(start, done_lines, WINDOW_LINES):  # limits the memory for a long file
             for line in program.read_lines(first, min(done_lines, first + WINDOW_LINES)):
                 self._apply_line(line)
 
     def _apply_line(self, line: bytes) -> None:
         if line.startswith(_MOVE_STARTS):
-            self._move(line)
+            self._apply_move(line)
         elif line.startswith(b"G92 "):
             for letter, value in _WORD.findall(line):
                 if letter != b"F":
@@ -112,12 +112,12 @@ class MotionState:
         elif line in (b"M82", b"M83"):
             self.relative_e = line == b"M83"
 
-    def _move(self, line: bytes) -> None:
+    def _apply_move(self, line: bytes) -> None:
         start_point = self.position
         end_point = start_point.copy()
         for letter, value in _WORD.findall(line):
             if letter == b"F":
-                if float(value) > 0:  # otherwise the firmware keeps the last feedrate
+                if float(value) > 0:  # the firmware ignores other feed rates
                     self.feed_mm_min = float(value)
                 continue
             axis = _AXES[letter]
@@ -143,7 +143,7 @@ class MotionState:
         )
 
     def find_retraction_mm(self, stopped_at: Point) -> float:
-        """Compute `retracted_mm` for a stop in a buffered move; at the last line if no move passes there."""
+        """Compute `retracted_mm` at a stop in a buffered move; at the last line if no move passes there."""
         nearest_mm, found_mm = POSITION_TOLERANCE_MM, self.retracted_mm
         for start_point, end_point, retracted_mm in self._moves:
             distance_mm = _compute_distance(stopped_at, start_point, end_point)

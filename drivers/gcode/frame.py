@@ -2,7 +2,7 @@
 
 A flipped bit changes the checksum of the text before the ``*``, unless it creates another ``*``: a ``.`` is
 one bit away from it, and the firmware uses the first ``*`` and the digits after it. ``Y112.30`` becomes Y112
-with the checksum 30, which is executed if that matches. `add_frame` never produces such a line.
+with the checksum 30, which the firmware executes if the checksum matches. `add_frame` avoids such lines.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ LINE_BYTES = 94
 _MAX_BYTES = LINE_BYTES - len(b"255")
 
 _CHECKSUMS = {b"%0*d" % (width, total): total for total in range(128) for width in range(7)} | {b"": 0}
-"""Maps up to 6 decimals, in ASCII, to the checksum that the firmware would read."""
+"""Checksum that the firmware would read, by up to 6 decimals in ASCII."""
 
 _SMALL_DECIMALS = re.compile(rb"\.(0*(?:1[01]\d|12[0-7]|\d\d?)|)(?=[ *])")
 """Decimals that may equal a checksum, which is below 128."""
@@ -44,33 +44,34 @@ def compute_running_checksums(text: bytes) -> bytes:
 
 
 def add_frame(number: int, command: bytes) -> bytes:
-    """Add line number, checksum and newline to a command, such that no flipped bit is accepted.
+    """Add line number, checksum and newline to a command, such that the firmware accepts no flipped bit.
 
     If the decimals (at most 6) after a ``.`` equal the checksum of the text before it, an extra blank makes
-    them differ, if there is room for it.
+    them differ, provided that it fits.
     """
     line = b"N%d %b*" % (number, command)
-    totals = compute_running_checksums(line)
+    checksums = compute_running_checksums(line)
     dot = line.find(b".")
     while dot >= 0:
         end = line.find(b" ", dot)  # -1 in the last word, which the star ends
-        if _CHECKSUMS.get(line[dot + 1 : end]) == totals[dot - 1] and len(line) < _MAX_BYTES:
+        if _CHECKSUMS.get(line[dot + 1 : end]) == checksums[dot - 1] and len(line) < _MAX_BYTES:
             word = line.rindex(b" ", 0, dot)
             line = line[:word] + b" " + line[word:]
-            totals = compute_running_checksums(line)
+            checksums = compute_running_checksums(line)
             dot += 1
         dot = line.find(b".", dot + 1)
-    return b"%b%d\n" % (line, totals[-2])
+    return b"%b%d\n" % (line, checksums[-2])
 
 
 def add_frames(number: int, commands: Iterable[bytes]) -> list[bytes]:
     """Apply `add_frame` to many commands at once; the first gets line number `number`.
 
-    Few lines have decimals that must be checked, and the checksums of all prefixes are computed together.
+    This is faster than one call per command: the checksums of all prefixes are computed together, and few
+    lines have decimals that must be checked.
     """
     lines = [b"N%d %b*" % pair for pair in enumerate(commands, number)]
     text = b"".join(lines)
-    totals = compute_running_checksums(text)
+    checksums = compute_running_checksums(text)
     candidates = _SMALL_DECIMALS.finditer(text)
     decimals = next(candidates, None)
     frames: list[bytes] = []
@@ -79,14 +80,14 @@ def add_frames(number: int, commands: Iterable[bytes]) -> list[bytes]:
         end += len(line)
         collides = False
         while decimals is not None and (dot := decimals.start()) < end:
-            collides |= totals[dot - 1] ^ start_checksum == _CHECKSUMS.get(decimals[1])
+            collides |= checksums[dot - 1] ^ start_checksum == _CHECKSUMS.get(decimals[1])
             decimals = next(candidates, None)
         if collides:
             line_number = number + len(frames)
             frames.append(add_frame(line_number, line[:-1].partition(b" ")[2]))
         else:
-            frames.append(b"%b%d\n" % (line, totals[end - 2] ^ start_checksum))
-        start_checksum = totals[end - 1]
+            frames.append(b"%b%d\n" % (line, checksums[end - 2] ^ start_checksum))
+        start_checksum = checksums[end - 1]
     return frames
 
 

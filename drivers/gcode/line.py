@@ -1,10 +1,10 @@
 """Parser of G-code lines: it reads them as the firmware does, and rewrites them in canonical form. Pure.
 
-The firmware finds a letter anywhere in a line, uses the first of two, and reads a letter without a number as
-0; it ends a line at ``:``, reads any ``N`` as a line number and any ``*`` as a checksum, and cuts lines after
-94 characters (docs/explanation/ultimaker2-serial.md, section 1.5). So every line is sent in canonical form:
-``G1 F1500 X1 E2``, each letter once, plain decimal numbers. A line without such a form is refused with its
-number.
+The firmware finds a letter anywhere in a line, uses the first of two equal letters, and reads a letter
+without a number as 0. It ends a line at ``:``, reads any ``N`` as a line number and any ``*`` as a checksum,
+and cuts lines after 94 characters (docs/explanation/ultimaker2-serial.md, section 1.5). So every line is sent
+in canonical form, such as ``G1 F1500 X1 E2``: each letter once, and plain decimal numbers. A line without
+such a form is refused, and the message names its number.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from drivers.errors import BadGcode
 from drivers.firmware import Firmware
 
 MAX_NUMBER = 1e6
-"""Upper bound of lengths, speeds and temperatures: commands computed from them must fit a line."""
+"""Upper bound of lengths, speeds and temperatures: commands computed from them must fit into a line."""
 
-# Nearly every line of a file is matched, and an empty branch is faster than "?". No possessive quantifiers:
-# before Python 3.11.5 they match wrongly.
+# Nearly every line of a file is matched, and an empty branch is faster than "?". Possessive quantifiers are
+# not used, as they match wrongly before Python 3.11.5.
 _NUMBER = rb"-?\d{1,6}(?:\.\d*|)"
 _PLAIN_MOVE = re.compile(rb"G[01](?: F%b|)(?: X%b|)(?: Y%b|)(?: E%b|)\Z" % ((_NUMBER,) * 4))
 _CODE = re.compile(rb"([GMT]) *0*(\d{1,6})(?!\d)")
@@ -28,7 +28,7 @@ _WORD = re.compile(rb" *([A-Z])(?: *(-?(?:\d+(?:\.\d*)?|\.\d+)))?")
 _MOVE_CODES = frozenset((b"G0", b"G1", b"G2", b"G3", b"G92"))
 _OMITTED_CODES = frozenset(
     (b"M105", b"M117", b"M118")
-)  # the link polls on its own schedule; display texts act as commands
+)  # the link polls at its own intervals; the firmware may read display texts as commands
 
 is_plain_move = _PLAIN_MOVE.match
 """Match a move that is in canonical form already and needs no further check."""
@@ -54,7 +54,7 @@ class Command:
 
 
 def read_command(line: bytes, number: int, firmware: Firmware) -> Command | None:
-    """Read a line without its comment.
+    """Parse a line whose comment was removed.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def read_number(text: bytes, line_number: int, limit: float = MAX_NUMBER) -> flo
     Parameters
     ----------
     text
-        The digits, with a sign and a decimal point if any.
+        The digits, with sign and decimal point if there are any.
     line_number
         Line number in the file, for the message.
     limit

@@ -1,7 +1,7 @@
 """G-code file prepared for sending, with the facts that a print needs in advance. Pure.
 
 Comments and blank lines are removed: the firmware drops a line with a comment and the line after it.
-Lines that cannot be sent are refused with their number (`line`).
+A line that cannot be sent is refused with its number (`line`).
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ _EXTRUDING_MOVE = re.compile(rb"G[0-3] [^E]*E")
 _RISING_CODES = frozenset((b"G0", b"G1"))
 _HEATING_CODES = frozenset((b"M104", b"M109", b"M140", b"M190"))
 _MODES = {b"G90": (0, 0), b"G91": (0, 1), b"M82": (1, 0), b"M83": (1, 1)}  # axes (0) or E (1), relative
-_LAYERS_LIMIT = 1e6
-_SECONDS_LIMIT = 1e8
-_PEAK_MM = 1.0  # a spiral rises with every line: its height is stored in steps of this size
+_MAX_LAYERS = 1e6
+_MAX_PRINT_TIME_S = 1e8
+_PEAK_STEP_MM = 1.0  # a spiral rises with every line: heights are stored in steps of this size
 
 
 class HeaterName(StrEnum):
@@ -42,7 +42,7 @@ class HeaterName(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class HeatCommand:
-    """A line that sets a temperature (M104, M140) or also waits for it (M109, M190)."""
+    """A line that sets a temperature (M104, M140), or sets it and waits for it (M109, M190)."""
 
     line: int
     heater: HeaterName
@@ -61,7 +61,7 @@ class ProgramStore(Protocol):
 
 
 class MemoryStore:
-    """A store in memory."""
+    """Store in memory."""
 
     def __init__(self) -> None:
         self._text = bytearray()
@@ -86,15 +86,16 @@ class Program:
     count
         Number of lines.
     offsets, checksums
-        Byte offset of every 256th line in the store, and of its end; the CRC-32 of each such block.
+        Byte offset of every 256th line in the store, and of the end of the store; the CRC-32 of each block
+        of 256 lines.
     timeline
         Progress of the print at each line.
     heat_commands
         Lines that set a temperature.
     home_line
-        First G28; `count` if there is none.
+        Number of the first G28; `count` if there is none.
     extrusion_line
-        First move with an E; `count` if there is none.
+        Number of the first move with an E; `count` if there is none.
     """
 
     store: ProgramStore
@@ -105,7 +106,7 @@ class Program:
     heat_commands: tuple[HeatCommand, ...]
     home_line: int
     extrusion_line: int
-    _relative: array[int]  # lines at which G91 begins, ends, begins ...
+    _relative: array[int]  # lines at which G91 alternately takes effect and ends
     _relative_e: array[int]  # the same for M83
     _peak_lines: array[int]
     _peaks_mm: array[float]
@@ -152,14 +153,14 @@ class Program:
         return self.timeline.compute_progress(line, self.count)
 
     def find_target_c(self, heater: HeaterName, line: int) -> float | None:
-        """Find the target of a heater after `line` lines; None before the first."""
+        """Find the target of a heater after `line` lines; None if it has none yet."""
         for heat in reversed(self.heat_commands):
             if heat.heater is heater and heat.line < line:
                 return heat.target_c
         return None
 
     def compute_highest_mm(self, line: int) -> float:
-        """Compute an upper bound of the height printed by the first `line` lines, in steps of `_PEAK_MM`."""
+        """Compute an upper bound of the printed height after `line` lines, in steps of `_PEAK_STEP_MM`."""
         index = bisect_left(self._peak_lines, line)
         return self._peaks_mm[index - 1] if index else 0.0
 
@@ -195,7 +196,7 @@ def read_program(raw_lines: Iterable[bytes], profile: Profile, store: ProgramSto
         A line cannot be sent, or the file is not meant for this printer.
     """
     reader = _Reader(profile, store or MemoryStore())
-    limit_bytes, text = profile.firmware.command_bytes, reader.text
+    limit_bytes, writer = profile.firmware.command_bytes, reader.writer
     for number, raw in enumerate(raw_lines, 1):
         if len(raw) > MAX_LINE_BYTES:
             raise make_length_error(raw, number, limit_bytes)
@@ -206,7 +207,7 @@ def read_program(raw_lines: Iterable[bytes], profile: Profile, store: ProgramSto
                 continue
         if reader.extrusion_line < 0 and b"E" in line and _EXTRUDING_MOVE.match(line):
             reader.note_first_extrusion(number)
-        text.add(line)
+        writer.add(line)
     return reader.finish()
 
 
@@ -215,7 +216,7 @@ class _Reader:
 
     def __init__(self, profile: Profile, store: ProgramStore) -> None:
         self._profile = profile
-        self.text = _Text(store)
+        self.writer = _BlockWriter(store)
         self.extrusion_line = -1
         self._home_line = -1
         self._timeline = Timeline()
@@ -224,7 +225,7 @@ class _Reader:
         self._peak_lines, self._peaks_mm = array("Q"), array("d")
 
     def read_line(self, line: bytes, number: int) -> bytes:
-        """Convert a line that is not a plain move; empty if it is not sent. Raises BadGcode."""
+        """Convert a line that is not a plain move; return nothing if it is not sent. Raises BadGcode."""
         line, semicolon, comment = line.partition(b";")
         if semicolon:
             self._read_comment(comment, number)
@@ -235,7 +236,7 @@ class _Reader:
         return command.text
 
     def _note_command(self, command: Command, number: int) -> None:
-        count = self.text.count
+        count = self.writer.count
         if command.name in _HEATING_CODES:
             self._heat_commands.append(_read_heat_command(command, number, count, self._profile))
         elif command.name in _MODES:
@@ -248,21 +249,21 @@ class _Reader:
             self._timeline.add_height(z_mm)
             if not len(self._toggles[0]) % 2 and z_mm > (self._peaks_mm[-1] if self._peaks_mm else 0.0):
                 self._peak_lines.append(count)
-                self._peaks_mm.append(z_mm + _PEAK_MM)
+                self._peaks_mm.append(z_mm + _PEAK_STEP_MM)
 
     def note_first_extrusion(self, number: int) -> None:
         """Note the first extruding move. Raises BadGcode if the nozzle is cold."""
         if not any(heat.waits and heat.heater is HeaterName.NOZZLE for heat in self._heat_commands):
             raise BadGcode(f"line {number}: extrudes before an M109: heat the nozzle first")
-        self.extrusion_line = self.text.count
+        self.extrusion_line = self.writer.count
 
     def _read_comment(self, comment: bytes, number: int) -> None:
         """Parse the slicer's comments on time, layer and feature. Raises BadGcode."""
-        timeline, count = self._timeline, self.text.count
+        timeline, count = self._timeline, self.writer.count
         if comment.startswith(b"TIME_ELAPSED:"):
-            timeline.add_time(count, read_number(comment[13:], number, _SECONDS_LIMIT))
+            timeline.add_time(count, read_number(comment[13:], number, _MAX_PRINT_TIME_S))
         elif comment.startswith(b"LAYER:"):
-            timeline.add_layer(count, int(read_number(comment[6:], number, _LAYERS_LIMIT)))
+            timeline.add_layer(count, int(read_number(comment[6:], number, _MAX_LAYERS)))
         elif comment.startswith(b"TYPE:"):
             timeline.add_feature(count, comment[5:].rstrip().decode("ascii", "replace"))
         elif comment.startswith(b"FLAVOR:") and b"Marlin" not in comment:
@@ -270,16 +271,16 @@ class _Reader:
 
     def finish(self) -> Program:
         """Build the program. Raises BadGcode if it is empty."""
-        text, count = self.text, self.text.count
+        writer, count = self.writer, self.writer.count
         if not count:
-            raise BadGcode("line 1: the file has no command in it")
+            raise BadGcode("line 1: the file contains no command")
         self._timeline.close()
-        text.close_block()
+        writer.close_block()
         return Program(
-            store=text.store,
+            store=writer.store,
             count=count,
-            offsets=text.offsets,
-            checksums=text.checksums,
+            offsets=writer.offsets,
+            checksums=writer.checksums,
             timeline=self._timeline,
             heat_commands=tuple(self._heat_commands),
             home_line=count if self._home_line < 0 else self._home_line,
@@ -291,8 +292,8 @@ class _Reader:
         )
 
 
-class _Text:
-    """Writer of lines to a store, in blocks."""
+class _BlockWriter:
+    """Writer of lines to a store, in blocks of `_BLOCK_LINES`."""
 
     def __init__(self, store: ProgramStore) -> None:
         self.store = store

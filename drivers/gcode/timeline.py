@@ -41,7 +41,7 @@ class Mark:
     line
         Line of the program, from 0.
     seconds
-        Print time by the slicer's count, which excludes heating, homing, start and end.
+        Print time as counted by the slicer, which excludes heating, homing, start code and end code.
     layer
         Layer of the file, from 0; None before the first.
     z_mm
@@ -73,7 +73,7 @@ class Timeline:
     def __init__(self) -> None:
         self.time_s = 0.0
         self.layers = 0
-        self._lines, self._seconds = array("Q"), array("d")  # seconds are NaN if no comment gives them
+        self._lines, self._seconds = array("Q"), array("d")  # seconds are NaN if no comment states them
         self._layers, self._heights_mm, self._features = array("i"), array("d"), array("b")
         self._layer = _NO_LAYER
         self._z_mm = 0.0
@@ -96,7 +96,7 @@ class Timeline:
         return (self[index] for index in range(len(self)))
 
     def compute_progress(self, line: int, count: int) -> Mark:
-        """Compute the progress after `line` of all `count` lines."""
+        """Compute the progress after `line` of `count` lines."""
         index = bisect_right(self._lines, line)
         previous = self[index - 1] if index else Mark(0, 0.0)
         if line >= count or index == len(self):
@@ -106,7 +106,7 @@ class Timeline:
             previous, line=line, seconds=previous.seconds + share * (self._seconds[index] - previous.seconds)
         )
 
-    # --- filling ---
+    # --- additions ---
 
     def add_time(self, line: int, seconds: float) -> None:
         """Add the print time at a line."""

@@ -1,4 +1,4 @@
-"""The service of a host with printers: its agents, and the one connection that carries their sockets.
+"""Service of a host with printers: it runs their agents and carries the agents' sockets on one connection.
 
 `service` and `program` are not imported here: they are separate programs.
 """

@@ -30,7 +30,7 @@ from drivers.remote import (
 log = logging.getLogger(__name__)
 
 _RETRY_S = 1.0  # wall seconds between two attempts to connect to the agent
-_END_S = 30.0  # wall seconds for an idle agent to end
+_END_TIME_OUT_S = 30.0  # wall seconds for an idle agent to end
 
 
 class AgentWatch:
@@ -39,20 +39,20 @@ class AgentWatch:
     Parameters
     ----------
     start
-        Its start file.
+        The agent's start file.
     folder
-        Its folder.
+        The agent's folder.
     kept_installation
         Installation that the agent keeps after a failed update; None for the installation of this process.
     on_change
-        Function that is called when its state has changed.
+        Function that is called when the agent's state has changed.
 
     Attributes
     ----------
     start_count
-        Number of agents that it has started.
+        Number of attempts to start an agent.
     last_ended_start
-        Number of the last of these agents that has ended, or could not be started; 0 if none has.
+        Number of the last of these attempts whose agent has ended, or could not be started; 0 without one.
     """
 
     def __init__(
@@ -76,12 +76,12 @@ class AgentWatch:
 
     @property
     def printer(self) -> str:
-        """Name of its printer."""
+        """Name of the agent's printer."""
         return self.start.printer
 
     @property
     def is_alive(self) -> bool:
-        """True while an agent has the lock of its folder."""
+        """True while an agent holds the lock of the folder."""
         return is_alive(self._folder)
 
     @property
@@ -103,7 +103,7 @@ class AgentWatch:
         )
 
     def find_installation(self) -> Installation | None:
-        """Return the installation that the agent runs; None if none runs."""
+        """Return the installation that the agent runs; None if no agent runs."""
         pid = find_agent_pid(self._folder)
         return None if pid is None else Installation.from_agent(pid)
 
@@ -119,7 +119,7 @@ class AgentWatch:
         if self._listen_task is None:
             self._listen_task = asyncio.create_task(self._listen())
         if self._process is not None and self._process.poll() is not None:
-            if self._process.returncode or not agents_are_units():  # otherwise systemd has started it
+            if self._process.returncode or not agents_are_units():  # systemctl with 0 has started the unit
                 self.last_ended_start = self.start_count
                 self._reason = f"its agent ended with {self._process.returncode}"
                 log.warning("%s: %s", self.printer, self._reason)
@@ -176,15 +176,17 @@ class AgentWatch:
         Raises
         ------
         AgentError
-            It is printing, or cannot be reached.
+            The agent is printing, or cannot be reached.
         """
         pid = find_agent_pid(self._folder)
         reply = await self._client.request(m.Shutdown(id=0))
         if reply.error:
             raise AgentError(reply.error)
         try:
-            async with asyncio.timeout(_END_S):
-                while self.is_alive and find_agent_pid(self._folder) == pid:  # otherwise the next one runs
+            async with asyncio.timeout(_END_TIME_OUT_S):
+                while (
+                    self.is_alive and find_agent_pid(self._folder) == pid
+                ):  # another id: the next agent runs
                     await asyncio.sleep(0.05)
         except TimeoutError as error:
             raise AgentError(

@@ -1,4 +1,4 @@
-"""One stream of the daemon's connection, carried to the socket of an agent and back."""
+"""Carrier of bytes between one stream of the daemon's connection and the socket of an agent."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from drivers.messages import AGENT_SOCKET
 from drivers.records import AGENT_LOG
 from drivers.remote import RETRY_S
 
-_CONNECT_S = 30.0
+_CONNECT_TIME_OUT_S = 30.0
 _READ_BYTES = 64 * 1024
 
 
 async def carry_stream(stream: MuxStream, folder: Path, report_s: float) -> None:
-    """Carry lines of the agent, and bytes to it, until one end closes.
+    """Carry lines from the agent, and bytes to it, until one end closes.
 
     Parameters
     ----------
     stream
-        The stream.
+        The stream from the daemon.
     folder
         The agent's folder.
     report_s
@@ -51,7 +51,7 @@ async def carry_stream(stream: MuxStream, folder: Path, report_s: float) -> None
 
 async def _connect(folder: Path) -> tuple[asyncio.StreamReader, asyncio.StreamWriter] | None:
     """Connect to an agent that may just be starting; None if none answers in time."""
-    deadline_s = time.monotonic() + _CONNECT_S
+    deadline_s = time.monotonic() + _CONNECT_TIME_OUT_S
     while time.monotonic() < deadline_s:
         with suppress(OSError):
             descriptor = os.open(folder, os.O_PATH | os.O_DIRECTORY)
@@ -66,7 +66,7 @@ async def _connect(folder: Path) -> tuple[asyncio.StreamReader, asyncio.StreamWr
 
 async def _carry_lines(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, report_s: float) -> None:
     report_filter = ReportFilter(report_s)
-    with suppress(OSError, ValueError):  # ValueError: a line that is too long; the daemon connects again
+    with suppress(OSError, ValueError):  # ValueError: a line was too long; the daemon will connect again
         while line := await reader.readline():
             if report_filter.passes(line, time.monotonic()):
                 writer.write(line)

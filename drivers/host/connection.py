@@ -1,4 +1,4 @@
-"""Connection to a host, or to a daemon: a `Mux` between a reader and a writer of asyncio."""
+"""Connection between a daemon and a host: a `Mux` between a reader and a writer of asyncio."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ from drivers.errors import AgentError
 from drivers.host.mux import Closed, Message, Mux, Opened, Received
 
 LINE_BYTES = 1024 * 1024
-"""Maximum length of a line of an agent."""
+"""Maximum length of a line from an agent."""
 _READ_BYTES = 128 * 1024
-_HIGH_BYTES, _LOW_BYTES = 128 * 1024, 32 * 1024  # bytes of a stream above which its writer waits
+# A writer pauses above the first number of unsent bytes of its stream, and resumes at the second.
+_HIGH_WATER_BYTES, _LOW_WATER_BYTES = 128 * 1024, 32 * 1024
 
 
 class MuxStream(asyncio.Transport):
-    """One stream, as a transport for asyncio's reader and writer."""
+    """One stream as a transport for asyncio's reader and writer."""
 
     def __init__(self, owner: MuxConnection, number: int) -> None:
         super().__init__()
@@ -35,18 +36,18 @@ class MuxStream(asyncio.Transport):
     def write(self, data: bytes | bytearray | memoryview) -> None:
         """Queue bytes for sending."""
         self._owner.write(self._number, bytes(data))
-        if not self._is_writing_paused and self._owner.count_waiting(self._number) > _HIGH_BYTES:
+        if not self._is_writing_paused and self._owner.count_waiting(self._number) > _HIGH_WATER_BYTES:
             self._is_writing_paused = True
             self._protocol.pause_writing()
 
     def on_sent(self) -> None:
         """Resume the writer after bytes were sent."""
-        if self._is_writing_paused and self._owner.count_waiting(self._number) <= _LOW_BYTES:
+        if self._is_writing_paused and self._owner.count_waiting(self._number) <= _LOW_WATER_BYTES:
             self._is_writing_paused = False
             self._protocol.resume_writing()
 
     def on_data(self, data: bytes) -> None:
-        """Give received bytes to the reader."""
+        """Pass received bytes to the reader."""
         self._protocol.data_received(data)
         if self._is_reading_paused:
             self._unconsumed_bytes += len(data)
@@ -86,12 +87,12 @@ class MuxConnection:
     Parameters
     ----------
     reader, writer
-        The connection.
+        Reader and writer of the connection.
     on_message
         Function that is called with each message about the host itself.
     on_stream
-        Function that is called with each stream that the other end opens, and with its name; None if the
-        other end opens none.
+        Function that is called with each stream that the other end opens, and with the stream's name; None
+        if the other end opens no streams.
     """
 
     def __init__(
@@ -173,7 +174,7 @@ class MuxConnection:
         stream = self._streams[event.stream] = MuxStream(self, event.stream)
         self._on_stream(stream, event.name)
 
-    # -- for its streams --------------------------------------------------------------------------------
+    # -- called by the streams --------------------------------------------------------------------------
 
     def write(self, number: int, data: bytes) -> None:
         """Send bytes on a stream."""
@@ -181,11 +182,11 @@ class MuxConnection:
         self._output.set()
 
     def count_waiting(self, number: int) -> int:
-        """Return the bytes of a stream that have not been sent."""
+        """Count the unsent bytes of a stream."""
         return self._mux.count_waiting(number)
 
     def consume(self, number: int, count: int) -> None:
-        """Let the other end send more on a stream."""
+        """Allow the other end to send `count` more bytes on a stream."""
         self._mux.consume(number, count)
         self._output.set()
 

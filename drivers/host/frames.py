@@ -14,7 +14,7 @@ _HEADER = struct.Struct(">BII")
 
 
 class FrameKind(IntEnum):
-    """Kind of a frame. The numbers are fixed: hosts of other versions use them."""
+    """Kind of a frame. The numbers are fixed, as hosts of other versions use them."""
 
     MESSAGE = 0  # JSON about the host itself; its stream is 0
     OPEN = 1  # the payload names the printer
@@ -37,7 +37,7 @@ class Frame:
 
 
 class FrameReader:
-    """Splitter of received bytes into frames; a frame may arrive in several pieces."""
+    """Splitter that splits received bytes into frames; a frame may arrive in several pieces."""
 
     def __init__(self) -> None:
         self._buffer = bytearray()

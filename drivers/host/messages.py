@@ -81,10 +81,10 @@ class HostMessage(_Message):
 class AgentPhase(StrEnum):
     """State of an agent's process, as its host sees it."""
 
-    STARTING = "starting"  # started, and has not reported yet
+    STARTING = "starting"  # was started, but has not reported yet
     IDLE = "idle"
     PRINTING = "printing"
-    WAITING = "waiting"  # ended; started again after a wait
+    WAITING = "waiting"  # has ended, and is started again after a wait
     ENDING = "ending"  # no longer in the fleet
 
 
@@ -140,7 +140,7 @@ class HostState(_Message):
 
 
 def is_for_host(line: bytes) -> bool:
-    """Return whether a first line is a `HostRequest`; otherwise it is a `BridgeRequest`."""
+    """Return whether a first line is a `HostRequest` and not a `BridgeRequest`."""
     try:
         return "starts" in json.loads(line)
     except (ValueError, TypeError):

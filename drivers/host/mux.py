@@ -15,7 +15,7 @@ from drivers.errors import MessageError
 from drivers.host.frames import MAX_PAYLOAD_BYTES, Frame, FrameKind, FrameReader
 
 WINDOW_BYTES = 256 * 1024
-"""Bytes in flight on a stream."""
+"""Maximum number of bytes in flight on a stream."""
 FRAME_BYTES = 16 * 1024
 """Maximum payload of a frame with data: a stream waits for at most this many bytes of every other stream."""
 _CREDIT = struct.Struct(">I")
@@ -31,7 +31,7 @@ class Opened:
 
 @dataclass(frozen=True, slots=True)
 class Received:
-    """Bytes have arrived on a stream; `Mux.consume` allows as many more."""
+    """Bytes have arrived on a stream; call `Mux.consume` to allow as many more."""
 
     stream: int
     data: bytes
@@ -78,7 +78,7 @@ class Mux:
         self._reader = FrameReader()
         self._streams: dict[int, _Stream] = {}
         self._priority_frames: deque[Frame] = deque()  # sent before all data
-        self._ready_streams: deque[int] = deque()  # streams with something to send, each once
+        self._ready_streams: deque[int] = deque()  # numbers of the streams with a frame to send, each once
         self._last_number = 0
 
     def open(self, name: str) -> int:
@@ -96,7 +96,7 @@ class Mux:
             self._queue(stream, state)
 
     def count_waiting(self, stream: int) -> int:
-        """Return the bytes of a stream that have not been sent."""
+        """Count the unsent bytes of a stream."""
         state = self._streams.get(stream)
         return 0 if state is None else len(state.outgoing)
 
@@ -108,12 +108,12 @@ class Mux:
             self._queue(stream, state)
 
     def consume(self, stream: int, count: int) -> None:
-        """Allow the other end to send `count` more bytes, as that many were taken from the stream."""
+        """Allow the other end to send `count` more bytes, because as many were taken from the stream."""
         state = self._streams.get(stream)
         if state is None:
             return
         state.consumed += count
-        if state.consumed >= WINDOW_BYTES // 4:  # a frame for each piece would double the traffic
+        if state.consumed >= WINDOW_BYTES // 4:  # one frame per piece would double the traffic
             state.receive_credit += state.consumed
             self._priority_frames.append(Frame(FrameKind.CREDIT, stream, _CREDIT.pack(state.consumed)))
             state.consumed = 0

@@ -1,4 +1,4 @@
-"""Files of a host's service, beside the folders of its agents, and its start."""
+"""Files of a host's service, which lie beside the folders of its agents; start and end of the service."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from drivers.remote import RETRY_S, Installation
 from drivers.remote.bridge import find_folder
 
 _FOLDER = ".host"  # no printer's name begins with a dot
-_START_S = 30.0
-_END_S = 5.0
+_START_TIME_OUT_S = 30.0
+_END_TIME_OUT_S = 5.0
 
 
 def read_version() -> str:
-    """Return the version of farm that is installed; empty if it is not known."""
+    """Return the installed version of farm; empty if it is unknown."""
     try:
         return version("farm")
     except PackageNotFoundError:
@@ -100,7 +100,7 @@ class HostPaths:
         return json.dumps([read_version(), *asdict(Installation.from_this_process()).values()])
 
     def has_this_version(self) -> bool:
-        """Return whether the running service is of this version and installation."""
+        """Return whether the running service has this version and installation."""
         with suppress(OSError):
             return self._version.read_text() == self._describe_version()
         return False
@@ -113,16 +113,16 @@ def _replace(path: Path, text: str) -> None:
 
 
 def reach_service(paths: HostPaths) -> socket.socket:
-    """Connect to the service of this host; start it if none runs, or if the running one has another version.
+    """Connect to the service of this host; start it unless one of this version is running.
 
     Raises
     ------
     AgentError
-        It does not start.
+        The service does not start or does not answer.
     """
     if is_locked(paths.lock) and not paths.has_this_version():
         end_service(paths)
-    deadline_s, process = time.monotonic() + _START_S, None
+    deadline_s, process = time.monotonic() + _START_TIME_OUT_S, None
     while time.monotonic() < deadline_s:
         if not is_locked(paths.lock) and (process is None or process.poll() is not None):
             process = _start_service(paths)
@@ -162,7 +162,7 @@ def end_service(paths: HostPaths) -> None:
     if pid is not None:
         with suppress(ProcessLookupError):
             os.kill(pid, signal.SIGTERM)
-    deadline_s = time.monotonic() + _END_S
+    deadline_s = time.monotonic() + _END_TIME_OUT_S
     while is_locked(paths.lock) and time.monotonic() < deadline_s:
         time.sleep(RETRY_S / 5)
     if is_locked(paths.lock) and not kill_holder(paths.lock):

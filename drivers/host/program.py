@@ -1,4 +1,4 @@
-"""`farm host`: run over ssh by the daemon, it carries bytes between stdin, stdout and this host's service.
+"""`farm host`, which the daemon runs over ssh: it connects stdin and stdout with this host's service.
 
 The first line on stdin is a `HostRequest`, or a `BridgeRequest`, which is executed as by the bridge. The
 service outlives the connection.
@@ -23,7 +23,7 @@ _READ_BYTES = 65536
 
 
 def serve_stdio() -> int:
-    """Read the request of the first line and execute it; return the exit code."""
+    """Read the request in the first line and execute it; return the exit code."""
     line = bridge.read_first_line()
     if not line:
         return 2
@@ -49,7 +49,7 @@ def serve_stdio() -> int:
 def _carry(service: socket.socket) -> None:
     """Copy bytes until one end closes. A slow end stops only its own direction."""
     target_by_source = {0: service.fileno(), service.fileno(): 1}
-    unwritten = {0: b"", service.fileno(): b""}  # read, and not yet written
+    unwritten = {0: b"", service.fileno(): b""}  # bytes that were read, but not written yet, by their source
     for descriptor in (1, service.fileno()):
         os.set_blocking(descriptor, False)
     while True:
@@ -67,7 +67,7 @@ def _carry(service: socket.socket) -> None:
 
 
 def _stop_printers(request: HostRequest, paths: HostPaths) -> None:
-    """Stop printers in parallel; write each result as a line of JSON when it is known."""
+    """Stop printers in parallel; write each result as a line of JSON as soon as it is known."""
     with ThreadPoolExecutor(max_workers=max(1, len(request.starts))) as pool:
         for stop in as_completed([pool.submit(_stop, start, paths) for start in request.starts]):
             sys.stdout.write(stop.result().dump() + "\n")

@@ -1,8 +1,8 @@
 """Service of a host with printers: ``python -m drivers.host.service FARM``, started by `farm host`.
 
 It starts the agents of one farm on this host, watches them, and continues without the daemon. The daemon
-connects to its socket; each stream of that connection leads to the socket of one agent. When the service
-ends, the agents continue, and the next service finds them.
+connects to the service's socket; each stream of that connection leads to the socket of one agent. When the
+service ends, the agents continue, and the next service finds them.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ from drivers.remote import Installation
 
 log = logging.getLogger(__name__)
 
-_WATCH_S = 0.5
-_PORTS_S = 10.0
+_WATCH_INTERVAL_S = 0.5
+_PORT_INTERVAL_S = 10.0
 _UNUSED_S = 60.0  # wall seconds without agents and daemon after which the service ends
 
 
@@ -50,7 +50,7 @@ class HostService:
     Parameters
     ----------
     paths
-        Its files.
+        The service's files.
     """
 
     def __init__(self, paths: HostPaths) -> None:
@@ -77,7 +77,7 @@ class HostService:
         try:
             while self._watches or time.monotonic() - self._last_message_s < _UNUSED_S:
                 self._watch()
-                await asyncio.sleep(_WATCH_S)
+                await asyncio.sleep(_WATCH_INTERVAL_S)
         finally:
             server.close()
             for task in (states, ports, *self._tasks):
@@ -101,7 +101,7 @@ class HostService:
         rotate_log(self._paths.log)
 
     def _set_agents(self, starts: tuple[StartFile, ...]) -> None:
-        """Run these agents from now on; others are ended when they are idle."""
+        """Run these agents from now on; end all others when they are idle."""
         for start in starts:
             if start.printer in self._watches:
                 watch = self._watches[start.printer]
@@ -124,15 +124,15 @@ class HostService:
         self._watches[start.printer] = AgentWatch(start, folder, kept_installation, self._change_event.set)
 
     async def _retire(self, watch: AgentWatch) -> None:
-        """End an agent that is no longer in the fleet, as soon as it is idle."""
+        """End an agent whose printer is no longer in the fleet, as soon as it is idle."""
         while not watch.is_wanted and watch.is_alive:
             with suppress(DriverError):
                 await watch.end()
                 log.info("%s is not in the fleet: its agent has ended", watch.printer)
-            await asyncio.sleep(_WATCH_S)
+            await asyncio.sleep(_WATCH_INTERVAL_S)
 
     def _on_update(self) -> None:
-        self._store()  # an agent may be kept on another version now
+        self._store()  # an agent may now keep another version
         self._change_event.set()
 
     def _store(self) -> None:
@@ -157,7 +157,7 @@ class HostService:
             writer.close()
             return
         if self._daemon_writer is not None:
-            self._daemon_writer.transport.abort()  # of a connection whose end has not been noticed yet
+            self._daemon_writer.transport.abort()  # the old connection may have ended unnoticed
         connection = MuxConnection(reader, writer, self._on_message, self._on_stream)
         self._daemon, self._daemon_writer = connection, writer
         self._last_message_s, self._report_s = time.monotonic(), request.report_s
@@ -185,7 +185,7 @@ class HostService:
             self._set_agents(message.starts)
         elif message.do == "update":
             self._update.begin()
-            self._send_state()  # the daemon ignores a result until it has seen the update run
+            self._send_state()  # the daemon ignores results until it has seen that the update is running
         elif message.do == "halt":
             self._update.halt()
         self._change_event.set()
@@ -205,7 +205,7 @@ class HostService:
                     await self._change_event.wait()
             self._change_event.clear()
             self._send_state()
-            await asyncio.sleep(_WATCH_S / 2)  # collects the changes of many agents in one state
+            await asyncio.sleep(_WATCH_INTERVAL_S / 2)  # so one state has the changes of many agents
 
     def _send_state(self) -> None:
         if self._daemon is not None:
@@ -235,7 +235,7 @@ class HostService:
                 if ports != self._ports:
                     self._ports = ports
                     self._change_event.set()
-            await asyncio.sleep(_PORTS_S)
+            await asyncio.sleep(_PORT_INTERVAL_S)
 
     def _spawn(self, work: Coroutine[Any, Any, None]) -> None:
         task = asyncio.get_running_loop().create_task(work)

@@ -12,7 +12,7 @@ from drivers.records import StartFile
 from drivers.remote import build_ssh_command
 from drivers.safety import StopResult
 
-_STOP_S = 200.0  # wall seconds for all emergency stops
+_STOP_TIME_OUT_S = 200.0  # wall seconds for all emergency stops
 
 
 def stop_host(
@@ -21,9 +21,9 @@ def stop_host(
     farm: str,
     starts: Sequence[StartFile],
     on_result: Callable[[StopResult], None],
-    timeout_s: float = _STOP_S,
+    timeout_s: float = _STOP_TIME_OUT_S,
 ) -> None:
-    """Stop printers on another host. Never raises; each printer has one result.
+    """Stop printers on another host. Never raises; each printer gets one result.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def stop_host(
             timer = threading.Timer(timeout_s, process.kill)
             timer.start()
             try:
-                with suppress(BrokenPipeError):  # what ssh wrote to stderr is the reason
+                with suppress(BrokenPipeError):  # the reason is in the output of ssh on stderr
                     process.stdin.write(request.serialise())
                     process.stdin.close()
                 for line in process.stdout:

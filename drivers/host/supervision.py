@@ -1,4 +1,4 @@
-"""Decisions about the agents of a host: when one is started again, and which reports are carried. Pure."""
+"""Decisions about the agents of a host: restarts, and the reports that are sent to the daemon. Pure."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ _VOLATILE_FIELDS = {
     "bed": ("now_c",),
     "print": ("line", "progress_s", "starved_s", "layer", "z_mm", "feature"),
 }
-"""Fields of a snapshot that change all the time, by the record that they are in."""
+"""Fields of a snapshot that change all the time, by the record that contains them."""
 
 
 @dataclass(frozen=True, slots=True)
 class Backoff:
-    """Wait before an agent that ended is started again: none at first, then twice as long each time.
+    """Wait before the restart of an ended agent: none at first, then twice as long each time.
 
     Attributes
     ----------
     started_s
-        Last start, on a monotonic clock.
+        Time of the last start, on a monotonic clock.
     wait_s
         Seconds from that start to the next one.
     """
@@ -39,23 +39,22 @@ class Backoff:
         return now_s >= self.started_s + self.wait_s
 
     def record_start(self, now_s: float) -> Backoff:
-        """Compute the wait after a start at `now_s`."""
+        """Return the backoff after a start at `now_s`."""
         if now_s - self.started_s > max(_STEADY_S, 2 * self.wait_s):
             return Backoff(now_s, 0.0 if self.started_s == -math.inf else _FIRST_WAIT_S)
         return Backoff(now_s, min(_MAX_WAIT_S, max(_FIRST_WAIT_S, 2 * self.wait_s)))
 
 
 class ReportFilter:
-    """Filter of the lines of an agent that are sent to the daemon.
+    """Filter that selects the lines of an agent to send to the daemon.
 
     Replies pass at once, and so do snapshots that differ in more than temperatures and progress. Other
-    snapshots pass if the last one passed at least `report_s` earlier. An omitted line would be out of date a
-    second later.
+    snapshots pass if the last one passed at least `report_s` earlier.
 
     Parameters
     ----------
     report_s
-        Wall seconds.
+        Wall seconds between two snapshots that differ only in temperatures and progress.
     """
 
     def __init__(self, report_s: float) -> None:
@@ -70,7 +69,7 @@ class ReportFilter:
         try:
             fields = _read_fields(line)
         except (ValueError, TypeError, AttributeError):
-            return True  # the daemon judges it
+            return True  # the daemon handles an invalid line
         if fields is None:
             return True
         if fields == self._last and now_s - self._passed_s < self._report_s:

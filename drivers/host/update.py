@@ -1,4 +1,4 @@
-"""Update of a host's agents to the version of its service: one after another, each when it is idle."""
+"""Update of a host's agents to the version of its service: one agent after another, each when it is idle."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from drivers.remote import Installation
 
 log = logging.getLogger(__name__)
 
-_READY_S = 90.0  # wall seconds in which a new agent has to answer; a board takes 10 to connect
-_POLL_S = 0.2
+_READY_TIME_OUT_S = 90.0  # wall seconds within which a new agent has to answer; a board connects in 10
+_POLL_INTERVAL_S = 0.2
 
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """Observations of a new agent since the replacement.
+    """Observations of a new agent since it replaced the old one.
 
     Attributes
     ----------
     old_link
-        Link of the old agent; None if it was not known.
+        State of the old agent's link; None if it is unknown.
     snapshot
         Latest report of the new agent; None before the first.
     has_ended
-        True if it has ended, or could not be started.
+        True if the new agent has ended, or could not be started.
     waited_s
         Wall seconds since the replacement.
     """
@@ -44,9 +44,9 @@ class Trial:
 
 
 def judge_trial(trial: Trial) -> str | bool:
-    """Judge a new agent: True if it works, False if that is not known yet, else a text about its fault.
+    """Judge a new agent: return True if it works, False if that is still unknown, else the fault as text.
 
-    A printer that could not be reached before need not be reached now.
+    A new agent that cannot reach its printer works if the old agent could not reach it either.
     """
     snapshot = trial.snapshot
     if snapshot is not None and snapshot.link in (m.LinkState.READY, m.LinkState.BUSY, trial.old_link):
@@ -55,7 +55,7 @@ def judge_trial(trial: Trial) -> str | bool:
         return f"its new agent reports: {snapshot.reason or snapshot.link}"
     if trial.has_ended:
         return "its new agent has ended"
-    return trial.waited_s > _READY_S and f"its new agent was not ready in {_READY_S:g} s"
+    return trial.waited_s > _READY_TIME_OUT_S and f"its new agent was not ready in {_READY_TIME_OUT_S:g} s"
 
 
 class AgentsUpdate:
@@ -80,11 +80,11 @@ class AgentsUpdate:
         self._is_running, self._reason = True, None
 
     def halt(self) -> None:
-        """Replace no more agents, as an agent on another host had a fault."""
+        """Stop the update, as an agent on another host had a fault."""
         self._is_running = False
 
     def step(self, watches: Sequence[AgentWatch], spawn: Callable[[Coroutine[Any, Any, None]], None]) -> None:
-        """Replace the next agent that is idle, unless one is being replaced; end when none is outdated."""
+        """Replace the next idle agent, unless one is being replaced; end if no agent is outdated."""
         if not self._is_running or self._replaced_printer is not None:
             return
         outdated_watches = self._list_outdated(watches)
@@ -121,7 +121,7 @@ class AgentsUpdate:
             kept_installation, watch.kept_installation = watch.kept_installation, None
             try:
                 await watch.end()
-            except DriverError as error:  # it has begun to print, or is ending
+            except DriverError as error:  # the agent has begun to print, or is ending
                 watch.kept_installation = kept_installation
                 log.info("%s: not replaced: %s", watch.printer, error)
                 return
@@ -137,7 +137,7 @@ class AgentsUpdate:
     async def _await_trial(
         self, watch: AgentWatch, old_link: m.LinkState | None, start_count: int
     ) -> str | None:
-        """Wait for the result of the first agent after `start_count` starts; return its fault, or None."""
+        """Judge the first agent after `start_count` starts until it works; return its fault, or None."""
         started_s = time.monotonic()
         while True:
             installation = watch.find_installation()
@@ -150,7 +150,7 @@ class AgentsUpdate:
                 return None
             if result:
                 return str(result)
-            await asyncio.sleep(_POLL_S)
+            await asyncio.sleep(_POLL_INTERVAL_S)
 
     async def _restore_old_version(self, watch: AgentWatch, old: Installation | None, fault: str) -> None:
         """Start the old version again, and end the update."""

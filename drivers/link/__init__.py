@@ -1,30 +1,30 @@
 """Link to one board over a serial line.
 
-Theory of operation (of the Ultimaker 2+: docs/explanation/ultimaker2-serial.md, sections 1, 3 and 7; all of
-it holds over a wire that loses and garbles bytes):
+Theory of operation for the Ultimaker 2+ (docs/explanation/ultimaker2-serial.md, sections 1, 3 and 7). All of
+it holds even if the wire loses and garbles bytes:
 
 1. Lines have a number and a checksum, and only ONE is in flight. The firmware executes each number once: a
    line that is sent twice is refused with the number it expects, so resending the last line is always safe.
 2. M105 is numbered too: without a checksum, one flipped bit may turn it into M1, which never returns.
-3. A plain ``ok`` acknowledges a line, ``ok T:`` answers M105; the two are never confused. A lost or
-   doubled ok puts the link at most a few lines early or late, until the firmware refuses one.
+3. A plain ``ok`` acknowledges a line, and ``ok T:`` answers M105; the two are never confused. After a lost or
+   doubled ok, the link is at most a few lines ahead or behind, until the firmware refuses a line.
 4. When in doubt, the link queries the board: a line with a checksum and no number
    (`Firmware.last_line_query`) is answered with the number of the last accepted line. It has no other
    effect and no ok. The query is sent after `SILENCE_S` of silence, after an unreadable line and after each
-   refusal; its leading newline ends a line that lost its own. The answer covers everything sent before the
-   query: a missing line is sent again; a move that arrived has lost its ok. Until the answer arrives, oks
-   after a refusal are ignored.
-5. Silence alone is no fault: behind long moves, G28, G4 and M400, the query waits just as the line does. A
-   line is never resent because it is late.
-6. A number other than that of the line in flight or the one before it must be reported twice. If it is not
-   in the history then, the board has lost its line count: it was reset.
+   refusal; its leading newline ends a line that lost its own newline. The answer covers everything sent
+   before the query: if a line is missing, it is sent again; if a move arrived, its ok was lost. Until the
+   answer arrives, oks after a refusal are ignored.
+5. Silence alone is not a fault: behind long moves, G28, G4 and M400, the query waits just as the line does. A
+   line is never resent because its ok is late.
+6. The board must report a number twice before the link accepts it, unless it is that of the line in flight or
+   of the line before. If that number is not in the history, the board has lost its line count: it was reset.
 7. If more than 5 % of the lines have to be resent, the link gives up: with an 8-bit checksum some of the
    garbled lines would be executed.
 
-`Firmware` records the differences between firmwares. If a move is acknowledged only after execution, an
-answer may arrive before its ok: the link waits for an accepted line as long as the board reports that it is
-busy (`Firmware.keep_alive`). If the answer to a query is a refusal (`Firmware.last_line_resends`), it takes
-effect only after all of its lines have arrived: its ok belongs to no line.
+`Firmware` records the differences between firmwares. If a move is acknowledged only after execution, the
+answer to a query may arrive before the move's ok: the link waits for that ok as long as the board reports
+that it is busy (`Firmware.keep_alive`). If the answer to a query is a refusal (`Firmware.last_line_resends`),
+the link acts on it only after all of its lines have arrived, as its ok acknowledges no line.
 """
 
 from drivers.link.link import Link

@@ -20,7 +20,7 @@ def exchange(
     Parameters
     ----------
     port, link
-        The caller may `send` and `poll` on the link between two events.
+        The port, and the link behind it. The caller may `send` and `poll` on the link between two events.
     limit_s
         Wall seconds after which the exchange ends.
     is_new
@@ -31,7 +31,7 @@ def exchange(
     Yields
     ------
     (float, Event)
-        Time (`time.monotonic`) and event. Ends early if the link gives up.
+        Time (`time.monotonic`) and event. The events end early if the link gives up.
 
     Raises
     ------

@@ -14,7 +14,7 @@ from drivers.link.replies import Connected, Event, Events, LinkFault, UnknownLin
 
 SILENT_REASON = "the board does not answer"
 SILENCE_S = 0.3  # silence before the first query; doubled with each query
-KEEP_ALIVE_S = 1.4  # the same for a firmware that sends a busy message every second while it works
+KEEP_ALIVE_S = 1.4  # replaces SILENCE_S if the firmware sends a busy message every second while it works
 UNREADABLE_S = 0.05  # time until a query after an unreadable line, which may have been an ok
 _MAX_ANSWER_BYTES = 512
 
@@ -41,7 +41,7 @@ class Link:
         shortest_s, parts = (KEEP_ALIVE_S, 4) if keeps_alive else (SILENCE_S, 8)
         self._silence_s = max(shortest_s, min_time_out_s / parts)
         self.poll_every_s = math.inf
-        self.ignore_faults = False  # faults that the firmware reports: a stopped board still answers M105
+        self.ignore_faults = False  # True to ignore reported faults: a stopped board still answers M105
         self._reset()
 
     def _reset(self) -> None:
@@ -55,7 +55,7 @@ class Link:
         self._is_undisturbed = True  # no query and no refusal since the line in flight was sent
         self._is_refused = False  # oks are ignored until the board reports its last line
         self._answer: int | None = None  # a reported last line, until the rest of its answer has arrived
-        self._answer_s = math.inf  # time at which it is complete
+        self._answer_s = math.inf  # time at which that answer is complete
         self._recovery = Recovery()
         self.repeat_count = 0
         self._outbox = Outbox(self._firmware)
@@ -77,7 +77,7 @@ class Link:
         self._due_s = now_s + self._opening.first_query_s
 
     def on_restarted(self, now_s: float) -> None:
-        """Accept an unrequested restart of the board, and continue with its banner."""
+        """Accept an unrequested restart of the board, and continue by reading its banner."""
         self._reset()
         self.phase = Phase.BANNER
         self._opening.has_restarted = True
@@ -88,7 +88,7 @@ class Link:
         self._reset()
 
     def send(self, now_s: float, *commands: bytes) -> None:
-        """Append commands to the queue; not while a program is streamed (`halt` it first)."""
+        """Append commands to the queue. Raises ValueError while a program is streamed: `halt` it first."""
         if self._outbox.is_streaming:
             raise ValueError("a program is being streamed: halt it first")
         self._outbox.queue(commands)
@@ -141,7 +141,7 @@ class Link:
     def receive(self, data: bytes, now_s: float) -> Events | None:
         """Process bytes from the port. Never raises, even for invalid bytes.
 
-        Returns None if the only effect is that the next line of the program is to be written.
+        Returns None if the only effect is that `take` returns the next line of the program.
         """
         # Fast path: an ok to a line of a program while the next line is already encoded.
         is_usual = self._awaits_ok and self._is_undisturbed and not self._partial
@@ -187,7 +187,7 @@ class Link:
             else:
                 self._handle_last_line(number, now_s, events)
         elif replies.is_refusal(answer):
-            self._handle_refusal(-1, now_s)  # its Resend follows, unless it was lost
+            self._handle_refusal(-1, now_s)  # a Resend follows, unless it was lost
         elif (fault := replies.parse_fault(answer, self._firmware)) is not None:
             self._give_up(fault.fault, fault.text, events)
         elif (alive := self._firmware.keep_alive) is not None and answer.startswith(alive):
@@ -248,7 +248,7 @@ class Link:
             self._query(now_s)
 
     def _handle_busy(self, now_s: float, events: list[Event]) -> None:
-        """Handle a busy message: the board executes a long command, so a query is useless."""
+        """Handle a busy message: the board executes a long command, so a query would be useless."""
         if not self._awaits_ok:
             return
         if now_s - self._recovery.sent_s > max(self._outbox.time_out_s, 5 * self._min_time_out_s):
@@ -270,7 +270,7 @@ class Link:
             self._schedule_query(now_s)
 
     def _apply_answer(self, last_line: int, now_s: float, events: list[Event]) -> None:
-        """Act on an answer with the number of the last accepted line, sent after all lines had arrived."""
+        """Act on an answer, sent after all lines had arrived, with the number of the last accepted line."""
         outbox = self._outbox
         can_resend = outbox.holds(last_line + 1)
         confirmations = self._recovery.count_needed_answers(self._firmware, outbox.is_move, self._silence_s)
@@ -329,7 +329,7 @@ class Link:
         return events
 
     def _query_again(self, now_s: float, events: list[Event]) -> None:
-        """Query again, or give up, after too long without a readable answer."""
+        """Query again, or give up, if no readable answer arrived in time."""
         if self._recovery.queries >= MAX_QUERIES:
             self._give_up(Fault.NO_ANSWER, SILENT_REASON, events)
         elif self._recovery.resend_number >= 0 and self._recovery.queries >= 2:
@@ -349,7 +349,7 @@ class Link:
         self._due_s = now_s + wait_s
 
     def _schedule_query(self, now_s: float) -> None:
-        """Schedule a query soon, if a line is in flight and the board has room for a query."""
+        """Schedule a query soon, if a line is in flight and the board's receive buffer can hold a query."""
         if self._awaits_ok and self._recovery.queries < MAX_QUERIES:
             self._due_s = min(self._due_s, now_s + self._unreadable_s)
 

@@ -1,4 +1,4 @@
-"""Opening of a link: from opening the port until the board answers. Pure."""
+"""Opening of a link: the phase from opening the port until the board answers. Pure."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from drivers.link.recovery import TRIES
 
 START_S = 10.0  # maximum time from the opening of the port to ``start``; the bootloader takes one second
 UNCONFIRMED_S = 0.3  # time until the first query, if it is possible that the board does not restart
-QUIET_S = 1.0  # after ``start``: time for the rest of the banner
+QUIET_S = 1.0  # time for the rest of the banner after ``start``
 
 
 class Phase(StrEnum):
@@ -41,7 +41,7 @@ class Opening:
     min_time_out_s
         See `Link`.
     unconfirmed
-        Commands sent before; a board that does not restart must have received them.
+        Commands that were sent before; a board that does not restart must have received them.
 
     Attributes
     ----------
@@ -95,7 +95,7 @@ class Opening:
         return OpeningLine.READY if answers else OpeningLine.NOTHING
 
     def next_query(self) -> bytes | None:
-        """Return the next query to a board that did not restart; None after the last one."""
+        """Return the next query for a board that did not restart; None after the last one."""
         self._tries += 1
         if self._tries > TRIES:
             return None

@@ -1,4 +1,4 @@
-"""Outgoing lines of a link: commands and a program, numbered, encoded ahead, and kept for resending. Pure.
+"""Outgoing lines of a link, commands and a program: numbered, encoded ahead, and stored for resending. Pure.
 
 A line's number is final once the line is sent. Lines that are only encoded ahead get new numbers when an M105
 is inserted in front of them.
@@ -25,7 +25,7 @@ _BLOCK_LINES = 256
 _MOVES = (b"G0 ", b"G1 ", b"G2 ", b"G3 ")
 _ARCS = (b"G2 ", b"G3 ")
 _FEEDRATE = re.compile(rb"F(\d+\.?\d*)")
-_match_head_move = re.compile(rb".*[XYZ]").match  # moves more than the feeder
+_match_head_move = re.compile(rb".*[XYZ]").match  # matches a move of more than the feeder
 
 Source = Callable[[int, int], list[bytes]]
 """Function that returns lines `start` to `stop` of a program."""
@@ -36,11 +36,11 @@ class Outbox:
 
     def __init__(self, firmware: Firmware) -> None:
         self._firmware = firmware
-        # frames[i] is line number base + i; those up to the cursor were sent, the rest is encoded ahead.
+        # frames[i] is line number base + i. Lines up to the cursor were sent; the rest is encoded ahead.
         self._frames: list[bytes] = []
         self._base = 1
         self._cursor = -1
-        self._highest_sent = -1  # the highest number that was sent before the cursor went back
+        self._highest_sent = -1  # the highest number that was sent before the cursor moved back
         self._time_outs_s: dict[int, float] = {}  # time-outs of slow lines, by number
         self._feedrate_mm_min = math.inf  # feedrate after the last encoded line
         self._slowest_move_s = 0.0  # duration of the slowest move among the last `QUEUED_LINES`
@@ -103,11 +103,11 @@ class Outbox:
         )
 
     def holds(self, number: int) -> bool:
-        """Return True if the line is recent enough to be resent."""
+        """Return True if line `number` is recent enough to be resent."""
         return number >= self._base and self.number - number < HISTORY_LINES
 
     def count_streamed_lines(self, awaits_ok: bool) -> int:
-        """Count the acknowledged lines of the program; with `awaits_ok`, without the last sent one."""
+        """Count the acknowledged lines of the program; `awaits_ok` excludes the last sent line."""
         number = self.number
         number -= awaits_ok and not self.is_poll  # an M105 is not part of the program
         line = self._source_start + number - self._source_number + 1
@@ -156,7 +156,7 @@ class Outbox:
     # --- sending ---
 
     def take_encoded(self) -> bytes | None:
-        """Return the next line if it is an ordinary line that is encoded already; None: call `take_next`."""
+        """Return the next line if it is encoded already and ordinary; else None: call `take_next`."""
         number = self._cursor + 1
         if number < len(self._frames) and self._base + self._cursor > self._slow_path_end:
             self._cursor = number
@@ -207,7 +207,7 @@ class Outbox:
                 self._time_outs_s[number] = max(self._slowest_move_s, self._time_outs_s.get(number, 0.0))
 
     def _note_slow_move(self, number: int, move: bytes) -> None:
-        """Note a move that may take longer than `LINE_TIME_OUT_S` at its feedrate; its length is unknown."""
+        """Note a move that may take longer than `LINE_TIME_OUT_S`, assuming the longest possible move."""
         if b"F" in move and (match := _FEEDRATE.search(move)) is not None and float(match[1]) > 0.0:
             self._feedrate_mm_min = float(match[1])
         if move.startswith(_ARCS):

@@ -1,6 +1,6 @@
 """Recovery of a link that does not know the last line that the board accepted. Pure.
 
-The link sends queries (`Recovery.note_query`) and passes the answers here; a `Decision` tells it what to do.
+The link sends queries (`Recovery.note_query`) and passes the answers here; a `Decision` is its next action.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from typing import NamedTuple
 
 from drivers.firmware import Firmware
 
-CONFIRMATIONS = 3  # the board executes a line between two answers, and buffers two at most
+CONFIRMATIONS = 3  # the board executes a line between two answers, and buffers at most two lines
 # The link is too noisy at this number of repairs in this number of lines.
 NOISE_REPAIRS, NOISE_LINES = 10, 200
 TRIES = 4
-MAX_QUERIES = 4  # more may not fit into the board's receive buffer behind a line
+MAX_QUERIES = 4  # more queries may not fit into the board's receive buffer behind a line
 
 
 class Place(NamedTuple):
@@ -82,7 +82,7 @@ class Recovery:
         self.resend_number = -1
         self.sent_s = self.busy_s = self._queried_s = -math.inf
         self._unanswered_queries: deque[Place] = deque(maxlen=2 * MAX_QUERIES)  # oldest first
-        self._unconfirmed_line = -1  # last line reported once, not yet confirmed
+        self._unconfirmed_line = -1  # last line that was reported once, and is not yet confirmed
         self._contradictions = 0  # number of times that the reported line changed
         self._repairs: deque[int] = deque(maxlen=NOISE_REPAIRS)
 
@@ -119,7 +119,7 @@ class Recovery:
         self._unanswered_queries.append(place)
 
     def note_refusal(self, number: int) -> bool:
-        """Note a refusal of a line; return True if no query has to be sent at once.
+        """Note a refusal of a line; return False if a query has to be sent at once.
 
         Parameters
         ----------
@@ -134,7 +134,9 @@ class Recovery:
         return has_queried
 
     def match_answer(self, last_line: int, place: Place, awaits_ok: bool) -> Action | None:
-        """Match an answer to its query; None if the query is from the current place: then call `decide`.
+        """Match an answer to its query; return None if `decide` has to be called.
+
+        That is the case if the query was sent at the current place.
 
         Parameters
         ----------
@@ -154,11 +156,11 @@ class Recovery:
         return Action.QUERY_SOON if query.number == place.number else Action.IGNORE
 
     def forget_queries(self) -> None:
-        """Drop the unanswered queries: they were lost."""
+        """Drop the unanswered queries, which were lost."""
         self._unanswered_queries.clear()
 
     def decide(self, last_line: int, place: Place, confirmations: float, can_resend: bool) -> Decision:
-        """Decide on an answer with the number of the last accepted line, sent after all lines had arrived.
+        """Decide on an answer, sent after all lines had arrived, with the number of the last accepted line.
 
         Parameters
         ----------

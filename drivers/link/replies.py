@@ -1,6 +1,6 @@
-"""Answers of a board, sorted into events. Pure.
+"""Parser that turns answers of a board into events. Pure.
 
-The wording is that of docs/explanation/ultimaker2-serial.md, sections 1 and 3.
+The answers are described in docs/explanation/ultimaker2-serial.md, sections 1 and 3.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class UnknownLine:
 
 @dataclass(frozen=True, slots=True)
 class LinkFault:
-    """A fault that stopped the link. `text` is the board's message, or says what is missing."""
+    """A fault that stopped the link. `text` is the board's message, or describes the fault."""
 
     fault: Fault
     text: str
@@ -90,7 +90,7 @@ def is_refusal(line: bytes) -> bool:
 
 
 def parse_ok(words: bytes, firmware: Firmware) -> int | None:
-    """Parse the line number in an ok; negative if it has none; None if this is not an ok."""
+    """Parse the line number in an ok; negative if it has no number; None if `words` is not an ok."""
     if words == b"ok":
         return -1
     match = None if firmware.ok_details is None else firmware.ok_details.fullmatch(words, 2)
@@ -98,7 +98,7 @@ def parse_ok(words: bytes, firmware: Firmware) -> int | None:
 
 
 def split_answers(line: bytes, firmware: Firmware) -> list[bytes]:
-    """Split a line into its answers: several if a newline was lost, or missing as after M119."""
+    """Split a line into its answers: several if a newline was lost, or is missing as after M119."""
     if parse_ok(line, firmware) is not None:
         return [line]
     answers: list[bytes] = []

@@ -1,4 +1,4 @@
-"""Ports that connect to a printer, behind one interface."""
+"""Ports of printers behind one interface."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _READ_BYTES = 4096
 
 
 class Port(Protocol):
-    """Interface of `SerialPort` and `NetPort`."""
+    """Interface that `SerialPort` and `NetPort` implement."""
 
     def fileno(self) -> int:
-        """Return the descriptor to wait for; `reset` may change it."""
+        """Return the descriptor on which to wait; `reset` may change it."""
 
     def read(self) -> bytes:
         """Read the bytes received so far, if any. Raises PortError."""
@@ -45,10 +45,10 @@ class Port(Protocol):
 
 
 class NetPort:
-    """Port on another host over RFC 2217 (`ser2net`), with DTR.
+    """Port on another host over RFC 2217 (`ser2net`), which also carries DTR.
 
     pyserial receives bytes in its own thread; another thread forwards them to a socket, which provides a
-    descriptor to wait for.
+    descriptor on which to wait.
 
     Parameters
     ----------
@@ -72,12 +72,12 @@ class NetPort:
 
     @staticmethod
     def _forward(remote: RemotePort, receiver: socket.socket) -> None:
-        with suppress(Exception), receiver:  # after any error the reader sees a closed socket
+        with suppress(Exception), receiver:  # any error closes the socket, which the reader notices
             while True:
                 receiver.sendall(remote.read_some())
 
     def fileno(self) -> int:
-        """Return the descriptor to wait for."""
+        """Return the descriptor on which to wait."""
         return self._local_end.fileno()
 
     def read(self) -> bytes:
@@ -101,7 +101,7 @@ class NetPort:
 
     @property
     def write_pending(self) -> bool:
-        """False: the other host keeps the bytes."""
+        """Always False, as the other host keeps unsent bytes."""
         return False
 
     def reset(self) -> None:
@@ -144,7 +144,7 @@ def open_port(url: str, folder: Path, clock: Clock, baud_rate: int) -> Port:
 
 
 def identify_device(url: str) -> str | None:
-    """Return an identifier of the device behind a port, which changes after replugging or a reboot.
+    """Return an identifier of the device behind a port, which changes if it is replugged or the host reboots.
 
     Returns
     -------

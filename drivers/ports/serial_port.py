@@ -1,4 +1,4 @@
-"""Serial ports through pyserial; the only module that uses it.
+"""Serial ports through pyserial, which no other module uses.
 
 pyserial opens and configures the port. Bytes then go through `os.read` and `os.write` on its descriptor:
 pyserial's own calls select and lock each time, which is too slow for thousands of lines a second.
@@ -26,11 +26,11 @@ DTR_PULSE_S = 0.1  # duration of a pulse that resets the board
 DRAIN_S = 1.0  # maximum time for unsent bytes to be transmitted
 _DRAIN_POLL_S = 0.01
 _READ_BYTES = 4096
-_PTY = "/dev/pts/"  # the kernel keeps a pty exclusive until its other end is closed
+_PTY_PREFIX = "/dev/pts/"  # the kernel keeps a pty exclusive until its other end is closed
 
 
 class SerialPort:
-    """Open port. Opening it resets the board behind it.
+    """Open serial port. Opening it resets the board behind it.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class SerialPort:
     baud_rate
         Bits per second.
     is_shared
-        True to open the port even if it is in use: for an emergency stop only.
+        True to open the port even if it is in use; for an emergency stop only.
 
     Raises
     ------
@@ -61,16 +61,16 @@ class SerialPort:
                 f"{self.path}: cannot be opened ({_describe_cause(error)}); {_suggest_remedy(error)}"
             ) from error
         try:
-            # Otherwise closing the port drops DTR, and the next host that opens it resets the board twice.
+            # With HUPCL, closing the port would drop DTR, and the next opening would reset the board twice.
             fd = port.fileno()
             attributes = termios.tcgetattr(fd)
             attributes[2] &= ~termios.HUPCL
             # pyserial's VMIN of 0 would make an empty port look like one that hung up.
             attributes[6][termios.VMIN], attributes[6][termios.VTIME] = 1, 0
             termios.tcsetattr(fd, termios.TCSANOW, attributes)
-            self._is_pty = os.ttyname(fd).startswith(_PTY)
+            self._is_pty = os.ttyname(fd).startswith(_PTY_PREFIX)
             if self._exclusive and not self._is_pty:
-                fcntl.ioctl(fd, termios.TIOCEXCL)  # for programs that do not use locks
+                fcntl.ioctl(fd, termios.TIOCEXCL)  # also excludes programs that do not use locks
             os.set_blocking(fd, False)  # pyserial has discarded earlier input
         except (termios.error, OSError) as error:
             port.close()
@@ -134,7 +134,7 @@ class SerialPort:
         """
         until_s = time.monotonic() + DRAIN_S
         try:
-            # On a pseudo-terminal a flush discards bytes that are on their way to the other end too.
+            # On a pseudo-terminal, a flush also discards bytes that are on their way to the other end.
             self._replace(data, flush=not self._is_pty)
             if self._is_pty and self._unsent:  # the other end has stopped reading
                 self._replace(data, flush=True)
@@ -167,7 +167,7 @@ class SerialPort:
         """
         self._unsent = b""
         try:
-            if os.ttyname(self._fd).startswith(_PTY):  # raises if the printer was disconnected
+            if os.ttyname(self._fd).startswith(_PTY_PREFIX):  # raises if the printer was disconnected
                 self.close()
                 self._open()
                 return
@@ -232,7 +232,7 @@ def list_devices() -> list[Device]:
 
 
 class RemotePort:
-    """Port on another host through pyserial, whose errors become `PortError`."""
+    """Port on another host through pyserial, whose errors are raised as `PortError`."""
 
     def __init__(self, url: str, baud_rate: int) -> None:
         self._url = url
@@ -258,7 +258,7 @@ class RemotePort:
             raise PortError(f"{self._url}: was disconnected ({error}); check its host and network") from error
 
     def write_now(self, data: bytes) -> None:
-        """Discard the bytes still queued on the other host, and send these, if it can. Raises PortError."""
+        """Send bytes; first discard those queued on the other host, if it can. Raises PortError."""
         with suppress(serial.SerialException, OSError, ValueError):
             self._port.reset_output_buffer()
         self.write(data)
@@ -277,7 +277,7 @@ class RemotePort:
 
 
 def _describe_cause(error: BaseException) -> str:
-    """Return the system's message, which pyserial wraps twice."""
+    """Return the message of the operating system, which pyserial wraps twice."""
     number = getattr(error, "errno", None)
     return os.strerror(number) if isinstance(number, int) else str(error)
 

@@ -9,9 +9,9 @@ from itertools import groupby
 
 from drivers.ports.port import Port
 
-_CHUNKS = 400
-_LINES = 400  # a reply with 400 lines of any content stays below the size limit of a message
-_CHUNK_BYTES = 512
+_MAX_CHUNKS = 400
+_MAX_LINES = 400  # a reply with 400 lines of any content stays below the size limit of a message
+_MAX_CHUNK_BYTES = 512
 _MAX_LINE_LENGTH = 200
 
 
@@ -35,28 +35,28 @@ class WireRecord:
 
     def __init__(self, now: Callable[[], float]) -> None:
         self._now = now
-        self._chunks: deque[tuple[float, bool, bytes]] = deque(maxlen=_CHUNKS)
+        self._chunks: deque[tuple[float, bool, bytes]] = deque(maxlen=_MAX_CHUNKS)
 
     def record(self, is_sent: bool, data: bytes) -> None:
         """Record bytes that were sent or received."""
         if data:
             now_s = self._now()
-            for offset in range(0, len(data), _CHUNK_BYTES):
-                self._chunks.append((now_s, is_sent, data[offset : offset + _CHUNK_BYTES]))
+            for offset in range(0, len(data), _MAX_CHUNK_BYTES):
+                self._chunks.append((now_s, is_sent, data[offset : offset + _MAX_CHUNK_BYTES]))
 
     def list_lines(self) -> list[RecordedLine]:
-        """List the last 400 lines, oldest first; the first one may have lost its beginning.
+        """List the last 400 lines, oldest first; the beginning of the first may be missing.
 
-        Reads no more bytes than needed, as the serial loop waits for it.
+        It reads no more bytes than needed, as the agent's loop waits meanwhile.
         """
         chunks: deque[tuple[float, bool, bytes]] = deque()
         newlines = 0
         for chunk in reversed(self._chunks):
             chunks.appendleft(chunk)
             newlines += chunk[2].count(b"\n")
-            if newlines > _LINES:
+            if newlines > _MAX_LINES:
                 break
-        return list(split_lines(chunks))[-_LINES:]
+        return list(split_lines(chunks))[-_MAX_LINES:]
 
 
 def split_lines(chunks: Iterable[tuple[float, bool, bytes]]) -> Iterator[RecordedLine]:
@@ -94,7 +94,7 @@ class RecordedPort:
         self._port, self._record = port, record
 
     def fileno(self) -> int:
-        """Return the descriptor to wait for."""
+        """Return the descriptor on which to wait."""
         return self._port.fileno()
 
     def read(self) -> bytes:

@@ -1,8 +1,8 @@
 """The Creality Ender-3 with Marlin 2. Pure.
 
 Bed, height, clips and head are from Cura's definition; rates, steps and the machine name are from Marlin's
-example configuration (config/examples/Creality/Ender-3). Nothing was tested on a real printer: everything
-else is [assumed].
+example configuration (config/examples/Creality/Ender-3). All other values are [assumed], as nothing was
+tested on a real printer.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ ENDER3 = Profile(
     jerk_mm_s=(10.0, 0.3, 5.0),
     nozzle=HeaterModel(gain_c=320.0, tau_s=170.0),
     bed=HeaterModel(gain_c=90.0, tau_s=480.0),
-    max_nozzle_c=250.0,  # its PTFE tube reaches into the hot end; the firmware stops above 275
+    max_nozzle_c=250.0,  # the PTFE tube reaches into the hot end; the firmware stops above 275
     max_bed_c=100.0,  # the firmware stops above 125
     min_extrusion_c=170.0,
     gcode_flavor="RepRap (Marlin/Sprinter)",
-    # It heats before it homes: its motors are released after 2 minutes without a move.
+    # The code heats before it homes, as the motors are released after 2 minutes without a move.
     start_code=(
         "G21",
         "G90",
@@ -72,5 +72,5 @@ ENDER3 = Profile(
     retraction_mm=5.0,
     retraction_mm_s=25.0,
     head_above_nozzle_mm=3.0,
-    leave_code=(),  # Z homes at the bed, where the part is
+    leave_code=(),  # Z homes towards the bed, and would hit the part
 )

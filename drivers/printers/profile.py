@@ -2,8 +2,8 @@
 
 Coordinates are bed-centred, in millimetres. Sizes and clips are those of Cura's machine definitions
 (``machine_width/depth/height``, ``machine_disallowed_areas``); accelerations and feed rates are those that
-the firmware prints in its banner (``M201/M203/M204/M205``). The heating figures are assumed, not measured on
-a printer.
+the firmware prints in its banner (``M201/M203/M204/M205``). The heating figures are [assumed], not measured
+on a printer.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Rect:
         return self.max_y_mm - self.min_y_mm
 
     def overlaps(self, other: Rect) -> bool:
-        """Return True if the open interiors intersect."""
+        """Return True if the interiors intersect; shared edges do not count."""
         return (
             self.min_x_mm < other.max_x_mm
             and other.min_x_mm < self.max_x_mm
@@ -63,7 +63,7 @@ class Rect:
 
 @dataclass(frozen=True, slots=True)
 class HeaterModel:
-    """First-order heater model: full power drives it to ``ambient + gain_c`` with time constant ``tau_s``.
+    """First-order model: full power heats to ``ambient + gain_c`` with the time constant ``tau_s``.
 
     [assumed] Not measured on a printer; chosen so that nozzle and bed heat about as fast as owners report.
     """
@@ -72,7 +72,7 @@ class HeaterModel:
     tau_s: float
 
     def compute_heating_s(self, target_c: float, start_c: float = 21.0, ambient_c: float = 21.0) -> float:
-        """Compute the seconds at full power from `start_c` to `target_c`; 0 if it is warmer already."""
+        """Compute the seconds at full power from `start_c` to `target_c`; 0 if the target is not above."""
         top_c = ambient_c + self.gain_c
         if target_c <= start_c:
             return 0.0
@@ -90,7 +90,7 @@ class Profile:
     model
         Cura's definition id.
     slicer_names
-        Pattern of the names that slicers use for it, in lower case.
+        Pattern of the names that slicers use for the model, in lower case.
     family
         Model with the same feeder and hot end; its G-code also suits this model, except for the height.
     bed_mm, height_mm
@@ -102,15 +102,17 @@ class Profile:
     max_position_mm
         Largest coordinates that the firmware allows: X, Y, Z.
     steps_per_mm, max_feedrate_mm_s, max_acceleration_mm_s2
-        For X, Y, Z, E.
+        Motor steps and limits of X, Y, Z and E.
+    acceleration_mm_s2
+        Acceleration of printing moves.
     jerk_mm_s
-        For XY, Z, E.
+        Jerk of XY, Z and E.
     max_nozzle_c, max_bed_c
-        Upper limits for a file.
+        Highest temperatures that a file may set.
     min_extrusion_c
         Nozzle temperature below which the firmware ignores extrusion.
     gcode_flavor
-        Cura's name of the G-code flavour; E in mm.
+        Cura's name of the G-code flavour, in which E is in mm.
     start_code, end_code
         Templates: the start code has the fields `bed_c`, `nozzle_c` and `prime_mm`, the end code `park_mm`.
     start_position_mm
@@ -118,7 +120,7 @@ class Profile:
     prime_mm3
         Volume that the start code extrudes.
     park_retraction_mm
-        Retraction of the filament after a print, also one that was started at the printer's menu.
+        Retraction of the filament after a print, even one that was started at the printer's menu.
     pause_xy_mm
         Position of the head in a pause: X and Y.
     head_extent_mm
@@ -128,8 +130,8 @@ class Profile:
     head_above_nozzle_mm
         Cura's ``machine_nozzle_head_distance``.
     leave_code
-        Moves away from a part at an unknown position, after a reset during a print; empty if they might hit
-        the part.
+        Moves away from a part after a reset during a print, when the position is unknown; empty if they might
+        hit the part.
     banner_suffix
         Suffix of the firmware's version in the banner.
     machine_text
@@ -173,5 +175,5 @@ class Profile:
 
     @property
     def top_mm(self) -> float:
-        """Highest Z at which the head may wait: the Z endstop's, if that is at the top."""
+        """Highest Z at which the head may wait: the Z endstop, if it is at the top."""
         return max(self.home_mm[2], self.height_mm)

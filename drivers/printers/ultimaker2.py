@@ -1,7 +1,7 @@
-"""The Ultimaker 2, before the 2+. Pure.
+"""The Ultimaker 2, the predecessor of the 2+. Pure.
 
 It is [assumed] that its firmware has the serial code of the 2+ and marks an Extended in the same way. Its
-feeder is a different one, which its firmware accounts for.
+feeder differs from that of the 2+; the firmware accounts for this.
 """
 
 from __future__ import annotations

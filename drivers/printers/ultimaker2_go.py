@@ -1,6 +1,7 @@
 """The Ultimaker 2 Go: parts can be sliced for it, but it cannot be driven. Pure.
 
-Its bed has no heater, which a session needs to confirm as off; the answers of its firmware are unknown.
+A session confirms that the heaters of nozzle and bed are off, but this bed has no heater. The answers of its
+firmware are unknown.
 """
 
 from __future__ import annotations

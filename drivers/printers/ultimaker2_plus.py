@@ -1,4 +1,4 @@
-"""The Ultimaker 2+, of which the other models of the family are variants. Pure."""
+"""The Ultimaker 2+; the other models of its family are variants. Pure."""
 
 from __future__ import annotations
 
@@ -56,8 +56,8 @@ ULTIMAKER2_PLUS = Profile(
     park_retraction_mm=20.0,  # ``END_OF_PRINT_RETRACTION``
     pause_xy_mm=(10.0, 200.0),  # docs/explanation/ultimaker2-serial.md, section 5
     head_extent_mm=(-44.0, 64.0, -34.0, 14.0),  # Cura's ``machine_head_with_fans_polygon``
-    retraction_mm=6.5,  # Cura's figures, and the firmware's
+    retraction_mm=6.5,  # length and speed in Cura and in the firmware
     retraction_mm_s=25.0,
     head_above_nozzle_mm=5.0,
-    leave_code=(b"G28 Z0", b"G28 X0 Y0"),  # the bed goes down to its switch first
+    leave_code=(b"G28 Z0", b"G28 X0 Y0"),  # lower the bed to its endstop before the head moves
 )

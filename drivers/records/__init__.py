@@ -1,12 +1,12 @@
 """Files in an agent's folder: its journal, its start file and its log."""
 
-from drivers.records.journal import ESTOPPED, JOURNAL, Journal, read_journal
+from drivers.records.journal import ESTOP_REASON, JOURNAL, Journal, read_journal
 from drivers.records.journal_state import Alarm, BoardState, JournalState, Suspicion
 from drivers.records.start_file import AGENT_LOG, StartFile
 
 __all__ = [
     "AGENT_LOG",
-    "ESTOPPED",
+    "ESTOP_REASON",
     "JOURNAL",
     "Alarm",
     "BoardState",

@@ -17,15 +17,15 @@ log = logging.getLogger(__name__)
 
 JOURNAL = "journal.jsonl"  # file in an agent's folder
 MAX_BYTES = 2 * 2**20
-"""Size above which a journal is shortened; its recent prints take up to 0.8 MB."""
-ESTOPPED = "stopped by `farm estop`"  # reason for attention after an emergency stop
+"""Size above which a journal is shortened; its recent prints need up to 0.8 MB."""
+ESTOP_REASON = "stopped by `farm estop`"  # reason for attention after an emergency stop
 
 
 def read_journal(path: Path) -> tuple[JournalState, int]:
     """Read a journal.
 
     An unreadable record may have started a print: unless a later record ends that print, the printer may be
-    hot. In any case a person has to check it.
+    hot. In any case a person has to check the printer.
 
     Returns
     -------
@@ -62,7 +62,7 @@ class Journal:
         self.state, self._length = read_journal(path)
         self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o600)
         os.ftruncate(self._fd, self._length)
-        _sync_folder(path)  # otherwise a power cut may lose a new file with all its records
+        _sync_folder(path)  # else a power cut may lose a new file with all its records
 
     def write(self, at_s: float, **record: Any) -> None:
         """Write one record to the disk, and apply it to `state`.
@@ -88,9 +88,9 @@ class Journal:
         self.state.apply(record)
 
     def shorten(self, max_bytes: int = MAX_BYTES) -> bool:
-        """Replace a long journal by the fewest records that restore its state; keep the old one once.
+        """Replace a long journal by the fewest records that restore its state; keep the last long one.
 
-        Called while nothing prints. After an error the old journal continues to be used.
+        Call it while nothing prints. After an error the old journal remains in use.
 
         Returns
         -------
@@ -126,7 +126,7 @@ class Journal:
 
 
 def _sync_folder(path: Path) -> None:
-    """Write the folder's entry of a file to the disk."""
+    """Write a file's entry in its folder to the disk."""
     folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
         os.fsync(folder)

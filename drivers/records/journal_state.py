@@ -1,4 +1,4 @@
-"""State of an agent that its journal stores. Pure.
+"""State of an agent, which its journal stores. Pure.
 
 Records keep the field names of the first version; renamed fields have an alias.
 """
@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from drivers.messages import Filament, PrintSnapshot
 
-RECENT_PRINTS = 1000  # number of ended prints kept in memory: more than in a week
+MAX_RECENT_PRINTS = 1000  # number of ended prints in memory; more than a printer ends in a week
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,9 +37,11 @@ class Alarm(BaseModel):
     power_off_requested
         True if the mains are to be cut.
     outcome
-        Outcome of cutting the mains; None if unknown, and then the next agent runs the command again.
+        Outcome of the command that cuts the mains; None if it is unknown, and then the next agent runs the
+        command again.
     is_over
-        True if the printer has been cold or disconnected since then: a stuck heater now is a new finding.
+        True if the printer has been cold or disconnected since then: a heater that is stuck now is a new
+        finding.
     """
 
     model_config = ConfigDict(frozen=True, validate_by_name=True, validate_by_alias=True)
@@ -57,7 +59,7 @@ class Alarm(BaseModel):
 
     @property
     def is_suspicion(self) -> bool:
-        """True while the heater may still turn out to cool, before the mains are cut."""
+        """True while the heater may still prove to cool, before the mains are cut."""
         return not self.power_off_requested
 
     @property
@@ -81,15 +83,15 @@ class BoardState(BaseModel):
     Attributes
     ----------
     attention_reason
-        Reason for a person to check the printer, until that is done.
+        Reason for which a person has to check the printer, until that is done.
     bed_unknown_reason
-        Event at the printer not caused by the farm, until a person has cleared the bed.
+        Event at the printer that the farm did not cause, until a person has cleared the bed.
     hot
         True if a heater may still be on because of the farm.
     rest_position
-        Answer to the position query where the idle printer has rested since its last print; None if unknown.
+        Answer of the idle printer to the position query since its last print; None if unknown.
     device_id
-        The device opened last (`identify_device`).
+        The device that was opened last (`identify_device`).
     verified_reset_port
         The port at which DTR was confirmed to reset the board.
     failed_reset_port
@@ -123,7 +125,7 @@ class JournalState:
     Attributes
     ----------
     print
-        The last print; open unless its phase is a final one.
+        The last print; open unless its phase is final.
     filament
         Position of the filament's end.
     alarm
@@ -131,11 +133,11 @@ class JournalState:
     board
         State of the board.
     identity
-        Identity of the printer (`SessionContext.identity`); None until first seen.
+        Identity of the printer (`SessionContext.identity`); None until a session has read it.
     ended_print_ids
         Ids of all ended prints, which are never started again.
     recent_prints
-        The last of these prints, up to `RECENT_PRINTS`.
+        The last of these prints, up to `MAX_RECENT_PRINTS`.
     """
 
     print: PrintSnapshot | None = None
@@ -144,7 +146,7 @@ class JournalState:
     board: BoardState = field(default_factory=BoardState)
     identity: str | None = None
     ended_print_ids: set[str] = field(default_factory=set)
-    recent_prints: deque[PrintSnapshot] = field(default_factory=lambda: deque(maxlen=RECENT_PRINTS))
+    recent_prints: deque[PrintSnapshot] = field(default_factory=lambda: deque(maxlen=MAX_RECENT_PRINTS))
 
     @property
     def may_be_hot(self) -> bool:
@@ -174,7 +176,7 @@ class JournalState:
             self.identity = record["identity"]
 
     def list_records(self) -> Iterator[dict[str, Any]]:
-        """Yield the fewest records that restore this state, with only the recent ones of the ended prints."""
+        """Yield the fewest records that restore this state; of the ended prints, only the recent ones."""
         for ended_print in self.recent_prints:
             yield {"at_s": ended_print.ended_s, "print": ended_print.model_dump(mode="json")}
         yield {

@@ -10,8 +10,8 @@ from pathlib import Path
 from drivers.clock import Clock
 from drivers.errors import AgentError
 
-NAME = "start.json"
-AGENT_LOG = "agent.log"  # also in the folder of the agent
+START_FILE = "start.json"  # file in an agent's folder
+AGENT_LOG = "agent.log"  # file in an agent's folder
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,13 +23,13 @@ class StartFile:
     printer
         The printer's name in the fleet.
     model
-        Name of its model.
+        Id of the printer's model.
     port
-        Its port.
+        The printer's port.
     scale, anchor_s
         See `Clock`.
     power_off_cmd
-        Command that cuts its mains; see `PowerOff`.
+        Command that cuts the printer's mains; see `PowerOffRun`.
     """
 
     printer: str
@@ -50,13 +50,13 @@ class StartFile:
 
     def write(self, folder: Path) -> None:
         """Replace the file in one step, unless its content is the same. Raises OSError."""
-        with suppress(AgentError):  # on a full disk an agent must start too: heaters may still be on
+        with suppress(AgentError):  # an agent must start even on a full disk: heaters may still be on
             if StartFile.read(folder) == self:
                 return
         folder.mkdir(parents=True, exist_ok=True)
-        temporary = folder / f".{NAME}.new"
+        temporary = folder / f".{START_FILE}.new"
         temporary.write_text(self.dump())
-        temporary.replace(folder / NAME)
+        temporary.replace(folder / START_FILE)
 
     @classmethod
     def read(cls, folder: Path) -> StartFile:
@@ -67,7 +67,7 @@ class StartFile:
         AgentError
             There is no such file, or it cannot be read.
         """
-        path = folder / NAME
+        path = folder / START_FILE
         try:
             raw = json.loads(path.read_text())
             return cls(**{field.name: raw[field.name] for field in fields(cls) if field.name in raw})

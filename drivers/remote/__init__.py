@@ -1,4 +1,4 @@
-"""Access to agents: a client of their socket, their processes, and the connection to other hosts.
+"""Access to agents: a client of their sockets, their processes, and the connection to other hosts.
 
 `bridge` is not imported here: it is the program that ssh runs on another host.
 """

@@ -1,4 +1,4 @@
-"""Bridge to an agent: ``python -m drivers.remote.bridge``, run over ssh on the agent's host by the daemon.
+"""Bridge to an agent: ``python -m drivers.remote.bridge``, which runs over ssh on the agent's host.
 
 The first line on stdin is a `BridgeRequest`. For SERVE, the bridge starts the agent if none is running, and
 then copies bytes between stdin, stdout and the agent's socket until one of them closes; REACH does the same,
@@ -31,8 +31,8 @@ from drivers.remote.process import (
 from drivers.remote.ssh import NO_AGENT, BridgeRequest, BridgeTask
 from drivers.safety import StopTarget, stop_printer
 
-_CONNECT_S = 30.0
-_POLL_S = 0.5
+_CONNECT_TIME_OUT_S = 30.0
+_POLL_INTERVAL_S = 0.5
 _READ_BYTES = 65536
 
 
@@ -63,7 +63,7 @@ def serve(request: BridgeRequest, folder: Path) -> None:
     Raises
     ------
     DriverError
-        There is no agent, the agent does not start, or it stopped responding.
+        There is no agent, or the agent does not start or has stopped responding.
     """
     start = request.start
     if not is_alive(folder):
@@ -73,7 +73,7 @@ def serve(request: BridgeRequest, folder: Path) -> None:
     with _connect(folder) as agent:
         heartbeat = Heartbeat()
         while True:
-            ready = select.select([0, agent.fileno()], [], [], _POLL_S)[0]
+            ready = select.select([0, agent.fileno()], [], [], _POLL_INTERVAL_S)[0]
             if agent.fileno() in ready:
                 data = agent.recv(_READ_BYTES)
                 heartbeat.reset()
@@ -92,7 +92,7 @@ def serve(request: BridgeRequest, folder: Path) -> None:
 
 
 def _connect(folder: Path) -> socket.socket:
-    deadline_s = time.monotonic() + _CONNECT_S
+    deadline_s = time.monotonic() + _CONNECT_TIME_OUT_S
     while True:
         agent = socket.socket(socket.AF_UNIX)
         try:
@@ -133,7 +133,7 @@ def main() -> int:
 
 
 def execute(line: bytes) -> int:
-    """Execute the request of a first line; return the exit code."""
+    """Execute the request in a first line; return the exit code."""
     try:
         request = BridgeRequest.parse(line)
         folder = find_folder(request.farm, request.start.printer)

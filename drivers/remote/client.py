@@ -26,10 +26,10 @@ from drivers.records import AGENT_LOG
 from drivers.remote.process import RETRY_S
 
 Route = tuple[Sequence[str], bytes]
-"""Connection to another host: a command that copies bytes (`build_ssh_command`), and its first line."""
+"""Connection to another host: a command that copies bytes (`build_ssh_command`), and its first input line."""
 OpenStream = Callable[[], Awaitable[tuple[asyncio.StreamReader, asyncio.StreamWriter]]]
 """Function that opens a stream to the agent on a connection that carries several. Raises AgentError."""
-FIRST_MESSAGE_S = 45.0  # over ssh, to an agent that may have to be started
+FIRST_MESSAGE_TIME_OUT_S = 45.0  # over ssh; the agent may have to be started first
 _LINE_BYTES = 1024 * 1024
 
 
@@ -44,10 +44,10 @@ class AgentClient:
     folder
         The agent's folder; for an agent on another host it only contains the log of ssh.
     route
-        Connection to another host; None for an agent on this one.
+        Connection to another host; None for an agent on this host.
     on_message
-        Function that is called for every line of the agent, even an unreadable one, as each shows that the
-        agent is alive.
+        Function that is called for every line from the agent. Even an unreadable line shows that the agent is
+        alive.
     """
 
     def __init__(
@@ -122,7 +122,7 @@ class AgentClient:
             reader, self._writer = self._route_process.stdout, self._route_process.stdin
             assert reader is not None and self._writer is not None
             self._writer.write(first_line)
-            first = await asyncio.wait_for(reader.readline(), FIRST_MESSAGE_S)
+            first = await asyncio.wait_for(reader.readline(), FIRST_MESSAGE_TIME_OUT_S)
         except (OSError, ValueError, TimeoutError) as error:
             raise AgentError(f"{command[0]}: no connection to the agent ({error or 'time-out'})") from error
         if not first:
@@ -150,8 +150,8 @@ class AgentClient:
         Raises
         ------
         AgentError
-            There is no connection, it broke, or no reply came in time. The agent may have acted on the
-            request: requests are idempotent, so send it again. A refusal is in `Reply.error`.
+            There is no connection, it broke, or no reply arrived in time. The agent may have executed the
+            request; it can be sent again, as requests are idempotent. A refusal is in `Reply.error`.
         AgentTooOld
             The agent is of an older version that does not know this request; nothing was sent.
         """
@@ -226,7 +226,7 @@ def _read_last_line(log: Path) -> str:
 
 
 def read_line(line: bytes) -> Snapshot | Reply:
-    """Parse one line of an agent. Raises MessageError if it is not a message."""
+    """Parse one line from an agent. Raises MessageError if it is not a message."""
     try:
         return from_agent_adapter.validate_json(line)
     except ValidationError as error:

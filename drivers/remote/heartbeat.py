@@ -3,9 +3,9 @@
 A healthy agent sends something every 5 wall seconds, and every second while it prints or is warm. A loaded
 host must not cost a print, so silence alone is not enough:
 
-1. Silence is counted in the intervals between the listener's own checks, each for a second at most: while the
+1. Silence is the sum of the intervals between the listener's own checks, each limited to a second: while the
    listener does not run, messages of the agent remain unread.
-2. After `SAMPLE_S` of silence the kernel is asked for the state of the agent's process, and again after
+2. The state of the agent's process is read from the kernel after `SAMPLE_S` of silence, and again after
    `HUNG_S`.
 3. If the process waited for a processor for half of the time between both samples, or if it waits for a disk,
    it is starved, and the count restarts. Otherwise it was stopped, slept, or ran without sending: it hangs.
@@ -33,7 +33,7 @@ class ProcessSample:
     state
         Letter in /proc/PID/stat: R, S, D, T, Z.
     waited_s
-        Seconds since its start in which it was ready to run but had no processor.
+        Seconds since the start of the process in which it was ready to run but had no processor.
     """
 
     state: str
@@ -52,17 +52,17 @@ def sample_process(pid: int) -> ProcessSample | None:
 
 
 class Heartbeat:
-    """Detector of a hung agent, which counts its silence."""
+    """Detector of a hung agent, by its silence."""
 
     def __init__(self) -> None:
         self._silent_s = 0.0
         self._checked_s: float | None = None
-        self._first: ProcessSample | None = None
+        self._first_sample: ProcessSample | None = None
 
     def reset(self) -> None:
-        """Restart the count: the agent has sent something, or has just been started."""
+        """Restart the count, as the agent has sent something or was just started."""
         self._silent_s = 0.0
-        self._first = None
+        self._first_sample = None
 
     def is_hung(self, now_s: float, sample: Callable[[], ProcessSample | None]) -> bool:
         """Add the time since the last call; return True if the agent hangs.
@@ -77,13 +77,14 @@ class Heartbeat:
         if self._checked_s is not None:
             self._silent_s += min(now_s - self._checked_s, _MAX_INTERVAL_S)
         self._checked_s = now_s
-        if self._silent_s >= SAMPLE_S and self._first is None:
-            self._first = sample()
+        if self._silent_s >= SAMPLE_S and self._first_sample is None:
+            self._first_sample = sample()
         if self._silent_s < HUNG_S:
             return False
-        first, last = self._first, sample()
+        first_sample, last_sample = self._first_sample, sample()
         self.reset()
-        if first is None or last is None:
+        if first_sample is None or last_sample is None:
             return False  # the process has ended
-        is_starved = last.waited_s - first.waited_s >= _STARVED_SHARE * (HUNG_S - SAMPLE_S)
-        return not is_starved and last.state not in "DZ"
+        waited_s = last_sample.waited_s - first_sample.waited_s
+        is_starved = waited_s >= _STARVED_SHARE * (HUNG_S - SAMPLE_S)
+        return not is_starved and last_sample.state not in "DZ"

@@ -1,4 +1,4 @@
-"""Processes of agents on this host: start, search and kill."""
+"""Functions that start, find and kill the processes of agents on this host."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from drivers.errors import AgentError
 from drivers.locks import AGENT_LOCK, find_holder, is_locked, kill_holder
 from drivers.records import AGENT_LOG, StartFile
 
-UNIT = "FARM_AGENT_UNIT"
-RETRY_S = 0.25  # time between two attempts to connect to an agent that starts
+UNIT_VARIABLE = "FARM_AGENT_UNIT"
+RETRY_S = 0.25  # wall seconds between two attempts to connect to an agent that is starting
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +26,8 @@ class Installation:
     Parameters
     ----------
     python
-        Its interpreter, in a folder without symbolic links, as a link to the version in use may change.
+        Path of the interpreter. Links in its folder are resolved, as a link to the current version may
+        change.
     folder
         Folder that contains `drivers`.
     """
@@ -55,14 +56,14 @@ class Installation:
 
     @property
     def exists(self) -> bool:
-        """True if it has not been deleted."""
+        """True unless the installation was deleted."""
         return Path(self.python).exists() and Path(self.folder).is_dir()
 
 
 def spawn_agent(
     printer: str, model: str, port: str, folder: Path, clock: Clock, power_off_cmd: str | None = None
 ) -> subprocess.Popen[bytes]:
-    """Start an agent in its own process session, in which it survives the caller.
+    """Start an agent in its own process session, so that it survives the caller.
 
     If the environment names a systemd unit (`FARM_AGENT_UNIT`, with %i for the printer), that unit is started
     instead, and the returned process is systemctl's.
@@ -108,7 +109,7 @@ def start_agent(
     AgentError
         The process cannot be started.
     """
-    installation, unit = installation or Installation.from_this_process(), os.environ.get(UNIT)
+    installation, unit = installation or Installation.from_this_process(), os.environ.get(UNIT_VARIABLE)
     command = [installation.python, "-m", "drivers.agent", "--folder", str(folder.absolute())]
     if unit:
         command = ["systemctl", "start", unit.replace("%i", start.printer)]
@@ -139,7 +140,7 @@ def _open_log(folder: Path) -> BinaryIO:
 
 def agents_are_units() -> bool:
     """Return True if agents are started as systemd units."""
-    return bool(os.environ.get(UNIT))
+    return bool(os.environ.get(UNIT_VARIABLE))
 
 
 def is_alive(folder: Path) -> bool:

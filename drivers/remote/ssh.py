@@ -13,12 +13,12 @@ from drivers.errors import AgentError
 from drivers.records import StartFile
 from drivers.safety import StopResult
 
-SSH = (
+SSH_COMMAND = (
     "ssh -T -o BatchMode=yes -o ConnectTimeout=10 -o ServerAliveInterval=5 -o ServerAliveCountMax=3 "
     "-o ControlMaster=no -o ControlPath=none"
 )
 NO_AGENT = "no agent is running there"
-_STOP_S = 200.0  # wall seconds for an emergency stop
+_STOP_TIME_OUT_S = 200.0  # wall seconds for an emergency stop
 
 
 class BridgeTask(StrEnum):
@@ -31,7 +31,7 @@ class BridgeTask(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class BridgeRequest:
-    """First line sent to a bridge. Daemons store it on disk: its JSON names are fixed.
+    """First line sent to a bridge. Its JSON names are fixed, as daemons store it on disk.
 
     Parameters
     ----------
@@ -64,8 +64,8 @@ class BridgeRequest:
 
 
 def build_ssh_command(host: str, command: str, env: Mapping[str, str] = os.environ) -> list[str]:
-    """Build the arguments that run a command on a host; FARM_SSH replaces ssh and its options."""
-    return [*(env.get("FARM_SSH") or SSH).split(), "--", host, command]
+    """Build the arguments that run a command on a host; the variable FARM_SSH replaces `SSH_COMMAND`."""
+    return [*(env.get("FARM_SSH") or SSH_COMMAND).split(), "--", host, command]
 
 
 def runs_host_service(command: str) -> bool:
@@ -74,7 +74,7 @@ def runs_host_service(command: str) -> bool:
 
 
 def stop_over_ssh(
-    host: str, command: str, farm: str, start: StartFile, timeout_s: float = _STOP_S
+    host: str, command: str, farm: str, start: StartFile, timeout_s: float = _STOP_TIME_OUT_S
 ) -> StopResult:
     """Run the emergency stop of a printer on another host. Never raises.
 

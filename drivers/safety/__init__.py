@@ -3,15 +3,15 @@
 from drivers.safety.abort import send_abort, send_abort_until_accepted
 from drivers.safety.estop import Notify, StopResult, StopTarget, list_targets, stop_board, stop_printer
 from drivers.safety.heater_watch import Finding, HeaterWatch
-from drivers.safety.mains import NO_COMMAND, POLL_S, PowerOff, cut_mains
+from drivers.safety.mains import NO_COMMAND_OUTCOME, POLL_S, PowerOffRun, cut_mains
 
 __all__ = [
-    "NO_COMMAND",
+    "NO_COMMAND_OUTCOME",
     "POLL_S",
     "Finding",
     "HeaterWatch",
     "Notify",
-    "PowerOff",
+    "PowerOffRun",
     "StopResult",
     "StopTarget",
     "cut_mains",

@@ -1,15 +1,16 @@
-"""Abort sequence: stops motion and heat of a board at once, whatever its line count or its last host.
+"""Abort sequence: it stops motion and heat of a board at once, whatever its line count or its last host.
 
-It is sent before waiting for anything, because only silence reveals a failed reset.
+The sequence is sent before any wait, because only silence reveals a failed reset.
 
-* It begins with a newline, so that a line that was cut off does not swallow it.
+* It begins with a newline; otherwise it would be appended to a line that was cut off.
 * M401 empties the planner's queue of moves within 10 ms (docs/explanation/ultimaker2-serial.md, section 3.1);
   then heaters and fan are switched off.
-* It has no line numbers, which the firmware accepts; afterwards the firmware refuses numbered lines.
+* Its lines have no numbers. The firmware accepts them, and then refuses numbered lines.
 * It has no M84, which waits for moves and would block the rest of the sequence if M401 was lost.
-* It is short: after M105 and the longest line of a print, it just fits the firmware's receive buffer of 127
-  bytes. More would be cut, and an ``M1`` that remains of a truncated M104 would block the board forever. So
-  the sequence is repeated only after the board has sent something, which shows that it reads.
+* It is short: after M105 and the longest line of a print, it just fits into the firmware's receive buffer of
+  127 bytes. A longer sequence would be cut, and an ``M1`` that remains of a truncated M104 would block the
+  board forever. So the sequence is repeated only after the board has sent something, which shows that it
+  reads.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from drivers.firmware import Firmware
 from drivers.ports import Port
 
 TRIES = 3
-_ANSWER_S, _READ_S = 0.5, 0.05  # wall seconds
+_ANSWER_TIME_OUT_S, _READ_INTERVAL_S = 0.5, 0.05  # wall seconds
 
 
 def send_abort(port: Port, firmware: Firmware) -> None:
@@ -34,15 +35,15 @@ def send_abort(port: Port, firmware: Firmware) -> None:
 def send_abort_until_accepted(port: Port, firmware: Firmware) -> None:
     """Send the sequence, and again after each refusal, which drops the lines that follow.
 
-    Called by an agent that is ending. Takes 0.5 s if nothing is refused, and never raises.
+    An agent that is ending calls it. It takes 0.5 s if nothing is refused, and never raises.
     """
     for _ in range(TRIES):
         send_abort(port, firmware)
         answer = b""
         with suppress(PortError):
-            deadline_s = time.monotonic() + _ANSWER_S
+            deadline_s = time.monotonic() + _ANSWER_TIME_OUT_S
             while b"Resend" not in answer and time.monotonic() < deadline_s:
-                time.sleep(_READ_S)
+                time.sleep(_READ_INTERVAL_S)
                 answer += port.read()
         if b"Resend" not in answer:
             return

@@ -1,14 +1,15 @@
-"""Emergency stop: switches a printer's heaters off without its agent or the daemon, which may hang.
+"""Emergency stop: it switches a printer's heaters off without the agent and the daemon, which may hang.
 
-1. The agent is killed: a stopped or hung process answers no request, and killing it frees the port.
-2. Its lock is taken, so that no other agent starts meanwhile.
+1. The agent is killed, as a stopped or hung process answers no request. This also frees the port.
+2. The agent's lock is taken, so that no other agent starts meanwhile.
 3. The board gets the abort sequence (`abort`) and at once a reset by DTR, which switches heaters, motors and
    fan off; a board that DTR does not reset has received the sequence.
 4. M105 is sent until a report shows both targets 0. If the board did not restart, M114 is sent until two
-   positions are equal; then its motors are switched off. M105 continues until both heaters cool
-   (`HeaterWatch`): only that counts as off.
-5. The agent's journal requires a person to check the printer: nothing is printed before `farm cleared`.
-6. If the heaters were not confirmed off, the mains are cut, if the fleet has a `power_off_cmd`.
+   positions are equal; then its motors are switched off. M105 is sent until both heaters cool
+   (`HeaterWatch`): only then do they count as off.
+5. A record in the agent's journal requires a person to check the printer: nothing is printed before
+   `farm cleared`.
+6. If the heaters were not confirmed off and the fleet has a `power_off_cmd`, the mains are cut.
 """
 
 from __future__ import annotations
@@ -33,15 +34,15 @@ from drivers.link.dialogue import exchange
 from drivers.locks import AGENT_LOCK, acquire_lock, kill_holder
 from drivers.ports import NET_PREFIX, NetPort, Port, SerialPort
 from drivers.printers import find_firmware
-from drivers.records import ESTOPPED, JOURNAL, Journal, StartFile
+from drivers.records import ESTOP_REASON, JOURNAL, Journal, StartFile
 from drivers.safety.abort import send_abort
 from drivers.safety.heater_watch import HeaterWatch
 from drivers.safety.mains import cut_mains
 
-EMULATOR = "emulator"
-_REPORT_S = 20.0  # time for `start`, the banner and a report
-_POLL_S = 0.5  # time between two reports, and between two queries for the position
-_COOL_S = 120.0  # longer than `HeaterWatch` needs to find a heater that does not cool
+EMULATOR_FOLDER = "emulator"
+_REPORT_TIME_OUT_S = 20.0  # time for `start`, the banner and a report
+_POLL_INTERVAL_S = 0.5  # time between two reports, and between two queries for the position
+_COOLING_TIME_OUT_S = 120.0  # longer than `HeaterWatch` needs to find a heater that does not cool
 _COUNT = re.compile(rb"Count (X.*)")  # the position of the head in the answer to M114
 _FIELD_NAMES = {"cut_s": "reset_s", "still": "is_still"}  # fields by their names in JSON
 
@@ -60,15 +61,15 @@ class StopTarget:
     Parameters
     ----------
     printer
-        Its name in the fleet.
+        The printer's name in the fleet.
     port
-        Its port, as in `fleet.yaml`.
+        The printer's port, as in `fleet.yaml`.
     folder
         The folder of its agent.
     firmware
-        Its firmware.
+        The printer's firmware.
     power_off_cmd
-        Command that cuts its mains; see `PowerOff`.
+        Command that cuts the printer's mains; see `PowerOffRun`.
     """
 
     printer: str
@@ -97,7 +98,7 @@ class StopResult:
     text
         User-facing sentence.
     is_still
-        True if it was confirmed not to move: it restarted, or M114 returned the same position twice.
+        True if the printer was confirmed not to move: it restarted, or M114 returned the same position twice.
     """
 
     printer: str
@@ -136,19 +137,21 @@ def list_targets(agents: Path) -> dict[str, StopTarget]:
     return targets
 
 
-def stop_printer(target: StopTarget, watch_s: float = _REPORT_S, notify: Notify = _ignore) -> StopResult:
-    """Stop one printer. Never raises; returns once it cools, after 140 s at most.
+def stop_printer(
+    target: StopTarget, watch_s: float = _REPORT_TIME_OUT_S, notify: Notify = _ignore
+) -> StopResult:
+    """Stop one printer. Never raises; returns once the printer cools, after at most 140 s.
 
     Parameters
     ----------
     target
         The printer.
     watch_s
-        Wall seconds within which it has to report both targets 0.
+        Wall seconds within which the printer has to report both targets 0.
     notify
-        Function that gets the first result, before the printer has cooled.
+        Function that is called with the first result, before the printer has cooled.
     """
-    with suppress(OSError):  # another user's process: its port stays in use
+    with suppress(OSError):  # a process of another user cannot be killed, and its port stays in use
         kill_holder(target.folder / AGENT_LOCK)
     lock = None
     with suppress(OSError):
@@ -157,15 +160,19 @@ def stop_printer(target: StopTarget, watch_s: float = _REPORT_S, notify: Notify 
     try:
         result = stop_board(target, watch_s, notify)
         if lock is not None:
-            with suppress(DriverError, OSError):  # a full disk: the bed counts as unknown in any case
-                Journal(target.folder / JOURNAL).write(time.time(), look=ESTOPPED, hot=not result.seen_off)
+            with suppress(DriverError, OSError):  # on a full disk, the bed counts as unknown in any case
+                Journal(target.folder / JOURNAL).write(
+                    time.time(), look=ESTOP_REASON, hot=not result.seen_off
+                )
     finally:
         if lock is not None:
             os.close(lock)
     return result
 
 
-def stop_board(target: StopTarget, watch_s: float = _REPORT_S, notify: Notify = _ignore) -> StopResult:
+def stop_board(
+    target: StopTarget, watch_s: float = _REPORT_TIME_OUT_S, notify: Notify = _ignore
+) -> StopResult:
     """Stop the board of a printer without an agent; cut the mains if that fails. Never raises.
 
     Parameters
@@ -192,8 +199,8 @@ def _reset(target: StopTarget, watch_s: float, notify: Notify) -> StopResult:
     reset_s, board = None, _Board(port, target.firmware, notify)
     try:
         send_abort(port, target.firmware)
-        if not target.port.startswith("sim://"):  # otherwise opening the port was the reset
-            with suppress(PortError):  # the abort sequence may have been enough; that is checked below
+        if not target.port.startswith("sim://"):  # opening the port of an emulator was the reset
+            with suppress(PortError):  # the abort sequence may have sufficed, which is checked below
                 port.reset()
         reset_s = time.time()
         text, heaters_off = board.confirm_off(watch_s)
@@ -208,7 +215,7 @@ def _open(target: StopTarget) -> Port | None:
     """Open the printer's port; None if it is simulated and without power. Raises PortError."""
     path = Path(target.port)
     if target.port.startswith("sim://"):
-        emulator = target.folder / EMULATOR
+        emulator = target.folder / EMULATOR_FOLDER
         if not emulator_is_running(emulator):
             return None
         path = emulator / TTY
@@ -221,7 +228,7 @@ def _open(target: StopTarget) -> Port | None:
 
 
 class _Board:
-    """A board that was stopped, and its answers since then.
+    """Board that was stopped, and its answers since then.
 
     Attributes
     ----------
@@ -235,7 +242,7 @@ class _Board:
         self._firmware = firmware
         self._link = Link(firmware)
         self._link.ignore_faults = True
-        self._link.poll_every_s = _POLL_S
+        self._link.poll_every_s = _POLL_INTERVAL_S
         self._connection: Connected | None = None
         self._report: Report | None = None
         self._position: bytes | None = None
@@ -243,7 +250,7 @@ class _Board:
 
     @property
     def motion(self) -> str:
-        """User-facing clause on its motion."""
+        """User-facing clause on the motion of the board."""
         return (
             "it stands still" if self.is_still else "its standstill was not confirmed: check whether it moves"
         )
@@ -263,7 +270,7 @@ class _Board:
             if self.is_still and self._report is not None and self._report.targets_off:
                 break
         if (self._report is None or not self._report.targets_off) and self._firmware.halt is not None:
-            self._port.write_now(b"\n" + self._firmware.halt + b"\n")  # the print has ended in any case
+            self._port.write_now(b"\n" + self._firmware.halt + b"\n")  # the print is lost in any case
         if self._report is None or self._connection is None:
             return "was reset, but shows no temperatures: switch it off", False
         report, connection = self._report, self._connection
@@ -271,7 +278,7 @@ class _Board:
             targets = f"nozzle {report.nozzle_target_c:g} C, bed {report.bed_target_c:g} C"
             return f"still shows targets ({targets}): switch it off", False
         method = "its board was reset" if connection.restarted else "by command: its board was not reset"
-        with suppress(OSError):  # the message may have no reader; the printer is still watched
+        with suppress(OSError):  # the message may have no reader, but the printer must be watched
             self._notify(f"shows both targets 0 ({method}), {self.motion}; it is watched until it cools")
         return self._confirm_cooling(method)
 
@@ -280,7 +287,7 @@ class _Board:
             self._connection = event
             if event.restarted:
                 self.is_still = True
-            else:  # send it again with line numbers, as the abort without them may have been lost
+            else:  # repeat the abort with line numbers, as the one without numbers may have been lost
                 self._link.send(now_s, *self._firmware.abort)
             self._link.poll(now_s)
         elif isinstance(event, Report):
@@ -307,7 +314,7 @@ class _Board:
     def _confirm_cooling(self, method: str) -> tuple[str, bool]:
         watch, report = HeaterWatch(0.0), self._report
         assert report is not None
-        for now_s, event in exchange(self._port, self._link, _COOL_S, is_new=False):
+        for now_s, event in exchange(self._port, self._link, _COOLING_TIME_OUT_S, is_new=False):
             self._on_event(now_s, event)
             if isinstance(event, Report):
                 report = event

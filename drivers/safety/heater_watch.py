@@ -1,9 +1,10 @@
-"""Heater watch: compares both heaters with their targets at every report. Pure.
+"""Heater watch: it compares both heaters with their targets at every report. Pure.
 
 It finds faults that the firmware misses or ignores (docs/explanation/ultimaker2-serial.md, section 3.2): an
 M109 that would succeed with a dead heater, an M190 that would wait forever, a heater that fails during a
-print, one that still heats when off. Reports have no checksum, so every value is the median of three. At most
-`GAP_S` between two reports counts: a gap, as behind a long move or while the host sleeps, is not a fault.
+print, and a heater that still heats when off. Reports have no checksum, so every value is the median of
+three. At most `GAP_S` between two reports counts, as a longer gap is not a fault: reports wait behind long
+moves, and the host may sleep.
 """
 
 from __future__ import annotations
@@ -19,26 +20,28 @@ from drivers.link import Report
 
 PROGRESS_C = 1.0  # minimum progress within `HeaterRule.stall_s`
 GAP_S = 15.0
-RISE_C, RISE_S = 10.0, 10.0  # rise after this time without power; [assumed] larger than any overshoot
-SENSOR_BROKEN_C = 0.0  # below any room temperature: a shorted bed sensor, which the firmware does not report
+RISE_C, RISE_S = 10.0, 10.0  # rise after this time without power; [assumed] to exceed any overshoot
+# Below any room temperature: the reading of a shorted bed sensor, which the firmware does not report.
+BROKEN_SENSOR_C = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class HeaterRule:
-    """Limits of a healthy heater. [assumed; the nozzle's allow for the part cooling fan]
+    """Limits of a healthy heater. [assumed; those of the nozzle allow for the part cooling fan]
 
     Attributes
     ----------
     band_c
-        Distance from the target at which it counts as reached.
+        Distance from the target within which the target counts as reached.
     stall_s
-        Before that, it must come `PROGRESS_C` nearer within this time.
+        Time within which the heater must come `PROGRESS_C` nearer to a target that is not reached.
     hold_c, max_away_s
-        Afterwards it may be further away than `hold_c` for `max_away_s` at most.
+        Distance from a reached target that the heater may exceed, and the longest time for which it may.
     cold_c
-        Below this it counts as off, since it may not cool any further.
+        Temperature below which a heater counts as off, since it may not cool any further.
     cooling_c, cooling_s
-        Switched off above `cold_c`, it must cool by `cooling_c` within `cooling_s`: proof that it is off.
+        Degrees by which a heater that was switched off above `cold_c` must cool, and the time for that: the
+        proof that it is off.
     """
 
     band_c: float
@@ -76,12 +79,12 @@ class Finding:
 
 
 class HeaterWatch:
-    """Watch over both heaters during a print, from cold to cold.
+    """Watch over both heaters during a print, from the cold start until they have cooled.
 
     Parameters
     ----------
     min_duration_s
-        Lower bound of the times of every rule, in seconds: with an accelerated clock the host's scheduling
+        Lower bound of the times in every rule, in seconds: with an accelerated clock, the host's scheduling
         must not look like a fault.
     """
 
@@ -157,8 +160,8 @@ class _Heater:
         self._since_s = math.nan  # time of the first report after the target was set
         self._min_distance_c, self._progress_s = math.inf, math.nan
         self._off_target_since_s = math.inf  # time at which it left the range around the target
-        self._hottest_c = -math.inf  # since it was switched off
-        self._coolest_c = math.inf  # since it was seen to cool
+        self._hottest_c = -math.inf  # since the heater was switched off
+        self._coolest_c = math.inf  # since the heater was seen to cool
 
     @property
     def now_c(self) -> float:
@@ -176,7 +179,7 @@ class _Heater:
             return None
         now_c = self.now_c
         rises = self._rise_detector.check(now_c, max(reported_target_c, set_target_c), now_s)
-        if now_c <= SENSOR_BROKEN_C:
+        if now_c <= BROKEN_SENSOR_C:
             self.is_cooling = False
             return self._make_finding(Fault.MINTEMP, f"reads {now_c:g} C: its sensor is broken")
         if set_target_c == 0.0:
@@ -239,24 +242,24 @@ class _Heater:
 class _RiseDetector:
     """Detector of a heater that gets hotter after it was switched off.
 
-    Time counts from the first report that shows the target 0, so that a command on its way is no fault, and
-    continues over a reset of the board.
+    Time counts from the first report that shows the target 0, so that a command on its way is not a fault. A
+    reset of the board does not restart it.
     """
 
     def __init__(self, rule: HeaterRule, min_duration_s: float) -> None:
-        self._cold_c, self._after_s = rule.cold_c, max(RISE_S, min_duration_s)
-        self._targets: deque[float] = deque(maxlen=3)
+        self._cold_c, self._min_off_s = rule.cold_c, max(RISE_S, min_duration_s)
+        self._last_targets_c: deque[float] = deque(maxlen=3)
         self._since_s = math.nan
-        self.coolest_c = math.inf  # since it was shown to be off
+        self.coolest_c = math.inf  # since a report showed the target 0
 
     def check(self, now_c: float, target_c: float, now_s: float) -> bool:
         """Return True if this report shows that the heater is stuck on."""
-        self._targets.append(target_c)
-        if median(self._targets) != 0.0:
+        self._last_targets_c.append(target_c)
+        if median(self._last_targets_c) != 0.0:
             self._since_s, self.coolest_c = math.nan, math.inf
             return False
         if math.isnan(self._since_s):
             self._since_s = now_s
         self.coolest_c = min(self.coolest_c, now_c)
         is_hotter = now_c > max(self._cold_c, self.coolest_c) + RISE_C
-        return is_hotter and now_s - self._since_s >= self._after_s
+        return is_hotter and now_s - self._since_s >= self._min_off_s

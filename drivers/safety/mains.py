@@ -1,4 +1,4 @@
-"""Mains switch of a printer: a command of the fleet, run if heaters were not confirmed off."""
+"""Mains switch of a printer: a command of the fleet that is run if heaters were not confirmed off."""
 
 from __future__ import annotations
 
@@ -13,22 +13,23 @@ from contextlib import suppress
 log = logging.getLogger(__name__)
 
 TIMEOUT_S = 10.0  # wall seconds for a relay to answer
-POLL_S = 0.05  # wall seconds between two checks whether the command has ended
-KILL_S = 1.0  # wall seconds for a killed process to end
+POLL_S = 0.05  # wall seconds between two checks for the end of the command
+KILL_TIME_OUT_S = 1.0  # wall seconds for a killed process to end
 SWITCH_OFF_ADVICE = "switch it off by hand"
-NO_COMMAND = f"it has no power_off_cmd: {SWITCH_OFF_ADVICE}"
+NO_COMMAND_OUTCOME = f"it has no power_off_cmd: {SWITCH_OFF_ADVICE}"
 _STDERR_BYTES, _MESSAGE_CHARACTERS = 4096, 200  # parts of the command's stderr that are kept and shown
 
 
-class PowerOff:
-    """A run of the command. Its methods neither wait nor raise.
+class PowerOffRun:
+    """One run of the command. The methods neither wait nor raise.
 
-    The command runs in its own session, and thus survives an agent that is killed.
+    The command runs in its own process session, and thus survives an agent that is killed.
 
     Parameters
     ----------
     command
-        `power_off_cmd` of `fleet.yaml`: split as in a shell, but run without one; ``{printer}`` is the name.
+        `power_off_cmd` of `fleet.yaml`, split as in a shell, but run without one; ``{printer}`` is replaced
+        by the name.
     printer
         The printer's name in the fleet.
     timeout_s
@@ -63,7 +64,7 @@ class PowerOff:
         self._read_stderr()
         code, now_s = self._process.poll(), time.monotonic()
         if self._is_killed:
-            if code is not None or now_s > self._deadline_s + KILL_S:
+            if code is not None or now_s > self._deadline_s + KILL_TIME_OUT_S:
                 self._end(f"power_off_cmd did not end in {self._timeout_s:g} s: {SWITCH_OFF_ADVICE}")
         elif code == 0:
             self._end("power_off_cmd cut its mains")
@@ -94,9 +95,9 @@ def cut_mains(command: str, printer: str, timeout_s: float = TIMEOUT_S) -> str:
     Parameters
     ----------
     command, printer, timeout_s
-        See `PowerOff`.
+        See `PowerOffRun`.
     """
-    run = PowerOff(command, printer, timeout_s)
+    run = PowerOffRun(command, printer, timeout_s)
     while (outcome := run.poll_outcome()) is None:
         time.sleep(POLL_S)
     return outcome

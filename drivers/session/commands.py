@@ -6,31 +6,33 @@ from collections.abc import Generator
 
 from drivers.errors import Fault
 from drivers.link import Phase as LinkPhase
-from drivers.session.context import Answer, PrintEnded, Script, SessionContext, Wait
+from drivers.session.context import PrintEnded, Script, SessionContext, TimedScript, Wait
 
-SEND_S = 180.0  # maximum time for commands to be executed
-RESET_S = 30.0  # maximum time for a port that disappeared to return
-CONNECT_S = 30.0  # the link itself queries before that
+SEND_TIME_OUT_S = 180.0  # maximum time for commands to be executed
+RESET_TIME_OUT_S = 30.0  # maximum time for a port that disappeared to return
+CONNECT_TIME_OUT_S = 30.0  # maximum time for the board to answer; the link sends its queries earlier
 TRIES = 3
 HEAT_DEAD_MAN_S = 1200.0  # nothing resets the timer during a G28 or behind slow moves
-PRINT_DEAD_MAN_S = 600.0  # moves reset it, but an M400 behind 17 slow moves does not
-PAUSE_DEAD_MAN_S = 120.0  # reset every few seconds
+PRINT_DEAD_MAN_S = 600.0  # moves reset the timer, but an M400 behind 17 slow moves does not
+PAUSE_DEAD_MAN_S = 120.0  # the session resets the timer every few seconds
 
 
 def connect(context: SessionContext) -> Script:
     """Reset the board and wait until it answers, with its heaters off and its line count at 0.
 
-    A restarted board has no dead-man timer armed. A board that cannot be reset keeps its timer until its
-    heaters are reported off, as another host may have armed it.
+    After a restart no dead-man timer is armed. A board that cannot be reset keeps its timer until its heaters
+    are reported off, as another host may have armed that timer.
     """
     link = context.link
     for _ in range(TRIES):
         context.connection = None
         context.wants_reset = True
         link.poll_every_s = context.pace.heating_s
-        if not (yield context.wait(lambda: not context.wants_reset, RESET_S)):
+        if not (yield context.wait(lambda: not context.wants_reset, RESET_TIME_OUT_S)):
             raise PrintEnded(Fault.PORT_LOST, "the port is missing")
-        yield context.wait(lambda: context.connection is not None or link.phase is LinkPhase.DEAD, CONNECT_S)
+        yield context.wait(
+            lambda: context.connection is not None or link.phase is LinkPhase.DEAD, CONNECT_TIME_OUT_S
+        )
         connection = context.connection
         if connection is not None and connection.restarted:
             context.dead_man_s = 0.0
@@ -43,7 +45,7 @@ def connect(context: SessionContext) -> Script:
     raise PrintEnded(Fault.NO_ANSWER, "the board did not restart when its port was opened")
 
 
-def send(context: SessionContext, *commands: bytes, limit_s: float = SEND_S) -> Answer:
+def send(context: SessionContext, *commands: bytes, limit_s: float = SEND_TIME_OUT_S) -> TimedScript:
     """Send commands and wait until the last of them was executed."""
     context.link.send(context.now_s, *commands)
     context.last_command_s = context.now_s
@@ -57,13 +59,13 @@ def query(context: SessionContext, command: bytes) -> Generator[Wait, bool, byte
     return context.answer
 
 
-def await_report(context: SessionContext, deadline_s: float) -> Answer:
+def await_report(context: SessionContext, deadline_s: float) -> TimedScript:
     """Wait for the next temperature report."""
     previous = context.report
     return (yield Wait(lambda: context.report is not previous, deadline_s))
 
 
-def arm_dead_man(context: SessionContext, seconds: float) -> Script:
+def arm_dead_man(context: SessionContext, time_out_s: float) -> Script:
     """Arm the firmware's dead-man timer: heaters go off after that time without a command; 0 disarms it."""
-    context.dead_man_s = max(seconds, 10 * context.pace.min_time_out_s) if seconds else 0.0
+    context.dead_man_s = max(time_out_s, 10 * context.pace.min_time_out_s) if time_out_s else 0.0
     yield from send(context, context.firmware.dead_man % context.dead_man_s)

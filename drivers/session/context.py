@@ -19,16 +19,18 @@ from drivers.printers import Profile
 from drivers.records import Suspicion
 from drivers.safety import HeaterWatch
 
-REPORT_S = 180.0  # limit between two reports while heating, as one may wait behind a slow move and be resent
-NO_REPORT_S = 700.0  # limit without a report while printing: longer than any command may take
+# Maximum time between two reports while heating: a query may wait behind a slow move and be resent.
+REPORT_TIME_OUT_S = 180.0
+# Maximum time without a report while printing: longer than any command may take.
+NO_REPORT_TIME_OUT_S = 700.0
 
 
 @dataclass(frozen=True, slots=True)
 class Pace:
-    """Intervals between M105, and the shortest time-out, in seconds of the farm's clock.
+    """Intervals between M105 queries, and the shortest time-out, in seconds of the farm's clock.
 
-    An accelerated clock must neither flood the link with M105 nor mistake the host's scheduling for a silent
-    board, so each of them has a bound in wall time.
+    With an accelerated clock, M105 must not flood the link, and the host's scheduling must not look like a
+    silent board. So each value has a lower bound in wall time.
     """
 
     min_time_out_s: float = 2.0
@@ -38,7 +40,7 @@ class Pace:
 
     @classmethod
     def from_clock(cls, clock: Clock) -> Pace:
-        """Compute the pace: time-outs of 2 wall seconds or more; at most 10 reports per wall second."""
+        """Compute the pace: time-outs of at least 2 wall seconds, and at most 10 reports per wall second."""
         scale = clock.scale
         return cls(
             min_time_out_s=2.0 * scale,
@@ -49,7 +51,7 @@ class Pace:
 
 
 class PrintEnded(Exception):
-    """Exception that ends a print early: because of a fault, or of a cancellation if `fault` is None."""
+    """Exception that ends a print early, because of a fault; because of a cancellation if `fault` is None."""
 
     def __init__(self, fault: Fault | None, reason: str) -> None:
         super().__init__(reason)
@@ -66,22 +68,22 @@ class Wait:
 
 
 Script = Generator[Wait, bool, None]
-Answer = Generator[Wait, bool, bool]
+TimedScript = Generator[Wait, bool, bool]
 """A script that returns True if it finished in time."""
 
 
 @dataclass(slots=True, eq=False)
 class SessionContext:
-    """State of one session. Its scripts and its `Session` write it; others only read it.
+    """State of one session. Only the session and its scripts write it.
 
     Attributes
     ----------
     link
         The link to the board.
     program
-        The program to print; None if the board is only reset and its heaters confirmed off.
+        The program to print; None to only reset the board and confirm its heaters off.
     profile
-        Model of the printer that the board must belong to.
+        Model of the printer to which the board must belong.
     filament
         Position of the filament's end.
     pace
@@ -89,17 +91,17 @@ class SessionContext:
     now_s
         The farm's clock at the last `Session.advance`.
     identity
-        Identity of this printer in its banner; None until it was first seen.
+        Identity of this printer in its banner; None until a session has read it.
     previous_fault
         Without a program: the fault that ended the last agent's print.
     board_resets
-        True if a reset of the port restarts the board. Otherwise commands restore its defaults, and it cannot
-        be stopped once it ignores them: it is used only while somebody is present.
+        True if a reset of the port restarts the board. Otherwise commands restore the board's defaults, and
+        it cannot be stopped once it ignores commands: it is used only while somebody is present.
     suspicion
-        A heater that may be stuck on: found in this session or taken over from the previous one, and not
-        seen to cool since.
+        Heater that may be stuck on: it was found in this session or the previous one, and has not been seen
+        to cool since.
     extruded
-        True if material of this print may lie on the bed.
+        True if material of this print may be on the bed.
     ends_by_s
         Time at which the print is ended safely if it has not ended by then.
     phase
@@ -198,7 +200,7 @@ class SessionContext:
         if self.final_lines is not None:
             return self.final_lines
         if self.program is None or self.connection is None:
-            return 0  # until the board has restarted, the link still counts the lines of the last print
+            return 0  # the link counts the lines of the last print until the board has restarted
         return self.done_lines
 
     @property
@@ -209,15 +211,15 @@ class SessionContext:
     @property
     def report_deadline_s(self) -> float:
         """Time by which a report that is requested now has to arrive."""
-        return self.now_s + max(REPORT_S, 5 * self.pace.min_time_out_s)
+        return self.now_s + max(REPORT_TIME_OUT_S, 5 * self.pace.min_time_out_s)
 
     @property
     def no_report_deadline_s(self) -> float:
         """Time at which a print without a report is ended."""
-        return self.report_s + max(NO_REPORT_S, 5 * self.pace.min_time_out_s)
+        return self.report_s + max(NO_REPORT_TIME_OUT_S, 5 * self.pace.min_time_out_s)
 
     def wait(self, condition: Callable[[], bool], limit_s: float) -> Wait:
-        """Return a wait of at most `limit_s`, or of the shortest time-out if that is longer."""
+        """Return a wait for a condition of at most `limit_s`, or the shortest time-out if that is longer."""
         return Wait(condition, self.compute_limit_s(limit_s))
 
     def compute_limit_s(self, limit_s: float) -> float:

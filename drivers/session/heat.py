@@ -1,8 +1,8 @@
-"""Scripts that heat to a target and confirm heaters off, and the check of each report. Pure.
+"""Scripts that heat to a target and confirm heaters off; check of each temperature report. Pure.
 
-The file's own M190 and M109 are never sent: the firmware ignores the host while it executes them. They are
-replaced by M140 and M104, and M105 is sent until the target is reached, so that a cancellation takes effect
-within one report.
+The file's own M190 and M109 are never sent, as the firmware ignores the host while it executes them. Instead,
+M140 or M104 is sent, and then M105 until the target is reached, so that a cancellation takes effect within
+one report.
 """
 
 from __future__ import annotations
@@ -15,37 +15,38 @@ from drivers.link import Report
 from drivers.messages import PrintPhase
 from drivers.records import Suspicion
 from drivers.session.commands import arm_dead_man, await_report, send
-from drivers.session.context import Answer, PrintEnded, Script, SessionContext
+from drivers.session.context import PrintEnded, Script, SessionContext, TimedScript
 
-OFF_S = 120.0  # longer than the heater watch waits for a heater to cool
-OFF_WITHOUT_MAINS_S = 60.0  # after the request to cut the mains: a reset does not help then
-MIN_OFF_S = 10.0  # time for a heater to cool after a reset, even after such a request
+OFF_TIME_OUT_S = 120.0  # longer than the heater watch waits for a heater to cool
+OFF_WITHOUT_MAINS_S = 60.0  # replaces OFF_TIME_OUT_S after the request to cut the mains
+MIN_OFF_S = 10.0  # minimum time for a heater to cool after a reset, even after such a request
 BED_BAND_C = 0.5
-NOZZLE_BAND_C, NOZZLE_HOLD_S = 2.0, 3.0  # as M109: time near the target
+NOZZLE_BAND_C, NOZZLE_HOLD_S = 2.0, 3.0  # as for M109: the nozzle must stay this close for this time
 HEAT_LIMIT_S = {HeaterName.NOZZLE: 900.0, HeaterName.BED: 2400.0}
 EXTRUDE_MARGIN_C = 5.0  # above the temperature below which the firmware refuses to extrude
 # Maximum time between commands while heating: M105 does not reset the dead-man timer.
 COMMAND_INTERVAL_S = 300.0
-SUSPECT_S = 25.0  # time for a heater that may be stuck on to show that it cools
-RESTART_S = 15.0  # time for a board to restart and report temperatures, if the agent died after the finding
-UNEXPECTED_REPORTS = 3  # one may be garbled
+SUSPICION_S = 25.0  # time for a heater that may be stuck on to show that it cools
+# Time for a board to restart and report temperatures, if the agent died after the finding.
+RESTART_S = 15.0
+MAX_UNEXPECTED_REPORTS = 3  # a single report may be garbled
 
 _SET_COMMANDS = {HeaterName.NOZZLE: b"M104 S%g", HeaterName.BED: b"M140 S%g"}
 _HEATED_PHASES = (PrintPhase.HEATING, PrintPhase.PRINTING, PrintPhase.PAUSED)
 
 
 def allows_extrusion(context: SessionContext, nozzle_c: float) -> bool:
-    """Return True if the firmware certainly extrudes at this temperature."""
+    """Return True if the firmware is certain to extrude at this temperature."""
     return nozzle_c >= context.profile.min_extrusion_c + EXTRUDE_MARGIN_C
 
 
 def set_target(context: SessionContext, heater: HeaterName, target_c: float) -> Script:
-    """Set the target of a heater, and wait only for the answer."""
+    """Set the target of a heater, without waiting for the temperature."""
     yield from send(context, _SET_COMMANDS[heater] % target_c)
 
 
 def heat(context: SessionContext, command: HeatCommand) -> Script:
-    """Heat as M109 and M190 do, in steps that can be aborted; the heater watch detects faults."""
+    """Heat as M109 and M190 do, but so that the print can be aborted; the heater watch detects faults."""
     yield from set_target(context, command.heater, command.target_c)
     if command.target_c == 0:
         return
@@ -74,9 +75,9 @@ def heat(context: SessionContext, command: HeatCommand) -> Script:
             yield from arm_dead_man(context, context.dead_man_s)
 
 
-def confirm_off(context: SessionContext) -> Answer:
+def confirm_off(context: SessionContext) -> TimedScript:
     """Poll until a report shows both targets 0 and every warm heater was seen to cool."""
-    limit_s = context.compute_limit_s(OFF_S)
+    limit_s = context.compute_limit_s(OFF_TIME_OUT_S)
     context.targets_off_s = None
     context.watch.reset()
     context.link.poll_every_s = context.pace.heating_s
@@ -96,12 +97,15 @@ def confirm_off(context: SessionContext) -> Answer:
 
 
 def verify_targets(context: SessionContext) -> Script:
-    """Check the targets before the nozzle is switched off: a stopped board acknowledges all moves at once."""
+    """Check the targets before the nozzle is switched off.
+
+    A stopped board acknowledges all moves at once, but its targets are 0.
+    """
     while True:
         context.link.poll(context.now_s)
         if not (yield from await_report(context, context.report_deadline_s)):
             raise PrintEnded(Fault.NO_ANSWER, "the board reports no temperatures at the end of the print")
-        if not context.unexpected_reports:  # otherwise poll again, until enough reports are unexpected
+        if not context.unexpected_reports:  # else poll again, until enough reports are unexpected
             return
 
 
@@ -123,7 +127,7 @@ def watch_heaters(context: SessionContext, report: Report) -> PrintEnded | None:
         context.suspicion = None
     print_end = None if finding is None else PrintEnded(finding.fault, finding.text)
     if is_ending:
-        return print_end if context.reason is None else None  # otherwise the print is ending already
+        return print_end if context.reason is None else None  # a print with a reason is ending already
     return _watch_targets(context, report, set_targets_c) or print_end
 
 
@@ -134,13 +138,13 @@ def note_suspicion(context: SessionContext, text: str) -> None:
 
 
 def compute_power_off_due_s(context: SessionContext) -> float:
-    """Return the time of the request to cut the mains, unless the suspected heater is seen to cool before."""
+    """Return the time at which to request a cut of the mains, unless the heater is seen to cool before."""
     if context.suspicion is None or context.wants_power_off or context.ended:
         return math.inf
     min_wait_s = 2 * context.pace.min_time_out_s
     # The suspicion may be from the previous session.
     suspected_s, started_s = context.suspicion.since_s, context.started_s
-    return max(suspected_s + max(SUSPECT_S, min_wait_s), started_s + max(RESTART_S, min_wait_s))
+    return max(suspected_s + max(SUSPICION_S, min_wait_s), started_s + max(RESTART_S, min_wait_s))
 
 
 def _list_set_targets_c(context: SessionContext) -> dict[HeaterName, float]:
@@ -157,12 +161,12 @@ def _list_set_targets_c(context: SessionContext) -> dict[HeaterName, float]:
 def _watch_targets(
     context: SessionContext, report: Report, set_targets_c: dict[HeaterName, float]
 ) -> PrintEnded | None:
-    """Detect a changed target: Tinker firmware, or a person at the knob, may set one."""
+    """Detect a target that the session did not set: Tinker firmware or a person at the knob may do so."""
     nozzle_c, bed_c = set_targets_c[HeaterName.NOZZLE], set_targets_c[HeaterName.BED]
     is_unchanged = abs(report.nozzle_target_c - nozzle_c) <= 1 and abs(report.bed_target_c - bed_c) <= 1
     context.unexpected_reports = 0 if is_unchanged else context.unexpected_reports + 1
-    if context.unexpected_reports < UNEXPECTED_REPORTS:
-        if not is_unchanged:  # poll soon, but not before the lines in flight, which may set it
+    if context.unexpected_reports < MAX_UNEXPECTED_REPORTS:
+        if not is_unchanged:  # poll soon, but after the lines in flight, which may set the target
             context.link.poll_soon(context.now_s + context.pace.heating_s)
         return None
     targets = f"nozzle {report.nozzle_target_c:g} and bed {report.bed_target_c:g} C"

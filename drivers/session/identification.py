@@ -1,4 +1,4 @@
-"""Scripts that verify the printer at the port: swapped cables must not heat the wrong one. Pure."""
+"""Scripts that verify the printer at the port, as swapped cables must not heat the wrong printer. Pure."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from drivers.firmware import Identity
 from drivers.session.commands import TRIES, connect, query, send
 from drivers.session.context import PrintEnded, Script, SessionContext
 
-HOME_SLACK_MM = 30.0  # M206 shifts the Z coordinate of the home position
+HOME_TOLERANCE_MM = 30.0  # M206 shifts the Z coordinate of the home position
 
 
 def identify_printer(context: SessionContext) -> Script:
-    """Reset the board and verify that it is this printer's, before anything heats.
+    """Reset the board and verify that it belongs to this printer, before anything heats.
 
-    A banner has no checksum: one that is unreadable or does not match is requested again.
+    A banner has no checksum, so an unreadable or unexpected banner is requested again.
     """
     firmware, profile = context.firmware, context.profile
     problem = ""
@@ -22,7 +22,7 @@ def identify_printer(context: SessionContext) -> Script:
         assert context.connection is not None
         identity = firmware.read_identity(context.connection.banner)
         if not context.connection.restarted or firmware.version is None:
-            # the home height identifies an Extended; other models answer `identity_query`
+            # The home height identifies an Extended; other models answer `identity_query`.
             offset = firmware.read_offset((yield from query(context, firmware.settings_query)))
             identity = None if offset is None else Identity(profile.banner_suffix, offset)
         if identity is None:
@@ -46,7 +46,7 @@ def identify_printer(context: SessionContext) -> Script:
 
 
 def check_height(context: SessionContext, home: bytes) -> Script:
-    """Verify the Z of this model's home position; `home` is the file's first G28.
+    """Verify the Z of the home position of this model; `home` is the first G28 of the file.
 
     An Extended is 100 mm taller, even if its firmware reports otherwise.
     """
@@ -55,7 +55,7 @@ def check_height(context: SessionContext, home: bytes) -> Script:
     context.position = None
     yield from send(context, context.firmware.position_query)
     home_mm = context.profile.home_mm[2]
-    if context.position is not None and abs(context.position[2] - home_mm) > HOME_SLACK_MM:
+    if context.position is not None and abs(context.position[2] - home_mm) > HOME_TOLERANCE_MM:
         raise PrintEnded(
             Fault.WRONG_PRINTER,
             f"its bed homes at {context.position[2]:g} mm, not near {home_mm:g}: "

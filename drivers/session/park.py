@@ -15,11 +15,11 @@ from drivers.session.commands import PAUSE_DEAD_MAN_S, PRINT_DEAD_MAN_S, arm_dea
 from drivers.session.context import PrintEnded, Script, SessionContext
 from drivers.session.heat import allows_extrusion, heat, set_target
 
-PARKED_SLACK_MM = 0.25
+PARKED_TOLERANCE_MM = 0.25
 LIFT_MM = 10.0
-LAST_EXTRUSION_MM = 6.5  # extruded only after the head is back: a full nozzle oozes while it travels
+LAST_EXTRUSION_MM = 6.5  # extruded only when the head is back, as a full nozzle oozes while it travels
 PAUSE_LIMIT_S = 7200.0
-# A command shows "Printing with USB" for 5 s, which deters people from an SD print.
+# After each command the display shows "Printing with USB" for 5 s, which deters people from an SD print.
 PAUSE_COMMAND_INTERVAL_S = 4.0
 
 
@@ -44,14 +44,14 @@ def park(context: SessionContext, retracted_mm: float, can_extrude: bool) -> Scr
     park_retraction_mm = context.profile.park_retraction_mm
     if math.isnan(retracted_mm):
         context.filament = Filament.UNKNOWN
-    elif abs(park_retraction_mm - retracted_mm) <= PARKED_SLACK_MM:
+    elif abs(park_retraction_mm - retracted_mm) <= PARKED_TOLERANCE_MM:
         context.filament = Filament.PARKED
     elif can_extrude:
         context.filament = Filament.UNKNOWN
         pull_command = b"G1 F1500 E%.3f" % (retracted_mm - park_retraction_mm)
         if (yield from send(context, b"G91", pull_command, b"G90", context.firmware.wait_moves)):
             context.filament = Filament.PARKED
-    elif retracted_mm > PARKED_SLACK_MM:
+    elif retracted_mm > PARKED_TOLERANCE_MM:
         context.filament = Filament.UNKNOWN
 
 
@@ -67,12 +67,14 @@ def measure_retracted_mm(program: Program, done_lines: int, stopped_at: Point | 
 
 
 def compute_lift_mm(context: SessionContext, z_mm: float, done_lines: int) -> float:
-    """Compute the distance to lower the bed before the head leaves its part, as finished parts may be higher.
+    """Compute the distance by which to lower the bed before the head leaves the part.
+
+    Finished parts on the bed may be higher than this one.
 
     Parameters
     ----------
     z_mm
-        Height of the head.
+        Height of the head in mm.
     done_lines
         Number of lines of the program that were acknowledged.
     """
@@ -93,9 +95,9 @@ def can_pause(context: SessionContext) -> bool:
 
 
 def pause(context: SessionContext, program: Program, done_lines: int) -> Script:
-    """Park, keep the bed warm, wait for a person, and return.
+    """Park the filament, keep the bed warm, wait for a person, and return to the part.
 
-    The filament is parked, because the pause may also end the print. Source:
+    The filament is parked because the print may end in the pause. Source:
     docs/explanation/ultimaker2-serial.md, section 5.
 
     Parameters

@@ -8,12 +8,12 @@ from drivers.errors import Fault
 from drivers.link import Phase as LinkPhase
 from drivers.messages import Filament
 from drivers.session.commands import TRIES, arm_dead_man, connect, send
-from drivers.session.context import Answer, PrintEnded, Script, SessionContext
+from drivers.session.context import PrintEnded, Script, SessionContext, TimedScript
 from drivers.session.heat import allows_extrusion, confirm_off
 from drivers.session.park import LIFT_MM, compute_lift_mm, measure_retracted_mm, park
 
-STOP_S = 30.0  # the stop waits for the current move
-BARRIERS = 3  # a garbled answer may fake one of them, but not three
+STOP_TIME_OUT_S = 30.0  # the stop waits for the current move
+BARRIER_COUNT = 3  # number of M400: a garbled answer may fake the ok of one, but not of three
 
 _RESET_FAULTS = frozenset(
     (
@@ -37,16 +37,16 @@ def abort_print(context: SessionContext) -> Script:
     yield from _switch_off_by_reset(context, is_homed)
 
 
-def _abort(context: SessionContext, is_homed: bool) -> Answer:
+def _abort(context: SessionContext, is_homed: bool) -> TimedScript:
     """Abort by the safe sequence, and park the filament. Return False if it did not finish.
 
     Source: docs/explanation/ultimaker2-serial.md, section 5.
     """
     firmware = context.firmware
     context.link.halt()
-    if not (yield from send(context, *firmware.abort, limit_s=STOP_S)):
+    if not (yield from send(context, *firmware.abort, limit_s=STOP_TIME_OUT_S)):
         return False
-    if is_homed:  # otherwise it is unknown how far the bed may go
+    if is_homed:  # before homing, the distance that the bed may move is unknown
         done_lines = context.done_lines
         context.position = None
         yield from send(context, firmware.position_query)
@@ -58,7 +58,7 @@ def _abort(context: SessionContext, is_homed: bool) -> Answer:
         z_mm = math.nan if context.position is None else context.position[2]
         lift_mm = LIFT_MM if math.isnan(z_mm) else compute_lift_mm(context, z_mm, done_lines)
         park_commands = (b"G91", b"G1 F1200 Z%.3f" % lift_mm, b"G90", b"G28 X0 Y0", firmware.motors_off)
-        if not (yield from send(context, *park_commands, *(firmware.wait_moves,) * BARRIERS)):
+        if not (yield from send(context, *park_commands, *(firmware.wait_moves,) * BARRIER_COUNT)):
             return False
     if not (yield from confirm_off(context)):
         return False
@@ -67,7 +67,7 @@ def _abort(context: SessionContext, is_homed: bool) -> Answer:
 
 
 def _switch_off_by_reset(context: SessionContext, is_homed: bool) -> Script:
-    """Switch the heaters off by a reset, the emergency stop for every board with DTR."""
+    """Switch the heaters off by a reset, which is the emergency stop for every board with DTR."""
     if context.filament is Filament.AT_NOZZLE:
         context.filament = Filament.UNKNOWN
     context.link.ignore_faults = True
@@ -88,18 +88,18 @@ def _switch_off_by_reset(context: SessionContext, is_homed: bool) -> Script:
         context.link.ignore_faults = False
 
 
-def _reset_and_confirm_off(context: SessionContext, is_homed: bool) -> Answer:
+def _reset_and_confirm_off(context: SessionContext, is_homed: bool) -> TimedScript:
     """Reset the board and confirm its heaters off; then move away from the part, if that is safe."""
     firmware = context.firmware
     yield from connect(context)
     has_restarted = context.connection is None or context.connection.restarted
     if not has_restarted:
-        yield from send(context, firmware.motors_off)  # its move queue is empty: it stands still
+        yield from send(context, firmware.motors_off)  # the move queue is empty: the head stands still
     if not (yield from confirm_off(context)):
         return False
     if not has_restarted:
         yield from arm_dead_man(context, 0.0)
     if is_homed and context.fault is None:
-        # the nozzle may touch the part
+        # The nozzle may touch the part.
         yield from send(context, *context.profile.leave_code, firmware.motors_off, firmware.wait_moves)
     return True

@@ -6,7 +6,7 @@ Whatever happens, a session ends by confirming that the heaters are off:
 
 - by command, if the firmware responds (the safe sequence of
   docs/explanation/ultimaker2-serial.md, section 5);
-- otherwise by a reset, after which M105 must report both targets 0.
+- otherwise by a reset: then M105 must report both targets 0.
 """
 
 from __future__ import annotations
@@ -38,7 +38,8 @@ class Session:
     Parameters
     ----------
     context
-        Its initial state. The caller passes bytes between the port and its link, and calls `Link.tick`.
+        The session's initial state. The caller passes bytes between the port and the link of this context,
+        and calls `Link.tick`.
     """
 
     def __init__(self, context: SessionContext) -> None:
@@ -77,7 +78,7 @@ class Session:
                 return
 
     def on_port_reset(self) -> None:
-        """Clear `wants_reset`."""
+        """Clear `wants_reset`, as the caller has reset the port."""
         self.context.wants_reset = False
 
     def pause(self, now_s: float) -> None:
@@ -103,14 +104,14 @@ class Session:
             self.advance((), now_s)
 
     def fail(self, fault: Fault, reason: str, now_s: float) -> None:
-        """End the print by a fault that the caller found, such as a lost port."""
+        """End the print because of a fault that the caller found, such as a lost port."""
         self.context.now_s = now_s
         if not self.context.ended:
             self._end_print(PrintEnded(fault, reason))
             self.advance((), now_s)
 
     def add_reason(self, text: str) -> None:
-        """Append a clause to the reason, unless it is there already."""
+        """Append a clause to the reason, unless the reason contains it already."""
         reason = self.context.reason
         if text not in (reason or ""):
             self.context.reason = text if reason is None else f"{reason}; {text}"

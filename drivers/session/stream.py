@@ -12,7 +12,7 @@ from drivers.session.context import PrintEnded, Script, SessionContext, Wait
 from drivers.session.heat import allows_extrusion, confirm_off, heat, verify_targets
 from drivers.session.identification import check_height
 from drivers.session.park import can_pause, measure_retracted_mm, park, pause, unpark
-from drivers.session.print_abort import BARRIERS
+from drivers.session.print_abort import BARRIER_COUNT
 
 
 def print_program(context: SessionContext, program: Program) -> Script:
@@ -21,7 +21,8 @@ def print_program(context: SessionContext, program: Program) -> Script:
     context.heaters_off = False
     yield from arm_dead_man(context, HEAT_DEAD_MAN_S)
     cooling_line = next(
-        (h.line for h in program.heat_commands if _is_end_of_heat(h, program.extrusion_line)), program.count
+        (h.line for h in program.heat_commands if _switches_nozzle_off(h, program.extrusion_line)),
+        program.count,
     )
     start = 0
     for stop, heat_command in _list_stops(program, cooling_line):
@@ -47,7 +48,7 @@ def print_program(context: SessionContext, program: Program) -> Script:
 
 
 def _list_stops(program: Program, cooling_line: int) -> list[tuple[int, HeatCommand | None]]:
-    """List the lines before which the stream stops, each with the heating that replaces it."""
+    """List the lines before which the stream stops, each with the heat command that replaces it, if any."""
     lines = (program.home_line + 1, program.extrusion_line, program.count)
     stops: dict[int, HeatCommand | None] = dict.fromkeys(lines)
     stops |= {heat_command.line: heat_command for heat_command in program.heat_commands if heat_command.waits}
@@ -55,7 +56,7 @@ def _list_stops(program: Program, cooling_line: int) -> list[tuple[int, HeatComm
     return sorted(((line, stops[line]) for line in stops if line <= program.count), key=lambda s: s[0])
 
 
-def _is_end_of_heat(heat_command: HeatCommand, after_line: int) -> bool:
+def _switches_nozzle_off(heat_command: HeatCommand, after_line: int) -> bool:
     return (
         heat_command.heater is HeaterName.NOZZLE
         and heat_command.target_c == 0
@@ -94,7 +95,7 @@ def _stream(context: SessionContext, program: Program, start: int, stop: int) ->
         link.halt()
         yield Wait(lambda: link.is_drained)
         start = link.streamed_lines
-        if can_pause(context):  # the line in flight may have switched the heat off
+        if can_pause(context):  # the line in flight may have switched the nozzle off
             yield from pause(context, program, start)
 
 
@@ -103,10 +104,10 @@ def _finish(context: SessionContext, program: Program) -> Script:
     firmware = context.firmware
     context.phase = PrintPhase.ENDING
     context.final_lines = program.count
-    off_commands = (*firmware.heaters_off, firmware.fan_off, *(firmware.wait_moves,) * BARRIERS)
+    off_commands = (*firmware.heaters_off, firmware.fan_off, *(firmware.wait_moves,) * BARRIER_COUNT)
     yield from send(context, *off_commands, limit_s=math.inf)
     if context.filament is Filament.AT_NOZZLE:
-        # its position is that of the end code, as the nozzle is already cooling
+        # The end code has placed the filament, and the nozzle is cooling already.
         yield from park(context, measure_retracted_mm(program, program.count), can_extrude=False)
     if not (yield from confirm_off(context)):
         if context.report is not None and context.report.targets_off:

@@ -21,14 +21,14 @@ HYSTERESIS_C = 3.0
 RESIDENCY_S = 3.0
 REPORT_S = 1.0
 HOME_MM_S = (100.0, 100.0, 40.0)
-BUMP_S = (0.75, 0.7)  # seconds of the second, slow approach to the endstops: of X and Y together, and of Z
+BUMP_S = (0.75, 0.7)  # seconds of the second, slow approach to the endstops: X and Y together, and Z
 RETRACT_MM, RETRACT_MM_S = 6.5, 25.0
 ARC_SEGMENT_MM = 1.0
-ARC_MAX_CHORDS = 4096  # more than the longest arc over this bed needs
+MAX_ARC_CHORDS = 4096  # more than the longest arc over this bed needs
 
 
 Command = Callable[[Machine, bytes, float], Work | None]
-"""Function that executes a line on a machine at a time in seconds; see `execute`."""
+"""Function of a machine, a line and the time in seconds that executes the line; see `execute`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,10 +95,10 @@ def home(machine: Machine, line: bytes, now_s: float) -> Work:
     begin_s = max(now_s, machine.planner.idle_since_s)
     named_axes = [letter in line for letter in (b"X", b"Y", b"Z")]
     axes = named_axes if any(named_axes) else [True, True, True]
-    home = machine.board.profile.home_mm
+    home_mm = machine.board.profile.home_mm
     x, y, z, e = machine.planner.target
     position = [x, y, z]
-    travel_s = [abs(h - p) / v for h, p, v in zip(home, position, HOME_MM_S, strict=True)]
+    travel_s = [abs(h - p) / v for h, p, v in zip(home_mm, position, HOME_MM_S, strict=True)]
     duration_s = 0.0
     if axes[0] or axes[1]:
         duration_s += max(t for t, axis in zip(travel_s[:2], axes[:2], strict=True) if axis) + BUMP_S[0]
@@ -114,7 +114,7 @@ def home(machine: Machine, line: bytes, now_s: float) -> Work:
         return
     for i in range(3):
         if axes[i]:
-            position[i] = machine.position[i] = home[i]
+            position[i] = machine.position[i] = home_mm[i]
             machine.shift[i] = 0.0
             machine.homed_axes[i] = True
     machine.is_homed = all(machine.homed_axes)
@@ -123,7 +123,7 @@ def home(machine: Machine, line: bytes, now_s: float) -> Work:
 
 
 def move_arc(machine: Machine, line: bytes, now_s: float) -> None:
-    """Queue ``G2 G3`` with I and J as chords of 1 mm (``mc_arc``)."""
+    """Execute ``G2 G3`` with I and J: queue the arc as chords of 1 mm (``mc_arc``)."""
     f, i, j = read_value(line, b"F"), read_value(line, b"I") or 0.0, read_value(line, b"J") or 0.0
     if f is not None and f > 0.0:
         machine.feedrate_mm_s = f / 60.0
@@ -143,11 +143,11 @@ def move_arc(machine: Machine, line: bytes, now_s: float) -> None:
         angle_rad = angle_rad + 2 * math.pi if angle_rad <= 0 else angle_rad
     radius_mm = math.hypot(i, j)
     distance_mm = math.hypot(angle_rad * radius_mm, target[2] - start[2])
-    chords = max(1, min(ARC_MAX_CHORDS, int(distance_mm / ARC_SEGMENT_MM)))
+    chord_count = max(1, min(MAX_ARC_CHORDS, int(distance_mm / ARC_SEGMENT_MM)))
     start_angle_rad = math.atan2(-j, -i)
     modes, machine.relative, machine.relative_e = (machine.relative, machine.relative_e), False, False
-    for k in range(1, chords):
-        share = k / chords
+    for k in range(1, chord_count):
+        share = k / chord_count
         machine.queue_linear_move(
             None,
             centre_x + radius_mm * math.cos(start_angle_rad + angle_rad * share),
@@ -200,7 +200,7 @@ def hang(machine: Machine, line: bytes, now_s: float) -> Work:
 
 
 def switch_motors_off(machine: Machine, line: bytes, now_s: float) -> Work:
-    """Execute ``M18 M84``: switch the motors off after all moves."""
+    """Execute ``M18 M84``: wait for all moves, then switch the motors off."""
     if b"S" not in line:
         yield from wait_for_moves(machine)
         machine.is_streaming = False

@@ -5,8 +5,8 @@ a print while the planner has moves left: a move that ended at 103.2 s frees its
 `feed` is called at 103.4 s. `EmulatedFirmware.compute_deadline_s` is the time of the next call without bytes.
 
 The order of events follows ``Marlin_main.cpp`` of the Ultimaker 2: ``get_command`` (`listener`) reads lines
-from a ring buffer of 127 bytes into a buffer of 8, and acknowledges G0-G3 there; the loop executes one line
-at a time and reads no other while it is busy. `Dialect` has the differences of other firmwares.
+from a ring buffer of 127 bytes into a buffer of 8 lines, and acknowledges G0-G3 there; the loop executes one
+line at a time and reads no other line while it is busy. `Dialect` records how other firmwares differ.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from drivers.printers import Profile
 
 BOOTLOADER_S = 1.0  # [assumed] bytes sent meanwhile are lost
 BANNER_S = 0.036  # time from ``start`` to the end of the banner
-FIRST_COMMAND_S = 0.26  # time from the end of the banner
-SD_FAIL_S = 2.3  # time from ``start``
-WATCHDOG_S = 4.07
+FIRST_COMMAND_S = 0.26  # time from the end of the banner to the first command
+SD_FAIL_S = 2.3  # time from ``start`` to the message about the SD card
+WATCHDOG_S = 4.07  # time from kill() to the reset by the watchdog
 
 
 class EmulatedFirmware(Listener):
@@ -51,11 +51,11 @@ class EmulatedFirmware(Listener):
         super().__init__(DIALECTS[profile.firmware.title], faults, rng)
         self.board = EmulatedBoard(profile, faults)
         self.resets = -1  # the boot at power on does not count
-        self._due: dict[int, list[str]] = {}
+        self._due_faults: dict[int, list[str]] = {}  # names of the faults by their line counts
         for name, line in faults.line_counts.items():
-            self._due.setdefault(line, []).append(name)
+            self._due_faults.setdefault(line, []).append(name)
         self._asleep_until_s = -math.inf
-        self._before_reset = (0, 0.0, 0.0)  # moves, time of moves and starvation before the last reset
+        self._totals_before_reset = (0, 0.0, 0.0)  # moves, their seconds, seconds of starvation
         self._time_s = now_s
         self.machine = Machine(self.board, self._send, self.stop, self.dialect.fault_messages, now_s)
         self.reset(now_s)
@@ -66,8 +66,8 @@ class EmulatedFirmware(Listener):
         """Reset the board: motors and heaters go off, the state is lost, ``start`` is sent after `boot_s`."""
         old = self.machine
         old.power_down(now_s)
-        moves, moving_s, starved_s = self._before_reset
-        self._before_reset = (
+        moves, moving_s, starved_s = self._totals_before_reset
+        self._totals_before_reset = (
             moves + old.planner.moves,
             moving_s + old.planner.busy_s,
             starved_s + old.starved_s,
@@ -97,7 +97,7 @@ class EmulatedFirmware(Listener):
             data = self.noise.carry_to_board(data)
         machine = self.machine
         if data and machine.dead_man_s < math.inf and self._running is None and not machine.waiting_moves:
-            # Their arrival time within the last wait is unknown: assume the earliest.
+            # It is unknown when the bytes arrived during the last wait: assume the earliest time.
             machine.last_command_s = max(machine.last_command_s, now_s - machine.dead_man_s + 1e-3)
         self._advance(now_s)
         if data and self.phase in (Phase.RUNNING, Phase.BOOTING):
@@ -112,22 +112,22 @@ class EmulatedFirmware(Listener):
             return b""
         return answers if self.noise is None else self.noise.carry(answers)
 
-    def compute_deadline_s(self, slack_s: float = 0.0) -> float:
+    def compute_deadline_s(self, max_delay_s: float = 0.0) -> float:
         """Return the latest time for the next `feed`; infinite if nothing is due.
 
-        With a slack, oks may be sent that much later while the planner remains well filled: one wake-up
+        Oks may be sent up to `max_delay_s` later while the planner remains well filled: one wake-up then
         serves several moves, and no move is delayed.
         """
-        due_s = self._find_alarm_s()
+        due_s = self._find_next_event_s()
         if self.phase is Phase.RUNNING:
             if self._asleep_until_s > self._time_s:
                 return min(due_s, self._asleep_until_s)
             if self.machine.waiting_moves:
                 planner = self.machine.planner
-                room_s = planner.compute_next_free_s()
-                if slack_s > 0.0:
-                    room_s = min(room_s + slack_s, planner.compute_refill_s())
-                return min(due_s, room_s)
+                free_s = planner.compute_next_free_s()
+                if max_delay_s > 0.0:
+                    free_s = min(free_s + max_delay_s, planner.compute_refill_s())
+                return min(due_s, free_s)
             if self._running is not None:
                 return min(due_s, self._resume_s)
         return due_s
@@ -135,24 +135,24 @@ class EmulatedFirmware(Listener):
     @property
     def moves(self) -> int:
         """Number of moves queued since power on."""
-        return self._before_reset[0] + self.machine.planner.moves
+        return self._totals_before_reset[0] + self.machine.planner.moves
 
     @property
     def printing_s(self) -> float:
         """Total duration of the finished moves since power on, in seconds."""
-        return self._before_reset[1] + self.machine.planner.busy_s
+        return self._totals_before_reset[1] + self.machine.planner.busy_s
 
     @property
     def starved_s(self) -> float:
         """Seconds of a print in which the planner was empty for lack of lines, less the time on the wire."""
-        return self._before_reset[2] + self.machine.starved_s
+        return self._totals_before_reset[2] + self.machine.starved_s
 
     # --- time ---
 
     def _is_busy(self) -> bool:
         return self._running is not None or bool(self.machine.waiting_moves)
 
-    def _find_alarm_s(self) -> float:
+    def _find_next_event_s(self) -> float:
         """Return the time of the next event without input."""
         due_s = self._schedule[0][0] if self._schedule else math.inf
         if self.phase in (Phase.RUNNING, Phase.MUTE):
@@ -166,10 +166,10 @@ class EmulatedFirmware(Listener):
 
     def _advance(self, now_s: float) -> None:
         """Advance the state up to `now_s`."""
-        while (at_s := self._find_alarm_s()) <= now_s:
+        while (at_s := self._find_next_event_s()) <= now_s:
             self._run_main_loop(at_s)
-            if self._find_alarm_s() > at_s:
-                continue  # a command that ended meanwhile postponed it
+            if self._find_next_event_s() > at_s:
+                continue  # a command that ended meanwhile has postponed the event
             if self._schedule and self._schedule[0][0] <= at_s:
                 self._schedule.popleft()[1](at_s)
             elif self._busy_message_s <= at_s and self.dialect.keep_alive and self._is_busy():
@@ -294,7 +294,7 @@ class EmulatedFirmware(Listener):
         self._time_s = self.machine.last_command_s = now_s
 
     def stop(self, message: bytes, now_s: float) -> None:
-        """Execute ``Stop()``: heaters off, moves refused until ``M999``; or halt, if `Dialect.halts`."""
+        """Execute ``Stop()``: switch heaters off and refuse moves until ``M999``; halt if `Dialect.halts`."""
         machine = self.machine
         if self.dialect.halts:
             if message:
@@ -311,7 +311,7 @@ class EmulatedFirmware(Listener):
             self._report_error(b"Error:" + wording.STOPPED)
 
     def kill(self, now_s: float) -> None:
-        """Execute ``kill()``: everything off until the watchdog or the host resets the board."""
+        """Execute ``kill()``: switch everything off until the watchdog or the host resets the board."""
         self.machine.power_down(now_s)
         self._report_error(wording.KILLED)
         self.phase = Phase.HALTED
@@ -323,7 +323,7 @@ class EmulatedFirmware(Listener):
 
     def _trigger_due_faults(self) -> None:
         """Trigger the faults that are due at this line."""
-        for name in self._due.get(self.lines, ()):
+        for name in self._due_faults.get(self.lines, ()):
             self.trigger_fault(name, self._time_s)
 
     def trigger_fault(self, name: str, now_s: float) -> None:

@@ -75,7 +75,7 @@ class Listener(ABC):
         """Drop all received input, at a reset."""
         self._receiver = Receiver(self.dialect.line_ends, self.dialect.comment_spans_lines)
         self._number = 0  # number of the line being executed
-        self._ok_pending = False  # a move waits for room before its ok
+        self._ok_pending = False  # a move waits for a free place in the planner before its ok
         self._busy_message_s = math.inf  # time of the next busy message
         self._buffer: deque[bytes] = deque()
         self._last_number = 0
@@ -129,7 +129,7 @@ class Listener(ABC):
         return True
 
     def _end_move(self, number: int) -> None:
-        """Finish a move, and acknowledge it as soon as it is in the planner."""
+        """Acknowledge a move if it is in the planner; else leave its ok pending."""
         self._number = number
         self._busy_message_s = self._time_s + self.machine.keep_alive_s
         if self.machine.waiting_moves:

@@ -1,6 +1,6 @@
 """State of the firmware between two resets: modes, position, waiting moves.
 
-While a move waits for room in the planner, the firmware reads no further line.
+While a move waits for a free place in the planner, the firmware reads no further line.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from drivers.emulator.firmware.wording import FaultMessages
 from drivers.emulator.hardware.board import EmulatedBoard
 
 KEEP_ALIVE_S = 2.0
-EXTRUDE_MAX_MM = 1000.0
-NOZZLE_MAX_C = 275.0
-DEAD_HEATER_S = 30.0
+MAX_EXTRUSION_MM = 1000.0
+MAX_NOZZLE_C = 275.0
+DEAD_HEATER_S = 30.0  # time until the firmware detects a heater that gives no heat
 SD_BYTES_PER_S = 500.0
 WIRE_S = 0.010  # upper bound of a line's time on a real wire, including the answer
 
@@ -26,7 +26,7 @@ _NUMBER = re.compile(rb"[ \t]*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,2}(?!\d)
 
 
 def read_value(line: bytes, letter: bytes) -> float | None:
-    """Parse the number after the first such letter in the line (``code_seen``); 0 without digits."""
+    """Parse the number after the first `letter` in the line (``code_seen``); 0 without digits."""
     index = line.find(letter)
     if index < 0:
         return None
@@ -46,7 +46,7 @@ class Machine:
     Parameters
     ----------
     board
-        The board. Its coordinates are the true ones; the firmware's differ by a shift until it is homed.
+        The board, whose coordinates are the true ones; those of the firmware differ by a shift until homing.
     send
         Function that is called with the bytes for the host.
     stop
@@ -72,7 +72,7 @@ class Machine:
         self.planner = Planner(
             self.limits, (x, y, z, board.filament_mm), board.feed_filament, board.faults.slowdown
         )
-        self.waiting_moves: deque[tuple[Point, float]] = deque()  # moves waiting for room in the planner
+        self.waiting_moves: deque[tuple[Point, float]] = deque()  # wait for a free place in the planner
         self.position = [0.0, 0.0, 0.0, 0.0]  # target of the last move, in the host's coordinates
         self.is_homed = False
         self.is_stopped = False
@@ -85,7 +85,7 @@ class Machine:
         self.last_command_s = now_s  # time at which the last command was finished
         self.send = send
         self.stop = stop
-        self._sd: tuple[int, float] | None = None  # SD print: size of the file and start time
+        self._sd_print: tuple[int, float] | None = None  # size of the file in bytes, and start time
         self.shift = [x, y, z, board.filament_mm]  # true position minus the host's
         self.homed_axes = [False, False, False]
         self.relative = False
@@ -149,7 +149,7 @@ class Machine:
         self.queue(x, y, z, e - e0, rate_mm_s, now_s)
 
     def queue(self, x: float, y: float, z: float, de: float, rate_mm_s: float, now_s: float) -> None:
-        """Queue a move to the position that is in `position` already.
+        """Queue a move to `position`, which the caller has updated already.
 
         Parameters
         ----------
@@ -178,7 +178,7 @@ class Machine:
         planner.add(target, rate_mm_s, now_s)
 
     def queue_waiting_move(self, now_s: float) -> None:
-        """Move the first waiting move to the planner, which has room."""
+        """Pass the first waiting move to the planner, which must have a free place."""
         target, rate_mm_s = self.waiting_moves.popleft()
         self.planner.add(target, rate_mm_s, now_s)
 
@@ -193,7 +193,7 @@ class Machine:
         if nozzle.compute_temperature_c(now_s) < self.extrude_min_c:
             self.send(wording.COLD_EXTRUSION)
             return 0.0
-        if abs(de) > EXTRUDE_MAX_MM:
+        if abs(de) > MAX_EXTRUSION_MM:
             self.send(wording.LONG_EXTRUSION)
             return 0.0
         return de * self.flow_factor
@@ -207,13 +207,13 @@ class Machine:
 
     def start_sd_print(self, file_bytes: int, now_s: float) -> None:
         """Start printing a file on the SD card."""
-        self._sd = file_bytes, now_s
+        self._sd_print = file_bytes, now_s
 
     def compute_sd_progress(self, now_s: float) -> tuple[int, int] | None:
         """Return the printed bytes and the size of the file on the SD card; None if no file is printed."""
-        if self._sd is None:
+        if self._sd_print is None:
             return None
-        file_bytes, began_s = self._sd
+        file_bytes, began_s = self._sd_print
         return min(file_bytes, int((now_s - began_s) * SD_BYTES_PER_S)), file_bytes
 
     def power_down(self, now_s: float) -> None:
@@ -240,8 +240,8 @@ class Machine:
         self.trip_s = math.inf
         if nozzle.dead and nozzle.target_c >= nozzle.compute_temperature_c(now_s):
             self.trip_s, self.trip_message = now_s + DEAD_HEATER_S, self.fault_messages.dead_heater
-        elif nozzle.burns or nozzle.target_c > NOZZLE_MAX_C:
-            self.trip_s = now_s + nozzle.compute_heating_s(NOZZLE_MAX_C, now_s)
+        elif nozzle.burns or nozzle.target_c > MAX_NOZZLE_C:
+            self.trip_s = now_s + nozzle.compute_heating_s(MAX_NOZZLE_C, now_s)
             self.trip_message = self.fault_messages.nozzle_maxtemp
 
     def heat_bed(self, target_c: float, now_s: float) -> None:

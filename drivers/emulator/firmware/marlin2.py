@@ -1,7 +1,7 @@
 """Behaviour and messages of Marlin 2 (gcode/queue.cpp, gcode/gcode.cpp, MarlinCore.cpp). Pure.
 
-A command is acknowledged after execution, a move once it is in the planner; meanwhile up to four lines are
-read ahead. A fault ends in ``kill()``, after which only a reset helps.
+A command is acknowledged after execution, and a move once it is in the planner; meanwhile the firmware reads
+up to four lines ahead. A fault ends in ``kill()``, and the board then needs a reset.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from drivers.emulator.firmware.reports import format_temperatures
 from drivers.emulator.firmware.wording import FaultMessages
 from drivers.printers import Profile
 
-CLEANING_S = 1.0  # ``Planner::quick_stop``: drops moves within this time
+CLEANING_S = 1.0  # ``Planner::quick_stop`` drops moves within this time
 _IDENTITY = (
     b"FIRMWARE_NAME:Marlin 2.0.9.1 (Jul  1 2021 12:00:00) SOURCE_CODE_URL:github.com/MarlinFirmware/Marlin "
     b"PROTOCOL_VERSION:1.0 %b_COUNT:1 UUID:cede2a2f-41a2-4748-9b12-c55c62f367ff\n"

@@ -1,4 +1,4 @@
-"""Actions of a person at the printer's own display, which are not reported to the host. Pure."""
+"""Actions of a person at the printer's own display, which the firmware does not report to the host. Pure."""
 
 from __future__ import annotations
 

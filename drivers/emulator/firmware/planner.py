@@ -1,9 +1,9 @@
 """Look-ahead planner of the firmware, with computed times of moves instead of time steps.
 
-Follows ``planner.cpp`` of the 2+ firmware (Marlin 1.0): blocks are trapezoids of constant acceleration; the
-speed at a junction is bounded by the jerk of XY, Z and E; a reverse and a forward pass over the queue bound
-each entry speed by those of its neighbours; the queue must always be able to end at a stop. A block's speeds
-are fixed when it starts. Rounding to whole steps is left out. ``SLOWDOWN`` (short moves are slowed down while
+It follows ``planner.cpp`` of the 2+ firmware (Marlin 1.0): blocks are trapezoids of constant acceleration.
+The jerk of XY, Z and E bounds the speed at a junction. A reverse and a forward pass over the queue bound each
+entry speed by those of its neighbours, and the queue must always be able to end at a stop. A block's speeds
+are fixed when it starts. Rounding to whole steps is omitted. ``SLOWDOWN`` (short moves are slowed down while
 the queue runs low) is off by default: it reacts to a late host, and an accelerated clock makes the host late.
 """
 
@@ -55,35 +55,50 @@ class Limits:
 
 
 class Block:
-    """One queued move. Most speeds are kept squared (``_2``, in mm2/s2), which saves square roots.
+    """One queued move. Most speeds are stored squared (``_mm2_s2``), which saves square roots.
 
     Attributes
     ----------
     target
-        Position at its end.
+        Position at the end of the move.
     e_mm, length_mm
         Extrusion, and length of the path.
-    v, a
-        Nominal speed in mm/s, and acceleration in mm/s2.
-    gain_2
+    speed_mm_s, acceleration_mm_s2
+        Nominal speed and acceleration.
+    gain_mm2_s2
         Largest change of the squared speed over the block.
-    max_entry_2, entry_2
+    max_entry_mm2_s2, entry_mm2_s2
         Upper bound of the squared entry speed, and its current value.
     """
 
-    __slots__ = ("a", "e_mm", "entry_2", "gain_2", "length_mm", "max_entry_2", "target", "v")
+    __slots__ = (
+        "acceleration_mm_s2",
+        "e_mm",
+        "entry_mm2_s2",
+        "gain_mm2_s2",
+        "length_mm",
+        "max_entry_mm2_s2",
+        "speed_mm_s",
+        "target",
+    )
 
     def __init__(
-        self, target: Point, e_mm: float, length_mm: float, v: float, a: float, max_entry: float
+        self,
+        target: Point,
+        e_mm: float,
+        length_mm: float,
+        speed_mm_s: float,
+        acceleration_mm_s2: float,
+        max_entry_mm_s: float,
     ) -> None:
         self.target = target
         self.e_mm = e_mm
         self.length_mm = length_mm
-        self.v = v
-        self.a = a
-        self.gain_2 = 2.0 * a * length_mm
-        self.max_entry_2 = max_entry * max_entry
-        self.entry_2 = min(self.max_entry_2, STANDSTILL_MM_S * STANDSTILL_MM_S + self.gain_2)
+        self.speed_mm_s = speed_mm_s
+        self.acceleration_mm_s2 = acceleration_mm_s2
+        self.gain_mm2_s2 = 2.0 * acceleration_mm_s2 * length_mm
+        self.max_entry_mm2_s2 = max_entry_mm_s * max_entry_mm_s
+        self.entry_mm2_s2 = min(self.max_entry_mm2_s2, STANDSTILL_MM_S * STANDSTILL_MM_S + self.gain_mm2_s2)
 
 
 class Planner:
@@ -92,7 +107,7 @@ class Planner:
     Parameters
     ----------
     limits
-        Read at every move, as M-codes may change them.
+        Limits of the firmware; read at every move, as M-codes may change them.
     start
         Position of head and feeder.
     on_move
@@ -120,9 +135,9 @@ class Planner:
         self._final_count = 1  # number of front blocks whose entry speed is final
         self._begin_s = 0.0  # begin and end of the executing block
         self._end_s = 0.0
-        # Of the executing block: entry and top speed in mm/s, seconds of acceleration and at top speed.
+        # Executing block: entry and top speed in mm/s, seconds of acceleration and at top speed.
         self._ramps = (0.0, 0.0, 0.0, 0.0)
-        self._speed = (0.0, 0.0, 0.0, 0.0)  # axis speeds of the last move queued, mm/s
+        self._axis_speeds_mm_s = (0.0, 0.0, 0.0, 0.0)  # of the last queued move
         self._speed_mm_s = 0.0
 
     def __len__(self) -> int:
@@ -148,7 +163,9 @@ class Planner:
 
     def compute_refill_s(self) -> float:
         """Return a time at which the full queue still holds three quarters of its moves."""
-        return self._end_s + sum([block.length_mm / block.v for block in self._blocks[1 : CAPACITY // 4]])
+        return self._end_s + sum(
+            [block.length_mm / block.speed_mm_s for block in self._blocks[1 : CAPACITY // 4]]
+        )
 
     @property
     def end_s(self) -> float:
@@ -156,12 +173,12 @@ class Planner:
         return self._end_s
 
     def add(self, target: Point, feedrate_mm_s: float, now_s: float) -> None:
-        """Queue a straight move. The queue must have room and be advanced to `now_s`.
+        """Queue a straight move. The queue must have a free place and be advanced to `now_s`.
 
         Parameters
         ----------
         target
-            Position of head and feeder at its end, in mm.
+            Position of head and feeder at the end of the move, in mm.
         feedrate_mm_s
             Feed rate, before the limits apply.
         now_s
@@ -191,14 +208,15 @@ class Planner:
                 if abs(d) * per_s > max_mm_s:
                     per_s = max_mm_s / abs(d)
         vx, vy, vz, ve = dx * per_s, dy * per_s, dz * per_s, de * per_s
-        v = length_mm * per_s
-        a = limits.print_mm_s2 if dx or dy or dz else limits.retract_mm_s2
-        if dz or abs(de) > length_mm * 0.5 or a > 4000.0:
-            a = self._limit_acceleration(dx, dy, dz, de, length_mm, a)
-        self._append(Block(target, de, length_mm, v, a, self._limit_junction_speed(vx, vy, vz, ve, v)), now_s)
+        speed_mm_s = length_mm * per_s
+        acceleration_mm_s2 = limits.print_mm_s2 if dx or dy or dz else limits.retract_mm_s2
+        if dz or abs(de) > length_mm * 0.5 or acceleration_mm_s2 > 4000.0:
+            acceleration_mm_s2 = self._limit_acceleration(dx, dy, dz, de, length_mm, acceleration_mm_s2)
+        max_entry_mm_s = self._limit_junction_speed(vx, vy, vz, ve, speed_mm_s)
+        self._append(Block(target, de, length_mm, speed_mm_s, acceleration_mm_s2, max_entry_mm_s), now_s)
         self.target = target
-        self._speed = (vx, vy, vz, ve)
-        self._speed_mm_s = v
+        self._axis_speeds_mm_s = (vx, vy, vz, ve)
+        self._speed_mm_s = speed_mm_s
         self.moves += 1
 
     def compute_position(self, now_s: float) -> Point:
@@ -206,14 +224,15 @@ class Planner:
         if not self._blocks:
             return self._head
         block = self._blocks[0]
-        v0, top, up_s, top_s = self._ramps
-        s = now_s - self._begin_s
-        distance_mm = v0 * min(s, up_s) + 0.5 * block.a * min(s, up_s) ** 2
-        if s > up_s:
-            distance_mm += top * min(s - up_s, top_s)
-        if s > up_s + top_s:
-            down_s = s - up_s - top_s
-            distance_mm += top * down_s - 0.5 * block.a * down_s**2
+        entry_mm_s, top_mm_s, up_s, top_s = self._ramps
+        elapsed_s = now_s - self._begin_s
+        ramp_s = min(elapsed_s, up_s)
+        distance_mm = entry_mm_s * ramp_s + 0.5 * block.acceleration_mm_s2 * ramp_s**2
+        if elapsed_s > up_s:
+            distance_mm += top_mm_s * min(elapsed_s - up_s, top_s)
+        if elapsed_s > up_s + top_s:
+            down_s = elapsed_s - up_s - top_s
+            distance_mm += top_mm_s * down_s - 0.5 * block.acceleration_mm_s2 * down_s**2
         share = min(1.0, max(0.0, distance_mm / block.length_mm))
         x, y, z, e = (a + (b - a) * share for a, b in zip(self._head, block.target, strict=True))
         return (x, y, z, e)
@@ -236,13 +255,13 @@ class Planner:
         self.idle_since_s = now_s
 
     def _limit_acceleration(
-        self, dx: float, dy: float, dz: float, de: float, length_mm: float, a: float
+        self, dx: float, dy: float, dz: float, de: float, length_mm: float, acceleration_mm_s2: float
     ) -> float:
         """Limit the acceleration as the firmware does: by steps, relative to the axis with the most steps."""
         limits = self.limits
         steps = [abs(d) * per_mm for d, per_mm in zip((dx, dy, dz, de), limits.steps_per_mm, strict=True)]
         max_steps = max(steps)
-        rate = a * max_steps / length_mm
+        rate = acceleration_mm_s2 * max_steps / length_mm
         for count, per_mm, limit_mm_s2 in zip(
             steps, limits.steps_per_mm, limits.acceleration_mm_s2, strict=True
         ):
@@ -250,11 +269,11 @@ class Planner:
                 rate = limit_mm_s2 * per_mm
         return rate * length_mm / max_steps
 
-    def _limit_junction_speed(self, vx: float, vy: float, vz: float, ve: float, v: float) -> float:
+    def _limit_junction_speed(self, vx: float, vy: float, vz: float, ve: float, speed_mm_s: float) -> float:
         """Compute the highest entry speed of the new move, in mm/s."""
         limits = self.limits
         if len(self._blocks) > 1:
-            px, py, pz, pe = self._speed
+            px, py, pz, pe = self._axis_speeds_mm_s
             jx, jy = vx - px, vy - py
             factor = 1.0
             jerk = math.sqrt(jx * jx + jy * jy)
@@ -266,8 +285,8 @@ class Planner:
             jerk = abs(ve - pe)
             if jerk > limits.jerk_e_mm_s:
                 factor = min(factor, limits.jerk_e_mm_s / jerk)
-            return min(self._speed_mm_s, v * factor)
-        safe_mm_s = min(v, limits.jerk_xy_mm_s / 2)
+            return min(self._speed_mm_s, speed_mm_s * factor)
+        safe_mm_s = min(speed_mm_s, limits.jerk_xy_mm_s / 2)
         if abs(vz) > limits.jerk_z_mm_s / 2:
             safe_mm_s = min(safe_mm_s, limits.jerk_z_mm_s / 2)
         if abs(ve) > limits.jerk_e_mm_s / 2:
@@ -282,41 +301,44 @@ class Planner:
             self._begin(now_s)
             return
         index = last
-        entry_2 = block.entry_2
+        entry_mm2_s2 = block.entry_mm2_s2
         while index > self._final_count:  # reverse: the highest speed from which later moves can brake
             previous = blocks[index - 1]
-            if previous.entry_2 >= previous.max_entry_2:
+            if previous.entry_mm2_s2 >= previous.max_entry_mm2_s2:
                 break
-            entry_2 = min(previous.max_entry_2, entry_2 + previous.gain_2)
-            if entry_2 <= previous.entry_2:
+            entry_mm2_s2 = min(previous.max_entry_mm2_s2, entry_mm2_s2 + previous.gain_mm2_s2)
+            if entry_mm2_s2 <= previous.entry_mm2_s2:
                 break
-            previous.entry_2 = entry_2
+            previous.entry_mm2_s2 = entry_mm2_s2
             index -= 1
         for i in range(index, last + 1):  # forward: the highest speed that the preceding moves can reach
             previous = blocks[i - 1]
-            reach_2 = previous.entry_2 + previous.gain_2
-            if blocks[i].entry_2 > reach_2:
-                blocks[i].entry_2 = reach_2
+            reach_mm2_s2 = previous.entry_mm2_s2 + previous.gain_mm2_s2
+            if blocks[i].entry_mm2_s2 > reach_mm2_s2:
+                blocks[i].entry_mm2_s2 = reach_mm2_s2
 
     def _begin(self, now_s: float) -> None:
-        """Start the first block; the next one enters at the speed at which it exits."""
+        """Start the first block, which exits at the entry speed of the next one."""
         blocks = self._blocks
         block = blocks[0]
         if len(blocks) > 1:
-            exit_2 = blocks[1].entry_2
+            exit_mm2_s2 = blocks[1].entry_mm2_s2
             self._final_count = 2
         else:
-            exit_2 = min(STANDSTILL_MM_S, block.v) ** 2
+            exit_mm2_s2 = min(STANDSTILL_MM_S, block.speed_mm_s) ** 2
             self._final_count = 1
-        v0 = math.sqrt(block.entry_2)
-        v1 = math.sqrt(exit_2)
-        top, a = block.v, block.a
-        rest_mm = block.length_mm - (2.0 * top * top - block.entry_2 - exit_2) / (2.0 * a)
-        if rest_mm < 0.0:
-            top = math.sqrt(max(0.5 * (block.gain_2 + block.entry_2 + exit_2), block.entry_2, exit_2))
-            rest_mm = 0.0
-        up_s = (top - v0) / a
-        top_s = rest_mm / top
-        self._ramps = (v0, top, up_s, top_s)
+        entry_mm2_s2 = block.entry_mm2_s2
+        entry_mm_s, exit_mm_s = math.sqrt(entry_mm2_s2), math.sqrt(exit_mm2_s2)
+        top_mm_s, rate_mm_s2 = block.speed_mm_s, block.acceleration_mm_s2
+        top_mm = block.length_mm - (2.0 * top_mm_s * top_mm_s - entry_mm2_s2 - exit_mm2_s2) / (
+            2.0 * rate_mm_s2
+        )
+        if top_mm < 0.0:  # the block is too short to reach its nominal speed
+            peak_mm2_s2 = 0.5 * (block.gain_mm2_s2 + entry_mm2_s2 + exit_mm2_s2)
+            top_mm_s = math.sqrt(max(peak_mm2_s2, entry_mm2_s2, exit_mm2_s2))
+            top_mm = 0.0
+        up_s = (top_mm_s - entry_mm_s) / rate_mm_s2
+        top_s = top_mm / top_mm_s
+        self._ramps = (entry_mm_s, top_mm_s, up_s, top_s)
         self._begin_s = now_s
-        self._end_s = now_s + up_s + top_s + (top - v1) / a
+        self._end_s = now_s + up_s + top_s + (top_mm_s - exit_mm_s) / rate_mm_s2

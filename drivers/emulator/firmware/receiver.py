@@ -9,9 +9,9 @@ from __future__ import annotations
 import re
 
 RING_BYTES = 127
-LINE_BYTES = 95
+MAX_LINE_BYTES = 95
 
-# A complete numbered move as slicers write it, optionally with a second blank of `add_frame`: the fast path.
+# A complete numbered move as slicers write it; `add_frame` may have doubled a blank. Used by the fast path.
 _MOVE = re.compile(
     rb"N(\d+) ?G[01](?:  ?F(\d+\.?\d*))?"
     + b"".join(rb"(?:  ?%b(-?(?:\d+\.?\d*|\.\d+)))?" % axis for axis in (b"X", b"Y", b"Z", b"E"))
@@ -33,10 +33,10 @@ class Receiver:
         self._comment = False
 
     def put(self, data: bytes) -> bytes:
-        """Store bytes while there is room; return the rest."""
-        room = RING_BYTES - len(self.ring)
-        self.ring += data[:room]
-        return data[room:]
+        """Store the bytes that fit, and return the rest."""
+        free_bytes = RING_BYTES - len(self.ring)
+        self.ring += data[:free_bytes]
+        return data[free_bytes:]
 
     def flush(self) -> None:
         """Empty the ring buffer, as the firmware does at each error."""
@@ -47,19 +47,19 @@ class Receiver:
         if self._partial or self._comment:
             return None
         match = _MOVE.match(self.ring)
-        return match if match is not None and match.end() <= LINE_BYTES else None
+        return match if match is not None and match.end() <= MAX_LINE_BYTES else None
 
     def take_line(self) -> bytes | None:
-        """Remove the next line and return it without its end; None if none is complete."""
+        """Remove the next line and return it without its line end; None if no line is complete."""
         while self.ring:
             if not self._partial and not self._comment:
                 end = self.ring.find(b"\n")
-                if 0 < end <= LINE_BYTES and not _SPECIAL.search(self.ring, 0, end):
+                if 0 < end <= MAX_LINE_BYTES and not _SPECIAL.search(self.ring, 0, end):
                     line, self.ring = self.ring[:end], self.ring[end + 1 :]
                     return line
             char, self.ring = self.ring[:1], self.ring[1:]
             ends = char in b"\n\r" or (char in self._line_ends and not self._comment)
-            if ends or len(self._partial) >= LINE_BYTES:
+            if ends or len(self._partial) >= MAX_LINE_BYTES:
                 if not self._partial:
                     self._comment = False
                     continue

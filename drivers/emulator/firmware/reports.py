@@ -32,7 +32,7 @@ def report_position(machine: Machine, line: bytes, now_s: float) -> None:
 
 
 def report_endstops(machine: Machine, line: bytes, now_s: float) -> None:
-    """Answer ``M119`` without a newline at the end: the ok follows on the same line, as in the firmware."""
+    """Answer ``M119`` without a newline at the end, as in the firmware: the ok follows on the same line."""
     x, y, z, _ = machine.planner.compute_position(now_s)
     home = machine.board.profile.home_mm
     states = [

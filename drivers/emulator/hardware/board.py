@@ -10,17 +10,18 @@ from drivers.printers import Profile
 
 SHORTED_C = -14.0  # [assumed] reading of a shorted bed sensor: below MINTEMP, which the bed does not check
 BED_PERIOD_S = 5.0
-CHANGE_HEIGHT_MM = 5.0
+CHANGE_HEIGHT_MM = 5.0  # distance from the top within which a person changes material
 OOZE_MM = 0.5
 
 
 class EmulatedBoard:
     """Physical state of a printer, without the state of its firmware.
 
-    The bed is no longer clear once more than `OOZE_MM` of filament has left the nozzle with the head more
-    than `CHANGE_HEIGHT_MM` below its top. Filament leaves the nozzle only when its end is pushed past the
-    tip, so pushing parked filament to the nozzle leaves the bed clear, and so does purging with the bed
-    lowered completely (where a person changes material). Only `clear_bed` clears the bed.
+    The bed is no longer clear once more than `OOZE_MM` of filament has left the nozzle while the head was
+    more than `CHANGE_HEIGHT_MM` below its highest position. Filament leaves the nozzle only when its end is
+    pushed past the tip. So pushing parked filament to the nozzle leaves the bed clear. The same holds for
+    purging with the bed lowered completely, as when a person changes material. Only `clear_bed` clears the
+    bed.
 
     Parameters
     ----------
@@ -51,7 +52,7 @@ class EmulatedBoard:
             bed = replace(bed, gain_c=WEAK_BED_C - AMBIENT_C)
         self.nozzle = Heater(nozzle, dead=faults.dead_nozzle)
         self.bed = Heater(bed, BED_PERIOD_S, dead=faults.dead_bed)
-        self.bed_shorted = False  # its sensor reads `SHORTED_C`
+        self.bed_shorted = False  # the bed's sensor reads `SHORTED_C`
         self.head_mm = profile.home_mm
         self.filament_mm = 0.0
         self.filament_end_mm = -profile.park_retraction_mm  # as after the end code or the printer's own menu
@@ -91,7 +92,7 @@ class EmulatedBoard:
         """Set the bed's target; 0 is off."""
         self.bed.set_target(target_c, now_s)
         if self.bed_shorted:
-            self.bed.burns = target_c > 0.0  # its controller reads a cold bed
+            self.bed.burns = target_c > 0.0  # the controller reads a cold bed, and heats at full power
         self.change_count += 1
 
     def switch_heaters_off(self, now_s: float) -> None:

@@ -18,15 +18,15 @@ class Noise:
     damaged_bytes
         Number of bytes flipped, lost or doubled, in both directions.
     altered_lines
-        Number of lines that the firmware accepted although their words were changed: checksum collisions.
+        Number of checksum collisions: lines that the firmware accepted although their words were changed.
     """
 
     def __init__(self, faults: Faults, rng: random.Random) -> None:
         self.damaged_bytes = 0
         self.altered_lines = 0
         self._rng = rng
-        self._share = faults.noise, faults.lost, faults.doubled
-        self._rate = sum(self._share)
+        self._probabilities = faults.noise, faults.lost, faults.doubled
+        self._rate = sum(self._probabilities)
         self._scale = math.log1p(-self._rate) if 0.0 < self._rate < 1.0 else -math.inf
         self._gap = self._draw_gap()  # bytes until the next damaged one
         self._sent_lines: dict[bytes, bytes] = {}  # the last lines as sent, by number
@@ -36,7 +36,7 @@ class Noise:
         return int(math.log(1.0 - self._rng.random()) / self._scale)
 
     def carry(self, data: bytes) -> bytes:
-        """Return the bytes as received."""
+        """Return the bytes as the other end receives them."""
         if len(data) <= self._gap:
             self._gap -= len(data)
             return data
@@ -79,8 +79,8 @@ class Noise:
 
     def _damage(self, byte: int) -> bytes:
         self.damaged_bytes += 1
-        flip_share, loss_share, _ = self._share
+        flip_probability, loss_probability, _ = self._probabilities
         sample = self._rng.random() * self._rate
-        if sample < flip_share:
+        if sample < flip_probability:
             return bytes((byte ^ 1 << self._rng.randrange(8),))
-        return b"" if sample < flip_share + loss_share else bytes((byte, byte))
+        return b"" if sample < flip_probability + loss_probability else bytes((byte, byte))

@@ -7,7 +7,7 @@ import math
 from drivers.printers import HeaterModel
 
 AMBIENT_C = 21.0
-FULL_POWER = 127  # value of @: and B@: at full power
+FULL_POWER = 127  # value that M105 reports after @: and B@: at full power
 
 
 class Heater:
@@ -27,7 +27,7 @@ class Heater:
     Attributes
     ----------
     burns
-        True if its switch is shorted: full power at any target.
+        True if the heater's switch is shorted: full power at any target.
     """
 
     __slots__ = (
@@ -83,13 +83,13 @@ class Heater:
         return round(FULL_POWER * (self.target_c - AMBIENT_C) / self.model.gain_c)
 
     def compute_heating_s(self, temperature_c: float, now_s: float) -> float:
-        """Compute the seconds at full power to reach a temperature; infinite if it is out of reach."""
+        """Compute the seconds at full power to reach a temperature; infinite if it is unreachable."""
         if self.dead:
             return math.inf if self.compute_temperature_c(now_s) < temperature_c else 0.0
         return self.model.compute_heating_s(temperature_c, self.compute_temperature_c(now_s), AMBIENT_C)
 
     def compute_cooling_s(self, temperature_c: float, now_s: float) -> float:
-        """Compute the seconds without power to cool to a temperature; infinite if it is out of reach."""
+        """Compute the seconds without power to cool to a temperature; infinite if it is unreachable."""
         start_c = self.compute_temperature_c(now_s)
         if start_c <= temperature_c:
             return 0.0
@@ -97,9 +97,10 @@ class Heater:
             return math.inf
         return self.model.tau_s * math.log((start_c - AMBIENT_C) / (temperature_c - AMBIENT_C))
 
-    def _update_temperature(self, seconds: float, is_powered: bool) -> None:
+    def _update_temperature(self, duration_s: float, is_powered: bool) -> None:
         end_c = AMBIENT_C + (self.model.gain_c if is_powered and not self.dead else 0.0)
-        self._temperature_c = end_c + (self._temperature_c - end_c) * math.exp(-seconds / self.model.tau_s)
+        decay = math.exp(-duration_s / self.model.tau_s)
+        self._temperature_c = end_c + (self._temperature_c - end_c) * decay
 
     def _regulate(self, now_s: float) -> None:
         target_c = max(self.target_c, AMBIENT_C)

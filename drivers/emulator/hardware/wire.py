@@ -1,4 +1,4 @@
-"""Transmission time of bytes on a serial line; enabled by ``wire=1`` in the url."""
+"""Serial line that delays bytes by their transmission time; enabled by ``wire=1`` in the url."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ BYTE_BITS = 10  # 8N1
 
 
 class Wire:
-    """One direction of the line. Bytes of one call of `put` arrive together, with the last one."""
+    """One direction of the line. The bytes of one call of `put` arrive together, when the last one does."""
 
     def __init__(self, baud_rate: int) -> None:
         self._byte_s = BYTE_BITS / baud_rate

@@ -16,7 +16,7 @@ from drivers.errors import Fault, JournalError
 from drivers.link.replies import LinkFault, Report
 from drivers.messages import Filament, PrintPhase, PrintSnapshot
 from drivers.records import JOURNAL, Alarm, Journal, StartFile, read_journal
-from drivers.safety import NO_COMMAND
+from drivers.safety import NO_COMMAND_OUTCOME
 from printers.print_rig import PLUS, Rig, make_gcode
 
 DEADLINE_S = 20.0
@@ -114,7 +114,7 @@ def test_person_is_notified_once_without_a_command(tmp_path: Path):
     agent = Agent(tmp_path, None)
     agent.report(21.0)
     agent.report(90.0, 50)
-    assert agent.attention_reason.count(NO_COMMAND) == 1 and len(agent.attention_reason) < 200
+    assert agent.attention_reason.count(NO_COMMAND_OUTCOME) == 1 and len(agent.attention_reason) < 200
 
 
 def test_finding_counts_again_after_the_printer_was_cold_absent_or_checked(tmp_path: Path, mark: Path):
@@ -230,7 +230,7 @@ def test_mains_are_cut_once_at_the_end_of_a_print_with_a_short_reason(
     step_until(agent, rig, lambda: agent.board.session is None)
     ended_print = agent.journal.state.print
     assert ended_print is not None and ended_print.phase is PrintPhase.FAILED
-    outcome = CUT_OUTCOME if command else NO_COMMAND
+    outcome = CUT_OUTCOME if command else NO_COMMAND_OUTCOME
     assert str(ended_print.reason).count(outcome) == 1 and len(str(ended_print.reason)) < 250
     assert count_runs(mark) == command
     assert agent.attention_reason == ended_print.reason

@@ -1,4 +1,4 @@
-from drivers.agent.idle_watch import HEATED_REASON, MOVED_REASON, SD_PRINT, IdleWatch
+from drivers.agent.idle_watch import HEATED_REASON, MOVED_REASON, SD_PRINT_REASON, IdleWatch
 from drivers.errors import Fault
 from drivers.link.replies import Report
 
@@ -54,9 +54,10 @@ def test_print_from_the_sd_card_is_detected_until_it_ends():
     assert watch.judge_answer(b"Not SD printing") == (True, None)
     assert watch.judge_answer(b"Card error:1") == (True, None) and not watch.is_printing_from_card
     assert (
-        watch.judge_answer(b"SD printing byte 2048/90210") == (True, SD_PRINT) and watch.is_printing_from_card
+        watch.judge_answer(b"SD printing byte 2048/90210") == (True, SD_PRINT_REASON)
+        and watch.is_printing_from_card
     )
-    assert watch.judge_answer(b"Card error:0") == (True, SD_PRINT) and watch.is_printing_from_card
+    assert watch.judge_answer(b"Card error:0") == (True, SD_PRINT_REASON) and watch.is_printing_from_card
     assert watch.judge_answer(b"Not SD printing") == (True, None) and not watch.is_printing_from_card
     assert watch.judge_answer(b"echo:SD init fail") == (False, None)
 

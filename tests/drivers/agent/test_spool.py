@@ -58,11 +58,11 @@ def test_file_is_received_in_pieces_over_the_socket(tmp_path: Path):
     with pytest.raises(AgentError, match="follow"):
         spool.append_upload("p-1", 128, b"G28\n")
     spool.append_upload("p-1", 192, text[192:])
-    program = spool.import_gcode("p-1", spool.make_part_path("p-1"), hashlib.sha256(text).hexdigest())
+    program = spool.import_gcode("p-1", spool.make_upload_path("p-1"), hashlib.sha256(text).hexdigest())
     assert program.count == 100
     spool.append_upload("p-2", 0, b"left")
     Spool(tmp_path, ULTIMAKER2_PLUS)
-    assert not spool.make_part_path("p-2").exists()
+    assert not spool.make_upload_path("p-2").exists()
     with pytest.raises(AgentError):
         spool.append_upload("../p", 0, b"")
 

@@ -23,7 +23,7 @@ from drivers.emulator.launch import control, launch, read_status
 from drivers.emulator.launch import is_running as emulator_is_running
 from drivers.firmware import ULTIMAKER2
 from drivers.locks import AGENT_LOCK, acquire_lock, find_holder, is_locked, kill_holder, write_pid
-from drivers.records import ESTOPPED, Journal, StartFile
+from drivers.records import ESTOP_REASON, Journal, StartFile
 from drivers.remote import AgentClient, is_alive, spawn_agent
 from drivers.safety import StopResult, StopTarget, estop, heater_watch, list_targets, stop_printer
 from printers.agent_with_emulator import Printer, wait_for_emulator
@@ -99,7 +99,7 @@ def test_printer_with_a_hung_agent_is_stopped_and_needs_attention_afterwards(
         status = read_status(folder / "emulator")
         assert (status.nozzle_target_c, status.bed_target_c) == (0.0, 0.0)
         assert process.wait(10.0) == -signal.SIGKILL
-        assert Journal(folder / "journal.jsonl").state.board.attention_reason == ESTOPPED
+        assert Journal(folder / "journal.jsonl").state.board.attention_reason == ESTOP_REASON
         assert not is_alive(folder)
         process = spawn_agent("um2-01", MODEL, url, folder, Clock(SCALE, time.time()))
         snapshot = asyncio.run(find_ended_print(folder))

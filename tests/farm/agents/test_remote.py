@@ -25,7 +25,7 @@ from drivers.errors import AgentError
 from drivers.records import StartFile
 from drivers.remote import BridgeRequest, BridgeTask, client, find_agent_pid, is_alive
 from drivers.remote.bridge import find_folder
-from drivers.remote.ssh import SSH
+from drivers.remote.ssh import SSH_COMMAND
 from farm.agents import connection, remote
 from farm.agents.connection import AgentConnection
 from farm.agents.manager import AgentManager
@@ -106,7 +106,7 @@ class Sshd:
             f" IdentitiesOnly yes\n StrictHostKeyChecking no\n"
             f" UserKnownHostsFile {folder}/known\n LogLevel ERROR\n"
         )
-        self.ssh = f"{SSH} -F {folder}/ssh"
+        self.ssh = f"{SSH_COMMAND} -F {folder}/ssh"
         self._server: subprocess.Popen[bytes] | None = None
         self.reconnect()
 
@@ -199,7 +199,7 @@ def test_print_survives_a_network_failure_of_ten_minutes(
     if isinstance(remote_host, SilentNetwork):  # ten minutes by the farm's clock take five seconds
         monkeypatch.setattr(connection, "_SILENCE_S", 1.5)
         monkeypatch.setattr(connection, "_MAX_WAIT_S", 0.5)
-        monkeypatch.setattr(client, "FIRST_MESSAGE_S", 10.0)
+        monkeypatch.setattr(client, "FIRST_MESSAGE_TIME_OUT_S", 10.0)
     remote_folder = tmp_path / "there" / "farm-agents" / "test" / "a"
     section = PrinterSection(
         name="a",

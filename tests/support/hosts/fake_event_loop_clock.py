@@ -42,8 +42,8 @@ class FakeTime:
     def now(self):
         return self.now_s + self.host_shift_s
 
-    def to_wall_duration_s(self, farm_seconds):
-        return farm_seconds
+    def to_wall_duration_s(self, farm_duration_s):
+        return farm_duration_s
 
     def follow_host(self):
         step_s, self.host_shift_s = self.set_s - self.host_shift_s, self.set_s

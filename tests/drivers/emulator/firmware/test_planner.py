@@ -145,10 +145,12 @@ def test_entry_speeds_are_reachable(moves: list[Point], speed_mm_s: float) -> No
         bench.add_move(target, speed_mm_s)
         blocks = bench.planner._blocks
         for block, next_block in itertools.pairwise(blocks[1:]):
-            assert next_block.entry_2 <= block.entry_2 + block.gain_2 + 1e-6
-            assert block.entry_2 <= next_block.entry_2 + block.gain_2 + 1e-6
+            assert next_block.entry_mm2_s2 <= block.entry_mm2_s2 + block.gain_mm2_s2 + 1e-6
+            assert block.entry_mm2_s2 <= next_block.entry_mm2_s2 + block.gain_mm2_s2 + 1e-6
         for block in blocks:
-            assert block.entry_2 <= block.max_entry_2 + 1e-9 <= block.v**2 * (1 + 1e-9) + 1e-6
+            assert (
+                block.entry_mm2_s2 <= block.max_entry_mm2_s2 + 1e-9 <= block.speed_mm_s**2 * (1 + 1e-9) + 1e-6
+            )
 
 
 def test_stop_keeps_the_position_and_counts_fed_filament() -> None:
