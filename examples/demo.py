@@ -1,8 +1,8 @@
 """`make demo`: the whole farm on eight simulated printers, from a model to its last part.
 
-Everything is real but the printers' hardware: the daemon, an agent for each printer, pyserial on
-pseudo-terminals, CuraEngine, SQLite. The printers are emulators that keep the firmware's rules and take the
-time that the moves take, on a clock that runs faster (`time_scale` in fleet.yaml).
+Everything except the printers' hardware is real: the daemon, an agent for each printer, pyserial on
+pseudo-terminals, CuraEngine, SQLite. The printers are emulators that follow the firmware's rules and take as
+long as the real moves, on a clock that runs faster (`time_scale` in fleet.yaml).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ FARM = Path(sys.executable).with_name("farm")
 STATE = ROOT / ".demo"
 
 
-def farm(*arguments: str, check: bool = True) -> int:
+def run_farm(*arguments: str, check: bool = True) -> int:
     """Run a farm command on the demo's own state folder, as a person would type it."""
     print(f"\n$ farm {' '.join(arguments)}", flush=True)
     command = [str(FARM), *arguments, "--state", str(STATE)]
@@ -27,8 +27,8 @@ def farm(*arguments: str, check: bool = True) -> int:
     return result.returncode
 
 
-def clean() -> None:
-    """End the processes that an earlier demo may have left, and delete its files."""
+def delete_old_demo() -> None:
+    """End the processes of an earlier demo, if any, and delete its files."""
     if (STATE / "farm.db").exists():
         subprocess.run(
             [str(FARM), "down", "--now", "--state", str(STATE)], check=False, capture_output=True, cwd=ROOT
@@ -37,22 +37,23 @@ def clean() -> None:
 
 
 def main() -> int:
-    clean()
+    """Print the example model on simulated printers, and return the exit code."""
+    delete_old_demo()
     STATE.mkdir()
     model = STATE / "aqueduct.stl"
     print("It takes about four minutes. A model that is larger than any one printer:", flush=True)
     subprocess.run([sys.executable, str(ROOT / "examples" / "make_aqueduct.py"), str(model)], check=True)
-    farm("up", "--fleet", str(ROOT / "fleet.yaml"))
+    run_farm("up", "--fleet", str(ROOT / "fleet.yaml"))
     try:
-        code = farm("submit", str(model.relative_to(ROOT)), "--wait", check=False)
-        farm("status", check=False)
+        code = run_farm("submit", str(model.relative_to(ROOT)), "--wait", check=False)
+        run_farm("status", check=False)
     except KeyboardInterrupt:
         code = 130
     finally:
-        farm("down", "--now", check=False)
+        run_farm("down", "--now", check=False)
     print(
         f"\nParts and G-code are in {STATE.relative_to(ROOT)}/jobs/1/. On a real farm, which keeps running, "
-        "a person would now\nclear the beds and confirm each; `make demo` starts over."
+        "a person would now\nclear each bed and confirm it. `make demo` starts from the beginning."
     )
     return code
 

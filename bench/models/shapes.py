@@ -11,7 +11,7 @@ from trimesh import creation
 from trimesh.transformations import rotation_matrix
 
 from decompose.geometry import Solid
-from examples.make_aqueduct import aqueduct
+from examples.make_aqueduct import make_aqueduct
 
 
 def make_solid(mesh: trimesh.Trimesh) -> Solid:
@@ -166,7 +166,7 @@ def make_stairs() -> Solid:
 SHAPES: Mapping[str, Callable[[], Solid]] = {
     make.__name__.removeprefix("make_"): make
     for make in (
-        aqueduct,
+        make_aqueduct,
         make_ball,
         make_ring,
         make_vase,
