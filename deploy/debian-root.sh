@@ -1,6 +1,6 @@
-# A root folder with a new Debian 12, for scripts that test an installation in it (sourced; SAYS is the name in messages).
-# apt's sources, keys and options, pip's settings with the folders that they name, certificates and proxies of this host
-# are used there too.
+# Functions for scripts that test an installation in a root folder with a new Debian 12. Source this file; SAYS is the
+# script's name in messages. The new root uses this host's certificates and proxies, apt's sources, keys and options, and
+# pip's settings with the folders that they name.
 
 readonly SUITE=bookworm
 
@@ -24,7 +24,7 @@ find_package() {
     echo "$deb"
 }
 
-# Makes a folder on a disk, which is deleted when the script ends: `$scratch`. usage: make_scratch NAME
+# Makes the folder `$scratch` on a disk, which is deleted when the script ends. usage: make_scratch NAME
 make_scratch() {
     scratch=$(mktemp -d "/var/tmp/farm-$1.XXXXXX")
     trap 'rm -rf --one-file-system "$scratch"' EXIT
@@ -45,13 +45,13 @@ mount_devices() {
     [[ -n $2 ]] || { mkdir "$1/dev/shm" && mount -t tmpfs -o mode=1777 none "$1/dev/shm"; }
 }
 
-# Folders and files of this host that pip's settings name; an index by file:// has its files beside its folder `simple`.
+# Lists folders and files of this host that pip's settings name; an index at file:// has its files beside its folder `simple`.
 pip_paths() {
     { python3 -m pip config list 2>/dev/null || true; env | grep '^PIP_' || true; } |
         grep -oE "(file://|[\"'= ])/[^\"' ]*" | sed -E 's,^[^/]*(//)?,,; s,/simple/?$,,' | sort -u
 }
 
-# Enters the root; for process 1 of namespaces of its own. usage: enter ROOT [NO_SHM]
+# Enters the root; to be called by process 1 in separate namespaces. usage: enter ROOT [NO_SHM]
 enter() {
     local path root=$1 no_shm=${2:-}
     unset TMPDIR # a folder of this host
@@ -86,7 +86,7 @@ need_mmdebstrap() {
 # usage: build_root ROOT PACKAGES
 build_root() {
     local sources options root=$1 packages=$2
-    # This host's sources of the same Debian, and the options that apt needs to reach them.
+    # Use this host's sources of the same Debian, and the options with which apt reaches them.
     mapfile -t sources < <(grep -lsw "$SUITE" /etc/apt/sources.list /etc/apt/sources.list.d/*.{list,sources} || true)
     mapfile -t options < <(grep -ls Acquire /etc/apt/apt.conf /etc/apt/apt.conf.d/* || true)
     say "Building a Debian 12 ($SUITE) ..."

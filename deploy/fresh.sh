@@ -1,28 +1,28 @@
 #!/usr/bin/env bash
-# Runs the README's commands in a new Debian 12 that has only what the README asks for, as an ordinary user who may use
-# sudo, on a clone of the last commit. At the end it lists what failed and what was skipped.
-# usage, as root: deploy/fresh.sh [--no-shm] [--keep FOLDER] [TARGET...]     TARGET: of make; demo and test by default
+# Runs the README's commands in a new Debian 12 that has only the packages named in the README, as an ordinary user who may
+# use sudo, on a clone of the last commit. At the end it lists failed and skipped tests.
+# usage, as root: deploy/fresh.sh [--no-shm] [--keep FOLDER] [TARGET...]     TARGET: a target of make; default: demo test
 #
-# --no-shm leaves the new root without /dev/shm. --keep builds the root in FOLDER and leaves it there with what was
-# installed: the next run with the same FOLDER begins with that and only takes the new commit. Without --keep the root is
-# deleted at the end. apt's sources, keys and options, pip's settings with the folders that they name, certificates and
-# proxies of this host are used there too.
+# --no-shm leaves the new root without /dev/shm. --keep builds the root in FOLDER and keeps it there with everything that
+# was installed; the next run with the same FOLDER uses this root and only fetches the new commit. Without --keep the root
+# is deleted at the end. The new root uses this host's certificates and proxies, apt's sources, keys and options, and pip's
+# settings with the folders that they name.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
 readonly USER_ID=1000
-readonly HOME_THERE=/home/someone
+readonly HOME_INSIDE=/home/someone
 readonly PACKAGES=ca-certificates,git,make,python3,sudo
 
 readonly SAYS=fresh
 . deploy/debian-root.sh
 
-# --- inside: process 1 of namespaces of its own, so that no process and no mount outlasts it -------------------------
+# --- inside: process 1 in separate namespaces, so that all processes and mounts end with it --------------------------
 
-run_there() {
+run_inside() {
     local settings
     mapfile -d '' settings < <(env -0 | grep -z -i -E '^(PIP_[A-Z_]*|(https?|no|all)_proxy|SSL_CERT_[A-Z]*)=')
-    env -i "${settings[@]}" HOME="$HOME_THERE" USER=someone LOGNAME=someone LANG=C.UTF-8 TERM=dumb \
+    env -i "${settings[@]}" HOME="$HOME_INSIDE" USER=someone LOGNAME=someone LANG=C.UTF-8 TERM=dumb \
         PATH=/usr/local/bin:/usr/bin:/bin PYTEST_ADDOPTS=-rfEs \
         setpriv --reuid="$USER_ID" --regid="$USER_ID" --init-groups \
         bash -c 'cd ~/farm && "$@"' - "$@"
@@ -37,7 +37,7 @@ if [[ ${1:-} == --inside ]]; then
         echo "fresh: make $target"
         begun=$SECONDS
         code=0
-        run_there make --no-print-directory "$target" || code=$?
+        run_inside make --no-print-directory "$target" || code=$?
         echo "fresh: make $target ended with $code after $((SECONDS - begun)) s"
         ((code == 0)) || failed=1
     done
@@ -60,17 +60,17 @@ targets=("$@")
 
 [[ $(id -u) == 0 ]] || fail "This needs root, for the new root and its mounts: sudo make fresh"
 need_mmdebstrap
-[[ -z $(git status --porcelain) ]] || say "Changes that are not committed are ignored: it runs $(git rev-parse --short HEAD)."
-commit=$(git rev-parse --short HEAD) # somebody may check out another one while it runs
+[[ -z $(git status --porcelain) ]] || say "Uncommitted changes are ignored: the test uses $(git rev-parse --short HEAD)."
+commit=$(git rev-parse --short HEAD) # another commit may be checked out meanwhile
 
 make_scratch fresh
 root=${kept:+$(realpath -m "$kept")}
 root=${root:-$scratch/root}
-home=$root$HOME_THERE
+home=$root$HOME_INSIDE
 log=$scratch/log
 
-# The commit that is checked out here; what a kept root has installed for an earlier one stays.
-take_commit() {
+# Checks out the current commit in the root; files that an earlier run installed in a kept root stay.
+fetch_commit() {
     local git=(git -c safe.directory='*' -C "$home/farm")
     [[ -d $home/farm ]] || git clone --quiet --no-hardlinks --no-checkout . "$home/farm"
     "${git[@]}" fetch --quiet "$PWD" HEAD
@@ -85,7 +85,7 @@ if [[ ! -x $root/bin/bash ]]; then
     echo 'someone ALL=(ALL) NOPASSWD: ALL' > "$root/etc/sudoers.d/someone"
 fi
 copy_settings "$root" "$home"
-take_commit
+fetch_commit
 
 code=0
 unshare --mount --pid --fork --kill-child --propagation private \

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Installs the peers of some tests, without root, compiler or server: OctoPrint, Printrun, OctoRest and Qt in a virtual
-# environment of their own, and in its folders Debian's ssh, ser2net, tcc, promtool and prusa-slicer (330 MB), unpacked and
-# not installed. It names what is not available; the tests that need it are skipped.
+# Installs third-party programs for some tests, without root, compiler or server: OctoPrint, Printrun, OctoRest and Qt in a
+# separate virtual environment, and in its folders Debian's ssh, ser2net, tcc, promtool and prusa-slicer (330 MB), which are
+# only unpacked. It names programs that are not available; the tests that need them are skipped.
 # usage: install-peers.sh ENVIRONMENT
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -16,7 +16,7 @@ say() { echo "install: $*" >&2; }
 install_environment() {
     local pip=("$ENVIRONMENT/bin/python" -m pip --disable-pip-version-check install --quiet --no-warn-conflicts)
     "${PYTHON:-python3.11}" -m venv "$ENVIRONMENT" && "${pip[@]}" --no-deps -r "$REQUIREMENTS" || return 1
-    # netifaces, which only a C compiler can install, is there as a wheel of another project.
+    # netifaces would need a C compiler; the requirements contain a wheel of another project instead.
     "$ENVIRONMENT/bin/python" > "$ENVIRONMENT/required" <<'END' || return 1
 from importlib.metadata import requires
 for line in requires("OctoPrint") or ():
@@ -26,15 +26,15 @@ END
     "${pip[@]}" -r "$ENVIRONMENT/required"
 }
 
-# Packages that this host lacks for the programs named, with all that they depend on but fonts.
+# Lists the packages that this host lacks for the given programs, with all their dependencies except fonts.
 needed() { apt-get -s install --no-install-recommends "$@" 2>/dev/null | awk '/^Inst / && $2 !~ /^fonts-/ { print $2 }'; }
 
-# Debian's programs find their libraries and files beside them.
+# Writes a start script with which an unpacked program finds its libraries and files.
 write_starter() {
     local name=$1 program option='' plugins='' here=$2
     program=$(find "$here/usr" -path "*bin/$name")
     [[ -n $program ]] || return 1
-    # From OpenSSH 9.8 on sshd calls a program by the path where it would be installed.
+    # Since OpenSSH 9.8, sshd calls a program by its installed path, so an unpacked sshd does not work.
     [[ $name != sshd || ! -e $here/usr/lib/openssh/sshd-session ]] || return 1
     [[ $name != tcc ]] || option="-B$(dirname "$(find "$here/usr/lib" -name libtcc1.a)")"
     [[ $name != ser2net ]] || plugins=$(find "$here/usr" -name libgensio_net.so -printf '%h')
@@ -64,7 +64,7 @@ if [[ ! -f $ENVIRONMENT/.installed || $REQUIREMENTS -nt $ENVIRONMENT/.installed 
     fi
 fi
 
-# Unpacks the programs named that this host lacks: all of them or none, as one package may not be available.
+# Unpacks those of the given programs that this host lacks: all or none, as a package may not be available.
 unpack_missing() {
     local name packages=() lacking=()
     missing=()

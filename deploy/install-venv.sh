@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Makes a virtual environment with Python 3.11; in Debian the venv module is a separate package.
+# Creates a virtual environment with Python 3.11; in Debian the venv module is a separate package.
 set -euo pipefail
 venv=$1
 python=${PYTHON:-python3.11}
@@ -15,7 +15,7 @@ command -v "$python" >/dev/null || {
     exit 1
 }
 
-# ensurepip is what Debian leaves out of the venv module.
+# Debian's venv module lacks ensurepip.
 if ! "$python" -c 'import ensurepip, venv' 2>/dev/null; then
     command -v apt-get >/dev/null || { say "$python has no venv module: install it, then run this again."; exit 1; }
     sudo=()
@@ -29,7 +29,7 @@ if ! "$python" -c 'import ensurepip, venv' 2>/dev/null; then
     "${install[@]}" >/dev/null 2>&1 || { "${sudo[@]}" apt-get update -qq && "${install[@]}" >/dev/null; }
 fi
 
-# An environment that another Python made, or that was moved here, is made again.
+# An environment that another Python created, or that was moved here, is created again.
 if [[ $("$venv/bin/python" -c 'import pip, sys; print(sys.version)' 2>/dev/null) != \
     "$("$python" -c 'import sys; print(sys.version)')" ]]; then
     rm -rf "$venv"

@@ -1,12 +1,12 @@
 #!/usr/bin/env bash
-# Runs tests that start no farm of real processes, and that may differ with a newer Python, with the newest one here for
-# which all locked dependencies have wheels. Where there is none newer than 3.11 it prints one line and ends without an error.
+# Runs the tests that start no farm of real processes and whose results may differ with a newer Python, with the newest
+# installed Python for which all locked dependencies have wheels. If none is newer than 3.11, it prints a line and succeeds.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
 say() { echo "newest: $*" >&2; }
 
-# An existing program may be a shim that runs no Python.
+# Prints the path of a Python of this version. A program of that name may be a shim without a Python behind it.
 find_python() {
     local path version=$1
     local pyenv=${PYENV_ROOT:-$HOME/.pyenv}/versions
@@ -26,9 +26,9 @@ install() {
         "${pip[@]}" --no-deps --no-build-isolation -e . && touch "$2/.installed"
 }
 
-# What differs from one Python to the next: syntax, types, asyncio, the libraries' own interfaces. Machine code, CuraEngine and
-# exact geometry compute the same under each, as do other programs, packages and documents: those are tested with the older
-# one. One whole decomposition, with its machine code compiled, stays.
+# Python versions differ in syntax, types, asyncio and the interfaces of libraries. Machine code, CuraEngine, exact geometry,
+# other programs, packages and documents do not depend on the version, so their tests run only with the older Python, except
+# for one whole decomposition with compiled machine code.
 SERVERS=(tests/farm/web tests/farm/http tests/farm/control)
 OTHERS=(tests/farm tests/drivers tests/slicing/{checks,own_gcode,settings} tests/decompose/{export,geometry}
     tests/decompose/test_{decompose_example,jit,options}.py)
@@ -39,7 +39,7 @@ for version in 3.13 3.12; do
     venv=.venv/python$version
     install "$python" "$venv" || { say "Python $version: not every dependency can be installed."; continue; }
     say "$("$venv/bin/python" -VV)"
-    # A long traceback reads the arguments of frames, which crashes CPython 3.13.0.
+    # Short tracebacks: long ones read the arguments of frames, which crashes CPython 3.13.0.
     test() { "$venv/bin/python" -m pytest -m "not system" -p no:cacheprovider --tb=short "$@"; }
     test "${SERVERS[@]}" > "$venv/servers.log" 2>&1 & servers=$!
     failed=0
@@ -48,4 +48,4 @@ for version in 3.13 3.12; do
     cat "$venv/servers.log"
     exit "$failed"
 done
-say "There is no Python newer than 3.11 that has all dependencies: no test is run."
+say "There is no Python newer than 3.11 with all dependencies: no test was run."

@@ -1,18 +1,18 @@
 #!/usr/bin/env bash
-# Builds the container file by buildah on a new Debian 12, without a registry, and prints a model on its simulated printers.
-# usage, as root: deploy/container/test.sh [DEB]     by default the newest of build/dist; ten minutes
+# Builds the container with buildah on a new Debian 12, without a registry, and prints a model on its simulated printers.
+# usage, as root: deploy/container/test.sh [DEB]     default: the newest package in build/dist; takes ten minutes
 #
-# Needs neither a container engine nor its daemon: the image is built in chroots, and its command runs in its files, in
-# namespaces of its own, with the user, environment and folder that the image names.
+# It needs neither a container engine nor its daemon: the image is built in chroots, and its command runs in the image's
+# files, in separate namespaces, with the user, environment and folder that the image names.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 
 readonly SAYS=test-container
 . deploy/debian-root.sh
 
-readonly BASE=docker.io/library/debian:12-slim # as the container file says
+readonly BASE=docker.io/library/debian:12-slim # as in the container file
 
-# --- inside: process 1 of namespaces of its own, so that no process and no mount outlasts it -------------------------
+# --- inside: process 1 in separate namespaces, so that all processes and mounts end with it --------------------------
 
 # Runs a command as the image does. usage: as_image COMMAND ...
 as_image() {
@@ -25,9 +25,9 @@ as_image() {
 answers() { as_image farm status > /dev/null 2>&1; }
 
 wait_for_daemon() {
-    local given_up=$((SECONDS + 300))
+    local deadline=$((SECONDS + 300))
     until answers; do
-        ((SECONDS < given_up)) || return 1
+        ((SECONDS < deadline)) || return 1
         sleep 1
     done
 }
@@ -65,7 +65,7 @@ buildah() { command buildah --root "$scratch/storage" --runroot "$scratch/run" -
 
 build_root "$scratch/base" ca-certificates
 copy_settings "$scratch/base" "$scratch/base/root"
-say "Making $BASE of it ..."
+say "Making $BASE from it ..."
 container=$(buildah from scratch)
 buildah add --quiet "$container" "$scratch/base" / > /dev/null
 buildah config --cmd bash "$container"

@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
-# Builds build/dist/farm_VERSION_ARCHITECTURE.deb for the Debian 12 that it runs on; needs neither root nor debhelper.
-# usage: deploy/debian/build.sh [VERSION]     by default that of pyproject.toml with the number of commits
+# Builds build/dist/farm_VERSION_ARCHITECTURE.deb for Debian 12, on Debian 12; needs neither root nor debhelper.
+# usage: deploy/debian/build.sh [VERSION]     default: the version in pyproject.toml with the number of commits
 #
-# /opt/farm/.venv has the wheel of this checkout and the pinned dependencies, and Cura's settings out of Debian's
-# packages. It does not contain the path of the build.
+# /opt/farm/.venv contains the wheel of this checkout, the pinned dependencies, and Cura's settings from Debian's packages.
+# It does not contain the path of the build folder.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 umask 022
@@ -34,17 +34,17 @@ trap 'rm -rf "$scratch"' EXIT
 root=$scratch/root
 mkdir -p "$root$VENV" build/dist
 
-# The environment: made by Debian's Python, filled by the pip of the checkout, then set to the path where it will be installed.
+# Makes the environment with Debian's Python, fills it with the checkout's pip, and sets it to its path after installation.
 build_environment() {
     local pip=("$BIN/python" -m pip --disable-pip-version-check)
-    rm -rf build/lib build/bdist.* # an earlier build leaves modules there that no longer exist
+    rm -rf build/lib build/bdist.* # an earlier build may have left modules that no longer exist
     "${pip[@]}" wheel --quiet --no-deps --no-build-isolation -w "$scratch" .
     "$PYTHON" -m venv --without-pip "$root$VENV"
     local install=("${pip[@]}" --python "$root$VENV/bin/python" install --quiet --no-compile)
     "${install[@]}" --require-hashes -r requirements.lock
     "${install[@]}" --no-deps "$scratch"/farm-*.whl
     rm -f "$root$VENV"/lib/python3*/site-packages/farm-*.dist-info/direct_url.json # contains the path of the build
-    "${pip[@]}" --python "$root$VENV/bin/python" uninstall --quiet --yes setuptools # only builds need it
+    "${pip[@]}" --python "$root$VENV/bin/python" uninstall --quiet --yes setuptools # needed only for builds
     find "$root$VENV/bin" -type f ! -name farm -delete
     find "$root$VENV" -name tests -type d -path '*/site-packages/*' -prune -exec rm -rf {} +
     sed -i "1s,.*,#!$VENV/bin/python," "$root$VENV/bin/farm"
@@ -52,7 +52,7 @@ build_environment() {
     "$PYTHON" -m compileall -q -j0 -s "$root" -p / "$root$VENV/lib" >/dev/null || true # some libraries have files for other Pythons
 }
 
-# Debian's packages that have the libraries to which the wheels are linked and which they do not bring.
+# Lists Debian's packages with the libraries to which the wheels are linked, but which they do not contain.
 list_libraries() {
     find "$root$VENV" -name '*.so*' -type f -exec ldd {} + 2>/dev/null |
         sed -n 's,.* => \(/[^ ]*\) (0x.*,\1,p' | grep -v "^$root" | sort -u |

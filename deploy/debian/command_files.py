@@ -36,13 +36,13 @@ def escape(text: str) -> str:
 
 
 def write_header(name: str, summary: str, version: str) -> Iterator[str]:
-    """Yield the title and the section NAME of a page."""
+    """Yield the title and the section NAME of a man page."""
     yield f'.TH "{escape(name.upper())}" 1 "" "farm {escape(version)}" "User commands"'
     yield f".SH NAME\n{escape(name)} \\- {escape(summary)}"
 
 
 def write_entries(title: str, entries: Iterable[tuple[str, str]]) -> Iterator[str]:
-    """Yield a section that is a list of terms with their meaning; nothing where there are none."""
+    """Yield a section with a list of terms and their meanings; nothing if there are none."""
     lines = [f".TP\n.B {escape(term)}\n{escape(meaning or '(no description)')}" for term, meaning in entries]
     if lines:
         yield f".SH {title}"
@@ -50,21 +50,26 @@ def write_entries(title: str, entries: Iterable[tuple[str, str]]) -> Iterator[st
 
 
 def summarise(text: str) -> str:
-    """Return the first sentence of a help text, as the section NAME has it."""
+    """Return the first sentence of a help text, for the section NAME."""
     return " ".join(text.split("\n\n")[0].split()).rstrip(".")
 
 
 def format_page(name: str, command: Any, version: str) -> str:
-    """Write the page of a command.
+    """Format the man page of a command.
 
     Parameters
     ----------
     name
-        Its name on the command line.
+        The command's name on the command line.
     command
-        The command, loaded.
+        The loaded command.
     version
-        Version of the program.
+        Version of farm.
+
+    Returns
+    -------
+    str
+        The page as roff text.
     """
     visible_params = [param for param in command.params if not getattr(param, "hidden", False)]
     options = [param for param in visible_params if param.param_type_name != "argument"]
@@ -91,7 +96,7 @@ def format_page(name: str, command: Any, version: str) -> str:
 
 
 def format_main_page(commands: dict[str, Any], version: str) -> str:
-    """Write the page of the program: its commands, exit codes and files."""
+    """Format the man page of farm: its commands, exit codes and files."""
     lines = [*write_header("farm", "one fast printer out of a fleet of Ultimaker 2+ printers", version)]
     lines.append(".SH SYNOPSIS\n.B farm\n.I command\n.RI [ options ]")
     lines.append(
@@ -107,7 +112,7 @@ def format_main_page(commands: dict[str, Any], version: str) -> str:
 
 
 def write_files(share: Path, version: str) -> None:
-    """Write all files below a folder."""
+    """Write all man pages and completion scripts below a folder."""
     commands = load_commands(app)
     pages = {"farm": format_main_page(commands, version)}
     pages |= {f"farm-{name}": format_page(name, one, version) for name, one in commands.items()}

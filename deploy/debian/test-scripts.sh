@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Runs the package's scripts by dpkg over a copy of this host's files that is thrown away, beside a systemctl that records
-# its calls: installation, upgrades, refused and real removals, purge. A few seconds; the program itself is a stub.
+# Runs the package's scripts with dpkg in a temporary copy of this host's files, with a systemctl that records its calls:
+# installation, upgrades, refused and real removals, purge. Takes a few seconds; the program itself is a stub.
 # usage, as root on Debian: deploy/debian/test-scripts.sh     exit status 77: this cannot run here
 set -euo pipefail
 cd "$(dirname "$0")/../.."
@@ -9,7 +9,7 @@ say() { echo "test-scripts: $*" >&2; }
 
 skip() { say "skipped: $*"; exit 77; }
 
-# --- inside: process 1 of namespaces of its own, in the copy ---------------------------------------------------------
+# --- inside: process 1 in separate namespaces, in the copy -----------------------------------------------------------
 
 write_stub() { # usage: write_stub PATH LINES
     mkdir -p "$(dirname "$1")"
@@ -17,7 +17,7 @@ write_stub() { # usage: write_stub PATH LINES
     chmod 755 "$1"
 }
 
-# The daemon is active as long as there is a file /active.
+# The daemon counts as active while the file /active exists.
 write_host_stubs() {
     mkdir -p /run/systemd/system
     # shellcheck disable=SC2016 # expanded by the stub
@@ -156,7 +156,7 @@ if [[ ${1:-} == --inside ]]; then
         DEBIAN_FRONTEND=noninteractive LC_ALL=C.UTF-8 /tmp/checkout/deploy/debian/test-scripts.sh --in-copy
 fi
 if [[ ${1:-} == --in-copy ]]; then
-    # What follows removes an installed farm: never that of the host.
+    # The following commands remove an installed farm, which must never be the host's.
     [[ -e /copy-of-the-host ]] || { say "--in-copy runs in the copy only"; exit 2; }
     rm -rf /opt/farm /etc/farm /var/lib/farm
     if getent passwd farm > /dev/null; then userdel farm; fi

@@ -1,20 +1,20 @@
 #!/usr/bin/env bash
-# Installs the package in a new Debian 12, upgrades it while simulated printers print, removes and purges it.
-# usage, as root: deploy/debian/test.sh [DEB]     by default the newest of build/dist; five to ten minutes
+# Installs the package in a new Debian 12, upgrades it while simulated printers print, then removes and purges it.
+# usage, as root: deploy/debian/test.sh [DEB]     default: the newest package in build/dist; takes five to ten minutes
 #
-# systemd does not run in there: the daemon is started by `farm up`, and stopped and started by hand where the
-# package would do it. The units are checked by `systemd-analyze verify`.
+# systemd does not run in the new root: `farm up` starts the daemon, and this script stops and starts it in place of the
+# package's scripts. `systemd-analyze verify` checks the units.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 
 readonly SAYS=test-deb
 . deploy/debian-root.sh
 
-readonly SCALE=5 # of the printers' clock: the print of the box then takes four minutes
-# On a busy host a print may end before the upgrade does: if it ended as `done`, it was not disturbed either.
+readonly SCALE=5 # of the printers' clock; the print of the box takes four minutes
+# On a busy host a print may end before the upgrade does: a print that ended as `done` was not disturbed either.
 readonly UNDISTURBED='all(p["print"] or (p["last"] and p["last"]["state"] == "done") for p in printers)'
 
-# --- inside: process 1 of namespaces of its own, so that no process and no mount outlasts it -------------------------
+# --- inside: process 1 in separate namespaces, so that all processes and mounts end with it --------------------------
 
 as_farm() {
     setpriv --reuid=farm --regid=farm --init-groups env -i PATH=/usr/bin:/bin HOME=/var/lib/farm LANG=C.UTF-8 \
@@ -33,9 +33,9 @@ print(eval(sys.argv[1]))' "$1"
 
 # usage: wait_for SECONDS EXPRESSION
 wait_for() {
-    local given_up=$((SECONDS + $1))
+    local deadline=$((SECONDS + $1))
     until [[ $(ask "$2") == True ]]; do
-        ((SECONDS < given_up)) || { as_farm farm status; return 1; }
+        ((SECONDS < deadline)) || { as_farm farm status; return 1; }
         sleep 1
     done
 }
@@ -86,7 +86,7 @@ run_test() {
     local before pids agent dependencies
     export DEBIAN_FRONTEND=noninteractive
     apt-get update -qq
-    say "Installing what the package depends on ..."
+    say "Installing the dependencies of the package ..."
     dependencies=$(dpkg-deb -f /tmp/1.deb Depends | tr ',' '\n' | sed 's/(.*//')
     # shellcheck disable=SC2086 # a word for each
     apt-get install -qq -y --no-install-recommends $dependencies > /dev/null
@@ -101,13 +101,13 @@ run_test() {
     check "the program is still there" farm --version
     check "apt upgrades it" install_package /tmp/2.deb
     check "the settings are kept" grep -q um2-02 /etc/farm/fleet.yaml
-    check "both printers print on" test "$(ask "$UNDISTURBED")" = True
+    check "both printers continue to print" test "$(ask "$UNDISTURBED")" = True
     kill -TERM "$(ask 'daemon["pid"]')" # as prerm and postinst do under systemd
     while as_farm farm status > /dev/null 2>&1; do sleep 0.2; done
     as_farm farm up
     check "a daemon of the new version finds them" wait_for 60 "$UNDISTURBED"
     check "the agents are the same" test "$(ask '[p["agent_pid"] for p in printers]')" = "$pids"
-    check "the prints end well" wait_for 600 'all(p["last"] and p["last"]["state"] == "done" for p in printers)'
+    check "the prints end without a fault" wait_for 600 'all(p["last"] and p["last"]["state"] == "done" for p in printers)'
 
     # A process with the command line of an agent whose daemon is on another host.
     bash -c 'exec -a /opt/farm/.venv/bin/python sh -c cat -m drivers.agent --folder /elsewhere' < <(sleep 600) &
@@ -138,7 +138,7 @@ root=$scratch/root
 build_root "$root" ca-certificates
 copy_settings "$root" "$root/root"
 cp "$deb" "$root/tmp/1.deb"
-say "Making a package with a later version of it ..."
+say "Making a package with a later version ..."
 dpkg-deb -R "$deb" "$scratch/later"
 sed -i 's/^Version: .*/&.later/' "$scratch/later/DEBIAN/control"
 dpkg-deb --root-owner-group -Znone -b "$scratch/later" "$root/tmp/2.deb" > /dev/null
