@@ -1,10 +1,9 @@
 #!/usr/bin/env bash
 # Bundles the scripts of farm/web/pages/browser with their libraries into farm/web/pages/built, with the licences.
 #
-# The libraries come from npm; package-lock.json pins them by their hashes. Node is the system's (18 or newer), or else
-# a wheel installed by pip. If node or the libraries are not available, the pages are served without these scripts, which
-# is not an error.
-# usage: deploy/build-pages.sh PYTHON     called by `make install`, `make wheel` and `make deb`
+# The libraries come from npm, as package-lock.json pins them by their hashes; node is the system's (18 or newer), else
+# pip's. If either is not available, the pages are served without these scripts, which is no error.
+# usage: deploy/build-pages.sh PYTHON     `make install`, `make wheel` and `make deb` call it
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -17,7 +16,7 @@ readonly NODE_HASH=sha256:4196a947bcc883f2003ab101762d729f3e99b5e86b75bd09151563
 
 say() { echo "install: $*" >&2; }
 
-# Removes a bundle that was built from other sources, as pages would fail with it, but work without one.
+# Removes a bundle that was built from other sources: pages would fail with it, and work without one.
 skip() {
     rm -rf "$BUILT"
     say "$* The pages work without their 3D view; run this again to add it."
@@ -46,7 +45,7 @@ mkdir -p "$WORK" "$BUILT"
 find_node || skip "Node is not installed, and pip cannot fetch it."
 cp "$SOURCES"/package*.json "$WORK"
 say "Fetching the libraries of the pages ..."
-# With npm's default options, an unreachable network would delay the build by a quarter of an hour.
+# Without a network that answers, npm would try for a quarter of an hour.
 "${npm[@]}" ci --prefix "$WORK" --ignore-scripts --no-audit --no-fund --silent --fetch-retries=1 \
     --fetch-retry-mintimeout=1000 --fetch-timeout=60000 >/dev/null 2>&1 ||
     skip "npm cannot fetch the libraries of the pages."

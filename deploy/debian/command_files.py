@@ -101,7 +101,7 @@ def format_main_page(commands: dict[str, Any], version: str) -> str:
     lines.append(".SH SYNOPSIS\n.B farm\n.I command\n.RI [ options ]")
     lines.append(
         ".SH DESCRIPTION\nCuts large models into parts for the free printers, slices them, and prints "
-        "them over USB.\nEach command has a page of its own, like\n.BR farm\\-submit (1)."
+        "them over USB.\nEach command has its own page, like\n.BR farm\\-submit (1)."
     )
     lines += write_entries("COMMANDS", ((name, summarise(one.help)) for name, one in commands.items()))
     codes = ((str(int(code)), code.name.lower().replace("_", " ")) for code in ExitCode)
