@@ -41,7 +41,7 @@ from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 from decompose.relevel import relevel_planes
 from decompose.results import Decomposition
-from drivers.printers import BEDS, PROFILES, list_usable_volumes
+from drivers.printers import PROFILES, SLICING_PROFILES, list_usable_volumes
 from farm.compute import Deferred, TaskFiles
 from farm.errors import FarmError
 from farm.model import PartPrintOptions
@@ -82,7 +82,7 @@ class Run:
 
     @property
     def settings_request(self) -> SettingsRequest:
-        return SettingsRequest(build_slicing_printer(BEDS[PRINTER]), quality=self.quality)
+        return SettingsRequest(build_slicing_printer(SLICING_PROFILES[PRINTER]), quality=self.quality)
 
 
 def cut_model(run: Run, folder: Path) -> dict[str, Any]:

@@ -23,8 +23,8 @@ from drivers.records import JOURNAL, Journal
 from drivers.remote import AgentClient
 
 BY_PATH = Path("/dev/serial/by-path")
-_ANSWER_S = 40.0  # wall seconds for the board to answer
-_AGENT_S = 60.0  # wall seconds for the agent to report the result
+_BOARD_TIME_OUT_S = 40.0  # wall seconds for the board to answer
+_AGENT_TIME_OUT_S = 60.0  # wall seconds for the agent to report the result
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +77,9 @@ def list_plugged_devices(
     return result
 
 
-def verify_reset(url: str, folder: Path | None, firmware: Firmware, answer_s: float = _ANSWER_S) -> str:
+def verify_reset(
+    url: str, folder: Path | None, firmware: Firmware, answer_s: float = _BOARD_TIME_OUT_S
+) -> str:
     """Pulse DTR on the port of an idle printer, and verify that its board restarts.
 
     Parameters
@@ -146,7 +148,7 @@ async def _request_verification(folder: Path) -> None:
         if reply.snapshot.link is not m.LinkState.CONNECTING:
             raise AgentError(reply.snapshot.reason or "its board was not reset")
         is_current = False  # snapshots from before the reply are old
-        async with asyncio.timeout(_AGENT_S):
+        async with asyncio.timeout(_AGENT_TIME_OUT_S):
             async for snapshot in client.snapshots():
                 if snapshot.link is m.LinkState.CONNECTING:
                     is_current = True
@@ -155,7 +157,7 @@ async def _request_verification(folder: Path) -> None:
                 elif is_current:
                     raise AgentError(snapshot.reason or "it does not answer")
     except TimeoutError as error:
-        raise AgentError(f"its board did not answer in {_AGENT_S:g} s") from error
+        raise AgentError(f"its board did not answer in {_AGENT_TIME_OUT_S:g} s") from error
     finally:
         await client.close()
 

@@ -16,7 +16,7 @@ from decompose.connectors import Mark
 from decompose.connectors.strokes import ADVANCE, GRID_WIDTH, LETTERS, draw_strokes, measure_text_width
 from decompose.geometry import Solid, write_stl
 from decompose.results import Part
-from drivers.printers import BEDS
+from drivers.printers import SLICING_PROFILES
 from farm.planning.printer_settings import build_slicing_printer
 from slicing.checks import read_toolpath, read_wall_layout
 from slicing.checks.toolpath import Toolpath
@@ -119,7 +119,7 @@ def measure_depth_mm(mark: Mark) -> float:
 def slice_part(part: Part, solid: Solid, folder: Path) -> SlicedPart:
     """Slice a part in its pose, with the settings of quality `glue`, in the middle of an endless bed."""
     resources = find_resources()
-    request = SettingsRequest(build_slicing_printer(BEDS[PRINTER]))
+    request = SettingsRequest(build_slicing_printer(SLICING_PROFILES[PRINTER]))
     plain_settings = resolve_settings(request, resources)
     scale = np.array([plain_settings.scale_xy, plain_settings.scale_xy, plain_settings.scale_z])
     vertices, faces = solid.arrays()

@@ -26,7 +26,7 @@ from bench.unseen import KINDS
 from decompose.geometry import write_stl
 from decompose.print_time import CostModel
 from drivers.emulator.firmware.planner import Limits, Planner
-from drivers.printers import BEDS, PROFILES
+from drivers.printers import PROFILES, SLICING_PROFILES
 from farm.model import FeatureSeconds, TimeFactors
 from farm.planning.printer_settings import build_slicing_printer
 from farm.state.printer_speed import (
@@ -129,7 +129,7 @@ def measure_part(name: str, stl: Path, cache: Path) -> PartTimes:
 
 def slice_part(stl: Path, cache: Path) -> PlateResult:
     """Slice a part with the quality `glue`."""
-    request = SettingsRequest(build_slicing_printer(BEDS[PRINTER]), "glue")
+    request = SettingsRequest(build_slicing_printer(SLICING_PROFILES[PRINTER]), "glue")
     settings = resolve_settings(request, find_resources())
     return slice_plate(PlateRequest(stl, settings, cache / f"{stl.stem}.gcode", find_engine(), BED))
 

@@ -35,7 +35,7 @@ from decompose.print_time import (
     find_best_pose,
     measure_pose,
 )
-from drivers.printers import BEDS
+from drivers.printers import SLICING_PROFILES
 from farm.planning.parts.pricing import build_recipe
 from farm.planning.printer_settings import build_slicing_printer
 from slicing.engine import EngineLimits, run_engine
@@ -130,7 +130,7 @@ def place_on_bed(name: str, vertices: Floats, faces: Ints, is_cut: Bools, rotati
 
 def measure(posed_part: PosedPart, quality: str, cache: Path) -> Row | None:
     """Price and slice a part; None if the slice is refused."""
-    request = SettingsRequest(build_slicing_printer(BEDS[PRINTER]), quality)
+    request = SettingsRequest(build_slicing_printer(SLICING_PROFILES[PRINTER]), quality)
     settings = resolve_settings(request, find_resources())
     # Parts are sliced alone, so none of their sides is hidden.
     plain_settings = replace(settings, hidden_wall_ratio=1.0, has_single_hidden_walls=False)

@@ -11,7 +11,7 @@ import argparse
 import json
 import sys
 
-from drivers.printers import BEDS
+from drivers.printers import SLICING_PROFILES
 from farm.planning.printer_settings import build_slicing_printer
 from slicing.settings import FARM_QUALITIES, SettingsRequest, find_resources, resolve_settings
 from slicing.settings.layer_heights import (
@@ -52,7 +52,9 @@ def main() -> int:
     for quality in (name for name, quality in FARM_QUALITIES.items() if quality.exact_height):
         for printer, nozzles in PRINTERS.items():
             for nozzle_mm in nozzles:
-                request = SettingsRequest(build_slicing_printer(BEDS[printer]), quality, nozzle_mm=nozzle_mm)
+                request = SettingsRequest(
+                    build_slicing_printer(SLICING_PROFILES[printer]), quality, nozzle_mm=nozzle_mm
+                )
                 settings = resolve_settings(request, find_resources())
                 nominal = LayerHeights(settings.layer_height_0_mm, settings.layer_height_mm)
                 shares = compute_shares(nominal, nozzle_mm, hundredths)

@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.prices.parts import PRINTER
-from drivers.printers import BEDS, PROFILES, list_usable_volumes
+from drivers.printers import PROFILES, SLICING_PROFILES, list_usable_volumes
 from farm.model import PartPrintOptions
 from farm.planning.part_records import SliceTask
 from farm.planning.parts.slice_part import slice_part
@@ -40,7 +40,9 @@ def slice_with_sides(
     overrides: Mapping[str, Any] = NO_OVERRIDES,
 ) -> float:
     """Slice a part with the given hidden sides and settings; return its time in seconds."""
-    request = SettingsRequest(build_slicing_printer(BEDS[PRINTER]), args.quality, overrides=overrides)
+    request = SettingsRequest(
+        build_slicing_printer(SLICING_PROFILES[PRINTER]), args.quality, overrides=overrides
+    )
     settings = resolve_settings(request, find_resources())
     names = ("brim_width_mm", "layer_0_expansion_mm", "bed_face_hidden", "tops_hidden")
     options = PartPrintOptions.model_validate({name: part[name] for name in names} | {"hidden_sides": sides})

@@ -43,7 +43,7 @@ from decompose.print_time import (
 )
 from decompose.printers import PrinterRoom
 from decompose.results import Part
-from drivers.printers import BEDS, PROFILES, list_usable_volumes
+from drivers.printers import PROFILES, SLICING_PROFILES, list_usable_volumes
 from farm.planning.parts.pricing import build_recipe
 from farm.planning.printer_settings import build_slicing_printer
 from slicing.errors import SlicingError
@@ -59,7 +59,7 @@ from slicing.settings import (
 
 Shapes = Mapping[str, Callable[[], Solid]]
 
-REQUEST = SettingsRequest(build_slicing_printer(BEDS[PRINTER]), "glue")
+REQUEST = SettingsRequest(build_slicing_printer(SLICING_PROFILES[PRINTER]), "glue")
 NO_ROTATION = 4  # index into POSE_ROTATIONS
 
 

@@ -20,7 +20,7 @@ import numpy as np
 import trimesh
 
 from bench.prices.parts import ENDLESS_BED, PRINTER, measure_kinds_s
-from drivers.printers import BEDS
+from drivers.printers import SLICING_PROFILES
 from farm.planning.parts.pricing import build_recipe
 from farm.planning.printer_settings import build_slicing_printer
 from slicing.plate import PlateRequest, slice_plate
@@ -56,7 +56,8 @@ def find_angles(layer_mm: float, angle_deg: float, yaw_deg: float, folder: Path)
     """Find the largest angle without support and the smallest with support."""
     overrides = {"layer_height": layer_mm, "support_angle": angle_deg}
     settings = resolve_settings(
-        SettingsRequest(build_slicing_printer(BEDS[PRINTER]), "paper", overrides=overrides), find_resources()
+        SettingsRequest(build_slicing_printer(SLICING_PROFILES[PRINTER]), "paper", overrides=overrides),
+        find_resources(),
     )
     bare_deg, supported_deg = angle_deg - SEARCH_RANGE_DEG, angle_deg
     for _ in range(HALVING_COUNT):

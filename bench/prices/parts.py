@@ -26,7 +26,7 @@ from decompose.geometry import Model, Solid, load_model, round_triangles, write_
 from decompose.options import Options
 from decompose.print_time import POSE_ROTATIONS, CostModel, Recipe, measure_columns, sum_pose_features
 from decompose.printers import PrinterRoom
-from drivers.printers import BEDS, PROFILES, list_usable_volumes
+from drivers.printers import PROFILES, SLICING_PROFILES, list_usable_volumes
 from farm.planning.parts.pricing import build_recipe
 from farm.planning.printer_settings import build_slicing_printer
 from slicing.errors import SlicingError
@@ -118,7 +118,7 @@ def resolve_named_settings(name: str) -> EngineSettings:
     """Resolve one of SETTINGS, or a quality."""
     quality, nozzle_mm, overrides = SETTINGS.get(name, (name, 0.4, {}))
     request = SettingsRequest(
-        build_slicing_printer(BEDS[PRINTER]), quality, nozzle_mm=nozzle_mm, overrides=overrides
+        build_slicing_printer(SLICING_PROFILES[PRINTER]), quality, nozzle_mm=nozzle_mm, overrides=overrides
     )
     return resolve_settings(request, find_resources())
 

@@ -20,7 +20,7 @@ import trimesh
 from drivers import messages as m
 from drivers.clock import Clock
 from drivers.emulator.launch import Command, control
-from drivers.printers import BEDS, PROFILES
+from drivers.printers import PROFILES, SLICING_PROFILES
 from drivers.remote import AgentClient, spawn_agent
 from farm.planning.plate_times import compute_plate_seconds
 from farm.planning.printer_settings import build_slicing_printer
@@ -78,7 +78,9 @@ def main() -> None:
     parser.add_argument("--scale", type=float, default=60.0)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    settings = resolve_settings(SettingsRequest(build_slicing_printer(BEDS[MODEL])), find_resources())
+    settings = resolve_settings(
+        SettingsRequest(build_slicing_printer(SLICING_PROFILES[MODEL])), find_resources()
+    )
     rows: list[dict[str, Any]] = []
     with tempfile.TemporaryDirectory() as name:
         for side_mm in SIDES_MM:

@@ -26,7 +26,7 @@ from decompose.options import Options
 from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 from decompose.results import Part
-from drivers.printers import BEDS, PROFILES, list_usable_volumes
+from drivers.printers import PROFILES, SLICING_PROFILES, list_usable_volumes
 from farm.compute import Deferred, TaskFiles
 from farm.planning.parts.pricing import build_recipe
 from farm.planning.printer_settings import build_slicing_printer
@@ -78,7 +78,9 @@ def measure(kind: str, args: argparse.Namespace) -> list[Row]:
     for has_hidden_faces in (False, True):
         for gradual in (False, True):
             request = SettingsRequest(
-                build_slicing_printer(BEDS[PRINTER]), args.quality, overrides={} if gradual else EVEN_INFILL
+                build_slicing_printer(SLICING_PROFILES[PRINTER]),
+                args.quality,
+                overrides={} if gradual else EVEN_INFILL,
             )
             settings = resolve_settings(request, find_resources())
             recipe = build_recipe(settings, prelude_s=0.0)

@@ -23,7 +23,7 @@ from pathlib import Path
 import trimesh
 
 from bench.printing.slice_check import MOVE, make_models
-from drivers.printers import BEDS
+from drivers.printers import SLICING_PROFILES
 from farm.planning.printer_settings import build_slicing_printer
 from slicing.checks.output import replace_header
 from slicing.engine import EngineLimits, run_engine
@@ -157,7 +157,7 @@ class Slicer:
         return output.gcode if self._raw else replace_header(output.gcode, output.log, sliced_s=0.0)
 
     def _resolve(self, overrides: dict[str, str]) -> EngineSettings:
-        printer = build_slicing_printer(BEDS["ultimaker2_plus"])
+        printer = build_slicing_printer(SLICING_PROFILES["ultimaker2_plus"])
         return resolve_settings(
             SettingsRequest(printer, "glue", "generic_pla", 0.4, overrides), self._resources
         )

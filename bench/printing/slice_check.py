@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from drivers.printers import BEDS
+from drivers.printers import SLICING_PROFILES
 from farm.planning.printer_settings import build_slicing_printer
 from slicing.checks.outline import UnprintedWall
 from slicing.errors import SliceRejected
@@ -113,7 +113,7 @@ def main() -> None:
     models = {str(path): trimesh.load_mesh(path) for path in options.stl} or make_models()
     overrides = dict(pair.split("=", 1) for pair in options.set)
     request = SettingsRequest(
-        build_slicing_printer(BEDS["ultimaker2_plus"]),
+        build_slicing_printer(SLICING_PROFILES["ultimaker2_plus"]),
         options.quality,
         "generic_pla",
         options.nozzle,

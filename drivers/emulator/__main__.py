@@ -22,7 +22,7 @@ from drivers.emulator.faults import COUNTED_FAULTS, Faults, parse_faults
 from drivers.emulator.firmware import person
 from drivers.emulator.firmware.firmware import EmulatedFirmware
 from drivers.emulator.hardware.wire import Wire
-from drivers.emulator.launch import ALIVE_LOCK, CONTROL, LOG, TTY, Command, shorten_path
+from drivers.emulator.launch import ALIVE_LOCK, CONTROL_SOCKET, LOG_FILE, TTY_LINK, Command, shorten_path
 from drivers.emulator.port import Port
 from drivers.emulator.status import EmulatorStatus, write_status
 from drivers.errors import PortError
@@ -65,7 +65,7 @@ class Emulator:
             (Wire(baud_rate), Wire(baud_rate)) if faults.wire else None
         )  # from the host, to the host
         self._firmware = EmulatedFirmware(profile, faults, random.Random(seed), 0.0)
-        self._port = Port(folder / TTY)
+        self._port = Port(folder / TTY_LINK)
         self._control = _listen(folder)
         self._bytewise = faults.bytewise
         self._pieces: deque[bytes] = deque()
@@ -160,7 +160,7 @@ class Emulator:
             write_status(self._folder, status)
         except OSError:
             self._is_on = self._folder.is_dir()  # on a full disk, the last status remains
-        rotate_log(self._folder / LOG)
+        rotate_log(self._folder / LOG_FILE)
         self._published_change_count = board.change_count
         self._status_due_s = time.monotonic() + STATUS_INTERVAL_S
 
@@ -223,11 +223,11 @@ class Emulator:
 
 
 def _listen(folder: Path) -> socket.socket:
-    (folder / CONTROL).unlink(missing_ok=True)
+    (folder / CONTROL_SOCKET).unlink(missing_ok=True)
     listener = socket.socket(socket.AF_UNIX)
     with shorten_path(folder) as short_path:
-        listener.bind(f"{short_path}/{CONTROL}")
-    (folder / CONTROL).chmod(0o600)
+        listener.bind(f"{short_path}/{CONTROL_SOCKET}")
+    (folder / CONTROL_SOCKET).chmod(0o600)
     listener.listen()
     return listener
 

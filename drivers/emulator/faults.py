@@ -91,7 +91,7 @@ class Faults:
         return {name: line for name, line in fields_and_values if name.endswith("_after") and line}
 
 
-SLEEP_S = 25.0
+SLEEP_S = 25.0  # duration of `Faults.sleep_after`
 _NUMBER = re.compile(rb"N(\d+) ?")
 WEAK_NOZZLE_C, WEAK_BED_C = 140.0, 45.0
 

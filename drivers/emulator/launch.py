@@ -24,11 +24,11 @@ from drivers.locks import is_locked
 
 __all__ = ["Command", "EmulatorStatus", "control", "is_running", "launch", "read_status"]
 
-TTY = "tty"
-LOG = "emulator.log"
+TTY_LINK = "tty"
+LOG_FILE = "emulator.log"
 ALIVE_LOCK = "emulator.lock"  # held by the emulator while it runs
 LAUNCH_LOCK = "launch.lock"  # held by a process that starts an emulator
-CONTROL = "control.sock"
+CONTROL_SOCKET = "control.sock"
 START_TIMEOUT_S = 20.0
 CONTROL_TIMEOUT_S = 5.0
 
@@ -76,13 +76,13 @@ def launch(url: str, folder: Path, clock: Clock) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     with _lock_file(folder / LAUNCH_LOCK):
         if is_running(folder):
-            return folder / TTY
+            return folder / TTY_LINK
         # The process started here forks the emulator, and ends once the port exists.
         arguments = ["--model", address.profile.model, "--folder", str(folder.absolute()), "--detach"]
         arguments += ["--scale", repr(clock.scale), "--anchor", repr(clock.anchor_s)]
         arguments += ["--seed", str(address.seed)]
         arguments += [word for fault in address.words for word in ("--fault", fault)]
-        with (folder / LOG).open("ab") as log:
+        with (folder / LOG_FILE).open("ab") as log:
             try:
                 subprocess.run(
                     [sys.executable, "-m", "drivers.emulator", *arguments],
@@ -95,8 +95,10 @@ def launch(url: str, folder: Path, clock: Clock) -> Path:
                     check=True,
                 )
             except (OSError, subprocess.SubprocessError) as error:
-                raise PortError(f"{url}: the emulator did not start ({error}); see {folder / LOG}") from error
-    return folder / TTY
+                raise PortError(
+                    f"{url}: the emulator did not start ({error}); see {folder / LOG_FILE}"
+                ) from error
+    return folder / TTY_LINK
 
 
 def is_running(folder: Path) -> bool:
@@ -116,7 +118,7 @@ def control(folder: Path, command: Command | str, **values: float | str) -> dict
         with socket.socket(socket.AF_UNIX) as link:
             link.settimeout(CONTROL_TIMEOUT_S)
             with shorten_path(folder) as short_path:
-                link.connect(f"{short_path}/{CONTROL}")
+                link.connect(f"{short_path}/{CONTROL_SOCKET}")
             link.sendall(json.dumps({"do": str(command), **values}).encode() + b"\n")
             with link.makefile("rb") as answers:
                 answer: dict[str, Any] = json.loads(answers.readline())
@@ -134,7 +136,7 @@ def _wait_for_end(folder: Path) -> None:
     until_s = time.monotonic() + CONTROL_TIMEOUT_S
     while is_running(folder):
         if time.monotonic() > until_s:
-            raise PortError(f"{folder}: the emulator does not end; see {folder / LOG}")
+            raise PortError(f"{folder}: the emulator does not end; see {folder / LOG_FILE}")
         time.sleep(0.005)
 
 

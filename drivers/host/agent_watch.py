@@ -119,7 +119,8 @@ class AgentWatch:
         if self._listen_task is None:
             self._listen_task = asyncio.create_task(self._listen())
         if self._process is not None and self._process.poll() is not None:
-            if self._process.returncode or not agents_are_units():  # systemctl with 0 has started the unit
+            # If systemctl ended with 0, it has started the agent's unit.
+            if self._process.returncode or not agents_are_units():
                 self.last_ended_start = self.start_count
                 self._reason = f"its agent ended with {self._process.returncode}"
                 log.warning("%s: %s", self.printer, self._reason)
@@ -184,9 +185,8 @@ class AgentWatch:
             raise AgentError(reply.error)
         try:
             async with asyncio.timeout(_END_TIME_OUT_S):
-                while (
-                    self.is_alive and find_agent_pid(self._folder) == pid
-                ):  # another id: the next agent runs
+                # If the id has changed, the next agent runs already.
+                while self.is_alive and find_agent_pid(self._folder) == pid:
                     await asyncio.sleep(0.05)
         except TimeoutError as error:
             raise AgentError(

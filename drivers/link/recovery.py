@@ -15,7 +15,7 @@ from drivers.firmware import Firmware
 CONFIRMATIONS = 3  # the board executes a line between two answers, and buffers at most two lines
 # The link is too noisy at this number of repairs in this number of lines.
 NOISE_REPAIRS, NOISE_LINES = 10, 200
-TRIES = 4
+TRIES = 4  # number of queries to a silent board, and of contradicting answers in a row
 MAX_QUERIES = 4  # more queries may not fit into the board's receive buffer behind a line
 
 
@@ -103,6 +103,8 @@ class Recovery:
 
         Parameters
         ----------
+        firmware
+            The board's firmware.
         is_move
             True if the line in flight is a move.
         busy_interval_s
@@ -126,12 +128,12 @@ class Recovery:
         number
             Number of the line to be resent; negative if the refusal names none.
         """
-        has_queried = number < 0 or bool(self._unanswered_queries)
+        is_query_unneeded = number < 0 or bool(self._unanswered_queries)
         if number >= 0:
             self.resend_number = number
             self._unanswered_queries.clear()  # a refusal empties the board's receive buffer
             self.queries = min(self.queries, 1)
-        return has_queried
+        return is_query_unneeded
 
     def match_answer(self, last_line: int, place: Place, awaits_ok: bool) -> Action | None:
         """Match an answer to its query; return None if `decide` has to be called.

@@ -18,9 +18,9 @@ from drivers.printers.usable_volumes import (
 )
 
 __all__ = [
-    "BEDS",
     "FIT_TOLERANCE_MM",
     "PROFILES",
+    "SLICING_PROFILES",
     "HeaterModel",
     "Placement",
     "Profile",
@@ -37,11 +37,11 @@ PROFILES: dict[str, Profile] = {
 }
 """Printer models that can be driven."""
 
-BEDS: dict[str, Profile] = {**PROFILES, ULTIMAKER2_GO.model: ULTIMAKER2_GO}
+SLICING_PROFILES: dict[str, Profile] = {**PROFILES, ULTIMAKER2_GO.model: ULTIMAKER2_GO}
 """Printer models that can be sliced for."""
 
 
 def find_firmware(model: str) -> Firmware:
     """Find the firmware of a model; the most common one for an unknown model, which must be stoppable."""
-    profile = BEDS.get(model)
+    profile = SLICING_PROFILES.get(model)
     return ULTIMAKER2_FIRMWARE if profile is None else profile.firmware

@@ -72,7 +72,7 @@ class HeaterModel:
     tau_s: float
 
     def compute_heating_s(self, target_c: float, start_c: float = 21.0, ambient_c: float = 21.0) -> float:
-        """Compute the seconds at full power from `start_c` to `target_c`; 0 if the target is not above."""
+        """Compute the seconds at full power from `start_c` to `target_c`; 0 if `target_c` is not higher."""
         top_c = ambient_c + self.gain_c
         if target_c <= start_c:
             return 0.0

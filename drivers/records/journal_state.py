@@ -59,7 +59,7 @@ class Alarm(BaseModel):
 
     @property
     def is_suspicion(self) -> bool:
-        """True while the heater may still prove to cool, before the mains are cut."""
+        """True while the heater may still be seen to cool, and the mains need not be cut yet."""
         return not self.power_off_requested
 
     @property

@@ -17,7 +17,7 @@ from drivers.remote.process import (
     start_agent,
 )
 from drivers.remote.ssh import (
-    NO_AGENT,
+    NO_AGENT_REASON,
     BridgeRequest,
     BridgeTask,
     build_ssh_command,
@@ -27,7 +27,7 @@ from drivers.remote.ssh import (
 
 __all__ = [
     "AGENT_LOG",
-    "NO_AGENT",
+    "NO_AGENT_REASON",
     "RETRY_S",
     "AgentClient",
     "BridgeRequest",

@@ -28,7 +28,7 @@ from drivers.remote.process import (
     kill_agent,
     spawn_agent,
 )
-from drivers.remote.ssh import NO_AGENT, BridgeRequest, BridgeTask
+from drivers.remote.ssh import NO_AGENT_REASON, BridgeRequest, BridgeTask
 from drivers.safety import StopTarget, stop_printer
 
 _CONNECT_TIME_OUT_S = 30.0
@@ -68,7 +68,7 @@ def serve(request: BridgeRequest, folder: Path) -> None:
     start = request.start
     if not is_alive(folder):
         if request.do is BridgeTask.REACH:
-            raise AgentError(f"{start.printer}: {NO_AGENT}")
+            raise AgentError(f"{start.printer}: {NO_AGENT_REASON}")
         spawn_agent(start.printer, start.model, start.port, folder, start.clock, start.power_off_cmd)
     with _connect(folder) as agent:
         heartbeat = Heartbeat()

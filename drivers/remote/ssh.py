@@ -17,7 +17,7 @@ SSH_COMMAND = (
     "ssh -T -o BatchMode=yes -o ConnectTimeout=10 -o ServerAliveInterval=5 -o ServerAliveCountMax=3 "
     "-o ControlMaster=no -o ControlPath=none"
 )
-NO_AGENT = "no agent is running there"
+NO_AGENT_REASON = "no agent is running there"
 _STOP_TIME_OUT_S = 200.0  # wall seconds for an emergency stop
 
 

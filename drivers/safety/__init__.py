@@ -1,7 +1,14 @@
 """Emergency stop, heater watch, abort sequence and mains switch."""
 
 from drivers.safety.abort import send_abort, send_abort_until_accepted
-from drivers.safety.estop import Notify, StopResult, StopTarget, list_targets, stop_board, stop_printer
+from drivers.safety.estop import (
+    ProgressCallback,
+    StopResult,
+    StopTarget,
+    list_targets,
+    stop_board,
+    stop_printer,
+)
 from drivers.safety.heater_watch import Finding, HeaterWatch
 from drivers.safety.mains import NO_COMMAND_OUTCOME, POLL_S, PowerOffRun, cut_mains
 
@@ -10,8 +17,8 @@ __all__ = [
     "POLL_S",
     "Finding",
     "HeaterWatch",
-    "Notify",
     "PowerOffRun",
+    "ProgressCallback",
     "StopResult",
     "StopTarget",
     "cut_mains",

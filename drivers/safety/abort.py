@@ -22,7 +22,7 @@ from drivers.errors import PortError
 from drivers.firmware import Firmware
 from drivers.ports import Port
 
-TRIES = 3
+TRIES = 3  # number of times that the sequence is sent at most
 _ANSWER_TIME_OUT_S, _READ_INTERVAL_S = 0.5, 0.05  # wall seconds
 
 

@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from drivers.emulator.launch import TTY
+from drivers.emulator.launch import TTY_LINK
 from drivers.emulator.launch import is_running as emulator_is_running
 from drivers.errors import AgentError, DriverError, PortError
 from drivers.firmware import Firmware
@@ -43,14 +43,14 @@ EMULATOR_FOLDER = "emulator"
 _REPORT_TIME_OUT_S = 20.0  # time for `start`, the banner and a report
 _POLL_INTERVAL_S = 0.5  # time between two reports, and between two queries for the position
 _COOLING_TIME_OUT_S = 120.0  # longer than `HeaterWatch` needs to find a heater that does not cool
-_COUNT = re.compile(rb"Count (X.*)")  # the position of the head in the answer to M114
+_EXECUTED_STEPS = re.compile(rb"Count (X.*)")  # the position of the head in the answer to M114
 _FIELD_NAMES = {"cut_s": "reset_s", "still": "is_still"}  # fields by their names in JSON
 
-Notify = Callable[[str], None]
+ProgressCallback = Callable[[str], None]
 """Callback for progress messages during a stop."""
 
 
-def _ignore(text: str) -> None:
+def _ignore_progress(text: str) -> None:
     """Ignore a progress message."""
 
 
@@ -138,7 +138,7 @@ def list_targets(agents: Path) -> dict[str, StopTarget]:
 
 
 def stop_printer(
-    target: StopTarget, watch_s: float = _REPORT_TIME_OUT_S, notify: Notify = _ignore
+    target: StopTarget, watch_s: float = _REPORT_TIME_OUT_S, notify: ProgressCallback = _ignore_progress
 ) -> StopResult:
     """Stop one printer. Never raises; returns once the printer cools, after at most 140 s.
 
@@ -171,7 +171,7 @@ def stop_printer(
 
 
 def stop_board(
-    target: StopTarget, watch_s: float = _REPORT_TIME_OUT_S, notify: Notify = _ignore
+    target: StopTarget, watch_s: float = _REPORT_TIME_OUT_S, notify: ProgressCallback = _ignore_progress
 ) -> StopResult:
     """Stop the board of a printer without an agent; cut the mains if that fails. Never raises.
 
@@ -186,7 +186,7 @@ def stop_board(
     return replace(result, text=f"{result.text}; {cut_mains(target.power_off_cmd, target.printer)}")
 
 
-def _reset(target: StopTarget, watch_s: float, notify: Notify) -> StopResult:
+def _reset(target: StopTarget, watch_s: float, notify: ProgressCallback) -> StopResult:
     """Reset the board and confirm that its heaters are off."""
     name = target.printer
     try:
@@ -218,7 +218,7 @@ def _open(target: StopTarget) -> Port | None:
         emulator = target.folder / EMULATOR_FOLDER
         if not emulator_is_running(emulator):
             return None
-        path = emulator / TTY
+        path = emulator / TTY_LINK
     elif target.port.startswith(NET_PREFIX):
         return NetPort(target.port, target.firmware.baud_rate)
     try:
@@ -233,10 +233,10 @@ class _Board:
     Attributes
     ----------
     is_still
-        True if it was confirmed not to move.
+        True if the board was confirmed to have stopped all motion.
     """
 
-    def __init__(self, port: Port, firmware: Firmware, notify: Notify) -> None:
+    def __init__(self, port: Port, firmware: Firmware, notify: ProgressCallback) -> None:
         self.is_still = False
         self._port, self._notify = port, notify
         self._firmware = firmware
@@ -294,7 +294,7 @@ class _Board:
             self._report = event
             if not self.is_still and self._link.is_drained:
                 self._check_motion(now_s)
-        elif isinstance(event, UnknownLine) and (match := _COUNT.search(event.text)) is not None:
+        elif isinstance(event, UnknownLine) and (match := _EXECUTED_STEPS.search(event.text)) is not None:
             if match[1] == self._position and not self.is_still:
                 self.is_still = True
                 self._link.send(now_s, self._firmware.motors_off)

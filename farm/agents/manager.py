@@ -10,7 +10,7 @@ from pathlib import Path
 from drivers import messages as m
 from drivers.clock import Clock
 from drivers.errors import DriverError
-from drivers.remote import NO_AGENT, AgentClient, Route, is_alive
+from drivers.remote import NO_AGENT_REASON, AgentClient, Route, is_alive
 from farm.agents.connection import AgentConnection, AgentListener
 from farm.agents.hosts import Hosts
 from farm.agents.protocol_adapter import make_agent_request
@@ -75,7 +75,7 @@ class AgentManager:
             )
             has_ended = reply.error is None
         except DriverError as error:
-            has_ended = NO_AGENT in str(error)
+            has_ended = NO_AGENT_REASON in str(error)
             if not has_ended:
                 log.warning(
                     "%s is not in the fleet, and its agent does not answer: %s",

@@ -3,7 +3,7 @@
 import pytest
 import trimesh
 
-from drivers.printers import BEDS, list_usable_volumes
+from drivers.printers import SLICING_PROFILES, list_usable_volumes
 from model_files.make_stl import write_stl_bytes
 from printers.slicing_printers import PRINTERS
 from slicing.errors import BadSetting
@@ -18,7 +18,7 @@ def test_part_passes_all_checks_of_a_slice(tmp_path, engine, resources, quality)
     request = SettingsRequest(PRINTERS[MODEL], quality, material="generic_pla_175")
     settings = resolve_settings(request, resources)
     assert settings.filament_diameter_mm == 1.75
-    boxes = list_usable_volumes(BEDS[MODEL], 0.0)
+    boxes = list_usable_volumes(SLICING_PROFILES[MODEL], 0.0)
     bed = tuple((*list_corners(box.rect), box.height_mm) for box in boxes)
     stl = tmp_path / "part.stl"
     stl.write_bytes(write_stl_bytes(trimesh.creation.box((60, 30, 10))))

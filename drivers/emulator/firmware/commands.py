@@ -17,9 +17,9 @@ from drivers.emulator.firmware.reports import list_sd_files, report_sd_progress
 Work = Iterator[float]
 
 WINDOW_C = 1.0  # TEMP_WINDOW
-HYSTERESIS_C = 3.0
-RESIDENCY_S = 3.0
-REPORT_S = 1.0
+HYSTERESIS_C = 3.0  # TEMP_HYSTERESIS
+RESIDENCY_S = 3.0  # TEMP_RESIDENCY_TIME
+REPORT_S = 1.0  # seconds between two reports of M109 and M190
 HOME_MM_S = (100.0, 100.0, 40.0)
 BUMP_S = (0.75, 0.7)  # seconds of the second, slow approach to the endstops: X and Y together, and Z
 RETRACT_MM, RETRACT_MM_S = 6.5, 25.0

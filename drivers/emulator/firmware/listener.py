@@ -158,16 +158,16 @@ class Listener(ABC):
             match = _WHOLE_NUMBER.match(line, line.find(b"N") + 1)
             n = int(match[1]) if match else 0
             if n != self._last_number + 1 and b"M110" not in line:
-                self._refuse(wording.LINE_NUMBER)
+                self._refuse(wording.WRONG_LINE_NUMBER)
                 return
             if star < 0:
                 self._refuse(wording.NO_CHECKSUM)
                 return
             if int(read_value(line, b"*") or 0.0) != compute_checksum(line[:star]):
-                self._refuse(wording.CHECKSUM)
+                self._refuse(wording.WRONG_CHECKSUM)
                 return
             if (n == self._stuck_number or self._sampler.refuses_line()) and b"M110" not in line:
-                self._refuse(wording.CHECKSUM)
+                self._refuse(wording.WRONG_CHECKSUM)
                 return
             self._last_number = n
             if self.noise is not None:

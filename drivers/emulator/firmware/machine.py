@@ -15,7 +15,7 @@ from drivers.emulator.firmware.planner import CAPACITY, Limits, Planner, Point
 from drivers.emulator.firmware.wording import FaultMessages
 from drivers.emulator.hardware.board import EmulatedBoard
 
-KEEP_ALIVE_S = 2.0
+KEEP_ALIVE_S = 2.0  # seconds between two busy messages after a reset
 MAX_EXTRUSION_MM = 1000.0
 MAX_NOZZLE_C = 275.0
 DEAD_HEATER_S = 30.0  # time until the firmware detects a heater that gives no heat

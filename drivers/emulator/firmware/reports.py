@@ -34,10 +34,9 @@ def report_position(machine: Machine, line: bytes, now_s: float) -> None:
 def report_endstops(machine: Machine, line: bytes, now_s: float) -> None:
     """Answer ``M119`` without a newline at the end, as in the firmware: the ok follows on the same line."""
     x, y, z, _ = machine.planner.compute_position(now_s)
-    home = machine.board.profile.home_mm
-    states = [
-        b"TRIGGERED" if is_pressed else b"open" for is_pressed in (x < home[0], y > home[1], z > home[2])
-    ]
+    home_mm = machine.board.profile.home_mm
+    is_pressed = (x < home_mm[0], y > home_mm[1], z > home_mm[2])
+    states = [b"TRIGGERED" if pressed else b"open" for pressed in is_pressed]
     machine.send(b"Reporting endstop status\nx_min: %by_max: %bz_max: %b" % (states[0], states[1], states[2]))
 
 

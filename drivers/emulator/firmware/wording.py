@@ -13,8 +13,8 @@ STOPPED = (
 KILLED = b"Error:Printer halted. kill() called!\n"
 COLD_EXTRUSION = b"echo: cold extrusion prevented\n"
 LONG_EXTRUSION = b"echo: too long extrusion prevented\n"
-LINE_NUMBER = b"Line Number is not Last Line Number+1"
-CHECKSUM = b"checksum mismatch"
+WRONG_LINE_NUMBER = b"Line Number is not Last Line Number+1"
+WRONG_CHECKSUM = b"checksum mismatch"
 NO_CHECKSUM = b"No Checksum with line number"
 NO_LINE_NUMBER = b"No Line Number with checksum"
 

@@ -26,9 +26,9 @@ from farm.text import flatten_text
 
 if TYPE_CHECKING:
     from drivers.records import StartFile
-    from drivers.safety import Notify, StopResult, StopTarget
+    from drivers.safety import ProgressCallback, StopResult, StopTarget
 
-    Stop = Callable[[Notify], StopResult]
+    Stop = Callable[[ProgressCallback], StopResult]
     Target: TypeAlias = "Stop | HostTarget"
 
 _POLL_S = 0.2
@@ -133,7 +133,7 @@ def _run_stops(targets: Mapping[str, Target], report: Report) -> Iterator[StopRe
                         stop.result()  # raises its error
 
 
-def _run_stop(stop: Stop, notify: Notify, results: Queue[StopResult]) -> None:
+def _run_stop(stop: Stop, notify: ProgressCallback, results: Queue[StopResult]) -> None:
     results.put(stop(notify))
 
 

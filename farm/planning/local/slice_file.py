@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from decompose.geometry import Model, load_model
-from drivers.printers import BEDS, Profile, UsableVolume, list_usable_volumes, place_part
+from drivers.printers import SLICING_PROFILES, Profile, UsableVolume, list_usable_volumes, place_part
 from farm.compute import read_process_bytes
 from farm.errors import ErrorCode, FarmError
 from farm.planning.error_translation import translate_errors
@@ -167,10 +167,13 @@ def _slice_model(model: Model, task: SliceTask, profile: Profile, on_step: OnSte
 
 
 def _find_printer(printer_model: str) -> Profile:
-    if printer_model not in BEDS:
-        hint = suggest_names(printer_model, BEDS) or f"; known are {', '.join(sorted(BEDS))}"
+    if printer_model not in SLICING_PROFILES:
+        hint = (
+            suggest_names(printer_model, SLICING_PROFILES)
+            or f"; known are {', '.join(sorted(SLICING_PROFILES))}"
+        )
         raise FarmError(f"--printer-model {printer_model}: no such printer{hint}", ErrorCode.SETTINGS)
-    return BEDS[printer_model]
+    return SLICING_PROFILES[printer_model]
 
 
 def _build_report(

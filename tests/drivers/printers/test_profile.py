@@ -5,22 +5,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.printers import (
-    BEDS,
     FIT_TOLERANCE_MM,
     PROFILES,
+    SLICING_PROFILES,
     HeaterModel,
     Rect,
     list_usable_volumes,
     place_part,
 )
 
-models = st.sampled_from(sorted(BEDS))
+models = st.sampled_from(sorted(SLICING_PROFILES))
 sizes = st.floats(1.0, 400.0)
 
 
 @given(models, st.floats(0.0, 30.0))
 def test_room_with_a_brim_is_on_the_bed_and_off_the_clips(model: str, brim_mm: float):
-    profile = BEDS[model]
+    profile = SLICING_PROFILES[model]
     width, depth = profile.bed_mm
     bed = Rect(-width / 2, -depth / 2, width / 2, depth / 2)
     for box in list_usable_volumes(profile, brim_mm):
@@ -32,7 +32,7 @@ def test_room_with_a_brim_is_on_the_bed_and_off_the_clips(model: str, brim_mm: f
 
 @given(models, st.tuples(sizes, sizes, sizes))
 def test_placed_part_lies_in_a_box_of_the_room(model: str, extents_mm: tuple[float, float, float]):
-    room = list_usable_volumes(BEDS[model], 8.0)
+    room = list_usable_volumes(SLICING_PROFILES[model], 8.0)
     placement = place_part(extents_mm, room)
     dx, dy, dz = extents_mm
     if placement is None:

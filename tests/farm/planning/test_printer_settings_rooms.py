@@ -2,7 +2,7 @@
 
 import pytest
 
-from drivers.printers import BEDS, PROFILES
+from drivers.printers import PROFILES, SLICING_PROFILES
 from farm.config import PrinterSection
 from farm.planning.printer_settings import find_printer_room, list_bed_boxes, list_model_sizes
 from printers.slicing_printers import UM2_PLUS
@@ -18,9 +18,9 @@ def resources():
         pytest.skip(str(missing))
 
 
-@pytest.mark.parametrize("model", sorted(BEDS))
+@pytest.mark.parametrize("model", sorted(SLICING_PROFILES))
 def test_beds_and_clips_equal_those_of_cura(resources, model):
-    settings, profile = resources.read_machine(model).settings, BEDS[model]
+    settings, profile = resources.read_machine(model).settings, SLICING_PROFILES[model]
     assert profile.model == model
     assert profile.title == resources.read_machine(model).name
     assert profile.bed_mm == (settings["machine_width"].default, settings["machine_depth"].default)
@@ -34,7 +34,9 @@ def test_beds_and_clips_equal_those_of_cura(resources, model):
 
 def test_only_printers_with_a_heated_bed_have_a_driver_profile(resources):
     heated_models = {
-        model for model in BEDS if resources.read_machine(model).settings["machine_heated_bed"].default
+        model
+        for model in SLICING_PROFILES
+        if resources.read_machine(model).settings["machine_heated_bed"].default
     }
     assert set(PROFILES) == heated_models
 
