@@ -16,7 +16,7 @@ from decompose.errors import DecomposeError
 from decompose.geometry import Solid, round_triangles, write_stl
 
 LENGTH_MM = 330.0
-# Each tier: floor, height, depth, number of arches, width of a pier, height of the spring line; lengths in mm.
+# Each tier: floor, height, depth, number of arches, width of a pier, height of the spring line; in mm.
 TIERS = (
     (0.0, 76.0, 27.0, 5, 12.0, 40.0),
     (76.0, 60.0, 22.0, 8, 8.0, 31.0),
