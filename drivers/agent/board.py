@@ -162,7 +162,7 @@ class Board:
             send_abort(self._port, self._firmware)
             self._on_opened()
         else:
-            self._reset()  # opening does not reset a board whose last host left DTR up, as agents do
+            self._reset()  # opening does not reset the board if the last host left DTR up, as agents do
 
     @property
     def _is_responsible(self) -> bool:

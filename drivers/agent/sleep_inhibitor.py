@@ -24,7 +24,7 @@ class Inhibitor:
     is_simulated
         True for a simulated printer, which takes no lock.
     command
-        Command that holds the lock while the command given as its last arguments runs.
+        Command that runs the command in its last arguments, and holds the lock meanwhile.
     """
 
     def __init__(self, printer: str, *, is_simulated: bool, command: Sequence[str] | None = None) -> None:

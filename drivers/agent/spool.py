@@ -111,7 +111,7 @@ class Spool:
                 # The limit bounds the memory for a binary file, which may be one long line.
                 lines = hash_lines(iter(lambda: raw.readline(MAX_LINE_BYTES + 1), b""))
                 try:
-                    program = read_program(lines, self._profile, _Copy(path))
+                    program = read_program(lines, self._profile, _GcodeCopy(path))
                 except BadGcode as error:
                     refusal = error
                     deque(lines, maxlen=0)
@@ -143,7 +143,7 @@ class Spool:
         self.make_upload_path(print_id).unlink(missing_ok=True)
 
 
-class _Copy:
+class _GcodeCopy:
     """New file that stays readable through this object, even after it is deleted."""
 
     def __init__(self, path: Path) -> None:

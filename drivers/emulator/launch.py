@@ -1,4 +1,4 @@
-"""Start of an emulator, search for a running one, and commands of a person at the printer."""
+"""Functions that start an emulator, find a running one, and act as a person at the printer."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ CONTROL_TIMEOUT_S = 5.0
 
 
 class Command(StrEnum):
-    """Action of a person at the printer."""
+    """Command to an emulator: an action of a person at the printer, or a fault."""
 
     CLEAR_BED = "clear_bed"
     RESET = "reset"
@@ -44,7 +44,7 @@ class Command(StrEnum):
     MOVE = "move"  # moves the bed to z_mm
     PRINT_SD = "print_sd"
     UNPLUG = "unplug"  # pulls the USB cable; the printer continues
-    BREAK = "break"  # not an action of a person: triggers one of `COUNTED_FAULTS`
+    BREAK = "break"  # triggers one of `COUNTED_FAULTS`
     PLUG = "plug"  # the device gets another name
 
 
@@ -107,7 +107,7 @@ def is_running(folder: Path) -> bool:
 
 
 def control(folder: Path, command: Command | str, **values: float | str) -> dict[str, Any]:
-    """Act as a person at the printer; return the answer when done (`POWER_OFF`: when the emulator has ended).
+    """Execute a command on an emulator, and return its answer; for `POWER_OFF`, wait until it has ended.
 
     Raises
     ------

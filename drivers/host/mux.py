@@ -60,7 +60,7 @@ class _Stream:
     outgoing: bytearray = field(default_factory=bytearray)
     send_credit: int = WINDOW_BYTES  # bytes that may still be sent
     receive_credit: int = WINDOW_BYTES  # bytes that the other end may still send
-    consumed: int = 0  # bytes since the last CREDIT frame
+    consumed: int = 0  # bytes taken from the stream since the last CREDIT frame
     closing: bytes | None = None  # the reason, to be sent after `outgoing`
 
     @property
