@@ -60,7 +60,7 @@ SCHEMAS: tuple[tuple[str, type[BaseModel]], ...] = (
 
 
 class MissingWords(Exception):
-    """Name of the program that words.yaml does not explain, or that only words.yaml has."""
+    """A name of the program is missing in words.yaml, or a name in words.yaml is missing in the program."""
 
 
 def make_table(headings: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
@@ -79,13 +79,15 @@ def pair_with_words(names: Iterable[str], section: str, words: dict[str, str]) -
     MissingWords
         If a name has no meaning, or a meaning has no name.
     """
-    known = list(names)
-    for name in known:
+    known_names = list(names)
+    for name in known_names:
         if name not in words:
             raise MissingWords(f"{WORDS}: add a line for {name!r} under {section!r}")
-    if left := sorted(set(words) - set(known)):
-        raise MissingWords(f"{WORDS}: the program no longer has {left[0]!r}: remove it from {section!r}")
-    return [(f"`{name}`", words[name]) for name in known]
+    if unknown_names := sorted(set(words) - set(known_names)):
+        raise MissingWords(
+            f"{WORDS}: the program no longer has {unknown_names[0]!r}: remove it from {section!r}"
+        )
+    return [(f"`{name}`", words[name]) for name in known_names]
 
 
 def make_names_table(kind: type[Enum], section: str, words: dict[str, Any]) -> str:
@@ -100,7 +102,7 @@ def describe_value(schema: dict[str, Any]) -> str:
         name = str(schema["$ref"]).rpartition("/")[2]
         return "hours of the week" if name == "Window" else f"[{name}](#{name.lower()})"
     if "anyOf" in schema:
-        return " or ".join(describe_value(one) for one in schema["anyOf"])
+        return " or ".join(describe_value(alternative) for alternative in schema["anyOf"])
     kind = str(schema.get("type", "anything"))
     if kind == "array":
         if "prefixItems" in schema:
@@ -151,11 +153,11 @@ def _list_options(command: Any) -> Iterator[tuple[str, str, str]]:
     for param in command.params:
         if getattr(param, "hidden", False) or param.opts[-1] in (*SHARED_OPTIONS, *NETWORK_OPTIONS):
             continue
-        argument = param.param_type_name == "argument"
-        name = (param.metavar or param.name).upper() if argument else " ".join(param.opts)
+        is_argument = param.param_type_name == "argument"
+        name = (param.metavar or param.name).upper() if is_argument else " ".join(param.opts)
         default = param.default
-        shown = "" if argument or default is None or default is False or callable(default) else f"`{default}`"
-        yield f"`{name}`", shown, getattr(param, "help", None) or ""
+        is_hidden = is_argument or default is None or default is False or callable(default)
+        yield f"`{name}`", "" if is_hidden else f"`{default}`", getattr(param, "help", None) or ""
 
 
 def write_fleet_page(words: dict[str, Any]) -> str:
@@ -175,11 +177,11 @@ def write_fleet_page(words: dict[str, Any]) -> str:
         schema = model.model_json_schema()
         keys = pair_with_words(schema["properties"], section, words["fleet_yaml"][section])
         rows = []
-        for (shown, meaning), name in zip(keys, schema["properties"], strict=True):
+        for (key, meaning), name in zip(keys, schema["properties"], strict=True):
             field = schema["properties"][name]
-            nested = any("$ref" in one for one in field.get("anyOf", [field]))
-            value = "keys" if nested else describe_value(field).replace(" or null", "")
-            rows.append((shown, value, _describe_default(name, schema), meaning.format(models=models)))
+            has_keys = any("$ref" in alternative for alternative in field.get("anyOf", [field]))
+            value = "keys" if has_keys else describe_value(field).replace(" or null", "")
+            rows.append((key, value, _describe_default(name, schema), meaning.format(models=models)))
         parts.append(f"## {title}\n" + make_table(("key", "value", "default", "meaning"), rows))
     return "\n\n".join(parts)
 
@@ -213,12 +215,14 @@ def write_json_page(words: dict[str, Any]) -> str:
 
 
 def _make_fields_table(name: str, schema: dict[str, Any], words: dict[str, dict[str, str]]) -> str:
-    own = words.get(name, {})
-    if left := sorted(set(own) - set(schema["properties"])):
-        raise MissingWords(f"{WORDS}: {name} has no field {left[0]!r}: remove it from 'json_fields'")
+    object_words = words.get(name, {})
+    if unknown_fields := sorted(set(object_words) - set(schema["properties"])):
+        raise MissingWords(
+            f"{WORDS}: {name} has no field {unknown_fields[0]!r}: remove it from 'json_fields'"
+        )
     rows = []
     for field, values in schema["properties"].items():
-        meaning = own.get(field) or words["any"].get(field)
+        meaning = object_words.get(field) or words["any"].get(field)
         if not meaning:
             raise MissingWords(f"{WORDS}: add a line for {field!r} under 'json_fields', {name}")
         rows.append((f"`{field}`", describe_value(values), meaning))
@@ -242,9 +246,9 @@ def write_states_page(words: dict[str, Any]) -> str:
 def write_lifecycles_page(words: dict[str, Any]) -> str:
     """Draw the transitions between states with their events, from the program's own tables."""
     parts = [(FOLDER / "lifecycles.intro.md").read_text(encoding="utf-8").strip()]
-    parts += [f"## A {one.entity}\n```text\n{draw_lifecycle(one)}\n```" for one in LIFECYCLES]
-    rows_of_all = (row for one in LIFECYCLES for row in (*one.transitions, *one.consequences))
-    kinds = sorted({row.event for row in rows_of_all} | FARM_WIDE, key=lambda kind: kind.__name__)
+    parts += [f"## A {table.entity}\n```text\n{draw_lifecycle(table)}\n```" for table in LIFECYCLES]
+    all_rows = (row for table in LIFECYCLES for row in (*table.transitions, *table.consequences))
+    kinds = sorted({row.event for row in all_rows} | FARM_WIDE, key=lambda kind: kind.__name__)
     rows = pair_with_words((kind.__name__ for kind in kinds), "events", words["events"])
     parts.append("## Events\n" + make_table(("event", "meaning"), rows))
     return "\n\n".join(parts)
@@ -321,18 +325,19 @@ PAGES = {
 def main() -> int:
     """Write the pages, or with --check report those that are not up to date."""
     words = yaml.safe_load(WORDS.read_text(encoding="utf-8"))
-    stale = []
-    for name, make in PAGES.items():
-        title, newline, rest = make(words).partition("\n")
+    stale_pages = []
+    for name, write_page in PAGES.items():
+        title, newline, rest = write_page(words).partition("\n")
         text = f"{title}{newline}{NOTE}\n{rest}\n"
         page = FOLDER / name
         if page.is_file() and page.read_text(encoding="utf-8") == text:
             continue
-        stale.append(page)
+        stale_pages.append(page)
         if "--check" not in sys.argv:
             page.write_text(text, encoding="utf-8")
-    if stale and "--check" in sys.argv:
-        print(f"{' '.join(map(str, stale))}: not up to date: run `python docs/generate.py`", file=sys.stderr)
+    if stale_pages and "--check" in sys.argv:
+        paths = " ".join(map(str, stale_pages))
+        print(f"{paths}: not up to date: run `python docs/generate.py`", file=sys.stderr)
         return 1
     return 0
 

@@ -1,4 +1,4 @@
-"""Screenshots of the dashboard, with a real daemon, simulated printers and headless Chromium.
+"""Take screenshots of the dashboard, with a real daemon, simulated printers and headless Chromium.
 
 If a run is interrupted, its farm keeps running; the next run takes only the pictures that are missing.
 
@@ -36,8 +36,8 @@ SCALE = 120
 TIMEOUT_S = 900.0
 WIDTHS_PX = (390, 1280, 1920)
 THEMES = ("light", "dark")
-HIGHEST_PX = {"api": 1200}  # the beginning of this long page is enough
-DEFAULT_HIGHEST_PX = 4000
+MAX_HEIGHTS_PX = {"api": 1200}  # the beginning of this long page is enough
+DEFAULT_MAX_HEIGHT_PX = 4000
 COLOURS = 256
 LOGIN = "login"
 PAGES = {
@@ -77,27 +77,27 @@ printers:
 
 
 class DemoFarm:
-    """Farm with simulated printers, in a folder of its own.
+    """Farm with simulated printers, in a separate folder.
 
     Parameters
     ----------
     folder
-        Folder for its state, its fleet file, and the list of the pictures that were taken.
+        Folder for the farm's state, its fleet file, and the list of the pictures that were taken.
     """
 
     def __init__(self, folder: Path) -> None:
-        self._folder, self._taken = folder, folder / "taken"
-        self.has_jobs = self._taken.exists() and self._is_up()
+        self._folder, self._picture_list = folder, folder / "taken"
+        self.has_jobs = self._picture_list.exists() and self._is_up()
 
     def _is_up(self) -> bool:
         """Return whether a daemon answers."""
-        return subprocess.run(self._write_command("status"), capture_output=True).returncode == 0
+        return subprocess.run(self._build_command("status"), capture_output=True).returncode == 0
 
-    def _write_command(self, *arguments: str) -> list[str]:
+    def _build_command(self, *arguments: str) -> list[str]:
         return [str(FARM), *arguments, "--state", str(self._folder / "state")]
 
     def prepare(self) -> None:
-        """Empty the folder, in which a run may have been interrupted, and write the fleet file."""
+        """Empty the folder, which may contain files of an interrupted run, and write the fleet file."""
         self.clear()
         self._folder.mkdir(parents=True)
         models = ["ultimaker2_plus"] * 5 + ["ultimaker2_extended_plus"] * 2
@@ -114,18 +114,18 @@ class DemoFarm:
             self.run_farm("down", "--now")
         shutil.rmtree(self._folder, ignore_errors=True)
 
-    def read_taken(self) -> list[str]:
+    def list_pictures(self) -> list[str]:
         """Return the names of the pictures that were taken."""
-        return self._taken.read_text().split() if self._taken.exists() else []
+        return self._picture_list.read_text().split() if self._picture_list.exists() else []
 
-    def record(self, *names: str) -> None:
-        """Record that pictures were taken; without a name, that the jobs are ready for pictures."""
-        with self._taken.open("a") as file:
+    def record_pictures(self, *names: str) -> None:
+        """Record that pictures were taken; without names, record that the jobs are ready for pictures."""
+        with self._picture_list.open("a") as file:
             file.writelines(f"{name}\n" for name in names)
 
     def run_farm(self, *arguments: str) -> str:
         """Run a farm command, and return what it prints."""
-        command = self._write_command(*arguments)
+        command = self._build_command(*arguments)
         command += ["--fleet", str(self._folder / "fleet.yaml")] if arguments[0] == "up" else []
         return subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
 
@@ -139,28 +139,28 @@ class DemoFarm:
 
     def wait(self, subject: str, condition: Callable[[Any], object]) -> Any:
         """Wait until the status meets a condition, and return that status."""
-        give_up_s = time.monotonic() + TIMEOUT_S
+        deadline_s = time.monotonic() + TIMEOUT_S
         print(f"waiting for {subject} ...", flush=True)
         while not condition(status := self.read_status()):
-            if time.monotonic() > give_up_s:
+            if time.monotonic() > deadline_s:
                 raise SystemExit(f"gave up waiting for {subject}")
             time.sleep(1.0)
         return status
 
 
 def find_afternoon() -> str:
-    """Return the time zone in which it is closest to 15:00, so that prints begin in attended hours."""
+    """Return the time zone in which the time is closest to 15:00, so that prints begin in attended hours."""
     now_s = time.time()
     return min(ZONES, key=lambda zone: abs(datetime.fromtimestamp(now_s, ZoneInfo(zone)).hour - 15))
 
 
 def run_jobs(demo_farm: DemoFarm) -> None:
-    """Print a model, with one failed part; clear most beds, so that another job prints while others wait."""
+    """Print a model with one failed part; clear most beds, so that another job prints while others wait."""
     folder = Path(tempfile.mkdtemp())
     aqueduct = str(folder / "aqueduct.stl")
     subprocess.run([sys.executable, str(ROOT / "examples" / "make_aqueduct.py"), aqueduct], check=True)
     demo_farm.run_farm("up")
-    demo_farm.wait("printers", lambda s: all(one["state"] == "idle" for one in s["printers"]))
+    demo_farm.wait("printers", lambda s: all(printer["state"] == "idle" for printer in s["printers"]))
     demo_farm.run_farm("submit", aqueduct, "--name", "Aqueduct", "--note", "for the exhibition")
     demo_farm.wait("the plan", lambda s: s["jobs"][0]["plates"])
     for name, options in (
@@ -169,22 +169,26 @@ def run_jobs(demo_farm: DemoFarm) -> None:
         ("Tomorrow's aqueduct", ["--longest-side", "140", "--copies", "2", "--overnight"]),
     ):
         demo_farm.run_farm("submit", aqueduct, "--name", name, *options)
-    demo_farm.wait("plans", lambda s: all(one["plates"] for one in s["jobs"]))
-    status = demo_farm.wait("a print", lambda s: any(one["state"] == "printing" for one in s["printers"]))
-    busy = next(one["name"] for one in status["printers"] if one["state"] == "printing")
-    demo_farm.run_farm("fail", busy, "--why", "the first layer came off")
-    done = demo_farm.wait("a part", lambda s: [one for one in s["printers"] if is_done(one)])
-    demo_farm.run_farm("cleared", next(one["name"] for one in done["printers"] if is_done(one)))
-    demo_farm.wait("its parts", lambda s: s["jobs"][0]["state"] == "printed")
-    for printer in [one for one in demo_farm.read_status()["printers"] if one["look"] is None][2:]:
+    demo_farm.wait("plans", lambda s: all(job["plates"] for job in s["jobs"]))
+    status = demo_farm.wait("a print", list_printing)
+    demo_farm.run_farm("fail", list_printing(status)[0]["name"], "--why", "the first layer came off")
+    status = demo_farm.wait("a part", lambda s: [p for p in s["printers"] if has_done_print(p)])
+    demo_farm.run_farm("cleared", next(p["name"] for p in status["printers"] if has_done_print(p)))
+    demo_farm.wait("the other parts", lambda s: s["jobs"][0]["state"] == "printed")
+    for printer in [p for p in demo_farm.read_status()["printers"] if p["look"] is None][2:]:
         demo_farm.run_farm("cleared", printer["name"])
-    demo_farm.wait("another print", lambda s: any(one["state"] == "printing" for one in s["printers"]))
-    demo_farm.record()
+    demo_farm.wait("another print", list_printing)
+    demo_farm.record_pictures()
     print("the farm is ready for pictures", flush=True)
 
 
-def is_done(printer: Any) -> bool:
-    """Return whether the last print of a printer was done."""
+def list_printing(status: Any) -> list[Any]:
+    """Return the printers that are printing."""
+    return [printer for printer in status["printers"] if printer["state"] == "printing"]
+
+
+def has_done_print(printer: Any) -> bool:
+    """Return whether the last print of a printer is done."""
     return bool(printer["last"]) and printer["last"]["state"] == "done"
 
 
@@ -202,7 +206,7 @@ async def take_pictures(demo_farm: DemoFarm, zone: str, profile: Path, names: li
     names
         Pages, as in `PAGES`.
     """
-    address, taken = demo_farm.make_link(), set(demo_farm.read_taken())
+    address, old_pictures = demo_farm.make_link(), set(demo_farm.list_pictures())
     base = address.partition(PAGES[LOGIN])[0]
     PICTURES.mkdir(parents=True, exist_ok=True)
     async with Chromium(profile, "") as browser:
@@ -213,22 +217,21 @@ async def take_pictures(demo_farm: DemoFarm, zone: str, profile: Path, names: li
             await browser.call("Emulation.setEmulatedMedia", features=[feature])
             await browser.call("Emulation.setTimezoneOverride", timezoneId=zone)
             for width_px in WIDTHS_PX:
-                await resize(browser, width_px, 900)
+                await resize_window(browser, width_px, 900)
                 for name in names:
                     picture = f"{name}-{width_px}-{theme}.png"
-                    if picture in taken:
+                    if picture in old_pictures:
                         continue
                     await browser.open(demo_farm.make_link() if name == LOGIN else base + PAGES[name])
                     await asyncio.sleep(1.0 if name in ("job", "submit") else 0.3)  # for scripts that draw
-                    await save(
-                        browser, width_px, PICTURES / picture, HIGHEST_PX.get(name, DEFAULT_HIGHEST_PX)
-                    )
-                    demo_farm.record(picture)
+                    max_height_px = MAX_HEIGHTS_PX.get(name, DEFAULT_MAX_HEIGHT_PX)
+                    await save_picture(browser, width_px, PICTURES / picture, max_height_px)
+                    demo_farm.record_pictures(picture)
         for message in browser.messages:
             print(f"the browser says: {message}")
 
 
-async def resize(browser: Chromium, width_px: int, height_px: int) -> None:
+async def resize_window(browser: Chromium, width_px: int, height_px: int) -> None:
     """Set the size of the browser's window."""
     await browser.call(
         "Emulation.setDeviceMetricsOverride",
@@ -239,15 +242,15 @@ async def resize(browser: Chromium, width_px: int, height_px: int) -> None:
     )
 
 
-async def save(browser: Chromium, width_px: int, path: Path, highest_px: int) -> None:
+async def save_picture(browser: Chromium, width_px: int, path: Path, max_height_px: int) -> None:
     """Save a picture of the page, cropped to a height, with few colours to keep the repository small."""
     height_px = await browser.evaluate("document.documentElement.scrollHeight")
     overflow_px = await browser.evaluate("document.documentElement.scrollWidth") - width_px
     if overflow_px > 0:
         print(f"{path.name}: {overflow_px} px wider than the window")
-    clip = {"x": 0, "y": 0, "width": width_px, "height": min(highest_px, height_px), "scale": 1}
-    shot = await browser.call("Page.captureScreenshot", clip=clip, captureBeyondViewport=True)
-    picture = Image.open(io.BytesIO(base64.b64decode(shot["data"]))).convert("RGB")
+    clip = {"x": 0, "y": 0, "width": width_px, "height": min(max_height_px, height_px), "scale": 1}
+    screenshot = await browser.call("Page.captureScreenshot", clip=clip, captureBeyondViewport=True)
+    picture = Image.open(io.BytesIO(base64.b64decode(screenshot["data"]))).convert("RGB")
     picture.quantize(COLOURS, dither=Image.Dither.NONE).save(path, optimize=True)
 
 

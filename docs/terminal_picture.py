@@ -1,4 +1,4 @@
-"""SVG picture of the output of a command on a terminal.
+"""Draw the output of a command on a terminal as an SVG picture.
 
 Usage: python docs/terminal_picture.py OUT.svg [--columns 100] -- COMMAND...
 """
@@ -34,25 +34,25 @@ FORMAT = """<svg class="rich-terminal" viewBox="0 0 {width} {height}" xmlns="htt
 
 
 def run_on_terminal(command: list[str], columns: int) -> str:
-    """Run a command on a pseudo-terminal, and return its output with the colours."""
+    """Run a command on a pseudo-terminal, and return its output with its colours."""
     pid, terminal = pty.fork()
     if pid == 0:
         os.environ |= {"COLUMNS": str(columns), "LINES": "60", "TERM": "xterm-256color"}
         os.execvp(command[0], command)
-    written = io.BytesIO()
+    output = io.BytesIO()
     while True:
         try:
             piece = os.read(terminal, 4096)
-        except OSError:  # Linux: the other end is closed
+        except OSError:  # on Linux, the other end is closed
             break
         if not piece:
             break
-        written.write(piece)
+        output.write(piece)
     os.waitpid(pid, 0)
-    return written.getvalue().decode(errors="replace").replace("\r\n", "\n")
+    return output.getvalue().decode(errors="replace").replace("\r\n", "\n")
 
 
-def draw(title: str, output: str, columns: int) -> str:
+def draw_output(title: str, output: str, columns: int) -> str:
     """Draw a command and its output as SVG."""
     console = Console(record=True, width=columns, file=io.StringIO(), force_terminal=True)
     console.print(Text(f"$ {title}", style="bold"))
@@ -69,8 +69,8 @@ def main() -> int:
     parser.add_argument("command", nargs="+")
     arguments = parser.parse_args()
     output = run_on_terminal(arguments.command, arguments.columns)
-    shown = arguments.shown or " ".join(arguments.command)
-    arguments.out.write_text(draw(shown, output, arguments.columns), encoding="utf-8")
+    title = arguments.shown or " ".join(arguments.command)
+    arguments.out.write_text(draw_output(title, output, arguments.columns), encoding="utf-8")
     return 0
 
 

@@ -115,7 +115,7 @@ class IdleWatch:
             self._unconfirmed_position = None
         elif text != self._unconfirmed_position:
             self._first_position = self._first_position or text
-            self._unconfirmed_position = text  # may differ by a garbled digit only, even the first answer
+            self._unconfirmed_position = text  # a digit may be garbled, even in the first answer
         else:
             has_moved = self._position is not None or not _may_be_garbled(self._first_position or text, text)
             self._position, self._unconfirmed_position = text, None

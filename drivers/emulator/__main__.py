@@ -61,9 +61,8 @@ class Emulator:
         self._clock = clock
         self._origin_s = clock.now()
         baud_rate = profile.firmware.baud_rate
-        self._wires = (
-            (Wire(baud_rate), Wire(baud_rate)) if faults.wire else None
-        )  # from the host, to the host
+        # One wire from the host, one to the host.
+        self._wires = (Wire(baud_rate), Wire(baud_rate)) if faults.wire else None
         self._firmware = EmulatedFirmware(profile, faults, random.Random(seed), 0.0)
         self._port = Port(folder / TTY_LINK)
         self._control = _listen(folder)

@@ -32,7 +32,7 @@ MARLIN2 = Firmware(
     report_query=b"M105",
     idle_queries=(b"M114", b"M27"),
     # ``GCodeQueue::get_serial_commands`` (gcode/queue.cpp) refuses a number without a checksum before any
-    # effect, and accepts any line number for an M110. The leading newline ends a line that lost its own.
+    # effect, and accepts any line number for an M110. The leading newline ends a line that lost its newline.
     last_line_query=b"\nN0 M110\n",
     last_line_answer=b"Error:No Checksum with line number",
     last_line_resends=True,  # ``gcode_line_error``
