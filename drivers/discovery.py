@@ -78,7 +78,7 @@ def list_plugged_devices(
 
 
 def verify_reset(
-    url: str, folder: Path | None, firmware: Firmware, answer_s: float = _BOARD_TIME_OUT_S
+    url: str, folder: Path | None, firmware: Firmware, time_out_s: float = _BOARD_TIME_OUT_S
 ) -> str:
     """Pulse DTR on the port of an idle printer, and verify that its board restarts.
 
@@ -90,7 +90,7 @@ def verify_reset(
         The agent's folder, to whose journal the result is written; None for a printer outside the fleet.
     firmware
         Firmware of the printer.
-    answer_s
+    time_out_s
         Wall seconds within which the board must answer, before the pulse and after it.
 
     Returns
@@ -112,9 +112,9 @@ def verify_reset(
     try:
         port = open_port(url, Path(), Clock(), firmware.baud_rate)
         try:
-            _verify_idle(port, url, firmware, answer_s)
+            _verify_idle(port, url, firmware, time_out_s)
             port.reset()
-            identity = _await_restart(port, url, firmware, answer_s)
+            identity = _await_restart(port, url, firmware, time_out_s)
         finally:
             port.close()
         if folder is not None:
@@ -183,29 +183,29 @@ def find_model(identity: bytes) -> str:
     raise DriverError(f"the board restarted, but its firmware version is unknown: {version!r}")
 
 
-def _verify_idle(port: Port, url: str, firmware: Firmware, answer_s: float) -> None:
+def _verify_idle(port: Port, url: str, firmware: Firmware, time_out_s: float) -> None:
     """Verify that a printer is idle: it may be printing, unless opening the port has reset its board."""
-    link, idle = Link(firmware), IdleWatch()
-    for now_s, event in exchange(port, link, answer_s):
+    link, idle_watch = Link(firmware), IdleWatch()
+    for now_s, event in exchange(port, link, time_out_s):
         if isinstance(event, Connected):
             if event.restarted:
                 return
             link.send(now_s, b"M27")
             link.poll_soon(now_s + 0.5)
         elif isinstance(event, UnknownLine):
-            idle.judge_answer(event.text)
+            idle_watch.judge_answer(event.text)
         elif isinstance(event, Report):
-            if idle.is_printing_from_card or not event.targets_off:
-                cause = SD_PRINT_REASON if idle.is_printing_from_card else "a heater is on"
+            if idle_watch.is_printing_from_card or not event.targets_off:
+                cause = SD_PRINT_REASON if idle_watch.is_printing_from_card else "a heater is on"
                 raise PortError(f"{url}: its printer is not idle: {cause}; wait until it is")
             return
     raise PortError(f"{url}: its printer does not report that it is idle; switch it off and on")
 
 
-def _await_restart(port: Port, url: str, firmware: Firmware, answer_s: float) -> bytes:
+def _await_restart(port: Port, url: str, firmware: Firmware, time_out_s: float) -> bytes:
     """Wait until the board restarts; return its banner, or its identity if the banner lacks the model."""
     link, identity = Link(firmware), b""
-    for now_s, event in exchange(port, link, answer_s):
+    for now_s, event in exchange(port, link, time_out_s):
         if isinstance(event, Connected):
             if not event.restarted:
                 break

@@ -11,7 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 
 AGENT_LOCK = "lock"  # file in an agent's folder
-_LOCK_TRIES, _RETRY_S = 20, 0.05
+_LOCK_TRIES, _RETRY_INTERVAL_S = 20, 0.05
 _KILL_TIME_OUT_S = 1.0  # wall seconds for a killed process to end
 _PID_BYTES = 10
 
@@ -46,7 +46,7 @@ def acquire_lock(path: Path) -> int | None:
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            time.sleep(_RETRY_S)
+            time.sleep(_RETRY_INTERVAL_S)
         else:
             break
     else:

@@ -1,4 +1,4 @@
-"""Bounded log files of processes that log to stdout and stderr, without the loss of a line."""
+"""Bounded log files of processes that log to stdout and stderr; no line is lost."""
 
 from __future__ import annotations
 

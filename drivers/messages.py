@@ -147,7 +147,7 @@ class PrinterReadings(BaseModel):
 class Snapshot(PrinterReadings, _AgentMessage):
     """State of an agent and its printer. Times are on the farm's clock."""
 
-    filament_watched: ClassVar[int] = 3  # protocol version of `filament` in its present meaning
+    filament_protocol: ClassVar[int] = 3  # protocol version of `filament` in its present meaning
     kind: Literal["snapshot"] = "snapshot"
     protocol: int = 1  # version of the agent
     printer: str
@@ -333,13 +333,13 @@ def encode_for_protocol(request: Request, protocol: int) -> str | None:
 
     Fields that such an agent does not know are omitted; they must have their default values.
     """
-    unknown = set()
+    omitted_names = set()
     for name, field in type(request).model_fields.items():
-        if any(isinstance(mark, AddedField) and mark.protocol > protocol for mark in field.metadata):
-            unknown.add(name)
+        if any(isinstance(note, AddedField) and note.protocol > protocol for note in field.metadata):
+            omitted_names.add(name)
             if getattr(request, name) != field.default:
                 return None
-    return None if request.first_protocol > protocol else request.model_dump_json(exclude=unknown)
+    return None if request.first_protocol > protocol else request.model_dump_json(exclude=omitted_names)
 
 
 FromAgent = Snapshot | Reply

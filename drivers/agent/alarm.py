@@ -7,7 +7,7 @@ import math
 
 from drivers.clock import read_wall_s
 from drivers.records import Alarm, Suspicion
-from drivers.safety import NO_COMMAND_OUTCOME, POLL_S, PowerOffRun
+from drivers.safety import NO_COMMAND_OUTCOME, POLL_INTERVAL_S, PowerOffRun
 from drivers.session import Session
 
 log = logging.getLogger(__name__)
@@ -115,4 +115,4 @@ class Alarms:
 
     def compute_wake_wall_s(self) -> float:
         """Compute the wall time of the next call of `poll_outcome`."""
-        return math.inf if self._power_off is None else read_wall_s() + POLL_S
+        return math.inf if self._power_off is None else read_wall_s() + POLL_INTERVAL_S

@@ -20,7 +20,7 @@ from drivers.session import Pace, Session
 
 log = logging.getLogger(__name__)
 
-RETRY_S = 2.0  # wall seconds between attempts to open a port
+RETRY_INTERVAL_S = 2.0  # wall seconds between attempts to open a port
 RESET_PULSES = 2  # number of DTR pulses; the answer to one may be lost
 NOT_WATCHED_REASON = "it was not watched before its agent was started"
 MAY_PRINT_REASON = (
@@ -55,7 +55,7 @@ class Board:
         Reason for which the port is not open; True if a person has to confirm first that it may be opened.
     state
         State that outlives the agent.
-    resets
+    reset_count
         Number of resets that the agent did not cause.
     stuck_heater_text
         Finding that a heater of the idle board is off but gets hotter; the recorder takes it over.
@@ -85,7 +85,7 @@ class Board:
         self.absent_reason: str | None = "the port has not been opened yet"
         self.needs_permission = False
         self.state = BoardState()
-        self.resets = 0
+        self.reset_count = 0
         self.stuck_heater_text: str | None = None
         self.rearms_alarm = False
         self.idle_watch = IdleWatch()
@@ -154,7 +154,7 @@ class Board:
             if self.absent_reason != str(error):
                 log.warning("%s", error)
             self.absent_reason = str(error)
-            self._retry_wall_s = read_wall_s() + RETRY_S
+            self._retry_wall_s = read_wall_s() + RETRY_INTERVAL_S
             return
         if not self._is_responsible:
             self._on_opened()
@@ -304,7 +304,7 @@ class Board:
         else:
             log.warning("board: %s (%s)", event.text, event.fault)
             if event.fault is Fault.REBOOT:
-                self.resets += 1
+                self.reset_count += 1
             if self.session is None:
                 self._on_idle_fault(event, now_s)
 
@@ -392,7 +392,7 @@ class Board:
         self.report = None
         self._is_idle_confirmed, self._pulses_left = False, 0
         self.link.on_closed()
-        self._retry_wall_s = read_wall_s() + RETRY_S
+        self._retry_wall_s = read_wall_s() + RETRY_INTERVAL_S
         session = self.session
         if session is not None and not session.context.wants_reset:
             session.fail(Fault.PORT_LOST, str(error), self._clock.now())

@@ -69,7 +69,7 @@ class IdleWatch:
     Attributes
     ----------
     filament
-        Judgement on the position of the filament.
+        Watch over the position of the filament.
     is_printing_from_card
         True while the printer prints from its SD card.
     """

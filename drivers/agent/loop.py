@@ -145,7 +145,7 @@ class Agent:
         context = None if session is None else session.context
         key = (
             describe_link(self._board, self._recorder.journal_error),
-            self._board.resets,
+            self._board.reset_count,
             self._board.state.bed_unknown_reason,
             self._board.idle_watch.filament.is_certain,
             self._recorder.alarms.message,

@@ -144,9 +144,9 @@ class RequestHandler:
         link, reason = describe_link(self._board, self._recorder.journal_error)
         if link is not LinkState.READY:
             raise AgentError(f"{self._printer} is {link}{': ' + reason if reason else ''}")
-        unknown = self._board.state.bed_unknown_reason
-        if unknown is not None:
-            raise AgentError(f"{self._printer}: its bed is not known to be clear: {unknown}")
+        bed_unknown_reason = self._board.state.bed_unknown_reason
+        if bed_unknown_reason is not None:
+            raise AgentError(f"{self._printer}: its bed is not known to be clear: {bed_unknown_reason}")
         if request.filament is Filament.UNKNOWN:
             raise AgentError(f"{self._printer}: the position of its filament is unknown: load it first")
 

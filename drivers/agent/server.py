@@ -64,7 +64,7 @@ class Server:
         self._make_snapshot = make_snapshot
         self._clients: dict[_Client, None] = {}  # in order of arrival
         self._is_listening = False
-        self._paused_until_s = self._quiet_until_s = -math.inf
+        self._paused_until_s = self._next_warning_s = -math.inf
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         (folder / AGENT_SOCKET).unlink(missing_ok=True)  # unused, as the agent holds the folder's lock
         descriptor = os.open(folder, os.O_PATH | os.O_DIRECTORY)
@@ -119,8 +119,8 @@ class Server:
         except OSError as error:  # no free descriptor: pause, as the loop would spin otherwise
             self._paused_until_s = now_s + _ACCEPT_PAUSE_S
             self._listen(False)
-            if now_s >= self._quiet_until_s:
-                self._quiet_until_s = now_s + _LOG_INTERVAL_S
+            if now_s >= self._next_warning_s:
+                self._next_warning_s = now_s + _LOG_INTERVAL_S
                 log.warning("cannot accept a client: %s", error)
             return
         if len(self._clients) >= _MAX_CLIENTS:  # a live client that is dropped will reconnect

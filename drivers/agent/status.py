@@ -82,7 +82,7 @@ def make_snapshot(start: StartFile, recorder: Recorder, now_s: float) -> Snapsho
         filament=filament,
         bed_clear=emulator.bed_clear if emulator is not None else None,
         starved_s=emulator.starved_s if emulator is not None else 0.0,
-        board_resets=board.resets,
+        board_resets=board.reset_count,
         bed_unknown_reason=board.state.bed_unknown_reason,
         alarm=recorder.alarms.message,
         reset_verified=board.reset_verified,
@@ -92,10 +92,10 @@ def make_snapshot(start: StartFile, recorder: Recorder, now_s: float) -> Snapsho
 
 def describe_print(recorder: Recorder) -> PrintSnapshot | None:
     """Return the current state of the open print, or the last print unless it was forgotten."""
-    current, session = recorder.journal.state.print, recorder.board.session
-    if current is None or session is None:
-        return current
-    return recorder.describe_print(current, session.context)
+    last_print, session = recorder.journal.state.print, recorder.board.session
+    if last_print is None or session is None:
+        return last_print
+    return recorder.describe_print(last_print, session.context)
 
 
 def list_prints(recorder: Recorder, since_s: float) -> tuple[PrintSnapshot, ...]:

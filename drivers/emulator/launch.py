@@ -133,9 +133,9 @@ def control(folder: Path, command: Command | str, **values: float | str) -> dict
 
 def _wait_for_end(folder: Path) -> None:
     """Wait until the lock is free, which shows that the process has ended and changes no more files."""
-    until_s = time.monotonic() + CONTROL_TIMEOUT_S
+    deadline_s = time.monotonic() + CONTROL_TIMEOUT_S
     while is_running(folder):
-        if time.monotonic() > until_s:
+        if time.monotonic() > deadline_s:
             raise PortError(f"{folder}: the emulator does not end; see {folder / LOG_FILE}")
         time.sleep(0.005)
 

@@ -20,7 +20,7 @@ POSITION_TOLERANCE_MM = 1.0  # M114 rounds positions to 0.01
 
 _POSITION = re.compile(rb"X:(-?[\d.]+)\s*Y:(-?[\d.]+)\s*Z:(-?[\d.]+)\s*E:(-?[\d.]+)")
 _WORD = re.compile(rb"([FXYZE])(-?[\d.]+)")
-_FEED = re.compile(rb"F([\d.]+)")
+_FEEDRATE = re.compile(rb"F([\d.]+)")
 _AXES = {b"X": 0, b"Y": 1, b"Z": 2, b"E": 3}
 _MOVE_STARTS = (b"G0 ", b"G1 ", b"G2 ", b"G3 ")
 
@@ -56,8 +56,8 @@ def measure_retraction_mm(program: Program, done_lines: int, stopped_at: Point |
     float
         Distance in mm; 0 at the tip. It is exact, unless a G92 among the last moves shifted the coordinates.
     """
-    moves = MotionState(program, done_lines)
-    return moves.retracted_mm if stopped_at is None else moves.find_retraction_mm(stopped_at)
+    motion = MotionState(program, done_lines)
+    return motion.retracted_mm if stopped_at is None else motion.find_retraction_mm(stopped_at)
 
 
 class MotionState:
@@ -76,7 +76,7 @@ class MotionState:
         X, Y, Z, E in the file's coordinates; NaN if no line has set them.
     retracted_mm
         Distance from the nozzle's tip back to the end of the filament.
-    feed_mm_min
+    feedrate_mm_min
         The last F; NaN if there was none.
     relative, relative_e
         True if G91, or M83, is in effect.
@@ -90,7 +90,7 @@ class MotionState:
             start = 0
         self.position = [math.nan, math.nan, math.nan, math.nan if start else 0.0]
         self.retracted_mm = 0.0
-        self.feed_mm_min = _find_feed(program, start)
+        self.feedrate_mm_min = _find_feedrate_mm_min(program, start)
         # Start point, end point, and retraction of the filament at the start, in mm.
         self._moves: deque[tuple[list[float], list[float], float]] = deque(maxlen=BUFFERED_LINES)
         for first in range(start, done_lines, WINDOW_LINES):  # limits the memory for a long file
@@ -118,7 +118,7 @@ class MotionState:
         for letter, value in _WORD.findall(line):
             if letter == b"F":
                 if float(value) > 0:  # the firmware ignores other feed rates
-                    self.feed_mm_min = float(value)
+                    self.feedrate_mm_min = float(value)
                 continue
             axis = _AXES[letter]
             relative = self.relative or (axis == 3 and self.relative_e)
@@ -146,7 +146,7 @@ class MotionState:
         """Compute `retracted_mm` at a stop in a buffered move; at the last line if no move passes there."""
         nearest_mm, found_mm = POSITION_TOLERANCE_MM, self.retracted_mm
         for start_point, end_point, retracted_mm in self._moves:
-            distance_mm = _compute_distance(stopped_at, start_point, end_point)
+            distance_mm = _compute_distance_mm(stopped_at, start_point, end_point)
             if distance_mm < nearest_mm:
                 fed_mm = stopped_at[3] - start_point[3]
                 nearest_mm = distance_mm
@@ -154,12 +154,12 @@ class MotionState:
         return found_mm
 
 
-def _find_feed(program: Program, line: int) -> float:
+def _find_feedrate_mm_min(program: Program, line: int) -> float:
     """Find the last F before `line`; NaN if there was none."""
     while line > 0:
         start_line = max(0, line - WINDOW_LINES)
         for move in reversed(program.read_lines(start_line, line)):
-            if move.startswith(_MOVE_STARTS) and (match := _FEED.search(move)) is not None:
+            if move.startswith(_MOVE_STARTS) and (match := _FEEDRATE.search(move)) is not None:
                 return float(match[1])
         line = start_line
     return math.nan
@@ -169,14 +169,16 @@ def _shift(point: list[float], axis: int, distance_mm: float) -> list[float]:
     return [value + distance_mm if index == axis else value for index, value in enumerate(point)]
 
 
-def _compute_distance(point: Point, start: Point, end: Point) -> float:
+def _compute_distance_mm(point: Point, start: Point, end: Point) -> float:
     """Compute the distance from a point to a line segment, over the axes that are known."""
     coordinates = [
         (p, b if math.isnan(a) else a, b)
         for p, a, b in zip(point, start, end, strict=True)
         if not math.isnan(b)
     ]
-    squared_mm2 = sum((b - a) ** 2 for _, a, b in coordinates)
-    share = sum((p - a) * (b - a) for p, a, b in coordinates) / squared_mm2 if squared_mm2 else 0.0
-    share = min(max(share, 0.0), 1.0)
-    return math.sqrt(sum((p - a - share * (b - a)) ** 2 for p, a, b in coordinates))
+    squared_length_mm2 = sum((b - a) ** 2 for _, a, b in coordinates)
+    fraction = (
+        sum((p - a) * (b - a) for p, a, b in coordinates) / squared_length_mm2 if squared_length_mm2 else 0.0
+    )
+    fraction = min(max(fraction, 0.0), 1.0)
+    return math.sqrt(sum((p - a - fraction * (b - a)) ** 2 for p, a, b in coordinates))

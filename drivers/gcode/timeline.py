@@ -101,9 +101,11 @@ class Timeline:
         previous = self[index - 1] if index else Mark(0, 0.0)
         if line >= count or index == len(self):
             return replace(previous, line=line, seconds=self.time_s if line >= count else previous.seconds)
-        share = (line - previous.line) / (self._lines[index] - previous.line)
+        fraction = (line - previous.line) / (self._lines[index] - previous.line)
         return replace(
-            previous, line=line, seconds=previous.seconds + share * (self._seconds[index] - previous.seconds)
+            previous,
+            line=line,
+            seconds=previous.seconds + fraction * (self._seconds[index] - previous.seconds),
         )
 
     # --- additions ---
@@ -138,8 +140,8 @@ class Timeline:
             if math.isnan(seconds[index]):
                 continue
             for unknown in range(unknown_start, index):
-                share = (lines[unknown] - last_line) / (line - last_line)
-                seconds[unknown] = last_s + share * (seconds[index] - last_s)
+                fraction = (lines[unknown] - last_line) / (line - last_line)
+                seconds[unknown] = last_s + fraction * (seconds[index] - last_s)
             last_line, last_s, unknown_start = line, seconds[index], index + 1
         for unknown in range(unknown_start, len(lines)):
             seconds[unknown] = last_s

@@ -106,7 +106,7 @@ class MuxConnection:
         self._on_message, self._on_stream = on_message, on_stream
         self._mux = Mux()
         self._streams: dict[int, MuxStream] = {}
-        self._output = asyncio.Event()
+        self._output_event = asyncio.Event()
         self.is_lost = False
 
     def open(self, name: str) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
@@ -115,13 +115,13 @@ class MuxConnection:
             raise AgentError("the connection to its host is lost")
         number = self._mux.open(name)
         stream = self._streams[number] = MuxStream(self, number)
-        self._output.set()
+        self._output_event.set()
         return stream.make_pair()
 
     def send_message(self, data: bytes) -> None:
         """Send a message about the host itself."""
         self._mux.send_message(data)
-        self._output.set()
+        self._output_event.set()
 
     async def run(self) -> None:
         """Carry bytes until the connection ends. Raises OSError or MessageError."""
@@ -143,8 +143,8 @@ class MuxConnection:
     async def _send(self) -> None:
         with suppress(OSError):  # the reader of this connection ends too
             while True:
-                await self._output.wait()
-                self._output.clear()
+                await self._output_event.wait()
+                self._output_event.clear()
                 while data := self._mux.take():
                     self._writer.write(data)
                     await self._writer.drain()
@@ -165,7 +165,7 @@ class MuxConnection:
                     stream = self._streams.pop(event.stream, None)
                     if stream is not None:
                         stream.on_closed(event.reason)
-        self._output.set()  # credit may have been received, or may be due
+        self._output_event.set()  # credit may have been received, or may be due
 
     def _accept(self, event: Opened) -> None:
         if self._on_stream is None:
@@ -179,7 +179,7 @@ class MuxConnection:
     def write(self, number: int, data: bytes) -> None:
         """Send bytes on a stream."""
         self._mux.write(number, data)
-        self._output.set()
+        self._output_event.set()
 
     def count_waiting(self, number: int) -> int:
         """Count the unsent bytes of a stream."""
@@ -188,10 +188,10 @@ class MuxConnection:
     def consume(self, number: int, count: int) -> None:
         """Allow the other end to send `count` more bytes on a stream."""
         self._mux.consume(number, count)
-        self._output.set()
+        self._output_event.set()
 
     def close_stream(self, number: int, reason: str) -> None:
         """Close a stream."""
         self._streams.pop(number, None)
         self._mux.close(number, reason)
-        self._output.set()
+        self._output_event.set()

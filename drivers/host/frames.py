@@ -37,7 +37,7 @@ class Frame:
 
 
 class FrameReader:
-    """Splitter that splits received bytes into frames; a frame may arrive in several pieces."""
+    """Splitter of received bytes into frames; a frame may arrive in several pieces."""
 
     def __init__(self) -> None:
         self._buffer = bytearray()

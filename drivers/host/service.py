@@ -40,8 +40,8 @@ from drivers.remote import Installation
 log = logging.getLogger(__name__)
 
 _WATCH_INTERVAL_S = 0.5
-_PORT_INTERVAL_S = 10.0
-_UNUSED_S = 60.0  # wall seconds without agents and daemon after which the service ends
+_PORT_INTERVAL_S = 10.0  # wall seconds between two lists of the ports
+_UNUSED_TIME_OUT_S = 60.0  # wall seconds without agents and daemon after which the service ends
 
 
 class HostService:
@@ -69,20 +69,20 @@ class HostService:
             self._add(start, kept_installation)
 
     async def run(self) -> None:
-        """Serve until there has been neither an agent nor a daemon for `_UNUSED_S`."""
+        """Serve until there has been neither an agent nor a daemon for `_UNUSED_TIME_OUT_S`."""
         with self._paths.open_socket_path() as path:
             server = await asyncio.start_unix_server(self._serve, path, limit=LINE_BYTES)
-        states = asyncio.create_task(self._send_states())
-        ports = asyncio.create_task(self._list_ports())
+        state_task = asyncio.create_task(self._send_states())
+        port_task = asyncio.create_task(self._list_ports())
         try:
-            while self._watches or time.monotonic() - self._last_message_s < _UNUSED_S:
+            while self._watches or time.monotonic() - self._last_message_s < _UNUSED_TIME_OUT_S:
                 self._watch()
                 await asyncio.sleep(_WATCH_INTERVAL_S)
         finally:
             server.close()
-            for task in (states, ports, *self._tasks):
+            for task in (state_task, port_task, *self._tasks):
                 task.cancel()
-            await asyncio.gather(states, ports, *self._tasks, return_exceptions=True)
+            await asyncio.gather(state_task, port_task, *self._tasks, return_exceptions=True)
             for watch in self._watches.values():
                 await watch.close()
 

@@ -9,7 +9,7 @@ from typing import Any
 
 _FIRST_WAIT_S = 0.5
 _MAX_WAIT_S = 60.0
-_STEADY_S = 60.0  # an agent that ran for this long is restarted without delay
+_STEADY_RUN_S = 60.0  # an agent that ran for this long is restarted without delay
 _VOLATILE_FIELDS = {
     "": ("now_s", "starved_s"),
     "nozzle": ("now_c",),
@@ -40,7 +40,7 @@ class Backoff:
 
     def record_start(self, now_s: float) -> Backoff:
         """Return the backoff after a start at `now_s`."""
-        if now_s - self.started_s > max(_STEADY_S, 2 * self.wait_s):
+        if now_s - self.started_s > max(_STEADY_RUN_S, 2 * self.wait_s):
             return Backoff(now_s, 0.0 if self.started_s == -math.inf else _FIRST_WAIT_S)
         return Backoff(now_s, min(_MAX_WAIT_S, max(_FIRST_WAIT_S, 2 * self.wait_s)))
 
@@ -59,8 +59,8 @@ class ReportFilter:
 
     def __init__(self, report_s: float) -> None:
         self._report_s = report_s
-        self._passed_s = -math.inf
-        self._last: dict[str, Any] | None = None
+        self._last_passed_s = -math.inf
+        self._last_fields: dict[str, Any] | None = None
 
     def passes(self, line: bytes, now_s: float) -> bool:
         """Return whether to carry a line that was received at `now_s` of a monotonic clock."""
@@ -72,9 +72,9 @@ class ReportFilter:
             return True  # the daemon handles an invalid line
         if fields is None:
             return True
-        if fields == self._last and now_s - self._passed_s < self._report_s:
+        if fields == self._last_fields and now_s - self._last_passed_s < self._report_s:
             return False
-        self._last, self._passed_s = fields, now_s
+        self._last_fields, self._last_passed_s = fields, now_s
         return True
 
 
@@ -83,8 +83,8 @@ def _read_fields(line: bytes) -> dict[str, Any] | None:
     fields: dict[str, Any] = json.loads(line)
     if fields.get("kind") != "snapshot":
         return None
-    for name, volatile in _VOLATILE_FIELDS.items():
+    for name, volatile_fields in _VOLATILE_FIELDS.items():
         record = fields if name == "" else fields.get(name) or {}
-        for field in volatile:
+        for field in volatile_fields:
             record.pop(field, None)
     return fields

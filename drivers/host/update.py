@@ -92,10 +92,10 @@ class AgentsUpdate:
             self._is_running = False
             self._on_change()
             return
-        idle = [w for w in outdated_watches if w.snapshot is not None and w.snapshot.print is None]
-        if idle:
-            self._replaced_printer = idle[0].printer
-            spawn(self._replace(idle[0]))
+        idle_watches = [w for w in outdated_watches if w.snapshot is not None and w.snapshot.print is None]
+        if idle_watches:
+            self._replaced_printer = idle_watches[0].printer
+            spawn(self._replace(idle_watches[0]))
 
     def describe(self, watches: Sequence[AgentWatch]) -> Update:
         """Describe the update for the daemon."""
@@ -146,7 +146,7 @@ class AgentsUpdate:
             has_ended = watch.last_ended_start > start_count
             result = judge_trial(Trial(old_link, snapshot, has_ended, waited_s))
             if result is True:
-                log.info("%s: its agent is of this version now", watch.printer)
+                log.info("%s: its agent now has this version", watch.printer)
                 return None
             if result:
                 return str(result)

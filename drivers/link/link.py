@@ -15,7 +15,7 @@ from drivers.link.replies import Connected, Event, Events, LinkFault, UnknownLin
 SILENT_REASON = "the board does not answer"
 SILENCE_S = 0.3  # silence before the first query; doubled with each query
 KEEP_ALIVE_S = 1.4  # replaces SILENCE_S if the firmware sends a busy message every second while it works
-UNREADABLE_S = 0.05  # time until a query after an unreadable line, which may have been an ok
+QUERY_DELAY_S = 0.05  # time until a query after an unreadable line, which may have been an ok
 _MAX_ANSWER_BYTES = 512
 
 
@@ -38,8 +38,8 @@ class Link:
         self._firmware = firmware
         self._min_time_out_s = min_time_out_s
         keeps_alive = firmware.keep_alive is not None
-        shortest_s, parts = (KEEP_ALIVE_S, 4) if keeps_alive else (SILENCE_S, 8)
-        self._silence_s = max(shortest_s, min_time_out_s / parts)
+        shortest_s, divisor = (KEEP_ALIVE_S, 4) if keeps_alive else (SILENCE_S, 8)
+        self._silence_s = max(shortest_s, min_time_out_s / divisor)
         self.poll_every_s = math.inf
         self.ignore_faults = False  # True to ignore reported faults: a stopped board still answers M105
         self._reset()
@@ -81,7 +81,7 @@ class Link:
         self._reset()
         self.phase = Phase.BANNER
         self._opening.has_restarted = True
-        self._due_s = now_s + self._opening.quiet_s
+        self._due_s = now_s + self._opening.banner_time_out_s
 
     def on_closed(self) -> None:
         """Stop, as the port was closed."""
@@ -183,7 +183,8 @@ class Link:
                 self._handle_refusal(number, now_s)
         elif (number := replies.parse_last_line(answer, self._firmware)) is not None:
             if self._firmware.last_line_resends:
-                self._answer, self._answer_s, self._is_undisturbed = number, now_s + self._unreadable_s, False
+                self._answer, self._answer_s = number, now_s + self._query_delay_s
+                self._is_undisturbed = False
             else:
                 self._handle_last_line(number, now_s, events)
         elif replies.is_refusal(answer):
@@ -201,7 +202,7 @@ class Link:
         sign = self._opening.classify(line)
         if sign is OpeningLine.START:
             self.phase = Phase.BANNER
-            self._due_s = now_s + self._opening.quiet_s
+            self._due_s = now_s + self._opening.banner_time_out_s
         elif sign is OpeningLine.REFUSAL:
             self._due_s = now_s
         elif sign is OpeningLine.READY:
@@ -303,8 +304,8 @@ class Link:
     # --- time ---
 
     @property
-    def _unreadable_s(self) -> float:
-        return max(UNREADABLE_S, self._min_time_out_s / 40)
+    def _query_delay_s(self) -> float:
+        return max(QUERY_DELAY_S, self._min_time_out_s / 40)
 
     def tick(self, now_s: float) -> Events:
         """Perform the actions that are due at `now_s`."""
@@ -319,11 +320,11 @@ class Link:
         elif self._awaits_ok:
             self._query_again(now_s, events)
         elif self.phase is Phase.OPENING:
-            if (query := self._opening.next_query()) is None:
+            if (query := self._opening.take_next_query()) is None:
                 self._give_up(Fault.NO_ANSWER, SILENT_REASON, events)
             else:
                 self._output += query
-                self._due_s = now_s + self._opening.answer_s
+                self._due_s = now_s + self._opening.answer_time_out_s
         else:
             self._send_next(now_s)
         return events
@@ -351,7 +352,7 @@ class Link:
     def _schedule_query(self, now_s: float) -> None:
         """Schedule a query soon, if a line is in flight and the board's receive buffer can hold a query."""
         if self._awaits_ok and self._recovery.queries < MAX_QUERIES:
-            self._due_s = min(self._due_s, now_s + self._unreadable_s)
+            self._due_s = min(self._due_s, now_s + self._query_delay_s)
 
     @property
     def _place(self) -> Place:

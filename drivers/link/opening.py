@@ -7,9 +7,13 @@ from enum import Enum, StrEnum
 from drivers.firmware import Firmware
 from drivers.link.recovery import TRIES
 
-START_S = 10.0  # maximum time from the opening of the port to ``start``; the bootloader takes one second
-UNCONFIRMED_S = 0.3  # time until the first query, if it is possible that the board does not restart
-QUIET_S = 1.0  # time for the rest of the banner after ``start``
+START_TIME_OUT_S = (
+    10.0  # maximum time from the opening of the port to ``start``; the bootloader takes one second
+)
+UNCONFIRMED_QUERY_DELAY_S = (
+    0.3  # time until the first query, if it is possible that the board does not restart
+)
+BANNER_TIME_OUT_S = 1.0  # time for the rest of the banner after ``start``
 
 
 class Phase(StrEnum):
@@ -62,20 +66,20 @@ class Opening:
     def first_query_s(self) -> float:
         """Seconds to wait for ``start`` before the first query."""
         return (
-            max(UNCONFIRMED_S, self._min_time_out_s / 8)
+            max(UNCONFIRMED_QUERY_DELAY_S, self._min_time_out_s / 8)
             if self._unconfirmed
-            else max(START_S, self._min_time_out_s)
+            else max(START_TIME_OUT_S, self._min_time_out_s)
         )
 
     @property
-    def quiet_s(self) -> float:
+    def banner_time_out_s(self) -> float:
         """Seconds to wait for the rest of a banner."""
-        return max(QUIET_S, self._min_time_out_s / 4)
+        return max(BANNER_TIME_OUT_S, self._min_time_out_s / 4)
 
     @property
-    def answer_s(self) -> float:
+    def answer_time_out_s(self) -> float:
         """Seconds to wait for the answer to a query."""
-        return max(START_S if self._unconfirmed else START_S / 2, self._min_time_out_s)
+        return max(START_TIME_OUT_S if self._unconfirmed else START_TIME_OUT_S / 2, self._min_time_out_s)
 
     def classify(self, line: bytes) -> OpeningLine:
         """Classify a line from the board."""
@@ -94,7 +98,7 @@ class Opening:
         answers = line.startswith(b"ok T:" if self._unconfirmed else b"ok") and self._tries > 0
         return OpeningLine.READY if answers else OpeningLine.NOTHING
 
-    def next_query(self) -> bytes | None:
+    def take_next_query(self) -> bytes | None:
         """Return the next query for a board that did not restart; None after the last one."""
         self._tries += 1
         if self._tries > TRIES:

@@ -15,7 +15,7 @@ from drivers.firmware import Firmware
 CONFIRMATIONS = 3  # the board executes a line between two answers, and buffers at most two lines
 # The link is too noisy at this number of repairs in this number of lines.
 NOISE_REPAIRS, NOISE_LINES = 10, 200
-TRIES = 4  # number of queries to a silent board, and of contradicting answers in a row
+TRIES = 4  # number of queries to a silent board, and of contradictory answers in a row
 MAX_QUERIES = 4  # more queries may not fit into the board's receive buffer behind a line
 
 
@@ -49,8 +49,8 @@ class Action(Enum):
     QUERY_AGAIN = "the answer needs to be confirmed"
     GIVE_UP_NOISY = "each answer differs from the last"
     GIVE_UP_REBOOT = "the board has lost its count"
-    WAIT = "the line was accepted, and is queued or lost its ok"
-    ACCEPT = "the line was accepted and lost its ok"
+    WAIT = "the line was accepted: either it is queued, or its ok was lost"
+    ACCEPT = "the line was accepted, but its ok was lost"
     ACCEPT_UP_TO = "the lines to be resent were accepted up to this one"
     REPEAT = "all lines from this one on are resent"
 

@@ -161,7 +161,7 @@ def identify_device(url: str) -> str | None:
     path = Path(url)
     try:
         node = path.stat()
-        boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+        boot_id = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
     except OSError as error:
         raise PortError(f"{path}: does not exist; is the printer plugged in and switched on?") from error
-    return f"{boot}:{os.major(node.st_rdev)}:{os.minor(node.st_rdev)}:{node.st_ino}:{node.st_ctime_ns}"
+    return f"{boot_id}:{os.major(node.st_rdev)}:{os.minor(node.st_rdev)}:{node.st_ino}:{node.st_ctime_ns}"

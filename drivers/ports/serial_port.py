@@ -23,7 +23,7 @@ from drivers.emulator.launch import launch
 from drivers.errors import PortError
 
 DTR_PULSE_S = 0.1  # duration of a pulse that resets the board
-DRAIN_S = 1.0  # maximum time for unsent bytes to be transmitted
+DRAIN_TIME_OUT_S = 1.0  # maximum time for unsent bytes to be transmitted
 _DRAIN_POLL_S = 0.01
 _READ_BYTES = 4096
 _PTY_PREFIX = "/dev/pts/"  # the kernel keeps a pty exclusive until its other end is closed
@@ -125,21 +125,21 @@ class SerialPort:
     def write_now(self, data: bytes) -> None:
         """Send bytes in place of all unsent ones, and wait until they are transmitted.
 
-        Waits `DRAIN_S` at most, as the board may no longer accept bytes.
+        Waits `DRAIN_TIME_OUT_S` at most, as the board may no longer accept bytes.
 
         Raises
         ------
         PortError
             The port was disconnected.
         """
-        until_s = time.monotonic() + DRAIN_S
+        deadline_s = time.monotonic() + DRAIN_TIME_OUT_S
         try:
             # On a pseudo-terminal, a flush also discards bytes that are on their way to the other end.
             self._replace(data, flush=not self._is_pty)
             if self._is_pty and self._unsent:  # the other end has stopped reading
                 self._replace(data, flush=True)
             while self._unsent or self._count_queued_bytes():
-                if time.monotonic() > until_s:
+                if time.monotonic() > deadline_s:
                     return
                 time.sleep(_DRAIN_POLL_S)
                 if self._unsent:
@@ -201,12 +201,12 @@ def find_device(url: str, folder: Path, clock: Clock) -> Path:
     PortError
         This kind of port cannot be used for a printer, or the emulator does not start.
     """
-    kind, mark, _ = url.partition("://")
-    if not mark:
+    scheme, separator, _ = url.partition("://")
+    if not separator:
         return Path(url)
-    if kind == "sim":
+    if scheme == "sim":
         return launch(url, folder, clock)
-    if kind == "socket":
+    if scheme == "socket":
         raise PortError(
             f"{url}: a plain socket has no DTR, so the board cannot be stopped; use a device path"
         )

@@ -32,19 +32,19 @@ def read_journal(path: Path) -> tuple[JournalState, int]:
     (JournalState, int)
         The state, and the length of the complete records in bytes.
     """
-    state, length, unknown = JournalState(), 0, False
+    state, length, may_be_hot = JournalState(), 0, False
     if path.exists():
         for number, line in enumerate(path.read_bytes().split(b"\n")[:-1], 1):  # the last one is incomplete
             length += len(line) + 1
             try:
                 record = json.loads(line)
                 state.apply(record)
-                unknown = unknown and not {"print", "hot"} & record.keys()
+                may_be_hot = may_be_hot and not {"print", "hot"} & record.keys()
             except (ValueError, TypeError, AttributeError):
                 log.warning("%s:%d: cannot be read: %.80r", path, number, line)
                 state.board.attention_reason = f"its journal is damaged: see line {number} of {path}"
-                unknown = True
-    state.board.hot = state.board.hot or unknown
+                may_be_hot = True
+    state.board.hot = state.board.hot or may_be_hot
     return state, length
 
 

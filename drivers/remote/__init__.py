@@ -4,7 +4,7 @@
 """
 
 from drivers.records import AGENT_LOG
-from drivers.remote.client import AgentClient, OpenStream, Route
+from drivers.remote.client import AgentClient, Route, StreamOpener
 from drivers.remote.heartbeat import Heartbeat, sample_process
 from drivers.remote.process import (
     RETRY_S,
@@ -34,8 +34,8 @@ __all__ = [
     "BridgeTask",
     "Heartbeat",
     "Installation",
-    "OpenStream",
     "Route",
+    "StreamOpener",
     "agents_are_units",
     "build_ssh_command",
     "find_agent_pid",

@@ -52,7 +52,7 @@ def find_folder(farm: str, printer: str, env: Mapping[str, str] = os.environ) ->
         A name would point outside the state folder.
     """
     if any(name in ("", ".", "..") or "/" in name for name in (farm, printer)):
-        raise AgentError(f"{farm!r}, {printer!r}: not a name of a farm and of a printer")
+        raise AgentError(f"{farm!r}, {printer!r}: not the names of a farm and a printer")
     state = Path(env.get("XDG_STATE_HOME") or Path(env.get("HOME", "/")) / ".local/state")
     return state / "farm-agents" / farm / printer
 

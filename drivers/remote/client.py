@@ -27,7 +27,7 @@ from drivers.remote.process import RETRY_S
 
 Route = tuple[Sequence[str], bytes]
 """Connection to another host: a command that copies bytes (`build_ssh_command`), and its first input line."""
-OpenStream = Callable[[], Awaitable[tuple[asyncio.StreamReader, asyncio.StreamWriter]]]
+StreamOpener = Callable[[], Awaitable[tuple[asyncio.StreamReader, asyncio.StreamWriter]]]
 """Function that opens a stream to the agent on a connection that carries several. Raises AgentError."""
 FIRST_MESSAGE_TIME_OUT_S = 45.0  # over ssh; the agent may have to be started first
 _LINE_BYTES = 1024 * 1024
@@ -53,7 +53,7 @@ class AgentClient:
     def __init__(
         self,
         folder: Path,
-        route: Route | OpenStream | None = None,
+        route: Route | StreamOpener | None = None,
         on_message: Callable[[], None] = lambda: None,
     ) -> None:
         self._on_message = on_message

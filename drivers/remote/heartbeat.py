@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 SAMPLE_S, HUNG_S = 15.0, 30.0
-_STARVED_SHARE = 0.5
+_STARVED_FRACTION = 0.5
 _MAX_INTERVAL_S = 1.0
 
 
@@ -86,5 +86,5 @@ class Heartbeat:
         if first_sample is None or last_sample is None:
             return False  # the process has ended
         waited_s = last_sample.waited_s - first_sample.waited_s
-        is_starved = waited_s >= _STARVED_SHARE * (HUNG_S - SAMPLE_S)
+        is_starved = waited_s >= _STARVED_FRACTION * (HUNG_S - SAMPLE_S)
         return not is_starved and last_sample.state not in "DZ"

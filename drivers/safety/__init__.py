@@ -10,11 +10,11 @@ from drivers.safety.estop import (
     stop_printer,
 )
 from drivers.safety.heater_watch import Finding, HeaterWatch
-from drivers.safety.mains import NO_COMMAND_OUTCOME, POLL_S, PowerOffRun, cut_mains
+from drivers.safety.mains import NO_COMMAND_OUTCOME, POLL_INTERVAL_S, PowerOffRun, cut_mains
 
 __all__ = [
     "NO_COMMAND_OUTCOME",
-    "POLL_S",
+    "POLL_INTERVAL_S",
     "Finding",
     "HeaterWatch",
     "PowerOffRun",

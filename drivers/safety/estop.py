@@ -203,7 +203,7 @@ def _reset(target: StopTarget, watch_s: float, notify: ProgressCallback) -> Stop
             with suppress(PortError):  # the abort sequence may have sufficed, which is checked below
                 port.reset()
         reset_s = time.time()
-        text, heaters_off = board.confirm_off(watch_s)
+        text, heaters_off = board.confirm_heaters_off(watch_s)
     except PortError as error:
         text, heaters_off = f"{error}; switch it off", False
     finally:
@@ -255,7 +255,7 @@ class _Board:
             "it stands still" if self.is_still else "its standstill was not confirmed: check whether it moves"
         )
 
-    def confirm_off(self, watch_s: float) -> tuple[str, bool]:
+    def confirm_heaters_off(self, watch_s: float) -> tuple[str, bool]:
         """Poll until both targets are 0 and the heaters cool.
 
         Returns

@@ -3,8 +3,8 @@
 It finds faults that the firmware misses or ignores (docs/explanation/ultimaker2-serial.md, section 3.2): an
 M109 that would succeed with a dead heater, an M190 that would wait forever, a heater that fails during a
 print, and a heater that still heats when off. Reports have no checksum, so every value is the median of
-three. At most `GAP_S` between two reports counts, as a longer gap is not a fault: reports wait behind long
-moves, and the host may sleep.
+three. At most `MAX_GAP_S` between two reports counts, as a longer gap is not a fault: reports wait behind
+long moves, and the host may sleep.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from drivers.gcode import HeaterName
 from drivers.link import Report
 
 PROGRESS_C = 1.0  # minimum progress within `HeaterRule.stall_s`
-GAP_S = 15.0
+MAX_GAP_S = 15.0
 RISE_C, RISE_S = 10.0, 10.0  # rise after this time without power; [assumed] to exceed any overshoot
 # Below any room temperature: the reading of a shorted bed sensor, which the firmware does not report.
 BROKEN_SENSOR_C = 0.0
@@ -36,7 +36,7 @@ class HeaterRule:
     stall_s
         Time within which the heater must come `PROGRESS_C` nearer to a target that is not reached.
     hold_c, max_away_s
-        Distance from a reached target that the heater may exceed, and the longest time for which it may.
+        Largest distance from a reached target, and the longest time for which the heater may exceed it.
     cold_c
         Temperature below which a heater counts as off, since it may not cool any further.
     cooling_c, cooling_s
@@ -89,7 +89,7 @@ class HeaterWatch:
     """
 
     def __init__(self, min_duration_s: float) -> None:
-        self._gap_s = max(GAP_S, min_duration_s / 4)
+        self._gap_s = max(MAX_GAP_S, min_duration_s / 4)
         self._reported_s = math.nan
         self._watched_s = 0.0  # seconds covered by reports
         self._heaters = {name: _Heater(name, rule, min_duration_s) for name, rule in RULES.items()}
@@ -126,7 +126,7 @@ class HeaterWatch:
 
     def compute_median_c(self, name: HeaterName) -> float:
         """Compute the median of the last three reports; NaN before the first."""
-        return self._heaters[name].now_c
+        return self._heaters[name].current_c
 
     @property
     def is_cooling(self) -> bool:
@@ -164,7 +164,7 @@ class _Heater:
         self._coolest_c = math.inf  # since the heater was seen to cool
 
     @property
-    def now_c(self) -> float:
+    def current_c(self) -> float:
         return median(self._last_readings_c) if self._last_readings_c else math.nan
 
     def check(
@@ -177,59 +177,65 @@ class _Heater:
             self._since_s = now_s
         if len(self._last_readings_c) < 3:
             return None
-        now_c = self.now_c
-        rises = self._rise_detector.check(now_c, max(reported_target_c, set_target_c), now_s)
-        if now_c <= BROKEN_SENSOR_C:
+        current_c = self.current_c
+        rises = self._rise_detector.check(current_c, max(reported_target_c, set_target_c), now_s)
+        if current_c <= BROKEN_SENSOR_C:
             self.is_cooling = False
-            return self._make_finding(Fault.MINTEMP, f"reads {now_c:g} C: its sensor is broken")
+            return self._make_finding(Fault.MINTEMP, f"reads {current_c:g} C: its sensor is broken")
         if set_target_c == 0.0:
             if rises:
                 self.is_cooling = False
                 start_c = self._rise_detector.coolest_c
-                return self._make_stuck_finding(f"is off, and gets hotter: from {start_c:g} to {now_c:g} C")
-            return self._check_off(now_c, now_s)
-        if abs(now_c - set_target_c) <= self._rule.band_c:
+                return self._make_stuck_finding(
+                    f"is off, and gets hotter: from {start_c:g} to {current_c:g} C"
+                )
+            return self._check_off(current_c, now_s)
+        if abs(current_c - set_target_c) <= self._rule.band_c:
             self._is_reached = True
-        return self._check_hold(now_c, now_s) if self._is_reached else self._check_approach(now_c, now_s)
+        return (
+            self._check_hold(current_c, now_s) if self._is_reached else self._check_approach(current_c, now_s)
+        )
 
-    def _check_approach(self, now_c: float, now_s: float) -> Finding | None:
-        distance_c = abs(now_c - self._set_target_c)
+    def _check_approach(self, current_c: float, now_s: float) -> Finding | None:
+        distance_c = abs(current_c - self._set_target_c)
         if distance_c < self._min_distance_c - PROGRESS_C:
             self._min_distance_c, self._progress_s = distance_c, now_s
         elif now_s - self._progress_s > max(self._rule.stall_s, self._min_duration_s):
-            if now_c > self._set_target_c:
+            if current_c > self._set_target_c:
                 return self._make_finding(
-                    Fault.HEATER_STUCK_ON, f"stays at {now_c:g} C, above {self._set_target_c:g}"
+                    Fault.HEATER_STUCK_ON, f"stays at {current_c:g} C, above {self._set_target_c:g}"
                 )
-            progress_text = f"reached only {now_c:g} of {self._set_target_c:g} C"
+            progress_text = f"reached only {current_c:g} of {self._set_target_c:g} C"
             return self._make_finding(Fault.HEATER_TIMEOUT, progress_text)
         return None
 
-    def _check_hold(self, now_c: float, now_s: float) -> Finding | None:
-        if abs(now_c - self._set_target_c) <= self._rule.hold_c:
+    def _check_hold(self, current_c: float, now_s: float) -> Finding | None:
+        if abs(current_c - self._set_target_c) <= self._rule.hold_c:
             self._off_target_since_s = math.inf
             return None
         self._off_target_since_s = min(self._off_target_since_s, now_s)
         if now_s - self._off_target_since_s <= max(self._rule.max_away_s, self._min_duration_s):
             return None
-        if now_c > self._set_target_c:
+        if current_c > self._set_target_c:
             return self._make_finding(
-                Fault.HEATER_STUCK_ON, f"went up to {now_c:g} C, above {self._set_target_c:g}"
+                Fault.HEATER_STUCK_ON, f"went up to {current_c:g} C, above {self._set_target_c:g}"
             )
-        return self._make_finding(Fault.THERMAL_RUNAWAY, f"fell from {self._set_target_c:g} to {now_c:g} C")
+        return self._make_finding(
+            Fault.THERMAL_RUNAWAY, f"fell from {self._set_target_c:g} to {current_c:g} C"
+        )
 
-    def _check_off(self, now_c: float, now_s: float) -> Finding | None:
+    def _check_off(self, current_c: float, now_s: float) -> Finding | None:
         rule = self._rule
         if self.is_cooling:
-            self._coolest_c = max(rule.cold_c, min(self._coolest_c, now_c))
-            if now_c > self._coolest_c + rule.hold_c:  # more than the other heater can cause
-                self.is_cooling, self._since_s, self._hottest_c = False, now_s, now_c
-        elif now_c < rule.cold_c or now_c <= self._hottest_c - rule.cooling_c:
-            self.is_cooling, self._coolest_c = True, now_c
+            self._coolest_c = max(rule.cold_c, min(self._coolest_c, current_c))
+            if current_c > self._coolest_c + rule.hold_c:  # more than the other heater can cause
+                self.is_cooling, self._since_s, self._hottest_c = False, now_s, current_c
+        elif current_c < rule.cold_c or current_c <= self._hottest_c - rule.cooling_c:
+            self.is_cooling, self._coolest_c = True, current_c
         else:
-            self._hottest_c = max(self._hottest_c, now_c)
+            self._hottest_c = max(self._hottest_c, current_c)
             if now_s - self._since_s > max(rule.cooling_s, self._min_duration_s):
-                return self._make_stuck_finding(f"is off, and does not cool from {now_c:g} C")
+                return self._make_stuck_finding(f"is off, and does not cool from {current_c:g} C")
         return None
 
     def _make_stuck_finding(self, detail: str) -> Finding:
@@ -252,7 +258,7 @@ class _RiseDetector:
         self._since_s = math.nan
         self.coolest_c = math.inf  # since a report showed the target 0
 
-    def check(self, now_c: float, target_c: float, now_s: float) -> bool:
+    def check(self, current_c: float, target_c: float, now_s: float) -> bool:
         """Return True if this report shows that the heater is stuck on."""
         self._last_targets_c.append(target_c)
         if median(self._last_targets_c) != 0.0:
@@ -260,6 +266,6 @@ class _RiseDetector:
             return False
         if math.isnan(self._since_s):
             self._since_s = now_s
-        self.coolest_c = min(self.coolest_c, now_c)
-        is_hotter = now_c > max(self._cold_c, self.coolest_c) + RISE_C
+        self.coolest_c = min(self.coolest_c, current_c)
+        is_hotter = current_c > max(self._cold_c, self.coolest_c) + RISE_C
         return is_hotter and now_s - self._since_s >= self._min_off_s

@@ -13,7 +13,7 @@ from contextlib import suppress
 log = logging.getLogger(__name__)
 
 TIMEOUT_S = 10.0  # wall seconds for a relay to answer
-POLL_S = 0.05  # wall seconds between two checks for the end of the command
+POLL_INTERVAL_S = 0.05  # wall seconds between two checks for the end of the command
 KILL_TIME_OUT_S = 1.0  # wall seconds for a killed process to end
 SWITCH_OFF_ADVICE = "switch it off by hand"
 NO_COMMAND_OUTCOME = f"it has no power_off_cmd: {SWITCH_OFF_ADVICE}"
@@ -99,5 +99,5 @@ def cut_mains(command: str, printer: str, timeout_s: float = TIMEOUT_S) -> str:
     """
     run = PowerOffRun(command, printer, timeout_s)
     while (outcome := run.poll_outcome()) is None:
-        time.sleep(POLL_S)
+        time.sleep(POLL_INTERVAL_S)
     return outcome

@@ -18,17 +18,17 @@ from drivers.session.commands import arm_dead_man, await_report, send
 from drivers.session.context import PrintEnded, Script, SessionContext, TimedScript
 
 OFF_TIME_OUT_S = 120.0  # longer than the heater watch waits for a heater to cool
-OFF_WITHOUT_MAINS_S = 60.0  # replaces OFF_TIME_OUT_S after the request to cut the mains
-MIN_OFF_S = 10.0  # minimum time for a heater to cool after a reset, even after such a request
+OFF_WITHOUT_MAINS_TIME_OUT_S = 60.0  # replaces OFF_TIME_OUT_S after the request to cut the mains
+MIN_COOLING_S = 10.0  # minimum time for a heater to cool after a reset, even after such a request
 BED_BAND_C = 0.5
 NOZZLE_BAND_C, NOZZLE_HOLD_S = 2.0, 3.0  # as for M109: the nozzle must stay this close for this time
 HEAT_LIMIT_S = {HeaterName.NOZZLE: 900.0, HeaterName.BED: 2400.0}
 EXTRUDE_MARGIN_C = 5.0  # above the temperature below which the firmware refuses to extrude
 # Maximum time between commands while heating: M105 does not reset the dead-man timer.
 COMMAND_INTERVAL_S = 300.0
-SUSPICION_S = 25.0  # time for a heater that may be stuck on to show that it cools
+SUSPICION_TIME_OUT_S = 25.0  # time for a heater that may be stuck on to show that it cools
 # Time for a board to restart and report temperatures, if the agent died after the finding.
-RESTART_S = 15.0
+RESTART_DURATION_S = 15.0
 MAX_UNEXPECTED_REPORTS = 3  # a single report may be garbled
 
 _SET_COMMANDS = {HeaterName.NOZZLE: b"M104 S%g", HeaterName.BED: b"M140 S%g"}
@@ -58,33 +58,35 @@ def heat(context: SessionContext, command: HeatCommand) -> Script:
         if not (yield from await_report(context, context.report_deadline_s)):
             text = f"the board answers, but reports no temperature of the {command.heater}"
             raise PrintEnded(Fault.NO_ANSWER, text)
-        now_c = context.watch.compute_median_c(command.heater)
-        missing_c = command.target_c - now_c
-        if command.heater is HeaterName.BED and missing_c <= BED_BAND_C:
+        current_c = context.watch.compute_median_c(command.heater)
+        difference_c = command.target_c - current_c
+        if command.heater is HeaterName.BED and difference_c <= BED_BAND_C:
             return
-        if command.heater is HeaterName.NOZZLE and abs(missing_c) <= NOZZLE_BAND_C:
+        if command.heater is HeaterName.NOZZLE and abs(difference_c) <= NOZZLE_BAND_C:
             reached_s = min(reached_s, context.now_s)
             if context.now_s - reached_s >= NOZZLE_HOLD_S:
                 return
             continue
         reached_s = math.inf
         if context.now_s > limit_s:
-            text = f"the {command.heater} reached only {now_c:g} of {command.target_c:g} C in time"
+            text = f"the {command.heater} reached only {current_c:g} of {command.target_c:g} C in time"
             raise PrintEnded(Fault.HEATER_TIMEOUT, text)
         if context.now_s - context.last_command_s > COMMAND_INTERVAL_S:
             yield from arm_dead_man(context, context.dead_man_s)
 
 
-def confirm_off(context: SessionContext) -> TimedScript:
+def confirm_heaters_off(context: SessionContext) -> TimedScript:
     """Poll until a report shows both targets 0 and every warm heater was seen to cool."""
     limit_s = context.compute_limit_s(OFF_TIME_OUT_S)
     context.targets_off_s = None
     context.watch.reset()
     context.link.poll_every_s = context.pace.heating_s
     context.link.poll(context.now_s)
-    min_s = context.compute_limit_s(MIN_OFF_S)
+    earliest_end_s = context.compute_limit_s(MIN_COOLING_S)
     while context.now_s < limit_s:
-        limit_s = min(limit_s, max(min_s, context.power_off_requested_s + OFF_WITHOUT_MAINS_S))
+        limit_s = min(
+            limit_s, max(earliest_end_s, context.power_off_requested_s + OFF_WITHOUT_MAINS_TIME_OUT_S)
+        )
         has_report = yield from await_report(context, limit_s)
         if not has_report or context.report is None or not context.report.targets_off:
             continue
@@ -144,7 +146,9 @@ def compute_power_off_due_s(context: SessionContext) -> float:
     min_wait_s = 2 * context.pace.min_time_out_s
     # The suspicion may be from the previous session.
     suspected_s, started_s = context.suspicion.since_s, context.started_s
-    return max(suspected_s + max(SUSPICION_S, min_wait_s), started_s + max(RESTART_S, min_wait_s))
+    return max(
+        suspected_s + max(SUSPICION_TIME_OUT_S, min_wait_s), started_s + max(RESTART_DURATION_S, min_wait_s)
+    )
 
 
 def _list_set_targets_c(context: SessionContext) -> dict[HeaterName, float]:

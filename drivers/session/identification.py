@@ -45,12 +45,12 @@ def identify_printer(context: SessionContext) -> Script:
     raise PrintEnded(Fault.WRONG_PRINTER, problem)
 
 
-def check_height(context: SessionContext, home: bytes) -> Script:
-    """Verify the Z of the home position of this model; `home` is the first G28 of the file.
+def check_height(context: SessionContext, home_command: bytes) -> Script:
+    """Verify the Z of the home position of this model; `home_command` is the first G28 of the file.
 
     An Extended is 100 mm taller, even if its firmware reports otherwise.
     """
-    if home != b"G28" and b"Z" not in home:
+    if home_command != b"G28" and b"Z" not in home_command:
         return
     context.position = None
     yield from send(context, context.firmware.position_query)

@@ -55,7 +55,7 @@ def park(context: SessionContext, retracted_mm: float, can_extrude: bool) -> Scr
         context.filament = Filament.UNKNOWN
 
 
-def measure_retracted_mm(program: Program, done_lines: int, stopped_at: Point | None = None) -> float:
+def try_measure_retraction_mm(program: Program, done_lines: int, stopped_at: Point | None = None) -> float:
     """Compute the retraction of the filament in mm; NaN if the file can no longer be read.
 
     The parameters are those of `measure_retraction_mm`.
@@ -113,12 +113,12 @@ def pause(context: SessionContext, program: Program, done_lines: int) -> Script:
     has_stopped = yield from send(context, firmware.wait_moves, firmware.position_query, limit_s=math.inf)
     if not has_stopped or context.position is None:
         raise PrintEnded(Fault.NO_ANSWER, "the board does not report the position of the head")
-    moves = MotionState(program, done_lines)
+    motion = MotionState(program, done_lines)
     position = [
         reported_mm if math.isnan(tracked_mm) else tracked_mm
-        for tracked_mm, reported_mm in zip(moves.position, context.position, strict=True)
+        for tracked_mm, reported_mm in zip(motion.position, context.position, strict=True)
     ]
-    yield from park(context, moves.retracted_mm, can_extrude=True)
+    yield from park(context, motion.retracted_mm, can_extrude=True)
     lift = b"G1 F1200 Z%.3f" % (position[2] + compute_lift_mm(context, position[2], done_lines))
     yield from send(context, b"G90", lift, b"G1 F9000 X%g Y%g" % context.profile.pause_xy_mm, b"M104 S0")
     context.nozzle_paused = True
@@ -132,24 +132,24 @@ def pause(context: SessionContext, program: Program, done_lines: int) -> Script:
     context.filament = Filament.UNKNOWN
     yield from send(
         context,
-        *_list_return_commands(moves, position, context.profile.park_retraction_mm),
+        *_list_return_commands(motion, position, context.profile.park_retraction_mm),
         firmware.wait_moves,
     )
     context.filament = Filament.AT_NOZZLE
     context.phase = PrintPhase.PRINTING
 
 
-def _list_return_commands(moves: MotionState, position: Point, park_retraction_mm: float) -> list[bytes]:
+def _list_return_commands(motion: MotionState, position: Point, park_retraction_mm: float) -> list[bytes]:
     """List the commands that push the filament, return to the part and restore the file's settings."""
     x, y, z, e = position
-    push_mm = park_retraction_mm - moves.retracted_mm
+    push_mm = park_retraction_mm - motion.retracted_mm
     last_mm = min(LAST_EXTRUSION_MM, push_mm)
     commands = [b"G91", b"G1 F300 E%.3f" % (push_mm - last_mm), b"G90"]
     commands += [b"G1 F9000 X%.3f Y%.3f" % (x, y), b"G1 F1200 Z%.3f" % z]
     commands += [b"G91", b"G1 F1500 E%.3f" % last_mm, b"G90", b"G92 E%.5f" % e]
-    if not math.isnan(moves.feed_mm_min):
-        commands.append(b"G1 F%g" % moves.feed_mm_min)
-    if moves.relative:
+    if not math.isnan(motion.feedrate_mm_min):
+        commands.append(b"G1 F%g" % motion.feedrate_mm_min)
+    if motion.relative:
         commands.append(b"G91")
     return commands
 

@@ -9,8 +9,8 @@ from drivers.link import Phase as LinkPhase
 from drivers.messages import Filament
 from drivers.session.commands import TRIES, arm_dead_man, connect, send
 from drivers.session.context import PrintEnded, Script, SessionContext, TimedScript
-from drivers.session.heat import allows_extrusion, confirm_off
-from drivers.session.park import LIFT_MM, compute_lift_mm, measure_retracted_mm, park
+from drivers.session.heat import allows_extrusion, confirm_heaters_off
+from drivers.session.park import LIFT_MM, compute_lift_mm, park, try_measure_retraction_mm
 
 STOP_TIME_OUT_S = 30.0  # the stop waits for the current move
 BARRIER_COUNT = 3  # number of M400: a garbled answer may fake the ok of one, but not of three
@@ -30,14 +30,14 @@ def abort_print(context: SessionContext) -> Script:
     responds = context.connection is not None and context.link.phase is LinkPhase.LIVE
     if responds and context.fault not in _RESET_FAULTS:
         try:
-            if (yield from _abort(context, is_homed)):
+            if (yield from _abort_by_command(context, is_homed)):
                 return
         except PrintEnded:
             pass  # the board stopped responding during the sequence
     yield from _switch_off_by_reset(context, is_homed)
 
 
-def _abort(context: SessionContext, is_homed: bool) -> TimedScript:
+def _abort_by_command(context: SessionContext, is_homed: bool) -> TimedScript:
     """Abort by the safe sequence, and park the filament. Return False if it did not finish.
 
     Source: docs/explanation/ultimaker2-serial.md, section 5.
@@ -53,14 +53,14 @@ def _abort(context: SessionContext, is_homed: bool) -> TimedScript:
         if context.filament is Filament.AT_NOZZLE and context.program is not None:
             can_extrude = context.report is not None and allows_extrusion(context, context.report.nozzle_c)
             yield from park(
-                context, measure_retracted_mm(context.program, done_lines, context.position), can_extrude
+                context, try_measure_retraction_mm(context.program, done_lines, context.position), can_extrude
             )
         z_mm = math.nan if context.position is None else context.position[2]
         lift_mm = LIFT_MM if math.isnan(z_mm) else compute_lift_mm(context, z_mm, done_lines)
         park_commands = (b"G91", b"G1 F1200 Z%.3f" % lift_mm, b"G90", b"G28 X0 Y0", firmware.motors_off)
         if not (yield from send(context, *park_commands, *(firmware.wait_moves,) * BARRIER_COUNT)):
             return False
-    if not (yield from confirm_off(context)):
+    if not (yield from confirm_heaters_off(context)):
         return False
     yield from arm_dead_man(context, 0.0)
     return True
@@ -95,7 +95,7 @@ def _reset_and_confirm_off(context: SessionContext, is_homed: bool) -> TimedScri
     has_restarted = context.connection is None or context.connection.restarted
     if not has_restarted:
         yield from send(context, firmware.motors_off)  # the move queue is empty: the head stands still
-    if not (yield from confirm_off(context)):
+    if not (yield from confirm_heaters_off(context)):
         return False
     if not has_restarted:
         yield from arm_dead_man(context, 0.0)

@@ -9,9 +9,9 @@ from drivers.gcode import HeatCommand, HeaterName, Program
 from drivers.messages import Filament, PrintPhase
 from drivers.session.commands import HEAT_DEAD_MAN_S, PRINT_DEAD_MAN_S, arm_dead_man, send
 from drivers.session.context import PrintEnded, Script, SessionContext, Wait
-from drivers.session.heat import allows_extrusion, confirm_off, heat, verify_targets
+from drivers.session.heat import allows_extrusion, confirm_heaters_off, heat, verify_targets
 from drivers.session.identification import check_height
-from drivers.session.park import can_pause, measure_retracted_mm, park, pause, unpark
+from drivers.session.park import can_pause, park, pause, try_measure_retraction_mm, unpark
 from drivers.session.print_abort import BARRIER_COUNT
 
 
@@ -108,8 +108,8 @@ def _finish(context: SessionContext, program: Program) -> Script:
     yield from send(context, *off_commands, limit_s=math.inf)
     if context.filament is Filament.AT_NOZZLE:
         # The end code has placed the filament, and the nozzle is cooling already.
-        yield from park(context, measure_retracted_mm(program, program.count), can_extrude=False)
-    if not (yield from confirm_off(context)):
+        yield from park(context, try_measure_retraction_mm(program, program.count), can_extrude=False)
+    if not (yield from confirm_heaters_off(context)):
         if context.report is not None and context.report.targets_off:
             raise PrintEnded(
                 Fault.HEATER_STUCK_ON, "a heater was not confirmed to cool at the end of the print"

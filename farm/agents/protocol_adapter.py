@@ -144,7 +144,7 @@ def to_trusted_snapshot(
     """
     snapshot = to_farm_snapshot(report, clock)
     is_outdated = report.protocol < m.StartPrint.min_protocol and report.print is None
-    is_stale = report.protocol < m.Snapshot.filament_watched and report.bed_unknown_reason is not None
+    is_stale = report.protocol < m.Snapshot.filament_protocol and report.bed_unknown_reason is not None
     return AgentSnapshot(
         **{
             **dict(snapshot),

@@ -19,10 +19,10 @@ Work = Iterator[float]
 WINDOW_C = 1.0  # TEMP_WINDOW
 HYSTERESIS_C = 3.0  # TEMP_HYSTERESIS
 RESIDENCY_S = 3.0  # TEMP_RESIDENCY_TIME
-REPORT_S = 1.0  # seconds between two reports of M109 and M190
-HOME_MM_S = (100.0, 100.0, 40.0)
-BUMP_S = (0.75, 0.7)  # seconds of the second, slow approach to the endstops: X and Y together, and Z
-RETRACT_MM, RETRACT_MM_S = 6.5, 25.0
+REPORT_INTERVAL_S = 1.0  # seconds between two reports of M109 and M190
+HOMING_SPEED_MM_S = (100.0, 100.0, 40.0)
+BUMP_DURATION_S = (0.75, 0.7)  # seconds of the second, slow approach to the endstops: X and Y together, and Z
+RETRACT_MM, RETRACT_SPEED_MM_S = 6.5, 25.0
 ARC_SEGMENT_MM = 1.0
 MAX_ARC_CHORDS = 4096  # more than the longest arc over this bed needs
 
@@ -98,12 +98,14 @@ def home(machine: Machine, line: bytes, now_s: float) -> Work:
     home_mm = machine.board.profile.home_mm
     x, y, z, e = machine.planner.target
     position = [x, y, z]
-    travel_s = [abs(h - p) / v for h, p, v in zip(home_mm, position, HOME_MM_S, strict=True)]
+    travel_s = [abs(h - p) / v for h, p, v in zip(home_mm, position, HOMING_SPEED_MM_S, strict=True)]
     duration_s = 0.0
     if axes[0] or axes[1]:
-        duration_s += max(t for t, axis in zip(travel_s[:2], axes[:2], strict=True) if axis) + BUMP_S[0]
+        duration_s += (
+            max(t for t, axis in zip(travel_s[:2], axes[:2], strict=True) if axis) + BUMP_DURATION_S[0]
+        )
     if axes[2]:
-        duration_s += travel_s[2] + BUMP_S[1]
+        duration_s += travel_s[2] + BUMP_DURATION_S[1]
     yield begin_s + duration_s
     faults = machine.board.faults
     if faults.no_endstop and axes[faults.no_endstop - 1]:
@@ -147,13 +149,13 @@ def move_arc(machine: Machine, line: bytes, now_s: float) -> None:
     start_angle_rad = math.atan2(-j, -i)
     modes, machine.relative, machine.relative_e = (machine.relative, machine.relative_e), False, False
     for k in range(1, chord_count):
-        share = k / chord_count
+        fraction = k / chord_count
         machine.queue_linear_move(
             None,
-            centre_x + radius_mm * math.cos(start_angle_rad + angle_rad * share),
-            centre_y + radius_mm * math.sin(start_angle_rad + angle_rad * share),
-            start[2] + (target[2] - start[2]) * share,
-            start[3] + (target[3] - start[3]) * share,
+            centre_x + radius_mm * math.cos(start_angle_rad + angle_rad * fraction),
+            centre_y + radius_mm * math.sin(start_angle_rad + angle_rad * fraction),
+            start[2] + (target[2] - start[2]) * fraction,
+            start[3] + (target[3] - start[3]) * fraction,
             now_s,
         )
     machine.queue_linear_move(None, target[0], target[1], target[2], target[3], now_s)
@@ -169,7 +171,7 @@ def retract(machine: Machine, line: bytes, now_s: float) -> None:
     x, y, z, _ = machine.position
     distance_mm = -RETRACT_MM if is_retraction else RETRACT_MM
     machine.shift[3] += distance_mm  # the host's coordinates stay the same
-    machine.queue(x, y, z, distance_mm, RETRACT_MM_S, now_s)
+    machine.queue(x, y, z, distance_mm, RETRACT_SPEED_MM_S, now_s)
 
 
 def set_axis_mode(machine: Machine, line: bytes, now_s: float) -> None:
@@ -244,7 +246,7 @@ def wait_for_nozzle(machine: Machine, line: bytes, now_s: float) -> Work:
     nozzle = machine.board.nozzle
     set_nozzle_target(machine, line, now_s)
     is_heating = nozzle.compute_temperature_c(now_s) < nozzle.target_c
-    report_s, arrival_s = now_s + REPORT_S, math.inf
+    report_s, arrival_s = now_s + REPORT_INTERVAL_S, math.inf
     while True:
         reading_c, target_c = nozzle.compute_temperature_c(now_s), nozzle.target_c
         if arrival_s == math.inf:
@@ -258,7 +260,7 @@ def wait_for_nozzle(machine: Machine, line: bytes, now_s: float) -> Work:
         if now_s >= report_s:
             seconds_left = b"?" if arrival_s == math.inf else b"%d" % int(arrival_s + RESIDENCY_S - now_s)
             machine.send(b"T:%.1f E:0 W:%b\n" % (reading_c, seconds_left))
-            report_s = now_s + REPORT_S
+            report_s = now_s + REPORT_INTERVAL_S
         if arrival_s < math.inf:
             next_s = arrival_s + RESIDENCY_S
         elif is_heating:
@@ -273,12 +275,12 @@ def wait_for_bed(machine: Machine, line: bytes, now_s: float) -> Work:
     """Execute ``M190``: heat to the target, or end at once if the bed is hotter; report every second."""
     bed = machine.board.bed
     set_bed_target(machine, line, now_s)
-    report_s = now_s + REPORT_S
+    report_s = now_s + REPORT_INTERVAL_S
     while machine.board.read_bed_c(now_s) < bed.target_c - WINDOW_C:
         if now_s >= report_s:
             nozzle_c = machine.board.nozzle.compute_temperature_c(now_s)
             machine.send(b"T:%.2f E:0 B:%.1f\n" % (nozzle_c, machine.board.read_bed_c(now_s)))
-            report_s = now_s + REPORT_S
+            report_s = now_s + REPORT_INTERVAL_S
         arrive_s = now_s + bed.compute_heating_s(bed.target_c - WINDOW_C, now_s)
         now_s = min(report_s, max(arrive_s, now_s + 0.001))
         yield now_s

@@ -64,13 +64,13 @@ class EmulatedFirmware(Listener):
 
     def reset(self, now_s: float, boot_s: float = BOOTLOADER_S) -> None:
         """Reset the board: motors and heaters go off, the state is lost, ``start`` is sent after `boot_s`."""
-        old = self.machine
-        old.power_down(now_s)
+        old_machine = self.machine
+        old_machine.power_down(now_s)
         moves, moving_s, starved_s = self._totals_before_reset
         self._totals_before_reset = (
-            moves + old.planner.moves,
-            moving_s + old.planner.busy_s,
-            starved_s + old.starved_s,
+            moves + old_machine.planner.moves,
+            moving_s + old_machine.planner.busy_s,
+            starved_s + old_machine.starved_s,
         )
         self.resets += 1
         self.board.change_count += 1

@@ -148,14 +148,14 @@ class Machine:
             rate_mm_s *= self.feed_factor
         self.queue(x, y, z, e - e0, rate_mm_s, now_s)
 
-    def queue(self, x: float, y: float, z: float, de: float, rate_mm_s: float, now_s: float) -> None:
+    def queue(self, x: float, y: float, z: float, e_mm: float, rate_mm_s: float, now_s: float) -> None:
         """Queue a move to `position`, which the caller has updated already.
 
         Parameters
         ----------
         x, y, z
             The same position in mm, in the host's coordinates.
-        de
+        e_mm
             Extrusion in mm.
         rate_mm_s
             Feed rate.
@@ -163,17 +163,17 @@ class Machine:
             Time at which the line is executed.
         """
         planner, shift = self.planner, self.shift
-        if de:
-            extruded_mm = self._limit_extrusion(de, now_s)
-            if extruded_mm != de:
-                shift[3] += extruded_mm - de  # counted for the host, but not extruded
+        if e_mm:
+            extruded_mm = self._limit_extrusion(e_mm, now_s)
+            if extruded_mm != e_mm:
+                shift[3] += extruded_mm - e_mm  # counted for the host, but not extruded
         target = (x + shift[0], y + shift[1], z + shift[2], self.position[3] + shift[3])
         if self.waiting_moves or len(planner) >= CAPACITY:
             self.waiting_moves.append((target, rate_mm_s))
             return
         if not len(planner):
             self._note_starvation(now_s)
-        if de > 0.0:
+        if e_mm > 0.0:
             self.is_streaming = True
         planner.add(target, rate_mm_s, now_s)
 
@@ -187,16 +187,16 @@ class Machine:
             since_s = max(self.planner.idle_since_s, self.last_command_s)
             self.starved_s += max(0.0, now_s - since_s - WIRE_S)
 
-    def _limit_extrusion(self, de: float, now_s: float) -> float:
+    def _limit_extrusion(self, e_mm: float, now_s: float) -> float:
         """Return the extrusion that the firmware allows: 0 if the nozzle is too cold or the move too long."""
         nozzle = self.board.nozzle
         if nozzle.compute_temperature_c(now_s) < self.extrude_min_c:
             self.send(wording.COLD_EXTRUSION)
             return 0.0
-        if abs(de) > MAX_EXTRUSION_MM:
+        if abs(e_mm) > MAX_EXTRUSION_MM:
             self.send(wording.LONG_EXTRUSION)
             return 0.0
-        return de * self.flow_factor
+        return e_mm * self.flow_factor
 
     def quick_stop(self, now_s: float) -> None:
         """Stop at once, drop all queued moves, and update the position (``M401``)."""

@@ -233,8 +233,8 @@ class Planner:
         if elapsed_s > up_s + top_s:
             down_s = elapsed_s - up_s - top_s
             distance_mm += top_mm_s * down_s - 0.5 * block.acceleration_mm_s2 * down_s**2
-        share = min(1.0, max(0.0, distance_mm / block.length_mm))
-        x, y, z, e = (a + (b - a) * share for a, b in zip(self._head, block.target, strict=True))
+        fraction = min(1.0, max(0.0, distance_mm / block.length_mm))
+        x, y, z, e = (a + (b - a) * fraction for a, b in zip(self._head, block.target, strict=True))
         return (x, y, z, e)
 
     def stop(self, now_s: float) -> Point:

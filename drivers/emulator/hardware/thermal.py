@@ -31,8 +31,8 @@ class Heater:
     """
 
     __slots__ = (
-        "_decide_s",
         "_is_on",
+        "_next_decision_s",
         "_period_s",
         "_temperature_c",
         "_time_s",
@@ -50,7 +50,7 @@ class Heater:
         self._period_s = period_s
         self._temperature_c = AMBIENT_C
         self._time_s = 0.0
-        self._decide_s = 0.0
+        self._next_decision_s = 0.0
         self._is_on = False
 
     def set_target(self, target_c: float, now_s: float) -> None:
@@ -63,7 +63,7 @@ class Heater:
         if now_s > self._time_s:
             if self.burns:
                 self._update_temperature(now_s - self._time_s, is_powered=True)
-                self._decide_s = now_s
+                self._next_decision_s = now_s
             elif self._period_s > 0.0:
                 self._switch(now_s)
             else:
@@ -116,12 +116,12 @@ class Heater:
         if self.target_c <= AMBIENT_C:
             self._is_on = False
             self._update_temperature(now_s - self._time_s, is_powered=False)
-            self._decide_s = now_s
+            self._next_decision_s = now_s
             return
         while self._time_s < now_s:
-            if self._time_s >= self._decide_s:
+            if self._time_s >= self._next_decision_s:
                 self._is_on = self._temperature_c < self.target_c
-                self._decide_s = self._time_s + self._period_s
-            until_s = min(now_s, self._decide_s)
-            self._update_temperature(until_s - self._time_s, self._is_on)
-            self._time_s = until_s
+                self._next_decision_s = self._time_s + self._period_s
+            step_end_s = min(now_s, self._next_decision_s)
+            self._update_temperature(step_end_s - self._time_s, self._is_on)
+            self._time_s = step_end_s

@@ -263,7 +263,7 @@ def test_state_at_any_accepted_line_is_finite_and_never_crashes_an_agent(
     program = parse_program("\n".join(accepted_lines))
     line_count = data.draw(st.integers(0, program.count))
     moves = MotionState(program, line_count)
-    values = [mm for mm in (*moves.position, moves.retracted_mm, moves.feed_mm_min) if not math.isnan(mm)]
+    values = [mm for mm in (*moves.position, moves.retracted_mm, moves.feedrate_mm_min) if not math.isnan(mm)]
     assert all(abs(mm) < 1e9 for mm in values)
     assert 0.0 <= measure_retraction_mm(program, line_count, (10.0, 10.0, 1.0, 1.0)) < 1e9
     mark = program.compute_progress(line_count)
