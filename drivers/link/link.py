@@ -40,6 +40,7 @@ class Link:
         keeps_alive = firmware.keep_alive is not None
         shortest_s, divisor = (KEEP_ALIVE_S, 4) if keeps_alive else (SILENCE_S, 8)
         self._silence_s = max(shortest_s, min_time_out_s / divisor)
+        self._query_delay_s = max(QUERY_DELAY_S, min_time_out_s / 40)
         self.poll_every_s = math.inf
         self.ignore_faults = False  # True to ignore reported faults: a stopped board still answers M105
         self._reset()
@@ -302,10 +303,6 @@ class Link:
                 self._give_up(Fault.REBOOT, "the board has lost its line count: it was reset", events)
 
     # --- time ---
-
-    @property
-    def _query_delay_s(self) -> float:
-        return max(QUERY_DELAY_S, self._min_time_out_s / 40)
 
     def tick(self, now_s: float) -> Events:
         """Perform the actions that are due at `now_s`."""
