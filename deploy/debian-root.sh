@@ -1,10 +1,10 @@
-# Functions for scripts that test an installation in a root folder with a new Debian 12. Source this file; SAYS is the
+# Functions for scripts that test an installation in a root folder with a new Debian 12. Source this file; SCRIPT_NAME is the
 # script's name in messages. The new root uses this host's certificates and proxies, apt's sources, keys and options, and
 # pip's settings with the folders that they name.
 
 readonly SUITE=bookworm
 
-say() { echo "$SAYS: $*" >&2; }
+say() { echo "$SCRIPT_NAME: $*" >&2; }
 
 fail() { say "$*"; exit 2; }
 
@@ -46,7 +46,7 @@ mount_devices() {
 }
 
 # Lists folders and files of this host that pip's settings name; an index at file:// has its files beside its folder `simple`.
-pip_paths() {
+list_pip_paths() {
     { python3 -m pip config list 2>/dev/null || true; env | grep '^PIP_' || true; } |
         grep -oE "(file://|[\"'= ])/[^\"' ]*" | sed -E 's,^[^/]*(//)?,,; s,/simple/?$,,' | sort -u
 }
@@ -66,7 +66,7 @@ enter() {
         mkdir -p "$(dirname "$root$path")"
         if [[ -d $path ]]; then mkdir "$root$path"; else touch "$root$path"; fi
         mount --bind -o ro "$path" "$root$path"
-    done < <(pip_paths)
+    done < <(list_pip_paths)
     mkdir -p "$root/.host"
     cd "$root"
     pivot_root . .host

@@ -14,7 +14,7 @@ readonly USER_ID=1000
 readonly HOME_INSIDE=/home/someone
 readonly PACKAGES=ca-certificates,git,make,python3,sudo
 
-readonly SAYS=fresh
+readonly SCRIPT_NAME=fresh
 . deploy/debian-root.sh
 
 # --- inside: process 1 in separate namespaces, so that all processes and mounts end with it --------------------------
@@ -35,10 +35,10 @@ if [[ ${1:-} == --inside ]]; then
     failed=0
     for target in "$@"; do
         echo "fresh: make $target"
-        begun=$SECONDS
+        start_s=$SECONDS
         code=0
         run_inside make --no-print-directory "$target" || code=$?
-        echo "fresh: make $target ended with $code after $((SECONDS - begun)) s"
+        echo "fresh: make $target ended with $code after $((SECONDS - start_s)) s"
         ((code == 0)) || failed=1
     done
     exit "$failed"
@@ -46,11 +46,11 @@ fi
 
 # --- outside ----------------------------------------------------------------------------------------------------------
 
-no_shm='' kept=''
+no_shm='' kept_root=''
 while [[ ${1:-} == --* ]]; do
     case $1 in
         --no-shm) no_shm=1 ;;
-        --keep) kept=${2:?--keep needs a folder} && shift ;;
+        --keep) kept_root=${2:?--keep needs a folder} && shift ;;
         *) fail "There is no option $1." ;;
     esac
     shift
@@ -64,7 +64,7 @@ need_mmdebstrap
 commit=$(git rev-parse --short HEAD) # another commit may be checked out meanwhile
 
 make_scratch fresh
-root=${kept:+$(realpath -m "$kept")}
+root=${kept_root:+$(realpath -m "$kept_root")}
 root=${root:-$scratch/root}
 home=$root$HOME_INSIDE
 log=$scratch/log

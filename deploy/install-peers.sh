@@ -27,7 +27,7 @@ END
 }
 
 # Lists the packages that this host lacks for the given programs, with all their dependencies except fonts.
-needed() { apt-get -s install --no-install-recommends "$@" 2>/dev/null | awk '/^Inst / && $2 !~ /^fonts-/ { print $2 }'; }
+list_missing_packages() { apt-get -s install --no-install-recommends "$@" 2>/dev/null | awk '/^Inst / && $2 !~ /^fonts-/ { print $2 }'; }
 
 # Writes a start script with which an unpacked program finds its libraries and files.
 write_starter() {
@@ -46,7 +46,7 @@ write_starter() {
 
 unpack_programs() {
     local name package closure here=$ENVIRONMENT/debian
-    closure=$(needed "$@") && [[ -n $closure ]] || return 1
+    closure=$(list_missing_packages "$@") && [[ -n $closure ]] || return 1
     mkdir -p "$here" "$ENVIRONMENT/bin"
     (cd "$here" && xargs apt-get -o APT::Sandbox::User="$(id -un)" download -qq) <<< "$closure" >/dev/null 2>&1 ||
         return 1
@@ -66,7 +66,7 @@ fi
 
 # Unpacks those of the given programs that this host lacks: all or none, as a package may not be available.
 unpack_missing() {
-    local name packages=() lacking=()
+    local name packages=() unavailable=()
     missing=()
     for name in "$@"; do
         PATH=$ENVIRONMENT/bin:$PATH:${SBIN:-/usr/local/sbin:/usr/sbin} command -v "$name" >/dev/null && continue
@@ -76,8 +76,8 @@ unpack_missing() {
     ((${#missing[@]})) || return 0
     say "Unpacking Debian's ${missing[*]} into $ENVIRONMENT, for the tests ..."
     { command -v apt-get >/dev/null && unpack_programs "${packages[@]}"; } || true
-    for name in "${missing[@]}"; do [[ -x $ENVIRONMENT/bin/$name ]] || lacking+=("$name"); done
-    ((${#lacking[@]} == 0)) || say "Not available from apt: ${lacking[*]}. The tests that need them are skipped."
+    for name in "${missing[@]}"; do [[ -x $ENVIRONMENT/bin/$name ]] || unavailable+=("$name"); done
+    ((${#unavailable[@]} == 0)) || say "Not available from apt: ${unavailable[*]}. The tests that need them are skipped."
 }
 
 unpack_missing ssh ssh-keygen sshd ser2net tcc promtool

@@ -29,10 +29,10 @@ install() {
 # Python versions differ in syntax, types, asyncio and the interfaces of libraries. Machine code, CuraEngine, exact geometry,
 # other programs, packages and documents do not depend on the version, so their tests run only with the older Python, except
 # for one whole decomposition with compiled machine code.
-SERVERS=(tests/farm/web tests/farm/http tests/farm/control)
-OTHERS=(tests/farm tests/drivers tests/slicing/{checks,own_gcode,settings} tests/decompose/{export,geometry}
+SERVER_TESTS=(tests/farm/web tests/farm/http tests/farm/control)
+OTHER_TESTS=(tests/farm tests/drivers tests/slicing/{checks,own_gcode,settings} tests/decompose/{export,geometry}
     tests/decompose/test_{decompose_example,jit,options}.py)
-COMPUTING=(tests/farm/planning/{local,parts,test_job_planner.py,replanning/test_replan.py})
+COMPUTING_TESTS=(tests/farm/planning/{local,parts,test_job_planner.py,replanning/test_replan.py})
 
 for version in 3.13 3.12; do
     python=$(find_python "$version") || continue
@@ -41,9 +41,9 @@ for version in 3.13 3.12; do
     say "$("$venv/bin/python" -VV)"
     # Short tracebacks: long ones read the arguments of frames, which crashes CPython 3.13.0.
     test() { "$venv/bin/python" -m pytest -m "not system" -p no:cacheprovider --tb=short "$@"; }
-    test "${SERVERS[@]}" > "$venv/servers.log" 2>&1 & servers=$!
+    test "${SERVER_TESTS[@]}" > "$venv/servers.log" 2>&1 & servers=$!
     failed=0
-    test "${OTHERS[@]}" $(printf -- ' --ignore=%s' "${SERVERS[@]}" "${COMPUTING[@]}") || failed=1
+    test "${OTHER_TESTS[@]}" $(printf -- ' --ignore=%s' "${SERVER_TESTS[@]}" "${COMPUTING_TESTS[@]}") || failed=1
     wait "$servers" || failed=1
     cat "$venv/servers.log"
     exit "$failed"

@@ -110,12 +110,12 @@ def describe_value(schema: dict[str, Any]) -> str:
         return f"list of {describe_value(schema['items'])}"
     if kind == "object" and "additionalProperties" in schema:
         return f"object of {describe_value(schema['additionalProperties'])}"
-    plain = {"boolean": "true or false", "integer": "whole number", "string": "text"}.get(kind, kind)
-    low = schema.get("minimum")
-    limits = [f"from {low:g}"] if low is not None else []
+    type_name = {"boolean": "true or false", "integer": "whole number", "string": "text"}.get(kind, kind)
+    minimum = schema.get("minimum")
+    limits = [f"from {minimum:g}"] if minimum is not None else []
     limits += [f"above {schema['exclusiveMinimum']:g}"] if "exclusiveMinimum" in schema else []
     limits += [f"to {schema['maximum']:g}"] if "maximum" in schema else []
-    return " ".join([plain, *limits])
+    return " ".join([type_name, *limits])
 
 
 def write_commands_page(_: dict[str, Any]) -> str:
@@ -304,7 +304,7 @@ def write_exit_codes_page(words: dict[str, Any]) -> str:
         errors = ", ".join(f"`{error}`" for error in ErrorCode if EXIT_CODES[error] is code)
         rows.append((str(int(code)), meaning, errors))
     intro = (
-        "Every mistake gets one line on stderr: `farm: what, where, what to do`. "
+        "Every error is reported as one line on stderr: `farm: what, where, what to do`. "
         "The error of a failed job is in `error` of `--json`."
     )
     return f"# Exit codes\n\n{intro}\n\n" + make_table(("code", "meaning", "errors that end with it"), rows)

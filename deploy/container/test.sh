@@ -7,26 +7,26 @@
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 
-readonly SAYS=test-container
+readonly SCRIPT_NAME=test-container
 . deploy/debian-root.sh
 
 readonly BASE=docker.io/library/debian:12-slim # as in the container file
 
 # --- inside: process 1 in separate namespaces, so that all processes and mounts end with it --------------------------
 
-# Runs a command as the image does. usage: as_image COMMAND ...
-as_image() {
+# Runs a command as the image does. usage: run_as_image COMMAND ...
+run_as_image() {
     local settings
     mapfile -t settings < /tmp/environment
     env -i "${settings[@]}" setpriv --reuid="$(cat /tmp/user)" --regid="$(cat /tmp/user)" --init-groups \
         env --chdir="$(cat /tmp/folder)" "$@"
 }
 
-answers() { as_image farm status > /dev/null 2>&1; }
+daemon_answers() { run_as_image farm status > /dev/null 2>&1; }
 
 wait_for_daemon() {
     local deadline=$((SECONDS + 300))
-    until answers; do
+    until daemon_answers; do
         ((SECONDS < deadline)) || return 1
         sleep 1
     done
@@ -35,14 +35,14 @@ wait_for_daemon() {
 run_image() {
     local command daemon
     mapfile -t command < /tmp/command
-    as_image "${command[@]}" &
+    run_as_image "${command[@]}" &
     check "the command of the image is a daemon that answers" wait_for_daemon
     check "its printers are simulated" bash -c '! grep -q "port: /" /etc/farm/fleet.yaml'
-    as_image /opt/farm/.venv/bin/python -c 'import trimesh; trimesh.creation.box((20, 20, 4)).export("/tmp/box.stl")'
-    check "a model is printed" as_image farm submit /tmp/box.stl --wait
-    as_image farm status
-    check "it was printed on a printer of the image" grep -q '"state": "done"' <(as_image farm history --json)
-    daemon=$(as_image farm status --json | python3 -c 'import json, sys; print(json.load(sys.stdin)["daemon"]["pid"])')
+    run_as_image /opt/farm/.venv/bin/python -c 'import trimesh; trimesh.creation.box((20, 20, 4)).export("/tmp/box.stl")'
+    check "a model is printed" run_as_image farm submit /tmp/box.stl --wait
+    run_as_image farm status
+    check "it was printed on a printer of the image" grep -q '"state": "done"' <(run_as_image farm history --json)
+    daemon=$(run_as_image farm status --json | python3 -c 'import json, sys; print(json.load(sys.stdin)["daemon"]["pid"])')
     kill -TERM "$daemon"
     check "the daemon ends at SIGTERM" wait %1
 }

@@ -21,12 +21,12 @@ for program in dpkg-deb ldd; do
 done
 [[ -x $PYTHON ]] || fail "The package is for Debian 12's Python, and there is no $PYTHON."
 
-default_version() {
+find_default_version() {
     local base
     base=$(sed -n 's/^version = "\(.*\)"$/\1/p' pyproject.toml)
     echo "$base+$(git rev-list --count HEAD).$(git rev-parse --short HEAD)"
 }
-version=${1:-$(default_version)}
+version=${1:-$(find_default_version)}
 architecture=$(dpkg --print-architecture)
 
 scratch=$(mktemp -d)

@@ -67,7 +67,7 @@ check_calls() {
     say "ok: $what"
 }
 
-installed() { [[ $(dpkg-query -W -f '${db:Status-Status}' farm) == installed ]]; }
+is_installed() { [[ $(dpkg-query -W -f '${db:Status-Status}' farm) == installed ]]; }
 
 check_upgrades() {
     check_calls "an installation starts nothing" dpkg -i /tmp/1.deb <<'END'
@@ -75,7 +75,7 @@ systemctl daemon-reload
 systemctl try-restart farm-estop.service
 udevadm control --reload
 END
-    check "it is installed" installed
+    check "it is installed" is_installed
     check "the settings may hold passwords" test "$(stat -c '%a %U %G' /etc/farm/fleet.yaml)" = "640 root farm"
     check "the data are the farm's" test "$(stat -c '%a %U %G' /var/lib/farm)" = "700 farm farm"
     check "machine code of other versions is gone" test -z "$(find /opt/farm -name stale)"
@@ -103,7 +103,7 @@ systemctl daemon-reload
 systemctl start farm-daemon.service
 END
     rmdir /opt/farm/.git
-    check "the version before is there" test "$(dpkg-query -W -f '${Version}' farm)" = 3
+    check "the earlier version is still installed" test "$(dpkg-query -W -f '${Version}' farm)" = 3
 }
 
 check_removal() {
@@ -113,7 +113,7 @@ check_removal() {
 farm down
 systemctl daemon-reload
 END
-    check "it is refused" installed
+    check "it is refused" is_installed
     echo 0 > /down-code
     bash -c 'exec -a /opt/farm/.venv/bin/python sh -c cat -m drivers.agent --folder /elsewhere' < <(sleep 600) &
     agent=$!
@@ -121,7 +121,7 @@ END
 farm down
 systemctl daemon-reload
 END
-    check "it is refused, too" installed
+    check "it is refused, too" is_installed
     kill "$agent"
     wait "$agent" || true
     check_calls "a removal disables the units" dpkg -r farm <<'END'
@@ -138,7 +138,7 @@ udevadm control --reload
 END
     check "settings and data are gone" test ! -e /etc/farm -a ! -e /var/lib/farm
     check "user and group are gone" refused getent passwd farm
-    check "no farm is known" refused dpkg-query -W farm
+    check "dpkg no longer knows the package" refused dpkg-query -W farm
 }
 
 if [[ ${1:-} == --inside ]]; then

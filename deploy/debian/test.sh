@@ -7,7 +7,7 @@
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 
-readonly SAYS=test-deb
+readonly SCRIPT_NAME=test-deb
 . deploy/debian-root.sh
 
 readonly SCALE=5 # of the printers' clock; the print of the box takes four minutes
@@ -16,7 +16,7 @@ readonly UNDISTURBED='all(p["print"] or (p["last"] and p["last"]["state"] == "do
 
 # --- inside: process 1 in separate namespaces, so that all processes and mounts end with it --------------------------
 
-as_farm() {
+run_as_farm() {
     setpriv --reuid=farm --regid=farm --init-groups env -i PATH=/usr/bin:/bin HOME=/var/lib/farm LANG=C.UTF-8 \
         FARM_STATE=/var/lib/farm FARM_SOCKET=/run/farm/farm.sock FARM_FLEET=/etc/farm/fleet.yaml "$@"
 }
@@ -25,7 +25,7 @@ refused() { ! "$@"; }
 
 # usage: ask EXPRESSION     of `printers` and `daemon` in farm status --json
 ask() {
-    as_farm farm status --json | python3 -c 'import json, sys
+    run_as_farm farm status --json | python3 -c 'import json, sys
 status = json.load(sys.stdin)
 printers, daemon = status["printers"], status["daemon"]
 print(eval(sys.argv[1]))' "$1"
@@ -35,7 +35,7 @@ print(eval(sys.argv[1]))' "$1"
 wait_for() {
     local deadline=$((SECONDS + $1))
     until [[ $(ask "$2") == True ]]; do
-        ((SECONDS < deadline)) || { as_farm farm status; return 1; }
+        ((SECONDS < deadline)) || { run_as_farm farm status; return 1; }
         sleep 1
     done
 }
@@ -47,23 +47,23 @@ list_files() {
     cut -d: -f1 /etc/passwd /etc/group
 }
 
-farm_processes() { find /proc -maxdepth 2 -name cmdline -exec grep -l '[/]opt/farm/' {} + 2>/dev/null; }
+list_farm_processes() { find /proc -maxdepth 2 -name cmdline -exec grep -l '[/]opt/farm/' {} + 2>/dev/null; }
 
 install_package() { apt-get install -qq -y --no-install-recommends "$1"; }
 
 check_installation() {
     check "farm runs as any user" setpriv --reuid=65534 --clear-groups farm --version
     check "there is a user farm in group dialout" grep -q '^dialout:.*farm' /etc/group
-    check "nothing runs" refused farm_processes
+    check "nothing runs" refused list_farm_processes
     check "no unit is enabled" test -z "$(find /etc/systemd/system -name 'farm*')"
     check "systemd accepts the units" systemd-analyze verify --man=no farm-daemon.service farm-estop.socket \
         farm-estop.service farm-agent@um2-01.service
-    as_farm farm doctor > /tmp/doctor || true
+    run_as_farm farm doctor > /tmp/doctor || true
     check "only printers are missing" grep -q "^problem  fleet: /etc/farm/fleet.yaml has no printers" /tmp/doctor
     check "CuraEngine and its settings are found" refused grep "^problem  cura" /tmp/doctor
     check "the planning is compiled" grep "^ok       code: .*/opt/farm" /tmp/doctor
     check "each command has a man page" test -s /usr/share/man/man1/farm-submit.1.gz
-    check "completion is there" bash -c '. /usr/share/bash-completion/completions/farm && complete -p farm'
+    check "bash completion is installed" bash -c '. /usr/share/bash-completion/completions/farm && complete -p farm'
 }
 
 start_prints() {
@@ -77,8 +77,8 @@ END
     mkdir -p /run/farm && chown farm:farm /run/farm
     /opt/farm/.venv/bin/python -c 'import trimesh; trimesh.creation.box((30, 30, 6)).export("/tmp/box.stl")'
     chmod 644 /tmp/box.stl
-    as_farm farm up
-    as_farm farm submit /tmp/box.stl --copies 2
+    run_as_farm farm up
+    run_as_farm farm submit /tmp/box.stl --copies 2
     check "both printers print" wait_for 240 'all(p["state"] == "printing" for p in printers)'
 }
 
@@ -88,7 +88,7 @@ run_test() {
     apt-get update -qq
     say "Installing the dependencies of the package ..."
     dependencies=$(dpkg-deb -f /tmp/1.deb Depends | tr ',' '\n' | sed 's/(.*//')
-    # shellcheck disable=SC2086 # a word for each
+    # shellcheck disable=SC2086 # one word for each package
     apt-get install -qq -y --no-install-recommends $dependencies > /dev/null
     before=$(list_files)
     say "Installing the package ..."
@@ -103,8 +103,8 @@ run_test() {
     check "the settings are kept" grep -q um2-02 /etc/farm/fleet.yaml
     check "both printers continue to print" test "$(ask "$UNDISTURBED")" = True
     kill -TERM "$(ask 'daemon["pid"]')" # as prerm and postinst do under systemd
-    while as_farm farm status > /dev/null 2>&1; do sleep 0.2; done
-    as_farm farm up
+    while run_as_farm farm status > /dev/null 2>&1; do sleep 0.2; done
+    run_as_farm farm up
     check "a daemon of the new version finds them" wait_for 60 "$UNDISTURBED"
     check "the agents are the same" test "$(ask '[p["agent_pid"] for p in printers]')" = "$pids"
     check "the prints end without a fault" wait_for 600 'all(p["last"] and p["last"]["state"] == "done" for p in printers)'
@@ -116,7 +116,7 @@ run_test() {
     check "the program is still installed after it" farm --version
     kill "$agent"
     check "a farm without a print is removed" apt-get remove -qq -y farm
-    check "no process is left" refused farm_processes
+    check "no process is left" refused list_farm_processes
     check "its data are kept" test -s /var/lib/farm/farm.db
     check "it is purged" apt-get purge -qq -y farm
     check "nothing is left" diff <(echo "$before") <(list_files)
