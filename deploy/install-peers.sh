@@ -27,7 +27,9 @@ END
 }
 
 # Lists the packages that this host lacks for the given programs, with all their dependencies except fonts.
-list_missing_packages() { apt-get -s install --no-install-recommends "$@" 2>/dev/null | awk '/^Inst / && $2 !~ /^fonts-/ { print $2 }'; }
+list_missing_packages() {
+    apt-get -s install --no-install-recommends "$@" 2>/dev/null | awk '/^Inst / && $2 !~ /^fonts-/ { print $2 }'
+}
 
 # Writes a start script with which an unpacked program finds its libraries and files.
 write_starter() {

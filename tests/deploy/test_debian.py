@@ -88,7 +88,7 @@ def test_bash_completes_commands_with_the_script_of_the_package(share: Path):
 
 
 @pytest.mark.parametrize("name", ["preinst", "postinst", "prerm", "postrm"])
-def test_maintainer_scripts_stop_at_an_error_and_leave_agents_running(name: str):
+def test_maintainer_scripts_stop_at_an_error_and_leave_list_agentsning(name: str):
     path = DEBIAN / name
     subprocess.run(["sh", "-n", path], check=True)
     text = path.read_text()
@@ -107,10 +107,10 @@ def test_apt_refuses_another_python_and_another_cura():
 def test_running_agents_of_every_user_are_found():
     """Find agents of a daemon on another host, too, as a removal must not delete their program."""
     text = (DEBIAN / "prerm").read_text()
-    [function] = re.findall(r"(?ms)^agents_run\(\) \{$.*?^\}$", text)
+    [function] = re.findall(r"(?ms)^list_agents\(\) \{$.*?^\}$", text)
     python = "/opt/farm/.venv/bin/python"
     command = [python, "-c", "cat", "-m", "drivers.agent", "--folder", "/home/ann/agents/um2-09"]
-    script = ["sh", "-c", f"set -e\n{function}\nagents_run"]
+    script = ["sh", "-c", f"set -e\n{function}\nlist_agents"]
     with subprocess.Popen(command, executable="/bin/sh", stdin=subprocess.PIPE) as agent:
         output = subprocess.run(script, capture_output=True, text=True, check=True).stdout
         agent.communicate()
