@@ -56,6 +56,6 @@ def test_schema_is_described_in_words(schema: dict, description: str):
 
 
 def test_terminal_picture_shows_the_output_and_loads_nothing():
-    svg = load_script("terminal_picture").draw("farm status", "\x1b[1mDO NOW\x1b[0m nothing <b>", 40)
+    svg = load_script("terminal_picture").draw_output("farm status", "\x1b[1mDO NOW\x1b[0m nothing <b>", 40)
     assert "DO" in svg and "&lt;b&gt;" in svg
     assert "http" not in svg.replace("http://www.w3.org/2000/svg", "")

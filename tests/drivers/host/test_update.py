@@ -74,7 +74,7 @@ def run_update(watches: list[FakeWatch], until: Callable[[AgentsUpdate], bool]) 
 
 @pytest.fixture(autouse=True)
 def _skip_waits(monkeypatch):
-    monkeypatch.setattr(update, "_POLL_S", 0.0)
+    monkeypatch.setattr(update, "_POLL_INTERVAL_S", 0.0)
 
 
 def test_idle_agents_are_replaced_one_by_one():

@@ -19,7 +19,7 @@ def test_worker_without_an_engine_names_the_command_that_installs_it(tmp_path, m
 
 
 def test_folder_of_another_worker_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(locks, "_WAIT_S", 0.0)
+    monkeypatch.setattr(locks, "_RETRY_INTERVAL_S", 0.0)
     other_lock = locks.acquire_lock(tmp_path / "lock")
     with pytest.raises(Refused, match="give each its own --folder"):
         local.worker(SCHEDULER, folder=tmp_path)
