@@ -58,7 +58,7 @@ _OPERATE_PATHS = (
     "/printers/{name}/maintained",
     "/outage/confirm",
 )
-PAGES = (
+PAGE_PATHS = (
     "/",
     "/timeline",
     "/printers/{name}",
@@ -70,7 +70,7 @@ PAGES = (
     "/jobs/{number}/report",
     "/jobs/{number}/stills/{name}",
 )
-OPERATOR_PAGES = ("/printers/{name}/wire",)
+OPERATOR_PAGE_PATHS = ("/printers/{name}/wire",)
 PUBLIC_ROUTES = frozenset(
     {
         ("GET", LIVENESS_PATH),
@@ -85,9 +85,9 @@ PUBLIC_ROUTES = frozenset(
 """Routes that require no key, and show no data of the farm."""
 ROLES: dict[tuple[str, str], Role] = {
     **{("GET", path): Role.LOOK for path in (METRICS_PATH, SCHEMA_PATH, SCHEMA_PAGE_PATH)},
-    **{("GET", path): Role.LOOK for path in PAGES},
+    **{("GET", path): Role.LOOK for path in PAGE_PATHS},
     ("GET", "/live"): Role.LOOK,
-    **{("GET", path): Role.OPERATE for path in OPERATOR_PAGES},
+    **{("GET", path): Role.OPERATE for path in OPERATOR_PAGE_PATHS},
     ("POST", "/logout"): Role.LOOK,
     **{("GET", NETWORK_PREFIX + path): Role.LOOK for path in _LOOK_PATHS},
     **{("POST", NETWORK_PREFIX + path): Role.PRINT for path in _PRINT_PATHS},

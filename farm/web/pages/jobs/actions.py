@@ -59,7 +59,7 @@ def list_job_actions(job: api.JobView, role: Role) -> list[Action]:
     return actions
 
 
-def may_report_assembly(job: api.JobView, role: Role) -> bool:
+def can_report_assembly(job: api.JobView, role: Role) -> bool:
     """Return whether a reader may report the time that gluing the parts of a job took."""
     is_printed = job.state in (JobState.PRINTED, JobState.DONE)
     is_cut = len(job.parts) > len({part.copy_number for part in job.parts})

@@ -15,7 +15,7 @@ from farm.views.charts import Gantt, lay_out_gantt, list_bars, list_expected_bar
 from farm.views.report import list_figures
 from farm.views.report.decomposition import Report
 from farm.web.notes import Note, Reader
-from farm.web.pages.jobs.actions import list_job_actions, may_report_assembly
+from farm.web.pages.jobs.actions import can_report_assembly, list_job_actions
 from farm.web.pages.jobs.curve import Curve, lay_out_curve
 from farm.web.pages.jobs.parts import list_part_rows
 from farm.web.pages.rendering import Farm, render_page
@@ -100,7 +100,7 @@ def render_job_page(data: JobData, farm: Farm, reader: Reader, note: Note | None
         curve=lay_out_job_curve(data, now) if job.options.dry_run else None,
         curve_job=data.curve_job or job.id,
         figures=[*data.gcode, *_list_figures(job)],
-        is_glued_here=may_report_assembly(job, reader.role),
+        can_report_assembly=can_report_assembly(job, reader.role),
         report=data.report,
         model=_MODEL_FILE if _MODEL_FILE in data.files else None,
         picture=_PICTURE_FILE if _PICTURE_FILE in data.files else None,

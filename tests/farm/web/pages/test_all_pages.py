@@ -50,7 +50,7 @@ FAULTS = [*Fault, *OwnFault]
 PRINTERS = [f"p{number:02d}" for number in range(len(LINKS) + len(OPEN_STATES) + 4)]
 JOBS = range(1, 2 + len(JobState))
 NOW_S = 1.7e9
-PAGES = sorted(
+PAGE_PATHS = sorted(
     path
     for method, path in ROLES.keys() - SLICER_ROLES.keys()
     if method == "GET"
@@ -88,7 +88,7 @@ def make_farm(folder):
 def read_pages(farm, printers=PRINTERS, jobs=JOBS, role=Role.OPERATE):
     """Return all pages that the role may read, and check that the others are refused."""
     pages = {}
-    for path in PAGES:
+    for path in PAGE_PATHS:
         fields = {"{name}": printers, "{number}": jobs}
         field = next((name for name in fields if name in path), "")
         for value in fields.get(field, [""]):
