@@ -173,8 +173,10 @@ def _measure_prints(fleet: PrintingFleet, size: FleetSize) -> dict[str, Any]:
     agents.serve(size.seconds)
     end_s = time.monotonic()
     cpu_share = (daemon.read_cpu_s() - start_cpu_s) / (end_s - start_s)
-    status = _measure_requests(fleet, daemon.client.status_summary)  # first, so that it includes a cold cache
-    full_status = _measure_requests(fleet, daemon.client.status)
+    status = _measure_requests(
+        fleet, daemon.client.fetch_status_summary
+    )  # first, so that it includes a cold cache
+    full_status = _measure_requests(fleet, daemon.client.fetch_status)
     delays_s = measure_event_delays(fleet, size.plate_changes)
     _wait_for_prints(agents, size.printers)
     return {

@@ -173,7 +173,7 @@ class HostNight(Night):
 
     def _begin_update(self) -> None:
         """Begin the update once all hosts are connected, with services of the new version."""
-        hosts = self.client.hosts().hosts
+        hosts = self.client.fetch_hosts().hosts
         if all(host.connected and host.version == NEW_VERSION for host in hosts):
             self._is_update_pending = False
             with suppress(FarmError):  # all agents have been updated
@@ -199,8 +199,8 @@ class HostNight(Night):
 
     def _compute_figures(self, job: api.JobView, wall_s: float) -> dict[str, object]:
         with Store(self.state.books) as store:
-            events = Counter(kind for _, kind, _ in store.events())
-        agents = [agent for host in self.client.hosts().hosts for agent in host.agents]
+            events = Counter(kind for _, kind, _ in store.read_all_events())
+        agents = [agent for host in self.client.fetch_hosts().hosts for agent in host.agents]
         shares = self._meter.shares or [0.0]
         return {
             **super()._compute_figures(job, wall_s),

@@ -207,7 +207,7 @@ class Night:
         deadline_s = time.monotonic() + START_TIMEOUT_S
         while True:
             try:
-                return self.client.status()
+                return self.client.fetch_status()
             except DaemonUnreachable as error:
                 if time.monotonic() > deadline_s:
                     raise SystemExit(
@@ -277,7 +277,7 @@ class Night:
     def _compute_figures(self, job: api.JobView, wall_s: float) -> dict[str, object]:
         with Store(self.state.books) as store:
             books = store.load()
-        good_plates = [p for p in books.plates.values() if books.plate_state(p) is PlateState.GOOD]
+        good_plates = [p for p in books.plates.values() if books.find_plate_state(p) is PlateState.GOOD]
         printer_count = len(self.names) - (self.unplugged_printer is not None)
         rounds = -(-len(books.plates) // printer_count)
         return {

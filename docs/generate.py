@@ -33,8 +33,8 @@ from farm.config import (
 )
 from farm.errors import EXIT_CODES, ErrorCode, ExitCode
 from farm.model import Bed, FilamentState, HoldCode, JobState, Link, PrintState
-from farm.state import OwnFault
-from farm.state.lifecycles import FARM_WIDE, LIFECYCLES, NEW, Lifecycle
+from farm.state import FarmFault
+from farm.state.lifecycles import FARM_WIDE_EVENTS, LIFECYCLES, NEW, Lifecycle
 from slicing.errors import Rule
 
 FOLDER = Path(__file__).parent / "reference"
@@ -248,7 +248,7 @@ def write_lifecycles_page(words: dict[str, Any]) -> str:
     parts = [(FOLDER / "lifecycles.intro.md").read_text(encoding="utf-8").strip()]
     parts += [f"## A {table.entity}\n```text\n{draw_lifecycle(table)}\n```" for table in LIFECYCLES]
     all_rows = (row for table in LIFECYCLES for row in (*table.transitions, *table.consequences))
-    kinds = sorted({row.event for row in all_rows} | FARM_WIDE, key=lambda kind: kind.__name__)
+    kinds = sorted({row.event for row in all_rows} | FARM_WIDE_EVENTS, key=lambda kind: kind.__name__)
     rows = pair_with_words((kind.__name__ for kind in kinds), "events", words["events"])
     parts.append("## Events\n" + make_table(("event", "meaning"), rows))
     return "\n\n".join(parts)
@@ -261,10 +261,12 @@ def draw_lifecycle(lifecycle: Lifecycle) -> str:
         lines.append("(new)" if state is NEW else str(state))
         for mark, rows in (("──", lifecycle.transitions), ("··", lifecycle.consequences)):
             for row in rows:
-                if state not in row.starts:
+                if state not in row.start_states:
                     continue
                 ends = (
-                    ["(stays)"] if row.ends is None else [str(s) for s in lifecycle.states if s in row.ends]
+                    ["(stays)"]
+                    if row.end_states is None
+                    else [str(s) for s in lifecycle.states if s in row.end_states]
                 )
                 lines.append(f"  {mark} {row.event.__name__} {mark}> {' | '.join(ends)}")
     return "\n".join(lines)
@@ -287,7 +289,7 @@ def write_faults_page(words: dict[str, Any]) -> str:
         "`reason` describes the case in a sentence.",
     ]
     parts.append(f"## Detected at the printer\n{make_names_table(Fault, 'faults', words)}")
-    parts.append(f"## Detected by the farm\n{make_names_table(OwnFault, 'own_faults', words)}")
+    parts.append(f"## Detected by the farm\n{make_names_table(FarmFault, 'own_faults', words)}")
     parts.append(
         "## Rules that a slice must keep\n"
         "A slice that breaks one of them is refused, and the error names the rule.\n\n"

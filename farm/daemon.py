@@ -151,7 +151,7 @@ class Daemon:
         self._server = self._make_server(make_app(services, dry_runs), connection_limit)
         self._controller.start(self._effects, self._restored_s)
         books = self._controller.books
-        self._agents.start({attempt.printer for attempt in books.open_prints()}, books.lost_hosts)
+        self._agents.start({attempt.printer for attempt in books.list_open_prints()}, books.lost_hosts)
         gc.freeze()  # otherwise each full collection would traverse large books in the middle of an event
         gc.set_threshold(*_GC_THRESHOLDS)
         timers = self._timers
@@ -294,7 +294,9 @@ class Daemon:
         while not now and (self._inspections or planning.list_running_jobs(self._controller.books)):
             await asyncio.sleep(0.1)
         deadline_s = asyncio.get_running_loop().time() + _ABORT_TIMEOUT_S if now else math.inf
-        while open_prints := sorted({attempt.printer for attempt in self._controller.books.open_prints()}):
+        while open_prints := sorted(
+            {attempt.printer for attempt in self._controller.books.list_open_prints()}
+        ):
             if asyncio.get_running_loop().time() > deadline_s:
                 log.error(
                     "not shutting down: %s did not end within %g s", " ".join(open_prints), _ABORT_TIMEOUT_S

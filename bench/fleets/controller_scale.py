@@ -112,10 +112,10 @@ def _measure_controller(
 ) -> dict[str, float]:
     connect_s = measure_calls(lambda name=name: controller.on_snapshot(make_snapshot(name)) for name in names)  # type: ignore[misc]
     tick_s: list[float] = []
-    while len(list(controller.books.open_prints())) < len(names) and len(tick_s) < MAX_TICKS:
+    while len(list(controller.books.list_open_prints())) < len(names) and len(tick_s) < MAX_TICKS:
         tick_s += measure_calls([controller.tick])
         effects.refuse_plans(controller)
-    prints = list(controller.books.open_prints())
+    prints = list(controller.books.list_open_prints())
 
     def report_all(progress_s: float) -> list[float]:
         return measure_calls(

@@ -62,7 +62,7 @@ class Daemon:
     def is_answering(self) -> bool:
         """Check whether the daemon answers."""
         try:
-            self.client.names()
+            self.client.fetch_names()
         except FarmError:
             if self._process.poll() is not None:
                 raise RuntimeError((self._folder / "daemon.log").read_text()[-2000:]) from None

@@ -46,11 +46,11 @@ class PrintingFleet:
 
     def count_unknown_printers(self) -> int:
         """Count the printers in an unknown state."""
-        return sum(printer.state == "unknown" for printer in self.daemon.client.status().printers)
+        return sum(printer.state == "unknown" for printer in self.daemon.client.fetch_status().printers)
 
     def count_lost_hosts(self) -> int:
         """Count the hosts without a connection."""
-        return sum(host.connected is None for host in self.daemon.client.hosts().hosts)
+        return sum(host.connected is None for host in self.daemon.client.fetch_hosts().hosts)
 
 
 def limit_polls(condition: Callable[[], bool]) -> Callable[[], bool]:
@@ -91,7 +91,7 @@ def measure_loss(fleet: PrintingFleet, groups: list[str]) -> dict[str, Any]:
         lambda: fleet.follower.count("HostLost", start_s) >= host_count, "the loss to be noticed"
     )
     fleet.agents.serve(_NOTICE_S)
-    status = fleet.daemon.client.status()
+    status = fleet.daemon.client.fetch_status()
     tasks = [todo for todo in status.todo if todo.code == "host"]
     unknown_count = sum(printer.state == "unknown" for printer in status.printers)
     cpu_share = (fleet.daemon.read_cpu_s() - start_cpu_s) / (time.monotonic() - start_s)

@@ -93,7 +93,7 @@ def make_job(number: int, jobs: int, printers: list[str], now_s: float) -> list[
 
 def make_snapshot(printer: str, books: Books) -> AgentSnapshot:
     """Make the snapshot of an agent."""
-    attempt = books.open_print_on(printer)
+    attempt = books.find_open_print(printer)
     print_snapshot = None
     if attempt is not None:
         print_snapshot = AgentPrint(

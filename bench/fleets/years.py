@@ -188,7 +188,7 @@ class SimulatedFarm:
     def measure(self) -> dict[str, Any]:
         """Close the store, and return the sizes at the end of the year."""
         files, books = list_files(self.state.files), self.controller.books
-        events, missing_files = len(self.store.events()), list_named_files(books) - files.keys()
+        events, missing_files = len(self.store.read_all_events()), list_named_files(books) - files.keys()
         self.store.close()
         oldest_backup, *_ = sorted(self.state.backups.iterdir())
         pruned_jobs = [job for job in books.jobs.values() if job.pruned_s]

@@ -1,6 +1,6 @@
 """Time that a plate takes besides its layers, measured on cubes that a real agent prints on an emulator.
 
-The constants `START_S` and `END_S` of farm/planning/plate_times.py were measured with this script.
+The constants `START_CODE_S` and `END_CODE_S` of farm/planning/plate_times.py were measured with this script.
 
 Usage: python -m bench.prices.plate_time [--scale 60] [--json]
 """

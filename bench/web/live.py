@@ -98,7 +98,7 @@ async def serve(folder: Path, printers: int, pipe: Connection) -> None:
     key_texts = [
         keys.add(KeyRequest(name=str(role), role=role), "bench").text for role in (Role.LOOK, Role.OPERATE)
     ]
-    pipe.send((port, key_texts, len(list(controller.books.open_prints()))))
+    pipe.send((port, key_texts, len(list(controller.books.list_open_prints()))))
     progress_s = 0.0
     while True:
         if pipe.poll():
@@ -106,7 +106,7 @@ async def serve(folder: Path, printers: int, pipe: Connection) -> None:
                 break
             pipe.send(time.process_time())
         progress_s += 1.0
-        for attempt in list(controller.books.open_prints()):
+        for attempt in list(controller.books.list_open_prints()):
             controller.on_snapshot(make_snapshot(attempt.printer, attempt.id, progress_s))
         await asyncio.sleep(1.0)
     services.page_streams.close()

@@ -48,13 +48,13 @@ log = logging.getLogger(__name__)
 
 _RESTARTS_PER_MINUTE = 6  # an agent that dies more often is not restarted for a while
 _SILENCE_S = 30.0  # wall seconds; a healthy agent reports every 5
-_END_S = 30.0  # wall seconds for an idle agent to end
+_END_TIMEOUT_S = 30.0  # wall seconds for an idle agent to end
 _MAX_WAIT_S = 15.0  # wall seconds between two attempts to reach an agent
-_STABLE_S = 30.0  # wall seconds after which a connection counts as stable
+_STABLE_CONNECTION_S = 30.0  # wall seconds after which a connection counts as stable
 _PIECE_BYTES = 32 * 1024  # size of a piece of an uploaded file; an agent accepts lines of 64 KiB
-_START_S = 120.0  # wall seconds; a slower start request is refused, and the plate scheduled again
-_CLEARED = ("cleared", "")  # the key of a pending `BedCleared`
-_EMULATOR = "emulator"  # the agent's folder for the emulator of a sim:// port
+_START_TIMEOUT_S = 120.0  # wall seconds; a slower start request is refused, and the plate scheduled again
+_CLEARED_KEY = ("cleared", "")  # key of a pending `BedCleared`
+_EMULATOR_FOLDER = "emulator"  # in the agent's folder, for the emulator of a sim:// port
 
 
 class AgentListener(HostListener, Protocol):
@@ -67,7 +67,7 @@ class AgentListener(HostListener, Protocol):
         """Handle a refusal to start a print; `late` if the request arrived after its deadline."""
 
     def find_unreported_since_s(self, printer: str) -> float | None:
-        """Return the time from which the agent must list its prints first; None if it need not."""
+        """Return the time since which an agent must first list its prints; None if it need not."""
 
     def on_journal(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
         """Handle the list of prints in an agent's journal."""
@@ -87,8 +87,8 @@ class AgentConnection:
     listener
         Receives the agent's reports.
     host
-        Connection to the service of its host; or the name of the farm, for an agent on another host with its
-        own connection.
+        Connection to the service of its host. For an agent that has its own connection to another host, the
+        name of the farm.
     """
 
     def __init__(
@@ -114,25 +114,25 @@ class AgentConnection:
         open_route = route if self._host is None else partial(self._host.open, name)
         self._client = AgentClient(self._folder, open_route, self._heartbeat.reset)
         self._process: subprocess.Popen[bytes] | None = None
-        self._starts: deque[float] = deque(maxlen=_RESTARTS_PER_MINUTE)
-        self._pending: set[tuple[str, str]] = set()  # requests in flight, which must not be sent again
+        self._start_times_s: deque[float] = deque(maxlen=_RESTARTS_PER_MINUTE)  # of a monotonic clock
+        self._pending: set[tuple[str, str]] = set()  # requests in progress, which must not be sent again
         self._unsupported: set[tuple[str, str]] = set()  # requests that its older agent does not support
-        self._cancelled: set[str] = set()  # prints that must no longer start
+        self._cancelled_prints: set[str] = set()  # prints that must no longer start
         self._tasks: set[asyncio.Task[Any]] = set()
-        self._offset_s = 0.0  # farm's clock minus the agent's, before any step of the farm's
+        self._base_offset_s = 0.0  # farm's clock minus the agent's, without the steps of the host's clock
         self._stopping = False
 
     @property
-    def _ahead_s(self) -> float:
+    def _clock_offset_s(self) -> float:
         """Seconds by which the farm's clock is ahead of the agent's."""
-        return self._offset_s + self._clock.host_shift_s
+        return self._base_offset_s + self._clock.host_shift_s
 
     def start(self) -> None:
         self.keep_alive()
         self._spawn_task(self._listen())
 
     def keep_alive(self) -> None:
-        """Start the agent if it does not run; kill it if it hangs."""
+        """Start the agent if it is not running; kill it if it hangs."""
         if self._process is not None and self._process.poll() is not None:
             if self._process.returncode or not agents_are_units():  # else systemd has started it
                 self._log.warning("its agent ended with %s", self._process.returncode)
@@ -146,10 +146,10 @@ class AgentConnection:
             reason = "it was removed from fleet.yaml, and its agent has ended"
             self._report(AgentSnapshot(printer=self._name, link=Link.ABSENT, reason=reason))
             return
-        now = time.monotonic()
-        if len(self._starts) == self._starts.maxlen and now - self._starts[0] < 60.0:
+        now_s = time.monotonic()
+        if len(self._start_times_s) == self._start_times_s.maxlen and now_s - self._start_times_s[0] < 60.0:
             return
-        self._starts.append(now)
+        self._start_times_s.append(now_s)
         self._heartbeat.reset()
         try:
             section = self._section
@@ -191,11 +191,12 @@ class AgentConnection:
                         report = await anext(snapshots, None)
                     if report is None:
                         break
-                    self._offset_s = compute_clock_offset_s(report, self._clock) - self._clock.host_shift_s
+                    offset_s = compute_clock_offset_s(report, self._clock)
+                    self._base_offset_s = offset_s - self._clock.host_shift_s
                     if self._check_port(report):
                         report = await self._import_journal(report)
                         self._report(self._convert_snapshot(report))
-                if time.monotonic() - connected_s > _STABLE_S:
+                if time.monotonic() - connected_s > _STABLE_CONNECTION_S:
                     wait_s = 0.0
                 self._log.info("the connection to its agent was lost")
             except TimeoutError:
@@ -215,13 +216,13 @@ class AgentConnection:
         since_s = self._listener.find_unreported_since_s(self._name)
         if since_s is None:
             return report
-        request = to_agent_clock(m.ListPrints(id=0, since_s=since_s), self._ahead_s, self._clock.now())
+        request = to_agent_clock(m.ListPrints(id=0, since_s=since_s), self._clock_offset_s, self._clock.now())
         try:
             reply = await self._client.request(request)
         except AgentTooOld:
             return report
         latest = reply.snapshot or report
-        prints = [to_farm_print(record, self._ahead_s) for record in reply.prints]
+        prints = [to_farm_print(record, self._clock_offset_s) for record in reply.prints]
         self._listener.on_journal(self._convert_snapshot(latest), prints)
         return latest
 
@@ -239,7 +240,7 @@ class AgentConnection:
     def _convert_snapshot(self, report: m.Snapshot) -> AgentSnapshot:
         """Convert a snapshot to the farm's record, without fields that the agent cannot measure."""
         is_simulated = self._section is not None and self._section.simulated
-        is_cleared = _CLEARED in self._pending
+        is_cleared = _CLEARED_KEY in self._pending
         return to_trusted_snapshot(report, self._clock, self._name, is_simulated, is_cleared)
 
     def _check_port(self, report: m.Snapshot) -> bool:
@@ -257,7 +258,7 @@ class AgentConnection:
         """Send a request. Failures are logged; the next snapshot shows whether to repeat it."""
         key = (request.do, getattr(request, "print_id", ""))
         if isinstance(request, m.CancelPrint):
-            self._cancelled.add(request.print_id)
+            self._cancelled_prints.add(request.print_id)
         if key not in self._pending:
             self._pending.add(key)
             self._spawn_task(self._deliver(key, request))
@@ -266,11 +267,11 @@ class AgentConnection:
         try:
             if self._remote and isinstance(request, m.StartPrint) and request.gcode:
                 await self._upload(request.print_id, Path(request.gcode))
-                if request.print_id in self._cancelled:
+                if request.print_id in self._cancelled_prints:
                     return  # cancelled during the upload
                 request = request.model_copy(update={"gcode": None})
-            latest_s = self._clock.now() + _START_S * self._clock.scale
-            reply = await self._client.request(to_agent_clock(request, self._ahead_s, latest_s))
+            latest_s = self._clock.now() + _START_TIMEOUT_S * self._clock.scale
+            reply = await self._client.request(to_agent_clock(request, self._clock_offset_s, latest_s))
             if reply.error:
                 self._log.warning("%s refused: %s", request.do, reply.error)
                 if isinstance(request, m.StartPrint):
@@ -315,7 +316,7 @@ class AgentConnection:
             If the agent is too old to record lines.
         """
         reply = await self._client.request(m.ListLines(id=0))
-        return to_farm_lines(reply.lines, self._ahead_s)
+        return to_farm_lines(reply.lines, self._clock_offset_s)
 
     async def replace(self) -> None:
         """Replace an idle agent with one of this version.
@@ -338,16 +339,16 @@ class AgentConnection:
         process, pid = self._process, find_agent_pid(self._folder)
         has_answered = await self._request_end()
         try:
-            async with asyncio.timeout(_END_S):
+            async with asyncio.timeout(_END_TIMEOUT_S):
                 while self._is_agent_alive(process, pid):
                     if not has_answered and self._client.is_connected:  # it was just started
                         has_answered = await self._request_end()
                     await asyncio.sleep(0.05)
         except TimeoutError:
             self._log.warning("its agent does not end")
-        if emulator_is_running(self._folder / _EMULATOR):
+        if emulator_is_running(self._folder / _EMULATOR_FOLDER):
             try:
-                await asyncio.to_thread(control, self._folder / _EMULATOR, Command.POWER_OFF)
+                await asyncio.to_thread(control, self._folder / _EMULATOR_FOLDER, Command.POWER_OFF)
             except DriverError as error:
                 self._log.warning("%s", error)
 
@@ -363,7 +364,7 @@ class AgentConnection:
         return True
 
     def _is_agent_alive(self, process: subprocess.Popen[bytes] | None, pid: int | None = None) -> bool:
-        """Return whether an agent runs on this host, including one that has just been started.
+        """Return whether an agent is running on this host, even if it has only just been started.
 
         Parameters
         ----------

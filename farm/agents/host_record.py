@@ -7,10 +7,10 @@ from enum import StrEnum
 
 from drivers.host import AgentPhase, HostState, Update, UpdatePhase
 
-LOST_S = 10.0
+LOSS_DELAY_S = 10.0
 """Wall seconds without a connection after which a host is lost; shorter interruptions are not reported."""
-FIRST_LOST_S = 45.0
-"""As `LOST_S`, before the first connection: the services of many hosts start at the same time, over ssh."""
+FIRST_LOSS_DELAY_S = 45.0
+"""As `LOSS_DELAY_S`, before the first connection, when the services of many hosts start at once, over ssh."""
 
 
 class HostChange(StrEnum):
@@ -99,7 +99,7 @@ class HostRecord:
 
     def find_change(self, now_s: float, scale: float) -> HostChange | None:
         """Return the change that has not been reported; None if there is none."""
-        limit_s = scale * (FIRST_LOST_S if self.state is None else LOST_S)
+        limit_s = scale * (FIRST_LOSS_DELAY_S if self.state is None else LOSS_DELAY_S)
         is_lost = self.disconnected_s is not None and now_s - self.disconnected_s >= limit_s
         if is_lost and not self.reported:
             return HostChange.LOST

@@ -26,8 +26,8 @@ from drivers.host import (
 )
 from drivers.log_file import rotate_log
 from drivers.remote import build_ssh_command, runs_host_service
-from farm.agents.host_record import FIRST_LOST_S, HostChange, HostRecord
-from farm.agents.remote import make_start
+from farm.agents.host_record import FIRST_LOSS_DELAY_S, HostChange, HostRecord
+from farm.agents.remote import make_start_file
 from farm.agents.rollout import plan_rollout
 from farm.config import Fleet, PrinterSection
 from farm.errors import FarmError
@@ -36,11 +36,11 @@ from farm.state import events as ev
 
 log = logging.getLogger(__name__)
 
-_MAX_WAIT_S = 15.0  # maximum wait between two attempts to connect
-_STABLE_S = 30.0  # wall seconds after which a connection counts as stable
-_OPEN_S = 60.0  # wall seconds in which a stream to an agent waits for the connection
+_MAX_WAIT_S = 15.0  # wall seconds between two attempts to connect
+_STABLE_CONNECTION_S = 30.0  # wall seconds after which a connection counts as stable
+_OPEN_TIMEOUT_S = 60.0  # wall seconds for which a stream to an agent waits for the connection
 _REPORTS_PER_S = 200.0
-_MAX_REPORT_S = 5.0
+_MAX_REPORT_INTERVAL_S = 5.0
 
 
 class HostListener(Protocol):
@@ -50,20 +50,20 @@ class HostListener(Protocol):
         """Record events."""
 
     def warn(self, topic: str, text: str | None) -> None:
-        """Show a problem to people; None once it is solved."""
+        """Show a problem to people; remove it if `text` is None."""
 
 
-def compute_report_s(printers: int) -> float:
+def compute_report_interval_s(printers: int) -> float:
     """Compute the seconds between two reports of a printing printer, for a number of printers.
 
     Up to 200 printers report every second. In larger fleets each reports less often, but at least every
     five seconds, to limit the number of reports that the daemon reads per second.
     """
-    return min(_MAX_REPORT_S, max(1.0, printers / _REPORTS_PER_S))
+    return min(_MAX_REPORT_INTERVAL_S, max(1.0, printers / _REPORTS_PER_S))
 
 
 class HostConnection:
-    """Connection to the service of one host, made again when it is lost, until it is closed.
+    """Connection to the service of one host, which is restored after a loss until it is closed.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ class HostConnection:
     async def open(self, printer: str) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
         """Open a stream to an agent, after waiting for the connection. Raises AgentError."""
         try:
-            async with asyncio.timeout(_OPEN_S):
+            async with asyncio.timeout(_OPEN_TIMEOUT_S):
                 await self._connected.wait()
         except TimeoutError:
             raise AgentError(f"no connection to {self.record.host}: {self.record.reason}") from None
@@ -147,7 +147,7 @@ class HostConnection:
                 reason = str(error)
             log.warning("no connection to %s: %s", self.record.host, reason)
             self.record.on_lost(self._clock.now(), reason)
-            if time.monotonic() - started_s > _STABLE_S:
+            if time.monotonic() - started_s > _STABLE_CONNECTION_S:
                 wait_s = 0.0
 
     async def _carry_bytes(self) -> None:
@@ -189,7 +189,7 @@ class HostConnection:
                 carry_task.result()
                 raise AgentError(_read_last_line(self._log_file))
             now_s = time.monotonic()
-            limit_s = SILENCE_S if self._connected.is_set() else FIRST_LOST_S
+            limit_s = SILENCE_S if self._connected.is_set() else FIRST_LOSS_DELAY_S
             if now_s - max(self._last_message_s, started_s) > limit_s:
                 raise AgentError(f"no message for {limit_s:g} s")
             if self._connected.is_set():
@@ -223,12 +223,11 @@ class Hosts:
         self._listener, self._clock = listener, clock
         self._connections: dict[str, HostConnection] = {}
         self._by_printer: dict[str, HostConnection] = {}
-        self._rollout: tuple[str, ...] | None = (
-            None  # the hosts on which it has begun; None if there is no update
-        )
-        report_s = compute_report_s(len(fleet.printers))
+        # Hosts on which an update has begun; None if there is no update.
+        self._rollout: tuple[str, ...] | None = None
+        report_s = compute_report_interval_s(len(fleet.printers))
         for host, command, sections in _group_by_host(fleet):
-            starts = tuple(make_start(section, clock) for section in sections)
+            starts = tuple(make_start_file(section, clock) for section in sections)
             request = HostRequest(do=HostTask.CARRY, farm=fleet.fleet.name, starts=starts, report_s=report_s)
             connection = HostConnection(
                 request,
@@ -252,11 +251,11 @@ class Hosts:
             connection.start()
 
     def find(self, printer: str) -> HostConnection | None:
-        """Return the connection to the host of a printer; None if its host has no such service."""
+        """Return the connection to the host of a printer; None if its host does not run `farm host`."""
         return self._by_printer.get(printer)
 
     def watch(self) -> None:
-        """Record hosts that were lost or connected again, with retries; continue an update."""
+        """Record the hosts that were lost or have reconnected, with retries; continue an update."""
         now_s = self._clock.now()
         for record in self.records:
             change = record.find_change(now_s, self._clock.scale)

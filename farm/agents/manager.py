@@ -14,7 +14,7 @@ from drivers.remote import NO_AGENT_REASON, AgentClient, Route, is_alive
 from farm.agents.connection import AgentConnection, AgentListener
 from farm.agents.hosts import Hosts
 from farm.agents.protocol_adapter import make_agent_request
-from farm.agents.remote import delete_route, load_route, remove_start
+from farm.agents.remote import delete_route, load_route, remove_start_file
 from farm.config import Fleet
 from farm.errors import NoSuchThing, Refused
 from farm.paths import StateFolder
@@ -29,7 +29,7 @@ class AgentManager:
 
     def __init__(self, fleet: Fleet, state: StateFolder, clock: Clock, listener: AgentListener) -> None:
         self._state, self._clock, self._listener = state, clock, listener
-        self._orphans: asyncio.Task[None] | None = None
+        self._orphan_task: asyncio.Task[None] | None = None
         self.hosts = Hosts(fleet, state, clock, listener)
         farm = fleet.fleet.name
         self._connections = {
@@ -38,7 +38,7 @@ class AgentManager:
         }
 
     def start(self, printing_printers: Iterable[str], lost_hosts: Collection[str] = ()) -> None:
-        """Adopt the agents that run, start the others, and listen to all.
+        """Adopt the running agents, start the others, and listen to all of them.
 
         `printing_printers` names the printers with an open print in the books: their agents are monitored
         even if the printer was removed from `fleet.yaml`. The books record the loss of `lost_hosts`.
@@ -51,14 +51,14 @@ class AgentManager:
         self.hosts.start(lost_hosts)
         for connection in self._connections.values():
             connection.start()
-        self._orphans = asyncio.create_task(self._end_orphans())
+        self._orphan_task = asyncio.create_task(self._end_orphans())
 
     async def _end_orphans(self) -> None:
-        """End idle agents of printers that are no longer in the fleet: another name may need their ports."""
+        """End idle agents of printers that have left the fleet: other printers may need their ports."""
         for folder in sorted((self._state.root / "agents").glob("*/")):
             if folder.name in self._connections:
                 continue
-            route = remove_start(load_route(folder, None, "", self._clock))
+            route = remove_start_file(load_route(folder, None, "", self._clock))
             if route is not None or is_alive(folder):
                 await self._end_orphan(folder, route)
 
@@ -95,7 +95,7 @@ class AgentManager:
         self.hosts.watch()
 
     def perform(self, instruction: ev.AnyInstruction, books: Books, files: Path) -> None:
-        """Send an instruction to its agent; after a failure, the agent's next snapshot causes another try."""
+        """Send an instruction to its agent; after a failure, the agent's next snapshot repeats it."""
         request = make_agent_request(instruction, books, files)
         connection = self._connections.get(getattr(instruction, "printer", ""))
         if request is not None and connection is not None:
@@ -128,8 +128,8 @@ class AgentManager:
 
     async def close(self) -> None:
         """Close the connections; the agents continue."""
-        if self._orphans is not None:
-            self._orphans.cancel()
-            await asyncio.gather(self._orphans, return_exceptions=True)
+        if self._orphan_task is not None:
+            self._orphan_task.cancel()
+            await asyncio.gather(self._orphan_task, return_exceptions=True)
         await asyncio.gather(*(connection.close() for connection in self._connections.values()))
         await self.hosts.close()

@@ -14,9 +14,9 @@ from farm.state import events as ev
 from farm.text import flatten_text
 
 _CLOCK_TOLERANCE_S = 60.0  # wall seconds; longer than any message takes
-_LATEST_S = datetime(9000, 1, 1, tzinfo=UTC).timestamp()
-_OUTDATED = "its agent is of an older version: replace it with `farm up --replace {}`"
-_PHASES = {
+_MAX_TIME_S = datetime(9000, 1, 1, tzinfo=UTC).timestamp()
+_OUTDATED_REASON = "its agent is of an older version: replace it with `farm up --replace {}`"
+_PRINT_STATES = {
     m.PrintPhase.SPOOLED: PrintState.ASSIGNED,
     m.PrintPhase.CONNECTING: PrintState.HEATING,
     m.PrintPhase.HEATING: PrintState.HEATING,
@@ -63,7 +63,7 @@ def make_agent_request(instruction: ev.AnyInstruction, books: Books, files: Path
                 gcode=str(files / plate.gcode),
                 sha256=plate.sha256,
                 print_time_s=plate.sliced_s,
-                filament=m.Filament(books.printer(instruction.printer).filament),
+                filament=m.Filament(books.get_printer(instruction.printer).filament),
                 not_after_s=instruction.not_after_s,
                 ends_by_s=instruction.ends_by_s,
             )
@@ -72,8 +72,8 @@ def make_agent_request(instruction: ev.AnyInstruction, books: Books, files: Path
         case ev.SendCancel():
             return m.CancelPrint(id=0, print_id=instruction.print_id, reason=instruction.reason)
         case ev.SendPause():
-            pause = m.PausePrint if instruction.wanted else m.ResumePrint
-            return pause(id=0, print_id=instruction.print_id)
+            request_type = m.PausePrint if instruction.pause else m.ResumePrint
+            return request_type(id=0, print_id=instruction.print_id)
         case ev.SendForget():
             return m.ForgetPrint(id=0, print_id=instruction.print_id)
         case ev.SendCleared():
@@ -83,21 +83,21 @@ def make_agent_request(instruction: ev.AnyInstruction, books: Books, files: Path
             return None
 
 
-def to_agent_clock(request: m.Request, shift_s: float, latest_s: float) -> m.Request:
-    """Convert a request's times to the agent's clock; its print starts by `latest_s` at the latest."""
+def to_agent_clock(request: m.Request, clock_offset_s: float, latest_s: float) -> m.Request:
+    """Convert a request's times to the agent's clock; a print must not start after `latest_s`."""
     match request:
         case m.StartPrint(not_after_s=not_after_s, ends_by_s=ends_by_s):
             latest_s = latest_s if not_after_s is None else min(latest_s, not_after_s)
-            moments = {"not_after_s": latest_s - shift_s}
+            times_s = {"not_after_s": latest_s - clock_offset_s}
         case m.EndPrintBy(ends_by_s=ends_by_s):
-            moments = {}
+            times_s = {}
         case m.ListPrints(since_s=since_s):
-            return request.model_copy(update={"since_s": since_s - shift_s})
+            return request.model_copy(update={"since_s": since_s - clock_offset_s})
         case _:
             return request
     if ends_by_s is not None:
-        moments["ends_by_s"] = ends_by_s - shift_s
-    return request.model_copy(update=moments)
+        times_s["ends_by_s"] = ends_by_s - clock_offset_s
+    return request.model_copy(update=times_s)
 
 
 def to_farm_snapshot(report: m.Snapshot, clock: Clock) -> AgentSnapshot:
@@ -154,25 +154,25 @@ def to_trusted_snapshot(
             "bed_unknown_reason": None if bed_cleared else snapshot.bed_unknown_reason,
             "alarm": None if bed_cleared else snapshot.alarm,
             "link": Link.FAULT if is_outdated else snapshot.link,
-            "reason": _OUTDATED.format(printer) if is_outdated else snapshot.reason,
+            "reason": _OUTDATED_REASON.format(printer) if is_outdated else snapshot.reason,
             "outdated": is_outdated,
         }
     )
 
 
-def to_farm_print(report: m.PrintSnapshot, ahead_s: float) -> AgentPrint:
-    """Convert an agent's report on a print; `ahead_s` is the farm's clock minus the agent's.
+def to_farm_print(report: m.PrintSnapshot, clock_offset_s: float) -> AgentPrint:
+    """Convert an agent's report on a print; `clock_offset_s` is the farm's clock minus the agent's.
 
     Times are limited to those that datetime can represent, and durations to at least 0, for display.
     """
 
     def convert(at_s: float | None) -> float | None:
-        return None if at_s is None else _convert_moment(at_s, ahead_s)
+        return None if at_s is None else _convert_time_s(at_s, clock_offset_s)
 
     return AgentPrint(
         **report.dump_readings(),
         print_id=report.print_id,
-        state=_PHASES[report.phase],
+        state=_PRINT_STATES[report.phase],
         fault=report.fault,
         reason=_flatten(report.reason),
         progress_s=max(0.0, report.progress_s),
@@ -188,19 +188,19 @@ def to_farm_print(report: m.PrintSnapshot, ahead_s: float) -> AgentPrint:
     )
 
 
-def to_farm_lines(lines: Sequence[m.WireLine], ahead_s: float) -> list[m.WireLine]:
-    """Convert an agent's lines on the wire; `ahead_s` is the farm's clock minus the agent's.
+def to_farm_lines(lines: Sequence[m.WireLine], clock_offset_s: float) -> list[m.WireLine]:
+    """Convert an agent's lines on the wire; `clock_offset_s` is the farm's clock minus the agent's.
 
     Times are limited to those that datetime can represent, for display.
     """
-    return [line.model_copy(update={"at_s": _convert_moment(line.at_s, ahead_s)}) for line in lines]
+    return [line.model_copy(update={"at_s": _convert_time_s(line.at_s, clock_offset_s)}) for line in lines]
 
 
-def _convert_moment(at_s: float, ahead_s: float) -> float:
-    """Return a moment on the farm's clock, within what datetime can represent."""
-    return min(max(0.0, at_s + ahead_s), _LATEST_S)
+def _convert_time_s(at_s: float, clock_offset_s: float) -> float:
+    """Convert an agent's time to the farm's clock, limited to the range of datetime."""
+    return min(max(0.0, at_s + clock_offset_s), _MAX_TIME_S)
 
 
 def _flatten(text: str | None) -> str | None:
-    """Return a text safe to print on a terminal: it may contain noise from a serial line."""
+    """Return a text that is safe to print on a terminal, because it may contain noise from a serial line."""
     return None if text is None else flatten_text(text)

@@ -1,4 +1,4 @@
-"""Routes to agents on other hosts. They are stored: an agent may run after its printer left the fleet."""
+"""Routes to agents on other hosts, stored because an agent may run on after its printer left the fleet."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from farm.config import PrinterSection
 ROUTE_FILE = "way.json"  # file in the folder of an agent on another host
 
 
-def make_start(section: PrinterSection, clock: Clock) -> StartFile:
+def make_start_file(section: PrinterSection, clock: Clock) -> StartFile:
     """Return the start file of a printer's agent."""
     return StartFile(
         section.name, section.model, section.port, clock.scale, clock.anchor_s, section.power_off_cmd
     )
 
 
-def _route_to(section: PrinterSection, farm: str, clock: Clock) -> Route | None:
+def _build_route(section: PrinterSection, farm: str, clock: Clock) -> Route | None:
     """Return the route to an agent on another host; None for one on this host."""
     if section.host is None:
         return None
-    request = BridgeRequest(BridgeTask.SERVE, farm, make_start(section, clock))
+    request = BridgeRequest(BridgeTask.SERVE, farm, make_start_file(section, clock))
     return build_ssh_command(section.host, section.host_command), request.serialise()
 
 
-def remove_start(route: Route | None) -> Route | None:
+def remove_start_file(route: Route | None) -> Route | None:
     """Return a route without the instruction to start an agent."""
     if route is None:
         return None
@@ -50,7 +50,7 @@ def load_route(folder: Path, section: PrinterSection | None, farm: str, clock: C
             return list(map(str, command)), str(line).encode()
         except (OSError, ValueError, TypeError):
             return None
-    route = _route_to(section, farm, clock)
+    route = _build_route(section, farm, clock)
     if route is None:
         route_file.unlink(missing_ok=True)
     else:

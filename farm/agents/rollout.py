@@ -10,7 +10,7 @@ from drivers.host import Update, UpdatePhase
 
 @dataclass(frozen=True, slots=True)
 class RolloutStep:
-    """Instructions for the hosts, by `plan_rollout`.
+    """Instructions for the hosts in one step of an update.
 
     Attributes
     ----------
@@ -19,7 +19,7 @@ class RolloutStep:
     halt
         Hosts whose update stops now.
     ended
-        True if nothing is left to do.
+        True if the update is complete or has failed.
     fault
         Reason to stop early.
     """

@@ -94,7 +94,7 @@ class Cameras:
         FarmError
             If its camera has sent no still, or if the last request was too recent to send another.
         """
-        self._controller.books.printer(printer)
+        self._controller.books.get_printer(printer)
         camera = self._cameras.get(printer)
         if camera is None:
             raise NoSuchThing(f"{printer} has no camera: give its address with `camera` in fleet.yaml")

@@ -87,7 +87,7 @@ def find_due_stills(
         Farm time in seconds, and farm seconds per wall second.
     """
     for name in printers & books.printers.keys():
-        attempt = books.open_print_on(name) or books.last_print_on(name)
+        attempt = books.find_open_print(name) or books.find_last_print(name)
         if attempt is None:
             continue
         moment = Moment.FAILURE if attempt.state is PrintState.FAILED else Moment.END

@@ -38,7 +38,7 @@ def _fetch_names(context: typer.Context) -> Names:
     state, socket, fleet = (
         Path(path) if (path := context.params.get(name)) else None for name in ("state", "socket", "fleet")
     )
-    return Client(find_farm_paths(state, socket, fleet).socket, _TIMEOUT_S, _TIMEOUT_S).names()
+    return Client(find_farm_paths(state, socket, fleet).socket, _TIMEOUT_S, _TIMEOUT_S).fetch_names()
 
 
 def _list_printers(names: Names, _: typer.Context) -> Completions:

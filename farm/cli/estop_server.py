@@ -1,8 +1,8 @@
 """Server of `estop.sock`: starts a process for each request, with a limit for each user.
 
 ``python -m farm.cli.estop_server [OPTIONS]``, with the listening socket as stdin (farm-estop.service).
-Options (`--state`, `--fleet`) are passed on to those processes. It imports only the standard library, and so
-starts fast and refuses connections faster than anybody can open them.
+Options (`--state`, `--fleet`) are passed on to those processes. It imports only the standard library, so that
+it starts quickly and refuses connections faster than they can be opened.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Protocol
 
-REQUEST_S = 2.0  # wall seconds in which the one line of a request must arrive
-MAX_TOTAL, MAX_PER_USER = 64, 8  # simultaneous requests: of all users, and of one
-MAX_REQUEST_BYTES = 1 << 16  # bytes of a request
-_WAIT_S = 0.2
-_PAUSE_S = 1.0  # pause between attempts to accept after an error, such as a lack of descriptors
+REQUEST_TIMEOUT_S = 2.0  # wall seconds within which the line of a request must arrive
+MAX_REQUESTS, MAX_REQUESTS_PER_USER = 64, 8  # simultaneous requests
+MAX_REQUEST_BYTES = 1 << 16
+_MAX_WAIT_S = 0.2
+_PAUSE_S = 1.0  # between attempts to accept after an error, such as a lack of descriptors
 _CREDENTIALS = struct.Struct("=iII")  # struct ucred: pid, uid, gid
-_FULL = {
+_FULL_ANSWER = {
     "over": True,
     "error": "too many emergency stops at the same time: try again, or switch the printers off by hand",
 }
@@ -70,12 +70,12 @@ class EstopServer:
         self._listener, self._begin, self._read_uid = listener, begin, read_uid
         self._pending: dict[socket.socket, _Pending] = {}
         self._running: list[tuple[int, Work]] = []
-        self._accepts_from_s = -math.inf
+        self._next_accept_s = -math.inf
 
     def serve_once(self, now_s: float, wait_s: float) -> None:
         """Handle pending connections and requests; wait at most `wait_s` for a connection."""
         with selectors.DefaultSelector() as selector:
-            if now_s >= self._accepts_from_s:
+            if now_s >= self._next_accept_s:
                 selector.register(self._listener, selectors.EVENT_READ)
             for connection in self._pending:
                 selector.register(connection, selectors.EVENT_READ)
@@ -84,7 +84,7 @@ class EstopServer:
         for connection in tuple(self._pending):
             if connection in ready_sockets:
                 self._read(connection)
-            if connection in self._pending and now_s - self._pending[connection].since_s > REQUEST_S:
+            if connection in self._pending and now_s - self._pending[connection].since_s > REQUEST_TIMEOUT_S:
                 self._end(connection)
         if self._listener in ready_sockets:
             self._accept(now_s)
@@ -95,14 +95,14 @@ class EstopServer:
         except (BlockingIOError, ConnectionAbortedError):
             return
         except OSError:
-            self._accepts_from_s = now_s + _PAUSE_S
+            self._next_accept_s = now_s + _PAUSE_S
             return
         connection.setblocking(False)
         uid = self._read_uid(connection)
         busy_uids = [request.uid for request in self._pending.values()] + [uid for uid, _ in self._running]
-        if len(busy_uids) >= MAX_TOTAL or busy_uids.count(uid) >= MAX_PER_USER:
+        if len(busy_uids) >= MAX_REQUESTS or busy_uids.count(uid) >= MAX_REQUESTS_PER_USER:
             with connection, suppress(OSError):
-                connection.send(json.dumps(_FULL).encode() + b"\n")
+                connection.send(json.dumps(_FULL_ANSWER).encode() + b"\n")
             return
         self._pending[connection] = _Pending(uid, now_s)
 
@@ -143,16 +143,16 @@ def _begin(connection: socket.socket, request: bytes) -> subprocess.Popen[bytes]
     )
     assert work.stdin is not None
     with work.stdin as stdin, suppress(BrokenPipeError):
-        stdin.write(request)  # a pipe has room for the longest request
+        stdin.write(request)  # a pipe can buffer the longest request
     return work
 
 
 def main() -> None:
-    """Serve until killed."""
+    """Serve requests until the process is killed."""
     with socket.socket(fileno=0) as listener:
         server = EstopServer(listener, _begin, read_peer_uid)
         while True:
-            server.serve_once(time.monotonic(), _WAIT_S)
+            server.serve_once(time.monotonic(), _MAX_WAIT_S)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Emergency stop for users without access to the agents, over a separate socket without the daemon.
+"""Emergency stop for users without access to the agents, over a separate socket and without the daemon.
 
 A member of the socket's group sends the names of printers. For each request `farm.cli.estop_server` starts a
 process of the farm's user, which stops them and reports line by line (`deploy/systemd/farm-estop.socket`).
@@ -18,7 +18,7 @@ from farm.errors import ErrorCode, FarmError
 from farm.paths import FarmPaths
 
 _MAX_LINE_BYTES = 1 << 16
-_SILENCE_S = 180.0  # maximum time between two lines; a hot printer is watched for 140 s
+_SILENCE_TIMEOUT_S = 180.0  # maximum time between two lines; a hot printer is watched for 140 s
 
 
 class _Line(BaseModel):
@@ -36,7 +36,7 @@ class StopReport(_Line):
 
     printer: str
     seen_off: bool | None = None  # None: not decided yet
-    still: bool | None = None  # confirmed to stand still
+    still: bool | None = None  # True: the printer is confirmed to stand still
     reset_after_s: float | None = None
     text: str
 
@@ -61,7 +61,7 @@ def find_estop_socket(paths: FarmPaths) -> Path | None:
     Raises
     ------
     FarmError
-        If the farm belongs to another user and has no such socket: the caller has no access to its agents.
+        If the farm belongs to another user and has no such socket, so that its agents are not accessible.
     """
     path = paths.socket.with_name("estop.sock")
     owners = {owner for socket in (path, paths.socket) if (owner := _find_owner(socket)) is not None}
@@ -94,7 +94,7 @@ def request_stop(path: Path, printers: list[str], report: Report) -> None:
     message = f"{path}: cannot be reached ({{}}); switch the printers off by hand"
     try:
         with socket.socket(socket.AF_UNIX) as connection:
-            connection.settimeout(_SILENCE_S)
+            connection.settimeout(_SILENCE_TIMEOUT_S)
             connection.connect(str(path))
             connection.sendall(StopRequest(printers=printers).model_dump_json().encode() + b"\n")
             with connection.makefile("r", encoding="utf-8") as lines:

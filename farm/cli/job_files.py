@@ -14,14 +14,14 @@ from farm import api
 from farm.cli.client import Client
 from farm.errors import FarmError, Refused
 
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,120}")
-_DIGEST = re.compile(r"[0-9a-f]{64}")
-_PICTURES = (".stl", ".png", ".jpg", ".jpeg")  # parts are drawn
+_NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,120}")
+_DIGEST_PATTERN = re.compile(r"[0-9a-f]{64}")
+_PICTURE_SUFFIXES = (".stl", ".png", ".jpg", ".jpeg")  # STL files are drawn
 
 
 @dataclass(frozen=True, slots=True)
 class FetchedFiles:
-    """Files of a job in a folder: all files by name and by SHA-256, and the names of those just written."""
+    """Files of a job in a folder: all files by name and by SHA-256, and the names of newly written files."""
 
     by_name: dict[str, Path] = field(default_factory=dict)
     by_sha256: dict[str, Path] = field(default_factory=dict)
@@ -33,8 +33,8 @@ class FetchedFiles:
 
 
 def is_picture(name: str) -> bool:
-    """Return whether the report of a job needs the file of a name."""
-    return name.lower().endswith(_PICTURES)
+    """Return whether the report of a job shows the file with a name."""
+    return name.lower().endswith(_PICTURE_SUFFIXES)
 
 
 def fetch_files(
@@ -68,9 +68,9 @@ def fetch_files(
     FarmError
         If a name is not valid, the content differs from its hash, or a file cannot be written.
     """
-    files = [file for file in client.files(number).files if select(file.name)]
+    files = [file for file in client.list_files(number).files if select(file.name)]
     for file in files:
-        if not _NAME.fullmatch(file.name) or not _DIGEST.fullmatch(file.sha256):
+        if not _NAME_PATTERN.fullmatch(file.name) or not _DIGEST_PATTERN.fullmatch(file.sha256):
             raise FarmError(
                 f"the daemon sent the file name {file.name!r}, which is not valid: nothing is written"
             )
@@ -80,7 +80,7 @@ def fetch_files(
         missing_files = [file for file in files if not _is_fetched(folder / file.name, file)]
         _refuse_overwriting(folder, missing_files, force)
         for file in missing_files:
-            _fetch_one(client, number, file, folder, force)
+            _fetch_file(client, number, file, folder, force)
             result.written.append(file.name)
     except OSError as error:
         cause = error.strerror or error
@@ -114,7 +114,7 @@ def _refuse_overwriting(folder: Path, files: list[api.FileView], force: bool) ->
         )
 
 
-def _fetch_one(client: Client, number: int, file: api.FileView, folder: Path, force: bool) -> None:
+def _fetch_file(client: Client, number: int, file: api.FileView, folder: Path, force: bool) -> None:
     digest, remaining_bytes = hashlib.sha256(), file.size
     descriptor, name = tempfile.mkstemp(prefix=".fetch-", dir=folder)
     temporary = Path(name)

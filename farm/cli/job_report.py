@@ -1,4 +1,4 @@
-"""HTML report of a job, with pictures from files that this user can read."""
+"""HTML report on a job, with pictures from files that this user can read."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from farm.views.report import JobContents, list_figures, render_page
 from farm.views.report.decomposition import parse_report
 
 _MAX_PRINTS = 100_000
-_STILLS_BYTES = 50_000_000  # maximum size of all stills on a page
+_MAX_STILLS_BYTES = 50_000_000  # maximum size of all stills on a page
 FindFile = Callable[[str], Path | None]
 """Function that returns a readable file for a path in the daemon's answer; None if there is none."""
 
@@ -46,8 +46,8 @@ def render_report(client: Client, number: int, find_file: FindFile) -> Report:
     find_file
         Finds the files that the daemon names.
     """
-    view = client.job(number).job
-    fleet = client.status().fleet
+    view = client.fetch_job(number).job
+    fleet = client.fetch_status().fleet
     now = datetime.fromisoformat(fleet.now).astimezone(ZoneInfo(fleet.timezone))
     part_by_files = {(part.file, part.picture): part for part in view.parts}  # copies of a part share both
     picture_by_files = {files: _find_picture(part, find_file) for files, part in part_by_files.items()}
@@ -59,7 +59,7 @@ def render_report(client: Client, number: int, find_file: FindFile) -> Report:
     report = find_file(f"{view.folder}/decomposition.json") if view.folder else None
     text = render_page(
         view,
-        client.history(None, None, _MAX_PRINTS).prints,
+        client.fetch_history(None, None, _MAX_PRINTS).prints,
         now,
         list_figures(view),
         JobContents(
@@ -83,7 +83,7 @@ def _find_picture(part: api.PartView, find_file: FindFile) -> bytes | None:
 def _read_stills(view: api.JobView, find_file: FindFile) -> dict[str, bytes]:
     """Read the stills of a job's prints by their paths, up to a total size."""
     stills: dict[str, bytes] = {}
-    remaining_bytes = _STILLS_BYTES
+    remaining_bytes = _MAX_STILLS_BYTES
     for path in [still.file for attempt in view.prints for still in attempt.stills if still.file is not None]:
         local_file = find_file(path)
         if local_file is not None and (remaining_bytes := remaining_bytes - local_file.stat().st_size) >= 0:

@@ -189,12 +189,12 @@ def _show_version(show: bool) -> None:
 
 
 @app.callback()
-def common(
+def parse_common_options(
     version: Annotated[
         bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version.")
     ] = False,
 ) -> None:
-    """Turns a fleet of Ultimaker 2+ printers into one fast printer for large models."""
+    """Parse the options before the name of a command."""
 
 
 def main() -> None:

@@ -22,7 +22,7 @@ P = ParamSpec("P")
 State = Annotated[Path | None, typer.Option("--state", help="The state folder (FARM_STATE).")]
 Socket = Annotated[
     Path | None, typer.Option("--socket", help="The daemon's socket (FARM_SOCKET).", readable=False)
-]  # not readable: a user without access to it gets the error of the connection
+]  # `readable=False`, so that a user without access to it gets the error of the connection
 FleetFile = Annotated[Path | None, typer.Option("--fleet", help="The fleet file (FARM_FLEET).")]
 Url = Annotated[
     str | None,
@@ -34,21 +34,21 @@ KeyFile = Annotated[
         "--key-file", envvar="FARM_KEY_FILE", show_envvar=False, help="The key for --url (FARM_KEY_FILE)."
     ),
 ]
-_LOCAL = {
+_LOCAL_REASONS = {
     "up": "it starts processes",
     "down": "it stops the farm for all users",
     "key": "a key must not create other keys",
     "web": "the kernel there identifies the user of the link",
     "prune": "deleted files cannot be restored",
 }
-_URL_IGNORED = {
+_IGNORED_URL_REASONS = {
     "daemon": "it is the server itself",
     "doctor": "it checks this host",
     "discover": "it lists the ports of this host",
     "estop": "it resets the boards by their cables, even if the daemon hangs",
 }
 """Commands that ignore `FARM_URL`; for example, the variable must never make an emergency stop fail."""
-LOCAL_COMMANDS = {**_LOCAL, **_URL_IGNORED}
+LOCAL_COMMANDS = {**_LOCAL_REASONS, **_IGNORED_URL_REASONS}
 """Commands that work only on the farm's own host, each with the reason."""
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout, and nothing else.")]
 ReasonOption = Annotated[str, typer.Option(help="The reason; it goes into the history.")]
@@ -99,7 +99,7 @@ def with_paths(command: Callable[Concatenate[FarmPaths, P], None]) -> Callable[P
     callable
         The command for typer, with the three options after its own.
     """
-    variable = "FARM_URL" if command.__name__ in _LOCAL else None
+    variable = "FARM_URL" if command.__name__ in _LOCAL_REASONS else None
     url = Annotated[str | None, typer.Option("--url", envvar=variable, show_envvar=False, hidden=True)]
     key_file = Annotated[Path | None, typer.Option("--key-file", hidden=True)]
     path_options = (("state", State), ("socket", Socket), ("fleet", FleetFile))
@@ -137,7 +137,7 @@ def _add_options(
         if url is not None and name in LOCAL_COMMANDS:
             raise Refused(
                 f"farm {name} works only on the farm's own host, as {LOCAL_COMMANDS[name]}: run it there, "
-                f"without --url{' and FARM_URL' if name in _LOCAL else ''}"
+                f"without --url{' and FARM_URL' if name in _LOCAL_REASONS else ''}"
             )
         paths = find_farm_paths(state, socket, fleet)
         command(replace(paths, url=url, key_file=key_file), **arguments)  # type: ignore[call-arg]

@@ -24,12 +24,12 @@ from farm.cli.notices import print_notice
 from farm.errors import ErrorCode, ExitCode, FarmError, Refused
 from farm.model import JobOptions, JobState
 
-_POLL_S = 0.5
+_POLL_INTERVAL_S = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class Submitter:
-    """Submitter of models to the daemon, all with the same options.
+    """Submitter of models to the daemon, with the same options for all.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class Submitter:
 
     def submit_one(self, model: Path) -> int:
         """Submit one model and show its job; return the exit code. Raises FarmError."""
-        answer = self._finish(self._upload(model))
+        answer = self._show_job_or_plan(self._upload(model))
         if self.quiet:
             print_json(answer)
         return _find_exit_code(answer)
@@ -64,17 +64,16 @@ class Submitter:
         for i, answer in enumerate(answers):
             try:
                 numbers[i] = self._upload(Path(answer.model))
-                if (
-                    self.options.dry_run
-                ):  # one by one, because the daemon cancels a dry run that no client polls
+                # Dry runs are finished one by one, because the daemon cancels those that no client polls.
+                if self.options.dry_run:
                     answers[i] = self._finish_one(answer, numbers.pop(i))
             except FarmError as error:
-                answers[i] = _fail(answer, error)
+                answers[i] = _record_failure(answer, error)
         for i, number in numbers.items():
             try:
                 answers[i] = self._finish_one(answers[i], number)
             except FarmError as error:
-                answers[i] = _fail(answers[i], error)
+                answers[i] = _record_failure(answers[i], error)
         if self.quiet:
             print_json(api.Submissions(submissions=answers))
         failures = [answer for answer in answers if answer.exit_code]
@@ -84,7 +83,7 @@ class Submitter:
 
     def _finish_one(self, submission: api.Submission, number: int) -> api.Submission:
         """Show a submitted job or its plan, and add it to the answer."""
-        answer = self._finish(number)
+        answer = self._show_job_or_plan(number)
         if isinstance(answer, api.Timeline):
             return submission.model_copy(update={"timeline": answer})
         return submission.model_copy(update={"job": answer.job, "exit_code": answer.job.exit_code})
@@ -106,12 +105,12 @@ class Submitter:
             print_notice(notice)
         return answer.job
 
-    def _finish(self, number: int) -> api.JobStatus | api.Timeline:
+    def _show_job_or_plan(self, number: int) -> api.JobStatus | api.Timeline:
         return self._show_plan(number) if self.options.dry_run else self._show_job(number)
 
     def _show_job(self, number: int) -> api.JobStatus:
         """Show a submitted job; with `wait`, follow it to its end."""
-        answer = self.client.job(number)
+        answer = self.client.fetch_job(number)
         if not self.quiet:
             show_submitted(answer.job, self.wait)
         if self.wait:
@@ -131,19 +130,19 @@ class Submitter:
         try:
             with show_progress(number, quiet=self.quiet) as update:
                 while True:
-                    job = retry_over_restart(lambda: self.client.job(number)).job
+                    job = retry_over_restart(lambda: self.client.fetch_job(number)).job
                     if job.state not in (JobState.QUEUED, JobState.PLANNING):
                         break
                     update(job)
                     if job.waits_for_person and job.hold is not None:
                         raise Refused(f"it cannot be planned now: {job.hold.text}")
-                    time.sleep(_POLL_S)
+                    time.sleep(_POLL_INTERVAL_S)
             if job.exit_code:
                 code = ErrorCode(job.error) if job.error else ErrorCode.FAILED
                 raise FarmError(f"job {job.id}: {job.reason or job.state}", code)
-            timeline = self.client.timeline(number)
+            timeline = self.client.fetch_timeline(number)
         finally:
-            if not JobState(self.client.job(number).job.state).ended:
+            if not JobState(self.client.fetch_job(number).job.state).ended:
                 self.client.cancel(number)
         if not self.quiet:
             show_timeline(timeline)
@@ -165,7 +164,7 @@ def _find_exit_code(answer: api.JobStatus | api.Timeline) -> int:
     return answer.job.exit_code if isinstance(answer, api.JobStatus) else int(ExitCode.DONE)
 
 
-def _fail(submission: api.Submission, error: FarmError) -> api.Submission:
+def _record_failure(submission: api.Submission, error: FarmError) -> api.Submission:
     """Print the error of one model among several, and add it to its answer."""
     text, name = " ".join(str(error).split()), Path(submission.model).name
     print_notice(text if name in text else f"{name}: {text}")

@@ -1,6 +1,13 @@
 """Control of the farm: the controller, commands of people, effects, timers and notices."""
 
-from farm.control.access import LINK_S, MAX_SESSION_S, AppKeyRequests, KeyCommands, SessionCommands, find_key
+from farm.control.access import (
+    LINK_LIFETIME_S,
+    MAX_SESSION_S,
+    AppKeyRequests,
+    KeyCommands,
+    SessionCommands,
+    find_key,
+)
 from farm.control.controller import Controller
 from farm.control.effects import FarmEffects
 from farm.control.job_commands import (
@@ -16,7 +23,7 @@ from farm.control.printer_commands import PrinterCommands
 from farm.control.timers import Timers
 
 __all__ = [
-    "LINK_S",
+    "LINK_LIFETIME_S",
     "MAX_SESSION_S",
     "PAGE_DRY_RUN_TIMEOUT_S",
     "AppKeyRequests",

@@ -26,7 +26,7 @@ from farm.model import AgentPrint, AgentSnapshot, Bed, JobState, PlanProgress, P
 from farm.paths import StateFolder
 from farm.planning import Plan
 from farm.planning.replanning import ReplanCoordinator, ReplannedPlate
-from farm.scheduling import LARGE_FLEET, BuildVolumes, ForecastCache, StartRules
+from farm.scheduling import LARGE_FLEET_SIZE, BuildVolumes, ForecastCache, StartRules
 from farm.state import (
     Books,
     apply_reels,
@@ -72,7 +72,9 @@ class Controller:
         self._effects: Effects | None = None
         self._replanning = ReplanCoordinator()
         self.situations = Situations(self, build_volumes)
-        self.scheduler = Scheduler(self.situations, self.planning, self._replanning, self._commit_together)
+        self.scheduler = Scheduler(
+            self.situations, self.planning, self._replanning, self._commit_in_transaction
+        )
         self.forecast = ForecastCache(clock, lambda: self.books, self.situations.build_for_forecast)
         self._job_cache = JobCache()
 
@@ -90,7 +92,7 @@ class Controller:
         """
         self._effects = effects
         events = _list_startup_events(self.books, self.fleet, restored_s, self.clock.now())
-        self._perform_effects(self._commit_together(events))
+        self._perform_effects(self._commit_in_transaction(events))
         self.situations.prepare()
         for problem in validate_books(self.books) if restored_s is not None else ():
             log.error("the restored database is inconsistent: %s", problem)
@@ -156,7 +158,7 @@ class Controller:
                     self.planning.end(instruction.job)
                 yield instruction
 
-    def _commit_together(self, events: Iterable[ev.AnyEvent]) -> list[Effect]:
+    def _commit_in_transaction(self, events: Iterable[ev.AnyEvent]) -> list[Effect]:
         """Commit events in one transaction, with one sync to the disk; if it fails, nothing changes."""
         books = self.books
         try:
@@ -193,15 +195,15 @@ class Controller:
         """Handle the changes that an agent's snapshot shows; the rest of it is telemetry."""
         name = snapshot.printer
         previous_snapshot = self.telemetry.snapshots.get(name)
-        in_use = self.situations.describe_printer(name) is not None
-        changes = compare_snapshot(self.books, snapshot, previous_snapshot, in_use, self.clock.now())
+        is_in_use = self.situations.describe_printer(name) is not None
+        changes = compare_snapshot(self.books, snapshot, previous_snapshot, is_in_use, self.clock.now())
         if changes.invalid_transition is not None:  # one faulty agent must not stop the others
             error_with_history = self._store.add_history(changes.invalid_transition)
             PrinterLog(log, name).error("its agent's snapshot does not fit the books: %s", error_with_history)
         has_changed = self.telemetry.store(snapshot, self.clock.now())
         try:
             if changes.events or has_changed:
-                schedules_now = len(self.fleet.printers) <= LARGE_FLEET
+                schedules_now = len(self.fleet.printers) <= LARGE_FLEET_SIZE
                 self._handle_all(changes.events, self._list_unconfirmed([name]), schedules_now)
             else:
                 self._perform_effects(self._list_unconfirmed([name]))
@@ -218,12 +220,12 @@ class Controller:
         attempt, is_final = self.books.prints[print_id], self.telemetry.count_refusal(print_id)
         if attempt.state is not PrintState.ASSIGNED or not (late or is_final):
             return
-        printer = self.books.printer(attempt.printer)
+        printer = self.books.get_printer(attempt.printer)
         self.handle(make_refused_print_end(attempt, printer, reason, late, self.clock.now()))
 
     def find_unreported_since_s(self, printer: str) -> float | None:
-        """Return the time from which an agent must list its prints first; None if it need not."""
-        return self.books.printer(printer).unreported_since_s
+        """Return the time since which an agent must first list its prints; None if it need not."""
+        return self.books.get_printer(printer).unreported_since_s
 
     def on_journal(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
         """Record the prints that an agent has made since the backup."""
@@ -236,7 +238,7 @@ class Controller:
     def on_plan(self, number: int, result: Plan | FarmError) -> None:
         """Record the plan of a job, or the error that prevents it."""
         situation = self.situations.build(self.situations.find_held_back_plates())
-        event = self.planning.finish(self.books.job(number), result, self.books, situation)
+        event = self.planning.finish(self.books.get_job(number), result, self.books, situation)
         self.handle(*([event] if event is not None else []))
 
     def on_replan(self, plate: str, result: ReplannedPlate | FarmError) -> None:
@@ -246,7 +248,7 @@ class Controller:
         self.handle(*([event] if event is not None else []))
 
     def on_clock_set(self, by_s: float) -> None:
-        """Handle a step of the host's clock by `by_s` farm seconds: hours shift, durations do not."""
+        """Handle a step of the host's clock by `by_s` farm seconds, which must not change durations."""
         self.started_s += by_s
         self.forecast.on_clock_set()
         self._replanning.on_clock_set()
@@ -256,7 +258,7 @@ class Controller:
             log.error("%s", error)
 
     def warn(self, topic: str, text: str | None) -> None:
-        """Store a problem of the farm as a whole (backup, disk) for display; None once it is solved."""
+        """Store a problem of the farm as a whole (backup, disk) for display; remove it if `text` is None."""
         self.telemetry.warnings[topic] = text
 
     def build_view_context(self, state: StateFolder) -> ViewContext:

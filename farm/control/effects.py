@@ -1,4 +1,4 @@
-"""Effects of decisions: instructions of the controller to agents, planner and replan worker."""
+"""Effects of decisions: instructions from the controller to agents, the planner and the replan worker."""
 
 from __future__ import annotations
 
@@ -58,14 +58,14 @@ class FarmEffects:
                 self._agents.perform(effect, books, self._state.files)
 
     def _start_planning(self, order: StartPlanning, books: Books) -> None:
-        job, fleet = books.job(order.job), apply_reels(self._fleet, books.printers)
+        job, fleet = books.get_job(order.job), apply_reels(self._fleet, books.printers)
         start_s = max(self._clock.now(), job.not_before_s or 0.0)
         limit_s = job.assembled_by_s if job.done_by_s is None else job.done_by_s
         request = PlanRequest(
             job=job,
             printers=tuple(fleet.find_printer(name) for name in order.printers),
             rounds=order.rounds,
-            time_factors={name: books.printer(name).time_factors for name in order.printers},
+            time_factors={name: books.get_printer(name).time_factors for name in order.printers},
             within_s=None if limit_s is None else max(0.0, limit_s - start_s),
             assembly_ratio=compute_assembly_ratio(books.jobs.values()),
             quick=order.quick,
@@ -75,7 +75,7 @@ class FarmEffects:
     def _start_replan(self, order: StartReplan, books: Books) -> None:
         plate, fleet = books.plates[order.plate], apply_reels(self._fleet, books.printers)
         (part,) = (books.parts[name] for name in plate.parts)
-        job = books.job(plate.job)
+        job = books.get_job(plate.job)
         task = ReplanTask(
             plate=plate,
             part=part,
@@ -83,7 +83,7 @@ class FarmEffects:
             printers=tuple(fleet.find_printer(name) for name in order.printers),
             files=self._state.files,
             folder=self._state.work / f"replan-{plate.id.replace('/', '-')}",
-            time_factors={name: books.printer(name).time_factors for name in order.printers},
+            time_factors={name: books.get_printer(name).time_factors for name in order.printers},
             other_parts=tuple(
                 job_part
                 for job_part in map(books.parts.__getitem__, job.parts)
@@ -94,8 +94,8 @@ class FarmEffects:
         self._replan_worker.start(task, order.cut)
 
     def _link_files(self, number: int, books: Books) -> None:
-        job = books.job(number)
-        names = list_job_files(job, map(books.parts.__getitem__, job.parts), books.plates_of(job))
+        job = books.get_job(number)
+        names = list_job_files(job, map(books.parts.__getitem__, job.parts), books.list_plates(job))
         try:
             link_files(self._state.find_job_folder(job.id), self._state.files, names)
         except OSError as error:  # the links are optional: the job continues

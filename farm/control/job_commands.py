@@ -42,7 +42,7 @@ class JobCommands:
         Raises
         ------
         Refused
-            If the farm takes no jobs now.
+            If the farm is shutting down.
         FarmError
             If the start time or the deadline is not in the future.
         """
@@ -51,15 +51,15 @@ class JobCommands:
             raise Refused("the farm is shutting down: submit again after `farm up`")
 
     def list_unusable_options(self, options: JobOptions) -> list[str]:
-        """List the options of a submission that ask for more printers than the fleet has."""
+        """Describe the options of a submission that require more printers than the fleet has."""
         printers = len(self._controller.fleet.printers)
         fleet = f"the fleet has {format_count(printers, 'printer')}"
-        refusals = []
+        problems = []
         if options.printers is not None and options.printers > printers:
-            refusals.append(f"--printers {options.printers}: {fleet}, and the job uses no more")
+            problems.append(f"--printers {options.printers}: {fleet}, and the job uses no more")
         if options.spares >= printers:
-            refusals.append(f"--spares {options.spares}: {fleet}, and at least one has to print the job")
-        return refusals
+            problems.append(f"--spares {options.spares}: {fleet}, and at least one has to print the job")
+        return problems
 
     def submit(
         self,
@@ -99,7 +99,7 @@ class JobCommands:
 
     def cancel(self, number: int, by: str) -> None:
         """Cancel a job: no more of its parts are printed."""
-        job = self._controller.books.job(number)
+        job = self._controller.books.get_job(number)
         if job.state.ended:
             is_printable = job.parts and job.pruned_s is None
             hint = f"; `farm reprint {number} PART` prints a part again" if is_printable else ""
@@ -107,23 +107,23 @@ class JobCommands:
         self._controller.handle(ev.JobCancelled(at_s=self._controller.clock.now(), job=number, by=by))
 
     def pause(self, number: int, is_paused: bool, by: str) -> None:
-        """Pause a job (its prints pause, and no others start), or resume it."""
+        """Pause a job, so that its prints pause and no others start; or resume it."""
         books = self._controller.books
-        job = books.job(number)
+        job = books.get_job(number)
         if job.state.ended:
             raise Refused(f"job {number} has already ended: it is {job.state}")
-        has_paused_parts = not is_paused and any(plate.paused for plate in books.plates_of(job))
+        has_paused_parts = not is_paused and any(plate.paused for plate in books.list_plates(job))
         if job.paused is is_paused and not has_paused_parts:
             raise Refused(f"job {number} is {'already paused' if is_paused else 'not paused'}")
         if not is_paused:
-            printers = (p.printer for p in books.open_prints(number) if p.pause_requested)
+            printers = (p.printer for p in books.list_open_prints(number) if p.pause_requested)
             self._printers.refuse_unattended(sorted(printers))
         at_s = self._controller.clock.now()
         self._controller.handle(ev.JobPaused(at_s=at_s, job=number, wanted=is_paused, by=by))
 
     def record_assembly(self, number: int, minutes: float, by: str) -> None:
         """Record the time that a person took to glue the parts of a job; a later report replaces it."""
-        job = self._controller.books.job(number)
+        job = self._controller.books.get_job(number)
         if job.state not in (JobState.PRINTED, JobState.DONE):
             raise Refused(f"job {number} is {job.state}: report its assembly once all parts are printed")
         if len(job.parts) < 2:
@@ -159,8 +159,8 @@ class JobCommands:
     def _list_queue(self, number: int) -> list[int]:
         """Return the numbers of the jobs in the queue, in order. Raises Refused if the job is not in it."""
         books = self._controller.books
-        if books.job(number).state.ended:
-            raise Refused(f"job {number} has already ended: it is {books.job(number).state}")
+        if books.get_job(number).state.ended:
+            raise Refused(f"job {number} has already ended: it is {books.get_job(number).state}")
         order = [job.id for job in list_queue(books)]
         if number not in order:
             raise Refused(f"no plate of job {number} waits: all of them have started")
@@ -183,7 +183,7 @@ class JobCommands:
         job = self._find_held_job(number)
         if plan != (job.plan or ""):
             raise Refused(f"the plan of job {number} is {job.plan}, not {plan}: check it again")
-        for plate in list(self._controller.books.plates_of(job)):
+        for plate in list(self._controller.books.list_plates(job)):
             path = state.files / plate.gcode
             if not path.is_file() or await asyncio.to_thread(compute_sha256, path) != plate.sha256:
                 raise Refused(
@@ -194,15 +194,15 @@ class JobCommands:
 
     def keep_dry_run(self, number: int, by: str) -> None:
         """Convert a dry run to a job that is held until its plan is approved."""
-        job = self._controller.books.job(number)
+        job = self._controller.books.get_job(number)
         if not job.options.dry_run or job.state.ended:
             raise Refused(f"job {number} is not a dry run that can be kept: it is {job.state}")
         at_s = self._controller.clock.now()
         self._controller.handle(ev.JobReleased(at_s=at_s, job=number, by=by, hold=True))
 
-    def plan_again(self, number: int, request_id: str, options: JobOptions, by: str) -> int:
+    def resubmit(self, number: int, request_id: str, options: JobOptions, by: str) -> int:
         """Submit the model of a job again with other options; return the number of the new job."""
-        job = self._controller.books.job(number)
+        job = self._controller.books.get_job(number)
         if job.pruned_s is not None:
             raise Refused(f"the files of job {number} were pruned: submit {job.name} again")
         self.check_submission(options)
@@ -224,7 +224,7 @@ class JobCommands:
             True if the person is an operator. Others may release only their own jobs, and only on a farm
             where jobs need no approval.
         """
-        job = self._controller.books.job(number)
+        job = self._controller.books.get_job(number)
         if job.state.ended:
             raise Refused(f"job {number} has already ended: it is {job.state}")
         if not is_operator and (self._needs_operator(job) or job.submitted_by != by):
@@ -238,29 +238,31 @@ class JobCommands:
         return self._controller.fleet.fleet.approve or job.restored
 
     def _find_held_job(self, number: int) -> Job:
-        job = self._controller.books.job(number)
+        job = self._controller.books.get_job(number)
         if job.state is not JobState.HELD:
             raise Refused(f"job {number} is not waiting for approval: it is {job.state}")
         return job
 
 
-def find_successor(order: Sequence[int], number: int, move: api.QueueMove) -> int | None:
+def find_successor(queue: Sequence[int], number: int, move: api.QueueMove) -> int | None:
     """Find the job before which a job is moved; None for the end of the queue.
 
     Parameters
     ----------
-    order
-        The numbers of the jobs in the queue.
+    queue
+        The numbers of the jobs in the queue, in order.
     number
-        The job that is moved, which is in `order`.
+        The job that is moved, which is in `queue`.
+    move
+        The new place: a direction, an end of the queue, or the job before which it is put.
 
     Raises
     ------
     Refused
         If the job is already at that place, or the other job is not in the queue.
     """
-    place = order.index(number)
-    other_jobs = [entry for entry in order if entry != number]
+    place = queue.index(number)
+    other_jobs = [entry for entry in queue if entry != number]
     if move.before is not None:
         if move.before not in other_jobs:
             raise Refused(f"job {move.before} is not another job in the queue: `farm queue` lists it")
@@ -269,7 +271,7 @@ def find_successor(order: Sequence[int], number: int, move: api.QueueMove) -> in
         api.QueuePlace.UP: place - 1,
         api.QueuePlace.DOWN: place + 1,
         api.QueuePlace.FIRST: 0 if place else -1,
-        api.QueuePlace.LAST: len(other_jobs) if place < len(other_jobs) else len(order),
+        api.QueuePlace.LAST: len(other_jobs) if place < len(other_jobs) else len(queue),
     }
     target = places[move.to or api.QueuePlace.LAST]
     if not 0 <= target <= len(other_jobs):
@@ -278,16 +280,16 @@ def find_successor(order: Sequence[int], number: int, move: api.QueueMove) -> in
 
 
 def abort_prints(controller: Controller) -> None:
-    """Cancel every open print and its job; for prints of ended jobs, cancel their plate."""
+    """Cancel every open print and its job; if the job has ended, cancel only the plate of the print."""
     books, now_s = controller.books, controller.clock.now()
-    numbers = sorted({attempt.job for attempt in books.open_prints()})
-    open_jobs = [number for number in numbers if not books.job(number).state.ended]
+    numbers = sorted({attempt.job for attempt in books.list_open_prints()})
+    open_jobs = [number for number in numbers if not books.get_job(number).state.ended]
     controller.handle(*(ev.JobCancelled(at_s=now_s, job=number) for number in open_jobs))
-    remaining_plates = [
-        attempt.plate for attempt in controller.books.open_prints() if attempt.cancel_reason is None
+    plates_of_ended_jobs = [
+        attempt.plate for attempt in controller.books.list_open_prints() if attempt.cancel_reason is None
     ]
     controller.handle(
-        *(ev.PlateCancelled(at_s=now_s, plate=plate, by=ev.UNKNOWN_CALLER) for plate in remaining_plates)
+        *(ev.PlateCancelled(at_s=now_s, plate=plate, by=ev.UNKNOWN_CALLER) for plate in plates_of_ended_jobs)
     )
 
 
@@ -315,7 +317,7 @@ def parse_start_and_deadline_s(
 
 
 class DryRuns:
-    """Dry runs, cancelled once their clients are gone. Times are wall seconds of a monotonic clock."""
+    """Dry runs, cancelled after their clients disappear. Times are wall seconds of a monotonic clock."""
 
     def __init__(self, controller: Controller) -> None:
         self._controller = controller

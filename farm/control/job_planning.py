@@ -22,7 +22,7 @@ from farm.state import events as ev
 
 
 class JobPlanning:
-    """Jobs that are being planned, for the first time or again. State is kept in memory only.
+    """Jobs that are being planned, for the first time or again; kept in memory only.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ class JobPlanning:
         for decision in decisions:
             if isinstance(decision, StartPlanning):
                 yield ev.PlanningStarted(at_s=now_s, job=decision.job), decision
-            elif not decision.hold.has_same_reason(books.job(decision.job).hold):
+            elif not decision.hold.has_same_reason(books.get_job(decision.job).hold):
                 yield ev.JobHeld(at_s=now_s, job=decision.job, hold=decision.hold), None
 
     def begin(self, order: StartPlanning, now_s: float) -> None:
@@ -134,8 +134,8 @@ class JobPlanning:
     def list_running_jobs(self, books: Books) -> list[int]:
         """List the jobs that are being planned, without those that wait for free disk space."""
         planning_jobs = (job.id for job in books.jobs.values() if job.state is JobState.PLANNING)
-        return sorted(number for number in planning_jobs if not self._waits_for_room(number))
+        return sorted(number for number in planning_jobs if not self._waits_for_disk_space(number))
 
-    def _waits_for_room(self, number: int) -> bool:
+    def _waits_for_disk_space(self, number: int) -> bool:
         progress = self.progress.get(number)
         return progress is not None and progress.step is PlanStep.NO_ROOM

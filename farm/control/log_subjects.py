@@ -1,4 +1,4 @@
-"""Log line of an event, and its subjects for the fields of that line."""
+"""Log lines of events, with the subjects of each event as fields."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from farm.state import events as ev
 
 
 def log_event(log: Logger, event: ev.AnyEvent, books: Books) -> None:
-    """Write an event to the log; it is applied to `books` already."""
+    """Write an event to the log, after it has been applied to `books`."""
     fields = event.model_dump_json(exclude={"at_s"}, exclude_none=True)
     log.info("%s %s", type(event).__name__, fields, extra=find_subjects(event, books))
 

@@ -22,7 +22,7 @@ _MAX_EVENT_AGE_S = 30 * 24 * 3600.0  # farm seconds after which an event is too 
 
 
 class Notifier:
-    """Sender of notices on new events; a file records sent notices, so that a restart does not repeat them.
+    """Sender of notices of new events; a file records sent notices, so that a restart does not repeat them.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class Notifier:
     def __init__(self, urls: Sequence[SecretStr], farm: str, file: Path, now_s: float) -> None:
         for name in ("apprise", "urllib3"):  # they log addresses
             logging.getLogger(name).setLevel(logging.CRITICAL)
-        self._addresses = [_open_channel(number, url) for number, url in enumerate(urls, 1)]
+        self._channels = [_open_channel(number, url) for number, url in enumerate(urls, 1)]
         self._title, self._file = farm, file
         self._since_s, self._sent = _load_record(file, now_s)
         self._queue: SimpleQueue[str] = SimpleQueue()
@@ -76,7 +76,7 @@ class Notifier:
     def _send_notices(self) -> None:
         while True:
             body = self._queue.get()
-            for number, channel in enumerate(self._addresses, 1):
+            for number, channel in enumerate(self._channels, 1):
                 try:
                     is_sent = channel.notify(title=self._title, body=body)
                 except Exception as error:  # an error of a plugin, whose text may contain the address

@@ -12,7 +12,7 @@ from farm.state import PlateState, find_stopped_print
 from farm.state import events as ev
 from farm.text import parse_part_number
 
-_REFUSALS = {
+_REFUSAL_REASONS = {
     PlateState.PRINTED: "is already printed",
     PlateState.GOOD: "is already printed",
     PlateState.CANCELLED: "is already cancelled",
@@ -32,15 +32,15 @@ class PartCommands:
     def reprint(self, job: int, part: str, why: str, by: str) -> str:
         """Print a part again, unless it already waits or is being printed; return its name."""
         plate = self._find_plate(job, part)
-        entry = self._controller.books.job(job)
+        entry = self._controller.books.get_job(job)
         if entry.pruned_s is not None:
             pruned_at = datetime.fromtimestamp(entry.pruned_s, self._controller.fleet.zone)
             raise Refused(
                 f"the files of job {job} were pruned on {pruned_at:%Y-%m-%d} (`fleet.keep` in fleet.yaml): "
                 f"submit {entry.name} again; `farm report {job}` still shows how it was printed"
             )
-        state = self._controller.books.plate_state(plate)
-        stopped_print = find_stopped_print(plate, self._controller.books.prints_of(plate))
+        state = self._controller.books.find_plate_state(plate)
+        stopped_print = find_stopped_print(plate, self._controller.books.list_prints(plate))
         if state in _PENDING_REASONS and stopped_print is None:
             printer = self._find_printer(plate)
             raise Refused(f"part {plate.parts[0]} {_PENDING_REASONS[state].format(printer=printer)}")
@@ -58,9 +58,9 @@ class PartCommands:
         return self._cancel_plate(self._controller.books.plates[attempt.plate], by)
 
     def _cancel_plate(self, plate: Plate, by: str) -> str:
-        state = self._controller.books.plate_state(plate)
-        if state in _REFUSALS and (state is not PlateState.GOOD or self._find_printer(plate) is None):
-            raise Refused(f"part {plate.parts[0]} {_REFUSALS[state]}")
+        state = self._controller.books.find_plate_state(plate)
+        if state in _REFUSAL_REASONS and (state is not PlateState.GOOD or self._find_printer(plate) is None):
+            raise Refused(f"part {plate.parts[0]} {_REFUSAL_REASONS[state]}")
         self._controller.handle(ev.PlateCancelled(at_s=self._controller.clock.now(), plate=plate.id, by=by))
         return plate.parts[0]
 
@@ -71,14 +71,14 @@ class PartCommands:
         if printer is not None:
             self._printers.pause(printer, pause_requested, by)
             return printer
-        name, state = plate.parts[0], self._controller.books.plate_state(plate)
+        name, state = plate.parts[0], self._controller.books.find_plate_state(plate)
         if state is not PlateState.WAITING:
-            reason = _REFUSALS.get(
+            reason = _REFUSAL_REASONS.get(
                 state, f"failed too often: print it again with `farm reprint {job} {part}`"
             )
             raise Refused(f"part {name} {reason}")
         if plate.paused is pause_requested:
-            if not pause_requested and self._controller.books.job(job).paused:
+            if not pause_requested and self._controller.books.get_job(job).paused:
                 raise Refused(f"job {job} is paused: `farm resume {job}` resumes its parts")
             raise Refused(f"part {name} is {'already paused' if pause_requested else 'not paused'}")
         at_s = self._controller.clock.now()
@@ -88,7 +88,7 @@ class PartCommands:
     def _find_plate(self, job: int, part: str) -> Plate:
         """Find the plate of a part, whose name may lack the number of the job: 3/p01, p01, 01 or 1."""
         books = self._controller.books
-        entry = books.job(job)
+        entry = books.get_job(job)
         for name in entry.parts:
             if parse_part_number(name) == parse_part_number(part):
                 return books.plates[books.parts[name].plate]
@@ -101,6 +101,6 @@ class PartCommands:
         raise NoSuchThing(f"job {job} has no part {part}; its parts are {part_names}")
 
     def _find_printer(self, plate: Plate) -> str | None:
-        """Return the printer that prints a plate now."""
-        attempts = self._controller.books.prints_of(plate)
+        """Return the printer that is printing a plate; None if there is none."""
+        attempts = self._controller.books.list_prints(plate)
         return next((attempt.printer for attempt in attempts if not attempt.state.ended), None)

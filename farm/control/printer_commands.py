@@ -17,7 +17,7 @@ from farm.text import parse_part_number
 
 
 class PrinterCommands:
-    """Commands of people on printers: checked, then handled as events. Raises NoSuchThing or Refused."""
+    """Commands of people on printers: checked, then handled as events. They raise NoSuchThing or Refused."""
 
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
@@ -60,20 +60,20 @@ class PrinterCommands:
     def clear_bed(self, printer: str, request: api.ClearedRequest, by: str) -> api.ClearedResponse:
         """Record that a person cleared a bed, with the verdict on its part.
 
-        `request.good` is the part of a failed print that is usable. `request.seen` is the last print on
-        the sender's page: the command is refused if a later print exists.
+        `request.good` names the part of a failed print if the part is usable. `request.seen` is the last
+        print on the sender's page: the command is refused if a later print exists.
         """
         books = self._controller.books
-        books.printer(printer)
-        if books.open_print_on(printer) is not None:
+        books.get_printer(printer)
+        if books.find_open_print(printer) is not None:
             raise Refused(f"{printer} is printing: its bed cannot be clear")
-        last_print = books.last_print_on(printer)
+        last_print = books.find_last_print(printer)
         if request.seen is not None and last_print is not None and request.seen != last_print.id:
             raise Refused(
                 f"plate {last_print.plate} was printed on {printer} after this page was shown: "
                 "look at its bed"
             )
-        judged_print = books.print_to_judge(printer)
+        judged_print = books.find_print_to_judge(printer)
         if request.bad and judged_print is None:
             raise Refused(f"no part printed on {printer} waits for a verdict: leave out --bad")
         good_print = None if request.good is None else self._find_failed_print(printer, request.good)
@@ -94,7 +94,7 @@ class PrinterCommands:
                 good=name_part(books, good_print), printed_on=list_reprinting_printers(books, good_print)
             )
         plate = None if judged_print is None else books.plates[judged_print.plate]
-        is_reprinted = plate is not None and books.plate_state(plate) in (
+        is_reprinted = plate is not None and books.find_plate_state(plate) in (
             PlateState.WAITING,
             PlateState.PRINTING,
         )
@@ -103,7 +103,7 @@ class PrinterCommands:
     def _find_failed_print(self, printer: str, part: str) -> Print | None:
         """Return the failed print of a part on a bed; None if its print is recorded as done."""
         books = self._controller.books
-        judged_print, failed_print = books.print_to_judge(printer), find_failed_print(books, printer)
+        judged_print, failed_print = books.find_print_to_judge(printer), find_failed_print(books, printer)
         attempt = judged_print or failed_print
         if attempt is None:
             raise Refused(
@@ -117,18 +117,18 @@ class PrinterCommands:
 
     async def load_reel(self, printer: str, request: api.LoadRequest, by: str) -> Reel:
         """Record that a reel was loaded or weighed; omitted fields keep their values."""
-        entry = self._controller.books.printer(printer)
+        entry = self._controller.books.get_printer(printer)
         self._refuse_while_printing(printer)
         section = self._controller.fleet.find_printer(printer)
         has_new_material = request.material is not None or request.colour is not None
-        present_reel = entry.reel if not has_new_material else None
-        grams = present_reel.grams if present_reel is not None else None
+        current_reel = entry.reel if not has_new_material else None
+        grams = current_reel.grams if current_reel is not None else None
         reel = Reel(
             material=request.material or section.material,
             colour=request.colour if has_new_material else section.colour,
             grams=request.grams if request.grams is not None else grams,
             nozzle_mm=request.nozzle_mm or section.nozzle_mm,
-            uncertain=present_reel is not None and present_reel.uncertain and request.grams is None,
+            uncertain=current_reel is not None and current_reel.uncertain and request.grams is None,
         )
         fleet_section = self._controller.fleet.fleet
         try:
@@ -149,18 +149,18 @@ class PrinterCommands:
         return reel
 
     def _refuse_while_printing(self, printer: str) -> None:
-        if self._controller.books.open_print_on(printer) is not None:
+        if self._controller.books.find_open_print(printer) is not None:
             raise Refused(f"{printer} is printing: use `farm load` after the print has ended")
 
     def begin_maintenance(self, printer: str, why: str, by: str) -> None:
         """Take a printer out of use; its open print continues."""
-        self._controller.books.printer(printer)
+        self._controller.books.get_printer(printer)
         at_s = self._controller.clock.now()
         self._controller.handle(ev.MaintenanceStarted(at_s=at_s, printer=printer, why=why, by=by))
 
     def end_maintenance(self, printer: str, by: str) -> None:
         """Put a printer back into use."""
-        if self._controller.books.printer(printer).maintenance is None:
+        if self._controller.books.get_printer(printer).maintenance is None:
             raise Refused(f"{printer} is not in maintenance")
         self._controller.handle(
             ev.MaintenanceEnded(at_s=self._controller.clock.now(), printer=printer, by=by)
@@ -176,8 +176,8 @@ class PrinterCommands:
 
     def find_open_print(self, printer: str, advice: str = ": see `farm status`") -> Print:
         """Return the open print of a printer. Raises Refused, with `advice`, if there is none."""
-        self._controller.books.printer(printer)
-        attempt = self._controller.books.open_print_on(printer)
+        self._controller.books.get_printer(printer)
+        attempt = self._controller.books.find_open_print(printer)
         if attempt is None:
             raise Refused(f"{printer} is not printing{advice}")
         return attempt

@@ -1,4 +1,4 @@
-"""Runs of the scheduler: start plates, replan plates, and plan jobs, as far as each is possible now."""
+"""Runs of the scheduler, which start plates, replan plates, and plan jobs when possible."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from farm.scheduling import (
 )
 from farm.state import events as ev
 
-CommitTogether = Callable[[Iterable[ev.AnyEvent]], Collection[Effect]]
-"""Commits events in one transaction, and returns the resulting effects."""
+EventCommitter = Callable[[Iterable[ev.AnyEvent]], Collection[Effect]]
+"""Function that commits events in one transaction, and returns the resulting effects."""
 
 
 class Scheduler:
@@ -40,13 +40,13 @@ class Scheduler:
         Source of the current situation.
     planning, replanning
         Jobs that are being planned, and plates that are being replanned.
-    commit_together
+    commit_in_transaction
         Commits the events of decisions.
 
     Attributes
     ----------
     next_change_s
-        Farm time of the next run. Minus infinity: at the next tick. Infinity: after the next event.
+        Farm time of the next run; minus infinity for the next tick, infinity for the next event.
     """
 
     def __init__(
@@ -54,10 +54,10 @@ class Scheduler:
         situations: Situations,
         planning: JobPlanning,
         replanning: ReplanCoordinator,
-        commit_together: CommitTogether,
+        commit_in_transaction: EventCommitter,
     ) -> None:
         self.next_change_s = -math.inf
-        self._situations, self._commit_together = situations, commit_together
+        self._situations, self._commit_in_transaction = situations, commit_in_transaction
         self._planning, self._replanning = planning, replanning
         self._later_starts: Sequence[Assignment] = ()  # of the last run
 
@@ -79,15 +79,15 @@ class Scheduler:
 
     def _begin_run(self) -> Iterator[Effect]:
         situations = self._situations
-        held_back = situations.find_held_back_plates()
-        complete_situation = situations.build(held_back)
+        held_back_plates = situations.find_held_back_plates()
+        complete_situation = situations.build(held_back_plates)
         yield from self._replanning.recut_failures(situations.books, complete_situation)
         situation = complete_situation.without(self._replanning.list_holds())
         possible_assignments = assign_plates(situation)
         find_reservations = partial(self._find_reservations, situation)
         revisions = self._planning.revisions
         yield from revisions.revise(situations.books, situation, possible_assignments, find_reservations)
-        # A job that is being planned again keeps its printers: no other job takes them meanwhile.
+        # While a job is being planned again, it keeps its printers, and no other job may use them.
         revision_holds = revisions.list_holds(situations.books, situation.now_s)
         postponed_plates = revisions.postponed_plates.union(revision_holds)
         allowed_assignments = self._replanning.exclude_reserved(situations.books, possible_assignments)
@@ -100,24 +100,24 @@ class Scheduler:
             return
         if starts:
             situation = situations.update(situation, starts)
-        yield from self._replanning.reslice_waiting(situations.books, situation)
+        yield from self._replanning.reslice_waiting_plates(situations.books, situation)
         yield from self._admit_jobs(situation)
-        if revisions.has_more:
+        if revisions.has_remaining_jobs:
             self.next_change_s = situation.now_s
         elif not starts:  # a start changes which printers are reserved: the next tick schedules
-            self.next_change_s = self._find_next_change_s(situation, held_back)
+            self.next_change_s = self._find_next_change_s(situation, held_back_plates)
 
-    def _find_next_change_s(self, situation: Situation, held_back: Mapping[str, Hold]) -> float:
+    def _find_next_change_s(self, situation: Situation, held_back_plates: Mapping[str, Hold]) -> float:
         revision_change_s = self._planning.revisions.next_change_s
         other_times_s = (self._situations.startup_end_s, self._replanning.next_search_s, revision_change_s)
-        return find_next_change_s(situation, self._situations.books, held_back, other_times_s)
+        return find_next_change_s(situation, self._situations.books, held_back_plates, other_times_s)
 
     def _take_later_starts(self) -> list[Assignment]:
         """Take the next portion of the last run's starts, without those that have become impossible."""
         while self._later_starts:
             portion = self._later_starts[:MAX_STARTS]
             self._later_starts = self._later_starts[MAX_STARTS:]
-            situation = self._situations.build_for(portion)
+            situation = self._situations.build_for_assignments(portion)
             holds = self._replanning.list_holds() | self._planning.revisions.list_holds(
                 self._situations.books, situation.now_s
             )
@@ -131,7 +131,7 @@ class Scheduler:
         now_s = self._situations.now_s
         if starts:
             self.next_change_s = now_s
-        yield from self._commit_together(
+        yield from self._commit_in_transaction(
             ev.PlateAssigned(at_s=now_s, plate=start.plate, printer=start.printer, print_id=uuid.uuid4().hex)
             for start in starts
         )
@@ -144,7 +144,7 @@ class Scheduler:
         books, is_starting = self._situations.books, self._situations.is_starting()
         reserved_printers = self._replanning.reserved_printers
         for event, order in self._planning.admit(books, situation, reserved_printers, is_starting):
-            yield from self._commit_together([event])
+            yield from self._commit_in_transaction([event])
             if order is not None:
                 self._planning.begin(order, event.at_s)
                 yield order
@@ -157,9 +157,9 @@ class Scheduler:
         """Find the current hold of each waiting plate."""
         situations = self._situations
         revision_holds = self._planning.revisions.list_holds(situations.books, situations.now_s)
-        held_back = situations.find_held_back_plates() | self._replanning.list_holds()
-        situation = situations.build_for_display(held_back)
-        return held_back | find_holds(situation, self._assign_plates(situation)) | revision_holds
+        held_back_plates = situations.find_held_back_plates() | self._replanning.list_holds()
+        situation = situations.build_for_display(held_back_plates)
+        return held_back_plates | find_holds(situation, self._assign_plates(situation)) | revision_holds
 
     def list_reservations(self) -> dict[str, str]:
         """Return the free printers that are reserved, each with its purpose."""

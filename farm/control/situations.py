@@ -82,14 +82,14 @@ class Situations:
         return self.now_s < self.startup_end_s
 
     def find_held_back_plates(self, jobs: Collection[Job] | None = None) -> dict[str, Hold]:
-        """Return the holds of the plates of some or all jobs that are excluded from assignment."""
+        """Return the holds of plates that are excluded from assignment, for some jobs or for all."""
         farm = self._farm
         jobs = farm.books.jobs.values() if jobs is None else jobs
         return find_plate_holds(
             farm.books, jobs, farm.fleet.printers, self.now_s, self._builder.may_hold_back
         )
 
-    def build(self, held_back: Mapping[str, Hold]) -> Situation:
+    def build(self, held_back_plates: Mapping[str, Hold]) -> Situation:
         """Return the current situation, with all waiting plates except those held back."""
         farm = self._farm
         return Situation(
@@ -99,12 +99,12 @@ class Situations:
             now_s=self.now_s,
             time_scale=farm.clock.scale,
             spares=count_spares(farm.books),
-        ).without(held_back)
+        ).without(held_back_plates)
 
-    def build_for(self, assignments: Collection[Assignment]) -> Situation:
-        """Return the current situation of the jobs and printers of some assignments, at little cost.
+    def build_for_assignments(self, assignments: Collection[Assignment]) -> Situation:
+        """Return the current situation of only the jobs and printers of some assignments, which is faster.
 
-        It contains all printers if the number of printers that heat up is limited. It keeps no spares,
+        It contains all printers if the number of printers that heat up is limited. It reserves no spares,
         because these must not prevent an assignment that was possible before.
         """
         farm, books = self._farm, self._farm.books
@@ -114,22 +114,22 @@ class Situations:
         printers = (
             self.describe_printers() if farm.rules.max_heating is not None else self._list_printers(names)
         )
-        waiting = self._builder.describe_waiting_plates_of(books, jobs).without(
-            self.find_held_back_plates(jobs)
-        )
+        waiting = self._builder.describe_job_plates(books, jobs).without(self.find_held_back_plates(jobs))
         return Situation(waiting, printers, farm.rules, self.now_s, farm.clock.scale)
 
-    def build_for_display(self, held_back: Mapping[str, Hold]) -> Situation:
+    def build_for_display(self, held_back_plates: Mapping[str, Hold]) -> Situation:
         """Return the current situation, with the ends of running prints that are displayed."""
-        return update_ends(self.build(held_back), self.books, self._farm.telemetry.snapshots)
+        return update_ends(self.build(held_back_plates), self.books, self._farm.telemetry.snapshots)
 
     def build_for_forecast(self) -> Situation:
         """Return the situation for the forecast, without plates that are paused."""
-        codes, held_back = (HoldCode.PAUSED, HoldCode.STOPPED), self.find_held_back_plates()
-        return self.build_for_display({name: hold for name, hold in held_back.items() if hold.code in codes})
+        codes, held_back_plates = (HoldCode.PAUSED, HoldCode.STOPPED), self.find_held_back_plates()
+        return self.build_for_display(
+            {name: hold for name, hold in held_back_plates.items() if hold.code in codes}
+        )
 
     def prepare(self) -> None:
-        """Fill the cache with all printers and plates, so that the first run is not much slower."""
+        """Fill the cache with all printers and plates, so that the first run is as fast as later ones."""
         waiting = self.build(self.find_held_back_plates()).waiting
         _ = waiting.planned_printers, waiting.demands  # each job caches its values
 

@@ -26,11 +26,11 @@ from farm.state import events as ev
 from farm.state.lifecycles import InvalidTransition
 from farm.state.transitions import apply
 
-TEMPERATURES_KEPT_S = 12 * 3600.0
+TEMPERATURE_RETENTION_S = 12 * 3600.0
 """Farm seconds for which temperatures are kept; they are lost when the daemon ends."""
 MAX_REFUSALS = 5
 """Refusals of an agent after which a print has failed; an agent also refuses while its port is opening."""
-_INTERVAL_S = 60.0
+_READING_INTERVAL_S = 60.0
 _MIN_C, _MAX_C = -99.0, 999.0  # limits beyond any real reading: noise on the wire must not stretch a chart
 
 
@@ -64,7 +64,7 @@ class Telemetry:
         """List the temperatures of a printer in the last twelve hours, oldest first."""
         record = self._temperatures.get(printer)
         readings = () if record is None else record.readings
-        return tuple(reading for reading in readings if now_s - reading.at_s <= TEMPERATURES_KEPT_S)
+        return tuple(reading for reading in readings if now_s - reading.at_s <= TEMPERATURE_RETENTION_S)
 
     def store(self, snapshot: AgentSnapshot, now_s: float) -> bool:
         """Store a snapshot; return whether a field that the scheduler reads has changed."""
@@ -100,7 +100,7 @@ class TemperatureRecord:
     """
 
     def __init__(self) -> None:
-        self._readings: deque[Temperatures] = deque(maxlen=int(TEMPERATURES_KEPT_S / _INTERVAL_S))
+        self._readings: deque[Temperatures] = deque(maxlen=int(TEMPERATURE_RETENTION_S / _READING_INTERVAL_S))
 
     @property
     def readings(self) -> Sequence[Temperatures]:
@@ -123,9 +123,9 @@ class TemperatureRecord:
         last = readings[-1] if readings else None
         nozzle_c, bed_c = _round_temperature(snapshot.nozzle_c), _round_temperature(snapshot.bed_c)
         if last is not None and nozzle_c is None and bed_c is None and last.nozzle_c is None:
-            return  # the gap has begun already
+            return  # the gap has already begun
         at_s = now_s
-        is_same_minute = last is not None and now_s - last.at_s < _INTERVAL_S
+        is_same_minute = last is not None and now_s - last.at_s < _READING_INTERVAL_S
         if last is not None and is_same_minute and (last.nozzle_c is None) == (nozzle_c is None):
             readings.pop()
             at_s = last.at_s
@@ -163,7 +163,7 @@ class SnapshotChanges:
 
 
 def compare_snapshot(
-    books: Books, snapshot: AgentSnapshot, previous: AgentSnapshot | None, in_use: bool, now_s: float
+    books: Books, snapshot: AgentSnapshot, previous: AgentSnapshot | None, is_in_use: bool, now_s: float
 ) -> SnapshotChanges:
     """Compare a snapshot with the books.
 
@@ -173,14 +173,14 @@ def compare_snapshot(
         The committed books.
     snapshot, previous
         The agent's latest snapshot, and the one before; None if there was none.
-    in_use
+    is_in_use
         True if the printer is in the fleet and enabled.
     now_s
         Farm time, seconds since the epoch.
     """
     comparison = _Comparison(books, snapshot, now_s)
     try:
-        comparison.run(previous, in_use)
+        comparison.run(previous, is_in_use)
     except InvalidTransition as error:
         return SnapshotChanges(tuple(comparison.events), tuple(comparison.instructions), error)
     return SnapshotChanges(tuple(comparison.events), tuple(comparison.instructions))
@@ -212,7 +212,7 @@ def list_unconfirmed_instructions(
     rules, now_s
         Hours, and seconds since the epoch.
     """
-    attempts = books.open_prints() if names is None else map(books.open_print_on, names)
+    attempts = books.list_open_prints() if names is None else map(books.find_open_print, names)
     for attempt in [candidate for candidate in attempts if candidate is not None]:
         snapshot = snapshots.get(attempt.printer)
         if snapshot is None:
@@ -239,23 +239,23 @@ class _Comparison:
         self.events: list[ev.AnyEvent] = []
         self.instructions: list[ev.AnyInstruction] = []
 
-    def run(self, previous: AgentSnapshot | None, in_use: bool) -> None:
+    def run(self, previous: AgentSnapshot | None, is_in_use: bool) -> None:
         snapshot, now_s, name = self._snapshot, self._now_s, self._snapshot.printer
-        self._add_results(detect_alarm(self._books.printer(name), snapshot, now_s))
-        attempt, printer = self._books.open_print_on(name), self._books.printer(name)
+        self._add_results(detect_alarm(self._books.get_printer(name), snapshot, now_s))
+        attempt, printer = self._books.find_open_print(name), self._books.get_printer(name)
         if attempt is None:
             if previous is not None and previous.link is Link.READY and snapshot.link is Link.ABSENT:
                 self._add_results([ev.PrinterLost(at_s=now_s, printer=name)])
-            self._add_results(observe_idle_printer(self._books.printer(name), snapshot, now_s))
-        elif attempt.cancel_reason is None and in_use and printer.unreported_since_s is not None:
-            return  # no agent remains that could report its end
+            self._add_results(observe_idle_printer(self._books.get_printer(name), snapshot, now_s))
+        elif attempt.cancel_reason is None and is_in_use and printer.unreported_since_s is not None:
+            return  # its agent has not listed its prints since the backup
         else:
             self._add_results(reconcile_print(attempt, snapshot, now_s))
         report = snapshot.print
         if report is not None and (attempt is None or report.print_id != attempt.id):
             recorded_print = self._books.prints.get(report.print_id)
             self._add_results(
-                handle_unknown_print(self._books.printer(name), recorded_print, snapshot, now_s)
+                handle_unknown_print(self._books.get_printer(name), recorded_print, snapshot, now_s)
             )
 
     def _add_results(self, results: Iterable[ev.AnyEvent | ev.AnyInstruction]) -> None:

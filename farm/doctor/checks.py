@@ -14,7 +14,7 @@ from farm.state.storage import SCHEMA_VERSION
 from farm.text import format_count
 
 MIN_FREE_BYTES = 64 * 1024**2
-"""Free bytes that the daemon needs to plan (`farm.planning.job_planner.ROOM_BYTES`)."""
+"""Free bytes that the daemon needs to plan (`farm.planning.job_planner.MIN_FREE_BYTES`)."""
 RECOMMENDED_FREE_BYTES = 2 * 1024**3
 """Free bytes that suffice for the plans, slices and backups of a large job."""
 MIN_SHARED_MEMORY_BYTES = 16 * 1024**2

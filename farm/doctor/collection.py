@@ -129,7 +129,7 @@ def _check_files(books: Books, state: StateFolder) -> FileFacts:
 def _list_job_files(books: Books, job: Job) -> Iterator[tuple[str, str]]:
     """Yield the files of a job and their hashes; files in the store are named by their hash."""
     yield job.model_file, Path(job.model_file).stem
-    for plate in books.plates_of(job):
+    for plate in books.list_plates(job):
         yield plate.gcode, plate.sha256
         yield from ((books.parts[name].file, Path(books.parts[name].file).stem) for name in plate.parts)
 

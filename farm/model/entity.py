@@ -21,7 +21,7 @@ FORMER_NAMES = {
     "uncertain": "doubted",
     "unreported_since_s": "untold_since_s",
 }
-"""Fields that the books of farm 0.1 have under another name."""
+"""Names that the books of farm 0.1 use for fields which were renamed later."""
 
 
 def _accept_names(field: str) -> str | AliasChoices:

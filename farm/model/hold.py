@@ -1,4 +1,4 @@
-"""Holds: why a plate, or a job that has no plates yet, waits."""
+"""Holds: reasons why a plate, or a job that has no plates yet, waits."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ class HoldCode(StrEnum):
 
     NOT_FIRST = "not_front"
     NO_SUCH_PRINTER = "no_such_printer"
-    TOO_FEW_PRINTERS = "too_few_printers"  # used by earlier versions only: busy printers count now
+    TOO_FEW_PRINTERS = "too_few_printers"  # only from earlier versions, which did not count busy printers
     PRINTER_BUSY = "printer_busy"
     JOB_PRINTER_LIMIT = "all_its_printers_busy"
     BED_NOT_CLEAR = "bed_not_clear"
@@ -50,7 +50,7 @@ class ShortReel(Entity):
 
 
 class TextTime(Entity):
-    """Time that a sentence names: its words there, in the farm's time zone, and the time as ISO 8601."""
+    """Time in a sentence: its wording, in the farm's time zone, and the same time as ISO 8601."""
 
     text: str
     at: str
@@ -65,5 +65,5 @@ class Hold(Entity):
     times: tuple[TextTime, ...] = ()
 
     def has_same_reason(self, other: Hold | None) -> bool:
-        """Return whether another hold differs at most in its sentence (a time, a printer)."""
+        """Return whether another hold has the same code and reel; its sentence may differ."""
         return other is not None and (self.code, self.reel) == (other.code, other.reel)

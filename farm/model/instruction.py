@@ -43,7 +43,7 @@ class SendPause(Instruction):
 
     print_id: str
     printer: str
-    wanted: bool
+    pause: bool  # False: resume
 
 
 class SendForget(Instruction):

@@ -98,7 +98,7 @@ class Job(Entity):
     """Model submitted by a person, with its options, its plan and its state."""
 
     id: int
-    request_id: str  # of the submission: a repeated request submits nothing twice
+    request_id: str  # of the submission; a repeated request does not submit a second job
     name: str
     model_file: str  # in the file store
     options: JobOptions
@@ -119,10 +119,10 @@ class Job(Entity):
     lower_bound_s: float | None = None  # lower bound of any schedule of its plates
     expected_s: float | None = None  # parallel printing time of the plan
     serial_s: float | None = None
-    picture: str | None = None  # image of the assembly; like the three below, a name in the file store
+    picture: str | None = None  # picture of the assembly; this and the next three are names in the file store
     assembly: str | None = None  # as a GLB
-    decomposition: str | None = None  # the report on it, as JSON
-    instructions: str | None = None  # to glue it, as HTML
+    decomposition: str | None = None  # the report on the decomposition, as JSON
+    instructions: str | None = None  # for gluing the parts, as HTML
     cuts: Mapping[str, str] = Field(default_factory=dict)  # reports on parts that were recut, by part
     cut_instructions: Mapping[str, str] = Field(default_factory=dict)  # for the same parts
     plates: tuple[str, ...] = ()
@@ -133,7 +133,7 @@ class Job(Entity):
     restored: bool = False  # from a backup: more may have been printed than is recorded
     planned_s: float | None = None
     planned_for: tuple[str, ...] = ()  # printers that its plan could use; empty: unknown
-    planning_s: float | None = None  # how long its plan took, on the farm's clock
+    planning_s: float | None = None  # duration of its planning, on the farm's clock
     assembly_s: float | None = None  # expected time for a person to glue its parts
     gluing: Gluing | None = None
     revisions: int = 0  # number of plans that replaced the first one
@@ -196,20 +196,20 @@ class PlanProgress(Entity):
     remaining_s: float | None = None  # longest remaining time of that search, in wall seconds
 
 
-_PRIOR_S = 3600.0  # weight of the ratio 1, as a time of assembly that took as long as expected
-_SLOWEST, _FASTEST = 4.0, 0.25  # bounds on the ratio of one report, against wrong entries
+_PRIOR_TIME_S = 3600.0  # weight of the ratio 1: one assembly of this duration that took as long as expected
+_MAX_RATIO, _MIN_RATIO = 4.0, 0.25  # bounds on the ratio of one report, against wrong entries
 
 
 def compute_assembly_ratio(jobs: Iterable[Job]) -> float:
-    """Compute the ratio of reported to expected times of assembly, 1 where nothing was reported."""
-    times = [
+    """Compute the ratio of reported to expected times of assembly; 1 if nothing was reported."""
+    times_s = [
         (
-            min(_SLOWEST * job.assembly_s, max(_FASTEST * job.assembly_s, 60.0 * job.gluing.minutes)),
+            min(_MAX_RATIO * job.assembly_s, max(_MIN_RATIO * job.assembly_s, 60.0 * job.gluing.minutes)),
             job.assembly_s,
         )
         for job in jobs
         if job.gluing is not None and job.assembly_s
     ]
-    reported_s = _PRIOR_S + sum(reported for reported, _ in times)
-    expected_s = _PRIOR_S + sum(expected for _, expected in times)
-    return reported_s / expected_s
+    total_reported_s = _PRIOR_TIME_S + sum(reported_s for reported_s, _ in times_s)
+    total_expected_s = _PRIOR_TIME_S + sum(expected_s for _, expected_s in times_s)
+    return total_reported_s / total_expected_s

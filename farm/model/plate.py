@@ -124,20 +124,20 @@ class FeatureFactors(Entity):
 
 @dataclass(frozen=True, slots=True)
 class TimeFactors:
-    """Ratios of actual to sliced time of a printer's layers: of all, and by feature after enough prints."""
+    """Ratios of actual to sliced time of a printer's layers: overall, and by feature after enough prints."""
 
     overall: float = 1.0
     by_feature: tuple[float, ...] | None = None  # in the order of `Shares`
 
     def compute_factor(self, shares: Shares | None) -> float:
-        """Compute the factor of layers with these features; the overall one if either is unknown."""
+        """Compute the factor of layers with these shares; the overall factor if the others are unknown."""
         if self.by_feature is None or shares is None:
             return self.overall
         return float(sum(map(mul, shares, self.by_feature)))
 
 
 NOMINAL_TIME_FACTORS = TimeFactors()
-"""Those of a printer before its first print."""
+"""Time factors of a printer before its first print."""
 
 
 class Plate(Entity):
@@ -149,7 +149,7 @@ class Plate(Entity):
     gcode: str
     sha256: str
     sliced_s: float  # time of its layers, by CuraEngine; of own G-code, by the firmware's planner
-    features: FeatureSeconds | None = None  # of `sliced_s`; None: not known, as of own G-code
+    features: FeatureSeconds | None = None  # of `sliced_s`; None: unknown, for example for own G-code
     expected_s: float  # with heat-up, start and end code, at the printer's factor
     grams: float
     filament_mm: float

@@ -54,7 +54,7 @@ class Print(Entity):
     plate: str
     job: int
     printer: str
-    number: int = 0  # sequence number in order of start: clocks may be set back
+    number: int = 0  # sequence number in order of start, because clocks may be set back
     state: PrintState = PrintState.ASSIGNED
     assigned_s: float
     started_s: float | None = None
@@ -66,12 +66,12 @@ class Print(Entity):
     restored: bool = False  # from a backup: it may have started or ended since, and is never started
     fail_reason: str | None = None  # why a person failed it (`farm fail`)
     charged: bool = True  # its failure counts as an attempt of its plate
-    verdict: Verdict | None = None  # on its part, once done
+    verdict: Verdict | None = None  # on its part; None until a person has judged it
     verdict_why: str | None = None
     pause_requested: bool = False  # by a person
     paused: bool = False  # was paused at some time, so no time factor is learned from it
     starved_s: float = 0.0
-    grams: float = 0.0  # used filament, once it has ended
+    grams: float = 0.0  # used filament; 0 until the print has ended
     stills: tuple[Still, ...] = ()  # one for each moment at most
 
     @property

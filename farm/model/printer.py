@@ -31,7 +31,7 @@ class Reel(Entity):
     material: str
     kind: str | None = None  # of the material, like PLA; None: not known
     colour: str | None = None
-    grams: float | None = None  # left; None: unknown
+    grams: float | None = None  # remaining filament; None: unknown
     nozzle_mm: float
     uncertain: bool = False  # `grams` are from a backup: prints since may have used some
 
@@ -71,7 +71,7 @@ class Printer(Entity):
 
 
 class Outage(Entity):
-    """Loss of several printers at the same time. No print starts until a person has confirmed it."""
+    """Loss of several printers at the same time. No print starts until a person has confirmed the outage."""
 
     id: int
     at_s: float
@@ -81,7 +81,7 @@ class Outage(Entity):
 
 @dataclass(frozen=True, slots=True)
 class Temperatures:
-    """Hottest readings of a minute, in whole degrees Celsius, and the last targets; None: no answer."""
+    """Hottest readings of a minute, in whole degrees Celsius, and the last targets; None: no reading."""
 
     at_s: float
     nozzle_c: int | None

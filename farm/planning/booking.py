@@ -15,7 +15,7 @@ from farm.planning.plate_times import compute_prelude_seconds
 from farm.state.storage import store_file
 
 MAX_WARNINGS = 3
-"""Largest number of a plate's warnings about walls too thin to print, the largest walls first."""
+"""Maximum number of a plate's warnings about walls too thin to print, the largest walls first."""
 MAY_FALL_WARNING = (
     "has a small footprint in every pose that fits: watch it while it prints, or give it a wider brim"
 )
@@ -30,7 +30,7 @@ class PlateNames:
     plate: str
 
 
-def book_part(names: PlateNames, part: DecomposedPart, files: Path, cut_from: Part | None = None) -> Part:
+def store_part(names: PlateNames, part: DecomposedPart, files: Path, cut_from: Part | None = None) -> Part:
     """Put a part's file into the store and return its record."""
     return Part(
         id=names.part,
@@ -45,7 +45,7 @@ def book_part(names: PlateNames, part: DecomposedPart, files: Path, cut_from: Pa
     )
 
 
-def book_plate(names: PlateNames, sliced_part: SlicedPart, time_factors: TimeFactors, files: Path) -> Plate:
+def store_plate(names: PlateNames, sliced_part: SlicedPart, time_factors: TimeFactors, files: Path) -> Plate:
     """Put a slice's G-code into the store and return the record of its plate.
 
     Parameters
@@ -82,14 +82,14 @@ def book_plate(names: PlateNames, sliced_part: SlicedPart, time_factors: TimeFac
     )
 
 
-def book_plan(sliced_job: SlicedJob, files: Path) -> Plan:
+def store_plan(sliced_job: SlicedJob, files: Path) -> Plan:
     """Put a sliced job's files into the store and return its plan."""
     task, decomposed_job = sliced_job.task, sliced_job.decomposed
     parts, plates = [], []
     for number, part in enumerate(sliced_job.parts, 1):
         names = PlateNames(task.job, f"{task.job}/{part.part.id}", f"{task.job}/{number:02d}")
-        parts.append(book_part(names, part.part, files))
-        plates.append(book_plate(names, part, task.find_time_factors(part.printer.name), files))
+        parts.append(store_part(names, part.part, files))
+        plates.append(store_plate(names, part, task.find_time_factors(part.printer.name), files))
     return Plan(
         parts=tuple(parts),
         plates=tuple(plates),

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-PROGRESS = "progress.json"
+PROGRESS_FILE_NAME = "progress.json"
 _INTERVAL_S = 0.5  # wall seconds between two reports
 
 
@@ -20,7 +20,7 @@ class DecomposeProgress(BaseModel):
     share
         Used share of the budget, 0 to 1.
     remaining_s
-        Largest number of wall seconds until the budget is used up, at the rate so far; None if unknown.
+        Maximum wall seconds until the budget is used up, at the average rate so far; None if unknown.
     """
 
     model_config = ConfigDict(frozen=True)
@@ -55,7 +55,7 @@ class ProgressFile:
     """
 
     def __init__(self, folder: Path) -> None:
-        self._path = folder / PROGRESS
+        self._path = folder / PROGRESS_FILE_NAME
         self._rate = ProgressRate()
         self._due_s = -math.inf
 
@@ -83,6 +83,6 @@ class ProgressFile:
 def read_progress(folder: Path) -> DecomposeProgress | None:
     """Read the progress of a decomposition; None if it has not started."""
     try:
-        return DecomposeProgress.model_validate_json((folder / PROGRESS).read_bytes())
+        return DecomposeProgress.model_validate_json((folder / PROGRESS_FILE_NAME).read_bytes())
     except (OSError, ValidationError):
         return None

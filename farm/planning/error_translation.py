@@ -27,7 +27,7 @@ _CODES: tuple[tuple[type[Exception], ErrorCode], ...] = (
 
 @contextmanager
 def translate_errors() -> Iterator[None]:
-    """Convert an error of decompose, slicing or drivers to a FarmError with the code for it."""
+    """Convert an error of decompose, slicing or drivers to a FarmError with the matching code."""
     try:
         yield
     except tuple(kind for kind, _ in _CODES) as error:

@@ -19,8 +19,8 @@ from farm.planning.plan_builder import PlanBuilder
 
 log = logging.getLogger(__name__)
 
-_RETRY_S = 5.0  # wall seconds
-ROOM_BYTES = 64 * 1024**2
+_RETRY_INTERVAL_S = 5.0  # wall seconds
+MIN_FREE_BYTES = 64 * 1024**2
 """Free bytes on the disk of the state folder below which a failure is attributed to a full disk."""
 OnPlan = Callable[[int, "Plan | FarmError"], None]
 OnProgress = Callable[[int, PlanProgress], None]
@@ -96,7 +96,7 @@ class JobPlanner:
             )
             self._on_progress(job.id, PlanProgress(step=PlanStep.NO_ROOM))
             while self._is_disk_full():
-                await asyncio.sleep(_RETRY_S)
+                await asyncio.sleep(_RETRY_INTERVAL_S)
         await self._deliver_plan(job.id, result)
 
     async def _build_plan(self, job: Job, builder: PlanBuilder) -> Plan | FarmError:
@@ -108,17 +108,17 @@ class JobPlanner:
         except FarmError as error:
             return error
         except Exception as error:
-            # An error in one job must not stop the farm: the log has the traceback.
+            # An error in one job must not stop the farm; the log contains the traceback.
             log.exception("planning job %d", job.id, extra={"job": job.id})
             return FarmError(f"planning failed: {type(error).__name__}: {error}; see the daemon's log")
         finally:
             shutil.rmtree(folder, ignore_errors=True)
 
     def _is_disk_full(self) -> bool:
-        return shutil.disk_usage(self._state.root).free < ROOM_BYTES
+        return shutil.disk_usage(self._state.root).free < MIN_FREE_BYTES
 
     async def _deliver_plan(self, job: int, result: Plan | FarmError) -> None:
-        """Deliver the plan; retry while the books cannot be written (a full disk).
+        """Deliver the plan; retry while the books cannot be written, for example because the disk is full.
 
         If it cannot be recorded for another reason, the job fails with that error.
         """
@@ -128,7 +128,7 @@ class JobPlanner:
                 return
             except FarmError as error:
                 log.error("job %d: %s; its plan is kept", job, error, extra={"job": job})
-                await asyncio.sleep(_RETRY_S)
+                await asyncio.sleep(_RETRY_INTERVAL_S)
             except Exception as error:
                 log.exception("job %d", job, extra={"job": job})
                 if isinstance(result, FarmError):

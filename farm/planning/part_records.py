@@ -86,9 +86,9 @@ class SliceTask:
     stl
         File in printing pose.
     settings
-        Settings of the quality, for which `room` was computed. The brim, the first layer and the layer height
-        of the part may differ from them.
-    room
+        Settings of the quality, for which `usable_volumes` were computed. The brim, the first layer and the
+        layer height of the part may differ from them.
+    usable_volumes
         Boxes of the bed that the part may fill.
     out
         The G-code file to write.
@@ -101,7 +101,7 @@ class SliceTask:
     request: SettingsRequest
     resources: Resources
     settings: EngineSettings
-    room: tuple[UsableVolume, ...]
+    usable_volumes: tuple[UsableVolume, ...]
     engine: Path
     out: Path
     cache: Path | None

@@ -24,13 +24,13 @@ from farm.model import (
 )
 from farm.planning.part_records import DecomposedPart, SlicedPart
 
-RELEVEL_LATE_S, RELEVEL_LATE_SHARE = 120.0, 0.01
-"""Least delay of the last printer behind the mean of all printers at which cuts are moved: the larger of a
-time and a share of the longest time."""
+MIN_RELEVEL_DELAY_S, MIN_RELEVEL_DELAY_SHARE = 120.0, 0.01
+"""Minimum delay of the last printer, relative to the mean of all printers, for which cuts are moved: the
+larger of a time and a share of the longest time."""
 
 
 class TooFewPrinters(FarmError):
-    """Error for a model that needs more parts than it has printers."""
+    """Error for a model that needs more parts than its job has printers."""
 
     def __init__(self, message: str, needed_count: int) -> None:
         super().__init__(message, ErrorCode.NO_FIT)
@@ -71,7 +71,7 @@ class PlanRequest:
     printers
         The printers for which it is planned.
     rounds
-        Largest number of parts per printer.
+        Maximum number of parts per printer.
     time_factors
         Time factors of the printers, learned from their prints, by name.
     within_s
@@ -186,27 +186,30 @@ class SlicedJob:
     decomposed: DecomposedJob
     parts: tuple[SlicedPart, ...]
 
-    def compute_busy_s(self) -> dict[str, float]:
+    def compute_printer_times_s(self) -> dict[str, float]:
         """Return the expected printing time of each printer that has a part."""
-        busy_s: dict[str, float] = {}
+        printer_times_s: dict[str, float] = {}
         for part in self.parts:
             name = part.printer.name
-            busy_s[name] = busy_s.get(name, 0.0) + part.compute_expected_s(self.task.find_time_factors(name))
-        return busy_s
+            printer_times_s[name] = printer_times_s.get(name, 0.0) + part.compute_expected_s(
+                self.task.find_time_factors(name)
+            )
+        return printer_times_s
 
     def compute_makespan_s(self) -> float:
         """Return the longest printing time of a printer, without the time to clear beds between rounds."""
-        return max(self.compute_busy_s().values())
+        return max(self.compute_printer_times_s().values())
 
     def should_relevel(self) -> bool:
         """Return whether the last printer ends late enough to justify moving the cuts and reslicing.
 
         False if a printer has several parts, because equal parts would then not be equal loads.
         """
-        busy_s = self.compute_busy_s()
-        late_s = self.compute_makespan_s() - sum(busy_s.values()) / len(busy_s)
-        saves_enough = late_s >= max(RELEVEL_LATE_S, RELEVEL_LATE_SHARE * self.compute_makespan_s())
-        return self.decomposed.cut_record is not None and len(busy_s) == len(self.parts) and saves_enough
+        printer_times_s = self.compute_printer_times_s()
+        delay_s = self.compute_makespan_s() - sum(printer_times_s.values()) / len(printer_times_s)
+        min_delay_s = max(MIN_RELEVEL_DELAY_S, MIN_RELEVEL_DELAY_SHARE * self.compute_makespan_s())
+        is_movable = self.decomposed.cut_record is not None and len(printer_times_s) == len(self.parts)
+        return is_movable and delay_s >= min_delay_s
 
 
 @dataclass(frozen=True, slots=True)

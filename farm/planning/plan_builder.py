@@ -14,7 +14,7 @@ from farm.compute import CHECKING_LIMIT, DECOMPOSING_LIMIT, PoolShare
 from farm.errors import FarmError
 from farm.model import PlanProgress, PlanStep
 from farm.paths import StateFolder
-from farm.planning.booking import book_plan
+from farm.planning.booking import store_plan
 from farm.planning.part_records import SliceBatch
 from farm.planning.parts.copies import multiply_plan
 from farm.planning.parts.drawings import Drawings
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-_MAX_RELEVELS = 2  # after the first, the times of the parts are accurate
-_POLL_S = 0.5  # wall seconds between two readings of the progress of a decomposition
+_MAX_RELEVELS = 2  # after the first round, the times of the parts are accurate
+_POLL_INTERVAL_S = 0.5  # wall seconds between two readings of the progress of a decomposition
 
 
 class PlanBuilder:
@@ -73,7 +73,7 @@ class PlanBuilder:
             await self._drawings.finish(sliced_job.task, sliced_job.decomposed)
         finally:
             await self._drawings.stop()
-        plan = await asyncio.to_thread(book_plan, sliced_job, self._state.files)
+        plan = await asyncio.to_thread(store_plan, sliced_job, self._state.files)
         await asyncio.to_thread(trim_cache, self._state.slices)
         return multiply_plan(plan, self.task)
 
@@ -90,7 +90,7 @@ class PlanBuilder:
         """Report each change of the progress that the workers write."""
         last_progress: PlanProgress | None = None
         while True:
-            await asyncio.sleep(_POLL_S)
+            await asyncio.sleep(_POLL_INTERVAL_S)
             progress = await asyncio.to_thread(rounds.read_progress, time.monotonic())
             if progress is None:
                 continue
@@ -156,13 +156,13 @@ class PlanBuilder:
             self._workers.run(relevel_parts, sliced_job, folder, limit=DECOMPOSING_LIMIT)
         )
         try:
-            await asyncio.sleep(0)  # so that it takes a worker first
+            await asyncio.sleep(0)  # lets the move take a worker before the drawings
             if self._workers.has_idle_worker:
                 self._drawings.start(sliced_job.task, sliced_job.decomposed)
             decomposed_job = await move_future
         finally:
             move_future.cancel()
-            await asyncio.gather(move_future, return_exceptions=True)  # until its worker has ended
+            await asyncio.gather(move_future, return_exceptions=True)  # waits until its worker has ended
         if decomposed_job is not None and not self._workers.has_idle_worker:  # the new parts need the workers
             await self._drawings.stop(sliced_job.task.folder)
         return decomposed_job

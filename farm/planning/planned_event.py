@@ -28,7 +28,7 @@ def build_planned_event(
     """Build the event of a plan, with its expected time, including waits for rounds, hours or heating."""
     used_printers = {plate.printer for plate in plan.plates}
     printers = list(printers)
-    fleet = [make_idle(view) for view in printers if view.name in used_printers]
+    fleet = [make_idle(printer) for printer in printers if printer.name in used_printers]
     parts = {part.id: part for part in plan.parts}
     books = replace(books, plates={plate.id: plate for plate in plan.plates}, parts=parts)
     waiting_plates = PlateQueue.from_plates(describe_plates(plan.plates, books))
@@ -43,11 +43,10 @@ def build_planned_event(
             f"Its parts are of {material_names}, as loaded on their printers: `--material` selects one.",
         )
     if job.done_by_s is not None or job.assembled_by_s is not None:
-        ends_s = forecast_prints(
-            situation.with_printers(tuple(printers))
-        ).ends_s  # in the current state of the printers: beds may not be clear
-        glue_s = (plan.assembly_s or 0.0) * compute_assembly_ratio(books.jobs.values())
-        notices = (*notices, *_describe_lateness(job, ends_s, glue_s, rules, now_s))
+        # In the current state of the printers, beds may not be clear.
+        ends_s = forecast_prints(situation.with_printers(tuple(printers))).ends_s
+        gluing_s = (plan.assembly_s or 0.0) * compute_assembly_ratio(books.jobs.values())
+        notices = (*notices, *_describe_lateness(job, ends_s, gluing_s, rules, now_s))
     is_parallel = len({slot.printer for slot in forecast.slots}) == len(plan.plates)
     uses_plan_time = forecast.unprintable_plates or (is_parallel and rules.max_heating is None)
     return ev.JobPlanned(
@@ -71,10 +70,10 @@ def build_planned_event(
 
 
 def _describe_lateness(
-    job: Job, ends_s: float, glue_s: float, rules: StartRules, now_s: float
+    job: Job, ends_s: float, gluing_s: float, rules: StartRules, now_s: float
 ) -> Iterator[str]:
-    """Describe a deadline that will be missed; `glue_s` is the time to glue the parts."""
-    deadlines = (("printed", job.done_by_s, ends_s), ("assembled", job.assembled_by_s, ends_s + glue_s))
+    """Describe a deadline that will be missed; `gluing_s` is the time to glue the parts."""
+    deadlines = (("printed", job.done_by_s, ends_s), ("assembled", job.assembled_by_s, ends_s + gluing_s))
     for state, deadline_s, end_s in deadlines:
         if deadline_s is not None and end_s > deadline_s:
             deadline, earliest_time = (rules.format_moment(at_s, now_s) for at_s in (deadline_s, end_s))
@@ -86,8 +85,8 @@ def _describe_lateness(
 
 def hash_plan(parts: Iterable[Part], plates: Iterable[Plate]) -> str:
     """Return the hash of a plan's parts, plates and printers: 12 hexadecimal digits."""
-    facts = [
+    properties = [
         sorted((part.id, part.plate, part.file) for part in parts),
         sorted((plate.id, plate.sha256, plate.printer, plate.material, plate.nozzle_mm) for plate in plates),
     ]
-    return hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:12]
+    return hashlib.sha256(json.dumps(properties).encode()).hexdigest()[:12]

@@ -8,9 +8,9 @@ from drivers.printers import PROFILES, Profile
 from farm.config import PrinterSection
 from slicing.settings import EngineSettings
 
-START_S = 26.0
+START_CODE_S = 26.0
 """Homing, purging and the moves around them, without the heat-up. Measured by bench/prices/plate_time.py."""
-END_S = 10.0
+END_CODE_S = 10.0
 """Parking, homing and the last moves, until the head is still. Measured by bench/prices/plate_time.py."""
 HOMING_S = 7.0
 """Time of the homing, during which the bed heats."""
@@ -33,7 +33,13 @@ def compute_plate_seconds(
         Time factor of the printer, for the layers only (`update_time_factor`).
     """
     bed_s = max(0.0, profile.bed.compute_heating_s(bed_c) - HOMING_S)
-    return START_S + bed_s + profile.nozzle.compute_heating_s(nozzle_c) + sliced_s * time_factor + END_S
+    return (
+        START_CODE_S
+        + bed_s
+        + profile.nozzle.compute_heating_s(nozzle_c)
+        + sliced_s * time_factor
+        + END_CODE_S
+    )
 
 
 def compute_prelude_seconds(section: PrinterSection, settings: EngineSettings) -> float:

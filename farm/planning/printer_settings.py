@@ -1,4 +1,4 @@
-"""Candidate printers of a job, their slicer settings, and the rooms for parts on their beds."""
+"""Candidate printers of a job, their slicer settings, and the usable volumes above their beds."""
 
 from __future__ import annotations
 
@@ -100,17 +100,17 @@ def build_slicing_printer(profile: Profile) -> PrinterModel:
     )
 
 
-def find_printer_room(section: PrinterSection, brim_mm: float) -> tuple[UsableVolume, ...]:
+def find_usable_volumes(section: PrinterSection, brim_mm: float) -> tuple[UsableVolume, ...]:
     """Return the boxes that a part with a brim of `brim_mm` may fill on a printer."""
     return list_usable_volumes(PROFILES[section.model], brim_mm, section.volume_mm)
 
 
 def list_model_sizes(
-    room: tuple[UsableVolume, ...], settings: EngineSettings
+    usable_volumes: tuple[UsableVolume, ...], settings: EngineSettings
 ) -> tuple[tuple[float, float, float], ...]:
     """Return the largest sizes (x, y, z) of a part in the model, in mm, without shrinkage compensation."""
     xy, z = settings.scale_xy, settings.scale_z
-    return tuple((x / xy, y / xy, height / z) for x, y, height in (box.size_mm for box in room))
+    return tuple((x / xy, y / xy, height / z) for x, y, height in (box.size_mm for box in usable_volumes))
 
 
 @cache
@@ -121,5 +121,5 @@ def list_bed_boxes(section: PrinterSection) -> tuple[tuple[float, float, float, 
     """
     return tuple(
         (box.rect.min_x_mm, box.rect.min_y_mm, box.rect.max_x_mm, box.rect.max_y_mm, box.height_mm)
-        for box in find_printer_room(section, brim_mm=0.0)
+        for box in find_usable_volumes(section, brim_mm=0.0)
     )

@@ -16,7 +16,11 @@ if TYPE_CHECKING:
 
 from farm.planning.error_translation import translate_errors
 from farm.planning.part_records import SliceTask
-from farm.planning.printer_settings import build_settings_request, find_printer_room, resolve_printer_settings
+from farm.planning.printer_settings import (
+    build_settings_request,
+    find_usable_volumes,
+    resolve_printer_settings,
+)
 from slicing.settings import find_engine, find_resources
 
 
@@ -57,7 +61,9 @@ async def slice_batch(
     finally:
         for future in slice_tasks.values():
             future.cancel()
-        await asyncio.gather(*slice_tasks.values(), return_exceptions=True)  # until their workers have ended
+        await asyncio.gather(
+            *slice_tasks.values(), return_exceptions=True
+        )  # waits until their workers have ended
 
 
 def build_slice_tasks(batch: SliceBatch) -> list[SliceTask]:
@@ -81,7 +87,7 @@ def build_slice_tasks(batch: SliceBatch) -> list[SliceTask]:
                 request=build_settings_request(section, batch.quality),
                 resources=resources,
                 settings=settings,
-                room=find_printer_room(section, settings.brim_width_mm),
+                usable_volumes=find_usable_volumes(section, settings.brim_width_mm),
                 engine=engine,
                 out=batch.folder / f"{part.id}.gcode",
                 cache=batch.cache,

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from farm.compute import Deferred, TaskFiles
-from farm.planning.decompose_progress import PROGRESS
+from farm.planning.decompose_progress import PROGRESS_FILE_NAME
 
 if TYPE_CHECKING:
     from farm.planning.part_records import SliceTask
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
 
 def list_decompose_files(task: DecomposeTask) -> TaskFiles:
     """List the files of `decompose_job`: the model, and the folder of the plan with its progress."""
-    return TaskFiles(reads=(task.model,), folders=(task.folder,), live=(task.folder / PROGRESS,))
+    return TaskFiles(reads=(task.model,), folders=(task.folder,), live=(task.folder / PROGRESS_FILE_NAME,))
 
 
 def list_attempt_files(task: DecomposeTask, record: Path, _number: int, folder: Path) -> TaskFiles:
     """List the files of `try_grid`: the model, the record of the search, the folder of the attempt."""
-    return TaskFiles(reads=(task.model, record), folders=(folder,), live=(folder / PROGRESS,))
+    return TaskFiles(reads=(task.model, record), folders=(folder,), live=(folder / PROGRESS_FILE_NAME,))
 
 
 def list_continue_files(
@@ -33,7 +33,7 @@ def list_continue_files(
 ) -> TaskFiles:
     """List the files of `continue_job`: those of `decompose_job`, the record, the outcomes of the round."""
     reads = (task.model, record, *(file for file in outcomes if isinstance(file, Path)))
-    return TaskFiles(reads=reads, folders=(task.folder,), live=(task.folder / PROGRESS,))
+    return TaskFiles(reads=reads, folders=(task.folder,), live=(task.folder / PROGRESS_FILE_NAME,))
 
 
 def list_overview_files(drawing_record: Path, out: Path) -> TaskFiles:

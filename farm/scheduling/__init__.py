@@ -4,7 +4,7 @@ Every decision is a function of one `Situation`.
 """
 
 from farm.scheduling.admission import (
-    SPARE_USE,
+    SPARE_PURPOSE,
     Availability,
     HoldJob,
     JobAdmission,
@@ -16,14 +16,14 @@ from farm.scheduling.admission import (
     list_usable_printers,
 )
 from farm.scheduling.assignment import (
-    LARGE_FLEET,
+    LARGE_FLEET_SIZE,
     MAX_STARTS,
     Assignment,
     assign_plates,
     find_holds,
     select_possible_assignments,
 )
-from farm.scheduling.forecast import Slot, compute_seconds_on, forecast_prints, make_idle
+from farm.scheduling.forecast import Slot, compute_printing_s, forecast_prints, make_idle
 from farm.scheduling.forecast_cache import ForecastCache
 from farm.scheduling.holds import find_next_change_s, find_plate_holds, join_names
 from farm.scheduling.hours import Hours, parse_moment_s
@@ -33,7 +33,7 @@ from farm.scheduling.matching import (
     FleetPrinter,
     Requirements,
     WaitingPlate,
-    takes_spare,
+    may_take_spare,
 )
 from farm.scheduling.plate_queue import JobPlates, PlateQueue
 from farm.scheduling.situation import Situation
@@ -55,9 +55,9 @@ from farm.scheduling.situation_builder import (
 from farm.scheduling.start_rules import StartRules, find_filament_shortage
 
 __all__ = [
-    "LARGE_FLEET",
+    "LARGE_FLEET_SIZE",
     "MAX_STARTS",
-    "SPARE_USE",
+    "SPARE_PURPOSE",
     "Assignment",
     "Availability",
     "BuildVolumes",
@@ -80,7 +80,7 @@ __all__ = [
     "StartRules",
     "WaitingPlate",
     "assign_plates",
-    "compute_seconds_on",
+    "compute_printing_s",
     "count_spares",
     "derive_job_requirements",
     "derive_plate_requirements",
@@ -100,9 +100,9 @@ __all__ = [
     "list_usable_printers",
     "make_idle",
     "may_start_now",
+    "may_take_spare",
     "parse_moment_s",
     "select_possible_assignments",
     "summarise_availability",
-    "takes_spare",
     "update_ends",
 ]

@@ -1,7 +1,7 @@
 """Admission of jobs to planning: the printers for which each job is planned, and the order of jobs. Pure.
 
-A job is planned as soon as it is submitted, even while no printer is free: its time and filament are then
-known, and its plates wait. Quick jobs never wait for others.
+A job is planned as soon as it is submitted, even while no printer is free, so that its time and filament are
+known while its plates wait. Quick jobs never wait for others.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from farm.scheduling.situation_builder import derive_job_requirements
 from farm.state import Books
 
 MAX_LONG_JOBS = 2
-"""Largest number of jobs that are planned at the same time, not counting quick jobs."""
-QUICK_FACES = 200_000
-"""Largest number of triangles of a model that is planned in seconds, if one printer can hold it."""
-SPARE_USE = "a failed part (--spares)"
+"""Maximum number of jobs that are planned at the same time, not counting quick jobs."""
+MAX_QUICK_FACES = 200_000
+"""Maximum number of triangles of a model that is planned in seconds, if it fits into one printer."""
+SPARE_PURPOSE = "a failed part (--spares)"
 """Purpose of a spare printer, for messages."""
 _BRIM_MM = 10.0  # brim on each side of a part, only to estimate whether a model fits
 _TEMPORARY_CODES = (
@@ -65,7 +65,7 @@ class JobRequest:
     spares: int = 0
     starts_later: bool = False
 
-    def limit(self, printers: int) -> int:
+    def limit_printers(self, printers: int) -> int:
         """Return the number of printers that the job may use, out of a given number."""
         return min(max(1, printers - self.spares), self.printers or printers)
 
@@ -118,7 +118,7 @@ def list_pending_printers(pending_plans: Iterable[PendingPlan]) -> dict[str, str
 
 
 def find_mismatch(requirements: Requirements, printers: Iterable[FleetPrinter]) -> Hold | None:
-    """Return a hold if no printer of the fleet matches: `fleet.yaml` may have changed since submission."""
+    """Return a hold if no printer matches, because `fleet.yaml` may have changed since the submission."""
     if any(requirements.matches(printer.capabilities) for printer in printers):
         return None
     return Hold(
@@ -147,9 +147,9 @@ def choose_printers(request: JobRequest, availability: Availability) -> PlanOrde
     reserved_names = availability.reserved | availability.reservations.keys()
     idle = [p for p in usable_printers if p.find_obstacle() is None and p.name not in reserved_names]
     candidates = idle if idle and not request.starts_later else usable_printers
-    number, min_parts = request.limit(len(candidates)), request.min_parts
+    number, min_parts = request.limit_printers(len(candidates)), request.min_parts
     if min_parts > number:
-        max_parts = request.limit(len(usable_printers))
+        max_parts = request.limit_printers(len(usable_printers))
         if min_parts > max_parts:
             return PlanOrder(tuple(p.name for p in candidates[:number]), rounds=-(-min_parts // number))
         candidates, number = usable_printers, max_parts
@@ -161,7 +161,7 @@ def choose_printers(request: JobRequest, availability: Availability) -> PlanOrde
 def list_usable_printers(
     matching_printers: list[FleetPrinter], availability: Availability
 ) -> list[FleetPrinter]:
-    """List the matching printers that are free, or will be without a repair; all if none is."""
+    """List the matching printers that are free or need no repair to become free; all if there are none."""
     usable_printers = [
         p for p in matching_printers if (hold := p.find_obstacle()) is None or hold.code in _TEMPORARY_CODES
     ]
@@ -206,13 +206,13 @@ def is_quick(job: Job, printers: Iterable[FleetPrinter]) -> bool:
         return True
     options, size = job.options, job.size
     deadline = options.done_by or options.assembled_by
-    if size is None or size.faces > QUICK_FACES or deadline or options.printers not in (None, 1):
+    if size is None or size.faces > MAX_QUICK_FACES or deadline or options.printers not in (None, 1):
         return False
     x, y, z = size.extents_mm
     return any(
         width + 2 * _BRIM_MM <= right - left and depth + 2 * _BRIM_MM <= back - front and height <= top
         for printer in printers
-        for left, front, right, back, top in printer.capabilities.room
+        for left, front, right, back, top in printer.capabilities.build_boxes
         for width, depth, height in ((x, y, z), (y, z, x), (z, x, y))
     )
 
@@ -259,7 +259,9 @@ class JobAdmission:
 
     def list_pending_plans(self, books: Books) -> list[PendingPlan]:
         """List the jobs that are being planned, with their printers."""
-        return [PendingPlan(n, books.job(n).priority, names) for n, names in self._planned_printers.items()]
+        return [
+            PendingPlan(n, books.get_job(n).priority, names) for n, names in self._planned_printers.items()
+        ]
 
     def decide(
         self, books: Books, situation: Situation, fleet: Availability
@@ -277,7 +279,7 @@ class JobAdmission:
         """
         pending_plans = self.list_pending_plans(books)
         long_jobs: list[int] = []
-        for job in books.queue():
+        for job in books.list_unplanned_jobs():
             quick = is_quick(job, situation.printers)
             if job.state is JobState.PLANNING:
                 long_jobs += [] if quick else [job.id]
@@ -310,7 +312,7 @@ class JobAdmission:
 
 
 def list_reservations(situation: Situation, reserved: Mapping[str, str]) -> dict[str, str]:
-    """Return the printers that are reserved, and so not available to a new job, each with its purpose.
+    """Return the printers that are reserved and thus unavailable to a new job, each with its purpose.
 
     No printer is reserved for a plate that may not start now, because that plate may wait for a long time.
 
@@ -325,14 +327,14 @@ def list_reservations(situation: Situation, reserved: Mapping[str, str]) -> dict
     if situation.rules.max_heating is not None:  # plates that start once another printer has heated up
         assignments = assign_plates(replace(situation, rules=replace(situation.rules, max_heating=None)))
     return {
-        **dict.fromkeys(situation.spare_printers, SPARE_USE),
+        **dict.fromkeys(situation.spare_printers, SPARE_PURPOSE),
         **{assignment.printer: assignment.plate for assignment in assignments},
         **reserved,
     }
 
 
 def limit_availability(fleet: Availability, situation: Situation, job: Job) -> Availability:
-    """Return the availability of the fleet at the start of a job, when perhaps nobody is present."""
+    """Return the availability of the fleet at the start of a job, when nobody may be present."""
     start_s = max(situation.now_s, job.not_before_s or 0.0)
     is_attended = job.options.hold or situation.rules.is_attended(start_s)
     blocked_names = frozenset(p.name for p in situation.printers if not (p.unattended or is_attended))

@@ -8,15 +8,15 @@ from dataclasses import dataclass
 
 from farm.model import Hold
 from farm.scheduling.holds import HoldReasons
-from farm.scheduling.matching import FleetPrinter, WaitingPlate, takes_spare
+from farm.scheduling.matching import FleetPrinter, WaitingPlate, may_take_spare
 from farm.scheduling.plate_matching import FleetOrder, MatchingInputs, match_plates
 from farm.scheduling.situation import Situation
 from farm.scheduling.start_rules import find_filament_shortage
 
-LARGE_FLEET = 200
-"""Number of printers above which the scheduler runs once a second for all reports, because runs take long."""
+LARGE_FLEET_SIZE = 200
+"""Number of printers above which the scheduler runs only once a second, because its runs take long."""
 MAX_STARTS = 15
-"""Largest number of starts in one commit. The daemon handles messages between two such commits."""
+"""Maximum number of starts in one commit. The daemon handles messages between two commits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,12 +79,12 @@ def _can_take(situation: Situation, printer: FleetPrinter, plate: WaitingPlate) 
         plate.requirements.matches(printer.capabilities)
         and find_filament_shortage(plate, printer, printer.grams) is None
         and situation.can_start(plate, printer)
-        and (printer.name not in situation.spare_printers or takes_spare(plate, situation.fleet))
+        and (printer.name not in situation.spare_printers or may_take_spare(plate, situation.fleet))
     )
 
 
 def find_holds(situation: Situation, assignments: Iterable[Assignment]) -> dict[str, Hold]:
-    """Find the reason why each waiting plate got no printer.
+    """Find the reason why each waiting plate was not assigned to a printer.
 
     Parameters
     ----------
@@ -141,4 +141,4 @@ def _match_plates(situation: Situation) -> dict[str, WaitingPlate]:
         rules=situation.rules,
         now_s=situation.now_s,
     )
-    return match_plates(situation.waiting.with_demands(met_demands), inputs)
+    return match_plates(situation.waiting.list_plates_with_demands(met_demands), inputs)

@@ -15,8 +15,8 @@ from farm.scheduling.plate_matching import FleetOrder, MatchingInputs, match_pla
 from farm.scheduling.situation import Situation
 from farm.scheduling.start_rules import StartRules, find_filament_shortage
 
-CLEARING_S = 900.0
-"""Time to clear a bed, once a person is present."""
+CLEARING_TIME_S = 900.0
+"""Time that a person needs to clear a bed."""
 _TEMPORARY_CODES = (
     None,
     HoldCode.PRINTER_BUSY,
@@ -26,7 +26,8 @@ _TEMPORARY_CODES = (
 )
 _CHANGES_PER_STEP = 400  # about 5 ms
 _HORIZON_S = 15 * 86400.0  # if no plate starts within this time, no plate ever will
-_END, _HEATED, _READY, _HOURS = range(4)  # kinds of change; simultaneous changes are in this order
+_PRINT_END, _HEATING_END, _CLEARING_END, _JOB_START = range(4)
+"""Kinds of change; simultaneous changes are handled in this order."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +54,7 @@ class Forecast:
         return min((slot.starts_s for slot in self.slots), default=self.ends_s)
 
 
-def forecast_prints(situation: Situation, has_bound: bool = True) -> Forecast:
+def forecast_prints(situation: Situation, include_bound: bool = True) -> Forecast:
     """Forecast the prints of all waiting plates by simulating the farm's decisions.
 
     Plates are matched with printers by the code of `farm.scheduling.assignment` whenever a printer becomes
@@ -67,10 +68,10 @@ def forecast_prints(situation: Situation, has_bound: bool = True) -> Forecast:
     ----------
     situation
         Waiting plates, fleet and rules. The result does not depend on the order of plates and printers.
-    has_bound
+    include_bound
         True to compute a lower bound; else the bound is the current time.
     """
-    steps = forecast_in_steps(situation, has_bound)
+    steps = forecast_in_steps(situation, include_bound)
     while True:
         try:
             next(steps)
@@ -79,7 +80,7 @@ def forecast_prints(situation: Situation, has_bound: bool = True) -> Forecast:
             return forecast
 
 
-def forecast_in_steps(situation: Situation, has_bound: bool = True) -> Generator[None, None, Forecast]:
+def forecast_in_steps(situation: Situation, include_bound: bool = True) -> Generator[None, None, Forecast]:
     """Forecast the prints of all waiting plates, as `forecast_prints` does, in short steps.
 
     Yields after each step, and returns the forecast.
@@ -95,7 +96,7 @@ def forecast_in_steps(situation: Situation, has_bound: bool = True) -> Generator
     unplaced_plates = tuple(plate.id for plates in simulation.queue.values() for plate in plates.values())
     ends_s = max((slot.ends_s for slot in slots), default=now_s)
     bound_s = now_s
-    if has_bound:
+    if include_bound:
         started_plates = {slot.plate for slot in slots}
         plates = [plate for plate in situation.waiting if plate.id in started_plates]
         ready_s = {p.name: _find_ready_s(p, rules, now_s) for p in usable_printers}
@@ -131,23 +132,23 @@ class _Simulation:
             is_used = self._spares or any(map(printer.capabilities.meets, situation.waiting.demands))
             self._add_printer(printer, bool(is_used))
         for at_s in situation.waiting.starts_s:
-            self._push_change(at_s, _HOURS, "")
+            self._push_change(at_s, _JOB_START, "")
 
     def _add_printer(self, printer: FleetPrinter, is_used: bool) -> None:
         now_s = self._now_s
         if printer.booked:
             self._remaining_plates.update([printer.job] if printer.job is not None else [])
-            self._push_change(max(now_s, printer.free_s or now_s), _END, printer.job)
+            self._push_change(max(now_s, printer.free_s or now_s), _PRINT_END, printer.job)
         if printer.heating:
             self._heating_count += 1
-            self._push_change(max(now_s, printer.heats_until_s or now_s), _HEATED, printer.name)
+            self._push_change(max(now_s, printer.heats_until_s or now_s), _HEATING_END, printer.name)
         if not is_used:
             return
         ready_s = _find_ready_s(printer, self._rules, now_s)
         if ready_s <= now_s:
             self._idle.add(printer.name)
         else:
-            self._push_change(ready_s, _READY, printer.name)
+            self._push_change(ready_s, _CLEARING_END, printer.name)
 
     def _push_change(self, at_s: float, kind: int, subject: object) -> None:
         if at_s >= self._now_s:
@@ -156,7 +157,7 @@ class _Simulation:
     def run(self) -> Generator[None, None, None]:
         """Simulate until no plate waits, or no waiting plate can ever start; yield every few changes."""
         self._match_plates()
-        edge_s, give_up_s = self._find_next_edge_s(), self._now_s + _HORIZON_S
+        edge_s, deadline_s = self._find_next_edge_s(), self._now_s + _HORIZON_S
         for number in itertools.count(1):
             if not self.queue:
                 return
@@ -164,12 +165,12 @@ class _Simulation:
                 yield
             change_s = self._changes[0][0] if self._changes else math.inf
             if edge_s <= change_s:
-                if edge_s > give_up_s:
+                if edge_s > deadline_s:
                     return
                 self._now_s = edge_s
                 self._blocked_printers.clear()
                 edge_s = self._find_next_edge_s()
-                if change_s == self._now_s:  # a print that ends now first lets its job use another printer
+                if change_s == self._now_s:  # the end of a print first allows its job another printer
                     continue
             elif change_s == math.inf:
                 return
@@ -177,7 +178,7 @@ class _Simulation:
                 self._now_s, kind, _, subject = heapq.heappop(self._changes)
                 self._apply_change(kind, subject)
             if self._match_plates():
-                give_up_s = self._now_s + _HORIZON_S
+                deadline_s = self._now_s + _HORIZON_S
 
     def _find_next_edge_s(self) -> float:
         edges = (
@@ -187,13 +188,13 @@ class _Simulation:
         return min((edge_s for edge_s in edges if edge_s is not None), default=math.inf)
 
     def _apply_change(self, kind: int, subject: object) -> None:
-        if kind == _READY:
+        if kind == _CLEARING_END:
             self._idle.add(str(subject))
-        elif kind == _HEATED:
+        elif kind == _HEATING_END:
             self._heating_count -= 1
-        elif kind == _END and isinstance(subject, int):
+        elif kind == _PRINT_END and isinstance(subject, int):
             self._end_print(subject)
-        elif kind == _HOURS:
+        elif kind == _JOB_START:
             self._blocked_printers.clear()
 
     def _end_print(self, job: int) -> None:
@@ -242,15 +243,15 @@ class _Simulation:
 
     def _start_print(self, plate: WaitingPlate, name: str) -> None:
         printer = self._fleet[name]
-        end_s = self._now_s + compute_seconds_on(plate, printer)
+        end_s = self._now_s + compute_printing_s(plate, printer)
         self.slots.append(Slot(plate.id, name, self._now_s, end_s))
         self._idle.discard(name)
         if printer.grams is not None:
             self._fleet[name] = replace(printer, grams=printer.grams - plate.grams)
         self._heating_count += 1
-        self._push_change(self._now_s + plate.heating_s, _HEATED, name)
-        self._push_change(end_s, _END, plate.job)
-        self._push_change(self._rules.find_bed_clear_s(end_s, CLEARING_S), _READY, name)
+        self._push_change(self._now_s + plate.heating_s, _HEATING_END, name)
+        self._push_change(end_s, _PRINT_END, plate.job)
+        self._push_change(self._rules.find_bed_clear_s(end_s, CLEARING_TIME_S), _CLEARING_END, name)
         if plate.job in self._extra_printers:
             self._extra_printers[plate.job] -= 1
         self._planned_plates[plate.planned_printer] -= 1
@@ -276,8 +277,8 @@ def make_idle(printer: FleetPrinter) -> FleetPrinter:
     )
 
 
-def compute_seconds_on(plate: WaitingPlate, printer: FleetPrinter) -> float:
-    """Return the seconds that a plate takes on a printer, by its time factors and the planned printer's."""
+def compute_printing_s(plate: WaitingPlate, printer: FleetPrinter) -> float:
+    """Compute the printing time of a plate from the time factors of a printer and of the planned printer."""
     layers_s = plate.expected_s - plate.heating_s
     factor = printer.time_factors.compute_factor(plate.feature_shares)
     return plate.heating_s + layers_s * factor / plate.time_factor
@@ -287,7 +288,7 @@ def _find_ready_s(printer: FleetPrinter, rules: StartRules, now_s: float) -> flo
     """Return the time at which a printer is idle and clear."""
     if printer.find_obstacle() is None:
         return now_s
-    return rules.find_bed_clear_s(max(now_s, printer.free_s or now_s), CLEARING_S)
+    return rules.find_bed_clear_s(max(now_s, printer.free_s or now_s), CLEARING_TIME_S)
 
 
 def _find_fitting_printers(
@@ -319,7 +320,7 @@ def _compute_lower_bound_s(
     """Return a lower bound of the end of any schedule on these printers.
 
     The larger of two bounds: the end of each plate on the printer where it ends soonest; and, for each set of
-    printers, the total time of the plates that fit only these, divided among them from when each is ready.
+    printers, the total time of the plates that fit only these, divided among them once each is ready.
     """
     bound_s = now_s
     work_s: dict[frozenset[str], float] = {}
@@ -327,27 +328,27 @@ def _compute_lower_bound_s(
         if not fitting_printers[plate.id]:
             continue
         starts = [(p, rules.find_start(plate, p, ready_s[p.name]).at_s) for p in fitting_printers[plate.id]]
-        ends_s = [at_s + compute_seconds_on(plate, p) for p, at_s in starts if at_s is not None]
+        ends_s = [at_s + compute_printing_s(plate, p) for p, at_s in starts if at_s is not None]
         if not ends_s:
             continue
         bound_s = max(bound_s, min(ends_s))
         names = frozenset(p.name for p in fitting_printers[plate.id])
         work_s[names] = work_s.get(names, 0.0) + min(
-            compute_seconds_on(plate, p) for p in fitting_printers[plate.id]
+            compute_printing_s(plate, p) for p in fitting_printers[plate.id]
         )
     for names in work_s:
         total_s = sum(seconds for subset, seconds in work_s.items() if subset <= names)
-        bound_s = max(bound_s, _compute_filled_s(total_s, sorted(ready_s[name] for name in names)))
+        bound_s = max(bound_s, _compute_completion_s(total_s, sorted(ready_s[name] for name in names)))
     return bound_s
 
 
-def _compute_filled_s(work_s: float, ready_s: Sequence[float]) -> float:
+def _compute_completion_s(work_s: float, ready_s: Sequence[float]) -> float:
     """Return the time at which machines, ready at these ascending times, finish an amount of work."""
     level_s = ready_s[0]
     for count, next_s in enumerate([*ready_s[1:], float("inf")], 1):
-        room_s = (next_s - level_s) * count
-        if work_s <= room_s:
+        capacity_s = (next_s - level_s) * count
+        if work_s <= capacity_s:
             return level_s + work_s / count
-        work_s -= room_s
+        work_s -= capacity_s
         level_s = next_s
     raise AssertionError("the last machine takes the remaining work")

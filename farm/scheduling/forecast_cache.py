@@ -11,14 +11,14 @@ from farm.scheduling.forecast import forecast_in_steps
 from farm.scheduling.situation import Situation
 from farm.state import Books
 
-LARGE_QUEUE = 1000
-"""Number of waiting plates from which callers get the last forecast instead of waiting for a new one.
+LARGE_QUEUE_SIZE = 1000
+"""Minimum number of waiting plates for which callers get the last forecast instead of awaiting a new one.
 
 The forecast of 10,000 plates on 1,000 printers takes 0.3 s.
 """
 _MAX_AGE_S = 60.0  # farm seconds for which a forecast of unchanged books is kept
 _MIN_INTERVAL_S = 5.0  # wall seconds between two forecasts
-_LARGE_INTERVAL_S = 45.0  # the same for a large queue
+_LARGE_QUEUE_INTERVAL_S = 45.0  # the same for a large queue
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,15 +80,17 @@ class ForecastCache:
     def _find_due_work(self) -> Iterator[None] | None:
         books, now_s = self._find_books(), self._clock.now()
         age_s = now_s - self._ends.at_s
-        interval_s = (_LARGE_INTERVAL_S if self._is_large else _MIN_INTERVAL_S) * self._clock.scale
+        interval_s = (_LARGE_QUEUE_INTERVAL_S if self._is_large else _MIN_INTERVAL_S) * self._clock.scale
         if age_s <= interval_s or (books is self._books and age_s <= _MAX_AGE_S):
             return None
         situation = self._find_situation()
-        self._is_large = len(situation.waiting) >= LARGE_QUEUE
+        self._is_large = len(situation.waiting) >= LARGE_QUEUE_SIZE
         return self._forecast_ends(situation, books, self._ends)
 
-    def _forecast_ends(self, situation: Situation, books: Books, ends_before: ExpectedEnds) -> Iterator[None]:
-        forecast = yield from forecast_in_steps(situation, has_bound=False)
-        if self._ends is ends_before:  # else the clock was set meanwhile
+    def _forecast_ends(
+        self, situation: Situation, books: Books, previous_ends: ExpectedEnds
+    ) -> Iterator[None]:
+        forecast = yield from forecast_in_steps(situation, include_bound=False)
+        if self._ends is previous_ends:  # else the clock was set meanwhile
             ends_s = {slot.plate: slot.ends_s for slot in forecast.slots}
             self._books, self._ends = books, ExpectedEnds(ends_s, situation.now_s)

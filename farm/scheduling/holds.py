@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from farm.config import PrinterSection
 from farm.model import Hold, HoldCode, Job, JobState, Plate
-from farm.scheduling.matching import Capabilities, WaitingPlate, takes_spare
+from farm.scheduling.matching import Capabilities, WaitingPlate, may_take_spare
 from farm.scheduling.situation import Situation
 from farm.scheduling.start_rules import find_filament_shortage
 from farm.state import LOSSES, Books, PlateState, find_stopped_print
@@ -18,8 +18,8 @@ def may_hold_back(books: Books, job: Job) -> bool:
     """Return whether a plate of a printing job may be held back by the job's own state."""
     if job.paused:
         return True
-    for plate in books.plates_of(job):
-        state = books.plate_state(plate)
+    for plate in books.list_plates(job):
+        state = books.find_plate_state(plate)
         if state is PlateState.OUT_OF_ATTEMPTS:
             return True
         last_print = books.prints[plate.prints[-1]] if plate.prints else None
@@ -63,11 +63,11 @@ def find_plate_holds(
     if any(job.restored for job in printing_jobs):
         names = (section.name for section in printers if section.enabled)
         unreported_printers = " ".join(name for name in names if _has_not_reported(books, name))
-    all_held = books.outage is not None
+    has_outage = books.outage is not None
     for job in printing_jobs:
-        if not (all_held or (unreported_printers and job.restored) or may_hold(books, job)):
+        if not (has_outage or (unreported_printers and job.restored) or may_hold(books, job)):
             continue
-        for plate in books.plates_of(job):
+        for plate in books.list_plates(job):
             hold = _find_hold(books, job, plate, unreported_printers if job.restored else "", now_s)
             if hold is not None:
                 holds[plate.id] = hold
@@ -84,7 +84,7 @@ def _find_loss_window_end_s(books: Books, holds: Mapping[str, Hold]) -> float:
 
 
 def find_next_change_s(
-    situation: Situation, books: Books, held_back: Mapping[str, Hold], other_times_s: Iterable[float]
+    situation: Situation, books: Books, held_back_plates: Mapping[str, Hold], other_times_s: Iterable[float]
 ) -> float:
     """Return the next time at which a decision changes without an event; infinity for never.
 
@@ -94,23 +94,23 @@ def find_next_change_s(
         The plates that still wait, and the fleet.
     books
         The committed books.
-    held_back
+    held_back_plates
         The plates that are excluded from assignment.
     other_times_s
         Other times at which decisions may change.
     """
     starts_s = (job.not_before_s for job in books.jobs.values() if not job.state.ended)
-    moments_s = (*other_times_s, *(at_s for at_s in starts_s if at_s is not None))
+    times_s = (*other_times_s, *(at_s for at_s in starts_s if at_s is not None))
     return min(
         situation.find_next_change_s(),
-        _find_loss_window_end_s(books, held_back),
-        *(at_s for at_s in moments_s if at_s > situation.now_s),
+        _find_loss_window_end_s(books, held_back_plates),
+        *(at_s for at_s in times_s if at_s > situation.now_s),
     )
 
 
 def _has_not_reported(books: Books, printer: str) -> bool:
     """Return whether an agent has not listed its prints since the backup; False in maintenance."""
-    entry = books.printer(printer)
+    entry = books.get_printer(printer)
     return entry.unreported_since_s is not None and entry.maintenance is None
 
 
@@ -119,7 +119,7 @@ def _find_hold(books: Books, job: Job, plate: Plate, unreported_printers: str, n
 
     `unreported_printers` names the printers that may have printed the plate since the backup.
     """
-    state = books.plate_state(plate)
+    state = books.find_plate_state(plate)
     if state is PlateState.OUT_OF_ATTEMPTS:
         text = (
             f"plate {plate.id} failed too often: print it again with `farm reprint {job.id} {plate.parts[0]}`"
@@ -141,7 +141,7 @@ def _find_hold(books: Books, job: Job, plate: Plate, unreported_printers: str, n
     if job.paused:
         return Hold(code=HoldCode.PAUSED, text=f"job {job.id} is paused: `farm resume {job.id}`")
     part = plate.parts[0]
-    if (stopped_print := find_stopped_print(plate, books.prints_of(plate))) is not None:
+    if (stopped_print := find_stopped_print(plate, books.list_prints(plate))) is not None:
         text = f"`farm estop` stopped it on {stopped_print.printer}: `farm resume {part}` prints it again"
         return Hold(code=HoldCode.STOPPED, text=text)
     if plate.paused:
@@ -154,12 +154,12 @@ def _find_hold(books: Books, job: Job, plate: Plate, unreported_printers: str, n
     return None
 
 
-_MAX_NAMES = 4  # largest number of names in a sentence; more are counted
+_MAX_NAMES = 4  # maximum number of names in a sentence; the others are counted
 
 
 @dataclass(frozen=True, slots=True)
-class _Group:
-    """Printers that match the same plates, with the facts that all of these plates share.
+class _PrinterGroup:
+    """Printers that match the same plates, with the properties that apply to all of these plates.
 
     Attributes
     ----------
@@ -210,7 +210,7 @@ class HoldReasons:
         fleet = situation.fleet
         self._obstacles = {name: printer.find_obstacle() for name, printer in fleet.items()}
         self._capabilities = tuple(dict.fromkeys(printer.capabilities for printer in fleet.values()))
-        self._groups: dict[tuple[Capabilities, ...], _Group] = {}  # by mismatches
+        self._groups: dict[tuple[Capabilities, ...], _PrinterGroup] = {}  # by mismatches
         self._idle = frozenset(n for n, hold in self._obstacles.items() if hold is None) - assigned_printers
 
     def make_job_limit_hold(self) -> Hold:
@@ -238,14 +238,14 @@ class HoldReasons:
         hold = self._find_shared_hold(plate, group)
         return hold.model_copy(update={"text": f"needs {needs}: {hold.text}"}) if needs else hold
 
-    def _make_group(self, mismatches: tuple[Capabilities, ...]) -> _Group:
+    def _make_group(self, mismatches: tuple[Capabilities, ...]) -> _PrinterGroup:
         fleet = self._situation.fleet
         names = tuple(name for name, printer in fleet.items() if printer.capabilities not in mismatches)
         obstacles = (hold for name in names if (hold := self._obstacles[name]) is not None)
         idle = tuple(name for name in names if name in self._idle)
-        return _Group(frozenset(names), idle, self._make_busy_hold(names), next(obstacles, None))
+        return _PrinterGroup(frozenset(names), idle, self._make_busy_hold(names), next(obstacles, None))
 
-    def _find_shared_hold(self, plate: WaitingPlate, group: _Group) -> Hold:
+    def _find_shared_hold(self, plate: WaitingPlate, group: _PrinterGroup) -> Hold:
         rules, now_s = self._situation.rules, self._situation.now_s
         if plate.not_before_s is not None and plate.not_before_s > now_s:
             return rules.make_start_hold(plate.not_before_s, now_s)  # no printer would start it now
@@ -253,7 +253,7 @@ class HoldReasons:
         for name in group.idle:
             hold = self._find_printer_hold(plate, name)
             if hold is not None and hold.code is not HoldCode.REEL_TOO_SHORT:
-                return hold  # ends by itself
+                return hold  # it ends without a person's action
             reel_hold = reel_hold or hold
         busy = group.busy
         if busy is not None:
@@ -268,7 +268,7 @@ class HoldReasons:
         return planned_hold or reel_hold or group.obstacle or _make_all_assigned_hold()
 
     def _find_printer_hold(self, plate: WaitingPlate, name: str) -> Hold | None:
-        """Return why a plate does not get an idle and clear printer; None if another plate got it."""
+        """Return why a plate is not assigned to an idle, clear printer; None if another plate was."""
         printer = self._situation.fleet[name]
         reel_hold = find_filament_shortage(plate, printer, printer.grams)
         if reel_hold is not None:
@@ -276,7 +276,7 @@ class HoldReasons:
         start = self._situation.rules.find_start(plate, printer, self._situation.now_s)
         if start.at_s != self._situation.now_s:
             return start.reason
-        if name in self._spare_printers and not takes_spare(plate, self._situation.fleet):
+        if name in self._spare_printers and not may_take_spare(plate, self._situation.fleet):
             return Hold(
                 code=HoldCode.KEPT_AS_SPARE, text=f"{name} is kept in reserve for a failed part (--spares)"
             )
@@ -309,11 +309,11 @@ class HoldReasons:
 
 
 def _make_all_assigned_hold() -> Hold:
-    return Hold(code=HoldCode.PRINTER_BUSY, text="every matching printer got another plate")
+    return Hold(code=HoldCode.PRINTER_BUSY, text="every matching printer was assigned another plate")
 
 
 def join_names(names: Iterable[str]) -> str:
-    """Join names for a sentence, as in "a, b and c"; a long list ends with the number of the others."""
+    """Join names for a sentence, as in "a, b and c"; a long list ends with the number of omitted names."""
     *rest, last = names
     if len(rest) >= _MAX_NAMES:
         rest, last = rest[: _MAX_NAMES - 1], f"{len(rest) - _MAX_NAMES + 2} more"

@@ -20,15 +20,15 @@ Span = tuple[float, float]
 class Hours:
     """Weekly windows in a time zone. Times are seconds since the epoch.
 
-    A local time that daylight saving skips is moved an hour later. At a local time that occurs twice, windows
-    start at the first occurrence and end at the second, so that they include every minute.
+    A local time that daylight saving time skips is moved an hour later. At a local time that occurs twice,
+    windows start at the first occurrence and end at the second, so that they include every minute.
     """
 
     windows: tuple[Window, ...]
     zone: tzinfo
 
     def find_span(self, at_s: float) -> Span | None:
-        """Return the half-open span around `at_s`, or None. The end of a span that never ends is infinity."""
+        """Return the half-open span around `at_s`, or None. A span that never ends has the end infinity."""
         return next((span for span in self._list_spans_near(at_s) if span[0] <= at_s < span[1]), None)
 
     def find_next_span(self, at_s: float) -> Span | None:
@@ -49,7 +49,7 @@ class Hours:
 
 @lru_cache(maxsize=64)
 def _list_spans(windows: tuple[Window, ...], zone: tzinfo, day: int) -> tuple[Span, ...]:
-    """Return the merged spans in order, from the day before `day` on."""
+    """Return the merged spans in order, starting on the day before `day`."""
     spans = []
     for ordinal in range(day - 1, day + _SEARCH_DAYS):
         date = datetime.fromordinal(ordinal).replace(tzinfo=zone)
@@ -69,7 +69,7 @@ def _merge_spans(spans: Iterable[Span]) -> list[Span]:
     merged_spans: list[Span] = []
     for start_s, end_s in sorted(spans):
         if end_s <= start_s:
-            continue  # daylight saving skips all of it
+            continue  # daylight saving time skips the whole span
         if merged_spans and start_s <= merged_spans[-1][1]:
             merged_spans[-1] = (merged_spans[-1][0], max(merged_spans[-1][1], end_s))
         else:
@@ -77,8 +77,8 @@ def _merge_spans(spans: Iterable[Span]) -> list[Span]:
     return merged_spans
 
 
-_MAX_AHEAD_S = 366 * 86400.0
-_TIME = re.compile(r"(?:([a-z]{3})\s+)?(\d{1,2}):(\d{2})")
+_MAX_LEAD_TIME_S = 366 * 86400.0
+_TIME_PATTERN = re.compile(r"(?:([a-z]{3})\s+)?(\d{1,2}):(\d{2})")
 
 
 def parse_moment_s(text: str, now_s: float, zone: tzinfo) -> float:
@@ -90,7 +90,7 @@ def parse_moment_s(text: str, now_s: float, zone: tzinfo) -> float:
         If the text is not a time, or a time that has passed or is more than a year ahead.
     """
     now = datetime.fromtimestamp(now_s, zone)
-    match = _TIME.fullmatch(text.strip().lower())
+    match = _TIME_PATTERN.fullmatch(text.strip().lower())
     try:
         if match is None:
             moment = datetime.fromisoformat(text.strip())
@@ -106,13 +106,13 @@ def parse_moment_s(text: str, now_s: float, zone: tzinfo) -> float:
         raise ValueError(f"{text!r} is not a time{cause}; {example}") from error
     if at_s <= now_s:
         raise ValueError(f"{text!r} has passed: it is {now:%a %Y-%m-%d %H:%M}")
-    if at_s > now_s + _MAX_AHEAD_S:
+    if at_s > now_s + _MAX_LEAD_TIME_S:
         raise ValueError(f"{text!r} is more than a year ahead: it is {now:%a %Y-%m-%d %H:%M}")
     return at_s
 
 
 def _find_next_occurrence(now: datetime, day: str | None, hour: int, minute: int) -> datetime:
-    """Return the next occurrence of a local time, which daylight saving may repeat."""
+    """Return the next occurrence of a local time, which daylight saving time may repeat."""
     moment = now.replace(hour=hour, minute=minute, second=0, microsecond=0, fold=0)
     for _ in range(9):
         repeated = moment.replace(fold=1)  # an hour later if it occurs twice, earlier if it is skipped

@@ -13,7 +13,7 @@ Demand = tuple[str | None, str | None, float | None, str | None, tuple[str, ...]
 Box = tuple[float, float, float, float, float]
 """min_x, min_y, max_x, max_y and height, in mm from the bed's centre."""
 
-SLACK_MM = 0.05
+TOLERANCE_MM = 0.05
 """Tolerance of comparisons with the extents of a slice, which are rounded."""
 
 
@@ -23,15 +23,15 @@ class Capabilities:
 
     Attributes
     ----------
-    room
-        Boxes; one of them must contain all extrusion of a plate.
+    build_boxes
+        Boxes in which the printer can print; one of them must contain all extrusion of a plate.
     family
         Printer family, whose members accept the same G-code; None: any.
     requested_name
-        Name of the printer if an open job asks for it; else None, so that the printers of one kind are equal.
+        Name of the printer if an open job requests it; else None, so that printers of one kind are equal.
     """
 
-    room: tuple[Box, ...]
+    build_boxes: tuple[Box, ...]
     material: str
     colour: str | None
     nozzle_mm: float
@@ -45,7 +45,7 @@ class Capabilities:
 
     @cached_property
     def height_mm(self) -> float:
-        return max((height for *_, height in self.room), default=0.0)
+        return max((height_mm for *_, height_mm in self.build_boxes), default=0.0)
 
     def meets(self, demand: Demand) -> bool:
         """Return whether a plate with this demand matches, apart from its size."""
@@ -58,13 +58,13 @@ class Capabilities:
             and (not only or self.requested_name in only)
         )
 
-    def holds(self, box: Box) -> bool:
-        """Return whether a box lies in the room."""
+    def can_contain(self, box: Box) -> bool:
+        """Return whether a box lies within one of the build boxes."""
         x0, y0, x1, y1, height = box
-        slack = SLACK_MM
+        slack = TOLERANCE_MM
         return any(
             left <= x0 + slack and front <= y0 + slack and x1 <= right + slack and y1 <= back + slack
-            for left, front, right, back, top in self.room
+            for left, front, right, back, top in self.build_boxes
             if height <= top + slack
         )
 
@@ -76,7 +76,7 @@ last part by little more than this."""
 
 @dataclass(frozen=True)
 class FleetPrinter:
-    """Printer with all data that decide whether it can take a plate."""
+    """Printer with all data that determine whether it can take a plate."""
 
     name: str
     capabilities: Capabilities
@@ -88,16 +88,16 @@ class FleetPrinter:
     maintenance: str | None = None  # why a person has taken it out of use
     heating: bool = False
     free_s: float | None = None  # expected end of its print
-    job: int | None = None  # of the plate that it prints
+    job: int | None = None  # number of the job that it is printing
     heats_until_s: float | None = None  # expected end of its heat-up
-    grams: float | None = None  # on its reel, minus those needed by its open print; None: unknown
+    grams: float | None = None  # on its reel, minus the grams that its open print needs; None: unknown
     reel_uncertain: bool = False  # `grams` may be too high
     time_factors: TimeFactors = NOMINAL_TIME_FACTORS  # learned from its prints
     unattended: bool = True  # may print while nobody is present
     attended_reason: str = ""  # why it may not print unattended
 
     def find_obstacle(self) -> Hold | None:
-        """Return why nothing can start on the printer now; None if it is idle and clear."""
+        """Return the reason why no print can start now; None if the printer is idle and clear."""
         return self._obstacle
 
     @cached_property
@@ -146,7 +146,7 @@ class Requirements:
     nozzle_mm: float | None
     box: Box | None = None  # extent of its plate; unknown before it is planned
     family: str | None = None  # printer family that it was sliced for; None: any
-    only: tuple[str, ...] = ()  # printers that its job asks for; empty: any
+    only: tuple[str, ...] = ()  # printers that its job requests; empty: any
 
     @property
     def demand(self) -> Demand:
@@ -154,7 +154,7 @@ class Requirements:
         return self.material, self.colour, self.nozzle_mm, self.family, self.only
 
     def matches(self, kind: Capabilities) -> bool:
-        return kind.meets(self.demand) and (self.box is None or kind.holds(self.box))
+        return kind.meets(self.demand) and (self.box is None or kind.can_contain(self.box))
 
     def describe(self, missing_capabilities: tuple[Capabilities, ...] = ()) -> str:
         """List the requirements as text; with `missing_capabilities`, only those that one of them lacks."""
@@ -184,8 +184,8 @@ class Requirements:
         if self.box is not None:
             x0, y0, x1, y1, height = self.box
             width = f"{x1 - x0:.0f} mm of width, {y1 - y0:.0f} mm of depth"
-            needs_height = any(height > kind.height_mm + SLACK_MM for kind in missing_capabilities)
-            needs_width = any(not kind.holds((x0, y0, x1, y1, 0.0)) for kind in missing_capabilities)
+            needs_height = any(height > kind.height_mm + TOLERANCE_MM for kind in missing_capabilities)
+            needs_width = any(not kind.can_contain((x0, y0, x1, y1, 0.0)) for kind in missing_capabilities)
             if not missing_capabilities:
                 texts.append(f"{width} and {height:.0f} mm of height")
             else:
@@ -205,13 +205,13 @@ class WaitingPlate:
     priority: int = 0  # higher prints earlier
     rank: float | None = None  # among jobs of equal priority; None: the job's number
     grams: float = 0.0
-    heating_s: float = 0.0  # of `expected_s`: everything but the layers
+    heating_s: float = 0.0  # part of `expected_s` apart from the layers
     time_factor: float = 1.0  # of the plate on the planned printer, in `expected_s`
     feature_shares: Shares | None = None  # of its layers
     first_layer_s: float = 0.0  # from its start to the end of its first layer
     failed_on: frozenset[str] = frozenset()
-    is_repeat: bool = False  # printed before: that failed, or its part is bad
-    extra_printers: int | None = None  # that its job may use now; None: no limit
+    is_repeat: bool = False  # it was printed before, but the print failed or its part is bad
+    extra_printers: int | None = None  # number of further printers that its job may use; None: no limit
     not_before_s: float | None = None
     glue_rank: int = 0  # place in the order in which the parts of its job are glued; 0: none
 
@@ -219,7 +219,7 @@ class WaitingPlate:
     def priority_key(self) -> tuple[int, float, int, float, int, float, str]:
         """Sort key: priority, order of submission, then the longest first (LPT).
 
-        Among plates with the same time, rounded to `TIME_TOLERANCE_S`, the one that is glued first.
+        Plates with the same time, rounded to `TIME_TOLERANCE_S`, are in the order in which they are glued.
         """
         longest_first = -round(self.expected_s / TIME_TOLERANCE_S)
         return *self.queue_rank, longest_first, self.glue_rank, -self.expected_s, self.id
@@ -244,7 +244,7 @@ def choose_spares(
     return frozenset(printer.name for printer in free[:spares])
 
 
-def takes_spare(plate: WaitingPlate, fleet: Mapping[str, FleetPrinter]) -> bool:
+def may_take_spare(plate: WaitingPlate, fleet: Mapping[str, FleetPrinter]) -> bool:
     """Return whether a plate may take a spare: it failed elsewhere, or its own printer is out of use."""
     planned_printer = fleet.get(plate.planned_printer)
     if (

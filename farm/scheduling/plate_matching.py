@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from itertools import chain
 
-from farm.scheduling.matching import Capabilities, FleetPrinter, WaitingPlate, takes_spare
+from farm.scheduling.matching import Capabilities, FleetPrinter, WaitingPlate, may_take_spare
 from farm.scheduling.plate_queue import QueueRank
 from farm.scheduling.start_rules import StartRules, StartWindow, compute_needed_grams
 
@@ -20,14 +20,14 @@ class FleetOrder:
 
     Attributes
     ----------
-    rank
+    rank_by_name
         Rank by name: the lowest build height first, then alphabetically.
-    kind
+    kind_by_name
         Number by name, the same for printers that differ only in name and reel.
     """
 
-    rank: Mapping[str, int]
-    kind: Mapping[str, int]
+    rank_by_name: Mapping[str, int]
+    kind_by_name: Mapping[str, int]
 
     @classmethod
     def from_printers(cls, printers: Iterable[FleetPrinter]) -> FleetOrder:
@@ -102,7 +102,7 @@ def match_plates(queue: Queue, inputs: MatchingInputs) -> dict[str, WaitingPlate
             break
         if (
             extra_printers.get(plate.job) != 0
-            and matching.place_on_any(plate)
+            and matching.place_on_any_printer(plate)
             and plate.job in extra_printers
         ):
             extra_printers[plate.job] -= 1
@@ -110,7 +110,7 @@ def match_plates(queue: Queue, inputs: MatchingInputs) -> dict[str, WaitingPlate
 
 
 @dataclass(frozen=True, slots=True)
-class _Kind:
+class _PrinterKind:
     """Free printers that differ only in name and reel."""
 
     capabilities: Capabilities
@@ -120,12 +120,12 @@ class _Kind:
     window: StartWindow
 
     @classmethod
-    def from_printers(cls, names: list[str], inputs: MatchingInputs) -> _Kind:
+    def from_printers(cls, names: list[str], inputs: MatchingInputs) -> _PrinterKind:
         """Describe free printers of one kind."""
         first = inputs.fleet[names[0]]
         grams = max(_read_grams(inputs.fleet[name]) for name in names)
         window = inputs.rules.find_start_window(first.unattended, inputs.now_s)
-        unassigned, planned_printers, rank = names.copy(), inputs.planned_printers, inputs.order.rank
+        unassigned, planned_printers, rank = names.copy(), inputs.planned_printers, inputs.order.rank_by_name
         if len(names) > 1:
             unassigned = sorted(names, key=lambda name: (name in planned_printers, rank[name]), reverse=True)
         return cls(first.capabilities, names, unassigned, grams, window)
@@ -137,25 +137,25 @@ class _Matching:
     def __init__(self, inputs: MatchingInputs) -> None:
         self.plate_by_printer: dict[str, WaitingPlate] = {}
         self._inputs = inputs
-        kind = inputs.order.kind
+        kind = inputs.order.kind_by_name
         self._choices_by_plate: dict[str, list[str]] = {}
         kinds: dict[int, list[str]] = {}
         for name in inputs.free:
             kinds.setdefault(kind[name], []).append(name)
-        self._kinds = {number: _Kind.from_printers(names, inputs) for number, names in kinds.items()}
+        self._kinds = {number: _PrinterKind.from_printers(names, inputs) for number, names in kinds.items()}
 
     def may_place(self, plate: WaitingPlate) -> bool:
         """Return whether any kind of free printers can take a plate now."""
-        for kind in self._kinds.values():  # a loop, faster than `any`: called for thousands of plates
+        for kind in self._kinds.values():  # a loop is faster than `any` for thousands of plates
             if plate.requirements.matches(kind.capabilities) and kind.window.allows(plate):
                 return True
         return False
 
     def place(self, plate: WaitingPlate) -> bool:
-        """Find a printer for a plate, to which placed plates may give way; return whether there is one."""
+        """Find a printer for a plate, for which placed plates may move; return whether there is one."""
         return self._augment(plate, set())
 
-    def place_on_any(self, plate: WaitingPlate) -> bool:
+    def place_on_any_printer(self, plate: WaitingPlate) -> bool:
         """Find a printer for a plate, including those on which it failed; return whether there is one."""
         for name in self._list_capable_printers(plate):
             if name not in self.plate_by_printer:
@@ -192,7 +192,7 @@ class _Matching:
             names = reversed(kind.unassigned)
             if (
                 plate.planned_printer in inputs.free
-                and self._kinds[inputs.order.kind[plate.planned_printer]] is kind
+                and self._kinds[inputs.order.kind_by_name[plate.planned_printer]] is kind
             ):
                 names = chain((plate.planned_printer,), names)
             for name in names:
@@ -212,7 +212,7 @@ class _Matching:
         return (
             name != plate.planned_printer,
             name in self._inputs.planned_printers,
-            self._inputs.order.rank[name],
+            self._inputs.order.rank_by_name[name],
         )
 
     def _list_choices(self, plate: WaitingPlate) -> list[str]:
@@ -242,10 +242,10 @@ class _Matching:
             for name in kind.names
             if grams <= _read_grams(inputs.fleet[name]) and self._may_use(plate, name)
         ]
-        names.sort(key=inputs.order.rank.__getitem__)
+        names.sort(key=inputs.order.rank_by_name.__getitem__)
         return names
 
-    def _list_kinds(self, plate: WaitingPlate, grams: float) -> list[_Kind]:
+    def _list_kinds(self, plate: WaitingPlate, grams: float) -> list[_PrinterKind]:
         """Return the kinds of free printers that can now take a plate that needs this many grams."""
         return [
             kind
@@ -256,7 +256,7 @@ class _Matching:
         ]
 
     def _may_use(self, plate: WaitingPlate, name: str) -> bool:
-        return name not in self._inputs.spare_printers or takes_spare(plate, self._inputs.fleet)
+        return name not in self._inputs.spare_printers or may_take_spare(plate, self._inputs.fleet)
 
 
 def _read_grams(printer: FleetPrinter) -> float:

@@ -108,11 +108,13 @@ class PlateQueue(Collection[WaitingPlate]):
         )
         return PlateQueue(tuple(job for job in jobs if job.plates))
 
-    def up_to(self, rank: QueueRank) -> PlateQueue:
+    def limit_to_rank(self, rank: QueueRank) -> PlateQueue:
         """Return the queue up to and including the job of a rank."""
         return PlateQueue(tuple(job for job in self.jobs if job.rank <= rank))
 
-    def with_demands(self, demands: Collection[Demand]) -> Iterator[tuple[QueueRank, Sequence[WaitingPlate]]]:
+    def list_plates_with_demands(
+        self, demands: Collection[Demand]
+    ) -> Iterator[tuple[QueueRank, Sequence[WaitingPlate]]]:
         """Yield the rank of each job that has plates with these demands, with those plates."""
         for job in self.jobs:
             if job.demands.issubset(demands):

@@ -41,7 +41,7 @@ def _describe_printer(
     attempt: Print | None,
     build_volumes: BuildVolumes,
 ) -> FleetPrinter:
-    entry = books.printer(section.name)
+    entry = books.get_printer(section.name)
     attention_reason = entry.attention_reason
     if report is not None and report.link is Link.FAULT and attention_reason is None:
         attention_reason = report.reason or "its agent reports a fault"
@@ -72,7 +72,7 @@ def _describe_printer(
 def describe_capabilities(section: PrinterSection, build_volumes: BuildVolumes) -> Capabilities:
     """Describe the capabilities of a printer, which do not depend on its state."""
     return Capabilities(
-        room=build_volumes(section),
+        build_boxes=build_volumes(section),
         material=section.material,
         colour=section.colour,
         nozzle_mm=section.nozzle_mm,
@@ -135,7 +135,7 @@ def estimate_remaining_s(
 
 
 def update_ends(situation: Situation, books: Books, snapshots: Mapping[str, AgentSnapshot]) -> Situation:
-    """Return the situation in which the ends of running prints follow their progress, for display.
+    """Return a situation in which the ends of running prints follow from their progress, for display.
 
     Decisions use the planned ends, because they are made once for each event and not for each report.
 
@@ -150,7 +150,7 @@ def update_ends(situation: Situation, books: Books, snapshots: Mapping[str, Agen
     """
 
     def update_printer(printer: FleetPrinter) -> FleetPrinter:
-        attempt, snapshot = books.open_print_on(printer.name), snapshots.get(printer.name)
+        attempt, snapshot = books.find_open_print(printer.name), snapshots.get(printer.name)
         if attempt is None:
             return printer
         report = None if snapshot is None else snapshot.find_print(attempt.id)
@@ -176,10 +176,8 @@ class SituationBuilder:
         self._fleet: Fleet | None = None
         self._sections: dict[str, PrinterSection] = {}  # the enabled ones of that fleet, by name
         self._jobs: dict[int, tuple[object, _JobDescription]] = {}
-        self._named_printers: tuple[object, frozenset[str]] = (
-            None,
-            frozenset(),
-        )  # printers that open jobs ask for
+        # Jobs of the books, and the printers that the open ones request by name.
+        self._named_printers: tuple[object, frozenset[str]] = (None, frozenset())
 
     def describe_printers(
         self, fleet: Fleet, books: Books, snapshots: Mapping[str, AgentSnapshot]
@@ -211,7 +209,7 @@ class SituationBuilder:
     def _describe(
         self, section: PrinterSection, books: Books, report: AgentSnapshot | None, is_named: bool
     ) -> FleetPrinter:
-        entry, attempt = books.printer(section.name), books.open_print_on(section.name)
+        entry, attempt = books.get_printer(section.name), books.find_open_print(section.name)
         cached = self._printers.get(section.name)
         if (
             cached is not None
@@ -232,7 +230,7 @@ class SituationBuilder:
         return description
 
     def _find_named_printers(self, books: Books) -> frozenset[str]:
-        """Return the printers that open jobs ask for by name."""
+        """Return the printers that open jobs request by name."""
         if self._named_printers[0] is not books.jobs:
             open_jobs = (job for job in books.jobs.values() if not job.state.ended)
             names = frozenset(name for job in open_jobs for name in job.options.only)
@@ -242,11 +240,11 @@ class SituationBuilder:
     def describe_waiting_plates(self, books: Books) -> PlateQueue:
         """Describe the waiting plates of printing jobs."""
         printing_jobs = [job for job in books.jobs.values() if job.state is JobState.PRINTING]
-        queue = self.describe_waiting_plates_of(books, printing_jobs)
+        queue = self.describe_job_plates(books, printing_jobs)
         self._jobs = {job.id: self._jobs[job.id] for job in printing_jobs}
         return queue
 
-    def describe_waiting_plates_of(self, books: Books, jobs: Iterable[Job]) -> PlateQueue:
+    def describe_job_plates(self, books: Books, jobs: Iterable[Job]) -> PlateQueue:
         """Describe the waiting plates of some printing jobs."""
         return PlateQueue.from_jobs(self._describe_job(books, job).waiting for job in jobs)
 
@@ -255,10 +253,10 @@ class SituationBuilder:
         return self._describe_job(books, job).may_hold_back
 
     def _describe_job(self, books: Books, job: Job) -> _JobDescription:
-        revision = books.revision(job.id)
+        revision = books.find_revision(job.id)
         cached_inputs, description = self._jobs.get(job.id, (None, None))
         if description is None or cached_inputs is not revision:
-            states = ((plate, books.plate_state(plate)) for plate in books.plates_of(job))
+            states = ((plate, books.find_plate_state(plate)) for plate in books.list_plates(job))
             waiting = describe_plates((p for p, state in states if state is PlateState.WAITING), books)
             description = _JobDescription(JobPlates.from_plates(waiting), may_hold_back(books, job))
             self._jobs[job.id] = revision, description
@@ -301,7 +299,7 @@ def summarise_availability(snapshot: AgentSnapshot) -> tuple[object, ...]:
 def describe_plates(plates: Iterable[Plate], books: Books) -> Iterator[WaitingPlate]:
     """Describe plates of planned jobs."""
     for plate in plates:
-        job = books.job(plate.job)
+        job = books.get_job(plate.job)
         printers = job.options.printers
         yield WaitingPlate(
             id=plate.id,
@@ -316,10 +314,10 @@ def describe_plates(plates: Iterable[Plate], books: Books) -> Iterator[WaitingPl
             time_factor=plate.time_factor,
             feature_shares=plate.feature_shares,
             first_layer_s=plate.first_layer_s,
-            failed_on=frozenset(p.printer for p in books.prints_of(plate) if p.state is PrintState.FAILED),
+            failed_on=frozenset(p.printer for p in books.list_prints(plate) if p.state is PrintState.FAILED),
             extra_printers=None
             if printers is None
-            else max(0, printers - sum(1 for _ in books.open_prints(job.id))),
+            else max(0, printers - sum(1 for _ in books.list_open_prints(job.id))),
             is_repeat=bool(plate.prints),
             not_before_s=job.not_before_s,
             glue_rank=min(_find_glue_ranks(plate, books), default=0),
@@ -327,13 +325,13 @@ def describe_plates(plates: Iterable[Plate], books: Books) -> Iterator[WaitingPl
 
 
 def _find_glue_ranks(plate: Plate, books: Books) -> list[int]:
-    """Find the places in the order of gluing of those of a plate's parts that are in the books."""
+    """Find the places of a plate's parts in the order of gluing; parts missing from the books are omitted."""
     parts = (books.parts.get(name) for name in plate.parts)
     return [part.glue_rank for part in parts if part is not None and part.glue_rank is not None]
 
 
 def derive_plate_requirements(plate: Plate, options: JobOptions | None = None) -> Requirements:
-    """Return the requirements of a plate, with the colour and the printers that its job asks for."""
+    """Return the requirements of a plate, with the colour and the printers that its job requests."""
     return Requirements(
         material=plate.material,
         colour=options.colour if options else None,

@@ -15,7 +15,7 @@ from farm.scheduling.matching import FleetPrinter, WaitingPlate
 from farm.text import format_duration
 from farm.wording import name_time
 
-LATE_FACTOR = 1.05
+DELAY_FACTOR = 1.05
 """Factor by which a print may take longer than expected."""
 GRAMS_RATIO, MIN_GRAMS = 1.05, 5.0
 """Filament that a reel must have for a plate: a factor on the plate's grams, and a minimum reserve."""
@@ -70,10 +70,10 @@ class StartWindow:
         at_s = self.at_s
         if plate.not_before_s is not None and plate.not_before_s > at_s:
             return False
-        if at_s + plate.expected_s * LATE_FACTOR > self.quiet_s:
+        if at_s + plate.expected_s * DELAY_FACTOR > self.quiet_s:
             return False
         if not self.unattended:
-            return at_s + (plate.expected_s * LATE_FACTOR + CLEARING_RESERVE_S) <= self.attended_until_s
+            return at_s + (plate.expected_s * DELAY_FACTOR + CLEARING_RESERVE_S) <= self.attended_until_s
         return not self.first_layers_attended or at_s + plate.first_layer_s <= self.attended_until_s
 
 
@@ -109,7 +109,7 @@ class StartRules:
         return name_time(at_s, now_s, self.zone)
 
     def find_start(self, plate: WaitingPlate, printer: FleetPrinter, from_s: float) -> Start:
-        """Find the earliest time from `from_s` on at which hours allow a plate to start on a printer.
+        """Find the earliest time, not before `from_s`, at which hours allow a plate to start on a printer.
 
         A print must end before quiet hours begin, and may not start unattended if it needs a person.
         """
@@ -151,9 +151,9 @@ class StartRules:
         )
 
     def _skip_quiet_hours(self, plate: WaitingPlate, at_s: float, now_s: float) -> Start | None:
-        """Return the end of the quiet hours that a print at `at_s` would reach; else None."""
+        """Return the start after the quiet hours that a print from `at_s` would reach, or None."""
         quiet = self.quiet.find_span(at_s) or self.quiet.find_next_span(at_s)
-        if quiet is None or at_s + plate.expected_s * LATE_FACTOR <= quiet[0]:
+        if quiet is None or at_s + plate.expected_s * DELAY_FACTOR <= quiet[0]:
             return None
         if quiet[1] == float("inf"):
             return Start(None, Hold(code=HoldCode.QUIET_HOURS, text="fleet.yaml has quiet hours all week"))
@@ -186,7 +186,7 @@ class StartRules:
     def _compute_attendance_s(self, plate: WaitingPlate, printer: FleetPrinter) -> float | None:
         """Return the seconds after its start in which a print needs a person; None if it needs nobody."""
         if not printer.unattended:
-            return plate.expected_s * LATE_FACTOR + CLEARING_RESERVE_S
+            return plate.expected_s * DELAY_FACTOR + CLEARING_RESERVE_S
         return plate.first_layer_s if self.first_layers_attended else None
 
     def find_latest_start_s(self, plate: WaitingPlate, printer: FleetPrinter, at_s: float) -> float:
@@ -199,7 +199,7 @@ class StartRules:
         """Yield the latest start in the hours around `at_s` for each plate on each printer."""
         quiet, attended_span = self.quiet.find_next_span(at_s), self.attended.find_span(at_s)
         for plate in plates:
-            before_quiet_s = math.inf if quiet is None else quiet[0] - plate.expected_s * LATE_FACTOR
+            before_quiet_s = math.inf if quiet is None else quiet[0] - plate.expected_s * DELAY_FACTOR
             for printer in printers:
                 needed_s = self._compute_attendance_s(plate, printer)
                 if needed_s is None or attended_span is None:
@@ -214,14 +214,14 @@ class StartRules:
 
         At such a time hours start or end, or a plate reaches its latest start.
         """
-        # Of the fields of a printer, hours depend only on this one.
+        # `unattended` is the only field of a printer on which the allowed hours depend.
         kinds = {printer.unattended: printer for printer in printers}
-        moments_s = [self.attended.find_next_edge_s(now_s), self.quiet.find_next_edge_s(now_s)]
+        times_s = [self.attended.find_next_edge_s(now_s), self.quiet.find_next_edge_s(now_s)]
         if self.quiet.windows or self.attended.windows:
-            moments_s += [
+            times_s += [
                 at_s + _TOLERANCE_S for at_s in self._list_latest_starts_s(plates, kinds.values(), now_s)
             ]
-        return min((at_s for at_s in moments_s if at_s is not None and at_s > now_s), default=math.inf)
+        return min((at_s for at_s in times_s if at_s is not None and at_s > now_s), default=math.inf)
 
     def find_latest_end_s(self, printer: FleetPrinter, at_s: float) -> float | None:
         """Return the latest end of a print that runs at `at_s`; None if it may continue unattended."""
@@ -274,7 +274,7 @@ class StartRules:
         return self.attended.find_span(at_s) is not None
 
     def find_bed_clear_s(self, ended_s: float, clearing_s: float) -> float:
-        """Return the earliest time at which a person can have cleared the bed of an ended print."""
+        """Return the earliest time by which a person can clear the bed of an ended print."""
         if not self.attended.windows or self.attended.find_span(ended_s) is not None:
             return ended_s + clearing_s
         next_span = self.attended.find_next_span(ended_s)

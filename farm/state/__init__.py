@@ -5,7 +5,7 @@ the books on disk.
 """
 
 from farm.state.books import Books, put, replace_fields
-from farm.state.faults import BY_PEOPLE, LOSSES, OwnFault
+from farm.state.faults import FAULTS_BY_PEOPLE, LOSSES, FarmFault
 from farm.state.outage import compute_outage_window_s
 from farm.state.plate_state import PlateState, find_stopped_print
 from farm.state.reconciliation import (
@@ -27,10 +27,10 @@ from farm.state.salvaged_parts import (
 from farm.state.validation import validate_books
 
 __all__ = [
-    "BY_PEOPLE",
+    "FAULTS_BY_PEOPLE",
     "LOSSES",
     "Books",
-    "OwnFault",
+    "FarmFault",
     "PlateState",
     "apply_reel",
     "apply_reels",

@@ -24,7 +24,7 @@ from farm.model import (
     Printer,
     PrintState,
 )
-from farm.state.outage import WINDOW_S
+from farm.state.outage import OUTAGE_WINDOW_S
 from farm.state.plate_state import PlateState, derive_plate_state
 
 E = TypeVar("E", bound=Entity)
@@ -41,12 +41,11 @@ class Books:
     printers: Mapping[str, Printer] = field(default_factory=dict)
     outages: Mapping[int, Outage] = field(default_factory=dict)
     keys: Mapping[str, Key] = field(default_factory=dict)
-    outage_window_s: float = WINDOW_S  # depends on the scale of the farm's clock
-    _open: Mapping[str, Print] = field(default_factory=dict, compare=False)  # open prints; updated by `put`
-    _open_on: Mapping[str, Print] = field(default_factory=dict, compare=False)  # open prints by printer
-    _last_prints: Mapping[str, Print] = field(
-        default_factory=dict, compare=False
-    )  # last ended print, by printer
+    outage_window_s: float = OUTAGE_WINDOW_S  # depends on the scale of the farm's clock
+    # Indices, which `put` updates: open prints by id and by printer, last ended prints by printer.
+    _open_prints: Mapping[str, Print] = field(default_factory=dict, compare=False)
+    _open_prints_by_printer: Mapping[str, Print] = field(default_factory=dict, compare=False)
+    _last_prints: Mapping[str, Print] = field(default_factory=dict, compare=False)
     _revisions: Mapping[int, object] = field(default_factory=dict, compare=False)  # by job
 
     @classmethod
@@ -65,62 +64,61 @@ class Books:
         losses = (printer.host_loss for printer in self.printers.values())
         return frozenset(loss.host for loss in losses if loss is not None)
 
-    def job(self, number: int) -> Job:
+    def get_job(self, number: int) -> Job:
         try:
             return self.jobs[number]
         except KeyError:
             raise NoSuchThing(f"there is no job {number}; `farm status` lists them") from None
 
-    def revision(self, job: int) -> object:
+    def find_revision(self, job: int) -> object:
         """Return an object that is replaced at each change of the job, its parts, plates or prints."""
         return self._revisions.get(job)
 
-    def printer(self, name: str) -> Printer:
+    def get_printer(self, name: str) -> Printer:
         try:
             return self.printers[name]
         except KeyError:
             names = ", ".join(sorted(self.printers)) or "none"
             raise NoSuchThing(f"there is no printer {name}; the fleet has {names}") from None
 
-    def key(self, name: str) -> Key:
+    def get_key(self, name: str) -> Key:
         try:
             return self.keys[name]
         except KeyError:
             raise NoSuchThing(f"there is no key {name}; `farm key` lists them") from None
 
-    def prints_of(self, plate: Plate) -> Iterator[Print]:
+    def list_prints(self, plate: Plate) -> Iterator[Print]:
         """Yield the prints of a plate, oldest first."""
         return (self.prints[name] for name in plate.prints)
 
-    def prints_of_job(self, job: Job) -> list[Print]:
+    def list_job_prints(self, job: Job) -> list[Print]:
         """List the prints of a job's plates, each once: replacements of a plate share its prints."""
-        return list({p.id: p for plate in self.plates_of(job) for p in self.prints_of(plate)}.values())
+        return list({p.id: p for plate in self.list_plates(job) for p in self.list_prints(plate)}.values())
 
     def has_started(self, number: int) -> bool:
-        """Return whether a plate of a job was ever given to a printer."""
-        return any(plate.prints for plate in self.plates_of(self.job(number)))
+        """Return whether any plate of a job has ever been assigned to a printer."""
+        return any(plate.prints for plate in self.list_plates(self.get_job(number)))
 
-    def plate_state(self, plate: Plate) -> PlateState:
+    def find_plate_state(self, plate: Plate) -> PlateState:
         """Derive the state of a plate."""
         return derive_plate_state(plate, [self.prints[name] for name in plate.prints])
 
-    def plates_of(self, job: Job) -> Iterator[Plate]:
+    def list_plates(self, job: Job) -> Iterator[Plate]:
         return (self.plates[name] for name in job.plates)
 
-    def open_prints(self, job: int | None = None) -> Iterator[Print]:
+    def list_open_prints(self, job: int | None = None) -> Iterator[Print]:
         """Yield the prints that have not ended, of one job or of all."""
         if job is None:
-            return iter(self._open.values())
-        plates = self.plates_of(self.jobs[job]) if job in self.jobs else ()
-        names = dict.fromkeys(
-            name for plate in plates for name in plate.prints
-        )  # replaced plates share prints
-        return (self._open[name] for name in names if name in self._open)
+            return iter(self._open_prints.values())
+        plates = self.list_plates(self.jobs[job]) if job in self.jobs else ()
+        # Replacements of a plate share its prints.
+        names = dict.fromkeys(name for plate in plates for name in plate.prints)
+        return (self._open_prints[name] for name in names if name in self._open_prints)
 
-    def open_print_on(self, printer: str) -> Print | None:
-        return self._open_on.get(printer)
+    def find_open_print(self, printer: str) -> Print | None:
+        return self._open_prints_by_printer.get(printer)
 
-    def print_to_judge(self, printer: str) -> Print | None:
+    def find_print_to_judge(self, printer: str) -> Print | None:
         """Return the last print of a printer if it is done without a verdict; else None."""
         last_print = self._last_prints.get(printer)
         return (
@@ -129,7 +127,7 @@ class Books:
             else None
         )
 
-    def unjudged_restored_prints(self, printer: str) -> Iterator[Print]:
+    def list_unjudged_restored_prints(self, printer: str) -> Iterator[Print]:
         """Yield the prints of a printer that ended after the backup and whose verdicts are unknown."""
         prints = (p for p in self.prints.values() if p.printer == printer and p.state is PrintState.DONE)
         return (p for p in prints if p.restored and p.verdict is None)
@@ -139,23 +137,23 @@ class Books:
         """Number of the next print."""
         return len(self.prints) + 1
 
-    def last_print_on(self, printer: str) -> Print | None:
+    def find_last_print(self, printer: str) -> Print | None:
         """Return the last ended print of a printer; None if there is none."""
         return self._last_prints.get(printer)
 
-    def waiting_plates(self) -> Iterator[Plate]:
+    def list_waiting_plates(self) -> Iterator[Plate]:
         """Yield the plates of printing jobs that wait, in order of submission."""
         printing_jobs = (job for job in self.jobs.values() if job.state is JobState.PRINTING)
         for job in sorted(printing_jobs, key=lambda j: j.id):
-            yield from (p for p in self.plates_of(job) if self.plate_state(p) is PlateState.WAITING)
+            yield from (p for p in self.list_plates(job) if self.find_plate_state(p) is PlateState.WAITING)
 
-    def open_jobs(self) -> list[Job]:
+    def list_open_jobs(self) -> list[Job]:
         """List the jobs that have not ended, in the order in which they are served."""
         return sorted(
             (job for job in self.jobs.values() if not job.state.ended), key=lambda job: job.queue_rank
         )
 
-    def queue(self) -> list[Job]:
+    def list_unplanned_jobs(self) -> list[Job]:
         """List the jobs in planning, then the queued ones in the order in which they are served."""
         jobs = (j for j in self.jobs.values() if j.state in (JobState.QUEUED, JobState.PLANNING))
         return sorted(jobs, key=lambda j: (j.state is not JobState.PLANNING, j.queue_rank))
@@ -181,26 +179,26 @@ def put(books: Books, *entities: Entity) -> Books:
     changed_entities: dict[str, dict[object, Entity]] = {}
     revisions: dict[int, object] = {}
 
-    def table(kind: str) -> dict[object, Entity]:
+    def copy_table(kind: str) -> dict[object, Entity]:
         return changed_entities.setdefault(kind, dict(getattr(books, kind)))
 
     for entity in entities:
         kind, key = locate_entity(entity)
         if changed_entities.get(kind, getattr(books, kind)).get(key) is entity:
             continue
-        table(kind)[key] = entity
+        copy_table(kind)[key] = entity
         if isinstance(entity, Job | Part | Plate | Print):
             revisions[entity.id if isinstance(entity, Job) else entity.job] = object()
         if isinstance(entity, Print) and not entity.state.ended:
-            table("_open")[entity.id] = entity
-            table("_open_on")[entity.printer] = entity
+            copy_table("_open_prints")[entity.id] = entity
+            copy_table("_open_prints_by_printer")[entity.printer] = entity
         elif isinstance(entity, Print):
-            table("_open").pop(entity.id, None)
-            open_print = table("_open_on").get(entity.printer)
+            copy_table("_open_prints").pop(entity.id, None)
+            open_print = copy_table("_open_prints_by_printer").get(entity.printer)
             if isinstance(open_print, Print) and open_print.id == entity.id:
-                table("_open_on").pop(entity.printer)
-            if _has_ended_last(entity, table("_last_prints").get(entity.printer)):
-                table("_last_prints")[entity.printer] = entity
+                copy_table("_open_prints_by_printer").pop(entity.printer)
+            if _has_ended_last(entity, copy_table("_last_prints").get(entity.printer)):
+                copy_table("_last_prints")[entity.printer] = entity
     if not changed_entities:
         return books
     if revisions:
@@ -216,7 +214,7 @@ def _has_ended_last(attempt: Print, last_print: Entity | None) -> bool:
 
 
 def _make_order_key(attempt: Print) -> tuple[int, float]:
-    """Return a sort key by time: the number, else the end of a print by a version without numbers."""
+    """Return a sort key by time: the number, or the end for prints from versions without numbers."""
     return attempt.number, attempt.ended_s or 0.0
 
 
@@ -249,7 +247,7 @@ def list_changed_entities(before: Books, after: Books) -> Iterable[Entity]:
 
 
 def _list_changes(old: Mapping[object, E], new: Mapping[object, E]) -> Iterable[E]:
-    """Yield the entities of one table that differ. Fast for tables by `put`, which keeps their order."""
+    """Yield the entities of one table that differ. Fast for tables from `put`, which keeps their order."""
     if not all(map(is_, old, new)):
         return (entity for key, entity in new.items() if old.get(key) is not entity)
     replaced_entities = compress(new.values(), map(is_not, new.values(), old.values()))

@@ -9,32 +9,32 @@ from farm.state.books import Books, put, replace_fields
 from farm.state.outage import find_common_losses
 from farm.state.plate_state import PlateState, derive_job_state, find_successful_print, list_charged_failures
 
-CANCELLATION = "cancelled by a person"
+CANCELLATION_REASON = "cancelled by a person"
 
 Result = tuple[Books, tuple[ev.AnyInstruction, ...]]
 
 
 def update_job_state(books: Books, number: int, at_s: float, reopen: bool = False) -> Books:
-    """Update a job's state from its plates; a cancelled job only changes with `reopen`."""
+    """Update a job's state from its plates; a cancelled job changes only if `reopen` is true."""
     job = books.jobs[number]
     if not job.plates or (job.state is JobState.CANCELLED and not reopen):
         return books
-    if job.pruned_s is not None:  # its files are gone
+    if job.pruned_s is not None:  # its files have been deleted
         return books
     if job.state is JobState.HELD:  # its plan is frozen until a person approves it
         return books
-    state = derive_job_state([books.plate_state(plate) for plate in books.plates_of(job)])
+    state = derive_job_state([books.find_plate_state(plate) for plate in books.list_plates(job)])
     ends_s = [
         p.ended_s or 0.0
-        for plate in books.plates_of(job)
-        if (p := find_successful_print(books.prints_of(plate)))
+        for plate in books.list_plates(job)
+        if (p := find_successful_print(books.list_prints(plate)))
     ]
     error, reason, ended_s = None, None, None
     match state:
         case JobState.PRINTED | JobState.DONE:
             ended_s = max(ends_s)
         case JobState.CANCELLED:
-            error, reason, ended_s = ErrorCode.CANCELLED, CANCELLATION, at_s
+            error, reason, ended_s = ErrorCode.CANCELLED, CANCELLATION_REASON, at_s
         case JobState.FAILED:
             error, reason, ended_s = ErrorCode.ATTEMPTS, _describe_failures(books, job), at_s
     if state is job.state and state is not JobState.PRINTED:
@@ -47,8 +47,10 @@ def update_job_state(books: Books, number: int, at_s: float, reopen: bool = Fals
 
 
 def _describe_failures(books: Books, job: Job) -> str:
-    out_of_attempts = [p for p in books.plates_of(job) if books.plate_state(p) is PlateState.OUT_OF_ATTEMPTS]
-    failures = list_charged_failures(out_of_attempts[0], books.prints_of(out_of_attempts[0]))
+    out_of_attempts = [
+        p for p in books.list_plates(job) if books.find_plate_state(p) is PlateState.OUT_OF_ATTEMPTS
+    ]
+    failures = list_charged_failures(out_of_attempts[0], books.list_prints(out_of_attempts[0]))
     more_plates = f" (and {len(out_of_attempts) - 1} more plates)" if len(out_of_attempts) > 1 else ""
     return (
         f"plate {out_of_attempts[0].id} failed {len(failures)} times, last on {failures[-1].printer}: "
@@ -64,7 +66,7 @@ def request_cancel(attempt: Print, reason: str) -> tuple[Print, ev.SendCancel]:
 
 def request_pause(attempt: Print, is_requested: bool) -> tuple[Print, ev.SendPause]:
     """Return an open print with its pause requested or revoked, and the instruction to its agent."""
-    send = ev.SendPause(print_id=attempt.id, printer=attempt.printer, wanted=is_requested)
+    send = ev.SendPause(print_id=attempt.id, printer=attempt.printer, pause=is_requested)
     return replace_fields(attempt, pause_requested=is_requested), send
 
 
@@ -74,10 +76,10 @@ def cancel_plate(books: Books, plate: Plate, reason: str) -> Result:
     A printed plate stays printed, and is not printed again if it is judged bad. For a good one, only an
     open reprint is cancelled.
     """
-    state = books.plate_state(plate)
+    state = books.find_plate_state(plate)
     if state is PlateState.CANCELLED:
         return books, ()
-    cancellations = [request_cancel(p, reason) for p in books.prints_of(plate) if not p.state.ended]
+    cancellations = [request_cancel(p, reason) for p in books.list_prints(plate) if not p.state.ended]
     if state is PlateState.GOOD:
         return put(books, *(attempt for attempt, _ in cancellations)), tuple(
             stop for _, stop in cancellations
@@ -87,10 +89,10 @@ def cancel_plate(books: Books, plate: Plate, reason: str) -> Result:
 
 
 def end_job(books: Books, number: int, state: JobState, at_s: float, error: ErrorCode, reason: str) -> Result:
-    """End a job with all of its plates: nothing more is printed."""
-    job = books.job(number)
+    """End a job and all of its plates, so that nothing more is printed."""
+    job = books.get_job(number)
     instructions: list[ev.AnyInstruction] = []
-    for plate in books.plates_of(job):
+    for plate in books.list_plates(job):
         books, stops = cancel_plate(books, plate, reason)
         instructions += stops
     job = replace_fields(job, state=state, ended_s=at_s, error=error, reason=reason, hold=None)
@@ -98,8 +100,8 @@ def end_job(books: Books, number: int, state: JobState, at_s: float, error: Erro
 
 
 def mark_printer_lost(books: Books, name: str, disconnected_at_s: float, at_s: float) -> Books:
-    """Record the loss of a printer; simultaneous losses are an outage, whose failures do not count."""
-    books = put(books, replace_fields(books.printer(name), disconnected_at_s=disconnected_at_s))
+    """Record the loss of a printer; several losses at once are an outage, whose failures do not count."""
+    books = put(books, replace_fields(books.get_printer(name), disconnected_at_s=disconnected_at_s))
     lost_names = find_common_losses(name, books.printers.values(), books.outage_window_s)
     if len(lost_names) < 2:
         return books
@@ -127,7 +129,7 @@ def mark_bed_not_clear(books: Books, printer: str) -> Books:
 
 
 def shift_print_times(books: Books, by_s: float) -> Books:
-    """Shift the times of open prints by a step of the clock; times entered by a person stay."""
+    """Shift the times of open prints by a step of the clock, but not the times that a person entered."""
     return put(
         books,
         *(
@@ -136,6 +138,6 @@ def shift_print_times(books: Books, by_s: float) -> Books:
                 assigned_s=attempt.assigned_s + by_s,
                 started_s=None if attempt.started_s is None else attempt.started_s + by_s,
             )
-            for attempt in books.open_prints()
+            for attempt in books.list_open_prints()
         ),
     )

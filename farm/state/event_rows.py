@@ -39,9 +39,9 @@ class EventRow:
     reason: str | None = None
 
 
-_JOB = "CASE json_type(body, '$.job') WHEN 'object' THEN '$.job.id' ELSE '$.job' END"
-_FIELDS = (
-    f"json_extract(body, {_JOB})",
+_JOB_PATH = "CASE json_type(body, '$.job') WHEN 'object' THEN '$.job.id' ELSE '$.job' END"
+_FIELD_EXPRESSIONS = (
+    f"json_extract(body, {_JOB_PATH})",
     "json_extract(body, '$.plate')",
     "json_extract(body, '$.printer')",
     "json_extract(body, '$.print_id')",
@@ -50,9 +50,11 @@ _FIELDS = (
     "json_extract(body, '$.state')",
     "coalesce(json_extract(body, '$.reason'), json_extract(body, '$.why'), json_extract(body, '$.fault'))",
 )
-READ_EVENTS = f"SELECT seq, at_s, kind, {', '.join(_FIELDS)} FROM event WHERE seq > ? ORDER BY seq LIMIT ?"
-"""Query for events after a number, up to a limit. SQLite extracts the fields: bodies may have megabytes."""
-_UPKEEP = (
+EVENTS_QUERY = (
+    f"SELECT seq, at_s, kind, {', '.join(_FIELD_EXPRESSIONS)} FROM event WHERE seq > ? ORDER BY seq LIMIT ?"
+)
+"""Query for events after a number, up to a limit. SQLite extracts the fields, because bodies may be large."""
+_UPKEEP_EVENTS = (
     "MaintenanceStarted",
     "MaintenanceEnded",
     "ReelLoaded",
@@ -61,17 +63,18 @@ _UPKEEP = (
     "BedBecameUnknown",
 )
 _MAX_SEARCHED_ROWS = 20_000
-READ_UPKEEP = (
-    f"SELECT seq, at_s, kind, {', '.join(_FIELDS)} FROM event "
+UPKEEP_QUERY = (
+    f"SELECT seq, at_s, kind, {', '.join(_FIELD_EXPRESSIONS)} FROM event "
     f"WHERE seq > (SELECT coalesce(max(seq), 0) FROM event) - {_MAX_SEARCHED_ROWS} "
-    f"AND kind IN ({', '.join(repr(kind) for kind in _UPKEEP)}) AND json_extract(body, '$.printer') = ? "
+    f"AND kind IN ({', '.join(repr(kind) for kind in _UPKEEP_EVENTS)}) "
+    "AND json_extract(body, '$.printer') = ? "
     "ORDER BY seq DESC LIMIT ?"
 )
 """Query for events on the upkeep of a printer, the newest first, among the last 20,000 events."""
 
 
 def make_row(values: Sequence[Any]) -> EventRow:
-    """Make a row from the values of `READ_EVENTS`; an event of an older version may have other types."""
+    """Make a row from the values of `EVENTS_QUERY`; an event of an older version may have other types."""
     number, at_s, kind, job, *texts = values
     plate, printer, print_id, by, state, reason = (text if isinstance(text, str) else None for text in texts)
     return EventRow(

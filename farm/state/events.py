@@ -60,7 +60,7 @@ class PlanningStarted(Event):
 
 
 class PlanningAbandoned(Event):
-    """Planning ended without a plan (a daemon died, too few printers): the job is queued again."""
+    """Planning ended without a plan (the daemon died, or printers were lacking); the job is queued again."""
 
     job: int
     hold: Hold | None
@@ -83,8 +83,8 @@ class JobPlanned(Event):
     lower_bound_s: float | None = None
     plan: str | None = None
     held: bool = False  # until a person approves this plan
-    printers: tuple[str, ...] = ()  # that the plan could use
-    planning_s: float | None = None  # how long it took
+    printers: tuple[str, ...] = ()  # available to the plan
+    planning_s: float | None = None  # duration of the planning
     assembly_s: float | None = None  # expected time for a person to glue its parts
 
 
@@ -108,7 +108,7 @@ class JobReleased(Event):
 
 
 class JobFailed(Event):
-    """A job cannot be planned, with the error that prevents it."""
+    """The planning of a job failed with an error."""
 
     job: int
     error: ErrorCode
@@ -123,17 +123,16 @@ class JobCancelled(Event):
 
 
 class JobPruned(Event):
-    """The files of an ended job, except its pictures, were marked for deletion, which follows."""
+    """The files of an ended job, except its pictures, were marked for deletion."""
 
     job: int
     by: str
-    part_pictures: dict[str, str] = Field(
-        default_factory=dict
-    )  # small pictures of the parts, by part: names in the file store
+    # Small pictures of the parts, by part: names in the file store.
+    part_pictures: dict[str, str] = Field(default_factory=dict)
 
 
 class EventsCompacted(Event):
-    """Events up to number `last`, which a verified backup has, were marked for deletion, which follows."""
+    """Events up to number `last`, which a verified backup contains, were marked for deletion."""
 
     last: int
     backup: str
@@ -257,7 +256,7 @@ class JobRescheduled(Event):
 
 
 class JobPaused(Event):
-    """A person paused a job (its prints pause, and none starts) or resumed it."""
+    """A person paused a job, so that its prints pause and no others start; or resumed it."""
 
     job: int
     wanted: bool
@@ -340,7 +339,7 @@ class ReelLoaded(Event):
 
 
 class BedReported(Event):
-    """An emulator reported its bed, or an agent its filament; each is recorded if the books lack it."""
+    """An emulator reported its bed, or an agent its filament; a known value in the books stays."""
 
     printer: str
     bed: Bed

@@ -10,7 +10,7 @@ from enum import StrEnum
 from drivers.errors import Fault
 
 
-class OwnFault(StrEnum):
+class FarmFault(StrEnum):
     """Fault of a print that is detected by the farm, not by a driver."""
 
     BY_A_PERSON = "by_a_person"  # a person saw it go wrong (`farm fail`)
@@ -25,11 +25,11 @@ LOSSES: frozenset[str] = frozenset(
         Fault.NO_ANSWER,
         Fault.REBOOT,
         Fault.KILL,
-        OwnFault.PRINT_LOST,
+        FarmFault.PRINT_LOST,
     }
 )
 """Faults in which a board, or the connection to it, was lost."""
-BY_PEOPLE: frozenset[str] = frozenset({OwnFault.BY_A_PERSON, Fault.ESTOP})
-"""Faults for prints that a person ended."""
-UNCHARGED: frozenset[str] = BY_PEOPLE | {Fault.HOURS_ENDED, OwnFault.REFUSED}
+FAULTS_BY_PEOPLE: frozenset[str] = frozenset({FarmFault.BY_A_PERSON, Fault.ESTOP})
+"""Faults of prints that a person ended."""
+UNCHARGED_FAULTS: frozenset[str] = FAULTS_BY_PEOPLE | {Fault.HOURS_ENDED, FarmFault.REFUSED}
 """Faults that do not count as an attempt of a plate, because they have other causes."""

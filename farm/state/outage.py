@@ -6,9 +6,9 @@ from collections.abc import Iterable
 
 from farm.model import HostLoss, Printer
 
-WINDOW_S = 10.0
-"""Largest time between two losses with a common cause, in seconds."""
-_MIN_WALL_S = 1.0
+OUTAGE_WINDOW_S = 10.0
+"""Maximum time between two losses with a common cause, in seconds."""
+_MIN_WINDOW_WALL_S = 1.0
 
 
 def compute_outage_window_s(scale: float) -> float:
@@ -16,10 +16,12 @@ def compute_outage_window_s(scale: float) -> float:
 
     It is at least the time that the host takes to report several losses one after another.
     """
-    return max(WINDOW_S, _MIN_WALL_S * scale)
+    return max(OUTAGE_WINDOW_S, _MIN_WINDOW_WALL_S * scale)
 
 
-def find_common_losses(name: str, printers: Iterable[Printer], window_s: float = WINDOW_S) -> tuple[str, ...]:
+def find_common_losses(
+    name: str, printers: Iterable[Printer], window_s: float = OUTAGE_WINDOW_S
+) -> tuple[str, ...]:
     """Find the printers that were lost together with a printer, each within the window of another.
 
     Parameters
@@ -50,7 +52,9 @@ def find_common_losses(name: str, printers: Iterable[Printer], window_s: float =
     return tuple(sorted(group))
 
 
-def find_common_host_loss_s(at_s: float, losses: Iterable[HostLoss], window_s: float = WINDOW_S) -> float:
+def find_common_host_loss_s(
+    at_s: float, losses: Iterable[HostLoss], window_s: float = OUTAGE_WINDOW_S
+) -> float:
     """Find the time of the first loss among those of hosts that were lost together.
 
     Parameters
@@ -67,5 +71,5 @@ def find_common_host_loss_s(at_s: float, losses: Iterable[HostLoss], window_s: f
     float
         Time of the first loss, seconds since the epoch; `at_s` without an earlier one in the window.
     """
-    # A notice on the first loss is due at the end of the window: a loss at that moment comes too late for it.
+    # The notice of the first loss is sent at the end of the window and cannot include a loss at that moment.
     return min((loss.at_s for loss in losses if 0.0 <= at_s - loss.at_s < window_s), default=at_s)

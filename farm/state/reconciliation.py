@@ -7,12 +7,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from farm.model import AgentPrint, AgentSnapshot, Bed, FilamentState, Link, Plate, Print, Printer, PrintState
 from farm.state import events as ev
 from farm.state.books import Books
-from farm.state.faults import OwnFault
+from farm.state.faults import FarmFault
 from farm.state.plate_state import PlateState
 from farm.state.transitions import apply
 
 MAX_CLOCK_DIFFERENCE_S = 60.0
-"""Largest difference between two hosts' clocks, in seconds."""
+"""Maximum difference between two hosts' clocks, in seconds."""
 
 
 def reconcile_print(attempt: Print, snapshot: AgentSnapshot, now_s: float) -> Iterator[ev.AnyEvent]:
@@ -29,7 +29,7 @@ def reconcile_print(attempt: Print, snapshot: AgentSnapshot, now_s: float) -> It
     """
     report = snapshot.print
     if report is None or report.print_id != attempt.id:
-        yield from _reconcile_unknown(attempt, snapshot, now_s)
+        yield from _reconcile_unreported_print(attempt, snapshot, now_s)
     elif report.state.ended:
         yield ev.PrintEnded(
             at_s=now_s,
@@ -54,7 +54,9 @@ def reconcile_print(attempt: Print, snapshot: AgentSnapshot, now_s: float) -> It
         )
 
 
-def _reconcile_unknown(attempt: Print, snapshot: AgentSnapshot, now_s: float) -> Iterator[ev.AnyEvent]:
+def _reconcile_unreported_print(
+    attempt: Print, snapshot: AgentSnapshot, now_s: float
+) -> Iterator[ev.AnyEvent]:
     """Derive the events of an open print that its agent does not report."""
     if snapshot.link is Link.STARTING:
         return
@@ -74,8 +76,8 @@ def _reconcile_unknown(attempt: Print, snapshot: AgentSnapshot, now_s: float) ->
         at_s=now_s,
         print_id=attempt.id,
         state=PrintState.FAILED if has_started else PrintState.CANCELLED,
-        fault=OwnFault.PRINT_LOST if has_started else None,
-        reason=unknown_reason if has_started or attempt.restored else f"never begun: {reason}",
+        fault=FarmFault.PRINT_LOST if has_started else None,
+        reason=unknown_reason if has_started or attempt.restored else f"not started: {reason}",
         started_s=None,
         ended_s=now_s,
         extruded=False,
@@ -91,7 +93,7 @@ def make_refused_print_end(
         at_s=now_s,
         print_id=attempt.id,
         state=PrintState.CANCELLED if late else PrintState.FAILED,
-        fault=None if late else OwnFault.REFUSED,
+        fault=None if late else FarmFault.REFUSED,
         reason=f"not started: {reason}" if late else f"its agent refused to start it: {reason}",
         started_s=None,
         ended_s=now_s,
@@ -125,7 +127,7 @@ def list_pending_instructions(
     report = snapshot.print if snapshot.print is not None and snapshot.print.print_id == attempt.id else None
     if snapshot.link is Link.STARTING:
         return  # there is no agent to receive it
-    if report is not None and not report.state.ended and not _is_same_moment(report.ends_by_s, ends_by_s):
+    if report is not None and not report.state.ended and not _is_same_time(report.ends_by_s, ends_by_s):
         yield ev.SendEndBy(print_id=attempt.id, printer=attempt.printer, ends_by_s=ends_by_s)
     if attempt.cancel_reason is not None:
         if report is None or not report.state.ended:
@@ -134,12 +136,12 @@ def list_pending_instructions(
     elif report is not None:
         if report.state is (PrintState.PRINTING if attempt.pause_requested else PrintState.PAUSED):
             pause_requested = attempt.pause_requested
-            yield ev.SendPause(print_id=attempt.id, printer=attempt.printer, wanted=pause_requested)
+            yield ev.SendPause(print_id=attempt.id, printer=attempt.printer, pause=pause_requested)
     elif attempt.state is PrintState.ASSIGNED and not attempt.restored and snapshot.link is Link.READY:
         yield ev.SendStart(print_id=attempt.id, printer=attempt.printer)
 
 
-def _is_same_moment(first_s: float | None, second_s: float | None) -> bool:
+def _is_same_time(first_s: float | None, second_s: float | None) -> bool:
     """Return whether two times are equal, within the difference of two hosts' clocks."""
     if first_s is None or second_s is None:
         return first_s is second_s
@@ -150,8 +152,8 @@ def observe_idle_printer(printer: Printer, snapshot: AgentSnapshot, now_s: float
     """Derive the events about bed and filament of an idle printer from its snapshot.
 
     An agent reports an external event (a reset, a lost port, a heater switched on by hand) until a person
-    has cleared the bed. After a mere restart without any movement, the agent still knows the filament. An
-    emulator reports its bed, which is used if its state is unknown in the books.
+    has cleared the bed. After a restart without any movement, the agent still knows the state of the
+    filament. An emulator reports its bed, which is used if the state of the bed is unknown in the books.
     """
     if snapshot.bed_unknown_reason is not None:
         if printer.bed is not Bed.UNKNOWN or printer.attention_reason is None:
@@ -161,8 +163,8 @@ def observe_idle_printer(printer: Printer, snapshot: AgentSnapshot, now_s: float
                 at_s=now_s, printer=printer.name, bed=Bed.UNKNOWN, filament=snapshot.filament
             )
     elif snapshot.link is Link.READY and snapshot.bed_clear is not None:
-        unknown = printer.bed is Bed.UNKNOWN or printer.filament is FilamentState.UNKNOWN
-        if unknown and printer.attention_reason is None:
+        is_unknown = printer.bed is Bed.UNKNOWN or printer.filament is FilamentState.UNKNOWN
+        if is_unknown and printer.attention_reason is None:
             bed = Bed.CLEAR if snapshot.bed_clear else Bed.NOT_CLEAR
             yield ev.BedReported(at_s=now_s, printer=printer.name, bed=bed, filament=snapshot.filament)
 
@@ -176,7 +178,7 @@ def detect_alarm(printer: Printer, snapshot: AgentSnapshot, now_s: float) -> Ite
 def handle_unknown_print(
     printer: Printer, recorded_print: Print | None, snapshot: AgentSnapshot, now_s: float
 ) -> Iterator[ev.AnyEvent | ev.AnyInstruction]:
-    """Derive the events and instructions for a print of an agent that is not open in the books.
+    """Derive the events and instructions for an agent's print that is not open in the books.
 
     Parameters
     ----------
@@ -209,7 +211,7 @@ def handle_unknown_print(
 def import_agent_journal(
     books: Books, snapshot: AgentSnapshot, prints: Sequence[AgentPrint], now_s: float
 ) -> Iterator[ev.AnyEvent]:
-    """Derive the events on a printer since the backup from its agent's journal.
+    """Derive the events of a printer since the backup from its agent's journal.
 
     Parameters
     ----------
@@ -221,7 +223,7 @@ def import_agent_journal(
     now_s
         Farm time.
     """
-    name, unknown = snapshot.printer, 0
+    name, unknown_count = snapshot.printer, 0
 
     def apply_each(events: Iterable[ev.AnyEvent]) -> Iterator[ev.AnyEvent]:
         nonlocal books
@@ -229,16 +231,16 @@ def import_agent_journal(
             books, _ = apply(event, books)
             yield event
 
-    open_print = books.open_print_on(name)
+    open_print = books.find_open_print(name)
     if open_print is not None and open_print.id not in {report.print_id for report in prints}:
         yield from apply_each(reconcile_print(open_print, snapshot.model_copy(update={"print": None}), now_s))
     for report in prints:
         attempt = books.prints.get(report.print_id)
         if attempt is None or attempt.printer != name:
-            is_free = attempt is None and books.open_print_on(name) is None
+            is_free = attempt is None and books.find_open_print(name) is None
             plate = find_plate(books, name, report) if is_free else None
             if plate is None:
-                unknown += report.state is PrintState.DONE or not report.state.ended
+                unknown_count += report.state is PrintState.DONE or not report.state.ended
                 continue
             print_found = ev.PrintFound(
                 at_s=report.started_s or now_s, plate=plate.id, printer=name, print_id=report.print_id
@@ -249,7 +251,7 @@ def import_agent_journal(
             yield from apply_each(
                 reconcile_print(attempt, snapshot.model_copy(update={"print": report}), now_s)
             )
-    yield ev.AgentJournalImported(at_s=now_s, printer=name, unknown=unknown)
+    yield ev.AgentJournalImported(at_s=now_s, printer=name, unknown=unknown_count)
 
 
 def find_plate(books: Books, printer: str, report: AgentPrint) -> Plate | None:
@@ -264,17 +266,17 @@ def find_plate(books: Books, printer: str, report: AgentPrint) -> Plate | None:
         plate
         for job in books.jobs.values()
         if job.planned_s is not None and job.planned_s <= report.started_s + MAX_CLOCK_DIFFERENCE_S
-        for plate in books.plates_of(job)
+        for plate in books.list_plates(job)
         if plate.sha256 == report.sha256 and (_is_waiting(books, plate) or _may_be_waiting(books, plate))
     ]
     return min(candidates, key=lambda p: (not _is_waiting(books, p), p.printer != printer), default=None)
 
 
 def _is_waiting(books: Books, plate: Plate) -> bool:
-    return books.plate_state(plate) is PlateState.WAITING
+    return books.find_plate_state(plate) is PlateState.WAITING
 
 
 def _may_be_waiting(books: Books, plate: Plate) -> bool:
     """Return whether a plate may wait again: no agent has confirmed its open prints since the restore."""
-    restored_flags = [attempt.restored for attempt in books.prints_of(plate) if not attempt.state.ended]
-    return books.plate_state(plate) is PlateState.PRINTING and all(restored_flags)
+    restored_flags = [attempt.restored for attempt in books.list_prints(plate) if not attempt.state.ended]
+    return books.find_plate_state(plate) is PlateState.PRINTING and all(restored_flags)

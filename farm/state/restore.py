@@ -7,7 +7,7 @@ from farm.state import events as ev
 from farm.state.books import Books, put, replace_fields
 from farm.state.reels import mark_uncertain
 
-HOLD = Hold(
+RESTORE_HOLD = Hold(
     code=HoldCode.APPROVAL,
     text="the database was restored from a backup: `farm cancel` the parts that were printed since, "
     "then `farm approve` to print the rest",
@@ -21,7 +21,7 @@ def restore_books(event: ev.BooksRestored, books: Books) -> Books:
     Prints since the backup are taken from the agents' journals (`import_agent_journal`).
     """
     printers = [_restore_printer(printer, event, books) for printer in books.printers.values()]
-    prints = [replace_fields(attempt, restored=True) for attempt in books.open_prints()]
+    prints = [replace_fields(attempt, restored=True) for attempt in books.list_open_prints()]
     jobs = [_hold_job(job) for job in books.jobs.values() if not job.state.ended]
     keys = [_revoke_key(key, event.at_s) for key in books.keys.values()]
     return put(books, *printers, *prints, *jobs, *keys)
@@ -32,7 +32,7 @@ def _restore_printer(printer: Printer, event: ev.BooksRestored, books: Books) ->
     since_s = event.copied_s
     if printer.unreported_since_s is not None:
         since_s = min(since_s, printer.unreported_since_s)
-    attempt = books.open_print_on(printer.name)
+    attempt = books.find_open_print(printer.name)
     if attempt is not None:  # it may have ended before the backup without a report
         since_s = min(since_s, attempt.assigned_s)
     return replace_fields(
@@ -53,10 +53,10 @@ def _hold_job(job: Job) -> Job:
     """Return a job that waits for approval; it may have been approved since the backup."""
     if job.state in (JobState.QUEUED, JobState.PLANNING):
         return replace_fields(job, options=job.options.model_copy(update={"hold": True}), restored=True)
-    return replace_fields(job, state=JobState.HELD, hold=HOLD, restored=True)
+    return replace_fields(job, state=JobState.HELD, hold=RESTORE_HOLD, restored=True)
 
 
-def book_found_print(event: ev.PrintFound, books: Books) -> Books:
+def record_found_print(event: ev.PrintFound, books: Books) -> Books:
     """Record a print that its agent has; the events of its progress follow."""
     plate = books.plates[event.plate]
     attempt = Print(
@@ -73,7 +73,7 @@ def book_found_print(event: ev.PrintFound, books: Books) -> Books:
 
 def finish_journal_import(event: ev.AgentJournalImported, books: Books) -> Books:
     """Record that an agent has listed its prints; those that match no plate need inspection."""
-    printer = replace_fields(books.printer(event.printer), unreported_since_s=None)
+    printer = replace_fields(books.get_printer(event.printer), unreported_since_s=None)
     if event.unknown:
         prints = "a print that matches" if event.unknown == 1 else f"{event.unknown} prints that match"
         printer = replace_fields(

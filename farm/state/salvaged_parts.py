@@ -10,8 +10,8 @@ from farm.state.consequences import Result, request_cancel, update_job_state
 from farm.state.plate_state import PlateState
 from farm.state.reels import subtract_grams
 
-_MIN_TIME_SHARE = 0.8  # least share of the expected time after which a plate may be complete
-_UNPRINTED = (PlateState.WAITING, PlateState.PRINTING, PlateState.OUT_OF_ATTEMPTS)
+_MIN_TIME_SHARE = 0.8  # minimum share of the expected time after which a plate may be complete
+_UNPRINTED_STATES = (PlateState.WAITING, PlateState.PRINTING, PlateState.OUT_OF_ATTEMPTS)
 
 
 def name_part(books: Books, attempt: Print) -> str:
@@ -21,11 +21,11 @@ def name_part(books: Books, attempt: Print) -> str:
 
 def find_failed_print(books: Books, printer: str) -> Print | None:
     """Return the failed or cancelled print whose part is on a bed; None if there is none."""
-    last_print = books.last_print_on(printer)
+    last_print = books.find_last_print(printer)
     if (
         last_print is None
-        or books.open_print_on(printer) is not None
-        or books.printer(printer).bed is Bed.CLEAR
+        or books.find_open_print(printer) is not None
+        or books.get_printer(printer).bed is Bed.CLEAR
     ):
         return None
     return (
@@ -47,12 +47,12 @@ def find_possibly_complete_print(books: Books, printer: str) -> Print | None:
     if attempt.started_s is None or attempt.ended_s is None:
         return None
     plate = books.plates[attempt.plate]
-    factor = books.printer(printer).time_factors.compute_factor(plate.feature_shares)
-    soonest_s = _MIN_TIME_SHARE * plate.sliced_s * factor
-    if attempt.ended_s - attempt.started_s < soonest_s:
+    factor = books.get_printer(printer).time_factors.compute_factor(plate.feature_shares)
+    min_duration_s = _MIN_TIME_SHARE * plate.sliced_s * factor
+    if attempt.ended_s - attempt.started_s < min_duration_s:
         return None
     is_missing = any(
-        books.plate_state(plate) in _UNPRINTED for plate in list_attempted_plates(books, attempt)
+        books.find_plate_state(plate) in _UNPRINTED_STATES for plate in list_attempted_plates(books, attempt)
     )
     return attempt if is_missing else None
 
@@ -66,20 +66,20 @@ def list_reprinting_printers(books: Books, attempt: Print) -> list[str]:
 
 def list_attempted_plates(books: Books, attempt: Print) -> Iterator[Plate]:
     """Yield the plates that list a print among their attempts; several if its part was recut."""
-    return (p for p in books.plates_of(books.jobs[attempt.job]) if attempt.id in p.prints)
+    return (p for p in books.list_plates(books.jobs[attempt.job]) if attempt.id in p.prints)
 
 
 def _list_reprints(books: Books, attempt: Print) -> list[Print]:
-    others = (p for plate in list_attempted_plates(books, attempt) for p in books.prints_of(plate))
-    return list({p.id: p for p in others if p.id != attempt.id and not p.state.ended}.values())
+    attempts = (p for plate in list_attempted_plates(books, attempt) for p in books.list_prints(plate))
+    return list({p.id: p for p in attempts if p.id != attempt.id and not p.state.ended}.values())
 
 
 def record_complete_part(books: Books, print_id: str, by: str, at_s: float) -> Result:
     """Record a failed print as done and good. Reprints that have not started are withdrawn."""
     attempt = books.prints[print_id]
-    plate, printer = books.plates[attempt.plate], books.printer(attempt.printer)
+    plate, printer = books.plates[attempt.plate], books.get_printer(attempt.printer)
     failure = attempt.reason or attempt.fault or "it failed"
-    usable_part = replace_fields(
+    completed_print = replace_fields(
         attempt,
         state=PrintState.DONE,
         fault=None,
@@ -91,5 +91,5 @@ def record_complete_part(books: Books, print_id: str, by: str, at_s: float) -> R
     reel = subtract_grams(printer.reel, plate.grams - attempt.grams)
     reprints = [p for p in _list_reprints(books, attempt) if p.state is PrintState.ASSIGNED]
     cancellations = [request_cancel(p, f"{name_part(books, attempt)} was confirmed good") for p in reprints]
-    books = put(books, usable_part, replace_fields(printer, reel=reel), *(p for p, _ in cancellations))
+    books = put(books, completed_print, replace_fields(printer, reel=reel), *(p for p, _ in cancellations))
     return update_job_state(books, attempt.job, at_s), tuple(stop for _, stop in cancellations)

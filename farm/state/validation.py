@@ -11,7 +11,7 @@ from farm.state.plate_state import MAX_ATTEMPTS, PlateState, derive_job_state, l
 
 _DERIVED_STATES = (JobState.PRINTING, JobState.PRINTED, JobState.DONE, JobState.FAILED)
 """States of a job that are derived from its plates alone."""
-_NOT_PLANNED = (JobState.QUEUED, JobState.PLANNING)
+_UNPLANNED_STATES = (JobState.QUEUED, JobState.PLANNING)
 
 
 def validate_books(books: Books) -> list[str]:
@@ -61,27 +61,29 @@ def _find_missing_references(
 
 def _check_jobs(books: Books) -> Iterator[str]:
     for job in books.jobs.values():
-        for plate in books.plates_of(job):
+        for plate in books.list_plates(job):
             if plate.job != job.id:
-                yield f"job {job.id}: its plate {plate.id} is of job {plate.job}"
+                yield f"job {job.id}: its plate {plate.id} belongs to job {plate.job}"
             if plate.replaced_by:
                 yield f"job {job.id}: its plate {plate.id} is replaced by {' '.join(plate.replaced_by)}"
-        if job.state in _NOT_PLANNED and job.plates:
+        if job.state in _UNPLANNED_STATES and job.plates:
             yield f"job {job.id}: it is {job.state} and has plates"
         if job.state in _DERIVED_STATES and job.plates:
-            derived_state = derive_job_state([books.plate_state(plate) for plate in books.plates_of(job)])
+            derived_state = derive_job_state(
+                [books.find_plate_state(plate) for plate in books.list_plates(job)]
+            )
             if derived_state is not job.state:
-                yield f"job {job.id}: it is {job.state}, by its plates it is {derived_state}"
+                yield f"job {job.id}: it is {job.state}, but according to its plates it is {derived_state}"
         if job.state.ended and job.ended_s is None:
             yield f"job {job.id}: it is {job.state} and has no end"
 
 
 def _check_plates(books: Books) -> Iterator[str]:
     for plate in books.plates.values():
-        prints = list(books.prints_of(plate))
-        current = [p for p in prints if not p.state.ended and not p.restored]
-        if len(current) > 1:
-            yield f"plate {plate.id}: it is printed on {' and '.join(p.printer for p in current)} at once"
+        prints = list(books.list_prints(plate))
+        open_prints = [p for p in prints if not p.state.ended and not p.restored]
+        if len(open_prints) > 1:
+            yield f"plate {plate.id}: it is printed on {' and '.join(p.printer for p in open_prints)} at once"
         if not plate.replaced_by and len(list_charged_failures(plate, prints)) > MAX_ATTEMPTS:
             yield f"plate {plate.id}: it failed more than {MAX_ATTEMPTS} times"
         if plate.counted_from > len(plate.prints):
@@ -101,7 +103,7 @@ def _check_prints(books: Books) -> Iterator[str]:
             if attempt.ended_s is None:
                 yield f"print {attempt.id}: it is {attempt.state} and has no end"
             continue
-        if job.state in _NOT_PLANNED:
+        if job.state in _UNPLANNED_STATES:
             yield f"print {attempt.id}: it is open, and job {job.id} is {job.state}"
         if plate.id not in job.plates:
             yield f"print {attempt.id}: it is open, and plate {plate.id} is no longer printed"
@@ -110,15 +112,15 @@ def _check_prints(books: Books) -> Iterator[str]:
 
 
 def _is_abandoned(books: Books, attempt: Print) -> bool:
-    state = books.plate_state(books.plates[attempt.plate])
+    state = books.find_plate_state(books.plates[attempt.plate])
     return state is PlateState.CANCELLED and attempt.cancel_reason is None
 
 
 def _check_printers(books: Books) -> Iterator[str]:
-    for name, number in Counter(p.printer for p in books.open_prints()).items():
+    for name, number in Counter(p.printer for p in books.list_open_prints()).items():
         if number > 1:
             yield f"printer {name}: it has {number} open prints"
-    extruding_printers = {p.printer for p in books.open_prints() if p.extruded}
+    extruding_printers = {p.printer for p in books.list_open_prints() if p.extruded}
     for printer in books.printers.values():
         if printer.reel is not None and printer.reel.grams is not None and printer.reel.grams < 0.0:
             yield f"printer {printer.name}: its reel has {printer.reel.grams:g} g"
@@ -126,7 +128,7 @@ def _check_printers(books: Books) -> Iterator[str]:
             continue
         if printer.name in extruding_printers:
             yield f"printer {printer.name}: its bed is clear under a print that extrudes"
-        last_print = books.last_print_on(printer.name)
+        last_print = books.find_last_print(printer.name)
         if (
             last_print is not None
             and last_print.extruded

@@ -20,7 +20,7 @@ from farm.paths import StateFolder
 from farm.state import Books
 from farm.state import events as ev
 from farm.state.retention import (
-    KeepRules,
+    RetentionRules,
     describe_shortage,
     find_keep_reason,
     list_deletable_files,
@@ -76,7 +76,7 @@ class Upkeep:
         self._controller, self._store = controller, store
         self._state, self._workers = state, workers
         keep = controller.fleet.fleet.keep
-        self._rules, self._keep_gb = KeepRules(keep.days, keep.gb * 1e9), keep.gb
+        self._rules, self._keep_gb = RetentionRules(keep.days, keep.gb * 1e9), keep.gb
         self._running = asyncio.Lock()
         self._tasks: set[asyncio.Task[None]] = set()
 
@@ -211,10 +211,10 @@ class Upkeep:
         files = await asyncio.to_thread(list_files, self._state.files)
         pruned_jobs = []
         for number in self._select_jobs(files, controller.books, controller.clock.now(), backup_s):
-            job = controller.books.job(number)
+            job = controller.books.get_job(number)
             pictures = await self._draw_parts(job)
             # a person may have changed the job meanwhile
-            if find_keep_reason(controller.books, controller.books.job(number)) is None:
+            if find_keep_reason(controller.books, controller.books.get_job(number)) is None:
                 pruned_jobs.append(self._describe_job(job, files, controller.books))
                 at_s = controller.clock.now()
                 controller.handle(ev.JobPruned(at_s=at_s, job=number, by=by, part_pictures=pictures))

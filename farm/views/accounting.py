@@ -55,12 +55,12 @@ def is_wasted(attempt: Print) -> bool:
 
 def summarise_job(books: Books, job: Job) -> JobTotals:
     """Count the plates of a job, and add up the time and filament wasted."""
-    states = [books.plate_state(plate) for plate in books.plates_of(job)]
-    numbers = [books.parts[plate.parts[0]].copy_number for plate in books.plates_of(job)]
+    states = [books.find_plate_state(plate) for plate in books.list_plates(job)]
+    numbers = [books.parts[plate.parts[0]].copy_number for plate in books.list_plates(job)]
     unfinished_copies = {n for n, state in zip(numbers, states, strict=True) if state not in _PRINTED_STATES}
     waste = [
         (compute_duration_s(attempt), attempt.grams)
-        for attempt in books.prints_of_job(job)
+        for attempt in books.list_job_prints(job)
         if is_wasted(attempt)
     ]
     return JobTotals(
@@ -94,8 +94,8 @@ def summarise_night(books: Books, recent_prints: Iterable[Print], now_s: float) 
     failed_plates = {p.plate for p in ended_prints if p.state is PrintState.FAILED} - printed_plates
     # a failed plate that was cut again counts through its pieces
     failed_plates = {name for name in failed_plates if not books.plates[name].replaced_by}
-    printing_plates = {p.plate for p in books.open_prints()} - printed_plates
-    waiting_plates = {plate.id for plate in books.waiting_plates()} - printed_plates - failed_plates
+    printing_plates = {p.plate for p in books.list_open_prints()} - printed_plates
+    waiting_plates = {plate.id for plate in books.list_waiting_plates()} - printed_plates - failed_plates
     grams = [(is_wasted(p), p.grams) for p in ended_prints]
     return NightTotals(
         since_s=since_s,

@@ -64,5 +64,8 @@ class ViewContext:
 
     def estimate_remaining_s(self, attempt: Print) -> float:
         """Estimate the remaining time of an open print in seconds."""
-        plate, factors = self.books.plates[attempt.plate], self.books.printer(attempt.printer).time_factors
+        plate, factors = (
+            self.books.plates[attempt.plate],
+            self.books.get_printer(attempt.printer).time_factors,
+        )
         return estimate_remaining_s(attempt, plate, self.find_reported_print(attempt), factors, self.now_s)

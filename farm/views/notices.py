@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 from farm.model import JobState, PrintState
-from farm.state import BY_PEOPLE, Books
+from farm.state import FAULTS_BY_PEOPLE, Books
 from farm.text import format_duration
 from farm.views.host_losses import describe_lost_hosts, group_host_losses
 
@@ -69,7 +69,7 @@ def _list_ended_jobs(books: Books) -> Iterator[Notice]:
             continue
         title = f"job {job.id} ({job.name})"
         if job.state in (JobState.PRINTED, JobState.DONE):
-            prints = (attempt for plate in books.plates_of(job) for attempt in books.prints_of(plate))
+            prints = (attempt for plate in books.list_plates(job) for attempt in books.list_prints(plate))
             start_s = min((p.started_s for p in prints if p.started_s is not None), default=job.ended_s)
             parts = "1 part" if len(job.parts) == 1 else f"{len(job.parts)} parts"
             text = f"{title} is printed: {parts} in {format_duration(job.ended_s - start_s)}"
@@ -82,7 +82,7 @@ def _list_ended_jobs(books: Books) -> Iterator[Notice]:
 
 def _list_failed_parts(books: Books) -> Iterator[Notice]:
     for attempt in books.prints.values():
-        has_failed = attempt.state is PrintState.FAILED and attempt.fault not in BY_PEOPLE
+        has_failed = attempt.state is PrintState.FAILED and attempt.fault not in FAULTS_BY_PEOPLE
         if (
             not has_failed
             or attempt.ended_s is None

@@ -28,9 +28,9 @@ def describe_printer(
     kept_for
         Plate or job for which the free printer is reserved.
     """
-    entry = context.books.printer(section.name)
+    entry = context.books.get_printer(section.name)
     snapshot = context.find_snapshot(section.name)
-    attempt = context.books.open_print_on(section.name)
+    attempt = context.books.find_open_print(section.name)
     return api.PrinterView(
         **snapshot.dump_readings(),
         name=section.name,
@@ -77,7 +77,7 @@ def list_speeds(context: ViewContext, rows: Iterable[api.HistoryRow]) -> list[ap
 
 
 def _describe_last_print(context: ViewContext, printer: str) -> api.LastPrint | None:
-    attempt = context.books.last_print_on(printer)
+    attempt = context.books.find_last_print(printer)
     if attempt is None:
         return None
     deviation = None

@@ -113,8 +113,8 @@ def _list_printer_tasks(context: ViewContext, section: PrinterSection, is_lost: 
         True if the printer is part of an outage, which has one task for all its printers.
     """
     name = section.name
-    entry, snapshot = context.books.printer(name), context.find_snapshot(name)
-    attempt = context.books.open_print_on(name)
+    entry, snapshot = context.books.get_printer(name), context.find_snapshot(name)
+    attempt = context.books.find_open_print(name)
     if snapshot.alarm is not None:
         state = attempt.state if attempt is not None else snapshot.link
         text = f"go to {name} now: {snapshot.alarm} ({state}{_format_heat(snapshot)})"
@@ -161,8 +161,8 @@ def _is_absent(context: ViewContext, snapshot: AgentSnapshot) -> bool:
 
 
 def _needs_clearing(context: ViewContext, printer: str) -> bool:
-    entry = context.books.printer(printer)
-    is_available = context.books.open_print_on(printer) is None and entry.maintenance is None
+    entry = context.books.get_printer(printer)
+    is_available = context.books.find_open_print(printer) is None and entry.maintenance is None
     return is_available and entry.bed is not Bed.CLEAR
 
 
@@ -188,7 +188,7 @@ def _sort_by_gluing_order(context: ViewContext, printers: list[str]) -> tuple[li
 
 def _find_part_on_bed(books: Books, printer: str) -> Part | None:
     """Find the part that the last print on a printer left on its bed."""
-    attempt = books.last_print_on(printer)
+    attempt = books.find_last_print(printer)
     return None if attempt is None else books.parts[books.plates[attempt.plate].parts[0]]
 
 
@@ -273,7 +273,7 @@ def _list_held_jobs(books: Books) -> Iterator[api.Todo]:
         yield api.Todo(code="restored", printers=[], text=text, jobs=restored_jobs)
     for job in held_jobs:
         if not job.options.dry_run:
-            grams = sum(plate.grams for plate in books.plates_of(job))
+            grams = sum(plate.grams for plate in books.list_plates(job))
             subject = f"job {job.id} ({format_count(len(job.parts), 'part')}, {format_mass(grams)})"
             text = f"approve {subject}: `farm approve {job.id}`"
             yield api.Todo(code="approve", printers=[], text=text, brief=subject, jobs=[job.id])
@@ -284,10 +284,10 @@ def _list_stopped_parts(books: Books) -> Iterator[api.Todo]:
     parts: dict[int, list[str]] = {}
     paused_plates = (plate for plate in books.plates.values() if plate.paused)
     for plate in paused_plates:
-        is_waiting = books.plate_state(plate) is PlateState.WAITING
+        is_waiting = books.find_plate_state(plate) is PlateState.WAITING
         if not is_waiting or books.jobs[plate.job].state is not JobState.PRINTING:
             continue
-        if find_stopped_print(plate, books.prints_of(plate)) is not None:
+        if find_stopped_print(plate, books.list_prints(plate)) is not None:
             parts.setdefault(plate.job, []).extend(plate.parts)
     for job, names in sorted(parts.items()):
         if len(names) == 1:

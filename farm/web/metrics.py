@@ -67,7 +67,7 @@ def _collect_jobs(context: ViewContext) -> Iterator[Metric]:
         "farm_jobs", "Jobs by state.", ("state",), (((str(s),), states[str(s)]) for s in JobState)
     )
     waiting_plates = (
-        plate for plate in books.waiting_plates() if books.plate_state(plate) is PlateState.WAITING
+        plate for plate in books.list_waiting_plates() if books.find_plate_state(plate) is PlateState.WAITING
     )
     holds = Counter(
         "none" if hold is None else str(hold.code) for hold in map(context.find_plate_hold, waiting_plates)

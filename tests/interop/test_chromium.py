@@ -63,12 +63,12 @@ def test_form_of_another_site_changes_nothing(tmp_path):
             base = f"http://{HOST}:{port}"
             await browser.open(f"{base}/login/{farm.sessions.make_link('ann', Role.OPERATE)}")
             await browser.press("button")
-            event_count = len(farm.store.events())
+            event_count = len(farm.store.read_all_events())
             form = f"<form method=post action='{base}/logout'><button>x</button></form>"
             await browser.open(f"data:text/html,{form}")
             await browser.press("button")
             assert "page of another site" in await browser.read_text()
-            assert len(farm.store.events()) == event_count
+            assert len(farm.store.read_all_events()) == event_count
         farm.store.close()
 
     asyncio.run(browse())

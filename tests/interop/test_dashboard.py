@@ -91,7 +91,7 @@ def print_outcomes(farm):
     cleared = ev.BedCleared(at_s=now_s, printer="a", by="ann", filament=FilamentState.PARKED)
     controller.handle(cleared, ev.JobApproved(at_s=now_s, job=1, by="ann"))
     for state, verdict in OUTCOMES:
-        attempt = controller.books.open_print_on("a")
+        attempt = controller.books.find_open_print("a")
         reason = "the nozzle got cold" if state is PrintState.FAILED else None
         end_event = make_end_event(attempt.id, state, at_s=now_s, started_s=now_s - 60.0, reason=reason)
         controller.handle(end_event)

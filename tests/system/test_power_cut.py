@@ -99,10 +99,10 @@ def test_database_keeps_every_committed_event(tmp_path):
                 if (books.parent / file.name).exists():  # SQLite deletes a journal only after its sync
                     shutil.copy(file, rest_folder)
             with Store(rest_folder / "farm.db") as store:
-                assert [kind for _, kind, _ in store.events()] == committed_events
+                assert [kind for _, kind, _ in store.read_all_events()] == committed_events
                 printers, jobs = store.load().printers, store.load().jobs
                 assert len(printers) + len(jobs) == len(committed_events)
-                assert all(json.loads(body) for _, _, body in store.events())
+                assert all(json.loads(body) for _, _, body in store.read_all_events())
             process.stdin.write("\n")
             process.stdin.flush()
     assert process.returncode == 0

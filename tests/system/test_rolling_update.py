@@ -60,7 +60,7 @@ class HostsFarm(RealFarm):
 
     def list_hosts(self) -> list[dict]:
         """Return the hosts, as `farm hosts --json` shows them."""
-        return self._parse(self._connect().hosts())["hosts"]
+        return self._parse(self._connect().fetch_hosts())["hosts"]
 
     def read_agents(self) -> dict[str, tuple[str | None, int]]:
         """Return the version and the process of each agent that runs."""

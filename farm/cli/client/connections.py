@@ -13,13 +13,13 @@ from urllib.parse import urlsplit
 from farm.api import NETWORK_PREFIX
 from farm.errors import ErrorCode, FarmError
 
-_CHUNK = 1 << 20  # bytes of an upload
-_KEY = re.compile(r"[\x21-\x7e]{1,200}")
+_CHUNK_BYTES = 1 << 20  # size of a chunk of an upload
+_KEY_PATTERN = re.compile(r"[\x21-\x7e]{1,200}")
 
 
 @dataclass(frozen=True, slots=True)
 class NetworkAddress:
-    """Address of a daemon on another host, with the key that this user has.
+    """Address of a daemon on another host, with this user's key.
 
     Attributes
     ----------
@@ -49,43 +49,47 @@ Address = Path | NetworkAddress
 class SocketConnection(HTTPConnection):
     """HTTP over the daemon's Unix socket. Raises OSError or HTTPException if the response is incomplete.
 
-    It uses the HTTP of the standard library, which is imported quickly.
+    It uses the HTTP client of the standard library, because its import is fast.
     """
 
-    def __init__(self, path: Path, connect_s: float, answer_s: float) -> None:
-        super().__init__("farm", timeout=answer_s, blocksize=_CHUNK)
-        self._path, self._connect_s, self._answer_s = path, connect_s, answer_s
+    def __init__(self, path: Path, connect_timeout_s: float, answer_timeout_s: float) -> None:
+        super().__init__("farm", timeout=answer_timeout_s, blocksize=_CHUNK_BYTES)
+        self._path, self._connect_timeout_s, self._answer_timeout_s = (
+            path,
+            connect_timeout_s,
+            answer_timeout_s,
+        )
 
     def connect(self) -> None:
         connection = socket.socket(socket.AF_UNIX)
         try:
-            connection.settimeout(self._connect_s)
+            connection.settimeout(self._connect_timeout_s)
             connection.connect(str(self._path))
-            connection.settimeout(self._answer_s)
+            connection.settimeout(self._answer_timeout_s)
         except OSError:
             connection.close()
             raise
         self.sock = connection
 
 
-def open_connection(address: Address, connect_s: float, answer_s: float) -> HTTPConnection:
+def open_connection(address: Address, connect_timeout_s: float, answer_timeout_s: float) -> HTTPConnection:
     """Make an HTTP connection, which is opened by its first request.
 
     Parameters
     ----------
     address
         The daemon.
-    connect_s, answer_s
+    connect_timeout_s, answer_timeout_s
         Seconds to wait for a connection, and for an answer; on the network, only the latter is used.
     """
     if isinstance(address, Path):
-        return SocketConnection(address, connect_s, answer_s)
+        return SocketConnection(address, connect_timeout_s, answer_timeout_s)
     kind = HTTPSConnection if address.scheme == "https" else HTTPConnection
-    return kind(address.netloc, timeout=answer_s, blocksize=_CHUNK)
+    return kind(address.netloc, timeout=answer_timeout_s, blocksize=_CHUNK_BYTES)
 
 
 def make_headers(address: Address) -> dict[str, str]:
-    """Return the headers of each request: the key, on the network."""
+    """Return the headers of each request, which contain the key on the network."""
     return {} if isinstance(address, Path) else {"X-Api-Key": address.key}
 
 
@@ -121,6 +125,6 @@ def read_address(url: str, key_file: Path | None) -> NetworkAddress:
         raise FarmError(
             f"{key_file}: other users can read this key: `chmod 600 {key_file}`", ErrorCode.SETTINGS
         )
-    if _KEY.fullmatch(text) is None:
+    if _KEY_PATTERN.fullmatch(text) is None:
         raise FarmError(f"{key_file}: must contain one key and nothing else", ErrorCode.SETTINGS)
     return NetworkAddress(parts.scheme, parts.netloc, parts.path.rstrip("/"), text)

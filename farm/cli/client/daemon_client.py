@@ -25,14 +25,14 @@ from farm.paths import FarmPaths
 from farm.text import describe_first_error
 
 View = TypeVar("View", bound=BaseModel)
-CONNECT_S, ANSWER_S = 5.0, 60.0
-SUBMISSION_S = 86400.0
-"""Seconds to wait for the answer to a submission: a large broken model is repaired before the answer.
-Meanwhile the client polls the progress."""
-_POLL_S = 0.5
+CONNECT_TIMEOUT_S, ANSWER_TIMEOUT_S = 5.0, 60.0
+SUBMISSION_TIMEOUT_S = 86400.0
+"""Seconds to wait for the answer to a submission, because a large broken model is repaired before the answer.
+The client polls the progress meanwhile."""
+_POLL_INTERVAL_S = 0.5
 _MAX_NAME_LENGTH = 200
-_FIRST_ERROR = 400  # lowest status code of an error
-_CHUNK = 1 << 20  # bytes of a download
+_MIN_ERROR_STATUS = 400  # lowest status code of an error
+_CHUNK_BYTES = 1 << 20  # size of a chunk of a download
 
 
 class Client:
@@ -44,17 +44,26 @@ class Client:
     ----------
     address
         The daemon's Unix socket, or its address on the network with a key.
-    answer_s, connect_s
+    answer_timeout_s, connect_timeout_s
         Seconds to wait for an answer, and for a connection.
     """
 
-    def __init__(self, address: Address, answer_s: float = ANSWER_S, connect_s: float = CONNECT_S) -> None:
-        self._address, self._answer_s, self._connect_s = address, answer_s, connect_s
+    def __init__(
+        self,
+        address: Address,
+        answer_timeout_s: float = ANSWER_TIMEOUT_S,
+        connect_timeout_s: float = CONNECT_TIMEOUT_S,
+    ) -> None:
+        self._address, self._answer_timeout_s, self._connect_timeout_s = (
+            address,
+            answer_timeout_s,
+            connect_timeout_s,
+        )
 
-    def status(self) -> api.Status:
+    def fetch_status(self) -> api.Status:
         return self._request(api.Status, "GET", "/status")
 
-    def status_summary(self) -> api.StatusSummary:
+    def fetch_status_summary(self) -> api.StatusSummary:
         """Fetch the status without the parts and plates of jobs, which is faster for large queues."""
         try:
             return self._request(api.StatusSummary, "GET", "/status/summary")
@@ -63,10 +72,10 @@ class Client:
                 raise
             raise _make_version_error(error) from error  # a daemon of an earlier version has no such route
 
-    def names(self) -> api.Names:
+    def fetch_names(self) -> api.Names:
         return self._request(api.Names, "GET", "/names")
 
-    def job(self, number: int) -> api.JobStatus:
+    def fetch_job(self, number: int) -> api.JobStatus:
         return self._request(api.JobStatus, "GET", f"/jobs/{number}")
 
     def cancel(self, number: int) -> api.JobStatus:
@@ -75,7 +84,7 @@ class Client:
     def clear_bed(self, printer: str, request: api.ClearedRequest) -> api.ClearedResponse:
         return self._request(api.ClearedResponse, "POST", f"/printers/{printer}/cleared", body=request)
 
-    def history(self, job: int | None, printer: str | None, last: int) -> api.History:
+    def fetch_history(self, job: int | None, printer: str | None, last: int) -> api.History:
         filters = {"job": job, "printer": printer, "last": last}
         params = {name: value for name, value in filters.items() if value is not None}
         return self._request(api.History, "GET", "/history", params=params)
@@ -95,13 +104,13 @@ class Client:
     def record_assembly(self, number: int, request: api.AssembledRequest) -> api.JobStatus:
         return self._request(api.JobStatus, "POST", f"/jobs/{number}/assembled", body=request)
 
-    def hosts(self) -> api.HostList:
+    def fetch_hosts(self) -> api.HostList:
         return self._request(api.HostList, "GET", "/hosts")
 
     def update_hosts(self) -> api.HostUpdate:
         return self._request(api.HostUpdate, "POST", "/hosts/update")
 
-    def queue(self) -> api.Queue:
+    def fetch_queue(self) -> api.Queue:
         return self._request(api.Queue, "GET", "/queue")
 
     def move(self, number: int, request: api.QueueMove) -> api.Queue:
@@ -110,10 +119,10 @@ class Client:
     def reschedule(self, number: int, request: api.JobStart) -> api.JobStatus:
         return self._request(api.JobStatus, "POST", f"/jobs/{number}/start", body=request)
 
-    def timeline(self, number: int) -> api.Timeline:
+    def fetch_timeline(self, number: int) -> api.Timeline:
         return self._request(api.Timeline, "GET", f"/jobs/{number}/timeline")
 
-    def files(self, number: int) -> api.JobFiles:
+    def list_files(self, number: int) -> api.JobFiles:
         return self._request(api.JobFiles, "GET", f"/jobs/{number}/files")
 
     def download(self, number: int, name: str, write: Callable[[bytes], None]) -> None:
@@ -123,9 +132,11 @@ class Client:
     def prune(self, dry_run: bool) -> api.PruneResponse:
         """Delete expired files, or list them; the parts of each job are drawn first."""
         body = api.PruneRequest(dry_run=dry_run)
-        return _validate(api.PruneResponse, self._send("POST", "/prune", body=body, answer_s=SUBMISSION_S))
+        return _validate(
+            api.PruneResponse, self._send("POST", "/prune", body=body, answer_timeout_s=SUBMISSION_TIMEOUT_S)
+        )
 
-    def keys(self) -> api.Keys:
+    def fetch_keys(self) -> api.Keys:
         return self._request(api.Keys, "GET", "/keys")
 
     def add_key(self, request: api.KeyRequest) -> api.NewKey:
@@ -173,13 +184,13 @@ class Client:
             "size": str(model.stat().st_size),
             "options": options.model_dump_json(exclude_none=True),
         }
-        self.status()  # raises at once if there is no daemon
-        give_up_s = time.monotonic() + retry_s
+        self.fetch_status()  # raises at once if there is no daemon
+        deadline_s = time.monotonic() + retry_s
         while True:
             try:
                 return self._upload(model, params, report)
             except DaemonUnreachable:
-                if time.monotonic() > give_up_s:
+                if time.monotonic() > deadline_s:
                     raise
                 time.sleep(0.5)
 
@@ -192,22 +203,24 @@ class Client:
         def send() -> None:
             try:
                 with model.open("rb") as file:
-                    answer = self._send("POST", "/jobs", params=params, upload=file, answer_s=SUBMISSION_S)
+                    answer = self._send(
+                        "POST", "/jobs", params=params, upload=file, answer_timeout_s=SUBMISSION_TIMEOUT_S
+                    )
                 result.set_result(answer)
             except BaseException as error:
                 result.set_exception(error)
 
-        Thread(target=send, daemon=True).start()  # Ctrl-C does not wait for it
+        Thread(target=send, daemon=True).start()  # Ctrl-C does not wait for a daemon thread
         last_answer_s = time.monotonic()
         while True:
             with suppress(TimeoutError):
-                return _validate(api.SubmitResponse, result.result(_POLL_S))
+                return _validate(api.SubmitResponse, result.result(_POLL_INTERVAL_S))
             try:
                 report(self._request(api.UploadView, "GET", f"/uploads/{params['request_id']}"))
             except DaemonUnreachable:
-                if time.monotonic() - last_answer_s > self._answer_s and not result.done():
+                if time.monotonic() - last_answer_s > self._answer_timeout_s and not result.done():
                     raise
-            except FarmError:  # not started yet, or finished; or the daemon is older than this command
+            except FarmError:  # the upload has not started or has ended, or the daemon is an earlier version
                 last_answer_s = time.monotonic()
             else:
                 last_answer_s = time.monotonic()
@@ -231,7 +244,7 @@ class Client:
         params: Mapping[str, str | int] | None = None,
         body: BaseModel | None = None,
         upload: BinaryIO | None = None,
-        answer_s: float | None = None,
+        answer_timeout_s: float | None = None,
         write: Callable[[bytes], None] | None = None,
     ) -> Any:
         target = make_target(self._address, quote(path)) + (f"?{urlencode(params)}" if params else "")
@@ -239,20 +252,22 @@ class Client:
         headers = make_headers(self._address)
         if body is not None:
             headers["Content-Type"] = "application/json"
-        answer_s = answer_s or self._answer_s
+        answer_timeout_s = answer_timeout_s or self._answer_timeout_s
         try:
-            with closing(open_connection(self._address, self._connect_s, answer_s)) as connection:
-                with suppress(BrokenPipeError, ConnectionResetError):  # it may answer before reading all
+            with closing(
+                open_connection(self._address, self._connect_timeout_s, answer_timeout_s)
+            ) as connection:
+                with suppress(BrokenPipeError, ConnectionResetError):  # it may answer before it has read all
                     connection.request(method, target, content, headers)
                 answer = connection.getresponse()
-                if write is not None and answer.status < _FIRST_ERROR:
-                    while chunk := answer.read(_CHUNK):
+                if write is not None and answer.status < _MIN_ERROR_STATUS:
+                    while chunk := answer.read(_CHUNK_BYTES):
                         write(chunk)
                     return None
                 text = answer.read()
         except TimeoutError as error:
             raise DaemonUnreachable(
-                f"the daemon has not answered for {answer_s:g} s and may hang; the command may still "
+                f"the daemon has not answered for {answer_timeout_s:g} s and may hang; the command may still "
                 "take effect: check `farm status`; `farm estop` works without the daemon"
             ) from error
         except PermissionError as error:
@@ -262,16 +277,16 @@ class Client:
         except (OSError, HTTPException) as error:
             cause = (error.strerror if isinstance(error, OSError) else None) or error
             raise DaemonUnreachable(
-                f"no daemon answers on {self._address} ({cause}); {_advise(self._address)}"
+                f"no daemon answers on {self._address} ({cause}); {_make_advice(self._address)}"
             ) from error
         return _read_answer(answer.status, text)
 
 
 def _read_answer(status: int, text: bytes) -> Any:
-    """Read the JSON of an answer. Raises FarmError with the daemon's message, if it refused."""
+    """Read the JSON of an answer. Raises FarmError with the daemon's message if the daemon refused."""
     try:
         values = json.loads(text)
-        if status < _FIRST_ERROR:
+        if status < _MIN_ERROR_STATUS:
             return values
         problem = api.Problem.model_validate(values)
         code = ErrorCode(problem.code)
@@ -292,7 +307,7 @@ def connect(paths: FarmPaths) -> Client:
     return Client(paths.socket if paths.url is None else read_address(paths.url, paths.key_file))
 
 
-def _advise(address: Address) -> str:
+def _make_advice(address: Address) -> str:
     return (
         "`farm up` starts one"
         if isinstance(address, Path)

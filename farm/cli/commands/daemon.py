@@ -24,7 +24,7 @@ from farm.text import format_count
 
 _START_TIMEOUT_S = 60.0
 _STOP_TIMEOUT_S = 180.0
-_READABLE_BY_ALL = 0o004
+_WORLD_READABLE_BIT = 0o004
 
 
 @with_paths
@@ -37,13 +37,13 @@ def up(
 ) -> None:
     """Start the daemon, and an agent for each printer that has none."""
     fleet = _load_fleet(paths)
-    _warn(fleet, paths)
+    _print_warnings(fleet, paths)
     client = Client(paths.socket)
     try:
-        status = client.status()
+        status = client.fetch_status()
     except DaemonUnreachable:
         _start_daemon(paths, client)
-        status = client.status()
+        status = client.fetch_status()
         printers = format_count(len(status.printers), "printer")
         print(f"farm {status.daemon.version} is up: {printers}, pid {status.daemon.pid}")
     else:
@@ -59,7 +59,7 @@ def _load_fleet(paths: FarmPaths) -> Fleet:
     return load_fleet(paths.fleet, frozenset(PROFILES), complete_section)
 
 
-def _warn(fleet: Fleet, paths: FarmPaths) -> None:
+def _print_warnings(fleet: Fleet, paths: FarmPaths) -> None:
     """Warn of missing ports, and of a fleet file with passwords that all users can read."""
     for printer in fleet.printers:
         is_local = printer.enabled and printer.host is None and printer.port.startswith("/")
@@ -68,7 +68,7 @@ def _warn(fleet: Fleet, paths: FarmPaths) -> None:
                 f"{printer.name}: there is no port {printer.port}; check its USB cable and power; the other "
                 "printers start without it"
             )
-    if fleet.fleet.notify and paths.fleet.stat().st_mode & _READABLE_BY_ALL:
+    if fleet.fleet.notify and paths.fleet.stat().st_mode & _WORLD_READABLE_BIT:
         print_notice(
             f"{paths.fleet} may contain passwords under `notify`, and every user can read it: "
             f"`chmod o-r {paths.fleet}`"
@@ -97,7 +97,7 @@ def _start_daemon(paths: FarmPaths, client: Client) -> None:
     deadline_s = time.monotonic() + _START_TIMEOUT_S
     while time.monotonic() < deadline_s:
         try:
-            client.status()
+            client.fetch_status()
             return
         except DaemonUnreachable:
             if child.poll() is not None:
@@ -131,7 +131,7 @@ def down(
     if wait and now:
         raise typer.BadParameter("--wait and --now exclude each other", param_hint="--now")
     client = Client(paths.socket)
-    pid = client.status().daemon.pid
+    pid = client.fetch_status().daemon.pid
     client.shut_down(now, wait)
     deadline_s = time.monotonic() + _STOP_TIMEOUT_S
     while wait or time.monotonic() < deadline_s:
@@ -161,7 +161,7 @@ def host(
         raise typer.Exit(run_service(farm))
     if sys.stdin.isatty():
         raise typer.BadParameter(
-            "it is run by the daemon over ssh: write it as `host_command` in fleet.yaml; or give --farm",
+            "the daemon runs this command over ssh: write it as `host_command` in fleet.yaml, or give --farm",
             param_hint="stdin",
         )
     from drivers.host.program import serve_stdio

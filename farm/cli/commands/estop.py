@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     Stop = Callable[[ProgressCallback], StopResult]
     Target: TypeAlias = "Stop | HostTarget"
 
-_POLL_S = 0.2
+_POLL_INTERVAL_S = 0.2
 
 
 @with_paths
@@ -80,7 +80,7 @@ def stop_all(paths: FarmPaths, printers: Iterable[str], report: Report) -> None:
     FarmError
         If it is not confirmed that a printer's heaters are off, or that the printer stands still.
     """
-    began_s = time.time()
+    start_s = time.time()
     targets, fleet_error = find_targets(paths)
     if not targets and fleet_error is not None:
         raise fleet_error
@@ -89,14 +89,14 @@ def stop_all(paths: FarmPaths, printers: Iterable[str], report: Report) -> None:
     report = serialise_reports(report)
     hot_printers, moving_printers = [], []
     for result in _run_stops(used_targets, report):
-        report(_describe_outcome(result, began_s))
+        report(_describe_outcome(result, start_s))
         if not result.seen_off:
             hot_printers.append(result.printer)
         elif not result.is_still:
             moving_printers.append(result.printer)
-    unknown = [name for name in names if name not in targets]
-    if unknown:
-        raise NoSuchThing(f"there is no printer {' '.join(unknown)}; the farm has {' '.join(targets)}")
+    unknown_names = [name for name in names if name not in targets]
+    if unknown_names:
+        raise NoSuchThing(f"there is no printer {' '.join(unknown_names)}; the farm has {' '.join(targets)}")
     if hot_printers:
         raise FarmError(
             f"heaters not confirmed off: {' '.join(sorted(hot_printers))}: switch these printers off by hand"
@@ -109,7 +109,7 @@ def stop_all(paths: FarmPaths, printers: Iterable[str], report: Report) -> None:
 
 
 def _run_stops(targets: Mapping[str, Target], report: Report) -> Iterator[StopResult]:
-    """Stop printers in parallel, those of a host service over one connection; yield each result."""
+    """Stop printers in parallel, with one connection to each host service; yield each result."""
     by_host: dict[tuple[str, str, str], list[StartFile]] = {}
     results: Queue[StopResult] = Queue()
     with ThreadPoolExecutor(max_workers=max(1, len(targets))) as pool:
@@ -126,24 +126,24 @@ def _run_stops(targets: Mapping[str, Target], report: Report) -> Iterator[StopRe
         for _ in targets:
             while True:
                 with suppress(Empty):
-                    yield results.get(timeout=_POLL_S)
+                    yield results.get(timeout=_POLL_INTERVAL_S)
                     break
                 for stop in stops:
                     if stop.done():
-                        stop.result()  # raises its error
+                        stop.result()  # raises the error of a failed stop
 
 
 def _run_stop(stop: Stop, notify: ProgressCallback, results: Queue[StopResult]) -> None:
     results.put(stop(notify))
 
 
-def _describe_outcome(result: StopResult, began_s: float) -> StopReport:
+def _describe_outcome(result: StopResult, start_s: float) -> StopReport:
     return StopReport(
         printer=result.printer,
         text=result.text,
         seen_off=result.seen_off,
         still=result.is_still,
-        reset_after_s=None if result.reset_s is None else round(result.reset_s - began_s, 3),
+        reset_after_s=None if result.reset_s is None else round(result.reset_s - start_s, 3),
     )
 
 
@@ -153,7 +153,7 @@ def _report_progress(report: Report, printer: str, text: str) -> None:
 
 
 def print_report(line: StopReport) -> None:
-    """Print a report as one line, in one write, so lines of several printers never mix."""
+    """Print a report as one line, in one write, so that lines of different printers never mix."""
     sys.stdout.write(f"{line.printer}: {flatten_text(line.text)}\n")
     sys.stdout.flush()
 

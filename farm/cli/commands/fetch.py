@@ -15,7 +15,7 @@ from farm.errors import FarmError
 from farm.paths import FarmPaths
 from farm.text import format_count
 
-_REPORT = "report.html"
+_REPORT_FILE = "report.html"
 
 
 @with_farm
@@ -41,7 +41,7 @@ def fetch(
         f"{folder}: {format_count(len(result.written), 'file')} of job {job} fetched"
         + (f", {present_count} already there" if present_count else "")
     )
-    report = folder / _REPORT
+    report = folder / _REPORT_FILE
     text = render_report(client, job, result.find).text
     try:
         with report.open("w" if force else "x", encoding="utf-8") as file:

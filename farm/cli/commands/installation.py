@@ -19,8 +19,8 @@ from farm.errors import ErrorCode, ExitCode, FarmError, NoSuchThing, Refused
 from farm.fleet_file import load_fleet
 from farm.paths import FarmPaths
 
-_MODEL = "ultimaker2_plus"
-_SCHEMA = 1  # version of --json
+_DEFAULT_MODEL = "ultimaker2_plus"
+_SCHEMA_VERSION = 1  # of --json
 
 
 @with_paths
@@ -51,19 +51,19 @@ def discover(
             }
             for row in rows
         ]
-        print_json({"schema": _SCHEMA, "ports": ports})
+        print_json({"schema": _SCHEMA_VERSION, "ports": ports})
         return
     if not rows:
         print("no serial port found: check the USB cable, and that the printer is switched on")
     for row in rows:
         print(f"{row.port}  {row.description}  {row.printer or 'not in fleet.yaml'}")
-    new = [row for row in rows if row.printer is None]
-    if new:
+    new_rows = [row for row in rows if row.printer is None]
+    if new_rows:
         print(f"\nadd the new printers under `printers` in {paths.fleet}:")
     names = {section.name for section in sections}
-    for row in new:
-        print(_format_entry(_make_name(names), _MODEL, str(row.port)))
-    if new:
+    for row in new_rows:
+        print(_format_entry(_make_name(names), _DEFAULT_MODEL, str(row.port)))
+    if new_rows:
         print(
             "then test the emergency stop with `farm discover --commission PORT`, which also names the model"
         )
@@ -80,8 +80,8 @@ def _is_same_port(path: str, section: PrinterSection) -> bool:
     """Return whether a path names the port of a printer on this host, directly or through a symbolic link."""
     if section.host is not None:
         return False
-    same_device = path.startswith("/") and Path(path).resolve() == Path(section.port).resolve()
-    return same_device or path == section.port
+    is_same_device = path.startswith("/") and Path(path).resolve() == Path(section.port).resolve()
+    return is_same_device or path == section.port
 
 
 def _make_name(names: set[str]) -> str:
@@ -123,7 +123,7 @@ def _commission(paths: FarmPaths, sections: tuple[PrinterSection, ...], place: s
             print(f"{section.name}: its board restarts when DTR is pulsed, so it can be stopped")
             return
         folder = paths.state.find_agent_folder(section.name) if section is not None else None
-        firmware = find_firmware(_MODEL if section is None else section.model)
+        firmware = find_firmware(_DEFAULT_MODEL if section is None else section.model)
         model = verify_reset(section.port if section is not None else place, folder, firmware)
     except DriverError as error:
         raise Refused(str(error)) from error
@@ -147,7 +147,7 @@ def doctor(paths: FarmPaths, json: Json = False) -> None:
 
     version = daemon_error = None
     try:
-        version = Client(paths.socket).status().daemon.version
+        version = Client(paths.socket).fetch_status().daemon.version
     except FarmError as error:
         daemon_error = str(error)
     findings = check_installation(collect_facts(paths, version, daemon_error))
@@ -161,7 +161,7 @@ def doctor(paths: FarmPaths, json: Json = False) -> None:
             }
             for finding in findings
         ]
-        print_json({"schema": _SCHEMA, "findings": rows})
+        print_json({"schema": _SCHEMA_VERSION, "findings": rows})
     else:
         for finding in findings:
             action = f"; {finding.action}" if finding.action else ""
@@ -173,7 +173,7 @@ def doctor(paths: FarmPaths, json: Json = False) -> None:
 def setup() -> None:
     """Install CuraEngine and its settings, and compile the planning code; run it after each update.
 
-    This takes one to five minutes, or seconds if all is installed. sudo may ask for a password.
+    This takes one to five minutes, or a few seconds if everything is installed. sudo may ask for a password.
     """
     from decompose.compilation import ensure_compiled  # slow to load
     from slicing.errors import EngineMissing
@@ -187,4 +187,4 @@ def setup() -> None:
         raise FarmError(str(error), ErrorCode.ENGINE) from error
     print("compiling the planning code: one to five minutes ...", flush=True)
     ensure_compiled()
-    print("all is installed: `farm doctor` checks it")
+    print("everything is installed; `farm doctor` checks it")

@@ -26,7 +26,7 @@ _COLUMNS = (
     Column("LAST USED", rank=1),
     Column("ADDED", rank=2),
 )
-_DAYS = {"d": 1, "w": 7, "y": 365}
+_DAYS_BY_UNIT = {"d": 1, "w": 7, "y": 365}
 
 
 class KeyAction(StrEnum):
@@ -62,7 +62,7 @@ def key(
     """
     client = Client(paths.socket)
     if action is None:
-        _list(client.keys(), json)
+        _show_keys(client.fetch_keys(), json)
     elif name is None:
         raise typer.BadParameter(f"farm key {action} needs a name", param_hint="NAME")
     elif action is KeyAction.REVOKE:
@@ -75,17 +75,17 @@ def key(
         client.deny_key(name)
         print(f"the program with the code {name} gets no key")
     else:
-        _add(client, api.KeyRequest(name=name, role=role, days=_parse_days(expires)), json)
+        _add_key(client, api.KeyRequest(name=name, role=role, days=_parse_days(expires)), json)
 
 
-def _add(client: Client, request: api.KeyRequest, json: bool) -> None:
+def _add_key(client: Client, request: api.KeyRequest, json: bool) -> None:
     new_key = client.add_key(request)
     if json:
         print_json(new_key)
         return
     print(new_key.text)
     print_notice(f"this key for {request.name} ({request.role}) is shown only now; its id is {new_key.id}")
-    network = client.keys().network
+    network = client.fetch_keys().network
     if network.address is None:
         print_notice(
             "the farm does not listen on the network: write `web: {}` into fleet.yaml, then `farm up`"
@@ -94,7 +94,7 @@ def _add(client: Client, request: api.KeyRequest, json: bool) -> None:
         print_notice(f"{network.address} is not encrypted: for other hosts use `web.tls`, a proxy or a VPN")
 
 
-def _list(answer: api.Keys, json: bool) -> None:
+def _show_keys(answer: api.Keys, json: bool) -> None:
     if json:
         print_json(answer)
         return
@@ -108,8 +108,8 @@ def _list(answer: api.Keys, json: bool) -> None:
     rows = []
     for key in answer.keys:
         end = f"valid until {format_time(key.expires, answer.now)}" if key.expires else "valid"
-        session = key.kind is KeyKind.SESSION
-        state = ("ended" if session else "revoked") if key.revoked else end if key.valid else "expired"
+        is_session = key.kind is KeyKind.SESSION
+        state = ("ended" if is_session else "revoked") if key.revoked else end if key.valid else "expired"
         created_text, used_text = (format_time(time, answer.now) for time in (key.created, key.used))
         rows.append(
             (key.id, key.name, str(key.kind), str(key.role), state, used_text, f"{created_text} by {key.by}")
@@ -126,4 +126,4 @@ def _parse_days(text: str | None) -> float | None:
     match = re.fullmatch(r"([1-9][0-9]{0,3})([dwy])", text)
     if match is None:
         raise typer.BadParameter("must be a number with d, w or y, like 90d", param_hint="--expires")
-    return float(int(match[1]) * _DAYS[match[2]])
+    return float(int(match[1]) * _DAYS_BY_UNIT[match[2]])

@@ -270,7 +270,7 @@ def worker(
         memory_gb,
     )
     options.folder.mkdir(parents=True, exist_ok=True)
-    if acquire_lock(options.folder / "lock") is None:  # until this process ends
+    if acquire_lock(options.folder / "lock") is None:  # held until this process ends
         raise Refused(f"another worker uses {options.folder}: give each its own --folder")
     with translate_errors():
         asyncio.run(serve_tasks(options, warm_up_planning))

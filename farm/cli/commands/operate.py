@@ -86,7 +86,7 @@ def cleared(
             "give exactly one printer: the one that printed the part", param_hint="--good"
         )
     client = connect(paths)
-    fleet = {p.name: p for p in client.status_summary().printers}
+    fleet = {p.name: p for p in client.fetch_status_summary().printers}
     if printers == ["all"]:
         if bad:
             raise typer.BadParameter("give the printers whose parts are bad, not all", param_hint="--bad")
@@ -103,7 +103,7 @@ def cleared(
 
 
 def _describe_part(request: ClearedRequest, answer: ClearedResponse) -> list[str]:
-    """Describe the consequence for the part that was on the bed."""
+    """Describe the consequences for the part that was on the bed."""
     if request.bad and answer.again is None:
         return ["its part was cancelled and is not printed again"]
     if request.bad:
@@ -121,7 +121,8 @@ def fail(paths: FarmPaths, printer: Printer, why: ReasonOption = "") -> None:
     """End a failing print safely, and print its part again."""
     connect(paths).send_command(f"/printers/{printer}/fail", why)
     print(
-        f"{printer}: its print ends, its part will be printed again; remove it, then `farm cleared {printer}`"
+        f"{printer}: its print ends, and its part will be printed again; remove the failed part, then "
+        f"`farm cleared {printer}`"
     )
 
 
@@ -171,7 +172,7 @@ def _describe_ending(printing_printers: list[str]) -> str:
 def pause(paths: FarmPaths, targets: Targets) -> None:
     """Pause prints, or a whole job: the head moves aside, the nozzle cools, the bed stays warm.
 
-    A print that is not resumed within two hours is ended. Parts of a paused job that wait do not start.
+    A print that is not resumed within two hours is ended. Waiting parts of a paused job do not start.
     """
     client = connect(paths)
     for target in targets:
@@ -196,7 +197,7 @@ def resume(paths: FarmPaths, targets: OptionalTargets = None) -> None:
     for target in targets or ():
         client.send_command(f"{find_target_path(target)}/resume")
         print(f"{_format_target(target)}: resumed")
-    for task in client.status_summary().todo:
+    for task in client.fetch_status_summary().todo:
         if task.code == "hours":  # resumed, but it will be ended with the attended hours
             print(task.text)
 

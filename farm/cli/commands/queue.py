@@ -54,7 +54,7 @@ def queue(
         client.reschedule(job, api.JobStart(at=at))
     elif job is not None:
         client.move(job, api.QueueMove(to=to, before=before))
-    answer = client.queue()
+    answer = client.fetch_queue()
     if json:
         print_json(answer)
         return

@@ -33,9 +33,9 @@ from farm.paths import FarmPaths
 from farm.text import format_count, format_duration, format_mass
 from farm.wording import format_deviation, format_time
 
-_REFRESH_S = 1.0
+_REFRESH_INTERVAL_S = 1.0
 _MAX_ROWS = 100_000
-_HISTORY = (
+_HISTORY_COLUMNS = (
     Column("ENDED"),
     Column("PRINTER"),
     Column("PART"),
@@ -46,7 +46,7 @@ _HISTORY = (
     Column("BY", rank=6),
     Column("OUTCOME", rank=1, min_width=16),
 )
-_HOSTS = (
+_HOST_COLUMNS = (
     Column("HOST"),
     Column("CONNECTED"),
     Column("VERSION", rank=4),
@@ -55,7 +55,7 @@ _HOSTS = (
     Column("PORTS", rank=5),
     Column("WAITS FOR", rank=1, min_width=16),
 )
-_SPEEDS = (
+_SPEED_COLUMNS = (
     Column("PRINTER"),
     Column("FACTOR"),
     Column("WALLS", rank=1),
@@ -65,7 +65,7 @@ _SPEEDS = (
     Column("TRAVEL", rank=1),
     Column("LEARNED FROM", rank=1),
 )
-_NOTE = Column("NOTE", rank=7, min_width=10)
+_NOTE_COLUMN = Column("NOTE", rank=7, min_width=10)
 
 
 @with_farm
@@ -80,7 +80,7 @@ def status(
     if watch and not json:
         _watch(client, job)
     elif job is not None:
-        answer = client.job(job)
+        answer = client.fetch_job(job)
         print_json(answer) if json else show_job(answer.job)
     else:
         _show_farm(client, json)
@@ -88,10 +88,10 @@ def status(
 
 def _show_farm(client: Client, as_json: bool) -> None:
     if as_json:
-        print_json(client.status())
+        print_json(client.fetch_status())
         return
     screen = open_console()
-    screen.print(render_status(client.status_summary(), read_terminal_width(screen)))
+    screen.print(render_status(client.fetch_status_summary(), read_terminal_width(screen)))
 
 
 def _watch(client: Client, number: int | None) -> None:
@@ -100,15 +100,15 @@ def _watch(client: Client, number: int | None) -> None:
 
     def draw(height: int | None) -> RenderableType:
         if number is not None:
-            return render_job(client.job(number).job, screen.width)
-        return render_status(client.status_summary(), screen.width, height)
+            return render_job(client.fetch_job(number).job, screen.width)
+        return render_status(client.fetch_status_summary(), screen.width, height)
 
-    # The size is queried each time: a terminal may be resized.
+    # The size is queried each time, because a terminal may be resized.
     try:
         with Live(console=screen, auto_refresh=False, screen=True, vertical_overflow="crop") as live:
             while True:
                 live.update(retry_over_restart(lambda: draw(screen.height)), refresh=True)
-                time.sleep(_REFRESH_S)
+                time.sleep(_REFRESH_INTERVAL_S)
     finally:
         screen.print(retry_over_restart(lambda: draw(None)))
 
@@ -126,7 +126,7 @@ def history(
     json: Json = False,
 ) -> None:
     """List the latest prints: duration, deviation from the plan, filament and outcome."""
-    answer = connect(paths).history(job, printer, last)
+    answer = connect(paths).fetch_history(job, printer, last)
     if json:
         print_json(answer)
         return
@@ -150,7 +150,7 @@ def history(
         cells = (end_time, row.printer, row.part, name, duration, deviation, used_mass, submitter, outcome)
         rows.append((*cells, row.note or "") if has_notes else cells)
     screen = open_console()
-    columns = (*_HISTORY, _NOTE) if has_notes else _HISTORY
+    columns = (*_HISTORY_COLUMNS, _NOTE_COLUMN) if has_notes else _HISTORY_COLUMNS
     for line in lay_out_table(columns, rows, read_terminal_width(screen)):
         screen.print(line)
     wasted_rows = [row for row in answer.prints if row.wasted]
@@ -163,7 +163,7 @@ def history(
 
 
 def _show_speeds(speeds: Sequence[api.PrinterSpeed], screen: Console) -> None:
-    """Show the speed of printers by feature; nothing before one of them has enough prints."""
+    """Show the speed of printers by feature; show nothing if none of them has enough prints."""
     rows = []
     for speed in speeds:
         factors = speed.feature_factors
@@ -176,7 +176,7 @@ def _show_speeds(speeds: Sequence[api.PrinterSpeed], screen: Console) -> None:
             )
     if rows:
         screen.print("\nactual over sliced time, learned from finished prints:")
-        for line in lay_out_table(_SPEEDS, rows, read_terminal_width(screen)):
+        for line in lay_out_table(_SPEED_COLUMNS, rows, read_terminal_width(screen)):
             screen.print(line)
 
 
@@ -229,7 +229,7 @@ def hosts(
             print(
                 f"agents are replaced when idle on {' '.join(updated_hosts.hosts)}, beginning with the first"
             )
-    answer = client.hosts()
+    answer = client.fetch_hosts()
     if json:
         print_json(answer)
         return
@@ -251,5 +251,5 @@ def hosts(
         for host in answer.hosts
     ]
     screen = open_console()
-    for line in lay_out_table(_HOSTS, rows, read_terminal_width(screen)):
+    for line in lay_out_table(_HOST_COLUMNS, rows, read_terminal_width(screen)):
         screen.print(line)

@@ -135,10 +135,10 @@ def approve(
 ) -> None:
     """Release a held job, to print exactly as planned."""
     client = connect(paths)
-    job_view = client.job(job).job
+    job_view = client.fetch_job(job).job
     if not job_view.plates:
         raise Refused(f"job {job} has no plan yet: it is {job_view.state}")
-    timeline = client.timeline(job)
+    timeline = client.fetch_timeline(job)
     client.approve(job, api.ApproveRequest(plan=plan or job_view.plan or ""))
     show_timeline(timeline)
     print(f"job {job} is approved: plan {job_view.plan or 'without a number'}")

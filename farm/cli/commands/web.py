@@ -24,7 +24,7 @@ def web(
 ) -> None:
     """Print a link that logs a browser in to the farm's pages; it works once, within five minutes.
 
-    Operators may do everything there, others what `farm key add --role print` allows.
+    Operators may do everything there; others may do what `farm key add --role print` allows.
     """
     client = Client(paths.socket)
     if end_all:

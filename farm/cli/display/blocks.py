@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from rich.text import Text
 
-from farm.cli.display.console import NOTE
+from farm.cli.display.console import NOTE_STYLE
 from farm.text import format_count
 
 
@@ -52,4 +52,4 @@ def _shorten(block: Block, number: int) -> list[Text]:
     if number == 0:
         return []
     rest = format_count(len(block.lines) - number + 1, f"more {block.noun}")
-    return [*block.lines[: number - 1], Text(f"... {rest}", style=NOTE)]
+    return [*block.lines[: number - 1], Text(f"... {rest}", style=NOTE_STYLE)]

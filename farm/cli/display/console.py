@@ -9,13 +9,13 @@ from typing import Any
 from pydantic import BaseModel
 from rich.console import Console
 
-HEADING = "bold"
-URGENT = "bold red"
-ERROR = "red"
-WARNING = "yellow"
-NOTE = "dim"
+HEADING_STYLE = "bold"
+URGENT_STYLE = "bold red"
+ERROR_STYLE = "red"
+WARNING_STYLE = "yellow"
+NOTE_STYLE = "dim"
 
-_PIPE_WIDTH = 200
+_PIPE_WIDTH = 200  # columns
 
 
 def open_console(stderr: bool = False) -> Console:

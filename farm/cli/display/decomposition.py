@@ -24,8 +24,8 @@ def summarise_decomposition(report: dict[str, Any], printers: int, out: Path) ->
     Returns
     -------
     list of str
-        At most nine lines. The efficiency E in the first is the paper's: the time of the uncut model over
-        printers times makespan.
+        At most nine lines. The efficiency E in the first line is defined as in the paper: the time of the
+        uncut model, divided by the number of printers times the makespan.
     """
     parts = report["parts"]
     part_range = f"{parts[0]['file']} to {parts[-1]['file']}" if len(parts) > 1 else parts[0]["file"]
@@ -76,10 +76,10 @@ def _summarise_assembly(report: dict[str, Any]) -> list[str]:
         assembly = f"{format_count(len(steps), 'step')} of assembly, about {duration}"
         lines.append(f"{assembly}; {report['seam_mm']:.0f} mm of seam outside")
     connectors = report["connectors"]
-    own_mm: dict[float, list[dict[str, Any]]] = {}
+    cuts_by_diameter_mm: dict[float, list[dict[str, Any]]] = {}
     for cut in connectors["cut_list"]:
-        own_mm.setdefault(cut.get("diameter_mm", report["options"]["pin_mm"]), []).append(cut)
-    for diameter_mm, cuts in own_mm.items():
+        cuts_by_diameter_mm.setdefault(cut.get("diameter_mm", report["options"]["pin_mm"]), []).append(cut)
+    for diameter_mm, cuts in cuts_by_diameter_mm.items():
         lengths = ", ".join(f"{cut['count']} of {cut['length_mm']:g} mm" for cut in cuts)
         count = format_count(sum(cut["count"] for cut in cuts), "pin")
         lines.append(f"{count} of {diameter_mm:g} mm: cut {lengths}")

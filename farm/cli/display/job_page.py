@@ -8,7 +8,13 @@ from rich.text import Text
 
 from decompose.files.names import INSTRUCTIONS
 from farm import api
-from farm.cli.display.console import ERROR, HEADING, WARNING, open_console, read_terminal_width
+from farm.cli.display.console import (
+    ERROR_STYLE,
+    HEADING_STYLE,
+    WARNING_STYLE,
+    open_console,
+    read_terminal_width,
+)
 from farm.cli.display.table import Column, lay_out_table
 from farm.model import JobState, PrintState
 from farm.text import format_duration, format_mass
@@ -26,7 +32,7 @@ from farm.wording import (
 )
 
 _MIN_STARVED_SHARE = 0.01
-"""Share of time that simulated printers waited above which their times are not realistic."""
+"""Share of waiting time of simulated printers above which their times are not realistic."""
 
 _PART_COLUMNS = (
     Column("PART"),
@@ -78,12 +84,14 @@ def render_job(view: api.JobView, width: int | None = None) -> RenderableType:
         Columns of the terminal; None for no limit.
     """
     now = view.now
-    rows: list[RenderableType] = [Text(f"Job {view.id}: {view.name}, {view.state}", style=HEADING)]
+    rows: list[RenderableType] = [Text(f"Job {view.id}: {view.name}, {view.state}", style=HEADING_STYLE)]
     if view.reason:
-        rows.append(Text(f"  {view.reason}", style=ERROR))
+        rows.append(Text(f"  {view.reason}", style=ERROR_STYLE))
     rows += [_format_change(line) for line in _list_changes(view)]
     rows += [
-        Text(f"  plate {plate.id}: {line}", style=WARNING) for plate in view.plates for line in plate.warnings
+        Text(f"  plate {plate.id}: {line}", style=WARNING_STYLE)
+        for plate in view.plates
+        for line in plate.warnings
     ]
     figures = Table.grid(padding=(0, 2, 0, 0))
     figures.add_column(no_wrap=True)
@@ -107,7 +115,7 @@ def render_job(view: api.JobView, width: int | None = None) -> RenderableType:
             rows.append(
                 Text(
                     f"part {attempt.part} on {attempt.printer}, {format_time(attempt.ended, now)}: {reason}",
-                    style=ERROR,
+                    style=ERROR_STYLE,
                 )
             )
     rows += _list_holds(view)
@@ -121,7 +129,7 @@ def _list_changes(view: api.JobView) -> list[str]:
 
 
 def _format_change(line: str) -> Text:
-    return Text(f"  {line}", style=WARNING if line.startswith("Warning: ") else "")
+    return Text(f"  {line}", style=WARNING_STYLE if line.startswith("Warning: ") else "")
 
 
 def _list_figures(view: api.JobView) -> list[tuple[str, str]]:
@@ -207,7 +215,7 @@ def _lay_out_parts(view: api.JobView, width: int | None) -> list[Text]:
 
 
 def _format_part_state(part: api.PartView) -> str:
-    """Name the state of a part's last print, or the verdict on it."""
+    """Format the state of a part's last print, or the verdict on the part."""
     prints = part.own_prints
     if not prints:
         return "waiting"
@@ -222,8 +230,8 @@ def _format_part_state(part: api.PartView) -> str:
 def _list_holds(view: api.JobView) -> list[RenderableType]:
     lines = []
     if view.hold is not None:
-        lines.append(Text(f"job {view.id} waits: {view.hold.text}", style=WARNING))
+        lines.append(Text(f"job {view.id} waits: {view.hold.text}", style=WARNING_STYLE))
     for hold, plates in group_holds([view]):
         waits = f"plate {plates[0]} waits" if len(plates) == 1 else f"plates {shorten_names(plates)} wait"
-        lines.append(Text(f"{waits}: {hold.text}", style=WARNING))
+        lines.append(Text(f"{waits}: {hold.text}", style=WARNING_STYLE))
     return list(lines)

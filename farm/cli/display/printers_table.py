@@ -24,7 +24,7 @@ _COLUMNS = (
     Column("BED", rank=5),
     Column("ACTION", rank=1, min_width=18),
 )
-_STATES = {"look": "inspect"}
+_STATE_NAMES = {"look": "inspect"}
 """States whose names in the table differ from those in `--json`."""
 
 
@@ -34,7 +34,7 @@ def lay_out_printers(printers: Sequence[api.PrinterView], now: str, width: int |
 
 
 def rank_urgency(printer: api.PrinterView) -> float:
-    """Rank a printer by the time until it needs a person: -1 if it does now, infinity if it is idle."""
+    """Rank a printer by the time until it needs a person: -1 if it needs one now, infinity if it is idle."""
     if _format_action(printer):
         return -1.0
     return printer.print.remaining_s if printer.print is not None else float("inf")
@@ -42,7 +42,7 @@ def rank_urgency(printer: api.PrinterView) -> float:
 
 def _list_cells(printer: api.PrinterView, now: str) -> tuple[str, ...]:
     part, ends, deviation = "", "", ""
-    state, last_print = _STATES.get(printer.state, printer.state), printer.last
+    state, last_print = _STATE_NAMES.get(printer.state, printer.state), printer.last
     if printer.print is not None:
         part = printer.print.plate
         ends = f"in {format_duration(printer.print.remaining_s)} ({format_share(printer.print.progress)})"
@@ -78,7 +78,7 @@ def _format_reel(reel: api.Reel) -> str:
 
 
 def _format_action(printer: api.PrinterView) -> str:
-    """Name the action that a user must take before the next print, or the job that reserves the printer."""
+    """Describe the action that a user must take before the next print, or name the job that reserves it."""
     if printer.state == PrintState.PAUSED:
         return "resume"
     if printer.print is not None:

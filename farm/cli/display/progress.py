@@ -21,8 +21,8 @@ from farm.text import format_count, format_duration
 from farm.wording import format_cached_plates, format_filament, format_planning, format_time
 
 T = TypeVar("T")
-_RESTART_S = 60.0  # a restarted daemon answers again within this time
-_POLL_S = 0.5
+_RESTART_TIMEOUT_S = 60.0  # a restarted daemon answers again within this time
+_POLL_INTERVAL_S = 0.5
 
 
 def retry_over_restart(request: Callable[[], T]) -> T:
@@ -31,18 +31,18 @@ def retry_over_restart(request: Callable[[], T]) -> T:
     Raises
     ------
     DaemonUnreachable
-        If it has not answered for `_RESTART_S`.
+        If it has not answered for `_RESTART_TIMEOUT_S`.
     """
     deadline_s: float | None = None
     while True:
         try:
             return request()
         except DaemonUnreachable:
-            now = time.monotonic()
-            deadline_s = deadline_s or now + _RESTART_S
-            if now > deadline_s:
+            now_s = time.monotonic()
+            deadline_s = deadline_s or now_s + _RESTART_TIMEOUT_S
+            if now_s > deadline_s:
                 raise
-            time.sleep(_POLL_S)
+            time.sleep(_POLL_INTERVAL_S)
 
 
 @contextmanager
@@ -81,8 +81,8 @@ def show_progress(number: int, quiet: bool = False) -> Iterator[Callable[[api.Jo
     screen = open_console(stderr=True)
     lines = ProgressLines(screen, quiet)
     columns = (TextColumn("{task.description}"), BarColumn(40), TextColumn("{task.fields[text]}"))
-    on_terminal = sys.stderr.isatty()
-    with Progress(*columns, console=screen, disable=quiet or not on_terminal) as bar:
+    is_terminal = sys.stderr.isatty()
+    with Progress(*columns, console=screen, disable=quiet or not is_terminal) as bar:
         task = bar.add_task(f"job {number}", total=1.0, text="")
 
         def update(view: api.JobView) -> None:
@@ -97,11 +97,11 @@ def follow_job(client: Client, number: int, quiet: bool = False) -> api.JobStatu
     """Show a job's progress until its last part is printed, or it fails. Ctrl-C does not stop the job."""
     with show_progress(number, quiet) as update:
         while True:
-            answer = retry_over_restart(lambda: client.job(number))
+            answer = retry_over_restart(lambda: client.fetch_job(number))
             update(answer.job)
             if JobState(answer.job.state).ended:
                 return answer
-            time.sleep(_POLL_S)
+            time.sleep(_POLL_INTERVAL_S)
 
 
 class ProgressLines:

@@ -8,7 +8,7 @@ from rich.text import Text
 
 from farm import api
 from farm.cli.display.blocks import Block, fit_blocks
-from farm.cli.display.console import ERROR, HEADING, NOTE, URGENT
+from farm.cli.display.console import ERROR_STYLE, HEADING_STYLE, NOTE_STYLE, URGENT_STYLE
 from farm.cli.display.printers_table import lay_out_printers, rank_urgency
 from farm.cli.display.table import wrap_text
 from farm.model import JobState
@@ -32,8 +32,8 @@ _TASK_LABELS = {
     "approve": "approve",
 }
 _NAME_WIDTH = 32  # columns of a model's name
-_OTHER_LINES = 12  # number of lines of a short page besides those of its printers
-_PIPE_WIDTH = 200  # texts share a line up to this width if the width does not matter
+_OTHER_LINE_COUNT = 12  # number of lines of a short page besides those of its printers
+_PIPE_WIDTH = 200  # maximum width of a line that several texts share if the width is not limited
 
 
 def render_status(view: api.StatusSummary, width: int | None = None, height: int | None = None) -> Text:
@@ -44,9 +44,9 @@ def render_status(view: api.StatusSummary, width: int | None = None, height: int
     view
         The farm.
     width
-        Columns of the terminal, the largest width of a line; None not to wrap sentences.
+        Columns of the terminal, the maximum width of a line; None for sentences that are not wrapped.
     height
-        Lines of the terminal, the largest height of the page; None for no limit.
+        Lines of the terminal, the maximum height of the page; None for no limit.
     """
     lines = fit_blocks(_list_blocks(view, width, None), None)
     if height is not None and len(lines) > height:
@@ -60,7 +60,7 @@ def _list_blocks(view: api.StatusSummary, width: int | None, height: int | None)
     open_jobs = [job for job in view.jobs if not _is_finished(job)]
     ended_jobs = [job for job in view.jobs if _is_finished(job)]
     printers = view.printers
-    if height is not None and len(printers) > height - _OTHER_LINES:
+    if height is not None and len(printers) > height - _OTHER_LINE_COUNT:
         printers = sorted(printers, key=rank_urgency)
     headings, *table = lay_out_printers(printers, time, width)
     max_lines = 1 if brief else None  # lines of a job
@@ -82,14 +82,14 @@ def _list_blocks(view: api.StatusSummary, width: int | None, height: int | None)
 
 
 def _is_finished(job: api.JobSummary) -> bool:
-    """Return whether a job is finished; a printed one still waits for verdicts."""
+    """Return whether a job is finished; a printed job still waits for verdicts."""
     return JobState(job.state).ended and job.state != JobState.PRINTED
 
 
 def _format_title(fleet: api.FleetView) -> Text:
-    title = Text(f"{fleet.name}: {parse_time(fleet.now):%a %H:%M}", style=HEADING)
+    title = Text(f"{fleet.name}: {parse_time(fleet.now):%a %H:%M}", style=HEADING_STYLE)
     if fleet.time_scale != 1:
-        title.append(f"  (simulated, {fleet.time_scale:g} times faster)", style=NOTE)
+        title.append(f"  (simulated, {fleet.time_scale:g} times faster)", style=NOTE_STYLE)
     return title
 
 
@@ -109,7 +109,7 @@ def _list_task_lines(todo: list[api.Todo], width: int | None) -> list[Text]:
         tasks += [line] if briefs and fits else [f"{label}: {brief}" for brief in briefs]
     if not tasks:
         return _fold_texts("DO NOW", ["nothing"], "", width)
-    return _fold_texts("DO NOW", tasks, _TASK_GAP, width, URGENT)
+    return _fold_texts("DO NOW", tasks, _TASK_GAP, width, URGENT_STYLE)
 
 
 def _list_briefs(items: Iterable[api.Todo]) -> list[str]:
@@ -133,7 +133,7 @@ def _fold_texts(
     texts: Sequence[str],
     separator: str,
     width: int | None,
-    label_style: str = HEADING,
+    label_style: str = HEADING_STYLE,
     text_style: str = "",
 ) -> list[Text]:
     """Join texts into as few lines as possible, and wrap those that are longer than a line."""
@@ -196,10 +196,10 @@ def _list_job_lines(job: api.JobSummary, now: str, width: int | None) -> list[Te
     submitter = f" by {job.submitted_by}" if job.submitted_by else ""
     facts = [f"{job.name[:_NAME_WIDTH]}{submitter}: {first}", *more]
     texts = [f"{fact};" for fact in facts[:-1]] + facts[-1:]
-    label_style, text_style = (NOTE, NOTE) if _is_finished(job) else (HEADING, "")
+    label_style, text_style = (NOTE_STYLE, NOTE_STYLE) if _is_finished(job) else (HEADING_STYLE, "")
     lines = _fold_texts(f"JOB {job.id}", texts, " ", width, label_style, text_style)
     if job.reason and job.state in (JobState.FAILED, JobState.PRINTING):
-        lines += _fold_texts("", [job.reason], "", width, text_style=ERROR)
+        lines += _fold_texts("", [job.reason], "", width, text_style=ERROR_STYLE)
     return lines
 
 
@@ -230,9 +230,9 @@ def _list_job_facts(job: api.JobSummary, now: str) -> list[str]:
         parts.append(f"paused, `farm resume {job.id}`")
     parts.append(f"expected {format_duration(job.estimated_s)}")
     if job.elapsed_s is not None and job.current_s is not None:
-        has_ended, now_s = JobState(job.state).ended, format_duration(job.current_s)
-        if has_ended or now_s != format_duration(job.estimated_s):
-            parts[-1] += f", {'actual' if has_ended else 'now'} {now_s}"
+        has_ended, current_text = JobState(job.state).ended, format_duration(job.current_s)
+        if has_ended or current_text != format_duration(job.estimated_s):
+            parts[-1] += f", {'actual' if has_ended else 'now'} {current_text}"
     if job.state == JobState.PRINTING and job.eta:
         parts[-1] += f" (ends {format_time(job.eta, now)})"
     if job.speedup and job.utilisation and job.plate_count > 1:

@@ -10,13 +10,13 @@ from rich.cells import cell_len
 from rich.console import Console
 from rich.text import Text
 
-from farm.cli.display.console import HEADING
+from farm.cli.display.console import HEADING_STYLE
 
 _GAP = 2  # spaces between two columns
 _INDENT = 2  # indent of the further lines of a row
-_COMMAND = re.compile(r"`[^`]*`")
-_GLUE = "\ue000"  # replaces a space at which a line must not be wrapped
-_CONSOLE = Console(width=80)  # `Text.wrap` asks for one; nothing is printed on it
+_COMMAND_PATTERN = re.compile(r"`[^`]*`")
+_UNBREAKABLE_SPACE = "\ue000"  # replaces a space at which a line must not be wrapped
+_CONSOLE = Console(width=80)  # required by `Text.wrap`; nothing is printed on it
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,7 @@ class Column:
     heading
         Text of its first line.
     rank
-        0 for a column that is always shown completely; of the others, the highest rank is left out first.
+        0 for a column that is always shown completely; other columns are left out, the highest rank first.
     min_width
         Width to which its texts may be shortened; None if they must not be shortened.
     """
@@ -59,13 +59,13 @@ def lay_out_table(columns: Sequence[Column], rows: Sequence[Sequence[str]], widt
     is_empty = [not any(row[i] for row in rows) for i in range(len(columns))]
     widths = full_widths if width is None else _fit_widths(columns, full_widths, is_empty, width)
     headings = [column.heading for column in columns]
-    styles = [HEADING, *[""] * len(rows)]
+    styles = [HEADING_STYLE, *[""] * len(rows)]
     if widths is None:
-        first = [i for i, column in enumerate(columns) if column.rank == 0]
+        required_columns = [i for i, column in enumerate(columns) if column.rank == 0]
         return [
             line
             for row, style in zip((headings, *rows), styles, strict=True)
-            for line in _stack_row([row[i] for i in first], width or 1, style)
+            for line in _stack_row([row[i] for i in required_columns], width or 1, style)
         ]
     return [_join_row(row, widths, style) for row, style in zip((headings, *rows), styles, strict=True)]
 
@@ -78,7 +78,7 @@ def wrap_text(text: Text, width: int | None, indent: int) -> list[Text]:
     if width is None or text.cell_len <= width:
         return [text]
     text = text.copy()
-    text.plain = _COMMAND.sub(lambda command: command[0].replace(" ", _GLUE), text.plain)
+    text.plain = _COMMAND_PATTERN.sub(lambda command: command[0].replace(" ", _UNBREAKABLE_SPACE), text.plain)
     first, *rest = _wrap(text, width)
     lines = [first]
     if rest:
@@ -87,7 +87,7 @@ def wrap_text(text: Text, width: int | None, indent: int) -> list[Text]:
         folded_lines = _wrap(remainder, max(1, width - indent))
         lines += [Text.assemble(" " * min(indent, width - 1), line) for line in folded_lines]
     for line in lines:
-        line.plain = line.plain.replace(_GLUE, " ")
+        line.plain = line.plain.replace(_UNBREAKABLE_SPACE, " ")
     return lines
 
 
@@ -102,24 +102,24 @@ def _fit_widths(
     columns: Sequence[Column], full_widths: Sequence[int], is_empty: Sequence[bool], width: int
 ) -> list[int] | None:
     """Choose the width of each column, 0 to leave it out; None if the columns of rank 0 are too wide."""
-    least_widths = [
-        natural if c.min_width is None else min(natural, c.min_width)
-        for c, natural in zip(columns, full_widths, strict=True)
+    min_widths = [
+        full_width if c.min_width is None else min(full_width, c.min_width)
+        for c, full_width in zip(columns, full_widths, strict=True)
     ]
-    visible = [i for i, _ in enumerate(columns)]
-    order = sorted(visible, key=lambda i: (is_empty[i], columns[i].rank), reverse=True)
+    visible_columns = [i for i, _ in enumerate(columns)]
+    removal_order = sorted(visible_columns, key=lambda i: (is_empty[i], columns[i].rank), reverse=True)
 
-    def compute_spare(widths: Sequence[int]) -> int:
-        return width - sum(widths[i] for i in visible) - _GAP * (len(visible) - 1)
+    def compute_free_width(widths: Sequence[int]) -> int:
+        return width - sum(widths[i] for i in visible_columns) - _GAP * (len(visible_columns) - 1)
 
-    removable = [i for i in order if columns[i].rank > 0]
-    while compute_spare(full_widths if any(is_empty[i] for i in removable) else least_widths) < 0:
+    removable = [i for i in removal_order if columns[i].rank > 0]
+    while compute_free_width(full_widths if any(is_empty[i] for i in removable) else min_widths) < 0:
         if not removable:
             return None
-        visible.remove(removable.pop(0))
-    fitted_widths = [least_widths[i] if i in visible else 0 for i, _ in enumerate(columns)]
-    free_width = compute_spare(fitted_widths)
-    for i in sorted(visible, key=lambda i: columns[i].rank):
+        visible_columns.remove(removable.pop(0))
+    fitted_widths = [min_widths[i] if i in visible_columns else 0 for i, _ in enumerate(columns)]
+    free_width = compute_free_width(fitted_widths)
+    for i in sorted(visible_columns, key=lambda i: columns[i].rank):
         extra = min(free_width, full_widths[i] - fitted_widths[i])
         fitted_widths[i] += extra
         free_width -= extra

@@ -6,13 +6,13 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from farm import api
-from farm.cli.display.console import ERROR, open_console, read_terminal_width
+from farm.cli.display.console import ERROR_STYLE, open_console, read_terminal_width
 from farm.cli.display.table import Column, lay_out_table
 from farm.text import format_count, format_duration
 from farm.wording import format_time, parse_time
 
-_WIDTH = 79  # width of the chart
-_MIN_WIDTH = 20  # minimum width of its bars
+_CHART_WIDTH = 79  # columns
+_MIN_BAR_WIDTH = 20  # minimum width of all bars of a row
 _COLUMNS = (
     Column("PARTS"),
     Column("PRINTER"),
@@ -48,7 +48,7 @@ def render_timeline(view: api.Timeline, width: int | None = None) -> RenderableT
         )
     price = f", {_format_price(view.price, view.currency)}" if view.price is not None else ""
     rows: list[RenderableType] = [*map(Text, view.notices), *lay_out_table(_COLUMNS, times, width), Text()]
-    rows += [Text(line) for line in draw_gantt(view.slots, now, min(_WIDTH, width or _WIDTH))]
+    rows += [Text(line) for line in draw_gantt(view.slots, now, min(_CHART_WIDTH, width or _CHART_WIDTH))]
     rows.append(Text())
     rows.append(
         Text(
@@ -57,11 +57,11 @@ def render_timeline(view: api.Timeline, width: int | None = None) -> RenderableT
         )
     )
     if view.left:
-        rows.append(Text(f"no printer can print: {' '.join(view.left)}", style=ERROR))
+        rows.append(Text(f"no printer can print: {' '.join(view.left)}", style=ERROR_STYLE))
     return Group(*rows)
 
 
-def draw_gantt(slots: list[api.SlotView], now: str, columns: int = _WIDTH) -> list[str]:
+def draw_gantt(slots: list[api.SlotView], now: str, columns: int = _CHART_WIDTH) -> list[str]:
     """Draw a row for each printer with a bar for each plate, and a time axis below.
 
     Parameters
@@ -78,7 +78,7 @@ def draw_gantt(slots: list[api.SlotView], now: str, columns: int = _WIDTH) -> li
     begin = min(parse_time(slot.starts) for slot in slots)
     total_s = max((parse_time(slot.ends) - begin).total_seconds() for slot in slots) or 1.0
     name_width = max(len(slot.printer) for slot in slots)
-    width = max(_MIN_WIDTH, columns - name_width - 2)
+    width = max(_MIN_BAR_WIDTH, columns - name_width - 2)
     lines = []
     for printer in sorted({slot.printer for slot in slots}):
         cells = [" "] * width

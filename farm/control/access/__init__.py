@@ -4,6 +4,6 @@ from __future__ import annotations
 
 from farm.control.access.app_key_requests import AppKeyRequests
 from farm.control.access.keys import KeyCommands, find_key
-from farm.control.access.sessions import LINK_S, MAX_SESSION_S, SessionCommands
+from farm.control.access.sessions import LINK_LIFETIME_S, MAX_SESSION_S, SessionCommands
 
-__all__ = ["LINK_S", "MAX_SESSION_S", "AppKeyRequests", "KeyCommands", "SessionCommands", "find_key"]
+__all__ = ["LINK_LIFETIME_S", "MAX_SESSION_S", "AppKeyRequests", "KeyCommands", "SessionCommands", "find_key"]

@@ -1,4 +1,4 @@
-"""Requests of programs for keys, which an operator grants or denies. Kept in memory only."""
+"""Requests of programs for keys, which an operator grants or denies; kept in memory only."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from farm.errors import NoSuchThing, Refused
 _CODE_LENGTH = 4
 _TOKEN_BYTES = 24
 _MAX_APP_LENGTH = 30  # characters
-_FORBIDDEN = re.compile(r"[^A-Za-z0-9._-]+")
+_FORBIDDEN_CHARACTERS = re.compile(r"[^A-Za-z0-9._-]+")
 MAX_REQUESTS = 5
 MAX_REQUESTS_PER_ADDRESS = 2
-REQUEST_S = 300.0
+REQUEST_LIFETIME_S = 300.0
 """Wall seconds after which a request is deleted, with or without an answer."""
 
 
@@ -32,7 +32,7 @@ class AppKeyRequest:
         Name of the program, as the program states it.
     address
         Network address of the sender.
-    ends_s
+    expires_s
         Time at which it expires.
     key
         Text of the granted key, until the program has fetched it.
@@ -41,7 +41,7 @@ class AppKeyRequest:
     code: str
     app: str
     address: str
-    ends_s: float
+    expires_s: float
     key: str | None = None
 
 
@@ -59,16 +59,16 @@ class AppKeyRequests:
             or sum(request.address == address for request in open_requests) >= MAX_REQUESTS_PER_ADDRESS
         ):
             raise Refused("too many programs request a key: wait for five minutes, or paste one")
-        name = _FORBIDDEN.sub(" ", app).strip(" ._-")[:_MAX_APP_LENGTH].strip() or "app"
+        name = _FORBIDDEN_CHARACTERS.sub(" ", app).strip(" ._-")[:_MAX_APP_LENGTH].strip() or "app"
         code = "".join(secrets.choice(CODE_LETTERS) for _ in range(_CODE_LENGTH))
         token = secrets.token_urlsafe(_TOKEN_BYTES)
-        self._requests[token] = AppKeyRequest(code, name, address, now_s + REQUEST_S)
+        self._requests[token] = AppKeyRequest(code, name, address, now_s + REQUEST_LIFETIME_S)
         return token
 
     def list_open_requests(self, now_s: float) -> list[AppKeyRequest]:
         """List the unanswered requests."""
         self._requests = {
-            token: request for token, request in self._requests.items() if now_s < request.ends_s
+            token: request for token, request in self._requests.items() if now_s < request.expires_s
         }
         return [request for request in self._requests.values() if request.key is None]
 
@@ -82,7 +82,7 @@ class AppKeyRequests:
         return app_request
 
     def grant(self, code: str, grant: api.AppKeyGrant, by: str, keys: KeyCommands, now_s: float) -> str:
-        """Add a key for the program that asked with a code, and return the key's name.
+        """Add a key for the program whose request has a code, and return the key's name.
 
         Raises
         ------
@@ -104,7 +104,7 @@ class AppKeyRequests:
         }
 
     def take_key(self, token: str, now_s: float) -> str | None:
-        """Return the granted key, once; None before the answer. Raises NoSuchThing."""
+        """Return the granted key, only once; None before the operator's answer. Raises NoSuchThing."""
         self.list_open_requests(now_s)
         request = self._requests.get(token)
         if request is None:

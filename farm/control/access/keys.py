@@ -19,9 +19,9 @@ from farm.model import Key, KeyKind
 from farm.state import events as ev
 
 CODE_LETTERS = "abcdefghijkmnpqrstuvwxyz23456789"  # without l, o, 0 and 1, which look alike
-_SECRET = r"_([a-z0-9]{8})_[A-Za-z0-9_-]{43}"
-_WORDS = {KeyKind.KEY: "farm", KeyKind.SESSION: "session"}
-_PATTERNS = {kind: re.compile(word + _SECRET) for kind, word in _WORDS.items()}
+_ID_AND_SECRET_PATTERN = r"_([a-z0-9]{8})_[A-Za-z0-9_-]{43}"
+_PREFIXES = {KeyKind.KEY: "farm", KeyKind.SESSION: "session"}
+_PATTERNS = {kind: re.compile(word + _ID_AND_SECRET_PATTERN) for kind, word in _PREFIXES.items()}
 _SECRET_BYTES = 32
 _ID_LENGTH = 8
 _DAY_S = 86400.0
@@ -41,7 +41,7 @@ def make_key_text(kind: KeyKind = KeyKind.KEY) -> tuple[str, str]:
         The public part, which names the key, and the whole text, which is shown only once.
     """
     name = "".join(secrets.choice(CODE_LETTERS) for _ in range(_ID_LENGTH))
-    return name, f"{_WORDS[kind]}_{name}_{secrets.token_urlsafe(_SECRET_BYTES)}"
+    return name, f"{_PREFIXES[kind]}_{name}_{secrets.token_urlsafe(_SECRET_BYTES)}"
 
 
 def digest_key(text: str) -> str:
@@ -95,15 +95,15 @@ class KeyCommands:
             If a valid key has the same name.
         """
         now_s = self._controller.clock.now()
-        keys_of_name = [
+        keys_with_name = [
             key
             for key in self._controller.books.keys.values()
             if key.kind is KeyKind.KEY and key.name == request.name and key.is_valid(now_s)
         ]
-        if keys_of_name:
+        if keys_with_name:
             raise Refused(
                 f"there is a key named {request.name}: choose another name, or "
-                f"`farm key revoke {keys_of_name[0].id}`"
+                f"`farm key revoke {keys_with_name[0].id}`"
             )
         name, text = make_key_text()
         key = Key(
@@ -128,6 +128,6 @@ class KeyCommands:
         Refused
             If the key is already revoked.
         """
-        if self._controller.books.key(name).revoked_s is not None:
+        if self._controller.books.get_key(name).revoked_s is not None:
             raise Refused(f"the key {name} is revoked already")
         self._controller.handle(ev.KeyRevoked(at_s=self._controller.clock.now(), key=name, by=by))

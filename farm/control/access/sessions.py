@@ -17,15 +17,15 @@ from farm.errors import NoSuchThing
 from farm.model import Key, KeyKind, Role
 from farm.state import events as ev
 
-LINK_S = 300.0
+LINK_LIFETIME_S = 300.0
 """Wall seconds for which a link is valid."""
-IDLE_S = 12 * 3600.0
+MAX_IDLE_S = 12 * 3600.0
 """Wall seconds after which an unused session ends."""
 MAX_SESSION_S = 30 * 86400.0
 """Wall seconds after which every session ends."""
 MAX_SESSIONS = 10
-"""Largest number of open sessions of one user or one key; one more ends the oldest."""
-_EXTEND_S = 3600.0  # least wall seconds between two extensions of a session, because each is an event
+"""Maximum number of open sessions of one user or key; another session ends the oldest."""
+_EXTENSION_INTERVAL_S = 3600.0  # minimum wall seconds between extensions of a session: each is an event
 _MAX_LINKS = 5  # maximum number of links of one user
 _MAX_LINKS_TOTAL = 100
 _TOKEN_BYTES = 32
@@ -62,7 +62,7 @@ def find_session_end_s(created_s: float, now_s: float, scale: float, key: Key | 
     key
         The key that opened it; None for a link.
     """
-    end_s = min(now_s + IDLE_S * scale, created_s + MAX_SESSION_S * scale)
+    end_s = min(now_s + MAX_IDLE_S * scale, created_s + MAX_SESSION_S * scale)
     return end_s if key is None or key.expires_s is None else min(end_s, key.expires_s)
 
 
@@ -92,7 +92,7 @@ class SessionCommands:
         if len(open_links) >= _MAX_LINKS_TOTAL:
             del open_links[next(iter(open_links))]
         token = secrets.token_urlsafe(_TOKEN_BYTES)
-        open_links[digest_key(token)] = LoginLink(user, role, now_s + LINK_S * clock.scale)
+        open_links[digest_key(token)] = LoginLink(user, role, now_s + LINK_LIFETIME_S * clock.scale)
         self._links = open_links
         return token
 
@@ -158,11 +158,11 @@ class SessionCommands:
         now_s = clock.now()
         key = self._controller.books.keys.get(session.opened_by or "")
         end_s = find_session_end_s(session.created_s, now_s, clock.scale, key)
-        if end_s - (session.expires_s or 0.0) >= _EXTEND_S * clock.scale:
+        if end_s - (session.expires_s or 0.0) >= _EXTENSION_INTERVAL_S * clock.scale:
             self._controller.handle(ev.SessionExtended(at_s=now_s, session=session.id, expires_s=end_s))
 
     def end_all(self, by: str) -> api.EndedSessions:
-        """End all sessions, and void all links; return the number of sessions."""
+        """End all sessions, and invalidate all links; return the number of ended sessions."""
         now_s = self._controller.clock.now()
         sessions = list_open_sessions(self._controller.books.keys.values(), now_s)
         self._links.clear()

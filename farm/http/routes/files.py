@@ -38,10 +38,10 @@ def make_file_routes(services: Services) -> APIRouter:
 
 def name_stored_files(books: Books, number: int) -> dict[str, str]:
     """Return the stored files of a job by their names. Raises NoSuchThing for an unknown job."""
-    job = books.job(number)
-    names = list_job_files(job, map(books.parts.__getitem__, job.parts), books.plates_of(job))
+    job = books.get_job(number)
+    names = list_job_files(job, map(books.parts.__getitem__, job.parts), books.list_plates(job))
     if job.pruned_s is None:
-        prints = (attempt for plate in books.plates_of(job) for attempt in books.prints_of(plate))
+        prints = (attempt for plate in books.list_plates(job) for attempt in books.list_prints(plate))
         for attempt in prints:
             names |= {
                 f"print-{attempt.number}-{still.moment}{Path(still.file).suffix}": still.file

@@ -23,7 +23,8 @@ def make_job_routes(services: Services, jobs: JobCommands, dry_runs: DryRuns) ->
         dry_runs.keep(number, time.monotonic())
         context = controller.build_view_context(services.state)
         return api.JobStatus(
-            daemon=services.describe_daemon(context), job=describe_job(context, controller.books.job(number))
+            daemon=services.describe_daemon(context),
+            job=describe_job(context, controller.books.get_job(number)),
         )
 
     @router.get("/jobs/{number}/timeline")

@@ -8,7 +8,7 @@ from typing import Annotated
 from fastapi import APIRouter, Depends
 
 from farm import api
-from farm.control import LINK_S, KeyCommands
+from farm.control import LINK_LIFETIME_S, KeyCommands
 from farm.errors import Refused
 from farm.http.callers import Caller, OperatorName, find_session_role, identify_caller
 from farm.http.services import Services
@@ -67,7 +67,7 @@ def make_session_routes(services: Services) -> APIRouter:
         role = find_session_role(caller, controller.fleet.fleet.operators)
         token = services.sessions.make_link(caller.name, role)
         return api.LoginLink(
-            url=f"{network.browser_url}/login/{token}", user=caller.name, role=role, valid_s=LINK_S
+            url=f"{network.browser_url}/login/{token}", user=caller.name, role=role, valid_s=LINK_LIFETIME_S
         )
 
     @router.post("/sessions/end")

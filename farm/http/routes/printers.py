@@ -50,7 +50,7 @@ def make_printer_routes(services: Services, printers: PrinterCommands, parts: Pa
 
     @router.post("/printers/{name}/replace")
     async def replace_agent(name: str, by: OperatorName) -> None:
-        if services.controller.books.open_print_on(name) is not None:
+        if services.controller.books.find_open_print(name) is not None:
             raise Refused(f"{name} is printing: replace its agent after the print has ended")
         await services.replace_agent(name)
 

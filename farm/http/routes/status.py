@@ -74,9 +74,9 @@ def make_list_routes(services: Services) -> APIRouter:
         last: Annotated[int, Query(ge=1, le=100_000)] = 100,
     ) -> api.History:
         if job is not None:
-            controller.books.job(job)
+            controller.books.get_job(job)
         if printer is not None:
-            controller.books.printer(printer)
+            controller.books.get_printer(printer)
         context = controller.build_view_context(services.state)
         prints = list_history(context, job, printer, last)
         now = context.format_time(context.now_s) or ""
@@ -108,7 +108,7 @@ def make_list_routes(services: Services) -> APIRouter:
 def _refuse_while_busy(services: Services) -> None:
     """Refuse a shutdown while the farm prints, plans, or checks a submission. Raises Refused."""
     books = services.controller.books
-    busy = sorted({attempt.printer for attempt in books.open_prints()})
+    busy = sorted({attempt.printer for attempt in books.list_open_prints()})
     if busy:
         raise Refused(
             f"printing: {' '.join(busy)}; use --wait to let them finish, or --now to stop them safely"

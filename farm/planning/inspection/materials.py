@@ -14,7 +14,7 @@ from slicing.errors import BadSetting, SlicingError
 from slicing.printer import PrinterModel
 from slicing.settings import Resources, SettingsRequest, find_resources, resolve_settings
 
-_GENERIC = "generic_"
+_GENERIC_PREFIX = "generic_"
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,8 +54,8 @@ def parse_material(text: str, kinds: Mapping[str, str]) -> NamedMaterial | None:
     materials = {name.casefold(): NamedMaterial(name, kind) for name, kind in kinds.items()}
     materials |= {_normalise_name(kind): NamedMaterial(kind, kind) for kind in kinds.values() if kind}
     for name, kind in kinds.items():
-        if name.startswith(_GENERIC):  # TPU is Cura's generic_tpu, of the kind TPU 95A
-            materials[_normalise_name(name.removeprefix(_GENERIC))] = NamedMaterial(kind, kind)
+        if name.startswith(_GENERIC_PREFIX):  # TPU is Cura's generic_tpu, of the kind TPU 95A
+            materials[_normalise_name(name.removeprefix(_GENERIC_PREFIX))] = NamedMaterial(kind, kind)
     words = text.split()
     for length in range(len(words), 0, -1):
         for first in range(len(words) - length + 1):
@@ -81,8 +81,8 @@ def choose_material(
 ) -> NamedMaterial:
     """Choose the material file for a printer from a person's text.
 
-    A kind means Cura's generic material of this kind; if the printer cannot print that, the only other
-    material of this kind that it can print.
+    A kind stands for Cura's generic material of this kind. If the printer cannot print that material, the
+    only other material of this kind that it can print is chosen.
 
     Raises
     ------
@@ -97,7 +97,7 @@ def choose_material(
     if named_material.name in kinds:
         return named_material
     names_of_kind = [name for name, kind in kinds.items() if kind == named_material.kind]
-    generic_names = [name for name in names_of_kind if name.startswith(_GENERIC)]
+    generic_names = [name for name in names_of_kind if name.startswith(_GENERIC_PREFIX)]
     candidates: list[str] = []
     for names in (generic_names, names_of_kind):
         candidates = candidates or [name for name in names if _can_print(name, printer, nozzle_mm, resources)]
@@ -128,7 +128,7 @@ def name_filament(
     Raises
     ------
     Refused
-        If no printer of the fleet has the material; the message lists those that they have.
+        If no printer of the fleet has the material; the message lists the available materials.
     """
     if options.material is not None:
         with suppress(SlicingError):  # Cura's files are missing, which the inspection reports
@@ -159,7 +159,7 @@ def _describe_printable_kinds(
 ) -> str:
     """List the kinds that a printer can print: Cura's generic materials, and own materials."""
     own_names = resources.list_own_material_names()
-    names = [name for name in kinds if name.startswith(_GENERIC) or name in own_names]
+    names = [name for name in kinds if name.startswith(_GENERIC_PREFIX) or name in own_names]
     printable_kinds = {kinds[name] for name in names if _can_print(name, printer, nozzle_mm, resources)}
     if not printable_kinds:
         return ""

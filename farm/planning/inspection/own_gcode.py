@@ -25,7 +25,7 @@ from slicing.errors import GcodeRefused
 from slicing.own_gcode import MAX_LINE_BYTES, AcceptedGcode, PrintTarget, accept_gcode, quote_text
 from slicing.settings import EngineSettings, find_resources
 
-SUFFIXES = (".gcode", ".g", ".gco")
+GCODE_SUFFIXES = (".gcode", ".g", ".gco")
 _UNPACKING_ADVICE = {
     ".gz": "unpack it with gunzip",
     ".zip": "unpack it first",
@@ -33,11 +33,11 @@ _UNPACKING_ADVICE = {
     ".3mf": "let your slicer export plain G-code, not a sliced plate (OrcaSlicer: Export G-code)",
     ".ufp": "let Cura write G-code instead of a format package",
 }
-_IDENTITY = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0)
-_REACH_MM = 10.0  # bed travel beyond the build height, for a final Z hop
-_SLACK_MM = 0.05
-_SAME_MATERIAL = {"PET": "PETG", "CPE": "PETG", "PA": "NYLON", "FLEX": "TPU"}
-_DEVIATION_C = 30.0  # temperatures of the brands of one material differ by less
+_IDENTITY_TRANSFORM = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+_EXTRA_TRAVEL_MM = 10.0  # bed travel beyond the build height, for a final Z hop
+_TOLERANCE_MM = 0.05
+_MATERIAL_SYNONYMS = {"PET": "PETG", "CPE": "PETG", "PA": "NYLON", "FLEX": "TPU"}
+_MAX_DEVIATION_C = 30.0  # the temperatures of different brands of one material differ by less
 
 
 def is_gcode(name: str) -> bool:
@@ -58,7 +58,7 @@ def is_gcode(name: str) -> bool:
 
 
 def _is_plain_gcode(lower: str) -> bool:
-    return lower.endswith(SUFFIXES)
+    return lower.endswith(GCODE_SUFFIXES)
 
 
 def inspect_gcode(
@@ -78,7 +78,7 @@ def inspect_gcode(
         path, matching_printers[0], _find_common_nozzle_mm(matching_printers), name
     )
     section = _find_fitting_printer(matching_printers, accepted_gcode, name)
-    requirements = _measure_needs(accepted_gcode, section)
+    requirements = _measure_requirements(accepted_gcode, section)
     target = path.with_name(f"gcode-{uuid.uuid4().hex}.gcode")
     target.hardlink_to(path)  # the upload is kept for another worker if this one dies
     return InspectedSubmission(
@@ -107,16 +107,16 @@ def plan_gcode(task: DecomposeTask, files: Path) -> Plan:
     section = _find_fitting_printer(order, accepted_gcode, "the file")
     if section is not order[0]:  # it may have a different material
         accepted_gcode = _rewrite_gcode(task.model, section, nozzle_mm, "the file")
-    part, plate = _book_gcode(task, accepted_gcode, section, files)
+    part, plate = _store_gcode(task, accepted_gcode, section, files)
     expected_s = plate.expected_s
     return Plan((part,), (plate,), _list_notices(accepted_gcode, section), 1.0, expected_s, expected_s)
 
 
-def _book_gcode(
+def _store_gcode(
     task: DecomposeTask, accepted_gcode: AcceptedGcode, section: PrinterSection, files: Path
 ) -> tuple[Part, Plate]:
     """Put the rewritten file into the store, and return its part and its plate."""
-    requirements = _measure_needs(accepted_gcode, section)
+    requirements = _measure_requirements(accepted_gcode, section)
     out = task.folder / "plate.gcode"
     out.write_bytes(accepted_gcode.gcode)
     settings = _resolve_material(section)
@@ -129,7 +129,7 @@ def _book_gcode(
         plate=f"{task.job}/01",
         file=task.model.name,
         geometry=PartGeometry(
-            to_model=_IDENTITY,
+            to_model=_IDENTITY_TRANSFORM,
             min_mm=requirements.min_mm,
             max_mm=requirements.max_mm,
             volume_mm3=filament_mm3,
@@ -160,7 +160,7 @@ def _book_gcode(
 
 
 def _find_common_nozzle_mm(printers: Sequence[PrinterSection]) -> float | None:
-    """Return the nozzle that all printers have; None if they differ."""
+    """Return the nozzle diameter of all printers; None if they differ."""
     sizes_mm = {section.nozzle_mm for section in printers}
     return sizes_mm.pop() if len(sizes_mm) == 1 else None
 
@@ -170,7 +170,7 @@ def _rewrite_gcode(path: Path, section: PrinterSection, nozzle_mm: float | None,
     settings = _resolve_material(section)
     try:
         accepted_gcode = accept_gcode(
-            _Lines(path),
+            _FileLines(path),
             PrintTarget(
                 printer=settings.printer,
                 filament_mm2=settings.filament_mm2,
@@ -206,7 +206,7 @@ def _list_notices(accepted_gcode: AcceptedGcode, section: PrinterSection) -> tup
             f"{section.material} ({kind})."
         )
     usual_c = _resolve_material(section).nozzle_c
-    if abs(accepted_gcode.nozzle_c - usual_c) > _DEVIATION_C:
+    if abs(accepted_gcode.nozzle_c - usual_c) > _MAX_DEVIATION_C:
         notices.append(
             f"Warning: it heats the nozzle to {accepted_gcode.nozzle_c:g} C, and {section.material} on "
             f"{section.name} usually has {usual_c:g} C: was it sliced for another material?"
@@ -217,10 +217,10 @@ def _list_notices(accepted_gcode: AcceptedGcode, section: PrinterSection) -> tup
 def _normalise_material(kind: str) -> str:
     """Normalise the name of a kind of material: slicers and Cura use several names for some kinds."""
     first = re.split(r"[\s\d_+-]", kind.strip().upper().removeprefix("TOUGH "), maxsplit=1)[0]
-    return _SAME_MATERIAL.get(first, first)
+    return _MATERIAL_SYNONYMS.get(first, first)
 
 
-def _measure_needs(accepted_gcode: AcceptedGcode, section: PrinterSection) -> OwnGcode:
+def _measure_requirements(accepted_gcode: AcceptedGcode, section: PrinterSection) -> OwnGcode:
     """Return the nozzle size of a file, and its extent relative to the bed's centre."""
     width_mm, depth_mm = PROFILES[section.model].bed_mm
     (x0, y0, z0), (x1, y1, z1) = accepted_gcode.min_mm, accepted_gcode.max_mm
@@ -245,7 +245,7 @@ def _find_fitting_printer(
 
 def _describe_obstacle(section: PrinterSection, accepted_gcode: AcceptedGcode) -> str | None:
     """Describe why a printer cannot print a file; None if it can."""
-    requirements = _measure_needs(accepted_gcode, section)
+    requirements = _measure_requirements(accepted_gcode, section)
     if requirements.nozzle_mm not in (None, section.nozzle_mm):
         return (
             f"sliced for a nozzle of {requirements.nozzle_mm:g} mm, "
@@ -253,8 +253,8 @@ def _describe_obstacle(section: PrinterSection, accepted_gcode: AcceptedGcode) -
         )
     (x0, y0, _), (x1, y1, z1) = requirements.min_mm, requirements.max_mm
     if not any(
-        x0 >= left - _SLACK_MM and y0 >= front - _SLACK_MM and x1 <= right + _SLACK_MM
-        and y1 <= back + _SLACK_MM and z1 <= height + _SLACK_MM
+        x0 >= left - _TOLERANCE_MM and y0 >= front - _TOLERANCE_MM and x1 <= right + _TOLERANCE_MM
+        and y1 <= back + _TOLERANCE_MM and z1 <= height + _TOLERANCE_MM
         for left, front, right, back, height in list_bed_boxes(section)
     ):  # fmt: skip
         (left, front, _), (right, back, _) = accepted_gcode.min_mm, accepted_gcode.max_mm
@@ -263,11 +263,11 @@ def _describe_obstacle(section: PrinterSection, accepted_gcode: AcceptedGcode) -
             f"off the bed of {section.name}, on its clips or above its height; move it in your slicer"
         )
     profile = PROFILES[section.model]
-    size_mm = (*profile.bed_mm, profile.height_mm + _REACH_MM)
+    size_mm = (*profile.bed_mm, profile.height_mm + _EXTRA_TRAVEL_MM)
     for axis, low, high, end in zip(
         "XYZ", accepted_gcode.reach_min_mm, accepted_gcode.reach_max_mm, size_mm, strict=True
     ):
-        if low < -_SLACK_MM or high > end + _SLACK_MM:
+        if low < -_TOLERANCE_MM or high > end + _TOLERANCE_MM:
             outermost = low if low < 0 else high
             return (
                 f"moves to {axis} {outermost:.1f}, and {section.name} reaches 0 to {end:g}: "
@@ -297,7 +297,7 @@ def _check_options(options: JobOptions) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class _Lines:
+class _FileLines:
     """Lines of a file, read again at each iteration; a line that is too long is cut at the limit."""
 
     path: Path
@@ -330,7 +330,7 @@ class FirmwareTime:
         self._now_s = self.measure_s(finish=True) + seconds
 
     def measure_s(self, finish: bool = False) -> float:
-        """Return the time so far; with `finish`, including the moves that have not ended."""
+        """Return the elapsed time, including the moves that have not ended if `finish` is true."""
         while finish and len(self._planner):
             self._now_s = self._planner.end_s
             self._planner.advance(self._now_s)

@@ -33,7 +33,7 @@ from drivers.printers import PROFILES, list_usable_volumes
 from farm.compute import read_process_bytes
 from farm.errors import ErrorCode, FarmError, Refused
 from farm.planning.error_translation import translate_errors
-from farm.planning.local.sliced_parts import PartSlicer, level_by_slices, write_sliced_parts
+from farm.planning.local.sliced_parts import PartSlicer, relevel_by_slices, write_sliced_parts
 from farm.planning.parts.bed_places import Bed
 from farm.planning.parts.pricing import build_recipe, select_connectors
 from farm.planning.printer_settings import build_slicing_printer, list_model_sizes
@@ -47,8 +47,8 @@ from slicing.settings import (
 )
 
 MAX_PRINTERS = 100
-"""Largest number of printers for `auto`."""
-_ENGINES_OF_PAPERS = (Engine.PARALLELOBOX, Engine.SYMMETRY, Engine.CUBE_SKELETON)
+"""Maximum number of printers for `auto`."""
+_PAPER_ENGINES = (Engine.PARALLELOBOX, Engine.SYMMETRY, Engine.CUBE_SKELETON)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,9 +119,9 @@ def decompose_to_folder(
     """
     profile = max(
         PROFILES.values(), key=lambda p: (p.height_mm >= request.volume_mm[2], -p.height_mm)
-    )  # the lowest printer that is high enough; among equal ones the 2+, whose clips are larger
-    room = list_usable_volumes(profile, request.brim_mm, request.volume_mm)
-    if not room:
+    )  # the lowest printer that is high enough; of equal ones the 2+, whose clips are larger
+    usable_volumes = list_usable_volumes(profile, request.brim_mm, request.volume_mm)
+    if not usable_volumes:
         raise FarmError(f"a brim of {request.brim_mm:g} mm leaves no room on that bed", ErrorCode.NO_FIT)
     options = _build_options(request)  # refused before the folder is emptied
     prepare_output_folder(out)
@@ -136,17 +136,19 @@ def decompose_to_folder(
             memory_bytes=read_process_bytes(),
         )
         cost = CostModel.from_recipe(replace(build_recipe(settings, prelude_s=0.0), brim_mm=request.brim_mm))
-        decomposition = _decompose(model, list_model_sizes(room, settings), request, options, cost, executor)
+        decomposition = _decompose(
+            model, list_model_sizes(usable_volumes, settings), request, options, cost, executor
+        )
         if request.sliced:
             brim_request = replace(settings_request, overrides={"brim_width": f"{request.brim_mm:g}"})
-            slicer = PartSlicer(brim_request, resources, room, cache)
+            slicer = PartSlicer(brim_request, resources, usable_volumes, cache)
             with tempfile.TemporaryDirectory(prefix="farm-decompose-") as work:
-                sliced_parts = level_by_slices(model, decomposition, slicer, cost, executor, Path(work))
+                sliced_parts = relevel_by_slices(model, decomposition, slicer, cost, executor, Path(work))
                 report = write_sliced_parts(sliced_parts, out)
             if cache is not None:
                 trim_cache(cache)
         else:
-            bed = Bed(profile.bed_mm, room, settings)
+            bed = Bed(profile.bed_mm, usable_volumes, settings)
             report = write_decomposition(decomposition, out, bed.place).as_dict()
     return {**report, "repairs": list(model.repairs), "scale": model.scale}
 
@@ -159,12 +161,12 @@ def _decompose(
     cost: CostModel,
     executor: Executor,
 ) -> Decomposition:
-    """Decompose a model for equal printers, each with room for a part of one of the sizes.
+    """Decompose a model for equal printers, each of which can hold a part of one of the sizes.
 
     Raises
     ------
     NoFit
-        If the model is too large; the message has the largest size that was tried and fits.
+        If the model is too large; the message contains the largest tested size that fits.
     """
     rooms = [PrinterRoom(str(number), sizes_mm) for number in range(request.printers or MAX_PRINTERS)]
     try:
@@ -186,17 +188,17 @@ def _build_options(request: DecomposeRequest) -> Options:
     try:
         interior = Interior(request.interior)
     except ValueError:
-        raise FarmError(f"--interior {request.interior}: leave or keep", ErrorCode.SETTINGS) from None
+        raise FarmError(f"--interior {request.interior}: use leave or keep", ErrorCode.SETTINGS) from None
     try:
         score = Score(request.score)
     except ValueError:
-        raise FarmError(f"--score {request.score}: low, high or both", ErrorCode.SETTINGS) from None
+        raise FarmError(f"--score {request.score}: use low, high or both", ErrorCode.SETTINGS) from None
     try:
         engine = Engine(request.engine)
     except ValueError:
         engines = ", ".join(Engine)
-        raise FarmError(f"--engine {request.engine}: {engines}", ErrorCode.SETTINGS) from None
-    if request.faithful and engine not in _ENGINES_OF_PAPERS:
+        raise FarmError(f"--engine {request.engine}: use one of {engines}", ErrorCode.SETTINGS) from None
+    if request.faithful and engine not in _PAPER_ENGINES:
         raise FarmError(f"--faithful is for the engines of papers, not {engine}", ErrorCode.SETTINGS)
     if request.faithful and not request.connectors.is_empty:
         raise FarmError("--faithful: its parts have neither --pins nor --marks", ErrorCode.SETTINGS)
@@ -222,7 +224,7 @@ def prepare_output_folder(out: Path) -> None:
     Raises
     ------
     Refused
-        If the folder contains other files: parts of two models must not be mixed.
+        If the folder contains other files, because parts of two models must not be mixed.
     """
     report = out / REPORT
     try:

@@ -15,7 +15,7 @@ from farm.planning.local.decompose_file import DecomposeRequest, prepare_output_
 from farm.planning.local.slice_file import SliceOptions, check_writable
 
 T = TypeVar("T")
-_LIMIT = Limit("working on the cluster", 6 * 3600.0)
+_CLUSTER_LIMIT = Limit("working on the cluster", 6 * 3600.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +25,7 @@ class Cluster:
     Attributes
     ----------
     on_notice
-        Called with each message for the user, a sentence.
+        Called with each message for the user, which is a sentence.
     """
 
     scheduler: str
@@ -34,7 +34,7 @@ class Cluster:
 
 
 class _LocalPool:
-    """Pool that runs work in this process, once the cluster is abandoned."""
+    """Pool that runs work in this process, after the cluster has been abandoned."""
 
     start_step = None
     has_idle_worker = True
@@ -51,7 +51,7 @@ class _LocalPool:
         return work(*args)
 
     def close(self) -> None:
-        """Do nothing: no process runs."""
+        """Do nothing, because the pool has no processes."""
 
 
 def decompose_on_cluster(
@@ -80,7 +80,7 @@ def _run_on_cluster(cluster: Cluster, work: Deferred, path: Path, out: Path, *ar
     async def run() -> dict[str, Any]:
         pool.start()
         try:
-            report: dict[str, Any] = await pool.run(work, path, out, *args, limit=_LIMIT)
+            report: dict[str, Any] = await pool.run(work, path, out, *args, limit=_CLUSTER_LIMIT)
             return report
         finally:
             for problem in pool.state.list_problems():

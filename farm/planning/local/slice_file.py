@@ -26,7 +26,7 @@ from slicing.plate import PlateResult
 from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_resources, resolve_settings
 
 OnStep = Callable[[str], None]
-_MARGIN = 0.99  # share of the largest size, because the suggested figures are rounded
+_SIZE_MARGIN = 0.99  # share of the largest size, because the suggested figures are rounded
 
 
 def find_default_cache(env: Mapping[str, str] = os.environ) -> Path | None:
@@ -91,7 +91,7 @@ def slice_to_file(
         request = replace(request, material=named_material.name)
         settings = resolve_settings(request, resources)
         model = _read_model(path, options, on_step)
-    room = _find_room(path.name, model, settings, profile)
+    usable_volumes = _find_usable_volumes(path.name, model, settings, profile)
     with tempfile.TemporaryDirectory(prefix="farm-slice-") as folder:
         task = SliceTask(
             part=path.name,
@@ -99,7 +99,7 @@ def slice_to_file(
             request=request,
             resources=resources,
             settings=settings,
-            room=room,
+            usable_volumes=usable_volumes,
             engine=engine,
             out=Path(folder) / "model.gcode",
             cache=cache,
@@ -135,19 +135,19 @@ def _read_model(path: Path, options: SliceOptions, on_step: OnStep) -> Model:
     )
 
 
-def _find_room(
+def _find_usable_volumes(
     name: str, model: Model, settings: EngineSettings, profile: Profile
 ) -> tuple[UsableVolume, ...]:
-    """Return the room for a part with its brim. Raises FarmError if the model does not fit into it."""
-    room = list_usable_volumes(profile, settings.brim_width_mm)
+    """Return the volumes for a part with its brim. Raises FarmError if the model fits none of them."""
+    usable_volumes = list_usable_volumes(profile, settings.brim_width_mm)
     size_mm = _compute_printed_size_mm(model, settings)
-    if place_part(size_mm, room) is None:
+    if place_part(size_mm, usable_volumes) is None:
         raise FarmError(
             f"{name} ({_format_size(size_mm)} mm as printed) does not fit the {profile.title}: "
-            + _suggest_size(size_mm, room, float(max(model.extents_mm)), model.scale),
+            + _suggest_size(size_mm, usable_volumes, float(max(model.extents_mm)), model.scale),
             ErrorCode.NO_FIT,
         )
-    return room
+    return usable_volumes
 
 
 def _compute_printed_size_mm(model: Model, settings: EngineSettings) -> tuple[float, float, float]:
@@ -198,19 +198,22 @@ def _build_report(
 
 
 def _suggest_size(
-    size_mm: tuple[float, float, float], room: tuple[UsableVolume, ...], longest_mm: float, scale: float
+    size_mm: tuple[float, float, float],
+    usable_volumes: tuple[UsableVolume, ...],
+    longest_mm: float,
+    scale: float,
 ) -> str:
-    """Describe the available room, and the largest scale at which the model fits it."""
+    """Describe the largest usable volume, and the largest scale at which the model fits into it."""
     x, y, z = size_mm
     shares = [
         (min(width / dx, depth / dy, height / z), (width, depth, height))
-        for width, depth, height in (box.size_mm for box in room)
+        for width, depth, height in (box.size_mm for box in usable_volumes)
         for dx, dy in ((x, y), (y, x))
     ]
     if not shares:
         return "its brim leaves no room on that bed; make the brim narrower (--set brim_width=4)"
     share, largest_mm = max(shares)
-    share *= _MARGIN
+    share *= _SIZE_MARGIN
     return (
         f"there is room for {_format_size(largest_mm)} mm beside the brim; `farm decompose` cuts it into "
         f"parts, or make it smaller with --scale {scale * share:.3g} or "
@@ -223,7 +226,7 @@ def _format_size(size_mm: tuple[float, float, float]) -> str:
 
 
 def check_writable(out: Path, model: Path) -> None:
-    """Check that a file can be written, before work that takes minutes. Raises FarmError; creates nothing."""
+    """Check that a file can be written, before slow work, without creating it. Raises FarmError."""
     try:
         if out.is_dir():
             raise _make_write_error(out, "it is a folder")

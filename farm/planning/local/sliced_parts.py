@@ -1,4 +1,4 @@
-"""Slices of a decomposition's parts, and cuts moved according to their times (`farm decompose --slice`)."""
+"""Slices of a decomposition's parts, whose times determine how cuts are moved (`farm decompose --slice`)."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from farm.planning.parts.slice_part import slice_part
 from slicing.plate import PlateResult
 from slicing.settings import Resources, SettingsRequest, find_engine, resolve_settings
 
-MAX_RELEVELS = 2  # after the first, the times of the parts are accurate
+MAX_RELEVELS = 2  # after the first round, the times of the parts are accurate
 
 
 @dataclass(frozen=True, slots=True)
 class SlicedParts:
-    """A decomposition whose files are in a folder, and the slice of each of its parts."""
+    """Decomposition whose files are in a folder, with the slice of each of its parts."""
 
     decomposition: Decomposition
     slices: tuple[PlateResult, ...]
@@ -48,7 +48,7 @@ class PartSlicer:
     ----------
     request
         Printer, quality and brim.
-    room
+    usable_volumes
         Boxes of the bed that a part may fill.
     cache
         Folder of earlier slices; None for none.
@@ -56,7 +56,7 @@ class PartSlicer:
 
     request: SettingsRequest
     resources: Resources
-    room: tuple[UsableVolume, ...]
+    usable_volumes: tuple[UsableVolume, ...]
     cache: Path | None
 
     def slice_parts(self, decomposition: Decomposition, folder: Path) -> SlicedParts:
@@ -78,7 +78,7 @@ class PartSlicer:
                 request=self.request,
                 resources=self.resources,
                 settings=settings,
-                room=self.room,
+                usable_volumes=self.usable_volumes,
                 engine=engine,
                 out=folder / f"{part.id}.gcode",
                 cache=self.cache,
@@ -90,7 +90,7 @@ class PartSlicer:
             return SlicedParts(stored_decomposition, tuple(threads.map(slice_part, tasks)))
 
 
-def level_by_slices(
+def relevel_by_slices(
     model: Model,
     decomposition: Decomposition,
     slicer: PartSlicer,
@@ -98,7 +98,7 @@ def level_by_slices(
     executor: Executor,
     work: Path,
 ) -> SlicedParts:
-    """Slice all parts, and move the cuts as long as this lets the slowest slice end sooner.
+    """Slice all parts, and move the cuts as long as this shortens the longest sliced time.
 
     Parameters
     ----------

@@ -1,1 +1,1 @@
-"""Work on one model or part, in workers: decompose, slice, move cuts; and the rooms for parts."""
+"""Tasks of workers on one model or part: decompose, slice, move cuts; and the usable volumes of printers."""

@@ -12,7 +12,7 @@ from decompose.printers import BedPlace
 from decompose.results import Part
 from drivers.printers import PROFILES, UsableVolume, place_part
 from farm.config import PrinterSection
-from farm.planning.printer_settings import find_printer_room, resolve_printer_settings
+from farm.planning.printer_settings import find_usable_volumes, resolve_printer_settings
 from slicing.settings import EngineSettings, Resources
 
 
@@ -21,14 +21,14 @@ class Bed:
     """Bed of a printer: width and depth in mm, boxes that a part may fill, and settings of the slicer."""
 
     size_mm: tuple[float, float]
-    room: tuple[UsableVolume, ...]
+    usable_volumes: tuple[UsableVolume, ...]
     settings: EngineSettings
 
     def place(self, part: Part) -> BedPlace | None:
         """Place a part as `slice_part` does; None if it does not fit."""
         scale = np.array((self.settings.scale_xy, self.settings.scale_xy, self.settings.scale_z))
         width_mm, depth_mm, height_mm = map(float, np.ptp(part.build_printing_mesh()[0], axis=0) * scale)
-        placement = place_part((width_mm, depth_mm, height_mm), self.room)
+        placement = place_part((width_mm, depth_mm, height_mm), self.usable_volumes)
         if placement is None:
             return None
         return BedPlace(self.size_mm, (placement.x_mm, placement.y_mm), placement.is_rotated)
@@ -39,13 +39,13 @@ def find_beds(printers: Sequence[PrinterSection], quality: str, resources: Resou
     beds = {}
     for section in printers:
         settings = resolve_printer_settings(section, quality, resources)
-        room = find_printer_room(section, settings.brim_width_mm)
-        beds[section.name] = Bed(PROFILES[section.model].bed_mm, room, settings)
+        usable_volumes = find_usable_volumes(section, settings.brim_width_mm)
+        beds[section.name] = Bed(PROFILES[section.model].bed_mm, usable_volumes, settings)
     return beds
 
 
-def place_on(beds: Mapping[str, Bed]) -> FindPlace:
-    """Return a function that finds the place of a part on its bed; it returns None for an unknown bed."""
+def make_place_finder(beds: Mapping[str, Bed]) -> FindPlace:
+    """Make a function that finds the place of a part on its bed, or None if the bed is unknown."""
 
     def find_place(part: Part) -> BedPlace | None:
         bed = beds.get(part.printer)

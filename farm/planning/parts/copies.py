@@ -1,4 +1,4 @@
-"""Copies of a model: the number of parts of each, and a plan of one copy multiplied. Pure."""
+"""Copies of a model: the number of parts of each copy, and the plan of all copies. Pure."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from farm.scheduling import derive_plate_requirements, describe_capabilities
 
 T = TypeVar("T")
 MAX_PLATES = 2000
-"""Largest number of plates of a job with copies, for quick scheduling decisions."""
+"""Maximum number of plates of a job with copies, for quick scheduling decisions."""
 
 
 def iterate_part_counts(copies: int, printers: int, max_parts: int) -> Iterator[tuple[int, int]]:
-    """Yield ascending numbers of rounds, each with the largest number of parts of a copy that fits.
+    """Yield ascending numbers of rounds, each with the maximum number of parts per copy in these rounds.
 
     A person clears the beds between two rounds, so fewer rounds are preferred to more parts.
 
@@ -29,7 +29,7 @@ def iterate_part_counts(copies: int, printers: int, max_parts: int) -> Iterator[
     copies, printers
         Number of copies, and of printers that print them.
     max_parts
-        Largest number of parts of a copy, which is yielded last.
+        Maximum number of parts of a copy, which is yielded last.
 
     Yields
     ------
@@ -46,7 +46,7 @@ def iterate_part_counts(copies: int, printers: int, max_parts: int) -> Iterator[
 
 
 def choose_evenly_spaced(items: Sequence[T], count: int) -> list[T]:
-    """Choose items at equal distances in a sequence: of printers sorted by kind, a share of each kind."""
+    """Choose items at equal distances in a sequence; from printers sorted by kind, a share of each kind."""
     return [items[i * len(items) // count] for i in range(count)]
 
 

@@ -33,7 +33,7 @@ from farm.planning.part_records import DecomposedPart
 from farm.planning.parts.copies import choose_evenly_spaced, iterate_part_counts
 from farm.planning.parts.cut_record import write_cut_record
 from farm.planning.parts.draw_job import write_drawing_record
-from farm.planning.parts.pricing import build_decompose_options, estimate_time_factors, price_rooms
+from farm.planning.parts.pricing import build_decompose_options, build_printer_rooms, estimate_time_factors
 from farm.planning.plan import DecomposedJob, DecomposeTask, PausedJob, TooFewPrinters
 from farm.planning.plate_times import reassign_loads
 from slicing.settings import find_resources
@@ -54,7 +54,7 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob | PausedJob:
     Returns
     -------
     DecomposedJob | PausedJob
-        A paused job only with `DecomposeTask.side_by_side`.
+        A paused job is returned only with `DecomposeTask.side_by_side`.
 
     Raises
     ------
@@ -67,11 +67,11 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob | PausedJob:
         resources = find_resources()
     model, quality = read_inspected(task.model), task.options.quality
     time_factors = estimate_time_factors(task.printers, task.time_factors, model.solid, quality, resources)
-    rooms, cost = price_rooms(task.printers, time_factors, quality, resources, task.rounds)
+    rooms, cost = build_printer_rooms(task.printers, time_factors, quality, resources, task.rounds)
     options = build_decompose_options(task.options, task.printers)
     if task.budget_s is not None:
-        pauses = task.side_by_side and not task.options.dry_run
-        options = replace(options, best=BestOptions(task.budget_s, pauses))
+        may_pause = task.side_by_side and not task.options.dry_run
+        options = replace(options, best=BestOptions(task.budget_s, may_pause))
     progress = ProgressFile(task.folder)
     progress.report(0.0, time.monotonic())
     try:
@@ -85,7 +85,7 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob | PausedJob:
             if task.options.copies > 1:
                 decomposition = cutter.cut_for_copies(task)
             elif task.within_s is not None:
-                decomposition = cutter.cut_in_time(task.within_s)
+                decomposition = cutter.cut_within_time(task.within_s)
             elif task.options.printers is None:
                 decomposition = cutter.keep_whole() or cutter.cut_for_worthwhile_printers()
             else:
@@ -158,7 +158,7 @@ def write_decomposed_job(decomposition: Decomposition, model: Model, folder: Pat
 def _reassign_parts(
     parts: Sequence[Part], printers: Sequence[PrinterSection], time_factors: Mapping[str, float]
 ) -> tuple[Part, ...]:
-    """Exchange loads among printers that differ only in speed, so that the fastest have the largest."""
+    """Exchange loads among printers that differ only in speed: the fastest get the largest loads."""
     loads_s: dict[str, float] = {}
     for part in parts:
         loads_s[part.printer] = loads_s.get(part.printer, 0.0) + part.price_s
@@ -168,7 +168,7 @@ def _reassign_parts(
 
 
 DEADLINE_MARGIN = 1.1
-"""Margin of `--done-by` for planning time and for prints that take longer."""
+"""Margin of `--done-by` for planning time and for prints that take longer than expected."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,7 +198,7 @@ class ModelCutter:
         return decompose_auto(self.model, self.rooms, self.options, self.cost, self.executor, goal)
 
     def keep_whole(self) -> Decomposition | None:
-        """Keep the model whole, on the lowest printer that it fits; None if it fits none.
+        """Keep the model whole, on the lowest printer into which it fits; None if it fits none.
 
         A user who wants the job to end sooner requests a number of printers.
         """
@@ -252,8 +252,8 @@ class ModelCutter:
                 min_parts = error.printers_needed or 0
         raise AssertionError("the last attempt has all printers")
 
-    def cut_in_time(self, within_s: float) -> Decomposition:
-        """Cut the model into the fewest parts that finish within a time, with a margin; else for speed."""
+    def cut_within_time(self, within_s: float) -> Decomposition:
+        """Cut the model into the fewest parts that finish within a time, with a margin; else the fastest."""
         limit_s = within_s / DEADLINE_MARGIN
         whole = self.keep_whole()
         if whole is not None and whole.makespan_s <= limit_s:

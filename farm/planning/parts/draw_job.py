@@ -9,7 +9,7 @@ from pathlib import Path
 from decompose.export import draw_assembly, draw_parts, draw_steps
 from decompose.results import Decomposition
 from farm.planning.error_translation import translate_errors
-from farm.planning.parts.bed_places import find_beds, place_on
+from farm.planning.parts.bed_places import find_beds, make_place_finder
 from farm.planning.plan import DecomposeTask
 from slicing.settings import find_resources
 
@@ -56,7 +56,7 @@ def draw_job(
         draw_parts(
             _read_record(drawing_record),
             task.folder,
-            place_on(beds),
+            make_place_finder(beds),
             None if overview is None else overview.read_bytes(),
             pictures if steps else None,
         )

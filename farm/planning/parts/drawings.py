@@ -11,8 +11,8 @@ from farm.compute import DRAWING_LIMIT, PoolShare
 from farm.planning.plan import DecomposedJob, DecomposeTask
 from farm.planning.tasks import draw_job, draw_overview, draw_some_steps
 
-MAX_SHARES = 4  # maximum number of shares: each computes the views of all earlier steps again
-MIN_STEPS = 5  # minimum number of steps of a share, on average
+MAX_RANGES = 4  # maximum number of ranges, because each computes the views of all earlier steps again
+MIN_STEPS = 5  # minimum number of steps of a range, on average
 
 
 class Drawings:
@@ -66,7 +66,7 @@ async def draw_side_by_side(workers: PoolShare, task: DecomposeTask, decomposed_
     finally:
         for drawing in shares:
             drawing.cancel()
-        await asyncio.gather(*shares, return_exceptions=True)  # until their workers have ended
+        await asyncio.gather(*shares, return_exceptions=True)  # waits until their workers have ended
     await workers.run(draw_job, task, record, overview, tuple(files), limit=DRAWING_LIMIT)
 
 
@@ -75,6 +75,6 @@ def split_steps(steps: int) -> list[tuple[int, int]]:
 
     Later ranges are shorter, because their steps join more parts and take more time.
     """
-    shares = min(MAX_SHARES, steps // MIN_STEPS)
-    edges = [share / shares for share in range(shares + 1)] if shares > 1 else []
+    range_count = min(MAX_RANGES, steps // MIN_STEPS)
+    edges = [i / range_count for i in range(range_count + 1)] if range_count > 1 else []
     return list(pairwise(round(steps * (sqrt(1.0 + 8.0 * edge) - 1.0) / 2.0) for edge in edges))

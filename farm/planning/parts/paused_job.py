@@ -23,7 +23,7 @@ from farm.planning.plan import DecomposedJob, DecomposeTask, PausedJob
 from farm.planning.printer_settings import resolve_printer_settings
 from slicing.settings import find_resources
 
-OUTCOME = "outcome.pickle"
+OUTCOME_FILE_NAME = "outcome.pickle"
 
 
 def try_grid(task: DecomposeTask, record: Path, number: int, folder: Path) -> Path:
@@ -51,7 +51,7 @@ def try_grid(task: DecomposeTask, record: Path, number: int, folder: Path) -> Pa
     folder.mkdir(exist_ok=True)
     with _open_search(task, record, folder) as search:
         outcome = search.make_attempt(number)
-    path = folder / OUTCOME
+    path = folder / OUTCOME_FILE_NAME
     path.write_bytes(pickle.dumps(outcome))
     return path
 

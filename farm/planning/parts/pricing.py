@@ -1,4 +1,4 @@
-"""Inputs of a decomposition for the printers of the fleet: part rooms, speeds and the cost of a part."""
+"""Inputs of a decomposition for the printers of the fleet: sizes of parts, speeds and the cost of a part."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from decompose.printers import PrinterRoom
 from farm.config import PrinterSection
 from farm.model import NOMINAL_TIME_FACTORS, JobOptions, Shares, TimeFactors
 from farm.planning.plate_times import compute_prelude_seconds
-from farm.planning.printer_settings import find_printer_room, list_model_sizes, resolve_printer_settings
+from farm.planning.printer_settings import find_usable_volumes, list_model_sizes, resolve_printer_settings
 from slicing.settings import FARM_QUALITIES, EngineSettings, Resources
 
 
-def price_rooms(
+def build_printer_rooms(
     printers: Sequence[PrinterSection],
     time_factors: Mapping[str, float],
     quality: str,
     resources: Resources,
     rounds: int = 1,
 ) -> tuple[list[PrinterRoom], CostModel]:
-    """Return the part room and speed of each printer, the fastest first, and the cost of a part.
+    """Return the part sizes and speed of each printer, the fastest first, and the cost of a part.
 
     Parameters
     ----------
@@ -42,10 +42,12 @@ def price_rooms(
     # Sorted without the effect of the nozzle: a coarser one is faster, but must not be preferred.
     fastest = sorted(printers, key=lambda section: time_factors[section.name])
     rooms = [
-        PrinterRoom(section.name, list_model_sizes(room, settings[section.name]), time_ratios[section.name])
+        PrinterRoom(
+            section.name, list_model_sizes(volumes, settings[section.name]), time_ratios[section.name]
+        )
         for _ in range(rounds)
         for section in fastest
-        for room in (find_printer_room(section, settings[section.name].brim_width_mm),)
+        for volumes in (find_usable_volumes(section, settings[section.name].brim_width_mm),)
     ]
     return rooms, costs[0]
 
@@ -144,7 +146,7 @@ def build_recipe(settings: EngineSettings, prelude_s: float) -> Recipe:
         brim_mm_s=settings.speed_layer_0_mm_s,
         slow_layers=int(float(global_settings["speed_slowdown_layers"])),
         travel_mm_s=settings.speed_travel_mm_s,
-        retraction_s=_time_retraction_s(extruder),
+        retraction_s=_compute_retraction_s(extruder),
         acceleration_mm_s2=float(global_settings["machine_acceleration"]),
         min_layer_s=float(extruder["cool_min_layer_time"]),
         shrinkage=settings.scale_xy - 1.0 or REFERENCE_SHRINKAGE,
@@ -159,7 +161,7 @@ def _find_hidden_inner_wall_mm_s(settings: EngineSettings) -> float:
     return settings.limit_hidden_wall_mm_s(settings.speed_wall_x_mm_s)
 
 
-def _time_retraction_s(extruder: Mapping[str, str]) -> float:
+def _compute_retraction_s(extruder: Mapping[str, str]) -> float:
     """Compute the seconds of a retraction and its return; 0 if retraction is disabled."""
     if extruder["retraction_enable"] != "True":
         return 0.0

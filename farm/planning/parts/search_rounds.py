@@ -92,7 +92,7 @@ class SearchRounds:
         finally:
             for attempt in attempts:
                 attempt.cancel()
-            await asyncio.gather(*attempts, return_exceptions=True)  # until their workers have ended
+            await asyncio.gather(*attempts, return_exceptions=True)  # waits until their workers have ended
 
     async def _make_attempt(self, record: Path, number: int, folder: Path) -> Path | str:
         """Make an attempt; return the file of its outcome, or the limit that it exceeded."""

@@ -30,12 +30,12 @@ def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None)
     Raises
     ------
     FarmError
-        `no_fit` if the bed has no room for it, `engine` or `slice` with CuraEngine's error.
+        `no_fit` if it does not fit on the bed, `engine` or `slice` with CuraEngine's error.
     """
     mesh = trimesh.load_mesh(task.stl)
     scale = np.array((task.settings.scale_xy, task.settings.scale_xy, task.settings.scale_z))
     extents_mm = tuple(map(float, mesh.extents * scale))  # as printed, with shrinkage compensated
-    placement = place_part((extents_mm[0], extents_mm[1], extents_mm[2]), task.room)
+    placement = place_part((extents_mm[0], extents_mm[1], extents_mm[2]), task.usable_volumes)
     if placement is None:
         size = " x ".join(f"{side:.1f}" for side in extents_mm)
         raise FarmError(
@@ -45,7 +45,7 @@ def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None)
     mesh.apply_transform(to_bed)
     bed = tuple(
         (r.min_x_mm, r.min_y_mm, r.max_x_mm, r.max_y_mm, box.height_mm)
-        for box in task.room
+        for box in task.usable_volumes
         for r in (box.rect.expand(task.settings.brim_width_mm),)
     )
     with translate_errors():

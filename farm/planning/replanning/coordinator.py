@@ -20,14 +20,14 @@ from farm.scheduling import (
     describe_plates,
     find_holds,
     join_names,
-    takes_spare,
+    may_take_spare,
 )
 from farm.state import Books
 from farm.state import events as ev
 
 log = logging.getLogger(__name__)
 
-_SEARCH_S = 10.0  # wall seconds between two searches for plates to reslice
+_SEARCH_INTERVAL_S = 10.0  # wall seconds between two searches for plates to reslice
 _AttemptKey = tuple[str, int, str | None, float]
 
 
@@ -87,8 +87,8 @@ class ReplanCoordinator:
 
     def recut_failures(self, books: Books, situation: Situation) -> Iterator[StartReplan]:
         """Yield the plates that have just failed and whose parts are cut before they are assigned."""
-        for view in situation.waiting.repeats:
-            plate = books.plates[view.id]
+        for waiting_plate in situation.waiting.repeats:
+            plate = books.plates[waiting_plate.id]
             key = (plate.id, len(plate.prints))
             if (
                 key in self._examined_keys
@@ -97,11 +97,11 @@ class ReplanCoordinator:
             ):
                 continue
             self._examined_keys.add(key)
-            recut = policy.choose_recut(view, situation)
+            recut = policy.choose_recut(waiting_plate, situation)
             if recut is not None:
                 yield self._start_replan(plate, recut.printers, cut=True)
 
-    def reslice_waiting(self, books: Books, situation: Situation) -> Iterator[StartReplan]:
+    def reslice_waiting_plates(self, books: Books, situation: Situation) -> Iterator[StartReplan]:
         """Yield the plates to slice for a kind of printer other than the one that they wait for.
 
         Parameters
@@ -115,7 +115,7 @@ class ReplanCoordinator:
         self.next_search_s = math.inf
         if not situation.waiting:
             return
-        self._search_due_s = situation.now_s + _SEARCH_S * situation.time_scale
+        self._search_due_s = situation.now_s + _SEARCH_INTERVAL_S * situation.time_scale
         reserved_printers = self.reserved_printers
         free_printers = [printer for printer in situation.free if printer.name not in reserved_printers]
         kinds = {printer.capabilities for printer in free_printers}
@@ -126,16 +126,20 @@ class ReplanCoordinator:
         }
         holds = find_holds(situation, ()) if demands else {}
         end_forecast = policy.EndForecast(situation)
-        for view in [view for view in situation.waiting if view.demand in demands]:
-            plate = books.plates[view.id]
-            if not free_printers or view.id in self._running or not _may_be_replanned(books, plate):
+        for waiting_plate in [
+            waiting_plate for waiting_plate in situation.waiting if waiting_plate.demand in demands
+        ]:
+            plate = books.plates[waiting_plate.id]
+            if not free_printers or waiting_plate.id in self._running or not _may_be_replanned(books, plate):
                 continue
-            if view.id not in holds or not policy.waits_for_its_printer_kind(holds[view.id].code):
+            if waiting_plate.id not in holds or not policy.waits_for_its_printer_kind(
+                holds[waiting_plate.id].code
+            ):
                 continue
-            candidates = [p for p in free_printers if self._is_candidate(plate, view, p, situation)]
+            candidates = [p for p in free_printers if self._is_candidate(plate, waiting_plate, p, situation)]
             if candidates:
                 self.next_search_s = self._search_due_s
-            reslice = policy.choose_reslice(view, situation, candidates, end_forecast)
+            reslice = policy.choose_reslice(waiting_plate, situation, candidates, end_forecast)
             if reslice is not None:
                 yield self._start_replan(plate, (reslice.printer,), cut=False)
                 free_printers = [p for p in free_printers if p.name != reslice.printer]
@@ -143,13 +147,13 @@ class ReplanCoordinator:
     def _is_candidate(
         self,
         plate: Plate,
-        view: WaitingPlate,
+        waiting_plate: WaitingPlate,
         printer: FleetPrinter,
         situation: Situation,
     ) -> bool:
         is_untried = _make_attempt_key(plate, printer.capabilities) not in self._attempted_keys
         return is_untried and (
-            printer.name not in situation.spare_printers or takes_spare(view, situation.fleet)
+            printer.name not in situation.spare_printers or may_take_spare(waiting_plate, situation.fleet)
         )
 
     def finish(
@@ -168,8 +172,10 @@ class ReplanCoordinator:
         """
         replan = self._running.pop(name, None)
         plate = books.plates[name]
-        view = next((view for view in situation.waiting if view.id == name), None)
-        if replan is None or view is None:
+        waiting_plate = next(
+            (waiting_plate for waiting_plate in situation.waiting if waiting_plate.id == name), None
+        )
+        if replan is None or waiting_plate is None:
             return None  # the plate was cancelled or printed meanwhile
         for printer in replan.printers:
             if printer in situation.fleet:
@@ -177,7 +183,7 @@ class ReplanCoordinator:
         if isinstance(result, FarmError):
             log.warning("plate %s is unchanged: %s", name, result, extra={"plate": name})
             return None
-        if not self._saves_time(view, result, replan.cut, books, situation):
+        if not self._saves_time(waiting_plate, result, replan.cut, books, situation):
             log.info(
                 "plate %s is unchanged: replanning would not finish it sooner", name, extra={"plate": name}
             )
@@ -197,16 +203,21 @@ class ReplanCoordinator:
         )
 
     def _saves_time(
-        self, view: WaitingPlate, result: ReplannedPlate, cut: bool, books: Books, situation: Situation
+        self,
+        waiting_plate: WaitingPlate,
+        result: ReplannedPlate,
+        cut: bool,
+        books: Books,
+        situation: Situation,
     ) -> bool:
-        plate = books.plates[view.id]
+        plate = books.plates[waiting_plate.id]
         history = {"prints": plate.prints, "counted_from": plate.counted_from}
         new_plates = tuple(describe_plates([p.model_copy(update=history) for p in result.plates], books))
         new_situation = situation.with_waiting((*situation.waiting.without({plate.id}), *new_plates))
         compute_end_s = policy.compute_one_piece_end_s if cut else policy.compute_expected_end_s
         after_s = max(policy.compute_expected_end_s(piece_plate, new_situation) for piece_plate in new_plates)
-        after_s += policy.JOIN_S * len(new_plates) if cut else 0.0
-        return policy.saves_enough(compute_end_s(view, situation), after_s, situation.now_s)
+        after_s += policy.JOINING_TIME_S * len(new_plates) if cut else 0.0
+        return policy.saves_enough(compute_end_s(waiting_plate, situation), after_s, situation.now_s)
 
     def _start_replan(self, plate: Plate, printers: tuple[str, ...], cut: bool) -> StartReplan:
         log.info(

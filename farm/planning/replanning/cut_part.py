@@ -23,8 +23,8 @@ from farm.errors import ErrorCode, FarmError
 from farm.model import Part
 from farm.planning.error_translation import translate_errors
 from farm.planning.part_records import DecomposedPart
-from farm.planning.parts.bed_places import find_beds, place_on
-from farm.planning.parts.pricing import build_decompose_options, estimate_time_factors, price_rooms
+from farm.planning.parts.bed_places import find_beds, make_place_finder
+from farm.planning.parts.pricing import build_decompose_options, build_printer_rooms, estimate_time_factors
 from farm.planning.replanning.replan import Pieces, ReplanTask
 from slicing.settings import find_resources
 
@@ -41,17 +41,19 @@ def cut_part(task: ReplanTask) -> Pieces:
         resources = find_resources()
     job_options = build_decompose_options(task.options, task.printers)
     connectors = replace(job_options.connectors, used_distances_mm=read_pin_distances_mm(task))
-    options = replace(job_options, interior=Interior.KEEP, connectors=connectors)  # no hollows
+    options = replace(job_options, interior=Interior.KEEP, connectors=connectors)  # without hollows
     whole, quality = Model(_read_solid(task.files / task.part.file), (), 1.0), task.options.quality
     time_factors = estimate_time_factors(task.printers, task.time_factors, whole.solid, quality, resources)
-    rooms, cost = price_rooms(task.printers, time_factors, quality, resources)
+    rooms, cost = build_printer_rooms(task.printers, time_factors, quality, resources)
     try:
         decomposition = decompose_auto(whole, rooms, options, cost)
         if len(decomposition.parts) < 2:
             raise FarmError(f"part {task.part.id} finishes sooner in one piece", ErrorCode.NO_FIT)
         beds = find_beds(task.printers, task.options.quality, resources)
-        pieces_of_part = _rename_pieces(decomposition, task.part)
-        stored_decomposition = write_decomposition(pieces_of_part, task.folder, place_on(beds))
+        renamed_decomposition = _rename_pieces(decomposition, task.part)
+        stored_decomposition = write_decomposition(
+            renamed_decomposition, task.folder, make_place_finder(beds)
+        )
     except NoFit as error:
         raise FarmError(str(error), ErrorCode.NO_FIT) from error
     except FarmError:
@@ -108,7 +110,7 @@ def _move_solid(solid: Solid, transform: np.ndarray) -> Solid:
 
 
 def _move_planes(planes: np.ndarray, transform: np.ndarray) -> np.ndarray:
-    """Transform planes, rows nx, ny, nz, d."""
+    """Transform planes, an array (n, 4) with rows nx, ny, nz, d, by a (4, 4) transform."""
     normals = planes[:, :3] @ transform[:3, :3].T
     return np.column_stack((normals, planes[:, 3] + normals @ transform[:3, 3]))
 

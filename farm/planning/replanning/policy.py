@@ -1,7 +1,8 @@
 """Policy of replanning: decides which waiting plates are sliced or cut for other printers. Pure.
 
 A plate that waits for printers of one kind may be sliced for a free printer of another kind. The part of a
-failed plate may be cut for several free printers. Both happen only if the part finishes sooner by a margin.
+failed plate may be cut for several free printers. Either happens only if the part then finishes sooner by a
+margin.
 """
 
 from __future__ import annotations
@@ -18,22 +19,22 @@ from farm.scheduling import (
     Situation,
     WaitingPlate,
     assign_plates,
-    compute_seconds_on,
+    compute_printing_s,
     find_filament_shortage,
     forecast_prints,
 )
 
 MIN_GAIN_SHARE = 0.2
-"""Least share of the remaining time of a part that replanning must save."""
+"""Minimum share of the remaining time of a part that replanning must save."""
 MIN_GAIN_S = 1800.0
-"""Least time that replanning must save, because a new plan takes time too."""
-JOIN_S = 336.0
+"""Minimum time that replanning must save, because a new plan takes time too."""
+JOINING_TIME_S = 336.0
 """Manual work for each additional piece: removing it from its bed (2 min) and gluing it (3.6 min)."""
-SLICING_S, CUTTING_S = 120.0, 300.0
+SLICING_TIME_S, CUTTING_TIME_S = 120.0, 300.0
 """Typical wall-clock seconds of slicing, and of cutting followed by slicing."""
 MAX_PIECES = 8
 _CUT_TIME_RATIO = 1.15  # ratio of the time of all pieces to that of the whole part: cuts add walls and tops
-_REASONS_OF_KIND = (
+_KIND_DEPENDENT_CODES = (
     HoldCode.PRINTER_BUSY,
     HoldCode.BED_NOT_CLEAR,
     HoldCode.FILAMENT_UNKNOWN,
@@ -86,12 +87,12 @@ class EndForecast:
     def _ends_s(self) -> dict[str, float]:
         situation = self._situation
         if situation.rules.attended.windows:
-            inspected = (
+            inspected_printers = (
                 p if p.attention_reason is None else replace(p, attention_reason=None, bed=Bed.NOT_CLEAR)
                 for p in situation.printers
             )
-            situation = situation.with_printers(tuple(inspected))
-        return {slot.plate: slot.ends_s for slot in forecast_prints(situation, has_bound=False).slots}
+            situation = situation.with_printers(tuple(inspected_printers))
+        return {slot.plate: slot.ends_s for slot in forecast_prints(situation, include_bound=False).slots}
 
 
 def compute_expected_end_s(plate: WaitingPlate, situation: Situation) -> float:
@@ -173,8 +174,13 @@ def choose_recut(plate: WaitingPlate, situation: Situation) -> Recut | None:
 
     def compute_recut_end_s(count: int) -> float:
         max_factor = max(factors[p.name] for p in free[:count]) / plate.time_factor
-        begins_s = situation.now_s + CUTTING_S * situation.time_scale
-        return begins_s + plate.heating_s + layers_s * _CUT_TIME_RATIO * max_factor / count + JOIN_S * count
+        start_s = situation.now_s + CUTTING_TIME_S * situation.time_scale
+        return (
+            start_s
+            + plate.heating_s
+            + layers_s * _CUT_TIME_RATIO * max_factor / count
+            + JOINING_TIME_S * count
+        )
 
     count = min(range(2, max_pieces + 1), key=compute_recut_end_s)
     if not saves_enough(
@@ -186,7 +192,7 @@ def choose_recut(plate: WaitingPlate, situation: Situation) -> Recut | None:
 
 def waits_for_its_printer_kind(code: HoldCode) -> bool:
     """Return whether a reason to wait does not apply to a printer of another kind."""
-    return code in _REASONS_OF_KIND
+    return code in _KIND_DEPENDENT_CODES
 
 
 def _has_same_filament(plate: WaitingPlate, printer: FleetPrinter) -> bool:
@@ -203,21 +209,21 @@ def is_other_kind(demand: Demand, kind: Capabilities) -> bool:
 def _differs_in_kind(plate: WaitingPlate, printer: FleetPrinter) -> bool:
     """Return whether a plate matches a printer, except for the kind of printer for which it was sliced."""
     box, kind = plate.requirements.box, printer.capabilities
-    return is_other_kind(plate.demand, kind) and (box is None or kind.holds(box))
+    return is_other_kind(plate.demand, kind) and (box is None or kind.can_contain(box))
 
 
 def _find_best_printer(
     plate: WaitingPlate, free: Sequence[FleetPrinter], situation: Situation
 ) -> FleetPrinter | None:
     """Return the free printer of another kind on which a plate ends soonest; None if there is none."""
-    ready = [
+    startable_printers = [
         p
         for p in free
         if _differs_in_kind(plate, p) and p.name not in plate.failed_on and _could_start(plate, p, situation)
     ]
-    if plate.extra_printers == 0 or not ready:
+    if plate.extra_printers == 0 or not startable_printers:
         return None
-    return min(ready, key=lambda p: (_estimate_sliced_s(plate, p), p.name))
+    return min(startable_printers, key=lambda p: (_estimate_sliced_s(plate, p), p.name))
 
 
 def _could_start(plate: WaitingPlate, printer: FleetPrinter, situation: Situation) -> bool:
@@ -226,8 +232,8 @@ def _could_start(plate: WaitingPlate, printer: FleetPrinter, situation: Situatio
 
 
 def _estimate_resliced_end_s(plate: WaitingPlate, printer: FleetPrinter, situation: Situation) -> float:
-    begins_s = situation.now_s + SLICING_S * situation.time_scale
-    return begins_s + _estimate_sliced_s(plate, printer)
+    start_s = situation.now_s + SLICING_TIME_S * situation.time_scale
+    return start_s + _estimate_sliced_s(plate, printer)
 
 
 def _estimate_sliced_s(plate: WaitingPlate, printer: FleetPrinter) -> float:
@@ -239,4 +245,4 @@ def _estimate_sliced_s(plate: WaitingPlate, printer: FleetPrinter) -> float:
     if plate.requirements.nozzle_mm is not None:
         line_ratio = max(1.0, (plate.requirements.nozzle_mm / printer.capabilities.nozzle_mm) ** 2)
     heating_s = plate.heating_s
-    return heating_s + (compute_seconds_on(plate, printer) - heating_s) * line_ratio
+    return heating_s + (compute_printing_s(plate, printer) - heating_s) * line_ratio

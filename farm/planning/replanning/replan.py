@@ -1,4 +1,4 @@
-"""Replans of a waiting plate: its part sliced for another kind of printer, or cut for several of them.
+"""Replans of a waiting plate: its part is sliced for another kind of printer, or cut for several printers.
 
 The files of the first plan stay in the store. A piece has the name of its part and a letter: 3/p07a.
 """
@@ -13,7 +13,7 @@ from pathlib import Path
 from farm.config import PrinterSection
 from farm.errors import ErrorCode, FarmError
 from farm.model import NOMINAL_TIME_FACTORS, JobOptions, Part, Plate, TimeFactors
-from farm.planning.booking import PlateNames, book_part, book_plate
+from farm.planning.booking import PlateNames, store_part, store_plate
 from farm.planning.part_records import DecomposedPart, SlicedPart
 from farm.state.storage import store_file
 
@@ -29,7 +29,7 @@ class ReplanTask:
     folder
         Scratch folder.
     time_factors
-        Time factors of the printers, by name; 1 if there is none.
+        Time factors of the printers, by name; 1 for a printer that is not named.
     other_parts
         The other parts of the same copy of the model, for the picture.
     reports
@@ -95,7 +95,7 @@ def copy_part(task: ReplanTask) -> DecomposedPart:
     )
 
 
-def book_resliced(task: ReplanTask, sliced_part: SlicedPart) -> ReplannedPlate:
+def store_resliced_part(task: ReplanTask, sliced_part: SlicedPart) -> ReplannedPlate:
     """Record a resliced part on a new plate.
 
     Raises
@@ -107,19 +107,19 @@ def book_resliced(task: ReplanTask, sliced_part: SlicedPart) -> ReplannedPlate:
     if len(thin_walls) > len(task.plate.warnings):
         raise FarmError(f"{task.part.id}: {thin_walls[0]}", ErrorCode.SLICE)
     names = PlateNames(task.plate.job, task.part.id, make_next_plate_id(task.plate.id))
-    plate = book_plate(names, sliced_part, task.find_time_factors(sliced_part.printer.name), task.files)
+    plate = store_plate(names, sliced_part, task.find_time_factors(sliced_part.printer.name), task.files)
     return ReplannedPlate((task.part.model_copy(update={"plate": plate.id}),), (plate,))
 
 
-def book_recut(task: ReplanTask, pieces: Pieces, sliced_parts: Sequence[SlicedPart]) -> ReplannedPlate:
+def store_recut_part(task: ReplanTask, pieces: Pieces, sliced_parts: Sequence[SlicedPart]) -> ReplannedPlate:
     """Record the pieces of a part, each on its own plate."""
     parts, plates = [], []
     for piece in sliced_parts:
         letter = piece.part.id[-1]
         plate_id = f"{task.plate.id.partition('-')[0]}{letter}"
         names = PlateNames(task.plate.job, f"{task.part.id}{letter}", plate_id)
-        parts.append(book_part(names, piece.part, task.files, cut_from=task.part))
-        plates.append(book_plate(names, piece, task.find_time_factors(piece.printer.name), task.files))
+        parts.append(store_part(names, piece.part, task.files, cut_from=task.part))
+        plates.append(store_plate(names, piece, task.find_time_factors(piece.printer.name), task.files))
     files = (pieces.picture, pieces.assembly, pieces.decomposition, pieces.instructions)
     file_names = (store_file(task.files, path) for path in files)
     return ReplannedPlate(tuple(parts), tuple(plates), *file_names)

@@ -10,18 +10,18 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
-from farm.planning.replanning.policy import JOIN_S, saves_enough
-from farm.scheduling import Requirements, Situation, WaitingPlate, compute_seconds_on, forecast_prints
+from farm.planning.replanning.policy import JOINING_TIME_S, saves_enough
+from farm.scheduling import Requirements, Situation, WaitingPlate, compute_printing_s, forecast_prints
 
 MAX_REVISIONS = 3
-"""Largest number of plans that replace the first one."""
+"""Maximum number of plans that replace the first one."""
 CUT_GROWTH_SHARE = 0.15
-"""Largest share by which the printing time of all parts grows if a model is cut into more parts."""
+"""Maximum share by which the printing time of all parts grows if a model is cut into more parts."""
 
 
 @dataclass(frozen=True, slots=True)
 class PlannedJob:
-    """Planned job of which no plate has started.
+    """Planned job without a started plate.
 
     Attributes
     ----------
@@ -100,7 +100,7 @@ def _find_best_printers(
         return None
     plate_ids = {plate.id for plate in job.plates}
     # Later jobs do not delay this job; without them the forecast is fast.
-    earlier_jobs = replace(situation, waiting=situation.waiting.up_to(job.plates[0].queue_rank))
+    earlier_jobs = replace(situation, waiting=situation.waiting.limit_to_rank(job.plates[0].queue_rank))
     before_s = find_end_s(plate_ids, earlier_jobs) if job.end_s is None else job.end_s
     if job.done_by_s is not None and before_s <= job.done_by_s:
         return None
@@ -122,13 +122,13 @@ def _may_save(job: PlannedJob, names: Sequence[str], before_s: float, situation:
     if not _may_help(job, names, before_s):
         return False
     plate = estimate_plates(job, names)[0]
-    earliest_s = situation.now_s + min(compute_seconds_on(plate, printer) for printer in situation.printers)
+    earliest_s = situation.now_s + min(compute_printing_s(plate, printer) for printer in situation.printers)
     return saves_enough(before_s, earliest_s + _find_additional_s(job, names), situation.now_s)
 
 
 def _find_additional_s(job: PlannedJob, names: Sequence[str]) -> float:
     """Return the seconds to make another plan, and to join its additional parts."""
-    return JOIN_S * max(0, len(names) - len(job.plates)) + job.planning_s
+    return JOINING_TIME_S * max(0, len(names) - len(job.plates)) + job.planning_s
 
 
 def _has_other_printers(job: PlannedJob, names: Sequence[str]) -> bool:
@@ -169,5 +169,5 @@ def estimate_plates(job: PlannedJob, names: Sequence[str]) -> tuple[WaitingPlate
 
 def find_end_s(plates: set[str], situation: Situation) -> float:
     """Return the expected end of the last of some plates; infinity if one of them never starts."""
-    ends_s = {slot.plate: slot.ends_s for slot in forecast_prints(situation, has_bound=False).slots}
+    ends_s = {slot.plate: slot.ends_s for slot in forecast_prints(situation, include_bound=False).slots}
     return max((ends_s.get(plate, math.inf) for plate in plates), default=situation.now_s)

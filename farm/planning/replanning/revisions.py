@@ -10,7 +10,7 @@ from farm.errors import FarmError
 from farm.model import Hold, HoldCode, Job, JobState, compute_assembly_ratio
 from farm.planning.plan import Plan
 from farm.planning.planned_event import build_planned_event
-from farm.planning.replanning.policy import CUTTING_S
+from farm.planning.replanning.policy import CUTTING_TIME_S
 from farm.planning.replanning.revision_policy import (
     MAX_REVISIONS,
     PlannedJob,
@@ -19,7 +19,7 @@ from farm.planning.replanning.revision_policy import (
     may_revise,
 )
 from farm.scheduling import (
-    SPARE_USE,
+    SPARE_PURPOSE,
     Assignment,
     Availability,
     FleetPrinter,
@@ -27,7 +27,7 @@ from farm.scheduling import (
     Situation,
     StartPlanning,
     WaitingPlate,
-    compute_seconds_on,
+    compute_printing_s,
     derive_job_requirements,
     describe_plates,
     join_names,
@@ -42,7 +42,7 @@ log = logging.getLogger(__name__)
 
 PLANNING_TIMEOUT_RATIO = 3.0
 """Multiple of the expected planning time after which a job starts with its current plan."""
-MAX_FORECAST = 1000
+MAX_FORECAST_SIZE = 1000
 """Number of printers and plates in the forecasts of one run above which jobs wait for the next run."""
 _Key = tuple[int, str | None, frozenset[str], frozenset[str]]
 
@@ -56,7 +56,7 @@ class PlanRevisions:
 
     Attributes
     ----------
-    has_more
+    has_remaining_jobs
         True if jobs remain for the next run, which begins immediately.
     postponed_plates
         Plates of these jobs that could start, but wait until their job is examined.
@@ -66,7 +66,7 @@ class PlanRevisions:
         self._running: dict[int, StartPlanning] = {}
         self._start_times_s: dict[int, float] = {}
         self._held_until_s: dict[int, float] = {}
-        self.has_more, self.postponed_plates = False, frozenset[str]()
+        self.has_remaining_jobs, self.postponed_plates = False, frozenset[str]()
         self._examined_keys: set[_Key] = set()  # jobs with their plans, idle and usable printers
         # For each job: its revision in the books, and whether its plan may change.
         self._change_checks: dict[int, tuple[object, bool]] = {}
@@ -99,7 +99,7 @@ class PlanRevisions:
             )
             for order in self._running.values()
             if now_s < self._held_until_s[order.job]
-            for plate in books.job(order.job).plates
+            for plate in books.get_job(order.job).plates
         }
 
     def revise(
@@ -122,9 +122,9 @@ class PlanRevisions:
         find_reservations
             Returns the free printers that are reserved, each with its purpose.
         """
-        self.has_more, self.postponed_plates = False, frozenset()
-        changeable = {job.id for job in books.jobs.values() if self._is_changeable(books, job)}
-        plates_by_job = _find_unstarted_jobs(books, situation, changeable) if changeable else {}
+        self.has_remaining_jobs, self.postponed_plates = False, frozenset()
+        changeable_jobs = {job.id for job in books.jobs.values() if self._is_changeable(books, job)}
+        plates_by_job = _find_unstarted_jobs(books, situation, changeable_jobs) if changeable_jobs else {}
         if not plates_by_job:
             return
         reservations, ratio = find_reservations(), compute_assembly_ratio(books.jobs.values())
@@ -132,33 +132,35 @@ class PlanRevisions:
         starting_jobs = {books.plates[plate].job for plate in plate_by_printer.values()}
         candidates, forecast_size = _Candidates(situation), 0
         for number in sorted(plates_by_job, key=lambda number: number not in starting_jobs):
-            job, plates, starts = books.job(number), plates_by_job[number], number in starting_jobs
-            if self.is_running(number) or (not starts and candidates.has_all(job, job.planned_for)):
+            job, plates, can_start = books.get_job(number), plates_by_job[number], number in starting_jobs
+            if self.is_running(number) or (not can_start and candidates.has_all(job, job.planned_for)):
                 continue
-            own_uses = {plate.id for plate in plates} | {SPARE_USE}  # its spares are subtracted below
+            own_uses = {plate.id for plate in plates} | {SPARE_PURPOSE}  # its spares are subtracted below
             taken_printers = {
                 name
                 for name, use in (*reservations.items(), *plate_by_printer.items())
                 if use not in own_uses
             }
             idle, usable_printers = candidates.choose(job, taken_printers)
-            # Idle printers change often: a job that cannot start yet is examined again when it can.
-            key = (number, job.plan, frozenset(idle if starts else ()), frozenset(usable_printers))
+            # Idle printers change often, so a job that cannot start yet is examined again when it can.
+            key = (number, job.plan, frozenset(idle if can_start else ()), frozenset(usable_printers))
             if key in self._examined_keys:
                 continue
             end_s = _find_end_s(plates, plate_by_printer, situation)
             candidate = _describe_job(job, plates, situation, ratio, end_s)
             names = None
             if may_revise(candidate, situation, (idle, usable_printers)):
-                if forecast_size > MAX_FORECAST:
-                    self.has_more = True
-                    if starts:
+                if forecast_size > MAX_FORECAST_SIZE:
+                    self.has_remaining_jobs = True
+                    if can_start:
                         self.postponed_plates |= {plate.id for plate in plates}
                     continue
-                forecast_size += len(situation.printers) + len(situation.waiting.up_to(plates[0].queue_rank))
+                forecast_size += len(situation.printers) + len(
+                    situation.waiting.limit_to_rank(plates[0].queue_rank)
+                )
                 names = choose_revision(candidate, situation, (idle, usable_printers))
             self._examined_keys = {
-                attempt_key for attempt_key in self._examined_keys if attempt_key[0] in changeable
+                attempt_key for attempt_key in self._examined_keys if attempt_key[0] in changeable_jobs
             } | {key}
             if names is not None:
                 log.info("job %d is planned again for %s", number, " ".join(names), extra={"job": number})
@@ -170,12 +172,12 @@ class PlanRevisions:
     def _is_changeable(self, books: Books, job: Job) -> bool:
         if job.state is not JobState.PRINTING:
             return False
-        revision = books.revision(job.id)
-        known_revision, changeable = self._change_checks.get(job.id, (None, False))
+        revision = books.find_revision(job.id)
+        known_revision, is_changeable = self._change_checks.get(job.id, (None, False))
         if known_revision is not revision:
-            changeable = _may_change(books, job)
-            self._change_checks[job.id] = revision, changeable
-        return changeable
+            is_changeable = _may_change(books, job)
+            self._change_checks[job.id] = revision, is_changeable
+        return is_changeable
 
     def finish(
         self, number: int, result: Plan | FarmError, books: Books, situation: Situation
@@ -193,9 +195,9 @@ class PlanRevisions:
         """
         order = self._running[number]
         self.end(number)
-        job = books.job(number)
-        changeable = {number} if _may_change(books, job) else set()
-        plates = _find_unstarted_jobs(books, situation, changeable).get(number)
+        job = books.get_job(number)
+        changeable_jobs = {number} if _may_change(books, job) else set()
+        plates = _find_unstarted_jobs(books, situation, changeable_jobs).get(number)
         if plates is None:  # a person has cancelled or changed the job meanwhile
             return None
         if isinstance(result, FarmError):
@@ -221,7 +223,7 @@ def _find_unstarted_jobs(
     return {
         entry.job: entry.plates
         for entry in situation.waiting.jobs
-        if entry.job in jobs and len(entry.plates) == len(books.job(entry.job).plates)
+        if entry.job in jobs and len(entry.plates) == len(books.get_job(entry.job).plates)
     }
 
 
@@ -233,9 +235,9 @@ def _may_change(books: Books, job: Job) -> bool:
         return False
     if job.options.hold or job.restored or job.paused:
         return False
-    plates = list(books.plates_of(job))
+    plates = list(books.list_plates(job))
     return not any(plate.prints or plate.paused for plate in plates) and all(
-        books.plate_state(plate) is PlateState.WAITING for plate in plates
+        books.find_plate_state(plate) is PlateState.WAITING for plate in plates
     )
 
 
@@ -255,7 +257,7 @@ class _Candidates:
         request = JobRequest(derive_job_requirements(job), job.options.printers, spares=job.options.spares)
         usable_printers = list(self._find_usable_printers(job).values())
         idle = [p for p in usable_printers if p.find_obstacle() is None and p.name not in taken_printers]
-        return _take_largest(idle, request), _take_largest(usable_printers, request)
+        return _select_largest_printers(idle, request), _select_largest_printers(usable_printers, request)
 
     def _find_usable_printers(self, job: Job) -> dict[str, FleetPrinter]:
         """Find the printers that a job could use without a repair, by name."""
@@ -270,9 +272,9 @@ class _Candidates:
         return usable_printers
 
 
-def _take_largest(printers: Sequence[FleetPrinter], request: JobRequest) -> tuple[str, ...]:
+def _select_largest_printers(printers: Sequence[FleetPrinter], request: JobRequest) -> tuple[str, ...]:
     largest = sorted(printers, key=lambda p: (-p.capabilities.height_mm, p.name))
-    return tuple(sorted(p.name for p in largest[: request.limit(len(printers))]))
+    return tuple(sorted(p.name for p in largest[: request.limit_printers(len(printers))]))
 
 
 def _find_end_s(
@@ -282,7 +284,7 @@ def _find_end_s(
     printers = {plate: situation.fleet[name] for name, plate in plate_by_printer.items()}
     if not all(plate.id in printers for plate in plates):
         return None
-    return situation.now_s + max(compute_seconds_on(plate, printers[plate.id]) for plate in plates)
+    return situation.now_s + max(compute_printing_s(plate, printers[plate.id]) for plate in plates)
 
 
 def _describe_job(
@@ -293,7 +295,7 @@ def _describe_job(
         plates=plates,
         planned_for=job.planned_for,
         requirements=derive_job_requirements(job),
-        planning_s=max(job.planning_s or 0.0, CUTTING_S * situation.time_scale),
+        planning_s=max(job.planning_s or 0.0, CUTTING_TIME_S * situation.time_scale),
         done_by_s=job.compute_print_deadline_s(ratio),
         end_s=end_s,
     )
@@ -302,8 +304,8 @@ def _describe_job(
 def _ends_sooner(event: ev.PlanRevised, books: Books, situation: Situation) -> bool:
     """Return whether the plates of a new plan end before those of the current plan."""
     changed_books, _ = apply(event, books)
-    job = changed_books.job(event.job)
-    new_plates = tuple(describe_plates(changed_books.plates_of(job), changed_books))
-    other_plates = tuple(view for view in situation.waiting if view.job != job.id)
-    before_s = find_end_s(set(books.job(job.id).plates), situation)
+    job = changed_books.get_job(event.job)
+    new_plates = tuple(describe_plates(changed_books.list_plates(job), changed_books))
+    other_plates = tuple(plate for plate in situation.waiting if plate.job != job.id)
+    before_s = find_end_s(set(books.get_job(job.id).plates), situation)
     return find_end_s(set(job.plates), situation.with_waiting((*other_plates, *new_plates))) < before_s

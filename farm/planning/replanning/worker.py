@@ -14,16 +14,16 @@ from farm.planning.part_records import DecomposedPart, SliceBatch, SlicedPart
 from farm.planning.replanning.replan import (
     ReplannedPlate,
     ReplanTask,
-    book_recut,
-    book_resliced,
     copy_part,
+    store_recut_part,
+    store_resliced_part,
 )
 from farm.planning.slice_batch import slice_batch
 from farm.planning.tasks import cut_part
 
 log = logging.getLogger(__name__)
 
-CUTTING = Limit("recutting a part", 900.0)
+CUTTING_LIMIT = Limit("recutting a part", 900.0)
 OnReplan = Callable[[str, "ReplannedPlate | FarmError"], None]
 
 
@@ -78,12 +78,12 @@ class ReplanWorker:
     async def _reslice_part(self, task: ReplanTask) -> ReplannedPlate:
         part = await asyncio.to_thread(copy_part, task)
         (sliced_part,) = await self._slice_parts(task, (part,))
-        return await asyncio.to_thread(book_resliced, task, sliced_part)
+        return await asyncio.to_thread(store_resliced_part, task, sliced_part)
 
     async def _recut_part(self, task: ReplanTask) -> ReplannedPlate:
-        pieces = await PoolShare(self._workers, task.plate.id).run(cut_part, task, limit=CUTTING)
+        pieces = await PoolShare(self._workers, task.plate.id).run(cut_part, task, limit=CUTTING_LIMIT)
         sliced_parts = await self._slice_parts(task, pieces.parts)
-        return await asyncio.to_thread(book_recut, task, pieces, sliced_parts)
+        return await asyncio.to_thread(store_recut_part, task, pieces, sliced_parts)
 
     async def _slice_parts(
         self, task: ReplanTask, parts: tuple[DecomposedPart, ...]

@@ -1,10 +1,18 @@
 """Lifecycles of jobs, plates, prints and printers as tables, and the error for events that violate them."""
 
 from farm.state.lifecycles.lifecycle import NEW, InvalidTransition, Lifecycle, PrinterState, State, Transition
-from farm.state.lifecycles.tables import FARM_WIDE, JOB, LIFECYCLES, PLATE, PRINT, PRINTER, printer_state
+from farm.state.lifecycles.tables import (
+    FARM_WIDE_EVENTS,
+    JOB,
+    LIFECYCLES,
+    PLATE,
+    PRINT,
+    PRINTER,
+    find_printer_state,
+)
 
 __all__ = [
-    "FARM_WIDE",
+    "FARM_WIDE_EVENTS",
     "JOB",
     "LIFECYCLES",
     "NEW",
@@ -16,5 +24,5 @@ __all__ = [
     "PrinterState",
     "State",
     "Transition",
-    "printer_state",
+    "find_printer_state",
 ]

@@ -36,19 +36,21 @@ class Transition:
     ----------
     event
         The kind of event.
-    starts
+    start_states
         States in which the event can happen; NEW if it creates the entity.
-    ends
+    end_states
         States that it can lead to; None if the state stays the same.
     """
 
     event: Kind
-    starts: frozenset[State | None]
-    ends: frozenset[State] | None
+    start_states: frozenset[State | None]
+    end_states: frozenset[State] | None
 
     def allows(self, start: State | None, end: State | None) -> bool:
         """Return whether the row leads from one state to another."""
-        return start in self.starts and (end == start if self.ends is None else end in self.ends)
+        return start in self.start_states and (
+            end == start if self.end_states is None else end in self.end_states
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,9 +89,9 @@ class Lifecycle:
         """Return whether an event about the entity leads from one state to the other."""
         return any(row.event is kind and row.allows(start, end) for row in self.transitions)
 
-    def starts(self, kind: Kind) -> frozenset[State | None]:
+    def find_start_states(self, kind: Kind) -> frozenset[State | None]:
         """Return the states in which an event about the entity can happen."""
-        return frozenset().union(*(row.starts for row in self.transitions if row.event is kind))
+        return frozenset().union(*(row.start_states for row in self.transitions if row.event is kind))
 
 
 class InvalidTransition(FarmError):

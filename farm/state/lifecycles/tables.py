@@ -15,17 +15,17 @@ from farm.state.lifecycles.lifecycle import NEW, Kind, Lifecycle, PrinterState, 
 from farm.state.plate_state import PlateState
 
 
-def printer_state(books: Books, name: str) -> PrinterState | None:
+def find_printer_state(books: Books, name: str) -> PrinterState | None:
     """Return the state of a printer; NEW if it does not exist."""
     printer = books.printers.get(name)
     if printer is None:
         return NEW
-    if books.open_print_on(name) is not None:
+    if books.find_open_print(name) is not None:
         return PrinterState.PRINTING
-    return _BY_BED[printer.bed]
+    return _STATE_BY_BED[printer.bed]
 
 
-_BY_BED = {
+_STATE_BY_BED = {
     Bed.CLEAR: PrinterState.CLEAR,
     Bed.NOT_CLEAR: PrinterState.NOT_CLEAR,
     Bed.UNKNOWN: PrinterState.UNKNOWN,
@@ -39,7 +39,7 @@ def _find_job_state(books: Books, key: object) -> State | None:
 
 def _find_plate_state(books: Books, key: object) -> State | None:
     plate = books.plates.get(str(key))
-    return NEW if plate is None else books.plate_state(plate)
+    return NEW if plate is None else books.find_plate_state(plate)
 
 
 def _find_print_state(books: Books, key: object) -> State | None:
@@ -51,9 +51,8 @@ def _make_row(event: Kind, starts: Iterable[State | None], ends: Iterable[State]
     return Transition(event, frozenset(starts), None if ends is None else frozenset(ends))
 
 
-_J, _P, _A, _B = JobState, PlateState, PrintState, PrinterState
-_LIVE = (_J.QUEUED, _J.PLANNING, _J.HELD, _J.PRINTING)
-_DERIVED = (_J.PRINTING, _J.PRINTED, _J.DONE, _J.FAILED, _J.CANCELLED)
+_LIVE_STATES = (JobState.QUEUED, JobState.PLANNING, JobState.HELD, JobState.PRINTING)
+_DERIVED_STATES = (JobState.PRINTING, JobState.PRINTED, JobState.DONE, JobState.FAILED, JobState.CANCELLED)
 """States that are derived from a job's plates."""
 JOB = Lifecycle(
     entity="job",
@@ -61,120 +60,142 @@ JOB = Lifecycle(
     states=JobState,
     find_state=_find_job_state,
     transitions=(
-        _make_row(ev.JobSubmitted, [NEW], [_J.QUEUED]),
-        _make_row(ev.JobHeld, [_J.QUEUED], None),
-        _make_row(ev.PlanningStarted, [_J.QUEUED], [_J.PLANNING]),
-        _make_row(ev.PlanningAbandoned, [_J.PLANNING], [_J.QUEUED]),
-        _make_row(ev.JobPlanned, [_J.PLANNING], [_J.HELD, _J.PRINTING]),
-        _make_row(ev.PlanRevised, [_J.PRINTING], None),
-        _make_row(ev.JobApproved, [_J.HELD], _DERIVED),
-        _make_row(ev.JobReleased, [_J.QUEUED, _J.PLANNING, _J.HELD], None),
-        _make_row(ev.JobFailed, [_J.PLANNING], [_J.FAILED]),
-        _make_row(ev.JobPaused, _LIVE, None),
-        _make_row(ev.JobMoved, _LIVE, None),
-        _make_row(ev.JobRescheduled, _LIVE, None),
-        _make_row(ev.JobAssembled, [_J.PRINTED, _J.DONE], None),
-        _make_row(ev.JobCancelled, _LIVE, [_J.CANCELLED]),
-        _make_row(ev.JobPruned, [_J.DONE, _J.FAILED, _J.CANCELLED], None),
+        _make_row(ev.JobSubmitted, [NEW], [JobState.QUEUED]),
+        _make_row(ev.JobHeld, [JobState.QUEUED], None),
+        _make_row(ev.PlanningStarted, [JobState.QUEUED], [JobState.PLANNING]),
+        _make_row(ev.PlanningAbandoned, [JobState.PLANNING], [JobState.QUEUED]),
+        _make_row(ev.JobPlanned, [JobState.PLANNING], [JobState.HELD, JobState.PRINTING]),
+        _make_row(ev.PlanRevised, [JobState.PRINTING], None),
+        _make_row(ev.JobApproved, [JobState.HELD], _DERIVED_STATES),
+        _make_row(ev.JobReleased, [JobState.QUEUED, JobState.PLANNING, JobState.HELD], None),
+        _make_row(ev.JobFailed, [JobState.PLANNING], [JobState.FAILED]),
+        _make_row(ev.JobPaused, _LIVE_STATES, None),
+        _make_row(ev.JobMoved, _LIVE_STATES, None),
+        _make_row(ev.JobRescheduled, _LIVE_STATES, None),
+        _make_row(ev.JobAssembled, [JobState.PRINTED, JobState.DONE], None),
+        _make_row(ev.JobCancelled, _LIVE_STATES, [JobState.CANCELLED]),
+        _make_row(ev.JobPruned, [JobState.DONE, JobState.FAILED, JobState.CANCELLED], None),
     ),
     consequences=(
-        _make_row(ev.PrintEnded, [_J.PRINTING], _DERIVED),
+        _make_row(ev.PrintEnded, [JobState.PRINTING], _DERIVED_STATES),
         # Losses that prove to be an outage: the failures of their prints no longer count as attempts.
-        _make_row(ev.PrintEnded, [_J.FAILED], [_J.PRINTING]),
-        _make_row(ev.PrinterLost, [_J.FAILED], [_J.PRINTING]),
-        _make_row(ev.BedCleared, [_J.PRINTING, _J.PRINTED, _J.FAILED], _DERIVED),
-        _make_row(ev.PlateCancelled, [_J.PRINTING, _J.PRINTED, _J.FAILED], _DERIVED),
-        _make_row(ev.ReprintRequested, [_J.PRINTED, _J.DONE, _J.FAILED, _J.CANCELLED], [_J.PRINTING]),
-        _make_row(ev.BooksRestored, [_J.PRINTING], [_J.HELD]),
+        _make_row(ev.PrintEnded, [JobState.FAILED], [JobState.PRINTING]),
+        _make_row(ev.PrinterLost, [JobState.FAILED], [JobState.PRINTING]),
+        _make_row(ev.BedCleared, [JobState.PRINTING, JobState.PRINTED, JobState.FAILED], _DERIVED_STATES),
+        _make_row(ev.PlateCancelled, [JobState.PRINTING, JobState.PRINTED, JobState.FAILED], _DERIVED_STATES),
+        _make_row(
+            ev.ReprintRequested,
+            [JobState.PRINTED, JobState.DONE, JobState.FAILED, JobState.CANCELLED],
+            [JobState.PRINTING],
+        ),
+        _make_row(ev.BooksRestored, [JobState.PRINTING], [JobState.HELD]),
     ),
 )
 
-_UNPRINTED = (_P.WAITING, _P.PRINTING, _P.OUT_OF_ATTEMPTS)
+_UNPRINTED_STATES = (PlateState.WAITING, PlateState.PRINTING, PlateState.OUT_OF_ATTEMPTS)
 PLATE = Lifecycle(
     entity="plate",
     key="plate",
     states=PlateState,
     find_state=_find_plate_state,
     transitions=(
-        _make_row(ev.PlateAssigned, [_P.WAITING], [_P.PRINTING]),
-        _make_row(ev.PlateReplaced, [_P.WAITING], [_P.REPLACED]),
-        _make_row(ev.PlatePaused, [_P.WAITING], None),
-        _make_row(ev.PlateCancelled, _UNPRINTED, [_P.CANCELLED]),
-        _make_row(ev.PlateCancelled, [_P.PRINTED, _P.GOOD], None),
+        _make_row(ev.PlateAssigned, [PlateState.WAITING], [PlateState.PRINTING]),
+        _make_row(ev.PlateReplaced, [PlateState.WAITING], [PlateState.REPLACED]),
+        _make_row(ev.PlatePaused, [PlateState.WAITING], None),
+        _make_row(ev.PlateCancelled, _UNPRINTED_STATES, [PlateState.CANCELLED]),
+        _make_row(ev.PlateCancelled, [PlateState.PRINTED, PlateState.GOOD], None),
         # After `farm estop` the plate already waits; open prints are not ended.
         _make_row(
             ev.ReprintRequested,
-            [_P.WAITING, _P.PRINTED, _P.GOOD, _P.OUT_OF_ATTEMPTS, _P.CANCELLED],
-            [_P.WAITING, _P.PRINTING, _P.PRINTED, _P.GOOD],
+            [
+                PlateState.WAITING,
+                PlateState.PRINTED,
+                PlateState.GOOD,
+                PlateState.OUT_OF_ATTEMPTS,
+                PlateState.CANCELLED,
+            ],
+            [PlateState.WAITING, PlateState.PRINTING, PlateState.PRINTED, PlateState.GOOD],
         ),
-        _make_row(ev.PrintFound, [_P.WAITING, _P.PRINTING], [_P.PRINTING]),
+        _make_row(ev.PrintFound, [PlateState.WAITING, PlateState.PRINTING], [PlateState.PRINTING]),
     ),
     consequences=(
-        _make_row(ev.JobPlanned, [NEW], [_P.WAITING]),
-        _make_row(ev.PlanRevised, [NEW, _P.REPLACED], [_P.WAITING]),
-        _make_row(ev.PlanRevised, [_P.WAITING], [_P.REPLACED]),
-        _make_row(ev.PlateReplaced, [NEW], [_P.WAITING]),
-        _make_row(ev.JobCancelled, _UNPRINTED, [_P.CANCELLED]),
-        _make_row(ev.JobFailed, _UNPRINTED, [_P.CANCELLED]),
-        _make_row(ev.PrintEnded, [_P.PRINTING], [_P.PRINTED, _P.WAITING, _P.OUT_OF_ATTEMPTS]),
-        _make_row(ev.PrintEnded, [_P.CANCELLED], [_P.PRINTED]),
-        _make_row(ev.PrintEnded, [_P.OUT_OF_ATTEMPTS], [_P.WAITING]),
-        _make_row(ev.PrinterLost, [_P.OUT_OF_ATTEMPTS], [_P.WAITING]),
-        _make_row(ev.BedCleared, [_P.PRINTED], [_P.GOOD, _P.WAITING, _P.PRINTING, _P.CANCELLED]),
-        _make_row(ev.BedCleared, [*_UNPRINTED, _P.CANCELLED], [_P.GOOD]),
+        _make_row(ev.JobPlanned, [NEW], [PlateState.WAITING]),
+        _make_row(ev.PlanRevised, [NEW, PlateState.REPLACED], [PlateState.WAITING]),
+        _make_row(ev.PlanRevised, [PlateState.WAITING], [PlateState.REPLACED]),
+        _make_row(ev.PlateReplaced, [NEW], [PlateState.WAITING]),
+        _make_row(ev.JobCancelled, _UNPRINTED_STATES, [PlateState.CANCELLED]),
+        _make_row(ev.JobFailed, _UNPRINTED_STATES, [PlateState.CANCELLED]),
+        _make_row(
+            ev.PrintEnded,
+            [PlateState.PRINTING],
+            [PlateState.PRINTED, PlateState.WAITING, PlateState.OUT_OF_ATTEMPTS],
+        ),
+        _make_row(ev.PrintEnded, [PlateState.CANCELLED], [PlateState.PRINTED]),
+        _make_row(ev.PrintEnded, [PlateState.OUT_OF_ATTEMPTS], [PlateState.WAITING]),
+        _make_row(ev.PrinterLost, [PlateState.OUT_OF_ATTEMPTS], [PlateState.WAITING]),
+        _make_row(
+            ev.BedCleared,
+            [PlateState.PRINTED],
+            [PlateState.GOOD, PlateState.WAITING, PlateState.PRINTING, PlateState.CANCELLED],
+        ),
+        _make_row(ev.BedCleared, [*_UNPRINTED_STATES, PlateState.CANCELLED], [PlateState.GOOD]),
     ),
 )
 
-_OPEN = tuple(state for state in PrintState if not state.ended)
+_OPEN_STATES = tuple(state for state in PrintState if not state.ended)
 PRINT = Lifecycle(
     entity="print",
     key="print_id",
     states=PrintState,
     find_state=_find_print_state,
     transitions=(
-        _make_row(ev.PlateAssigned, [NEW], [_A.ASSIGNED]),
-        _make_row(ev.PrintFound, [NEW], [_A.ASSIGNED]),
-        _make_row(ev.PrintProgressed, _OPEN, _OPEN),
-        _make_row(ev.PauseRequested, _OPEN, None),
-        _make_row(ev.PrintFailRequested, _OPEN, None),
-        _make_row(ev.PrintWithdrawn, [_A.ASSIGNED], None),
-        _make_row(ev.PrintEnded, _OPEN, [_A.DONE, _A.FAILED, _A.CANCELLED]),
+        _make_row(ev.PlateAssigned, [NEW], [PrintState.ASSIGNED]),
+        _make_row(ev.PrintFound, [NEW], [PrintState.ASSIGNED]),
+        _make_row(ev.PrintProgressed, _OPEN_STATES, _OPEN_STATES),
+        _make_row(ev.PauseRequested, _OPEN_STATES, None),
+        _make_row(ev.PrintFailRequested, _OPEN_STATES, None),
+        _make_row(ev.PrintWithdrawn, [PrintState.ASSIGNED], None),
+        _make_row(ev.PrintEnded, _OPEN_STATES, [PrintState.DONE, PrintState.FAILED, PrintState.CANCELLED]),
         _make_row(ev.StillKept, PrintState, None),
     ),
-    consequences=(_make_row(ev.BedCleared, [_A.FAILED, _A.CANCELLED], [_A.DONE]),),
+    consequences=(_make_row(ev.BedCleared, [PrintState.FAILED, PrintState.CANCELLED], [PrintState.DONE]),),
 )
 
-_IDLE = (_B.CLEAR, _B.NOT_CLEAR, _B.UNKNOWN)
+_IDLE_STATES = (PrinterState.CLEAR, PrinterState.NOT_CLEAR, PrinterState.UNKNOWN)
 PRINTER = Lifecycle(
     entity="printer",
     key="printer",
     states=PrinterState,
-    find_state=lambda books, key: printer_state(books, str(key)),
+    find_state=lambda books, key: find_printer_state(books, str(key)),
     transitions=(
-        _make_row(ev.PrinterAdded, [NEW], _IDLE),
-        _make_row(ev.PlateAssigned, [_B.CLEAR], [_B.PRINTING]),
-        _make_row(ev.PrintFound, _IDLE, [_B.PRINTING]),
-        _make_row(ev.BedCleared, _IDLE, [_B.CLEAR]),
-        _make_row(ev.BedReported, [_B.UNKNOWN], [_B.CLEAR, _B.NOT_CLEAR, _B.UNKNOWN]),
-        _make_row(ev.BedReported, [_B.CLEAR, _B.NOT_CLEAR], None),
-        _make_row(ev.BedBecameUnknown, _IDLE, [_B.UNKNOWN]),
-        _make_row(ev.BedBecameUnknown, [_B.PRINTING], None),
+        _make_row(ev.PrinterAdded, [NEW], _IDLE_STATES),
+        _make_row(ev.PlateAssigned, [PrinterState.CLEAR], [PrinterState.PRINTING]),
+        _make_row(ev.PrintFound, _IDLE_STATES, [PrinterState.PRINTING]),
+        _make_row(ev.BedCleared, _IDLE_STATES, [PrinterState.CLEAR]),
+        _make_row(
+            ev.BedReported,
+            [PrinterState.UNKNOWN],
+            [PrinterState.CLEAR, PrinterState.NOT_CLEAR, PrinterState.UNKNOWN],
+        ),
+        _make_row(ev.BedReported, [PrinterState.CLEAR, PrinterState.NOT_CLEAR], None),
+        _make_row(ev.BedBecameUnknown, _IDLE_STATES, [PrinterState.UNKNOWN]),
+        _make_row(ev.BedBecameUnknown, [PrinterState.PRINTING], None),
         _make_row(ev.PrinterAlarmed, PrinterState, None),
-        _make_row(ev.PrinterLost, _IDLE, None),
+        _make_row(ev.PrinterLost, _IDLE_STATES, None),
         _make_row(ev.ReelLoaded, PrinterState, None),
         _make_row(ev.MaintenanceStarted, PrinterState, None),
         _make_row(ev.MaintenanceEnded, PrinterState, None),
         _make_row(ev.AgentJournalImported, PrinterState, None),
-        _make_row(ev.AgentJournalImported, _IDLE, [_B.UNKNOWN]),
+        _make_row(ev.AgentJournalImported, _IDLE_STATES, [PrinterState.UNKNOWN]),
     ),
     consequences=(
-        _make_row(ev.PrintEnded, [_B.PRINTING], _IDLE),
-        _make_row(ev.BooksRestored, [_B.CLEAR, _B.UNKNOWN], [_B.NOT_CLEAR]),
+        _make_row(ev.PrintEnded, [PrinterState.PRINTING], _IDLE_STATES),
+        _make_row(ev.BooksRestored, [PrinterState.CLEAR, PrinterState.UNKNOWN], [PrinterState.NOT_CLEAR]),
     ),
 )
 
 LIFECYCLES = (JOB, PLATE, PRINT, PRINTER)
-FARM_WIDE: frozenset[Kind] = frozenset(
+FARM_WIDE_EVENTS: frozenset[Kind] = frozenset(
     {
         *(ev.ClockSet, ev.BooksRestored, ev.EventsCompacted, ev.OutageConfirmed),
         *(ev.HostLost, ev.HostConnected),

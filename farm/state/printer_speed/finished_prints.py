@@ -11,8 +11,8 @@ from farm.state.books import Books, replace_fields
 from farm.state.printer_speed.feature_factors import MAX_PRINTS, MIN_PRINTS, Timing, fit_feature_factors
 from farm.state.printer_speed.time_factor import shows_speed, update_time_factor
 
-_CANDIDATES = 4 * MAX_PRINTS
-"""Number of the latest prints among which those that show the speed are found."""
+_MAX_CANDIDATES = 4 * MAX_PRINTS
+"""Number of latest prints that are searched for prints which show the speed."""
 
 
 def learn_speed(books: Books, printer: Printer, attempt: Print) -> Printer:
@@ -27,21 +27,21 @@ def learn_speed(books: Books, printer: Printer, attempt: Print) -> Printer:
     attempt
         The print.
     """
-    plate, reached_s = books.plates[attempt.plate], _compute_reached_s(books, attempt)
-    if reached_s is None:
+    plate, actual_s = books.plates[attempt.plate], _compute_actual_s(books, attempt)
+    if actual_s is None:
         return printer
-    factor = update_time_factor(printer.time_factor, plate.sliced_s, reached_s, attempt.starved_s)
+    factor = update_time_factor(printer.time_factor, plate.sliced_s, actual_s, attempt.starved_s)
     printer = replace_fields(printer, time_factor=factor)
     if _make_timing(books, attempt) is None:
         return printer
-    timings, own = list_timings(books, printer), True
+    timings, is_own = list_timings(books, printer), True
     if len(timings) < MIN_PRINTS:
-        timings, own = list_family_timings(books, printer, plate), False
+        timings, is_own = list_family_timings(books, printer, plate), False
     factors = fit_feature_factors(timings)
     if factors is None:
         return printer
     by_feature = dict(zip(("walls", "infill", "skins", "supports", "travel"), factors, strict=True))
-    learned_factors = FeatureFactors(**by_feature, prints=len(timings), own=own)
+    learned_factors = FeatureFactors(**by_feature, prints=len(timings), own=is_own)
     return replace_fields(printer, feature_factors=learned_factors)
 
 
@@ -55,7 +55,7 @@ def list_family_timings(books: Books, printer: Printer, plate: Plate) -> list[Ti
     """List the latest prints of all printers of a plate's family, scaled to the speed of one printer."""
     prints = (p for p in books.prints.values() if books.plates[p.plate].family == plate.family)
     return [
-        Timing(timing.shares, timing.ratio * printer.time_factor / books.printer(name).time_factor)
+        Timing(timing.shares, timing.ratio * printer.time_factor / books.get_printer(name).time_factor)
         for name, timing in _list_latest_timings(books, prints)
     ]
 
@@ -63,23 +63,23 @@ def list_family_timings(books: Books, printer: Printer, plate: Plate) -> list[Ti
 def _list_latest_timings(books: Books, prints: Iterable[Print]) -> list[tuple[str, Timing]]:
     """List the printers and timings of the latest prints that show the speed by feature."""
     done_prints = (p for p in prints if p.state is PrintState.DONE and not p.paused)
-    candidates = heapq.nlargest(_CANDIDATES, done_prints, key=lambda p: (p.ended_s or 0.0, p.id))
+    candidates = heapq.nlargest(_MAX_CANDIDATES, done_prints, key=lambda p: (p.ended_s or 0.0, p.id))
     timings = ((attempt.printer, _make_timing(books, attempt)) for attempt in candidates)
     return list(islice(((name, timing) for name, timing in timings if timing is not None), MAX_PRINTS))
 
 
 def _make_timing(books: Books, attempt: Print) -> Timing | None:
     """Make the timing of a finished print; None if it does not show the speed by feature."""
-    plate, reached_s = books.plates[attempt.plate], _compute_reached_s(books, attempt)
+    plate, actual_s = books.plates[attempt.plate], _compute_actual_s(books, attempt)
     shares = plate.feature_shares
-    if shares is None or reached_s is None:
+    if shares is None or actual_s is None:
         return None
-    if not shows_speed(plate.sliced_s, reached_s, attempt.starved_s):
+    if not shows_speed(plate.sliced_s, actual_s, attempt.starved_s):
         return None
-    return Timing(shares, reached_s / plate.sliced_s)
+    return Timing(shares, actual_s / plate.sliced_s)
 
 
-def _compute_reached_s(books: Books, attempt: Print) -> float | None:
+def _compute_actual_s(books: Books, attempt: Print) -> float | None:
     """Compute the seconds that the layers of an ended print took; None if it never started."""
     if attempt.started_s is None or attempt.ended_s is None:
         return None

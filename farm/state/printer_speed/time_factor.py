@@ -5,38 +5,38 @@ from __future__ import annotations
 MIN_TIME_FACTOR, MAX_TIME_FACTOR = 0.8, 1.25
 """Limits of the time factor of a healthy printer."""
 MIN_LEARNED_S = 600.0
-"""Least duration of a print that updates the factor: in shorter ones the heat-up dominates."""
+"""Minimum duration of a print that updates the factor, because the heat-up dominates in shorter prints."""
 MAX_STARVED_SHARE = 0.01
-"""Largest share of a print for which a simulated printer may have waited for its host."""
+"""Maximum share of a print for which a simulated printer may have waited for its host."""
 _IMPLAUSIBLE_RATIO = 2.0
-_STEP = 0.1
-_WEIGHT = 0.25
+_MAX_DIFFERENCE = 0.1  # of one print's ratio from the factor; larger differences are limited to it
+_LATEST_WEIGHT = 0.25  # of the latest print in the mean
 
 
-def shows_speed(expected_s: float, reached_s: float, starved_s: float = 0.0) -> bool:
+def shows_speed(expected_s: float, actual_s: float, starved_s: float = 0.0) -> bool:
     """Return whether a print's time shows the speed of its printer; see `update_time_factor`.
 
-    It does not if it is less than half or more than twice the expected time: the print was paused, or the
+    A time of less than half or more than twice the expected time does not: the print was paused, or the
     clock was set.
     """
-    if expected_s < MIN_LEARNED_S or reached_s <= 0.0 or starved_s > MAX_STARVED_SHARE * reached_s:
+    if expected_s < MIN_LEARNED_S or actual_s <= 0.0 or starved_s > MAX_STARVED_SHARE * actual_s:
         return False
-    return 1 / _IMPLAUSIBLE_RATIO < reached_s / expected_s < _IMPLAUSIBLE_RATIO
+    return 1 / _IMPLAUSIBLE_RATIO < actual_s / expected_s < _IMPLAUSIBLE_RATIO
 
 
-def update_time_factor(factor: float, expected_s: float, reached_s: float, starved_s: float = 0.0) -> float:
-    """Update a printer's factor by one print: an exponentially weighted mean of bounded steps.
+def update_time_factor(factor: float, expected_s: float, actual_s: float, starved_s: float = 0.0) -> float:
+    """Compute a printer's factor after one more print, as an exponentially weighted mean with bounded steps.
 
     Parameters
     ----------
     factor
-        The factor so far; 1 at first.
+        The factor before this print; 1 for a new printer.
     expected_s
         Seconds of the layers according to the slicer, without a factor.
-    reached_s
+    actual_s
         Seconds that the layers took, without heat-up, start and end code.
     starved_s
-        Part of `reached_s` for which a simulated printer waited for its host.
+        Part of `actual_s` for which a simulated printer waited for its host.
 
     Returns
     -------
@@ -44,7 +44,7 @@ def update_time_factor(factor: float, expected_s: float, reached_s: float, starv
         New factor, between MIN_TIME_FACTOR and MAX_TIME_FACTOR, and at most 1/40 away from `factor`; `factor`
         itself if the print does not show the speed.
     """
-    if not shows_speed(expected_s, reached_s, starved_s):
+    if not shows_speed(expected_s, actual_s, starved_s):
         return factor
-    step = min(_STEP, max(-_STEP, reached_s / expected_s - factor))
-    return min(MAX_TIME_FACTOR, max(MIN_TIME_FACTOR, factor + _WEIGHT * step))
+    difference = min(_MAX_DIFFERENCE, max(-_MAX_DIFFERENCE, actual_s / expected_s - factor))
+    return min(MAX_TIME_FACTOR, max(MIN_TIME_FACTOR, factor + _LATEST_WEIGHT * difference))

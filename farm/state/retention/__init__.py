@@ -9,7 +9,7 @@ from farm.state.retention.disk_forecast import (
 from farm.state.retention.file_names import list_deletable_files, list_job_file_names, list_named_files
 from farm.state.retention.selection import (
     MIN_AGE_S,
-    KeepRules,
+    RetentionRules,
     find_keep_reason,
     list_lost_jobs,
     list_prunable_files,
@@ -19,7 +19,7 @@ from farm.state.retention.selection import (
 __all__ = [
     "MIN_AGE_S",
     "DiskUse",
-    "KeepRules",
+    "RetentionRules",
     "average_day_bytes",
     "describe_shortage",
     "estimate_nights_until_full",

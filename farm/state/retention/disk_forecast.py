@@ -25,7 +25,7 @@ class DiskUse:
     prunable_bytes
         Size of the files that a prune may delete.
     day_bytes
-        Bytes stored in a day, on average of the last days.
+        Bytes stored per day, on average over the last days.
     """
 
     free_bytes: float
@@ -35,31 +35,31 @@ class DiskUse:
 
 
 def average_day_bytes(files: Iterable[tuple[float, int]]) -> float:
-    """Compute the bytes stored in a day: the average of the last week, or of two days if that is more.
+    """Compute the bytes stored per day: the average of the last week, or of the last two days if larger.
 
     Parameters
     ----------
     files
         Age in days, and bytes, of each file.
     """
-    ages_and_sizes = [(max(0.0, age), size) for age, size in files]
-    oldest = max((age for age, _ in ages_and_sizes), default=0.0)
+    ages_and_sizes = [(max(0.0, age_days), size_bytes) for age_days, size_bytes in files]
+    oldest_days = max((age_days for age_days, _ in ages_and_sizes), default=0.0)
     averages = []
-    for window in _WINDOWS_DAYS:
-        stored_bytes = sum(size for age, size in ages_and_sizes if age <= window)
-        averages.append(stored_bytes / max(1.0, min(window, oldest)))
+    for window_days in _WINDOWS_DAYS:
+        stored_bytes = sum(size_bytes for age_days, size_bytes in ages_and_sizes if age_days <= window_days)
+        averages.append(stored_bytes / max(1.0, min(window_days, oldest_days)))
     return max(averages)
 
 
 def estimate_nights_until_full(use: DiskUse, max_bytes: float, reserve_bytes: float) -> float:
-    """Estimate after how many nights the disk is full.
+    """Estimate the number of nights until the disk is full.
 
     Parameters
     ----------
     use
         Space used and free.
     max_bytes
-        Largest size of the files of jobs: every night the prunable files above it are deleted.
+        Maximum size of the files of jobs; every night, prunable files beyond it are deleted.
     reserve_bytes
         Bytes that must stay free.
 
@@ -68,18 +68,18 @@ def estimate_nights_until_full(use: DiskUse, max_bytes: float, reserve_bytes: fl
     float
         Nights; infinite if nothing is stored.
     """
-    left_bytes = use.free_bytes - reserve_bytes
-    if left_bytes <= 0.0:
+    available_bytes = use.free_bytes - reserve_bytes
+    if available_bytes <= 0.0:
         return 0.0
     if use.day_bytes <= 0.0:
         return math.inf
-    until_pruned = max(0.0, (max_bytes - use.stored_bytes) / use.day_bytes)
-    nights = left_bytes / use.day_bytes
-    return nights if nights <= until_pruned else nights + use.prunable_bytes / use.day_bytes
+    nights_until_pruning = max(0.0, (max_bytes - use.stored_bytes) / use.day_bytes)
+    nights = available_bytes / use.day_bytes
+    return nights if nights <= nights_until_pruning else nights + use.prunable_bytes / use.day_bytes
 
 
 def describe_shortage(folder: str, use: DiskUse, keep_gb: float, reserve_gb: float) -> str | None:
-    """Describe a disk that will be full within two nights, and what to do; None if there is enough space.
+    """Describe a disk that will be full within two nights, with the remedy; None if there is enough space.
 
     Parameters
     ----------

@@ -12,12 +12,12 @@ from farm.state.retention.file_names import group_file_names_by_job
 
 DAY_S = 86400.0
 MIN_AGE_S = 2 * DAY_S
-"""Least time for which the files of an ended job are kept: people judge parts the next morning."""
-_PRUNABLE = (JobState.DONE, JobState.FAILED, JobState.CANCELLED)
+"""Minimum time for which the files of an ended job are kept, because people judge parts the next morning."""
+_PRUNABLE_STATES = (JobState.DONE, JobState.FAILED, JobState.CANCELLED)
 
 
 @dataclass(frozen=True, slots=True)
-class KeepRules:
+class RetentionRules:
     """Limits on stored files: days since the end of a job, and bytes of all files."""
 
     days: float
@@ -29,27 +29,27 @@ def find_keep_reason(books: Books, job: Job) -> str | None:
     return _find_keep_reason(books, job, _find_unjudged_jobs(books))
 
 
-def _find_keep_reason(books: Books, job: Job, on_beds: Mapping[int, str]) -> str | None:
+def _find_keep_reason(books: Books, job: Job, unjudged_jobs: Mapping[int, str]) -> str | None:
     if job.pruned_s is not None:
         return "pruned already"
-    if job.state not in _PRUNABLE or job.ended_s is None:
+    if job.state not in _PRUNABLE_STATES or job.ended_s is None:
         return f"{job.state}"
-    if any(True for _ in books.open_prints(job.id)):
+    if any(True for _ in books.list_open_prints(job.id)):
         return "being printed"
-    return on_beds.get(job.id)
+    return unjudged_jobs.get(job.id)
 
 
 def _find_unjudged_jobs(books: Books) -> dict[int, str]:
-    """Find the jobs with a part on a bed or without a verdict: a bad part is printed again."""
-    parts = {}
+    """Find the jobs with a part on a bed or without a verdict, because a bad part is printed again."""
+    keep_reasons = {}
     for printer in books.printers.values():
-        last_print = books.last_print_on(printer.name)
+        last_print = books.find_last_print(printer.name)
         if last_print is not None and (printer.bed is not Bed.CLEAR or _is_unjudged(last_print)):
-            parts[last_print.job] = f"on the bed of {printer.name}"
+            keep_reasons[last_print.job] = f"on the bed of {printer.name}"
     for attempt in books.prints.values():
         if attempt.restored and _is_unjudged(attempt):
-            parts[attempt.job] = f"without a verdict on the part from {attempt.printer}"
-    return parts
+            keep_reasons[attempt.job] = f"without a verdict on the part from {attempt.printer}"
+    return keep_reasons
 
 
 def _is_unjudged(attempt: Print) -> bool:
@@ -57,7 +57,7 @@ def _is_unjudged(attempt: Print) -> bool:
 
 
 def select_jobs(
-    books: Books, sizes: Mapping[str, int], rules: KeepRules, now_s: float, backup_s: float
+    books: Books, sizes: Mapping[str, int], rules: RetentionRules, now_s: float, backup_s: float
 ) -> list[int]:
     """Select the jobs whose files are deleted: those past the age limit, and the oldest above the size limit.
 
@@ -72,8 +72,8 @@ def select_jobs(
     now_s
         Farm time, in seconds.
     backup_s
-        Time of the newest verified backup, in seconds. A job that ended later is kept: in the backup it is
-        open.
+        Time of the newest verified backup, in seconds. A job that ended later is kept, because it is still
+        open in the backup.
 
     Returns
     -------
@@ -82,35 +82,35 @@ def select_jobs(
         selected.
     """
     names = group_file_names_by_job(books)
-    users = Counter(name for job_names in names.values() for name in job_names)
-    total = sum(sizes.get(name, 0) for name in users)
+    user_counts = Counter(name for job_names in names.values() for name in job_names)
+    total_bytes = sum(sizes.get(name, 0) for name in user_counts)
     selected_jobs = []
     for job, ended_s in _list_candidates(books, min(backup_s, now_s - MIN_AGE_S)):
-        if ended_s >= now_s - rules.days * DAY_S and total <= rules.max_bytes:
+        if ended_s >= now_s - rules.days * DAY_S and total_bytes <= rules.max_bytes:
             break
         selected_jobs.append(job.id)
         for name in names[job.id] - _list_kept_names(job):
-            users[name] -= 1
-            if users[name] == 0:
-                total -= sizes.get(name, 0)
+            user_counts[name] -= 1
+            if user_counts[name] == 0:
+                total_bytes -= sizes.get(name, 0)
     return selected_jobs
 
 
 def list_prunable_files(books: Books, names: Iterable[str], now_s: float) -> set[str]:
     """List the files that a prune may delete: those that no open or recently ended job needs."""
-    prunable = {job.id for job, _ in _list_candidates(books, now_s - MIN_AGE_S)}
+    prunable_jobs = {job.id for job, _ in _list_candidates(books, now_s - MIN_AGE_S)}
     kept_names: set[str] = set()
     for number, job_names in group_file_names_by_job(books).items():
-        kept_names |= _list_kept_names(books.jobs[number]) if number in prunable else job_names
+        kept_names |= _list_kept_names(books.jobs[number]) if number in prunable_jobs else job_names
     return set(names) - kept_names
 
 
 def list_lost_jobs(books: Books, names: Container[str]) -> list[int]:
     """List the jobs that were pruned after the backup, found by their missing files.
 
-    Pruning keeps pictures. If these are missing too, the store may be unavailable: the job is not listed.
+    Pruning keeps pictures. If these are missing too, the store may be unavailable, so the job is not listed.
     """
-    on_beds = _find_unjudged_jobs(books)
+    unjudged_jobs = _find_unjudged_jobs(books)
     by_job = group_file_names_by_job(books)
     if not any(name in names for job_names in by_job.values() for name in job_names):
         return []
@@ -119,19 +119,19 @@ def list_lost_jobs(books: Books, names: Container[str]) -> list[int]:
         for number, job_names in by_job.items()
         if any(name not in names for name in job_names)
         and all(name in names for name in _list_kept_names(books.jobs[number]))
-        and _find_keep_reason(books, books.jobs[number], on_beds) is None
+        and _find_keep_reason(books, books.jobs[number], unjudged_jobs) is None
     ]
 
 
 def _list_candidates(books: Books, before_s: float) -> Iterable[tuple[Job, float]]:
     """List the jobs that ended before a time and whose files may be deleted, in the order of their ends."""
-    on_beds = _find_unjudged_jobs(books)
+    unjudged_jobs = _find_unjudged_jobs(books)
     ended_jobs = [
         (job, job.ended_s)
         for job in books.jobs.values()
         if job.ended_s is not None
         and job.ended_s < before_s
-        and _find_keep_reason(books, job, on_beds) is None
+        and _find_keep_reason(books, job, unjudged_jobs) is None
     ]
     return sorted(ended_jobs, key=lambda pair: (pair[1], pair[0].id))
 

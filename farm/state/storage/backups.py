@@ -18,11 +18,11 @@ from slicing.cache import trim_cache
 log = logging.getLogger(__name__)
 
 BACKUP_COUNT = 7
-_MIN_INTERVAL_S = 60.0  # least wall seconds between two backups, for fast simulated clocks
+_MIN_INTERVAL_S = 60.0  # minimum wall seconds between two backups, for fast simulated clocks
 _SPARE_BYTES = 64 * 2**20
-_HOUR = 4  # local time; clocks change for daylight saving before it
-_STAMP = "books-%Y%m%dT%H%M%SZ"
-_NAMES = f"books-{'[0-9]' * 8}T{'[0-9]' * 6}Z.db"
+_BACKUP_HOUR = 4  # local time; later than the change to or from daylight saving time
+_NAME_FORMAT = "books-%Y%m%dT%H%M%SZ"
+_NAME_PATTERN = f"books-{'[0-9]' * 8}T{'[0-9]' * 6}Z.db"
 
 
 def back_up(state: StateFolder, now_s: float) -> Path:
@@ -44,7 +44,7 @@ def back_up(state: StateFolder, now_s: float) -> Path:
     if free_bytes < needed_bytes:
         log.warning("the disk is full: the slice cache %s is emptied for the backup", state.slices)
         trim_cache(state.slices, 0)
-    target = state.backups / f"{datetime.fromtimestamp(now_s, UTC).strftime(_STAMP)}.db"
+    target = state.backups / f"{datetime.fromtimestamp(now_s, UTC).strftime(_NAME_FORMAT)}.db"
     copy_books(state.books, target, now_s)
     try:
         with Store(target) as copy:  # checks every page and row
@@ -67,7 +67,7 @@ class NightlyBackup:
     call_at
         Sets a timer: farm time, its name, the function to call.
     report
-        Called with a message after a failure, with None after a success.
+        Called with a message after a failure, and with None after a success.
     clean_up
         Called with the newest backup, even after a failure: deletes expired files in the background.
     """
@@ -113,23 +113,23 @@ class NightlyBackup:
 
 def list_backups(state: StateFolder) -> list[Path]:
     """List the backups, the newest first, ignoring other files in the folder."""
-    return sorted(state.backups.glob(_NAMES), reverse=True)
+    return sorted(state.backups.glob(_NAME_PATTERN), reverse=True)
 
 
 def parse_backup_time_s(copy: Path) -> float:
     """Return the farm time of a backup."""
-    return datetime.strptime(copy.stem, _STAMP).replace(tzinfo=UTC).timestamp()
+    return datetime.strptime(copy.stem, _NAME_FORMAT).replace(tzinfo=UTC).timestamp()
 
 
 def compute_next_backup_s(now_s: float, zone: tzinfo) -> float:
     """Return the farm time at which the next backup is due."""
     now = datetime.fromtimestamp(now_s, zone)
-    due = now.replace(hour=_HOUR, minute=0, second=0, microsecond=0, fold=0)
-    return (due if due.timestamp() > now_s else due + timedelta(days=1)).timestamp()
+    due_at = now.replace(hour=_BACKUP_HOUR, minute=0, second=0, microsecond=0, fold=0)
+    return (due_at if due_at.timestamp() > now_s else due_at + timedelta(days=1)).timestamp()
 
 
 def is_due(state: StateFolder, now_s: float) -> bool:
-    """Return whether the last day has no backup, as on a farm that is switched off every night."""
+    """Return whether there is no backup of the last day, as on a farm that is switched off every night."""
     newest = next(iter(list_backups(state)), None)
     return newest is None or parse_backup_time_s(newest) < now_s - 86400.0
 
@@ -153,7 +153,7 @@ def open_books(state: StateFolder, now_s: float) -> tuple[Store, float | None]:
             raise DamagedBooks(f"the database {state.books} is missing")
         store = Store(state.books)
         if store.copied_s is not None:
-            log.error("the database %s has nothing from after %.0f s", state.books, store.copied_s)
+            log.error("the database %s contains no events after %.0f s", state.books, store.copied_s)
         return store, store.copied_s
     except DamagedBooks as error:
         damage = error

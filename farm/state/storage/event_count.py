@@ -12,9 +12,9 @@ _SUFFIX = "-count"  # after the books' name
 class EventCount:
     """File with the number of events that are committed to the books of a path.
 
-    The number reveals lost commits: at a wrong checksum in the write-ahead log, SQLite drops the rest of the
-    log without an error. The file is not synced: after a power cut its number may be too small, never too
-    large. Disk errors are ignored: without the file, only such a loss is not detected.
+    The number reveals lost commits: if a checksum in the write-ahead log is wrong, SQLite drops the rest of
+    the log without an error. The file is not synced, so that its number may be too small after a power cut,
+    but never too large. Disk errors are ignored, because without the file only such a loss is not detected.
     """
 
     def __init__(self, books: Path) -> None:

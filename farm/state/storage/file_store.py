@@ -32,7 +32,7 @@ def link_files(folder: Path, store: Path, names: Mapping[str, str]) -> None:
 
 
 def remove_broken_links(jobs: Path) -> None:
-    """Remove the links of all jobs whose file is gone."""
+    """Remove the links, of all jobs, to files that no longer exist."""
     for link in jobs.glob("*/*"):
         if link.is_symlink() and not link.exists():
             link.unlink(missing_ok=True)
@@ -101,7 +101,7 @@ def delete_files(
     now_s
         Wall time, in seconds since the epoch.
     min_age_s
-        Least age of deleted files, in wall seconds since they were stored.
+        Minimum age of deleted files, in wall seconds since they were stored.
     """
     freed_bytes = 0
     for name in names:

@@ -21,21 +21,21 @@ TABLES: dict[type[Entity], str] = {
 }
 FIRST_VERSIONS: dict[type[Entity], int] = {Key: 4}
 """First schema version of the tables that version 1 lacks."""
-_COPIED = "copied (at_s REAL NOT NULL)"
-CREATE_COPIED = f"CREATE TABLE IF NOT EXISTS {_COPIED}"
+_COPIED_TABLE = "copied (at_s REAL NOT NULL)"
+COPIED_TABLE_STATEMENT = f"CREATE TABLE IF NOT EXISTS {_COPIED_TABLE}"
 """Statement that creates the table with the time of the backup; it has a row in incomplete books."""
-FIND_CHANGED_ROW = "SELECT id FROM {} WHERE crc IS NOT crc32(CAST(body AS BLOB)) LIMIT 1"
+CHANGED_ROW_QUERY = "SELECT id FROM {} WHERE crc IS NOT crc32(CAST(body AS BLOB)) LIMIT 1"
 """Query for a row whose checksum does not match."""
 
-_CREATE_TABLE = "CREATE TABLE {} (id TEXT PRIMARY KEY, body TEXT NOT NULL, crc INTEGER)"
-_EMPTY = (
-    *(_CREATE_TABLE.format(table) for table in TABLES.values()),
+_TABLE_STATEMENT = "CREATE TABLE {} (id TEXT PRIMARY KEY, body TEXT NOT NULL, crc INTEGER)"
+_INITIAL_SCHEMA = (
+    *(_TABLE_STATEMENT.format(table) for table in TABLES.values()),
     "CREATE TABLE event"
     " (seq INTEGER PRIMARY KEY, at_s REAL NOT NULL, kind TEXT NOT NULL, body TEXT NOT NULL)",
 )
-EXPECTED_TABLES = frozenset((*_EMPTY, f"CREATE TABLE {_COPIED}"))
+EXPECTED_TABLES = frozenset((*_INITIAL_SCHEMA, f"CREATE TABLE {_COPIED_TABLE}"))
 """Statements of the tables as SQLite lists them, to detect a damaged table name."""
-_LAST_ON_BED = """
+_PRINTS_ON_BEDS_QUERY = """
     SELECT json_extract(p.body, '$.id') AS id, json_extract(p.body, '$.job') AS job
     FROM print AS p JOIN printer ON printer.id = json_extract(p.body, '$.printer')
     WHERE json_extract(printer.body, '$.bed') IS NOT 'clear' AND json_extract(p.body, '$.ended_s') = (
@@ -43,18 +43,19 @@ _LAST_ON_BED = """
         WHERE json_extract(q.body, '$.printer') = printer.id
     )
 """
-_FROM_1 = (  # verdicts belonged to parts; now they belong to prints, given when a bed is cleared
+_MIGRATION_FROM_1 = (  # verdicts belonged to parts; now they belong to prints, given when a bed is cleared
     "UPDATE part SET body = json_remove(body, '$.verdict')",
-    f"CREATE TEMP TABLE lying AS {_LAST_ON_BED}",
+    f"CREATE TEMP TABLE on_bed AS {_PRINTS_ON_BEDS_QUERY}",
     "UPDATE print SET body = json_set(body, '$.verdict', 'good')"
-    " WHERE json_extract(body, '$.state') = 'done' AND id NOT IN (SELECT id FROM lying)",
+    " WHERE json_extract(body, '$.state') = 'done' AND id NOT IN (SELECT id FROM on_bed)",
     "UPDATE job SET body = json_set(body, '$.state', 'done')"
-    " WHERE json_extract(body, '$.state') = 'printed' AND CAST(id AS INTEGER) NOT IN (SELECT job FROM lying)",
-    "DROP TABLE lying",
+    " WHERE json_extract(body, '$.state') = 'printed'"
+    " AND CAST(id AS INTEGER) NOT IN (SELECT job FROM on_bed)",
+    "DROP TABLE on_bed",
 )
 """Parts removed from their beds before verdicts existed count as good; the others can be judged."""
-_FROM_3 = (_CREATE_TABLE.format(TABLES[Key]),)
-_FROM_2 = (
+_MIGRATION_FROM_3 = (_TABLE_STATEMENT.format(TABLES[Key]),)
+_MIGRATION_FROM_2 = (
     *(
         statement
         for kind, table in TABLES.items()
@@ -64,7 +65,13 @@ _FROM_2 = (
             f"UPDATE {table} SET crc = crc32(CAST(body AS BLOB))",
         )
     ),
-    *_FROM_3,
+    *_MIGRATION_FROM_3,
 )
-STEPS = {0: _EMPTY, 1: (*_FROM_1, *_FROM_2), 2: _FROM_2, 3: _FROM_3, SCHEMA_VERSION: ()}
+MIGRATIONS = {
+    0: _INITIAL_SCHEMA,
+    1: (*_MIGRATION_FROM_1, *_MIGRATION_FROM_2),
+    2: _MIGRATION_FROM_2,
+    3: _MIGRATION_FROM_3,
+    SCHEMA_VERSION: (),
+}
 """Statements that migrate each version to the current one; 0 is an empty file."""

@@ -1,4 +1,4 @@
-"""Books on disk: SQLite in WAL mode, one transaction for each event. The only import of sqlite3."""
+"""Books on disk: SQLite in WAL mode, one transaction for each event. No other module imports sqlite3."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from pydantic import ValidationError
 from farm.errors import FarmError
 from farm.model import Entity, Key, share_field_set
 from farm.state.books import Books, list_changed_entities, list_removed_keys, locate_entity
-from farm.state.event_rows import READ_EVENTS, READ_UPKEEP, EventRow, make_row
+from farm.state.event_rows import EVENTS_QUERY, UPKEEP_QUERY, EventRow, make_row
 from farm.state.events import BooksRestored, Event
 from farm.state.lifecycles import InvalidTransition
 from farm.state.storage.event_count import EventCount
 from farm.state.storage.migrations import (
+    CHANGED_ROW_QUERY,
     CHECKSUMS_VERSION,
-    CREATE_COPIED,
+    COPIED_TABLE_STATEMENT,
     EXPECTED_TABLES,
-    FIND_CHANGED_ROW,
     FIRST_VERSIONS,
+    MIGRATIONS,
     SCHEMA_VERSION,
-    STEPS,
     TABLES,
 )
 from farm.text import describe_first_error
@@ -43,7 +43,7 @@ class DamagedBooks(StoreError):
     """Error for damaged books on the disk."""
 
 
-_HISTORY = """
+_HISTORY_QUERY = """
     SELECT at_s, kind, json_extract(body, '$.state') FROM event
     WHERE json_extract(body, ?) = ? OR json_extract(body, ?) = ? ORDER BY seq DESC LIMIT 8
 """
@@ -54,7 +54,7 @@ _ENVIRONMENT_ERRORS = frozenset(
         *(sqlite3.SQLITE_READONLY, sqlite3.SQLITE_IOERR, sqlite3.SQLITE_FULL, sqlite3.SQLITE_CANTOPEN),
     )
 )
-"""SQLite's errors for a full disk, missing rights or memory; all others mean that the books are damaged."""
+"""SQLite's errors for a full disk, or missing permissions or memory; all others indicate damaged books."""
 
 
 def copy_books(source: Path, target: Path, at_s: float) -> None:
@@ -71,7 +71,7 @@ def copy_books(source: Path, target: Path, at_s: float) -> None:
             # Otherwise a damaged write-ahead log could revert the books to a state before the copy.
             books.execute("PRAGMA wal_checkpoint(PASSIVE)")
             with copy:
-                copy.execute(CREATE_COPIED)
+                copy.execute(COPIED_TABLE_STATEMENT)
                 copy.execute("DELETE FROM copied")
                 copy.execute("INSERT INTO copied VALUES (?)", (at_s,))
         with partial.open("rb") as file:
@@ -104,21 +104,21 @@ def read_books(path: Path) -> tuple[Books, int]:
             if result != "ok":
                 raise DamagedBooks(f"the database {path} is damaged: {' '.join(result.split())}")
             (version,) = db.execute("PRAGMA user_version").fetchone()
-            if version not in STEPS:
+            if version not in MIGRATIONS:
                 raise StoreError(f"the database {path} is of a newer version of farm ({version})")
             kinds = _list_kinds(version) if version >= CHECKSUMS_VERSION else ()
             for table in (TABLES[kind] for kind in kinds):
-                changed_row = db.execute(FIND_CHANGED_ROW.format(table)).fetchone()
+                changed_row = db.execute(CHANGED_ROW_QUERY.format(table)).fetchone()
                 if changed_row is not None:
                     raise DamagedBooks(
                         f"the database {path} is damaged: {table} {changed_row[0]} was changed"
                     )
-            return _load(db, version), version
+            return _load_books(db, version), version
     except sqlite3.Error as error:
         raise StoreError(f"the database {path} cannot be read: {error}") from error
 
 
-def _load(db: sqlite3.Connection, version: int = SCHEMA_VERSION) -> Books:
+def _load_books(db: sqlite3.Connection, version: int = SCHEMA_VERSION) -> Books:
     return Books.from_entities(entity for kind in _list_kinds(version) for entity in _read_rows(db, kind))
 
 
@@ -147,9 +147,9 @@ def _read_rows(db: sqlite3.Connection, kind: type[E]) -> list[E]:
 class Store:
     """Database of the books. Every method may raise StoreError.
 
-    Each entity is a row of its kind's table, with its fields as JSON. The books are read at start and kept in
-    memory, so the tables need no columns for single fields. Fields with their default value are left out;
-    these defaults must therefore never change.
+    Each entity is a row in the table of its kind, with its fields as JSON. The books are read at the start
+    and kept in memory, so the tables need no columns for single fields. Fields with their default value are
+    left out; these defaults must therefore never change.
     """
 
     def __init__(self, path: Path) -> None:
@@ -165,12 +165,12 @@ class Store:
         except sqlite3.Error as error:
             raise StoreError(f"the database {path} cannot be opened: {error}") from error
         try:
-            self._open(is_new)
+            self._open_database(is_new)
         except BaseException:
             self._db.close()
             raise
 
-    def _open(self, is_new: bool) -> None:
+    def _open_database(self, is_new: bool) -> None:
         path = self._path
         try:
             self._db.execute("PRAGMA journal_mode = WAL")
@@ -178,31 +178,31 @@ class Store:
             (result,) = self._db.execute("PRAGMA integrity_check(1)").fetchone()
             if result != "ok":
                 raise DamagedBooks(f"the database {path} is damaged: {' '.join(result.split())}")
-            self._create()
+            self._create_or_migrate()
             self._check_rows()
             if is_new:  # the former books were moved away: their count is invalid
                 self._count.remove()
             self._has_lost_events = self._find_last_event() < self._count.read()
         except (sqlite3.Error, UnicodeDecodeError) as error:  # the error message may not be text
-            environment = getattr(error, "sqlite_errorcode", 0) & 0xFF in _ENVIRONMENT_ERRORS
+            is_environment_error = getattr(error, "sqlite_errorcode", 0) & 0xFF in _ENVIRONMENT_ERRORS
             message = f"the database {path} cannot be opened: {error}"
-            if environment:
+            if is_environment_error:
                 raise StoreError(f"{message}; check its disk space and its permissions") from error
             raise DamagedBooks(message) from error
         except OSError as error:
             raise StoreError(f"the database {path} cannot be opened: {error}") from error
 
-    def _create(self) -> None:
+    def _create_or_migrate(self) -> None:
         """Create empty books, or migrate those of an earlier version."""
         (version,) = self._db.execute("PRAGMA user_version").fetchone()
-        if version not in STEPS:
+        if version not in MIGRATIONS:
             raise StoreError(
                 f"the database {self._path} is of a newer version ({version}): upgrade, or give --state"
             )
         self._db.execute("BEGIN IMMEDIATE")
-        for statement in STEPS[version]:
+        for statement in MIGRATIONS[version]:
             self._db.execute(statement)
-        self._db.execute(CREATE_COPIED)
+        self._db.execute(COPIED_TABLE_STATEMENT)
         self._db.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
         self._db.execute("COMMIT")
 
@@ -212,7 +212,7 @@ class Store:
         if {sql for (sql,) in tables} != EXPECTED_TABLES:
             raise DamagedBooks(f"the database {self._path} is damaged: it has other tables")
         for table in TABLES.values():
-            changed_row = self._db.execute(FIND_CHANGED_ROW.format(table)).fetchone()
+            changed_row = self._db.execute(CHANGED_ROW_QUERY.format(table)).fetchone()
             if changed_row is not None:
                 raise DamagedBooks(
                     f"the database {self._path} is damaged: {table} {changed_row[0]} was changed"
@@ -242,7 +242,7 @@ class Store:
 
     def load(self) -> Books:
         """Load the books as last committed."""
-        return _load(self._db)
+        return _load_books(self._db)
 
     @contextmanager
     def transaction(self) -> Iterator[None]:
@@ -287,17 +287,17 @@ class Store:
         if isinstance(event, BooksRestored):
             self._has_lost_events = False
 
-    def events(self) -> list[tuple[float, str, str]]:
+    def read_all_events(self) -> list[tuple[float, str, str]]:
         """Return the event log: farm time, kind and JSON of each."""
         return self._db.execute("SELECT at_s, kind, body FROM event ORDER BY seq").fetchall()
 
     def read_events(self, after: int, limit: int) -> list[EventRow]:
         """Read events after a number, oldest first, as all users may see them. Raises StoreError."""
-        return self._read_rows(READ_EVENTS, after, limit)
+        return self._read_rows(EVENTS_QUERY, after, limit)
 
     def read_upkeep(self, printer: str, limit: int) -> list[EventRow]:
         """Read events on the upkeep of a printer, newest first. Raises StoreError."""
-        return self._read_rows(READ_UPKEEP, printer, limit)
+        return self._read_rows(UPKEEP_QUERY, printer, limit)
 
     def _read_rows(self, query: str, *values: object) -> list[EventRow]:
         try:
@@ -354,7 +354,7 @@ class Store:
             return error
         path = f"$.{error.lifecycle.key}"
         with suppress(sqlite3.Error):  # the error is returned without it
-            rows = self._db.execute(_HISTORY, (path, error.key, f"{path}.id", error.key)).fetchall()
+            rows = self._db.execute(_HISTORY_QUERY, (path, error.key, f"{path}.id", error.key)).fetchall()
             return error.with_history(
                 f"{datetime.fromtimestamp(at_s, UTC):%Y-%m-%d %H:%M:%S} {kind}{f' {state}' if state else ''}"
                 for at_s, kind, state in reversed(rows)

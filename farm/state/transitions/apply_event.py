@@ -72,19 +72,19 @@ def find_subjects(event: ev.Event, books: Books) -> Iterator[Subject]:
         if isinstance(event, ev.JobSubmitted):
             key = event.job.id
         start = lifecycle.find_state(books, key)
-        starts = lifecycle.starts(kind)
-        if start is NEW and NEW not in starts:
+        start_states = lifecycle.find_start_states(kind)
+        if start is NEW and NEW not in start_states:
             _raise_missing(lifecycle, key, books)
-        if start not in starts:
+        if start not in start_states:
             raise InvalidTransition(event, lifecycle, key, start)
         yield Subject(lifecycle, key, start)
 
 
 def _raise_missing(lifecycle: Lifecycle, key: object, books: Books) -> None:
     if isinstance(key, int):
-        books.job(key)
+        books.get_job(key)
     if lifecycle is PRINTER:
-        books.printer(str(key))
+        books.get_printer(str(key))
     raise NoSuchThing(f"there is no {lifecycle.entity} {key}")
 
 

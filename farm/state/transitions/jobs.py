@@ -21,32 +21,32 @@ def _(event: ev.JobSubmitted, books: Books) -> Result:
 
 @change.register
 def _(event: ev.JobHeld, books: Books) -> Result:
-    return put(books, replace_fields(books.job(event.job), hold=event.hold)), ()
+    return put(books, replace_fields(books.get_job(event.job), hold=event.hold)), ()
 
 
 @change.register
 def _(event: ev.PlanningStarted, books: Books) -> Result:
-    return put(books, replace_fields(books.job(event.job), state=JobState.PLANNING, hold=None)), ()
+    return put(books, replace_fields(books.get_job(event.job), state=JobState.PLANNING, hold=None)), ()
 
 
 @change.register
 def _(event: ev.PlanningAbandoned, books: Books) -> Result:
-    return put(books, replace_fields(books.job(event.job), state=JobState.QUEUED, hold=event.hold)), ()
+    return put(books, replace_fields(books.get_job(event.job), state=JobState.QUEUED, hold=event.hold)), ()
 
 
 @change.register
 def _(event: ev.JobPlanned, books: Books) -> Result:
-    job = _apply_plan(books.job(event.job), event)
-    hold = (restore.HOLD if job.restored else _make_approval_hold(job.id)) if event.held else None
+    job = _apply_plan(books.get_job(event.job), event)
+    hold = (restore.RESTORE_HOLD if job.restored else _make_approval_hold(job.id)) if event.held else None
     job = replace_fields(job, state=JobState.HELD if event.held else JobState.PRINTING, hold=hold)
     return put(books, job, *event.parts, *event.plates), (ev.LinkFiles(job=job.id),)
 
 
 @change.register
 def _(event: ev.PlanRevised, books: Books) -> Result:
-    previous = books.job(event.job)
-    plates = list(books.plates_of(previous))
-    if any(books.plate_state(plate) is not PlateState.WAITING or plate.prints for plate in plates):
+    previous = books.get_job(event.job)
+    plates = list(books.list_plates(previous))
+    if any(books.find_plate_state(plate) is not PlateState.WAITING or plate.prints for plate in plates):
         raise InvalidTransition(event, JOB, previous.id, previous.state, "one of its plates has started")
     job = replace_fields(_apply_plan(previous, event), revisions=previous.revisions + 1)
     removed_plates = [plate for plate in plates if plate.id not in job.plates]
@@ -84,7 +84,7 @@ def _make_approval_hold(job: int) -> Hold:
 
 @change.register
 def _(event: ev.JobApproved, books: Books) -> Result:
-    job = books.job(event.job)
+    job = books.get_job(event.job)
     options = job.options.model_copy(update={"dry_run": False})
     books = put(books, replace_fields(job, state=JobState.PRINTING, hold=None, options=options))
     return update_job_state(books, event.job, event.at_s), ()
@@ -92,7 +92,7 @@ def _(event: ev.JobApproved, books: Books) -> Result:
 
 @change.register
 def _(event: ev.JobReleased, books: Books) -> Result:
-    job = books.job(event.job)
+    job = books.get_job(event.job)
     options = job.options.model_copy(update={"hold": event.hold, "dry_run": False})
     return put(books, replace_fields(job, options=options)), ()
 
@@ -104,7 +104,7 @@ def _(event: ev.JobFailed, books: Books) -> Result:
 
 @change.register
 def _(event: ev.JobCancelled, books: Books) -> Result:
-    job = books.job(event.job)
+    job = books.get_job(event.job)
     # A job that has not started may be planned for other printers.
     is_planning = job.state is JobState.PLANNING or not books.has_started(job.id)
     reason = f"cancelled by {event.by}"
@@ -116,7 +116,7 @@ def _(event: ev.JobCancelled, books: Books) -> Result:
 
 @change.register
 def _(event: ev.JobPruned, books: Books) -> Result:
-    job = books.job(event.job)
+    job = books.get_job(event.job)
     keep_reason = find_keep_reason(books, job)
     if keep_reason is not None:
         raise InvalidTransition(event, JOB, job.id, job.state, keep_reason)
@@ -126,16 +126,18 @@ def _(event: ev.JobPruned, books: Books) -> Result:
 
 @change.register
 def _(event: ev.JobPaused, books: Books) -> Result:
-    job = books.job(event.job)
+    job = books.get_job(event.job)
     books = put(books, replace_fields(job, paused=event.wanted))
     if not event.wanted:
-        books = put(books, *(replace_fields(plate, paused=False) for plate in books.plates_of(job)))
+        books = put(books, *(replace_fields(plate, paused=False) for plate in books.list_plates(job)))
     # Prints that are being ended are not paused.
-    pauses = [request_pause(p, event.wanted) for p in books.open_prints(event.job) if p.cancel_reason is None]
+    pauses = [
+        request_pause(p, event.wanted) for p in books.list_open_prints(event.job) if p.cancel_reason is None
+    ]
     return put(books, *(attempt for attempt, _ in pauses)), tuple(send for _, send in pauses)
 
 
 @change.register
 def _(event: ev.JobAssembled, books: Books) -> Result:
     gluing = Gluing(minutes=event.minutes, at_s=event.at_s, by=event.by)
-    return put(books, replace_fields(books.job(event.job), gluing=gluing)), ()
+    return put(books, replace_fields(books.get_job(event.job), gluing=gluing)), ()

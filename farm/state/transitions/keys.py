@@ -17,7 +17,7 @@ def _(event: ev.KeyAdded, books: Books) -> Result:
 @change.register
 def _(event: ev.KeyRevoked, books: Books) -> Result:
     """Revoke a key, and the sessions that it opened."""
-    revoked_keys = [books.key(event.key)]
+    revoked_keys = [books.get_key(event.key)]
     revoked_keys += [
         key for key in books.keys.values() if key.opened_by == event.key and key.revoked_s is None
     ]
@@ -37,4 +37,4 @@ def _(event: ev.SessionOpened, books: Books) -> Result:
 
 @change.register
 def _(event: ev.SessionExtended, books: Books) -> Result:
-    return put(books, replace_fields(books.key(event.session), expires_s=event.expires_s)), ()
+    return put(books, replace_fields(books.get_key(event.session), expires_s=event.expires_s)), ()

@@ -31,7 +31,7 @@ def _(event: ev.PlateAssigned, books: Books) -> Result:
 @change.register
 def _(event: ev.PlateReplaced, books: Books) -> Result:
     plate = books.plates[event.plate]
-    job = books.job(plate.job)
+    job = books.get_job(plate.job)
     if job.state is not JobState.PRINTING:
         raise InvalidTransition(event, JOB, job.id, job.state)
     kept_fields = {"prints": plate.prints, "counted_from": plate.counted_from, "paused": plate.paused}
@@ -76,10 +76,10 @@ def _(event: ev.PlateCancelled, books: Books) -> Result:
 @change.register
 def _(event: ev.ReprintRequested, books: Books) -> Result:
     plate = books.plates[event.plate]
-    job = books.job(plate.job)
+    job = books.get_job(plate.job)
     if job.pruned_s is not None:
         raise InvalidTransition(event, JOB, job.id, job.state, "pruned: its files are no longer kept")
-    successful_print = find_successful_print(books.prints_of(plate))
+    successful_print = find_successful_print(books.list_prints(plate))
     if successful_print is not None:
         books = put(books, replace_fields(successful_print, verdict=Verdict.BAD, verdict_why=event.why))
     books = put(books, replace_fields(plate, cancelled=False, paused=False, counted_from=len(plate.prints)))

@@ -22,9 +22,9 @@ def _(event: ev.PrinterAdded, books: Books) -> Result:
 
 @change.register
 def _(event: ev.BedCleared, books: Books) -> Result:
-    printer = books.printer(event.printer)
+    printer = books.get_printer(event.printer)
     filament = event.filament or printer.filament
-    judged_print = books.print_to_judge(printer.name)
+    judged_print = books.find_print_to_judge(printer.name)
     books = put(
         books, replace_fields(printer, bed=Bed.CLEAR, attention_reason=None, alarm=None, filament=filament)
     )
@@ -32,7 +32,7 @@ def _(event: ev.BedCleared, books: Books) -> Result:
         books = put(books, replace_fields(judged_print, verdict=event.verdict, verdict_why=event.why))
         books = update_job_state(books, judged_print.job, event.at_s)
     if event.verdict is Verdict.GOOD:
-        for attempt in list(books.unjudged_restored_prints(printer.name)):
+        for attempt in list(books.list_unjudged_restored_prints(printer.name)):
             books = put(books, replace_fields(attempt, verdict=Verdict.GOOD))
             books = update_job_state(books, attempt.job, event.at_s)
     stops: tuple[ev.AnyInstruction, ...] = ()
@@ -43,7 +43,7 @@ def _(event: ev.BedCleared, books: Books) -> Result:
 
 @change.register
 def _(event: ev.BedReported, books: Books) -> Result:
-    printer = books.printer(event.printer)
+    printer = books.get_printer(event.printer)
     bed = event.bed if printer.bed is Bed.UNKNOWN else printer.bed
     filament = event.filament if printer.filament is FilamentState.UNKNOWN else printer.filament
     return put(books, replace_fields(printer, bed=bed, filament=filament)), ()
@@ -63,7 +63,7 @@ def _(event: ev.PrinterAlarmed, books: Books) -> Result:
 
 def _request_inspection(event: ev.BedBecameUnknown | ev.PrinterAlarmed, books: Books) -> Printer:
     """Return the printer of an event, marked for inspection with the event's reason."""
-    printer = books.printer(event.printer)
+    printer = books.get_printer(event.printer)
     return replace_fields(printer, attention_reason=event.reason, attention_since_s=event.at_s)
 
 
@@ -74,18 +74,18 @@ def _(event: ev.PrinterLost, books: Books) -> Result:
 
 @change.register
 def _(event: ev.ReelLoaded, books: Books) -> Result:
-    return put(books, replace_fields(books.printer(event.printer), reel=event.reel)), ()
+    return put(books, replace_fields(books.get_printer(event.printer), reel=event.reel)), ()
 
 
 @change.register
 def _(event: ev.MaintenanceStarted, books: Books) -> Result:
-    return put(books, replace_fields(books.printer(event.printer), maintenance=event.why)), ()
+    return put(books, replace_fields(books.get_printer(event.printer), maintenance=event.why)), ()
 
 
 @change.register
 def _(event: ev.MaintenanceEnded, books: Books) -> Result:
     return put(
-        books, replace_fields(books.printer(event.printer), maintenance=None, attention_reason=None)
+        books, replace_fields(books.get_printer(event.printer), maintenance=None, attention_reason=None)
     ), ()
 
 
@@ -125,7 +125,7 @@ def _(event: ev.HostConnected, books: Books) -> Result:
 
 
 def _set_host_loss(books: Books, names: Iterable[str], loss: HostLoss | None) -> Books:
-    """Set the loss of their host on printers; None if it is connected."""
+    """Set the loss of the host of some printers; None if the host is connected."""
     printers = (books.printers[name] for name in names if name in books.printers)
     return put(books, *(replace_fields(printer, host_loss=loss) for printer in printers))
 

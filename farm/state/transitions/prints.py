@@ -15,7 +15,7 @@ from farm.state.consequences import (
     request_pause,
     update_job_state,
 )
-from farm.state.faults import LOSSES, UNCHARGED, OwnFault
+from farm.state.faults import LOSSES, UNCHARGED_FAULTS, FarmFault
 from farm.state.lifecycles import PRINT, InvalidTransition
 from farm.state.printer_speed import learn_speed
 from farm.state.reels import compute_used_grams, subtract_grams
@@ -82,14 +82,14 @@ def _(event: ev.StillKept, books: Books) -> Result:
 
 @change.register
 def _(event: ev.PrintFound, books: Books) -> Result:
-    return restore.book_found_print(event, books), ()
+    return restore.record_found_print(event, books), ()
 
 
 @change.register
 def _(event: ev.PrintEnded, books: Books) -> Result:
     previous = books.prints[event.print_id]
-    plate, printer = books.plates[previous.plate], books.printer(previous.printer)
-    unknown = _is_end_unknown(event, previous)
+    plate, printer = books.plates[previous.plate], books.get_printer(previous.printer)
+    is_unknown = _is_end_unknown(event, previous)
     attempt = _end_print(event, previous, plate)
     books = put(books, attempt)
     printer = replace_fields(
@@ -107,14 +107,14 @@ def _(event: ev.PrintEnded, books: Books) -> Result:
     if attempt.extruded or attempt.state is PrintState.FAILED:
         books = mark_bed_not_clear(books, attempt.printer)
     books = update_job_state(books, attempt.job, event.at_s)
-    if attempt.state is PrintState.FAILED and attempt.fault in LOSSES and not unknown:
+    if attempt.state is PrintState.FAILED and attempt.fault in LOSSES and not is_unknown:
         books = mark_printer_lost(books, attempt.printer, event.ended_s, event.at_s)
     return books, (ev.SendForget(print_id=attempt.id, printer=attempt.printer),)
 
 
 def _is_end_unknown(event: ev.PrintEnded, attempt: Print) -> bool:
     """Return whether a restored print may have been done, or ended by a person, since the backup."""
-    is_lost = event.fault == OwnFault.PRINT_LOST or event.state is PrintState.CANCELLED
+    is_lost = event.fault == FarmFault.PRINT_LOST or event.state is PrintState.CANCELLED
     return attempt.restored and is_lost
 
 
@@ -123,20 +123,20 @@ def _end_print(event: ev.PrintEnded, attempt: Print, plate: Plate) -> Print:
     state, fault, reason = event.state, event.fault, event.reason
     has_started = attempt.state is not PrintState.ASSIGNED or event.started_s is not None
     if state is PrintState.CANCELLED and attempt.fail_reason is not None:
-        state, fault, reason = PrintState.FAILED, OwnFault.BY_A_PERSON, attempt.fail_reason
+        state, fault, reason = PrintState.FAILED, FarmFault.BY_A_PERSON, attempt.fail_reason
     elif state is PrintState.CANCELLED and attempt.cancel_reason is None and has_started:
         state = PrintState.FAILED  # not requested by the farm
     # The print ended before the request reached its agent.
     if state is PrintState.DONE and attempt.fail_reason is not None:
         attempt = replace_fields(attempt, verdict=Verdict.BAD, verdict_why=attempt.fail_reason)
-    unknown = _is_end_unknown(event, attempt)
+    is_unknown = _is_end_unknown(event, attempt)
     has_extruded = attempt.extruded or event.extruded
     return replace_fields(
         attempt,
         state=state,
         fault=fault,
         reason=reason,
-        charged=not unknown and attempt.cancel_reason is None and fault not in UNCHARGED,
+        charged=not is_unknown and attempt.cancel_reason is None and fault not in UNCHARGED_FAULTS,
         started_s=attempt.started_s if attempt.started_s is not None else event.started_s,
         ended_s=event.ended_s,
         extruded=has_extruded,

@@ -1,4 +1,4 @@
-"""Rules for a job that is moved in the queue, or gets another start time. Pure.
+"""Rules for events that move a job in the queue, or change its start time. Pure.
 
 A moved job takes the priority of the job that follows it, and a rank between its neighbours. The rank of a
 job that was never moved is its number, so later jobs follow all earlier jobs of their priority.
@@ -18,22 +18,22 @@ from farm.state.transitions.rules import change
 
 @change.register
 def _(event: ev.JobMoved, books: Books) -> Result:
-    other_jobs = [job for job in books.open_jobs() if job.id != event.job]
+    other_jobs = [job for job in books.list_open_jobs() if job.id != event.job]
     numbers = [job.id for job in other_jobs]
     if event.before is not None and event.before not in numbers:
-        target = books.job(event.before)
+        target = books.get_job(event.before)
         raise InvalidTransition(event, JOB, target.id, target.state, "not in the queue")
     place = len(other_jobs) if event.before is None else numbers.index(event.before)
-    return put(books, *_place_job(books.job(event.job), other_jobs, place, max(books.jobs))), ()
+    return put(books, *_place_job(books.get_job(event.job), other_jobs, place, max(books.jobs))), ()
 
 
 @change.register
 def _(event: ev.JobRescheduled, books: Books) -> Result:
-    return put(books, replace_fields(books.job(event.job), not_before_s=event.not_before_s)), ()
+    return put(books, replace_fields(books.get_job(event.job), not_before_s=event.not_before_s)), ()
 
 
 def _place_job(job: Job, other_jobs: list[Job], place: int, last_number: int) -> Iterator[Job]:
-    """Yield a job with its new rank; if no rank is free there, also the other jobs with new ranks.
+    """Yield a job with its new rank, and the other jobs with new ranks if no rank between them is free.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def _place_job(job: Job, other_jobs: list[Job], place: int, last_number: int) ->
     place
         Index in `other_jobs` before which the job is put.
     last_number
-        Largest number of any job, so the largest rank of a job that was not moved.
+        Largest number of any job, and thus the largest rank of a job that was not moved.
     """
     jobs_before, jobs_after = other_jobs[:place], other_jobs[place:]
     if not other_jobs:

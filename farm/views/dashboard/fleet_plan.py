@@ -59,7 +59,7 @@ def plan_fleet(context: ViewContext, situation: Situation, since_s: float) -> Fl
     since_s
         Time in seconds since the epoch; prints that ended before it are left out.
     """
-    forecast = forecast_prints(situation, has_bound=False)
+    forecast = forecast_prints(situation, include_bound=False)
     plates = context.books.plates
     planned_prints = (
         TimelinePrint(

@@ -166,7 +166,7 @@ def describe_fleet_timeline(
         plan = plan_fleet(context, situation, since_s)
     else:
         plan, shifts = try_change(context, situation, change, since_s)
-    jobs = context.books.open_jobs()
+    jobs = context.books.list_open_jobs()
     return TimelineView(
         now=context.format_time(context.now_s) or "",
         zone=context.fleet.fleet.timezone,

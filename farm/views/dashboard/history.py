@@ -92,7 +92,7 @@ def describe_history(context: ViewContext, history_filter: HistoryFilter, max_ro
     prints = select_prints(context, history_filter)
     jobs = [
         job
-        for job in map(books.job, sorted({attempt.job for attempt in prints}, reverse=True))
+        for job in map(books.get_job, sorted({attempt.job for attempt in prints}, reverse=True))
         if job.state.ended
     ]
     shown_prints = prints[-max_rows:]
@@ -125,7 +125,7 @@ def select_prints(context: ViewContext, history_filter: HistoryFilter) -> list[P
         If there is no such job.
     """
     if history_filter.job is not None:
-        context.books.job(history_filter.job)
+        context.books.get_job(history_filter.job)
     since_s = 0.0 if history_filter.days is None else context.now_s - history_filter.days * _DAY_S
     prints = [
         attempt

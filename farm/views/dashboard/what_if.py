@@ -59,12 +59,12 @@ def apply_change(books: Books, change: Change, now_s: float) -> Books:
     InvalidTransition
         If the job cannot be moved.
     """
-    books.job(change.job)
+    books.get_job(change.job)
     if change.moves:
         event = ev.JobMoved(at_s=now_s, job=change.job, before=change.before, by="")
         books, _ = apply(event, books)
     if change.not_before_s is not None:
-        books = put(books, replace_fields(books.job(change.job), not_before_s=change.not_before_s))
+        books = put(books, replace_fields(books.get_job(change.job), not_before_s=change.not_before_s))
     return books
 
 
@@ -88,12 +88,16 @@ def change_situation(situation: Situation, books: Books, change: Change, now_s: 
     other_plates = tuple(
         _update_rank(plate, changed_books) for plate in situation.waiting if plate.job != change.job
     )
-    plates = (p for p in books.plates_of(books.job(change.job)) if books.plate_state(p) is PlateState.WAITING)
+    plates = (
+        p
+        for p in books.list_plates(books.get_job(change.job))
+        if books.find_plate_state(p) is PlateState.WAITING
+    )
     return situation.with_waiting((*other_plates, *describe_plates(plates, changed_books)))
 
 
 def _update_rank(plate: WaitingPlate, books: Books) -> WaitingPlate:
-    job = books.job(plate.job)
+    job = books.get_job(plate.job)
     return replace(plate, priority=job.priority, rank=job.moved_rank)
 
 

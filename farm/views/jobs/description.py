@@ -46,7 +46,7 @@ def summarise_jobs(context: ViewContext, jobs: Iterable[Job]) -> list[api.JobSum
     ratio = compute_assembly_ratio(context.books.jobs.values())
     return [
         api.JobSummary(
-            **dict(_describe_figures(context, job, list(context.books.plates_of(job)), ratio)),
+            **dict(_describe_figures(context, job, list(context.books.list_plates(job)), ratio)),
             plate_count=len(job.plates),
         )
         for job in jobs
@@ -74,7 +74,7 @@ def describe_job(context: ViewContext, job: Job) -> api.JobView:
 
 def _describe_job(context: ViewContext, job: Job, assembly_ratio: float) -> api.JobView:
     books = context.books
-    plates = list(books.plates_of(job))
+    plates = list(books.list_plates(job))
     contents = context.jobs.contents.find(books, job.id, lambda: _make_contents(context, job, plates))
     contents.plates = _update_holds(context, contents.plates)
     figures = _describe_figures(context, job, plates, assembly_ratio)
@@ -186,10 +186,10 @@ def _waits_for_person(context: ViewContext, job: Job, plates: Iterable[Plate]) -
         return True
     if job.state is JobState.QUEUED:
         holds = [job.hold]
-        has_open_prints = any(True for _ in context.books.open_prints())
+        has_open_prints = any(True for _ in context.books.list_open_prints())
     elif job.state is JobState.PRINTING:
         holds = [context.find_plate_hold(plate) for plate in plates]
-        has_open_prints = any(True for _ in context.books.open_prints(job.id))
+        has_open_prints = any(True for _ in context.books.list_open_prints(job.id))
     else:
         return False
     return not has_open_prints and any(
@@ -210,7 +210,7 @@ def _make_part_view(context: ViewContext, name: str, files: str | None) -> api.P
         plate=part.plate,
         file=_make_file_path(files, part.file),
         picture=str(context.state.files / picture) if picture is not None else None,
-        prints=[describe_print(context, attempt) for attempt in context.books.prints_of(plate)],
+        prints=[describe_print(context, attempt) for attempt in context.books.list_prints(plate)],
     )
 
 
@@ -241,13 +241,13 @@ def _make_still_view(context: ViewContext, attempt: Print, still: Still) -> api.
 
 def _find_verdict(books: Books, plate: Plate) -> Verdict | None:
     """Return a person's verdict on the last print that is done."""
-    successes = [attempt for attempt in books.prints_of(plate) if attempt.state is PrintState.DONE]
+    successes = [attempt for attempt in books.list_prints(plate) if attempt.state is PrintState.DONE]
     return successes[-1].verdict if successes else None
 
 
 def _make_plate_view(context: ViewContext, plate: Plate, files: str | None) -> api.PlateStatus:
     # without the prints of the part from which this one was cut
-    own_prints = [p for p in context.books.prints_of(plate) if p.plate == plate.id]
+    own_prints = [p for p in context.books.list_prints(plate) if p.plate == plate.id]
     return api.PlateStatus(
         id=plate.id,
         parts=list(plate.parts),
@@ -259,7 +259,7 @@ def _make_plate_view(context: ViewContext, plate: Plate, files: str | None) -> a
         price=plate.price,
         cached=plate.cached,
         warnings=list(plate.warnings),
-        printing=any(not attempt.state.ended for attempt in context.books.prints_of(plate)),
+        printing=any(not attempt.state.ended for attempt in context.books.list_prints(plate)),
         hold=None,
     )
 

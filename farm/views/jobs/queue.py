@@ -13,14 +13,14 @@ def list_queue(books: Books) -> list[Job]:
     """List the jobs with plates left to print, in the order in which they are scheduled."""
     return [
         job
-        for job in books.open_jobs()
+        for job in books.list_open_jobs()
         if job.state is not JobState.PRINTING or count_waiting_plates(books, job)
     ]
 
 
 def count_waiting_plates(books: Books, job: Job) -> int:
     """Count the plates of a job that have not started."""
-    return sum(books.plate_state(plate) is PlateState.WAITING for plate in books.plates_of(job))
+    return sum(books.find_plate_state(plate) is PlateState.WAITING for plate in books.list_plates(job))
 
 
 def describe_queue(context: ViewContext) -> api.Queue:

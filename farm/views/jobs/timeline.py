@@ -36,15 +36,17 @@ def describe_timeline(context: ViewContext, number: int, situation: Situation) -
         If it has no plan.
     """
     books = context.books
-    job = books.job(number)
+    job = books.get_job(number)
     if not job.plates:
         raise Refused(f"job {number} has no plan yet: it is {job.state}")
-    plates = {plate.id: plate for plate in books.plates_of(job)}
+    plates = {plate.id: plate for plate in books.list_plates(job)}
     own_plates = tuple(
-        describe_plates((p for p in plates.values() if books.plate_state(p) is PlateState.WAITING), books)
+        describe_plates(
+            (p for p in plates.values() if books.find_plate_state(p) is PlateState.WAITING), books
+        )
     )
     other_plates = tuple(plate for plate in situation.waiting if plate.job != number)
-    forecast = forecast_prints(situation.with_waiting((*other_plates, *own_plates)), has_bound=False)
+    forecast = forecast_prints(situation.with_waiting((*other_plates, *own_plates)), include_bound=False)
     bound_s = forecast_prints(situation.with_waiting(own_plates)).lower_bound_s
     expected_slots = [slot for slot in forecast.slots if slot.plate in plates]
     slots = [*_list_started_slots(plates.values(), books), *expected_slots]
@@ -69,8 +71,8 @@ def describe_timeline(context: ViewContext, number: int, situation: Situation) -
 def _list_started_slots(plates: Iterable[Plate], books: Books) -> Iterator[Slot]:
     """Yield the prints that have started; an open print lasts until its expected end."""
     for plate in plates:
-        for attempt in books.prints_of(plate):
-            factors = books.printer(attempt.printer).time_factors
+        for attempt in books.list_prints(plate):
+            factors = books.get_printer(attempt.printer).time_factors
             start_s = attempt.started_s if attempt.started_s is not None else attempt.assigned_s
             ends_s = attempt.ended_s
             if ends_s is None:

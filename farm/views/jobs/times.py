@@ -73,8 +73,8 @@ class JobTimes:
 
 def measure_times(context: ViewContext, job: Job) -> JobTimes:
     """Measure the times of a job."""
-    prints = context.books.prints_of_job(job)
-    plates = [(plate, context.books.plate_state(plate)) for plate in context.books.plates_of(job)]
+    prints = context.books.list_job_prints(job)
+    plates = [(plate, context.books.find_plate_state(plate)) for plate in context.books.list_plates(job)]
     runs = tuple(list_runs(job, prints, context.now_s))
     is_printed = job.state in (JobState.PRINTED, JobState.DONE)
     elapsed_s = sum(run.length_s for run in runs) if runs else None

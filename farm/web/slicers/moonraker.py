@@ -47,7 +47,7 @@ def make_moonraker_routes(services: Services, jobs: JobCommands) -> APIRouter:
         request: Request, response: Response, address: AddressParameter, by: CallerName
     ) -> dict[str, Any]:
         slicer_upload = await submit_form(request, services.uploads, jobs, address.options, by)
-        job = controller.books.job(slicer_upload.job)
+        job = controller.books.get_job(slicer_upload.job)
         path = format_file_path(job)
         response.headers["location"] = f"{address.root}/server/files/{_ROOT}/{quote(path)}"
         is_queued = slicer_upload.print_requested and not job.options.hold

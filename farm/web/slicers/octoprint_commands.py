@@ -83,7 +83,7 @@ def make_octoprint_command_routes(services: Services, jobs: JobCommands, selecti
         job = selection.find(by, address, controller.books)
         if job is None:
             raise Refused("no file is selected, and nothing is printed at this address")
-        open_print = None if address.printer is None else controller.books.open_print_on(address.printer)
+        open_print = None if address.printer is None else controller.books.find_open_print(address.printer)
         match body.command:
             case "start":
                 await jobs.release(job.id, services.state, by, is_operator(request))

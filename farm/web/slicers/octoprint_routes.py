@@ -39,7 +39,7 @@ def make_octoprint_routes(services: Services, jobs: JobCommands, selection: Sele
     @router.get("/api/job")
     async def show_job(address: AddressParameter, by: CallerName) -> dict[str, Any]:
         current_job = selection.find(by, address, controller.books)
-        prints = controller.books.open_prints(current_job.id) if current_job is not None else ()
+        prints = controller.books.list_open_prints(current_job.id) if current_job is not None else ()
         printer = next(
             (attempt.printer for attempt in prints if address.printer in (None, attempt.printer)), None
         )
@@ -51,7 +51,7 @@ def make_octoprint_routes(services: Services, jobs: JobCommands, selection: Sele
         request: Request, response: Response, address: AddressParameter, by: CallerName
     ) -> dict[str, Any]:
         slicer_upload = await submit_form(request, services.uploads, jobs, address.options, by)
-        job = controller.books.job(slicer_upload.job)
+        job = controller.books.get_job(slicer_upload.job)
         response.headers["location"] = location = _make_file_url(address, job)
         file = {"name": job.name, "path": views.format_file_path(job), "origin": "local"}
         return {
@@ -64,7 +64,7 @@ def make_octoprint_routes(services: Services, jobs: JobCommands, selection: Sele
     @router.get("/api/files")
     @router.get(FILES)
     async def list_files(address: AddressParameter) -> dict[str, Any]:
-        open_jobs = [job for job in controller.books.open_jobs() if address.lists_job(job)]
+        open_jobs = [job for job in controller.books.list_open_jobs() if address.lists_job(job)]
         return {"files": [views.describe_file(job, _make_file_url(address, job)) for job in open_jobs]}
 
     @router.get(FILE)

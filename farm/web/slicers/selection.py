@@ -24,6 +24,6 @@ class Selection:
 
     def find(self, by: str, address: Address, books: Books) -> Job | None:
         """Return the job that the printer of an address is printing, or otherwise the selected job."""
-        attempt = None if address.printer is None else books.open_print_on(address.printer)
+        attempt = None if address.printer is None else books.find_open_print(address.printer)
         number = self._jobs.get((by, address.printer)) if attempt is None else attempt.job
         return None if number is None else books.jobs.get(number)

@@ -47,8 +47,8 @@ def test_notices_about_earlier_prints_do_not_count(monkeypatch):
     monkeypatch.setattr(time, "monotonic", lambda: fleet.now_s)
     printers = [SimpleNamespace(state="unknown")]
     client = SimpleNamespace(
-        status=lambda: SimpleNamespace(todo=[], printers=printers if fleet.is_lost else []),
-        hosts=lambda: SimpleNamespace(hosts=[]),
+        fetch_status=lambda: SimpleNamespace(todo=[], printers=printers if fleet.is_lost else []),
+        fetch_hosts=lambda: SimpleNamespace(hosts=[]),
     )
     daemon = SimpleNamespace(client=client, read_cpu_s=lambda: 0.0)
     names = {FIRST_HOST: ["pc-01"]}

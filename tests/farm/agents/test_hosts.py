@@ -131,7 +131,7 @@ def test_print_survives_the_death_of_the_host_service_and_of_the_network(
     tmp_path: Path, pipe: HostPipe, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(hosts, "_MAX_WAIT_S", 0.2)
-    monkeypatch.setattr(host_record, "LOST_S", 1.0)
+    monkeypatch.setattr(host_record, "LOSS_DELAY_S", 1.0)
     state, listener, clock = StateFolder(tmp_path / "here"), RecordingListener(), Clock(SCALE, time.time())
     state.make()
     moves = "".join(

@@ -158,7 +158,7 @@ def test_agents_agree_on_deadlines_with_a_daemon_whose_clock_was_set(
     assert daemon_clock.now() - received_print.started_s == pytest.approx(0.0, abs=tolerance_s + 5.0)
     deadline_s = daemon_clock.now() + 600.0
     sent_request = to_agent_clock(
-        make_start(None, deadline_s), compute_clock_offset_s(snapshot, daemon_clock), deadline_s
+        make_start_file(None, deadline_s), compute_clock_offset_s(snapshot, daemon_clock), deadline_s
     )
     assert isinstance(sent_request, m.StartPrint)
     assert sent_request.not_after_s is not None
@@ -194,17 +194,17 @@ def test_start_is_sent_with_its_limits_and_changed_limits_later(tmp_path: Path):
     assert end_request == m.EndPrintBy(id=0, print_id="p", ends_by_s=800.0)
 
 
-def make_start(not_after_s: float | None, ends_by_s: float | None) -> m.StartPrint:
+def make_start_file(not_after_s: float | None, ends_by_s: float | None) -> m.StartPrint:
     fields = {"print_id": "p", "gcode": None, "sha256": "0", "print_time_s": 1.0, "filament": "parked"}
     limits = {"not_after_s": not_after_s, "ends_by_s": ends_by_s}
     return m.StartPrint.model_validate({"id": 0, **fields, **limits})
 
 
 def test_requests_have_times_by_the_clock_of_the_agent():
-    sent_request = to_agent_clock(make_start(None, None), -3600.0, 1000.0)
-    assert sent_request == make_start(4600.0, None)
-    assert to_agent_clock(make_start(500.0, 2000.0), -3600.0, 1000.0) == make_start(4100.0, 5600.0)
-    assert to_agent_clock(make_start(5000.0, 2000.0), 0.0, 1000.0) == make_start(1000.0, 2000.0)
+    sent_request = to_agent_clock(make_start_file(None, None), -3600.0, 1000.0)
+    assert sent_request == make_start_file(4600.0, None)
+    assert to_agent_clock(make_start_file(500.0, 2000.0), -3600.0, 1000.0) == make_start_file(4100.0, 5600.0)
+    assert to_agent_clock(make_start_file(5000.0, 2000.0), 0.0, 1000.0) == make_start_file(1000.0, 2000.0)
     end_request = m.EndPrintBy(id=0, print_id="p", ends_by_s=2000.0)
     assert to_agent_clock(end_request, 500.0, 1000.0) == end_request.model_copy(update={"ends_by_s": 1500.0})
     unlimited_request = end_request.model_copy(update={"ends_by_s": None})

@@ -340,7 +340,7 @@ def test_idle_agent_of_a_removed_printer_is_ended_on_its_host(tmp_path: Path, re
 @pytest.mark.parametrize("text", ["", "null", "[1, 2]", '["a"]', "{}", "[[], 5]"])
 def test_damaged_route_file_is_ignored(text, tmp_path):
     (tmp_path / "way.json").write_text(text)
-    remote.remove_start(remote.load_route(tmp_path, None, "", Clock()))
+    remote.remove_start_file(remote.load_route(tmp_path, None, "", Clock()))
 
 
 def test_names_of_farm_and_printer_cannot_lead_out_of_the_folder():

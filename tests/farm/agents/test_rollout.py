@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from drivers.host import HostState, Update, UpdatePhase
 from farm.agents.host_record import HostChange, HostRecord
-from farm.agents.hosts import compute_report_s
+from farm.agents.hosts import compute_report_interval_s
 from farm.agents.rollout import RolloutStep, plan_rollout
 
 CURRENT_UPDATE, OUTDATED_UPDATE, RUNNING_UPDATE, FAILED_UPDATE = (
@@ -109,4 +109,4 @@ def test_loss_is_reported_once_after_ten_seconds_and_the_return_once():
 
 
 def test_report_interval_limits_the_reports_of_the_fleet_to_200_a_second():
-    assert [compute_report_s(printers) for printers in (1, 200, 400, 1000, 5000)] == [1, 1, 2, 5, 5]
+    assert [compute_report_interval_s(printers) for printers in (1, 200, 400, 1000, 5000)] == [1, 1, 2, 5, 5]

@@ -6,7 +6,13 @@ import socket
 import pytest
 
 from farm.cli import estop_server
-from farm.cli.estop_server import MAX_PER_USER, MAX_TOTAL, REQUEST_S, EstopServer, read_peer_uid
+from farm.cli.estop_server import (
+    MAX_REQUESTS,
+    MAX_REQUESTS_PER_USER,
+    REQUEST_TIMEOUT_S,
+    EstopServer,
+    read_peer_uid,
+)
 
 CLIENT_COUNT = 80
 REQUEST = b'{"printers":[]}\n'
@@ -82,7 +88,7 @@ def test_request_is_passed_on_once_complete(rig):
 @pytest.mark.parametrize("data", [b"", REQUEST[:5]], ids=["nothing", "half a request"])
 def test_connection_without_a_request_is_ended_after_two_seconds(rig, data):
     client = rig.connect(1000, data)
-    rig.serve_once(REQUEST_S)
+    rig.serve_once(REQUEST_TIMEOUT_S)
     assert not is_refused(client)
     rig.serve_once(0.1)
     assert is_refused(client) and rig.started == []
@@ -90,25 +96,25 @@ def test_connection_without_a_request_is_ended_after_two_seconds(rig, data):
 
 def test_requests_are_limited_per_user(rig):
     clients = [rig.connect(1000) for _ in range(CLIENT_COUNT)]
-    assert sum(not is_refused(client) for client in clients) == MAX_PER_USER
+    assert sum(not is_refused(client) for client in clients) == MAX_REQUESTS_PER_USER
     rig.connect(2000, REQUEST)
     assert len(rig.started) == 1
 
 
 def test_running_stops_count_until_they_end(rig):
-    for _ in range(MAX_PER_USER):
+    for _ in range(MAX_REQUESTS_PER_USER):
         rig.connect(1000, REQUEST)
-    assert is_refused(rig.connect(1000, REQUEST)) and len(rig.started) == MAX_PER_USER
+    assert is_refused(rig.connect(1000, REQUEST)) and len(rig.started) == MAX_REQUESTS_PER_USER
     rig.started[0][1].code = 0
     rig.connect(1000, REQUEST)
-    assert len(rig.started) == MAX_PER_USER + 1
+    assert len(rig.started) == MAX_REQUESTS_PER_USER + 1
 
 
 def test_total_number_of_requests_is_limited(rig):
-    for uid in range(MAX_TOTAL // MAX_PER_USER + 1):
-        for _ in range(MAX_PER_USER):
+    for uid in range(MAX_REQUESTS // MAX_REQUESTS_PER_USER + 1):
+        for _ in range(MAX_REQUESTS_PER_USER):
             rig.connect(uid, REQUEST)
-    assert len(rig.started) == MAX_TOTAL
+    assert len(rig.started) == MAX_REQUESTS
 
 
 def test_server_continues_a_second_after_missing_descriptors(rig, monkeypatch):

@@ -20,7 +20,7 @@ class FakeClient:
         self.announced = self.contents if files is None else files
         self.downloads = []
 
-    def files(self, number):
+    def list_files(self, number):
         rows = [
             api.FileView(name=name, size=len(content), sha256=hashlib.sha256(content).hexdigest())
             for name, content in self.announced.items()

@@ -13,8 +13,8 @@ def test_page_names_the_time_zone_of_the_fleet(zone):
     status = make_status(make_night_books())
     status = status.model_copy(update={"fleet": status.fleet.model_copy(update={"timezone": zone})})
     client = SimpleNamespace(
-        job=lambda _: SimpleNamespace(job=status.jobs[0]),
-        status=lambda: status,
-        history=lambda *_: SimpleNamespace(prints=[]),
+        fetch_job=lambda _: SimpleNamespace(job=status.jobs[0]),
+        fetch_status=lambda: status,
+        fetch_history=lambda *_: SimpleNamespace(prints=[]),
     )
     assert f"the farm's time zone, {zone}." in render_report(client, 1, find_local_file).text

@@ -68,15 +68,15 @@ def test_plate_is_reassigned_after_its_agent_confirmed_its_cancellation(tmp_path
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     event = make_plan_event(1, 1)
     farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0))
-    first_print = farm.controller.books.open_print_on("a")
+    first_print = farm.controller.books.find_open_print("a")
     stale_snapshot = AgentSnapshot(printer="a", link=Link.ABSENT, agent_pid=9, reason="unplugged")
     farm.controller.on_snapshot(stale_snapshot)
     assert farm.effects.instructions[-1] == ev.SendCancel(
         print_id=first_print.id, printer="a", reason="unplugged"
     )
-    assert [p.printer for p in farm.controller.books.open_prints()] == ["a"]
+    assert [p.printer for p in farm.controller.books.list_open_prints()] == ["a"]
     farm.controller.on_snapshot(stale_snapshot.model_copy(update={"acknowledged_cancel": first_print.id}))
-    assert [p.printer for p in farm.controller.books.open_prints()] == ["b"]
+    assert [p.printer for p in farm.controller.books.list_open_prints()] == ["b"]
 
 
 def test_unmatched_job_does_not_block_the_next_one(farm):
@@ -193,7 +193,7 @@ def test_job_is_planned_while_every_bed_is_full(farm, plan):
     assert view.grams and view.estimated_s and view.eta  # these are known before a bed is clear
     assert list_tasks(farm.build_view_context(STATE))[0].printers == ["a", "b"]
     farm.clear_bed("a")
-    assert [attempt.plate for attempt in farm.controller.books.open_prints()] == ["1/01"]
+    assert [attempt.plate for attempt in farm.controller.books.list_open_prints()] == ["1/01"]
 
 
 def test_second_job_is_planned_and_forecast_while_the_first_prints(farm, plan):
@@ -227,10 +227,10 @@ def test_paused_print_is_a_task_with_its_time_limit(farm, plan):
     with pytest.raises(Refused, match="a is not printing"):
         farm.printers.pause("a", True, "ann")
     farm.controller.on_plan(1, plan)
-    attempt = farm.controller.books.open_print_on("a")
+    attempt = farm.controller.books.find_open_print("a")
     with pytest.raises(Refused, match="a is not paused"):
         farm.printers.pause("a", False, "ann")
-    pause_instruction = ev.SendPause(print_id=attempt.id, printer="a", wanted=True)
+    pause_instruction = ev.SendPause(print_id=attempt.id, printer="a", pause=True)
 
     def find_last_pause():
         pauses = [
@@ -258,7 +258,7 @@ def test_paused_print_is_a_task_with_its_time_limit(farm, plan):
     assert item.text == "resume a by 01 Jan 1970 02:00, or its print will be ended: `farm resume a`"
     assert [time.text for time in item.times] == ["01 Jan 1970 02:00"]
     farm.printers.pause("a", False, "ann")
-    assert find_last_pause() == pause_instruction.model_copy(update={"wanted": False})
+    assert find_last_pause() == pause_instruction.model_copy(update={"pause": False})
     view, tasks = report_state(PrintState.PRINTING)
     assert (view.state, view.print.pause_ends, tasks) == ("printing", None, [])
     farm.jobs.cancel(1, "ann")
@@ -271,7 +271,7 @@ def test_temperatures_and_progress_do_not_run_the_scheduler(farm, plan, monkeypa
     farm.report_ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     farm.controller.on_plan(1, plan)
-    attempt = farm.controller.books.open_print_on("a")
+    attempt = farm.controller.books.find_open_print("a")
     runs = []
 
     def count_call(situation):
@@ -319,7 +319,7 @@ def test_hold_shows_the_end_computed_from_progress_without_a_commit(farm, monkey
     first_hold = find_hold()
     assert "a and b are printing until" in first_hold.text
     for name, progress_s in (("a", 1.0), ("b", 80.0)):
-        attempt = farm.controller.books.open_print_on(name)
+        attempt = farm.controller.books.find_open_print(name)
         agent_print = AgentPrint(
             print_id=attempt.id, state=PrintState.PRINTING, fault=None, reason=None, progress_s=progress_s,
             print_time_s=90.0, extruded=True, started_s=FakeClock.now_s - 3600.0, ended_s=None,
@@ -331,7 +331,7 @@ def test_hold_shows_the_end_computed_from_progress_without_a_commit(farm, monkey
     views = [describe_printer(context, section, None) for section in context.fleet.printers]
     end_s = FakeClock.now_s + min(view.print.remaining_s for view in views)
     assert datetime.fromisoformat(second_hold.times[0].at).timestamp() == end_s == FakeClock.now_s + 10.0
-    kinds = [kind for _, kind, _ in farm.store.events()]
+    kinds = [kind for _, kind, _ in farm.store.read_all_events()]
     assert kinds[-5:] == ["JobPlanned", *["PlateAssigned"] * 2, *["PrintProgressed"] * 2]
 
 
@@ -373,12 +373,12 @@ def test_effects_before_an_error_are_performed(farm, plan):
     farm.report_ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     farm.controller.on_plan(1, plan)
-    attempt = farm.controller.books.open_print_on("a")
+    attempt = farm.controller.books.find_open_print("a")
     pause = ev.PauseRequested(at_s=1.0, print_id=attempt.id, wanted=True)
     with pytest.raises(NoSuchThing):
         farm.controller.handle(pause, ev.JobCancelled(at_s=1.0, job=9))
-    assert farm.controller.books.open_print_on("a").pause_requested
-    assert farm.effects.instructions[-1] == ev.SendPause(print_id=attempt.id, printer="a", wanted=True)
+    assert farm.controller.books.find_open_print("a").pause_requested
+    assert farm.effects.instructions[-1] == ev.SendPause(print_id=attempt.id, printer="a", pause=True)
 
 
 def test_stuck_heater_is_recorded_for_idle_and_printing_printers(farm):

@@ -13,7 +13,7 @@ from farm.errors import FarmError
 from farm.model import AgentPrint, AgentSnapshot, Bed, FilamentState, JobOptions, JobState, Link, PrintState
 from farm.paths import StateFolder
 from farm.planning.plan import Plan
-from farm.scheduling.forecast import CLEARING_S
+from farm.scheduling.forecast import CLEARING_TIME_S
 from farm.state import events as ev
 from farm.state.plate_state import PlateState
 
@@ -95,7 +95,7 @@ class ForecastSimulation:
     def start_prints(self):
         self.reject_revisions()
         now_s = self.clock.now_s
-        for attempt in list(self.controller.books.open_prints()):
+        for attempt in list(self.controller.books.list_open_prints()):
             if attempt.id not in self.started_ids:
                 self.started_ids.add(attempt.id)
                 plate = self.controller.books.plates[attempt.plate]
@@ -149,7 +149,7 @@ class ForecastSimulation:
             return
         self.report_print(name, print_id, state, started_s, next_s if state.ended else None)
         if state.ended:
-            clear_s = self.controller.rules.find_bed_clear_s(next_s, CLEARING_S)
+            clear_s = self.controller.rules.find_bed_clear_s(next_s, CLEARING_TIME_S)
             self.add_step(clear_s, name, print_id, None, 0.0)
 
     def run_to_end(self):
@@ -223,10 +223,10 @@ def test_forecast_is_exact_without_failures(job_specs, start_rules, printer_coun
         now_s = simulation.clock.now_s
         books = simulation.controller.books
         forecast_ends_s = dict(simulation.controller.build_view_context(StateFolder(Path(folder))).ends_s)
-        waiting_ids = {plate.id for plate in books.waiting_plates()}
+        waiting_ids = {plate.id for plate in books.list_waiting_plates()}
         assert forecast_ends_s.keys() <= waiting_ids
         end_times_s = simulation.run_to_end()
-        remaining_ids = {p.id for p in simulation.controller.books.waiting_plates()}
+        remaining_ids = {p.id for p in simulation.controller.books.list_waiting_plates()}
         assert remaining_ids == waiting_ids - forecast_ends_s.keys()
         for number in books.jobs:
             plates = [
@@ -238,7 +238,7 @@ def test_forecast_is_exact_without_failures(job_specs, start_rules, printer_coun
                 assert abs(elapsed_s - expected_s) <= 0.02 * elapsed_s, (number, expected_s, elapsed_s)
         assert all(p.bed is not Bed.UNKNOWN for p in simulation.controller.books.printers.values())
         assert not any(
-            simulation.controller.books.plate_state(p) is PlateState.PRINTING
+            simulation.controller.books.find_plate_state(p) is PlateState.PRINTING
             for p in simulation.controller.books.plates.values()
         )
         simulation.farm.store.close()

@@ -50,7 +50,7 @@ def farm(tmp_path):
 
 def report_print(farm, state=PrintState.PRINTING, **changes):
     """Report the print on `a` as its agent does; return its record before the report."""
-    attempt = farm.controller.books.open_print_on("a")
+    attempt = farm.controller.books.find_open_print("a")
     fields = {"fault": None, "reason": None, "progress_s": 5.0, "print_time_s": 90.0, "extruded": True}
     fields |= {"started_s": FRIDAY_S, "ended_s": None, "ends_by_s": STOP_S, **changes}
     agent_print = AgentPrint(print_id=attempt.id, state=state, **fields)
@@ -65,7 +65,7 @@ def list_deadline_tasks(farm):
 
 
 def test_print_gets_its_latest_start_and_end(farm):
-    attempt = farm.controller.books.open_print_on("a")
+    attempt = farm.controller.books.find_open_print("a")
     limits = farm.controller.situations.find_limits(attempt.id)
     needed_s = farm.controller.books.plates[attempt.plate].expected_s * 1.05
     assert limits.not_after_s == pytest.approx(STOP_S - needed_s)
@@ -92,21 +92,21 @@ def test_changed_hours_are_sent_to_the_agent(farm):
 
 
 def test_late_start_is_refused_and_its_plate_waits(farm):
-    attempt = farm.controller.books.open_print_on("a")
+    attempt = farm.controller.books.find_open_print("a")
     farm.controller.clock.now_s = parse_time("2026-11-20 19:00")
     farm.controller.on_refusal(attempt.id, "it came too late", late=True)
     late_print = farm.controller.books.prints[attempt.id]
     assert (late_print.state, late_print.fault) == (PrintState.CANCELLED, None)
     assert "too late" in late_print.reason
     assert (
-        farm.controller.books.printer("a").bed is Bed.CLEAR
-        and farm.controller.books.printer("a").attention_reason is None
+        farm.controller.books.get_printer("a").bed is Bed.CLEAR
+        and farm.controller.books.get_printer("a").attention_reason is None
     )
     (hold,) = farm.controller.scheduler.find_plate_holds().values()
     assert "from Mon 08:00" in hold.text
     farm.controller.clock.now_s = parse_time("2026-11-23 08:00")
     farm.controller.handle()
-    assert farm.controller.books.open_print_on("a").plate == late_print.plate
+    assert farm.controller.books.find_open_print("a").plate == late_print.plate
 
 
 def test_print_that_exceeds_the_hours_is_listed_as_a_task(farm):
@@ -133,7 +133,7 @@ def test_paused_print_is_resumed_only_in_attended_hours(farm):
         farm.printers.pause("a", False, "ann")
     farm.controller.clock.now_s = STOP_S - 60.0
     farm.printers.pause("a", False, "ann")
-    assert not farm.controller.books.open_print_on("a").pause_requested
+    assert not farm.controller.books.find_open_print("a").pause_requested
 
 
 def test_job_is_resumed_only_if_its_printers_may_continue(farm):
@@ -157,9 +157,9 @@ def test_end_of_hours_is_not_charged_to_the_plate_and_needs_an_inspection(farm):
     report_print(farm, PrintState.FAILED, **end_fields)
     books = farm.controller.books
     assert not books.prints[attempt.id].charged
-    assert books.printer("a").attention_reason == "nobody was to be there any more"
-    assert books.printer("a").bed is Bed.NOT_CLEAR
-    assert [plate.id for plate in books.waiting_plates()] == [attempt.plate]
+    assert books.get_printer("a").attention_reason == "nobody was to be there any more"
+    assert books.get_printer("a").bed is Bed.NOT_CLEAR
+    assert [plate.id for plate in books.list_waiting_plates()] == [attempt.plate]
 
 
 @pytest.mark.parametrize("step_s", [3600.0, -3600.0])
@@ -194,10 +194,10 @@ def test_hours_and_start_times_follow_a_clock_step(tmp_path):
     event = make_plan_event(1, 1)
     farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
     farm.jobs.submit("s" * 8, "m.stl", MODEL, JobOptions(at="12:00"), "ann")
-    assert farm.controller.books.open_print_on("a") is None
+    assert farm.controller.books.find_open_print("a") is None
     farm.controller.clock.now_s += 7 * 3600.0
     farm.controller.on_clock_set(7 * 3600.0)
-    assert farm.controller.books.open_print_on("a").plate == "1/01"
+    assert farm.controller.books.find_open_print("a").plate == "1/01"
     assert farm.controller.books.jobs[2].not_before_s == parse_time("2026-11-20 12:00")
     later_event = make_plan_event(2, 1)
     farm.controller.on_plan(
@@ -207,4 +207,4 @@ def test_hours_and_start_times_follow_a_clock_step(tmp_path):
     assert farm.controller.scheduler.find_plate_holds()["2/01"].code is HoldCode.START_TIME
     farm.controller.clock.now_s += 2 * 3600.0
     farm.controller.on_clock_set(2 * 3600.0)
-    assert farm.controller.books.open_print_on("b").plate == "2/01"
+    assert farm.controller.books.find_open_print("b").plate == "2/01"

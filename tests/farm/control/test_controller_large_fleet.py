@@ -20,7 +20,7 @@ from farm.state.storage import StoreError
 @pytest.fixture
 def farm(tmp_path, monkeypatch):
     """Make a planned job of two parts on a fleet of two printers, which counts as large."""
-    monkeypatch.setattr(controller, "LARGE_FLEET", 1)
+    monkeypatch.setattr(controller, "LARGE_FLEET_SIZE", 1)
     monkeypatch.setattr(scheduler, "MAX_STARTS", 1)
     farm = Farm(tmp_path)
     farm.report_ready("a", "b")
@@ -33,7 +33,7 @@ def farm(tmp_path, monkeypatch):
 
 
 def list_started_printers(farm):
-    return sorted(attempt.printer for attempt in farm.controller.books.open_prints(1))
+    return sorted(attempt.printer for attempt in farm.controller.books.list_open_prints(1))
 
 
 def test_reports_wait_for_the_tick_and_each_tick_starts_its_share(farm):
@@ -43,14 +43,14 @@ def test_reports_wait_for_the_tick_and_each_tick_starts_its_share(farm):
     assert len(list_started_printers(farm)) == 1
     farm.controller.tick()
     assert list_started_printers(farm) == ["a", "b"]
-    assert sorted(attempt.printer for attempt in farm.controller.books.open_prints()) == ["a", "b"]
+    assert sorted(attempt.printer for attempt in farm.controller.books.list_open_prints()) == ["a", "b"]
 
 
 def test_events_of_a_report_are_recorded_at_once(farm):
     farm.report_ready("a", "b")
     farm.controller.tick()
     farm.controller.tick()
-    ended_print = farm.controller.books.open_print_on("a")
+    ended_print = farm.controller.books.find_open_print("a")
     farm.report_ready("a", link=Link.ABSENT, agent_pid=None)
     assert farm.controller.books.prints[ended_print.id].state is PrintState.CANCELLED
 
@@ -111,12 +111,12 @@ def make_farm(folder, plate_counts, printer_count):
 
 
 def list_assignments(farm):
-    return sorted((attempt.plate, attempt.printer) for attempt in farm.controller.books.open_prints())
+    return sorted((attempt.plate, attempt.printer) for attempt in farm.controller.books.list_open_prints())
 
 
 @pytest.fixture
 def large_fleet(monkeypatch):
-    monkeypatch.setattr(controller, "LARGE_FLEET", 1)
+    monkeypatch.setattr(controller, "LARGE_FLEET_SIZE", 1)
 
 
 fleets = st.lists(st.integers(1, 4), min_size=1, max_size=4), st.integers(2, 8)
@@ -207,7 +207,7 @@ def test_start_is_dropped_if_a_change_between_two_portions_forbids_it(
         CHANGES[change](farm, start)
         patch.undo()
         patch.setattr(scheduler, "MAX_STARTS", 1)
-        patch.setattr(controller, "LARGE_FLEET", 1)
+        patch.setattr(controller, "LARGE_FLEET_SIZE", 1)
         for _ in range(20):
             farm.controller.tick()
         assert (start.plate, start.printer) not in list_assignments(farm)
@@ -218,7 +218,7 @@ def test_start_is_dropped_if_a_change_between_two_portions_forbids_it(
 
 
 def lose_print(farm, printer):
-    attempt = farm.controller.books.open_print_on(printer)
+    attempt = farm.controller.books.find_open_print(printer)
     report = AgentPrint(
         print_id=attempt.id, state=PrintState.FAILED, fault="port_lost", reason="no answer", progress_s=5.0,
         print_time_s=90.0, extruded=True, started_s=attempt.assigned_s, ended_s=attempt.assigned_s,

@@ -41,7 +41,7 @@ def check_books(simulation):
         assert all(end_s <= next_start_s for (_, end_s), (next_start_s, _) in itertools.pairwise(spans_s))
     failed_prints = [p for p in books.prints.values() if p.state is PrintState.FAILED]
     assert len(failed_prints) == 1
-    assert not list(books.open_prints())
+    assert not list(books.list_open_prints())
 
 
 @pytest.fixture(scope="module")
@@ -121,14 +121,14 @@ def test_full_disk_of_an_agent_is_not_counted_as_an_attempt(tmp_path):
     event = make_plan_event(1, 1)
     farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0, None))
     for _ in "abcd":
-        (attempt,) = farm.controller.books.open_prints()
+        (attempt,) = farm.controller.books.list_open_prints()
         for _ in range(MAX_REFUSALS):
             farm.controller.on_refusal(attempt.id, "x.gcode: cannot be written; make room on its disk")
         farm.controller.handle()
     books = farm.controller.books
-    assert not list(books.open_prints())
+    assert not list(books.list_open_prints())
     assert books.jobs[1].state is JobState.PRINTING
-    assert [plate.id for plate in books.waiting_plates()] == ["1/01"]
+    assert [plate.id for plate in books.list_waiting_plates()] == ["1/01"]
     assert all("make room on its disk" in printer.attention_reason for printer in books.printers.values())
 
 

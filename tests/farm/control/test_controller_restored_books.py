@@ -68,7 +68,7 @@ def check_books(simulation):
     assert {
         name: (p.printer, p.started_s, p.ended_s) for name, p in started_prints.items()
     } == simulation.prints
-    assert not list(books.open_prints())
+    assert not list(books.list_open_prints())
     assert len([p for p in started_prints.values() if p.state is PrintState.FAILED]) == 1
 
 
@@ -223,7 +223,7 @@ def test_interrupted_import_of_a_journal_is_repeated(tmp_path):
 
 def test_inconsistent_restored_books_are_logged(tmp_path, caplog):
     farm = Farm(tmp_path / "farm")
-    changed_printer = farm.controller.books.printer("a").model_copy(
+    changed_printer = farm.controller.books.get_printer("a").model_copy(
         update={"reel": Reel(material="generic_pla", grams=-1.0, nozzle_mm=0.4)}
     )
     farm.controller.books = put(farm.controller.books, changed_printer)

@@ -75,7 +75,7 @@ def test_tick_at_the_end_of_quiet_hours_starts_the_plate(farm, calls):
     assert calls == []
     tick(farm, MORNING_S)
     assert calls == [MORNING_S]
-    assert farm.controller.books.open_print_on("a") is not None
+    assert farm.controller.books.find_open_print("a") is not None
 
 
 def test_tick_repeats_an_unconfirmed_start(farm):
@@ -111,13 +111,13 @@ def test_failed_commit_is_repeated_at_the_next_tick(farm, calls, monkeypatch):
             tick(farm, MORNING_S)
     tick(farm, MORNING_S + 1.0)
     assert calls == [MORNING_S, MORNING_S + 1.0]
-    assert farm.controller.books.job(1).state is JobState.PRINTING
-    assert farm.controller.books.open_print_on("a") is not None
+    assert farm.controller.books.get_job(1).state is JobState.PRINTING
+    assert farm.controller.books.find_open_print("a") is not None
 
 
 def test_plate_of_a_single_lost_printer_is_reassigned(farm, calls):
     tick(farm, MORNING_S)
-    lost_print = farm.controller.books.open_print_on("a")
+    lost_print = farm.controller.books.find_open_print("a")
     end_fields = {
         "state": "failed",
         "fault": "port_lost",
@@ -134,9 +134,9 @@ def test_plate_of_a_single_lost_printer_is_reassigned(farm, calls):
         HoldCode.JUST_LOST
     ]
     tick(farm, MORNING_S + 10.0)
-    assert farm.controller.books.open_print_on("b") is None
+    assert farm.controller.books.find_open_print("b") is None
     tick(farm, MORNING_S + 11.0)
-    assert farm.controller.books.open_print_on("b") is not None
+    assert farm.controller.books.find_open_print("b") is not None
 
 
 def test_tick_starts_a_plate_made_possible_by_the_last_start(tmp_path):
@@ -157,4 +157,4 @@ def test_tick_starts_a_plate_made_possible_by_the_last_start(tmp_path):
     farm.controller.on_plan(1, plan)
     tick(farm, NIGHT_S)
     books = farm.controller.books
-    assert [books.open_print_on(name) is not None for name in "abc"] == [True, True, False]
+    assert [books.find_open_print(name) is not None for name in "abc"] == [True, True, False]

@@ -54,7 +54,7 @@ def farm(tmp_path):
 def end_print(farm, plate, state=PrintState.DONE):
     """End the print of a plate after 100 s."""
     books = farm.controller.books
-    attempt = next(p for p in books.open_prints() if p.plate == plate)
+    attempt = next(p for p in books.list_open_prints() if p.plate == plate)
     started_s = farm.controller.clock.at_s
     farm.controller.clock.at_s += 100.0
     report = AgentPrint(
@@ -75,12 +75,12 @@ def end_print(farm, plate, state=PrintState.DONE):
 
 
 def describe_first_job(farm):
-    return describe_job(farm.build_view_context(STATE), farm.controller.books.job(1))
+    return describe_job(farm.build_view_context(STATE), farm.controller.books.get_job(1))
 
 
 def test_all_copies_print_side_by_side(farm):
     books = farm.controller.books
-    assert {p.plate: p.printer for p in books.open_prints()}.keys() == {
+    assert {p.plate: p.printer for p in books.list_open_prints()}.keys() == {
         "1/01.1",
         "1/01.2",
         "1/02.1",
@@ -102,7 +102,7 @@ def test_only_the_failed_part_of_a_copy_is_printed_again(farm):
         farm.clear_bed(end_print(farm, plate))
     printer = end_print(farm, "1/02.2")
     farm.clear_bed(printer, verdict=Verdict.BAD, reason="fell over")
-    assert [p.plate for p in farm.controller.books.open_prints()] == ["1/02.2"]
+    assert [p.plate for p in farm.controller.books.list_open_prints()] == ["1/02.2"]
     job_view = describe_first_job(farm)
     assert (job_view.printed, job_view.good, job_view.printed_copies) == (3, 3, 1)
     screen = Console(file=io.StringIO(), width=100)
@@ -111,7 +111,7 @@ def test_only_the_failed_part_of_a_copy_is_printed_again(farm):
     for text in ("vase", "for Ada", "1 of 2", "1/p02.2", "attempt 2"):
         assert text in page
     farm.clear_bed(end_print(farm, "1/02.2"))
-    assert farm.controller.books.job(1).state is JobState.DONE
+    assert farm.controller.books.get_job(1).state is JobState.DONE
     assert describe_first_job(farm).printed_copies == 2
 
 

@@ -59,19 +59,19 @@ def test_page_keeps_a_dry_run_for_longer_than_a_command_does(tmp_path):
     dry_runs.keep(number, 0.0, PAGE_DRY_RUN_TIMEOUT_S)
     dry_runs.keep(number, 1.0)  # a command counts as a request too
     dry_runs.cancel_abandoned(PAGE_DRY_RUN_TIMEOUT_S)
-    assert not farm.controller.books.job(number).state.ended
+    assert not farm.controller.books.get_job(number).state.ended
     dry_runs.cancel_abandoned(PAGE_DRY_RUN_TIMEOUT_S + 1.0)
-    assert farm.controller.books.job(number).state.ended
+    assert farm.controller.books.get_job(number).state.ended
 
 
 def test_kept_dry_run_is_held_until_its_plan_is_approved(tmp_path):
     farm = Farm(tmp_path)
     number = submit_job(farm, "a", dry_run=True, hold=True)
     farm.jobs.keep_dry_run(number, "ann")
-    job = farm.controller.books.job(number)
+    job = farm.controller.books.get_job(number)
     assert (job.options.dry_run, job.options.hold) == (False, True)
     DryRuns(farm.controller).cancel_abandoned(1e9)
-    assert not farm.controller.books.job(number).state.ended
+    assert not farm.controller.books.get_job(number).state.ended
     with pytest.raises(Refused, match="is not a dry run"):
         farm.jobs.keep_dry_run(number, "ann")
 
@@ -82,7 +82,7 @@ def test_dry_run_may_be_printed_by_the_person_who_submitted_it(tmp_path):
     with pytest.raises(Refused, match="only an operator"):
         asyncio.run(farm.jobs.release(number, None, "bob", is_operator=False))
     asyncio.run(farm.jobs.release(number, None, "ann", is_operator=False))
-    job = farm.controller.books.job(number)
+    job = farm.controller.books.get_job(number)
     assert (job.options.dry_run, job.options.hold) == (False, False)
 
 
@@ -96,14 +96,14 @@ def test_approved_dry_run_is_not_cancelled(tmp_path):
     dry_runs = DryRuns(farm.controller)
     dry_runs.cancel_abandoned(0.0)
     dry_runs.cancel_abandoned(1e9)
-    assert farm.controller.books.job(number).state is JobState.PRINTING
+    assert farm.controller.books.get_job(number).state is JobState.PRINTING
 
 
 def test_model_is_planned_again_without_another_upload(tmp_path):
     farm = Farm(tmp_path)
     number = submit_job(farm, "a", dry_run=True, hold=True)
-    new_number = farm.jobs.plan_again(number, "b" * 8, JobOptions(printers=2, dry_run=True, hold=True), "ann")
-    first_job, second_job = (farm.controller.books.job(n) for n in (number, new_number))
+    new_number = farm.jobs.resubmit(number, "b" * 8, JobOptions(printers=2, dry_run=True, hold=True), "ann")
+    first_job, second_job = (farm.controller.books.get_job(n) for n in (number, new_number))
     assert (second_job.model_file, second_job.name, second_job.repairs) == (
         first_job.model_file,
         first_job.name,
@@ -113,4 +113,4 @@ def test_model_is_planned_again_without_another_upload(tmp_path):
     farm.jobs.cancel(number, "ann")
     farm.controller.handle(ev.JobPruned(at_s=1.0, job=number, by="ann"))
     with pytest.raises(Refused, match="were pruned"):
-        farm.jobs.plan_again(number, "c" * 8, JobOptions(), "ann")
+        farm.jobs.resubmit(number, "c" * 8, JobOptions(), "ann")

@@ -80,10 +80,10 @@ def list_started_printers(farm):
 def test_changes_during_an_approval_are_noticed(farm, state, monkeypatch):
     number = submit_job(farm, hold=True)
     farm.controller.on_plan(number, make_stored_plan(number, state))
-    plan = farm.controller.books.job(number).plan
+    plan = farm.controller.books.get_job(number).plan
 
     def cancel_job():
-        if not farm.controller.books.job(number).state.ended:
+        if not farm.controller.books.get_job(number).state.ended:
             farm.controller.handle(ev.JobCancelled(at_s=1.0, job=number))
 
     with monkeypatch.context() as patch:
@@ -107,18 +107,18 @@ def test_changes_during_an_approval_are_noticed(farm, state, monkeypatch):
 def test_plan_of_an_earlier_version_is_approvable_after_a_restore(farm, state):
     number = submit_job(farm)
     farm.controller.on_plan(number, make_stored_plan(number, state))
-    job = farm.controller.books.job(number).model_copy(update={"plan": None})
+    job = farm.controller.books.get_job(number).model_copy(update={"plan": None})
     farm.controller.books = put(farm.controller.books, job)
     farm.controller.handle(ev.BooksRestored(at_s=1.0, copied_s=0.0))
-    assert farm.controller.books.job(number).state is JobState.HELD
+    assert farm.controller.books.get_job(number).state is JobState.HELD
     asyncio.run(farm.jobs.approve(number, "", state, "ann"))
-    assert farm.controller.books.job(number).state is JobState.PRINTING
+    assert farm.controller.books.get_job(number).state is JobState.PRINTING
 
 
 def test_held_plan_prints_only_after_approval_of_its_hash(farm, state):
     number = submit_job(farm, hold=True)
     farm.controller.on_plan(number, make_stored_plan(number, state))
-    job = farm.controller.books.job(number)
+    job = farm.controller.books.get_job(number)
     assert (job.state, job.hold.code) == (JobState.HELD, HoldCode.APPROVAL)
     assert list_started_printers(farm) == []
     with pytest.raises(Refused, match="check it again"):
@@ -132,13 +132,13 @@ def test_held_plan_prints_only_after_approval_of_its_hash(farm, state):
 def test_held_job_is_released_before_its_plan_or_after_it(farm, state):
     early_job, late_job = submit_job(farm, hold=True), submit_job(farm, "s", hold=True)
     farm.controller.on_plan(late_job, make_stored_plan(late_job, state))
-    assert farm.controller.books.job(late_job).state is JobState.HELD
+    assert farm.controller.books.get_job(late_job).state is JobState.HELD
     for number in (early_job, late_job):
         with pytest.raises(Refused, match="only an operator"):
             asyncio.run(farm.jobs.release(number, state, "bob", is_operator=False))
         asyncio.run(farm.jobs.release(number, state, "bob", is_operator=True))
     farm.controller.on_plan(early_job, make_stored_plan(early_job, state))
-    assert [farm.controller.books.job(n).state for n in (early_job, late_job)] == [JobState.PRINTING] * 2
+    assert [farm.controller.books.get_job(n).state for n in (early_job, late_job)] == [JobState.PRINTING] * 2
 
 
 def test_plan_whose_files_changed_is_not_released(farm, state):
@@ -146,7 +146,7 @@ def test_plan_whose_files_changed_is_not_released(farm, state):
     farm.controller.on_plan(number, make_stored_plan(number, state))
     (state.files / "g.gcode").write_bytes(b"G28 ; and more\n")
     with pytest.raises(Refused, match="has changed since it was planned"):
-        plan = farm.controller.books.job(number).plan
+        plan = farm.controller.books.get_job(number).plan
         asyncio.run(farm.jobs.approve(number, plan, state, "ann"))
     assert list_started_printers(farm) == []
 
@@ -156,7 +156,7 @@ def test_fleet_option_requires_approval_of_every_job(tmp_path, state):
     farm.report_ready("a", "b")
     number = submit_job(farm)
     farm.controller.on_plan(number, make_stored_plan(number, state))
-    assert farm.controller.books.job(number).state is JobState.HELD
+    assert farm.controller.books.get_job(number).state is JobState.HELD
 
 
 def test_reel_survives_a_restart_and_short_reels_start_nothing(farm, state, tmp_path, monkeypatch):
@@ -194,7 +194,7 @@ def test_reel_of_an_unknown_material_is_refused(farm, state, monkeypatch):
 def test_own_gcode_is_planned_during_decompositions(farm):
     first_job, second_job = submit_job(farm), submit_job(farm, "s")
     third_job, urgent_job = submit_job(farm, "t"), submit_job(farm, "u", priority=1)
-    holds = {number: farm.controller.books.job(number).hold.code for number in (third_job, urgent_job)}
+    holds = {number: farm.controller.books.get_job(number).hold.code for number in (third_job, urgent_job)}
     assert set(holds.values()) == {HoldCode.NOT_FIRST}
     gcode_job = submit_job(farm, "v", GCODE)
     assert [plan[0] for plan in farm.effects.plans] == [first_job, second_job, gcode_job]
@@ -205,7 +205,7 @@ def test_own_gcode_is_planned_during_decompositions(farm):
 def test_own_gcode_is_planned_beside_an_unprintable_job(farm):
     """Plan G-code at once although the job before it in the queue matches no printer."""
     blocked_job = submit_job(farm, material="generic_abs")
-    assert farm.controller.books.job(blocked_job).hold.code is HoldCode.NO_SUCH_PRINTER
+    assert farm.controller.books.get_job(blocked_job).hold.code is HoldCode.NO_SUCH_PRINTER
     gcode_job = submit_job(farm, "s", GCODE, hold=True, dry_run=True)
     assert farm.effects.plans == [(gcode_job, ["a", "b"], 1)]
 
@@ -219,7 +219,7 @@ def test_job_with_a_start_time_is_planned_at_once_and_starts_at_that_time(farm, 
         HoldCode.START_TIME
     }
     farm.controller.clock = type("Later", (), {"now": lambda _: farm.clock_s, "scale": 1.0})()
-    farm.clock_s = farm.controller.books.job(later_job).not_before_s
+    farm.clock_s = farm.controller.books.get_job(later_job).not_before_s
     farm.controller.tick()
     assert list_started_printers(farm) == ["a", "b"]
 
@@ -236,7 +236,7 @@ def test_missed_deadline_is_reported_with_the_earliest_end(farm, state):
         deadline = datetime.fromtimestamp(farm.controller.clock.now() + delay_s).astimezone().isoformat()
         number = submit_job(farm, name=f"{delay_s:03d}", done_by=deadline, hold=True)
         farm.controller.on_plan(number, make_stored_plan(number, state))
-        return farm.controller.books.job(number).repairs
+        return farm.controller.books.get_job(number).repairs
 
     assert list_deadline_notices(3600) == ()
     (notice,) = list_deadline_notices(50)
@@ -256,20 +256,20 @@ def test_plan_of_several_materials_is_reported(farm, state):
         first_plate, second_plate = plan.plates
         plates = (first_plate, second_plate.model_copy(update={"material": other_material}))
         farm.controller.on_plan(number, replace(plan, plates=plates))
-        result = farm.controller.books.job(number).repairs
+        result = farm.controller.books.get_job(number).repairs
         assert len(result) == notice_count
         assert all("generic_abs and generic_pla" in notice for notice in result)
 
 
 def test_deadline_without_a_date_follows_the_start_time(farm):
     number = submit_job(farm, at="22:00", done_by="08:00")
-    job = farm.controller.books.job(number)
+    job = farm.controller.books.get_job(number)
     assert job.done_by_s - job.not_before_s == pytest.approx(10 * 3600)
 
 
 def test_assembly_deadline_replaces_the_printing_deadline(farm):
     number = submit_job(farm, at="22:00", assembled_by="08:00")
-    job = farm.controller.books.job(number)
+    job = farm.controller.books.get_job(number)
     assert job.done_by_s is None
     assert job.assembled_by_s - job.not_before_s == pytest.approx(10 * 3600)
     with pytest.raises(FarmError, match="not both"):
@@ -281,7 +281,7 @@ def test_missed_deadline_of_the_assembly_is_reported(farm, state):
         deadline = datetime.fromtimestamp(farm.controller.clock.now() + delay_s).astimezone().isoformat()
         number = submit_job(farm, name=f"{delay_s:04d}", assembled_by=deadline, hold=True)
         farm.controller.on_plan(number, replace(make_stored_plan(number, state), assembly_s=3600.0))
-        return farm.controller.books.job(number).repairs
+        return farm.controller.books.get_job(number).repairs
 
     assert list_deadline_notices(3600 + 600) == ()
     (notice,) = list_deadline_notices(3600 + 50)
@@ -321,13 +321,13 @@ def test_held_jobs_are_planned_for_the_whole_fleet_and_start_in_order_of_approva
     for number in numbers:
         farm.controller.on_plan(number, make_stored_plan(number, state))
     for number in reversed(numbers):
-        plan = farm.controller.books.job(number).plan
+        plan = farm.controller.books.get_job(number).plan
         asyncio.run(farm.jobs.approve(number, plan, state, "ann"))
-    printing_jobs = {attempt.printer: attempt.job for attempt in farm.controller.books.open_prints()}
+    printing_jobs = {attempt.printer: attempt.job for attempt in farm.controller.books.list_open_prints()}
     assert printing_jobs == {"a": numbers[1], "b": numbers[1]}  # this job was approved first
     hold_codes = [
         farm.controller.scheduler.find_plate_holds().get(name).code
-        for name in farm.controller.books.job(numbers[0]).plates
+        for name in farm.controller.books.get_job(numbers[0]).plates
     ]
     assert hold_codes == [HoldCode.PRINTER_BUSY] * 2
 
@@ -341,7 +341,7 @@ def test_timeline_of_a_held_job_is_forecast(farm, state):
     assert {slot.plate for slot in timeline.slots} == {f"{number}/0{i}" for i in (1, 2, 3)}
     assert timeline.grams == pytest.approx(9.0)
     assert timeline.lower_bound_s <= timeline.makespan_s
-    assert farm.controller.books.job(number).expected_s == pytest.approx(timeline.makespan_s)
+    assert farm.controller.books.get_job(number).expected_s == pytest.approx(timeline.makespan_s)
 
 
 def test_timeline_of_a_job_starts_after_the_plates_of_jobs_before_it(farm, state):
@@ -349,7 +349,7 @@ def test_timeline_of_a_job_starts_after_the_plates_of_jobs_before_it(farm, state
     for number in (first_job, second_job):
         farm.controller.on_plan(number, make_stored_plan(number, state, plates=4))
     undisturbed_timeline = describe_job_timeline(farm, state, second_job)
-    asyncio.run(farm.jobs.approve(first_job, farm.controller.books.job(first_job).plan, state, "ann"))
+    asyncio.run(farm.jobs.approve(first_job, farm.controller.books.get_job(first_job).plan, state, "ann"))
     second_timeline = describe_job_timeline(farm, state, second_job)
     assert {slot.plate for slot in second_timeline.slots} == {f"{second_job}/0{i}" for i in (1, 2, 3, 4)}
     last_end = max(slot.ends for slot in describe_job_timeline(farm, state, first_job).slots)
@@ -374,5 +374,6 @@ def test_tasks_name_the_approval_and_the_short_reel(farm, state, monkeypatch):
         ("reel", f"a has 4 g, {second_job}/01 needs 8 g: load a reel, then `farm load a`"),
     ]
     assert [
-        describe_job(context, farm.controller.books.job(n)).waits_for_person for n in (first_job, second_job)
+        describe_job(context, farm.controller.books.get_job(n)).waits_for_person
+        for n in (first_job, second_job)
     ] == [True] * 2

@@ -24,7 +24,7 @@ from farm.model import (
 )  # fmt: skip
 from farm.paths import StateFolder
 from farm.planning.plan import Plan
-from farm.scheduling.forecast import CLEARING_S
+from farm.scheduling.forecast import CLEARING_TIME_S
 from farm.state import events as ev
 from farm.views import describe_job, list_tasks
 
@@ -43,7 +43,7 @@ def farm(tmp_path):
 
 
 def end_print(farm, printer, state=PrintState.DONE, **changes):
-    attempt = farm.controller.books.open_print_on(printer)
+    attempt = farm.controller.books.find_open_print(printer)
     fields = {"fault": None, "reason": "test", "progress_s": 5.0, "print_time_s": 90.0, "extruded": True}
     fields |= {"started_s": 2.0, "ended_s": 50.0, **changes}
     agent_print = AgentPrint(print_id=attempt.id, state=state, **fields)
@@ -64,7 +64,7 @@ def test_failing_print_is_ended_and_its_part_is_printed_elsewhere(farm):
     end_print(farm, "b")
     farm.clear_bed("b")
     plates = {
-        plate.id: farm.controller.books.plate_state(plate).name
+        plate.id: farm.controller.books.find_plate_state(plate).name
         for plate in farm.controller.books.plates.values()
     }
     assert plates == {"1/01": "PRINTING", "1/02": "GOOD", "1/03": "WAITING"}
@@ -93,9 +93,9 @@ def test_part_is_cancelled_by_name_or_by_printer(farm):
     with pytest.raises(Refused, match="1/p02 is already printed"):
         farm.parts.cancel(1, "p02", "ann")
     assert farm.controller.books.jobs[1].state is JobState.PRINTED
-    assert not list(farm.controller.books.open_prints())
+    assert not list(farm.controller.books.list_open_prints())
     assert farm.parts.reprint(1, "p01", "after all", "ann") == "1/p01"
-    assert farm.controller.books.open_print_on("a").plate == "1/01"
+    assert farm.controller.books.find_open_print("a").plate == "1/01"
 
 
 def test_paused_job_starts_no_plate(farm):
@@ -104,10 +104,10 @@ def test_paused_job_starts_no_plate(farm):
         farm.jobs.pause(1, True, "ann")
     end_print(farm, "a")
     farm.clear_bed("a")
-    assert farm.controller.books.open_print_on("a") is None
+    assert farm.controller.books.find_open_print("a") is None
     assert farm.controller.scheduler.find_plate_holds().get("1/03").code is HoldCode.PAUSED
     farm.jobs.pause(1, False, "ann")
-    assert farm.controller.books.open_print_on("a").plate == "1/03"
+    assert farm.controller.books.find_open_print("a").plate == "1/03"
     assert farm.parts.pause(1, "p03", True, "ann") == "a"
     with pytest.raises(Refused, match="is already printed"):
         farm.parts.pause(1, "p01", True, "ann")
@@ -117,14 +117,14 @@ def test_plates_waiting_for_a_bed_are_counted(farm):
     """Include waiting plates while the printers of the job print, and until a bed has been cleared."""
     now_s = farm.controller.clock.now()
     started_fields = {"at_s": now_s, "state": PrintState.PRINTING, "started_s": now_s, "extruded": True}
-    for attempt in list(farm.controller.books.open_prints()):
+    for attempt in list(farm.controller.books.list_open_prints()):
         farm.controller.handle(ev.PrintProgressed(print_id=attempt.id, **started_fields))
-    view = describe_job(farm.build_view_context(STATE), farm.controller.books.job(1))
-    assert view.estimated_s == pytest.approx(200.0 + CLEARING_S)
+    view = describe_job(farm.build_view_context(STATE), farm.controller.books.get_job(1))
+    assert view.estimated_s == pytest.approx(200.0 + CLEARING_TIME_S)
     assert view.current_s == pytest.approx(view.estimated_s, abs=120.0)  # forecasts are rounded to minutes
     assert view.utilisation < 1.0
     farm.parts.cancel(1, "p03", "ann")  # a plate that is never printed takes no time
-    assert describe_job(farm.build_view_context(STATE), farm.controller.books.job(1)).current_s < 110.0
+    assert describe_job(farm.build_view_context(STATE), farm.controller.books.get_job(1)).current_s < 110.0
 
 
 def test_paused_waiting_part_is_not_assigned(farm, tmp_path):
@@ -133,15 +133,15 @@ def test_paused_waiting_part_is_not_assigned(farm, tmp_path):
         farm.parts.pause(1, "3", True, "ann")
     end_print(farm, "a")
     farm.clear_bed("a")
-    assert farm.controller.books.open_print_on("a") is None
+    assert farm.controller.books.find_open_print("a") is None
     hold = farm.controller.scheduler.find_plate_holds().get("1/03")
     assert (hold.code, hold.text) == (HoldCode.PAUSED, "part 1/p03 is paused: `farm resume 1/p03`")
     farm.store.close()
     farm = Farm(tmp_path)  # the pause survives a restart
     farm.report_ready("a")
-    assert farm.controller.books.open_print_on("a") is None
+    assert farm.controller.books.find_open_print("a") is None
     farm.parts.pause(1, "p03", False, "ann")
-    assert farm.controller.books.open_print_on("a").plate == "1/03"
+    assert farm.controller.books.find_open_print("a").plate == "1/03"
 
 
 def test_resumed_job_resumes_its_paused_parts(farm):
@@ -155,12 +155,12 @@ def test_resumed_job_resumes_its_paused_parts(farm):
 
 def test_printer_in_maintenance_finishes_its_print_and_gets_no_other(farm):
     farm.printers.begin_maintenance("a", "a new belt", "ann")
-    assert farm.controller.books.open_print_on("a").cancel_reason is None
+    assert farm.controller.books.find_open_print("a").cancel_reason is None
     end_print(farm, "a")
     farm.clear_bed("a")
-    assert farm.controller.books.open_print_on("a") is None
+    assert farm.controller.books.find_open_print("a") is None
     farm.printers.end_maintenance("a", "ann")
-    assert farm.controller.books.open_print_on("a").plate == "1/03"
+    assert farm.controller.books.find_open_print("a").plate == "1/03"
     with pytest.raises(Refused, match="not in maintenance"):
         farm.printers.end_maintenance("a", "ann")
 
@@ -178,7 +178,7 @@ def test_bad_verdict_requires_a_printed_part(farm):
     end_print(farm, "a")
     farm.clear_bed("a", verdict=Verdict.BAD, reason="warped")
     assert farm.controller.books.plates["1/01"].prints
-    assert farm.controller.books.open_print_on("a").plate in ("1/01", "1/03")
+    assert farm.controller.books.find_open_print("a").plate in ("1/01", "1/03")
     farm.report_ready("b")
     with pytest.raises(Refused, match="its bed cannot be clear"):
         farm.clear_bed("b", verdict=Verdict.BAD)
@@ -192,7 +192,7 @@ def test_outage_blocks_starts_until_confirmed(farm):
     end_print(farm, "a", PrintState.FAILED, fault="port_lost", ended_s=now_s)
     farm.clear_bed("a")
     assert farm.controller.scheduler.find_plate_holds().get("1/01").code is HoldCode.JUST_LOST
-    assert farm.controller.books.open_print_on("a").plate == "1/03"
+    assert farm.controller.books.find_open_print("a").plate == "1/03"
     end_print(farm, "a")
     end_print(farm, "b", PrintState.FAILED, fault="agent_died", ended_s=now_s + 1.0)
     for name in "ab":
@@ -205,7 +205,7 @@ def test_outage_blocks_starts_until_confirmed(farm):
     farm.controller.clock = Clock(2.0, now_s - 60.0)  # a minute later
     assert farm.printers.confirm_outage("ann") == "a b"
     assert not list_tasks(farm.build_view_context(STATE))
-    assert {farm.controller.books.open_print_on(name).plate for name in "ab"} == {"1/01", "1/02"}
+    assert {farm.controller.books.find_open_print(name).plate for name in "ab"} == {"1/01", "1/02"}
 
 
 def test_idle_printers_lost_together_are_an_outage(tmp_path):
@@ -231,7 +231,7 @@ def test_plates_of_a_held_job_do_not_wait_for_an_outage(farm):
 def test_refused_start_uses_no_filament(farm):
     reel = Reel(material="generic_pla", grams=500.0, nozzle_mm=0.4)
     farm.controller.handle(ev.ReelLoaded(at_s=1.0, printer="a", reel=reel, by="ann"))
-    attempt = farm.controller.books.open_print_on("a")
+    attempt = farm.controller.books.find_open_print("a")
     for _ in range(MAX_REFUSALS):
         farm.controller.on_refusal(attempt.id, "no")
     assert farm.controller.books.prints[attempt.id].state is PrintState.FAILED
@@ -253,13 +253,13 @@ def test_part_stopped_by_estop_waits_for_a_person(farm, request_print):
         end_print(farm, "b")
         farm.clear_bed("b")
     farm.controller.handle()
-    assert farm.controller.books.open_print_on("b") is None
+    assert farm.controller.books.find_open_print("b") is None
     hold = farm.controller.scheduler.find_plate_holds().get("1/01")
     assert hold.code is HoldCode.STOPPED and "`farm resume 1/p01`" in hold.text
     [task] = [item for item in list_tasks(farm.build_view_context(STATE)) if item.code == "stopped"]
     assert "part 1/p01 stopped by `farm estop`" in task.text and "`farm resume 1/p01`" in task.text
     request_print(farm)
-    assert farm.controller.books.open_print_on("b").plate == "1/01"
+    assert farm.controller.books.find_open_print("b").plate == "1/01"
     assert not [item for item in list_tasks(farm.build_view_context(STATE)) if item.code == "stopped"]
 
 

@@ -26,7 +26,7 @@ def farm(tmp_path):
     event = make_plan_event(1, 2)
     farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
     now_s = farm.controller.clock.now()
-    for attempt in list(farm.controller.books.open_prints()):
+    for attempt in list(farm.controller.books.list_open_prints()):
         farm.controller.handle(
             ev.PrintProgressed(
                 at_s=now_s,
@@ -62,9 +62,7 @@ def test_paused_part_continues_when_resumed(farm, target, printers):
     for verb, is_paused in (("pause", True), ("resume", False)):
         assert farm.send_command(target, verb).status_code == 200
         requests = {
-            (item.printer, item.wanted)
-            for item in farm.effects.instructions
-            if isinstance(item, ev.SendPause)
+            (item.printer, item.pause) for item in farm.effects.instructions if isinstance(item, ev.SendPause)
         }
         assert requests == {(printer, is_paused) for printer in printers}
     assert farm.send_command(target, "resume").status_code == 409
@@ -78,5 +76,5 @@ def test_cancelled_part_is_not_printed_again(farm, target, printers):
     )
     plates = [farm.controller.books.plates[f"1/0{'ab'.index(printer) + 1}"] for printer in printers]
     assert all(plate.cancelled for plate in plates)
-    assert (farm.controller.books.job(1).state is JobState.CANCELLED) is (target == "1")
+    assert (farm.controller.books.get_job(1).state is JobState.CANCELLED) is (target == "1")
     assert farm.send_command(target, "cancel").status_code == 409

@@ -53,7 +53,7 @@ def submit_planned_job(farm, **options):
 
 
 def list_open_prints(farm):
-    return {attempt.printer: attempt.plate for attempt in farm.controller.books.open_prints()}
+    return {attempt.printer: attempt.plate for attempt in farm.controller.books.list_open_prints()}
 
 
 def clear_other_beds_at_once(farm):
@@ -124,10 +124,10 @@ def test_revised_plan_may_have_fewer_plates(farm):
     farm.controller.handle(ev.PlanRevised(**dict(make_revised_fields(farm, [9.0], "a"), job=1)))
     books = farm.controller.books
     assert books.jobs[1].plates == ("1/01",)
-    assert books.plate_state(books.plates["1/03"]) is PlateState.REPLACED
+    assert books.find_plate_state(books.plates["1/03"]) is PlateState.REPLACED
     farm.controller.handle(ev.PlanRevised(**dict(make_revised_fields(farm, [1.0] * 3, "abc"), job=1)))
     books = farm.controller.books
-    assert books.plate_state(books.plates["1/03"]) is PlateState.WAITING
+    assert books.find_plate_state(books.plates["1/03"]) is PlateState.WAITING
     assert validate_books(books) == []
 
 
@@ -170,7 +170,7 @@ def test_new_daemon_examines_the_job_again(farm, tmp_path):
 
 
 def test_each_scheduling_run_starts_one_job_if_the_forecasts_are_large(tmp_path, monkeypatch):
-    monkeypatch.setattr(revisions, "MAX_FORECAST", 0)
+    monkeypatch.setattr(revisions, "MAX_FORECAST_SIZE", 0)
     monkeypatch.setattr(revisions, "may_revise", lambda *_: True)
     farm = Farm(tmp_path, [PLUS] * 8)
     farm.report_ready(*"abcdefgh", bed_clear=False)

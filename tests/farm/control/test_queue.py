@@ -86,7 +86,9 @@ def test_moved_job_gets_the_next_free_printer_and_forecast(farm, tmp_path):
 def test_start_time_is_changed_and_removed(farm):
     start_at = datetime.fromtimestamp(farm.controller.clock.now() + 7200.0, farm.controller.fleet.zone)
     farm.jobs.reschedule(3, start_at.isoformat(" "), "ann")
-    assert farm.controller.books.job(3).not_before_s == pytest.approx(farm.controller.clock.now() + 7200.0)
+    assert farm.controller.books.get_job(3).not_before_s == pytest.approx(
+        farm.controller.clock.now() + 7200.0
+    )
     hold_codes = {
         hold.code
         for name, hold in farm.controller.scheduler.find_plate_holds().items()
@@ -94,7 +96,7 @@ def test_start_time_is_changed_and_removed(farm):
     }
     assert hold_codes == {HoldCode.START_TIME}
     farm.jobs.reschedule(3, "now", "ann")
-    assert farm.controller.books.job(3).not_before_s is None
+    assert farm.controller.books.get_job(3).not_before_s is None
     for text, error in (("25:00", "not a time"), ("2001-01-01 00:00", "has passed")):
         with pytest.raises(FarmError, match=error):
             farm.jobs.reschedule(3, text, "ann")

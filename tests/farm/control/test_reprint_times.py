@@ -27,7 +27,7 @@ class Scenario:
 
     def report_print(self, printer, state, started_s):
         """Report the state of a print as the agent of its printer does."""
-        attempt = self.farm.controller.books.open_print_on(printer)
+        attempt = self.farm.controller.books.find_open_print(printer)
         is_ended = state.ended
         agent_print = AgentPrint(
             print_id=attempt.id, state=state, fault=None, reason=None, progress_s=90.0, print_time_s=90.0,
@@ -50,7 +50,7 @@ class Scenario:
             self.farm.clear_bed(printer)
 
     def describe_job(self):
-        return describe_job(self.farm.build_view_context(self.state), self.farm.controller.books.job(1))
+        return describe_job(self.farm.build_view_context(self.state), self.farm.controller.books.get_job(1))
 
 
 def test_reprint_a_day_later_adds_the_time_of_its_print(tmp_path):

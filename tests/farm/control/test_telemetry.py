@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from books.make_books import apply_events, make_printing_books
-from farm.control.telemetry import TEMPERATURES_KEPT_S, Telemetry, TemperatureRecord, compare_snapshot
+from farm.control.telemetry import TEMPERATURE_RETENTION_S, Telemetry, TemperatureRecord, compare_snapshot
 from farm.model import AgentPrint, AgentSnapshot, Link, PrintState
 from farm.state import events as ev
 
@@ -93,7 +93,7 @@ def test_printer_without_an_answer_leaves_one_gap():
 def test_temperatures_are_bounded_and_in_order_even_if_the_clock_is_set_back(readings):
     temperatures = record_readings(*readings)
     assert [at_s for at_s, *_ in temperatures] == sorted(at_s for at_s, *_ in temperatures)
-    assert len(temperatures) <= TEMPERATURES_KEPT_S / 60.0
+    assert len(temperatures) <= TEMPERATURE_RETENTION_S / 60.0
 
 
 def test_temperatures_older_than_twelve_hours_are_not_listed():
@@ -102,7 +102,7 @@ def test_temperatures_older_than_twelve_hours_are_not_listed():
     telemetry.store(BUSY_SNAPSHOT.model_copy(update={"nozzle_c": 200.0}), 0.0)
     telemetry.store(BUSY_SNAPSHOT.model_copy(update={"nozzle_c": 21.0}), 1.7e9)
     assert [sample.nozzle_c for sample in telemetry.list_temperatures("a", 1.7e9)] == [21]
-    assert telemetry.list_temperatures("a", 1.7e9 + TEMPERATURES_KEPT_S + 1.0) == ()
+    assert telemetry.list_temperatures("a", 1.7e9 + TEMPERATURE_RETENTION_S + 1.0) == ()
 
 
 def test_implausible_reading_is_limited():
@@ -112,5 +112,6 @@ def test_implausible_reading_is_limited():
 
 def test_number_of_stored_temperatures_is_bounded_over_weeks():
     assert (
-        len(record_readings(*((60.0 * n, 20.0, 20.0) for n in range(20_000)))) == TEMPERATURES_KEPT_S / 60.0
+        len(record_readings(*((60.0 * n, 20.0, 20.0) for n in range(20_000))))
+        == TEMPERATURE_RETENTION_S / 60.0
     )

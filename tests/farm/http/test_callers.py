@@ -100,7 +100,7 @@ def test_operators_are_members_of_the_group_or_all_users_without_one(tmp_path, g
     app = build_app(tmp_path, operators=group)
     member = Person(uid=54321, gid=os.getgid())
     assert send_request(app, member, "POST", "/printers/a/cleared", json={}).status_code == 200
-    assert app.state.controller._store.events()[-1][2].count('"by":"uid 54321"') == 1
+    assert app.state.controller._store.read_all_events()[-1][2].count('"by":"uid 54321"') == 1
 
 
 def test_owner_of_the_daemon_is_an_operator(tmp_path):

@@ -8,7 +8,12 @@ from decompose.progress import listen_to_progress, report_progress
 from farm.model import PlanStep
 from farm.paths import StateFolder
 from farm.planning import plan_builder
-from farm.planning.decompose_progress import PROGRESS, DecomposeProgress, ProgressFile, read_progress
+from farm.planning.decompose_progress import (
+    PROGRESS_FILE_NAME,
+    DecomposeProgress,
+    ProgressFile,
+    read_progress,
+)
 from farm.planning.plan_builder import PlanBuilder
 from farm.planning.tasks import decompose_job
 
@@ -28,7 +33,7 @@ def test_remaining_time_follows_from_the_rate_so_far(tmp_path):
 
 
 def test_unreadable_and_unwritable_files_are_no_error(tmp_path):
-    (tmp_path / PROGRESS).write_text('{"share": ')
+    (tmp_path / PROGRESS_FILE_NAME).write_text('{"share": ')
     assert read_progress(tmp_path) is None
     ProgressFile(tmp_path / "missing").report(0.5, 1.0)
 
@@ -43,7 +48,7 @@ def test_progress_is_reported_to_the_listener_of_its_context_only():
 
 def test_planner_shows_the_progress_that_a_decomposition_reports(tmp_path, monkeypatch):
     """Run a worker that decomposes until its progress of one half has been shown."""
-    monkeypatch.setattr(plan_builder, "_POLL_S", 0.0)
+    monkeypatch.setattr(plan_builder, "_POLL_INTERVAL_S", 0.0)
     shown_progress, half_shown = [], asyncio.Event()
 
     class Worker:

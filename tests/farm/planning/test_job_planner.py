@@ -15,7 +15,7 @@ from farm.model import Job, JobOptions, PlanProgress, PlanStep, TimeFactors
 from farm.paths import StateFolder
 from farm.planning import job_planner, slice_batch
 from farm.planning.inspection.inspect_submission import inspect_model
-from farm.planning.job_planner import ROOM_BYTES, JobPlanner
+from farm.planning.job_planner import MIN_FREE_BYTES, JobPlanner
 from farm.planning.parts import drawings
 from farm.planning.plan import Plan, PlanRequest
 from farm.planning.plan_builder import PlanBuilder
@@ -223,8 +223,8 @@ def test_a_plan_without_its_drawing_fails(state, bar, monkeypatch):
 
 def test_plan_is_retried_after_a_full_disk(state, tmp_path, monkeypatch):
     """Retry the plan: otherwise jobs of a night would fail one after the other on a full disk."""
-    usage, free_bytes = shutil.disk_usage(state.root), iter([ROOM_BYTES - 1] * 3 + [ROOM_BYTES] * 9)
-    monkeypatch.setattr(job_planner, "_RETRY_S", 0.0)
+    usage, free_bytes = shutil.disk_usage(state.root), iter([MIN_FREE_BYTES - 1] * 3 + [MIN_FREE_BYTES] * 9)
+    monkeypatch.setattr(job_planner, "_RETRY_INTERVAL_S", 0.0)
     monkeypatch.setattr(job_planner.shutil, "disk_usage", lambda _: usage._replace(free=next(free_bytes)))
     answers = iter([FarmError("the engine wrote half a file", ErrorCode.SLICE), OSError(28, "No space left")])
 

@@ -4,7 +4,7 @@ import pytest
 
 from drivers.printers import PROFILES, SLICING_PROFILES
 from farm.config import PrinterSection
-from farm.planning.printer_settings import find_printer_room, list_bed_boxes, list_model_sizes
+from farm.planning.printer_settings import find_usable_volumes, list_bed_boxes, list_model_sizes
 from printers.slicing_printers import UM2_PLUS
 from slicing.errors import EngineMissing
 from slicing.settings import SettingsRequest, find_resources, resolve_settings
@@ -44,7 +44,7 @@ def test_only_printers_with_a_heated_bed_have_a_driver_profile(resources):
 def test_room_of_a_model_is_reduced_by_the_shrinkage(resources):
     section = PrinterSection(name="a", model="ultimaker2_plus", port="/dev/ttyACM0")
     settings = resolve_settings(SettingsRequest(UM2_PLUS, material="generic_abs"), resources)
-    room = find_printer_room(section, settings.brim_width_mm)
+    room = find_usable_volumes(section, settings.brim_width_mm)
     for (x, y, z), box in zip(list_model_sizes(room, settings), room, strict=True):
         assert (x * settings.scale_xy, y * settings.scale_xy, z * settings.scale_z) == pytest.approx(
             box.size_mm

@@ -221,7 +221,7 @@ def test_plate_for_named_printers_is_assigned_to_one_or_held_with_their_names():
     )
     assignments, holds = assign_with_holds([first_plate, second_plate], fleet)
     assert [(assignment.plate, assignment.printer) for assignment in assignments] == [("1/01", "b")]
-    assert holds["1/02"].text == "needs b: every matching printer got another plate"
+    assert holds["1/02"].text == "needs b: every matching printer was assigned another plate"
     assignments, holds = assign_with_holds(
         [first_plate], [make_printer("a"), make_named_printer("b", bed=Bed.NOT_CLEAR)]
     )

@@ -17,7 +17,7 @@ from books.scheduling_examples import (
     make_situation,
 )
 from farm.model import Bed, Link, TimeFactors
-from farm.scheduling.forecast import CLEARING_S, compute_seconds_on, forecast_prints
+from farm.scheduling.forecast import CLEARING_TIME_S, compute_printing_s, forecast_prints
 from farm.scheduling.matching import Requirements
 
 MONDAY_S = 1_000_000.0 // 604800 * 604800 + 4 * 86400  # 00:00 UTC
@@ -82,7 +82,7 @@ def test_forecast_keeps_its_invariants(plates, fleet, start_rules, offset_s, ran
     ):
         ordered_slots = sorted(slots, key=lambda slot: slot.starts_s)
         for slot, next_slot in itertools.pairwise(ordered_slots):
-            assert next_slot.starts_s >= slot.ends_s + CLEARING_S
+            assert next_slot.starts_s >= slot.ends_s + CLEARING_TIME_S
         reel_grams = printers_by_name[name].grams
         assert (
             reel_grams is None or sum(plates_by_id[slot.plate].grams for slot in ordered_slots) <= reel_grams
@@ -91,7 +91,7 @@ def test_forecast_keeps_its_invariants(plates, fleet, start_rules, offset_s, ran
         plate, printer = plates_by_id[slot.plate], printers_by_name[slot.printer]
         assert plate.requirements.matches(printer.capabilities)
         assert slot.starts_s >= now_s
-        assert slot.ends_s - slot.starts_s == pytest.approx(compute_seconds_on(plate, printer))
+        assert slot.ends_s - slot.starts_s == pytest.approx(compute_printing_s(plate, printer))
         assert start_rules.find_start(plate, printer, slot.starts_s).at_s == slot.starts_s
         heating_slots = [s for s in forecast.slots if s.starts_s <= slot.starts_s < s.starts_s + 300.0]
         assert start_rules.max_heating is None or len(heating_slots) <= start_rules.max_heating
@@ -112,7 +112,7 @@ def test_bound_is_below_the_end_of_every_order(durations_s, printer_count):
     )
     assert forecast.lower_bound_s <= best_end_s * (1 + 1e-9)
     rounds = -(-len(durations_s) // printer_count)
-    assert forecast.ends_s <= 4 / 3 * best_end_s + len(durations_s) * CLEARING_S
+    assert forecast.ends_s <= 4 / 3 * best_end_s + len(durations_s) * CLEARING_TIME_S
     assert rounds > 1 or forecast.ends_s == pytest.approx(best_end_s)
 
 
@@ -120,7 +120,10 @@ def test_second_round_waits_for_a_cleared_bed():
     start_rules = make_rules(attended=("mon-fri 08:00-18:00",))
     plates = [make_plate("1/01", "a", expected_s=4 * HOUR_S), make_plate("1/02", "a", expected_s=2 * HOUR_S)]
     forecast = make_forecast(plates, [make_printer("a")], start_rules, MONDAY_S + 17 * HOUR_S)
-    assert [slot.starts_s - MONDAY_S for slot in forecast.slots] == [17 * HOUR_S, 32 * HOUR_S + CLEARING_S]
+    assert [slot.starts_s - MONDAY_S for slot in forecast.slots] == [
+        17 * HOUR_S,
+        32 * HOUR_S + CLEARING_TIME_S,
+    ]
 
 
 def test_heating_limit_delays_starts():
@@ -141,16 +144,16 @@ def test_time_of_a_plate_scales_with_the_time_factor():
     plate = make_plate("p", "a", expected_s=1100.0, heating_s=100.0, time_factor=1.25)
     for factor, expected_s in ((1.0, 100.0 + 800.0), (1.25, 1100.0)):
         printer = make_printer("b", time_factors=TimeFactors(factor))
-        assert compute_seconds_on(plate, printer) == pytest.approx(expected_s)
+        assert compute_printing_s(plate, printer) == pytest.approx(expected_s)
 
 
 def test_time_of_a_plate_depends_on_its_features():
     plate = make_plate("p", "a", expected_s=1100.0, heating_s=100.0, feature_shares=(0.5, 0.2, 0.1, 0.0, 0.2))
     printer = make_printer("b", time_factors=TimeFactors(1.1, (1.0, 1.0, 1.2, 1.0, 1.4)))
-    assert compute_seconds_on(plate, printer) == pytest.approx(100.0 + 1000.0 * 1.1)
+    assert compute_printing_s(plate, printer) == pytest.approx(100.0 + 1000.0 * 1.1)
     travel_plate = replace(plate, feature_shares=(0.0, 0.0, 0.0, 0.0, 1.0))
-    assert compute_seconds_on(travel_plate, printer) == pytest.approx(100.0 + 1000.0 * 1.4)
-    assert compute_seconds_on(replace(plate, feature_shares=None), printer) == pytest.approx(1200.0)
+    assert compute_printing_s(travel_plate, printer) == pytest.approx(100.0 + 1000.0 * 1.4)
+    assert compute_printing_s(replace(plate, feature_shares=None), printer) == pytest.approx(1200.0)
 
 
 def test_bound_considers_plates_that_fit_only_some_printers():

@@ -25,7 +25,7 @@ class CachedForecast:
 
     def _make_situation(self):
         self.situation_count += 1
-        waiting_plates = describe_plates(self.books.waiting_plates(), self.books)
+        waiting_plates = describe_plates(self.books.list_waiting_plates(), self.books)
         return make_situation(waiting_plates, [make_printer("a")], now_s=self.now_s)
 
     def set_time_and_queue(self, now_s, plates):
@@ -61,7 +61,7 @@ def run_steps(steps):
 
 
 def test_no_caller_waits_for_the_forecast_of_a_large_queue(cached_forecast, monkeypatch):
-    monkeypatch.setattr(forecast_cache, "LARGE_QUEUE", 2)
+    monkeypatch.setattr(forecast_cache, "LARGE_QUEUE_SIZE", 2)
     cache = cached_forecast.cache
     # Not even the first caller waits.
     assert cache.find_ends().by_plate == {} and cache.find_ends().at_s == -math.inf
@@ -85,7 +85,7 @@ def test_no_caller_waits_for_the_forecast_of_a_large_queue(cached_forecast, monk
 
 
 def test_forecast_of_a_queue_that_has_become_small_is_made_on_request(cached_forecast, monkeypatch):
-    monkeypatch.setattr(forecast_cache, "LARGE_QUEUE", 2)
+    monkeypatch.setattr(forecast_cache, "LARGE_QUEUE_SIZE", 2)
     run_steps(cached_forecast.cache.find_background_work())
     cached_forecast.set_time_and_queue(1200.0, plates=1)
     assert cached_forecast.cache.find_background_work() is None

@@ -60,7 +60,7 @@ def test_queue_after_a_removal_equals_a_queue_of_the_other_plates(waiting_plates
 def test_plates_with_demands_keep_their_order(waiting_plates, materials):
     queue = PlateQueue.from_plates(waiting_plates)
     demands = {(material, None, 0.4, None, ()) for material in materials}
-    selected_plates = list(queue.with_demands(demands))
+    selected_plates = list(queue.list_plates_with_demands(demands))
     assert [plate for _, job_plates in selected_plates for plate in job_plates] == [
         plate for plate in queue if plate.requirements.material in materials
     ]

@@ -37,11 +37,11 @@ STEPS = st.sampled_from(["start", "fail", "done", "clear", "pause", "resume", "l
 
 
 def make_events(step, books, number):
-    open_prints = list(books.open_prints())
-    waiting_plates = [plate for plate in books.waiting_plates() if not plate.paused]
-    free_printers = [n for n in PRINTERS if books.open_print_on(n) is None]
+    open_prints = list(books.list_open_prints())
+    waiting_plates = [plate for plate in books.list_waiting_plates() if not plate.paused]
+    free_printers = [n for n in PRINTERS if books.find_open_print(n) is None]
     print_id = f"print-{number}"
-    clear_printers = [n for n in free_printers if books.printer(n).bed is Bed.CLEAR]
+    clear_printers = [n for n in free_printers if books.get_printer(n).bed is Bed.CLEAR]
     if step == "start" and waiting_plates and clear_printers:
         return [
             ev.PlateAssigned(
@@ -172,6 +172,6 @@ def test_end_of_a_running_print_equals_the_end_shown_for_its_printer(progress_s,
     printers = builder.describe_printers(FLEET, books, snapshots)
     situation = Situation(PlateQueue(), printers, StartRules.from_config(FLEET.fleet), context.now_s)
     busy_printer, *other_printers = update_ends(situation, books, snapshots).printers
-    assert busy_printer.free_s == context.now_s + context.estimate_remaining_s(books.open_print_on("a"))
+    assert busy_printer.free_s == context.now_s + context.estimate_remaining_s(books.find_open_print("a"))
     assert replace(busy_printer, free_s=printers[0].free_s) == printers[0]
     assert tuple(other_printers) == printers[1:]

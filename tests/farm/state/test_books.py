@@ -81,7 +81,7 @@ def test_failed_print_needs_clearing_and_inspection_and_is_retried():
     )
     assert books.printers["a"].bed is Bed.NOT_CLEAR
     assert books.printers["a"].attention_reason == "the board was reset"
-    assert [p.id for p in books.waiting_plates()] == ["1/01"]
+    assert [p.id for p in books.list_waiting_plates()] == ["1/01"]
 
 
 def test_plate_that_fails_too_often_fails_its_job():
@@ -109,7 +109,7 @@ def test_cancelled_job_ends_its_prints_without_retries():
     books, _ = apply_events(books, make_end_event("x", PrintState.CANCELLED, reason="cancelled by a person"))
     assert books.prints["x"].state is PrintState.CANCELLED
     assert books.printers["a"].attention_reason is None
-    assert not list(books.waiting_plates())
+    assert not list(books.list_waiting_plates())
 
 
 def test_bad_part_of_a_cancelled_job_is_not_printed_when_another_part_is_reprinted():
@@ -122,14 +122,14 @@ def test_bad_part_of_a_cancelled_job_is_not_printed_when_another_part_is_reprint
         ev.ReprintRequested(at_s=302.0, plate="1/02", why="", by="ann"),
     )
     assert books.jobs[1].state is JobState.PRINTING
-    assert [plate.id for plate in books.waiting_plates()] == ["1/02"]
+    assert [plate.id for plate in books.list_waiting_plates()] == ["1/02"]
 
 
 def test_unknown_job_or_printer_is_named():
     with pytest.raises(NoSuchThing, match="no job 7"):
-        Books().job(7)
+        Books().get_job(7)
     with pytest.raises(NoSuchThing, match="no printer z"):
-        Books().printer("z")
+        Books().get_printer("z")
 
 
 class RandomEvents(RuleBasedStateMachine):
@@ -154,11 +154,11 @@ class RandomEvents(RuleBasedStateMachine):
 
     @rule(data=st.data())
     def assign_plate(self, data):
-        plates = [p.id for p in self.books.waiting_plates()]
+        plates = [p.id for p in self.books.list_waiting_plates()]
         free_printers = [
             n
             for n, p in self.books.printers.items()
-            if p.bed is Bed.CLEAR and not self.books.open_print_on(n)
+            if p.bed is Bed.CLEAR and not self.books.find_open_print(n)
         ]
         if plates and free_printers:
             plate, printer = data.draw(st.sampled_from(plates)), data.draw(st.sampled_from(free_printers))
@@ -166,14 +166,14 @@ class RandomEvents(RuleBasedStateMachine):
                 ev.PlateAssigned(at_s=self.now_s, plate=plate, printer=printer, print_id=str(next(self.ids)))
             )
 
-    @precondition(lambda self: any(True for _ in self.books.open_prints()))
+    @precondition(lambda self: any(True for _ in self.books.list_open_prints()))
     @rule(
         data=st.data(),
         state=st.sampled_from([PrintState.DONE, PrintState.FAILED, PrintState.CANCELLED]),
         fault=st.sampled_from(["maxtemp", "port_lost"]),
     )
     def end_print(self, data, state, fault):
-        name = data.draw(st.sampled_from([p.id for p in self.books.open_prints()]))
+        name = data.draw(st.sampled_from([p.id for p in self.books.list_open_prints()]))
         self.apply_event(make_end_event(name, state, self.now_s, reason="because", fault=fault))
 
     @precondition(lambda self: any(p.state.ended for p in self.books.prints.values()))
@@ -189,20 +189,22 @@ class RandomEvents(RuleBasedStateMachine):
 
     @rule(printer=st.sampled_from(PRINTERS), verdict=st.sampled_from(Verdict))
     def clear_bed(self, printer, verdict):
-        if self.books.open_print_on(printer) is None:
+        if self.books.find_open_print(printer) is None:
             self.apply_event(ev.BedCleared(at_s=self.now_s, printer=printer, by="ann", verdict=verdict))
 
-    @precondition(lambda self: any(p.cancel_reason is None for p in self.books.open_prints()))
+    @precondition(lambda self: any(p.cancel_reason is None for p in self.books.list_open_prints()))
     @rule(data=st.data())
     def fail_print(self, data):
-        name = data.draw(st.sampled_from([p.id for p in self.books.open_prints() if p.cancel_reason is None]))
+        name = data.draw(
+            st.sampled_from([p.id for p in self.books.list_open_prints() if p.cancel_reason is None])
+        )
         self.apply_event(ev.PrintFailRequested(at_s=self.now_s, print_id=name, why="a blob", by="ann"))
 
     @precondition(lambda self: self.books.plates)
     @rule(data=st.data(), is_reprint=st.booleans())
     def cancel_or_reprint(self, data, is_reprint):
         plate = self.books.plates[data.draw(st.sampled_from(sorted(self.books.plates)))]
-        state = self.books.plate_state(plate)
+        state = self.books.find_plate_state(plate)
         if is_reprint and state not in (PlateState.WAITING, PlateState.PRINTING):
             self.apply_event(ev.ReprintRequested(at_s=self.now_s, plate=plate.id, why="more", by="ann"))
         elif not is_reprint and state is not PlateState.CANCELLED:
@@ -210,7 +212,7 @@ class RandomEvents(RuleBasedStateMachine):
 
     @rule(printer=st.sampled_from(PRINTERS))
     def lose_printer(self, printer):
-        if self.books.open_print_on(printer) is None:
+        if self.books.find_open_print(printer) is None:
             self.apply_event(ev.PrinterLost(at_s=self.now_s, printer=printer))
 
     @precondition(lambda self: any(not job.state.ended for job in self.books.jobs.values()))
@@ -221,36 +223,36 @@ class RandomEvents(RuleBasedStateMachine):
 
     @invariant()
     def check_no_printer_is_booked_twice(self):
-        booked_printers = [p.printer for p in self.books.open_prints()]
+        booked_printers = [p.printer for p in self.books.list_open_prints()]
         assert len(booked_printers) == len(set(booked_printers))
 
     @invariant()
     def check_no_plate_is_printed_twice(self):
         for plate in self.books.plates.values():
-            states = [p.state for p in self.books.prints_of(plate)]
-            done_prints = [p for p in self.books.prints_of(plate) if p.state is PrintState.DONE]
+            states = [p.state for p in self.books.list_prints(plate)]
+            done_prints = [p for p in self.books.list_prints(plate) if p.state is PrintState.DONE]
             assert sum(p.verdict is not Verdict.BAD for p in done_prints) <= 1
             assert sum(not s.ended for s in states) <= 1
 
     @invariant()
     def check_attempts_are_limited(self):
         for plate in self.books.plates.values():
-            prints = list(self.books.prints_of(plate))
+            prints = list(self.books.list_prints(plate))
             assert len(list_charged_failures(plate, prints)) <= MAX_ATTEMPTS
             if len(list_charged_failures(plate, prints)) == MAX_ATTEMPTS and prints[-1].state.ended:
-                assert plate not in list(self.books.waiting_plates())
+                assert plate not in list(self.books.list_waiting_plates())
 
     @invariant()
     def check_cancelled_plates_have_no_attempts(self):
-        assert not any(plate.cancelled for plate in self.books.waiting_plates())
-        for attempt in self.books.open_prints():
+        assert not any(plate.cancelled for plate in self.books.list_waiting_plates())
+        for attempt in self.books.list_open_prints():
             if self.books.plates[attempt.plate].cancelled:
                 assert attempt.cancel_reason is not None
 
     @invariant()
     def check_no_plate_is_lost(self):
         for item in self.books.jobs.values():
-            states = {self.books.plate_state(plate) for plate in self.books.plates_of(item)}
+            states = {self.books.find_plate_state(plate) for plate in self.books.list_plates(item)}
             has_open_plate = bool(states & {PlateState.WAITING, PlateState.PRINTING})
             match item.state:
                 case JobState.PRINTING:
@@ -271,8 +273,8 @@ class RandomEvents(RuleBasedStateMachine):
     @invariant()
     def check_extrusion_makes_bed_unclear(self):
         for name, printer in self.books.printers.items():
-            if self.books.open_print_on(name) and any(
-                p.extruded for p in self.books.open_prints() if p.printer == name
+            if self.books.find_open_print(name) and any(
+                p.extruded for p in self.books.list_open_prints() if p.printer == name
             ):
                 assert printer.bed is not Bed.CLEAR
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from books.make_books import apply_events, make_end_event, make_printing_books
 from farm.model import JobState, Printer, PrintState
 from farm.state import events as ev
-from farm.state.outage import WINDOW_S, compute_outage_window_s, find_common_losses
+from farm.state.outage import OUTAGE_WINDOW_S, compute_outage_window_s, find_common_losses
 from farm.state.plate_state import MAX_ATTEMPTS, PlateState
 
 
@@ -32,10 +32,10 @@ def test_losses_within_the_window_are_one_outage_without_charged_attempts():
         make_printing_books(), *make_assigned_events(*TWO_PLATES), make_loss_event("a", 100.0)
     )
     assert (books.outage, books.prints["a"].charged) == (None, True)
-    books, _ = apply_events(books, make_loss_event("b", 100.0 + WINDOW_S, fault="agent_died"))
+    books, _ = apply_events(books, make_loss_event("b", 100.0 + OUTAGE_WINDOW_S, fault="agent_died"))
     assert books.outage.printers == ("a", "b")
     assert [books.prints[name].charged for name in "ab"] == [False, False]
-    assert {books.plate_state(plate) for plate in books.plates.values()} == {PlateState.WAITING}
+    assert {books.find_plate_state(plate) for plate in books.plates.values()} == {PlateState.WAITING}
     books, _ = apply_events(books, ev.PrinterLost(at_s=112.0, printer="c"))
     assert [outage.printers for outage in books.outages.values()] == [("a", "b", "c")]
     books, _ = apply_events(books, ev.OutageConfirmed(at_s=500.0, by="ann"))
@@ -43,7 +43,11 @@ def test_losses_within_the_window_are_one_outage_without_charged_attempts():
 
 
 def test_outage_window_covers_reporting_delays_on_a_fast_clock():
-    assert [compute_outage_window_s(scale) for scale in (1.0, 5.0, 300.0)] == [WINDOW_S, WINDOW_S, 300.0]
+    assert [compute_outage_window_s(scale) for scale in (1.0, 5.0, 300.0)] == [
+        OUTAGE_WINDOW_S,
+        OUTAGE_WINDOW_S,
+        300.0,
+    ]
     second_loss = make_loss_event("b", 250.0)  # 0.5 s of wall time after the first loss
     books_with_real_printers, _ = apply_events(
         make_printing_books(), *make_assigned_events(*TWO_PLATES), make_loss_event("a", 100.0), second_loss
@@ -97,7 +101,7 @@ def test_group_of_lost_printers_is_the_same_for_each_of_them(times_s):
         assert all(groups[other_name] == group for other_name in group)
     sorted_times_s = sorted(times_s)
     wide_gap_count = sum(
-        next_s - previous_s > WINDOW_S for previous_s, next_s in itertools.pairwise(sorted_times_s)
+        next_s - previous_s > OUTAGE_WINDOW_S for previous_s, next_s in itertools.pairwise(sorted_times_s)
     )
     assert len(set(groups.values())) == wide_gap_count + 1
 

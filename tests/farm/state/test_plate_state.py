@@ -42,7 +42,7 @@ def make_failed_books(books, count, printer="a", plate="1/01", first_number=0):
 
 
 def find_plate_state(books, plate="1/01"):
-    return books.plate_state(books.plates[plate])
+    return books.find_plate_state(books.plates[plate])
 
 
 def test_job_is_done_when_a_person_has_found_every_part_good():
@@ -57,7 +57,7 @@ def test_job_is_done_when_a_person_has_found_every_part_good():
 def test_bad_part_is_printed_again_without_a_charged_attempt():
     books, _ = apply_events(make_printed_books(1), make_cleared_event("a", Verdict.BAD))
     assert (books.jobs[1].state, books.jobs[1].ended_s) == (JobState.PRINTING, None)
-    assert [plate.id for plate in books.waiting_plates()] == ["1/01"]
+    assert [plate.id for plate in books.list_waiting_plates()] == ["1/01"]
     assert (books.prints["a"].verdict, books.prints["a"].verdict_why) == (Verdict.BAD, "stringy")
     books = make_failed_books(books, MAX_ATTEMPTS - 1)
     assert find_plate_state(books) is PlateState.WAITING
@@ -155,7 +155,7 @@ def test_cancelled_part_is_not_repeated_while_others_continue():
     books, _ = apply_events(
         books, make_end_event("x", PrintState.FAILED, reason="no heat"), make_cleared_event("a")
     )
-    assert not list(books.waiting_plates())
+    assert not list(books.list_waiting_plates())
     books, _ = apply_events(books, make_end_event("y"), make_cleared_event("b"))
     assert books.jobs[1].state is JobState.DONE
     cancelled_books, _ = apply_events(
@@ -171,11 +171,11 @@ def test_paused_job_pauses_all_its_prints():
         ev.JobPaused(at_s=9.0, job=1, wanted=True),
     )
     assert books.jobs[1].paused
-    assert instructions[-1] == ev.SendPause(print_id="x", printer="a", wanted=True)
+    assert instructions[-1] == ev.SendPause(print_id="x", printer="a", pause=True)
     books, instructions = apply_events(books, ev.JobPaused(at_s=9.0, job=1, wanted=False))
     assert (books.jobs[1].paused, instructions) == (
         False,
-        [ev.SendPause(print_id="x", printer="a", wanted=False)],
+        [ev.SendPause(print_id="x", printer="a", pause=False)],
     )
 
 
@@ -199,14 +199,17 @@ def test_unconfirmed_print_cancelled_elsewhere_has_failed():
         make_end_event("x", PrintState.CANCELLED, 50.0, started_s=10.0),
     )
     assert books.prints["x"].state is PrintState.FAILED
-    assert (books.printer("a").attention_reason is None, books.printer("a").bed) == (False, Bed.NOT_CLEAR)
+    assert (books.get_printer("a").attention_reason is None, books.get_printer("a").bed) == (
+        False,
+        Bed.NOT_CLEAR,
+    )
     unstarted_books, _ = apply_events(
         make_printing_books(1),
         assigned_event,
         make_end_event("x", PrintState.CANCELLED, 50.0, False, started_s=None),
     )
     assert unstarted_books.prints["x"].state is PrintState.CANCELLED
-    assert (unstarted_books.printer("a").attention_reason, unstarted_books.printer("a").bed) == (
+    assert (unstarted_books.get_printer("a").attention_reason, unstarted_books.get_printer("a").bed) == (
         None,
         Bed.CLEAR,
     )

@@ -6,7 +6,7 @@ from books.make_books import apply_events, make_fleet_events, make_printing_book
 from farm.model import AgentPrint, AgentSnapshot, Bed, FilamentState, JobState, Link, Printer, PrintState
 from farm.state import events as ev
 from farm.state.books import Books
-from farm.state.faults import OwnFault
+from farm.state.faults import FarmFault
 from farm.state.lifecycles import InvalidTransition
 from farm.state.plate_state import PlateState
 from farm.state.reconciliation import (
@@ -115,7 +115,7 @@ def test_start_is_repeated_and_a_forgotten_print_is_lost():
     assert list(list_pending_instructions(books.prints["x"], make_idle_snapshot())) == []
     books, _ = apply_events(books, *reconcile_print(books.prints["x"], make_idle_snapshot(), 9.0))
     assert books.prints["x"].state is PrintState.FAILED
-    assert books.prints["x"].fault == OwnFault.PRINT_LOST
+    assert books.prints["x"].fault == FarmFault.PRINT_LOST
 
 
 def make_idle_snapshot(link=Link.READY, pid=9, **changes):
@@ -147,7 +147,7 @@ def test_unstartable_print_is_reassigned_after_its_agent_confirms(link):
     stale_snapshot = make_idle_snapshot(link, reason="unplugged")
     books, instructions = apply_events(books, *reconcile_print(books.prints["x"], stale_snapshot, 3.0))
     assert instructions == [ev.SendCancel(print_id="x", printer="a", reason="unplugged")]
-    assert [plate.id for plate in books.waiting_plates()] == ["1/02"]
+    assert [plate.id for plate in books.list_waiting_plates()] == ["1/02"]
     assert list(reconcile_print(books.prints["x"], stale_snapshot, 4.0)) == []
     # The print started nevertheless and is ended: its plate is free again, without a charged attempt.
     started_books, _ = apply_events(
@@ -171,7 +171,7 @@ def test_unstartable_print_is_reassigned_after_its_agent_confirms(link):
     assert books.prints["x"].state is PrintState.CANCELLED
     assert books.printers["a"].bed is Bed.CLEAR
     for entry in (books, started_books):
-        assert [plate.id for plate in entry.waiting_plates()] == ["1/01", "1/02"]
+        assert [plate.id for plate in entry.list_waiting_plates()] == ["1/01", "1/02"]
 
 
 def test_print_without_an_agent_cannot_start():
@@ -206,10 +206,10 @@ def test_restored_books_adopt_the_print_of_an_agent(state):
     assert list(reconcile_print(books.prints["a"], snapshot, 52.0)) == []
     last_report = make_report("a", state=PrintState.DONE, link=Link.READY, ended_s=90.0)
     books, _ = apply_events(books, *reconcile_print(books.prints["a"], last_report, 100.0))
-    assert books.plate_state(books.plates["1/01"]) is PlateState.PRINTED
+    assert books.find_plate_state(books.plates["1/01"]) is PlateState.PRINTED
     assert books.jobs[1].state is JobState.HELD
     books, _ = apply_events(books, ev.JobApproved(at_s=101.0, job=1, by="ann"))
-    assert [plate.id for plate in books.waiting_plates()] == ["1/02"]
+    assert [plate.id for plate in books.list_waiting_plates()] == ["1/02"]
 
 
 def test_print_unknown_to_its_agent_is_neither_an_outage_nor_a_charged_attempt():
@@ -268,10 +268,10 @@ def test_unconfirmed_pause_is_repeated(wanted, state, repeated_value):
     books, instructions = apply_events(
         make_assigned_books(), ev.PauseRequested(at_s=3.0, print_id="x", wanted=wanted)
     )
-    assert instructions == [ev.SendPause(print_id="x", printer="a", wanted=wanted)]
+    assert instructions == [ev.SendPause(print_id="x", printer="a", pause=wanted)]
     repeated_instructions = list(list_pending_instructions(books.prints["x"], make_report(state=state)))
     assert repeated_instructions == (
-        [] if repeated_value is None else [ev.SendPause(print_id="x", printer="a", wanted=repeated_value)]
+        [] if repeated_value is None else [ev.SendPause(print_id="x", printer="a", pause=repeated_value)]
     )
 
 

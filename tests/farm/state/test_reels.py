@@ -37,7 +37,7 @@ def make_books_with_reel(**changes):
 )
 def test_print_subtracts_its_grams_from_the_reel(changes, remaining_grams):
     books, _ = apply_events(make_books_with_reel(), make_end_event("x", **changes))
-    assert books.printer("a").reel.grams == pytest.approx(remaining_grams)
+    assert books.get_printer("a").reel.grams == pytest.approx(remaining_grams)
     assert books.prints["x"].grams == pytest.approx(100.0 - remaining_grams), (
         "the history must agree with the reel"
     )
@@ -45,7 +45,7 @@ def test_print_subtracts_its_grams_from_the_reel(changes, remaining_grams):
 
 def test_grams_of_an_unweighed_reel_stay_unknown():
     books, _ = apply_events(make_books_with_reel(grams=None), make_end_event("x"))
-    assert books.printer("a").reel.grams is None
+    assert books.get_printer("a").reel.grams is None
 
 
 @given(st.sampled_from(PrintState), st.booleans(), st.none() | st.floats(0, 5))

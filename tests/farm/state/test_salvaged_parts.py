@@ -43,18 +43,18 @@ def list_look_tasks(books):
 
 def test_complete_part_is_good_and_not_reprinted():
     books = make_dead_agent_books()
-    assert books.plate_state(books.plates["1/01"]) is PlateState.WAITING
+    assert books.find_plate_state(books.plates["1/01"]) is PlateState.WAITING
     books, instructions = apply_events(books, make_complete_part_event())
-    assert books.plate_state(books.plates["1/01"]) is PlateState.GOOD
+    assert books.find_plate_state(books.plates["1/01"]) is PlateState.GOOD
     assert books.jobs[1].state is JobState.DONE
-    assert list(books.waiting_plates()) == []
+    assert list(books.list_waiting_plates()) == []
     salvaged_print = books.prints["x"]
     assert (salvaged_print.state, salvaged_print.verdict) == (PrintState.DONE, Verdict.GOOD)
     assert (
         "confirmed good by ann" in salvaged_print.verdict_why
         and AGENT_DEATH["reason"] in salvaged_print.verdict_why
     )
-    printer = books.printer("a")
+    printer = books.get_printer("a")
     assert (printer.bed, printer.attention_reason) == (Bed.CLEAR, None)
     assert instructions == [ev.SendCleared(printer="a", filament=None)]
 
@@ -76,9 +76,9 @@ def test_salvaged_part_uses_its_full_filament():
     books, _ = apply_events(make_printing_books(1), ev.ReelLoaded(at_s=1.0, printer="a", reel=reel, by="ann"))
     failed_event = make_end_event("x", PrintState.FAILED, 110.0, printed_share=0.5, **AGENT_DEATH)
     books, _ = apply_events(books, make_assigned_event("1/01", "a", "x"), failed_event)
-    assert books.printer("a").reel.grams == pytest.approx(98.5)
+    assert books.get_printer("a").reel.grams == pytest.approx(98.5)
     books, _ = apply_events(books, make_complete_part_event())
-    assert books.printer("a").reel.grams == pytest.approx(97.0)
+    assert books.get_printer("a").reel.grams == pytest.approx(97.0)
     assert books.prints["x"].grams == pytest.approx(3.0)
 
 
@@ -91,7 +91,7 @@ def test_reprint_that_has_not_started_is_cancelled():
     books, _ = apply_events(
         books, make_end_event("y", PrintState.CANCELLED, 130.0, started_s=None, extruded=False)
     )
-    assert books.jobs[1].state is JobState.DONE and books.printer("b").bed is Bed.CLEAR
+    assert books.jobs[1].state is JobState.DONE and books.get_printer("b").bed is Bed.CLEAR
 
 
 def test_started_reprint_continues_until_a_person_ends_it():
@@ -111,7 +111,7 @@ def test_started_reprint_continues_until_a_person_ends_it():
     for state in (PrintState.DONE, PrintState.FAILED):
         new_books, _ = apply_events(books, make_end_event("y", state, 600.0))
         assert new_books.jobs[1].state is JobState.DONE
-        assert new_books.plate_state(new_books.plates["1/01"]) is PlateState.GOOD
+        assert new_books.find_plate_state(new_books.plates["1/01"]) is PlateState.GOOD
 
 
 def test_complete_part_makes_the_pieces_of_its_recut_unnecessary():

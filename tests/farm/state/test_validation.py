@@ -44,7 +44,7 @@ BROKEN_BOOKS = {
     ),
     "a job is further than its plates": (
         lambda b: add_entries(b, replace_fields(b.jobs[1], state=JobState.DONE, ended_s=9.0)),
-        "job 1: it is done, by its plates it is printing",
+        "job 1: it is done, but according to its plates it is printing",
     ),
     "an ended job has no end": (
         lambda b: add_entries(b, replace_fields(b.jobs[1], state=JobState.CANCELLED)),

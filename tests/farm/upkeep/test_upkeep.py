@@ -62,7 +62,7 @@ class LinkingEffects(RecordedEffects):
 
 def link_job_files(books, state, number):
     entry = books.jobs[number]
-    names = list_job_files(entry, map(books.parts.__getitem__, entry.parts), books.plates_of(entry))
+    names = list_job_files(entry, map(books.parts.__getitem__, entry.parts), books.list_plates(entry))
     link_files(state.find_job_folder(number), state.files, names)
 
 
@@ -139,7 +139,7 @@ def test_files_of_old_jobs_are_deleted_except_pictures(tmp_path):
     assert len(list_backups(state)) == 1
     with Store(state.books) as store:
         assert store.load() == books
-        pruned_events = [body for _, kind, body in store.events() if kind == "JobPruned"]
+        pruned_events = [body for _, kind, body in store.read_all_events() if kind == "JobPruned"]
     assert len(pruned_events) == 3 and all('"by":"ann"' in body for body in pruned_events)
 
 
@@ -202,14 +202,14 @@ def test_old_events_are_deleted_after_the_backup(tmp_path):
     farm, cleanup = open_upkeep(state)
     with farm.store:
         answer = asyncio.run(cleanup.prune("ann", dry_run=False))
-        events = farm.store.events()
+        events = farm.store.read_all_events()
     assert answer.events == 220  # spread evenly over 200 days
     assert min(at_s for at_s, _, _ in events) >= NOW_S - 90 * DAY_S
     kept_events = [body for _, kind, body in events if kind == "MaintenanceEnded"]
     assert len(kept_events) == 180 and '"ann-399"' in kept_events[-1]
     (copy,) = list_backups(state)
     with Store(copy) as backup:
-        assert len(backup.events()) == 400 and backup.load() == books
+        assert len(backup.read_all_events()) == 400 and backup.load() == books
     with Store(state.books) as store:
         assert store.copied_s is None  # no event counts as lost
         store.commit(ev.MaintenanceEnded(at_s=NOW_S, printer="a", by="ann"), Books(), Books())
@@ -345,7 +345,7 @@ def test_interrupted_prune_is_finished_at_the_next_start(tmp_path):
             check_jobs(state, farm.controller.books, old_books)
             jobs = farm.controller.books.jobs.values()
             assert sorted(job.id for job in jobs if job.pruned_s is not None) == OLD_JOBS
-            assert min(at_s for at_s, _, _ in farm.store.events()) >= NOW_S - 90 * DAY_S
+            assert min(at_s for at_s, _, _ in farm.store.read_all_events()) >= NOW_S - 90 * DAY_S
         if is_done:
             break
     assert is_done and step > 30

@@ -11,7 +11,7 @@ from farm.model import Bed, HostLoss
 from farm.paths import StateFolder
 from farm.state import events as ev
 from farm.state.books import Books
-from farm.state.outage import WINDOW_S
+from farm.state.outage import OUTAGE_WINDOW_S
 from farm.state.storage.store import Store
 from farm.views import ViewContext, list_due_notices, list_tasks
 from farm.views.host_losses import describe_lost_hosts
@@ -72,10 +72,12 @@ def test_lost_host_is_one_task_and_one_notice_until_it_is_back():
 def test_hosts_that_are_lost_together_share_one_notice_that_waits_for_all():
     names = [f"pc-{number:02d}" for number in range(1, 26)]
     fleet = make_fleet(names)
-    events = [make_loss(fleet, host, 100.0 + index * WINDOW_S / 25) for index, host in enumerate(names)]
+    events = [
+        make_loss(fleet, host, 100.0 + index * OUTAGE_WINDOW_S / 25) for index, host in enumerate(names)
+    ]
     books, _ = apply_events(make_fleet_books(fleet), *events)
-    assert list_due_notices(books, 100.0 + WINDOW_S / 2, 0.0, ()) == []
-    (notice,) = list_due_notices(books, 100.0 + WINDOW_S, 0.0, ())
+    assert list_due_notices(books, 100.0 + OUTAGE_WINDOW_S / 2, 0.0, ()) == []
+    (notice,) = list_due_notices(books, 100.0 + OUTAGE_WINDOW_S, 0.0, ())
     assert notice.text.startswith("25 hosts with 50 printers do not answer (pc-01 pc-02")
     assert "and 17 more): prints continue there without the farm; check their power" in notice.text
     (task,) = list_host_tasks(fleet, books)
@@ -89,7 +91,7 @@ def test_no_loss_joins_a_notice_that_was_sent(loss_times_s):
     books = make_fleet_books(fleet)
     for host, lost_at_s in zip(names, sorted(loss_times_s), strict=True):
         books, _ = apply_events(books, make_loss(fleet, host, lost_at_s))
-        loss = books.printer(f"{host}-1").host_loss
+        loss = books.get_printer(f"{host}-1").host_loss
         assert f"hosts {loss.at_s:.0f}" in {
             due.key for due in list_due_notices(books, LATER_S, 0.0, sent_keys)
         }
@@ -99,7 +101,7 @@ def test_no_loss_joins_a_notice_that_was_sent(loss_times_s):
 def test_loss_just_after_a_notice_has_its_own_notice():
     fleet = make_fleet(["pc-a", "pc-b"])
     books, _ = apply_events(make_fleet_books(fleet), make_loss(fleet, "pc-a", 100.0))
-    now_s = 100.0 + WINDOW_S
+    now_s = 100.0 + OUTAGE_WINDOW_S
     (notice,) = list_due_notices(books, now_s, 0.0, ())
     books, _ = apply_events(books, make_loss(fleet, "pc-b", now_s))
     assert [due.text[:4] for due in list_due_notices(books, LATER_S, 0.0, {notice.key})] == ["pc-b"]

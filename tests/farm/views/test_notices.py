@@ -5,7 +5,7 @@ from farm.errors import ErrorCode
 from farm.model import PrintState
 from farm.state import events as ev
 from farm.state.books import Books
-from farm.state.outage import WINDOW_S
+from farm.state.outage import OUTAGE_WINDOW_S
 from farm.views import list_due_notices
 
 LATER_S = 1000.0
@@ -37,7 +37,7 @@ def test_printed_job_and_empty_queue_are_notified_once():
         == []
     )
     assert list_texts(books, since_s=301.0) == []
-    assert list_texts(books, now_s=300.0 + WINDOW_S / 2) == []
+    assert list_texts(books, now_s=300.0 + OUTAGE_WINDOW_S / 2) == []
     judged_books, _ = apply_events(
         books, *(ev.BedCleared(at_s=400.0, printer=name, by="ann") for name in "ab")
     )

@@ -28,7 +28,7 @@ PNG = b"\x89PNG\r\n\x1a\n"
 
 def make_report(books, **changes):
     context = make_view_context(books)
-    view = describe_job(context, books.job(1)).model_copy(update=changes)
+    view = describe_job(context, books.get_job(1)).model_copy(update=changes)
     now_time = datetime.fromisoformat(context.format_time(context.now_s))
     return view, list_history(context), now_time
 

@@ -52,14 +52,14 @@ def test_form_does_the_same_as_the_api_and_its_note_is_shown_once(farm):
 )
 def test_refusal_is_a_note_on_the_page_and_changes_nothing(farm, path, fields, expected_note):
     session = farm.open_session()
-    event_count = len(farm.store.events())
+    event_count = len(farm.store.read_all_events())
     assert send_form(farm, session, path, fields) == "/"
     page = farm.browse("GET", "/", session).text
     assert (
         expected_note in page[page.index('<p class="problem">') : page.index("</p>", page.index("problem"))]
     )
     assert "<i>" not in page
-    assert len(farm.store.events()) == event_count
+    assert len(farm.store.read_all_events()) == event_count
 
 
 @pytest.mark.parametrize(

@@ -102,7 +102,7 @@ def test_route_answers_each_kind_of_caller_by_its_role(farm, method, path):
         return farm.ask(method, filled_path, headers=headers, json={"why": "x"}).status_code
 
     def count_events():
-        return len(farm.store.events())
+        return len(farm.store.read_all_events())
 
     event_count = count_events()
     for name, headers, status in callers:
@@ -128,7 +128,7 @@ def test_route_answers_each_kind_of_caller_by_its_role(farm, method, path):
 def test_event_log_has_the_name_of_a_key_and_never_its_text(farm, tmp_path):
     key = farm.add(OPERATE, "slicer of ann")
     assert farm.ask("POST", f"{NETWORK_PREFIX}/printers/a/cleared", key.text, json={}).status_code == 200
-    assert '"by":"key slicer of ann"' in farm.store.events()[-1][2]
+    assert '"by":"key slicer of ann"' in farm.store.read_all_events()[-1][2]
     assert farm.services.key_uses_s.keys() == {key.id}
     secret = key.text.split("_", 2)[2].encode()
     for path in tmp_path.rglob("*"):

@@ -42,7 +42,7 @@ def test_stream_has_all_events_after_a_number(farm):
     assert answer.headers["content-type"].startswith("text/event-stream")
     events = read_stream(answer.text)
     assert [number for number, _ in events] == list(range(1, farm.store.find_last_event() + 1))
-    assert [event["kind"] for _, event in events] == [kind for _, kind, _ in farm.store.events()]
+    assert [event["kind"] for _, event in events] == [kind for _, kind, _ in farm.store.read_all_events()]
     later_answer = farm.ask("GET", EVENTS_PATH, key, params={"since": 2, "wait": "false"})
     assert read_stream(later_answer.text) == events[2:]
     repeated_answer = farm.ask(

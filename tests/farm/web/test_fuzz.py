@@ -72,10 +72,10 @@ def test_requests_with_the_role_look_change_nothing(farm):
     farm.keys.revoke(revoked_key.id, "ann")
     look_key = farm.add(Role.LOOK).text
     keys = {"": "", "wrong": "farm_key_x", "revoked": revoked_key.text, "look": look_key}
-    events = farm.store.events()
+    events = farm.store.read_all_events()
     answers = run_fuzz(farm, keys, 250, seed=1)
     assert list_failures(answers) == []
-    assert farm.store.events() == events
+    assert farm.store.read_all_events() == events
     assert farm.controller.books.jobs == {} and not list(farm.state.work.iterdir())
     served_callers = {
         request.caller for request, statuses in answers if 200 in statuses and is_guarded(request)
@@ -85,14 +85,14 @@ def test_requests_with_the_role_look_change_nothing(farm):
 
 def test_requests_with_every_role_do_not_fail(farm):
     keys = {str(role): farm.add(role).text for role in (Role.PRINT, Role.OPERATE)}
-    event_count = len(farm.store.events())
+    event_count = len(farm.store.read_all_events())
     answers = run_fuzz(farm, keys, 250, seed=2)
     assert list_failures(answers) == []
     change_count = sum(  # a request takes effect even if its sender does not wait for the answer
         request.method != "GET" and (not statuses or any(200 <= status < 300 for status in statuses))
         for request, statuses in answers
     )
-    assert 0 < len(farm.store.events()) - event_count <= 5 * change_count
+    assert 0 < len(farm.store.read_all_events()) - event_count <= 5 * change_count
     assert farm.shutdowns == [] and not list(farm.state.work.iterdir())
 
 

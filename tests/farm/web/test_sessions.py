@@ -180,7 +180,9 @@ def test_event_log_names_every_kind_of_caller(farm):
     farm.browse("POST", CLEARED_PATH, farm.open_session(Role.OPERATE, "ann"), json={})
     farm.ask("POST", CLEARED_PATH, farm.add(Role.OPERATE, "panel").text, json={})
     assert post_to_socket(farm, DAEMON_USER, "/printers/a/cleared").status_code == 200
-    callers = [json.loads(body)["by"] for _, kind, body in farm.store.events() if kind == "BedCleared"]
+    callers = [
+        json.loads(body)["by"] for _, kind, body in farm.store.read_all_events() if kind == "BedCleared"
+    ]
     assert callers == ["ann", "key panel", DAEMON_USER.name]
 
 

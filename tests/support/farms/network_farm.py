@@ -105,4 +105,4 @@ class NetworkFarm:
 
     def read_last_event(self):
         """Return the kind and the body of the last event."""
-        return self.store.events()[-1][1:]
+        return self.store.read_all_events()[-1][1:]

@@ -84,10 +84,10 @@ class RealFarm:
 
     def status(self):
         """Return the output of `farm status --json`, without a process for each poll."""
-        return self._parse(self._connect().status())
+        return self._parse(self._connect().fetch_status())
 
     def read_job(self, number=1):
-        return self._parse(self._connect().job(number))["job"]
+        return self._parse(self._connect().fetch_job(number))["job"]
 
     def _connect(self):
         return connect(find_farm_paths(self.state, None, self.fleet))

@@ -35,7 +35,7 @@ class ScrapedFarm:
         event = make_plan_event(number, 1)
         plates = tuple(plate.model_copy(update={"printer": "a"}) for plate in event.plates)
         farm.controller.on_plan(number, Plan(event.parts, plates, event.repairs, 1.0, 500.0, 100.0, None))
-        attempt = farm.controller.books.open_print_on("a")
+        attempt = farm.controller.books.find_open_print("a")
         now_s = farm.controller.clock.now()
         for print_state in (PrintState.PRINTING, state):
             farm.controller.on_snapshot(

@@ -264,7 +264,7 @@ class FarmSimulation:
                 if name == agent.name and not verdict
             ]
             verdict = Verdict.BAD if indices and indices[-1] in self.bad_prints else Verdict.GOOD
-            if self.controller.books.print_to_judge(agent.name) is None:
+            if self.controller.books.find_print_to_judge(agent.name) is None:
                 verdict = Verdict.GOOD
             agent_bed, agent.on_bed = agent.on_bed, None
             clear = self.restart_if_killed(

@@ -51,7 +51,7 @@ def make_printer_page_routes(pages: PageContext) -> APIRouter:
     @router.get("/printers/{name}/wire")
     async def show_wire(request: Request, name: str) -> Response:
         reader, problem, lines = Reader.for_holder(find_holder(request)), None, list[WireLine]()
-        controller.books.printer(name)
+        controller.books.get_printer(name)
         try:
             lines = await services.read_lines(name)
         except Refused as error:

@@ -99,7 +99,7 @@ def find_change(context: ViewContext, query: TimelineQuery) -> Change | None:
     query.check()
     if query.job is None:
         return None
-    job = context.books.job(query.job)
+    job = context.books.get_job(query.job)
     if not count_waiting_plates(context.books, job):
         reason = "all of its plates have started" if job.plates else "it has no plan yet"
         raise Refused(f"job {job.id} has no plate to move: {reason}")

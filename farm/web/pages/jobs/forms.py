@@ -35,7 +35,7 @@ def make_plan_form_routes(services: Services, jobs: JobCommands) -> APIRouter:
     @router.post("/jobs/{number}/release")
     async def release_job(number: int, request: Request, by: CallerName) -> Response:
         seen_plan = (await read_form(request, ReleaseForm)).plan
-        plan = services.controller.books.job(number).plan
+        plan = services.controller.books.get_job(number).plan
         if seen_plan is not None and seen_plan != plan:
             raise Refused(f"the plan of job {number} has changed: review it again")
         await jobs.release(number, services.state, by, is_operator(request))
@@ -49,9 +49,9 @@ def make_plan_form_routes(services: Services, jobs: JobCommands) -> APIRouter:
     @router.post("/jobs/{number}/replan")
     async def replan_job(number: int, request: Request, by: CallerName) -> Response:
         form = await read_form(request, ReplanForm)
-        job = services.controller.books.job(number)
+        job = services.controller.books.get_job(number)
         options = job.options.model_copy(update={"printers": form.printers, "dry_run": True, "hold": True})
-        new_number = jobs.plan_again(number, uuid.uuid4().hex, options, by)
+        new_number = jobs.resubmit(number, uuid.uuid4().hex, options, by)
         if job.options.dry_run and not job.state.ended:
             jobs.cancel(number, by)
         query = "" if form.curve is None else f"?curve={form.curve}"

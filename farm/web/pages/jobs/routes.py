@@ -93,7 +93,7 @@ def make_job_page_routes(pages: PageContext, dry_runs: DryRuns) -> APIRouter:
     @router.get("/jobs/{number}/report")
     async def show_report(number: int) -> Response:
         context = controller.build_view_context(services.state)
-        job = describe_job(context, controller.books.job(number))
+        job = describe_job(context, controller.books.get_job(number))
         history = list_history(context, None, None, _MAX_PRINTS)
         try:
             path = await find_stored_file(services, number, _PICTURE_FILE)
@@ -124,7 +124,7 @@ def describe_job_page(services: Services, number: int, report: Report, curve_job
     """Collect the data of a job's page. Raises NoSuchThing for an unknown job."""
     controller = services.controller
     context = controller.build_view_context(services.state)
-    job = controller.books.job(number)
+    job = controller.books.get_job(number)
     timeline: api.Timeline | None = None
     if job.plates and not job.state.ended:
         timeline = describe_timeline(context, number, controller.situations.build_for_forecast())
@@ -136,5 +136,5 @@ def describe_job_page(services: Services, number: int, report: Report, curve_job
         report,
         tuple(name_stored_files(controller.books, number)),
         curve_job,
-        list_gcode_figures(job, controller.books.plates_of(job)),
+        list_gcode_figures(job, controller.books.list_plates(job)),
     )

@@ -63,7 +63,7 @@ def make_submit_routes(pages: PageContext, jobs: JobCommands) -> APIRouter:
         except (FarmError, HTTPException) as error:
             text = str(error.detail if isinstance(error, HTTPException) else error)
             return HTMLResponse(render(Reader.for_holder(holder), Note(text, True), values), _BAD_REQUEST)
-        remarks = jobs.list_unusable_options(services.controller.books.job(number).options)
+        remarks = jobs.list_unusable_options(services.controller.books.get_job(number).options)
         if remarks:
             pages.notes.put(holder.key.id, Note("; ".join(remarks)))
         return RedirectResponse(f"/jobs/{number}", _SEE_OTHER)

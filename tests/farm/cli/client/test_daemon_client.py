@@ -66,7 +66,7 @@ def client(tmp_path):
 
 def test_missing_daemon_is_reported_with_the_command_to_start_it(client):
     with pytest.raises(DaemonUnreachable, match=r"\(No such file or directory\); `farm up` starts one"):
-        client.status()  # an open socket would cause a warning, which is an error here
+        client.fetch_status()  # an open socket would cause a warning, which is an error here
 
 
 def test_hanging_daemon_is_not_reported_as_missing(tmp_path):
@@ -74,7 +74,7 @@ def test_hanging_daemon_is_not_reported_as_missing(tmp_path):
         listener.bind(str(tmp_path / "farm.sock"))
         listener.listen()
         with pytest.raises(DaemonUnreachable, match=r"not answered for 0\.01 s.*`farm estop` works without"):
-            Client(tmp_path / "farm.sock", answer_s=0.01).status()
+            Client(tmp_path / "farm.sock", answer_timeout_s=0.01).fetch_status()
 
 
 def test_user_outside_the_group_gets_a_reason(client, monkeypatch):
@@ -83,7 +83,7 @@ def test_user_outside_the_group_gets_a_reason(client, monkeypatch):
 
     monkeypatch.setattr(SocketConnection, "connect", deny_access)
     with pytest.raises(DaemonUnreachable, match=r"you may not use .* members of its group"):
-        client.status()
+        client.fetch_status()
 
 
 def test_daemon_that_dies_during_an_answer_is_unreachable(tmp_path, client):
@@ -97,7 +97,7 @@ def test_daemon_that_dies_during_an_answer_is_unreachable(tmp_path, client):
         thread = threading.Thread(target=die, args=[listener])
         thread.start()
         with pytest.raises(DaemonUnreachable, match="`farm up` starts one"):
-            client.status()
+            client.fetch_status()
         thread.join()
 
 
@@ -105,19 +105,19 @@ def test_refusal_of_the_daemon_keeps_its_code_and_message(daemon, client):
     problem = {"error": "there is no job 9", "code": "no_such_thing", "exit_code": 4}
     daemon.answer = (404, json.dumps(problem).encode())
     with pytest.raises(FarmError, match="there is no job 9") as error:
-        client.job(9)
+        client.fetch_job(9)
     assert error.value.exit_code == NoSuchThing("").exit_code
     for text in (b"<html>", b'{"detail": "no"}', b'{"error": "no", "code": "a newer one", "exit_code": 9}'):
         daemon.answer = (502, text)
         with pytest.raises(FarmError, match="the daemon answered 502: "):
-            client.job(9)
+            client.fetch_job(9)
 
 
 def test_daemon_of_another_version_is_reported(daemon, client):
     for text in (b"{}", b"[]", b'{"daemon": {"pid": 1, "version": "9", "since": "", "news": 1}, "job": 3}'):
         daemon.answer = (200, text)
         with pytest.raises(FarmError, match=r"has another version than this command .*: end it with SIGTERM"):
-            client.job(9)
+            client.fetch_job(9)
 
 
 def test_requests_arrive_unchanged(daemon, client, tmp_path, monkeypatch):
@@ -129,7 +129,7 @@ def test_requests_arrive_unchanged(daemon, client, tmp_path, monkeypatch):
     model = tmp_path / "a part & more.stl"
     model.write_bytes(bytes(range(256)) * 10_000)
     daemon.answer = (200, b'{"job": 3, "again": false}')
-    monkeypatch.setattr(Client, "status", lambda self: None)
+    monkeypatch.setattr(Client, "fetch_status", lambda self: None)
     assert client.submit(model, JobOptions(scale=2.0)).job == 3
     path, body = daemon.requests[-1]
     assert "name=a+part+%26+more.stl" in path and "size=2560000" in path
@@ -141,7 +141,7 @@ def test_early_refusal_of_an_upload_keeps_its_message(daemon, client, tmp_path, 
     model.write_bytes(bytes(4_000_000))  # more than the socket buffers
     problem = {"error": "the farm is going down", "code": "refused", "exit_code": 5}
     daemon.answer, daemon.answers_early = (409, json.dumps(problem).encode()), True
-    monkeypatch.setattr(Client, "status", lambda self: None)
+    monkeypatch.setattr(Client, "fetch_status", lambda self: None)
     with pytest.raises(FarmError, match="going down"):
         client.submit(model, JobOptions())
 
@@ -150,7 +150,7 @@ class SlowDaemon(Client):
     """Server that answers a submission after a number of requests for its progress."""
 
     def __init__(self, path, answers):
-        super().__init__(path, answer_s=10.0)
+        super().__init__(path, answer_timeout_s=10.0)
         self.answers, self.polled = list(answers), threading.Event()
 
     def _send(self, method, path, **options):
@@ -187,7 +187,7 @@ def minute_clock(monkeypatch):
     clock = itertools.count(0.0, 60.0)
     monkeypatch.setattr("farm.cli.client.daemon_client.time.monotonic", lambda: next(clock))
     monkeypatch.setattr("farm.cli.client.daemon_client.time.sleep", lambda _: None)
-    monkeypatch.setattr("farm.cli.client.daemon_client._POLL_S", 0.01)
+    monkeypatch.setattr("farm.cli.client.daemon_client._POLL_INTERVAL_S", 0.01)
 
 
 def test_client_waits_while_the_daemon_reports_progress(tmp_path, minute_clock):

@@ -25,7 +25,7 @@ class Daemon:
         Daemon.request = request
         return api.NewKey(id="abcd2345", text=TEXT, role=request.role)
 
-    def keys(self):
+    def fetch_keys(self):
         key = api.KeyView(
             id="abcd2345",
             kind=KeyKind.KEY,
@@ -114,13 +114,13 @@ def test_key_file_is_private_and_has_one_key(tmp_path):
 
 
 def test_sessions_are_listed_with_their_kind_and_end(monkeypatch):
-    [key] = Daemon(None).keys().keys
+    [key] = Daemon(None).fetch_keys().keys
     open_session = key.model_copy(update={"id": "s1", "kind": KeyKind.SESSION})
     fields = {"revoked": "2026-11-20T10:30:00+00:00", "valid": False}
     ended_session = open_session.model_copy(update={"id": "s2", **fields})
     monkeypatch.setattr(
         Daemon,
-        "keys",
+        "fetch_keys",
         lambda _: api.Keys(
             now="2026-11-20T11:00:00+00:00", network=Daemon.network, keys=[key, open_session, ended_session]
         ),

@@ -61,7 +61,7 @@ def farm(tmp_path, monkeypatch):
 
 
 def report_print(farm, printer, state, **fields):
-    attempt = farm.controller.books.open_print_on(printer)
+    attempt = farm.controller.books.find_open_print(printer)
     progress = {"fault": None, "reason": None, "progress_s": 5.0, "print_time_s": 90.0, "extruded": True}
     progress |= {"started_s": None, "ended_s": None, **fields}
     link = Link.READY if state.ended else Link.BUSY
@@ -91,10 +91,10 @@ def test_good_part_of_a_failed_print_is_not_reprinted(farm, part):
     answer = run_farm("cleared", "a", "--good", part)
     assert answer.stdout == "a: bed clear; part 1/p01 is good and will not be printed again\n"
     assert farm.controller.books.jobs[1].state is JobState.DONE
-    assert farm.controller.books.printer("a").bed is Bed.CLEAR
+    assert farm.controller.books.get_printer("a").bed is Bed.CLEAR
     farm.controller.clock.host_shift_s += 60.0
     farm.report_ready("a", "b")
-    assert list(farm.controller.books.open_prints()) == []
+    assert list(farm.controller.books.list_open_prints()) == []
 
 
 def test_good_part_names_its_running_reprint_and_the_command_to_end_it(farm):
@@ -107,7 +107,7 @@ def test_good_part_names_its_running_reprint_and_the_command_to_end_it(farm):
         "a: bed clear; part 1/p01 is good; b already prints it again: stop that with `farm cancel b`\n"
     )
     assert run_farm("cancel", "b").exit_code == 0
-    assert farm.controller.books.open_print_on("b").cancel_reason is not None
+    assert farm.controller.books.find_open_print("b").cancel_reason is not None
     report_print(farm, "b", PrintState.CANCELLED, ended_s=farm.controller.clock.now())
     assert farm.controller.books.jobs[1].state is JobState.DONE
 
@@ -118,7 +118,7 @@ def test_shutdown_ends_a_print_of_a_part_found_good(farm):
     report_print(farm, "b", PrintState.HEATING, started_s=farm.controller.clock.now())
     run_farm("cleared", "a", "--good", "1/p01")
     abort_prints(farm.controller)
-    assert farm.controller.books.open_print_on("b").cancel_reason is not None
+    assert farm.controller.books.find_open_print("b").cancel_reason is not None
 
 
 @pytest.mark.parametrize(
@@ -138,7 +138,7 @@ def test_part_on_another_bed_cannot_be_good(farm, arguments, expected_text):
     text = join_lines((answer.output + str(answer.exception or "")).replace("│", " "))
     assert expected_text in text
     assert farm.controller.books.jobs[1].state is JobState.PRINTING
-    assert farm.controller.books.printer("a").bed is Bed.NOT_CLEAR
+    assert farm.controller.books.get_printer("a").bed is Bed.NOT_CLEAR
 
 
 def test_part_of_a_completed_print_may_be_named_as_good(farm):

@@ -17,7 +17,7 @@ class FakeDaemon:
     def send_command(self, path: str) -> str:
         return {"/jobs/3/parts/p01/pause": "um2-01"}.get(path, "")
 
-    def status_summary(self) -> api.StatusSummary:
+    def fetch_status_summary(self) -> api.StatusSummary:
         hours = api.Todo(code="hours", printers=["a"], text="a needs until Fri 19:00")
         clear = api.Todo(code="clear", printers=["b"], text="clear 1 bed: b")
         return api.StatusSummary.model_construct(todo=[hours, clear])

@@ -19,13 +19,13 @@ def moves(monkeypatch):
         def __init__(self, _):
             pass
 
-        def queue(self):
+        def fetch_queue(self):
             jobs = [api.QueueEntry(id=n, name=f"m{n}.stl", **ENTRY) for n in (7, 3)]
             return api.Queue(now="2026-01-01T00:00:00+00:00", jobs=jobs)
 
         def move(self, number, request):
             requests.append((number, request.to, request.before))
-            return self.queue()
+            return self.fetch_queue()
 
         def reschedule(self, number, request):
             requests.append((number, request.at))

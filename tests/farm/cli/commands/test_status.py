@@ -14,7 +14,7 @@ class Daemon:
     def __init__(self, _: object) -> None:
         pass
 
-    def history(self, job: int | None, printer: str | None, count: int) -> api.History:
+    def fetch_history(self, job: int | None, printer: str | None, count: int) -> api.History:
         return api.History(now="2026-11-22T07:00:00+00:00", prints=[])
 
 
@@ -27,7 +27,7 @@ def test_empty_history_is_reported_in_a_sentence(monkeypatch: pytest.MonkeyPatch
 class LearnedDaemon(Daemon):
     """Daemon with prints on a printer whose speed by feature is known, and on one with too few prints."""
 
-    def history(self, job: int | None, printer: str | None, count: int) -> api.History:
+    def fetch_history(self, job: int | None, printer: str | None, count: int) -> api.History:
         row = api.HistoryRow(
             part="1/p01",
             printer="um2-01",

@@ -51,10 +51,10 @@ class FakeDaemon:
         )
         return api.SubmitResponse(job=number, again=False)
 
-    def job(self, number):
+    def fetch_job(self, number):
         return api.JobStatus.model_construct(job=self.jobs[number])
 
-    def timeline(self, number):
+    def fetch_timeline(self, number):
         return api.Timeline(
             job=number,
             now="2026-01-01T00:00:00+00:00",

@@ -53,13 +53,16 @@ def test_engine_is_selected_by_name(bar, tmp_path):
 @pytest.mark.parametrize(
     ("wrong_option", "message"),
     [
-        ({"engine": "saw"}, "--engine saw: best, guillotine, parallelobox, symmetry, cube-skeleton"),
-        ({"engine": "parallelobox", "score": "up"}, "--score up: low, high or both"),
+        (
+            {"engine": "saw"},
+            "--engine saw: use one of best, guillotine, parallelobox, symmetry, cube-skeleton",
+        ),
+        ({"engine": "parallelobox", "score": "up"}, "--score up: use low, high or both"),
         (
             {"engine": "parallelobox", "faithful": True, "connectors": ConnectorOptions(2.85)},
             "--faithful: its parts have neither --pins nor --marks",
         ),
-        ({"interior": "gone"}, "--interior gone: leave or keep"),
+        ({"interior": "gone"}, "--interior gone: use leave or keep"),
         ({"faithful": True}, "--faithful is for the engines of papers, not guillotine"),
     ],
 )

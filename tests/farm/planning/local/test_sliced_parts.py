@@ -19,7 +19,7 @@ from decompose.printers import PrinterRoom
 from farm.errors import FarmError
 from farm.planning.local import sliced_parts
 from farm.planning.local.decompose_file import decompose_to_folder
-from farm.planning.local.sliced_parts import SlicedParts, level_by_slices
+from farm.planning.local.sliced_parts import SlicedParts, relevel_by_slices
 from tests.farm.planning.local.test_decompose_file import USUAL_OPTIONS, DecomposeRequest
 
 
@@ -102,6 +102,6 @@ def test_cuts_are_moved_while_the_slowest_slice_ends_sooner(
         return move and replace(previous, faults=("is a sliver",) if move == "faulty" else ())
 
     monkeypatch.setattr(sliced_parts, "relevel_planes", relevel)
-    best = level_by_slices(None, decomposition, slicer, None, None, tmp_path)
+    best = relevel_by_slices(None, decomposition, slicer, None, None, tmp_path)
     assert best.times_s == best_times_s
     assert slicer.folders == folders

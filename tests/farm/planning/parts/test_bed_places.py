@@ -12,7 +12,7 @@ from decompose.printers import BedPlace
 from decompose.results import Part
 from drivers.printers import PROFILES, list_usable_volumes, place_part
 from farm.planning.parts import slice_part
-from farm.planning.parts.bed_places import Bed, place_on
+from farm.planning.parts.bed_places import Bed, make_place_finder
 
 PROFILE = PROFILES["ultimaker2_plus"]
 BED = Bed(PROFILE.bed_mm, list_usable_volumes(PROFILE, 8.0), SimpleNamespace(scale_xy=1.0, scale_z=1.0))
@@ -26,8 +26,8 @@ def make_part(*size_mm):
 @pytest.mark.parametrize("size_mm", [(50.0, 20.0, 10.0), (160.0, 205.0, 10.0), (190.0, 206.0, 10.0)])
 def test_part_is_drawn_where_it_is_sliced(size_mm):
     part = make_part(*size_mm)
-    pose = place_on({"um2-01": BED})(part)
-    placement = place_part(size_mm, BED.room)
+    pose = make_place_finder({"um2-01": BED})(part)
+    placement = place_part(size_mm, BED.usable_volumes)
     assert pose == BedPlace(PROFILE.bed_mm, (placement.x_mm, placement.y_mm), placement.is_rotated)
     vertices, faces = part.build_printing_mesh()
     drawn_mm, _ = put_part_on_bed(vertices, faces, pose)
@@ -37,7 +37,7 @@ def test_part_is_drawn_where_it_is_sliced(size_mm):
 
 
 def test_part_of_an_unknown_printer_and_one_that_does_not_fit_have_no_place():
-    assert place_on({})(make_part(10.0, 10.0, 10.0)) is None
+    assert make_place_finder({})(make_part(10.0, 10.0, 10.0)) is None
     assert BED.place(make_part(300.0, 10.0, 10.0)) is None
 
 

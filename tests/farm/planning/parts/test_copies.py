@@ -14,7 +14,7 @@ from books.make_books import make_plan_event
 from farm.config import Fleet
 from farm.errors import ErrorCode, FarmError
 from farm.model import JobOptions, TimeFactors
-from farm.planning.booking import book_plan
+from farm.planning.booking import store_plan
 from farm.planning.inspection.inspect_submission import inspect_model
 from farm.planning.parts.copies import MAX_PLATES, choose_evenly_spaced, iterate_part_counts, multiply_plan
 from farm.planning.parts.decompose_job import decompose_job
@@ -200,7 +200,7 @@ def test_copies_reuse_cuts_slices_and_files(bar, files, tmp_path):
         path.write_text(f"; {i}\n")
     sliced_job = join_slices(task, decomposition, tasks, [FakeSliceResult(path) for path in gcodes])
     draw_job(task, decomposition.drawing_record)
-    booked_plan = book_plan(sliced_job, files)
+    booked_plan = store_plan(sliced_job, files)
     stored_files = set(files.rglob("*"))
     plan = multiply_plan(booked_plan, task)
     assert set(files.rglob("*")) == stored_files

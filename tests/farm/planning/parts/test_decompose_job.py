@@ -189,7 +189,9 @@ def test_each_part_is_cut_and_sliced_for_the_printer_that_it_goes_to(files, tmp_
         assert height > 205.0 if part.printer == "high" else height <= 205.0
         section = {"p0": low_printer, "high": high_printer}[part.printer]
         assert item.request == build_settings_request(section, "glue")
-        assert max(box.height_mm for box in item.room) == (305.0 if part.printer == "high" else 205.0)
+        assert max(box.height_mm for box in item.usable_volumes) == (
+            305.0 if part.printer == "high" else 205.0
+        )
 
 
 @pytest.mark.usefixtures("without_pictures")

@@ -22,7 +22,7 @@ FILES = ("assembly.png", "assembly.glb", "instructions.html")
 @given(st.integers(0, 2000))
 def test_each_step_is_drawn_once_in_shares_of_enough_steps(steps):
     ranges = split_steps(steps)
-    assert len(ranges) != 1 and len(ranges) <= drawings.MAX_SHARES
+    assert len(ranges) != 1 and len(ranges) <= drawings.MAX_RANGES
     assert [step for first_step, end in ranges for step in range(first_step, end)] == list(
         range(steps if ranges else 0)
     )
@@ -68,7 +68,7 @@ def test_pictures_by_several_workers_equal_those_by_one(cut_bar, tmp_path, monke
         (task.folder / name).unlink()
     pool = RecordingPool()
     draw_parts(pool, task, result)
-    shares = min(result.steps, drawings.MAX_SHARES)
+    shares = min(result.steps, drawings.MAX_RANGES)
     assert pool.names == ["draw_overview", *["draw_some_steps"] * shares, "draw_job"]
     assert {name: (task.folder / name).read_bytes() for name in FILES} == pictures
 

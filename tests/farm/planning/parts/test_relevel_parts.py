@@ -9,7 +9,7 @@ from books.decompose_tasks import make_decompose_task, slice_with_late_part
 from farm.model import TimeFactors
 from farm.planning.parts.decompose_job import decompose_job
 from farm.planning.parts.relevel_parts import relevel_parts
-from farm.planning.plan import RELEVEL_LATE_S
+from farm.planning.plan import MIN_RELEVEL_DELAY_S
 from slicing.checks import FeatureTimes
 
 pytestmark = pytest.mark.usefixtures("without_pictures")
@@ -18,11 +18,11 @@ pytestmark = pytest.mark.usefixtures("without_pictures")
 def test_part_with_a_slow_slice_is_cut_smaller(bar, files, tmp_path):
     task = make_decompose_task(bar, files, tmp_path)
     decomposition = decompose_job(task)
-    slow_job = slice_with_late_part(task, decomposition, late_s=RELEVEL_LATE_S * 3)
+    slow_job = slice_with_late_part(task, decomposition, late_s=MIN_RELEVEL_DELAY_S * 3)
     assert (
         slow_job.compute_makespan_s()
         == slow_job.parts[1].compute_expected_s()
-        == slow_job.compute_busy_s()[decomposition.parts[1].printer]
+        == slow_job.compute_printer_times_s()[decomposition.parts[1].printer]
     )
     assert slow_job.should_relevel()
     new_result = relevel_parts(slow_job, tmp_path / "levelled")
@@ -40,7 +40,7 @@ def test_balanced_parts_are_not_relevelled(bar, files, tmp_path):
     task = make_decompose_task(bar, files, tmp_path)
     decomposition = decompose_job(task)
     # On average, slices are later by half of that.
-    assert not slice_with_late_part(task, decomposition, late_s=RELEVEL_LATE_S).should_relevel()
+    assert not slice_with_late_part(task, decomposition, late_s=MIN_RELEVEL_DELAY_S).should_relevel()
     assert not replace(
         slice_with_late_part(task, decomposition, 1e4), decomposed=replace(decomposition, cut_record=None)
     ).should_relevel()
@@ -57,7 +57,7 @@ def test_part_of_features_that_its_printer_prints_slowly_is_relevelled(bar, file
     first.result.features = FeatureTimes(0.0, 0.0, total_s, 0.0, 0.0)
     for other in others:
         other.result.features = FeatureTimes(total_s, 0.0, 0.0, 0.0, 0.0)
-    assert level_job.compute_busy_s()[first.printer.name] == pytest.approx(
+    assert level_job.compute_printer_times_s()[first.printer.name] == pytest.approx(
         first.compute_expected_s(TimeFactors(1.3))
     )
     assert relevel_parts(level_job, tmp_path / "levelled") is not None
@@ -69,8 +69,8 @@ def test_slow_printer_is_busy_longer(bar, files, tmp_path):
     level_job = slice_with_late_part(task, decomposition, late_s=0.0)
     printed_s = level_job.parts[0].result.sliced_s
     # The time factor applies to the layers alone.
-    assert level_job.compute_busy_s()["p0"] == pytest.approx(
-        level_job.compute_busy_s()["p1"] + 0.5 * printed_s
+    assert level_job.compute_printer_times_s()["p0"] == pytest.approx(
+        level_job.compute_printer_times_s()["p1"] + 0.5 * printed_s
     )
 
 

@@ -13,7 +13,7 @@ from farm.errors import FarmError
 from farm.model import PartPrintOptions
 from farm.planning.part_records import SliceTask
 from farm.planning.parts.slice_part import slice_part
-from farm.planning.printer_settings import find_printer_room, list_model_sizes
+from farm.planning.printer_settings import find_usable_volumes, list_model_sizes
 from printers.slicing_printers import PRINTERS
 from slicing.hidden_walls import RUN_OUT_MM
 from slicing.settings import SettingsRequest, find_engine, find_resources, resolve_settings
@@ -35,7 +35,7 @@ def task(tmp_path):
             request=request,
             resources=resources,
             settings=settings,
-            room=list_usable_volumes(PROFILES[MODEL], settings.brim_width_mm),
+            usable_volumes=list_usable_volumes(PROFILES[MODEL], settings.brim_width_mm),
             engine=find_engine(),
             out=tmp_path / "part.gcode",
             cache=None,
@@ -79,7 +79,7 @@ def test_part_has_its_own_brim_first_layer_and_height(task):
 def test_part_that_fills_its_room_fits_after_enlarging(task, material):
     section = PrinterSection(name="a", model=MODEL, port=f"sim://{MODEL}", material=material)
     settings = resolve_settings(SettingsRequest(PRINTERS[MODEL], material=material), find_resources())
-    x, y, _ = list_model_sizes(find_printer_room(section, settings.brim_width_mm), settings)[0]
+    x, y, _ = list_model_sizes(find_usable_volumes(section, settings.brim_width_mm), settings)[0]
     plate = slice_part(task(trimesh.creation.box((x, y, 1.0)), material=material))
     assert plate.max_mm[0] - plate.min_mm[0] > x
     with pytest.raises(FarmError, match="does not fit on the bed"):
@@ -101,7 +101,7 @@ def test_part_whose_brim_passes_the_edge_is_shifted(task):
     mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, (1, 0, 0)))
     work = task(mesh, layer_0_expansion_mm=1.0)
     plate = slice_part(work)
-    bed_mm = work.room[0].rect.expand(work.settings.brim_width_mm)
+    bed_mm = work.usable_volumes[0].rect.expand(work.settings.brim_width_mm)
     assert plate.min_mm[0] == pytest.approx(bed_mm.min_x_mm, abs=0.01)
     low_mm, high_mm = trimesh.load_mesh(work.out.with_suffix(".placed.stl")).bounds[:, 0]
     assert 0.5 < (low_mm + high_mm) / 2 < 1.5
@@ -143,7 +143,9 @@ def test_walls_along_hidden_sides_are_fast_where_the_part_is_placed(task, is_tur
     def slice_with(*sides):
         work = task(mesh, brim_width_mm=0.0, hidden_sides=sides)
         request = replace(work.request, overrides={"wall_line_count": 2})  # with which all walls are printed
-        return slice_part(replace(work, request=request, room=(UsableVolume(rect, 100.0),))).sliced_s
+        return slice_part(
+            replace(work, request=request, usable_volumes=(UsableVolume(rect, 100.0),))
+        ).sliced_s
 
     plain_s = slice_with()
     length_mm = float(np.abs(side[::-1]) @ size_mm) - RUN_OUT_MM

@@ -41,7 +41,7 @@ def make_farm(tmp_path, models, plates=1, **options):
 
 
 def fail_plate(farm, printer, plate):
-    attempt = farm.controller.books.open_print_on(printer)
+    attempt = farm.controller.books.find_open_print(printer)
     assert attempt.plate == plate
     now_s = farm.controller.clock.now()
     agent_print = AgentPrint(
@@ -67,7 +67,7 @@ def make_recut(farm, plate, hours, printers):
 
 
 def list_started_plates(farm):
-    return {attempt.printer: attempt.plate for attempt in farm.controller.books.open_prints()}
+    return {attempt.printer: attempt.plate for attempt in farm.controller.books.list_open_prints()}
 
 
 def test_failed_part_is_cut_for_the_free_printers_and_held(tmp_path):

@@ -34,7 +34,7 @@ def make_part(hours=10.0, **changes):
 
 
 def test_cost_of_a_piece_equals_that_of_a_decomposition():
-    assert policy.JOIN_S == CLEAR_S + ASSEMBLE_S
+    assert policy.JOINING_TIME_S == CLEAR_S + ASSEMBLE_S
 
 
 def test_plate_of_a_bed_full_until_morning_is_resliced():
@@ -223,7 +223,7 @@ def test_recut_requests_matching_free_printers_if_useful(part, fleet):
         assert 2 <= len(set(recut.printers)) == len(recut.printers) <= policy.MAX_PIECES
         assert all(by_name[name].find_obstacle() is None for name in recut.printers)
         assert part.extra_printers is None or len(recut.printers) <= part.extra_printers
-        assert whole_s - NOW_S > policy.MIN_GAIN_S + 2 * policy.JOIN_S
+        assert whole_s - NOW_S > policy.MIN_GAIN_S + 2 * policy.JOINING_TIME_S
     assert (
         policy.choose_reslice(
             part, make_situation([part], fleet[::-1], ATTENDED_RULES, NOW_S), free_printers[::-1]

@@ -5,11 +5,11 @@ from typing import get_args
 import pytest
 
 from farm.state import events as ev
-from farm.state.lifecycles import FARM_WIDE, LIFECYCLES, NEW
+from farm.state.lifecycles import FARM_WIDE_EVENTS, LIFECYCLES, NEW
 
 
 def test_every_event_has_a_subject():
-    handled_events = set().union(*(lifecycle.kinds for lifecycle in LIFECYCLES)) | FARM_WIDE
+    handled_events = set().union(*(lifecycle.kinds for lifecycle in LIFECYCLES)) | FARM_WIDE_EVENTS
     assert handled_events == set(get_args(ev.AnyEvent))
 
 
@@ -19,7 +19,8 @@ def test_every_state_is_reachable(lifecycle):
     reached_states = {NEW}
     while True:
         new_states = (
-            set().union(*(row.ends or () for row in rows if row.starts & reached_states)) - reached_states
+            set().union(*(row.end_states or () for row in rows if row.start_states & reached_states))
+            - reached_states
         )
         if not new_states:
             break

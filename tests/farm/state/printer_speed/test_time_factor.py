@@ -40,8 +40,8 @@ def test_time_factor_converges_to_the_true_ratio(initial_factor, true_ratio, exp
 
 
 @given(FACTORS, TIMES_S, TIMES_S, TIMES_S)
-def test_time_factor_is_bounded_and_changes_slowly(factor, expected_s, reached_s, starved_s):
-    new_factor = update_time_factor(factor, expected_s, reached_s, starved_s)
+def test_time_factor_is_bounded_and_changes_slowly(factor, expected_s, actual_s, starved_s):
+    new_factor = update_time_factor(factor, expected_s, actual_s, starved_s)
     assert MIN_TIME_FACTOR <= new_factor <= MAX_TIME_FACTOR
     assert abs(new_factor - factor) <= 0.025 + 1e-12
 
@@ -58,7 +58,7 @@ def test_time_factor_stays_within_observed_ratios(ratios):
 
 
 @pytest.mark.parametrize(
-    ("expected_s", "reached_s", "starved_s"),
+    ("expected_s", "actual_s", "starved_s"),
     [
         (MIN_LEARNED_S - 1, 1.1 * MIN_LEARNED_S, 0.0),  # too short
         (HOUR_S, 1.1 * HOUR_S, 0.02 * HOUR_S),  # starved too long
@@ -67,8 +67,8 @@ def test_time_factor_stays_within_observed_ratios(ratios):
         (HOUR_S, 0.0, 0.0),
     ],
 )
-def test_unrepresentative_print_does_not_change_the_factor(expected_s, reached_s, starved_s):
-    assert update_time_factor(1.05, expected_s, reached_s, starved_s) == 1.05
+def test_unrepresentative_print_does_not_change_the_factor(expected_s, actual_s, starved_s):
+    assert update_time_factor(1.05, expected_s, actual_s, starved_s) == 1.05
 
 
 def lengthen_first_plate(books, factor):

@@ -12,7 +12,7 @@ from farm.state.books import Books, put, replace_fields
 from farm.state.lifecycles import InvalidTransition
 from farm.state.retention import (
     MIN_AGE_S,
-    KeepRules,
+    RetentionRules,
     find_keep_reason,
     list_deletable_files,
     list_job_file_names,
@@ -36,32 +36,32 @@ def test_expired_jobs_are_selected_oldest_first():
     books = make_old_books(
         (JobState.DONE, 91), (JobState.DONE, 89), (JobState.CANCELLED, 200), (JobState.PRINTING, 0)
     )
-    rules = KeepRules(days=90, max_bytes=1e12)
+    rules = RetentionRules(days=90, max_bytes=1e12)
     assert select_jobs(books, make_sizes(books), rules, NOW_S, NOW_S) == [3, 1]
 
 
 def test_oldest_jobs_are_selected_until_the_rest_fits():
     books = make_old_books(*((JobState.DONE, 10 + number) for number in range(5)))  # 7 files per job
     assert len(list_job_file_names(books, books.jobs[1])) == 7
-    rules = KeepRules(days=90, max_bytes=2500)
+    rules = RetentionRules(days=90, max_bytes=2500)
     # Two pruned jobs, which keep only their pictures, leave 3500 - 2 * 600 bytes.
     assert select_jobs(books, make_sizes(books), rules, NOW_S, NOW_S) == [
         5,
         4,
     ]
-    assert select_jobs(books, make_sizes(books), KeepRules(90, 3500), NOW_S, NOW_S) == []
+    assert select_jobs(books, make_sizes(books), RetentionRules(90, 3500), NOW_S, NOW_S) == []
 
 
 def test_files_shared_with_another_job_are_not_freed():
     books = make_old_books((JobState.DONE, 20), (JobState.DONE, 10), shared_numbers=(1, 2))
     sizes = dict.fromkeys(list_named_files(books), 0) | {"shared.npz": 500}
-    assert select_jobs(books, sizes, KeepRules(90, 400), NOW_S, NOW_S) == [1, 2]
-    assert select_jobs(books, sizes, KeepRules(90, 500), NOW_S, NOW_S) == []
+    assert select_jobs(books, sizes, RetentionRules(90, 400), NOW_S, NOW_S) == [1, 2]
+    assert select_jobs(books, sizes, RetentionRules(90, 500), NOW_S, NOW_S) == []
 
 
 def test_recent_jobs_and_those_without_a_backup_are_not_selected():
     books = make_old_books((JobState.DONE, 1.9), (JobState.DONE, 5), (JobState.DONE, 2.1))
-    full_rules = KeepRules(days=2, max_bytes=0.0)
+    full_rules = RetentionRules(days=2, max_bytes=0.0)
     assert select_jobs(books, make_sizes(books), full_rules, NOW_S, NOW_S) == [2, 3]
     assert select_jobs(books, make_sizes(books), full_rules, NOW_S, NOW_S - 3 * DAY_S) == [2]
 
@@ -69,7 +69,7 @@ def test_recent_jobs_and_those_without_a_backup_are_not_selected():
 @pytest.mark.parametrize("state", [s for s in JobState if s not in ("done", "failed", "cancelled")])
 def test_job_that_is_open_or_not_judged_is_never_pruned(state):
     books = make_old_books((state, 500))
-    assert select_jobs(books, make_sizes(books), KeepRules(2, 0.0), NOW_S, NOW_S) == []
+    assert select_jobs(books, make_sizes(books), RetentionRules(2, 0.0), NOW_S, NOW_S) == []
     with pytest.raises(InvalidTransition):
         prune_job(books, 1)
 
@@ -152,7 +152,7 @@ def test_only_unused_files_of_old_jobs_are_deleted(jobs, days, max_total_bytes, 
     bed = data.draw(st.sampled_from(Bed))
     books = make_old_books(*jobs, shared_numbers=shared_numbers)
     books = put(books, replace_fields(books.printers["a"], bed=bed), Outage(id=1, at_s=0.0, printers=()))
-    sizes, rules = make_sizes(books), KeepRules(days, max_total_bytes)
+    sizes, rules = make_sizes(books), RetentionRules(days, max_total_bytes)
     selected_jobs = select_jobs(books, sizes, rules, NOW_S, NOW_S)
     new_books = books
     for number in selected_jobs:

@@ -58,7 +58,7 @@ def test_store_returns_committed_entities(tmp_path):
         books = commit_events(store, list_job_events())
     with Store(tmp_path / "farm.db") as store:
         assert store.load() == books
-        assert [kind for _, kind, _ in store.events()][-1] == "JobPlanned"
+        assert [kind for _, kind, _ in store.read_all_events()][-1] == "JobPlanned"
 
 
 def test_books_in_a_public_folder_are_private(tmp_path):

@@ -17,7 +17,7 @@ def record_events(store, *times_s, person="ann"):
 
 
 def list_times_s(store):
-    return [at_s for at_s, _, _ in store.events()]
+    return [at_s for at_s, _, _ in store.read_all_events()]
 
 
 @settings(deadline=None, max_examples=30)  # every commit is synced to the disk

@@ -18,25 +18,25 @@ def test_books_of_the_first_release_are_readable(tmp_path):
         4: JobState.PRINTED,
         5: JobState.CANCELLED,
     }
-    (good_print,) = books.prints_of_job(books.job(1))
+    (good_print,) = books.list_job_prints(books.get_job(1))
     assert (good_print.state, good_print.verdict, good_print.printer) == (
         PrintState.DONE,
         Verdict.GOOD,
         "um2-01",
     )
-    (printing_print,) = books.open_prints()
+    (printing_print,) = books.list_open_prints()
     assert (printing_print.job, printing_print.printer, printing_print.state) == (
         2,
         "um2x-01",
         PrintState.PRINTING,
     )
-    (plate,) = books.plates_of(books.job(4))
-    assert books.plate_state(plate) is PlateState.PRINTED
+    (plate,) = books.list_plates(books.get_job(4))
+    assert books.find_plate_state(plate) is PlateState.PRINTED
     assert round(plate.expected_s / 60) == 18 and plate.family == "ultimaker2_plus"
     (part,) = (books.parts[name] for name in plate.parts)
     assert part.geometry.volume_mm3 > 2000.0 and part.print_options.stands
     assert Part.model_validate_json(part.model_dump_json()) == part
-    first_printer = books.printer("um2-01")
+    first_printer = books.get_printer("um2-01")
     assert (first_printer.bed, round(first_printer.reel.grams)) == (Bed.NOT_CLEAR, 697)
 
 

@@ -22,7 +22,7 @@ ASSIGNMENT = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
 HEATING_EVENT = ev.PrintProgressed(
     at_s=3.0, print_id="x", state=PrintState.HEATING, started_s=3.0, extruded=False
 )
-CANCELLATION = ev.JobCancelled(at_s=5.0, job=1)
+CANCELLATION_REASON = ev.JobCancelled(at_s=5.0, job=1)
 INVALID_EVENTS = {
     "a print ends twice": ([ASSIGNMENT, make_end_event("x")], make_end_event("x"), "print x is done"),
     "a print continues after its end": ([ASSIGNMENT, make_end_event("x")], HEATING_EVENT, "print x is done"),
@@ -36,8 +36,8 @@ INVALID_EVENTS = {
         ev.PrintFailRequested(at_s=9.0, print_id="x", why="a blob", by="ann"),
         "print x is done",
     ),
-    "a job is cancelled twice": ([CANCELLATION], CANCELLATION, "job 1 is cancelled"),
-    "a cancelled job is planned": ([CANCELLATION], make_plan_event(), "job 1 is cancelled"),
+    "a job is cancelled twice": ([CANCELLATION_REASON], CANCELLATION_REASON, "job 1 is cancelled"),
+    "a cancelled job is planned": ([CANCELLATION_REASON], make_plan_event(), "job 1 is cancelled"),
     "a job is approved that is not held": (
         [],
         ev.JobApproved(at_s=5.0, job=1, by="ann"),

@@ -16,17 +16,17 @@ def add_key(**fields):
 
 def test_key_is_valid_until_it_expires_or_is_revoked():
     books = add_key(expires_s=100.0)
-    assert books.key("abcd2345").is_valid(99.0)
-    assert not books.key("abcd2345").is_valid(100.0)
+    assert books.get_key("abcd2345").is_valid(99.0)
+    assert not books.get_key("abcd2345").is_valid(100.0)
     books, _ = apply_events(books, ev.KeyRevoked(at_s=50.0, key="abcd2345", by="ann"))
-    assert not books.key("abcd2345").is_valid(51.0)
+    assert not books.get_key("abcd2345").is_valid(51.0)
     with pytest.raises(NoSuchThing, match="there is no key zz"):
         apply(ev.KeyRevoked(at_s=50.0, key="zz", by="ann"), books)
 
 
 def test_restored_backup_revokes_all_keys():
     books, _ = apply_events(add_key(), ev.BooksRestored(at_s=50.0, copied_s=10.0))
-    assert books.key("abcd2345").revoked_s == 50.0
+    assert books.get_key("abcd2345").revoked_s == 50.0
 
 
 def test_each_role_includes_those_before_it():
@@ -47,8 +47,8 @@ def test_extended_session_is_valid_until_its_new_end():
     books, _ = apply_events(
         Books(), make_session("s1"), ev.SessionExtended(at_s=90.0, session="s1", expires_s=190.0)
     )
-    assert books.key("s1").is_valid(189.0)
-    assert not books.key("s1").is_valid(190.0)
+    assert books.get_key("s1").is_valid(189.0)
+    assert not books.get_key("s1").is_valid(190.0)
 
 
 def test_ended_sessions_of_a_user_leave_the_books_when_the_user_opens_another():
@@ -67,4 +67,4 @@ def test_restored_backup_ends_every_session():
     books, _ = apply_events(
         Books(), *make_fleet_events(), make_session("s1"), ev.BooksRestored(at_s=50.0, copied_s=10.0)
     )
-    assert books.key("s1").revoked_s == 50.0
+    assert books.get_key("s1").revoked_s == 50.0

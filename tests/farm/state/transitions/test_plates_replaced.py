@@ -66,7 +66,7 @@ def test_pieces_replace_their_part_and_continue_its_attempts():
     assert list_job_files(job, (), ())["instructions-p02.html"] == "i.html"
     assert books.plates["1/02"].replaced_by == ("1/02a", "1/02b")
     assert books.parts["1/p02a"].cut_from == "1/p02"
-    assert {plate.id for plate in books.waiting_plates()} == set(job.plates)
+    assert {plate.id for plate in books.list_waiting_plates()} == set(job.plates)
     assert summarise_job(books, job).wasted_s == 198.0  # the failed print is counted once
     for attempt in range(1, MAX_ATTEMPTS):
         name = f"y{attempt}"
@@ -76,8 +76,8 @@ def test_pieces_replace_their_part_and_continue_its_attempts():
             make_end_event(name, PrintState.FAILED, fault="mintemp"),
         )
         books, _ = apply_events(books, *events)
-    assert books.plate_state(books.plates["1/02a"]) is PlateState.OUT_OF_ATTEMPTS
-    assert books.plate_state(books.plates["1/02b"]) is PlateState.WAITING
+    assert books.find_plate_state(books.plates["1/02a"]) is PlateState.OUT_OF_ATTEMPTS
+    assert books.find_plate_state(books.plates["1/02b"]) is PlateState.WAITING
 
 
 def test_resliced_part_keeps_its_name_and_prints():
@@ -122,8 +122,8 @@ def test_replacing_plates_neither_loses_nor_repeats_a_part(choices):
     """Check that, after any reslices and recuts, the current plates have each piece of the parts once."""
     books = make_printing_books(3)
     for number, (kind, choice, printer) in enumerate(choices):
-        waiting_ids = sorted(plate.id for plate in books.waiting_plates())
-        attempt = books.open_print_on(printer)
+        waiting_ids = sorted(plate.id for plate in books.list_waiting_plates())
+        attempt = books.find_open_print(printer)
         if kind in ("slice", "cut") and waiting_ids:
             letters = "ab" if kind == "cut" else ()
             books, _ = apply_events(
@@ -137,25 +137,28 @@ def test_replacing_plates_neither_loses_nor_repeats_a_part(choices):
             state = PrintState.DONE if kind == "done" else PrintState.FAILED
             books, _ = apply_events(books, make_end_event(attempt.id, state, 200.0 + number, fault="mintemp"))
         elif kind in ("clear", "bad") and attempt is None:
-            is_bad = kind == "bad" and books.print_to_judge(printer) is not None
+            is_bad = kind == "bad" and books.find_print_to_judge(printer) is not None
             books, _ = apply_events(
                 books, make_cleared_event(printer, Verdict.BAD if is_bad else Verdict.GOOD)
             )
     job = books.jobs[1]
     assert len(set(job.plates)) == len(job.plates)
-    current_parts = [name for plate in books.plates_of(job) for name in plate.parts]
+    current_parts = [name for plate in books.list_plates(job) for name in plate.parts]
     assert sorted(current_parts) == sorted(job.parts)
     assert all(books.parts[name].plate in job.plates for name in job.parts)
     for part_id in ("1/p01", "1/p02", "1/p03"):  # either the part or all of its pieces are there
         assert sum(compute_share(books, name, part_id) for name in job.parts) == pytest.approx(1.0)
-    assert all(attempt.plate in job.plates for attempt in books.open_prints())
-    for plate in books.plates_of(job):  # at most one print of a plate counts
+    assert all(attempt.plate in job.plates for attempt in books.list_open_prints())
+    for plate in books.list_plates(job):  # at most one print of a plate counts
         counted_prints = [
-            p for p in books.prints_of(plate) if p.state is PrintState.DONE and p.verdict is not Verdict.BAD
+            p for p in books.list_prints(plate) if p.state is PrintState.DONE and p.verdict is not Verdict.BAD
         ]
         assert len(counted_prints) <= 1
     if job.state in (JobState.PRINTED, JobState.DONE):
-        assert {books.plate_state(p) for p in books.plates_of(job)} <= {PlateState.PRINTED, PlateState.GOOD}
+        assert {books.find_plate_state(p) for p in books.list_plates(job)} <= {
+            PlateState.PRINTED,
+            PlateState.GOOD,
+        }
 
 
 def compute_share(books, part, part_id):

@@ -28,12 +28,12 @@ def test_verdict_applies_to_the_last_print_despite_a_clock_step(tmp_path):
             old_books = books
             books, _ = apply(event, books)
             store.commit(event, old_books, books)
-        assert books.print_to_judge("a").id == "y"
+        assert books.find_print_to_judge("a").id == "y"
         first_print = books.prints["x"].model_copy(update={"verdict_why": "as it should be"})
         store.commit(earlier_events[0], books, put(books, first_print))  # the first print is written last
-        assert store.load().print_to_judge("a").id == "y"
+        assert store.load().find_print_to_judge("a").id == "y"
     books, _ = apply_events(books, ev.BedCleared(at_s=1600.0, printer="a", by="ann", verdict=Verdict.BAD))
-    assert books.plate_state(books.plates["1/02"]) is PlateState.WAITING
+    assert books.find_plate_state(books.plates["1/02"]) is PlateState.WAITING
 
 
 def test_loss_before_a_backward_clock_step_is_notified_and_repeated():

@@ -42,7 +42,9 @@ def make_priced_books(*prices):
 
 
 def make_view(books):
-    return describe_job(ViewContext(FLEET, books, {}, StateFolder(Path("/state")), now_s=10.0), books.job(1))
+    return describe_job(
+        ViewContext(FLEET, books, {}, StateFolder(Path("/state")), now_s=10.0), books.get_job(1)
+    )
 
 
 def test_price_of_a_job_is_the_sum_of_its_plates():

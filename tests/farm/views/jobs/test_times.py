@@ -23,7 +23,7 @@ DAY_S = 86400.0
 
 def compute_times(books, now_s):
     context = ViewContext(FLEET, books, {}, StateFolder(Path("/state")), now_s)
-    return measure_times(context, books.job(1))
+    return measure_times(context, books.get_job(1))
 
 
 def make_attempt_events(name, plate, printer, started_s, ended_s):
@@ -114,8 +114,8 @@ def test_runs_are_disjoint_and_each_print_is_in_one(spans):
             books, *make_attempt_events(f"x{number}", "1/01", "a", at_s, at_s + duration_s)
         )
         at_s += duration_s
-    job = books.job(1)
-    runs = list(list_runs(job, books.prints_of_job(job), at_s + DAY_S))
+    job = books.get_job(1)
+    runs = list(list_runs(job, books.list_job_prints(job), at_s + DAY_S))
     assert len(runs) == len(spans) == len(job.reopenings) + 1
     assert all(item.ended_s <= next_run.started_s for item, next_run in pairwise(runs))
     assert sum(item.length_s for item in runs) == pytest.approx(sum(duration_s for _, duration_s in spans))
@@ -123,11 +123,11 @@ def test_runs_are_disjoint_and_each_print_is_in_one(spans):
 
 def test_job_of_older_books_has_one_run():
     books, _ = apply_events(make_printing_books(1), *make_attempt_events("x", "1/01", "a", 0.0, 100.0))
-    record = books.job(1).model_dump()
+    record = books.get_job(1).model_dump()
     del record["reopenings"]
-    job = type(books.job(1)).model_validate(record)
+    job = type(books.get_job(1)).model_validate(record)
     assert job.reopenings == ()
-    assert len(list(list_runs(job, books.prints_of_job(job), DAY_S))) == 1
+    assert len(list(list_runs(job, books.list_job_prints(job), DAY_S))) == 1
 
 
 def test_end_of_a_paused_job_is_not_known_while_a_plate_waits(done_books):

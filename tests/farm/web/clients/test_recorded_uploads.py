@@ -171,7 +171,7 @@ def test_continue_is_sent_to_libcurl_unless_its_key_is_wrong(farm):
     [("libcurl-print", False), ("libcurl-file-first", True), ("qt-print", False)],
 )
 def test_upload_cut_at_any_byte_leaves_no_job_and_no_file(name, is_reset, farm):
-    recording, event_count = read_recording(name, farm), len(farm.controller._store.events())
+    recording, event_count = read_recording(name, farm), len(farm.controller._store.read_all_events())
     old_files = {path for path in farm.state.root.rglob("*") if path.is_file()}
 
     async def run_scenario():
@@ -182,7 +182,7 @@ def test_upload_cut_at_any_byte_leaves_no_job_and_no_file(name, is_reset, farm):
                 assert (len(farm.jobs_by_number), farm.unfinished_uploads) == (0, []), end
                 assert read_answer(await connections.send(HEALTH_REQUEST))[0] == 200, end
             assert {path for path in farm.state.root.rglob("*") if path.is_file()} == old_files
-            assert (len(farm.controller._store.events()), list(farm.temporary_folder.iterdir())) == (
+            assert (len(farm.controller._store.read_all_events()), list(farm.temporary_folder.iterdir())) == (
                 event_count,
                 [],
             )

@@ -31,7 +31,7 @@ from farm.model import (
     Verdict,
 )
 from farm.state.books import put
-from farm.state.faults import OwnFault
+from farm.state.faults import FarmFault
 from farm.views import report
 from farm.web import make_web_app
 from farm.web.access import METRICS_PATH, ROLES, SCHEMA_PAGE_PATH, SCHEMA_PATH
@@ -46,7 +46,7 @@ from farms.dashboard_farm import add_planned_job
 from farms.network_farm import NetworkFarm
 
 LINKS, OPEN_STATES = list(Link), [state for state in PrintState if not state.ended]
-FAULTS = [*Fault, *OwnFault]
+FAULTS = [*Fault, *FarmFault]
 PRINTERS = [f"p{number:02d}" for number in range(len(LINKS) + len(OPEN_STATES) + 4)]
 JOBS = range(1, 2 + len(JobState))
 NOW_S = 1.7e9

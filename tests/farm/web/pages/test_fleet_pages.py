@@ -85,7 +85,7 @@ def test_printer_page_asks_for_a_verdict_only_on_a_part_that_was_printed(farm):
     controller, verdict_requests, now_s = farm.controller, [], farm.clock.now_s
     plan_job(farm)
     for state in (PrintState.FAILED, PrintState.DONE):
-        attempt = controller.books.open_print_on("a")
+        attempt = controller.books.find_open_print("a")
         controller.handle(make_end_event(attempt.id, state, at_s=now_s, started_s=now_s - 60.0))
         page = read_page(farm, "/printers/a")
         assert 'action="/printers/a/cleared"' in page

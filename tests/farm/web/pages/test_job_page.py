@@ -37,7 +37,7 @@ REPORT = b"""{"schema": 9, "unknown": 1,
 
 def make_data(books, **changes):
     context = make_view_context(books)
-    job = describe_job(context, books.job(1)).model_copy(update=changes)
+    job = describe_job(context, books.get_job(1)).model_copy(update=changes)
     return JobData(job, make_status(books).printers, report=parse_report(REPORT))
 
 
@@ -278,11 +278,11 @@ def test_text_of_users_is_escaped():
 def test_own_gcode_is_shown_with_size_layers_and_time():
     books = make_night_books()
     own_gcode = OwnGcode(nozzle_mm=0.4, min_mm=(-10.0, -20.0, 0.0), max_mm=(10.0, 20.0, 30.4))
-    job = books.job(1).model_copy(update={"own_gcode": own_gcode})
+    job = books.get_job(1).model_copy(update={"own_gcode": own_gcode})
     figures = [("size", "20 × 40 × 30 mm"), ("layers", "10"), ("time of its moves", "90 s")]
-    assert list_gcode_figures(job, books.plates_of(job)) == figures
+    assert list_gcode_figures(job, books.list_plates(job)) == figures
     assert list_gcode_figures(job, ()) == figures[:1]
-    assert list_gcode_figures(books.job(1), books.plates_of(job)) == []
+    assert list_gcode_figures(books.get_job(1), books.list_plates(job)) == []
     page = render_page(replace(make_data(books), gcode=figures))
     assert "<dt>Layers</dt><dd>10</dd>" in page
 

@@ -27,7 +27,7 @@ def ann(farm):
 
 
 def get_job_state(farm, number):
-    return farm.controller.books.job(number).state
+    return farm.controller.books.get_job(number).state
 
 
 def test_page_shows_a_plan_and_keeps_its_dry_run(farm, ann):
@@ -44,16 +44,16 @@ def test_dry_run_is_printed_only_with_the_plan_that_was_shown(farm, ann):
     old_plan_answer = farm.browse("POST", f"/jobs/{number}/release", ann, data={"plan": "old"})
     assert (old_plan_answer.status_code, get_job_state(farm, number)) == (303, JobState.HELD)
     assert "has changed: review it again" in farm.browse("GET", f"/jobs/{number}", ann).text
-    plan_data = {"plan": farm.controller.books.job(number).plan}
+    plan_data = {"plan": farm.controller.books.get_job(number).plan}
     answer = farm.browse("POST", f"/jobs/{number}/release", ann, data=plan_data)
     assert (answer.status_code, get_job_state(farm, number)) == (303, JobState.PRINTING)
-    assert not farm.controller.books.job(number).options.dry_run
+    assert not farm.controller.books.get_job(number).options.dry_run
 
 
 def test_dry_run_is_kept_for_approval(farm, ann):
     number = plan_job(farm, **DRY_RUN_OPTIONS)
     farm.browse("POST", f"/jobs/{number}/keep", ann)
-    options = farm.controller.books.job(number).options
+    options = farm.controller.books.get_job(number).options
     assert (get_job_state(farm, number), options.dry_run, options.hold) == (JobState.HELD, False, True)
 
 
@@ -62,7 +62,7 @@ def test_another_number_of_printers_is_planned_from_the_same_model_and_keeps_the
     answer = farm.browse("POST", f"/jobs/{number}/replan", ann, data={"printers": "2", "curve": str(number)})
     assert answer.headers["location"] == f"/jobs/{number + 1}?curve={number}"
     assert get_job_state(farm, number) is JobState.CANCELLED
-    new_job = farm.controller.books.job(number + 1)
+    new_job = farm.controller.books.get_job(number + 1)
     assert (new_job.model_file, new_job.options.printers, new_job.options.copies) == ("m.npz", 2, 2)
     assert new_job.options.dry_run
     refusal = farm.browse("POST", f"/jobs/{number + 1}/replan", ann, data={"printers": "0"})
@@ -147,9 +147,9 @@ def test_time_of_gluing_is_reported_once_the_parts_are_printed(farm, ann):
     farm.browse("POST", f"{path}/assembled", ann, data={"minutes": "42"})
     early_page = farm.browse("GET", path, ann).text
     assert "report its assembly once all parts are printed" in early_page and form not in early_page
-    job = farm.controller.books.job(number)
+    job = farm.controller.books.get_job(number)
     farm.controller.books = put(farm.controller.books, job.model_copy(update={"state": JobState.DONE}))
     assert form in farm.browse("GET", path, ann).text
     farm.browse("POST", f"{path}/assembled", ann, data={"minutes": "42"})
     assert f"Job {number} is assembled, in 42 minutes." in farm.browse("GET", path, ann).text
-    assert farm.controller.books.job(number).gluing.minutes == 42.0
+    assert farm.controller.books.get_job(number).gluing.minutes == 42.0

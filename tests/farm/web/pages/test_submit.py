@@ -106,7 +106,7 @@ def test_model_is_submitted_once_and_leads_to_its_job(farm):
     for _ in range(2):  # the button is pressed twice
         answer = send_form(farm, ann, next="plan", copies="2")
         assert (answer.status_code, answer.headers["location"]) == (303, "/jobs/1")
-    job = farm.controller.books.job(1)
+    job = farm.controller.books.get_job(1)
     assert (job.name, job.submitted_by, job.request_id) == ("vase.stl", "ann", REQUEST_ID)
     assert job.options == JobOptions(dry_run=True, hold=True, copies=2)
     assert list(farm.controller.books.jobs) == [1]

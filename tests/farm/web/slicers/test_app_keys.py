@@ -5,7 +5,7 @@ import pytest
 from farm.control.access.app_key_requests import (
     MAX_REQUESTS,
     MAX_REQUESTS_PER_ADDRESS,
-    REQUEST_S,
+    REQUEST_LIFETIME_S,
     AppKeyRequests,
 )
 from farm.errors import NoSuchThing, Refused
@@ -32,7 +32,7 @@ def test_program_gets_granted_key_once(tmp_path, prefix):
     headers = {"x-api-key": key}
     assert farm.ask("GET", "/api/version", headers=headers).status_code == 200
     assert farm.ask("POST", "/api/files/local", headers=headers).status_code == 403
-    assert key not in str(farm.store.events())
+    assert key not in str(farm.store.read_all_events())
     assert farm.ask_socket("GET", "/keys").json()["requests"] == []
 
 
@@ -69,8 +69,8 @@ def test_open_requests_are_limited_for_an_address_and_in_total():
     for number in range(MAX_REQUESTS - MAX_REQUESTS_PER_ADDRESS):
         requests.add("Cura", f"1.2.3.{number}", 0.0)
     with pytest.raises(Refused, match="too many programs"):
-        requests.add("Cura", "9.9.9.9", REQUEST_S - 1.0)
-    requests.add("Cura", "9.9.9.9", REQUEST_S)
+        requests.add("Cura", "9.9.9.9", REQUEST_LIFETIME_S - 1.0)
+    requests.add("Cura", "9.9.9.9", REQUEST_LIFETIME_S)
 
 
 def test_request_and_granted_key_are_forgotten_after_their_time():
@@ -80,6 +80,6 @@ def test_request_and_granted_key_are_forgotten_after_their_time():
     assert request.app == "31m"
     request.key = "secret"
     with pytest.raises(NoSuchThing):
-        requests.take_key(token, REQUEST_S)
+        requests.take_key(token, REQUEST_LIFETIME_S)
     with pytest.raises(NoSuchThing):
         requests.find_open_request(request.code, 1.0)

@@ -30,7 +30,7 @@ def test_selecting_with_print_releases_a_held_job_before_it_is_planned(farm, key
     assert not farm.jobs_by_number[1].options.hold
     # The job is already released, so nothing changes.
     assert select_file(farm, key, path, print=True).status_code == 204
-    assert [name for _, name, _ in farm.store.events()].count("JobReleased") == 1
+    assert [name for _, name, _ in farm.store.read_all_events()].count("JobReleased") == 1
 
 
 def test_selection_alone_prints_nothing_and_a_start_command_does(farm, key):

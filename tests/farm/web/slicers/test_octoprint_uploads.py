@@ -110,11 +110,15 @@ def make_headers(size):
 def test_upload_cut_at_any_byte_leaves_no_job_and_no_file(make_slicer_farm):
     farm = make_slicer_farm()
     key = farm.add_key(Role.PRINT)
-    event_count = len(farm.store.events())
+    event_count = len(farm.store.read_all_events())
     for end in range(len(FORM)):
         answer = farm.send(UPLOAD, key, [FORM[:end], None], make_headers(len(FORM)))
         assert answer.status == 400, answer
-    assert (farm.jobs_by_number, farm.unfinished_uploads, len(farm.store.events())) == ({}, [], event_count)
+    assert (farm.jobs_by_number, farm.unfinished_uploads, len(farm.store.read_all_events())) == (
+        {},
+        [],
+        event_count,
+    )
     assert farm.send(UPLOAD, key, [FORM], make_headers(len(FORM))).status == 201
     assert farm.jobs_by_number[1].name == "a.gcode"
 
