@@ -10,8 +10,8 @@ from decompose.geometry import Model, Solid
 from decompose.print_time import CostModel, Recipe
 from decompose.printers import PrinterRoom
 
-PLUS = ((206.9, 190.9, 205.0), (173.9, 197.9, 205.0), (164.9, 206.9, 205.0))
-EXTENDED = tuple((x, y, 305.0) for x, y, _ in PLUS)
+PLUS_BOXES = ((206.9, 190.9, 205.0), (173.9, 197.9, 205.0), (164.9, 206.9, 205.0))
+EXTENDED_BOXES = tuple((x, y, 305.0) for x, y, _ in PLUS_BOXES)
 
 
 @pytest.fixture(scope="session")
@@ -21,8 +21,8 @@ def cost() -> CostModel:
 
 @pytest.fixture
 def fleet() -> list[PrinterRoom]:
-    return [PrinterRoom(f"plus-{i}", PLUS) for i in range(5)] + [
-        PrinterRoom(f"extended-{i}", EXTENDED) for i in range(3)
+    return [PrinterRoom(f"plus-{i}", PLUS_BOXES) for i in range(5)] + [
+        PrinterRoom(f"extended-{i}", EXTENDED_BOXES) for i in range(3)
     ]
 
 

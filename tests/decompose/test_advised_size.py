@@ -1,4 +1,4 @@
-"""Size that a refusal advises: it can be cut, a slightly larger one cannot."""
+"""Size that a refusal advises: the model can be cut at this size, but not at a slightly larger one."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from decompose.geometry import Model, Solid
 from decompose.options import Engine, Options
 from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
-from tests.decompose.conftest import PLUS
+from tests.decompose.conftest import PLUS_BOXES
 
 OPTIONS = Options(Engine.GUILLOTINE, 4, prove=False)
 
@@ -24,14 +24,14 @@ def make_block(size_mm: tuple[float, float, float]) -> Model:
     ("size_mm", "printers", "min_mm", "max_mm"),
     [
         ((300.0, 300.0, 300.0), 4, 200, 207),  # the cube root of the volume gives 238, which is refused
-        ((210.0, 210.0, 210.0), 2, 200, 207),  # the cube root of the volume gives 166, less than needed
+        ((210.0, 210.0, 210.0), 2, 200, 207),  # the cube root of the volume gives 166, which is too small
         ((2000.0, 20.0, 20.0), 3, 560, 640),
     ],
 )
 def test_advised_size_can_be_cut(
     size_mm: tuple[float, float, float], printers: int, min_mm: int, max_mm: int, cost: CostModel
 ) -> None:
-    rooms = [PrinterRoom(str(number), PLUS) for number in range(printers)]
+    rooms = [PrinterRoom(str(number), PLUS_BOXES) for number in range(printers)]
     with pytest.raises(NoFit, match="give a smaller --longest-side") as error:
         decompose_model(make_block(size_mm), rooms, OPTIONS, cost)
     assert error.value.is_too_large

@@ -1,3 +1,5 @@
+"""Number of printers chosen from the curve of makespans."""
+
 from __future__ import annotations
 
 import json
@@ -43,11 +45,11 @@ def test_curve_considers_the_speed_of_printers(
         b.makespan_s / a.makespan_s for a, b in zip(equal_curve, slow_curve, strict=True)
     )
     assert speed_ratio == pytest.approx(2.0)
-    assert curve_ratio == pytest.approx(8.0 / 3.0, rel=0.05)  # distributed to two printers of these speeds
+    assert curve_ratio == pytest.approx(8.0 / 3.0, rel=0.05)  # two printers of these speeds share the work
 
 
 def test_curve_considers_the_room_of_printers(cost: CostModel) -> None:
-    """Use a model higher than two low printers, which needs three parts in their common room."""
+    """Use a model taller than two prints of the low printer, so that their common room needs three parts."""
     low_room, high_room = PrinterRoom("low", ((100.0,) * 3,)), PrinterRoom("high", ((100.0, 100.0, 160.0),))
     model = Model(Solid.box((0, 0, 0), (90, 90, 230)), (), 1.0)
     fine_options = replace(COARSE_OPTIONS, granularity=6)

@@ -53,7 +53,7 @@ print(sorted(set(list_signatures()) - old_signatures))
 """
 
 
-def test_decomposition_compiles_nothing_that_was_not_compiled_ahead(tmp_path: Path) -> None:
+def test_decomposition_compiles_no_further_function(tmp_path: Path) -> None:
     process = subprocess.run(
         [sys.executable, "-c", CHECK_SCRIPT, tmp_path], capture_output=True, text=True, check=False
     )

@@ -1,3 +1,5 @@
+"""Decomposition of whole models, from the options to the written parts."""
+
 from __future__ import annotations
 
 import json
@@ -48,8 +50,8 @@ def test_more_printers_never_take_longer(
 ) -> None:
     model = Model(ring_with_bar, (), 1.0)
     options = replace(COARSE_OPTIONS, best=BestOptions(0.0), prove=False)
-    makespans = [decompose_model(model, fleet[:n], options, cost).makespan_s for n in range(1, 6)]
-    assert all(b <= a + 1.0 for a, b in pairwise(makespans))
+    makespans_s = [decompose_model(model, fleet[:n], options, cost).makespan_s for n in range(1, 6)]
+    assert all(b <= a + 1.0 for a, b in pairwise(makespans_s))
 
 
 def test_one_printer_prints_a_small_model_whole(
@@ -64,17 +66,15 @@ def test_one_printer_prints_a_small_model_whole(
 def test_interior_is_omitted_if_that_saves_time(fleet: list[PrinterRoom], cost: CostModel) -> None:
     block = Model(Solid.box((0, 0, 0), (500, 400, 380)), (), 1.0)
     printers = [PrinterRoom(f"p{i}", fleet[0].boxes) for i in range(40)]
-    cost_of_volume = replace(cost, volume_s_mm3=1.0)
-    hollow_result = decompose_model(
-        block, printers, Options(Engine.GUILLOTINE, 9, prove=False), cost_of_volume
-    )
-    full_result = decompose_model(
-        block, printers, Options(Engine.GUILLOTINE, 9, Interior.KEEP, prove=False), cost_of_volume
+    volume_cost = replace(cost, volume_s_mm3=1.0)
+    hollow_result = decompose_model(block, printers, Options(Engine.GUILLOTINE, 9, prove=False), volume_cost)
+    solid_result = decompose_model(
+        block, printers, Options(Engine.GUILLOTINE, 9, Interior.KEEP, prove=False), volume_cost
     )
     volume_mm3 = sum(p.solid.volume_mm3 for p in hollow_result.parts)
     assert volume_mm3 < 0.95 * block.solid.volume_mm3
-    assert sum(p.solid.volume_mm3 for p in full_result.parts) == pytest.approx(block.solid.volume_mm3)
-    assert hollow_result.makespan_s < full_result.makespan_s
+    assert sum(p.solid.volume_mm3 for p in solid_result.parts) == pytest.approx(block.solid.volume_mm3)
+    assert hollow_result.makespan_s < solid_result.makespan_s
 
 
 def test_price_of_a_detailed_model_is_that_of_a_simpler_copy(
@@ -143,7 +143,7 @@ def test_pieces_in_one_cell_are_separate_parts(fleet: list[PrinterRoom], cost: C
 
 
 def test_flat_faces_in_the_middle_are_not_cut(fleet: list[PrinterRoom], cost: CostModel) -> None:
-    """Use a model with steps at every tenth of the length, where an even grid of ten has its planes."""
+    """Use a model with steps at every tenth of the length, where an even grid would have its planes."""
     steps = Solid.union([Solid.box((0, 0, 20 * i), (200 - 20 * i, 80, 20 * i + 20)) for i in range(5)])
     result = decompose_model(Model(steps, (), 1.0), fleet, Options(granularity="regular"), cost)
     assert result.coverage.surface_error < 1e-6
@@ -209,7 +209,7 @@ def test_written_parts_add_up_to_the_model(
 
 
 @pytest.mark.parametrize("min_wall_mm", [1e4, 1e200])
-def test_wall_thicker_than_the_model_keeps_everything(
+def test_wall_thicker_than_the_model_keeps_the_whole_model(
     min_wall_mm: float, fleet: list[PrinterRoom], cost: CostModel
 ) -> None:
     cube = Model(Solid.box((0, 0, 0), (100, 100, 100)), (), 1.0)

@@ -1,4 +1,4 @@
-"""Model of the demo: too large for one printer, light, closed, and deterministic."""
+"""Model of the demo, which is too large for one printer, light, closed and deterministic."""
 
 from __future__ import annotations
 

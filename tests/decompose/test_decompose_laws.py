@@ -1,4 +1,4 @@
-"""Invariants of every result, on random models and with each engine, without the project's own checks."""
+"""Invariants of every result, tested on random models with each engine, without the project's own checks."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from decompose.results import Decomposition
 ROOM = (110.0, 100.0, 120.0)
 PRINTERS = [PrinterRoom(str(i), (ROOM,)) for i in range(16)]
 ENGINES = [engine for engine in Engine if engine is not Engine.BEST]
-corners = st.tuples(*[st.integers(-60, 40)] * 3)
-sizes = st.tuples(*[st.integers(15, 90)] * 3)
+corners_mm = st.tuples(*[st.integers(-60, 40)] * 3)
+sizes_mm = st.tuples(*[st.integers(15, 90)] * 3)
 turns_rad = st.tuples(*[st.floats(-1.0, 1.0)] * 3)
 
 
@@ -39,7 +39,10 @@ def make_model(
 
 
 def find_points_inside(points: np.ndarray, solid: Solid) -> np.ndarray:
-    """Find points inside by winding numbers (van Oosterom and Strackee 1983), not by the cutting kernel."""
+    """Find the points inside a solid by their winding numbers (van Oosterom and Strackee 1983).
+
+    The cutting kernel is not used, so that its errors are found.
+    """
     vertices, faces = solid.arrays()
     a, b, c = (vertices[faces[:, i]] - points[:, None] for i in range(3))
     x, y, z = (np.linalg.norm(v, axis=2) for v in (a, b, c))
@@ -50,8 +53,8 @@ def find_points_inside(points: np.ndarray, solid: Solid) -> np.ndarray:
     return np.asarray(angle_rad.sum(axis=1) > np.pi)
 
 
-def check_laws(result: Decomposition, model: Model, seed: int) -> None:
-    """Assert that parts are closed, connected, fit and are disjoint, and that the surface is printed once."""
+def check_invariants(result: Decomposition, model: Model, seed: int) -> None:
+    """Assert that parts fit, are closed, connected and disjoint, and that the surface is printed once."""
     for part in result.parts:
         vertices, faces = part.solid.arrays()
         mesh = trimesh.Trimesh(vertices, faces, process=False)
@@ -72,8 +75,8 @@ def check_laws(result: Decomposition, model: Model, seed: int) -> None:
     )
     # A point at a sharp edge may lie outside, beyond the opposite side.
     is_inside = find_points_inside(points, model.solid)
-    owners = np.sum([find_points_inside(points, part.solid) for part in result.parts], axis=0)
-    assert (owners[is_inside] == 1).all()
+    owner_counts = np.sum([find_points_inside(points, part.solid) for part in result.parts], axis=0)
+    assert (owner_counts[is_inside] == 1).all()
 
 
 def make_options(engine: Engine, interior: Interior, seed: int) -> Options:
@@ -93,13 +96,13 @@ def make_options(engine: Engine, interior: Interior, seed: int) -> Options:
 @pytest.mark.parametrize("engine", ENGINES)
 def test_each_engine_cuts_a_ball(engine: Engine, interior: Interior, cost: CostModel) -> None:
     model = make_model([], (0.3, 0.2, 0.1))
-    check_laws(decompose_model(model, PRINTERS, make_options(engine, interior, 0), cost), model, 0)
+    check_invariants(decompose_model(model, PRINTERS, make_options(engine, interior, 0), cost), model, 0)
 
 
 @pytest.mark.parametrize("engine", ENGINES)
 @settings(max_examples=1, deadline=None)
 @given(
-    blocks=st.lists(st.tuples(corners, sizes), max_size=2),
+    blocks=st.lists(st.tuples(corners_mm, sizes_mm), max_size=2),
     angles_rad=turns_rad,
     seed=st.integers(0, 10**6),
     keeps_interior=st.booleans(),
@@ -128,4 +131,4 @@ def test_all_of_the_surface_is_printed_once_by_parts_that_fit(
     except NoFit:
         assert engine is not Engine.GUILLOTINE  # this engine always finds parts
         return
-    check_laws(result, model, seed)
+    check_invariants(result, model, seed)

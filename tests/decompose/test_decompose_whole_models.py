@@ -1,4 +1,4 @@
-"""Complete models: cut without a fault, or refused with the reason."""
+"""Complete models, which are cut without a fault, or refused with the reason."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ def make_wall() -> Solid:
 
 def make_pins() -> Solid:
     """Make a slab with pins as thin as a line of filament."""
-    thin = [box((20 * i + 10, 15 * i + 10, 59), (20 * i + 10.3, 15 * i + 10.3, 62)) for i in range(10)]
-    return Solid.union([box((0, 0, 0), (300, 200, 60)), *thin])
+    pins = [box((20 * i + 10, 15 * i + 10, 59), (20 * i + 10.3, 15 * i + 10.3, 62)) for i in range(10)]
+    return Solid.union([box((0, 0, 0), (300, 200, 60)), *pins])
 
 
 def make_cube(side_mm: float) -> Callable[[], Solid]:
@@ -141,6 +141,6 @@ def test_rod_of_100_m_is_refused_before_a_grid_is_built(
     with pytest.raises(NoFit, match=r"needs 5 parts at least.*there are 3") as error:
         cut_solid(box((0, 0, 0), (1_300, 4, 4)), cost, 3, 10)
     assert error.value.printers_needed == 5
-    far_apart = Solid.union([box((0, 0, 0), (50, 50, 50)), box((99_950, 0, 0), (100_000, 50, 50))])
+    distant_boxes = Solid.union([box((0, 0, 0), (50, 50, 50)), box((99_950, 0, 0), (100_000, 50, 50))])
     with pytest.raises(AssertionError, match="a grid is built"):
-        cut_solid(far_apart, cost, 20, 10)
+        cut_solid(distant_boxes, cost, 20, 10)

@@ -1,4 +1,4 @@
-"""Cache of machine code, kept until a compiled file changes, even if the source folder is not writable."""
+"""Cache of machine code, valid until a compiled file changes, even if the source folder is not writable."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from decompose import jit
 from decompose.jit import find_code_folder, hash_sources
 
 
-def test_change_in_any_compiled_file_is_seen(tmp_path: Path) -> None:
+def test_change_in_any_compiled_file_is_detected(tmp_path: Path) -> None:
     cost, boxes, text = (tmp_path / name for name in ("cost.py", "boxes.py", "words.py"))
     cost.write_text("from decompose.jit import jit\nPRICE = 1.0\n")
     boxes.write_text("from decompose.jit import jit\nfrom decompose.cost import PRICE\n")
-    text.write_text("SAID = 'nothing that is compiled'\n")
+    text.write_text("TEXT = 'not compiled'\n")
     old_hash = hash_sources(tmp_path)
-    text.write_text("SAID = 'something else'\n")
+    text.write_text("TEXT = 'changed'\n")
     assert hash_sources(tmp_path) == old_hash
     cost.write_text("from decompose.jit import jit\nPRICE = 2.0\n")
     assert hash_sources(tmp_path) != old_hash

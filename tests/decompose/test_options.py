@@ -1,4 +1,4 @@
-"""Options of each engine in its own record; in decomposition.json they are on one level."""
+"""Options of the engines: one record for each in the code, and one level in decomposition.json."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Searches that pause before a round of attempts: the same result, wherever and whenever the attempts end."""
+"""Searches that pause before a round of attempts; where and when attempts run does not change the result."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ L_SHAPE = Model(
     Solid.union([Solid.box((0, 0, 0), (150, 40, 30)), Solid.box((0, 0, 0), (40, 110, 60))]), (), 1.0
 )
 ROOMS = [PrinterRoom(name, ((120.0, 120.0, 120.0),)) for name in "abcd"]
-BEST = BestOptions(12.0)  # one round of several attempts, and one single attempt
+BEST_OPTIONS = BestOptions(12.0)  # one round of several attempts, and one single attempt
 
 
 @pytest.fixture(scope="module")
 def unpaused_result(cost: CostModel) -> Decomposition:
     """Search without a pause."""
-    return decompose_model(L_SHAPE, ROOMS, Options(best=BEST, prove=False), cost)
+    return decompose_model(L_SHAPE, ROOMS, Options(best=BEST_OPTIONS, prove=False), cost)
 
 
 @pytest.fixture(scope="module")
 def paused_search(cost: CostModel) -> PausedSearch:
     """Search until the first round of several attempts."""
-    options = Options(best=replace(BEST, pauses=True), prove=False)
-    best = decompose_model(L_SHAPE, ROOMS, options, cost)
-    return PausedSearch(best, L_SHAPE, cost)
+    options = Options(best=replace(BEST_OPTIONS, pauses=True), prove=False)
+    best_result = decompose_model(L_SHAPE, ROOMS, options, cost)
+    return PausedSearch(best_result, L_SHAPE, cost)
 
 
 def drop_times(result: Decomposition) -> list[object]:
@@ -51,8 +51,8 @@ def test_attempts_in_any_order_give_the_result_of_one_process(
         numbers = range(len(search.plan_round()))
         assert len(numbers) > 1
         outcomes = {number: pickle.dumps(search.make_attempt(number)) for number in reversed(numbers)}
-        best = search.resume([pickle.loads(outcomes[number]) for number in numbers])
-        search, rounds = replace(search, best=pickle.loads(pickle.dumps(best))), rounds + 1
+        best_result = search.resume([pickle.loads(outcomes[number]) for number in numbers])
+        search, rounds = replace(search, best=pickle.loads(pickle.dumps(best_result))), rounds + 1
     assert rounds == 1
     assert search.best.yaw_deg
     result = search.best
@@ -63,20 +63,26 @@ def test_attempts_in_any_order_give_the_result_of_one_process(
         unpaused_result.yaw_deg,
     )
     assert result.options == unpaused_result.options
-    for part, other in zip(result.parts, unpaused_result.parts, strict=True):
-        assert (part.id, part.printer, part.price_s) == (other.id, other.printer, other.price_s)
-        np.testing.assert_array_equal(part.solid.bounds_mm, other.solid.bounds_mm)
-        np.testing.assert_array_equal(part.to_model, other.to_model)
+    for part, other_part in zip(result.parts, unpaused_result.parts, strict=True):
+        assert (part.id, part.printer, part.price_s) == (
+            other_part.id,
+            other_part.printer,
+            other_part.price_s,
+        )
+        np.testing.assert_array_equal(part.solid.bounds_mm, other_part.solid.bounds_mm)
+        np.testing.assert_array_equal(part.to_model, other_part.to_model)
 
 
 def test_search_pauses_once_it_has_a_result(paused_search: PausedSearch) -> None:
-    best = paused_search.best
-    assert best.open_printers == tuple(ROOMS)
-    assert len(best.attempts) == 1
-    assert paused_search.spent_share == pytest.approx(best.attempts[0].effort_s / BEST.budget_s)
+    best_result = paused_search.best
+    assert best_result.open_printers == tuple(ROOMS)
+    assert len(best_result.attempts) == 1
+    assert paused_search.spent_share == pytest.approx(
+        best_result.attempts[0].effort_s / BEST_OPTIONS.budget_s
+    )
 
 
-def test_attempt_that_failed_leaves_the_best_result(paused_search: PausedSearch) -> None:
+def test_failed_attempt_keeps_the_best_result(paused_search: PausedSearch) -> None:
     count = len(paused_search.plan_round())
     outcomes = [paused_search.fail_attempt(number, "its worker had no memory") for number in range(count)]
     search = replace(paused_search, best=paused_search.resume(outcomes))
@@ -84,15 +90,18 @@ def test_attempt_that_failed_leaves_the_best_result(paused_search: PausedSearch)
     assert {attempt.reason for attempt in attempts} == {"its worker had no memory"}
     assert not any(attempt.finished for attempt in attempts)
     assert search.best.makespan_s == paused_search.best.makespan_s
-    assert sum(attempt.effort_s for attempt in search.best.attempts) <= BEST.budget_s * (1.0 + 1e-9)
+    assert sum(attempt.effort_s for attempt in search.best.attempts) <= BEST_OPTIONS.budget_s * (1.0 + 1e-9)
 
 
 def test_search_ends_early_with_the_best_result_of_the_round(paused_search: PausedSearch) -> None:
     outcomes = [paused_search.make_attempt(number) for number in range(len(paused_search.plan_round()))]
-    ended_search, best = paused_search.resume(outcomes, "not started: out of memory"), paused_search.best
+    ended_search, best_result = (
+        paused_search.resume(outcomes, "not started: out of memory"),
+        paused_search.best,
+    )
     assert not ended_search.open_printers and not ended_search.options.best.pauses
     results = [outcome.result.makespan_s for outcome in outcomes if outcome.result is not None]
-    assert results and ended_search.makespan_s == min(results) < best.makespan_s
+    assert results and ended_search.makespan_s == min(results) < best_result.makespan_s
     later_attempts = ended_search.attempts[1 + len(outcomes) :]
     assert later_attempts
     assert {(attempt.reason, attempt.finished) for attempt in later_attempts} == {
@@ -105,4 +114,4 @@ def test_attempt_reports_its_own_share_of_the_budget(paused_search: PausedSearch
     with listen_to_progress(shares.append):
         outcome = paused_search.make_attempt(0)
     assert shares == sorted(shares)
-    assert shares[-1] == pytest.approx(outcome.attempt.effort_s / BEST.budget_s)
+    assert shares[-1] == pytest.approx(outcome.attempt.effort_s / BEST_OPTIONS.budget_s)

@@ -44,14 +44,14 @@ def pickle_and_unpickle(decomposition: Decomposition) -> Decomposition:
 
 
 def make_times_s(decomposition: Decomposition, slow_part: int, factor: float = 1.2) -> np.ndarray:
-    """Return the parts' sliced times, with one slower than its price."""
+    """Return sliced times of the parts, one of which exceeds its price by a factor."""
     seconds = np.array([part.price_s for part in decomposition.parts])
     seconds[slow_part] *= factor
     return seconds
 
 
 def find_part_number(new_result: Decomposition, decomposition: Decomposition, slow_part: int) -> int:
-    """Find the number of a part after its borders have moved, because parts are numbered by position."""
+    """Find the new number of a part whose borders have moved, because parts are numbered by position."""
     centre_mm = decomposition.parts[slow_part].solid.bounds_mm.mean(axis=0)
     return int(
         np.argmin([np.linalg.norm(p.solid.bounds_mm.mean(axis=0) - centre_mm) for p in new_result.parts])
@@ -77,7 +77,7 @@ def test_relevel_with_true_prices_changes_nothing(decomposition: Decomposition, 
     )
 
 
-def test_reported_repairs_are_kept(decomposition: Decomposition, cost: CostModel) -> None:
+def test_attempts_options_and_figures_are_kept(decomposition: Decomposition, cost: CostModel) -> None:
     attempts = (Attempt(Engine.GUILLOTINE, "auto", 15.0, 9.0),)
     old_result = replace(
         pickle_and_unpickle(decomposition),
@@ -106,7 +106,7 @@ def test_second_relevel_continues_from_the_first(decomposition: Decomposition, c
     )
     assert first_relevel is not None
     slow_part = find_part_number(first_relevel, decomposition, 1)
-    # The parts are balanced already.
+    # The parts are already balanced.
     assert (
         relevel_planes(
             MODEL, pickle_and_unpickle(first_relevel), make_times_s(first_relevel, slow_part), cost
@@ -126,21 +126,21 @@ def test_second_relevel_continues_from_the_first(decomposition: Decomposition, c
 def test_rotated_model_is_relevelled_in_its_own_frame(cost: CostModel) -> None:
     from decompose.decompose import run_engine
 
-    task = rotate_about_z(Problem(MODEL, ROOMS, cost, OPTIONS), -20.0)
-    decomposition = run_engine(task, serial=lambda: (1.0, 1.0))
+    problem = rotate_about_z(Problem(MODEL, ROOMS, cost, OPTIONS), -20.0)
+    decomposition = run_engine(problem, serial=lambda: (1.0, 1.0))
     new_result = relevel_planes(
         MODEL, pickle_and_unpickle(decomposition), make_times_s(decomposition, 1), cost
     )
     assert new_result is not None
     assert sum(p.solid.volume_mm3 for p in new_result.parts) == pytest.approx(MODEL.solid.volume_mm3)
     lo, hi = MODEL.solid.bounds_mm
-    for part in new_result.parts:  # in the model's own frame
+    for part in new_result.parts:  # the parts are in the model's own frame
         assert (part.solid.bounds_mm[0] >= lo - 1e-6).all() and (part.solid.bounds_mm[1] <= hi + 1e-6).all()
 
 
 @pytest.mark.parametrize("speed_step", [0.0, 0.03, 0.1])
 def test_slow_part_ends_sooner_on_unequal_printers(speed_step: float, cost: CostModel) -> None:
-    """Prices are deliberately uneven, so printers must not be assigned by them."""
+    """Use uneven prices, so that printers must not be assigned by price."""
     rooms = tuple(replace(room, time_factor=1.0 + speed_step * i) for i, room in enumerate(ROOMS))
     factors = {room.name: room.time_factor for room in rooms}
     decomposition = decompose_model(MODEL, rooms, OPTIONS, cost)
@@ -161,7 +161,7 @@ def test_slow_part_ends_sooner_on_unequal_printers(speed_step: float, cost: Cost
 
 
 def test_each_piece_of_a_box_keeps_its_time_ratio(cost: CostModel) -> None:
-    """The left leg of a U is higher: sorted by height it is second, by position first."""
+    """Use a U whose left leg is higher, so that it is second by height and first by position."""
     u_shape = Solid.union(
         [
             Solid.box((0, 0, 0), (200, 40, 60)),
@@ -175,11 +175,11 @@ def test_each_piece_of_a_box_keeps_its_time_ratio(cost: CostModel) -> None:
     )
     parts = sort_pieces(piece for box in boxes_mm for piece in cut_box(u_shape, *box))
     prices_s = [pose.price_s for pose in problem.find_poses(parts) if pose is not None]
-    grid_cut = Cutting(4, np.eye(3), boxes_mm[[0, 1, 1]], (None,) * 3, ROOMS[:3])
-    result = _cut_previous_boxes(problem, grid_cut, [prices_s[0], 1.2 * prices_s[1], 1.1 * prices_s[2]])
+    cutting = Cutting(4, np.eye(3), boxes_mm[[0, 1, 1]], (None,) * 3, ROOMS[:3])
+    result = _cut_previous_boxes(problem, cutting, [prices_s[0], 1.2 * prices_s[1], 1.1 * prices_s[2]])
     assert result is not None
-    moved_planes = shift_box_planes(problem, problem.build_grid(problem.model), boxes_mm, result)
-    time_ratios = {bool(piece.solid.bounds_mm[0, 0] < 100.0): piece.time_ratio for piece in moved_planes[1:]}
+    moved_pieces = shift_box_planes(problem, problem.build_grid(problem.model), boxes_mm, result)
+    time_ratios = {bool(piece.solid.bounds_mm[0, 0] < 100.0): piece.time_ratio for piece in moved_pieces[1:]}
     assert time_ratios == pytest.approx({False: 1.2, True: 1.1})
 
 

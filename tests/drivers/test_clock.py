@@ -1,3 +1,5 @@
+"""Farm time, compared with the wall time of the host."""
+
 import time
 
 import pytest
@@ -24,10 +26,10 @@ def test_clock_of_scale_one_equals_wall_time():
 @pytest.mark.parametrize("step_s", [600.0, -600.0, 3e7])
 def test_setting_the_clock_of_the_host_moves_no_deadline(step_s: float, monkeypatch: pytest.MonkeyPatch):
     set_s = time.time() + step_s
-    before_s = Clock().now()
+    old_now_s = Clock().now()
     monkeypatch.setattr(time, "time", lambda: set_s)
-    assert before_s <= Clock().now() < before_s + 300.0
-    assert abs(read_wall_s() - before_s) < 300.0
+    assert old_now_s <= Clock().now() < old_now_s + 300.0
+    assert abs(read_wall_s() - old_now_s) < 300.0
 
 
 @pytest.mark.parametrize("step_s", [6 * 3600.0, -6 * 3600.0, 3e7])
@@ -47,12 +49,12 @@ def test_clock_step_of_the_host_is_applied_once(step_s: float, monkeypatch: pyte
 
 def test_small_steps_of_the_host_clock_add_up(monkeypatch: pytest.MonkeyPatch):
     real_time, clock = time.time, Clock()
-    taken_s = []
+    shifts_s = []
     for tenths in range(1, 31):
         monkeypatch.setattr(time, "time", lambda tenths=tenths: real_time() + tenths / 10)
-        taken_s.append(clock.follow_host())
-    assert 0.0 in taken_s
-    assert 2.0 < clock.host_shift_s == pytest.approx(sum(taken_s))
+        shifts_s.append(clock.follow_host())
+    assert 0.0 in shifts_s
+    assert 2.0 < clock.host_shift_s == pytest.approx(sum(shifts_s))
 
 
 def test_clock_of_simulated_printers_never_steps(monkeypatch: pytest.MonkeyPatch):

@@ -1,3 +1,5 @@
+"""Discovery and commissioning of printers."""
+
 import os
 import pty
 import select
@@ -26,7 +28,7 @@ FARM = Path(sys.executable).with_name("farm")
 
 @pytest.fixture
 def printer(tmp_path: Path) -> Iterator[Path]:
-    """Start an emulated printer whose port has no further information."""
+    """Start an emulated printer, whose port has no description."""
     folder = tmp_path / "printer"
     launch(f"sim://{MODEL}", folder, Clock(120.0, time.time()))
     yield folder / "tty"
@@ -60,8 +62,10 @@ def test_plugged_device_is_named_by_its_socket_and_the_fleet(tmp_path: Path):
 @pytest.mark.system
 def test_board_that_restarts_is_commissioned_and_the_reset_is_recorded(tmp_path: Path, printer: Path):
     assert verify_reset(str(printer), tmp_path / "agent", ULTIMAKER2) == MODEL
-    memory = Journal(tmp_path / "agent" / "journal.jsonl").state
-    assert memory.board.verified_reset_port == str(printer) and memory.board.device_id is not None
+    journal_state = Journal(tmp_path / "agent" / "journal.jsonl").state
+    assert (
+        journal_state.board.verified_reset_port == str(printer) and journal_state.board.device_id is not None
+    )
 
 
 @pytest.mark.system
@@ -77,7 +81,7 @@ def test_board_whose_banner_lacks_the_model_is_queried(tmp_path: Path):
 def test_board_that_prints_from_its_card_is_not_reset():
     master, slave = pty.openpty()
     tty.setraw(slave)
-    path = Path(os.ttyname(slave))  # the slave stays open, as the master would see a close
+    path = Path(os.ttyname(slave))  # the slave stays open, because the master would see a close
     received_data = b""
 
     def serve_board() -> None:
@@ -116,7 +120,7 @@ def test_farm_commissions_a_printer_with_and_without_its_agent(tmp_path: Path, p
     assert result_without_agent.returncode == 0, result_without_agent.stderr
     assert f"model: {MODEL}" in result_without_agent.stdout  # the line for fleet.yaml
     (tmp_path / "by-path").symlink_to(printer)
-    # The command names the port in another way than the fleet.
+    # The command names the port by another path than the fleet.
     wrong_result = run_discover(tmp_path, printer, "--commission", str(tmp_path / "by-path"), "--yes")
     assert wrong_result.returncode == 2 and "fleet.yaml says ultimaker2_plus" in wrong_result.stderr
     folder = tmp_path / "state" / "agents" / "b"

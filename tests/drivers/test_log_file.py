@@ -53,11 +53,11 @@ def test_full_disk_leaves_the_log_unchanged(tmp_path: Path, monkeypatch: pytest.
     path = tmp_path / "agent.log"
     path.write_text("x" * 100)
 
-    def fill(*_: object) -> int:
+    def raise_disk_full(*_: object) -> int:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     with monkeypatch.context() as patch:
-        patch.setattr(os, "open", fill)
+        patch.setattr(os, "open", raise_disk_full)
         assert not rotate_log(path, 100)
     assert path.read_text() == "x" * 100
 

@@ -18,21 +18,21 @@ WHOLE_BED = ((-111.5, -111.5, 111.5, 111.5, 205.0),)
 def resources():
     try:
         return find_resources()
-    except EngineMissing as missing:
-        pytest.skip(str(missing))
+    except EngineMissing as error:
+        pytest.skip(str(error))
 
 
 @pytest.fixture(scope="session")
 def engine():
     try:
         return find_engine()
-    except EngineMissing as missing:
-        pytest.skip(str(missing))
+    except EngineMissing as error:
+        pytest.skip(str(error))
 
 
 @pytest.fixture(scope="session")
 def make_settings(resources):
-    """Return a function that resolves settings for a printer; keyword arguments are overrides."""
+    """Return a function that resolves settings for a printer; keyword arguments override them."""
 
     def resolve(quality="glue", model="ultimaker2_plus", **overrides):
         return resolve_settings(SettingsRequest(PRINTERS[model], quality, overrides=overrides), resources)

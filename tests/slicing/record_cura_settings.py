@@ -22,8 +22,8 @@ from enum import IntEnum
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
-PLUS, LONG_PLUS = "ultimaker2_plus", "ultimaker2_extended_plus"
-PLAIN, LONG, GO = "ultimaker2", "ultimaker2_extended", "ultimaker2_go"
+PLUS_MODEL, EXTENDED_PLUS_MODEL = "ultimaker2_plus", "ultimaker2_extended_plus"
+PLAIN_MODEL, EXTENDED_MODEL, GO_MODEL = "ultimaker2", "ultimaker2_extended", "ultimaker2_go"
 MARLIN_FLAVOUR = {"machine_gcode_flavor": "RepRap (Marlin/Sprinter)", "machine_firmware_retract": False}
 SUPPORT_VALUES = {
     "support_enable": True,
@@ -31,7 +31,7 @@ SUPPORT_VALUES = {
     "adhesion_type": "brim",
     "brim_width": 8.0,
 }
-PAPER = {
+PAPER_SETTINGS = {
     **MARLIN_FLAVOUR,
     **SUPPORT_VALUES,
     "layer_height": 0.25,
@@ -40,7 +40,7 @@ PAPER = {
     "support_angle": 45.0,
     "material_bed_temperature": 50.0,
 }
-GLUE = {
+GLUE_SETTINGS = {
     **MARLIN_FLAVOUR,
     **SUPPORT_VALUES,
     "layer_height": "=round(max(extruderValues('machine_nozzle_size')) / 2, 2)",
@@ -48,27 +48,27 @@ GLUE = {
     "top_layers": "=max(4, math.ceil(round(top_thickness / resolveOrValue('layer_height'), 4)))",
 }
 ODD_SETTINGS = {"infill_pattern": "cubic", "wall_thickness": 1.3, "adhesion_type": "skirt", "xy_offset": 0.1}
-# For a plain Ultimaker 2, Cura leaves the material to the menu of the printer; here it is in the stack.
+# For a plain Ultimaker 2, Cura leaves the material to the printer's menu; here, the stack contains it.
 COMBINATIONS = [  # printer, nozzle, material, quality, the user's changes
-    (PLUS, "0.4 mm", "generic_pla", "fast", {}),
-    (PLUS, "0.4 mm", "generic_pla", "fast", PAPER),
-    (PLUS, "0.4 mm", "generic_pla", "fast", GLUE),
-    (PLUS, "0.4 mm", "generic_pla", "normal", ODD_SETTINGS),
-    (PLUS, "0.25 mm", "generic_pla", "high", {}),
-    (PLUS, "0.6 mm", "generic_abs", "fast", {}),
-    (PLUS, "0.8 mm", "generic_pla", "draft", GLUE),
-    (PLUS, "0.8 mm", "generic_pp", "slightlycoarse", {}),
-    (PLUS, "0.4 mm", "generic_tpu", "normal", {}),
-    (PLUS, "0.25 mm", "generic_tpu", "high", {}),
-    (LONG_PLUS, "0.4 mm", "ultimaker_abs_black", "high", {}),
-    (LONG_PLUS, "0.4 mm", "generic_nylon", "fast", GLUE),
-    (LONG_PLUS, "0.6 mm", "generic_cpe_plus", "draft", {}),
-    (LONG_PLUS, "0.4 mm", "generic_pc", "draft", PAPER),
-    (LONG_PLUS, "0.8 mm", "generic_cpe", "draft", ODD_SETTINGS),
-    (PLAIN, "0.4 mm", "generic_pla", "fast", {}),
-    (PLAIN, "0.4 mm", "generic_abs", "normal", GLUE),
-    (LONG, "0.4 mm", "generic_pla", "draft", PAPER),
-    (GO, "0.4 mm", "generic_pla", "high", {}),
+    (PLUS_MODEL, "0.4 mm", "generic_pla", "fast", {}),
+    (PLUS_MODEL, "0.4 mm", "generic_pla", "fast", PAPER_SETTINGS),
+    (PLUS_MODEL, "0.4 mm", "generic_pla", "fast", GLUE_SETTINGS),
+    (PLUS_MODEL, "0.4 mm", "generic_pla", "normal", ODD_SETTINGS),
+    (PLUS_MODEL, "0.25 mm", "generic_pla", "high", {}),
+    (PLUS_MODEL, "0.6 mm", "generic_abs", "fast", {}),
+    (PLUS_MODEL, "0.8 mm", "generic_pla", "draft", GLUE_SETTINGS),
+    (PLUS_MODEL, "0.8 mm", "generic_pp", "slightlycoarse", {}),
+    (PLUS_MODEL, "0.4 mm", "generic_tpu", "normal", {}),
+    (PLUS_MODEL, "0.25 mm", "generic_tpu", "high", {}),
+    (EXTENDED_PLUS_MODEL, "0.4 mm", "ultimaker_abs_black", "high", {}),
+    (EXTENDED_PLUS_MODEL, "0.4 mm", "generic_nylon", "fast", GLUE_SETTINGS),
+    (EXTENDED_PLUS_MODEL, "0.6 mm", "generic_cpe_plus", "draft", {}),
+    (EXTENDED_PLUS_MODEL, "0.4 mm", "generic_pc", "draft", PAPER_SETTINGS),
+    (EXTENDED_PLUS_MODEL, "0.8 mm", "generic_cpe", "draft", ODD_SETTINGS),
+    (PLAIN_MODEL, "0.4 mm", "generic_pla", "fast", {}),
+    (PLAIN_MODEL, "0.4 mm", "generic_abs", "normal", GLUE_SETTINGS),
+    (EXTENDED_MODEL, "0.4 mm", "generic_pla", "draft", PAPER_SETTINGS),
+    (GO_MODEL, "0.4 mm", "generic_pla", "high", {}),
 ]
 
 
@@ -191,7 +191,7 @@ class Cura:
         import_name("UM.Settings.Interfaces", "ContainerInterface")._updateSerialized = classmethod(
             lambda cls, text, name=None, **rest: text
         )
-        # Add what CuraApplication adds.
+        # Add the properties and types that CuraApplication adds.
         definition = import_name("UM.Settings.SettingDefinition", "SettingDefinition")
         kind = import_name("UM.Settings.SettingDefinition", "DefinitionPropertyType")
         for name, default in {
@@ -254,7 +254,7 @@ class Cura:
         names = (f"{name}_{machine}_{hotend.replace(' ', '_')}", f"{name}_{machine}", name)
         return next(self.registry.containers[item] for item in names if item in self.registry.containers)
 
-    def record_settings(self, machine, hotend, material, quality, user):
+    def record_settings(self, machine, hotend, material, quality, user_changes):
         definition = self.load_definition(machine)
         metadata = definition.getMetaData()
         quality_definition = metadata.get("quality_definition", machine)
@@ -286,7 +286,10 @@ class Cura:
         self.managers.activeMachine = global_stack
         extruder_definition = self.load_definition(metadata["machine_extruder_trains"]["0"], "extruders")
         self.fill_stack(
-            global_stack, [None, None, None, global_quality, None, None, None, definition], user, machine
+            global_stack,
+            [None, None, None, global_quality, None, None, None, definition],
+            user_changes,
+            machine,
         )
         self.fill_stack(
             extruder_stack,
@@ -300,7 +303,7 @@ class Cura:
                 None,
                 extruder_definition,
             ],
-            user,
+            user_changes,
             machine,
         )
         extruder_stack.setMetaDataEntry("position", "0")
@@ -326,7 +329,7 @@ class Cura:
             },
         }
 
-    def fill_stack(self, stack, containers, user, machine):
+    def fill_stack(self, stack, containers, user_changes, machine):
         names = (
             "user",
             "quality_changes",
@@ -343,7 +346,7 @@ class Cura:
         changes = self.Instance("changes")
         changes.getDefinition = lambda: self.load_definition(machine)
         changes.setDefinition(machine)
-        for key, value in user.items():
+        for key, value in user_changes.items():
             is_formula = isinstance(value, str) and value.startswith("=")
             changes.setProperty(key, "value", self.Function(value[1:]) if is_formula else value, None, False)
         stack._containers[0] = changes

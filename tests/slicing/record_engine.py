@@ -21,14 +21,14 @@ from printers.slicing_printers import UM2_PLUS
 from slicing.engine import EngineLimits, read_engine_version, run_engine
 from slicing.settings import SettingsRequest, find_engine, find_resources, resolve_settings
 
-MOVE = trimesh.transformations.translation_matrix
+make_translation = trimesh.transformations.translation_matrix
 
 
 def make_model():
     """Make a plate with a hole, a fin as wide as one line, and a post."""
-    plate = trimesh.creation.box((14, 14, 2), MOVE((0, 0, 1)))
-    fin = trimesh.creation.box((0.3, 10, 2), MOVE((-5.5, 0, 3)))
-    post = trimesh.creation.cylinder(1.2, 2, sections=24, transform=MOVE((5, 5, 3)))
+    plate = trimesh.creation.box((14, 14, 2), make_translation((0, 0, 1)))
+    fin = trimesh.creation.box((0.3, 10, 2), make_translation((-5.5, 0, 3)))
+    post = trimesh.creation.cylinder(1.2, 2, sections=24, transform=make_translation((5, 5, 3)))
     hole = trimesh.creation.cylinder(3, 9, sections=32)
     return trimesh.boolean.difference([trimesh.boolean.union([plate, fin, post]), hole])
 

@@ -22,10 +22,10 @@ def test_kept_entries_fit_and_are_the_most_recently_used(entries, max_bytes):
     assert max((e.used_s for e in removed_entries), default=0.0) <= min(
         (e.used_s for e in kept_entries), default=1e9
     )
-    # No entry is removed without need: with the last removed one, the entries would not fit.
+    # No entry is removed without need, because the last removed one would not fit.
     if removed_entries:
-        last_removed = max(removed_entries, key=lambda entry: (entry.used_s, entry.name))
-        assert sum(entry.size_bytes for entry in (*kept_entries, last_removed)) > max_bytes
+        last_removed_entry = max(removed_entries, key=lambda entry: (entry.used_s, entry.name))
+        assert sum(entry.size_bytes for entry in (*kept_entries, last_removed_entry)) > max_bytes
 
 
 def write_entry(folder, letter, used_s, suffixes=("json", "gcode")):
@@ -39,10 +39,10 @@ def test_least_recently_used_entries_are_deleted_completely(tmp_path):
     write_entry(tmp_path, "a", 1000)
     write_entry(tmp_path, "b", 2000)
     write_entry(tmp_path, "c", 3000)
-    half_written = tmp_path / f".{'d' * 64}.gcode.k3j_x"
-    half_written.write_bytes(b"x" * 50)
-    os.utime(half_written, (500, 500))
-    os.utime(tmp_path / f"{'a' * 64}.json", (2500, 2500))  # read again
+    partial_file = tmp_path / f".{'d' * 64}.gcode.k3j_x"
+    partial_file.write_bytes(b"x" * 50)
+    os.utime(partial_file, (500, 500))
+    os.utime(tmp_path / f"{'a' * 64}.json", (2500, 2500))  # the entry was read again
     other_file = tmp_path / "thesis.gcode"
     other_file.write_bytes(b"x" * 1000)
     os.utime(other_file, (1, 1))

@@ -1,4 +1,4 @@
-"""Runs of scripts in place of the engine: each failure is reported and leaves no process and no file."""
+"""Runs of scripts in place of the engine: failures are reported, and leave no process and no file."""
 
 import os
 import select
@@ -24,7 +24,7 @@ from slicing.errors import (
 
 @pytest.fixture
 def run_body(tmp_path, write_script, monkeypatch):
-    """Return a function that runs a shell script as the engine; its temporary folder must be empty after."""
+    """Return a function that runs a shell script as the engine, which must leave no temporary file."""
     scratch = tmp_path / "scratch"
     scratch.mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(scratch))
@@ -84,11 +84,11 @@ def test_missing_output_is_an_empty_file(run_body):
     ],
 )
 def test_each_failure_has_its_own_error(run_body, body, error, message):
-    with pytest.raises(error, match=message) as failed:
+    with pytest.raises(error, match=message) as error_info:
         run_body(body)
-    assert type(failed.value) is error
-    assert isinstance(failed.value, SlicingError)
-    assert "\n" not in str(failed.value)
+    assert type(error_info.value) is error
+    assert isinstance(error_info.value, SlicingError)
+    assert "\n" not in str(error_info.value)
 
 
 def test_engine_that_succeeds_at_the_second_attempt_is_accepted(run_body, tmp_path):
@@ -163,7 +163,7 @@ def test_engine_dies_with_its_caller(tmp_path, write_script):
         root = Path(engine_module.__file__).parents[1]
         environ = {"TMPDIR": str(tmp_path), "PYTHONPATH": str(root), "PATH": os.environ["PATH"]}
         worker = subprocess.Popen([sys.executable, "-c", code], env=environ)
-        reader = os.open(fifo, os.O_RDONLY)  # opens only when the engine holds the other end
+        reader = os.open(fifo, os.O_RDONLY)  # this returns once the engine holds the other end
         os.close(reader)
         worker.send_signal(signal.SIGKILL)
         worker.wait()

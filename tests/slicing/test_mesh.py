@@ -1,4 +1,4 @@
-"""Triangles of an STL: reading, refusal, and the waves that make CuraEngine keep all corners."""
+"""Triangles of an STL file: reading, refusal, and the waves that make CuraEngine keep all corners."""
 
 import numpy as np
 import pytest
@@ -36,8 +36,8 @@ def test_stl_with_nan_is_refused(cube_20):
 def test_any_bytes_are_read_or_refused(content):
     try:
         assert len(read_triangles(content)) > 0
-    except SliceRejected as refused:
-        assert refused.rule is Rule.BROKEN_MESH
+    except SliceRejected as error:
+        assert error.rule is Rule.BROKEN_MESH
 
 
 def make_slab(low_mm, high_mm, height_mm):
@@ -56,24 +56,24 @@ def merge_corners(corners):
 @pytest.mark.parametrize(
     "mesh", [trimesh.creation.icosphere(2, 60.0), make_slab((100.0, 80.0), (90.0, 85.0), 40.0)]
 )
-def test_waved_part_differs_by_hundredths_of_a_mm_at_most(mesh):
-    waved_mesh = merge_corners(read_triangles(write_triangles(add_waves(np.asarray(mesh.triangles)))))
-    assert waved_mesh.is_watertight
-    assert waved_mesh.volume == pytest.approx(mesh.volume, rel=2e-4)
-    assert waved_mesh.bounds == pytest.approx(mesh.bounds, abs=1.01 * WAVE_HEIGHT_MM)
-    _, distances_mm, _ = trimesh.proximity.closest_point_naive(mesh, waved_mesh.vertices[:200])
+def test_wavy_part_differs_by_hundredths_of_a_mm_at_most(mesh):
+    wavy_mesh = merge_corners(read_triangles(write_triangles(add_waves(np.asarray(mesh.triangles)))))
+    assert wavy_mesh.is_watertight
+    assert wavy_mesh.volume == pytest.approx(mesh.volume, rel=2e-4)
+    assert wavy_mesh.bounds == pytest.approx(mesh.bounds, abs=1.01 * WAVE_HEIGHT_MM)
+    _, distances_mm, _ = trimesh.proximity.closest_point_naive(mesh, wavy_mesh.vertices[:200])
     assert distances_mm.max() <= 1.01 * np.hypot(WAVE_HEIGHT_MM, WAVE_HEIGHT_MM)
 
 
-def test_corners_of_a_waved_part_lie_on_the_crests():
+def test_corners_of_a_wavy_part_lie_on_the_crests():
     """Check that flat sides stay straight between crest and trough."""
     block = trimesh.creation.box((130.0, 40.0, 10.0))
-    waved_mesh = merge_corners(add_waves(np.asarray(block.triangles)))
-    front = waved_mesh.vertices[np.abs(waved_mesh.vertices[:, 1] + 20.0) < 0.1]
-    xs = np.unique(front[:, 0].round(1))
-    assert np.diff(xs).max() <= HALF_PERIODS_MM[0] + 0.1
-    depths = [front[np.abs(front[:, 0] - x) < 0.1][:, 1].mean() for x in xs[1:-1]]
-    assert np.ptp(depths) == pytest.approx(WAVE_HEIGHT_MM, rel=0.01)
+    wavy_mesh = merge_corners(add_waves(np.asarray(block.triangles)))
+    front_vertices = wavy_mesh.vertices[np.abs(wavy_mesh.vertices[:, 1] + 20.0) < 0.1]
+    xs_mm = np.unique(front_vertices[:, 0].round(1))
+    assert np.diff(xs_mm).max() <= HALF_PERIODS_MM[0] + 0.1
+    depths_mm = [front_vertices[np.abs(front_vertices[:, 0] - x) < 0.1][:, 1].mean() for x in xs_mm[1:-1]]
+    assert np.ptp(depths_mm) == pytest.approx(WAVE_HEIGHT_MM, rel=0.01)
 
 
 def test_slowly_widening_part_keeps_its_corners(make_request, make_settings):

@@ -20,7 +20,7 @@ from slicing.slice_store import write_atomically
 
 
 def test_cube_with_the_settings_of_the_paper_has_the_known_time_and_filament(make_request, make_settings):
-    """Check the result of the whole chain; with other settings, it takes up to six times this time."""
+    """Check the result of the whole chain; with other settings, the print takes up to six times as long."""
     result = slice_plate(make_request(trimesh.creation.box((50, 50, 50)), settings=make_settings("paper")))
     assert int(result.sliced_s) == 4906
     assert int(result.filament_mm3) == 17911
@@ -88,7 +88,7 @@ def test_sound_part_that_loses_a_corner_in_the_engine_is_sliced_again(make_reque
     result = slice_plate(make_request(mesh, settings=make_settings(infill_sparse_density="0")))
     assert result.unprinted == ()
     assert result.height_mm == pytest.approx(mesh.extents[2], abs=0.11)
-    assert result.max_mm[0] < mesh.extents[0] / 2 + 8.1  # with the brim
+    assert result.max_mm[0] < mesh.extents[0] / 2 + 8.1  # including the brim
 
 
 def test_part_is_sliced_again_as_a_wider_mesh(make_request, tmp_path):
@@ -218,7 +218,7 @@ def test_only_an_incomplete_stored_slice_needs_the_engine(
     write_script("echo '[ERROR] was asked to slice'; exit 1")  # the same program fails from now on
     assert slice_plate(request) == replace(first_result, cached=True)
     (entry,) = cache.glob("*.json")
-    entry.unlink()  # as after a kill of the worker between the two files
+    entry.unlink()  # as if the worker was killed between the writes of the two files
     with pytest.raises(EngineFailed, match="was asked to slice"):
         slice_plate(request)
 

@@ -35,7 +35,7 @@ def list_corners(rect):
     return rect.min_x_mm, rect.min_y_mm, rect.max_x_mm, rect.max_y_mm
 
 
-def test_thick_filament_is_refused_and_a_thin_one_suggested(resources):
+def test_thick_filament_is_refused_and_a_thin_one_is_suggested(resources):
     with pytest.raises(BadSetting, match=r"not for the Creality Ender-3.*generic_pla_175"):
         resolve_settings(SettingsRequest(PRINTERS[MODEL]), resources)
 

@@ -16,12 +16,12 @@ def test_start_code_heats_nozzle_and_bed_and_primes_the_volume_of_the_model():
 
 
 def test_bed_at_0_c_is_left_out_of_the_start_code():
-    start = UM2_PLUS.code.build_start_code(205.0, 0.0, FILAMENT_MM2)
-    assert "M140" not in start and "M190" not in start
+    start_code = UM2_PLUS.code.build_start_code(205.0, 0.0, FILAMENT_MM2)
+    assert "M140" not in start_code and "M190" not in start_code
 
 
 @pytest.mark.parametrize("retracted_mm", [0.0, 6.5])
-def test_end_code_parks_the_filament_that_was_not_retracted(retracted_mm):
+def test_end_code_completes_the_parking_retraction(retracted_mm):
     code = replace(UM2_PLUS.code, park_retraction_mm=12.0)
     assert f"G1 F1500 E{retracted_mm - 12:g}" in code.build_end_code(retracted_mm).splitlines()
 

@@ -69,7 +69,7 @@ def test_pinwheel_is_closed_by_slides():
 
 
 def test_pinwheel_slides_along_one_face():
-    """Expect one brick to be taken off first: every other split of the whole slides along more faces."""
+    """Expect one brick to be taken off first, because every other split slides along more faces."""
     pieces = make_pinwheel()
     [sliding_step] = [step for step in plan_and_check(pieces).steps if step.slides]
     joints = find_joints(pieces)
@@ -82,7 +82,7 @@ def test_pinwheel_slides_along_one_face():
     assert [face.area_mm2 for face in sliding_faces] == pytest.approx([400.0])
 
 
-def test_ball_in_a_hollow_is_laid_in_before_the_shell_is_closed():
+def test_box_in_a_hollow_is_inserted_before_the_shell_is_closed():
     shell = Solid.box((0, 0, 0), (60, 60, 60)).subtract(Solid.box((10, 10, 10), (50, 50, 50)))
     halves = [
         piece
@@ -106,7 +106,7 @@ def test_bodies_that_stand_apart_need_no_step_between_them():
     ]
 
 
-def test_linked_rings_are_a_fault():
+def test_linked_rings_are_reported_as_locked():
     ring = Solid.box((0, 0, 0), (60, 60, 10)).subtract(Solid.box((15, 15, -1), (45, 45, 11)))
     rotation = np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]])
     link = ring.rotate(rotation).translate(np.array([30.0, 30.0, -25.0]))
@@ -137,7 +137,7 @@ def test_body_that_would_fall_over_is_held():
     assert step.rests_on == ()
 
 
-def test_thin_plate_in_a_thin_box_is_laid_in_before_the_box_is_closed():
+def test_thin_plate_in_a_thin_box_is_inserted_before_the_box_is_closed():
     """Use a long path on which the plate would pass through the floor only in the last millimetres."""
     box = Solid.box((0, 0, 0), (60, 60, 120)).subtract(Solid.box((2, 2, 2), (58, 58, 118)))
     halves = [
@@ -169,7 +169,7 @@ def test_replay_reports_a_step_that_is_missing(missing_step: int):
 
 @st.composite
 def draw_partitions(draw: st.DrawFn) -> list[Piece]:
-    """Draw a partition of a block of 2 to 4 cells a side into boxes."""
+    """Draw a partition into boxes of a block that has 2 to 4 cells along each axis."""
     cells = draw(st.tuples(*[st.integers(2, 4)] * 3))
     results = [(np.zeros(3), np.array(cells, dtype=np.float64) * 10.0)]
     for _ in range(draw(st.integers(1, 9))):
@@ -178,10 +178,10 @@ def draw_partitions(draw: st.DrawFn) -> list[Piece]:
         lo, hi = results[i]
         planes = np.arange(lo[axis] + 10.0, hi[axis] - 5.0, 10.0)
         if len(planes):
-            at_mm = float(draw(st.sampled_from(list(planes))))
-            low, high = hi.copy(), lo.copy()
-            low[axis] = high[axis] = at_mm
-            results[i : i + 1] = [(lo, low), (high, hi)]
+            plane_mm = float(draw(st.sampled_from(list(planes))))
+            lower_end, upper_start = hi.copy(), lo.copy()
+            lower_end[axis] = upper_start[axis] = plane_mm
+            results[i : i + 1] = [(lo, lower_end), (upper_start, hi)]
     return make_boxes(*((tuple(lo), tuple(hi)) for lo, hi in results))
 
 
@@ -202,7 +202,8 @@ def test_every_partition_into_boxes_of_one_frame_can_be_assembled(pieces: list[P
     assert not assembly.locked_sets
     assert find_order_faults([piece.solid for piece in rotated_boxes], joints, assembly) == []
     assert len(assembly.steps) == len(pieces) - 1
-    assert not any(step.slides for step in assembly.steps)  # the partition was made by planes
+    # No step has to slide, because planes made the partition.
+    assert not any(step.slides for step in assembly.steps)
     levels: dict[frozenset[int], int] = {}
     for step in assembly.steps:
         assert step.level == 1 + max(

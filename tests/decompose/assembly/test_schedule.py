@@ -29,7 +29,7 @@ def test_person_waits_if_no_other_step_is_ready() -> None:
     assert compute_critical_path_s(works, drying_s=1000.0) == pytest.approx(order[1][1] + works[1].seconds)
 
 
-def test_more_joints_more_glue_and_single_parts_take_longer() -> None:
+def test_step_takes_longer_with_more_joints_more_glue_or_a_single_part() -> None:
     work = StepWork((frozenset({0, 1}), frozenset({2, 3})), 1, 100.0, is_steady=True)
     assert StepWork(work.bodies, 2, 100.0, is_steady=True).seconds > work.seconds
     assert StepWork(work.bodies, 1, 900.0, is_steady=True).seconds > work.seconds
@@ -39,7 +39,7 @@ def test_more_joints_more_glue_and_single_parts_take_longer() -> None:
 
 @st.composite
 def draw_trees(draw: st.DrawFn) -> list[StepWork]:
-    """Draw a random tree of steps over some parts, each step after those that make its bodies."""
+    """Draw a random tree of steps, in which each step follows the steps that make its bodies."""
     bodies = [{part} for part in range(draw(st.integers(2, 12)))]
     works = []
     while len(bodies) > 1:

@@ -1,4 +1,4 @@
-"""Rounds of `best`: their invariants, with tables of makespans and efforts as engines."""
+"""Rounds of `best`: their invariants, tested with fake engines of random makespans and efforts."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def result(cost: CostModel) -> Decomposition:
 
 @dataclass(frozen=True)
 class TableEngines:
-    """Engines whose makespan, effort and failure follow from the grid, the angle and the makespan to beat."""
+    """Fake engines whose makespan, effort and failure depend on the grid, the angle and the best makespan."""
 
     result: Decomposition
     seed: int
@@ -100,7 +100,7 @@ def test_order_in_which_attempts_of_a_round_end_changes_nothing(
 
 @settings(max_examples=60, deadline=None)
 @given(seed=seeds, budget_s=budgets_s)
-def test_rounds_keep_the_budget_and_repeat_no_attempt(
+def test_rounds_stay_within_the_budget_and_repeat_no_attempt(
     cost: CostModel, result: Decomposition, seed: int, budget_s: float
 ) -> None:
     problem = make_problem(cost, budget_s)
@@ -120,8 +120,8 @@ def test_rounds_keep_the_budget_and_repeat_no_attempt(
 
 def test_round_is_as_large_as_the_budget_allows(cost: CostModel, result: Decomposition) -> None:
     """Use a first attempt of 10 s, and a result that other grids cannot improve."""
-    best = replace(result, makespan_s=1000.0, sum_s=20_000.0)
-    state = SearchState((Attempt(Engine.GUILLOTINE, "auto", 0.0, 1000.0, effort_s=10.0),), best)
+    best_result = replace(result, makespan_s=1000.0, sum_s=20_000.0)
+    state = SearchState((Attempt(Engine.GUILLOTINE, "auto", 0.0, 1000.0, effort_s=10.0),), best_result)
 
     def plan_round(budget_s: float) -> tuple[Trial, ...]:
         return plan_next_round(make_problem(cost, budget_s), state)

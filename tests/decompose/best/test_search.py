@@ -1,4 +1,4 @@
-"""Attempts of `best`, their order and its choice; a table of results replaces the engines."""
+"""Attempts of `best`, their order, and the choice of a result; fake engines return given results."""
 
 from __future__ import annotations
 
@@ -39,21 +39,24 @@ def result(cost: CostModel) -> Decomposition:
 
 
 class Engines:
-    """Engines that end at given times (inf: no partition), and record their problems."""
+    """Fake engines with given makespans, infinite if there is no partition, that record their problems."""
 
     def __init__(
-        self, result: Decomposition, compute_makespan_s: MakespanFunction, faulty: tuple[Engine, ...] = ()
+        self,
+        result: Decomposition,
+        compute_makespan_s: MakespanFunction,
+        faulty_engines: tuple[Engine, ...] = (),
     ) -> None:
-        self.result, self.compute_makespan_s, self.faulty = result, compute_makespan_s, faulty
+        self.result, self.compute_makespan_s, self.faulty_engines = result, compute_makespan_s, faulty_engines
         self.problems: list[Problem] = []
 
     def __call__(self, problem: Problem) -> Decomposition:
         self.problems.append(problem)
-        problem.effort.record(Work.SUM, round(1e9 / WORK_NS[Work.SUM]))  # a second
+        problem.effort.record(Work.SUM, round(1e9 / WORK_NS[Work.SUM]))  # one second
         if math.isinf(makespan_s := self.compute_makespan_s(problem.options)):
             raise NoFit(f"nothing at {problem.options.granularity}")
         engine = problem.options.engine
-        faults = (Fault(0, "is a sliver"),) if engine in self.faulty else ()
+        faults = (Fault(0, "is a sliver"),) if engine in self.faulty_engines else ()
         return replace(
             self.result, engine=engine, makespan_s=makespan_s, lower_bound_s=BOUND_S, faults=faults
         )
@@ -81,22 +84,22 @@ def compute_far_makespan_s(options: Options) -> float:
 FIRST_ATTEMPTS = [(Engine.GUILLOTINE, "auto")]
 
 
-def test_other_grids_are_tried_and_none_twice(cost: CostModel, result: Decomposition) -> None:
+def test_each_other_grid_is_tried_once(cost: CostModel, result: Decomposition) -> None:
     engines = Engines(result, compute_far_makespan_s)
-    best = find_best(make_problem(cost), engines)
+    best_result = find_best(make_problem(cost), engines)
     grids = [cells for _, cells in engines.engine_grids[1:] if isinstance(cells, int)]
-    turned_attempts = [(Engine.GUILLOTINE, "auto")] * len(OTHER_YAWS_DEG)
+    rotated_attempts = [(Engine.GUILLOTINE, "auto")] * len(OTHER_YAWS_DEG)
     assert (
         engines.engine_grids
-        == FIRST_ATTEMPTS + [(Engine.GUILLOTINE, cells) for cells in grids] + turned_attempts
+        == FIRST_ATTEMPTS + [(Engine.GUILLOTINE, cells) for cells in grids] + rotated_attempts
     )
     shapes = [count_cells(BLOCK.extents_mm, cells) for cells in grids]
     shapes.append(count_cells(BLOCK.extents_mm, make_problem(cost).choose_granularity(BLOCK)))
     assert len({*shapes}) == len(shapes) > 1
     assert len(grids) <= len(OTHER_GRIDS)
-    assert best.makespan_s == 1.2 * BOUND_S - max(grids)
-    assert [(a.engine, a.granularity) for a in best.attempts] == engines.engine_grids
-    assert best.options.granularity == "auto"
+    assert best_result.makespan_s == 1.2 * BOUND_S - max(grids)
+    assert [(a.engine, a.granularity) for a in best_result.attempts] == engines.engine_grids
+    assert best_result.options.granularity == "auto"
 
 
 def test_spent_share_of_the_budget_is_reported(cost: CostModel, result: Decomposition) -> None:
@@ -108,7 +111,7 @@ def test_spent_share_of_the_budget_is_reported(cost: CostModel, result: Decompos
 
 
 def test_no_bound_is_proven_for_a_worse_result(cost: CostModel, result: Decomposition) -> None:
-    """Attempts of a round have to beat the best result of the rounds before, not each other."""
+    """Expect the attempts of a round to beat the best result of the earlier rounds, not each other."""
     engines = Engines(result, compute_far_makespan_s)
     find_best(make_problem(cost), engines)
     makespans_s = [compute_far_makespan_s(item.options) for item in engines.problems]
@@ -121,10 +124,10 @@ def test_no_bound_is_proven_for_a_worse_result(cost: CostModel, result: Decompos
 def test_other_grids_are_not_tried_for_small_gains(cost: CostModel, result: Decomposition) -> None:
     """Use a decomposition in which all printers are busy nearly to the end."""
     engines = Engines(replace(result, sum_s=20.0 * 1.2 * BOUND_S), lambda _: 1.2 * 1.02 * BOUND_S)
-    best = find_best(make_problem(cost), engines)
+    best_result = find_best(make_problem(cost), engines)
     assert engines.engine_grids[:1] == FIRST_ATTEMPTS
     assert {cells for _, cells in engines.engine_grids} == {"auto"}
-    assert list_yaws_deg(best) == [0.0, *OTHER_YAWS_DEG]
+    assert list_yaws_deg(best_result) == [0.0, *OTHER_YAWS_DEG]
 
 
 @pytest.mark.parametrize(("printers", "options"), [(20, {"granularity": 8}), (1, {})])
@@ -147,10 +150,10 @@ def test_other_grids_are_tried_at_the_best_angle(cost: CostModel, result: Decomp
     find_best(make_problem(cost), engines)
     first_attempts += [cells for _, cells in engines.engine_grids if cells != "auto"]
     engines = Engines(result, compute_makespan_s)
-    best = find_best(make_problem(cost), engines)
+    best_result = find_best(make_problem(cost), engines)
     yaw_deg = OTHER_YAWS_DEG[1]
-    later_attempts = best.attempts[1 + len(first_attempts) + len(OTHER_YAWS_DEG) :]
-    assert best.makespan_s == 1.2 * BOUND_S
+    later_attempts = best_result.attempts[1 + len(first_attempts) + len(OTHER_YAWS_DEG) :]
+    assert best_result.makespan_s == 1.2 * BOUND_S
     assert later_attempts
     assert {attempt.yaw_deg for attempt in later_attempts} == {yaw_deg}
     lengths_mm = [item.model.extents_mm[0] for item in engines.problems]
@@ -158,21 +161,21 @@ def test_other_grids_are_tried_at_the_best_angle(cost: CostModel, result: Decomp
     assert lengths_mm[-1] == pytest.approx(300 * math.cos(math.radians(15)) + 90 * math.sin(math.radians(15)))
 
 
-@pytest.mark.parametrize(("share", "is_taken"), [(0.995, False), (0.985, True)])
+@pytest.mark.parametrize(("share", "is_chosen"), [(0.995, False), (0.985, True)])
 def test_rotated_cuts_need_a_minimum_gain(
-    share: float, is_taken: bool, cost: CostModel, result: Decomposition
+    share: float, is_chosen: bool, cost: CostModel, result: Decomposition
 ) -> None:
     busy_result = replace(result, sum_s=20.0 * 0.98 * BOUND_S)  # other grids are not tried
     engines = Engines(busy_result, lambda _: BOUND_S * (share if len(engines.problems) > 1 else 1.0))
-    best = find_best(make_problem(cost), engines)
-    assert best.makespan_s == BOUND_S * (share if is_taken else 1.0)
-    assert [a.makespan_s for a in best.attempts[1:]] == [share * BOUND_S] * len(OTHER_YAWS_DEG)
+    best_result = find_best(make_problem(cost), engines)
+    assert best_result.makespan_s == BOUND_S * (share if is_chosen else 1.0)
+    assert [a.makespan_s for a in best_result.attempts[1:]] == [share * BOUND_S] * len(OTHER_YAWS_DEG)
 
 
 def test_parts_of_a_rotated_model_are_in_the_original_frame(
     cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Use a bar that fits two printers only along its length, so that parts are in its frame."""
+    """Use a bar that fits two printers only if it is cut across its length."""
     monkeypatch.setattr(rounds, "OTHER_YAWS_DEG", (30.0, 45.0))
     monkeypatch.setattr(rounds, "OTHER_GRIDS", ())
     rotation = Rotation.from_euler("z", 45.0, degrees=True).as_matrix()
@@ -190,15 +193,15 @@ def test_parts_of_a_rotated_model_are_in_the_original_frame(
         vertices, _ = part.solid.arrays()
         np.testing.assert_allclose(model_points, vertices, atol=1e-4)
         cuts = [n for *n, d in part.planes.tolist() if np.abs(vertices @ n - d).min() < 1e-6]
-        assert len(cuts) == 1  # across the bar
+        assert len(cuts) == 1  # one cut across the bar
         assert abs(cuts[0] @ rotation[:, 0]) == pytest.approx(1.0)
 
 
 def test_another_grid_may_have_the_better_result(cost: CostModel, result: Decomposition) -> None:
     engines = Engines(result, lambda options: math.inf if options.granularity == "auto" else 1.5 * BOUND_S)
-    best = find_best(make_problem(cost), engines)
-    assert best.makespan_s == 1.5 * BOUND_S
-    assert [a.makespan_s for a in best.attempts[:2]] == [None, None]
+    best_result = find_best(make_problem(cost), engines)
+    assert best_result.makespan_s == 1.5 * BOUND_S
+    assert [a.makespan_s for a in best_result.attempts[:2]] == [None, None]
     failing_engines = Engines(result, lambda options: math.inf)
     with pytest.raises(NoFit, match="nothing at auto"):
         find_best(make_problem(cost), failing_engines)
@@ -213,33 +216,33 @@ def test_result_is_kept_when_a_later_grid_fails(
 ) -> None:
     engines = Engines(result, lambda options: 1.5 * BOUND_S)
 
-    def fail_later(task: Problem) -> Decomposition:
+    def fail_after_first_attempt(task: Problem) -> Decomposition:
         if engines.engine_grids:
             raise error
         return engines(task)
 
-    best = find_best(make_problem(cost), fail_later)
-    assert best.makespan_s == 1.5 * BOUND_S
-    assert {attempt.reason for attempt in best.attempts[1:]} == {str(error)}
+    best_result = find_best(make_problem(cost), fail_after_first_attempt)
+    assert best_result.makespan_s == 1.5 * BOUND_S
+    assert {attempt.reason for attempt in best_result.attempts[1:]} == {str(error)}
 
 
 def test_slow_printers_have_less_to_gain(cost: CostModel, result: Decomposition) -> None:
-    """Use printers that are busy to the end, ten of them half as fast; equal speeds would gain a quarter."""
+    """Use busy printers, ten of which are half as fast; with equal speeds, the gain would be a quarter."""
     printers = tuple(replace(p, time_factor=2.0 if i < 10 else 1.0) for i, p in enumerate(ROOMS))
     engines = Engines(replace(result, sum_s=15.0 * 1.5 * BOUND_S), lambda _: 1.51 * BOUND_S)
-    best = find_best(replace(make_problem(cost), printers=printers), engines)
+    best_result = find_best(replace(make_problem(cost), printers=printers), engines)
     assert {cells for _, cells in engines.engine_grids} == {"auto"}
-    assert best.compute_possible_gain(printers) == pytest.approx(1.0 - 1.5 / 1.51)
-    assert best.compute_possible_gain(ROOMS) == pytest.approx(1.0 - 0.75 * 1.5 / 1.51)
+    assert best_result.compute_possible_gain(printers) == pytest.approx(1.0 - 1.5 / 1.51)
+    assert best_result.compute_possible_gain(ROOMS) == pytest.approx(1.0 - 0.75 * 1.5 / 1.51)
 
 
 def test_result_with_faults_is_the_last_choice(cost: CostModel, result: Decomposition) -> None:
     def compute_makespan_s(options: Options) -> float:
         return BOUND_S * (1.5 if options.engine is Engine.GUILLOTINE else 1.6)
 
-    engines = Engines(result, compute_makespan_s, faulty=(Engine.GUILLOTINE,))
-    best = find_best(make_problem(cost, granularity=8), engines)
-    assert best.engine is Engine.PARALLELOBOX
+    engines = Engines(result, compute_makespan_s, faulty_engines=(Engine.GUILLOTINE,))
+    best_result = find_best(make_problem(cost, granularity=8), engines)
+    assert best_result.engine is Engine.PARALLELOBOX
     assert [item.best_known_s for item in engines.problems] == [math.inf, math.inf]
 
 
@@ -253,16 +256,16 @@ def test_result_with_faults_is_the_last_choice(cost: CostModel, result: Decompos
 def test_broken_rule_is_reported_after_the_budget_was_spent(
     error: DecomposeError, message: str, cost: CostModel, result: Decomposition
 ) -> None:
-    engines = Engines(result, compute_far_makespan_s, faulty=(Engine.GUILLOTINE,))
+    engines = Engines(result, compute_far_makespan_s, faulty_engines=(Engine.GUILLOTINE,))
 
-    def fail_late(task: Problem) -> Decomposition:
+    def fail_after_budget(task: Problem) -> Decomposition:
         if task.options.engine is Engine.GUILLOTINE:
             return engines(task)
         task.effort.record(Work.SUM, round(1e12))
         assert task.effort.is_spent()
         raise error
 
-    second_attempt = find_best(make_problem(cost, granularity=8), fail_late).attempts[1]
+    second_attempt = find_best(make_problem(cost, granularity=8), fail_after_budget).attempts[1]
     assert second_attempt.reason.startswith(message)
     assert not second_attempt.finished
 
@@ -278,9 +281,9 @@ def test_no_attempt_starts_with_too_little_budget(
     """Use attempts of 1 s; another one starts only if half a second of the budget is left."""
     monkeypatch.setattr(rounds, "GRID_SHARE", math.inf)
     engines = Engines(result, compute_far_makespan_s)
-    best = find_best(make_problem(cost, best=BestOptions(budget_s)), engines)
+    best_result = find_best(make_problem(cost, best=BestOptions(budget_s)), engines)
     assert len(engines.engine_grids) == attempt_count
-    later_attempts = best.attempts[attempt_count:]
+    later_attempts = best_result.attempts[attempt_count:]
     assert later_attempts
     assert not any(a.finished for a in later_attempts)
     assert all("not started" in a.reason for a in later_attempts)
@@ -293,30 +296,30 @@ def test_parallelobox_is_tried_only_without_a_sound_result(cost: CostModel, resu
 
 
 @pytest.mark.parametrize("budget_s", [0.0, 2.0])
-@pytest.mark.parametrize("faulty", [False, True])
+@pytest.mark.parametrize("is_faulty", [False, True])
 def test_small_budget_refuses_no_model_that_a_finer_grid_can_cut(
-    budget_s: float, faulty: bool, cost: CostModel, result: Decomposition
+    budget_s: float, is_faulty: bool, cost: CostModel, result: Decomposition
 ) -> None:
-    """Use coarse grids and another engine without a result, or with a faulty one."""
+    """Let coarse grids and the other engine return no result, or a faulty one."""
 
     def run_engine(problem: Problem) -> Decomposition:
         is_coarse = problem.options.granularity != "auto" or problem.options.engine == Engine.PARALLELOBOX
-        fault = (problem.options.engine,) if is_coarse and faulty else ()
-        return Engines(result, lambda _: math.inf if is_coarse and not faulty else 1.2 * BOUND_S, fault)(
+        fault = (problem.options.engine,) if is_coarse and is_faulty else ()
+        return Engines(result, lambda _: math.inf if is_coarse and not is_faulty else 1.2 * BOUND_S, fault)(
             problem
         )
 
-    best = find_best(make_problem(cost, best=BestOptions(budget_s)), run_engine)
-    assert not best.faults
-    assert best.attempts[0].granularity != "auto"
-    assert best.attempts[1].granularity == "auto"
+    best_result = find_best(make_problem(cost, best=BestOptions(budget_s)), run_engine)
+    assert not best_result.faults
+    assert best_result.attempts[0].granularity != "auto"
+    assert best_result.attempts[1].granularity == "auto"
 
 
 def test_first_grid_is_coarser_for_a_small_budget(cost: CostModel) -> None:
     grids = [
         choose_first_grid(make_problem(cost, best=BestOptions(budget_s))) for budget_s in (0.0, 2.0, 6.0)
     ]
-    assert grids[0] == 15  # as for few printers
+    assert grids[0] == 15  # the same as for few printers
     assert [*grids] == sorted(grids)
     assert grids[1] < grids[2] < make_problem(cost).choose_granularity(BLOCK)
     assert choose_first_grid(make_problem(cost)) == "auto"

@@ -1,4 +1,4 @@
-"""Bound on boxes off any grid, compared with partitions at random planes, priced from their cut solids."""
+"""Bound on boxes that lie on no grid, compared with random partitions whose cut solids are priced."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from decompose.print_time import POSE_ROTATIONS, CostModel, Recipe, measure_pose
 from decompose.printers import PrinterRoom
 
 KNOWN_MAKESPAN_RATIO = 1.001
-"""Ratio of the makespan that is given as known to the one that the bound must not exceed."""
+"""Ratio of the known makespan that is passed in to the one that the bound must not exceed."""
 COSTS = (
     CostModel.from_recipe(Recipe()),
     CostModel.from_recipe(Recipe(prelude_s=60.0, bed_layers_saved=2.0, top_layers_saved=1.0)),
@@ -38,9 +38,9 @@ def draw_boxes(rng: np.random.Generator, count: int, low: np.ndarray, high: np.n
     while len(boxes) < count:
         box = boxes.pop(int(rng.integers(len(boxes))))
         axis = int(rng.integers(3))
-        near, far = box.copy(), box.copy()
-        near[1, axis] = far[0, axis] = rng.uniform(*(box[:, axis]))
-        boxes += [near, far]
+        near_box, far_box = box.copy(), box.copy()
+        near_box[1, axis] = far_box[0, axis] = rng.uniform(*(box[:, axis]))
+        boxes += [near_box, far_box]
     return boxes
 
 
@@ -59,7 +59,7 @@ def price_content_s(solid: Solid, box: np.ndarray, cost: CostModel) -> float:
 
 
 def is_deep(box: np.ndarray, low: np.ndarray, high: np.ndarray, wall_mm: float) -> bool:
-    """Check whether a box is further from all sides of a block than the thickness of its wall."""
+    """Check whether all sides of a box lie deeper in a block than its wall is thick."""
     return bool((box[0] >= low + wall_mm).all() and (box[1] <= high - wall_mm).all())
 
 
@@ -99,9 +99,9 @@ def test_no_hollow_partition_of_a_block_undercuts_the_bound(
     rng = np.random.default_rng(seed)
     low, high = np.zeros(3), side_mm * rng.uniform(0.5, 1.0, 3)
     solid = Solid.box(low, high)
-    near = wall_mm + rng.uniform(0.0, 0.2, 3) * (high - 2.0 * wall_mm)
-    far = high - wall_mm - rng.uniform(0.0, 0.2, 3) * (high - 2.0 * wall_mm)
-    planes = np.stack([low, near, far, high])
+    near_mm = wall_mm + rng.uniform(0.0, 0.2, 3) * (high - 2.0 * wall_mm)
+    far_mm = high - wall_mm - rng.uniform(0.0, 0.2, 3) * (high - 2.0 * wall_mm)
+    planes = np.stack([low, near_mm, far_mm, high])
     boxes = [
         np.array([[planes[i + side, axis] for axis, i in enumerate(cell)] for side in range(2)])
         for cell in np.ndindex(3, 3, 3)
@@ -118,22 +118,24 @@ def test_no_hollow_partition_of_a_block_undercuts_the_bound(
     assert bound_s <= sum(times_s) / len(boxes)
 
 
-def test_cuts_that_rooms_need_and_solid_that_must_be_printed_raise_the_bound(cost: CostModel) -> None:
+def test_necessary_cuts_and_a_solid_interior_raise_the_bound(cost: CostModel) -> None:
     solid = Solid.box((0, 0, 0), (400, 400, 400))
     vertices, faces = solid.arrays()
     triangles = vertices[faces]
     small_rooms, large_rooms = [make_room(205.0)] * 8, [make_room(500.0)] * 8
-    hollow_s = compute_any_boxes_bound_s(triangles, small_rooms, cost, 10.0, 1e6)
-    full_s = compute_any_boxes_bound_s(triangles, small_rooms, cost, math.inf, 1e6)
-    uncut_s = compute_any_boxes_bound_s(triangles, large_rooms, cost, math.inf, 1e6)
-    assert hollow_s < full_s and uncut_s < full_s
+    hollow_bound_s = compute_any_boxes_bound_s(triangles, small_rooms, cost, 10.0, 1e6)
+    solid_bound_s = compute_any_boxes_bound_s(triangles, small_rooms, cost, math.inf, 1e6)
+    uncut_bound_s = compute_any_boxes_bound_s(triangles, large_rooms, cost, math.inf, 1e6)
+    assert hollow_bound_s < solid_bound_s and uncut_bound_s < solid_bound_s
     makespan_s = price_content_s(solid, np.array([[0.0] * 3, [200.0] * 3]), cost)
-    assert 0.85 * makespan_s < full_s <= makespan_s  # eight cubes are the best partition into boxes
+    assert 0.85 * makespan_s < solid_bound_s <= makespan_s  # eight cubes are the best partition into boxes
     assert compute_any_boxes_bound_s(triangles, small_rooms, cost, math.inf, 10.0) == 10.0
 
 
 def test_faster_printers_lower_the_bound_by_their_throughput(cost: CostModel) -> None:
     vertices, faces = Solid.box((0, 0, 0), (300, 300, 300)).arrays()
-    equal_s = compute_any_boxes_bound_s(vertices[faces], [make_room(205.0)] * 8, cost, math.inf, 1e6)
-    fast_s = compute_any_boxes_bound_s(vertices[faces], [make_room(205.0, 0.5)] * 8, cost, math.inf, 5e5)
-    assert fast_s == pytest.approx(0.5 * equal_s)
+    equal_bound_s = compute_any_boxes_bound_s(vertices[faces], [make_room(205.0)] * 8, cost, math.inf, 1e6)
+    fast_bound_s = compute_any_boxes_bound_s(
+        vertices[faces], [make_room(205.0, 0.5)] * 8, cost, math.inf, 5e5
+    )
+    assert fast_bound_s == pytest.approx(0.5 * equal_bound_s)

@@ -1,4 +1,4 @@
-"""Covering of cells by the fewest boxes, checked by the constraints of the programme and its dual."""
+"""Covering of cells by the fewest boxes, checked by the constraints of the linear programme and its dual."""
 
 from __future__ import annotations
 

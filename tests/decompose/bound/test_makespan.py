@@ -41,7 +41,7 @@ def compute_bound(tables: BoxTables, is_needed: np.ndarray, printers: int) -> tu
     ), solver.find_longest_time_s()
 
 
-def find_min_makespan_by_recursion(tables: BoxTables, is_needed: np.ndarray, printers: int) -> float:
+def find_min_makespan_by_recursion_s(tables: BoxTables, is_needed: np.ndarray, printers: int) -> float:
     """Search all sets of boxes that cover the needed cells, which include all partitions."""
     bits = {tuple(map(int, cell)): 1 << i for i, cell in enumerate(np.argwhere(is_needed))}
     choices = []
@@ -52,20 +52,20 @@ def find_min_makespan_by_recursion(tables: BoxTables, is_needed: np.ndarray, pri
         choices.append((cells_inside, seconds, pieces))
 
     @cache
-    def find_least_s(remaining: int, printer_count: int) -> float:
+    def find_min_makespan_s(remaining: int, printer_count: int) -> float:
         if not remaining:
             return 0.0
         first_cell = remaining & -remaining
         return min(
             (
-                max(seconds, find_least_s(remaining & ~cells_inside, printer_count - pieces))
+                max(seconds, find_min_makespan_s(remaining & ~cells_inside, printer_count - pieces))
                 for cells_inside, seconds, pieces in choices
                 if cells_inside & first_cell and pieces <= printer_count
             ),
             default=math.inf,
         )
 
-    return find_least_s(sum(bits.values()), printers)
+    return find_min_makespan_s(sum(bits.values()), printers)
 
 
 @settings(max_examples=40, deadline=None)
@@ -74,7 +74,7 @@ def test_no_partition_is_below_the_bound(shape: Shape, seed: int, printers: int)
     tables, is_needed = make_tables(shape, seed)
     assume(is_needed.sum() <= 14)
     bound, makespan_s = compute_bound(tables, is_needed, printers)
-    assert 0.0 < bound.seconds <= find_min_makespan_by_recursion(tables, is_needed, printers) <= makespan_s
+    assert 0.0 < bound.seconds <= find_min_makespan_by_recursion_s(tables, is_needed, printers) <= makespan_s
 
 
 @settings(max_examples=40, deadline=None)
@@ -107,8 +107,8 @@ def test_bound_equals_that_of_the_complete_linear_programme(shape: Shape, seed: 
     def is_refuted(limit_s: float) -> bool:
         rows = [i for i, (_, seconds, _) in enumerate(all_boxes) if seconds <= limit_s]
         parts = np.array([all_boxes[i][2] for i in rows], float)
-        spread = linprog(-np.ones(cells_inside.shape[1]), cells_inside[rows], parts, bounds=(0.0, 1.0))
-        return bool(-spread.fun > printers + 1e-3)
+        solution = linprog(-np.ones(cells_inside.shape[1]), cells_inside[rows], parts, bounds=(0.0, 1.0))
+        return bool(-solution.fun > printers + 1e-3)
 
     limits_s = sorted(seconds for _, seconds, _ in all_boxes)
     proven_s = next(t for t in limits_s if not is_refuted(t))
@@ -116,7 +116,7 @@ def test_bound_equals_that_of_the_complete_linear_programme(shape: Shape, seed: 
 
 
 def test_row_of_equal_cells_is_bounded_by_the_longest_share() -> None:
-    """Print seven cells on three printers: one prints three, and fractions of boxes do not reduce that."""
+    """Print seven cells on three printers, one of which must print three, even if boxes are divided."""
     shape = (7, 1, 1)
     tables, _ = make_tables(shape, 0)
     is_needed = np.ones(shape, bool)
@@ -127,8 +127,8 @@ def test_row_of_equal_cells_is_bounded_by_the_longest_share() -> None:
     assert bound_makespan(tables, is_needed, 3, 30.0).seconds == 30.0
 
 
-def test_bound_exceeds_the_volume_bound_with_many_cells() -> None:
-    """Check that the bound stays close on a grid that is too large for a simplex method."""
+def test_bound_stays_close_to_the_makespan_with_many_cells() -> None:
+    """Use a grid that is too large for a simplex method."""
     tables, is_needed = make_tables((9, 8, 7), 3)
     solver = Partitioner(tables)
     assert solver.find_min_makespan(20, 0.0) is not None
@@ -141,7 +141,7 @@ def test_bound_exceeds_the_volume_bound_with_many_cells() -> None:
 def test_slabs_of_a_block_never_end_before_the_bound(
     width_mm: float, depth_mm: float, height_mm: float, slabs: int
 ) -> None:
-    """Include small slabs, whose sides are all rim and whose walls are all inset."""
+    """Include slabs so small that their skin is rim only and their walls are inset only."""
     cost = CostModel.from_recipe(Recipe(prelude_s=60.0))
     slab_s = price_axis_poses_s(*Solid.box((0, 0, 0), (width_mm, depth_mm, height_mm / slabs)).arrays(), cost)
     block = Solid.box((0, 0, 0), (width_mm, depth_mm, height_mm))

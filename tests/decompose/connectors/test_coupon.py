@@ -1,4 +1,4 @@
-"""Coupon of holes that differ by 0.1 mm: no support, each hole with its number."""
+"""Coupon of numbered holes whose fits differ by 0.1 mm, and which print without support."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ def measure_width_mm(points: np.ndarray, direction: np.ndarray) -> float:
 def test_holes_on_top_and_in_front_get_wider_in_steps_of_the_fit(coupon: tuple[float, Coupon]) -> None:
     pin_mm, coupon_result = coupon
     count = len(coupon_result.fits_mm)
-    for first in (0, count):
+    for start_index in (0, count):
         widths_mm = [
             measure_width_mm(hole.points_mm, hole.inward_normal)
-            for hole in coupon_result.holes[first : first + count]
+            for hole in coupon_result.holes[start_index : start_index + count]
         ]
         assert widths_mm == pytest.approx([pin_mm + fit_mm for fit_mm in coupon_result.fits_mm])
     gauges_mm = [
@@ -65,10 +65,10 @@ def test_gauges_have_the_lengths_of_all_pins_and_keys(coupon: tuple[float, Coupo
         assert coupon_result.lengths_mm == (11.0, 9.0, 5.0)
 
 
-def test_key_lies_in_the_grooves_of_block_and_plate_as_wide_as_their_fit(
+def test_grooves_of_block_and_plate_hold_a_key_that_is_as_wide_as_their_fit(
     coupon: tuple[float, Coupon],
 ) -> None:
-    """The plate is moved onto the back of the block; a rod as wide as the fit allows touches both."""
+    """Move the plate onto the back of the block, and check that only a rod within the fit goes in."""
     pin_mm, coupon_result = coupon
     block, plate = sorted(coupon_result.solid.list_pieces(), key=lambda piece: -piece.volume_mm3)
     back_mm = block.bounds_mm[1][1]
@@ -90,10 +90,10 @@ def test_coupon_prints_without_support_in_two_pieces_and_is_a_closed_stl(
     _, coupon_result = coupon
     assert len(coupon_result.solid.list_pieces()) == 2
     assert round_triangles(*coupon_result.solid.arrays()) is not None
-    for tools, limit in (
+    for tools, limit_sin in (
         (coupon_result.holes, MAX_HOLE_SIN),
         ([*coupon_result.grooves, *(g for m in coupon_result.marks for g in m.grooves)], MAX_GROOVE_SIN),
     ):
         for tool in tools:
-            assert compute_overhang_sin(tool.points_mm, tool.inward_normal, UP) <= limit
+            assert compute_overhang_sin(tool.points_mm, tool.inward_normal, UP) <= limit_sin
             assert not closes_in_a_step(tool, UP)

@@ -23,17 +23,20 @@ CUT = np.array([[0.0, 0.0, 1.0, 30.0]])
 POSES = [np.array(up) for up in ((0.0, 0.0, 1.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))]
 
 
-def make_wall(width_mm: float, slope: float, from_mm: float, to_mm: float) -> Piece:
+def make_wall(width_mm: float, slope: float, bottom_mm: float, top_mm: float) -> Piece:
     """Make a wall along x that leans in y."""
     corners = [
-        (x, y + slope * (z - 30.0), z) for x in (0.0, 60.0) for y in (0.0, width_mm) for z in (from_mm, to_mm)
+        (x, y + slope * (z - 30.0), z)
+        for x in (0.0, 60.0)
+        for y in (0.0, width_mm)
+        for z in (bottom_mm, top_mm)
     ]
     solid = Solid.hull(np.array(corners))
     return Piece(solid, CUT, np.array([solid.bounds_mm]))
 
 
 def drill_wall(width_mm: float, slope: float, up_axis: np.ndarray = POSES[0]) -> DrilledParts:
-    """Plan the connectors of a leaning wall that is cut level, and drill its two parts."""
+    """Plan the connectors of a leaning wall with a horizontal cut, and drill its two parts."""
     pieces = [make_wall(width_mm, slope, 0.0, 30.0), make_wall(width_mm, slope, 30.0, 60.0)]
     joints = find_joints(pieces)
     assembly = plan_assembly(pieces, joints)
@@ -99,7 +102,7 @@ def test_cut_list_names_pieces_of_each_diameter() -> None:
 
 
 def test_thick_and_thin_key_of_equal_length_are_not_a_pair() -> None:
-    """The thin key fits both grooves, so the two keys do not show the orientation of a body."""
+    """Use a thin key that fits both grooves, so that the keys do not show the orientation of a body."""
     thick_key, thin_key = drill_wall(7.0, 0.4).connectors.pins[1], drill_wall(5.5, 0.4).connectors.pins[1]
     assert (thick_key.length_mm, thin_key.length_mm) == (
         5.0,

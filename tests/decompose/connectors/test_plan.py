@@ -30,8 +30,8 @@ from decompose.results.connector_rules import DrilledParts, find_wrong_fits
 
 ALL_CONNECTORS = ConnectorOptions(2.85, 0.4, marks=True)
 PHASES = (Phase.explicit, Phase.reuse, Phase.generate)  # shrinking takes minutes
-UPRIGHT = np.array([0.0, 0.0, 1.0])
-LEANING = np.array([0.0, 0.6, -0.8])  # a level face overhangs in this pose: it may have holes, but no grooves
+UPRIGHT_AXIS = np.array([0.0, 0.0, 1.0])
+LEANING_AXIS = np.array([0.0, 0.6, -0.8])  # level faces can have holes in this pose, but no grooves
 Span = tuple[tuple[float, ...], tuple[float, ...]]
 
 
@@ -44,15 +44,15 @@ def make_boxes(*spans: Span) -> list[Piece]:
 
 def plan_and_drill(
     pieces: Sequence[Piece],
-    ups: Sequence[np.ndarray] | None = None,
+    up_axes: Sequence[np.ndarray] | None = None,
     options: ConnectorOptions = ALL_CONNECTORS,
 ) -> tuple[Connectors, DrilledParts]:
     """Plan connectors, drill the parts, and check that no rule is broken."""
     joints = find_joints(pieces)
     assembly = plan_assembly(pieces, joints)
-    ups = ups or [UPRIGHT] * len(pieces)
+    up_axes = up_axes or [UPRIGHT_AXIS] * len(pieces)
     blanks = [
-        Blank(str(n), p.solid, up_axis) for n, (p, up_axis) in enumerate(zip(pieces, ups, strict=True), 1)
+        Blank(str(n), p.solid, up_axis) for n, (p, up_axis) in enumerate(zip(pieces, up_axes, strict=True), 1)
     ]
     connectors = plan_connectors(blanks, joints, assembly, options, 25.0)
     parts = DrilledParts(blanks, drill_parts(blanks, connectors), joints, assembly.steps, connectors)
@@ -73,7 +73,7 @@ def test_two_halves_get_a_long_and_a_short_key_in_opposite_corners():
 
 
 def test_halves_that_lean_get_a_deep_and_a_shallow_pin_in_opposite_corners():
-    connectors, _ = plan_and_drill(HALVES, [LEANING, UPRIGHT])
+    connectors, _ = plan_and_drill(HALVES, [LEANING_AXIS, UPRIGHT_AXIS])
     deep_pin, shallow_pin = connectors.pins
     assert deep_pin.key_direction is None and shallow_pin.key_direction is None
     assert deep_pin.depth_mm > shallow_pin.depth_mm + 2.0
@@ -82,11 +82,11 @@ def test_halves_that_lean_get_a_deep_and_a_shallow_pin_in_opposite_corners():
     assert not connectors.unpinned
 
 
-def test_marks_read_from_outside_and_their_arrows_agree():
+def test_marks_are_readable_from_outside_and_their_arrows_agree():
     connectors, _ = plan_and_drill(make_boxes(((0, 0, 0), (30, 60, 60)), ((30, 0, 0), (60, 60, 60))))
     assert [mark.text for mark in connectors.marks] == ["1-2^", "2-1^"]
     for mark, outward in zip(connectors.marks, (1.0, -1.0), strict=True):
-        right_direction = np.cross(UPRIGHT, [outward, 0.0, 0.0])
+        right_direction = np.cross(UPRIGHT_AXIS, [outward, 0.0, 0.0])
         ends = mark.lines_mm @ right_direction
         assert ends[0].max() < ends[-1].min()  # the first digit is left of the arrow
         shaft, *wings = mark.lines_mm[-3:]
@@ -115,7 +115,7 @@ def test_arrow_of_a_turned_text_still_points_up():
     assert all(np.linalg.norm(wing_mm - tip, axis=1).min() < 1e-9 for wing_mm in (first_line, second_line))
 
 
-def test_thin_joint_has_neither_pins_nor_digits_and_that_is_reported():
+def test_missing_pins_and_digits_of_a_thin_joint_are_reported():
     connectors, parts = plan_and_drill(make_boxes(((0, 0, 0), (60, 40, 3)), ((60, 0, 0), (120, 40, 3))))
     assert not connectors.pins and not connectors.tools
     assert [reason for _, reason in connectors.unpinned] == ["too small for a pin"]
@@ -129,34 +129,34 @@ def test_small_joint_is_marked_by_the_same_dots_on_both_faces():
     assert texts == [".", "."]
 
 
-@pytest.mark.parametrize(("up", "rim_mm"), [(UPRIGHT, 0.0), (LEANING, 2.0)])
+@pytest.mark.parametrize(("up", "rim_mm"), [(UPRIGHT_AXIS, 0.0), (LEANING_AXIS, 2.0)])
 def test_keys_and_pins_avoid_a_hollow_below_a_joint(up: np.ndarray, rim_mm: float):
-    low, high = HALVES
+    lower_half, upper_half = HALVES
     hollow = Solid.box((10, 5, 2), (58, 38, 17.5))
-    low = Piece(low.solid.subtract(hollow), low.planes, low.boxes_mm)
-    connectors, _ = plan_and_drill([low, high], [up, UPRIGHT])
+    lower_half = Piece(lower_half.solid.subtract(hollow), lower_half.planes, lower_half.boxes_mm)
+    connectors, _ = plan_and_drill([lower_half, upper_half], [up, UPRIGHT_AXIS])
     hollow_area = shapely.box(10.0, 5.0, 58.0, 38.0).buffer(rim_mm - 1e-6)
     assert connectors.pins
     assert not any(hollow_area.contains(shapely.Point(pin.position_mm[:2])) for pin in connectors.pins)
 
 
 def test_face_that_leans_over_in_its_pose_is_not_marked():
-    connectors, _ = plan_and_drill(HALVES, [LEANING, UPRIGHT])
+    connectors, _ = plan_and_drill(HALVES, [LEANING_AXIS, UPRIGHT_AXIS])
     assert {mark.part for mark in connectors.marks} == {1}
     assert connectors.unmarked == ((0, "a face overhangs in its part's pose"),)
     assert len(connectors.pins) == 2  # their holes have a roof that follows the pose
 
 
-@pytest.mark.parametrize("up", [UPRIGHT, LEANING])
+@pytest.mark.parametrize("up", [UPRIGHT_AXIS, LEANING_AXIS])
 def test_large_joint_has_pins_or_keys_near_all_of_its_glue(up: np.ndarray):
     connectors, _ = plan_and_drill(
-        make_boxes(((0, 0, 0), (200, 200, 30)), ((0, 0, 30), (200, 200, 60))), [up, UPRIGHT]
+        make_boxes(((0, 0, 0), (200, 200, 30)), ((0, 0, 30), (200, 200, 60))), [up, UPRIGHT_AXIS]
     )
     points_mm = np.array([pin.position_mm[:2] for pin in connectors.pins])
     grid = np.array(np.meshgrid(np.arange(2.5, 200, 5), np.arange(2.5, 200, 5))).reshape(2, -1).T
     is_near = np.linalg.norm(grid[:, None] - points_mm, axis=2).min(axis=1) < 60.0
     assert is_near.mean() >= 0.95
-    assert connectors.pins[1].is_slotted == (up is LEANING)
+    assert connectors.pins[1].is_slotted == (up is LEANING_AXIS)
 
 
 def test_slide_gets_pins_only_along_its_direction():
@@ -180,9 +180,9 @@ def cut_at_random(random: Random, cuts: int) -> list[Piece]:
         lo, hi = spans.pop(random.randrange(len(spans)))
         axis = random.randrange(3)
         at_mm = lo[axis] + (hi[axis] - lo[axis]) * random.uniform(0.3, 0.7)
-        top, bottom = hi.copy(), lo.copy()
-        top[axis] = bottom[axis] = at_mm
-        spans += [(lo, top), (bottom, hi)]
+        lower_end, upper_start = hi.copy(), lo.copy()
+        lower_end[axis] = upper_start[axis] = at_mm
+        spans += [(lo, lower_end), (upper_start, hi)]
     return make_boxes(*((tuple(lo), tuple(hi)) for lo, hi in spans))
 
 
@@ -217,15 +217,15 @@ def test_body_turned_around_does_not_close_with_pins_of_any_diameter(
     pin_mm: float, deep_mm: float, shallow_mm: float
 ):
     assert choose_depths_mm(pin_mm) == (deep_mm, shallow_mm)
-    connectors, _ = plan_and_drill(HALVES, [LEANING, UPRIGHT], ConnectorOptions(pin_mm))
+    connectors, _ = plan_and_drill(HALVES, [LEANING_AXIS, UPRIGHT_AXIS], ConnectorOptions(pin_mm))
     assert find_wrong_fits(connectors.pins) == [] and len(connectors.pins) == 2
 
 
-@pytest.mark.parametrize("up", [UPRIGHT, LEANING])
+@pytest.mark.parametrize("up", [UPRIGHT_AXIS, LEANING_AXIS])
 def test_pair_avoids_a_distance_that_is_taken(up: np.ndarray):
-    free_distance_mm = measure_distance_mm(*plan_and_drill(HALVES, [up, UPRIGHT])[0].pins)
+    free_distance_mm = measure_distance_mm(*plan_and_drill(HALVES, [up, UPRIGHT_AXIS])[0].pins)
     options = replace(ALL_CONNECTORS, used_distances_mm=(free_distance_mm, free_distance_mm - 1.6))
-    connectors, _ = plan_and_drill(HALVES, [up, UPRIGHT], options)
+    connectors, _ = plan_and_drill(HALVES, [up, UPRIGHT_AXIS], options)
     assert (
         min(abs(measure_distance_mm(*connectors.pins) - used_mm) for used_mm in options.used_distances_mm)
         > 1.4
@@ -236,7 +236,7 @@ def test_pair_avoids_a_distance_that_is_taken(up: np.ndarray):
 
 
 def test_thin_wall_takes_pins_whose_roof_points_along_it():
-    """Use a wall that is thinner than the circle around a hole, which a roof makes higher than wide."""
+    """Use a wall thinner than the circle around a hole; a roof makes a hole higher than wide."""
     walls = make_boxes(((0, 0, 0), (60, 6.4, 60)), ((60, 0, 0), (120, 6.4, 60)))
     connectors, _ = plan_and_drill(walls, options=ConnectorOptions(2.85))
     assert len(connectors.pins) == 2 and not connectors.unpinned

@@ -21,8 +21,8 @@ from decompose.results.connector_rules import DrilledParts
 
 PHASES = (Phase.explicit, Phase.reuse, Phase.generate)  # shrinking takes minutes
 FLOOR_MM, WALL_MM = 20.0, 40.0  # top of the lower part's floor, and front of its wall
-WALL = 1  # number of the part
-UP = np.array([0.0, 0.0, 1.0])
+WALL_PART = 1  # number of the part
+UP_AXIS = np.array([0.0, 0.0, 1.0])
 POSES = [np.array(up) for up in ((0.0, 0.0, 1.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0), (0.0, -1.0, 0.0))]
 
 
@@ -42,16 +42,27 @@ def make_drilled_parts(height_mm: float, up: np.ndarray = POSES[0], *, cap_mm: f
     joints = find_joints(pieces)
     bodies = [((1,), (0,)), *([((3,), (2,))] if cap_mm else []), ((2, 3) if cap_mm else (2,), (0, 1))]
     steps = []
-    for moved, fixed in bodies:
+    for moved_parts, fixed_parts in bodies:
         step_joints = tuple(
             n
             for n, joint in enumerate(joints)
-            if {(joint.a in moved, joint.b in fixed), (joint.b in moved, joint.a in fixed)} & {(True, True)}
+            if {
+                (joint.a in moved_parts, joint.b in fixed_parts),
+                (joint.b in moved_parts, joint.a in fixed_parts),
+            }
+            & {(True, True)}
         )
         slides = len(step_joints) > 1
         steps.append(
             AssemblyStep(
-                moved, fixed, UP, step_joints, sum(joints[n].area_mm2 for n in step_joints), slides, (), 1
+                moved_parts,
+                fixed_parts,
+                UP_AXIS,
+                step_joints,
+                sum(joints[n].area_mm2 for n in step_joints),
+                slides,
+                (),
+                1,
             )
         )
     blanks = [Blank(str(n), piece.solid, up) for n, piece in enumerate(pieces, 1)]
@@ -87,16 +98,16 @@ def test_wall_near_the_floor_needs_no_keys_that_slide() -> None:
 
 
 def test_keys_enter_the_wall_from_above_where_a_thin_cap_covers_it() -> None:
-    """Keys on the wall's top have no room in the cap, so the glue below it is far from all other keys."""
+    """Use a cap that is too thin for keys, so that the glue below it is far from all other keys."""
     parts = make_drilled_parts(150.0, cap_mm=2.0)
     exits = [
-        (hole.part, float(hole.exit @ UP))
+        (hole.part, float(hole.exit @ UP_AXIS))
         for key in list_sliding_pins(parts)
         for hole in key.holes
         if hole.exit is not None
     ]
     assert list(parts.find_faults()) == []
-    assert set(exits) == {(WALL, 1.0)}
+    assert set(exits) == {(WALL_PART, 1.0)}
 
 
 @settings(deadline=None, max_examples=10, phases=PHASES)
@@ -125,30 +136,32 @@ def close_groove(hole: Tool, key: Pin, *, exit_direction: np.ndarray | None) -> 
 
 def test_key_that_cannot_enter_its_groove_is_refused(tall_parts: DrilledParts) -> None:
     key = list_sliding_pins(tall_parts)[0]
-    moved, fixed = key.holes
-    assert moved.exit is not None
-    for other in (
-        close_groove(moved, key, exit_direction=moved.exit),
-        close_groove(moved, key, exit_direction=None),
-        replace(moved, exit=-moved.exit),
+    moved_hole, fixed_hole = key.holes
+    assert moved_hole.exit is not None
+    for other_groove in (
+        close_groove(moved_hole, key, exit_direction=moved_hole.exit),
+        close_groove(moved_hole, key, exit_direction=None),
+        replace(moved_hole, exit=-moved_hole.exit),
     ):
-        assert Rule.ORDER in find_broken_rules(change_key(tall_parts, holes=(other, fixed)))
+        assert Rule.ORDER in find_broken_rules(change_key(tall_parts, holes=(other_groove, fixed_hole)))
     assert Rule.PINNED in find_broken_rules(change_key(tall_parts, key_direction=np.array([0.0, 0.6, 0.8])))
 
 
 def test_groove_that_leaves_through_the_surface_is_refused(tall_parts: DrilledParts) -> None:
-    """The groove runs up the block to its top, which is visible."""
+    """Use a groove that runs up the block to its visible top."""
     key = list_sliding_pins(tall_parts)[0]
-    moved, fixed = key.holes
-    assert moved.exit is not None
-    top_mm = tall_parts.blanks[moved.part].solid.bounds_mm[1][2]
+    moved_hole, fixed_hole = key.holes
+    assert moved_hole.exit is not None
+    top_mm = tall_parts.blanks[moved_hole.part].solid.bounds_mm[1][2]
     ends = np.array([key.position_mm, [*key.position_mm[:2], top_mm + 0.1]])
-    open_groove = replace(make_groove(moved.part, ends, moved.inward_normal, key.depth_mm), exit=-moved.exit)
-    assert Rule.SKIN in find_broken_rules(change_key(tall_parts, holes=(open_groove, fixed)))
+    open_groove = replace(
+        make_groove(moved_hole.part, ends, moved_hole.inward_normal, key.depth_mm), exit=-moved_hole.exit
+    )
+    assert Rule.SKIN in find_broken_rules(change_key(tall_parts, holes=(open_groove, fixed_hole)))
 
 
 def test_keys_that_slide_belong_to_no_pair(tall_parts: DrilledParts) -> None:
-    key, other = (*list_sliding_pins(tall_parts), *list_sliding_pins(tall_parts))[:2]
+    key, other_key = (*list_sliding_pins(tall_parts), *list_sliding_pins(tall_parts))[:2]
     long_key = next(pin for pin in tall_parts.connectors.pins if not pin.slides)
-    assert find_pairs([key, replace(other, length_mm=9.0)]) == {}
+    assert find_pairs([key, replace(other_key, length_mm=9.0)]) == {}
     assert find_pairs([long_key, replace(key, step=long_key.step)]) == {}

@@ -66,13 +66,13 @@ def test_animation_ends_with_each_part_in_its_place(
         animated_nodes.add(node["name"])
         sampler = animation["samplers"][channel["sampler"]]
         times_s = read_floats(tree, binary, sampler["input"])[:, 0]
-        keys = read_floats(tree, binary, sampler["output"])
-        assert times_s[0] == 0.0 and (np.diff(times_s) > 0.0).all() and len(times_s) == len(keys)
-        assert np.linalg.norm(keys[0]) >= 25.0 and not keys[-1].any()
+        translations = read_floats(tree, binary, sampler["output"])
+        assert times_s[0] == 0.0 and (np.diff(times_s) > 0.0).all() and len(times_s) == len(translations)
+        assert np.linalg.norm(translations[0]) >= 25.0 and not translations[-1].any()
     assert animated_nodes == {parts[number].id for step in assembly.steps for number in step.moved_parts}
 
 
-def test_no_steps_make_no_animation(parts: list[Part], tmp_path: Path) -> None:
+def test_file_without_steps_has_no_animation(parts: list[Part], tmp_path: Path) -> None:
     write_glb(parts, tmp_path / "assembly.glb")
     assert "animations" not in read_glb(tmp_path / "assembly.glb")[0]
 
@@ -92,5 +92,7 @@ def test_parts_of_a_body_move_together(parts: list[Part], assembly: Assembly) ->
 
 
 def test_moves_grow_with_the_body(parts: list[Part], assembly: Assembly) -> None:
-    long_parts = [replace(part, solid=Solid.box((0, 0, 0), (1000, 1000, 1000))) for part in parts]
-    assert np.linalg.norm(find_movements_mm(long_parts, assembly.steps), axis=1) == pytest.approx([300.0] * 3)
+    large_parts = [replace(part, solid=Solid.box((0, 0, 0), (1000, 1000, 1000))) for part in parts]
+    assert np.linalg.norm(find_movements_mm(large_parts, assembly.steps), axis=1) == pytest.approx(
+        [300.0] * 3
+    )

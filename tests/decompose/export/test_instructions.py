@@ -114,7 +114,7 @@ def count_colour(picture: Image.Image, colour: np.ndarray) -> int:
     return int(((np.abs(pixels - shade * colour) < 0.03).all(axis=2) & (shade[..., 0] > 0.3)).sum())
 
 
-def test_the_page_names_every_part_and_joint_once_and_loads_nothing(
+def test_page_names_every_part_and_joint_once_and_loads_no_file(
     drilled_table: Decomposition, page: str
 ) -> None:
     rows = re.findall(r"<tr[^>]*><td>(p\d+)</td>", page)
@@ -133,7 +133,7 @@ def test_pins_and_codes_are_listed_in_their_steps(drilled_table: Decomposition, 
     for number, section in enumerate(sections):
         pins = [pin for pin in drilled_table.connectors.pins if pin.step == number]
         assert len(pins) >= 2
-        keys = re.findall(r"data-pin[^>]*>key (\d+)", section)  # joint by joint
+        keys = re.findall(r"data-pin[^>]*>key (\d+)", section)  # sorted by joint
         assert sorted(keys) == sorted(f"{pin.length_mm:.0f}" for pin in pins)
         joints = drilled_table.assembly.steps[number].joints
         marks = [mark for mark in drilled_table.connectors.marks if mark.joint in joints]
@@ -163,8 +163,8 @@ def test_faces_without_a_code_are_named(
 
 def test_ruler_and_gauge_have_their_size_in_millimetres(page: str) -> None:
     drawing = draw_gauge([(13.0, 2.85), (7.0, 2.85)])
-    size = re.search(r'width="([\d.]+)mm" height="([\d.]+)mm" viewBox="0 0 ([\d.]+) ([\d.]+)"', drawing)
-    assert size is not None and size.groups()[:2] == size.groups()[2:]
+    size_match = re.search(r'width="([\d.]+)mm" height="([\d.]+)mm" viewBox="0 0 ([\d.]+) ([\d.]+)"', drawing)
+    assert size_match is not None and size_match.groups()[:2] == size_match.groups()[2:]
     assert re.findall(r'<rect [^>]*width="([\d.]+)" height="([\d.]+)"', drawing) == [
         ("13", "2.85"),
         ("7", "2.85"),
@@ -192,11 +192,11 @@ def test_chosen_view_shows_pins_and_codes(drilled_table: Decomposition) -> None:
         pose = find_pose(step.direction)
         scene = build_both_bodies(number, drilled_table, 60.0 * step.direction)
         camera = make_camera(*choose_view(scene, pose, ELEVATIONS_DEG, None)) @ pose
-        visible = draw_shapes(scene.shapes, camera, 400, oversample=1).visible
-        visible_counts = [(visible == 1 + scene.first_pin + k).sum() for k in range(len(scene.pins))]
+        visible_numbers = draw_shapes(scene.shapes, camera, 400, oversample=1).visible
+        visible_counts = [(visible_numbers == 1 + scene.first_pin + k).sum() for k in range(len(scene.pins))]
         assert len(visible_counts) >= 2 and min(visible_counts) > 0
-        ink = [k for k, shape in enumerate(scene.shapes, 1) if (shape.colour == INK_COLOUR).all()]
-        assert ink and np.isin(visible, ink).sum() > 20
+        ink_numbers = [k for k, shape in enumerate(scene.shapes, 1) if (shape.colour == INK_COLOUR).all()]
+        assert ink_numbers and np.isin(visible_numbers, ink_numbers).sum() > 20
 
 
 def test_pose_has_the_joint_upwards_and_keeps_left_and_right_apart() -> None:
@@ -219,7 +219,9 @@ def test_holes_of_the_moved_body_lie_where_its_pins_go(drilled_table: Decomposit
         assert np.cross(*np.diff(shape.triangles[0], axis=0)) @ pin.axis < 0.0  # seen from below
 
 
-def test_step_without_pins_says_why(drilled_table: Decomposition, step_pictures: list[StepPictures]) -> None:
+def test_step_without_pins_states_the_reason(
+    drilled_table: Decomposition, step_pictures: list[StepPictures]
+) -> None:
     other_pins = tuple(pin for pin in drilled_table.connectors.pins if pin.step != 1)
     for unpinned, reason in (
         (((1, "too small for a pin"),), "too small for a pin"),
@@ -244,8 +246,8 @@ def test_previous_view_is_kept_or_approached(drilled_table: Decomposition) -> No
     pose = find_pose(drilled_table.assembly.steps[0].direction)
     scene = build_both_bodies(0, drilled_table, 60.0 * drilled_table.assembly.steps[0].direction)
 
-    def compute_turn_deg(azimuth_deg: float, before_deg: float) -> float:
-        return abs((azimuth_deg - before_deg + 180.0) % 360.0 - 180.0)
+    def compute_turn_deg(azimuth_deg: float, start_deg: float) -> float:
+        return abs((azimuth_deg - start_deg + 180.0) % 360.0 - 180.0)
 
     best_deg, _ = choose_view(scene, pose, ELEVATIONS_DEG, None)
     turn_angles = [
@@ -255,10 +257,9 @@ def test_previous_view_is_kept_or_approached(drilled_table: Decomposition) -> No
         )
         for previous_deg in (-58.0, 32.0, 122.0, 212.0)
     ]
-    assert all(turn_deg <= free_deg + 1e-9 for turn_deg, free_deg in turn_angles)
-    assert any(
-        turn_deg < free_deg - 1.0 for turn_deg, free_deg in turn_angles
-    )  # the previous view has an effect
+    assert all(turn_deg <= default_turn_deg + 1e-9 for turn_deg, default_turn_deg in turn_angles)
+    # The previous view has an effect.
+    assert any(turn_deg < default_turn_deg - 1.0 for turn_deg, default_turn_deg in turn_angles)
 
 
 def test_parts_without_an_order_are_named(table: Decomposition) -> None:
@@ -266,7 +267,7 @@ def test_parts_without_an_order_are_named(table: Decomposition) -> None:
     assert "p01, p02 cannot be joined" in page
 
 
-def test_page_check_names_what_is_missing_repeated_or_loaded(drilled_table: Decomposition, page: str) -> None:
+def test_page_check_names_missing_repeated_and_loaded_items(drilled_table: Decomposition, page: str) -> None:
     table = drilled_table
     name = table.parts[0].id
     assert find_page_faults(page.replace('data-pin="1"', ""), table) == ["pin 1 is missing"]
@@ -276,13 +277,13 @@ def test_page_check_names_what_is_missing_repeated_or_loaded(drilled_table: Deco
     faults = find_page_faults(page.replace(row[0], 2 * row[0]), table)
     assert all(fault.endswith("is named too often") for fault in faults)
     assert {fault.split()[0] for fault in faults} == {"joint", "pin", "mark"}
-    remote = page.replace("<h1>", '<img src="https://example.org/x.png"><h1>')
-    assert find_page_faults(remote, table) == ["it loads https://example.org/x.png"]
+    remote_page = page.replace("<h1>", '<img src="https://example.org/x.png"><h1>')
+    assert find_page_faults(remote_page, table) == ["it loads https://example.org/x.png"]
     styled_page = page.replace("<style>", "<style>@import 'x';")
     assert find_page_faults(styled_page, table) == ["its style loads a file"]
 
 
-def test_page_with_a_fault_says_so_first(
+def test_page_with_a_fault_reports_it_first(
     table: Decomposition, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
@@ -303,7 +304,7 @@ def test_layout_shows_every_part_in_its_colour(table: Decomposition) -> None:
 
 
 def test_parts_are_drawn_identically_in_another_process(drilled_table: Decomposition, tmp_path: Path) -> None:
-    """Draw parts whose solids were sent as triangles, which may change their order."""
+    """Draw parts whose solids were sent as triangles, whose order may change."""
     for name, parts in (("here", drilled_table), ("there", pickle.loads(pickle.dumps(drilled_table)))):
         (tmp_path / name).mkdir()
         draw_parts(parts, tmp_path / name)

@@ -17,7 +17,7 @@ from decompose.results import Part
 
 @pytest.fixture
 def parts() -> list[Part]:
-    """Make three boxes in a row, and one hidden inside of a large one."""
+    """Make three boxes in a row, and a small one hidden inside the middle one."""
     solids = [Solid.box((100.0 * i, 0, 0), (100.0 * i + 90.0, 90, 90)) for i in range(3)]
     solids.append(Solid.box((140, 40, 40), (150, 50, 50)))
     solids[1] = solids[1].subtract(solids[3])
@@ -48,8 +48,8 @@ def test_glb_has_each_part_in_place_in_metres_with_y_up(parts: list[Part], tmp_p
 def test_picture_shows_visible_parts(parts: list[Part], tmp_path: Path) -> None:
     draw_assembly(parts, tmp_path / "assembly.png", longest_px=300)
     picture = np.round(255 * imread(tmp_path / "assembly.png")[..., :3]).astype(int)
-    height, width, _ = picture.shape
-    assert abs(max(height, width) - 300) <= 1
+    height_px, width_px, _ = picture.shape
+    assert abs(max(height_px, width_px) - 300) <= 1
     part_colours = (255 * make_part_colours(4)).astype(int)
     for part in range(3):  # shading leaves 50 to 100 % of a face's colour
         shares = picture / np.maximum(1, part_colours[part])
@@ -57,13 +57,13 @@ def test_picture_shows_visible_parts(parts: list[Part], tmp_path: Path) -> None:
             (np.ptp(shares, axis=2) < 0.03) & (shares.max(axis=2) > 0.5) & (shares.max(axis=2) < 1.01)
         )
         assert is_similar.sum() > 300
-    assert (picture[: height // 8] == 255).all(axis=2).mean() > 0.5
+    assert (picture[: height_px // 8] == 255).all(axis=2).mean() > 0.5
 
 
 def test_picture_names_hidden_parts(
     parts: list[Part], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     messages: list[str] = []
-    monkeypatch.setattr("decompose.export.picture.fill", lambda text, width: messages.append(text) or text)
+    monkeypatch.setattr("decompose.export.picture.fill", lambda text, width_px: messages.append(text) or text)
     draw_assembly(parts, tmp_path / "assembly.png", longest_px=300)
     assert messages == ["behind: 4"]

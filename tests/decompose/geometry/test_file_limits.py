@@ -1,4 +1,4 @@
-"""Limits on files that would take too much memory or time: refused before they are parsed."""
+"""Limits on files that would take too much memory or time, which are refused before they are parsed."""
 
 import numpy as np
 import pytest
@@ -18,8 +18,8 @@ from decompose.geometry.file_limits import (
 SPHERE = trimesh.creation.icosphere(2, 10.0)
 
 
-def write_polygon(corners: int, suffix: str, comment: bytes = b"") -> bytes:
-    """Write a file with one face of many corners, and few vertices."""
+def make_polygon_file(corners: int, suffix: str, comment: bytes = b"") -> bytes:
+    """Make a file with few vertices, and one face with many corners."""
     indices = b" ".join(b"%d" % (1 + i % 3) for i in range(corners))
     match suffix:
         case ".obj":
@@ -31,18 +31,18 @@ def write_polygon(corners: int, suffix: str, comment: bytes = b"") -> bytes:
 
 @pytest.mark.parametrize("suffix", [".obj", ".off", ".ply"])
 def test_face_of_a_million_corners_is_refused(suffix: str) -> None:
-    check_limits("a", write_polygon(MAX_CORNERS - 1, suffix), suffix, None)
+    check_limits("a", make_polygon_file(MAX_CORNERS - 1, suffix), suffix, None)
     with pytest.raises(
         ModelUnreadable, match=r"face with 100000.? corners .limit 10000.; export it with triangles"
     ):
-        check_limits("a", write_polygon(1_000_000, suffix), suffix, None)
+        check_limits("a", make_polygon_file(1_000_000, suffix), suffix, None)
 
 
 def test_face_on_several_lines_counts_once_and_a_comment_is_ignored() -> None:
-    face = write_polygon(1_000_000, ".obj").replace(b" 1 2", b" \\\n1 2")
+    face = make_polygon_file(1_000_000, ".obj").replace(b" 1 2", b" \\\n1 2")
     with pytest.raises(ModelUnreadable, match="1000000 corners"):
         check_limits("a", face, ".obj", None)
-    check_limits("a", write_polygon(4, ".obj", b"# " + b"words " * MAX_CORNERS + b"\n"), ".obj", None)
+    check_limits("a", make_polygon_file(4, ".obj", b"# " + b"words " * MAX_CORNERS + b"\n"), ".obj", None)
 
 
 def test_binary_ply_of_few_faces_and_many_bytes_is_refused() -> None:
@@ -53,15 +53,15 @@ def test_binary_ply_of_few_faces_and_many_bytes_is_refused() -> None:
 
 
 @pytest.mark.parametrize("data", [b"ply", b"ply\nformat ascii 1.0\n", b"ply\n" + b"comment x\n" * 10_000])
-def test_ply_without_an_end_of_its_header_is_refused(data: bytes) -> None:
+def test_ply_whose_header_does_not_end_is_refused(data: bytes) -> None:
     with pytest.raises(ModelUnreadable, match="no end_header within 64 KiB"):
         check_limits("a", data + b" " * MAX_PLY_HEADER_BYTES + b"end_header\n", ".ply", None)
 
 
 @pytest.mark.parametrize("kind", ["stl", "stl_ascii", "obj", "ply", "off"])
 def test_triangles_of_each_format_are_counted_and_limited_by_memory(kind: str) -> None:
-    exported = SPHERE.export(file_type=kind)
-    data = exported if isinstance(exported, bytes) else exported.encode()
+    content = SPHERE.export(file_type=kind)
+    data = content if isinstance(content, bytes) else content.encode()
     suffix = f".{kind[:3]}"
     count = len(SPHERE.faces)
     assert count_triangles(data, suffix) == count
@@ -73,8 +73,8 @@ def test_triangles_of_each_format_are_counted_and_limited_by_memory(kind: str) -
 
 @pytest.mark.parametrize("kind", ["stl", "ply", "off"])
 def test_first_bytes_of_a_file_suffice_to_refuse_it(kind: str) -> None:
-    exported = SPHERE.export(file_type=kind)
-    data = exported if isinstance(exported, bytes) else exported.encode()
+    content = SPHERE.export(file_type=kind)
+    data = content if isinstance(content, bytes) else content.encode()
     head, memory_bytes = data[:400], OTHER_BYTES + len(SPHERE.faces) * BYTES_PER_TRIANGLE
     check_head("a", head, len(data), f".{kind}", memory_bytes)
     with pytest.raises(ModelTooDetailed, match=r"a: has 0.0 million triangles.*simplify its mesh"):
@@ -82,9 +82,9 @@ def test_first_bytes_of_a_file_suffice_to_refuse_it(kind: str) -> None:
 
 
 @given(st.binary(max_size=200), st.integers(0, 2**40), st.sampled_from([".stl", ".ply", ".off", ".3mf", ""]))
-def test_any_first_bytes_pass_or_have_too_many_triangles(head: bytes, size: int, suffix: str) -> None:
+def test_any_first_bytes_pass_or_have_too_many_triangles(head: bytes, size_bytes: int, suffix: str) -> None:
     try:
-        check_head("a", head, size, suffix, OTHER_BYTES)
+        check_head("a", head, size_bytes, suffix, OTHER_BYTES)
     except ModelTooDetailed as error:
         assert len(str(error).splitlines()) == 1
 

@@ -1,4 +1,4 @@
-"""Reading of real model files: repaired with a report, or refused in one line."""
+"""Reading of model files, which are repaired with a report, or refused in one line."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ def make_ball(radius_mm: float = 20.0) -> np.ndarray:
     return np.array(trimesh.creation.icosphere(3, radius_mm).triangles)
 
 
-def save(path: Path, triangles: np.ndarray) -> Path:
-    with np.errstate(invalid="ignore"):  # some of the files contain a value that is not a number
+def save_stl(path: Path, triangles: np.ndarray) -> Path:
+    with np.errstate(invalid="ignore"):  # some files contain values that are not numbers
         write_stl(path, triangles.astype(np.float32))
     return path
 
@@ -53,7 +53,7 @@ def test_every_format_is_read(tmp_path: Path, suffix: str) -> None:
     assert model.mesh.is_watertight
 
 
-def test_ascii_stl_is_read_and_a_truncated_one_refused(tmp_path: Path) -> None:
+def test_ascii_stl_is_read_and_a_truncated_one_is_refused(tmp_path: Path) -> None:
     text = trimesh.exchange.stl.export_stl_ascii(trimesh.creation.box((10.0, 20.0, 30.0)))
     path = tmp_path / "a.stl"
     path.write_text(text)
@@ -64,7 +64,7 @@ def test_ascii_stl_is_read_and_a_truncated_one_refused(tmp_path: Path) -> None:
 
 
 def test_scale_and_longest_side_set_the_size(tmp_path: Path) -> None:
-    path = save(tmp_path / "b.stl", make_block((0, 0, 0), (10, 20, 40)))
+    path = save_stl(tmp_path / "b.stl", make_block((0, 0, 0), (10, 20, 40)))
     assert load_model(path, longest_side_mm=260.0).extents_mm == pytest.approx([65.0, 130.0, 260.0])
     model = load_model(path, scale=25.4)
     assert model.scale == 25.4
@@ -77,7 +77,7 @@ def test_scale_and_longest_side_set_the_size(tmp_path: Path) -> None:
 
 
 def test_model_in_metres_needs_a_scale(tmp_path: Path) -> None:
-    path = save(tmp_path / "metres.stl", make_block((0, 0, 0), (0.1, 0.2, 0.26)))
+    path = save_stl(tmp_path / "metres.stl", make_block((0, 0, 0), (0.1, 0.2, 0.26)))
     with pytest.raises(ModelTiny, match=r"--longest-side MM, or --scale 1000 if it is in metres") as error:
         load_model(path)
     assert "\n" not in str(error.value)
@@ -85,7 +85,7 @@ def test_model_in_metres_needs_a_scale(tmp_path: Path) -> None:
 
 
 def damage_file(path: Path, change: Callable[[bytes], bytes]) -> Path:
-    save(path, make_ball())
+    save_stl(path, make_ball())
     path.write_bytes(change(path.read_bytes()))
     return path
 
@@ -101,10 +101,10 @@ def test_unreadable_and_empty_files_are_refused(tmp_path: Path) -> None:
     (tmp_path / "e.stl").touch()
     with pytest.raises(ModelEmpty):
         load_model(tmp_path / "e.stl")
-    save(tmp_path / "none.stl", np.zeros((0, 3, 3)))
+    save_stl(tmp_path / "none.stl", np.zeros((0, 3, 3)))
     with pytest.raises(ModelEmpty):
         load_model(tmp_path / "none.stl")
-    save(tmp_path / "points.stl", np.zeros((7, 3, 3)))
+    save_stl(tmp_path / "points.stl", np.zeros((7, 3, 3)))
     with pytest.raises(ModelEmpty):
         load_model(tmp_path / "points.stl")
     with pytest.raises(ModelUnreadable, match="header states 1280 triangles, the file holds 6"):
@@ -127,43 +127,43 @@ def test_coordinates_that_are_not_finite_are_refused(tmp_path: Path) -> None:
         triangles = make_ball()
         triangles[5, 1, 2] = coordinate
         with pytest.raises(ModelNotFinite, match="1 of 1280"):
-            load_model(save(tmp_path / "nan.stl", triangles))
+            load_model(save_stl(tmp_path / "nan.stl", triangles))
 
 
 def test_flat_model_is_refused(tmp_path: Path) -> None:
     sheet = make_block((0, 0, 0), (50, 50, 1))
     sheet[..., 2] = 3.0
     with pytest.raises(ModelFlat, match="along z"):
-        load_model(save(tmp_path / "flat.stl", sheet))
+        load_model(save_stl(tmp_path / "flat.stl", sheet))
 
 
 def test_loose_triangles_are_refused(tmp_path: Path) -> None:
     soup = np.random.default_rng(3).uniform(0.0, 100.0, (80, 3, 3))
     with pytest.raises(ModelNotSolid, match="loose"):
-        load_model(save(tmp_path / "soup.stl", soup))
+        load_model(save_stl(tmp_path / "soup.stl", soup))
 
 
 def test_many_loose_triangles_are_refused_before_the_repair(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse_call(body: object) -> None:
-        raise AssertionError("closes bodies one by one")
+        raise AssertionError("bodies were closed one by one")
 
     monkeypatch.setattr("decompose.geometry.repair._run_mesh_fix", refuse_call)
     soup = np.random.default_rng(3).uniform(0.0, 100.0, (12_000, 3, 3))
     with pytest.raises(ModelNotSolid, match="12000 loose surfaces") as error:
-        load_model(save(tmp_path / "soup.stl", soup))
+        load_model(save_stl(tmp_path / "soup.stl", soup))
     assert str(MAX_BODIES) in str(error.value)
     assert "\n" not in str(error.value)
 
 
-def test_hundreds_of_bodies_are_one_solid(tmp_path: Path) -> None:
+def test_hundreds_of_bodies_become_one_solid(tmp_path: Path) -> None:
     cubes = [
         make_block((x, y, z), (x + 6.0, y + 6.0, z + 6.0))
         for x in range(0, 70, 10) for y in range(0, 70, 10) for z in range(0, 140, 10)
     ]  # fmt: skip
     cubes[5] = cubes[5][1:]  # one of them is open
-    model = load_model(save(tmp_path / "many.stl", np.concatenate(cubes)))
+    model = load_model(save_stl(tmp_path / "many.stl", np.concatenate(cubes)))
     assert model.solid.volume_mm3 == pytest.approx(len(cubes) * 216.0)
     assert any(f"{len(cubes)} bodies" in r for r in model.repairs)
     assert any("3 open edges" in r for r in model.repairs)
@@ -171,14 +171,14 @@ def test_hundreds_of_bodies_are_one_solid(tmp_path: Path) -> None:
 
 def test_half_a_model_is_refused(tmp_path: Path) -> None:
     triangles = make_ball()
-    half = triangles[triangles[:, :, 2].mean(axis=1) > 0.0]
+    half_ball = triangles[triangles[:, :, 2].mean(axis=1) > 0.0]
     with pytest.raises(ModelNotSolid, match="half a model"):
-        load_model(save(tmp_path / "half.stl", half))
+        load_model(save_stl(tmp_path / "half.stl", half_ball))
 
 
 def test_small_holes_are_closed(tmp_path: Path) -> None:
     triangles = np.delete(make_ball(), [10, 500, 900], axis=0)
-    model = load_model(save(tmp_path / "holes.stl", triangles))
+    model = load_model(save_stl(tmp_path / "holes.stl", triangles))
     (message,) = model.repairs
     assert "9 open edges" in message
     assert model.mesh.is_watertight
@@ -186,54 +186,54 @@ def test_small_holes_are_closed(tmp_path: Path) -> None:
 
 
 def test_inverted_model_is_turned_outwards(tmp_path: Path) -> None:
-    model = load_model(save(tmp_path / "inverted.stl", make_ball()[:, ::-1]))
+    model = load_model(save_stl(tmp_path / "inverted.stl", make_ball()[:, ::-1]))
     assert model.solid.volume_mm3 > 0.0
     assert model.repairs == ("Turned the model inside out: its triangles faced inwards.",)
 
 
-def test_inverted_triangles_are_turned(tmp_path: Path) -> None:
+def test_inverted_triangles_are_reversed(tmp_path: Path) -> None:
     triangles = make_ball()
     triangles[40:60] = triangles[40:60, ::-1]
-    model = load_model(save(tmp_path / "mixed.stl", triangles))
+    model = load_model(save_stl(tmp_path / "mixed.stl", triangles))
     assert model.solid.volume_mm3 == pytest.approx(trimesh.creation.icosphere(3, 20.0).volume, rel=1e-3)
     assert any("wrong way" in r for r in model.repairs)
 
 
 def test_repeated_triangles_are_dropped(tmp_path: Path) -> None:
     triangles = np.concatenate([make_ball(), make_ball()[:5], np.zeros((2, 3, 3))])
-    model = load_model(save(tmp_path / "twice.stl", triangles))
+    model = load_model(save_stl(tmp_path / "twice.stl", triangles))
     assert model.repairs == ("Dropped 7 triangles that had collapsed or were given twice.",)
 
 
-def test_bodies_are_joined_and_cavities_kept(tmp_path: Path) -> None:
+def test_bodies_are_joined_and_cavities_are_kept(tmp_path: Path) -> None:
     separate_blocks = [
         make_block((0, 0, 0), (10, 10, 10)),
         make_block((5, 5, 5), (15, 15, 15)),
         make_block((30, 0, 0), (40, 10, 10)),
     ]
-    model = load_model(save(tmp_path / "three.stl", np.concatenate(separate_blocks)))
+    model = load_model(save_stl(tmp_path / "three.stl", np.concatenate(separate_blocks)))
     assert model.solid.volume_mm3 == pytest.approx(2000.0 - 125.0 + 1000.0)
     assert any("3 bodies" in r for r in model.repairs)
-    hollow = [
+    nested_blocks = [
         make_block((0, 0, 0), (40, 40, 40)),
         make_block((5, 5, 5), (35, 35, 35))[:, ::-1],
         make_block((15, 15, 15), (25, 25, 25)),
     ]
-    model = load_model(save(tmp_path / "nested.stl", np.concatenate(hollow)))
+    model = load_model(save_stl(tmp_path / "nested.stl", np.concatenate(nested_blocks)))
     assert model.solid.volume_mm3 == pytest.approx(64_000.0 - 27_000.0 + 1000.0)
     triangles = [make_block((0, 0, 0), (20, 20, 20)), make_block((30, 0, 0), (40, 10, 10))[:, ::-1]]
-    model = load_model(save(tmp_path / "turned.stl", np.concatenate(triangles)))
+    model = load_model(save_stl(tmp_path / "turned.stl", np.concatenate(triangles)))
     assert model.solid.volume_mm3 == pytest.approx(9000.0)
     assert any("1 of 2 bodies" in r for r in model.repairs)
 
 
 def test_messages_use_the_given_name_of_a_file(tmp_path: Path) -> None:
-    path = save(tmp_path / "3fa9c1", make_ball())
+    path = save_stl(tmp_path / "3fa9c1", make_ball())
     assert load_model(path, name="My Ball.STL").repairs == ()
     path.write_bytes(path.read_bytes()[:200])
     with pytest.raises(ModelUnreadable, match=r"^My Ball\.STL: its header states"):
         load_model(path, name="My Ball.STL")
-    # Where a package that guesses encodings is installed, these bytes are read as text without triangles.
+    # If a package that guesses encodings is installed, these bytes are read as text without triangles.
     with pytest.raises((ModelUnreadable, ModelEmpty), match=r"^ball\.obj: "):
         load_model(path, name="ball.obj")
     with pytest.raises(ModelUnreadable, match=r"^notes\.txt: not a known kind"):

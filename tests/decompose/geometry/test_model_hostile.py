@@ -1,4 +1,4 @@
-"""Hostile files and invalid sizes: refused in one line."""
+"""Hostile files and invalid sizes, which are refused in one line."""
 
 from __future__ import annotations
 
@@ -41,10 +41,10 @@ def test_any_unit_is_accepted_with_a_longest_side(tmp_path: Path, factor: float)
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize("offset", [1e8, 1e10, 1e12])
-def test_model_far_from_the_origin_is_refused(tmp_path: Path, offset: float) -> None:
+@pytest.mark.parametrize("offset_mm", [1e8, 1e10, 1e12])
+def test_model_far_from_the_origin_is_refused(tmp_path: Path, offset_mm: float) -> None:
     with pytest.raises(ModelHuge, match="origin"):
-        load_model(write_obj(tmp_path / "far.obj", make_ball() + offset))
+        load_model(write_obj(tmp_path / "far.obj", make_ball() + offset_mm))
     assert load_model(write_obj(tmp_path / "near.obj", make_ball() + 1e4)).repairs == ()
 
 
@@ -73,13 +73,13 @@ def test_invalid_sizes_are_refused(
 
 
 def test_tiny_model_with_a_distant_point_is_refused(tmp_path: Path) -> None:
-    """Use a model of triangles that are too small, far from one another."""
-    specks = np.concatenate([make_ball(1e-10), make_ball(1e-10) + 50.0])
+    """Use a model of two tiny balls that are far from each other."""
+    tiny_balls = np.concatenate([make_ball(1e-10), make_ball(1e-10) + 50.0])
     with pytest.raises(ModelNotSolid):
-        load_model(write_obj(tmp_path / "speck.obj", specks))
+        load_model(write_obj(tmp_path / "tiny.obj", tiny_balls))
 
 
-def test_million_vertices_in_one_place_are_refused(tmp_path: Path) -> None:
+def test_model_with_a_million_repeated_vertices_is_read(tmp_path: Path) -> None:
     sphere = trimesh.creation.icosphere(3, 20.0)
     copies = 1_000_000 // len(sphere.vertices) + 1
     indices = len(sphere.vertices) * np.random.default_rng(0).integers(0, copies, sphere.faces.shape)
@@ -91,7 +91,7 @@ def test_million_vertices_in_one_place_are_refused(tmp_path: Path) -> None:
     assert model.solid.volume_mm3 == pytest.approx(sphere.volume, rel=1e-4)
 
 
-FALSE_HEADERS = {
+INVALID_FILES = {
     "missing.obj": b"v 0 0 0\nv 9 0 0\nv 0 9 0\nf 1 2 9\n",
     "before.obj": b"v 0 0 0\nv 9 0 0\nv 0 9 0\nf -1 -2 -9\n",
     "beyond.obj": b"v 0 0 0\nv 9 0 0\nv 0 9 0\nf 1 2 99999999999999999999\n",
@@ -102,9 +102,9 @@ FALSE_HEADERS = {
 }
 
 
-@pytest.mark.parametrize("name", sorted(FALSE_HEADERS))
-def test_files_with_false_headers_are_refused(tmp_path: Path, name: str) -> None:
-    (tmp_path / name).write_bytes(FALSE_HEADERS[name])
+@pytest.mark.parametrize("name", sorted(INVALID_FILES))
+def test_files_with_invalid_content_are_refused(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_bytes(INVALID_FILES[name])
     with pytest.raises(DecomposeError) as error:
         load_model(tmp_path / name)
     assert "\n" not in str(error.value)
@@ -128,12 +128,12 @@ def test_files_with_false_headers_are_refused(tmp_path: Path, name: str) -> None
 def test_ply_with_a_false_header_is_refused(
     tmp_path: Path, encoding: str, true_count: bytes, false_count: bytes
 ) -> None:
-    path = tmp_path / "lie.ply"
+    path = tmp_path / "false.ply"
     trimesh.creation.icosphere(3, 20.0).export(path, encoding=encoding)
     data = path.read_bytes()
     assert true_count in data
     path.write_bytes(data.replace(true_count, false_count, 1))
-    with pytest.raises(DecomposeError, match=r"^lie\.ply: ") as error:
+    with pytest.raises(DecomposeError, match=r"^false\.ply: ") as error:
         load_model(path)
     assert "\n" not in str(error.value)
 
@@ -142,13 +142,13 @@ def test_bytes_after_the_triangles_of_an_stl_are_ignored(tmp_path: Path) -> None
     path = tmp_path / "ball.stl"
     write_stl(path, make_ball().astype(np.float32))
     reference = load_model(path)
-    path.write_bytes(path.read_bytes() + b"a program's own words")
+    path.write_bytes(path.read_bytes() + b"metadata of a program")
     model = load_model(path)
     assert model.repairs == ("Left out 21 bytes after the last triangle.",)
     assert model.solid.volume_mm3 == reference.solid.volume_mm3
 
 
-def test_repairs_are_reported(tmp_path: Path) -> None:
+def test_steps_of_reading_and_repair_are_reported(tmp_path: Path) -> None:
     path, steps = tmp_path / "ball.stl", []
     write_stl(path, make_ball().astype(np.float32))
     load_model(path, report=steps.append)
@@ -162,7 +162,7 @@ def test_repairs_are_reported(tmp_path: Path) -> None:
 
 def test_model_with_more_triangles_than_memory_allows_is_refused_before_it_is_read(tmp_path: Path) -> None:
     path, steps = tmp_path / "ball.stl", []
-    write_stl(path, np.tile(make_ball(), (1000, 1, 1)).astype(np.float32))  # 1,280,000
+    write_stl(path, np.tile(make_ball(), (1000, 1, 1)).astype(np.float32))  # 1,280,000 triangles
     with pytest.raises(
         ModelTooDetailed, match=r"1\.3 million triangles.*1\.0 GB.*suffice only for 0\.5 million"
     ):

@@ -63,7 +63,7 @@ def test_branches_that_intersect_count_once(distance_mm: float) -> None:
     assert np.allclose(solid.bounds_mm, tube.bounds_mm)
 
 
-def test_many_crossings_are_united_without_a_cut_of_the_whole_surface_for_each(
+def test_whole_surface_is_cut_once_for_many_crossings(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     row = Solid.union([make_crossing_tube(6.0).translate(np.array([0.0, 400.0 * n, 0.0])) for n in range(3)])
@@ -75,7 +75,7 @@ def test_many_crossings_are_united_without_a_cut_of_the_whole_surface_for_each(
     assert len(solid.list_pieces()) == 3
 
 
-def keep_first_body(self: Solid, other_solid: Solid) -> Solid:
+def keep_last_body(self: Solid, other_solid: Solid) -> Solid:
     return max(
         (self.intersect(piece) for piece in self.list_pieces()), key=lambda piece: piece.bounds_mm[0, 0]
     )
@@ -85,7 +85,7 @@ def raise_error(self: Solid, other_solid: Solid) -> Solid:
     raise ModelNotSolid("subtracting a solid: the triangles bound no solid")
 
 
-@pytest.mark.parametrize("subtract", [keep_first_body, raise_error])
+@pytest.mark.parametrize("subtract", [keep_last_body, raise_error])
 def test_failed_operation_leaves_the_model_unchanged(
     monkeypatch: pytest.MonkeyPatch, subtract: Callable[[Solid, Solid], Solid]
 ) -> None:
@@ -94,7 +94,7 @@ def test_failed_operation_leaves_the_model_unchanged(
     assert resolve_overlaps(bodies) == (bodies, 0.0)
 
 
-def test_branches_apart_stay_as_they_are(ring_with_bar: Solid) -> None:
+def test_separate_branches_stay_unchanged(ring_with_bar: Solid) -> None:
     for solid in (make_crossing_tube(40.0), ring_with_bar, Solid.box((0.0, 0.0, 0.0), (1.0, 2.0, 3.0))):
         assert resolve_overlaps(solid) == (solid, 0.0)
 
@@ -114,7 +114,7 @@ def test_sliver_is_searched_with_few_rays(monkeypatch: pytest.MonkeyPatch) -> No
     assert np.prod(shapes[0]) <= 2 * overlaps.RAY_COUNT
 
 
-def test_loaded_model_reports_what_was_united(tmp_path: Path) -> None:
+def test_loaded_model_reports_united_bodies(tmp_path: Path) -> None:
     vertices, faces = make_crossing_tube(6.0).arrays()
     path = tmp_path / "eight.stl"
     write_stl(path, vertices[faces].astype(np.float32))

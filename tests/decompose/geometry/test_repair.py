@@ -1,4 +1,4 @@
-"""Repair of open and intersecting surfaces: closed without moving vertices, or refused."""
+"""Repair of open and intersecting surfaces, which are closed without moving vertices, or refused."""
 
 from __future__ import annotations
 
@@ -36,16 +36,16 @@ def remove_lid(triangles: np.ndarray, axis: int, at_mm: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("corner", "pieces"),
+    ("corner", "piece_count"),
     [((20.0, 0.0, 0.0), 1), ((20.0, 20.0, 0.0), 2), ((20.0, 20.0, 20.0), 2), ((20.0, 10.0, 0.0), 1)],
     ids=["face", "edge", "corner", "half a face"],
 )
-def test_touching_bodies_are_separated(corner: tuple[float, ...], pieces: int) -> None:
+def test_touching_bodies_are_separated(corner: tuple[float, ...], piece_count: int) -> None:
     other_corner = tuple(20.0 + w for w in corner)
     bodies = np.concatenate([make_block((0, 0, 0), (20, 20, 20)), make_block(corner, other_corner)])
     solid, _ = close_surface("two", weld_triangles(bodies))
     assert solid.volume_mm3 == pytest.approx(16_000.0)
-    assert len(solid.list_pieces()) == pieces
+    assert len(solid.list_pieces()) == piece_count
 
 
 @settings(max_examples=30, deadline=None)
@@ -70,9 +70,8 @@ def make_overlapping_blocks() -> np.ndarray:
         make_block((0, 0, 0), (20, 20, 20)),
         make_block((20 - overlap_mm, 0, 0), (40, 30, 20)),
     )
-    second_body[(second_body[..., 0] < 20) & (second_body[..., 1] == 0.0), 0] = (
-        20.0  # so that its side intersects the first block
-    )
+    # Move two corners, so that the side between them and the others intersects the first block.
+    second_body[(second_body[..., 0] < 20) & (second_body[..., 1] == 0.0), 0] = 20.0
     return np.concatenate([first_body, second_body])
 
 
@@ -94,15 +93,15 @@ def test_inverted_body_is_separated_from_one_that_it_touches() -> None:
 
 
 @pytest.mark.skipif(not MODELS.is_dir(), reason="the real model files are not available")
-def test_closed_model_with_edges_of_four_faces_is_not_called_open() -> None:
+def test_closed_model_with_edges_of_four_faces_is_not_reported_as_open() -> None:
     """Use the paper's 'Hole Pipe', whose flange overlaps the pipe slightly."""
     model = load_model(MODELS / "thingi10k-78224.stl")
     assert model.solid.volume_mm3 == pytest.approx(19_384.0, rel=1e-3)
     assert not any("open" in repair for repair in model.repairs)
 
 
-def test_two_open_shells_through_one_another_are_closed_and_joined() -> None:
-    """Use a tube that penetrates an open box, as handles of models do; MeshFix alone would drop it."""
+def test_open_shells_that_penetrate_each_other_are_closed_and_joined() -> None:
+    """Use a tube that penetrates an open box, as the handle of a mug does; MeshFix alone would drop it."""
     box = remove_lid(make_block((0, 0, 0), (100, 100, 100)), 0, 100.0)
     tube = remove_lid(remove_lid(make_block((-60, 40, 40), (20, 60, 60)), 0, -60.0), 0, 20.0)
     solid, repairs = close_surface("mug", weld_triangles(np.concatenate([box, tube])))
@@ -114,12 +113,12 @@ def test_two_open_shells_through_one_another_are_closed_and_joined() -> None:
 def test_open_ends_of_a_pipe_are_closed_by_rings() -> None:
     pipe = trimesh.creation.annulus(r_min=20.0, r_max=25.0, height=100.0)
     triangles = np.array(pipe.triangles)
-    ends = np.ptp(triangles[:, :, 2], axis=1) < 1e-9
-    solid, _ = close_surface("pipe", weld_triangles(triangles[~ends]))
+    is_end = np.ptp(triangles[:, :, 2], axis=1) < 1e-9
+    solid, _ = close_surface("pipe", weld_triangles(triangles[~is_end]))
     assert solid.volume_mm3 == pytest.approx(pipe.volume, rel=1e-6)
 
 
-def test_gaps_that_rounding_left_are_welded() -> None:
+def test_gaps_due_to_rounding_are_welded() -> None:
     ball = trimesh.creation.icosphere(3, 50.0)
     rng = np.random.default_rng(1)
     triangles = np.array(ball.triangles) + rng.uniform(-1e-5, 1e-5, ball.triangles.shape)

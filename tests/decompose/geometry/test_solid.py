@@ -1,3 +1,5 @@
+"""Solids: boxes, cuts by planes, pieces and simplified copies."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -23,7 +25,9 @@ def test_open_surface_is_refused() -> None:
 
 @settings(max_examples=15, deadline=None)
 @given(axis=st.integers(0, 2), at_mm=st.floats(-24.0, 39.0))
-def test_split_keeps_volume_and_adds_the_cut_twice(ring_with_bar: Solid, axis: int, at_mm: float) -> None:
+def test_split_keeps_the_volume_and_divides_at_the_plane(
+    ring_with_bar: Solid, axis: int, at_mm: float
+) -> None:
     below, above = ring_with_bar.split(axis, at_mm)
     assert below.volume_mm3 + above.volume_mm3 == pytest.approx(ring_with_bar.volume_mm3, rel=1e-9)
     if not below.is_empty:
@@ -32,7 +36,7 @@ def test_split_keeps_volume_and_adds_the_cut_twice(ring_with_bar: Solid, axis: i
         assert above.bounds_mm[0, axis] >= at_mm - 1e-9
 
 
-def test_pieces_come_in_order_of_position() -> None:
+def test_pieces_are_sorted_by_position() -> None:
     separate_boxes = Solid.union([Solid.box((5, 0, 0), (6, 1, 1)), Solid.box((0, 0, 0), (1, 1, 1))])
     assert [p.bounds_mm[0, 0] for p in separate_boxes.list_pieces()] == [0.0, 5.0]
     assert Solid.box((0, 0, 0), (1, 1, 1)).clip((3, 3, 3), (4, 4, 4)).list_pieces() == []
@@ -49,10 +53,10 @@ def test_cavity_belongs_to_the_piece_around_it() -> None:
 def test_simplify_removes_short_edges_only() -> None:
     box = Solid.box((0, 0, 0), (10, 10, 10))
     notched_box = Solid.union([box, Solid.box((4, 4, 9), (4.000001, 4.000001, 10.000001))])
-    simple = notched_box.simplify(1e-4)
-    assert simple.volume_mm3 == pytest.approx(1000.0, rel=1e-6)
-    assert len(simple.arrays()[1]) <= len(notched_box.arrays()[1])
-    assert np.isfinite(simple.arrays()[0]).all()
+    simplified_box = notched_box.simplify(1e-4)
+    assert simplified_box.volume_mm3 == pytest.approx(1000.0, rel=1e-6)
+    assert len(simplified_box.arrays()[1]) <= len(notched_box.arrays()[1])
+    assert np.isfinite(simplified_box.arrays()[0]).all()
 
 
 def test_solid_is_cut_off_above_a_plane() -> None:

@@ -1,4 +1,4 @@
-"""STEP: boxes in mm and inches, and files that OpenCASCADE does not read."""
+"""STEP files: boxes in mm and inches, and files that OpenCASCADE cannot read."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ needs_cascadio = pytest.mark.skipif(
 
 @needs_cascadio
 @pytest.mark.parametrize(("suffix", "unit_mm"), [("step", 1.0), ("stp", 25.4), ("STEP", 1.0)])
-def test_step_file_is_a_solid_in_mm(tmp_path: Path, unit_mm: float, suffix: str) -> None:
+def test_step_file_is_read_as_a_solid_in_mm(tmp_path: Path, unit_mm: float, suffix: str) -> None:
     path = tmp_path / f"box.{suffix}"
     path.write_text(write_step_text((10, 20, 30), unit_mm))
     model = load_model(path)

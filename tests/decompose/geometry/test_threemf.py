@@ -76,9 +76,15 @@ def test_transform_is_applied_to_points_as_row_vectors() -> None:
 
 
 def test_components_of_components_are_placed_by_all_their_transforms() -> None:
-    inner = write_components_xml('objectid="1" transform="1 0 0 0 1 0 0 0 1 0 0 7"')
-    outer = write_components_xml('objectid="2" transform="2 0 0 0 2 0 0 0 2 0 0 0"', 'objectid="1"')
-    objects = [write_object_xml(1, BOX), write_object_xml(2, inner), write_object_xml(3, outer)]
+    inner_components = write_components_xml('objectid="1" transform="1 0 0 0 1 0 0 0 1 0 0 7"')
+    outer_components = write_components_xml(
+        'objectid="2" transform="2 0 0 0 2 0 0 0 2 0 0 0"', 'objectid="1"'
+    )
+    objects = [
+        write_object_xml(1, BOX),
+        write_object_xml(2, inner_components),
+        write_object_xml(3, outer_components),
+    ]
     data = pack_3mf(write_model_xml(objects, ['objectid="3" transform="1 0 0 0 1 0 0 0 1 1 0 0"']))
     assert read_bounds_mm(data) == [[-9, -20, -16], [11, 20, 44]]  # the inner box: (z + 7) * 2, then x + 1
 
@@ -91,7 +97,7 @@ def test_mirrored_object_is_not_inside_out() -> None:
 
 
 def test_objects_of_other_parts_keep_their_own_numbers() -> None:
-    """Read objects in separate parts: slicers start each part with the same object number."""
+    """Read objects of separate parts, which slicers number from the same start."""
     small_box = write_mesh_xml(trimesh.creation.box((2, 2, 2)))
     components = write_components_xml(
         f'p:path="/{OTHER_MODEL}" objectid="1" transform="1 0 0 0 1 0 0 0 1 50 0 0"'
@@ -127,7 +133,7 @@ def test_modifiers_of_a_slicer_cause_a_warning(settings_text: str) -> None:
 
 
 def test_file_of_another_program_gives_the_same_solid(tmp_path: Path) -> None:
-    """Read a file with `load_model`, with a scale in addition to the unit."""
+    """Read a file with `load_model`, using a scale in addition to the unit."""
     path = tmp_path / "ball.3mf"
     ball = write_mesh_xml(trimesh.creation.icosphere(2, 1.0))
     path.write_bytes(pack_3mf(write_model_xml([write_object_xml(1, ball)], ['objectid="1"'], "inch")))
@@ -197,14 +203,14 @@ def test_entities_and_document_types_are_refused() -> None:
 
 
 def test_objects_that_contain_themselves_are_refused() -> None:
-    loop = [
+    loop_objects = [
         write_object_xml(1, write_components_xml('objectid="2"')),
         write_object_xml(2, write_components_xml('objectid="1"')),
     ]
-    assert "contains itself" in read_refusal(pack_3mf(write_model_xml(loop, ['objectid="1"'])))
-    deep = [write_object_xml(n, write_components_xml(f'objectid="{n + 1}"')) for n in range(1, 5000)]
+    assert "contains itself" in read_refusal(pack_3mf(write_model_xml(loop_objects, ['objectid="1"'])))
+    deep_objects = [write_object_xml(n, write_components_xml(f'objectid="{n + 1}"')) for n in range(1, 5000)]
     assert "deep" in read_refusal(
-        pack_3mf(write_model_xml([*deep, write_object_xml(5000, BOX)], ['objectid="1"']))
+        pack_3mf(write_model_xml([*deep_objects, write_object_xml(5000, BOX)], ['objectid="1"']))
     )
 
 
@@ -223,11 +229,11 @@ def test_package_that_unpacks_to_gigabytes_is_refused_before_it_is_read(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(package, "MAX_UNCHECKED_BYTES", 2**16)
-    blank = write_model_xml([write_object_xml(1, BOX)], ['objectid="1"']).replace(
+    padded_model = write_model_xml([write_object_xml(1, BOX)], ['objectid="1"']).replace(
         "<build>", " " * 2**22 + "<build>"
     )
-    assert "unpacks from" in read_refusal(pack_3mf(blank))
-    assert "entries" in read_refusal(pack_3mf(blank) + package._ENTRY * 20_000)
+    assert "unpacks from" in read_refusal(pack_3mf(padded_model))
+    assert "entries" in read_refusal(pack_3mf(padded_model) + package._ENTRY * 20_000)
 
 
 def test_entry_with_a_false_size_is_read_up_to_that_size() -> None:
@@ -244,7 +250,7 @@ def test_unknown_compression_is_refused() -> None:
     assert "uses a compression" in read_refusal(file.getvalue())
 
 
-def test_tags_without_end_and_tags_without_number_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_overlong_tag_and_too_many_tags_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     model = write_model_xml([write_object_xml(1, BOX)], ['objectid="1"'])
     long_tag = model.replace("<build>", f'<metadata name="{"a" * 2**22}"/><build>')
     assert "tag of more than" in read_refusal(pack_3mf(long_tag))

@@ -1,4 +1,4 @@
-"""Common vertices and edges of triangles, in little memory."""
+"""Common vertices and edges of triangles, found in little memory."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from decompose.geometry.weld import SAME_MM, count_edge_uses, number_rows, selec
 
 FACES = st.lists(st.tuples(*[st.integers(0, 5)] * 3), min_size=1, max_size=20)
 PEAK_BYTES_PER_TRIANGLE = 300
-"""Arrays in memory at once: the file, its triangles in double precision, the numbers of their corners."""
+"""Size of all arrays in memory at once: the file, its triangles as doubles, the numbers of their corners."""
 
 
 @given(st.lists(st.tuples(*[st.integers(-3, 3)] * 3), min_size=1, max_size=60))
@@ -23,9 +23,9 @@ def test_rows_have_one_number_for_each_value_in_order_of_first_occurrence(
     rows: list[tuple[int, int, int]],
 ) -> None:
     numbers, first_rows = number_rows(np.array(rows), 1.0)
-    distinct = list(dict.fromkeys(rows))
-    assert [rows[i] for i in first_rows] == distinct
-    assert [distinct[number] for number in numbers] == rows
+    distinct_values = list(dict.fromkeys(rows))
+    assert [rows[i] for i in first_rows] == distinct_values
+    assert [distinct_values[number] for number in numbers] == rows
 
 
 def test_more_rows_than_the_first_table_holds_are_numbered() -> None:
@@ -54,14 +54,14 @@ def test_edge_uses_equal_an_edge_by_edge_count(faces: list[tuple[int, int, int]]
 
 @given(FACES)
 def test_collapsed_and_repeated_faces_are_dropped(faces: list[tuple[int, int, int]]) -> None:
-    distinct = {}
+    distinct_values = {}
     for a, b, c in faces:
         if len({a, b, c}) == 3:
-            distinct.setdefault(min((a, b, c), (b, c, a), (c, a, b)), (a, b, c))
-    assert [tuple(f) for f in select_distinct(np.array(faces)).tolist()] == list(distinct.values())
+            distinct_values.setdefault(min((a, b, c), (b, c, a), (c, a, b)), (a, b, c))
+    assert [tuple(f) for f in select_distinct(np.array(faces)).tolist()] == list(distinct_values.values())
 
 
-def test_a_turned_face_is_a_repeated_edge_of_a_closed_surface() -> None:
+def test_reversed_face_has_repeated_edges_in_a_closed_surface() -> None:
     box = trimesh.creation.box()
     faces = np.array(box.faces)
     assert count_edge_uses(faces).is_closed
@@ -72,7 +72,7 @@ def test_a_turned_face_is_a_repeated_edge_of_a_closed_surface() -> None:
     assert not count_edge_uses(faces[1:]).is_closed
 
 
-def test_a_closed_surface_is_welded_without_a_repair() -> None:
+def test_closed_surface_is_welded_without_a_repair() -> None:
     ball = trimesh.creation.icosphere(subdivisions=3, radius=50.0)
     surface = weld_triangles(np.array(ball.triangles))
     assert len(surface.vertices) == len(ball.vertices)
@@ -80,11 +80,11 @@ def test_a_closed_surface_is_welded_without_a_repair() -> None:
     assert surface.repairs == ()
 
 
-def test_a_large_model_is_read_in_little_memory(tmp_path: Path) -> None:
+def test_large_model_is_read_in_little_memory(tmp_path: Path) -> None:
     path = tmp_path / "ball.stl"
     ball = trimesh.creation.icosphere(subdivisions=6, radius=50.0)
     ball.export(path)
-    load_model(path)  # loads the compiled code
+    load_model(path)  # load the compiled code first
     tracemalloc.start()
     try:
         model = load_model(path)

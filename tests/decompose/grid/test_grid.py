@@ -73,7 +73,7 @@ def test_sums_over_a_box_equal_those_of_the_cut_solid(
     extents = grid.extents[cells].reshape(-1, 6)
     assert np.allclose(extents[:, :3].min(axis=0), clipped_solid.bounds_mm[0], atol=1e-9)
     assert np.allclose(extents[:, 3:].max(axis=0), clipped_solid.bounds_mm[1], atol=1e-9)
-    # The table's cost is that of the solid in its best pose, which checks all other terms.
+    # The table contains the price of the solid in its best pose, which depends on all other terms.
     if tables.trimmed[index] == index:
         times_s = price_axis_poses_s(*clipped_solid.arrays(), recipe_cost)
         assert tables.seconds[index] == pytest.approx(times_s.min(), rel=1e-6)
@@ -85,7 +85,7 @@ def test_sums_over_a_box_equal_those_of_the_cut_solid(
 def test_separate_rods_in_one_cell_are_counted_separately(
     data: st.DataObject, recipe_cost: CostModel
 ) -> None:
-    """Use nine rods on a plate, some in one cell: without the plate each is a piece."""
+    """Use nine rods on a plate, several of which share a cell; without the plate, each rod is a piece."""
     rods = [
         Solid.box((x, y, 5.0), (x + 4.0, y + 4.0, 90.0)) for x in (3.0, 15.0, 27.0) for y in (3.0, 15.0, 27.0)
     ]
@@ -162,10 +162,10 @@ def test_cell_counts_follow_the_proportions_of_the_model() -> None:
 
 
 @pytest.mark.parametrize("size_mm", [(450.0, 450.0, 1.0), (2000.0, 20.0, 20.0), (2000.0, 300.0, 2.0)])
-def test_long_and_flat_grids_are_solved_quickly(size_mm: tuple[float, float, float]) -> None:
+def test_long_and_flat_grids_have_few_cuts(size_mm: tuple[float, float, float]) -> None:
     shape = count_cells(np.array(size_mm), 24)
     assert count_cuts(shape) <= 3e8
-    assert max(shape) >= 2000.0 / 100.0  # no cell is longer than half a room
+    assert max(shape) >= 2000.0 / 100.0  # no cell is longer than half a build volume
 
 
 @pytest.mark.parametrize("size_mm", [(450.0, 450.0, 1.0), (2000.0, 20.0, 20.0), (450.0, 100.0, 100.0)])

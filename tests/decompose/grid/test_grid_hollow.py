@@ -19,7 +19,7 @@ def make_ball() -> Solid:
 
 
 def make_tube() -> Solid:
-    """Make a thick tube off the axes."""
+    """Make a thick tube that is rotated off the axes."""
     ring = trimesh.creation.annulus(r_min=40.0, r_max=170.0, height=300.0)
     ring.apply_transform(trimesh.transformations.rotation_matrix(0.5, [1.0, 0.3, 0.1]))
     return Solid.from_arrays(ring.vertices, ring.faces)
@@ -29,14 +29,14 @@ def make_block() -> Solid:
     return Solid.box((0, 0, 0), (300, 260, 220))
 
 
-def make_turned_block() -> Solid:
+def make_rotated_block() -> Solid:
     box = trimesh.creation.box((300.0, 260.0, 280.0))
     box.apply_transform(trimesh.transformations.rotation_matrix(0.7, [0.2, 1.0, 0.4]))
     return Solid.from_arrays(box.vertices, box.faces)
 
 
 @pytest.mark.parametrize("min_wall_mm", [3.0, 25.0])
-@pytest.mark.parametrize("make_solid", [make_ball, make_tube, make_block, make_turned_block])
+@pytest.mark.parametrize("make_solid", [make_ball, make_tube, make_block, make_rotated_block])
 def test_hollow_leaves_the_minimum_wall(
     make_solid: Callable[[], Solid], min_wall_mm: float, cost: CostModel
 ) -> None:
@@ -56,6 +56,6 @@ def test_hollow_leaves_the_minimum_wall(
 def test_grid_supports_no_wall_and_a_kept_interior(cost: CostModel) -> None:
     vertices, faces = make_block().arrays()
     boundary_grid = build_grid(vertices[faces], 10, GridRules(0.0, False, cost.overhang_cos, cost.skin_cos))
-    kept_grid = build_grid(vertices[faces], 10, GridRules(25.0, True, cost.overhang_cos, cost.skin_cos))
+    solid_grid = build_grid(vertices[faces], 10, GridRules(25.0, True, cost.overhang_cos, cost.skin_cos))
     assert (boundary_grid.needed == (boundary_grid.cells == Cell.BOUNDARY)).all()
-    assert kept_grid.needed.all()
+    assert solid_grid.needed.all()

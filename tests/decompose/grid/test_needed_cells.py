@@ -20,8 +20,10 @@ def make_block(rotation: Rotation) -> np.ndarray:
     return np.asarray(rotation.apply(box.vertices)[box.faces])
 
 
-def make_grid(triangles: np.ndarray, cost: CostModel, cells: int, wall_mm: float, keep: bool = False) -> Grid:
-    return build_grid(triangles, cells, GridRules(wall_mm, keep, cost.overhang_cos, cost.skin_cos))
+def make_grid(
+    triangles: np.ndarray, cost: CostModel, cells: int, wall_mm: float, keep_interior: bool = False
+) -> Grid:
+    return build_grid(triangles, cells, GridRules(wall_mm, keep_interior, cost.overhang_cos, cost.skin_cos))
 
 
 def list_corners_mm(cells: NeededCells, mask: np.ndarray) -> np.ndarray:
@@ -34,7 +36,7 @@ def list_corners_mm(cells: NeededCells, mask: np.ndarray) -> np.ndarray:
 
 
 def refine_needed_cells(grid: Grid, cells: NeededCells) -> np.ndarray:
-    """Return the needed cells of a grid, in finer cells."""
+    """Return the needed cells of a grid as a mask of finer cells."""
     return np.kron(grid.needed, np.ones(np.array(cells.needed.shape) // np.array(grid.shape))).astype(bool)
 
 
@@ -45,7 +47,7 @@ def refine_needed_cells(grid: Grid, cells: NeededCells) -> np.ndarray:
 )
 @settings(max_examples=25, deadline=None)
 def test_cells_near_the_surface_are_needed(rotation: Rotation, count: int, wall_mm: float) -> None:
-    """Compare with the exact depth of corners in a block, which is enough because a block is convex."""
+    """Compare with the exact depth of corners in a block; corners are enough because a block is convex."""
     cost = CostModel.from_recipe(Recipe())
     triangles = make_block(rotation)
     grid = make_grid(triangles, cost, count, wall_mm)
@@ -53,21 +55,23 @@ def test_cells_near_the_surface_are_needed(rotation: Rotation, count: int, wall_
     assert not (cells.needed & ~refine_needed_cells(grid, cells)).any()
 
     def compute_depths_mm(mask: np.ndarray) -> np.ndarray:
-        """Return the depth (8, k) of the corners of marked cells in the block; negative outside of it."""
-        local = rotation.inv().apply(list_corners_mm(cells, mask).reshape(-1, 3))
-        return np.asarray((SIDES_MM / 2.0 - np.abs(local)).min(axis=1).reshape(8, -1))
+        """Return the depth (8, k) in the block of the corners of marked cells; it is negative outside."""
+        local_mm = rotation.inv().apply(list_corners_mm(cells, mask).reshape(-1, 3))
+        return np.asarray((SIDES_MM / 2.0 - np.abs(local_mm)).min(axis=1).reshape(8, -1))
 
-    open_mm = compute_depths_mm(~cells.needed & refine_needed_cells(grid, cells))
-    is_inside = open_mm.max(axis=0, initial=-np.inf) > 1e-9
-    assert (open_mm[:, is_inside] >= wall_mm - 1e-9).all()
+    empty_depths_mm = compute_depths_mm(~cells.needed & refine_needed_cells(grid, cells))
+    is_inside = empty_depths_mm.max(axis=0, initial=-np.inf) > 1e-9
+    assert (empty_depths_mm[:, is_inside] >= wall_mm - 1e-9).all()
     cell_mm = max(float(np.diff(planes).max()) for planes in cells.planes)
     assert (compute_depths_mm(cells.needed).min(axis=0) <= np.sqrt(3.0) * (wall_mm + 2.0 * cell_mm)).all()
 
 
 def test_kept_interior_is_needed(cost: CostModel) -> None:
     triangles = make_block(Rotation.from_rotvec([0.3, 0.2, 0.1]))
-    grid = make_grid(triangles, cost, 6, 10.0, keep=True)
-    kept_cells, shell_cells = (refine_cells(grid, triangles, 10.0, keep, 200_000) for keep in (True, False))
+    grid = make_grid(triangles, cost, 6, 10.0, keep_interior=True)
+    kept_cells, shell_cells = (
+        refine_cells(grid, triangles, 10.0, keep_interior, 200_000) for keep_interior in (True, False)
+    )
     assert (kept_cells.needed >= shell_cells.needed).all()
     volume_mm3 = np.prod(np.meshgrid(*map(np.diff, kept_cells.planes), indexing="ij"), axis=0)
     assert volume_mm3[kept_cells.needed].sum() >= np.prod(SIDES_MM)

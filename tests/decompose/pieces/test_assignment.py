@@ -1,3 +1,5 @@
+"""Assignment of parts to printers that minimises the end of the last part."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -31,15 +33,15 @@ def test_assignment_minimises_the_end_of_the_last_part(
     all_assignments = [
         seconds[range(part_count), list(p)] for p in permutations(range(printer_count), part_count)
     ]
-    best = min(((t.max(), t.sum()) for t in all_assignments), default=(np.inf, np.inf))
+    best_times_s = min(((t.max(), t.sum()) for t in all_assignments), default=(np.inf, np.inf))
     result = assign_bottleneck(seconds)
     if result is None:
-        assert np.isinf(best[0])
+        assert np.isinf(best_times_s[0])
         return
     assert len(set(result)) == part_count
     times_s = seconds[range(part_count), result]
-    assert times_s.max() == best[0]
-    assert abs(times_s.sum() - best[1]) < 1e-3
+    assert times_s.max() == best_times_s[0]
+    assert abs(times_s.sum() - best_times_s[1]) < 1e-3
 
 
 def test_assignment_succeeds_where_a_greedy_choice_fails() -> None:

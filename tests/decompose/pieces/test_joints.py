@@ -21,7 +21,7 @@ from decompose.pieces.joints import _unite_triangles
 from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 
-FAR_MM = 1e3
+LIMIT_MM = 1e3
 
 
 def make_block(lo: tuple[float, ...], hi: tuple[float, ...]) -> Solid:
@@ -31,8 +31,8 @@ def make_block(lo: tuple[float, ...], hi: tuple[float, ...]) -> Solid:
 def cut_by_planes(
     solid: Solid, x: tuple[float, ...] = (), y: tuple[float, ...] = (), z: tuple[float, ...] = ()
 ) -> list[Piece]:
-    """Cut a solid by planes through all of it; return the pieces."""
-    spans = [list(pairwise([-FAR_MM, *sorted(cuts_mm), FAR_MM])) for cuts_mm in (x, y, z)]
+    """Cut a solid by whole planes, and return the pieces."""
+    spans = [list(pairwise([-LIMIT_MM, *sorted(cuts_mm), LIMIT_MM])) for cuts_mm in (x, y, z)]
     return [
         piece
         for (x0, x1), (y0, y1), (z0, z1) in product(*spans)
@@ -59,7 +59,8 @@ def test_width_of_a_frame_is_that_of_its_rim() -> None:
     pieces = cut_by_planes(frame, z=(15.0,))
     (joint,) = find_joints(pieces)
     assert joint.area_mm2 == pytest.approx(60.0**2 - 52.0**2)
-    assert joint.width_mm == pytest.approx(4.0 * 2.0 / (1.0 + np.sqrt(0.5)), rel=0.05)  # measured in a corner
+    # The width is measured in a corner.
+    assert joint.width_mm == pytest.approx(4.0 * 2.0 / (1.0 + np.sqrt(0.5)), rel=0.05)
 
 
 def test_pieces_that_meet_in_an_edge_have_no_joint() -> None:
@@ -122,7 +123,7 @@ def make_dumbbell(bar_mm: float) -> Solid:
 def test_piece_on_a_thin_connection_is_loose() -> None:
     pieces = cut_by_planes(make_dumbbell(4.0), x=(60.0,))
     (fault,) = find_faults(pieces)
-    assert fault.piece == 0  # the lighter one
+    assert fault.piece == 0  # the lighter piece
     assert "16.0 mm2 of glue, less than 25 mm2" in fault.reason
     assert find_faults(pieces, min_glue_mm2=15.0) == []
     assert find_faults(cut_by_planes(make_dumbbell(6.0), x=(60.0,))) == []
@@ -212,10 +213,10 @@ def test_partition_with_a_weak_joint_is_rejected(
     options = Options(Engine.GUILLOTINE, "vcoarse", min_glue_mm2=min_glue_mm2, prove=False)
     result = decompose_model(Model(solid, (), 1.0), printers, options, cost)
     assert result.faults == ()
-    # A contact beside a strong joint may be smaller: it is not glued and holds no part.
+    # A contact beside a strong joint may be smaller, because it is not glued and holds no part.
     glued_mm2 = [joint.area_mm2 for joint in result.joints if joint.area_mm2 >= min_glue_mm2]
     min_mm2 = min(glued_mm2)
-    assert min_mm2 >= held_mm2  # of the bar, or of a block that is cut instead
+    assert min_mm2 >= held_mm2  # the joint of the bar, or of a block that is cut instead
     assert (min_mm2 < 25.0) == (min_glue_mm2 == 0.0)
     joint_records = result.as_dict()["joints"]
     assert all(j["glued"] == (j["area_mm2"] >= min_glue_mm2) for j in joint_records)
@@ -251,10 +252,10 @@ def test_moving_a_joint_moves_its_corners(angle_rad: float, offset_mm: tuple[flo
     assert new_face.area_mm2 == pytest.approx(1200.0)
 
 
-def test_faces_lie_on_planes_that_were_not_rounded() -> None:
-    at_mm = 20.1234567890123
-    (joint,) = find_joints(cut_by_planes(make_block((0, 0, 0), (60, 40, 30)), x=(at_mm,)))
-    assert joint.faces[0].offset_mm == at_mm
+def test_planes_of_faces_are_not_rounded() -> None:
+    plane_mm = 20.1234567890123
+    (joint,) = find_joints(cut_by_planes(make_block((0, 0, 0), (60, 40, 30)), x=(plane_mm,)))
+    assert joint.faces[0].offset_mm == plane_mm
 
 
 @settings(max_examples=60, deadline=None)
@@ -264,7 +265,7 @@ def test_faces_lie_on_planes_that_were_not_rounded() -> None:
 def test_triangles_are_united_whether_they_overlap_or_meet_edge_to_edge(
     corners: list[tuple[int, int]],
 ) -> None:
-    """A fan about the first corner overlaps itself unless the corners happen to surround it in order."""
+    """Use a fan about the first corner, which overlaps itself unless the corners surround it in order."""
     points = np.array(corners, dtype=np.float64)
     fan = np.stack([np.broadcast_to(points[0], points[1:-1].shape), points[1:-1], points[2:]], axis=1)
     triangles = shapely.polygons(np.concatenate([fan, fan[:, :1]], axis=1))

@@ -13,22 +13,22 @@ from decompose.geometry import Solid
 from decompose.pieces import Piece, Seam, cut_box, describe_thin_rims, find_joints, measure_seams
 from decompose.pieces.seams import _build_area
 
-FAR_MM = 1e3
+LIMIT_MM = 1e3
 
 
-def cut_at_plane(solid: Solid, axis: int, at_mm: float) -> list[Piece]:
-    lo, hi = np.full(3, -FAR_MM), np.full(3, FAR_MM)
-    lower, upper = hi.copy(), lo.copy()
-    lower[axis] = upper[axis] = at_mm
-    return [*cut_box(solid, lo, lower), *cut_box(solid, upper, hi)]
+def cut_solid_at_plane(solid: Solid, axis: int, at_mm: float) -> list[Piece]:
+    lo, hi = np.full(3, -LIMIT_MM), np.full(3, LIMIT_MM)
+    lower_end, upper_start = hi.copy(), lo.copy()
+    lower_end[axis] = upper_start[axis] = at_mm
+    return [*cut_box(solid, lo, lower_end), *cut_box(solid, upper_start, hi)]
 
 
-def measure_cut(pieces: list[Piece]) -> list[Seam]:
+def measure_cut_seams(pieces: list[Piece]) -> list[Seam]:
     return measure_seams(pieces, find_joints(pieces))
 
 
 def test_seam_of_a_cut_bar_goes_around_it() -> None:
-    [seam] = measure_cut(cut_at_plane(Solid.box((0, 0, 0), (60, 40, 30)), 0, 25.0))
+    [seam] = measure_cut_seams(cut_solid_at_plane(Solid.box((0, 0, 0), (60, 40, 30)), 0, 25.0))
     assert seam.length_mm == pytest.approx(2 * (40 + 30))
     assert seam.thin_mm == 0.0
 
@@ -36,7 +36,7 @@ def test_seam_of_a_cut_bar_goes_around_it() -> None:
 def test_seam_is_found_beside_faces_in_the_planes_of_the_box() -> None:
     solid = Solid.box((0, 0, 0), (60, 40, 30))
     pieces = [*cut_box(solid, (0, 0, 0), (30, 40, 30)), *cut_box(solid, (30, 0, 0), (60, 40, 30))]
-    [seam] = measure_cut(pieces)
+    [seam] = measure_cut_seams(pieces)
     assert seam.length_mm == pytest.approx(2 * (40 + 30))
 
 
@@ -46,21 +46,21 @@ def test_inner_edges_are_not_seams() -> None:
         piece
         for x in (0, 30)
         for y in (0, 30)
-        for piece in cut_box(solid, (x, y, -FAR_MM), (x + 30, y + 30, FAR_MM))
+        for piece in cut_box(solid, (x, y, -LIMIT_MM), (x + 30, y + 30, LIMIT_MM))
     ]
-    seams = measure_cut(quarters)
+    seams = measure_cut_seams(quarters)
     assert len(seams) == 4
     assert sum(seam.length_mm for seam in seams) == pytest.approx(2 * (60 + 60) + 4 * 20)
 
 
 def test_wedge_cut_near_its_edge_has_a_thin_rim() -> None:
-    """Use a slope of 10 mm over 100 mm: beside a level cut, the part is thinner than 0.8 mm over 8 mm."""
+    """Use a slope of 10 mm over 100 mm, whose rim at a horizontal cut is thinner than 0.8 mm for 8 mm."""
     ramp = Solid.from_arrays(*make_prism(np.array([(0, 0), (100, 0), (100, 10)])))
-    [seam] = measure_cut(cut_at_plane(ramp, 2, 5.0))
+    [seam] = measure_cut_seams(cut_solid_at_plane(ramp, 2, 5.0))
     assert seam.length_mm == pytest.approx(2 * (50 + 40))
     assert 40 < seam.thin_mm < 40 + 3 * 10
-    [upright] = measure_cut(cut_at_plane(ramp, 0, 50.0))
-    assert upright.thin_mm == 0.0
+    [upright_seam] = measure_cut_seams(cut_solid_at_plane(ramp, 0, 50.0))
+    assert upright_seam.thin_mm == 0.0
 
 
 def make_prism(outline: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -73,7 +73,7 @@ def make_prism(outline: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 @given(st.floats(-45.0, 45.0), st.integers(0, 2))
 def test_seam_of_a_cut_ball_is_the_rim_of_the_cut(at_mm: float, axis: int) -> None:
     sphere = trimesh.creation.icosphere(3, 50.0)
-    pieces = cut_at_plane(Solid.from_arrays(sphere.vertices, sphere.faces), axis, at_mm)
+    pieces = cut_solid_at_plane(Solid.from_arrays(sphere.vertices, sphere.faces), axis, at_mm)
     joints = find_joints(pieces)
     [seam] = measure_seams(pieces, joints)
     assert seam.length_mm == pytest.approx(joints[0].faces[0].outline.length, rel=1e-4)
@@ -81,7 +81,7 @@ def test_seam_of_a_cut_ball_is_the_rim_of_the_cut(at_mm: float, axis: int) -> No
 
 
 def test_only_long_thin_rims_are_described() -> None:
-    pieces = cut_at_plane(Solid.box((0, 0, 0), (60, 40, 30)), 0, 25.0)
+    pieces = cut_solid_at_plane(Solid.box((0, 0, 0), (60, 40, 30)), 0, 25.0)
     joints = find_joints(pieces)
     assert describe_thin_rims(["p01", "p02"], joints, [Seam(100.0, 4.0)]) == ""
     assert "on 12 mm of the seams, most between p01 and p02" in describe_thin_rims(

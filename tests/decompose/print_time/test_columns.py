@@ -19,8 +19,10 @@ def measure_solid(solid: Solid, marked_normal_z: float | None = None) -> Columns
     vertices, faces = solid.arrays()
     triangles = vertices[faces]
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    upward = normals[:, 2] / np.linalg.norm(normals, axis=1)
-    is_marked = np.zeros(len(faces), bool) if marked_normal_z is None else np.isclose(upward, marked_normal_z)
+    normals_z = normals[:, 2] / np.linalg.norm(normals, axis=1)
+    is_marked = (
+        np.zeros(len(faces), bool) if marked_normal_z is None else np.isclose(normals_z, marked_normal_z)
+    )
     return measure_columns(triangles, is_marked, OVERHANG_COS)
 
 
@@ -37,7 +39,7 @@ def bench() -> Solid:
 
 
 def test_supports_end_on_the_part(bench: Solid) -> None:
-    """Use a seat with 10 mm of width 20 mm above the foot, and 20 mm of width 25 mm above the bed."""
+    """Use a seat that is 20 mm above 10 mm of the foot, and 25 mm above 20 mm of the bed."""
     result = measure_solid(bench)
     assert result.support_mm3 == pytest.approx(10 * 20 * 20 + 20 * 20 * 25, rel=0.03)
     assert result.support_side_mm2 == pytest.approx((10 + 20) * 2 * 20 + (20 + 20) * 2 * 25, rel=0.05)
@@ -49,9 +51,8 @@ def test_supports_end_on_the_part(bench: Solid) -> None:
 def test_marked_faces_are_touched_from_below_and_from_above(bench: Solid) -> None:
     # Support touches the seat, but not the base of the foot.
     assert measure_solid(bench, -1.0).touched_mm2 == pytest.approx(30 * 20, rel=0.05)
-    assert measure_solid(bench, 1.0).touched_mm2 == pytest.approx(
-        10 * 20, rel=0.05
-    )  # the foot, not the seat's top
+    # Support touches the top of the foot, but not the top of the seat.
+    assert measure_solid(bench, 1.0).touched_mm2 == pytest.approx(10 * 20, rel=0.05)
     assert measure_solid(bench, 0.5).touched_mm2 == 0.0
 
 
@@ -79,14 +80,14 @@ def test_ball_needs_a_cone_of_support() -> None:
 
 
 def test_tip_in_mid_air_needs_a_tower() -> None:
-    """Use an arm that begins at a point 20 mm above the bed, too steep for support, and joins its post."""
+    """Use an arm, too steep for support, that begins in a tip 20 mm above the bed and joins a post."""
     corners = [(0, 0, 20), (-4, -4, 40), (4, -4, 40), (4, 4, 40), (-4, 4, 40)]
     hull = trimesh.convex.convex_hull(np.array(corners, float))
     tip = Solid.from_arrays(hull.vertices, hull.faces)
     post = [Solid.box((20, -4, 0), (30, 4, 50)), Solid.box((-4, -4, 40), (30, 4, 50))]
     assert measure_solid(Solid.union([tip, *post])).towers_mm == pytest.approx(20.0, abs=3.0)
     assert measure_solid(tip.union([tip, post[0]])).towers_mm == pytest.approx(20.0, abs=3.0)
-    assert measure_solid(Solid.union(post)).towers_mm == 0.0  # all of it stands on support
+    assert measure_solid(Solid.union(post)).towers_mm == 0.0  # support carries all of it
     cup = Solid.box((-10, -10, 0), (10, 10, 60)).subtract(tip)
     assert measure_solid(cup).towers_mm == 0.0  # a tip that points up needs no tower
 
@@ -106,7 +107,7 @@ def test_islands_are_separate_areas_of_a_layer() -> None:
     assert measure_solid(legs[0]).bodies_mm == 0.0
 
 
-def test_many_islands_are_near_each_other() -> None:
+def test_paths_between_many_islands_are_short() -> None:
     posts = [Solid.box((x, y, 0), (x + 6, y + 6, 30)) for x in range(0, 60, 12) for y in (0, 12, 24, 36)]
     result = measure_solid(Solid.union(posts))
     assert result.islands_mm == pytest.approx(19 * 30.0)
@@ -122,7 +123,7 @@ def test_holes_of_a_layer_are_counted() -> None:
     holes = Solid.union([Solid.from_arrays(bore.vertices, bore.faces) for bore in bores])
     plate = Solid.box((0, 0, 0), (60, 60, 10)).subtract(holes)
     result = measure_solid(plate)
-    assert result.holes_mm == pytest.approx(4 * 5.0, abs=4 * 10.0 / 16)  # they end at half of the height
+    assert result.holes_mm == pytest.approx(4 * 5.0, abs=4 * 10.0 / 16)  # they end at half the height
     spacing_mm = np.sqrt((60.0**2 - 4 * np.pi * 4.0**2) / 5.0)
     assert result.hole_paths_mm2 == pytest.approx(result.holes_mm * spacing_mm, rel=0.05)
     assert measure_solid(Solid.box((0, 0, 0), (60, 60, 10))).holes_mm == 0.0
@@ -138,7 +139,7 @@ def test_brim_surrounds_each_foot_but_fills_no_hole() -> None:
     assert measure_solid(ring).measure_brim_mm2(0.0) == 0.0
 
 
-def test_slope_from_its_wall_needs_no_tower() -> None:
+def test_slope_that_starts_at_a_wall_needs_no_tower() -> None:
     """Use a part that leans out by 40 degrees, whose lower edge is supported by its wall."""
     corners = np.array([(0, y, z) for y in (0, 20) for z in (0, 40)] + [(24, y, 40) for y in (0, 20)], float)
     hull = trimesh.convex.convex_hull(np.vstack([corners, corners - [5.0, 0.0, 0.0]]))
@@ -158,7 +159,7 @@ def test_thin_wall_that_leans_needs_no_tower(yaw_rad: float) -> None:
 
 
 def test_edge_in_mid_air_needs_a_strip() -> None:
-    """Use a wedge at a wall's end, 30 mm above the bed, too steep for support: its edge is in the air."""
+    """Use a wedge at the end of a wall, too steep for support, whose edge is 30 mm above the bed."""
     corners = [(x, y, z) for y in (-1, 60) for x, z in ((0, 30), (-6, 40), (0, 40))]
     hull = trimesh.convex.convex_hull(np.array(corners, float))
     wall = Solid.box((-20, -20, 0), (0, 0, 40))

@@ -10,11 +10,11 @@ from decompose.geometry import Solid
 from decompose.print_time import POSE_ROTATIONS, Recipe
 from decompose.print_time.contours import RISING_WALL_FACTOR, Contours, measure_contours
 
-UP = np.array([0.0, 0.0, 1.0])
+UP_AXIS = np.array([0.0, 0.0, 1.0])
 
 
 def measure_solid(solid: Solid, ring_cos: float = 1.0) -> Contours:
-    return measure_contours(*solid.arrays(), UP, 0.7, ring_cos)
+    return measure_contours(*solid.arrays(), UP_AXIS, 0.7, ring_cos)
 
 
 def make_frustum(bottom_mm: float, top_mm: float, height_mm: float) -> Solid:
@@ -28,12 +28,12 @@ def make_frustum(bottom_mm: float, top_mm: float, height_mm: float) -> Solid:
     return Solid.from_arrays(hull.vertices, hull.faces)
 
 
-def test_rims_of_a_block_are_those_of_its_bed_and_its_top() -> None:
+def test_rims_of_a_block_are_those_of_its_bottom_and_top() -> None:
     rims = measure_solid(Solid.box((0, 0, 0), (30, 20, 10)))
     assert rims.rim_mm == rims.ends_mm == pytest.approx(2 * 100.0)
 
 
-def test_skin_goes_on_under_a_wall_that_rises_from_it() -> None:
+def test_skin_continues_under_a_wall_that_rises_from_it() -> None:
     stepped_block = Solid.union([Solid.box((0, 0, 0), (60, 60, 10)), Solid.box((20, 20, 9), (40, 40, 20))])
     rims = measure_solid(stepped_block)
     assert rims.rim_mm == pytest.approx(2 * 240.0 + 80.0 - RISING_WALL_FACTOR * 80.0)

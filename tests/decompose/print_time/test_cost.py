@@ -32,7 +32,7 @@ ZERO_COST = CostModel(*[0.0] * 8, brim_mm=0.0, skin_cos=0.7)
 
 
 def make_cost(**coefficients: float) -> CostModel:
-    """Make a cost with these coefficients, and all others 0."""
+    """Make a cost model with these coefficients; all others are 0."""
     return replace(ZERO_COST, **coefficients)
 
 
@@ -50,26 +50,26 @@ def test_price_of_a_cube_equals_a_manual_calculation() -> None:
     body_s = max(0.5 * 1000.0 + 0.25 * 400.0, 11.0 * 10.0)
     expected_s = 7.0 + body_s + 2.0 * 200.0 + 3.0 * ring_mm2
     times_s = price_axis_poses_s(*Solid.box((5, 5, 5), (15, 15, 15)).arrays(), cost)
-    assert times_s == pytest.approx([expected_s] * 6)  # its underside lies on the bed: no support
+    assert times_s == pytest.approx([expected_s] * 6)  # its underside lies on the bed, so it needs no support
 
 
 def test_needle_takes_the_minimum_time_of_its_layers() -> None:
     cost = CostModel.from_recipe(Recipe(min_layer_s=5.0))
     needle, block = Solid.box((0, 0, 0), (3, 3, 60)), Solid.box((0, 0, 0), (60, 60, 60))
-    faster = replace(cost, min_s_mm=0.0)
+    unlimited_cost = replace(cost, min_s_mm=0.0)
     upright_rotation = POSE_ROTATIONS[4:5]
     body_s = cost.volume_s_mm3 * 540.0 + cost.lateral_s_mm2 * 720.0 * (1.0 - MAX_INSET_SHARE)
-    slowed_s = price_poses_s(*needle.arrays(), upright_rotation, cost) - price_poses_s(
-        *needle.arrays(), upright_rotation, faster
+    delay_s = price_poses_s(*needle.arrays(), upright_rotation, cost) - price_poses_s(
+        *needle.arrays(), upright_rotation, unlimited_cost
     )
-    assert slowed_s[0] == pytest.approx(5.0 * 60.0 / 0.25 - body_s)
+    assert delay_s[0] == pytest.approx(5.0 * 60.0 / 0.25 - body_s)
     assert price_axis_poses_s(*block.arrays(), cost) == pytest.approx(
-        price_axis_poses_s(*block.arrays(), faster)
+        price_axis_poses_s(*block.arrays(), unlimited_cost)
     )
 
 
 def test_walls_inside_the_outline_are_shorter() -> None:
-    """Use a block of 40 mm: the loops of two walls are squares of 39.6 and 38.8 mm."""
+    """Use a block of 40 mm, whose two wall loops are squares of 39.6 and 38.8 mm."""
     recipe = Recipe(layer_height_mm=0.2, line_width_mm=0.4, outer_line_width_mm=0.4)
     walls = compute_time_terms(recipe)["walls"][[FEATURES.index("lateral_mm2"), FEATURES.index("height_mm")]]
     assert walls @ (4.0 * 40.0 * 10.0, 10.0) == pytest.approx(50.0 * 4.0 * (39.6 / 40.0 + 38.8 / 50.0))
@@ -84,9 +84,10 @@ def test_first_layers_of_a_skin_on_the_bed_have_their_own_speed() -> None:
 def test_uppermost_layer_of_a_top_has_its_own_speed() -> None:
     recipe = Recipe(skin_layers=4.0, skin_mm_s=50.0, brim_mm_s=50.0, roof_layers=1, roof_mm_s=25.0)
     assert recipe.skin_s_mm == pytest.approx((4.0 / 50.0 + 3.0 / 50.0 + 1.0 / 25.0) / 2.0)
-    hidden = replace(recipe, bed_layers_saved=2.0, top_layers_saved=1.0)
-    assert hidden.hidden_bed_share * recipe.skin_s_mm == pytest.approx(2.0 / 50.0)
-    assert hidden.hidden_top_share * recipe.skin_s_mm == pytest.approx(2.0 / 50.0)  # a layer and a roof
+    hidden_recipe = replace(recipe, bed_layers_saved=2.0, top_layers_saved=1.0)
+    assert hidden_recipe.hidden_bed_share * recipe.skin_s_mm == pytest.approx(2.0 / 50.0)
+    # A hidden top saves one layer and the roof.
+    assert hidden_recipe.hidden_top_share * recipe.skin_s_mm == pytest.approx(2.0 / 50.0)
     assert recipe.hidden_top_share * recipe.skin_s_mm == pytest.approx(1.0 / 50.0)
     assert replace(recipe, skin_layers=0.0).hidden_top_share == 0.0
 
@@ -99,15 +100,15 @@ def test_ends_of_skin_lines_take_the_same_time_above_a_speed_limit() -> None:
     assert slopes_s[1:] == pytest.approx([2.0 * slopes_s[0]] * 2)
 
 
-@pytest.mark.parametrize(("steps", "denser_mm"), [(0, 0.0), (1, 2.0 * 0.125), (2, 2.0 * (0.1875 + 0.0625))])
-def test_infill_gets_sparser_below_the_tops(steps, denser_mm):
-    """Lines are 4 mm apart; each step of 2 mm of height halves their number."""
+@pytest.mark.parametrize(("steps", "extra_mm"), [(0, 0.0), (1, 2.0 * 0.125), (2, 2.0 * (0.1875 + 0.0625))])
+def test_infill_gets_sparser_below_the_tops(steps, extra_mm):
+    """Use lines 4 mm apart, whose number is halved by each step of 2 mm in height."""
     recipe = Recipe(infill_line_distance_mm=4.0, infill_steps=steps, infill_step_mm=2.0, skin_layers=0.0)
     even_recipe = replace(recipe, infill_line_distance_mm=4.0 * 2.0**steps, infill_steps=0)
     infill_terms, even_terms = compute_time_terms(recipe)["infill"], compute_time_terms(even_recipe)["infill"]
     skin = FEATURES.index("skin_mm2")
     assert infill_terms[:skin] == pytest.approx(even_terms[:skin])
-    tops_s = denser_mm / (recipe.layer_height_mm * recipe.infill_mm_s)
+    tops_s = extra_mm / (recipe.layer_height_mm * recipe.infill_mm_s)
     assert 2.0 * (infill_terms - even_terms)[skin] == pytest.approx(tops_s)
 
 
@@ -141,7 +142,7 @@ def test_slopes_up_to_45_degrees_need_no_support() -> None:
 def test_slope_has_skin_if_its_steps_are_wider_than_the_walls() -> None:
     recipe = Recipe(layer_height_mm=0.2, skin_layers=4.0, wall_count=2, line_width_mm=0.35)
     cost = replace(make_cost(slope_s_mm2=1.0), skin_cos=recipe.skin_cos)
-    # Slope (height over width) at which a step of 4 layers is exactly as wide as the walls.
+    # At this slope (height over width), a step of 4 layers is exactly as wide as the walls.
     max_slope = 4 * 0.2 / (2 * 0.35 + 0.35 / 2)
     for run_mm, has_skin in ((10.0 / max_slope - 0.1, False), (10.0 / max_slope + 0.1, True)):
         assert (price_axis_poses_s(*make_wedge(run_mm).arrays(), cost)[4] > 0.0) == has_skin
@@ -179,13 +180,13 @@ def test_settings_change_the_price_as_expected(change: dict[str, float], term: s
         compute_time_terms(replace(Recipe(), **change))[term],
     )
     # The skin's share of the infill volume depends on the layer height.
-    compared = slice(0, 2) if term == "infill" else slice(None)
-    assert new_terms[compared] == pytest.approx(old_terms[compared] * ratio)
+    compared_features = slice(0, 2) if term == "infill" else slice(None)
+    assert new_terms[compared_features] == pytest.approx(old_terms[compared_features] * ratio)
 
 
 def test_brim_takes_as_long_as_its_lines() -> None:
-    slow = Recipe(outer_line_width_mm=0.5, brim_mm_s=10.0)
-    assert CostModel.from_recipe(slow, dict.fromkeys(FACTORS, 1.0)).brim_s_mm2 == pytest.approx(0.2)
+    slow_recipe = Recipe(outer_line_width_mm=0.5, brim_mm_s=10.0)
+    assert CostModel.from_recipe(slow_recipe, dict.fromkeys(FACTORS, 1.0)).brim_s_mm2 == pytest.approx(0.2)
 
 
 def test_every_term_has_a_factor() -> None:
@@ -198,7 +199,7 @@ def test_every_term_has_a_factor() -> None:
 def test_additive_features_add_up_over_a_cut(
     turns_rad: tuple[float, float, float], cut_mm: float, ring_with_bar: Solid, cost: CostModel
 ) -> None:
-    """Compare two halves with the whole plus both sides of the cut, which are wall or skin by their slope."""
+    """Compare two halves with the whole plus both cut faces, which are walls or skin by their slope."""
     rotations = Rotation.from_euler("xyz", [turns_rad]).as_matrix()
     halves = ring_with_bar.split(0, cut_mm)
     features, _ = sum_pose_features(*ring_with_bar.arrays(), rotations, cost)
@@ -270,7 +271,7 @@ def test_compiled_code_reads_prices_by_name() -> None:
 
 
 def test_inner_walls_of_each_body_are_shorter() -> None:
-    """Use four posts, whose inner walls are shorter by four times one post's, up to a share of all walls."""
+    """Use four posts, each of which shortens the inner walls equally, up to a share of all walls."""
     cost = CostModel.from_recipe(Recipe(min_layer_s=0.0))
     lateral_mm2, height_mm = 4.0 * 4.0 * 30.0 * 50.0, 50.0
     assert cost.price_insets_s(lateral_mm2, height_mm, 0.0) == 0.0

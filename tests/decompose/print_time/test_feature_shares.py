@@ -20,7 +20,7 @@ def test_shares_sum_to_one(width_mm, depth_mm, height_mm):
     assert shares.keys() == GROUPS.keys()
     assert sum(shares.values()) == pytest.approx(1.0)
     assert min(shares.values()) >= 0.0
-    assert shares["supports"] == 0.0  # cuts avoid them
+    assert shares["supports"] == 0.0  # cuts avoid supports
 
 
 def test_sheet_is_skin_and_tower_is_walls():

@@ -23,52 +23,54 @@ COST, PLAIN_COST = (
 )
 BLOCK = Solid.box((0.0, 0.0, 0.0), (40.0, 30.0, 20.0))
 BOTTOM_PLANE, TOP_PLANE, SIDE_PLANE = (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 1.0, 20.0), (1.0, 0.0, 0.0, 40.0)
-UPRIGHT, UPSIDE_DOWN = POSE_ROTATIONS[4], POSE_ROTATIONS[5]
+UPRIGHT_ROTATION, UPSIDE_DOWN_ROTATION = POSE_ROTATIONS[4], POSE_ROTATIONS[5]
 
 
-def measure_block(*planes: tuple[float, ...], solid: Solid = BLOCK, rotation=UPRIGHT, cost=COST):
+def measure_block(*planes: tuple[float, ...], solid: Solid = BLOCK, rotation=UPRIGHT_ROTATION, cost=COST):
     vertices, faces = solid.arrays()
     is_cut = find_cut_faces(vertices, faces, np.array(planes).reshape(-1, 4))
     return measure_pose(vertices, faces, is_cut, rotation, cost, fit_first_layer=False)
 
 
 @pytest.mark.parametrize(
-    ("planes", "rotation", "bed", "tops"),
+    ("planes", "rotation", "is_bed_hidden", "are_tops_hidden"),
     [
-        ((BOTTOM_PLANE,), UPRIGHT, True, False),
-        ((BOTTOM_PLANE,), UPSIDE_DOWN, False, True),
-        ((TOP_PLANE,), UPSIDE_DOWN, True, False),
-        ((BOTTOM_PLANE, TOP_PLANE), UPRIGHT, True, True),
-        ((SIDE_PLANE,), UPRIGHT, False, False),
-        ((), UPRIGHT, False, False),
+        ((BOTTOM_PLANE,), UPRIGHT_ROTATION, True, False),
+        ((BOTTOM_PLANE,), UPSIDE_DOWN_ROTATION, False, True),
+        ((TOP_PLANE,), UPSIDE_DOWN_ROTATION, True, False),
+        ((BOTTOM_PLANE, TOP_PLANE), UPRIGHT_ROTATION, True, True),
+        ((SIDE_PLANE,), UPRIGHT_ROTATION, False, False),
+        ((), UPRIGHT_ROTATION, False, False),
     ],
 )
-def test_cut_faces_on_the_bed_and_on_top_are_hidden(planes, rotation, bed, tops):
+def test_cut_faces_on_the_bed_and_on_top_are_hidden(planes, rotation, is_bed_hidden, are_tops_hidden):
     pose = measure_block(*planes, rotation=rotation)
-    assert (pose.bed_face_hidden, pose.tops_hidden) == (bed, tops)
+    assert (pose.bed_face_hidden, pose.tops_hidden) == (is_bed_hidden, are_tops_hidden)
     plain_pose = measure_block(*planes, rotation=rotation, cost=PLAIN_COST)
     assert not plain_pose.bed_face_hidden
     assert not plain_pose.tops_hidden
-    # A layer of skin over 1200 mm2, except for the rim under the walls, less the infill that replaces it.
+    # Each layer saves the skin on 1200 mm2, except for the rim under the walls, less the infill in its place.
     layer_s = 1200.0 * COST.skin_s_mm2 / 4.0
-    assert plain_pose.price_s - pose.price_s == pytest.approx((2.0 * bed + 1.0 * tops) * layer_s, rel=0.1)
+    assert plain_pose.price_s - pose.price_s == pytest.approx(
+        (2.0 * is_bed_hidden + 1.0 * are_tops_hidden) * layer_s, rel=0.1
+    )
 
 
-def test_top_that_is_seen_beside_a_cut_keeps_its_skin():
+def test_visible_top_beside_a_cut_keeps_its_skin():
     step = Solid.union([BLOCK, Solid.box((10.0, 10.0, 10.0), (20.0, 20.0, 30.0))])
     assert not measure_block(BOTTOM_PLANE, (0.0, 0.0, 1.0, 30.0), solid=step).tops_hidden
     assert measure_block(BOTTOM_PLANE, (0.0, 0.0, 1.0, 30.0), solid=step).bed_face_hidden
 
 
-def test_foot_beside_a_cut_face_on_the_bed_is_seen():
+def test_foot_beside_a_cut_face_on_the_bed_is_visible():
     vertices, faces = BLOCK.arrays()
     is_cut = find_cut_faces(vertices, faces, np.array([BOTTOM_PLANE]))
     is_cut[np.flatnonzero(is_cut)[0]] = False
-    assert not measure_pose(vertices, faces, is_cut, UPRIGHT, COST).bed_face_hidden
+    assert not measure_pose(vertices, faces, is_cut, UPRIGHT_ROTATION, COST).bed_face_hidden
 
 
 def test_hidden_faces_make_a_part_lie_on_its_cut():
-    """Check that the cut one of two equal ends is at the bottom."""
+    """Check that of two equal ends, the cut one is at the bottom."""
     vertices, faces = Solid.box((0.0, 0.0, 0.0), (80.0, 80.0, 10.0)).arrays()
     flat_rooms = [PrinterRoom("flat", ((90.0, 90.0, 15.0),))]
     for plane, up_z in ((BOTTOM_PLANE, 1.0), ((0.0, 0.0, 1.0, 10.0), -1.0)):
@@ -97,7 +99,7 @@ def test_walls_along_upright_cut_faces_are_cheaper():
 @pytest.mark.parametrize("top_share", [0.0, COST.hidden_top_share])
 @pytest.mark.parametrize("side_share", [0.0, 0.2])
 def test_tables_price_hidden_faces_as_parts_do(ring_with_bar: Solid, top_share: float, side_share: float):
-    """Compare faces on the bed exactly, faces on top only where no other face above or below needs skin."""
+    """Compare faces on the bed exactly, and faces on top only if no face above or below needs skin."""
     angles = {"supported_deg": math.degrees(math.asin(0.7)), "skin_cos": 0.75}
     cost = replace(COST, hidden_top_share=top_share, hidden_side_share=side_share, **angles)
     vertices, faces = ring_with_bar.arrays()

@@ -15,7 +15,7 @@ COST = CostModel.from_recipe(Recipe())
 
 
 def make_pyramid(side_mm: float, height_mm: float, top_mm: float) -> trimesh.Trimesh:
-    """Make a square pyramid with a cut tip."""
+    """Make a truncated square pyramid."""
     corners = [(-1, -1), (1, -1), (1, 1), (-1, 1)]
     points = [(x * side_mm / 2, y * side_mm / 2, 0.0) for x, y in corners]
     points += [(x * top_mm / 2, y * top_mm / 2, height_mm) for x, y in corners]
@@ -35,7 +35,7 @@ def test_slabs_add_up_to_the_part() -> None:
         assert section_mm2[slab] == pytest.approx(math.pi * (20.0**2 - above_mm**2), rel=0.03)
 
 
-def test_equal_layers_are_covered_by_the_price() -> None:
+def test_equal_layers_need_no_extra_time() -> None:
     for side_mm in (4.0, 12.0, 60.0):
         assert price_short_layers_s(make_pyramid(side_mm, 50.0, side_mm).triangles, COST) == pytest.approx(
             0.0, abs=1e-6
@@ -67,7 +67,7 @@ def test_short_layers_of_a_tip_are_slowed_down() -> None:
 
 @pytest.mark.parametrize(("layer_mm", "angle_deg"), [(0.25, 45.0), (0.1, 45.0), (0.25, 60.0)])
 def test_face_at_exactly_the_support_angle_is_supported(layer_mm: float, angle_deg: float) -> None:
-    """Price the support that CuraEngine prints under such a face because of rounding."""
+    """Price the support that CuraEngine prints under a face at this angle because of rounding."""
     cost = CostModel.from_recipe(Recipe(layer_height_mm=layer_mm, support_angle_deg=angle_deg))
     assert (
         math.sin(math.radians(angle_deg - 1.6)) < cost.overhang_cos < math.sin(math.radians(angle_deg - 0.15))

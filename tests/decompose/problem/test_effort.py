@@ -1,4 +1,4 @@
-"""Effort: results depend on input, seed and effort only, not on the speed of the machine or its threads."""
+"""Effort: results depend only on input, seed and effort, not on the speed of the machine or its threads."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ class ReversedExecutor(Executor):
     """Executor that runs its calls in reverse order in one thread."""
 
     def map(self, fn: Callable[..., Any], *iterables: Iterable[Any], **_: Any) -> Iterator[Any]:
-        answers = [(i, fn(*args)) for i, args in reversed(list(enumerate(zip(*iterables, strict=False))))]
-        return iter([answer for _, answer in sorted(answers, key=lambda each: each[0])])
+        outcomes = [(i, fn(*args)) for i, args in reversed(list(enumerate(zip(*iterables, strict=False))))]
+        return iter([answer for _, answer in sorted(outcomes, key=lambda each: each[0])])
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         future: Future[Any] = Future()
@@ -46,7 +46,7 @@ class ReversedExecutor(Executor):
 
 
 def list_figures(result: Decomposition) -> list[Any]:
-    """Return a report without its durations."""
+    """List the figures of a result without its durations."""
     attempts = [asdict(attempt) | {"compute_s": None} for attempt in result.attempts]
     parts = [(p.id, p.printer, p.price_s, p.to_model.tolist(), p.solid.arrays()) for p in result.parts]
     return [attempts, result.engine, result.makespan_s, result.lower_bound_s, result.cells, parts]
@@ -59,7 +59,7 @@ def are_equal(a: list[Any], b: list[Any]) -> bool:
     ) and (a[:-1] == b[:-1])
 
 
-RunWithin = Callable[..., Decomposition]
+BudgetRunner = Callable[..., Decomposition]
 
 
 PRINTERS = tuple(PrinterRoom(str(i), ((200.0, 200.0, 200.0),)) for i in range(4))
@@ -67,15 +67,15 @@ PRINTERS = tuple(PrinterRoom(str(i), ((200.0, 200.0, 200.0),)) for i in range(4)
 
 @pytest.fixture(scope="module")
 def model() -> Model:
-    """Make a rotated step."""
+    """Make a rotated block with a step."""
     step = Solid.union([Solid.box((0, 0, 0), (150, 80, 40)), Solid.box((20, 10, 30), (90, 60, 110))])
     rotation = trimesh.transformations.rotation_matrix(0.4, (0.2, 0.1, 1.0))[:3, :3]
     return Model(step.rotate(rotation), (), 1.0)
 
 
 @pytest.fixture(scope="module")
-def run_within(cost: CostModel, model: Model) -> RunWithin:
-    """Cut the step for four printers within a budget."""
+def budget_runner(cost: CostModel, model: Model) -> BudgetRunner:
+    """Return a function that cuts the step for four printers within a budget."""
 
     def decompose(budget_s: float, executor: Executor | None = None) -> Decomposition:
         return decompose_module.decompose_model(
@@ -86,8 +86,8 @@ def run_within(cost: CostModel, model: Model) -> RunWithin:
 
 
 @pytest.fixture(scope="module")
-def unlimited_result(run_within: RunWithin) -> Decomposition:
-    return run_within(1e9)
+def unlimited_result(budget_runner: BudgetRunner) -> Decomposition:
+    return budget_runner(1e9)
 
 
 def compute_effort_s(result: Decomposition) -> float:
@@ -96,29 +96,32 @@ def compute_effort_s(result: Decomposition) -> float:
 
 @pytest.mark.parametrize("share", [0.1, 0.6, 0.9])
 def test_result_is_independent_of_clock_and_threads(
-    share: float, run_within: RunWithin, unlimited_result: Decomposition, monkeypatch: pytest.MonkeyPatch
+    share: float,
+    budget_runner: BudgetRunner,
+    unlimited_result: Decomposition,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     results = []
     for step_s, executor in ((1e-9, None), (1e6, ReversedExecutor()), (1.0, ThreadPoolExecutor(4))):
         ticks = count(0.0, step_s)
         for module in (attempt, decompose_module):
             monkeypatch.setattr(module, "perf_counter", lambda ticks=ticks: next(ticks))
-        results.append(list_figures(run_within(share * compute_effort_s(unlimited_result), executor)))
+        results.append(list_figures(budget_runner(share * compute_effort_s(unlimited_result), executor)))
     assert are_equal(results[0], results[1])
     assert are_equal(results[0], results[2])
 
 
-def test_search_ends_with_the_best_so_far_within_the_budget(
-    run_within: RunWithin, unlimited_result: Decomposition
+def test_search_within_a_budget_ends_with_the_best_result_so_far(
+    budget_runner: BudgetRunner, unlimited_result: Decomposition
 ) -> None:
-    result = run_within(0.0)
+    result = budget_runner(0.0)
     assert result.attempts[0].makespan_s == result.makespan_s
     assert not result.attempts[0].finished
     assert all(
         item.finished and item.makespan_s and item.effort_s > 0.0 for item in unlimited_result.attempts
     )
     assert are_equal(
-        list_figures(run_within(1.5 * compute_effort_s(unlimited_result))), list_figures(unlimited_result)
+        list_figures(budget_runner(1.5 * compute_effort_s(unlimited_result))), list_figures(unlimited_result)
     )
     assert unlimited_result.makespan_s <= result.makespan_s
 
@@ -135,7 +138,7 @@ def test_draws_beyond_the_budget_do_not_start(cost: CostModel, model: Model) -> 
 
 
 @given(budget_s=st.floats(0.0, 10.0), reserved_s=st.floats(0.0, 5.0), units=st.integers(0, 10**8))
-def test_affordable_work_keeps_the_budget_unspent(budget_s: float, reserved_s: float, units: int) -> None:
+def test_affordable_work_stays_within_the_budget(budget_s: float, reserved_s: float, units: int) -> None:
     effort = Effort(budget_s, reserved_s=reserved_s)
     is_affordable = effort.can_afford(Work.CELL_GROWN, units)
     assert effort.is_cut_short == (not is_affordable)
@@ -145,14 +148,17 @@ def test_affordable_work_keeps_the_budget_unspent(budget_s: float, reserved_s: f
 
 @given(work=st.lists(st.tuples(st.sampled_from(Work), st.integers(0, 10**9))), budget_s=st.floats(0.0, 100.0))
 def test_sum_of_work_is_independent_of_order(work: list[tuple[Work, int]], budget_s: float) -> None:
-    forwards, backwards = Effort(budget_s), Effort(budget_s)
+    forward_effort, backward_effort = Effort(budget_s), Effort(budget_s)
     for item, other_item in zip(work, reversed(work), strict=True):
-        forwards.record(*item)
-        backwards.record(*other_item)
-    assert forwards.spent_s == backwards.spent_s
-    assert forwards.spent_s == pytest.approx(sum(WORK_NS[kind] * units for kind, units in work) / 1e9)
+        forward_effort.record(*item)
+        backward_effort.record(*other_item)
+    assert forward_effort.spent_s == backward_effort.spent_s
+    assert forward_effort.spent_s == pytest.approx(sum(WORK_NS[kind] * units for kind, units in work) / 1e9)
     assert (
-        forwards.is_spent() == backwards.is_spent() == forwards.is_cut_short == (forwards.spent_s >= budget_s)
+        forward_effort.is_spent()
+        == backward_effort.is_spent()
+        == forward_effort.is_cut_short
+        == (forward_effort.spent_s >= budget_s)
     )
 
 
@@ -163,7 +169,7 @@ def test_search_computes_one_sum_per_cut_of_each_box(shape: tuple[int, int, int]
 
 
 @pytest.mark.parametrize("size_mm", [(260.0, 90.0, 80.0), (220.0, 210.0, 30.0)])
-def test_first_grid_with_its_bound_keeps_a_small_budget(
+def test_first_grid_with_its_bound_stays_within_a_small_budget(
     size_mm: tuple[float, float, float], cost: CostModel
 ) -> None:
     """Run search, plane shift and bound on a rotated block with a bore."""

@@ -36,19 +36,19 @@ def make_block(size_mm: float, printer: PrinterRoom | None = None) -> Piece:
     return Piece(Solid.box((0, 0, 0), (size_mm,) * 3), np.zeros((0, 4)), np.zeros((0, 2, 3)), printer)
 
 
-def make_task(cost: CostModel, printers: Sequence[PrinterRoom], **options: object) -> Problem:
+def make_problem(cost: CostModel, printers: Sequence[PrinterRoom], **options: object) -> Problem:
     model = Model(Solid.box((0, 0, 0), (90, 90, 90)), (), 1.0)
     return Problem(model, tuple(printers), cost, replace(OPTIONS, **options))  # type: ignore[arg-type]
 
 
 def compute_price_s(cost: CostModel, size_mm: float) -> float:
-    (pose,) = make_task(cost, make_fleet(1.0)).find_poses([make_block(size_mm)])
+    (pose,) = make_problem(cost, make_fleet(1.0)).find_poses([make_block(size_mm)])
     assert pose is not None
     return pose.price_s
 
 
-def test_longest_piece_is_for_the_quickest_printer(cost: CostModel) -> None:
-    problem = make_task(cost, make_fleet(1.5, 0.5))
+def test_longest_piece_goes_to_the_quickest_printer(cost: CostModel) -> None:
+    problem = make_problem(cost, make_fleet(1.5, 0.5))
     short_s, long_s = compute_price_s(cost, 30.0), compute_price_s(cost, 60.0)
     expected_s = max(1.5 * short_s, 0.5 * long_s)
     slow_printer, quick_printer = problem.printers
@@ -56,13 +56,13 @@ def test_longest_piece_is_for_the_quickest_printer(cost: CostModel) -> None:
     assert problem.compute_makespan_s(
         [make_block(30.0, quick_printer), make_block(60.0, slow_printer)]
     ) == pytest.approx(expected_s)
-    assert make_task(cost, make_fleet(1.5)).compute_makespan_s([make_block(30.0)]) == pytest.approx(
+    assert make_problem(cost, make_fleet(1.5)).compute_makespan_s([make_block(30.0)]) == pytest.approx(
         1.5 * short_s
     )
 
 
 def test_time_of_a_part_that_does_not_fit_is_infinite(cost: CostModel) -> None:
-    problem = make_task(cost, make_fleet(1.0), prove=True)
+    problem = make_problem(cost, make_fleet(1.0), prove=True)
     for pieces in ([make_block(130.0)], [make_block(30.0), make_block(30.0)]):
         assert problem.compute_makespan_s(pieces) == math.inf
         assert not problem.needs_proof(pieces)
@@ -70,8 +70,8 @@ def test_time_of_a_part_that_does_not_fit_is_infinite(cost: CostModel) -> None:
 
 @pytest.mark.parametrize("factor", [0.5, 1.0, 2.0])
 def test_bound_is_proven_for_candidates_only(factor: float, cost: CostModel) -> None:
-    """Prove the partition with fewer parts if two end at the same time."""
-    problem = make_task(cost, make_fleet(factor, factor), prove=True)
+    """Expect a proof only of partitions that end no later than the best known one."""
+    problem = make_problem(cost, make_fleet(factor, factor), prove=True)
     pieces = [make_block(30.0), make_block(60.0)]
     end_s = factor * compute_price_s(cost, 60.0)
     assert problem.needs_proof(pieces)
@@ -118,7 +118,7 @@ def test_reported_time_includes_every_attempt(ring_with_bar: Solid, cost: CostMo
 def test_started_work_is_done_once(threads: int, cost: CostModel) -> None:
     calls: list[int] = []
     with ThreadPoolExecutor(1) as executor:
-        problem = replace(make_task(cost, make_fleet(1.0)), executor=executor if threads else None)
-        wait = problem.start(lambda: calls.append(len(calls)) or len(calls))
-        assert wait() == wait() == 1
+        problem = replace(make_problem(cost, make_fleet(1.0)), executor=executor if threads else None)
+        get_result = problem.start(lambda: calls.append(len(calls)) or len(calls))
+        assert get_result() == get_result() == 1
     assert calls == [0]

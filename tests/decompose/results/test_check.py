@@ -56,13 +56,13 @@ def convert_to_mm(grid: Grid, boxes: list[Box]) -> np.ndarray:
 @pytest.fixture(scope="module")
 def valid_result(model: Model, grid: Grid, halves: list[Box]) -> Decomposition:
     cost = CostModel(1.0, *[1e-3] * 7, brim_mm=0.0)
-    base = decompose_model(model, PRINTERS, Options(granularity=6, min_wall_mm=5.0), cost)
+    base_result = decompose_model(model, PRINTERS, Options(granularity=6, min_wall_mm=5.0), cost)
     parts = [
         replace(make_part(piece.solid, f"p{i + 1:02d}", f"p{i}"), planes=piece.planes)
         for i, box in enumerate(halves)
         for piece in cut_cells(model.solid, grid, box)
     ]
-    return replace(base.without_parts(), parts=tuple(parts))
+    return replace(base_result.without_parts(), parts=tuple(parts))
 
 
 def test_valid_result_passes_all_rules(
@@ -100,8 +100,8 @@ def enlarge_part(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
 
 
 def split_part(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
-    crumbs = Solid.union([Solid.box((0, 0, 0), (5, 5, 5)), Solid.box((10, 0, 0), (15, 5, 5))])
-    return [replace(parts[0], solid=crumbs), parts[1]]
+    separate_boxes = Solid.union([Solid.box((0, 0, 0), (5, 5, 5)), Solid.box((10, 0, 0), (15, 5, 5))])
+    return [replace(parts[0], solid=separate_boxes), parts[1]]
 
 
 def empty_part(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
@@ -109,7 +109,7 @@ def empty_part(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
 
 
 def hollow_part(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
-    """Remove material inside the first part, with an unchanged surface."""
+    """Remove material inside the first part without changing its surface."""
     lo, hi = parts[0].solid.bounds_mm
     return [replace(parts[0], solid=parts[0].solid.subtract(Solid.box(lo + 8.0, hi - 8.0))), parts[1]]
 
@@ -155,8 +155,8 @@ def test_hollows_must_be_whole_cells_inside_the_wall(cost: CostModel) -> None:
     block = Model(Solid.box((0, 0, 0), (100, 100, 100)), (), 1.0)
     vertices, faces = block.solid.arrays()
     grid = build_grid(vertices[faces], 10, GridRules(15.0, False, 0.7, 0.75))
-    room = [PrinterRoom("p", ((500.0, 500.0, 500.0),))]
-    base = decompose_model(block, room, Options(granularity=10, min_wall_mm=15.0), cost)
+    rooms = [PrinterRoom("p", ((500.0, 500.0, 500.0),))]
+    base_result = decompose_model(block, rooms, Options(granularity=10, min_wall_mm=15.0), cost)
     shell = block.solid.subtract(Solid.box(*grid.find_bounds_mm((4, 4, 4, 6, 6, 6))))
     thin_walled_solid = block.solid.subtract(Solid.box(*grid.find_bounds_mm((1, 4, 4, 6, 6, 6))))
 
@@ -167,12 +167,12 @@ def test_hollows_must_be_whole_cells_inside_the_wall(cost: CostModel) -> None:
             (lo, 6, 0, 6, 10, 10), (lo, 4, 0, 6, 6, 4), (lo, 4, 6, 6, 6, 10),
         ]  # fmt: skip
 
-    hollow_result = replace(base, parts=(make_part(shell, "p01", "p"),))
+    hollow_result = replace(base_result, parts=(make_part(shell, "p01", "p"),))
     check_missing(hollow_result.parts, convert_to_mm(grid, list_boxes_around(4)), block, 15.0)
     with pytest.raises(GeometryError) as error:
         check_missing(hollow_result.parts, convert_to_mm(grid, [(0, 0, 0, 10, 10, 10)]), block, 15.0)
     assert error.value.rule == Rule.INSIDE
-    thin_result = replace(base, parts=(make_part(thin_walled_solid, "p01", "p"),))
+    thin_result = replace(base_result, parts=(make_part(thin_walled_solid, "p01", "p"),))
     with pytest.raises(GeometryError) as error:
         check_missing(thin_result.parts, convert_to_mm(grid, list_boxes_around(1)), block, 15.0)
     assert error.value.rule == Rule.WALL
@@ -185,8 +185,8 @@ def test_wall_is_measured_to_faces_not_only_to_their_corners(
     """Use a cube whose corners and face centres are far from a hollow under one of its faces."""
     cube = Model(Solid.box((0, 0, 0), (200, 200, 200)), (), 1.0)
     vertices, faces = cube.solid.arrays()
-    room = [PrinterRoom("p", ((500.0, 500.0, 500.0),))]
-    base = decompose_model(cube, room, Options(granularity=6, min_wall_mm=10.0), cost)
+    rooms = [PrinterRoom("p", ((500.0, 500.0, 500.0),))]
+    base_result = decompose_model(cube, rooms, Options(granularity=6, min_wall_mm=10.0), cost)
     plain_grid = build_grid(vertices[faces], 3, GridRules(10.0, False, 0.7, 0.75))
     x, z = np.array([-1.0, 150.0, 170.0, 201.0]), np.array([-1.0, top_mm - 20.0, top_mm, 201.0])
     cuts = (np.ones((4, 3, 3)), np.ones((3, 4, 3)), np.ones((3, 3, 4)))
@@ -197,7 +197,7 @@ def test_wall_is_measured_to_faces_not_only_to_their_corners(
     ]  # fmt: skip
     assert grid.shape == (3, 3, 3)
     shell = cube.solid.subtract(Solid.box((150.0, 150.0, top_mm - 20.0), (170.0, 170.0, top_mm)))
-    hollow_result = replace(base, parts=(make_part(shell, "p01", "p"),))
+    hollow_result = replace(base_result, parts=(make_part(shell, "p01", "p"),))
     if gap_mm is None:
         check_missing(hollow_result.parts, convert_to_mm(grid, boxes_around), cube, 10.0)
         return

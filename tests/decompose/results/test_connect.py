@@ -1,4 +1,4 @@
-"""Violations of the rules of pins and marks; a failure leaves parts as they were cut."""
+"""Violations of the rules for pins and marks, and failures, which leave the parts as they were cut."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ from decompose.results.connector_rules import DrilledParts, find_wrong_fits
 
 ALL_CONNECTORS = ConnectorOptions(2.85, 0.4, marks=True)
 UP_AXIS = np.array([0.0, 0.0, 1.0])
-PART_S = 5_000.0
-LEANING_AXIS = np.array([0.0, 0.6, -0.8])  # level faces take holes in this pose, but no grooves
+PART_PRICE_S = 5_000.0
+LEANING_AXIS = np.array([0.0, 0.6, -0.8])  # level faces can have holes in this pose, but no grooves
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +39,7 @@ def drilled_parts() -> DrilledParts:
 
 
 def drill_tower(up: np.ndarray, fits_mm: tuple[float, ...] = (0.4, 0.4, 0.4)) -> DrilledParts:
-    """Drill three blocks on top of each other; `up` is the pose of the middle one."""
+    """Drill three blocks on top of each other; `up` is the up axis of the middle one."""
     spans = [((0, 0, 0), (60, 40, 20)), ((0, 0, 20), (60, 40, 50)), ((0, 0, 50), (60, 40, 80))]
     pieces = [
         Piece(Solid.box(*span), list_box_planes(np.array(span, dtype=np.float64)), np.zeros((0, 2, 3)))
@@ -70,7 +70,7 @@ def move_hole(pin: Pin, offset_mm: tuple[float, float, float]) -> Pin:
     )
 
 
-def shift_out(parts: DrilledParts) -> DrilledParts:
+def shift_pin_outwards(parts: DrilledParts) -> DrilledParts:
     """Move both holes and the pin to within a millimetre of the part's side."""
 
     def shift(pin: Pin) -> Pin:
@@ -93,7 +93,7 @@ def add_material(parts: DrilledParts) -> DrilledParts:
     )
 
 
-def turn_pose_over(parts: DrilledParts) -> DrilledParts:
+def turn_parts_over(parts: DrilledParts) -> DrilledParts:
     return replace(parts, blanks=[replace(blank, up=np.array([0.0, 0.8, -0.6])) for blank in parts.blanks])
 
 
@@ -110,8 +110,8 @@ def tilt_pin(parts: DrilledParts) -> DrilledParts:
     [
         (cut_undeclared_hole, Rule.DRILLED),
         (add_material, Rule.DRILLED),
-        (shift_out, Rule.SKIN),
-        (turn_pose_over, Rule.SUPPORT_FREE),
+        (shift_pin_outwards, Rule.SKIN),
+        (turn_parts_over, Rule.SUPPORT_FREE),
         (separate_holes, Rule.PINNED),
         (tilt_pin, Rule.ORDER),
     ],
@@ -168,7 +168,7 @@ def test_parts_are_written_with_their_holes_and_the_report_lists_them(
 
 
 @pytest.mark.parametrize("up", [UP_AXIS, LEANING_AXIS])
-def test_hole_is_as_wide_as_its_printer_needs_and_both_grooves_as_the_wider_fit(up: np.ndarray) -> None:
+def test_hole_has_the_fit_of_its_printer_and_both_grooves_have_the_wider_fit(up: np.ndarray) -> None:
     parts = drill_tower(up, (0.4, 0.7, 0.4))
     assert len(parts.connectors.pins) == 4 and list(parts.find_faults()) == []
     for pin in parts.connectors.pins:
@@ -192,23 +192,23 @@ def test_fit_of_a_blank_is_that_of_its_printer(halves: Decomposition) -> None:
 
 def test_prices_grow_only_with_the_tools_of_a_part(drilled_parts: DrilledParts) -> None:
     connectors = drilled_parts.connectors
-    ups = [blank.up for blank in drilled_parts.blanks]
-    prices_s = [price_connectors(connectors, n, up, PART_S) for n, up in enumerate(ups)]
-    fewer_pins = replace(connectors, pins=connectors.pins[1:])
-    fewer_prices_s = [price_connectors(fewer_pins, n, up, PART_S) for n, up in enumerate(ups)]
+    up_axes = [blank.up for blank in drilled_parts.blanks]
+    prices_s = [price_connectors(connectors, n, up, PART_PRICE_S) for n, up in enumerate(up_axes)]
+    fewer_connectors = replace(connectors, pins=connectors.pins[1:])
+    fewer_prices_s = [price_connectors(fewer_connectors, n, up, PART_PRICE_S) for n, up in enumerate(up_axes)]
     cut_parts = {hole.part for hole in connectors.pins[0].holes}
     assert [cheaper_s < price_s for cheaper_s, price_s in zip(fewer_prices_s, prices_s, strict=True)] == [
         n in cut_parts for n in range(3)
     ]
-    assert price_connectors(Connectors(), 0, UP_AXIS, PART_S) == 0.0
-    marks_only = replace(connectors, pins=(), gutters=())
-    assert price_connectors(marks_only, 0, ups[0], 4.0 * PART_S) == pytest.approx(
-        2.0 * price_connectors(marks_only, 0, ups[0], PART_S)
+    assert price_connectors(Connectors(), 0, UP_AXIS, PART_PRICE_S) == 0.0
+    mark_connectors = replace(connectors, pins=(), gutters=())
+    assert price_connectors(mark_connectors, 0, up_axes[0], 4.0 * PART_PRICE_S) == pytest.approx(
+        2.0 * price_connectors(mark_connectors, 0, up_axes[0], PART_PRICE_S)
     )
 
 
 def test_part_that_is_cut_again_keeps_its_holes_and_codes(halves: Decomposition) -> None:
-    """Cut the printed share of a part after a fault, when its neighbour is already printed."""
+    """Cut a drilled part again after a fault, when its neighbour is already printed."""
     result = connect_parts(halves)
     printed_solid = result.parts[0].printed_solid
     printers = [PrinterRoom(f"p{i}", ((30.0, 40.0, 50.0),)) for i in range(2)]
@@ -227,7 +227,7 @@ def test_part_that_is_cut_again_keeps_its_holes_and_codes(halves: Decomposition)
     assert len(old_tools) > 10 and printed_solids.intersect(Solid.union(old_tools)).volume_mm3 < 1e-3
 
 
-def test_without_options_parts_stay_as_they_were_cut(halves: Decomposition) -> None:
+def test_parts_stay_as_they_were_cut_without_options(halves: Decomposition) -> None:
     plain_halves = replace(halves, options=replace(halves.options, connectors=ConnectorOptions()))
     assert connect_parts(plain_halves) is plain_halves
 
@@ -248,7 +248,7 @@ def test_parts_that_break_a_rule_stay_as_they_were_cut(
 
 
 @pytest.mark.parametrize("kind", [ModelNotSolid, shapely.errors.GEOSException, QhullError])
-def test_failure_of_an_operation_leaves_all_parts_and_is_reported(
+def test_failed_operation_changes_no_part_and_is_reported(
     halves: Decomposition, monkeypatch: pytest.MonkeyPatch, kind: type[Exception]
 ) -> None:
     def fail(*args: object) -> Connectors:
@@ -290,7 +290,7 @@ def test_seams_that_cannot_be_measured_are_left_out(
     assert result.as_dict()["joints"][0]["seam_mm"] == 0.0
 
 
-def test_tool_that_opens_outside_of_its_joint_is_refused(drilled_parts: DrilledParts) -> None:
+def test_tool_that_opens_outside_its_joint_is_refused(drilled_parts: DrilledParts) -> None:
     mark = drilled_parts.connectors.marks[0]
     shifted_tools = tuple(
         Tool(t.part, t.points_mm + np.array([0.0, 30.0, 0.0]), t.inward_normal, t.face_mm)

@@ -18,7 +18,7 @@ from decompose.results import Part
 from decompose.results.hidden_sides import mark_hidden_sides
 
 BAR = Solid.box((0.0, 0.0, 0.0), (60.0, 40.0, 20.0))
-LEFT, RIGHT = ((-1.0, -1.0, -1.0), (25.0, 41.0, 21.0)), ((25.0, -1.0, -1.0), (61.0, 41.0, 21.0))
+LEFT_BOX, RIGHT_BOX = ((-1.0, -1.0, -1.0), (25.0, 41.0, 21.0)), ((25.0, -1.0, -1.0), (61.0, 41.0, 21.0))
 
 
 def make_parts(solid: Solid, *boxes, rotation=POSE_ROTATIONS[4]) -> list[Part]:
@@ -39,37 +39,37 @@ def list_hidden_sides(solid: Solid, *boxes, rotation=POSE_ROTATIONS[4]) -> list[
 
 
 def test_sides_of_a_cut_are_hidden_with_outward_normals():
-    left, right = list_hidden_sides(BAR, LEFT, RIGHT)
-    assert left == [pytest.approx([1.0, 0.0, 12.5])]
-    assert right == [pytest.approx([-1.0, 0.0, 17.5])]
+    left_sides, right_sides = list_hidden_sides(BAR, LEFT_BOX, RIGHT_BOX)
+    assert left_sides == [pytest.approx([1.0, 0.0, 12.5])]
+    assert right_sides == [pytest.approx([-1.0, 0.0, 17.5])]
 
 
-def test_sides_follow_the_pose_and_level_ones_do_not_count():
-    turned = trimesh.transformations.rotation_matrix(np.radians(30.0), (0.0, 0.0, 1.0))[:3, :3]
-    (left,), _ = list_hidden_sides(BAR, LEFT, RIGHT, rotation=turned)
-    assert left == pytest.approx([np.cos(np.radians(30.0)), np.sin(np.radians(30.0)), 12.5])
-    assert list_hidden_sides(BAR, LEFT, RIGHT, rotation=POSE_ROTATIONS[0]) == [[], []]
+def test_sides_follow_the_pose_and_horizontal_ones_do_not_count():
+    rotated_axes = trimesh.transformations.rotation_matrix(np.radians(30.0), (0.0, 0.0, 1.0))[:3, :3]
+    (left_side,), _ = list_hidden_sides(BAR, LEFT_BOX, RIGHT_BOX, rotation=rotated_axes)
+    assert left_side == pytest.approx([np.cos(np.radians(30.0)), np.sin(np.radians(30.0)), 12.5])
+    assert list_hidden_sides(BAR, LEFT_BOX, RIGHT_BOX, rotation=POSE_ROTATIONS[0]) == [[], []]
 
 
 def test_side_that_continues_a_visible_face_is_visible():
-    """Cut a stair at its step: the face above the step is in the plane of the cut, and beside it."""
+    """Cut a stair at its step, so that the visible face above the step continues the plane of the cut."""
     stair = Solid.union([BAR, Solid.box((0.0, 0.0, 0.0), (25.0, 40.0, 40.0))])
-    high = ((-1.0, -1.0, -1.0), (25.0, 41.0, 41.0))
-    stepped, low = list_hidden_sides(stair, high, RIGHT)
-    assert stepped == low == []
+    high_box = ((-1.0, -1.0, -1.0), (25.0, 41.0, 41.0))
+    stepped_sides, low_sides = list_hidden_sides(stair, high_box, RIGHT_BOX)
+    assert stepped_sides == low_sides == []
 
 
-def test_side_towards_solid_that_is_left_out_is_hidden():
-    assert list_hidden_sides(BAR, LEFT) == [[pytest.approx([1.0, 0.0, 12.5])]]
+def test_side_towards_an_omitted_solid_is_hidden():
+    assert list_hidden_sides(BAR, LEFT_BOX) == [[pytest.approx([1.0, 0.0, 12.5])]]
 
 
 def test_small_side_does_not_count():
-    small = Solid.box((0.0, 0.0, 0.0), (60.0, 9.0, 9.0))
-    assert list_hidden_sides(small, LEFT, RIGHT) == [[], []]
+    small_bar = Solid.box((0.0, 0.0, 0.0), (60.0, 9.0, 9.0))
+    assert list_hidden_sides(small_bar, LEFT_BOX, RIGHT_BOX) == [[], []]
 
 
 def test_sides_of_a_result_lie_on_the_printed_parts():
-    """Compare with the printed parts: each lies behind all of its sides, and has a face on each of them."""
+    """Check that each printed part lies behind all its hidden sides, and has a face on each of them."""
     printers = [PrinterRoom(f"um{i}", ((50.0, 50.0, 50.0),)) for i in range(8)]
     recipe = Recipe(hidden_outer_wall_mm_s=60.0, hidden_inner_wall_mm_s=60.0)
     model = Model(Solid.box((0.0, 0.0, 0.0), (90.0, 60.0, 40.0)).rotate(POSE_ROTATIONS[2]), (), 1.0)

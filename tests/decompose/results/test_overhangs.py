@@ -11,7 +11,7 @@ from decompose.results import overhangs
 from decompose.results.overhangs import measure_ceiling_mm2
 
 UP_AXIS = np.array([0.0, 0.0, 1.0])
-SIDE = np.array([1.0, 0.0, 0.0])
+X_AXIS = np.array([1.0, 0.0, 0.0])
 
 
 def make_prism(profile: list[tuple[float, float]]) -> np.ndarray:
@@ -21,20 +21,20 @@ def make_prism(profile: list[tuple[float, float]]) -> np.ndarray:
 
 def make_cone(width_mm: float, height_mm: float) -> np.ndarray:
     """Make a hollow that opens on the bed and ends in a point."""
-    angles = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
-    ring = np.stack([np.cos(angles), np.sin(angles), np.zeros(24)], axis=1) * width_mm / 2.0
+    angles_rad = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+    ring = np.stack([np.cos(angles_rad), np.sin(angles_rad), np.zeros(24)], axis=1) * width_mm / 2.0
     return np.vstack([ring - 0.1 * UP_AXIS, ring + UP_AXIS, [[0.0, 0.0, 1.0 + height_mm]]])
 
 
 @pytest.mark.parametrize(
     ("tool", "direction", "min_mm2", "max_mm2"),
     [
-        (make_prism([(-2, 0), (2, 0), (2, 3), (-2, 3)]), SIDE, 15.0, 24.0),  # a flat ceiling
-        (make_prism([(-2, 0), (2, 0), (2, 3), (0, 5.1), (-2, 3)]), SIDE, 0.0, 0.0),  # a roof of 45 degrees
-        (make_prism([(-2, 0), (2, 0), (2, 3), (0, 4), (-2, 3)]), SIDE, 0.5, 24.0),  # a roof that is too flat
+        (make_prism([(-2, 0), (2, 0), (2, 3), (-2, 3)]), X_AXIS, 15.0, 24.0),  # a flat ceiling
+        (make_prism([(-2, 0), (2, 0), (2, 3), (0, 5.1), (-2, 3)]), X_AXIS, 0.0, 0.0),  # a roof of 45 degrees
+        (make_prism([(-2, 0), (2, 0), (2, 3), (0, 4), (-2, 3)]), X_AXIS, 0.5, 24.0),  # too flat a roof
         (make_cone(3.0, 2.0), UP_AXIS, 0.005, 0.2),  # the slicer closes a point one layer early
         (make_cone(3.0, 0.5), UP_AXIS, 1.0, 8.0),
-        (make_cone(3.0, 2.0) * [1, 1, -1], -UP_AXIS, 0.0, 0.0),  # opens to the top
+        (make_cone(3.0, 2.0) * [1, 1, -1], -UP_AXIS, 0.0, 0.0),  # it opens to the top
     ],
 )  # fmt: skip
 def test_ceiling_that_needs_support_is_found(
@@ -44,21 +44,21 @@ def test_ceiling_that_needs_support_is_found(
 
 
 def test_bodies_that_meet_are_one_hollow() -> None:
-    """Join a roof, which alone needs no support, with a body through its ridge: a flat ceiling."""
+    """Join a roof, which alone needs no support, with a body through its ridge that has a flat ceiling."""
     roof = make_prism([(-2, 0), (2, 0), (2, 3), (0, 5.1), (-2, 3)])
     crossing_prism = make_prism([(-1, 3), (1, 3), (1, 6), (-1, 6)])
-    assert measure_ceiling_mm2([roof, crossing_prism], SIDE, 0.0, UP_AXIS) > 5.0
+    assert measure_ceiling_mm2([roof, crossing_prism], X_AXIS, 0.0, UP_AXIS) > 5.0
 
 
-@pytest.mark.parametrize("lean", [-0.3, 0.0, 0.4])
+@pytest.mark.parametrize("slope", [-0.3, 0.0, 0.4])
 @pytest.mark.parametrize("roof_mm", [0.6, 1.9, 2.1])
 def test_layers_between_corners_represent_the_others(
-    lean: float, roof_mm: float, monkeypatch: pytest.MonkeyPatch
+    slope: float, roof_mm: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Compare with all layers: a high groove, one that leans, and a roof that is flat or steep half-way."""
-    ends = np.array([[0.0, 0.0, 1.0], [0.0, 40.0 * lean, 40.0]])
+    """Compare with a cut of every layer, for a groove that is upright or leans, and a flat or steep roof."""
+    ends = np.array([[0.0, 0.0, 1.0], [0.0, 40.0 * slope, 40.0]])
     roof = make_prism([(3, 12), (7, 12), (7, 23), (5, 23 + roof_mm), (3, 23)])
-    tools = [make_groove(0, ends, SIDE).points_mm, roof]
+    tools = [make_groove(0, ends, X_AXIS).points_mm, roof]
     counts: list[int] = []
     cut = Solid.cut_sections
 
@@ -67,12 +67,12 @@ def test_layers_between_corners_represent_the_others(
         return cut(solid, frame, at_mm)
 
     monkeypatch.setattr(Solid, "cut_sections", count_sections)
-    area_mm2, section_count = measure_ceiling_mm2(tools, SIDE, 0.0, UP_AXIS), sum(counts)
-    monkeypatch.setattr(overhangs, "MIN_RING_MM", 1e-9)  # nothing is dropped ...
-    all_mm2 = measure_ceiling_mm2(tools, SIDE, 0.0, UP_AXIS)
-    monkeypatch.setattr(overhangs, "_list_end_layers", lambda run: run)  # ... and each layer is cut
+    area_mm2, section_count = measure_ceiling_mm2(tools, X_AXIS, 0.0, UP_AXIS), sum(counts)
+    monkeypatch.setattr(overhangs, "MIN_RING_MM", 1e-9)  # keep all rings
+    all_mm2 = measure_ceiling_mm2(tools, X_AXIS, 0.0, UP_AXIS)
+    monkeypatch.setattr(overhangs, "_list_end_layers", lambda run: run)  # cut every layer
     counts.clear()
-    assert measure_ceiling_mm2(tools, SIDE, 0.0, UP_AXIS) == pytest.approx(all_mm2, abs=1e-6)
+    assert measure_ceiling_mm2(tools, X_AXIS, 0.0, UP_AXIS) == pytest.approx(all_mm2, abs=1e-6)
     assert area_mm2 == pytest.approx(all_mm2, abs=1e-6)
     assert section_count < sum(counts) / 2
     assert (area_mm2 > 0.1) is (roof_mm < 1.7)

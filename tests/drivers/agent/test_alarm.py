@@ -29,9 +29,9 @@ class Agent:
     def __init__(self, folder: Path, command: str | None) -> None:
         self.folder = folder
         self.journal = Journal(folder / JOURNAL)
-        start = StartFile("um2-01", PLUS.model, "sim://ultimaker2_plus", power_off_cmd=command)
+        start_file = StartFile("um2-01", PLUS.model, "sim://ultimaker2_plus", power_off_cmd=command)
         self.board = Board("sim://ultimaker2_plus", PLUS, folder, Clock(), lambda: None, lambda _: None)
-        self.recorder = Recorder(start, self.board, self.journal, Clock())
+        self.recorder = Recorder(start_file, self.board, self.journal, Clock())
 
     def report(self, nozzle_c: float, count: int = 3) -> None:
         """Pass reports of an idle board to the agent."""
@@ -62,48 +62,50 @@ class Agent:
 
 
 @pytest.fixture
-def mark(tmp_path: Path) -> Path:
-    return tmp_path / "mark"
+def run_log(tmp_path: Path) -> Path:
+    return tmp_path / "run_log"
 
 
-def write_relay_script(mark: Path, command: str = "") -> str:
-    script = mark.with_name("relay.sh")
-    script.write_text(f'#!/bin/sh\necho "$1" >> {mark}\n{command}\n')
+def write_relay_script(run_log: Path, command: str = "") -> str:
+    script = run_log.with_name("relay.sh")
+    script.write_text(f'#!/bin/sh\necho "$1" >> {run_log}\n{command}\n')
     script.chmod(0o700)
     return f"{script} {{printer}}"
 
 
-def count_runs(mark: Path) -> int:
-    return mark.read_text().count("um2-01\n") if mark.exists() else 0
+def count_runs(run_log: Path) -> int:
+    return run_log.read_text().count("um2-01\n") if run_log.exists() else 0
 
 
-def test_finding_on_an_idle_printer_cuts_the_mains_once(tmp_path: Path, mark: Path):
-    agent = Agent(tmp_path, write_relay_script(mark))
+def test_finding_on_an_idle_printer_cuts_the_mains_once(tmp_path: Path, run_log: Path):
+    agent = Agent(tmp_path, write_relay_script(run_log))
     agent.report(21.0)
     agent.report(90.0, 50)
     alarm = agent.wait_for_outcome()
     agent.report(120.0, 50)
-    assert alarm.outcome == CUT_OUTCOME and count_runs(mark) == 1
+    assert alarm.outcome == CUT_OUTCOME and count_runs(run_log) == 1
     assert agent.attention_reason.count("gets hotter") == agent.attention_reason.count(CUT_OUTCOME) == 1
 
 
-def test_printer_with_an_attention_reason_has_its_mains_cut(tmp_path: Path, mark: Path):
-    agent = Agent(tmp_path, write_relay_script(mark))
+def test_printer_with_an_attention_reason_has_its_mains_cut(tmp_path: Path, run_log: Path):
+    agent = Agent(tmp_path, write_relay_script(run_log))
     agent.board.state.attention_reason = "its print failed"
     agent.report(21.0)
     agent.report(90.0)
     agent.wait_for_outcome()
-    assert count_runs(mark) == 1 and agent.attention_reason.startswith("its print failed; the nozzle is off")
+    assert count_runs(run_log) == 1 and agent.attention_reason.startswith(
+        "its print failed; the nozzle is off"
+    )
 
 
-def test_maxtemp_on_an_idle_board_cuts_the_mains(tmp_path: Path, mark: Path):
-    """Cut the mains immediately, as no report would show a rise without a link."""
-    agent = Agent(tmp_path, write_relay_script(mark))
+def test_maxtemp_on_an_idle_board_cuts_the_mains(tmp_path: Path, run_log: Path):
+    """Cut the mains immediately, because no report can show a rise without a link."""
+    agent = Agent(tmp_path, write_relay_script(run_log))
     agent.report(21.0)
     agent.board._on_idle_fault(LinkFault(Fault.MAXTEMP, "MAXTEMP triggered"), 0.0)
     agent.report(21.0)
     agent.wait_for_outcome()
-    assert count_runs(mark) == 1
+    assert count_runs(run_log) == 1
     assert (
         agent.attention_reason
         == f"both heaters are off, and the board says MAXTEMP triggered: switch it off; {CUT_OUTCOME}"
@@ -117,14 +119,14 @@ def test_person_is_notified_once_without_a_command(tmp_path: Path):
     assert agent.attention_reason.count(NO_COMMAND_OUTCOME) == 1 and len(agent.attention_reason) < 200
 
 
-def test_finding_counts_again_after_the_printer_was_cold_absent_or_checked(tmp_path: Path, mark: Path):
-    agent = Agent(tmp_path, write_relay_script(mark))
+def test_finding_counts_again_after_the_printer_was_cold_absent_or_checked(tmp_path: Path, run_log: Path):
+    agent = Agent(tmp_path, write_relay_script(run_log))
 
     def make_hot_reports(count: int) -> None:
         agent.report(21.0)
         agent.report(90.0, 5)
         agent.wait_for_outcome()
-        assert count_runs(mark) == count
+        assert count_runs(run_log) == count
 
     make_hot_reports(1)
     make_hot_reports(2)  # the printer was cold in between
@@ -133,45 +135,45 @@ def test_finding_counts_again_after_the_printer_was_cold_absent_or_checked(tmp_p
     agent.report(60.0)
     agent.report(90.0)
     agent.wait_for_outcome()
-    assert count_runs(mark) == 3
+    assert count_runs(run_log) == 3
     agent.recorder.alarms.clear()
     assert agent.alarm is None
     make_hot_reports(4)
 
 
-def test_request_is_in_the_journal_before_the_command_runs(tmp_path: Path, mark: Path):
-    agent = Agent(tmp_path, write_relay_script(mark, f"cp {tmp_path / JOURNAL} {tmp_path}/seen"))
+def test_request_is_in_the_journal_before_the_command_runs(tmp_path: Path, run_log: Path):
+    agent = Agent(tmp_path, write_relay_script(run_log, f"cp {tmp_path / JOURNAL} {tmp_path}/journal_copy"))
     agent.report(21.0)
     agent.report(90.0)
     agent.wait_for_outcome()
-    last_record = json.loads((tmp_path / "seen").read_text().splitlines()[-1])
+    last_record = json.loads((tmp_path / "journal_copy").read_text().splitlines()[-1])
     assert last_record["alarm"]["asked"] and last_record["alarm"]["said"] is None
 
 
-def test_next_agent_completes_a_requested_power_off(tmp_path: Path, mark: Path):
+def test_next_agent_completes_a_requested_power_off(tmp_path: Path, run_log: Path):
     alarm = Alarm(text="the nozzle is off, and gets hotter", at_s=5.0, power_off_requested=True)
     Journal(tmp_path / JOURNAL).write(5.0, alarm=alarm.dump_record())
     assert read_journal(tmp_path / JOURNAL)[0].may_be_hot
     for _ in range(2):  # the second agent does not run the command again
-        agent = Agent(tmp_path, write_relay_script(mark))
+        agent = Agent(tmp_path, write_relay_script(run_log))
         agent.recorder.record_changes()
         assert agent.wait_for_outcome().outcome == CUT_OUTCOME
         agent.recorder.record_changes()
-        assert count_runs(mark) == 1
+        assert count_runs(run_log) == 1
     assert agent.attention_reason == f"{alarm.text}; {CUT_OUTCOME}"
 
 
-def test_next_agent_cuts_the_mains_for_a_heater_not_seen_to_cool(tmp_path: Path, mark: Path):
+def test_next_agent_cuts_the_mains_for_a_heater_not_seen_to_cool(tmp_path: Path, run_log: Path):
     alarm = Alarm(text="the nozzle went up to 250 C, above 210", at_s=5.0)
     Journal(tmp_path / JOURNAL).write(5.0, alarm=alarm.dump_record())
-    agent = Agent(tmp_path, write_relay_script(mark))
+    agent = Agent(tmp_path, write_relay_script(run_log))
     agent.recorder.record_changes()
     agent.wait_for_outcome()
-    assert count_runs(mark) == 1 and alarm.text in agent.attention_reason
+    assert count_runs(run_log) == 1 and alarm.text in agent.attention_reason
 
 
-def test_full_disk_does_not_prevent_the_power_off(tmp_path: Path, mark: Path):
-    agent = Agent(tmp_path, write_relay_script(mark))
+def test_full_disk_does_not_prevent_the_power_off(tmp_path: Path, run_log: Path):
+    agent = Agent(tmp_path, write_relay_script(run_log))
 
     def fail_on_full_disk(at_s: float, **record: object) -> None:
         raise JournalError("full")
@@ -179,20 +181,20 @@ def test_full_disk_does_not_prevent_the_power_off(tmp_path: Path, mark: Path):
     agent.journal.write = fail_on_full_disk  # type: ignore[method-assign]
     agent.report(21.0)
     agent.report(90.0, 20)
-    assert agent.wait_for_outcome().outcome == CUT_OUTCOME and count_runs(mark) == 1
+    assert agent.wait_for_outcome().outcome == CUT_OUTCOME and count_runs(run_log) == 1
 
 
-def test_hanging_command_does_not_block_the_agent(tmp_path: Path, mark: Path):
+def test_hanging_command_does_not_block_the_agent(tmp_path: Path, run_log: Path):
     """Check that reports are handled while the command runs, and its outcome is recorded when it ends."""
     os.mkfifo(tmp_path / "gate")
-    agent = Agent(tmp_path, write_relay_script(mark, f"read go < {tmp_path}/gate"))
+    agent = Agent(tmp_path, write_relay_script(run_log, f"read go < {tmp_path}/gate"))
     agent.report(21.0)
     agent.report(90.0)
-    agent.wait_until(lambda: count_runs(mark) == 1)
+    agent.wait_until(lambda: count_runs(run_log) == 1)
     agent.report(99.0, 100)
     assert agent.alarm is not None and agent.alarm.is_pending
     (tmp_path / "gate").write_text("go\n")
-    assert agent.wait_for_outcome().outcome == CUT_OUTCOME and count_runs(mark) == 1
+    assert agent.wait_for_outcome().outcome == CUT_OUTCOME and count_runs(run_log) == 1
 
 
 # --- during a print ---
@@ -216,12 +218,12 @@ def step_until(agent: Agent, rig: Rig, condition: Callable[[], bool]) -> None:
             agent.recorder.record_changes()
 
 
-@pytest.mark.parametrize("command", [True, False])
+@pytest.mark.parametrize("has_command", [True, False])
 @pytest.mark.parametrize("heater", ["nozzle", "bed"])
 def test_mains_are_cut_once_at_the_end_of_a_print_with_a_short_reason(
-    tmp_path: Path, mark: Path, heater: str, command: bool
+    tmp_path: Path, run_log: Path, heater: str, has_command: bool
 ):
-    agent, rig = start_print(tmp_path, write_relay_script(mark) if command else None)
+    agent, rig = start_print(tmp_path, write_relay_script(run_log) if has_command else None)
     rig.firmware.trigger_fault(f"{heater}_burns_after", rig.now_s)
     step_until(agent, rig, lambda: agent.alarm is not None)
     assert rig.session.context.phase is PrintPhase.ENDING  # people are notified before the print has ended
@@ -230,19 +232,19 @@ def test_mains_are_cut_once_at_the_end_of_a_print_with_a_short_reason(
     step_until(agent, rig, lambda: agent.board.session is None)
     ended_print = agent.journal.state.print
     assert ended_print is not None and ended_print.phase is PrintPhase.FAILED
-    outcome = CUT_OUTCOME if command else NO_COMMAND_OUTCOME
+    outcome = CUT_OUTCOME if has_command else NO_COMMAND_OUTCOME
     assert str(ended_print.reason).count(outcome) == 1 and len(str(ended_print.reason)) < 250
-    assert count_runs(mark) == command
+    assert count_runs(run_log) == has_command
     assert agent.attention_reason == ended_print.reason
     agent.report(300.0)
-    agent.report(350.0, 20)  # a heater that stays hot is no new finding
-    assert count_runs(mark) == command and agent.attention_reason == ended_print.reason
+    agent.report(350.0, 20)  # a heater that stays hot is not a new finding
+    assert count_runs(run_log) == has_command and agent.attention_reason == ended_print.reason
 
 
-def test_end_of_a_print_waits_for_the_outcome_of_the_command(tmp_path: Path, mark: Path):
+def test_end_of_a_print_waits_for_the_outcome_of_the_command(tmp_path: Path, run_log: Path):
     os.mkfifo(tmp_path / "gate")
     agent, rig = start_print(
-        tmp_path, write_relay_script(mark, f"read go < {tmp_path}/gate; echo no >&2; exit 1")
+        tmp_path, write_relay_script(run_log, f"read go < {tmp_path}/gate; echo no >&2; exit 1")
     )
     rig.firmware.trigger_fault("nozzle_burns_after", rig.now_s)
     step_until(agent, rig, lambda: rig.session.context.ended)
@@ -255,21 +257,21 @@ def test_end_of_a_print_waits_for_the_outcome_of_the_command(tmp_path: Path, mar
     assert "power_off_cmd failed (no): switch it off by hand" in agent.attention_reason
 
 
-def test_cooling_heater_ends_the_alarm(tmp_path: Path, mark: Path):
-    agent, rig = start_print(tmp_path, write_relay_script(mark))
+def test_cooling_heater_ends_the_alarm(tmp_path: Path, run_log: Path):
+    agent, rig = start_print(tmp_path, write_relay_script(run_log))
     rig.firmware.trigger_fault("nozzle_burns_after", rig.now_s)
     step_until(agent, rig, lambda: agent.alarm is not None)
     rig.firmware.board.nozzle.compute_temperature_c(rig.now_s)
     rig.firmware.board.nozzle.burns = False
     step_until(agent, rig, lambda: agent.board.session is None)
     assert agent.alarm is None and read_journal(tmp_path / JOURNAL)[0].alarm is None
-    assert count_runs(mark) == 0 and "went up to" in agent.attention_reason
+    assert count_runs(run_log) == 0 and "went up to" in agent.attention_reason
 
 
-def test_cancelled_print_with_a_stuck_heater_needs_attention(tmp_path: Path, mark: Path):
-    agent, rig = start_print(tmp_path, write_relay_script(mark))
+def test_cancelled_print_with_a_stuck_heater_needs_attention(tmp_path: Path, run_log: Path):
+    agent, rig = start_print(tmp_path, write_relay_script(run_log))
     rig.firmware.trigger_fault("nozzle_burns_after", rig.now_s)
     rig.session.cancel("no more", rig.now_s)
     step_until(agent, rig, lambda: agent.board.session is None)
-    assert count_runs(mark) == 1
+    assert count_runs(run_log) == 1
     assert agent.attention_reason.startswith("no more; the nozzle is off, and gets hotter")

@@ -14,22 +14,22 @@ from drivers.emulator.launch import control
 from drivers.errors import PortError
 from printers.agent_with_emulator import MODEL, Printer, make_gcode, run, run_printer
 
-SCALE = 6.0  # at a higher scale, the minimum delay (4 s of wall time) would be longer than these times
+SCALE = 6.0  # at a higher scale, the minimum delay of 4 s of wall time would exceed these times
 
 
 @pytest.mark.system
 @pytest.mark.parametrize("is_killed", [False, True])
 def test_shorted_nozzle_cuts_the_mains_once(tmp_path: Path, is_killed: bool):
-    """Cut the mains even if the agent is killed after the finding: the next agent runs the command."""
-    mark, fifo = tmp_path / "mark", tmp_path / "gate"
+    """Cut the mains even if the agent is killed after the finding; the next agent runs the command."""
+    run_log, fifo = tmp_path / "run_log", tmp_path / "gate"
     os.mkfifo(fifo)
     script = tmp_path / "relay.sh"
-    script.write_text(f'#!/bin/sh\necho "$1" >> {mark}\nread go < {fifo}\n')
+    script.write_text(f'#!/bin/sh\necho "$1" >> {run_log}\nread go < {fifo}\n')
     script.chmod(0o700)
     rig = Printer(tmp_path / "agent", f"sim://{MODEL}")
     rig.clock, rig.power_off_cmd = Clock(SCALE, time.time()), f"{script} {{printer}}"
 
-    async def scenario() -> None:
+    async def run_scenario() -> None:
         try:
             rig.spawn()
             await rig.connect()
@@ -48,24 +48,24 @@ def test_shorted_nozzle_cuts_the_mains_once(tmp_path: Path, is_killed: bool):
                 rig.spawn()
                 await rig.connect()
             # While the command hangs, the loop continues to read.
-            snapshot = await rig.wait_for(lambda s: mark.exists() and s.nozzle is not None)
+            snapshot = await rig.wait_for(lambda s: run_log.exists() and s.nozzle is not None)
             assert snapshot.print is not None and snapshot.print.phase is m.PrintPhase.ENDING
             old_c = snapshot.nozzle.now_c if snapshot.nozzle else 0.0
             await rig.wait_for(lambda s: s.nozzle is not None and s.nozzle.now_c > old_c + 2.0)
             await asyncio.to_thread(fifo.write_text, "go\n")
             alarm_snapshot = await rig.wait_for(lambda s: "cut its mains" in str(s.alarm))
             assert str(alarm_snapshot.alarm).count("cut its mains") == 1
-            assert mark.read_text() == "um2-01\n"
+            assert run_log.read_text() == "um2-01\n"
         finally:
             await rig.close()
 
-    run(scenario())
+    run(run_scenario())
 
 
 def test_only_faults_that_count_lines_can_be_triggered(tmp_path: Path):
-    async def scenario() -> None:
+    async def run_scenario() -> None:
         async with run_printer(tmp_path) as rig:
             with pytest.raises(PortError, match="no fault 'fire'; use one of reset_after"):
                 await asyncio.to_thread(control, rig.folder / "emulator", "break", fault="fire")
 
-    run(scenario())
+    run(run_scenario())

@@ -26,7 +26,7 @@ from printers.agent_with_emulator import MODEL, Printer, make_gcode, read_all, r
 
 @pytest.mark.system
 def test_missing_port_is_reported_as_absent_and_the_agent_continues(tmp_path: Path):
-    async def scenario() -> None:
+    async def run_scenario() -> None:
         rig = Printer(tmp_path / "agent", str(tmp_path / "no-such-tty"))
         rig.spawn()
         try:
@@ -37,11 +37,11 @@ def test_missing_port_is_reported_as_absent_and_the_agent_continues(tmp_path: Pa
         finally:
             await rig.close()
 
-    run(scenario())
+    run(run_scenario())
 
 
 @pytest.mark.system
-def test_port_is_opened_after_a_person_confirms_the_printer_idle(
+def test_port_is_opened_after_a_person_confirms_that_the_printer_is_idle(
     tmp_path: Path,
 ):
     tty = tmp_path / "emulator" / "tty"
@@ -50,7 +50,7 @@ def test_port_is_opened_after_a_person_confirms_the_printer_idle(
     def is_link_open() -> bool:
         return read_status(tmp_path / "emulator").link_open
 
-    async def scenario() -> None:
+    async def run_scenario() -> None:
         try:
             launch(f"sim://{MODEL}", tmp_path / "emulator", rig.clock)
             rig.spawn()
@@ -66,13 +66,13 @@ def test_port_is_opened_after_a_person_confirms_the_printer_idle(
             assert rig.process is not None
             rig.process.kill()
             rig.process.wait(10.0)
-            rig.spawn()  # DTR is still set, so opening changes nothing
+            rig.spawn()  # DTR is still set, so opening the port changes nothing
             await rig.connect()
             snapshot = await rig.wait_until_ready()
             assert snapshot.bed_unknown_reason is not None
             control(tmp_path / "emulator", "power_off")
             await rig.wait_for(lambda s: s.link is m.LinkState.ABSENT)
-            launch(f"sim://{MODEL}", tmp_path / "emulator", rig.clock)  # plugged in again
+            launch(f"sim://{MODEL}", tmp_path / "emulator", rig.clock)  # plug the printer in again
             await rig.wait_for(lambda s: s.link is m.LinkState.FAULT)
             assert not is_link_open()
             assert (await rig.client.request(m.Commission(id=0))).error is None
@@ -82,7 +82,7 @@ def test_port_is_opened_after_a_person_confirms_the_printer_idle(
             if emulator_is_running(tmp_path / "emulator"):
                 control(tmp_path / "emulator", "power_off")
 
-    run(scenario())
+    run(run_scenario())
 
 
 @pytest.mark.system
@@ -90,7 +90,7 @@ def test_board_without_reset_is_reported_and_cooled_by_command(tmp_path: Path):
     emulator = tmp_path / "emulator"
     rig = Printer(tmp_path / "agent", str(emulator / "tty"))
 
-    async def scenario() -> None:
+    async def run_scenario() -> None:
         launch(f"sim://{MODEL}?no_reset=1", emulator, rig.clock)
         rig.spawn()
         try:
@@ -118,7 +118,7 @@ def test_board_without_reset_is_reported_and_cooled_by_command(tmp_path: Path):
             await rig.close()
             control(emulator, "power_off")
 
-    run(scenario())
+    run(run_scenario())
 
 
 @pytest.mark.system
@@ -128,7 +128,7 @@ def test_heaters_left_on_by_a_print_are_switched_off_by_command_without_a_reset(
     (tmp_path / "agent").mkdir()
     (tmp_path / "agent" / JOURNAL).write_text(json.dumps({"hot": True, "reset_refuted": url}) + "\n")
 
-    async def scenario() -> None:
+    async def run_scenario() -> None:
         launch(f"sim://{MODEL}?no_reset=1", emulator, rig.clock)
         control(emulator, "set_nozzle", target_c=180.0)
         rig.spawn()
@@ -140,7 +140,7 @@ def test_heaters_left_on_by_a_print_are_switched_off_by_command_without_a_reset(
             await rig.close()
             control(emulator, "power_off")
 
-    run(scenario())
+    run(run_scenario())
 
 
 @pytest.mark.system
@@ -156,7 +156,7 @@ def test_heaters_left_on_by_a_print_are_switched_off_by_command_without_a_reset(
 def test_manual_use_of_an_idle_printer_makes_its_bed_unknown(
     tmp_path: Path, action: dict[str, Any], expected_text: str
 ):
-    async def scenario() -> None:
+    async def run_scenario() -> None:
         async with run_printer(tmp_path) as rig:
             idle_snapshot = await rig.wait_for(lambda s: s.link is m.LinkState.READY and s.heaters_off)
             assert idle_snapshot.bed_unknown_reason is None
@@ -171,7 +171,7 @@ def test_manual_use_of_an_idle_printer_makes_its_bed_unknown(
                 assert "SD card" in str(reply.error)
                 assert read_status(rig.folder / "emulator").nozzle_target_c > 0  # the board was not reset
 
-    run(scenario())
+    run(run_scenario())
 
 
 @pytest.mark.system
@@ -182,7 +182,7 @@ def test_hot_printer_that_disconnects_has_its_mains_cut_and_is_reported(tmp_path
     relay.chmod(0o700)
     rig.power_off_cmd = f"{relay} {{printer}}"
 
-    async def scenario() -> None:
+    async def run_scenario() -> None:
         try:
             launch(f"sim://{MODEL}", tmp_path / "emulator", rig.clock)
             rig.spawn()
@@ -206,7 +206,7 @@ def test_hot_printer_that_disconnects_has_its_mains_cut_and_is_reported(tmp_path
             if emulator_is_running(tmp_path / "emulator"):
                 control(tmp_path / "emulator", "power_off")
 
-    run(scenario())
+    run(run_scenario())
 
 
 def test_last_command_to_a_board_without_reset_is_sent_over_a_full_wire(tmp_path: Path):

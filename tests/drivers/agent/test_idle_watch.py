@@ -1,8 +1,10 @@
+"""Signs that a person or an SD card uses an idle printer."""
+
 from drivers.agent.idle_watch import HEATED_REASON, MOVED_REASON, SD_PRINT_REASON, IdleWatch
 from drivers.errors import Fault
 from drivers.link.replies import Report
 
-HOME = b"X:0.00Y:224.50Z:215.00E:0.00 Count X: 0.00Y:224.50Z:215.00"
+HOME_POSITION = b"X:0.00Y:224.50Z:215.00E:0.00 Count X: 0.00Y:224.50Z:215.00"
 MOVED_POSITION = b"X:10.00Y:224.50Z:215.00E:0.00 Count X: 10.00Y:224.50Z:215.00"
 FED_POSITION = b"X:0.00Y:224.50Z:215.00E:5.00 Count X: 0.00Y:224.50Z:215.00"
 
@@ -12,10 +14,20 @@ def test_moved_position_is_detected_when_reported_twice():
         watch = IdleWatch()
         verdicts = [
             watch.judge_answer(text)
-            for text in (HOME, HOME, position, HOME, position, position, position, HOME, HOME)
+            for text in (
+                HOME_POSITION,
+                HOME_POSITION,
+                position,
+                HOME_POSITION,
+                position,
+                position,
+                position,
+                HOME_POSITION,
+                HOME_POSITION,
+            )
         ]
-        reasons = [reason for understood, reason in verdicts]
-        assert all(understood for understood, _ in verdicts)
+        reasons = [reason for _, reason in verdicts]
+        assert all(is_understood for is_understood, _ in verdicts)
         assert reasons == [None, None, None, None, None, MOVED_REASON, None, None, MOVED_REASON]
 
 
@@ -24,7 +36,14 @@ def test_garbled_first_answer_is_not_a_move():
     watch = IdleWatch()
     reasons = [
         watch.judge_answer(text)[1]
-        for text in (FED_POSITION, HOME, HOME, HOME, MOVED_POSITION, MOVED_POSITION)
+        for text in (
+            FED_POSITION,
+            HOME_POSITION,
+            HOME_POSITION,
+            HOME_POSITION,
+            MOVED_POSITION,
+            MOVED_POSITION,
+        )
     ]
     assert reasons == [None, None, None, None, None, MOVED_REASON]
 
@@ -32,7 +51,7 @@ def test_garbled_first_answer_is_not_a_move():
 def test_move_after_the_first_answer_is_detected():
     """Detect that a person has begun to use a bed, which must not count as clear."""
     watch = IdleWatch()
-    assert [watch.judge_answer(text)[1] for text in (HOME, MOVED_POSITION, MOVED_POSITION)] == [
+    assert [watch.judge_answer(text)[1] for text in (HOME_POSITION, MOVED_POSITION, MOVED_POSITION)] == [
         None,
         None,
         MOVED_REASON,
@@ -41,7 +60,7 @@ def test_move_after_the_first_answer_is_detected():
 
 def test_position_after_a_reset_is_not_a_move():
     watch = IdleWatch()
-    watch.judge_answer(HOME)
+    watch.judge_answer(HOME_POSITION)
     watch.reset()
     assert [watch.judge_answer(MOVED_POSITION), watch.judge_answer(MOVED_POSITION)] == [
         (True, None),

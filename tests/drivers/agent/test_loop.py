@@ -24,7 +24,7 @@ from printers.agent_with_emulator import (
 
 @pytest.mark.system
 def test_print_runs_once_and_leaves_the_bed_not_clear(tmp_path: Path):
-    async def scenario() -> None:
+    async def run_scenario() -> None:
         async with run_printer(tmp_path) as rig:
             assert rig.last_snapshot is not None
             assert (rig.last_snapshot.bed_clear, rig.last_snapshot.filament) == (True, m.Filament.PARKED)
@@ -48,7 +48,7 @@ def test_print_runs_once_and_leaves_the_bed_not_clear(tmp_path: Path):
             await rig.wait_for(lambda s: s.print is None)
             assert (await rig.client.request(m.BedCleared(id=0))).error is None
             await rig.wait_for(lambda s: s.bed_clear is True and s.link is m.LinkState.READY)
-            reply = await rig.start(text)  # nor is a forgotten one
+            reply = await rig.start(text)  # a forgotten print is not printed again either
             assert reply.error is None
             assert reply.snapshot is not None and reply.snapshot.print is None
             assert read_status(rig.folder / "emulator").moves == moves
@@ -57,12 +57,12 @@ def test_print_runs_once_and_leaves_the_bed_not_clear(tmp_path: Path):
             assert await asyncio.to_thread(rig.process.wait, 10.0) == 0
             assert not is_alive(rig.folder)
 
-    run(scenario())
+    run(run_scenario())
 
 
 @pytest.mark.system
 def test_next_agent_confirms_heaters_off_and_fails_the_open_print(tmp_path: Path):
-    async def scenario() -> None:
+    async def run_scenario() -> None:
         async with run_printer(tmp_path) as rig:
             await rig.start(make_gcode(50_000))
             await rig.wait_for_phase(m.PrintPhase.PRINTING)
@@ -80,12 +80,12 @@ def test_next_agent_confirms_heaters_off_and_fails_the_open_print(tmp_path: Path
             assert last_snapshot.heaters_off
             assert rig.read_targets() == (0.0, 0.0)
 
-    run(scenario())
+    run(run_scenario())
 
 
 @pytest.mark.system
 def test_print_continues_without_a_daemon_and_sigterm_ends_the_agent_afterwards(tmp_path: Path):
-    async def scenario() -> None:
+    async def run_scenario() -> None:
         async with run_printer(tmp_path) as rig:
             await rig.start(make_gcode(3000))
             running_print = await rig.wait_for_phase(m.PrintPhase.PRINTING)
@@ -114,12 +114,12 @@ def test_print_continues_without_a_daemon_and_sigterm_ends_the_agent_afterwards(
             rig.process.send_signal(signal.SIGTERM)  # the agent is idle now
             assert await asyncio.to_thread(rig.process.wait, 10.0) == 0
 
-    run(scenario())
+    run(run_scenario())
 
 
 @pytest.mark.system
 def test_sigint_ends_the_print_safely_and_then_the_agent(tmp_path: Path):
-    async def scenario() -> None:
+    async def run_scenario() -> None:
         async with run_printer(tmp_path) as rig:
             await rig.start(make_gcode(50_000))
             await rig.wait_for_phase(m.PrintPhase.PRINTING)
@@ -129,21 +129,21 @@ def test_sigint_ends_the_print_safely_and_then_the_agent(tmp_path: Path):
             assert await asyncio.to_thread(rig.process.wait, 10.0) == 0
             assert rig.read_targets() == (0.0, 0.0)
 
-    run(scenario())
+    run(run_scenario())
 
 
 @pytest.mark.system
 @pytest.mark.parametrize("lines", [40, 77, 114])
 def test_cancel_parks_the_filament_after_any_retraction(tmp_path: Path, lines: int):
-    strokes = (
+    moves = (
         f"G1 F1500 X{50 + 9 * (i % 2)} Y{50 + i % 100} Z0.3 E{i + 1}\nG1 F900 E{i - 5.5}\n"
         f"G0 F9000 X{80 - 9 * (i % 2)}\nG1 F900 E{i + 1}\n"
         for i in range(2000)
     )
 
-    async def scenario() -> None:
+    async def run_scenario() -> None:
         async with run_printer(tmp_path) as rig:
-            await rig.start(HEAD.replace("S180", "S210") + "".join(strokes) + TAIL)
+            await rig.start(HEAD.replace("S180", "S210") + "".join(moves) + TAIL)
             await rig.wait_for(lambda s: s.print is not None and s.print.line >= lines)
             await rig.client.request(m.CancelPrint(id=0, print_id="p-1"))
             await rig.wait_for_phase(m.PrintPhase.CANCELLED)
@@ -151,12 +151,12 @@ def test_cancel_parks_the_filament_after_any_retraction(tmp_path: Path, lines: i
             assert last_snapshot.heaters_off and last_snapshot.filament is m.Filament.PARKED
             assert wait_for_emulator(rig.folder / "emulator", lambda s: abs(s.filament_end_mm + 20.0) <= 0.5)
 
-    run(scenario())
+    run(run_scenario())
 
 
 @pytest.mark.system
 def test_print_is_paused_and_resumed(tmp_path: Path):
-    async def scenario() -> None:
+    async def run_scenario() -> None:
         async with run_printer(tmp_path) as rig:
             await rig.start(make_gcode(1500))
             await rig.wait_for(lambda s: s.print is not None and s.print.line >= 100)
@@ -174,14 +174,14 @@ def test_print_is_paused_and_resumed(tmp_path: Path):
             assert done_print.pause_ends_s is None
             assert rig.read_targets() == (0.0, 0.0)
 
-    run(scenario())
+    run(run_scenario())
 
 
 @pytest.mark.system
 def test_pulled_cable_fails_the_print_and_heaters_are_confirmed_off_later(
     tmp_path: Path,
 ):
-    async def scenario() -> None:
+    async def run_scenario() -> None:
         async with run_printer(tmp_path) as rig:
             await rig.start(make_gcode(50_000))
             await rig.wait_for_phase(m.PrintPhase.PRINTING)
@@ -197,15 +197,19 @@ def test_pulled_cable_fails_the_print_and_heaters_are_confirmed_off_later(
             assert rig.read_targets() == (0.0, 0.0)
             assert read_status(rig.folder / "emulator").tty != old_tty
 
-    run(scenario())
+    run(run_scenario())
 
 
 @pytest.mark.system
 def test_swapped_cables_are_reported_until_a_person_confirms(tmp_path: Path):
-    async def scenario() -> None:
+    async def run_scenario() -> None:
         rig = Printer(tmp_path / "agent", f"sim://{MODEL}?home_offset_mm100=100")
-        for print_id, offset, phase in (("p-1", 100, "done"), ("p-2", 250, "failed"), ("p-3", 250, "done")):
-            rig.url = f"sim://{MODEL}?home_offset_mm100={offset}"
+        for print_id, home_offset, phase in (
+            ("p-1", 100, "done"),
+            ("p-2", 250, "failed"),
+            ("p-3", 250, "done"),
+        ):
+            rig.url = f"sim://{MODEL}?home_offset_mm100={home_offset}"
             rig.spawn()
             try:
                 await rig.connect()
@@ -222,12 +226,12 @@ def test_swapped_cables_are_reported_until_a_person_confirms(tmp_path: Path):
             finally:
                 await rig.close()
 
-    run(scenario())
+    run(run_scenario())
 
 
 @pytest.mark.system
 def test_file_with_another_hash_heats_nothing(tmp_path: Path):
-    async def scenario() -> None:
+    async def run_scenario() -> None:
         async with run_printer(tmp_path) as rig:
             await rig.start(make_gcode(10), sha256="0" * 64)
             failed_print = await rig.wait_for_phase(m.PrintPhase.FAILED)
@@ -241,24 +245,24 @@ def test_file_with_another_hash_heats_nothing(tmp_path: Path):
             assert reply.error is not None
             assert rig.read_targets() == (0.0, 0.0)
 
-    run(scenario())
+    run(run_scenario())
 
 
 @pytest.mark.system
 def test_checksum_errors_and_lost_oks_are_recovered(tmp_path: Path):
-    async def scenario() -> None:
+    async def run_scenario() -> None:
         async with run_printer(tmp_path, "?checksum=0.004&drop_ok=0.0005&seed=5") as rig:
             await rig.start(make_gcode(1000))
             done_print = await rig.wait_for_phase(m.PrintPhase.DONE)
             assert done_print.line == done_print.lines
             assert read_status(rig.folder / "emulator").errors > 0
 
-    run(scenario())
+    run(run_scenario())
 
 
 @pytest.mark.system
 def test_printer_switched_off_is_absent_and_reconnects(tmp_path: Path):
-    async def scenario() -> None:
+    async def run_scenario() -> None:
         async with run_printer(tmp_path) as rig:
             control(rig.folder / "emulator", "power_off")
             snapshot = await rig.wait_for(lambda s: s.link is m.LinkState.ABSENT)
@@ -267,12 +271,12 @@ def test_printer_switched_off_is_absent_and_reconnects(tmp_path: Path):
             assert reply.error is not None and "absent" in reply.error
             await rig.wait_until_ready()  # a simulated printer is switched on again by opening its port
 
-    run(scenario())
+    run(run_scenario())
 
 
 @pytest.mark.system
 def test_second_agent_of_a_printer_is_refused_and_the_socket_is_private(tmp_path: Path):
-    async def scenario() -> None:
+    async def run_scenario() -> None:
         deep_folder = tmp_path / ("x" * 60) / ("y" * 60)
         async with run_printer(deep_folder) as rig:
             assert len(str(rig.folder / "agent.sock")) > 107
@@ -282,4 +286,4 @@ def test_second_agent_of_a_printer_is_refused_and_the_socket_is_private(tmp_path
             assert await asyncio.to_thread(second_agent.wait, 20.0) == 1
             assert (await rig.client.request(m.Hello(id=0))).snapshot is not None
 
-    run(scenario())
+    run(run_scenario())

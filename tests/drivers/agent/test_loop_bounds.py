@@ -14,7 +14,7 @@ from printers.agent_with_emulator import make_gcode, run, run_printer
 
 
 def fill_journal(path: Path) -> None:
-    """Write a journal of thousands of prints, the last of them parked."""
+    """Write a journal of thousands of prints, after which the filament is parked."""
     journal = Journal(path)
     ended_print = m.PrintSnapshot(
         print_id="p-0", phase=m.PrintPhase.DONE, ended_s=time.time(), reason="x" * 400
@@ -29,7 +29,7 @@ def fill_journal(path: Path) -> None:
 
 @pytest.mark.system
 def test_full_log_and_a_long_journal_are_continued_without_losing_a_line(tmp_path: Path):
-    async def scenario() -> None:
+    async def run_scenario() -> None:
         async with run_printer(tmp_path) as rig:
             assert rig.process is not None
             rig.process.send_signal(signal.SIGTERM)
@@ -59,4 +59,4 @@ def test_full_log_and_a_long_journal_are_continued_without_losing_a_line(tmp_pat
             state = Journal(rig.folder / JOURNAL).state
             assert len(state.recent_prints) == 1000 and state.recent_prints[-1].print_id == "p-1"
 
-    run(scenario())
+    run(run_scenario())

@@ -1,4 +1,4 @@
-"""Starts of prints that are in the journal, by an agent in this process and without a port."""
+"""Starts of prints that the journal contains, by an agent in this process without a port."""
 
 import hashlib
 import signal
@@ -16,14 +16,14 @@ GCODE = b"G28\n"
 
 
 @pytest.fixture(autouse=True)
-def _report_link_ready(monkeypatch: pytest.MonkeyPatch) -> None:
+def _ready_link(monkeypatch: pytest.MonkeyPatch) -> None:
     """Report the link as ready without a board."""
     monkeypatch.setattr("drivers.agent.requests.describe_link", lambda *_: (m.LinkState.READY, None))
 
 
 @pytest.fixture(autouse=True)
-def _restore_signals() -> Iterator[None]:
-    """Restore the handlers that an agent replaces."""
+def _signal_handlers() -> Iterator[None]:
+    """Restore the signal handlers that an agent replaces."""
     handlers = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
     yield
     signal.set_wakeup_fd(-1)
@@ -48,7 +48,7 @@ def make_request(folder: Path, print_id: str) -> m.StartPrint:
 
 
 def test_forgotten_print_is_not_started_a_second_time(tmp_path: Path):
-    """Start nothing: the daemon may not have stored the end, and the part would be printed twice."""
+    """Start nothing, because the part would be printed twice if the daemon has not stored the end."""
     journal = Journal(tmp_path / JOURNAL)
     for print_id in ("p-1", "p-2"):
         done_print = m.PrintSnapshot(print_id=print_id, phase=m.PrintPhase.DONE, ended_s=1.0)

@@ -31,11 +31,11 @@ from printers.agent_with_emulator import (
 class ScriptedAgent(Agent):
     """Agent in this process, with an action at each step of its loop."""
 
-    act: Callable[["ScriptedAgent"], None]
+    run_step: Callable[["ScriptedAgent"], None]
 
     def _push(self) -> None:
         super()._push()
-        self.act(self)
+        self.run_step(self)
 
     def start(self, gcode_path: Path, text: str, **limits_s: float) -> m.Reply:
         gcode_path.write_text(text)
@@ -73,7 +73,7 @@ def scripted_agent(tmp_path: Path) -> Iterator[ScriptedAgent]:
 
 @pytest.mark.system
 def test_agent_with_an_internal_error_switches_the_heaters_off(scripted_agent: ScriptedAgent, tmp_path: Path):
-    def act(agent: ScriptedAgent) -> None:
+    def run_step(agent: ScriptedAgent) -> None:
         snapshot = agent.snapshot
         if snapshot.link is m.LinkState.READY:
             assert agent.start(tmp_path / "a.gcode", make_gcode(50_000)).error is None
@@ -82,7 +82,7 @@ def test_agent_with_an_internal_error_switches_the_heaters_off(scripted_agent: S
             assert status.nozzle_target_c > 0
             raise ZeroDivisionError("an internal error")
 
-    scripted_agent.act = act
+    scripted_agent.run_step = run_step
     with pytest.raises(ZeroDivisionError):
         scripted_agent.run()
     assert wait_for_emulator(
@@ -91,8 +91,8 @@ def test_agent_with_an_internal_error_switches_the_heaters_off(scripted_agent: S
 
 
 @pytest.mark.system
-def test_agent_without_a_writable_journal_switches_off_the_heaters_of_the_previous_one(tmp_path: Path):
-    async def scenario() -> None:
+def test_agent_without_a_writable_journal_switches_off_the_heaters_of_the_previous_agent(tmp_path: Path):
+    async def run_scenario() -> None:
         async with run_printer(tmp_path) as rig:
             await rig.start(make_gcode(20_000))
             await rig.wait_for_phase(m.PrintPhase.PRINTING)
@@ -101,32 +101,32 @@ def test_agent_without_a_writable_journal_switches_off_the_heaters_of_the_previo
             rig.process.wait(10.0)
             assert max(rig.read_targets()) > 0
             command = ["prlimit", "--fsize=0", sys.executable, "-m", "drivers.agent", "--folder", rig.folder]
-            answer = await asyncio.to_thread(
+            process_result = await asyncio.to_thread(
                 subprocess.run, command, check=False, capture_output=True, text=True, timeout=DEADLINE_S
             )
-            assert answer.returncode == 1
-            assert "cannot be written" in answer.stdout and "confirmed off" in answer.stdout
+            assert process_result.returncode == 1
+            assert "cannot be written" in process_result.stdout and "confirmed off" in process_result.stdout
             assert rig.read_targets() == (0.0, 0.0)
 
-    run(scenario())
+    run(run_scenario())
 
 
 @pytest.mark.system
-def test_full_disk_stops_no_print_and_starts_none(
+def test_full_disk_neither_stops_nor_starts_a_print(
     scripted_agent: ScriptedAgent, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     is_full = False
     write_record = Journal.write
     phases: list[m.PrintPhase] = []
 
-    def write(journal: Journal, at_s: float, **record: object) -> None:
+    def write_unless_full(journal: Journal, at_s: float, **record: object) -> None:
         if is_full:
             raise JournalError("the disk is full")
         write_record(journal, at_s, **record)
 
-    monkeypatch.setattr(Journal, "write", write)
+    monkeypatch.setattr(Journal, "write", write_unless_full)
 
-    def act(agent: ScriptedAgent) -> None:
+    def run_step(agent: ScriptedAgent) -> None:
         nonlocal is_full
         snapshot = agent.snapshot
         if snapshot.link is m.LinkState.READY and snapshot.print is None:
@@ -145,11 +145,11 @@ def test_full_disk_stops_no_print_and_starts_none(
                 elif snapshot.link is m.LinkState.READY:
                     assert agent._answer(m.Shutdown(id=2)).error is None
 
-    scripted_agent.act = act
+    scripted_agent.run_step = run_step
     scripted_agent.run()
     assert m.PrintPhase.PRINTING in phases
-    memory = Journal(tmp_path / "journal.jsonl").state
-    assert memory.ended_print_ids == {"p-1"} and memory.filament is m.Filament.PARKED
+    journal_state = Journal(tmp_path / "journal.jsonl").state
+    assert journal_state.ended_print_ids == {"p-1"} and journal_state.filament is m.Filament.PARKED
 
 
 @pytest.mark.system
@@ -160,7 +160,7 @@ def test_agent_lists_its_prints_including_forgotten_ones(scripted_agent: Scripte
     def list_prints(since_s: float) -> tuple[m.PrintSnapshot, ...]:
         return scripted_agent._answer(m.ListPrints(id=3, since_s=since_s)).prints
 
-    def act(agent: ScriptedAgent) -> None:
+    def run_step(agent: ScriptedAgent) -> None:
         snapshot = agent.snapshot
         if snapshot.link is m.LinkState.READY and snapshot.print is None:
             assert list_prints(0.0) == ()
@@ -180,7 +180,7 @@ def test_agent_lists_its_prints_including_forgotten_ones(scripted_agent: Scripte
             assert lines[-1].at_s <= snapshot.now_s + 60.0
             assert agent._answer(m.Shutdown(id=4)).error is None
 
-    scripted_agent.act = act
+    scripted_agent.run_step = run_step
     scripted_agent.run()
     assert m.PrintPhase.PRINTING in phases
 
@@ -189,21 +189,21 @@ def test_agent_refuses_to_end_while_heaters_may_be_on(scripted_agent: ScriptedAg
     """Keep the agent running, so that it switches the heaters off when the port returns."""
     replies = []
 
-    def act(agent: ScriptedAgent) -> None:
+    def run_step(agent: ScriptedAgent) -> None:
         if agent.snapshot.link is m.LinkState.READY:
             agent._board.state.hot = True
             replies.append(agent._answer(m.Shutdown(id=1)).error)
             assert agent._answer(m.Shutdown(id=2, now=True)).error is None
 
-    scripted_agent.act = act
+    scripted_agent.run_step = run_step
     scripted_agent.run()
     assert "may still be hot" in str(replies[0])
 
 
-@pytest.mark.parametrize("end", [m.Shutdown(id=1, now=True), signal.SIGINT])
+@pytest.mark.parametrize("end_request", [m.Shutdown(id=1, now=True), signal.SIGINT])
 @pytest.mark.system
 def test_ending_agent_switches_off_heaters_left_on_by_an_ended_print(
-    scripted_agent: ScriptedAgent, tmp_path: Path, end: m.Shutdown | signal.Signals
+    scripted_agent: ScriptedAgent, tmp_path: Path, end_request: m.Shutdown | signal.Signals
 ):
     was_heated = False
 
@@ -211,7 +211,7 @@ def test_ending_agent_switches_off_heaters_left_on_by_an_ended_print(
         status = read_status(tmp_path / "emulator")
         return {status.nozzle_target_c, status.bed_target_c}
 
-    def act(agent: ScriptedAgent) -> None:
+    def run_step(agent: ScriptedAgent) -> None:
         nonlocal was_heated
         board = agent._board
         if agent.snapshot.link is m.LinkState.READY and not was_heated:
@@ -220,12 +220,12 @@ def test_ending_agent_switches_off_heaters_left_on_by_an_ended_print(
             board._port.write_now(b"\nM104 S200\nM140 S60\n")
             assert wait_for_emulator(tmp_path / "emulator", lambda s: s.bed_target_c == 60.0)
             board.state.hot = True
-            if isinstance(end, m.Shutdown):
-                assert agent._answer(end).error is None
+            if isinstance(end_request, m.Shutdown):
+                assert agent._answer(end_request).error is None
             else:
-                signal.raise_signal(end)
+                signal.raise_signal(end_request)
 
-    scripted_agent.act = act
+    scripted_agent.run_step = run_step
     scripted_agent.run()
     assert wait_for_emulator(tmp_path / "emulator", lambda _: read_targets() == {0.0})
 
@@ -237,7 +237,7 @@ def test_late_start_is_refused_and_a_print_ends_by_its_time_limit_without_a_daem
     replies: list[m.Reply] = []
     failed_prints: list[m.PrintSnapshot] = []
 
-    def act(agent: ScriptedAgent) -> None:
+    def run_step(agent: ScriptedAgent) -> None:
         snapshot, now_s = agent.snapshot, agent._clock.now()
         if snapshot.link is m.LinkState.READY and snapshot.print is None:
             replies.append(agent.start(tmp_path / "a.gcode", make_gcode(20_000), not_after_s=now_s - 1.0))
@@ -253,7 +253,7 @@ def test_late_start_is_refused_and_a_print_ends_by_its_time_limit_without_a_daem
             failed_prints.append(snapshot.print)
             agent._answer(m.Shutdown(id=2))
 
-    scripted_agent.act = act
+    scripted_agent.run_step = run_step
     scripted_agent.run()
     assert replies[0].late and "too late" in str(replies[0].error)
     assert (failed_prints[0].phase, failed_prints[0].fault) == (m.PrintPhase.FAILED, Fault.HOURS_ENDED)

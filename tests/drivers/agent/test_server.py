@@ -15,7 +15,7 @@ from drivers.agent import server as module
 from drivers.agent.server import Server
 from drivers.messages import AGENT_SOCKET
 
-IDLE_CLIENTS = 40
+IDLE_CLIENT_COUNT = 40
 
 
 class ServerRig:
@@ -44,8 +44,8 @@ class ServerRig:
         """Handle all pending events."""
         for _ in range(3):
             for key, mask in self.selector.select(0.0):
-                work: Callable[[int], None] = key.data
-                work(mask)
+                handle_event: Callable[[int], None] = key.data
+                handle_event(mask)
 
 
 @pytest.fixture
@@ -72,7 +72,7 @@ def is_open(client: socket.socket) -> bool:
 
 def test_idle_clients_are_limited_and_the_latest_requester_is_kept(rig: ServerRig):
     requester = rig.connect(b'{"do": "hello", "id": 1}\n')
-    idle_clients = [rig.connect() for _ in range(IDLE_CLIENTS)]
+    idle_clients = [rig.connect() for _ in range(IDLE_CLIENT_COUNT)]
     assert is_open(requester) and is_open(idle_clients[-1])
     assert sum(map(is_open, idle_clients)) == module._MAX_CLIENTS - 1
 

@@ -1,3 +1,5 @@
+"""Lock that keeps the host awake while a print is open."""
+
 import os
 import select
 import signal
@@ -8,7 +10,7 @@ from pathlib import Path
 
 from drivers.agent.sleep_inhibitor import Inhibitor
 
-# As with systemd-inhibit, the lock exists as long as the command runs.
+# Like the lock of systemd-inhibit, this lock exists while the command runs.
 HOLD_COMMAND = 'echo "$1" > "$0"; shift; "$@"; rm "$0"'
 
 

@@ -42,7 +42,7 @@ def test_full_disk_leaves_no_partial_copy(tmp_path: Path, monkeypatch: pytest.Mo
 
     class FullDiskHash:
         def update(self, _: bytes) -> None:
-            raise OSError(errno.ENOSPC, "no room")
+            raise OSError(errno.ENOSPC, "no space left")
 
     monkeypatch.setattr(hashlib, "sha256", FullDiskHash)
     with pytest.raises(AgentError, match="make room"):
@@ -53,7 +53,7 @@ def test_full_disk_leaves_no_partial_copy(tmp_path: Path, monkeypatch: pytest.Mo
 def test_file_is_received_in_pieces_over_the_socket(tmp_path: Path):
     spool = Spool(tmp_path, ULTIMAKER2_PLUS)
     text = b"G28\n" * 100
-    for offset in (0, 64, 0, 64, 128):  # restarted after an interruption
+    for offset in (0, 64, 0, 64, 128):  # the upload restarts after an interruption
         spool.append_upload("p-1", offset, text[offset : offset + 64])
     with pytest.raises(AgentError, match="follow"):
         spool.append_upload("p-1", 128, b"G28\n")
@@ -84,7 +84,7 @@ def test_files_of_all_other_prints_are_deleted(tmp_path: Path):
     spool = Spool(tmp_path / "spool", ULTIMAKER2_PLUS)
     sha256 = hashlib.sha256(b"G28\n").hexdigest()
     printing_program = spool.import_gcode("p-1", source, sha256)
-    spool.append_upload("p-2", 0, b"G28\n")  # an upload that was never started
+    spool.append_upload("p-2", 0, b"G28\n")  # an upload whose print was never started
     spool.import_gcode("p-3", source, sha256)
     assert [path.name for path in (tmp_path / "spool").iterdir()] == ["p-3.gcode"]
     assert printing_program.read_lines(0, 1) == [b"G28"]

@@ -25,12 +25,12 @@ def wait_for(condition: Callable[[], bool]) -> None:
     """Poll until a condition is true, up to a deadline."""
     deadline_s = time.monotonic() + TIME_LIMIT_S
     while not condition():
-        assert time.monotonic() < deadline_s, "it never happened"
+        assert time.monotonic() < deadline_s, "the condition did not become true in time"
         select.select([], [], [], 0.01)
 
 
 class Link:
-    """Port, opened as by a host but without pyserial."""
+    """Port that is opened without pyserial, as a host would open it."""
 
     def __init__(self, tty: Path) -> None:
         self.port = os.open(tty, os.O_RDWR | os.O_NOCTTY)
@@ -89,9 +89,9 @@ def test_new_printer_is_cold_clear_and_parked(printer: Printer) -> None:
 
 
 def test_running_emulator_is_found_and_not_started_twice(printer: Printer) -> None:
-    first = printer.start_emulator()
+    first_tty = printer.start_emulator()
     pid = printer.status.pid
-    assert printer.start_emulator() == first and printer.status.pid == pid
+    assert printer.start_emulator() == first_tty and printer.status.pid == pid
     assert os.getsid(pid) != os.getsid(0)
 
 
@@ -211,7 +211,7 @@ def test_unplugged_port_hangs_up_and_returns_as_another_device(
     old_status = printer.status
     control(printer.folder, Command.UNPLUG)
     while os.read(link.port, 4096):
-        pass  # until the end of the data: the port has hung up
+        pass  # the end of the data shows that the port has hung up
     link.close()
     assert not (printer.folder / "tty").exists()
     assert printer.status.nozzle_target_c == 200.0

@@ -1,3 +1,5 @@
+"""Position and retraction of the filament at any line of a program."""
+
 import io
 import math
 
@@ -39,40 +41,40 @@ def test_retraction_is_measured_as_the_firmware_counts_it(text: str, retracted_m
     assert measure_retraction_after(text) == pytest.approx(retracted_mm)
 
 
-HOP = "G1 X20 Y10 E5\nG1 E-1.5\nG0 X80\nG1 E5\nG1 X90 E6\n"
+HOP_GCODE = "G1 X20 Y10 E5\nG1 E-1.5\nG0 X80\nG1 E5\nG1 X90 E6\n"
 
 
 @pytest.mark.parametrize(
     ("last_position", "retracted_mm"),
     [
         ((15.0, 10.0, 1.0, 2.5), 0.0),  # before the retraction
-        ((20.0, 10.0, 1.0, 2.0), 3.0),  # in it
-        ((50.0, 10.0, 1.0, -1.5), 6.5),  # after it
-        ((80.0, 10.0, 1.0, 2.0), 3.0),  # on the way back
+        ((20.0, 10.0, 1.0, 2.0), 3.0),  # during the retraction
+        ((50.0, 10.0, 1.0, -1.5), 6.5),  # after the retraction
+        ((80.0, 10.0, 1.0, 2.0), 3.0),  # while the filament returns
         ((85.0, 10.0, 1.0, 5.5), 0.0),
-        ((500.0, 10.0, 1.0, 2.0), 0.0),  # no move leads there, so the last line counts
+        ((500.0, 10.0, 1.0, 2.0), 0.0),  # no move passes this position, so the last line counts
     ],
 )
 def test_retraction_is_measured_within_an_interrupted_move(
     last_position: tuple[float, float, float, float], retracted_mm: float
 ):
-    assert measure_retraction_after(HOP, last_position) == pytest.approx(retracted_mm)
+    assert measure_retraction_after(HOP_GCODE, last_position) == pytest.approx(retracted_mm)
 
 
 @given(st.lists(st.sampled_from((1.0, 0.5, -2.0, 2.0, 0.0)), min_size=1, max_size=60), st.booleans())
-def test_retraction_is_independent_of_earlier_lines_and_of_the_mode(feeds: list[float], relative: bool):
+def test_retraction_is_independent_of_earlier_lines_and_of_the_mode(feeds_mm: list[float], is_relative: bool):
     e_mm = retracted_mm = 0.0
     moves = []
-    for i, feed in enumerate(feeds):
-        e_mm += feed
-        retracted_mm = max(0.0, retracted_mm - feed)
-        moves.append(f"G1 X{i} E{feed if relative else 100 + e_mm:g}\n")
+    for i, feed_mm in enumerate(feeds_mm):
+        e_mm += feed_mm
+        retracted_mm = max(0.0, retracted_mm - feed_mm)
+        moves.append(f"G1 X{i} E{feed_mm if is_relative else 100 + e_mm:g}\n")
     long_text = (
-        "".join(f"G1 X{i % 7} E{100 * i / 5000:g}\n" for i in range(5000)) if not relative else "M83\n"
+        "".join(f"G1 X{i % 7} E{100 * i / 5000:g}\n" for i in range(5000)) if not is_relative else "M83\n"
     )
     assert WINDOW_LINES < 5000
     assert measure_retraction_after(
-        long_text + ("" if relative else "G1 E100\n") + "".join(moves)
+        long_text + ("" if is_relative else "G1 E100\n") + "".join(moves)
     ) == pytest.approx(retracted_mm)
 
 

@@ -23,7 +23,7 @@ COLLIDING_MOVE = b"G1 X10 Y112.30 E4.5"
 
 
 class FirmwareReceiver(EmulatedFirmware):
-    """Emulated firmware up to the commands that it would execute."""
+    """Emulated firmware that returns the commands instead of executing them."""
 
     def __init__(self) -> None:
         super().__init__(PROFILES["ultimaker2_plus"], Faults(), random.Random(0), 0.0)
@@ -137,8 +137,8 @@ def test_few_lines_need_a_blank(number, x_um, e_10nm):
 def test_line_without_room_for_a_blank_keeps_its_length():
     command = COLLIDING_MOVE + b" " + b"S" * (ULTIMAKER2.command_bytes - len(COLLIDING_MOVE) - 1)
     assert len(add_frame(4, command)) <= LINE_BYTES + 1
-    longest = command + b"S" * (LINE_BYTES - len(b"N4 *255") - len(command))
-    assert len(add_frame(4, longest)) <= LINE_BYTES + 1
+    longest_command = command + b"S" * (LINE_BYTES - len(b"N4 *255") - len(command))
+    assert len(add_frame(4, longest_command)) <= LINE_BYTES + 1
 
 
 @given(st.binary(min_size=1, max_size=128))

@@ -14,7 +14,7 @@ LINES = st.tuples(st.sampled_from(["G0", "G1", "G01", "G92"]), st.lists(WORDS, m
 
 @pytest.mark.parametrize("line", [b"G1 X", b"G1 X1 Y", b"G1 F1500 X1 E", b"G1 X1 Y2 E-", b"G1 X1234567"])
 def test_move_with_a_letter_without_a_number_is_not_plain(line: bytes) -> None:
-    """Check lines with a letter without a number, which the firmware reads as 0."""
+    """Use letters without a number, which the firmware reads as 0."""
     assert not is_plain_move(line)
 
 
@@ -29,8 +29,8 @@ def test_plain_moves_are_sent_unchanged(line: bytes) -> None:
 
 
 @given(st.lists(st.integers(-9999, 9999).map(lambda n: n / 100), min_size=4, max_size=4), st.integers(0, 15))
-def test_moves_of_slicers_are_plain(numbers: list[float], choice: int) -> None:
+def test_moves_of_slicers_are_plain(numbers: list[float], letter_mask: int) -> None:
     letters_and_numbers = [f" {letter}{number:g}" for letter, number in zip("FXYE", numbers, strict=True)]
     assert is_plain_move(
-        ("G1" + "".join(w for n, w in enumerate(letters_and_numbers) if choice >> n & 1)).encode()
+        ("G1" + "".join(w for n, w in enumerate(letters_and_numbers) if letter_mask >> n & 1)).encode()
     )

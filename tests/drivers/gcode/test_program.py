@@ -1,3 +1,5 @@
+"""Programs read from G-code: sent lines, times, marks and refused lines."""
+
 import io
 import math
 import re
@@ -67,7 +69,7 @@ def test_progress_is_linear_in_time_within_a_layer():
     assert program.layers == 2
 
 
-FEATURES = """M109 S210
+FEATURE_GCODE = """M109 S210
 ;LAYER:0
 G0 F9000 X1 Y1 Z0.27
 ;TYPE:SKIRT
@@ -90,7 +92,7 @@ G28
 
 
 def test_marks_contain_time_layer_height_and_feature():
-    program = parse_program(FEATURES)
+    program = parse_program(FEATURE_GCODE)
     assert tuple(program.timeline) == (
         Mark(1, 0.0, 0, 0.27, None),
         Mark(2, pytest.approx(2.0), 0, 0.27, Feature.SKIRT),
@@ -256,8 +258,8 @@ def test_state_at_any_accepted_line_is_finite_and_never_crashes_an_agent(
     for line in ["M109 S210", *lines]:
         try:
             program = parse_program("\n".join(["M109 S210", *accepted_lines, line]))
-        except BadGcode as refused:
-            assert str(refused).startswith("line ") and "\n" not in str(refused)
+        except BadGcode as error:
+            assert str(error).startswith("line ") and "\n" not in str(error)
         else:
             accepted_lines.append(line)
     program = parse_program("\n".join(accepted_lines))
@@ -315,7 +317,7 @@ def test_long_files_and_their_marks_take_little_memory():
 
 
 class DiscardingStore:
-    """A store that keeps nothing."""
+    """Store that discards all data."""
 
     def write(self, data: bytes) -> None:
         pass
@@ -327,14 +329,14 @@ class DiscardingStore:
 @given(st.lists(st.sampled_from(["G90", "G91", "M82", "M83", "G1 X1", "G1 Z2", "G1 Z7"]), min_size=1))
 def test_modes_and_height_at_a_line_follow_from_the_lines_before(lines: list[str]):
     program = parse_program("\n".join(lines))
-    relative = relative_e = False
+    is_relative = is_e_relative = False
     highest_mm = 0.0
     for n, line in enumerate(lines):
-        assert (program.is_relative(n), program.is_e_relative(n)) == (relative, relative_e)
+        assert (program.is_relative(n), program.is_e_relative(n)) == (is_relative, is_e_relative)
         assert highest_mm <= program.compute_highest_mm(n) <= highest_mm + 1.0
-        relative = {"G91": True, "G90": False}.get(line, relative)
-        relative_e = {"M83": True, "M82": False}.get(line, relative_e)
-        if line.startswith("G1 Z") and not relative:
+        is_relative = {"G91": True, "G90": False}.get(line, is_relative)
+        is_e_relative = {"M83": True, "M82": False}.get(line, is_e_relative)
+        if line.startswith("G1 Z") and not is_relative:
             highest_mm = max(highest_mm, float(line[4:]))
 
 

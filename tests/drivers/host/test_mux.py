@@ -15,15 +15,15 @@ FRAMES = st.builds(
 
 def split_bytes(data: bytes, piece_sizes: list[int]) -> list[bytes]:
     """Split bytes into pieces whose lengths are taken from `piece_sizes` in turn."""
-    pieces, offset, cycle = [], 0, 0
+    pieces, offset, piece_count = [], 0, 0
     while offset < len(data):
-        size = piece_sizes[cycle % len(piece_sizes)] if piece_sizes else len(data)
+        size = piece_sizes[piece_count % len(piece_sizes)] if piece_sizes else len(data)
         pieces.append(data[offset : offset + size])
-        offset, cycle = offset + size, cycle + 1
+        offset, piece_count = offset + size, piece_count + 1
     return pieces
 
 
-def transfer(source: Mux, target: Mux, piece_sizes: list[int]) -> list[object]:
+def transfer_bytes(source: Mux, target: Mux, piece_sizes: list[int]) -> list[object]:
     """Transfer all bytes that one end can send now to the other; return the events of the other end."""
     events: list[object] = []
     while data := source.take():
@@ -48,50 +48,50 @@ STEPS = st.lists(st.tuples(st.integers(0, 2), ACTIONS, st.integers(0, 200_000)),
 def test_bytes_of_each_stream_arrive_once_and_in_order(steps, piece_sizes):
     daemon, host = Mux(), Mux()
     streams = [daemon.open(f"um2-{number}") for number in range(3)]
-    assert [event for event in transfer(daemon, host, piece_sizes) if isinstance(event, Opened)] == [
+    assert [event for event in transfer_bytes(daemon, host, piece_sizes) if isinstance(event, Opened)] == [
         Opened(stream, f"um2-{number}") for number, stream in enumerate(streams)
     ]
     directions = {"to host": (daemon, host), "to daemon": (host, daemon)}
-    sent = {(direction, s): b"" for direction in directions for s in streams}
-    received = dict.fromkeys(sent, b"")
+    sent_data = {(direction, s): b"" for direction in directions for s in streams}
+    received_data = dict.fromkeys(sent_data, b"")
 
-    def transfer_all() -> None:
+    def transfer_all_bytes() -> None:
         for direction, (source, target) in directions.items():
-            for event in transfer(source, target, piece_sizes):
+            for event in transfer_bytes(source, target, piece_sizes):
                 assert isinstance(event, Received)
-                received[direction, event.stream] += event.data
+                received_data[direction, event.stream] += event.data
 
     for stream_number, action, size in steps:
         stream = streams[stream_number]
         if action == "consume":
             for direction, (_, target) in directions.items():
-                target.consume(stream, min(size, len(received[direction, stream])))
+                target.consume(stream, min(size, len(received_data[direction, stream])))
         else:
-            piece = PATTERN[len(sent[action, stream]) % 251 :][:size]
+            piece = PATTERN[len(sent_data[action, stream]) % 251 :][:size]
             directions[action][0].write(stream, piece)
-            sent[action, stream] += piece
-        transfer_all()
-        assert all(sent[key].startswith(received[key]) for key in sent)
+            sent_data[action, stream] += piece
+        transfer_all_bytes()
+        assert all(sent_data[key].startswith(received_data[key]) for key in sent_data)
     for _ in range(1 + sum(size for _, _, size in steps) // (WINDOW_BYTES // 4)):
         for _, target in directions.values():
             for stream in streams:
                 target.consume(stream, WINDOW_BYTES)
-        transfer_all()
-    assert received == sent
+        transfer_all_bytes()
+    assert received_data == sent_data
 
 
 def test_unread_stream_stops_and_the_others_continue():
     daemon, host = Mux(), Mux()
-    slow, fast = daemon.open("slow"), daemon.open("fast")
-    list(transfer(daemon, host, []))
-    host.write(slow, b"s" * (WINDOW_BYTES + 1000))
-    transfer(host, daemon, [])
-    assert host.count_waiting(slow) == 1000
-    host.write(fast, b"f" * 100)
-    assert transfer(host, daemon, []) == [Received(fast, b"f" * 100)]
-    daemon.consume(slow, WINDOW_BYTES)
-    transfer(daemon, host, [])
-    assert transfer(host, daemon, []) == [Received(slow, b"s" * 1000)]
+    slow_stream, fast_stream = daemon.open("slow"), daemon.open("fast")
+    list(transfer_bytes(daemon, host, []))
+    host.write(slow_stream, b"s" * (WINDOW_BYTES + 1000))
+    transfer_bytes(host, daemon, [])
+    assert host.count_waiting(slow_stream) == 1000
+    host.write(fast_stream, b"f" * 100)
+    assert transfer_bytes(host, daemon, []) == [Received(fast_stream, b"f" * 100)]
+    daemon.consume(slow_stream, WINDOW_BYTES)
+    transfer_bytes(daemon, host, [])
+    assert transfer_bytes(host, daemon, []) == [Received(slow_stream, b"s" * 1000)]
 
 
 def test_streams_take_turns_so_that_a_short_one_does_not_wait_for_a_long_one():
@@ -106,26 +106,29 @@ def test_streams_take_turns_so_that_a_short_one_does_not_wait_for_a_long_one():
 def test_stream_closes_after_its_bytes_and_late_bytes_are_dropped():
     daemon, host = Mux(), Mux()
     stream = daemon.open("a")
-    transfer(daemon, host, [])
+    transfer_bytes(daemon, host, [])
     host.write(stream, b"last")
     host.close(stream, "the agent has ended")
     daemon.write(stream, b"too late")
-    assert transfer(host, daemon, []) == [Received(stream, b"last"), Closed(stream, "the agent has ended")]
-    assert transfer(daemon, host, []) == []
-    assert transfer(host, daemon, []) == []
+    assert transfer_bytes(host, daemon, []) == [
+        Received(stream, b"last"),
+        Closed(stream, "the agent has ended"),
+    ]
+    assert transfer_bytes(daemon, host, []) == []
+    assert transfer_bytes(host, daemon, []) == []
     assert daemon.open("a") != stream
 
 
 def test_close_of_a_full_stream_waits_for_its_bytes():
     daemon, host = Mux(), Mux()
     stream = daemon.open("a")
-    transfer(daemon, host, [])
+    transfer_bytes(daemon, host, [])
     host.write(stream, b"x" * (WINDOW_BYTES + 1))
     host.close(stream)
-    assert not any(isinstance(event, Closed) for event in transfer(host, daemon, []))
+    assert not any(isinstance(event, Closed) for event in transfer_bytes(host, daemon, []))
     daemon.consume(stream, WINDOW_BYTES)
-    transfer(daemon, host, [])
-    assert transfer(host, daemon, []) == [Received(stream, b"x"), Closed(stream, "")]
+    transfer_bytes(daemon, host, [])
+    assert transfer_bytes(host, daemon, []) == [Received(stream, b"x"), Closed(stream, "")]
 
 
 def test_messages_overtake_waiting_data():

@@ -26,7 +26,7 @@ def test_agent_that_ran_for_a_long_time_is_soon_started_again():
 
 
 def make_line(at_s: float, progress_s: float, phase: m.PrintPhase = m.PrintPhase.PRINTING) -> bytes:
-    """Return a report of a printing agent."""
+    """Return the line with which a printing agent reports its state."""
     report = m.PrintSnapshot(print_id="p", phase=phase, progress_s=progress_s, layer=int(progress_s))
     nozzle = m.Heater(now_c=200 + at_s % 3, target_c=210)
     link = m.LinkState.BUSY

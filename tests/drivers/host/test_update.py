@@ -11,7 +11,7 @@ from drivers.host import UpdatePhase, update
 from drivers.host.update import AgentsUpdate, Trial, judge_trial
 from drivers.remote import Installation
 
-OLD, NEW = Installation("/old/python", "/old"), Installation("/new/python", "/new")
+OLD_INSTALLATION, NEW_INSTALLATION = Installation("/old/python", "/old"), Installation("/new/python", "/new")
 
 
 class FakeWatch:
@@ -23,7 +23,7 @@ class FakeWatch:
         self.snapshot = self.make_snapshot(
             m.LinkState.BUSY if is_printing else m.LinkState.READY, is_printing
         )
-        self.installation = OLD
+        self.installation = OLD_INSTALLATION
         self.is_running = True
         self.start_count = self.last_ended_start = 0
         self.ignores_end = False  # True if the new agent does not end
@@ -40,30 +40,32 @@ class FakeWatch:
     async def end(self) -> None:
         if self.snapshot is not None and self.snapshot.print is not None:
             raise AgentError("it is printing")
-        if self.ignores_end and self.installation == NEW:
+        if self.ignores_end and self.installation == NEW_INSTALLATION:
             raise AgentError("it does not answer")
-        self.installation = self.kept_installation or NEW
+        self.installation = self.kept_installation or NEW_INSTALLATION
         asyncio.get_running_loop().call_later(0.0, self.start)
 
     def start(self) -> None:
-        self.snapshot = self.make_snapshot(self.new_link if self.installation == NEW else m.LinkState.READY)
+        self.snapshot = self.make_snapshot(
+            self.new_link if self.installation == NEW_INSTALLATION else m.LinkState.READY
+        )
 
     def kill(self) -> None:
-        self.installation = self.kept_installation or NEW
+        self.installation = self.kept_installation or NEW_INSTALLATION
 
     def reset_backoff(self) -> None:
-        """Do nothing: a simulated agent starts immediately."""
+        """Do nothing, because a simulated agent starts immediately."""
 
 
-def run_update(watches: list[FakeWatch], until: Callable[[AgentsUpdate], bool]) -> AgentsUpdate:
+def run_update(watches: list[FakeWatch], condition: Callable[[AgentsUpdate], bool]) -> AgentsUpdate:
     """Begin an update, and step until a condition holds."""
 
     async def run() -> AgentsUpdate:
-        agents, tasks = AgentsUpdate(NEW, lambda: None), set()
+        agents, tasks = AgentsUpdate(NEW_INSTALLATION, lambda: None), set()
         assert agents.describe(watches).phase is UpdatePhase.OUTDATED
         agents.begin()
         async with asyncio.timeout(20):
-            while not until(agents):
+            while not condition(agents):
                 agents.step(watches, lambda work: tasks.add(asyncio.create_task(work)))
                 await asyncio.sleep(0)
             await asyncio.gather(*tasks)
@@ -73,20 +75,20 @@ def run_update(watches: list[FakeWatch], until: Callable[[AgentsUpdate], bool]) 
 
 
 @pytest.fixture(autouse=True)
-def _skip_waits(monkeypatch):
+def _short_poll_interval(monkeypatch):
     monkeypatch.setattr(update, "_POLL_INTERVAL_S", 0.0)
 
 
 def test_idle_agents_are_replaced_one_by_one():
     watches = [FakeWatch("a"), FakeWatch("b")]
     run_update(watches, lambda agents: agents.describe(watches).phase is UpdatePhase.CURRENT)
-    assert [watch.installation for watch in watches] == [NEW, NEW]
+    assert [watch.installation for watch in watches] == [NEW_INSTALLATION, NEW_INSTALLATION]
 
 
 def test_printing_agent_is_not_replaced_before_its_print_has_ended():
     watches = [FakeWatch("a", is_printing=True), FakeWatch("b")]
-    agents = run_update(watches, lambda _: watches[1].installation == NEW)
-    assert watches[0].installation == OLD
+    agents = run_update(watches, lambda _: watches[1].installation == NEW_INSTALLATION)
+    assert watches[0].installation == OLD_INSTALLATION
     assert agents.describe(watches).phase is UpdatePhase.RUNNING
     assert "a" in str(agents.describe(watches).reason)
 
@@ -95,7 +97,8 @@ def test_first_fault_restores_the_old_version_and_ends_the_update(tmp_path, monk
     monkeypatch.setattr(Installation, "exists", True)
     watches = [FakeWatch("a", new_link=m.LinkState.FAULT), FakeWatch("b")]
     agents = run_update(watches, lambda agents: agents.describe(watches).phase is UpdatePhase.FAILED)
-    assert [watch.installation for watch in watches] == [OLD, OLD] and watches[0].kept_installation == OLD
+    assert [watch.installation for watch in watches] == [OLD_INSTALLATION, OLD_INSTALLATION]
+    assert watches[0].kept_installation == OLD_INSTALLATION
     reason = str(agents.describe(watches).reason)
     assert "a: its new agent reports: its port is gone; its old version is started again" in reason
 
@@ -105,11 +108,11 @@ def test_new_agent_that_does_not_end_is_killed_and_replaced_by_the_old_one(monke
     watch = FakeWatch("a", new_link=m.LinkState.FAULT)
     watch.ignores_end = True
     run_update([watch], lambda agents: agents.describe([watch]).phase is UpdatePhase.FAILED)
-    assert watch.installation == OLD
+    assert watch.installation == OLD_INSTALLATION
 
 
 def test_new_agent_is_judged_by_its_link_and_the_time_since_its_start():
-    ready_report, fault, absent_report = (
+    ready_report, fault_report, absent_report = (
         FakeWatch("a").make_snapshot(link)
         for link in (m.LinkState.READY, m.LinkState.FAULT, m.LinkState.ABSENT)
     )
@@ -119,7 +122,7 @@ def test_new_agent_is_judged_by_its_link_and_the_time_since_its_start():
     assert judge_trial(Trial(old_link, report, False, 5.0)) is False
     assert judge_trial(Trial(old_link, None, False, 5.0)) is False  # a busy computer starts an agent late
     assert judge_trial(Trial(old_link, None, True, 0.1)) == "its new agent has ended"
-    assert "its port is gone" in str(judge_trial(Trial(old_link, fault, False, 5.0)))
+    assert "its port is gone" in str(judge_trial(Trial(old_link, fault_report, False, 5.0)))
     # The printer was absent before the update too, so the update is not the cause.
     assert judge_trial(Trial(m.LinkState.ABSENT, absent_report, False, 5.0)) is True
     assert "was not ready" in str(judge_trial(Trial(old_link, report, False, 100.0)))

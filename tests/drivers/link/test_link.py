@@ -200,7 +200,7 @@ def test_queries_after_a_line_fit_the_ring_buffer_of_the_board():
         bench.now_s = bench.link.deadline_s
         bench.link.tick(bench.now_s)
     assert sent_bytes.count(ULTIMAKER2.last_line_query) == MAX_QUERIES
-    assert len(sent_bytes) + len(b"234567") <= 126  # more is lost without an error
+    assert len(sent_bytes) + len(b"234567") <= 126  # the board loses further bytes without an error
 
 
 @pytest.mark.parametrize(
@@ -311,16 +311,16 @@ def test_commands_wait_for_the_program_to_be_halted():
 
 @given(
     count=st.integers(1, 600),
-    every_s=st.sampled_from([0.02, 0.05, 0.3, 1.0]),
+    poll_interval_s=st.sampled_from([0.02, 0.05, 0.3, 1.0]),
     change_share=st.sampled_from([0.0, 0.0005]),
     seed=st.integers(0, 2**32),
 )
 @settings(max_examples=60, deadline=None)
 def test_polls_between_the_lines_change_neither_their_order_nor_the_count(
-    count: int, every_s: float, change_share: float, seed: int
+    count: int, poll_interval_s: float, change_share: float, seed: int
 ):
     bench = Bench(Wire(0.0, change_share, 10_000, seed))
-    bench.link.poll_every_s = every_s
+    bench.link.poll_every_s = poll_interval_s
     bench.boot()
     program = make_lines(count)
     bench.link.send(0.0, b"M82")

@@ -1,4 +1,4 @@
-"""Link over a wire without faults while it polls temperatures: nothing is sent twice."""
+"""Link that polls temperatures over a wire without faults, and sends nothing twice."""
 
 import re
 
@@ -49,23 +49,23 @@ class Board:
 PROGRAM = [b"G1 X%d E%d" % (i % 200, i) for i in range(900)]
 
 
-@pytest.mark.parametrize("start", [0, 7])
+@pytest.mark.parametrize("first_line", [0, 7])
 @pytest.mark.parametrize("commands", [(), (b"G28", b"M104 S0", b"G92 E0")])
 @pytest.mark.parametrize("poll_every_s", [0.5, 1.0, 3.0, 100.0])
 def test_polls_keep_the_order_of_lines_and_are_not_counted(
-    start: int, commands: tuple[bytes, ...], poll_every_s: float
+    first_line: int, commands: tuple[bytes, ...], poll_every_s: float
 ):
     """Check after every answer that the count for the journal equals that of the acknowledged lines."""
     board = Board(poll_every_s)
     if commands:
         board.link.send(0.0, *commands)
-    board.link.stream(0.0, lambda a, b: PROGRAM[a:b], start, len(PROGRAM))
+    board.link.stream(0.0, lambda a, b: PROGRAM[a:b], first_line, len(PROGRAM))
     while board.step():
         printed_count = sum(line.startswith(b"G1") for line in board.executed)
-        assert board.link.streamed_lines == start + printed_count
-        assert not board.link.is_drained or start + printed_count == len(PROGRAM)
+        assert board.link.streamed_lines == first_line + printed_count
+        assert not board.link.is_drained or first_line + printed_count == len(PROGRAM)
     assert board.link.is_drained
-    assert board.executed == [b"M110", *commands, *PROGRAM[start:]]
+    assert board.executed == [b"M110", *commands, *PROGRAM[first_line:]]
     assert board.link.repeat_count == 0
     assert board.report_count >= len(PROGRAM) * 0.2 / poll_every_s
     assert len(board.link._outbox._frames) < 400  # a print may have a million lines

@@ -13,20 +13,20 @@ from drivers.firmware import ULTIMAKER2
 from drivers.link import Link, Phase
 from drivers.printers import PROFILES
 
-MEDIAN_S, WORST_S = 1.0, 3.0  # simulated seconds
-FREQUENT_FAULTS = 200
-RARE_FAULTS = 30  # of the lines without a move
+MAX_MEDIAN_S, MAX_STALL_S = 1.0, 3.0  # simulated seconds
+FREQUENT_FAULT_COUNT = 200
+RARE_FAULT_COUNT = 30  # faults of the lines without a move
 
 
 @pytest.mark.parametrize("name", KINDS)
 def test_transmission_fault_stops_the_head_briefly_and_repeats_no_line(name: str):
-    faults = RARE_FAULTS if name.startswith("M") else FREQUENT_FAULTS
-    outcome = run(KINDS[name], faults, seed=0)
+    fault_count = RARE_FAULT_COUNT if name.startswith("M") else FREQUENT_FAULT_COUNT
+    outcome = run(KINDS[name], fault_count, seed=0)
     assert outcome.fault is None
     assert outcome.exact
-    assert len(outcome.stalls_s) == faults
-    assert outcome.median_s <= MEDIAN_S
-    assert outcome.worst_s <= WORST_S
+    assert len(outcome.stalls_s) == fault_count
+    assert outcome.median_s <= MAX_MEDIAN_S
+    assert outcome.worst_s <= MAX_STALL_S
 
 
 @given(st.sampled_from(sorted(KINDS)), st.integers(0, 2**32))
@@ -34,7 +34,7 @@ def test_transmission_fault_stops_the_head_briefly_and_repeats_no_line(name: str
 def test_print_is_exact_and_continues_within_3_s_after_any_damage(name: str, seed: int):
     outcome = run(KINDS[name], 8, seed)
     assert outcome.exact
-    assert outcome.worst_s <= WORST_S
+    assert outcome.worst_s <= MAX_STALL_S
 
 
 @given(

@@ -39,7 +39,7 @@ class Recorder(EmulatedFirmware):
 
 
 class Wire:
-    """One direction of a wire: pieces of `piece_bytes`, each delayed by up to `max_delay_s`, in order."""
+    """One direction of a wire, which delays each piece of the data at random and keeps their order."""
 
     def __init__(self, piece_bytes: int, max_delay_s: float, rng: random.Random) -> None:
         self.piece_bytes, self.max_delay_s, self.rng = piece_bytes, max_delay_s, rng
@@ -116,8 +116,8 @@ def test_noisy_wire_executes_lines_once_unaltered_or_ends_in_a_named_fault(
     max_delay_s: float,
     seed: int,
 ):
-    path = [b"G1 X%d.%02d Y%d E%d" % (i % 200, i % 97, i % 190, i) for i in range(1, count)]
-    program = [b"M302 S0", *path, *[b"M400"] * 3]
+    moves = [b"G1 X%d.%02d Y%d E%d" % (i % 200, i % 97, i % 190, i) for i in range(1, count)]
+    program = [b"M302 S0", *moves, *[b"M400"] * 3]
     firmware, link, link_faults = print_program(
         program, Faults(noise=noise, lost=loss_share, doubled=doubling_share), piece_bytes, max_delay_s, seed
     )

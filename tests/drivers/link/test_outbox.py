@@ -11,10 +11,10 @@ from drivers.link.outbox import HISTORY_LINES, LINE_TIME_OUT_S, MAX_MOVE_MM, QUE
 from drivers.link.recovery import MAX_QUERIES, TRIES, Place, Recovery
 from drivers.link.replies import Report
 
-SLOW, SLOWER, FAST = b"G1 F60 X10", b"G1 F30 X10", b"G1 F6000 X10"
+SLOW_MOVE, SLOWER_MOVE, FAST_MOVE = b"G1 F60 X10", b"G1 F30 X10", b"G1 F6000 X10"
 
 
-def send_all(commands, polls_before=()):
+def send_commands(commands, polls_before=()):
     """Send all commands through an outbox; return it with the time limit of each."""
     outbox, time_outs_s = Outbox(ULTIMAKER2), []
     outbox.begin()
@@ -30,34 +30,34 @@ def send_all(commands, polls_before=()):
 
 
 def test_lines_behind_a_slow_move_have_its_time_limit():
-    _, time_outs_s = send_all([SLOW, *[FAST] * (QUEUED_LINES + 3)])
-    assert QUEUED_LINES >= 16 + 8  # planned, and waiting
+    _, time_outs_s = send_commands([SLOW_MOVE, *[FAST_MOVE] * (QUEUED_LINES + 3)])
+    assert QUEUED_LINES >= 16 + 8  # moves in the planner, and lines that wait
     assert time_outs_s[: QUEUED_LINES + 1] == [pytest.approx(60 * MAX_MOVE_MM / 60)] * (QUEUED_LINES + 1)
     assert time_outs_s[QUEUED_LINES + 1 :] == [LINE_TIME_OUT_S] * 3
 
 
 def test_time_limit_follows_the_slowest_queued_move():
-    _, time_outs_s = send_all([FAST, SLOWER, SLOW, FAST])
+    _, time_outs_s = send_commands([FAST_MOVE, SLOWER_MOVE, SLOW_MOVE, FAST_MOVE])
     assert time_outs_s == [LINE_TIME_OUT_S, *[pytest.approx(60 * MAX_MOVE_MM / 30)] * 3]
 
 
 @pytest.mark.parametrize("lines_before", range(1, 6))
 def test_line_keeps_its_time_limit_if_a_poll_takes_its_number(lines_before):
     commands = [b"G90", b"M400", b"G90", b"G4 P9", b"G28"]
-    assert send_all(commands, [lines_before])[1] == send_all(commands)[1]
+    assert send_commands(commands, [lines_before])[1] == send_commands(commands)[1]
 
 
 def test_line_can_be_resent_while_it_is_kept():
-    outbox, _ = send_all([b"G90"] * 200)
+    outbox, _ = send_commands([b"G90"] * 200)
     assert [number for number in range(201) if outbox.holds(number)] == list(range(201 - HISTORY_LINES, 201))
-    first_line, _ = send_all([b"G90"])
-    assert first_line.holds(0) and not first_line.holds(-1)
+    short_outbox, _ = send_commands([b"G90"])
+    assert short_outbox.holds(0) and not short_outbox.holds(-1)
 
 
 def test_plain_ok_does_not_answer_a_poll_with_the_next_line_encoded():
     """Check `take_encoded`, whose result the link sends on a plain ok."""
-    outbox, _ = send_all([])
-    outbox.queue((FAST,) * 9)
+    outbox, _ = send_commands([])
+    outbox.queue((FAST_MOVE,) * 9)
     assert outbox.take_next() is not None and outbox.take_encoded() is not None
     outbox.insert_poll()
     assert outbox.take_next() == b"N3 M105*36\n" and outbox.is_poll
@@ -82,13 +82,13 @@ def test_resend_is_accepted_after_two_unanswered_queries():
     link, now_s, query_count = Link(ULTIMAKER2), 0.0, 0
     link.on_opened(now_s)
     link.receive(b"start\necho:   M301 P10\n", now_s)
-    link.send(now_s, FAST, FAST, FAST)
+    link.send(now_s, FAST_MOVE, FAST_MOVE, FAST_MOVE)
     for _ in range(3):
         link.receive(b"ok\n", now_s)
     assert b"N3 " in link.take()
     link.receive(b"Error:checksum mismatch, Last Line: 2\nResend: 3\nok\n", now_s)
-    while b"N3 " not in (sent := link.take()):
-        query_count += sent.count(ULTIMAKER2.last_line_query)
+    while b"N3 " not in (sent_bytes := link.take()):
+        query_count += sent_bytes.count(ULTIMAKER2.last_line_query)
         now_s = link.deadline_s
         link.tick(now_s)
     assert query_count == 2

@@ -26,7 +26,7 @@ from printers.agent_with_emulator import wait_for_emulator
 
 MODEL = "ultimaker2_plus"
 DEADLINE_S = 60.0
-pytestmark = pytest.mark.filterwarnings("ignore:set(Daemon|Name):DeprecationWarning")  # pyserial's
+pytestmark = pytest.mark.filterwarnings("ignore:set(Daemon|Name):DeprecationWarning")  # raised in pyserial
 SER2NET = shutil.which("ser2net", path="/usr/sbin:" + os.environ["PATH"])
 C_COMPILER = shutil.which("cc") or shutil.which("tcc")
 
@@ -68,7 +68,7 @@ def url(tmp_path: Path) -> Iterator[str]:
 
 
 def _wait_until_listening(port_number: int) -> None:
-    """Wait until the kernel lists the listening socket, as a trial connection would open the port."""
+    """Wait until the kernel lists the listening socket, because a trial connection would open the port."""
     deadline_s = time.monotonic() + DEADLINE_S
     while f":{port_number:04X} 00000000:0000 0A" not in Path("/proc/net/tcp").read_text():
         assert time.monotonic() < deadline_s
@@ -102,11 +102,11 @@ def test_bytes_and_dtr_reach_a_board_behind_ser2net(tmp_path: Path, url: str):
 
 
 @pytest.mark.system
-def test_agent_opens_the_port_after_a_person_confirms_it_idle(tmp_path: Path, url: str):
+def test_agent_opens_the_port_after_a_person_confirms_that_it_is_idle(tmp_path: Path, url: str):
     folder = tmp_path / "agent"
     process = spawn_agent("a", MODEL, url, folder, Clock(60.0, time.time()))
 
-    async def scenario() -> None:
+    async def run_scenario() -> None:
         client = AgentClient(folder)
         is_requested = False
         await client.connect()
@@ -124,7 +124,7 @@ def test_agent_opens_the_port_after_a_person_confirms_it_idle(tmp_path: Path, ur
             await client.close()
 
     try:
-        asyncio.run(scenario())
+        asyncio.run(run_scenario())
     finally:
         process.kill()
         process.wait()

@@ -1,3 +1,5 @@
+"""The serial port of a printer, on a pseudo-terminal."""
+
 import fcntl
 import os
 import pty
@@ -21,7 +23,8 @@ TCGETS2 = 0x802C542A  # reads a rate that has no POSIX constant
 
 
 @pytest.fixture
-def ends() -> Iterator[tuple[int, Path]]:
+def pty_ends() -> Iterator[tuple[int, Path]]:
+    """Open a pseudo-terminal, with a board's end to read and write and a path for the port."""
     master, slave = pty.openpty()
     tty.setraw(slave)
     path = Path(os.ttyname(slave))
@@ -38,8 +41,8 @@ def read_bytes(fd: int, count: int) -> bytes:
     return data
 
 
-def test_bytes_pass_in_both_directions_and_an_empty_port_returns_no_bytes(ends: tuple[int, Path]):
-    master, path = ends
+def test_bytes_pass_in_both_directions_and_an_empty_port_returns_no_bytes(pty_ends: tuple[int, Path]):
+    master, path = pty_ends
     port = SerialPort(path, ULTIMAKER2.baud_rate)
     try:
         assert port.read() == b""
@@ -55,27 +58,27 @@ def test_bytes_pass_in_both_directions_and_an_empty_port_returns_no_bytes(ends: 
         port.close()
 
 
-def test_port_is_opened_by_one_process_only(ends: tuple[int, Path]):
-    port = SerialPort(ends[1], ULTIMAKER2.baud_rate)
+def test_port_is_opened_by_one_process_only(pty_ends: tuple[int, Path]):
+    port = SerialPort(pty_ends[1], ULTIMAKER2.baud_rate)
     try:
         with pytest.raises(PortError, match="another program"):
-            SerialPort(ends[1], ULTIMAKER2.baud_rate)
+            SerialPort(pty_ends[1], ULTIMAKER2.baud_rate)
         port.reset()
-        os.write(ends[0], b"start\n")
+        os.write(pty_ends[0], b"start\n")
         assert port.read() == b"start\n"
     finally:
         port.close()
 
 
-def test_port_of_a_disconnected_printer_raises(ends: tuple[int, Path]):
-    port = SerialPort(ends[1], ULTIMAKER2.baud_rate)
+def test_port_of_a_disconnected_printer_raises(pty_ends: tuple[int, Path]):
+    port = SerialPort(pty_ends[1], ULTIMAKER2.baud_rate)
     try:
-        os.close(ends[0])
+        os.close(pty_ends[0])
         with pytest.raises(PortError, match="was disconnected"):
             port.read()
     finally:
         port.close()
-        os.dup2(os.open(os.devnull, os.O_RDONLY), ends[0])
+        os.dup2(os.open(os.devnull, os.O_RDONLY), pty_ends[0])
 
 
 @pytest.mark.parametrize("url", ["socket://printer:5000", "telnet://printer:5000", "sim://mendel"])
@@ -93,20 +96,20 @@ def test_path_that_is_not_a_port_is_refused(tmp_path: Path):
             SerialPort(find_device(str(path), tmp_path, Clock()), ULTIMAKER2.baud_rate)
 
 
-def test_reset_of_a_disconnected_printer_is_a_port_error(ends: tuple[int, Path]):
-    port = SerialPort(ends[1], ULTIMAKER2.baud_rate)
+def test_reset_of_a_disconnected_printer_is_a_port_error(pty_ends: tuple[int, Path]):
+    port = SerialPort(pty_ends[1], ULTIMAKER2.baud_rate)
     try:
-        os.close(ends[0])
+        os.close(pty_ends[0])
         with pytest.raises(PortError, match="cannot be reset"):
             port.reset()
     finally:
         port.close()
-        os.dup2(os.open(os.devnull, os.O_RDONLY), ends[0])
+        os.dup2(os.open(os.devnull, os.O_RDONLY), pty_ends[0])
 
 
-def test_urgent_bytes_replace_unsent_ones(ends: tuple[int, Path]):
+def test_urgent_bytes_replace_unsent_ones(pty_ends: tuple[int, Path]):
     """Use a board that does not read, so that the buffers of the kernel and of the port fill up."""
-    master, path = ends
+    master, path = pty_ends
     port = SerialPort(path, ULTIMAKER2.baud_rate)
     try:
         while not port.write_pending:
@@ -118,9 +121,9 @@ def test_urgent_bytes_replace_unsent_ones(ends: tuple[int, Path]):
         port.close()
 
 
-def test_urgent_bytes_do_not_discard_bytes_that_were_sent(ends: tuple[int, Path]):
+def test_urgent_bytes_do_not_discard_bytes_that_were_sent(pty_ends: tuple[int, Path]):
     """Send without a flush, which would discard bytes in transit on a pseudo-terminal."""
-    master, path = ends
+    master, path = pty_ends
     port = SerialPort(path, ULTIMAKER2.baud_rate)
     try:
         for _ in range(50):  # a flush would lose the first line in about 4 of 5 cases
@@ -131,8 +134,8 @@ def test_urgent_bytes_do_not_discard_bytes_that_were_sent(ends: tuple[int, Path]
         port.close()
 
 
-def test_write_to_a_stalled_board_times_out(ends: tuple[int, Path], monkeypatch: pytest.MonkeyPatch):
-    port, ticks_s = SerialPort(ends[1], ULTIMAKER2.baud_rate), iter(range(1000))
+def test_write_to_a_stalled_board_times_out(pty_ends: tuple[int, Path], monkeypatch: pytest.MonkeyPatch):
+    port, ticks_s = SerialPort(pty_ends[1], ULTIMAKER2.baud_rate), iter(range(1000))
     monkeypatch.setattr("drivers.ports.serial_port.time.monotonic", lambda: float(next(ticks_s)))
     monkeypatch.setattr(SerialPort, "_count_queued_bytes", lambda _: 1)
     try:

@@ -70,7 +70,7 @@ def test_record_is_bounded_in_number_and_length():
 
 @pytest.mark.parametrize("noise", [b"\n", b"ok\n", b"\x00", b"\x00" * 300 + b"\n"])
 def test_noise_fits_into_a_message(noise):
-    """Limit the length: a longer line would end the daemon's connection and delay the serial loop."""
+    """Limit the length, because a longer line would end the daemon's connection and delay the serial loop."""
     record = WireRecord(lambda: 0.0)
     for _ in range(1000):
         record.record(False, (noise * 1000)[:4096])

@@ -1,3 +1,5 @@
+"""Usable volumes, limits and heating times of printer profiles."""
+
 import math
 
 import pytest
@@ -15,14 +17,14 @@ from drivers.printers import (
 )
 
 models = st.sampled_from(sorted(SLICING_PROFILES))
-sizes = st.floats(1.0, 400.0)
+lengths_mm = st.floats(1.0, 400.0)
 
 
 @given(models, st.floats(0.0, 30.0))
-def test_room_with_a_brim_is_on_the_bed_and_off_the_clips(model: str, brim_mm: float):
+def test_usable_volume_with_a_brim_is_on_the_bed_and_off_the_clips(model: str, brim_mm: float):
     profile = SLICING_PROFILES[model]
-    width, depth = profile.bed_mm
-    bed = Rect(-width / 2, -depth / 2, width / 2, depth / 2)
+    width_mm, depth_mm = profile.bed_mm
+    bed = Rect(-width_mm / 2, -depth_mm / 2, width_mm / 2, depth_mm / 2)
     for box in list_usable_volumes(profile, brim_mm):
         enlarged_rect = box.rect.expand(brim_mm - 1e-9)
         assert bed.contains(enlarged_rect)
@@ -30,29 +32,35 @@ def test_room_with_a_brim_is_on_the_bed_and_off_the_clips(model: str, brim_mm: f
         assert box.height_mm == profile.height_mm
 
 
-@given(models, st.tuples(sizes, sizes, sizes))
-def test_placed_part_lies_in_a_box_of_the_room(model: str, extents_mm: tuple[float, float, float]):
-    room = list_usable_volumes(SLICING_PROFILES[model], 8.0)
-    placement = place_part(extents_mm, room)
-    dx, dy, dz = extents_mm
+@given(models, st.tuples(lengths_mm, lengths_mm, lengths_mm))
+def test_placed_part_lies_in_a_box_of_the_usable_volume(model: str, extents_mm: tuple[float, float, float]):
+    boxes = list_usable_volumes(SLICING_PROFILES[model], 8.0)
+    placement = place_part(extents_mm, boxes)
+    width_mm, depth_mm, height_mm = extents_mm
     if placement is None:
         assert not any(
-            box.rect.width_mm >= dx and box.rect.depth_mm >= dy and box.height_mm >= dz for box in room
+            box.rect.width_mm >= width_mm and box.rect.depth_mm >= depth_mm and box.height_mm >= height_mm
+            for box in boxes
         )
         return
     if placement.is_rotated:
-        dx, dy = dy, dx
+        width_mm, depth_mm = depth_mm, width_mm
     part = Rect(
-        placement.x_mm - dx / 2, placement.y_mm - dy / 2, placement.x_mm + dx / 2, placement.y_mm + dy / 2
+        placement.x_mm - width_mm / 2,
+        placement.y_mm - depth_mm / 2,
+        placement.x_mm + width_mm / 2,
+        placement.y_mm + depth_mm / 2,
     )
-    slack = FIT_TOLERANCE_MM
-    assert any(box.rect.expand(slack).contains(part) and box.height_mm + slack >= dz for box in room)
+    slack_mm = FIT_TOLERANCE_MM
+    assert any(
+        box.rect.expand(slack_mm).contains(part) and box.height_mm + slack_mm >= height_mm for box in boxes
+    )
 
 
-def test_room_of_an_ultimaker_2_plus_with_an_8_mm_brim_has_the_known_sizes():
+def test_usable_volume_of_an_ultimaker_2_plus_with_an_8_mm_brim_has_the_known_sizes():
     sizes_mm = [box.size_mm for box in list_usable_volumes(PROFILES["ultimaker2_plus"], 8.0)]
     assert (207.0, 191.0, 205.0) in sizes_mm
-    assert any(depth == 207.0 and width <= 165.0 for width, depth, _ in sizes_mm)
+    assert any(depth_mm == 207.0 and width_mm <= 165.0 for width_mm, depth_mm, _ in sizes_mm)
 
 
 def test_smaller_limit_of_the_user_is_used():

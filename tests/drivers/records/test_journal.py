@@ -1,4 +1,4 @@
-"""Journal of the agent, including those of older agents."""
+"""Journal of the agent, including journals that older agents wrote."""
 
 import errno
 import json
@@ -40,7 +40,7 @@ def test_full_disk_fails_the_write_and_keeps_the_records(tmp_path: Path, monkeyp
     journal.write(1.0, filament="parked")
     write = os.write
     with monkeypatch.context() as patch:
-        patch.setattr(os, "write", lambda fd, data: write(fd, data[:7]))  # as on a disk with 7 free bytes
+        patch.setattr(os, "write", lambda fd, data: write(fd, data[:7]))  # like a disk with 7 free bytes
         with pytest.raises(JournalError, match="check its disk"):
             journal.write(2.0, filament="at_nozzle")
     assert journal.state.filament is m.Filament.PARKED
@@ -91,7 +91,7 @@ def test_board_state_is_written_completely_under_its_original_names(tmp_path):
     assert Journal(path).state.board == state
 
 
-def test_partial_record_of_the_board_keeps_the_rest(tmp_path):
+def test_partial_record_of_the_board_keeps_its_other_fields(tmp_path):
     path = tmp_path / "journal.jsonl"
     path.write_text('{"at_s": 1.0, "doubt": "moved", "hot": true}\n{"at_s": 2.0, "look": "smoke"}\n')
     board = Journal(path).state.board

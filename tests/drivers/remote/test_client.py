@@ -13,7 +13,7 @@ from printers.agent_with_emulator import run
 
 
 def test_connection_and_request_fail_without_an_agent(tmp_path: Path):
-    async def scenario() -> None:
+    async def run_scenario() -> None:
         client = AgentClient(tmp_path)
         with pytest.raises(AgentError):
             await client.connect(timeout_s=0.1)
@@ -21,7 +21,7 @@ def test_connection_and_request_fail_without_an_agent(tmp_path: Path):
             await client.request(m.Hello(id=0))
 
     assert not is_alive(tmp_path)
-    run(scenario())
+    run(run_scenario())
 
 
 def test_unknown_fields_are_ignored_in_snapshots_and_refused_in_requests():
@@ -48,7 +48,7 @@ def test_unreadable_message_counts_as_a_sign_of_life(tmp_path: Path):
         await writer.drain()
         writer.close()
 
-    async def scenario() -> None:
+    async def run_scenario() -> None:
         server = await asyncio.start_unix_server(send_message, tmp_path / "agent.sock")
         client = AgentClient(tmp_path, on_message=lambda: signs.append(True))
         await client.connect()
@@ -56,5 +56,5 @@ def test_unreadable_message_counts_as_a_sign_of_life(tmp_path: Path):
         await client.close()
         server.close()
 
-    run(scenario())
+    run(run_scenario())
     assert signs  # the agent is alive, so its print must not be ended

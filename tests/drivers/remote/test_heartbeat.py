@@ -1,3 +1,5 @@
+"""Detection of agents that hang."""
+
 import os
 
 from drivers.remote import Heartbeat, sample_process

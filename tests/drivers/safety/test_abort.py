@@ -23,10 +23,10 @@ from printers.firmware_host import Host, add_number
 
 MOVE_S = 2.0
 MAX_LINE_BYTES = 95  # with its newline
-BLOCKING_MOVES = 18  # moves that fill the planner, and one that waits for room
+BLOCKING_MOVE_COUNT = 18  # the moves that fill the planner, and one that waits
 
 
-def make_busy_host(moves: int = BLOCKING_MOVES, model: str = "ultimaker2_plus") -> Host:
+def make_busy_host(moves: int = BLOCKING_MOVE_COUNT, model: str = "ultimaker2_plus") -> Host:
     """Make a hot board with its fan on and a planner full of moves of 2 s."""
     host = Host(model, Faults(no_reset=True))
     host.send("G28")
@@ -40,20 +40,20 @@ def make_busy_host(moves: int = BLOCKING_MOVES, model: str = "ultimaker2_plus") 
     return host
 
 
-def exchange(host: Host, link: Link, seconds: float) -> list[Event]:
+def exchange_bytes(host: Host, link: Link, seconds: float) -> list[Event]:
     """Pass bytes between link and board for some seconds; return the events of the link."""
     events: list[Event] = []
     end_s = host.now_s + seconds
     while True:
-        sent = link.take()
-        if not sent:
+        sent_bytes = link.take()
+        if not sent_bytes:
             host.now_s = min(max(host.now_s, host.firmware.compute_deadline_s()), link.deadline_s, end_s)
-        answer = host.firmware.feed(sent, host.now_s)
+        answer = host.firmware.feed(sent_bytes, host.now_s)
         events += link.receive(answer, host.now_s) or ()
         events += link.tick(host.now_s)
         if host.now_s >= end_s:
             return events
-        if not (sent or answer):
+        if not (sent_bytes or answer):
             host.now_s += 1e-4
 
 
@@ -74,14 +74,14 @@ def test_abort_switches_heaters_off_and_ends_queued_moves_within_one_move():
     assert has_ended(host)
 
 
-@pytest.mark.parametrize("cut_off", ["G1 X7", "N19 G1 X70 Y5", "N1"])
-def test_truncated_line_before_the_abort_delays_it_by_one_move_at_most(cut_off: str):
+@pytest.mark.parametrize("truncated_line", ["G1 X7", "N19 G1 X70 Y5", "N1"])
+def test_truncated_line_before_the_abort_delays_it_by_one_move_at_most(truncated_line: str):
     host = make_busy_host()
-    host.firmware.feed(cut_off.encode(), host.now_s)
+    host.firmware.feed(truncated_line.encode(), host.now_s)
     host.firmware.feed(ULTIMAKER2.abort_unnumbered, host.now_s)
     link = Link(ULTIMAKER2)
     link.on_opened(host.now_s, ULTIMAKER2.abort_unnumbered)
-    events = exchange(host, link, 2.1 * MOVE_S)
+    events = exchange_bytes(host, link, 2.1 * MOVE_S)
     assert has_ended(host)
     [connection] = [event for event in events if isinstance(event, Connected)]
     assert not connection.restarted
@@ -95,7 +95,7 @@ def test_longest_line_the_abort_and_a_poll_fit_into_the_receive_buffer():
     host.firmware.feed(ULTIMAKER2.abort_unnumbered, host.now_s)
     link = Link(ULTIMAKER2)
     link.on_opened(host.now_s, ULTIMAKER2.abort_unnumbered)
-    exchange(host, link, 3.1 * MOVE_S)
+    exchange_bytes(host, link, 3.1 * MOVE_S)
     assert has_ended(host) and link.is_drained
 
 
@@ -107,10 +107,10 @@ def test_on_marlin_2_moves_end_at_once_and_heaters_are_off_a_second_later():
     assert has_ended(host)
     link = Link(MARLIN2)
     link.on_opened(host.now_s, MARLIN2.abort_unnumbered)
-    [connection] = [event for event in exchange(host, link, 5.0) if isinstance(event, Connected)]
+    [connection] = [event for event in exchange_bytes(host, link, 5.0) if isinstance(event, Connected)]
     assert not connection.restarted
     link.send(host.now_s, *MARLIN2.abort, MARLIN2.wait_moves)
-    exchange(host, link, 5.0)
+    exchange_bytes(host, link, 5.0)
     assert has_ended(host) and link.is_drained
 
 
@@ -120,7 +120,7 @@ def test_restart_is_detected_if_the_board_loses_the_abort():
     host.firmware.reset(host.now_s)
     link = Link(ULTIMAKER2)
     link.on_opened(host.now_s, ULTIMAKER2.abort_unnumbered)
-    events = exchange(host, link, 5.0)
+    events = exchange_bytes(host, link, 5.0)
     assert [event.restarted for event in events if isinstance(event, Connected)] == [True]
     assert has_ended(host) and link.is_drained
 

@@ -34,7 +34,7 @@ SCALE = 120.0
 DEADLINE_S = 30.0
 
 
-async def print_until_hot(folder: Path, process: subprocess.Popen[bytes]) -> None:
+async def start_hot_print(folder: Path, process: subprocess.Popen[bytes]) -> None:
     """Start a print, and wait until it extrudes."""
     text = HEAD + "".join(
         f"G1 F6000 X{50 + 100 * (i % 2)} Y{50 + i % 100} Z0.3 E{i * 0.5}\n" for i in range(50_000)
@@ -49,7 +49,7 @@ async def print_until_hot(folder: Path, process: subprocess.Popen[bytes]) -> Non
             if snapshot.link is m.LinkState.READY and not is_requested:
                 is_requested = True
                 sha256 = hashlib.sha256(text.encode()).hexdigest()
-                start = m.StartPrint(
+                start_request = m.StartPrint(
                     id=0,
                     print_id="p-1",
                     gcode=str(path),
@@ -57,7 +57,7 @@ async def print_until_hot(folder: Path, process: subprocess.Popen[bytes]) -> Non
                     print_time_s=60.0,
                     filament=m.Filament.PARKED,
                 )
-                assert (await client.request(start)).error is None
+                assert (await client.request(start_request)).error is None
             if snapshot.print is not None and snapshot.print.phase is m.PrintPhase.PRINTING:
                 break
     assert process.poll() is None
@@ -86,7 +86,7 @@ def test_printer_with_a_hung_agent_is_stopped_and_needs_attention_afterwards(
     url = f"sim://{MODEL}"
     process = spawn_agent("um2-01", MODEL, url, folder, Clock(SCALE, time.time()))
     try:
-        asyncio.run(print_until_hot(folder, process))
+        asyncio.run(start_hot_print(folder, process))
         process.send_signal(signal.SIGSTOP)
         assert read_status(folder / "emulator").nozzle_target_c == 210.0
         command = [Path(sys.executable).with_name("farm"), "estop", "--json"]
@@ -118,11 +118,11 @@ def test_moves_end_and_heaters_are_off_on_a_board_that_dtr_does_not_reset(tmp_pa
     """Fill the planner with moves of half a minute."""
     emulator = tmp_path / "emulator"
     printer = Printer(tmp_path / "state" / "agents" / "um2-01", str(emulator / "tty"))
-    # The first move is fast: after ten seconds without a temperature the agent ends the print by itself.
+    # The first move is fast, because the agent ends a print after ten seconds without a temperature.
     slow_gcode = HEAD + "G1 F6000 X50 Y50 Z0.3\n"
     slow_gcode += "".join(f"G1 F6 X{50 + 20 * (i % 2)} Y50 Z0.3 E{i * 0.1}\n" for i in range(1000))
 
-    async def print_slowly() -> None:
+    async def print_slow_gcode() -> None:
         await printer.connect()
         await printer.wait_for(lambda s: s.link is m.LinkState.FAULT)
         assert (await printer.client.request(m.BedCleared(id=0))).error is None
@@ -143,14 +143,14 @@ def test_moves_end_and_heaters_are_off_on_a_board_that_dtr_does_not_reset(tmp_pa
     try:
         launch(f"sim://{MODEL}?no_reset=1", emulator, printer.clock)
         printer.spawn()
-        asyncio.run(print_slowly())
+        asyncio.run(print_slow_gcode())
         assert printer.process is not None
         printer.process.send_signal(signal.SIGKILL if agent_dies else signal.SIGSTOP)
         if agent_dies:
             printer.process.wait(10.0)
             asyncio.run(wait_until_failed())
         else:
-            # Stop it in this process: on a busy host, the dead-man timer may act before `farm estop` does.
+            # Stop it in this process, because on a busy host the dead-man timer may act before `farm estop`.
             [target] = list_targets(printer.folder.parent).values()
             result = stop_printer(target, watch_s=100.0)
             assert (result.seen_off, result.is_still) == (True, True), result.text
@@ -262,18 +262,18 @@ def test_lock_names_its_holder(tmp_path: Path):
     write_pid(lock)
     assert is_locked(path) and acquire_lock(path) is None
     assert find_holder(path) == os.getpid()
-    size = path.stat().st_size
+    size_bytes = path.stat().st_size
     path.write_text("[1")
     assert find_holder(path) is None
     os.close(lock)
     assert not is_locked(path)
-    path.write_text("1" * size)
+    path.write_text("1" * size_bytes)
     lock = acquire_lock(path)
     assert lock is not None
     assert find_holder(path) is None  # the lock has no signature yet
     write_pid(lock)
     assert find_holder(path) == os.getpid()
-    assert path.stat().st_size == size  # a full disk has no room for a longer file
+    assert path.stat().st_size == size_bytes  # a full disk has no space for a longer file
     os.close(lock)
 
 
@@ -283,7 +283,7 @@ def test_targets_are_read_from_start_files_and_broken_files_are_skipped(tmp_path
         if text is not None:
             (tmp_path / name / "start.json").write_text(text)
     (tmp_path / "e").mkdir()
-    # A start file of an older version: its printer must be found by an emergency stop.
+    # An emergency stop must also find the printer of a start file that an older version wrote.
     (tmp_path / "e" / "start.json").write_text(
         '{"printer": "e", "model": "' + MODEL + '", "port": "/dev/null"}'
     )

@@ -29,33 +29,35 @@ class Curve:
         return self.now_c
 
 
-def observe(watch: HeaterWatch, name: HeaterName, now_c: float, set_c: float, now_s: float) -> Finding | None:
+def observe_heater(
+    watch: HeaterWatch, name: HeaterName, now_c: float, set_c: float, now_s: float
+) -> Finding | None:
     nozzle_c, bed_c = (now_c, 21.0) if name is NOZZLE else (21.0, now_c)
     return watch.judge(Report(nozzle_c, 0.0, bed_c, 0.0), {NOZZLE: 0.0, BED: 0.0} | {name: set_c}, now_s)
 
 
 @pytest.mark.parametrize(("name", "set_c"), [(NOZZLE, 210.0), (NOZZLE, 260.0), (BED, 60.0), (BED, 100.0)])
-@pytest.mark.parametrize("every_s", [1.0, 3.0, 12.0])
-def test_healthy_heater_causes_no_finding(name: HeaterName, set_c: float, every_s: float):
+@pytest.mark.parametrize("interval_s", [1.0, 3.0, 12.0])
+def test_healthy_heater_causes_no_finding(name: HeaterName, set_c: float, interval_s: float):
     watch, curve, rng = HeaterWatch(4.0), Curve(name), random.Random(1)
     now_s = 0.0
     for target_c, seconds in ((set_c, 1800.0), (set_c - 15, 900.0), (set_c, 900.0), (0.0, 3600.0)):
         end_s = now_s + seconds
         while now_s < end_s:
-            now_s += every_s
+            now_s += interval_s
             is_on = curve.now_c < target_c
-            curve.step(is_on, every_s)
+            curve.step(is_on, interval_s)
             if (curve.now_c < target_c) != is_on and target_c:
                 curve.now_c = target_c
             reading_c = curve.now_c + rng.gauss(0.0, 0.15)
-            assert observe(watch, name, reading_c, target_c, now_s) is None
+            assert observe_heater(watch, name, reading_c, target_c, now_s) is None
     assert watch.is_cooling
 
 
 @pytest.mark.parametrize(
-    ("name", "fails_at_c", "within_s"), [(NOZZLE, 150.0, 80.0), (BED, 45.0, 170.0), (NOZZLE, 30.0, 80.0)]
+    ("name", "failure_c", "limit_s"), [(NOZZLE, 150.0, 80.0), (BED, 45.0, 170.0), (NOZZLE, 30.0, 80.0)]
 )
-def test_heater_that_stops_warming_is_detected(name: HeaterName, fails_at_c: float, within_s: float):
+def test_heater_that_stops_warming_is_detected(name: HeaterName, failure_c: float, limit_s: float):
     watch, curve = HeaterWatch(4.0), Curve(name)
     set_c = 210.0 if name is NOZZLE else 60.0
     now_s, failed_s = 0.0, math.nan
@@ -63,11 +65,11 @@ def test_heater_that_stops_warming_is_detected(name: HeaterName, fails_at_c: flo
         now_s += 1.0
         if math.isnan(failed_s):
             curve.step(True, 1.0)
-            failed_s = now_s if curve.now_c >= fails_at_c else math.nan
-        result = observe(watch, name, curve.now_c, set_c, now_s)
+            failed_s = now_s if curve.now_c >= failure_c else math.nan
+        result = observe_heater(watch, name, curve.now_c, set_c, now_s)
         if result is not None:
             assert result.fault is Fault.HEATER_TIMEOUT
-            assert now_s - failed_s <= within_s
+            assert now_s - failed_s <= limit_s
             return
     raise AssertionError("the fault was not found")
 
@@ -79,11 +81,11 @@ def test_heater_that_leaves_its_target_is_detected(name: HeaterName, is_on: bool
     watch, curve, now_s = HeaterWatch(4.0), Curve(name, set_c), 0.0
     for _ in range(100):
         now_s += 3.0
-        assert observe(watch, name, set_c, set_c, now_s) is None
-    left_s = now_s
-    while (result := observe(watch, name, curve.step(is_on, 3.0), set_c, now_s)) is None:
+        assert observe_heater(watch, name, set_c, set_c, now_s) is None
+    deviation_start_s = now_s
+    while (result := observe_heater(watch, name, curve.step(is_on, 3.0), set_c, now_s)) is None:
         now_s += 3.0
-        assert now_s < left_s + 400.0
+        assert now_s < deviation_start_s + 400.0
     assert result.fault is (Fault.HEATER_STUCK_ON if is_on else Fault.THERMAL_RUNAWAY)
     assert abs(curve.now_c - set_c) > RULES[name].hold_c
 
@@ -96,9 +98,9 @@ def test_only_falling_temperatures_confirm_a_heater_off(name: HeaterName):
     result = None
     for time_s in range(1, 200):
         now_s = float(time_s)
-        assert observe(falling_watch, name, curve.step(False, 1.0), 0.0, now_s) is None
-        result = result or observe(constant_watch, name, warm_c, 0.0, now_s)
-        observe(late_watch, name, second_curve.step(time_s > 60, 1.0), 0.0, now_s)
+        assert observe_heater(falling_watch, name, curve.step(False, 1.0), 0.0, now_s) is None
+        result = result or observe_heater(constant_watch, name, warm_c, 0.0, now_s)
+        observe_heater(late_watch, name, second_curve.step(time_s > 60, 1.0), 0.0, now_s)
         if time_s == 40:
             assert falling_watch.is_cooling and not constant_watch.is_cooling and late_watch.is_cooling
     assert falling_watch.is_cooling and not constant_watch.is_cooling and not late_watch.is_cooling
@@ -114,12 +116,12 @@ def test_gap_without_reports_is_not_a_heater_fault(name: HeaterName, seconds: fl
         watch, curve, now_s = HeaterWatch(4.0), Curve(name, start_c), 0.0
         for time_s in range(60):
             now_s += seconds if time_s in (5, 6, 30) else 1.0
-            assert observe(watch, name, curve.step(target_c > 0, 1.0), target_c, now_s) is None
+            assert observe_heater(watch, name, curve.step(target_c > 0, 1.0), target_c, now_s) is None
 
 
 def test_reading_below_freezing_means_a_broken_sensor():
     watch = HeaterWatch(4.0)
-    results = [observe(watch, BED, -14.0, 0.0, float(time_s)) for time_s in range(5)]
+    results = [observe_heater(watch, BED, -14.0, 0.0, float(time_s)) for time_s in range(5)]
     assert results[-1] is not None and results[-1].fault is Fault.MINTEMP
     assert not watch.is_cooling
 
@@ -130,10 +132,10 @@ def test_reading_below_freezing_means_a_broken_sensor():
 def test_garbled_report_among_good_ones_is_ignored(
     garbled_reports: list[tuple[int, float]], name: HeaterName
 ):
-    """Garble at most every third report, as reports have no checksum."""
+    """Garble at most every third report, because reports have no checksum."""
     set_c = 210.0 if name is NOZZLE else 60.0
     watch, now_s = HeaterWatch(4.0), 0.0
     for good_count, garbled_c in garbled_reports:
         for reading_c in (*[set_c] * (good_count + 2), garbled_c):
             now_s += 3.0
-            assert observe(watch, name, reading_c, set_c, now_s) is None
+            assert observe_heater(watch, name, reading_c, set_c, now_s) is None

@@ -28,13 +28,13 @@ def test_printer_is_identified_by_its_home_offset():
 @pytest.mark.parametrize("banner", [b"Vers:", b"M206"])
 def test_unreadable_banner_is_requested_again_and_then_refused(banner: bytes):
     rig = Rig()
-    listen = rig.link.receive
-    rig.link.receive = lambda data, now_s: listen(data.replace(banner, b"?????"), now_s)  # type: ignore[method-assign]
+    receive = rig.link.receive
+    rig.link.receive = lambda data, now_s: receive(data.replace(banner, b"?????"), now_s)  # type: ignore[method-assign]
     assert_end_with_heaters_off(rig.run(), PrintPhase.FAILED, Fault.WRONG_PRINTER)
     assert rig.firmware.resets == 3
     restarted_rig = Rig()
-    listen = restarted_rig.link.receive
-    restarted_rig.link.receive = lambda data, now_s: listen(  # type: ignore[method-assign]
+    receive = restarted_rig.link.receive
+    restarted_rig.link.receive = lambda data, now_s: receive(  # type: ignore[method-assign]
         data.replace(banner, b"?????") if restarted_rig.firmware.resets < 2 else data, now_s
     )
     assert_end_with_heaters_off(restarted_rig.run(), PrintPhase.DONE, None)
@@ -42,8 +42,8 @@ def test_unreadable_banner_is_requested_again_and_then_refused(banner: bytes):
 
 def test_extended_with_a_plain_banner_is_detected_by_its_height():
     rig = Rig(model="ultimaker2_extended_plus")
-    listen = rig.link.receive
-    rig.link.receive = lambda data, now_s: listen(data.replace(b"3.3.0ex", b"3.3.0"), now_s)  # type: ignore[method-assign]
+    receive = rig.link.receive
+    rig.link.receive = lambda data, now_s: receive(data.replace(b"3.3.0ex", b"3.3.0"), now_s)  # type: ignore[method-assign]
     assert_end_with_heaters_off(rig.run(), PrintPhase.FAILED, Fault.WRONG_PRINTER)
     assert "315" in str(rig.session.context.reason) and b"M104 S210" not in rig.sent
 
@@ -55,7 +55,7 @@ def test_file_that_homes_axes_one_by_one_is_accepted():
 
 def test_another_firmware_is_detected_by_m115():
     rig = Rig()
-    listen = rig.link.receive
-    rig.link.receive = lambda data, now_s: listen(data.replace(b"Ultimaker2", b"Ultimaker3"), now_s)  # type: ignore[method-assign]
+    receive = rig.link.receive
+    rig.link.receive = lambda data, now_s: receive(data.replace(b"Ultimaker2", b"Ultimaker3"), now_s)  # type: ignore[method-assign]
     assert_end_with_heaters_off(rig.run(), PrintPhase.FAILED, Fault.WRONG_PRINTER)
     assert "M115" in str(rig.session.context.reason) and b"M140 S60" not in rig.sent

@@ -17,11 +17,11 @@ def test_pause_parks_and_keeps_the_bed_warm_and_the_print_resumes_exactly(lines:
     rig.session.pause(rig.now_s)
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.PAUSED and rig.read_targets()[0] == 0.0)
     board = rig.firmware.board
-    pause_s = rig.now_s
-    rig.run(until=lambda: rig.now_s > pause_s + 1800.0)  # 15 times the time of the dead-man timer
+    paused_at_s = rig.now_s
+    rig.run(until=lambda: rig.now_s > paused_at_s + 1800.0)  # 15 times the time of the dead-man timer
     assert rig.session.context.phase is PrintPhase.PAUSED
     assert rig.read_targets() == (0.0, 60.0)
-    assert rig.session.context.pause_ends_s == pytest.approx(pause_s + PAUSE_LIMIT_S, abs=60.0)
+    assert rig.session.context.pause_ends_s == pytest.approx(paused_at_s + PAUSE_LIMIT_S, abs=60.0)
     assert rig.session.context.filament is Filament.PARKED
     assert board.filament_end_mm == pytest.approx(-20.0, abs=0.1)
     assert rig.firmware.machine.planner.target[:2] == (10.0, 200.0)
@@ -64,23 +64,25 @@ def make_sequential_gcode() -> str:
     return GCODE.format(moves=high_moves + low_moves, end=3.5)
 
 
-@pytest.mark.parametrize("cancel", [False, True])
-def test_head_leaves_a_part_above_the_finished_ones(cancel: bool):
+@pytest.mark.parametrize("is_cancelled", [False, True])
+def test_head_leaves_a_part_above_the_finished_ones(is_cancelled: bool):
     rig = Rig(text=make_sequential_gcode())
     rig.run_until_printing(rig.program.count - 40)
     index = len(rig.sent)
     planner = rig.firmware.machine.planner
-    if cancel:
+    if is_cancelled:
         rig.session.cancel("no more", rig.now_s)
     else:
         rig.session.pause(rig.now_s)
-    while not rig.session.context.ended and rig.read_targets()[1 if cancel else 0] > 0:
+    while not rig.session.context.ended and rig.read_targets()[1 if is_cancelled else 0] > 0:
         rig.step()
-    rig.run(until=lambda: b"G28 X0" in rig.sent[index:] if cancel else planner.target[:2] == (10.0, 200.0))
+    rig.run(
+        until=lambda: b"G28 X0" in rig.sent[index:] if is_cancelled else planner.target[:2] == (10.0, 200.0)
+    )
     assert planner.target[2] >= 69.9
     rig.session.resume(rig.now_s)
     rig.run()
-    assert rig.session.context.phase is (PrintPhase.CANCELLED if cancel else PrintPhase.DONE)
+    assert rig.session.context.phase is (PrintPhase.CANCELLED if is_cancelled else PrintPhase.DONE)
 
 
 def test_cancel_with_the_bed_at_its_lowest_does_not_lower_it_further():
@@ -108,22 +110,22 @@ def test_pause_before_the_first_extrusion_is_ignored(lines: int):
     assert PrintPhase.PAUSED not in rig.phases
 
 
-@pytest.mark.parametrize("layers", [True, False])
-def test_head_clears_the_highest_part_without_layer_comments(layers: bool):
+@pytest.mark.parametrize("has_layers", [True, False])
+def test_head_clears_the_highest_part_without_layer_comments(has_layers: bool):
     moves = ["G1 F3000 X90 Y50 E1", "G0 F9000 Z80", "G1 F3000 X90 Y80 E2", "G0 F9000 X150 Y150 Z0.27"]
     moves += [f"G1 F3000 X{150 + i % 2} Y150 E{2 + 0.1 * i:.1f}" for i in range(300)]
     text = GCODE.format(moves="\n".join(moves), end=25.5)
-    rig = Rig(text=text if layers else text.replace(";LAYER:0\n", "")).run_until_printing(60)
+    rig = Rig(text=text if has_layers else text.replace(";LAYER:0\n", "")).run_until_printing(60)
     rig.session.pause(rig.now_s)
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.PAUSED and rig.read_targets()[0] == 0.0)
     assert 90.0 <= rig.firmware.machine.planner.target[2] <= 92.0
 
 
-@pytest.mark.parametrize("steps", range(12))
-def test_pause_during_cooling_extrudes_no_cold_filament(steps: int):
+@pytest.mark.parametrize("step_count", range(12))
+def test_pause_during_cooling_extrudes_no_cold_filament(step_count: int):
     end_line = Rig().program.read_lines(0, 10_000).index(b"M104 S0")
     rig = Rig().run_until_printing(end_line - 2)
-    for _ in range(steps):
+    for _ in range(step_count):
         rig.step()
     rig.session.pause(rig.now_s)
     rig.run(

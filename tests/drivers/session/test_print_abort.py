@@ -1,4 +1,4 @@
-"""Ends of prints: the next print has the filament at the nozzle, or a person is asked."""
+"""Ends of prints, after which the next print has the filament at the nozzle, or a person is asked."""
 
 import math
 import random
@@ -16,7 +16,7 @@ from drivers.messages import Filament, PrintPhase
 from drivers.session import Pace, Session, SessionContext
 from printers.print_rig import PLUS, Rig, make_gcode, make_retracting_gcode
 
-NEAR_MM = 0.5
+TOLERANCE_MM = 0.5
 DELAYED_FAULTS = [field.name for field in fields(Faults) if field.name.endswith("_after")]
 COMPLETE_PRINT_MM = Rig(text=make_gcode(150)).run().firmware.board.filament_mm
 
@@ -31,7 +31,7 @@ def cancel_print(rig: Rig) -> None:
     rig.session.cancel("no more", rig.now_s)
 
 
-def pause(rig: Rig, seconds: float) -> None:
+def pause_print(rig: Rig, seconds: float) -> None:
     """Request a pause, and run for `seconds`."""
     rig.session.pause(rig.now_s)
     end_s = rig.now_s + seconds
@@ -61,46 +61,46 @@ def mute_board_and_cancel(rig: Rig) -> None:
     cancel_print(rig)
 
 
-def make_fault(name: str) -> Ending:
-    def end(rig: Rig) -> None:
+def make_fault_ending(name: str) -> Ending:
+    def run_ending(rig: Rig) -> None:
         rig.firmware.trigger_fault(name, rig.now_s)
 
-    end.__name__ = name
-    return end
+    run_ending.__name__ = name
+    return run_ending
 
 
 def make_cancel_after_pause(seconds: float) -> Ending:
-    def end(rig: Rig) -> None:
-        pause(rig, seconds)
+    def run_ending(rig: Rig) -> None:
+        pause_print(rig, seconds)
         cancel_print(rig)
 
-    end.__name__ = f"cancelled_after_a_pause_of_{seconds:g}_s"
-    return end
+    run_ending.__name__ = f"cancelled_after_a_pause_of_{seconds:g}_s"
+    return run_ending
 
 
 def make_kill_after_pause(seconds: float) -> Ending:
-    def end(rig: Rig) -> None:
-        pause(rig, seconds)
+    def run_ending(rig: Rig) -> None:
+        pause_print(rig, seconds)
         kill_agent(rig)
 
-    end.__name__ = f"killed_after_a_pause_of_{seconds:g}_s"
-    return end
+    run_ending.__name__ = f"killed_after_a_pause_of_{seconds:g}_s"
+    return run_ending
 
 
 def make_cancel_after_resume(seconds: float) -> Ending:
-    def end(rig: Rig) -> None:
-        pause(rig, 60.0)
+    def run_ending(rig: Rig) -> None:
+        pause_print(rig, 60.0)
         rig.session.resume(rig.now_s)
         end_s = rig.now_s + seconds
         rig.run(until=lambda: rig.now_s >= end_s)
         cancel_print(rig)
 
-    end.__name__ = f"cancelled_after_a_resume_of_{seconds:g}_s"
-    return end
+    run_ending.__name__ = f"cancelled_after_a_resume_of_{seconds:g}_s"
+    return run_ending
 
 
 def let_pause_expire(rig: Rig) -> None:
-    pause(rig, 60.0)
+    pause_print(rig, 60.0)
 
 
 COMMON_ENDINGS: list[Ending] = [
@@ -116,7 +116,7 @@ ENDINGS: list[Ending] = [
     lose_port_temporarily,
     turn_knob,
     mute_board_and_cancel,
-    *(make_fault(name) for name in DELAYED_FAULTS),
+    *(make_fault_ending(name) for name in DELAYED_FAULTS),
 ]
 
 
@@ -149,9 +149,9 @@ def measure_next_filament_end_mm(rig: Rig) -> float:
 def test_next_print_knows_the_filament_position_or_asks_a_person(ending: Ending, lines: int):
     rig = end_print(ending, lines, 0.7, make_retracting_gcode(50))
     if rig.session.context.filament is not Filament.UNKNOWN:
-        assert abs(measure_next_filament_end_mm(rig)) <= NEAR_MM
+        assert abs(measure_next_filament_end_mm(rig)) <= TOLERANCE_MM
         end_mm = {Filament.PARKED: -20.0, Filament.AT_NOZZLE: 0.0}[rig.session.context.filament]
-        assert rig.firmware.board.filament_end_mm == pytest.approx(end_mm, abs=NEAR_MM)
+        assert rig.firmware.board.filament_end_mm == pytest.approx(end_mm, abs=TOLERANCE_MM)
 
 
 @given(ending=st.sampled_from(ENDINGS), lines=st.integers(0, 250), seconds=st.floats(0.0, 20.0))
@@ -159,7 +159,7 @@ def test_next_print_knows_the_filament_position_or_asks_a_person(ending: Ending,
 def test_fault_at_any_line_ends_the_print_safely(ending: Ending, lines: int, seconds: float):
     rig = end_print(ending, lines, seconds, make_retracting_gcode(50))
     if rig.session.context.filament is not Filament.UNKNOWN:
-        assert abs(measure_next_filament_end_mm(rig)) <= NEAR_MM
+        assert abs(measure_next_filament_end_mm(rig)) <= TOLERANCE_MM
 
 
 @pytest.mark.parametrize("lines", [60, 137, 210])
@@ -199,7 +199,7 @@ def test_responsive_firmware_parks_the_filament(lines: int):
 def test_any_print_ends_and_reports_its_heaters_correctly(
     faults: Faults, cancel_s: float, pause_s: float, unplug_s: float, reconnect_after_s: float, seed: int
 ):
-    """Check that heaters are off or a power-off is requested, and that a print that is done was executed."""
+    """Check that heaters are off or a power-off is requested, and that a finished print was executed."""
     rig = Rig(faults, text=make_gcode(150), seed=seed)
     board, session, is_paused = rig.firmware.board, rig.session, False
     while not session.context.ended:

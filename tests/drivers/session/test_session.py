@@ -102,7 +102,7 @@ def test_faults_of_the_board_fail_the_print_by_name_and_end_with_heaters_off(fau
         (Faults(bed_short_after=700), Fault.MINTEMP),
     ],
 )
-def test_uncooled_heater_is_not_reported_off_and_its_mains_are_cut(faults: Faults, fault: Fault):
+def test_heater_that_does_not_cool_is_not_reported_as_off_and_its_mains_are_cut(faults: Faults, fault: Fault):
     rig = Rig(faults, text=make_gcode(1000)).run()
     assert (rig.session.context.phase, rig.session.context.fault) == (PrintPhase.FAILED, fault), (
         rig.session.context.reason
@@ -202,16 +202,16 @@ def test_accelerated_pace_is_bounded_in_wall_time():
 
 
 def test_report_is_requested_by_a_numbered_line():
-    """Number the request: a bare M105 with one flipped bit may be an M1, which never ends."""
+    """Number the request, because a bare M105 with one flipped bit may be an M1, which never ends."""
     rig = Rig().run()
     assert b"\nM105\n" not in rig.sent
     assert rig.sent.count(b" M105*") > 10
 
 
 def test_moves_longer_than_a_time_out_cause_no_fault():
-    """Print a brim at 10 mm/s along the longest side: each ok comes at the end of a move."""
-    path = "\n".join(f"G1 F600 X{10 + 200 * (i % 2)} E{i + 1}" for i in range(60))
-    rig = Rig(text=GCODE.format(moves=path, end=60 - 6.5)).run()
+    """Print a brim at 10 mm/s along the longest side, so that each ok comes at the end of a move."""
+    moves = "\n".join(f"G1 F600 X{10 + 200 * (i % 2)} E{i + 1}" for i in range(60))
+    rig = Rig(text=GCODE.format(moves=moves, end=60 - 6.5)).run()
     assert_end_with_heaters_off(rig, PrintPhase.DONE, None)
     assert rig.firmware.errors <= 6
 
@@ -224,7 +224,7 @@ def test_unreadable_reports_end_the_heat_up():
     assert rig.session.context.fault is Fault.NO_ANSWER
     rig.run()
     assert rig.read_targets() == (0.0, 0.0)
-    assert not rig.session.context.heaters_off  # no report confirms it
+    assert not rig.session.context.heaters_off  # no report confirms that they are off
 
 
 def test_unreadable_reports_end_the_print():
@@ -235,7 +235,7 @@ def test_unreadable_reports_end_the_print():
     assert rig.session.context.fault is Fault.NO_ANSWER
     rig.run()
     assert rig.read_targets() == (0.0, 0.0)
-    assert rig.session.context.wants_power_off  # no report shows that they cool
+    assert rig.session.context.wants_power_off  # no report shows that the heaters cool
 
 
 def test_cold_first_stage_leaves_the_filament_parked():
@@ -258,11 +258,11 @@ def test_cancel_parks_the_filament_from_any_state(after_s: float):
 
 
 @pytest.mark.parametrize(
-    ("end", "filament"),
+    ("end_gcode", "filament"),
     [("", Filament.UNKNOWN), ("G1 E200\n", Filament.AT_NOZZLE), ("G1 E180\n", Filament.PARKED)],
 )
-def test_filament_position_after_a_print_follows_the_file(end: str, filament: Filament):
-    text = make_gcode().replace("G91\nG1 F1500 E-13.5\nG90\n", end)
+def test_filament_position_after_a_print_follows_the_file(end_gcode: str, filament: Filament):
+    text = make_gcode().replace("G91\nG1 F1500 E-13.5\nG90\n", end_gcode)
     rig = Rig(text=text).run()
     assert_end_with_heaters_off(rig, PrintPhase.DONE, None)
     assert rig.session.context.filament is filament
@@ -273,7 +273,7 @@ def test_filament_position_after_a_print_follows_the_file(end: str, filament: Fi
 # --- a failing disk ---
 
 
-class DyingDisk(MemoryStore):
+class FailingDisk(MemoryStore):
     """Store that fails or returns other data after its first blocks."""
 
     def __init__(self, bad_data: bytes | None) -> None:
@@ -294,7 +294,7 @@ class DyingDisk(MemoryStore):
 )
 def test_disk_failure_ends_the_print_safely_without_skipped_lines(bad_data: bytes | None, message: str):
     text = make_gcode(1500)
-    disk = DyingDisk(bad_data)
+    disk = FailingDisk(bad_data)
     rig = Rig(text=text, store=disk).run()
     assert_end_with_heaters_off(rig, PrintPhase.FAILED, Fault.BAD_FILE)
     assert rig.session.context.reason is not None and message in rig.session.context.reason

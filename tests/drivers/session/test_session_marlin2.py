@@ -17,11 +17,13 @@ ENDER3 = PROFILES["creality_ender3"]
 
 
 def make_gcode(moves: int = 200) -> str:
-    path = "\n".join(f"G1 F3000 X{50 + 40 * (i % 2)} Y{50 + i * 0.2:.2f} E{i + 1}" for i in range(moves))
+    move_lines = "\n".join(
+        f"G1 F3000 X{50 + 40 * (i % 2)} Y{50 + i * 0.2:.2f} E{i + 1}" for i in range(moves)
+    )
     start = "\n".join(ENDER3.start_code).format(bed_c=60.0, nozzle_c=205.0, prime_mm=12.5)
     end = "\n".join(ENDER3.end_code).format(park_mm=5.0 - ENDER3.park_retraction_mm)
     return (
-        f";FLAVOR:Marlin\n{start}\n;LAYER:0\nG0 F9000 X50 Y50 Z0.2\n{path}\n"
+        f";FLAVOR:Marlin\n{start}\n;LAYER:0\nG0 F9000 X50 Y50 Z0.2\n{move_lines}\n"
         f";TIME_ELAPSED:100\nG1 F1500 E{moves - 5:.2f}\n{end}\n"
     )
 
@@ -36,7 +38,8 @@ def test_part_is_printed_with_each_line_once_and_ends_cold(advanced_ok: bool):
     assert_end_with_heaters_off(printer, PrintPhase.DONE, None)
     board = printer.firmware.board
     assert printer.firmware.errors == 0 and printer.link.repeat_count == 0
-    assert board.filament_mm == pytest.approx(200.0 + 12.5, abs=0.01)  # 8 mm forward at the start, 8 mm back
+    # The filament moves 8 mm forward and 8 mm back at the start.
+    assert board.filament_mm == pytest.approx(200.0 + 12.5, abs=0.01)
     assert board.filament_end_mm == pytest.approx(-ENDER3.park_retraction_mm, abs=0.01)
     assert printer.session.context.filament is Filament.PARKED
     assert printer.firmware.machine.is_homed and not board.bed_clear
@@ -79,7 +82,7 @@ def test_slow_move_has_no_time_out_while_the_board_is_busy():
     assert_end_with_heaters_off(printer, PrintPhase.DONE, None)
     assert printer.link.repeat_count == 0
     query_count = printer.sent.count(ENDER3.firmware.last_line_query)
-    assert query_count < 150  # at most a few for each line, not one every 0.3 s
+    assert query_count < 150  # at most a few queries for each line, not one every 0.3 s
 
 
 def test_cancel_lifts_the_head_off_the_part_and_parks_the_filament():
@@ -110,9 +113,9 @@ def test_print_resumes_at_its_position():
 
 def test_dead_man_timer_switches_the_heaters_off_after_the_host_died():
     printer = make_rig().run_until_printing()
-    firmware, since_s = printer.firmware, printer.now_s
+    firmware, started_s = printer.firmware, printer.now_s
     while firmware.phase is Phase.RUNNING:
-        assert printer.now_s < since_s + 700.0, "the board continues to heat"
+        assert printer.now_s < started_s + 700.0, "the board continues to heat"
         printer.now_s = max(printer.now_s + 1e-3, firmware.compute_deadline_s())
         firmware.feed(b"", printer.now_s)
     assert firmware.phase is Phase.HALTED and printer.read_targets() == (0.0, 0.0)
@@ -167,13 +170,13 @@ def test_relative_extrusion_is_refused():
 @pytest.mark.parametrize("fault", ["drop_ok", "swallow", "checksum"])
 def test_hot_head_stops_no_longer_than_the_keep_alive_interval(fault: str):
     """Use moves so short that the planner contains only 0.1 s of them."""
-    path = "\n".join(f"G1 F3000 X{50 + 0.3 * (i % 100):.1f} Y{50 + i * 0.01:.2f}" for i in range(3000))
-    text = make_gcode(1).replace("G1 F3000 X50 Y50.00 E1", f"G1 F3000 X50 Y50.00 E1\n{path}")
+    move_lines = "\n".join(f"G1 F3000 X{50 + 0.3 * (i % 100):.1f} Y{50 + i * 0.01:.2f}" for i in range(3000))
+    text = make_gcode(1).replace("G1 F3000 X50 Y50.00 E1", f"G1 F3000 X50 Y50.00 E1\n{move_lines}")
     printer = Rig(Faults(**{fault: 0.002}), text, "creality_ender3", seed=4, profile=ENDER3)
-    worst_s, last_starved_s = 0.0, 0.0
+    longest_stall_s, last_starved_s = 0.0, 0.0
     while not printer.session.context.ended:
         printer.step()
         starved_s = printer.firmware.starved_s
-        worst_s, last_starved_s = max(worst_s, starved_s - last_starved_s), starved_s
+        longest_stall_s, last_starved_s = max(longest_stall_s, starved_s - last_starved_s), starved_s
     assert_end_with_heaters_off(printer, PrintPhase.DONE, None)
-    assert 0.0 < worst_s < 2.0
+    assert 0.0 < longest_stall_s < 2.0

@@ -60,9 +60,9 @@ def test_dead_man_timer_depends_on_heat_and_pause_and_is_off_when_cold():
     assert rig.firmware.machine.dead_man_s == 120.0
     rig.session.resume(rig.now_s)
     rig.run()
-    armed_s = [int(command.split(b"*")[0]) for command in rig.sent.split(b"M85 S")[1:]]
-    assert armed_s[0] == 1200 and armed_s[-1] == 0
-    assert {seconds: armed_s.count(seconds) > 0 for seconds in (600, 120)} == {600: True, 120: True}
+    armed_times_s = [int(command.split(b"*")[0]) for command in rig.sent.split(b"M85 S")[1:]]
+    assert armed_times_s[0] == 1200 and armed_times_s[-1] == 0
+    assert {seconds: armed_times_s.count(seconds) > 0 for seconds in (600, 120)} == {600: True, 120: True}
     assert rig.sent.index(b"M85 S600") < rig.sent.index(b"M85 S120*")
 
 
@@ -85,7 +85,7 @@ def test_board_switches_its_heaters_off_after_its_host_died():
     assert rig.read_targets() == (0.0, 0.0)
 
 
-def test_after_a_reset_the_bed_goes_down_before_the_head_moves():
+def test_bed_goes_down_before_the_head_moves_after_a_reset():
     rig = Rig().run_until_printing(100)
     rig.firmware.phase = Phase.MUTE
     rig.session.cancel("no more", rig.now_s)
@@ -98,7 +98,7 @@ def test_after_a_reset_the_bed_goes_down_before_the_head_moves():
 def test_board_without_reset_is_initialised_before_each_print():
     rig = Rig(Faults(no_reset=True))
     board = rig.firmware.board
-    board.bed.target_c = 50.0  # the bed was warmed up before
+    board.bed.target_c = 50.0  # a person has warmed up the bed
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.HEATING)
     assert rig.firmware.resets == 0 and board.bed.target_c == 0.0
     rig.run()
@@ -154,11 +154,11 @@ def test_dead_man_timer_of_a_board_without_reset_stays_armed_until_heaters_are_o
     )
     assert rig_without_reset.firmware.machine.dead_man_s == 600.0
     assert_end_with_heaters_off(rig_without_reset.run(), PrintPhase.FAILED, Fault.AGENT_DIED)
-    assert rig_without_reset.firmware.machine.dead_man_s == math.inf  # off
+    assert rig_without_reset.firmware.machine.dead_man_s == math.inf  # the timer is off
 
 
 def test_board_that_restarts_during_the_confirmation_is_polled_at_once():
-    """Poll at once, as a dead link does not wait for an answer."""
+    """Poll at once, because a dead link does not wait for an answer."""
     rig = Rig().run_until_printing()
     rig.session.fail(Fault.NO_ANSWER, "it does not answer", rig.now_s)
     rig.run(until=lambda: rig.session.context.wants_reset)
@@ -172,7 +172,7 @@ def test_board_that_restarts_during_the_confirmation_is_polled_at_once():
 
 
 def test_board_with_a_fault_after_its_reset_is_still_polled():
-    """Poll a board that has stopped again, as it still reports its temperatures."""
+    """Poll a board that has stopped again, because it still reports its temperatures."""
     rig = Rig().run_until_printing()
     rig.session.fail(Fault.NO_ANSWER, "it does not answer", rig.now_s)
     rig.run(until=lambda: rig.session.context.wants_reset)

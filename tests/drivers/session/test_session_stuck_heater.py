@@ -14,11 +14,11 @@ from drivers.safety import Finding, HeaterWatch
 from drivers.session import Pace, Session, SessionContext
 from printers.print_rig import PLUS, Rig, make_gcode
 
-LIMIT_S = 30.0  # from a finding to the request
+MAX_DELAY_S = 30.0  # from a finding to the request
 NOZZLE, BED = HeaterName.NOZZLE, HeaterName.BED
 
 
-def start_with_stuck_heater(heater: HeaterName) -> Rig:
+def start_print_with_stuck_heater(heater: HeaterName) -> Rig:
     """Start a print, and then give a heater full power permanently."""
     rig = Rig(text=make_gcode(4000)).run_until_printing(300)
     rig.firmware.trigger_fault(f"{heater}_burns_after", rig.now_s)
@@ -40,9 +40,9 @@ def run_until_power_off_request(rig: Rig) -> float:
 
 @pytest.mark.parametrize("heater", [NOZZLE, BED])
 def test_power_off_is_requested_soon_after_a_stuck_heater(heater: HeaterName):
-    rig = start_with_stuck_heater(heater)
+    rig = start_print_with_stuck_heater(heater)
     finding_s = run_until_finding(rig)
-    assert run_until_power_off_request(rig) - finding_s <= LIMIT_S
+    assert run_until_power_off_request(rig) - finding_s <= MAX_DELAY_S
     rig.run()
     assert rig.now_s - finding_s <= 150.0  # the print does not stay in its ending phase for long
     assert not rig.session.context.heaters_off
@@ -56,29 +56,29 @@ def test_power_off_is_requested_soon_after_a_stuck_heater(heater: HeaterName):
 def test_activity_of_the_board_does_not_delay_the_power_off(
     heater: HeaterName, activity: str, after_s: float
 ):
-    rig = start_with_stuck_heater(heater)
+    rig = start_print_with_stuck_heater(heater)
     finding_s = run_until_finding(rig)
     rig.run(until=lambda: rig.now_s >= finding_s + after_s)
     rig.firmware.trigger_fault(activity, rig.now_s)
-    assert run_until_power_off_request(rig) - finding_s <= LIMIT_S
+    assert run_until_power_off_request(rig) - finding_s <= MAX_DELAY_S
 
 
 def test_lost_port_does_not_delay_the_power_off():
-    rig = start_with_stuck_heater(NOZZLE)
+    rig = start_print_with_stuck_heater(NOZZLE)
     finding_s = run_until_finding(rig)
     rig.is_plugged = False
     rig.link.on_closed()
     rig.session.fail(Fault.PORT_LOST, "unplugged", rig.now_s)
-    assert run_until_power_off_request(rig) - finding_s <= LIMIT_S
+    assert run_until_power_off_request(rig) - finding_s <= MAX_DELAY_S
 
 
 def test_stuck_nozzle_heater_is_found_after_a_cancel_or_in_a_pause():
-    """Detect the fault by the temperature alone, as the target is 0."""
+    """Detect the fault by the temperature alone, because the target is 0."""
     for stop_session in (
         lambda rig: rig.session.cancel("no more", rig.now_s),
         lambda rig: rig.session.pause(rig.now_s),
     ):
-        rig = start_with_stuck_heater(NOZZLE)
+        rig = start_print_with_stuck_heater(NOZZLE)
         started_s = rig.now_s
         stop_session(rig)
         assert run_until_power_off_request(rig) - started_s <= 45.0  # a pause first retracts the hot filament
@@ -96,7 +96,7 @@ def test_stuck_nozzle_heater_is_found_at_the_end_of_the_file(lines_before_the_en
     rig.firmware.trigger_fault("nozzle_burns_after", rig.now_s)
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.ENDING)
     started_s = rig.now_s
-    assert run_until_power_off_request(rig) - started_s <= LIMIT_S
+    assert run_until_power_off_request(rig) - started_s <= MAX_DELAY_S
     rig.run()
     assert rig.session.context.phase is PrintPhase.FAILED
     assert rig.session.context.fault in (Fault.HEATER_STUCK_ON, Fault.MAXTEMP)
@@ -121,7 +121,7 @@ def test_suspicion_by_a_broken_sensor_ends_when_the_heater_cools():
 
 @pytest.mark.parametrize("burns", [False, True])
 def test_session_after_a_dead_agent_keeps_the_finding(burns: bool):
-    rig = start_with_stuck_heater(NOZZLE)
+    rig = start_print_with_stuck_heater(NOZZLE)
     finding_s = run_until_finding(rig)
     suspicion = rig.session.context.suspicion
     assert suspicion is not None
@@ -133,7 +133,7 @@ def test_session_after_a_dead_agent_keeps_the_finding(burns: bool):
         SessionContext(rig.link, None, PLUS, Filament.UNKNOWN, Pace(), rig.now_s, suspicion=suspicion)
     )
     if burns:
-        assert run_until_power_off_request(rig) - finding_s <= LIMIT_S
+        assert run_until_power_off_request(rig) - finding_s <= MAX_DELAY_S
     rig.run()
     assert rig.session.context.wants_power_off is burns
     assert rig.session.context.heaters_off is not burns
@@ -150,7 +150,7 @@ def test_old_finding_requests_power_off_after_the_time_to_cool(burns: bool):
     )
     if burns:
         rig.firmware.board.nozzle._temperature_c = 200.0
-        assert run_until_power_off_request(rig) - started_s <= LIMIT_S / 2
+        assert run_until_power_off_request(rig) - started_s <= MAX_DELAY_S / 2
     rig.run()
     assert rig.session.context.wants_power_off is burns and rig.session.context.heaters_off is not burns
 
@@ -176,26 +176,29 @@ def test_rules_allow_for_the_delays_of_an_accelerated_clock():
 
 
 def compute_overshoot_c(now_s: float, peak_c: float) -> float:
-    """Compute the temperature after switching off: from 200 C up by `peak_c` within 12 s, then falling."""
+    """Compute a temperature that rises from 200 C by `peak_c` within 12 s after switch-off, then falls."""
     return 200.0 + (
         peak_c * math.sin(now_s / 12.0 * math.pi / 2) if now_s < 12.0 else peak_c - (now_s - 12.0)
     )
 
 
-def observe(watch: HeaterWatch, nozzle_c: float, target_c: float, now_s: float) -> Finding | None:
+def observe_nozzle(watch: HeaterWatch, nozzle_c: float, target_c: float, now_s: float) -> Finding | None:
     return watch.judge(Report(nozzle_c, target_c, 21.0, 0.0), {NOZZLE: 0.0, BED: 0.0}, now_s)
 
 
 @pytest.mark.parametrize("peak_c", [2.0, 6.0, 9.0])
 def test_overshoot_of_a_healthy_nozzle_causes_no_finding(peak_c: float):
     watch = HeaterWatch(4.0)
-    assert all(observe(watch, compute_overshoot_c(s, peak_c), 0.0, s) is None for s in map(float, range(60)))
+    assert all(
+        observe_nozzle(watch, compute_overshoot_c(s, peak_c), 0.0, s) is None for s in map(float, range(60))
+    )
 
 
 def test_heating_before_the_off_command_is_not_a_fault():
     """Report the former target while a command waits for homing."""
     watch = HeaterWatch(4.0)
-    assert all(observe(watch, 100.0 + 3 * s, 210.0, float(s)) is None for s in range(36))
+    assert all(observe_nozzle(watch, 100.0 + 3 * s, 210.0, float(s)) is None for s in range(36))
     assert all(
-        observe(watch, compute_overshoot_c(s, 3.0), 0.0, 36.0 + s) is None for s in map(float, range(60))
+        observe_nozzle(watch, compute_overshoot_c(s, 3.0), 0.0, 36.0 + s) is None
+        for s in map(float, range(60))
     )

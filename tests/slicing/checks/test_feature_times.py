@@ -39,11 +39,11 @@ G28
 """
 
 
-def measure_with_planner(path):
-    """Return the seconds (n,) that each move of a file takes in the firmware's planner, kept full."""
+def measure_planned_s(path):
+    """Return the seconds (n,) that each move of a file takes in a planner that is kept full."""
     ends_s = []
     planner = Planner(Limits.from_profile(PROFILE), (0.0,) * 4, lambda e_mm, z_mm: None)
-    position, queued, now_s = np.zeros(4), [], 0.0
+    position, queued_moves, now_s = np.zeros(4), [], 0.0
     seconds = np.zeros(len(path.end))
     for index, (move, feed) in enumerate(
         zip(path.end - path.start, np.maximum(path.feed_mm_min / 60, 1.0), strict=True)
@@ -53,13 +53,14 @@ def measure_with_planner(path):
         planner.advance(now_s)
         old_moves = planner.moves
         planner.add(tuple(position), feed, now_s)
-        queued += [index] * (planner.moves - old_moves)
-        ends_s.append((len(queued) - len(planner), planner.busy_s))
-    finished = np.array(ends_s)
+        queued_moves += [index] * (planner.moves - old_moves)
+        ends_s.append((len(queued_moves) - len(planner), planner.busy_s))
+    finished_moves = np.array(ends_s)
     busy_s = np.interp(
-        np.arange(len(queued) + 1), *finished[np.unique(finished[:, 0], return_index=True)[1]].T
+        np.arange(len(queued_moves) + 1),
+        *finished_moves[np.unique(finished_moves[:, 0], return_index=True)[1]].T,
     )
-    seconds[queued] = np.diff(busy_s)
+    seconds[queued_moves] = np.diff(busy_s)
     return seconds
 
 
@@ -84,19 +85,19 @@ def test_times_of_features_equal_those_of_the_planner_of_the_firmware(make_reque
     path = read_toolpath(result.gcode.read_bytes())
     assert sum(astuple(result.features)) == pytest.approx(result.sliced_s, rel=1e-6)
     assert min(astuple(result.features)) > 0.0
-    planned_s = measure_with_planner(path)
+    planned_s = measure_planned_s(path)
     estimated_s = estimate_move_seconds(path, LIMITS)
-    extrudes = (path.extruded_mm > 0.0) & path.is_move & (path.layer >= 0)
+    is_extrusion = (path.extruded_mm > 0.0) & path.is_move & (path.layer >= 0)
     for name in ("WALL-OUTER", "WALL-INNER", "SKIN", "FILL", "SKIRT"):
-        mask = path.is_feature(name) & extrudes
+        mask = path.is_feature(name) & is_extrusion
         assert estimated_s[mask].sum() == pytest.approx(planned_s[mask].sum(), rel=0.03), name
 
 
 def test_cached_slice_has_the_same_times_of_features(make_request, tmp_path):
     request = make_request(trimesh.creation.box((12, 10, 4)), cache=tmp_path / "cache")
-    first, second = slice_plate(request), slice_plate(request)
-    assert second.cached
-    assert first.features == second.features
+    first_result, second_result = slice_plate(request), slice_plate(request)
+    assert second_result.cached
+    assert first_result.features == second_result.features
 
 
 @given(

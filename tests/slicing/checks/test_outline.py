@@ -23,12 +23,12 @@ LAYOUT = WallLayout(
     slack_mm=0.0,
 )
 FILAMENT_MM2 = 6.379
-MOVE = trimesh.transformations.translation_matrix
-BOX = trimesh.creation.box((30, 20, 6), MOVE((0, 0, 3)))
+make_translation = trimesh.transformations.translation_matrix
+BOX = trimesh.creation.box((30, 20, 6), make_translation((0, 0, 3)))
 CONE = trimesh.creation.cone(15, 20, sections=64)
 TUBE = trimesh.boolean.difference([BOX, trimesh.creation.cylinder(5, 20, sections=64)])
 
-FIN = trimesh.boolean.union([BOX, trimesh.creation.box((0.3, 12, 9), MOVE((4, 0, 9)))])
+FIN = trimesh.boolean.union([BOX, trimesh.creation.box((0.3, 12, 9), make_translation((4, 0, 9)))])
 
 
 def draw_rings(shape, layout=LAYOUT):
@@ -45,14 +45,14 @@ def draw_gcode(layers, layout=LAYOUT):
     text, fed_mm = [";LAYER_COUNT:9"], 0.0
     for number, paths in enumerate(layers):
         text += [f";LAYER:{number}", ";TYPE:WALL-OUTER"]
-        height = layout.compute_top_mm(number)
+        top_mm = layout.compute_top_mm(number)
         layer_mm = layout.layer_height_mm if number else layout.layer_height_0_mm
         for points in paths:
             points = np.asarray(points)[:, :2] + 100.0
-            text.append(f"G0 F9000 X{points[0][0]:.3f} Y{points[0][1]:.3f} Z{height:.3f}")
-            for start, end_points in pairwise(points):
-                fed_mm += np.hypot(*(end_points - start)) * layout.width_mm * layer_mm / FILAMENT_MM2
-                text.append(f"G1 F1800 X{end_points[0]:.3f} Y{end_points[1]:.3f} E{fed_mm:.5f}")
+            text.append(f"G0 F9000 X{points[0][0]:.3f} Y{points[0][1]:.3f} Z{top_mm:.3f}")
+            for start_point, end_point in pairwise(points):
+                fed_mm += np.hypot(*(end_point - start_point)) * layout.width_mm * layer_mm / FILAMENT_MM2
+                text.append(f"G1 F1800 X{end_point[0]:.3f} Y{end_point[1]:.3f} E{fed_mm:.5f}")
     return "\n".join(text).encode()
 
 
@@ -61,8 +61,8 @@ def count_layers(mesh, layout=LAYOUT):
 
 
 def make_circle(radius_mm):
-    angles = np.arange(64) * 2 * np.pi / 64
-    return shapely.Polygon(radius_mm * np.column_stack((np.cos(angles), np.sin(angles))))
+    angles_rad = np.arange(64) * 2 * np.pi / 64
+    return shapely.Polygon(radius_mm * np.column_stack((np.cos(angles_rad), np.sin(angles_rad))))
 
 
 RECTANGLE = shapely.box(-15, -10, 15, 10)
@@ -102,7 +102,7 @@ def test_wall_along_the_outline_passes(mesh):
     assert check_layers(inverted_mesh, layers) == ()
 
 
-def test_outline_of_the_model_is_offset_as_in_the_settings():
+def test_outline_of_the_model_is_offset_according_to_the_settings():
     layout = replace(LAYOUT, offset_mm=0.4, offset_0_mm=-0.3)
     grown_layers = [
         list(draw_rings(shape.buffer(0.4 if number else -0.3, join_style="mitre")))
@@ -132,7 +132,7 @@ def change_layer_5(change):
             r"outside the model at X2",
         ),
     ],
-    ids=["nothing", "no hole", "shifted", "shrunk", "something beside it"],
+    ids=["nothing", "no hole", "shifted", "shrunk", "separate square"],
 )
 def test_layer_that_differs_from_the_model_is_refused(change, message):
     with pytest.raises(SliceRejected, match=message) as error:
@@ -151,9 +151,9 @@ def test_missing_top_is_refused():
 
 def test_short_gap_without_flow_does_not_open_a_ring():
     layers = [list(draw_rings(shape)) for shape in list_shapes(BOX)]
-    outer = np.asarray(layers[5][0])
-    gap_end = outer[2] + (outer[3] - outer[2]) / 20
-    layers[5] = [outer[:3], np.vstack((gap_end, outer[3:]))]
+    outer_ring = np.asarray(layers[5][0])
+    gap_end = outer_ring[2] + (outer_ring[3] - outer_ring[2]) / 20
+    layers[5] = [outer_ring[:3], np.vstack((gap_end, outer_ring[3:]))]
     assert check_layers(BOX, layers) == ()
 
 
@@ -209,7 +209,10 @@ CLOSED_MESHES = {
     ),
     "holes": trimesh.boolean.difference(
         [trimesh.creation.box((30, 12, 4))]
-        + [trimesh.creation.cylinder(0.4 + 0.2 * i, 9, transform=MOVE((5 * i - 12, 0, 0))) for i in range(6)]
+        + [
+            trimesh.creation.cylinder(0.4 + 0.2 * i, 9, transform=make_translation((5 * i - 12, 0, 0)))
+            for i in range(6)
+        ]
     ),
     "nearly flat": trimesh.creation.icosphere(3, 12).apply_scale((1, 1, 0.06)),
     "shell": trimesh.creation.annulus(7, 7.7, 12),
@@ -223,7 +226,7 @@ def test_real_slices_of_sound_models_pass(make_request, mesh):
 
 def test_thin_fins_of_a_real_slice_are_reported(make_request, tmp_path):
     block = [trimesh.creation.box((40, 40, 5))]
-    fins = [trimesh.creation.box((0.3, 30, 12), MOVE((x, 0, 5))) for x in (-10, 0, 10)]
+    fins = [trimesh.creation.box((0.3, 30, 12), make_translation((x, 0, 5))) for x in (-10, 0, 10)]
     model = trimesh.boolean.union(block + fins)
     request = make_request(model, cache=tmp_path / "cache")
     result = slice_plate(request)

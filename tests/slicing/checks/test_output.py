@@ -48,7 +48,7 @@ G28
 BED = ((-20.0, -25.0, 20.0, 25.0, 205.0),)
 
 
-def check(gcode, *, height_mm=0.4, cut_mm=0.0, is_top_checked=True, bed=BED):
+def check_gcode(gcode, *, height_mm=0.4, cut_mm=0.0, is_top_checked=True, bed=BED):
     facts = gather_facts(read_toolpath(gcode), 170.0)
     check_facts(
         facts,
@@ -64,7 +64,7 @@ def check(gcode, *, height_mm=0.4, cut_mm=0.0, is_top_checked=True, bed=BED):
 
 
 def test_facts_are_read_from_a_valid_file():
-    facts = check(VALID_GCODE)
+    facts = check_gcode(VALID_GCODE)
     assert facts.sliced_s == 21.25
     assert facts.filament_mm == pytest.approx(3.0)  # without priming and retraction
     assert (facts.layer_count, facts.layers, facts.top_layer) == (2, 2, 1)
@@ -93,22 +93,22 @@ def test_facts_are_read_from_a_valid_file():
 def test_each_rule_refuses_a_violation(rule, old_text, new_text):
     assert old_text.encode() in VALID_GCODE
     with pytest.raises(SliceRejected) as error:
-        check(VALID_GCODE.replace(old_text.encode(), new_text.encode()))
+        check_gcode(VALID_GCODE.replace(old_text.encode(), new_text.encode()))
     assert error.value.rule is rule
     assert "\n" not in str(error.value)
-    assert "; " in str(error.value)  # the finding; the action
+    assert "; " in str(error.value)  # separates the finding from the action
 
 
 def test_file_without_extrusion_is_refused():
     start, _, gcode_end = VALID_GCODE.partition(b";LAYER_COUNT")
     end = gcode_end.partition(b"G1 F1500 E-3.5")[2]
     with pytest.raises(SliceRejected) as error:
-        check(start + end)
+        check_gcode(start + end)
     assert error.value.rule is Rule.NOTHING_PRINTED
 
 
 @pytest.mark.parametrize(
-    ("height_mm", "cut_mm", "is_top_checked", "is_good"),
+    ("height_mm", "cut_mm", "is_top_checked", "is_valid"),
     [
         (0.3, 0.0, True, True),
         (0.2, 0.0, True, False),
@@ -120,22 +120,22 @@ def test_file_without_extrusion_is_refused():
         (2.5, 2.0, True, False),
     ],
 )
-def test_wrong_height_is_refused(height_mm, cut_mm, is_top_checked, is_good):
-    if is_good:
-        check(VALID_GCODE, height_mm=height_mm, cut_mm=cut_mm, is_top_checked=is_top_checked)
+def test_wrong_height_is_refused(height_mm, cut_mm, is_top_checked, is_valid):
+    if is_valid:
+        check_gcode(VALID_GCODE, height_mm=height_mm, cut_mm=cut_mm, is_top_checked=is_top_checked)
         return
     with pytest.raises(SliceRejected) as error:
-        check(VALID_GCODE, height_mm=height_mm, cut_mm=cut_mm, is_top_checked=is_top_checked)
+        check_gcode(VALID_GCODE, height_mm=height_mm, cut_mm=cut_mm, is_top_checked=is_top_checked)
     assert error.value.rule is Rule.HEIGHT
 
 
 def test_one_rectangle_of_the_bed_must_contain_the_print():
     left_box, right_box = (-20.0, -25.0, 0.0, 25.0, 205.0), (0.0, -25.0, 20.0, 25.0, 205.0)
     with pytest.raises(SliceRejected, match="build volume"):
-        check(VALID_GCODE, bed=(left_box, right_box))
-    check(VALID_GCODE, bed=(left_box, right_box, *BED))
+        check_gcode(VALID_GCODE, bed=(left_box, right_box))
+    check_gcode(VALID_GCODE, bed=(left_box, right_box, *BED))
     with pytest.raises(SliceRejected, match="build volume"):
-        check(VALID_GCODE, bed=((-20.0, -25.0, 20.0, 25.0, 0.1),))
+        check_gcode(VALID_GCODE, bed=((-20.0, -25.0, 20.0, 25.0, 0.1),))
 
 
 @pytest.mark.parametrize(
@@ -165,8 +165,8 @@ def test_number_of_removed_layers_is_read_from_the_log():
 
 
 def test_rejection_can_be_sent_between_processes():
-    rejection = pickle.loads(pickle.dumps(SliceRejected(Rule.COLD, "why")))
-    assert (rejection.rule, str(rejection)) == (Rule.COLD, "the slice was rejected (cold): why")
+    rejection = pickle.loads(pickle.dumps(SliceRejected(Rule.COLD, "too cold")))
+    assert (rejection.rule, str(rejection)) == (Rule.COLD, "the slice was rejected (cold): too cold")
 
 
 @pytest.mark.parametrize(
@@ -176,7 +176,7 @@ def test_rejection_can_be_sent_between_processes():
         ((-15.0, -10.0), (20.5, 26.0), 50.0, (-0.5, -1.0)),
         ((-21.0, -10.0), (20.0, 10.0), 50.0, None),
         ((-21.0, -10.0), (15.0, 10.0), 206.0, None),
-        ((-30.0, -10.0), (0.0, 10.0), 9.0, (5.0, 0.0)),  # the wider, lower box is nearer
+        ((-30.0, -10.0), (0.0, 10.0), 9.0, (5.0, 0.0)),  # the lower, wider box is nearer
     ],
 )
 def test_shift_moves_a_print_onto_the_nearest_part_of_the_bed(low_mm, high_mm, height_mm, shift_mm):

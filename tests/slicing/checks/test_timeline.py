@@ -64,9 +64,9 @@ def test_times_within_layers_equal_those_of_the_planner_of_the_firmware(make_req
     assert program.time_s == result.sliced_s
     assert program.layers == result.layers
     assert {mark.feature for mark in program.timeline} >= {Feature.SKIRT, Feature.WALL_OUTER, Feature.FILL}
-    heights = [mark.z_mm for mark in program.timeline]
-    assert heights == sorted(heights)
-    assert heights[-1] == pytest.approx(result.height_mm)
+    heights_mm = [mark.z_mm for mark in program.timeline]
+    assert heights_mm == sorted(heights_mm)
+    assert heights_mm[-1] == pytest.approx(result.height_mm)
     seconds = [mark.seconds for mark in program.timeline]
     assert seconds == sorted(seconds)
 
@@ -75,7 +75,7 @@ def test_times_within_layers_equal_those_of_the_planner_of_the_firmware(make_req
     first_move = next(comment.move for comment in path.comments if comment.text.startswith("LAYER:"))
     # A move begins when the queue has accepted as many more moves as fit into it.
     expected_times_s = planned_s[CAPACITY:] - planned_s[first_move + CAPACITY]
-    marks = [(n.move, float(n.text[13:])) for n in path.comments if n.text.startswith("TIME_ELAPSED:")]
+    marks = [(c.move, float(c.text[13:])) for c in path.comments if c.text.startswith("TIME_ELAPSED:")]
     errors_s = np.array(
         [seconds - expected_times_s[move] for move, seconds in marks if move < len(expected_times_s)]
     )

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from slicing.checks.toolpath import NO_LAYER, read_toolpath
 from slicing.errors import Rule, SliceRejected
 
-FILE = b""";FLAVOR:Marlin
+GCODE = b""";FLAVOR:Marlin
 G28
 G1 F1200 X5 Y10
 M109 S210 ; wait
@@ -32,7 +32,7 @@ G1 X1 E.5
 
 
 def test_modes_resets_and_notations_are_read():
-    path = read_toolpath(FILE)
+    path = read_toolpath(GCODE)
     assert path.end.tolist() == [
         [5, 10, 0, 0],
         [6, 10, 0, 1.5],
@@ -48,11 +48,11 @@ def test_modes_resets_and_notations_are_read():
     assert np.flatnonzero(path.is_feature("WALL-OUTER")).tolist() == [3, 4, 5, 6]
     assert not path.is_feature("SKIN").any()
     assert path.is_move.tolist() == [True] * 7
-    wait = next(command for command in path.commands if command.code == "M109")
-    assert (wait.move, wait.words) == (1, {"S": 210.0})
+    wait_command = next(command for command in path.commands if command.code == "M109")
+    assert (wait_command.move, wait_command.words) == (1, {"S": 210.0})
     comment = path.comments[1]
     assert (comment.move, comment.text) == (1, "LAYER:0")
-    assert FILE[comment.offset :].startswith(b";LAYER:0\n")
+    assert GCODE[comment.offset :].startswith(b";LAYER:0\n")
 
 
 @pytest.mark.parametrize("text", [b"", b"\n\n", b";only a comment", b"G28", b"G1 X1"])
@@ -94,7 +94,7 @@ def test_columns_equal_those_of_a_line_reader(lines, has_spaces):
 
 
 def test_block_of_moves_without_an_end_takes_little_memory():
-    """Limit the memory, as `re` keeps 50 bytes of backtracking state for each byte of a block."""
+    """Limit the memory, because `re` keeps 50 bytes of backtracking state for each byte of a block."""
     text = b"G1 X10.125 Y10.125 E10.125\n" * 40_000
     tracemalloc.start()
     try:

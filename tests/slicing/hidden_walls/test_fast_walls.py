@@ -12,7 +12,8 @@ from slicing.plate import slice_plate
 
 SIDE = HiddenSide((1.0, 0.0), 30.0)
 CENTRE_MM = 111.5, 111.5
-OUTER_MM, INNER_MM = 0.2, 0.525  # half a line and the inset of the outer wall; one and a half lines
+OUTER_DEPTH_MM = 0.2  # half a line and the inset of the outer wall
+INNER_DEPTH_MM = 0.525  # one and a half lines
 BLOCK = trimesh.creation.box((60.0, 50.0, 8.0), trimesh.transformations.translation_matrix((0.0, 0.0, 4.0)))
 
 
@@ -46,21 +47,24 @@ def list_lengths_mm(path):
 
 
 @pytest.mark.parametrize(
-    ("feature", "depth_mm", "own_mm_min"), [("WALL-OUTER", OUTER_MM, 2400), ("WALL-INNER", INNER_MM, 3000)]
+    ("feature", "depth_mm", "nominal_mm_min"),
+    [("WALL-OUTER", OUTER_DEPTH_MM, 2400), ("WALL-INNER", INNER_DEPTH_MM, 3000)],
 )
-def test_walls_along_a_hidden_side_are_fast_except_at_their_end(make_request, feature, depth_mm, own_mm_min):
+def test_walls_along_a_hidden_side_are_fast_except_at_their_end(
+    make_request, feature, depth_mm, nominal_mm_min
+):
     _, path = slice_toolpath(make_request, [SIDE])
     lines = find_lines(path, feature, depth_mm)
     assert len(lines) > 30
     is_fast = np.isclose(path.feed_mm_min[lines], 3600.0)
     ends = lines[~is_fast]
-    assert path.feed_mm_min[ends] == pytest.approx(own_mm_min)
+    assert path.feed_mm_min[ends] == pytest.approx(nominal_mm_min)
     assert list_lengths_mm(path)[ends] == pytest.approx(RUN_OUT_MM, abs=0.01)
     assert is_fast.sum() == len(ends)
 
 
 def notch_block(depth_mm):
-    """Return the block with two upright V grooves of a depth in the side."""
+    """Return the block with two upright V grooves of a given depth in its side."""
     tool = trimesh.creation.box((2.0**0.5 * depth_mm, 2.0**0.5 * depth_mm, 20.0))
     tool.apply_transform(trimesh.transformations.rotation_matrix(np.radians(45.0), (0.0, 0.0, 1.0)))
     return BLOCK.difference(
@@ -72,11 +76,11 @@ def notch_block(depth_mm):
 def test_line_continues_through_a_mark_but_not_through_a_hole(
     make_request, depth_mm, fast_notches, slow_ends
 ):
-    """Check lines between the notches, in one of which the engine begins each loop, and the corners."""
+    """Check the lines between corners and notches; the engine begins each loop in one of the notches."""
     _, path = slice_toolpath(make_request, [SIDE], mesh=notch_block(depth_mm))
     is_wall = path.is_feature("WALL-OUTER") & (path.extruded_mm > 0.0) & (path.layer > 3)
     depths_mm = SIDE.offset_mm + CENTRE_MM[0] - np.stack((path.start[:, 0], path.end[:, 0]))
-    is_side = is_wall & (np.abs(depths_mm - OUTER_MM) < 0.04).all(axis=0)
+    is_side = is_wall & (np.abs(depths_mm - OUTER_DEPTH_MM) < 0.04).all(axis=0)
     is_notch = is_wall & ~is_side & (depths_mm < 5.0).all(axis=0)
     is_notch &= (np.abs(np.stack((path.start[:, 1], path.end[:, 1])) - CENTRE_MM[1]) < 11.0).all(axis=0)
     is_fast = path.feed_mm_min > 3500.0
@@ -87,20 +91,20 @@ def test_line_continues_through_a_mark_but_not_through_a_hole(
     assert slow_mm == pytest.approx(slow_ends * layers * RUN_OUT_MM, rel=0.01)
 
 
-def test_visible_wall_shortly_behind_the_side_is_slow(make_request):
+def test_visible_wall_just_behind_the_side_is_slow(make_request):
     """Check two recesses, as shallow as a mark but longer; the engine begins each loop in one of them."""
     recess = trimesh.creation.box((0.6, 10.0, 20.0)).apply_translation((SIDE.offset_mm, 0.0, 4.0))
     recesses = [recess.copy().apply_translation((0.0, y_mm, 0.0)) for y_mm in (-12.0, 12.0)]
     _, path = slice_toolpath(make_request, [SIDE], mesh=BLOCK.difference(recesses))
-    backs = find_lines(path, "WALL-OUTER", OUTER_MM + 0.3)
-    assert len(backs) >= 2 * len(np.unique(path.layer[backs]))
-    assert set(path.feed_mm_min[backs]) == {2400.0}
-    assert (path.feed_mm_min[find_lines(path, "WALL-OUTER", OUTER_MM)] > 3500.0).any()
+    back_lines = find_lines(path, "WALL-OUTER", OUTER_DEPTH_MM + 0.3)
+    assert len(back_lines) >= 2 * len(np.unique(path.layer[back_lines]))
+    assert set(path.feed_mm_min[back_lines]) == {2400.0}
+    assert (path.feed_mm_min[find_lines(path, "WALL-OUTER", OUTER_DEPTH_MM)] > 3500.0).any()
 
 
 def test_only_walls_along_the_side_are_fast(make_request):
     _, path = slice_toolpath(make_request, [SIDE])
-    for feature, depth_mm in (("WALL-OUTER", OUTER_MM), ("WALL-INNER", INNER_MM)):
+    for feature, depth_mm in (("WALL-OUTER", OUTER_DEPTH_MM), ("WALL-INNER", INNER_DEPTH_MM)):
         is_fast = path.is_feature(feature) & (path.extruded_mm > 0.0) & (path.feed_mm_min > 3500.0)
         assert np.isin(np.flatnonzero(is_fast), find_lines(path, feature, depth_mm, above_layer=1)).all()
 
@@ -120,12 +124,15 @@ def test_saved_time_is_in_the_comments_and_the_header(make_request):
     plain_result, _ = slice_toolpath(make_request)
     result, path = slice_toolpath(make_request, [SIDE])
     lengths_mm = list_lengths_mm(path)
-    nominal_s = 0.0
-    for feature, depth_mm, own_mm_s in (("WALL-OUTER", OUTER_MM, 40.0), ("WALL-INNER", INNER_MM, 50.0)):
+    expected_s = 0.0
+    for feature, depth_mm, nominal_mm_s in (
+        ("WALL-OUTER", OUTER_DEPTH_MM, 40.0),
+        ("WALL-INNER", INNER_DEPTH_MM, 50.0),
+    ):
         lines = find_lines(path, feature, depth_mm)
-        fast = lines[path.feed_mm_min[lines] > 3500.0]
-        nominal_s += float(lengths_mm[fast].sum()) * (1.0 / own_mm_s - 1.0 / 60.0)
-    assert plain_result.sliced_s - result.sliced_s == pytest.approx(nominal_s, rel=0.15)
+        fast_lines = lines[path.feed_mm_min[lines] > 3500.0]
+        expected_s += float(lengths_mm[fast_lines].sum()) * (1.0 / nominal_mm_s - 1.0 / 60.0)
+    assert plain_result.sliced_s - result.sliced_s == pytest.approx(expected_s, rel=0.15)
     times_s = [float(c.text[13:]) for c in path.comments if c.text.startswith("TIME_ELAPSED:")]
     assert times_s == sorted(times_s)
     assert times_s[-1] == pytest.approx(result.sliced_s, abs=1e-5)
@@ -156,11 +163,11 @@ def test_short_layers_keep_their_speed(make_request):
 def test_speed_is_limited_by_the_ratio_and_by_infill(make_request, make_settings):
     settings = make_settings(speed_wall_0=20.0)
     _, path = slice_toolpath(make_request, [SIDE], settings=settings)
-    lines = find_lines(path, "WALL-OUTER", OUTER_MM)
+    lines = find_lines(path, "WALL-OUTER", OUTER_DEPTH_MM)
     assert set(path.feed_mm_min[lines]) == {1200.0, 1800.0}
-    plain = replace(settings, hidden_wall_ratio=1.0)
-    _, path = slice_toolpath(make_request, [SIDE], settings=plain)
-    assert set(path.feed_mm_min[find_lines(path, "WALL-OUTER", OUTER_MM)]) == {1200.0}
+    plain_settings = replace(settings, hidden_wall_ratio=1.0)
+    _, path = slice_toolpath(make_request, [SIDE], settings=plain_settings)
+    assert set(path.feed_mm_min[find_lines(path, "WALL-OUTER", OUTER_DEPTH_MM)]) == {1200.0}
 
 
 def test_cache_distinguishes_hidden_sides(make_request, tmp_path):
@@ -171,21 +178,23 @@ def test_cache_distinguishes_hidden_sides(make_request, tmp_path):
     assert plain_result.sha256 != fast_result.sha256 == repeated_result.sha256
 
 
-def test_turned_side_saves_the_same_time(make_request):
-    """Turn block and side by 30 degrees: the same time is saved, apart from the engine's rounding."""
-    angle = np.radians(30.0)
-    turned = BLOCK.copy().apply_transform(trimesh.transformations.rotation_matrix(angle, (0.0, 0.0, 1.0)))
-    side = HiddenSide((float(np.cos(angle)), float(np.sin(angle))), 30.0)
+def test_rotated_side_saves_the_same_time(make_request):
+    """Rotate block and side by 30 degrees, which changes the saved time only by the engine's rounding."""
+    angle_rad = np.radians(30.0)
+    rotated_block = BLOCK.copy().apply_transform(
+        trimesh.transformations.rotation_matrix(angle_rad, (0.0, 0.0, 1.0))
+    )
+    side = HiddenSide((float(np.cos(angle_rad)), float(np.sin(angle_rad))), 30.0)
     saved_s = [
         slice_plate(make_request(mesh)).sliced_s - slice_plate(make_request(mesh, hidden_sides=(s,))).sliced_s
-        for mesh, s in ((BLOCK, SIDE), (turned, side))
+        for mesh, s in ((BLOCK, SIDE), (rotated_block, side))
     ]
     assert saved_s[0] > 0.0
     assert saved_s[1] == pytest.approx(saved_s[0], rel=0.05)
 
 
 def test_other_moves_keep_their_feedrate(make_request):
-    """Compare each move that both files have: G-code keeps the feedrate of the line before."""
+    """Compare each move that both files have, because G-code keeps the feedrate of the previous line."""
     _, plain_path = slice_toolpath(make_request)
     _, path = slice_toolpath(make_request, [SIDE])
     feeds_mm_min = {
@@ -194,11 +203,11 @@ def test_other_moves_keep_their_feedrate(make_request):
             plain_path.start.tolist(), plain_path.end.tolist(), plain_path.feed_mm_min.tolist(), strict=True
         )
     }
-    changed = [
+    changed_features = [
         feature
         for start, end, feed, feature in zip(
             path.start.tolist(), path.end.tolist(), path.feed_mm_min.tolist(), path.feature, strict=True
         )
         if feeds_mm_min.get((*start, *end), feed) != feed
     ]
-    assert not changed
+    assert not changed_features

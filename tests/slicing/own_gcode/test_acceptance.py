@@ -74,7 +74,7 @@ def test_ultigcode_is_converted_to_mm_and_gets_explicit_retractions():
     [("prusaslicer", 19.61, 78), ("slic3r", 20.04, None), ("ultigcode", 246 / FILAMENT_MM2, 104.9)],
 )
 def test_output_of_slicers_has_their_stated_filament_and_time(slicer, filament_mm, seconds):
-    """Read a tile of 10 x 10 x 1 mm by PrusaSlicer 2.5.0, Slic3r 1.3.0 and CuraEngine 4.13 of Debian 12."""
+    """Read a tile of 10 x 10 x 1 mm, sliced by PrusaSlicer 2.5.0, Slic3r 1.3.0 and CuraEngine 4.13."""
     recording_path = Path(__file__).parents[1] / "fixtures" / f"tile-{slicer}.gcode.gz"
     result = accept(
         gzip.decompress(recording_path.read_bytes()).splitlines(keepends=True),
@@ -213,8 +213,8 @@ def make_spiral(e_per_mm, turn_count=20, layer_mm=0.2):
     points, radius_mm = 60, 20.0
     moves = [(130.0, 110.0, layer_mm, 0.0)]
     for n in range(turn_count * points):
-        angle = math.tau * (n + 1) / points
-        x, y = 110 + radius_mm * math.cos(angle), 110 + radius_mm * math.sin(angle)
+        angle_rad = math.tau * (n + 1) / points
+        x, y = 110 + radius_mm * math.cos(angle_rad), 110 + radius_mm * math.sin(angle_rad)
         moves.append((x, y, layer_mm * (1 + (n + 1) / points), math.tau * radius_mm / points * e_per_mm))
     lines = [";FLAVOR:Marlin", "G28", "M109 S200", "M83", ";LAYER:0", "G0 X130 Y110 Z0.2 F9000"]
     lines += [f"G1 F1800 X{x:.3f} Y{y:.3f} Z{z:.4f} E{e:.5f}" for x, y, z, e in moves[1:]]

@@ -14,16 +14,16 @@ from slicing.engine import EngineLimits, run_engine
 from slicing.own_gcode.clearance import Clearance
 
 translate = trimesh.transformations.translation_matrix
-TOWER_18 = make_square(layers=90)
+TOWER = make_square(layers=90)
 
 
 @pytest.mark.parametrize(
     ("moves", "colliding_move"),
     [
         (["G0 X90 Y110 Z20", "G0 Z0.3", "G0 X130"], 2),  # through the middle of the tower
-        (["G0 X90 Y110 Z30", "G0 X130 Z0.3"], 2),  # in a slanting line
+        (["G0 X90 Y110 Z30", "G0 X130 Z0.3"], 2),  # along a slanted line
         (["G0 X90 Y110 Z20", "G0 X130"], None),  # above the tower
-        # Into a hollow tower, less deep than the nozzle is long.
+        # into a hollow tower, by less than the length of the nozzle
         (
             ["G0 Z25", "G0 X110 Y110", "G0 Z14", "G0 Z25"],
             None,
@@ -33,7 +33,7 @@ TOWER_18 = make_square(layers=90)
     ],
 )
 def test_move_through_printed_lines_is_refused(moves, colliding_move):
-    lines = make_marlin(TOWER_18)
+    lines = make_marlin(TOWER)
     index = lines.index(";LAYER:89") + 1
     lines[index:index] = moves
     if colliding_move:
@@ -73,12 +73,12 @@ def test_sequential_objects_need_the_width_of_the_head_between_them():
         return make_marlin(join_objects(make_square(layers=layers), make_square(at_mm=at_mm, layers=2)))
 
     check_rules(accept(make_two_towers(170.0, layers=45)))
-    check_rules(accept(make_two_towers(135.0, layers=25)))  # 5 mm high: below the head
+    check_rules(accept(make_two_towers(135.0, layers=25)))  # objects of 5 mm stay below the head
     assert_refused(make_two_towers(135.0, layers=45), r"Z 0\.2 into parts printed up to Z 9")
 
 
 def test_later_lines_are_obstacles_too():
-    """Let the third object collide with the second one, which was still low at the first travel to it."""
+    """Let the third object collide with the second one, which was still low at the first travel over it."""
     first_object, second_object, third_object = (
         make_square(layers=40),
         make_square(at_mm=20.0, layers=40),
@@ -148,17 +148,17 @@ def test_output_of_cura_is_accepted(model, style, engine, make_settings, tmp_pat
 
 
 @pytest.mark.parametrize(("distance_mm", "is_accepted"), [(150.0, True), (25.0, False)])
-def test_one_at_a_time_output_is_accepted_with_room_for_the_head(
+def test_one_at_a_time_output_is_accepted_with_clearance_for_the_head(
     distance_mm, is_accepted, engine, make_settings, tmp_path
 ):
-    """Add the bed's centre to the first object, as the engine adds it only to the later ones."""
+    """Add the bed's centre to the first object, because the engine adds it only to the later ones."""
     settings_by_scope = make_settings()
     for scope, values in (("global", settings_by_scope.global_), ("extruder", settings_by_scope.extruder)):
         settings = {**values, "print_sequence": "one_at_a_time"}
         entries = {key: {"default_value": value} for key, value in settings.items()}
         (tmp_path / f"{scope}.json").write_text(json.dumps({"settings": entries}))
-    for name, x, centre in (("a", -distance_mm / 2, 111.5), ("b", distance_mm / 2, 0.0)):
-        post = trimesh.creation.cylinder(5, 8, transform=translate((centre + x, centre, 4)))
+    for name, x, centre_mm in (("a", -distance_mm / 2, 111.5), ("b", distance_mm / 2, 0.0)):
+        post = trimesh.creation.cylinder(5, 8, transform=translate((centre_mm + x, centre_mm, 4)))
         (tmp_path / f"{name}.stl").write_bytes(post.export(file_type="stl"))
     command = [engine, "slice", "-j", "global.json", "-e0", "-j", "extruder.json", "-o", "out.gcode"]
     command += ["-l", "a.stl", "--next", "-l", "b.stl"]

@@ -36,7 +36,7 @@ def format_cura_settings():
 
 @cache
 def read_complete_file(slicer):
-    """Return a slicer's G-code of a tile or a plate, from the fixtures."""
+    """Read a slicer's G-code of a tile or a plate from the fixtures."""
     if slicer == "cura 5":
         record = json.loads(gzip.decompress((FIXTURES / "engine-5.0.json.gz").read_bytes()))
         return record["gcode"].encode()
@@ -54,9 +54,8 @@ def test_complete_file_is_accepted(slicer):
 
 
 def assert_cut_is_refused(file, index):
-    assume(
-        file[:index] != read_complete_file("ultigcode")
-    )  # a complete file, to which Cura adds its settings
+    # Without the settings that Cura adds, this file is complete.
+    assume(file[:index] != read_complete_file("ultigcode"))
     with pytest.raises(GcodeRefused, match=r"line \d+|prints nothing|start of its print|its flavour"):
         accept(file[:index].splitlines(keepends=True))
 
@@ -82,7 +81,7 @@ def test_file_cut_at_the_end_of_any_line_is_refused(slicer, data):
 @given(st.data())
 @settings(max_examples=40, deadline=None)
 def test_file_of_a_slicer_without_a_closing_mark_is_refused_before_its_end_code(data):
-    """Check files of Slic3r, which end with settings, and of an unknown slicer, with only end code."""
+    """Check a file of Slic3r, which ends with settings, and one of an unknown slicer with end code only."""
     slic3r_file, unknown_file = (
         read_complete_file("slic3r"),
         "\n".join(make_marlin(make_square(layers=20))).encode() + b"\n",
@@ -205,12 +204,14 @@ def test_file_with_stated_filament_is_refused_if_any_layer_is_missing(slicer, da
 def test_empty_layers_are_accepted_if_all_filament_is_present():
     lines = [line.replace("COUNT:20", "COUNT:40") for line in make_ultigcode(make_square(layers=20))]
     assert_refused(lines, "states 40 layers")
-    volume = round(accept(make_ultigcode(make_square(layers=20))).filament_mm * FILAMENT_MM2)
-    figures = [line.replace("TIME:6666", "TIME:60").replace(":6666", f":{volume}") for line in lines]
+    volume_mm3 = round(accept(make_ultigcode(make_square(layers=20))).filament_mm * FILAMENT_MM2)
+    figures = [line.replace("TIME:6666", "TIME:60").replace(":6666", f":{volume_mm3}") for line in lines]
     assert not any("layers" in line for line in accept(figures).notices)
-    higher_figures = [line.replace(f":{volume}", f":{volume + 2}") for line in figures]
-    problem = rf"line 3 says that it takes {volume + 2} mm3 of filament, but its lines extrude {volume}"
-    assert_refused(higher_figures, problem)
+    higher_figures = [line.replace(f":{volume_mm3}", f":{volume_mm3 + 2}") for line in figures]
+    expected_message = (
+        rf"line 3 says that it takes {volume_mm3 + 2} mm3 of filament, but its lines extrude {volume_mm3}"
+    )
+    assert_refused(higher_figures, expected_message)
     # The printer extrudes more than the E of the file, so the figures cannot be compared.
     lines_with_flow = [
         *higher_figures[:-6],

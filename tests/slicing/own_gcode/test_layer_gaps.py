@@ -32,10 +32,10 @@ def renumber_layers(lines, first_number, step):
 @WRITERS
 @pytest.mark.parametrize("lost_layers", [(0,), (7,), (3, 4, 5), (2, 9, 18)])
 def test_missing_thin_layers_are_detected_by_their_numbers(write, lost_layers):
-    complete = write(SMALL_TOWER)
-    assert accept(complete).layers == 20
+    complete_lines = write(SMALL_TOWER)
+    assert accept(complete_lines).layers == 20
     assert_refused(
-        remove_layers(complete, *lost_layers),
+        remove_layers(complete_lines, *lost_layers),
         r"line \d+: the first move that feeds after ;LAYER:.*lines are missing",
     )
 
@@ -60,66 +60,75 @@ def add_header(lines, *figures):
     return [lines[0], *head, *lines[1:], ";End of Gcode"]
 
 
-@pytest.mark.parametrize("relative", [False, True])
-def test_lowest_and_highest_layer_match_the_figures_of_the_slicer(relative):
-    complete = add_header(make_marlin(SMALL_TOWER, relative=relative), "LAYER_COUNT:20", "MINZ:0.2", "MAXZ:4")
-    assert check_rules(accept(complete))
-    assert_refused(
-        remove_layers(complete, 0), "a lowest Z of 0.2, but it begins at Z 0.4|the first move that feeds"
+@pytest.mark.parametrize("is_relative", [False, True])
+def test_lowest_and_highest_layer_match_the_figures_of_the_slicer(is_relative):
+    complete_lines = add_header(
+        make_marlin(SMALL_TOWER, relative=is_relative), "LAYER_COUNT:20", "MINZ:0.2", "MAXZ:4"
     )
-    assert_refused(remove_layers(complete, 19), "a highest Z of 4, but it ends at Z 3.8: lines are missing")
+    assert check_rules(accept(complete_lines))
+    assert_refused(
+        remove_layers(complete_lines, 0),
+        "a lowest Z of 0.2, but it begins at Z 0.4|the first move that feeds",
+    )
+    assert_refused(
+        remove_layers(complete_lines, 19), "a highest Z of 4, but it ends at Z 3.8: lines are missing"
+    )
     for placeholder in ("TIME:6666", "MINZ:2.14748e+06"):
         assert accept(
-            remove_layers([*complete[:2], f";{placeholder}", *complete[2:]], 5) if relative else complete
+            remove_layers([*complete_lines[:2], f";{placeholder}", *complete_lines[2:]], 5)
+            if is_relative
+            else complete_lines
         )
 
 
 def test_hop_above_the_highest_layer_does_not_count_as_a_layer():
     lines = make_marlin(SMALL_TOWER)
     lines[lines.index(";LAYER:19") + 1 : lines.index(";LAYER:19") + 1] = ["G0 Z5"]
-    complete = add_header(lines, "LAYER_COUNT:20", "MINZ:0.2", "MAXZ:5")
-    assert check_rules(accept(complete))
-    assert_refused(remove_layers(complete, 18, 19), "a highest Z of 5, but it ends at Z 3.6")
+    complete_lines = add_header(lines, "LAYER_COUNT:20", "MINZ:0.2", "MAXZ:5")
+    assert check_rules(accept(complete_lines))
+    assert_refused(remove_layers(complete_lines, 18, 19), "a highest Z of 5, but it ends at Z 3.6")
 
 
 def test_end_of_the_last_layer_matches_the_time_of_the_slicer():
     figures = (
         f"TIME:200 MATERIAL:{round(accept(make_ultigcode(SMALL_TOWER)).filament_mm * FILAMENT_MM2)}".split()
     )
-    complete = [line for line in make_ultigcode(SMALL_TOWER) if not line.startswith((";TIME:", ";MATERIAL:"))]
-    complete[1:1] = [f";{figure}" for figure in figures]
-    assert check_rules(accept(complete))
-    assert accept([line.replace("ED:200.0", "ED:200.9") for line in complete])
-    assert_refused(remove_layers(complete, 19), "a time of 200 s, but its last layer ends after 190 s")
+    complete_lines = [
+        line for line in make_ultigcode(SMALL_TOWER) if not line.startswith((";TIME:", ";MATERIAL:"))
+    ]
+    complete_lines[1:1] = [f";{figure}" for figure in figures]
+    assert check_rules(accept(complete_lines))
+    assert accept([line.replace("ED:200.0", "ED:200.9") for line in complete_lines])
+    assert_refused(remove_layers(complete_lines, 19), "a time of 200 s, but its last layer ends after 190 s")
 
 
-def remove_lines(lines, number, end):
+def remove_lines(lines, number, end_layer):
     """Remove the lines from the middle of a layer to the middle of another one."""
-    layer_indices = [lines.index(f";LAYER:{layer}") for layer in (number, end)]
+    layer_indices = [lines.index(f";LAYER:{layer}") for layer in (number, end_layer)]
     middles = [
         [index for index in range(start, len(lines)) if "G1 F1800" in lines[index]][1]
         for start in layer_indices
     ]
-    return lines[: middles[0]] + lines[middles[1] + (number == end) :]
+    return lines[: middles[0]] + lines[middles[1] + (number == end_layer) :]
 
 
 @WRITERS
-@pytest.mark.parametrize("end", [7, 9])
-def test_missing_layers_are_detected_by_their_numbers(write, end):
+@pytest.mark.parametrize("end_layer", [7, 9])
+def test_lines_missing_between_two_layers_are_detected_by_the_feed(write, end_layer):
     assert_refused(
-        remove_lines(write(SMALL_TOWER), 6, end),
+        remove_lines(write(SMALL_TOWER), 6, end_layer),
         r"line \d+: the move feeds 0\.\d+ mm of filament more than its line",
     )
 
 
 @WRITERS
 def test_large_loss_within_a_layer_is_detected(write):
-    complete = write(make_square(side_mm=30.0, layers=20))
+    complete_lines = write(make_square(side_mm=30.0, layers=20))
     assert_refused(
-        remove_lines(complete, 6, 6),
+        remove_lines(complete_lines, 6, 6),
         r"line \d+: the move feeds 0\.2\d+ mm of filament more than its line takes",
     )
-    assert accept(complete).layers == 20
+    assert accept(complete_lines).layers == 20
 
 
 def test_thick_line_among_thin_ones_is_accepted():
@@ -150,11 +159,11 @@ def test_gap_is_a_loss_if_the_next_move_extrudes_too_much(flow, layers, lost_lay
     assume(missing_mm > 3e-4 + (0.02 * flow + noise) * layers[lost_layer + 1][0])
     for carried_mm in (0.0, missing_mm):
         gaps = LayerGaps(0.1)
-        for number, lengths in enumerate(layers):
+        for number, layer_lengths_mm in enumerate(layers):
             if number == lost_layer:
                 continue
             gaps.begin_layer(number)
-            for index, length_mm in enumerate(lengths):
-                more_mm = carried_mm if number == lost_layer + 1 and not index else 0.0
-                gaps.record_feed(length_mm, round(flow * length_mm + more_mm, 5), 1)
+            for index, length_mm in enumerate(layer_lengths_mm):
+                extra_mm = carried_mm if number == lost_layer + 1 and not index else 0.0
+                gaps.record_feed(length_mm, round(flow * length_mm + extra_mm, 5), 1)
         assert (gaps.describe_loss() is not None) == bool(carried_mm)

@@ -68,7 +68,7 @@ def test_file_for_another_machine_with_another_origin_is_refused():
 
 
 def test_file_for_another_machine_must_state_its_filament():
-    """Refuse a file without it: E for filament of 1.75 mm would extrude 2.3 times as much."""
+    """Refuse a file without it, because E for filament of 1.75 mm would extrude 2.3 times as much."""
     assert list_warnings(make_marlin(THIN_FILAMENT_SQUARE)) == [
         "Warning: its lines have 2.3 times the cross-section of a line as wide as the nozzle: was it sliced "
         "for another nozzle?"

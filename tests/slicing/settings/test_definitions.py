@@ -171,7 +171,7 @@ def test_only_keys_of_the_extruder_are_listed_for_it():
         ("extruderValueFromContainer(0, 'width', 0)", 3.0),  # the layer of the user and all lower ones
         ("extruderValueFromContainer(0, 'width', 3)", 2.0),  # the layer of the quality and all lower ones
         ("extruderValueFromContainer(0, 'width', 7)", 0.5),  # the definition
-        ("extruderValueFromContainer(0, 'child', 4)", 20),  # its inputs are read from there too
+        ("extruderValueFromContainer(0, 'child', 4)", 20),  # its inputs are read from the definition too
         ("valueFromContainer('height', 3)", 0.2),
         ("int(anyExtruderWithMaterial('flag')) + int(anyExtruderNrWithOrDefault('flag'))", 0),
     ],

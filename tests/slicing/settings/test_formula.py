@@ -12,7 +12,7 @@ from slicing.settings.formula import Formula, evaluate_formula
 SETTINGS = {"a": 3.0, "b": 4, "on": True, "kind": "zigzag", "list": [1, 2]}
 
 
-def evaluate(text, **functions):
+def evaluate_text(text, **functions):
     return evaluate_formula(Formula(text), SETTINGS.__getitem__, functions)
 
 
@@ -34,11 +34,11 @@ def evaluate(text, **functions):
     ],
 )
 def test_formulas_of_cura_are_evaluated(text, value):
-    assert evaluate(text) == pytest.approx(value)
+    assert evaluate_text(text) == pytest.approx(value)
 
 
 def test_cura_functions_are_called():
-    assert evaluate("extruderValue(0, 'x') + 1", extruderValue=lambda number, key: {"x": 41}[key]) == 42
+    assert evaluate_text("extruderValue(0, 'x') + 1", extruderValue=lambda number, key: {"x": 41}[key]) == 42
 
 
 @pytest.mark.parametrize(
@@ -68,7 +68,7 @@ def test_cura_functions_are_called():
 )
 def test_other_expressions_are_errors(text):
     with pytest.raises(DefinitionError):
-        evaluate(text)
+        evaluate_text(text)
 
 
 @given(
@@ -77,4 +77,4 @@ def test_other_expressions_are_errors(text):
     )
 )
 def test_arithmetic_equals_that_of_python(text):
-    assert evaluate(text) == pytest.approx(eval(text, {}, {"a": 3.0, "b": 4}))
+    assert evaluate_text(text) == pytest.approx(eval(text, {}, {"a": 3.0, "b": 4}))

@@ -1,4 +1,4 @@
-"""Layer heights that are fitted so that parts reach their height: for all heights, and in real slices."""
+"""Layer heights that are fitted so that parts reach their height, for all heights and in real slices."""
 
 import numpy as np
 import pytest
@@ -17,8 +17,8 @@ from slicing.settings.layer_heights import (
     fit_heights,
 )
 
-HIGHEST_MM = 320.0
-# Quality glue: half the nozzle, and Cura's first layer; the Ultimaker 2 has another first layer.
+MAX_HEIGHT_MM = 320.0
+# Quality glue has layers of half the nozzle and Cura's first layer; the Ultimaker 2 has another one.
 REQUESTED_HEIGHTS = {
     nozzle: LayerHeights(round(nozzle / 1.5, 2), round(nozzle / 2, 2)) for nozzle in (0.25, 0.4, 0.6, 0.8)
 }
@@ -26,14 +26,14 @@ CASES = [*REQUESTED_HEIGHTS.items(), (0.4, LayerHeights(0.3, 0.2))]
 cases = st.sampled_from(CASES)
 
 
-def fit_for_nozzle(height_mm, nozzle_mm, heights):
+def fit_layer_heights(height_mm, nozzle_mm, heights):
     return fit_heights(height_mm, heights, max_first_mm=0.8 * nozzle_mm)
 
 
-@given(st.floats(0.2, HIGHEST_MM), cases)
+@given(st.floats(0.2, MAX_HEIGHT_MM), cases)
 def test_layers_change_by_4_percent_at_most_and_the_first_stays_printable(height_mm, case):
     nozzle_mm, heights = case
-    result = fit_for_nozzle(height_mm, nozzle_mm, heights)
+    result = fit_layer_heights(height_mm, nozzle_mm, heights)
     assert abs(result.other_mm / heights.other_mm - 1) <= 0.04 + 1e-9
     assert 0.75 * heights.first_mm - 1e-3 <= result.first_mm <= 0.8 * nozzle_mm + 1e-9
     assert result.first_mm <= 1.25 * heights.first_mm + 1e-3
@@ -43,18 +43,20 @@ def test_layers_change_by_4_percent_at_most_and_the_first_stays_printable(height
 def test_every_part_of_enough_layers_is_printed_to_its_height(share, case):
     nozzle_mm, heights = case
     lowest_mm = MIN_EXACT_LAYERS * heights.other_mm
-    height_mm = lowest_mm + share * (HIGHEST_MM - lowest_mm)
+    height_mm = lowest_mm + share * (MAX_HEIGHT_MM - lowest_mm)
     assert (
-        abs(compute_printed_height_mm(height_mm, fit_for_nozzle(height_mm, nozzle_mm, heights)) - height_mm)
+        abs(
+            compute_printed_height_mm(height_mm, fit_layer_heights(height_mm, nozzle_mm, heights)) - height_mm
+        )
         <= MAX_HEIGHT_ERROR_MM
     )
 
 
-@given(st.floats(1.0, HIGHEST_MM), cases)
+@given(st.floats(1.0, MAX_HEIGHT_MM), cases)
 @example(156.94921875, (0.4, LayerHeights(0.3, 0.2)))  # the first layer changes by 4 % exactly
 def test_first_layer_changes_only_if_the_others_cannot_reach_the_height(height_mm, case):
     nozzle_mm, heights = case
-    result = fit_for_nozzle(height_mm, nozzle_mm, heights)
+    result = fit_layer_heights(height_mm, nozzle_mm, heights)
     heights_alone = fit_heights(height_mm, heights, max_first_mm=0.0)
     assert heights_alone.first_mm == heights.first_mm
     if abs(compute_printed_height_mm(height_mm, heights_alone) - height_mm) <= MAX_HEIGHT_ERROR_MM - 0.002:
@@ -88,31 +90,31 @@ def test_every_height_is_fitted_or_reported(nozzle_mm, heights):
 
 
 def find_reached_heights(heights, low_um, high_um):
-    """Return for each height in um whether a first layer within these limits reaches it within 20 um."""
-    other_um, count = round(1000 * heights.other_mm), int(1000 * HIGHEST_MM)
+    """Return for each height in um whether a first layer within the limits reaches it to within 20 um."""
+    other_um, count = round(1000 * heights.other_mm), int(1000 * MAX_HEIGHT_MM)
     is_reached = np.zeros(count + 1, dtype=bool)
-    for layer in range(int(np.ceil(0.96 * other_um)), int(1.04 * other_um) + 1):
-        for top in range(0, count, layer):
-            is_reached[max(0, top + low_um - 20) : top + high_um + 21] = True
+    for layer_um in range(int(np.ceil(0.96 * other_um)), int(1.04 * other_um) + 1):
+        for top_um in range(0, count, layer_um):
+            is_reached[max(0, top_um + low_um - 20) : top_um + high_um + 21] = True
     return is_reached[MIN_EXACT_LAYERS * other_um :]
 
 
-@given(st.floats(0.01, HIGHEST_MM), cases)
+@given(st.floats(0.01, MAX_HEIGHT_MM), cases)
 def test_fitting_never_increases_the_height_error(height_mm, case):
     nozzle_mm, heights = case
     plain_error_mm = abs(compute_printed_height_mm(height_mm, heights) - height_mm)
     assert abs(
-        compute_printed_height_mm(height_mm, fit_for_nozzle(height_mm, nozzle_mm, heights)) - height_mm
+        compute_printed_height_mm(height_mm, fit_layer_heights(height_mm, nozzle_mm, heights)) - height_mm
     ) <= max(plain_error_mm, MAX_HEIGHT_ERROR_MM)
 
 
 def test_layer_heights_that_fit_are_unchanged():
     heights = REQUESTED_HEIGHTS[0.4]
-    assert fit_for_nozzle(0.27 + 100 * 0.2, 0.4, heights) == heights
+    assert fit_layer_heights(0.27 + 100 * 0.2, 0.4, heights) == heights
     assert fit_heights(33.3, heights, max_first_mm=0.0).first_mm == heights.first_mm
 
 
-# A height of 40.93 mm also needs another first layer; 3.0 mm is low.
+# The height of 40.93 mm also needs another first layer; 3.0 mm has few layers.
 @pytest.mark.parametrize("height_mm", [3.0, 7.77, 25.4, 40.93, 61.13])
 def test_real_slice_has_the_height_of_the_part(make_request, resources, height_mm):
     part = PartSettings(height_mm=height_mm)

@@ -129,7 +129,7 @@ def test_no_infill_and_full_infill_are_within_the_limits(resources):
 
 
 def test_disabled_setting_is_not_a_violation(resources):
-    """Accept a value for the zigzag of supports that is out of range, as supports have no infill."""
+    """Accept a value out of range for the zigzag of supports, because the supports have no infill."""
     request = SettingsRequest(UM2_PLUS, overrides={"support_infill_rate": "0"})
     assert resolve_settings(request, resources).extruder["support_zag_skip_count"] == "0"
 
@@ -154,8 +154,8 @@ def test_limits_apply_to_every_key_that_heats(resources):
     ]
     assert len(command_keys) >= 8
     for key in command_keys:
-        greatest = LIMITS.max_bed_c if "bed" in key else LIMITS.max_nozzle_c
-        assert f"at most {greatest:g}" in read_refusal(resources, {key: f"{greatest + 1:g}"})
+        max_c = LIMITS.max_bed_c if "bed" in key else LIMITS.max_nozzle_c
+        assert f"at most {max_c:g}" in read_refusal(resources, {key: f"{max_c + 1:g}"})
 
 
 TEXTS = st.one_of(
@@ -173,15 +173,15 @@ def test_any_text_for_any_key_resolves_or_is_refused_in_one_line(resources, data
     key = data.draw(st.sampled_from(sorted({**machine.settings, **machine.extruder})))
     request = SettingsRequest(UM2_PLUS, overrides={key: data.draw(TEXTS)})
     try:
-        resolved = resolve_settings(request, resources)
-    except BadSetting as refusal:
-        assert str(refusal).isprintable()
-        assert len(str(refusal)) < 400
+        resolved_settings = resolve_settings(request, resources)
+    except BadSetting as error:
+        assert str(error).isprintable()
+        assert len(str(error)) < 400
     else:
-        assert 0 <= resolved.nozzle_c <= LIMITS.max_nozzle_c
-        assert 0 <= resolved.bed_c <= LIMITS.max_bed_c
-        assert 0 < resolved.layer_height_mm <= 0.32
-        assert resolved.global_["machine_gcode_flavor"] == "RepRap (Marlin/Sprinter)"
+        assert 0 <= resolved_settings.nozzle_c <= LIMITS.max_nozzle_c
+        assert 0 <= resolved_settings.bed_c <= LIMITS.max_bed_c
+        assert 0 < resolved_settings.layer_height_mm <= 0.32
+        assert resolved_settings.global_["machine_gcode_flavor"] == "RepRap (Marlin/Sprinter)"
 
 
 def test_limits_follow_the_printer_model(resources):

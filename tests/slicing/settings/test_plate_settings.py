@@ -27,10 +27,8 @@ def test_quality_paper_has_the_settings_of_the_paper(resources, make_settings):
     if "material_shrinkage_percentage_xy" in resources.read_machine("ultimaker2_plus").settings:
         pytest.skip("the figures are those of Cura 4.13")
     settings = make_settings("paper")
-    assert (len(settings.global_), len(settings.extruder)) == (
-        575,
-        458,
-    )  # the extruder's 457, and support_enable
+    # The extruder has its own 457 settings, and support_enable.
+    assert (len(settings.global_), len(settings.extruder)) == (575, 458)
     assert (settings.layer_height_mm, settings.layer_height_0_mm, settings.line_width_mm) == (
         0.25,
         0.27,
@@ -82,19 +80,19 @@ def test_model_without_its_own_qualities_uses_those_of_all_machines(resources):
 
 
 @pytest.mark.parametrize(
-    ("quality", "bed", "top"),
+    ("quality", "bed_layers", "top_layers"),
     [("paper", 3, 3), ("paper-hidden", 1, 2), ("glue", 2, 3), ("glue-strong", 4, 4)],
 )
-def test_hidden_faces_get_fewer_solid_layers(resources, make_settings, quality, bed, top):
+def test_hidden_faces_get_fewer_solid_layers(resources, make_settings, quality, bed_layers, top_layers):
     request = SettingsRequest(UM2_PLUS, quality)
     settings = make_settings(quality)
-    assert (settings.hidden.bed_layers, settings.hidden.top_layers) == (bed, top)
+    assert (settings.hidden.bed_layers, settings.hidden.top_layers) == (bed_layers, top_layers)
     hidden_settings = resolve_settings(
         request, resources, PartSettings(bed_face_hidden=True, tops_hidden=True)
     )
     assert (hidden_settings.extruder["initial_bottom_layers"], hidden_settings.extruder["top_layers"]) == (
-        str(bed),
-        str(top),
+        str(bed_layers),
+        str(top_layers),
     )
     # Faces that are not on the bed keep their layers, and so does a part without hidden faces.
     assert (
@@ -112,7 +110,7 @@ def test_hidden_faces_get_fewer_solid_layers(resources, make_settings, quality, 
         ({}, 50.0, 30.0),
         ({"quality": "paper"}, 30.0, 30.0),
         ({"nozzle_mm": 0.8}, 40.0, 20.0),  # infill is slower than inner walls
-        ({"material": "generic_abs"}, 60.0, 30.0),  # inner walls of 80 mm/s: twice Cura's speed is enough
+        ({"material": "generic_abs"}, 60.0, 30.0),  # twice Cura's speed, less than that of inner walls
         ({"material": "generic_tpu"}, 35.0, 35.0),
         ({"printer": PRINTERS["ultimaker2"]}, 60.0, 30.0),
         ({"printer": PRINTERS["creality_ender3"], "material": "generic_pla_175"}, 25.0, 25.0),
@@ -140,7 +138,7 @@ def test_only_visible_tops_have_a_roof(resources):
     assert count_roofs(PartSettings(), top_layers="1") == 0
 
 
-def test_glue_closes_its_tops_at_any_layer_height(make_settings):
+def test_quality_glue_closes_its_tops_at_any_layer_height(make_settings):
     assert make_settings("glue").top_layers >= 4
     assert make_settings("glue", layer_height="0.3").top_layers == 4
     assert make_settings("glue").support_enabled
@@ -173,20 +171,20 @@ def test_line_distance_counts_all_lines_of_a_crossing_pattern(make_settings):
 
 
 def test_start_code_contains_the_temperatures(make_settings):
-    start = make_settings("paper", material_print_temperature="215").global_["machine_start_gcode"]
-    assert "M109 S215" in start
-    assert "M190 S50" in start
-    assert "{" not in start
+    start_code = make_settings("paper", material_print_temperature="215").global_["machine_start_gcode"]
+    assert "M109 S215" in start_code
+    assert "M190 S50" in start_code
+    assert "{" not in start_code
 
 
 @pytest.mark.parametrize("material", ["generic_pla", "generic_tpu", "generic_nylon", "generic_pc"])
-def test_glue_keeps_its_brim_if_the_profile_of_cura_counts_lines(resources, material):
+def test_quality_glue_keeps_its_brim_if_the_profile_of_cura_counts_lines(resources, material):
     overrides = {"default_material_print_temperature": "240"}
     request = SettingsRequest(UM2_PLUS, material=material, overrides=overrides)
     settings = resolve_settings(request, resources)
     assert settings.brim_width_mm == pytest.approx(compute_brim_mm(settings, 8.0))
-    narrow = resolve_settings(request, resources, PartSettings(brim_width_mm=3.0))
-    assert narrow.brim_width_mm == pytest.approx(compute_brim_mm(narrow, 3.0))
+    narrow_settings = resolve_settings(request, resources, PartSettings(brim_width_mm=3.0))
+    assert narrow_settings.brim_width_mm == pytest.approx(compute_brim_mm(narrow_settings, 3.0))
 
 
 def test_width_of_brim_and_skirt_follows_the_adhesion_type(make_settings):

@@ -1,4 +1,4 @@
-"""All printer models, nozzles, materials and qualities: resolved, or refused with the alternatives."""
+"""All printer models, nozzles, materials and qualities, which are resolved or refused with alternatives."""
 
 from collections import Counter
 
@@ -32,7 +32,7 @@ REASONS = (
     "out of range; at",
     "a raft is not supported; set it to",
 )
-# Cura's own profiles violate its definitions here, such as by a speed that the feeder does not reach.
+# Cura's own profiles violate its definitions here, for example by a speed that exceeds the feeder's.
 CURA_VIOLATIONS = {
     "material_anti_ooze_retraction_speed",
     "material_break_preparation_speed",
@@ -56,8 +56,8 @@ def test_every_combination_of_printer_and_quality_resolves(resources, model, noz
                 settings = resolve_settings(
                     SettingsRequest(PRINTERS[model], quality, material, nozzle_mm), resources
                 )
-            except BadSetting as refused:
-                message = str(refused)
+            except BadSetting as error:
+                message = str(error)
                 assert any(reason in message for reason in REASONS), message
                 assert "\n" not in message
                 outcomes["refused"] += 1
@@ -92,20 +92,20 @@ def test_violations_by_profiles_of_cura_are_listed(resources, model):
 
 
 def test_brand_without_qualities_uses_those_of_its_kind(resources):
-    brand, generic = (
+    brand_settings, generic_settings = (
         resolve_settings(SettingsRequest(UM2_PLUS, "glue", material), resources)
         for material in ("ultimaker_cpe_plus_black", "generic_cpe_plus")
     )
-    assert brand.speed_wall_0_mm_s == generic.speed_wall_0_mm_s
-    assert brand.layer_height_mm == generic.layer_height_mm
+    assert brand_settings.speed_wall_0_mm_s == generic_settings.speed_wall_0_mm_s
+    assert brand_settings.layer_height_mm == generic_settings.layer_height_mm
 
 
 def test_unheated_bed_has_no_target(resources):
     settings = resolve_settings(SettingsRequest(PRINTERS["ultimaker2_go"]), resources)
-    start = settings.global_["machine_start_gcode"]
-    assert "M109 S" in start
-    assert "M140" not in start
-    assert "M190" not in start
+    start_code = settings.global_["machine_start_gcode"]
+    assert "M109 S" in start_code
+    assert "M140" not in start_code
+    assert "M190" not in start_code
 
 
 @pytest.mark.parametrize(

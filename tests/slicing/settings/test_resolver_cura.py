@@ -27,20 +27,20 @@ def find_cura_resources(version):
     folder_name = os.environ.get(f"FARM_CURA_RESOURCES_{version.replace('.', '_')}")
     try:
         result = Resources(Path(folder_name)) if folder_name else find_resources()
-    except EngineMissing as missing:
-        pytest.skip(str(missing))
+    except EngineMissing as error:
+        pytest.skip(str(error))
     root = json.loads((result.root / "definitions" / "fdmprinter.def.json").read_text())
     if root["metadata"]["setting_version"] != SETTING_VERSIONS[version]:
         pytest.skip(f"the settings in {result.root} are not Cura {version}'s")
     return result
 
 
-def are_equal(value, cura):
-    """Compare values as the engine reads them: without the last digit of numbers and the case of words."""
+def are_equal(value, cura_value):
+    """Compare values as the engine reads them, ignoring the last digit of numbers and the case of words."""
     try:
-        return math.isclose(float(value), float(cura), rel_tol=1e-9)
+        return math.isclose(float(value), float(cura_value), rel_tol=1e-9)
     except ValueError:
-        return value.lower() == cura.lower()
+        return value.lower() == cura_value.lower()
 
 
 @pytest.mark.parametrize(
@@ -53,20 +53,20 @@ def are_equal(value, cura):
 )
 def test_every_setting_equals_that_of_cura(version, number):
     recording, resources = RECORDED_SETTINGS[version], find_cura_resources(version)
-    machine, nozzle, material, quality, user = recording["combinations"][number]
+    machine, nozzle, material, quality, user_changes = recording["combinations"][number]
     stacks = find_stacks(resources, machine, float(nozzle.split()[0]), material, quality)
     changes = {
         key: Formula(value[1:]) if isinstance(value, str) and value.startswith("=") else value
-        for key, value in user.items()
+        for key, value in user_changes.items()
     }
     layers = {scope: {ProfileIndex.USER: changes, **profiles} for scope, profiles in stacks.layers.items()}
     resolver = Resolver(stacks.machine.settings, stacks.machine.extruder, layers)
     for scope in Scope:
         values = {key: row[number] for key, row in recording[scope].items() if row[number] is not None}
-        resolved = {key: str(resolver.compute_value(scope, key)) for key in resolver.list_keys(scope)}
-        assert resolved.keys() == values.keys()
+        resolved_values = {key: str(resolver.compute_value(scope, key)) for key in resolver.list_keys(scope)}
+        assert resolved_values.keys() == values.keys()
         assert {
-            key: (resolved[key], value)
+            key: (resolved_values[key], value)
             for key, value in values.items()
-            if not are_equal(resolved[key], value)
+            if not are_equal(resolved_values[key], value)
         } == {}

@@ -1,4 +1,4 @@
-"""The engine `cube-skeleton`: a hollow shell cut by the sides of a cube inside."""
+"""The engine `cube-skeleton`: a hollow shell that is cut by the sides of a cube inside it."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def make_ball(radius_mm: float) -> Model:
 
 @settings(max_examples=80, deadline=None)
 @given(shape=shapes, seed=st.integers(0, 10**6), share=st.floats(0.0, 1.0))
-def test_blocks_cover_the_cells_once(shape: tuple[int, int, int], seed: int, share: float) -> None:
+def test_blocks_cover_each_cell_once(shape: tuple[int, int, int], seed: int, share: float) -> None:
     cells = np.random.default_rng(seed).random(shape) < share
     cover_count = np.zeros(shape, int)
     for x0, y0, z0, x1, y1, z1 in cover_by_boxes(cells):
@@ -153,8 +153,8 @@ def test_grid_planes_lie_on_the_sides_of_the_refined_cube(cost: CostModel) -> No
     sides_mm = np.array([[planes[a][cube[a]] for a in range(3)], [planes[a][cube[a + 3]] for a in range(3)]])
     assert (sides_mm[0] >= cube_mm[0]).all() and (sides_mm[1] <= cube_mm[1]).all()
     for axis in range(3):
-        flats = find_flat_coordinates(vertices[faces], axis)
-        assert np.abs(sides_mm[:, axis, None] - flats).min(initial=np.inf) >= CLEAR_MM - 1e-9
+        flats_mm = find_flat_coordinates(vertices[faces], axis)
+        assert np.abs(sides_mm[:, axis, None] - flats_mm).min(initial=np.inf) >= CLEAR_MM - 1e-9
     old_bounds_mm = grid.find_bounds_mm(first_cube)
     assert np.prod(sides_mm[1] - sides_mm[0]) > 1.1 * np.prod(old_bounds_mm[1] - old_bounds_mm[0])
     grid = fill_grid(vertices[faces], planes, GridRules(12.0, False, cost.overhang_cos, cost.skin_cos))
@@ -167,7 +167,7 @@ def test_grid_planes_lie_on_the_sides_of_the_refined_cube(cost: CostModel) -> No
 def test_cube_whose_parts_end_first_is_used(
     share: float, chosen_index: int, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Use the refined cube of a ball if its parts end sooner, else the first cube."""
+    """Expect the refined cube of a ball if its parts end sooner, otherwise the first cube."""
     cuts, cut_shell = [], cube_skeleton._cut_shell
 
     def scale_cube(_: Solid, cube_mm: np.ndarray, *__: object) -> np.ndarray:
@@ -195,11 +195,14 @@ def test_cubes_are_compared_by_the_times_of_their_pieces(
         return tuple(Piece(Solid.box(*box), list_box_planes(box), box[None]) for box in boxes)
 
     equal_pieces, unequal_pieces = make_cubes(55.0, 55.0), make_cubes(60.0, 30.0)
-    slow, quick = replace(ROOM, name="slow", time_factor=1.5), replace(ROOM, name="quick", time_factor=0.5)
+    slow_printer, quick_printer = (
+        replace(ROOM, name="slow", time_factor=1.5),
+        replace(ROOM, name="quick", time_factor=0.5),
+    )
     for result in ([equal_pieces, unequal_pieces], [unequal_pieces, equal_pieces]):
         cuts = iter(result)
         monkeypatch.setattr(cube_skeleton, "_cut_shell", lambda *_, cuts=cuts: next(cuts))
-        problem = Problem(make_ball(95.0), (slow, quick), cost, OPTIONS)
+        problem = Problem(make_ball(95.0), (slow_printer, quick_printer), cost, OPTIONS)
         assert cube_skeleton.cut_by_cube_skeleton(problem).pieces is unequal_pieces
 
 
@@ -230,7 +233,8 @@ def test_faithful_form_reproduces_the_published_parts(cost: CostModel) -> None:
     with pytest.raises(NoFit, match="each on its own printer, but there are 2") as error:
         decompose_model(make_ball(95.0), make_printers(2), faithful_options, cost)
     printers_needed = error.value.printers_needed
-    assert printers_needed is not None and printers_needed >= 13  # 26 parts, paired at most once
+    # There are 26 parts, which are merged in pairs at most.
+    assert printers_needed is not None and printers_needed >= 13
     assert (
         len(decompose_model(make_ball(95.0), make_printers(26), faithful_options, cost).parts)
         == printers_needed

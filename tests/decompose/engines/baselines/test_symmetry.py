@@ -109,7 +109,8 @@ def test_planes_of_symmetry_differ_and_the_best_is_first() -> None:
     )
     asymmetric_points = np.random.default_rng(1).uniform(0.0, 100.0, (60, 3))
     assert not find_good_mirrors(asymmetric_points, np.random.default_rng(0), 3, 5)
-    assert len(draw_mirrors(asymmetric_points, np.random.default_rng(0), 5)) >= 3  # whatever their errors
+    # These are returned regardless of their errors.
+    assert len(draw_mirrors(asymmetric_points, np.random.default_rng(0), 5)) >= 3
 
 
 @pytest.mark.parametrize("options", [OPTIONS, FAITHFUL_OPTIONS])

@@ -18,18 +18,18 @@ from decompose.printers import PrinterRoom
 from decompose.problem import Problem
 from decompose.results import Decomposition
 
-LOW = ((100.0, 100.0, 100.0),)
-HIGH = ((100.0, 100.0, 160.0),)
+LOW_ROOM = ((100.0, 100.0, 100.0),)
+HIGH_ROOM = ((100.0, 100.0, 160.0),)
 OPTIONS = Options(Engine.GUILLOTINE, granularity=6, prove=False, fit_first_layer=False)
 
 
 def compute_ends_s(result: Decomposition, printers: Sequence[PrinterRoom]) -> dict[str, float]:
-    """Compute the end of each part from its printer."""
+    """Compute when each part ends on its printer."""
     factors = {printer.name: printer.time_factor for printer in printers}
     return {part.printer: part.price_s * factors[part.printer] for part in result.parts}
 
 
-def compute_shared_s(model: Model, printers: Sequence[PrinterRoom], cost: CostModel) -> float:
+def compute_common_room_makespan_s(model: Model, printers: Sequence[PrinterRoom], cost: CostModel) -> float:
     """Compute the makespan of a search that assumes the common room and equal speeds."""
     equal_printers = tuple(replace(printer, time_factor=1.0) for printer in printers)
     problem = Problem(model, equal_printers, cost, OPTIONS)
@@ -37,31 +37,33 @@ def compute_shared_s(model: Model, printers: Sequence[PrinterRoom], cost: CostMo
     times_s = sorted((pose.price_s for pose in poses if pose is not None), reverse=True)
     assert len(times_s) == len(poses)
     sorted_factors = sorted(printer.time_factor for printer in printers)
-    return max(time * factor for time, factor in zip(times_s, sorted_factors[: len(times_s)], strict=True))
+    return max(
+        time_s * factor for time_s, factor in zip(times_s, sorted_factors[: len(times_s)], strict=True)
+    )
 
 
 @pytest.fixture(scope="module")
 def tower() -> Model:
-    """Make a model higher than two low printers, but not higher than a low and a high one."""
+    """Make a model that is too high for two low printers, but not for a low and a high one."""
     return Model(Solid.box((0, 0, 0), (90, 90, 230)), (), 1.0)
 
 
 def test_part_may_use_the_full_height_of_its_printer(tower: Model, cost: CostModel) -> None:
-    printers = [PrinterRoom("low", LOW), PrinterRoom("high", HIGH)]
+    printers = [PrinterRoom("low", LOW_ROOM), PrinterRoom("high", HIGH_ROOM)]
     result = decompose_model(tower, printers, OPTIONS, cost)
-    heights = {part.printer: np.ptp(part.build_printing_mesh()[0], axis=0)[2] for part in result.parts}
-    assert heights["low"] <= 100.0
-    assert 100.0 < heights["high"] <= 160.0
+    heights_mm = {part.printer: np.ptp(part.build_printing_mesh()[0], axis=0)[2] for part in result.parts}
+    assert heights_mm["low"] <= 100.0
+    assert 100.0 < heights_mm["high"] <= 160.0
     with pytest.raises(NoFit, match="needs 3 parts"):
         decompose_model(tower, [replace(printers[0], name=str(i)) for i in range(2)], OPTIONS, cost)
 
 
 def test_too_few_printers_are_reported_with_the_required_kind(cost: CostModel) -> None:
-    """Check that the error names two more of the higher printers."""
+    """Check that the error asks for two more of the high printers."""
     model = Model(Solid.box((0, 0, 0), (90, 90, 700)), (), 1.0)
     options = replace(OPTIONS, granularity=8)
-    low_rooms = [PrinterRoom(f"low-{i}", LOW) for i in range(3)]
-    high_rooms = [PrinterRoom(f"high-{i}", HIGH) for i in range(3)]
+    low_rooms = [PrinterRoom(f"low-{i}", LOW_ROOM) for i in range(3)]
+    high_rooms = [PrinterRoom(f"high-{i}", HIGH_ROOM) for i in range(3)]
     message = r"needs 6 parts.*there are 4: free 2 more with room for 100 x 100 x 160 mm"
     with pytest.raises(NoFit, match=message) as error:
         decompose_model(model, [*low_rooms, high_rooms[0]], options, cost)
@@ -72,21 +74,24 @@ def test_too_few_printers_are_reported_with_the_required_kind(cost: CostModel) -
 
 
 def test_fast_printer_gets_more_work(ring_with_bar: Solid, cost: CostModel) -> None:
-    printers = [*(PrinterRoom(f"fine-{i}", HIGH) for i in range(3)), PrinterRoom("wide", HIGH, 0.45)]
+    printers = [
+        *(PrinterRoom(f"fine-{i}", HIGH_ROOM) for i in range(3)),
+        PrinterRoom("wide", HIGH_ROOM, 0.45),
+    ]
     model = Model(ring_with_bar, (), 1.0)
     result = decompose_model(model, printers, OPTIONS, cost)
     ends_s = compute_ends_s(result, printers)
     assert result.makespan_s == max(ends_s.values())
-    assert result.makespan_s < 0.9 * compute_shared_s(model, printers, cost)
-    longest = max(result.parts, key=lambda part: part.price_s)
-    assert longest.printer == "wide"
+    assert result.makespan_s < 0.9 * compute_common_room_makespan_s(model, printers, cost)
+    longest_part = max(result.parts, key=lambda part: part.price_s)
+    assert longest_part.printer == "wide"
     assert result.lower_bound_s <= result.grid_makespan_s
 
 
 def test_bound_holds_for_the_quickest_printer_with_the_largest_room(
     ring_with_bar: Solid, cost: CostModel
 ) -> None:
-    printers = [PrinterRoom("a", LOW, 1.2), PrinterRoom("b", LOW), PrinterRoom("c", HIGH, 0.7)]
+    printers = [PrinterRoom("a", LOW_ROOM, 1.2), PrinterRoom("b", LOW_ROOM), PrinterRoom("c", HIGH_ROOM, 0.7)]
     result = decompose_model(Model(ring_with_bar, (), 1.0), printers, replace(OPTIONS, prove=True), cost)
     best_printers = [replace(printers[2], name=name) for name in "abc"]
     best_result = decompose_model(Model(ring_with_bar, (), 1.0), best_printers, OPTIONS, cost)

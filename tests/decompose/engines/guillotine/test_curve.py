@@ -1,4 +1,4 @@
-"""Curve over the number of printers, compared with a search for each number."""
+"""Curve of makespans over the number of printers, compared with a search for each number."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ def test_each_point_equals_a_separate_search(shape: Shape, seed: int) -> None:
         p.printers: p.makespan_s for p in compute_makespan_curve([tables], make_equal_fleets(MAX_PRINTERS))
     }
     for printers in range(1, MAX_PRINTERS + 1):
-        least_s = Partitioner(tables).find_min_makespan(printers, 0.0, tolerance_s=1e-3)
-        if least_s is None or not is_needed.any():
+        min_makespan_s = Partitioner(tables).find_min_makespan(printers, 0.0, tolerance_s=1e-3)
+        if min_makespan_s is None or not is_needed.any():
             assert printers not in points
         else:
-            assert least_s - 2e-3 <= points[printers] <= least_s / (1.0 - TOLERANCE)
+            assert min_makespan_s - 2e-3 <= points[printers] <= min_makespan_s / (1.0 - TOLERANCE)
 
 
 @settings(max_examples=20, deadline=None)
@@ -64,13 +64,17 @@ def test_each_point_of_unequal_printers_equals_a_separate_search(
     fleets = np.cumsum(np.eye(2, dtype=np.int64)[order], axis=0)
     points = {p.printers: p.makespan_s for p in compute_makespan_curve([scaled_tables, other_boxes], fleets)}
     for first_count, other_count in fleets.tolist():
-        least_s = Partitioner(scaled_tables, [OtherClass(other_boxes, other_count)]).find_min_makespan(
+        min_makespan_s = Partitioner(scaled_tables, [OtherClass(other_boxes, other_count)]).find_min_makespan(
             first_count, 0.0, tolerance_s=1e-3
         )
-        if least_s is None or not is_needed.any():
+        if min_makespan_s is None or not is_needed.any():
             assert first_count + other_count not in points
         else:
-            assert least_s - 2e-3 <= points[first_count + other_count] <= (least_s + 2e-3) / (1.0 - TOLERANCE)
+            assert (
+                min_makespan_s - 2e-3
+                <= points[first_count + other_count]
+                <= (min_makespan_s + 2e-3) / (1.0 - TOLERANCE)
+            )
 
 
 def test_more_printers_never_take_longer_and_threads_change_nothing() -> None:
@@ -90,12 +94,12 @@ def test_curve_of_an_empty_model_is_empty() -> None:
 
 def test_knee_includes_the_work_of_a_person() -> None:
     points = [CurvePoint(n, 36000.0 / n) for n in range(1, 101)]
-    assert find_knee(points, clear_s=300.0, assemble_s=60.0).printers == 10  # the root of 36000 / 360
+    assert find_knee(points, clear_s=300.0, assemble_s=60.0).printers == 10  # the square root of 36000 / 360
     assert find_knee(points, clear_s=0.0, assemble_s=0.0).printers == 100
     assert find_knee([CurvePoint(3, 100.0), CurvePoint(4, 100.0)], 0.0, 0.0).printers == 3
 
 
-def test_fewest_printers_in_time_or_the_fastest() -> None:
+def test_fewest_printers_in_time_or_else_the_fastest_are_chosen() -> None:
     points = [CurvePoint(1, 9.0), CurvePoint(2, 5.0), CurvePoint(3, 4.0), CurvePoint(4, 4.0)]
     assert [find_fewest_in_time(points, within_s).printers for within_s in (9.0, 8.9, 5.0, 4.5, 3.0)] == [
         1,
@@ -106,7 +110,7 @@ def test_fewest_printers_in_time_or_the_fastest() -> None:
     ]
 
 
-def test_time_to_glue_counts_where_the_parts_have_to_be_glued_in_time() -> None:
+def test_gluing_time_counts_if_the_parts_must_be_glued_in_time() -> None:
     points = [CurvePoint(1, 100.0), CurvePoint(2, 60.0), CurvePoint(3, 45.0), CurvePoint(4, 40.0)]
     assert find_fewest_in_time(points, 70.0).printers == 2
     assert find_fewest_in_time(points, 70.0, handling_s=5.0).printers == 2

@@ -42,12 +42,12 @@ def compute_work_s(search: ExactSearch, boxes: list[Box]) -> float:
 def test_looser_partitions_are_complete_without_more_work(
     search_result: tuple[ExactSearch, list[Box]],
 ) -> None:
-    search, best = search_result
-    results = [list(partition) for partition in search.list_looser_partitions(best)]
+    search, best_partition = search_result
+    results = [list(partition) for partition in search.list_looser_partitions(best_partition)]
     assert 0 < len(results) <= len(LOOSER_LIMIT_SHARES)
-    assert len({frozenset(partition) for partition in [best, *results]}) == len(results) + 1
+    assert len({frozenset(partition) for partition in [best_partition, *results]}) == len(results) + 1
     limits_s = [max(search.true_times_s[box] for box in partition) for partition in results]
-    assert min(limits_s) >= max(search.true_times_s[box] for box in best)
+    assert min(limits_s) >= max(search.true_times_s[box] for box in best_partition)
     for partition in results:
         cover_count = np.zeros(search.grid.shape, dtype=np.int64)
         for a, b, c, d, e, f in partition:
@@ -55,7 +55,9 @@ def test_looser_partitions_are_complete_without_more_work(
         assert cover_count.max() == 1
         assert cover_count[search.grid.needed].all()
         assert sum(len(search.cut[box]) for box in partition) <= len(ROOMS)
-    assert min(compute_work_s(search, partition) for partition in results) <= compute_work_s(search, best)
+    assert min(compute_work_s(search, partition) for partition in results) <= compute_work_s(
+        search, best_partition
+    )
 
 
 def test_earliest_end_after_plane_shifts_is_chosen(task: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -85,7 +87,7 @@ def test_earliest_end_after_plane_shifts_is_chosen(task: Problem, monkeypatch: p
 def test_partitions_far_above_the_best_are_not_improved(
     best_known_s: float, budget_s: float, thorough: bool, task: Problem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def refuse_to_list(self: ExactSearch, best: list[Box]) -> Iterator[dict[Box, list[Piece]]]:
+    def refuse_to_list(self: ExactSearch, best_partition: list[Box]) -> Iterator[dict[Box, list[Piece]]]:
         raise AssertionError
 
     monkeypatch.setattr(ExactSearch, "list_looser_partitions", refuse_to_list)
@@ -120,16 +122,16 @@ def test_corrected_piece_counts_need_few_solves(
 def test_search_ends_when_its_share_of_the_budget_is_spent(
     task: Problem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Use partitions whose corrections never end, after a first one that is found."""
+    """Use corrections that never end once a first partition has been found."""
     corrections = 0
 
-    def correct_once(self: ExactSearch, partition: list[Box]) -> bool:
+    def correct_after_first_call(self: ExactSearch, partition: list[Box]) -> bool:
         nonlocal corrections
         corrections += 1
         assert corrections < 1000
         return corrections > 1
 
-    monkeypatch.setattr(ExactSearch, "_correct_piece_counts", correct_once)
+    monkeypatch.setattr(ExactSearch, "_correct_piece_counts", correct_after_first_call)
     monkeypatch.setattr(ExactSearch, "_forbid_faulty_boxes", lambda self, _: False)
     monkeypatch.setattr(ExactSearch, "_compute_true_makespan_s", lambda self, _: 1e9)
     monkeypatch.setattr(ExactSearch, "_improve_partition", lambda self, _: [])

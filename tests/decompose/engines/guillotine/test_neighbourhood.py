@@ -63,11 +63,11 @@ def test_window_of_all_boxes_is_as_good_as_the_exact_search(shape: Shape, seed: 
     assume(is_needed.any())
     limit_s = share * 130.0 * float(np.prod(shape))
     window = Window(tables, [(0, 0, 0, *shape)], [])
-    fewest = window.count_fewest_parts(limit_s)
-    assert min(fewest, UNREACHABLE) <= Partitioner(tables).solve(limit_s)
-    if fewest < UNREACHABLE:
+    min_count = window.count_fewest_parts(limit_s)
+    assert min(min_count, UNREACHABLE) <= Partitioner(tables).solve(limit_s)
+    if min_count < UNREACHABLE:
         partition = window.list_chosen_boxes()
-        assert count_pieces(tables, partition) == fewest
+        assert count_pieces(tables, partition) == min_count
         assert (count_cover(shape, partition)[is_needed] == 1).all()
         assert max(sort_times_s(tables, partition)) <= limit_s
 

@@ -46,9 +46,9 @@ def find_best_by_recursion(tables: BoxTables, is_needed: np.ndarray, limit_s: fl
             ]
         for axis in range(3):
             for plane in range(box[axis] + 1, box[axis + 3]):
-                near, far = list(box), list(box)
-                near[axis + 3] = far[axis] = plane
-                a, b = find_best(tuple(near)), find_best(tuple(far))  # type: ignore[arg-type]
+                near_box, far_box = list(box), list(box)
+                near_box[axis + 3] = far_box[axis] = plane
+                a, b = find_best(tuple(near_box)), find_best(tuple(far_box))  # type: ignore[arg-type]
                 results.append((a[0] + b[0], a[1] + b[1], a[2] + b[2]))
         return min(results)
 
@@ -64,7 +64,7 @@ shapes = st.tuples(st.integers(1, 4), st.integers(1, 3), st.integers(1, 3))
 
 @settings(max_examples=40, deadline=None)
 @given(shape=shapes, seed=st.integers(0, 10**6), share=st.floats(0.05, 1.2))
-def test_minimum_number_of_parts_at_a_time_limit(shape: Shape, seed: int, share: float) -> None:
+def test_part_count_at_a_time_limit_equals_that_of_a_recursion(shape: Shape, seed: int, share: float) -> None:
     tables, is_needed = make_tables(shape, seed)
     limit_s = share * 130.0 * float(np.prod(shape))
     solver = Partitioner(tables)
@@ -90,7 +90,7 @@ def test_ties_are_broken_by_work_then_by_cut_area(
     shape: Shape, seed: int, share: float, has_equal_costs: bool
 ) -> None:
     tables, is_needed = make_tables(shape, seed)
-    if has_equal_costs:  # so that only cuts decide
+    if has_equal_costs:  # then only the cut areas differ
         tables.seconds[np.isfinite(tables.seconds)] = 100.0
     limit_s = share * 130.0 * float(np.prod(shape))
     solver = Partitioner(tables)
@@ -114,17 +114,17 @@ def test_free_or_busy_executor_changes_no_solution(
     tables, _ = make_tables(shape, seed)
     limit_s = share * 130.0 * float(np.prod(shape))
     serial_partitioner = Partitioner(tables)
-    fewest = serial_partitioner.solve(limit_s, break_ties=True)
+    min_count = serial_partitioner.solve(limit_s, break_ties=True)
     release = Event()
     with ThreadPoolExecutor(1) as executor:
         if is_busy:
             executor.submit(release.wait)
         parallel_partitioner = Partitioner(tables, executor=executor)
-        parallel_fewest = parallel_partitioner.solve(limit_s, break_ties=True)
+        parallel_min_count = parallel_partitioner.solve(limit_s, break_ties=True)
         release.set()
-    assert parallel_fewest == fewest
+    assert parallel_min_count == min_count
     assert (parallel_partitioner.counts == serial_partitioner.counts).all()
-    if fewest < UNREACHABLE:
+    if min_count < UNREACHABLE:
         assert parallel_partitioner.list_chosen_boxes() == serial_partitioner.list_chosen_boxes()
 
 
@@ -175,9 +175,9 @@ def list_shares_by_recursion(
         results = {tuple(item.count(i) for i in range(len(classes))) for item in class_choices}
         for axis in range(3):
             for plane in range(box[axis] + 1, box[axis + 3]):
-                near, far = list(box), list(box)
-                near[axis + 3] = far[axis] = plane
-                sides = find_shares(tuple(near)), find_shares(tuple(far))  # type: ignore[arg-type]
+                near_box, far_box = list(box), list(box)
+                near_box[axis + 3] = far_box[axis] = plane
+                sides = find_shares(tuple(near_box)), find_shares(tuple(far_box))  # type: ignore[arg-type]
                 results |= {tuple(np.add(a, b).tolist()) for a in sides[0] for b in sides[1]}
         return frozenset(share for share in results if max(share) <= max_count)
 
@@ -257,7 +257,7 @@ def test_more_printers_of_another_class_never_end_later(
 
 
 def cut_at_random(tables: BoxTables, box: Box, limit_s: float, rng: np.random.Generator) -> list[Box] | None:
-    """Make a guillotine partition of a box by random cuts, down to boxes that end in time, or None."""
+    """Divide a box by random guillotine cuts until all boxes end in time; return None if that fails."""
     index = int(tables.trimmed[index_box(box, tables.shape)])
     if index < 0:
         return []
@@ -268,9 +268,9 @@ def cut_at_random(tables: BoxTables, box: Box, limit_s: float, rng: np.random.Ge
     if not cuts:
         return None
     axis, plane = cuts[rng.integers(len(cuts))]
-    near, far = list(box), list(box)
-    near[axis + 3] = far[axis] = plane
-    sides = [cut_at_random(tables, tuple(side), limit_s, rng) for side in (near, far)]  # type: ignore[arg-type]
+    near_box, far_box = list(box), list(box)
+    near_box[axis + 3] = far_box[axis] = plane
+    sides = [cut_at_random(tables, tuple(side), limit_s, rng) for side in (near_box, far_box)]  # type: ignore[arg-type]
     return None if sides[0] is None or sides[1] is None else sides[0] + sides[1]
 
 
@@ -283,14 +283,14 @@ def test_random_cuts_give_no_better_partition(shape: Shape, seed: int, share: fl
     if result is None or not is_needed.any():
         reject()
     solver = Partitioner(tables)
-    least_s = solver.find_min_makespan(len(result), 0.0, tolerance_s=1e-3)
-    assert least_s is not None
+    min_makespan_s = solver.find_min_makespan(len(result), 0.0, tolerance_s=1e-3)
+    assert min_makespan_s is not None
     assert solver.find_longest_time_s() <= tables.find_longest_time_s(result)
     assert solver.solve(tables.find_longest_time_s(result)) <= len(result)
 
 
-def partition_greedily(tables: BoxTables, printers: int) -> list[Box]:
-    """Cut the costliest box at its best plane as long as printers are left."""
+def make_greedy_partition(tables: BoxTables, printers: int) -> list[Box]:
+    """Cut the slowest box at its best plane while printers are available."""
 
     def trim_box(box: list[int]) -> Box | None:
         index = int(tables.trimmed[index_box((*box,), tables.shape)])  # type: ignore[arg-type]
@@ -303,19 +303,19 @@ def partition_greedily(tables: BoxTables, printers: int) -> list[Box]:
         results = []
         for axis in range(3):
             for plane in range(box[axis] + 1, box[axis + 3]):
-                near, far = list(box), list(box)
-                near[axis + 3] = far[axis] = plane
-                results.append([side for side in (trim_box(near), trim_box(far)) if side is not None])
+                near_box, far_box = list(box), list(box)
+                near_box[axis + 3] = far_box[axis] = plane
+                results.append([side for side in (trim_box(near_box), trim_box(far_box)) if side is not None])
         return results
 
     box_of_all = trim_box([0, 0, 0, *tables.shape])
     parts = [] if box_of_all is None else [box_of_all]
     while parts and sum(int(tables.pieces[index_box(box, tables.shape)]) for box in parts) < printers:
-        worst = max(parts, key=get_seconds)
-        cuts = list_cuts(worst)
+        slowest_box = max(parts, key=get_seconds)
+        cuts = list_cuts(slowest_box)
         if not cuts:
             break
-        parts.remove(worst)
+        parts.remove(slowest_box)
         parts += min(cuts, key=lambda sides: max(get_seconds(side) for side in sides))
     return parts
 
@@ -324,7 +324,7 @@ def partition_greedily(tables: BoxTables, printers: int) -> list[Box]:
 @given(shape=st.tuples(*[st.integers(1, 6)] * 3), seed=st.integers(0, 10**6), printers=st.integers(1, 12))
 def test_greedy_cuts_give_no_better_partition(shape: Shape, seed: int, printers: int) -> None:
     tables, _ = make_tables(shape, seed)
-    result = partition_greedily(tables, printers)
+    result = make_greedy_partition(tables, printers)
     assume(result and np.isfinite(tables.find_longest_time_s(result)))
     count = sum(int(tables.pieces[index_box(box, shape)]) for box in result)
     solver = Partitioner(tables)
@@ -363,7 +363,7 @@ def rotate_tables(
     is_mirrored=st.tuples(*[st.booleans()] * 3),
     printers=st.integers(1, 8),
 )
-def test_turned_or_mirrored_model_takes_the_same_time(
+def test_rotated_or_mirrored_model_takes_the_same_time(
     shape: Shape, seed: int, axes: list[int], is_mirrored: tuple[bool, bool, bool], printers: int
 ) -> None:
     tables, _ = make_tables(shape, seed)

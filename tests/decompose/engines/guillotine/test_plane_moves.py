@@ -27,7 +27,7 @@ ROW[0, 1, 0] = ROW[1, 0, 0] = 0
 ROW[1, 1, 0] = ROW[2, 0, 0] = 1
 SLOPES = np.where(ROW >= 0, np.array([-1.0, 1.0])[None, :, None], 0.0)  # 1 s for each mm
 NO_LIMIT = np.full((3, 3), math.inf)
-FAR_MM = np.full(2, 100.0)
+MAX_SHIFTS_MM = np.full(2, 100.0)
 
 
 def convert_to_mm(boxes: list[Box]) -> np.ndarray:
@@ -39,9 +39,9 @@ def cut_at_random(rng: np.random.Generator, box: Box, cuts: int) -> list[Box]:
     axis = int(rng.integers(3))
     if cuts == 0 or box[axis + 3] - box[axis] < 2:
         return [box]
-    near, far = list(box), list(box)
-    near[axis + 3] = far[axis] = int(rng.integers(box[axis] + 1, box[axis + 3]))
-    return [b for side in (near, far) for b in cut_at_random(rng, tuple(side), cuts - 1)]  # type: ignore[arg-type]
+    near_box, far_box = list(box), list(box)
+    near_box[axis + 3] = far_box[axis] = int(rng.integers(box[axis] + 1, box[axis + 3]))
+    return [b for side in (near_box, far_box) for b in cut_at_random(rng, tuple(side), cuts - 1)]  # type: ignore[arg-type]
 
 
 @settings(max_examples=80, deadline=None)
@@ -105,7 +105,7 @@ def test_boxes_grow_over_free_empty_cells_only(seed: int, cuts: int) -> None:
     assert is_empty[grown_owners > owners].all()
 
 
-def test_overlapping_or_incomplete_boxes_are_no_partition() -> None:
+def test_overlapping_or_incomplete_boxes_are_not_a_partition() -> None:
     cells = NeededCells(PLANES, np.ones((6, 6, 6), dtype=bool))
     box = np.array([[[0.0, 0.0, 0.0], [60.0, 60.0, 60.0]]])
     assert cells.is_partition(box)
@@ -126,38 +126,41 @@ def test_plane_stops_before_flat_faces(flats: list[float], old_mm: float, new_mm
 
 
 def test_load_is_balanced_across_a_box_in_between() -> None:
-    moves, seconds = solve_plane_shifts(
-        np.array([20.0, 14.0, 8.0]), SLOPES, ROW, ShiftLimits(NO_LIMIT, NO_LIMIT, -FAR_MM, FAR_MM)
+    moves_mm, seconds = solve_plane_shifts(
+        np.array([20.0, 14.0, 8.0]),
+        SLOPES,
+        ROW,
+        ShiftLimits(NO_LIMIT, NO_LIMIT, -MAX_SHIFTS_MM, MAX_SHIFTS_MM),
     )
     assert seconds == pytest.approx(14.0)
-    assert moves == pytest.approx([-6.0, -6.0])
+    assert moves_mm == pytest.approx([-6.0, -6.0])
 
 
 def test_only_useful_planes_are_moved() -> None:
-    moves, seconds = solve_plane_shifts(
+    moves_mm, seconds = solve_plane_shifts(
         np.array([20.0, 20.0, 8.0]),
         SLOPES,
         ROW,
-        ShiftLimits(NO_LIMIT, NO_LIMIT, np.array([0.0, -1.0]), FAR_MM),
+        ShiftLimits(NO_LIMIT, NO_LIMIT, np.array([0.0, -1.0]), MAX_SHIFTS_MM),
     )
     assert seconds == pytest.approx(20.0)  # the first box cannot get shorter
-    assert moves == pytest.approx([0.0, 0.0])
+    assert moves_mm == pytest.approx([0.0, 0.0])
 
 
 @pytest.mark.parametrize("direction", ["longer", "shorter", "step"])
 def test_planes_move_up_to_their_limit(direction: str) -> None:
-    longer, shorter, step = NO_LIMIT.copy(), NO_LIMIT.copy(), FAR_MM
+    max_growth_mm, max_shrinkage_mm, max_shift_mm = NO_LIMIT.copy(), NO_LIMIT.copy(), MAX_SHIFTS_MM
     if direction == "longer":
-        longer[2, 0] = 1.0
+        max_growth_mm[2, 0] = 1.0
     elif direction == "shorter":
-        shorter[0, 0] = 3.0
+        max_shrinkage_mm[0, 0] = 3.0
     else:
-        step = np.array([3.0, 100.0])
-    limits = ShiftLimits(longer, shorter, -step, step)
-    moves, seconds = solve_plane_shifts(np.array([20.0, 0.0, 8.0]), SLOPES, ROW, limits)
+        max_shift_mm = np.array([3.0, 100.0])
+    limits = ShiftLimits(max_growth_mm, max_shrinkage_mm, -max_shift_mm, max_shift_mm)
+    moves_mm, seconds = solve_plane_shifts(np.array([20.0, 0.0, 8.0]), SLOPES, ROW, limits)
     if direction == "longer":
-        assert moves[1] == pytest.approx(-1.0)
+        assert moves_mm[1] == pytest.approx(-1.0)
         assert seconds == pytest.approx(9.5)
     else:
-        assert moves[0] == pytest.approx(-3.0)
+        assert moves_mm[0] == pytest.approx(-3.0)
         assert seconds == pytest.approx(17.0)

@@ -75,7 +75,7 @@ def test_cone_is_cut_into_two_parts_of_equal_time(cone: Solid, cost: CostModel) 
 def test_other_parts_are_balanced_if_one_pose_would_get_worse(
     cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Use a thin end that would need another pose if it were longer: the other cut moves."""
+    """Use a thin end that would need another pose if it were longer, so that the other cut moves."""
     task = make_problem(cone, cost, 3, cells=4)
     nx, ny, nz = task.build_grid(task.model).shape
     thirds = [0, nx // 3, 2 * nx // 3, nx]
@@ -85,8 +85,8 @@ def test_other_parts_are_balanced_if_one_pose_would_get_worse(
 
     def worsen_pose(self: Problem, piece: Piece) -> Pose | None:
         result = find_pose(self, piece)
-        longer = bool(piece.solid.bounds_mm[1, 0] > 239.0 and piece.solid.bounds_mm[0, 0] < end_mm - 0.1)
-        return replace(result, price_s=10.0 * result.price_s) if result and longer else result
+        is_longer = bool(piece.solid.bounds_mm[1, 0] > 239.0 and piece.solid.bounds_mm[0, 0] < end_mm - 0.1)
+        return replace(result, price_s=10.0 * result.price_s) if result and is_longer else result
 
     monkeypatch.setattr(Problem, "find_pose", worsen_pose)
     old_pieces, new_pieces = shift_boxes(task, boxes)
@@ -101,9 +101,9 @@ class RoundCounter:
         self.started_count = 0
         take_steps = _PlaneShift._take_steps
 
-        def count_round(start_shift: _PlaneShift, parts: list[BoxPart], slopes: np.ndarray) -> list[BoxPart]:
+        def count_round(shift: _PlaneShift, parts: list[BoxPart], slopes: np.ndarray) -> list[BoxPart]:
             self.started_count += 1
-            return take_steps(start_shift, parts, slopes)
+            return take_steps(shift, parts, slopes)
 
         monkeypatch.setattr(_PlaneShift, "_take_steps", count_round)
 
@@ -143,11 +143,11 @@ def test_last_round_prices_every_part(cone: Solid, cost: CostModel, monkeypatch:
     assert not task.effort.is_cut_short
 
 
-@pytest.mark.parametrize("faulty", [False, True])
-def test_useless_round_is_not_repeated_after_the_budget(
-    faulty: bool, cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("is_faulty", [False, True])
+def test_useless_round_is_not_repeated_after_the_budget_is_spent(
+    is_faulty: bool, cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Make every moved part ten times slower in its true pose, or impossible to glue well."""
+    """Make every moved part ten times slower in its true pose, or give it faults."""
     task = replace(make_problem(cone, cost, 2, cells=2), effort=Effort(0.0))
     grid = task.build_grid(task.model)
     find_pose = Problem.find_pose
@@ -158,7 +158,7 @@ def test_useless_round_is_not_repeated_after_the_budget(
 
     pieces_by_box = {box: cut_cells(cone, grid, box) for box in make_halves(task)}
     task.find_poses([piece for pieces in pieces_by_box.values() for piece in pieces])
-    if faulty:
+    if is_faulty:
         monkeypatch.setattr(_PlaneShift, "_has_faults", lambda *_: True)
     else:
         monkeypatch.setattr(Problem, "find_pose", worsen_pose)
@@ -192,7 +192,7 @@ def test_only_broken_parts_are_recut_to_find_the_face(cone: Solid, cost: CostMod
     broken_part = replace(slower_part, pieces=slower_part.pieces * 2, seconds=np.inf)
     assert search._stop_faces(parts, [broken_part, parts[1]])
     assert task.effort.done_units[Work.FACE_CUT] == search.nearby_solids[0].faces
-    assert not search._stop_faces(parts, [broken_part, parts[1]])  # it is barred already
+    assert not search._stop_faces(parts, [broken_part, parts[1]])  # its face is already barred
 
 
 def test_new_pose_is_computed_once_and_recorded(
@@ -216,24 +216,24 @@ def test_new_pose_is_computed_once_and_recorded(
     assert len({*posed_parts}) == len(posed_parts) == task.effort.done_units[Work.PIECE_POSED] > 4
 
 
-def test_slower_of_two_printers_gets_less(cone: Solid, cost: CostModel) -> None:
+def test_slower_of_two_printers_gets_less_work(cone: Solid, cost: CostModel) -> None:
     task = make_problem(cone, cost, 2, cells=2)
-    slow, quick = PrinterRoom("slow", ROOM, 1.2), PrinterRoom("quick", ROOM, 0.9)
-    task = replace(task, printers=(slow, quick))
+    slow_printer, quick_printer = PrinterRoom("slow", ROOM, 1.2), PrinterRoom("quick", ROOM, 0.9)
+    task = replace(task, printers=(slow_printer, quick_printer))
     grid = task.build_grid(task.model)
     nx, ny, nz = grid.shape
     pieces_by_box = {
         box: [replace(piece, printer=printer) for piece in cut_cells(cone, grid, box)]
         for box, printer in (
-            ((0, 0, 0, nx // 2, ny, nz), quick),
-            ((nx // 2, 0, 0, nx, ny, nz), slow),
+            ((0, 0, 0, nx // 2, ny, nz), quick_printer),
+            ((nx // 2, 0, 0, nx, ny, nz), slow_printer),
         )
     }
     before_s = compute_longest_s(task, [piece for pieces in pieces_by_box.values() for piece in pieces])
     new_pieces = shift_planes(task, grid, pieces_by_box)
     times_s = {p.printer: task.find_pose(p).price_s * p.time_factor for p in new_pieces}  # type: ignore[union-attr]
     assert compute_longest_s(task, new_pieces) < before_s
-    assert times_s[quick] == pytest.approx(times_s[slow], rel=0.03)
+    assert times_s[quick_printer] == pytest.approx(times_s[slow_printer], rel=0.03)
 
 
 def test_lid_moves_into_the_hollow_behind_it(cost: CostModel) -> None:
@@ -254,7 +254,7 @@ def test_lid_moves_into_the_hollow_behind_it(cost: CostModel) -> None:
 def test_next_search_continues_from_the_result_of_the_last(
     cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Limit the reach of a search; with `thorough`, several searches reach the best place."""
+    """Limit the reach of a search; with `thorough`, several searches reach the best position."""
     task = replace(make_problem(cone, cost, 2, cells=2), thorough=True)
     _, far_pieces = shift_boxes(task, make_halves(task))
     monkeypatch.setattr(plane_shift, "MAX_MOVE_SHARE", 0.05)
@@ -288,12 +288,12 @@ def test_shifted_plane_keeps_its_distance_from_a_flat_face(cost: CostModel) -> N
     thirds = [0, nx // 3, 2 * nx // 3, nx]
     old_pieces, new_pieces = shift_boxes(task, [(a, 0, 0, b, ny, nz) for a, b in pairwise(thirds)])
     vertices, faces = bar.arrays()
-    flats = find_flat_coordinates(vertices[faces], 0)
-    moved_mm = {float(piece.boxes_mm[0, 0, 0]) for piece in new_pieces} - {
+    flats_mm = find_flat_coordinates(vertices[faces], 0)
+    new_planes_mm = {float(piece.boxes_mm[0, 0, 0]) for piece in new_pieces} - {
         float(piece.boxes_mm[0, 0, 0]) for piece in old_pieces
     }
-    assert moved_mm
-    assert all(np.abs(flats - place).min() >= CLEAR_MM - 1e-6 for place in moved_mm)
+    assert new_planes_mm
+    assert all(np.abs(flats_mm - plane_mm).min() >= CLEAR_MM - 1e-6 for plane_mm in new_planes_mm)
     assert compute_longest_s(task, new_pieces) < compute_longest_s(task, old_pieces)
 
 

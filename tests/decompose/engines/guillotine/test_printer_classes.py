@@ -10,9 +10,9 @@ from decompose.engines.guillotine.partitioner import list_class_states
 from decompose.engines.guillotine.printer_classes import count_sums
 from decompose.printers import PrinterRoom
 
-PLUS = ((206.9, 190.9, 205.0), (164.9, 206.9, 205.0))
-EXTENDED = tuple((x, y, 305.0) for x, y, _ in PLUS)
-FLAT = ((250.0, 150.0, 100.0),)
+PLUS_BOXES = ((206.9, 190.9, 205.0), (164.9, 206.9, 205.0))
+EXTENDED_BOXES = tuple((x, y, 305.0) for x, y, _ in PLUS_BOXES)
+FLAT_BOXES = ((250.0, 150.0, 100.0),)
 
 
 def make_printers(
@@ -22,28 +22,28 @@ def make_printers(
 
 
 def test_equal_printers_are_one_class() -> None:
-    (printer_class,) = classify_printers(make_printers(*[(PLUS, 1.1)] * 5), 100.0)
-    assert (printer_class.boxes, printer_class.time_factor, printer_class.count) == (PLUS, 1.1, 5)
+    (printer_class,) = classify_printers(make_printers(*[(PLUS_BOXES, 1.1)] * 5), 100.0)
+    assert (printer_class.boxes, printer_class.time_factor, printer_class.count) == (PLUS_BOXES, 1.1, 5)
 
 
 def test_different_rooms_are_classes_but_similar_speeds_are_not() -> None:
-    fleet = make_printers(*[(PLUS, 1.0 + 0.002 * i) for i in range(8)], *[(EXTENDED, 1.0)] * 3)
+    fleet = make_printers(*[(PLUS_BOXES, 1.0 + 0.002 * i) for i in range(8)], *[(EXTENDED_BOXES, 1.0)] * 3)
     result = classify_printers(fleet, 100.0)
-    assert [(item.boxes, item.count) for item in result] == [(PLUS, 8), (EXTENDED, 3)]
+    assert [(item.boxes, item.count) for item in result] == [(PLUS_BOXES, 8), (EXTENDED_BOXES, 3)]
     assert result[0].time_factor == 1.014
 
 
-def test_wide_nozzle_is_a_separate_class_before_a_room() -> None:
-    fleet = make_printers(*[(PLUS, 1.0)] * 12, *[(PLUS, 0.4)] * 3, *[(EXTENDED, 1.0)] * 4)
+def test_speeds_are_separated_into_classes_before_rooms() -> None:
+    fleet = make_printers(*[(PLUS_BOXES, 1.0)] * 12, *[(PLUS_BOXES, 0.4)] * 3, *[(EXTENDED_BOXES, 1.0)] * 4)
     three_classes = classify_printers(fleet, 1000.0)
     assert [item.count for item in three_classes] == [12, 4, 3]
     two_classes = classify_printers(fleet, 20.0)
     assert [(item.count, item.time_factor) for item in two_classes] == [(16, 1.0), (3, 0.4)]
-    assert two_classes[0].boxes == PLUS
+    assert two_classes[0].boxes == PLUS_BOXES
 
 
 factors = st.floats(0.3, 2.0)
-rooms = st.sampled_from([PLUS, EXTENDED, FLAT])
+rooms = st.sampled_from([PLUS_BOXES, EXTENDED_BOXES, FLAT_BOXES])
 
 
 @given(fleet=st.lists(st.tuples(rooms, factors), min_size=1, max_size=20), max_count=st.integers(1, 200))

@@ -37,7 +37,7 @@ Shape = tuple[int, int, int]
 
 
 def make_random_tables(shape: Shape, seed: int) -> GrowthTables:
-    """Make random tables: some cells needed, some boxes too large or in two pieces; single cells fit."""
+    """Make random tables, in which some boxes are too large or in two pieces, and single cells fit."""
     rng = np.random.default_rng(seed)
     total = int(np.prod([n * (n + 1) // 2 for n in shape]))
     seconds = rng.uniform(1.0, 9.0, total).astype(np.float32)
@@ -99,13 +99,13 @@ def make_simple_tables(shape: Shape, seconds: np.ndarray, price_s: np.ndarray) -
 def test_growth_stops_where_no_block_can_grow() -> None:
     shape = (4, 1, 1)
     total = 10
-    flat = np.ones(total, np.float32)
-    tables = make_simple_tables(shape, flat, flat)
+    equal_seconds = np.ones(total, np.float32)
+    tables = make_simple_tables(shape, equal_seconds, equal_seconds)
     blocks, owner = grow_blocks([(0, 0, 0, 1, 1, 1), (3, 0, 0, 4, 1, 1)], tables, Score.LOW)
     assert owner.ravel().tolist() == [0, 0, 1, 1] or owner.ravel().tolist() == [0, 0, 0, 1]
-    too_large = flat.copy()
-    too_large[index_box((0, 0, 0, 2, 1, 1), shape)] = np.inf
-    tables = make_simple_tables(shape, too_large, flat)
+    limited_seconds = equal_seconds.copy()
+    limited_seconds[index_box((0, 0, 0, 2, 1, 1), shape)] = np.inf
+    tables = make_simple_tables(shape, limited_seconds, equal_seconds)
     blocks, owner = grow_blocks([(0, 0, 0, 1, 1, 1)], tables, Score.LOW)
     assert owner.ravel().tolist() == [0, FREE_CELL, FREE_CELL, FREE_CELL]
     assert fill_voids(blocks, owner.copy(), tables, 0) is None
@@ -114,14 +114,14 @@ def test_growth_stops_where_no_block_can_grow() -> None:
 
 @pytest.mark.parametrize(("score", "expected_cells"), [(Score.LOW, [0, 1]), (Score.HIGH, [1, 2])])
 def test_both_readings_of_the_score_are_used(score: Score, expected_cells: list[int]) -> None:
-    """Start from the middle of three cells: growth to the left is cheap, to the right expensive."""
+    """Start from the middle of three cells; growth to the left is cheap, growth to the right is expensive."""
     shape = (3, 1, 1)
-    price = np.ones(6, np.float32)
-    price[index_box((0, 0, 0, 2, 1, 1), shape)] = 2.0
-    price[index_box((1, 0, 0, 3, 1, 1), shape)] = 5.0
+    price_s = np.ones(6, np.float32)
+    price_s[index_box((0, 0, 0, 2, 1, 1), shape)] = 2.0
+    price_s[index_box((1, 0, 0, 3, 1, 1), shape)] = 5.0
     seconds = np.ones(6, np.float32)
     seconds[index_box((0, 0, 0, 3, 1, 1), shape)] = np.inf
-    tables = make_simple_tables(shape, seconds, price)
+    tables = make_simple_tables(shape, seconds, price_s)
     _, owner = grow_blocks([(1, 0, 0, 2, 1, 1)], tables, score)
     assert np.flatnonzero(owner.ravel() == 0).tolist() == expected_cells
 
@@ -157,13 +157,13 @@ def test_seeds_are_distinct_boundary_cells(ball_grid: Grid, ball_points: np.ndar
     result = draw_seeds(
         SeedSource(ball_points, ball_grid, make_empty_mask(ball_grid)), count, np.random.default_rng(3)
     )
-    boundary = int((ball_grid.cells == Cell.BOUNDARY).sum())
-    assert len(set(result)) == len(result) == min(count, boundary)
+    boundary_count = int((ball_grid.cells == Cell.BOUNDARY).sum())
+    assert len(set(result)) == len(result) == min(count, boundary_count)
     assert all(ball_grid.cells[x, y, z] == Cell.BOUNDARY for x, y, z, *_ in result)
     assert result == draw_seeds(
         SeedSource(ball_points, ball_grid, make_empty_mask(ball_grid)), count, np.random.default_rng(3)
     )
-    # Fewer vertices than seeds:
+    # There are fewer vertices than seeds.
     few_seeds = draw_seeds(
         SeedSource(ball_points[:3], ball_grid, make_empty_mask(ball_grid)), count, np.random.default_rng(3)
     )
@@ -223,8 +223,8 @@ def test_prices_of_the_paper_match_the_solid_in_each_box(
         assert tables.printing[number] == pytest.approx(expected_s, rel=1e-4, abs=1.0)
     whole_box = index_box((0, 0, 0, *shape), shape)
     # The surface of a ball that is steeper than the support angle projects to the same disc on all sides.
-    down_mm2 = math.pi * (150.0 * math.sin(math.radians(45.0))) ** 2
-    assert tables.overhang[whole_box] == pytest.approx(down_mm2, rel=0.1)
+    overhang_mm2 = math.pi * (150.0 * math.sin(math.radians(45.0))) ** 2
+    assert tables.overhang[whole_box] == pytest.approx(overhang_mm2, rel=0.1)
 
 
 def make_rotation(angle_rad: float, axis: tuple[float, float, float]) -> np.ndarray:
@@ -235,9 +235,9 @@ def make_rotation(angle_rad: float, axis: tuple[float, float, float]) -> np.ndar
 @given(angle_rad=st.floats(-3.0, 3.0), seed=st.integers(0, 100))
 def test_mirror_of_a_mirrored_cloud_is_found(angle_rad: float, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    half = rng.uniform((5.0, -60.0, -20.0), (100.0, 40.0, 30.0), (150, 3))
+    half_cloud = rng.uniform((5.0, -60.0, -20.0), (100.0, 40.0, 30.0), (150, 3))
     rotation = make_rotation(angle_rad, (1.0, 2.0, 0.5))
-    cloud = np.vstack([half, half * (-1.0, 1.0, 1.0)]) @ rotation.T + (7.0, 8.0, 9.0)
+    cloud = np.vstack([half_cloud, half_cloud * (-1.0, 1.0, 1.0)]) @ rotation.T + (7.0, 8.0, 9.0)
     mirror = find_mirror(cloud, np.random.default_rng(seed))
     assert mirror is not None
     assert abs(mirror.normal @ rotation[:, 0]) == pytest.approx(1.0, abs=1e-3)
@@ -283,11 +283,11 @@ def test_engine_returns_checked_parts(
     lo, hi = rotated_model.solid.bounds_mm
     assert np.min([p.solid.bounds_mm[0] for p in result.parts], axis=0) == pytest.approx(lo, abs=1e-6)
     assert np.max([p.solid.bounds_mm[1] for p in result.parts], axis=0) == pytest.approx(hi, abs=1e-6)
-    for part in result.parts:  # the print pose is still one that fits
-        width, depth, height = np.ptp(part.build_printing_mesh()[0], axis=0) - 1e-6
-        assert plus_room.fits(width, depth, height)
+    for part in result.parts:  # the printing pose still fits
+        width_mm, depth_mm, height_mm = np.ptp(part.build_printing_mesh()[0], axis=0) - 1e-6
+        assert plus_room.fits(width_mm, depth_mm, height_mm)
         assert part.build_printing_mesh()[0][:, 2].min() == pytest.approx(0.0, abs=1e-6)
-    if options.faithful:  # no part crosses the plane of symmetry, x = 0 before the block was turned
+    if options.faithful:  # no part crosses the plane of symmetry, which was x = 0 before the rotation
         direction = make_rotation(0.4, (0.0, 0.0, 1.0))[:, 0]
         sides = [part.solid.arrays()[0] @ direction for part in result.parts]
         assert all(side.min() > -1e-6 or side.max() < 1e-6 for side in sides)
@@ -300,8 +300,10 @@ def test_engine_returns_checked_parts(
 def test_option_faithful_uses_the_settings_of_the_paper(
     rotated_model: Model, plus_room: PrinterRoom, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Check a very fine grid, three tries, symmetry, 1 degree of overhang tolerance and speeds of 20 mm/s,
-    but no infill, which neither the paper's formulas nor its program have."""
+    """Check the grid, the tries, the symmetry, the overhang tolerance and the speed of the paper.
+
+    There is no infill, because neither the paper's formulas nor its program have any.
+    """
     calls: list[tuple[str, int, float]] = []
     build, draw = problem_module.build_grid, search.draw_seed_sets
 
@@ -326,7 +328,7 @@ def test_option_faithful_uses_the_settings_of_the_paper(
     result = decompose_model(rotated_model, printers, options, cost)
     assert result.options.granularity == "vfine" and result.options.parallelobox.tries == 3
     assert {size for kind, size, _ in calls if kind == "grid"} == {15}
-    assert math.sin(math.radians(1.0)) in {steep for kind, _, steep in calls if kind == "grid"}
+    assert math.sin(math.radians(1.0)) in {number for kind, _, number in calls if kind == "grid"}
     # Seed sets are drawn for the two halves.
     assert sorted(item[1:] for item in calls if item[0] == "draws") == [
         (4, 3),

@@ -9,7 +9,7 @@ NO_SEMAPHORES = """
 import _multiprocessing
 
 def refuse(*_, **__):
-    raise FileNotFoundError(2, "No such file or directory")  # as without /dev/shm
+    raise FileNotFoundError(2, "No such file or directory")  # the error without /dev/shm
 
 _multiprocessing.SemLock = refuse
 import {module}

@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 from decompose.geometry import Solid
 from decompose.print_time.poses.footing import FIRST_LAYER_MM, Footing
 
-NO_PROPS = np.zeros((0, 2))
+NO_SUPPORTS_MM = np.zeros((0, 2))
 
 
 def measure_footing(solid: Solid) -> Footing:
     vertices, faces = solid.arrays()
-    return Footing.from_mesh(vertices[faces], NO_PROPS)
+    return Footing.from_mesh(vertices[faces], NO_SUPPORTS_MM)
 
 
 def measure_box(width_mm: float, depth_mm: float, height_mm: float) -> Footing:
@@ -66,23 +66,25 @@ def test_footing_of_an_edge_is_empty() -> None:
     mesh.apply_translation([0, 0, math.sqrt(50.0)])
     result = measure_footing(Solid.from_arrays(mesh.vertices, mesh.faces))
     assert result.contact_mm2 == pytest.approx(2 * FIRST_LAYER_MM * 10.0)
-    assert Footing.from_mesh(np.zeros((0, 3, 3)), NO_PROPS).measure_margin_mm(np.zeros((1, 2))) == -math.inf
+    assert (
+        Footing.from_mesh(np.zeros((0, 3, 3)), NO_SUPPORTS_MM).measure_margin_mm(np.zeros((1, 2)))
+        == -math.inf
+    )
 
 
 def test_brim_depends_on_width_height_and_size() -> None:
     assert measure_box(40, 40, 20).choose_brim_width_mm(20.0, 5.0, 8.0) == 0.0
     assert measure_box(40, 10, 100).choose_brim_width_mm(100.0, 5.0, 8.0) == 8.0  # a tall plate
     assert measure_box(8, 8, 8).choose_brim_width_mm(8.0, 5.0, 8.0) > 5.0  # little contact with the bed
-    assert measure_box(120, 40, 20).choose_brim_width_mm(20.0, 5.0, 8.0) == 8.0  # long: it would curl up
+    assert measure_box(120, 40, 20).choose_brim_width_mm(20.0, 5.0, 8.0) == 8.0  # a long part would curl up
     # The brim is narrower if the material shrinks less.
     assert measure_box(120, 40, 20).choose_brim_width_mm(20.0, 5.0, 8.0, 0.002) < 2.5
-    assert (
-        measure_box(40, 40, 20).choose_brim_width_mm(20.0, -0.1, 8.0) == 8.0
-    )  # its centre of mass is beside the footing
+    # The centre of mass is beside the footing.
+    assert measure_box(40, 40, 20).choose_brim_width_mm(20.0, -0.1, 8.0) == 8.0
     disc = trimesh.creation.cylinder(60.0, 10.0, sections=64)
     disc.apply_translation([0, 0, 5])
     round_footing = measure_footing(Solid.from_arrays(disc.vertices, disc.faces))
-    assert 0.0 < round_footing.choose_brim_width_mm(10.0, 5.0, 8.0) < 8.0  # as long, but without corners
+    assert 0.0 < round_footing.choose_brim_width_mm(10.0, 5.0, 8.0) < 8.0  # it is as long, but has no corners
 
 
 def test_chamfered_corner_is_sharp_but_a_rounded_one_is_not() -> None:

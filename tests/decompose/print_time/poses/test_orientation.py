@@ -24,7 +24,7 @@ from decompose.printers import PrinterRoom
 COST = CostModel.from_recipe(Recipe())
 ROOM = PrinterRoom("p", ((200.0, 190.0, 200.0),))
 ROTATION = Rotation.from_euler("xyz", [25.0, -40.0, 70.0], degrees=True).as_matrix()
-EDGEWISE = Rotation.from_euler("x", 45.0, degrees=True).as_matrix()
+EDGE_ROTATION = Rotation.from_euler("x", 45.0, degrees=True).as_matrix()
 NO_CUTS = np.zeros(0, dtype=np.bool_)
 
 
@@ -113,7 +113,7 @@ def test_thin_part_is_laid_down_or_gets_a_brim(size_mm: tuple[float, ...]) -> No
 
 
 def test_edge_is_not_used_as_footing() -> None:
-    vertices, faces = rotate_solid(Solid.box((0, 0, 0), (60, 30, 30)), EDGEWISE).arrays()
+    vertices, faces = rotate_solid(Solid.box((0, 0, 0), (60, 30, 30)), EDGE_ROTATION).arrays()
     pose = measure_pose(vertices, faces, np.zeros(len(faces), np.bool_), np.eye(3), COST)
     assert pose.footing.contact_mm2 > 10.0  # narrower than a line, and as long as the block
     assert not pose.stands
@@ -121,22 +121,22 @@ def test_edge_is_not_used_as_footing() -> None:
 
 def test_rotating_the_model_rotates_the_pose() -> None:
     solid = Solid.union([make_tee(), Solid.box((-5, -15, 0), (20, 10, 8))])
-    pose, turned_pose = find_pose(solid), find_pose(rotate_solid(solid))
-    assert turned_pose.price_s == pytest.approx(pose.price_s, rel=0.01)
-    assert find_up_axis(turned_pose) == pytest.approx(ROTATION @ find_up_axis(pose), abs=1e-6)
-    assert sorted(turned_pose.size_mm) == pytest.approx(sorted(pose.size_mm), abs=1e-6)
+    pose, rotated_pose = find_pose(solid), find_pose(rotate_solid(solid))
+    assert rotated_pose.price_s == pytest.approx(pose.price_s, rel=0.01)
+    assert find_up_axis(rotated_pose) == pytest.approx(ROTATION @ find_up_axis(pose), abs=1e-6)
+    assert sorted(rotated_pose.size_mm) == pytest.approx(sorted(pose.size_mm), abs=1e-6)
 
 
-def mark_level_faces(solid: Solid, inner: bool) -> npt.NDArray[np.bool_]:
+def mark_inner_faces(solid: Solid) -> npt.NDArray[np.bool_]:
     """Mark the faces of the spool's slabs that face the post."""
     vertices, faces = solid.arrays()
     z = vertices[faces][:, :, 2]
-    return np.isclose(z, 5.0).all(axis=1) | np.isclose(z, 55.0).all(axis=1) if inner else z.min(axis=1) > 1e9
+    return np.asarray(np.isclose(z, 5.0).all(axis=1) | np.isclose(z, 55.0).all(axis=1))
 
 
 def test_no_support_touches_a_cut_face_where_another_pose_fits() -> None:
     solid = make_spool()
-    is_cut = mark_level_faces(solid, inner=True)
+    is_cut = mark_inner_faces(solid)
     low_room = PrinterRoom("p", ((51.0, 51.0, 61.0),))
     assert find_pose(solid, low_room, is_cut).touched_mm2 > 0.0
     free_pose = find_pose(solid, ROOM, is_cut)
@@ -147,13 +147,13 @@ def test_no_support_touches_a_cut_face_where_another_pose_fits() -> None:
 def test_pose_with_the_least_support_on_cut_faces_is_preferred() -> None:
     """Check that support touches at most the area of the small slab on the large one."""
     solid = make_spool()
-    is_cut = mark_level_faces(solid, inner=True)
+    is_cut = mark_inner_faces(solid)
     pose = find_pose(solid, PrinterRoom("p", ((51.0, 51.0, 61.0),)), is_cut)
     assert find_up_axis(pose) == pytest.approx([0.0, 0.0, -1.0])
     assert pose.touched_mm2 == pytest.approx(2 * (30 * 30 - 10 * 10), rel=0.05)
 
 
-def test_cut_face_at_the_bed_is_not_squeezed_out() -> None:
+def test_first_layer_is_narrowed_at_a_cut_face() -> None:
     vertices, faces = Solid.box((0, 0, 0), (40, 40, 20)).arrays()
     is_cut = np.isclose(vertices[faces][:, :, 0], 40.0).all(axis=1)
     for is_marked, expansion_mm in ((is_cut, -0.2), (~is_cut & is_cut, 0.0)):
@@ -163,10 +163,10 @@ def test_cut_face_at_the_bed_is_not_squeezed_out() -> None:
             vertices, faces, is_marked, POSE_ROTATIONS[4], COST, fit_first_layer=False
         )
         assert default_pose.layer_0_expansion_mm is default_pose.brim_width_mm is None
-        assert default_pose.price_s > pose.price_s  # the quality's brim
+        assert default_pose.price_s > pose.price_s  # it includes the brim of the quality
 
 
-def test_long_bar_goes_across_the_bed() -> None:
+def test_long_bar_lies_diagonally_on_the_bed() -> None:
     pose = find_pose(Solid.box((0, 0, 0), (230, 6, 6)), PrinterRoom("p", ((190.0, 190.0, 50.0),)))
     assert pose.size_mm[2] == pytest.approx(6.0)
 

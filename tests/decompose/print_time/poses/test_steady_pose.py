@@ -1,4 +1,4 @@
-"""Parts with spare time, which lie on a larger foot than in their fastest pose."""
+"""Parts with spare time, which stand on a larger foot than in their fastest pose."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_steady_pose_fits_its_printer_and_keeps_supports_off_cuts(cost: CostMode
     )
     tee = Solid.union([Solid.box((-5, -5, 0), (5, 5, 40)), Solid.box((-30, -5, 40), (30, 5, 100))])
     vertices, faces = tee.arrays()
-    # The cut is one of its flat sides, on which it would lie.
+    # The cut face is one of the flat sides on which the part could lie.
     is_cut = (np.abs(vertices[faces][:, :, 1] + 5.0) < 1e-9).all(axis=1)
     mesh = PartMesh(vertices, faces, is_cut)
     best_pose = find_best_pose(vertices, faces, is_cut, [ROOM], cost)
@@ -86,8 +86,8 @@ def test_makespan_does_not_grow_with_steadier_poses(cost: CostModel, time_factor
     rooms = [replace(ROOM, name=name, time_factor=time_factor) for name in "ab"]
     options = Options(Engine.GUILLOTINE, 4, prove=False)
     result = decompose_model(Model(solid, (), 1.0), rooms, options, cost)
-    slowest = max(result.parts, key=lambda part: part.price_s)
-    assert result.makespan_s == slowest.price_s * time_factor
+    slowest_part = max(result.parts, key=lambda part: part.price_s)
+    assert result.makespan_s == slowest_part.price_s * time_factor
     pin = min(result.parts, key=lambda part: part.price_s)
     assert pin.small_foot_mm2 is None
     assert np.ptp(pin.build_printing_mesh()[0][:, 2]) == pytest.approx(12.0, abs=1e-3)

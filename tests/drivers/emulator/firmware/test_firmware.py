@@ -146,7 +146,7 @@ def test_targets_out_of_reach_are_clamped_silently(host: Host) -> None:
     assert host.send("M114")[0].startswith("X:230.00Y:0.00Z:225.00")
 
 
-def test_cold_extrusion_is_acknowledged_and_counted_and_not_executed(host: Host) -> None:
+def test_cold_extrusion_is_acknowledged_and_counted_but_not_executed(host: Host) -> None:
     assert host.send_burst("G1 E5 F300") == ["ok", "echo: cold extrusion prevented"]
     assert "E:5.00" in host.send("M114")[0]
     host.wait(10.0)
@@ -159,7 +159,7 @@ def test_extrusion_of_a_metre_is_refused(host: Host) -> None:
 
 
 def test_moves_are_acknowledged_when_read_and_commands_after_execution(host: Host) -> None:
-    """Check that the oks of both moves come before the answer to the M105 before them."""
+    """Check that the oks of both moves come before the answer to the M105 that precedes them."""
     assert host.send_burst("G28", "M105", "G1 X10 F6000", "M114", "G1 X20") == ["ok", "ok"]
     answers = host.wait(30.0)
     assert answers[0] == "ok" and answers[1].startswith("ok T:") and answers[2].startswith("X:10.00")
@@ -182,12 +182,12 @@ def test_seventeen_moves_are_acknowledged_at_once_and_then_one_per_finished_move
 
 def test_late_host_does_not_delay_queued_moves() -> None:
     ends_s = []
-    for late_s in (0.0, 0.15):
+    for delay_s in (0.0, 0.15):
         host = Host()
         for k in range(1, 60):
             answers = host.send_burst(f"G1 X{2 * k} F1200")  # 0.1 s each
             while "ok" not in answers:
-                answers += host.wait_until(host.firmware.compute_deadline_s() + late_s)
+                answers += host.wait_until(host.firmware.compute_deadline_s() + delay_s)
         host.send("M400")
         ends_s.append(host.firmware.machine.planner.idle_since_s)
     assert ends_s[0] == pytest.approx(ends_s[1], abs=1e-6)
@@ -215,10 +215,10 @@ def test_relative_moves_and_g92_are_applied(host: Host) -> None:
 def test_arc_follows_its_circle(host: Host) -> None:
     for line in ("G28", "G1 X100 Y100 Z100 F9000", "M400"):
         host.send(line)
-    before_s = host.firmware.printing_s
+    old_printing_s = host.firmware.printing_s
     for line in ("G2 X100 Y100 I20 J0 F1200", "M400"):
         host.send(line)
-    assert host.firmware.printing_s - before_s == pytest.approx(2 * math.pi * 20 / 20, rel=0.02)
+    assert host.firmware.printing_s - old_printing_s == pytest.approx(2 * math.pi * 20 / 20, rel=0.02)
 
 
 def test_quick_stop_empties_the_planner_and_keeps_the_position(host: Host) -> None:
@@ -294,8 +294,10 @@ def test_same_seed_gives_the_same_run() -> None:
 
 GCODES = (0, 1, 2, 3, 4, 10, 11, 28, 90, 91, 92)
 MCODES = (82, 83, 84, 85, 92, 104, 105, 106, 109, 110, 114, 119, 140, 190, 201, 203, 204, 205, 220, 221)
-MORE_MCODES = (300, 302, 400, 401, 503, 601, 999)
-codes = st.sampled_from([*(f"G{n}" for n in GCODES), *(f"M{n}" for n in (*MCODES, *MORE_MCODES)), "T0", "T1"])
+OTHER_MCODES = (300, 302, 400, 401, 503, 601, 999)
+codes = st.sampled_from(
+    [*(f"G{n}" for n in GCODES), *(f"M{n}" for n in (*MCODES, *OTHER_MCODES)), "T0", "T1"]
+)
 numbers = st.one_of(
     st.floats(-1e4, 1e4).map(lambda number: f"{number:.3f}"),
     st.sampled_from(["", "0", "-0", "-1", "1e9", "9e99", "1e999", "nan", "-.", "0.0001", "9" * 60]),
@@ -305,7 +307,7 @@ argument_lists = st.lists(st.tuples(st.sampled_from("XYZEFSPIJT"), numbers).map(
 
 @given(st.lists(st.tuples(codes, argument_lists), max_size=25), st.floats(0.01, 1e4))
 @settings(deadline=None)
-def test_no_command_with_any_numbers_crashes_the_firmware(
+def test_commands_with_arbitrary_numbers_do_not_crash_the_firmware(
     commands: list[tuple[str, list[str]]], pause_s: float
 ) -> None:
     host = Host()

@@ -73,18 +73,18 @@ def test_dead_man_timer_halts_the_firmware_and_the_watchdog_resets_it(host: Host
     host.send("M104 S210")
     host.send("M85 S30")
     host.wait(20.0)
-    host.send("M105")  # does not restart the dead-man timer
+    host.send("M105")  # a query does not restart the dead-man timer
     assert host.wait(9.9) == []
     assert host.wait(0.2) == ["Error:Printer halted. kill() called!"]
     assert host.board.nozzle.target_c == 0.0
     assert host.send_burst("M105") == []
     assert host.wait(3.9) == []
     assert host.wait(0.2)[0] == "start"
-    assert host.wait(100.0) == ["echo:SD init fail"]  # and the dead-man timer is off again
+    assert host.wait(100.0) == ["echo:SD init fail"]  # the reset has switched the dead-man timer off
 
 
 def test_dead_man_timer_is_restarted_by_late_input(host: Host) -> None:
-    """Count bytes that arrived before the time-out, even if both are processed together."""
+    """Restart the timer by bytes that are processed in the same step as its time-out."""
     host.send("M85 S30")
     host.now_s += 31.0
     assert host.send_burst("M105")[0].startswith("ok T:")

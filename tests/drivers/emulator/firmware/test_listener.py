@@ -48,7 +48,7 @@ def test_checksum_without_number_gets_no_ok(host: Host) -> None:
     assert host.wait(60.0) == []
 
 
-def test_error_flushes_later_bytes(host: Host) -> None:
+def test_error_discards_the_bytes_after_it(host: Host) -> None:
     burst = ["N1 G4 P0*99", *(add_number(n, "G4 P0") for n in (2, 3, 4))]
     assert host.send_burst(*burst) == ["Error:checksum mismatch, Last Line: 0", "Resend: 1", "ok"]
     assert host.send_burst(add_number(1, "G4 P0")) == ["ok"]
@@ -76,7 +76,7 @@ def test_rest_of_a_truncated_line_is_lost_once(host: Host) -> None:
     assert host.board.nozzle.target_c == 0.0
 
 
-def test_unnumbered_lines_may_be_mixed_in(host: Host) -> None:
+def test_unnumbered_lines_are_accepted_among_numbered_lines(host: Host) -> None:
     assert host.send_numbered("G4 P0") == ["ok"]
     assert host.send("M105")[0].startswith("ok T:")
     assert host.send_numbered("G4 P0") == ["ok"]
@@ -110,7 +110,7 @@ def test_line_is_cut_at_95_characters(host: Host) -> None:
 
 
 def test_full_ring_loses_bytes_silently(host: Host) -> None:
-    line = "M105" + " " * 57  # with its newline 62 bytes: two fit the ring's 127, the third loses its end
+    line = "M105" + " " * 57  # 62 bytes with its newline: two lines fit into the ring of 127 bytes
     assert host.send_burst("G4 S5") == []
     assert host.send_burst(line, line, line) == []
     answers = host.wait(10.0)
@@ -119,15 +119,15 @@ def test_full_ring_loses_bytes_silently(host: Host) -> None:
 
 def test_flipped_bytes_are_refused_and_requested_again() -> None:
     host = Host(faults=Faults(checksum=0.3))
-    executed_count, tries = 0, 0
+    executed_count, try_count = 0, 0
     while executed_count < 200:
-        tries += 1
+        try_count += 1
         answers = host.send_burst(add_number(executed_count + 1, "G4 P0"))
         if not answers or answers[0] != "ok":
-            continue  # nothing, or an error: the line has to be sent again
+            continue  # without an ok, the line has to be sent again
         executed_count += 1
     assert host.firmware._last_number == 200
-    assert 230 < tries < 400 and host.firmware.errors == tries - 200
+    assert 230 < try_count < 400 and host.firmware.errors == try_count - 200
 
 
 def test_lost_oks_do_not_affect_other_lines() -> None:
@@ -164,11 +164,13 @@ feedrate = st.sampled_from([None, -1.0, 0.0, 600.0, 3000.0, 12000.0])
 def test_fast_path_of_a_move_equals_the_slow_path(moves: list[tuple[float | None, ...]]) -> None:
     """Compare a well-formed move, which skips the line buffer, with a double-spaced one, which does not."""
     ends = []
-    for gap in (" ", "  "):
+    for separator in (" ", "  "):
         host = Host()
         host.send("M302 S0")
         for move in moves:
-            body = gap.join(["G1", *(f"{a}{v}" for a, v in zip("FXYZE", move, strict=True) if v is not None)])
+            body = separator.join(
+                ["G1", *(f"{a}{v}" for a, v in zip("FXYZE", move, strict=True) if v is not None)]
+            )
             host.send_numbered(body)
         host.send("M400", 1e4)
         ends.append((host.send("M114"), host.firmware.printing_s, host.board.filament_mm, host.now_s))

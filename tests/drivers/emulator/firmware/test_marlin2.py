@@ -30,7 +30,7 @@ def test_number_without_a_checksum_is_refused_with_the_last_line(host: Host):
     host.send_numbered("M400")
     refusal = ["Error:No Checksum with line number, Last Line: 1", "Resend: 2", "ok"]
     assert host.send_burst("N0 M110") == refusal
-    assert host.send_numbered("M400") == ["ok"]  # the line has changed nothing
+    assert host.send_numbered("M400") == ["ok"]  # the refused line has changed nothing
 
 
 def test_move_is_acknowledged_when_it_is_in_the_planner(host: Host):

@@ -13,7 +13,7 @@ from drivers.emulator.firmware.planner import CAPACITY, STANDSTILL_MM_S, Limits,
 from drivers.printers import PROFILES
 
 PROFILE = PROFILES["ultimaker2_plus"]
-START: Point = (100.0, 100.0, 50.0, 0.0)
+START_POINT: Point = (100.0, 100.0, 50.0, 0.0)
 
 
 class Bench:
@@ -21,7 +21,7 @@ class Bench:
 
     def __init__(self) -> None:
         self.fed_mm = 0.0
-        self.planner = Planner(Limits.from_profile(PROFILE), START, self._record_feed)
+        self.planner = Planner(Limits.from_profile(PROFILE), START_POINT, self._record_feed)
         self.now_s = 0.0
 
     def _record_feed(self, e_mm: float, z_mm: float) -> None:
@@ -77,15 +77,15 @@ def test_feeder_keeps_its_speed_limit() -> None:
 
 @given(pieces=st.integers(2, 60), speed_mm_s=st.sampled_from([20.0, 60.0, 150.0]))
 @settings(max_examples=40, deadline=None)
-def test_split_line_takes_about_as_long_as_a_whole_one(pieces: int, speed_mm_s: float) -> None:
+def test_split_line_takes_about_as_long_as_an_unsplit_one(pieces: int, speed_mm_s: float) -> None:
     unsplit_bench, split_bench = Bench(), Bench()
     unsplit_bench.add_move((180, 100, 50, 4), speed_mm_s)
     for k in range(1, pieces + 1):
         split_bench.add_move((100 + 80 * k / pieces, 100, 50, 4 * k / pieces), speed_mm_s)
-    one_s, many_s = unsplit_bench.finish(), split_bench.finish()
+    unsplit_s, split_s = unsplit_bench.finish(), split_bench.finish()
     # Up to two starts from standstill and the end of the queue take longer; no move takes less time.
-    assert many_s >= one_s - 1e-9
-    assert many_s == pytest.approx(one_s, abs=0.07)
+    assert split_s >= unsplit_s - 1e-9
+    assert split_s == pytest.approx(unsplit_s, abs=0.07)
     assert split_bench.fed_mm == pytest.approx(unsplit_bench.fed_mm)
 
 
@@ -102,7 +102,7 @@ moves = st.lists(
 @settings(max_examples=150, deadline=None)
 def test_moves_end_at_their_target_and_never_early(moves: list[Point], speed_mm_s: float) -> None:
     bench = Bench()
-    min_s, position_mm = 0.0, START
+    min_s, position_mm = 0.0, START_POINT
     for target in moves:
         bench.add_move(target, speed_mm_s)
         assert len(bench.planner) <= CAPACITY
@@ -120,12 +120,12 @@ def test_moves_end_at_their_target_and_never_early(moves: list[Point], speed_mm_
 @given(moves=moves, speed_mm_s=st.floats(5, 300))
 @settings(max_examples=100, deadline=None)
 def test_position_never_changes_faster_than_the_maximum_speed(moves: list[Point], speed_mm_s: float) -> None:
-    """Sample at 1 ms: no axis moves further than its maximum speed allows."""
+    """Check in steps of 1 ms that no axis moves further than its maximum speed allows."""
     bench = Bench()
     planner = bench.planner
     for target in moves[:CAPACITY]:
         planner.add(target, speed_mm_s, 0.0)
-    last_position = planner.compute_position(0.0)
+    last_position_mm = planner.compute_position(0.0)
     now_s = 0.0
     while len(planner) and now_s < 20.0:
         now_s += 0.001
@@ -133,8 +133,8 @@ def test_position_never_changes_faster_than_the_maximum_speed(moves: list[Point]
         position_mm = planner.compute_position(now_s)
         for axis in range(3):
             max_mm = PROFILE.max_feedrate_mm_s[axis] * 0.001
-            assert abs(position_mm[axis] - last_position[axis]) <= max_mm * 1.001 + 1e-9
-        last_position = position_mm
+            assert abs(position_mm[axis] - last_position_mm[axis]) <= max_mm * 1.001 + 1e-9
+        last_position_mm = position_mm
 
 
 @given(moves=moves, speed_mm_s=st.floats(5, 300))
@@ -182,7 +182,7 @@ def test_moves_added_late_do_not_stretch_a_queue_that_is_not_empty() -> None:
 def test_short_moves_are_stretched_only_while_few_are_queued() -> None:
     elapsed_s = []
     for slowdown, fed_every_s in ((False, 0.0), (True, 0.0), (True, 0.004)):
-        planner = Planner(Limits.from_profile(PROFILE), START, lambda e_mm, z_mm: None, slowdown)
+        planner = Planner(Limits.from_profile(PROFILE), START_POINT, lambda e_mm, z_mm: None, slowdown)
         now_s = 0.0
         for k in range(1, 401):
             now_s = max(now_s + fed_every_s, planner.compute_next_free_s())

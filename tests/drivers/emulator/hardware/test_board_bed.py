@@ -12,7 +12,7 @@ def host() -> Host:
     return Host()
 
 
-def unretract(host: Host) -> None:
+def unpark_filament(host: Host) -> None:
     host.heat_nozzle()
     for line in ("G28", "G92 E0", "G1 E20 F300", "G92 E0", "M400"):
         host.send(line)
@@ -29,7 +29,7 @@ def test_unparking_filament_leaves_the_bed_clear(host: Host) -> None:
 
 
 def test_extruding_over_the_bed_makes_it_not_clear_until_a_person_clears_it(host: Host) -> None:
-    unretract(host)
+    unpark_filament(host)
     for line in ("G1 X50 Y50 Z0.3 F9000", "G1 X100 E2 F1500", "M400"):
         host.send(line)
     assert not host.board.bed_clear
@@ -40,14 +40,14 @@ def test_extruding_over_the_bed_makes_it_not_clear_until_a_person_clears_it(host
 
 
 def test_purging_with_the_bed_lowered_keeps_the_bed_clear(host: Host) -> None:
-    unretract(host)
+    unpark_filament(host)
     host.send("G1 E30 F300")
     host.send("M400")
     assert host.board.bed_clear
 
 
 def test_retraction_moves_the_filament_and_prints_nothing(host: Host) -> None:
-    unretract(host)
+    unpark_filament(host)
     for line in ("G1 Z0.3 F9000", "G10", "M400"):
         host.send(line)
     assert host.board.filament_end_mm == pytest.approx(-6.5)
@@ -66,7 +66,7 @@ def stream_lines(host: Host, pause_s: float) -> None:
 
 
 def test_empty_queue_during_a_print_counts_as_starvation(host: Host) -> None:
-    unretract(host)
+    unpark_filament(host)
     host.send("G1 X50 Y50 Z0.3 F9000")
     stream_lines(host, 0.0)
     assert host.firmware.starved_s == 0.0

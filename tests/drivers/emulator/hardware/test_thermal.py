@@ -25,22 +25,22 @@ def test_new_heater_has_the_temperature_of_the_room_and_keeps_it() -> None:
 def test_nozzle_reaches_its_target_at_the_modelled_time_and_holds_it(target_c: float) -> None:
     heater = Heater(NOZZLE)
     heater.set_target(target_c, 0.0)
-    needed_s = NOZZLE.compute_heating_s(target_c)
+    expected_s = NOZZLE.compute_heating_s(target_c)
     assert heater.compute_power(0.0) == FULL_POWER
-    assert heater.compute_temperature_c(needed_s * 0.99) < target_c
-    assert heater.compute_temperature_c(needed_s + 1e-6) == pytest.approx(target_c)
-    assert heater.compute_temperature_c(needed_s + 5000.0) == pytest.approx(target_c)
-    assert 0 < heater.compute_power(needed_s + 5000.0) < FULL_POWER
+    assert heater.compute_temperature_c(expected_s * 0.99) < target_c
+    assert heater.compute_temperature_c(expected_s + 1e-6) == pytest.approx(target_c)
+    assert heater.compute_temperature_c(expected_s + 5000.0) == pytest.approx(target_c)
+    assert 0 < heater.compute_power(expected_s + 5000.0) < FULL_POWER
 
 
-@given(steps=st.lists(st.floats(0.01, 50), min_size=1, max_size=40))
-def test_temperature_is_independent_of_the_sampling_rate(steps: list[float]) -> None:
+@given(steps_s=st.lists(st.floats(0.01, 50), min_size=1, max_size=40))
+def test_temperature_is_independent_of_the_sampling_rate(steps_s: list[float]) -> None:
     for model, period_s, target_c in ((NOZZLE, 0.0, 210.0), (BED, 5.0, 60.0)):
         sampled_heater, other_heater = Heater(model, period_s), Heater(model, period_s)
         sampled_heater.set_target(target_c, 0.0)
         other_heater.set_target(target_c, 0.0)
         now_s = 0.0
-        for step_s in steps:
+        for step_s in steps_s:
             now_s += step_s
             sampled_heater.compute_temperature_c(now_s)
         assert sampled_heater.compute_temperature_c(now_s) == pytest.approx(
@@ -66,9 +66,9 @@ def test_unpowered_heater_cools_to_room_temperature(target_c: float, wait_s: flo
     heater.set_target(target_c, 0.0)
     top_c = heater.compute_temperature_c(5000.0)
     heater.set_target(0.0, 5000.0)
-    to_c = AMBIENT_C + (top_c - AMBIENT_C) / 2
-    needed_s = heater.compute_cooling_s(to_c, 5000.0)
-    assert needed_s == pytest.approx(NOZZLE.tau_s * math.log(2))
+    middle_c = AMBIENT_C + (top_c - AMBIENT_C) / 2
+    expected_s = heater.compute_cooling_s(middle_c, 5000.0)
+    assert expected_s == pytest.approx(NOZZLE.tau_s * math.log(2))
     assert AMBIENT_C <= heater.compute_temperature_c(5000.0 + wait_s) < top_c
     assert heater.compute_power(5000.0 + wait_s) == 0
 

@@ -171,12 +171,12 @@ def test_any_file_is_refused_or_safe(lines_before, lines_inside, dialect):
     else:
         check_rules(result)
         assert result.min_mm[2] > 0
-        back_mm = 0.0
+        retracted_mm = 0.0
         for x, y, z, e in list_moves(extract_body(result)):
             assert z >= 0
-            back_mm = max(0.0, back_mm - e)
-            assert back_mm <= 20.5 + 1e-4
+            retracted_mm = max(0.0, retracted_mm - e)
+            assert retracted_mm <= 20.5 + 1e-4
             if z < 10:
                 limits = zip(result.min_mm[:2], (x, y), result.max_mm[:2], strict=True)
                 assert all(low - 1e-3 <= value <= high + 1e-3 for low, value, high in limits)
-        assert back_mm == pytest.approx(0.0, abs=1e-4)
+        assert retracted_mm == pytest.approx(0.0, abs=1e-4)

@@ -37,9 +37,8 @@ async def print_file(folder: Path) -> AsyncIterator[Printer]:
         await printer.wait_for(lambda s: s.link is m.LinkState.READY and s.filament is m.Filament.PARKED)
         assert (await printer.client.request(m.ForgetPrint(id=0, print_id="p-1"))).error is None
         await _wait_for_rest_position(printer, '"X:')
-        dtr = os.open(
-            emulator / "tty", os.O_RDWR | os.O_NOCTTY
-        )  # DTR stays set while no agent has the port open
+        # DTR stays set while no agent has the port open.
+        dtr = os.open(emulator / "tty", os.O_RDWR | os.O_NOCTTY)
         await _shut_down_agent(printer)
         yield printer
     finally:
@@ -72,7 +71,7 @@ async def _restart_agent(printer: Printer) -> m.Snapshot:
 
 @pytest.mark.system
 def test_filament_is_parked_after_a_restart_of_the_agent(tmp_path: Path) -> None:
-    async def scenario() -> None:
+    async def run_scenario() -> None:
         async with print_file(tmp_path) as printer:
             for _ in range(2):
                 first_snapshot = await _restart_agent(printer)
@@ -82,7 +81,7 @@ def test_filament_is_parked_after_a_restart_of_the_agent(tmp_path: Path) -> None
                 assert known_snapshot.bed_unknown_reason is not None  # the bed still needs an inspection
                 await _shut_down_agent(printer)
 
-    run(scenario())
+    run(run_scenario())
 
 
 @pytest.mark.system
@@ -90,7 +89,7 @@ def test_filament_is_parked_after_a_restart_of_the_agent(tmp_path: Path) -> None
 def test_filament_is_unknown_if_the_printer_was_used_while_no_agent_watched(
     tmp_path: Path, action: dict[str, object]
 ) -> None:
-    async def scenario() -> None:
+    async def run_scenario() -> None:
         async with print_file(tmp_path) as printer:
             await asyncio.to_thread(control, tmp_path / "emulator", **action)
             await _restart_agent(printer)
@@ -100,14 +99,14 @@ def test_filament_is_unknown_if_the_printer_was_used_while_no_agent_watched(
             assert (await printer.client.request(bed_cleared)).error is None
             await printer.wait_for(lambda s: s.filament is m.Filament.AT_NOZZLE)
 
-    run(scenario())
+    run(run_scenario())
 
 
 def test_position_counts_only_after_a_print_and_until_a_reset() -> None:
     watch = FilamentWatch()
     watch.confirm()
     watch.judge_position(REST_POSITION)
-    # A board that has just started reports the same each time.
+    # A board that has just started reports the same position each time.
     assert watch.is_certain and watch.rest_position is None
     watch.note_print()
     watch.judge_position(REST_POSITION)
