@@ -12,8 +12,9 @@ from slicing.hidden_walls import RUN_OUT_MM, HiddenSide
 from slicing.plate import slice_plate
 
 CENTRE_MM = np.array((111.5, 111.5))
-OUTER_MM, INNER_MM = 0.2, 0.525  # half a line and the inset of the outer wall; one and a half lines
-SPACING_MM = INNER_MM - OUTER_MM
+OUTER_LINE_DEPTH_MM = 0.2  # half a line and the inset of the outer wall
+INNER_LINE_DEPTH_MM = 0.525  # one and a half lines
+SPACING_MM = INNER_LINE_DEPTH_MM - OUTER_LINE_DEPTH_MM
 BLOCK = trimesh.creation.box((60.0, 50.0, 8.0), trimesh.transformations.translation_matrix((0.0, 0.0, 4.0)))
 RIGHT, LEFT = HiddenSide((1.0, 0.0), 30.0), HiddenSide((-1.0, 0.0), 30.0)
 BACK, FRONT = HiddenSide((0.0, 1.0), 25.0), HiddenSide((0.0, -1.0), 25.0)
@@ -46,7 +47,7 @@ def sum_lengths_mm(lines_mm):
     return float(np.linalg.norm(lines_mm[:, 1] - lines_mm[:, 0], axis=1).sum())
 
 
-def list_travel(path, layers):
+def list_travel_mm(path, layers):
     is_travel = (path.extruded_mm == 0.0) & path.is_move & np.isin(path.layer, layers)
     return np.stack((path.start[is_travel, :2], path.end[is_travel, :2]), axis=1) - CENTRE_MM
 
@@ -54,12 +55,12 @@ def list_travel(path, layers):
 def test_inner_wall_along_a_hidden_side_is_removed_except_near_its_ends(slice_walls):
     _, path = slice_walls(RIGHT)
     lines_mm, _ = list_lines(path, "WALL-INNER", INFILL_LAYERS)
-    on_side = np.abs(30.0 - lines_mm[:, :, 0] - INNER_MM).max(axis=1) < 0.02
-    ends_mm = np.abs(lines_mm[on_side][:, :, 1])
-    assert ends_mm.min() == pytest.approx(25.0 - INNER_MM - RUN_OUT_MM, abs=0.01)
+    is_on_side = np.abs(30.0 - lines_mm[:, :, 0] - INNER_LINE_DEPTH_MM).max(axis=1) < 0.02
+    ends_mm = np.abs(lines_mm[is_on_side][:, :, 1])
+    assert ends_mm.min() == pytest.approx(25.0 - INNER_LINE_DEPTH_MM - RUN_OUT_MM, abs=0.01)
     assert len(ends_mm) == 2 * len(INFILL_LAYERS)
-    other_mm = 2 * 60.0 + 50.0 - 6 * INNER_MM
-    assert sum_lengths_mm(lines_mm[~on_side]) == pytest.approx(len(INFILL_LAYERS) * other_mm, rel=1e-3)
+    other_mm = 2 * 60.0 + 50.0 - 6 * INNER_LINE_DEPTH_MM
+    assert sum_lengths_mm(lines_mm[~is_on_side]) == pytest.approx(len(INFILL_LAYERS) * other_mm, rel=1e-3)
 
 
 def test_inner_walls_stay_beside_skin(slice_walls):
@@ -78,7 +79,7 @@ def test_ring_between_hidden_sides_is_skipped(slice_walls):
 
 
 @pytest.mark.parametrize("sides", [(RIGHT,), (RIGHT, BACK), (RIGHT, LEFT, BACK, FRONT)])
-def test_infill_reaches_the_outer_wall_of_hidden_sides_alone(slice_walls, sides):
+def test_infill_reaches_the_outer_wall_of_hidden_sides_only(slice_walls, sides):
     """Compare the least depth of the infill behind each side with that behind an inner wall."""
     _, plain_path = slice_walls()
     _, path = slice_walls(*sides)
@@ -92,15 +93,15 @@ def test_infill_reaches_the_outer_wall_of_hidden_sides_alone(slice_walls, sides)
 
 
 def test_infill_keeps_its_distance_from_the_inner_wall_that_stays(slice_walls):
-    """Check lines along the side that pass the end of the removed wall: they step aside."""
+    """Use infill lines along the side, which must step aside where the inner wall begins again."""
     _, path = slice_walls(RIGHT)
     walls_mm, wall_layers = list_lines(path, "WALL-INNER", INFILL_LAYERS)
     infill_mm, infill_layers = list_lines(path, "FILL", INFILL_LAYERS)
     for layer in INFILL_LAYERS:
         walls = shapely.MultiLineString(list(walls_mm[wall_layers == layer]))
         infill = shapely.MultiLineString(list(infill_mm[infill_layers == layer]))
-        crossing = infill.intersection(walls.buffer(0.25, cap_style="flat"))
-        assert crossing.length < 2.0 * SPACING_MM  # two steps
+        crossing_lines = infill.intersection(walls.buffer(0.25, cap_style="flat"))
+        assert crossing_lines.length < 2.0 * SPACING_MM  # two steps
 
 
 def test_all_other_lines_are_those_of_the_engine(slice_walls):
@@ -113,16 +114,16 @@ def test_all_other_lines_are_those_of_the_engine(slice_walls):
         assert filament_mm[1] == pytest.approx(filament_mm[0], abs=0.01)
 
 
-def test_lines_extrude_as_much_for_each_mm_as_before(slice_walls):
+def test_lines_extrude_the_same_amount_for_each_mm(slice_walls):
     _, plain_path = slice_walls()
     _, path = slice_walls(RIGHT, BACK)
     for feature in ("WALL-INNER", "FILL"):
-        flows = []
+        flow_ratios = []
         for p in (plain_path, path):
             is_line = p.is_feature(feature) & (p.extruded_mm > 0.0) & p.is_move & (p.layer > 0)
             lengths_mm = np.hypot(*(p.end - p.start)[:, :2].T)
-            flows.append(p.extruded_mm[is_line].sum() / lengths_mm[is_line].sum())
-        assert flows[1] == pytest.approx(flows[0], rel=1e-3)
+            flow_ratios.append(p.extruded_mm[is_line].sum() / lengths_mm[is_line].sum())
+        assert flow_ratios[1] == pytest.approx(flow_ratios[0], rel=1e-3)
 
 
 def test_filament_time_and_header_are_those_of_the_new_lines(slice_walls):
@@ -146,7 +147,7 @@ def test_end_of_the_file_retracts_as_before(slice_walls):
 
 
 ANGLE = shapely.Polygon([(-30, -25), (30, -25), (30, -10), (-10, -10), (-10, 25), (-30, 25)])
-"""Angle with two arms 20 and 15 mm wide, and an inner corner."""
+"""Outline of an angle whose arms are 20 and 15 mm wide."""
 
 
 INNER_SIDES = HiddenSide((1.0, 0.0), -10.0), HiddenSide((0.0, 1.0), -10.0)
@@ -160,7 +161,7 @@ INNER_SIDES = HiddenSide((1.0, 0.0), -10.0), HiddenSide((0.0, 1.0), -10.0)
 def test_travel_stays_within_the_outer_walls(slice_walls, sides):
     angle = trimesh.creation.extrude_polygon(ANGLE, 8.0)
     _, path = slice_walls(*sides, mesh=angle)
-    travel_mm = list_travel(path, INFILL_LAYERS)
+    travel_mm = list_travel_mm(path, INFILL_LAYERS)
     lines_mm, _ = list_lines(path, "WALL-INNER", INFILL_LAYERS)
     plain_mm, _ = list_lines(slice_walls(mesh=angle)[1], "WALL-INNER", INFILL_LAYERS)
     assert sum_lengths_mm(lines_mm) < 0.85 * sum_lengths_mm(plain_mm)
@@ -168,12 +169,14 @@ def test_travel_stays_within_the_outer_walls(slice_walls, sides):
 
 
 def test_turned_block_saves_the_same_filament(slice_walls):
-    angle = np.radians(10.0)
-    turned = BLOCK.copy().apply_transform(trimesh.transformations.rotation_matrix(angle, (0.0, 0.0, 1.0)))
-    side = HiddenSide((float(np.cos(angle)), float(np.sin(angle))), 30.0)
+    angle_rad = np.radians(10.0)
+    turned_block = BLOCK.copy().apply_transform(
+        trimesh.transformations.rotation_matrix(angle_rad, (0.0, 0.0, 1.0))
+    )
+    side = HiddenSide((float(np.cos(angle_rad)), float(np.sin(angle_rad))), 30.0)
     saved_mm = [
         slice_walls(mesh=mesh)[0].filament_mm - slice_walls(s, mesh=mesh)[0].filament_mm
-        for mesh, s in ((BLOCK, RIGHT), (turned, side))
+        for mesh, s in ((BLOCK, RIGHT), (turned_block, side))
     ]
     assert saved_mm[0] > 0.0
     assert saved_mm[1] == pytest.approx(saved_mm[0], rel=0.1)
@@ -206,8 +209,8 @@ def test_inner_wall_stays_around_a_hole_but_not_around_a_mark(slice_walls, depth
         {"cool_min_layer_time": 30.0},
     ],
 )
-def test_inner_walls_stay_where_they_are_asked_for_or_needed(slice_walls, make_settings, overrides):
-    """Check the user's own walls, no infill, and layers that the slicer slows down."""
+def test_inner_walls_stay_if_the_user_or_the_print_needs_them(slice_walls, make_settings, overrides):
+    """Check walls that the user has set, a part without infill, and layers that the slicer slows down."""
     settings = make_settings(**overrides)
     plain_result, _ = slice_walls(settings=settings)
     assert slice_walls(RIGHT, settings=settings)[0].sha256 == plain_result.sha256

@@ -21,17 +21,17 @@ G90
 """
 
 
-def replace_in(gcode, segments):
+def replace_and_read(gcode, segments):
     new_gcode = replace_moves(gcode, read_toolpath(gcode), segments)
     return new_gcode, read_toolpath(new_gcode)
 
 
-def test_nothing_changes_without_segments():
-    assert replace_in(GCODE, {})[0] == GCODE
+def test_file_is_unchanged_without_segments():
+    assert replace_and_read(GCODE, {})[0] == GCODE
 
 
 def test_later_lines_extrude_the_same_after_a_skipped_move():
-    gcode, path = replace_in(GCODE, {2: []})
+    gcode, path = replace_and_read(GCODE, {2: []})
     assert path.extruded_mm.tolist() == pytest.approx([0.0, 1.0, 1.0, 0.0, -1.5, 1.0, -4.5])
     assert b"M106 S255\nG1 X30 Y0 E2.00000\n" in gcode
     assert gcode.endswith(b"G92 E0\nG1 F1200 X50 Y5 E1\nG91\nG1 F1500 E-4.5\nG90\n")
@@ -39,12 +39,12 @@ def test_later_lines_extrude_the_same_after_a_skipped_move():
 
 def test_segments_extrude_in_proportion_to_their_length():
     segments = [Segment(15.0, 0.0, 9000.0, False), Segment(20.0, 12.0, 1200.0, True)]
-    _, path = replace_in(GCODE, {2: segments})
+    _, path = replace_and_read(GCODE, {2: segments})
     assert path.end[2:4, :2].tolist() == [[15.0, 0.0], [20.0, 12.0]]
     assert path.extruded_mm[2:4].tolist() == pytest.approx([0.0, 1.3])
 
 
 def test_feedrate_of_a_replaced_move_does_not_change_the_next():
-    gcode, path = replace_in(GCODE, {2: [Segment(20.0, 0.0, 9000.0, False)]})
+    gcode, path = replace_and_read(GCODE, {2: [Segment(20.0, 0.0, 9000.0, False)]})
     assert path.feed_mm_min[3] == 1200.0
     assert b"G1 F1200 X30 Y0 E2.00000\n" in gcode

@@ -1,4 +1,4 @@
-"""Shorter travel on an angle with two arms, whose inner corner is not to be crossed."""
+"""Shorter travel on an angle with two arms, whose inner corner must not be crossed."""
 
 import numpy as np
 import shapely
@@ -13,7 +13,7 @@ SECOND_ARM = (50, 8)
 
 
 def write_gcode(*travel):
-    """Return a layer: the outer wall, travel, the inner wall, and infill that begins in the second arm."""
+    """Write a layer of outer wall, travel, inner wall, and infill that begins in the second arm."""
     lines = [";LAYER:0", "G0 F9000 X0 Y60 Z1", ";TYPE:WALL-OUTER"]
     lines += [f"G1 F1200 X{x} Y{y} E{e}" for e, (x, y) in enumerate(OUTLINE[1:], 1)]
     lines += [f"G0 F9000 X{x} Y{y}" for x, y in travel]
@@ -22,7 +22,7 @@ def write_gcode(*travel):
     return ("\n".join(lines) + "\n").encode()
 
 
-def list_travel(gcode, removed, is_skipped):
+def list_travel_mm(gcode, removed, is_skipped):
     """Return the lines of the travel after the outer wall if moves of a file are removed."""
     path = read_toolpath(gcode)
     shares = np.zeros(len(path.layer))
@@ -34,12 +34,12 @@ def list_travel(gcode, removed, is_skipped):
     return np.stack((new_path.start[is_travel, :2], new_path.end[is_travel, :2]), axis=1)
 
 
-def test_way_past_a_skipped_ring_stays_within_the_part():
-    travel_mm = list_travel(write_gcode((8, 50), RING[0]), range(9, 15), is_skipped=True)
+def test_travel_past_a_skipped_ring_stays_within_the_part():
+    travel_mm = list_travel_mm(write_gcode((8, 50), RING[0]), range(9, 15), is_skipped=True)
     assert travel_mm[-1][1].tolist() == list(SECOND_ARM)
     assert shapely.Polygon(OUTLINE).covers(shapely.MultiLineString(list(travel_mm)))
 
 
-def test_points_that_a_straight_way_does_not_need_are_left_out():
-    travel_mm = list_travel(write_gcode((8, 50), (8, 30), RING[0]), range(10, 16), is_skipped=True)
+def test_points_that_straight_travel_does_not_need_are_left_out():
+    travel_mm = list_travel_mm(write_gcode((8, 50), (8, 30), RING[0]), range(10, 16), is_skipped=True)
     assert travel_mm.tolist() == [[[0.0, 60.0], list(RING[0])], [list(RING[0]), list(SECOND_ARM)]]
