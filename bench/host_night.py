@@ -208,7 +208,9 @@ class HostNight(Night):
             **{kind.replace(" ", "_"): self.fault_counts[kind] for kind in HostFault},
             "hosts_lost": events["HostLost"],
             "hosts_back": events["HostConnected"],
-            "agents_updated": sum(self.versions.find(agent.installation) == NEW_VERSION for agent in agents),
+            "agents_updated": sum(
+                self.versions.find_version(agent.installation) == NEW_VERSION for agent in agents
+            ),
             "agents": len(agents),
             "updated_at_s": round(self._updated_at_s or 0.0),
             "cpu_share": round(sum(shares) / len(shares), 2),

@@ -1,9 +1,9 @@
-"""Property tests without a deadline: a busy machine makes an example slow, not wrong."""
+"""Run property tests without a deadline, because an example that is slow on a busy machine is not wrong."""
 
 from __future__ import annotations
 
 from hypothesis import settings
 
-# `settings.default` is the profile of CI where that is active.
+# On CI, `settings.default` is the CI profile.
 settings.register_profile("no deadline", settings.default, deadline=None)
 settings.load_profile("no deadline")

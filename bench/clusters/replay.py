@@ -19,7 +19,7 @@ from typing import Any
 import dask
 from distributed import Scheduler
 
-from clusters.dask_cluster import INSTALLATION, Recorder
+from clusters.dask_cluster import INSTALLATION, RecordingPool
 from farm.compute import Deferred, Limit, TaskFiles
 from farm.compute.cluster.cluster_pool import ClusterPool
 from farm.compute.cluster.connection import Connection
@@ -151,7 +151,7 @@ async def replay(workers: int, jobs: list[Stages], scale: float, folder: Path) -
             ]
             await asyncio.gather(*worker_tasks)
             make_connection = partial(TimedConnection, overhead_s, scheduler.address, None, INSTALLATION)
-            pool = ClusterPool(Recorder(), scheduler.address, INSTALLATION, make_connection)
+            pool = ClusterPool(RecordingPool(), scheduler.address, INSTALLATION, make_connection)
             pool.start()
             while len(pool.state.workers) < workers:
                 await asyncio.sleep(0.1)

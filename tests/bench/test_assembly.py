@@ -1,4 +1,4 @@
-"""Assembly by the instructions alone: parts that do not belong together do not fit."""
+"""Simulated assembly by the instructions alone, in which unrelated parts do not fit together."""
 
 from __future__ import annotations
 
@@ -56,16 +56,16 @@ def make_face(depths_mm: list[float], up_z: float) -> MatingFace:
 
 
 def test_parts_fit_in_one_way_on_unequal_pins_and_in_two_on_equal_pins() -> None:
-    unequal = [make_face([7.0, 4.0], up_z) for up_z in (1.0, -1.0)]
-    equal = [make_face([7.0, 7.0], up_z) for up_z in (1.0, -1.0)]
-    assert len(list(find_placements(*unequal, [13.0, 7.0]))) == 1
-    assert len(list(find_placements(*equal, [13.0, 13.0]))) == 2
-    wider_face = replace(unequal[1], at_mm=1.1 * unequal[1].at_mm)
-    assert (
-        list(find_placements(unequal[0], wider_face, [13.0, 7.0])) == []
-    )  # the distances of the pins differ
-    assert list(find_placements(unequal[0], wider_face, None)) == []
-    assert len(list(find_placements(*equal, None))) == 2  # without known pins, a body fits if all holes meet
+    unequal_faces = [make_face([7.0, 4.0], up_z) for up_z in (1.0, -1.0)]
+    equal_faces = [make_face([7.0, 7.0], up_z) for up_z in (1.0, -1.0)]
+    assert len(list(find_placements(*unequal_faces, [13.0, 7.0]))) == 1
+    assert len(list(find_placements(*equal_faces, [13.0, 13.0]))) == 2
+    wider_face = replace(unequal_faces[1], at_mm=1.1 * unequal_faces[1].at_mm)
+    # The distances of the pins differ.
+    assert list(find_placements(unequal_faces[0], wider_face, [13.0, 7.0])) == []
+    assert list(find_placements(unequal_faces[0], wider_face, None)) == []
+    # If the lengths of the pins are unknown, parts fit if all holes meet.
+    assert len(list(find_placements(*equal_faces, None))) == 2
 
 
 def test_parts_fit_in_one_way_on_keys_of_two_lengths_and_keys_fit_no_holes() -> None:

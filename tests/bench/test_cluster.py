@@ -1,4 +1,4 @@
-"""Stages of recorded jobs, and their critical path."""
+"""Stages of recorded jobs, their critical path, and tables of results."""
 
 import pytest
 
@@ -50,8 +50,10 @@ def test_critical_path_ends_with_the_last_drawing_if_that_takes_longer():
         ("draw_some_steps", 6.0),
         ("draw_job", 2.0),
     ]
-    quick = [{kind: times for kind, times in stage.items() if "draw" not in kind} for stage in STAGES]
-    assert sum_path(find_critical_path(quick)) == pytest.approx(30.0 + 5.0 + 15.0 + 4.0)
+    stages_without_drawings = [
+        {kind: times for kind, times in stage.items() if "draw" not in kind} for stage in STAGES
+    ]
+    assert sum_path(find_critical_path(stages_without_drawings)) == pytest.approx(30.0 + 5.0 + 15.0 + 4.0)
 
 
 def test_drawings_by_one_worker_lengthen_the_path():
@@ -75,7 +77,7 @@ def test_table_of_a_page_is_replaced():
     assert replace_table(new_page, "replay", REPLAY_COLUMNS, runs) == new_page
 
 
-def test_rounds_are_summed_up_for_each_fault():
+def test_rounds_of_each_fault_are_summed_up():
     no_faults = {"results_taken_twice": 0, "remaining_tasks": 0, "extra_processes": 0}
     figures = {
         "job_ended": True,

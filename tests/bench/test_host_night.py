@@ -1,4 +1,4 @@
-"""Faults that a night on several hosts plans."""
+"""Plan of the faults in a night on several hosts."""
 
 import random
 from collections import Counter

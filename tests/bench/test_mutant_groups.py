@@ -1,4 +1,4 @@
-"""Files of mutation testing: all modules and tests of its groups exist."""
+"""Groups of mutation testing, whose modules and tests must exist."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Usage of each bench: it names the options that the parser takes, and no others."""
+"""Usage text of each bench, which must name exactly the options that its parser accepts."""
 
 import ast
 import re
@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 BENCH = Path(__file__).parents[2] / "bench"
-CLUSTER_OPTIONS = {"--scheduler", "--certificates"}  # of `add_cluster_options`
-OPTION = r"(?<![\w-])--[a-z][a-z-]*"
+CLUSTER_OPTIONS = {"--scheduler", "--certificates"}  # added by `add_cluster_options`
+OPTION_PATTERN = r"(?<![\w-])--[a-z][a-z-]*"
 
 
 def list_benches() -> list[Path]:
@@ -22,10 +22,10 @@ def read_docstring(path: Path) -> str:
 @pytest.mark.parametrize("path", list_benches(), ids=lambda path: str(path.relative_to(BENCH)))
 def test_usage_names_the_options_of_the_parser(path: Path):
     text = path.read_text()
-    parser_options = set(re.findall(rf'add_argument\(\s*"({OPTION})"', text))
+    parser_options = set(re.findall(rf'add_argument\(\s*"({OPTION_PATTERN})"', text))
     if "add_cluster_options(" in text:
         parser_options |= CLUSTER_OPTIONS
-    named_options = set(re.findall(OPTION, re.sub(r"`farm [^`]*`", "", read_docstring(path))))
+    named_options = set(re.findall(OPTION_PATTERN, re.sub(r"`farm [^`]*`", "", read_docstring(path))))
     assert named_options == parser_options
 
 

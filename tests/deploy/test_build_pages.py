@@ -1,4 +1,4 @@
-"""Bundle of the scripts of the pages: sources, size and licence."""
+"""Bundle of the scripts for pages: its sources, size and licence."""
 
 import gzip
 import json
@@ -12,10 +12,10 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 SOURCES = ROOT / "farm/web/pages/browser"
 SCRIPT = "deploy/build-pages.sh"
-MAX_BYTES = 250_000
+MAX_BUNDLE_BYTES = 250_000
 
 
-def test_libraries_are_pinned_by_hashes_and_name_no_host():
+def test_libraries_are_pinned_by_hashes_without_a_host():
     text = (SOURCES / "package-lock.json").read_text()
     packages = {name: package for name, package in json.loads(text)["packages"].items() if name}
     assert packages
@@ -31,7 +31,7 @@ def test_bundle_is_small_and_contains_the_licence():
     bundle = ROOT / "farm/web/pages/built/viewer.js"
     if not bundle.exists():
         pytest.skip("the scripts of the pages are not built: make pages")
-    assert len(gzip.compress(bundle.read_bytes())) < MAX_BYTES
+    assert len(gzip.compress(bundle.read_bytes())) < MAX_BUNDLE_BYTES
     assert "MIT License" in bundle.with_name("three.LICENSE.txt").read_text()
 
 

@@ -1,4 +1,4 @@
-"""Check of commit subjects (`.ci/commit-subjects`) in small repositories."""
+"""Tests of the check of commit subjects (`.ci/commit-subjects`) in small repositories."""
 
 import re
 import subprocess
@@ -11,20 +11,20 @@ LONG_SUBJECT = "x" * 73
 
 
 class Repository:
-    """A git repository with the script in it."""
+    """A git repository that contains the script."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.script = folder / ".ci" / "commit-subjects"
 
-    def git(self, *arguments: str) -> str:
+    def run_git(self, *arguments: str) -> str:
         command = ["git", "-c", "user.name=a", "-c", "user.email=a@b", *arguments]
         result = subprocess.run(command, cwd=self.folder, check=True, capture_output=True, text=True)
         return result.stdout.strip()
 
     def commit(self, subject: str) -> str:
-        self.git("commit", "--quiet", "--allow-empty", "--no-verify", "-m", subject)
-        return self.git("rev-parse", "HEAD")
+        self.run_git("commit", "--quiet", "--allow-empty", "--no-verify", "-m", subject)
+        return self.run_git("rev-parse", "HEAD")
 
     def check(self, *arguments: str) -> subprocess.CompletedProcess[str]:
         command = [self.script, *arguments]
@@ -42,7 +42,7 @@ def repository(tmp_path: Path) -> Repository:
     folder = tmp_path / "work"
     folder.mkdir()
     new_repository = Repository(folder)
-    new_repository.git("init", "--quiet")
+    new_repository.run_git("init", "--quiet")
     new_repository.set_base(new_repository.commit("before the rule: " + LONG_SUBJECT))
     return new_repository
 
@@ -62,11 +62,11 @@ def test_bad_subject_is_refused_and_named(repository: Repository, subject: str):
 
 
 def test_shallow_clone_without_the_base_is_checked(repository: Repository, tmp_path: Path):
-    base = repository.git("rev-parse", "HEAD")
+    base = repository.run_git("rev-parse", "HEAD")
     repository.commit("One")
     repository.commit("Two")
     clone = Repository(tmp_path / "clone")
-    repository.git("clone", "--quiet", "--depth", "1", f"file://{repository.folder}", str(clone.folder))
+    repository.run_git("clone", "--quiet", "--depth", "1", f"file://{repository.folder}", str(clone.folder))
     clone.set_base(base)
     assert clone.check().returncode == 0
     clone.commit(LONG_SUBJECT)

@@ -18,8 +18,8 @@ from farm.planning.inspection import complete_section
 DEPLOY = Path(__file__).resolve().parents[2] / "deploy"
 DEBIAN = DEPLOY / "debian"
 MODELS = frozenset(PROFILES)
-CANNOT_RUN = 77
-"""Exit status of a script that needs what this host lacks."""
+SKIP_STATUS = 77
+"""Exit status of a script that cannot run on this host."""
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +105,7 @@ def test_apt_refuses_another_python_and_another_cura():
 
 
 def test_running_agents_of_every_user_are_found():
-    """Find agents of a daemon on another host, too, as a removal must not delete their program."""
+    """Also find agents of a daemon on another host, because a removal must not delete their program."""
     text = (DEBIAN / "prerm").read_text()
     [function] = re.findall(r"(?ms)^list_agents\(\) \{$.*?^\}$", text)
     python = "/opt/farm/.venv/bin/python"
@@ -123,14 +123,14 @@ def test_purge_does_not_remove_a_checkout():
     assert text.index("/opt/farm/.git") < text.index("rm -rf")
 
 
-def test_scripts_of_the_package_refuse_a_test_outside_the_copy():
+def test_script_tests_are_refused_outside_the_copy_of_the_host():
     result = subprocess.run([DEBIAN / "test-scripts.sh", "--in-copy"], capture_output=True, text=True)
     assert (result.returncode, "in the copy only" in result.stderr) == (2, True)
 
 
-def test_dpkg_runs_the_scripts_of_the_package_with_a_recording_systemctl():
+def test_dpkg_runs_the_scripts_of_the_package_with_a_stub_of_systemctl():
     """Install, upgrade, remove and purge a package with a stub program, in a copy of this host's files."""
     result = subprocess.run([DEBIAN / "test-scripts.sh"], capture_output=True, text=True)
-    if result.returncode == CANNOT_RUN:
+    if result.returncode == SKIP_STATUS:
         pytest.skip(result.stderr.strip())
     assert result.returncode == 0, result.stdout + result.stderr

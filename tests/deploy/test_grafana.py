@@ -1,4 +1,4 @@
-"""Grafana board: every panel queries metrics that the farm serves, and no two panels overlap."""
+"""Grafana board, whose panels must query existing metrics and must not overlap."""
 
 import itertools
 import json
@@ -13,12 +13,12 @@ from farms.scraped_farm import ScrapedFarm
 
 BOARD = json.loads((Path(__file__).parents[2] / "deploy/grafana/farm.json").read_text())
 PANELS = BOARD["panels"]
-LABEL = re.compile(r"\b(\w+)\s*(?:=~|!~|!=|=)\s*\"")
+LABEL_PATTERN = re.compile(r"\b(\w+)\s*(?:=~|!~|!=|=)\s*\"")
 
 
 @pytest.fixture
 def labels(tmp_path):
-    """Return the labels of each metric of a farm with an ended and an open print."""
+    """Return the labels of each metric of a farm with one ended and one open print."""
     farm = ScrapedFarm(tmp_path)
     farm.print_plate(PrintState.DONE)
     farm.print_plate(PrintState.PRINTING)
@@ -37,7 +37,10 @@ def test_every_expression_uses_existing_metrics_and_labels(labels):
     for target in expressions:
         (name,) = set(re.findall(r"\bfarm_[a-z_]+", target["expr"]))
         assert name in labels, name
-        names_used = {*LABEL.findall(target["expr"]), *re.findall(r"\{\{(\w+)\}\}", target["legendFormat"])}
+        names_used = {
+            *LABEL_PATTERN.findall(target["expr"]),
+            *re.findall(r"\{\{(\w+)\}\}", target["legendFormat"]),
+        }
         assert not labels[name] or names_used <= labels[name], (name, names_used - labels[name])
     assert "printer" in labels["farm_printer_info"]
 
@@ -56,7 +59,7 @@ def test_panels_have_unique_ids_and_do_not_overlap():
     assert max(x for x, _ in cells) < 24
 
 
-def test_data_source_is_chosen_by_its_user():
+def test_data_source_is_chosen_by_the_user():
     names = {variable["name"] for variable in BOARD["templating"]["list"]}
     assert names == {"datasource", "printer"}
     assert all(

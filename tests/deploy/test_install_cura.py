@@ -1,4 +1,4 @@
-"""Script that installs CuraEngine and Cura's settings, with stand-ins for the programs of apt."""
+"""Tests of the script that installs CuraEngine and its settings, with stand-ins for the programs of apt."""
 
 import pytest
 
@@ -7,7 +7,7 @@ from hosts.apt_host import Host, create_resources
 
 class TestInstall:
     @pytest.mark.parametrize("version", ["4.13", "5.0"])
-    def test_all_files_are_fetched_in_one_version(self, tmp_path, version):
+    def test_engine_and_settings_of_one_version_are_installed(self, tmp_path, version):
         host = Host(tmp_path, apt=version)
         code, output, calls = host.run()
         assert (code, output.splitlines()[-1]) == (
@@ -21,7 +21,7 @@ class TestInstall:
         assert (host.state / "calls").read_text() == calls  # the second run does not call apt-get
 
     def test_empty_package_lists_are_refreshed_once(self, tmp_path):
-        code, _, calls = Host(tmp_path, apt="5.0", lists=False).run()
+        code, _, calls = Host(tmp_path, apt="5.0", has_lists=False).run()
         assert code == 0
         assert calls.count("update") == 1
 

@@ -1,4 +1,4 @@
-"""Script that installs the peers of interop tests, with stand-ins for apt and Python."""
+"""Tests of the script that installs the peers of interop tests, with stand-ins for apt and Python."""
 
 import shutil
 import subprocess
@@ -9,7 +9,7 @@ import pytest
 SCRIPT = Path(__file__).resolve().parents[2] / "deploy" / "install-peers.sh"
 TOOLS = "awk bash cat chmod dirname env find id mkdir paste rm sh sort touch xargs"
 PROGRAMS = {
-    # each package depends on a library
+    # Each package depends on a library.
     "apt-get": """
 case " $* " in
     *" -s install "*)
@@ -35,7 +35,7 @@ case $2 in
     *tcc.deb) put "$3/usr/bin/tcc"; put "$3/usr/lib/tcc/libtcc1.a" ;;
 esac
 """,
-    # makes an environment whose own Python accepts or refuses an installation
+    # It makes an environment whose own Python accepts or refuses an installation.
     "python": """
 mkdir -p "$3/bin"; printf '#!/bin/bash\\n[[ -z ${NO_PIP:-} ]]\\n' > "$3/bin/python"; chmod +x "$3/bin/python"
 """,

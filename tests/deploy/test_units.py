@@ -1,3 +1,5 @@
+"""Units of systemd, udev rules, and the configuration of needrestart."""
+
 import importlib.util
 import re
 import shutil
@@ -17,7 +19,7 @@ UNITS = sorted((DEPLOY / "systemd").glob("*.service"))
 
 
 def replace_host_names(text: str) -> str:
-    """Return a unit with programs and a user that exist on any host."""
+    """Replace the programs and the user of a unit by some that exist on any host."""
     text = re.sub(r"/opt/farm/\.venv/bin/\w+", "/bin/true", text)
     return text.replace("=farm\n", "=root\n").replace("/opt/farm", "/")
 
@@ -45,7 +47,7 @@ def test_unit_starts_an_existing_program(unit: Path):
 
 
 @pytest.mark.skipif(shutil.which("systemd-socket-activate") is None, reason="needs systemd")
-def test_service_of_farm_estop_receives_the_listening_socket_of_its_unit(tmp_path: Path):
+def test_estop_service_receives_the_listening_socket_of_its_unit(tmp_path: Path):
     folder = DEPLOY / "systemd"
     assert "Accept=no" in (folder / "farm-estop.socket").read_text()
     service = (folder / "farm-estop.service").read_text()
@@ -88,7 +90,7 @@ def test_needrestart_restarts_everything_except_agents():
 
 def test_agent_is_started_as_its_unit_under_systemd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     systemctl = tmp_path / "systemctl"
-    systemctl.write_text(f'#!/bin/sh\necho "$@" > {tmp_path}/asked\n')
+    systemctl.write_text(f'#!/bin/sh\necho "$@" > {tmp_path}/calls\n')
     systemctl.chmod(0o700)
     monkeypatch.setenv("PATH", str(tmp_path), prepend=":")
     [unit] = re.findall(r"FARM_AGENT_UNIT=(\S+)", (DEPLOY / "systemd" / "farm-daemon.service").read_text())
@@ -96,12 +98,12 @@ def test_agent_is_started_as_its_unit_under_systemd(tmp_path: Path, monkeypatch:
     folder = tmp_path / "agents" / "um2-01"
     process = spawn_agent("um2-01", "ultimaker2_plus", "/dev/null", folder, Clock(2.0, 5.0), "relay")
     assert process.wait(10.0) == 0
-    assert (tmp_path / "asked").read_text() == "start farm-agent@um2-01.service\n"
+    assert (tmp_path / "calls").read_text() == "start farm-agent@um2-01.service\n"
     assert StartFile.read(folder) == StartFile("um2-01", "ultimaker2_plus", "/dev/null", 2.0, 5.0, "relay")
 
 
 def find_properties(event: dict[str, str]) -> dict[str, str]:
-    """Return the properties that the udev rules set for a device; supports only the operators in them."""
+    """Return the properties that the udev rules set for a device, by a parser of only their operators."""
     properties: dict[str, str] = {}
     skip_to = ""
     for line in (DEPLOY / "udev" / "60-farm.rules").read_text().splitlines():

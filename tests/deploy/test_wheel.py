@@ -19,16 +19,16 @@ BUNDLE = "farm/web/pages/built"
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Build the wheel from a copy, so that nothing is left in the checkout."""
+    """Build the wheel from a copy, so that the checkout stays clean."""
     return build_wheel(tmp_path_factory.mktemp("wheel") / "sources")
 
 
 @pytest.fixture(scope="module")
 def environment(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Install the wheel into a new environment with the dependencies of this one; return its folder."""
+    """Install the wheel into a new environment, with the current dependencies; return its folder."""
     folder = tmp_path_factory.mktemp("clean") / "farm"
     packages = install_wheel(wheel, folder)
-    # Reuse the compiled code of the checkout, which is the same: compiling takes a minute.
+    # Reuse the compiled code of the checkout, because compiling takes a minute.
     shutil.copytree(
         INSTALLED_FOLDER, packages / "decompose" / "__pycache__" / INSTALLED_FOLDER.name, dirs_exist_ok=True
     )
@@ -36,7 +36,7 @@ def environment(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def run_farm(environment: Path, host: Host, *arguments: str) -> tuple[int, str]:
-    """Run `farm` of the environment on a computer, outside the checkout; return its code and output."""
+    """Run `farm` of the environment outside the checkout; return the exit code and the output."""
     home = {"HOME": str(host.folder), "FARM_STATE": str(host.folder / "farm-state")}
     process = subprocess.run(
         [environment / "bin" / "farm", *arguments],
@@ -78,7 +78,7 @@ def test_setup_installs_what_the_doctor_reports_as_missing(environment: Path, tm
     assert f"ok       code: the planning code is compiled in {environment}" in doctor_after
 
 
-def test_setup_names_missing_packages_without_apt(environment: Path, tmp_path: Path):
+def test_setup_without_apt_names_the_missing_packages(environment: Path, tmp_path: Path):
     shutil.rmtree(environment / "share", ignore_errors=True)
     code, output = run_farm(environment, Host(tmp_path), "setup")
     assert code == 1

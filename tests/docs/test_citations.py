@@ -1,11 +1,11 @@
-"""Citations of the serial protocol: every section that the code names is in the document."""
+"""Check that every section of the serial protocol that the code cites exists."""
 
 import re
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCUMENT = "docs/explanation/ultimaker2-serial.md"
-CITATION = re.compile(re.escape(DOCUMENT) + r",\s+sections? ([\d.]*\d(?:(?:, | and )[\d.]*\d)*)")
+CITATION_PATTERN = re.compile(re.escape(DOCUMENT) + r",\s+sections? ([\d.]*\d(?:(?:, | and )[\d.]*\d)*)")
 
 
 def test_every_section_that_the_code_cites_exists():
@@ -14,7 +14,7 @@ def test_every_section_that_the_code_cites_exists():
     cited_sections = {
         (str(path.relative_to(ROOT)), section)
         for path in sources
-        for sections in CITATION.findall(path.read_text().replace("\n# ", "\n"))
+        for sections in CITATION_PATTERN.findall(path.read_text().replace("\n# ", "\n"))
         for section in re.split(", | and ", sections)
     }
     assert len(cited_sections) > 10

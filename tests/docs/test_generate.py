@@ -1,4 +1,4 @@
-"""Pages that docs/generate.py writes from the program."""
+"""Tests of docs/generate.py, which writes pages from the code."""
 
 import importlib.util
 from pathlib import Path
@@ -55,7 +55,7 @@ def test_schema_is_described_in_words(schema: dict, description: str):
     assert generate.describe_value(schema) == description
 
 
-def test_terminal_picture_shows_the_output_and_loads_nothing():
+def test_terminal_picture_shows_the_output_without_external_resources():
     svg = load_script("terminal_picture").draw_output("farm status", "\x1b[1mDO NOW\x1b[0m nothing <b>", 40)
     assert "DO" in svg and "&lt;b&gt;" in svg
     assert "http" not in svg.replace("http://www.w3.org/2000/svg", "")

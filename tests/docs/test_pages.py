@@ -1,4 +1,4 @@
-"""Commands on the pages: the program has each of them and its options."""
+"""Check that every command and option on the pages exists."""
 
 import re
 from pathlib import Path
@@ -18,13 +18,15 @@ COMMANDS = {
     name: {option for param in command.params for option in (*param.opts, *param.secondary_opts)} | {"--help"}
     for name, command in load_commands(app).items()
 }
-COMMAND = re.compile(r"(?:^\s*(?:\$ )?|`|\$ )farm (?!is down)([a-z][a-z-]*)((?: [^`\n]*)?)", re.MULTILINE)
+COMMAND_PATTERN = re.compile(
+    r"(?:^\s*(?:\$ )?|`|\$ )farm (?!is down)([a-z][a-z-]*)((?: [^`\n]*)?)", re.MULTILINE
+)
 
 
 def list_mistakes(text: str) -> list[str]:
     """List the commands and options in a page that the program does not have."""
     results = []
-    for name, arguments in COMMAND.findall(text):
+    for name, arguments in COMMAND_PATTERN.findall(text):
         if name not in COMMANDS:
             results.append(f"farm {name}")
             continue

@@ -1,4 +1,4 @@
-"""Fixture for slices of PrusaSlicer with its own profile for the Ultimaker 2."""
+"""Fixture that slices with PrusaSlicer and its own profile for the Ultimaker 2."""
 
 import configparser
 import shutil
@@ -9,22 +9,22 @@ from pathlib import Path
 import pytest
 import trimesh
 
-PROGRAM = shutil.which("prusa-slicer")
+PRUSA_SLICER = shutil.which("prusa-slicer")
 PRESETS = ("print:0.20mm NORMAL @ULTIMAKER2", "filament:Generic PLA @ULTIMAKER2", "printer:Ultimaker 2")
 
 
 def find_profile():
-    """Return the file with PrusaSlicer's presets for Ultimakers."""
-    top = Path(PROGRAM).resolve().parents[1]
+    """Return the path of PrusaSlicer's presets for Ultimakers."""
+    prefix_folder = Path(PRUSA_SLICER).resolve().parents[1]
     return next(
         chain.from_iterable(
-            top.glob(f"{prefix}share/PrusaSlicer/profiles/Ultimaker.ini") for prefix in ("", "*/*/")
+            prefix_folder.glob(f"{prefix}share/PrusaSlicer/profiles/Ultimaker.ini") for prefix in ("", "*/*/")
         )
     )
 
 
 def flatten_preset(presets, title):
-    """Return the values of a preset with those that it inherits."""
+    """Return the values of a preset, including inherited ones."""
     preset, values = dict(presets[title]), {}
     for name in filter(None, map(str.strip, preset.pop("inherits", "").split(";"))):
         values |= flatten_preset(presets, f"{title.partition(':')[0]}:{name}")
@@ -33,8 +33,8 @@ def flatten_preset(presets, title):
 
 @pytest.fixture(scope="session")
 def slice_box(tmp_path_factory):
-    """Return a function that slices a box with PrusaSlicer and options; it returns the path of the G-code."""
-    if PROGRAM is None:
+    """Return a function that slices a box with options of PrusaSlicer, and returns the path of the G-code."""
+    if PRUSA_SLICER is None:
         pytest.skip("prusa-slicer is missing: `make peers`")
     folder = tmp_path_factory.mktemp("prusa")
     presets = configparser.RawConfigParser(delimiters=("=",), comment_prefixes=("#",))
@@ -46,7 +46,7 @@ def slice_box(tmp_path_factory):
     def slice_model(name, *options):
         path = folder / f"{name}.gcode"
         command = [
-            PROGRAM,
+            PRUSA_SLICER,
             "--load",
             folder / "um2.ini",
             *options,

@@ -1,8 +1,8 @@
 """OctoPrint's virtual printer behind a pseudo-terminal; runs in the environment of `make interop`.
 
-``octoprint_peer.py FOLDER FIRMWARE FAULT@LINE...``: prints the path of the slave, then serves until it is
-closed. At the LINE-th G-code, the virtual printer gets its own debug command FAULT. The executed commands are
-written to FOLDER/done.txt, one a line.
+``octoprint_peer.py FOLDER FIRMWARE FAULT@LINE...`` prints the path of the terminal's slave, and serves it
+until it is closed. With the LINE-th G-code command, the virtual printer executes its own debug command FAULT.
+The executed commands are written to FOLDER/done.txt, one on each line.
 """
 
 import os
@@ -32,7 +32,7 @@ MARLIN2 = {
 
 
 class Settings:
-    """Defaults of the plugin, with the start lines and oks of a real Marlin."""
+    """Default settings of the plugin; for Marlin 2, with the texts of the real firmware."""
 
     def __init__(self, folder, firmware):
         self._folder = folder
@@ -62,14 +62,15 @@ class Hooks:
 
 
 class Printer(virtual.VirtualPrinter):
-    """Virtual printer that records executed commands and gets its faults at given lines.
+    """Virtual printer that records executed commands and simulates faults at given lines.
 
-    Two of its faults acknowledge a line and discard it, which no host can detect: its simulated
-    error `resend_with_timeout` (once), and each line that `resend_ratio` selects. They are counted.
+    Two kinds of fault acknowledge a line and discard it, which no host can detect: the simulated error
+    `resend_with_timeout`, which happens once, and each line that `resend_ratio` selects. Discarded lines are
+    listed in FOLDER/dropped.txt.
     """
 
     def __init__(self, folder, firmware, faults):
-        self.marlin2 = firmware == "marlin2"
+        self.is_marlin2 = firmware == "marlin2"
         self.done_file = (folder / "done.txt").open("w", buffering=1)
         self.dropped_file = (folder / "dropped.txt").open("w", buffering=1)
         self.dropped_file.write("resend_with_timeout\n")
@@ -79,8 +80,8 @@ class Printer(virtual.VirtualPrinter):
 
     def _triggerResend(self, expected=None, actual=None, checksum=None):
         if actual is None and not checksum and expected == self.current_line + 1:
-            # This is our query, which the firmware of the printer answers in this way.
-            if self.marlin2:
+            # This is the query of our link, which the real firmware answers in this way.
+            if self.is_marlin2:
                 self._send(f"Error:No Checksum with line number, Last Line: {self.lastN}")
                 self._send(f"Resend: {self.lastN + 1}")
                 self._send("ok")
@@ -92,12 +93,12 @@ class Printer(virtual.VirtualPrinter):
         super()._triggerResend(expected, actual, checksum)
 
     def _error(self, error, *args, **kwargs):
-        if not self.marlin2:
+        if not self.is_marlin2:
             return super()._error(error, *args, **kwargs)
         return f"Error:{self._errors.get(error).format(*args, **{'lastN': self.lastN, **kwargs})}"
 
     def _gcode_M503(self, data):
-        if self.marlin2:
+        if self.is_marlin2:
             self._send("echo:Home offset:")
             self._send("echo:  M206 X0.00 Y0.00 Z0.00")
         else:
@@ -121,7 +122,7 @@ def main():
     master, slave = pty.openpty()
     tty.setraw(slave)
     print(os.ttyname(slave), flush=True)
-    sys.stdin.readline()  # the host has opened the port
+    sys.stdin.readline()  # wait until the host has opened the port
     os.close(slave)
     printer = Printer(folder, firmware, faults)
 
@@ -137,7 +138,7 @@ def main():
     threading.Thread(target=answer_lines, daemon=True).start()
     try:
         while data := os.read(master, 256):
-            if firmware == "marlin2":  # Marlin 2 refuses such a line
+            if firmware == "marlin2":  # Marlin 2 refuses a line without a checksum
                 data = data.replace(b"N0 M110\n", b"N0 M110*0\n")
             for line in data.splitlines(keepends=True):  # the virtual printer accepts one line at a time
                 while line:

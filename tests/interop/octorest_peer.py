@@ -1,7 +1,7 @@
-"""Calls of OctoRest, a client of OctoPrint from PyPI; runs in the environment of `make interop`.
+"""Call a server with OctoRest, a client of OctoPrint from PyPI, in the environment of `make interop`.
 
-``octorest_peer.py URL KEY FILE``: uploads the file, selects it for printing, and requests the job,
-the printer, the connection and the files. Prints a line of JSON with the answers.
+``octorest_peer.py URL KEY FILE`` uploads the file, selects it for printing, requests the job, the printer,
+the connection and the files, and prints a line of JSON with the answers.
 """
 
 import json

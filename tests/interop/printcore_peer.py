@@ -1,7 +1,7 @@
-"""Print a file with Printrun's printcore; runs in the environment of `make interop`.
+"""Print a file with Printrun's printcore, in the environment of `make interop`.
 
-``printcore_peer.py TTY GCODE [HEAD]``: prints the seconds from the first line of the file to the ok of the
-last; HEAD is a file that is printed first.
+``printcore_peer.py TTY GCODE [HEADER]`` writes the seconds from the first line of the file GCODE to the ok of
+its last line. The file HEADER is printed before it.
 """
 
 import sys

@@ -1,7 +1,7 @@
-"""Upload a file with Qt, as Cura's plugin for OctoPrint does; runs in the environment of `make interop`.
+"""Upload a file with Qt, as Cura's plugin for OctoPrint does, in the environment of `make interop`.
 
-``qt_peer.py URL KEY FILE NAME [FIELD=VALUE...]``: sends a multipart form with `path`, the file as NAME,
-then the fields. Prints a line of JSON: status, headers in lower case, and the text of the body.
+``qt_peer.py URL KEY FILE NAME [FIELD=VALUE...]`` sends a multipart form with `path`, the file as NAME, and
+the fields. It prints a line of JSON with the status, the headers in lower case, and the text of the body.
 """
 
 import json

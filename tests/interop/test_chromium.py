@@ -13,20 +13,20 @@ from farms.served_farm import serve
 
 pytestmark = [
     pytest.mark.system,
-    pytest.mark.skipif(CHROMIUM is None, reason="apt-get install chromium"),
+    pytest.mark.skipif(CHROMIUM is None, reason="Chromium is missing: apt-get install chromium"),
 ]
-PICTURES = os.environ.get("FARM_PICTURES")
-"""Folder in which pictures of the pages are kept."""
+PICTURE_FOLDER = os.environ.get("FARM_PICTURES")
+"""Folder for pictures of the pages; None if no pictures are wanted."""
 
 
 async def take_picture(browser, name):
-    if PICTURES:
-        await browser.take_picture(Path(PICTURES) / f"{name}.png")
+    if PICTURE_FOLDER:
+        await browser.take_picture(Path(PICTURE_FOLDER) / f"{name}.png")
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", HOST])
 def test_user_logs_in_by_a_button_sees_the_farm_and_logs_out(tmp_path, host):
-    """Use an untrusted origin, too: to a name over plain HTTP, the browser sends only `Origin`."""
+    """Also use a host name over plain HTTP: to this untrusted origin, the browser sends only `Origin`."""
 
     async def browse():
         farm = NetworkFarm(tmp_path)

@@ -1,4 +1,4 @@
-"""The dashboard in Chromium: accessibility, policy, live changes, lost connections, and no scripts."""
+"""The dashboard in Chromium: accessibility, policy, live changes, lost connections, use without scripts."""
 
 import asyncio
 import base64
@@ -8,7 +8,7 @@ import pytest
 
 from books.make_books import make_end_event
 from books.planned_job import plan_job, submit_model
-from browser.accessibility import AXE, await_value, find_faults
+from browser.accessibility import AXE_SCRIPT, await_value, find_faults
 from browser.chromium import CHROMIUM, Chromium
 from farm.model import (
     AgentSnapshot,
@@ -27,15 +27,15 @@ from farms.served_farm import serve
 
 pytestmark = [
     pytest.mark.system,
-    pytest.mark.skipif(CHROMIUM is None, reason="apt-get install chromium"),
+    pytest.mark.skipif(CHROMIUM is None, reason="Chromium is missing: apt-get install chromium"),
 ]
 PAGES = (
     *("/", "/submit", "/jobs/1", "/timeline", "/timeline?job=1&at=2030-01-01T00:00", "/printers/a"),
     *("/printers/a/wire", "/history", "/login", "/api/v1/docs", "/nothing"),
 )
-TASK = "document.querySelector('.task')"
+TASK_ELEMENT = "document.querySelector('.task')"
 STALE_ELEMENT = "document.querySelector('.stale')"
-RESOURCE_HOSTS = "performance.getEntriesByType('resource').map((entry) => new URL(entry.name).host)"
+RESOURCE_HOSTS_SCRIPT = "performance.getEntriesByType('resource').map((entry) => new URL(entry.name).host)"
 
 
 def make_bed_unknown(farm, reason="the lid was open"):
@@ -62,14 +62,16 @@ def run_in_browser(tmp_path, scenario):
     asyncio.run(run())
 
 
-@pytest.mark.skipif(not AXE.exists(), reason="make pages")
+@pytest.mark.skipif(not AXE_SCRIPT.exists(), reason="axe is missing: make pages")
 def test_pages_are_accessible_load_nothing_from_other_hosts_and_fit_a_narrow_phone(tmp_path):
     async def scenario(farm, browser, base):
         results = {}
         link = f"/login/{farm.sessions.make_link('ann', Role.LOOK)}"
         for path in (*PAGES, link):
             await browser.open(base + path)
-            assert set(await await_value(browser, RESOURCE_HOSTS)) <= {base.removeprefix("http://")}, path
+            assert set(await await_value(browser, RESOURCE_HOSTS_SCRIPT)) <= {base.removeprefix("http://")}, (
+                path
+            )
             if faults := await find_faults(browser):
                 results[path] = faults
         assert results == {}
@@ -86,7 +88,7 @@ OUTCOMES = (
 
 
 def print_outcomes(farm):
-    """Print a part for each outcome, then raise an alarm on the printer and pause a job."""
+    """Print a part with each outcome, then raise an alarm on the printer and pause a job."""
     controller, now_s = farm.controller, farm.clock.now_s
     cleared = ev.BedCleared(at_s=now_s, printer="a", by="ann", filament=FilamentState.PARKED)
     controller.handle(cleared, ev.JobApproved(at_s=now_s, job=1, by="ann"))
@@ -103,7 +105,7 @@ def print_outcomes(farm):
     controller.handle(ev.JobPaused(at_s=now_s, job=number, wanted=True, by="bob"))
 
 
-@pytest.mark.skipif(not AXE.exists(), reason="make pages")
+@pytest.mark.skipif(not AXE_SCRIPT.exists(), reason="axe is missing: make pages")
 def test_pages_with_every_outcome_and_an_alarm_are_accessible(tmp_path):
     async def scenario(farm, browser, base):
         print_outcomes(farm)
@@ -120,9 +122,9 @@ def test_pages_with_every_outcome_and_an_alarm_are_accessible(tmp_path):
 def test_home_page_is_updated_and_keeps_the_focus(tmp_path):
     async def scenario(farm, browser, _):
         await browser.evaluate("window.sameDocument = true; document.querySelector('nav a').focus()")
-        assert "the lid was open" in await browser.evaluate(f"{TASK}.innerText")
+        assert "the lid was open" in await browser.evaluate(f"{TASK_ELEMENT}.innerText")
         make_bed_unknown(farm, "its board was reset")
-        await browser.wait_for(f"{TASK}.innerText.includes('its board was reset')")
+        await browser.wait_for(f"{TASK_ELEMENT}.innerText.includes('its board was reset')")
         assert await browser.evaluate("document.activeElement.textContent") == "Home"
         assert await browser.evaluate("window.sameDocument") is True
 
@@ -139,7 +141,7 @@ def read_times(text):
     return [60 * int(hours) + int(minutes) for hours, minutes in re.findall(r"(\d\d):(\d\d)", text)]
 
 
-def test_times_in_sentences_and_charts_are_in_the_zone_of_the_reader(tmp_path):
+def test_times_in_sentences_and_charts_are_in_the_reader_s_time_zone(tmp_path):
     async def scenario(farm, browser, base):
         start = TextTime(text="Tue 22:15", at="2023-11-14T22:15:00+00:00")
         hold = Hold(code=HoldCode.START_TIME, text="its job starts Tue 22:15", times=(start,))
@@ -164,7 +166,7 @@ def test_times_in_sentences_and_charts_are_in_the_zone_of_the_reader(tmp_path):
     run_in_browser(tmp_path, scenario)
 
 
-def test_page_states_that_it_may_be_outdated_and_recovers(tmp_path):
+def test_page_without_updates_states_so_and_recovers(tmp_path):
     async def scenario(farm, browser, _):
         await browser.wait_for(f"{STALE_ELEMENT} !== null && {STALE_ELEMENT}.hidden")
         streams = farm.services.page_streams
@@ -173,7 +175,9 @@ def test_page_states_that_it_may_be_outdated_and_recovers(tmp_path):
         assert "No updates from the farm since" in await browser.evaluate(f"{STALE_ELEMENT}.innerText")
         make_bed_unknown(farm, "its board was reset")
         streams._close_event.clear()
-        await browser.wait_for(f"{STALE_ELEMENT}.hidden && {TASK}.innerText.includes('its board was reset')")
+        await browser.wait_for(
+            f"{STALE_ELEMENT}.hidden && {TASK_ELEMENT}.innerText.includes('its board was reset')"
+        )
 
     run_in_browser(tmp_path, scenario)
 
@@ -184,13 +188,17 @@ def test_page_catches_up_after_the_computer_has_slept(tmp_path):
         browser.suspend()
         make_bed_unknown(farm, "its board was reset")
         browser.suspend(False)
-        await browser.wait_for(f"{STALE_ELEMENT}.hidden && {TASK}.innerText.includes('its board was reset')")
+        await browser.wait_for(
+            f"{STALE_ELEMENT}.hidden && {TASK_ELEMENT}.innerText.includes('its board was reset')"
+        )
 
     run_in_browser(tmp_path, scenario)
 
 
-CHART = "document.querySelector('[data-now]')"
-DEGREES = "[...document.querySelectorAll('.degrees text')].map((element) => element.getBoundingClientRect())"
+CHART_ELEMENT = "document.querySelector('[data-now]')"
+DEGREE_BOXES = (
+    "[...document.querySelectorAll('.degrees text')].map((element) => element.getBoundingClientRect())"
+)
 
 
 @pytest.mark.parametrize("width_px", [390, 320])
@@ -204,20 +212,20 @@ def test_degrees_stay_in_view_beside_a_chart_that_scrolls(tmp_path, width_px):
         await browser.call("Emulation.setDeviceMetricsOverride", **size)
         await browser.open(f"{base}/printers/a")
         for scroll_px in (0, 2000):
-            await browser.evaluate(f"{CHART}.scrollLeft = {scroll_px}")
-            positions = await await_value(browser, f"{DEGREES}.map((box) => [box.left, box.right])")
+            await browser.evaluate(f"{CHART_ELEMENT}.scrollLeft = {scroll_px}")
+            positions = await await_value(browser, f"{DEGREE_BOXES}.map((box) => [box.left, box.right])")
             assert len(positions) == 5  # 0 to 200
             assert all(0 <= left < right <= width_px for left, right in positions)
         assert (
-            await browser.evaluate(f"{CHART}.scrollLeft") > width_px
+            await browser.evaluate(f"{CHART_ELEMENT}.scrollLeft") > width_px
         )  # as the chart is scrolled to the present
 
     run_in_browser(tmp_path, scenario)
 
 
-PAPER_PX = 718  # A4 between margins of 10 mm, at 96 px an inch
+PAPER_WIDTH_PX = 718  # A4 between margins of 10 mm, at 96 px an inch
 IS_LIGHT_SCRIPT = "getComputedStyle(document.body).backgroundColor === 'rgb(255, 255, 255)'"
-FIELDS = (
+VISIBLE_FIELD_COUNT = (
     "[...document.querySelectorAll('nav, form, input')].filter((element) => element.checkVisibility()).length"
 )
 
@@ -228,11 +236,11 @@ def test_printed_pages_fit_the_paper_without_forms_on_a_white_background(tmp_pat
         await browser.open(base + path)
         dark_scheme = [{"name": "prefers-color-scheme", "value": "dark"}]
         await browser.call("Emulation.setEmulatedMedia", media="print", features=dark_scheme)
-        size = {"width": PAPER_PX, "height": 1000, "deviceScaleFactor": 1, "mobile": False}
+        size = {"width": PAPER_WIDTH_PX, "height": 1000, "deviceScaleFactor": 1, "mobile": False}
         await browser.call("Emulation.setDeviceMetricsOverride", **size)
-        assert await browser.evaluate(FIELDS) == 0
+        assert await browser.evaluate(VISIBLE_FIELD_COUNT) == 0
         assert await browser.evaluate(IS_LIGHT_SCRIPT) is True
-        assert await browser.evaluate("document.documentElement.scrollWidth") <= PAPER_PX
+        assert await browser.evaluate("document.documentElement.scrollWidth") <= PAPER_WIDTH_PX
         pdf = base64.b64decode((await browser.call("Page.printToPDF"))["data"])
         assert pdf.startswith(b"%PDF-")
 
@@ -256,7 +264,7 @@ def test_forms_work_without_scripts_and_by_keyboard(tmp_path):
 
 
 async def press_key(browser, key, code):
-    """Press a key."""
+    """Press and release a key."""
     key_fields = {"key": key, "windowsVirtualKeyCode": code}
     await browser.call("Input.dispatchKeyEvent", type="keyDown", **key_fields)
     await browser.call("Input.dispatchKeyEvent", type="keyUp", **key_fields)

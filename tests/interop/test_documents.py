@@ -1,4 +1,4 @@
-"""Documents that are kept and printed, in Chromium: the report of a job, and instructions for assembly."""
+"""Documents for people in Chromium: the report of a job, and its assembly instructions."""
 
 import asyncio
 from dataclasses import replace
@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from books.planned_job import plan_job
-from browser.accessibility import AXE, find_faults
+from browser.accessibility import AXE_SCRIPT, find_faults
 from browser.chromium import CHROMIUM, Chromium
 from decompose.decompose import decompose_model
 from decompose.export.instructions import write_instructions
@@ -20,17 +20,17 @@ from farms.network_farm import NetworkFarm
 
 pytestmark = [
     pytest.mark.system,
-    pytest.mark.skipif(CHROMIUM is None, reason="apt-get install chromium"),
-    pytest.mark.skipif(not AXE.exists(), reason="make pages"),
+    pytest.mark.skipif(CHROMIUM is None, reason="Chromium is missing: apt-get install chromium"),
+    pytest.mark.skipif(not AXE_SCRIPT.exists(), reason="axe is missing: make pages"),
 ]
 
 
 @pytest.fixture
 def report(tmp_path):
-    """Return the path of the report of a planned job, as the farm sends it."""
+    """Return the path of a planned job's report, as the farm sends it."""
     farm = NetworkFarm(tmp_path)
     plan_job(farm, hold=True)
-    answer = farm.ask("GET", "/jobs/1/report", farm.add(Role.LOOK).text)
+    answer = farm.ask("GET", "/jobs/1/report", farm.add_key(Role.LOOK).text)
     farm.store.close()
     assert answer.status_code == 200
     path = tmp_path / "report.html"
@@ -40,15 +40,15 @@ def report(tmp_path):
 
 @pytest.fixture
 def instructions(tmp_path):
-    """Return the path of instructions for a block of two parts, with pins and marks."""
+    """Return the path of assembly instructions for a block of two parts with pins and marks."""
     rooms = [PrinterRoom(name, ((80.0, 80.0, 80.0),)) for name in "ab"]
     connectors = ConnectorOptions(2.85, marks=True)
     options = Options(engine=Engine.GUILLOTINE, granularity=4, prove=False)
     block = Model(Solid.box((0, 0, 0), (120, 60, 40)), (), 1.0)
     decomposition = decompose_model(block, rooms, options, CostModel(1.0, *[1e-3] * 7, brim_mm=0.0))
-    drilled_parts = replace(decomposition.with_assembly(), options=replace(options, connectors=connectors))
+    cut_model = replace(decomposition.with_assembly(), options=replace(options, connectors=connectors))
     path = tmp_path / "instructions.html"
-    write_instructions(connect_parts(drilled_parts), path)
+    write_instructions(connect_parts(cut_model), path)
     return path
 
 

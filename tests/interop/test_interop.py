@@ -1,6 +1,6 @@
 """Interoperation with OctoPrint's virtual printer and Printrun's printcore.
 
-Both are in a separate environment, which `make interop` makes; without it, these tests are skipped.
+Both are in a separate environment, which `make interop` creates; without it, these tests are skipped.
 """
 
 import io
@@ -27,13 +27,13 @@ from drivers.printers import PROFILES
 from drivers.session import Pace, Session, SessionContext
 
 FOLDER = Path(__file__).parent
-PYTHON = Path(os.environ.get("FARM_INTEROP", "none"))  # the Python of that environment
-SCALE = 10.0  # our time-outs are farm seconds; the virtual printer's are not
+PYTHON = Path(os.environ.get("FARM_INTEROP", "none"))  # Python of the separate environment
+TIME_SCALE = 10.0  # of our time-outs; those of the virtual printer are in real seconds
 TIME_LIMIT_S = 120.0
 
 pytestmark = [
     pytest.mark.system,
-    pytest.mark.skipif(not PYTHON.exists(), reason="make interop"),
+    pytest.mark.skipif(not PYTHON.exists(), reason="the peers are missing: make interop"),
 ]
 
 
@@ -64,9 +64,9 @@ def open_octoprint(folder: Path, *faults: str, firmware: Firmware = ULTIMAKER2) 
 def print_program(
     folder: Path, program: list[bytes], *injected_faults: str, firmware: Firmware = ULTIMAKER2
 ) -> tuple[Link, list[Fault]]:
-    """Print to a virtual printer until the end or until the link gives up; return the link and its faults."""
-    clock = Clock(SCALE, time.time())
-    link, is_connected = Link(firmware, 2.0 * SCALE), False
+    """Print on a virtual printer until the program or the link ends; return the link and its faults."""
+    clock = Clock(TIME_SCALE, time.time())
+    link, is_connected = Link(firmware, 2.0 * TIME_SCALE), False
     faults: list[Fault] = []
     link.poll_every_s = 10.0
     with open_octoprint(folder, *injected_faults, firmware=firmware) as port:
@@ -103,7 +103,7 @@ def read_executed_commands(folder: Path) -> list[bytes]:
 
 
 def test_virtual_printer_prints_to_the_end_with_its_faults(tmp_path: Path):
-    """Print with its default simulated errors (lines 100 to 115) and its debug commands."""
+    """Print with the virtual printer's default errors (lines 100 to 115) and its debug commands."""
     program = make_spiral(600)
     link, faults = print_program(
         tmp_path,
@@ -124,10 +124,9 @@ def test_virtual_printer_prints_to_the_end_with_its_faults(tmp_path: Path):
     printed_lines = read_executed_commands(tmp_path)
     assert printed_lines == [line for line in program if line in set(printed_lines)]
     dropped_lines = (tmp_path / "dropped.txt").read_text().splitlines()
-    assert len(program) - len(printed_lines) <= len(
-        dropped_lines
-    )  # the virtual printer dropped them; one may be an M105
-    assert link.repeat_count >= 8  # a lost ok needs no repeat
+    # Only lines that the virtual printer dropped are missing; a dropped line may also be an M105.
+    assert len(program) - len(printed_lines) <= len(dropped_lines)
+    assert link.repeat_count >= 8  # no line is repeated after a lost ok
 
 
 def test_virtual_printer_as_marlin_2_prints_to_the_end_with_its_faults(tmp_path: Path):
@@ -153,13 +152,13 @@ def test_virtual_printer_as_marlin_2_prints_to_the_end_with_its_faults(tmp_path:
 
 
 def test_session_prints_a_part_to_a_virtual_ender_3(tmp_path: Path):
-    """Identify the printer, heat, print every line, and confirm the heaters off."""
+    """Identify the printer, heat, print every line, and confirm that the heaters are off."""
     profile, moves = PROFILES["creality_ender3"], make_spiral(300)
     start = "\n".join(profile.start_code).format(bed_c=40.0, nozzle_c=190.0, prime_mm=5.0)
     end = "\n".join(profile.end_code).format(park_mm=-profile.park_retraction_mm)
     text = b"\n".join((start.encode(), b";LAYER:0", *moves, end.encode()))
-    clock = Clock(SCALE, time.time())
-    link = Link(MARLIN2, 2.0 * SCALE)
+    clock = Clock(TIME_SCALE, time.time())
+    link = Link(MARLIN2, 2.0 * TIME_SCALE)
     program = read_program(io.BytesIO(text + b"\n"), profile)
     context = SessionContext(link, program, profile, Filament.PARKED, Pace.from_clock(clock), clock.now())
     session = Session(context)
@@ -195,7 +194,7 @@ def test_session_prints_a_part_to_a_virtual_ender_3(tmp_path: Path):
         ("drop_connection", Fault.PORT_LOST),
     ],
 )
-def test_unrecoverable_fault_of_the_virtual_printer_is_named(tmp_path: Path, trigger: str, fault: Fault):
+def test_unrecoverable_fault_of_the_virtual_printer_is_reported(tmp_path: Path, trigger: str, fault: Fault):
     program = make_spiral(200)
     _, faults = print_program(tmp_path, program, f"{trigger}@60")
     assert faults == [fault]
@@ -208,7 +207,7 @@ def test_printcore_prints_to_the_emulator_to_the_end(tmp_path: Path, faults: str
     moves = make_spiral(1500)
     path.write_bytes(b"\n".join([b"M302 S0", b"G28", b"G92 E0", *moves, b"M400"]) + b"\n")
     emulator = tmp_path / "emulator"
-    tty = launch(f"sim://ultimaker2_plus{faults}", emulator, Clock(SCALE, time.time()))
+    tty = launch(f"sim://ultimaker2_plus{faults}", emulator, Clock(TIME_SCALE, time.time()))
     try:
         subprocess.run([PYTHON, FOLDER / "printcore_peer.py", tty, path], check=True, timeout=TIME_LIMIT_S)
         status = read_status(emulator)

@@ -1,6 +1,6 @@
-"""The same requests to OctoPrint and to the farm: status, keys and types of the answers, and `Location`.
+"""Comparison of the farm's answers with those of OctoPrint: status, keys, types, and `Location`.
 
-Every key of the farm is one of OctoPrint with the same type, and no key that clients read is missing.
+OctoPrint's answer has every key of the farm's answer, with the same type. The keys that clients read exist.
 """
 
 import os
@@ -18,27 +18,30 @@ from printers.octoprint_server import OctoPrintServer
 
 pytestmark = [
     pytest.mark.system,
-    pytest.mark.skipif(not Path(os.environ.get("FARM_INTEROP", "none")).exists(), reason="make interop"),
+    pytest.mark.skipif(
+        not Path(os.environ.get("FARM_INTEROP", "none")).exists(),
+        reason="the peers are missing: make interop",
+    ),
 ]
 GCODE = "\n".join(make_marlin()).encode() + b"\n"
-UPLOAD = "/api/files/local"
-PRINTER_PATH = "/to/a"  # address of a printer of the farm; OctoPrint has only one
+UPLOAD_PATH = "/api/files/local"
+PRINTER_PATH = "/to/a"  # path of one printer of the farm; OctoPrint has only one printer
 FLAGS = ("error", "closedOrError", "paused", "pausing", "printing", "cancelling", "ready", "operational")
-FORM = ["done", "effectivePrint", "effectiveSelect", "files.local.name", "files.local.origin"]
-FORM += ["files.local.path", "files.local.refs.resource"]
+UPLOAD_KEYS = ["done", "effectivePrint", "effectiveSelect", "files.local.name", "files.local.origin"]
+UPLOAD_KEYS += ["files.local.path", "files.local.refs.resource"]
 
 
 def make_upload(*fields, name="part.gcode", content=GCODE):
-    """Make a form with fields and a file, in the order given; None stands for the file."""
+    """Make a form of fields in the given order, in which None stands for the file."""
     file = ("file", (name, content, "application/octet-stream"))
     return {"files": [file if field is None else (field[0], (None, field[1])) for field in fields]}
 
 
-ANSWERS = {  # title -> (method, path, body), keys that clients read
+ANSWERS = {  # title -> (method, path, body) and the keys that clients read
     "version": (("GET", "/api/version", {}), ["api", "server", "text"]),
     "settings": (("GET", "/api/settings", {}), ["feature.sdSupport", "plugins", "webcam"]),
     "printer": (("GET", "/api/printer", {}), [*(f"state.flags.{flag}" for flag in FLAGS), "state.text"]),
-    "printer of an address": (
+    "one printer": (
         ("GET", f"{PRINTER_PATH}/api/printer", {}),
         [f"temperature.{heater}.{word}" for heater in ("tool0", "bed") for word in ("actual", "target")],
     ),
@@ -58,18 +61,24 @@ ANSWERS = {  # title -> (method, path, body), keys that clients read
     "user": (("GET", "/api/currentuser", {}), ["name"]),
     "server": (("GET", "/api/server", {}), ["version"]),
     "files": (("GET", "/api/files", {}), ["files"]),
-    "files of local": (("GET", UPLOAD, {}), ["files"]),
-    "upload": (("POST", UPLOAD, make_upload(("print", "false"), ("path", ""), None)), FORM),
-    "upload, file first": (("POST", UPLOAD, make_upload(("path", ""), None, ("select", "true"))), FORM),
-    "upload and print": (("POST", UPLOAD, make_upload(("print", "true"), ("path", ""), None)), FORM),
+    "files of local": (("GET", UPLOAD_PATH, {}), ["files"]),
+    "upload": (("POST", UPLOAD_PATH, make_upload(("print", "false"), ("path", ""), None)), UPLOAD_KEYS),
+    "upload, file first": (
+        ("POST", UPLOAD_PATH, make_upload(("path", ""), None, ("select", "true"))),
+        UPLOAD_KEYS,
+    ),
+    "upload and print": (
+        ("POST", UPLOAD_PATH, make_upload(("print", "true"), ("path", ""), None)),
+        UPLOAD_KEYS,
+    ),
     "probe for app keys": (("GET", "/plugin/appkeys/probe", {}), []),
     "request of an app key": (("POST", "/plugin/appkeys/request", {"json": {"app": "Cura"}}), ["app_token"]),
 }
-REFUSALS = {  # title -> (method, path, body), status of the farm if it differs
-    "no file": (("POST", UPLOAD, make_upload(("print", "false"))), None),
-    "file that is not G-code": (("POST", UPLOAD, make_upload(None, name="a.txt")), 400),
+REFUSALS = {  # title -> (method, path, body) and the farm's status if it differs from OctoPrint's
+    "no file": (("POST", UPLOAD_PATH, make_upload(("print", "false"))), None),
+    "file that is not G-code": (("POST", UPLOAD_PATH, make_upload(None, name="a.txt")), 400),
     "unknown storage": (("POST", "/api/files/nowhere", make_upload(None)), None),
-    "select an unknown file": (("POST", f"{UPLOAD}/none.gcode", {"json": {"command": "select"}}), None),
+    "select an unknown file": (("POST", f"{UPLOAD_PATH}/none.gcode", {"json": {"command": "select"}}), None),
     "unknown address": (("GET", "/api/nothing", {}), None),
     "no key": (("GET", "/api/version", {"key": None}), 401),  # OctoPrint has guests with fewer rights
     "wrong key": (("GET", "/api/version", {"key": "nonsense"}), 401),
@@ -79,13 +88,13 @@ REFUSALS = {  # title -> (method, path, body), status of the farm if it differs
 @pytest.fixture(scope="module")
 def octoprint(tmp_path_factory):
     server = OctoPrintServer(tmp_path_factory.mktemp("octoprint"))
-    server.ask("POST", UPLOAD, **make_upload(("select", "true"), None)).raise_for_status()
+    server.ask("POST", UPLOAD_PATH, **make_upload(("select", "true"), None)).raise_for_status()
     yield server
     server.close()
 
 
 class FarmAnswers:
-    """Farm that answers requests of OctoPrint clients."""
+    """A farm, and requests to it with a key that may print."""
 
     def __init__(self, folder):
         self.farm = WebFarm(folder, workers=SameProcess())
@@ -102,20 +111,20 @@ def farm_answers(tmp_path):
     return FarmAnswers(tmp_path)
 
 
-def list_types(value, at=""):
-    """Return the type of each value in JSON by its path, in which `*` stands for the name of a profile."""
+def list_types(value, parent=""):
+    """Return the types of the values in JSON by their paths, in which `*` is the name of any profile."""
     if isinstance(value, dict):
-        names = {f"{at}.{'*' if at == '.profiles' else key}": inner for key, inner in value.items()}
-        inner = {
-            path: kind for name, inner in names.items() for path, kind in list_types(inner, name).items()
+        children = {f"{parent}.{'*' if parent == '.profiles' else key}": item for key, item in value.items()}
+        types = {
+            path: kind for name, item in children.items() for path, kind in list_types(item, name).items()
         }
-        return {at.lstrip("."): "dict", **inner}
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    return {at.lstrip("."): "number" if number else type(value).__name__}
+        return {parent.lstrip("."): "dict", **types}
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return {parent.lstrip("."): "number" if is_number else type(value).__name__}
 
 
 def compare_answers(answer, reference, required_keys):
-    """Compare the keys of two answers and the types of their values; a null has any type."""
+    """Compare the keys of two answers and the types of their values; null matches any type."""
     answer, reference = list_types(answer), list_types(reference)
     assert answer.keys() - reference.keys() == set()
     differing_types = {key: (kind, reference[key]) for key, kind in answer.items() if reference[key] != kind}
@@ -124,7 +133,7 @@ def compare_answers(answer, reference, required_keys):
 
 
 @pytest.mark.parametrize("title", ANSWERS)
-def test_answer_is_a_subset_of_that_of_octoprint(title, octoprint, farm_answers):
+def test_answer_has_only_keys_and_types_of_octoprint(title, octoprint, farm_answers):
     (method, path, body), required_keys = ANSWERS[title]
     answer, reference = (
         farm_answers.ask(method, path, **body),
@@ -144,9 +153,9 @@ def test_answer_is_a_subset_of_that_of_octoprint(title, octoprint, farm_answers)
 
 
 @pytest.mark.parametrize("title", REFUSALS)
-def test_refusal_has_the_status_of_octoprint_or_of_the_table(title, octoprint, farm_answers):
+def test_refusal_has_the_expected_status(title, octoprint, farm_answers):
     (method, path, body), own_status = REFUSALS[title]
     answer, reference = farm_answers.ask(method, path, **body), octoprint.ask(method, path, **body)
     assert answer.status_code == (own_status or reference.status_code), (answer.text, reference.text)
     assert own_status != reference.status_code
-    assert answer.headers["content-type"] == "text/plain"  # slicers show this text, but no JSON
+    assert answer.headers["content-type"] == "text/plain"  # slicers show plain text, but not JSON

@@ -11,8 +11,8 @@ import pytest
 from farm.model import PrintState
 from farms.scraped_farm import ScrapedFarm
 
-DEPLOY = Path(__file__).parents[2] / "deploy"
-RULES, BOARD = DEPLOY / "prometheus/farm.rules.yml", DEPLOY / "grafana/farm.json"
+DEPLOY_FOLDER = Path(__file__).parents[2] / "deploy"
+RULES, BOARD = DEPLOY_FOLDER / "prometheus/farm.rules.yml", DEPLOY_FOLDER / "grafana/farm.json"
 pytestmark = pytest.mark.skipif(shutil.which("promtool") is None, reason="promtool is missing: `make peers`")
 
 
@@ -46,7 +46,7 @@ def test_expressions_of_the_grafana_board_are_valid(tmp_path):
         target["expr"].replace("$printer", ".*") for panel in panels for target in panel["targets"]
     ]
     rules = [{"record": f"panel:{number}", "expr": expr} for number, expr in enumerate(expressions)]
-    path = tmp_path / "rules.json"  # JSON is YAML
+    path = tmp_path / "rules.json"  # JSON is valid YAML
     path.write_text(json.dumps({"groups": [{"name": "board", "rules": rules}]}))
     result = run_promtool("check", "rules", str(path))
     assert result.returncode == 0, result.stdout + result.stderr

@@ -1,7 +1,7 @@
 """Clients of other projects send G-code to a real daemon, whose simulated printer prints it.
 
-G-code of PrusaSlicer is sent with curl, with the options that PrusaSlicer sets in libcurl. Qt sends as Cura's
-plugin for OctoPrint does. OctoRest is a client of OctoPrint in Python.
+G-code of PrusaSlicer is sent by curl, with the options that PrusaSlicer sets in libcurl. Qt sends files as
+Cura's plugin for OctoPrint does. OctoRest is a client of OctoPrint in Python.
 """
 
 import json
@@ -22,7 +22,7 @@ PYTHON = Path(os.environ.get("FARM_INTEROP", "none"))
 END_STATES = ("printed", "done")
 pytestmark = [
     pytest.mark.system,
-    pytest.mark.skipif(not PYTHON.exists(), reason="make interop"),
+    pytest.mark.skipif(not PYTHON.exists(), reason="the peers are missing: make interop"),
 ]
 
 
@@ -31,7 +31,7 @@ needs_curl = pytest.mark.skipif(shutil.which("curl") is None, reason="curl is mi
 
 @pytest.fixture(scope="module")
 def qt():
-    """Skip the test if Qt lacks libraries of the system, as on a server without a desktop."""
+    """Skip the test if system libraries of Qt are missing, as on a server without a desktop."""
     result = subprocess.run(
         [PYTHON, "-c", "import PySide6.QtNetwork"], capture_output=True, text=True, check=False
     )
@@ -53,7 +53,7 @@ class ServedFarm(RealFarm):
         self.key = self.run_checked("key", "add", "slicer", "--role", "print").strip()
 
     def wait_until_printed(self, job):
-        """Wait until a job is printed, clear its bed, and return the printer."""
+        """Wait until a job is printed, clear the bed, and return the name of the printer."""
         wait_for(f"job {job}", lambda: self.read_job(job)["state"] in END_STATES)
         (plate,) = self.read_job(job)["plates"]
         self.run_checked("cleared", plate["printer"])
@@ -76,7 +76,7 @@ def tower(tmp_path_factory):
 
 
 def send_with_curl(farm, path, url_path="", **fields):
-    """Send a file as PrusaSlicer does; return the status, the type and the body that it would show."""
+    """Send a file as PrusaSlicer does; return the status, the content type and the body."""
     form = [argument for name, value in fields.items() for argument in ("-F", f"{name}={value}")]
     command = ["curl", "-sS", "-A", "PrusaSlicer/2.9.4", "-H", f"X-Api-Key: {farm.key}", *form, "-F", "path="]
     command += ["-F", f"file=@{path};type=application/octet-stream", f"{farm.url}{url_path}/api/files/local"]
@@ -101,7 +101,7 @@ def send_with_qt(farm, path, *fields, url_path=""):
 
 
 @needs_curl
-def test_gcode_of_prusaslicer_is_printed_by_the_printer_in_the_address(farm, slice_box):
+def test_gcode_of_prusaslicer_is_printed_by_the_printer_in_the_url(farm, slice_box):
     gcode_path = slice_box("sent")
     status, _, body = send_with_curl(farm, gcode_path, "/to/b", print="true")
     assert status == 201, body
@@ -111,7 +111,7 @@ def test_gcode_of_prusaslicer_is_printed_by_the_printer_in_the_address(farm, sli
 
 
 @needs_curl
-def test_refusal_is_shown_by_prusaslicer_with_its_line(farm, slice_box):
+def test_refusal_for_prusaslicer_is_plain_text_that_names_the_line(farm, slice_box):
     gcode_path = slice_box("hot", "--temperature", "290")
     status, content_type, body = send_with_curl(farm, gcode_path, print="true")
     assert (status, content_type) == (400, "text/plain")
@@ -129,7 +129,7 @@ def test_large_model_is_accepted_from_curl_that_waits_for_100_continue(farm, tmp
 
 
 @pytest.mark.parametrize("fields", [(), ("select=true", "print=true")], ids=["upload", "print"])
-def test_upload_of_qt_creates_a_job_with_the_location_that_the_plugin_of_cura_reads(farm, qt, tower, fields):
+def test_upload_by_qt_creates_a_job_at_the_location_that_cura_reads(farm, qt, tower, fields):
     answer = send_with_qt(farm, tower, *fields)
     assert answer["status"] == 201, answer
     location = answer["headers"]["location"]
@@ -141,7 +141,7 @@ def test_upload_of_qt_creates_a_job_with_the_location_that_the_plugin_of_cura_re
         assert farm.read_job(number)["options"]["hold"]
 
 
-def test_refusal_to_qt_has_the_content_type_of_plain_text(farm, qt, tmp_path):
+def test_refusal_for_qt_is_plain_text(farm, qt, tmp_path):
     path = tmp_path / "hot.gcode"
     path.write_text("\n".join(make_marlin()).replace("M109 S205", "M109 S999") + "\n")
     answer = send_with_qt(farm, path, "print=true")

@@ -20,19 +20,19 @@ from model_files.make_3mf import pack_3mf, write_mesh_xml, write_model_xml, writ
 
 pytestmark = [
     pytest.mark.system,
-    pytest.mark.skipif(CHROMIUM is None, reason="apt-get install chromium"),
-    pytest.mark.skipif("viewer.js" not in load_static_files(), reason="make pages"),
+    pytest.mark.skipif(CHROMIUM is None, reason="Chromium is missing: apt-get install chromium"),
+    pytest.mark.skipif("viewer.js" not in load_static_files(), reason="the viewer is not built: make pages"),
 ]
 WINDOW_PX = (1000, 700)
 STATUS_TEXT = "document.querySelector('#viewer [role=status]').textContent"
-COLOURS = (
+LEGEND_TEXT = (
     "[...document.querySelectorAll('#viewer .key span')].map((element) => element.textContent.trim()).join()"
 )
 
 
 @pytest.fixture
 def glb(tmp_path):
-    """Return the GLB of two boxes side by side."""
+    """Return a GLB file of two boxes side by side."""
     boxes = [Solid.box((x, 0.0, 0.0), (x + 40.0, 60.0, 50.0)) for x in (0.0, 40.0)]
     parts = [Part(f"p{n:02d}", box, np.eye(4), 0.0, "a") for n, box in enumerate(boxes, 1)]
     write_glb(parts, tmp_path / "a.glb")
@@ -57,14 +57,14 @@ def run_in_browser(tmp_path, scenario, **job):
     asyncio.run(run())
 
 
-def test_click_on_a_row_selects_its_part_and_click_on_a_part_its_row(tmp_path, glb):
+def test_click_on_a_row_or_on_a_part_selects_both(tmp_path, glb):
     async def scenario(browser, base, _):
         await browser.open(f"{base}/jobs/1")
         await browser.wait_for("document.querySelector('#viewer canvas') !== null")
         assert await browser.evaluate("document.querySelector('#viewer img')") is None
-        assert await browser.evaluate(COLOURS) == "printing,waiting"
+        assert await browser.evaluate(LEGEND_TEXT) == "printing,waiting"
         await browser.evaluate("document.querySelectorAll('#viewer [type=radio]')[1].click()")
-        assert await browser.evaluate(COLOURS) == "a"  # the printer of both parts in the forecast
+        assert await browser.evaluate(LEGEND_TEXT) == "a"  # the printer of both parts in the forecast
         await browser.evaluate("document.querySelector('#p02 th button').click()")
         picked_row = "document.querySelector('tr.picked').id"
         assert await browser.evaluate(picked_row) == "p02"
@@ -76,18 +76,18 @@ def test_click_on_a_row_selects_its_part_and_click_on_a_part_its_row(tmp_path, g
         ]
         await browser.click(left + 0.35 * width, top + 0.5 * height)
         assert await browser.evaluate(picked_row) == "p01"
-        await browser.click(left + 2, top + 2)  # beside all parts
+        await browser.click(left + 2, top + 2)  # outside all parts
         assert await browser.evaluate("document.querySelector('tr.picked')") is None
 
     run_in_browser(tmp_path, scenario, glb=glb)
 
 
-def test_part_of_a_job_with_copies_has_a_row_for_each(tmp_path, glb):
+def test_part_of_a_job_with_copies_has_a_row_for_each_copy(tmp_path, glb):
     async def scenario(browser, base, _):
         await browser.open(f"{base}/jobs/1")
         await browser.wait_for("document.querySelector('#viewer canvas') !== null")
         await browser.evaluate("document.querySelectorAll('#viewer [type=radio]')[0].click()")
-        assert await browser.evaluate(COLOURS) == "copies with several states,waiting"
+        assert await browser.evaluate(LEGEND_TEXT) == "copies with several states,waiting"
         await browser.evaluate("document.querySelector('tr[data-part=\"p02.2\"] th button').click()")
         assert await browser.evaluate("document.querySelector('tr.picked').id") == "p02.2"
         assert (await browser.evaluate(STATUS_TEXT)).startswith("p02.2: ")
@@ -95,7 +95,7 @@ def test_part_of_a_job_with_copies_has_a_row_for_each(tmp_path, glb):
     run_in_browser(tmp_path, scenario, glb=glb, copies=2)
 
 
-def test_view_stays_while_the_state_of_the_job_changes(tmp_path, glb):
+def test_view_remains_while_the_state_of_the_job_changes(tmp_path, glb):
     async def scenario(browser, base, farm):
         await browser.open(f"{base}/jobs/1")
         await browser.wait_for("document.querySelector('#viewer canvas') !== null")
@@ -109,7 +109,7 @@ def test_view_stays_while_the_state_of_the_job_changes(tmp_path, glb):
     run_in_browser(tmp_path, scenario, glb=glb)
 
 
-def test_model_that_is_not_glb_leaves_the_picture(tmp_path):
+def test_picture_remains_if_the_model_is_not_glb(tmp_path):
     async def scenario(browser, base, _):
         await browser.open(f"{base}/jobs/1")
         await browser.wait_for("document.querySelector('#viewer img') !== null")

@@ -1,4 +1,4 @@
-"""A whole job in Playwright, from the dropped model to the cleared bed, on a simulated printer."""
+"""A whole job in a browser, from the dropped model to the cleared bed, on a simulated printer."""
 
 import json
 import re
@@ -12,7 +12,7 @@ from farms.real_farm import RealFarm, find_free_port, wait_for
 
 pytestmark = [
     pytest.mark.system,
-    pytest.mark.skipif(CHROMIUM is None, reason="apt-get install chromium"),
+    pytest.mark.skipif(CHROMIUM is None, reason="Chromium is missing: apt-get install chromium"),
 ]
 
 
@@ -97,7 +97,7 @@ def submit_and_plan(page, model):
 
 
 def clear_bed(page):
-    """Confirm that the part is taken off, as the first task asks."""
+    """Confirm that the part was taken off the bed, as the first task requests."""
     task = page.locator("#todo")
     expect(task).to_contain_text("Clear 1 bed")
     task.get_by_role("button", name="Taken off, part is good").click()

@@ -1,4 +1,4 @@
-"""Farms for system tests: each in its own folder, ended after the test."""
+"""Fixtures that make farms for system tests, and end them after the test."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from farms.real_farm import RealFarm
 
 @pytest.fixture
 def make_farm(tmp_path):
-    """Return a function that makes a farm of {name: (model, port)} to be started; end it after the test."""
+    """Return a function that makes a farm of {name: (model, port)} but does not start it; end it at last."""
     farms = []
 
     def make(printers):
@@ -33,7 +33,7 @@ def farm(make_farm):
 
 @pytest.fixture(scope="session")
 def bar(tmp_path_factory):
-    """Write a plain model longer than a bed, which two printers print in a few hundred moves."""
+    """Write a model that is longer than a bed, and that two printers print in a few hundred moves."""
     path = tmp_path_factory.mktemp("models") / "bar.stl"
     trimesh.creation.box((260.0, 14.0, 12.0)).export(path)
     return path

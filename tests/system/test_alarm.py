@@ -9,24 +9,25 @@ from farms.real_farm import RealFarm, wait_for
 @pytest.mark.system
 def test_shorted_nozzle_of_an_idle_printer_is_the_first_task_and_cuts_the_mains(tmp_path):
     farm = RealFarm(tmp_path, {"um2-01": ("ultimaker2_plus", "sim://ultimaker2_plus")})
-    mark, relay = tmp_path / "mark", tmp_path / "relay.sh"
-    relay.write_text(f'#!/bin/sh\necho "$1" >> {mark}\n')
+    relay_log, relay = tmp_path / "log", tmp_path / "relay.sh"
+    relay.write_text(f'#!/bin/sh\necho "$1" >> {relay_log}\n')
     relay.chmod(0o700)
-    rows = farm.fleet.read_text().replace(
+    fleet_text = farm.fleet.read_text().replace(
         "name: um2-01,", f'name: um2-01, power_off_cmd: "{relay} {{printer}}",'
     )
-    farm.fleet.write_text(rows)
+    farm.fleet.write_text(fleet_text)
     try:
         farm.up()
         control(farm.get_emulator_folder("um2-01"), "break", fault="nozzle_burns_after")
-        wait_for("its mains to be cut", mark.exists, 40.0)
-        alarm = wait_for(
-            "its outcome", lambda: [t for t in farm.status()["todo"] if "cut its mains" in t["text"]]
+        wait_for("the mains to be cut", relay_log.exists, 40.0)
+        alarms = wait_for(
+            "the task about the mains",
+            lambda: [t for t in farm.read_status()["todo"] if "cut its mains" in t["text"]],
         )
-        assert alarm[0] == farm.status()["todo"][0] and alarm[0]["code"] == "alarm"
-        assert "go to um2-01 now: " in alarm[0]["text"] and ", nozzle " in alarm[0]["text"]
+        assert alarms[0] == farm.read_status()["todo"][0] and alarms[0]["code"] == "alarm"
+        assert "go to um2-01 now: " in alarms[0]["text"] and ", nozzle " in alarms[0]["text"]
         assert farm.read_printer("um2-01")["state"] == "look"
         assert "DO NOW   go to um2-01 now: " in farm.run_checked("status")
-        assert mark.read_text() == "um2-01\n"
+        assert relay_log.read_text() == "um2-01\n"
     finally:
         farm.end()

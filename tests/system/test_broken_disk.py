@@ -20,7 +20,7 @@ pytestmark = pytest.mark.system
 @pytest.fixture
 def disk_farm(tmp_path):
     """Make a farm whose state folder is on a small disk."""
-    with ExitStack() as stack:  # in reverse order, even if one of them fails
+    with ExitStack() as stack:  # its callbacks run in reverse order, even if one of them fails
         disk = SmallDisk(tmp_path / "state", 8)
         stack.callback(disk.end)
         if not disk.is_mounted:
@@ -39,7 +39,7 @@ def farm(tmp_path):
 
 
 def clear_and_list_prints(farm):
-    """Clear the beds that need it; return the plates whose first layer has begun."""
+    """Clear the beds that are full; return the plates whose first layer has begun."""
     status = farm.request("GET", "/status")
     farm.clear_beds(status)
     prints = [printer["print"] for printer in status["printers"] if printer["print"]]
@@ -47,13 +47,13 @@ def clear_and_list_prints(farm):
 
 
 def are_heaters_off(farm):
-    """Return whether the targets of all heaters are zero."""
+    """Return True if the targets of all heaters are zero."""
     targets = [printer["targets"] for printer in farm.request("GET", "/status")["printers"]]
     return all((target["nozzle_c"], target["bed_c"]) == (0.0, 0.0) for target in targets)
 
 
 def read_start_failure(farm, read_only=False):
-    """Start the daemon, which fails; return the line in which it gives the reason."""
+    """Start the daemon, which fails; return the line with the reason."""
     command = [sys.executable, "-P", "-m", "farm.cli.main", *farm.list_daemon_arguments()]
     result = subprocess.run(
         farm.disk.make_command(command, read_only), check=False, capture_output=True, text=True
@@ -69,14 +69,14 @@ def test_full_disk_stops_and_loses_no_print(disk_farm):
     farm = disk_farm
     farm.start_daemons([])
     farm.submit(2)
-    wait_for("both to print", lambda: clear_and_list_prints(farm) == {"1/01", "2/01"})
+    wait_for("both jobs to print", lambda: clear_and_list_prints(farm) == {"1/01", "2/01"})
     farm.disk.fill()
     status, answer = farm.request_any("POST", *farm.make_submission(9))
     assert status == 500
     assert "No space left" in answer["error"]
     assert "check its disk space" in answer["error"]
     assert len(farm.request("GET", "/status")["jobs"]) == 2
-    wait_for("both to end without a record", lambda: are_heaters_off(farm))
+    wait_for("both prints to end without a record", lambda: are_heaters_off(farm))
     (first, *_) = farm.request("GET", "/status")["todo"]
     assert first["code"] == "farm"
     assert "disk is full" in first["text"]
@@ -95,13 +95,13 @@ def list_states(farm):
 
 
 def test_damaged_database_is_restored_and_no_part_is_printed_twice(farm):
-    """Use a backup that has the plans of the running prints, but not the prints."""
+    """Restore a backup that contains the plans of the running prints, but not the prints."""
     farm.start_daemons([])
     farm.submit(3, hold=True)
-    wait_for("all to be planned", lambda: list_states(farm) == {"held"})
+    wait_for("all jobs to be planned", lambda: list_states(farm) == {"held"})
     back_up(StateFolder(farm.state), farm.read_clock().now())
     farm.approve()
-    wait_for("the last of them to print", lambda: "3/01" in clear_and_list_prints(farm))
+    wait_for("the last job to print", lambda: "3/01" in clear_and_list_prints(farm))
     farm.kill_daemons()
     for name in ("farm.db", "farm.db-wal"):
         path = farm.state / name

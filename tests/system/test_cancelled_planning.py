@@ -1,4 +1,4 @@
-"""Cancelled planning in real processes: it ends at once and leaves no process."""
+"""Cancelled planning in real processes, which ends at once and leaves no process."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MODEL = "ultimaker2_plus"
 
 @pytest.fixture
 def hanging_engine(tmp_path):
-    """Make an engine that never ends and holds a FIFO open: its end of file shows that no process remains."""
+    """Make an engine that never ends and holds a FIFO open, so that end of file means that no engine runs."""
     os.mkfifo(tmp_path / "fifo")
     engine = tmp_path / "engine"
     version = "[ $1 = help ] && exec CuraEngine help"
@@ -29,15 +29,15 @@ def hanging_engine(tmp_path):
 
 def list_children(pid):
     """List the running child processes of a process."""
-    results = set()
+    pids = set()
     for stat in Path("/proc").glob("[0-9]*/stat"):
         try:
             state, parent = stat.read_text().rpartition(")")[2].split()[:2]
         except OSError:
             continue
         if int(parent) == pid and state != "Z":
-            results.add(int(stat.parent.name))
-    return results
+            pids.add(int(stat.parent.name))
+    return pids
 
 
 def list_workers(daemon):
@@ -48,7 +48,7 @@ def list_workers(daemon):
 def test_planning_processes_end_with_their_job_and_with_the_daemon(make_farm, bar, hanging_engine, tmp_path):
     farm = make_farm({"one": (MODEL, f"sim://{MODEL}"), "two": (MODEL, f"sim://{MODEL}")})
     farm.up(FARM_CURA_ENGINE=str(hanging_engine))
-    daemon = farm.status()["daemon"]["pid"]
+    daemon = farm.read_status()["daemon"]["pid"]
     farm.run_checked("submit", bar)
     with (tmp_path / "fifo").open() as fifo:
         assert fifo.readline() == "slicing\n"
@@ -57,27 +57,30 @@ def test_planning_processes_end_with_their_job_and_with_the_daemon(make_farm, ba
         assert "slicing 0 of 2" in farm.run_checked("status")
         old_workers = list_workers(daemon)
         farm.run_checked("cancel", 1)
-        fifo.read()  # to its end: no engine has it open
+        fifo.read()  # returns when no engine has the FIFO open
     assert (farm.read_job()["state"], farm.read_job()["progress"]) == ("cancelled", None)
     wait_for(
         "new workers", lambda: len(old_workers) == len(now := list_workers(daemon)) and now - old_workers
     )
     assert not list((farm.state / "work").glob("job-*"))
-    # The new workers plan the next job; the daemon is killed meanwhile.
+    # While the new workers plan the next job, the daemon is killed.
     farm.run_checked("submit", bar)
     with (tmp_path / "fifo").open() as fifo:
         assert fifo.readline() == "slicing\n"
         old_workers = list_workers(daemon)
         farm.kill_daemon()
         fifo.read()
-    wait_for("its workers to end", lambda: not any(Path(f"/proc/{pid}").exists() for pid in old_workers))
-    # A worker that is killed while it writes leaves such a file.
+    wait_for(
+        "the workers of the killed daemon to end",
+        lambda: not any(Path(f"/proc/{pid}").exists() for pid in old_workers),
+    )
+    # A worker that is killed while it writes a slice leaves such a file.
     partial_file = farm.state / "slices" / ".some.gcode.x"
     partial_file.touch()
-    # The next daemon plans it again, and is shut down meanwhile.
+    # The next daemon plans the job again, and is shut down meanwhile.
     farm.up(FARM_CURA_ENGINE=str(hanging_engine))
     assert not partial_file.exists()
-    daemon = farm.status()["daemon"]["pid"]
+    daemon = farm.read_status()["daemon"]["pid"]
     with (tmp_path / "fifo").open() as fifo:
         assert fifo.readline() == "slicing\n"
         old_workers = list_workers(daemon)

@@ -1,4 +1,4 @@
-"""Every row of docs/reference/defects.md, on one running farm."""
+"""Tests of every row of docs/reference/defects.md."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from farms.real_farm import RealFarm, wait_for
 pytestmark = pytest.mark.system
 
 MODEL = "ultimaker2_plus"
-SIMULATED = (MODEL, f"sim://{MODEL}")
+SIMULATED_PRINTER = (MODEL, f"sim://{MODEL}")
 
 
 @pytest.fixture(scope="module")
 def shared_farm(tmp_path_factory):
-    """Provide one farm for all rows; no row may disturb it."""
-    farm = RealFarm(tmp_path_factory.mktemp("farm"), {"one": SIMULATED})
+    """Provide one farm for all rows, which none of them may disturb."""
+    farm = RealFarm(tmp_path_factory.mktemp("farm"), {"one": SIMULATED_PRINTER})
     farm.up()
     yield farm
-    assert {p["state"] for p in farm.status()["printers"]} == {"idle"}
+    assert {p["state"] for p in farm.read_status()["printers"]} == {"idle"}
     farm.end()
 
 
@@ -33,20 +33,20 @@ def write_random_bytes(path):
     path.write_bytes(np.random.default_rng(1).bytes(5000))
 
 
-def write_unknown_kind(path):
+def write_unknown_file_kind(path):
     path.with_suffix(".txt").write_text("solid it is not")
     return path.with_suffix(".txt")
 
 
-def write_empty(path):
+def write_empty_file(path):
     path.touch()
 
 
-def write_flat(path):
+def write_flat_mesh(path):
     trimesh.Trimesh([[0, 0, 0], [50, 0, 0], [50, 50, 0], [0, 50, 0]], [[0, 1, 2], [0, 2, 3]]).export(path)
 
 
-def write_nan(path):
+def write_mesh_with_nan(path):
     box = trimesh.creation.box((50, 50, 50))
     vertices = np.array(box.vertices)
     vertices[3, 1] = np.nan
@@ -64,19 +64,19 @@ def write_loose_triangles(path):
     trimesh.Trimesh(corners.reshape(-1, 3), np.arange(180).reshape(-1, 3), process=False).export(path)
 
 
-def write_in_metres(path):
+def write_box_in_metres(path):
     trimesh.creation.box((0.26, 0.1, 0.1)).export(path)
 
 
 REFUSALS = {
     "random_bytes": (write_random_bytes, "model.stl"),
-    "unknown_kind": (write_unknown_kind, "not a known kind"),
-    "empty": (write_empty, "empty"),
-    "flat": (write_flat, "flat"),
-    "nan": (write_nan, "not a number"),
+    "unknown_kind": (write_unknown_file_kind, "not a known kind"),
+    "empty": (write_empty_file, "empty"),
+    "flat": (write_flat_mesh, "flat"),
+    "nan": (write_mesh_with_nan, "not a number"),
     "half_an_stl": (write_half_stl, "header states"),
     "loose_triangles": (write_loose_triangles, "solid"),
-    "in_metres": (write_in_metres, "--scale"),
+    "in_metres": (write_box_in_metres, "--scale"),
 }
 
 
@@ -95,7 +95,7 @@ def test_unusable_model_is_refused(shared_farm, tmp_path, defect):
     result = shared_farm.run("submit", path, "--wait")
     assert result.returncode == 5, result.stderr
     assert message in read_error_line(result.stderr)
-    assert shared_farm.status()["jobs"] == []
+    assert shared_farm.read_status()["jobs"] == []
 
 
 def test_missing_file_is_refused(shared_farm, tmp_path):
@@ -105,7 +105,7 @@ def test_missing_file_is_refused(shared_farm, tmp_path):
 
 
 def test_unreachable_daemon_is_reported(make_farm, bar):
-    farm = make_farm({"one": SIMULATED})
+    farm = make_farm({"one": SIMULATED_PRINTER})
     for arguments in (("submit", bar), ("status",), ("status", 1, "--json"), ("down",)):
         result = farm.run(*arguments)
         assert result.returncode == 3
@@ -113,7 +113,7 @@ def test_unreachable_daemon_is_reported(make_farm, bar):
 
 
 def test_unknown_key_in_the_fleet_file_is_reported(make_farm):
-    farm = make_farm({"one": SIMULATED})
+    farm = make_farm({"one": SIMULATED_PRINTER})
     farm.fleet.write_text(farm.fleet.read_text().replace("name: one", "name: one, colur: red"))
     result = farm.run("up")
     assert result.returncode == 2
@@ -121,7 +121,7 @@ def test_unknown_key_in_the_fleet_file_is_reported(make_farm):
 
 
 def test_unknown_material_in_the_fleet_file_is_reported(make_farm):
-    farm = make_farm({"one": SIMULATED})
+    farm = make_farm({"one": SIMULATED_PRINTER})
     farm.fleet.write_text(farm.fleet.read_text().replace("name: one", "name: one, material: PLAA"))
     result = farm.run("up")
     assert result.returncode == 2
@@ -145,11 +145,11 @@ def test_missing_port_is_reported(make_farm, tmp_path):
     assert result.returncode == 0, result.stderr
     assert "one: there is no port" in read_error_line(result.stderr)
     wait_for("the agent's report", lambda: farm.read_printer("one")["state"] == "absent")
-    assert farm.status()["todo"][0]["code"] == "connect"
+    assert farm.read_status()["todo"][0]["code"] == "connect"
 
 
 def test_missing_cura_engine_is_reported(make_farm, bar, tmp_path):
-    farm = make_farm({"one": SIMULATED})
+    farm = make_farm({"one": SIMULATED_PRINTER})
     farm.up(FARM_CURA_ENGINE=str(tmp_path / "no-engine"))
     result = farm.run("submit", bar, "--wait")
     assert result.returncode == 1, result.stderr
@@ -161,7 +161,7 @@ def test_failing_cura_engine_is_reported(make_farm, bar, tmp_path):
     script = "[ $1 = help ] && exec CuraEngine help; echo 'out of memory' >&2; exit 1"
     engine.write_text(f"#!/bin/sh\n{script}\n")
     engine.chmod(engine.stat().st_mode | stat.S_IXUSR)
-    farm = make_farm({"one": SIMULATED, "two": SIMULATED})
+    farm = make_farm({"one": SIMULATED_PRINTER, "two": SIMULATED_PRINTER})
     farm.up(FARM_CURA_ENGINE=str(engine))
     result = farm.run("submit", bar, "--wait")
     assert result.returncode == 1, result.stderr
@@ -170,8 +170,8 @@ def test_failing_cura_engine_is_reported(make_farm, bar, tmp_path):
 
 
 def test_part_that_fits_no_printer_is_refused(make_farm, tmp_path):
-    farm = make_farm({"one": SIMULATED})
-    # A printer so small that its clips and the brim leave no room for a part.
+    farm = make_farm({"one": SIMULATED_PRINTER})
+    # The printer is so small that its clips and the brim leave no space for a part.
     farm.fleet.write_text(farm.fleet.read_text().replace("name: one", "name: one, volume_mm: [20, 20, 20]"))
     farm.up()
     path = tmp_path / "model.stl"
@@ -182,7 +182,7 @@ def test_part_that_fits_no_printer_is_refused(make_farm, tmp_path):
 
 
 def test_open_mesh_is_repaired_and_parts_are_printed_in_rounds(make_farm, tmp_path):
-    farm = make_farm({"one": SIMULATED})
+    farm = make_farm({"one": SIMULATED_PRINTER})
     farm.up()
     bar = trimesh.creation.box((260.0, 12.0, 10.0)).subdivide().subdivide()
     bar.update_faces(np.arange(len(bar.faces)) != 7)
@@ -200,7 +200,7 @@ def test_open_mesh_is_repaired_and_parts_are_printed_in_rounds(make_farm, tmp_pa
 
 
 def test_read_only_state_folder_is_refused(make_farm, tmp_path):
-    farm = make_farm({"one": SIMULATED})
+    farm = make_farm({"one": SIMULATED_PRINTER})
     farm.state = Path("/proc/farm")
     result = farm.run("up")
     assert result.returncode == 1

@@ -1,4 +1,4 @@
-"""Mixed fleet: an Ender-3 with plain Marlin 2, and an Ultimaker 2+."""
+"""A mixed fleet of an Ender-3 with plain Marlin 2 and an Ultimaker 2+."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ import pytest
 
 pytestmark = pytest.mark.system
 
-ENDER3, PLUS = "creality_ender3", "ultimaker2_plus"
+ENDER3, UM2_PLUS = "creality_ender3", "ultimaker2_plus"
 
 
 @pytest.fixture
 def mixed_farm(make_farm):
-    farm = make_farm({"ender": (ENDER3, f"sim://{ENDER3}"), "um2": (PLUS, f"sim://{PLUS}")})
+    farm = make_farm({"ender": (ENDER3, f"sim://{ENDER3}"), "um2": (UM2_PLUS, f"sim://{UM2_PLUS}")})
     text = farm.fleet.read_text()
     farm.fleet.write_text(text.replace(f"model: {ENDER3},", f"model: {ENDER3}, material: generic_pla_175,"))
     farm.up()
     return farm
 
 
-def test_model_is_split_between_two_models_of_printer(mixed_farm, bar):
+def test_job_is_split_between_printers_of_two_models(mixed_farm, bar):
     result = mixed_farm.run("submit", bar, "--wait", "--json")
     assert result.returncode == 0, (result.stderr, mixed_farm.read_log())
     job = json.loads(result.stdout)["job"]
@@ -32,4 +32,4 @@ def test_model_is_split_between_two_models_of_printer(mixed_farm, bar):
         assert (emulator.nozzle_target_c, emulator.bed_target_c, emulator.bed_clear) == (0.0, 0.0, False)
         assert emulator.altered == emulator.damaged == 0
     mixed_farm.run_checked("cleared", "all")
-    assert mixed_farm.status()["todo"] == []
+    assert mixed_farm.read_status()["todo"] == []

@@ -1,4 +1,4 @@
-"""Another user of this host stops a printer, while daemon and agent hang."""
+"""Emergency stop by another user of this host, while the daemon and the agent hang."""
 
 import json
 import os
@@ -32,7 +32,7 @@ def connect(path):
 
 
 @pytest.mark.system
-@pytest.mark.skipif(os.getuid() != 0, reason="needs root, to be another user")
+@pytest.mark.skipif(os.getuid() != 0, reason="needs root to become another user")
 def test_member_of_the_group_stops_a_printer_whose_daemon_and_agent_hang(tmp_path):
     farm = RealFarm(tmp_path, {"um2-01": ("ultimaker2_plus", "sim://ultimaker2_plus")})
     shared_folder = Path(tempfile.mkdtemp())
@@ -55,12 +55,12 @@ def test_member_of_the_group_stops_a_printer_whose_daemon_and_agent_hang(tmp_pat
         stopped_pids, server = [], None
         try:
             farm.up()
-            stopped_pids += [farm.status()["daemon"]["pid"], farm.read_printer("um2-01")["agent_pid"]]
+            stopped_pids += [farm.read_status()["daemon"]["pid"], farm.read_printer("um2-01")["agent_pid"]]
             for pid in stopped_pids:
                 os.kill(pid, signal.SIGSTOP)
             arguments = [sys.executable, "-c", ESTOP_AS_USER, str(NOBODY_UID), shared_folder / "farm.sock"]
             idle_clients = [connect(path) for _ in range(CLIENT_COUNT)]
-            server = subprocess.Popen(command, stdin=listener)  # as systemd does it
+            server = subprocess.Popen(command, stdin=listener)  # as systemd does
             client = subprocess.Popen(arguments, stdout=subprocess.PIPE)
             output, _ = client.communicate(timeout=120)
             for client_socket in idle_clients:

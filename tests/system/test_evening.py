@@ -1,4 +1,4 @@
-"""Several jobs of one evening in real processes: each is planned and answered although no bed is free."""
+"""Several jobs of one evening in real processes, which are planned although no bed is free."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MODEL = "ultimaker2_plus"
 
 @pytest.fixture
 def models(tmp_path):
-    """Write a box that one printer can hold, and a sphere whose search for parts takes minutes."""
+    """Write a box that fits one printer, and a sphere whose search for parts takes minutes."""
     trimesh.creation.box((60.0, 30.0, 12.0)).export(tmp_path / "box.stl")
     trimesh.creation.icosphere(subdivisions=5, radius=160.0).export(tmp_path / "sphere.stl")
     return {name: tmp_path / f"{name}.stl" for name in ("box", "sphere")}
@@ -41,7 +41,7 @@ def test_jobs_and_dry_runs_are_planned_while_printers_and_workers_are_busy(eveni
     farm.run_checked("submit", bar, "--engine", "guillotine")
     wait_for("both printers to print", lambda: len(list_prints(farm.read_job())) == 2)
 
-    # No bed is cleared from now on; both jobs have their figures nevertheless.
+    # From now on, no bed is cleared; both jobs are planned nevertheless.
     farm.run_checked("submit", bar, "--engine", "guillotine")
     farm.run_checked("submit", models["box"])
     wait_for("two plans", lambda: all(farm.read_job(number)["parts"] for number in (2, 3)))

@@ -1,4 +1,4 @@
-"""SIGKILL of a real daemon at its commits and at random times, while agents and printers continue."""
+"""A real daemon that is killed at commits and at random times, while agents and printers continue."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import random
 import pytest
 
 from farms.killed_daemon_farm import KilledDaemonFarm
-from farms.restarted_daemon import AFTER_DELAY, MOMENTS
+from farms.restarted_daemon import AFTER_DELAY, DEATH_MOMENTS
 
 pytestmark = pytest.mark.system
 
@@ -27,7 +27,14 @@ def killed_farm(tmp_path):
 
 @pytest.mark.parametrize(
     ("seed", "rounds"),
-    [(6, 1), pytest.param(7, 9, marks=pytest.mark.skipif("FARM_KILLS" not in os.environ, reason="3 min"))],
+    [
+        (6, 1),
+        pytest.param(
+            7,
+            9,
+            marks=pytest.mark.skipif("FARM_KILLS" not in os.environ, reason="takes 3 minutes: FARM_KILLS=1"),
+        ),
+    ],
 )
 def test_no_plate_is_lost_or_printed_twice_after_a_kill_at_any_event(killed_farm, seed, rounds):
     """Kill the daemon at every event of a job: before, during or after its commit."""
@@ -36,14 +43,15 @@ def test_no_plate_is_lost_or_printed_twice_after_a_kill_at_any_event(killed_farm
         death
         for round_number in range(rounds)
         for index, event in enumerate(JOB_EVENTS)
-        for death in ((MOMENTS[(index + round_number) % 3], event), (AFTER_DELAY, rng.uniform(0.3, 2.0)))[
-            : 1 + index % 2
-        ]
+        for death in (
+            (DEATH_MOMENTS[(index + round_number) % 3], event),
+            (AFTER_DELAY, rng.uniform(0.3, 2.0)),
+        )[: 1 + index % 2]
     ]
     killed_farm.start_daemons(deaths)
     killed_farm.submit(3 * rounds)
     killed_farm.judge_prints_good(failing_prints=[1])
-    # A fast machine may finish the jobs before all deaths.
+    # A fast machine may finish the jobs before all deaths have happened.
     while len(killed_farm.list_deaths()) < len(deaths):
         killed_farm.submit(1)
         killed_farm.judge_prints_good()

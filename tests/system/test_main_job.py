@@ -1,4 +1,4 @@
-"""The main job on real processes: CuraEngine, pyserial on pseudo-terminals, SQLite, agents, emulators."""
+"""Complete jobs in real processes: CuraEngine, pyserial on pseudo-terminals, SQLite, agents, emulators."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def is_extruding(farm, name):
     return farm.read_emulator_status(name).bed_clear is False
 
 
-def test_model_is_printed_to_its_last_part(farm, bar):
+def test_all_parts_of_a_model_are_printed(farm, bar):
     result = farm.run("submit", bar, "--wait", "--json")
     assert result.returncode == 0, (result.stderr, farm.read_log())
     answer = json.loads(result.stdout)
@@ -39,8 +39,8 @@ def test_model_is_printed_to_its_last_part(farm, bar):
     assert job["state"] == "printed"
     assert [part["prints"][-1]["state"] for part in job["parts"]] == ["done", "done"]
     assert {part["prints"][-1]["printer"] for part in job["parts"]} == {"one", "two"}
-    # A second of a busy computer is minutes on the farm's clock; `bench/fleets/job_times.py` measures
-    # the difference.
+    # On a busy computer, a delay of a second is minutes of farm time; `bench/fleets/job_times.py`
+    # measures the difference.
     assert job["starved_share"] < 0.25
     assert job["elapsed_s"] == pytest.approx(job["estimated_s"], rel=0.25)
     assert 1.0 < job["speedup"] < 2.0
@@ -57,19 +57,19 @@ def test_model_is_printed_to_its_last_part(farm, bar):
         emulator = farm.read_emulator_status(name)
         assert (emulator.nozzle_target_c, emulator.bed_target_c, emulator.bed_clear) == (0.0, 0.0, False)
         assert emulator.filament_mm > 0
-    todo = farm.status()["todo"]
+    todo = farm.read_status()["todo"]
     assert [item["code"] for item in todo] == ["clear"]
     text = farm.run_checked("status")
     assert re.search(r"clear 2 beds: (one|two) \(1/p0[12]\) (one|two) \(1/p0[12]\)", text)
     assert "printed 2/2" in text
     farm.run_checked("cleared", "all")
-    assert farm.status()["todo"] == []
-    # Nothing prints, so the farm shuts down on request, with its simulated printers.
+    assert farm.read_status()["todo"] == []
+    # No printer prints, so the farm shuts down on request, with its simulated printers.
     farm.run_checked("down")
     assert farm.run("status").returncode == 3
 
 
-def test_print_completes_with_wrong_checksums(make_farm, bar):
+def test_print_completes_despite_wrong_checksums(make_farm, bar):
     model = "ultimaker2_plus"
     farm = make_farm(
         {"one": (model, f"sim://{model}?seed=3&checksum=0.002"), "two": (model, f"sim://{model}?seed=4")}
@@ -83,7 +83,7 @@ def test_print_completes_with_wrong_checksums(make_farm, bar):
 def test_prints_continue_after_the_daemon_dies(farm, bar):
     farm.run_checked("submit", bar)
     wait_for("both printers to extrude", lambda: is_printing(farm) and is_extruding(farm, "one"))
-    old_status = farm.status()
+    old_status = farm.read_status()
     agents = {p["name"]: p["agent_pid"] for p in old_status["printers"]}
     resets = {name: farm.read_emulator_status(name).resets for name in agents}
     moves = {name: farm.read_emulator_status(name).moves for name in agents}
@@ -91,26 +91,26 @@ def test_prints_continue_after_the_daemon_dies(farm, bar):
     wait_for("moves without a daemon", lambda: farm.read_emulator_status("one").moves > moves["one"])
     assert farm.run("status").returncode == 3
     farm.run_checked("up")
-    assert farm.status()["daemon"]["pid"] != old_status["daemon"]["pid"]
+    assert farm.read_status()["daemon"]["pid"] != old_status["daemon"]["pid"]
     wait_for("the job to end", lambda: farm.read_job()["state"] == "printed")
-    assert {p["name"]: p["agent_pid"] for p in farm.status()["printers"]} == agents
+    assert {p["name"]: p["agent_pid"] for p in farm.read_status()["printers"]} == agents
     assert {name: farm.read_emulator_status(name).resets for name in agents} == resets
     job = farm.read_job()
-    # A second of a busy computer is minutes on the farm's clock; `bench/fleets/job_times.py` measures
-    # the difference.
+    # On a busy computer, a delay of a second is minutes of farm time; `bench/fleets/job_times.py`
+    # measures the difference.
     assert job["elapsed_s"] == pytest.approx(job["estimated_s"], rel=0.25)
     assert [len(part["prints"]) for part in job["parts"]] == [1, 1]
 
 
-def test_submit_wait_continues_over_a_restart_of_the_daemon(farm, bar, tmp_path):
+def test_submit_wait_survives_a_restart_of_the_daemon(farm, bar, tmp_path):
     import subprocess
 
-    from farms.real_farm import FARM
+    from farms.real_farm import FARM_PROGRAM
 
     with (tmp_path / "out").open("w+") as path:
-        command = [str(FARM), "submit", str(bar), "--wait", "--json", "--state", str(farm.state)]
+        command = [str(FARM_PROGRAM), "submit", str(bar), "--wait", "--json", "--state", str(farm.state)]
         wait_process = subprocess.Popen(command, stdout=path, stderr=subprocess.DEVNULL)
-        wait_for("the plan", lambda: farm.status()["jobs"] and farm.read_job()["estimated_s"])
+        wait_for("the plan", lambda: farm.read_status()["jobs"] and farm.read_job()["estimated_s"])
         farm.kill_daemon()
         farm.run_checked("up")
         assert wait_process.wait(240) == 0
@@ -133,8 +133,8 @@ def watched_farm(make_farm):
         farm.end()
 
 
-def have_last_stills(job):
-    """Check that each print of a job has a still of its end or failure, which is fetched after the end."""
+def have_final_stills(job):
+    """Return True if each print of a job has the still of its end or failure, which arrives last."""
     return all(
         ("failure" if attempt["state"] == "failed" else "end")
         in {still["moment"] for still in attempt["stills"]}
@@ -146,14 +146,14 @@ def have_last_stills(job):
 def check_stills(job):
     """Check the stills of a job's prints; return their number."""
     stills = [still for part in job["parts"] for attempt in part["prints"] for still in attempt["stills"]]
-    # At 150 times the speed, the first layer lasts a moment, which a busy machine may miss.
+    # At 150 times real time, the first layer is so short that a busy machine may miss it.
     assert "first_layer" in {still["moment"] for still in stills}
     assert all(Path(still["file"]).read_bytes() == make_png() for still in stills)
     return len(stills)
 
 
 def check_fetched_files(farm, folder, stills):
-    """Check that another computer gets the files of job 1, and a report that shows its stills."""
+    """Check that another computer can fetch the files of job 1, and a report with its stills."""
     key = folder / "key"
     key.touch(mode=0o600)
     key.write_text(farm.run_checked("key", "add", "laptop", "--role", "look"))
@@ -174,16 +174,16 @@ def test_printer_of_a_dead_agent_is_cooled(watched_farm, bar, tmp_path):
     agent = farm.read_printer("one")["agent_pid"]
     assert farm.read_emulator_status("one").nozzle_target_c > 0
     os.kill(agent, signal.SIGKILL)
-    kill_s = time.monotonic()
+    killed_at_s = time.monotonic()
 
-    def is_cold():
+    def are_heaters_off():
         emulator = farm.read_emulator_status("one")
         return emulator.nozzle_target_c == 0 and emulator.bed_target_c == 0
 
-    # This is a guarantee: the heaters are off five seconds after an agent's death.
-    wait_for("targets 0", is_cold, limit_s=5.0)
-    assert time.monotonic() - kill_s < 5.0
-    wait_for("the daemon to record it", lambda: farm.read_printer("one")["state"] == "look")
+    # The farm guarantees that the heaters are off within five seconds of an agent's death.
+    wait_for("heater targets of 0", are_heaters_off, limit_s=5.0)
+    assert time.monotonic() - killed_at_s < 5.0
+    wait_for("the daemon to record the failure", lambda: farm.read_printer("one")["state"] == "look")
     printer = farm.read_printer("one")
     assert printer["bed"] == "not_clear"
     assert printer["agent_pid"] not in (None, agent)
@@ -198,17 +198,17 @@ def test_printer_of_a_dead_agent_is_cooled(watched_farm, bar, tmp_path):
     assert farm.read_job()["waits_for_person"]
     farm.run_checked("cleared", "one")
     wait_for("the second attempt", lambda: farm.read_job()["state"] == "printed")
-    wait_for("stills of the ends", lambda: have_last_stills(farm.read_job()))
+    wait_for("the stills of all ended prints", lambda: have_final_stills(farm.read_job()))
     check_fetched_files(farm, tmp_path, check_stills(farm.read_job()))
 
 
-def test_printer_reset_by_a_person_gets_no_plate_before_it_is_inspected(farm, bar):
+def test_printer_that_a_person_reset_must_be_inspected_first(farm, bar):
     control(farm.get_emulator_folder("one"), Command.RESET)
     wait_for("the farm to notice", lambda: farm.read_printer("one")["look"])
     printer = farm.read_printer("one")
     assert (printer["bed"], printer["state"]) == ("unknown", "look")
-    assert [item["code"] for item in farm.status()["todo"]] == ["look"]
-    # A daemon that starts later still knows that the bed is unknown.
+    assert [item["code"] for item in farm.read_status()["todo"]] == ["look"]
+    # After a restart, the daemon still knows that the bed is unknown.
     farm.kill_daemon()
     farm.run_checked("up")
     wait_for("the other printer", lambda: farm.read_printer("two")["state"] == "idle")
@@ -235,7 +235,7 @@ def test_cancelled_job_ends_safely_and_is_not_repeated(farm, bar):
     farm.run_checked("submit", bar)
     wait_for("both printers to extrude", lambda: is_printing(farm))
     farm.run_checked("cancel", 1)
-    wait_for("both prints to end", lambda: all(p["print"] is None for p in farm.status()["printers"]))
+    wait_for("both prints to end", lambda: all(p["print"] is None for p in farm.read_status()["printers"]))
     job = farm.read_job()
     assert job["state"] == "cancelled"
     assert [part["prints"][-1]["state"] for part in job["parts"]] == ["cancelled", "cancelled"]

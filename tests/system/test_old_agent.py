@@ -1,4 +1,4 @@
-"""Current daemon with an agent of an earlier version, whose sources are in the history."""
+"""The current daemon with an agent of an earlier version, whose sources are in the history."""
 
 import os
 import signal
@@ -16,7 +16,7 @@ OLD_COMMIT = "00f76ab"  # the last commit whose agents do not report their proto
 
 
 def write_old_sources(folder):
-    """Write the earlier drivers into a folder; skip if the history lacks them."""
+    """Write the earlier drivers into a folder; skip the test if the history lacks them."""
     command = ["git", "-C", str(ROOT), "archive", OLD_COMMIT, "drivers"]
     archive = subprocess.run(command, check=False, capture_output=True)
     if archive.returncode != 0:
@@ -39,11 +39,13 @@ def test_agent_of_an_earlier_version_is_detected_and_replaced(tmp_path):
         command = [sys.executable, "-m", "drivers.agent", "--folder", str(agent)]
         old_agent = subprocess.Popen(command, cwd=sources, stderr=subprocess.DEVNULL, start_new_session=True)
         farm.run_checked("up")
-        attention_reason = wait_for("the daemon to find it", lambda: farm.read_printer("um2-01")["look"])
+        attention_reason = wait_for(
+            "the daemon to find the agent", lambda: farm.read_printer("um2-01")["look"]
+        )
         assert "farm up --replace um2-01" in attention_reason
         assert farm.read_printer("um2-01")["agent_pid"] == old_agent.pid
         assert "needs_a_look" in farm.read_printer("um2-01")["hold"]["code"]
-        # The daemon repeats no request in vain.
+        # The daemon does not repeat requests that this agent cannot answer.
         assert len((farm.state / "daemon.log").read_text().splitlines()) < 50
         assert "is replaced" in farm.run_checked("up", "--replace", "um2-01")
         assert old_agent.wait(60.0) is not None

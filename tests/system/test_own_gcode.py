@@ -28,7 +28,7 @@ def print_file(farm, number, path):
     job = json.loads(result.stdout)["job"]
     assert (job["id"], job["state"], len(job["plates"])) == (number, "printed", 1)
     assert [p["state"] for p in job["parts"][0]["prints"]] == ["done"]
-    if number == 1:  # a printer that is still warm from the last print starts sooner
+    if number == 1:  # a printer still warm from its last print starts sooner
         assert job["elapsed_s"] > 0.95 * job["estimated_s"]
     assert job["serial_s"] == job["estimated_s"]
     assert Path(job["parts"][0]["file"]).read_bytes() == path.read_bytes()
@@ -46,12 +46,12 @@ def test_ultigcode_and_marlin_files_are_printed_to_their_end(one_printer_farm, t
     for number, (name, lines) in enumerate(files.items(), 1):
         path = tmp_path / name
         path.write_text("\n".join(lines) + "\n")
-        before_mm = one_printer_farm.read_emulator_status("one").filament_mm
+        old_fed_mm = one_printer_farm.read_emulator_status("one").filament_mm
         job = print_file(one_printer_farm, number, path)
-        fed_mm.append(one_printer_farm.read_emulator_status("one").filament_mm - before_mm)
+        fed_mm.append(one_printer_farm.read_emulator_status("one").filament_mm - old_fed_mm)
         assert job["filament_mm"] == pytest.approx(960 * 0.08 / 6.379, rel=1e-3)
         one_printer_farm.run_checked("cleared", "all")
-    # Filament fed by the board, from parked to parked: the print, and 7.8 mm of priming.
+    # From parked to parked, the board feeds the filament of the print and 7.8 mm for priming.
     assert fed_mm == [pytest.approx(7.8 + 960 * 0.08 / 6.379, abs=0.1)] * 2
     text = one_printer_farm.run_checked("status", "2")
     assert "Its start and end were replaced by the farm's." in text
@@ -62,7 +62,7 @@ def test_unprintable_gcode_is_refused_at_submission(one_printer_farm, tmp_path):
     path.write_text("\n".join(make_marlin(body=["M500"])) + "\n")
     result = one_printer_farm.run("submit", path)
     assert result.returncode == 5
-    # On a busy host, lines of progress come before the error.
+    # On a busy host, progress lines precede the error.
     (error,) = (line for line in result.stderr.splitlines() if not line.startswith("  "))
     assert "farm: bad.gcode: line" in error and "M500" in error
     path.write_text("\n".join(make_marlin()) + "\n")
@@ -71,10 +71,10 @@ def test_unprintable_gcode_is_refused_at_submission(one_printer_farm, tmp_path):
     packed_file.write_bytes(b"\x1f\x8b")
     result = one_printer_farm.run("submit", packed_file)
     assert (result.returncode, "gunzip" in result.stderr) == (5, True)
-    assert one_printer_farm.status()["jobs"] == []
+    assert one_printer_farm.read_status()["jobs"] == []
 
 
-def test_truncated_file_is_refused_and_foreign_machine_is_a_warning(one_printer_farm, tmp_path):
+def test_truncated_file_is_refused_and_another_machine_causes_a_warning(one_printer_farm, tmp_path):
     path, whole_lines = tmp_path / "tower.gcode", [";LAYER_COUNT:3", *make_marlin()]
     for cut_text, message in (
         (

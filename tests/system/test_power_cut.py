@@ -1,4 +1,4 @@
-"""Power cuts: only synced data is on the disk, and it must be complete."""
+"""Power cuts, after which only synced data is on the disk; it must be complete."""
 
 import json
 import os
@@ -17,7 +17,7 @@ from hosts.power_cut import PowerCut
 
 C_COMPILER = shutil.which("cc")
 SHIM_SOURCE = Path(__file__).parents[1] / "support" / "hosts" / "sync_recorder.c"
-COMMITS = """
+COMMIT_SCRIPT = """
 import sys
 from pathlib import Path
 from farm.state.books import Books
@@ -49,13 +49,13 @@ def test_journal_keeps_every_record_that_the_agent_acted_on(tmp_path, monkeypatc
         journal.write(
             float(number), print=print_snapshot.model_dump(mode="json"), filament="parked", hot=number < 2
         )
-        rest_state = Journal(disk.copy_synced_files(tmp_path / f"left-{number}") / JOURNAL).state
-        assert (rest_state.print, rest_state.filament, rest_state.board.hot) == (
+        surviving_state = Journal(disk.copy_synced_files(tmp_path / f"left-{number}") / JOURNAL).state
+        assert (surviving_state.print, surviving_state.filament, surviving_state.board.hot) == (
             print_snapshot,
             m.Filament.PARKED,
             number < 2,
         )
-    assert rest_state.ended_print_ids == {"p-1"}
+    assert surviving_state.ended_print_ids == {"p-1"}
 
 
 @pytest.mark.parametrize("suffix", [".gcode", ".stl"])
@@ -67,8 +67,8 @@ def test_stored_file_is_complete(tmp_path, monkeypatch, suffix):
     source = folder / "work" / f"made{suffix}"
     source.write_bytes(os.urandom(100_000))
     name = store_file(folder / "files", source)
-    rest_file = disk.copy_synced_files(tmp_path / "left") / "files" / name
-    assert compute_sha256(rest_file) + suffix == name
+    surviving_file = disk.copy_synced_files(tmp_path / "left") / "files" / name
+    assert compute_sha256(surviving_file) + suffix == name
 
 
 def test_database_is_synced_at_every_commit(tmp_path):
@@ -79,26 +79,26 @@ def test_database_is_synced_at_every_commit(tmp_path):
 
 @pytest.mark.skipif(C_COMPILER is None, reason="needs a C compiler")
 def test_database_keeps_every_committed_event(tmp_path):
-    """Record the syncs of SQLite by a library that is loaded before libc."""
+    """Record the syncs of SQLite with a library that is loaded before libc."""
     shim, synced_folder, books = tmp_path / "synced.so", tmp_path / "synced", tmp_path / "state" / "farm.db"
     subprocess.run([C_COMPILER, "-shared", "-fPIC", "-o", shim, SHIM_SOURCE, "-ldl"], check=True)
     synced_folder.mkdir()
     books.parent.mkdir()
     env = {**os.environ, "LD_PRELOAD": str(shim), "SYNCED_TO": str(synced_folder)}
     env["PYTHONPATH"] = os.pathsep.join((str(SHIM_SOURCE.parents[1]), str(SHIM_SOURCE.parents[3])))
-    command = [sys.executable, "-c", COMMITS, str(books)]
+    command = [sys.executable, "-c", COMMIT_SCRIPT, str(books)]
     pipe = subprocess.PIPE
     with subprocess.Popen(command, env=env, stdin=pipe, stdout=pipe, text=True) as process:
         assert process.stdin is not None and process.stdout is not None
         committed_events: list[str] = []
         while message := process.stdout.readline().strip():
             committed_events.append(message)
-            rest_folder = tmp_path / f"left-{len(committed_events)}"
-            rest_folder.mkdir()
+            surviving_folder = tmp_path / f"left-{len(committed_events)}"
+            surviving_folder.mkdir()
             for file in synced_folder.iterdir():
                 if (books.parent / file.name).exists():  # SQLite deletes a journal only after its sync
-                    shutil.copy(file, rest_folder)
-            with Store(rest_folder / "farm.db") as store:
+                    shutil.copy(file, surviving_folder)
+            with Store(surviving_folder / "farm.db") as store:
                 assert [kind for _, kind, _ in store.read_all_events()] == committed_events
                 printers, jobs = store.load().printers, store.load().jobs
                 assert len(printers) + len(jobs) == len(committed_events)

@@ -1,4 +1,4 @@
-"""State folder of farm 0.1, left in the middle of a print, opened by this version."""
+"""A state folder of farm 0.1, left in the middle of a print, and opened by this version."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ pytestmark = pytest.mark.system
 def test_open_print_of_an_older_farm_is_ended_and_its_part_waits(make_farm, tmp_path):
     models = {"um2-01": "ultimaker2_plus", "um2-02": "ultimaker2_plus", "um2x-01": "ultimaker2_extended_plus"}
     farm = make_farm({name: (model, f"sim://{model}") for name, model in models.items()})
-    unpack_state(farm.folder)  # with the fleet file that it was made with
+    unpack_state(farm.folder)  # includes the fleet file of that farm
     farm.run_checked("up")
     wait_for("the open print to be ended", lambda: farm.read_printer("um2x-01")["print"] is None)
-    jobs = {job["id"]: job["state"] for job in farm.status()["jobs"]}
+    jobs = {job["id"]: job["state"] for job in farm.read_status()["jobs"]}
     assert (jobs[2], jobs[3], jobs[4]) == ("printing", "held", "printed")
     assert farm.read_job(1)["state"] == "done"
     (part,) = farm.read_job(2)["parts"]

@@ -1,4 +1,4 @@
-"""Replanning of failed parts on real processes: sliced for another kind of printer, or cut for several."""
+"""Replanning of failed parts in real processes: they are sliced for another model, or cut for several."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ pytestmark = pytest.mark.system
 
 
 def test_failed_part_is_resliced_for_another_model_and_printed(make_farm, tmp_path):
-    kinds = {"one": "ultimaker2_plus", "two": "ultimaker2"}
-    farm = make_farm({name: (model, f"sim://{model}") for name, model in kinds.items()})
+    models = {"one": "ultimaker2_plus", "two": "ultimaker2"}
+    farm = make_farm({name: (model, f"sim://{model}") for name, model in models.items()})
     farm.up()
     path = tmp_path / "block.stl"
     trimesh.creation.box((28.0, 24.0, 10.0)).export(path)
     farm.run_checked("submit", path, "--printers", "1")
-    wait_for("it to print", lambda: farm.read_printer("one")["state"] == "printing")
+    wait_for("the part to print", lambda: farm.read_printer("one")["state"] == "printing")
     farm.run_checked("fail", "one", "--why", "a blob")
-    job = wait_for("it to be printed", lambda: (job := farm.read_job())["state"] == "printed" and job)
+    job = wait_for("the job to be printed", lambda: (job := farm.read_job())["state"] == "printed" and job)
     (part,) = job["parts"]
     assert [(attempt["printer"], attempt["state"]) for attempt in part["prints"]] == [
         ("one", "failed"),
@@ -38,16 +38,16 @@ def test_failed_part_is_resliced_for_another_model_and_printed(make_farm, tmp_pa
 def test_failed_part_is_cut_for_the_free_printers_and_printed(make_farm, tmp_path):
     port = "sim://ultimaker2_plus"
     farm = make_farm(dict.fromkeys(("large", "left", "right"), ("ultimaker2_plus", port)))
-    small_room = "volume_mm: [110, 110, 100]"
-    rows = farm.fleet.read_text().replace(f"{port!r}}}", f"{port!r}, {small_room}}}")
-    farm.fleet.write_text(rows.replace(f", {small_room}}}", "}", 1))
+    small_volume = "volume_mm: [110, 110, 100]"
+    rows = farm.fleet.read_text().replace(f"{port!r}}}", f"{port!r}, {small_volume}}}")
+    farm.fleet.write_text(rows.replace(f", {small_volume}}}", "}", 1))
     farm.up()
     path = tmp_path / "strip.stl"
     trimesh.creation.box((150.0, 20.0, 3.0)).export(path)
     farm.run_checked("submit", path)
-    wait_for("it to print", lambda: farm.read_printer("large")["state"] == "printing")
+    wait_for("the part to print", lambda: farm.read_printer("large")["state"] == "printing")
     farm.run_checked("fail", "large", "--why", "a blob")
-    job = wait_for("it to be printed", lambda: (job := farm.read_job())["state"] == "printed" and job)
+    job = wait_for("the job to be printed", lambda: (job := farm.read_job())["state"] == "printed" and job)
     names = ["1/p01a", "1/p01b"]
     assert [part["id"] for part in job["parts"]] == names
     for part in job["parts"]:

@@ -1,4 +1,4 @@
-"""Rolling update of the agents of two hosts, from one installed version of farm to the next."""
+"""Rolling update of the agents on two hosts, from one installed version of farm to the next."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from hosts.host_pipe import HostPipe
 pytestmark = pytest.mark.system
 
 MODEL = "ultimaker2_plus"
-OLD, BROKEN, NEW = "1.0.0", "1.1.0", "1.1.1"
+OLD_VERSION, BROKEN_VERSION, NEW_VERSION = "1.0.0", "1.1.0", "1.1.1"
 HOSTS = {"pc-a": ("a1", "a2"), "pc-b": ("b1", "b2")}
 PRINTING_PRINTER = "a1"
 BROKEN_MAIN = 'raise SystemExit("no such library")\n'
-PRINT_S = 4500.0  # on the farm's clock: longer than the update of the other printers
+PRINT_S = 4500.0  # of farm time, longer than the update of the other printers takes
 
 
 class HostsFarm(RealFarm):
-    """Farm whose printers are on two hosts, which run `farm host` of the version that a link names."""
+    """Farm with printers on two hosts, which run `farm host` in the version to which a link points."""
 
     def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         self.versions = Versions(folder)
@@ -32,7 +32,7 @@ class HostsFarm(RealFarm):
         for host in HOSTS:
             (folder / host).mkdir()
             self.pipes[host] = HostPipe(folder / host)
-        monkeypatch.setenv("FARM_SSH", self.pipes["pc-a"].ssh)  # it runs any command, of either host
+        monkeypatch.setenv("FARM_SSH", self.pipes["pc-a"].ssh)  # this script serves both hosts
         super().__init__(folder, {name: (MODEL, "") for names in HOSTS.values() for name in names})
         command = f"{self.versions.link}/bin/farm host"
         rows = [
@@ -51,7 +51,7 @@ class HostsFarm(RealFarm):
         self.fleet.write_text(json.dumps(fleet))
 
     def update(self, version: str) -> None:
-        """Update to an installed version as the documentation says."""
+        """Update to an installed version as the documentation describes."""
         self.versions.use(version)
         self.kill_daemon()
         self.run_checked("up")
@@ -63,9 +63,9 @@ class HostsFarm(RealFarm):
         return self._parse(self._connect().fetch_hosts())["hosts"]
 
     def read_agents(self) -> dict[str, tuple[str | None, int]]:
-        """Return the version and the process of each agent that runs."""
+        """Return the version and the process id of each running agent."""
         return {
-            agent["printer"]: (self.versions.find(agent["installation"]), agent["pid"])
+            agent["printer"]: (self.versions.find_version(agent["installation"]), agent["pid"])
             for host in self.list_hosts()
             for agent in host["agents"]
         }
@@ -83,13 +83,13 @@ class HostsFarm(RealFarm):
 
 @pytest.fixture
 def farm(tmp_path, monkeypatch):
-    """Start a farm of two hosts with the old version; the first of two newer, installed ones is broken."""
+    """Start a farm of two hosts with the old version; install a broken and a working new version."""
     farm = HostsFarm(tmp_path, monkeypatch)
-    for version in (OLD, BROKEN, NEW):
+    for version in (OLD_VERSION, BROKEN_VERSION, NEW_VERSION):
         packages = farm.versions.install(version)
-        if version == BROKEN:
+        if version == BROKEN_VERSION:
             (packages / "drivers" / "agent" / "__main__.py").write_text(BROKEN_MAIN)
-    farm.versions.use(OLD)
+    farm.versions.use(OLD_VERSION)
     try:
         farm.up()
         yield farm
@@ -103,17 +103,21 @@ def test_idle_agents_are_updated_host_by_host_and_restored_at_the_first_fault(fa
     farm.run_checked("submit", slow_file, "--colour", "red")
     wait_for("the print", lambda: farm.read_printer(PRINTING_PRINTER)["state"] == "printing")
     old_agents = farm.read_agents()
-    assert {version for version, _ in old_agents.values()} == {OLD}
+    assert {version for version, _ in old_agents.values()} == {OLD_VERSION}
 
-    farm.update(BROKEN)
-    tasks = wait_for("the fault", lambda: [t for t in farm.status()["todo"] if "the update" in t["text"]])
+    farm.update(BROKEN_VERSION)
+    tasks = wait_for(
+        "the fault", lambda: [t for t in farm.read_status()["todo"] if "the update" in t["text"]]
+    )
     assert "a2: its new agent has ended; its old version is started again" in tasks[0]["text"]
-    wait_for("the old agent", lambda: {version for version, _ in farm.read_agents().values()} == {OLD})
-    wait_for("its printer", lambda: farm.read_printer("a2")["state"] == "idle")
+    wait_for(
+        "the old agent", lambda: {version for version, _ in farm.read_agents().values()} == {OLD_VERSION}
+    )
+    wait_for("the printer to be ready", lambda: farm.read_printer("a2")["state"] == "idle")
     new_agents = farm.read_agents()
     assert {name for name in new_agents if new_agents[name] != old_agents[name]} == {"a2"}
 
-    farm.update(NEW)
+    farm.update(NEW_VERSION)
     states = []
 
     def is_updated() -> bool:
@@ -121,12 +125,15 @@ def test_idle_agents_are_updated_host_by_host_and_restored_at_the_first_fault(fa
         states.append({name: version for name, (version, _) in agents.items()})
         if farm.read_job()["printed"] == 0:
             assert agents[PRINTING_PRINTER] == old_agents[PRINTING_PRINTER]
-        return {version for version, _ in agents.values()} == {NEW}
+        return {version for version, _ in agents.values()} == {NEW_VERSION}
 
     wait_for("the update", is_updated)
-    assert {"a1": OLD, "a2": NEW, "b1": OLD, "b2": OLD} in states  # the others wait for the print
+    # The second host is updated only after the print on the first one.
+    assert {"a1": OLD_VERSION, "a2": NEW_VERSION, "b1": OLD_VERSION, "b2": OLD_VERSION} in states
     assert not [
-        versions for versions in states if NEW in (versions["b1"], versions["b2"]) and versions["a1"] != NEW
+        versions
+        for versions in states
+        if NEW_VERSION in (versions["b1"], versions["b2"]) and versions["a1"] != NEW_VERSION
     ]
     assert [attempt["state"] for attempt in farm.read_job()["parts"][0]["prints"]] == ["done"]
-    assert not [task for task in farm.status()["todo"] if "the update" in task["text"]]
+    assert not [task for task in farm.read_status()["todo"] if "the update" in task["text"]]

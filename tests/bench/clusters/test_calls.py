@@ -1,4 +1,4 @@
-"""Calls of benches, on the computer of the bench or on a cluster."""
+"""Calls of functions by benches, on this computer or on a cluster."""
 
 import pickle
 import pkgutil
@@ -28,8 +28,8 @@ from farm.errors import FarmError
         unseen.deferred_measure,
     ],
 )
-def test_calls_of_benches_can_be_sent(work):
-    """Check that the functions are found by their names, in this process and in others."""
+def test_functions_of_benches_can_be_sent_to_other_processes(work):
+    """Check that every process can find the functions by their names."""
     assert pickle.loads(pickle.dumps(work)) == work
     assert callable(pkgutil.resolve_name(work.target))
 
@@ -65,7 +65,7 @@ def test_calls_run_on_the_cluster_with_their_files_and_errors(tmp_path, source, 
             local_pool, scheduler, INSTALLATION, lambda on_workers, _: InlineLink(executor, on_workers)
         )
 
-    class NoProcesses(SameProcess):
+    class InlineWorkers(SameProcess):
         def __init__(self, *_):
             pass
 
@@ -73,7 +73,7 @@ def test_calls_run_on_the_cluster_with_their_files_and_errors(tmp_path, source, 
             pass
 
     monkeypatch.setattr(calls, "connect_cluster", connect)
-    monkeypatch.setattr(calls, "Workers", NoProcesses)
+    monkeypatch.setattr(calls, "Workers", InlineWorkers)
     args = parse_options("--scheduler", "tls://a:8786", "--certificates", str(tmp_path))
     with open_calls(args) as call:
         assert call(work.copy, source, tmp_path / "out")["copy"] == tmp_path / "out" / "copy.txt"
@@ -81,4 +81,4 @@ def test_calls_run_on_the_cluster_with_their_files_and_errors(tmp_path, source, 
             call(work.fail, source, tmp_path / "out")
     assert (tmp_path / "out" / "copy.txt").read_bytes() == b"solid"
     assert requests == [("tls://a:8786", tmp_path)] and count_calls(args, 3) > 3
-    assert list((tmp_path / "files").iterdir())  # sent to the worker, by its hash
+    assert list((tmp_path / "files").iterdir())  # the worker has received the file

@@ -1,4 +1,4 @@
-"""Pins, marks and gutter of a small sliced part, read back from the G-code."""
+"""Pins, marks and gutter of a small sliced part, as read from its G-code."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from decompose.pieces import Piece, find_joints, list_box_planes
 from decompose.results import Part
 
 UP = np.array([0.0, 0.0, 1.0])
-NARROWER_MM = 0.2
+SHRINKAGE_MM = 0.2
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ def sliced_joint(tmp_path_factory: pytest.TempPathFactory) -> tuple[Connectors, 
     connectors = plan_connectors(
         blanks, joints, plan_assembly(pieces, joints), ConnectorOptions(2.85, marks=True), 25.0
     )
-    part = Part("p01", pieces[0].solid, np.eye(4), 0.0, "a", layer_0_expansion_mm=-NARROWER_MM)
+    part = Part("p01", pieces[0].solid, np.eye(4), 0.0, "a", layer_0_expansion_mm=-SHRINKAGE_MM)
     return connectors, slice_part(part, drill_parts(blanks, connectors)[0], tmp_path_factory.mktemp("slice"))
 
 
@@ -42,9 +42,8 @@ def test_all_marks_of_the_part_are_legible_in_its_outer_walls(
     assert [mark.text for mark in marks] == ["1-2^", "-3^"]
     assert all(sliced_part.is_legible(mark) for mark in marks)
     far_marks = [mark for mark in connectors.marks if mark.part == 2]
-    assert far_marks and not any(
-        sliced_part.is_legible(mark) for mark in far_marks
-    )  # this part was not sliced
+    # The part with these marks was not sliced.
+    assert far_marks and not any(sliced_part.is_legible(mark) for mark in far_marks)
 
 
 def test_horizontal_holes_and_holes_open_to_the_bed_have_no_support(
@@ -58,7 +57,7 @@ def test_horizontal_holes_and_holes_open_to_the_bed_have_no_support(
         if not hole.part
     }
     assert directions == {0, 1}
-    # Specks of support remain where strokes of the mark on the bed cross; a hole would have 1.3 mm.
+    # Specks of support remain where strokes of the mark on the bed cross; a hole would need 1.3 mm.
     assert sliced_part.support_filament_mm < 0.1
 
 
@@ -72,7 +71,7 @@ def test_seams_of_the_outer_wall_are_in_the_gutter_and_not_in_grooves_of_keys(
     gutter_starts_mm = starts_mm[(starts_mm[:, 2] > start[2]) & (starts_mm[:, 2] < end[2])]
     assert len(gutter_starts_mm) > 40
     keys_mm = np.array([pin.position_mm for pin in connectors.pins if pin.joint == gutter.joint])
-    # A seam nearer to a key would count as one in the gutter.
+    # A seam in a groove nearer than this would be counted as one in the gutter.
     assert (np.abs(keys_mm[:, 1] - start[1]) > 5.0).all()
     is_in_gutter = (start[0] - gutter_starts_mm[:, 0] > 0.3) & (
         np.abs(gutter_starts_mm[:, 1] - start[1]) < 0.8
@@ -83,4 +82,4 @@ def test_seams_of_the_outer_wall_are_in_the_gutter_and_not_in_grooves_of_keys(
 def test_first_layer_of_a_glued_face_is_narrower(sliced_joint: tuple[Connectors, SlicedPart]) -> None:
     _, sliced_part = sliced_joint
     first, second = (sliced_part.walls.start[sliced_part.walls.layer == layer] for layer in (0, 10))
-    assert np.ptp(second, axis=0) - np.ptp(first, axis=0) == pytest.approx(2.0 * NARROWER_MM, abs=0.06)
+    assert np.ptp(second, axis=0) - np.ptp(first, axis=0) == pytest.approx(2.0 * SHRINKAGE_MM, abs=0.06)

@@ -1,4 +1,4 @@
-"""Holes and codes that are read from the shape of a part alone."""
+"""Holes and codes that are read only from the shape of a part."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SLIT_MM = 0.004
 
 
 def test_hole_that_meets_a_slit_between_triangles_is_read(tmp_path: Path) -> None:
-    """Read a hole on a slit, which rounding in a file leaves: the ring of the hole is not closed."""
+    """Read a hole whose ring is open because rounding in the file has left a slit."""
     block = Solid.box((0, 0, 0), (40, 40, 10)).subtract(Solid.box((18.4, 18.4, 4), (21.6, 21.6, 11)))
     halves = [
         block.intersect(Solid.box((-1, -1, -1), (20.0 - SLIT_MM, 41, 11))),
@@ -34,8 +34,8 @@ def test_hole_that_meets_a_slit_between_triangles_is_read(tmp_path: Path) -> Non
 
 def test_groove_is_read_with_half_the_length_of_its_key(tmp_path: Path) -> None:
     depth_mm = 2.15 / np.sqrt(2.0)  # depth for a key of 1.75 mm with a fit of 0.4 mm
-    half_mm = (8.5 - 2.0 * (depth_mm - 0.875)) / 2.0
-    ends = np.array([[20.0 - half_mm, 20.0, 10.0], [20.0 + half_mm, 20.0, 10.0]])
+    half_length_mm = (8.5 - 2.0 * (depth_mm - 0.875)) / 2.0
+    ends = np.array([[20.0 - half_length_mm, 20.0, 10.0], [20.0 + half_length_mm, 20.0, 10.0]])
     groove = make_groove(0, ends, np.array([0.0, 0.0, -1.0]), depth_mm)
     block = Solid.box((0, 0, 0), (40, 40, 10)).subtract(Solid.hull(groove.points_mm))
     trimesh.Trimesh(*block.arrays(), process=False).export(tmp_path / "p01.stl")
@@ -45,7 +45,7 @@ def test_groove_is_read_with_half_the_length_of_its_key(tmp_path: Path) -> None:
     assert hole.at_mm == pytest.approx([20.0, 20.0, 10.0])
 
 
-def test_corner_between_the_sides_of_grooves_is_not_an_end_of_a_stroke() -> None:
+def test_corner_between_groove_sides_is_not_read_as_the_end_of_a_stroke() -> None:
     strokes = draw_strokes("-18") * (SIZES_MM[1][0] / GRID_HEIGHT)
     ends = np.unique(strokes.reshape(-1, 2), axis=0)
     bottom = np.column_stack([ends, np.full(len(ends), -SIZES_MM[1][1])])

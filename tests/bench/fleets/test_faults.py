@@ -1,4 +1,4 @@
-"""Figures of a lost host: notices about other events do not count."""
+"""Figures of a lost host, in which notices about other events do not count."""
 
 import time
 from itertools import chain
@@ -9,17 +9,17 @@ import pytest
 from bench.fleets import faults
 from bench.fleets.faults import FIRST_HOST, PrintingFleet, measure_loss
 
-LOSS_SHARE = "pc-01 does not answer"
+LOSS_NOTICE = "pc-01 does not answer"
 
 
 class FleetWithLateNotice:
-    """Fleet whose job has just been printed; the notice about it is sent after the last print."""
+    """Fleet whose job has just been printed, but whose notice about the job is still to be sent."""
 
     printing_names: tuple[str, ...] = ()
 
     def __init__(self):
         self.now_s, self.is_lost, self.loss_count, self.lines = 0.0, False, 0, []
-        self.notices_due = {9.0: "job 2 is printed: 20 parts in 91 s"}
+        self.due_notices = {9.0: "job 2 is printed: 20 parts in 91 s"}
 
     def serve(self, seconds, condition=lambda: False):
         deadline_s = self.now_s + seconds
@@ -27,13 +27,13 @@ class FleetWithLateNotice:
             if condition():
                 return True
             self.now_s += 1.0
-            if self.now_s in self.notices_due:
-                self.lines.append(self.notices_due[self.now_s])
+            if self.now_s in self.due_notices:
+                self.lines.append(self.due_notices[self.now_s])
         return False
 
     def disconnect(self, *groups):
         self.is_lost, self.loss_count = True, self.loss_count + 1
-        self.notices_due[self.now_s + 10.0] = LOSS_SHARE
+        self.due_notices[self.now_s + 10.0] = LOSS_NOTICE
 
     def reconnect(self, *groups):
         self.is_lost = False
@@ -53,7 +53,7 @@ def test_notices_about_earlier_prints_do_not_count(monkeypatch):
     daemon = SimpleNamespace(client=client, read_cpu_s=lambda: 0.0)
     names = {FIRST_HOST: ["pc-01"]}
     figures = measure_loss(PrintingFleet(daemon, fleet, fleet, names, fleet, fleet), [FIRST_HOST])
-    assert figures["notice_texts"] == [LOSS_SHARE] and figures["notices"] == figures["events"] == 1
+    assert figures["notice_texts"] == [LOSS_NOTICE] and figures["notices"] == figures["events"] == 1
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 50])

@@ -17,7 +17,7 @@ from drivers.link.replies import LinkFault, Report
 from drivers.messages import Filament, PrintPhase, PrintSnapshot
 from drivers.records import JOURNAL, Alarm, Journal, StartFile, read_journal
 from drivers.safety import NO_COMMAND_OUTCOME
-from printers.print_rig import PLUS, Rig, make_gcode
+from printers.print_rig import PLUS_PROFILE, Rig, make_gcode
 
 DEADLINE_S = 20.0
 CUT_OUTCOME = "power_off_cmd cut its mains"
@@ -29,8 +29,10 @@ class Agent:
     def __init__(self, folder: Path, command: str | None) -> None:
         self.folder = folder
         self.journal = Journal(folder / JOURNAL)
-        start_file = StartFile("um2-01", PLUS.model, "sim://ultimaker2_plus", power_off_cmd=command)
-        self.board = Board("sim://ultimaker2_plus", PLUS, folder, Clock(), lambda: None, lambda _: None)
+        start_file = StartFile("um2-01", PLUS_PROFILE.model, "sim://ultimaker2_plus", power_off_cmd=command)
+        self.board = Board(
+            "sim://ultimaker2_plus", PLUS_PROFILE, folder, Clock(), lambda: None, lambda _: None
+        )
         self.recorder = Recorder(start_file, self.board, self.journal, Clock())
 
     def report(self, nozzle_c: float, count: int = 3) -> None:

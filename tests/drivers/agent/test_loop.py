@@ -11,9 +11,9 @@ from drivers import messages as m
 from drivers.emulator.launch import control, read_status
 from drivers.remote import is_alive, spawn_agent
 from printers.agent_with_emulator import (
-    HEAD,
+    END_GCODE,
     MODEL,
-    TAIL,
+    START_GCODE,
     Printer,
     make_gcode,
     run,
@@ -143,7 +143,7 @@ def test_cancel_parks_the_filament_after_any_retraction(tmp_path: Path, lines: i
 
     async def run_scenario() -> None:
         async with run_printer(tmp_path) as rig:
-            await rig.start(HEAD.replace("S180", "S210") + "".join(moves) + TAIL)
+            await rig.start(START_GCODE.replace("S180", "S210") + "".join(moves) + END_GCODE)
             await rig.wait_for(lambda s: s.print is not None and s.print.line >= lines)
             await rig.client.request(m.CancelPrint(id=0, print_id="p-1"))
             await rig.wait_for_phase(m.PrintPhase.CANCELLED)

@@ -20,7 +20,7 @@ from drivers.records import Journal, StartFile
 from printers.agent_with_emulator import (
     DEADLINE_S,
     MODEL,
-    SCALE,
+    TIME_SCALE,
     make_gcode,
     run,
     run_printer,
@@ -60,7 +60,7 @@ class ScriptedAgent(Agent):
 @pytest.fixture
 def scripted_agent(tmp_path: Path) -> Iterator[ScriptedAgent]:
     handlers = [(number, signal.getsignal(number)) for number in (signal.SIGTERM, signal.SIGINT)]
-    agent = ScriptedAgent(StartFile("um2-01", MODEL, f"sim://{MODEL}", SCALE, time.time()), tmp_path)
+    agent = ScriptedAgent(StartFile("um2-01", MODEL, f"sim://{MODEL}", TIME_SCALE, time.time()), tmp_path)
     try:
         yield agent
     finally:

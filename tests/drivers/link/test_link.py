@@ -30,7 +30,7 @@ def test_clean_wire_executes_every_line_once_without_resends(count: int, piece_b
     program = make_lines(count)
     stream_program(bench, program)
     bench.run()
-    assert bench.firmware.executed == list(enumerate(program, 1))
+    assert bench.firmware.executed_lines == list(enumerate(program, 1))
     assert bench.link.streamed_lines == count
     assert bench.link.repeat_count == 0
     assert not bench.list_faults()
@@ -47,7 +47,7 @@ def test_resent_line_is_counted_once():
     bench = Bench(LossyWire(0.0, 0.0, 10_000, 0)).boot()
     stream_program(bench, make_lines(5))
     bench.run()
-    assert (bench.link.repeat_count, len(bench.firmware.executed)) == (1, 5)
+    assert (bench.link.repeat_count, len(bench.firmware.executed_lines)) == (1, 5)
 
 
 @given(
@@ -65,7 +65,7 @@ def test_lossy_wire_executes_lines_once_in_order_or_ends_in_a_named_fault(
     program = [*make_lines(count), b"M400", b"M400", b"M400"]
     stream_program(bench, program)
     bench.run()
-    numbers = [number for number, _ in bench.firmware.executed]
+    numbers = [number for number, _ in bench.firmware.executed_lines]
     assert numbers == list(range(1, len(numbers) + 1))
     if bench.link.phase is Phase.DEAD:
         assert set(bench.list_faults()) <= {Fault.NO_ANSWER, Fault.NOISY_LINE, Fault.REBOOT}
@@ -118,7 +118,7 @@ def test_board_that_does_not_restart_is_queried_and_connected():
 def test_silent_board_fails_with_no_answer_and_is_sent_nothing_more():
     bench = Bench().boot()
     bench.run()
-    bench.firmware.mute = True
+    bench.firmware.is_mute = True
     bench.link.send(bench.now_s, b"G1 X1")
     bench.run()
     assert bench.list_faults() == [Fault.NO_ANSWER]
@@ -138,7 +138,7 @@ def test_slow_board_is_queried_and_no_line_is_sent_twice():
     assert late_bytes.count(ULTIMAKER2.last_line_query) == 3
     bench.link.receive(bench.firmware.feed(late_bytes), bench.now_s)
     bench.run()
-    assert [number for number, _ in bench.firmware.executed] == list(range(1, 51))
+    assert [number for number, _ in bench.firmware.executed_lines] == list(range(1, 51))
     assert bench.link.repeat_count == 0
 
 
@@ -166,7 +166,7 @@ def test_query_with_a_flipped_bit_is_not_executed():
 def measure_silence_s(bench: Bench, *commands: bytes) -> float:
     """Return the seconds for which the link waits for a silent board."""
     bench.run()
-    bench.firmware.mute = True
+    bench.firmware.is_mute = True
     started_s = bench.now_s
     bench.link.send(started_s, *commands)
     bench.run()
@@ -232,7 +232,7 @@ def test_ok_without_a_newline_after_m119_counts():
     bench = Bench().boot()
     bench.link.send(bench.now_s, b"M119", b"G1 X1")
     bench.run()
-    assert [body for _, body in bench.firmware.executed] == [b"M119", b"G1 X1"]
+    assert [body for _, body in bench.firmware.executed_lines] == [b"M119", b"G1 X1"]
     assert bench.now_s < 1.0
 
 
@@ -281,10 +281,10 @@ def test_resend_of_a_board_that_lost_its_count_is_ignored():
     stream_program(bench, make_lines(300))
     bench.run(until_s=1.0)
     bench.firmware.last_number = 0  # the board was reset, and its `start` was lost
-    executed_count = len(bench.firmware.executed)
+    executed_count = len(bench.firmware.executed_lines)
     bench.run()
     assert bench.list_faults() == [Fault.REBOOT]
-    assert len(bench.firmware.executed) == executed_count
+    assert len(bench.firmware.executed_lines) == executed_count
     assert bench.now_s < 1.0 + (TRIES + 1) * 60.0
 
 
@@ -296,7 +296,7 @@ def test_halting_completes_the_line_in_flight_and_sends_no_more_of_the_program()
     bench.link.send(bench.now_s, b"M401")
     streamed_lines = bench.link.streamed_lines
     bench.run()
-    bodies = [body for _, body in bench.firmware.executed]
+    bodies = [body for _, body in bench.firmware.executed_lines]
     assert bodies[-1] == b"M401"
     assert len(bodies) - 1 <= streamed_lines + 1 == bench.link.streamed_lines
 
@@ -332,10 +332,10 @@ def test_polls_between_the_lines_change_neither_their_order_nor_the_count(
         bench.run(until_s=bench.now_s + 0.5)
         line_counts.append(bench.link.streamed_lines)
     if bench.link.phase is not Phase.DEAD:
-        assert len(bench.firmware.executed) == count + 1
+        assert len(bench.firmware.executed_lines) == count + 1
         assert bench.link.streamed_lines == count
         if not change_share:
-            assert [body for _, body in bench.firmware.executed] == [b"M82", *program]
+            assert [body for _, body in bench.firmware.executed_lines] == [b"M82", *program]
             assert line_counts == sorted(line_counts)
             assert bench.link.repeat_count == 0
 
@@ -375,5 +375,5 @@ def test_garbled_resend_of_an_old_line_is_ignored():
     bench.run(until_s=0.8)
     bench.events += bench.link.receive(b"Resend: 5\n", bench.now_s) or ()
     bench.run()
-    assert [text for _, text in bench.firmware.executed] == program
+    assert [text for _, text in bench.firmware.executed_lines] == program
     assert bench.list_faults() == []

@@ -17,7 +17,7 @@ from drivers.errors import PortError
 from drivers.firmware import ULTIMAKER2
 from drivers.ports import SerialPort
 from drivers.ports.serial_port import find_device
-from printers.agent_with_emulator import read_all
+from printers.agent_with_emulator import read_buffered_bytes
 
 TCGETS2 = 0x802C542A  # reads a rate that has no POSIX constant
 
@@ -116,7 +116,7 @@ def test_urgent_bytes_replace_unsent_ones(pty_ends: tuple[int, Path]):
             port.write(b"G1 X1 Y1\n" * 100)
         port.write_now(b"\nM104 S0\n")
         assert not port.write_pending
-        assert read_all(master).endswith(b"\nM104 S0\n")
+        assert read_buffered_bytes(master).endswith(b"\nM104 S0\n")
     finally:
         port.close()
 

@@ -18,7 +18,7 @@ from drivers.link import Connected, Event, Link
 from drivers.ports import Port, SerialPort
 from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
 from drivers.safety import StopTarget, send_abort_until_accepted, stop_printer
-from printers.agent_with_emulator import read_all
+from printers.agent_with_emulator import read_buffered_bytes
 from printers.firmware_host import Host, add_number
 
 MOVE_S = 2.0
@@ -90,7 +90,7 @@ def test_truncated_line_before_the_abort_delays_it_by_one_move_at_most(truncated
 def test_longest_line_the_abort_and_a_poll_fit_into_the_receive_buffer():
     assert MAX_LINE_BYTES + len(ULTIMAKER2.abort_unnumbered) + len(b"M105\n") <= RING_BYTES
     host = make_busy_host()
-    line = add_number(host.n + 1, "G1 X90 " + " " * 80)[: MAX_LINE_BYTES - 1]
+    line = add_number(host.last_number + 1, "G1 X90 " + " " * 80)[: MAX_LINE_BYTES - 1]
     host.send_burst(line.ljust(MAX_LINE_BYTES - 1))
     host.firmware.feed(ULTIMAKER2.abort_unnumbered, host.now_s)
     link = Link(ULTIMAKER2)
@@ -138,14 +138,14 @@ def silent_board():
 def test_emergency_stop_sends_the_abort_before_it_waits(tmp_path: Path, silent_board):
     url, master = silent_board
     result = stop_printer(StopTarget("a", url, tmp_path / "a", ULTIMAKER2), watch_s=0.0)
-    assert read_all(master) == ULTIMAKER2.abort_unnumbered
+    assert read_buffered_bytes(master) == ULTIMAKER2.abort_unnumbered
     assert not (result.seen_off or result.is_still) and "standstill was not confirmed" in result.text
 
 
 def test_unresponsive_board_is_halted_by_its_firmware(tmp_path: Path, silent_board):
     url, master = silent_board
     result = stop_printer(StopTarget("a", url, tmp_path / "a", MARLIN2), watch_s=0.0)
-    assert read_all(master) == b"\nM410\nM104 S0\nM140 S0\nM107\n" + b"\nM112\n"
+    assert read_buffered_bytes(master) == b"\nM410\nM104 S0\nM140 S0\nM107\n" + b"\nM112\n"
     assert not result.seen_off and "switch it off" in result.text
 
 
@@ -155,7 +155,7 @@ def test_agent_that_finds_an_open_print_sends_the_abort_on_opening_the_port(tmp_
     board.state.hot = True
     board.open()
     try:
-        assert read_all(master) == ULTIMAKER2.abort_unnumbered
+        assert read_buffered_bytes(master) == ULTIMAKER2.abort_unnumbered
     finally:
         board.close()
 
@@ -166,6 +166,6 @@ def test_agent_that_ends_repeats_the_abort_after_a_refusal(silent_board):
     try:
         os.write(master, b"Error:No Checksum with line number, Last Line: 4\nResend: 5\nok\n")
         send_abort_until_accepted(port, ULTIMAKER2)
-        assert read_all(master) == 2 * ULTIMAKER2.abort_unnumbered
+        assert read_buffered_bytes(master) == 2 * ULTIMAKER2.abort_unnumbered
     finally:
         port.close()

@@ -11,7 +11,7 @@ from printers.print_rig import Rig, assert_end_with_heaters_off, make_gcode
 def test_board_of_another_model_is_refused_before_anything_heats():
     rig = Rig(model="ultimaker2_extended_plus").run()
     assert_end_with_heaters_off(rig, PrintPhase.FAILED, Fault.WRONG_PRINTER)
-    assert b"M140 S60" not in rig.sent
+    assert b"M140 S60" not in rig.sent_bytes
     assert not rig.session.context.extruded
 
 
@@ -22,7 +22,10 @@ def test_printer_is_identified_by_its_home_offset():
     assert_end_with_heaters_off(second_rig, PrintPhase.DONE, None)
     other_rig = Rig(Faults(home_offset_mm100=187), identity=first_rig.session.context.identity).run()
     assert_end_with_heaters_off(other_rig, PrintPhase.FAILED, Fault.WRONG_PRINTER)
-    assert b"M140" not in other_rig.sent.replace(b"M140 S0", b"") and not other_rig.session.context.extruded
+    assert (
+        b"M140" not in other_rig.sent_bytes.replace(b"M140 S0", b"")
+        and not other_rig.session.context.extruded
+    )
 
 
 @pytest.mark.parametrize("banner", [b"Vers:", b"M206"])
@@ -45,7 +48,7 @@ def test_extended_with_a_plain_banner_is_detected_by_its_height():
     receive = rig.link.receive
     rig.link.receive = lambda data, now_s: receive(data.replace(b"3.3.0ex", b"3.3.0"), now_s)  # type: ignore[method-assign]
     assert_end_with_heaters_off(rig.run(), PrintPhase.FAILED, Fault.WRONG_PRINTER)
-    assert "315" in str(rig.session.context.reason) and b"M104 S210" not in rig.sent
+    assert "315" in str(rig.session.context.reason) and b"M104 S210" not in rig.sent_bytes
 
 
 def test_file_that_homes_axes_one_by_one_is_accepted():
@@ -58,4 +61,4 @@ def test_another_firmware_is_detected_by_m115():
     receive = rig.link.receive
     rig.link.receive = lambda data, now_s: receive(data.replace(b"Ultimaker2", b"Ultimaker3"), now_s)  # type: ignore[method-assign]
     assert_end_with_heaters_off(rig.run(), PrintPhase.FAILED, Fault.WRONG_PRINTER)
-    assert "M115" in str(rig.session.context.reason) and b"M140 S60" not in rig.sent
+    assert "M115" in str(rig.session.context.reason) and b"M140 S60" not in rig.sent_bytes

@@ -39,9 +39,9 @@ def test_head_returns_before_the_filament_after_a_pause():
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.PAUSED and rig.read_targets()[0] == 0.0)
     x, y, z, _ = MotionState(rig.program, rig.session.context.acknowledged_lines).position
     rig.session.resume(rig.now_s)
-    index = len(rig.sent)
+    index = len(rig.sent_bytes)
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.PRINTING)
-    return_commands = rig.sent[index:]
+    return_commands = rig.sent_bytes[index:]
     order = [
         b"E13.500",
         b"G1 F9000 X%.3f Y%.3f" % (x, y),
@@ -68,7 +68,7 @@ def make_sequential_gcode() -> str:
 def test_head_leaves_a_part_above_the_finished_ones(is_cancelled: bool):
     rig = Rig(text=make_sequential_gcode())
     rig.run_until_printing(rig.program.count - 40)
-    index = len(rig.sent)
+    index = len(rig.sent_bytes)
     planner = rig.firmware.machine.planner
     if is_cancelled:
         rig.session.cancel("no more", rig.now_s)
@@ -77,7 +77,9 @@ def test_head_leaves_a_part_above_the_finished_ones(is_cancelled: bool):
     while not rig.session.context.ended and rig.read_targets()[1 if is_cancelled else 0] > 0:
         rig.step()
     rig.run(
-        until=lambda: b"G28 X0" in rig.sent[index:] if is_cancelled else planner.target[:2] == (10.0, 200.0)
+        until=lambda: (
+            b"G28 X0" in rig.sent_bytes[index:] if is_cancelled else planner.target[:2] == (10.0, 200.0)
+        )
     )
     assert planner.target[2] >= 69.9
     rig.session.resume(rig.now_s)
@@ -90,7 +92,7 @@ def test_cancel_with_the_bed_at_its_lowest_does_not_lower_it_further():
     rig.run(until=lambda: rig.session.context.acknowledged_lines > rig.program.home_line + 1)
     rig.session.cancel("no more", rig.now_s)
     rig.run()
-    assert b"G1 F1200 Z0.000" in rig.sent
+    assert b"G1 F1200 Z0.000" in rig.sent_bytes
     assert rig.session.context.heaters_off
 
 

@@ -14,7 +14,7 @@ from drivers.emulator.firmware.firmware import EmulatedFirmware
 from drivers.errors import Fault
 from drivers.messages import Filament, PrintPhase
 from drivers.session import Pace, Session, SessionContext
-from printers.print_rig import PLUS, Rig, make_gcode, make_retracting_gcode
+from printers.print_rig import PLUS_PROFILE, Rig, make_gcode, make_retracting_gcode
 
 TOLERANCE_MM = 0.5
 DELAYED_FAULTS = [field.name for field in fields(Faults) if field.name.endswith("_after")]
@@ -42,7 +42,7 @@ def kill_agent(rig: Rig) -> None:
     """Kill the agent, and begin a session with the state of the filament from the journal."""
     filament = rig.session.context.filament
     rig.link.on_closed()
-    rig.session = Session(SessionContext(rig.link, None, PLUS, filament, Pace(), rig.now_s))
+    rig.session = Session(SessionContext(rig.link, None, PLUS_PROFILE, filament, Pace(), rig.now_s))
 
 
 def lose_port_temporarily(rig: Rig) -> None:
@@ -138,7 +138,7 @@ def measure_next_filament_end_mm(rig: Rig) -> float:
     board = rig.firmware.board
     no_faults = Faults()
     next_rig = Rig(text=make_gcode(20), filament=rig.session.context.filament)
-    next_rig.firmware = EmulatedFirmware(PLUS, no_faults, random.Random(0), next_rig.now_s)
+    next_rig.firmware = EmulatedFirmware(PLUS_PROFILE, no_faults, random.Random(0), next_rig.now_s)
     next_rig.firmware.board.filament_end_mm = board.filament_end_mm
     next_rig.run(until=lambda: next_rig.session.context.phase is PrintPhase.PRINTING)
     return next_rig.firmware.board.filament_end_mm

@@ -81,7 +81,7 @@ def test_slow_move_has_no_time_out_while_the_board_is_busy():
     printer = Rig(Faults(), slow_gcode, "creality_ender3", profile=ENDER3).run()
     assert_end_with_heaters_off(printer, PrintPhase.DONE, None)
     assert printer.link.repeat_count == 0
-    query_count = printer.sent.count(ENDER3.firmware.last_line_query)
+    query_count = printer.sent_bytes.count(ENDER3.firmware.last_line_query)
     assert query_count < 150  # at most a few queries for each line, not one every 0.3 s
 
 
@@ -93,7 +93,7 @@ def test_cancel_lifts_the_head_off_the_part_and_parks_the_filament():
     x, y, z, _ = printer.firmware.machine.planner.compute_position(printer.now_s)
     assert (x, y) == (0.0, 0.0) and z == pytest.approx(26.0)  # 10 mm above the height of priming, rounded up
     assert printer.firmware.board.filament_end_mm == pytest.approx(-ENDER3.park_retraction_mm, abs=0.3)
-    assert b"M410" in printer.sent and b"M401" not in printer.sent
+    assert b"M410" in printer.sent_bytes and b"M401" not in printer.sent_bytes
 
 
 def test_print_resumes_at_its_position():
@@ -125,7 +125,7 @@ def test_halted_board_is_reset_and_confirmed_off():
     printer = make_rig(kill_after=150).run()
     assert_end_with_heaters_off(printer, PrintPhase.FAILED, Fault.KILL)
     assert printer.firmware.phase is Phase.RUNNING
-    assert b"G28 Z0" not in printer.sent  # the Z switch is at the bed, below the part
+    assert b"G28 Z0" not in printer.sent_bytes  # the Z switch is at the bed, below the part
 
 
 def test_head_does_not_move_after_a_reset_during_a_cancel():
@@ -133,7 +133,7 @@ def test_head_does_not_move_after_a_reset_during_a_cancel():
     printer.session.cancel("enough", printer.now_s)
     printer.run()
     assert printer.read_targets() == (0.0, 0.0) and printer.session.context.heaters_off
-    assert b"G28 Z0" not in printer.sent
+    assert b"G28 Z0" not in printer.sent_bytes
 
 
 def test_heater_that_does_not_heat_ends_the_print():
@@ -151,7 +151,7 @@ def test_another_machine_with_marlin_2_is_not_heated():
         Fault.WRONG_PRINTER,
     )
     assert "another machine than the CR-10" in (printer.session.context.reason or "")
-    assert b"M104 S2" not in printer.sent and b"M140 S6" not in printer.sent
+    assert b"M104 S2" not in printer.sent_bytes and b"M140 S6" not in printer.sent_bytes
 
 
 @pytest.mark.parametrize("model", ["ultimaker2_plus", "creality_ender3"])

@@ -12,7 +12,7 @@ from drivers.link import LinkFault
 from drivers.link import Phase as LinkPhase
 from drivers.messages import Filament, PrintPhase
 from drivers.session import Pace, Session, SessionContext
-from printers.print_rig import PLUS, Rig, assert_end_with_heaters_off, make_gcode
+from printers.print_rig import PLUS_PROFILE, Rig, assert_end_with_heaters_off, make_gcode
 
 
 def test_lost_port_fails_the_print_without_heaters_confirmed_off():
@@ -38,7 +38,7 @@ def test_returned_port_is_reset_and_confirmed_off():
 def test_session_without_a_program_resets_the_board_and_names_the_dead_agent():
     rig = Rig()
     rig.firmware.board.set_nozzle_target(210.0, rig.now_s)
-    rig.session = Session(SessionContext(rig.link, None, PLUS, Filament.AT_NOZZLE, Pace(), rig.now_s))
+    rig.session = Session(SessionContext(rig.link, None, PLUS_PROFILE, Filament.AT_NOZZLE, Pace(), rig.now_s))
     assert_end_with_heaters_off(rig.run(), PrintPhase.FAILED, Fault.AGENT_DIED)
     assert rig.session.context.filament is Filament.UNKNOWN
 
@@ -47,7 +47,9 @@ def test_second_print_on_a_link_begins_with_new_counts():
     rig = Rig()
     rig.run()
     assert rig.session.context.acknowledged_lines == rig.program.count
-    second_session = Session(SessionContext(rig.link, rig.program, PLUS, Filament.PARKED, Pace(), rig.now_s))
+    second_session = Session(
+        SessionContext(rig.link, rig.program, PLUS_PROFILE, Filament.PARKED, Pace(), rig.now_s)
+    )
     assert second_session.context.acknowledged_lines == 0
 
 
@@ -60,10 +62,10 @@ def test_dead_man_timer_depends_on_heat_and_pause_and_is_off_when_cold():
     assert rig.firmware.machine.dead_man_s == 120.0
     rig.session.resume(rig.now_s)
     rig.run()
-    armed_times_s = [int(command.split(b"*")[0]) for command in rig.sent.split(b"M85 S")[1:]]
+    armed_times_s = [int(command.split(b"*")[0]) for command in rig.sent_bytes.split(b"M85 S")[1:]]
     assert armed_times_s[0] == 1200 and armed_times_s[-1] == 0
     assert {seconds: armed_times_s.count(seconds) > 0 for seconds in (600, 120)} == {600: True, 120: True}
-    assert rig.sent.index(b"M85 S600") < rig.sent.index(b"M85 S120*")
+    assert rig.sent_bytes.index(b"M85 S600") < rig.sent_bytes.index(b"M85 S120*")
 
 
 def test_heat_up_longer_than_the_dead_man_timer_does_not_trip_it(monkeypatch: pytest.MonkeyPatch):
@@ -91,8 +93,8 @@ def test_bed_goes_down_before_the_head_moves_after_a_reset():
     rig.session.cancel("no more", rig.now_s)
     rig.run()
     assert_end_with_heaters_off(rig, PrintPhase.CANCELLED, None)
-    index = rig.sent.rindex(b"M110")
-    assert rig.sent.index(b"G28 Z0", index) < rig.sent.index(b"G28 X0 Y0", index)
+    index = rig.sent_bytes.rindex(b"M110")
+    assert rig.sent_bytes.index(b"G28 Z0", index) < rig.sent_bytes.index(b"G28 X0 Y0", index)
 
 
 def test_board_without_reset_is_initialised_before_each_print():
@@ -142,7 +144,7 @@ def test_dead_man_timer_of_a_board_without_reset_stays_armed_until_heaters_are_o
     rig_without_reset.firmware.board.set_nozzle_target(210.0, rig_without_reset.now_s)
     rig_without_reset.session = Session(
         SessionContext(
-            rig_without_reset.link, None, PLUS, Filament.AT_NOZZLE, Pace(), rig_without_reset.now_s
+            rig_without_reset.link, None, PLUS_PROFILE, Filament.AT_NOZZLE, Pace(), rig_without_reset.now_s
         )
     )
     rig_without_reset.session.context.board_resets = False

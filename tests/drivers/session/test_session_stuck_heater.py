@@ -12,7 +12,7 @@ from drivers.messages import Filament, PrintPhase
 from drivers.records import Suspicion
 from drivers.safety import Finding, HeaterWatch
 from drivers.session import Pace, Session, SessionContext
-from printers.print_rig import PLUS, Rig, make_gcode
+from printers.print_rig import PLUS_PROFILE, Rig, make_gcode
 
 MAX_DELAY_S = 30.0  # from a finding to the request
 NOZZLE, BED = HeaterName.NOZZLE, HeaterName.BED
@@ -130,7 +130,7 @@ def test_session_after_a_dead_agent_keeps_the_finding(burns: bool):
         rig.firmware.board.nozzle.burns = False
     rig.link.on_closed()
     rig.session = Session(
-        SessionContext(rig.link, None, PLUS, Filament.UNKNOWN, Pace(), rig.now_s, suspicion=suspicion)
+        SessionContext(rig.link, None, PLUS_PROFILE, Filament.UNKNOWN, Pace(), rig.now_s, suspicion=suspicion)
     )
     if burns:
         assert run_until_power_off_request(rig) - finding_s <= MAX_DELAY_S
@@ -146,7 +146,9 @@ def test_old_finding_requests_power_off_after_the_time_to_cool(burns: bool):
     started_s = rig.now_s
     old_suspicion = Suspicion("the nozzle went up to 250 C, above 210", rig.now_s - 3600.0)
     rig.session = Session(
-        SessionContext(rig.link, None, PLUS, Filament.UNKNOWN, Pace(), rig.now_s, suspicion=old_suspicion)
+        SessionContext(
+            rig.link, None, PLUS_PROFILE, Filament.UNKNOWN, Pace(), rig.now_s, suspicion=old_suspicion
+        )
     )
     if burns:
         rig.firmware.board.nozzle._temperature_c = 200.0
@@ -166,7 +168,13 @@ def test_rules_allow_for_the_delays_of_an_accelerated_clock():
     rig = Rig()
     rig.session = Session(
         SessionContext(
-            rig.link, None, PLUS, Filament.UNKNOWN, pace, 1000.0, suspicion=Suspicion("it burns", 1000.0)
+            rig.link,
+            None,
+            PLUS_PROFILE,
+            Filament.UNKNOWN,
+            pace,
+            1000.0,
+            suspicion=Suspicion("it burns", 1000.0),
         )
     )
     rig.session.advance((), 1000.0 + 479.0)

@@ -13,7 +13,7 @@ from hypothesis.stateful import (
     run_state_machine_as_test,
 )
 
-from books.recording_controller import PLUS, RecordedEffects
+from books.recording_controller import PLUS_MODEL, RecordedEffects
 from drivers.host import HostState
 from farm.agents.hosts import Hosts
 from farm.config import Fleet
@@ -49,7 +49,7 @@ class LostHosts(RuleBasedStateMachine):
     def make_farm(self):
         self.folder = tempfile.TemporaryDirectory()
         self.clock = ManualClock()
-        fields = {"model": PLUS, "port": f"sim://{PLUS}", "host_command": "farm host"}
+        fields = {"model": PLUS_MODEL, "port": f"sim://{PLUS_MODEL}", "host_command": "farm host"}
         rows = [{"name": name, "host": host, **fields} for name, host in PRINTERS.items()]
         self.fleet = Fleet.model_validate({"printers": rows})
         self.sent_keys, self.loss_counts = set(), Counter()

@@ -7,7 +7,7 @@ import logging
 import pytest
 
 from books.make_books import make_end_event, make_job, make_plan_event
-from books.recording_controller import PLUS, RecordedEffects
+from books.recording_controller import PLUS_MODEL, RecordedEffects
 from farm.cameras.cameras import Cameras
 from farm.cameras.fetch import CameraError
 from farm.cameras.image import read_image
@@ -38,7 +38,7 @@ class CameraRig:
     """Farm with printer `a`, which has a camera, and printer `b`; the test sets the answers of the camera."""
 
     def __init__(self, folder):
-        rows = [{"name": name, "model": PLUS, "port": f"sim://{PLUS}"} for name in "ab"]
+        rows = [{"name": name, "model": PLUS_MODEL, "port": f"sim://{PLUS_MODEL}"} for name in "ab"]
         rows[0]["camera"] = URL
         self.state = StateFolder(folder / "state")
         self.state.make()

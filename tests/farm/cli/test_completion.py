@@ -13,7 +13,7 @@ import typer
 from farm.api import JobName, Names
 from farm.cli import completion
 from farm.model import JobState
-from farms.real_farm import FARM
+from farms.real_farm import FARM_PROGRAM
 
 NAMES = Names(
     printers=["um2-01", "um2-02", "um2x-01"],
@@ -97,7 +97,7 @@ def test_bash_completion_calls_the_command(daemon, line, names):
         "_FARM_COMPLETE": "complete_bash",
     }
     result = subprocess.run(
-        [FARM],
+        [FARM_PROGRAM],
         env={**os.environ, **arguments, "FARM_SOCKET": str(daemon)},
         capture_output=True, text=True, check=True, timeout=120,
     )  # fmt: skip

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from books.make_books import make_plan_event
-from books.recording_controller import MODEL, PLUS, Farm
+from books.recording_controller import MODEL, PLUS_MODEL, Farm
 from farm.control import scheduler
 from farm.errors import ErrorCode, FarmError, NoSuchThing, Refused
 from farm.model import (
@@ -63,7 +63,7 @@ def test_job_waits_for_printers_then_uses_all_idle_and_clear_ones(farm):
 
 
 def test_plate_is_reassigned_after_its_agent_confirmed_its_cancellation(tmp_path):
-    farm = Farm(tmp_path, [PLUS] * 3)
+    farm = Farm(tmp_path, [PLUS_MODEL] * 3)
     farm.report_ready("a", "b", "c")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     event = make_plan_event(1, 1)

@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from books.make_books import make_plan_event
-from books.recording_controller import MODEL, PLUS, Farm
+from books.recording_controller import MODEL, PLUS_MODEL, Farm
 from farm.control import controller, scheduler
 from farm.model import AgentPrint, JobOptions, Link, PrintState
 from farm.planning import Plan
@@ -104,7 +104,7 @@ def plan_jobs(farm, plate_counts):
 
 
 def make_farm(folder, plate_counts, printer_count):
-    farm = Farm(Path(folder), models=(PLUS,) * printer_count)
+    farm = Farm(Path(folder), models=(PLUS_MODEL,) * printer_count)
     plan_jobs(farm, plate_counts)
     farm.report_ready(*farm.controller.fleet.names)
     return farm
@@ -142,7 +142,7 @@ def test_starts_in_portions_equal_those_of_one_run(large_fleet, plate_counts, pr
 @given(*fleets, st.data())
 def test_updated_situation_equals_one_built_after_the_starts(plate_counts, printer_count, data):
     with TemporaryDirectory() as folder:
-        farm = Farm(Path(folder), models=(PLUS,) * printer_count)
+        farm = Farm(Path(folder), models=(PLUS_MODEL,) * printer_count)
         plan_jobs(farm, plate_counts)
         farm.controller.stopping = True  # the reports must not start plates
         farm.report_ready(*farm.controller.fleet.names)

@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from books.make_books import make_plan_event
-from books.recording_controller import MODEL, PLUS, Farm
+from books.recording_controller import MODEL, PLUS_MODEL, Farm
 from farm.control.telemetry import MAX_REFUSALS
 from farm.errors import FarmError
 from farm.model import JobOptions, JobState, PrintState, Verdict
@@ -48,9 +48,9 @@ def check_books(simulation):
 def commit_count(tmp_path_factory):
     simulation = FarmSimulation(tmp_path_factory.mktemp("undisturbed"), PLATE_COUNT)
     simulation.run()
-    commits = simulation.commits
+    count = simulation.commit_count
     check_books(simulation)
-    return commits
+    return count
 
 
 @pytest.mark.parametrize("is_killed_after", [False, True], ids=["before", "after"])
@@ -115,7 +115,7 @@ def test_full_disk_is_reported_and_starts_nothing(tmp_path):
 
 def test_full_disk_of_an_agent_is_not_counted_as_an_attempt(tmp_path):
     """Use a disk that is too full for a plate's file, but not for the books."""
-    farm = Farm(tmp_path, (PLUS,) * 4)
+    farm = Farm(tmp_path, (PLUS_MODEL,) * 4)
     farm.report_ready(*"abcd")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     event = make_plan_event(1, 1)

@@ -43,12 +43,12 @@ def run_with_restore(simulation, folder, copy_minute, damage_minute, unreachable
             copy_books(simulation.path, copy, simulation.clock.now())
         if planned_minute is not None and minute == planned_minute + copy_minute + damage_minute:
             simulation.restore(copy)
-            simulation.unreachable = frozenset(unreachable)
+            simulation.unreachable_agents = frozenset(unreachable)
         if (
             planned_minute is not None
             and minute == planned_minute + copy_minute + damage_minute + unreachable_minutes
         ):
-            simulation.unreachable = frozenset()
+            simulation.unreachable_agents = frozenset()
         yield minute
         job = simulation.controller.books.jobs.get(1)
         if job is not None and job.state is JobState.DONE and simulation.is_restored:

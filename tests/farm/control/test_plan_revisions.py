@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from books.make_books import make_plan_event
-from books.recording_controller import MODEL, PLUS, Farm
+from books.recording_controller import MODEL, PLUS_MODEL, Farm
 from farm.control.controller import Controller
 from farm.errors import FarmError
 from farm.model import HoldCode, JobOptions, JobState, Link, PlanProgress, PlanStep
@@ -27,7 +27,7 @@ def make_plan(number, durations_h, printers):
                 "sliced_s": duration_h * HOUR_S,
                 "expected_s": duration_h * HOUR_S + 300.0,
                 "printer": printers[index % len(printers)],
-                "family": PLUS,
+                "family": PLUS_MODEL,
             }
         )
         for index, (plate, duration_h) in enumerate(zip(event.plates, durations_h, strict=True))
@@ -38,7 +38,7 @@ def make_plan(number, durations_h, printers):
 @pytest.fixture
 def farm(tmp_path):
     """Make a farm of eight printers, whose only job is planned for the two that are connected."""
-    farm = Farm(tmp_path, [PLUS] * 8)
+    farm = Farm(tmp_path, [PLUS_MODEL] * 8)
     farm.report_ready(*"ab", bed_clear=False)
     farm.report_ready(*"cdefgh", link=Link.ABSENT, reason="unplugged")
     submit_planned_job(farm)
@@ -159,7 +159,7 @@ def test_new_daemon_examines_the_job_again(farm, tmp_path):
     clear_other_beds_at_once(farm)
     old_plan = farm.effects.plans[-1]
     farm.store.close()
-    restarted_farm = Farm(tmp_path, [PLUS] * 8)
+    restarted_farm = Farm(tmp_path, [PLUS_MODEL] * 8)
     restarted_farm.controller.stopping = True
     restarted_farm.report_ready(*"ab", bed_clear=False)
     restarted_farm.report_ready(*"cdefgh")
@@ -172,7 +172,7 @@ def test_new_daemon_examines_the_job_again(farm, tmp_path):
 def test_each_scheduling_run_starts_one_job_if_the_forecasts_are_large(tmp_path, monkeypatch):
     monkeypatch.setattr(revisions, "MAX_FORECAST_SIZE", 0)
     monkeypatch.setattr(revisions, "may_revise", lambda *_: True)
-    farm = Farm(tmp_path, [PLUS] * 8)
+    farm = Farm(tmp_path, [PLUS_MODEL] * 8)
     farm.report_ready(*"abcdefgh", bed_clear=False)
     for number in (1, 2, 3):
         farm.jobs.submit(f"{number:08d}", "m.stl", MODEL, JobOptions(printers=2))

@@ -75,7 +75,7 @@ def test_clock_step_takes_effect_at_once(make_time, step_h):
         timers.call_at(alarm_s, "alarm", lambda: alarms_s.append(time.now()))
         timers.start()
         await asyncio.sleep(60.5)
-        time.set_s = step_h * HOUR_S
+        time.host_offset_s = step_h * HOUR_S
         await asyncio.sleep(1.0)
         time.follow_host()
         timers.on_clock_set()

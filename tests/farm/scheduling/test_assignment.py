@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from books.scheduling_examples import LOW, TALL, make_box, make_plate, make_printer, make_situation
+from books.scheduling_examples import LOW_ROOM, TALL_ROOM, make_box, make_plate, make_printer, make_situation
 from farm.model import Bed, FilamentState, HoldCode, Link
 from farm.scheduling import assignment, plate_matching
 from farm.scheduling.matching import Requirements
@@ -60,7 +60,7 @@ printers = st.lists(
         link=st.sampled_from(Link),
         booked=st.booleans(),
         attention_reason=st.sampled_from([None, "its nozzle is cold"]),
-        room=st.sampled_from([LOW, TALL]),
+        room=st.sampled_from([LOW_ROOM, TALL_ROOM]),
     ),
     unique_by=lambda p: p.name,
 )
@@ -243,7 +243,7 @@ ready_printers = st.lists(
     st.builds(
         make_printer,
         st.sampled_from("abcdefgh"),
-        room=st.sampled_from([LOW, TALL]),
+        room=st.sampled_from([LOW_ROOM, TALL_ROOM]),
         grams=st.sampled_from([None, 3.0, 500.0]),
         unattended=st.booleans(),
     ),

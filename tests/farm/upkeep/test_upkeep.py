@@ -11,7 +11,7 @@ import pytest
 import trimesh
 
 from books.old_jobs import DAY_S, NOW_S, add_good_prints, make_old_books, write_files
-from books.recording_controller import PLUS, Farm, RecordedEffects, make_fleet
+from books.recording_controller import PLUS_MODEL, Farm, RecordedEffects, make_fleet
 from drivers.clock import Clock
 from farm.errors import Refused
 from farm.model import JobState
@@ -90,14 +90,14 @@ def fill_state(root, ages=JOB_AGES, event_count=40):
 
 def open_upkeep(state, work=omit_pictures, **keep):
     """Open a daemon's upkeep on a state folder; the caller closes the store of the farm."""
-    farm = Farm(state.root, (PLUS,) * 3, clock=StoppedClock(), keep=keep)
+    farm = Farm(state.root, (PLUS_MODEL,) * 3, clock=StoppedClock(), keep=keep)
     farm.controller._effects = LinkingEffects(state)
     return farm, Upkeep(farm.controller, farm.store, state, InlineWorkers(work))
 
 
 def show_job(state, books, number):
     """Return the views of `farm status JOB` and `farm history`, and lay out `farm report`."""
-    context = ViewContext(make_fleet((PLUS,) * 3), books, {}, state, NOW_S)
+    context = ViewContext(make_fleet((PLUS_MODEL,) * 3), books, {}, state, NOW_S)
     view, rows = describe_job(context, books.jobs[number]), list_history(context, number)
     page = render_page(view, list_history(context), datetime.fromisoformat(view.now), [], JobContents())
     assert view.name in page

@@ -8,7 +8,7 @@ from fastapi.routing import iter_route_contexts
 from farm.api import NETWORK_PREFIX
 from farm.model import Role
 from farm.web.access import HOST_ONLY_ROUTES, LIVENESS_PATH, PUBLIC_ROUTES, ROLES
-from farms.network_farm import HOST, OWN_PAGE, NetworkFarm
+from farms.network_farm import HOST, SAME_ORIGIN_HEADERS, NetworkFarm
 
 VALUES = {"printer": "a", "number": "1", "name": "a", "part": "p01", "request_id": "r" * 8}
 LOOK, PRINT, OPERATE = Role
@@ -38,7 +38,7 @@ def test_each_route_has_a_row_in_one_table_and_each_row_is_a_route(farm):
 
 
 def test_route_without_a_role_is_not_served(farm):
-    operator = farm.add(OPERATE).text
+    operator = farm.add_key(OPERATE).text
     assert ("POST", f"{NETWORK_PREFIX}/down") in HOST_ONLY_ROUTES
     for method, path in HOST_ONLY_ROUTES | {
         ("PUT", f"{NETWORK_PREFIX}/jobs"),
@@ -60,8 +60,8 @@ def test_route_without_a_role_is_not_served(farm):
 
 def list_callers(farm, needed_role):
     """List callers of every kind: their headers, and the status with which a route refuses them, or None."""
-    keys = {role: farm.add(role).text for role in Role}
-    revoked_key, expired_key = farm.add(OPERATE, "gone"), farm.add(OPERATE, "old", days=1.0)
+    keys = {role: farm.add_key(role).text for role in Role}
+    revoked_key, expired_key = farm.add_key(OPERATE, "gone"), farm.add_key(OPERATE, "old", days=1.0)
     farm.keys.revoke(revoked_key.id, "ann")
     ended_session, unused_session = farm.open_session(user="bob"), farm.open_session(user="eve")
     farm.keys.revoke(ended_session.split("_")[1], "bob")
@@ -73,15 +73,15 @@ def list_callers(farm, needed_role):
     for text in wrong_texts:
         yield f"key {text}", {"x-api-key": text.encode()}, 401
     for text in ("nonsense", sessions[OPERATE][:-1], ended_session, unused_session, keys[OPERATE]):
-        yield f"session {text}", OWN_PAGE | farm.make_cookie_header(text), 401
+        yield f"session {text}", SAME_ORIGIN_HEADERS | farm.make_cookie_header(text), 401
     operator, session = {"x-api-key": keys[OPERATE]}, farm.make_cookie_header(sessions[OPERATE])
     yield "other host", operator | {"host": "evil.example"}, 421
-    yield "other host, session", OWN_PAGE | session | {"host": "evil.example"}, 421
+    yield "other host, session", SAME_ORIGIN_HEADERS | session | {"host": "evil.example"}, 421
     for role in Role:
         status = None if role.allows(needed_role) else 403
         yield f"key {role}", {"x-api-key": keys[role]}, status
         yield f"bearer {role}", {"authorization": f"Bearer {keys[role]}"}, status
-        yield f"session {role}", OWN_PAGE | farm.make_cookie_header(sessions[role]), status
+        yield f"session {role}", SAME_ORIGIN_HEADERS | farm.make_cookie_header(sessions[role]), status
 
 
 OTHER_SITES = (
@@ -126,7 +126,7 @@ def test_route_answers_each_kind_of_caller_by_its_role(farm, method, path):
 
 
 def test_event_log_has_the_name_of_a_key_and_never_its_text(farm, tmp_path):
-    key = farm.add(OPERATE, "slicer of ann")
+    key = farm.add_key(OPERATE, "slicer of ann")
     assert farm.ask("POST", f"{NETWORK_PREFIX}/printers/a/cleared", key.text, json={}).status_code == 200
     assert '"by":"key slicer of ann"' in farm.store.read_all_events()[-1][2]
     assert farm.services.key_uses_s.keys() == {key.id}
@@ -136,7 +136,7 @@ def test_event_log_has_the_name_of_a_key_and_never_its_text(farm, tmp_path):
 
 
 def test_model_is_submitted_by_a_key_that_may_print(farm):
-    key = farm.add(PRINT)
+    key = farm.add_key(PRINT)
     params = {"request_id": "r" * 8, "name": "box.stl", "size": 100_000}
     assert (
         farm.ask(
@@ -151,7 +151,7 @@ def test_model_is_submitted_by_a_key_that_may_print(farm):
 
 def test_oversized_body_is_refused(farm):
     long_answer = farm.ask(
-        "POST", f"{NETWORK_PREFIX}/printers/a/cleared", farm.add(OPERATE).text, content=b"x" * 200_000
+        "POST", f"{NETWORK_PREFIX}/printers/a/cleared", farm.add_key(OPERATE).text, content=b"x" * 200_000
     )
     assert long_answer.status_code == 413
 
@@ -162,7 +162,7 @@ def test_long_headers_are_refused(farm):
 
 
 def test_ten_wrong_keys_are_delayed_but_a_valid_key_is_not(farm):
-    key = farm.add(LOOK)
+    key = farm.add_key(LOOK)
     for _ in range(10):
         assert farm.ask("GET", f"{NETWORK_PREFIX}/status", "nonsense").status_code == 401
     assert farm.ask("GET", f"{NETWORK_PREFIX}/status", "nonsense").status_code == 429
@@ -171,7 +171,7 @@ def test_ten_wrong_keys_are_delayed_but_a_valid_key_is_not(farm):
 
 
 def test_every_answer_forbids_scripts_and_frames_and_no_other_site_may_read_it(farm):
-    key = farm.add(LOOK).text
+    key = farm.add_key(LOOK).text
     answers = (
         farm.ask("GET", LIVENESS_PATH),
         farm.ask("GET", f"{NETWORK_PREFIX}/status"),
@@ -188,7 +188,7 @@ def test_every_answer_forbids_scripts_and_frames_and_no_other_site_may_read_it(f
 
 
 def test_body_that_cannot_be_parsed_gets_the_usual_error(farm):
-    path, key = fill_path(f"{NETWORK_PREFIX}/printers/{{name}}/cleared"), farm.add(OPERATE).text
+    path, key = fill_path(f"{NETWORK_PREFIX}/printers/{{name}}/cleared"), farm.add_key(OPERATE).text
     answer = farm.ask("POST", path, key, content=b'{"why": "\xff"}', headers=JSON_HEADERS)
     assert answer.status_code == 400
     assert answer.json().keys() == {"error", "code", "exit_code"}

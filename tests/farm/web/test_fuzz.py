@@ -68,9 +68,9 @@ def is_guarded(request):
 
 
 def test_requests_with_the_role_look_change_nothing(farm):
-    revoked_key = farm.add(Role.OPERATE, "revoked")
+    revoked_key = farm.add_key(Role.OPERATE, "revoked")
     farm.keys.revoke(revoked_key.id, "ann")
-    look_key = farm.add(Role.LOOK).text
+    look_key = farm.add_key(Role.LOOK).text
     keys = {"": "", "wrong": "farm_key_x", "revoked": revoked_key.text, "look": look_key}
     events = farm.store.read_all_events()
     answers = run_fuzz(farm, keys, 250, seed=1)
@@ -84,7 +84,7 @@ def test_requests_with_the_role_look_change_nothing(farm):
 
 
 def test_requests_with_every_role_do_not_fail(farm):
-    keys = {str(role): farm.add(role).text for role in (Role.PRINT, Role.OPERATE)}
+    keys = {str(role): farm.add_key(role).text for role in (Role.PRINT, Role.OPERATE)}
     event_count = len(farm.store.read_all_events())
     answers = run_fuzz(farm, keys, 250, seed=2)
     assert list_failures(answers) == []

@@ -37,7 +37,7 @@ def farm(tmp_path):
 
 @pytest.mark.parametrize("mode", GenerationMode)
 def test_generated_requests_get_answers_that_match_the_description(farm, mode):
-    key = farm.add(Role.OPERATE).text
+    key = farm.add_key(Role.OPERATE).text
     schema = schemathesis.openapi.from_dict(farm.ask("GET", SCHEMA_PATH, key).json())
     operations = [result.ok() for result in schema.get_all_operations()]
     assert len(operations) > 20

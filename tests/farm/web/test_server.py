@@ -144,9 +144,9 @@ def test_slow_network_clients_do_not_delay_the_socket(farm):
             client = idle_clients.enter_context(socket.create_connection(("127.0.0.1", port), 30))
             if number % 2:
                 client.send(INCOMPLETE_HEAD)
-        assert farm.status()["printers"][0]["state"] == "idle"
+        assert farm.read_status()["printers"][0]["state"] == "idle"
         assert request_page(port, "/healthz")[0] == 200
-    pid = farm.status()["daemon"]["pid"]
+    pid = farm.read_status()["daemon"]["pid"]
     os.kill(pid, signal.SIGTERM)
     wait_for("the daemon's end", lambda: not (farm.state / "farm.sock").exists(), 30.0)
 
@@ -161,7 +161,7 @@ def test_daemon_ends_in_time_with_hanging_clients_and_incomplete_uploads(farm, t
         for number in range(150):
             client = stack.enter_context(socket.create_connection(("127.0.0.1", port), 30))
             client.send(incomplete_requests[number % len(incomplete_requests)])
-        status = farm.status()
+        status = farm.read_status()
         agent = status["printers"][0]["agent_pid"]
         wait_for("half an upload", lambda: list((farm.state / "work").glob("upload-*")), 60.0)
         os.kill(status["daemon"]["pid"], signal.SIGTERM)
@@ -171,7 +171,7 @@ def test_daemon_ends_in_time_with_hanging_clients_and_incomplete_uploads(farm, t
     assert not list((farm.state / "work").glob("upload-*"))
     assert is_running(agent)
     farm.up()
-    assert farm.status()["printers"][0]["agent_pid"] == agent
+    assert farm.read_status()["printers"][0]["agent_pid"] == agent
 
 
 def is_running(pid):

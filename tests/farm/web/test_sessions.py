@@ -15,7 +15,7 @@ from farm.model import Role
 from farm.state.storage import StoreError
 from farm.web.cookies import SessionCookie
 from farm.web.pages.static_files import make_static_url
-from farms.network_farm import HOST, OWN_PAGE, NetworkFarm
+from farms.network_farm import HOST, SAME_ORIGIN_HEADERS, NetworkFarm
 
 TLS = {"tls": {"cert": "c.pem", "key": "k.pem"}}
 CLEARED_PATH = "/api/v1/printers/a/cleared"
@@ -64,7 +64,7 @@ def test_link_logs_in_only_by_its_button_and_only_once(farm):
     "headers",
     [
         {"origin": "http://evil.example"},
-        {"sec-fetch-site": "cross-site", **OWN_PAGE},
+        {"sec-fetch-site": "cross-site", **SAME_ORIGIN_HEADERS},
         {"sec-fetch-site": "same-site"},
         {"origin": "null"},
         {},
@@ -106,7 +106,7 @@ def test_logging_out_ends_the_session_and_forgets_the_cookie(farm):
     assert answer.status_code == 401
     assert "farm web" in answer.text
     assert "max-age=0" in read_cookie(answer)[1]
-    key = farm.add(Role.LOOK).text
+    key = farm.add_key(Role.LOOK).text
     assert farm.ask("POST", "/logout", key).status_code == 409
     assert farm.ask("GET", "/", key).status_code == 200
 
@@ -114,7 +114,7 @@ def test_logging_out_ends_the_session_and_forgets_the_cookie(farm):
 @pytest.mark.parametrize("role", Role)
 def test_page_shows_tasks_printers_jobs_and_user(tmp_path, role):
     farm = NetworkFarm(tmp_path, fleet={"name": "lab"})
-    key = farm.add(Role.PRINT, "laptop").text
+    key = farm.add_key(Role.PRINT, "laptop").text
     params = {"request_id": "r" * 8, "name": "<i>box.stl", "size": 100}
     farm.ask("POST", "/api/v1/jobs", key, params=params, content=b"x" * 100)
     page = farm.browse("GET", "/", farm.open_session(role))
@@ -178,7 +178,7 @@ def post_to_socket(farm, person, path):
 
 def test_event_log_names_every_kind_of_caller(farm):
     farm.browse("POST", CLEARED_PATH, farm.open_session(Role.OPERATE, "ann"), json={})
-    farm.ask("POST", CLEARED_PATH, farm.add(Role.OPERATE, "panel").text, json={})
+    farm.ask("POST", CLEARED_PATH, farm.add_key(Role.OPERATE, "panel").text, json={})
     assert post_to_socket(farm, DAEMON_USER, "/printers/a/cleared").status_code == 200
     callers = [
         json.loads(body)["by"] for _, kind, body in farm.store.read_all_events() if kind == "BedCleared"
@@ -291,7 +291,7 @@ def test_stream_of_a_session_ends_when_its_user_is_gone(farm):
 def test_key_opens_a_session_of_its_role_and_name(farm, role):
     assert 'action="/login"' in farm.browse("GET", "/login").text
     assert 'action="/login"' in farm.browse("GET", "/").text
-    key = farm.add(role, "panel")
+    key = farm.add_key(role, "panel")
     log_in_answer = farm.log_in(f" {key.text}\n")  # as a person may paste it
     assert (log_in_answer.status_code, log_in_answer.headers["location"]) == (303, "/")
     text, attributes = read_cookie(log_in_answer)
@@ -305,7 +305,7 @@ def test_key_opens_a_session_of_its_role_and_name(farm, role):
 
 
 def test_session_of_a_key_ends_with_the_key(farm):
-    lasting_key, short_key = farm.add(Role.LOOK, "a"), farm.add(Role.LOOK, "b", days=0.25)
+    lasting_key, short_key = farm.add_key(Role.LOOK, "a"), farm.add_key(Role.LOOK, "b", days=0.25)
     texts = [read_cookie(farm.log_in(key.text))[0] for key in (lasting_key, short_key)]
     farm.clock.now_s += 5 * 3600.0
     assert [farm.browse("GET", "/", text).status_code for text in texts] == [200, 200]
@@ -327,14 +327,14 @@ def test_wrong_key_opens_no_session(farm, form):
 
 
 def test_revoked_key_and_session_open_no_session(farm):
-    key = farm.add(Role.PRINT)
+    key = farm.add_key(Role.PRINT)
     session = read_cookie(farm.log_in(key.text))[0]
     farm.keys.revoke(key.id, "ann")
     assert [farm.log_in(text).status_code for text in (key.text, session)] == [401, 401]
 
 
 def test_wrong_keys_in_the_form_count_like_those_of_programs(farm):
-    key = farm.add(Role.PRINT).text
+    key = farm.add_key(Role.PRINT).text
     answers = [farm.log_in("nonsense").status_code for _ in range(11)]
     assert answers == [401] * 10 + [429]
     assert farm.ask("GET", "/", "nonsense").status_code == 429
@@ -344,7 +344,7 @@ def test_wrong_keys_in_the_form_count_like_those_of_programs(farm):
 
 @pytest.mark.parametrize("headers", [{"origin": "http://evil.example"}, {}])
 def test_login_form_of_another_site_is_refused(farm, headers):
-    key = farm.add(Role.PRINT).text
+    key = farm.add_key(Role.PRINT).text
     assert farm.ask("POST", "/login", headers=headers, data={"key": key}).status_code == 403
     assert list_sessions(farm) == []
 

@@ -18,7 +18,7 @@ MAX_FIRST_PAGE_BYTES, MAX_BYTES_WITH_VIEWER = 60_000, 250_000
 
 def test_first_page_of_a_hundred_printers_is_small(tmp_path):
     farm = NetworkFarm(tmp_path)
-    key = farm.add(Role.OPERATE).text
+    key = farm.add_key(Role.OPERATE).text
     status = api.Status.model_validate(farm.ask("GET", "/api/v1/status", key).json())
     farm.store.close()
     progress = api.PrintProgress(

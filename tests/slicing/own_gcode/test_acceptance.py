@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from drivers.printers import PROFILES
 from farm.planning.inspection.own_gcode import FirmwareTime
-from model_files.make_gcode import FILAMENT_MM2, PURGE, make_marlin, make_square, make_ultigcode
+from model_files.make_gcode import FILAMENT_MM2, PURGE_LINES, make_marlin, make_square, make_ultigcode
 from model_files.own_gcode import (
     accept,
     assert_refused,
@@ -193,7 +193,7 @@ def test_arc_becomes_straight_moves_on_its_circle():
 
 
 def test_retraction_of_the_start_is_kept_before_the_first_layer():
-    start = [";FLAVOR:Marlin", "G28", "M109 S200", *PURGE, "G92 E0", "G1 E-4 F1500"]
+    start = [";FLAVOR:Marlin", "G28", "M109 S200", *PURGE_LINES, "G92 E0", "G1 E-4 F1500"]
     lines = make_marlin(start=start, relative=True)
     lines.insert(lines.index(";LAYER:0") + 2, "G1 E4 F1500")
     moves = list_moves(extract_body(accept(lines)))

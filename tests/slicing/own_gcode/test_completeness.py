@@ -10,7 +10,7 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
-from model_files.make_gcode import END, FILAMENT_MM2, make_marlin, make_square, make_ultigcode
+from model_files.make_gcode import END_LINES, FILAMENT_MM2, make_marlin, make_square, make_ultigcode
 from model_files.own_gcode import (
     accept,
     assert_refused,
@@ -100,8 +100,8 @@ def test_fewer_layers_than_the_file_states_are_refused():
     )
     index = COUNTED_LINES.index(";LAYER:60")
     assert_refused(
-        [*COUNTED_LINES[:index], *END],
-        rf"line {index + len(END)}: .* line 1 states 100 layers, but the file has only 60",
+        [*COUNTED_LINES[:index], *END_LINES],
+        rf"line {index + len(END_LINES)}: .* line 1 states 100 layers, but the file has only 60",
     )
 
 
@@ -286,12 +286,12 @@ def shift_e(lines):
 
 @pytest.mark.parametrize("line", ["G4 S90", "G1 Z-3", "G1 X50 Y50 Z0.1 F1"])
 def test_mistake_after_the_last_printed_line_is_refused(line):
-    assert_refused(make_marlin(tail=[line, *END]), r"line \d+: ")
-    assert accept(make_marlin(tail=[*END, line])).layers == 3
+    assert_refused(make_marlin(tail=[line, *END_LINES]), r"line \d+: ")
+    assert accept(make_marlin(tail=[*END_LINES, line])).layers == 3
 
 
 def test_end_script_may_unload_the_filament():
-    assert accept(make_marlin(tail=["G92 E0", "G1 E-60 F1500", *END[1:]])).layers == 3
+    assert accept(make_marlin(tail=["G92 E0", "G1 E-60 F1500", *END_LINES[1:]])).layers == 3
 
 
 def test_ultigcode_without_its_last_comment_is_refused():

@@ -15,7 +15,7 @@ def list_boxes(shape: Shape) -> list[Box]:
 
 
 def make_tables(shape: Shape, seed: int) -> tuple[BoxTables, np.ndarray]:
-    """Make costs that increase roughly with the volume; some boxes have two pieces, some fit no printer."""
+    """Make costs roughly proportional to volume; some boxes have two pieces, and some fit no printer."""
     rng = np.random.default_rng(seed)
     is_needed = rng.random(shape) < 0.7
     total = int(np.prod([n * (n + 1) // 2 for n in shape]))

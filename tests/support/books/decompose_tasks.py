@@ -24,12 +24,12 @@ def make_decompose_task(bar, files, tmp_path, printers=2, rounds=1):
         printers=make_fleet(printers).printers,
         rounds=rounds,
         folder=tmp_path / "work",
-        budget_s=0.0,  # a single engine is enough here
+        budget_s=0.0,  # one engine is enough for this bar
     )
 
 
 class FakeSliceResult:
-    """Result of slicing a part."""
+    """Result of slicing a part, with fixed shares of its features."""
 
     def __init__(self, sliced_s):
         self.sliced_s = sliced_s
@@ -43,18 +43,18 @@ def make_slice_tasks(task, decomposition):
 
 
 def join_slices(task, decomposition, tasks, slices):
-    """Return a sliced job with these slices."""
+    """Return the sliced job that has these results of slicing."""
     sections = {section.name: section for section in task.printers}
     triples = zip(decomposition.parts, tasks, slices, strict=True)
     parts = (SlicedPart(part, sections[part.printer], item, result) for part, item, result in triples)
     return SlicedJob(task, decomposition, tuple(parts))
 
 
-def slice_with_late_part(task, decomposition, late_s):
-    """Return a sliced job in which each part takes the mean price, and the last one `late_s` longer."""
+def slice_with_slow_part(task, decomposition, extra_s):
+    """Return a sliced job in which each part takes the mean price, and the last one `extra_s` longer."""
     tasks = make_slice_tasks(task, decomposition)
     prelude_s = compute_prelude_seconds(task.printers[0], tasks[0].settings)
     seconds = [part.price_s - prelude_s for part in decomposition.parts]
     mean_s = sum(seconds) / len(seconds)
-    seconds = [mean_s] * (len(seconds) - 1) + [mean_s + late_s]
+    seconds = [mean_s] * (len(seconds) - 1) + [mean_s + extra_s]
     return join_slices(task, decomposition, tasks, map(FakeSliceResult, seconds))

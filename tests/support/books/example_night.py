@@ -1,4 +1,4 @@
-"""The morning after a night of five plates on five printers: three done, one failed, one still printing."""
+"""A farm after a night: of five plates on five printers, three are done, one failed, and one still prints."""
 
 from pathlib import Path
 
@@ -74,7 +74,7 @@ def make_status(books):
     )
 
 
-def summarise(status):
+def summarise_status(status):
     """Return the status without the parts and plates of the jobs, as `farm status` prints it."""
     figures = set(api.JobFigures.model_fields)
     jobs = [

@@ -1,4 +1,4 @@
-"""A job with a plan of two parts, whose files are in the store of a farm."""
+"""A planned job of two parts, whose files are in the file store of a farm."""
 
 import hashlib
 
@@ -38,7 +38,7 @@ def plan_job(farm, user="ann", glb=None, **options):
 
 
 def copy_parts(parts, plates, copies):
-    """Return parts and plates for each of the copies, named as in planning."""
+    """Return the parts and plates of all copies, named as in planning."""
     numbers = range(1, copies + 1)
     names = [
         (n, part, {"id": f"{part.id}.{n}", "plate": f"{part.plate}.{n}"}) for n in numbers for part in parts

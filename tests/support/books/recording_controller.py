@@ -1,4 +1,4 @@
-"""Controller whose effects are recorded and not executed."""
+"""Controller whose effects are recorded instead of executed."""
 
 from drivers.clock import Clock
 from farm.api import ClearedRequest
@@ -34,10 +34,10 @@ class RecordedEffects:
             self.instructions.append(effect)
 
 
-PLUS = "ultimaker2_plus"
+PLUS_MODEL = "ultimaker2_plus"
 
 
-def make_fleet(models=(PLUS, PLUS), **fleet_options):
+def make_fleet(models=(PLUS_MODEL, PLUS_MODEL), **fleet_options):
     """Make printers a, b, ... of these models."""
     names = zip("abcdefgh", models, strict=False)
     printers = [{"name": name, "model": model, "port": f"sim://{model}"} for name, model in names]
@@ -61,7 +61,7 @@ class Commands:
 class Farm(Commands):
     """A controller on a store in a folder; a second one on the same folder acts as a restarted daemon."""
 
-    def __init__(self, folder, models=(PLUS, PLUS), clock=None, **fleet_options):
+    def __init__(self, folder, models=(PLUS_MODEL, PLUS_MODEL), clock=None, **fleet_options):
         self.effects = RecordedEffects()
         folder.mkdir(exist_ok=True)
         self.store = Store(folder / "farm.db")
@@ -80,7 +80,7 @@ class Farm(Commands):
         return self.controller.build_view_context(state)
 
     def report(self, name, *prints):
-        """Report the state of an agent, and its prints since the books were copied."""
+        """Report the state of an agent, and the prints that restored books may lack."""
         facts = {"link": Link.READY, "agent_pid": 9, "filament": FilamentState.PARKED}
         snapshot = AgentSnapshot(printer=name, print=prints[-1] if prints else None, **facts)
         self.controller.on_journal(snapshot, prints)

@@ -10,8 +10,8 @@ from farm.scheduling.situation import Situation
 from farm.scheduling.start_rules import StartRules
 from farm.week_windows import parse_window
 
-LOW = ((-111.0, -104.0, 111.0, 102.0, 205.0),)
-TALL = ((-111.0, -104.0, 111.0, 102.0, 305.0),)
+LOW_ROOM = ((-111.0, -104.0, 111.0, 102.0, 205.0),)
+TALL_ROOM = ((-111.0, -104.0, 111.0, 102.0, 305.0),)
 UTC = ZoneInfo("UTC")
 
 
@@ -23,7 +23,7 @@ def make_rules(attended=(), quiet=(), **changes):
     return StartRules(make_hours(*attended), make_hours(*quiet), **changes)
 
 
-def make_printer(name, room=LOW, material="generic_pla", colour=None, nozzle_mm=0.4, **changes):
+def make_printer(name, room=LOW_ROOM, material="generic_pla", colour=None, nozzle_mm=0.4, **changes):
     facts = {
         "bed": Bed.CLEAR,
         "filament": FilamentState.PARKED,
@@ -36,8 +36,8 @@ def make_printer(name, room=LOW, material="generic_pla", colour=None, nozzle_mm=
     )
 
 
-def make_box(height_mm, half_mm=50.0):
-    return (-half_mm, -half_mm, half_mm, half_mm, height_mm)
+def make_box(height_mm, half_width_mm=50.0):
+    return (-half_width_mm, -half_width_mm, half_width_mm, half_width_mm, height_mm)
 
 
 def make_plate(name, planned_printer, **changes):

@@ -11,11 +11,11 @@ import signal
 CHROMIUM = shutil.which("chromium")
 TIME_LIMIT_S = 120.0
 OPTIONS = ("--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader", "--disable-dev-shm-usage")
-"""Options of each start; the third draws WebGL without a graphics card."""
+"""Options of the command line; the third one draws WebGL without a graphics card."""
 
 
 class Tab:
-    """One page of a browser.
+    """A page in a browser.
 
     Parameters
     ----------
@@ -27,11 +27,11 @@ class Tab:
 
     def __init__(self, pipe, session):
         self._pipe, self._session = pipe, session
-        self._loaded = asyncio.Event()
+        self._load_event = asyncio.Event()
         pipe.tabs[session] = self
 
     async def prepare(self):
-        """Enable the reports about the page."""
+        """Enable the browser's events about the page."""
         for domain in ("Page", "Log", "Network", "Runtime"):
             await self.call(f"{domain}.enable")
         return self
@@ -42,13 +42,13 @@ class Tab:
 
     async def open(self, url):
         """Open an address, and wait until the page is loaded."""
-        self._loaded.clear()
+        self._load_event.clear()
         await self.call("Page.navigate", url=url)
         await self._wait_until_loaded()
 
     async def press(self, selector):
         """Press a button that leads to another page."""
-        self._loaded.clear()
+        self._load_event.clear()
         await self.evaluate(f"document.querySelector({selector!r}).click()")
         await self._wait_until_loaded()
 
@@ -58,16 +58,16 @@ class Tab:
 
     async def wait_for(self, expression):
         """Wait until an expression on the page is true, polled by the page ten times a second."""
-        watch = f"""new Promise(done => {{
+        polling_script = f"""new Promise(done => {{
             const check = () => {{ if ({expression}) done(true); else setTimeout(check, 100) }}
             check()
         }})"""
         async with asyncio.timeout(TIME_LIMIT_S):
-            while not await self._await_promise(watch):
+            while not await self._await_promise(polling_script):
                 await asyncio.sleep(0)  # another page was loaded
 
     async def _await_promise(self, expression):
-        """Return the value of a promise on the page, or None if the page is left first."""
+        """Return the value of a promise on the page, or None if another page is loaded first."""
         try:
             answer = await self.call("Runtime.evaluate", expression=expression, awaitPromise=True)
         except AssertionError:
@@ -111,16 +111,16 @@ class Tab:
 
     async def _wait_until_loaded(self):
         async with asyncio.timeout(TIME_LIMIT_S):
-            await self._loaded.wait()
+            await self._load_event.wait()
 
     def on_event(self, method, params):
         """Process an event of the page."""
         if method == "Page.loadEventFired":
-            self._loaded.set()
+            self._load_event.set()
 
 
 class Pipe:
-    """Calls to a browser and their answers."""
+    """The debugging pipe of a browser, which assigns answers to calls and events to tabs."""
 
     def __init__(self, out):
         self._out = out
@@ -129,7 +129,7 @@ class Pipe:
         self.tabs, self.messages = {}, []
 
     async def call(self, method, session, params):
-        """Call a method of a session, or of the browser if the session is None; return its result."""
+        """Call a method of a session, or of the browser if the session is None, and return its result."""
         number = next(self._numbers)
         message = {"id": number, "method": method, "params": params}
         if session:
@@ -143,7 +143,7 @@ class Pipe:
         return answer["result"]
 
     async def open_session(self):
-        """Open a tab; return its session."""
+        """Open a tab, and return its session."""
         target = await self.call("Target.createTarget", None, {"url": "about:blank", "newWindow": True})
         attach = {"targetId": target["targetId"], "flatten": True}
         attachment = await self.call("Target.attachToTarget", None, attach)
@@ -183,7 +183,7 @@ class Chromium(Tab):
         return self._pipe.messages
 
     async def open_tab(self):
-        """Open another tab; it shows nothing yet."""
+        """Open another, empty tab."""
         return await Tab(self._pipe, await self._pipe.open_session()).prepare()
 
     def suspend(self, is_suspended=True):

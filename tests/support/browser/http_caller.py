@@ -1,4 +1,4 @@
-"""Requests to the daemon's application, with a caller identified as on the Unix socket."""
+"""Requests to the daemon's application, whose caller is identified as on the Unix socket."""
 
 import os
 
@@ -8,7 +8,7 @@ DAEMON_USER = Person(os.getuid(), os.getgid())
 
 
 def call_as(person, app):
-    """Wrap the application so that requests come from a person on the Unix socket, or from nobody if None."""
+    """Wrap the application so that requests come from a person, or from an unidentified caller."""
 
     async def identify_person(scope, receive, send):
         await app({**scope, "state": {} if person is None else {"caller": person}}, receive, send)

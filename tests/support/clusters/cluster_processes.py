@@ -21,7 +21,7 @@ def make_certificates(folder):
 
 
 async def run_scheduler(folder, certificates):
-    """Run a scheduler; a file in the folder keeps its address over restarts."""
+    """Run a scheduler whose address is kept over restarts, in a file in the folder."""
     from distributed import Scheduler
 
     from farm.compute.cluster.security import make_security
@@ -38,7 +38,7 @@ async def run_scheduler(folder, certificates):
 
 
 def run_worker(folder, certificates, address, name):
-    """Run a worker with one slot, whose versions are those of the tests."""
+    """Run a worker with one slot that reports the versions of the tests' installation."""
     from clusters.dask_cluster import INSTALLATION
     from farm.compute.cluster import worker_service
 
@@ -48,19 +48,19 @@ def run_worker(folder, certificates, address, name):
     asyncio.run(worker_service.serve_tasks(options, None))
 
 
-class Processes:
+class ClusterProcesses:
     """The processes of a cluster, which a test kills."""
 
     def __init__(self, folder):
         self.folder = folder
         self.certificates = make_certificates(folder / "certificates")
-        self.running = {}
+        self.processes = {}
 
     async def start_scheduler(self):
         """Start the scheduler; return its address."""
         self._start("scheduler")
         while not (self.folder / "address").exists():
-            assert self.running["scheduler"].poll() is None, (self.folder / "scheduler.log").read_text()
+            assert self.processes["scheduler"].poll() is None, (self.folder / "scheduler.log").read_text()
             await asyncio.sleep(0.05)
         self.address = (self.folder / "address").read_text()
         return self.address
@@ -68,11 +68,11 @@ class Processes:
     def start_worker(self, name):
         self._start("worker", self.address, name)
 
-    def send(self, name, number):
-        self.running[name].send_signal(number)
+    def send_signal(self, name, number):
+        self.processes[name].send_signal(number)
 
     def close(self):
-        for process in self.running.values():
+        for process in self.processes.values():
             process.send_signal(signal.SIGKILL)
             process.wait()
 
@@ -81,7 +81,7 @@ class Processes:
         command = [sys.executable, __file__, role, self.folder, self.certificates, *args]
         path = os.pathsep.join(filter(None, sys.path))
         with (self.folder / f"{name}.log").open("w") as log:
-            self.running[name] = subprocess.Popen(
+            self.processes[name] = subprocess.Popen(
                 command, stdout=log, stderr=log, env=os.environ | {"PYTHONPATH": path}
             )
 

@@ -16,7 +16,7 @@ from farm.compute.cluster.task_executor import TaskExecutor
 INSTALLATION = Installation("1", "4.13", "abc", "numpy 2", "", "", "")
 
 
-class Recorder:
+class RecordingPool:
     """Local pool that runs each task immediately and records it."""
 
     start_step = None
@@ -49,10 +49,10 @@ async def run_cluster(folder, workers, pools=None, installations=None):
             executor = TaskExecutor(name, worker_folder, pools.get(name, SameProcess()), installation)
             worker = FarmWorker(scheduler.address, executor, 1, worker_folder / "dask")
             await stack.enter_async_context(worker)
-        local_pool = Recorder()
-        link = partial(Connection, scheduler.address, None, INSTALLATION)
-        pool = ClusterPool(local_pool, scheduler.address, INSTALLATION, link)
-        pool.own = local_pool  # type: ignore[attr-defined]  # so that a test can read its calls
+        local_pool = RecordingPool()
+        make_link = partial(Connection, scheduler.address, None, INSTALLATION)
+        pool = ClusterPool(local_pool, scheduler.address, INSTALLATION, make_link)
+        pool.own = local_pool  # type: ignore[attr-defined]  # lets a test read its calls
         pool.start()
         while len(pool.state.workers) < len(workers):
             await asyncio.sleep(0.02)

@@ -1,4 +1,4 @@
-"""Tasks for worker processes that fail, in a module that they can import."""
+"""Tasks that fail in worker processes, in a module that these can import."""
 
 import os
 import signal
@@ -10,7 +10,7 @@ from slicing.engine import EngineLimits, run_engine
 
 
 def die_once(marker):
-    """Kill this process in the first call, as the kernel does if memory runs out."""
+    """Kill this process in the first call, as the kernel does when memory runs out."""
     if not marker.exists():
         marker.touch()
         os.kill(os.getpid(), signal.SIGKILL)
@@ -55,7 +55,7 @@ def read_oom_score():
 
 def slice_rod(folder):
     """Slice a rod and return its number of layers."""
-    from farm.planning.local.slice_file import (  # imported here, as no other task needs it
+    from farm.planning.local.slice_file import (  # imported here because no other task needs it
         SliceOptions,
         slice_to_file,
     )
@@ -66,7 +66,7 @@ def slice_rod(folder):
 
 
 def prepare_worker(fifo, marker, report):
-    """Prepare a worker: the first one reports a step and waits until the FIFO is written to."""
+    """Prepare a worker: the first one reports a step, and waits for data in the FIFO."""
     try:
         marker.mkdir()
     except FileExistsError:
@@ -86,7 +86,7 @@ def write_line(fifo, message):
 
 
 def run_hanging_engine(folder):
-    """Run an engine that never ends and holds a FIFO open; the first line in the FIFO is its process id."""
+    """Run an engine that never ends and holds a FIFO open, into which it writes its process id."""
     engine = folder / "engine"
     engine.write_text(f"#!/bin/sh\nexec 3>{folder / 'fifo'}\necho $$ >&3\nexec sleep 1000\n")
     engine.chmod(0o755)

@@ -29,7 +29,7 @@ def _allocate(source, folder, gigabytes):
 
 
 def _hold(source, folder, pid_file):
-    """Write the process id to a file of the test, and wait until the process is killed."""
+    """Write the process id to a file, and wait until the process is killed."""
     folder.mkdir(exist_ok=True)
     (folder / "progress.json").write_text("held")
     with Path(pid_file).open("a") as file:
@@ -38,11 +38,11 @@ def _hold(source, folder, pid_file):
 
 
 def _hold_once(source, folder, pid_file):
-    """Wait in the first call, and return the number of the call in the second one."""
-    calls = Path(pid_file).read_text().count("\n") + 1 if Path(pid_file).exists() else 1
-    if calls == 1:
+    """Wait to be killed in the first call; return the number of the call in later ones."""
+    call_number = Path(pid_file).read_text().count("\n") + 1 if Path(pid_file).exists() else 1
+    if call_number == 1:
         _hold(source, folder, pid_file)
-    return calls
+    return call_number
 
 
 allocate = Deferred("clusters.portable_work:_allocate", list_files)

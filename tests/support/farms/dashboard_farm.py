@@ -1,4 +1,4 @@
-"""A farm with prints of every outcome, for the pages of the dashboard. Without processes."""
+"""Books and views of a farm for tests of the dashboard, without processes."""
 
 from pathlib import Path
 

@@ -9,8 +9,8 @@ import venv
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[3]
-_PARTS = ("farm", "drivers", "decompose", "slicing", "pyproject.toml", "README.md", "LICENSE")
-_PIP = [sys.executable, "-m", "pip", "--disable-pip-version-check"]
+_SOURCES = ("farm", "drivers", "decompose", "slicing", "pyproject.toml", "README.md", "LICENSE")
+_PIP_COMMAND = [sys.executable, "-m", "pip", "--disable-pip-version-check"]
 
 
 def build_wheel(folder: Path, version: str | None = None) -> Path:
@@ -21,10 +21,10 @@ def build_wheel(folder: Path, version: str | None = None) -> Path:
     folder
         New folder for a copy of the sources, so that the checkout stays clean.
     version
-        Version of the wheel; None for that of the checkout.
+        Version of the wheel; None for the version of the checkout.
     """
     folder.mkdir(parents=True)
-    for name in _PARTS:
+    for name in _SOURCES:
         if (ROOT / name).is_dir():
             shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
         else:
@@ -34,14 +34,14 @@ def build_wheel(folder: Path, version: str | None = None) -> Path:
         text, count = re.subn(r'(?m)^version = ".*"$', f'version = "{version}"', project.read_text())
         assert count == 1, project
         project.write_text(text)
-    command = [*_PIP, "wheel", "--quiet", "--no-deps", "--no-build-isolation", "--no-index"]
+    command = [*_PIP_COMMAND, "wheel", "--quiet", "--no-deps", "--no-build-isolation", "--no-index"]
     subprocess.run([*command, "-w", folder / "dist", folder], check=True, cwd=folder)
     [path] = (folder / "dist").glob("farm-*.whl")
     return path
 
 
 def install_wheel(wheel: Path, folder: Path) -> Path:
-    """Install a wheel into a new environment, with the dependencies of this one.
+    """Install a wheel into a new environment that uses the dependencies of the current one.
 
     Returns
     -------
@@ -52,7 +52,7 @@ def install_wheel(wheel: Path, folder: Path) -> Path:
     packages = Path(sysconfig.get_path("purelib", vars={"base": str(folder)}))
     (packages / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n")
     python = folder / "bin" / "python"
-    command = [*_PIP, "--python", str(python), "install", "--quiet", "--no-deps", "--no-index"]
+    command = [*_PIP_COMMAND, "--python", str(python), "install", "--quiet", "--no-deps", "--no-index"]
     subprocess.run([*command, "--no-compile", str(wheel)], check=True)
     return packages
 
@@ -76,12 +76,12 @@ class Versions:
         return install_wheel(wheel, self._folder / f"farm-{version}")
 
     def use(self, version: str) -> None:
-        """Point the link to a version, in one step."""
+        """Point the link to a version in one atomic step."""
         link = self._folder / "farm.new"
         link.symlink_to(self._folder / f"farm-{version}")
         link.replace(self.link)
 
-    def find(self, folder: str) -> str | None:
+    def find_version(self, folder: str) -> str | None:
         """Return the version whose packages are in a folder; None if the folder belongs to no version."""
         name = Path(folder).relative_to(self._folder).parts[0] if folder else ""
         return name.removeprefix("farm-") or None

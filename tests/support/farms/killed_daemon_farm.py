@@ -26,14 +26,14 @@ from model_files.make_gcode import make_marlin, make_square
 
 RESTART_SCRIPT = Path(__file__).with_name("restarted_daemon.py")
 MODEL = "ultimaker2_plus"
-PRIMED_MM = 7.8  # filament that every print feeds in addition to its plate's, from parked to parked
+PRIMED_MM = 7.8  # filament that each print feeds for priming, in addition to that of its plate
 POLL_S = 0.05  # interval of the operator's polls
 
 
 class KilledDaemonFarm(RealFarm):
     """Two simulated printers, jobs of one plate each, and a person who clears beds.
 
-    With a `disk` (`SmallDisk`), the state folder is on it; only the daemon and its children see it there.
+    If a `disk` (`SmallDisk`) is given, it holds the state folder, for the daemon and its children only.
     """
 
     def __init__(self, folder, disk=None):
@@ -49,8 +49,8 @@ class KilledDaemonFarm(RealFarm):
         self.socket, self.log_file = folder / "farm.sock", folder / "daemon.log"
         if disk is not None:
             self.state = disk.visible_folder
-            full_disk = "uploads: {free_gb: 0}, time_scale: 300"
-            self.fleet.write_text(self.fleet.read_text().replace("time_scale: 300", full_disk))
+            fleet_options = "uploads: {free_gb: 0}, time_scale: 300"
+            self.fleet.write_text(self.fleet.read_text().replace("time_scale: 300", fleet_options))
 
     def start_daemons(self, deaths):
         """Start daemons that die at the moments in `deaths`; the last one survives."""
@@ -63,7 +63,7 @@ class KilledDaemonFarm(RealFarm):
             self.supervisor = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
 
     def list_daemon_arguments(self):
-        """Return the arguments of `farm` that run its daemon."""
+        """Return the arguments with which `farm` runs the daemon."""
         return ["daemon", "--state", self.state_option, "--socket", self.socket, "--fleet", self.fleet]
 
     def kill_daemons(self):
@@ -112,9 +112,9 @@ class KilledDaemonFarm(RealFarm):
 
     def make_submission(self, number, **options):
         """Return the path and the body of a submission."""
-        text, options_text = self.gcode.read_bytes(), quote(json.dumps(options))
-        query = f"request_id=request-{number}&name=plate.gcode&size={len(text)}&options={options_text}"
-        return f"/jobs?{query}", text
+        content, options_text = self.gcode.read_bytes(), quote(json.dumps(options))
+        query = f"request_id=request-{number}&name=plate.gcode&size={len(content)}&options={options_text}"
+        return f"/jobs?{query}", content
 
     def approve(self):
         """Approve all held jobs."""
@@ -122,12 +122,12 @@ class KilledDaemonFarm(RealFarm):
             self.request("POST", f"/jobs/{job['id']}/approve", json.dumps({"plan": job["plan"]}))
 
     def judge_prints_good(self, failing_prints=()):
-        """Find all printed jobs good; `failing_prints` are the numbers of the prints that fail."""
+        """Judge all printed parts good until every job is done; make the prints with these numbers fail."""
         started_prints = []
         deadline_s = time.monotonic() + TIME_LIMIT_S
         while True:
             status = self.request("GET", "/status")
-            if {job["state"] for job in status["jobs"]} == {"done"}:  # jobs that ended long ago are not shown
+            if {job["state"] for job in status["jobs"]} == {"done"}:  # the status omits old jobs
                 return
             assert time.monotonic() < deadline_s, (status, self.read_log())
             for printer in status["printers"]:
@@ -140,7 +140,7 @@ class KilledDaemonFarm(RealFarm):
             time.sleep(POLL_S)
 
     def clear_beds(self, status):
-        """Clear all beds that `status` shows as full or in need of an inspection."""
+        """Clear all beds that are full or need an inspection according to `status`."""
         for item in status["todo"]:
             for name in item["printers"] if item["code"] in ("clear", "look") else ():
                 # If the daemon dies or the state changes meanwhile, the next poll shows it.
@@ -163,7 +163,7 @@ class KilledDaemonFarm(RealFarm):
         return results
 
     def read_books(self):
-        """Read a copy of the books that a killed daemon left."""
+        """Return the books of a killed daemon, read from a copy."""
         copy = self.folder / "books"
         copy.mkdir()
         for end in ("", "-wal"):
@@ -193,15 +193,17 @@ class KilledDaemonFarm(RealFarm):
                     for record, next_record in itertools.pairwise(prints)
                 )
         assert {p.bed for p in books.printers.values()} == {Bed.CLEAR}
-        # The printers fed the filament of every plate once, and at most as much for each failed print. If the
-        # board was reset in its last print, its filament is still at the nozzle.
-        each_mm = PRIMED_MM + self.fed_mm
+        # The printers fed the filament of every plate once, and at most the same length for each failed
+        # print. If a board was reset during its last print, the filament is still at the nozzle.
+        fed_per_print_mm = PRIMED_MM + self.fed_mm
         statuses = [self.read_emulator_status(name) for name in self.printers]
         fed_mm = sum(
             record.filament_mm - (record.filament_end_mm + ULTIMAKER2_PLUS.park_retraction_mm)
             for record in statuses
         )
-        assert len(done_prints) * each_mm - 1.0 < fed_mm < len(started_prints) * each_mm + 1.0, (
+        assert (
+            len(done_prints) * fed_per_print_mm - 1.0 < fed_mm < len(started_prints) * fed_per_print_mm + 1.0
+        ), (
             fed_mm,
             statuses,
         )

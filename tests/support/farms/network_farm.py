@@ -19,7 +19,7 @@ from farm.web.cookies import SessionCookie
 
 MODEL = "ultimaker2_plus"
 HOST = "farm.lab.example"
-OWN_PAGE = {"origin": f"http://{HOST}"}
+SAME_ORIGIN_HEADERS = {"origin": f"http://{HOST}"}
 
 
 class Clock:
@@ -33,7 +33,7 @@ class Clock:
 
 
 class NetworkFarm:
-    """Controller and application for the network, with methods that create callers."""
+    """Controller and network application, with methods that create keys and sessions of callers."""
 
     def __init__(self, folder, web=None, fleet=None, printers=("a",)):
         self.state = StateFolder(folder / "state")
@@ -66,7 +66,7 @@ class NetworkFarm:
         self.shutdowns.append(now)
 
     def ask(self, method, path, text=None, host=HOST, address="10.0.0.9", headers=None, **options):
-        """Send a request, with the text of a key if one is given."""
+        """Send a request, with a key if its text is given."""
         own_headers = {"x-api-key": text} if text else {}
 
         async def call():
@@ -79,10 +79,10 @@ class NetworkFarm:
         return asyncio.run(call())
 
     def browse(self, method, path, session=None, headers=None, **options):
-        """Send a request as a browser does from the farm's own pages, with the text of a session."""
+        """Send a request as a browser does from the farm's own pages, in a session if its text is given."""
         own_headers = {
             "accept": "text/html",
-            **OWN_PAGE,
+            **SAME_ORIGIN_HEADERS,
             **(self.make_cookie_header(session) if session else {}),
         }
         return self.ask(method, path, headers={**own_headers, **(headers or {})}, **options)
@@ -91,8 +91,8 @@ class NetworkFarm:
         """Return the header with the cookie of a session."""
         return {"cookie": f"{self.cookie.name}={session}"}
 
-    def add(self, role, name=None, days=None):
-        """Add a key."""
+    def add_key(self, role, name=None, days=None):
+        """Add a key with a role, which expires after some days if their number is given."""
         return self.keys.add(KeyRequest(name=name or str(role), role=role, days=days), "ann")
 
     def open_session(self, role=Role.OPERATE, user="ann"):

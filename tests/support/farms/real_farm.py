@@ -17,10 +17,10 @@ from drivers.remote import kill_agent
 from farm.cli.client import connect
 from farm.paths import find_farm_paths
 
-FARM = Path(sys.executable).with_name("farm")
+FARM_PROGRAM = Path(sys.executable).with_name("farm")
 TIME_LIMIT_S = 240.0
 TIME_SCALE = 150
-BUDGET_S = 2  # of the search for parts: more time gains little on small models
+BUDGET_S = 2  # for the search for parts; on small models, a longer search gains little
 
 
 def wait_for(description, condition, limit_s=TIME_LIMIT_S):
@@ -48,7 +48,7 @@ class RealFarm:
         self.state = folder / "state"
         self.fleet = folder / "fleet.yaml"
         self.printers = list(printers)
-        self.wrapper = []  # a program that starts `farm`
+        self.wrapper = []  # command that runs the `farm` command, if any
         self.write_fleet(printers)
 
     def write_fleet(self, printers):
@@ -58,7 +58,7 @@ class RealFarm:
 
     def run(self, *arguments, **env):
         """Run a farm command to its end; return the completed process."""
-        command = [*self.wrapper, str(FARM), *map(str, arguments), "--state", str(self.state)]
+        command = [*self.wrapper, str(FARM_PROGRAM), *map(str, arguments), "--state", str(self.state)]
         if arguments[0] in ("up", "daemon"):
             command += ["--fleet", str(self.fleet)]
         return subprocess.run(
@@ -80,10 +80,12 @@ class RealFarm:
     def up(self, **env):
         """Run `farm up`, and wait until all printers are idle."""
         self.run_checked("up", **env)
-        wait_for("printers to connect", lambda: all(p["state"] == "idle" for p in self.status()["printers"]))
+        wait_for(
+            "printers to connect", lambda: all(p["state"] == "idle" for p in self.read_status()["printers"])
+        )
 
-    def status(self):
-        """Return the output of `farm status --json`, without a process for each poll."""
+    def read_status(self):
+        """Return the same as `farm status --json`, without a process for each poll."""
         return self._parse(self._connect().fetch_status())
 
     def read_job(self, number=1):
@@ -97,7 +99,7 @@ class RealFarm:
         return json.loads(answer.model_dump_json(by_alias=True))
 
     def read_printer(self, name):
-        return next(p for p in self.status()["printers"] if p["name"] == name)
+        return next(p for p in self.read_status()["printers"] if p["name"] == name)
 
     def get_emulator_folder(self, name):
         return self.state / "agents" / name / "emulator"
@@ -110,7 +112,7 @@ class RealFarm:
         return path.read_text()[-4000:] if path.exists() else ""
 
     def kill_daemon(self):
-        os.kill(self.status()["daemon"]["pid"], signal.SIGKILL)
+        os.kill(self.read_status()["daemon"]["pid"], signal.SIGKILL)
 
     def end(self):
         """End all processes of the farm."""

@@ -2,10 +2,10 @@
 
     python restarted_daemon.py DEATHS FARM-ARGUMENTS...
 
-DEATHS is a JSON list with an item for each daemon in turn. The item `[MOMENT, EVENT]` kills the daemon at its
-first commit of this event; `["later", SECONDS]` kills it after this time. The daemon after the last item
-survives. Each death is reported. To start fast, a daemon is forked from a process that has imported all
-modules, and runs the tasks of workers itself.
+DEATHS is a JSON list with one item for each daemon in turn. The item `[MOMENT, EVENT]` kills the daemon at
+its first commit of this event; `["later", SECONDS]` kills it after this time. The daemon after the last item
+survives. Each death is reported. To start quickly, each daemon is forked from a process that has imported all
+modules, and executes the tasks of workers itself.
 """
 
 import itertools
@@ -19,13 +19,13 @@ import farm.daemon
 from farm.cli.main import main
 from farm.state.storage.store import Store
 
-MOMENTS = ("before", "within", "after")
-"""Before the transaction begins, before its COMMIT, and after it is on the disk."""
+DEATH_MOMENTS = ("before", "within", "after")
+"""Moments of a death: before the transaction, before its COMMIT, and after the data is on the disk."""
 AFTER_DELAY = "later"
 
 
-class NoWorkers:
-    """Stand-in for the daemon's worker processes."""
+class InlineWorkers:
+    """Stand-in for the daemon's worker processes that runs each task in the daemon."""
 
     start_step = None
     has_idle_worker = True
@@ -72,7 +72,7 @@ def schedule_death(moment, event_or_delay_s):
 
 
 def start_daemon(death):
-    """Fork a daemon that dies at a given commit; return its process id."""
+    """Fork a daemon that dies as scheduled, or never if `death` is None; return its process id."""
     pid = os.fork()
     if pid == 0:
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
@@ -84,9 +84,9 @@ def start_daemon(death):
 
 
 def run_daemons(deaths):
-    """Start daemons one after another until one ends by itself or this process is ended."""
+    """Start daemons one after another until one ends by itself or this process is terminated."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit())
-    farm.daemon.Workers = NoWorkers
+    farm.daemon.Workers = InlineWorkers
     for death in itertools.chain(deaths, itertools.repeat(None)):
         pid = start_daemon(death)
         try:

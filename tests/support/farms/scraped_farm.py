@@ -12,7 +12,7 @@ from farm.web.metrics import write_metrics
 
 
 class ScrapedFarm:
-    """A farm whose printer `a` has prints; `b` has never reported."""
+    """A farm whose printer `a` prints, while `b` has never reported."""
 
     def __init__(self, folder):
         self._folder = folder
@@ -28,7 +28,7 @@ class ScrapedFarm:
         )
 
     def print_plate(self, state):
-        """Print the plate of a new job to its end."""
+        """Print the plate of a new job, and report the print in a given state."""
         farm, number = self._farm, next(self._numbers)
         farm.clear_bed("a")
         farm.jobs.submit(f"request-{number}", "m.stl", MODEL, JobOptions())
@@ -60,7 +60,7 @@ class ScrapedFarm:
             )
 
     def scrape(self):
-        """Return the text of a scrape."""
+        """Return the text that Prometheus gets in a scrape."""
         controller, state = self._farm.controller, StateFolder(self._folder)
         services = Services(controller, state, self._folder / "fleet.yaml", None, None)
         return write_metrics(controller.build_view_context(state), describe_farm(services)).decode()

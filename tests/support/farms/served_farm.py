@@ -1,4 +1,4 @@
-"""Pages of a farm on a port, for a browser."""
+"""Server of a farm's pages, for a browser."""
 
 import asyncio
 import socket

@@ -25,7 +25,7 @@ from farm.state import events as ev
 from farm.state.storage.store import Store
 
 STEP_S = 60.0
-NEXT_STATE = {
+NEXT_STATES = {
     PrintState.ASSIGNED: PrintState.HEATING,
     PrintState.HEATING: PrintState.PRINTING,
     PrintState.PRINTING: PrintState.ENDING,
@@ -37,7 +37,7 @@ class DaemonKilled(BaseException):
     """Simulated SIGKILL of the daemon."""
 
 
-class SteppingStore(Store):
+class KillingStore(Store):
     """A store that kills the daemon just before or just after given commits."""
 
     def __init__(self, path, simulation):
@@ -46,8 +46,8 @@ class SteppingStore(Store):
         self._simulation = simulation
 
     def commit(self, event, old_books, new_books):
-        self._simulation.commits += 1
-        is_killed = self._simulation.commits in self._simulation.kills
+        self._simulation.commit_count += 1
+        is_killed = self._simulation.commit_count in self._simulation.kills
         if is_killed and not self._simulation.is_killed_after:
             raise DaemonKilled
         super().commit(event, old_books, new_books)
@@ -69,7 +69,7 @@ class Clock:
 
 @dataclass
 class Agent:
-    """Printer and its agent: one print at a time, kept by its id until the daemon confirms its end."""
+    """A printer and its agent, which keeps its only print until the daemon has recorded the end."""
 
     name: str
     print_id: str | None = None
@@ -77,7 +77,7 @@ class Agent:
     state: PrintState = PrintState.ASSIGNED
     started_s: float | None = None
     ended_s: float | None = None
-    on_bed: str | None = None
+    plate_on_bed: str | None = None
     sha256: str = ""
     journal: list = field(default_factory=list)  # reports of the prints that ended
 
@@ -89,24 +89,24 @@ class Agent:
         )  # fmt: skip
 
     def list_prints(self, since_s):
-        """List the prints that had not ended at the time `since_s`."""
+        """List the open print and the prints that ended after `since_s`."""
         ended_prints = [report for report in self.journal if report.ended_s >= since_s]
         return (
             ended_prints if self.print_id is None or self.state.ended else [*ended_prints, self.make_report()]
         )
 
-    def snapshot(self):
+    def make_snapshot(self):
         report = None if self.print_id is None else self.make_report()
         is_busy = report is not None and not self.state.ended
         link = Link.BUSY if is_busy else Link.READY
-        clear = self.on_bed is None
+        is_clear = self.plate_on_bed is None
         return AgentSnapshot(
-            printer=self.name, link=link, filament=FilamentState.PARKED, bed_clear=clear, print=report
+            printer=self.name, link=link, filament=FilamentState.PARKED, bed_clear=is_clear, print=report
         )
 
     @property
     def extruded(self):
-        return self.state not in (PrintState.ASSIGNED, PrintState.HEATING) and self.on_bed is not None
+        return self.state not in (PrintState.ASSIGNED, PrintState.HEATING) and self.plate_on_bed is not None
 
 
 class FarmSimulation:
@@ -123,7 +123,7 @@ class FarmSimulation:
     bad_prints
         Numbers of the finished prints that a person finds bad.
     files
-        Number of different files of the plates.
+        Number of different G-code files of the plates.
     """
 
     def __init__(
@@ -141,19 +141,19 @@ class FarmSimulation:
         self.failing_prints, self.bad_prints = failing_prints, bad_prints
         self.clock = Clock()
         self.agents = {name: Agent(name) for name in "ab"}
-        self.commits = self.started_count = self.restarts = 0
+        self.commit_count = self.started_count = self.restarts = 0
         self.judged_prints = []  # [plate, printer, verdict] of each completed print
         self.prints = {}  # print id -> (printer, start, end) of the simulated print
         self.plates, self.files = plates, files
         self.job_to_plan = None
-        self.is_restored = False  # the books were replaced by a copy
-        self.unreachable = frozenset()  # agents that do not reach the daemon
+        self.is_restored = False  # True after the books were replaced by a copy
+        self.unreachable_agents = frozenset()  # names of agents that cannot reach the daemon
         self.restart_if_killed(self.start_daemon)
 
     # -- the daemon -------------------------------------------------------------------------------------
 
     def start_daemon(self):
-        self.store = SteppingStore(self.path, self)
+        self.store = KillingStore(self.path, self)
         self.controller = Controller(make_fleet(), self.store, self.clock, list_bed_boxes)
         commands = Commands(self.controller)
         self.jobs, self.clear_bed = commands.jobs, commands.clear_bed
@@ -171,7 +171,7 @@ class FarmSimulation:
         self.restart_if_killed(self.start_daemon)
 
     def restart_if_killed(self, function):
-        """Call the daemon, and start it again if it is killed; return whether the call succeeded."""
+        """Call a function of the daemon, and restart a killed daemon; return True if the call succeeded."""
         try:
             function()
         except DaemonKilled:
@@ -190,7 +190,7 @@ class FarmSimulation:
         agent = self.agents.get(getattr(instruction, "printer", None))
         if isinstance(instruction, ev.SendStart):
             if agent.print_id is None:
-                assert agent.on_bed is None, "a print is started on a full bed"
+                assert agent.plate_on_bed is None, "a print is started on a full bed"
                 agent.print_id, agent.state = instruction.print_id, PrintState.ASSIGNED
                 agent.plate = books.prints[instruction.print_id].plate
                 agent.sha256 = books.plates[agent.plate].sha256
@@ -199,7 +199,7 @@ class FarmSimulation:
             assert agent.state.ended
             agent.print_id = None
 
-    # -- printers and a person --------------------------------------------------------------------------
+    # -- printers and person ----------------------------------------------------------------------------
 
     def advance_prints(self):
         """Advance every print by a minute, with or without a daemon."""
@@ -207,13 +207,13 @@ class FarmSimulation:
         for agent in self.agents.values():
             if agent.print_id is None or agent.state.ended:
                 continue
-            agent.state = NEXT_STATE[agent.state]
+            agent.state = NEXT_STATES[agent.state]
             if agent.state is PrintState.HEATING:
                 agent.started_s = self.clock.now_s
                 agent.will_fail = self.started_count in self.failing_prints
                 self.started_count += 1
             elif agent.state is PrintState.PRINTING:
-                agent.on_bed = agent.plate
+                agent.plate_on_bed = agent.plate
             elif agent.state is PrintState.ENDING and agent.will_fail:
                 agent.state = PrintState.FAILED
             if agent.state.ended:
@@ -225,7 +225,7 @@ class FarmSimulation:
 
     def report_to_daemon(self):
         for agent in self.agents.values():
-            if agent.name not in self.unreachable:
+            if agent.name not in self.unreachable_agents:
                 self.restart_if_killed(lambda agent=agent: self.report_agent(agent))
         self.restart_if_killed(self.controller.handle)
         if self.job_to_plan is not None:
@@ -246,17 +246,17 @@ class FarmSimulation:
     def report_agent(self, agent):
         since_s = self.controller.find_unreported_since_s(agent.name)
         if since_s is not None:
-            self.controller.on_journal(agent.snapshot(), agent.list_prints(since_s))
-        self.controller.on_snapshot(agent.snapshot())
+            self.controller.on_journal(agent.make_snapshot(), agent.list_prints(since_s))
+        self.controller.on_snapshot(agent.make_snapshot())
 
     def clear_and_judge(self):
-        """Clear finished prints and judge them, as a person does; repeat interrupted commands."""
+        """Clear beds and judge their parts, as a person does; repeat interrupted commands."""
         for agent in self.agents.values():
             entry = self.controller.books.printers.get(agent.name)
             is_printing = agent.print_id is not None and not agent.state.ended
             if entry is None or entry.bed is Bed.CLEAR or is_printing:
                 continue
-            if agent.on_bed is None and not self.is_restored:
+            if agent.plate_on_bed is None and not self.is_restored:
                 continue
             indices = [
                 i
@@ -266,12 +266,12 @@ class FarmSimulation:
             verdict = Verdict.BAD if indices and indices[-1] in self.bad_prints else Verdict.GOOD
             if self.controller.books.find_print_to_judge(agent.name) is None:
                 verdict = Verdict.GOOD
-            agent_bed, agent.on_bed = agent.on_bed, None
-            clear = self.restart_if_killed(
+            agent_bed, agent.plate_on_bed = agent.plate_on_bed, None
+            is_recorded = self.restart_if_killed(
                 lambda name=agent.name, verdict=verdict: self.clear_bed(name, verdict=verdict)
             )
-            if not clear and self.controller.books.printers[agent.name].bed is not Bed.CLEAR:
-                agent.on_bed = agent_bed
+            if not is_recorded and self.controller.books.printers[agent.name].bed is not Bed.CLEAR:
+                agent.plate_on_bed = agent_bed
                 continue
             if indices:
                 self.judged_prints[indices[-1]][2] = verdict

@@ -7,7 +7,7 @@ from clusters.same_process import AcceptingWorkers
 from farm.errors import ErrorCode, FarmError
 from farms.web_farm import HOST, WebFarm
 
-UPLOAD = "/api/files/local"
+UPLOAD_PATH = "/api/files/local"
 CONTENT = b"G28\n" * 1000
 
 
@@ -19,7 +19,7 @@ class RefusingWorkers(AcceptingWorkers):
 
 
 class SlicerFarm(WebFarm):
-    """Farm with printers `a` and `b` that sends itself requests as slicers do."""
+    """Farm with printers `a` and `b`, and methods that send it requests as slicers do."""
 
     @property
     def jobs_by_number(self):
@@ -31,12 +31,12 @@ class SlicerFarm(WebFarm):
         """Names of the files in the folder of unfinished uploads."""
         return sorted(path.name for path in self.state.work.iterdir())
 
-    def upload(self, key, name="box.gcode", url_path=UPLOAD, content=CONTENT, **fields):
+    def upload(self, key, name="box.gcode", url_path=UPLOAD_PATH, content=CONTENT, **fields):
         """Send a file in a form."""
         return self.ask("POST", url_path, key, files={"file": (name, content)}, data=fields)
 
     def send(self, path, key, chunks, headers):
-        """Send a body in chunks, where None cuts the connection; return status, text and unread chunks."""
+        """Send a body in chunks; None closes the connection. Return status, text and the unread count."""
         sent_messages = []
         messages = [
             {"type": "http.disconnect"}

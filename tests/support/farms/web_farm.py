@@ -39,7 +39,7 @@ class WebFarm(Farm):
         self.keys = KeyCommands(self.controller)
 
     async def _refuse_shutdown(self, now):
-        raise AssertionError("nothing here shuts the farm down")
+        raise AssertionError("no test shuts this farm down")
 
     def add_key(self, role, name=None):
         """Return a new key with a role."""

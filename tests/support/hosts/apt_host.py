@@ -1,4 +1,4 @@
-"""Computer with stand-ins for the programs of apt, on which `install-cura.sh` runs."""
+"""Computer with stand-ins for the programs of apt, for tests of `install-cura.sh`."""
 
 import shutil
 import subprocess
@@ -42,7 +42,7 @@ exit 0
 
 
 def create_resources(folder, version):
-    """Create the files by which a folder of Cura's resources is recognised; return the folder."""
+    """Create the files that identify a folder as Cura's resources; return the folder."""
     for name in ("definitions", "extruders", "variants", "quality", "materials"):
         (folder / name).mkdir(parents=True)
     text = f'{{"metadata": {{"setting_version": {SETTING_VERSIONS[version]}}}}}\n'
@@ -55,7 +55,7 @@ def create_resources(folder, version):
 class Host:
     """A computer whose apt offers a given version of Cura."""
 
-    def __init__(self, folder, *, apt=None, lists=True, packaged_version=None):
+    def __init__(self, folder, *, apt=None, has_lists=True, packaged_version=None):
         self.folder, self.bin, self.state = folder, folder / "bin", folder / "state"
         self.bin.mkdir()
         self.state.mkdir()
@@ -71,7 +71,7 @@ class Host:
                 (self.state / f"candidate-{package}").write_text(f"{epoch}{apt}.0-6")
             self.add_engine(apt, self.state / "new-engine")
             create_resources(self.state / "packaged", packaged_version or apt)
-        if lists:
+        if has_lists:
             (self.state / "lists").touch()
 
     def add_program(self, name, text):
@@ -98,7 +98,7 @@ class Host:
 
     @property
     def environ(self):
-        """Environment variables of its processes."""
+        """Environment variables of the computer's processes."""
         return {
             "PATH": str(self.bin),
             "STATE": str(self.state),

@@ -8,14 +8,14 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 
 def make_jpeg(width=640, height=480, tail=b"picture"):
-    """Make the beginning of a JPEG of this size: application segment, then frame header."""
+    """Make the beginning of a JPEG of this size: an application segment and a frame header, then `tail`."""
     application = b"\xff\xe0" + struct.pack(">H", 16) + b"JFIF\0" + bytes(9)
     frame = b"\xff\xc0" + struct.pack(">HBHHB", 17, 8, height, width, 3) + bytes(9)
     return b"\xff\xd8" + application + frame + b"\xff\xda" + tail
 
 
 def make_png(width=2, height=2):
-    """Make a PNG with a header of this size; only small ones contain the image data."""
+    """Make a PNG with this size in its header; only a small one contains image data."""
 
     def make_chunk(kind, data):
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
@@ -50,7 +50,7 @@ class FakeCamera(ThreadingHTTPServer):
         return f"127.0.0.1:{self.server_port}"
 
     def handle_error(self, request, client_address):
-        """Ignore the error: the farm disconnects from hostile cameras."""
+        """Ignore the error, because the farm disconnects from hostile cameras."""
 
 
 class _Handler(BaseHTTPRequestHandler):

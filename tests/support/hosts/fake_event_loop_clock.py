@@ -1,4 +1,4 @@
-"""Simulated time that advances only while the event loop waits, so that timers of days end at once."""
+"""Simulated time that advances only while the event loop waits, so that timers of days fire at once."""
 
 import asyncio
 import selectors
@@ -15,12 +15,13 @@ HOST_TIME_MODULES = (
 class FakeTime:
     """Simulated time of a clock, an event loop and APScheduler, in seconds since the epoch.
 
-    The host's clock can be set: `set_s` is its offset, `host_shift_s` the one that the farm's clock adopted.
+    A test sets the offset of the host's clock, `host_offset_s`; `host_shift_s` is the offset that the farm's
+    clock has adopted.
     """
 
     scale = 1.0
     host_shift_s = 0.0
-    set_s = 0.0
+    host_offset_s = 0.0
 
     def __init__(self, monkeypatch, now_s):
         self.now_s = self.started_s = now_s
@@ -29,7 +30,7 @@ class FakeTime:
         class Datetime(datetime):
             @classmethod
             def now(cls, tz=None):
-                return datetime.fromtimestamp(clock.now_s + clock.set_s, tz)
+                return datetime.fromtimestamp(clock.now_s + clock.host_offset_s, tz)
 
         for module in HOST_TIME_MODULES:
             monkeypatch.setattr(f"{module}.datetime", Datetime)
@@ -46,7 +47,7 @@ class FakeTime:
         return farm_duration_s
 
     def follow_host(self):
-        step_s, self.host_shift_s = self.set_s - self.host_shift_s, self.set_s
+        step_s, self.host_shift_s = self.host_offset_s - self.host_shift_s, self.host_offset_s
         return step_s
 
     def stall(self, seconds):

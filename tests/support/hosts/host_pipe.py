@@ -1,4 +1,4 @@
-"""Stand-in for ssh that runs the command on this host; connections can be cut and counted."""
+"""Stand-in for ssh that runs commands on this host, with connections that a test can cut and count."""
 
 import os
 import signal

@@ -1,6 +1,6 @@
 """Hosts with printers, each in a network namespace with its own state folder, reached over TCP.
 
-`remote_shell` takes the place of ssh between them. Needs root: see `virtual_network.find_obstacle`.
+`remote_shell` takes the place of ssh between them. The hosts need root; see `virtual_network.find_obstacle`.
 """
 
 import contextlib
@@ -15,10 +15,10 @@ from pathlib import Path
 from drivers.host.paths import HostPaths
 from drivers.locks import find_holder
 from drivers.remote import find_agent_pid
-from hosts.remote_shell import READY
+from hosts.remote_shell import READY_LINE
 from hosts.virtual_network import Network
 
-_SHELL = Path(__file__).with_name("remote_shell.py")
+_SHELL_SCRIPT = Path(__file__).with_name("remote_shell.py")
 
 
 class NetworkHosts:
@@ -42,19 +42,19 @@ class NetworkHosts:
         self._network = Network(names)
         addresses = {name: self._network.get_address(name) for name in names}
         (folder / "addresses.json").write_text(json.dumps(addresses))
-        self.ssh = f"{sys.executable} {_SHELL} call {folder / 'addresses.json'}"
+        self.ssh = f"{sys.executable} {_SHELL_SCRIPT} call {folder / 'addresses.json'}"
         self.paths = {name: HostPaths(farm, {"XDG_STATE_HOME": str(folder / name)}) for name in names}
         self._shells = [self._listen(name, addresses[name]) for name in names]
 
     def _listen(self, name: str, address: str) -> subprocess.Popen[bytes]:
-        command = self._network.make_command(name, [sys.executable, str(_SHELL), "listen", address])
+        command = self._network.make_command(name, [sys.executable, str(_SHELL_SCRIPT), "listen", address])
         path = os.pathsep.join(filter(None, sys.path))
         with (self._folder / f"{name}.log").open("ab") as log:
             shell = subprocess.Popen(
                 command, stdout=subprocess.PIPE, stderr=log, env=os.environ | {"PYTHONPATH": path}
             )
         assert shell.stdout is not None
-        if shell.stdout.readline() != READY:
+        if shell.stdout.readline() != READY_LINE:
             raise OSError(f"{name} does not listen; see {log.name}")
         return shell
 
@@ -63,7 +63,7 @@ class NetworkHosts:
         return f"XDG_STATE_HOME={self._folder / name} {self._program} host"
 
     def cut(self, name: str) -> None:
-        """Cut a host off the network, without a notice to either end."""
+        """Cut a host off the network without informing either end."""
         self._network.set_faults(name, cut=True)
 
     def reconnect(self, name: str) -> None:
@@ -75,7 +75,7 @@ class NetworkHosts:
         return _kill(find_holder(self.paths[name].lock))
 
     def kill_agents(self, name: str, printers: Sequence[str]) -> int:
-        """Kill the agents of a host; return the number of those that were running."""
+        """Kill the running agents of a host; return their number."""
         return sum(_kill(find_agent_pid(self.paths[name].find_agent_folder(printer))) for printer in printers)
 
     def list_processes(self) -> list[int]:

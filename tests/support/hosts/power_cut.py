@@ -1,19 +1,19 @@
-"""Disk after a power cut, in the worst case: it has only the synced data."""
+"""Disk after a power cut in the worst case, in which only synced data survives."""
 
 import os
 from pathlib import Path
 
 
 class PowerCut:
-    """Recorder of the files that are synced in a folder.
+    """Recorder of the syncs of files in a folder.
 
-    A file keeps the bytes of its last sync. A name is kept if its folder was synced after the name was
-    set. Files from before the recording count as synced.
+    A file keeps the bytes of its last sync. A name survives if its folder was synced after the name was
+    assigned. Files that existed before the recording count as synced.
     """
 
     def __init__(self, monkeypatch, folder):
-        self._bytes = {}  # of a file, by its inode
-        self._names = {}  # of a folder's entries, by the folder
+        self._bytes = {}  # contents of files by their inodes
+        self._names = {}  # names and inodes of entries by their folders
         for path in (folder, *folder.rglob("*")):
             self._record_sync(path)
         sync = os.fsync

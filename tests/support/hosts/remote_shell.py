@@ -2,7 +2,7 @@
 
 ``listen ADDRESS`` runs on a host, ``call FILE ... HOST COMMAND`` takes the place of ssh.
 
-It has no keys and no keep-alive: the farm itself has to detect a cut network.
+The shell has no keys and no keep-alive, because the farm itself has to detect a cut network.
 """
 
 import contextlib
@@ -16,11 +16,11 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-READY = b"ready\n"
-"""Line that a listening shell writes first."""
+READY_LINE = b"ready\n"
+"""Line that the shell writes once it listens."""
 _PORT = 2222
-_BYTES = 65536
-_CONNECT_S = 10.0
+_CHUNK_BYTES = 65536
+_CONNECT_TIME_OUT_S = 10.0
 
 
 def listen(address: str) -> None:
@@ -28,7 +28,7 @@ def listen(address: str) -> None:
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # the kernel reaps the commands
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     with socket.create_server((address, _PORT)) as server:
-        sys.stdout.buffer.write(READY)
+        sys.stdout.buffer.write(READY_LINE)
         sys.stdout.buffer.flush()
         while True:
             connection, _ = server.accept()
@@ -47,7 +47,7 @@ def listen(address: str) -> None:
 def call(addresses: Path, host: str, command: str) -> None:
     """Run a command on a host and copy bytes until one end closes."""
     address = json.loads(addresses.read_text())[host]
-    with socket.create_connection((address, _PORT), _CONNECT_S) as remote:
+    with socket.create_connection((address, _PORT), _CONNECT_TIME_OUT_S) as remote:
         remote.settimeout(None)
         remote.sendall(b"exec env " + command.encode() + b"\n")
         writers: dict[int, Callable[[bytes], object]] = {
@@ -56,7 +56,7 @@ def call(addresses: Path, host: str, command: str) -> None:
         }
         while True:
             for source in select.select(list(writers), [], [])[0]:
-                data = os.read(source, _BYTES)
+                data = os.read(source, _CHUNK_BYTES)
                 if not data:
                     return
                 writers[source](data)

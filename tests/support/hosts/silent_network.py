@@ -1,6 +1,7 @@
 """Connection to another host over a network that can lose all packets without closing it.
 
-`SilentRoute` is the network and the other host's sshd, in threads of the test. Run as a program, it is ssh.
+`SilentRoute` simulates the network and the other host's sshd, in threads of the test. Run as a program, this
+module takes the place of ssh.
 """
 
 import os
@@ -12,13 +13,13 @@ import threading
 from contextlib import suppress
 from pathlib import Path
 
-_STEP_S = 0.05
+_POLL_S = 0.05
 
 
 class SilentRoute:
-    """Network that delivers after a cut what was sent during it, as TCP does.
+    """Network that delivers the data sent during a cut after the cut, as TCP does.
 
-    The end of a connection is delivered late, too.
+    It delays the end of a connection in the same way.
     """
 
     def __init__(self) -> None:
@@ -27,7 +28,7 @@ class SilentRoute:
         self._listener = socket.create_server(("127.0.0.1", 0))
         self.ssh = f"{sys.executable} {Path(__file__)} {self._listener.getsockname()[1]}"
         self.bridges: list[subprocess.Popen[bytes]] = []  # oldest first
-        self._threads = [threading.Thread(target=self._accept, daemon=True)]
+        self._threads = [threading.Thread(target=self._accept_connections, daemon=True)]
         self._threads[0].start()
 
     def cut(self) -> None:
@@ -44,17 +45,17 @@ class SilentRoute:
             bridge.wait(10.0)
         self._listener.close()
 
-    def _accept(self) -> None:
+    def _accept_connections(self) -> None:
         while not self._closed_event.is_set():
-            if self._cut_event.is_set() or not select.select([self._listener], [], [], _STEP_S)[0]:
-                self._closed_event.wait(_STEP_S)
+            if self._cut_event.is_set() or not select.select([self._listener], [], [], _POLL_S)[0]:
+                self._closed_event.wait(_POLL_S)
                 continue
             caller, _ = self._listener.accept()
-            thread = threading.Thread(target=self._forward, args=(caller,), daemon=True)
+            thread = threading.Thread(target=self._forward_connection, args=(caller,), daemon=True)
             self._threads.append(thread)
             thread.start()
 
-    def _forward(self, caller: socket.socket) -> None:
+    def _forward_connection(self, caller: socket.socket) -> None:
         command = b""
         while not command.endswith(b"\n"):
             command += caller.recv(1)
@@ -67,9 +68,9 @@ class SilentRoute:
         with caller, bridge.stdin, bridge.stdout, suppress(OSError):
             while not self._closed_event.is_set():
                 if self._cut_event.is_set():
-                    self._closed_event.wait(_STEP_S)
+                    self._closed_event.wait(_POLL_S)
                     continue
-                for readable in select.select([*pairs], [], [], _STEP_S)[0]:
+                for readable in select.select([*pairs], [], [], _POLL_S)[0]:
                     data = os.read(readable, 65536)
                     if not data:
                         return

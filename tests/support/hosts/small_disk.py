@@ -1,4 +1,4 @@
-"""Small disk that a test can fill: a private tmpfs."""
+"""Small disk that a test can fill, made of a private tmpfs."""
 
 import contextlib
 import subprocess
@@ -6,14 +6,14 @@ from pathlib import Path
 
 
 class SmallDisk:
-    """Disk mounted on a folder in separate namespaces, without root where the kernel allows it.
+    """Disk mounted on a folder in separate namespaces, without root if the kernel allows that.
 
     Attributes
     ----------
     is_mounted
         True if the disk could be mounted.
     visible_folder
-        Path of the folder for processes outside of the namespaces.
+        Path of the folder for processes outside the namespaces.
     """
 
     def __init__(self, folder, megabytes):
@@ -32,7 +32,7 @@ class SmallDisk:
         self._folder = folder
 
     def make_command(self, command, read_only=False):
-        """Return a command that runs another one with the disk mounted; `read_only` denies writing."""
+        """Return a command that runs another one with the disk mounted, for reading only if `read_only`."""
         enter = ["nsenter", "--preserve-credentials", "--user", "--mount", f"--target={self._holder.pid}"]
         if read_only:
             folder = f"'{self._folder}'"

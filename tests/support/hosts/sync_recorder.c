@@ -1,5 +1,5 @@
-/* Copies every file to the folder $SYNCED_TO whenever it is synced: the copy is what a power cut leaves.
- * A library for LD_PRELOAD, which replaces libc's fsync and fdatasync. */
+/* Library for LD_PRELOAD that replaces libc's fsync and fdatasync. It copies each file to the folder $SYNCED_TO
+ * whenever the file is synced, so that the folder contains what survives a power cut. */
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <fcntl.h>

@@ -1,6 +1,6 @@
 """Hosts in network namespaces, connected by a switch process that can lose, delay and cut their traffic.
 
-Linux's netem does the same but is not in every kernel. Needs root: see `find_obstacle`.
+Linux's netem does the same, but not every kernel has it. The hosts need root; see `find_obstacle`.
 """
 
 import contextlib
@@ -20,21 +20,21 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-_TUN = Path("/dev/net/tun")
+_TUN_DEVICE = Path("/dev/net/tun")
 _TUNSETIFF, _IFF_TAP, _IFF_NO_PI = 0x400454CA, 0x0002, 0x1000
-_BROADCAST = 0x01  # in the first byte of a multicast frame
+_MULTICAST_BIT = 0x01  # bit that is set in the first byte of a multicast frame
 _FRAME_BYTES = 65536
-_NETWORK = "198.18"  # reserved for network tests by RFC 2544
+_NETWORK_PREFIX = "198.18"  # reserved for network tests by RFC 2544
 
 
 def find_obstacle() -> str | None:
-    """Return the reason why this computer cannot run such hosts; None if it can."""
+    """Return the reason why this computer cannot run these hosts; None if it can."""
     if os.geteuid() != 0:
         return "network namespaces need root"
     if shutil.which("ip") is None:
         return "network namespaces need the command ip (iproute2)"
-    if not os.access(_TUN, os.R_OK | os.W_OK):
-        return f"the switch between network namespaces needs {_TUN}"
+    if not os.access(_TUN_DEVICE, os.R_OK | os.W_OK):
+        return f"the switch between network namespaces needs {_TUN_DEVICE}"
     probe = f"farm-probe-{os.getpid()}"
     if subprocess.run(["ip", "netns", "add", probe], capture_output=True).returncode:
         return "this computer allows no network namespaces"
@@ -48,30 +48,30 @@ class Wires:
 
     Attributes
     ----------
-    loss, delay_s
+    loss_shares, delays_s
         Share of frames lost, and seconds of delay, at each faulty port, in both directions.
-    cut
+    cut_ports
         Ports without a connection.
     """
 
-    ports: int
+    port_count: int
     rng: random.Random
-    loss: dict[int, float] = field(default_factory=dict)
-    delay_s: dict[int, float] = field(default_factory=dict)
-    cut: set[int] = field(default_factory=set)
+    loss_shares: dict[int, float] = field(default_factory=dict)
+    delays_s: dict[int, float] = field(default_factory=dict)
+    cut_ports: set[int] = field(default_factory=set)
     _ports_by_address: dict[bytes, int] = field(default_factory=dict)
     _in_transit: list[tuple[float, int, int, bytes]] = field(default_factory=list)
     _count: int = 0
 
     def send(self, frame: bytes, port: int, now_s: float) -> None:
-        """Send a frame from a port to that of its destination, or to all others if that is unknown."""
+        """Send a frame from a port to the destination's port, or to all others if that port is unknown."""
         destination, sender = frame[:6], frame[6:12]
         self._ports_by_address[sender] = port
-        port_out = None if destination[0] & _BROADCAST else self._ports_by_address.get(destination)
-        ports_out = [out for out in range(self.ports) if out != port]
+        port_out = None if destination[0] & _MULTICAST_BIT else self._ports_by_address.get(destination)
+        ports_out = [out for out in range(self.port_count) if out != port]
         for out in ports_out if port_out is None else [port_out]:
             if self._lets_pass(port) and self._lets_pass(out):
-                due_s = now_s + self.delay_s.get(port, 0.0) + self.delay_s.get(out, 0.0)
+                due_s = now_s + self.delays_s.get(port, 0.0) + self.delays_s.get(out, 0.0)
                 self._count += 1
                 heapq.heappush(self._in_transit, (due_s, self._count, out, frame))
 
@@ -86,19 +86,21 @@ class Wires:
         return max(0.0, self._in_transit[0][0] - now_s) if self._in_transit else None
 
     def _lets_pass(self, port: int) -> bool:
-        return port not in self.cut and self.rng.random() >= self.loss.get(port, 0.0)
+        return port not in self.cut_ports and self.rng.random() >= self.loss_shares.get(port, 0.0)
 
 
 class Network:
-    """Hosts by name, each in a network namespace; ``farm`` is this process's own.
+    """Hosts by name, each in a network namespace; the host ``farm`` is in the namespace of this process.
 
-    The switch removes the namespaces, and ends their processes, also when this process ends.
+    The switch removes the namespaces and ends their processes in `close`, and when this process ends.
     """
 
     def __init__(self, names: Sequence[str], seed: int = 0) -> None:
         self.names, number = ["farm", *names], find_free_network()
         self._namespaces = {name: f"farm-{os.getpid()}-{name}" for name in names}
-        self._addresses = {name: f"{_NETWORK}.{number}.{1 + index}" for index, name in enumerate(self.names)}
+        self._addresses = {
+            name: f"{_NETWORK_PREFIX}.{number}.{1 + index}" for index, name in enumerate(self.names)
+        }
         hosts = [[self._addresses[name], self._namespaces.get(name)] for name in self.names]
         self._switch = subprocess.Popen(
             [sys.executable, __file__, json.dumps(hosts), str(seed)],
@@ -122,12 +124,12 @@ class Network:
         return [int(pid) for pid in subprocess.run(command, capture_output=True, check=True).stdout.split()]
 
     def set_faults(self, *names: str, loss: float = 0.0, delay_s: float = 0.0, cut: bool = False) -> None:
-        """Set the faults of hosts in place of earlier ones; without a fault, the hosts are repaired."""
+        """Replace the faults of hosts; without a fault, the hosts are repaired."""
         ports = [self.names.index(name) for name in names]
         self._send_order({"ports": ports, "loss": loss, "delay_s": delay_s, "cut": cut})
 
     def close(self) -> None:
-        """End the switch, and the remaining processes on the hosts."""
+        """End the switch and the remaining processes on the hosts."""
         self._switch.communicate()
 
     def _send_order(self, order: dict[str, object] | None = None) -> None:
@@ -141,15 +143,15 @@ class Network:
 
 
 def find_free_network() -> int:
-    """Return a third byte of addresses that no other test on this computer uses."""
+    """Return a third byte for addresses that no other test on this computer uses."""
     result = subprocess.run(["ip", "-o", "-4", "addr"], capture_output=True, text=True, check=True).stdout
     numbers = ((os.getpid() + step) % 256 for step in range(256))
-    return next(number for number in numbers if f" {_NETWORK}.{number}.1/" not in result)
+    return next(number for number in numbers if f" {_NETWORK_PREFIX}.{number}.1/" not in result)
 
 
 def _open_port(number: int, address: str, namespace: str | None) -> int:
-    """Make a network interface with an address, in a namespace; return its other end."""
-    port = os.open(_TUN, os.O_RDWR | os.O_NONBLOCK)
+    """Make a network interface with an address in a namespace; return its other end."""
+    port = os.open(_TUN_DEVICE, os.O_RDWR | os.O_NONBLOCK)
     name = f"farm{os.getppid()}n{number}"
     fcntl.ioctl(port, _TUNSETIFF, struct.pack("16sH22x", name.encode(), _IFF_TAP | _IFF_NO_PI))
     prefix = ["ip"]
@@ -181,13 +183,13 @@ def _switch_frames(ports: list[int], rng: random.Random) -> None:
                 return
             order = json.loads(line)
             for number in order["ports"]:
-                wires.loss[number], wires.delay_s[number] = order["loss"], order["delay_s"]
-                (wires.cut.add if order["cut"] else wires.cut.discard)(number)
+                wires.loss_shares[number], wires.delays_s[number] = order["loss"], order["delay_s"]
+                (wires.cut_ports.add if order["cut"] else wires.cut_ports.discard)(number)
             _confirm()
 
 
 def _confirm() -> None:
-    """Confirm an order to the other process."""
+    """Report to the other process that the order is executed."""
     sys.stdout.write("done\n")
     sys.stdout.flush()
 

@@ -1,11 +1,11 @@
-"""3MF files for tests, written by hand."""
+"""Minimal 3MF files for tests, written without a library."""
 
 import io
 import zipfile
 
-CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
-PRODUCTION = "http://schemas.microsoft.com/3dmanufacturing/production/2015/06"
-RELATIONS = (
+CORE_NAMESPACE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
+PRODUCTION_NAMESPACE = "http://schemas.microsoft.com/3dmanufacturing/production/2015/06"
+RELATIONS_XML = (
     '<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships">'
     '<Relationship Id="r0" Target="/3D/3dmodel.model" '
     'Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/></Relationships>'
@@ -24,7 +24,7 @@ def write_object_xml(number, content, kind="model"):
 
 
 def write_components_xml(*references):
-    """Write components, given by their attributes."""
+    """Write the components of an object from their attributes."""
     return f"<components>{''.join(f'<component {reference}/>' for reference in references)}</components>"
 
 
@@ -33,13 +33,13 @@ def write_model_xml(objects, items, unit=None, head=""):
     unit = f' unit="{unit}"' if unit else ""
     build = "".join(f"<item {item}/>" for item in items)
     return (
-        f'<?xml version="1.0" encoding="UTF-8"?>{head}<model{unit} xml:lang="en-US" xmlns="{CORE}" '
-        f'xmlns:p="{PRODUCTION}"><resources>{"".join(objects)}</resources><build>{build}</build></model>'
+        f'<?xml version="1.0" encoding="UTF-8"?>{head}<model{unit} xml:lang="en-US" xmlns="{CORE_NAMESPACE}" '
+        f'xmlns:p="{PRODUCTION_NAMESPACE}"><resources>{"".join(objects)}</resources><build>{build}</build></model>'
     )
 
 
-def pack_3mf(model, parts=None, relations=RELATIONS):
-    """Pack a 3MF file from the XML of its model and other parts by name."""
+def pack_3mf(model, parts=None, relations=RELATIONS_XML):
+    """Pack a 3MF file from the XML of its model, and other parts by their names."""
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as package:
         if relations is not None:

@@ -1,14 +1,14 @@
-"""Small G-code files in the dialects of slicers: the same square tower in each."""
+"""Small G-code files of the same square tower in the dialects of several slicers."""
 
 import math
 
 FILAMENT_MM2 = math.pi * 2.85**2 / 4
-PURGE = ["G1 X5 Y5 Z0.3 F3000", "G1 X5 Y100 E15 F1000"]
-END = ["G1 F1500 E-6", "M104 S0", "M140 S0", "M107", "G91", "G1 Z10", "G90", "G28 X0 Y0", "M84"]
+PURGE_LINES = ["G1 X5 Y5 Z0.3 F3000", "G1 X5 Y100 E15 F1000"]
+END_LINES = ["G1 F1500 E-6", "M104 S0", "M140 S0", "M107", "G91", "G1 Z10", "G90", "G28 X0 Y0", "M84"]
 
 
 class TravelStopwatch:
-    """Stopwatch without acceleration."""
+    """Stopwatch of moves that ignores acceleration."""
 
     def __init__(self):
         self._position, self._elapsed_s = (5.0, 50.0, 20.0, 0.0), 0.0
@@ -26,7 +26,7 @@ class TravelStopwatch:
 
 
 def make_square(side_mm=20.0, at_mm=100.0, layers=3, layer_mm=0.2, e_per_mm=0.4 * 0.2 / FILAMENT_MM2):
-    """Make layers of (x, y, z, fed filament) in mm; travels feed nothing."""
+    """Make the layers of a square, each a list of moves (x, y, z, fed filament) in mm; travels feed 0."""
     corners = [(0, 0), (1, 0), (1, 1), (0, 1), (0, 0)]
     path = [(at_mm + side_mm * x, at_mm + side_mm * y) for x, y in corners]
     result = []
@@ -39,14 +39,14 @@ def make_square(side_mm=20.0, at_mm=100.0, layers=3, layer_mm=0.2, e_per_mm=0.4 
 
 
 def join_objects(first_object, second_object, travel_z_mm=30.0):
-    """Join two objects: the head goes up, over to the second one, and down."""
+    """Join two objects, with a travel above both of them from the first to the second one."""
     (x, y, *_), *_ = second_object[0]
     return [*first_object, [(x, y, travel_z_mm, 0.0), *second_object[0]], *second_object[1:]]
 
 
 def make_marlin(layers=None, *, start=None, comments=True, relative=False, tail=None, body=()):
-    """Make G-code as Cura writes it for Marlin, with `body` before the second layer."""
-    lines = [";FLAVOR:Marlin", "M140 S60", "M104 S205", "M190 S60", "M109 S205", "G28", *PURGE]
+    """Make G-code as Cura writes it for Marlin, with the lines `body` before the second layer."""
+    lines = [";FLAVOR:Marlin", "M140 S60", "M104 S205", "M190 S60", "M109 S205", "G28", *PURGE_LINES]
     if not comments:  # as Slic3r does, without a purge line
         lines = ["G28", "M190 S60", "M109 S205"]
     lines = list(lines if start is None else start)
@@ -63,7 +63,7 @@ def make_marlin(layers=None, *, start=None, comments=True, relative=False, tail=
                 continue
             e += fed_mm
             lines.append(f"G1 F1800 X{x:.3f} Y{y:.3f} E{fed_mm if relative else e:.5f}")
-    return lines + (END if tail is None else tail)
+    return lines + (END_LINES if tail is None else tail)
 
 
 def make_ultigcode(layers=None, nozzle="0.4", body=()):

@@ -1,4 +1,4 @@
-"""Acceptance of own G-code, and checks of the result by an independent reader."""
+"""Acceptance of own G-code, and checks of the result with a separate reader."""
 
 import re
 
@@ -11,7 +11,7 @@ from printers.slicing_printers import UM2_PLUS
 from slicing.errors import GcodeRefused
 from slicing.own_gcode import PrintTarget, accept_gcode
 
-ALLOWED_COMMAND = re.compile(
+ALLOWED_COMMAND_PATTERN = re.compile(
     rb"(G0|G1|G4|G28|G90|G91|G92|G21|M82|M84|M104|M106|M107|M109|M140|M190|M220 S100|M221 S100)( |\Z)"
 )
 
@@ -33,7 +33,7 @@ def extract_body(result):
 
 
 def list_moves(lines):
-    """List the moves of a body as (x, y, z, fed mm), by an independent reader."""
+    """List the moves of a body as (x, y, z, fed filament) in mm, without the reader of the farm."""
     position, moves = {"X": 5.0, "Y": 50.0, "Z": 20.0, "E": 0.0}, []
     for line in lines:
         values = {w[0]: float(w[1:]) for w in line.split()[1:] if not line.startswith((";", "M"))}
@@ -51,9 +51,9 @@ def select_extrusions(moves):
 
 
 def check_rules(result):
-    """Check a program against the rules for all of the farm's programs, and return it."""
+    """Check a program against the rules for all programs of the farm, and return it."""
     program = read_program(result.gcode.splitlines(), ULTIMAKER2_PLUS)
-    assert all(ALLOWED_COMMAND.match(line) for line in program.read_lines(0, program.count))
+    assert all(ALLOWED_COMMAND_PATTERN.match(line) for line in program.read_lines(0, program.count))
     for heater in HeaterName:
         assert program.find_target_c(heater, program.count) == 0
     assert measure_retraction_mm(program, program.count) == pytest.approx(20.0, abs=1e-3)

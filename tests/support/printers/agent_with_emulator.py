@@ -19,10 +19,10 @@ from drivers.emulator.status import EmulatorStatus
 from drivers.remote import AgentClient, spawn_agent
 
 MODEL = "ultimaker2_plus"
-SCALE = 120.0
+TIME_SCALE = 120.0
 DEADLINE_S = 30.0
 
-HEAD = """;FLAVOR:Marlin
+START_GCODE = """;FLAVOR:Marlin
 G21
 G90
 M82
@@ -39,7 +39,7 @@ G92 E0
 ;LAYER:0
 ;TYPE:FILL
 """
-TAIL = (
+END_GCODE = (
     ";TIME_ELAPSED:60\nG92 E0\nG1 F1500 E-6.5\nM104 S0\nM140 S0\nM107\nG91\nG1 F1500 E-13.5\nG90\nG28\nM84\n"
 )
 
@@ -48,16 +48,16 @@ def make_gcode(moves: int) -> str:
     path = "".join(
         f"G1 F6000 X{50 + 100 * (i % 2)} Y{50 + i % 100} Z0.3 E{(i + 1) * 0.5:.2f}\n" for i in range(moves)
     )
-    return HEAD + path + TAIL
+    return START_GCODE + path + END_GCODE
 
 
 class Printer:
-    """An agent with its emulator, and a client."""
+    """An agent with its emulator, and a client that is connected to the agent."""
 
     def __init__(self, folder: Path, url: str) -> None:
         self.folder, self.url = folder, url
         self.power_off_cmd: str | None = None
-        self.clock = Clock(SCALE, time.time())
+        self.clock = Clock(TIME_SCALE, time.time())
         self.process: subprocess.Popen[bytes] | None = None
         self.client = AgentClient(folder)
         self.last_snapshot: m.Snapshot | None = None
@@ -144,7 +144,7 @@ def wait_for_emulator(folder: Path, condition: Callable[[EmulatorStatus], bool])
     return condition(read_status(folder))
 
 
-def read_all(master: int) -> bytes:
+def read_buffered_bytes(master: int) -> bytes:
     """Read all bytes that are buffered for a board."""
     os.set_blocking(master, False)
     result = b""

@@ -1,4 +1,4 @@
-"""Host of the emulated firmware, in one process and on a clock that the test moves."""
+"""Host of the emulated firmware, in one process and on a clock that the test advances."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from drivers.printers import PROFILES
 
 
 class Host:
-    """Host at the other end of the line, with a controlled clock."""
+    """Host at the other end of the serial line, with a controlled clock."""
 
     def __init__(
         self, model: str = "ultimaker2_plus", faults: Faults | None = None, boot: bool = True
@@ -20,12 +20,12 @@ class Host:
         self.firmware = EmulatedFirmware(PROFILES[model], faults or Faults(), random.Random(1), 0.0)
         self.board = self.firmware.board
         self.now_s = 0.0
-        self.n = 0
+        self.last_number = 0
         if boot:
             self.wait(5.0)
 
     def wait(self, seconds: float) -> list[str]:
-        """Return the lines sent in the next seconds."""
+        """Return the lines that the firmware sends in the next seconds."""
         return self.wait_until(self.now_s + seconds)
 
     def wait_until(self, end_s: float) -> list[str]:
@@ -38,7 +38,7 @@ class Host:
         return data.decode("latin-1").splitlines()
 
     def send_burst(self, *lines: str) -> list[str]:
-        """Send lines in one burst, and return the answers."""
+        """Send lines in one burst, and return the immediate answers."""
         data = "".join(f"{line}\n" for line in lines).encode("latin-1")
         return self.firmware.feed(data, self.now_s).decode("latin-1").splitlines()
 
@@ -53,9 +53,9 @@ class Host:
         return answers
 
     def send_numbered(self, body: str) -> list[str]:
-        """Send a line with number and checksum."""
-        self.n += 1
-        return self.send(add_number(self.n, body))
+        """Send a line with its number and checksum, and wait for its ok."""
+        self.last_number += 1
+        return self.send(add_number(self.last_number, body))
 
     def heat_nozzle(self, nozzle_c: float = 210.0) -> None:
         self.send(f"M109 S{nozzle_c}")

@@ -15,20 +15,20 @@ BANNER = b"start\necho:Marlin 1.0.0\necho: Last Updated | Author: Vers:_3.3.0\ne
 
 
 class Firmware:
-    """Firmware that checks numbered lines and answers them, without a machine."""
+    """Firmware without a machine that checks numbered lines and answers them."""
 
     def __init__(self) -> None:
         self.last_number = 0
-        self.partial = b""
-        self.executed: list[tuple[int, bytes]] = []  # numbered lines that were executed
-        self.mute = False
+        self.partial_line = b""
+        self.executed_lines: list[tuple[int, bytes]] = []  # numbers and commands
+        self.is_mute = False
 
     def feed(self, data: bytes) -> bytes:
         answers = b""
-        *lines, self.partial = (self.partial + data).split(b"\n")
+        *lines, self.partial_line = (self.partial_line + data).split(b"\n")
         for line in lines:
             answers += self.execute(line)
-        return b"" if self.mute else answers
+        return b"" if self.is_mute else answers
 
     def execute(self, line: bytes) -> bytes:
         body = line
@@ -50,7 +50,7 @@ class Firmware:
         if not body.strip():
             return b""
         if number is not None and not body.startswith((b"M110", b"M105")):
-            self.executed.append((self.last_number, body))
+            self.executed_lines.append((self.last_number, body))
         if body.startswith(b"M105"):
             return b"ok T:200.0 /210.0 B:60.0 /60.0 @:0 B@:0\n"
         if b"M119" in body:
@@ -58,12 +58,12 @@ class Firmware:
         return b"ok\n"
 
     def reject(self, data: bytes) -> bytes:
-        self.partial = b""
+        self.partial_line = b""
         return b"Error:%b, Last Line: %d\nResend: %d\nok\n" % (data, self.last_number, self.last_number + 1)
 
 
 class Wire:
-    """Wire that loses or changes each byte with a given probability, and delivers pieces of `piece_bytes`."""
+    """Wire that loses or changes bytes at random, and delivers them in pieces of `piece_bytes`."""
 
     def __init__(self, loss_share: float, change_share: float, piece_bytes: int, seed: int) -> None:
         self.loss_share, self.change_share, self.piece_bytes = loss_share, change_share, piece_bytes
@@ -101,7 +101,7 @@ class Bench:
         return self
 
     def run(self, until_s: float = 1e6) -> None:
-        """Run until nothing changes or the link has given up."""
+        """Run until the link has nothing to send and no deadline, or until a given time."""
         for _ in range(20_000):
             if self.now_s >= until_s:
                 return

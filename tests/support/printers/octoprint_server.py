@@ -11,7 +11,7 @@ import httpx
 
 KEY = "0123456789ABCDEF0123456789ABCDEF"
 TIME_LIMIT_S = 120.0
-CONFIGURATION = {  # OctoPrint reads YAML, of which JSON is a subset
+CONFIGURATION = {  # written as JSON, which OctoPrint reads because JSON is valid YAML
     "server": {
         "firstRun": False,
         "onlineCheck": {"enabled": False},

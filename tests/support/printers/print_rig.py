@@ -14,7 +14,7 @@ from drivers.messages import Filament, PrintPhase
 from drivers.printers import PROFILES, Profile
 from drivers.session import Pace, Session, SessionContext
 
-PLUS = PROFILES["ultimaker2_plus"]
+PLUS_PROFILE = PROFILES["ultimaker2_plus"]
 GCODE = """;FLAVOR:Marlin
 G21
 G90
@@ -64,12 +64,12 @@ class Rig:
         seed: int = 0,
         identity: str | None = None,
         store: ProgramStore | None = None,
-        profile: Profile = PLUS,
+        profile: Profile = PLUS_PROFILE,
     ) -> None:
         self.now_s = 1000.0
         self.firmware = EmulatedFirmware(PROFILES[model], faults, random.Random(seed), self.now_s)
         if faults.no_reset:
-            self.now_s += 60.0  # the printer was switched on long before
+            self.now_s += 60.0  # the printer was switched on before the print
             self.firmware.feed(b"", self.now_s)
         self.link = Link(profile.firmware, 2.0)
         self.program = read_program(io.BytesIO((text or make_gcode()).encode()), profile, store)
@@ -79,7 +79,7 @@ class Rig:
         self.session.context.board_resets = not faults.no_reset
         self.is_plugged = True
         self.reconnect_at_s = math.inf  # time at which the cable is plugged in again
-        self.sent = b""
+        self.sent_bytes = b""
         self.phases = [self.session.context.phase]
 
     def step(self) -> None:
@@ -92,7 +92,7 @@ class Rig:
             link.on_opened(self.now_s)
             session.advance((), self.now_s)
         sent = link.take()
-        self.sent += sent
+        self.sent_bytes += sent
         if not sent:
             due_s = min(self.firmware.compute_deadline_s(), link.deadline_s, session.deadline_s)
             due_s = due_s if self.is_plugged else min(due_s, self.reconnect_at_s)
@@ -122,7 +122,7 @@ class Rig:
 
     def list_moves(self) -> list[bytes]:
         """List the sent moves of the file in the order of their line numbers."""
-        frames = (line for line in self.sent.splitlines() if line.startswith(b"N"))
+        frames = (line for line in self.sent_bytes.splitlines() if line.startswith(b"N"))
         commands_by_number = {line.partition(b" ")[0]: remove_frame(line) for line in frames}
         file = set(self.program.read_lines(0, self.program.count))
         return [
@@ -133,7 +133,7 @@ class Rig:
 
 
 def make_retracting_gcode(moves: int) -> str:
-    """Make G-code in which every stroke is followed by a retraction, a travel and an un-retraction."""
+    """Make G-code with a retraction, a travel and an unretraction after every stroke."""
     path = []
     for i in range(moves):
         e_mm, x = 0.7 * (i + 1), 50 + 40 * (i % 2)

@@ -4,7 +4,7 @@ import io
 
 import pytest
 
-from books.example_night import PRINTERS, make_night_books, make_status, make_view_context, summarise
+from books.example_night import PRINTERS, make_night_books, make_status, make_view_context, summarise_status
 from books.make_books import apply_events, make_job, make_plan_event
 from farm import api
 from farm.cli.display.console import open_console
@@ -18,7 +18,7 @@ from farm.views import list_history, select_shown_jobs
 def render_page(view, width=120):
     screen = open_console()
     screen.width, screen.file, screen.record = width, io.StringIO(), True
-    screen.print(render_status(summarise(view), width))
+    screen.print(render_status(summarise_status(view), width))
     return [line.rstrip() for line in screen.export_text().splitlines()]
 
 

@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rich.cells import cell_len
 
-from books.example_night import make_night_books, make_status, summarise
+from books.example_night import make_night_books, make_status, summarise_status
 from farm import api
 from farm.cli.display.status_page import render_status
 from farm.model import Bed, Hold, HoldCode, PrintState, Verdict
@@ -72,7 +72,7 @@ def make_view(fleet, **values):
 
 
 def render_lines(view, width=None, height=None):
-    return render_status(summarise(view), width, height).plain.splitlines()
+    return render_status(summarise_status(view), width, height).plain.splitlines()
 
 
 def make_waiting_job(number, **values):
@@ -153,7 +153,7 @@ def test_plates_of_several_jobs_with_the_same_hold_share_one_sentence():
 
 
 def test_empty_task_list_is_not_highlighted():
-    line = render_status(summarise(make_view([], todo=[]))).split("\n")[1]
+    line = render_status(summarise_status(make_view([], todo=[]))).split("\n")[1]
     assert line.plain == "DO NOW   nothing"
     assert not any("red" in str(span.style) for span in line.spans)
 

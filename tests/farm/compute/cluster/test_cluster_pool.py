@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from clusters import portable_work as work
-from clusters.dask_cluster import INSTALLATION, Recorder, run_cluster
+from clusters.dask_cluster import INSTALLATION, RecordingPool, run_cluster
 from farm.compute import Limit, Workers
 from farm.compute.cluster.cluster_pool import ClusterPool
 from farm.compute.cluster.cluster_state import ClusterWorker, Place
@@ -149,7 +149,7 @@ def test_work_continues_on_this_computer_when_the_cluster_is_silent_for_half_a_m
 
     async def main():
         nonlocal now_s
-        links, local_pool = [], Recorder()
+        links, local_pool = [], RecordingPool()
         pool = ClusterPool(
             local_pool,
             "tls://a:1",
@@ -196,7 +196,7 @@ class FullDiskConnection(LossyConnection):
 
 def test_task_that_no_worker_can_run_is_run_on_this_computer(tmp_path, source):
     async def main():
-        links, local_pool = [], Recorder()
+        links, local_pool = [], RecordingPool()
         pool = ClusterPool(
             local_pool,
             "tls://a:1",
@@ -215,7 +215,7 @@ def test_task_that_no_worker_can_run_is_run_on_this_computer(tmp_path, source):
 )
 def test_a_worker_refuses_damaged_files_and_other_versions(tmp_path, files):
     async def main():
-        executor = TaskExecutor("w1", tmp_path, Recorder(), INSTALLATION)
+        executor = TaskExecutor("w1", tmp_path, RecordingPool(), INSTALLATION)
         installation = INSTALLATION if files else replace(INSTALLATION, settings="other")
         return await executor.execute(RemoteTask("t", b"", CHECKING_LIMIT, installation), files)
 

@@ -39,7 +39,7 @@ def test_simultaneous_networks_have_different_addresses(monkeypatch):
 
 
 def test_delays_add_up_and_frames_keep_their_order():
-    wires = Wires(2, random.Random(1), delay_s={0: 0.3, 1: 0.1})
+    wires = Wires(2, random.Random(1), delays_s={0: 0.3, 1: 0.1})
     wires.send(make_frame(ALL, A, b"1"), 0, 0.0)
     wires.send(make_frame(ALL, A, b"2"), 0, 0.0)
     assert wires.compute_wait_s(0.1) == pytest.approx(0.3)
@@ -49,7 +49,7 @@ def test_delays_add_up_and_frames_keep_their_order():
 
 
 def test_cut_port_transmits_nothing_and_a_lossy_one_loses_its_share():
-    wires = Wires(3, random.Random(1), cut={1}, loss={2: 0.25})
+    wires = Wires(3, random.Random(1), cut_ports={1}, loss_shares={2: 0.25})
     for _ in range(1000):
         wires.send(make_frame(ALL, A), 0, 0.0)
     ports = [port for port, _ in list_arrivals(wires)]

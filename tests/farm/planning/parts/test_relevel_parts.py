@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from books.decompose_tasks import make_decompose_task, slice_with_late_part
+from books.decompose_tasks import make_decompose_task, slice_with_slow_part
 from farm.model import TimeFactors
 from farm.planning.parts.decompose_job import decompose_job
 from farm.planning.parts.relevel_parts import relevel_parts
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.usefixtures("without_pictures")
 def test_part_with_a_slow_slice_is_cut_smaller(bar, files, tmp_path):
     task = make_decompose_task(bar, files, tmp_path)
     decomposition = decompose_job(task)
-    slow_job = slice_with_late_part(task, decomposition, late_s=MIN_RELEVEL_DELAY_S * 3)
+    slow_job = slice_with_slow_part(task, decomposition, extra_s=MIN_RELEVEL_DELAY_S * 3)
     assert (
         slow_job.compute_makespan_s()
         == slow_job.parts[1].compute_expected_s()
@@ -40,18 +40,18 @@ def test_balanced_parts_are_not_relevelled(bar, files, tmp_path):
     task = make_decompose_task(bar, files, tmp_path)
     decomposition = decompose_job(task)
     # On average, slices are later by half of that.
-    assert not slice_with_late_part(task, decomposition, late_s=MIN_RELEVEL_DELAY_S).should_relevel()
+    assert not slice_with_slow_part(task, decomposition, extra_s=MIN_RELEVEL_DELAY_S).should_relevel()
     assert not replace(
-        slice_with_late_part(task, decomposition, 1e4), decomposed=replace(decomposition, cut_record=None)
+        slice_with_slow_part(task, decomposition, 1e4), decomposed=replace(decomposition, cut_record=None)
     ).should_relevel()
-    level_job = slice_with_late_part(task, decomposition, late_s=0.0)
+    level_job = slice_with_slow_part(task, decomposition, extra_s=0.0)
     assert relevel_parts(level_job, tmp_path / "levelled") is None
 
 
 def test_part_of_features_that_its_printer_prints_slowly_is_relevelled(bar, files, tmp_path):
     factors = dict.fromkeys(("p0", "p1"), TimeFactors(1.0, (1.0, 1.0, 1.3, 1.0, 1.0)))
     task = replace(make_decompose_task(bar, files, tmp_path), time_factors=factors)
-    level_job = slice_with_late_part(task, decompose_job(task), late_s=0.0)
+    level_job = slice_with_slow_part(task, decompose_job(task), extra_s=0.0)
     first, *others = level_job.parts
     total_s = first.result.sliced_s
     first.result.features = FeatureTimes(0.0, 0.0, total_s, 0.0, 0.0)
@@ -66,7 +66,7 @@ def test_part_of_features_that_its_printer_prints_slowly_is_relevelled(bar, file
 def test_slow_printer_is_busy_longer(bar, files, tmp_path):
     task = replace(make_decompose_task(bar, files, tmp_path), time_factors={"p0": TimeFactors(1.5)})
     decomposition = decompose_job(task)
-    level_job = slice_with_late_part(task, decomposition, late_s=0.0)
+    level_job = slice_with_slow_part(task, decomposition, extra_s=0.0)
     printed_s = level_job.parts[0].result.sliced_s
     # The time factor applies to the layers alone.
     assert level_job.compute_printer_times_s()["p0"] == pytest.approx(
@@ -77,8 +77,8 @@ def test_slow_printer_is_busy_longer(bar, files, tmp_path):
 def test_several_parts_per_printer_are_not_relevelled(bar, files, tmp_path):
     task = make_decompose_task(bar, files, tmp_path)
     decomposition = decompose_job(task)
-    assert slice_with_late_part(task, decomposition, late_s=1e4).should_relevel()
+    assert slice_with_slow_part(task, decomposition, extra_s=1e4).should_relevel()
     two_parts = replace(
         decomposition, parts=tuple(replace(part, printer="p0") for part in decomposition.parts)
     )
-    assert not slice_with_late_part(task, two_parts, late_s=1e4).should_relevel()
+    assert not slice_with_slow_part(task, two_parts, extra_s=1e4).should_relevel()

@@ -3,7 +3,7 @@
 import pytest
 
 from books.make_books import make_plan_event
-from books.recording_controller import MODEL, PLUS, Farm
+from books.recording_controller import MODEL, PLUS_MODEL, Farm
 from farm.errors import FarmError
 from farm.model import AgentPrint, AgentSnapshot, FilamentState, HoldCode, JobOptions, Link, PrintState
 from farm.planning.plan import Plan
@@ -32,7 +32,7 @@ def make_farm(tmp_path, models, plates=1, **options):
     farm.report_ready(*farm.names)
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(**options))
     event = make_plan_event(1, plates)
-    hours = {"expected_s": 10 * HOUR_S, "sliced_s": 10 * HOUR_S - 300.0, "family": PLUS}
+    hours = {"expected_s": 10 * HOUR_S, "sliced_s": 10 * HOUR_S - 300.0, "family": PLUS_MODEL}
     long_plates = tuple(plate.model_copy(update=hours) for plate in event.plates)
     farm.controller.on_plan(1, Plan(event.parts, long_plates, (), 1.0, 1.0, 10 * HOUR_S, None))
     if options.get("hold"):
@@ -71,7 +71,7 @@ def list_started_plates(farm):
 
 
 def test_failed_part_is_cut_for_the_free_printers_and_held(tmp_path):
-    farm = make_farm(tmp_path, [PLUS] * 4, plates=1)
+    farm = make_farm(tmp_path, [PLUS_MODEL] * 4, plates=1)
     fail_plate(farm, "a", "1/01")
     ((plate, printers, decomposition),) = farm.effects.replans
     assert (plate, printers, decomposition) == ("1/01", ["b", "c", "d"], True)
@@ -86,7 +86,7 @@ def test_failed_part_is_cut_for_the_free_printers_and_held(tmp_path):
 
 
 def test_pieces_that_cannot_be_stored_are_planned_again(tmp_path):
-    farm = make_farm(tmp_path, [PLUS] * 4, plates=1)
+    farm = make_farm(tmp_path, [PLUS_MODEL] * 4, plates=1)
     fail_plate(farm, "a", "1/01")
     farm.store._db.execute("PRAGMA query_only = 1")
     with pytest.raises(StoreError):
@@ -103,7 +103,7 @@ def test_part_that_would_end_no_sooner_in_pieces_stays_whole(tmp_path):
         "slow": lambda farm: make_recut(farm, "1/01", 9.0, "bcd"),
         "failed": lambda farm: FarmError("too thin"),
     }.items():
-        farm = make_farm(tmp_path / name, [PLUS] * 4, plates=1)
+        farm = make_farm(tmp_path / name, [PLUS_MODEL] * 4, plates=1)
         fail_plate(farm, "a", "1/01")
         farm.controller.on_replan("1/01", result(farm))
         assert list_started_plates(farm) == {"b": "1/01"}
@@ -112,7 +112,7 @@ def test_part_that_would_end_no_sooner_in_pieces_stays_whole(tmp_path):
 
 
 def test_later_job_gets_no_reserved_printers(tmp_path):
-    farm = make_farm(tmp_path, [PLUS] * 5, plates=1)
+    farm = make_farm(tmp_path, [PLUS_MODEL] * 5, plates=1)
     fail_plate(farm, "a", "1/01")
     ((_, reserved_printers, _),) = farm.effects.replans
     farm.jobs.submit("s" * 8, "n.stl", MODEL, JobOptions(material="generic_pla"))
@@ -125,10 +125,10 @@ def test_later_job_gets_no_reserved_printers(tmp_path):
 
 
 def test_replan_is_repeated_after_a_restart(tmp_path):
-    farm = make_farm(tmp_path, [PLUS] * 4, plates=1)
+    farm = make_farm(tmp_path, [PLUS_MODEL] * 4, plates=1)
     fail_plate(farm, "a", "1/01")
     farm.store.close()
-    restarted_farm = Farm(tmp_path, [PLUS] * 4, farm.controller.clock, attended=["08:00-18:00"])
+    restarted_farm = Farm(tmp_path, [PLUS_MODEL] * 4, farm.controller.clock, attended=["08:00-18:00"])
     # The restarted farm has not started such a task.
     restarted_farm.controller.on_replan("1/01", make_recut(farm, "1/01", 4.0, "bcd"))
     assert restarted_farm.controller.books.jobs[1].plates == ("1/01",)
@@ -137,7 +137,7 @@ def test_replan_is_repeated_after_a_restart(tmp_path):
 
 
 def test_part_that_is_cancelled_while_it_is_cut_is_not_replaced(tmp_path):
-    farm = make_farm(tmp_path, [PLUS] * 4, plates=1)
+    farm = make_farm(tmp_path, [PLUS_MODEL] * 4, plates=1)
     fail_plate(farm, "a", "1/01")
     farm.parts.cancel(1, "p01", "ann")
     farm.controller.on_replan("1/01", make_recut(farm, "1/01", 4.0, "bcd"))
@@ -146,7 +146,7 @@ def test_part_that_is_cancelled_while_it_is_cut_is_not_replaced(tmp_path):
 
 
 def test_approved_plan_is_not_replanned(tmp_path):
-    farm = make_farm(tmp_path, [PLUS] * 4, plates=1, hold=True)
+    farm = make_farm(tmp_path, [PLUS_MODEL] * 4, plates=1, hold=True)
     fail_plate(farm, "a", "1/01")
     assert farm.effects.replans == []
     assert list_started_plates(farm) == {"b": "1/01"}
@@ -164,7 +164,7 @@ def make_replanned_plate(farm, plate, printer, hours):
 
 
 def test_plate_of_a_full_bed_is_resliced_overnight(tmp_path):
-    farm = make_farm(tmp_path, [PLUS, UM2], plates=1)
+    farm = make_farm(tmp_path, [PLUS_MODEL, UM2], plates=1)
     fail_plate(farm, "a", "1/01")  # its bed is inspected in the morning
     assert farm.effects.replans == [("1/01", ["b"], False)]
     assert farm.controller.scheduler.find_plate_holds().get("1/01") is not None
@@ -175,7 +175,7 @@ def test_plate_of_a_full_bed_is_resliced_overnight(tmp_path):
 
 
 def test_backward_clock_step_does_not_delay_the_next_search(tmp_path):
-    farm = make_farm(tmp_path, [PLUS, PLUS, UM2], plates=2)
+    farm = make_farm(tmp_path, [PLUS_MODEL, PLUS_MODEL, UM2], plates=2)
     fail_plate(farm, "a", "1/01")
     farm.controller.on_replan("1/01", FarmError("too thin"))
     farm.controller.clock.now_s -= HOUR_S
@@ -186,7 +186,7 @@ def test_backward_clock_step_does_not_delay_the_next_search(tmp_path):
 
 
 def test_useless_reslice_is_not_repeated(tmp_path):
-    farm = make_farm(tmp_path, [PLUS, UM2], plates=1)
+    farm = make_farm(tmp_path, [PLUS_MODEL, UM2], plates=1)
     fail_plate(farm, "a", "1/01")
     farm.controller.on_replan("1/01", make_replanned_plate(farm, "1/01", "b", 30.0))
     farm.controller.clock.now_s += HOUR_S
@@ -198,7 +198,7 @@ def test_useless_reslice_is_not_repeated(tmp_path):
 
 
 def test_planned_printer_may_take_the_plate_before_the_reslice(tmp_path):
-    farm = make_farm(tmp_path, [PLUS, UM2], plates=1)
+    farm = make_farm(tmp_path, [PLUS_MODEL, UM2], plates=1)
     fail_plate(farm, "a", "1/01")
     farm.clear_bed("a", FilamentState.PARKED)
     assert list_started_plates(farm) == {"a": "1/01"}
@@ -212,7 +212,7 @@ def test_planned_printer_may_take_the_plate_before_the_reslice(tmp_path):
 
 
 def test_search_is_not_delayed_by_a_backward_clock_step(tmp_path):
-    farm = make_farm(tmp_path, [PLUS, UM2], plates=1)
+    farm = make_farm(tmp_path, [PLUS_MODEL, UM2], plates=1)
     farm.printers.begin_maintenance("b", "a new belt", "ann")
     fail_plate(farm, "a", "1/01")
     assert farm.effects.replans == []

@@ -17,7 +17,7 @@ ANN = Reader("ann", Role.OPERATE)
 @pytest.fixture(scope="module")
 def status(tmp_path_factory):
     farm = NetworkFarm(tmp_path_factory.mktemp("farm"))
-    key = farm.add(Role.PRINT).text
+    key = farm.add_key(Role.PRINT).text
     params = {"request_id": "r" * 8, "name": "box.stl", "size": 100}
     farm.ask("POST", "/api/v1/jobs", key, params=params, content=b"x" * 100)
     status_view = api.Status.model_validate(farm.ask("GET", "/api/v1/status", key).json())

@@ -3,7 +3,7 @@
 import pytest
 
 from farm.model import JobState, Role
-from farms.slicer_farm import UPLOAD, SlicerFarm
+from farms.slicer_farm import UPLOAD_PATH, SlicerFarm
 from farms.web_farm import HOST
 
 START_COMMAND = {"command": "start"}
@@ -20,11 +20,11 @@ def key(farm):
 
 
 def select_file(farm, key, path, **fields):
-    return farm.ask("POST", f"{UPLOAD}/{path}", key, json={"command": "select", **fields})
+    return farm.ask("POST", f"{UPLOAD_PATH}/{path}", key, json={"command": "select", **fields})
 
 
 def test_selecting_with_print_releases_a_held_job_before_it_is_planned(farm, key):
-    path = farm.upload(key).headers["location"].removeprefix(f"http://{HOST}{UPLOAD}/")
+    path = farm.upload(key).headers["location"].removeprefix(f"http://{HOST}{UPLOAD_PATH}/")
     assert farm.jobs_by_number[1].options.hold
     assert select_file(farm, key, path, print=True).status_code == 204
     assert not farm.jobs_by_number[1].options.hold
@@ -88,7 +88,7 @@ def test_unsupported_commands_are_refused_in_plain_text(farm, key):
         ("/api/job", {"command": "restart"}),
         ("/api/job", {"command": "pause", "action": "x"}),
         ("/api/job", {}),
-        (f"{UPLOAD}/box.gcode", {"command": "slice"}),
+        (f"{UPLOAD_PATH}/box.gcode", {"command": "slice"}),
         ("/api/connection", {"command": "disconnect"}),
     ):
         answer = farm.ask("POST", path, key, json=body)
@@ -98,15 +98,15 @@ def test_unsupported_commands_are_refused_in_plain_text(farm, key):
 
 def test_files_are_the_open_jobs_of_the_address(farm, key):
     farm.upload(key, "a.gcode")
-    farm.upload(key, "b.stl", url_path="/to/b" + UPLOAD)
+    farm.upload(key, "b.stl", url_path="/to/b" + UPLOAD_PATH)
     names = {
         prefix: [file["name"] for file in farm.ask("GET", f"{prefix}/api/files", key).json()["files"]]
         for prefix in ("", "/to/a", "/to/b")
     }
     assert names == {"": ["a.gcode", "b.stl"], "/to/a": ["a.gcode"], "/to/b": ["a.gcode", "b.stl"]}
-    file = farm.ask("GET", f"/to/b{UPLOAD}/2/b.stl", key).json()
-    assert (file["type"], file["refs"]["resource"]) == ("model", f"http://{HOST}/to/b{UPLOAD}/2/b.stl")
-    missing_answer = farm.ask("GET", f"{UPLOAD}/c.gcode", key)
+    file = farm.ask("GET", f"/to/b{UPLOAD_PATH}/2/b.stl", key).json()
+    assert (file["type"], file["refs"]["resource"]) == ("model", f"http://{HOST}/to/b{UPLOAD_PATH}/2/b.stl")
+    missing_answer = farm.ask("GET", f"{UPLOAD_PATH}/c.gcode", key)
     assert (missing_answer.status_code, missing_answer.headers["content-type"]) == (404, "text/plain")
 
 

@@ -3,7 +3,7 @@
 import pytest
 
 from farm.model import Role
-from farms.slicer_farm import UPLOAD, RefusingWorkers, SlicerFarm
+from farms.slicer_farm import UPLOAD_PATH, RefusingWorkers, SlicerFarm
 from farms.web_farm import HOST
 
 
@@ -35,7 +35,7 @@ def test_plain_upload_is_held_and_upload_with_print_is_submitted(make_slicer_far
 def test_answer_is_that_of_octoprint_with_a_location(make_slicer_farm):
     farm = make_slicer_farm()
     answer = farm.upload(farm.add_key(Role.PRINT), "größe 1.gcode", print="true")
-    assert answer.headers["location"] == f"http://{HOST}{UPLOAD}/1/gr%C3%B6%C3%9Fe%201.gcode"
+    assert answer.headers["location"] == f"http://{HOST}{UPLOAD_PATH}/1/gr%C3%B6%C3%9Fe%201.gcode"
     assert answer.json() == {
         "files": {
             "local": {
@@ -66,10 +66,10 @@ def test_models_are_accepted_as_well(make_slicer_farm, name):
 def test_upload_to_the_address_of_a_printer_requests_that_printer(make_slicer_farm):
     farm = make_slicer_farm()
     key = farm.add_key(Role.PRINT)
-    answer = farm.upload(key, url_path="/to/b" + UPLOAD, print="true")
+    answer = farm.upload(key, url_path="/to/b" + UPLOAD_PATH, print="true")
     assert farm.jobs_by_number[1].options.only == ("b",)
-    assert answer.headers["location"] == f"http://{HOST}/to/b{UPLOAD}/1/box.gcode"
-    answer_to_unknown = farm.upload(key, url_path="/to/c" + UPLOAD)
+    assert answer.headers["location"] == f"http://{HOST}/to/b{UPLOAD_PATH}/1/box.gcode"
+    answer_to_unknown = farm.upload(key, url_path="/to/c" + UPLOAD_PATH)
     assert (answer_to_unknown.status_code, answer_to_unknown.text) == (
         404,
         "there is no printer c; the fleet has a, b",
@@ -90,7 +90,7 @@ def test_folder_of_an_upload_is_shown_and_not_interpreted(make_slicer_farm):
     farm = make_slicer_farm()
     fields = {"path": "/../etc/", "print": "true"}
     answer = farm.ask(
-        "POST", UPLOAD, farm.add_key(Role.PRINT), files={"file": ("a.gcode", b"G28")}, data=fields
+        "POST", UPLOAD_PATH, farm.add_key(Role.PRINT), files={"file": ("a.gcode", b"G28")}, data=fields
     )
     assert answer.status_code == 201
     assert farm.jobs_by_number[1].options.note == "../etc"
@@ -112,28 +112,33 @@ def test_upload_cut_at_any_byte_leaves_no_job_and_no_file(make_slicer_farm):
     key = farm.add_key(Role.PRINT)
     event_count = len(farm.store.read_all_events())
     for end in range(len(FORM)):
-        answer = farm.send(UPLOAD, key, [FORM[:end], None], make_headers(len(FORM)))
+        answer = farm.send(UPLOAD_PATH, key, [FORM[:end], None], make_headers(len(FORM)))
         assert answer.status == 400, answer
     assert (farm.jobs_by_number, farm.unfinished_uploads, len(farm.store.read_all_events())) == (
         {},
         [],
         event_count,
     )
-    assert farm.send(UPLOAD, key, [FORM], make_headers(len(FORM))).status == 201
+    assert farm.send(UPLOAD_PATH, key, [FORM], make_headers(len(FORM))).status == 201
     assert farm.jobs_by_number[1].name == "a.gcode"
 
 
 def test_refused_upload_is_read_to_its_end_so_that_the_client_sees_the_answer(make_slicer_farm):
     farm = make_slicer_farm()
     chunks = [b"--x", *[b"x"] * 5]
-    assert farm.send(UPLOAD, farm.add_key(Role.PRINT), chunks, make_headers(8)).unread == 0
-    large_answer = farm.send(UPLOAD, farm.add_key(Role.PRINT, "b"), [b"--x"] * 5, make_headers(3 * 10**9))
+    assert farm.send(UPLOAD_PATH, farm.add_key(Role.PRINT), chunks, make_headers(8)).unread == 0
+    large_answer = farm.send(
+        UPLOAD_PATH, farm.add_key(Role.PRINT, "b"), [b"--x"] * 5, make_headers(3 * 10**9)
+    )
     assert (large_answer.status, large_answer.unread) == (400, 5)
     assert "fleet.uploads.model_gb" in large_answer.text
     waiting_headers = {**make_headers(8), "expect": "100-continue"}
     assert (
         farm.send(
-            UPLOAD, farm.add_key(Role.PRINT, "c"), chunks, {**waiting_headers, "content-type": "text/plain"}
+            UPLOAD_PATH,
+            farm.add_key(Role.PRINT, "c"),
+            chunks,
+            {**waiting_headers, "content-type": "text/plain"},
         ).unread
         == 6
     )
@@ -145,14 +150,14 @@ def test_length_of_an_upload_must_be_announced(make_slicer_farm):
 
 
 def send_form(farm, headers):
-    return farm.send(UPLOAD, farm.add_key(Role.PRINT), [FORM], headers)
+    return farm.send(UPLOAD_PATH, farm.add_key(Role.PRINT), [FORM], headers)
 
 
 @pytest.mark.parametrize("headers", [{}, {"transfer-encoding": "chunked"}])
 def test_upload_longer_than_announced_leaves_no_job_and_no_file(make_slicer_farm, headers):
     """Include chunked encoding, with which h11 reads more than the announced length."""
     farm = make_slicer_farm()
-    farm.send(UPLOAD, farm.add_key(Role.PRINT), [FORM, FORM], {**make_headers(10), **headers})
+    farm.send(UPLOAD_PATH, farm.add_key(Role.PRINT), [FORM, FORM], {**make_headers(10), **headers})
     assert not farm.jobs_by_number and not list(farm.services.state.work.iterdir())
 
 
