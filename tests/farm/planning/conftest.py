@@ -25,6 +25,6 @@ def bar(tmp_path, files):
 
 @pytest.fixture
 def without_pictures(monkeypatch):
-    """Write empty pictures and pages, as drawing them takes as long as the search for the parts."""
+    """Write empty pictures and pages, because drawing takes as long as the search for the parts."""
     for name in ("draw_assembly", "write_instructions"):
         monkeypatch.setattr(decomposition_files, name, lambda _, path, *__: path.write_bytes(b""))

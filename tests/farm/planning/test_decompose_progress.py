@@ -32,13 +32,13 @@ def test_remaining_time_follows_from_the_rate_so_far(tmp_path):
     assert (result.share, result.remaining_s) == (0.25, pytest.approx(50.0))
 
 
-def test_unreadable_and_unwritable_files_are_no_error(tmp_path):
+def test_unreadable_and_unwritable_files_cause_no_error(tmp_path):
     (tmp_path / PROGRESS_FILE_NAME).write_text('{"share": ')
     assert read_progress(tmp_path) is None
     ProgressFile(tmp_path / "missing").report(0.5, 1.0)
 
 
-def test_progress_is_reported_to_the_listener_of_its_context_only():
+def test_progress_is_reported_only_to_the_listener_of_its_context():
     reports = []
     with listen_to_progress(reports.append):
         report_progress(0.5)
@@ -47,9 +47,9 @@ def test_progress_is_reported_to_the_listener_of_its_context_only():
 
 
 def test_planner_shows_the_progress_that_a_decomposition_reports(tmp_path, monkeypatch):
-    """Run a worker that decomposes until its progress of one half has been shown."""
+    """Run a worker that decomposes until a progress of 50 % has been shown."""
     monkeypatch.setattr(plan_builder, "_POLL_INTERVAL_S", 0.0)
-    shown_progress, half_shown = [], asyncio.Event()
+    shown_progress, is_half_shown = [], asyncio.Event()
 
     class Worker:
         async def run(self, work, task, limit=None):
@@ -58,19 +58,19 @@ def test_planner_shows_the_progress_that_a_decomposition_reports(tmp_path, monke
             progress.report(0.0, 0.0)
             progress.report(0.25, 10.0)
             progress.report(0.5, 20.0)
-            await half_shown.wait()
+            await is_half_shown.wait()
             raise RuntimeError("ended")
 
-    def record(progress):
+    def record_progress(progress):
         shown_progress.append(progress)
         if progress.share == 0.5:
-            half_shown.set()
+            is_half_shown.set()
 
     class Task:
         folder = tmp_path
 
     with pytest.raises(RuntimeError, match="ended"):
-        asyncio.run(PlanBuilder(Task(), Worker(), StateFolder(tmp_path), record).plan_model())
+        asyncio.run(PlanBuilder(Task(), Worker(), StateFolder(tmp_path), record_progress).plan_model())
     assert shown_progress[0].step is PlanStep.WAITING
     last_progress = shown_progress[-1]
     assert (last_progress.step, last_progress.share, last_progress.remaining_s) == (

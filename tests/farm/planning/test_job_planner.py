@@ -31,7 +31,7 @@ def state(tmp_path):
     return folder
 
 
-def plan_job(state, job, factor=1.0):
+def plan_job(state, job, time_factor=1.0):
     """Plan a job for two printers with this time factor; return the planner's events and the plan."""
     printers = [{"name": n, "model": MODEL, "port": f"sim://{MODEL}"} for n in "ab"]
     fleet = Fleet.model_validate({"printers": printers})
@@ -46,7 +46,9 @@ def plan_job(state, job, factor=1.0):
             lambda _, result: future.set_result(result),
             lambda _, step_progress: reports.append(step_progress),
         )
-        planner.start(PlanRequest(job, fleet.printers, time_factors=dict.fromkeys("ab", TimeFactors(factor))))
+        planner.start(
+            PlanRequest(job, fleet.printers, time_factors=dict.fromkeys("ab", TimeFactors(time_factor)))
+        )
         return await future
 
     return reports, asyncio.run(main())
@@ -67,7 +69,7 @@ def test_plan_reports_progress_and_slices_nothing_twice(state, bar):
         make_slicing_progress(2),
     ]
     assert [plate.cached for plate in first_plan.plates] == [False, False]
-    reports, second_plan = plan_job(state, bar.model_copy(update={"id": 2}), factor=1.1)
+    reports, second_plan = plan_job(state, bar.model_copy(update={"id": 2}), time_factor=1.1)
     assert reports == [
         waiting_progress,
         make_slicing_progress(0),
@@ -77,8 +79,8 @@ def test_plan_reports_progress_and_slices_nothing_twice(state, bar):
     assert [plate.cached for plate in second_plan.plates] == [True, True]
     assert [plate.sha256 for plate in second_plan.plates] == [plate.sha256 for plate in first_plan.plates]
     # The learned time factors are in the expected time without another slice.
-    longest = max(first_plan.plates, key=lambda plate: plate.expected_s)
-    assert second_plan.expected_s == pytest.approx(longest.compute_expected_s(TimeFactors(1.1)))
+    longest_plate = max(first_plan.plates, key=lambda plate: plate.expected_s)
+    assert second_plan.expected_s == pytest.approx(longest_plate.compute_expected_s(TimeFactors(1.1)))
     assert not list(state.work.iterdir())
 
 
@@ -92,7 +94,7 @@ def bar(state, tmp_path):
     return Job(id=1, request_id="r" * 8, name="bar", model_file=model.file, options=options, submitted_s=0.0)
 
 
-def slow_down_slices(monkeypatch, late_s, error=None):
+def slow_down_slices(monkeypatch, compute_delay_s, error=None):
     """Add seconds to the slices of parts; slices of parts that were cut again raise `error`."""
     slice_part, requests = slice_batch.slice_part, []
 
@@ -102,7 +104,9 @@ def slow_down_slices(monkeypatch, late_s, error=None):
             raise error
         slice_result = slice_part(task)
         mesh = trimesh.load_mesh(task.stl)
-        return replace(slice_result, sliced_s=slice_result.sliced_s + late_s(task.stl, mesh.extents.max()))
+        return replace(
+            slice_result, sliced_s=slice_result.sliced_s + compute_delay_s(task.stl, mesh.extents.max())
+        )
 
     monkeypatch.setattr(slice_batch, "slice_part", slice_slowly)
     return requests
@@ -110,15 +114,15 @@ def slow_down_slices(monkeypatch, late_s, error=None):
 
 @pytest.mark.usefixtures("without_pictures")
 def test_part_with_a_slow_slice_is_cut_again(state, bar, monkeypatch):
-    """Use a bar of which one end takes 10 s/mm longer; after the new cut both ends end together."""
+    """Use a bar whose second part takes 10 s/mm longer; after the new cut, both parts take the same time."""
     slow_down_slices(monkeypatch, lambda stl, length_mm: 10.0 * length_mm * (stl.stem == "p02"))
     reports, result = plan_job(state, bar)
     assert isinstance(result, Plan), result
     steps = [step_progress.step for step_progress in reports]
     assert steps.count(PlanStep.LEVELLING) >= 1
     assert steps.index(PlanStep.LEVELLING) > steps.index(PlanStep.SLICING)
-    a, b = (plate.sliced_s for plate in result.plates)
-    assert b == pytest.approx(a, rel=0.03)
+    first_s, second_s = (plate.sliced_s for plate in result.plates)
+    assert second_s == pytest.approx(first_s, rel=0.03)
     left_part, right_part = sorted(result.parts, key=lambda part: part.geometry.volume_mm3)
     assert left_part.geometry.volume_mm3 < 0.75 * right_part.geometry.volume_mm3
     assert left_part.geometry.volume_mm3 + right_part.geometry.volume_mm3 == pytest.approx(260 * 14 * 12)
@@ -139,7 +143,7 @@ def test_part_with_a_slow_slice_is_cut_again(state, bar, monkeypatch):
 )
 @pytest.mark.usefixtures("without_pictures")
 def test_useless_relevel_is_discarded(state, bar, error, monkeypatch):
-    """Use a part that is slower after it was sliced again, or a failure."""
+    """Use a part that takes longer after the new cut, or a slice that fails."""
     times_s = iter([600.0, 9000.0])
     requests = slow_down_slices(
         monkeypatch, lambda stl, _: next(times_s) if stl.stem == "p02" else 0.0, error
@@ -154,21 +158,26 @@ def test_useless_relevel_is_discarded(state, bar, error, monkeypatch):
 
 
 class RecordingWorkers(SameProcess):
-    """Workers that record their tasks, each in its own step of the event loop; drawings may be held."""
+    """Workers that record their tasks, each in its own step of the event loop, and may suspend some calls."""
 
     def __init__(self, held_calls=(), has_idle_worker=True):
-        self.started, self.ended, self.held_calls, self.has_idle_worker = [], [], held_calls, has_idle_worker
+        self.started_calls, self.ended_calls, self.held_calls, self.has_idle_worker = (
+            [],
+            [],
+            held_calls,
+            has_idle_worker,
+        )
 
     async def run(self, work, *args, limit=None, group=None):
         name = getattr(work, "target", "slow").rpartition(":")[2]
-        number = sum(other_call.startswith(name) for other_call in self.started)
+        number = sum(other_call.startswith(name) for other_call in self.started_calls)
         call = f"{name} {number}"
-        self.started.append(call)
+        self.started_calls.append(call)
         await asyncio.sleep(0)
         if call in self.held_calls:
             await asyncio.Event().wait()
         result = work(*args)
-        self.ended.append(call)
+        self.ended_calls.append(call)
         return result
 
 
@@ -182,17 +191,19 @@ def test_parts_are_drawn_while_they_are_sliced(state, bar, monkeypatch):
     workers = RecordingWorkers()
     result = plan_with_workers(state, bar, workers, monkeypatch)
     assert isinstance(result, Plan), result
-    assert workers.started == ["decompose_job 0", "slice_part 0", "slice_part 1", "draw_job 0"]
+    assert workers.started_calls == ["decompose_job 0", "slice_part 0", "slice_part 1", "draw_job 0"]
     for name in (result.picture, result.assembly, result.instructions):
         assert (state.files / name).is_file()
 
 
-def test_the_drawing_of_parts_that_are_cut_again_is_stopped(state, bar, monkeypatch):
+def test_drawing_of_parts_that_are_cut_again_is_stopped(state, bar, monkeypatch):
     slow_down_slices(monkeypatch, lambda stl, length_mm: 10.0 * length_mm * (stl.stem == "p02"))
     workers = RecordingWorkers(held_calls={"draw_job 0"})
     result = plan_with_workers(state, bar, workers, monkeypatch)
     assert isinstance(result, Plan), result
-    assert {"draw_job 0", "draw_job 1"} <= set(workers.started) and "draw_job 0" not in workers.ended
+    assert {"draw_job 0", "draw_job 1"} <= set(
+        workers.started_calls
+    ) and "draw_job 0" not in workers.ended_calls
     page = (state.files / result.instructions).read_text()
     left_mm, right_mm = (part.geometry.max_mm[0] - part.geometry.min_mm[0] for part in result.parts)
     assert left_mm != pytest.approx(right_mm, rel=0.1) and f"{left_mm:.0f} x" in page
@@ -204,25 +215,25 @@ def test_parts_that_may_be_cut_again_are_drawn_only_by_idle_workers(state, bar, 
     workers = RecordingWorkers(has_idle_worker=False)
     result = plan_with_workers(state, bar, workers, monkeypatch)
     assert isinstance(result, Plan), result
-    assert "relevel_parts 0" in workers.started
-    assert [call for call in workers.started if call.startswith("draw")] == ["draw_job 0"]
+    assert "relevel_parts 0" in workers.started_calls
+    assert [call for call in workers.started_calls if call.startswith("draw")] == ["draw_job 0"]
     page = (state.files / result.instructions).read_text()
     left_mm, right_mm = (part.geometry.max_mm[0] - part.geometry.min_mm[0] for part in result.parts)
     assert left_mm != pytest.approx(right_mm, rel=0.1) and f"{left_mm:.0f} x" in page
 
 
-def test_a_plan_without_its_drawing_fails(state, bar, monkeypatch):
-    def refuse(*_):
+def test_plan_without_its_drawing_fails(state, bar, monkeypatch):
+    def refuse_drawing(*_):
         raise FarmError("no room for a picture")
 
-    monkeypatch.setattr(drawings, "draw_job", refuse)
+    monkeypatch.setattr(drawings, "draw_job", refuse_drawing)
     _, result = plan_job(state, bar)
     assert str(result) == "no room for a picture"
     assert not list(state.work.iterdir())
 
 
 def test_plan_is_retried_after_a_full_disk(state, tmp_path, monkeypatch):
-    """Retry the plan: otherwise jobs of a night would fail one after the other on a full disk."""
+    """Retry the plan, because otherwise all jobs of a night would fail on a full disk."""
     usage, free_bytes = shutil.disk_usage(state.root), iter([MIN_FREE_BYTES - 1] * 3 + [MIN_FREE_BYTES] * 9)
     monkeypatch.setattr(job_planner, "_RETRY_INTERVAL_S", 0.0)
     monkeypatch.setattr(job_planner.shutil, "disk_usage", lambda _: usage._replace(free=next(free_bytes)))
@@ -253,7 +264,7 @@ def test_plan_is_retried_after_a_full_disk(state, tmp_path, monkeypatch):
 
     result = asyncio.run(main())
     assert reports == [PlanStep.WAITING, PlanStep.NO_ROOM, PlanStep.WAITING]
-    assert "No space left" in str(result)  # the second time there was room: the error is the job's
+    assert "No space left" in str(result)  # the second time, there was free space: the job itself failed
     assert [len(texts) for texts in task_texts] == [0, 1, 0]
     assert "free space" in task_texts[1][0] and "job 7" in task_texts[1][0]
 

@@ -20,9 +20,9 @@ from farm.planning.parts import drawings
 from farm.planning.plan import PlanRequest
 
 MODEL = "ultimaker2_plus"
-GUILLOTINE = JobOptions(engine="guillotine")
+GUILLOTINE_OPTIONS = JobOptions(engine="guillotine")
 ROUNDS_BUDGET_S = 20.0
-"""Budget of a search that makes a round of several attempts of the bar."""
+"""Budget of a search that makes a round of several attempts to cut the bar."""
 FLEET = Fleet.model_validate(
     {"printers": [{"name": n, "model": MODEL, "port": f"sim://{MODEL}"} for n in "abc"]}
 )
@@ -35,7 +35,7 @@ async def plan_job(state, job, pool, budget_s=5.0):
     return await future
 
 
-def make_job(state, path, options=GUILLOTINE):
+def make_job(state, path, options=GUILLOTINE_OPTIONS):
     state.make()
     model = inspect_model(path, "bar.stl", options, state.files)
     return Job(id=1, request_id="r" * 8, name="bar", model_file=model.file, options=options, submitted_s=0.0)
@@ -49,7 +49,7 @@ def bar(tmp_path_factory):
 
 
 def plan_locally(folder, bar, count):
-    """Plan a job by a number of worker processes."""
+    """Plan a job with this number of worker processes."""
     state = StateFolder(folder)
 
     async def main():
@@ -75,12 +75,12 @@ def planned_job(bar, tmp_path_factory):
 
 @pytest.fixture
 def parallel_drawings(monkeypatch):
-    """Draw pictures by several workers also for few parts."""
+    """Let several workers draw pictures even of a few parts."""
     monkeypatch.setattr(drawings, "MIN_STEPS", 1)
 
 
 @pytest.mark.usefixtures("parallel_drawings")
-def test_one_worker_and_two_make_the_same_plan(planned_job, bar, tmp_path):
+def test_one_worker_and_two_workers_make_the_same_plan(planned_job, bar, tmp_path):
     state, plan_by_one_worker = planned_job
     two_workers_state, plan_by_two_workers = plan_locally(tmp_path / "two", bar, 2)
     # The decomposition contains the duration of the planning.
@@ -108,7 +108,7 @@ def test_cluster_makes_the_same_plan_as_this_computer(planned_job, bar, tmp_path
 
 
 class CountingWorkers(Workers):
-    """Workers that count their tasks, and those that run at the same time on all of them."""
+    """Workers that count the tasks that run at the same time on all of them."""
 
     running_tasks: ClassVar[Counter[str]] = Counter()
     max_running_tasks: ClassVar[Counter[str]] = Counter()
@@ -130,18 +130,18 @@ def read_attempts(state, result):
     return [{key: value for key, value in attempt.items() if key != "compute_s"} for attempt in attempts]
 
 
-def test_parallel_attempts_make_the_plan_of_one_worker(bar, tmp_path):
+def test_parallel_attempts_make_the_same_plan_as_one_worker(bar, tmp_path):
     """Use a budget for a round of three attempts, on one worker and on a cluster of two."""
     options = JobOptions(printers=3)
 
-    async def plan_by_one(state):
+    async def plan_with_one_worker(state):
         workers = CountingWorkers(tmp_path / "workers", 1)
         try:
             return await plan_job(state, make_job(state, bar, options), workers, ROUNDS_BUDGET_S)
         finally:
             workers.close()
 
-    async def plan_by_two(state):
+    async def plan_with_two_workers(state):
         job = make_job(state, bar, options)
         pools = {name: CountingWorkers(tmp_path / f"pool-{name}", 1) for name in ("w1", "w2")}
         try:
@@ -154,7 +154,7 @@ def test_parallel_attempts_make_the_plan_of_one_worker(bar, tmp_path):
                 workers.close()
 
     states, plans, max_running_tasks = [], [], []
-    for name, make_plan in (("by one", plan_by_one), ("by two", plan_by_two)):
+    for name, make_plan in (("by one", plan_with_one_worker), ("by two", plan_with_two_workers)):
         CountingWorkers.max_running_tasks.clear()
         states.append(StateFolder(tmp_path / name))
         plans.append(asyncio.run(make_plan(states[-1])))

@@ -8,11 +8,11 @@ from drivers.printers import PROFILES
 from farm.planning.plate_times import compute_plate_seconds, reassign_loads
 
 NAMES = list("abcdef")
-SECONDS = st.floats(0.0, 1e6)
+LOADS_S = st.floats(0.0, 1e6)
 FACTORS = st.floats(0.8, 1.25)
 
 
-def test_time_factor_applies_to_layers_only():
+def test_time_factor_applies_only_to_layers():
     profile = PROFILES["ultimaker2_plus"]
     prelude_s = compute_plate_seconds(profile, 0.0, 200.0, 60.0, 1.2)
     assert prelude_s == compute_plate_seconds(profile, 0.0, 200.0, 60.0)
@@ -24,7 +24,7 @@ def compute_makespan(loads_s, new_printers, factors):
 
 
 @given(
-    st.dictionaries(st.sampled_from(NAMES), SECONDS, min_size=1),
+    st.dictionaries(st.sampled_from(NAMES), LOADS_S, min_size=1),
     st.fixed_dictionaries(dict.fromkeys(NAMES, FACTORS)),
     st.fixed_dictionaries({name: st.sampled_from(["low", "tall"]) for name in NAMES}),
 )

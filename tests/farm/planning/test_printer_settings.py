@@ -11,7 +11,7 @@ from slicing.settings import FARM_QUALITIES, find_resources, resolve_settings
 
 @pytest.mark.parametrize("quality", ["glue", "paper", "fast", "normal", "high"])
 def test_parts_get_their_supports_in_every_quality(quality):
-    """Enable supports, for which poses are chosen; Cura's own qualities have none by default."""
+    """Enable supports, because poses are chosen for them; Cura's own qualities have none by default."""
     section = make_fleet(1).printers[0]
     settings = resolve_printer_settings(section, quality, find_resources())
     assert settings.support_enabled

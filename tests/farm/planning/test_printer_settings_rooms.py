@@ -1,4 +1,4 @@
-"""Beds of the drivers, compared with Cura's definitions, and the smaller room of a part."""
+"""Beds of the drivers compared with Cura's definitions, and the smaller usable volume of a part."""
 
 import pytest
 
@@ -41,7 +41,7 @@ def test_only_printers_with_a_heated_bed_have_a_driver_profile(resources):
     assert set(PROFILES) == heated_models
 
 
-def test_room_of_a_model_is_reduced_by_the_shrinkage(resources):
+def test_usable_volume_of_a_model_is_reduced_by_the_shrinkage(resources):
     section = PrinterSection(name="a", model="ultimaker2_plus", port="/dev/ttyACM0")
     settings = resolve_settings(SettingsRequest(UM2_PLUS, material="generic_abs"), resources)
     room = find_usable_volumes(section, settings.brim_width_mm)

@@ -17,12 +17,12 @@ from farm.compute.limits import CHECKING_LIMIT
 from farm.errors import ErrorCode, FarmError
 
 
-def run(scenario, *args, **options):
-    """Run `scenario(pool, scheduler)` with a cluster."""
+def run(run_scenario, *args, **options):
+    """Run `run_scenario(pool, scheduler)` with a cluster."""
 
     async def main():
         async with run_cluster(*args, **options) as (pool, scheduler):
-            return await scenario(pool, scheduler)
+            return await run_scenario(pool, scheduler)
 
     return asyncio.run(main())
 
@@ -35,11 +35,11 @@ def source(tmp_path):
 
 
 def test_files_go_to_workers_and_come_back(tmp_path, source):
-    """Send files also to a worker that has lost them, and only to workers with the right versions."""
+    """Send files again to a worker that has lost them, and only to workers with the right versions."""
     path, folder = tmp_path / "out", tmp_path / "cluster"
     old_installation = replace(INSTALLATION, engine="5.0")
 
-    async def scenario(pool, scheduler):
+    async def run_scenario(pool, scheduler):
         first_result = await pool.run(work.copy, source, path / "1")
         (cached_file,) = (folder / "w1" / "files").iterdir()
         cached_file.unlink()
@@ -53,7 +53,7 @@ def test_files_go_to_workers_and_come_back(tmp_path, source):
         ]
         return first_result, second_result
 
-    first_host, second_host = run(scenario, folder, ["w1", "w2"], installations={"w2": old_installation})
+    first_host, second_host = run(run_scenario, folder, ["w1", "w2"], installations={"w2": old_installation})
     assert second_host["copy"] == path / "2" / "copy.txt"
     assert second_host["copy"].read_bytes() == first_host["copy"].read_bytes() == source.read_bytes()
     assert (path / "2" / "deep" / "size.txt").read_text() == "5000"
@@ -62,36 +62,36 @@ def test_files_go_to_workers_and_come_back(tmp_path, source):
     assert not (folder / "w2" / "files").exists() or not list((folder / "w2" / "files").iterdir())
 
 
-def test_a_task_for_workers_that_left_goes_to_others(tmp_path, source):
+def test_task_for_workers_that_left_goes_to_others(tmp_path, source):
     """Reassign a task that Dask keeps for the addresses of workers, which return with other addresses."""
 
-    async def scenario(pool, scheduler):
+    async def run_scenario(pool, scheduler):
         pool._link._workers = (ClusterWorker("w1", "tcp://127.0.0.1:1", 1),)
         async with asyncio.timeout(300):
             return await pool.run(work.copy, source, tmp_path / "out")
 
-    answer = run(scenario, tmp_path / "cluster", ["w1"])
+    answer = run(run_scenario, tmp_path / "cluster", ["w1"])
     assert answer["copy"].read_bytes() == source.read_bytes()
 
 
-def run_in_processes(tmp_path, scenario, **options):
-    """Run `scenario(pool, processes)` with a worker that runs tasks in processes."""
+def run_in_processes(tmp_path, run_scenario, **options):
+    """Run `run_scenario(pool, processes)` with a worker that runs tasks in processes."""
 
     async def main():
         processes = Workers(tmp_path / "processes", 1, **options)
         try:
             async with run_cluster(tmp_path / "cluster", ["w1"], pools={"w1": processes}) as (pool, _):
-                await scenario(pool, processes)
+                await run_scenario(pool, processes)
         finally:
             processes.close()
 
     asyncio.run(main())
 
 
-def test_a_cancelled_task_ends_its_process_on_the_worker(tmp_path, source):
+def test_cancelled_task_ends_its_process_on_the_worker(tmp_path, source):
     pid_file, path = tmp_path / "pids", tmp_path / "out"
 
-    async def scenario(pool, processes):
+    async def run_scenario(pool, processes):
         task = asyncio.ensure_future(pool.run(work.hold, source, path, str(pid_file)))
         while not (path / "progress.json").exists():  # a progress file, which the worker sends
             await asyncio.sleep(0.02)
@@ -105,28 +105,28 @@ def test_a_cancelled_task_ends_its_process_on_the_worker(tmp_path, source):
             await task
         assert pool.state.tasks == () and pool.has_idle_worker
 
-    run_in_processes(tmp_path, scenario)
+    run_in_processes(tmp_path, run_scenario)
 
 
-def test_the_limits_of_a_task_hold_on_the_worker(tmp_path, source):
-    """Check limits of time and memory, with the same messages as on this computer; the worker continues."""
+def test_limits_of_a_task_hold_on_the_worker(tmp_path, source):
+    """Check that limits of time and memory give the usual messages, and that the worker continues."""
     pid_file, path = tmp_path / "pids", tmp_path / "out"
 
-    async def scenario(pool, processes):
+    async def run_scenario(pool, processes):
         with pytest.raises(FarmError, match="holding did not end within") as error:
             await pool.run(work.hold, source, path, str(pid_file), limit=Limit("holding", 1.0))
-        with pytest.raises(FarmError, match=r"not enough memory for allocating .* 0\.5 GB") as large:
+        with pytest.raises(FarmError, match=r"not enough memory for allocating .* 0\.5 GB") as memory_error:
             await pool.run(work.allocate, source, path, 2.0, limit=Limit("allocating", 60.0))
-        assert error.value.code is large.value.code is ErrorCode.LIMIT
+        assert error.value.code is memory_error.value.code is ErrorCode.LIMIT
         assert (await pool.run(work.copy, source, path))["copy"].exists()
         (pid,) = map(int, pid_file.read_text().split())
         assert pid not in processes.pids and pool.own.calls == []
 
-    run_in_processes(tmp_path, scenario, memory_gb=0.5)
+    run_in_processes(tmp_path, run_scenario, memory_gb=0.5)
 
 
 class LossyConnection:
-    """Cluster with workers set by a test, which loses every task."""
+    """Connection to a cluster whose workers the test sets, and which loses every task."""
 
     def __init__(self, on_workers, _):
         self.on_workers, self.tasks = on_workers, []
@@ -149,34 +149,34 @@ def test_work_continues_on_this_computer_when_the_cluster_is_silent_for_half_a_m
 
     async def main():
         nonlocal now_s
-        links, local_pool = [], RecordingPool()
+        connections, local_pool = [], RecordingPool()
         pool = ClusterPool(
             local_pool,
             "tls://a:1",
             INSTALLATION,
-            lambda *args: links.append(LossyConnection(*args)) or links[0],
+            lambda *args: connections.append(LossyConnection(*args)) or connections[0],
             lambda: now_s,
         )
-        (link,), workers = links, (ClusterWorker("w1", "tls://b:1", 1),)
+        (connection,), workers = connections, (ClusterWorker("w1", "tls://b:1", 1),)
         caplog.set_level(logging.INFO, "farm.compute.cluster.cluster_pool")
-        link.on_workers(workers)
+        connection.on_workers(workers)
         run_task = asyncio.ensure_future(pool.run(work.copy, source, tmp_path / "out"))
-        while not link.tasks:
+        while not connection.tasks:
             await asyncio.sleep(0.01)
-        link.on_workers(())
+        connection.on_workers(())
         now_s = 29.0
-        link.on_workers(())
+        connection.on_workers(())
         assert pool.state.place is Place.WAITING and not run_task.done()
         now_s = 31.0
-        link.on_workers(())
+        connection.on_workers(())
         assert (await run_task)["copy"].exists()
         assert local_pool.calls == [work.copy] and pool.state.place is Place.HERE
         assert "this computer computes instead" in pool.state.list_problems()[0]
-        link.on_workers(workers)
+        connection.on_workers(workers)
         assert pool.state.place is Place.CLUSTER and pool.state.list_problems() == []
         await pool.run(work.copy, source, tmp_path / "again")  # lost three times, then run on this computer
-        assert len(local_pool.calls) == 2 and len(link.tasks) == 4
-        assert len({name for name, _ in link.tasks}) == 4
+        assert len(local_pool.calls) == 2 and len(connection.tasks) == 4
+        assert len({name for name, _ in connection.tasks}) == 4
         scheduler, notices = pool.state.scheduler, [(r.levelname, r.message) for r in caplog.records]
         assert ("WARNING", f"no worker of {scheduler} can be used: tasks wait for one") in notices
         assert [level for level, text in notices if text == f"tasks run on the workers of {scheduler}"] == [
@@ -187,7 +187,7 @@ def test_work_continues_on_this_computer_when_the_cluster_is_silent_for_half_a_m
 
 
 class FullDiskConnection(LossyConnection):
-    """Cluster whose only worker has a full disk."""
+    """Connection to a cluster whose only worker has a full disk."""
 
     async def submit(self, task, files):
         self.tasks.append(sorted(files.values()))
@@ -196,16 +196,16 @@ class FullDiskConnection(LossyConnection):
 
 def test_task_that_no_worker_can_run_is_run_on_this_computer(tmp_path, source):
     async def main():
-        links, local_pool = [], RecordingPool()
+        connections, local_pool = [], RecordingPool()
         pool = ClusterPool(
             local_pool,
             "tls://a:1",
             INSTALLATION,
-            lambda *args: links.append(FullDiskConnection(*args)) or links[0],
+            lambda *args: connections.append(FullDiskConnection(*args)) or connections[0],
         )
-        links[0].on_workers((ClusterWorker("w1", "tls://b:1", 1),))
+        connections[0].on_workers((ClusterWorker("w1", "tls://b:1", 1),))
         assert (await pool.run(work.copy, source, tmp_path / "out"))["copy"].exists()
-        assert local_pool.calls == [work.copy] and links[0].tasks == [[source.read_bytes()], [], []]
+        assert local_pool.calls == [work.copy] and connections[0].tasks == [[source.read_bytes()], [], []]
 
     asyncio.run(main())
 
@@ -213,7 +213,7 @@ def test_task_that_no_worker_can_run_is_run_on_this_computer(tmp_path, source):
 @pytest.mark.parametrize(
     "files", [{"0" * 64: b"other bytes"}, {}], ids=["damaged in transit", "of another version"]
 )
-def test_a_worker_refuses_damaged_files_and_other_versions(tmp_path, files):
+def test_worker_refuses_damaged_files_and_other_versions(tmp_path, files):
     async def main():
         executor = TaskExecutor("w1", tmp_path, RecordingPool(), INSTALLATION)
         installation = INSTALLATION if files else replace(INSTALLATION, settings="other")
@@ -226,7 +226,7 @@ def test_a_worker_refuses_damaged_files_and_other_versions(tmp_path, files):
 
 
 @pytest.mark.parametrize("name", ["/etc/passwd", "/farm/job-1/../other", "/farm/job-10/p.stl", "/farm/job-1"])
-def test_a_worker_writes_only_files_of_its_task(name):
+def test_worker_writes_only_files_of_its_task(name):
     task = RemoteTask("t", b"", CHECKING_LIMIT, INSTALLATION, folders=("/farm/job-1",))
     with pytest.raises(ValueError, match="not a file of its task"):
         write_files(task, RemoteAnswer("w", files={name: b"x"}).files)

@@ -9,7 +9,7 @@ from farm.compute.cluster.cluster_state import ClusterState, ClusterWorker, Plac
     ("without_worker_s", "place"),
     [(0.0, Place.CLUSTER), (0.1, Place.WAITING), (29.9, Place.WAITING), (30.0, Place.HERE)],
 )
-def test_work_runs_here_after_half_a_minute_without_a_worker(without_worker_s, place):
+def test_work_runs_on_this_computer_after_half_a_minute_without_a_worker(without_worker_s, place):
     assert choose_place(without_worker_s) is place
 
 

@@ -8,7 +8,7 @@ from farm.compute.cluster.connection import Connection, list_stuck_workers, list
 
 
 def test_connection_can_be_cancelled_while_it_closes_after_a_loss(monkeypatch):
-    """Cancel while Dask's client closes, which takes long without its scheduler."""
+    """Cancel the connection while Dask's client closes, which takes long without its scheduler."""
     monkeypatch.setattr(connection, "_POLL_S", 0.05)
     is_closing = asyncio.Event()
 
@@ -17,18 +17,18 @@ def test_connection_can_be_cancelled_while_it_closes_after_a_loss(monkeypatch):
             is_closing.set()
             await asyncio.Event().wait()
 
-    async def lose(self):
+    async def lose_scheduler(self):
         self._client = SlowClient()
         raise OSError("the scheduler is gone")
 
     async def main():
-        monkeypatch.setattr(Connection, "_watch_once", lose)
+        monkeypatch.setattr(Connection, "_watch_once", lose_scheduler)
         link = Connection("tcp://127.0.0.1:1", None, INSTALLATION, lambda _: None, lambda _: None)
-        watch = asyncio.ensure_future(link.watch())
+        watch_task = asyncio.ensure_future(link.watch())
         await is_closing.wait()
-        watch.cancel()
-        await asyncio.wait({watch}, timeout=5.0)
-        assert watch.cancelled()
+        watch_task.cancel()
+        await asyncio.wait({watch_task}, timeout=5.0)
+        assert watch_task.cancelled()
 
     asyncio.run(main())
 

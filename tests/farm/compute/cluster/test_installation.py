@@ -22,11 +22,11 @@ INSTALLATION = Installation(
         ({"libraries": "numpy 2.2, scipy 1.17"}, "it has numpy 2.2, not numpy 2.1"),
     ],
 )
-def test_a_difference_is_named(changes, reason):
+def test_difference_is_named(changes, reason):
     assert replace(INSTALLATION, **changes).describe_difference(INSTALLATION) == reason
 
 
-def test_a_record_of_another_version_of_farm_is_refused():
+def test_record_of_another_version_of_farm_is_refused():
     other_installation = Installation.from_record({"farm": "0.0.1", "engine_v": "4"})
     assert other_installation.describe_difference(INSTALLATION) == "it has farm 0.0.1, not 1 (aa)"
     assert Installation.from_record(INSTALLATION.as_record()) == INSTALLATION

@@ -25,13 +25,13 @@ def test_reversed_relocation_restores_the_path(sources, path):
     assert moves.reverse().move(moves.move(path)) == path
 
 
-def swap(files, name):
+def swap_files(files, name):
     return {"first": files[1], "second": files[0], "name": name}
 
 
-def test_a_call_has_the_paths_of_the_worker_and_its_result_those_of_the_caller():
+def test_call_has_the_paths_of_the_worker_and_its_result_those_of_the_caller():
     relocation = Relocation.from_pairs([("/state", "/here")])
-    call = dump((swap, ((Path("/state/a"), Path("/usr/b")), "/state/text")))
+    call = dump((swap_files, ((Path("/state/a"), Path("/usr/b")), "/state/text")))
     assert load(call, relocation)[1] == ((Path("/here/a"), Path("/usr/b")), "/state/text")
     result = load(run_relocated(call, relocation))
     assert result == {"first": Path("/usr/b"), "second": Path("/state/a"), "name": "/state/text"}

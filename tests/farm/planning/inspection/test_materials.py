@@ -83,8 +83,8 @@ def test_refusal_lists_the_materials_of_the_printer(resources, text):
 
 
 def make_section(**values):
-    base = {"name": "a", "model": "ultimaker2_plus", "port": "/dev/a"}
-    return PrinterSection.model_validate({**base, **values})
+    base_fields = {"name": "a", "model": "ultimaker2_plus", "port": "/dev/a"}
+    return PrinterSection.model_validate({**base_fields, **values})
 
 
 def test_section_of_a_printer_has_file_kind_and_colour(resources):

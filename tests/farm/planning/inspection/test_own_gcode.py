@@ -1,4 +1,4 @@
-"""Own G-code: accepted, refused, and planned as one plate. Needs Cura's files, no engine."""
+"""Own G-code: accepted, refused, and planned as one plate. The tests need Cura's files but no engine."""
 
 import math
 import tracemalloc
@@ -39,7 +39,7 @@ def files(tmp_path):
 
 
 @pytest.fixture
-def inspect(tmp_path, files):
+def inspect_lines(tmp_path, files):
     def run(lines, fleet=(), name="tower.gcode", **options):
         upload = tmp_path / "upload"
         upload.unlink(missing_ok=True)
@@ -51,10 +51,10 @@ def inspect(tmp_path, files):
 
 
 @pytest.fixture
-def plan(tmp_path, files, inspect):
+def plan_lines(tmp_path, files, inspect_lines):
     def run(lines, fleet=(), **options):
         fleet = tuple(fleet or [make_section("a"), make_section("b", TALL)])
-        inspection = inspect(lines, fleet, **options)
+        inspection = inspect_lines(lines, fleet, **options)
         folder = tmp_path / "work"
         folder.mkdir()
         task = DecomposeTask(
@@ -88,9 +88,9 @@ def test_packed_models_are_not_treated_as_gcode():
     assert not is_gcode("a.3mf")
 
 
-def test_file_is_stored_with_its_requirements(inspect, files):
+def test_file_is_stored_with_its_requirements(inspect_lines, files):
     lines = make_ultigcode()
-    inspection = inspect(lines)
+    inspection = inspect_lines(lines)
     assert (files / inspection.file).read_text().splitlines() == lines
     assert inspection.own_gcode.nozzle_mm == 0.4
     assert inspection.own_gcode.min_mm == pytest.approx((-11.5, -11.5, 0.2))
@@ -108,14 +108,14 @@ def test_file_is_stored_with_its_requirements(inspect, files):
         ({"engine": Engine.GUILLOTINE}, "--engine:"),
     ],
 )
-def test_options_for_models_are_refused_for_gcode(inspect, options, flags):
+def test_options_for_models_are_refused_for_gcode(inspect_lines, options, flags):
     with pytest.raises(FarmError, match=flags) as error:
-        inspect(make_marlin(), **options)
+        inspect_lines(make_marlin(), **options)
     assert error.value.code is ErrorCode.SETTINGS
 
 
-def test_one_printer_may_be_requested(inspect):
-    assert inspect(make_marlin(), printers=1).scale == 1.0
+def test_one_printer_may_be_requested(inspect_lines):
+    assert inspect_lines(make_marlin(), printers=1).scale == 1.0
 
 
 @pytest.mark.parametrize(
@@ -129,37 +129,39 @@ def test_one_printer_may_be_requested(inspect):
         (make_marlin(body=["G0 Z400"]), "moves to Z 400.0"),
     ],
 )
-def test_file_that_fits_no_printer_is_refused(inspect, lines, message):
+def test_file_that_fits_no_printer_is_refused(inspect_lines, lines, message):
     with pytest.raises(FarmError, match=message) as error:
-        inspect(lines)
+        inspect_lines(lines)
     assert error.value.code is ErrorCode.NO_FIT
 
 
-def test_file_without_a_nozzle_needs_printers_with_one_size(inspect):
+def test_file_without_a_nozzle_needs_printers_with_one_size(inspect_lines):
     fleet = [make_section("a"), make_section("b", nozzle_mm=0.8, colour="red")]
     with pytest.raises(FarmError, match=r"nozzle_diameter = 0\.4") as error:
-        inspect(make_marlin(), fleet)
+        inspect_lines(make_marlin(), fleet)
     assert error.value.code is ErrorCode.GCODE
     assert (
-        inspect(make_marlin(make_square(e_per_mm=0.8 * 0.2 / 6.379)), fleet, colour="red").own_gcode.nozzle_mm
+        inspect_lines(
+            make_marlin(make_square(e_per_mm=0.8 * 0.2 / 6.379)), fleet, colour="red"
+        ).own_gcode.nozzle_mm
         is None
     )
-    assert inspect(make_ultigcode(), fleet).own_gcode.nozzle_mm == 0.4
+    assert inspect_lines(make_ultigcode(), fleet).own_gcode.nozzle_mm == 0.4
 
 
-def test_refusal_names_the_line(inspect):
+def test_refusal_names_the_line(inspect_lines):
     with pytest.raises(FarmError, match=r"tower.gcode: line \d+: M500 changes the printer's") as error:
-        inspect(make_marlin(body=["M500"]))
+        inspect_lines(make_marlin(body=["M500"]))
     assert error.value.code is ErrorCode.GCODE
 
 
-def test_plan_is_one_plate_on_the_lowest_printer_that_fits(plan, files):
-    plan_result = plan(
+def test_plan_is_one_plate_on_the_lowest_printer_that_fits(plan_lines, files):
+    plan = plan_lines(
         make_marlin(), [make_section("b", TALL), make_section("c", price_per_kg=30.0), make_section("d")]
     )
-    (plate,), (part,) = plan_result.plates, plan_result.parts
+    (plate,), (part,) = plan.plates, plan.parts
     assert (plate.printer, plate.parts, part.plate) == ("c", (part.id,), plate.id)
-    assert plan_result.serial_s == plan_result.expected_s == plate.expected_s > plate.sliced_s > 0
+    assert plan.serial_s == plan.expected_s == plate.expected_s > plate.sliced_s > 0
     assert plate.filament_mm == pytest.approx(240 * 0.08 / (math.pi * 2.85**2 / 4), abs=1e-3)
     assert plate.grams == pytest.approx(240 * 0.08 / 1000 * 1.24, rel=0.01)
     assert plate.price == pytest.approx(plate.grams * 0.03)
@@ -167,23 +169,23 @@ def test_plan_is_one_plate_on_the_lowest_printer_that_fits(plan, files):
     assert (files / part.file).read_text().splitlines() == make_marlin()
 
 
-def test_tall_print_is_assigned_to_a_tall_printer(plan):
+def test_tall_print_is_assigned_to_a_tall_printer(plan_lines):
     tall_lines = make_marlin(make_square(layers=750, layer_mm=0.32))
-    assert plan(tall_lines).plates[0].printer == "b"
+    assert plan_lines(tall_lines).plates[0].printer == "b"
 
 
-def test_ultigcode_is_heated_for_the_material_of_the_printer(plan, files):
-    plan_result = plan(make_ultigcode(), [make_section("a", material="generic_abs")])
-    text = (files / plan_result.plates[0].gcode).read_text()
+def test_ultigcode_is_heated_for_the_material_of_the_printer(plan_lines, files):
+    plan = plan_lines(make_ultigcode(), [make_section("a", material="generic_abs")])
+    text = (files / plan.plates[0].gcode).read_text()
     temperature_lines = {line for line in text.splitlines() if line.startswith(("M109", "M190"))}
     assert {line.split()[0] for line in temperature_lines} == {"M109", "M190"}
     assert not temperature_lines & {"M109 S200", "M190 S60"}
 
 
 @pytest.mark.parametrize(("nozzle_c", "has_warning"), [(250, True), (215, False)])
-def test_file_for_another_material_is_a_warning(plan, inspect, nozzle_c, has_warning):
+def test_file_for_another_material_causes_a_warning(plan_lines, inspect_lines, nozzle_c, has_warning):
     lines = [line.replace("S205", f"S{nozzle_c}") for line in make_marlin()]
-    for notices in (inspect(lines).repairs, plan(lines).repairs):
+    for notices in (inspect_lines(lines).repairs, plan_lines(lines).repairs):
         assert any(f"{nozzle_c} C, and generic_pla on a" in line for line in notices) is has_warning
 
 
@@ -197,16 +199,18 @@ def test_file_for_another_material_is_a_warning(plan, inspect, nozzle_c, has_war
         ("ABS", "generic_cpe", True),
     ],
 )
-def test_file_with_another_material_name_is_a_warning(plan, inspect, message, material, has_warning):
+def test_file_with_another_material_name_causes_a_warning(
+    plan_lines, inspect_lines, message, material, has_warning
+):
     lines, fleet = [*make_marlin(), f"; filament_type = {message}"], [make_section("a", material=material)]
-    for notices in (inspect(lines, fleet).repairs, plan(lines, fleet).repairs):
+    for notices in (inspect_lines(lines, fleet).repairs, plan_lines(lines, fleet).repairs):
         warnings = [line for line in notices if line.startswith("Warning: it was sliced for")]
         assert [repr(message) in line and material in line for line in warnings] == [True] * has_warning
 
 
-def test_file_for_another_machine_is_a_warning_of_the_job(plan, inspect):
+def test_file_for_another_machine_causes_a_warning(plan_lines, inspect_lines):
     lines = [*make_marlin(), "; printer_model = MK3S"]
-    for notices in (inspect(lines).repairs, plan(lines).repairs):
+    for notices in (inspect_lines(lines).repairs, plan_lines(lines).repairs):
         assert notices[-1].startswith("Warning: it was sliced for 'MK3S'.")
 
 
@@ -226,13 +230,13 @@ def test_print_time_matches_the_planner_of_the_firmware():
     assert clock.measure_s(finish=True) == clock.measure_s()
 
 
-def test_large_file_takes_little_more_memory_than_its_text(inspect):
+def test_large_file_takes_little_more_memory_than_its_text(inspect_lines):
     points = [(100.0 + n % 17, 100.0 + n % 13, 0.2, 0.02) for n in range(1, 20_000)]
     lines = make_marlin([[(100.0, 100.0, 0.2, 0.0), *points]])
-    inspect(make_marlin())  # Cura's files are read once
+    inspect_lines(make_marlin())  # Cura's files are read once
     tracemalloc.start()
     try:
-        inspect(lines)
+        inspect_lines(lines)
         _, peak_bytes = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()

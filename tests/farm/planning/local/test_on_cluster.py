@@ -20,13 +20,13 @@ OPTIONS = SliceOptions("ultimaker2_plus", "glue", "generic_pla", 0.4)
 def cluster(tmp_path, monkeypatch):
     (tmp_path / "w1").mkdir()
 
-    def connect(local_pool, scheduler, certificates):
+    def connect_worker(local_pool, scheduler, certificates):
         executor = TaskExecutor("w1", tmp_path / "w1", SameProcess(), INSTALLATION)
         return ClusterPool(
             local_pool, scheduler, INSTALLATION, lambda on_workers, _: InlineLink(executor, on_workers)
         )
 
-    monkeypatch.setattr(on_cluster, "connect_cluster", connect)
+    monkeypatch.setattr(on_cluster, "connect_cluster", connect_worker)
     return Cluster("tls://a:8786", tmp_path, pytest.fail)
 
 
@@ -42,9 +42,8 @@ def test_slice_on_a_cluster_equals_a_local_one(cluster, box, tmp_path):
     report = slice_on_cluster(cluster, box, remote_path, OPTIONS, tmp_path / "cache")
     assert report == slice_to_file(box, local_path, OPTIONS)
     assert remote_path.read_bytes() == local_path.read_bytes()
-    assert slice_on_cluster(cluster, box, remote_path, OPTIONS, tmp_path / "cache")[
-        "cached"
-    ]  # in the worker's cache
+    # The second slice comes from the cache of the worker.
+    assert slice_on_cluster(cluster, box, remote_path, OPTIONS, tmp_path / "cache")["cached"]
     assert not (tmp_path / "cache").exists()
 
 

@@ -1,4 +1,4 @@
-"""Slicing of one file: refusals before the slice, and the files written."""
+"""Slicing of one file: refusals before the slice, and the files that are written."""
 
 import re
 from pathlib import Path
@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from farm.errors import ErrorCode, ExitCode, FarmError
 from farm.planning.local.slice_file import SliceOptions, find_default_cache, slice_to_file
 
-SIDES = st.floats(20.0, 400.0)
+SIDES_MM = st.floats(20.0, 400.0)
 
 
 @pytest.fixture
@@ -39,7 +39,7 @@ def read_refusal(path, output, **options):
     return error.value
 
 
-def test_second_slice_is_from_the_cache_and_equal(box, tmp_path):
+def test_second_slice_comes_from_the_cache_and_is_equal(box, tmp_path):
     cache, output = tmp_path / "cache", tmp_path / "new folder" / "box.gcode"
     steps = []
     first_result = slice_model(box, output, cache=cache, on_step=steps.append)
@@ -96,25 +96,25 @@ def test_model_in_inches_or_metres_is_refused_with_scales(tmp_path):
     assert "--scale 1000 if it is in metres" in message and "--scale 25.4 if it is in inches" in message
 
 
-def test_missing_engine_is_not_reported_as_model_error(box, tmp_path, monkeypatch):
+def test_missing_engine_is_not_reported_as_an_error_of_the_model(box, tmp_path, monkeypatch):
     monkeypatch.setenv("FARM_CURA_ENGINE", str(tmp_path / "none"))
     error = read_refusal(box, tmp_path / "out.gcode")
     assert (error.code, error.exit_code) == (ErrorCode.ENGINE, ExitCode.FAILED)
 
 
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(st.tuples(SIDES, SIDES, SIDES).filter(lambda size: max(size) > 210.0), st.booleans())
-def test_proposed_scale_of_a_large_model_fits(tmp_path, monkeypatch, size, by_scale):
+@given(st.tuples(SIDES_MM, SIDES_MM, SIDES_MM).filter(lambda size: max(size) > 210.0), st.booleans())
+def test_proposed_scale_of_a_large_model_fits(tmp_path, monkeypatch, size, uses_scale):
     path = tmp_path / "large.stl"
     trimesh.creation.box(size).export(path)
     message = str(read_refusal(path, tmp_path / "out.gcode"))
-    scale, longest = re.search(r"--scale (\S+) or --longest-side (\S+)$", message).groups()
+    scale, longest_side = re.search(r"--scale (\S+) or --longest-side (\S+)$", message).groups()
 
     def refuse_slicing(task, progress):
         raise FarmError("it fits")
 
     monkeypatch.setattr("farm.planning.local.slice_file.slice_part", refuse_slicing)
-    size_option = {"scale": float(scale)} if by_scale else {"longest_side_mm": float(longest)}
+    size_option = {"scale": float(scale)} if uses_scale else {"longest_side_mm": float(longest_side)}
     assert str(read_refusal(path, tmp_path / "out.gcode", **size_option)) == "it fits"
 
 

@@ -58,7 +58,7 @@ def test_quality_determines_the_price(tmp_path):
 
 
 class Slicer:
-    """Slicer with a table of times for each round."""
+    """Slicer whose slices take the given times in each round."""
 
     def __init__(self, *rounds_s) -> None:
         self.rounds_s = list(rounds_s)
@@ -94,14 +94,14 @@ def test_cuts_are_moved_while_the_slowest_slice_ends_sooner(
 ):
     slicer, pending_moves = Slicer(*rounds_s), list(moves)
 
-    def relevel(model, previous, times_s, cost, executor):
+    def relevel_planes(model, previous_decomposition, times_s, cost, executor):
         assert times_s == rounds_s[len(slicer.folders) - 1]
         move = pending_moves.pop(0)
         if isinstance(move, Exception):
             raise move
-        return move and replace(previous, faults=("is a sliver",) if move == "faulty" else ())
+        return move and replace(previous_decomposition, faults=("is a sliver",) if move == "faulty" else ())
 
-    monkeypatch.setattr(sliced_parts, "relevel_planes", relevel)
-    best = relevel_by_slices(None, decomposition, slicer, None, None, tmp_path)
-    assert best.times_s == best_times_s
+    monkeypatch.setattr(sliced_parts, "relevel_planes", relevel_planes)
+    best_slices = relevel_by_slices(None, decomposition, slicer, None, None, tmp_path)
+    assert best_slices.times_s == best_times_s
     assert slicer.folders == folders

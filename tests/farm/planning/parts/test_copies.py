@@ -30,7 +30,7 @@ def test_fewer_rounds_come_before_more_parts_and_all_printers_are_tried(copies, 
     max_count = printers * rounds
     counts = list(iterate_part_counts(copies, printers, max_count))
     assert counts[-1][1] == max_count
-    # One round fewer has no room for a part of each copy.
+    # With one round fewer, not every copy could have a part.
     assert counts[0][0] == -(-copies // printers)
     for (rounds_a, parts_a), (rounds_b, parts_b) in pairwise(counts):
         assert rounds_a < rounds_b and parts_a < parts_b
@@ -44,16 +44,16 @@ def test_share_of_copies_is_chosen_for_each_kind_of_printer(items, data):
     chosen_items = choose_evenly_spaced(sorted(items), count)
     assert len(chosen_items) == count
     item_counts = Counter(chosen_items)
-    for item, available in Counter(items).items():
-        assert abs(item_counts[item] - available * count / len(items)) < 1.0
+    for item, available_count in Counter(items).items():
+        assert abs(item_counts[item] - available_count * count / len(items)) < 1.0
 
 
-def make_copy_plan(*seconds):
+def make_copy_plan(*durations_s):
     """Make the plan of one copy with a plate for each of these times."""
-    event = make_plan_event(plates=len(seconds))
+    event = make_plan_event(plates=len(durations_s))
     plates = tuple(
-        plate.model_copy(update={"sliced_s": s, "expected_s": s + 10.0, "printer": "p0"})
-        for plate, s in zip(event.plates, seconds, strict=True)
+        plate.model_copy(update={"sliced_s": duration_s, "expected_s": duration_s + 10.0, "printer": "p0"})
+        for plate, duration_s in zip(event.plates, durations_s, strict=True)
     )
     return Plan(event.parts, plates, (), 1.0, 100.0, 110.0)
 
@@ -125,18 +125,23 @@ def test_more_plates_than_a_job_may_have_are_refused(tmp_path):
     st.integers(2, 12),
     st.lists(st.floats(0.8, 1.25), min_size=1, max_size=6),
 )
-def test_loads_are_balanced(tmp_path_factory, seconds, copies, factors):
-    """Check that no printer ends later than one plate after the first one."""
-    speeds = {f"p{i}": TimeFactors(factor) for i, factor in enumerate(factors)}
-    task = make_task({name: {} for name in speeds}, tmp_path_factory.getbasetemp(), speeds, copies=copies)
-    plan = multiply_plan(make_copy_plan(*seconds), task)
-    loads = dict.fromkeys(speeds, 0.0)
+def test_loads_are_balanced(tmp_path_factory, durations_s, copies, factors):
+    """Check that no printer ends more than one plate later than the first one."""
+    factors_by_printer = {f"p{i}": TimeFactors(factor) for i, factor in enumerate(factors)}
+    task = make_task(
+        {name: {} for name in factors_by_printer},
+        tmp_path_factory.getbasetemp(),
+        factors_by_printer,
+        copies=copies,
+    )
+    plan = multiply_plan(make_copy_plan(*durations_s), task)
+    loads_s = dict.fromkeys(factors_by_printer, 0.0)
     for plate in plan.plates:
-        loads[plate.printer] += plate.expected_s
-    longest = max(s * 1.25 + 10.0 for s in seconds)
-    assert max(loads.values()) <= min(loads.values()) + longest + 1e-6
-    assert plan.expected_s == pytest.approx(max(loads.values()))
-    assert len({part.id for part in plan.parts}) == copies * len(seconds)
+        loads_s[plate.printer] += plate.expected_s
+    longest_s = max(duration_s * 1.25 + 10.0 for duration_s in durations_s)
+    assert max(loads_s.values()) <= min(loads_s.values()) + longest_s + 1e-6
+    assert plan.expected_s == pytest.approx(max(loads_s.values()))
+    assert len({part.id for part in plan.parts}) == copies * len(durations_s)
 
 
 @pytest.fixture
@@ -161,10 +166,10 @@ def test_copies_of_a_model_too_long_for_a_bed_share_the_printers(bar, files, tmp
 def test_copies_of_a_small_model_stay_whole_unless_a_person_requests_printers(box, files, tmp_path):
     auto_task = replace(make_decompose_task(box, files, tmp_path, printers=4), options=JobOptions(copies=2))
     assert len(decompose_job(auto_task).parts) == 1
-    four_printers = replace(auto_task, options=JobOptions(copies=2, printers=4))
-    assert len(decompose_job(four_printers).parts) == 2
-    many_copies = replace(auto_task, options=JobOptions(copies=9, printers=4))
-    assert len(decompose_job(many_copies).parts) == 1
+    four_printer_task = replace(auto_task, options=JobOptions(copies=2, printers=4))
+    assert len(decompose_job(four_printer_task).parts) == 2
+    many_copy_task = replace(auto_task, options=JobOptions(copies=9, printers=4))
+    assert len(decompose_job(many_copy_task).parts) == 1
 
 
 @pytest.mark.usefixtures("without_pictures")
@@ -174,8 +179,8 @@ def test_copies_are_cut_so_that_all_are_done_in_time(box, files, tmp_path):
     assert len(decompose_job(replace(task, within_s=whole_part.price_s * 1.2)).parts) == 1
     assert len(decompose_job(replace(task, within_s=whole_part.price_s * 0.9)).parts) == 2
     # Six copies on four printers take two rounds.
-    six_copies = replace(task, options=JobOptions(copies=6))
-    assert len(decompose_job(replace(six_copies, within_s=whole_part.price_s * 2.4)).parts) == 1
+    six_copy_task = replace(task, options=JobOptions(copies=6))
+    assert len(decompose_job(replace(six_copy_task, within_s=whole_part.price_s * 2.4)).parts) == 1
 
 
 class FakeSliceResult:

@@ -1,4 +1,4 @@
-"""Cut record of a job."""
+"""Cut record of a job: it is read back exactly, and damage is reported."""
 
 from dataclasses import fields, replace
 

@@ -77,7 +77,7 @@ def test_dry_run_of_a_whole_model_shows_what_more_printers_would_save(files, tmp
 
 
 @pytest.mark.usefixtures("without_pictures")
-def test_fewest_parts_in_time_are_cut(files, tmp_path):
+def test_fewest_parts_that_end_in_time_are_cut(files, tmp_path):
     path = tmp_path / "upload.stl"
     trimesh.creation.box((110.0, 36.0, 28.0)).export(path)
     box = inspect_model(path, "box.stl", JobOptions(), files)
@@ -92,7 +92,7 @@ def test_fewest_parts_in_time_are_cut(files, tmp_path):
 
 
 @pytest.mark.usefixtures("without_pictures")
-def test_first_layer_is_fitted_in_quality_glue_only(bar, files, tmp_path):
+def test_first_layer_is_fitted_only_in_quality_glue(bar, files, tmp_path):
     glue_task = make_decompose_task(bar, files, tmp_path)
     paper_task = replace(glue_task, options=JobOptions(quality="paper"))
     for part in decompose_job(glue_task).parts:
@@ -108,15 +108,15 @@ def test_first_layer_is_fitted_in_quality_glue_only(bar, files, tmp_path):
 
 @pytest.mark.usefixtures("without_pictures")
 def test_parts_that_overlap_are_found_and_the_job_is_refused(bar, files, tmp_path, monkeypatch):
-    def enlarge(solid, lo, hi):
+    def cut_enlarged_box(solid, lo, hi):
         return cut_box(solid, lo - 0.5, hi + 0.5)
 
     def cut_enlarged_cells(solid, grid, box):
-        return enlarge(solid, *grid.find_bounds_mm(box))
+        return cut_enlarged_box(solid, *grid.find_bounds_mm(box))
 
     for engine in (exact_search, parallelobox_search):
         monkeypatch.setattr(engine, "cut_cells", cut_enlarged_cells)
-    monkeypatch.setattr(plane_shift, "cut_box", enlarge)
+    monkeypatch.setattr(plane_shift, "cut_box", cut_enlarged_box)
     with pytest.raises(FarmError) as error:
         decompose_job(make_decompose_task(bar, files, tmp_path))
     assert error.value.code is ErrorCode.GEOMETRY
@@ -137,10 +137,10 @@ def test_parts_that_overlap_are_found_and_the_job_is_refused(bar, files, tmp_pat
 
 
 def test_speed_of_a_printer_depends_on_its_nozzle(bar, files, tmp_path, monkeypatch):
-    rooms_used = []
+    used_rooms = []
 
     def record_call(model, rooms, options, cost, executor):
-        rooms_used.extend(rooms)
+        used_rooms.extend(rooms)
         raise NoFit("seen enough")
 
     monkeypatch.setattr("farm.planning.parts.decompose_job.decompose_model", record_call)
@@ -154,23 +154,23 @@ def test_speed_of_a_printer_depends_on_its_nozzle(bar, files, tmp_path, monkeypa
     task = replace(task, printers=tuple(printers), options=JobOptions(printers=4), time_factors=factors)
     with pytest.raises(FarmError, match="seen enough"):
         decompose_job(task)
-    # The coarse nozzle was not requested.
-    assert [room.name for room in rooms_used] == [
+    # All printers are used, including those with other nozzles.
+    assert [room.name for room in used_rooms] == [
         "p0",
         "p1",
         "p2",
         "p3",
     ]
     default_factor, narrow_nozzle_factor, wide_nozzle_factor, slow_printer_factor = (
-        room.time_factor for room in rooms_used
+        room.time_factor for room in used_rooms
     )
     assert (default_factor, slow_printer_factor) == (1.0, 1.1)
     assert wide_nozzle_factor < 0.8 and narrow_nozzle_factor > 1.5
 
 
 @pytest.mark.usefixtures("without_pictures")
-def test_each_part_is_cut_and_sliced_for_the_printer_that_it_goes_to(files, tmp_path):
-    """Use a model as high as a 2+ and a 2+ Extended, which needs three parts in their common room."""
+def test_each_part_is_cut_and_sliced_for_its_own_printer(files, tmp_path):
+    """Use a model as high as a 2+ and a 2+ Extended together; their common volume would need three parts."""
     path = tmp_path / "upload.stl"
     trimesh.creation.box((80.0, 80.0, 480.0)).export(path)
     tower = inspect_model(path, "tower.stl", JobOptions(), files)
@@ -185,8 +185,8 @@ def test_each_part_is_cut_and_sliced_for_the_printer_that_it_goes_to(files, tmp_
     decomposition = decompose_job(task)
     assert {part.printer for part in decomposition.parts} == {"p0", "high"}
     for item, part in zip(make_slice_tasks(task, decomposition), decomposition.parts, strict=True):
-        height = np.ptp(trimesh.load_mesh(item.stl).bounds[:, 2])
-        assert height > 205.0 if part.printer == "high" else height <= 205.0
+        height_mm = np.ptp(trimesh.load_mesh(item.stl).bounds[:, 2])
+        assert height_mm > 205.0 if part.printer == "high" else height_mm <= 205.0
         section = {"p0": low_printer, "high": high_printer}[part.printer]
         assert item.request == build_settings_request(section, "glue")
         assert max(box.height_mm for box in item.usable_volumes) == (
@@ -196,10 +196,10 @@ def test_each_part_is_cut_and_sliced_for_the_printer_that_it_goes_to(files, tmp_
 
 @pytest.mark.usefixtures("without_pictures")
 def test_omitted_pins_are_reported_with_the_job(bar, files, tmp_path, monkeypatch):
-    def fail(*args):
+    def fail_to_plan(*args):
         raise RuntimeError("QH6154 initial simplex is flat")
 
-    monkeypatch.setattr(connect, "plan_connectors", fail)
+    monkeypatch.setattr(connect, "plan_connectors", fail_to_plan)
     pinned_task = replace(make_decompose_task(bar, files, tmp_path), options=JobOptions(pin_mm=2.85))
     result = decompose_job(pinned_task)
     assert len(result.parts) == 2

@@ -1,4 +1,4 @@
-"""Drawings of a job's parts, with their pictures by several workers."""
+"""Drawings of a job's parts, whose pictures are drawn by several workers."""
 
 import asyncio
 from dataclasses import replace
@@ -80,22 +80,22 @@ def test_few_steps_are_drawn_by_one_worker(cut_bar):
     assert pool.names == ["draw_job"]
 
 
-def test_a_share_that_fails_ends_the_others(cut_bar):
+def test_share_that_fails_ends_the_others(cut_bar):
     class FailingPool(SameProcess):
         def __init__(self):
-            self.open = 0
+            self.open_task_count = 0
 
         async def run(self, work, *args, limit=None, group=None):
             if work.target.endswith("draw_overview"):
                 raise FarmError("no room for a picture")
-            self.open += 1
+            self.open_task_count += 1
             try:
                 await asyncio.Event().wait()
             finally:
-                self.open -= 1
+                self.open_task_count -= 1
 
     task, result = cut_bar
     pool = FailingPool()
     with pytest.raises(FarmError, match="no room for a picture"):
         draw_parts(pool, task, replace(result, steps=40))
-    assert pool.open == 0
+    assert pool.open_task_count == 0

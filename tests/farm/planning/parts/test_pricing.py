@@ -35,11 +35,11 @@ def resolve_slice_settings():
     except EngineMissing as missing:
         pytest.skip(str(missing))
 
-    def resolve(quality, nozzle_mm=0.4, **overrides):
+    def resolve_quality(quality, nozzle_mm=0.4, **overrides):
         request = SettingsRequest(UM2_PLUS, quality, nozzle_mm=nozzle_mm, overrides=overrides)
         return resolve_settings(request, resources)
 
-    return resolve
+    return resolve_quality
 
 
 def test_changed_setting_reaches_the_cost(resolve_slice_settings):
@@ -71,13 +71,13 @@ def test_prelude_is_counted_once_in_a_price(resolve_slice_settings):
     settings = resolve_slice_settings("glue")
     section = PrinterSection(name="a", model="ultimaker2_plus", port="sim://ultimaker2_plus")
     prelude_s = compute_prelude_seconds(section, settings)
-    with_prelude = CostModel.from_recipe(build_recipe(settings, prelude_s))
-    layers_only = CostModel.from_recipe(build_recipe(settings, prelude_s=0.0))
+    cost_with_prelude = CostModel.from_recipe(build_recipe(settings, prelude_s))
+    cost_of_layers = CostModel.from_recipe(build_recipe(settings, prelude_s=0.0))
     cube = Solid.box((0, 0, 0), (20, 20, 20)).arrays()
-    layers_s = price_poses_s(*cube, UPRIGHT_POSE, layers_only)[0]
-    whole_s = compute_plate_seconds(PROFILES[section.model], layers_s, settings.nozzle_c, settings.bed_c)
-    assert price_poses_s(*cube, UPRIGHT_POSE, with_prelude)[0] == pytest.approx(whole_s)
-    assert replace(with_prelude, fixed_s=0.0) == layers_only
+    layers_s = price_poses_s(*cube, UPRIGHT_POSE, cost_of_layers)[0]
+    plate_s = compute_plate_seconds(PROFILES[section.model], layers_s, settings.nozzle_c, settings.bed_c)
+    assert price_poses_s(*cube, UPRIGHT_POSE, cost_with_prelude)[0] == pytest.approx(plate_s)
+    assert replace(cost_with_prelude, fixed_s=0.0) == cost_of_layers
 
 
 def make_block():
@@ -116,7 +116,7 @@ def make_cone():
 def test_prices_match_the_times_of_the_engine(variant, resolve_slice_settings, tmp_path):
     """Compare prices of parts that were not used to fit the factors.
 
-    The tables do not model rings of denser infill, and count one skin of two as a top: a cone has the
+    The tables do not model rings of denser infill, and count one skin of two as a top, so a cone has the
     largest error.
     """
     try:
@@ -173,7 +173,7 @@ def test_holes_have_the_fit_of_their_printer_unless_the_job_has_its_own():
 
 
 @pytest.mark.usefixtures("resolve_slice_settings")
-def test_partition_has_the_factor_for_the_features_of_the_model():
+def test_decomposition_uses_the_factor_for_the_features_of_the_model():
     printers = [
         PrinterSection(name=name, model="ultimaker2_plus", port="sim://ultimaker2_plus") for name in "abc"
     ]

@@ -39,7 +39,7 @@ def test_part_with_a_slow_slice_is_cut_smaller(bar, files, tmp_path):
 def test_balanced_parts_are_not_relevelled(bar, files, tmp_path):
     task = make_decompose_task(bar, files, tmp_path)
     decomposition = decompose_job(task)
-    # On average, slices are later by half of that.
+    # On average, the slices take longer by half of this time.
     assert not slice_with_slow_part(task, decomposition, extra_s=MIN_RELEVEL_DELAY_S).should_relevel()
     assert not replace(
         slice_with_slow_part(task, decomposition, 1e4), decomposed=replace(decomposition, cut_record=None)
@@ -48,17 +48,17 @@ def test_balanced_parts_are_not_relevelled(bar, files, tmp_path):
     assert relevel_parts(level_job, tmp_path / "levelled") is None
 
 
-def test_part_of_features_that_its_printer_prints_slowly_is_relevelled(bar, files, tmp_path):
+def test_part_whose_features_its_printer_prints_slowly_is_relevelled(bar, files, tmp_path):
     factors = dict.fromkeys(("p0", "p1"), TimeFactors(1.0, (1.0, 1.0, 1.3, 1.0, 1.0)))
     task = replace(make_decompose_task(bar, files, tmp_path), time_factors=factors)
     level_job = slice_with_slow_part(task, decompose_job(task), extra_s=0.0)
-    first, *others = level_job.parts
-    total_s = first.result.sliced_s
-    first.result.features = FeatureTimes(0.0, 0.0, total_s, 0.0, 0.0)
-    for other in others:
-        other.result.features = FeatureTimes(total_s, 0.0, 0.0, 0.0, 0.0)
-    assert level_job.compute_printer_times_s()[first.printer.name] == pytest.approx(
-        first.compute_expected_s(TimeFactors(1.3))
+    first_part, *other_parts = level_job.parts
+    total_s = first_part.result.sliced_s
+    first_part.result.features = FeatureTimes(0.0, 0.0, total_s, 0.0, 0.0)
+    for part in other_parts:
+        part.result.features = FeatureTimes(total_s, 0.0, 0.0, 0.0, 0.0)
+    assert level_job.compute_printer_times_s()[first_part.printer.name] == pytest.approx(
+        first_part.compute_expected_s(TimeFactors(1.3))
     )
     assert relevel_parts(level_job, tmp_path / "levelled") is not None
 

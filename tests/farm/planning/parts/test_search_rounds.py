@@ -20,10 +20,10 @@ class ScriptedWorkers:
     """Workers that answer each task at once, but attempts in a given order, or with an error."""
 
     def __init__(self, folder, rounds=(3,), order=(), errors=None, continue_errors=()):
-        self.paused = [PausedJob(folder / f"search-{n}.pickle", n, 0.25) for n in rounds]
+        self.paused_jobs = [PausedJob(folder / f"search-{n}.pickle", n, 0.25) for n in rounds]
         self.order, self.errors = list(order), errors or {}
         self.order_changed = asyncio.Condition()
-        self.running_count, self.max_running_count, self.cancelled = 0, 0, []
+        self.running_count, self.max_running_count, self.cancelled_attempts = 0, 0, []
         self.outcomes, self.end_reasons = [], []
         self.continue_errors = list(continue_errors)
 
@@ -36,7 +36,7 @@ class ScriptedWorkers:
             self.end_reasons.append(args[2] if len(args) > 2 else None)
             if self.continue_errors:
                 raise self.continue_errors.pop(0)
-        return self.paused.pop(0) if self.paused else DECOMPOSED
+        return self.paused_jobs.pop(0) if self.paused_jobs else DECOMPOSED
 
     async def try_grid(self, record, number, folder):
         self.running_count += 1
@@ -51,7 +51,7 @@ class ScriptedWorkers:
                 raise self.errors[number]
             return folder / "outcome.pickle"
         except asyncio.CancelledError:
-            self.cancelled.append(number)
+            self.cancelled_attempts.append(number)
             raise
         finally:
             self.running_count -= 1
@@ -72,7 +72,7 @@ def run_rounds(folder, **script):
 
 
 @given(order=st.permutations(range(4)))
-def test_outcomes_are_taken_in_the_order_of_the_plan(order):
+def test_outcomes_are_collected_in_the_order_of_the_plan(order):
     folder = Path("plan")
     workers, answer = run_rounds(folder, rounds=(4,), order=order)
     assert answer == DECOMPOSED
@@ -80,7 +80,7 @@ def test_outcomes_are_taken_in_the_order_of_the_plan(order):
     assert workers.outcomes == [tuple(folder / f"search-4.{n}" / "outcome.pickle" for n in range(4))]
 
 
-def test_each_round_has_folders_of_its_own():
+def test_each_round_has_its_own_folders():
     workers, answer = run_rounds(Path("plan"), rounds=(3, 2))
     assert answer == DECOMPOSED
     files = [file for outcomes in workers.outcomes for file in outcomes]
@@ -91,9 +91,9 @@ def test_attempt_beyond_a_limit_has_no_result():
     error = FarmError("not enough memory for decomposing", ErrorCode.LIMIT)
     workers, answer = run_rounds(Path("plan"), errors={1: error})
     assert answer == DECOMPOSED
-    first, second, third = workers.outcomes[0]
-    assert second == "not enough memory for decomposing"
-    assert isinstance(first, Path) and isinstance(third, Path)
+    first_outcome, second_outcome, third_outcome = workers.outcomes[0]
+    assert second_outcome == "not enough memory for decomposing"
+    assert isinstance(first_outcome, Path) and isinstance(third_outcome, Path)
 
 
 def test_search_beyond_a_limit_ends_with_its_best_result():
@@ -118,23 +118,23 @@ def test_another_error_ends_the_other_attempts():
 
     with pytest.raises(FarmError, match="no settings"):
         asyncio.run(main())
-    assert sorted(workers.cancelled) == [0, 2]
+    assert sorted(workers.cancelled_attempts) == [0, 2]
     assert workers.running_count == 0
 
 
 def test_cancelled_search_ends_all_attempts():
     async def main():
         workers = ScriptedWorkers(Path("plan"), order=[9])
-        search = asyncio.ensure_future(SearchRounds(workers, make_task(Path("plan"))).run())
+        search_task = asyncio.ensure_future(SearchRounds(workers, make_task(Path("plan"))).run())
         while workers.running_count < 3:
             await asyncio.sleep(0)
-        search.cancel()
+        search_task.cancel()
         with pytest.raises(asyncio.CancelledError):
-            await search
+            await search_task
         return workers
 
     workers = asyncio.run(main())
-    assert sorted(workers.cancelled) == [0, 1, 2]
+    assert sorted(workers.cancelled_attempts) == [0, 1, 2]
 
 
 def test_progress_adds_up_the_attempts(tmp_path):
@@ -144,7 +144,7 @@ def test_progress_adds_up_the_attempts(tmp_path):
         assert rounds.read_progress(0.0) is None
         ProgressFile(tmp_path).report(0.25, 0.0)
         assert rounds.read_progress(0.0).share == 0.25
-        search = asyncio.ensure_future(rounds.run())
+        search_task = asyncio.ensure_future(rounds.run())
         while workers.running_count < 2:
             await asyncio.sleep(0)
         folders = [tmp_path / f"search-2.{number}" for number in range(2)]
@@ -154,8 +154,8 @@ def test_progress_adds_up_the_attempts(tmp_path):
         for folder in folders:
             ProgressFile(folder).report(0.25, 0.0)
             reports.append(rounds.read_progress(20.0))
-        search.cancel()
-        await asyncio.gather(search, return_exceptions=True)
+        search_task.cancel()
+        await asyncio.gather(search_task, return_exceptions=True)
         return reports
 
     reports = asyncio.run(main())

@@ -22,7 +22,7 @@ MODEL = "ultimaker2_plus"
 
 
 @pytest.fixture
-def task(tmp_path):
+def make_task(tmp_path):
     def make(mesh, *, material="generic_pla", quality="glue", **options):
         stl = tmp_path / "part.stl"
         mesh.export(stl)
@@ -45,77 +45,77 @@ def task(tmp_path):
     return make
 
 
-def test_abs_is_enlarged_by_its_shrinkage(task):
+def test_abs_is_enlarged_by_its_shrinkage(make_task):
     cube = trimesh.creation.box((100.0, 100.0, 100.0))
-    for material, xy, z in (("generic_abs", 1.007, 1.0035), ("generic_pla", 1.002, 1.001)):
-        work = task(cube, material=material, brim_width_mm=0.0)
-        plate = slice_part(work)
-        # The nozzle's centre stays half a nozzle inside; Cura 5 makes parts slightly narrower.
-        side_mm = 100 * xy - 0.4 + 2 * float(work.settings.extruder["xy_offset"])
+    for material, scale_xy, scale_z in (("generic_abs", 1.007, 1.0035), ("generic_pla", 1.002, 1.001)):
+        task = make_task(cube, material=material, brim_width_mm=0.0)
+        plate = slice_part(task)
+        # The nozzle's centre stays half a nozzle inside the outline; Cura 5 makes parts slightly narrower.
+        side_mm = 100 * scale_xy - 0.4 + 2 * float(task.settings.extruder["xy_offset"])
         assert plate.max_mm[0] - plate.min_mm[0] == pytest.approx(side_mm, abs=0.01)
         assert plate.max_mm[1] - plate.min_mm[1] == pytest.approx(side_mm, abs=0.01)
-        assert plate.height_mm == pytest.approx(100 * z, abs=0.02)
+        assert plate.height_mm == pytest.approx(100 * scale_z, abs=0.02)
 
 
-def test_part_has_its_own_brim_first_layer_and_height(task):
+def test_part_has_its_own_brim_first_layer_and_height(make_task):
     # The first layer can be measured only in a part that has no other layer.
     flat_box = trimesh.creation.box((40.0, 30.0, 0.27))
     plain_slice, narrow_slice = (
-        slice_part(task(flat_box, quality="fast", brim_width_mm=0.0, layer_0_expansion_mm=offset))
+        slice_part(make_task(flat_box, quality="fast", brim_width_mm=0.0, layer_0_expansion_mm=offset))
         for offset in (None, -0.2)
     )
     assert plain_slice.layers == narrow_slice.layers == 1
-    shrunk = (plain_slice.max_mm[0] - plain_slice.min_mm[0]) - (
+    shrinkage_mm = (plain_slice.max_mm[0] - plain_slice.min_mm[0]) - (
         narrow_slice.max_mm[0] - narrow_slice.min_mm[0]
     )
-    assert shrunk == pytest.approx(0.4, abs=0.01)
+    assert shrinkage_mm == pytest.approx(0.4, abs=0.01)
     tall_box = trimesh.creation.box((12.0, 12.0, 33.33))
-    brim_slice = slice_part(task(tall_box, brim_width_mm=3.0))
+    brim_slice = slice_part(make_task(tall_box, brim_width_mm=3.0))
     assert brim_slice.max_mm[0] == pytest.approx(12 * 1.002 / 2 + 9 * 0.35 - 0.175, abs=0.05)
     assert brim_slice.height_mm == pytest.approx(33.33 * 1.001, abs=0.02)
 
 
 @pytest.mark.parametrize("material", ["generic_pla", "generic_abs"])
-def test_part_that_fills_its_room_fits_after_enlarging(task, material):
+def test_part_that_fills_its_usable_volume_fits_after_enlarging(make_task, material):
     section = PrinterSection(name="a", model=MODEL, port=f"sim://{MODEL}", material=material)
     settings = resolve_settings(SettingsRequest(PRINTERS[MODEL], material=material), find_resources())
     x, y, _ = list_model_sizes(find_usable_volumes(section, settings.brim_width_mm), settings)[0]
-    plate = slice_part(task(trimesh.creation.box((x, y, 1.0)), material=material))
+    plate = slice_part(make_task(trimesh.creation.box((x, y, 1.0)), material=material))
     assert plate.max_mm[0] - plate.min_mm[0] > x
     with pytest.raises(FarmError, match="does not fit on the bed"):
-        slice_part(task(trimesh.creation.box((x * 1.003, y * 1.003, 1.0)), material=material))
+        slice_part(make_task(trimesh.creation.box((x * 1.003, y * 1.003, 1.0)), material=material))
 
 
-def test_enlarged_part_is_not_moved(task):
-    """Keep the underside of an off-centre part on the bed, and its box in the bed's centre."""
+def test_enlarged_part_is_not_moved(make_task):
+    """Keep the underside of an off-centre part on the bed, and its bounding box in the centre of the bed."""
     corners = [[x, y, 5.0] for x in (0, 30) for y in (0, 20)] + [[0.0, 0.0, 25.0]]
-    plate = slice_part(task(trimesh.convex.convex_hull(np.array(corners)), brim_width_mm=0.0))
+    plate = slice_part(make_task(trimesh.convex.convex_hull(np.array(corners)), brim_width_mm=0.0))
     assert plate.min_mm[:2] == pytest.approx((-15.0, -10.0), abs=0.45)
     assert plate.max_mm[:2] == pytest.approx((15.0, 10.0), abs=0.45)
 
 
-def test_part_whose_brim_passes_the_edge_is_shifted(task):
-    """Print a part that fills its room, its first layer expanded; its right side leans out over the brim."""
-    outline = [(-103.2, 0), (90, 0), (103.2, 20), (-103.2, 20)]
-    mesh = trimesh.creation.extrude_polygon(shapely.Polygon(outline), 20.0)
+def test_part_whose_brim_passes_the_edge_is_shifted(make_task):
+    """Fill the usable volume with a part that has an expanded first layer and a right side that leans out."""
+    outline_mm = [(-103.2, 0), (90, 0), (103.2, 20), (-103.2, 20)]
+    mesh = trimesh.creation.extrude_polygon(shapely.Polygon(outline_mm), 20.0)
     mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, (1, 0, 0)))
-    work = task(mesh, layer_0_expansion_mm=1.0)
-    plate = slice_part(work)
-    bed_mm = work.usable_volumes[0].rect.expand(work.settings.brim_width_mm)
+    task = make_task(mesh, layer_0_expansion_mm=1.0)
+    plate = slice_part(task)
+    bed_mm = task.usable_volumes[0].rect.expand(task.settings.brim_width_mm)
     assert plate.min_mm[0] == pytest.approx(bed_mm.min_x_mm, abs=0.01)
-    low_mm, high_mm = trimesh.load_mesh(work.out.with_suffix(".placed.stl")).bounds[:, 0]
+    low_mm, high_mm = trimesh.load_mesh(task.out.with_suffix(".placed.stl")).bounds[:, 0]
     assert 0.5 < (low_mm + high_mm) / 2 < 1.5
 
 
 @pytest.mark.parametrize("tops_hidden", [False, True])
-def test_only_the_uppermost_layer_of_a_visible_top_is_printed_slowly(task, tops_hidden):
-    work = task(trimesh.creation.box((40.0, 30.0, 6.0)), brim_width_mm=0.0, tops_hidden=tops_hidden)
-    *lower_layers, top = slice_part(work).gcode.read_text().split(";LAYER:")[1:]
+def test_only_the_uppermost_layer_of_a_visible_top_is_printed_slowly(make_task, tops_hidden):
+    task = make_task(trimesh.creation.box((40.0, 30.0, 6.0)), brim_width_mm=0.0, tops_hidden=tops_hidden)
+    *lower_layers, top_layer = slice_part(task).gcode.read_text().split(";LAYER:")[1:]
     lower_mm_s = [read_skin_speeds_mm_s(layer) for layer in lower_layers]
     assert lower_mm_s[0] == {30.0}  # the first layer
-    assert lower_mm_s[2] == lower_mm_s[-1] == {50.0}  # as inner walls
-    assert max(read_skin_speeds_mm_s(top)) == 50.0
-    assert (30.0 in read_skin_speeds_mm_s(top)) == (not tops_hidden)
+    assert lower_mm_s[2] == lower_mm_s[-1] == {50.0}  # the speed of inner walls
+    assert max(read_skin_speeds_mm_s(top_layer)) == 50.0
+    assert (30.0 in read_skin_speeds_mm_s(top_layer)) == (not tops_hidden)
 
 
 def read_skin_speeds_mm_s(layer):
@@ -132,29 +132,30 @@ def read_skin_speeds_mm_s(layer):
 
 @pytest.mark.parametrize("is_turned", [False, True])
 @pytest.mark.parametrize("side", [(1.0, 0.0), (0.0, -1.0)])
-def test_walls_along_hidden_sides_are_fast_where_the_part_is_placed(task, is_turned, side):
-    """Print a block off the bed's centre, as it is or turned, with shrinkage compensated."""
+def test_walls_along_hidden_sides_are_fast_where_the_part_is_placed(make_task, is_turned, side):
+    """Print a block off the bed's centre, turned or not, and compensate its shrinkage."""
     size_mm, centre_mm = np.array([80.0, 50.0]), np.array([7.0, -3.0])
     mesh = trimesh.creation.box((*size_mm, 6.0))
     mesh.apply_translation((*centre_mm, 0.0))
     offset_mm = float(side @ centre_mm + np.abs(side) @ size_mm / 2)
     rect = Rect(-90.0, -90.0, -30.0, 10.0) if is_turned else Rect(-90.0, -90.0, 10.0, -30.0)
 
-    def slice_with(*sides):
-        work = task(mesh, brim_width_mm=0.0, hidden_sides=sides)
-        request = replace(work.request, overrides={"wall_line_count": 2})  # with which all walls are printed
+    def measure_sliced_s(*sides):
+        task = make_task(mesh, brim_width_mm=0.0, hidden_sides=sides)
+        # All walls are printed if their number is set.
+        request = replace(task.request, overrides={"wall_line_count": 2})
         return slice_part(
-            replace(work, request=request, usable_volumes=(UsableVolume(rect, 100.0),))
+            replace(task, request=request, usable_volumes=(UsableVolume(rect, 100.0),))
         ).sliced_s
 
-    plain_s = slice_with()
+    plain_s = measure_sliced_s()
     length_mm = float(np.abs(side[::-1]) @ size_mm) - RUN_OUT_MM
     nominal_s = 27 * length_mm * (1.0 / 40.0 - 1.0 / 60.0 + 1.0 / 50.0 - 1.0 / 60.0)
-    assert plain_s - slice_with((*side, offset_mm)) == pytest.approx(nominal_s, rel=0.1)
-    assert slice_with((*side, offset_mm - 1.0)) == plain_s
+    assert plain_s - measure_sliced_s((*side, offset_mm)) == pytest.approx(nominal_s, rel=0.1)
+    assert measure_sliced_s((*side, offset_mm - 1.0)) == plain_s
 
 
-def test_hidden_faces_are_printed_with_fewer_solid_layers(task):
+def test_hidden_faces_are_printed_with_fewer_solid_layers(make_task):
     """Print a tee on its foot: the undersides of its arms, on supports, keep their skin."""
     tee = trimesh.util.concatenate(
         [
@@ -166,16 +167,19 @@ def test_hidden_faces_are_printed_with_fewer_solid_layers(task):
     )
 
     def list_skin_layers(**options):
-        gcode = slice_part(task(tee, brim_width_mm=0.0, **options)).gcode.read_text()
+        gcode = slice_part(make_task(tee, brim_width_mm=0.0, **options)).gcode.read_text()
         layers = gcode.split(";LAYER:")[1:]
         return [n for n, layer in enumerate(layers) if ";TYPE:SKIN" in layer], len(layers)
 
-    plain_layers, count = list_skin_layers()
+    plain_layers, layer_count = list_skin_layers()
     hidden_layers, _ = list_skin_layers(bed_face_hidden=True, tops_hidden=True)
     assert plain_layers[:4] == [0, 1, 2, 3]
     assert hidden_layers[:2] == [0, 1]
-    arms = [n for n in plain_layers if 3 < n < count - 4]
-    assert len(arms) == 4
-    assert [n for n in hidden_layers if 3 < n < count - 4] == arms
-    assert (plain_layers[-4:], hidden_layers[-3:]) == ([*range(count - 4, count)], [*range(count - 3, count)])
+    arm_layers = [n for n in plain_layers if 3 < n < layer_count - 4]
+    assert len(arm_layers) == 4
+    assert [n for n in hidden_layers if 3 < n < layer_count - 4] == arm_layers
+    assert (plain_layers[-4:], hidden_layers[-3:]) == (
+        [*range(layer_count - 4, layer_count)],
+        [*range(layer_count - 3, layer_count)],
+    )
     assert len(hidden_layers) == len(plain_layers) - 3

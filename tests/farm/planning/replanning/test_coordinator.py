@@ -1,4 +1,4 @@
-"""Coordination of replanning, also if the daemon dies in between."""
+"""Coordination of replanning, even if the daemon dies in between."""
 
 import pytest
 
@@ -26,14 +26,14 @@ class Clock:
 
 
 def make_farm(tmp_path, models, plates=1, **options):
-    """Make a farm that prints a job of plates of ten hours each."""
+    """Make a farm that prints a job whose plates take ten hours each."""
     farm = Farm(tmp_path, models, Clock(), attended=["08:00-18:00"])
     farm.names = "abcdefgh"[: len(models)]
     farm.report_ready(*farm.names)
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(**options))
     event = make_plan_event(1, plates)
-    hours = {"expected_s": 10 * HOUR_S, "sliced_s": 10 * HOUR_S - 300.0, "family": PLUS_MODEL}
-    long_plates = tuple(plate.model_copy(update=hours) for plate in event.plates)
+    time_fields = {"expected_s": 10 * HOUR_S, "sliced_s": 10 * HOUR_S - 300.0, "family": PLUS_MODEL}
+    long_plates = tuple(plate.model_copy(update=time_fields) for plate in event.plates)
     farm.controller.on_plan(1, Plan(event.parts, long_plates, (), 1.0, 1.0, 10 * HOUR_S, None))
     if options.get("hold"):
         farm.controller.handle(ev.JobApproved(at_s=1.0, job=1, by="ann"))
@@ -52,17 +52,17 @@ def fail_plate(farm, printer, plate):
     farm.controller.on_snapshot(AgentSnapshot(printer=printer, print=agent_print, **idle_fields))
 
 
-def make_recut(farm, plate, hours, printers):
-    """Return the result of a cut: one piece of this duration for each printer."""
+def make_recut(farm, plate, duration_h, printers):
+    """Make the result of a cut: one piece of this duration for each printer."""
     old_plate = farm.controller.books.plates[plate]
     (part,) = (farm.controller.books.parts[name] for name in old_plate.parts)
     parts, plates = [], []
     for letter, printer in zip("abcdefgh", printers, strict=False):
         changes = {"id": f"{part.id}{letter}", "plate": f"{plate}{letter}", "cut_from": part.id}
         parts.append(part.model_copy(update=changes))
-        time = {"expected_s": hours * HOUR_S, "sliced_s": hours * HOUR_S - 300.0}
+        time_fields = {"expected_s": duration_h * HOUR_S, "sliced_s": duration_h * HOUR_S - 300.0}
         changes = {"id": f"{plate}{letter}", "parts": (f"{part.id}{letter}",), "printer": printer}
-        plates.append(old_plate.model_copy(update={"prints": (), **changes, **time}))
+        plates.append(old_plate.model_copy(update={"prints": (), **changes, **time_fields}))
     return ReplannedPlate(tuple(parts), tuple(plates), "n.png")
 
 
@@ -120,7 +120,7 @@ def test_later_job_gets_no_reserved_printers(tmp_path):
     farm.controller.on_plan(2, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0))
     assert not list_started_plates(farm).keys() & set(reserved_printers)
     farm.controller.on_replan("1/01", FarmError("too thin"))
-    # The plate itself, and those of the other job.
+    # The reserved printers print the plate itself and those of the other job.
     assert len(list_started_plates(farm).keys() & set(reserved_printers)) == 3
 
 
@@ -129,11 +129,11 @@ def test_replan_is_repeated_after_a_restart(tmp_path):
     fail_plate(farm, "a", "1/01")
     farm.store.close()
     restarted_farm = Farm(tmp_path, [PLUS_MODEL] * 4, farm.controller.clock, attended=["08:00-18:00"])
-    # The restarted farm has not started such a task.
+    # The restarted farm has not started this task.
     restarted_farm.controller.on_replan("1/01", make_recut(farm, "1/01", 4.0, "bcd"))
     assert restarted_farm.controller.books.jobs[1].plates == ("1/01",)
     restarted_farm.report_ready("b", "c", "d")
-    assert list_started_plates(restarted_farm) == {"b": "1/01"}  # b was ready first
+    assert list_started_plates(restarted_farm) == {"b": "1/01"}  # `b` was ready first
 
 
 def test_part_that_is_cancelled_while_it_is_cut_is_not_replaced(tmp_path):
@@ -152,11 +152,11 @@ def test_approved_plan_is_not_replanned(tmp_path):
     assert list_started_plates(farm) == {"b": "1/01"}
 
 
-def make_replanned_plate(farm, plate, printer, hours):
+def make_replanned_plate(farm, plate, printer, duration_h):
     old_plate = farm.controller.books.plates[plate]
     name = make_next_plate_id(plate)
-    time = {"expected_s": hours * HOUR_S, "sliced_s": hours * HOUR_S - 300.0, "prints": ()}
-    new_plate = old_plate.model_copy(update={"id": name, "family": UM2, "printer": printer, **time})
+    time_fields = {"expected_s": duration_h * HOUR_S, "sliced_s": duration_h * HOUR_S - 300.0, "prints": ()}
+    new_plate = old_plate.model_copy(update={"id": name, "family": UM2, "printer": printer, **time_fields})
     (part,) = (
         farm.controller.books.parts[item].model_copy(update={"plate": name}) for item in old_plate.parts
     )

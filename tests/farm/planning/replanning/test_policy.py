@@ -1,4 +1,4 @@
-"""Policy of replanning: only if the part ends sooner by the margin, and if it is possible."""
+"""Policy of replanning: a part is replanned only if this is possible and saves enough time."""
 
 from dataclasses import replace
 
@@ -25,13 +25,13 @@ def make_family_printer(name, family, nozzle_mm=0.4, **changes):
     )
 
 
-def make_part(hours=10.0, **changes):
+def make_part(duration_h=10.0, **changes):
     fields = {
         "requirements": Requirements("generic_pla", None, 0.4, make_box(100.0), PLUS),
         "heating_s": 300.0,
         "grams": 50.0,
     }
-    return make_plate("1/01", "a", **{**fields, "expected_s": hours * HOUR_S, **changes})
+    return make_plate("1/01", "a", **{**fields, "expected_s": duration_h * HOUR_S, **changes})
 
 
 def test_cost_of_a_piece_equals_that_of_a_decomposition():
@@ -59,7 +59,7 @@ def test_plate_of_a_bed_full_until_morning_is_resliced():
         ({"failed_on": frozenset("b")}, {"family": UM2}),
         ({"extra_printers": 0}, {"family": UM2}),  # its job already uses its maximum number of printers
         ({"requirements": Requirements("generic_abs", None, 0.4, make_box(100.0), PLUS)}, {"family": UM2}),
-        # Too high for the other family.
+        # The part is too high for the other family.
         (
             {"requirements": Requirements("generic_pla", None, 0.4, make_box(250.0), PLUS)},
             {"family": UM2},
@@ -83,8 +83,8 @@ def test_plate_waits_if_the_other_printer_does_not_match(changes, other_fields):
 def test_plate_waits_if_its_printer_is_free_soon():
     """Use a plate of ten hours: a fifth of the waiting time has to be saved."""
 
-    def choose(hours):
-        busy_printer = make_family_printer("a", PLUS, booked=True, free_s=NOW_S + hours * HOUR_S)
+    def choose_reslice(free_in_h):
+        busy_printer = make_family_printer("a", PLUS, booked=True, free_s=NOW_S + free_in_h * HOUR_S)
         other_printer = make_family_printer("b", UM2)
         return policy.choose_reslice(
             make_part(),
@@ -92,8 +92,8 @@ def test_plate_waits_if_its_printer_is_free_soon():
             [other_printer],
         )
 
-    assert choose(2.0) is None
-    assert choose(4.0) is not None
+    assert choose_reslice(2.0) is None
+    assert choose_reslice(4.0) is not None
 
 
 def test_part_of_a_removed_printer_model_is_sliced_for_another():
@@ -113,15 +113,15 @@ def test_printer_to_be_inspected_counts_only_with_attended_hours():
         make_family_printer("b", UM2, time_factors=TimeFactors(2.0)),
     )
 
-    def choose(start_rules):
+    def choose_reslice(start_rules):
         return policy.choose_reslice(
             make_part(),
             make_situation([make_part()], [broken_printer, other_printer], start_rules, NOW_S),
             [other_printer],
         )
 
-    assert choose(ATTENDED_RULES) is None  # by 18:15 on the next day
-    assert choose(make_rules()) == policy.Reslice("1/01", "b")
+    assert choose_reslice(ATTENDED_RULES) is None  # its own printer ends by 18:15 on the next day
+    assert choose_reslice(make_rules()) == policy.Reslice("1/01", "b")
 
 
 def test_failed_part_is_cut_for_printers_not_needed_by_others():
@@ -132,7 +132,7 @@ def test_failed_part_is_cut_for_printers_not_needed_by_others():
         failed_part, make_situation([failed_part, other_plate], fleet, ATTENDED_RULES, NOW_S)
     )
     assert choice == policy.Recut("1/01", ("c", "d", "a"))
-    short_part = make_part(hours=1.0)
+    short_part = make_part(duration_h=1.0)
     assert policy.choose_recut(short_part, make_situation([short_part], fleet, ATTENDED_RULES, NOW_S)) is None
     part_for_two_printers = make_part(extra_printers=2)
     assert (
@@ -158,7 +158,7 @@ def test_failed_part_is_cut_for_printers_not_needed_by_others():
 
 def test_part_of_a_removed_model_is_cut_only_if_reslicing_is_worse():
     fleet = [make_family_printer(name, UM2) for name in "bc"]
-    short_part, long_part = make_part(hours=1.0), make_part(hours=10.0)
+    short_part, long_part = make_part(duration_h=1.0), make_part(duration_h=10.0)
     assert policy.compute_expected_end_s(
         short_part, make_situation([short_part], fleet, ATTENDED_RULES, NOW_S)
     ) == float("inf")
@@ -206,12 +206,12 @@ parts = st.builds(
 
 @given(parts, fleets)
 def test_recut_requests_matching_free_printers_if_useful(part, fleet):
-    by_name = {p.name: p for p in fleet}
+    printers_by_name = {p.name: p for p in fleet}
     free_printers = [p for p in fleet if p.find_obstacle() is None]
     whole_s = policy.compute_expected_end_s(part, make_situation([part], fleet, ATTENDED_RULES, NOW_S))
     reslice = policy.choose_reslice(part, make_situation([part], fleet, ATTENDED_RULES, NOW_S), free_printers)
     if reslice is not None:
-        other_printer = by_name[reslice.printer]
+        other_printer = printers_by_name[reslice.printer]
         assert other_printer.find_obstacle() is None
         assert not part.requirements.matches(other_printer.capabilities)
         assert (other_printer.capabilities.material, other_printer.name in part.failed_on) == (
@@ -222,7 +222,7 @@ def test_recut_requests_matching_free_printers_if_useful(part, fleet):
     recut = policy.choose_recut(part, make_situation([part], fleet, ATTENDED_RULES, NOW_S))
     if recut is not None:
         assert 2 <= len(set(recut.printers)) == len(recut.printers) <= policy.MAX_PIECES
-        assert all(by_name[name].find_obstacle() is None for name in recut.printers)
+        assert all(printers_by_name[name].find_obstacle() is None for name in recut.printers)
         assert part.extra_printers is None or len(recut.printers) <= part.extra_printers
         assert whole_s - NOW_S > policy.MIN_GAIN_S + 2 * policy.JOINING_TIME_S
     assert (

@@ -1,4 +1,4 @@
-"""Part that is sliced for another printer, or cut again, by the real decomposition and CuraEngine."""
+"""Parts that are sliced for another printer or cut again, with the real decomposition and CuraEngine."""
 
 import asyncio
 import json
@@ -33,11 +33,11 @@ def state(tmp_path):
     return folder
 
 
-def make_task(state, size=(160.0, 90.0, 70.0), models=(PLUS, PLUS, UM2)):
+def make_task(state, size_mm=(160.0, 90.0, 70.0), models=(PLUS, PLUS, UM2)):
     """Make a task for a block of a planned job that is rotated in its model."""
     stl = state.work / "p01.stl"
-    block = trimesh.creation.box(size)
-    block.apply_translation((0.0, 0.0, size[2] / 2))
+    block = trimesh.creation.box(size_mm)
+    block.apply_translation((0.0, 0.0, size_mm[2] / 2))
     block.export(stl)
     names = zip("abc", models, strict=False)
     fleet = Fleet.model_validate(
@@ -88,7 +88,7 @@ def run_replan(state, task, decomposition):
     return result
 
 
-def test_pieces_fill_their_part_exactly_and_are_sliced_each_for_its_own_printer(state):
+def test_pieces_fill_their_part_exactly_and_are_each_sliced_for_their_own_printer(state):
     task = make_task(state)
     part_solid = read_in_model_frame(state.files / task.part.file, task.part.geometry.to_model)
     result = run_replan(state, task, decomposition=True)
@@ -98,7 +98,7 @@ def test_pieces_fill_their_part_exactly_and_are_sliced_each_for_its_own_printer(
     volumes = (
         sum(solid.volume_mm3 for solid in solids),  # no volume is missing
         union.volume_mm3,  # no pieces overlap
-        part_solid.intersect(union).volume_mm3,  # and all pieces are within the part
+        part_solid.intersect(union).volume_mm3,  # all pieces are within the part
     )
     assert volumes == pytest.approx((part_solid.volume_mm3,) * 3, rel=1e-5)
     for part, solid in zip(result.parts, solids, strict=True):

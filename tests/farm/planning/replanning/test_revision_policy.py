@@ -25,13 +25,16 @@ HOUR_S = 3600.0
 ANY_PRINTER = Requirements(None, None, None)
 
 
-def make_planned_job(hours, names, **changes):
-    """Return a planned job with a plate of each of these lengths, for these printers in turn."""
+def make_planned_job(plate_durations_h, names, **changes):
+    """Make a planned job with one plate for each of these times, on these printers in turn."""
     plates = tuple(
         make_plate(
-            f"1/{index:02d}", names[index % len(names)], expected_s=item * HOUR_S + 300.0, heating_s=300.0
+            f"1/{index:02d}",
+            names[index % len(names)],
+            expected_s=duration_h * HOUR_S + 300.0,
+            heating_s=300.0,
         )
-        for index, item in enumerate(hours, 1)
+        for index, duration_h in enumerate(plate_durations_h, 1)
     )
     fields = {"planned_for": tuple(names), "requirements": ANY_PRINTER, "planning_s": 300.0}
     return PlannedJob(1, plates, **{**fields, **changes})
@@ -106,34 +109,36 @@ durations_h = st.lists(st.integers(1, 40).map(lambda quarters: quarters / 4), mi
 @example([{}, {}, {"bed": Bed.NOT_CLEAR}, {"bed": Bed.NOT_CLEAR}], [0.25, 0.25, 4.0], 4, 0, False)
 @given(fleets, durations_h, st.integers(1, 8), st.integers(0, 4 * 3600), st.booleans())
 def test_revision_saves_the_margin_with_its_planning_time_and_is_the_last(
-    states, hours, used_count, planning_s, has_attended_hours
+    states, plate_durations_h, used_count, planning_s, has_attended_hours
 ):
     """Check that no revision follows a plan that ends as estimated while the printers are unchanged."""
     fleet = [make_printer("abcdefgh"[index], **fields) for index, fields in enumerate(states)]
     names = tuple(p.name for p in fleet)
     free_printers = tuple(p.name for p in fleet if p.find_obstacle() is None)
-    job = make_planned_job(hours, "abcdefgh"[:used_count], planning_s=float(planning_s))
+    job = make_planned_job(plate_durations_h, "abcdefgh"[:used_count], planning_s=float(planning_s))
     start_rules = make_rules(attended=["08:00-18:00"]) if has_attended_hours else make_rules()
     situation = replace(make_situation(job.plates, fleet, start_rules), now_s=20 * HOUR_S)
     revision = choose_revision(job, situation, (free_printers, names))
     if revision is None:
         return
     assert revision in (free_printers, names)
-    before_s = find_end_s({p.id for p in job.plates}, situation)
+    old_end_s = find_end_s({p.id for p in job.plates}, situation)
     plates = estimate_plates(job, revision)
     next_situation = situation.with_waiting(plates)
-    after_s = find_end_s({p.id for p in plates}, next_situation)
-    gain_s = before_s - (after_s + planning_s)
-    assert gain_s >= max(MIN_GAIN_S, MIN_GAIN_SHARE * (before_s - situation.now_s))
+    new_end_s = find_end_s({p.id for p in plates}, next_situation)
+    gain_s = old_end_s - (new_end_s + planning_s)
+    assert gain_s >= max(MIN_GAIN_S, MIN_GAIN_SHARE * (old_end_s - situation.now_s))
     revised_job = replace(job, plates=plates, planned_for=revision)
     assert choose_revision(revised_job, next_situation, (free_printers, names)) is None
 
 
 @given(fleets, durations_h, st.integers(1, 8), st.integers(0, 4 * 3600), st.booleans())
-def test_omitted_forecasts_would_not_change_the_choice(states, hours, used_count, planning_s, has_started):
+def test_omitted_forecasts_would_not_change_the_choice(
+    states, plate_durations_h, used_count, planning_s, has_started
+):
     fleet = [make_printer("abcdefgh"[index], **fields) for index, fields in enumerate(states)]
     free_printers = tuple(p.name for p in fleet if p.find_obstacle() is None)
-    job = make_planned_job(hours, "abcdefgh"[:used_count], planning_s=float(planning_s))
+    job = make_planned_job(plate_durations_h, "abcdefgh"[:used_count], planning_s=float(planning_s))
     situation = make_situation(job.plates, fleet)
     candidates = (free_printers, tuple(p.name for p in fleet))
     with (
@@ -151,7 +156,7 @@ def test_omitted_forecasts_would_not_change_the_choice(states, hours, used_count
 
 @pytest.mark.parametrize("priority", [0, 5])
 def test_revision_considers_jobs_of_higher_priority(priority):
-    """Use free printers that will soon print a job of higher priority."""
+    """Offer free printers that a job of higher priority may need soon."""
     fleet = [make_printer(name) for name in "abcd"]
     other_jobs = [
         make_plate(f"9/0{index}", name, job=9, priority=priority, expected_s=40 * HOUR_S)
